@@ -1,0 +1,309 @@
+//! The colour model: how a splat's coefficients become radiance towards a viewer. The only place where methods differ.
+//!
+//! In: `sh [K,3]` and `raw_luminance [M]` of one splat, unit direction from the camera to the splat. Out: linear RGB radiance >= 0, in
+//! the scene's normalised units, unbounded above.
+//! - [`ColorModel::Sh`]: max(0, 1/2 + sum_m k_m Y_m(v)) (Kerbl et al. 2023, with its offset).
+//! - [`ColorModel::Lcd`]: L(v) q(v) with q = (r + e) / (sum r + 3 e), r = max(0, sum_m k_m Y_m(v)) (LCD-GS eq. 4) and
+//!   L = g(l_0 + sum_{m>0} l_m Y_m(v)); q sums to 1, so L is the splat's R + G + B. The paper is luminance degree 0. See
+//!   [`DEAD_CHROMA_FLOOR`] for e.
+
+use serde::{Deserialize, Serialize};
+
+use crate::Real;
+use crate::sh::{self, MAX_COEFFICIENTS};
+
+/// Offset of [`ColorModel::Sh`], so that zero coefficients are mid-grey as in 3DGS.
+pub const SH_OFFSET: f32 = 0.5;
+
+/// e in the chromaticity (r + e) / (sum r + 3 e).
+///
+/// Where all three responses are <= 0, the paper's L1 normalisation is 0/0 and every gradient of the splat vanishes: it is lost for
+/// good. With the floor such a splat is grey, keeps its luminance's gradient and so its place in the scene. Chromaticities are
+/// initialised with sum 1, so 1e-3 bounds the desaturation at 0.3 %.
+pub const DEAD_CHROMA_FLOOR: f32 = 1e-3;
+
+/// Map of the raw luminance parameter to a positive luminance (LCD-GS, "g").
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Activation {
+    /// ln(1 + e^l): multiplicative steps in the dark, additive ones in the bright. The paper's choice.
+    #[default]
+    Softplus,
+    /// e^l.
+    Exp,
+    /// max(l, 0): its gradient vanishes below zero.
+    Relu,
+}
+
+/// Largest argument of the exponential activation: e^60 = 1.1e26 leaves room for products within f32.
+const MAX_EXP_ARGUMENT: f32 = 60.0;
+
+impl Activation {
+    /// Luminance of the raw parameter.
+    #[inline(always)]
+    pub fn apply<R: Real>(self, raw: R) -> R {
+        let zero = raw.lift(0.0);
+        match self {
+            // max(l, 0) + ln(1 + e^-|l|) neither overflows nor loses the small values of very negative l.
+            Self::Softplus => raw.max(zero) + (-(raw.max(-raw))).exp().ln_1p(),
+            Self::Exp => raw.min(raw.lift(MAX_EXP_ARGUMENT)).exp(),
+            Self::Relu => raw.max(zero),
+        }
+    }
+
+    /// Derivative of [`Self::apply`].
+    #[inline(always)]
+    pub fn derivative<R: Real>(self, raw: R) -> R {
+        let (zero, one) = (raw.lift(0.0), raw.lift(1.0));
+        match self {
+            Self::Softplus => {
+                let e = (-(raw.max(-raw))).exp();
+                raw.if_positive(one, e) / (one + e)
+            }
+            Self::Exp => {
+                let limit = raw.lift(MAX_EXP_ARGUMENT);
+                (limit - raw).if_positive(raw.min(limit).exp(), zero)
+            }
+            Self::Relu => raw.if_positive(one, zero),
+        }
+    }
+
+    /// Raw parameter of a luminance; luminances below 1e-8 are taken as 1e-8 (for [`Self::Relu`] as they are).
+    pub fn inverse(self, luminance: f32) -> f32 {
+        let l = luminance.max(1e-8);
+        match self {
+            // ln(e^L - 1), written so that it neither overflows nor cancels.
+            Self::Softplus => l + (-(-l).exp_m1()).ln(),
+            Self::Exp => l.ln(),
+            Self::Relu => luminance.max(0.0),
+        }
+    }
+}
+
+/// How radiance is represented.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "lowercase")]
+pub enum ColorModel {
+    /// Spherical harmonics of RGB radiance: 3D Gaussian splatting.
+    Sh {
+        /// Degree 0 to 5.
+        degree: u8,
+    },
+    /// Luminance times chromaticity: LCD-GS.
+    Lcd {
+        /// Degree of the chromaticity's harmonics, 0 to 5.
+        chroma_degree: u8,
+        /// Degree of the luminance's harmonics, 0 to 3; 0 is the paper.
+        luminance_degree: u8,
+        /// Map of the raw luminance to a positive number.
+        activation: Activation,
+    },
+}
+
+/// The directions a colour is evaluated with: basis values at the splat's viewing direction.
+pub struct ColorBasis<R> {
+    /// Unit vector from the camera to the splat, world.
+    pub direction: [R; 3],
+    /// Basis values up to the active degree.
+    pub values: [R; MAX_COEFFICIENTS],
+    /// Active degree (training raises it step by step).
+    pub active_degree: usize,
+}
+
+impl<R: Real> ColorBasis<R> {
+    /// Basis at `direction` up to `active_degree`.
+    #[inline(always)]
+    pub fn new(active_degree: usize, direction: [R; 3]) -> Self {
+        let mut values = [direction[0].lift(0.0); MAX_COEFFICIENTS];
+        sh::basis(active_degree, direction, &mut values);
+        Self { direction, values, active_degree }
+    }
+}
+
+impl ColorModel {
+    /// The highest degree of any of the model's harmonics.
+    pub fn max_degree(self) -> usize {
+        self.sh_degree().max(self.luminance_degree())
+    }
+
+    /// Degree of the RGB or chromaticity harmonics.
+    pub fn sh_degree(self) -> usize {
+        match self {
+            Self::Sh { degree } => degree.into(),
+            Self::Lcd { chroma_degree, .. } => chroma_degree.into(),
+        }
+    }
+
+    fn luminance_degree(self) -> usize {
+        match self {
+            Self::Sh { .. } => 0,
+            Self::Lcd { luminance_degree, .. } => luminance_degree.into(),
+        }
+    }
+
+    /// K: harmonics per channel of `Splats::sh`.
+    pub fn sh_coefficients(self) -> usize {
+        sh::coefficients(self.sh_degree())
+    }
+
+    /// M: length of `Splats::raw_luminance` per splat (0 for [`Self::Sh`]).
+    pub fn luminance_coefficients(self) -> usize {
+        match self {
+            Self::Sh { .. } => 0,
+            Self::Lcd { luminance_degree, .. } => sh::coefficients(luminance_degree.into()),
+        }
+    }
+
+    /// Colour parameters per splat.
+    pub fn parameters(self) -> usize {
+        3 * self.sh_coefficients() + self.luminance_coefficients()
+    }
+
+    /// Whether degrees are within the supported ranges.
+    pub fn is_valid(self) -> bool {
+        self.sh_degree() <= sh::MAX_DEGREE && self.luminance_degree() <= 3
+    }
+
+    /// Short name: `sh3`, `lcd` (chroma degree 3, luminance degree 0, softplus), `lcd-c2-l1-exp`.
+    pub fn name(self) -> String {
+        match self {
+            Self::Sh { degree } => format!("sh{degree}"),
+            Self::Lcd { chroma_degree, luminance_degree, activation } => {
+                let mut name = String::from("lcd");
+                if chroma_degree != 3 || luminance_degree != 0 {
+                    name += &format!("-c{chroma_degree}-l{luminance_degree}");
+                }
+                match activation {
+                    Activation::Softplus => name,
+                    Activation::Exp => name + "-exp",
+                    Activation::Relu => name + "-relu",
+                }
+            }
+        }
+    }
+
+    /// Radiance towards a viewer. `sh(m, channel)` and `raw_luminance(m)` fetch the splat's coefficients.
+    #[inline(always)]
+    pub fn radiance<R: Real>(self, basis: &ColorBasis<R>, sh: impl Fn(usize, usize) -> R, raw_luminance: impl Fn(usize) -> R) -> [R; 3] {
+        let response = self.response(basis, &sh);
+        let zero = response[0].lift(0.0);
+        match self {
+            Self::Sh { .. } => response.map(|s| (s + s.lift(SH_OFFSET)).max(zero)),
+            Self::Lcd { activation, .. } => {
+                let luminance = activation.apply(self.raw_luminance(basis, &raw_luminance));
+                let (chroma, _) = chromaticity(response);
+                chroma.map(|q| luminance * q)
+            }
+        }
+    }
+
+    /// Gradient of [`Self::radiance`]: `d_radiance` in, `add_sh(m, channel, gradient)` and `add_luminance(m, gradient)` out (each entry
+    /// once, up to the active degree), and the gradient by the viewing direction, tangential to the sphere.
+    #[inline(always)]
+    pub fn backward<R: Real>(
+        self,
+        basis: &ColorBasis<R>,
+        sh: impl Fn(usize, usize) -> R,
+        raw_luminance: impl Fn(usize) -> R,
+        d_radiance: [R; 3],
+        mut add_sh: impl FnMut(usize, usize, R),
+        mut add_luminance: impl FnMut(usize, R),
+    ) -> [R; 3] {
+        let response = self.response(basis, &sh);
+        let zero = response[0].lift(0.0);
+        let mut d_basis = [zero; MAX_COEFFICIENTS];
+        let d_response = match self {
+            Self::Sh { .. } => [0, 1, 2].map(|c| (response[c] + zero.lift(SH_OFFSET)).if_positive(d_radiance[c], zero)),
+            Self::Lcd { activation, .. } => {
+                let raw = self.raw_luminance(basis, &raw_luminance);
+                let luminance = activation.apply(raw);
+                let (chroma, sum) = chromaticity(response);
+                let along = d_radiance[0] * chroma[0] + d_radiance[1] * chroma[1] + d_radiance[2] * chroma[2];
+                let d_raw = along * activation.derivative(raw);
+                add_luminance(0, d_raw);
+                for m in 1..self.active_luminance(basis) {
+                    add_luminance(m, d_raw * basis.values[m]);
+                    d_basis[m] = d_basis[m] + d_raw * raw_luminance(m);
+                }
+                let scale = luminance / sum;
+                [0, 1, 2].map(|c| response[c].if_positive(scale * (d_radiance[c] - along), zero))
+            }
+        };
+        for m in 0..self.active_sh(basis) {
+            let y = basis.values[m];
+            let mut d_y = d_basis[m];
+            for c in 0..3 {
+                add_sh(m, c, d_response[c] * y);
+                d_y = d_response[c].mul_add(sh(m, c), d_y);
+            }
+            d_basis[m] = d_y;
+        }
+        let v = basis.direction;
+        let g = sh::basis_gradient(basis.active_degree.min(self.max_degree()), v, &d_basis);
+        let radial = g[0] * v[0] + g[1] * v[1] + g[2] * v[2];
+        [0, 1, 2].map(|i| g[i] - radial * v[i])
+    }
+
+    /// The coefficients `(sh DC [3], raw luminance)` of a splat that shines with `rgb` in every direction. The chromaticity's DC sums
+    /// to 1 / C0, so that its normaliser starts at 1.
+    pub fn constant(self, rgb: [f32; 3]) -> ([f32; 3], f32) {
+        match self {
+            Self::Sh { .. } => (rgb.map(|c| (c - SH_OFFSET) / sh::C0), 0.0),
+            Self::Lcd { activation, .. } => {
+                let rgb = rgb.map(|c| c.max(0.0));
+                let luminance: f32 = rgb.iter().sum();
+                let chroma = if luminance > 0.0 { rgb.map(|c| c / luminance) } else { [1.0 / 3.0; 3] };
+                (chroma.map(|q| q / sh::C0), activation.inverse(luminance))
+            }
+        }
+    }
+
+    /// Raw luminance of a splat after `map` on its luminance at degree 0; `None` for models without an explicit luminance.
+    pub fn map_luminance(self, raw: f32, map: impl FnOnce(f32) -> f32) -> Option<f32> {
+        match self {
+            Self::Sh { .. } => None,
+            Self::Lcd { activation, .. } => Some(activation.inverse(map(activation.apply(raw)))),
+        }
+    }
+
+    #[inline(always)]
+    fn active_sh<R>(self, basis: &ColorBasis<R>) -> usize {
+        sh::coefficients(basis.active_degree.min(self.sh_degree()))
+    }
+
+    #[inline(always)]
+    fn active_luminance<R>(self, basis: &ColorBasis<R>) -> usize {
+        sh::coefficients(basis.active_degree.min(self.luminance_degree()))
+    }
+
+    #[inline(always)]
+    fn response<R: Real>(self, basis: &ColorBasis<R>, sh: &impl Fn(usize, usize) -> R) -> [R; 3] {
+        let mut response = [0, 1, 2].map(|c| sh(0, c) * basis.values[0]);
+        for m in 1..self.active_sh(basis) {
+            for (c, value) in response.iter_mut().enumerate() {
+                *value = sh(m, c).mul_add(basis.values[m], *value);
+            }
+        }
+        response
+    }
+
+    /// l(v) = l_0 + sum over m > 0 of l_m Y_m(v): the constant term stands without its basis value, so that the paper's parameter and
+    /// learning rate keep their meaning.
+    #[inline(always)]
+    fn raw_luminance<R: Real>(self, basis: &ColorBasis<R>, raw: &impl Fn(usize) -> R) -> R {
+        let mut sum = raw(0);
+        for m in 1..self.active_luminance(basis) {
+            sum = raw(m).mul_add(basis.values[m], sum);
+        }
+        sum
+    }
+}
+
+/// Chromaticity and the normaliser it was divided by.
+#[inline(always)]
+fn chromaticity<R: Real>(response: [R; 3]) -> ([R; 3], R) {
+    let floor = response[0].lift(DEAD_CHROMA_FLOOR);
+    let r = response.map(|s| s.max(s.lift(0.0)) + floor);
+    let sum = r[0] + r[1] + r[2];
+    (r.map(|value| value / sum), sum)
+}

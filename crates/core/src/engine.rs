@@ -1,0 +1,391 @@
+//! The contract between training and an engine: eleven passes behind a coarse, blocking, object-safe trait.
+
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use crate::{Camera, Image, Moments, Splats, View};
+
+/// The passes of a training step, in order. Names of files, timings, benches and tests.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Pass {
+    /// Splats to screen-space ellipses.
+    Project,
+    /// Radiance towards the camera.
+    Color,
+    /// Splats to tiles.
+    Bin,
+    /// Front-to-back order.
+    Sort,
+    /// Blending.
+    Rasterize,
+    /// Loss and its gradient by the pixels.
+    Loss,
+    /// Gradient by the ellipses and colours.
+    RasterizeBackward,
+    /// Gradient by the colour model's coefficients and the viewing direction.
+    ColorBackward,
+    /// Gradient by position, rotation, scale and opacity.
+    ProjectBackward,
+    /// Parameter update.
+    Adam,
+    /// Adding and removing splats.
+    Densify,
+}
+
+impl Pass {
+    /// All, in order.
+    pub const ALL: [Self; 11] = [
+        Self::Project,
+        Self::Color,
+        Self::Bin,
+        Self::Sort,
+        Self::Rasterize,
+        Self::Loss,
+        Self::RasterizeBackward,
+        Self::ColorBackward,
+        Self::ProjectBackward,
+        Self::Adam,
+        Self::Densify,
+    ];
+
+    /// `rasterize_backward`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Project => "project",
+            Self::Color => "color",
+            Self::Bin => "bin",
+            Self::Sort => "sort",
+            Self::Rasterize => "rasterize",
+            Self::Loss => "loss",
+            Self::RasterizeBackward => "rasterize_backward",
+            Self::ColorBackward => "color_backward",
+            Self::ProjectBackward => "project_backward",
+            Self::Adam => "adam",
+            Self::Densify => "densify",
+        }
+    }
+}
+
+/// Where the rasteriser stops looking. See [`Cutoffs::HDR`] and [`Cutoffs::PARITY`].
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Cutoffs {
+    /// A splat's contribution to a pixel is skipped where its alpha is below this...
+    pub min_alpha: f32,
+    /// ...or below `min_contribution / max(radiance)` if that is smaller: what is skipped adds less than this to the pixel
+    /// (normalised units). Infinity: the rule is `min_alpha` alone.
+    pub min_contribution: f32,
+    /// Lower bound of the alpha threshold whatever the radiance, so that footprints stay finite.
+    pub alpha_floor: f32,
+    /// A pixel is finished when the transmittance in front of it falls below this.
+    pub min_transmittance: f32,
+    /// Alpha is capped at this, so that what is behind can still be told.
+    pub max_alpha: f32,
+    /// Splats nearer to the camera plane than this are culled, world units.
+    pub near: f32,
+}
+
+impl Cutoffs {
+    /// 3D Gaussian splatting's values (Kerbl et al. 2023): derived for 8-bit output.
+    pub const PARITY: Self = Self {
+        min_alpha: 1.0 / 255.0,
+        min_contribution: f32::INFINITY,
+        alpha_floor: 1.0 / 255.0,
+        min_transmittance: 1e-4,
+        max_alpha: 0.99,
+        near: 0.2,
+    };
+
+    /// Derived for radiance. A skipped contribution is at most `alpha c`. The metrics and the loss see radiance through the mu-law,
+    /// whose slope is at most 587 (at 0) and 587 / (1 + 5000 p) at p. Skipping `alpha < 1/255` moves a pixel of the splat's own
+    /// brightness c >> 1/5000 by at most (1/255) c T'(c) = 4.6e-4, half an 8-bit step of the tone-mapped image, at any brightness; but
+    /// the skirt of a lamp (c = 100) over a dark wall (p = 1e-3) is cut at a radiance of 0.4, four hundred times the wall. So the threshold falls with the splat's
+    /// radiance: nothing above 2e-4 = 1/mu is skipped. The floor of 1e-5 is reached at c = 20 and bounds the footprint at
+    /// sqrt(2 ln 1e5) = 4.8 standard deviations. A stop at transmittance 1e-4 hides at most 1e-4 of what is behind,
+    /// again 1/mu for c = 2; 1e-5 does it for c = 20. The cap of 0.99 would let 1 % of a lamp through
+    /// every opaque splat in front of it; 0.999 is what f32 still divides by safely in the backward pass.
+    pub const HDR: Self =
+        Self { min_alpha: 1.0 / 255.0, min_contribution: 2e-4, alpha_floor: 1e-5, min_transmittance: 1e-5, max_alpha: 0.999, near: 0.01 };
+}
+
+/// What happens to splats smaller than a pixel.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Antialias {
+    /// Dilation of the screen covariance by 0.3 px^2, as 3DGS: small splats gain energy.
+    #[default]
+    Off,
+    /// Mip-splatting (Yu et al. 2024): dilation by 0.1 px^2 with opacity compensated by the ratio of areas, and the 3D smoothing filter
+    /// of [`Splats::smoothing`].
+    Mip,
+}
+
+impl Antialias {
+    /// Dilation of the screen covariance, px^2.
+    pub fn dilation_px2(self) -> f32 {
+        match self {
+            Self::Off => 0.3,
+            Self::Mip => 0.1,
+        }
+    }
+}
+
+/// How splats become pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RasterConfig {
+    /// Where the rasteriser stops looking.
+    pub cutoffs: Cutoffs,
+    /// Treatment of small splats.
+    pub antialias: Antialias,
+}
+
+impl Default for RasterConfig {
+    fn default() -> Self {
+        Self { cutoffs: Cutoffs::HDR, antialias: Antialias::Off }
+    }
+}
+
+/// Options of a render.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RenderOptions {
+    /// How splats become pixels.
+    pub raster: RasterConfig,
+    /// Behind everything, normalised units.
+    pub background: [f32; 3],
+    /// Highest harmonic degree evaluated.
+    pub active_degree: usize,
+}
+
+impl Default for RenderOptions {
+    fn default() -> Self {
+        Self { raster: RasterConfig::default(), background: [0.0; 3], active_degree: crate::sh::MAX_DEGREE }
+    }
+}
+
+/// Loss on mu-law images: `(1 - ssim_weight) L1 + ssim_weight (1 - SSIM)` (LCD-GS eq. 5 with lambda = 1 - ssim_weight).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LossConfig {
+    /// mu of the mu-law.
+    pub mu: f32,
+    /// Weight of 1 - SSIM, 0 to 1.
+    pub ssim_weight: f32,
+    /// Weight of the mean opacity (3DGS-MCMC), 0 for none.
+    pub opacity_weight: f32,
+    /// Weight of the mean scale (3DGS-MCMC), 0 for none.
+    pub scale_weight: f32,
+}
+
+impl Default for LossConfig {
+    fn default() -> Self {
+        Self { mu: crate::tone::MU, ssim_weight: 0.2, opacity_weight: 0.0, scale_weight: 0.0 }
+    }
+}
+
+/// Adam's learning rates at one step.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LearningRates {
+    /// World units.
+    pub position: f32,
+    /// Quaternion components.
+    pub rotation: f32,
+    /// Log scale.
+    pub log_scale: f32,
+    /// Logit.
+    pub opacity_logit: f32,
+    /// Harmonics of degree 0.
+    pub sh_dc: f32,
+    /// Harmonics above.
+    pub sh_rest: f32,
+    /// Raw luminance of degree 0.
+    pub luminance_dc: f32,
+    /// Raw luminance above.
+    pub luminance_rest: f32,
+}
+
+/// Adam's beta_1.
+pub const ADAM_BETA1: f32 = 0.9;
+/// Adam's beta_2.
+pub const ADAM_BETA2: f32 = 0.999;
+/// Adam's epsilon.
+pub const ADAM_EPSILON: f32 = 1e-15;
+
+/// Noise on positions after the update (3DGS-MCMC): Sigma n sigmoid(100 (0.995 - opacity)) `scale`, n standard normal.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PositionNoise {
+    /// Factor; 5e5 times the position's learning rate in the original.
+    pub scale: f32,
+    /// Seed of this step's noise: n of splat i is a hash of (seed, i), see [`crate::noise::standard_normal`].
+    pub seed: u64,
+}
+
+/// One step of training.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StepConfig {
+    /// 1 for the first step: Adam's bias correction.
+    pub step: u32,
+    /// Render options.
+    pub render: RenderOptions,
+    /// Loss.
+    pub loss: LossConfig,
+    /// Learning rates.
+    pub learning_rates: LearningRates,
+    /// Noise after the update.
+    pub position_noise: Option<PositionNoise>,
+    /// Collect [`DensifyStats`] in this step.
+    pub collect_stats: bool,
+}
+
+/// What a step found.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct StepReport {
+    /// Total, without the regularisers.
+    pub loss: f32,
+    /// Mean absolute difference under the mu-law.
+    pub l1: f32,
+    /// Mean structural similarity under the mu-law.
+    pub ssim: f32,
+    /// Splats in front of the camera that touch the image.
+    pub visible: u32,
+}
+
+/// Per-splat statistics since the last densification, [N] each.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct DensifyStats {
+    /// Sum over visible views of |dL/dmean|, mean in NDC units (half the image's side).
+    pub gradient: Vec<f32>,
+    /// Sum over visible views of the norm of the sums of absolute per-pixel gradients by x and y (AbsGS), NDC units.
+    pub abs_gradient: Vec<f32>,
+    /// Views in which the splat was visible.
+    pub views: Vec<u32>,
+}
+
+impl DensifyStats {
+    /// All zero.
+    pub fn zeros(count: usize) -> Self {
+        Self { gradient: vec![0.0; count], abs_gradient: vec![0.0; count], views: vec![0; count] }
+    }
+}
+
+/// One splat of the scene after densification.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlanRow {
+    /// Splat it is made from.
+    pub source: u32,
+    /// Displacement along the source's principal axes, in standard deviations of the source.
+    pub offset_sigma: [f32; 3],
+    /// Added to the log scale.
+    pub log_scale_shift: f32,
+    /// Replaces the opacity; `None` keeps it.
+    pub opacity_logit: Option<f32>,
+    /// Whether Adam's moments go along (else they start at zero).
+    pub keep_moments: bool,
+}
+
+impl PlanRow {
+    /// The source as it is.
+    pub fn keep(source: u32) -> Self {
+        Self { source, offset_sigma: [0.0; 3], log_scale_shift: 0.0, opacity_logit: None, keep_moments: true }
+    }
+}
+
+/// The scene after densification, row by row. Statistics start anew.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct DensifyPlan {
+    /// One per new splat.
+    pub rows: Vec<PlanRow>,
+    /// Opacities above this logit are lowered to it and their moments set to zero, after `rows`.
+    pub opacity_logit_cap: Option<f32>,
+    /// New 3D smoothing filter, one per row.
+    pub smoothing: Option<Vec<f32>>,
+}
+
+/// What an engine could not do.
+#[derive(Debug, thiserror::Error)]
+pub enum EngineError {
+    /// A camera that cannot be rendered.
+    #[error("camera: {0}")]
+    Camera(#[from] crate::CameraError),
+    /// Arrays that do not make up a scene.
+    #[error("splats: {0}")]
+    Splats(#[from] crate::SplatsError),
+    /// Input outside of the contract.
+    #[error("{0}")]
+    Invalid(String),
+    /// The device gave up: out of memory, lost, hung. Names pass, resource, limit and remedy.
+    #[error("{0}")]
+    Device(String),
+}
+
+/// A renderer and trainer of splats. Blocking, object-safe, coarse.
+pub trait Engine {
+    /// Takes over a scene; moments start at zero if absent. Statistics start anew.
+    ///
+    /// # Errors
+    /// [`EngineError::Splats`] for invalid arrays.
+    fn load(&mut self, splats: &Splats, moments: Option<&Moments>) -> Result<(), EngineError>;
+
+    /// The scene and moments as they stand.
+    ///
+    /// # Errors
+    /// [`EngineError::Device`].
+    fn save(&mut self) -> Result<(Splats, Moments), EngineError>;
+
+    /// Radiance in normalised units as seen by `camera`, which must be undistorted.
+    ///
+    /// # Errors
+    /// [`EngineError::Camera`], [`EngineError::Device`].
+    fn render(&mut self, camera: &Camera, options: &RenderOptions) -> Result<Image, EngineError>;
+
+    /// One step of training towards `view`, whose image is in normalised units.
+    ///
+    /// # Errors
+    /// [`EngineError::Camera`], [`EngineError::Device`].
+    fn train_step(&mut self, view: &View, step: &StepConfig) -> Result<StepReport, EngineError>;
+
+    /// Statistics since the last [`Engine::densify`], [`Engine::load`] or [`Engine::set_densify_stats`].
+    ///
+    /// # Errors
+    /// [`EngineError::Device`].
+    fn densify_stats(&mut self) -> Result<DensifyStats, EngineError>;
+
+    /// Puts back statistics when a run is resumed.
+    ///
+    /// # Errors
+    /// [`EngineError::Invalid`] if lengths differ from the scene's.
+    fn set_densify_stats(&mut self, stats: &DensifyStats) -> Result<(), EngineError>;
+
+    /// Geometry alone (position, log scale, opacity; colours empty): what densification policies look at.
+    ///
+    /// # Errors
+    /// [`EngineError::Device`].
+    fn geometry(&mut self) -> Result<Geometry, EngineError>;
+
+    /// Applies a plan.
+    ///
+    /// # Errors
+    /// [`EngineError::Invalid`] if a source does not exist or lengths differ.
+    fn densify(&mut self, plan: &DensifyPlan) -> Result<(), EngineError>;
+
+    /// Number of splats.
+    fn len(&self) -> usize;
+
+    /// No splats.
+    fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Time spent in each pass since the engine was made, in the order of [`Pass::ALL`].
+    fn timings(&self) -> &[(Pass, Duration)];
+}
+
+/// What densification policies look at, [N] each.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Geometry {
+    /// World.
+    pub position: Vec<[f32; 3]>,
+    /// Natural logarithm of the standard deviations.
+    pub log_scale: Vec<[f32; 3]>,
+    /// Logit.
+    pub opacity_logit: Vec<f32>,
+}

@@ -1,0 +1,27 @@
+//! What a scene is: splats, colour model, camera, image, tone curves, loss, metrics, and the contract that engines fulfil.
+//!
+//! No file, thread, SIMD lane or GPU is known here.
+
+mod camera;
+mod color;
+mod dataset;
+mod engine;
+mod image;
+pub mod noise;
+mod real;
+mod scene;
+pub mod sh;
+mod splats;
+pub mod tone;
+
+pub use camera::{Camera, CameraError, Distortion, MAX_SIDE_PX};
+pub use color::{Activation, ColorBasis, ColorModel, DEAD_CHROMA_FLOOR, SH_OFFSET};
+pub use dataset::{BadPixels, Dataset, Mask, Observation, Point, View};
+pub use engine::{
+    ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON, Antialias, Cutoffs, DensifyPlan, DensifyStats, Engine, EngineError, Geometry, LearningRates,
+    LossConfig, Pass, PlanRow, PositionNoise, RasterConfig, RenderOptions, StepConfig, StepReport,
+};
+pub use image::{Image, luminance_rec709, luminance_sum};
+pub use real::Real;
+pub use scene::{Scene, Snapshot};
+pub use splats::{ColorSpace, Moments, Splat, Splats, SplatsError, logit, sigmoid};

@@ -1,0 +1,46 @@
+//! Files that are there whole or not at all: written beside their place, synced, renamed.
+
+use std::io::{BufWriter, Write};
+use std::path::Path;
+
+use crate::IoError;
+
+/// Writes `path` through `write`. On any error nothing is left behind and an older file of the name stays as it was. Missing
+/// folders are created.
+///
+/// # Errors
+/// `write`'s error, or [`crate::IoErrorKind::System`].
+pub fn write_atomically(path: &Path, write: impl FnOnce(&mut (dyn WriteSeek + '_)) -> Result<(), IoError>) -> Result<(), IoError> {
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    std::fs::create_dir_all(folder).map_err(|e| IoError::system(folder, "create folder", &e))?;
+    let system = |e: &std::io::Error| IoError::system(path, "write", e);
+    let file = tempfile::Builder::new().prefix(".luxel-").suffix(".tmp").tempfile_in(folder).map_err(|e| system(&e))?;
+    let mut buffer = BufWriter::with_capacity(1 << 20, file);
+    write(&mut buffer)?;
+    let file = buffer.into_inner().map_err(|e| system(e.error()))?;
+    file.as_file().sync_all().map_err(|e| system(&e))?;
+    set_default_permissions(&file, path)?;
+    file.persist(path).map_err(|e| system(&e.error))?;
+    // The rename itself is durable once the folder is; where folders can't be synced (Windows) the rename is already ordered.
+    if let Ok(handle) = std::fs::File::open(folder) {
+        let _ = handle.sync_all();
+    }
+    Ok(())
+}
+
+/// A destination that can be written and sought in.
+pub trait WriteSeek: Write + std::io::Seek {}
+impl<T: Write + std::io::Seek> WriteSeek for T {}
+
+/// Temporary files are private; give the result what an ordinary new file would have.
+#[cfg(unix)]
+fn set_default_permissions(file: &tempfile::NamedTempFile, path: &Path) -> Result<(), IoError> {
+    use std::os::unix::fs::PermissionsExt;
+    let permissions = std::fs::Permissions::from_mode(0o644);
+    file.as_file().set_permissions(permissions).map_err(|e| IoError::system(path, "set permissions", &e))
+}
+
+#[cfg(not(unix))]
+fn set_default_permissions(_file: &tempfile::NamedTempFile, _path: &Path) -> Result<(), IoError> {
+    Ok(())
+}
