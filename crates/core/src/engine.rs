@@ -75,6 +75,7 @@ pub struct Cutoffs {
     pub min_alpha: f32,
     /// ...or below `min_contribution / max(radiance)` if that is smaller: what is skipped adds less than this to the pixel
     /// (normalised units). Infinity: the rule is `min_alpha` alone.
+    #[serde(deserialize_with = "infinite_if_null")]
     pub min_contribution: f32,
     /// Lower bound of the alpha threshold whatever the radiance, so that footprints stay finite.
     pub alpha_floor: f32,
@@ -84,6 +85,11 @@ pub struct Cutoffs {
     pub max_alpha: f32,
     /// Splats nearer to the camera plane than this are culled, world units.
     pub near: f32,
+}
+
+/// JSON has no infinity: serde_json writes it as null, which reads as infinity here. Formats that have one are read as ever.
+fn infinite_if_null<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<f32, D::Error> {
+    Ok(Option::deserialize(deserializer)?.unwrap_or(f32::INFINITY))
 }
 
 impl Cutoffs {
@@ -388,4 +394,20 @@ pub struct Geometry {
     pub log_scale: Vec<[f32; 3]>,
     /// Logit.
     pub opacity_logit: Vec<f32>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn raster_config_survives_json_bit_for_bit() {
+        for cutoffs in [Cutoffs::PARITY, Cutoffs::HDR] {
+            for antialias in [Antialias::Off, Antialias::Mip] {
+                let config = RasterConfig { cutoffs, antialias };
+                let json = serde_json::to_string(&config).unwrap();
+                assert_eq!(serde_json::from_str::<RasterConfig>(&json).unwrap(), config, "{json}");
+            }
+        }
+    }
 }
