@@ -5,8 +5,10 @@
 mod camera;
 mod color;
 mod dataset;
+mod edit;
 mod engine;
 mod image;
+pub mod metrics;
 pub mod noise;
 mod real;
 mod scene;
@@ -17,6 +19,7 @@ pub mod tone;
 pub use camera::{Camera, CameraError, Distortion, MAX_SIDE_PX};
 pub use color::{Activation, ColorBasis, ColorModel, DEAD_CHROMA_FLOOR, SH_OFFSET};
 pub use dataset::{BadPixels, Dataset, Mask, Observation, Point, View};
+pub use edit::{Edit, EditError, Selection};
 pub use engine::{
     ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON, Antialias, Cutoffs, DensifyPlan, DensifyStats, Engine, EngineError, Geometry, LearningRates,
     LossConfig, Pass, PlanRow, PositionNoise, RasterConfig, RenderOptions, StepConfig, StepReport,

@@ -1,0 +1,273 @@
+//! Image metrics on mu-law images, and the protocols that say what is divided by what.
+//!
+//! In: prediction and target [H,W,3] in the scene's normalised units, an optional mask. Out: [`ViewMetrics`] and a
+//! [`LuminanceProfile`]. A pixel p becomes T(clip(p / divisor, 0, 1)) with T the mu-law; the divisors are
+//!
+//! | protocol | target | prediction | whose formula |
+//! |---|---|---|---|
+//! | `scene` | 1 | 1 | one scale per scene, as in training |
+//! | `gtmax` | max(target) | max(target) | HDR-NeRF |
+//! | `selfmax` | max(target) | max(prediction) | HDR-GS |
+//!
+//! PSNR has peak 1 and pools the channels; SSIM is [`ssim`], mean of the channels. Masked pixels are left out of every mean
+//! and maximum; in the SSIM the prediction is set to the target there. A maximum of 0 divides by 1. Sums are f64.
+
+mod profile;
+mod ssim;
+
+use serde::{Deserialize, Serialize};
+
+use crate::tone::mu_law;
+use crate::{Image, Mask};
+
+pub use profile::{LuminanceProfile, PROFILE_BINS_PER_DECADE, ProfileBin};
+pub use ssim::{SSIM_C1, SSIM_C2, SSIM_RADIUS, SSIM_SIGMA_PX, ssim, ssim_image, ssim_window};
+
+/// PSNR of equal images, dB: reported instead of infinity, which JSON can't hold. f32 rounding alone is worth more than 130 dB.
+pub const MAX_PSNR_DB: f64 = 100.0;
+
+/// Why images cannot be compared.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum MetricsError {
+    /// Images of different sizes.
+    #[error("prediction is {}x{}, target {}x{}: metrics need equal sizes", prediction.0, prediction.1, target.0, target.1)]
+    Size {
+        /// Width and height.
+        prediction: (usize, usize),
+        /// Width and height.
+        target: (usize, usize),
+    },
+    /// A plane whose length is not that of the image.
+    #[error("planes hold {prediction} and {target} values, expected {width} x {height}")]
+    Planes {
+        /// Values of the prediction.
+        prediction: usize,
+        /// Values of the target.
+        target: usize,
+        /// Pixels.
+        width: usize,
+        /// Pixels.
+        height: usize,
+    },
+    /// A mask whose length is not that of the image.
+    #[error("mask holds {found} pixels, image {expected}")]
+    Mask {
+        /// Pixels of the mask.
+        found: usize,
+        /// Pixels of the image.
+        expected: usize,
+    },
+    /// Nothing to compare.
+    #[error("no valid pixel: the image is empty or masked entirely")]
+    NoValidPixels,
+    /// NaN or infinity.
+    #[error("{image} is not finite at column {x}, row {y}")]
+    NotFinite {
+        /// `prediction` or `target`.
+        image: &'static str,
+        /// Column.
+        x: usize,
+        /// Row.
+        y: usize,
+    },
+    /// A mu-law without a curve.
+    #[error("mu is {0}, expected a finite number above 0")]
+    Mu(f32),
+}
+
+/// Figures of one view, or their means over several. PSNR in dB, at most [`MAX_PSNR_DB`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ViewMetrics {
+    /// PSNR in the scene's scale, clipped at 1.
+    pub psnr_scene: f64,
+    /// SSIM in the scene's scale, clipped at 1.
+    pub ssim_scene: f64,
+    /// PSNR with both divided by the target's maximum.
+    pub psnr_gtmax: f64,
+    /// SSIM with both divided by the target's maximum.
+    pub ssim_gtmax: f64,
+    /// PSNR with each divided by its own maximum.
+    pub psnr_selfmax: f64,
+    /// SSIM with each divided by its own maximum.
+    pub ssim_selfmax: f64,
+    /// PSNR of a black image by `scene`: what knowing nothing is worth, and a check of the loader.
+    pub psnr_black_scene: f64,
+    /// PSNR of a black image by `gtmax` (and `selfmax`).
+    pub psnr_black_gtmax: f64,
+    /// Mean absolute difference under the mu-law by `scene`.
+    pub l1_scene: f64,
+    /// Mean absolute difference under the mu-law in the scene's scale, not clipped above: the L1 of the training loss.
+    pub mean_abs_mu: f64,
+}
+
+impl ViewMetrics {
+    /// Names and values, in the order of the fields.
+    pub fn named(&self) -> [(&'static str, f64); 10] {
+        [
+            ("psnr_scene", self.psnr_scene),
+            ("ssim_scene", self.ssim_scene),
+            ("psnr_gtmax", self.psnr_gtmax),
+            ("ssim_gtmax", self.ssim_gtmax),
+            ("psnr_selfmax", self.psnr_selfmax),
+            ("ssim_selfmax", self.ssim_selfmax),
+            ("psnr_black_scene", self.psnr_black_scene),
+            ("psnr_black_gtmax", self.psnr_black_gtmax),
+            ("l1_scene", self.l1_scene),
+            ("mean_abs_mu", self.mean_abs_mu),
+        ]
+    }
+
+    /// The mean of every figure (of decibels, as the field does it); `None` of none.
+    pub fn mean(views: &[Self]) -> Option<Self> {
+        if views.is_empty() {
+            return None;
+        }
+        let mean = |of: fn(&Self) -> f64| views.iter().map(of).sum::<f64>() / views.len() as f64;
+        Some(Self {
+            psnr_scene: mean(|v| v.psnr_scene),
+            ssim_scene: mean(|v| v.ssim_scene),
+            psnr_gtmax: mean(|v| v.psnr_gtmax),
+            ssim_gtmax: mean(|v| v.ssim_gtmax),
+            psnr_selfmax: mean(|v| v.psnr_selfmax),
+            ssim_selfmax: mean(|v| v.ssim_selfmax),
+            psnr_black_scene: mean(|v| v.psnr_black_scene),
+            psnr_black_gtmax: mean(|v| v.psnr_black_gtmax),
+            l1_scene: mean(|v| v.l1_scene),
+            mean_abs_mu: mean(|v| v.mean_abs_mu),
+        })
+    }
+}
+
+/// Every figure of a view: `prediction` against `target`, both in normalised units.
+///
+/// # Errors
+/// [`MetricsError`]: sizes differ, no pixel is valid, a valid pixel is NaN or infinite, or mu is not positive.
+pub fn view_metrics(
+    prediction: &Image,
+    target: &Image,
+    mask: Option<&Mask>,
+    mu: f32,
+) -> Result<(ViewMetrics, LuminanceProfile), MetricsError> {
+    if !(mu.is_finite() && mu > 0.0) {
+        return Err(MetricsError::Mu(mu));
+    }
+    let pair = Pair::new(prediction, target, mask)?;
+    let (prediction_max, target_max) = pair.maxima();
+    let scene = pair.compare(1.0, 1.0, mu)?;
+    let gtmax = pair.compare(target_max, target_max, mu)?;
+    let selfmax = pair.compare(prediction_max, target_max, mu)?;
+    let mut profile = LuminanceProfile::default();
+    let mut abs_mu = 0.0;
+    for (prediction, target) in pair.valid() {
+        profile.add(prediction, target);
+        for c in 0..3 {
+            abs_mu += f64::from((mu_law(prediction[c].max(0.0), mu) - mu_law(target[c].max(0.0), mu)).abs());
+        }
+    }
+    let metrics = ViewMetrics {
+        psnr_scene: psnr_of_mse(scene.mse),
+        ssim_scene: scene.ssim,
+        psnr_gtmax: psnr_of_mse(gtmax.mse),
+        ssim_gtmax: gtmax.ssim,
+        psnr_selfmax: psnr_of_mse(selfmax.mse),
+        ssim_selfmax: selfmax.ssim,
+        psnr_black_scene: psnr_of_mse(scene.mse_black),
+        psnr_black_gtmax: psnr_of_mse(gtmax.mse_black),
+        l1_scene: scene.l1,
+        mean_abs_mu: abs_mu / (3.0 * pair.valid_count as f64),
+    };
+    Ok((metrics, profile))
+}
+
+/// -10 log10(`mse`), peak 1, at most [`MAX_PSNR_DB`].
+pub fn psnr_of_mse(mse: f64) -> f64 {
+    (-10.0 * mse.log10()).min(MAX_PSNR_DB)
+}
+
+/// Two images and the pixels that count.
+struct Pair<'a> {
+    prediction: &'a Image,
+    target: &'a Image,
+    mask: Option<&'a Mask>,
+    valid_count: usize,
+}
+
+/// A prediction against a target by one protocol.
+struct Comparison {
+    mse: f64,
+    mse_black: f64,
+    l1: f64,
+    ssim: f64,
+}
+
+impl<'a> Pair<'a> {
+    fn new(prediction: &'a Image, target: &'a Image, mask: Option<&'a Mask>) -> Result<Self, MetricsError> {
+        let size = |image: &Image| (image.width, image.height);
+        let expected = target.pixels.len();
+        if size(prediction) != size(target) || prediction.pixels.len() != expected {
+            return Err(MetricsError::Size { prediction: size(prediction), target: size(target) });
+        }
+        if let Some(found) = mask.map(|mask| mask.valid.len()).filter(|&found| found != expected) {
+            return Err(MetricsError::Mask { found, expected });
+        }
+        let pair = Self { prediction, target, mask, valid_count: 0 };
+        for i in (0..expected).filter(|&i| pair.is_valid(i)) {
+            for (image, pixels) in [("prediction", &prediction.pixels), ("target", &target.pixels)] {
+                if pixels[i].iter().any(|v| !v.is_finite()) {
+                    let width = target.width.max(1);
+                    return Err(MetricsError::NotFinite { image, x: i % width, y: i / width });
+                }
+            }
+        }
+        match pair.valid().count() {
+            0 => Err(MetricsError::NoValidPixels),
+            valid_count => Ok(Self { valid_count, ..pair }),
+        }
+    }
+
+    fn is_valid(&self, i: usize) -> bool {
+        self.mask.is_none_or(|mask| mask.valid[i])
+    }
+
+    fn valid(&self) -> impl Iterator<Item = ([f32; 3], [f32; 3])> {
+        let pairs = self.prediction.pixels.iter().zip(&self.target.pixels).enumerate();
+        pairs.filter(|&(i, _)| self.is_valid(i)).map(|(_, (&p, &t))| (p, t))
+    }
+
+    /// Largest channel of the prediction and of the target; 1 for a black image.
+    fn maxima(&self) -> (f32, f32) {
+        let largest = |rgb: [f32; 3]| rgb[0].max(rgb[1]).max(rgb[2]);
+        let (prediction, target) = self.valid().fold((0f32, 0f32), |(a, b), (p, t)| (a.max(largest(p)), b.max(largest(t))));
+        let or_one = |max: f32| if max > 0.0 { max } else { 1.0 };
+        (or_one(prediction), or_one(target))
+    }
+
+    fn compare(&self, prediction_divisor: f32, target_divisor: f32, mu: f32) -> Result<Comparison, MetricsError> {
+        let tone = |value: f32, divisor: f32| mu_law((value / divisor).clamp(0.0, 1.0), mu);
+        let (mut squares, mut squares_black, mut absolute, mut similarity) = (0.0, 0.0, 0.0, 0.0);
+        let pixels = self.target.pixels.len();
+        let (mut p, mut t) = (vec![0f32; pixels], vec![0f32; pixels]);
+        for channel in 0..3 {
+            for i in 0..pixels {
+                // Masked target pixels may hold anything; what they are does not matter as long as it is a number.
+                let target = self.target.pixels[i][channel];
+                t[i] = if target.is_finite() { tone(target, target_divisor) } else { 0.0 };
+                if self.is_valid(i) {
+                    p[i] = tone(self.prediction.pixels[i][channel], prediction_divisor);
+                    let difference = f64::from(p[i]) - f64::from(t[i]);
+                    squares += difference * difference;
+                    squares_black += f64::from(t[i]) * f64::from(t[i]);
+                    absolute += difference.abs();
+                } else {
+                    p[i] = t[i];
+                }
+            }
+            similarity += ssim(&p, &t, self.target.width, self.target.height)?;
+        }
+        let count = 3.0 * self.valid_count as f64;
+        Ok(Comparison { mse: squares / count, mse_black: squares_black / count, l1: absolute / count, ssim: similarity / 3.0 })
+    }
+}
+
+#[cfg(test)]
+mod tests;

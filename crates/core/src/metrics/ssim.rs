@@ -1,0 +1,215 @@
+//! Structural similarity, as 3D Gaussian splatting and its successors compute it.
+//!
+//! In: two planes [H*W] in [0, 1]. Out: the mean over all pixels of
+//! (2 m_p m_t + C1)(2 s_pt + C2) / ((m_p^2 + m_t^2 + C1)(s_p^2 + s_t^2 + C2)), means, variances and covariance under an 11x11 Gaussian
+//! window of sigma 1.5 that sees zeros outside of the image (Wang et al. 2004; window and padding of Kerbl et al. 2023).
+//! Values may be f32 or f64; sums are f64: in f32 the variance of a bright, smooth area is lost to cancellation.
+
+use super::MetricsError;
+use crate::Image;
+
+/// Pixels on either side of the window's centre.
+pub const SSIM_RADIUS: usize = 5;
+/// Standard deviation of the window, pixels.
+pub const SSIM_SIGMA_PX: f64 = 1.5;
+/// (0.01 peak)^2, peak 1: keeps the luminance term finite in the dark.
+pub const SSIM_C1: f64 = 1e-4;
+/// (0.03 peak)^2, peak 1: keeps the contrast term finite in flat areas.
+pub const SSIM_C2: f64 = 9e-4;
+
+const TAPS: usize = 2 * SSIM_RADIUS + 1;
+/// Blurred quantities: p, t, p^2 + t^2 and p t. The formula needs the variances only as their sum.
+const QUANTITIES: usize = 4;
+
+/// The window along one axis; sums to 1. The window is the product of two of these.
+pub fn ssim_window() -> [f64; TAPS] {
+    let mut window = std::array::from_fn(|i| {
+        let x = i as f64 - SSIM_RADIUS as f64;
+        (-x * x / (2.0 * SSIM_SIGMA_PX * SSIM_SIGMA_PX)).exp()
+    });
+    let sum: f64 = window.iter().sum();
+    for value in &mut window {
+        *value /= sum;
+    }
+    window
+}
+
+/// Mean structural similarity of one channel, row-major.
+///
+/// # Errors
+/// [`MetricsError::Planes`] if a plane does not hold `width * height` values, [`MetricsError::NoValidPixels`] if that is 0.
+pub fn ssim<T: Copy + Into<f64>>(prediction: &[T], target: &[T], width: usize, height: usize) -> Result<f64, MetricsError> {
+    let pixels = width.saturating_mul(height);
+    if prediction.len() != pixels || target.len() != pixels {
+        return Err(MetricsError::Planes { prediction: prediction.len(), target: target.len(), width, height });
+    }
+    if pixels == 0 {
+        return Err(MetricsError::NoValidPixels);
+    }
+    let mut rows = BlurredRows::new(width);
+    let mut sum = 0.0;
+    let mut filled = 0;
+    for y in 0..height {
+        while filled < height.min(y + SSIM_RADIUS + 1) {
+            let row = filled * width..(filled + 1) * width;
+            rows.push(filled, &prediction[row.clone()], &target[row]);
+            filled += 1;
+        }
+        sum += rows.similarity(y, height);
+    }
+    Ok(sum / pixels as f64)
+}
+
+/// Mean structural similarity of two images: the mean of the three channels'. Values are taken as they are; give it mu-law images.
+///
+/// # Errors
+/// As [`ssim`].
+pub fn ssim_image(prediction: &Image, target: &Image) -> Result<f64, MetricsError> {
+    let mut sum = 0.0;
+    for channel in 0..3 {
+        let plane = |image: &Image| image.pixels.iter().map(|p| p[channel]).collect::<Vec<f32>>();
+        sum += ssim(&plane(prediction), &plane(target), target.width, target.height)?;
+    }
+    Ok(sum / 3.0)
+}
+
+/// The last [`TAPS`] rows, blurred along x: all that a row of the result depends on.
+struct BlurredRows {
+    width: usize,
+    window: [f64; TAPS],
+    /// [QUANTITIES] rows with [`SSIM_RADIUS`] zeros on either side.
+    padded: [Vec<f64>; QUANTITIES],
+    /// [TAPS][QUANTITIES * W], row y at y % TAPS.
+    ring: Vec<Vec<f64>>,
+    /// [QUANTITIES * W].
+    blurred: Vec<f64>,
+}
+
+impl BlurredRows {
+    fn new(width: usize) -> Self {
+        Self {
+            width,
+            window: ssim_window(),
+            padded: std::array::from_fn(|_| vec![0.0; width + 2 * SSIM_RADIUS]),
+            ring: vec![vec![0.0; QUANTITIES * width]; TAPS],
+            blurred: vec![0.0; QUANTITIES * width],
+        }
+    }
+
+    /// Row `y` of both planes, blurred along x.
+    fn push<T: Copy + Into<f64>>(&mut self, y: usize, prediction: &[T], target: &[T]) {
+        for (x, (&p, &t)) in prediction.iter().zip(target).enumerate() {
+            let (p, t): (f64, f64) = (p.into(), t.into());
+            for (quantity, value) in self.padded.iter_mut().zip([p, t, p * p + t * t, p * t]) {
+                quantity[x + SSIM_RADIUS] = value;
+            }
+        }
+        let ring = &mut self.ring[y % TAPS];
+        for (out, padded) in ring.chunks_exact_mut(self.width).zip(&self.padded) {
+            out.fill(0.0);
+            // Tap by tap over the whole row: both slices advance by one, which the compiler turns into vector code.
+            for (&weight, from) in self.window.iter().zip(0..) {
+                accumulate(out, &padded[from..], weight);
+            }
+        }
+    }
+
+    /// Sum over row `y` of the similarity.
+    fn similarity(&mut self, y: usize, height: usize) -> f64 {
+        self.blurred.fill(0.0);
+        for (tap, &weight) in self.window.iter().enumerate() {
+            // Rows outside of the image are zeros.
+            if let Some(row) = (y + tap).checked_sub(SSIM_RADIUS).filter(|&row| row < height) {
+                accumulate(&mut self.blurred, &self.ring[row % TAPS], weight);
+            }
+        }
+        let (p, rest) = self.blurred.split_at(self.width);
+        let (t, rest) = rest.split_at(self.width);
+        let (squares, product) = rest.split_at(self.width);
+        let mut sum = 0.0;
+        for (((&p, &t), &squares), &product) in p.iter().zip(t).zip(squares).zip(product) {
+            let (mean_product, mean_squares) = (p * t, p * p + t * t);
+            let covariance = product - mean_product;
+            let variances = squares - mean_squares;
+            sum += (2.0 * mean_product + SSIM_C1) * (2.0 * covariance + SSIM_C2) / ((mean_squares + SSIM_C1) * (variances + SSIM_C2));
+        }
+        sum
+    }
+}
+
+#[inline]
+fn accumulate(out: &mut [f64], values: &[f64], weight: f64) {
+    for (out, value) in out.iter_mut().zip(values) {
+        *out += weight * value;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Values in [0, 1] without a pattern: a fraction of a large multiple.
+    fn plane(seed: f64, width: usize, height: usize) -> Vec<f64> {
+        (0..width * height).map(|i| ((i as f64 + seed) * 0.754_877_666).sin() * 43_758.545).map(|v| v - v.floor()).collect()
+    }
+
+    /// The definition: a two-dimensional window around every pixel, central moments taken about the window's mean.
+    fn brute_force(p: &[f64], t: &[f64], width: usize, height: usize) -> f64 {
+        let w = ssim_window();
+        let mut total = 0.0;
+        for y in 0..height as isize {
+            for x in 0..width as isize {
+                let mut samples = Vec::new();
+                for dy in -5..=5isize {
+                    for dx in -5..=5isize {
+                        let (sx, sy) = (x + dx, y + dy);
+                        let inside = sx >= 0 && sy >= 0 && sx < width as isize && sy < height as isize;
+                        let at = if inside { Some((sy * width as isize + sx) as usize) } else { None };
+                        let value = |plane: &[f64]| at.map_or(0.0, |i| plane[i]);
+                        samples.push((w[(dx + 5) as usize] * w[(dy + 5) as usize], value(p), value(t)));
+                    }
+                }
+                let mean = |f: &dyn Fn(f64, f64) -> f64| samples.iter().map(|&(w, p, t)| w * f(p, t)).sum::<f64>();
+                let (mp, mt) = (mean(&|p, _| p), mean(&|_, t| t));
+                let (vp, vt) = (mean(&|p, _| (p - mp).powi(2)), mean(&|_, t| (t - mt).powi(2)));
+                let cov = mean(&|p, t| (p - mp) * (t - mt));
+                total += (2.0 * mp * mt + SSIM_C1) * (2.0 * cov + SSIM_C2) / ((mp * mp + mt * mt + SSIM_C1) * (vp + vt + SSIM_C2));
+            }
+        }
+        total / (width * height) as f64
+    }
+
+    #[test]
+    fn ssim_equals_the_two_dimensional_window() {
+        // Smaller than the window, as large, larger, and both ways oblong.
+        for (width, height) in [(1, 1), (3, 2), (11, 11), (23, 9), (7, 30)] {
+            let (p, t) = (plane(0.3, width, height), plane(7.1, width, height));
+            let mixed: Vec<f64> = p.iter().zip(&t).map(|(p, t)| 0.7 * p + 0.3 * t).collect();
+            for other in [&t, &mixed] {
+                let (fast, slow) = (ssim(&p, other, width, height).unwrap(), brute_force(&p, other, width, height));
+                assert!((fast - slow).abs() < 1e-12, "{width}x{height}: {fast} {slow}");
+            }
+        }
+    }
+
+    #[test]
+    fn ssim_of_equal_planes_is_one() {
+        let p = plane(0.3, 20, 15);
+        assert!((ssim(&p, &p, 20, 15).unwrap() - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn ssim_is_symmetric_and_the_same_for_both_precisions() {
+        let (p, t) = (plane(0.3, 20, 15), plane(4.0, 20, 15));
+        let forth = ssim(&p, &t, 20, 15).unwrap();
+        assert!((forth - ssim(&t, &p, 20, 15).unwrap()).abs() < 1e-12);
+        let narrow = |plane: &[f64]| plane.iter().map(|&v| v as f32).collect::<Vec<f32>>();
+        assert!((forth - ssim(&narrow(&p), &narrow(&t), 20, 15).unwrap()).abs() < 1e-6);
+    }
+
+    #[test]
+    fn planes_of_the_wrong_length_are_an_error() {
+        assert!(matches!(ssim(&[0f32; 6], &[0f32; 5], 3, 2), Err(MetricsError::Planes { .. })));
+        assert!(matches!(ssim::<f32>(&[], &[], 0, 2), Err(MetricsError::NoValidPixels)));
+    }
+}
