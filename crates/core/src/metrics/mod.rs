@@ -1,6 +1,6 @@
 //! Image metrics on mu-law images, and the protocols that say what is divided by what.
 //!
-//! In: prediction and target [H,W,3] in the scene's normalised units, an optional mask. Out: [`ViewMetrics`] and a
+//! In: prediction and target `[H,W,3]` in the scene's normalised units, an optional mask. Out: [`ViewMetrics`] and a
 //! [`LuminanceProfile`]. A pixel p becomes T(clip(p / divisor, 0, 1)) with T the mu-law; the divisors are
 //!
 //! | protocol | target | prediction | whose formula |

@@ -1,0 +1,337 @@
+//! [`CpuEngine`]: runs the passes over rayon's threads.
+
+use std::time::{Duration, Instant};
+
+use fearless_simd::Level;
+use luxel_core::{
+    Camera, DensifyPlan, DensifyStats, Engine, EngineError, Geometry, Image, Moments, Pass, RenderOptions, Splats, StepConfig, StepReport,
+    View,
+};
+
+use crate::lanes::{LANES, Lanes};
+use crate::passes::adam::{Optimizer, adam};
+use crate::passes::bin::Bins;
+use crate::passes::loss::{LossBuffers, LossSums};
+use crate::passes::project::{Footprint, project};
+use crate::passes::project_backward::{INVISIBLE, Inputs, Outputs, project_backward};
+use crate::passes::rasterize::{TileBuffer, rasterize};
+use crate::passes::rasterize_backward::{AbsoluteSums, EntryGradient, rasterize_backward};
+use crate::passes::sort::DepthOrder;
+use crate::passes::densify;
+use crate::store::{Layout, Store, blocks};
+use crate::view::ScreenCamera;
+
+/// The native engine. Its results are the same bits for any number of threads.
+pub struct CpuEngine {
+    pool: rayon::ThreadPool,
+    level: Level,
+    parameters: Store,
+    first: Store,
+    second: Store,
+    /// 3D filter by block; empty when the scene has none.
+    smoothing: Vec<Lanes>,
+    stats: DensifyStats,
+    frame: Frame,
+    timings: [(Pass, Duration); Pass::ALL.len()],
+}
+
+/// Buffers of a step, kept between steps.
+#[derive(Default)]
+struct Frame {
+    footprints: Vec<Footprint>,
+    order: DepthOrder,
+    bins: Bins,
+    pixels: TileBuffer,
+    loss: LossBuffers,
+    entries: Vec<EntryGradient>,
+    rank: Vec<u32>,
+    gradient: Vec<Lanes>,
+    written: Vec<bool>,
+}
+
+impl CpuEngine {
+    /// An engine on `threads` threads; 0 takes one per core.
+    ///
+    /// # Errors
+    /// [`EngineError::Device`] if the threads can't be started.
+    pub fn new(threads: usize) -> Result<Self, EngineError> {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .thread_name(|i| format!("luxel-cpu-{i}"))
+            .build()
+            .map_err(|e| EngineError::Device(format!("cpu: cannot start {threads} threads: {e}; lower --threads")))?;
+        let layout = Layout { color_model: luxel_core::ColorModel::Sh { degree: 0 } };
+        Ok(Self {
+            pool,
+            level: Level::new(),
+            parameters: Store::zeros(layout, 0),
+            first: Store::zeros(layout, 0),
+            second: Store::zeros(layout, 0),
+            smoothing: Vec::new(),
+            stats: DensifyStats::default(),
+            frame: Frame::default(),
+            timings: Pass::ALL.map(|pass| (pass, Duration::ZERO)),
+        })
+    }
+
+    /// Threads the engine works on.
+    pub fn threads(&self) -> usize {
+        self.pool.current_num_threads()
+    }
+
+    /// The instruction set in use, for people.
+    pub fn instruction_set(&self) -> String {
+        format!("{:?}", self.level).split(['(', ' ', '{']).next().unwrap_or_default().to_lowercase()
+    }
+
+    /// Restricts the engine to a lesser instruction set: to test that results do not hang on it, and to measure what it brings.
+    pub fn set_instruction_set(&mut self, set: InstructionSet) {
+        self.level = match set {
+            InstructionSet::Best => Level::new(),
+            InstructionSet::Baseline => Level::baseline(),
+        };
+    }
+
+    /// Forward and backward without the update: the seam at which data-parallel training reduces gradients. Gradients in the layout of the
+    /// splats; `smoothing` is empty.
+    ///
+    /// # Errors
+    /// As [`Engine::train_step`].
+    pub fn gradients(&mut self, view: &View, step: &StepConfig) -> Result<(StepReport, Splats), EngineError> {
+        let report = self.forward_backward(view, step)?;
+        let rows = self.parameters.layout.rows();
+        for (block, written) in self.frame.gradient.chunks_mut(rows).zip(&self.frame.written) {
+            if !written {
+                block.fill(Lanes::ZERO);
+            }
+        }
+        let gradient = Store { lanes: self.frame.gradient.clone(), ..Store::zeros(self.parameters.layout, self.parameters.count) };
+        Ok((report, gradient.to_splats()))
+    }
+
+    /// Passes up to the image.
+    fn forward(&mut self, camera: &ScreenCamera) {
+        let Self { pool, level, parameters, smoothing, frame, timings, .. } = self;
+        pool.install(|| {
+            let mut clock = Clock::new(timings);
+            project(*level, camera, parameters, smoothing, &mut frame.footprints);
+            clock.lap(Pass::Project);
+            frame.order.sort(&frame.footprints);
+            clock.lap(Pass::Sort);
+            frame.bins.fill(camera, &frame.footprints, &frame.order.order);
+            clock.lap(Pass::Bin);
+            rasterize(*level, camera, &frame.bins, &frame.footprints, &mut frame.pixels);
+            clock.lap(Pass::Rasterize);
+        });
+    }
+
+    fn forward_backward(&mut self, view: &View, step: &StepConfig) -> Result<StepReport, EngineError> {
+        let camera = checked_camera(&view.camera, &step.render)?;
+        if [view.image.width, view.image.height] != camera.size_px {
+            return Err(EngineError::Invalid(format!(
+                "view {}: image is {} x {}, the camera expects {} x {}",
+                view.name, view.image.width, view.image.height, camera.size_px[0], camera.size_px[1]
+            )));
+        }
+        self.forward(&camera);
+        let Self { pool, level, parameters, smoothing, stats, frame, timings, .. } = self;
+        let LossSums { l1, ssim } = pool.install(|| {
+            let mut clock = Clock::new(timings);
+            let sums = frame.loss.loss(*level, &camera, &frame.pixels, view, &step.loss);
+            clock.lap(Pass::Loss);
+            let absolute = if step.collect_stats { AbsoluteSums::Collect } else { AbsoluteSums::Skip };
+            rasterize_backward(
+                *level,
+                &camera,
+                (&frame.bins, &frame.footprints),
+                (&frame.pixels, &frame.loss.gradient),
+                absolute,
+                &mut frame.entries,
+            );
+            clock.lap(Pass::RasterizeBackward);
+            frame.rank.clear();
+            frame.rank.resize(blocks(parameters.count) * LANES, INVISIBLE);
+            for (rank, splat) in frame.order.order.iter().enumerate() {
+                frame.rank[*splat as usize] = rank as u32;
+            }
+            frame.gradient.resize(parameters.lanes.len(), Lanes::ZERO);
+            frame.written.resize(blocks(parameters.count), false);
+            let inputs = Inputs {
+                store: parameters,
+                smoothing,
+                bins: &frame.bins,
+                entries: &frame.entries,
+                rank: &frame.rank,
+                loss: &step.loss,
+            };
+            let outputs = Outputs {
+                gradient: &mut frame.gradient,
+                written: &mut frame.written,
+                stats: step.collect_stats.then_some(stats),
+            };
+            project_backward(*level, &camera, &inputs, outputs);
+            clock.lap(Pass::ProjectBackward);
+            sums
+        });
+        let weight = step.loss.ssim_weight;
+        Ok(StepReport {
+            loss: (1.0 - weight) * l1 + weight * (1.0 - ssim),
+            l1,
+            ssim,
+            visible: self.frame.order.order.len() as u32,
+        })
+    }
+}
+
+/// Instruction sets an engine can be held to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum InstructionSet {
+    /// The best the processor has.
+    Best,
+    /// What every processor of the target has (SSE2 on x86-64, NEON on aarch64).
+    Baseline,
+}
+
+fn checked_camera(camera: &Camera, options: &RenderOptions) -> Result<ScreenCamera, EngineError> {
+    if !camera.distortion.is_none() {
+        return Err(EngineError::Invalid("camera: has lens distortion; undistort its image first".into()));
+    }
+    Ok(ScreenCamera::new(camera, options)?)
+}
+
+/// Adds the time since the last lap to a pass.
+struct Clock<'a> {
+    timings: &'a mut [(Pass, Duration); Pass::ALL.len()],
+    last: Instant,
+}
+
+impl<'a> Clock<'a> {
+    fn new(timings: &'a mut [(Pass, Duration); Pass::ALL.len()]) -> Self {
+        Self { timings, last: Instant::now() }
+    }
+
+    fn lap(&mut self, pass: Pass) {
+        let now = Instant::now();
+        self.timings[pass as usize].1 += now - self.last;
+        self.last = now;
+    }
+}
+
+impl Engine for CpuEngine {
+    fn load(&mut self, splats: &Splats, moments: Option<&Moments>) -> Result<(), EngineError> {
+        splats.validate()?;
+        self.parameters = Store::from_splats(splats);
+        let zeros = || Store::zeros(self.parameters.layout, splats.len());
+        (self.first, self.second) = match moments {
+            None => (zeros(), zeros()),
+            Some(moments) => {
+                for part in [&moments.first, &moments.second] {
+                    part.validate()?;
+                    if part.len() != splats.len() || part.color_model != splats.color_model {
+                        return Err(EngineError::Invalid(format!(
+                            "moments are of {} {} splats, the scene has {} {}",
+                            part.len(),
+                            part.color_model.name(),
+                            splats.len(),
+                            splats.color_model.name()
+                        )));
+                    }
+                }
+                (Store::from_splats(&moments.first), Store::from_splats(&moments.second))
+            }
+        };
+        self.smoothing = smoothing_lanes(&splats.smoothing);
+        self.stats = DensifyStats::zeros(splats.len());
+        Ok(())
+    }
+
+    fn save(&mut self) -> Result<(Splats, Moments), EngineError> {
+        let mut splats = self.parameters.to_splats();
+        if !self.smoothing.is_empty() {
+            splats.smoothing = bytemuck::cast_slice(&self.smoothing)[..self.parameters.count].to_vec();
+        }
+        let moments = Moments { first: self.first.to_splats(), second: self.second.to_splats() };
+        Ok((splats, moments))
+    }
+
+    fn render(&mut self, camera: &Camera, options: &RenderOptions) -> Result<Image, EngineError> {
+        let camera = checked_camera(camera, options)?;
+        self.forward(&camera);
+        Ok(self.pool.install(|| self.frame.pixels.to_image(&camera)))
+    }
+
+    fn train_step(&mut self, view: &View, step: &StepConfig) -> Result<StepReport, EngineError> {
+        let report = self.forward_backward(view, step)?;
+        let Self { pool, level, parameters, first, second, frame, timings, .. } = self;
+        pool.install(|| {
+            let mut clock = Clock::new(timings);
+            adam(*level, Optimizer { parameters, first, second }, &frame.gradient, &frame.written, step);
+            clock.lap(Pass::Adam);
+        });
+        Ok(report)
+    }
+
+    fn densify_stats(&mut self) -> Result<DensifyStats, EngineError> {
+        Ok(self.stats.clone())
+    }
+
+    fn set_densify_stats(&mut self, stats: &DensifyStats) -> Result<(), EngineError> {
+        let count = self.parameters.count;
+        if [stats.gradient.len(), stats.abs_gradient.len(), stats.views.len()] != [count; 3] {
+            return Err(EngineError::Invalid(format!("statistics of {} splats, the scene has {count}", stats.views.len())));
+        }
+        self.stats = stats.clone();
+        Ok(())
+    }
+
+    fn geometry(&mut self) -> Result<Geometry, EngineError> {
+        let at = |row: usize, i: usize| self.parameters.at(row, i);
+        let triples = |row: usize| (0..self.parameters.count).map(|i| [0, 1, 2].map(|c| at(row + c, i))).collect();
+        Ok(Geometry {
+            position: triples(Layout::POSITION),
+            log_scale: triples(Layout::LOG_SCALE),
+            opacity_logit: (0..self.parameters.count).map(|i| at(Layout::OPACITY, i)).collect(),
+        })
+    }
+
+    fn densify(&mut self, plan: &DensifyPlan) -> Result<(), EngineError> {
+        densify::check(plan, self.parameters.count)?;
+        let Self { pool, parameters, first, second, smoothing, stats, timings, .. } = self;
+        pool.install(|| {
+            let mut clock = Clock::new(timings);
+            let moments = [&*first, &*second].map(|m| densify::apply_to_moments(m, parameters, plan));
+            *parameters = densify::apply(parameters, plan);
+            [*first, *second] = moments;
+            if let Some(values) = &plan.smoothing {
+                *smoothing = smoothing_lanes(values);
+            } else if !smoothing.is_empty() {
+                let old: &[f32] = bytemuck::cast_slice(smoothing);
+                let kept: Vec<f32> = plan.rows.iter().map(|row| old[row.source as usize]).collect();
+                *smoothing = smoothing_lanes(&kept);
+            }
+            *stats = DensifyStats::zeros(plan.rows.len());
+            clock.lap(Pass::Densify);
+        });
+        Ok(())
+    }
+
+    fn len(&self) -> usize {
+        self.parameters.count
+    }
+
+    fn timings(&self) -> &[(Pass, Duration)] {
+        &self.timings
+    }
+}
+
+/// The 3D filter by blocks.
+fn smoothing_lanes(values: &[f32]) -> Vec<Lanes> {
+    values
+        .chunks(LANES)
+        .map(|chunk| {
+            let mut lanes = Lanes::ZERO;
+            lanes.0[..chunk.len()].copy_from_slice(chunk);
+            lanes
+        })
+        .collect()
+}

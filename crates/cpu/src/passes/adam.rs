@@ -1,0 +1,126 @@
+//! Pass `adam`: moves every parameter (Kingma and Ba 2015), then adds 3DGS-MCMC's noise to positions.
+//!
+//! In: gradient [blocks, rows, 16] and which blocks have one (else it is zero, and the moments decay all the same, as in 3DGS), learning
+//! rates. In, out: parameters, moments.
+
+use fearless_simd::{Level, Simd};
+use luxel_core::{ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON, LearningRates, PositionNoise, Real, StepConfig, noise};
+use rayon::prelude::*;
+
+use super::project::rotation_matrix;
+use crate::lanes::{LANES, Lanes, V, with_simd};
+use crate::store::{Layout, Store};
+
+/// Adam's state: running means of the gradient and of its square, in the parameters' layout.
+pub(crate) struct Optimizer<'a> {
+    pub(crate) parameters: &'a mut Store,
+    pub(crate) first: &'a mut Store,
+    pub(crate) second: &'a mut Store,
+}
+
+/// Factors of a step, the same for all parameters.
+struct Step {
+    rates: Vec<f32>,
+    /// 1 / (1 - beta^t).
+    correction1: f32,
+    correction2: f32,
+    noise: Option<PositionNoise>,
+    count: usize,
+}
+
+/// Learning rate of each row.
+fn row_rates(layout: Layout, rates: &LearningRates) -> Vec<f32> {
+    (0..layout.rows())
+        .map(|row| match row {
+            Layout::POSITION..Layout::ROTATION => rates.position,
+            Layout::ROTATION..Layout::LOG_SCALE => rates.rotation,
+            Layout::LOG_SCALE..Layout::OPACITY => rates.log_scale,
+            Layout::OPACITY => rates.opacity_logit,
+            row if row < Layout::SH + 3 => rates.sh_dc,
+            row if row < layout.luminance() => rates.sh_rest,
+            row if row == layout.luminance() => rates.luminance_dc,
+            _ => rates.luminance_rest,
+        })
+        .collect()
+}
+
+/// Updates all parameters.
+pub(crate) fn adam(level: Level, optimizer: Optimizer<'_>, gradient: &[Lanes], written: &[bool], config: &StepConfig) {
+    let layout = optimizer.parameters.layout;
+    let rows = layout.rows();
+    let power = |beta: f32| (1.0 / (1.0 - f64::from(beta).powi(config.step.max(1).min(i32::MAX as u32) as i32))) as f32;
+    let step = Step {
+        rates: row_rates(layout, &config.learning_rates),
+        correction1: power(ADAM_BETA1),
+        correction2: power(ADAM_BETA2),
+        noise: config.position_noise,
+        count: optimizer.parameters.count,
+    };
+    optimizer
+        .parameters
+        .lanes
+        .par_chunks_mut(rows)
+        .zip(optimizer.first.lanes.par_chunks_mut(rows))
+        .zip(optimizer.second.lanes.par_chunks_mut(rows))
+        .zip(gradient.par_chunks(rows))
+        .zip(written)
+        .enumerate()
+        .with_min_len(32)
+        .for_each(|(block, ((((parameters, first), second), gradient), written))| {
+            with_simd!(level, simd => {
+                update(simd, &step, parameters, (first, second), written.then_some(gradient));
+                if let Some(noise) = step.noise {
+                    add_noise(simd, &step, noise, block, parameters);
+                }
+            });
+        });
+}
+
+#[inline(always)]
+fn update<S: Simd>(simd: S, step: &Step, parameters: &mut [Lanes], (first, second): (&mut [Lanes], &mut [Lanes]), gradient: Option<&[Lanes]>) {
+    let c = |value: f32| V::splat(simd, value);
+    let (beta1, beta2) = (c(ADAM_BETA1), c(ADAM_BETA2));
+    let epsilon = c(ADAM_EPSILON);
+    // sqrt(v correction2) = sqrt(v) sqrt(correction2).
+    let root2 = c(step.correction2.sqrt());
+    for (row, rate) in step.rates.iter().enumerate() {
+        let (mut m, mut v) = (V::load(simd, &first[row]) * beta1, V::load(simd, &second[row]) * beta2);
+        if let Some(gradient) = gradient {
+            let g = V::load(simd, &gradient[row]);
+            m = g.mul_add(c(1.0 - ADAM_BETA1), m);
+            v = (g * g).mul_add(c(1.0 - ADAM_BETA2), v);
+        }
+        m.store(&mut first[row]);
+        v.store(&mut second[row]);
+        let change = m * c(rate * step.correction1) / v.sqrt().mul_add(root2, epsilon);
+        (V::load(simd, &parameters[row]) - change).store(&mut parameters[row]);
+    }
+}
+
+/// Sigma n sigmoid(100 (0.995 - opacity)) scale, for n standard normal (Kheradmand et al. 2024, eq. 9).
+#[inline(always)]
+fn add_noise<S: Simd>(simd: S, step: &Step, noise: PositionNoise, block: usize, parameters: &mut [Lanes]) {
+    let mut normal = [Lanes::ZERO; 3];
+    for lane in 0..LANES.min(step.count - block * LANES) {
+        let n = noise::standard_normal(noise.seed, (block * LANES + lane) as u64);
+        for (lanes, value) in normal.iter_mut().zip(n) {
+            lanes.0[lane] = value;
+        }
+    }
+    let load = |row: usize| V::load(simd, &parameters[row]);
+    let one = V::splat(simd, 1.0);
+    let raw: [V<S>; 4] = [0, 1, 2, 3].map(|i| load(Layout::ROTATION + i));
+    let length2 = raw[0] * raw[0] + raw[1] * raw[1] + raw[2] * raw[2] + raw[3] * raw[3];
+    let inverse = one / length2.max(one.lift(1e-30)).sqrt();
+    let axes = rotation_matrix(raw.map(|v| v * inverse));
+    let variance = [0, 1, 2].map(|i| (load(Layout::LOG_SCALE + i) * 2.0).exp());
+    let opacity = one / (one + (-load(Layout::OPACITY)).exp());
+    let gate = one / (one + ((opacity - 0.995) * 100.0).exp()) * noise.scale;
+    let n = normal.each_ref().map(|lanes| V::load(simd, lanes));
+    // R diag(variance) R^T n.
+    let local = [0, 1, 2].map(|k| (axes[0][k] * n[0] + axes[1][k] * n[1] + axes[2][k] * n[2]) * variance[k]);
+    for (row, axis) in parameters[Layout::POSITION..].iter_mut().zip(axes) {
+        let moved = axis[0] * local[0] + axis[1] * local[1] + axis[2] * local[2];
+        moved.mul_add(gate, V::load(simd, row)).store(row);
+    }
+}

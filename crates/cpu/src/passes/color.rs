@@ -1,0 +1,23 @@
+//! Pass `color`: radiance of each splat towards the camera. Evaluated within `project`, for the blocks that can be seen.
+//!
+//! In: harmonics and raw luminance rows of a block, world positions, eye. Out: linear RGB radiance [3] x 16, >= 0. The formula is core's
+//! [`luxel_core::ColorModel::radiance`], on sixteen splats at once.
+
+use fearless_simd::Simd;
+use luxel_core::ColorBasis;
+
+use crate::lanes::{Lanes, V};
+use crate::store::Layout;
+use crate::view::ScreenCamera;
+
+use super::project::view_direction;
+
+/// Radiance of a block's splats.
+#[inline(always)]
+pub(crate) fn color<S: Simd>(simd: S, camera: &ScreenCamera, layout: Layout, rows: &[Lanes]) -> [V<S>; 3] {
+    let (direction, _) = view_direction(simd, camera, rows);
+    let model = layout.color_model;
+    let basis = ColorBasis::new(camera.active_degree.min(model.max_degree()), direction);
+    let luminance = layout.luminance();
+    model.radiance(&basis, |m, c| V::load(simd, &rows[Layout::SH + 3 * m + c]), |m| V::load(simd, &rows[luminance + m]))
+}

@@ -1,0 +1,39 @@
+//! Pass `color_backward`: gradient by the colour model's coefficients and by the viewing direction.
+//!
+//! In: rows of a block, gradient by its radiance [3] x 16. Out: gradient rows of harmonics and raw luminance (up to the active degree; the rest
+//! stays as it was), and the direction's pull on the position: (I - v v^T) dE/dv / |position - eye|. The formula is core's
+//! [`luxel_core::ColorModel::backward`].
+
+use fearless_simd::Simd;
+use luxel_core::ColorBasis;
+
+use super::project::view_direction;
+use crate::lanes::{Lanes, V};
+use crate::store::Layout;
+use crate::view::ScreenCamera;
+
+/// Differentiates a block's colours; returns the gradient by the position.
+#[inline(always)]
+pub(crate) fn color_backward<S: Simd>(
+    simd: S,
+    camera: &ScreenCamera,
+    layout: Layout,
+    rows: &[Lanes],
+    d_radiance: [V<S>; 3],
+    out: &mut [Lanes],
+) -> [V<S>; 3] {
+    let (direction, inverse_distance) = view_direction(simd, camera, rows);
+    let model = layout.color_model;
+    let basis = ColorBasis::new(camera.active_degree.min(model.max_degree()), direction);
+    let luminance = layout.luminance();
+    let (sh_rows, luminance_rows) = out.split_at_mut(luminance);
+    let d_direction = model.backward(
+        &basis,
+        |m, c| V::load(simd, &rows[Layout::SH + 3 * m + c]),
+        |m| V::load(simd, &rows[luminance + m]),
+        d_radiance,
+        |m, c, gradient| gradient.store(&mut sh_rows[Layout::SH + 3 * m + c]),
+        |m, gradient| gradient.store(&mut luminance_rows[m]),
+    );
+    d_direction.map(|d| d * inverse_distance)
+}

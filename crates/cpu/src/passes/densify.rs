@@ -1,0 +1,96 @@
+//! Pass `densify`: rebuilds the scene from a plan.
+//!
+//! In: parameters, moments, smoothing, [`DensifyPlan`]. Out: the same with one splat per row of the plan. Which splats split or die is decided
+//! elsewhere; here rows are only copied, displaced and scaled.
+
+use luxel_core::{DensifyPlan, EngineError, PlanRow};
+use rayon::prelude::*;
+
+use crate::lanes::{LANES, Lanes};
+use crate::store::{Layout, Store};
+
+/// Checks that a plan fits a scene of `count` splats.
+pub(crate) fn check(plan: &DensifyPlan, count: usize) -> Result<(), EngineError> {
+    if let Some((row, found)) = plan.rows.iter().enumerate().find(|(_, r)| r.source as usize >= count) {
+        let source = found.source;
+        return Err(EngineError::Invalid(format!("densify plan: row {row} names splat {source}, the scene has {count}")));
+    }
+    match &plan.smoothing {
+        Some(smoothing) if smoothing.len() != plan.rows.len() => Err(EngineError::Invalid(format!(
+            "densify plan: {} smoothing values for {} rows",
+            smoothing.len(),
+            plan.rows.len()
+        ))),
+        _ => Ok(()),
+    }
+}
+
+/// Builds the parameters of the plan's rows.
+pub(crate) fn apply(parameters: &Store, plan: &DensifyPlan) -> Store {
+    let mut out = gather(parameters, plan, |_| true);
+    let rows = out.layout.rows();
+    out.lanes.par_chunks_mut(rows).zip(plan.rows.par_chunks(LANES)).for_each(|(block, rows)| {
+        for (lane, row) in rows.iter().enumerate() {
+            change(block, lane, row);
+        }
+    });
+    if let Some(cap) = plan.opacity_logit_cap {
+        for block in out.lanes.chunks_mut(rows) {
+            for value in &mut block[Layout::OPACITY].0 {
+                *value = value.min(cap);
+            }
+        }
+    }
+    out
+}
+
+/// Builds the moments of the plan's rows. `parameters` are those before the plan: where the cap lowers an opacity, its moment is zero.
+pub(crate) fn apply_to_moments(moments: &Store, parameters: &Store, plan: &DensifyPlan) -> Store {
+    let mut out = gather(moments, plan, |row| row.keep_moments);
+    if let Some(cap) = plan.opacity_logit_cap {
+        let rows = out.layout.rows();
+        for i in 0..out.count {
+            let row = &plan.rows[i];
+            let before = row.opacity_logit.unwrap_or_else(|| parameters.at(Layout::OPACITY, row.source as usize));
+            if before > cap {
+                out.lanes[i / LANES * rows + Layout::OPACITY].0[i % LANES] = 0.0;
+            }
+        }
+    }
+    out
+}
+
+/// Copies the sources of the rows that `wanted` accepts; the others stay zero.
+fn gather(source: &Store, plan: &DensifyPlan, wanted: impl Fn(&PlanRow) -> bool + Sync) -> Store {
+    let mut out = Store::zeros(source.layout, plan.rows.len());
+    let rows = source.layout.rows();
+    out.lanes.par_chunks_mut(rows).zip(plan.rows.par_chunks(LANES)).for_each(|(block, plan_rows)| {
+        for (lane, row) in plan_rows.iter().enumerate().filter(|(_, row)| wanted(row)) {
+            let from = row.source as usize;
+            let source = &source.lanes[from / LANES * rows..][..rows];
+            for (to, from_lanes) in block.iter_mut().zip(source) {
+                to.0[lane] = from_lanes.0[from % LANES];
+            }
+        }
+    });
+    out
+}
+
+/// Displaces and scales one splat.
+fn change(block: &mut [Lanes], lane: usize, row: &PlanRow) {
+    let at = |r: usize| block[r].0[lane];
+    if row.offset_sigma != [0.0; 3] {
+        let q = glam::Quat::from_xyzw(at(Layout::ROTATION + 1), at(Layout::ROTATION + 2), at(Layout::ROTATION + 3), at(Layout::ROTATION));
+        let sigma = glam::Vec3::from_array(std::array::from_fn(|i| at(Layout::LOG_SCALE + i).exp()));
+        let offset = q.normalize() * (sigma * glam::Vec3::from_array(row.offset_sigma));
+        for (i, d) in offset.to_array().into_iter().enumerate() {
+            block[Layout::POSITION + i].0[lane] += d;
+        }
+    }
+    for i in 0..3 {
+        block[Layout::LOG_SCALE + i].0[lane] += row.log_scale_shift;
+    }
+    if let Some(logit) = row.opacity_logit {
+        block[Layout::OPACITY].0[lane] = logit;
+    }
+}

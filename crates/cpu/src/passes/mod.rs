@@ -1,0 +1,14 @@
+//! The passes of a training step, one file each. `color` runs within `project`, `color_backward` within `project_backward`: their time is counted
+//! there.
+
+pub(crate) mod adam;
+pub(crate) mod bin;
+pub(crate) mod color;
+pub(crate) mod color_backward;
+pub(crate) mod densify;
+pub(crate) mod loss;
+pub(crate) mod project;
+pub(crate) mod project_backward;
+pub(crate) mod rasterize;
+pub(crate) mod rasterize_backward;
+pub(crate) mod sort;

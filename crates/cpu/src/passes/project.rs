@@ -1,0 +1,275 @@
+//! Pass `project`: splats to ellipses on the screen; calls pass `color` for those that can be seen.
+//!
+//! In: parameters [blocks, rows, 16], camera. Out: one [`Footprint`] per splat (N rounded up to whole blocks).
+//! Source: EWA splatting (Zwicker et al. 2001) as in 3DGS (Kerbl et al. 2023), the Jacobian's clamp as in gsplat; opacity compensation
+//! and 3D filter from Mip-splatting (Yu et al. 2024). A splat is culled (threshold above its opacity) if it is nearer than `near`, nowhere
+//! above its alpha threshold, off the image, or not finite.
+
+use bytemuck::{Pod, Zeroable};
+use fearless_simd::prelude::*;
+use fearless_simd::{Level, Simd};
+use luxel_core::{Antialias, Real};
+use rayon::prelude::*;
+
+use crate::lanes::{LANES, Lanes, V, with_simd};
+use crate::store::{Layout, Store};
+use crate::view::ScreenCamera;
+
+/// Smallest ratio of areas before and after dilation that the opacity compensation follows (Mip-splatting's guard): below, the
+/// compensation stays at its square root and has no gradient.
+pub(crate) const MIN_AREA_RATIO: f32 = 1e-6;
+
+/// A splat on the screen; one cache line.
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+#[repr(C, align(64))]
+pub(crate) struct Footprint {
+    /// Centre.
+    pub(crate) mean_px: [f32; 2],
+    /// Inverse covariance xx, xy, yy times log2(e): alpha = 2^(log2_opacity - (xx dx^2 + yy dy^2) / 2 - xy dx dy).
+    pub(crate) conic: [f32; 3],
+    /// log2 of the opacity (after compensation).
+    pub(crate) log2_opacity: f32,
+    /// Radiance towards the camera.
+    pub(crate) radiance: [f32; 3],
+    /// log2 of the alpha below which the splat is skipped; above `log2_opacity` if culled.
+    pub(crate) log2_threshold: f32,
+    /// Half the ellipse's extent along x and y at the threshold.
+    pub(crate) extent_px: [f32; 2],
+    /// Distance along the viewing axis.
+    pub(crate) depth: f32,
+    /// dy at the ellipse's rightmost point.
+    pub(crate) right_dy_px: f32,
+    padding: [f32; 2],
+}
+
+impl Footprint {
+    /// Marks a culled splat: its extent is negative.
+    const CULLED_EXTENT: f32 = -1.0;
+
+    #[inline(always)]
+    pub(crate) fn is_visible(&self) -> bool {
+        self.extent_px[0] >= 0.0
+    }
+}
+
+/// Geometry of 16 splats up to the screen, with what the backward pass needs again.
+pub(crate) struct Projection<S: Simd> {
+    /// Position in camera space.
+    pub(crate) point: [V<S>; 3],
+    /// x/z and y/z as used by the Jacobian.
+    pub(crate) slope: [V<S>; 2],
+    /// Unit quaternion and the reciprocal of the raw one's length.
+    pub(crate) quaternion: [V<S>; 4],
+    pub(crate) inverse_length: V<S>,
+    /// Rotation matrix of the splat.
+    pub(crate) axes: [[V<S>; 3]; 3],
+    /// Standard deviations from the parameters, and with the 3D filter.
+    pub(crate) raw_sigma: [V<S>; 3],
+    pub(crate) sigma: [V<S>; 3],
+    /// J R_camera: [2,3].
+    pub(crate) jacobian: [[V<S>; 3]; 2],
+    /// Jacobian times axes: [2,3].
+    pub(crate) screen_axes: [[V<S>; 3]; 2],
+    /// `screen_axes` scaled by sigma; the covariance before dilation is its product with its transpose.
+    pub(crate) root: [[V<S>; 3]; 2],
+    /// Dilated covariance xx, xy, yy and its determinant; determinant before dilation.
+    pub(crate) covariance: [V<S>; 3],
+    pub(crate) determinant: V<S>,
+    pub(crate) determinant_before: V<S>,
+    /// Opacity of the parameters, and factors from the 2D compensation and the 3D filter.
+    pub(crate) opacity: V<S>,
+    pub(crate) compensation: V<S>,
+    pub(crate) filter_factor: V<S>,
+}
+
+#[inline(always)]
+pub(crate) fn dot<S: Simd>(a: [V<S>; 3], b: [V<S>; 3]) -> V<S> {
+    a[0].mul_add(b[0], a[1].mul_add(b[1], a[2] * b[2]))
+}
+
+impl<S: Simd> Projection<S> {
+    /// Projects a block of parameters. `smoothing` is the 3D filter of the block, if the scene has one.
+    #[inline(always)]
+    pub(crate) fn new(simd: S, camera: &ScreenCamera, rows: &[Lanes], smoothing: Option<&Lanes>) -> Self {
+        let load = |row: usize| V::load(simd, &rows[row]);
+        let c = |value: f32| V::splat(simd, value);
+        let one = c(1.0);
+        let position: [V<S>; 3] = [0, 1, 2].map(|i| load(Layout::POSITION + i));
+        let rotation = camera.rotation.map(|row| row.map(c));
+        let point = [0, 1, 2].map(|i| dot(rotation[i], position) + camera.translation[i]);
+        // Depth zero would divide by zero; such splats are culled, so any finite stand-in will do.
+        let z = V::select(point[2].gt(c(camera.cutoffs.near * 0.5)), point[2], one);
+        let inverse_z = one / z;
+        let slope = [0, 1].map(|i| (point[i] * inverse_z).max(c(camera.slope_min[i])).min(c(camera.slope_max[i])));
+
+        let raw: [V<S>; 4] = [0, 1, 2, 3].map(|i| load(Layout::ROTATION + i));
+        let length2 = raw[0].mul_add(raw[0], raw[1].mul_add(raw[1], raw[2].mul_add(raw[2], raw[3] * raw[3])));
+        let inverse_length = one / length2.max(c(1e-30)).sqrt();
+        let quaternion = raw.map(|v| v * inverse_length);
+        let axes = rotation_matrix(quaternion);
+
+        let raw_sigma: [V<S>; 3] = [0, 1, 2].map(|i| load(Layout::LOG_SCALE + i).exp());
+        let (sigma, filter_factor) = match smoothing {
+            None => (raw_sigma, one),
+            Some(lanes) => {
+                let f = V::load(simd, lanes);
+                let sigma = raw_sigma.map(|s| s.mul_add(s, f * f).sqrt());
+                let ratio = [0, 1, 2].map(|i| raw_sigma[i] / sigma[i]);
+                (sigma, ratio[0] * ratio[1] * ratio[2])
+            }
+        };
+
+        let scale = [0, 1].map(|i| inverse_z * camera.focal_px[i]);
+        let jacobian = [0, 1].map(|i| {
+            let shear = -(scale[i] * slope[i]);
+            [0, 1, 2].map(|j| scale[i].mul_add(rotation[i][j], shear * rotation[2][j]))
+        });
+        let screen_axes = jacobian.map(|row| [0, 1, 2].map(|k| dot(row, [axes[0][k], axes[1][k], axes[2][k]])));
+        let root = screen_axes.map(|row| [0, 1, 2].map(|k| row[k] * sigma[k]));
+
+        let dilation = camera.antialias.dilation_px2();
+        let before = [dot(root[0], root[0]), dot(root[0], root[1]), dot(root[1], root[1])];
+        // |a|^2 |b|^2 - (a.b)^2 = |a x b|^2 (Lagrange): no cancellation for needles.
+        let cross = [0, 1, 2].map(|k| {
+            let (i, j) = ((k + 1) % 3, (k + 2) % 3);
+            root[0][i] * root[1][j] - root[0][j] * root[1][i]
+        });
+        let determinant_before = dot(cross, cross);
+        let determinant = (before[0] + before[2]).mul_add(c(dilation), determinant_before + dilation * dilation);
+        let covariance = [before[0] + dilation, before[1], before[2] + dilation];
+        let compensation = match camera.antialias {
+            Antialias::Off => one,
+            Antialias::Mip => (determinant_before / determinant).max(c(MIN_AREA_RATIO)).sqrt(),
+        };
+        let opacity = one / (one + (-load(Layout::OPACITY)).exp());
+        Self {
+            point: [point[0], point[1], z],
+            slope,
+            quaternion,
+            inverse_length,
+            axes,
+            raw_sigma,
+            sigma,
+            jacobian,
+            screen_axes,
+            root,
+            covariance,
+            determinant,
+            determinant_before,
+            opacity,
+            compensation,
+            filter_factor,
+        }
+    }
+}
+
+/// Rows of the rotation matrix of unit quaternions w x y z.
+#[inline(always)]
+pub(crate) fn rotation_matrix<S: Simd>([w, x, y, z]: [V<S>; 4]) -> [[V<S>; 3]; 3] {
+    let one = w.lift(1.0);
+    let twice = |v: V<S>| v + v;
+    let (xx, yy, zz) = (x * x, y * y, z * z);
+    let (xy, xz, yz, wx, wy, wz) = (x * y, x * z, y * z, w * x, w * y, w * z);
+    [
+        [one - twice(yy + zz), twice(xy - wz), twice(xz + wy)],
+        [twice(xy + wz), one - twice(xx + zz), twice(yz - wx)],
+        [twice(xz - wy), twice(yz + wx), one - twice(xx + yy)],
+    ]
+}
+
+/// Unit vectors from the camera to the splats and the reciprocals of the distances.
+#[inline(always)]
+pub(crate) fn view_direction<S: Simd>(simd: S, camera: &ScreenCamera, rows: &[Lanes]) -> ([V<S>; 3], V<S>) {
+    let offset = [0, 1, 2].map(|i| V::load(simd, &rows[Layout::POSITION + i]) - camera.eye[i]);
+    let inverse_distance = V::splat(simd, 1.0) / dot(offset, offset).max(V::splat(simd, 1e-30)).sqrt();
+    (offset.map(|v| v * inverse_distance), inverse_distance)
+}
+
+/// Projects all splats.
+pub(crate) fn project(level: Level, camera: &ScreenCamera, store: &Store, smoothing: &[Lanes], out: &mut Vec<Footprint>) {
+    let rows = store.layout.rows();
+    let count = store.count;
+    out.resize(store.lanes.len() / rows * LANES, Footprint::zeroed());
+    out.par_chunks_mut(LANES).zip(store.lanes.par_chunks(rows)).enumerate().with_min_len(64).for_each(|(block, (out, rows))| {
+        let alive = count - (block * LANES).min(count);
+        with_simd!(level, simd => project_block(simd, camera, store.layout, rows, smoothing.get(block), alive, out));
+    });
+}
+
+#[inline(always)]
+fn project_block<S: Simd>(
+    simd: S,
+    camera: &ScreenCamera,
+    layout: Layout,
+    rows: &[Lanes],
+    smoothing: Option<&Lanes>,
+    alive: usize,
+    out: &mut [Footprint],
+) {
+    let c = |value: f32| V::splat(simd, value);
+    let one = c(1.0);
+    let p = Projection::new(simd, camera, rows, smoothing);
+    let opacity = p.opacity * p.compensation * p.filter_factor;
+    let inverse_z = one / p.point[2];
+    let mean = [0, 1].map(|i| (p.point[i] * inverse_z).mul_add(c(camera.focal_px[i]), c(camera.center_px[i])));
+
+    // Nothing above the largest possible footprint touches the image: skip colour and the rest for blocks that are out altogether.
+    let depth = V::load(simd, &rows[Layout::POSITION]) * camera.rotation[2][0]
+        + V::load(simd, &rows[Layout::POSITION + 1]) * camera.rotation[2][1]
+        + V::load(simd, &rows[Layout::POSITION + 2]) * camera.rotation[2][2]
+        + camera.translation[2];
+    let floor = c(camera.cutoffs.alpha_floor.min(camera.cutoffs.min_alpha));
+    let widest = (opacity / floor).max(one).ln() * 2.0;
+    let reach = [0, 2].map(|i| (p.covariance[i] * widest).sqrt());
+    let mut mask = depth.ge(c(camera.cutoffs.near)) & opacity.ge(floor);
+    for i in 0..2 {
+        mask = mask & (mean[i] + reach[i]).gt(c(0.0)) & (mean[i] - reach[i]).lt(c(camera.size_px[i] as f32));
+    }
+    if !mask.any_true() {
+        out.fill(Footprint { extent_px: [Footprint::CULLED_EXTENT; 2], ..Footprint::zeroed() });
+        return;
+    }
+
+    let radiance = super::color::color(simd, camera, layout, rows);
+    let brightest = radiance[0].max(radiance[1]).max(radiance[2]);
+    let threshold = (c(camera.cutoffs.min_contribution) / brightest.max(c(1e-30)))
+        .min(c(camera.cutoffs.min_alpha))
+        .max(c(camera.cutoffs.alpha_floor));
+    let log2_opacity = opacity.max(c(1e-30)).ln() * std::f32::consts::LOG2_E;
+    let log2_threshold = threshold.ln() * std::f32::consts::LOG2_E;
+    let radius2 = (log2_opacity - log2_threshold) * (2.0 * std::f32::consts::LN_2);
+    let extent = [0, 2].map(|i| (p.covariance[i] * radius2.max(c(0.0))).sqrt());
+    mask = mask & radius2.gt(c(0.0));
+    for i in 0..2 {
+        // Pixel centres lie between 1/2 and size - 1/2.
+        mask = mask & (mean[i] + extent[i]).gt(c(0.5)) & (mean[i] - extent[i]).lt(c(camera.size_px[i] as f32 - 0.5));
+    }
+    // Comparisons with NaN are false, so of the values used above only the conic can still be anything but finite.
+    let inverse_determinant = one / p.determinant;
+    let to_log2 = inverse_determinant * std::f32::consts::LOG2_E;
+    let conic = [p.covariance[2] * to_log2, -(p.covariance[1] * to_log2), p.covariance[0] * to_log2];
+    mask = mask & conic[0].gt(c(0.0)) & conic[2].gt(c(0.0)) & (extent[0] + extent[1]).lt(c(1e9)) & brightest.lt(c(f32::MAX));
+    let right_dy = extent[0] * p.covariance[1] / p.covariance[0];
+    let culled = c(Footprint::CULLED_EXTENT);
+    let extent = extent.map(|e| V::select(mask, e, culled));
+
+    let fields = [
+        mean[0], mean[1], conic[0], conic[1], conic[2], log2_opacity, radiance[0], radiance[1], radiance[2], log2_threshold, extent[0],
+        extent[1], depth, right_dy,
+    ]
+    .map(V::lanes);
+    for (lane, out) in out.iter_mut().enumerate() {
+        let f = |i: usize| fields[i][lane];
+        *out = Footprint {
+            mean_px: [f(0), f(1)],
+            conic: [f(2), f(3), f(4)],
+            log2_opacity: f(5),
+            radiance: [f(6), f(7), f(8)],
+            log2_threshold: f(9),
+            extent_px: if lane < alive { [f(10), f(11)] } else { [Footprint::CULLED_EXTENT; 2] },
+            depth: f(12),
+            right_dy_px: f(13),
+            padding: [0.0; 2],
+        };
+    }
+}

@@ -1,0 +1,237 @@
+//! Pass `project_backward`: gradient by position, rotation, scale and opacity; calls pass `color_backward` for the rest.
+//!
+//! In: parameters, per-entry gradients of `rasterize_backward`, bins. Out: gradient rows [blocks, rows, 16] of blocks with a visible splat (and a
+//! flag for which those are; with regularisers all), densification statistics. A splat's entries are summed in the order of its tiles: the same
+//! bits for any number of threads. Derivation: reverse mode through `project`; dE/dcovariance = -X G X for X the conic, G its gradient.
+
+use fearless_simd::{Level, Simd};
+use luxel_core::{Antialias, DensifyStats, LossConfig, Real};
+use rayon::prelude::*;
+
+use super::bin::Bins;
+use super::color_backward::color_backward;
+use super::project::{MIN_AREA_RATIO, Projection, dot};
+use super::rasterize_backward::{ENTRY_LEN, EntryGradient};
+use crate::lanes::{LANES, Lanes, V, with_simd};
+use crate::store::{Layout, Store};
+use crate::view::ScreenCamera;
+
+/// Rank of a splat that is not visible.
+pub(crate) const INVISIBLE: u32 = u32::MAX;
+
+/// What the pass reads.
+pub(crate) struct Inputs<'a> {
+    pub(crate) store: &'a Store,
+    pub(crate) smoothing: &'a [Lanes],
+    pub(crate) bins: &'a Bins,
+    pub(crate) entries: &'a [EntryGradient],
+    /// Place of each splat in the depth order, or [`INVISIBLE`].
+    pub(crate) rank: &'a [u32],
+    pub(crate) loss: &'a LossConfig,
+}
+
+/// What the pass writes.
+pub(crate) struct Outputs<'a> {
+    /// [blocks, rows, 16].
+    pub(crate) gradient: &'a mut [Lanes],
+    /// Whether a block's gradient was written; else it is zero.
+    pub(crate) written: &'a mut [bool],
+    /// Statistics to add to.
+    pub(crate) stats: Option<&'a mut DensifyStats>,
+}
+
+/// Differentiates all blocks.
+pub(crate) fn project_backward(level: Level, camera: &ScreenCamera, inputs: &Inputs<'_>, outputs: Outputs<'_>) {
+    let rows = inputs.store.layout.rows();
+    let regularised = inputs.loss.opacity_weight != 0.0 || inputs.loss.scale_weight != 0.0;
+    let blocks = outputs.gradient.par_chunks_mut(rows).zip(outputs.written).enumerate();
+    let run = |block: usize, gradient: &mut [Lanes], written: &mut bool, stats: Option<BlockStats<'_>>| {
+        let ranks = &inputs.rank[block * LANES..((block + 1) * LANES).min(inputs.store.count)];
+        let visible = ranks.iter().any(|r| *r != INVISIBLE);
+        *written = visible || regularised;
+        if *written {
+            let sums = gather(inputs, ranks);
+            gradient.fill(Lanes::ZERO);
+            with_simd!(level, simd => block_backward(simd, camera, inputs, block, &sums, gradient, stats));
+        }
+    };
+    match outputs.stats {
+        None => blocks.with_min_len(32).for_each(|(block, (gradient, written))| run(block, gradient, written, None)),
+        Some(stats) => blocks
+            .zip(stats.gradient.par_chunks_mut(LANES))
+            .zip(stats.abs_gradient.par_chunks_mut(LANES))
+            .zip(stats.views.par_chunks_mut(LANES))
+            .with_min_len(32)
+            .for_each(|((((block, (gradient, written)), norm), absolute), views)| {
+                let ranks = &inputs.rank[block * LANES..][..views.len()];
+                run(block, gradient, written, Some(BlockStats { ranks, norm, absolute, views }));
+            }),
+    }
+}
+
+/// Statistics of a block's splats.
+struct BlockStats<'a> {
+    ranks: &'a [u32],
+    norm: &'a mut [f32],
+    absolute: &'a mut [f32],
+    views: &'a mut [u32],
+}
+
+/// Sums of a block's splats over their tiles: [fields of an entry, 16].
+#[inline(always)]
+fn gather(inputs: &Inputs<'_>, ranks: &[u32]) -> [Lanes; ENTRY_LEN] {
+    let mut sums = [Lanes::ZERO; ENTRY_LEN];
+    for (lane, rank) in ranks.iter().enumerate().filter(|(_, rank)| **rank != INVISIBLE) {
+        let rank = *rank as usize;
+        let places = inputs.bins.place_start[rank] as usize..inputs.bins.place_start[rank + 1] as usize;
+        let mut sum = [0f32; ENTRY_LEN];
+        for place in &inputs.bins.place[places] {
+            let entry: &[f32; ENTRY_LEN] = bytemuck::cast_ref(&inputs.entries[*place as usize]);
+            for (sum, value) in sum.iter_mut().zip(entry) {
+                *sum += value;
+            }
+        }
+        for (lanes, value) in sums.iter_mut().zip(sum) {
+            lanes.0[lane] = value;
+        }
+    }
+    sums
+}
+
+#[inline(always)]
+fn block_backward<S: Simd>(
+    simd: S,
+    camera: &ScreenCamera,
+    inputs: &Inputs<'_>,
+    block: usize,
+    sums: &[Lanes; ENTRY_LEN],
+    out: &mut [Lanes],
+    stats: Option<BlockStats<'_>>,
+) {
+    let layout = inputs.store.layout;
+    let rows = &inputs.store.lanes[block * layout.rows()..][..layout.rows()];
+    let c = |value: f32| V::splat(simd, value);
+    let [d_log_alpha, fx, fy, sxx, sxy, syy, dr, dg, db, abs_x, abs_y, _] = sums.each_ref().map(|lanes| V::load(simd, lanes));
+    let p = Projection::new(simd, camera, rows, inputs.smoothing.get(block));
+    let mut d_position = color_backward(simd, camera, layout, rows, [dr, dg, db], out);
+
+    // Conic X = covariance^-1. By the centre: X times the first moments; by X: minus half the second moments.
+    let inverse_det = c(1.0) / p.determinant;
+    let conic = [p.covariance[2] * inverse_det, -(p.covariance[1] * inverse_det), p.covariance[0] * inverse_det];
+    let d_mean = [conic[0].mul_add(fx, conic[1] * fy), conic[1].mul_add(fx, conic[2] * fy)];
+    let half = c(0.5);
+    // G = -1/2 [sxx sxy; sxy syy]; dE/dcovariance = -X G X = 1/2 X [..] X.
+    let xg = [
+        conic[0].mul_add(sxx, conic[1] * sxy),
+        conic[0].mul_add(sxy, conic[1] * syy),
+        conic[1].mul_add(sxx, conic[2] * sxy),
+        conic[1].mul_add(sxy, conic[2] * syy),
+    ];
+    let mut d_xx = half * (xg[0].mul_add(conic[0], xg[1] * conic[1]));
+    // The off-diagonal number stands for both entries.
+    let mut d_xy = xg[0].mul_add(conic[1], xg[1] * conic[2]);
+    let mut d_yy = half * (xg[2].mul_add(conic[1], xg[3] * conic[2]));
+
+    if camera.antialias == Antialias::Mip {
+        // compensation = sqrt(before / after): d ln(compensation) = (d ln before - d ln after) / 2.
+        let ratio = p.determinant_before * inverse_det;
+        let d_ratio = (ratio - MIN_AREA_RATIO).if_positive(half * d_log_alpha, c(0.0));
+        let dilation = camera.antialias.dilation_px2();
+        let by_before = d_ratio / p.determinant_before.max(c(1e-30));
+        let by_after = d_ratio * inverse_det;
+        d_xx = d_xx + by_before * (p.covariance[2] - dilation) - by_after * p.covariance[2];
+        d_yy = d_yy + by_before * (p.covariance[0] - dilation) - by_after * p.covariance[0];
+        d_xy = d_xy - (by_before - by_after) * (p.covariance[1] + p.covariance[1]);
+    }
+
+    // covariance = root root^T.
+    let d_root = [
+        [0, 1, 2].map(|k| (d_xx + d_xx).mul_add(p.root[0][k], d_xy * p.root[1][k])),
+        [0, 1, 2].map(|k| (d_yy + d_yy).mul_add(p.root[1][k], d_xy * p.root[0][k])),
+    ];
+    // root = screen_axes diag(sigma).
+    for k in 0..3 {
+        let d_sigma = d_root[0][k].mul_add(p.screen_axes[0][k], d_root[1][k] * p.screen_axes[1][k]);
+        // Without a filter sigma = raw and this is d_sigma sigma; with it sigma^2 = raw^2 + f^2, and the opacity's factor prod raw / sigma.
+        let raw2 = p.raw_sigma[k] * p.raw_sigma[k];
+        let share = raw2 / (p.sigma[k] * p.sigma[k]);
+        let mut d_log_scale = (d_sigma * p.sigma[k]).mul_add(share, d_log_alpha * (c(1.0) - share));
+        d_log_scale = p.raw_sigma[k].mul_add(c(inputs.loss.scale_weight / (3 * inputs.store.count) as f32), d_log_scale);
+        d_log_scale.store(&mut out[Layout::LOG_SCALE + k]);
+    }
+    let d_opacity_logit = (c(1.0) - p.opacity)
+        * p.opacity.mul_add(c(inputs.loss.opacity_weight / inputs.store.count as f32), d_log_alpha);
+    d_opacity_logit.store(&mut out[Layout::OPACITY]);
+    let d_screen_axes = d_root.map(|row| [0, 1, 2].map(|k| row[k] * p.sigma[k]));
+    // screen_axes = jacobian axes.
+    let d_axes: [[V<S>; 3]; 3] = [0, 1, 2].map(|j| {
+        [0, 1, 2].map(|k| p.jacobian[0][j].mul_add(d_screen_axes[0][k], p.jacobian[1][j] * d_screen_axes[1][k]))
+    });
+    for (i, d) in rotation_backward(&p, &d_axes).into_iter().enumerate() {
+        d.store(&mut out[Layout::ROTATION + i]);
+    }
+    let d_jacobian = d_screen_axes.map(|row| [0, 1, 2].map(|j| dot(row, p.axes[j])));
+    let d_point = point_backward(simd, camera, &p, d_jacobian, d_mean);
+    for (i, d) in d_position.iter_mut().enumerate() {
+        let column = [0, 1, 2].map(|row: usize| c(camera.rotation[row][i]));
+        *d = *d + dot(column, d_point);
+        d.store(&mut out[Layout::POSITION + i]);
+    }
+
+    if let Some(stats) = stats {
+        // NDC spans 2 over the image's side.
+        let ndc = [0, 1].map(|i| 0.5 * camera.size_px[i] as f32);
+        let norm = |x: V<S>, y: V<S>| ((x * ndc[0]) * (x * ndc[0]) + (y * ndc[1]) * (y * ndc[1])).sqrt().lanes();
+        let (norm, absolute) = (norm(d_mean[0], d_mean[1]), norm(abs_x, abs_y));
+        for (lane, _) in stats.ranks.iter().enumerate().filter(|(_, rank)| **rank != INVISIBLE) {
+            stats.norm[lane] += norm[lane];
+            stats.absolute[lane] += absolute[lane];
+            stats.views[lane] += 1;
+        }
+    }
+}
+
+/// Gradient by the raw quaternion.
+#[inline(always)]
+fn rotation_backward<S: Simd>(p: &Projection<S>, d: &[[V<S>; 3]; 3]) -> [V<S>; 4] {
+    let [w, x, y, z] = p.quaternion;
+    let twice = |v: V<S>| v + v;
+    // Derivatives of the entries of `rotation_matrix`.
+    let d_w = twice(x * (d[2][1] - d[1][2]) + y * (d[0][2] - d[2][0]) + z * (d[1][0] - d[0][1]));
+    let d_x = twice(y * (d[0][1] + d[1][0]) + z * (d[0][2] + d[2][0]) + w * (d[2][1] - d[1][2]) - twice(x * (d[1][1] + d[2][2])));
+    let d_y = twice(x * (d[0][1] + d[1][0]) + z * (d[1][2] + d[2][1]) + w * (d[0][2] - d[2][0]) - twice(y * (d[0][0] + d[2][2])));
+    let d_z = twice(x * (d[0][2] + d[2][0]) + y * (d[1][2] + d[2][1]) + w * (d[1][0] - d[0][1]) - twice(z * (d[0][0] + d[1][1])));
+    // Normalisation: only the part across the quaternion moves it.
+    let along = w * d_w + x * d_x + y * d_y + z * d_z;
+    let unit = [d_w, d_x, d_y, d_z];
+    [0, 1, 2, 3].map(|i| (unit[i] - along * p.quaternion[i]) * p.inverse_length)
+}
+
+/// Gradient by the point in camera space, through the centre and the Jacobian.
+#[inline(always)]
+fn point_backward<S: Simd>(
+    simd: S,
+    camera: &ScreenCamera,
+    p: &Projection<S>,
+    d_jacobian: [[V<S>; 3]; 2],
+    d_mean: [V<S>; 2],
+) -> [V<S>; 3] {
+    let c = |value: f32| V::splat(simd, value);
+    let inverse_z = c(1.0) / p.point[2];
+    let mut d_point = [c(0.0); 3];
+    for i in 0..2 {
+        let scale = inverse_z * camera.focal_px[i];
+        // jacobian[i] = scale (rotation[i] - slope rotation[2]); mean = scale point + centre.
+        let by_direct = dot(d_jacobian[i], camera.rotation[i].map(c));
+        let by_depth = dot(d_jacobian[i], camera.rotation[2].map(c));
+        let d_slope = -(scale * by_depth);
+        let true_slope = p.point[i] * inverse_z;
+        // Where the slope is clamped it does not move.
+        let free = (true_slope - p.slope[i]).abs();
+        let d_slope = free.if_positive(c(0.0), d_slope);
+        d_point[i] = d_mean[i].mul_add(scale, d_slope * inverse_z);
+        let by_scale = by_direct - p.slope[i] * by_depth + d_mean[i] * p.point[i];
+        d_point[2] = d_point[2] - inverse_z * (by_scale * scale + d_slope * true_slope);
+    }
+    d_point
+}

@@ -1,0 +1,66 @@
+//! What the passes need of a camera, in f32.
+
+use luxel_core::{Antialias, Camera, CameraError, Cutoffs, RenderOptions};
+
+/// Side of a tile, pixels. A tile is four 4x4 blocks of [`crate::lanes::LANES`] pixels.
+pub(crate) const TILE_PX: usize = 8;
+/// Pixels of a tile.
+pub(crate) const TILE_PIXELS: usize = TILE_PX * TILE_PX;
+/// Blocks of a tile.
+pub(crate) const BLOCKS: usize = 4;
+/// Top left corners of a tile's blocks, pixels.
+pub(crate) const BLOCK_ORIGINS_PX: [[usize; 2]; BLOCKS] = [[0, 0], [4, 0], [0, 4], [4, 4]];
+
+/// Relative margin of the field of view within which the projection's Jacobian is evaluated where it is; beyond, at the margin.
+/// 0.3 of the half field of view on each side, as in 3DGS.
+const JACOBIAN_MARGIN: f64 = 0.3;
+
+/// A camera and the options it renders with.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ScreenCamera {
+    /// Rows of the rotation of camera_from_world.
+    pub(crate) rotation: [[f32; 3]; 3],
+    pub(crate) translation: [f32; 3],
+    pub(crate) eye: [f32; 3],
+    pub(crate) focal_px: [f32; 2],
+    pub(crate) center_px: [f32; 2],
+    pub(crate) size_px: [usize; 2],
+    /// Range of x/z (and y/z) in which the Jacobian is evaluated.
+    pub(crate) slope_min: [f32; 2],
+    pub(crate) slope_max: [f32; 2],
+    pub(crate) cutoffs: Cutoffs,
+    pub(crate) antialias: Antialias,
+    pub(crate) background: [f32; 3],
+    pub(crate) active_degree: usize,
+}
+
+impl ScreenCamera {
+    pub(crate) fn new(camera: &Camera, options: &RenderOptions) -> Result<Self, CameraError> {
+        camera.validate()?;
+        let pose = camera.camera_from_world;
+        let rows = pose.matrix3.transpose().to_cols_array_2d();
+        let focal = camera.focal_px.to_array();
+        let center = camera.center_px.to_array();
+        let size = camera.size_px.map(f64::from);
+        let margin = [0, 1].map(|i| JACOBIAN_MARGIN * size[i] / (2.0 * focal[i]));
+        Ok(Self {
+            rotation: rows.map(|row| row.map(|v| v as f32)),
+            translation: pose.translation.to_array().map(|v| v as f32),
+            eye: camera.eye().to_array().map(|v| v as f32),
+            focal_px: focal.map(|v| v as f32),
+            center_px: center.map(|v| v as f32),
+            size_px: camera.size_px.map(|s| s as usize),
+            slope_min: [0, 1].map(|i| (-center[i] / focal[i] - margin[i]) as f32),
+            slope_max: [0, 1].map(|i| ((size[i] - center[i]) / focal[i] + margin[i]) as f32),
+            cutoffs: options.raster.cutoffs,
+            antialias: options.raster.antialias,
+            background: options.background,
+            active_degree: options.active_degree,
+        })
+    }
+
+    /// Tiles across and down.
+    pub(crate) fn tiles(&self) -> [usize; 2] {
+        self.size_px.map(|s| s.div_ceil(TILE_PX))
+    }
+}

@@ -1,0 +1,181 @@
+//! Scenes, cameras and views for the tests, from fixed seeds.
+
+use std::sync::Arc;
+
+use glam::{DAffine3, DQuat, DVec2, DVec3};
+use luxel_core::{
+    Antialias, Camera, ColorModel, Cutoffs, Distortion, Image, LearningRates, LossConfig, Mask, RasterConfig, RenderOptions, SH_OFFSET,
+    Splat, Splats, StepConfig, View, logit, noise, sh,
+};
+
+/// Counter-based random numbers.
+pub struct Rng {
+    seed: u64,
+    index: u64,
+}
+
+impl Rng {
+    pub fn new(seed: u64) -> Self {
+        Self { seed, index: 0 }
+    }
+    /// Standard normal.
+    pub fn normal(&mut self) -> f32 {
+        self.index += 1;
+        noise::standard_normal(self.seed, self.index)[0]
+    }
+    /// Uniform in `low..high`: the normal's distribution function, approximated by a logistic, is uniform enough for a scene.
+    pub fn uniform(&mut self, low: f32, high: f32) -> f32 {
+        low + (high - low) / (1.0 + (-1.702 * self.normal()).exp())
+    }
+    pub fn normals<const K: usize>(&mut self) -> [f32; K] {
+        std::array::from_fn(|_| self.normal())
+    }
+}
+
+/// A camera that looks askew, with unequal focal lengths and its centre off the image's.
+pub fn camera(width: u32, height: u32) -> Camera {
+    let rotation = DQuat::from_euler(glam::EulerRot::XYZ, 0.3, -0.4, 0.2);
+    let eye = DVec3::new(0.7, -0.4, -1.1);
+    Camera {
+        camera_from_world: DAffine3::from_rotation_translation(rotation, -(rotation * eye)),
+        focal_px: DVec2::new(26.0, 24.5) * f64::from(width) / 24.0,
+        center_px: DVec2::new(0.48 * f64::from(width), 0.53 * f64::from(height)),
+        size_px: [width, height],
+        distortion: Distortion::default(),
+    }
+}
+
+/// World position of a point in pixels and depth.
+pub fn unproject(camera: &Camera, px: [f64; 2], depth: f64) -> [f32; 3] {
+    let at = DVec3::new((px[0] - camera.center_px.x) / camera.focal_px.x, (px[1] - camera.center_px.y) / camera.focal_px.y, 1.0) * depth;
+    camera.camera_from_world.inverse().transform_point3(at).as_vec3().to_array()
+}
+
+/// Coefficients of a splat with random harmonics around `rgb`.
+fn color(model: ColorModel, rgb: [f32; 3], variation: f32, rng: &mut Rng) -> (Vec<f32>, Vec<f32>) {
+    let (dc, raw) = model.constant(rgb);
+    let mut harmonics = dc.to_vec();
+    let amplitude = match model {
+        ColorModel::Sh { .. } => variation * (rgb.iter().sum::<f32>() / 3.0 + SH_OFFSET),
+        ColorModel::Lcd { .. } => variation,
+    };
+    harmonics.extend((3..3 * model.sh_coefficients()).map(|_| amplitude * rng.normal()));
+    let mut luminance = vec![raw; model.luminance_coefficients().min(1)];
+    luminance.extend((1..model.luminance_coefficients()).map(|_| variation * rng.normal()));
+    (harmonics, luminance)
+}
+
+/// `count` splats before `camera`: depths 2 to 6, a few pixels across, brightness over four decades.
+pub fn splats(model: ColorModel, count: usize, camera: &Camera, seed: u64) -> Splats {
+    let mut rng = Rng::new(seed);
+    let mut splats = Splats::empty(model);
+    let size = camera.size_px.map(f64::from);
+    for _ in 0..count {
+        let px = size.map(|s| f64::from(rng.uniform(-0.1, 1.1)) * s);
+        let depth = f64::from(rng.uniform(2.0, 6.0));
+        let brightness = (1.7 * rng.normal() - 1.5).exp();
+        let (harmonics, luminance) = color(model, rng.normals().map(|c: f32| brightness * (0.5 * c).exp()), 0.15, &mut rng);
+        splats.push(&Splat {
+            position: unproject(camera, px, depth),
+            rotation: rng.normals(),
+            log_scale: rng.normals().map(|c: f32| 0.6 * c - 1.6),
+            opacity_logit: 1.2 * rng.normal(),
+            sh: &harmonics,
+            raw_luminance: &luminance,
+        });
+    }
+    splats
+}
+
+/// [`splats`] with every special case a splat can be, in random depth order among them.
+pub fn splats_with_special_cases(model: ColorModel, camera: &Camera, seed: u64) -> Splats {
+    let mut splats = splats(model, 16, camera, seed);
+    let size = camera.size_px.map(f64::from);
+    // Behind the camera.
+    splats.position[0] = unproject(camera, [0.5 * size[0], 0.5 * size[1]], -2.0);
+    // Beside the frustum and reaching into it: the Jacobian's slope is clamped.
+    splats.position[1] = unproject(camera, [-1.2 * size[0], 0.4 * size[1]], 2.5);
+    splats.log_scale[1] = [0.1, 0.4, 0.2];
+    splats.position[2] = unproject(camera, [0.6 * size[0], 2.3 * size[1]], 3.0);
+    splats.log_scale[2] = [0.3, 0.2, 0.5];
+    // Two opaque ones, one behind the other: alpha is capped, pixels finish.
+    for (i, depth) in [(3, 2.2), (4, 2.6), (5, 2.9)] {
+        splats.position[i] = unproject(camera, [0.3 * size[0], 0.6 * size[1]], depth);
+        splats.log_scale[i] = [-1.2, -1.0, -1.4];
+        splats.opacity_logit[i] = 9.0;
+    }
+    // A chromaticity with dead channels (of Sh: black ones), and one dead altogether.
+    let k = 3 * model.sh_coefficients();
+    splats.sh[6 * k] = -4.0;
+    splats.sh[7 * k..7 * k + 3].fill(-4.0);
+    // A quaternion far from unit length.
+    splats.rotation[8] = splats.rotation[8].map(|c| 7.0 * c);
+    // Smaller than a pixel.
+    splats.log_scale[9] = [-5.0, -5.5, -4.5];
+    splats.opacity_logit[9] = 2.0;
+    splats
+}
+
+/// A view of `camera`'s size with smooth, noisy radiance over four decades; `masked` takes a block and some single pixels out.
+pub fn view(camera: &Camera, masked: bool, seed: u64) -> View {
+    let mut rng = Rng::new(seed);
+    let [width, height] = camera.size_px.map(|s| s as usize);
+    let mut pixels = Vec::new();
+    for i in 0..width * height {
+        let (x, y) = ((i % width) as f32 / width as f32, (i / width) as f32 / height as f32);
+        let brightness = (3.0 * (5.0 * x + 3.0 * y).sin() + 0.4 * rng.normal() - 2.0).exp();
+        pixels.push(rng.normals().map(|c: f32| brightness * (0.3 * c).exp()));
+    }
+    let valid: Vec<bool> =
+        (0..width * height).map(|i| !(masked && (i % 37 == 5 || (i % width < width / 4 && i / width > height / 2)))).collect();
+    for (pixel, valid) in pixels.iter_mut().zip(&valid) {
+        if !valid {
+            *pixel = [0.0; 3];
+        }
+    }
+    View {
+        name: "images/000".into(),
+        camera: camera.clone(),
+        image: Arc::new(Image { width, height, pixels }),
+        mask: masked.then(|| Arc::new(Mask { valid })),
+    }
+}
+
+/// Render options with a background that is not black.
+pub fn options(cutoffs: Cutoffs, antialias: Antialias) -> RenderOptions {
+    RenderOptions { raster: RasterConfig { cutoffs, antialias }, background: [0.02, 0.3, 0.007], active_degree: sh::MAX_DEGREE }
+}
+
+/// Learning rates as different from one another as in training.
+pub const LEARNING_RATES: LearningRates = LearningRates {
+    position: 1.6e-3,
+    rotation: 1e-3,
+    log_scale: 5e-3,
+    opacity_logit: 0.05,
+    sh_dc: 2.5e-3,
+    sh_rest: 1.25e-4,
+    luminance_dc: 0.03,
+    luminance_rest: 7e-3,
+};
+
+/// A step of training.
+pub fn step(step: u32, render: RenderOptions) -> StepConfig {
+    StepConfig {
+        step,
+        render,
+        loss: LossConfig { opacity_weight: 0.01, scale_weight: 0.02, ..LossConfig::default() },
+        learning_rates: LEARNING_RATES,
+        position_noise: None,
+        collect_stats: true,
+    }
+}
+
+/// The smoothing filter of a splat `i`, world units.
+pub fn smoothing(count: usize) -> Vec<f32> {
+    (0..count).map(|i| 0.02 + 0.01 * (i % 5) as f32).collect()
+}
+
+/// Logit of an opacity, for tests that think in opacities.
+pub fn opacity(p: f32) -> f32 {
+    logit(p)
+}

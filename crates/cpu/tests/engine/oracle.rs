@@ -1,0 +1,415 @@
+//! The oracle: the image, the loss and its gradient written straight from the mathematics, in f64, without tiles: every pixel looks at
+//! every splat, sorted by depth. Slow and plain on purpose; shares no formula with the engine (only the spherical harmonics of core, which
+//! core proves orthonormal).
+//!
+//! Generic over [`Number`]: on `f64` it gives values and, by [`central_differences`], numerical derivatives; on the tape it gives exact
+//! ones. Every decision (skip, cap, stop, clamp, rectifier, sign, order) goes into [`Trace`]: two evaluations with equal traces lie on
+//! one smooth piece of the function, and only between such are differences taken.
+
+use luxel_core::{Activation, Antialias, Camera, ColorModel, DEAD_CHROMA_FLOOR, LossConfig, RenderOptions, SH_OFFSET, Splats, View, sh};
+
+use crate::number::{Gradient, Number, gradient, variables};
+
+/// Decisions taken, as a hash.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Trace(u64);
+
+impl Trace {
+    fn note(&mut self, value: u64) {
+        self.0 = (self.0 ^ value).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(29) ^ 0x55;
+    }
+
+    fn decide(&mut self, decision: bool) -> bool {
+        self.note(1 + u64::from(decision));
+        decision
+    }
+}
+
+/// The scene's parameters one after the other, in the order of [`ARRAYS`].
+pub struct Parameters<N> {
+    pub splats: Splats,
+    pub flat: Vec<N>,
+}
+
+/// Parameter arrays; harmonics and luminance apart by degree 0 and above.
+pub const ARRAYS: [&str; 8] = ["position", "rotation", "log_scale", "opacity_logit", "sh_dc", "sh_rest", "luminance_dc", "luminance_rest"];
+
+/// Parameters of `splats` (any of: scene, gradients, moments), one after the other.
+pub fn flatten(splats: &Splats) -> Vec<f64> {
+    let arrays: [&[f32]; 6] = [
+        splats.position.as_flattened(),
+        splats.rotation.as_flattened(),
+        splats.log_scale.as_flattened(),
+        &splats.opacity_logit,
+        &splats.sh,
+        &splats.raw_luminance,
+    ];
+    arrays.concat().into_iter().map(f64::from).collect()
+}
+
+/// Index into [`ARRAYS`] of each parameter of [`flatten`].
+pub fn array_of_parameters(splats: &Splats) -> Vec<usize> {
+    let n = splats.len();
+    let (k, m) = (3 * splats.color_model.sh_coefficients(), splats.color_model.luminance_coefficients());
+    let mut arrays = Vec::new();
+    for (array, width) in [3, 4, 3, 1].into_iter().enumerate() {
+        arrays.extend(std::iter::repeat_n(array, n * width));
+    }
+    for _ in 0..n {
+        arrays.extend((0..k).map(|i| if i < 3 { 4 } else { 5 }));
+    }
+    for _ in 0..n {
+        arrays.extend((0..m).map(|i| if i == 0 { 6 } else { 7 }));
+    }
+    arrays
+}
+
+impl<N: Number> Parameters<N> {
+    fn position(&self, i: usize) -> [N; 3] {
+        std::array::from_fn(|a| self.flat[3 * i + a])
+    }
+    fn rotation(&self, i: usize) -> [N; 4] {
+        std::array::from_fn(|a| self.flat[3 * self.splats.len() + 4 * i + a])
+    }
+    fn log_scale(&self, i: usize) -> [N; 3] {
+        std::array::from_fn(|a| self.flat[7 * self.splats.len() + 3 * i + a])
+    }
+    fn opacity_logit(&self, i: usize) -> N {
+        self.flat[10 * self.splats.len() + i]
+    }
+    fn sh(&self, i: usize, m: usize, channel: usize) -> N {
+        let k = self.splats.color_model.sh_coefficients();
+        self.flat[11 * self.splats.len() + 3 * (k * i + m) + channel]
+    }
+    fn raw_luminance(&self, i: usize, m: usize) -> N {
+        let (k, width) = (self.splats.color_model.sh_coefficients(), self.splats.color_model.luminance_coefficients());
+        self.flat[(11 + 3 * k) * self.splats.len() + width * i + m]
+    }
+}
+
+/// A splat on the screen.
+pub struct Ellipse<N> {
+    pub splat: usize,
+    pub depth: f64,
+    pub mean_px: [N; 2],
+    pub conic: [N; 3],
+    pub opacity: N,
+    pub radiance: [N; 3],
+    pub threshold: f64,
+}
+
+fn sigmoid<N: Number>(x: N) -> N {
+    N::of(1.0) / (N::of(1.0) + (-x).exp())
+}
+
+fn rotation_matrix<N: Number>(q: [N; 4]) -> [[N; 3]; 3] {
+    let norm = (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]).sqrt();
+    let [w, x, y, z] = q.map(|c| c / norm);
+    let (one, two) = (N::of(1.0), N::of(2.0));
+    [
+        [one - two * (y * y + z * z), two * (x * y - w * z), two * (x * z + w * y)],
+        [two * (x * y + w * z), one - two * (x * x + z * z), two * (y * z - w * x)],
+        [two * (x * z - w * y), two * (y * z + w * x), one - two * (x * x + y * y)],
+    ]
+}
+
+fn dot<N: Number>(a: [N; 3], b: [N; 3]) -> N {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// Radiance of splat `i` from `direction`.
+fn radiance<N: Number>(p: &Parameters<N>, i: usize, direction: [N; 3], active_degree: usize, trace: &mut Trace) -> [N; 3] {
+    let zero = N::of(0.0);
+    let degree = p.splats.color_model.max_degree();
+    let mut basis = [zero; sh::MAX_COEFFICIENTS];
+    sh::basis(degree, direction, &mut basis);
+    let active = |degree: u8| sh::coefficients(active_degree.min(degree.into()));
+    let response = |degree: u8| {
+        [0, 1, 2].map(|c| (0..active(degree)).fold(zero, |sum, m| sum + p.sh(i, m, c) * basis[m]))
+    };
+    let mut rectified = |x: N| if trace.decide(x.value() > 0.0) { x } else { zero };
+    match p.splats.color_model {
+        ColorModel::Sh { degree } => response(degree).map(|s| rectified(s + N::of(SH_OFFSET.into()))),
+        ColorModel::Lcd { chroma_degree, luminance_degree, activation } => {
+            let r = response(chroma_degree).map(|s| rectified(s) + N::of(DEAD_CHROMA_FLOOR.into()));
+            let raw = (1..active(luminance_degree)).fold(p.raw_luminance(i, 0), |sum, m| sum + p.raw_luminance(i, m) * basis[m]);
+            let luminance = match activation {
+                // ln(1 + e^l) = l + ln(1 + e^-l)
+                Activation::Softplus if raw.value() > 0.0 => raw + (-raw).exp().ln_1p(),
+                Activation::Softplus => raw.exp().ln_1p(),
+                Activation::Exp => raw.exp(),
+                Activation::Relu => rectified(raw),
+            };
+            let sum = r[0] + r[1] + r[2];
+            r.map(|q| luminance * q / sum)
+        }
+    }
+}
+
+/// Splat `i` as `camera` sees it; `None` if culled.
+fn project<N: Number>(p: &Parameters<N>, i: usize, camera: &Camera, options: &RenderOptions, trace: &mut Trace) -> Option<Ellipse<N>> {
+    let cutoffs = options.raster.cutoffs;
+    let (c, t) = (camera.camera_from_world.matrix3, camera.camera_from_world.translation);
+    let camera_rotation: [[N; 3]; 3] = [0, 1, 2].map(|row| c.row(row).to_array().map(N::of));
+    let position = p.position(i);
+    let at: [N; 3] = std::array::from_fn(|row| dot(camera_rotation[row], position) + N::of(t[row]));
+    if trace.decide(at[2].value() < f64::from(cutoffs.near)) {
+        return None;
+    }
+
+    // Shape: squared standard deviations, smoothed.
+    let mut variance = p.log_scale(i).map(|s| s.exp() * s.exp());
+    let mut opacity = sigmoid(p.opacity_logit(i));
+    if let (Antialias::Mip, Some(&filter)) = (options.raster.antialias, p.splats.smoothing.get(i)) {
+        let filter = N::of(f64::from(filter) * f64::from(filter));
+        for v in &mut variance {
+            opacity = opacity * (*v / (*v + filter)).sqrt();
+            *v = *v + filter;
+        }
+    }
+
+    // J R_c R(q): each row a screen axis, each column a principal axis.
+    let rotation = rotation_matrix(p.rotation(i));
+    let mut slope = [at[0] / at[2], at[1] / at[2]];
+    let mean_px = [0, 1].map(|a| N::of(camera.focal_px[a]) * slope[a] + N::of(camera.center_px[a]));
+    for a in 0..2 {
+        let (focal, size) = (camera.focal_px[a], f64::from(camera.size_px[a]));
+        let margin = 0.3 * size / (2.0 * focal);
+        let (low, high) = (-(camera.center_px[a] / focal + margin), (size - camera.center_px[a]) / focal + margin);
+        if trace.decide(slope[a].value() < low) {
+            slope[a] = N::of(low);
+        } else if trace.decide(slope[a].value() > high) {
+            slope[a] = N::of(high);
+        }
+    }
+    let axes: [[N; 3]; 2] = std::array::from_fn(|a| {
+        let (j, jz) = (N::of(camera.focal_px[a]) / at[2], -(N::of(camera.focal_px[a]) * slope[a] / at[2]));
+        let row: [N; 3] = std::array::from_fn(|column| j * camera_rotation[a][column] + jz * camera_rotation[2][column]);
+        std::array::from_fn(|column| dot(row, [0, 1, 2].map(|k| rotation[k][column])))
+    });
+    let covariance = |a: usize, b: usize| (0..3).fold(N::of(0.0), |sum, k| sum + axes[a][k] * axes[b][k] * variance[k]);
+    let (xx, xy, yy) = (covariance(0, 0), covariance(0, 1), covariance(1, 1));
+    let dilation = N::of(options.raster.antialias.dilation_px2().into());
+    let (dilated_xx, dilated_yy) = (xx + dilation, yy + dilation);
+    let determinant = dilated_xx * dilated_yy - xy * xy;
+    if options.raster.antialias == Antialias::Mip {
+        let ratio = (xx * yy - xy * xy) / determinant;
+        opacity = opacity * if trace.decide(ratio.value() > 0.0) { ratio.sqrt() } else { N::of(0.0) };
+    }
+
+    let eye = camera.eye();
+    let ray: [N; 3] = std::array::from_fn(|a| position[a] - N::of(eye[a]));
+    let length = dot(ray, ray).sqrt();
+    let radiance = radiance(p, i, ray.map(|r| r / length), options.active_degree, trace);
+    let brightest = radiance.iter().fold(0.0, |m: f64, c| m.max(c.value()));
+    let by_contribution = f64::from(cutoffs.min_contribution) / brightest;
+    Some(Ellipse {
+        splat: i,
+        depth: at[2].value(),
+        mean_px,
+        conic: [dilated_yy / determinant, -xy / determinant, dilated_xx / determinant],
+        opacity,
+        radiance,
+        threshold: f64::from(cutoffs.min_alpha).min(by_contribution).max(cutoffs.alpha_floor.into()),
+    })
+}
+
+/// What came of a rendering.
+pub struct Rendered<N> {
+    /// [H*W], row-major.
+    pub pixels: Vec<[N; 3]>,
+    /// Splats on the screen in front-to-back order.
+    pub ellipses: Vec<Ellipse<N>>,
+    /// Splat and offset from its mean for every evaluation that was blended: for per-pixel gradients.
+    pub offsets: Vec<(usize, [N; 2])>,
+    pub trace: Trace,
+}
+
+/// The image.
+pub fn render<N: Number>(p: &Parameters<N>, camera: &Camera, options: &RenderOptions) -> Rendered<N> {
+    let mut trace = Trace::default();
+    let mut ellipses: Vec<_> = (0..p.splats.len()).filter_map(|i| project(p, i, camera, options, &mut trace)).collect();
+    ellipses.sort_by(|a, b| a.depth.total_cmp(&b.depth).then(a.splat.cmp(&b.splat)));
+    ellipses.iter().for_each(|e| trace.note(e.splat as u64));
+
+    let cutoffs = options.raster.cutoffs;
+    let max_alpha = N::of(cutoffs.max_alpha.into());
+    let [width, height] = camera.size_px;
+    let mut pixels = Vec::new();
+    let mut offsets = Vec::new();
+    for (y, x) in (0..height).flat_map(|y| (0..width).map(move |x| (y, x))) {
+        let center = [f64::from(x) + 0.5, f64::from(y) + 0.5];
+        let mut transmittance = N::of(1.0);
+        let mut pixel = [N::of(0.0); 3];
+        for e in &ellipses {
+            let d: [N; 2] = std::array::from_fn(|a| N::of(center[a]) - e.mean_px[a]);
+            let power = e.conic[0] * d[0] * d[0] + N::of(2.0) * e.conic[1] * d[0] * d[1] + e.conic[2] * d[1] * d[1];
+            let alpha = e.opacity * (N::of(-0.5) * power).exp();
+            if trace.decide(alpha.value() < e.threshold) {
+                continue;
+            }
+            let alpha = if trace.decide(alpha.value() > max_alpha.value()) { max_alpha } else { alpha };
+            let behind = transmittance * (N::of(1.0) - alpha);
+            if trace.decide(behind.value() < f64::from(cutoffs.min_transmittance)) {
+                break;
+            }
+            for (channel, radiance) in pixel.iter_mut().zip(e.radiance) {
+                *channel = *channel + transmittance * alpha * radiance;
+            }
+            transmittance = behind;
+            offsets.push((e.splat, d));
+        }
+        pixels.push(std::array::from_fn(|c| pixel[c] + transmittance * N::of(options.background[c].into())));
+    }
+    Rendered { pixels, ellipses, offsets, trace }
+}
+
+/// Loss and its parts.
+#[derive(Clone, Copy)]
+pub struct Loss<N> {
+    pub total: N,
+    pub l1: N,
+    pub ssim: N,
+}
+
+/// Loss of an image against `view`.
+pub fn loss<N: Number>(pixels: &[[N; 3]], view: &View, config: &LossConfig, trace: &mut Trace) -> Loss<N> {
+    let mu = f64::from(config.mu);
+    let mut mu_law = |p: N| if trace.decide(p.value() > 0.0) { (N::of(mu) * p).ln_1p() / N::of(mu.ln_1p()) } else { N::of(0.0) };
+    let mut predicted = vec![Vec::new(); 3];
+    let mut target = vec![Vec::new(); 3];
+    for (i, pixel) in pixels.iter().enumerate() {
+        for c in 0..3 {
+            let goal = mu_law(N::of(view.image.pixels[i][c].into()));
+            target[c].push(goal);
+            predicted[c].push(if view.is_valid(i) { mu_law(pixel[c]) } else { goal });
+        }
+    }
+    let (mut sum, mut valid) = (N::of(0.0), 0usize);
+    for i in (0..pixels.len()).filter(|&i| view.is_valid(i)) {
+        for c in 0..3 {
+            let difference = predicted[c][i] - target[c][i];
+            sum = if trace.decide(difference.value() < 0.0) { sum - difference } else { sum + difference };
+            valid += 1;
+        }
+    }
+    let l1 = if valid == 0 { N::of(0.0) } else { sum / N::of(valid as f64) };
+    let ssim = (0..3).fold(N::of(0.0), |sum, c| sum + mean_ssim(&predicted[c], &target[c], view.image.width)) / N::of(3.0);
+    let weight = f64::from(config.ssim_weight);
+    Loss { total: N::of(1.0 - weight) * l1 + N::of(weight) * (N::of(1.0) - ssim), l1, ssim }
+}
+
+/// Gaussian window of 11 x 11 pixels and standard deviation 1.5 over one channel, zeros outside.
+fn blur<N: Number>(channel: &[N], width: usize) -> Vec<N> {
+    let weights: Vec<f64> = (-5..=5).map(|d| (-f64::from(d * d) / (2.0 * 1.5 * 1.5)).exp()).collect();
+    let total: f64 = weights.iter().sum();
+    let height = channel.len() / width;
+    let pass = |from: &[N], dx: isize, dy: isize| -> Vec<N> {
+        let at = |x: usize, y: usize, step: isize| {
+            let (x, y) = (x.checked_add_signed(dx * step)?, y.checked_add_signed(dy * step)?);
+            (x < width && y < height).then(|| from[y * width + x])
+        };
+        (0..from.len())
+            .map(|i| {
+                let taps = (-5isize..=5).zip(&weights).filter_map(|(step, w)| Some(at(i % width, i / width, step)? * N::of(w / total)));
+                taps.fold(N::of(0.0), |sum, tap| sum + tap)
+            })
+            .collect()
+    };
+    pass(&pass(channel, 1, 0), 0, 1)
+}
+
+/// Mean structural similarity of one channel (Wang et al. 2004, as 3DGS evaluates it).
+fn mean_ssim<N: Number>(a: &[N], b: &[N], width: usize) -> N {
+    let product = |p: &[N], q: &[N]| blur(&p.iter().zip(q).map(|(&x, &y)| x * y).collect::<Vec<_>>(), width);
+    let (mean_a, mean_b) = (blur(a, width), blur(b, width));
+    let (aa, bb, ab) = (product(a, a), product(b, b), product(a, b));
+    let (c1, c2, two) = (N::of(1e-4), N::of(9e-4), N::of(2.0));
+    let mut sum = N::of(0.0);
+    for i in 0..a.len() {
+        let (ma, mb) = (mean_a[i], mean_b[i]);
+        let (va, vb, cov) = (aa[i] - ma * ma, bb[i] - mb * mb, ab[i] - ma * mb);
+        sum = sum + (two * ma * mb + c1) * (two * cov + c2) / ((ma * ma + mb * mb + c1) * (va + vb + c2));
+    }
+    sum / N::of(a.len() as f64)
+}
+
+/// The function whose gradient training follows: the loss with its regularisers.
+pub fn objective<N: Number>(p: &Parameters<N>, view: &View, options: &RenderOptions, config: &LossConfig) -> (N, Loss<N>, Rendered<N>) {
+    let mut rendered = render(p, &view.camera, options);
+    let loss = loss(&rendered.pixels, view, config, &mut rendered.trace);
+    let count = p.splats.len() as f64;
+    let mut total = loss.total;
+    for i in 0..p.splats.len() {
+        total = total + N::of(f64::from(config.opacity_weight) / count) * sigmoid(p.opacity_logit(i));
+        for s in p.log_scale(i) {
+            total = total + N::of(f64::from(config.scale_weight) / (3.0 * count)) * s.exp();
+        }
+    }
+    (total, loss, rendered)
+}
+
+/// Image of a scene in f64.
+pub fn image(splats: &Splats, camera: &Camera, options: &RenderOptions) -> Vec<[f64; 3]> {
+    render(&Parameters { splats: splats.clone(), flat: flatten(splats) }, camera, options).pixels
+}
+
+/// Exact derivatives.
+pub struct Exact {
+    /// In the order of [`flatten`].
+    pub gradient: Vec<f64>,
+    pub loss: Loss<f64>,
+    /// |dL/dmean| in NDC, [N].
+    pub mean_gradient: Vec<f64>,
+    /// The same of absolute values summed over pixels, [N].
+    pub abs_mean_gradient: Vec<f64>,
+}
+
+/// Exact derivatives of the objective, from the tape.
+pub fn differentiate(splats: &Splats, view: &View, options: &RenderOptions, config: &LossConfig) -> Exact {
+    let p = Parameters { splats: splats.clone(), flat: variables(&flatten(splats)) };
+    let (total, loss, rendered) = objective(&p, view, options, config);
+    let gradient: Gradient = gradient(total);
+    let half_size = view.camera.size_px.map(|s| f64::from(s) / 2.0);
+    let norm = |v: [f64; 2]| (v[0] * half_size[0]).hypot(v[1] * half_size[1]);
+    let mut mean_gradient = vec![0.0; splats.len()];
+    for e in &rendered.ellipses {
+        mean_gradient[e.splat] = norm(e.mean_px.map(|m| gradient.by(m)));
+    }
+    let mut absolute = vec![[0.0; 2]; splats.len()];
+    for (splat, d) in &rendered.offsets {
+        for a in 0..2 {
+            absolute[*splat][a] += gradient.by(d[a]).abs();
+        }
+    }
+    Exact {
+        gradient: p.flat.iter().map(|&v| gradient.by(v)).collect(),
+        loss: Loss { total: loss.total.value(), l1: loss.l1.value(), ssim: loss.ssim.value() },
+        mean_gradient,
+        abs_mean_gradient: absolute.into_iter().map(norm).collect(),
+    }
+}
+
+/// Derivatives of the objective by central differences, in the order of [`flatten`]; `None` where a decision changes within the
+/// smallest step.
+pub fn central_differences(splats: &Splats, view: &View, options: &RenderOptions, config: &LossConfig) -> Vec<Option<f64>> {
+    let mut p = Parameters { splats: splats.clone(), flat: flatten(splats) };
+    let mut evaluate = |i: usize, value: f64| {
+        let at = std::mem::replace(&mut p.flat[i], value);
+        let (total, _, rendered) = objective(&p, view, options, config);
+        p.flat[i] = at;
+        (total, rendered.trace)
+    };
+    let start = flatten(splats);
+    (0..start.len())
+        .map(|i| {
+            // The best step balances h^2 against 1e-16 / h; smaller ones are for parameters next to a decision.
+            [1e-5, 1e-6].iter().find_map(|h| {
+                let h = h * start[i].abs().max(0.1);
+                let ((above, above_trace), (below, below_trace)) = (evaluate(i, start[i] + h), evaluate(i, start[i] - h));
+                (above_trace == below_trace).then_some((above - below) / (2.0 * h))
+            })
+        })
+        .collect()
+}
+
