@@ -5,6 +5,8 @@
 
 mod atomic;
 mod error;
+mod ply;
 
 pub use atomic::{WriteSeek, write_atomically};
 pub use error::{IoError, IoErrorKind};
+pub use ply::{decode_points_ply, decode_scene_ply, encode_scene_ply, read_points_ply, read_scene_ply, write_scene_ply};

@@ -1,0 +1,213 @@
+//! Display bake: what ordinary 3D Gaussian splatting viewers show of a radiance scene.
+//!
+//! In: a scene. Out, per splat: harmonics [K,3] of a display colour d(v) = 1/2 + sum_m k_m Y_m(v), channel values 0..1 for an sRGB
+//! screen. d is the splat's radiance, times one exposure, in Rec.709 primaries, under a filmic curve and the sRGB encoding, fitted by
+//! least squares over [`DIRECTIONS`] viewing directions to harmonics of degree min(3, the model's). Viewers that do not clamp show
+//! negative colours as rainbow speckle, so where the fit undershoots it is drawn towards its mean until it does not.
+//!
+//! Exposure: the log-average luminance of the splats, weighted by opacity and size, comes to middle grey (Reinhard et al. 2002).
+//! Curve: the ACES approximation of Narkowicz 2015, per channel, so that what is very bright turns white. Tone mapping per splat does
+//! not commute with blending: the bake is a preview, and the exact model stands beside it.
+
+use luxel_core::{ColorBasis, ColorSpace, SH_OFFSET, Scene, Splats, luminance_rec709, sh, sigmoid};
+use rayon::prelude::*;
+
+/// Directions that the fit is made over: four for each harmonic of degree 3.
+const DIRECTIONS: usize = 64;
+/// Directions in which the result is held to be >= 0.
+const CHECKED_DIRECTIONS: usize = 256;
+/// No direction is further than h = 0.13 from a checked one, and near its minimum a harmonic sum of degree 3 and depth A rises by at most about
+/// A l (l + 1) / 4 h^2 = 0.05 A over that distance: the true minimum is at most this many times as deep as the checked one.
+const BETWEEN_CHECKS: f32 = 1.05;
+/// Harmonics of a channel at the highest degree that ordinary viewers read.
+const MAX_BAKED: usize = sh::coefficients(3);
+/// Middle grey.
+const KEY: f64 = 0.18;
+/// Luminance below this part of the weighted median counts as this much, so that black splats do not pull the average to 0.
+const DARKEST: f64 = 1e-3;
+/// Area above this many times the median counts as this much: a few huge splats (sky, backdrop) do not set the exposure.
+const LARGEST: f64 = 16.0;
+/// More than this much radiance is white under any curve, and sums of it are finite.
+const WHITE: f32 = 1e6;
+
+/// Linear AP1 (ACES white) to linear Rec.709 (D65), Bradford adaptation.
+const REC709_FROM_ACESCG: [[f32; 3]; 3] =
+    [[1.705_051, -0.621_792, -0.083_259], [-0.130_256, 1.140_805, -0.010_548], [-0.024_003, -0.128_969, 1.152_972]];
+
+/// The bake of one scene.
+pub(super) struct DisplayBake {
+    /// Degree of the result.
+    degree: usize,
+    exposure: f32,
+    color_space: ColorSpace,
+    /// The model's basis in each of [`DIRECTIONS`] directions.
+    views: Vec<ColorBasis<f32>>,
+    /// Pseudo-inverse of the basis: [K, DIRECTIONS].
+    fit: Vec<[f32; DIRECTIONS]>,
+    /// Basis values in the checked directions.
+    checks: Vec<[f32; MAX_BAKED]>,
+}
+
+impl DisplayBake {
+    pub(super) fn new(scene: &Scene) -> Self {
+        let model = scene.splats.color_model;
+        let degree = model.max_degree().min(3);
+        let directions = fibonacci(DIRECTIONS);
+        let views = directions.iter().map(|v| ColorBasis::new(model.max_degree(), *v)).collect();
+        let checks = fibonacci(CHECKED_DIRECTIONS).iter().map(|v| low_basis(*v)).collect();
+        let exposure = exposure(scene);
+        Self { degree, exposure, color_space: scene.color_space, views, fit: pseudo_inverse(&directions, sh::coefficients(degree)), checks }
+    }
+
+    /// K of the result.
+    pub(super) fn coefficients(&self) -> usize {
+        sh::coefficients(self.degree)
+    }
+
+    /// What was done, for the file's header.
+    pub(super) fn description(&self) -> String {
+        format!(
+            "exposure {:e} of normalised radiance (log-average luminance to {KEY}), ACES filmic curve (Narkowicz 2015), sRGB encoding, harmonics \
+             of degree {} by least squares over {DIRECTIONS} directions",
+            self.exposure, self.degree
+        )
+    }
+
+    /// Harmonics [K,3] of splat `i`'s display colour.
+    pub(super) fn bake(&self, splats: &Splats, i: usize, out: &mut Vec<[f32; 3]>) {
+        let (sh, raw) = (splats.sh_of(i), splats.raw_luminance_of(i));
+        out.clear();
+        out.resize(self.coefficients(), [0.0; 3]);
+        for (v, basis) in self.views.iter().enumerate() {
+            let radiance = splats.color_model.radiance(basis, |m, c| sh[3 * m + c], |m| raw[m]);
+            let color = self.display(radiance);
+            for (k, fit) in out.iter_mut().zip(&self.fit) {
+                for c in 0..3 {
+                    k[c] += fit[v] * (color[c] - SH_OFFSET);
+                }
+            }
+        }
+        for channel in 0..3 {
+            self.lift(out, channel);
+        }
+    }
+
+    /// Display colour of a radiance.
+    fn display(&self, radiance: [f32; 3]) -> [f32; 3] {
+        // `max` before `min`: NaN, of infinities of both signs, counts as 0.
+        let bounded = radiance.map(|c| (c * self.exposure).max(0.0).min(WHITE));
+        let linear = match self.color_space {
+            ColorSpace::LinearRec709 => bounded,
+            ColorSpace::AcesCg => REC709_FROM_ACESCG.map(|row| row.iter().zip(bounded).map(|(m, c)| m * c).sum::<f32>().max(0.0)),
+        };
+        linear.map(|c| srgb_encode(filmic(c)))
+    }
+
+    /// Draws a channel's higher harmonics towards 0 until no checked direction is negative.
+    fn lift(&self, coefficients: &mut [[f32; 3]], channel: usize) {
+        let mean = (SH_OFFSET + sh::C0 * coefficients[0][channel]).max(0.0);
+        coefficients[0][channel] = (mean - SH_OFFSET) / sh::C0;
+        let varying = |y: &[f32; MAX_BAKED]| -> f32 { coefficients.iter().zip(y).skip(1).map(|(k, y)| k[channel] * y).sum() };
+        let lowest = BETWEEN_CHECKS * self.checks.iter().map(varying).fold(0.0, f32::min);
+        if mean + lowest < 0.0 {
+            let factor = mean / -lowest;
+            for k in &mut coefficients[1..] {
+                k[channel] *= factor;
+            }
+        }
+    }
+}
+
+/// The ACES tone curve fitted by Narkowicz (2015), with its exposure of 0.6; 0..1 for arguments >= 0.
+fn filmic(linear: f32) -> f32 {
+    let x = 0.6 * linear;
+    ((x * (2.51 * x + 0.03)) / (x * (2.43 * x + 0.59) + 0.14)).clamp(0.0, 1.0)
+}
+
+/// IEC 61966-2-1.
+fn srgb_encode(linear: f32) -> f32 {
+    if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
+}
+
+/// Points of the unit sphere, spread evenly (Fibonacci lattice).
+fn fibonacci(count: usize) -> Vec<[f32; 3]> {
+    let point = |i: usize| {
+        let z = 1.0 - (2.0 * i as f64 + 1.0) / count as f64;
+        let phi = i as f64 * std::f64::consts::PI * (3.0 - 5f64.sqrt());
+        let r = (1.0 - z * z).sqrt();
+        [r * phi.cos(), r * phi.sin(), z].map(|c| c as f32)
+    };
+    (0..count).map(point).collect()
+}
+
+fn low_basis(direction: [f32; 3]) -> [f32; MAX_BAKED] {
+    let mut all = [0.0; sh::MAX_COEFFICIENTS];
+    sh::basis(3, direction, &mut all);
+    let mut low = [0.0; MAX_BAKED];
+    low.copy_from_slice(&all[..MAX_BAKED]);
+    low
+}
+
+/// (A^T A)^-1 A^T of the basis values A [DIRECTIONS, count], by Gauss-Jordan elimination: A^T A is nearly a multiple of the identity,
+/// as the directions are nearly even, and needs no pivoting.
+fn pseudo_inverse(directions: &[[f32; 3]], count: usize) -> Vec<[f32; DIRECTIONS]> {
+    let a: Vec<[f64; MAX_BAKED]> = directions.iter().map(|v| low_basis(*v).map(f64::from)).collect();
+    let mut gram = [[0f64; MAX_BAKED]; MAX_BAKED];
+    let mut rows = vec![[0f64; DIRECTIONS]; count];
+    for i in 0..count {
+        for j in 0..count {
+            gram[i][j] = a.iter().map(|y| y[i] * y[j]).sum();
+        }
+        for (to, y) in rows[i].iter_mut().zip(&a) {
+            *to = y[i];
+        }
+    }
+    for pivot in 0..count {
+        let inverse = 1.0 / gram[pivot][pivot];
+        gram[pivot].iter_mut().for_each(|v| *v *= inverse);
+        rows[pivot].iter_mut().for_each(|v| *v *= inverse);
+        let (pivot_gram, pivot_row) = (gram[pivot], rows[pivot]);
+        for i in (0..count).filter(|i| *i != pivot) {
+            let factor = gram[i][pivot];
+            gram[i].iter_mut().zip(pivot_gram).for_each(|(v, p)| *v -= factor * p);
+            rows[i].iter_mut().zip(pivot_row).for_each(|(v, p)| *v -= factor * p);
+        }
+    }
+    rows.iter().map(|row| row.map(|v| v as f32)).collect()
+}
+
+/// Factor that brings the scene's log-average luminance to middle grey; 1 for a black or empty scene.
+fn exposure(scene: &Scene) -> f32 {
+    let splats = &scene.splats;
+    let views = fibonacci(6);
+    let to_luminance = |rgb: [f32; 3]| f64::from(luminance_rec709(rgb.map(|c| c.max(0.0).min(f32::MAX / 16.0))));
+    let luminance_of = |i: usize| views.iter().map(|v| to_luminance(splats.radiance(i, *v))).sum::<f64>() / views.len() as f64;
+    let luminance: Vec<f64> = (0..splats.len()).into_par_iter().map(luminance_of).collect();
+    let area: Vec<f64> = splats.log_scale.iter().map(|s| cross_section(*s)).collect();
+    let largest = LARGEST * median(area.iter().map(|a| (*a, 1.0)).collect());
+    let weight: Vec<f64> = area.iter().zip(&splats.opacity_logit).map(|(a, o)| a.min(largest) * f64::from(sigmoid(*o))).collect();
+    let darkest = DARKEST * median(luminance.iter().copied().zip(weight.iter().copied()).collect());
+    let total: f64 = weight.iter().sum();
+    let sum: f64 = luminance.iter().zip(&weight).map(|(l, w)| w * l.max(darkest).max(f64::MIN_POSITIVE).ln()).sum();
+    let exposure = (KEY / (sum / total).exp()) as f32;
+    if darkest > 0.0 && exposure.is_normal() { exposure } else { 1.0 }
+}
+
+/// Product of the two larger standard deviations.
+fn cross_section(log_scale: [f32; 3]) -> f64 {
+    let smallest = log_scale.into_iter().fold(f32::INFINITY, f32::min);
+    let larger = log_scale.iter().map(|s| f64::from(*s)).sum::<f64>() - f64::from(smallest);
+    larger.clamp(-200.0, 200.0).exp()
+}
+
+/// Value at half the total weight, of (value, weight); 0 for none.
+fn median(mut values: Vec<(f64, f64)>) -> f64 {
+    values.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+    let half = 0.5 * values.iter().map(|v| v.1).sum::<f64>();
+    let mut sum = 0.0;
+    let reached = values.iter().find(|(_, weight)| {
+        sum += weight;
+        sum >= half
+    });
+    reached.map_or(0.0, |v| v.0)
+}

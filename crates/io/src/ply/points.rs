@@ -1,0 +1,66 @@
+//! Point clouds: positions and, where there are any, display colours.
+
+use std::io::BufRead;
+use std::path::Path;
+
+use crate::IoError;
+use crate::ply::header::{Element, Header, Kind, Scalar};
+use crate::ply::rows::{check_count, read_rows, seek_element};
+use crate::ply::source::Source;
+
+/// Names under which colours are found.
+const COLOR_NAMES: [[&str; 3]; 3] = [["red", "green", "blue"], ["diffuse_red", "diffuse_green", "diffuse_blue"], ["r", "g", "b"]];
+
+/// World position and display colour 0..=255 of every vertex; colours of other types (16 bits, or floats of 0 to 1) are brought to 8
+/// bits.
+///
+/// # Errors
+/// A missing or damaged file, or a vertex without a finite position.
+pub fn read_points_ply(path: &Path) -> Result<Vec<([f32; 3], Option<[u8; 3]>)>, IoError> {
+    decode(Source::open(path)?)
+}
+
+/// [`read_points_ply`] of a file's bytes; `name` is for errors.
+///
+/// # Errors
+/// As [`read_points_ply`].
+pub fn decode_points_ply(name: &Path, bytes: &[u8]) -> Result<Vec<([f32; 3], Option<[u8; 3]>)>, IoError> {
+    decode(Source::of_bytes(name, bytes))
+}
+
+fn decode<R: BufRead>(mut source: Source<'_, R>) -> Result<Vec<([f32; 3], Option<[u8; 3]>)>, IoError> {
+    let header = Header::read(&mut source)?;
+    let element = seek_element(&mut source, &header, "vertex")?;
+    let mut columns = Vec::new();
+    for name in ["x", "y", "z"] {
+        let missing = || source.invalid("header", format_args!("element \"vertex\" has no property {name:?}"));
+        columns.push(element.position(name).ok_or_else(missing)?);
+    }
+    let factor = color_columns(element).map(|(at, factor)| {
+        columns.extend(at);
+        factor
+    });
+    let mut points = Vec::with_capacity(check_count(&source, element, header.format)?);
+    read_rows(&mut source, element, header.format, &columns, |_, row| {
+        if let [x, y, z, ref color @ ..] = *row {
+            let rgb8 = factor.and_then(|f| <[f32; 3]>::try_from(color).ok().map(|c| c.map(|v| (v * f).round().clamp(0.0, 255.0) as u8)));
+            points.push(([x, y, z], rgb8));
+        }
+        Ok(())
+    })?;
+    Ok(points)
+}
+
+/// Columns of red, green and blue, and the factor that brings their type to 0..=255.
+fn color_columns(element: &Element) -> Option<([usize; 3], f32)> {
+    COLOR_NAMES.iter().find_map(|names| {
+        let [r, g, b] = names.map(|name| element.position(name));
+        let at = [r?, g?, b?];
+        let factor = match element.properties[at[0]].kind {
+            Kind::Scalar(Scalar::F32 | Scalar::F64) => 255.0,
+            Kind::Scalar(Scalar::U16) => 1.0 / 257.0,
+            _ => 1.0,
+        };
+        Some((at, factor))
+    })
+}

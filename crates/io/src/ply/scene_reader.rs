@@ -1,0 +1,211 @@
+//! PLY to scene: the exact model of a file written here, or a plain 3D Gaussian splatting file as `ColorModel::Sh`.
+
+use std::io::BufRead;
+use std::path::Path;
+
+use luxel_core::{Antialias, ColorModel, ColorSpace, Cutoffs, RasterConfig, Scene, Splats, sh};
+
+use crate::IoError;
+use crate::ply::header::{Element, Header};
+use crate::ply::rows::{check_count, read_rows, seek_element};
+use crate::ply::source::Source;
+use crate::ply::{COMMENT_TAG, FORMAT_VERSION, is_normalizable, is_usable};
+
+/// Reads a scene.
+///
+/// # Errors
+/// A missing, truncated or otherwise damaged file, a value that is NaN or infinite, a rotation of length zero, or a version of the
+/// format that is not known.
+pub fn read_scene_ply(path: &Path) -> Result<Scene, IoError> {
+    decode(Source::open(path)?)
+}
+
+/// [`read_scene_ply`] of a file's bytes; `name` is for errors.
+///
+/// # Errors
+/// As [`read_scene_ply`].
+pub fn decode_scene_ply(name: &Path, bytes: &[u8]) -> Result<Scene, IoError> {
+    decode(Source::of_bytes(name, bytes))
+}
+
+/// Names of the properties that hold the model.
+struct Layout {
+    log_scale: [&'static str; 3],
+    opacity: &'static str,
+    smoothing: Option<&'static str>,
+    /// In the order of `Splats::sh`, [K,3].
+    sh: Vec<String>,
+    raw_luminance: Vec<String>,
+}
+
+const STANDARD_SCALE: [&str; 3] = ["scale_0", "scale_1", "scale_2"];
+
+fn decode<R: BufRead>(mut source: Source<'_, R>) -> Result<Scene, IoError> {
+    let header = Header::read(&mut source)?;
+    let element = seek_element(&mut source, &header, "vertex")?;
+    let comments = Comments::of(&header);
+    let (mut scene, layout) =
+        if comments.lines.is_empty() { plain(&source, element)? } else { comments.exact(element).map_err(|e| e.into_error(&source))? };
+    read_splats(&mut source, &header, element, &layout, &mut scene.splats)?;
+    Ok(scene)
+}
+
+fn read_splats<R: BufRead>(
+    source: &mut Source<'_, R>,
+    header: &Header,
+    element: &Element,
+    layout: &Layout,
+    splats: &mut Splats,
+) -> Result<(), IoError> {
+    let geometry = ["x", "y", "z", "rot_0", "rot_1", "rot_2", "rot_3"].into_iter().chain(layout.log_scale).chain([layout.opacity]);
+    let colors = layout.sh.iter().chain(&layout.raw_luminance).map(String::as_str);
+    let mut columns = Vec::new();
+    for name in geometry.chain(colors).chain(layout.smoothing) {
+        let missing = || {
+            let message = format!("element \"vertex\" has no property {name:?}: not the splats of a scene, or a tool dropped it");
+            source.invalid("header", message)
+        };
+        columns.push(element.position(name).ok_or_else(missing)?);
+    }
+    let count = check_count(source, element, header.format)?;
+    splats.position.reserve_exact(count);
+    splats.rotation.reserve_exact(count);
+    splats.log_scale.reserve_exact(count);
+    splats.opacity_logit.reserve_exact(count);
+    splats.sh.reserve_exact(count * layout.sh.len());
+    splats.raw_luminance.reserve_exact(count * layout.raw_luminance.len());
+    let (path, sh_len) = (source.path, layout.sh.len());
+    read_rows(source, element, header.format, &columns, |row, values| {
+        let [x, y, z, qw, qx, qy, qz, s0, s1, s2, opacity, ref colors @ ..] = *values else {
+            return Ok(());
+        };
+        let rotation = [qw, qx, qy, qz];
+        if !is_normalizable(rotation) {
+            let message = format!("vertex {row}: rotation rot_0..3 is {rotation:?}, expected a quaternion of length about 1");
+            return Err(IoError::invalid(path, message));
+        }
+        splats.position.push([x, y, z]);
+        splats.rotation.push(rotation);
+        splats.log_scale.push([s0, s1, s2]);
+        splats.opacity_logit.push(opacity);
+        let (sh, rest) = colors.split_at(sh_len);
+        splats.sh.extend_from_slice(sh);
+        let (raw_luminance, smoothing) = rest.split_at(layout.raw_luminance.len());
+        splats.raw_luminance.extend_from_slice(raw_luminance);
+        if let (Some(name), [deviation]) = (layout.smoothing, smoothing) {
+            if *deviation < 0.0 {
+                let message = format!("vertex {row}: property {name:?} is {deviation}, expected a standard deviation of 0 or more");
+                return Err(IoError::invalid(path, message));
+            }
+            splats.smoothing.push(*deviation);
+        }
+        Ok(())
+    })
+}
+
+/// A file of some other program: radiance harmonics, and the renderer they were trained with.
+fn plain<R: BufRead>(source: &Source<'_, R>, element: &Element) -> Result<(Scene, Layout), IoError> {
+    if let Some(extra) = element.properties.iter().find(|p| p.name.starts_with("lcd_")) {
+        let message = format!(
+            "property {:?} belongs to a radiance model, but the comments \"{COMMENT_TAG} ...\" that describe it are missing: a tool dropped \
+             them; use the original file, or drop the lcd_* properties too to read the tone-mapped colours as radiance",
+            extra.name
+        );
+        return Err(source.invalid("header", message));
+    }
+    let rest = element.properties.iter().filter(|p| p.name.starts_with("f_rest_")).count();
+    let Some(degree) = (0..=sh::MAX_DEGREE).find(|&degree| 3 * (sh::coefficients(degree) - 1) == rest) else {
+        let message = format!("{rest} properties f_rest_*, expected 0, 9, 24, 45, 72 or 105 (spherical harmonics of degree 0 to 5)");
+        return Err(source.invalid("header", message));
+    };
+    let higher = sh::coefficients(degree) - 1;
+    let dc = (0..3).map(|c| format!("f_dc_{c}"));
+    // Channel-major in the file, coefficient-major here.
+    let others = (0..higher).flat_map(|m| (0..3).map(move |c| format!("f_rest_{}", c * higher + m)));
+    let smoothing = element.position("filter_3D").map(|_| "filter_3D");
+    let antialias = if smoothing.is_some() { Antialias::Mip } else { Antialias::Off };
+    let scene = Scene {
+        splats: Splats::empty(ColorModel::Sh { degree: degree as u8 }),
+        radiance_scale: 1.0,
+        color_space: ColorSpace::LinearRec709,
+        raster: RasterConfig { cutoffs: Cutoffs::PARITY, antialias },
+    };
+    let layout =
+        Layout { log_scale: STANDARD_SCALE, opacity: "opacity", smoothing, sh: dc.chain(others).collect(), raw_luminance: Vec::new() };
+    Ok((scene, layout))
+}
+
+/// What is wrong with the comments.
+enum CommentError {
+    Invalid(String),
+    Unsupported(String),
+}
+
+impl CommentError {
+    fn into_error<R>(self, source: &Source<'_, R>) -> IoError {
+        match self {
+            Self::Invalid(message) => IoError::invalid(source.path, format_args!("header: {message}")),
+            Self::Unsupported(message) => IoError::unsupported(source.path, format_args!("header: {message}")),
+        }
+    }
+}
+
+/// The comments that belong to this program, as key and value.
+struct Comments<'h> {
+    lines: Vec<(&'h str, &'h str)>,
+}
+
+impl<'h> Comments<'h> {
+    fn of(header: &'h Header) -> Self {
+        let ours = header.comments.iter().filter_map(|c| c.strip_prefix(COMMENT_TAG)?.strip_prefix(' '));
+        Self { lines: ours.filter_map(|line| line.split_once(' ')).collect() }
+    }
+
+    fn value(&self, key: &str) -> Result<&'h str, CommentError> {
+        let mut values = self.lines.iter().filter(|(k, _)| *k == key).map(|(_, value)| *value);
+        match (values.next(), values.next()) {
+            (Some(value), None) => Ok(value.trim()),
+            (None, _) => {
+                Err(CommentError::Invalid(format!("no comment \"{COMMENT_TAG} {key} ...\"; a tool dropped it, use the original file")))
+            }
+            _ => Err(CommentError::Invalid(format!("comment \"{COMMENT_TAG} {key}\" stands twice"))),
+        }
+    }
+
+    fn parse<T>(&self, key: &str, expected: &str, parse: impl FnOnce(&str) -> Option<T>) -> Result<T, CommentError> {
+        let value = self.value(key)?;
+        parse(value).ok_or_else(|| CommentError::Invalid(format!("comment \"{COMMENT_TAG} {key}\" is {value:?}, expected {expected}")))
+    }
+
+    /// An empty scene of the model that the comments describe, and where its values stand.
+    fn exact(&self, element: &Element) -> Result<(Scene, Layout), CommentError> {
+        let version: u32 = self.parse("scene", "a version number", |v| v.parse().ok())?;
+        if version != FORMAT_VERSION {
+            let message =
+                format!("scene format version {version}, expected {FORMAT_VERSION}; use the release of luxel that wrote the file");
+            return Err(CommentError::Unsupported(message));
+        }
+        let spaces = [ColorSpace::LinearRec709, ColorSpace::AcesCg];
+        let color_space = self.parse("color_space", "linear-rec709 or acescg", |v| spaces.into_iter().find(|s| s.name() == v))?;
+        let model_of = |v: &str| serde_json::from_str::<ColorModel>(v).ok().filter(|m| m.is_valid());
+        let color_model = self.parse("color_model", "a colour model with degrees in range", model_of)?;
+        let scale_of = |v: &str| v.parse().ok().filter(|s: &f32| s.is_finite() && *s > 0.0);
+        let radiance_scale = self.parse("radiance_scale", "a positive number", scale_of)?;
+        let raster_of = |v: &str| serde_json::from_str::<RasterConfig>(v).ok().filter(is_usable);
+        let raster = self.parse("raster", "cut-offs of 0 or more and antialias", raster_of)?;
+        let splats = Splats::empty(color_model);
+        Ok((Scene { splats, radiance_scale, color_space, raster }, exact_layout(color_model, element)))
+    }
+}
+
+fn exact_layout(color_model: ColorModel, element: &Element) -> Layout {
+    let prefix = super::scene_writer::sh_prefix(color_model);
+    let is_smoothed = element.position("lcd_filter").is_some();
+    Layout {
+        log_scale: if is_smoothed { super::scene_writer::EXACT_SCALE } else { STANDARD_SCALE },
+        opacity: if is_smoothed { "lcd_opacity" } else { "opacity" },
+        smoothing: is_smoothed.then_some("lcd_filter"),
+        sh: (0..3 * color_model.sh_coefficients()).map(|i| format!("{prefix}{i}")).collect(),
+        raw_luminance: (0..color_model.luminance_coefficients()).map(|m| format!("lcd_l_{m}")).collect(),
+    }
+}

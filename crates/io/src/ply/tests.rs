@@ -1,0 +1,421 @@
+//! Tests of the PLY reader and writer.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use luxel_core::{Activation, Antialias, ColorModel, ColorSpace, Cutoffs, RasterConfig, SH_OFFSET, Scene, Splats, noise, sh, sigmoid};
+use proptest::prelude::*;
+
+use super::*;
+use crate::IoErrorKind;
+
+fn name() -> &'static Path {
+    Path::new("scene.ply")
+}
+
+/// A scene of `count` splats with pseudo-random values of ordinary size.
+fn scene(color_model: ColorModel, count: usize, is_smoothed: bool, seed: u64) -> Scene {
+    let mut counter = 0;
+    let mut normal = |deviation: f32| {
+        counter += 1;
+        noise::standard_normal(seed, counter)[0] * deviation
+    };
+    let mut splats = Splats::empty(color_model);
+    for _ in 0..count {
+        splats.position.push([0; 3].map(|_| normal(3.0)));
+        splats.rotation.push([normal(1.0) + 0.01, normal(1.0), normal(1.0), normal(1.0)]);
+        splats.log_scale.push([0; 3].map(|_| normal(1.0) - 3.0));
+        splats.opacity_logit.push(normal(3.0));
+        for m in 0..color_model.sh_coefficients() {
+            splats.sh.extend([0; 3].map(|_| normal(if m == 0 { 0.7 } else { 0.2 }) + if m == 0 { 0.8 } else { 0.0 }));
+        }
+        splats.raw_luminance.extend((0..color_model.luminance_coefficients()).map(|m| normal(if m == 0 { 3.0 } else { 0.3 })));
+        if is_smoothed {
+            splats.smoothing.push(normal(0.05).abs());
+        }
+    }
+    let antialias = if is_smoothed { Antialias::Mip } else { Antialias::Off };
+    Scene { splats, radiance_scale: 12.345_679, color_space: ColorSpace::AcesCg, raster: RasterConfig { cutoffs: Cutoffs::HDR, antialias } }
+}
+
+const LCD: ColorModel = ColorModel::Lcd { chroma_degree: 3, luminance_degree: 0, activation: Activation::Softplus };
+
+/// The file as a plain reader sees it: property names and rows of f32. Written apart from the reader under test.
+fn plain_view(bytes: &[u8]) -> (Vec<String>, Vec<Vec<f32>>) {
+    let end = b"end_header\n";
+    let at = bytes.windows(end.len()).position(|w| w == end).unwrap() + end.len();
+    let head = std::str::from_utf8(&bytes[..at]).unwrap();
+    assert!(head.starts_with("ply\nformat binary_little_endian 1.0\n"));
+    let names: Vec<String> = head.lines().filter_map(|l| l.strip_prefix("property float ")).map(str::to_owned).collect();
+    let rows = bytes[at..].chunks(4 * names.len()).map(|row| row.chunks(4).map(|b| f32::from_le_bytes(b.try_into().unwrap())).collect());
+    (names, rows.collect())
+}
+
+/// Row as name -> value.
+fn row_of(bytes: &[u8], row: usize) -> HashMap<String, f32> {
+    let (names, rows) = plain_view(bytes);
+    names.into_iter().zip(rows[row].iter().copied()).collect()
+}
+
+fn bits(scene: &Scene) -> (Vec<u32>, String) {
+    let s = &scene.splats;
+    let arrays = [
+        s.position.as_flattened(),
+        s.rotation.as_flattened(),
+        s.log_scale.as_flattened(),
+        &s.opacity_logit,
+        &s.sh,
+        &s.raw_luminance,
+        &s.smoothing,
+        &[scene.radiance_scale],
+    ];
+    (arrays.concat().iter().map(|v| v.to_bits()).collect(), format!("{:?} {:?} {:?}", s.color_model, scene.color_space, scene.raster))
+}
+
+fn any_model() -> impl Strategy<Value = ColorModel> {
+    let activation = prop_oneof![Just(Activation::Softplus), Just(Activation::Exp), Just(Activation::Relu)];
+    prop_oneof![
+        (0u8..=5).prop_map(|degree| ColorModel::Sh { degree }),
+        (0u8..=5, 0u8..=3, activation).prop_map(|(chroma_degree, luminance_degree, activation)| ColorModel::Lcd {
+            chroma_degree,
+            luminance_degree,
+            activation
+        })
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn every_model_is_read_back_bit_for_bit(model in any_model(), count in 0usize..20, is_smoothed: bool, seed: u64, scale in 1e-6f32..1e6) {
+        let mut scene = scene(model, count, is_smoothed, seed);
+        scene.radiance_scale = scale;
+        if seed % 2 == 0 {
+            scene.raster.cutoffs = Cutoffs::PARITY;
+            scene.color_space = ColorSpace::LinearRec709;
+        }
+        let bytes = encode_scene_ply(name(), &scene).unwrap();
+        let read = decode_scene_ply(name(), &bytes).unwrap();
+        prop_assert_eq!(bits(&read), bits(&scene));
+    }
+
+    #[test]
+    fn any_bytes_give_a_scene_or_an_error(bytes: Vec<u8>, at in 0usize..4000, value: u8) {
+        let _ = decode_scene_ply(name(), &bytes);
+        let _ = decode_points_ply(name(), &bytes);
+        let mut file = encode_scene_ply(name(), &scene(LCD, 3, true, 1)).unwrap();
+        let at = at % file.len();
+        file[at] = value;
+        if let Ok(scene) = decode_scene_ply(name(), &file) {
+            prop_assert_eq!(scene.splats.validate(), Ok(()));
+        }
+    }
+}
+
+#[test]
+fn blocks_of_rows_join_without_a_seam() {
+    let scene = scene(ColorModel::Sh { degree: 0 }, 9001, false, 3);
+    let read = decode_scene_ply(name(), &encode_scene_ply(name(), &scene).unwrap()).unwrap();
+    assert_eq!(read, scene);
+}
+
+#[test]
+fn standard_properties_come_first_in_the_order_of_3dgs() {
+    for (model, rest) in
+        [(LCD, 45), (ColorModel::Sh { degree: 5 }, 45), (ColorModel::Sh { degree: 1 }, 9), (ColorModel::Sh { degree: 0 }, 0)]
+    {
+        let (names, _) = plain_view(&encode_scene_ply(name(), &scene(model, 2, true, 5)).unwrap());
+        let mut expected: Vec<String> = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"].map(str::to_owned).into();
+        expected.extend((0..rest).map(|i| format!("f_rest_{i}")));
+        expected.extend(["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"].map(str::to_owned));
+        assert_eq!(names[..expected.len()], expected);
+        // The original reader counts by prefix.
+        let starting = |prefix: &str| names.iter().filter(|n| n.starts_with(prefix)).count();
+        assert_eq!([starting("f_rest_"), starting("scale_"), starting("rot")], [rest, 3, 4]);
+        assert!(names[expected.len()..].iter().all(|n| n.starts_with("lcd_")));
+    }
+}
+
+/// Display colour of a row towards `direction`, as a viewer computes it but unclamped.
+fn shown(row: &HashMap<String, f32>, direction: [f32; 3]) -> [f32; 3] {
+    let rest = row.keys().filter(|k| k.starts_with("f_rest_")).count() / 3;
+    let mut y = [0.0; sh::MAX_COEFFICIENTS];
+    sh::basis(3, direction, &mut y);
+    [0, 1, 2].map(|c| {
+        let higher: f32 = (0..rest).map(|m| row[&format!("f_rest_{}", c * rest + m)] * y[m + 1]).sum();
+        SH_OFFSET + y[0] * row[&format!("f_dc_{c}")] + higher
+    })
+}
+
+fn unit(seed: u64, index: u64) -> [f32; 3] {
+    let v = noise::standard_normal(seed, index);
+    let n = v.iter().map(|c| c * c).sum::<f32>().sqrt();
+    v.map(|c| c / n)
+}
+
+#[test]
+fn baked_colours_are_never_negative() {
+    for model in [LCD, ColorModel::Sh { degree: 4 }, ColorModel::Lcd { chroma_degree: 2, luminance_degree: 3, activation: Activation::Exp }]
+    {
+        let bytes = encode_scene_ply(name(), &scene(model, 40, false, 11)).unwrap();
+        for splat in 0..40 {
+            let row = row_of(&bytes, splat);
+            for i in 0..1000 {
+                let color = shown(&row, unit(13, i));
+                assert!(color.iter().all(|c| *c > -1e-5), "splat {splat} of {}: {color:?}", model.name());
+            }
+        }
+    }
+}
+
+#[test]
+fn bake_of_a_constant_grey_scene_is_middle_grey_whatever_its_radiance() {
+    for radiance in [1e-4, 0.3, 1e4] {
+        let (dc, raw) = LCD.constant([radiance; 3]);
+        let mut scene = scene(LCD, 10, false, 2);
+        scene.color_space = ColorSpace::LinearRec709;
+        for splat in scene.splats.sh.chunks_exact_mut(3 * LCD.sh_coefficients()) {
+            splat.fill(0.0);
+            splat[..3].copy_from_slice(&dc);
+        }
+        scene.splats.raw_luminance.fill(raw);
+        let row = row_of(&encode_scene_ply(name(), &scene).unwrap(), 4);
+        let color = shown(&row, [0.0, 0.6, 0.8]);
+        // Narkowicz' curve takes 0.18 to 0.140, which sRGB encodes as 0.411.
+        assert!(color.iter().all(|c| (c - 0.411).abs() < 0.005), "{radiance}: {color:?}");
+    }
+}
+
+#[test]
+fn bake_follows_the_tone_mapped_radiance() {
+    // Smooth view dependence (degree 1 in both parts) survives the fit of degree 1 under the curve within a few 8-bit steps.
+    let model = ColorModel::Lcd { chroma_degree: 1, luminance_degree: 1, activation: Activation::Softplus };
+    let mut scene = scene(model, 30, false, 21);
+    scene.color_space = ColorSpace::LinearRec709;
+    let k = 3 * model.sh_coefficients();
+    for splat in scene.splats.sh.chunks_exact_mut(k) {
+        splat[..3].iter_mut().for_each(|v| *v = 1.0 + 0.2 * *v);
+        splat[3..].iter_mut().for_each(|v| *v *= 0.2);
+    }
+    let bytes = encode_scene_ply(name(), &scene).unwrap();
+    let mut brightest = [0f32; 2];
+    for i in 0..30 {
+        let row = row_of(&bytes, i);
+        for d in 0..50 {
+            let direction = unit(3, d);
+            let (radiance, color) = (scene.splats.radiance(i, direction), shown(&row, direction));
+            if radiance[1] > brightest[0] {
+                brightest = [radiance[1], color[1]];
+            }
+            // A channel that is brighter in radiance by far is not darker on the screen.
+            for (a, b) in [(0, 1), (1, 2), (2, 0)] {
+                assert!(radiance[a] < 1.5 * radiance[b] || color[a] > color[b] - 0.02, "splat {i}: {radiance:?} shown as {color:?}");
+            }
+        }
+    }
+    assert!(brightest[1] > 0.7, "{brightest:?}");
+}
+
+#[test]
+fn smoothing_is_applied_to_the_standard_scale_and_opacity_only() {
+    let mut scene = scene(LCD, 1, true, 7);
+    scene.splats.log_scale[0] = [0.1f32.ln(), 0.2f32.ln(), 0.01f32.ln()];
+    scene.splats.opacity_logit[0] = 1.5;
+    scene.splats.smoothing[0] = 0.05;
+    let bytes = encode_scene_ply(name(), &scene).unwrap();
+    let row = row_of(&bytes, 0);
+    let widened = |s: f32| (s * s + 0.0025).sqrt();
+    let expected = [0.1, 0.2, 0.01].map(|s| widened(s).ln());
+    for (i, expected) in expected.into_iter().enumerate() {
+        assert!((row[&format!("scale_{i}")] - expected).abs() < 1e-5);
+    }
+    let ratio = 0.1 * 0.2 * 0.01 / (widened(0.1) * widened(0.2) * widened(0.01));
+    assert!((sigmoid(row["opacity"]) - sigmoid(1.5) * ratio).abs() < 1e-5);
+    assert_eq!(decode_scene_ply(name(), &bytes).unwrap(), scene);
+}
+
+/// A plain 3D Gaussian splatting file of degree 1 in an unusual order, with values that f32 holds exactly.
+fn plain_file(format: &str) -> Vec<u8> {
+    let mut properties: Vec<(String, String)> = vec![("uchar".into(), "flag".into()), ("double".into(), "rot_3".into())];
+    let names = ["opacity", "scale_2", "scale_1", "scale_0", "f_dc_2", "f_dc_1", "f_dc_0", "rot_0", "rot_1", "rot_2", "z", "y", "x"];
+    properties.extend(names.map(|n| ("float".into(), n.into())));
+    properties.extend((0..9).rev().map(|i| ("float".into(), format!("f_rest_{i}"))));
+    let mut head = format!("ply\r\nformat {format} 1.0\r\ncomment made elsewhere\r\nelement camera 2\r\nproperty list uchar short ids\r\n");
+    head += "element vertex 2\r\n";
+    for (kind, property) in &properties {
+        head += &format!("property {kind} {property}\r\n");
+    }
+    let mut file = (head + "end_header\r\n").into_bytes();
+    let is_big = format == "binary_big_endian";
+    let mut put = |little: &[u8]| match is_big {
+        true => file.extend(little.iter().rev()),
+        false => file.extend(little),
+    };
+    if format == "ascii" {
+        file.extend(b"2 7 -8\r\n0\r\n");
+        for row in 0..2 {
+            let words: Vec<String> = (0..properties.len()).map(|i| format!("{}", row * 100 + i)).collect();
+            file.extend(words.join(" ").bytes().chain(*b"\r\n"));
+        }
+        return file;
+    }
+    put(&[2]);
+    put(&7i16.to_le_bytes());
+    put(&(-8i16).to_le_bytes());
+    put(&[0]);
+    for row in 0..2u8 {
+        put(&[row * 100]);
+        put(&f64::from(row * 100 + 1).to_le_bytes());
+        for i in 2..properties.len() {
+            put(&(f32::from(row * 100) + i as f32).to_le_bytes());
+        }
+    }
+    file
+}
+
+#[test]
+fn plain_files_of_all_formats_orders_and_types_are_read_alike() {
+    for format in ["ascii", "binary_little_endian", "binary_big_endian"] {
+        let read = decode_scene_ply(name(), &plain_file(format)).unwrap_or_else(|e| panic!("{format}: {e}"));
+        assert_eq!((read.radiance_scale, read.raster), (1.0, RasterConfig { cutoffs: Cutoffs::PARITY, antialias: Antialias::Off }));
+        let s = &read.splats;
+        assert_eq!((s.color_model, s.len()), (ColorModel::Sh { degree: 1 }, 2));
+        assert_eq!(s.position, [[14.0, 13.0, 12.0], [114.0, 113.0, 112.0]], "{format}");
+        assert_eq!(s.rotation[0], [9.0, 10.0, 11.0, 1.0]);
+        assert_eq!((s.log_scale[1], s.opacity_logit[1]), ([105.0, 104.0, 103.0], 102.0));
+        // f_rest_i is 23 - i; the file is channel-major: channel c's coefficient m is f_rest_{3 c + m - 1}.
+        assert_eq!(s.sh_of(0), [8.0, 7.0, 6.0, 23.0, 20.0, 17.0, 22.0, 19.0, 16.0, 21.0, 18.0, 15.0]);
+        assert_eq!(s.validate(), Ok(()));
+    }
+}
+
+#[test]
+fn mip_splatting_filter_is_honoured() {
+    let text = String::from_utf8(plain_file("ascii")).unwrap();
+    let text = text.replace("property uchar flag", "property float filter_3D");
+    let read = decode_scene_ply(name(), text.as_bytes()).unwrap();
+    assert_eq!(read.splats.smoothing, [0.0, 100.0]);
+    assert_eq!(read.raster.antialias, Antialias::Mip);
+}
+
+fn error_of(bytes: &[u8]) -> String {
+    decode_scene_ply(name(), bytes).unwrap_err().to_string()
+}
+
+#[test]
+fn files_cut_anywhere_are_refused() {
+    let files = [encode_scene_ply(name(), &scene(LCD, 2, true, 1)).unwrap(), plain_file("binary_big_endian"), plain_file("ascii")];
+    for (kind, file) in files.iter().enumerate() {
+        // Text may lose the end of its last number unnoticed.
+        let whole = if kind == 2 { file.len() - 5 } else { file.len() };
+        for length in 0..whole {
+            assert!(decode_scene_ply(name(), &file[..length]).is_err(), "file {kind} cut at byte {length}");
+        }
+    }
+    let file = &files[0];
+    assert!(error_of(&file[..file.len() - 1]).contains("vertex 1: file ends at byte"), "{}", error_of(&file[..file.len() - 1]));
+}
+
+#[test]
+fn absurd_counts_are_refused_without_allocating() {
+    for format in ["ascii", "binary_little_endian", "binary_big_endian"] {
+        let text = format!("ply\nformat {format} 1.0\nelement vertex {}\n", 1u64 << 40);
+        let plain =
+            ["x", "y", "z", "opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3", "f_dc_0", "f_dc_1", "f_dc_2"];
+        let properties: String = plain.iter().map(|p| format!("property float {p}\n")).collect();
+        let file = text.clone() + &properties + "end_header\n0 0 0\n";
+        let error = error_of(file.as_bytes());
+        assert!(error.contains("expected 1099511627776 rows"), "{error}");
+        assert!(decode_points_ply(name(), file.as_bytes()).is_err());
+        // The same claim for an element on the way, with and without lists.
+        for way in ["property float a", "property list int double a", ""] {
+            let file = format!("ply\nformat {format} 1.0\nelement face {}\n{way}\nelement vertex 1\n{properties}end_header\n", u64::MAX);
+            assert!(decode_scene_ply(name(), file.as_bytes()).is_err());
+        }
+    }
+}
+
+#[test]
+fn errors_name_vertex_property_and_remedy() {
+    let text = String::from_utf8(plain_file("ascii")).unwrap();
+    let broken = |from: &str, to: &str| {
+        assert!(text.contains(from), "{from:?} is not in the file");
+        error_of(text.replace(from, to).as_bytes())
+    };
+    assert_eq!(broken(" 102 ", " nan "), "scene.ply: vertex 1: property \"opacity\" is NaN, expected a finite number");
+    assert_eq!(broken(" 114 ", " 1e99 "), "scene.ply: vertex 1: property \"x\" is inf, expected a finite number");
+    assert_eq!(broken(" 114 ", " abc "), "scene.ply: vertex 1: property \"x\" is \"abc\", expected a number");
+    let error = error_of(text.replace(" 109 110 111 ", " 0 0 0 ").replace("100 101 ", "100 0 ").as_bytes());
+    assert!(error.starts_with("scene.ply: vertex 1: rotation rot_0..3 is [0.0, 0.0, 0.0, 0.0], expected"), "{error}");
+    assert!(broken("f_rest_8", "f_rust_8").contains("8 properties f_rest_*, expected 0, 9, 24"));
+    assert!(broken("float opacity", "float opacities").contains("no property \"opacity\""));
+    assert!(broken("ply\r\n", "plx\r\n").contains("not a PLY file"));
+    assert!(broken("ascii 1.0", "ascii 2.0").contains("line 2: format \"ascii 2.0\", expected"));
+    assert!(broken("float opacity", "half opacity").contains("unknown type \"half\""));
+    assert!(broken("element vertex", "element vortex").contains("no element \"vertex\""));
+    assert!(broken("float opacity", "list uchar float opacity").contains("property \"opacity\" is a list"));
+}
+
+#[test]
+fn damaged_comments_are_refused_rather_than_the_bake_taken_for_radiance() {
+    let file = encode_scene_ply(name(), &scene(LCD, 0, false, 1)).unwrap();
+    let text = String::from_utf8(file).unwrap();
+    let broken = |from: &str, to: &str| {
+        assert!(text.contains(from), "{from:?} is not in the file");
+        decode_scene_ply(name(), text.replace(from, to).as_bytes()).unwrap_err()
+    };
+    assert!(broken("comment luxel", "comment luxury").to_string().contains("a tool dropped them"));
+    assert_eq!(broken("luxel scene 1", "luxel scene 2").kind, IoErrorKind::Unsupported);
+    for (from, to) in [
+        ("luxel scene 1", "luxel scene one"),
+        ("acescg", "srgb"),
+        ("\"chroma_degree\":3", "\"chroma_degree\":9"),
+        ("luxel color_model", "luxel colour_model"),
+        ("radiance_scale 1", "radiance_scale -1"),
+        ("\"antialias\":\"off\"", "\"antialias\":\"on\""),
+        ("\"near\":0.01", "\"near\":-3"),
+        ("property float lcd_c_7\n", ""),
+    ] {
+        assert_eq!(broken(from, to).kind, IoErrorKind::Invalid, "{from} -> {to}");
+    }
+}
+
+#[test]
+fn scenes_that_could_not_be_read_back_are_not_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("point_cloud/iteration_7/point_cloud.ply");
+    let good = scene(LCD, 3, false, 1);
+    write_scene_ply(&path, &good).unwrap();
+    let broken: [fn(&mut Scene); 6] = [
+        |s| s.splats.rotation[1] = [0.0; 4],
+        |s| s.splats.sh[5] = f32::NAN,
+        |s| s.splats.opacity_logit.truncate(2),
+        |s| s.radiance_scale = 0.0,
+        |s| s.splats.smoothing = vec![-1.0; 3],
+        |s| s.raster.cutoffs.near = f32::NAN,
+    ];
+    for break_it in broken {
+        let mut scene = good.clone();
+        break_it(&mut scene);
+        assert!(write_scene_ply(&path, &scene).is_err());
+    }
+    assert_eq!(read_scene_ply(&path).unwrap(), good);
+    assert_eq!(read_scene_ply(folder.path()).unwrap_err().kind, IoErrorKind::Invalid);
+    assert_eq!(read_scene_ply(&folder.path().join("absent.ply")).unwrap_err().kind, IoErrorKind::System);
+}
+
+#[test]
+fn points_carry_positions_and_colours_of_any_type() {
+    let file = |colors: &str, row: &str| {
+        format!("ply\nformat ascii 1.0\nelement vertex 1\nproperty double x\nproperty float y\nproperty int z\n{colors}end_header\n{row}\n")
+    };
+    let rgb = |kind: &str| ["red", "green", "blue"].map(|c| format!("property {kind} {c}\n")).concat();
+    let read = |colors: &str, row: &str| decode_points_ply(name(), file(colors, row).as_bytes()).unwrap();
+    assert_eq!(read("", "1.5 2 -3"), [([1.5, 2.0, -3.0], None)]);
+    assert_eq!(read(&rgb("uchar"), "1 2 3 4 5 255"), [([1.0, 2.0, 3.0], Some([4, 5, 255]))]);
+    assert_eq!(read(&rgb("float"), "1 2 3 0 0.5 1"), [([1.0, 2.0, 3.0], Some([0, 128, 255]))]);
+    assert_eq!(read(&rgb("ushort"), "1 2 3 0 32896 65535"), [([1.0, 2.0, 3.0], Some([0, 128, 255]))]);
+    let error = decode_points_ply(name(), file("", "1 inf 3").as_bytes()).unwrap_err().to_string();
+    assert_eq!(error, "scene.ply: vertex 0: property \"y\" is inf, expected a finite number");
+}
