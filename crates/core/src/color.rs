@@ -9,8 +9,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::Real;
 use crate::sh::{self, MAX_COEFFICIENTS};
+use crate::{Real, each};
 
 /// Offset of [`ColorModel::Sh`], so that zero coefficients are mid-grey as in 3DGS.
 pub const SH_OFFSET: f32 = 0.5;
@@ -188,11 +188,11 @@ impl ColorModel {
         let response = self.response(basis, &sh);
         let zero = response[0].lift(0.0);
         match self {
-            Self::Sh { .. } => response.map(|s| (s + s.lift(SH_OFFSET)).max(zero)),
+            Self::Sh { .. } => each!([0, 1, 2] i => { let s = response[i]; (s + s.lift(SH_OFFSET)).max(zero) }),
             Self::Lcd { activation, .. } => {
                 let luminance = activation.apply(self.raw_luminance(basis, &raw_luminance));
                 let (chroma, _) = chromaticity(response);
-                chroma.map(|q| luminance * q)
+                each!([0, 1, 2] i => { let q = chroma[i]; luminance * q })
             }
         }
     }
@@ -213,7 +213,7 @@ impl ColorModel {
         let zero = response[0].lift(0.0);
         let mut d_basis = [zero; MAX_COEFFICIENTS];
         let d_response = match self {
-            Self::Sh { .. } => [0, 1, 2].map(|c| (response[c] + zero.lift(SH_OFFSET)).if_positive(d_radiance[c], zero)),
+            Self::Sh { .. } => each!([0, 1, 2] c => (response[c] + zero.lift(SH_OFFSET)).if_positive(d_radiance[c], zero)),
             Self::Lcd { activation, .. } => {
                 let raw = self.raw_luminance(basis, &raw_luminance);
                 let luminance = activation.apply(raw);
@@ -226,7 +226,7 @@ impl ColorModel {
                     d_basis[m] = d_basis[m] + d_raw * raw_luminance(m);
                 }
                 let scale = luminance / sum;
-                [0, 1, 2].map(|c| response[c].if_positive(scale * (d_radiance[c] - along), zero))
+                each!([0, 1, 2] c => response[c].if_positive(scale * (d_radiance[c] - along), zero))
             }
         };
         for m in 0..self.active_sh(basis) {
@@ -241,7 +241,7 @@ impl ColorModel {
         let v = basis.direction;
         let g = sh::basis_gradient(basis.active_degree.min(self.max_degree()), v, &d_basis);
         let radial = g[0] * v[0] + g[1] * v[1] + g[2] * v[2];
-        [0, 1, 2].map(|i| g[i] - radial * v[i])
+        each!([0, 1, 2] i => g[i] - radial * v[i])
     }
 
     /// The coefficients `(sh DC [3], raw luminance)` of a splat that shines with `rgb` in every direction. The chromaticity's DC sums
@@ -253,7 +253,7 @@ impl ColorModel {
                 let rgb = rgb.map(|c| c.max(0.0));
                 let luminance: f32 = rgb.iter().sum();
                 let chroma = if luminance > 0.0 { rgb.map(|c| c / luminance) } else { [1.0 / 3.0; 3] };
-                (chroma.map(|q| q / sh::C0), activation.inverse(luminance))
+                (each!([0, 1, 2] i => { let q = chroma[i]; q / sh::C0 }), activation.inverse(luminance))
             }
         }
     }
@@ -278,7 +278,7 @@ impl ColorModel {
 
     #[inline(always)]
     fn response<R: Real>(self, basis: &ColorBasis<R>, sh: &impl Fn(usize, usize) -> R) -> [R; 3] {
-        let mut response = [0, 1, 2].map(|c| sh(0, c) * basis.values[0]);
+        let mut response = each!([0, 1, 2] c => sh(0, c) * basis.values[0]);
         for m in 1..self.active_sh(basis) {
             for (c, value) in response.iter_mut().enumerate() {
                 *value = sh(m, c).mul_add(basis.values[m], *value);
@@ -303,7 +303,7 @@ impl ColorModel {
 #[inline(always)]
 fn chromaticity<R: Real>(response: [R; 3]) -> ([R; 3], R) {
     let floor = response[0].lift(DEAD_CHROMA_FLOOR);
-    let r = response.map(|s| s.max(s.lift(0.0)) + floor);
+    let r = each!([0, 1, 2] i => { let s = response[i]; s.max(s.lift(0.0)) + floor });
     let sum = r[0] + r[1] + r[2];
-    (r.map(|value| value / sum), sum)
+    (each!([0, 1, 2] i => { let value = r[i]; value / sum }), sum)
 }

@@ -25,6 +25,17 @@ pub trait Real: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Se
     fn if_positive(self, then: Self, otherwise: Self) -> Self;
 }
 
+/// The array of an expression's values at the listed indices: `each!([0, 1, 2] i => 2 * i)`.
+///
+/// Written out in place. `array::map` would do the same, but it is a function of its own, and code for an instruction set chosen at run time is
+/// only compiled for that set within the functions marked for it.
+#[macro_export]
+macro_rules! each {
+    ([$($index:literal),+] $i:ident => $value:expr) => {
+        [$({ let $i: usize = $index; $value }),+]
+    };
+}
+
 macro_rules! impl_real {
     ($t:ty) => {
         impl Real for $t {

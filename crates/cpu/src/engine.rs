@@ -11,13 +11,13 @@ use luxel_core::{
 use crate::lanes::{LANES, Lanes};
 use crate::passes::adam::{Optimizer, adam};
 use crate::passes::bin::Bins;
+use crate::passes::densify;
 use crate::passes::loss::{LossBuffers, LossSums};
 use crate::passes::project::{Footprint, project};
 use crate::passes::project_backward::{INVISIBLE, Inputs, Outputs, project_backward};
 use crate::passes::rasterize::{TileBuffer, rasterize};
 use crate::passes::rasterize_backward::{AbsoluteSums, EntryGradient, rasterize_backward};
 use crate::passes::sort::DepthOrder;
-use crate::passes::densify;
 use crate::store::{Layout, Store, blocks};
 use crate::view::ScreenCamera;
 
@@ -156,30 +156,16 @@ impl CpuEngine {
             }
             frame.gradient.resize(parameters.lanes.len(), Lanes::ZERO);
             frame.written.resize(blocks(parameters.count), false);
-            let inputs = Inputs {
-                store: parameters,
-                smoothing,
-                bins: &frame.bins,
-                entries: &frame.entries,
-                rank: &frame.rank,
-                loss: &step.loss,
-            };
-            let outputs = Outputs {
-                gradient: &mut frame.gradient,
-                written: &mut frame.written,
-                stats: step.collect_stats.then_some(stats),
-            };
+            let inputs =
+                Inputs { store: parameters, smoothing, bins: &frame.bins, entries: &frame.entries, rank: &frame.rank, loss: &step.loss };
+            let outputs =
+                Outputs { gradient: &mut frame.gradient, written: &mut frame.written, stats: step.collect_stats.then_some(stats) };
             project_backward(*level, &camera, &inputs, outputs);
             clock.lap(Pass::ProjectBackward);
             sums
         });
         let weight = step.loss.ssim_weight;
-        Ok(StepReport {
-            loss: (1.0 - weight) * l1 + weight * (1.0 - ssim),
-            l1,
-            ssim,
-            visible: self.frame.order.order.len() as u32,
-        })
+        Ok(StepReport { loss: (1.0 - weight) * l1 + weight * (1.0 - ssim), l1, ssim, visible: self.frame.order.order.len() as u32 })
     }
 }
 

@@ -4,7 +4,7 @@
 //! rates. In, out: parameters, moments.
 
 use fearless_simd::{Level, Simd};
-use luxel_core::{ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON, LearningRates, PositionNoise, Real, StepConfig, noise};
+use luxel_core::{ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON, LearningRates, PositionNoise, Real, StepConfig, each, noise};
 use rayon::prelude::*;
 
 use super::project::rotation_matrix;
@@ -77,7 +77,13 @@ pub(crate) fn adam(level: Level, optimizer: Optimizer<'_>, gradient: &[Lanes], w
 }
 
 #[inline(always)]
-fn update<S: Simd>(simd: S, step: &Step, parameters: &mut [Lanes], (first, second): (&mut [Lanes], &mut [Lanes]), gradient: Option<&[Lanes]>) {
+fn update<S: Simd>(
+    simd: S,
+    step: &Step,
+    parameters: &mut [Lanes],
+    (first, second): (&mut [Lanes], &mut [Lanes]),
+    gradient: Option<&[Lanes]>,
+) {
     let c = |value: f32| V::splat(simd, value);
     let (beta1, beta2) = (c(ADAM_BETA1), c(ADAM_BETA2));
     let epsilon = c(ADAM_EPSILON);
@@ -109,16 +115,16 @@ fn add_noise<S: Simd>(simd: S, step: &Step, noise: PositionNoise, block: usize, 
     }
     let load = |row: usize| V::load(simd, &parameters[row]);
     let one = V::splat(simd, 1.0);
-    let raw: [V<S>; 4] = [0, 1, 2, 3].map(|i| load(Layout::ROTATION + i));
+    let raw: [V<S>; 4] = each!([0, 1, 2, 3] i => load(Layout::ROTATION + i));
     let length2 = raw[0] * raw[0] + raw[1] * raw[1] + raw[2] * raw[2] + raw[3] * raw[3];
     let inverse = one / length2.max(one.lift(1e-30)).sqrt();
-    let axes = rotation_matrix(raw.map(|v| v * inverse));
-    let variance = [0, 1, 2].map(|i| (load(Layout::LOG_SCALE + i) * 2.0).exp());
+    let axes = rotation_matrix(each!([0, 1, 2, 3] i => { let v = raw[i]; v * inverse }));
+    let variance = each!([0, 1, 2] i => (load(Layout::LOG_SCALE + i) * 2.0).exp());
     let opacity = one / (one + (-load(Layout::OPACITY)).exp());
     let gate = one / (one + ((opacity - 0.995) * 100.0).exp()) * noise.scale;
-    let n = normal.each_ref().map(|lanes| V::load(simd, lanes));
+    let n = each!([0, 1, 2] i => { let lanes = &normal[i]; V::load(simd, lanes) });
     // R diag(variance) R^T n.
-    let local = [0, 1, 2].map(|k| (axes[0][k] * n[0] + axes[1][k] * n[1] + axes[2][k] * n[2]) * variance[k]);
+    let local = each!([0, 1, 2] k => (axes[0][k] * n[0] + axes[1][k] * n[1] + axes[2][k] * n[2]) * variance[k]);
     for (row, axis) in parameters[Layout::POSITION..].iter_mut().zip(axes) {
         let moved = axis[0] * local[0] + axis[1] * local[1] + axis[2] * local[2];
         moved.mul_add(gate, V::load(simd, row)).store(row);

@@ -6,6 +6,7 @@
 
 use fearless_simd::Simd;
 use luxel_core::ColorBasis;
+use luxel_core::each;
 
 use super::project::view_direction;
 use crate::lanes::{Lanes, V};
@@ -35,5 +36,5 @@ pub(crate) fn color_backward<S: Simd>(
         |m, c, gradient| gradient.store(&mut sh_rows[Layout::SH + 3 * m + c]),
         |m, gradient| gradient.store(&mut luminance_rows[m]),
     );
-    d_direction.map(|d| d * inverse_distance)
+    each!([0, 1, 2] i => { let d = d_direction[i]; d * inverse_distance })
 }

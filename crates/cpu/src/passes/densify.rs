@@ -16,11 +16,9 @@ pub(crate) fn check(plan: &DensifyPlan, count: usize) -> Result<(), EngineError>
         return Err(EngineError::Invalid(format!("densify plan: row {row} names splat {source}, the scene has {count}")));
     }
     match &plan.smoothing {
-        Some(smoothing) if smoothing.len() != plan.rows.len() => Err(EngineError::Invalid(format!(
-            "densify plan: {} smoothing values for {} rows",
-            smoothing.len(),
-            plan.rows.len()
-        ))),
+        Some(smoothing) if smoothing.len() != plan.rows.len() => {
+            Err(EngineError::Invalid(format!("densify plan: {} smoothing values for {} rows", smoothing.len(), plan.rows.len())))
+        }
         _ => Ok(()),
     }
 }

@@ -61,14 +61,7 @@ struct Rows<'a> {
 
 impl LossBuffers {
     /// Evaluates the loss.
-    pub(crate) fn loss(
-        &mut self,
-        level: Level,
-        camera: &ScreenCamera,
-        pixels: &TileBuffer,
-        view: &View,
-        config: &LossConfig,
-    ) -> LossSums {
+    pub(crate) fn loss(&mut self, level: Level, camera: &ScreenCamera, pixels: &TileBuffer, view: &View, config: &LossConfig) -> LossSums {
         let [width, height] = camera.size_px;
         let stride = width.next_multiple_of(LANES) + 2 * PAD;
         let valid = view.mask.as_ref().map_or(width * height, |m| m.valid.iter().filter(|v| **v).count());

@@ -8,7 +8,7 @@
 use bytemuck::{Pod, Zeroable};
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd};
-use luxel_core::{Antialias, Real};
+use luxel_core::{Antialias, Real, each};
 use rayon::prelude::*;
 
 use crate::lanes::{LANES, Lanes, V, with_simd};
@@ -94,43 +94,44 @@ impl<S: Simd> Projection<S> {
         let load = |row: usize| V::load(simd, &rows[row]);
         let c = |value: f32| V::splat(simd, value);
         let one = c(1.0);
-        let position: [V<S>; 3] = [0, 1, 2].map(|i| load(Layout::POSITION + i));
-        let rotation = camera.rotation.map(|row| row.map(c));
-        let point = [0, 1, 2].map(|i| dot(rotation[i], position) + camera.translation[i]);
+        let position: [V<S>; 3] = each!([0, 1, 2] i => load(Layout::POSITION + i));
+        let rotation = each!([0, 1, 2] i => { let row = camera.rotation[i]; each!([0, 1, 2] i => c(row[i])) });
+        let point = each!([0, 1, 2] i => dot(rotation[i], position) + camera.translation[i]);
         // Depth zero would divide by zero; such splats are culled, so any finite stand-in will do.
         let z = V::select(point[2].gt(c(camera.cutoffs.near * 0.5)), point[2], one);
         let inverse_z = one / z;
-        let slope = [0, 1].map(|i| (point[i] * inverse_z).max(c(camera.slope_min[i])).min(c(camera.slope_max[i])));
+        let slope = each!([0, 1] i => (point[i] * inverse_z).max(c(camera.slope_min[i])).min(c(camera.slope_max[i])));
 
-        let raw: [V<S>; 4] = [0, 1, 2, 3].map(|i| load(Layout::ROTATION + i));
+        let raw: [V<S>; 4] = each!([0, 1, 2, 3] i => load(Layout::ROTATION + i));
         let length2 = raw[0].mul_add(raw[0], raw[1].mul_add(raw[1], raw[2].mul_add(raw[2], raw[3] * raw[3])));
         let inverse_length = one / length2.max(c(1e-30)).sqrt();
-        let quaternion = raw.map(|v| v * inverse_length);
+        let quaternion = each!([0, 1, 2, 3] i => { let v = raw[i]; v * inverse_length });
         let axes = rotation_matrix(quaternion);
 
-        let raw_sigma: [V<S>; 3] = [0, 1, 2].map(|i| load(Layout::LOG_SCALE + i).exp());
+        let raw_sigma: [V<S>; 3] = each!([0, 1, 2] i => load(Layout::LOG_SCALE + i).exp());
         let (sigma, filter_factor) = match smoothing {
             None => (raw_sigma, one),
             Some(lanes) => {
                 let f = V::load(simd, lanes);
-                let sigma = raw_sigma.map(|s| s.mul_add(s, f * f).sqrt());
-                let ratio = [0, 1, 2].map(|i| raw_sigma[i] / sigma[i]);
+                let sigma = each!([0, 1, 2] i => { let s = raw_sigma[i]; s.mul_add(s, f * f).sqrt() });
+                let ratio = each!([0, 1, 2] i => raw_sigma[i] / sigma[i]);
                 (sigma, ratio[0] * ratio[1] * ratio[2])
             }
         };
 
-        let scale = [0, 1].map(|i| inverse_z * camera.focal_px[i]);
-        let jacobian = [0, 1].map(|i| {
+        let scale = each!([0, 1] i => inverse_z * camera.focal_px[i]);
+        let jacobian = each!([0, 1] i => {
             let shear = -(scale[i] * slope[i]);
-            [0, 1, 2].map(|j| scale[i].mul_add(rotation[i][j], shear * rotation[2][j]))
+            each!([0, 1, 2] j => scale[i].mul_add(rotation[i][j], shear * rotation[2][j]))
         });
-        let screen_axes = jacobian.map(|row| [0, 1, 2].map(|k| dot(row, [axes[0][k], axes[1][k], axes[2][k]])));
-        let root = screen_axes.map(|row| [0, 1, 2].map(|k| row[k] * sigma[k]));
+        let screen_axes =
+            each!([0, 1] i => { let row = jacobian[i]; each!([0, 1, 2] k => dot(row, [axes[0][k], axes[1][k], axes[2][k]])) });
+        let root = each!([0, 1] i => { let row = screen_axes[i]; each!([0, 1, 2] k => row[k] * sigma[k]) });
 
         let dilation = camera.antialias.dilation_px2();
         let before = [dot(root[0], root[0]), dot(root[0], root[1]), dot(root[1], root[1])];
         // |a|^2 |b|^2 - (a.b)^2 = |a x b|^2 (Lagrange): no cancellation for needles.
-        let cross = [0, 1, 2].map(|k| {
+        let cross = each!([0, 1, 2] k => {
             let (i, j) = ((k + 1) % 3, (k + 2) % 3);
             root[0][i] * root[1][j] - root[0][j] * root[1][i]
         });
@@ -180,9 +181,9 @@ pub(crate) fn rotation_matrix<S: Simd>([w, x, y, z]: [V<S>; 4]) -> [[V<S>; 3]; 3
 /// Unit vectors from the camera to the splats and the reciprocals of the distances.
 #[inline(always)]
 pub(crate) fn view_direction<S: Simd>(simd: S, camera: &ScreenCamera, rows: &[Lanes]) -> ([V<S>; 3], V<S>) {
-    let offset = [0, 1, 2].map(|i| V::load(simd, &rows[Layout::POSITION + i]) - camera.eye[i]);
+    let offset = each!([0, 1, 2] i => V::load(simd, &rows[Layout::POSITION + i]) - camera.eye[i]);
     let inverse_distance = V::splat(simd, 1.0) / dot(offset, offset).max(V::splat(simd, 1e-30)).sqrt();
-    (offset.map(|v| v * inverse_distance), inverse_distance)
+    (each!([0, 1, 2] i => { let v = offset[i]; v * inverse_distance }), inverse_distance)
 }
 
 /// Projects all splats.
@@ -211,7 +212,7 @@ fn project_block<S: Simd>(
     let p = Projection::new(simd, camera, rows, smoothing);
     let opacity = p.opacity * p.compensation * p.filter_factor;
     let inverse_z = one / p.point[2];
-    let mean = [0, 1].map(|i| (p.point[i] * inverse_z).mul_add(c(camera.focal_px[i]), c(camera.center_px[i])));
+    let mean = each!([0, 1] i => (p.point[i] * inverse_z).mul_add(c(camera.focal_px[i]), c(camera.center_px[i])));
 
     // Nothing above the largest possible footprint touches the image: skip colour and the rest for blocks that are out altogether.
     let depth = V::load(simd, &rows[Layout::POSITION]) * camera.rotation[2][0]
@@ -220,7 +221,7 @@ fn project_block<S: Simd>(
         + camera.translation[2];
     let floor = c(camera.cutoffs.alpha_floor.min(camera.cutoffs.min_alpha));
     let widest = (opacity / floor).max(one).ln() * 2.0;
-    let reach = [0, 2].map(|i| (p.covariance[i] * widest).sqrt());
+    let reach = each!([0, 2] i => (p.covariance[i] * widest).sqrt());
     let mut mask = depth.ge(c(camera.cutoffs.near)) & opacity.ge(floor);
     for i in 0..2 {
         mask = mask & (mean[i] + reach[i]).gt(c(0.0)) & (mean[i] - reach[i]).lt(c(camera.size_px[i] as f32));
@@ -232,13 +233,12 @@ fn project_block<S: Simd>(
 
     let radiance = super::color::color(simd, camera, layout, rows);
     let brightest = radiance[0].max(radiance[1]).max(radiance[2]);
-    let threshold = (c(camera.cutoffs.min_contribution) / brightest.max(c(1e-30)))
-        .min(c(camera.cutoffs.min_alpha))
-        .max(c(camera.cutoffs.alpha_floor));
+    let threshold =
+        (c(camera.cutoffs.min_contribution) / brightest.max(c(1e-30))).min(c(camera.cutoffs.min_alpha)).max(c(camera.cutoffs.alpha_floor));
     let log2_opacity = opacity.max(c(1e-30)).ln() * std::f32::consts::LOG2_E;
     let log2_threshold = threshold.ln() * std::f32::consts::LOG2_E;
     let radius2 = (log2_opacity - log2_threshold) * (2.0 * std::f32::consts::LN_2);
-    let extent = [0, 2].map(|i| (p.covariance[i] * radius2.max(c(0.0))).sqrt());
+    let extent = each!([0, 2] i => (p.covariance[i] * radius2.max(c(0.0))).sqrt());
     mask = mask & radius2.gt(c(0.0));
     for i in 0..2 {
         // Pixel centres lie between 1/2 and size - 1/2.
@@ -251,13 +251,25 @@ fn project_block<S: Simd>(
     mask = mask & conic[0].gt(c(0.0)) & conic[2].gt(c(0.0)) & (extent[0] + extent[1]).lt(c(1e9)) & brightest.lt(c(f32::MAX));
     let right_dy = extent[0] * p.covariance[1] / p.covariance[0];
     let culled = c(Footprint::CULLED_EXTENT);
-    let extent = extent.map(|e| V::select(mask, e, culled));
+    let extent = each!([0, 1] i => { let e = extent[i]; V::select(mask, e, culled) });
 
     let fields = [
-        mean[0], mean[1], conic[0], conic[1], conic[2], log2_opacity, radiance[0], radiance[1], radiance[2], log2_threshold, extent[0],
-        extent[1], depth, right_dy,
-    ]
-    .map(V::lanes);
+        mean[0],
+        mean[1],
+        conic[0],
+        conic[1],
+        conic[2],
+        log2_opacity,
+        radiance[0],
+        radiance[1],
+        radiance[2],
+        log2_threshold,
+        extent[0],
+        extent[1],
+        depth,
+        right_dy,
+    ];
+    let fields = each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13] i => fields[i].lanes());
     for (lane, out) in out.iter_mut().enumerate() {
         let f = |i: usize| fields[i][lane];
         *out = Footprint {

@@ -5,7 +5,7 @@
 //! bits for any number of threads. Derivation: reverse mode through `project`; dE/dcovariance = -X G X for X the conic, G its gradient.
 
 use fearless_simd::{Level, Simd};
-use luxel_core::{Antialias, DensifyStats, LossConfig, Real};
+use luxel_core::{Antialias, DensifyStats, LossConfig, Real, each};
 use rayon::prelude::*;
 
 use super::bin::Bins;
@@ -111,7 +111,8 @@ fn block_backward<S: Simd>(
     let layout = inputs.store.layout;
     let rows = &inputs.store.lanes[block * layout.rows()..][..layout.rows()];
     let c = |value: f32| V::splat(simd, value);
-    let [d_log_alpha, fx, fy, sxx, sxy, syy, dr, dg, db, abs_x, abs_y, _] = sums.each_ref().map(|lanes| V::load(simd, lanes));
+    let [d_log_alpha, fx, fy, sxx, sxy, syy, dr, dg, db, abs_x, abs_y, _] =
+        each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11] i => { let lanes = &sums[i]; V::load(simd, lanes) });
     let p = Projection::new(simd, camera, rows, inputs.smoothing.get(block));
     let mut d_position = color_backward(simd, camera, layout, rows, [dr, dg, db], out);
 
@@ -146,8 +147,8 @@ fn block_backward<S: Simd>(
 
     // covariance = root root^T.
     let d_root = [
-        [0, 1, 2].map(|k| (d_xx + d_xx).mul_add(p.root[0][k], d_xy * p.root[1][k])),
-        [0, 1, 2].map(|k| (d_yy + d_yy).mul_add(p.root[1][k], d_xy * p.root[0][k])),
+        each!([0, 1, 2] k => (d_xx + d_xx).mul_add(p.root[0][k], d_xy * p.root[1][k])),
+        each!([0, 1, 2] k => (d_yy + d_yy).mul_add(p.root[1][k], d_xy * p.root[0][k])),
     ];
     // root = screen_axes diag(sigma).
     for k in 0..3 {
@@ -159,28 +160,27 @@ fn block_backward<S: Simd>(
         d_log_scale = p.raw_sigma[k].mul_add(c(inputs.loss.scale_weight / (3 * inputs.store.count) as f32), d_log_scale);
         d_log_scale.store(&mut out[Layout::LOG_SCALE + k]);
     }
-    let d_opacity_logit = (c(1.0) - p.opacity)
-        * p.opacity.mul_add(c(inputs.loss.opacity_weight / inputs.store.count as f32), d_log_alpha);
+    let d_opacity_logit = (c(1.0) - p.opacity) * p.opacity.mul_add(c(inputs.loss.opacity_weight / inputs.store.count as f32), d_log_alpha);
     d_opacity_logit.store(&mut out[Layout::OPACITY]);
-    let d_screen_axes = d_root.map(|row| [0, 1, 2].map(|k| row[k] * p.sigma[k]));
+    let d_screen_axes = each!([0, 1] i => { let row = d_root[i]; each!([0, 1, 2] k => row[k] * p.sigma[k]) });
     // screen_axes = jacobian axes.
-    let d_axes: [[V<S>; 3]; 3] = [0, 1, 2].map(|j| {
-        [0, 1, 2].map(|k| p.jacobian[0][j].mul_add(d_screen_axes[0][k], p.jacobian[1][j] * d_screen_axes[1][k]))
+    let d_axes: [[V<S>; 3]; 3] = each!([0, 1, 2] j => {
+        each!([0, 1, 2] k => p.jacobian[0][j].mul_add(d_screen_axes[0][k], p.jacobian[1][j] * d_screen_axes[1][k]))
     });
     for (i, d) in rotation_backward(&p, &d_axes).into_iter().enumerate() {
         d.store(&mut out[Layout::ROTATION + i]);
     }
-    let d_jacobian = d_screen_axes.map(|row| [0, 1, 2].map(|j| dot(row, p.axes[j])));
+    let d_jacobian = each!([0, 1] i => { let row = d_screen_axes[i]; each!([0, 1, 2] j => dot(row, p.axes[j])) });
     let d_point = point_backward(simd, camera, &p, d_jacobian, d_mean);
     for (i, d) in d_position.iter_mut().enumerate() {
-        let column = [0, 1, 2].map(|row: usize| c(camera.rotation[row][i]));
+        let column = each!([0, 1, 2] row => c(camera.rotation[row][i]));
         *d = *d + dot(column, d_point);
         d.store(&mut out[Layout::POSITION + i]);
     }
 
     if let Some(stats) = stats {
         // NDC spans 2 over the image's side.
-        let ndc = [0, 1].map(|i| 0.5 * camera.size_px[i] as f32);
+        let ndc = each!([0, 1] i => 0.5 * camera.size_px[i] as f32);
         let norm = |x: V<S>, y: V<S>| ((x * ndc[0]) * (x * ndc[0]) + (y * ndc[1]) * (y * ndc[1])).sqrt().lanes();
         let (norm, absolute) = (norm(d_mean[0], d_mean[1]), norm(abs_x, abs_y));
         for (lane, _) in stats.ranks.iter().enumerate().filter(|(_, rank)| **rank != INVISIBLE) {
@@ -204,26 +204,20 @@ fn rotation_backward<S: Simd>(p: &Projection<S>, d: &[[V<S>; 3]; 3]) -> [V<S>; 4
     // Normalisation: only the part across the quaternion moves it.
     let along = w * d_w + x * d_x + y * d_y + z * d_z;
     let unit = [d_w, d_x, d_y, d_z];
-    [0, 1, 2, 3].map(|i| (unit[i] - along * p.quaternion[i]) * p.inverse_length)
+    each!([0, 1, 2, 3] i => (unit[i] - along * p.quaternion[i]) * p.inverse_length)
 }
 
 /// Gradient by the point in camera space, through the centre and the Jacobian.
 #[inline(always)]
-fn point_backward<S: Simd>(
-    simd: S,
-    camera: &ScreenCamera,
-    p: &Projection<S>,
-    d_jacobian: [[V<S>; 3]; 2],
-    d_mean: [V<S>; 2],
-) -> [V<S>; 3] {
+fn point_backward<S: Simd>(simd: S, camera: &ScreenCamera, p: &Projection<S>, d_jacobian: [[V<S>; 3]; 2], d_mean: [V<S>; 2]) -> [V<S>; 3] {
     let c = |value: f32| V::splat(simd, value);
     let inverse_z = c(1.0) / p.point[2];
     let mut d_point = [c(0.0); 3];
     for i in 0..2 {
         let scale = inverse_z * camera.focal_px[i];
         // jacobian[i] = scale (rotation[i] - slope rotation[2]); mean = scale point + centre.
-        let by_direct = dot(d_jacobian[i], camera.rotation[i].map(c));
-        let by_depth = dot(d_jacobian[i], camera.rotation[2].map(c));
+        let by_direct = dot(d_jacobian[i], each!([0, 1, 2] j => c(camera.rotation[i][j])));
+        let by_depth = dot(d_jacobian[i], each!([0, 1, 2] i => c(camera.rotation[2][i])));
         let d_slope = -(scale * by_depth);
         let true_slope = p.point[i] * inverse_z;
         // Where the slope is clamped it does not move.

@@ -9,7 +9,7 @@ use std::sync::atomic::Ordering;
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd};
-use luxel_core::{Image, Real};
+use luxel_core::{Image, Real, each};
 use rayon::prelude::*;
 
 use super::bin::Bins;
@@ -46,7 +46,7 @@ impl TileBuffer {
                 for (x, pixel) in row.iter_mut().enumerate() {
                     let (block, lane) = block_of(x % TILE_PX, y);
                     let block = &self.tiles[tile_row * across + x / TILE_PX][block];
-                    *pixel = [0, 1, 2].map(|c| block.radiance[c].0[lane]);
+                    *pixel = each!([0, 1, 2] c => block.radiance[c].0[lane]);
                 }
             }
         });
@@ -134,19 +134,19 @@ fn rasterize_tile<S: Simd>(simd: S, camera: &ScreenCamera, origin: [usize; 2], e
     let max_alpha = c(camera.cutoffs.max_alpha);
     let min_transmittance = c(camera.cutoffs.min_transmittance);
     let origin_px = origin.map(|v| v as f32);
-    let centers = [0, 1, 2, 3].map(|b| pixel_centers(simd, b));
+    let centers = each!([0, 1, 2, 3] b => pixel_centers(simd, b));
     let mut radiance = [[zero; 3]; BLOCKS];
     let mut transmittance = [one; BLOCKS];
     let mut last = [zero; BLOCKS];
     // Pixels beyond the image are finished from the start.
-    let mut live: [M<S>; BLOCKS] = [0, 1, 2, 3].map(|b| {
+    let mut live: [M<S>; BLOCKS] = each!([0, 1, 2, 3] b => {
         let [x, y] = centers[b];
         (x + origin_px[0]).lt(c(camera.size_px[0] as f32)) & (y + origin_px[1]).lt(c(camera.size_px[1] as f32))
     });
-    let mut any_live = [0, 1, 2, 3].map(|b: usize| live[b].any_true());
+    let mut any_live = each!([0, 1, 2, 3] b => live[b].any_true());
     for (index, f) in entries.iter().enumerate() {
         let spread = Spread::new(simd, f, origin_px);
-        let color = f.radiance.map(c);
+        let color = each!([0, 1, 2] i => c(f.radiance[i]));
         for b in 0..BLOCKS {
             if !any_live[b] {
                 continue;

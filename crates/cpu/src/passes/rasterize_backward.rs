@@ -11,6 +11,7 @@
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd, f32x4, f64x2};
 use luxel_core::Real;
+use luxel_core::each;
 use rayon::prelude::*;
 
 use super::bin::Bins;
@@ -109,10 +110,10 @@ fn tile_backward<S: Simd, const ABSOLUTE: bool>(
     let (zero, one) = (c(0.0), c(1.0));
     let max_alpha = c(camera.cutoffs.max_alpha);
     let mut last_of_block = [0usize; BLOCKS];
-    let mut blocks: [BlockState<S>; BLOCKS] = [0, 1, 2, 3].map(|b| {
-        let gradient = [0, 1, 2].map(|channel| V::load(simd, &gradients[b][channel]));
+    let mut blocks: [BlockState<S>; BLOCKS] = each!([0, 1, 2, 3] b => {
+        let gradient = each!([0, 1, 2] channel => V::load(simd, &gradients[b][channel]));
         let transmittance = V::load(simd, &pixels[b].transmittance);
-        let background = [0, 1, 2].map(|i| c(camera.background[i]) * gradient[i]);
+        let background = each!([0, 1, 2] i => c(camera.background[i]) * gradient[i]);
         last_of_block[b] = pixels[b].last.0.iter().fold(0.0f32, |a, v| a.max(*v)) as usize;
         BlockState {
             centers: pixel_centers(simd, b),
@@ -126,8 +127,8 @@ fn tile_backward<S: Simd, const ABSOLUTE: bool>(
     out[last..].fill(EntryGradient::default());
     for (index, f) in entries.iter().enumerate().take(last).rev() {
         let spread = Spread::new(simd, f, origin_px);
-        let color = f.radiance.map(c);
-        let conic = f.conic.map(|v| c(v * std::f32::consts::LN_2));
+        let color = each!([0, 1, 2] i => c(f.radiance[i]));
+        let conic = each!([0, 1, 2] i => { let v = f.conic[i]; c(v * std::f32::consts::LN_2) });
         let position = c(index as f32);
         let mut sums = [zero; 11];
         let mut any = false;
@@ -191,7 +192,7 @@ fn sum_lanes<S: Simd>(simd: S, sums: [V<S>; 11]) -> EntryGradient {
         let (low, high): (f32x4<S>, f32x4<S>) = (ab.zip_low(cd).bitcast(), ab.zip_high(cd).bitcast());
         low + high
     };
-    let q = sums.map(quarter);
+    let q = each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10] i => quarter(sums[i]));
     let mut out = EntryGradient::default();
     let numbers: &mut [f32; ENTRY_LEN] = bytemuck::cast_mut(&mut out);
     four(q[0], q[1], q[2], q[3]).store_slice(&mut numbers[0..4]);
