@@ -4,9 +4,14 @@
 //! remedy; no panic, no unbounded allocation.
 
 mod atomic;
+mod checkpoint;
 mod error;
 mod ply;
 
 pub use atomic::{WriteSeek, write_atomically};
+pub use checkpoint::{
+    CheckpointFile, LatestCheckpoint, checkpoint_path, decode_checkpoint, encode_checkpoint, latest_checkpoint, list_checkpoints,
+    prune_checkpoints, read_checkpoint, write_checkpoint,
+};
 pub use error::{IoError, IoErrorKind};
-pub use ply::{decode_points_ply, decode_scene_ply, encode_scene_ply, read_points_ply, read_scene_ply, write_scene_ply};
+pub use ply::{PlyPoint, decode_points_ply, decode_scene_ply, encode_scene_ply, read_points_ply, read_scene_ply, write_scene_ply};

@@ -94,8 +94,7 @@ impl DisplayBake {
 
     /// Display colour of a radiance.
     fn display(&self, radiance: [f32; 3]) -> [f32; 3] {
-        // `max` before `min`: NaN, of infinities of both signs, counts as 0.
-        let bounded = radiance.map(|c| (c * self.exposure).max(0.0).min(WHITE));
+        let bounded = radiance.map(|c| bounded(c * self.exposure, WHITE));
         let linear = match self.color_space {
             ColorSpace::LinearRec709 => bounded,
             ColorSpace::AcesCg => REC709_FROM_ACESCG.map(|row| row.iter().zip(bounded).map(|(m, c)| m * c).sum::<f32>().max(0.0)),
@@ -116,6 +115,11 @@ impl DisplayBake {
             }
         }
     }
+}
+
+/// 0 to `limit`; NaN, which a sum of infinities of both signs gives, counts as 0.
+fn bounded(value: f32, limit: f32) -> f32 {
+    if value > 0.0 { value.min(limit) } else { 0.0 }
 }
 
 /// The ACES tone curve fitted by Narkowicz (2015), with its exposure of 0.6; 0..1 for arguments >= 0.
@@ -180,7 +184,7 @@ fn pseudo_inverse(directions: &[[f32; 3]], count: usize) -> Vec<[f32; DIRECTIONS
 fn exposure(scene: &Scene) -> f32 {
     let splats = &scene.splats;
     let views = fibonacci(6);
-    let to_luminance = |rgb: [f32; 3]| f64::from(luminance_rec709(rgb.map(|c| c.max(0.0).min(f32::MAX / 16.0))));
+    let to_luminance = |rgb: [f32; 3]| f64::from(luminance_rec709(rgb.map(|c| bounded(c, f32::MAX / 16.0))));
     let luminance_of = |i: usize| views.iter().map(|v| to_luminance(splats.radiance(i, *v))).sum::<f64>() / views.len() as f64;
     let luminance: Vec<f64> = (0..splats.len()).into_par_iter().map(luminance_of).collect();
     let area: Vec<f64> = splats.log_scale.iter().map(|s| cross_section(*s)).collect();

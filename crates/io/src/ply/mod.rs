@@ -20,7 +20,7 @@ mod scene_reader;
 mod scene_writer;
 mod source;
 
-pub use points::{decode_points_ply, read_points_ply};
+pub use points::{PlyPoint, decode_points_ply, read_points_ply};
 pub use scene_reader::{decode_scene_ply, read_scene_ply};
 pub use scene_writer::{encode_scene_ply, write_scene_ply};
 

@@ -11,12 +11,15 @@ use crate::ply::source::Source;
 /// Names under which colours are found.
 const COLOR_NAMES: [[&str; 3]; 3] = [["red", "green", "blue"], ["diffuse_red", "diffuse_green", "diffuse_blue"], ["r", "g", "b"]];
 
+/// World position, and display colour 0..=255 where the file has one.
+pub type PlyPoint = ([f32; 3], Option<[u8; 3]>);
+
 /// World position and display colour 0..=255 of every vertex; colours of other types (16 bits, or floats of 0 to 1) are brought to 8
 /// bits.
 ///
 /// # Errors
 /// A missing or damaged file, or a vertex without a finite position.
-pub fn read_points_ply(path: &Path) -> Result<Vec<([f32; 3], Option<[u8; 3]>)>, IoError> {
+pub fn read_points_ply(path: &Path) -> Result<Vec<PlyPoint>, IoError> {
     decode(Source::open(path)?)
 }
 
@@ -24,11 +27,11 @@ pub fn read_points_ply(path: &Path) -> Result<Vec<([f32; 3], Option<[u8; 3]>)>, 
 ///
 /// # Errors
 /// As [`read_points_ply`].
-pub fn decode_points_ply(name: &Path, bytes: &[u8]) -> Result<Vec<([f32; 3], Option<[u8; 3]>)>, IoError> {
+pub fn decode_points_ply(name: &Path, bytes: &[u8]) -> Result<Vec<PlyPoint>, IoError> {
     decode(Source::of_bytes(name, bytes))
 }
 
-fn decode<R: BufRead>(mut source: Source<'_, R>) -> Result<Vec<([f32; 3], Option<[u8; 3]>)>, IoError> {
+fn decode<R: BufRead>(mut source: Source<'_, R>) -> Result<Vec<PlyPoint>, IoError> {
     let header = Header::read(&mut source)?;
     let element = seek_element(&mut source, &header, "vertex")?;
     let mut columns = Vec::new();

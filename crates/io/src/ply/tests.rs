@@ -91,7 +91,7 @@ proptest! {
     fn every_model_is_read_back_bit_for_bit(model in any_model(), count in 0usize..20, is_smoothed: bool, seed: u64, scale in 1e-6f32..1e6) {
         let mut scene = scene(model, count, is_smoothed, seed);
         scene.radiance_scale = scale;
-        if seed % 2 == 0 {
+        if seed.is_multiple_of(2) {
             scene.raster.cutoffs = Cutoffs::PARITY;
             scene.color_space = ColorSpace::LinearRec709;
         }

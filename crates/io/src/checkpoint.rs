@@ -1,0 +1,366 @@
+//! Checkpoints: the complete state of a training run in one safetensors file.
+//!
+//! Tensors, f32 unless said: `splats.{position [N,3], rotation [N,4], log_scale [N,3], opacity_logit [N], sh [N,K,3], raw_luminance
+//! [N,M], smoothing [N or 0]}`, the same under `moments.first` and `moments.second`, and `stats.{gradient, abs_gradient, views (u32)}`
+//! [N or 0]. Everything else is in the metadata, in JSON where it is not a single word. A BLAKE3 digest over metadata, names, shapes
+//! and values tells a damaged file from a good one. Files are written whole or not at all, and equal snapshots give equal bytes. Values are moved in small pieces:
+//! neither writing nor reading holds a second copy of the snapshot.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{BufReader, Read, Write};
+use std::path::Path;
+
+use luxel_core::{ColorModel, ColorSpace, DensifyStats, Moments, RasterConfig, Scene, Snapshot, Splats};
+use safetensors::tensor::{Dtype, Metadata, TensorInfo};
+use serde::Serialize;
+
+use crate::{IoError, write_atomically};
+
+mod files;
+mod tensors;
+
+pub use files::{CheckpointFile, LatestCheckpoint, checkpoint_path, latest_checkpoint, list_checkpoints, prune_checkpoints};
+use tensors::{PIECE_BYTES, tensors_of};
+
+/// Version of names and metadata.
+const FORMAT_VERSION: &str = "1";
+/// Value of the key `format`.
+const FORMAT_NAME: &str = "luxel-checkpoint";
+/// Longest header that is believed to be one, bytes: as the safetensors library allows.
+const MAX_HEADER: u64 = 100_000_000;
+/// Length of the header's length.
+const LENGTH_BYTES: u64 = 8;
+const DIGEST_KEY: &str = "blake3";
+
+/// Head of a safetensors file in a fixed order.
+#[derive(Serialize)]
+struct Head<'a> {
+    #[serde(rename = "__metadata__")]
+    metadata: &'a BTreeMap<&'static str, String>,
+    #[serde(flatten)]
+    tensors: BTreeMap<&'a str, TensorInfo>,
+}
+
+/// Writes a checkpoint, whole or not at all and synced to the disk; folders are made as needed.
+///
+/// # Errors
+/// Arrays of wrong lengths, splats that are not finite, or the file system's refusal; older files are untouched.
+pub fn write_checkpoint(path: &Path, snapshot: &Snapshot) -> Result<(), IoError> {
+    check(snapshot).map_err(|message| IoError::invalid(path, format_args!("checkpoint to write: {message}")))?;
+    write_atomically(path, |file| write(snapshot, file).map_err(|e| IoError::system(path, "write", &e)))
+}
+
+/// The bytes that [`write_checkpoint`] writes; `name` is for errors.
+///
+/// # Errors
+/// As [`write_checkpoint`].
+pub fn encode_checkpoint(name: &Path, snapshot: &Snapshot) -> Result<Vec<u8>, IoError> {
+    check(snapshot).map_err(|message| IoError::invalid(name, format_args!("checkpoint to write: {message}")))?;
+    let mut bytes = Vec::new();
+    write(snapshot, &mut bytes).map_err(|e| IoError::system(name, "write", &e))?;
+    Ok(bytes)
+}
+
+/// Reads a checkpoint.
+///
+/// # Errors
+/// A missing, truncated or otherwise damaged file, or one of another version.
+pub fn read_checkpoint(path: &Path) -> Result<Snapshot, IoError> {
+    let system = |e: std::io::Error| IoError::system(path, "read", &e);
+    let file = File::open(path).map_err(system)?;
+    let metadata = file.metadata().map_err(system)?;
+    if !metadata.is_file() {
+        return Err(IoError::invalid(path, "not a regular file, expected a checkpoint"));
+    }
+    read(path, BufReader::with_capacity(1 << 20, file), metadata.len())
+}
+
+/// [`read_checkpoint`] of a file's bytes; `name` is for errors.
+///
+/// # Errors
+/// As [`read_checkpoint`].
+pub fn decode_checkpoint(name: &Path, bytes: &[u8]) -> Result<Snapshot, IoError> {
+    read(name, bytes, bytes.len() as u64)
+}
+
+/// Whether the snapshot can be read back.
+fn check(snapshot: &Snapshot) -> Result<(), String> {
+    let splats = &snapshot.scene.splats;
+    splats.validate().map_err(|e| e.to_string())?;
+    let scale = snapshot.scene.radiance_scale;
+    if !(scale.is_finite() && scale > 0.0) {
+        return Err(format!("radiance scale {scale}, expected a positive number"));
+    }
+    for (name, moments) in [("first", &snapshot.moments.first), ("second", &snapshot.moments.second)] {
+        if moments.color_model != splats.color_model {
+            return Err(format!("{name} moments are of model {}, expected {}", moments.color_model.name(), splats.color_model.name()));
+        }
+    }
+    let count = splats.len();
+    for tensor in tensors_of(snapshot) {
+        let expected = tensor.shape.iter().product::<usize>();
+        let is_optional = tensor.is_optional && tensor.values.is_empty();
+        if tensor.values.len() != expected && !is_optional {
+            return Err(format!("{} has {} values, expected {expected} for {count} splats", tensor.name, tensor.values.len()));
+        }
+    }
+    Ok(())
+}
+
+fn write<W: Write + ?Sized>(snapshot: &Snapshot, out: &mut W) -> std::io::Result<()> {
+    let tensors = tensors_of(snapshot);
+    let mut metadata = metadata_of(snapshot)?;
+    let mut digest = Digest::of_metadata(&metadata);
+    let mut infos = BTreeMap::new();
+    let mut offset = 0;
+    for tensor in &tensors {
+        let length = 4 * tensor.values.len();
+        let shape = if tensor.values.is_empty() && tensor.is_optional { vec![0] } else { tensor.shape.clone() };
+        digest.tensor(&tensor.name, &shape);
+        tensor.values.for_each_piece(|bytes| {
+            digest.bytes(bytes);
+            Ok(())
+        })?;
+        let dtype = tensor.values.dtype();
+        infos.insert(tensor.name.as_str(), TensorInfo { dtype, shape, data_offsets: (offset, offset + length) });
+        offset += length;
+    }
+    metadata.insert(DIGEST_KEY, digest.finish());
+    let mut head = serde_json::to_vec(&Head { metadata: &metadata, tensors: infos })?;
+    head.resize(head.len().next_multiple_of(LENGTH_BYTES as usize), b' ');
+    if head.len() as u64 > MAX_HEADER {
+        return Err(std::io::Error::other("the trainer's state is longer than a header may be (100 MB)"));
+    }
+    out.write_all(&(head.len() as u64).to_le_bytes())?;
+    out.write_all(&head)?;
+    tensors.iter().try_for_each(|tensor| tensor.values.for_each_piece(|bytes| out.write_all(bytes)))
+}
+
+fn metadata_of(snapshot: &Snapshot) -> std::io::Result<BTreeMap<&'static str, String>> {
+    let scene = &snapshot.scene;
+    Ok(BTreeMap::from([
+        ("format", FORMAT_NAME.to_owned()),
+        ("version", FORMAT_VERSION.to_owned()),
+        ("splats", scene.splats.len().to_string()),
+        ("color_model", serde_json::to_string(&scene.splats.color_model)?),
+        ("color_space", scene.color_space.name().to_owned()),
+        ("radiance_scale", format!("{:e}", scene.radiance_scale)),
+        ("raster", serde_json::to_string(&scene.raster)?),
+        ("state", snapshot.state_json.clone()),
+    ]))
+}
+
+/// The digest of a checkpoint's content, every part preceded by its length.
+struct Digest(blake3::Hasher);
+
+impl Digest {
+    fn of_metadata<K: AsRef<str>>(metadata: &BTreeMap<K, String>) -> Self {
+        let mut digest = Self(blake3::Hasher::new());
+        for (key, value) in metadata {
+            digest.text(key.as_ref());
+            digest.text(value);
+        }
+        digest
+    }
+
+    fn text(&mut self, text: &str) {
+        self.0.update(&(text.len() as u64).to_le_bytes());
+        self.0.update(text.as_bytes());
+    }
+
+    fn tensor(&mut self, name: &str, shape: &[usize]) {
+        self.text(name);
+        self.0.update(&(shape.len() as u64).to_le_bytes());
+        for side in shape {
+            self.0.update(&(*side as u64).to_le_bytes());
+        }
+    }
+
+    fn bytes(&mut self, bytes: &[u8]) {
+        self.0.update(bytes);
+    }
+
+    fn finish(&self) -> String {
+        self.0.finalize().to_hex().to_string()
+    }
+}
+
+/// A file under way of being read.
+struct Reader<'a, R> {
+    path: &'a Path,
+    reader: R,
+    digest: Digest,
+    head: Metadata,
+}
+
+fn read<R: Read>(path: &Path, mut reader: R, length: u64) -> Result<Snapshot, IoError> {
+    let head = read_head(path, &mut reader, length)?;
+    let metadata = head.metadata().clone().unwrap_or_default();
+    let value =
+        |key: &str| metadata.get(key).ok_or_else(|| IoError::invalid(path, format_args!("header: no {key:?}: not a checkpoint of luxel")));
+    let wrong = |key: &str, expected: &str| {
+        let found: String = metadata.get(key).map_or("", String::as_str).chars().take(80).collect();
+        IoError::invalid(path, format_args!("header: {key:?} is {found:?}, expected {expected}"))
+    };
+    if value("format")? != FORMAT_NAME {
+        return Err(wrong("format", FORMAT_NAME));
+    }
+    let version = value("version")?;
+    if version != FORMAT_VERSION {
+        let message = format!("checkpoint version {version:?}, expected {FORMAT_VERSION:?}; use the release of luxel that wrote it");
+        return Err(IoError::unsupported(path, message));
+    }
+    let model: ColorModel = serde_json::from_str(value("color_model")?).map_err(|_| wrong("color_model", "a colour model"))?;
+    if !model.is_valid() {
+        return Err(wrong("color_model", "degrees in range"));
+    }
+    let spaces = [ColorSpace::LinearRec709, ColorSpace::AcesCg];
+    let space = value("color_space")?;
+    let color_space = spaces.into_iter().find(|s| s.name() == space).ok_or_else(|| wrong("color_space", "linear-rec709 or acescg"))?;
+    let scale = value("radiance_scale")?.parse().ok().filter(|s: &f32| s.is_finite() && *s > 0.0);
+    let radiance_scale = scale.ok_or_else(|| wrong("radiance_scale", "a positive number"))?;
+    let raster: RasterConfig = serde_json::from_str(value("raster")?).map_err(|_| wrong("raster", "cut-offs and antialias"))?;
+    let state_json = value("state")?.clone();
+    let count: usize = value("splats")?.parse().map_err(|_| wrong("splats", "a whole number"))?;
+    let claimed = value(DIGEST_KEY)?.clone();
+    let digested: BTreeMap<String, String> =
+        metadata.iter().filter(|(k, _)| *k != DIGEST_KEY).map(|(k, v)| (k.clone(), v.clone())).collect();
+    let mut reader = Reader { path, reader, digest: Digest::of_metadata(&digested), head };
+    reader.check_tensors()?;
+    let splats = reader.splats("splats", model, count)?;
+    let moments = Moments { first: reader.splats("moments.first", model, count)?, second: reader.splats("moments.second", model, count)? };
+    let stats = reader.stats(count)?;
+    if reader.digest.finish() != claimed {
+        return Err(IoError::invalid(path, "the content does not match its digest: the file is damaged, use an older checkpoint"));
+    }
+    splats.validate().map_err(|e| IoError::invalid(path, e))?;
+    Ok(Snapshot { scene: Scene { splats, radiance_scale, color_space, raster }, moments, stats, state_json })
+}
+
+/// Reads the header and holds what it claims against the length of the file.
+fn read_head<R: Read>(path: &Path, reader: &mut R, length: u64) -> Result<Metadata, IoError> {
+    let mut prefix = [0u8; LENGTH_BYTES as usize];
+    fill(path, reader, &mut prefix, "the header's length")?;
+    let head_length = u64::from_le_bytes(prefix);
+    if head_length > MAX_HEADER || head_length > length.saturating_sub(LENGTH_BYTES) {
+        let message = format!("header of {head_length} bytes in a file of {length}; the file is truncated or not a checkpoint");
+        return Err(IoError::invalid(path, message));
+    }
+    let mut head = vec![0u8; head_length as usize];
+    fill(path, reader, &mut head, "the header")?;
+    let head: Metadata = serde_json::from_slice(&head).map_err(|e| IoError::invalid(path, format_args!("header: {e}")))?;
+    let expected = LENGTH_BYTES + head_length + head.data_len() as u64;
+    if expected != length {
+        let message = format!("file has {length} bytes, expected {expected} from its header; the file is truncated or damaged");
+        return Err(IoError::invalid(path, message));
+    }
+    Ok(head)
+}
+
+fn fill<R: Read>(path: &Path, reader: &mut R, buffer: &mut [u8], what: &str) -> Result<(), IoError> {
+    reader.read_exact(buffer).map_err(|e| match e.kind() {
+        std::io::ErrorKind::UnexpectedEof => IoError::invalid(path, format_args!("file ends within {what}; the file is truncated")),
+        _ => IoError::system(path, "read", &e),
+    })
+}
+
+impl<R: Read> Reader<'_, R> {
+    /// Tensors are read in the order of the file, which is that of [`tensors_of`].
+    fn check_tensors(&self) -> Result<(), IoError> {
+        let expected = tensors::names();
+        let mut found = self.head.offset_keys();
+        // Tensors without values share their offset; the reader's order among them is by chance.
+        found.sort_by_key(|name| {
+            let offsets = self.head.info(name).map_or((0, 0), |info| info.data_offsets);
+            (offsets, expected.iter().position(|e| e == name))
+        });
+        if found != expected {
+            let odd = found.iter().find(|f| !expected.contains(f)).or_else(|| expected.iter().find(|e| !found.contains(e)));
+            let odd = odd.map_or("their order", String::as_str);
+            return Err(IoError::invalid(self.path, format_args!("header: unexpected tensors ({odd}), expected {}", expected.join(", "))));
+        }
+        Ok(())
+    }
+
+    fn splats(&mut self, group: &str, color_model: ColorModel, n: usize) -> Result<Splats, IoError> {
+        let (k, m) = (color_model.sh_coefficients(), color_model.luminance_coefficients());
+        Ok(Splats {
+            color_model,
+            position: self.rows(&format!("{group}.position"), n)?,
+            rotation: self.rows(&format!("{group}.rotation"), n)?,
+            log_scale: self.rows(&format!("{group}.log_scale"), n)?,
+            opacity_logit: self.floats(&format!("{group}.opacity_logit"), &[n])?,
+            sh: self.floats(&format!("{group}.sh"), &[n, k, 3])?,
+            raw_luminance: self.floats(&format!("{group}.raw_luminance"), &[n, m])?,
+            smoothing: self.optional(&format!("{group}.smoothing"), n)?,
+        })
+    }
+
+    fn stats(&mut self, n: usize) -> Result<DensifyStats, IoError> {
+        let gradient = self.optional("stats.gradient", n)?;
+        let abs_gradient = self.optional("stats.abs_gradient", n)?;
+        let shape = self.optional_shape("stats.views", n);
+        let mut views = Vec::new();
+        self.values("stats.views", &shape, Dtype::U32, |count, bytes| {
+            views.reserve_exact(count.saturating_sub(views.len()));
+            views.extend(bytes.as_chunks::<4>().0.iter().map(|b| u32::from_le_bytes(*b)));
+        })?;
+        Ok(DensifyStats { gradient, abs_gradient, views })
+    }
+
+    fn rows<const W: usize>(&mut self, name: &str, n: usize) -> Result<Vec<[f32; W]>, IoError> {
+        let mut rows = Vec::new();
+        self.values(name, &[n, W], Dtype::F32, |count, bytes| {
+            rows.reserve_exact((count / W).saturating_sub(rows.len()));
+            let numbers = bytes.as_chunks::<4>().0.as_chunks::<W>().0;
+            rows.extend(numbers.iter().map(|row| row.map(f32::from_le_bytes)));
+        })?;
+        Ok(rows)
+    }
+
+    fn floats(&mut self, name: &str, shape: &[usize]) -> Result<Vec<f32>, IoError> {
+        let mut floats = Vec::new();
+        self.values(name, shape, Dtype::F32, |count, bytes| {
+            floats.reserve_exact(count.saturating_sub(floats.len()));
+            floats.extend(bytes.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)));
+        })?;
+        Ok(floats)
+    }
+
+    /// A tensor of `n` values or none.
+    fn optional(&mut self, name: &str, n: usize) -> Result<Vec<f32>, IoError> {
+        let shape = self.optional_shape(name, n);
+        self.floats(name, &shape)
+    }
+
+    fn optional_shape(&self, name: &str, n: usize) -> [usize; 1] {
+        let is_absent = self.head.info(name).is_some_and(|info| info.shape == [0]);
+        [if is_absent { 0 } else { n }]
+    }
+
+    /// Hands the next tensor of the file to `take(number of values in all, bytes of some whole rows)`. Its length is what the header
+    /// claims, which was held against that of the file.
+    fn values(&mut self, name: &str, shape: &[usize], dtype: Dtype, mut take: impl FnMut(usize, &[u8])) -> Result<(), IoError> {
+        let invalid = |message: String| IoError::invalid(self.path, format_args!("tensor {name}: {message}"));
+        let info = self.head.info(name).ok_or_else(|| invalid("missing".to_owned()))?;
+        if info.dtype != dtype || info.shape != shape {
+            return Err(invalid(format!("{:?} {:?}, expected {dtype:?} {shape:?}", info.dtype, info.shape)));
+        }
+        self.digest.tensor(name, shape);
+        let mut left = info.data_offsets.1 - info.data_offsets.0;
+        let count = left / 4;
+        let mut piece = [0u8; PIECE_BYTES];
+        while left > 0 {
+            let part = &mut piece[..left.min(PIECE_BYTES)];
+            fill(self.path, &mut self.reader, part, name)?;
+            self.digest.bytes(part);
+            left -= part.len();
+            take(count, part);
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,95 @@
+//! The checkpoints of a run folder: `checkpoints/step_000007000.safetensors`.
+
+use std::path::{Path, PathBuf};
+
+use luxel_core::Snapshot;
+
+use crate::IoError;
+use crate::checkpoint::read_checkpoint;
+
+const FOLDER: &str = "checkpoints";
+const PREFIX: &str = "step_";
+const SUFFIX: &str = ".safetensors";
+
+/// A checkpoint of a run.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct CheckpointFile {
+    /// Steps done when it was written.
+    pub iteration: u64,
+    /// The file.
+    pub path: PathBuf,
+}
+
+/// Where a run can be continued from.
+#[derive(Debug)]
+pub struct LatestCheckpoint {
+    /// The newest checkpoint that can be read, and what it holds; `None` if there is none.
+    pub newest: Option<(CheckpointFile, Snapshot)>,
+    /// Why newer ones could not be read, newest first.
+    pub damaged: Vec<IoError>,
+}
+
+/// Path of the checkpoint after `iteration` steps of the run in `run_dir`.
+pub fn checkpoint_path(run_dir: &Path, iteration: u64) -> PathBuf {
+    run_dir.join(FOLDER).join(format!("{PREFIX}{iteration:09}{SUFFIX}"))
+}
+
+/// The run's checkpoints by name, newest first; none if the run has no such folder yet.
+///
+/// # Errors
+/// A folder that cannot be read.
+pub fn list_checkpoints(run_dir: &Path) -> Result<Vec<CheckpointFile>, IoError> {
+    let mut files: Vec<CheckpointFile> = entries(run_dir)?
+        .into_iter()
+        .filter_map(|path| {
+            let digits = path.file_name()?.to_str()?.strip_prefix(PREFIX)?.strip_suffix(SUFFIX)?;
+            let iteration = digits.bytes().all(|b| b.is_ascii_digit()).then(|| digits.parse().ok())??;
+            Some(CheckpointFile { iteration, path })
+        })
+        .collect();
+    files.sort_by(|a, b| (b.iteration, &b.path).cmp(&(a.iteration, &a.path)));
+    Ok(files)
+}
+
+/// Reads the newest checkpoint that is whole.
+///
+/// # Errors
+/// A folder that cannot be read; files that cannot are told in [`LatestCheckpoint::damaged`].
+pub fn latest_checkpoint(run_dir: &Path) -> Result<LatestCheckpoint, IoError> {
+    let mut damaged = Vec::new();
+    for file in list_checkpoints(run_dir)? {
+        match read_checkpoint(&file.path) {
+            Ok(snapshot) => return Ok(LatestCheckpoint { newest: Some((file, snapshot)), damaged }),
+            Err(error) => damaged.push(error),
+        }
+    }
+    Ok(LatestCheckpoint { newest: None, damaged })
+}
+
+/// Removes all but the newest `keep` checkpoints (at least one is kept), and what a killed process left half-written. For the process
+/// that writes them, after it has written one.
+///
+/// # Errors
+/// A folder that cannot be read or a file that cannot be removed.
+pub fn prune_checkpoints(run_dir: &Path, keep: usize) -> Result<(), IoError> {
+    let old = list_checkpoints(run_dir)?.into_iter().skip(keep.max(1)).map(|file| file.path);
+    let is_leftover = |path: &PathBuf| {
+        let name = path.file_name().and_then(|n| n.to_str()).unwrap_or_default();
+        name.starts_with(".luxel-") && name.ends_with(".tmp")
+    };
+    for path in old.chain(entries(run_dir)?.into_iter().filter(is_leftover)) {
+        std::fs::remove_file(&path).map_err(|e| IoError::system(&path, "remove", &e))?;
+    }
+    Ok(())
+}
+
+/// Files of the checkpoint folder, in no order.
+fn entries(run_dir: &Path) -> Result<Vec<PathBuf>, IoError> {
+    let folder = run_dir.join(FOLDER);
+    let system = |e: std::io::Error| IoError::system(&folder, "read folder", &e);
+    match std::fs::read_dir(&folder) {
+        Ok(entries) => entries.map(|entry| entry.map(|e| e.path()).map_err(system)).collect(),
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => Ok(Vec::new()),
+        Err(e) => Err(system(e)),
+    }
+}
