@@ -1,0 +1,285 @@
+//! The page, section by section.
+
+use std::fmt::Write as _;
+use std::time::Duration;
+
+use anyhow::Result;
+use luxel_core::metrics::{LuminanceProfile, MAX_PSNR_DB, ViewMetrics};
+
+use super::html::escape;
+use super::plot::{Axis, Mark, Plot, Scale, Series};
+use super::{CurveSample, ReportInput, ReportSplit, views};
+use crate::text;
+
+/// More points than this do not show on a plot of this width.
+const MOST_POINTS: usize = 400;
+
+/// The whole document.
+pub(super) fn page(input: &ReportInput) -> Result<String> {
+    let pictures = views::Pictures::new(input)?;
+    let title = escape(&input.title);
+    let mut page = format!(
+        "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
+         <meta name=\"viewport\" content=\"width=device-width,initial-scale=1\"><meta name=\"generator\" content=\"Luxel {}\">\
+         <title>{title} · Luxel</title><style>{}</style></head><body><main><header><h1>{title}</h1><p class=\"soft\">{}</p></header>\n",
+        env!("CARGO_PKG_VERSION"),
+        include_str!("style.css"),
+        escape(&input.subtitle),
+    );
+    for warning in &input.warnings {
+        let _ = write!(page, "<p class=\"note\"><b>Note:</b> {}</p>", escape(warning));
+    }
+    page += &pictures.hero();
+    page += &cards(input);
+    page += &facts(input);
+    page += &figures(input);
+    page += &curves(&input.curve);
+    page += &profile(input);
+    page += &pictures.sections();
+    page += &per_view(&input.splits);
+    page += &configuration(input);
+    page += &footer(input);
+    page += "</main></body></html>\n";
+    Ok(page)
+}
+
+fn decibels(value: f64) -> String {
+    if value >= MAX_PSNR_DB { format!("≥ {MAX_PSNR_DB:.0}") } else { format!("{value:.2}") }
+}
+
+/// The figures one looks for first.
+fn cards(input: &ReportInput) -> String {
+    let mut cards: Vec<(String, &str, String)> = Vec::new();
+    if let Some(split) = input.splits.first() {
+        let (m, name) = (&split.mean, &split.name);
+        cards.push((decibels(m.psnr_scene), "dB", format!("{name} PSNR, scene")));
+        cards.push((decibels(m.psnr_gtmax), "dB", format!("{name} PSNR, gtmax")));
+        cards.push((decibels(m.psnr_selfmax), "dB", format!("{name} PSNR, selfmax")));
+        cards.push((format!("{:.4}", m.ssim_scene), "", format!("{name} SSIM, scene")));
+        cards.push((decibels(m.psnr_black_scene), "dB", "a black image, scene".into()));
+    }
+    if let Some(last) = input.curve.last() {
+        cards.push((text::count(last.splats), "", "splats".into()));
+        if let Ok(elapsed) = Duration::try_from_secs_f64(last.elapsed_s) {
+            cards.push((text::duration(elapsed), "", format!("for {} iterations", text::count(last.iteration as usize))));
+        }
+    }
+    if cards.is_empty() {
+        return String::new();
+    }
+    let mut out = String::from("<div class=\"cards\">");
+    for (value, unit, name) in cards {
+        let unit = if unit.is_empty() { String::new() } else { format!(" <span class=\"unit\">{unit}</span>") };
+        let _ = write!(
+            out,
+            "<div class=\"card\"><div class=\"value\">{}{unit}</div><div class=\"name\">{}</div></div>",
+            escape(&value),
+            escape(&name)
+        );
+    }
+    out + "</div>\n"
+}
+
+fn facts(input: &ReportInput) -> String {
+    if input.facts.is_empty() {
+        return String::new();
+    }
+    let mut out = String::from("<details class=\"facts\"><summary>About this run</summary><div class=\"scroll\"><table>");
+    for (name, value) in &input.facts {
+        let _ = write!(out, "<tr><th scope=\"row\">{}</th><td class=\"wrap\">{}</td></tr>", escape(name), escape(value));
+    }
+    out + "</table></div></details>\n"
+}
+
+const HEADINGS: &str = "<th>PSNR scene</th><th>PSNR gtmax</th><th>PSNR selfmax</th><th>SSIM scene</th><th>SSIM gtmax</th><th>SSIM selfmax</th>\
+                        <th>L1 scene</th><th>black, scene</th><th>black, gtmax</th>";
+
+fn row(name: &str, m: &ViewMetrics) -> String {
+    let db = [m.psnr_scene, m.psnr_gtmax, m.psnr_selfmax].map(decibels);
+    let black = [m.psnr_black_scene, m.psnr_black_gtmax].map(decibels);
+    let ssim = [m.ssim_scene, m.ssim_gtmax, m.ssim_selfmax].map(|v| format!("{v:.4}"));
+    let l1 = format!("{:.5}", m.l1_scene);
+    let cells = db.iter().chain(&ssim).chain([&l1]).chain(&black).fold(String::new(), |out, cell| out + "<td>" + cell + "</td>");
+    format!("<tr><td>{}</td>{cells}</tr>", escape(name))
+}
+
+/// Means of each split, and what the protocols are.
+fn figures(input: &ReportInput) -> String {
+    let mut out = String::from("<section><h2>Figures</h2>");
+    if input.splits.is_empty() {
+        out += "<p>No view was held out and none was evaluated, so there are no figures.</p></section>\n";
+        return out;
+    }
+    let _ = write!(out, "<div class=\"scroll\"><table><thead><tr><th>mean of</th>{HEADINGS}</tr></thead><tbody>");
+    for split in &input.splits {
+        out += &row(&format!("{}, {}", split.name, text::plural(split.views.len(), "view")), &split.mean);
+    }
+    let scale = text::number(input.radiance_scale.into());
+    let mu = input.mu;
+    let _ = write!(
+        out,
+        "</tbody></table></div><p class=\"note\">PSNR in decibels. Every figure compares images under the mu-law, \
+         T(p) = ln(1 + {mu} p) / ln(1 + {mu}), with p in 0 to 1; a PSNR means nothing without knowing what p is:</p><dl>\
+         <dt>scene</dt><dd>p is radiance / {scale}, one constant for the whole scene, the same as in training; \
+         what is brighter counts as 1.</dd>\
+         <dt>gtmax</dt><dd>Both images are divided by the maximum of the view's ground truth, and the render is clipped to 1 \
+         (HDR-NeRF's evaluation).</dd>\
+         <dt>selfmax</dt><dd>Each image is divided by its own maximum (HDR-GS's evaluation): one wrong pixel in a lamp moves \
+         everything, and a wrong overall brightness goes unseen.</dd>\
+         <dt>black</dt><dd>What an entirely black image would score: the zero of the PSNR scale on this scene.</dd>\
+         <dt>SSIM, L1</dt><dd>SSIM has an 11 x 11 Gaussian window (sigma 1.5 px) and is the mean of the channels; L1 is the mean absolute \
+         difference.</dd></dl></section>\n"
+    );
+    out
+}
+
+/// Figures of every view.
+fn per_view(splits: &[ReportSplit]) -> String {
+    let mut out = String::new();
+    for (i, split) in splits.iter().enumerate().filter(|(_, split)| !split.views.is_empty()) {
+        let open = if i == 0 && split.views.len() <= 40 { " open" } else { "" };
+        let heading = if i == 0 { "<h2>Every view</h2>" } else { "" };
+        let _ = write!(
+            out,
+            "{heading}<details{open}><summary>{} of the {} split</summary><div class=\"scroll\"><table><thead><tr><th>view</th>{HEADINGS}</tr>\
+             </thead><tbody>",
+            text::plural(split.views.len(), "view"),
+            escape(&split.name)
+        );
+        for (name, metrics) in &split.views {
+            out += &row(name, metrics);
+        }
+        out += "</tbody></table></div></details>\n";
+    }
+    out
+}
+
+/// Loss, PSNR and splats over iterations.
+fn curves(curve: &[CurveSample]) -> String {
+    let series = |label, color, mark, of: &dyn Fn(&CurveSample) -> Option<f64>| {
+        let points = curve.iter().filter_map(|s| of(s).map(|v| (f64::from(s.iteration), v))).collect();
+        Series { label, color, mark, points }
+    };
+    let x = Axis { label: "iteration", scale: Scale::Linear };
+    let axis = |label, scale| Axis { label, scale };
+    let loss = series("", 1, Mark::Faint, &|s| Some(s.loss));
+    let smooth = Series { label: "", color: 1, mark: Mark::Line, points: smoothed(&loss.points) };
+    let sparse =
+        |s: Series<'static>, mark| Series { mark: if s.points.len() > 60 { mark } else { Mark::Dots }, points: thinned(s.points), ..s };
+    let train = sparse(series("train", 2, Mark::Line, &|s| s.psnr_train), Mark::Line);
+    let test = sparse(series("test", 1, Mark::Line, &|s| s.psnr_test), Mark::Line);
+    let ssim = series("", 1, Mark::Line, &|s| Some(1.0 - s.ssim));
+    let l1 = series("", 2, Mark::Line, &|s| Some(s.l1));
+    let splats = series("", 1, Mark::Line, &|s| Some(s.splats as f64));
+    let figure = |title, y, series| Plot { title, x, y, series, bars: Vec::new() }.figure();
+    let parts = vec![
+        Series { label: "1 − SSIM", points: smoothed(&ssim.points), ..ssim },
+        Series { label: "L1", points: smoothed(&l1.points), ..l1 },
+    ];
+    let plots = [
+        figure("PSNR, protocol scene", axis("dB", Scale::Linear), vec![train, test]),
+        figure("Training loss", axis("loss", Scale::Log), vec![Series { points: thinned(loss.points), ..loss }, smooth]),
+        figure("Its parts, on training views", axis("mu-law units", Scale::Log), parts),
+        figure("Splats", axis("count", Scale::Linear), vec![Series { points: thinned(splats.points), ..splats }]),
+    ];
+    let plots: Vec<String> = plots.into_iter().flatten().collect();
+    if plots.is_empty() {
+        return String::new();
+    }
+    format!("<section><h2>Training</h2><div class=\"plots\">{}</div></section>\n", plots.concat())
+}
+
+/// A running mean that lags by a fiftieth of the curve, at most [`MOST_POINTS`] of it.
+fn smoothed(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
+    let share = 1.0 / (points.len() as f64 / 50.0).max(1.0);
+    let mut mean = None;
+    let running = points.iter().filter(|(_, y)| y.is_finite()).map(|&(x, y)| {
+        let next = mean.map_or(y, |m: f64| m + share * (y - m));
+        mean = Some(next);
+        (x, next)
+    });
+    thinned(running.collect())
+}
+
+/// Every n-th point and the last.
+fn thinned(points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
+    let stride = points.len().div_ceil(MOST_POINTS).max(1);
+    let last = points.len().saturating_sub(1);
+    points.into_iter().enumerate().filter(|(i, _)| i % stride == 0 || *i == last).map(|(_, point)| point).collect()
+}
+
+/// Error against the ground truth's luminance.
+fn profile(input: &ReportInput) -> String {
+    let bins: Vec<(usize, _)> = input.profile.bins.iter().enumerate().filter(|(_, bin)| bin.count > 0).collect();
+    let most = bins.iter().map(|(_, bin)| bin.count).max().unwrap_or(0);
+    if most == 0 {
+        return String::new();
+    }
+    let at = |of: fn(&luxel_core::metrics::ProfileBin) -> Option<f64>| {
+        bins.iter().filter_map(|(_, bin)| Some((bin.mean_luminance()?, of(bin)?))).collect::<Vec<_>>()
+    };
+    let error = at(|bin| bin.mean_absolute_error());
+    let x = Axis { label: "luminance of the ground truth, normalised units", scale: Scale::Log };
+    let bars: Vec<(f64, f64, f64)> = bins
+        .iter()
+        .map(|&(i, bin)| {
+            let (from, to) = LuminanceProfile::edges(i);
+            // The open bins at either end are drawn a quarter decade wide.
+            let (from, to) = if from == 0.0 { (to / 1.78, to) } else { (from, if to.is_finite() { to } else { from * 1.78 }) };
+            (from, to, 0.9 * bin.count as f64 / most as f64)
+        })
+        .collect();
+    let ends = (error.first().map_or(1.0, |p| p.0.max(1e-5)), error.last().map_or(1.0, |p| p.0));
+    let guide =
+        |label, share: f64| Series { label, color: 0, mark: Mark::Guide, points: vec![(ends.0, share * ends.0), (ends.1, share * ends.1)] };
+    let absolute = Plot {
+        title: "Mean absolute error",
+        x,
+        y: Axis { label: "error, normalised units", scale: Scale::Log },
+        series: vec![
+            guide("100 %", 1.0),
+            guide("10 %", 0.1),
+            guide("1 %", 0.01),
+            Series { label: "", color: 1, mark: Mark::Dots, points: error },
+        ],
+        bars: bars.clone(),
+    };
+    let stops = Plot {
+        title: "Error in stops",
+        x,
+        y: Axis { label: "root mean square, EV", scale: Scale::Linear },
+        series: vec![Series { label: "", color: 1, mark: Mark::Dots, points: at(|bin| bin.rms_stops()) }],
+        bars,
+    };
+    let plots = [absolute.figure(), stops.figure()].into_iter().flatten().collect::<String>();
+    let split = input.splits.first().map_or("evaluated", |split| split.name.as_str());
+    format!(
+        "<section><h2>Error by luminance</h2><p>How far the render is from the ground truth, from the shadows to the lamps: pixels of all {} \
+         views, in bins of a quarter decade of the ground truth's luminance, nothing clipped. The bars in the background say how many pixels \
+         there are; dashed lines are relative errors. One normalised unit is {} in the units of the data set.</p>\
+         <div class=\"plots\">{plots}</div></section>\n",
+        escape(split),
+        text::number(input.radiance_scale.into()),
+    )
+}
+
+fn configuration(input: &ReportInput) -> String {
+    if input.config_toml.trim().is_empty() {
+        return String::new();
+    }
+    let config = escape(input.config_toml.trim_end());
+    format!("<section><h2>Configuration</h2><details><summary>Every setting of this run</summary><pre>{config}</pre></details></section>\n")
+}
+
+fn footer(input: &ReportInput) -> String {
+    let mut out = String::from("<footer>");
+    for credit in &input.credits {
+        let _ = write!(out, "<p>{}</p>", escape(credit));
+    }
+    let _ = write!(
+        out,
+        "<p>Made by Luxel {}. Pictures are for viewing; the radiance is in the EXR files.</p></footer>",
+        env!("CARGO_PKG_VERSION")
+    );
+    out
+}
