@@ -1,0 +1,128 @@
+//! From frames to a data set: names checked, split applied, images loaded in parallel, points mapped, digest taken.
+
+use std::path::Path;
+
+use luxel_core::{ColorSpace, Dataset, View};
+use rayon::prelude::*;
+
+use super::LoadOptions;
+use super::fingerprint::Fingerprint;
+use super::load::{LoadedView, load_view};
+use super::source::{Frame, Source};
+use super::split::{Part, assign};
+use super::track::{Target, map_points};
+use crate::IoError;
+
+/// Names that a warning lists.
+const MAX_LISTED: usize = 3;
+
+pub(super) fn assemble(path: &Path, source: Source, options: &LoadOptions) -> Result<Dataset, IoError> {
+    let Source { format, frames, split, points, mut warnings } = source;
+    if frames.is_empty() {
+        return Err(IoError::invalid(path, "no images, expected at least one"));
+    }
+    let mut order: Vec<usize> = (0..frames.len()).collect();
+    order.sort_by(|a, b| frames[*a].name.cmp(&frames[*b].name));
+    let sorted: Vec<&Frame> = order.iter().map(|i| &frames[*i]).collect();
+    check_names(&sorted)?;
+
+    let names: Vec<&str> = sorted.iter().map(|frame| frame.name.as_str()).collect();
+    let own: Vec<Option<Part>> = sorted.iter().map(|frame| frame.part).collect();
+    let parts = assign(&split, &names, &own)?;
+    let of = |part| (0..sorted.len()).filter(|i| parts[*i] == part).collect::<Vec<usize>>();
+    let (train, test, left_out) = (of(Some(Part::Train)), of(Some(Part::Test)), of(None));
+    if train.is_empty() {
+        return Err(IoError::invalid(path, format!("no training images among {}, expected at least one", sorted.len())));
+    }
+    if !left_out.is_empty() {
+        let names: Vec<&str> = left_out.iter().map(|i| names[*i]).collect();
+        warnings.push(format!("{} are neither in train nor in test and are left out", count_and_names(&names)));
+    }
+    if test.is_empty() {
+        warnings.push("no test views: nothing is held out to measure quality with".to_owned());
+    }
+
+    let used: Vec<usize> = train.iter().chain(&test).copied().collect();
+    // Collected before the first error is looked for, so that the same one is reported every time.
+    let loaded: Vec<Result<LoadedView, IoError>> = used.par_iter().map(|i| load_view(sorted[*i], options)).collect();
+    let loaded: Vec<LoadedView> = loaded.into_iter().collect::<Result<_, _>>()?;
+    warnings.extend(grouped_warnings(&loaded));
+
+    let mut targets: Vec<Option<Target<'_>>> = frames.iter().map(|_| None).collect();
+    for (view, (i, l)) in train.iter().zip(&loaded).enumerate() {
+        targets[order[*i]] = Some(Target { view: view as u32, photographed: &l.photographed, camera: &l.view.camera });
+    }
+    let points = map_points(points, &targets);
+    let color_space = common_color_space(&sorted, &used, &loaded, options)?;
+
+    let mut fingerprint = Fingerprint::new(&format, options);
+    for (i, l) in loaded.iter().enumerate() {
+        fingerprint.text(if i < train.len() { "train" } else { "test" });
+        fingerprint.view(&l.view.name, &l.view.camera, &l.digest);
+    }
+    fingerprint.points(&points);
+
+    let mut bad_pixels: Vec<_> = loaded.iter().filter_map(|l| l.bad.clone()).collect();
+    bad_pixels.sort_by(|a, b| a.name.cmp(&b.name));
+    let mut views: Vec<View> = loaded.into_iter().map(|l| l.view).collect();
+    let test = views.split_off(train.len());
+    Ok(Dataset { format, train: views, test, points, color_space, bad_pixels, fingerprint: fingerprint.finish(), warnings })
+}
+
+/// Names are unique and not empty.
+fn check_names(sorted: &[&Frame]) -> Result<(), IoError> {
+    if let Some(nameless) = sorted.iter().find(|frame| frame.name.is_empty()) {
+        return Err(nameless.origin.error("the image has no name"));
+    }
+    match sorted.windows(2).find(|pair| pair[0].name == pair[1].name) {
+        Some([a, b]) => {
+            let first = format!("{}: {}", a.origin.path.display(), a.origin.place);
+            Err(b.origin.error(format!("the image is named {:?} like that of {first}, expected each image once", b.name)))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// "image a" or "35 images (a, b, c, ...)".
+fn count_and_names(names: &[&str]) -> String {
+    match names {
+        [one] => format!("image {one}"),
+        many => {
+            let listed = many.iter().take(MAX_LISTED).copied().collect::<Vec<_>>().join(", ");
+            let more = if many.len() > MAX_LISTED { ", ..." } else { "" };
+            format!("{} images ({listed}{more})", many.len())
+        }
+    }
+}
+
+/// Each warning once, with the images it is about.
+fn grouped_warnings(loaded: &[LoadedView]) -> Vec<String> {
+    let mut groups: Vec<(&str, Vec<&str>)> = Vec::new();
+    for l in loaded {
+        for warning in &l.warnings {
+            match groups.iter_mut().find(|(text, _)| text == warning) {
+                Some((_, names)) => names.push(&l.view.name),
+                None => groups.push((warning, vec![&l.view.name])),
+            }
+        }
+    }
+    groups.into_iter().map(|(text, names)| format!("{}: {text}", count_and_names(&names))).collect()
+}
+
+/// The one colour space.
+fn common_color_space(sorted: &[&Frame], used: &[usize], loaded: &[LoadedView], options: &LoadOptions) -> Result<ColorSpace, IoError> {
+    let space = |l: &LoadedView| l.color_space.or(options.color_space).unwrap_or_default();
+    let Some(first) = loaded.first() else { return Ok(ColorSpace::default()) };
+    match loaded.iter().zip(used).find(|(l, _)| space(l) != space(first)) {
+        None => Ok(space(first)),
+        Some((l, i)) => Err(IoError::invalid(
+            &sorted[*i].image,
+            format!(
+                "colour space {}, but image {} has {}: expected one for all, convert the images first",
+                space(l).name(),
+                first.view.name,
+                space(first).name()
+            ),
+        )),
+    }
+}

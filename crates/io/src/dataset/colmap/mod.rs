@@ -1,0 +1,273 @@
+//! COLMAP models: cameras, posed images with their features, and points with tracks; binary or text.
+//!
+//! [`parse_binary`] and [`parse_text`] turn the three files' bytes into the same [`ColmapModel`]; [`read_model`] looks which there are.
+//! Lenses: SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV. Feature coordinates have pixel centres at +0.5, as here.
+
+mod binary;
+mod text;
+
+use std::path::{Path, PathBuf};
+
+use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3};
+use luxel_core::{Distortion, MAX_SIDE_PX};
+
+use super::files::read_file;
+use super::intrinsics::{Focal, Intrinsics};
+use crate::IoError;
+
+pub use binary::parse_binary;
+pub use text::parse_text;
+
+/// A reconstruction.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ColmapModel {
+    /// Sorted by image id.
+    pub images: Vec<ColmapImage>,
+    /// Sorted by point id.
+    pub points: Vec<ColmapPoint>,
+}
+
+/// A registered image.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ColmapImage {
+    /// COLMAP's number.
+    pub id: u32,
+    /// Path below the image folder.
+    pub name: String,
+    /// Pose.
+    pub camera_from_world: DAffine3,
+    /// Lens; states its size.
+    pub(super) intrinsics: Intrinsics,
+    /// Pixel coordinates of the features, in the distorted image of the lens's size.
+    pub features_px: Vec<[f32; 2]>,
+}
+
+/// A point with its track.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ColmapPoint {
+    /// World.
+    pub position: DVec3,
+    /// Colour.
+    pub rgb8: [u8; 3],
+    /// Index into [`ColmapModel::images`] and feature index there; both in range.
+    pub track: Vec<[u32; 2]>,
+}
+
+/// The three files of a model, for messages and reading.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ColmapFiles<T> {
+    /// Lenses.
+    pub cameras: T,
+    /// Poses and features.
+    pub images: T,
+    /// Points and tracks.
+    pub points: T,
+}
+
+impl<T> ColmapFiles<T> {
+    fn map<U>(&self, f: impl Fn(&T) -> Result<U, IoError>) -> Result<ColmapFiles<U>, IoError> {
+        Ok(ColmapFiles { cameras: f(&self.cameras)?, images: f(&self.images)?, points: f(&self.points)? })
+    }
+}
+
+/// Folder of the model in or at `folder`: `sparse/0`, `sparse`, or itself.
+pub(super) fn find_model(folder: &Path) -> Option<PathBuf> {
+    let has_model = |dir: &PathBuf| ["bin", "txt"].iter().any(|e| dir.join(format!("cameras.{e}")).is_file());
+    [folder.join("sparse/0"), folder.join("sparse"), folder.to_path_buf()].into_iter().find(has_model)
+}
+
+/// Reads the model in `folder`, binary before text.
+pub(super) fn read_model(folder: &Path) -> Result<(ColmapModel, ColmapFiles<PathBuf>), IoError> {
+    let binary = folder.join("cameras.bin").is_file();
+    let extension = if binary { "bin" } else { "txt" };
+    let file = |stem: &str| folder.join(format!("{stem}.{extension}"));
+    let paths = ColmapFiles { cameras: file("cameras"), images: file("images"), points: file("points3D") };
+    let bytes = paths.map(|path| read_file(path))?;
+    let model = if binary { parse_binary(&paths, &bytes) } else { parse_text(&paths, &bytes) }?;
+    Ok((model, paths))
+}
+
+/// Names of COLMAP's camera models in the order of their numbers, and how many parameters the supported ones have.
+const CAMERA_MODELS: [(&str, Option<usize>); 14] = [
+    ("SIMPLE_PINHOLE", Some(3)),
+    ("PINHOLE", Some(4)),
+    ("SIMPLE_RADIAL", Some(4)),
+    ("RADIAL", Some(5)),
+    ("OPENCV", Some(8)),
+    ("OPENCV_FISHEYE", None),
+    ("FULL_OPENCV", None),
+    ("FOV", None),
+    ("SIMPLE_RADIAL_FISHEYE", None),
+    ("RADIAL_FISHEYE", None),
+    ("THIN_PRISM_FISHEYE", None),
+    ("RAD_TAN_THIN_PRISM_FISHEYE", None),
+    ("SIMPLE_DIVISION", None),
+    ("DIVISION", None),
+];
+
+fn unsupported_model(path: &Path, camera: u32, model: &str) -> IoError {
+    let known: Vec<&str> = CAMERA_MODELS.iter().filter(|(_, count)| count.is_some()).map(|(name, _)| *name).collect();
+    IoError::unsupported(
+        path,
+        format!("camera {camera}: camera model {model}, expected one of {}; run `colmap image_undistorter` first", known.join(", ")),
+    )
+}
+
+/// A lens from its model's parameters, whose number the caller has checked.
+fn lens(path: &Path, camera: u32, model: &str, size: [u64; 2], params: &[f64]) -> Result<Intrinsics, IoError> {
+    let side = |v: u64| u32::try_from(v).ok().filter(|v| (1..=MAX_SIDE_PX).contains(v));
+    let (Some(w), Some(h)) = (side(size[0]), side(size[1])) else {
+        let [w, h] = size;
+        return Err(IoError::invalid(path, format!("camera {camera}: image size {w} x {h}, expected 1 to {MAX_SIDE_PX} pixels a side")));
+    };
+    let (focal, center, [k1, k2, p1, p2]) = match (model, params) {
+        ("SIMPLE_PINHOLE", &[f, cx, cy]) => ([f, f], [cx, cy], [0.0; 4]),
+        ("PINHOLE", &[fx, fy, cx, cy]) => ([fx, fy], [cx, cy], [0.0; 4]),
+        ("SIMPLE_RADIAL", &[f, cx, cy, k1]) => ([f, f], [cx, cy], [k1, 0.0, 0.0, 0.0]),
+        ("RADIAL", &[f, cx, cy, k1, k2]) => ([f, f], [cx, cy], [k1, k2, 0.0, 0.0]),
+        ("OPENCV", &[fx, fy, cx, cy, k1, k2, p1, p2]) => ([fx, fy], [cx, cy], [k1, k2, p1, p2]),
+        _ => return Err(unsupported_model(path, camera, model)),
+    };
+    Ok(Intrinsics {
+        size_px: Some([w, h]),
+        focal: Focal::Pixels(DVec2::from(focal)),
+        center_px: center.map(Some),
+        distortion: Distortion { k1, k2, p1, p2 },
+    })
+}
+
+/// Pose from COLMAP's quaternion (w x y z, camera from world) and translation. Errors say what is wrong, not where.
+fn pose(quaternion: [f64; 4], translation: [f64; 3]) -> Result<DAffine3, String> {
+    let [w, x, y, z] = quaternion;
+    let q = DQuat::from_xyzw(x, y, z, w);
+    if !(q.is_finite() && DVec3::from(translation).is_finite()) {
+        return Err("pose is not finite".to_owned());
+    }
+    // COLMAP writes unit quaternions; far from that the bytes are not what they are taken for.
+    if !(0.5..=2.0).contains(&q.length()) {
+        return Err(format!("rotation quaternion has length {}, expected 1", q.length()));
+    }
+    Ok(DAffine3 { matrix3: DMat3::from_quat(q.normalize()), translation: DVec3::from(translation) })
+}
+
+/// What the parsers collect before ids are resolved.
+#[derive(Default)]
+struct Collected {
+    cameras: Vec<(u32, Intrinsics)>,
+    /// With the camera's id; `intrinsics` is filled in by [`Collected::resolve`].
+    images: Vec<RawImage>,
+    /// With the point's id and its track as (image id, feature index).
+    points: Vec<(u64, ColmapPoint)>,
+}
+
+struct RawImage {
+    id: u32,
+    name: String,
+    camera_from_world: DAffine3,
+    camera: u32,
+    features_px: Vec<[f32; 2]>,
+}
+
+impl Collected {
+    /// Sorts by id and replaces ids by indices.
+    fn resolve(mut self, paths: &ColmapFiles<PathBuf>) -> Result<ColmapModel, IoError> {
+        self.cameras.sort_by_key(|(id, _)| *id);
+        self.images.sort_by_key(|image| image.id);
+        self.points.sort_by_key(|(id, _)| *id);
+        if let Some(twice) = self.cameras.windows(2).find(|pair| pair[0].0 == pair[1].0) {
+            return Err(IoError::invalid(&paths.cameras, format!("camera {} is there twice", twice[0].0)));
+        }
+        if let Some(twice) = self.images.windows(2).find(|pair| pair[0].id == pair[1].id) {
+            return Err(IoError::invalid(&paths.images, format!("image {} is there twice", twice[0].id)));
+        }
+        if let Some(twice) = self.points.windows(2).find(|pair| pair[0].0 == pair[1].0) {
+            return Err(IoError::invalid(&paths.points, format!("point {} is there twice", twice[0].0)));
+        }
+        let mut images = Vec::with_capacity(self.images.len());
+        for image in self.images {
+            let RawImage { id, name, camera_from_world, camera, features_px } = image;
+            let Ok(found) = self.cameras.binary_search_by_key(&camera, |(id, _)| *id) else {
+                let cameras = paths.cameras.display();
+                return Err(IoError::invalid(&paths.images, format!("image {id} ({name:?}): camera {camera} is not in {cameras}")));
+            };
+            images.push(ColmapImage { id, name, camera_from_world, intrinsics: self.cameras[found].1, features_px });
+        }
+        let mut points = Vec::with_capacity(self.points.len());
+        for (id, mut point) in self.points {
+            for [image, feature] in &mut point.track {
+                let Ok(found) = images.binary_search_by_key(image, |i| i.id) else {
+                    return Err(IoError::invalid(
+                        &paths.points,
+                        format!("point {id}: its track names image {image}, which does not exist"),
+                    ));
+                };
+                let count = images[found].features_px.len();
+                if *feature as usize >= count {
+                    return Err(IoError::invalid(
+                        &paths.points,
+                        format!("point {id}: its track names feature {feature} of image {image}, which has {count}"),
+                    ));
+                }
+                *image = found as u32;
+            }
+            points.push(point);
+        }
+        Ok(ColmapModel { images, points })
+    }
+}
+
+#[cfg(test)]
+mod tests_support {
+    //! A small model in both formats.
+
+    use super::ColmapFiles;
+    use std::path::PathBuf;
+
+    pub(super) fn paths(extension: &str) -> ColmapFiles<PathBuf> {
+        let file = |stem: &str| PathBuf::from(format!("{stem}.{extension}"));
+        ColmapFiles { cameras: file("cameras"), images: file("images"), points: file("points3D") }
+    }
+
+    pub(super) fn text_model() -> ColmapFiles<Vec<u8>> {
+        ColmapFiles {
+            cameras: b"# Camera list\n7 OPENCV 64 48 50 51 32 24 0.1 -0.02 0.001 0.002\n".to_vec(),
+            images: b"# two lines an image\n2 0 1 0 0 1 2 3 7 b.exr\n4.5 5.5 9\n1 1 0 0 0 0 0 0 7 a.exr\n1.5 2.5 -1 3.5 4 9\n".to_vec(),
+            points: b"9 1 2 3 10 20 30 0.5 1 1 2 0\n".to_vec(),
+        }
+    }
+
+    pub(super) fn binary_model() -> ColmapFiles<Vec<u8>> {
+        let mut files = ColmapFiles { cameras: Vec::new(), images: Vec::new(), points: Vec::new() };
+        let doubles = |out: &mut Vec<u8>, values: &[f64]| values.iter().for_each(|v| out.extend(v.to_le_bytes()));
+        let c = &mut files.cameras;
+        c.extend(1u64.to_le_bytes());
+        c.extend(7u32.to_le_bytes());
+        c.extend(4u32.to_le_bytes());
+        c.extend([64u64, 48].map(u64::to_le_bytes).concat());
+        doubles(c, &[50.0, 51.0, 32.0, 24.0, 0.1, -0.02, 0.001, 0.002]);
+        let i = &mut files.images;
+        i.extend(2u64.to_le_bytes());
+        let image = |out: &mut Vec<u8>, id: u32, pose: [f64; 7], name: &[u8], features: &[(f64, f64, i64)]| {
+            out.extend(id.to_le_bytes());
+            doubles(out, &pose);
+            out.extend(7u32.to_le_bytes());
+            out.extend(name);
+            out.push(0);
+            out.extend((features.len() as u64).to_le_bytes());
+            for (x, y, point) in features {
+                doubles(out, &[*x, *y]);
+                out.extend(point.to_le_bytes());
+            }
+        };
+        image(i, 2, [0.0, 1.0, 0.0, 0.0, 1.0, 2.0, 3.0], b"b.exr", &[(4.5, 5.5, 9)]);
+        image(i, 1, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], b"a.exr", &[(1.5, 2.5, -1), (3.5, 4.0, 9)]);
+        let p = &mut files.points;
+        p.extend([1u64, 9].map(u64::to_le_bytes).concat());
+        doubles(p, &[1.0, 2.0, 3.0]);
+        p.extend([10, 20, 30]);
+        doubles(p, &[0.5]);
+        p.extend(2u64.to_le_bytes());
+        p.extend([1u32, 1, 2, 0].map(u32::to_le_bytes).concat());
+        files
+    }
+}

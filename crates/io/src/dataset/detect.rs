@@ -1,0 +1,69 @@
+//! Which layout a folder has.
+
+use std::path::Path;
+
+use super::DatasetFormat;
+use super::colmap::find_model;
+use super::layout_transforms::TransformsFiles;
+use crate::IoError;
+
+/// What is looked for, for messages.
+const LOOKED_FOR: &str =
+    "transforms.json, transforms_train.json or a COLMAP model (cameras.bin or cameras.txt in sparse/0, in sparse or here)";
+
+/// Entries of a folder that an error lists.
+const MAX_LISTED: usize = 12;
+
+/// The format of the data set at `path`, a folder or a `transforms.json`, by looking at names only.
+///
+/// HDR-NeRF: `transforms_train.json` and `train_hdr/`. GaussHDR: a COLMAP model and `images_hdr/*_hdr_*.exr`. Else JSON files go before a
+/// COLMAP model, and a model with `exr/` is HDR-GS.
+///
+/// # Errors
+/// Nothing is there, or nothing known; the message says what was looked for and what was found.
+pub fn detect_format(path: &Path) -> Result<DatasetFormat, IoError> {
+    let meta = std::fs::metadata(path).map_err(|e| IoError::system(path, "read", &e))?;
+    if meta.is_file() {
+        return match path.extension() {
+            Some(extension) if extension.eq_ignore_ascii_case("json") => Ok(DatasetFormat::Transforms),
+            _ => Err(IoError::invalid(path, format!("is a file, expected a transforms.json or a folder with {LOOKED_FOR}"))),
+        };
+    }
+    let json = TransformsFiles::find(path);
+    let model = find_model(path);
+    if matches!(json, Some(TransformsFiles::Pair { .. })) && path.join("train_hdr").is_dir() {
+        return Ok(DatasetFormat::HdrNerf);
+    }
+    if model.is_some() && has_gauss_hdr_images(&path.join("images_hdr")) {
+        return Ok(DatasetFormat::GaussHdr);
+    }
+    match (json, model) {
+        (Some(_), _) => Ok(DatasetFormat::Transforms),
+        (None, Some(_)) if path.join("exr").is_dir() => Ok(DatasetFormat::HdrGs),
+        (None, Some(_)) => Ok(DatasetFormat::Colmap),
+        (None, None) => Err(IoError::invalid(path, format!("no data set: expected {LOOKED_FOR}; found {}", listing(path)))),
+    }
+}
+
+fn has_gauss_hdr_images(folder: &Path) -> bool {
+    let Ok(entries) = std::fs::read_dir(folder) else { return false };
+    entries.flatten().any(|entry| {
+        let name = entry.file_name();
+        let name = name.to_string_lossy();
+        name.strip_suffix(".exr").and_then(|stem| stem.rsplit_once("_hdr_")).is_some_and(|(_, number)| number.parse::<u32>().is_ok())
+    })
+}
+
+/// The folder's entries, sorted, for messages.
+fn listing(folder: &Path) -> String {
+    let Ok(entries) = std::fs::read_dir(folder) else { return "a folder that cannot be listed".to_owned() };
+    let mut names: Vec<String> = entries.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
+    names.sort();
+    let more = names.len().saturating_sub(MAX_LISTED);
+    names.truncate(MAX_LISTED);
+    match (names.is_empty(), more) {
+        (true, _) => "an empty folder".to_owned(),
+        (false, 0) => names.join(", "),
+        (false, more) => format!("{} and {more} more", names.join(", ")),
+    }
+}

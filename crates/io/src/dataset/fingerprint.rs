@@ -1,0 +1,56 @@
+//! Digest of a data set: equal exactly for equal inputs read in the same way.
+
+use luxel_core::{Camera, Point};
+
+use super::LoadOptions;
+
+/// Collects what a data set is made of. Every text and list is preceded by its length, so that no two inputs run together.
+pub(super) struct Fingerprint(blake3::Hasher);
+
+impl Fingerprint {
+    pub(super) fn new(format: &str, options: &LoadOptions) -> Self {
+        let mut this = Self(blake3::Hasher::new());
+        this.text(format);
+        this.text(&format!("{:?} {:?} {}", options.transfer, options.color_space, options.downscale));
+        this
+    }
+
+    fn number(&mut self, value: u64) {
+        self.0.update(&value.to_le_bytes());
+    }
+
+    pub(super) fn text(&mut self, text: &str) {
+        self.number(text.len() as u64);
+        self.0.update(text.as_bytes());
+    }
+
+    pub(super) fn view(&mut self, name: &str, camera: &Camera, file: &blake3::Hash) {
+        self.text(name);
+        for value in camera.camera_from_world.to_cols_array() {
+            self.number(value.to_bits());
+        }
+        let d = camera.distortion;
+        for value in camera.focal_px.to_array().into_iter().chain(camera.center_px.to_array()).chain([d.k1, d.k2, d.p1, d.p2]) {
+            self.number(value.to_bits());
+        }
+        camera.size_px.iter().for_each(|side| self.number((*side).into()));
+        self.0.update(file.as_bytes());
+    }
+
+    pub(super) fn points(&mut self, points: &[Point]) {
+        self.number(points.len() as u64);
+        for point in points {
+            self.0.update(bytemuck::cast_slice(&point.position.map(f32::to_bits).map(u32::to_le)));
+            self.0.update(&point.rgb8.map_or([0, 0, 0, 0], |[r, g, b]| [1, r, g, b]));
+            self.number(point.observations.len() as u64);
+            for o in &point.observations {
+                let [x, y] = o.pixel_px.map(f32::to_bits);
+                self.0.update(bytemuck::cast_slice(&[o.view.to_le(), x.to_le(), y.to_le()]));
+            }
+        }
+    }
+
+    pub(super) fn finish(self) -> String {
+        self.0.finalize().to_hex().to_string()
+    }
+}

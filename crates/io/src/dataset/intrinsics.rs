@@ -1,0 +1,106 @@
+//! Intrinsics as files give them: in pixels of a stated size, or as an angle of view; and the camera they make with an image.
+
+use glam::{DAffine3, DVec2};
+use luxel_core::{Camera, Distortion};
+
+/// Reductions of the image against its camera that are taken for a smaller copy of the same photograph (`images_2`, `images_4`).
+const REDUCTIONS: [u32; 3] = [2, 4, 8];
+
+/// Focal length.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Focal {
+    /// Pixels.
+    Pixels(DVec2),
+    /// Full angle of view in radians, horizontal or vertical, of square pixels.
+    Angle {
+        /// Horizontal; preferred.
+        x: Option<f64>,
+        /// Vertical.
+        y: Option<f64>,
+    },
+}
+
+/// A lens, apart from where it stands.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Intrinsics {
+    /// Size of the image that the lengths refer to; `None`: of whatever image there is.
+    pub(super) size_px: Option<[u32; 2]>,
+    /// Focal length.
+    pub(super) focal: Focal,
+    /// Principal point x and y in pixels; `None`: the middle.
+    pub(super) center_px: [Option<f64>; 2],
+    /// Distortion.
+    pub(super) distortion: Distortion,
+}
+
+impl Intrinsics {
+    /// The camera of an image of `image_px` pixels, checked. Errors say what is wrong, not where.
+    pub(super) fn camera(&self, camera_from_world: DAffine3, image_px: [u32; 2]) -> Result<Camera, String> {
+        let size_px = self.size_px.unwrap_or(image_px);
+        let [w, h] = size_px.map(f64::from);
+        let focal_px = match self.focal {
+            Focal::Pixels(focal) => focal,
+            Focal::Angle { x: Some(x), y } => {
+                let fx = 0.5 * w / (0.5 * x).tan();
+                DVec2::new(fx, y.map_or(fx, |y| 0.5 * h / (0.5 * y).tan()))
+            }
+            Focal::Angle { x: None, y } => DVec2::splat(0.5 * h / (0.5 * y.unwrap_or(f64::NAN)).tan()),
+        };
+        let center_px = DVec2::new(self.center_px[0].unwrap_or(0.5 * w), self.center_px[1].unwrap_or(0.5 * h));
+        let mut camera = Camera { camera_from_world, focal_px, center_px, size_px, distortion: self.distortion };
+        camera.validate().map_err(|e| e.to_string())?;
+        if image_px != size_px {
+            if !is_reduction(size_px, image_px) {
+                return Err(format!(
+                    "the image is {} x {} pixels, its camera {} x {}: use the images the cameras were made for, or a copy at 1/2, 1/4 or 1/8",
+                    image_px[0], image_px[1], size_px[0], size_px[1]
+                ));
+            }
+            let ratio = DVec2::new(f64::from(image_px[0]) / w, f64::from(image_px[1]) / h);
+            camera = Camera { focal_px: focal_px * ratio, center_px: center_px * ratio, size_px: image_px, ..camera };
+            camera.validate().map_err(|e| e.to_string())?;
+        }
+        Ok(camera)
+    }
+}
+
+/// Whether `small` is `full` divided by 2, 4 or 8, rounded either way.
+fn is_reduction(full: [u32; 2], small: [u32; 2]) -> bool {
+    REDUCTIONS.iter().any(|&factor| full.iter().zip(small).all(|(f, s)| s == f / factor || s == f.div_ceil(factor)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn lens(size_px: Option<[u32; 2]>) -> Intrinsics {
+        Intrinsics {
+            size_px,
+            focal: Focal::Pixels(DVec2::new(100.0, 110.0)),
+            center_px: [Some(50.0), None],
+            distortion: Distortion::default(),
+        }
+    }
+
+    #[test]
+    fn smaller_copy_of_the_image_scales_the_lens() {
+        let camera = lens(Some([101, 80])).camera(DAffine3::IDENTITY, [50, 40]).unwrap();
+        assert_eq!(camera.size_px, [50, 40]);
+        assert!((camera.focal_px - DVec2::new(100.0 * 50.0 / 101.0, 55.0)).length() < 1e-12);
+        assert!((camera.center_px - DVec2::new(50.0 * 50.0 / 101.0, 20.0)).length() < 1e-12);
+    }
+
+    #[test]
+    fn other_sizes_are_refused() {
+        let error = lens(Some([100, 80])).camera(DAffine3::IDENTITY, [50, 80]).unwrap_err();
+        assert!(error.contains("50 x 80") && error.contains("100 x 80"), "{error}");
+    }
+
+    #[test]
+    fn angle_of_view_follows_the_image() {
+        let angle = Focal::Angle { x: Some(std::f64::consts::FRAC_PI_2), y: None };
+        let camera = Intrinsics { focal: angle, center_px: [None; 2], ..lens(None) }.camera(DAffine3::IDENTITY, [200, 100]).unwrap();
+        assert!((camera.focal_px - DVec2::splat(100.0)).length() < 1e-9);
+        assert_eq!(camera.center_px, DVec2::new(100.0, 50.0));
+    }
+}

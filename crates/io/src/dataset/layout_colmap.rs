@@ -1,0 +1,211 @@
+//! COLMAP folders, and the HDR-GS and GaussHDR repacks of HDR-NeRF's scenes, which are COLMAP folders with HDR images apart.
+//!
+//! HDR-GS: COLMAP names `<i>_<k>.png`, the HDR image is `exr/<i>.exr`; sorted as text by `<i>_`, every other one is held out.
+//! GaussHDR: COLMAP names `<train|test>_ldr_<i>_<k>.png`, the HDR image is `images_hdr/<train|test>_hdr_<i>.exr`; the name says the split.
+//! Where several exposures of a pose are registered, the first by name gives pose and features.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use super::colmap::{ColmapFiles, ColmapImage, ColmapModel, ColmapPoint, find_model, read_model};
+use super::files::{Substitute, find_image, view_name, without_extension};
+use super::source::{Frame, Origin, Sighting, Source, SourcePoint, split_beside};
+use super::split::{Part, SplitRule};
+use crate::IoError;
+
+/// How the images of a COLMAP folder are found from the registered names.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum ColmapLayout {
+    /// In `images/`, by that name, or of the same stem (COLMAP reads 8-bit copies).
+    Plain,
+    /// See the module.
+    HdrGs,
+    /// See the module.
+    GaussHdr,
+}
+
+/// An HDR image with the registered image that gives its pose.
+struct Chosen<'a> {
+    /// Index into the model's images.
+    index: usize,
+    image: &'a ColmapImage,
+    /// Path of the HDR image below the scene's folder; its view name.
+    file_path: String,
+    path: PathBuf,
+    part: Option<Part>,
+}
+
+/// Reads the model and finds the images.
+pub(super) fn colmap_source(folder: &Path, layout: ColmapLayout) -> Result<Source, IoError> {
+    let Some(model_folder) = find_model(folder) else {
+        return Err(IoError::invalid(
+            folder,
+            "no COLMAP model: expected cameras.bin or cameras.txt in sparse/0, in sparse or in the folder itself",
+        ));
+    };
+    let (model, files) = read_model(&model_folder)?;
+    if model.images.is_empty() {
+        return Err(IoError::invalid(&files.images, "no registered images, expected at least one"));
+    }
+    let scene = scene_folder(folder);
+    let mut warnings = Vec::new();
+    let chosen = match layout {
+        ColmapLayout::Plain => plain_images(&model, &files, &scene, &mut warnings)?,
+        ColmapLayout::HdrGs => hdr_gs_images(&model, &files, &scene)?,
+        ColmapLayout::GaussHdr => gauss_hdr_images(&model, &files, &scene)?,
+    };
+    let beside = split_beside(&scene)?;
+    let own_split = chosen.iter().any(|c| c.part.is_some());
+    let split = match (layout, &beside) {
+        // HDR-GS's split is a habit of its code, and a file beside it is a choice; GaussHDR's is written in the names.
+        (ColmapLayout::HdrGs, SplitRule::Lists(_)) | (ColmapLayout::Plain, _) => beside,
+        _ if own_split => SplitRule::Frames,
+        _ => beside,
+    };
+    let mut frame_of_image = vec![None; model.images.len()];
+    let mut frames = Vec::with_capacity(chosen.len());
+    for c in chosen {
+        frame_of_image[c.index] = Some(frames.len());
+        frames.push(Frame {
+            name: view_name(&c.file_path),
+            image: c.path,
+            camera_from_world: c.image.camera_from_world,
+            intrinsics: c.image.intrinsics,
+            origin: origin(&files, c.image),
+            part: c.part,
+        });
+    }
+    let points = points_with_sightings(&model, &frame_of_image, |p| p.position.as_vec3().to_array(), &mut warnings);
+    let format = match layout {
+        ColmapLayout::Plain => "COLMAP",
+        ColmapLayout::HdrGs => "HDR-GS (COLMAP with exr/)",
+        ColmapLayout::GaussHdr => "GaussHDR (COLMAP with images_hdr/)",
+    };
+    Ok(Source { format: format.to_owned(), frames, split, points, warnings })
+}
+
+/// Points of the model whose position, mapped by `position`, is finite; sightings in images that are no frame are dropped.
+pub(super) fn points_with_sightings(
+    model: &ColmapModel,
+    frame_of_image: &[Option<usize>],
+    position: impl Fn(&ColmapPoint) -> [f32; 3],
+    warnings: &mut Vec<String>,
+) -> Vec<SourcePoint> {
+    let sighting = |[image, feature]: [u32; 2]| {
+        let frame = (*frame_of_image.get(image as usize)?)?;
+        let image = model.images.get(image as usize)?;
+        let [x, y] = *image.features_px.get(feature as usize)?;
+        let [w, h] = image.intrinsics.size_px?;
+        Some(Sighting { frame, at: [x / w as f32, y / h as f32] })
+    };
+    let points: Vec<SourcePoint> = model
+        .points
+        .iter()
+        .map(|p| SourcePoint {
+            position: position(p),
+            rgb8: Some(p.rgb8),
+            sightings: p.track.iter().filter_map(|t| sighting(*t)).collect(),
+        })
+        .filter(|p| p.position.iter().all(|v| v.is_finite()))
+        .collect();
+    if points.len() < model.points.len() {
+        warnings.push(format!("{} COLMAP points without a finite position are left out", model.points.len() - points.len()));
+    }
+    points
+}
+
+fn origin(files: &ColmapFiles<PathBuf>, image: &ColmapImage) -> Origin {
+    Origin { path: files.images.clone(), place: format!("image {} ({:?})", image.id, image.name) }
+}
+
+/// The scene's folder, where the folder of the model itself was named: the nearest with images.
+fn scene_folder(folder: &Path) -> PathBuf {
+    let up = [folder.to_path_buf(), folder.join(".."), folder.join("../..")];
+    up.into_iter().find(|f| ["images", "exr", "images_hdr"].iter().any(|i| f.join(i).is_dir())).unwrap_or_else(|| folder.into())
+}
+
+fn plain_images<'a>(
+    model: &'a ColmapModel,
+    files: &ColmapFiles<PathBuf>,
+    scene: &Path,
+    warnings: &mut Vec<String>,
+) -> Result<Vec<Chosen<'a>>, IoError> {
+    let mut chosen = Vec::with_capacity(model.images.len());
+    let mut substituted = Vec::new();
+    for (index, image) in model.images.iter().enumerate() {
+        let found = ["images", ""].iter().find_map(|sub| {
+            let path = find_image(&scene.join(sub), &image.name, Substitute::Allowed)?;
+            Some((path, format!("{sub}/{}", image.name)))
+        });
+        let Some((path, file_path)) = found else {
+            let tried = scene.join("images").join(&image.name);
+            return Err(origin(files, image).error(format!("image {} does not exist", tried.display())));
+        };
+        if path.extension() != Path::new(&image.name).extension() {
+            substituted.push((&image.name, path.clone()));
+        }
+        chosen.push(Chosen { index, image, file_path, path, part: None });
+    }
+    if let [(name, path), ..] = substituted.as_slice() {
+        let (n, path) = (substituted.len(), path.display());
+        warnings.push(format!("{n} images are read in another format than COLMAP's copies, such as {path} for {name}"));
+    }
+    Ok(chosen)
+}
+
+/// For each HDR image the first registered image by name. `hdr_of`: key to group and sort by, path below the scene, side of the split.
+fn grouped_images<'a>(
+    model: &'a ColmapModel,
+    files: &ColmapFiles<PathBuf>,
+    scene: &Path,
+    hdr_of: impl Fn(&str) -> Result<(String, String, Option<Part>), String>,
+) -> Result<Vec<Chosen<'a>>, IoError> {
+    let mut groups: BTreeMap<String, Chosen<'a>> = BTreeMap::new();
+    for (index, image) in model.images.iter().enumerate() {
+        let base = image.name.rsplit(['/', '\\']).next().unwrap_or(&image.name);
+        let (key, file_path, part) = hdr_of(without_extension(base)).map_err(|e| origin(files, image).error(e))?;
+        let path = scene.join(&file_path);
+        if !path.is_file() {
+            return Err(origin(files, image).error(format!("its HDR image {} does not exist", path.display())));
+        }
+        let candidate = Chosen { index, image, file_path, path, part };
+        match groups.get_mut(&key) {
+            Some(first) if first.image.name <= image.name => {}
+            Some(first) => *first = candidate,
+            None => drop(groups.insert(key, candidate)),
+        }
+    }
+    Ok(groups.into_values().collect())
+}
+
+fn hdr_gs_images<'a>(model: &'a ColmapModel, files: &ColmapFiles<PathBuf>, scene: &Path) -> Result<Vec<Chosen<'a>>, IoError> {
+    let mut chosen = grouped_images(model, files, scene, |stem| {
+        let view = stem.split('_').next().unwrap_or(stem);
+        // The order of the names with their `_`: 0_, 10_, 11_, ..., 1_, 20_, ...
+        Ok((format!("{view}_"), format!("exr/{view}.exr"), None))
+    })?;
+    for (i, c) in chosen.iter_mut().enumerate() {
+        c.part = Some(if i % 2 == 0 { Part::Train } else { Part::Test });
+    }
+    Ok(chosen)
+}
+
+fn gauss_hdr_images<'a>(model: &'a ColmapModel, files: &ColmapFiles<PathBuf>, scene: &Path) -> Result<Vec<Chosen<'a>>, IoError> {
+    grouped_images(model, files, scene, |stem| {
+        let parts: Vec<&str> = stem.split('_').collect();
+        let number = match parts.as_slice() {
+            [_, .., number, _exposure] => number.parse::<u32>().ok(),
+            _ => None,
+        };
+        let (Some(prefix), Some(number)) = (parts.first(), number) else {
+            return Err("the name is not of the form train_ldr_<number>_<exposure>".to_owned());
+        };
+        let file = format!("{prefix}_hdr_{number:03}");
+        let part = match (stem.contains("train"), stem.contains("test")) {
+            (true, _) => Some(Part::Train),
+            (false, true) => Some(Part::Test),
+            (false, false) => None,
+        };
+        Ok((file.clone(), format!("images_hdr/{file}.exr"), part))
+    })
+}

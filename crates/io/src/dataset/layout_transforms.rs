@@ -1,0 +1,239 @@
+//! Folders with `transforms.json`, or `transforms_train.json` and `transforms_test.json`; and HDR-NeRF's synthetic scenes, which have the
+//! latter and their HDR images in `train_hdr/` and `test_hdr/`.
+//!
+//! HDR-NeRF: a frame names a pose, `<folder>/<anything>_<i>`, or an exposure of it, `..._<i>_<k>`; its HDR image is
+//! `{train,test}_hdr/hdr_<i>.exr`. Frames of one pose are one view.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use glam::{DAffine3, DVec3};
+
+use super::colmap::{ColmapModel, ColmapPoint, find_model, read_model};
+use super::files::{Substitute, find_image, read_file, view_name, without_extension};
+use super::layout_colmap::points_with_sightings;
+use super::source::{Frame, Origin, Source, SourcePoint, split_beside};
+use super::split::{NameIndex, Part, SplitLists, SplitRule};
+use super::transforms::{Transforms, TransformsFrame, parse_transforms};
+use crate::{IoError, read_points_ply};
+
+/// Largest disagreement of the camera positions of `transforms.json` and of the COLMAP model beside it, as a fraction of the distance
+/// between cameras, at which both are taken to share a frame.
+const SAME_FRAME_TOLERANCE: f64 = 0.01;
+
+/// The descriptions in a folder.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum TransformsFiles {
+    /// One for all.
+    Single(PathBuf),
+    /// One for each side of the split.
+    Pair {
+        /// `transforms_train.json`.
+        train: PathBuf,
+        /// `transforms_test.json`, if there is one.
+        test: Option<PathBuf>,
+    },
+}
+
+impl TransformsFiles {
+    /// What `path`, a folder or a JSON file, holds; the pair goes before the single file.
+    pub(super) fn find(path: &Path) -> Option<Self> {
+        let pair = |folder: &Path| {
+            let [train, test] = ["train", "test"].map(|part| folder.join(format!("transforms_{part}.json")));
+            train.is_file().then(|| Self::Pair { train, test: test.is_file().then_some(test) })
+        };
+        if path.is_dir() {
+            let single = path.join("transforms.json");
+            return pair(path).or_else(|| single.is_file().then_some(Self::Single(single)));
+        }
+        let is_half = path.file_name().is_some_and(|name| name == "transforms_train.json" || name == "transforms_test.json");
+        let whole = is_half.then(|| path.parent()).flatten().and_then(pair);
+        Some(whole.unwrap_or_else(|| Self::Single(path.into())))
+    }
+
+    fn folder(&self) -> PathBuf {
+        let (Self::Single(path) | Self::Pair { train: path, .. }) = self;
+        path.parent().map(Path::to_path_buf).unwrap_or_default()
+    }
+
+    fn read(&self) -> Result<Vec<Described>, IoError> {
+        let one = |path: &Path, part| Ok(Described { transforms: parse_transforms(path, &read_file(path)?)?, path: path.into(), part });
+        match self {
+            Self::Single(path) => Ok(vec![one(path, None)?]),
+            Self::Pair { train, test } => {
+                let mut all = vec![one(train, Some(Part::Train))?];
+                if let Some(test) = test {
+                    all.push(one(test, Some(Part::Test))?);
+                }
+                Ok(all)
+            }
+        }
+    }
+}
+
+/// A parsed file with its side of the split.
+struct Described {
+    transforms: Transforms,
+    path: PathBuf,
+    part: Option<Part>,
+}
+
+impl Described {
+    fn origin(&self, index: usize, frame: &TransformsFrame) -> Origin {
+        Origin { path: self.path.clone(), place: format!("frame {index} ({:?})", frame.file_path) }
+    }
+}
+
+/// Reads the files, finds the images and the points.
+pub(super) fn transforms_source(files: &TransformsFiles) -> Result<Source, IoError> {
+    let folder = files.folder();
+    let described = files.read()?;
+    let mut frames = Vec::new();
+    for file in &described {
+        for (i, frame) in file.transforms.frames.iter().enumerate() {
+            let origin = file.origin(i, frame);
+            let Some(image) = find_image(&folder, &frame.file_path, Substitute::No) else {
+                return Err(origin.error(format!("image {} does not exist", folder.join(&frame.file_path).display())));
+            };
+            frames.push(new_frame(view_name(&frame.file_path), image, frame, origin, file.part));
+        }
+    }
+    let split = match files {
+        TransformsFiles::Pair { .. } => SplitRule::Frames,
+        TransformsFiles::Single(path) => match described.first().and_then(|d| d.transforms.split.clone()) {
+            Some([train, val, test]) => {
+                let test = if test.is_empty() { val } else { test };
+                SplitRule::Lists(SplitLists { path: path.clone(), train, test })
+            }
+            None => split_beside(&folder)?,
+        },
+    };
+    let format = match files {
+        TransformsFiles::Single(_) => "nerfstudio transforms.json",
+        TransformsFiles::Pair { .. } => "transforms_train.json and transforms_test.json",
+    };
+    finish(&folder, &described, frames, split, format)
+}
+
+/// HDR-NeRF's synthetic scenes.
+pub(super) fn hdr_nerf_source(files: &TransformsFiles) -> Result<Source, IoError> {
+    let folder = files.folder();
+    if !matches!(files, TransformsFiles::Pair { .. }) {
+        return Err(IoError::invalid(folder, "no transforms_train.json, expected one with HDR-NeRF's layout"));
+    }
+    let described = files.read()?;
+    let mut frames: Vec<Frame> = Vec::new();
+    let mut by_name: HashMap<String, usize> = HashMap::new();
+    for file in &described {
+        let side = if file.part == Some(Part::Test) { "test_hdr" } else { "train_hdr" };
+        for (i, frame) in file.transforms.frames.iter().enumerate() {
+            let origin = file.origin(i, frame);
+            let Some(number) = pose_number(&frame.file_path) else {
+                return Err(origin.error("the name does not end in _<number>, expected the number of its HDR image"));
+            };
+            let image = folder.join(side).join(format!("hdr_{number:03}.exr"));
+            let name = format!("{side}/hdr_{number:03}");
+            if let Some(first) = by_name.get(&name).and_then(|first| frames.get(*first)) {
+                if !first.camera_from_world.abs_diff_eq(frame.camera_from_world, 1e-6) {
+                    let other = &first.origin.place;
+                    return Err(origin.error(format!("another pose than {other}, expected one for all exposures of {}", image.display())));
+                }
+                continue;
+            }
+            if !image.is_file() {
+                return Err(origin.error(format!("its HDR image {} does not exist", image.display())));
+            }
+            by_name.insert(name.clone(), frames.len());
+            frames.push(new_frame(name, image, frame, origin, file.part));
+        }
+    }
+    finish(&folder, &described, frames, SplitRule::Frames, "HDR-NeRF synthetic")
+}
+
+/// `7` of `train/r_7`, `train/007` and `train/007_2.png`: of two numbers at the end the second is the exposure's.
+fn pose_number(file_path: &str) -> Option<u32> {
+    let stem = without_extension(file_path.rsplit(['/', '\\']).next()?);
+    let mut parts = stem.rsplit('_').map(|part| part.parse::<u32>().ok());
+    let last = parts.next()??;
+    Some(parts.next().flatten().unwrap_or(last))
+}
+
+fn new_frame(name: String, image: PathBuf, frame: &TransformsFrame, origin: Origin, part: Option<Part>) -> Frame {
+    let TransformsFrame { camera_from_world, intrinsics, .. } = *frame;
+    Frame { name, image, camera_from_world, intrinsics, origin, part }
+}
+
+/// Adds points and warnings.
+fn finish(folder: &Path, described: &[Described], frames: Vec<Frame>, split: SplitRule, format: &str) -> Result<Source, IoError> {
+    let mut warnings: Vec<String> = described.iter().flat_map(|d| d.transforms.warnings.clone()).collect();
+    if matches!(split, SplitRule::Frames) && folder.join("transforms_val.json").is_file() {
+        warnings.push("transforms_val.json is not used: its views are neither trained on nor tested".to_owned());
+    }
+    let points = points(folder, described, &frames, &mut warnings)?;
+    Ok(Source { format: format.to_owned(), frames, split, points, warnings })
+}
+
+/// The points of `ply_file_path`, or of the COLMAP model beside the file. A PLY of as many points as the model is the same cloud, taken
+/// from the model for its tracks.
+fn points(folder: &Path, described: &[Described], frames: &[Frame], warnings: &mut Vec<String>) -> Result<Vec<SourcePoint>, IoError> {
+    let ply = described.iter().find_map(|d| d.transforms.ply_file_path.as_ref());
+    let cloud = ply.map(|ply| read_points_ply(&folder.join(ply.replace('\\', "/")))).transpose()?;
+    let model_folder = [folder.to_path_buf(), folder.join("colmap")].iter().find_map(|f| find_model(f));
+    if let Some(model_folder) = model_folder {
+        let (model, _) = read_model(&model_folder)?;
+        let is_other = cloud.as_ref().is_some_and(|cloud| cloud.len() != model.points.len());
+        if !is_other && !model.points.is_empty() {
+            let world_from_model = described.first().map_or(DAffine3::IDENTITY, |d| d.transforms.world_from_reconstruction);
+            match frames_of_images(&model, world_from_model, frames) {
+                Ok(frame_of_image) => {
+                    let position = |p: &ColmapPoint| world_from_model.transform_point3(p.position).as_vec3().to_array();
+                    return Ok(points_with_sightings(&model, &frame_of_image, position, warnings));
+                }
+                Err(why) if cloud.is_none() => warnings.push(format!("the points of {} are left out: {why}", model_folder.display())),
+                Err(_) => {}
+            }
+        }
+    }
+    let point = |(position, rgb8)| SourcePoint { position, rgb8, sightings: Vec::new() };
+    Ok(cloud.unwrap_or_default().into_iter().map(point).collect())
+}
+
+/// The frame of each image of the model; an error, in words, where model and frames do not share a world.
+fn frames_of_images(model: &ColmapModel, world_from_model: DAffine3, frames: &[Frame]) -> Result<Vec<Option<usize>>, String> {
+    let index = NameIndex::new(frames.iter().map(|f| f.name.as_str()));
+    let found: Vec<Option<usize>> = model.images.iter().map(|image| index.find(&image.name).flatten()).collect();
+    let eye = |pose: &DAffine3| -(pose.matrix3.transpose() * pose.translation);
+    let pairs: Vec<(DVec3, DVec3)> = model
+        .images
+        .iter()
+        .zip(&found)
+        .filter_map(|(image, frame)| {
+            let frame = frames.get((*frame)?)?;
+            Some((world_from_model.transform_point3(eye(&image.camera_from_world)), eye(&frame.camera_from_world)))
+        })
+        .collect();
+    let Some((_, origin)) = pairs.first() else {
+        return Err("none of the COLMAP images is a frame, so that nothing tells whether they share a coordinate frame".to_owned());
+    };
+    let extent = pairs.iter().map(|(_, eye)| eye.distance(*origin)).fold(0.1 * origin.length(), f64::max);
+    let worst = pairs.iter().map(|(model, eye)| model.distance(*eye)).fold(0.0, f64::max);
+    if worst <= SAME_FRAME_TOLERANCE * extent {
+        Ok(found)
+    } else {
+        Err(format!("their cameras are up to {worst:.3} from the frames', so that they do not share a coordinate frame"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pose_numbers_are_told_from_exposures() {
+        assert_eq!(pose_number("./train/r_7"), Some(7));
+        assert_eq!(pose_number("train/007_2.png"), Some(7));
+        assert_eq!(pose_number("train/007"), Some(7));
+        assert_eq!(pose_number("test/r_0_4"), Some(0));
+        assert_eq!(pose_number("test/r"), None);
+    }
+}

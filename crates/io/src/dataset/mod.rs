@@ -1,0 +1,141 @@
+//! Data sets in: posed images, their split, and points.
+//!
+//! In: a folder (or a `transforms.json`). Out: [`Dataset`] with linear radiance, undistorted and reduced cameras, bad pixels masked.
+//! Layouts: [`DatasetFormat`]; recognised by [`detect_format`]. Nothing is guessed in silence: what is left out is among the warnings.
+//!
+//! - Split: the frames' own (files, names); else `split.json` with lists "train" and "test"; else every 8th of the sorted names is test.
+//! - Names: the image's path with its folders and without its extension. Views are sorted by name, byte by byte.
+//! - Sizes: an image is of its camera's size, or a copy at 1/2, 1/4 or 1/8 of it (rounded either way), whose camera is scaled.
+//! - Alpha: images are composited over black. EXR and other float formats hold premultiplied colour, which stays as it is; integer
+//!   formats hold straight colour, which is multiplied.
+//! - Pixels that are NaN, infinite or negative become 0 and are masked, before anything is resampled.
+//! - Lens distortion is removed, then the image is reduced, both in linear light; observations of points follow.
+
+mod assemble;
+pub mod colmap;
+mod detect;
+mod files;
+mod fingerprint;
+mod intrinsics;
+mod layout_colmap;
+mod layout_transforms;
+mod load;
+mod source;
+mod split;
+mod track;
+mod transforms;
+
+use std::fmt;
+use std::path::Path;
+use std::str::FromStr;
+
+use luxel_core::{ColorSpace, Dataset};
+
+use crate::IoError;
+use crate::image::Transfer;
+
+pub use detect::detect_format;
+pub use split::{SplitLists, parse_split};
+pub use transforms::{Transforms, TransformsFrame, parse_transforms};
+
+/// Reductions that [`LoadOptions::downscale`] takes.
+const DOWNSCALES: [u32; 4] = [1, 2, 4, 8];
+
+/// A layout of files.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum DatasetFormat {
+    /// `transforms.json` of nerfstudio, instant-ngp or Blender, or `transforms_train.json` with `transforms_test.json`.
+    Transforms,
+    /// COLMAP model in `sparse/0`, `sparse` or the folder itself, images in `images/`.
+    Colmap,
+    /// HDR-NeRF's synthetic scenes: `transforms_{train,test}.json` with `{train,test}_hdr/hdr_000.exr`.
+    HdrNerf,
+    /// HDR-GS's repack of them: COLMAP with `exr/0.exr`.
+    HdrGs,
+    /// GaussHDR's repack: COLMAP with `images_hdr/train_hdr_000.exr`.
+    GaussHdr,
+}
+
+impl DatasetFormat {
+    /// All of them.
+    pub const ALL: [Self; 5] = [Self::Transforms, Self::Colmap, Self::HdrNerf, Self::HdrGs, Self::GaussHdr];
+
+    /// Name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Transforms => "transforms",
+            Self::Colmap => "colmap",
+            Self::HdrNerf => "hdr-nerf",
+            Self::HdrGs => "hdr-gs",
+            Self::GaussHdr => "gausshdr",
+        }
+    }
+}
+
+impl fmt::Display for DatasetFormat {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.name())
+    }
+}
+
+/// Not the name of a [`DatasetFormat`].
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("data set format {0:?}, expected transforms, colmap, hdr-nerf, hdr-gs or gausshdr")]
+pub struct UnknownFormat(pub String);
+
+impl FromStr for DatasetFormat {
+    type Err = UnknownFormat;
+
+    fn from_str(text: &str) -> Result<Self, UnknownFormat> {
+        Self::ALL.into_iter().find(|format| format.name() == text).ok_or_else(|| UnknownFormat(text.to_owned()))
+    }
+}
+
+/// How a data set is read.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LoadOptions {
+    /// `None`: recognised by [`detect_format`].
+    pub format: Option<DatasetFormat>,
+    /// Transfer function of integer images that do not state theirs.
+    pub transfer: Option<Transfer>,
+    /// Colour space of images that do not state theirs; `None`: linear Rec.709.
+    pub color_space: Option<ColorSpace>,
+    /// Reduction of the images by area average: 1, 2, 4 or 8.
+    pub downscale: u32,
+}
+
+impl Default for LoadOptions {
+    fn default() -> Self {
+        Self { format: None, transfer: None, color_space: None, downscale: 1 }
+    }
+}
+
+/// Reads a data set. `path` is a folder or a `transforms.json`.
+///
+/// # Errors
+/// Whatever is wrong with the files: each error names file, place, expectation and remedy.
+pub fn load_dataset(path: &Path, options: &LoadOptions) -> Result<Dataset, IoError> {
+    use layout_colmap::{ColmapLayout, colmap_source};
+    use layout_transforms::{TransformsFiles, hdr_nerf_source, transforms_source};
+
+    if !DOWNSCALES.contains(&options.downscale) {
+        return Err(IoError::invalid(path, format!("reduction by {}, expected 1, 2, 4 or 8", options.downscale)));
+    }
+    std::fs::metadata(path).map_err(|e| IoError::system(path, "read", &e))?;
+    let format = match options.format {
+        Some(format) => format,
+        None => detect_format(path)?,
+    };
+    let json = || {
+        TransformsFiles::find(path)
+            .ok_or_else(|| IoError::invalid(path, format!("not of format {format}: no transforms.json or transforms_train.json in it")))
+    };
+    let source = match format {
+        DatasetFormat::Transforms => transforms_source(&json()?),
+        DatasetFormat::HdrNerf => hdr_nerf_source(&json()?),
+        DatasetFormat::Colmap => colmap_source(path, ColmapLayout::Plain),
+        DatasetFormat::HdrGs => colmap_source(path, ColmapLayout::HdrGs),
+        DatasetFormat::GaussHdr => colmap_source(path, ColmapLayout::GaussHdr),
+    }?;
+    assemble::assemble(path, source, options)
+}

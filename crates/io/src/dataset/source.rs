@@ -1,0 +1,83 @@
+//! What every layout is turned into before any pixel is read: frames with images, poses and lenses; a split; points.
+
+use std::path::{Path, PathBuf};
+
+use glam::DAffine3;
+
+use super::files::read_file;
+use super::intrinsics::Intrinsics;
+use super::split::{Part, SplitRule, parse_split};
+use crate::IoError;
+
+/// A data set without its pixels.
+#[derive(Debug)]
+pub(super) struct Source {
+    /// For people.
+    pub(super) format: String,
+    /// In any order.
+    pub(super) frames: Vec<Frame>,
+    /// Train and test.
+    pub(super) split: SplitRule,
+    /// May be empty.
+    pub(super) points: Vec<SourcePoint>,
+    /// For people.
+    pub(super) warnings: Vec<String>,
+}
+
+/// An image to be read.
+#[derive(Debug)]
+pub(super) struct Frame {
+    /// View name.
+    pub(super) name: String,
+    /// Existing file.
+    pub(super) image: PathBuf,
+    /// Pose.
+    pub(super) camera_from_world: DAffine3,
+    /// Lens.
+    pub(super) intrinsics: Intrinsics,
+    /// Where it is described.
+    pub(super) origin: Origin,
+    /// Side of the split, if the frame says so itself.
+    pub(super) part: Option<Part>,
+}
+
+/// The place that describes a frame.
+#[derive(Clone, Debug)]
+pub(super) struct Origin {
+    /// File.
+    pub(super) path: PathBuf,
+    /// `frame 12 ("images/012.exr")`.
+    pub(super) place: String,
+}
+
+impl Origin {
+    pub(super) fn error(&self, message: impl std::fmt::Display) -> IoError {
+        IoError::invalid(&self.path, format!("{}: {message}", self.place))
+    }
+}
+
+/// A point of structure from motion.
+#[derive(Debug)]
+pub(super) struct SourcePoint {
+    /// World; finite.
+    pub(super) position: [f32; 3],
+    /// Display colour.
+    pub(super) rgb8: Option<[u8; 3]>,
+    /// Track.
+    pub(super) sightings: Vec<Sighting>,
+}
+
+/// Where a point was seen.
+#[derive(Debug)]
+pub(super) struct Sighting {
+    /// Index into [`Source::frames`].
+    pub(super) frame: usize,
+    /// Position in the distorted image as a fraction of its width and height: holds for every size of the image.
+    pub(super) at: [f32; 2],
+}
+
+/// The split of a data set whose layout has none of its own: `split.json` beside it, or every 8th.
+pub(super) fn split_beside(folder: &Path) -> Result<SplitRule, IoError> {
+    let path = folder.join("split.json");
+    if path.is_file() { Ok(SplitRule::Lists(parse_split(&path, &read_file(&path)?)?)) } else { Ok(SplitRule::EveryEighth) }
+}

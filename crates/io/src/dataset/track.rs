@@ -1,0 +1,91 @@
+//! Observations follow their image through undistortion and reduction.
+
+use glam::DVec2;
+use luxel_core::{Camera, Distortion, Observation, Point};
+
+use super::source::SourcePoint;
+
+/// Steps of Newton's method; real lenses need about five.
+const MAX_STEPS: usize = 30;
+/// Residual on normalised coordinates: a thousandth of a pixel at a focal length of 10,000.
+const TOLERANCE: f64 = 1e-7;
+
+/// Where a frame's observations go.
+pub(super) struct Target<'a> {
+    /// Index into the data set's training views.
+    pub(super) view: u32,
+    /// The camera of the image as it was read.
+    pub(super) photographed: &'a Camera,
+    /// The view's camera.
+    pub(super) camera: &'a Camera,
+}
+
+/// Points of the data set. `targets`: of each frame of the source; `None` for those that are not trained on.
+pub(super) fn map_points(points: Vec<SourcePoint>, targets: &[Option<Target<'_>>]) -> Vec<Point> {
+    let map = |point: SourcePoint| {
+        let observation = |sighting: super::source::Sighting| {
+            let target = targets.get(sighting.frame)?.as_ref()?;
+            let size = |camera: &Camera| DVec2::new(camera.size_px[0].into(), camera.size_px[1].into());
+            let photographed_px = DVec2::new(sighting.at[0].into(), sighting.at[1].into()) * size(target.photographed);
+            let px = map_pixel(photographed_px, target.photographed, target.camera)?;
+            let inside = px.cmpge(DVec2::ZERO).all() && px.cmplt(size(target.camera)).all();
+            inside.then(|| Observation { view: target.view, pixel_px: px.as_vec2().to_array() })
+        };
+        let observations = point.sightings.into_iter().filter_map(observation).collect();
+        Point { position: point.position, rgb8: point.rgb8, observations }
+    };
+    points.into_iter().map(map).collect()
+}
+
+/// Pixel coordinates in the view of a pixel of the image as it was read.
+fn map_pixel(px: DVec2, from: &Camera, to: &Camera) -> Option<DVec2> {
+    let normalised = undistort((px - from.center_px) / from.focal_px, &from.distortion)?;
+    Some(normalised * to.focal_px + to.center_px)
+}
+
+/// The undistorted normalised coordinates of distorted ones, by Newton's method; `None` where it does not converge.
+fn undistort(distorted: DVec2, lens: &Distortion) -> Option<DVec2> {
+    if lens.is_none() {
+        return distorted.is_finite().then_some(distorted);
+    }
+    let mut p = distorted;
+    for _ in 0..MAX_STEPS {
+        let residual = lens.distort(p) - distorted;
+        if residual.length() <= TOLERANCE {
+            return Some(p);
+        }
+        const STEP: f64 = 1e-6;
+        let column = |e: DVec2| (lens.distort(p + e * STEP) - lens.distort(p - e * STEP)) / (2.0 * STEP);
+        let (a, b) = (column(DVec2::X), column(DVec2::Y));
+        let determinant = a.perp_dot(b);
+        p -= DVec2::new(residual.perp_dot(b), a.perp_dot(residual)) / determinant;
+        if !p.is_finite() {
+            return None;
+        }
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn undistortion_inverts_distortion(
+            x in -0.8f64..0.8, y in -0.6f64..0.6, k1 in -0.2f64..0.2, k2 in -0.05f64..0.05, p1 in -0.01f64..0.01, p2 in -0.01f64..0.01,
+        ) {
+            let (p, lens) = (DVec2::new(x, y), Distortion { k1, k2, p1, p2 });
+            let found = undistort(lens.distort(p), &lens).unwrap();
+            prop_assert!(found.distance(p) < 1e-5, "{found} {p}");
+        }
+    }
+
+    #[test]
+    fn lenses_that_fold_do_not_hang() {
+        let lens = Distortion { k1: -5.0, k2: 0.0, p1: 0.0, p2: 0.0 };
+        assert_eq!(undistort(DVec2::new(0.9, 0.0), &lens).filter(|p| !p.is_finite()), None);
+        assert_eq!(undistort(DVec2::new(f64::NAN, 0.0), &lens), None);
+    }
+}

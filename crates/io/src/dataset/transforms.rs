@@ -1,0 +1,418 @@
+//! Parser of `transforms.json` (nerfstudio, instant-ngp, Blender): bytes -> frames with poses and lenses. Opens no image.
+//!
+//! Poses are camera-to-world matrices in OpenGL axes; lens parameters of a frame go before the file's. Understood: `fl_x fl_y cx cy w h`,
+//! `camera_angle_x camera_angle_y`, `k1 k2 p1 p2`, `ply_file_path`, `applied_transform`, `applied_scale`, `train_filenames`,
+//! `val_filenames`, `test_filenames`. Lenses beyond OPENCV's four coefficients are refused.
+
+use std::path::Path;
+
+use glam::{DAffine3, DMat3, DVec2, DVec3};
+use luxel_core::{Camera, Distortion, MAX_SIDE_PX};
+use serde_json::{Map, Value};
+
+use super::intrinsics::{Focal, Intrinsics};
+use crate::IoError;
+
+/// Camera models whose lens is pinhole with k1 k2 p1 p2.
+const CAMERA_MODELS: [&str; 6] = ["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE"];
+/// Coefficients beyond OPENCV's four: must be absent or 0.
+const HIGHER_COEFFICIENTS: [&str; 6] = ["k3", "k4", "k5", "k6", "p3", "p4"];
+const LENS_REMEDY: &str = "undistort the images first, for example with `colmap image_undistorter`";
+
+/// A parsed `transforms.json`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Transforms {
+    /// In the order of the file.
+    pub frames: Vec<TransformsFrame>,
+    /// Point cloud in the cameras' frame, relative to the file.
+    pub(super) ply_file_path: Option<String>,
+    /// From the frame of the reconstruction (COLMAP's points beside the file) to the cameras' frame.
+    pub(super) world_from_reconstruction: DAffine3,
+    /// `train_filenames`, `val_filenames`, `test_filenames`.
+    pub(super) split: Option<[Vec<String>; 3]>,
+    /// Things that are understood but not used.
+    pub(super) warnings: Vec<String>,
+}
+
+/// A frame of [`Transforms`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct TransformsFrame {
+    /// Image as the file names it.
+    pub file_path: String,
+    /// Pose: rigid motion from world to camera coordinates, OpenCV axes.
+    pub camera_from_world: DAffine3,
+    /// Lens.
+    pub(super) intrinsics: Intrinsics,
+}
+
+impl TransformsFrame {
+    /// Image size that the frame states.
+    pub fn size_px(&self) -> Option<[u32; 2]> {
+        self.intrinsics.size_px
+    }
+
+    /// The frame's camera for an image of `image_px` pixels (the stated size or 1/2, 1/4, 1/8 of it), lens distortion included.
+    ///
+    /// # Errors
+    /// What is wrong with the pose, the lens or the size.
+    pub fn camera(&self, image_px: [u32; 2]) -> Result<Camera, String> {
+        self.intrinsics.camera(self.camera_from_world, image_px)
+    }
+}
+
+/// Parses the content of a `transforms.json`; `path` is for error messages.
+///
+/// # Errors
+/// [`crate::IoErrorKind::Invalid`] and [`crate::IoErrorKind::Unsupported`], naming frame and key.
+pub fn parse_transforms(path: &Path, bytes: &[u8]) -> Result<Transforms, IoError> {
+    let root = parse_json(path, bytes)?;
+    let Value::Object(root) = &root else {
+        return Err(IoError::invalid(path, format!("the file holds {}, expected an object with \"frames\"", kind_of(&root))));
+    };
+    let file = Fields { path, place: String::new(), own: root, shared: None };
+    let frames = match root.get("frames") {
+        Some(Value::Array(frames)) => frames,
+        Some(other) => return Err(file.error(format!("\"frames\" is {}, expected a list", kind_of(other)))),
+        None => return Err(file.error("\"frames\" is missing, expected a list of images with poses")),
+    };
+    let frames = frames.iter().enumerate().map(|(i, frame)| parse_frame(&file, i, frame)).collect::<Result<Vec<_>, _>>()?;
+    let mut warnings = Vec::new();
+    let frame_values = || root.get("frames").and_then(Value::as_array).into_iter().flatten();
+    if frame_values().any(|frame| frame.get("mask_path").is_some()) {
+        warnings.push(format!("{}: \"mask_path\" is not used: masked pixels are trained on", path.display()));
+    }
+    Ok(Transforms {
+        frames,
+        ply_file_path: file.string("ply_file_path")?,
+        world_from_reconstruction: applied_transform(&file)?,
+        split: filenames(&file)?,
+        warnings,
+    })
+}
+
+/// JSON of any shape; numbers that JSON does not have get a remedy.
+pub(super) fn parse_json(path: &Path, bytes: &[u8]) -> Result<Value, IoError> {
+    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    serde_json::from_slice(bytes).map_err(|e| {
+        let has = |token: &[u8]| bytes.windows(token.len()).any(|window| window == token);
+        let hint = if has(b"NaN") || has(b"Infinity") { "; NaN and Infinity are no JSON numbers" } else { "" };
+        IoError::invalid(path, format!("not JSON: {e}{hint}"))
+    })
+}
+
+/// "a list", "null", ...: what a value is, for people.
+pub(super) fn kind_of(value: &Value) -> &'static str {
+    match value {
+        Value::Null => "null",
+        Value::Bool(_) => "a truth value",
+        Value::Number(_) => "a number",
+        Value::String(_) => "a string",
+        Value::Array(_) => "a list",
+        Value::Object(_) => "an object",
+    }
+}
+
+/// An object of the file, with the place it stands at and the object that gives its defaults.
+struct Fields<'a> {
+    path: &'a Path,
+    /// Empty, or `frame 3: `.
+    place: String,
+    own: &'a Map<String, Value>,
+    shared: Option<&'a Map<String, Value>>,
+}
+
+impl Fields<'_> {
+    fn error(&self, message: impl std::fmt::Display) -> IoError {
+        IoError::invalid(self.path, format!("{}{message}", self.place))
+    }
+
+    fn unsupported(&self, message: impl std::fmt::Display) -> IoError {
+        IoError::unsupported(self.path, format!("{}{message}", self.place))
+    }
+
+    fn get(&self, key: &str) -> Option<&Value> {
+        self.own.get(key).or_else(|| self.shared.and_then(|shared| shared.get(key)))
+    }
+
+    /// A finite number, if the key is there.
+    fn number(&self, key: &str) -> Result<Option<f64>, IoError> {
+        let Some(value) = self.get(key) else { return Ok(None) };
+        match value.as_f64() {
+            Some(number) if number.is_finite() => Ok(Some(number)),
+            _ => Err(self.error(format!("\"{key}\" is {}, expected a finite number", kind_of(value)))),
+        }
+    }
+
+    fn string(&self, key: &str) -> Result<Option<String>, IoError> {
+        match self.get(key) {
+            None => Ok(None),
+            Some(Value::String(text)) => Ok(Some(text.clone())),
+            Some(other) => Err(self.error(format!("\"{key}\" is {}, expected a string", kind_of(other)))),
+        }
+    }
+
+    /// Image side, if the key is there: a whole number, also when written as 400.0.
+    fn side(&self, key: &str) -> Result<Option<u32>, IoError> {
+        let Some(number) = self.number(key)? else { return Ok(None) };
+        if number.fract() != 0.0 || !(1.0..=f64::from(MAX_SIDE_PX)).contains(&number) {
+            return Err(self.error(format!("\"{key}\" is {number}, expected a whole number of pixels from 1 to {MAX_SIDE_PX}")));
+        }
+        Ok(Some(number as u32))
+    }
+
+    /// Angle of view, if the key is there.
+    fn angle(&self, key: &str) -> Result<Option<f64>, IoError> {
+        let angle = self.number(key)?;
+        match angle {
+            Some(angle) if angle <= 0.0 || angle >= std::f64::consts::PI => {
+                Err(self.error(format!("\"{key}\" is {angle}, expected radians between 0 and pi")))
+            }
+            _ => Ok(angle),
+        }
+    }
+
+    /// Matrix of `R` rows of 4 finite numbers.
+    fn matrix<const R: usize>(&self, key: &str, value: &Value) -> Result<[[f64; 4]; R], IoError> {
+        let Value::Array(rows) = value else {
+            return Err(self.error(format!("\"{key}\" is {}, expected {R} rows of 4 numbers", kind_of(value))));
+        };
+        if rows.len() != R {
+            return Err(self.error(format!("\"{key}\" has {} rows, expected {R}", rows.len())));
+        }
+        let mut matrix = [[0.0; 4]; R];
+        for (r, (row, out)) in rows.iter().zip(&mut matrix).enumerate() {
+            let Value::Array(row) = row else {
+                return Err(self.error(format!("\"{key}\" row {r} is {}, expected 4 numbers", kind_of(row))));
+            };
+            if row.len() != 4 {
+                return Err(self.error(format!("\"{key}\" row {r} has {} numbers, expected 4", row.len())));
+            }
+            for (c, (value, out)) in row.iter().zip(out).enumerate() {
+                *out = value
+                    .as_f64()
+                    .filter(|v| v.is_finite())
+                    .ok_or_else(|| self.error(format!("\"{key}\" row {r} column {c} is {}, expected a finite number", kind_of(value))))?;
+            }
+        }
+        Ok(matrix)
+    }
+}
+
+fn parse_frame(file: &Fields<'_>, index: usize, frame: &Value) -> Result<TransformsFrame, IoError> {
+    let place = format!("frame {index}: ");
+    let Value::Object(own) = frame else {
+        return Err(file.error(format!("{place}{}, expected an object", kind_of(frame))));
+    };
+    let mut fields = Fields { path: file.path, place, own, shared: None };
+    let file_path = fields.string("file_path")?.filter(|path| !path.is_empty());
+    let Some(file_path) = file_path else {
+        return Err(fields.error("\"file_path\" is missing, expected the image's path relative to this file"));
+    };
+    fields.place = format!("frame {index} ({file_path:?}): ");
+    let Some(matrix) = own.get("transform_matrix") else {
+        return Err(fields.error("\"transform_matrix\" is missing, expected the 4x4 camera-to-world matrix"));
+    };
+    let camera_from_world = pose(&fields, matrix)?;
+    fields.shared = Some(file.own);
+    Ok(TransformsFrame { file_path, camera_from_world, intrinsics: intrinsics(&fields)? })
+}
+
+fn pose(fields: &Fields<'_>, matrix: &Value) -> Result<DAffine3, IoError> {
+    let m: [[f64; 4]; 4] = fields.matrix("transform_matrix", matrix)?;
+    if m[3].iter().zip([0.0, 0.0, 0.0, 1.0]).any(|(a, b): (&f64, f64)| (a - b).abs() > 1e-6) {
+        return Err(fields.error(format!("\"transform_matrix\" row 3 is {:?}, expected [0, 0, 0, 1]", m[3])));
+    }
+    let rotation = DMat3::from_cols_array_2d(&[0, 1, 2].map(|c| [m[0][c], m[1][c], m[2][c]]));
+    let eye = DVec3::new(m[0][3], m[1][3], m[2][3]);
+    let mut pose = Camera::pose_from_opengl(rotation, eye);
+    let deviation = (pose.matrix3 * pose.matrix3.transpose() - DMat3::IDENTITY).to_cols_array();
+    if deviation.iter().all(|v| v.abs() <= 1e-3) && pose.matrix3.determinant() > 0.0 {
+        // One Newton step towards the nearest rotation removes the rounding of matrices written with few digits. The eye stays.
+        let r = pose.matrix3;
+        pose.matrix3 = r * ((DMat3::IDENTITY * 3.0 - r.transpose() * r) * 0.5);
+        pose.translation = -(pose.matrix3 * eye);
+        return Ok(pose);
+    }
+    let determinant = rotation.determinant();
+    Err(fields.error(format!(
+        "\"transform_matrix\" is not a rotation and translation (determinant {determinant:.4}, expected 1): remove scale, shear and mirroring"
+    )))
+}
+
+fn intrinsics(fields: &Fields<'_>) -> Result<Intrinsics, IoError> {
+    if let Some(model) = fields.string("camera_model")?
+        && !CAMERA_MODELS.contains(&model.as_str())
+    {
+        let known = CAMERA_MODELS.join(", ");
+        return Err(fields.unsupported(format!("camera model {model}, expected one of {known}; {LENS_REMEDY}")));
+    }
+    if fields.get("is_fisheye").is_some_and(|v| *v == Value::Bool(true)) {
+        return Err(fields.unsupported(format!("\"is_fisheye\" is true, expected a pinhole lens; {LENS_REMEDY}")));
+    }
+    for key in HIGHER_COEFFICIENTS {
+        if let Some(value) = fields.number(key)?.filter(|v| *v != 0.0) {
+            return Err(fields.unsupported(format!("\"{key}\" is {value}, expected 0: the lens model is k1 k2 p1 p2; {LENS_REMEDY}")));
+        }
+    }
+    let size_px = match (fields.side("w")?, fields.side("h")?) {
+        (Some(w), Some(h)) => Some([w, h]),
+        (None, None) => None,
+        _ => return Err(fields.error("one of \"w\" and \"h\" is missing, expected both or neither")),
+    };
+    let focal = match (fields.number("fl_x")?, fields.number("fl_y")?) {
+        (None, None) => angle_of_view(fields)?,
+        (Some(x), Some(y)) => Focal::Pixels(DVec2::new(x, y)),
+        (Some(f), None) | (None, Some(f)) => Focal::Pixels(DVec2::splat(f)),
+    };
+    if let Focal::Pixels(focal) = focal
+        && (focal.x <= 0.0 || focal.y <= 0.0)
+    {
+        return Err(fields.error(format!("focal length {} x {} px, expected positive numbers", focal.x, focal.y)));
+    }
+    let coefficient = |key| Ok::<_, IoError>(fields.number(key)?.unwrap_or(0.0));
+    Ok(Intrinsics {
+        size_px,
+        focal,
+        center_px: [fields.number("cx")?, fields.number("cy")?],
+        distortion: Distortion { k1: coefficient("k1")?, k2: coefficient("k2")?, p1: coefficient("p1")?, p2: coefficient("p2")? },
+    })
+}
+
+fn angle_of_view(fields: &Fields<'_>) -> Result<Focal, IoError> {
+    match (fields.angle("camera_angle_x")?, fields.angle("camera_angle_y")?) {
+        (None, None) => Err(fields.error("no focal length: expected \"fl_x\" in pixels or \"camera_angle_x\" in radians")),
+        (x, y) => Ok(Focal::Angle { x, y }),
+    }
+}
+
+/// `applied_scale * applied_transform`: what was done to the reconstruction before its poses were written here.
+fn applied_transform(file: &Fields<'_>) -> Result<DAffine3, IoError> {
+    const KEY: &str = "applied_transform";
+    let scale = file.number("applied_scale")?.unwrap_or(1.0);
+    let Some(value) = file.get(KEY) else { return Ok(DAffine3::from_scale(DVec3::splat(scale))) };
+    // Written as 3x4; some tools add the fourth row.
+    let m: [[f64; 4]; 3] = match value.as_array() {
+        Some(rows) if rows.len() == 4 => {
+            let [a, b, c, _] = file.matrix::<4>(KEY, value)?;
+            [a, b, c]
+        }
+        _ => file.matrix(KEY, value)?,
+    };
+    let matrix3 = DMat3::from_cols_array_2d(&[0, 1, 2].map(|c| [m[0][c], m[1][c], m[2][c]]));
+    let translation = DVec3::new(m[0][3], m[1][3], m[2][3]);
+    Ok(DAffine3 { matrix3: matrix3 * scale, translation: translation * scale })
+}
+
+fn filenames(file: &Fields<'_>) -> Result<Option<[Vec<String>; 3]>, IoError> {
+    let list = |key: &str| match file.get(key) {
+        None => Ok(None),
+        Some(value) => string_list(value).map(Some).map_err(|found| file.error(format!("\"{key}\" {found}"))),
+    };
+    let lists = [list("train_filenames")?, list("val_filenames")?, list("test_filenames")?];
+    // Without a training list the others say nothing about what to train on.
+    Ok(lists[0].is_some().then(|| lists.map(Option::unwrap_or_default)))
+}
+
+/// A list of strings; else what was found.
+pub(super) fn string_list(value: &Value) -> Result<Vec<String>, String> {
+    let Value::Array(items) = value else { return Err(format!("is {}, expected a list of names", kind_of(value))) };
+    let name = |(i, item): (usize, &Value)| {
+        item.as_str().map(str::to_owned).ok_or_else(|| format!("item {i} is {}, expected a name", kind_of(item)))
+    };
+    items.iter().enumerate().map(name).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::IoErrorKind;
+
+    const POSE: &str = "[[1,0,0,1],[0,1,0,2],[0,0,1,3],[0,0,0,1]]";
+
+    fn parse(json: &str) -> Result<Transforms, IoError> {
+        parse_transforms(Path::new("scene/transforms.json"), json.as_bytes())
+    }
+
+    fn with_lens(lens: &str) -> Result<Transforms, IoError> {
+        parse(&format!(r#"{{{lens} "frames": [{{"file_path": "a.exr", "transform_matrix": {POSE}}}]}}"#))
+    }
+
+    fn message(result: Result<Transforms, IoError>) -> String {
+        result.unwrap_err().to_string()
+    }
+
+    #[test]
+    fn lens_of_a_frame_goes_before_the_files() {
+        let json = format!(
+            r#"{{"fl_x": 100, "w": 80.0, "h": 60, "frames": [
+                {{"file_path": "a.exr", "transform_matrix": {POSE}}},
+                {{"file_path": "b.exr", "fl_x": 50, "k1": 0.1, "transform_matrix": {POSE}}}]}}"#
+        );
+        let frames = parse(&json).unwrap().frames;
+        assert_eq!(frames[0].intrinsics.focal, Focal::Pixels(DVec2::splat(100.0)));
+        assert_eq!(frames[1].intrinsics.focal, Focal::Pixels(DVec2::splat(50.0)));
+        assert_eq!(frames[1].intrinsics.distortion.k1, 0.1);
+        let camera = frames[0].camera([80, 60]).unwrap();
+        assert_eq!(camera.eye(), DVec3::new(1.0, 2.0, 3.0));
+        assert_eq!(camera.center_px, DVec2::new(40.0, 30.0));
+    }
+
+    #[test]
+    fn errors_name_frame_key_and_expectation() {
+        let frame = |matrix: &str| parse(&format!(r#"{{"fl_x": 9, "frames": [{{"file_path": "a", "transform_matrix": {matrix}}}]}}"#));
+        assert_eq!(
+            message(frame("[[1,0,0,0],[0,1,0,0],[0,0,1,0]]")),
+            "scene/transforms.json: frame 0 (\"a\"): \"transform_matrix\" has 3 rows, expected 4"
+        );
+        assert!(message(frame("[[1,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]")).contains("row 0 has 3 numbers, expected 4"));
+        assert!(message(frame("[[null,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]")).contains("row 0 column 0 is null"));
+        assert!(message(frame("[[0,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]")).contains("determinant 0.0000"));
+        assert!(message(frame("[[-1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]")).contains("mirroring"));
+        assert!(message(frame("[[1,0,0,1e999],[0,1,0,0],[0,0,1,0],[0,0,0,1]]")).contains("not JSON"));
+        assert!(message(frame("[[NaN,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]")).contains("NaN and Infinity are no JSON numbers"));
+        assert!(message(parse("[]")).contains("a list, expected an object"));
+        assert!(message(parse("{}")).contains("\"frames\" is missing"));
+        assert!(message(parse(r#"{"frames": [3]}"#)).contains("frame 0: a number, expected an object"));
+        assert!(message(parse(r#"{"frames": [{}]}"#)).contains("\"file_path\" is missing"));
+        assert!(message(with_lens("")).contains("no focal length"));
+        assert!(message(with_lens("\"fl_x\": 0,")).contains("focal length 0 x 0"));
+        assert!(message(with_lens("\"fl_x\": null,")).contains("\"fl_x\" is null"));
+        assert!(message(with_lens("\"camera_angle_x\": 0,")).contains("between 0 and pi"));
+        assert!(message(with_lens("\"fl_x\": 9, \"w\": 1e12, \"h\": 3,")).contains("\"w\" is 1000000000000"));
+        assert!(message(with_lens("\"fl_x\": 9, \"w\": 10,")).contains("expected both or neither"));
+    }
+
+    #[test]
+    fn other_lens_models_are_unsupported_with_a_remedy() {
+        for lens in
+            ["\"fl_x\": 9, \"k3\": 0.01,", "\"fl_x\": 9, \"camera_model\": \"OPENCV_FISHEYE\",", "\"fl_x\": 9, \"is_fisheye\": true,"]
+        {
+            let error = with_lens(lens).unwrap_err();
+            assert_eq!(error.kind, IoErrorKind::Unsupported);
+            assert!(error.message.contains("image_undistorter"), "{error}");
+        }
+        assert!(with_lens("\"fl_x\": 9, \"k3\": 0.0, \"camera_model\": \"OPENCV\",").is_ok());
+    }
+
+    #[test]
+    fn poses_of_few_digits_become_rotations() {
+        let matrix = "[[0.8660,-0.5,0,1],[0.5,0.8660,0,2],[0,0,1,3],[0,0,0,1]]";
+        let json = format!(r#"{{"fl_x": 9, "frames": [{{"file_path": "a", "transform_matrix": {matrix}}}]}}"#);
+        let camera = parse(&json).unwrap().frames[0].camera([4, 4]).unwrap();
+        let r = camera.camera_from_world.matrix3;
+        let worst = (r * r.transpose() - DMat3::IDENTITY).to_cols_array().iter().fold(0.0f64, |a, v| a.max(v.abs()));
+        assert!(worst < 1e-8, "{worst}");
+        assert!((camera.eye() - DVec3::new(1.0, 2.0, 3.0)).length() < 1e-7);
+    }
+
+    #[test]
+    fn deep_nesting_is_an_error() {
+        assert!(message(parse(&"[".repeat(100_000))).contains("not JSON"));
+    }
+
+    #[test]
+    fn applied_transform_and_scale_move_the_reconstruction() {
+        let json = with_lens(r#""fl_x": 9, "applied_scale": 2, "applied_transform": [[0,1,0,0],[1,0,0,0],[0,0,-1,1]],"#).unwrap();
+        assert_eq!(json.world_from_reconstruction.transform_point3(DVec3::new(1.0, 2.0, 3.0)), DVec3::new(4.0, 2.0, -4.0));
+    }
+}
