@@ -10,6 +10,7 @@ mod engine;
 mod image;
 pub mod metrics;
 pub mod noise;
+mod order;
 mod real;
 mod scene;
 pub mod sh;
@@ -25,6 +26,7 @@ pub use engine::{
     LossConfig, Pass, PlanRow, PositionNoise, RasterConfig, RenderOptions, StepConfig, StepReport,
 };
 pub use image::{Image, luminance_rec709, luminance_sum};
+pub use order::spatial_order;
 pub use real::Real;
 pub use scene::{Scene, Snapshot};
 pub use splats::{ColorSpace, Moments, Splat, Splats, SplatsError, logit, sigmoid};

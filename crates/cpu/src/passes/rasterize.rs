@@ -64,25 +64,19 @@ pub(crate) fn block_of(x: usize, y: usize) -> (usize, usize) {
 pub(crate) fn rasterize(level: Level, camera: &ScreenCamera, bins: &Bins, footprints: &[Footprint], out: &mut TileBuffer) {
     let across = camera.tiles()[0];
     out.tiles.resize(across * camera.tiles()[1], TilePixels::default());
-    out.tiles.par_iter_mut().enumerate().for_each(|(tile, pixels)| {
+    out.tiles.par_iter_mut().enumerate().for_each_init(Vec::new, |entries, (tile, pixels)| {
         let origin = [tile % across * TILE_PX, tile / across * TILE_PX];
-        with_simd!(level, simd => rasterize_tile(simd, camera, origin, TileEntries { bins, footprints, tile }, pixels));
+        fetch_entries(bins, footprints, tile, entries);
+        with_simd!(level, simd => rasterize_tile(simd, camera, origin, entries, pixels));
     });
 }
 
-/// The splats of a tile, front to back.
-#[derive(Clone, Copy)]
-pub(crate) struct TileEntries<'a> {
-    pub(crate) bins: &'a Bins,
-    pub(crate) footprints: &'a [Footprint],
-    pub(crate) tile: usize,
-}
-
-impl<'a> TileEntries<'a> {
-    pub(crate) fn iter(self) -> impl DoubleEndedIterator<Item = &'a Footprint> + ExactSizeIterator {
-        let splats = &self.bins.splat[self.bins.tile(self.tile)];
-        splats.iter().map(move |i| &self.footprints[i.load(Ordering::Relaxed) as usize])
-    }
+/// Copies the footprints of a tile's entries, front to back. They lie scattered in memory: fetching them ahead of the blending lets the fetches
+/// overlap, which the blending's branches would prevent.
+#[inline]
+pub(crate) fn fetch_entries(bins: &Bins, footprints: &[Footprint], tile: usize, out: &mut Vec<Footprint>) {
+    out.clear();
+    out.extend(bins.splat[bins.tile(tile)].iter().map(|i| footprints[i.load(Ordering::Relaxed) as usize]));
 }
 
 /// Centres of a block's pixels relative to the tile's origin.
@@ -128,7 +122,7 @@ impl<S: Simd> Spread<S> {
 }
 
 #[inline(always)]
-fn rasterize_tile<S: Simd>(simd: S, camera: &ScreenCamera, origin: [usize; 2], entries: TileEntries<'_>, out: &mut TilePixels) {
+fn rasterize_tile<S: Simd>(simd: S, camera: &ScreenCamera, origin: [usize; 2], entries: &[Footprint], out: &mut TilePixels) {
     let c = |value: f32| V::splat(simd, value);
     let (zero, one) = (c(0.0), c(1.0));
     let max_alpha = c(camera.cutoffs.max_alpha);

@@ -16,7 +16,7 @@ use rayon::prelude::*;
 
 use super::bin::Bins;
 use super::project::Footprint;
-use super::rasterize::{Spread, TileBuffer, TileEntries, TilePixels, pixel_centers};
+use super::rasterize::{Spread, TileBuffer, TilePixels, fetch_entries, pixel_centers};
 use crate::lanes::{Lanes, V, with_simd};
 use crate::view::{BLOCKS, ScreenCamera, TILE_PX};
 
@@ -71,9 +71,10 @@ pub(crate) fn rasterize_backward(
         runs.push(run);
         rest = others;
     }
-    runs.into_par_iter().enumerate().for_each(|(tile, run)| {
+    runs.into_par_iter().enumerate().for_each_init(Vec::new, |entries, (tile, run)| {
         let origin_px = [(tile % across * TILE_PX) as f32, (tile / across * TILE_PX) as f32];
-        let entries = TileEntries { bins, footprints, tile };
+        fetch_entries(bins, footprints, tile, entries);
+        let entries = entries.as_slice();
         let (pixels, gradients) = (&pixels.tiles[tile], &gradients[tile]);
         match absolute {
             AbsoluteSums::Skip => {
@@ -102,7 +103,7 @@ fn tile_backward<S: Simd, const ABSOLUTE: bool>(
     simd: S,
     camera: &ScreenCamera,
     origin_px: [f32; 2],
-    entries: TileEntries<'_>,
+    entries: &[Footprint],
     (pixels, gradients): (&TilePixels, &TileGradient),
     out: &mut [EntryGradient],
 ) {
