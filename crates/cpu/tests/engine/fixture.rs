@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::{DAffine3, DQuat, DVec2, DVec3};
 use luxel_core::{
     Antialias, Camera, ColorModel, Cutoffs, Distortion, Image, LearningRates, LossConfig, Mask, RasterConfig, RenderOptions, SH_OFFSET,
-    Splat, Splats, StepConfig, View, logit, noise, sh,
+    Splat, Splats, StepConfig, View, noise, sh,
 };
 
 /// Counter-based random numbers.
@@ -173,9 +173,4 @@ pub fn step(step: u32, render: RenderOptions) -> StepConfig {
 /// The smoothing filter of a splat `i`, world units.
 pub fn smoothing(count: usize) -> Vec<f32> {
     (0..count).map(|i| 0.02 + 0.01 * (i % 5) as f32).collect()
-}
-
-/// Logit of an opacity, for tests that think in opacities.
-pub fn opacity(p: f32) -> f32 {
-    logit(p)
 }

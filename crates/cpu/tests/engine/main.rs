@@ -1,6 +1,9 @@
 //! The engine against an f64 oracle, against itself, and against the contract of `luxel_core::Engine`.
 
+// A test binary has no outside to be reached from.
+#![allow(unreachable_pub)]
+
 mod fixture;
+mod gradients;
 mod number;
 mod oracle;
-mod gradients;

@@ -25,6 +25,9 @@ impl Trace {
     }
 }
 
+/// Guard of Mip-splatting's opacity compensation: the ratio of areas is taken to be at least this.
+const MIN_AREA_RATIO: f64 = 1e-6;
+
 /// The scene's parameters one after the other, in the order of [`ARRAYS`].
 pub struct Parameters<N> {
     pub splats: Splats,
@@ -124,9 +127,7 @@ fn radiance<N: Number>(p: &Parameters<N>, i: usize, direction: [N; 3], active_de
     let mut basis = [zero; sh::MAX_COEFFICIENTS];
     sh::basis(degree, direction, &mut basis);
     let active = |degree: u8| sh::coefficients(active_degree.min(degree.into()));
-    let response = |degree: u8| {
-        [0, 1, 2].map(|c| (0..active(degree)).fold(zero, |sum, m| sum + p.sh(i, m, c) * basis[m]))
-    };
+    let response = |degree: u8| [0, 1, 2].map(|c| (0..active(degree)).fold(zero, |sum, m| sum + p.sh(i, m, c) * basis[m]));
     let mut rectified = |x: N| if trace.decide(x.value() > 0.0) { x } else { zero };
     match p.splats.color_model {
         ColorModel::Sh { degree } => response(degree).map(|s| rectified(s + N::of(SH_OFFSET.into()))),
@@ -194,7 +195,7 @@ fn project<N: Number>(p: &Parameters<N>, i: usize, camera: &Camera, options: &Re
     let determinant = dilated_xx * dilated_yy - xy * xy;
     if options.raster.antialias == Antialias::Mip {
         let ratio = (xx * yy - xy * xy) / determinant;
-        opacity = opacity * if trace.decide(ratio.value() > 0.0) { ratio.sqrt() } else { N::of(0.0) };
+        opacity = opacity * if trace.decide(ratio.value() > MIN_AREA_RATIO) { ratio } else { N::of(MIN_AREA_RATIO) }.sqrt();
     }
 
     let eye = camera.eye();
@@ -223,6 +224,8 @@ pub struct Rendered<N> {
     /// Splat and offset from its mean for every evaluation that was blended: for per-pixel gradients.
     pub offsets: Vec<(usize, [N; 2])>,
     pub trace: Trace,
+    /// [H*W] how near a decision of the pixel is to the other side: relative distance of an alpha or a transmittance to its threshold.
+    pub margin: Vec<f64>,
 }
 
 /// The image.
@@ -237,19 +240,23 @@ pub fn render<N: Number>(p: &Parameters<N>, camera: &Camera, options: &RenderOpt
     let [width, height] = camera.size_px;
     let mut pixels = Vec::new();
     let mut offsets = Vec::new();
+    let mut margins = Vec::new();
     for (y, x) in (0..height).flat_map(|y| (0..width).map(move |x| (y, x))) {
         let center = [f64::from(x) + 0.5, f64::from(y) + 0.5];
         let mut transmittance = N::of(1.0);
         let mut pixel = [N::of(0.0); 3];
+        let mut margin = f64::INFINITY;
         for e in &ellipses {
             let d: [N; 2] = std::array::from_fn(|a| N::of(center[a]) - e.mean_px[a]);
             let power = e.conic[0] * d[0] * d[0] + N::of(2.0) * e.conic[1] * d[0] * d[1] + e.conic[2] * d[1] * d[1];
             let alpha = e.opacity * (N::of(-0.5) * power).exp();
+            margin = margin.min((alpha.value() / e.threshold - 1.0).abs());
             if trace.decide(alpha.value() < e.threshold) {
                 continue;
             }
             let alpha = if trace.decide(alpha.value() > max_alpha.value()) { max_alpha } else { alpha };
             let behind = transmittance * (N::of(1.0) - alpha);
+            margin = margin.min((behind.value() / f64::from(cutoffs.min_transmittance) - 1.0).abs());
             if trace.decide(behind.value() < f64::from(cutoffs.min_transmittance)) {
                 break;
             }
@@ -259,9 +266,10 @@ pub fn render<N: Number>(p: &Parameters<N>, camera: &Camera, options: &RenderOpt
             transmittance = behind;
             offsets.push((e.splat, d));
         }
+        margins.push(margin);
         pixels.push(std::array::from_fn(|c| pixel[c] + transmittance * N::of(options.background[c].into())));
     }
-    Rendered { pixels, ellipses, offsets, trace }
+    Rendered { pixels, ellipses, offsets, trace, margin: margins }
 }
 
 /// Loss and its parts.
@@ -349,9 +357,9 @@ pub fn objective<N: Number>(p: &Parameters<N>, view: &View, options: &RenderOpti
     (total, loss, rendered)
 }
 
-/// Image of a scene in f64.
-pub fn image(splats: &Splats, camera: &Camera, options: &RenderOptions) -> Vec<[f64; 3]> {
-    render(&Parameters { splats: splats.clone(), flat: flatten(splats) }, camera, options).pixels
+/// A scene rendered in f64.
+pub fn image(splats: &Splats, camera: &Camera, options: &RenderOptions) -> Rendered<f64> {
+    render(&Parameters { splats: splats.clone(), flat: flatten(splats) }, camera, options)
 }
 
 /// Exact derivatives.
@@ -405,11 +413,10 @@ pub fn central_differences(splats: &Splats, view: &View, options: &RenderOptions
         .map(|i| {
             // The best step balances h^2 against 1e-16 / h; smaller ones are for parameters next to a decision.
             [1e-5, 1e-6].iter().find_map(|h| {
-                let h = h * start[i].abs().max(0.1);
+                let h = h * start[i].abs().max(1.0);
                 let ((above, above_trace), (below, below_trace)) = (evaluate(i, start[i] + h), evaluate(i, start[i] - h));
                 (above_trace == below_trace).then_some((above - below) / (2.0 * h))
             })
         })
         .collect()
 }
-
