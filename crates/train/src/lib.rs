@@ -1,1 +1,28 @@
-//! Luxel.
+//! The method: initialisation, schedule, densification, the training loop and evaluation.
+//!
+//! A [`Trainer`] takes a data set, a [`TrainConfig`] and any [`luxel_core::Engine`], and turns one into a scene step by step. Everything
+//! random comes from one seed, so that equal inputs give equal scenes on an engine that is deterministic, and a [`luxel_core::Snapshot`]
+//! holds all that is needed to go on bit for bit.
+
+mod config;
+pub mod densify;
+mod error;
+mod evaluate;
+mod init;
+mod scale;
+mod schedule;
+mod smoothing;
+mod state;
+#[cfg(test)]
+mod testing;
+mod trainer;
+
+pub use config::{CutoffPreset, MCMC_DEFAULT_MAX_SPLATS, Method, ScaleRule, Strategy, TrainConfig};
+pub use error::TrainError;
+pub use evaluate::{NamedMetrics, SplitMetrics, evaluate};
+pub use init::initialise;
+pub use scale::choose_radiance_scale;
+pub use schedule::{ABSGRAD_OPACITY_CAP, RESET_OPACITY, Schedule};
+pub use smoothing::smoothing;
+pub use state::snapshot_config;
+pub use trainer::Trainer;

@@ -1,0 +1,501 @@
+//! Every option of training, for the command line and for `config.toml`. The doc comments are the help texts.
+//!
+//! Windows and intervals left out follow from the number of iterations ([`crate::Schedule`]), so that a short run is a short version of
+//! the long one.
+
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::{Args, Command, FromArgMatches, ValueEnum};
+use luxel_core::{Activation, Antialias, ColorModel, Cutoffs, LossConfig, RasterConfig};
+use serde::{Deserialize, Serialize};
+
+use crate::TrainError;
+
+/// Colour models by name.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Method {
+    /// Luminance and chromaticity apart (LCD-GS)
+    #[default]
+    Lcd,
+    /// Spherical harmonics of RGB radiance, degree 0
+    Sh0,
+    /// Spherical harmonics of RGB radiance, degree 1
+    Sh1,
+    /// Spherical harmonics of RGB radiance, degree 2
+    Sh2,
+    /// Spherical harmonics of RGB radiance, degree 3: 3D Gaussian splatting
+    Sh3,
+    /// Spherical harmonics of RGB radiance, degree 4
+    Sh4,
+    /// Spherical harmonics of RGB radiance, degree 5
+    Sh5,
+}
+
+/// How the number of splats grows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Strategy {
+    /// Clone, split, prune and reset by screen-space gradients (Kerbl et al. 2023)
+    #[default]
+    Adc,
+    /// Relocation, growth to --max-splats and noise (3DGS-MCMC, Kheradmand et al. 2024)
+    Mcmc,
+}
+
+/// Presets of the rasteriser's cut-offs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum CutoffPreset {
+    /// Derived for radiance
+    #[default]
+    Hdr,
+    /// The values of 3D Gaussian splatting, derived for 8-bit output
+    Parity,
+}
+
+/// How the radiance of one normalised unit is chosen from the training views.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ScaleRule {
+    /// The median of (R + G + B) / 3 becomes 0.05, the middle of the mu-law's range
+    #[default]
+    Median20,
+    /// The 99th percentile of (R + G + B) / 3 becomes 1
+    P99,
+    /// The largest channel value becomes 1
+    Max,
+    /// Radiance as it is in the images
+    Raw,
+}
+
+/// Options of training.
+#[derive(Clone, Debug, PartialEq, Args, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TrainConfig {
+    /// Training steps, one view each; at least 1
+    #[arg(long, value_name = "N", default_value_t = 30_000, help_heading = "Training")]
+    pub iterations: u32,
+    /// Seed of everything random
+    #[arg(long, value_name = "N", default_value_t = 42, help_heading = "Training")]
+    pub seed: u64,
+
+    /// Colour model
+    #[arg(long, value_enum, default_value_t = Method::Lcd, help_heading = "Colour model")]
+    pub method: Method,
+    /// Map from the raw luminance to luminance (lcd only) [default: softplus]
+    #[arg(long, value_parser = activation_parser(), help_heading = "Colour model")]
+    pub activation: Option<Activation>,
+    /// Degree of the chromaticity's harmonics (lcd only), 0 to 5 [default: 3]
+    #[arg(long, value_name = "DEGREE", help_heading = "Colour model")]
+    pub chroma_degree: Option<u8>,
+    /// Degree of the luminance's harmonics (lcd only), 0 to 3; above 0 brightness may vary with the view [default: 0]
+    #[arg(long, value_name = "DEGREE", help_heading = "Colour model")]
+    pub luminance_degree: Option<u8>,
+    /// Steps after which one more degree of the harmonics takes part [default: 1000, in runs below 10000 steps a tenth of them]
+    #[arg(long, value_name = "N", help_heading = "Colour model")]
+    pub sh_interval: Option<u32>,
+
+    /// How the radiance of one normalised unit is chosen from the training views
+    #[arg(long, value_enum, default_value_t = ScaleRule::Median20, help_heading = "Radiance and loss")]
+    pub scale_rule: ScaleRule,
+    /// Radiance of one normalised unit, in the units of the images, above 0; overrides --scale-rule
+    #[arg(long, value_name = "RADIANCE", help_heading = "Radiance and loss")]
+    pub radiance_scale: Option<f32>,
+    /// Radiance behind everything, in the units of the images: red,green,blue or one number for grey
+    #[arg(long, value_name = "R,G,B", value_parser = parse_rgb, default_value = "0,0,0", help_heading = "Radiance and loss")]
+    pub background: [f32; 3],
+    /// mu of the mu-law that prediction and image are seen through by the loss, above 0
+    #[arg(long, default_value_t = luxel_core::tone::MU, help_heading = "Radiance and loss")]
+    pub mu: f32,
+    /// Weight of 1 - SSIM in the loss, 0 to 1; L1 has the rest
+    #[arg(long, value_name = "WEIGHT", default_value_t = 0.2, help_heading = "Radiance and loss")]
+    pub ssim_weight: f32,
+
+    /// Treatment of splats smaller than a pixel: 3DGS's dilation, or Mip-splatting's filters
+    #[arg(long, value_parser = antialias_parser(), default_value = "off", help_heading = "Rasteriser")]
+    pub antialias: Antialias,
+    /// Where the rasteriser stops looking
+    #[arg(long, value_enum, default_value_t = CutoffPreset::Hdr, help_heading = "Rasteriser")]
+    pub cutoffs: CutoffPreset,
+
+    /// Splats to start from where the data set has no points, at least 1
+    #[arg(long, value_name = "N", default_value_t = 100_000, help_heading = "Splats")]
+    pub init_points: u32,
+    /// How the number of splats grows
+    #[arg(long, value_enum, default_value_t = Strategy::Adc, help_heading = "Splats")]
+    pub strategy: Strategy,
+    /// Largest number of splats [default: none for adc, 100000 for mcmc]
+    #[arg(long, value_name = "N", help_heading = "Splats")]
+    pub max_splats: Option<u32>,
+    /// Split by sums of absolute pixel gradients (AbsGS; adc only)
+    #[arg(long, help_heading = "Splats")]
+    pub absgrad: bool,
+    /// Step after which splats are added and removed [default: 500, in runs below 10000 steps a twentieth of them]
+    #[arg(long, value_name = "STEP", help_heading = "Splats")]
+    pub densify_from: Option<u32>,
+    /// Step before which splats are added and removed [default: half of the steps for adc, five sixths for mcmc]
+    #[arg(long, value_name = "STEP", help_heading = "Splats")]
+    pub densify_until: Option<u32>,
+    /// Steps between two rounds of adding and removing, at least 1
+    #[arg(long, value_name = "N", default_value_t = 100, help_heading = "Splats")]
+    pub densify_interval: u32,
+    /// Mean screen-space gradient (NDC units) above which a splat is cloned or split (adc), above 0
+    #[arg(long, value_name = "GRADIENT", default_value_t = 2e-4, help_heading = "Splats")]
+    pub densify_threshold: f32,
+    /// Mean absolute gradient (NDC units) above which a splat is split under --absgrad, above 0
+    #[arg(long, value_name = "GRADIENT", default_value_t = 4e-4, help_heading = "Splats")]
+    pub absgrad_threshold: f32,
+    /// Scale, as a part of the scene's extent, up to which splats are cloned and above which they are split (adc) [default: 0.01, with --absgrad 0.001]
+    #[arg(long, value_name = "PART", help_heading = "Splats")]
+    pub percent_dense: Option<f32>,
+    /// Opacity below which a splat is removed (adc) or moved (mcmc), 0 to 1
+    #[arg(long, value_name = "OPACITY", default_value_t = 0.005, help_heading = "Splats")]
+    pub prune_opacity: f32,
+    /// Steps between two resets of all opacities to at most 0.01 while splats are added (adc); 0 for none
+    #[arg(long, value_name = "N", default_value_t = 3000, help_heading = "Splats")]
+    pub opacity_reset_interval: u32,
+    /// Growth per round (mcmc), 0 to 1
+    #[arg(long, value_name = "PART", default_value_t = 0.05, help_heading = "Splats")]
+    pub mcmc_growth: f32,
+    /// Strength of the noise on positions (mcmc), times the position's learning rate
+    #[arg(long, value_name = "FACTOR", default_value_t = 5e5, help_heading = "Splats")]
+    pub mcmc_noise: f32,
+    /// Weight of the mean opacity in the loss (mcmc)
+    #[arg(long, value_name = "WEIGHT", default_value_t = 0.01, help_heading = "Splats")]
+    pub mcmc_opacity_weight: f32,
+    /// Weight of the mean scale in the loss (mcmc)
+    #[arg(long, value_name = "WEIGHT", default_value_t = 0.01, help_heading = "Splats")]
+    pub mcmc_scale_weight: f32,
+
+    /// Learning rate of positions at the start, times the scene's extent
+    #[arg(long, value_name = "RATE", default_value_t = 1.6e-4, help_heading = "Learning rates")]
+    pub position_lr: f32,
+    /// Learning rate of positions at the end, times the scene's extent
+    #[arg(long, value_name = "RATE", default_value_t = 1.6e-6, help_heading = "Learning rates")]
+    pub position_lr_final: f32,
+    /// Learning rate of the harmonics' constant terms; the others have a twentieth
+    #[arg(long, value_name = "RATE", default_value_t = 2.5e-3, help_heading = "Learning rates")]
+    pub sh_lr: f32,
+    /// Learning rate of the raw luminance (lcd); its harmonics have a twentieth
+    #[arg(long, value_name = "RATE", default_value_t = 0.05, help_heading = "Learning rates")]
+    pub luminance_lr: f32,
+    /// Learning rate of the raw luminance at the end, approached log-linearly [default: as at the start]
+    #[arg(long, value_name = "RATE", help_heading = "Learning rates")]
+    pub luminance_lr_final: Option<f32>,
+    /// Learning rate of the opacity's logit
+    #[arg(long, value_name = "RATE", default_value_t = 0.05, help_heading = "Learning rates")]
+    pub opacity_lr: f32,
+    /// Learning rate of the scale's logarithm
+    #[arg(long, value_name = "RATE", default_value_t = 5e-3, help_heading = "Learning rates")]
+    pub scale_lr: f32,
+    /// Learning rate of rotations
+    #[arg(long, value_name = "RATE", default_value_t = 1e-3, help_heading = "Learning rates")]
+    pub rotation_lr: f32,
+}
+
+/// Largest number of splats of the MCMC strategy where none is given.
+pub const MCMC_DEFAULT_MAX_SPLATS: u32 = 100_000;
+
+impl Default for TrainConfig {
+    /// The command line's defaults, so that they stand once.
+    fn default() -> Self {
+        let matches = Self::augment_args(Command::new("defaults").no_binary_name(true)).get_matches_from(std::iter::empty::<&str>());
+        Self::from_arg_matches(&matches).unwrap_or_else(|error| unreachable!("an option without a default value: {error}"))
+    }
+}
+
+fn activation_parser() -> impl TypedValueParser<Value = Activation> {
+    PossibleValuesParser::new(["softplus", "exp", "relu"]).map(|name| match name.as_str() {
+        "exp" => Activation::Exp,
+        "relu" => Activation::Relu,
+        _ => Activation::Softplus,
+    })
+}
+
+fn antialias_parser() -> impl TypedValueParser<Value = Antialias> {
+    PossibleValuesParser::new(["off", "mip"]).map(|name| match name.as_str() {
+        "mip" => Antialias::Mip,
+        _ => Antialias::Off,
+    })
+}
+
+fn parse_rgb(text: &str) -> Result<[f32; 3], String> {
+    let values: Result<Vec<f32>, _> = text.split(',').map(|part| part.trim().parse::<f32>()).collect();
+    let rgb = match values.as_deref() {
+        Ok([grey]) => [*grey; 3],
+        Ok([r, g, b]) => [*r, *g, *b],
+        _ => return Err(format!("\"{text}\" is not a colour, expected three numbers such as 0,0.5,1 or one")),
+    };
+    if rgb.iter().all(|v| v.is_finite() && *v >= 0.0) { Ok(rgb) } else { Err(format!("\"{text}\": radiance is finite and not negative")) }
+}
+
+impl TrainConfig {
+    /// This configuration with some options taken from `by`: those whose field name `is_given` says yes to. For a file and flags together.
+    ///
+    /// # Errors
+    /// [`TrainError::State`] if the configuration cannot be represented, which no valid one is.
+    pub fn overridden(&self, by: &Self, is_given: impl Fn(&str) -> bool) -> Result<Self, TrainError> {
+        let object = |config: &Self| serde_json::to_value(config).map_err(|error| TrainError::State(error.to_string()));
+        let (mut merged, by) = (object(self)?, object(by)?);
+        if let (Some(merged), Some(by)) = (merged.as_object_mut(), by.as_object()) {
+            merged.extend(by.iter().filter(|(name, _)| is_given(name)).map(|(name, value)| (name.clone(), value.clone())));
+        }
+        serde_json::from_value(merged).map_err(|error| TrainError::State(error.to_string()))
+    }
+
+    /// The colour model that `method` and the options beside it make up.
+    pub fn color_model(&self) -> ColorModel {
+        match self.sh_degree() {
+            Some(degree) => ColorModel::Sh { degree },
+            None => ColorModel::Lcd {
+                chroma_degree: self.chroma_degree.unwrap_or(3),
+                luminance_degree: self.luminance_degree.unwrap_or(0),
+                activation: self.activation.unwrap_or_default(),
+            },
+        }
+    }
+
+    fn sh_degree(&self) -> Option<u8> {
+        match self.method {
+            Method::Lcd => None,
+            Method::Sh0 => Some(0),
+            Method::Sh1 => Some(1),
+            Method::Sh2 => Some(2),
+            Method::Sh3 => Some(3),
+            Method::Sh4 => Some(4),
+            Method::Sh5 => Some(5),
+        }
+    }
+
+    /// How splats become pixels.
+    pub fn raster(&self) -> RasterConfig {
+        let cutoffs = match self.cutoffs {
+            CutoffPreset::Hdr => Cutoffs::HDR,
+            CutoffPreset::Parity => Cutoffs::PARITY,
+        };
+        RasterConfig { cutoffs, antialias: self.antialias }
+    }
+
+    /// The loss of a step.
+    pub fn loss(&self) -> LossConfig {
+        let (opacity_weight, scale_weight) = match self.strategy {
+            Strategy::Adc => (0.0, 0.0),
+            Strategy::Mcmc => (self.mcmc_opacity_weight, self.mcmc_scale_weight),
+        };
+        LossConfig { mu: self.mu, ssim_weight: self.ssim_weight, opacity_weight, scale_weight }
+    }
+
+    /// Largest number of splats.
+    pub fn splat_limit(&self) -> usize {
+        let default = match self.strategy {
+            Strategy::Adc => u32::MAX,
+            Strategy::Mcmc => MCMC_DEFAULT_MAX_SPLATS,
+        };
+        self.max_splats.unwrap_or(default) as usize
+    }
+
+    /// Checks ranges and combinations.
+    ///
+    /// # Errors
+    /// [`TrainError::Config`] for the first violation found.
+    pub fn validate(&self) -> Result<(), TrainError> {
+        self.validate_model()?;
+        self.validate_counts()?;
+        self.validate_numbers()
+    }
+
+    fn validate_model(&self) -> Result<(), TrainError> {
+        if self.method != Method::Lcd {
+            let given = [
+                ("activation", self.activation.is_some()),
+                ("chroma-degree", self.chroma_degree.is_some()),
+                ("luminance-degree", self.luminance_degree.is_some()),
+                ("luminance-lr-final", self.luminance_lr_final.is_some()),
+            ];
+            if let Some((option, _)) = given.into_iter().find(|(_, is_given)| *is_given) {
+                return Err(TrainError::config(option, "goes with --method lcd only"));
+            }
+        }
+        if let Some(degree) = self.chroma_degree.filter(|d| *d > 5) {
+            return Err(TrainError::config("chroma-degree", format!("found {degree}, expected 0 to 5")));
+        }
+        if let Some(degree) = self.luminance_degree.filter(|d| *d > 3) {
+            return Err(TrainError::config("luminance-degree", format!("found {degree}, expected 0 to 3")));
+        }
+        if self.absgrad && self.strategy == Strategy::Mcmc {
+            return Err(TrainError::config("absgrad", "goes with --strategy adc only"));
+        }
+        Ok(())
+    }
+
+    fn validate_counts(&self) -> Result<(), TrainError> {
+        let counts = [
+            ("iterations", Some(self.iterations)),
+            ("init-points", Some(self.init_points)),
+            ("densify-interval", Some(self.densify_interval)),
+            ("max-splats", self.max_splats),
+            ("sh-interval", self.sh_interval),
+        ];
+        match counts.into_iter().find(|(_, count)| *count == Some(0)) {
+            Some((option, _)) => Err(TrainError::config(option, "found 0, expected at least 1")),
+            None => Ok(()),
+        }
+    }
+
+    fn validate_numbers(&self) -> Result<(), TrainError> {
+        let positive = [
+            ("mu", Some(self.mu)),
+            ("radiance-scale", self.radiance_scale),
+            ("densify-threshold", Some(self.densify_threshold)),
+            ("absgrad-threshold", Some(self.absgrad_threshold)),
+            ("percent-dense", self.percent_dense),
+            ("position-lr", Some(self.position_lr)),
+            ("position-lr-final", Some(self.position_lr_final)),
+            ("luminance-lr-final", self.luminance_lr_final),
+        ];
+        for (option, value) in positive {
+            if let Some(value) = value.filter(|v| !(v.is_normal() && *v > 0.0)) {
+                return Err(TrainError::config(option, format!("found {value}, expected a number above 0")));
+            }
+        }
+        let not_negative = [
+            ("background", self.background.iter().copied().fold(0.0, |worst: f32, v| if v >= 0.0 { worst.max(v) } else { v })),
+            ("sh-lr", self.sh_lr),
+            ("luminance-lr", self.luminance_lr),
+            ("opacity-lr", self.opacity_lr),
+            ("scale-lr", self.scale_lr),
+            ("rotation-lr", self.rotation_lr),
+            ("mcmc-noise", self.mcmc_noise),
+            ("mcmc-opacity-weight", self.mcmc_opacity_weight),
+            ("mcmc-scale-weight", self.mcmc_scale_weight),
+        ];
+        for (option, value) in not_negative {
+            if !(value.is_finite() && value >= 0.0) {
+                return Err(TrainError::config(option, format!("found {value}, expected a number of at least 0")));
+            }
+        }
+        if self.luminance_lr_final.is_some() && self.luminance_lr <= 0.0 {
+            return Err(TrainError::config("luminance-lr", "found 0, expected a number above 0 to decay from"));
+        }
+        let parts = [("ssim-weight", self.ssim_weight), ("prune-opacity", self.prune_opacity), ("mcmc-growth", self.mcmc_growth)];
+        for (option, value) in parts {
+            if !(0.0..=1.0).contains(&value) {
+                return Err(TrainError::config(option, format!("found {value}, expected 0 to 1")));
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parse(arguments: &[&str]) -> Result<TrainConfig, clap::Error> {
+        let matches = TrainConfig::augment_args(Command::new("train").no_binary_name(true)).try_get_matches_from(arguments)?;
+        TrainConfig::from_arg_matches(&matches)
+    }
+
+    #[test]
+    fn defaults_are_valid_and_those_of_the_command_line() {
+        let config = parse(&[]).unwrap();
+        assert_eq!(config, TrainConfig::default());
+        config.validate().unwrap();
+        assert_eq!(config.color_model().name(), "lcd");
+        assert_eq!(config.loss(), LossConfig::default());
+    }
+
+    #[test]
+    fn every_flag_changes_the_configuration() {
+        let flags: &[&[&str]] = &[
+            &["--iterations", "7"],
+            &["--seed", "1"],
+            &["--method", "sh4"],
+            &["--activation", "exp"],
+            &["--chroma-degree", "2"],
+            &["--luminance-degree", "1"],
+            &["--sh-interval", "10"],
+            &["--scale-rule", "p99"],
+            &["--radiance-scale", "2"],
+            &["--background", "1,2,3"],
+            &["--mu", "10"],
+            &["--ssim-weight", "0.8"],
+            &["--antialias", "mip"],
+            &["--cutoffs", "parity"],
+            &["--init-points", "5"],
+            &["--strategy", "mcmc"],
+            &["--max-splats", "10"],
+            &["--absgrad"],
+            &["--densify-from", "1"],
+            &["--densify-until", "2"],
+            &["--densify-interval", "3"],
+            &["--densify-threshold", "1"],
+            &["--absgrad-threshold", "1"],
+            &["--percent-dense", "0.1"],
+            &["--prune-opacity", "0.1"],
+            &["--opacity-reset-interval", "10"],
+            &["--mcmc-growth", "0.1"],
+            &["--mcmc-noise", "1"],
+            &["--mcmc-opacity-weight", "1"],
+            &["--mcmc-scale-weight", "1"],
+            &["--position-lr", "1"],
+            &["--position-lr-final", "1"],
+            &["--sh-lr", "1"],
+            &["--luminance-lr", "1"],
+            &["--luminance-lr-final", "1"],
+            &["--opacity-lr", "1"],
+            &["--scale-lr", "1"],
+            &["--rotation-lr", "1"],
+        ];
+        let command = TrainConfig::augment_args(Command::new("train"));
+        assert_eq!(command.get_arguments().count(), flags.len(), "a flag is missing from this list");
+        let default = serde_json::to_value(TrainConfig::default()).unwrap();
+        for flag in flags {
+            let config = parse(flag).unwrap();
+            config.validate().unwrap();
+            let changed = serde_json::to_value(&config).unwrap();
+            let field = flag[0].trim_start_matches('-').replace('-', "_");
+            for (name, value) in changed.as_object().unwrap() {
+                assert_eq!(*value != default[name], *name == field, "{flag:?} and field {name}");
+            }
+        }
+    }
+
+    #[test]
+    fn configuration_survives_json() {
+        let config = parse(&["--method", "lcd", "--activation", "relu", "--position-lr", "0.000123", "--background", "0.1"]).unwrap();
+        let text = serde_json::to_string(&config).unwrap();
+        assert_eq!(serde_json::from_str::<TrainConfig>(&text).unwrap(), config);
+        assert!(serde_json::from_str::<TrainConfig>("{\"iteration\": 3}").unwrap_err().to_string().contains("unknown field"));
+    }
+
+    #[test]
+    fn given_options_override_the_others_stay() {
+        let file = parse(&["--iterations", "10", "--mu", "7"]).unwrap();
+        let flags = parse(&["--iterations", "20", "--max-splats", "5"]).unwrap();
+        let merged = file.overridden(&flags, |name| name == "iterations").unwrap();
+        assert_eq!(merged, TrainConfig { iterations: 20, ..file });
+    }
+
+    #[test]
+    fn nonsense_is_refused_with_the_options_name() {
+        let cases: &[(&[&str], &str)] = &[
+            (&["--method", "sh3", "--activation", "exp"], "--activation"),
+            (&["--chroma-degree", "6"], "--chroma-degree"),
+            (&["--luminance-degree", "4"], "--luminance-degree"),
+            (&["--iterations", "0"], "--iterations"),
+            (&["--radiance-scale", "0"], "--radiance-scale"),
+            (&["--radiance-scale", "nan"], "--radiance-scale"),
+            (&["--mu", "inf"], "--mu"),
+            (&["--ssim-weight", "1.5"], "--ssim-weight"),
+            (&["--densify-interval", "0"], "--densify-interval"),
+            (&["--strategy", "mcmc", "--absgrad"], "--absgrad"),
+        ];
+        for (arguments, option) in cases {
+            let error = parse(arguments).unwrap().validate().unwrap_err().to_string();
+            assert!(error.starts_with(option), "{arguments:?}: {error}");
+        }
+        assert!(parse(&["--background", "1,2"]).unwrap_err().to_string().contains("three numbers"));
+        assert!(parse(&["--method", "sh9"]).is_err());
+    }
+}

@@ -1,0 +1,228 @@
+//! Adaptive density control: clone, split, prune (Kerbl et al. 2023), with AbsGS's thresholds as an option (Ye et al. 2024).
+//!
+//! In: `stats [N]` since the last round, `geometry [N]`, thresholds; out: rows of the scene to be, in this order: the old splats that
+//! stay, clones, halves of split splats. A splat's gradient is its mean over the views it was visible in, in NDC units; a splat
+//! that was never visible has gradient 0 and stays unless it is transparent.
+
+use luxel_core::{DensifyStats, Geometry, PlanRow, sigmoid};
+use rand::Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+/// Halves of a split splat.
+const SPLIT_SAMPLES: usize = 2;
+/// A half's scale is the splat's divided by this: 0.8 times the number of halves.
+const SPLIT_SHRINK: f32 = 0.8 * SPLIT_SAMPLES as f32;
+/// Part of the extent above which a splat is pruned, once opacities have been reset.
+const PRUNE_SCALE: f32 = 0.1;
+
+/// Thresholds of a round.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Adc {
+    /// Mean gradient from which small splats are cloned (and large ones split, unless `absgrad_threshold` is given).
+    pub gradient_threshold: f32,
+    /// AbsGS: mean absolute gradient from which large splats are split.
+    pub absgrad_threshold: Option<f32>,
+    /// Largest scale up to which splats are cloned and above which they are split, world units.
+    pub dense_scale: f32,
+    /// Splats less opaque than this are removed.
+    pub prune_opacity: f32,
+    /// Splats larger than this are removed, world units; `None`: size does not matter.
+    pub prune_scale: Option<f32>,
+    /// Most splats there may be; those with the largest gradients are densified first.
+    pub max_splats: usize,
+}
+
+impl Adc {
+    /// Scale above which splats are pruned, of a scene of `extent`.
+    pub fn prune_scale_of(extent: f32) -> f32 {
+        PRUNE_SCALE * extent
+    }
+
+    /// The scene to be.
+    pub fn plan(&self, stats: &DensifyStats, geometry: &Geometry, rng: &mut impl Rng) -> Vec<PlanRow> {
+        let count = geometry.position.len();
+        let mut actions: Vec<Action> = (0..count).map(|i| self.action(stats, geometry, i)).collect();
+        self.keep_within_limit(&mut actions);
+        let kept = actions.iter().zip(0u32..).filter(|(action, _)| matches!(action, Action::Keep | Action::Clone(_)));
+        let mut rows: Vec<PlanRow> = kept.map(|(_, i)| PlanRow::keep(i)).collect();
+        let clones = actions.iter().zip(0u32..).filter(|(action, _)| matches!(action, Action::Clone(_)));
+        rows.extend(clones.map(|(_, i)| PlanRow { keep_moments: false, ..PlanRow::keep(i) }));
+        for (_, source) in actions.iter().zip(0u32..).filter(|(action, _)| matches!(action, Action::Split(_))) {
+            for _ in 0..SPLIT_SAMPLES {
+                rows.push(PlanRow {
+                    offset_sigma: std::array::from_fn(|_| StandardNormal.sample(rng)),
+                    log_scale_shift: -SPLIT_SHRINK.ln(),
+                    keep_moments: false,
+                    ..PlanRow::keep(source)
+                });
+            }
+        }
+        rows
+    }
+
+    /// What happens to splat `i`, were there no limit.
+    fn action(&self, stats: &DensifyStats, geometry: &Geometry, i: usize) -> Action {
+        let scale = geometry.log_scale[i].into_iter().fold(f32::NEG_INFINITY, f32::max).exp();
+        let is_too_large = |scale: f32| self.prune_scale.is_some_and(|limit| scale > limit);
+        if sigmoid(geometry.opacity_logit[i]) < self.prune_opacity {
+            return Action::Prune;
+        }
+        let views = stats.views[i].max(1) as f32;
+        let (gradient, abs_gradient) = (stats.gradient[i] / views, stats.abs_gradient[i] / views);
+        let (split_gradient, split_threshold) = match self.absgrad_threshold {
+            Some(threshold) => (abs_gradient, threshold),
+            None => (gradient, self.gradient_threshold),
+        };
+        // A split comes before the size is looked at, and only its halves have to pass.
+        let is_split = scale > self.dense_scale && split_gradient >= split_threshold;
+        if is_too_large(if is_split { scale / SPLIT_SHRINK } else { scale }) {
+            Action::Prune
+        } else if is_split {
+            Action::Split(split_gradient / split_threshold)
+        } else if scale <= self.dense_scale && gradient >= self.gradient_threshold {
+            Action::Clone(gradient / self.gradient_threshold)
+        } else {
+            Action::Keep
+        }
+    }
+
+    /// Clones and splits, each one splat more, as far as the limit allows: largest gradient first, then lowest index.
+    fn keep_within_limit(&self, actions: &mut [Action]) {
+        let survivors = actions.iter().filter(|action| !matches!(action, Action::Prune)).count();
+        let room = self.max_splats.saturating_sub(survivors);
+        let mut growing: Vec<(f32, usize)> =
+            actions.iter().enumerate().filter_map(|(i, action)| action.urgency().map(|urgency| (urgency, i))).collect();
+        if growing.len() <= room {
+            return;
+        }
+        growing.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+        for (_, i) in growing.drain(room..) {
+            actions[i] = Action::Keep;
+        }
+    }
+}
+
+/// What becomes of a splat; clones and splits with their gradient as a multiple of the threshold.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Action {
+    Keep,
+    Clone(f32),
+    Split(f32),
+    Prune,
+}
+
+impl Action {
+    fn urgency(self) -> Option<f32> {
+        match self {
+            Self::Clone(urgency) | Self::Split(urgency) => Some(urgency),
+            Self::Keep | Self::Prune => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use luxel_core::logit;
+    use rand::SeedableRng;
+    use rand_pcg::Pcg64Mcg;
+
+    use super::*;
+
+    const POLICY: Adc = Adc {
+        gradient_threshold: 2e-4,
+        absgrad_threshold: None,
+        dense_scale: 0.01,
+        prune_opacity: 0.005,
+        prune_scale: None,
+        max_splats: usize::MAX,
+    };
+
+    /// Splats of (scale, opacity, summed gradient, summed absolute gradient, views).
+    fn scene(splats: &[(f32, f32, f32, f32, u32)]) -> (DensifyStats, Geometry) {
+        let stats = DensifyStats {
+            gradient: splats.iter().map(|s| s.2).collect(),
+            abs_gradient: splats.iter().map(|s| s.3).collect(),
+            views: splats.iter().map(|s| s.4).collect(),
+        };
+        let geometry = Geometry {
+            position: vec![[0.0; 3]; splats.len()],
+            log_scale: splats.iter().map(|s| [s.0.ln() - 1.0, s.0.ln(), s.0.ln() - 2.0]).collect(),
+            opacity_logit: splats.iter().map(|s| logit(s.1)).collect(),
+        };
+        (stats, geometry)
+    }
+
+    fn sources(rows: &[PlanRow]) -> Vec<u32> {
+        rows.iter().map(|row| row.source).collect()
+    }
+
+    fn plan(policy: &Adc, splats: &[(f32, f32, f32, f32, u32)]) -> Vec<PlanRow> {
+        let (stats, geometry) = scene(splats);
+        policy.plan(&stats, &geometry, &mut Pcg64Mcg::seed_from_u64(1))
+    }
+
+    #[test]
+    fn small_splats_are_cloned_large_ones_split_transparent_ones_pruned() {
+        let rows = plan(
+            &POLICY,
+            &[
+                (0.005, 0.5, 1e-3, 0.0, 2), // small, 5e-4 on average: clone
+                (0.005, 0.5, 1e-3, 0.0, 9), // small, 1.1e-4 on average: keep
+                (0.1, 0.5, 1e-3, 0.0, 2),   // large: split
+                (0.1, 0.004, 1e-3, 0.0, 2), // transparent: prune
+                (0.1, 0.5, 0.0, 0.0, 0),    // never seen: keep
+            ],
+        );
+        assert_eq!(sources(&rows), [0, 1, 4, 0, 2, 2]);
+        assert_eq!(rows[0], PlanRow::keep(0));
+        assert_eq!(rows[3], PlanRow { keep_moments: false, ..PlanRow::keep(0) });
+        for half in &rows[4..] {
+            assert!((half.log_scale_shift.exp() * 1.6 - 1.0).abs() < 1e-6);
+            assert!(!half.keep_moments && half.offset_sigma != [0.0; 3]);
+        }
+        assert_ne!(rows[4].offset_sigma, rows[5].offset_sigma);
+    }
+
+    #[test]
+    fn large_splats_are_pruned_after_a_reset_unless_their_halves_pass() {
+        let policy = Adc { prune_scale: Some(0.1), ..POLICY };
+        let splats = [(0.2, 0.5, 0.0, 0.0, 1), (0.15, 0.5, 1.0, 0.0, 1), (0.2, 0.5, 1.0, 0.0, 1), (0.05, 0.5, 0.0, 0.0, 1)];
+        assert_eq!(sources(&plan(&policy, &splats)), [3, 1, 1]);
+        assert_eq!(sources(&plan(&POLICY, &splats)), [0, 3, 1, 1, 2, 2]);
+    }
+
+    #[test]
+    fn absgrad_splits_by_absolute_and_clones_by_signed_gradients() {
+        let policy = Adc { absgrad_threshold: Some(4e-4), ..POLICY };
+        let splats = [
+            (0.1, 0.5, 1e-3, 3e-4, 1),   // large: the signed gradient does not count
+            (0.1, 0.5, 0.0, 5e-4, 1),    // large: cancelling gradients count
+            (0.005, 0.5, 3e-4, 9e-4, 1), // small
+            (0.005, 0.5, 1e-4, 9e-4, 1),
+        ];
+        assert_eq!(sources(&plan(&policy, &splats)), [0, 2, 3, 2, 1, 1]);
+    }
+
+    #[test]
+    fn limit_is_kept_by_the_largest_gradients() {
+        let splats = [(0.005, 0.5, 3e-4, 0.0, 1), (0.005, 0.5, 9e-4, 0.0, 1), (0.1, 0.5, 5e-4, 0.0, 1), (0.005, 0.001, 0.0, 0.0, 1)];
+        let limited = |max_splats| sources(&plan(&Adc { max_splats, ..POLICY }, &splats));
+        assert_eq!(limited(6), [0, 1, 0, 1, 2, 2]);
+        assert_eq!(limited(5), [0, 1, 1, 2, 2]);
+        assert_eq!(limited(4), [0, 1, 2, 1]);
+        // At or above the limit already: pruning alone.
+        assert_eq!(limited(3), [0, 1, 2]);
+        assert_eq!(limited(1), [0, 1, 2]);
+    }
+
+    #[test]
+    fn same_seed_same_plan() {
+        let splats = vec![(0.1, 0.5, 1.0, 0.0, 1); 50];
+        assert_eq!(plan(&POLICY, &splats), plan(&POLICY, &splats));
+    }
+
+    #[test]
+    fn no_splats_no_rows() {
+        assert_eq!(plan(&POLICY, &[]), []);
+    }
+}

@@ -1,0 +1,118 @@
+//! What can go wrong between a data set and a trained scene.
+
+use luxel_core::{EngineError, SplatsError};
+
+/// Why training cannot start or go on.
+#[derive(Debug, thiserror::Error)]
+pub enum TrainError {
+    /// An option's value is out of range or does not go with another.
+    #[error("--{option}: {reason}")]
+    Config {
+        /// Its long name, without dashes.
+        option: &'static str,
+        /// What was found, what is expected.
+        reason: String,
+    },
+    /// The data set has nothing to train on.
+    #[error("the data set has no training views; check its split")]
+    NoTrainViews,
+    /// All training pixels are masked.
+    #[error("no training view has a valid pixel; all are masked out as NaN, infinite or negative")]
+    NoPixels,
+    /// All training pixels are zero.
+    #[error(
+        "all training images are black, so there is no radiance to learn; check the images, or give --radiance-scale if that is intended"
+    )]
+    AllBlack,
+    /// An image is not of its camera's size.
+    #[error(
+        "view {view}: image is {image_width} x {image_height}, its mask has {mask} pixels, its camera expects {camera_width} x {camera_height}"
+    )]
+    ImageSize {
+        /// Name of the view.
+        view: String,
+        /// Pixels.
+        image_width: usize,
+        /// Pixels.
+        image_height: usize,
+        /// Entries of the mask, or pixels of the image where there is none.
+        mask: usize,
+        /// Pixels.
+        camera_width: u32,
+        /// Pixels.
+        camera_height: u32,
+    },
+    /// No splat to start from.
+    #[error("no splat to start from: {0}")]
+    NoSplats(&'static str),
+    /// The engine refused or failed.
+    #[error(transparent)]
+    Engine(#[from] EngineError),
+    /// A view's camera is unusable.
+    #[error("view {view}: camera: {source}")]
+    Camera {
+        /// Name of the view.
+        view: String,
+        /// What is wrong with it.
+        source: luxel_core::CameraError,
+    },
+    /// A view cannot be compared with its render.
+    #[error("view {view}: {source}")]
+    Metrics {
+        /// Name of the view.
+        view: String,
+        /// Why not.
+        source: luxel_core::metrics::MetricsError,
+    },
+    /// The optimisation diverged.
+    #[error(
+        "step {step}: the loss on view {view} is not finite; resume from the last checkpoint, or start anew with lower learning rates (--luminance-lr, --sh-lr) or another --radiance-scale"
+    )]
+    NotFinite {
+        /// 1 for the first.
+        step: u32,
+        /// Name of the view.
+        view: String,
+    },
+    /// Pruning left nothing.
+    #[error("step {step}: every splat was pruned; lower --prune-opacity, or check the cameras and the radiance scale")]
+    AllPruned {
+        /// 1 for the first.
+        step: u32,
+    },
+    /// The checkpoint's trainer state cannot be read.
+    #[error("checkpoint: trainer state: {0}")]
+    State(String),
+    /// The checkpoint's arrays do not make up a scene.
+    #[error("checkpoint: {what}: {source}")]
+    Checkpoint {
+        /// Scene, first or second moments.
+        what: &'static str,
+        /// What is wrong with it.
+        source: SplatsError,
+    },
+    /// The checkpoint belongs to another data set.
+    #[error(
+        "the checkpoint was trained on data set {checkpoint}, this one is {dataset}; resume with the images, cameras and split it was started with"
+    )]
+    Fingerprint {
+        /// Of the checkpoint.
+        checkpoint: String,
+        /// Of the data set given.
+        dataset: String,
+    },
+    /// The checkpoint holds another colour model than its configuration says.
+    #[error("the checkpoint's scene is of colour model {scene}, its configuration says {config}")]
+    ColorModel {
+        /// Of the splats.
+        scene: String,
+        /// Of the configuration.
+        config: String,
+    },
+}
+
+impl TrainError {
+    pub(crate) fn config(option: &'static str, reason: impl Into<String>) -> Self {
+        Self::Config { option, reason: reason.into() }
+    }
+}

@@ -1,0 +1,133 @@
+//! Radiance of a point from the HDR pixels that show it.
+//!
+//! In: a point, training views (data-set units); out: linear RGB, data-set units: the median R + G + B of the pixels with the
+//! chromaticity of the medians of the channels. Medians, as some views see the point behind something else or in a highlight.
+//! `None` where no valid pixel shows the point.
+
+use glam::{DVec2, DVec3};
+use luxel_core::{Point, View, luminance_sum};
+
+/// Radiance over the point's track; without one, over the views it projects into.
+pub(super) fn of_point(point: &Point, train: &[View]) -> Option<[f32; 3]> {
+    let track = point.observations.iter().filter_map(|seen| {
+        let [x, y] = seen.pixel_px;
+        sample(train.get(seen.view as usize)?, DVec2::new(x.into(), y.into()))
+    });
+    median_color(track.collect()).or_else(|| {
+        let [x, y, z] = point.position;
+        let at = DVec3::new(x.into(), y.into(), z.into());
+        median_color(train.iter().filter_map(|view| sample(view, view.camera.project(at)?.0)).collect())
+    })
+}
+
+/// Bilinear sample at pixel coordinates (pixel centres at +0.5), of valid pixels alone; `None` outside of the image.
+fn sample(view: &View, at_px: DVec2) -> Option<[f32; 3]> {
+    let image = &view.image;
+    let (width, height) = (image.width as f64, image.height as f64);
+    // Written so that NaN is outside.
+    if !(at_px.x >= 0.0 && at_px.x <= width && at_px.y >= 0.0 && at_px.y <= height) || image.pixels.is_empty() {
+        return None;
+    }
+    let corner = (at_px - 0.5).floor();
+    let fraction = at_px - 0.5 - corner;
+    let (mut sum, mut total) = ([0.0; 3], 0.0);
+    for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
+        let x = (corner.x as i64 + dx).clamp(0, image.width as i64 - 1) as usize;
+        let y = (corner.y as i64 + dy).clamp(0, image.height as i64 - 1) as usize;
+        let along = |d: i64, f: f64| if d == 0 { 1.0 - f } else { f };
+        let weight = along(dx, fraction.x) * along(dy, fraction.y);
+        let i = y * image.width + x;
+        let rgb = image.pixels[i];
+        if view.is_valid(i) && rgb.iter().all(|v| v.is_finite()) {
+            sum = std::array::from_fn(|c| sum[c] + weight * f64::from(rgb[c]));
+            total += weight;
+        }
+    }
+    (total > 1e-3).then(|| sum.map(|s| (s / total).max(0.0) as f32))
+}
+
+fn median_color(samples: Vec<[f32; 3]>) -> Option<[f32; 3]> {
+    let luminance = median(samples.iter().map(|rgb| luminance_sum(*rgb)).collect())?;
+    let mut rgb = [0.0; 3];
+    for (c, out) in rgb.iter_mut().enumerate() {
+        *out = median(samples.iter().map(|sample| sample[c]).collect())?;
+    }
+    let sum = luminance_sum(rgb);
+    Some(if sum > 0.0 { rgb.map(|v| v / sum * luminance) } else { [luminance / 3.0; 3] })
+}
+
+/// The middle value, for an even count the mean of the two; `None` of nothing.
+fn median(mut values: Vec<f32>) -> Option<f32> {
+    values.sort_unstable_by(f32::total_cmp);
+    let upper = *values.get(values.len() / 2)?;
+    let lower = *values.get((values.len() - 1) / 2)?;
+    Some(0.5 * lower + 0.5 * upper)
+}
+
+/// Colour of points that no view shows: the file's display colour, brought to the images' typical luminance.
+pub(super) struct Fallback {
+    /// Data-set radiance (R + G + B) / 3 of a typical pixel.
+    typical: f32,
+    /// Factor on linearised display colours.
+    display_gain: f32,
+}
+
+impl Fallback {
+    pub(super) fn new(points: &[Point], typical: f32) -> Self {
+        let luminances = points.iter().filter_map(|point| point.rgb8).map(|rgb| luminance_sum(rgb.map(srgb_to_linear)) / 3.0);
+        let display = median(luminances.filter(|l| *l > 0.0).collect()).unwrap_or(1.0);
+        Self { typical, display_gain: typical / display }
+    }
+
+    pub(super) fn of_point(&self, point: &Point) -> [f32; 3] {
+        match point.rgb8 {
+            Some(rgb) => rgb.map(|v| srgb_to_linear(v) * self.display_gain),
+            None => [self.typical; 3],
+        }
+    }
+}
+
+/// Linear light of an sRGB byte (IEC 61966-2-1).
+fn srgb_to_linear(byte: u8) -> f32 {
+    let v = f32::from(byte) / 255.0;
+    if v <= 0.04045 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use luxel_core::{Image, Mask};
+
+    use super::*;
+    use crate::testing::{camera_at, view_of};
+
+    fn two_pixels() -> View {
+        let image = Image::from_pixels(2, 1, vec![[1.0; 3], [3.0; 3]]).unwrap();
+        view_of("two", camera_at([0.0; 3], [2, 1]), image)
+    }
+
+    #[test]
+    fn samples_lie_between_pixel_centres() {
+        let view = two_pixels();
+        let at = |x: f64| sample(&view, DVec2::new(x, 0.5)).map(|rgb| rgb[0]);
+        assert_eq!([at(0.0), at(0.5), at(1.0), at(1.5), at(2.0)], [Some(1.0), Some(1.0), Some(2.0), Some(3.0), Some(3.0)]);
+        assert_eq!([at(-0.1), at(2.1), at(f64::NAN)], [None; 3]);
+    }
+
+    #[test]
+    fn masked_pixels_are_not_sampled() {
+        let mut view = two_pixels();
+        view.mask = Some(Arc::new(Mask { valid: vec![false, true] }));
+        assert_eq!(sample(&view, DVec2::new(1.0, 0.5)), Some([3.0; 3]));
+        assert_eq!(sample(&view, DVec2::new(0.5, 0.5)), None);
+    }
+
+    #[test]
+    fn one_highlight_does_not_change_the_color() {
+        let color = median_color(vec![[0.2, 0.1, 0.1], [90.0, 90.0, 90.0], [0.2, 0.1, 0.1]]).unwrap();
+        assert!((color[0] - 0.2).abs() < 1e-6 && (color[1] - 0.1).abs() < 1e-6, "{color:?}");
+        assert_eq!(median_color(Vec::new()), None);
+        assert_eq!(median(vec![4.0, 1.0]), Some(2.5));
+    }
+}

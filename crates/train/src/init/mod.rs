@@ -1,0 +1,210 @@
+//! The scene before the first step.
+//!
+//! In: training views (data-set units), points of structure from motion if there are any, the radiance scale; out: splats in
+//! normalised units, isotropic, at the points, or spread over the space that the cameras see. Colours are medians of HDR pixels:
+//! over a point's track, else over the views it projects into. Scale: root mean squared distance to the 3 nearest neighbours
+//! (Kerbl et al. 2023); opacity 0.1, for MCMC 0.5 at a tenth of the scale (Kheradmand et al. 2024).
+
+mod color;
+mod neighbours;
+mod volume;
+
+use luxel_core::{ColorModel, Dataset, Point, Splat, Splats, luminance_sum};
+use rand::SeedableRng;
+use rand::seq::index::sample;
+use rand_pcg::Pcg64Mcg;
+use rayon::prelude::*;
+
+use crate::config::{Strategy, TrainConfig};
+use crate::{TrainError, scale};
+
+/// Least R + G + B of a splat at the start, normalised units: half of where the mu-law turns linear. Below, nothing can be told from
+/// black, and an activation's gradient has all but vanished.
+const MIN_LUMINANCE: f32 = 1e-4;
+
+/// Coordinates beyond this are taken for failures of structure from motion: their squares would leave f32.
+const MAX_COORDINATE: f32 = 1e9;
+
+/// Random streams that start from the same seed but have nothing in common.
+const INIT_STREAM: u64 = 0x6c75_7865_6c01;
+
+/// The scene to start from.
+///
+/// # Errors
+/// [`TrainError::NoTrainViews`]; [`TrainError::NoSplats`] where no camera sees a common volume.
+pub fn initialise(dataset: &Dataset, config: &TrainConfig, radiance_scale: f32) -> Result<Splats, TrainError> {
+    if dataset.train.is_empty() {
+        return Err(TrainError::NoTrainViews);
+    }
+    let mut rng = Pcg64Mcg::seed_from_u64(config.seed ^ INIT_STREAM);
+    let is_usable = |point: &&Point| point.position.iter().all(|v| v.is_finite() && v.abs() < MAX_COORDINATE);
+    let mut points: Vec<Point> = dataset.points.iter().filter(is_usable).cloned().collect();
+    if points.len() < dataset.points.len() {
+        tracing::warn!(
+            dropped = dataset.points.len() - points.len(),
+            "points left out: not finite or beyond {MAX_COORDINATE:e} world units"
+        );
+    }
+    if points.is_empty() {
+        let count = (config.init_points as usize).min(config.splat_limit());
+        points = volume::random_points(&dataset.train, count, &mut rng);
+    } else if points.len() > config.splat_limit() {
+        let mut chosen = sample(&mut rng, points.len(), config.splat_limit()).into_vec();
+        chosen.sort_unstable();
+        points = chosen.into_iter().map(|i| points[i].clone()).collect();
+    }
+    if points.is_empty() {
+        return Err(TrainError::NoSplats("the cameras see no common volume; give a point cloud with the data set"));
+    }
+    splats_at(&points, dataset, config, radiance_scale)
+}
+
+fn splats_at(points: &[Point], dataset: &Dataset, config: &TrainConfig, radiance_scale: f32) -> Result<Splats, TrainError> {
+    let color_model = config.color_model();
+    // Images that are black throughout leave no typical luminance; the floor below then holds for all splats.
+    let typical = scale::median_luminance(&dataset.train).unwrap_or(0.0);
+    let fallback = color::Fallback::new(points, typical);
+    let colors: Vec<[f32; 3]> = points
+        .par_iter()
+        .map(|point| color::of_point(point, &dataset.train).unwrap_or_else(|| fallback.of_point(point)))
+        .map(|rgb| at_least(MIN_LUMINANCE, rgb.map(|c| c / radiance_scale)))
+        .collect();
+    let positions: Vec<[f32; 3]> = points.iter().map(|point| point.position).collect();
+    let (opacity, shrink) = match config.strategy {
+        Strategy::Adc => (0.1, 1.0),
+        Strategy::Mcmc => (0.5, 0.1),
+    };
+    let mut splats = Splats::empty(color_model);
+    let mut sh = vec![0.0; 3 * color_model.sh_coefficients()];
+    let mut raw_luminance = vec![0.0; color_model.luminance_coefficients()];
+    for ((position, rgb), distance) in positions.iter().zip(colors).zip(neighbours::distances(&positions)) {
+        write_color(color_model, rgb, &mut sh, &mut raw_luminance);
+        splats.push(&Splat {
+            position: *position,
+            rotation: [1.0, 0.0, 0.0, 0.0],
+            log_scale: [(distance * shrink).ln(); 3],
+            opacity_logit: luxel_core::logit(opacity),
+            sh: &sh,
+            raw_luminance: &raw_luminance,
+        });
+    }
+    Ok(splats)
+}
+
+fn write_color(color_model: ColorModel, rgb: [f32; 3], sh: &mut [f32], raw_luminance: &mut [f32]) {
+    let (dc, luminance) = color_model.constant(rgb);
+    for (out, value) in sh.iter_mut().zip(dc) {
+        *out = value;
+    }
+    if let Some(first) = raw_luminance.first_mut() {
+        *first = luminance;
+    }
+}
+
+/// `rgb` with a luminance of `floor` or more, its chromaticity kept; black becomes grey.
+fn at_least(floor: f32, rgb: [f32; 3]) -> [f32; 3] {
+    let luminance = luminance_sum(rgb);
+    if luminance >= floor {
+        rgb
+    } else if luminance > 0.0 {
+        rgb.map(|c| c / luminance * floor)
+    } else {
+        [floor / 3.0; 3]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use luxel_core::{Image, Observation};
+
+    use super::*;
+    use crate::config::Method;
+    use crate::testing::{camera_at, dataset_of, view_of};
+
+    /// Two views of a wall at z = 4 whose left half is dark and right half bright.
+    fn wall() -> Dataset {
+        let image = || {
+            let pixels = (0..64 * 64).map(|i| if i % 64 < 32 { [0.2, 0.1, 0.1] } else { [200.0, 400.0, 100.0] }).collect();
+            Image::from_pixels(64, 64, pixels).unwrap()
+        };
+        dataset_of(vec![view_of("a", camera_at([0.0; 3], [64, 64]), image()), view_of("b", camera_at([0.0, 0.1, 0.0], [64, 64]), image())])
+    }
+
+    fn point(position: [f32; 3]) -> Point {
+        Point { position, rgb8: None, observations: Vec::new() }
+    }
+
+    #[test]
+    fn colors_are_those_of_the_pixels_the_point_projects_to() {
+        let mut data = wall();
+        data.points = vec![point([-0.5, 0.0, 4.0]), point([0.5, 0.0, 4.0])];
+        data.points[0].observations = vec![Observation { view: 0, pixel_px: [10.0, 10.0] }];
+        for method in [Method::Lcd, Method::Sh3] {
+            let config = TrainConfig { method, ..TrainConfig::default() };
+            let splats = initialise(&data, &config, 10.0).unwrap();
+            splats.validate().unwrap();
+            for (i, expected) in [[0.02, 0.01, 0.01], [20.0, 40.0, 10.0]].into_iter().enumerate() {
+                let rgb = splats.radiance(i, [0.0, 0.0, 1.0]);
+                for c in 0..3 {
+                    assert!((rgb[c] - expected[c]).abs() < 5e-3 * (expected[0] + expected[1] + expected[2]), "{method:?} {i}: {rgb:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn point_outside_of_all_views_takes_its_files_colour_at_a_typical_luminance() {
+        let mut data = wall();
+        data.points = vec![Point { rgb8: Some([255, 0, 0]), ..point([0.0, 0.0, -4.0]) }, point([0.0, 0.0, -5.0])];
+        let splats = initialise(&data, &TrainConfig::default(), 1.0).unwrap();
+        let typical = scale::median_luminance(&data.train).unwrap();
+        let red = splats.radiance(0, [0.0, 0.0, 1.0]);
+        assert!((luminance_sum(red) / (3.0 * typical) - 1.0).abs() < 1e-3 && red[1] < 0.01 * red[0], "{red:?}");
+        let grey = splats.radiance(1, [0.0, 0.0, 1.0]);
+        assert!((grey[0] / typical - 1.0).abs() < 1e-3 && (grey[0] - grey[2]).abs() < 1e-3 * typical);
+    }
+
+    #[test]
+    fn without_points_splats_lie_where_cameras_look() {
+        let mut data = wall();
+        data.points.clear();
+        let config = TrainConfig { init_points: 500, ..TrainConfig::default() };
+        let splats = initialise(&data, &config, 1.0).unwrap();
+        assert_eq!(splats.len(), 500);
+        for position in &splats.position {
+            let at = glam::DVec3::new(position[0].into(), position[1].into(), position[2].into());
+            assert!(data.train.iter().all(|view| view.camera.project(at).is_some()), "{position:?} is behind a camera");
+        }
+        assert_eq!(splats, initialise(&data, &config, 1.0).unwrap());
+        assert_ne!(splats, initialise(&data, &TrainConfig { seed: 1, ..config }, 1.0).unwrap());
+    }
+
+    #[test]
+    fn limit_of_splats_holds_from_the_start() {
+        let mut data = wall();
+        data.points = (0..50).map(|i| point([i as f32 * 0.01, 0.0, 4.0])).collect();
+        let config = TrainConfig { max_splats: Some(20), ..TrainConfig::default() };
+        assert_eq!(initialise(&data, &config, 1.0).unwrap().len(), 20);
+    }
+
+    #[test]
+    fn hostile_points_make_a_finite_scene() {
+        let mut data = wall();
+        data.points = vec![point([f32::NAN, 0.0, 0.0]), point([1e30, 0.0, 0.0]), point([1e8, 0.0, 4.0])];
+        data.points.extend((0..40).map(|_| point([0.0, 0.0, 4.0])));
+        data.points[5].observations = vec![Observation { view: 77, pixel_px: [f32::NAN, 3.0] }];
+        for strategy in [Strategy::Adc, Strategy::Mcmc] {
+            let config = TrainConfig { strategy, ..TrainConfig::default() };
+            let splats = initialise(&data, &config, 1.0).unwrap();
+            splats.validate().unwrap();
+            assert_eq!(splats.len(), 41);
+        }
+    }
+
+    #[test]
+    fn black_is_lifted_to_the_floor_with_its_hue() {
+        assert_eq!(at_least(1.0, [0.0; 3]), [1.0 / 3.0; 3]);
+        assert_eq!(at_least(1.0, [0.25, 0.25, 0.0]), [0.5, 0.5, 0.0]);
+        assert_eq!(at_least(1.0, [2.0, 0.0, 0.0]), [2.0, 0.0, 0.0]);
+    }
+}

@@ -1,0 +1,157 @@
+//! Points for a data set that has none: random places in the space that at least two cameras see.
+//!
+//! In: training cameras; out: up to `count` positions, world. The cameras' optical axes have a point they come closest to; depths run
+//! from 0.3 to 3 times its distance, so that what stands before and behind it is covered too. Axes that are parallel, or meet
+//! behind the cameras (a panorama from within), give no such point: depths then run from 1 to 20 times the cameras' spread. One
+//! camera alone: from 1 to 10, as nothing tells the unit. Positions are even over pixels and depth, so density follows the resolution with
+//! which the cameras see a place.
+
+use glam::{DMat3, DVec2, DVec3};
+use luxel_core::{Camera, Point, View};
+use rand::Rng;
+
+/// Tries per wanted point before fewer cameras suffice, and in the end before fewer points do.
+const TRIES_PER_POINT: usize = 40;
+
+/// Up to `count` points in the volume that two cameras see; in that of one, where there is none.
+pub(super) fn random_points(train: &[View], count: usize, rng: &mut impl Rng) -> Vec<Point> {
+    let cameras: Vec<&Camera> = train.iter().map(|view| &view.camera).collect();
+    let Some(depths) = DepthRange::of(&cameras) else { return Vec::new() };
+    let mut points = Vec::new();
+    for needed in [2.min(cameras.len()), 1] {
+        let mut tries = count.saturating_mul(TRIES_PER_POINT);
+        while points.len() < count && tries > 0 {
+            tries -= 1;
+            let (camera, range) = depths.draw(&cameras, rng);
+            let position = unproject(camera, rng.random_range(range[0]..=range[1]), rng);
+            let seen = cameras.iter().zip(&depths.ranges).filter(|(camera, range)| sees(camera, **range, position)).take(needed).count();
+            if seen >= needed {
+                points.push(Point { position: position.as_vec3().to_array(), rgb8: None, observations: Vec::new() });
+            }
+        }
+    }
+    points
+}
+
+/// Depths that are populated, one range per camera.
+struct DepthRange {
+    ranges: Vec<[f64; 2]>,
+}
+
+impl DepthRange {
+    fn of(cameras: &[&Camera]) -> Option<Self> {
+        let focus = focus(cameras);
+        let centroid = cameras.iter().map(|camera| camera.eye()).sum::<DVec3>() / cameras.len().max(1) as f64;
+        let spread = cameras.iter().map(|camera| (camera.eye() - centroid).length()).fold(0.0, f64::max);
+        let range = |camera: &&Camera| match focus {
+            Some(focus) => {
+                let distance = (focus - camera.eye()).length();
+                [0.3 * distance, 3.0 * distance]
+            }
+            None if spread > 0.0 => [spread, 20.0 * spread],
+            None => [1.0, 10.0],
+        };
+        let ranges: Vec<[f64; 2]> = cameras.iter().map(range).collect();
+        ranges.iter().flatten().all(|depth| depth.is_finite() && *depth > 0.0).then_some(Self { ranges })
+    }
+
+    fn draw<'a>(&self, cameras: &[&'a Camera], rng: &mut impl Rng) -> (&'a Camera, [f64; 2]) {
+        let i = rng.random_range(0..cameras.len());
+        (cameras[i], self.ranges[i])
+    }
+}
+
+/// The point closest to all optical axes in the least-squares sense; `None` if the axes are as good as parallel or it does not lie
+/// before most cameras.
+fn focus(cameras: &[&Camera]) -> Option<DVec3> {
+    let (mut across, mut sum) = (DMat3::ZERO, DVec3::ZERO);
+    for camera in cameras {
+        let axis = camera.forward();
+        let projector = DMat3::IDENTITY - DMat3::from_cols(axis * axis.x, axis * axis.y, axis * axis.z);
+        across += projector;
+        sum += projector * camera.eye();
+    }
+    // Of axes a degree apart, the mean projector has the eigenvalues 1, 1 and sin^2(0.5 degrees) = 8e-5.
+    let count = cameras.len() as f64;
+    if across.determinant() < 8e-5 * count.powi(3) {
+        return None;
+    }
+    let focus = across.inverse() * sum;
+    let before = cameras.iter().filter(|camera| camera.project(focus).is_some()).count();
+    (focus.is_finite() && 4 * before >= 3 * cameras.len()).then_some(focus)
+}
+
+/// A random place of `camera`'s view at `depth`.
+fn unproject(camera: &Camera, depth: f64, rng: &mut impl Rng) -> DVec3 {
+    let [width, height] = camera.size_px.map(f64::from);
+    let at_px = DVec2::new(rng.random::<f64>() * width, rng.random::<f64>() * height);
+    let direction = ((at_px - camera.center_px) / camera.focal_px).extend(1.0);
+    camera.camera_from_world.matrix3.transpose() * (direction * depth) + camera.eye()
+}
+
+fn sees(camera: &Camera, range: [f64; 2], position: DVec3) -> bool {
+    let [width, height] = camera.size_px.map(f64::from);
+    // Depth is drawn within the range, so the rounding of unprojection must not push it out.
+    let slack = 1e-9 * range[1];
+    camera.project(position).is_some_and(|(at_px, depth)| {
+        (0.0..=width).contains(&at_px.x) && (0.0..=height).contains(&at_px.y) && depth >= range[0] - slack && depth <= range[1] + slack
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use luxel_core::Image;
+    use rand::SeedableRng;
+    use rand_pcg::Pcg64Mcg;
+
+    use super::*;
+    use crate::testing::{camera_at, camera_looking_at, view_of};
+
+    fn views(cameras: Vec<Camera>) -> Vec<View> {
+        let image = |camera: &Camera| Image::filled(camera.size_px[0] as usize, camera.size_px[1] as usize, [1.0; 3]);
+        cameras.into_iter().enumerate().map(|(i, camera)| view_of(&format!("{i}"), camera.clone(), image(&camera))).collect()
+    }
+
+    fn ring(count: usize, is_outward: bool) -> Vec<View> {
+        let eye = |i: usize| {
+            let angle = i as f64 / count as f64 * std::f64::consts::TAU;
+            DVec3::new(angle.cos(), 0.1, angle.sin()) * 5.0
+        };
+        let target = |i: usize| if is_outward { eye(i) * 2.0 } else { DVec3::new(0.5, 0.0, 0.0) };
+        views((0..count).map(|i| camera_looking_at(eye(i), target(i), [40, 30])).collect())
+    }
+
+    #[test]
+    fn axes_of_a_ring_meet_at_its_target() {
+        let views = ring(12, false);
+        let cameras: Vec<&Camera> = views.iter().map(|view| &view.camera).collect();
+        let focus = focus(&cameras).unwrap();
+        assert!((focus - DVec3::new(0.5, 0.0, 0.0)).length() < 1e-9, "{focus}");
+    }
+
+    #[test]
+    fn every_arrangement_of_cameras_gives_points_that_are_seen() {
+        let parallel = views((0..3).map(|i| camera_at([i as f64, 0.0, 0.0], [40, 30])).collect());
+        let single = views(vec![camera_at([0.0; 3], [40, 30])]);
+        let coincident = views(vec![camera_at([1.0; 3], [40, 30]); 3]);
+        for (name, views) in [
+            ("ring", ring(12, false)),
+            ("panorama", ring(12, true)),
+            ("parallel", parallel),
+            ("single", single),
+            ("coincident", coincident),
+        ] {
+            let points = random_points(&views, 200, &mut Pcg64Mcg::seed_from_u64(5));
+            assert_eq!(points.len(), 200, "{name}");
+            for point in &points {
+                let [x, y, z] = point.position.map(f64::from);
+                let seen = views.iter().any(|view| {
+                    view.camera
+                        .project(DVec3::new(x, y, z))
+                        .is_some_and(|(at, _)| at.cmpge(DVec2::splat(-0.1)).all() && at.x < 40.1 && at.y < 30.1)
+                });
+                assert!(seen, "{name}: {point:?}");
+            }
+        }
+    }
+}

@@ -1,0 +1,184 @@
+//! When what happens, and how fast: everything that depends on the step alone.
+//!
+//! In: the configuration, the number of steps the run was started with, and the scene's extent (world units). Out: learning rates,
+//! active degree and densification rounds of a step (1 for the first). Source: Kerbl et al. 2023; 3DGS-MCMC (Kheradmand et al.
+//! 2024). A run of fewer than 10000 steps has its windows shortened in proportion. Beyond the planned end all rates stay at
+//! their final values.
+
+use luxel_core::LearningRates;
+
+use crate::config::{Strategy, TrainConfig};
+
+/// Harmonics above degree 0 learn this much slower than the constant term (Kerbl et al. 2023).
+const REST_LR_DIVISOR: f32 = 20.0;
+
+/// Steps between two reductions of all opacities to [`ABSGRAD_OPACITY_CAP`] (AbsGS).
+const ABSGRAD_CAP_INTERVAL: u32 = 500;
+
+/// Opacity above which AbsGS lowers opacities, so that occluded splats get gradients.
+pub const ABSGRAD_OPACITY_CAP: f32 = 0.8;
+
+/// Opacity that a reset lowers all others to.
+pub const RESET_OPACITY: f32 = 0.01;
+
+/// Steps between two updates of the 3D smoothing filter.
+const SMOOTHING_INTERVAL: u32 = 100;
+
+/// The schedule of a run.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Schedule {
+    /// Steps the run was planned for: where the learning rates reach their final values.
+    pub iterations: u32,
+    /// World units; position rates are multiples of it.
+    pub extent: f32,
+    /// Steps after which one more degree of the harmonics is active.
+    pub sh_interval: u32,
+    /// Step after which splats are added and removed.
+    pub densify_from: u32,
+    /// Step before which splats are added and removed.
+    pub densify_until: u32,
+    /// Steps between two rounds.
+    pub densify_interval: u32,
+    /// Steps between two opacity resets; `None` for no resets.
+    pub reset_interval: Option<u32>,
+    /// AbsGS's opacity reduction takes place.
+    pub reduces_opacity: bool,
+}
+
+impl Schedule {
+    /// The schedule of `config` for a run planned for `iterations` steps.
+    pub fn new(config: &TrainConfig, iterations: u32, extent: f32) -> Self {
+        let is_adc = config.strategy == Strategy::Adc;
+        let default_until = if is_adc { iterations / 2 } else { (u64::from(iterations) * 5 / 6) as u32 };
+        Self {
+            iterations,
+            extent,
+            sh_interval: config.sh_interval.unwrap_or((iterations / 10).clamp(1, 1000)),
+            densify_from: config.densify_from.unwrap_or((iterations / 20).min(500)),
+            densify_until: config.densify_until.unwrap_or(default_until),
+            densify_interval: config.densify_interval.max(1),
+            reset_interval: (is_adc && config.opacity_reset_interval > 0).then_some(config.opacity_reset_interval),
+            reduces_opacity: is_adc && config.absgrad,
+        }
+    }
+
+    /// Highest degree of harmonics that takes part in `step`.
+    pub fn active_degree(&self, step: u32, max_degree: usize) -> usize {
+        max_degree.min((step / self.sh_interval) as usize)
+    }
+
+    /// Whether statistics are needed of `step`.
+    pub fn is_densifying(&self, step: u32) -> bool {
+        step < self.densify_until
+    }
+
+    /// Whether splats are added and removed after `step`.
+    pub fn densifies_after(&self, step: u32) -> bool {
+        self.is_densifying(step) && step > self.densify_from && step.is_multiple_of(self.densify_interval)
+    }
+
+    /// Whether all opacities are reset after `step`.
+    pub fn resets_after(&self, step: u32) -> bool {
+        self.is_densifying(step) && self.reset_interval.is_some_and(|interval| step.is_multiple_of(interval))
+    }
+
+    /// Whether a reset lies before `step`: from then on large splats are pruned.
+    pub fn has_reset_before(&self, step: u32) -> bool {
+        self.reset_interval.is_some_and(|interval| step > interval && interval < self.densify_until)
+    }
+
+    /// Opacity that all others are lowered to after `step`.
+    pub fn opacity_cap_after(&self, step: u32) -> Option<f32> {
+        if self.resets_after(step) {
+            return Some(RESET_OPACITY);
+        }
+        let is_due = self.reduces_opacity && self.is_densifying(step) && step > self.densify_from;
+        (is_due && step.is_multiple_of(ABSGRAD_CAP_INTERVAL)).then_some(ABSGRAD_OPACITY_CAP)
+    }
+
+    /// Whether the 3D smoothing filter is brought up to date after `step`, densification apart. Within the densification window the
+    /// rounds do it, as an update starts the statistics anew.
+    pub fn smooths_after(&self, step: u32) -> bool {
+        (step >= self.densify_until || step <= self.densify_from) && step.is_multiple_of(SMOOTHING_INTERVAL)
+    }
+
+    /// Learning rates of `step`.
+    pub fn learning_rates(&self, config: &TrainConfig, step: u32) -> LearningRates {
+        let progress = (f64::from(step) / f64::from(self.iterations.max(1))).min(1.0);
+        let luminance = match config.luminance_lr_final {
+            Some(last) => log_linear(config.luminance_lr, last, progress),
+            None => config.luminance_lr,
+        };
+        LearningRates {
+            position: log_linear(config.position_lr, config.position_lr_final, progress) * self.extent,
+            rotation: config.rotation_lr,
+            log_scale: config.scale_lr,
+            opacity_logit: config.opacity_lr,
+            sh_dc: config.sh_lr,
+            sh_rest: config.sh_lr / REST_LR_DIVISOR,
+            luminance_dc: luminance,
+            luminance_rest: luminance / REST_LR_DIVISOR,
+        }
+    }
+}
+
+/// From `first` to `last` (both > 0), straight in the logarithm.
+fn log_linear(first: f32, last: f32, progress: f64) -> f32 {
+    let (first, last) = (f64::from(first).ln(), f64::from(last).ln());
+    (first + (last - first) * progress).exp() as f32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn schedule(iterations: u32) -> (TrainConfig, Schedule) {
+        let config = TrainConfig { iterations, ..TrainConfig::default() };
+        let schedule = Schedule::new(&config, iterations, 2.0);
+        (config, schedule)
+    }
+
+    #[test]
+    fn thirty_thousand_steps_follow_3dgs() {
+        let (config, s) = schedule(30_000);
+        let rounds: Vec<u32> = (1..=30_000).filter(|t| s.densifies_after(*t)).collect();
+        assert_eq!((rounds.first(), rounds.last(), rounds.len()), (Some(&600), Some(&14_900), 144));
+        let resets: Vec<u32> = (1..=30_000).filter(|t| s.resets_after(*t)).collect();
+        assert_eq!(resets, [3000, 6000, 9000, 12_000]);
+        assert!(!s.has_reset_before(3000) && s.has_reset_before(3001));
+        assert_eq!([999, 1000, 2999, 3000, 30_000].map(|t| s.active_degree(t, 3)), [0, 1, 2, 3, 3]);
+        let rates = s.learning_rates(&config, 15_000);
+        assert!((rates.position / (1.6e-5 * 2.0) - 1.0).abs() < 1e-4, "{}", rates.position);
+        assert_eq!((rates.sh_dc, rates.sh_rest, rates.luminance_dc), (2.5e-3, 2.5e-3 / 20.0, 0.05));
+    }
+
+    #[test]
+    fn rates_stay_at_their_last_value_beyond_the_planned_end() {
+        let (mut config, s) = schedule(1000);
+        config.luminance_lr_final = Some(0.002);
+        assert_eq!(s.learning_rates(&config, 1000), s.learning_rates(&config, 5000));
+        assert!((s.learning_rates(&config, 1000).luminance_dc - 0.002).abs() < 1e-7);
+        assert!((s.learning_rates(&config, 500).luminance_dc - 0.01).abs() < 1e-6);
+    }
+
+    #[test]
+    fn short_runs_are_short_versions_of_the_long_one() {
+        let (_, s) = schedule(2000);
+        let rounds: Vec<u32> = (1..=2000).filter(|t| s.densifies_after(*t)).collect();
+        assert_eq!((rounds.first(), rounds.last()), (Some(&200), Some(&900)));
+        assert!((1..=2000).all(|t| !s.resets_after(t)));
+        assert!(!s.has_reset_before(2000), "no reset takes place, so none lies before");
+        assert_eq!(s.active_degree(600, 3), 3);
+        // The shortest run there is has no division by zero.
+        let (config, s) = schedule(1);
+        assert!(s.learning_rates(&config, 1).position.is_finite());
+        assert!(!s.densifies_after(1));
+    }
+
+    #[test]
+    fn absgrad_lowers_opacities_between_resets() {
+        let config = TrainConfig { absgrad: true, ..TrainConfig::default() };
+        let s = Schedule::new(&config, 30_000, 1.0);
+        assert_eq!([500, 600, 1000, 3000, 15_000].map(|t| s.opacity_cap_after(t)), [None, None, Some(0.8), Some(0.01), None]);
+    }
+}

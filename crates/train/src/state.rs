@@ -1,0 +1,125 @@
+//! What a run needs besides arrays to go on bit for bit, as JSON in [`luxel_core::Snapshot::state_json`].
+
+use luxel_core::{Dataset, Snapshot};
+use rand::seq::SliceRandom;
+use rand::{Rng, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use serde::{Deserialize, Serialize};
+
+use crate::{TrainConfig, TrainError};
+
+/// Format of [`State`]: another one is refused with a clear message rather than misread.
+const VERSION: u32 = 1;
+
+/// The run, arrays apart.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct State {
+    version: u32,
+    pub(crate) config: TrainConfig,
+    /// Steps the schedule is laid out for: those of the first start, whatever `config.iterations` became since.
+    pub(crate) planned_iterations: u32,
+    /// Steps done.
+    pub(crate) iteration: u32,
+    pub(crate) extent: f32,
+    pub(crate) radiance_scale: f32,
+    pub(crate) fingerprint: String,
+    pub(crate) rng: Pcg64Mcg,
+    /// Permutation of the training views that is being gone through.
+    order: Vec<u32>,
+    /// Views of it that have been used.
+    cursor: usize,
+}
+
+/// What a run starts from.
+pub(crate) struct Start {
+    pub(crate) config: TrainConfig,
+    pub(crate) extent: f32,
+    pub(crate) radiance_scale: f32,
+}
+
+impl State {
+    pub(crate) fn new(dataset: &Dataset, start: Start) -> Self {
+        let Start { config, extent, radiance_scale } = start;
+        Self {
+            version: VERSION,
+            planned_iterations: config.iterations,
+            iteration: 0,
+            extent,
+            radiance_scale,
+            fingerprint: dataset.fingerprint.clone(),
+            rng: Pcg64Mcg::seed_from_u64(config.seed),
+            order: (0u32..).take(dataset.train.len()).collect(),
+            // At the end: the first step shuffles.
+            cursor: dataset.train.len(),
+            config,
+        }
+    }
+
+    /// Index of the training view of the next step: shuffled, each once before any twice.
+    pub(crate) fn next_view(&mut self) -> usize {
+        if self.cursor >= self.order.len() {
+            self.order.shuffle(&mut self.rng);
+            self.cursor = 0;
+        }
+        let view = self.order.get(self.cursor).copied().unwrap_or(0);
+        self.cursor += 1;
+        view as usize
+    }
+
+    /// Seed of one step's noise: of (seed, step) alone.
+    pub(crate) fn noise_seed(&self, step: u32) -> u64 {
+        Pcg64Mcg::seed_from_u64(self.config.seed ^ (u64::from(step) << 32)).random()
+    }
+
+    pub(crate) fn to_json(&self) -> Result<String, TrainError> {
+        serde_json::to_string(self).map_err(|error| TrainError::State(error.to_string()))
+    }
+
+    /// The state of a snapshot, checked against the data set it is to go on with.
+    pub(crate) fn of_snapshot(snapshot: &Snapshot, dataset: &Dataset) -> Result<Self, TrainError> {
+        let state = Self::parse(&snapshot.state_json)?;
+        if state.fingerprint != dataset.fingerprint {
+            return Err(TrainError::Fingerprint { checkpoint: state.fingerprint, dataset: dataset.fingerprint.clone() });
+        }
+        let (scene, config) = (snapshot.scene.splats.color_model, state.config.color_model());
+        if scene != config {
+            return Err(TrainError::ColorModel { scene: scene.name(), config: config.name() });
+        }
+        let mut sorted = state.order.clone();
+        sorted.sort_unstable();
+        if !sorted.iter().copied().eq((0u32..).take(dataset.train.len())) || state.cursor > state.order.len() {
+            return Err(TrainError::State(format!("the order of views is not one of the data set's {} views", dataset.train.len())));
+        }
+        Ok(state)
+    }
+
+    fn parse(json: &str) -> Result<Self, TrainError> {
+        /// Enough to tell another version from a damaged file.
+        #[derive(Deserialize)]
+        struct Header {
+            version: u32,
+        }
+        let header: Header = serde_json::from_str(json).map_err(|error| TrainError::State(error.to_string()))?;
+        if header.version != VERSION {
+            let found = header.version;
+            return Err(TrainError::State(format!("version {found}, expected {VERSION}; resume with the program that wrote it")));
+        }
+        let state: Self = serde_json::from_str(json).map_err(|error| TrainError::State(error.to_string()))?;
+        state.config.validate()?;
+        for (name, value) in [("extent", state.extent), ("radiance_scale", state.radiance_scale)] {
+            if !(value.is_finite() && value > 0.0) {
+                return Err(TrainError::State(format!("{name} is {value}, expected a number above 0")));
+            }
+        }
+        Ok(state)
+    }
+}
+
+/// The configuration a snapshot was trained with.
+///
+/// # Errors
+/// [`TrainError::State`] if it cannot be read.
+pub fn snapshot_config(snapshot: &Snapshot) -> Result<TrainConfig, TrainError> {
+    State::parse(&snapshot.state_json).map(|state| state.config)
+}

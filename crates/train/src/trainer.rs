@@ -1,0 +1,315 @@
+//! The training loop, one step at a time.
+//!
+//! In: a data set, a configuration, an engine; out: a scene in normalised units. A step takes the next view of a shuffled round,
+//! updates all parameters, and, where the schedule says so, adds and removes splats. Everything random is drawn from the state's
+//! generator in a fixed order.
+
+use std::sync::Arc;
+
+use luxel_core::{
+    Antialias, Camera, ColorSpace, Dataset, DensifyPlan, Engine, Image, Moments, PlanRow, PositionNoise, RenderOptions, Scene, Snapshot,
+    Splats, StepConfig, StepReport, View, logit, spatial_order,
+};
+
+use crate::config::Strategy;
+use crate::densify::{adc::Adc, mcmc::Mcmc};
+use crate::state::{Start, State};
+use crate::{Schedule, TrainConfig, TrainError, choose_radiance_scale, initialise, smoothing};
+
+/// The extent is this much larger than the greatest distance of a camera to their centroid (Kerbl et al. 2023).
+const EXTENT_MARGIN: f64 = 1.1;
+/// AbsGS's and 3DGS's `percent_dense`.
+const PERCENT_DENSE_ABSGRAD: f32 = 0.001;
+const PERCENT_DENSE: f32 = 0.01;
+
+/// A run of training.
+pub struct Trainer {
+    engine: Box<dyn Engine>,
+    /// Training views in normalised units.
+    views: Vec<View>,
+    color_space: ColorSpace,
+    schedule: Schedule,
+    state: State,
+}
+
+impl Trainer {
+    /// A run that starts anew.
+    ///
+    /// # Errors
+    /// [`TrainError`]: options out of range, nothing to train on, or an engine that refuses.
+    pub fn new(dataset: &Dataset, config: TrainConfig, mut engine: Box<dyn Engine>) -> Result<Self, TrainError> {
+        config.validate()?;
+        check_views(dataset)?;
+        let radiance_scale = match config.radiance_scale {
+            Some(scale) => scale,
+            None => choose_radiance_scale(&dataset.train, config.scale_rule)?,
+        };
+        let splats = in_spatial_order(initialise(dataset, &config, radiance_scale)?)?;
+        let extent = scene_extent(&dataset.train, &splats.position);
+        engine.load(&splats, None)?;
+        tracing::info!(splats = splats.len(), radiance_scale, extent, model = config.color_model().name(), "initialised");
+        let mut trainer = Self::assemble(dataset, State::new(dataset, Start { config, extent, radiance_scale }), engine);
+        if trainer.state.config.antialias == Antialias::Mip {
+            trainer.update_smoothing()?;
+        }
+        Ok(trainer)
+    }
+
+    /// A run that goes on where `snapshot` was taken, with its configuration.
+    ///
+    /// # Errors
+    /// [`TrainError`]: the snapshot is of another data set, is damaged, or the engine refuses it.
+    pub fn resume(dataset: &Dataset, snapshot: Snapshot, mut engine: Box<dyn Engine>) -> Result<Self, TrainError> {
+        check_views(dataset)?;
+        let state = State::of_snapshot(&snapshot, dataset)?;
+        let Snapshot { scene, moments, stats, .. } = snapshot;
+        for (what, splats) in [("scene", &scene.splats), ("first moments", &moments.first), ("second moments", &moments.second)] {
+            splats.validate().map_err(|source| TrainError::Checkpoint { what, source })?;
+        }
+        engine.load(&scene.splats, Some(&moments))?;
+        engine.set_densify_stats(&stats)?;
+        Ok(Self::assemble(dataset, state, engine))
+    }
+
+    fn assemble(dataset: &Dataset, state: State, engine: Box<dyn Engine>) -> Self {
+        let views = dataset.train.iter().map(|view| normalised(view, state.radiance_scale)).collect();
+        let schedule = Schedule::new(&state.config, state.planned_iterations, state.extent);
+        Self { engine, views, color_space: dataset.color_space, schedule, state }
+    }
+
+    /// The configuration in force.
+    pub fn config(&self) -> &TrainConfig {
+        &self.state.config
+    }
+
+    /// When what happens.
+    pub fn schedule(&self) -> &Schedule {
+        &self.schedule
+    }
+
+    /// Steps done.
+    pub fn iteration(&self) -> u32 {
+        self.state.iteration
+    }
+
+    /// Whether all steps are done.
+    pub fn is_finished(&self) -> bool {
+        self.state.iteration >= self.state.config.iterations
+    }
+
+    /// Splats there are.
+    pub fn splats_len(&self) -> usize {
+        self.engine.len()
+    }
+
+    /// Data-set radiance of one normalised unit.
+    pub fn radiance_scale(&self) -> f32 {
+        self.state.radiance_scale
+    }
+
+    /// The engine, for renders and timings.
+    pub fn engine(&mut self) -> &mut dyn Engine {
+        &mut *self.engine
+    }
+
+    /// Options with which the scene as it stands is rendered.
+    pub fn render_options(&self) -> RenderOptions {
+        self.render_options_of(self.state.iteration)
+    }
+
+    fn render_options_of(&self, step: u32) -> RenderOptions {
+        let config = &self.state.config;
+        RenderOptions {
+            raster: config.raster(),
+            background: config.background.map(|c| c / self.state.radiance_scale),
+            active_degree: self.schedule.active_degree(step, config.color_model().max_degree()),
+        }
+    }
+
+    /// Sets the number of steps after which the run is finished. The schedule (decay of learning rates, densification, degrees) stays
+    /// as planned at the first start, so that a run which is made longer goes through the same steps first; from the planned end on,
+    /// learning rates stay at their final values. To stretch the schedule itself, start anew.
+    pub fn set_iterations(&mut self, iterations: u32) {
+        self.state.config.iterations = iterations.max(1);
+    }
+
+    /// One step of training, with densification when it is due.
+    ///
+    /// # Errors
+    /// [`TrainError::NotFinite`] if the loss diverged, [`TrainError::AllPruned`] if no splat is left, or an error of the engine.
+    pub fn step(&mut self) -> Result<StepReport, TrainError> {
+        let step = self.state.iteration.saturating_add(1);
+        let index = self.state.next_view();
+        let config = self.step_config(step);
+        let view = self.views.get(index).ok_or(TrainError::NoTrainViews)?;
+        let report = self.engine.train_step(view, &config)?;
+        if !report.loss.is_finite() {
+            return Err(TrainError::NotFinite { step, view: view.name.clone() });
+        }
+        self.densify(step)?;
+        self.state.iteration = step;
+        Ok(report)
+    }
+
+    fn step_config(&self, step: u32) -> StepConfig {
+        let config = &self.state.config;
+        let learning_rates = self.schedule.learning_rates(config, step);
+        let is_mcmc = config.strategy == Strategy::Mcmc;
+        let noise = PositionNoise { scale: config.mcmc_noise * learning_rates.position, seed: self.state.noise_seed(step) };
+        StepConfig {
+            step,
+            render: self.render_options_of(step),
+            loss: config.loss(),
+            learning_rates,
+            position_noise: is_mcmc.then_some(noise),
+            collect_stats: !is_mcmc && self.schedule.is_densifying(step),
+        }
+    }
+
+    /// What is due after `step`: a round of the strategy, a cap on opacities, the smoothing filter.
+    fn densify(&mut self, step: u32) -> Result<(), TrainError> {
+        let is_round = self.schedule.densifies_after(step);
+        let cap = self.schedule.opacity_cap_after(step);
+        if is_round || cap.is_some() {
+            let before = self.engine.len();
+            let rows = if is_round { self.round(step)? } else { all_rows(before) };
+            if rows.is_empty() {
+                return Err(TrainError::AllPruned { step });
+            }
+            tracing::debug!(step, before, after = rows.len(), opacity_cap = cap, "densified");
+            self.engine.densify(&DensifyPlan { rows, opacity_logit_cap: cap.map(logit), smoothing: None })?;
+        }
+        let is_mip = self.state.config.antialias == Antialias::Mip;
+        if is_mip && (is_round || self.schedule.smooths_after(step)) {
+            self.update_smoothing()?;
+        }
+        Ok(())
+    }
+
+    /// Rows of the scene after a round of the strategy, neighbours in space beside each other.
+    fn round(&mut self, step: u32) -> Result<Vec<PlanRow>, TrainError> {
+        let geometry = self.engine.geometry()?;
+        let config = &self.state.config;
+        let rows = match config.strategy {
+            Strategy::Adc => {
+                let percent = config.percent_dense.unwrap_or(if config.absgrad { PERCENT_DENSE_ABSGRAD } else { PERCENT_DENSE });
+                let extent = self.state.extent;
+                let policy = Adc {
+                    gradient_threshold: config.densify_threshold,
+                    absgrad_threshold: config.absgrad.then_some(config.absgrad_threshold),
+                    dense_scale: percent * extent,
+                    prune_opacity: config.prune_opacity,
+                    prune_scale: self.schedule.has_reset_before(step).then(|| Adc::prune_scale_of(extent)),
+                    max_splats: config.splat_limit(),
+                };
+                let stats = self.engine.densify_stats()?;
+                policy.plan(&stats, &geometry, &mut self.state.rng)
+            }
+            Strategy::Mcmc => {
+                let policy = Mcmc { dead_opacity: config.prune_opacity, growth: config.mcmc_growth, max_splats: config.splat_limit() };
+                policy.plan(&geometry, &mut self.state.rng)
+            }
+        };
+        let positions: Vec<[f32; 3]> = rows.iter().filter_map(|row| geometry.position.get(row.source as usize).copied()).collect();
+        Ok(spatial_order(&positions).into_iter().filter_map(|i| rows.get(i as usize).copied()).collect())
+    }
+
+    fn update_smoothing(&mut self) -> Result<(), TrainError> {
+        let positions = self.engine.geometry()?.position;
+        let cameras: Vec<&Camera> = self.views.iter().map(|view| &view.camera).collect();
+        let filter = smoothing(&positions, &cameras, self.state.config.raster().cutoffs.near);
+        let plan = DensifyPlan { rows: all_rows(positions.len()), opacity_logit_cap: None, smoothing: Some(filter) };
+        Ok(self.engine.densify(&plan)?)
+    }
+
+    /// The scene as it stands.
+    ///
+    /// # Errors
+    /// [`TrainError::Engine`].
+    pub fn scene(&mut self) -> Result<Scene, TrainError> {
+        Ok(self.scene_and_moments()?.0)
+    }
+
+    /// Everything needed to go on from here bit for bit.
+    ///
+    /// # Errors
+    /// [`TrainError::Engine`].
+    pub fn snapshot(&mut self) -> Result<Snapshot, TrainError> {
+        let (scene, moments) = self.scene_and_moments()?;
+        Ok(Snapshot { scene, moments, stats: self.engine.densify_stats()?, state_json: self.state.to_json()? })
+    }
+
+    fn scene_and_moments(&mut self) -> Result<(Scene, Moments), TrainError> {
+        let (splats, moments) = self.engine.save()?;
+        let raster = self.state.config.raster();
+        Ok((Scene { splats, radiance_scale: self.state.radiance_scale, color_space: self.color_space, raster }, moments))
+    }
+}
+
+fn all_rows(count: usize) -> Vec<PlanRow> {
+    (0u32..).take(count).map(PlanRow::keep).collect()
+}
+
+/// Checks what every step relies on.
+fn check_views(dataset: &Dataset) -> Result<(), TrainError> {
+    if dataset.train.is_empty() {
+        return Err(TrainError::NoTrainViews);
+    }
+    for view in &dataset.train {
+        view.camera.validate().map_err(|source| TrainError::Camera { view: view.name.clone(), source })?;
+        let (image, [camera_width, camera_height]) = (&view.image, view.camera.size_px);
+        let mask = view.mask.as_ref().map_or(image.pixels.len(), |mask| mask.valid.len());
+        let expected = camera_width as usize * camera_height as usize;
+        let sizes = [image.width, image.height, image.pixels.len(), mask];
+        if sizes != [camera_width as usize, camera_height as usize, expected, expected] {
+            return Err(TrainError::ImageSize {
+                view: view.name.clone(),
+                image_width: image.width,
+                image_height: image.height,
+                mask,
+                camera_width,
+                camera_height,
+            });
+        }
+    }
+    Ok(())
+}
+
+/// The view with its radiance in normalised units.
+fn normalised(view: &View, radiance_scale: f32) -> View {
+    let mut image = Image::clone(&view.image);
+    image.scale(1.0 / radiance_scale);
+    View { image: Arc::new(image), ..view.clone() }
+}
+
+/// The same splats, neighbours in space beside each other.
+fn in_spatial_order(splats: Splats) -> Result<Splats, TrainError> {
+    let mut sorted = Splats::empty(splats.color_model);
+    for i in spatial_order(&splats.position) {
+        let i = i as usize;
+        sorted.push(&luxel_core::Splat {
+            position: splats.position[i],
+            rotation: splats.rotation[i],
+            log_scale: splats.log_scale[i],
+            opacity_logit: splats.opacity_logit[i],
+            sh: splats.sh_of(i),
+            raw_luminance: splats.raw_luminance_of(i),
+        });
+    }
+    Ok(sorted)
+}
+
+/// Size of the scene, world units: how far the cameras are apart (Kerbl et al. 2023). Of cameras in one place: the median distance of
+/// the splats from it.
+fn scene_extent(train: &[View], positions: &[[f32; 3]]) -> f32 {
+    let centroid = train.iter().map(|view| view.camera.eye()).sum::<glam::DVec3>() / train.len().max(1) as f64;
+    let radius = train.iter().map(|view| (view.camera.eye() - centroid).length()).fold(0.0, f64::max);
+    let mut distances: Vec<f64> =
+        positions.iter().map(|[x, y, z]| (glam::DVec3::new((*x).into(), (*y).into(), (*z).into()) - centroid).length()).collect();
+    let at = distances.len() / 2;
+    let typical = if distances.is_empty() { 1.0 } else { *distances.select_nth_unstable_by(at, f64::total_cmp).1 };
+    // Poses are known to about six digits; what is below that is no baseline.
+    let extent = if radius > 1e-6 * typical { EXTENT_MARGIN * radius } else { typical };
+    let extent = extent as f32;
+    if extent.is_finite() && extent > f32::MIN_POSITIVE { extent } else { 1.0 }
+}
