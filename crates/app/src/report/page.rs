@@ -56,6 +56,7 @@ fn cards(input: &ReportInput) -> String {
         cards.push((decibels(m.psnr_gtmax), "dB", format!("{name} PSNR, gtmax")));
         cards.push((decibels(m.psnr_selfmax), "dB", format!("{name} PSNR, selfmax")));
         cards.push((format!("{:.4}", m.ssim_scene), "", format!("{name} SSIM, scene")));
+        cards.push((format!("{:.4}", m.ssim_gtmax), "", format!("{name} SSIM, gtmax")));
         cards.push((decibels(m.psnr_black_scene), "dB", "a black image, scene".into()));
     }
     if let Some(last) = input.curve.last() {
@@ -91,8 +92,15 @@ fn facts(input: &ReportInput) -> String {
     out + "</table></div></details>\n"
 }
 
-const HEADINGS: &str = "<th>PSNR scene</th><th>PSNR gtmax</th><th>PSNR selfmax</th><th>SSIM scene</th><th>SSIM gtmax</th><th>SSIM selfmax</th>\
-                        <th>L1 scene</th><th>black, scene</th><th>black, gtmax</th>";
+/// Head of a table of figures, whose first column is `what`.
+fn head(what: &str) -> String {
+    let group = |name, span| format!("<th class=\"group\" colspan=\"{span}\">{name}</th>");
+    let cells = ["scene", "gtmax", "selfmax", "scene", "gtmax", "selfmax", "scene", "scene", "gtmax"]
+        .map(|name| format!("<th>{name}</th>"))
+        .concat();
+    let groups = group("PSNR, dB", 3) + &group("SSIM", 3) + &group("L1", 1) + &group("black image, dB", 2);
+    format!("<thead><tr><th rowspan=\"2\">{what}</th>{groups}</tr><tr>{cells}</tr></thead>")
+}
 
 fn row(name: &str, m: &ViewMetrics) -> String {
     let db = [m.psnr_scene, m.psnr_gtmax, m.psnr_selfmax].map(decibels);
@@ -110,7 +118,7 @@ fn figures(input: &ReportInput) -> String {
         out += "<p>No view was held out and none was evaluated, so there are no figures.</p></section>\n";
         return out;
     }
-    let _ = write!(out, "<div class=\"scroll\"><table><thead><tr><th>mean of</th>{HEADINGS}</tr></thead><tbody>");
+    let _ = write!(out, "<div class=\"scroll\"><table>{}<tbody>", head("mean of"));
     for split in &input.splits {
         out += &row(&format!("{}, {}", split.name, text::plural(split.views.len(), "view")), &split.mean);
     }
@@ -141,10 +149,10 @@ fn per_view(splits: &[ReportSplit]) -> String {
         let heading = if i == 0 { "<h2>Every view</h2>" } else { "" };
         let _ = write!(
             out,
-            "{heading}<details{open}><summary>{} of the {} split</summary><div class=\"scroll\"><table><thead><tr><th>view</th>{HEADINGS}</tr>\
-             </thead><tbody>",
+            "{heading}<details{open}><summary>{} of the {} split</summary><div class=\"scroll\"><table>{}<tbody>",
             text::plural(split.views.len(), "view"),
-            escape(&split.name)
+            escape(&split.name),
+            head("view"),
         );
         for (name, metrics) in &split.views {
             out += &row(name, metrics);
@@ -237,10 +245,10 @@ fn profile(input: &ReportInput) -> String {
         x,
         y: Axis { label: "error, normalised units", scale: Scale::Log },
         series: vec![
+            Series { label: "", color: 1, mark: Mark::Dots, points: error },
             guide("100 %", 1.0),
             guide("10 %", 0.1),
             guide("1 %", 0.01),
-            Series { label: "", color: 1, mark: Mark::Dots, points: error },
         ],
         bars: bars.clone(),
     };

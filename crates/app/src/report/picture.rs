@@ -136,7 +136,7 @@ fn encode(width: usize, height: usize, pixels: Vec<[u8; 3]>) -> Result<Picture> 
 /// What is chosen from all targets together.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Exposures {
-    /// Brings the darkest quarter to middle grey.
+    /// Brings the darkest quarter to a little below middle grey.
     pub(super) shadows_ev: f32,
     /// Brings the log-average to an evening's grey: how the scene looks.
     pub(super) overview_ev: f32,
@@ -154,7 +154,7 @@ impl Exposures {
         let log_mean = luminances.iter().map(|l| f64::from(l.ln())).sum::<f64>() / luminances.len().max(1) as f64;
         let stops = |to: f32, from: f32| (to / from).log2();
         Self {
-            shadows_ev: stops(0.18, quantile(0.25)).round().clamp(1.0, 16.0),
+            shadows_ev: stops(0.12, quantile(0.25)).round().clamp(1.0, 16.0),
             overview_ev: stops(0.12, log_mean.exp() as f32).round().clamp(-16.0, 16.0),
             lamps_ev: stops(0.8, quantile(0.9995)).floor().clamp(-16.0, -1.0),
         }

@@ -282,7 +282,7 @@ impl Frame {
         let end = |t: f64| (x0 + t * (x1 - x0), y0 + t * (y1 - y0));
         let ((ax, ay), (bx, by)) = (end(a), end(b));
         let _ = write!(svg, "<line class=\"guide\" x1=\"{ax:.1}\" y1=\"{ay:.1}\" x2=\"{bx:.1}\" y2=\"{by:.1}\"/>");
-        let _ = write!(svg, "<text class=\"tick end\" x=\"{:.1}\" y=\"{:.1}\">{}</text>", bx - 6.0, by + 10.0, escape(series.label));
+        let _ = write!(svg, "<text class=\"halo end\" x=\"{:.1}\" y=\"{:.1}\">{}</text>", bx - 6.0, by + 10.0, escape(series.label));
     }
 }
 

@@ -156,8 +156,11 @@ impl Gallery<'_> {
         let shadows = self.display(Tonemap::None, self.exposures.shadows_ev, side);
         let lamps = self.display(Tonemap::None, self.exposures.lamps_ev, side);
         let (shadows_ev, lamps_ev) = (signed(self.exposures.shadows_ev), signed(self.exposures.lamps_ev));
-        let mut out =
-            format!("<h3>{} <span class=\"soft\">{}{remark}</span></h3><div class=\"row\">", escape(&view.name), figures(&view.metrics));
+        let mut out = format!(
+            "<h3>{} <span class=\"soft\">{}{remark}</span></h3><div class=\"row three\">",
+            escape(&view.name),
+            figures(&view.metrics)
+        );
         out += &figure(&radiance(p, &mulaw)?, "render", "mu-law");
         out += &figure(&radiance(t, &mulaw)?, "ground truth", "mu-law");
         out += &figure(&self.error(view, side)?, "error", "mu-law difference");
