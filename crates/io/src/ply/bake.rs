@@ -1,14 +1,15 @@
 //! Display bake: what ordinary 3D Gaussian splatting viewers show of a radiance scene.
 //!
 //! In: a scene. Out, per splat: harmonics [K,3] of a display colour d(v) = 1/2 + sum_m k_m Y_m(v), channel values 0..1 for an sRGB
-//! screen. d is the splat's radiance, times one exposure, in Rec.709 primaries, under a filmic curve and the sRGB encoding, fitted by
+//! screen. d is the splat's radiance, times one exposure, in Rec.709 primaries, under a filmic curve, fitted by
 //! least squares over [`DIRECTIONS`] viewing directions to harmonics of degree min(3, the model's). Viewers that do not clamp show
 //! negative colours as rainbow speckle, so where the fit undershoots it is drawn towards its mean until it does not.
 //!
 //! Exposure: the log-average luminance of the splats, weighted by opacity and size, comes to middle grey (Reinhard et al. 2002).
-//! Curve: the ACES approximation of Narkowicz 2015, per channel, so that what is very bright turns white. Tone mapping per splat does
-//! not commute with blending: the bake is a preview, and the exact model stands beside it.
+//! Curve: [`CURVE`], the previews' own. Tone mapping per splat does not commute with blending: the bake is a preview, and the exact
+//! model stands beside it.
 
+use luxel_core::tone::{Tonemap, rec709_of};
 use luxel_core::{ColorBasis, ColorSpace, SH_OFFSET, Scene, Splats, luminance_rec709, sh, sigmoid};
 use rayon::prelude::*;
 
@@ -27,12 +28,8 @@ const KEY: f64 = 0.18;
 const DARKEST: f64 = 1e-3;
 /// Area above this many times the median counts as this much: a few huge splats (sky, backdrop) do not set the exposure.
 const LARGEST: f64 = 16.0;
-/// More than this much radiance is white under any curve, and sums of it are finite.
-const WHITE: f32 = 1e6;
-
-/// Linear AP1 (ACES white) to linear Rec.709 (D65), Bradford adaptation.
-const REC709_FROM_ACESCG: [[f32; 3]; 3] =
-    [[1.705_051, -0.621_792, -0.083_259], [-0.130_256, 1.140_805, -0.010_548], [-0.024_003, -0.128_969, 1.152_972]];
+/// What previews look like by default, too.
+const CURVE: Tonemap = Tonemap::Agx;
 
 /// The bake of one scene.
 pub(super) struct DisplayBake {
@@ -67,8 +64,8 @@ impl DisplayBake {
     /// What was done, for the file's header.
     pub(super) fn description(&self) -> String {
         format!(
-            "exposure {:e} of normalised radiance (log-average luminance to {KEY}), ACES filmic curve (Narkowicz 2015), sRGB encoding, harmonics \
-             of degree {} by least squares over {DIRECTIONS} directions",
+            "exposure {:e} of normalised radiance (log-average luminance to {KEY}), curve {CURVE} with its display encoding, \
+             harmonics of degree {} by least squares over {DIRECTIONS} directions",
             self.exposure, self.degree
         )
     }
@@ -94,12 +91,7 @@ impl DisplayBake {
 
     /// Display colour of a radiance.
     fn display(&self, radiance: [f32; 3]) -> [f32; 3] {
-        let bounded = radiance.map(|c| bounded(c * self.exposure, WHITE));
-        let linear = match self.color_space {
-            ColorSpace::LinearRec709 => bounded,
-            ColorSpace::AcesCg => REC709_FROM_ACESCG.map(|row| row.iter().zip(bounded).map(|(m, c)| m * c).sum::<f32>().max(0.0)),
-        };
-        linear.map(|c| srgb_encode(filmic(c)))
+        CURVE.encode(rec709_of(self.color_space, radiance.map(|c| bounded(c * self.exposure))))
     }
 
     /// Draws a channel's higher harmonics towards 0 until no checked direction is negative.
@@ -117,20 +109,9 @@ impl DisplayBake {
     }
 }
 
-/// 0 to `limit`; NaN, which a sum of infinities of both signs gives, counts as 0.
-fn bounded(value: f32, limit: f32) -> f32 {
-    if value > 0.0 { value.min(limit) } else { 0.0 }
-}
-
-/// The ACES tone curve fitted by Narkowicz (2015), with its exposure of 0.6; 0..1 for arguments >= 0.
-fn filmic(linear: f32) -> f32 {
-    let x = 0.6 * linear;
-    ((x * (2.51 * x + 0.03)) / (x * (2.43 * x + 0.59) + 0.14)).clamp(0.0, 1.0)
-}
-
-/// IEC 61966-2-1.
-fn srgb_encode(linear: f32) -> f32 {
-    if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
+/// A radiance of which sums are finite; NaN, which a sum of infinities of both signs gives, counts as 0.
+fn bounded(radiance: f32) -> f32 {
+    if radiance > 0.0 { radiance.min(f32::MAX / 16.0) } else { 0.0 }
 }
 
 /// Points of the unit sphere, spread evenly (Fibonacci lattice).
@@ -184,7 +165,7 @@ fn pseudo_inverse(directions: &[[f32; 3]], count: usize) -> Vec<[f32; DIRECTIONS
 fn exposure(scene: &Scene) -> f32 {
     let splats = &scene.splats;
     let views = fibonacci(6);
-    let to_luminance = |rgb: [f32; 3]| f64::from(luminance_rec709(rgb.map(|c| bounded(c, f32::MAX / 16.0))));
+    let to_luminance = |rgb: [f32; 3]| f64::from(luminance_rec709(rgb.map(bounded)));
     let luminance_of = |i: usize| views.iter().map(|v| to_luminance(splats.radiance(i, *v))).sum::<f64>() / views.len() as f64;
     let luminance: Vec<f64> = (0..splats.len()).into_par_iter().map(luminance_of).collect();
     let area: Vec<f64> = splats.log_scale.iter().map(|s| cross_section(*s)).collect();
