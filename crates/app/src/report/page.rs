@@ -29,13 +29,13 @@ pub(super) fn page(input: &ReportInput) -> Result<String> {
     for warning in &input.warnings {
         let _ = write!(page, "<p class=\"note\"><b>Note:</b> {}</p>", escape(warning));
     }
-    page += &pictures.hero();
+    page += pictures.hero();
     page += &cards(input);
     page += &facts(input);
     page += &figures(input);
     page += &curves(&input.curve);
     page += &profile(input);
-    page += &pictures.sections();
+    page += pictures.sections();
     page += &per_view(&input.splits);
     page += &configuration(input);
     page += &footer(input);
@@ -124,7 +124,7 @@ fn figures(input: &ReportInput) -> String {
     }
     let scale = text::number(input.radiance_scale.into());
     let mu = input.mu;
-    let _ = write!(
+    let _ = writeln!(
         out,
         "</tbody></table></div><p class=\"note\">PSNR in decibels. Every figure compares images under the mu-law, \
          T(p) = ln(1 + {mu} p) / ln(1 + {mu}), with p in 0 to 1; a PSNR means nothing without knowing what p is:</p><dl>\
@@ -136,7 +136,7 @@ fn figures(input: &ReportInput) -> String {
          everything, and a wrong overall brightness goes unseen.</dd>\
          <dt>black</dt><dd>What an entirely black image would score: the zero of the PSNR scale on this scene.</dd>\
          <dt>SSIM, L1</dt><dd>SSIM has an 11 x 11 Gaussian window (sigma 1.5 px) and is the mean of the channels; L1 is the mean absolute \
-         difference.</dd></dl></section>\n"
+         difference.</dd></dl></section>"
     );
     out
 }

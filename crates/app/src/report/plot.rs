@@ -212,7 +212,7 @@ impl Frame {
     fn bar(&self, svg: &mut String, from: f64, to: f64, share: f64) {
         let (Some(a), Some(b)) = (self.x.share(from), self.x.share(to)) else { return };
         let (a, b) = (a.clamp(0.0, 1.0), b.clamp(0.0, 1.0));
-        if b <= a || !(share > 0.0) {
+        if b <= a || share.is_nan() || share <= 0.0 {
             return;
         }
         let width = WIDTH - LEFT - RIGHT;
