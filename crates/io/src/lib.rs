@@ -5,7 +5,9 @@
 
 mod atomic;
 mod checkpoint;
+mod dataset;
 mod error;
+mod image;
 mod ply;
 
 pub use atomic::{WriteSeek, write_atomically};
@@ -13,5 +15,13 @@ pub use checkpoint::{
     CheckpointFile, LatestCheckpoint, checkpoint_path, decode_checkpoint, encode_checkpoint, latest_checkpoint, list_checkpoints,
     prune_checkpoints, read_checkpoint, write_checkpoint,
 };
+pub use dataset::{
+    DatasetFormat, LoadOptions, SplitLists, Transforms, TransformsFrame, UnknownFormat, colmap, detect_format, load_dataset, parse_split,
+    parse_transforms,
+};
 pub use error::{IoError, IoErrorKind};
+pub use image::{
+    DecodedImage, ExrOptions, ExrSample, ReadOptions, SampleDepth, Transfer, decode_image, downscale, downscale_masked, encode_exr,
+    encode_png, image_size, read_image, rgb_conversion, undistort, write_exr, write_png,
+};
 pub use ply::{PlyPoint, decode_points_ply, decode_scene_ply, encode_scene_ply, read_points_ply, read_scene_ply, write_scene_ply};

@@ -36,7 +36,7 @@ pub(super) fn assemble(path: &Path, source: Source, options: &LoadOptions) -> Re
     }
     if !left_out.is_empty() {
         let names: Vec<&str> = left_out.iter().map(|i| names[*i]).collect();
-        warnings.push(format!("{} are neither in train nor in test and are left out", count_and_names(&names)));
+        warnings.push(format!("left out, being neither in train nor in test: {}", count_and_names(&names)));
     }
     if test.is_empty() {
         warnings.push("no test views: nothing is held out to measure quality with".to_owned());
@@ -49,8 +49,8 @@ pub(super) fn assemble(path: &Path, source: Source, options: &LoadOptions) -> Re
     warnings.extend(grouped_warnings(&loaded));
 
     let mut targets: Vec<Option<Target<'_>>> = frames.iter().map(|_| None).collect();
-    for (view, (i, l)) in train.iter().zip(&loaded).enumerate() {
-        targets[order[*i]] = Some(Target { view: view as u32, photographed: &l.photographed, camera: &l.view.camera });
+    for (index, (i, l)) in train.iter().zip(&loaded).enumerate() {
+        targets[order[*i]] = Some(Target { index: index as u32, photographed: &l.photographed, view: &l.view });
     }
     let points = map_points(points, &targets);
     let color_space = common_color_space(&sorted, &used, &loaded, options)?;
@@ -106,7 +106,11 @@ fn grouped_warnings(loaded: &[LoadedView]) -> Vec<String> {
             }
         }
     }
-    groups.into_iter().map(|(text, names)| format!("{}: {text}", count_and_names(&names))).collect()
+    let line = |(text, mut names): (&str, Vec<&str>)| {
+        names.sort_unstable();
+        format!("{}: {text}", count_and_names(&names))
+    };
+    groups.into_iter().map(line).collect()
 }
 
 /// The one colour space.

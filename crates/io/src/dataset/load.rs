@@ -6,7 +6,7 @@ use super::LoadOptions;
 use super::files::read_file;
 use super::source::Frame;
 use crate::IoError;
-use crate::image::{DecodedImage, ReadOptions, SampleDepth, decode_image, downscale_masked, undistort};
+use crate::image::{DecodedImage, ReadOptions, SampleDepth, decode_image, downscale, downscale_masked, undistort};
 
 /// A view with what is known about its file.
 pub(super) struct LoadedView {
@@ -37,20 +37,25 @@ pub(super) fn load_view(frame: &Frame, options: &LoadOptions) -> Result<LoadedVi
     let (mut mask, bad) = mask_bad_pixels(&mut image, &frame.name);
     let mut camera = photographed.clone();
     if !camera.distortion.is_none() {
-        let undistorted = undistort(&image, mask.as_ref(), &camera).map_err(|e| frame.origin.error(e))?;
-        image = undistorted.0;
-        mask = Some(undistorted.1);
-        camera = undistorted.2;
+        let (straight, seen, pinhole) = undistort(&image, mask.as_ref(), &camera);
+        (image, mask, camera) = (straight, Some(seen), pinhole);
     }
     if options.downscale > 1 {
         let [w, h] = camera.size_px;
-        if w < options.downscale || h < options.downscale {
+        let factor = options.downscale;
+        if w < factor || h < factor {
             return Err(frame
                 .origin
-                .error(format!("image of {w} x {h} pixels, expected at least {0} x {0} to reduce it {0} times", options.downscale)));
+                .error(format!("image of {w} x {h} pixels, expected at least {factor} x {factor} to reduce it {factor} times")));
         }
-        (image, mask) = downscale_masked(&image, mask.as_ref(), options.downscale);
-        camera = camera.downscaled(options.downscale);
+        match mask.take() {
+            Some(seen) => {
+                let (reduced, seen) = downscale_masked(&image, &seen, factor as usize);
+                (image, mask) = (reduced, Some(seen));
+            }
+            None => image = downscale(&image, factor as usize),
+        }
+        camera = camera.downscaled(factor);
     }
     let mask = mask.filter(|mask| !mask.valid.iter().all(|v| *v)).map(std::sync::Arc::new);
     Ok(LoadedView {

@@ -1,9 +1,9 @@
 //! Observations follow their image through undistortion and reduction.
 
-use glam::DVec2;
-use luxel_core::{Camera, Distortion, Observation, Point};
+use glam::{DVec2, Vec2};
+use luxel_core::{Camera, Distortion, Observation, Point, View};
 
-use super::source::SourcePoint;
+use super::source::{Sighting, SourcePoint};
 
 /// Steps of Newton's method; real lenses need about five.
 const MAX_STEPS: usize = 30;
@@ -13,28 +13,37 @@ const TOLERANCE: f64 = 1e-7;
 /// Where a frame's observations go.
 pub(super) struct Target<'a> {
     /// Index into the data set's training views.
-    pub(super) view: u32,
+    pub(super) index: u32,
     /// The camera of the image as it was read.
     pub(super) photographed: &'a Camera,
-    /// The view's camera.
-    pub(super) camera: &'a Camera,
+    /// The view.
+    pub(super) view: &'a View,
 }
 
-/// Points of the data set. `targets`: of each frame of the source; `None` for those that are not trained on.
+/// Points of the data set. `targets`: of each frame of the source; `None` for those that are not trained on. Observations outside of
+/// their view or on a masked pixel are dropped: there is no radiance to be read there.
 pub(super) fn map_points(points: Vec<SourcePoint>, targets: &[Option<Target<'_>>]) -> Vec<Point> {
     let map = |point: SourcePoint| {
-        let observation = |sighting: super::source::Sighting| {
+        let observation = |sighting: Sighting| {
             let target = targets.get(sighting.frame)?.as_ref()?;
-            let size = |camera: &Camera| DVec2::new(camera.size_px[0].into(), camera.size_px[1].into());
-            let photographed_px = DVec2::new(sighting.at[0].into(), sighting.at[1].into()) * size(target.photographed);
-            let px = map_pixel(photographed_px, target.photographed, target.camera)?;
-            let inside = px.cmpge(DVec2::ZERO).all() && px.cmplt(size(target.camera)).all();
-            inside.then(|| Observation { view: target.view, pixel_px: px.as_vec2().to_array() })
+            let [w, h] = target.photographed.size_px.map(f64::from);
+            let photographed_px = DVec2::new(f64::from(sighting.at[0]) * w, f64::from(sighting.at[1]) * h);
+            let px = map_pixel(photographed_px, target.photographed, &target.view.camera)?;
+            let px = px.as_vec2();
+            is_seen(target.view, px).then(|| Observation { view: target.index, pixel_px: px.to_array() })
         };
         let observations = point.sightings.into_iter().filter_map(observation).collect();
         Point { position: point.position, rgb8: point.rgb8, observations }
     };
     points.into_iter().map(map).collect()
+}
+
+fn is_seen(view: &View, px: Vec2) -> bool {
+    if !(px.x >= 0.0 && px.y >= 0.0) {
+        return false;
+    }
+    let (x, y) = (px.x as usize, px.y as usize);
+    x < view.image.width && y < view.image.height && view.is_valid(y * view.image.width + x)
 }
 
 /// Pixel coordinates in the view of a pixel of the image as it was read.
