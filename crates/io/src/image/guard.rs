@@ -1,0 +1,109 @@
+//! What keeps hostile files in check: plausible sizes, fallible allocation, contained panics of decoders.
+
+use std::cell::Cell;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+use std::sync::Once;
+
+use luxel_core::MAX_SIDE_PX;
+
+use crate::IoError;
+
+/// Pixels that any file may claim, however short: a black 4096 x 4096 image in DWAB is a few kilobytes.
+const FREE_PIXELS: u64 = 1 << 24;
+
+/// Pixels that a byte of file may stand for beyond that. Deflate reaches 1032 bytes a byte, of at least one byte a pixel; the rest is
+/// margin for compressors that store flat blocks in less.
+const PIXELS_PER_BYTE: u64 = 2000;
+
+/// Memory for one block of a compressed file, by the same reasoning.
+const FREE_BLOCK_BYTES: u64 = 64 << 20;
+
+/// Refuses empty images, sides above [`MAX_SIDE_PX`] and more pixels than a file of `file_bytes` can plausibly hold.
+pub(super) fn check_size(name: &Path, [width, height]: [u64; 2], file_bytes: u64) -> Result<(), IoError> {
+    let side = u64::from(MAX_SIDE_PX);
+    if width == 0 || height == 0 || width > side || height > side {
+        return Err(IoError::invalid(name, format!("header: size {width} x {height}, expected 1 to {side} pixels a side")));
+    }
+    if width * height > FREE_PIXELS.saturating_add(file_bytes.saturating_mul(PIXELS_PER_BYTE)) {
+        let message = format!(
+            "header: claims {width} x {height} pixels in a file of {file_bytes} bytes; the file is damaged or cut short, export it again"
+        );
+        return Err(IoError::invalid(name, message));
+    }
+    Ok(())
+}
+
+/// Refuses blocks (tiles, groups of lines) that would decompress to more than a file of `file_bytes` can plausibly hold.
+pub(super) fn check_block(name: &Path, block_bytes: u64, file_bytes: u64) -> Result<(), IoError> {
+    if block_bytes > FREE_BLOCK_BYTES.saturating_add(file_bytes.saturating_mul(PIXELS_PER_BYTE)) {
+        let message =
+            format!("header: claims blocks of {block_bytes} bytes in a file of {file_bytes} bytes; the file is damaged, export it again");
+        return Err(IoError::invalid(name, message));
+    }
+    Ok(())
+}
+
+/// `count` zeros, or an error where memory is short. Large requests are served by untouched pages of the system.
+pub(super) fn zeroed<T: Clone + Default>(name: &Path, count: usize) -> Result<Vec<T>, IoError> {
+    let mut probe = Vec::<T>::new();
+    if probe.try_reserve_exact(count).is_err() {
+        let bytes = count.saturating_mul(size_of::<T>());
+        return Err(IoError::unsupported(name, format!("needs {bytes} bytes of memory, which the system refuses; use a smaller image")));
+    }
+    drop(probe);
+    Ok(vec![T::default(); count])
+}
+
+thread_local! {
+    /// Whether this thread is inside [`contain`].
+    static CONTAINED: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Runs a decoder; its panic becomes an error and is not printed. Decoders run on the calling thread only.
+pub(super) fn contain<T>(name: &Path, decode: impl FnOnce() -> Result<T, IoError>) -> Result<T, IoError> {
+    static QUIET: Once = Once::new();
+    QUIET.call_once(|| {
+        let report = std::panic::take_hook();
+        std::panic::set_hook(Box::new(move |info| {
+            if !CONTAINED.get() {
+                report(info);
+            }
+        }));
+    });
+    let outer = CONTAINED.replace(true);
+    // The closure owns or only reads what it touches; a half-written result is dropped with the panic.
+    let result = catch_unwind(AssertUnwindSafe(decode));
+    CONTAINED.set(outer);
+    result.unwrap_or_else(|panic| {
+        let reason = panic
+            .downcast_ref::<String>()
+            .map(String::as_str)
+            .or_else(|| panic.downcast_ref::<&str>().copied())
+            .unwrap_or("no reason given");
+        Err(IoError::invalid(name, format!("the decoder failed on this file ({reason}); it is probably damaged, export it again")))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn panic_of_a_decoder_is_an_error() {
+        let result: Result<(), _> = contain(Path::new("a.exr"), || panic!("index out of bounds"));
+        let message = result.unwrap_err().to_string();
+        assert!(message.starts_with("a.exr: the decoder failed on this file (index out of bounds)"), "{message}");
+    }
+
+    #[test]
+    fn absurd_sizes_are_refused() {
+        let name = Path::new("a.exr");
+        for size in [[1 << 31, 1 << 31], [1 << 20, 1 << 20], [0, 5], [1 << 16, 1 << 16], [u64::MAX, 1]] {
+            assert!(check_size(name, size, 1000).is_err(), "{size:?}");
+        }
+        assert!(check_size(name, [4096, 4096], 300).is_ok());
+        assert!(check_size(name, [1 << 16, 1 << 16], 1 << 22).is_ok());
+        assert!(check_block(name, u64::MAX, 1000).is_err());
+    }
+}

@@ -1,0 +1,199 @@
+//! Image files: bytes in, linear f32 radiance [H,W,3] out, and back.
+//!
+//! In: OpenEXR, Radiance HDR, TIFF, PNG, JPEG, recognised by their first bytes. Out: [`DecodedImage`], scene-linear, unclamped; NaN,
+//! infinite and negative samples stay as they are (the data set masks them). Rows and columns are as stored: orientation tags are
+//! not applied, since structure from motion does not apply them either.
+//!
+//! Integer samples need a transfer curve: said by [`ReadOptions`], by the file, or by the format's standard (JPEG), never guessed.
+//! Floating-point samples are linear by definition of their formats.
+//!
+//! A damaged file is an error, also where a decoder would panic or where its header claims more pixels than a file of its length
+//! can hold.
+
+mod colorimetry;
+mod guard;
+mod jpeg;
+mod openexr;
+mod png;
+mod radiance;
+mod resample;
+mod samples;
+mod tiff;
+mod write;
+
+use std::fmt;
+use std::io::Read;
+use std::path::Path;
+use std::str::FromStr;
+
+use luxel_core::{ColorSpace, Image};
+use serde::{Deserialize, Serialize};
+
+use crate::IoError;
+
+pub use colorimetry::rgb_conversion;
+pub use resample::{downscale, downscale_masked, undistort};
+pub use write::{ExrOptions, ExrSample, encode_exr, encode_png, write_exr, write_png};
+
+/// An image as read.
+#[derive(Clone, Debug)]
+pub struct DecodedImage {
+    /// Linear radiance, of the display window's size.
+    pub image: Image,
+    /// Opacity [H*W] if the file has it, linear, as stored (colours are not divided or multiplied by it).
+    pub alpha: Option<Vec<f32>>,
+    /// Space of `image` if the file says; `None`: the file is silent, linear Rec.709 is the convention.
+    pub color_space: Option<ColorSpace>,
+    /// CIE xy of red, green, blue and white as the file has them.
+    pub chromaticities: Option<[[f32; 2]; 4]>,
+    /// Precision in the file.
+    pub depth: SampleDepth,
+    /// What a user should know, without the file's name.
+    pub warnings: Vec<String>,
+}
+
+/// Precision of the samples in a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SampleDepth {
+    /// Half, single or double precision, or shared exponent.
+    Float,
+    /// 9 to 16 bits, of one transfer curve.
+    Integer16,
+    /// Up to 8 bits: not HDR.
+    Integer8,
+}
+
+/// Curve between integer samples and light.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Transfer {
+    /// Samples are proportional to light.
+    Linear,
+    /// IEC 61966-2-1, the piecewise curve.
+    Srgb,
+}
+
+impl FromStr for Transfer {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        match text {
+            "linear" => Ok(Self::Linear),
+            "srgb" => Ok(Self::Srgb),
+            _ => Err(format!("unknown transfer \"{text}\", expected linear or srgb")),
+        }
+    }
+}
+
+impl fmt::Display for Transfer {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Linear => "linear",
+            Self::Srgb => "srgb",
+        })
+    }
+}
+
+/// How to read what a file does not say.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ReadOptions {
+    /// Curve of integer samples; goes before what the file says. Floating-point samples are linear and not touched by it.
+    pub transfer: Option<Transfer>,
+}
+
+/// Formats, by their first bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Format {
+    OpenExr,
+    Radiance,
+    Tiff,
+    Png,
+    Jpeg,
+}
+
+impl Format {
+    fn of(name: &Path, head: &[u8]) -> Result<Self, IoError> {
+        const MAGIC: [(&[u8], Format); 9] = [
+            (&[0x76, 0x2f, 0x31, 0x01], Format::OpenExr),
+            (b"#?RADIANCE", Format::Radiance),
+            (b"#?RGBE", Format::Radiance),
+            (b"II*\0", Format::Tiff),
+            (b"MM\0*", Format::Tiff),
+            (b"II+\0", Format::Tiff),
+            (b"MM\0+", Format::Tiff),
+            (png::SIGNATURE, Format::Png),
+            (&[0xff, 0xd8, 0xff], Format::Jpeg),
+        ];
+        if head.is_empty() {
+            return Err(IoError::invalid(name, "the file is empty, expected an image; copy or export it again"));
+        }
+        MAGIC.iter().find(|(magic, _)| head.starts_with(magic)).map(|&(_, format)| format).ok_or_else(|| {
+            let found: Vec<_> = head.iter().take(8).map(|byte| format!("{byte:02x}")).collect();
+            IoError::unsupported(
+                name,
+                format!(
+                    "not an image of a known format: begins with bytes {}, expected OpenEXR, Radiance HDR, TIFF, PNG or JPEG",
+                    found.join(" ")
+                ),
+            )
+        })
+    }
+}
+
+/// Reads an image file.
+///
+/// # Errors
+/// The file can't be read, is damaged, or is of a kind that is not supported; the message names the remedy.
+pub fn read_image(path: &Path, options: &ReadOptions) -> Result<DecodedImage, IoError> {
+    decode_image(path, &read_file(path)?, options)
+}
+
+/// Reads an image from memory; `name` is for messages only.
+///
+/// # Errors
+/// As [`read_image`].
+pub fn decode_image(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<DecodedImage, IoError> {
+    let format = Format::of(name, bytes)?;
+    guard::contain(name, || match format {
+        Format::OpenExr => openexr::decode(name, bytes),
+        Format::Radiance => radiance::decode(name, bytes),
+        Format::Tiff => tiff::decode(name, bytes, options),
+        Format::Png => png::decode(name, bytes, options),
+        Format::Jpeg => jpeg::decode(name, bytes, options),
+    })
+}
+
+/// Width and height of an image file, pixels, from its header alone (a JPEG is read whole, its size comes late).
+///
+/// # Errors
+/// As [`read_image`], as far as the header shows it.
+pub fn image_size(path: &Path) -> Result<[u32; 2], IoError> {
+    let length = regular_file(path)?.len();
+    let open = || std::fs::File::open(path).map_err(|e| IoError::system(path, "open", &e));
+    let mut head = Vec::new();
+    open()?.take(HEAD_BYTES).read_to_end(&mut head).map_err(|e| IoError::system(path, "read", &e))?;
+    let format = Format::of(path, &head)?;
+    let size = guard::contain(path, || match format {
+        Format::OpenExr => openexr::size(path, open()?),
+        Format::Radiance => radiance::size(path, open()?),
+        Format::Tiff => tiff::size(path, open()?),
+        Format::Png => png::size(path, &head),
+        Format::Jpeg => jpeg::size(path, &read_file(path)?),
+    })?;
+    guard::check_size(path, size.map(u64::from), length)?;
+    Ok(size)
+}
+
+/// Enough for every magic number and for PNG's size.
+const HEAD_BYTES: u64 = 64;
+
+fn read_file(path: &Path) -> Result<Vec<u8>, IoError> {
+    regular_file(path)?;
+    std::fs::read(path).map_err(|e| IoError::system(path, "read", &e))
+}
+
+/// Pipes and devices may never end.
+fn regular_file(path: &Path) -> Result<std::fs::Metadata, IoError> {
+    let metadata = std::fs::metadata(path).map_err(|e| IoError::system(path, "read", &e))?;
+    if metadata.is_file() { Ok(metadata) } else { Err(IoError::invalid(path, "not a regular file, expected an image file")) }
+}

@@ -1,0 +1,227 @@
+//! OpenEXR in: half, float and uint channels, scan lines or tiles, every compression of the `exr` crate.
+//!
+//! Out: the display window; pixels outside of the data window are 0. Colour is the first part's that has R, G, B (or Y) without a
+//! layer's name, or with one if a single layer has them. Of mip maps the full resolution. Chromaticities are honoured; absent, the
+//! standard's default is Rec.709.
+//!
+//! Blocks are decompressed on the calling thread: panics can be contained there, and data sets decode images in parallel anyway.
+
+use std::collections::HashSet;
+use std::fs::File;
+use std::io::{BufReader, Cursor};
+use std::path::Path;
+
+use ::exr::block::chunk::TileCoordinates;
+use ::exr::block::reader::ChunksReader;
+use ::exr::block::{BlockIndex, UncompressedBlock};
+use ::exr::error::Error as ExrError;
+use ::exr::meta::attribute::{Chromaticities, SampleType};
+use ::exr::meta::header::Header;
+use ::exr::meta::{BlockDescription, MetaData};
+use ::exr::prelude::{Vec2, f16};
+use luxel_core::Image;
+
+use super::colorimetry::settle_space;
+use super::guard::{check_block, check_size, zeroed};
+use super::{DecodedImage, SampleDepth};
+use crate::IoError;
+
+/// Decodes a whole file.
+pub(super) fn decode(name: &Path, bytes: &[u8]) -> Result<DecodedImage, IoError> {
+    let failed = |error: ExrError| explain(name, &error);
+    let reader = ::exr::block::read(Cursor::new(bytes), false).map_err(failed)?;
+    for header in reader.headers() {
+        check_header(name, header, bytes.len() as u64)?;
+    }
+    let (part, color) = find_color(name, reader.headers())?;
+    let header = reader.headers().get(part).ok_or_else(|| IoError::invalid(name, "header: no parts"))?.clone();
+
+    // Chunk tables are read here and bound the number of blocks by the file's length: only now is memory for pixels asked for.
+    let full_resolution = |_: &MetaData, tile: TileCoordinates, block: BlockIndex| block.layer == part && tile.level_index == Vec2(0, 0);
+    let chunks = reader.filter_chunks(false, full_resolution).map_err(failed)?;
+    let mut canvas = Canvas::new(name, &header, color)?;
+    let expected = chunks.len();
+    let mut seen = HashSet::with_capacity(expected);
+    for block in chunks.sequential_decompressor(false) {
+        let block = block.map_err(failed)?;
+        let at = block.index;
+        if at.layer != part || at.level != Vec2(0, 0) || !seen.insert((at.pixel_position.0, at.pixel_position.1)) {
+            return Err(IoError::invalid(
+                name,
+                "chunk table: points to a wrong chunk or to one twice; the file is damaged, export it again",
+            ));
+        }
+        canvas.draw(&block, &header);
+    }
+    canvas.finish(name, header.shared_attributes.chromaticities)
+}
+
+/// Size of the display window, from the header.
+pub(super) fn size(name: &Path, file: File) -> Result<[u32; 2], IoError> {
+    let meta = MetaData::read_from_buffered(BufReader::new(file), false).map_err(|error| explain(name, &error))?;
+    let header = meta.headers.first().ok_or_else(|| IoError::invalid(name, "header: no parts"))?;
+    let Vec2(width, height) = header.shared_attributes.display_window.size;
+    Ok([width, height].map(|side| u32::try_from(side).unwrap_or(u32::MAX)))
+}
+
+fn explain(name: &Path, error: &ExrError) -> IoError {
+    match error {
+        ExrError::NotSupported(what) => {
+            IoError::unsupported(name, format!("OpenEXR: {what}; export it as flat scan lines with ZIP compression"))
+        }
+        ExrError::Invalid(what) => {
+            IoError::invalid(name, format!("OpenEXR: {what}; the file is damaged or cut short, copy or export it again"))
+        }
+        ExrError::Io(error) => IoError::invalid(name, format!("OpenEXR: {error}; the file is cut short, copy or export it again")),
+        ExrError::Aborted => IoError::invalid(name, "OpenEXR: reading was aborted"),
+    }
+}
+
+/// Refuses absurd windows and blocks before anything is allocated for them.
+fn check_header(name: &Path, header: &Header, file_bytes: u64) -> Result<(), IoError> {
+    let Vec2(width, height) = header.layer_size;
+    let Vec2(display_width, display_height) = header.shared_attributes.display_window.size;
+    check_size(name, [width as u64, height as u64], file_bytes)?;
+    check_size(name, [display_width as u64, display_height as u64], file_bytes)?;
+    let pixels = match header.blocks {
+        BlockDescription::Tiles(tiles) => tiles.tile_size.0.saturating_mul(tiles.tile_size.1),
+        BlockDescription::ScanLines => width.saturating_mul(header.compression.scan_lines_per_block()),
+    };
+    check_block(name, pixels.saturating_mul(header.channels.bytes_per_pixel) as u64, file_bytes)?;
+    if header.channels.list.iter().any(|channel| channel.sampling != Vec2(1, 1)) {
+        return Err(IoError::unsupported(name, "OpenEXR: subsampled channels (luminance and chroma); export it as RGB"));
+    }
+    Ok(())
+}
+
+/// Indices of channels within a part.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct ColorChannels {
+    /// Red, green, blue; the same one three times for luminance.
+    rgb: [usize; 3],
+    alpha: Option<usize>,
+}
+
+/// The first part with colour, and its channels there.
+fn find_color(name: &Path, headers: &[Header]) -> Result<(usize, ColorChannels), IoError> {
+    let mut ambiguous = None;
+    for (part, header) in headers.iter().enumerate() {
+        match color_of(header) {
+            Ok(Some(color)) => return Ok((part, color)),
+            Ok(None) => {}
+            Err(layers) => ambiguous = ambiguous.or(Some(layers)),
+        }
+    }
+    if let Some(layers) = ambiguous {
+        let message =
+            format!("OpenEXR: several layers have colour ({}), expected one; export the one that is meant as R, G, B", layers.join(", "));
+        return Err(IoError::unsupported(name, message));
+    }
+    let found: Vec<_> = headers.iter().flat_map(|header| &header.channels.list).take(16).map(|channel| channel.name.to_string()).collect();
+    let message = format!("OpenEXR: no colour, found channels {}; expected R, G, B or Y", found.join(", "));
+    Err(IoError::unsupported(name, message))
+}
+
+/// Colour of a part: of no layer, else of the only layer that has it. `Err` lists the layers where it is not the only one.
+fn color_of(header: &Header) -> Result<Option<ColorChannels>, Vec<String>> {
+    let names: Vec<String> = header.channels.list.iter().map(|channel| channel.name.to_string()).collect();
+    let index_of = |layer: &str, channel: &str| names.iter().position(|name| *name == format!("{layer}{channel}"));
+    let in_layer = |layer: &str| {
+        let alpha = index_of(layer, "A");
+        let rgb = match (index_of(layer, "R"), index_of(layer, "G"), index_of(layer, "B")) {
+            (Some(r), Some(g), Some(b)) => [r, g, b],
+            // Y beside RY and BY is luminance of a colour image: grey would be wrong.
+            _ if index_of(layer, "RY").is_some() || index_of(layer, "BY").is_some() => return None,
+            _ => [index_of(layer, "Y")?; 3],
+        };
+        Some(ColorChannels { rgb, alpha })
+    };
+    if let Some(color) = in_layer("") {
+        return Ok(Some(color));
+    }
+    let mut layers: Vec<&str> = names.iter().filter_map(|name| name.rfind('.').and_then(|dot| name.get(..=dot))).collect();
+    layers.dedup();
+    let mut candidates: Vec<(&str, ColorChannels)> = layers.into_iter().filter_map(|layer| Some((layer, in_layer(layer)?))).collect();
+    // Names are sorted by channel, so that one layer may show up in several runs.
+    candidates.dedup_by_key(|(_, color)| color.rgb);
+    match candidates.as_slice() {
+        [] => Ok(None),
+        [(_, color)] => Ok(Some(*color)),
+        several => Err(several.iter().map(|(layer, _)| layer.trim_end_matches('.').to_string()).collect()),
+    }
+}
+
+/// The display window while blocks of the data window are drawn onto it.
+struct Canvas {
+    image: Image,
+    alpha: Option<Vec<f32>>,
+    /// Data window's corner as seen from the display window's, pixels.
+    offset: [i64; 2],
+    color: ColorChannels,
+}
+
+impl Canvas {
+    fn new(name: &Path, header: &Header, color: ColorChannels) -> Result<Self, IoError> {
+        let display = header.shared_attributes.display_window;
+        let Vec2(width, height) = display.size;
+        let data = header.own_attributes.layer_position;
+        Ok(Self {
+            image: Image { width, height, pixels: zeroed(name, width * height)? },
+            alpha: color.alpha.map(|_| zeroed(name, width * height)).transpose()?,
+            offset: [i64::from(data.0) - i64::from(display.position.0), i64::from(data.1) - i64::from(display.position.1)],
+            color,
+        })
+    }
+
+    fn draw(&mut self, block: &UncompressedBlock, header: &Header) {
+        let Self { image, alpha, offset, color } = self;
+        let width = image.width;
+        for line in block.lines(&header.channels) {
+            let at = line.location;
+            let channels = [0, 1, 2].map(|c| color.rgb[c] == at.channel);
+            let is_alpha = color.alpha == Some(at.channel);
+            let Some(sample_type) = header.channels.list.get(at.channel).map(|channel| channel.sample_type) else { continue };
+            let y = at.position.1 as i64 + offset[1];
+            if !(channels.contains(&true) || is_alpha) || y < 0 || y >= image.height as i64 {
+                continue;
+            }
+            let row = y as usize * width;
+            let first_x = at.position.0 as i64 + offset[0];
+            let mut put = |i: usize, value: f32| {
+                let x = first_x + i as i64;
+                if x < 0 || x >= width as i64 {
+                    return;
+                }
+                let target = row + x as usize;
+                if is_alpha {
+                    if let Some(alpha) = alpha.as_mut().and_then(|alpha| alpha.get_mut(target)) {
+                        *alpha = value;
+                    }
+                } else if let Some(pixel) = image.pixels.get_mut(target) {
+                    for (component, _) in pixel.iter_mut().zip(channels).filter(|(_, is_here)| *is_here) {
+                        *component = value;
+                    }
+                }
+            };
+            // Decompressed samples are in the machine's byte order.
+            match sample_type {
+                SampleType::F16 => line.value.as_chunks().0.iter().enumerate().for_each(|(i, &b)| put(i, f16::from_ne_bytes(b).to_f32())),
+                SampleType::F32 => line.value.as_chunks().0.iter().enumerate().for_each(|(i, &b)| put(i, f32::from_ne_bytes(b))),
+                SampleType::U32 => line.value.as_chunks().0.iter().enumerate().for_each(|(i, &b)| put(i, u32::from_ne_bytes(b) as f32)),
+            }
+        }
+    }
+
+    fn finish(self, name: &Path, chromaticities: Option<Chromaticities>) -> Result<DecodedImage, IoError> {
+        let Self { mut image, alpha, .. } = self;
+        let mut warnings = Vec::new();
+        let chromaticities = chromaticities.map(|c| [c.red, c.green, c.blue, c.white].map(|Vec2(x, y)| [x, y]));
+        let color_space = match &chromaticities {
+            Some(found) => {
+                Some(settle_space(&mut image, found, &mut warnings).map_err(|e| IoError::invalid(name, format!("OpenEXR: {e}")))?)
+            }
+            None => None,
+        };
+        Ok(DecodedImage { image, alpha, color_space, chromaticities, depth: SampleDepth::Float, warnings })
+    }
+}

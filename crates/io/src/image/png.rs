@@ -1,0 +1,212 @@
+//! PNG in: 1 to 16 bits, grey, palette or RGB, with or without alpha.
+//!
+//! The transfer curve and primaries are the options', else cICP's, else sRGB's, else gAMA's and cHRM's (PNG, third edition, 4.3). An
+//! ICC profile is not evaluated: with nothing but one, the curve must be said.
+
+use std::io::Cursor;
+use std::path::Path;
+
+use image::codecs::png::PngDecoder;
+use image::{ColorType, ImageDecoder, ImageError, Limits};
+use luxel_core::ColorSpace;
+
+use super::colorimetry::settle_space;
+use super::guard::{check_size, zeroed};
+use super::samples::{Curve, Layout, depth_warnings};
+use super::{DecodedImage, ReadOptions, SampleDepth, Transfer};
+use crate::IoError;
+
+/// First bytes of every file.
+pub(super) const SIGNATURE: &[u8] = b"\x89PNG\r\n\x1a\n";
+
+/// Decodes a whole file.
+pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<DecodedImage, IoError> {
+    let info = Info::read(name, bytes)?;
+    check_size(name, info.size.map(u64::from), bytes.len() as u64)?;
+    let failed = |error: ImageError| explain(name, &error);
+    let mut limits = Limits::no_limits();
+    // The decoder's own buffers: a few rows, and metadata that can't exceed the file by much more than Deflate's ratio.
+    let pixels = u64::from(info.size[0]) * u64::from(info.size[1]);
+    limits.max_alloc = Some((64 << 20) + pixels.saturating_mul(8) + bytes.len() as u64);
+    let decoder = PngDecoder::with_limits(Cursor::new(bytes), limits).map_err(failed)?;
+    let color = decoder.color_type();
+    let (depth, channels) = match color {
+        ColorType::L8 | ColorType::La8 | ColorType::Rgb8 | ColorType::Rgba8 => (SampleDepth::Integer8, color.channel_count()),
+        ColorType::L16 | ColorType::La16 | ColorType::Rgb16 | ColorType::Rgba16 => (SampleDepth::Integer16, color.channel_count()),
+        _ => return Err(IoError::unsupported(name, format!("PNG: colour type {color:?}; export it as RGB"))),
+    };
+    let curve = Curve::settle(name, options, info.curve(name, options)?, depth)?;
+    let (width, height) = (info.size[0] as usize, info.size[1] as usize);
+    let layout = Layout { width, height, channels: channels.into() };
+    let samples = width * height * usize::from(channels);
+    let (mut image, alpha) = match depth {
+        SampleDepth::Integer8 => {
+            let mut buffer = zeroed::<u8>(name, samples)?;
+            decoder.read_image(&mut buffer).map_err(failed)?;
+            layout.assemble8(name, &buffer, curve)?
+        }
+        _ => {
+            let mut buffer = zeroed::<u16>(name, samples)?;
+            decoder.read_image(bytemuck::cast_slice_mut(&mut buffer)).map_err(failed)?;
+            layout.assemble16(name, &buffer, curve)?
+        }
+    };
+    let mut warnings = depth_warnings(depth);
+    let chromaticities = info.chromaticities(name)?;
+    let color_space = match &chromaticities {
+        Some(found) => Some(settle_space(&mut image, found, &mut warnings).map_err(|e| IoError::invalid(name, format!("PNG: {e}")))?),
+        None => None,
+    };
+    Ok(DecodedImage { image, alpha, color_space, chromaticities, depth, warnings })
+}
+
+/// Size from the first bytes.
+pub(super) fn size(name: &Path, head: &[u8]) -> Result<[u32; 2], IoError> {
+    match head.get(SIGNATURE.len()..).and_then(next_chunk) {
+        Some((b"IHDR", data, _)) => header_size(name, data),
+        _ => Err(cut_short(name, "expected chunk IHDR at the begin")),
+    }
+}
+
+fn header_size(name: &Path, data: &[u8]) -> Result<[u32; 2], IoError> {
+    match data.as_chunks::<4>().0 {
+        [width, height, ..] => Ok([u32::from_be_bytes(*width), u32::from_be_bytes(*height)]),
+        _ => Err(cut_short(name, "chunk IHDR is too short")),
+    }
+}
+
+fn cut_short(name: &Path, what: &str) -> IoError {
+    IoError::invalid(name, format!("PNG: {what}; the file is damaged or cut short, copy or export it again"))
+}
+
+fn explain(name: &Path, error: &ImageError) -> IoError {
+    match error {
+        ImageError::Unsupported(_) => IoError::unsupported(name, format!("PNG: {error}; export it as RGB")),
+        _ => cut_short(name, &error.to_string()),
+    }
+}
+
+/// Kind, content and what follows of the chunk that `bytes` begin with; its checksum is left to the decoder.
+fn next_chunk(bytes: &[u8]) -> Option<(&[u8; 4], &[u8], &[u8])> {
+    let (length, rest) = bytes.split_first_chunk::<4>()?;
+    let (kind, rest) = rest.split_first_chunk::<4>()?;
+    let (data, rest) = rest.split_at_checked(u32::from_be_bytes(*length) as usize)?;
+    let (_checksum, rest) = rest.split_first_chunk::<4>()?;
+    Some((kind, data, rest))
+}
+
+/// What the chunks before the pixels say, as far as it concerns colour.
+#[derive(Clone, Debug, Default, PartialEq)]
+struct Info {
+    size: [u32; 2],
+    /// Primaries and transfer function by ITU-T H.273.
+    cicp: Option<[u8; 2]>,
+    is_srgb: bool,
+    has_icc: bool,
+    /// Encoding exponent times 100000.
+    gamma: Option<u32>,
+    /// White, red, green, blue; xy times 100000.
+    chromaticities: Option<[u32; 8]>,
+}
+
+impl Info {
+    fn read(name: &Path, bytes: &[u8]) -> Result<Self, IoError> {
+        let mut info = Self { size: size(name, bytes)?, ..Self::default() };
+        let mut rest = bytes.get(SIGNATURE.len()..).unwrap_or_default();
+        loop {
+            let Some((kind, data, after)) = next_chunk(rest) else { return Err(cut_short(name, "ends before chunk IEND")) };
+            match kind {
+                b"IEND" => return Ok(info),
+                b"cICP" => info.cicp = data.first_chunk::<2>().copied(),
+                b"sRGB" => info.is_srgb = true,
+                b"iCCP" => info.has_icc = true,
+                b"gAMA" => info.gamma = data.first_chunk::<4>().map(|b| u32::from_be_bytes(*b)),
+                b"cHRM" => info.chromaticities = data.as_chunks::<4>().0.first_chunk::<8>().map(|v| v.map(u32::from_be_bytes)),
+                _ => {}
+            }
+            rest = after;
+        }
+    }
+
+    /// The curve that the file states, unless the options overrule it.
+    fn curve(&self, name: &Path, options: &ReadOptions) -> Result<Option<Curve>, IoError> {
+        /// gAMA of 1 / 2.2: what writers that mean sRGB put where they write no sRGB chunk (PNG, third edition, 11.3.2.2).
+        const SRGB_GAMMA: u32 = 45455;
+        if options.transfer.is_some() {
+            return Ok(None);
+        }
+        if let Some([_, transfer]) = self.cicp {
+            return match transfer {
+                8 => Ok(Some(Curve::Named(Transfer::Linear))),
+                13 => Ok(Some(Curve::Named(Transfer::Srgb))),
+                other => Err(IoError::unsupported(
+                    name,
+                    format!(
+                        "PNG: chunk cICP names transfer function {other}, expected 8 (linear) or 13 (sRGB); convert it, or overrule it by --transfer"
+                    ),
+                )),
+            };
+        }
+        Ok(match self.gamma {
+            _ if self.is_srgb => Some(Curve::Named(Transfer::Srgb)),
+            _ if self.has_icc => None,
+            Some(SRGB_GAMMA) => Some(Curve::Named(Transfer::Srgb)),
+            Some(100_000) => Some(Curve::Named(Transfer::Linear)),
+            Some(gamma @ 1..) => Some(Curve::Power(100_000.0 / f64::from(gamma))),
+            Some(0) | None => None,
+        })
+    }
+
+    /// Red, green, blue and white, where the file states them.
+    fn chromaticities(&self, name: &Path) -> Result<Option<[[f32; 2]; 4]>, IoError> {
+        let d65 = [0.3127, 0.3290];
+        if let Some([primaries, _]) = self.cicp {
+            return match primaries {
+                1 => Ok(Some(ColorSpace::LinearRec709.chromaticities())),
+                9 => Ok(Some([[0.708, 0.292], [0.170, 0.797], [0.131, 0.046], d65])),
+                12 => Ok(Some([[0.680, 0.320], [0.265, 0.690], [0.150, 0.060], d65])),
+                other => Err(IoError::unsupported(
+                    name,
+                    format!(
+                        "PNG: chunk cICP names colour primaries {other}, expected 1 (Rec.709), 9 (Rec.2020) or 12 (P3-D65); convert it"
+                    ),
+                )),
+            };
+        }
+        if self.is_srgb {
+            return Ok(Some(ColorSpace::LinearRec709.chromaticities()));
+        }
+        Ok(self.chromaticities.map(|values| {
+            let [xw, yw, xr, yr, xg, yg, xb, yb] = values.map(|v| (f64::from(v) / 100_000.0) as f32);
+            [[xr, yr], [xg, yg], [xb, yb], [xw, yw]]
+        }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn curve(info: &Info) -> Option<Curve> {
+        info.curve(Path::new("a.png"), &ReadOptions::default()).unwrap()
+    }
+
+    #[test]
+    fn chunks_state_the_curve_in_the_standards_order() {
+        let info = Info { gamma: Some(100_000), ..Info::default() };
+        assert_eq!(curve(&info), Some(Curve::Named(Transfer::Linear)));
+        assert_eq!(curve(&Info { gamma: Some(50_000), ..Info::default() }), Some(Curve::Power(2.0)));
+        assert_eq!(curve(&Info { is_srgb: true, ..info.clone() }), Some(Curve::Named(Transfer::Srgb)));
+        assert_eq!(curve(&Info { is_srgb: true, cicp: Some([1, 8]), ..info.clone() }), Some(Curve::Named(Transfer::Linear)));
+        assert_eq!(curve(&Info { has_icc: true, ..info }), None);
+        assert_eq!(curve(&Info::default()), None);
+    }
+
+    #[test]
+    fn unknown_code_points_are_refused() {
+        let info = Info { cicp: Some([9, 16]), ..Info::default() };
+        let error = info.curve(Path::new("a.png"), &ReadOptions::default()).unwrap_err();
+        assert!(error.message.contains("--transfer"), "{error}");
+        assert!(Info { cicp: Some([22, 8]), ..info }.chromaticities(Path::new("a.png")).is_err());
+    }
+}

@@ -1,0 +1,107 @@
+//! Radiance HDR in: RGBE, run-length encoded or flat, rows from the top.
+//!
+//! EXPOSURE= and COLORCORR= divide, as they say what the pixels were multiplied with. PRIMARIES= is honoured; absent, Rec.709 is the
+//! convention. XYZE and turned images are refused.
+
+use std::fs::File;
+use std::io::{BufReader, Read};
+use std::path::Path;
+
+use image::codecs::hdr::{HdrDecoder, HdrMetadata};
+use image::{ImageDecoder, ImageError};
+use luxel_core::Image;
+
+use super::colorimetry::settle_space;
+use super::guard::{check_size, zeroed};
+use super::{DecodedImage, SampleDepth};
+use crate::IoError;
+
+/// Longest header that is believed to be one.
+const MAX_HEADER_BYTES: u64 = 1 << 20;
+
+/// Decodes a whole file.
+pub(super) fn decode(name: &Path, bytes: &[u8]) -> Result<DecodedImage, IoError> {
+    let decoder = open(name, bytes)?;
+    let header = decoder.metadata();
+    check_size(name, [header.width, header.height].map(u64::from), bytes.len() as u64)?;
+    let (width, height) = (header.width as usize, header.height as usize);
+    let mut pixels = zeroed::<[f32; 3]>(name, width * height)?;
+    decoder.read_image(bytemuck::cast_slice_mut(&mut pixels)).map_err(|e| explain(name, &e))?;
+    let mut image = Image { width, height, pixels };
+
+    let gain = gain(name, &header)?;
+    if gain != [1.0; 3] {
+        for pixel in &mut image.pixels {
+            *pixel = [0, 1, 2].map(|c| pixel[c] / gain[c]);
+        }
+    }
+    let mut warnings = Vec::new();
+    let chromaticities = primaries(name, &header)?;
+    let color_space = match &chromaticities {
+        Some(found) => {
+            Some(settle_space(&mut image, found, &mut warnings).map_err(|e| IoError::invalid(name, format!("PRIMARIES=: {e}")))?)
+        }
+        None => None,
+    };
+    Ok(DecodedImage { image, alpha: None, color_space, chromaticities, depth: SampleDepth::Float, warnings })
+}
+
+/// Size from the header.
+pub(super) fn size(name: &Path, file: File) -> Result<[u32; 2], IoError> {
+    let header = open(name, BufReader::new(file.take(MAX_HEADER_BYTES)))?.metadata();
+    Ok([header.width, header.height])
+}
+
+/// The crate knows one of the two signatures in use; the other one is swapped for it.
+fn open<R: Read>(name: &Path, mut reader: R) -> Result<HdrDecoder<impl Read>, IoError> {
+    const KNOWN: &[u8] = b"#?RADIANCE";
+    const OTHER: &[u8] = b"#?RGBE";
+    let mut head = [0; OTHER.len()];
+    reader
+        .read_exact(&mut head)
+        .map_err(|e| IoError::invalid(name, format!("Radiance HDR: {e}; the file is cut short, copy or export it again")))?;
+    let signature = if head == OTHER { KNOWN } else { &head };
+    HdrDecoder::new(signature.to_vec().chain_reader(reader)).map_err(|e| explain(name, &e))
+}
+
+/// `Read::chain` of owned bytes.
+trait ChainReader {
+    fn chain_reader<R: Read>(self, rest: R) -> std::io::Chain<std::io::Cursor<Vec<u8>>, R>;
+}
+
+impl ChainReader for Vec<u8> {
+    fn chain_reader<R: Read>(self, rest: R) -> std::io::Chain<std::io::Cursor<Self>, R> {
+        std::io::Cursor::new(self).chain(rest)
+    }
+}
+
+fn explain(name: &Path, error: &ImageError) -> IoError {
+    match error {
+        ImageError::Unsupported(_) => {
+            IoError::unsupported(name, format!("Radiance HDR: {error}; export it as RGBE with rows from the top (-Y +X)"))
+        }
+        _ => IoError::invalid(name, format!("Radiance HDR: {error}; the file is damaged or cut short, copy or export it again")),
+    }
+}
+
+/// What the pixels were multiplied with, by channel.
+fn gain(name: &Path, header: &HdrMetadata) -> Result<[f32; 3], IoError> {
+    let exposure = header.exposure.unwrap_or(1.0);
+    let (r, g, b) = header.color_correction.unwrap_or((1.0, 1.0, 1.0));
+    let gain = [r, g, b].map(|c| c * exposure);
+    if gain.iter().all(|g| g.is_normal() && *g > 0.0) {
+        Ok(gain)
+    } else {
+        Err(IoError::invalid(name, format!("header: EXPOSURE= and COLORCORR= multiply to {gain:?}, expected positive numbers")))
+    }
+}
+
+/// CIE xy of red, green, blue and white.
+fn primaries(name: &Path, header: &HdrMetadata) -> Result<Option<[[f32; 2]; 4]>, IoError> {
+    let Some((_, text)) = header.custom_attributes.iter().rfind(|(key, _)| key == "PRIMARIES") else { return Ok(None) };
+    let numbers: Vec<f32> = text.split_whitespace().map_while(|word| word.parse().ok()).collect();
+    match numbers.as_chunks().0 {
+        &[red, green, blue, white] if numbers.len() == 8 => Ok(Some([red, green, blue, white])),
+        _ => Err(IoError::invalid(name, format!("header: PRIMARIES={text}, expected eight numbers"))),
+    }
+}

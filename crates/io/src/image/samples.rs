@@ -1,0 +1,132 @@
+//! Interleaved samples of one to four channels to linear RGB and alpha; curves of integer samples.
+
+use std::path::Path;
+
+use luxel_core::Image;
+
+use super::{ReadOptions, SampleDepth, Transfer};
+use crate::IoError;
+use crate::image::guard::zeroed;
+
+/// A curve that was settled: by the user, by the file or by a standard.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Curve {
+    /// One of those with a name.
+    Named(Transfer),
+    /// light = sample ^ exponent (PNG's gAMA).
+    Power(f64),
+}
+
+impl Curve {
+    /// Light of a sample in 0..=1.
+    pub(super) fn decode(self, sample: f64) -> f32 {
+        let light = match self {
+            Self::Named(Transfer::Linear) => sample,
+            // IEC 61966-2-1.
+            Self::Named(Transfer::Srgb) if sample <= 0.04045 => sample / 12.92,
+            Self::Named(Transfer::Srgb) => ((sample + 0.055) / 1.055).powf(2.4),
+            Self::Power(exponent) => sample.powf(exponent),
+        };
+        light as f32
+    }
+
+    /// The user's word, else `stated` by the file, else an error that asks for it.
+    pub(super) fn settle(name: &Path, options: &ReadOptions, stated: Option<Self>, depth: SampleDepth) -> Result<Self, IoError> {
+        options.transfer.map(Self::Named).or(stated).ok_or_else(|| {
+            let bits = if depth == SampleDepth::Integer8 { 8 } else { 16 };
+            let message = format!(
+                "{bits}-bit integer samples, and the file does not say their transfer curve; pass --transfer linear or --transfer srgb"
+            );
+            IoError::unsupported(name, message)
+        })
+    }
+}
+
+/// Said about every image of up to 8 bits.
+pub(super) const NOT_HDR: &str = "8 bits: not HDR";
+
+/// Warnings that follow from the precision.
+pub(super) fn depth_warnings(depth: SampleDepth) -> Vec<String> {
+    if depth == SampleDepth::Integer8 { vec![NOT_HDR.to_string()] } else { Vec::new() }
+}
+
+/// Size and channels of interleaved samples: 1 grey, 2 grey and alpha, 3 RGB, 4 RGB and alpha.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Layout {
+    pub(super) width: usize,
+    pub(super) height: usize,
+    pub(super) channels: usize,
+}
+
+impl Layout {
+    /// Image and alpha of `samples`, through `color` and `alpha` by channel.
+    pub(super) fn assemble<T: Copy>(
+        self,
+        name: &Path,
+        samples: &[T],
+        color: impl Fn(T) -> f32,
+        alpha: impl Fn(T) -> f32,
+    ) -> Result<(Image, Option<Vec<f32>>), IoError> {
+        let Self { width, height, channels } = self;
+        let count = width * height;
+        if !(1..=4).contains(&channels) || count.checked_mul(channels) != Some(samples.len()) {
+            let message = format!(
+                "{} samples for {width} x {height} pixels of {channels} channels, expected 1 to 4 channels of each pixel",
+                samples.len()
+            );
+            return Err(IoError::unsupported(name, message));
+        }
+        let mut pixels = zeroed::<[f32; 3]>(name, count)?;
+        for (pixel, of) in pixels.iter_mut().zip(samples.chunks_exact(channels)) {
+            *pixel = match *of {
+                [r, g, b] | [r, g, b, _] => [color(r), color(g), color(b)],
+                [grey, ..] => [color(grey); 3],
+                [] => [0.0; 3],
+            };
+        }
+        let opacity =
+            channels.is_multiple_of(2).then(|| samples.chunks_exact(channels).filter_map(|of| of.last().map(|&a| alpha(a))).collect());
+        Ok((Image { width, height, pixels }, opacity))
+    }
+
+    /// [`Self::assemble`] of 8-bit samples.
+    pub(super) fn assemble8(self, name: &Path, samples: &[u8], curve: Curve) -> Result<(Image, Option<Vec<f32>>), IoError> {
+        let table: Vec<f32> = (0..=u8::MAX).map(|v| curve.decode(f64::from(v) / 255.0)).collect();
+        self.assemble(name, samples, |v| table.get(usize::from(v)).copied().unwrap_or(f32::NAN), |v| f32::from(v) / 255.0)
+    }
+
+    /// [`Self::assemble`] of 16-bit samples.
+    pub(super) fn assemble16(self, name: &Path, samples: &[u16], curve: Curve) -> Result<(Image, Option<Vec<f32>>), IoError> {
+        let table: Vec<f32> = (0..=u16::MAX).map(|v| curve.decode(f64::from(v) / 65535.0)).collect();
+        self.assemble(name, samples, |v| table.get(usize::from(v)).copied().unwrap_or(f32::NAN), |v| f32::from(v) / 65535.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn srgb_curve_is_the_standard_one() {
+        let srgb = Curve::Named(Transfer::Srgb);
+        assert_eq!(srgb.decode(0.0), 0.0);
+        assert_eq!(srgb.decode(1.0), 1.0);
+        assert!((srgb.decode(0.5) - 0.214_041_14).abs() < 1e-7);
+        assert!((srgb.decode(0.04) - 0.04 / 12.92).abs() < 1e-9);
+        // Both pieces meet.
+        assert!((srgb.decode(0.04045) - srgb.decode(0.040_450_001)).abs() < 1e-7);
+    }
+
+    #[test]
+    fn missing_curve_names_the_remedy() {
+        let error = Curve::settle(Path::new("a.png"), &ReadOptions::default(), None, SampleDepth::Integer16).unwrap_err();
+        assert!(error.message.contains("--transfer linear") && error.message.contains("16-bit"), "{error}");
+    }
+
+    #[test]
+    fn channels_that_do_not_fit_are_an_error() {
+        let layout = Layout { width: 2, height: 2, channels: 3 };
+        assert!(layout.assemble8(Path::new("a"), &[0; 11], Curve::Power(1.0)).is_err());
+        assert!(Layout { channels: 5, ..layout }.assemble8(Path::new("a"), &[0; 20], Curve::Power(1.0)).is_err());
+    }
+}

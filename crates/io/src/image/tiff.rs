@@ -1,0 +1,98 @@
+//! TIFF and BigTIFF in: 8- and 16-bit integers, half, single and double floats; grey or RGB, with or without alpha; first image.
+//!
+//! Camera RAW files are TIFF as well: their first image is a thumbnail, which is refused rather than read in silence.
+
+use std::fs::File;
+use std::io::{BufReader, Cursor, Read, Seek};
+use std::path::Path;
+
+use ::tiff::decoder::{Decoder, DecodingResult, Limits};
+use ::tiff::tags::Tag;
+use ::tiff::{ColorType, TiffError};
+
+use super::guard::check_size;
+use super::samples::{Curve, Layout, depth_warnings};
+use super::{DecodedImage, ReadOptions, SampleDepth};
+use crate::IoError;
+
+/// Bytes of the widest sample (f64) times the most channels.
+const MAX_PIXEL_BYTES: usize = 32;
+
+/// Decodes the first image.
+pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<DecodedImage, IoError> {
+    let failed = |error: TiffError| explain(name, &error);
+    let mut decoder = Decoder::new(Cursor::new(bytes)).map_err(failed)?;
+    let (width, height) = decoder.dimensions().map_err(failed)?;
+    check_size(name, [width, height].map(u64::from), bytes.len() as u64)?;
+    refuse_raw(name, &mut decoder)?;
+    let color = decoder.colortype().map_err(failed)?;
+    let channels = match color {
+        ColorType::Gray(_) => 1,
+        ColorType::GrayA(_) | ColorType::Multiband { num_samples: 2, .. } => 2,
+        ColorType::RGB(_) => 3,
+        ColorType::RGBA(_) => 4,
+        _ => return Err(IoError::unsupported(name, format!("TIFF: colour type {color:?}; export it as RGB"))),
+    };
+    let layout = Layout { width: width as usize, height: height as usize, channels };
+
+    let mut limits = Limits::default();
+    limits.decoding_buffer_size = (layout.width * layout.height).saturating_mul(MAX_PIXEL_BYTES);
+    limits.intermediate_buffer_size = limits.decoding_buffer_size.max(1 << 20);
+    limits.ifd_value_size = bytes.len().max(1 << 20);
+    let mut decoder = decoder.with_limits(limits);
+    let mut samples = DecodingResult::U8(Vec::new());
+    let plan = decoder.read_image_to_buffer(&mut samples).map_err(failed)?;
+    if plan.planes > 1 {
+        return Err(IoError::unsupported(name, "TIFF: channels in separate planes; export it with interleaved channels"));
+    }
+    convert(name, layout, &samples, options)
+}
+
+/// Linear light of the samples.
+fn convert(name: &Path, layout: Layout, samples: &DecodingResult, options: &ReadOptions) -> Result<DecodedImage, IoError> {
+    let curve = |depth| Curve::settle(name, options, None, depth);
+    let (depth, (image, alpha)) = match samples {
+        DecodingResult::U8(v) => (SampleDepth::Integer8, layout.assemble8(name, v, curve(SampleDepth::Integer8)?)?),
+        DecodingResult::U16(v) => (SampleDepth::Integer16, layout.assemble16(name, v, curve(SampleDepth::Integer16)?)?),
+        DecodingResult::F16(v) => (SampleDepth::Float, layout.assemble(name, v, |s| s.to_f32(), |s| s.to_f32())?),
+        DecodingResult::F32(v) => (SampleDepth::Float, layout.assemble(name, v, |s| s, |s| s)?),
+        DecodingResult::F64(v) => (SampleDepth::Float, layout.assemble(name, v, |s| s as f32, |s| s as f32)?),
+        _ => {
+            return Err(IoError::unsupported(
+                name,
+                "TIFF: signed or 32-bit integer samples; export it as 16-bit unsigned integers or floats",
+            ));
+        }
+    };
+    Ok(DecodedImage { image, alpha, color_space: None, chromaticities: None, depth, warnings: depth_warnings(depth) })
+}
+
+/// Size of the first image.
+pub(super) fn size(name: &Path, file: File) -> Result<[u32; 2], IoError> {
+    let mut decoder = Decoder::new(BufReader::new(file)).map_err(|error| explain(name, &error))?;
+    let (width, height) = decoder.dimensions().map_err(|error| explain(name, &error))?;
+    refuse_raw(name, &mut decoder)?;
+    Ok([width, height])
+}
+
+fn explain(name: &Path, error: &TiffError) -> IoError {
+    match error {
+        TiffError::UnsupportedError(_) => IoError::unsupported(name, format!("TIFF: {error}; export it as RGB with Deflate compression")),
+        _ => IoError::invalid(name, format!("TIFF: {error}; the file is damaged or cut short, copy or export it again")),
+    }
+}
+
+fn refuse_raw<R: Read + Seek>(name: &Path, decoder: &mut Decoder<R>) -> Result<(), IoError> {
+    /// DNG 1.7, "DNGVersion".
+    const DNG_VERSION: Tag = Tag::Unknown(50706);
+    let is_dng = decoder.find_tag(DNG_VERSION).map_err(|error| explain(name, &error))?.is_some();
+    // Bit 0 of NewSubfileType: a reduced version of another image in the file (TIFF 6.0, page 36).
+    let kind: Option<u32> = decoder.find_tag_unsigned(Tag::NewSubfileType).map_err(|error| explain(name, &error))?;
+    if is_dng || kind.is_some_and(|bits| bits & 1 != 0) {
+        return Err(IoError::unsupported(
+            name,
+            "TIFF: a camera RAW file, whose first image is a thumbnail; develop it to OpenEXR or 16-bit TIFF",
+        ));
+    }
+    Ok(())
+}
