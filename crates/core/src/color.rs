@@ -221,22 +221,19 @@ impl ColorModel {
                 let along = d_radiance[0] * chroma[0] + d_radiance[1] * chroma[1] + d_radiance[2] * chroma[2];
                 let d_raw = along * activation.derivative(raw);
                 add_luminance(0, d_raw);
-                for m in 1..self.active_luminance(basis) {
-                    add_luminance(m, d_raw * basis.values[m]);
-                    d_basis[m] = d_basis[m] + d_raw * raw_luminance(m);
+                for (m, (y, d_y)) in basis.values.iter().zip(&mut d_basis).enumerate().take(self.active_luminance(basis)).skip(1) {
+                    add_luminance(m, d_raw * *y);
+                    *d_y = d_raw * raw_luminance(m);
                 }
                 let scale = luminance / sum;
                 each!([0, 1, 2] c => response[c].if_positive(scale * (d_radiance[c] - along), zero))
             }
         };
-        for m in 0..self.active_sh(basis) {
-            let y = basis.values[m];
-            let mut d_y = d_basis[m];
-            for c in 0..3 {
-                add_sh(m, c, d_response[c] * y);
-                d_y = d_response[c].mul_add(sh(m, c), d_y);
+        for (m, (y, d_y)) in basis.values.iter().zip(&mut d_basis).enumerate().take(self.active_sh(basis)) {
+            for (c, d_response) in d_response.iter().enumerate() {
+                add_sh(m, c, *d_response * *y);
+                *d_y = d_response.mul_add(sh(m, c), *d_y);
             }
-            d_basis[m] = d_y;
         }
         let v = basis.direction;
         let g = sh::basis_gradient(basis.active_degree.min(self.max_degree()), v, &d_basis);
@@ -279,9 +276,9 @@ impl ColorModel {
     #[inline(always)]
     fn response<R: Real>(self, basis: &ColorBasis<R>, sh: &impl Fn(usize, usize) -> R) -> [R; 3] {
         let mut response = each!([0, 1, 2] c => sh(0, c) * basis.values[0]);
-        for m in 1..self.active_sh(basis) {
+        for (m, y) in basis.values.iter().enumerate().take(self.active_sh(basis)).skip(1) {
             for (c, value) in response.iter_mut().enumerate() {
-                *value = sh(m, c).mul_add(basis.values[m], *value);
+                *value = sh(m, c).mul_add(*y, *value);
             }
         }
         response
@@ -292,8 +289,8 @@ impl ColorModel {
     #[inline(always)]
     fn raw_luminance<R: Real>(self, basis: &ColorBasis<R>, raw: &impl Fn(usize) -> R) -> R {
         let mut sum = raw(0);
-        for m in 1..self.active_luminance(basis) {
-            sum = raw(m).mul_add(basis.values[m], sum);
+        for (m, y) in basis.values.iter().enumerate().take(self.active_luminance(basis)).skip(1) {
+            sum = raw(m).mul_add(*y, sum);
         }
         sum
     }

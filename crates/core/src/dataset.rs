@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use crate::{Camera, ColorSpace, Image};
 
-/// Pixels that take part: `true` is valid. Row-major, [H*W].
+/// Pixels that take part: `true` is valid. Row-major, `[H*W]`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Mask {
     /// One per pixel.

@@ -255,7 +255,7 @@ pub struct StepReport {
     pub visible: u32,
 }
 
-/// Per-splat statistics since the last densification, [N] each.
+/// Per-splat statistics since the last densification, `[N]` each.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DensifyStats {
     /// Sum over visible views of |dL/dmean|, mean in NDC units (half the image's side).
@@ -385,7 +385,7 @@ pub trait Engine {
     fn timings(&self) -> &[(Pass, Duration)];
 }
 
-/// What densification policies look at, [N] each.
+/// What densification policies look at, `[N]` each.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Geometry {
     /// World.

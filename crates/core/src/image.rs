@@ -1,13 +1,13 @@
 //! Linear floating-point images.
 
-/// Linear RGB radiance, [H,W,3], rows from the top.
+/// Linear RGB radiance, `[H,W,3]`, rows from the top.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Image {
     /// Pixels.
     pub width: usize,
     /// Pixels.
     pub height: usize,
-    /// [H*W], row-major.
+    /// `[H*W]`, row-major.
     pub pixels: Vec<[f32; 3]>,
 }
 

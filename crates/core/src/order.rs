@@ -6,7 +6,7 @@
 /// Bits of each axis in a key.
 const AXIS_BITS: u32 = 16;
 
-/// The permutation that sorts positions [N,3] along a Z-order curve through their bounding box: `result[new] = old`. Ties keep their order.
+/// The permutation that sorts positions `[N,3]` along a Z-order curve through their bounding box: `result[new] = old`. Ties keep their order.
 pub fn spatial_order(position: &[[f32; 3]]) -> Vec<u32> {
     let mut low = [f32::INFINITY; 3];
     let mut high = [f32::NEG_INFINITY; 3];

@@ -11,19 +11,19 @@ use crate::ColorModel;
 pub struct Splats {
     /// How `sh` and `raw_luminance` become radiance.
     pub color_model: ColorModel,
-    /// [N,3], world.
+    /// `[N,3]`, world.
     pub position: Vec<[f32; 3]>,
-    /// [N,4] quaternion w x y z, of any length but zero.
+    /// `[N,4]` quaternion w x y z, of any length but zero.
     pub rotation: Vec<[f32; 4]>,
-    /// [N,3] natural logarithm of the standard deviations along the principal axes, world units.
+    /// `[N,3]` natural logarithm of the standard deviations along the principal axes, world units.
     pub log_scale: Vec<[f32; 3]>,
-    /// [N] logit of the opacity.
+    /// `[N]` logit of the opacity.
     pub opacity_logit: Vec<f32>,
-    /// [N,K,3] harmonics of radiance or chromaticity; K = `color_model.sh_coefficients()`.
+    /// `[N,K,3]` harmonics of radiance or chromaticity; K = `color_model.sh_coefficients()`.
     pub sh: Vec<f32>,
-    /// [N,M] raw luminance; M = `color_model.luminance_coefficients()`, may be 0.
+    /// `[N,M]` raw luminance; M = `color_model.luminance_coefficients()`, may be 0.
     pub raw_luminance: Vec<f32>,
-    /// [N] standard deviation of the 3D smoothing filter (Mip-splatting), world units; empty when the scene has none.
+    /// `[N]` standard deviation of the 3D smoothing filter (Mip-splatting), world units; empty when the scene has none.
     pub smoothing: Vec<f32>,
 }
 
@@ -78,19 +78,19 @@ impl Splats {
         self.position.is_empty()
     }
 
-    /// Harmonics of splat `i`: [K,3] flattened.
+    /// Harmonics of splat `i`: `[K,3]` flattened.
     pub fn sh_of(&self, i: usize) -> &[f32] {
         let k = 3 * self.color_model.sh_coefficients();
         &self.sh[i * k..(i + 1) * k]
     }
 
-    /// Raw luminance of splat `i`: [M].
+    /// Raw luminance of splat `i`: `[M]`.
     pub fn raw_luminance_of(&self, i: usize) -> &[f32] {
         let m = self.color_model.luminance_coefficients();
         &self.raw_luminance[i * m..(i + 1) * m]
     }
 
-    /// Appends a splat; `sh` is [K,3], `raw_luminance` [M].
+    /// Appends a splat; `sh` is `[K,3]`, `raw_luminance` `[M]`.
     ///
     /// # Panics
     /// If `sh` or `raw_luminance` does not have the colour model's length.
@@ -166,9 +166,9 @@ pub struct Splat<'a> {
     pub log_scale: [f32; 3],
     /// Logit of the opacity.
     pub opacity_logit: f32,
-    /// [K,3].
+    /// `[K,3]`.
     pub sh: &'a [f32],
-    /// [M].
+    /// `[M]`.
     pub raw_luminance: &'a [f32],
 }
 

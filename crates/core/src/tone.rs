@@ -57,7 +57,7 @@ impl Tonemap {
         }
     }
 
-    /// Display values in [0, 1], encoded (what goes into a PNG before rounding), of linear Rec.709 radiance. NaN and negative values
+    /// Display values in `[0, 1]`, encoded (what goes into a PNG before rounding), of linear Rec.709 radiance. NaN and negative values
     /// count as 0.
     pub fn encode(self, rgb: [f32; 3]) -> [f32; 3] {
         // Above this every curve is flat, and below it none overflows.
@@ -102,7 +102,7 @@ pub fn display_rgb8(tonemap: Tonemap, exposure_ev: f32, radiance: [f32; 3]) -> [
     tonemap.encode(radiance.map(|v| v * gain)).map(|v| (v * 255.0 + 0.5) as u8)
 }
 
-/// sRGB's encoding of a linear value in [0, 1] (IEC 61966-2-1); larger values continue the power law, negative ones are 0.
+/// sRGB's encoding of a linear value in `[0, 1]` (IEC 61966-2-1); larger values continue the power law, negative ones are 0.
 #[inline]
 pub fn srgb_encode(linear: f32) -> f32 {
     let linear = linear.max(0.0);
@@ -154,7 +154,7 @@ const AGX_OUTSET: [[f32; 3]; 3] =
 const AGX_MIN_EV: f32 = -12.473_931;
 /// 6.5 stops above middle grey: log2(0.18) + 6.5.
 const AGX_MAX_EV: f32 = 4.026_069;
-/// Contrast curve on [0, 1] by ascending powers; mean squared error of the fit 3.7e-6.
+/// Contrast curve on `[0, 1]` by ascending powers; mean squared error of the fit 3.7e-6.
 const AGX_CONTRAST: [f32; 7] = [-0.002_32, 0.119_1, 0.429_8, -6.868, 31.96, -40.14, 15.5];
 
 /// Encoded display values: AgX's curve includes the encoding.

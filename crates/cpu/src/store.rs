@@ -35,7 +35,7 @@ pub(crate) fn blocks(count: usize) -> usize {
     count.div_ceil(LANES)
 }
 
-/// Splats (or their moments, or gradients) in blocks: [blocks, rows, 16].
+/// Splats (or their moments, or gradients) in blocks: `[blocks, rows, 16]`.
 #[derive(Clone, Debug)]
 pub(crate) struct Store {
     pub(crate) layout: Layout,

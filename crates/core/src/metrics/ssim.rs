@@ -1,6 +1,6 @@
 //! Structural similarity, as 3D Gaussian splatting and its successors compute it.
 //!
-//! In: two planes [H*W] in [0, 1]. Out: the mean over all pixels of
+//! In: two planes `[H*W]` in `[0, 1]`. Out: the mean over all pixels of
 //! (2 m_p m_t + C1)(2 s_pt + C2) / ((m_p^2 + m_t^2 + C1)(s_p^2 + s_t^2 + C2)), means, variances and covariance under an 11x11 Gaussian
 //! window of sigma 1.5 that sees zeros outside of the image (Wang et al. 2004; window and padding of Kerbl et al. 2023).
 //! Values may be f32 or f64; sums are f64: in f32 the variance of a bright, smooth area is lost to cancellation.
@@ -148,7 +148,7 @@ fn accumulate(out: &mut [f64], values: &[f64], weight: f64) {
 mod tests {
     use super::*;
 
-    /// Values in [0, 1] without a pattern: a fraction of a large multiple.
+    /// Values in `[0, 1]` without a pattern: a fraction of a large multiple.
     fn plane(seed: f64, width: usize, height: usize) -> Vec<f64> {
         (0..width * height).map(|i| ((i as f64 + seed) * 0.754_877_666).sin() * 43_758.545).map(|v| v - v.floor()).collect()
     }

@@ -1,6 +1,6 @@
 //! Pass `adam`: moves every parameter (Kingma and Ba 2015), then adds 3DGS-MCMC's noise to positions.
 //!
-//! In: gradient [blocks, rows, 16] and which blocks have one (else it is zero, and the moments decay all the same, as in 3DGS), learning
+//! In: gradient `[blocks, rows, 16]` and which blocks have one (else it is zero, and the moments decay all the same, as in 3DGS), learning
 //! rates. In, out: parameters, moments.
 
 use fearless_simd::{Level, Simd};

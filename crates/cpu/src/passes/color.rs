@@ -1,6 +1,6 @@
 //! Pass `color`: radiance of each splat towards the camera. Evaluated within `project`, for the blocks that can be seen.
 //!
-//! In: harmonics and raw luminance rows of a block, world positions, eye. Out: linear RGB radiance [3] x 16, >= 0. The formula is core's
+//! In: harmonics and raw luminance rows of a block, world positions, eye. Out: linear RGB radiance `[3]` x 16, >= 0. The formula is core's
 //! [`luxel_core::ColorModel::radiance`], on sixteen splats at once.
 
 use fearless_simd::Simd;

@@ -28,11 +28,11 @@ const MOMENTS: usize = 4;
 /// Buffers of the pass, kept between steps.
 #[derive(Default)]
 pub(crate) struct LossBuffers {
-    /// mu-law prediction and target: [H, 3, 2, stride].
+    /// mu-law prediction and target: `[H, 3, 2, stride]`.
     values: Vec<f32>,
-    /// Horizontal convolutions of x, y, x^2 + y^2, xy: [H, 3, 4, stride]. SSIM needs the variances only as their sum.
+    /// Horizontal convolutions of x, y, x^2 + y^2, xy: `[H, 3, 4, stride]`. SSIM needs the variances only as their sum.
     moments: Vec<f32>,
-    /// Horizontal convolutions of the derivatives of SSIM by the means of x, x^2, xy: [H, 3, 3, stride].
+    /// Horizontal convolutions of the derivatives of SSIM by the means of x, x^2, xy: `[H, 3, 3, stride]`.
     derivatives: Vec<f32>,
     /// Per row: sum of absolute differences, sum of SSIM.
     sums: Vec<[f64; 2]>,

@@ -1,6 +1,6 @@
 //! Pass `project`: splats to ellipses on the screen; calls pass `color` for those that can be seen.
 //!
-//! In: parameters [blocks, rows, 16], camera. Out: one [`Footprint`] per splat (N rounded up to whole blocks).
+//! In: parameters `[blocks, rows, 16]`, camera. Out: one [`Footprint`] per splat (N rounded up to whole blocks).
 //! Source: EWA splatting (Zwicker et al. 2001) as in 3DGS (Kerbl et al. 2023), the Jacobian's clamp as in gsplat; opacity compensation
 //! and 3D filter from Mip-splatting (Yu et al. 2024). A splat is culled (threshold above its opacity) if it is nearer than `near`, nowhere
 //! above its alpha threshold, off the image, or not finite.
@@ -66,9 +66,9 @@ pub(crate) struct Projection<S: Simd> {
     /// Standard deviations from the parameters, and with the 3D filter.
     pub(crate) raw_sigma: [V<S>; 3],
     pub(crate) sigma: [V<S>; 3],
-    /// J R_camera: [2,3].
+    /// J R_camera: `[2,3]`.
     pub(crate) jacobian: [[V<S>; 3]; 2],
-    /// Jacobian times axes: [2,3].
+    /// Jacobian times axes: `[2,3]`.
     pub(crate) screen_axes: [[V<S>; 3]; 2],
     /// `screen_axes` scaled by sigma; the covariance before dilation is its product with its transpose.
     pub(crate) root: [[V<S>; 3]; 2],

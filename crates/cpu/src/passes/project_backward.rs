@@ -1,6 +1,6 @@
 //! Pass `project_backward`: gradient by position, rotation, scale and opacity; calls pass `color_backward` for the rest.
 //!
-//! In: parameters, per-entry gradients of `rasterize_backward`, bins. Out: gradient rows [blocks, rows, 16] of blocks with a visible splat (and a
+//! In: parameters, per-entry gradients of `rasterize_backward`, bins. Out: gradient rows `[blocks, rows, 16]` of blocks with a visible splat (and a
 //! flag for which those are; with regularisers all), densification statistics. A splat's entries are summed in the order of its tiles: the same
 //! bits for any number of threads. Derivation: reverse mode through `project`; dE/dcovariance = -X G X for X the conic, G its gradient.
 
@@ -32,7 +32,7 @@ pub(crate) struct Inputs<'a> {
 
 /// What the pass writes.
 pub(crate) struct Outputs<'a> {
-    /// [blocks, rows, 16].
+    /// `[blocks, rows, 16]`.
     pub(crate) gradient: &'a mut [Lanes],
     /// Whether a block's gradient was written; else it is zero.
     pub(crate) written: &'a mut [bool],

@@ -1,6 +1,6 @@
 //! Pass `rasterize`: front-to-back blending of each tile's splats.
 //!
-//! In: bins, footprints. Out: [`TileBuffer`]: per tile and 4x4 block the radiance [3], the transmittance left, and how many of the tile's
+//! In: bins, footprints. Out: [`TileBuffer`]: per tile and 4x4 block the radiance `[3]`, the transmittance left, and how many of the tile's
 //! entries had been looked at when each pixel was last changed (what the backward pass starts from).
 //! Source: 3DGS (Kerbl et al. 2023) eq. 3 with the thresholds of [`luxel_core::Cutoffs`]. A pixel stops before the splat that would take its transmittance
 //! below `min_transmittance`; the background shines through what is left.
