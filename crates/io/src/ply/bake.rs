@@ -39,10 +39,10 @@ pub(super) struct DisplayBake {
     color_space: ColorSpace,
     /// The model's basis in each of [`DIRECTIONS`] directions.
     views: Vec<ColorBasis<f32>>,
-    /// Pseudo-inverse of the basis: [K, DIRECTIONS].
-    fit: Vec<[f32; DIRECTIONS]>,
-    /// Basis values in the checked directions.
-    checks: Vec<[f32; MAX_BAKED]>,
+    /// Pseudo-inverse of the basis, transposed: [DIRECTIONS, K].
+    fit: Vec<[f32; MAX_BAKED]>,
+    /// Basis values in the checked directions: [K, CHECKED_DIRECTIONS].
+    checks: Vec<[f32; CHECKED_DIRECTIONS]>,
 }
 
 impl DisplayBake {
@@ -51,9 +51,12 @@ impl DisplayBake {
         let degree = model.max_degree().min(3);
         let directions = fibonacci(DIRECTIONS);
         let views = directions.iter().map(|v| ColorBasis::new(model.max_degree(), *v)).collect();
-        let checks = fibonacci(CHECKED_DIRECTIONS).iter().map(|v| low_basis(*v)).collect();
-        let exposure = exposure(scene);
-        Self { degree, exposure, color_space: scene.color_space, views, fit: pseudo_inverse(&directions, sh::coefficients(degree)), checks }
+        let mut checks = vec![[0.0; CHECKED_DIRECTIONS]; sh::coefficients(degree)];
+        for (v, direction) in fibonacci(CHECKED_DIRECTIONS).into_iter().enumerate() {
+            checks.iter_mut().zip(low_basis(direction)).for_each(|(row, y)| row[v] = y);
+        }
+        let fit = pseudo_inverse(&directions, sh::coefficients(degree));
+        Self { degree, exposure: exposure(scene), color_space: scene.color_space, views, fit, checks }
     }
 
     /// K of the result.
@@ -70,23 +73,20 @@ impl DisplayBake {
         )
     }
 
-    /// Harmonics [K,3] of splat `i`'s display colour.
-    pub(super) fn bake(&self, splats: &Splats, i: usize, out: &mut Vec<[f32; 3]>) {
+    /// Harmonics of splat `i`'s display colour, by channel; entries from K on are 0.
+    pub(super) fn bake(&self, splats: &Splats, i: usize) -> [[f32; MAX_BAKED]; 3] {
         let (sh, raw) = (splats.sh_of(i), splats.raw_luminance_of(i));
-        out.clear();
-        out.resize(self.coefficients(), [0.0; 3]);
-        for (v, basis) in self.views.iter().enumerate() {
+        let mut channels = [[0.0; MAX_BAKED]; 3];
+        for (basis, fit) in self.views.iter().zip(&self.fit) {
             let radiance = splats.color_model.radiance(basis, |m, c| sh[3 * m + c], |m| raw[m]);
-            let color = self.display(radiance);
-            for (k, fit) in out.iter_mut().zip(&self.fit) {
-                for c in 0..3 {
-                    k[c] += fit[v] * (color[c] - SH_OFFSET);
+            for (channel, color) in channels.iter_mut().zip(self.display(radiance)) {
+                for (k, fit) in channel.iter_mut().zip(fit) {
+                    *k += fit * (color - SH_OFFSET);
                 }
             }
         }
-        for channel in 0..3 {
-            self.lift(out, channel);
-        }
+        channels.iter_mut().for_each(|channel| self.lift(channel));
+        channels
     }
 
     /// Display colour of a radiance.
@@ -95,16 +95,17 @@ impl DisplayBake {
     }
 
     /// Draws a channel's higher harmonics towards 0 until no checked direction is negative.
-    fn lift(&self, coefficients: &mut [[f32; 3]], channel: usize) {
-        let mean = (SH_OFFSET + sh::C0 * coefficients[0][channel]).max(0.0);
-        coefficients[0][channel] = (mean - SH_OFFSET) / sh::C0;
-        let varying = |y: &[f32; MAX_BAKED]| -> f32 { coefficients.iter().zip(y).skip(1).map(|(k, y)| k[channel] * y).sum() };
-        let lowest = BETWEEN_CHECKS * self.checks.iter().map(varying).fold(0.0, f32::min);
+    fn lift(&self, channel: &mut [f32; MAX_BAKED]) {
+        let mean = (SH_OFFSET + sh::C0 * channel[0]).max(0.0);
+        channel[0] = (mean - SH_OFFSET) / sh::C0;
+        let mut varying = [0f32; CHECKED_DIRECTIONS];
+        for (k, values) in channel.iter().zip(&self.checks).skip(1) {
+            varying.iter_mut().zip(values).for_each(|(sum, y)| *sum += k * y);
+        }
+        let lowest = BETWEEN_CHECKS * varying.into_iter().fold(0.0, f32::min);
         if mean + lowest < 0.0 {
             let factor = mean / -lowest;
-            for k in &mut coefficients[1..] {
-                k[channel] *= factor;
-            }
+            channel[1..].iter_mut().for_each(|k| *k *= factor);
         }
     }
 }
@@ -133,9 +134,9 @@ fn low_basis(direction: [f32; 3]) -> [f32; MAX_BAKED] {
     low
 }
 
-/// (A^T A)^-1 A^T of the basis values A [DIRECTIONS, count], by Gauss-Jordan elimination: A^T A is nearly a multiple of the identity,
+/// Transpose of (A^T A)^-1 A^T of the basis values A [DIRECTIONS, count], by Gauss-Jordan elimination: A^T A is nearly a multiple of the identity,
 /// as the directions are nearly even, and needs no pivoting.
-fn pseudo_inverse(directions: &[[f32; 3]], count: usize) -> Vec<[f32; DIRECTIONS]> {
+fn pseudo_inverse(directions: &[[f32; 3]], count: usize) -> Vec<[f32; MAX_BAKED]> {
     let a: Vec<[f64; MAX_BAKED]> = directions.iter().map(|v| low_basis(*v).map(f64::from)).collect();
     let mut gram = [[0f64; MAX_BAKED]; MAX_BAKED];
     let mut rows = vec![[0f64; DIRECTIONS]; count];
@@ -158,7 +159,11 @@ fn pseudo_inverse(directions: &[[f32; 3]], count: usize) -> Vec<[f32; DIRECTIONS
             rows[i].iter_mut().zip(pivot_row).for_each(|(v, p)| *v -= factor * p);
         }
     }
-    rows.iter().map(|row| row.map(|v| v as f32)).collect()
+    let mut columns = vec![[0f32; MAX_BAKED]; DIRECTIONS];
+    for (i, row) in rows.iter().enumerate() {
+        columns.iter_mut().zip(row).for_each(|(column, v)| column[i] = *v as f32);
+    }
+    columns
 }
 
 /// Factor that brings the scene's log-average luminance to middle grey; 1 for a black or empty scene.

@@ -77,10 +77,10 @@ fn write<W: Write + ?Sized>(scene: &Scene, out: &mut W) -> std::io::Result<()> {
         let rows = BLOCK_ROWS.min(count - first);
         let part = &mut block[..rows * row_bytes];
         part.par_chunks_exact_mut(row_bytes).enumerate().for_each_init(
-            || (Vec::with_capacity(properties.len()), Vec::new()),
-            |(values, baked), (row, bytes)| {
+            || Vec::with_capacity(properties.len()),
+            |values, (row, bytes)| {
                 values.clear();
-                fill_row(&scene.splats, first + row, &bake, baked, values);
+                fill_row(&scene.splats, first + row, &bake, values);
                 for (to, value) in bytes.chunks_exact_mut(4).zip(values) {
                     to.copy_from_slice(&value.to_le_bytes());
                 }
@@ -124,18 +124,18 @@ fn properties(splats: &Splats, bake: &DisplayBake) -> Vec<String> {
     names
 }
 
-/// Values of splat `i` in the order of [`properties`]; `baked` is scratch.
-fn fill_row(splats: &Splats, i: usize, bake: &DisplayBake, baked: &mut Vec<[f32; 3]>, values: &mut Vec<f32>) {
-    bake.bake(splats, i, baked);
+/// Values of splat `i` in the order of [`properties`].
+fn fill_row(splats: &Splats, i: usize, bake: &DisplayBake, values: &mut Vec<f32>) {
+    let baked = bake.bake(splats, i);
     let (log_scale, opacity_logit) = match splats.smoothing.get(i) {
         Some(deviation) => smoothed(splats.log_scale[i], splats.opacity_logit[i], *deviation),
         None => (splats.log_scale[i], splats.opacity_logit[i]),
     };
     values.extend(splats.position[i]);
     values.extend([0.0; 3]);
-    values.extend(baked[0]);
-    for channel in 0..3 {
-        values.extend(baked[1..].iter().map(|rgb| rgb[channel]));
+    values.extend(baked.map(|channel| channel[0]));
+    for channel in &baked {
+        values.extend_from_slice(&channel[1..bake.coefficients()]);
     }
     values.push(opacity_logit);
     values.extend(log_scale);
