@@ -99,8 +99,8 @@ impl<S: Simd> V<S> {
         let p = c(1.540_353e-4);
         let p = p.mul_add(f, c(1.333_355_8e-3));
         let p = p.mul_add(f, c(9.618_129e-3));
-        let p = p.mul_add(f, c(5.550_410_9e-2));
-        let p = p.mul_add(f, c(2.402_265_1e-1));
+        let p = p.mul_add(f, c(5.550_411e-2));
+        let p = p.mul_add(f, c(0.240_226_5));
         let p = p.mul_add(f, c(std::f32::consts::LN_2));
         let p = p.mul_add(f, c(1.0));
         let exponent: i32x16<S> = whole.to_int();

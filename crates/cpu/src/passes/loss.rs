@@ -311,8 +311,8 @@ fn mask_gradient(camera: &ScreenCamera, view: &View, gradient: &mut [TileGradien
     for (i, _) in mask.valid.iter().enumerate().filter(|(_, valid)| !**valid) {
         let (x, y) = (i % width, i / width);
         let (block, lane) = block_of(x % TILE_PX, y % TILE_PX);
-        for channel in 0..3 {
-            gradient[y / TILE_PX * across + x / TILE_PX][block][channel].0[lane] = 0.0;
+        for channel in &mut gradient[y / TILE_PX * across + x / TILE_PX][block] {
+            channel.0[lane] = 0.0;
         }
     }
 }

@@ -39,7 +39,7 @@ pub(crate) struct Footprint {
     pub(crate) depth: f32,
     /// dy at the ellipse's rightmost point.
     pub(crate) right_dy_px: f32,
-    padding: [f32; 2],
+    pub(crate) padding: [f32; 2],
 }
 
 impl Footprint {
@@ -239,7 +239,7 @@ fn project_block<S: Simd>(
     let log2_threshold = threshold.ln() * std::f32::consts::LOG2_E;
     let radius2 = (log2_opacity - log2_threshold) * (2.0 * std::f32::consts::LN_2);
     let extent = each!([0, 2] i => (p.covariance[i] * radius2.max(c(0.0))).sqrt());
-    mask = mask & radius2.gt(c(0.0));
+    mask &= radius2.gt(c(0.0));
     for i in 0..2 {
         // Pixel centres lie between 1/2 and size - 1/2.
         mask = mask & (mean[i] + extent[i]).gt(c(0.5)) & (mean[i] - extent[i]).lt(c(camera.size_px[i] as f32 - 0.5));

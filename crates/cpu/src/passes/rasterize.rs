@@ -154,9 +154,9 @@ fn rasterize_tile<S: Simd>(simd: S, camera: &ScreenCamera, origin: [usize; 2], e
             let left = (-alpha).mul_add(transmittance[b], transmittance[b]);
             let finished = hit & left.lt(min_transmittance);
             if finished.any_true() {
-                live[b] = live[b] & !finished;
+                live[b] &= !finished;
                 any_live[b] = live[b].any_true();
-                hit = hit & !finished;
+                hit &= !finished;
             }
             let weight = V::select(hit, alpha * transmittance[b], zero);
             for (sum, color) in radiance[b].iter_mut().zip(color) {
@@ -170,8 +170,8 @@ fn rasterize_tile<S: Simd>(simd: S, camera: &ScreenCamera, origin: [usize; 2], e
         }
     }
     for (b, block) in out.iter_mut().enumerate() {
-        for channel in 0..3 {
-            transmittance[b].mul_add(c(camera.background[channel]), radiance[b][channel]).store(&mut block.radiance[channel]);
+        for ((out, sum), background) in block.radiance.iter_mut().zip(radiance[b]).zip(camera.background) {
+            transmittance[b].mul_add(c(background), sum).store(out);
         }
         transmittance[b].store(&mut block.transmittance);
         last[b].store(&mut block.last);
