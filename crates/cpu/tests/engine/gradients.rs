@@ -22,9 +22,22 @@ fn lcd(chroma_degree: u8, luminance_degree: u8, activation: Activation) -> Color
     ColorModel::Lcd { chroma_degree, luminance_degree, activation }
 }
 
-fn case(model: ColorModel, antialias: Antialias, (label, cutoffs): (&str, Cutoffs), masked: bool, seed: u64) -> Case {
-    // Not a multiple of any tile size.
-    let camera = fixture::camera(21, 13);
+/// Not a multiple of any tile size.
+const SIZE_PX: [u32; 2] = [21, 13];
+
+fn case(model: ColorModel, antialias: Antialias, cutoffs: (&str, Cutoffs), masked: bool, seed: u64) -> Case {
+    case_of_size(SIZE_PX, model, antialias, cutoffs, masked, seed)
+}
+
+fn case_of_size(
+    [width, height]: [u32; 2],
+    model: ColorModel,
+    antialias: Antialias,
+    (label, cutoffs): (&str, Cutoffs),
+    masked: bool,
+    seed: u64,
+) -> Case {
+    let camera = fixture::camera(width, height);
     let mut splats = fixture::splats_with_special_cases(model, &camera, seed);
     if antialias == Antialias::Mip {
         splats.smoothing = fixture::smoothing(splats.len());
@@ -182,9 +195,30 @@ fn engine_gradient_is_the_oracles() {
     }
 }
 
+/// Images of a pixel, of a row, of whole tiles, and of a bit more; the special cases scale with the image.
+fn cases_of_sizes() -> Vec<Case> {
+    [[1, 1], [1, 40], [40, 1], [8, 8], [16, 16], [17, 9], [33, 16], [48, 37]]
+        .into_iter()
+        .enumerate()
+        .map(|(i, size)| {
+            let antialias = if i % 2 == 0 { Antialias::Off } else { Antialias::Mip };
+            let mut case = case_of_size(size, lcd(2, 1, Activation::Softplus), antialias, ("hdr", Cutoffs::HDR), i > 4, 90 + i as u64);
+            case.name = format!("{} {size:?}", case.name);
+            case
+        })
+        .collect()
+}
+
+#[test]
+fn engine_gradient_is_the_oracles_at_any_size() {
+    for case in cases_of_sizes() {
+        check(&case, &against_oracle(&case), ENGINE_TOLERANCE, "by the engine");
+    }
+}
+
 #[test]
 fn engine_loss_is_the_oracles() {
-    for case in cases() {
+    for case in cases().into_iter().chain(cases_of_sizes()) {
         let exact = oracle::differentiate(&case.splats, &case.view, &case.options, &case.loss).loss;
         let (report, ..) = engine_gradient(&case);
         for (name, found, expected) in [("loss", report.loss, exact.total), ("l1", report.l1, exact.l1), ("ssim", report.ssim, exact.ssim)]

@@ -3,7 +3,10 @@
 // A test binary has no outside to be reached from.
 #![allow(unreachable_pub)]
 
+mod contract;
 mod fixture;
 mod gradients;
+mod image;
 mod number;
 mod oracle;
+mod update;
