@@ -4,6 +4,7 @@
 //! remedy; no panic, no unbounded allocation.
 
 mod atomic;
+mod camera_path;
 mod checkpoint;
 mod dataset;
 mod error;
@@ -11,6 +12,7 @@ mod image;
 mod ply;
 
 pub use atomic::{WriteSeek, write_atomically};
+pub use camera_path::{PathCamera, decode_camera_path, read_camera_path};
 pub use checkpoint::{
     CheckpointFile, LatestCheckpoint, checkpoint_path, decode_checkpoint, encode_checkpoint, latest_checkpoint, list_checkpoints,
     prune_checkpoints, read_checkpoint, write_checkpoint,
