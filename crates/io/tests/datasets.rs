@@ -1,5 +1,7 @@
 //! Data sets of every layout, good and bad, written to a temporary folder and read back.
 
+#![allow(clippy::unwrap_used)] // Helpers of tests are no tests to clippy.
+
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -169,7 +171,10 @@ fn observations_follow_undistortion_and_reduction() {
     let files = ["a.exr", "b.exr", "c.exr"];
     for (camera, distortion) in [(PINHOLE, Distortion::default()), ("1 OPENCV 16 8 20 20 8 4 -0.2 0.05 0.002 -0.001", lens)] {
         let scene = Scene::new();
-        scene.exrs(files.map(|f| format!("images/{f}")));
+        for file in files {
+            // Every pixel holds its own coordinates.
+            scene.exr(&format!("images/{file}"), |x, y| [x as f32 + 0.5, y as f32 + 0.5, 0.0]);
+        }
         colmap(&scene, "sparse/0", camera, distortion, &files, &points);
         for downscale in [1, 2] {
             let data = load_dataset(scene.path(), &LoadOptions { downscale, ..LoadOptions::default() }).unwrap();
@@ -180,6 +185,17 @@ fn observations_follow_undistortion_and_reduction() {
             // Features outside of the small image are dropped, and those of the held-out view.
             assert!((2..=6).contains(&count), "{count}");
             assert!(worst < 1e-4, "{worst}");
+            for point in &data.points {
+                for o in &point.observations {
+                    let view = &data.train[o.view as usize];
+                    let p = glam::Vec3::from(point.position).as_dvec3() - view.camera.eye();
+                    let feature = distortion.distort(DVec2::new(p.x, -p.y) / -p.z) * 20.0 + DVec2::new(8.0, 4.0);
+                    let [x, y, _] = view.image.at(o.pixel_px[0] as usize, o.pixel_px[1] as usize);
+                    // Half a pixel of the view, and what the lens stretches it by.
+                    let off = DVec2::new(f64::from(x), f64::from(y)) - feature;
+                    assert!(off.abs().max_element() <= 0.6 * f64::from(downscale), "{off}");
+                }
+            }
             let camera = &data.train[0].camera;
             assert!(camera.distortion.is_none());
             assert_eq!(camera.size_px.map(|s| s as usize), [data.train[0].image.width, data.train[0].image.height]);
