@@ -1,0 +1,235 @@
+//! The command line as text: what may be said. What it comes to is [`crate::config`]'s and each command's business.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand};
+use luxel_train::{Method, TrainConfig};
+use serde::{Deserialize, Serialize};
+
+use crate::console::LogFormat;
+use crate::values::{
+    ColorSpaceArg, DeviceArg, ExrTypeArg, FormatArg, Frames, Rgb, Shard, SplitArg, TonemapArg, TransferArg, parse_downscale, parse_finite,
+    parse_frames, parse_rgb, parse_shard,
+};
+
+/// High dynamic range 3D Gaussian splatting: posed HDR photographs in, a scene of linear radiance out.
+#[derive(Debug, Parser)]
+#[command(name = "luxel", version, propagate_version = true, max_term_width = 120, after_help = "New here? Type: luxel demo")]
+pub(crate) struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub(crate) command: Command,
+}
+
+/// What to do.
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Train, evaluate and render a small HDR scene that comes with the program: no files, no network, minutes.
+    Demo(DemoArgs),
+    /// Reconstruct a scene from posed HDR images.
+    Train(Box<TrainArgs>),
+    /// Compare a run's scene with its images: a table, metrics.json and report.html.
+    Eval(EvalArgs),
+    /// Render a scene to OpenEXR images in the units of the data set.
+    Render(RenderArgs),
+    /// Describe a scene, run, checkpoint, data set or image.
+    Info(InfoArgs),
+}
+
+/// How the files of a data set are read.
+#[derive(Clone, Debug, PartialEq, Eq, Args, Serialize, Deserialize)]
+pub(crate) struct LoadArgs {
+    /// Layout of the data set [default: recognised by looking].
+    #[arg(long, value_enum, value_name = "FORMAT", help_heading = "Data set")]
+    pub(crate) format: Option<FormatArg>,
+    /// Transfer function of integer images, where the file does not say it.
+    #[arg(long, value_enum, value_name = "CURVE", help_heading = "Data set")]
+    pub(crate) transfer: Option<TransferArg>,
+    /// Primaries of the images, whatever they state [default: as stated, else linear-rec709].
+    #[arg(long, value_enum, value_name = "SPACE", help_heading = "Data set")]
+    pub(crate) color_space: Option<ColorSpaceArg>,
+    /// Reduce images this many times a side, by area average in linear light.
+    #[arg(long, default_value = "1", value_parser = parse_downscale, value_name = "1|2|4|8", help_heading = "Data set")]
+    pub(crate) downscale: u32,
+}
+
+/// Where and how the work is done; none of it changes the result.
+#[derive(Clone, Debug, PartialEq, Eq, Args, Serialize, Deserialize)]
+pub(crate) struct DeviceArgs {
+    /// What computes.
+    #[arg(long, value_enum, default_value_t, help_heading = "Machine")]
+    pub(crate) device: DeviceArg,
+    /// Threads [default: all cores]. The result does not depend on it.
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=4096), value_name = "N", help_heading = "Machine")]
+    pub(crate) threads: Option<u32>,
+}
+
+/// What is saved and evaluated during training.
+#[derive(Clone, Debug, PartialEq, Eq, Args, Serialize, Deserialize)]
+pub(crate) struct RunArgs {
+    /// Save the training state every N steps, 0 for the end only.
+    #[arg(long, default_value_t = 5000, value_name = "N", help_heading = "Run")]
+    pub(crate) checkpoint_every: u32,
+    /// Keep the newest K checkpoints.
+    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..), value_name = "K", help_heading = "Run")]
+    pub(crate) keep_checkpoints: u32,
+    /// Evaluate the test views and write the scene after these steps; the last step always is.
+    #[arg(long, value_delimiter = ',', default_values_t = [7000, 30000], value_name = "STEPS", help_heading = "Run")]
+    pub(crate) eval_at: Vec<u32>,
+    /// Evaluate every N steps instead.
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..), value_name = "N", conflicts_with = "eval_at", help_heading = "Run")]
+    pub(crate) eval_every: Option<u32>,
+}
+
+/// How a command talks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Args)]
+pub(crate) struct ConsoleArgs {
+    /// How progress is told: to people on stderr, or to programs as one JSON object a line on stdout.
+    #[arg(long, value_enum, default_value_t, value_name = "FORMAT", help_heading = "Output")]
+    pub(crate) log_format: LogFormat,
+    /// Say nothing but warnings, errors and results.
+    #[arg(long, short, conflicts_with = "log_format", help_heading = "Output")]
+    pub(crate) quiet: bool,
+}
+
+/// `luxel train`.
+#[derive(Debug, Args)]
+#[command(after_help = "Ctrl-C saves the state and exits with code 130; --resume goes on from there, bit for bit.")]
+pub(crate) struct TrainArgs {
+    /// Folder of the data set (with transforms.json, sparse/0 or as HDR-NeRF, HDR-GS and GaussHDR have it). With --resume or
+    /// --config: the one of the configuration, if left out.
+    #[arg(required_unless_present_any = ["resume", "config"])]
+    pub(crate) dataset: Option<PathBuf>,
+    /// Folder of the run.
+    #[arg(long, short, value_name = "RUN")]
+    pub(crate) output: PathBuf,
+    /// Start from the settings of a run's config.toml; options given here take precedence.
+    #[arg(long, value_name = "FILE", conflicts_with = "resume")]
+    pub(crate) config: Option<PathBuf>,
+    /// Delete the run that is in the output folder, and start anew.
+    #[arg(long, conflicts_with = "resume")]
+    pub(crate) overwrite: bool,
+    /// Continue the run in the output folder from its newest readable checkpoint.
+    #[arg(long)]
+    pub(crate) resume: bool,
+    /// Print the time spent in each pass at the end.
+    #[arg(long, help_heading = "Output")]
+    pub(crate) profile: bool,
+    /// How the command talks.
+    #[command(flatten)]
+    pub(crate) console: ConsoleArgs,
+    /// How the data set is read.
+    #[command(flatten)]
+    pub(crate) load: LoadArgs,
+    /// Where the work is done.
+    #[command(flatten)]
+    pub(crate) device: DeviceArgs,
+    /// What is saved.
+    #[command(flatten)]
+    pub(crate) run: RunArgs,
+    /// The method.
+    #[command(flatten)]
+    pub(crate) train: TrainConfig,
+}
+
+/// `luxel eval`.
+#[derive(Debug, Args)]
+pub(crate) struct EvalArgs {
+    /// Folder of the run.
+    pub(crate) run: PathBuf,
+    /// Data set to compare with [default: the one the run was trained on].
+    #[arg(long, value_name = "DATASET")]
+    pub(crate) data: Option<PathBuf>,
+    /// Where the work is done.
+    #[command(flatten)]
+    pub(crate) device: DeviceArgs,
+}
+
+/// `luxel render`.
+#[derive(Debug, Args)]
+pub(crate) struct RenderArgs {
+    /// Folder of a run (its newest scene), or a scene .ply; plain 3DGS files too.
+    #[arg(value_name = "RUN|SCENE.ply")]
+    pub(crate) scene: PathBuf,
+    /// Folder for the images, <view>.exr.
+    #[arg(long, short, value_name = "DIR")]
+    pub(crate) output: PathBuf,
+    /// Data set whose cameras are used [default for a run: the one it was trained on].
+    #[arg(long, value_name = "DATASET", help_heading = "Cameras")]
+    pub(crate) data: Option<PathBuf>,
+    /// Cameras from a file: transforms.json, or a camera path of nerfstudio. What it leaves out (image size, lens) comes from the data
+    /// set's first camera.
+    #[arg(long, value_name = "FILE", conflicts_with = "split", help_heading = "Cameras")]
+    pub(crate) cameras: Option<PathBuf>,
+    /// Views of the data set.
+    #[arg(long, value_enum, default_value_t, help_heading = "Cameras")]
+    pub(crate) split: SplitArg,
+    /// Only frames a to b of the list, counted from 0, both included: 0-99.
+    #[arg(long, value_name = "A-B", value_parser = parse_frames, help_heading = "Cameras")]
+    pub(crate) frames: Option<Frames>,
+    /// Only every n-th of those, starting with the i-th, counted from 0: 0/4, 1/4, 2/4 and 3/4 are all of them.
+    #[arg(long, value_name = "I/N", value_parser = parse_shard, help_heading = "Cameras")]
+    pub(crate) shard: Option<Shard>,
+    /// How the data set is read.
+    #[command(flatten)]
+    pub(crate) load: LoadArgs,
+    /// Number format of the EXR files.
+    #[arg(long, value_enum, default_value_t, help_heading = "Images")]
+    pub(crate) exr_type: ExrTypeArg,
+    /// Also write an 8-bit preview <view>.png with this tone curve.
+    #[arg(long, value_enum, value_name = "CURVE", help_heading = "Images")]
+    pub(crate) tonemap: Option<TonemapArg>,
+    /// Exposure of the preview, stops: radiance, in units of the scene's scale, is multiplied by 2^EV.
+    #[arg(
+        long,
+        default_value_t = 0.0,
+        value_name = "EV",
+        allow_negative_numbers = true,
+        value_parser = parse_finite,
+        requires = "tonemap",
+        help_heading = "Images"
+    )]
+    pub(crate) exposure: f32,
+    /// Radiance behind everything, in the units of the data set [default for a run: the one it was trained with; else black].
+    #[arg(long, value_name = "R,G,B", value_parser = parse_rgb, help_heading = "Images")]
+    pub(crate) background: Option<Rgb>,
+    /// Where the work is done.
+    #[command(flatten)]
+    pub(crate) device: DeviceArgs,
+    /// How the command talks.
+    #[command(flatten)]
+    pub(crate) console: ConsoleArgs,
+}
+
+/// `luxel info`.
+#[derive(Debug, Args)]
+pub(crate) struct InfoArgs {
+    /// Scene .ply, run, checkpoint, data set or image.
+    pub(crate) path: PathBuf,
+    /// As JSON.
+    #[arg(long)]
+    pub(crate) json: bool,
+    /// How a data set is read.
+    #[command(flatten)]
+    pub(crate) load: LoadArgs,
+}
+
+/// `luxel demo`.
+#[derive(Debug, Args)]
+pub(crate) struct DemoArgs {
+    /// Folder for the results.
+    #[arg(long, short, default_value = "luxel-demo", value_name = "DIR")]
+    pub(crate) output: PathBuf,
+    /// Steps of training.
+    #[arg(long, default_value_t = crate::commands::demo::ITERATIONS, value_parser = clap::value_parser!(u32).range(1..), value_name = "N")]
+    pub(crate) iterations: u32,
+    /// Colour model.
+    #[arg(long, value_enum, default_value_t)]
+    pub(crate) method: Method,
+    /// Where the work is done.
+    #[command(flatten)]
+    pub(crate) device: DeviceArgs,
+    /// How the command talks.
+    #[command(flatten)]
+    pub(crate) console: ConsoleArgs,
+}

@@ -1,0 +1,165 @@
+//! `luxel demo`: the whole of Luxel on a small scene that is part of the program. The data set is unpacked into the results, so
+//! that everything can be tried on it afterwards.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use include_dir::{Dir, include_dir};
+use luxel_core::tone::Tonemap;
+use luxel_core::{Dataset, View, luminance_rec709};
+use luxel_train::{TrainConfig, Trainer};
+
+use super::train::{self, TrainedRun};
+use crate::cli::{DemoArgs, LoadArgs, RunArgs};
+use crate::config::{MadeBy, RunConfig};
+use crate::console::{self, Console};
+use crate::files;
+use crate::preview::{self, Look};
+use crate::run_folder::{Occupant, RunFolder};
+use crate::session::Outcome;
+
+/// 35 half-float EXR images of 200x200, poses, points, licences: 3.6 MB.
+static DATASET: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/../../data/desk-lamp-200");
+
+/// Folder within the results that the data set is unpacked to.
+const DATASET_FOLDER: &str = "dataset";
+
+/// Folder within the results for the pictures.
+const PICTURES_FOLDER: &str = "pictures";
+
+/// Steps. Aim: at most 3 minutes on two cores of 2020's laptops with everything around them. A step at 200x200 costs about 25 ms
+/// there, evaluation and report some 10 s: 3000 steps are 75 s and leave half of the time in reserve.
+pub(crate) const ITERATIONS: u32 = 3000;
+
+/// Test views that pictures are made of.
+const PICTURES: usize = 3;
+
+/// Trains, evaluates, renders, tells.
+pub(crate) fn run(args: &DemoArgs) -> Result<Outcome> {
+    let mut console = Console::new(args.console.log_format, args.console.quiet);
+    let folder = RunFolder::at(&args.output);
+    make_room(&folder)?;
+    let config = config(args);
+    // The mark first: should the unpacking be interrupted, the next demo may still replace it.
+    folder.write_config(&config)?;
+    unpack(&DATASET, &folder.root().join(DATASET_FOLDER))?;
+    console.note("training on a desk at night: 18 HDR photographs of 200x200 pixels, from a lit bulb to the shadows under the table");
+    let TrainedRun { outcome, mut trainer, dataset, .. } = train::fresh(config, &folder, &mut console, || Ok(()))?;
+    if outcome == Outcome::Interrupted {
+        console.note(&format!("saved; continue with: luxel train --resume -o {}", folder.root().display()));
+        return Ok(outcome);
+    }
+    let pictures = pictures(&folder, &dataset, &mut trainer)?;
+    tell(args, &folder, &pictures)?;
+    Ok(outcome)
+}
+
+/// Only what an earlier demo left is replaced.
+fn make_room(folder: &RunFolder) -> Result<()> {
+    let path = folder.root().display();
+    match folder.occupant()? {
+        Occupant::Nothing => Ok(()),
+        Occupant::Run(config) if config.made_by == MadeBy::Demo => folder.clear(&[DATASET_FOLDER, PICTURES_FOLDER]),
+        Occupant::Run(_) => bail!("{path}: holds a training run that is not a demo; choose another folder with -o"),
+        Occupant::Foreign => bail!("{path}: is not empty and not an earlier demo; choose another folder with -o"),
+    }
+}
+
+fn config(args: &DemoArgs) -> RunConfig {
+    RunConfig {
+        luxel_version: env!("CARGO_PKG_VERSION").into(),
+        made_by: MadeBy::Demo,
+        dataset: DATASET_FOLDER.into(),
+        load: LoadArgs { format: None, transfer: None, color_space: None, downscale: 1 },
+        device: args.device.clone(),
+        run: RunArgs { checkpoint_every: 0, keep_checkpoints: 1, eval_at: Vec::new(), eval_every: None },
+        train: TrainConfig { iterations: args.iterations, method: args.method, ..TrainConfig::default() },
+    }
+}
+
+fn unpack(from: &Dir<'_>, to: &Path) -> Result<()> {
+    for file in from.files() {
+        let name = file.path().file_name().context("an embedded file has no name")?;
+        files::write_bytes(&to.join(name), file.contents())?;
+    }
+    for dir in from.dirs() {
+        let name = dir.path().file_name().context("an embedded folder has no name")?;
+        unpack(dir, &to.join(name))?;
+    }
+    Ok(())
+}
+
+/// Display pictures of some test views, exposed for the shadows and for the highlights, with the ground truth beside.
+fn pictures(folder: &RunFolder, dataset: &Dataset, trainer: &mut Trainer) -> Result<Vec<PathBuf>> {
+    let (options, scale) = (trainer.render_options(), trainer.radiance_scale());
+    let count = dataset.test.len();
+    let chosen = (0..PICTURES.min(count)).filter_map(|i| dataset.test.get((2 * i + 1) * count / (2 * PICTURES.min(count))));
+    let mut paths = Vec::new();
+    for view in chosen {
+        let render = trainer.engine().render(&view.camera, &options).with_context(|| format!("cannot render {}", view.name))?;
+        let mut truth = view.image.as_ref().clone();
+        truth.scale(1.0 / scale);
+        let (shadows_ev, highlights_ev) = exposures(view, scale);
+        for (name, exposure_ev) in [("shadows", shadows_ev), ("highlights", highlights_ev)] {
+            let look = Look { tonemap: Tonemap::Agx, exposure_ev };
+            for (suffix, image) in [("", &render), ("_photograph", &truth)] {
+                let path = folder.root().join(PICTURES_FOLDER).join(format!("{}_{name}{suffix}.png", view.stem()));
+                preview::write(&path, image, dataset.color_space, look)?;
+                paths.push(path);
+            }
+        }
+    }
+    Ok(paths)
+}
+
+/// Stops that bring a view's median to middle grey, and its 99.9th percentile to 1.
+fn exposures(view: &View, scale: f32) -> (f32, f32) {
+    let mut luminance: Vec<f32> = view.image.pixels.iter().map(|&p| luminance_rec709(p) / scale).collect();
+    luminance.sort_unstable_by(f32::total_cmp);
+    let at = |part: f64| luminance.get((part * luminance.len().saturating_sub(1) as f64) as usize).copied().unwrap_or(1.0);
+    let stops = |from: f32, to: f32| (to / from.max(1e-6)).log2();
+    (stops(at(0.5), 0.18), stops(at(0.999), 1.0))
+}
+
+/// Where everything is, and what to try next.
+fn tell(args: &DemoArgs, folder: &RunFolder, pictures: &[PathBuf]) -> Result<()> {
+    let root = folder.root().display();
+    let images = folder.evaluation(args.iterations).join("renders");
+    let picture = pictures.first().map_or(String::new(), |path| path.display().to_string());
+    console::print(&format!(
+        "
+report    {report}   <- open this in a browser
+pictures  {picture} and {more} more
+EXR       {images}
+scene     {scene}
+
+Try next:
+  luxel info {root}
+  luxel render {root} --split all -o {root}/frames --tonemap agx --exposure 2
+  luxel train {root}/{DATASET_FOLDER} -o desk-lamp --iterations 30000
+  luxel train YOUR_IMAGES -o my-scene",
+        report = folder.report().display(),
+        more = pictures.len().saturating_sub(1),
+        images = images.display(),
+        scene = folder.scene(args.iterations).display(),
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_embedded_data_set_is_complete_and_small() {
+        let size = |dir: &Dir<'_>| -> usize {
+            fn sum(dir: &Dir<'_>) -> usize {
+                dir.files().map(|file| file.contents().len()).sum::<usize>() + dir.dirs().map(sum).sum::<usize>()
+            }
+            sum(dir)
+        };
+        assert!(size(&DATASET) <= 6 << 20, "{}", size(&DATASET));
+        assert!(DATASET.get_file("LICENSES.txt").is_some());
+        assert!(DATASET.get_file("transforms.json").is_some());
+        assert_eq!(DATASET.get_dir("images").unwrap().files().count(), 35);
+    }
+}

@@ -1,0 +1,60 @@
+//! `luxel eval`: figures of a run's newest scene.
+
+use std::collections::BTreeMap;
+
+use anyhow::{Context, Result};
+use luxel_core::RenderOptions;
+
+use crate::cli::EvalArgs;
+use crate::console::{self, Console, LogFormat};
+use crate::evaluation::{self, Metrics, Rendering};
+use crate::run_folder::RunFolder;
+use crate::{data, engine, files, memory, reporting, run_log, run_state};
+
+/// Evaluates and reports.
+pub(crate) fn run(args: &EvalArgs) -> Result<()> {
+    let console = Console::new(LogFormat::Text, false);
+    let (folder, config) = RunFolder::open(&args.run)?;
+    let (mut engine, threads) = engine::engine(&args.device)?;
+    let path = args.data.clone().unwrap_or_else(|| config.dataset_path(folder.root()));
+    let dataset = data::load(&path, &config.load, &console)?;
+    let (iteration, scene) = run_state::newest_scene(&folder, &console)?;
+    engine.load(&scene.splats, None).context("cannot load the scene")?;
+    let options = RenderOptions { raster: scene.raster, background: config.background(scene.radiance_scale), ..RenderOptions::default() };
+    let mut rendering = Rendering {
+        engine: engine.as_mut(),
+        options,
+        radiance_scale: scene.radiance_scale,
+        mu: config.train.mu,
+        color_space: dataset.color_space,
+    };
+    let images = folder.evaluation(iteration);
+    let mut splits = BTreeMap::new();
+    for (name, views, images) in [("test", &dataset.test, Some(images.as_path())), ("train", &dataset.train, None)] {
+        if let Some(split) = rendering.evaluate(views, images)? {
+            console::print(&evaluation::table(name, &split))?;
+            splits.insert(name.to_owned(), split);
+        }
+    }
+    let log = run_log::read(&folder.log())?;
+    let spent = log.iter().rev().find(|record| record.iteration <= iteration);
+    let metrics = Metrics {
+        method: evaluation::method_name(&config),
+        iterations: iteration,
+        splats: scene.splats.len(),
+        train_seconds: spent.map_or(0.0, |record| record.elapsed_s),
+        peak_rss_bytes: spent.and_then(|record| record.peak_rss_bytes).max(memory::peak_resident_bytes()),
+        radiance_scale: scene.radiance_scale,
+        mu: config.train.mu,
+        seed: config.train.seed,
+        threads,
+        luxel_version: env!("CARGO_PKG_VERSION").into(),
+        dataset: path.display().to_string(),
+        splits,
+    };
+    files::write_json(&images.join("metrics.json"), &metrics)?;
+    files::write_json(&folder.metrics(), &metrics)?;
+    reporting::write(&folder, &config, &dataset, &metrics)?;
+    console.note(&format!("figures {}\nreport  {}", folder.metrics().display(), folder.report().display()));
+    Ok(())
+}

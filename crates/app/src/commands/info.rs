@@ -1,0 +1,245 @@
+//! `luxel info`: what a file or folder holds.
+
+use std::path::Path;
+
+use anyhow::{Context, Result, bail};
+use luxel_core::{ColorModel, ColorSpace, Dataset, Image, Scene, Splats, View, luminance_rec709, sigmoid};
+use luxel_io::{ReadOptions, SampleDepth};
+
+use crate::cli::InfoArgs;
+use crate::console::{self, Console, LogFormat};
+use crate::evaluation::Metrics;
+use crate::facts::Facts;
+use crate::run_folder::RunFolder;
+use crate::{data, run_state};
+
+/// Percentiles that ranges are described by.
+const PERCENTILES: [f64; 7] = [0.0, 1.0, 25.0, 50.0, 75.0, 99.0, 100.0];
+
+/// Describes `args.path`.
+pub(crate) fn run(args: &InfoArgs) -> Result<()> {
+    let facts = describe(args)?;
+    if args.json { console::print(&format!("{:#}", facts.json())) } else { console::print(facts.text().trim_end()) }
+}
+
+fn describe(args: &InfoArgs) -> Result<Facts> {
+    let path = args.path.as_path();
+    let metadata = std::fs::metadata(path).with_context(|| format!("{}: cannot open", path.display()))?;
+    if metadata.is_dir() {
+        if RunFolder::is_run(path) {
+            return of_run(path);
+        }
+        let dataset = luxel_io::load_dataset(path, &data::options(&args.load)).context("cannot read the data set")?;
+        return Ok(of_dataset(&dataset));
+    }
+    let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
+    let mut facts = match extension.as_str() {
+        "ply" => of_scene_file(path)?,
+        "safetensors" => of_checkpoint(path)?,
+        "json" => {
+            let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+            bail!("{}: is a description of cameras; give the data set's folder: luxel info {}", path.display(), folder.display())
+        }
+        _ => of_image(path, args)?,
+    };
+    facts.set("file_bytes", metadata.len());
+    Ok(facts)
+}
+
+fn of_scene_file(path: &Path) -> Result<Facts> {
+    let scene = run_state::read_scene(path)?;
+    let mut facts = Facts::default();
+    facts.set("kind", "scene");
+    add_scene(&mut facts, &scene);
+    Ok(facts)
+}
+
+fn of_checkpoint(path: &Path) -> Result<Facts> {
+    let snapshot = luxel_io::read_checkpoint(path).context("cannot read the checkpoint")?;
+    let mut facts = Facts::default();
+    facts.set("kind", "checkpoint");
+    add_scene(&mut facts, &snapshot.scene);
+    // The trainer's own state, for those who know it.
+    if let Ok(state) = serde_json::from_str::<serde_json::Value>(&snapshot.state_json) {
+        for name in ["step", "iteration", "fingerprint"] {
+            if let Some(value) = state.get(name) {
+                facts.set(name, value.clone());
+            }
+        }
+    }
+    Ok(facts)
+}
+
+fn of_run(path: &Path) -> Result<Facts> {
+    let (folder, config) = RunFolder::open(path)?;
+    let mut facts = Facts::default();
+    facts.set("kind", "run");
+    facts.set("dataset", config.dataset_path(folder.root()).display().to_string());
+    facts.set("method", crate::evaluation::method_name(&config));
+    facts.set("iterations", config.train.iterations);
+    facts.set("seed", config.train.seed);
+    facts.set("luxel_version", config.luxel_version.clone());
+    let console = Console::new(LogFormat::Text, false);
+    match run_state::newest_scene(&folder, &console) {
+        Ok((iteration, scene)) => {
+            let mut newest = Facts::default();
+            newest.set("iteration", iteration);
+            add_scene(&mut newest, &scene);
+            facts.group("scene", newest);
+        }
+        Err(error) => {
+            facts.set("scene", format!("{error:#}"));
+        }
+    }
+    let metrics = std::fs::read(folder.metrics()).ok().and_then(|bytes| serde_json::from_slice::<Metrics>(&bytes).ok());
+    if let Some(metrics) = metrics {
+        let mut figures = Facts::default();
+        figures.set("iterations", metrics.iterations).set("train_seconds", metrics.train_seconds);
+        figures.set("peak_rss_bytes", metrics.peak_rss_bytes);
+        for (name, split) in &metrics.splits {
+            let mut mean = Facts::default();
+            for (name, value) in split.mean.named() {
+                mean.set(name, value);
+            }
+            figures.group(name, mean);
+        }
+        facts.group("figures", figures);
+    }
+    Ok(facts)
+}
+
+fn of_dataset(dataset: &Dataset) -> Facts {
+    let mut facts = Facts::default();
+    facts.set("kind", "data set").set("format", dataset.format.clone());
+    facts.set("train_views", dataset.train.len()).set("test_views", dataset.test.len());
+    let mut sizes: Vec<[u32; 2]> = dataset.train.iter().chain(&dataset.test).map(|view| view.camera.size_px).collect();
+    sizes.sort_unstable();
+    sizes.dedup();
+    facts.set("image_sizes_px", sizes.iter().map(|[w, h]| format!("{w}x{h}")).collect::<Vec<_>>());
+    facts.set("points", dataset.points.len());
+    facts.set("observations", dataset.points.iter().map(|point| point.observations.len()).sum::<usize>());
+    facts.set("color_space", dataset.color_space.name());
+    facts.set("fingerprint", dataset.fingerprint.clone());
+    let views = || dataset.train.iter().chain(&dataset.test);
+    let luminance: Vec<f32> = views().flat_map(valid_luminance).collect();
+    add_luminance(&mut facts, luminance);
+    let decoded = views().map(|view| view.image.pixels.len() * size_of::<[f32; 3]>()).sum::<usize>();
+    facts.set("decoded_bytes", decoded);
+    let mut bad = Facts::default();
+    bad.set("images", dataset.bad_pixels.len());
+    bad.set("nan", dataset.bad_pixels.iter().map(|bad| bad.nan).sum::<usize>());
+    bad.set("infinite", dataset.bad_pixels.iter().map(|bad| bad.infinite).sum::<usize>());
+    bad.set("negative", dataset.bad_pixels.iter().map(|bad| bad.negative).sum::<usize>());
+    facts.group("masked_pixels", bad);
+    let warnings: Vec<String> = dataset.warnings.iter().cloned().chain(data::bad_pixel_lines(dataset)).collect();
+    if !warnings.is_empty() {
+        facts.set("warnings", warnings);
+    }
+    facts
+}
+
+fn valid_luminance(view: &View) -> impl Iterator<Item = f32> {
+    view.image.pixels.iter().enumerate().filter(|(i, _)| view.is_valid(*i)).map(|(_, &rgb)| luminance_rec709(rgb))
+}
+
+fn of_image(path: &Path, args: &InfoArgs) -> Result<Facts> {
+    let options = ReadOptions { transfer: args.load.transfer.map(Into::into) };
+    let decoded = luxel_io::read_image(path, &options).context("cannot read the image")?;
+    let image: &Image = &decoded.image;
+    let mut facts = Facts::default();
+    let depth = match decoded.depth {
+        SampleDepth::Float => "floating point",
+        SampleDepth::Integer16 => "16-bit integer",
+        SampleDepth::Integer8 => "8-bit integer, not HDR",
+    };
+    let color_space = decoded.color_space.map_or("not stated, taken for linear-rec709", ColorSpace::name);
+    facts.set("kind", "image").set("samples", depth).set("width", image.width).set("height", image.height);
+    facts.set("color_space", color_space).set("alpha", decoded.alpha.is_some());
+    if !decoded.warnings.is_empty() {
+        facts.set("warnings", decoded.warnings.clone());
+    }
+    let values = || image.pixels.iter();
+    let mut bad = Facts::default();
+    bad.set("nan", values().filter(|p| p.iter().any(|v| v.is_nan())).count());
+    bad.set("infinite", values().filter(|p| p.iter().any(|v| v.is_infinite()) && !p.iter().any(|v| v.is_nan())).count());
+    bad.set("negative", values().filter(|p| p.iter().any(|v| *v < 0.0) && p.iter().all(|v| v.is_finite())).count());
+    facts.group("bad_pixels", bad);
+    let good = values().filter(|p| p.iter().all(|v| v.is_finite() && *v >= 0.0));
+    add_luminance(&mut facts, good.map(|&p| luminance_rec709(p)).collect());
+    Ok(facts)
+}
+
+fn add_scene(facts: &mut Facts, scene: &Scene) {
+    let splats = &scene.splats;
+    facts.set("splats", splats.len()).set("color_model", splats.color_model.name());
+    if let ColorModel::Lcd { activation, .. } = splats.color_model {
+        facts.set("activation", format!("{activation:?}").to_lowercase());
+    }
+    facts.set("color_space", scene.color_space.name());
+    facts.set_f32("radiance_scale", scene.radiance_scale);
+    facts.set("antialias", format!("{:?}", scene.raster.antialias).to_lowercase());
+    facts.set("parameter_bytes", parameter_bytes(splats));
+    if splats.is_empty() {
+        return;
+    }
+    let mut bounds = Facts::default();
+    for (name, pick) in [("min", f32::min as fn(f32, f32) -> f32), ("max", f32::max)] {
+        let corner = splats.position.iter().copied().reduce(|a, b| std::array::from_fn(|i| pick(a[i], b[i])));
+        bounds.set_f32s(name, &corner.unwrap_or_default());
+    }
+    facts.group("bounds", bounds);
+    let mut percentiles = Facts::default();
+    percentiles.set("at_percent", PERCENTILES.to_vec());
+    percentiles.set_f32s("scale", &quantiles(splats.log_scale.as_flattened().iter().map(|s| s.exp()).collect()));
+    percentiles.set_f32s("opacity", &quantiles(splats.opacity_logit.iter().map(|&o| sigmoid(o)).collect()));
+    percentiles.set_f32s("luminance", &quantiles(scene_luminance(scene)));
+    facts.group("percentiles", percentiles);
+}
+
+/// Luminance Y of each splat seen along +z, in the units of the data set.
+fn scene_luminance(scene: &Scene) -> Vec<f32> {
+    let radiance = |i| scene.splats.radiance(i, [0.0, 0.0, 1.0]);
+    (0..scene.splats.len()).map(|i| scene.radiance_scale * luminance_rec709(radiance(i))).collect()
+}
+
+fn parameter_bytes(splats: &Splats) -> usize {
+    let floats = splats.len() * (3 + 4 + 3 + 1) + splats.sh.len() + splats.raw_luminance.len() + splats.smoothing.len();
+    floats * size_of::<f32>()
+}
+
+/// Percentiles and dynamic range of luminance in the units of the data set.
+fn add_luminance(facts: &mut Facts, luminance: Vec<f32>) {
+    if luminance.is_empty() {
+        return;
+    }
+    let values = quantiles(luminance);
+    let mut group = Facts::default();
+    group.set("at_percent", PERCENTILES.to_vec()).set_f32s("luminance", &values);
+    // Above the 1st percentile: a single black pixel would make the range infinite.
+    if let (Some(&low), Some(&high)) = (values.get(1), values.last())
+        && low > 0.0
+    {
+        let ratio = f64::from(high) / f64::from(low);
+        group.set("decades_max_to_p1", ratio.log10()).set("stops_max_to_p1", ratio.log2());
+    }
+    facts.group("percentiles", group);
+}
+
+/// Values at [`PERCENTILES`], nearest rank; none of none.
+fn quantiles(mut values: Vec<f32>) -> Vec<f32> {
+    values.sort_unstable_by(f32::total_cmp);
+    let Some(last) = values.len().checked_sub(1) else { return Vec::new() };
+    PERCENTILES.iter().filter_map(|p| values.get((p / 100.0 * last as f64).round() as usize).copied()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quantiles_are_of_the_nearest_rank() {
+        assert_eq!(quantiles((0..=100).rev().map(|v| v as f32).collect()), [0.0, 1.0, 25.0, 50.0, 75.0, 99.0, 100.0]);
+        assert_eq!(quantiles(vec![2.0]), [2.0; 7]);
+        assert!(quantiles(Vec::new()).is_empty());
+    }
+}

@@ -1,0 +1,7 @@
+//! One file per command.
+
+pub(crate) mod demo;
+pub(crate) mod eval;
+pub(crate) mod info;
+pub(crate) mod render;
+pub(crate) mod train;

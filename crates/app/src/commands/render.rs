@@ -1,0 +1,179 @@
+//! `luxel render`: images of a scene in the units of the data set.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use luxel_core::{Camera, Dataset, Image, RenderOptions, Scene};
+use luxel_io::{ExrOptions, ExrSample};
+
+use crate::cli::{LoadArgs, RenderArgs};
+use crate::config::RunConfig;
+use crate::console::Console;
+use crate::evaluation::unique_stems;
+use crate::preview::{self, Look};
+use crate::run_folder::RunFolder;
+use crate::values::{ExrTypeArg, SplitArg};
+use crate::{data, engine, run_state, text};
+
+/// A camera and the name of its image.
+struct Shot {
+    name: String,
+    camera: Camera,
+}
+
+/// One image to make.
+struct Job {
+    camera: Camera,
+    exr: PathBuf,
+    png: Option<PathBuf>,
+}
+
+/// Renders what is not there yet; `said` are the ids of the options on the command line.
+pub(crate) fn run(args: &RenderArgs, said: &[String]) -> Result<()> {
+    let console = Console::new(args.console.log_format, args.console.quiet);
+    let (scene, run) = read_scene(args, &console)?;
+    let shots = shots(args, said, run.as_ref(), &console)?;
+    let jobs = jobs(args, shots)?;
+    let total = jobs.len();
+    let missing = |job: &Job| !job.exr.is_file() || job.png.as_ref().is_some_and(|png| !png.is_file());
+    let jobs: Vec<Job> = jobs.into_iter().filter(missing).collect();
+    if jobs.len() < total {
+        console.note(&format!("{} exist already and are left as they are", text::plural(total - jobs.len(), "image")));
+    }
+    let (mut engine, _) = engine::engine(&args.device)?;
+    engine.load(&scene.splats, None).context("cannot load the scene")?;
+    let background = match (args.background, &run) {
+        (Some(rgb), _) => rgb.0.map(|v| v / scene.radiance_scale),
+        (None, Some((_, config))) => config.background(scene.radiance_scale),
+        (None, None) => [0.0; 3],
+    };
+    let options = RenderOptions { raster: scene.raster, background, ..RenderOptions::default() };
+    let mut too_bright = 0usize;
+    for job in &jobs {
+        let image = engine.render(&job.camera, &options).with_context(|| format!("cannot render {}", job.exr.display()))?;
+        too_bright += usize::from(write(args, &scene, job, image)?);
+    }
+    if too_bright > 0 {
+        console.warn(&format!(
+            "{} exceed 65504, the largest half float, and are cut there; render again into another folder with --exr-type float",
+            text::plural(too_bright, "image")
+        ));
+    }
+    console.note(&format!("{} in {}", text::plural(jobs.len(), "new image"), args.output.display()));
+    Ok(())
+}
+
+/// The scene, and the run it comes from.
+fn read_scene(args: &RenderArgs, console: &Console) -> Result<(Scene, Option<(RunFolder, RunConfig)>)> {
+    let path = &args.scene;
+    if path.is_dir() {
+        let (folder, config) = RunFolder::open(path)?;
+        let (iteration, scene) = run_state::newest_scene(&folder, console)?;
+        console.note(&format!("scene of step {iteration}: {}", text::plural(scene.splats.len(), "splat")));
+        return Ok((scene, Some((folder, config))));
+    }
+    Ok((run_state::read_scene(path)?, None))
+}
+
+/// All cameras that the options name, in order, before `--frames` and `--shard`.
+fn shots(args: &RenderArgs, said: &[String], run: Option<&(RunFolder, RunConfig)>, console: &Console) -> Result<Vec<Shot>> {
+    let dataset = || match (&args.data, run) {
+        (Some(path), _) => Ok(Some(data::load(path, &args.load, console)?)),
+        (None, Some((folder, config))) => {
+            let load = load_args(&args.load, said, &config.load);
+            Ok(Some(data::load(&config.dataset_path(folder.root()), &load, console)?))
+        }
+        (None, None) => anyhow::Ok(None),
+    };
+    if let Some(file) = &args.cameras {
+        return camera_file(file, args.data.is_some(), dataset);
+    }
+    let Some(dataset) = dataset()? else {
+        bail!("{}: a scene file has no cameras; give --data DATASET or --cameras FILE", args.scene.display())
+    };
+    let shots = views(&dataset, args.split);
+    if shots.is_empty() {
+        bail!("the data set has no views in this split; choose another --split");
+    }
+    Ok(shots)
+}
+
+/// Cameras of a file. The data set, for what the file leaves out, is read only if asked for or needed.
+fn camera_file(file: &Path, asked: bool, dataset: impl FnOnce() -> Result<Option<Dataset>>) -> Result<Vec<Shot>> {
+    let first = if asked { Err(None) } else { luxel_io::read_camera_path(file, None).map_err(Some) };
+    let cameras = match first {
+        Ok(cameras) => cameras,
+        Err(error) => {
+            let dataset = dataset()?;
+            let default = dataset.as_ref().and_then(|dataset| dataset.train.first().or(dataset.test.first()));
+            match (default, error) {
+                (Some(view), _) => luxel_io::read_camera_path(file, Some(&view.camera)),
+                (None, Some(error)) => Err(error),
+                (None, None) => luxel_io::read_camera_path(file, None),
+            }
+            .context("cannot read the cameras")?
+        }
+    };
+    Ok(cameras.into_iter().map(|named| Shot { name: named.name, camera: named.camera }).collect())
+}
+
+/// How a run's own data set is read: as the run did, but for what is said now.
+fn load_args(now: &LoadArgs, said: &[String], run: &LoadArgs) -> LoadArgs {
+    LoadArgs {
+        format: now.format.or(run.format),
+        transfer: now.transfer.or(run.transfer),
+        color_space: now.color_space.or(run.color_space),
+        downscale: if said.iter().any(|id| id == "downscale") { now.downscale } else { run.downscale },
+    }
+}
+
+fn views(dataset: &Dataset, split: SplitArg) -> Vec<Shot> {
+    let (train, test): (&[_], &[_]) = match split {
+        SplitArg::Train => (&dataset.train, &[]),
+        SplitArg::Test => (&[], &dataset.test),
+        SplitArg::All => (&dataset.train, &dataset.test),
+    };
+    let mut shots: Vec<Shot> = train.iter().chain(test).map(|view| Shot { name: view.name.clone(), camera: view.camera.clone() }).collect();
+    // Both lists are sorted; together they are put in order again, so that frame numbers follow the capture.
+    shots.sort_by(|a, b| a.name.cmp(&b.name));
+    shots
+}
+
+/// File names, then the frames and the shard asked for: names don't depend on the part that is rendered.
+fn jobs(args: &RenderArgs, shots: Vec<Shot>) -> Result<Vec<Job>> {
+    let count = shots.len();
+    let stems = unique_stems(shots.iter().map(|shot| shot.name.as_str()));
+    let job = |(shot, stem): (Shot, String)| Job {
+        camera: shot.camera,
+        exr: args.output.join(format!("{stem}.exr")),
+        png: args.tonemap.map(|_| args.output.join(format!("{stem}.png"))),
+    };
+    if let Some(frames) = args.frames
+        && frames.first >= count
+    {
+        bail!("--frames starts at {}, but there are {}, counted from 0", frames.first, text::plural(count, "frame"));
+    }
+    let in_frames = shots.into_iter().zip(stems).enumerate().filter(|(i, _)| args.frames.is_none_or(|frames| frames.contains(*i)));
+    let in_shard = in_frames.enumerate().filter(|(i, _)| args.shard.is_none_or(|shard| i % shard.count == shard.index));
+    Ok(in_shard.map(|(_, (_, named))| job(named)).collect())
+}
+
+/// Writes what is missing of a job; true if half floats could not hold it.
+fn write(args: &RenderArgs, scene: &Scene, job: &Job, mut image: Image) -> Result<bool> {
+    if let (Some(png), Some(tonemap)) = (&job.png, args.tonemap)
+        && !png.is_file()
+    {
+        preview::write(png, &image, scene.color_space, Look { tonemap: tonemap.into(), exposure_ev: args.exposure })?;
+    }
+    if job.exr.is_file() {
+        return Ok(false);
+    }
+    image.scale(scene.radiance_scale);
+    let sample = match args.exr_type {
+        ExrTypeArg::Half => ExrSample::Half,
+        ExrTypeArg::Float => ExrSample::Float,
+    };
+    let options = ExrOptions { sample, color_space: scene.color_space, ..ExrOptions::default() };
+    let out_of_range = luxel_io::write_exr(&job.exr, &image, &options).context("cannot write an image")?;
+    Ok(out_of_range > 0)
+}

@@ -1,0 +1,210 @@
+//! `luxel train`: from a data set to a run folder.
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use anyhow::{Context, Result, bail};
+use luxel_core::{Dataset, Pass};
+use luxel_train::Trainer;
+use serde_json::json;
+
+use crate::cli::TrainArgs;
+use crate::config::RunConfig;
+use crate::console::{self, Console};
+use crate::run_folder::{Occupant, RunFolder};
+use crate::session::{Outcome, Session};
+use crate::{data, engine, run_state, text};
+
+/// A config.toml is a few kilobytes.
+const CONFIG_LIMIT_BYTES: u64 = 1 << 20;
+
+/// What to do about what is in the output folder.
+#[derive(Debug)]
+enum Start {
+    /// Nothing is there.
+    Fresh(RunConfig),
+    /// A run is there, to be deleted.
+    Replace(RunConfig),
+    /// A run is there, to be continued.
+    Resume(RunConfig),
+}
+
+/// Trains; `said` are the ids of the options on the command line.
+pub(crate) fn run(args: &TrainArgs, said: &[String]) -> Result<Outcome> {
+    let folder = RunFolder::at(&args.output);
+    let start = resolve(args, said, folder.occupant()?)?;
+    let mut console = Console::new(args.console.log_format, args.console.quiet);
+    let TrainedRun { outcome, config, mut trainer, steps, .. } = match start {
+        Start::Fresh(config) => fresh(config, &folder, &mut console, || Ok(()))?,
+        Start::Replace(config) => fresh(config, &folder, &mut console, || folder.clear(&[]))?,
+        Start::Resume(config) => resume(config, &folder, &mut console)?,
+    };
+    if args.profile {
+        console::print(&profile(steps, trainer.engine().timings()))?;
+    }
+    finish(outcome, &folder, &config, &console)?;
+    Ok(outcome)
+}
+
+/// What is left when training ends.
+pub(crate) struct TrainedRun {
+    /// Whether all steps are made.
+    pub(crate) outcome: Outcome,
+    /// How it was made.
+    pub(crate) config: RunConfig,
+    /// Holds the scene.
+    pub(crate) trainer: Trainer,
+    /// What it was trained on.
+    pub(crate) dataset: Dataset,
+    /// Steps made by this process.
+    pub(crate) steps: u32,
+}
+
+/// The configuration, from the command line and what is in the output folder.
+fn resolve(args: &TrainArgs, said: &[String], occupant: Occupant) -> Result<Start> {
+    let output = args.output.display();
+    if args.resume {
+        let Occupant::Run(stored) = occupant else { bail!("{output}: no run to resume; leave --resume out to start one") };
+        let dataset = args.dataset.as_deref().map_or(Ok(stored.dataset.clone()), absolute)?;
+        let command_line = RunConfig::from_args(args, dataset.clone());
+        let config = stored.resumed(&command_line, said)?;
+        return Ok(Start::Resume(RunConfig { dataset, ..config }));
+    }
+    let config = from_command_line(args, said)?;
+    match occupant {
+        Occupant::Nothing => Ok(Start::Fresh(config)),
+        Occupant::Run(_) if args.overwrite => Ok(Start::Replace(config)),
+        Occupant::Run(_) => {
+            bail!("{output}: already holds a run; continue it with --resume, replace it with --overwrite, or choose another")
+        }
+        Occupant::Foreign if args.overwrite => {
+            bail!("{output}: is not empty and not a luxel run, so --overwrite does not delete it; choose another output folder")
+        }
+        Occupant::Foreign => {
+            bail!("{output}: is not empty and not a luxel run (which --resume and --overwrite are for); choose another output folder")
+        }
+    }
+}
+
+/// The configuration of a new run.
+fn from_command_line(args: &TrainArgs, said: &[String]) -> Result<RunConfig> {
+    let base = match &args.config {
+        Some(path) => Some((path, RunConfig::read(path, CONFIG_LIMIT_BYTES)?)),
+        None => None,
+    };
+    let dataset = match (&args.dataset, &base) {
+        (Some(dataset), _) => dataset.clone(),
+        (None, Some((path, base))) => base.dataset_path(path.parent().unwrap_or(Path::new("."))),
+        (None, None) => bail!("no data set given"),
+    };
+    let command_line = RunConfig::from_args(args, absolute(&dataset)?);
+    match base {
+        Some((_, base)) => Ok(RunConfig {
+            luxel_version: command_line.luxel_version.clone(),
+            made_by: command_line.made_by,
+            dataset: command_line.dataset.clone(),
+            ..base.overlaid(&command_line, said)?
+        }),
+        None => Ok(command_line),
+    }
+}
+
+/// The path without `.` and links, so that the run finds its data from anywhere.
+fn absolute(dataset: &Path) -> Result<PathBuf> {
+    std::fs::canonicalize(dataset).with_context(|| format!("{}: cannot open the data set", dataset.display()))
+}
+
+/// A run from its first step. `clear` makes room once the data set has been read and the settings accepted.
+pub(crate) fn fresh(
+    config: RunConfig,
+    folder: &RunFolder,
+    console: &mut Console,
+    clear: impl FnOnce() -> Result<()>,
+) -> Result<TrainedRun> {
+    let (engine, threads) = engine::engine(&config.device)?;
+    let dataset = data::load(&config.dataset_path(folder.root()), &config.load, console)?;
+    let trainer = Trainer::new(&dataset, config.train.clone(), engine).context("cannot start training")?;
+    clear()?;
+    folder.write_config(&config)?;
+    train(config, folder, console, Ready { dataset, trainer, threads })
+}
+
+/// A run from its newest checkpoint.
+fn resume(config: RunConfig, folder: &RunFolder, console: &mut Console) -> Result<TrainedRun> {
+    let (engine, threads) = engine::engine(&config.device)?;
+    let dataset = data::load(&config.dataset_path(folder.root()), &config.load, console)?;
+    let trainer = match run_state::take_checkpoint(folder, console)? {
+        Some((path, snapshot)) => {
+            let mut trainer = Trainer::resume(&dataset, snapshot, engine).with_context(|| format!("{}: cannot resume", path.display()))?;
+            continue_with(&config, &mut trainer)?;
+            console.note(&format!("resuming after step {} from {}", trainer.iteration(), path.display()));
+            trainer
+        }
+        None => {
+            console.note("the run ended before its first checkpoint; starting from the first step");
+            Trainer::new(&dataset, config.train.clone(), engine).context("cannot start training")?
+        }
+    };
+    folder.write_config(&config)?;
+    train(config, folder, console, Ready { dataset, trainer, threads })
+}
+
+/// Gives a resumed trainer the number of steps of `config`; everything else must be as the checkpoint has it.
+fn continue_with(config: &RunConfig, trainer: &mut Trainer) -> Result<()> {
+    let (wanted, made) = (config.train.iterations, trainer.iteration());
+    if wanted < made {
+        bail!("--iterations {wanted}: the run has made {made} steps already; give at least as many");
+    }
+    trainer.set_iterations(wanted);
+    if *trainer.config() != config.train {
+        bail!(
+            "config.toml has other training options than the checkpoint; undo the change, or start anew with --config and another output folder"
+        );
+    }
+    Ok(())
+}
+
+/// All that the loop needs.
+struct Ready {
+    dataset: Dataset,
+    trainer: Trainer,
+    threads: usize,
+}
+
+fn train(config: RunConfig, folder: &RunFolder, console: &mut Console, ready: Ready) -> Result<TrainedRun> {
+    let Ready { dataset, trainer, threads } = ready;
+    console.note(&format!("starting with {} on {}", text::plural(trainer.splats_len(), "splat"), text::plural(threads, "thread")));
+    let first = trainer.iteration();
+    let session = Session { dataset: &dataset, folder, config: &config, threads, console, trainer };
+    let (outcome, trainer) = session.run()?;
+    let steps = trainer.iteration().saturating_sub(first);
+    Ok(TrainedRun { outcome, config, trainer, dataset, steps })
+}
+
+/// What the user is told at the end.
+fn finish(outcome: Outcome, folder: &RunFolder, config: &RunConfig, console: &Console) -> Result<()> {
+    let root = folder.root().display();
+    if outcome == Outcome::Interrupted {
+        console.note(&format!("saved; continue with: luxel train --resume -o {root}"));
+        return Ok(());
+    }
+    let scene = folder.scene(config.train.iterations);
+    let event = json!({ "event": "finished", "scene": scene, "metrics": folder.metrics(), "report": folder.report() });
+    console.event(
+        &event,
+        &format!("scene   {}\nfigures {}\nreport  {}", scene.display(), folder.metrics().display(), folder.report().display()),
+    );
+    Ok(())
+}
+
+/// Time spent in each pass: milliseconds a step of this process, and the share.
+fn profile(steps: u32, timings: &[(Pass, Duration)]) -> String {
+    let total: f64 = timings.iter().map(|(_, time)| time.as_secs_f64()).sum();
+    let mut out = format!("pass               ms a step   share, over {}\n", text::plural(steps as usize, "step"));
+    for (pass, time) in timings {
+        let seconds = time.as_secs_f64();
+        let share = if total > 0.0 { 100.0 * seconds / total } else { 0.0 };
+        out += &format!("{:17}  {:9.3}  {share:5.1} %\n", pass.name(), 1e3 * seconds / f64::from(steps.max(1)));
+    }
+    out + &format!("{:17}  {:9.3}", "all", 1e3 * total / f64::from(steps.max(1)))
+}

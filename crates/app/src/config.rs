@@ -1,0 +1,250 @@
+//! What a run is made with, resolved: `config.toml` of the run folder, and how it follows from the command line.
+//!
+//! Options said on the command line are told apart from defaults: a run made `--config FILE` takes the file's values where
+//! nothing was said, and a resumed run keeps its own and refuses what contradicts them.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use clap::ArgMatches;
+use clap::parser::ValueSource;
+use luxel_train::TrainConfig;
+use serde::{Deserialize, Serialize};
+
+use crate::cli::{DeviceArgs, LoadArgs, RunArgs, TrainArgs};
+use crate::files;
+
+/// First line of config.toml.
+const HEAD: &str = "# A Luxel training run. This file marks the folder as one; --resume and --config read it.\n";
+
+/// Who made a run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum MadeBy {
+    /// `luxel train`.
+    Train,
+    /// `luxel demo`: its folder may be replaced by the next demo.
+    Demo,
+}
+
+/// Everything that was decided for a run.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct RunConfig {
+    /// Version of the program that wrote it.
+    pub(crate) luxel_version: String,
+    /// Which command.
+    pub(crate) made_by: MadeBy,
+    /// Folder of the data set; relative to the run folder if not absolute.
+    pub(crate) dataset: PathBuf,
+    /// How the data set is read.
+    pub(crate) load: LoadArgs,
+    /// Where the work is done.
+    pub(crate) device: DeviceArgs,
+    /// What is saved and evaluated.
+    pub(crate) run: RunArgs,
+    /// The method.
+    pub(crate) train: TrainConfig,
+}
+
+/// Options that a resumed run may change: they leave the steps already made as they are.
+const FREE_ON_RESUME: [&str; 7] = ["device", "threads", "checkpoint_every", "keep_checkpoints", "eval_at", "eval_every", "iterations"];
+
+/// Sections of the file that options belong to.
+const SECTIONS: [&str; 4] = ["load", "device", "run", "train"];
+
+impl RunConfig {
+    /// The configuration of a new run as the command line alone says it.
+    pub(crate) fn from_args(args: &TrainArgs, dataset: PathBuf) -> Self {
+        Self {
+            luxel_version: env!("CARGO_PKG_VERSION").into(),
+            made_by: MadeBy::Train,
+            dataset,
+            load: args.load.clone(),
+            device: args.device.clone(),
+            run: args.run.clone(),
+            train: args.train.clone(),
+        }
+    }
+
+    /// Reads a config.toml of at most `limit_bytes`.
+    pub(crate) fn read(path: &Path, limit_bytes: u64) -> Result<Self> {
+        let content = files::read_text(path, limit_bytes)?;
+        toml::from_str(&content).with_context(|| format!("{}: not a configuration of this version of luxel", path.display()))
+    }
+
+    /// Writes it atomically.
+    pub(crate) fn write(&self, path: &Path) -> Result<()> {
+        let content = self.to_toml().with_context(|| format!("{}: cannot encode", path.display()))?;
+        files::write_text(path, &(HEAD.to_owned() + &content))
+    }
+
+    /// As TOML.
+    pub(crate) fn to_toml(&self) -> Result<String> {
+        Ok(toml::to_string_pretty(self)?)
+    }
+
+    /// `self` with the options that were `said` (by their ids) replaced by those of `command_line`.
+    pub(crate) fn overlaid(&self, command_line: &Self, said: &[String]) -> Result<Self> {
+        let mut base = toml::Table::try_from(self)?;
+        let other = toml::Table::try_from(command_line)?;
+        for (section, id) in options(&other, said) {
+            let value = value(&other, section, id).cloned();
+            if let Some(section) = base.get_mut(section).and_then(toml::Value::as_table_mut) {
+                // An alternative to an option takes its place: --eval-at after --eval-every.
+                if id == "eval_at" {
+                    section.remove("eval_every");
+                }
+                match value {
+                    Some(value) => section.insert(id.into(), value),
+                    None => section.remove(id),
+                };
+            }
+        }
+        Ok(base.try_into()?)
+    }
+
+    /// `self`, the configuration of an interrupted run, with what the command line may change. Everything else that was `said` must
+    /// be as it was.
+    pub(crate) fn resumed(&self, command_line: &Self, said: &[String]) -> Result<Self> {
+        let (base, other) = (toml::Table::try_from(self)?, toml::Table::try_from(command_line)?);
+        let mut contradictions = Vec::new();
+        for (section, id) in options(&other, said) {
+            let (stored, now) = (value(&base, section, id), value(&other, section, id));
+            if stored != now && !FREE_ON_RESUME.contains(&id) {
+                let show = |v: Option<&toml::Value>| v.map_or("unset".into(), ToString::to_string);
+                contradictions.push(format!("--{} is {} in the run, {} now", id.replace('_', "-"), show(stored), show(now)));
+            }
+        }
+        if !contradictions.is_empty() {
+            bail!(
+                "a resumed run keeps its settings: {}; leave these options out, or start anew with --overwrite or another output folder",
+                contradictions.join("; ")
+            );
+        }
+        self.overlaid(command_line, said)
+    }
+
+    /// Radiance behind everything in normalised units.
+    pub(crate) fn background(&self, radiance_scale: f32) -> [f32; 3] {
+        self.train.background.map(|v| v / radiance_scale)
+    }
+
+    /// Where the data set is, for a run in `folder`.
+    pub(crate) fn dataset_path(&self, folder: &Path) -> PathBuf {
+        folder.join(&self.dataset)
+    }
+}
+
+/// Ids of the options that were said on the command line.
+pub(crate) fn said_options(matches: &ArgMatches) -> Vec<String> {
+    let said = |id: &&clap::Id| matches.value_source(id.as_str()) == Some(ValueSource::CommandLine);
+    matches.ids().filter(said).map(|id| id.as_str().to_owned()).collect()
+}
+
+/// The said options that are part of a configuration, with their sections.
+fn options<'a>(table: &toml::Table, said: &'a [String]) -> Vec<(&'static str, &'a str)> {
+    let section_of = |id: &str| SECTIONS.into_iter().find(|section| value(table, section, id).is_some());
+    said.iter().filter_map(|id| Some((section_of(id)?, id.as_str()))).collect()
+}
+
+fn value<'a>(table: &'a toml::Table, section: &str, id: &str) -> Option<&'a toml::Value> {
+    table.get(section)?.as_table()?.get(id)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use clap::{CommandFactory, FromArgMatches};
+
+    use super::*;
+    use crate::cli::{Cli, Command};
+
+    /// Options of `train` that are not part of a configuration; tests of the program show what each does.
+    const BEHAVIOUR: [&str; 10] =
+        ["dataset", "output", "config", "overwrite", "resume", "profile", "log_format", "quiet", "help", "version"];
+
+    /// The configuration and the said options of `luxel train data -o run <more>`.
+    fn parsed(more: &[String]) -> Result<(RunConfig, Vec<String>), clap::Error> {
+        let args = ["luxel", "train", "data", "-o", "run"].into_iter().map(String::from).chain(more.iter().cloned());
+        let matches = Cli::command().try_get_matches_from(args)?;
+        let said = said_options(matches.subcommand().unwrap().1);
+        let Command::Train(args) = Cli::from_arg_matches(&matches)?.command else { unreachable!("train was said") };
+        Ok((RunConfig::from_args(&args, "data".into()), said))
+    }
+
+    fn toml(config: &RunConfig) -> String {
+        config.to_toml().unwrap()
+    }
+
+    /// A way to say the option that changes the configuration.
+    fn saying(arg: &clap::Arg) -> Option<(Vec<String>, RunConfig, Vec<String>)> {
+        let base = toml(&parsed(&[]).unwrap().0);
+        let named: Vec<String> = arg.get_possible_values().iter().map(|value| value.get_name().to_owned()).collect();
+        let numbers = ["4", "0.25", "2,3,4", "17"].map(String::from);
+        let long = format!("--{}", arg.get_long()?);
+        let with_value = named.iter().chain(&numbers).map(|value| vec![format!("{long}={value}")]);
+        std::iter::once(vec![long.clone()]).chain(with_value).find_map(|words| {
+            let (config, said) = parsed(&words).ok()?;
+            (toml(&config) != base).then_some((words, config, said))
+        })
+    }
+
+    #[test]
+    fn every_option_of_train_changes_the_configuration_or_the_behaviour() {
+        let mut command = Cli::command();
+        command.build();
+        let train = command.find_subcommand("train").unwrap();
+        let mut behaviour = BTreeSet::from(BEHAVIOUR);
+        for arg in train.get_arguments() {
+            let id = arg.get_id().as_str();
+            let changes = saying(arg).is_some();
+            assert!(changes || behaviour.contains(id), "--{id} is accepted and changes nothing");
+            behaviour.remove(id);
+        }
+        assert!(behaviour.is_empty(), "not options of train: {behaviour:?}");
+    }
+
+    #[test]
+    fn a_configuration_survives_its_file_and_takes_every_option_over() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("config.toml");
+        let mut command = Cli::command();
+        command.build();
+        let (base, _) = parsed(&[]).unwrap();
+        for arg in command.find_subcommand("train").unwrap().get_arguments() {
+            let Some((words, config, said)) = saying(arg) else { continue };
+            config.write(&path).unwrap();
+            assert_eq!(toml(&RunConfig::read(&path, 1 << 20).unwrap()), toml(&config), "{words:?} in the file");
+            assert_eq!(toml(&base.overlaid(&config, &said).unwrap()), toml(&config), "{words:?} over a file");
+        }
+    }
+
+    #[test]
+    fn defaults_do_not_override_a_file() {
+        let words = |text: &str| text.split(' ').map(String::from).collect::<Vec<_>>();
+        let (file, _) = parsed(&words("--seed 7 --eval-every 500 --method sh3")).unwrap();
+        let (line, said) = parsed(&words("--method lcd")).unwrap();
+        let merged = file.overlaid(&line, &said).unwrap();
+        assert_eq!((merged.train.seed, merged.run.eval_every, merged.train.method), (7, Some(500), line.train.method));
+        let (line, said) = parsed(&words("--eval-at 100,200")).unwrap();
+        let merged = file.overlaid(&line, &said).unwrap();
+        assert_eq!((merged.run.eval_every, merged.run.eval_at), (None, vec![100, 200]));
+    }
+
+    #[test]
+    fn a_resumed_run_takes_only_what_leaves_its_steps_alone() {
+        let words = |text: &str| text.split(' ').map(String::from).collect::<Vec<_>>();
+        let (stored, _) = parsed(&words("--seed 7")).unwrap();
+        let (line, said) = parsed(&words("--iterations 50000 --threads 3 --checkpoint-every 10")).unwrap();
+        let resumed = stored.resumed(&line, &said).unwrap();
+        assert_eq!((resumed.train.iterations, resumed.device.threads, resumed.run.checkpoint_every), (50000, Some(3), 10));
+        assert_eq!(resumed.train.seed, 7);
+        let (line, said) = parsed(&words("--seed 8 --downscale 2 --threads 3 --max-splats 10")).unwrap();
+        let error = stored.resumed(&line, &said).unwrap_err().to_string();
+        for part in ["--seed is 7 in the run, 8 now", "--downscale is 1 in the run, 2 now", "--max-splats is unset in the run, 10 now"] {
+            assert!(error.contains(part), "{part}: {error}");
+        }
+        assert!(!error.contains("--threads"), "{error}");
+    }
+}

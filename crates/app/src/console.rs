@@ -1,0 +1,177 @@
+//! What the user sees while a command works. Text: a progress bar on a terminal, a plain line every few seconds elsewhere, both
+//! on stderr; results go to stdout. JSON: one object a line on stdout, told apart by `event`.
+
+use std::io::{IsTerminal, Write};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+
+use crate::run_log::LogRecord;
+use crate::text;
+
+/// How progress is told.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum LogFormat {
+    /// For people.
+    #[default]
+    Text,
+    /// For programs: one JSON object a line on stdout.
+    Json,
+}
+
+/// Plain progress lines come this far apart: a person sees life, a log file of an overnight run stays readable.
+const LINE_INTERVAL: Duration = Duration::from_secs(5);
+
+/// The one place that talks to the user.
+pub(crate) struct Console {
+    style: Style,
+    bar: Option<ProgressBar>,
+    last_line: Option<Instant>,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Style {
+    Bar,
+    Lines,
+    Json,
+    Quiet,
+}
+
+impl Console {
+    /// `quiet` leaves warnings, errors and results.
+    pub(crate) fn new(format: LogFormat, quiet: bool) -> Self {
+        let style = match (format, quiet) {
+            (LogFormat::Json, _) => Style::Json,
+            (LogFormat::Text, true) => Style::Quiet,
+            (LogFormat::Text, false) if std::io::stderr().is_terminal() => Style::Bar,
+            (LogFormat::Text, false) => Style::Lines,
+        };
+        Self { style, bar: None, last_line: None }
+    }
+
+    /// Something good to know.
+    pub(crate) fn note(&self, message: &str) {
+        match self.style {
+            Style::Json => emit(&json!({ "event": "note", "message": message })),
+            Style::Bar | Style::Lines => self.line(message),
+            Style::Quiet => {}
+        }
+    }
+
+    /// Something that may need the user's attention.
+    pub(crate) fn warn(&self, message: &str) {
+        match self.style {
+            Style::Json => emit(&json!({ "event": "warning", "message": message })),
+            _ => self.line(&format!("warning: {message}")),
+        }
+    }
+
+    /// An event for programs, with its text for people; `event` must be an object.
+    pub(crate) fn event(&self, event: &serde_json::Value, text: &str) {
+        match self.style {
+            Style::Json => emit(event),
+            Style::Bar | Style::Lines => self.line(text),
+            Style::Quiet => {}
+        }
+    }
+
+    fn line(&self, message: &str) {
+        match &self.bar {
+            Some(bar) => bar.suspend(|| stderr_line(message)),
+            None => stderr_line(message),
+        }
+    }
+
+    /// Starts the bar of `total` steps at `step`.
+    pub(crate) fn begin_steps(&mut self, step: u32, total: u32) {
+        if self.style != Style::Bar {
+            return;
+        }
+        let bar = ProgressBar::with_draw_target(Some(total.into()), ProgressDrawTarget::stderr_with_hz(5));
+        // The template is a constant; if the library should reject it, its own style is as good.
+        if let Ok(style) = ProgressStyle::with_template("{wide_bar:.cyan/blue} {pos}/{len}  {msg}") {
+            bar.set_style(style);
+        }
+        bar.set_position(step.into());
+        self.bar = Some(bar);
+    }
+
+    /// A step was made.
+    pub(crate) fn step(&self, step: u32) {
+        if let Some(bar) = &self.bar {
+            bar.set_position(step.into());
+        }
+    }
+
+    /// The figures of the last steps.
+    pub(crate) fn progress(&mut self, record: &LogRecord, total: u32) {
+        match self.style {
+            Style::Json => {
+                let mut event = json!({ "event": "progress", "iterations": total, "seconds_left": record.seconds_left(total) });
+                if let (Some(event), Ok(serde_json::Value::Object(fields))) = (event.as_object_mut(), serde_json::to_value(record)) {
+                    event.extend(fields);
+                }
+                emit(&event);
+            }
+            Style::Bar => {
+                if let Some(bar) = &self.bar {
+                    bar.set_message(figures(record, total));
+                }
+            }
+            Style::Lines => {
+                if self.last_line.is_none_or(|at| at.elapsed() >= LINE_INTERVAL) || record.iteration == total {
+                    self.last_line = Some(Instant::now());
+                    let percent = 100.0 * f64::from(record.iteration) / f64::from(total.max(1));
+                    stderr_line(&format!("step {}/{total} ({percent:.0} %)  {}", record.iteration, figures(record, total)));
+                }
+            }
+            Style::Quiet => {}
+        }
+    }
+
+    /// Takes the bar away.
+    pub(crate) fn end_steps(&mut self) {
+        if let Some(bar) = self.bar.take() {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+/// `12.3 it/s  39 min 12 s left  loss 0.0412  psnr 31.2 train 29.9 test  45,210 splats  812.0 MiB`.
+fn figures(record: &LogRecord, total: u32) -> String {
+    let left = record.seconds_left(total).map_or(String::new(), |s| format!("  {} left", text::duration(Duration::from_secs_f64(s))));
+    let train = record.psnr_train.map(|v| format!("{v:.2} train"));
+    let test = record.psnr_test.map(|v| format!("{v:.2} test"));
+    let psnr = match (train, test) {
+        (None, None) => String::new(),
+        (train, test) => format!("  psnr {}", [train, test].into_iter().flatten().collect::<Vec<_>>().join(" ")),
+    };
+    let memory = record.rss_bytes.map_or(String::new(), |b| format!("  {}", text::bytes(b)));
+    format!("{:.1} it/s{left}  loss {:.4}{psnr}  {} splats{memory}", record.iterations_per_second, record.loss, text::count(record.splats))
+}
+
+/// A line of a result, on stdout. Fails when the reader has gone, which `main` takes for a quiet end.
+pub(crate) fn print(text: &str) -> Result<()> {
+    let mut out = std::io::stdout().lock();
+    writeln!(out, "{text}").and_then(|()| out.flush()).context("cannot write to standard output")
+}
+
+/// One JSON object on stdout; a reader that has gone does not end a training run.
+fn emit(event: &serde_json::Value) {
+    let mut out = std::io::stdout().lock();
+    let _ = writeln!(out, "{event}").and_then(|()| out.flush());
+}
+
+/// A line on stderr; nobody listening is no reason to stop.
+pub(crate) fn stderr_line(message: &str) {
+    let _ = writeln!(std::io::stderr().lock(), "{message}");
+}
+
+/// A line on stderr from the interrupt handler's thread, below whatever the bar shows.
+pub(crate) fn note_from_handler(message: &str) {
+    let _ = writeln!(std::io::stderr(), "\n{message}");
+}

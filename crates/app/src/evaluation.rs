@@ -1,0 +1,174 @@
+//! Figures of a split, the images they are made from, `metrics.json`, and tables for people. A figure never stands without its
+//! protocol (see [`luxel_core::metrics`]).
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use clap::ValueEnum;
+use luxel_core::{ColorSpace, Engine, Image, RenderOptions, View};
+use luxel_io::{ExrOptions, ExrSample};
+use luxel_train::SplitMetrics;
+use serde::{Deserialize, Serialize};
+
+use crate::config::RunConfig;
+use crate::text;
+
+/// Largest number of a half float.
+pub(crate) const HALF_MAX: f32 = 65504.0;
+
+/// `metrics.json`.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct Metrics {
+    /// Name of the colour model's preset.
+    pub(crate) method: String,
+    /// Steps of training.
+    pub(crate) iterations: u32,
+    /// Splats.
+    pub(crate) splats: usize,
+    /// Seconds of training, evaluation left out, over all resumed parts.
+    pub(crate) train_seconds: f64,
+    /// Most resident memory; `null` where the system does not tell.
+    pub(crate) peak_rss_bytes: Option<u64>,
+    /// Radiance of the data set that is 1 in protocol `scene`.
+    pub(crate) radiance_scale: f32,
+    /// mu of the mu-law.
+    pub(crate) mu: f32,
+    /// Seed.
+    pub(crate) seed: u64,
+    /// Threads.
+    pub(crate) threads: usize,
+    /// Version of the program.
+    pub(crate) luxel_version: String,
+    /// Folder of the data set.
+    pub(crate) dataset: String,
+    /// `test`, and at the end of training `train`.
+    pub(crate) splits: BTreeMap<String, SplitMetrics>,
+}
+
+/// How a loaded scene is rendered and compared.
+pub(crate) struct Rendering<'a> {
+    /// Holds the scene.
+    pub(crate) engine: &'a mut dyn Engine,
+    /// As in training.
+    pub(crate) options: RenderOptions,
+    /// Data-set radiance of one normalised unit.
+    pub(crate) radiance_scale: f32,
+    /// mu of the mu-law.
+    pub(crate) mu: f32,
+    /// Of the data set.
+    pub(crate) color_space: ColorSpace,
+}
+
+impl Rendering<'_> {
+    /// Figures of some views.
+    pub(crate) fn metrics(&mut self, views: &[View]) -> Result<SplitMetrics> {
+        Ok(luxel_train::evaluate(self.engine, &self.options, self.radiance_scale, self.mu, views, &mut |_, _, _| ())?)
+    }
+
+    /// Figures of a split, `None` if it is empty. With a folder, `renders/` and `gt/` get the images in the units of the data set.
+    pub(crate) fn evaluate(&mut self, views: &[View], images: Option<&Path>) -> Result<Option<SplitMetrics>> {
+        if views.is_empty() {
+            return Ok(None);
+        }
+        let (scale, color_space) = (self.radiance_scale, self.color_space);
+        let names = || views.iter().map(|view| view.name.as_str());
+        let stems: BTreeMap<&str, String> = names().zip(unique_stems(names())).collect();
+        let mut failed = Ok(());
+        let mut each = |view: &View, prediction: &Image, _: &_| {
+            let (Some(folder), Some(stem)) = (images, stems.get(view.name.as_str())) else { return };
+            if failed.is_ok() {
+                let mut render = prediction.clone();
+                render.scale(scale);
+                failed = write_exr(&folder.join("renders").join(format!("{stem}.exr")), &render, color_space)
+                    .and_then(|()| write_exr(&folder.join("gt").join(format!("{stem}.exr")), &view.image, color_space));
+            }
+        };
+        let metrics = luxel_train::evaluate(self.engine, &self.options, scale, self.mu, views, &mut each)?;
+        failed?;
+        Ok(Some(metrics))
+    }
+}
+
+/// Half floats, unless a value needs more.
+fn write_exr(path: &Path, image: &Image, color_space: ColorSpace) -> Result<()> {
+    let sample = if max_value(image) > HALF_MAX { ExrSample::Float } else { ExrSample::Half };
+    luxel_io::write_exr(path, image, &ExrOptions { sample, color_space, ..ExrOptions::default() })
+        .context("cannot write an evaluation image")?;
+    Ok(())
+}
+
+/// Greatest channel.
+pub(crate) fn max_value(image: &Image) -> f32 {
+    image.pixels.as_flattened().iter().copied().fold(0.0, f32::max)
+}
+
+/// File stems of views: the last part of each name; where that is not unique, the whole name with `_` between its parts, and a
+/// number where even that is taken.
+pub(crate) fn unique_stems<'a>(names: impl Iterator<Item = &'a str> + Clone) -> Vec<String> {
+    let last = |name: &'a str| name.rsplit('/').next().unwrap_or(name);
+    let mut uses: BTreeMap<&str, usize> = BTreeMap::new();
+    for name in names.clone() {
+        *uses.entry(last(name)).or_default() += 1;
+    }
+    let mut taken = std::collections::BTreeSet::new();
+    let mut stems = Vec::new();
+    for name in names {
+        let stem = if uses.get(last(name)) == Some(&1) { last(name).to_owned() } else { name.replace('/', "_") };
+        let mut unique = stem.clone();
+        let mut number = 2;
+        while !taken.insert(unique.clone()) {
+            unique = format!("{stem}_{number}");
+            number += 1;
+        }
+        stems.push(unique);
+    }
+    stems
+}
+
+/// Name of the colour model's preset: `lcd`, `sh3`.
+pub(crate) fn method_name(config: &RunConfig) -> String {
+    config.train.method.to_possible_value().map_or(String::new(), |value| value.get_name().to_owned())
+}
+
+/// One line of a split's means.
+pub(crate) fn mean_line(split: &SplitMetrics) -> String {
+    let m = &split.mean;
+    format!(
+        "psnr {:.2} dB scene, {:.2} gtmax, {:.2} selfmax; ssim {:.4} scene, {:.4} gtmax; mean of {}",
+        m.psnr_scene,
+        m.psnr_gtmax,
+        m.psnr_selfmax,
+        m.ssim_scene,
+        m.ssim_gtmax,
+        text::plural(split.views.len(), "view"),
+    )
+}
+
+/// A table of every view and the mean.
+pub(crate) fn table(name: &str, split: &SplitMetrics) -> String {
+    let width = split.views.iter().map(|view| view.name.len()).max().unwrap_or(0).max(4);
+    let mut out = format!(
+        "{name:width$}  ------- psnr, dB --------  --------- ssim ---------  black\n{:width$}    scene   gtmax  selfmax    scene   gtmax  selfmax  scene\n",
+        ""
+    );
+    let rows = split.views.iter().map(|view| (view.name.as_str(), &view.metrics)).chain([("mean", &split.mean)]);
+    for (name, m) in rows {
+        out += &format!(
+            "{name:width$}  {:7.2} {:7.2} {:8.2}  {:7.4} {:7.4} {:8.4} {:6.2}\n",
+            m.psnr_scene, m.psnr_gtmax, m.psnr_selfmax, m.ssim_scene, m.ssim_gtmax, m.ssim_selfmax, m.psnr_black_scene
+        );
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stems_that_collide_get_their_folder() {
+        let names = ["left/000", "right/000", "right/001", "right_000"];
+        assert_eq!(unique_stems(names.into_iter()), ["left_000", "right_000", "001", "right_000_2"]);
+    }
+}

@@ -1,0 +1,133 @@
+//! What `info` found out: named values in order, as text for people or as JSON for programs.
+
+use serde_json::{Map, Value};
+
+use crate::text;
+
+/// An ordered tree of named values. Names are those of the JSON; text shows them with spaces for underscores. A name that ends in
+/// `_bytes` is shown as a file size.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Facts {
+    entries: Vec<(String, Fact)>,
+}
+
+#[derive(Clone, Debug)]
+enum Fact {
+    Value(Value),
+    Group(Facts),
+}
+
+impl Facts {
+    /// Adds a value.
+    pub(crate) fn set(&mut self, name: &str, value: impl Into<Value>) -> &mut Self {
+        self.entries.push((name.to_owned(), Fact::Value(value.into())));
+        self
+    }
+
+    /// Adds a single-precision number with the digits it has, not those of its double.
+    pub(crate) fn set_f32(&mut self, name: &str, value: f32) -> &mut Self {
+        self.set(name, single(value))
+    }
+
+    /// Adds a list of single-precision numbers.
+    pub(crate) fn set_f32s(&mut self, name: &str, values: &[f32]) -> &mut Self {
+        self.set(name, values.iter().copied().map(single).collect::<Vec<Value>>())
+    }
+
+    /// Adds a group.
+    pub(crate) fn group(&mut self, name: &str, facts: Facts) -> &mut Self {
+        self.entries.push((name.to_owned(), Fact::Group(facts)));
+        self
+    }
+
+    /// As JSON.
+    pub(crate) fn json(&self) -> Value {
+        let entries = self.entries.iter().map(|(name, fact)| {
+            let value = match fact {
+                Fact::Value(value) => value.clone(),
+                Fact::Group(facts) => facts.json(),
+            };
+            (name.clone(), value)
+        });
+        Value::Object(entries.collect::<Map<_, _>>())
+    }
+
+    /// As aligned lines.
+    pub(crate) fn text(&self) -> String {
+        let mut out = String::new();
+        self.write_text(&mut out, 0);
+        out
+    }
+
+    fn write_text(&self, out: &mut String, indent: usize) {
+        let width = self.entries.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
+        for (name, fact) in &self.entries {
+            let label = name.strip_suffix("_bytes").unwrap_or(name).replace('_', " ");
+            match fact {
+                Fact::Value(Value::Null) => {}
+                Fact::Value(Value::Array(items)) if items.iter().any(Value::is_string) => {
+                    *out += &format!("{:indent$}{label}\n", "");
+                    for item in items {
+                        *out += &format!("{:indent$}  - {}\n", "", shown(name, item));
+                    }
+                }
+                Fact::Value(value) => *out += &format!("{:indent$}{label:width$}  {}\n", "", shown(name, value)),
+                Fact::Group(facts) => {
+                    *out += &format!("{:indent$}{label}\n", "");
+                    facts.write_text(out, indent + 2);
+                }
+            }
+        }
+    }
+}
+
+fn single(value: f32) -> Value {
+    // The shortest decimal that is this f32: 0.1 and not 0.10000000149.
+    value.to_string().parse::<f64>().ok().and_then(serde_json::Number::from_f64).map_or(Value::Null, Value::Number)
+}
+
+fn shown(name: &str, value: &Value) -> String {
+    match value {
+        Value::String(text) => text.clone(),
+        Value::Bool(true) => "yes".into(),
+        Value::Bool(false) => "no".into(),
+        Value::Number(number) => match (number.as_u64(), number.as_f64()) {
+            (Some(n), _) if name.ends_with("_bytes") => text::bytes(n),
+            (Some(n), _) => usize::try_from(n).map_or_else(|_| n.to_string(), text::count),
+            (None, Some(v)) => text::number(v),
+            (None, None) => number.to_string(),
+        },
+        Value::Array(items) => items.iter().map(|item| shown(name, item)).collect::<Vec<_>>().join("  "),
+        Value::Null | Value::Object(_) => value.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn facts() -> Facts {
+        let mut bounds = Facts::default();
+        bounds.set_f32s("min", &[-1.0, 0.1, 2.5]);
+        let mut facts = Facts::default();
+        facts.set("kind", "scene").set("file_bytes", 2048).set("splats", 45210).set_f32("scale", 0.1).group("bounds", bounds);
+        facts.set("warnings", vec!["odd"]);
+        facts
+    }
+
+    #[test]
+    fn text_is_aligned_and_has_units() {
+        assert_eq!(
+            facts().text(),
+            "kind        scene\nfile        2.0 KiB\nsplats      45,210\nscale       0.1000\nbounds\n  min  -1.000  0.1000  2.500\nwarnings\n  - odd\n"
+        );
+    }
+
+    #[test]
+    fn json_has_the_same_names_and_the_digits_of_single_precision() {
+        assert_eq!(
+            facts().json().to_string(),
+            r#"{"bounds":{"min":[-1.0,0.1,2.5]},"file_bytes":2048,"kind":"scene","scale":0.1,"splats":45210,"warnings":["odd"]}"#
+        );
+    }
+}

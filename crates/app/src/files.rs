@@ -1,0 +1,35 @@
+//! Small files of the program's own, written whole or not at all.
+
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use serde::Serialize;
+
+/// Writes a file atomically.
+pub(crate) fn write_bytes(path: &Path, content: &[u8]) -> Result<()> {
+    luxel_io::write_atomically(path, |out| out.write_all(content).map_err(|e| luxel_io::IoError::system(path, "write", &e)))?;
+    Ok(())
+}
+
+/// Writes a text file atomically.
+pub(crate) fn write_text(path: &Path, content: &str) -> Result<()> {
+    write_bytes(path, content.as_bytes())
+}
+
+/// Writes a JSON file atomically.
+pub(crate) fn write_json(path: &Path, value: &impl Serialize) -> Result<()> {
+    let content = serde_json::to_string_pretty(value).with_context(|| format!("{}: cannot encode", path.display()))?;
+    write_text(path, &(content + "\n"))
+}
+
+/// Reads a text file of at most `limit` bytes.
+pub(crate) fn read_text(path: &Path, limit: u64) -> Result<String> {
+    use std::io::Read;
+    let file = std::fs::File::open(path).with_context(|| format!("{}: cannot open", path.display()))?;
+    let mut content = String::new();
+    file.take(limit + 1).read_to_string(&mut content).with_context(|| format!("{}: cannot read", path.display()))?;
+    if content.len() as u64 > limit {
+        anyhow::bail!("{}: more than {limit} bytes, expected a short text file", path.display());
+    }
+    Ok(content)
+}

@@ -1,0 +1,124 @@
+//! `report.html` of a run, from what lies in its folder: figures, log, configuration and the newest evaluation's images.
+
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use luxel_core::metrics::LuminanceProfile;
+use luxel_core::{Dataset, Image, View};
+use luxel_train::SplitMetrics;
+
+use crate::config::RunConfig;
+use crate::evaluation::{Metrics, unique_stems};
+use crate::report::{self, CurveSample, ReportInput, ReportSplit, ReportView};
+use crate::run_folder::RunFolder;
+use crate::{data, run_log, text};
+
+/// Decoded images held for the page, bytes: the page shows them small, so that no more than a machine's spare memory is worth it.
+const IMAGES_LIMIT_BYTES: usize = 512 << 20;
+
+/// Length of a licence text that is quoted, bytes.
+const CREDITS_LIMIT_BYTES: u64 = 16 << 10;
+
+/// Writes the report about `metrics`.
+pub(crate) fn write(folder: &RunFolder, config: &RunConfig, dataset: &Dataset, metrics: &Metrics) -> Result<()> {
+    let input = ReportInput {
+        title: title(config, folder),
+        subtitle: format!(
+            "{}, {} iterations, {}",
+            metrics.method,
+            text::count(metrics.iterations as usize),
+            text::plural(metrics.splats, "splat")
+        ),
+        facts: facts(metrics, dataset),
+        warnings: dataset.warnings.iter().cloned().chain(data::bad_pixel_lines(dataset)).collect(),
+        splits: splits(metrics),
+        curve: curve(folder)?,
+        views: views(folder, dataset, metrics)?,
+        profile: metrics.splits.get("test").or(metrics.splits.get("train")).map_or_else(LuminanceProfile::default, |s| s.profile.clone()),
+        config_toml: config.to_toml()?,
+        credits: credits(&config.dataset_path(folder.root())),
+        mu: metrics.mu,
+        radiance_scale: metrics.radiance_scale,
+        color_space: dataset.color_space,
+    };
+    report::write_report(&folder.report(), &input).context("cannot write the report")
+}
+
+fn title(config: &RunConfig, folder: &RunFolder) -> String {
+    let path = config.dataset_path(folder.root());
+    let name = |path: &Path| path.file_name().map(|name| name.to_string_lossy().into_owned());
+    match config.made_by {
+        crate::config::MadeBy::Demo => "Desk lamp".into(),
+        crate::config::MadeBy::Train => name(&path).unwrap_or_else(|| path.display().to_string()),
+    }
+}
+
+fn facts(metrics: &Metrics, dataset: &Dataset) -> Vec<(String, String)> {
+    let seconds = std::time::Duration::try_from_secs_f64(metrics.train_seconds).unwrap_or_default();
+    let mut facts = vec![
+        ("splats", text::count(metrics.splats)),
+        ("training time", text::duration(seconds)),
+        ("threads", metrics.threads.to_string()),
+        ("peak memory", metrics.peak_rss_bytes.map_or("unknown".into(), text::bytes)),
+        ("radiance scale", text::number(metrics.radiance_scale.into())),
+        ("seed", metrics.seed.to_string()),
+        ("data set", format!("{} ({})", metrics.dataset, dataset.format)),
+        ("views", format!("{} to train on, {} to test", dataset.train.len(), dataset.test.len())),
+        ("luxel", metrics.luxel_version.clone()),
+    ];
+    facts.retain(|(_, value)| !value.is_empty());
+    facts.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()
+}
+
+fn splits(metrics: &Metrics) -> Vec<ReportSplit> {
+    let split = |(name, split): (&String, &SplitMetrics)| ReportSplit {
+        name: name.clone(),
+        mean: split.mean,
+        views: split.views.iter().map(|view| (view.name.clone(), view.metrics)).collect(),
+    };
+    // The map is in alphabetical order: test before train.
+    metrics.splits.iter().map(split).collect()
+}
+
+fn curve(folder: &RunFolder) -> Result<Vec<CurveSample>> {
+    let sample = |record: run_log::LogRecord| CurveSample {
+        iteration: record.iteration,
+        loss: record.loss,
+        l1: record.l1,
+        ssim: record.ssim,
+        splats: record.splats,
+        elapsed_s: record.elapsed_s,
+        psnr_train: record.psnr_train,
+        psnr_test: record.psnr_test,
+    };
+    Ok(run_log::read(&folder.log())?.into_iter().map(sample).collect())
+}
+
+/// Renders of test views beside their images, evenly chosen if they are too many for memory.
+fn views(folder: &RunFolder, dataset: &Dataset, metrics: &Metrics) -> Result<Vec<ReportView>> {
+    let Some(split) = metrics.splits.get("test") else { return Ok(Vec::new()) };
+    let stems = unique_stems(dataset.test.iter().map(|view| view.name.as_str()));
+    let renders = folder.evaluation(metrics.iterations).join("renders");
+    let view_bytes = |view: &View| 2 * view.image.pixels.len() * size_of::<[f32; 3]>();
+    let total: usize = dataset.test.iter().map(view_bytes).sum();
+    let every = total.div_ceil(IMAGES_LIMIT_BYTES).max(1);
+    let mut views = Vec::new();
+    for (view, stem) in dataset.test.iter().zip(&stems).step_by(every) {
+        let Some(of_view) = split.views.iter().find(|metrics| metrics.name == view.name) else { continue };
+        let path = renders.join(format!("{stem}.exr"));
+        let mut prediction = luxel_io::read_image(&path, &Default::default()).context("cannot read an evaluation image")?.image;
+        let mut target: Image = view.image.as_ref().clone();
+        prediction.scale(1.0 / metrics.radiance_scale);
+        target.scale(1.0 / metrics.radiance_scale);
+        let (name, mask) = (view.name.clone(), view.mask.clone());
+        views.push(ReportView { name, prediction, target, mask, metrics: of_view.metrics });
+    }
+    Ok(views)
+}
+
+/// The licence text that lies in a data set, if there is one.
+fn credits(dataset: &Path) -> Vec<String> {
+    let names = ["LICENSES.txt", "LICENSE.txt", "LICENSE"];
+    let text = names.iter().find_map(|name| crate::files::read_text(&dataset.join(name), CREDITS_LIMIT_BYTES).ok());
+    text.map_or_else(Vec::new, |text| text.lines().map(str::trim).filter(|line| !line.is_empty()).map(Into::into).collect())
+}

@@ -1,0 +1,200 @@
+//! The folder of a training run: what lies where, whether a folder is one, and what may be deleted.
+//!
+//! ```text
+//! config.toml                                  resolved configuration; marks the folder as a run
+//! checkpoints/                                 state to resume from
+//! point_cloud/iteration_N/point_cloud.ply      the scene, where other tools look for it
+//! eval/step_N/{renders,gt}/*.exr, metrics.json test views in the units of the data set, figures of that step
+//! metrics.json  log.jsonl  report.html
+//! ```
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+
+use crate::config::RunConfig;
+
+const CONFIG: &str = "config.toml";
+
+/// Everything training puts into a run folder besides [`CONFIG`]; all that `--overwrite` deletes.
+const CONTENTS: [&str; 7] = ["checkpoints", "point_cloud", "eval", "pictures", "metrics.json", "log.jsonl", "report.html"];
+
+/// A config.toml is a few kilobytes.
+const CONFIG_LIMIT_BYTES: u64 = 1 << 20;
+
+/// A run's place on disk.
+#[derive(Clone, Debug)]
+pub(crate) struct RunFolder {
+    root: PathBuf,
+}
+
+/// What is at an output path.
+#[derive(Debug)]
+pub(crate) enum Occupant {
+    /// Nothing, or an empty folder.
+    Nothing,
+    /// A run.
+    Run(Box<RunConfig>),
+    /// Something else.
+    Foreign,
+}
+
+impl RunFolder {
+    /// The folder at `root`, whatever is there.
+    pub(crate) fn at(root: &Path) -> Self {
+        Self { root: root.into() }
+    }
+
+    /// A folder that must be a run.
+    pub(crate) fn open(root: &Path) -> Result<(Self, RunConfig)> {
+        let folder = Self::at(root);
+        let config = folder.read_config()?;
+        Ok((folder, config))
+    }
+
+    /// Whether `root` has the mark of a run.
+    pub(crate) fn is_run(root: &Path) -> bool {
+        root.join(CONFIG).is_file()
+    }
+
+    /// What is there now. A run whose configuration cannot be read is an error, not [`Occupant::Foreign`].
+    pub(crate) fn occupant(&self) -> Result<Occupant> {
+        if Self::is_run(&self.root) {
+            return Ok(Occupant::Run(Box::new(self.read_config()?)));
+        }
+        match std::fs::read_dir(&self.root) {
+            Ok(mut entries) => Ok(if entries.next().is_none() { Occupant::Nothing } else { Occupant::Foreign }),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(Occupant::Nothing),
+            Err(error) if error.kind() == std::io::ErrorKind::NotADirectory => {
+                bail!("{}: is a file, expected a folder or a free name", self.root.display())
+            }
+            Err(error) => Err(error).with_context(|| format!("{}: cannot look into the output folder", self.root.display())),
+        }
+    }
+
+    /// Deletes what a run consists of, and leaves everything else in the folder. The mark goes last, so that an interrupted
+    /// deletion can be repeated.
+    pub(crate) fn clear(&self, also: &[&str]) -> Result<()> {
+        for name in CONTENTS.iter().chain(also).chain([&CONFIG]) {
+            let path = self.root.join(name);
+            let removed = match std::fs::symlink_metadata(&path) {
+                Err(error) if error.kind() == std::io::ErrorKind::NotFound => continue,
+                Err(error) => Err(error),
+                Ok(metadata) if metadata.is_dir() => std::fs::remove_dir_all(&path),
+                Ok(_) => std::fs::remove_file(&path),
+            };
+            removed.with_context(|| format!("{}: cannot delete", path.display()))?;
+        }
+        Ok(())
+    }
+
+    fn read_config(&self) -> Result<RunConfig> {
+        let path = self.root.join(CONFIG);
+        if !path.is_file() {
+            bail!("{}: no {CONFIG}, so this is not a folder that luxel train made", self.root.display());
+        }
+        RunConfig::read(&path, CONFIG_LIMIT_BYTES)
+    }
+
+    /// Writes the configuration: from here on the folder is a run.
+    pub(crate) fn write_config(&self, config: &RunConfig) -> Result<()> {
+        config.write(&self.root.join(CONFIG))
+    }
+
+    /// The folder itself.
+    pub(crate) fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// The scene after `iteration` steps.
+    pub(crate) fn scene(&self, iteration: u32) -> PathBuf {
+        self.root.join("point_cloud").join(format!("iteration_{iteration}")).join("point_cloud.ply")
+    }
+
+    /// Evaluation after `iteration` steps.
+    pub(crate) fn evaluation(&self, iteration: u32) -> PathBuf {
+        self.root.join("eval").join(format!("step_{iteration}"))
+    }
+
+    /// Figures of the newest evaluation.
+    pub(crate) fn metrics(&self) -> PathBuf {
+        self.root.join("metrics.json")
+    }
+
+    /// Training curves.
+    pub(crate) fn log(&self) -> PathBuf {
+        self.root.join("log.jsonl")
+    }
+
+    /// The report.
+    pub(crate) fn report(&self) -> PathBuf {
+        self.root.join("report.html")
+    }
+
+    /// Iterations of which a scene was written, newest first.
+    pub(crate) fn scene_iterations(&self) -> Vec<u32> {
+        let mut found = numbered(&self.root.join("point_cloud"), "iteration_");
+        found.retain(|&n| self.scene(n).is_file());
+        found
+    }
+
+    /// Iterations that were evaluated, newest first.
+    pub(crate) fn evaluated_iterations(&self) -> Vec<u32> {
+        let mut found = numbered(&self.root.join("eval"), "step_");
+        found.retain(|&n| self.evaluation(n).join("metrics.json").is_file());
+        found
+    }
+}
+
+/// Numbers of the entries `<prefix><number>`, greatest first; an unreadable folder has none.
+fn numbered(folder: &Path, prefix: &str) -> Vec<u32> {
+    let Ok(entries) = std::fs::read_dir(folder) else { return Vec::new() };
+    let number = |entry: std::fs::DirEntry| entry.file_name().to_str()?.strip_prefix(prefix)?.parse().ok();
+    let mut found: Vec<u32> = entries.flatten().filter_map(number).collect();
+    found.sort_unstable_by(|a, b| b.cmp(a));
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn empty_missing_and_foreign_folders_are_told_apart() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = RunFolder::at(&folder.path().join("run"));
+        assert!(matches!(run.occupant().unwrap(), Occupant::Nothing));
+        std::fs::create_dir(run.root()).unwrap();
+        assert!(matches!(run.occupant().unwrap(), Occupant::Nothing));
+        std::fs::write(run.root().join("thesis.doc"), "years").unwrap();
+        assert!(matches!(run.occupant().unwrap(), Occupant::Foreign));
+    }
+
+    #[test]
+    fn clearing_leaves_what_is_not_luxels() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = RunFolder::at(folder.path());
+        for name in ["config.toml", "log.jsonl", "notes.txt"] {
+            std::fs::write(folder.path().join(name), "x").unwrap();
+        }
+        std::fs::create_dir_all(folder.path().join("checkpoints/deep")).unwrap();
+        std::fs::create_dir_all(folder.path().join("photos")).unwrap();
+        run.clear(&[]).unwrap();
+        let mut left: Vec<_> = std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().file_name()).collect();
+        left.sort();
+        assert_eq!(left, ["notes.txt", "photos"]);
+    }
+
+    #[test]
+    fn scenes_are_listed_newest_first() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = RunFolder::at(folder.path());
+        for n in [7000, 30000, 900] {
+            std::fs::create_dir_all(run.scene(n).parent().unwrap()).unwrap();
+            std::fs::write(run.scene(n), "ply").unwrap();
+        }
+        std::fs::create_dir_all(folder.path().join("point_cloud/iteration_x")).unwrap();
+        std::fs::create_dir_all(folder.path().join("point_cloud/iteration_99999")).unwrap();
+        assert_eq!(run.scene_iterations(), [30000, 7000, 900]);
+    }
+}

@@ -1,0 +1,137 @@
+//! `log.jsonl` of a run: one JSON object a line, every [`LOG_EVERY`] steps and before every checkpoint.
+//!
+//! A line for step k is on disk before the checkpoint of step k, so that a resumed run finds the training time spent so far.
+//! Resuming at k drops the lines after k and a line that a killed process left unfinished.
+
+use std::fs::File;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use serde::{Deserialize, Serialize};
+
+/// Steps between lines: 300 points on a curve of 30000 steps.
+pub(crate) const LOG_EVERY: u32 = 100;
+
+/// One line. Losses are means over the steps since the line before.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct LogRecord {
+    /// Steps made.
+    pub(crate) iteration: u32,
+    /// Training loss.
+    pub(crate) loss: f64,
+    /// Mean absolute difference under the mu-law.
+    pub(crate) l1: f64,
+    /// Mean SSIM under the mu-law.
+    pub(crate) ssim: f64,
+    /// PSNR of one training view, protocol `scene`, dB.
+    pub(crate) psnr_train: Option<f64>,
+    /// Mean PSNR of the test views at the last evaluation, protocol `scene`, dB.
+    pub(crate) psnr_test: Option<f64>,
+    /// Splats.
+    pub(crate) splats: usize,
+    /// Splats that touched the last image.
+    pub(crate) visible: u32,
+    /// Speed since the line before.
+    pub(crate) iterations_per_second: f64,
+    /// Seconds spent training, evaluation left out, over all resumed parts.
+    pub(crate) elapsed_s: f64,
+    /// Resident memory.
+    pub(crate) rss_bytes: Option<u64>,
+    /// Most resident memory, over all resumed parts.
+    pub(crate) peak_rss_bytes: Option<u64>,
+}
+
+impl LogRecord {
+    /// Seconds until step `total` at the present speed.
+    pub(crate) fn seconds_left(&self, total: u32) -> Option<f64> {
+        let left = f64::from(total.saturating_sub(self.iteration));
+        (self.iterations_per_second > 0.0).then(|| left / self.iterations_per_second)
+    }
+}
+
+/// The open file.
+pub(crate) struct RunLog {
+    path: PathBuf,
+    file: File,
+}
+
+impl RunLog {
+    /// Keeps the lines up to `iteration` and appends after them; returns the last line kept.
+    pub(crate) fn open(path: &Path, iteration: u32) -> Result<(Self, Option<LogRecord>)> {
+        let mut kept = read(path)?;
+        kept.retain(|record| record.iteration <= iteration);
+        let mut content = String::new();
+        for record in &kept {
+            content.push_str(&serde_json::to_string(record)?);
+            content.push('\n');
+        }
+        crate::files::write_text(path, &content)?;
+        let file = File::options().append(true).open(path).with_context(|| format!("{}: cannot open", path.display()))?;
+        Ok((Self { path: path.into(), file }, kept.pop()))
+    }
+
+    /// Appends a line, whole in one write, and syncs it.
+    pub(crate) fn append(&mut self, record: &LogRecord) -> Result<()> {
+        let line = serde_json::to_string(record)? + "\n";
+        self.file
+            .write_all(line.as_bytes())
+            .and_then(|()| self.file.sync_data())
+            .with_context(|| format!("{}: cannot write", self.path.display()))
+    }
+}
+
+/// The lines of a log; lines that are not records, as a killed process may leave one, are passed over. No file: none.
+pub(crate) fn read(path: &Path) -> Result<Vec<LogRecord>> {
+    let content = match std::fs::read(path) {
+        Ok(content) => content,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(error) => return Err(error).with_context(|| format!("{}: cannot read", path.display())),
+    };
+    Ok(String::from_utf8_lossy(&content).lines().filter_map(|line| serde_json::from_str(line).ok()).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn record(iteration: u32) -> LogRecord {
+        LogRecord {
+            iteration,
+            loss: 0.1,
+            l1: 0.05,
+            ssim: 0.9,
+            psnr_train: Some(30.0),
+            psnr_test: None,
+            splats: 10,
+            visible: 5,
+            iterations_per_second: 20.0,
+            elapsed_s: f64::from(iteration) / 20.0,
+            rss_bytes: Some(1 << 20),
+            peak_rss_bytes: None,
+        }
+    }
+
+    #[test]
+    fn resuming_drops_later_and_torn_lines() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("log.jsonl");
+        let (mut log, last) = RunLog::open(&path, 0).unwrap();
+        assert_eq!(last, None);
+        for iteration in [100, 200, 300] {
+            log.append(&record(iteration)).unwrap();
+        }
+        File::options().append(true).open(&path).unwrap().write_all(b"{\"iteration\": 40").unwrap();
+
+        let (mut log, last) = RunLog::open(&path, 200).unwrap();
+        assert_eq!(last, Some(record(200)));
+        log.append(&record(250)).unwrap();
+        assert_eq!(read(&path).unwrap(), [record(100), record(200), record(250)]);
+    }
+
+    #[test]
+    fn time_left_follows_from_the_speed() {
+        assert_eq!(record(100).seconds_left(300), Some(10.0));
+        assert_eq!(LogRecord { iterations_per_second: 0.0, ..record(100) }.seconds_left(300), None);
+    }
+}

@@ -1,0 +1,64 @@
+//! The newest readable state of a run: checkpoints to resume from, and scenes to render.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use luxel_core::{Scene, Snapshot};
+
+use crate::console::Console;
+use crate::run_folder::RunFolder;
+
+/// The newest checkpoint that can be read, to continue from; `None` if the run ended before its first. Damaged newer ones are reported
+/// and set aside under another name: they must not count as the newest when old ones are deleted.
+pub(crate) fn take_checkpoint(folder: &RunFolder, console: &Console) -> Result<Option<(PathBuf, Snapshot)>> {
+    let latest = luxel_io::latest_checkpoint(folder.root())?;
+    for error in &latest.damaged {
+        console.warn(&format!("passing over a damaged checkpoint: {error}"));
+    }
+    let Some((file, snapshot)) = latest.newest else {
+        match latest.damaged.len() {
+            0 => return Ok(None),
+            n => bail!("{}: none of the {n} checkpoints can be read; start anew with --overwrite", folder.root().display()),
+        }
+    };
+    for error in &latest.damaged {
+        let mut aside = error.path.clone().into_os_string();
+        aside.push(".damaged");
+        std::fs::rename(&error.path, &aside).with_context(|| format!("{}: cannot set aside", error.path.display()))?;
+    }
+    Ok(Some((file.path, snapshot)))
+}
+
+/// The newest checkpoint's path, for messages.
+pub(crate) fn newest_checkpoint(folder: &RunFolder) -> Option<PathBuf> {
+    luxel_io::list_checkpoints(folder.root()).ok()?.into_iter().next().map(|file| file.path)
+}
+
+/// A run's newest scene that can be read, with its step: from `point_cloud/`, or from a newer checkpoint.
+pub(crate) fn newest_scene(folder: &RunFolder, console: &Console) -> Result<(u32, Scene)> {
+    enum Source {
+        Scene(PathBuf),
+        Checkpoint(PathBuf),
+    }
+    let scenes = folder.scene_iterations().into_iter().map(|n| (u64::from(n), Source::Scene(folder.scene(n))));
+    let states = luxel_io::list_checkpoints(folder.root())?.into_iter().map(|file| (file.iteration, Source::Checkpoint(file.path)));
+    let mut candidates: Vec<(u64, Source)> = scenes.chain(states).collect();
+    // Newest first; of the same step the scene, which is smaller, stays first.
+    candidates.sort_by_key(|(iteration, _)| std::cmp::Reverse(*iteration));
+    for (iteration, source) in candidates {
+        let scene = match source {
+            Source::Scene(path) => luxel_io::read_scene_ply(&path),
+            Source::Checkpoint(path) => luxel_io::read_checkpoint(&path).map(|snapshot| snapshot.scene),
+        };
+        match scene {
+            Ok(scene) => return Ok((u32::try_from(iteration)?, scene)),
+            Err(error) => console.warn(&format!("passing over a damaged file: {error}")),
+        }
+    }
+    bail!("{0}: the run has no readable scene yet; go on with luxel train --resume -o {0}", folder.root().display())
+}
+
+/// A scene file.
+pub(crate) fn read_scene(path: &Path) -> Result<Scene> {
+    luxel_io::read_scene_ply(path).context("cannot read the scene")
+}

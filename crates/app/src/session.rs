@@ -1,0 +1,280 @@
+//! A training run from its first (or next) step to its report: the loop around [`Trainer`], with what is saved when.
+//!
+//! Order at a step that is evaluated: log line, checkpoint, scene, images, figures. So a process that dies during the evaluation
+//! finds the state at that very step when it is resumed, and evaluates then; [`RunFolder::evaluated_iterations`] says what is done.
+
+use std::collections::BTreeMap;
+
+use anyhow::{Context, Result, anyhow};
+use luxel_core::{Dataset, StepReport};
+use luxel_train::Trainer;
+use serde_json::json;
+
+use crate::clock::Clock;
+use crate::config::RunConfig;
+use crate::console::Console;
+use crate::evaluation::{self, Metrics, Rendering};
+use crate::run_folder::RunFolder;
+use crate::run_log::{LOG_EVERY, LogRecord, RunLog};
+use crate::{files, interrupt, memory, reporting, run_state};
+
+/// How training ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Outcome {
+    /// All steps are made.
+    Finished,
+    /// The user asked to stop; the state is saved.
+    Interrupted,
+}
+
+/// A run in progress.
+pub(crate) struct Session<'a> {
+    /// What is trained on.
+    pub(crate) dataset: &'a Dataset,
+    /// Where it goes.
+    pub(crate) folder: &'a RunFolder,
+    /// How.
+    pub(crate) config: &'a RunConfig,
+    /// Threads in use.
+    pub(crate) threads: usize,
+    /// Who is told.
+    pub(crate) console: &'a mut Console,
+    /// The method.
+    pub(crate) trainer: Trainer,
+}
+
+/// What the loop carries besides the trainer.
+struct Loop {
+    log: RunLog,
+    log_failed: bool,
+    clock: Clock,
+    peak_before: Option<u64>,
+    psnr_test: Option<f64>,
+    since_line: SinceLine,
+}
+
+/// Sums since the last line of the log.
+#[derive(Default)]
+struct SinceLine {
+    steps: u32,
+    seconds: f64,
+    loss: f64,
+    l1: f64,
+    ssim: f64,
+    visible: u32,
+}
+
+impl Session<'_> {
+    /// Trains to the end, or until the user interrupts.
+    pub(crate) fn run(mut self) -> Result<(Outcome, Trainer)> {
+        let start = self.trainer.iteration();
+        let (log, last) = RunLog::open(&self.folder.log(), start)?;
+        let mut state = Loop {
+            log,
+            log_failed: false,
+            clock: Clock::resumed(last.as_ref().map_or(0.0, |record| record.elapsed_s)),
+            peak_before: last.as_ref().and_then(|record| record.peak_rss_bytes),
+            psnr_test: last.and_then(|record| record.psnr_test),
+            since_line: SinceLine::default(),
+        };
+        let guard = interrupt::SaveOnInterrupt::begin();
+        self.console.begin_steps(start, self.config.train.iterations);
+        let outcome = self.train(&mut state);
+        self.console.end_steps();
+        drop(guard);
+        Ok((outcome?, self.trainer))
+    }
+
+    fn train(&mut self, state: &mut Loop) -> Result<Outcome> {
+        // A run that died between a checkpoint and the end of its evaluation does the evaluation first.
+        if self.evaluation_is_due() && !self.folder.evaluated_iterations().contains(&self.trainer.iteration()) {
+            self.evaluate(state)?;
+        }
+        while !self.trainer.is_finished() {
+            if interrupt::requested() {
+                self.log(state)?;
+                self.save()?;
+                return Ok(Outcome::Interrupted);
+            }
+            let before = state.clock.seconds();
+            let report = self.trainer.step().with_context(|| format!("training step {}", self.trainer.iteration() + 1))?;
+            state.since_line.add(&report, state.clock.seconds() - before);
+            let iteration = self.trainer.iteration();
+            self.console.step(iteration);
+
+            let (save, evaluate) = (self.checkpoint_is_due(), self.evaluation_is_due());
+            if save || evaluate || iteration.is_multiple_of(LOG_EVERY) {
+                self.log(state)?;
+            }
+            if save || evaluate {
+                self.save()?;
+            }
+            if evaluate {
+                self.evaluate(state).with_context(|| format!("the state of step {iteration} is saved"))?;
+            }
+        }
+        Ok(Outcome::Finished)
+    }
+
+    fn checkpoint_is_due(&self) -> bool {
+        let every = self.config.run.checkpoint_every;
+        self.trainer.is_finished() || (every > 0 && self.trainer.iteration().is_multiple_of(every))
+    }
+
+    fn evaluation_is_due(&self) -> bool {
+        let (run, iteration) = (&self.config.run, self.trainer.iteration());
+        self.trainer.is_finished()
+            || match run.eval_every {
+                Some(every) => iteration > 0 && iteration.is_multiple_of(every),
+                None => run.eval_at.contains(&iteration),
+            }
+    }
+
+    /// A line for the log and the user. A log that cannot be written costs a warning, not the run.
+    fn log(&mut self, state: &mut Loop) -> Result<()> {
+        let psnr_train = if state.since_line.steps > 0 { self.probe()? } else { None };
+        let iteration = self.trainer.iteration();
+        let sums = std::mem::take(&mut state.since_line);
+        let mean = |sum: f64| sum / f64::from(sums.steps.max(1));
+        let record = LogRecord {
+            iteration,
+            loss: mean(sums.loss),
+            l1: mean(sums.l1),
+            ssim: mean(sums.ssim),
+            psnr_train,
+            psnr_test: state.psnr_test,
+            splats: self.trainer.splats_len(),
+            visible: sums.visible,
+            iterations_per_second: if sums.seconds > 0.0 { f64::from(sums.steps) / sums.seconds } else { 0.0 },
+            elapsed_s: state.clock.seconds(),
+            rss_bytes: memory::resident_bytes(),
+            peak_rss_bytes: state.peak_rss(),
+        };
+        if sums.steps > 0 {
+            self.console.progress(&record, self.config.train.iterations);
+        }
+        if let Err(error) = state.log.append(&record)
+            && !std::mem::replace(&mut state.log_failed, true)
+        {
+            self.console.warn(&format!("{error:#}; training goes on without the log"));
+        }
+        Ok(())
+    }
+
+    /// PSNR of one training view, in turn: a sign of progress between evaluations.
+    fn probe(&mut self) -> Result<Option<f64>> {
+        let turn = (self.trainer.iteration() / LOG_EVERY) as usize % self.dataset.train.len().max(1);
+        let Some(view) = self.dataset.train.get(turn) else { return Ok(None) };
+        let metrics = self.rendering().metrics(std::slice::from_ref(view))?;
+        Ok(Some(metrics.mean.psnr_scene))
+    }
+
+    /// Writes a checkpoint. If there is no room, older ones make way, but never the newest.
+    fn save(&mut self) -> Result<()> {
+        let iteration = self.trainer.iteration();
+        let folder = self.folder.root();
+        let snapshot = self.trainer.snapshot()?;
+        let path = luxel_io::checkpoint_path(folder, iteration.into());
+        let keep = self.config.run.keep_checkpoints as usize;
+        let mut written = luxel_io::write_checkpoint(&path, &snapshot);
+        if written.is_err() && keep > 1 {
+            luxel_io::prune_checkpoints(folder, 1)?;
+            written = luxel_io::write_checkpoint(&path, &snapshot);
+        }
+        if let Err(error) = written {
+            let newest = run_state::newest_checkpoint(self.folder);
+            let kept = match newest {
+                Some(path) => format!("the last good checkpoint is {}", path.display()),
+                None => "there is no earlier checkpoint".into(),
+            };
+            return Err(anyhow!(error).context(format!("cannot save the state of step {iteration}; {kept}")));
+        }
+        luxel_io::prune_checkpoints(folder, keep)?;
+        Ok(())
+    }
+
+    /// Scene, images, figures and report of this step. The clock stands still.
+    fn evaluate(&mut self, state: &mut Loop) -> Result<()> {
+        let seconds = state.clock.seconds();
+        let peak = state.peak_rss();
+        let mut psnr = None;
+        let mut work = || -> Result<()> {
+            psnr = self.evaluate_at(seconds, peak)?;
+            Ok(())
+        };
+        state.clock.paused(&mut work)?;
+        state.psnr_test = psnr.or(state.psnr_test);
+        Ok(())
+    }
+
+    fn evaluate_at(&mut self, train_seconds: f64, peak_rss_bytes: Option<u64>) -> Result<Option<f64>> {
+        let iteration = self.trainer.iteration();
+        luxel_io::write_scene_ply(&self.folder.scene(iteration), &self.trainer.scene()?)?;
+        let images = self.folder.evaluation(iteration);
+        let (dataset, finished) = (self.dataset, self.trainer.is_finished());
+        let mut splits = BTreeMap::new();
+        let mut rendering = self.rendering();
+        let test = rendering.evaluate(&dataset.test, Some(&images))?;
+        let train = if finished { rendering.evaluate(&dataset.train, None)? } else { None };
+        for (name, split) in [("test", test), ("train", train)] {
+            if let Some(split) = split {
+                splits.insert(name.to_owned(), split);
+            }
+        }
+        let metrics = Metrics {
+            method: evaluation::method_name(self.config),
+            iterations: iteration,
+            splats: self.trainer.splats_len(),
+            train_seconds,
+            peak_rss_bytes: peak_rss_bytes.max(memory::peak_resident_bytes()),
+            radiance_scale: self.trainer.radiance_scale(),
+            mu: self.config.train.mu,
+            seed: self.config.train.seed,
+            threads: self.threads,
+            luxel_version: env!("CARGO_PKG_VERSION").into(),
+            dataset: self.config.dataset_path(self.folder.root()).display().to_string(),
+            splits,
+        };
+        files::write_json(&self.folder.metrics(), &metrics)?;
+        if finished {
+            reporting::write(self.folder, self.config, self.dataset, &metrics)?;
+        }
+        let psnr = metrics.splits.get("test").map(|split| split.mean.psnr_scene);
+        // Last: it says that the evaluation is complete.
+        files::write_json(&images.join("metrics.json"), &metrics)?;
+        for (name, split) in &metrics.splits {
+            let text = format!("step {iteration}: {name} {}", evaluation::mean_line(split));
+            let event = json!({ "event": "evaluation", "iteration": iteration, "split": name, "mean": split.mean });
+            self.console.event(&event, &text);
+        }
+        Ok(psnr)
+    }
+
+    fn rendering(&mut self) -> Rendering<'_> {
+        let (options, radiance_scale) = (self.trainer.render_options(), self.trainer.radiance_scale());
+        Rendering {
+            options,
+            radiance_scale,
+            mu: self.config.train.mu,
+            color_space: self.dataset.color_space,
+            engine: self.trainer.engine(),
+        }
+    }
+}
+
+impl Loop {
+    fn peak_rss(&self) -> Option<u64> {
+        memory::peak_resident_bytes().max(self.peak_before)
+    }
+}
+
+impl SinceLine {
+    fn add(&mut self, report: &StepReport, seconds: f64) {
+        self.steps += 1;
+        self.seconds += seconds;
+        self.loss += f64::from(report.loss);
+        self.l1 += f64::from(report.l1);
+        self.ssim += f64::from(report.ssim);
+        self.visible = report.visible;
+    }
+}

@@ -1,0 +1,263 @@
+//! Values of options: their names on the command line and in config.toml, and the ranges they must lie in.
+
+use clap::ValueEnum;
+use luxel_core::ColorSpace;
+use luxel_core::tone::Tonemap;
+use luxel_io::{DatasetFormat, Transfer};
+use serde::{Deserialize, Serialize};
+
+/// `--format`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum FormatArg {
+    /// transforms.json of nerfstudio, instant-ngp or Blender.
+    Transforms,
+    /// COLMAP model in sparse/0, images in images/.
+    Colmap,
+    /// HDR-NeRF's synthetic scenes.
+    HdrNerf,
+    /// HDR-GS's repack of them.
+    HdrGs,
+    /// GaussHDR's repack of them.
+    #[value(name = "gausshdr")]
+    #[serde(rename = "gausshdr")]
+    GaussHdr,
+}
+
+impl From<FormatArg> for DatasetFormat {
+    fn from(arg: FormatArg) -> Self {
+        match arg {
+            FormatArg::Transforms => Self::Transforms,
+            FormatArg::Colmap => Self::Colmap,
+            FormatArg::HdrNerf => Self::HdrNerf,
+            FormatArg::HdrGs => Self::HdrGs,
+            FormatArg::GaussHdr => Self::GaussHdr,
+        }
+    }
+}
+
+/// `--transfer`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum TransferArg {
+    /// Values are proportional to light.
+    Linear,
+    /// The curve of sRGB.
+    Srgb,
+}
+
+impl From<TransferArg> for Transfer {
+    fn from(arg: TransferArg) -> Self {
+        match arg {
+            TransferArg::Linear => Self::Linear,
+            TransferArg::Srgb => Self::Srgb,
+        }
+    }
+}
+
+/// `--color-space`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum ColorSpaceArg {
+    /// Linear light, Rec.709 primaries.
+    LinearRec709,
+    /// Linear light, AP1 primaries.
+    #[value(name = "acescg")]
+    #[serde(rename = "acescg")]
+    AcesCg,
+}
+
+impl From<ColorSpaceArg> for ColorSpace {
+    fn from(arg: ColorSpaceArg) -> Self {
+        match arg {
+            ColorSpaceArg::LinearRec709 => Self::LinearRec709,
+            ColorSpaceArg::AcesCg => Self::AcesCg,
+        }
+    }
+}
+
+/// `--device`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum DeviceArg {
+    /// The best there is in this build: the CPU.
+    #[default]
+    Auto,
+    /// The processor's cores.
+    Cpu,
+    /// A graphics card (not in this build).
+    Gpu,
+}
+
+/// `--split`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub(crate) enum SplitArg {
+    /// Views trained on.
+    Train,
+    /// Views held out.
+    #[default]
+    Test,
+    /// Both.
+    All,
+}
+
+/// `--exr-type`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ExrTypeArg {
+    /// 16 bits a channel, up to 65504.
+    #[default]
+    Half,
+    /// 32 bits a channel.
+    Float,
+}
+
+/// `--tonemap`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum TonemapArg {
+    /// Clipped at 1, sRGB-encoded.
+    None,
+    /// The mu-law value as display value, as papers print their figures.
+    Mulaw,
+    /// Y / (1 + Y) on the luminance.
+    Reinhard,
+    /// The ACES output transform, fitted.
+    Aces,
+    /// AgX: highlights go to white.
+    Agx,
+}
+
+impl From<TonemapArg> for Tonemap {
+    fn from(arg: TonemapArg) -> Self {
+        match arg {
+            TonemapArg::None => Self::None,
+            TonemapArg::Mulaw => Self::Mulaw,
+            TonemapArg::Reinhard => Self::Reinhard,
+            TonemapArg::Aces => Self::Aces,
+            TonemapArg::Agx => Self::Agx,
+        }
+    }
+}
+
+/// `--frames`: both included.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Frames {
+    /// First.
+    pub(crate) first: usize,
+    /// Last.
+    pub(crate) last: usize,
+}
+
+/// `--shard`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Shard {
+    /// 0 to `count` - 1.
+    pub(crate) index: usize,
+    /// At least 1.
+    pub(crate) count: usize,
+}
+
+/// `--background`: linear RGB, >= 0.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Rgb(pub(crate) [f32; 3]);
+
+/// `A-B` or `A`.
+pub(crate) fn parse_frames(text: &str) -> Result<Frames, String> {
+    let expected = || format!("expected two frame numbers such as 0-99, got \"{text}\"");
+    let (first, last) = text.split_once('-').unwrap_or((text, text));
+    let first: usize = first.trim().parse().map_err(|_| expected())?;
+    let last: usize = last.trim().parse().map_err(|_| expected())?;
+    if last < first {
+        return Err(format!("the last frame {last} comes before the first {first}"));
+    }
+    Ok(Frames { first, last })
+}
+
+/// `I/N`.
+pub(crate) fn parse_shard(text: &str) -> Result<Shard, String> {
+    let expected = || format!("expected index/count such as 0/4, got \"{text}\"");
+    let (index, count) = text.split_once('/').ok_or_else(expected)?;
+    let index: usize = index.trim().parse().map_err(|_| expected())?;
+    let count: usize = count.trim().parse().map_err(|_| expected())?;
+    if index >= count {
+        return Err(format!("shard {index}/{count}: the index counts from 0, so it must be below {count}"));
+    }
+    Ok(Shard { index, count })
+}
+
+/// `R,G,B`.
+pub(crate) fn parse_rgb(text: &str) -> Result<Rgb, String> {
+    let values: Vec<f32> = text.split(',').map_while(|v| v.trim().parse().ok()).collect();
+    match *values.as_slice() {
+        [r, g, b] if text.split(',').count() == 3 && [r, g, b].iter().all(|v: &f32| v.is_finite() && *v >= 0.0) => Ok(Rgb([r, g, b])),
+        _ => Err(format!("expected three numbers >= 0 such as 0,0,0.5, got \"{text}\"")),
+    }
+}
+
+/// 1, 2, 4 or 8.
+pub(crate) fn parse_downscale(text: &str) -> Result<u32, String> {
+    match text {
+        "1" => Ok(1),
+        "2" => Ok(2),
+        "4" => Ok(4),
+        "8" => Ok(8),
+        _ => Err("expected 1, 2, 4 or 8".into()),
+    }
+}
+
+/// Neither NaN nor infinite.
+pub(crate) fn parse_finite(text: &str) -> Result<f32, String> {
+    text.parse().ok().filter(|v: &f32| v.is_finite()).ok_or_else(|| format!("expected a finite number, got \"{text}\""))
+}
+
+impl Frames {
+    /// Whether frame `i` is among them.
+    pub(crate) fn contains(self, i: usize) -> bool {
+        (self.first..=self.last).contains(&i)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_are_an_inclusive_range() {
+        assert_eq!(parse_frames("3-7"), Ok(Frames { first: 3, last: 7 }));
+        assert_eq!(parse_frames("5"), Ok(Frames { first: 5, last: 5 }));
+        for bad in ["", "-", "7-3", "a-b", "1-2-3", "-1"] {
+            assert!(parse_frames(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn shards_count_from_zero() {
+        assert_eq!(parse_shard("0/4"), Ok(Shard { index: 0, count: 4 }));
+        for bad in ["4/4", "0/0", "1", "a/2", "1/", "-1/2"] {
+            assert!(parse_shard(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn a_background_is_three_finite_numbers() {
+        assert_eq!(parse_rgb("0, 0.5,2"), Ok(Rgb([0.0, 0.5, 2.0])));
+        for bad in ["", "1", "1,2", "1,2,3,4", "1,2,x", "1,2,nan", "1,2,-3", "1,2,inf"] {
+            assert!(parse_rgb(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn formats_have_the_readers_names() {
+        for (arg, format) in FormatArg::value_variants().iter().zip(DatasetFormat::ALL) {
+            assert_eq!(DatasetFormat::from(*arg), format);
+            assert_eq!(arg.to_possible_value().unwrap().get_name(), format.name());
+        }
+    }
+
+    #[test]
+    fn images_are_reduced_by_powers_of_two_up_to_eight() {
+        assert_eq!(["1", "2", "4", "8"].map(parse_downscale), [Ok(1), Ok(2), Ok(4), Ok(8)]);
+        for bad in ["0", "3", "16", "-2", ""] {
+            assert!(parse_downscale(bad).is_err(), "{bad}");
+        }
+    }
+}

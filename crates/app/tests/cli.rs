@@ -1,0 +1,256 @@
+//! The program from outside: commands, files, messages, exit codes.
+#![allow(clippy::unwrap_used)]
+
+mod common;
+
+use common::{SIDE, VIEWS, Workplace};
+
+#[test]
+fn a_run_has_its_files_and_its_figures() {
+    let place = Workplace::new();
+    place.train("run", &["--eval-at", "20", "--checkpoint-every", "10", "--keep-checkpoints", "2", "--method", "sh3", "--seed", "7"]);
+    for file in ["config.toml", "metrics.json", "log.jsonl", "report.html"] {
+        assert!(place.path("run").join(file).is_file(), "{file}");
+    }
+    for step in [20, 40] {
+        assert!(place.path(&format!("run/point_cloud/iteration_{step}/point_cloud.ply")).is_file());
+        // Views 0 and 8 of 9 are held out.
+        for image in ["renders/000.exr", "renders/008.exr", "gt/000.exr", "gt/008.exr"] {
+            assert!(place.path(&format!("run/eval/step_{step}/{image}")).is_file(), "{step} {image}");
+        }
+    }
+    assert_eq!(std::fs::read_dir(place.path("run/checkpoints")).unwrap().count(), 2);
+    let log = std::fs::read_to_string(place.path("run/log.jsonl")).unwrap();
+    let last: serde_json::Value = serde_json::from_str(log.lines().last().unwrap()).unwrap();
+    assert_eq!(last["iteration"], 40);
+    assert!(last["loss"].as_f64().unwrap() > 0.0 && last["splats"].as_u64().unwrap() > 0);
+
+    let metrics = place.json("run/metrics.json");
+    assert_eq!((&metrics["method"], &metrics["iterations"], &metrics["seed"]), (&"sh3".into(), &40.into(), &7.into()));
+    for key in ["splats", "train_seconds", "radiance_scale", "mu", "threads"] {
+        assert!(metrics[key].as_f64().unwrap() > 0.0, "{key}: {}", metrics[key]);
+    }
+    assert!(metrics["luxel_version"].is_string() && metrics["dataset"].is_string());
+    assert!(metrics["peak_rss_bytes"].as_u64().is_some() == cfg!(target_os = "linux"));
+    for (split, views) in [("test", 2), ("train", VIEWS - 2)] {
+        let split = &metrics["splits"][split];
+        assert_eq!(split["views"].as_array().unwrap().len(), views);
+        for key in ["psnr_scene", "psnr_gtmax", "psnr_selfmax", "ssim_scene", "ssim_gtmax", "ssim_selfmax", "psnr_black_scene"] {
+            assert!(split["mean"][key].is_number(), "mean {key}");
+            assert!(split["views"][0][key].is_number(), "views {key}");
+        }
+        assert!(split["views"][0]["name"].as_str().unwrap().starts_with("images/00"));
+        assert!(split["profile"].is_object() || split["profile"].is_array());
+    }
+}
+
+#[test]
+fn eval_prints_a_table_and_rewrites_the_figures() {
+    let place = Workplace::new();
+    place.train("run", &[]);
+    let before = place.json("run/metrics.json");
+    std::fs::remove_file(place.path("run/metrics.json")).unwrap();
+    std::fs::remove_file(place.path("run/report.html")).unwrap();
+    let table = place.ok(&["eval", "run", "--threads", "1"]);
+    for part in ["test", "train", "psnr", "ssim", "scene", "gtmax", "selfmax", "images/000", "mean"] {
+        assert!(table.contains(part), "{part}\n{table}");
+    }
+    let after = place.json("run/metrics.json");
+    let psnr = |metrics: &serde_json::Value| metrics["splits"]["test"]["mean"]["psnr_scene"].as_f64().unwrap();
+    // The scene went through its file: single precision both times.
+    assert!((psnr(&before) - psnr(&after)).abs() < 1e-3, "{} {}", psnr(&before), psnr(&after));
+    assert!(place.path("run/report.html").is_file());
+    // Another copy of the data set gives the same figures.
+    common::write_dataset(&place.path("elsewhere"));
+    place.ok(&["eval", "run", "--data", "elsewhere"]);
+    assert!((psnr(&place.json("run/metrics.json")) - psnr(&after)).abs() < 1e-9);
+}
+
+#[test]
+fn render_writes_the_views_asked_for_once() {
+    let place = Workplace::new();
+    place.train("run", &[]);
+    let count = |folder: &str| std::fs::read_dir(place.path(folder)).map_or(0, Iterator::count);
+    place.ok(&["render", "run", "--split", "test", "-o", "test"]);
+    assert_eq!(count("test"), 2);
+    let image = luxel_io::read_image(&place.path("test/000.exr"), &Default::default()).unwrap().image;
+    assert_eq!((image.width, image.height), (SIDE, SIDE));
+
+    let stderr = String::from_utf8(place.luxel(&["render", "run", "--split", "all", "-o", "test"]).output().unwrap().stderr).unwrap();
+    assert!(stderr.contains("2 images exist already"), "{stderr}");
+    assert_eq!(count("test"), VIEWS);
+    place.ok(&["render", "run", "--split", "train", "-o", "train"]);
+    assert_eq!(count("train"), VIEWS - 2);
+
+    // Frames and shards: 2 to 6 are five, every other of them from the second is two.
+    place.ok(&["render", "run", "--split", "all", "--frames", "2-6", "--shard", "1/2", "-o", "part"]);
+    assert!(count("part") == 2 && place.path("part/003.exr").is_file() && place.path("part/005.exr").is_file());
+
+    // A scene file needs cameras, from a data set or a file; previews lie beside.
+    let ply = "run/point_cloud/iteration_40/point_cloud.ply";
+    place.ok(&["render", ply, "--data", "data", "--split", "test", "-o", "ply", "--tonemap", "agx", "--exposure", "-1.5"]);
+    assert!(place.path("ply/000.exr").is_file() && place.path("ply/000.png").is_file());
+    place.ok(&["render", ply, "--cameras", "data/transforms.json", "-o", "cameras"]);
+    assert_eq!(count("cameras"), VIEWS);
+    place.error(&["render", ply, "-o", "none"], &["--data", "--cameras"]);
+    place.error(&["render", "run", "--frames", "100-200", "-o", "none"], &["--frames", "2 frames"]);
+    place.error(&["render", "data", "-o", "none"], &["config.toml"]);
+}
+
+#[test]
+fn render_options_change_the_images() {
+    let place = Workplace::new();
+    place.train("run", &[]);
+    let render = |folder: &str, options: &[&str]| {
+        let mut args = vec!["render", "run", "-o", folder];
+        args.extend(options);
+        place.ok(&args);
+    };
+    let size = |file: &str| std::fs::metadata(place.path(file)).unwrap().len();
+    render("half", &[]);
+    render("float", &["--exr-type", "float"]);
+    assert!(size("float/000.exr") > size("half/000.exr"));
+    let read = |file: &str| luxel_io::read_image(&place.path(file), &Default::default()).unwrap().image;
+    render("lit", &["--background", "5,5,5"]);
+    assert!(read("lit/000.exr").pixels[0][0] > read("half/000.exr").pixels[0][0] + 1.0);
+    render("small", &["--downscale", "2"]);
+    assert_eq!(read("small/000.exr").width, SIDE / 2);
+    let mut previews = std::collections::BTreeSet::new();
+    for (folder, options) in [
+        ("p1", ["--tonemap", "none", "--exposure", "0"]),
+        ("p2", ["--tonemap", "mulaw", "--exposure", "0"]),
+        ("p3", ["--tonemap", "reinhard", "--exposure", "0"]),
+        ("p4", ["--tonemap", "aces", "--exposure", "0"]),
+        ("p5", ["--tonemap", "agx", "--exposure", "0"]),
+        ("p6", ["--tonemap", "agx", "--exposure", "3"]),
+    ] {
+        render(folder, &options);
+        previews.insert(std::fs::read(place.path(&format!("{folder}/000.png"))).unwrap());
+    }
+    assert_eq!(previews.len(), 6);
+    // Radiance beyond half floats is told.
+    let output = place.luxel(&["render", "run", "-o", "bright", "--background", "1e6,1e6,1e6"]).output().unwrap();
+    assert!(String::from_utf8_lossy(&output.stderr).contains("--exr-type float"));
+}
+
+#[test]
+fn info_describes_everything_there_is() {
+    let place = Workplace::new();
+    place.train("run", &[]);
+    let checkpoint = std::fs::read_dir(place.path("run/checkpoints")).unwrap().next().unwrap().unwrap().path();
+    let cases = [
+        ("data", "data set", vec!["train_views", "test_views", "points", "masked_pixels", "percentiles", "color_space", "fingerprint"]),
+        ("run", "run", vec!["method", "scene", "figures", "dataset"]),
+        ("run/point_cloud/iteration_40/point_cloud.ply", "scene", vec!["splats", "bounds", "percentiles", "radiance_scale", "file_bytes"]),
+        (checkpoint.to_str().unwrap(), "checkpoint", vec!["splats", "file_bytes"]),
+        ("data/images/000.exr", "image", vec!["width", "height", "percentiles", "bad_pixels", "color_space"]),
+    ];
+    for (path, kind, keys) in cases {
+        let json: serde_json::Value = serde_json::from_str(&place.ok(&["info", path, "--json"])).unwrap();
+        assert_eq!(json["kind"], kind);
+        for key in keys {
+            assert!(!json[key].is_null(), "{path}: {key} in {json:#}");
+        }
+        assert!(place.ok(&["info", path]).contains(kind));
+    }
+    assert_eq!(serde_json::from_str::<serde_json::Value>(&place.ok(&["info", "data", "--json"])).unwrap()["train_views"], VIEWS - 2);
+    place.error(&["info", "nothing"], &["nothing"]);
+    place.error(&["info", "data/transforms.json"], &["luxel info data"]);
+}
+
+#[test]
+fn an_output_folder_that_exists_is_not_touched_without_a_word() {
+    let place = Workplace::new();
+    place.train("run", &[]);
+    place.error(&["train", "data", "-o", "run"], &["--resume", "--overwrite"]);
+    std::fs::write(place.path("run/notes.txt"), "mine").unwrap();
+    place.train("run", &["--overwrite", "--seed", "1"]);
+    assert_eq!(place.json("run/metrics.json")["seed"], 1);
+    assert_eq!(std::fs::read_to_string(place.path("run/notes.txt")).unwrap(), "mine");
+
+    std::fs::create_dir(place.path("thesis")).unwrap();
+    std::fs::write(place.path("thesis/final.tex"), "years").unwrap();
+    for flags in [&[][..], &["--overwrite"]] {
+        let args: Vec<&str> = ["train", "data", "-o", "thesis"].iter().chain(flags).copied().collect();
+        place.error(&args, &["thesis", "not a luxel run"]);
+    }
+    assert!(place.path("thesis/final.tex").is_file());
+    place.error(&["train", "data", "-o", "thesis", "--resume"], &["no run to resume"]);
+    place.error(&["train", "data", "-o", "thesis/final.tex"], &["expected a folder"]);
+    place.error(&["demo", "-o", "run"], &["not a demo"]);
+    place.error(&["demo", "-o", "thesis"], &["not an earlier demo"]);
+    // A data set that cannot be read leaves no folder behind, and an overwritten run as it was.
+    place.error(&["train", "nowhere", "-o", "new"], &["nowhere"]);
+    assert!(!place.path("new").exists());
+    std::fs::create_dir(place.path("empty")).unwrap();
+    place.error(&["train", "empty", "-o", "run", "--overwrite"], &["empty"]);
+    assert!(place.path("run/metrics.json").is_file());
+}
+
+#[test]
+fn a_configuration_can_be_taken_over_and_changed() {
+    let place = Workplace::new();
+    place.train("first", &["--method", "sh1", "--seed", "5"]);
+    place.ok(&["train", "--config", "first/config.toml", "-o", "second", "--seed", "6", "--iterations", "20"]);
+    let metrics = place.json("second/metrics.json");
+    assert_eq!((&metrics["method"], &metrics["seed"], &metrics["iterations"]), (&"sh1".into(), &6.into(), &20.into()));
+    std::fs::write(place.path("bad.toml"), "seed = [").unwrap();
+    place.error(&["train", "data", "--config", "bad.toml", "-o", "third"], &["bad.toml"]);
+}
+
+#[test]
+fn progress_is_told_as_asked() {
+    let place = Workplace::new();
+    let stdout = place.train("json", &["--log-format", "json", "--eval-every", "20"]);
+    let events: Vec<serde_json::Value> = stdout.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let count = |name: &str| events.iter().filter(|event| event["event"] == name).count();
+    assert!(count("progress") >= 2 && count("finished") == 1, "{stdout}");
+    assert_eq!(count("evaluation"), 3, "test at 20, test and train at 40: {stdout}");
+
+    let mut args = vec!["train", "data", "-o", "quiet", "--quiet"];
+    args.extend(common::QUICK);
+    let output = place.luxel(&args).output().unwrap();
+    assert!(output.status.success() && output.stderr.is_empty() && output.stdout.is_empty());
+
+    let table = place.train("profile", &["--profile"]);
+    assert!(table.contains("rasterize_backward") && table.contains("ms a step"), "{table}");
+}
+
+#[test]
+fn usage_errors_have_code_two() {
+    let place = Workplace::new();
+    for args in [
+        &[][..],
+        &["trian"],
+        &["train"],
+        &["train", "data"],
+        &["train", "data", "-o", "run", "--downscale", "3"],
+        &["train", "data", "-o", "run", "--method", "nerf"],
+        &["train", "data", "-o", "run", "--overwrite", "--resume"],
+        &["train", "data", "-o", "run", "--threads", "0"],
+        &["render", "run", "-o", "x", "--frames", "9-1"],
+        &["render", "run", "-o", "x", "--shard", "3/3"],
+        &["render", "run", "-o", "x", "--exposure", "1"],
+        &["render", "run", "-o", "x", "--background", "1,2"],
+    ] {
+        place.fails(2, args);
+    }
+    place.error(&["train", "data", "-o", "run", "--device", "gpu"], &["--device gpu", "--device cpu"]);
+    assert!(!place.path("run").exists());
+}
+
+#[test]
+fn the_demo_runs_anywhere_and_replaces_only_itself() {
+    let place = Workplace::new();
+    for _ in 0..2 {
+        let told = place.ok(&["demo", "--iterations", "5", "--quiet"]);
+        for part in ["report.html", "point_cloud.ply", "pictures", "luxel render luxel-demo"] {
+            assert!(told.contains(part), "{part}\n{told}");
+        }
+        for file in ["report.html", "metrics.json", "point_cloud/iteration_5/point_cloud.ply", "dataset/LICENSES.txt"] {
+            assert!(place.path("luxel-demo").join(file).is_file(), "{file}");
+        }
+        assert_eq!(std::fs::read_dir(place.path("luxel-demo/pictures")).unwrap().count(), 12);
+    }
+    place.ok(&["render", "luxel-demo", "--frames", "0", "-o", "frame"]);
+}

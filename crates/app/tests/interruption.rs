@@ -1,0 +1,157 @@
+//! Stopping and going on: signals, kills, resuming, damaged checkpoints, disks that are full.
+#![cfg(unix)]
+#![allow(clippy::unwrap_used)]
+
+mod common;
+
+use std::io::{BufRead, BufReader};
+use std::path::PathBuf;
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+
+use common::Workplace;
+
+/// Long enough to be caught in the middle, short enough to be finished.
+const STEPS: &str = "900";
+
+fn spawn(place: &Workplace, args: &[&str]) -> Child {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_luxel"));
+    command.current_dir(place.path("")).args(args).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
+}
+
+fn signal(child: &Child, name: &str) {
+    assert!(Command::new("kill").args([name, &child.id().to_string()]).status().unwrap().success());
+}
+
+/// Waits, and fails the test rather than hang it.
+fn wait(child: &mut Child) -> ExitStatus {
+    let start = Instant::now();
+    loop {
+        if let Some(status) = child.try_wait().unwrap() {
+            return status;
+        }
+        assert!(start.elapsed() < Duration::from_secs(120), "the program does not end");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+fn train_args(run: &str) -> Vec<&str> {
+    let mut args = vec!["train", "data", "-o", run, "--iterations", STEPS, "--init-points", "300", "--threads", "2"];
+    args.extend(["--checkpoint-every", "60", "--eval-at", "0", "--log-format", "json"]);
+    args
+}
+
+fn checkpoints(place: &Workplace, run: &str) -> Vec<PathBuf> {
+    let Ok(entries) = std::fs::read_dir(place.path(run).join("checkpoints")) else { return Vec::new() };
+    let mut paths: Vec<PathBuf> =
+        entries.map(|e| e.unwrap().path()).filter(|p| p.extension().is_some_and(|e| e == "safetensors")).collect();
+    paths.sort();
+    paths
+}
+
+#[test]
+fn an_interrupted_run_saves_and_goes_on_where_it_was() {
+    let place = Workplace::new();
+    for (run, name) in [("int", "-INT"), ("term", "-TERM")] {
+        let mut child = spawn(&place, &train_args(run));
+        // The first progress line means that steps are being made.
+        let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
+        assert!(lines.any(|line| line.unwrap().contains("\"progress\"")));
+        signal(&child, name);
+        let rest = std::thread::spawn(move || lines.map(Result::unwrap).collect::<Vec<_>>());
+        assert_eq!(wait(&mut child).code(), Some(130));
+        let told = rest.join().unwrap().join("\n");
+        assert!(told.contains(&format!("luxel train --resume -o {run}")), "{told}");
+        let saved = checkpoints(&place, run);
+        assert!(!saved.is_empty());
+        place.ok(&["train", "--resume", "-o", run]);
+        assert_eq!(place.json(&format!("{run}/metrics.json"))["iterations"], 900);
+    }
+}
+
+#[test]
+fn a_killed_run_ends_with_the_bits_of_an_unbroken_one() {
+    let place = Workplace::new();
+    place.ok(&train_args("unbroken"));
+    let mut kills = 0;
+    for attempt in 0..6u32 {
+        let first = train_args("killed");
+        let again = ["train", "data", "--resume", "-o", "killed", "--log-format", "json"];
+        let known = checkpoints(&place, "killed");
+        let mut child = spawn(&place, if attempt == 0 { &first } else { &again });
+        // Somewhere after the next checkpoint: a different while each time.
+        while child.try_wait().unwrap().is_none() && checkpoints(&place, "killed") == known {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        std::thread::sleep(Duration::from_millis(u64::from(attempt * 37 % 50)));
+        kills += u32::from(child.try_wait().unwrap().is_none());
+        child.kill().unwrap();
+        wait(&mut child);
+    }
+    assert!(kills > 0, "the run was over before it could be killed");
+    place.ok(&["train", "data", "--resume", "-o", "killed"]);
+    for file in ["checkpoints/step_000000900.safetensors", "point_cloud/iteration_900/point_cloud.ply", "eval/step_900/renders/000.exr"] {
+        let read = |run: &str| std::fs::read(place.path(run).join(file)).unwrap();
+        assert!(read("unbroken") == read("killed"), "{file} differs after {kills} kills");
+    }
+    let iterations = |run: &str| -> Vec<u64> {
+        let log = std::fs::read_to_string(place.path(run).join("log.jsonl")).unwrap();
+        log.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap()["iteration"].as_u64().unwrap()).collect()
+    };
+    assert_eq!(iterations("unbroken"), iterations("killed"));
+    // A finished run has nothing left to do, and says its figures again.
+    place.ok(&["train", "--resume", "-o", "killed"]);
+}
+
+#[test]
+fn a_damaged_checkpoint_is_passed_over() {
+    let place = Workplace::new();
+    place.train("run", &["--checkpoint-every", "10", "--keep-checkpoints", "3"]);
+    let saved = checkpoints(&place, "run");
+    assert_eq!(saved.len(), 3);
+    let bytes = std::fs::read(&saved[2]).unwrap();
+    std::fs::write(&saved[2], &bytes[..bytes.len() / 2]).unwrap();
+    let output = place.luxel(&["train", "--resume", "-o", "run"]).output().unwrap();
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && stderr.contains("damaged checkpoint") && stderr.contains("step_000000040"), "{stderr}");
+    assert!(std::fs::read(&saved[2]).unwrap() == bytes, "the same bits again");
+
+    for path in checkpoints(&place, "run") {
+        std::fs::write(path, "").unwrap();
+    }
+    place.error(&["train", "--resume", "-o", "run"], &["none of the 3 checkpoints", "--overwrite"]);
+}
+
+#[test]
+fn a_resumed_run_keeps_its_settings() {
+    let place = Workplace::new();
+    place.train("run", &["--seed", "5"]);
+    place.error(&["train", "--resume", "-o", "run", "--seed", "6", "--method", "sh3"], &["--seed is 5 in the run, 6 now", "--method"]);
+    // What was said and is the same is no contradiction, nor what leaves the result alone.
+    place.ok(&["train", "data", "--resume", "-o", "run", "--seed", "5", "--threads", "1", "--keep-checkpoints", "4"]);
+    assert_eq!(place.json("run/metrics.json")["seed"], 5);
+    // Other images are another data set.
+    common::write_dataset(&place.path("other"));
+    std::fs::copy(place.path("data/images/001.exr"), place.path("other/images/002.exr")).unwrap();
+    place.error(&["train", "other", "--resume", "-o", "run"], &["data set"]);
+}
+
+#[test]
+fn a_full_disk_ends_the_run_and_keeps_its_checkpoint() {
+    let place = Workplace::new();
+    place.train("run", &["--checkpoint-every", "20"]);
+    let saved = checkpoints(&place, "run");
+    let before = std::fs::read(&saved[0]).unwrap();
+    std::fs::remove_file(&saved[1]).unwrap();
+    // A limit on file sizes, with its signal ignored, refuses writes in the middle as a full disk does.
+    let limit_kib = before.len() / 1024 / 2;
+    let script = format!("trap '' XFSZ; ulimit -f {limit_kib}; exec \"$0\" train --resume -o run --checkpoint-every 5");
+    let output = Command::new("bash").current_dir(place.path("")).args(["-c", &script, env!("CARGO_BIN_EXE_luxel")]).output().unwrap();
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{stderr}");
+    for part in ["error: ", "cannot save", "the last good checkpoint is", "step_000000020"] {
+        assert!(stderr.contains(part), "{part}\n{stderr}");
+    }
+    assert!(std::fs::read(&saved[0]).unwrap() == before);
+    place.ok(&["train", "--resume", "-o", "run"]);
+}
