@@ -100,3 +100,108 @@ fn sample(image: &Image, mask: Option<&Mask>, position: DVec2) -> Option<[f32; 3
     }
     Some(sum.map(|s| s as f32))
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::DAffine3;
+
+    use super::*;
+
+    fn camera(distortion: Distortion) -> Camera {
+        let (focal_px, center_px) = (DVec2::new(50.0, 55.0), DVec2::new(33.0, 23.5));
+        Camera { camera_from_world: DAffine3::IDENTITY, focal_px, center_px, size_px: [64, 48], distortion }
+    }
+
+    /// Bilinear resampling is exact on it.
+    fn ramp(x: f64, y: f64) -> [f32; 3] {
+        [x as f32, y as f32, (100.0 + x - 2.0 * y) as f32]
+    }
+
+    fn grid() -> Image {
+        let pixels = (0..64 * 48).map(|i| ramp(f64::from(i % 64) + 0.5, f64::from(i / 64) + 0.5)).collect();
+        Image { width: 64, height: 48, pixels }
+    }
+
+    #[test]
+    fn undistorted_grid_follows_the_analytic_map() {
+        let lens = Distortion { k1: -0.2, k2: 0.05, p1: 0.01, p2: -0.015 };
+        let (image, mask, pinhole) = undistort(&grid(), None, &camera(lens));
+        assert_eq!(pinhole, camera(Distortion::default()));
+        let (mut checked, mut outside) = (0, 0);
+        for i in 0..64 * 48 {
+            let target = DVec2::new((i % 64) as f64 + 0.5, (i / 64) as f64 + 0.5);
+            let source = lens.distort((target - pinhole.center_px) / pinhole.focal_px) * pinhole.focal_px + pinhole.center_px;
+            let is_inside = (0.0..=64.0).contains(&source.x) && (0.0..=48.0).contains(&source.y);
+            assert_eq!(mask.valid[i], is_inside, "pixel {i} from {source}");
+            if !is_inside {
+                assert_eq!(image.pixels[i], [0.0; 3]);
+                outside += 1;
+            } else if (0.5..=63.5).contains(&source.x) && (0.5..=47.5).contains(&source.y) {
+                let expected = ramp(source.x, source.y);
+                assert!(
+                    (0..3).all(|c| (image.pixels[i][c] - expected[c]).abs() < 1e-3),
+                    "pixel {i}: {:?} expected {expected:?}",
+                    image.pixels[i]
+                );
+                checked += 1;
+            }
+        }
+        assert!(checked > 2000, "{checked} interior pixels, {outside} outside");
+    }
+
+    #[test]
+    fn no_distortion_changes_nothing() {
+        let (image, mask, _) = undistort(&grid(), None, &camera(Distortion::default()));
+        assert_eq!(image, grid());
+        assert!(mask.valid.iter().all(|v| *v));
+    }
+
+    #[test]
+    fn pixels_that_touch_an_invalid_one_are_invalid() {
+        let mut valid = vec![true; 64 * 48];
+        valid[20 * 64 + 30] = false;
+        let shift = Distortion { p1: 1e-4, p2: 1e-4, ..Distortion::default() };
+        let (image, mask, _) = undistort(&grid(), Some(&Mask { valid }), &camera(shift));
+        let lost: Vec<_> = (0..64 * 48).filter(|&i| !mask.valid[i]).collect();
+        assert!(
+            (1..=4).contains(&lost.iter().filter(|&&i| (28..=32).contains(&(i % 64)) && (18..=22).contains(&(i / 64))).count()),
+            "{lost:?}"
+        );
+        assert_eq!(image.pixels[20 * 64 + 30], [0.0; 3]);
+    }
+
+    #[test]
+    fn rays_beyond_the_lens_fold_are_invalid() {
+        // r (1 - r^2 / 3 * 3) turns back at r = 1 / sqrt(3): pixels beyond would show the centre again.
+        let fold = Distortion { k1: -1.0, ..Distortion::default() };
+        assert!((fold_radius2(&fold) - 1.0 / 3.0).abs() < 1e-12);
+        assert_eq!(fold_radius2(&Distortion::default()), f64::INFINITY);
+        assert_eq!(fold_radius2(&Distortion { k1: 0.1, k2: 0.02, ..Distortion::default() }), f64::INFINITY);
+        // 1 - 3 s + 5 k2 s^2 with k2 = 0.4: smaller root of 2 s^2 - 3 s + 1 is 1/2.
+        assert!((fold_radius2(&Distortion { k1: -1.0, k2: 0.4, ..Distortion::default() }) - 0.5).abs() < 1e-12);
+        let (_, mask, _) = undistort(&grid(), None, &camera(fold));
+        let corner = DVec2::new(0.5 - 33.0, 0.5 - 23.5) / DVec2::new(50.0, 55.0);
+        assert!(corner.length_squared() > 1.0 / 3.0 && !mask.valid[0]);
+    }
+
+    #[test]
+    fn downscaling_averages_whole_blocks_in_linear_light() {
+        let image = Image { width: 5, height: 3, pixels: (0..15).map(|i| [i as f32, 1000.0 * (i % 2) as f32, -1.0]).collect() };
+        let half = downscale(&image, 2);
+        assert_eq!((half.width, half.height), (2, 1));
+        assert_eq!(half.pixels, [[3.0, 500.0, -1.0], [5.0, 500.0, -1.0]]);
+        assert_eq!(downscale(&image, 1), image);
+        assert_eq!(downscale(&image, 0), image);
+        assert!(downscale(&image, 4).pixels.is_empty());
+    }
+
+    #[test]
+    fn downscaling_leaves_invalid_pixels_out() {
+        let mut image = Image { width: 4, height: 2, pixels: (0..8).map(|i| [i as f32; 3]).collect() };
+        image.pixels[5] = [f32::NAN; 3];
+        let mask = Mask { valid: vec![true, true, false, false, true, false, false, false] };
+        let (half, valid) = downscale_masked(&image, &mask, 2);
+        assert_eq!(half.pixels, [[5.0 / 3.0; 3], [0.0; 3]]);
+        assert_eq!(valid.valid, [true, false]);
+    }
+}

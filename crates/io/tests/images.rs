@@ -1,0 +1,518 @@
+//! Images of every format, written by the formats' own crates and read back as linear radiance.
+
+use std::io::Cursor;
+use std::path::Path;
+
+use exr::prelude::*;
+use luxel_core::{ColorSpace, Image as Radiance};
+use luxel_io::{
+    DecodedImage, ExrOptions, ExrSample, IoError, IoErrorKind, ReadOptions, SampleDepth, Transfer, decode_image, encode_exr, encode_png,
+    image_size, read_image, write_exr, write_png,
+};
+
+const LINEAR: ReadOptions = ReadOptions { transfer: Some(Transfer::Linear) };
+const SRGB: ReadOptions = ReadOptions { transfer: Some(Transfer::Srgb) };
+const UNSAID: ReadOptions = ReadOptions { transfer: None };
+
+fn decode(bytes: &[u8], options: &ReadOptions) -> std::result::Result<DecodedImage, IoError> {
+    decode_image(Path::new("test image"), bytes, options)
+}
+
+/// Values that half holds exactly, across the range, and smooth enough for lossy codecs.
+fn radiance(width: usize, height: usize) -> Radiance {
+    let pixel = |i: usize| {
+        let (x, y) = (i % width, i / width);
+        [x as f32 * 0.25, y as f32 * 2.0 + 0.5, 0.125 * (x + y) as f32]
+    };
+    Radiance { width, height, pixels: (0..width * height).map(pixel).collect() }
+}
+
+fn planes(image: &Radiance, store: impl Fn(Vec<f32>) -> FlatSamples) -> Vec<(&'static str, FlatSamples)> {
+    [("R", 0), ("G", 1), ("B", 2)].map(|(name, c)| (name, store(image.pixels.iter().map(|p| p[c]).collect()))).into()
+}
+
+fn half(values: Vec<f32>) -> FlatSamples {
+    FlatSamples::F16(values.into_iter().map(f16::from_f32).collect())
+}
+
+type ExrImage = Image<Layer<AnyChannels<FlatSamples>>>;
+
+fn exr_image(size: (usize, usize), channels: Vec<(&str, FlatSamples)>, encoding: Encoding) -> ExrImage {
+    let channels = channels.into_iter().map(|(name, samples)| AnyChannel::new(name, samples)).collect();
+    Image::from_layer(Layer::new(size, LayerAttributes::named("main"), encoding, AnyChannels::sort(channels)))
+}
+
+fn exr_bytes(image: &ExrImage) -> Vec<u8> {
+    let mut out = Cursor::new(Vec::new());
+    image.write().non_parallel().to_buffered(&mut out).unwrap();
+    out.into_inner()
+}
+
+fn assert_near(found: &Radiance, expected: &Radiance, relative: f32) {
+    assert_eq!((found.width, found.height), (expected.width, expected.height));
+    for (i, (f, e)) in found.pixels.iter().zip(&expected.pixels).enumerate() {
+        for c in 0..3 {
+            assert!((f[c] - e[c]).abs() <= relative * e[c].abs().max(1.0), "pixel {i} channel {c}: {} expected {}", f[c], e[c]);
+        }
+    }
+}
+
+#[test]
+fn exr_of_every_compression_is_read() {
+    let lossless = [Compression::Uncompressed, Compression::RLE, Compression::ZIP1, Compression::ZIP16, Compression::PIZ];
+    // Block codecs err by a fraction of a block's spread, here of a few units.
+    let lossy = [
+        (Compression::PXR24, 1e-4),
+        (Compression::B44, 0.15),
+        (Compression::B44A, 0.15),
+        (Compression::DWAA(None), 0.15),
+        (Compression::DWAB(None), 0.15),
+    ];
+    let all = lossless.into_iter().map(|c| (c, 0.0)).chain(lossy);
+    // More lines than the largest block (256), a width that no block size divides.
+    let image = radiance(37, 300);
+    for (compression, tolerance) in all {
+        for blocks in [Blocks::ScanLines, Blocks::Tiles(Vec2(16, 16))] {
+            for store in [half, FlatSamples::F32] {
+                let encoding = Encoding { compression, blocks, line_order: LineOrder::Increasing };
+                let bytes = exr_bytes(&exr_image((37, 300), planes(&image, store), encoding));
+                let decoded = decode(&bytes, &UNSAID).unwrap_or_else(|e| panic!("{compression:?} {blocks:?}: {e}"));
+                assert_near(&decoded.image, &image, tolerance);
+                assert_eq!((decoded.depth, decoded.color_space, decoded.alpha), (SampleDepth::Float, None, None));
+            }
+        }
+    }
+}
+
+#[test]
+fn exr_of_decreasing_line_order_is_read() {
+    let image = radiance(20, 50);
+    let encoding = Encoding { compression: Compression::ZIP16, blocks: Blocks::ScanLines, line_order: LineOrder::Decreasing };
+    let bytes = exr_bytes(&exr_image((20, 50), planes(&image, half), encoding));
+    assert_eq!(decode(&bytes, &UNSAID).unwrap().image, image);
+}
+
+#[test]
+fn exr_keeps_nan_infinity_negatives_and_bright_values() {
+    let values = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -2.0, 1e30, 0.0];
+    let image = Radiance { width: 2, height: 1, pixels: vec![[values[0], values[1], values[2]], [values[3], values[4], values[5]]] };
+    let bytes = encode_exr(Path::new("a.exr"), &image, &ExrOptions { sample: ExrSample::Float, ..ExrOptions::default() }).unwrap();
+    let found = decode(&bytes, &UNSAID).unwrap().image;
+    let bits = |image: &Radiance| image.pixels.iter().flatten().map(|v| v.to_bits()).collect::<Vec<_>>();
+    assert_eq!(bits(&found), bits(&image));
+}
+
+#[test]
+fn exr_uint_and_luminance_and_alpha_are_read() {
+    let counts = || FlatSamples::U32(vec![0, 7, 70_000, 3]);
+    let bytes =
+        exr_bytes(&exr_image((2, 2), vec![("Y", counts()), ("A", FlatSamples::F32(vec![0.0, 0.5, 1.0, 0.25]))], Encoding::UNCOMPRESSED));
+    let decoded = decode(&bytes, &UNSAID).unwrap();
+    assert_eq!(decoded.image.pixels, [[0.0; 3], [7.0; 3], [70_000.0; 3], [3.0; 3]]);
+    assert_eq!(decoded.alpha, Some(vec![0.0, 0.5, 1.0, 0.25]));
+}
+
+#[test]
+fn exr_data_window_is_placed_in_the_display_window() {
+    // Display windows around, inside of, beside and apart from the 4 x 3 data window.
+    let image = radiance(4, 3);
+    for (data, display, size) in [
+        ((1, 1), (0, 0), (6, 5)),
+        ((-2, -1), (0, 0), (6, 5)),
+        ((-2, -1), (-5, -3), (10, 9)),
+        ((0, 0), (1, 1), (2, 1)),
+        ((100, 0), (0, 0), (6, 5)),
+        ((-1000, 1000), (0, 0), (3, 3)),
+    ] {
+        for blocks in [Blocks::ScanLines, Blocks::Tiles(Vec2(2, 2))] {
+            let encoding = Encoding { compression: Compression::ZIP16, blocks, line_order: LineOrder::Increasing };
+            let mut file = exr_image((4, 3), planes(&image, half), encoding);
+            file.layer_data.attributes.layer_position = Vec2(data.0, data.1);
+            file.attributes.display_window = IntegerBounds::new(Vec2(display.0, display.1), Vec2(size.0, size.1));
+            let found = decode(&exr_bytes(&file), &UNSAID).unwrap().image;
+            assert_eq!((found.width, found.height), size);
+            for y in 0..size.1 {
+                for x in 0..size.0 {
+                    let (u, v) = (x as i32 + display.0 - data.0, y as i32 + display.1 - data.1);
+                    let inside = (0..4).contains(&u) && (0..3).contains(&v);
+                    let expected = if inside { image.at(u as usize, v as usize) } else { [0.0; 3] };
+                    assert_eq!(found.at(x, y), expected, "data {data:?} display {display:?} at {x}, {y}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn exr_colour_is_found_by_name() {
+    let image = radiance(3, 2);
+    let other = || half(vec![9.0; 6]);
+    let [r, g, b] = [0, 1, 2].map(|c| planes(&image, half)[c].1.clone());
+    let read = |channels: Vec<(&str, FlatSamples)>| decode(&exr_bytes(&exr_image((3, 2), channels, Encoding::UNCOMPRESSED)), &UNSAID);
+    // Of no layer, among others.
+    let channels =
+        vec![("R", r.clone()), ("G", g.clone()), ("B", b.clone()), ("normal.X", other()), ("diffuse.R", other()), ("Z", other())];
+    assert_eq!(read(channels).unwrap().image, image);
+    // Of the only layer that has it, although another one interleaves by name.
+    let channels =
+        vec![("beauty.R", r.clone()), ("beauty.G", g.clone()), ("beauty.B", b.clone()), ("beauty.depth.Z", other()), ("a.X", other())];
+    assert_eq!(read(channels).unwrap().image, image);
+    // Of two layers.
+    let channels =
+        vec![("a.R", r.clone()), ("a.G", g.clone()), ("a.B", b.clone()), ("b.R", r.clone()), ("b.G", g.clone()), ("b.B", b.clone())];
+    let error = read(channels).unwrap_err();
+    assert!(error.kind == IoErrorKind::Unsupported && error.message.contains("(a, b)"), "{error}");
+    // Incomplete, or luminance with chroma.
+    for channels in [vec![("R", r.clone()), ("G", g.clone())], vec![("Z", other())], vec![("Y", r.clone()), ("RY", g), ("BY", b)]] {
+        let error = read(channels).unwrap_err();
+        assert!(error.message.contains("expected R, G, B or Y"), "{error}");
+    }
+}
+
+#[test]
+fn exr_of_several_parts_gives_the_first_with_colour() {
+    let image = radiance(4, 4);
+    let layer = |name: &str, channels: Vec<(&str, FlatSamples)>| {
+        let mut file = exr_image((4, 4), channels, Encoding::SMALL_LOSSLESS);
+        file.layer_data.attributes.layer_name = Some(name.into());
+        file.layer_data
+    };
+    let parts = vec![
+        layer("depth", vec![("Z", half(vec![1.0; 16]))]),
+        layer("beauty", planes(&image, half)),
+        layer("other", planes(&radiance(4, 4), |v| half(v.into_iter().map(|x| x + 1.0).collect()))),
+    ];
+    let file = Image::from_layers(ImageAttributes::with_size((4, 4)), Layers::from_iter(parts));
+    let mut out = Cursor::new(Vec::new());
+    file.write().non_parallel().to_buffered(&mut out).unwrap();
+    assert_eq!(decode(&out.into_inner(), &UNSAID).unwrap().image, image);
+}
+
+#[test]
+fn exr_of_mip_and_rip_maps_gives_full_resolution() {
+    let image = radiance(19, 11);
+    let rounding_mode = exr::math::RoundingMode::Down;
+    let full = Vec2(19, 11);
+    for is_rip in [false, true] {
+        let channel = |c: usize| {
+            let samples = |size: Vec2<usize>| match size {
+                Vec2(19, 11) => image.pixels.iter().map(|p| p[c]).collect(),
+                size => vec![-1.0; size.area()],
+            };
+            if is_rip {
+                let levels: Vec<_> =
+                    exr::meta::rip_map_levels(rounding_mode, full).map(|(_, size)| FlatSamples::F32(samples(size))).collect();
+                let level_count = Vec2(5, 4);
+                Levels::Rip { rounding_mode, level_data: RipMaps { map_data: levels.into(), level_count } }
+            } else {
+                let level_data = exr::meta::mip_map_levels(rounding_mode, full).map(|(_, size)| FlatSamples::F32(samples(size))).collect();
+                Levels::Mip { rounding_mode, level_data }
+            }
+        };
+        let channels = [("R", 0), ("G", 1), ("B", 2)].map(|(name, c)| AnyChannel::new(name, channel(c)));
+        let encoding = Encoding { compression: Compression::ZIP16, blocks: Blocks::Tiles(Vec2(8, 8)), line_order: LineOrder::Increasing };
+        let file =
+            Image::from_layer(Layer::new(full, LayerAttributes::named("a"), encoding, AnyChannels::sort(channels.into_iter().collect())));
+        let mut out = Cursor::new(Vec::new());
+        file.write().non_parallel().to_buffered(&mut out).unwrap();
+        assert_eq!(decode(&out.into_inner(), &UNSAID).unwrap().image, image, "rip maps: {is_rip}");
+    }
+}
+
+#[test]
+fn exr_chromaticities_are_honoured() {
+    let image = Radiance::filled(2, 2, [0.5, 0.25, 2.0]);
+    let read = |chromaticities: [[f32; 2]; 4]| {
+        let mut file = exr_image((2, 2), planes(&image, half), Encoding::UNCOMPRESSED);
+        let [red, green, blue, white] = chromaticities.map(|[x, y]| Vec2(x, y));
+        file.attributes.chromaticities = Some(attribute::Chromaticities { red, green, blue, white });
+        decode(&exr_bytes(&file), &UNSAID)
+    };
+    for space in [ColorSpace::LinearRec709, ColorSpace::AcesCg] {
+        let decoded = read(space.chromaticities()).unwrap();
+        assert_eq!((decoded.color_space, decoded.image == image, decoded.warnings.len()), (Some(space), true, 0));
+        assert_eq!(decoded.chromaticities, Some(space.chromaticities()));
+    }
+    let rec2020 = [[0.708, 0.292], [0.170, 0.797], [0.131, 0.046], [0.3127, 0.3290]];
+    let decoded = read(rec2020).unwrap();
+    assert_eq!((decoded.color_space, decoded.chromaticities), (Some(ColorSpace::LinearRec709), Some(rec2020)));
+    assert!(decoded.warnings[0].contains("converted to linear Rec.709"), "{:?}", decoded.warnings);
+    // ITU-R BT.2087: 1.6605 R - 0.5876 G - 0.0728 B.
+    let red = 1.6605 * 0.5 - 0.5876 * 0.25 - 0.0728 * 2.0;
+    assert!((decoded.image.pixels[0][0] - red).abs() < 1e-3, "{}", decoded.image.pixels[0][0]);
+    assert!(read([[0.0; 2]; 4]).unwrap_err().message.contains("not a colour space"));
+}
+
+#[test]
+fn written_exr_reads_back_with_its_space_and_attributes() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("new/a.exr");
+    let image = radiance(40, 33);
+    for (sample, color_space) in [(ExrSample::Half, ColorSpace::LinearRec709), (ExrSample::Float, ColorSpace::AcesCg)] {
+        let attributes = vec![("luxel:scene".to_string(), "desk lamp, 35 mm".to_string())];
+        assert_eq!(write_exr(&path, &image, &ExrOptions { sample, color_space, attributes }).unwrap(), 0);
+        let decoded = read_image(&path, &UNSAID).unwrap();
+        assert_eq!((decoded.image == image, decoded.color_space), (true, Some(color_space)));
+        assert_eq!(image_size(&path).unwrap(), [40, 33]);
+        let meta = MetaData::read_from_file(&path, true).unwrap();
+        let header = &meta.headers[0];
+        assert_eq!(header.compression, Compression::ZIP16);
+        assert_eq!(
+            header.own_attributes.other.get(&Text::from("luxel:scene")),
+            Some(&AttributeValue::Text(Text::from("desk lamp, 35 mm")))
+        );
+    }
+}
+
+#[test]
+fn half_clamps_and_counts_what_it_cannot_hold() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.exr");
+    let image = Radiance { width: 2, height: 1, pixels: vec![[65504.0, 65505.0, f32::INFINITY], [-1e9, f32::NAN, 1.0]] };
+    assert_eq!(write_exr(&path, &image, &ExrOptions::default()).unwrap(), 3);
+    let found = read_image(&path, &UNSAID).unwrap().image.pixels;
+    assert_eq!((found[0], found[1][0], found[1][1].is_nan(), found[1][2]), ([65504.0; 3], -65504.0, true, 1.0));
+}
+
+#[test]
+fn images_that_cannot_be_written_are_errors_and_leave_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.exr");
+    for image in [Radiance::default(), Radiance { width: 2, height: 2, pixels: vec![[0.0; 3]; 3] }] {
+        assert!(write_exr(&path, &image, &ExrOptions::default()).is_err());
+    }
+    let unnamed = ExrOptions { attributes: vec![(String::new(), "value".into())], ..ExrOptions::default() };
+    assert!(write_exr(&path, &radiance(2, 2), &unnamed).is_err());
+    assert!(write_png(&path, 2, 2, &[0; 11]).is_err());
+    assert!(encode_png(usize::MAX, 2, &[0; 12]).is_err());
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+}
+
+#[test]
+fn radiance_hdr_is_read_and_its_exposure_divided_out() {
+    let mut body = Vec::new();
+    let pixels: Vec<_> = (0..20 * 6).map(|i| image::Rgb([i as f32, 0.5, 1000.0])).collect();
+    image::codecs::hdr::HdrEncoder::new(&mut body).encode(&pixels, 20, 6).unwrap();
+    let decoded = decode(&body, &UNSAID).unwrap();
+    let expected = Radiance { width: 20, height: 6, pixels: pixels.iter().map(|p| p.0).collect() };
+    // 8 bits of mantissa shared by the largest channel: half a step of 1024 / 256.
+    for (f, e) in decoded.image.pixels.iter().zip(&expected.pixels) {
+        assert!((0..3).all(|c| (f[c] - e[c]).abs() <= 4.0), "{f:?} expected {e:?}");
+    }
+    assert_eq!((decoded.depth, decoded.color_space), (SampleDepth::Float, None));
+
+    // Flat pixels; (128, 64, 0) * 2^(129 - 136) = (1, 0.5, 0).
+    let file = |header: &str| [header.as_bytes(), b"\n-Y 1 +X 2\n\x80\x40\x00\x81\x80\x40\x00\x81"].concat();
+    for (header, expected) in [
+        ("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n", [1.0, 0.5, 0.0]),
+        ("#?RGBE\nFORMAT=32-bit_rle_rgbe\n", [1.0, 0.5, 0.0]),
+        ("#?RADIANCE\nEXPOSURE=4\nFORMAT=32-bit_rle_rgbe\nEXPOSURE= 0.5\n", [0.5, 0.25, 0.0]),
+        ("#?RADIANCE\nCOLORCORR=2 4 1\nEXPOSURE=0.5\n", [1.0, 0.25, 0.0]),
+        ("#?RADIANCE\nPRIMARIES= .64 .33 .30 .60 .15 .06 .3127 .3290\n", [1.0, 0.5, 0.0]),
+    ] {
+        assert_eq!(decode(&file(header), &UNSAID).unwrap().image.pixels, [expected; 2], "{header}");
+    }
+    for header in
+        ["#?RADIANCE\nEXPOSURE=0\n", "#?RADIANCE\nEXPOSURE=NaN\n", "#?RADIANCE\nPRIMARIES=1 2\n", "#?RADIANCE\nFORMAT=32-bit_rle_xyze\n"]
+    {
+        assert!(decode(&file(header), &UNSAID).is_err(), "{header}");
+    }
+    let turned = b"#?RADIANCE\n\n+X 2 -Y 1\n\x80\x40\x00\x81\x80\x40\x00\x81";
+    assert_eq!(decode(turned, &UNSAID).unwrap_err().kind, IoErrorKind::Unsupported);
+}
+
+fn tiff_bytes<C: tiff::encoder::colortype::ColorType>(
+    size: (u32, u32),
+    data: &[C::Inner],
+    compression: tiff::encoder::Compression,
+) -> Vec<u8>
+where
+    [C::Inner]: tiff::encoder::TiffValue,
+{
+    let mut out = Cursor::new(Vec::new());
+    tiff::encoder::TiffEncoder::new(&mut out).unwrap().with_compression(compression).write_image::<C>(size.0, size.1, data).unwrap();
+    out.into_inner()
+}
+
+#[test]
+fn tiff_of_every_sample_and_compression_is_read() {
+    use tiff::encoder::{Compression, colortype as kind};
+    let compressions = [Compression::Uncompressed, Compression::Lzw, Compression::Deflate(Default::default()), Compression::Packbits];
+    for compression in compressions {
+        let float = [0.0f32, 1e-6, 1e6, f32::NAN, -3.0, f32::INFINITY];
+        let decoded = decode(&tiff_bytes::<kind::RGB32Float>((2, 1), &float, compression), &UNSAID).unwrap();
+        let found: Vec<u32> = decoded.image.pixels.iter().flatten().map(|v| v.to_bits()).collect();
+        assert_eq!((found, decoded.depth), (float.map(f32::to_bits).to_vec(), SampleDepth::Float));
+
+        let decoded = decode(&tiff_bytes::<kind::Gray64Float>((2, 1), &[0.5, 1e9], compression), &UNSAID).unwrap();
+        assert_eq!(decoded.image.pixels, [[0.5; 3], [1e9; 3]]);
+        let decoded = decode(&tiff_bytes::<kind::RGBA32Float>((1, 1), &[1.0, 2.0, 3.0, 0.5], compression), &UNSAID).unwrap();
+        assert_eq!((decoded.image.pixels, decoded.alpha), (vec![[1.0, 2.0, 3.0]], Some(vec![0.5])));
+
+        let bytes = tiff_bytes::<kind::RGB16>((2, 1), &[0, 65535, 32768, 1, 2, 3], compression);
+        let decoded = decode(&bytes, &LINEAR).unwrap();
+        assert_eq!(decoded.image.pixels[0], [0.0, 1.0, (32768.0f64 / 65535.0) as f32]);
+        assert_eq!((decoded.depth, decoded.warnings.len()), (SampleDepth::Integer16, 0));
+        assert!((decode(&bytes, &SRGB).unwrap().image.pixels[0][2] - 0.214_05).abs() < 1e-4);
+        let error = decode(&bytes, &UNSAID).unwrap_err();
+        assert!(error.message.contains("16-bit") && error.message.contains("--transfer linear"), "{error}");
+
+        let bytes = tiff_bytes::<kind::Gray8>((2, 1), &[0, 255], compression);
+        let decoded = decode(&bytes, &LINEAR).unwrap();
+        assert_eq!((decoded.image.pixels, decoded.depth), (vec![[0.0; 3], [1.0; 3]], SampleDepth::Integer8));
+        assert_eq!(decoded.warnings, ["8 bits: not HDR"]);
+        assert!(decode(&bytes, &UNSAID).unwrap_err().message.contains("8-bit"));
+    }
+    let error = decode(&tiff_bytes::<kind::CMYK8>((1, 1), &[0; 4], Compression::Uncompressed), &LINEAR).unwrap_err();
+    assert_eq!(error.kind, IoErrorKind::Unsupported);
+}
+
+#[test]
+fn tiff_of_half_floats_is_read() {
+    // The encoder has none: a hand-made little-endian file of one strip, 2 x 1 grey.
+    let entry =
+        |tag: u16, kind: u16, value: u32| [&tag.to_le_bytes()[..], &kind.to_le_bytes(), &1u32.to_le_bytes(), &value.to_le_bytes()].concat();
+    let (short, long) = (3, 4);
+    let entries = [
+        (256, long, 2),
+        (257, long, 1),
+        (258, short, 16),
+        (259, short, 1),
+        (262, short, 1),
+        (273, long, 8),
+        (277, short, 1),
+        (278, long, 1),
+        (279, long, 4),
+        (339, short, 3),
+    ];
+    let mut bytes = b"II*\0\x0c\0\0\0".to_vec();
+    bytes.extend([f16::from_f32(0.5), f16::from_f32(1000.0)].iter().flat_map(|v| v.to_le_bytes()));
+    bytes.extend((entries.len() as u16).to_le_bytes());
+    bytes.extend(entries.iter().flat_map(|&(tag, kind, value)| entry(tag, kind, value)));
+    bytes.extend([0; 4]);
+    assert_eq!(decode(&bytes, &UNSAID).unwrap().image.pixels, [[0.5; 3], [1000.0; 3]]);
+}
+
+#[test]
+fn camera_raw_and_thumbnails_in_tiff_are_refused() {
+    use tiff::encoder::{TiffEncoder, colortype::RGB8};
+    use tiff::tags::Tag;
+    for (tag, value) in [(Tag::Unknown(50706), 0x0104u32), (Tag::NewSubfileType, 1)] {
+        let mut out = Cursor::new(Vec::new());
+        let mut encoder = TiffEncoder::new(&mut out).unwrap();
+        let mut image = encoder.new_image::<RGB8>(1, 1).unwrap();
+        image.encoder().write_tag(tag, value).unwrap();
+        image.write_data(&[1, 2, 3]).unwrap();
+        let error = decode(&out.into_inner(), &LINEAR).unwrap_err();
+        assert!(error.message.contains("camera RAW"), "{error}");
+    }
+}
+
+fn png_bytes(size: (u32, u32), data: &[u8], color: image::ExtendedColorType) -> Vec<u8> {
+    use image::ImageEncoder;
+    let mut out = Vec::new();
+    image::codecs::png::PngEncoder::new(&mut out).write_image(data, size.0, size.1, color).unwrap();
+    out
+}
+
+/// `png` with a chunk behind its header.
+fn with_chunk(png: &[u8], kind: &[u8; 4], data: &[u8]) -> Vec<u8> {
+    let body = [kind, data].concat();
+    let crc = body
+        .iter()
+        .fold(!0u32, |crc, &byte| (0..8).fold(crc ^ u32::from(byte), |c, _| if c & 1 == 1 { 0xedb8_8320 ^ (c >> 1) } else { c >> 1 }));
+    let chunk = [&(data.len() as u32).to_be_bytes()[..], &body, &(!crc).to_be_bytes()].concat();
+    [&png[..33], &chunk, &png[33..]].concat()
+}
+
+#[test]
+fn png_transfer_is_said_or_read_but_not_guessed() {
+    use image::ExtendedColorType as Kind;
+    let samples: Vec<u8> = [0u16, 65535, 32768].iter().flat_map(|v| v.to_ne_bytes()).collect();
+    let png = png_bytes((1, 1), &samples, Kind::Rgb16);
+    let middle = |bytes: &[u8], options: &ReadOptions| decode(bytes, options).unwrap().image.pixels[0][2];
+    let (linear, srgb) = (0.500_007_6, 0.214_048_6);
+    assert!((middle(&png, &LINEAR) - linear).abs() < 1e-6);
+    assert!((middle(&png, &SRGB) - srgb).abs() < 1e-6);
+    let error = decode(&png, &UNSAID).unwrap_err();
+    assert!(error.message.contains("--transfer linear or --transfer srgb"), "{error}");
+
+    let gamma = |value: u32| with_chunk(&png, b"gAMA", &value.to_be_bytes());
+    assert!((middle(&gamma(100_000), &UNSAID) - linear).abs() < 1e-6);
+    assert!((middle(&gamma(45_455), &UNSAID) - srgb).abs() < 1e-6);
+    assert!((middle(&gamma(50_000), &UNSAID) - linear * linear).abs() < 1e-6);
+    assert!((middle(&with_chunk(&png, b"sRGB", &[0]), &UNSAID) - srgb).abs() < 1e-6);
+    assert!((middle(&with_chunk(&gamma(45_455), b"cICP", &[1, 8, 0, 1]), &UNSAID) - linear).abs() < 1e-6);
+    // The user goes before the file.
+    assert!((middle(&gamma(100_000), &SRGB) - srgb).abs() < 1e-6);
+    assert!(decode(&with_chunk(&png, b"cICP", &[9, 16, 0, 1]), &UNSAID).unwrap_err().message.contains("--transfer"));
+    let decoded = decode(&with_chunk(&png, b"cICP", &[12, 8, 0, 1]), &UNSAID).unwrap();
+    assert!(decoded.warnings.iter().any(|w| w.contains("converted to linear Rec.709")), "{:?}", decoded.warnings);
+}
+
+#[test]
+fn png_of_every_layout_is_read() {
+    use image::ExtendedColorType as Kind;
+    for (kind, data, expected, alpha) in [
+        (Kind::L8, vec![255, 0], [[1.0; 3], [0.0; 3]], None),
+        (Kind::La8, vec![255, 51, 0, 255], [[1.0; 3], [0.0; 3]], Some(vec![0.2, 1.0])),
+        (Kind::Rgb8, vec![255, 0, 51, 0, 0, 0], [[1.0, 0.0, 0.2], [0.0; 3]], None),
+        (Kind::Rgba8, vec![255, 0, 51, 0, 0, 0, 0, 255], [[1.0, 0.0, 0.2], [0.0; 3]], Some(vec![0.0, 1.0])),
+        (Kind::L16, vec![255; 4], [[1.0; 3], [1.0; 3]], None),
+        (Kind::La16, vec![255; 8], [[1.0; 3], [1.0; 3]], Some(vec![1.0, 1.0])),
+        (Kind::Rgba16, vec![255; 16], [[1.0; 3], [1.0; 3]], Some(vec![1.0, 1.0])),
+    ] {
+        let decoded = decode(&png_bytes((2, 1), &data, kind), &LINEAR).unwrap();
+        assert_eq!((decoded.image.pixels.as_slice(), decoded.alpha), (&expected[..], alpha), "{kind:?}");
+        assert_eq!(decoded.warnings.contains(&"8 bits: not HDR".to_string()), decoded.depth == SampleDepth::Integer8);
+    }
+}
+
+#[test]
+fn preview_png_says_that_it_is_srgb() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.png");
+    write_png(&path, 2, 1, &[0, 255, 128, 1, 2, 3]).unwrap();
+    let decoded = read_image(&path, &UNSAID).unwrap();
+    assert_eq!(decoded.color_space, Some(ColorSpace::LinearRec709));
+    assert!((decoded.image.pixels[0][2] - 0.215_86).abs() < 1e-4);
+    assert_eq!(image_size(&path).unwrap(), [2, 1]);
+}
+
+#[test]
+fn jpeg_is_srgb_by_its_standard() {
+    let mut bytes = Vec::new();
+    image::codecs::jpeg::JpegEncoder::new_with_quality(&mut bytes, 100)
+        .encode(&[128; 16 * 8 * 3], 16, 8, image::ExtendedColorType::Rgb8)
+        .unwrap();
+    let decoded = decode(&bytes, &UNSAID).unwrap();
+    assert!((decoded.image.pixels[5][0] - 0.215_86).abs() < 5e-3, "{:?}", decoded.image.pixels[5]);
+    assert!(decoded.warnings.iter().any(|w| w.contains("sRGB")) && decoded.warnings.iter().any(|w| w.contains("not HDR")));
+    let decoded = decode(&bytes, &LINEAR).unwrap();
+    assert!((decoded.image.pixels[5][0] - 128.0 / 255.0).abs() < 1e-2);
+    assert_eq!(decoded.warnings, ["8 bits: not HDR"]);
+}
+
+#[test]
+fn formats_are_recognised_by_content_and_sizes_by_headers() {
+    let folder = tempfile::tempdir().unwrap();
+    let image = radiance(7, 5);
+    let mut hdr = Vec::new();
+    image::codecs::hdr::HdrEncoder::new(&mut hdr).encode(&[image::Rgb([1.0; 3]); 35], 7, 5).unwrap();
+    let mut jpeg = Vec::new();
+    image::codecs::jpeg::JpegEncoder::new(&mut jpeg).encode(&[9; 35], 7, 5, image::ExtendedColorType::L8).unwrap();
+    let files = [
+        encode_exr(Path::new("a"), &image, &ExrOptions::default()).unwrap(),
+        hdr,
+        jpeg,
+        encode_png(7, 5, &[0; 105]).unwrap(),
+        tiff_bytes::<tiff::encoder::colortype::Gray32Float>((7, 5), &[0.5; 35], tiff::encoder::Compression::Uncompressed),
+    ];
+    for (i, bytes) in files.iter().enumerate() {
+        let path = folder.path().join(format!("{i}.jpg"));
+        std::fs::write(&path, bytes).unwrap();
+        let decoded = read_image(&path, &UNSAID).unwrap();
+        assert_eq!((decoded.image.width, decoded.image.height), (7, 5), "file {i}");
+        assert_eq!(image_size(&path).unwrap(), [7, 5], "file {i}");
+    }
+}
