@@ -216,7 +216,7 @@ pub const ADAM_BETA2: f32 = 0.999;
 /// Adam's epsilon.
 pub const ADAM_EPSILON: f32 = 1e-15;
 
-/// Noise on positions after the update (3DGS-MCMC): Sigma n sigmoid(100 (0.995 - opacity)) `scale`, n standard normal.
+/// Noise on positions after the update (3DGS-MCMC): Sigma n sigmoid(100 (0.005 - opacity)) `scale`, n standard normal.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PositionNoise {
     /// Factor; 5e5 times the position's learning rate in the original.

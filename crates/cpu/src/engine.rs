@@ -133,6 +133,17 @@ impl CpuEngine {
                 view.name, view.image.width, view.image.height, camera.size_px[0], camera.size_px[1]
             )));
         }
+        let pixels = camera.size_px[0] * camera.size_px[1];
+        if view.image.pixels.len() != pixels {
+            return Err(EngineError::Invalid(format!(
+                "view {}: image holds {} pixels, its size says {pixels}",
+                view.name,
+                view.image.pixels.len()
+            )));
+        }
+        if let Some(found) = view.mask.as_ref().map(|mask| mask.valid.len()).filter(|found| *found != pixels) {
+            return Err(EngineError::Invalid(format!("view {}: mask holds {found} pixels, the image {pixels}", view.name)));
+        }
         self.forward(&camera);
         let Self { pool, level, parameters, smoothing, stats, frame, timings, .. } = self;
         let LossSums { l1, ssim } = pool.install(|| {

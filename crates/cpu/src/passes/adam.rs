@@ -103,7 +103,7 @@ fn update<S: Simd>(
     }
 }
 
-/// Sigma n sigmoid(100 (0.995 - opacity)) scale, for n standard normal (Kheradmand et al. 2024, eq. 9).
+/// Sigma n sigmoid(100 (0.005 - opacity)) scale, for n standard normal (Kheradmand et al. 2024, eq. 9).
 #[inline(always)]
 fn add_noise<S: Simd>(simd: S, step: &Step, noise: PositionNoise, block: usize, parameters: &mut [Lanes]) {
     let mut normal = [Lanes::ZERO; 3];
@@ -121,7 +121,7 @@ fn add_noise<S: Simd>(simd: S, step: &Step, noise: PositionNoise, block: usize, 
     let axes = rotation_matrix(each!([0, 1, 2, 3] i => { let v = raw[i]; v * inverse }));
     let variance = each!([0, 1, 2] i => (load(Layout::LOG_SCALE + i) * 2.0).exp());
     let opacity = one / (one + (-load(Layout::OPACITY)).exp());
-    let gate = one / (one + ((opacity - 0.995) * 100.0).exp()) * noise.scale;
+    let gate = one / (one + ((opacity - 0.005) * 100.0).exp()) * noise.scale;
     let n = each!([0, 1, 2] i => { let lanes = &normal[i]; V::load(simd, lanes) });
     // R diag(variance) R^T n.
     let local = each!([0, 1, 2] k => (axes[0][k] * n[0] + axes[1][k] * n[1] + axes[2][k] * n[2]) * variance[k]);

@@ -124,13 +124,14 @@ fn load_row<S: Simd>(simd: S, rows: &Rows<'_>, (pixels, across): (&TileBuffer, u
     for channel in 0..3 {
         let (x_row, y_row) = out[channel * 2 * stride..][..2 * stride].split_at_mut(stride);
         let (x_row, y_row) = (&mut x_row[PAD..], &mut y_row[PAD..]);
-        // Four pixels of a tile's row are four lanes of a block.
-        for (tile, quads) in tiles.iter().zip(x_row.chunks_mut(TILE_PX)) {
-            for (half, quad) in quads.chunks_mut(4).enumerate() {
-                let (block, lane) = block_of(4 * half, y % TILE_PX);
-                let lanes = &tile[block].radiance[channel].0[lane..lane + 4];
-                quad.copy_from_slice(&lanes[..quad.len()]);
-            }
+        // Four pixels of a tile's row are four lanes of a block. What lies beyond the image is overwritten below.
+        let (quads, _) = x_row.as_chunks_mut::<TILE_PX>();
+        for (tile, quads) in tiles.iter().zip(quads) {
+            let (left, right) = (block_of(0, y % TILE_PX), block_of(4, y % TILE_PX));
+            let lanes = |(block, lane): (usize, usize)| &tile[block].radiance[channel].0.as_chunks::<4>().0[lane / 4];
+            let (out, _) = quads.as_chunks_mut::<4>();
+            out[0] = *lanes(left);
+            out[1] = *lanes(right);
         }
         for (value, pixel) in y_row.iter_mut().zip(target) {
             *value = pixel[channel];
@@ -293,11 +294,14 @@ fn gradient_row<S: Simd>(
             let by_value = sign.mul_add(c(rows.l1_factor), by_ssim * rows.ssim_factor);
             (by_value * slope * (x * -log).exp()).store_slice(&mut scratch[at..]);
         }
-        let row = &scratch[PAD..PAD + rows.width];
-        for (tile, quads) in tiles.iter_mut().zip(row.chunks(TILE_PX)) {
-            for (half, quad) in quads.chunks(4).enumerate() {
+        // Beyond the image the gradient is zero.
+        scratch[PAD + rows.width..].fill(0.0);
+        let (quads, _) = scratch[PAD..].as_chunks::<TILE_PX>();
+        for (tile, quads) in tiles.iter_mut().zip(quads) {
+            let (quads, _) = quads.as_chunks::<4>();
+            for (half, quad) in quads.iter().enumerate() {
                 let (block, lane) = block_of(4 * half, y % TILE_PX);
-                tile[block][channel].0[lane..lane + quad.len()].copy_from_slice(quad);
+                tile[block][channel].0.as_chunks_mut::<4>().0[lane / 4] = *quad;
             }
         }
     }

@@ -109,7 +109,7 @@ impl<S: Simd> Projection<S> {
         let axes = rotation_matrix(quaternion);
 
         let raw_sigma: [V<S>; 3] = each!([0, 1, 2] i => load(Layout::LOG_SCALE + i).exp());
-        let (sigma, filter_factor) = match smoothing {
+        let (sigma, filter_factor) = match smoothing.filter(|_| camera.antialias == Antialias::Mip) {
             None => (raw_sigma, one),
             Some(lanes) => {
                 let f = V::load(simd, lanes);

@@ -50,9 +50,11 @@ pub(crate) fn project_backward(level: Level, camera: &ScreenCamera, inputs: &Inp
         let visible = ranks.iter().any(|r| *r != INVISIBLE);
         *written = visible || regularised;
         if *written {
-            let sums = gather(inputs, ranks);
             gradient.fill(Lanes::ZERO);
-            with_simd!(level, simd => block_backward(simd, camera, inputs, block, &sums, gradient, stats));
+            with_simd!(level, simd => {
+                let sums = gather(simd, inputs, ranks);
+                block_backward(simd, camera, inputs, block, &sums, gradient, stats);
+            });
         }
     };
     match outputs.stats {
@@ -77,21 +79,18 @@ struct BlockStats<'a> {
     views: &'a mut [u32],
 }
 
-/// Sums of a block's splats over their tiles: [fields of an entry, 16].
+/// Sums of a block's splats over their tiles: `[fields of an entry, 16]`.
 #[inline(always)]
-fn gather(inputs: &Inputs<'_>, ranks: &[u32]) -> [Lanes; ENTRY_LEN] {
+fn gather<S: Simd>(simd: S, inputs: &Inputs<'_>, ranks: &[u32]) -> [Lanes; ENTRY_LEN] {
     let mut sums = [Lanes::ZERO; ENTRY_LEN];
     for (lane, rank) in ranks.iter().enumerate().filter(|(_, rank)| **rank != INVISIBLE) {
         let rank = *rank as usize;
         let places = inputs.bins.place_start[rank] as usize..inputs.bins.place_start[rank + 1] as usize;
-        let mut sum = [0f32; ENTRY_LEN];
+        let mut sum = V::splat(simd, 0.0);
         for place in &inputs.bins.place[places] {
-            let entry: &[f32; ENTRY_LEN] = bytemuck::cast_ref(&inputs.entries[*place as usize]);
-            for (sum, value) in sum.iter_mut().zip(entry) {
-                *sum += value;
-            }
+            sum = sum + V::load(simd, bytemuck::cast_ref(&inputs.entries[*place as usize]));
         }
-        for (lanes, value) in sums.iter_mut().zip(sum) {
+        for (lanes, value) in sums.iter_mut().zip(sum.lanes()) {
             lanes.0[lane] = value;
         }
     }
@@ -111,8 +110,8 @@ fn block_backward<S: Simd>(
     let layout = inputs.store.layout;
     let rows = &inputs.store.lanes[block * layout.rows()..][..layout.rows()];
     let c = |value: f32| V::splat(simd, value);
-    let [d_log_alpha, fx, fy, sxx, sxy, syy, dr, dg, db, abs_x, abs_y, _] =
-        each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11] i => { let lanes = &sums[i]; V::load(simd, lanes) });
+    let [d_log_alpha, fx, fy, sxx, sxy, syy, dr, dg, db, abs_x, abs_y] =
+        each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10] i => { let lanes = &sums[i]; V::load(simd, lanes) });
     let p = Projection::new(simd, camera, rows, inputs.smoothing.get(block));
     let mut d_position = color_backward(simd, camera, layout, rows, [dr, dg, db], out);
 
@@ -154,9 +153,10 @@ fn block_backward<S: Simd>(
     for k in 0..3 {
         let d_sigma = d_root[0][k].mul_add(p.screen_axes[0][k], d_root[1][k] * p.screen_axes[1][k]);
         // Without a filter sigma = raw and this is d_sigma sigma; with it sigma^2 = raw^2 + f^2, and the opacity's factor prod raw / sigma.
-        let raw2 = p.raw_sigma[k] * p.raw_sigma[k];
-        let share = raw2 / (p.sigma[k] * p.sigma[k]);
-        let mut d_log_scale = (d_sigma * p.sigma[k]).mul_add(share, d_log_alpha * (c(1.0) - share));
+        // Squares of the tiniest deviations vanish in f32, their ratio does not.
+        let ratio = p.raw_sigma[k] / p.sigma[k];
+        let share = ratio * ratio;
+        let mut d_log_scale = finite((d_sigma * p.sigma[k]).mul_add(share, d_log_alpha * (c(1.0) - share)));
         d_log_scale = p.raw_sigma[k].mul_add(c(inputs.loss.scale_weight / (3 * inputs.store.count) as f32), d_log_scale);
         d_log_scale.store(&mut out[Layout::LOG_SCALE + k]);
     }
@@ -168,14 +168,14 @@ fn block_backward<S: Simd>(
         each!([0, 1, 2] k => p.jacobian[0][j].mul_add(d_screen_axes[0][k], p.jacobian[1][j] * d_screen_axes[1][k]))
     });
     for (i, d) in rotation_backward(&p, &d_axes).into_iter().enumerate() {
-        d.store(&mut out[Layout::ROTATION + i]);
+        finite(d).store(&mut out[Layout::ROTATION + i]);
     }
     let d_jacobian = each!([0, 1] i => { let row = d_screen_axes[i]; each!([0, 1, 2] j => dot(row, p.axes[j])) });
     let d_point = point_backward(simd, camera, &p, d_jacobian, d_mean);
     for (i, d) in d_position.iter_mut().enumerate() {
         let column = each!([0, 1, 2] row => c(camera.rotation[row][i]));
         *d = *d + dot(column, d_point);
-        d.store(&mut out[Layout::POSITION + i]);
+        finite(*d).store(&mut out[Layout::POSITION + i]);
     }
 
     if let Some(stats) = stats {
@@ -189,6 +189,12 @@ fn block_backward<S: Simd>(
             stats.views[lane] += 1;
         }
     }
+}
+
+/// Zero in place of what is not finite: a splat that is culled for overflow has zero for every incoming gradient, but zero times infinity is not.
+#[inline(always)]
+fn finite<S: Simd>(v: V<S>) -> V<S> {
+    V::select(v.abs().lt(v.lift(f32::INFINITY)), v, v.lift(0.0))
 }
 
 /// Gradient by the raw quaternion.

@@ -25,7 +25,7 @@ pub(crate) type TileGradient = [[Lanes; 3]; BLOCKS];
 
 /// Sums over the pixels of a tile of one splat; g is the gradient by ln(alpha), d the offset of the pixel from the centre.
 #[derive(Clone, Copy, Debug, Default, bytemuck::Pod, bytemuck::Zeroable)]
-#[repr(C)]
+#[repr(C, align(64))]
 pub(crate) struct EntryGradient {
     /// g.
     pub(crate) log_alpha: f32,
@@ -37,11 +37,11 @@ pub(crate) struct EntryGradient {
     pub(crate) radiance: [f32; 3],
     /// |g ((conic d)_x)|, |g ((conic d)_y)|: AbsGS.
     pub(crate) absolute: [f32; 2],
-    padding: f32,
+    padding: [f32; 5],
 }
 
-/// Numbers in an [`EntryGradient`].
-pub(crate) const ENTRY_LEN: usize = 12;
+/// Numbers in an [`EntryGradient`]: a cache line, as entries are fetched one by one.
+pub(crate) const ENTRY_LEN: usize = 16;
 
 /// Whether AbsGS's sums are wanted.
 #[derive(Clone, Copy, PartialEq, Eq)]
