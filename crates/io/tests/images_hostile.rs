@@ -1,5 +1,8 @@
 //! Damaged, truncated and lying image files: an error that says what is wrong, never a panic, never memory on a claim.
 
+// Helpers of tests may fail as tests do.
+#![allow(clippy::unwrap_used)]
+
 use std::io::Cursor;
 use std::path::Path;
 use std::sync::OnceLock;
