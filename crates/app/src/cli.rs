@@ -45,7 +45,7 @@ pub(crate) struct LoadArgs {
     /// Transfer function of integer images, where the file does not say it.
     #[arg(long, value_enum, value_name = "CURVE", help_heading = "Data set")]
     pub(crate) transfer: Option<TransferArg>,
-    /// Primaries of the images, whatever they state [default: as stated, else linear-rec709].
+    /// Primaries of images that do not state theirs [default: linear-rec709].
     #[arg(long, value_enum, value_name = "SPACE", help_heading = "Data set")]
     pub(crate) color_space: Option<ColorSpaceArg>,
     /// Reduce images this many times a side, by area average in linear light.

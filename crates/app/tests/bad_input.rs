@@ -4,7 +4,7 @@
 mod common;
 
 use common::{QUICK, Workplace};
-use luxel_core::{ColorSpace, Image};
+use luxel_core::Image;
 use serde_json::{Value, json};
 
 /// The data set after a change to its transforms.json; training must fail with all of these words.
@@ -33,7 +33,7 @@ fn poses_that_are_none_are_refused() {
     broken(|t| t["frames"][2]["transform_matrix"] = json!([[0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 1]]), &["transforms.json"]);
     broken(|t| t["frames"][2]["transform_matrix"] = json!([[1, 0, 0], [0, 1, 0]]), &["transforms.json", "frame 2"]);
     broken(|t| t["frames"][2]["transform_matrix"][0][0] = json!("x"), &["transforms.json", "frame 2"]);
-    broken(|t| t["frames"][2]["transform_matrix"][0][3] = json!(1e400), &["transforms.json"]);
+    broken(|t| t["frames"][2]["transform_matrix"][0][3] = Value::Null, &["transforms.json"]);
 }
 
 #[test]
@@ -50,7 +50,7 @@ fn images_of_another_size_are_refused() {
 
 #[test]
 fn a_data_set_without_images_is_refused() {
-    broken(|t| t["frames"] = json!([]), &["transforms.json"]);
+    broken(|t| t["frames"] = json!([]), &["data", "no images"]);
     let place = Workplace::new();
     std::fs::write(place.path("data/transforms.json"), "").unwrap();
     refused(&place, &["transforms.json"]);
@@ -161,9 +161,38 @@ fn options_out_of_range_are_refused() {
         place.error(&args, &[option]);
     }
     place.error(&["train", "data", "-o", "run", "--method", "sh3", "--activation", "exp"], &["--activation"]);
-    // A test's images are of linear Rec.709, which nothing here states: the option decides.
-    assert_eq!(ColorSpace::LinearRec709.name(), "linear-rec709");
-    place.train("run", &["--color-space", "acescg"]);
-    let info: Value = serde_json::from_str(&place.ok(&["info", "run", "--json"])).unwrap();
-    assert_eq!(info["scene"]["color_space"], "acescg");
+}
+
+#[test]
+fn what_integer_images_do_not_state_must_be_said() {
+    let place = Workplace::new();
+    let mut transforms = place.json("data/transforms.json");
+    for frame in transforms["frames"].as_array_mut().unwrap() {
+        let exr = frame["file_path"].as_str().unwrap().to_owned();
+        let image = luxel_io::read_image(&place.path("data").join(&exr), &Default::default()).unwrap().image;
+        let samples: Vec<u16> = image.pixels.as_flattened().iter().map(|v| (v * 1600.0) as u16).collect();
+        let png = exr.replace(".exr", ".png");
+        let side = common::SIDE as u32;
+        image::ImageBuffer::<image::Rgb<u16>, _>::from_raw(side, side, samples).unwrap().save(place.path("data").join(&png)).unwrap();
+        std::fs::remove_file(place.path("data").join(&exr)).unwrap();
+        frame["file_path"] = json!(png);
+    }
+    std::fs::write(place.path("data/transforms.json"), transforms.to_string()).unwrap();
+    refused(&place, &[".png", "--transfer"]);
+
+    // Said, both options count: another curve is other radiance, and the scene's primaries are those of the images.
+    let info = |options: &[&str]| -> Value {
+        let args: Vec<&str> = ["info", "data", "--json"].iter().chain(options).copied().collect();
+        serde_json::from_str(&place.ok(&args)).unwrap()
+    };
+    let (linear, srgb) = (info(&["--transfer", "linear"]), info(&["--transfer", "srgb"]));
+    assert_ne!(linear["percentiles"]["luminance"], srgb["percentiles"]["luminance"]);
+    place.train("run", &["--transfer", "linear", "--color-space", "acescg"]);
+    let run: Value = serde_json::from_str(&place.ok(&["info", "run", "--json"])).unwrap();
+    assert_eq!(run["scene"]["color_space"], "acescg");
+    // The run's settings are those of its data set from then on.
+    place.ok(&["eval", "run"]);
+    place.ok(&["render", "run", "-o", "frames", "--tonemap", "agx"]);
+    let frame: Value = serde_json::from_str(&place.ok(&["info", "frames/000.exr", "--json"])).unwrap();
+    assert_eq!(frame["color_space"], "acescg");
 }
