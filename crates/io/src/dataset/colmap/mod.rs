@@ -1,6 +1,6 @@
 //! COLMAP models: cameras, posed images with their features, and points with tracks; binary or text.
 //!
-//! [`parse_binary`] and [`parse_text`] turn the three files' bytes into the same [`ColmapModel`]; [`read_model`] looks which there are.
+//! [`parse_binary`] and [`parse_text`] turn the three files' bytes into the same [`ColmapModel`].
 //! Lenses: SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV. Feature coordinates have pixel centres at +0.5, as here.
 
 mod binary;
