@@ -151,7 +151,7 @@ pub(crate) struct RenderArgs {
     /// Folder of a run (its newest scene), or a scene .ply; plain 3DGS files too.
     #[arg(value_name = "RUN|SCENE.ply")]
     pub(crate) scene: PathBuf,
-    /// Folder for the images, <view>.exr.
+    /// Folder for the images, VIEW.exr.
     #[arg(long, short, value_name = "DIR")]
     pub(crate) output: PathBuf,
     /// Data set whose cameras are used [default for a run: the one it was trained on].
@@ -176,7 +176,7 @@ pub(crate) struct RenderArgs {
     /// Number format of the EXR files.
     #[arg(long, value_enum, default_value_t, help_heading = "Images")]
     pub(crate) exr_type: ExrTypeArg,
-    /// Also write an 8-bit preview <view>.png with this tone curve.
+    /// Also write an 8-bit preview VIEW.png with this tone curve.
     #[arg(long, value_enum, value_name = "CURVE", help_heading = "Images")]
     pub(crate) tonemap: Option<TonemapArg>,
     /// Exposure of the preview, stops: radiance, in units of the scene's scale, is multiplied by 2^EV.

@@ -164,7 +164,7 @@ mod tests {
     const BEHAVIOUR: [&str; 10] =
         ["dataset", "output", "config", "overwrite", "resume", "profile", "log_format", "quiet", "help", "version"];
 
-    /// The configuration and the said options of `luxel train data -o run <more>`.
+    /// The configuration and the said options of `luxel train data -o run` and `more`.
     fn parsed(more: &[String]) -> Result<(RunConfig, Vec<String>), clap::Error> {
         let args = ["luxel", "train", "data", "-o", "run"].into_iter().map(String::from).chain(more.iter().cloned());
         let matches = Cli::command().try_get_matches_from(args)?;

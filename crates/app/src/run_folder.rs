@@ -16,6 +16,9 @@ use crate::config::RunConfig;
 
 const CONFIG: &str = "config.toml";
 
+/// Locked while a process trains into the folder. The file itself says nothing and stays.
+const LOCK: &str = ".lock";
+
 /// Everything training puts into a run folder besides [`CONFIG`]; all that `--overwrite` deletes.
 const CONTENTS: [&str; 7] = ["checkpoints", "point_cloud", "eval", "pictures", "metrics.json", "log.jsonl", "report.html"];
 
@@ -26,6 +29,12 @@ const CONFIG_LIMIT_BYTES: u64 = 1 << 20;
 #[derive(Clone, Debug)]
 pub(crate) struct RunFolder {
     root: PathBuf,
+}
+
+/// Keeps other processes from training into a folder; the system lets go of it when the process ends, however it ends.
+#[derive(Debug)]
+pub(crate) struct RunLock {
+    _file: std::fs::File,
 }
 
 /// What is at an output path.
@@ -63,13 +72,29 @@ impl RunFolder {
             return Ok(Occupant::Run(Box::new(self.read_config()?)));
         }
         match std::fs::read_dir(&self.root) {
-            Ok(mut entries) => Ok(if entries.next().is_none() { Occupant::Nothing } else { Occupant::Foreign }),
+            Ok(entries) => {
+                let others = entries.flatten().any(|entry| entry.file_name() != LOCK);
+                Ok(if others { Occupant::Foreign } else { Occupant::Nothing })
+            }
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(Occupant::Nothing),
             Err(error) if error.kind() == std::io::ErrorKind::NotADirectory => {
                 bail!("{}: is a file, expected a folder or a free name", self.root.display())
             }
             Err(error) => Err(error).with_context(|| format!("{}: cannot look into the output folder", self.root.display())),
         }
+    }
+
+    /// Makes the folder if need be and locks it for this process.
+    pub(crate) fn lock(&self) -> Result<RunLock> {
+        std::fs::create_dir_all(&self.root).with_context(|| format!("{}: cannot create the output folder", self.root.display()))?;
+        let path = self.root.join(LOCK);
+        let opened = std::fs::File::options().create(true).truncate(false).write(true).open(&path);
+        let file = opened.with_context(|| format!("{}: cannot write into the output folder", path.display()))?;
+        // A file system without locks is no reason not to train.
+        if let Err(std::fs::TryLockError::WouldBlock) = file.try_lock() {
+            bail!("{}: another luxel is training into this folder; wait for it, or choose another", self.root.display());
+        }
+        Ok(RunLock { _file: file })
     }
 
     /// Deletes what a run consists of, and leaves everything else in the folder. The mark goes last, so that an interrupted
@@ -146,7 +171,7 @@ impl RunFolder {
     }
 }
 
-/// Numbers of the entries `<prefix><number>`, greatest first; an unreadable folder has none.
+/// Numbers of the entries `prefix` and number, greatest first; an unreadable folder has none.
 fn numbered(folder: &Path, prefix: &str) -> Vec<u32> {
     let Ok(entries) = std::fs::read_dir(folder) else { return Vec::new() };
     let number = |entry: std::fs::DirEntry| entry.file_name().to_str()?.strip_prefix(prefix)?.parse().ok();
@@ -168,6 +193,17 @@ mod tests {
         assert!(matches!(run.occupant().unwrap(), Occupant::Nothing));
         std::fs::write(run.root().join("thesis.doc"), "years").unwrap();
         assert!(matches!(run.occupant().unwrap(), Occupant::Foreign));
+    }
+
+    #[test]
+    fn a_folder_is_locked_for_one_at_a_time() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = RunFolder::at(&folder.path().join("run"));
+        let lock = run.lock().unwrap();
+        assert!(run.lock().unwrap_err().to_string().contains("another luxel"));
+        drop(lock);
+        assert!(run.lock().is_ok());
+        assert!(matches!(run.occupant().unwrap(), Occupant::Nothing));
     }
 
     #[test]

@@ -132,10 +132,13 @@ impl Session<'_> {
 
     /// A line for the log and the user. A log that cannot be written costs a warning, not the run.
     fn log(&mut self, state: &mut Loop) -> Result<()> {
-        let psnr_train = if state.since_line.steps > 0 { self.probe()? } else { None };
+        if state.since_line.steps == 0 {
+            return Ok(());
+        }
+        let psnr_train = self.probe()?;
         let iteration = self.trainer.iteration();
         let sums = std::mem::take(&mut state.since_line);
-        let mean = |sum: f64| sum / f64::from(sums.steps.max(1));
+        let mean = |sum: f64| sum / f64::from(sums.steps);
         let record = LogRecord {
             iteration,
             loss: mean(sums.loss),
@@ -150,9 +153,7 @@ impl Session<'_> {
             rss_bytes: memory::resident_bytes(),
             peak_rss_bytes: state.peak_rss(),
         };
-        if sums.steps > 0 {
-            self.console.progress(&record, self.config.train.iterations);
-        }
+        self.console.progress(&record, self.config.train.iterations);
         if let Err(error) = state.log.append(&record)
             && !std::mem::replace(&mut state.log_failed, true)
         {

@@ -57,6 +57,7 @@ fn an_interrupted_run_saves_and_goes_on_where_it_was() {
         // The first progress line means that steps are being made.
         let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
         assert!(lines.any(|line| line.unwrap().contains("\"progress\"")));
+        place.error(&["train", "--resume", "-o", run], &["another luxel"]);
         signal(&child, name);
         let rest = std::thread::spawn(move || lines.map(Result::unwrap).collect::<Vec<_>>());
         assert_eq!(wait(&mut child).code(), Some(130));
@@ -130,6 +131,15 @@ fn a_resumed_run_keeps_its_settings() {
     // What was said and is the same is no contradiction, nor what leaves the result alone.
     place.ok(&["train", "data", "--resume", "-o", "run", "--seed", "5", "--threads", "1", "--keep-checkpoints", "4"]);
     assert_eq!(place.json("run/metrics.json")["seed"], 5);
+    // More steps go on from the last; fewer than there are is a contradiction.
+    place.error(&["train", "--resume", "-o", "run", "--iterations", "10"], &["--iterations 10", "40 steps"]);
+    place.ok(&["train", "--resume", "-o", "run", "--iterations", "50"]);
+    assert_eq!(place.json("run/metrics.json")["iterations"], 50);
+    // An evaluation that a killed process left unfinished is made up for.
+    std::fs::remove_file(place.path("run/eval/step_50/metrics.json")).unwrap();
+    std::fs::remove_file(place.path("run/metrics.json")).unwrap();
+    place.ok(&["train", "--resume", "-o", "run"]);
+    assert_eq!(place.json("run/metrics.json")["iterations"], 50);
     // Other images are another data set.
     common::write_dataset(&place.path("other"));
     std::fs::copy(place.path("data/images/001.exr"), place.path("other/images/002.exr")).unwrap();

@@ -15,7 +15,7 @@ use crate::config::{MadeBy, RunConfig};
 use crate::console::{self, Console};
 use crate::files;
 use crate::preview::{self, Look};
-use crate::run_folder::{Occupant, RunFolder};
+use crate::run_folder::{Occupant, RunFolder, RunLock};
 use crate::session::Outcome;
 
 /// 35 half-float EXR images of 200x200, poses, points, licences: 3.6 MB.
@@ -38,13 +38,13 @@ const PICTURES: usize = 3;
 pub(crate) fn run(args: &DemoArgs) -> Result<Outcome> {
     let mut console = Console::new(args.console.log_format, args.console.quiet);
     let folder = RunFolder::at(&args.output);
-    make_room(&folder)?;
+    let lock = make_room(&folder)?;
     let config = config(args);
     // The mark first: should the unpacking be interrupted, the next demo may still replace it.
     folder.write_config(&config)?;
     unpack(&DATASET, &folder.root().join(DATASET_FOLDER))?;
     console.note("training on a desk at night: 18 HDR photographs of 200x200 pixels, from a lit bulb to the shadows under the table");
-    let TrainedRun { outcome, mut trainer, dataset, .. } = train::fresh(config, &folder, &mut console, || Ok(()))?;
+    let TrainedRun { outcome, mut trainer, dataset, .. } = train::fresh(config, &folder, &mut console, || Ok(lock))?;
     if outcome == Outcome::Interrupted {
         console.note(&format!("saved; continue with: luxel train --resume -o {}", folder.root().display()));
         return Ok(outcome);
@@ -55,11 +55,15 @@ pub(crate) fn run(args: &DemoArgs) -> Result<Outcome> {
 }
 
 /// Only what an earlier demo left is replaced.
-fn make_room(folder: &RunFolder) -> Result<()> {
+fn make_room(folder: &RunFolder) -> Result<RunLock> {
     let path = folder.root().display();
     match folder.occupant()? {
-        Occupant::Nothing => Ok(()),
-        Occupant::Run(config) if config.made_by == MadeBy::Demo => folder.clear(&[DATASET_FOLDER, PICTURES_FOLDER]),
+        Occupant::Nothing => folder.lock(),
+        Occupant::Run(config) if config.made_by == MadeBy::Demo => {
+            let lock = folder.lock()?;
+            folder.clear(&[DATASET_FOLDER, PICTURES_FOLDER])?;
+            Ok(lock)
+        }
         Occupant::Run(_) => bail!("{path}: holds a training run that is not a demo; choose another folder with -o"),
         Occupant::Foreign => bail!("{path}: is not empty and not an earlier demo; choose another folder with -o"),
     }

@@ -14,7 +14,7 @@ use crate::run_folder::RunFolder;
 use crate::{data, run_state};
 
 /// Percentiles that ranges are described by.
-const PERCENTILES: [f64; 7] = [0.0, 1.0, 25.0, 50.0, 75.0, 99.0, 100.0];
+const PERCENTILES: [u8; 7] = [0, 1, 25, 50, 75, 99, 100];
 
 /// Describes `args.path`.
 pub(crate) fn run(args: &InfoArgs) -> Result<()> {
@@ -178,7 +178,7 @@ fn add_scene(facts: &mut Facts, scene: &Scene) {
     facts.set("color_space", scene.color_space.name());
     facts.set_f32("radiance_scale", scene.radiance_scale);
     facts.set("antialias", format!("{:?}", scene.raster.antialias).to_lowercase());
-    facts.set("parameter_bytes", parameter_bytes(splats));
+    facts.set("parameters_bytes", parameter_bytes(splats));
     if splats.is_empty() {
         return;
     }
@@ -229,7 +229,7 @@ fn add_luminance(facts: &mut Facts, luminance: Vec<f32>) {
 fn quantiles(mut values: Vec<f32>) -> Vec<f32> {
     values.sort_unstable_by(f32::total_cmp);
     let Some(last) = values.len().checked_sub(1) else { return Vec::new() };
-    PERCENTILES.iter().filter_map(|p| values.get((p / 100.0 * last as f64).round() as usize).copied()).collect()
+    PERCENTILES.iter().filter_map(|p| values.get((f64::from(*p) / 100.0 * last as f64).round() as usize).copied()).collect()
 }
 
 #[cfg(test)]

@@ -11,7 +11,7 @@ use serde_json::json;
 use crate::cli::TrainArgs;
 use crate::config::RunConfig;
 use crate::console::{self, Console};
-use crate::run_folder::{Occupant, RunFolder};
+use crate::run_folder::{Occupant, RunFolder, RunLock};
 use crate::session::{Outcome, Session};
 use crate::{data, engine, run_state, text};
 
@@ -35,8 +35,12 @@ pub(crate) fn run(args: &TrainArgs, said: &[String]) -> Result<Outcome> {
     let start = resolve(args, said, folder.occupant()?)?;
     let mut console = Console::new(args.console.log_format, args.console.quiet);
     let TrainedRun { outcome, config, mut trainer, steps, .. } = match start {
-        Start::Fresh(config) => fresh(config, &folder, &mut console, || Ok(()))?,
-        Start::Replace(config) => fresh(config, &folder, &mut console, || folder.clear(&[]))?,
+        Start::Fresh(config) => fresh(config, &folder, &mut console, || folder.lock())?,
+        Start::Replace(config) => fresh(config, &folder, &mut console, || {
+            let lock = folder.lock()?;
+            folder.clear(&[])?;
+            Ok(lock)
+        })?,
         Start::Resume(config) => resume(config, &folder, &mut console)?,
     };
     if args.profile {
@@ -114,24 +118,25 @@ fn absolute(dataset: &Path) -> Result<PathBuf> {
     std::fs::canonicalize(dataset).with_context(|| format!("{}: cannot open the data set", dataset.display()))
 }
 
-/// A run from its first step. `clear` makes room once the data set has been read and the settings accepted.
+/// A run from its first step. `make_room` is called once the data set has been read and the settings are accepted.
 pub(crate) fn fresh(
     config: RunConfig,
     folder: &RunFolder,
     console: &mut Console,
-    clear: impl FnOnce() -> Result<()>,
+    make_room: impl FnOnce() -> Result<RunLock>,
 ) -> Result<TrainedRun> {
     let (engine, threads) = engine::engine(&config.device)?;
     let dataset = data::load(&config.dataset_path(folder.root()), &config.load, console)?;
     let trainer = Trainer::new(&dataset, config.train.clone(), engine).context("cannot start training")?;
-    clear()?;
+    let lock = make_room()?;
     folder.write_config(&config)?;
-    train(config, folder, console, Ready { dataset, trainer, threads })
+    train(config, folder, console, Ready { dataset, trainer, threads, lock })
 }
 
 /// A run from its newest checkpoint.
 fn resume(config: RunConfig, folder: &RunFolder, console: &mut Console) -> Result<TrainedRun> {
     let (engine, threads) = engine::engine(&config.device)?;
+    let lock = folder.lock()?;
     let dataset = data::load(&config.dataset_path(folder.root()), &config.load, console)?;
     let trainer = match run_state::take_checkpoint(folder, console)? {
         Some((path, snapshot)) => {
@@ -146,7 +151,7 @@ fn resume(config: RunConfig, folder: &RunFolder, console: &mut Console) -> Resul
         }
     };
     folder.write_config(&config)?;
-    train(config, folder, console, Ready { dataset, trainer, threads })
+    train(config, folder, console, Ready { dataset, trainer, threads, lock })
 }
 
 /// Gives a resumed trainer the number of steps of `config`; everything else must be as the checkpoint has it.
@@ -169,10 +174,11 @@ struct Ready {
     dataset: Dataset,
     trainer: Trainer,
     threads: usize,
+    lock: RunLock,
 }
 
 fn train(config: RunConfig, folder: &RunFolder, console: &mut Console, ready: Ready) -> Result<TrainedRun> {
-    let Ready { dataset, trainer, threads } = ready;
+    let Ready { dataset, trainer, threads, lock: _lock } = ready;
     console.note(&format!("starting with {} on {}", text::plural(trainer.splats_len(), "splat"), text::plural(threads, "thread")));
     let first = trainer.iteration();
     let session = Session { dataset: &dataset, folder, config: &config, threads, console, trainer };
