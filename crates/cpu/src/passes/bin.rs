@@ -139,14 +139,15 @@ impl Chunk {
 fn touched_tiles(f: &Footprint, tiles: [usize; 2], mut touch: impl FnMut(usize)) {
     let tile_px = TILE_PX as f32;
     let tile_range = |low_px: f32, high_px: f32, count: usize| -> Range<usize> {
-        // Pixel centres in [low, high]: first pixel ceil(low - 1/2), last floor(high - 1/2).
-        let first = (low_px - 0.5).ceil().max(0.0);
-        let last = (high_px - 0.5).floor();
-        if last < first {
-            return 0..0;
+        // Pixel centres between low and high: from floor(low + 1/2) to floor(high - 1/2); casts floor what is not negative, and saturate. A centre at
+        // low itself is left out, which the margin makes up for.
+        let first = (low_px + 0.5).max(0.0);
+        let last = high_px - 0.5;
+        if last < 0.0 || (last as usize) < first as usize {
+            0..0
+        } else {
+            first as usize / TILE_PX..(last as usize / TILE_PX + 1).min(count)
         }
-        let end = (last / tile_px) as usize + 1;
-        (first / tile_px) as usize..end.min(count)
     };
     let [mean_x, mean_y] = f.mean_px;
     let extent_y = f.extent_px[1] + MARGIN_PX;

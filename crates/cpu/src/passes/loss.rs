@@ -10,7 +10,7 @@
 
 use fearless_simd::{Level, Simd};
 use luxel_core::metrics::{SSIM_C1, SSIM_C2, SSIM_RADIUS, ssim_window};
-use luxel_core::{LossConfig, Real, View};
+use luxel_core::{LossConfig, Real, View, each};
 use rayon::prelude::*;
 
 use super::rasterize::{TileBuffer, block_of};
@@ -24,6 +24,8 @@ const TAPS: usize = 2 * RADIUS + 1;
 const PAD: usize = LANES;
 /// Moments SSIM needs.
 const MOMENTS: usize = 4;
+/// Derivatives of SSIM by moments.
+const DERIVATIVES: usize = 3;
 
 /// Buffers of the pass, kept between steps.
 #[derive(Default)]
@@ -95,14 +97,14 @@ impl LossBuffers {
             });
         let moments = &self.moments;
         self.derivatives.par_chunks_mut(9 * stride).zip(&mut self.sums).enumerate().for_each_init(
-            || vec![0.0; 3 * stride],
+            || vec![0.0; (DERIVATIVES + MOMENTS) * stride],
             |scratch, (y, (derivatives, sums))| {
                 sums[1] = with_simd!(level, simd => similarity_row(simd, &rows, moments, y, scratch, derivatives));
             },
         );
         let (values, derivatives) = (&self.values, &self.derivatives);
         self.gradient.par_chunks_mut(across).enumerate().for_each_init(
-            || vec![0.0; stride],
+            || vec![0.0; (1 + DERIVATIVES) * stride],
             |scratch, (tile_row, tiles)| {
                 for y in tile_row * TILE_PX..((tile_row + 1) * TILE_PX).min(height) {
                     with_simd!(level, simd => gradient_row(simd, &rows, values, derivatives, y, scratch, tiles));
@@ -194,26 +196,32 @@ fn horizontal_moments<S: Simd>(simd: S, rows: &Rows<'_>, values: &[f32], out: &m
     }
 }
 
-/// Vertical convolution of `KINDS` kinds of rows at one vector of columns. `block` is the distance between image rows.
+/// Vertical convolution of all `kinds` rows of a channel into `out` `[kinds, stride]`: a sweep along each of the window's rows in turn, as
+/// the hardware fetches runs ahead but not columns. `offset` is where the channel starts in an image row, `block` the distance between image rows.
 #[inline(always)]
-fn vertical<S: Simd, const KINDS: usize>(
-    simd: S,
-    rows: &Rows<'_>,
-    data: &[f32],
-    (y, offset): (usize, usize),
-    block: usize,
-) -> [V<S>; KINDS] {
-    let mut sums = [V::splat(simd, 0.0); KINDS];
+fn vertical<S: Simd>(simd: S, rows: &Rows<'_>, data: &[f32], (y, kinds): (usize, usize), (offset, block): (usize, usize), out: &mut [f32]) {
+    let length = kinds * rows.stride;
     let first = RADIUS.saturating_sub(y);
     let last = (rows.height + RADIUS - y).min(TAPS);
-    for tap in first..last {
-        let weight = V::splat(simd, rows.window[tap]);
-        let row = &data[(y + tap - RADIUS) * block + offset..];
-        for (k, sum) in sums.iter_mut().enumerate() {
-            *sum = V::load_slice(simd, &row[k * rows.stride..]).mul_add(weight, *sum);
+    let source = |tap: usize| &data[(y + tap - RADIUS) * block + offset..][..length];
+    let out = &mut out[..length];
+    out.fill(0.0);
+    // Four rows of the window a sweep: fewer trips of the sums to memory and back.
+    let mut tap = first;
+    while tap < last {
+        let weight = |i: usize| V::splat(simd, if tap + i < last { rows.window[tap + i] } else { 0.0 });
+        let row = |i: usize| source((tap + i).min(last - 1));
+        let (weights, sources) = (each!([0, 1, 2, 3] i => weight(i)), each!([0, 1, 2, 3] i => row(i)));
+        for (at, sum) in out.chunks_exact_mut(LANES).enumerate() {
+            let at = at * LANES;
+            let mut value = V::load_slice(simd, sum);
+            for (weight, source) in weights.iter().zip(&sources) {
+                value = V::load_slice(simd, &source[at..]).mul_add(*weight, value);
+            }
+            value.store_slice(sum);
         }
+        tap += 4;
     }
-    sums
 }
 
 /// SSIM of a row (returned as a sum) and the horizontal convolution of its derivatives.
@@ -223,10 +231,11 @@ fn similarity_row<S: Simd>(simd: S, rows: &Rows<'_>, moments: &[f32], y: usize, 
     let c = |value: f32| V::splat(simd, value);
     let (c1, c2) = (c(SSIM_C1 as f32), c(SSIM_C2 as f32));
     let mut total = c(0.0);
+    let (scratch, blurred) = scratch.split_at_mut(DERIVATIVES * stride);
     for channel in 0..3 {
+        vertical(simd, rows, moments, (y, MOMENTS), (channel * MOMENTS * stride, 3 * MOMENTS * stride), blurred);
         for at in (PAD..stride - PAD).step_by(LANES) {
-            let at_row = (y, channel * MOMENTS * stride + at);
-            let [mx, my, squares, exy] = vertical::<S, MOMENTS>(simd, rows, moments, at_row, 3 * MOMENTS * stride);
+            let [mx, my, squares, exy] = each!([0, 1, 2, 3] k => V::load_slice(simd, &blurred[k * stride + at..]));
             let inside = inside_mask(simd, rows, at);
             let (mxx, myy, mxy) = (mx * mx, my * my, mx * my);
             let a = mxy + mxy + c1;
@@ -283,10 +292,13 @@ fn gradient_row<S: Simd>(
     // T'(p) = mu / ((1 + mu p) ln(1 + mu)) and 1 + mu p = e^(T ln(1 + mu)).
     let log = rows.config.mu.ln_1p();
     let slope = rows.config.mu / log;
+    let (scratch, blurred) = scratch.split_at_mut(stride);
     for channel in 0..3 {
         let (x_row, y_row) = values[(y * 3 + channel) * 2 * stride..][..2 * stride].split_at(stride);
+        let place = (channel * DERIVATIVES * stride, 3 * DERIVATIVES * stride);
+        vertical(simd, rows, derivatives, (y, DERIVATIVES), place, blurred);
         for at in (PAD..stride - PAD).step_by(LANES) {
-            let [by_mx, by_exx, by_exy] = vertical::<S, 3>(simd, rows, derivatives, (y, channel * 3 * stride + at), 9 * stride);
+            let [by_mx, by_exx, by_exy] = each!([0, 1, 2] k => V::load_slice(simd, &blurred[k * stride + at..]));
             let (x, target) = (V::load_slice(simd, &x_row[at..]), V::load_slice(simd, &y_row[at..]));
             let difference = x - target;
             let sign = difference.if_positive(c(1.0), (-difference).if_positive(c(-1.0), c(0.0)));

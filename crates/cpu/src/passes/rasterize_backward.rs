@@ -147,7 +147,7 @@ fn tile_backward<S: Simd, const ABSOLUTE: bool>(
             any = true;
             let uncapped = exponent.exp2();
             let alpha = V::select(hit, uncapped.min(max_alpha), zero);
-            let inverse = one / (one - alpha);
+            let inverse = (one - alpha).reciprocal();
             let transmittance = state.transmittance * inverse;
             let weight = alpha * transmittance;
             let shine = color[0].mul_add(state.gradient[0], color[1].mul_add(state.gradient[1], color[2] * state.gradient[2]));
