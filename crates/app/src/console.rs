@@ -93,7 +93,7 @@ impl Console {
         }
         let bar = ProgressBar::with_draw_target(Some(total.into()), ProgressDrawTarget::stderr_with_hz(5));
         // The template is a constant; if the library should reject it, its own style is as good.
-        if let Ok(style) = ProgressStyle::with_template("{wide_bar:.cyan/blue} {pos}/{len}  {msg}") {
+        if let Ok(style) = ProgressStyle::with_template("{bar:24.cyan/blue} {pos}/{len}  {wide_msg}") {
             bar.set_style(style);
         }
         bar.set_position(step.into());
