@@ -40,7 +40,7 @@ pub use write::{ExrOptions, ExrSample, encode_exr, encode_png, write_exr, write_
 pub struct DecodedImage {
     /// Linear radiance, of the display window's size.
     pub image: Image,
-    /// Opacity [H*W] if the file has it, linear, as stored (colours are not divided or multiplied by it).
+    /// Opacity `[H*W]` if the file has it, linear, as stored (colours are not divided or multiplied by it).
     pub alpha: Option<Vec<f32>>,
     /// Space of `image` if the file says; `None`: the file is silent, linear Rec.709 is the convention.
     pub color_space: Option<ColorSpace>,
