@@ -18,6 +18,45 @@ pub fn mu_law(p: f32, mu: f32) -> f32 {
     (mu * p).ln_1p() / mu.ln_1p()
 }
 
+/// [`mu_law`] of one mu for many values: the same to within the rounding of f32 (2e-7), at a fraction of the time.
+#[derive(Clone, Copy, Debug)]
+pub struct MuLaw {
+    mu: f64,
+    /// 1 / ln(1 + mu).
+    scale: f64,
+}
+
+impl MuLaw {
+    /// The curve of `mu`, above 0.
+    pub fn new(mu: f32) -> Self {
+        let mu = f64::from(mu);
+        Self { mu, scale: mu.ln_1p().recip() }
+    }
+
+    /// The value of `p` >= 0, finite.
+    #[inline]
+    pub fn of(self, p: f32) -> f32 {
+        // In f64 nothing of a small p is lost in the sum, so that a plain logarithm does.
+        (ln(1.0 + self.mu * f64::from(p)) * self.scale) as f32
+    }
+}
+
+/// Natural logarithm of a normal number above 0, to 1e-10: y = 2^e m with m in [sqrt(1/2), sqrt(2)), ln m = 2 artanh((m - 1) / (m + 1)) by its
+/// series. Branch-free, so that loops over it become vector code.
+#[inline]
+fn ln(y: f64) -> f64 {
+    /// Bits of sqrt(1/2).
+    const LOWEST: u64 = 0x3fe6_a09e_667f_3bcd;
+    let above = y.to_bits().wrapping_sub(LOWEST);
+    let exponent = (above as i64 >> 52) as f64;
+    let m = f64::from_bits(y.to_bits().wrapping_sub(above & 0xfff0_0000_0000_0000));
+    let s = (m - 1.0) / (m + 1.0);
+    let z = s * s;
+    // z <= 0.0295: the first term left out is z^6 / 13 = 5e-11.
+    let series = 1.0 + z * (1.0 / 3.0 + z * (1.0 / 5.0 + z * (1.0 / 7.0 + z * (1.0 / 9.0 + z / 11.0))));
+    exponent * std::f64::consts::LN_2 + 2.0 * s * series
+}
+
 /// p of a mu-law value.
 #[inline]
 pub fn mu_law_inverse(t: f32, mu: f32) -> f32 {
@@ -269,6 +308,12 @@ mod tests {
         #[test]
         fn srgb_decode_undoes_encode(v in 0f32..4.0) {
             prop_assert!((srgb_decode(srgb_encode(v)) - v).abs() < 2e-6 * v.max(1.0));
+        }
+
+        #[test]
+        fn the_curve_of_many_values_is_that_of_one(ev in -40f32..40.0, mu in 1f32..20_000.0) {
+            let (found, expected) = (MuLaw::new(mu).of(ev.exp2()), (f64::from(mu) * f64::from(ev.exp2())).ln_1p() / f64::from(mu).ln_1p());
+            prop_assert!((f64::from(found) - expected).abs() <= 1.2e-7 * expected, "{found} {expected}");
         }
 
         #[test]

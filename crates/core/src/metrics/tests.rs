@@ -1,7 +1,7 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::tone::{MU, mu_law_inverse};
+use crate::tone::{MU, mu_law, mu_law_inverse};
 
 fn image(width: usize, height: usize, value: impl Fn(usize) -> f32) -> Image {
     let pixels = (0..width * height).map(|i| [value(3 * i), value(3 * i + 1), value(3 * i + 2)]).collect();
@@ -76,6 +76,7 @@ fn masked_pixels_do_not_count() {
     target.pixels[77] = [0.0; 3];
     let (first, profile) = view_metrics(&prediction, &target, Some(&mask), MU).unwrap();
     assert_eq!(profile.count(), 16 * 12 - 2);
+    assert!((psnr_scene(&prediction, &target, Some(&mask), MU).unwrap() - first.psnr_scene).abs() < 1e-6);
     // Whatever is predicted there, be it the maximum or NaN, nothing changes.
     prediction.pixels[5] = [1e6; 3];
     prediction.pixels[77] = [f32::NAN; 3];
