@@ -14,12 +14,11 @@ pub fn write_atomically(path: &Path, write: impl FnOnce(&mut (dyn WriteSeek + '_
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     std::fs::create_dir_all(folder).map_err(|e| IoError::system(folder, "create folder", &e))?;
     let system = |e: &std::io::Error| IoError::system(path, "write", e);
-    let file = tempfile::Builder::new().prefix(".luxel-").suffix(".tmp").tempfile_in(folder).map_err(|e| system(&e))?;
+    let file = temporary_in(folder).map_err(|e| system(&e))?;
     let mut buffer = BufWriter::with_capacity(1 << 20, file);
     write(&mut buffer)?;
     let file = buffer.into_inner().map_err(|e| system(e.error()))?;
     file.as_file().sync_all().map_err(|e| system(&e))?;
-    set_default_permissions(&file, path)?;
     file.persist(path).map_err(|e| system(&e.error))?;
     // The rename itself is durable once the folder is; where folders can't be synced (Windows) the rename is already ordered.
     if let Ok(handle) = std::fs::File::open(folder) {
@@ -32,15 +31,11 @@ pub fn write_atomically(path: &Path, write: impl FnOnce(&mut (dyn WriteSeek + '_
 pub trait WriteSeek: Write + std::io::Seek {}
 impl<T: Write + std::io::Seek> WriteSeek for T {}
 
-/// Temporary files are private; give the result what an ordinary new file would have.
-#[cfg(unix)]
-fn set_default_permissions(file: &tempfile::NamedTempFile, path: &Path) -> Result<(), IoError> {
-    use std::os::unix::fs::PermissionsExt;
-    let permissions = std::fs::Permissions::from_mode(0o644);
-    file.as_file().set_permissions(permissions).map_err(|e| IoError::system(path, "set permissions", &e))
-}
-
-#[cfg(not(unix))]
-fn set_default_permissions(_file: &tempfile::NamedTempFile, _path: &Path) -> Result<(), IoError> {
-    Ok(())
+/// A file with the permissions of an ordinary new one, where temporary files would be private: the system takes the user's mask off.
+fn temporary_in(folder: &Path) -> std::io::Result<tempfile::NamedTempFile> {
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".luxel-").suffix(".tmp");
+    #[cfg(unix)]
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    builder.tempfile_in(folder)
 }

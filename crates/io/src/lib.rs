@@ -23,7 +23,7 @@ pub use dataset::{
 };
 pub use error::{IoError, IoErrorKind};
 pub use image::{
-    DecodedImage, ExrOptions, ExrSample, ReadOptions, SampleDepth, Transfer, decode_image, downscale, downscale_masked, encode_exr,
-    encode_png, image_size, read_image, rgb_conversion, undistort, write_exr, write_png,
+    DecodedImage, ExrOptions, ExrSample, HALF_MAX, ReadOptions, SampleDepth, Transfer, decode_image, downscale, downscale_masked,
+    encode_exr, encode_png, image_size, read_image, rgb_conversion, undistort, write_exr, write_png,
 };
 pub use ply::{PlyPoint, decode_points_ply, decode_scene_ply, encode_scene_ply, read_points_ply, read_scene_ply, write_scene_ply};

@@ -302,6 +302,64 @@ fn missing_and_damaged_images_are_named_with_their_frame() {
 }
 
 #[test]
+fn of_several_damaged_images_the_first_by_name_is_reported() {
+    let scene = Scene::new();
+    // Sorted, the first is held out, and so read behind the training views.
+    let files = ["a.exr", "b.exr", "c.exr", "d.exr"];
+    scene.exrs(files);
+    scene.write("transforms.json", transforms(LENS, &files));
+    for bad in [&["c.exr", "d.exr"][..], &["b.exr", "c.exr"], &["a.exr", "b.exr", "d.exr"]] {
+        scene.exrs(files);
+        for file in bad {
+            scene.write(file, "no image");
+        }
+        for _ in 0..20 {
+            assert!(scene.error().starts_with(&scene.path().join(bad[0]).display().to_string()), "{bad:?}: {}", scene.error());
+        }
+    }
+}
+
+#[test]
+fn truncated_split_and_text_model_are_errors_that_name_the_file_or_a_smaller_model() {
+    let scene = Scene::new();
+    scene.exrs(["images/a.exr", "images/b.exr"]);
+    let points = [DVec3::ZERO, DVec3::new(0.5, 0.1, 0.2)];
+    colmap(&scene, "sparse/0", PINHOLE, Distortion::default(), &["a.exr", "b.exr"], &points);
+    let split = r#"{"train": ["a"], "test": ["b"]}"#;
+    scene.write("split.json", split);
+    assert_eq!(scene.load().train.len(), 1);
+    for n in 0..split.len() {
+        scene.write("split.json", &split[..n]);
+        assert!(scene.error().contains("split.json: not JSON"), "cut at {n}: {}", scene.error());
+    }
+    scene.write("split.json", split);
+    for name in ["cameras.txt", "images.txt", "points3D.txt"] {
+        let whole = std::fs::read(scene.path().join("sparse/0").join(name)).unwrap();
+        for n in 0..whole.len() {
+            scene.write(&format!("sparse/0/{name}"), &whole[..n]);
+            match load_dataset(scene.path(), &LoadOptions::default()) {
+                // Text may end behind any entry, and behind some digits of its last number.
+                Ok(data) => assert!(data.train.len() + data.test.len() <= 2 && data.points.len() <= points.len()),
+                Err(error) => assert!(error.to_string().contains(scene.path().to_str().unwrap()), "{name} cut at {n}: {error}"),
+            }
+        }
+        scene.write(&format!("sparse/0/{name}"), whole);
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn written_files_have_the_permissions_of_ordinary_ones() {
+    use std::os::unix::fs::PermissionsExt as _;
+    let scene = Scene::new();
+    let mode = |path: PathBuf| std::fs::metadata(path).unwrap().permissions().mode();
+    let path = scene.path().join("out/atomic.txt");
+    luxel_io::write_atomically(&path, |out| out.write_all(b"x").map_err(|e| luxel_io::IoError::system(&path, "write", &e))).unwrap();
+    assert_eq!(mode(path.clone()), mode(scene.write("out/ordinary.txt", "x")));
+    assert_eq!(std::fs::read_dir(scene.path().join("out")).unwrap().count(), 2, "nothing temporary is left");
+}
+
+#[test]
 fn cameras_that_are_none_are_named_with_their_frame() {
     let scene = Scene::new();
     scene.exrs(["a.exr", "b.exr"]);

@@ -1,6 +1,7 @@
 //! From frames to a data set: names checked, split applied, images loaded in parallel, points mapped, digest taken.
 
 use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use luxel_core::{ColorSpace, Dataset, View};
 use rayon::prelude::*;
@@ -43,9 +44,7 @@ pub(super) fn assemble(path: &Path, source: Source, options: &LoadOptions) -> Re
     }
 
     let used: Vec<usize> = train.iter().chain(&test).copied().collect();
-    // Collected before the first error is looked for, so that the same one is reported every time.
-    let loaded: Vec<Result<LoadedView, IoError>> = used.par_iter().map(|i| load_view(sorted[*i], options)).collect();
-    let loaded: Vec<LoadedView> = loaded.into_iter().collect::<Result<_, _>>()?;
+    let loaded = load_views(&sorted, &used, options)?;
     warnings.extend(grouped_warnings(&loaded));
 
     let mut targets: Vec<Option<Target<'_>>> = frames.iter().map(|_| None).collect();
@@ -67,6 +66,33 @@ pub(super) fn assemble(path: &Path, source: Source, options: &LoadOptions) -> Re
     let mut views: Vec<View> = loaded.into_iter().map(|l| l.view).collect();
     let test = views.split_off(train.len());
     Ok(Dataset { format, train: views, test, points, color_space, bad_pixels, fingerprint: fingerprint.finish(), warnings })
+}
+
+/// The views at the indices `used` of the frames sorted by name, in the order of `used`. Of several that cannot be read, the first by name is
+/// reported, whichever thread came upon one first; once one failed, no view behind it is begun.
+fn load_views(sorted: &[&Frame], used: &[usize], options: &LoadOptions) -> Result<Vec<LoadedView>, IoError> {
+    let first_bad = AtomicUsize::new(usize::MAX);
+    let load = |&i: &usize| {
+        if i > first_bad.load(Ordering::Relaxed) {
+            return None;
+        }
+        let loaded = load_view(sorted[i], options);
+        if loaded.is_err() {
+            first_bad.fetch_min(i, Ordering::Relaxed);
+        }
+        Some(loaded)
+    };
+    let loaded: Vec<Option<Result<LoadedView, IoError>>> = used.par_iter().map(load).collect();
+    let mut views = Vec::with_capacity(used.len());
+    let mut bad: Option<(usize, IoError)> = None;
+    for (&i, loaded) in used.iter().zip(loaded) {
+        match loaded {
+            Some(Ok(view)) => views.push(view),
+            Some(Err(error)) if bad.as_ref().is_none_or(|(first, _)| i < *first) => bad = Some((i, error)),
+            Some(Err(_)) | None => {}
+        }
+    }
+    bad.map_or(Ok(views), |(_, error)| Err(error))
 }
 
 /// Names are unique and not empty.

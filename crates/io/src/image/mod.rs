@@ -33,7 +33,7 @@ use crate::IoError;
 
 pub use colorimetry::rgb_conversion;
 pub use resample::{downscale, downscale_masked, undistort};
-pub use write::{ExrOptions, ExrSample, encode_exr, encode_png, write_exr, write_png};
+pub use write::{ExrOptions, ExrSample, HALF_MAX, encode_exr, encode_png, write_exr, write_png};
 
 /// An image as read.
 #[derive(Clone, Debug)]

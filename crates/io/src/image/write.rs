@@ -35,8 +35,8 @@ pub struct ExrOptions {
     pub attributes: Vec<(String, String)>,
 }
 
-/// Largest finite half.
-const HALF_MAX: f32 = 65504.0;
+/// Largest finite number of [`ExrSample::Half`].
+pub const HALF_MAX: f32 = 65504.0;
 
 /// Writes R, G, B with ZIP compression in blocks of 16 lines. Returns how many values were above the range of
 /// [`ExrSample::Half`] and are written as its largest number.
