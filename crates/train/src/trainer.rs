@@ -25,8 +25,10 @@ const PERCENT_DENSE: f32 = 0.01;
 /// A run of training.
 pub struct Trainer {
     engine: Box<dyn Engine>,
-    /// Training views in normalised units.
+    /// Training views in the units of the data set, whose images they share.
     views: Vec<View>,
+    /// The image of a step in normalised units, kept for the next step's: a second copy of all images would double a run's memory.
+    target: Arc<Image>,
     color_space: ColorSpace,
     schedule: Schedule,
     state: State,
@@ -72,9 +74,8 @@ impl Trainer {
     }
 
     fn assemble(dataset: &Dataset, state: State, engine: Box<dyn Engine>) -> Self {
-        let views = dataset.train.iter().map(|view| normalised(view, state.radiance_scale)).collect();
         let schedule = Schedule::new(&state.config, state.planned_iterations, state.extent);
-        Self { engine, views, color_space: dataset.color_space, schedule, state }
+        Self { engine, views: dataset.train.clone(), target: Arc::default(), color_space: dataset.color_space, schedule, state }
     }
 
     /// The configuration in force.
@@ -142,9 +143,12 @@ impl Trainer {
         let index = self.state.next_view();
         let config = self.step_config(step);
         let view = self.views.get(index).ok_or(TrainError::NoTrainViews)?;
-        let report = self.engine.train_step(view, &config)?;
+        let target = Arc::make_mut(&mut self.target);
+        normalise(&view.image, self.state.radiance_scale, target);
+        let view = View { image: Arc::clone(&self.target), ..view.clone() };
+        let report = self.engine.train_step(&view, &config)?;
         if !report.loss.is_finite() {
-            return Err(TrainError::NotFinite { step, view: view.name.clone() });
+            return Err(TrainError::NotFinite { step, view: view.name });
         }
         self.densify(step)?;
         self.state.iteration = step;
@@ -275,11 +279,11 @@ fn check_views(dataset: &Dataset) -> Result<(), TrainError> {
     Ok(())
 }
 
-/// The view with its radiance in normalised units.
-fn normalised(view: &View, radiance_scale: f32) -> View {
-    let mut image = Image::clone(&view.image);
-    image.scale(1.0 / radiance_scale);
-    View { image: Arc::new(image), ..view.clone() }
+/// Copies `image` into `target` in normalised units.
+fn normalise(image: &Image, radiance_scale: f32, target: &mut Image) {
+    (target.width, target.height) = (image.width, image.height);
+    target.pixels.clone_from(&image.pixels);
+    target.scale(1.0 / radiance_scale);
 }
 
 /// The same splats, neighbours in space beside each other.
@@ -299,8 +303,9 @@ fn in_spatial_order(splats: Splats) -> Result<Splats, TrainError> {
     Ok(sorted)
 }
 
-/// Size of the scene, world units: how far the cameras are apart (Kerbl et al. 2023). Of cameras in one place: the median distance of
-/// the splats from it.
+/// Size of the scene, world units: how far the cameras are apart (Kerbl et al. 2023), or how far the splats typically are from them if that
+/// is more. Cameras around a scene are about as far apart as it is away; of cameras side by side the first number alone is several times too
+/// small, and pruning everything above a tenth of it would take away the walls.
 fn scene_extent(train: &[View], positions: &[[f32; 3]]) -> f32 {
     let centroid = train.iter().map(|view| view.camera.eye()).sum::<glam::DVec3>() / train.len().max(1) as f64;
     let radius = train.iter().map(|view| (view.camera.eye() - centroid).length()).fold(0.0, f64::max);
@@ -308,8 +313,6 @@ fn scene_extent(train: &[View], positions: &[[f32; 3]]) -> f32 {
         positions.iter().map(|[x, y, z]| (glam::DVec3::new((*x).into(), (*y).into(), (*z).into()) - centroid).length()).collect();
     let at = distances.len() / 2;
     let typical = if distances.is_empty() { 1.0 } else { *distances.select_nth_unstable_by(at, f64::total_cmp).1 };
-    // Poses are known to about six digits; what is below that is no baseline.
-    let extent = if radius > 1e-6 * typical { EXTENT_MARGIN * radius } else { typical };
-    let extent = extent as f32;
+    let extent = (EXTENT_MARGIN * radius).max(typical) as f32;
     if extent.is_finite() && extent > f32::MIN_POSITIVE { extent } else { 1.0 }
 }
