@@ -219,7 +219,11 @@ fn antialias_parser() -> impl TypedValueParser<Value = Antialias> {
     })
 }
 
-fn parse_rgb(text: &str) -> Result<[f32; 3], String> {
+/// Radiance as options say it: `red,green,blue`, or one number for grey; finite and not negative.
+///
+/// # Errors
+/// What is wrong with the text, for people.
+pub fn parse_rgb(text: &str) -> Result<[f32; 3], String> {
     let values: Result<Vec<f32>, _> = text.split(',').map(|part| part.trim().parse::<f32>()).collect();
     let rgb = match values.as_deref() {
         Ok([grey]) => [*grey; 3],
@@ -415,7 +419,7 @@ mod tests {
             &["--chroma-degree", "2"],
             &["--luminance-degree", "1"],
             &["--sh-interval", "10"],
-            &["--scale-rule", "p99"],
+            &["--scale-rule", "max"],
             &["--radiance-scale", "2"],
             &["--background", "1,2,3"],
             &["--mu", "10"],
@@ -495,7 +499,10 @@ mod tests {
             let error = parse(arguments).unwrap().validate().unwrap_err().to_string();
             assert!(error.starts_with(option), "{arguments:?}: {error}");
         }
-        assert!(parse(&["--background", "1,2"]).unwrap_err().to_string().contains("three numbers"));
+        for bad in ["", "1,2", "1,2,3,4", "1,2,x", "1,2,nan", "1,2,-3", "1,2,inf"] {
+            assert!(parse_rgb(bad).is_err(), "{bad}");
+        }
+        assert_eq!((parse_rgb("0, 0.5,2"), parse_rgb("0.5")), (Ok([0.0, 0.5, 2.0]), Ok([0.5; 3])));
         assert!(parse(&["--method", "sh9"]).is_err());
     }
 }

@@ -17,9 +17,9 @@ mod state;
 mod testing;
 mod trainer;
 
-pub use config::{CutoffPreset, MCMC_DEFAULT_MAX_SPLATS, Method, ScaleRule, Strategy, TrainConfig};
+pub use config::{CutoffPreset, MCMC_DEFAULT_MAX_SPLATS, Method, ScaleRule, Strategy, TrainConfig, parse_rgb};
 pub use error::TrainError;
-pub use evaluate::{NamedMetrics, SplitMetrics, evaluate};
+pub use evaluate::{NamedMetrics, SplitMetrics, evaluate, probe};
 pub use init::initialise;
 pub use scale::choose_radiance_scale;
 pub use schedule::{ABSGRAD_OPACITY_CAP, RESET_OPACITY, Schedule};
