@@ -3,13 +3,13 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
-use luxel_train::{Method, TrainConfig};
+use luxel_train::{Method, TrainConfig, parse_rgb};
 use serde::{Deserialize, Serialize};
 
 use crate::console::LogFormat;
 use crate::values::{
-    ColorSpaceArg, DeviceArg, ExrTypeArg, FormatArg, Frames, Rgb, Shard, SplitArg, TonemapArg, TransferArg, parse_downscale, parse_finite,
-    parse_frames, parse_rgb, parse_shard,
+    ColorSpaceArg, DeviceArg, ExrTypeArg, FormatArg, Frames, Shard, SplitArg, TonemapArg, TransferArg, parse_downscale, parse_finite,
+    parse_frames, parse_shard,
 };
 
 /// High dynamic range 3D Gaussian splatting: posed HDR photographs in, a scene of linear radiance out.
@@ -38,6 +38,7 @@ pub(crate) enum Command {
 
 /// How the files of a data set are read.
 #[derive(Clone, Debug, PartialEq, Eq, Args, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub(crate) struct LoadArgs {
     /// Layout of the data set [default: recognised by looking].
     #[arg(long, value_enum, value_name = "FORMAT", help_heading = "Data set")]
@@ -55,6 +56,7 @@ pub(crate) struct LoadArgs {
 
 /// Where and how the work is done; none of it changes the result.
 #[derive(Clone, Debug, PartialEq, Eq, Args, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub(crate) struct DeviceArgs {
     /// What computes.
     #[arg(long, value_enum, default_value_t, help_heading = "Machine")]
@@ -66,6 +68,7 @@ pub(crate) struct DeviceArgs {
 
 /// What is saved and evaluated during training.
 #[derive(Clone, Debug, PartialEq, Eq, Args, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub(crate) struct RunArgs {
     /// Save the training state every N steps, 0 for the end only.
     #[arg(long, default_value_t = 5000, value_name = "N", help_heading = "Run")]
@@ -190,9 +193,9 @@ pub(crate) struct RenderArgs {
         help_heading = "Images"
     )]
     pub(crate) exposure: f32,
-    /// Radiance behind everything, in the units of the data set [default for a run: the one it was trained with; else black].
+    /// Radiance behind everything, in the units of the data set: red,green,blue or one number for grey [default for a run: the one it was trained with; else black].
     #[arg(long, value_name = "R,G,B", value_parser = parse_rgb, help_heading = "Images")]
-    pub(crate) background: Option<Rgb>,
+    pub(crate) background: Option<[f32; 3]>,
     /// Where the work is done.
     #[command(flatten)]
     pub(crate) device: DeviceArgs,
@@ -204,7 +207,7 @@ pub(crate) struct RenderArgs {
 /// `luxel info`.
 #[derive(Debug, Args)]
 pub(crate) struct InfoArgs {
-    /// Scene .ply, run, checkpoint, data set or image.
+    /// Scene .ply, run, checkpoint, data set (its folder or transforms.json) or image.
     pub(crate) path: PathBuf,
     /// As JSON.
     #[arg(long)]

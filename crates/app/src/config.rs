@@ -17,6 +17,9 @@ use crate::files;
 /// First line of config.toml.
 const HEAD: &str = "# A Luxel training run. This file marks the folder as one; --resume and --config read it.\n";
 
+/// A config.toml is a few kilobytes.
+const LIMIT_BYTES: u64 = 1 << 20;
+
 /// Who made a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -29,6 +32,7 @@ pub(crate) enum MadeBy {
 
 /// Everything that was decided for a run.
 #[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub(crate) struct RunConfig {
     /// Version of the program that wrote it.
     pub(crate) luxel_version: String,
@@ -66,9 +70,9 @@ impl RunConfig {
         }
     }
 
-    /// Reads a config.toml of at most `limit_bytes`.
-    pub(crate) fn read(path: &Path, limit_bytes: u64) -> Result<Self> {
-        let content = files::read_text(path, limit_bytes)?;
+    /// Reads a config.toml.
+    pub(crate) fn read(path: &Path) -> Result<Self> {
+        let content = files::read_text(path, LIMIT_BYTES)?;
         toml::from_str(&content).with_context(|| format!("{}: not a configuration of this version of luxel", path.display()))
     }
 
@@ -215,7 +219,7 @@ mod tests {
         for arg in command.find_subcommand("train").unwrap().get_arguments() {
             let Some((words, config, said)) = saying(arg) else { continue };
             config.write(&path).unwrap();
-            assert_eq!(toml(&RunConfig::read(&path, 1 << 20).unwrap()), toml(&config), "{words:?} in the file");
+            assert_eq!(toml(&RunConfig::read(&path).unwrap()), toml(&config), "{words:?} in the file");
             assert_eq!(toml(&base.overlaid(&config, &said).unwrap()), toml(&config), "{words:?} over a file");
         }
     }

@@ -143,7 +143,8 @@ impl Console {
 
 /// `12.3 it/s  39 min 12 s left  loss 0.0412  psnr 31.2 train 29.9 test  45,210 splats  812.0 MiB`.
 fn figures(record: &LogRecord, total: u32) -> String {
-    let left = record.seconds_left(total).map_or(String::new(), |s| format!("  {} left", text::duration(Duration::from_secs_f64(s))));
+    let left = record.seconds_left(total).and_then(|s| Duration::try_from_secs_f64(s).ok());
+    let left = left.map_or(String::new(), |left| format!("  {} left", text::duration(left)));
     let train = record.psnr_train.map(|v| format!("{v:.2} train"));
     let test = record.psnr_test.map(|v| format!("{v:.2} test"));
     let psnr = match (train, test) {

@@ -7,15 +7,12 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use clap::ValueEnum;
 use luxel_core::{ColorSpace, Engine, Image, RenderOptions, View};
-use luxel_io::{ExrOptions, ExrSample};
+use luxel_io::{ExrOptions, ExrSample, HALF_MAX};
 use luxel_train::SplitMetrics;
 use serde::{Deserialize, Serialize};
 
 use crate::config::RunConfig;
 use crate::text;
-
-/// Largest number of a half float.
-pub(crate) const HALF_MAX: f32 = 65504.0;
 
 /// `metrics.json`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -61,9 +58,9 @@ pub(crate) struct Rendering<'a> {
 }
 
 impl Rendering<'_> {
-    /// Figures of some views.
-    pub(crate) fn metrics(&mut self, views: &[View]) -> Result<SplitMetrics> {
-        Ok(luxel_train::evaluate(self.engine, &self.options, self.radiance_scale, self.mu, views, &mut |_, _, _| ())?)
+    /// PSNR of one view by protocol `scene`, dB; `None` if all of it is masked.
+    pub(crate) fn probe(&mut self, view: &View) -> Result<Option<f64>> {
+        Ok(luxel_train::probe(self.engine, &self.options, self.radiance_scale, self.mu, view)?)
     }
 
     /// Figures of a split, `None` if it is empty. With a folder, `renders/` and `gt/` get the images in the units of the data set.
@@ -99,7 +96,7 @@ fn write_exr(path: &Path, image: &Image, color_space: ColorSpace) -> Result<()> 
 }
 
 /// Greatest channel.
-pub(crate) fn max_value(image: &Image) -> f32 {
+fn max_value(image: &Image) -> f32 {
     image.pixels.as_flattened().iter().copied().fold(0.0, f32::max)
 }
 

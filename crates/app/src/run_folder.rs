@@ -22,9 +22,6 @@ const LOCK: &str = ".lock";
 /// Everything training puts into a run folder besides [`CONFIG`]; all that `--overwrite` deletes.
 const CONTENTS: [&str; 7] = ["checkpoints", "point_cloud", "eval", "pictures", "metrics.json", "log.jsonl", "report.html"];
 
-/// A config.toml is a few kilobytes.
-const CONFIG_LIMIT_BYTES: u64 = 1 << 20;
-
 /// A run's place on disk.
 #[derive(Clone, Debug)]
 pub(crate) struct RunFolder {
@@ -118,7 +115,7 @@ impl RunFolder {
         if !path.is_file() {
             bail!("{}: no {CONFIG}, so this is not a folder that luxel train made", self.root.display());
         }
-        RunConfig::read(&path, CONFIG_LIMIT_BYTES)
+        RunConfig::read(&path)
     }
 
     /// Writes the configuration: from here on the folder is a run.

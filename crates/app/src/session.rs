@@ -135,7 +135,7 @@ impl Session<'_> {
         if state.since_line.steps == 0 {
             return Ok(());
         }
-        let psnr_train = self.probe()?;
+        let psnr_train = state.clock.paused(|| self.probe())?;
         let iteration = self.trainer.iteration();
         let sums = std::mem::take(&mut state.since_line);
         let mean = |sum: f64| sum / f64::from(sums.steps);
@@ -166,8 +166,7 @@ impl Session<'_> {
     fn probe(&mut self) -> Result<Option<f64>> {
         let turn = (self.trainer.iteration() / LOG_EVERY) as usize % self.dataset.train.len().max(1);
         let Some(view) = self.dataset.train.get(turn) else { return Ok(None) };
-        let metrics = self.rendering().metrics(std::slice::from_ref(view))?;
-        Ok(Some(metrics.mean.psnr_scene))
+        self.rendering().probe(view)
     }
 
     /// Writes a checkpoint. If there is no room, older ones make way, but never the newest.
@@ -198,12 +197,7 @@ impl Session<'_> {
     fn evaluate(&mut self, state: &mut Loop) -> Result<()> {
         let seconds = state.clock.seconds();
         let peak = state.peak_rss();
-        let mut psnr = None;
-        let mut work = || -> Result<()> {
-            psnr = self.evaluate_at(seconds, peak)?;
-            Ok(())
-        };
-        state.clock.paused(&mut work)?;
+        let psnr = state.clock.paused(|| self.evaluate_at(seconds, peak))?;
         state.psnr_test = psnr.or(state.psnr_test);
         Ok(())
     }

@@ -156,10 +156,6 @@ pub(crate) struct Shard {
     pub(crate) count: usize,
 }
 
-/// `--background`: linear RGB, >= 0.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Rgb(pub(crate) [f32; 3]);
-
 /// `A-B` or `A`.
 pub(crate) fn parse_frames(text: &str) -> Result<Frames, String> {
     let expected = || format!("expected two frame numbers such as 0-99, got \"{text}\"");
@@ -182,15 +178,6 @@ pub(crate) fn parse_shard(text: &str) -> Result<Shard, String> {
         return Err(format!("shard {index}/{count}: the index counts from 0, so it must be below {count}"));
     }
     Ok(Shard { index, count })
-}
-
-/// `R,G,B`.
-pub(crate) fn parse_rgb(text: &str) -> Result<Rgb, String> {
-    let values: Vec<f32> = text.split(',').map_while(|v| v.trim().parse().ok()).collect();
-    match *values.as_slice() {
-        [r, g, b] if text.split(',').count() == 3 && [r, g, b].iter().all(|v: &f32| v.is_finite() && *v >= 0.0) => Ok(Rgb([r, g, b])),
-        _ => Err(format!("expected three numbers >= 0 such as 0,0,0.5, got \"{text}\"")),
-    }
 }
 
 /// 1, 2, 4 or 8.
@@ -234,14 +221,6 @@ mod tests {
         assert_eq!(parse_shard("0/4"), Ok(Shard { index: 0, count: 4 }));
         for bad in ["4/4", "0/0", "1", "a/2", "1/", "-1/2"] {
             assert!(parse_shard(bad).is_err(), "{bad}");
-        }
-    }
-
-    #[test]
-    fn a_background_is_three_finite_numbers() {
-        assert_eq!(parse_rgb("0, 0.5,2"), Ok(Rgb([0.0, 0.5, 2.0])));
-        for bad in ["", "1", "1,2", "1,2,3,4", "1,2,x", "1,2,nan", "1,2,-3", "1,2,inf"] {
-            assert!(parse_rgb(bad).is_err(), "{bad}");
         }
     }
 

@@ -195,4 +195,9 @@ fn what_integer_images_do_not_state_must_be_said() {
     place.ok(&["render", "run", "-o", "frames", "--tonemap", "agx"]);
     let frame: Value = serde_json::from_str(&place.ok(&["info", "frames/000.exr", "--json"])).unwrap();
     assert_eq!(frame["color_space"], "acescg");
+    // Images in other primaries than the scene's are not compared with it.
+    common::write_dataset(&place.path("rec709"));
+    let config = std::fs::read_to_string(place.path("run/config.toml")).unwrap();
+    std::fs::write(place.path("run/config.toml"), config.replace("color_space = \"acescg\"\n", "")).unwrap();
+    place.error(&["eval", "run", "--data", "rec709"], &["rec709", "acescg", "convert"]);
 }

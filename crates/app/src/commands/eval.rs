@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use luxel_core::RenderOptions;
 
 use crate::cli::EvalArgs;
@@ -19,6 +19,14 @@ pub(crate) fn run(args: &EvalArgs) -> Result<()> {
     let path = args.data.clone().unwrap_or_else(|| config.dataset_path(folder.root()));
     let dataset = data::load(&path, &config.load, &console)?;
     let (iteration, scene) = run_state::newest_scene(&folder, &console)?;
+    if dataset.color_space != scene.color_space {
+        bail!(
+            "{}: images are in {}, the scene is in {}: figures need one colour space; convert the images",
+            path.display(),
+            dataset.color_space.name(),
+            scene.color_space.name()
+        );
+    }
     engine.load(&scene.splats, None).context("cannot load the scene")?;
     let options = RenderOptions { raster: scene.raster, background: config.background(scene.radiance_scale), ..RenderOptions::default() };
     let mut rendering = Rendering {

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use luxel_core::{ColorModel, ColorSpace, Dataset, Image, Scene, Splats, View, luminance_rec709, sigmoid};
 use luxel_io::{ReadOptions, SampleDepth};
 
@@ -29,17 +29,13 @@ fn describe(args: &InfoArgs) -> Result<Facts> {
         if RunFolder::is_run(path) {
             return of_run(path);
         }
-        let dataset = luxel_io::load_dataset(path, &data::options(&args.load)).context("cannot read the data set")?;
-        return Ok(of_dataset(&dataset));
+        return of_dataset(path, args);
     }
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
     let mut facts = match extension.as_str() {
         "ply" => of_scene_file(path)?,
         "safetensors" => of_checkpoint(path)?,
-        "json" => {
-            let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-            bail!("{}: is a description of cameras; give the data set's folder: luxel info {}", path.display(), folder.display())
-        }
+        "json" => return of_dataset(path, args),
         _ => of_image(path, args)?,
     };
     facts.set("file_bytes", metadata.len());
@@ -108,7 +104,12 @@ fn of_run(path: &Path) -> Result<Facts> {
     Ok(facts)
 }
 
-fn of_dataset(dataset: &Dataset) -> Facts {
+fn of_dataset(path: &Path, args: &InfoArgs) -> Result<Facts> {
+    let dataset = luxel_io::load_dataset(path, &data::options(&args.load)).context("cannot read the data set")?;
+    Ok(dataset_facts(&dataset))
+}
+
+fn dataset_facts(dataset: &Dataset) -> Facts {
     let mut facts = Facts::default();
     facts.set("kind", "data set").set("format", dataset.format.clone());
     facts.set("train_views", dataset.train.len()).set("test_views", dataset.test.len());

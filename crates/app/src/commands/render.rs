@@ -43,7 +43,7 @@ pub(crate) fn run(args: &RenderArgs, said: &[String]) -> Result<()> {
     let (mut engine, _) = engine::engine(&args.device)?;
     engine.load(&scene.splats, None).context("cannot load the scene")?;
     let background = match (args.background, &run) {
-        (Some(rgb), _) => rgb.0.map(|v| v / scene.radiance_scale),
+        (Some(rgb), _) => rgb.map(|v| v / scene.radiance_scale),
         (None, Some((_, config))) => config.background(scene.radiance_scale),
         (None, None) => [0.0; 3],
     };

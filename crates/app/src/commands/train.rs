@@ -15,9 +15,6 @@ use crate::run_folder::{Occupant, RunFolder, RunLock};
 use crate::session::{Outcome, Session};
 use crate::{data, engine, run_state, text};
 
-/// A config.toml is a few kilobytes.
-const CONFIG_LIMIT_BYTES: u64 = 1 << 20;
-
 /// What to do about what is in the output folder.
 #[derive(Debug)]
 enum Start {
@@ -93,7 +90,7 @@ fn resolve(args: &TrainArgs, said: &[String], occupant: Occupant) -> Result<Star
 /// The configuration of a new run.
 fn from_command_line(args: &TrainArgs, said: &[String]) -> Result<RunConfig> {
     let base = match &args.config {
-        Some(path) => Some((path, RunConfig::read(path, CONFIG_LIMIT_BYTES)?)),
+        Some(path) => Some((path, RunConfig::read(path)?)),
         None => None,
     };
     let dataset = match (&args.dataset, &base) {
