@@ -1,0 +1,112 @@
+use super::*;
+
+fn parse(arguments: &[&str]) -> Result<TrainConfig, clap::Error> {
+    let matches = TrainConfig::augment_args(Command::new("train").no_binary_name(true)).try_get_matches_from(arguments)?;
+    TrainConfig::from_arg_matches(&matches)
+}
+
+#[test]
+fn defaults_are_valid_and_those_of_the_command_line() {
+    let config = parse(&[]).unwrap();
+    assert_eq!(config, TrainConfig::default());
+    config.validate().unwrap();
+    assert_eq!(config.color_model().name(), "lcd");
+    assert_eq!(config.loss(), LossConfig::default());
+}
+
+#[test]
+fn every_flag_changes_the_configuration() {
+    let flags: &[&[&str]] = &[
+        &["--iterations", "7"],
+        &["--seed", "1"],
+        &["--method", "sh4"],
+        &["--activation", "exp"],
+        &["--chroma-degree", "2"],
+        &["--luminance-degree", "1"],
+        &["--sh-interval", "10"],
+        &["--scale-rule", "max"],
+        &["--radiance-scale", "2"],
+        &["--background", "1,2,3"],
+        &["--mu", "10"],
+        &["--ssim-weight", "0.8"],
+        &["--antialias", "mip"],
+        &["--cutoffs", "parity"],
+        &["--init-points", "5"],
+        &["--strategy", "mcmc"],
+        &["--max-splats", "10"],
+        &["--absgrad"],
+        &["--densify-from", "1"],
+        &["--densify-until", "2"],
+        &["--densify-interval", "3"],
+        &["--densify-threshold", "1"],
+        &["--absgrad-threshold", "1"],
+        &["--percent-dense", "0.1"],
+        &["--prune-opacity", "0.1"],
+        &["--opacity-reset-interval", "10"],
+        &["--mcmc-growth", "0.1"],
+        &["--mcmc-noise", "1"],
+        &["--mcmc-opacity-weight", "1"],
+        &["--mcmc-scale-weight", "1"],
+        &["--position-lr", "1"],
+        &["--position-lr-final", "1"],
+        &["--sh-lr", "1"],
+        &["--luminance-lr", "1"],
+        &["--luminance-lr-final", "1"],
+        &["--opacity-lr", "1"],
+        &["--scale-lr", "1"],
+        &["--rotation-lr", "1"],
+    ];
+    let command = TrainConfig::augment_args(Command::new("train"));
+    assert_eq!(command.get_arguments().count(), flags.len(), "a flag is missing from this list");
+    let default = serde_json::to_value(TrainConfig::default()).unwrap();
+    for flag in flags {
+        let config = parse(flag).unwrap();
+        config.validate().unwrap();
+        let changed = serde_json::to_value(&config).unwrap();
+        let field = flag[0].trim_start_matches('-').replace('-', "_");
+        for (name, value) in changed.as_object().unwrap() {
+            assert_eq!(*value != default[name], *name == field, "{flag:?} and field {name}");
+        }
+    }
+}
+
+#[test]
+fn configuration_survives_json() {
+    let config = parse(&["--method", "lcd", "--activation", "relu", "--position-lr", "0.000123", "--background", "0.1"]).unwrap();
+    let text = serde_json::to_string(&config).unwrap();
+    assert_eq!(serde_json::from_str::<TrainConfig>(&text).unwrap(), config);
+    assert!(serde_json::from_str::<TrainConfig>("{\"iteration\": 3}").unwrap_err().to_string().contains("unknown field"));
+}
+
+#[test]
+fn given_options_override_the_others_stay() {
+    let file = parse(&["--iterations", "10", "--mu", "7"]).unwrap();
+    let flags = parse(&["--iterations", "20", "--max-splats", "5"]).unwrap();
+    let merged = file.overridden(&flags, |name| name == "iterations").unwrap();
+    assert_eq!(merged, TrainConfig { iterations: 20, ..file });
+}
+
+#[test]
+fn nonsense_is_refused_with_the_options_name() {
+    let cases: &[(&[&str], &str)] = &[
+        (&["--method", "sh3", "--activation", "exp"], "--activation"),
+        (&["--chroma-degree", "6"], "--chroma-degree"),
+        (&["--luminance-degree", "4"], "--luminance-degree"),
+        (&["--iterations", "0"], "--iterations"),
+        (&["--radiance-scale", "0"], "--radiance-scale"),
+        (&["--radiance-scale", "nan"], "--radiance-scale"),
+        (&["--mu", "inf"], "--mu"),
+        (&["--ssim-weight", "1.5"], "--ssim-weight"),
+        (&["--densify-interval", "0"], "--densify-interval"),
+        (&["--strategy", "mcmc", "--absgrad"], "--absgrad"),
+    ];
+    for (arguments, option) in cases {
+        let error = parse(arguments).unwrap().validate().unwrap_err().to_string();
+        assert!(error.starts_with(option), "{arguments:?}: {error}");
+    }
+    for bad in ["", "1,2", "1,2,3,4", "1,2,x", "1,2,nan", "1,2,-3", "1,2,inf"] {
+        assert!(parse_rgb(bad).is_err(), "{bad}");
+    }
+    assert_eq!((parse_rgb("0, 0.5,2"), parse_rgb("0.5")), (Ok([0.0, 0.5, 2.0]), Ok([0.5; 3])));
+    assert!(parse(&["--method", "sh9"]).is_err());
+}
