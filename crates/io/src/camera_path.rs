@@ -12,10 +12,9 @@ use luxel_core::{Camera, Distortion, MAX_SIDE_PX};
 use serde_json::{Map, Value, json};
 
 use crate::dataset::{TransformsFrame, parse_transforms};
+use crate::regular::read_file;
 use crate::{IoError, IoErrorKind};
 
-/// Largest camera file that is believed to be one, bytes.
-const MAX_BYTES: u64 = 1 << 30;
 /// Where `transforms.json` has a lens.
 const FOCAL_KEYS: [&str; 4] = ["fl_x", "fl_y", "camera_angle_x", "camera_angle_y"];
 
@@ -34,12 +33,7 @@ pub struct PathCamera {
 /// A missing or damaged file, no cameras, a camera that cannot be used (the message names the frame), or one that is not a
 /// perspective camera.
 pub fn read_camera_path(path: &Path, default: Option<&Camera>) -> Result<Vec<PathCamera>, IoError> {
-    let system = |e: std::io::Error| IoError::system(path, "read", &e);
-    let metadata = std::fs::metadata(path).map_err(system)?;
-    if !metadata.is_file() || metadata.len() > MAX_BYTES {
-        return Err(IoError::invalid(path, "not a regular file of at most 1 GiB, expected a camera path in JSON"));
-    }
-    decode_camera_path(path, &std::fs::read(path).map_err(system)?, default)
+    decode_camera_path(path, &read_file(path)?, default)
 }
 
 /// [`read_camera_path`] of a file's bytes; `name` is for errors.

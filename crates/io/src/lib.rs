@@ -10,6 +10,7 @@ mod dataset;
 mod error;
 mod image;
 mod ply;
+mod regular;
 
 pub use atomic::{WriteSeek, write_atomically};
 pub use camera_path::{PathCamera, decode_camera_path, read_camera_path};
@@ -24,6 +25,6 @@ pub use dataset::{
 pub use error::{IoError, IoErrorKind};
 pub use image::{
     DecodedImage, ExrOptions, ExrSample, HALF_MAX, ReadOptions, SampleDepth, Transfer, decode_image, downscale, downscale_masked,
-    encode_exr, encode_png, image_size, read_image, rgb_conversion, undistort, write_exr, write_png,
+    encode_exr, encode_png, image_size, read_image, undistort, write_exr, write_png,
 };
 pub use ply::{PlyPoint, decode_points_ply, decode_scene_ply, encode_scene_ply, read_points_ply, read_scene_ply, write_scene_ply};

@@ -1,30 +1,9 @@
-//! Reading of whole files, and how images are named and found.
+//! How images are named and found.
 
-use std::io::Read;
 use std::path::{Path, PathBuf};
-
-use crate::IoError;
-
-/// Largest description (JSON, COLMAP, PLY) that is read: far above real ones, and a guard against devices and runaway files.
-const MAX_BYTES: u64 = 16 << 30;
 
 /// Image extensions in the order they are tried where a name comes without one: radiance before display values.
 const IMAGE_EXTENSIONS: [&str; 7] = ["exr", "hdr", "tif", "tiff", "png", "jpg", "jpeg"];
-
-/// Content of a regular file.
-pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, IoError> {
-    let system = |e: std::io::Error| IoError::system(path, "read", &e);
-    let meta = std::fs::metadata(path).map_err(system)?;
-    if !meta.is_file() {
-        return Err(IoError::invalid(path, "is not a regular file, expected one"));
-    }
-    if meta.len() > MAX_BYTES {
-        return Err(IoError::unsupported(path, format!("{} bytes, expected at most {MAX_BYTES}", meta.len())));
-    }
-    let mut bytes = Vec::new();
-    std::fs::File::open(path).map_err(system)?.take(MAX_BYTES).read_to_end(&mut bytes).map_err(system)?;
-    Ok(bytes)
-}
 
 /// Whether the name ends in an extension of an image format.
 fn image_extension(name: &str) -> Option<&str> {

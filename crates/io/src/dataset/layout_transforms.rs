@@ -10,11 +10,12 @@ use std::path::{Path, PathBuf};
 use glam::{DAffine3, DVec3};
 
 use super::colmap::{ColmapModel, ColmapPoint, find_model, read_model};
-use super::files::{Substitute, find_image, read_file, view_name, without_extension};
+use super::files::{Substitute, find_image, view_name, without_extension};
 use super::layout_colmap::points_with_sightings;
 use super::source::{Frame, Origin, Source, SourcePoint, split_beside};
 use super::split::{NameIndex, Part, SplitLists, SplitRule};
 use super::transforms::{Transforms, TransformsFrame, parse_transforms};
+use crate::regular::read_file;
 use crate::{IoError, read_points_ply};
 
 /// Largest disagreement of the camera positions of `transforms.json` and of the COLMAP model beside it, as a fraction of the distance

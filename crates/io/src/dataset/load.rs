@@ -3,10 +3,10 @@
 use luxel_core::{BadPixels, Camera, ColorSpace, Image, Mask, View};
 
 use super::LoadOptions;
-use super::files::read_file;
 use super::source::Frame;
 use crate::IoError;
 use crate::image::{DecodedImage, ReadOptions, SampleDepth, decode_image, downscale, downscale_masked, undistort};
+use crate::regular::read_file;
 
 /// A view with what is known about its file.
 pub(super) struct LoadedView {

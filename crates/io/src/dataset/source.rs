@@ -4,10 +4,10 @@ use std::path::{Path, PathBuf};
 
 use glam::DAffine3;
 
-use super::files::read_file;
 use super::intrinsics::Intrinsics;
 use super::split::{Part, SplitRule, parse_split};
 use crate::IoError;
+use crate::regular::read_file;
 
 /// A data set without its pixels.
 #[derive(Debug)]

@@ -44,7 +44,7 @@ fn convert(image: &mut Image, matrix: &DMat3) {
 
 /// Matrix from linear RGB of one set of chromaticities (CIE xy of red, green, blue, white) to another; `None` if one of them is
 /// degenerate.
-pub fn rgb_conversion(from: &[[f32; 2]; 4], to: &[[f32; 2]; 4]) -> Option<DMat3> {
+fn rgb_conversion(from: &[[f32; 2]; 4], to: &[[f32; 2]; 4]) -> Option<DMat3> {
     let (xyz_from_source, source_white) = xyz_from_rgb(from)?;
     let (xyz_from_target, target_white) = xyz_from_rgb(to)?;
     let matrix = inverse(xyz_from_target)? * adaptation(source_white, target_white)? * xyz_from_source;

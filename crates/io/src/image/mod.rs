@@ -30,8 +30,8 @@ use luxel_core::{ColorSpace, Image};
 use serde::{Deserialize, Serialize};
 
 use crate::IoError;
+use crate::regular::{read_file, regular_file};
 
-pub use colorimetry::rgb_conversion;
 pub use resample::{downscale, downscale_masked, undistort};
 pub use write::{ExrOptions, ExrSample, HALF_MAX, encode_exr, encode_png, write_exr, write_png};
 
@@ -186,14 +186,3 @@ pub fn image_size(path: &Path) -> Result<[u32; 2], IoError> {
 
 /// Enough for every magic number and for PNG's size.
 const HEAD_BYTES: u64 = 64;
-
-fn read_file(path: &Path) -> Result<Vec<u8>, IoError> {
-    regular_file(path)?;
-    std::fs::read(path).map_err(|e| IoError::system(path, "read", &e))
-}
-
-/// Pipes and devices may never end.
-fn regular_file(path: &Path) -> Result<std::fs::Metadata, IoError> {
-    let metadata = std::fs::metadata(path).map_err(|e| IoError::system(path, "read", &e))?;
-    if metadata.is_file() { Ok(metadata) } else { Err(IoError::invalid(path, "not a regular file, expected an image file")) }
-}

@@ -11,9 +11,9 @@ use std::path::{Path, PathBuf};
 use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3};
 use luxel_core::{Distortion, MAX_SIDE_PX};
 
-use super::files::read_file;
 use super::intrinsics::{Focal, Intrinsics};
 use crate::IoError;
+use crate::regular::read_file;
 
 pub use binary::parse_binary;
 pub use text::parse_text;
@@ -154,7 +154,7 @@ fn pose(quaternion: [f64; 4], translation: [f64; 3]) -> Result<DAffine3, String>
 #[derive(Default)]
 struct Collected {
     cameras: Vec<(u32, Intrinsics)>,
-    /// With the camera's id; `intrinsics` is filled in by [`Collected::resolve`].
+    /// With the camera's id, which [`Collected::resolve`] replaces by its lens.
     images: Vec<RawImage>,
     /// With the point's id and its track as (image id, feature index).
     points: Vec<(u64, ColmapPoint)>,
