@@ -94,8 +94,8 @@ impl Camera {
         self.camera_from_world.matrix3.row(2)
     }
 
-    /// Camera whose pose is given by a camera-to-world matrix in OpenGL axes (x right, y up, z backwards), as in transforms.json.
-    /// The 3x3 part is made orthonormal if it is nearly so; use [`Self::validate`] to catch the rest.
+    /// Pose that is given by a camera-to-world matrix in OpenGL axes (x right, y up, z backwards), as in transforms.json.
+    /// The 3x3 part is taken as it is: [`Self::validate`] tells whether it is a rotation.
     pub fn pose_from_opengl(world_from_camera_rotation: DMat3, eye: DVec3) -> DAffine3 {
         let flip = DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
         let rotation = (world_from_camera_rotation * flip).transpose();

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use anyhow::{Context, Result};
+use luxel_core::tone::rec709_of;
 use luxel_core::{ColorModel, ColorSpace, Dataset, Image, Scene, Splats, View, luminance_rec709, sigmoid};
 use luxel_io::{ReadOptions, SampleDepth};
 
@@ -122,7 +123,7 @@ fn dataset_facts(dataset: &Dataset) -> Facts {
     facts.set("color_space", dataset.color_space.name());
     facts.set("fingerprint", dataset.fingerprint.clone());
     let views = || dataset.train.iter().chain(&dataset.test);
-    let luminance: Vec<f32> = views().flat_map(valid_luminance).collect();
+    let luminance: Vec<f32> = views().flat_map(|view| valid_luminance(view, dataset.color_space)).collect();
     add_luminance(&mut facts, luminance);
     let decoded = views().map(|view| view.image.pixels.len() * size_of::<[f32; 3]>()).sum::<usize>();
     facts.set("decoded_bytes", decoded);
@@ -139,8 +140,14 @@ fn dataset_facts(dataset: &Dataset) -> Facts {
     facts
 }
 
-fn valid_luminance(view: &View) -> impl Iterator<Item = f32> {
-    view.image.pixels.iter().enumerate().filter(|(i, _)| view.is_valid(*i)).map(|(_, &rgb)| luminance_rec709(rgb))
+/// Relative luminance of a pixel of any primaries.
+fn luminance(color_space: ColorSpace, rgb: [f32; 3]) -> f32 {
+    luminance_rec709(rec709_of(color_space, rgb))
+}
+
+fn valid_luminance(view: &View, color_space: ColorSpace) -> impl Iterator<Item = f32> {
+    let valid = view.image.pixels.iter().enumerate().filter(|(i, _)| view.is_valid(*i));
+    valid.map(move |(_, &rgb)| luminance(color_space, rgb))
 }
 
 fn of_image(path: &Path, args: &InfoArgs) -> Result<Facts> {
@@ -166,7 +173,8 @@ fn of_image(path: &Path, args: &InfoArgs) -> Result<Facts> {
     bad.set("negative", values().filter(|p| p.iter().any(|v| *v < 0.0) && p.iter().all(|v| v.is_finite())).count());
     facts.group("bad_pixels", bad);
     let good = values().filter(|p| p.iter().all(|v| v.is_finite() && *v >= 0.0));
-    add_luminance(&mut facts, good.map(|&p| luminance_rec709(p)).collect());
+    let color_space = decoded.color_space.unwrap_or_default();
+    add_luminance(&mut facts, good.map(|&p| luminance(color_space, p)).collect());
     Ok(facts)
 }
 
@@ -200,7 +208,7 @@ fn add_scene(facts: &mut Facts, scene: &Scene) {
 /// Luminance Y of each splat seen along +z, in the units of the data set.
 fn scene_luminance(scene: &Scene) -> Vec<f32> {
     let radiance = |i| scene.splats.radiance(i, [0.0, 0.0, 1.0]);
-    (0..scene.splats.len()).map(|i| scene.radiance_scale * luminance_rec709(radiance(i))).collect()
+    (0..scene.splats.len()).map(|i| scene.radiance_scale * luminance(scene.color_space, radiance(i))).collect()
 }
 
 fn parameter_bytes(splats: &Splats) -> usize {
