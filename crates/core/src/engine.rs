@@ -238,8 +238,20 @@ pub struct StepConfig {
     pub learning_rates: LearningRates,
     /// Noise after the update.
     pub position_noise: Option<PositionNoise>,
-    /// Collect [`DensifyStats`] in this step.
-    pub collect_stats: bool,
+    /// What to add to [`DensifyStats`] in this step.
+    pub stats: StatsCollection,
+}
+
+/// Which densification statistics a step collects.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum StatsCollection {
+    /// None.
+    #[default]
+    Off,
+    /// Gradients and views; `abs_gradient` stays as it was.
+    Gradients,
+    /// AbsGS's sums of absolute gradients as well, which cost a few operations per pixel and splat.
+    GradientsAndAbsolute,
 }
 
 /// What a step found.

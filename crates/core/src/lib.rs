@@ -23,7 +23,7 @@ pub use dataset::{BadPixels, Dataset, Mask, Observation, Point, View};
 pub use edit::{Edit, EditError, Selection};
 pub use engine::{
     ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON, Antialias, Cutoffs, DensifyPlan, DensifyStats, Engine, EngineError, Geometry, LearningRates,
-    LossConfig, Pass, PlanRow, PositionNoise, RasterConfig, RenderOptions, StepConfig, StepReport,
+    LossConfig, Pass, PlanRow, PositionNoise, RasterConfig, RenderOptions, StatsCollection, StepConfig, StepReport,
 };
 pub use image::{Image, luminance_rec709, luminance_sum};
 pub use order::spatial_order;

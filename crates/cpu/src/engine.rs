@@ -4,8 +4,8 @@ use std::time::{Duration, Instant};
 
 use fearless_simd::Level;
 use luxel_core::{
-    Camera, DensifyPlan, DensifyStats, Engine, EngineError, Geometry, Image, Moments, Pass, RenderOptions, Splats, StepConfig, StepReport,
-    View,
+    Camera, DensifyPlan, DensifyStats, Engine, EngineError, Geometry, Image, Moments, Pass, RenderOptions, Splats, StatsCollection,
+    StepConfig, StepReport, View,
 };
 
 use crate::lanes::{LANES, Lanes};
@@ -150,7 +150,10 @@ impl CpuEngine {
             let mut clock = Clock::new(timings);
             let sums = frame.loss.loss(*level, &camera, &frame.pixels, view, &step.loss);
             clock.lap(Pass::Loss);
-            let absolute = if step.collect_stats { AbsoluteSums::Collect } else { AbsoluteSums::Skip };
+            let absolute = match step.stats {
+                StatsCollection::GradientsAndAbsolute => AbsoluteSums::Collect,
+                StatsCollection::Off | StatsCollection::Gradients => AbsoluteSums::Skip,
+            };
             rasterize_backward(
                 *level,
                 &camera,
@@ -169,8 +172,11 @@ impl CpuEngine {
             frame.written.resize(blocks(parameters.count), false);
             let inputs =
                 Inputs { store: parameters, smoothing, bins: &frame.bins, entries: &frame.entries, rank: &frame.rank, loss: &step.loss };
-            let outputs =
-                Outputs { gradient: &mut frame.gradient, written: &mut frame.written, stats: step.collect_stats.then_some(stats) };
+            let outputs = Outputs {
+                gradient: &mut frame.gradient,
+                written: &mut frame.written,
+                stats: (step.stats != StatsCollection::Off).then_some(stats),
+            };
             project_backward(*level, &camera, &inputs, outputs);
             clock.lap(Pass::ProjectBackward);
             sums

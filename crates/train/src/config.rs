@@ -58,9 +58,9 @@ pub enum CutoffPreset {
 #[serde(rename_all = "lowercase")]
 pub enum ScaleRule {
     /// The median of (R + G + B) / 3 becomes 0.05, the middle of the mu-law's range
-    #[default]
     Median20,
-    /// The 99th percentile of (R + G + B) / 3 becomes 1
+    /// The 99th percentile of (R + G + B) / 3 becomes 1: all but lamps and highlights lie in the mu-law's range
+    #[default]
     P99,
     /// The largest channel value becomes 1
     Max,
@@ -96,7 +96,7 @@ pub struct TrainConfig {
     pub sh_interval: Option<u32>,
 
     /// How the radiance of one normalised unit is chosen from the training views
-    #[arg(long, value_enum, default_value_t = ScaleRule::Median20, help_heading = "Radiance and loss")]
+    #[arg(long, value_enum, default_value_t = ScaleRule::P99, help_heading = "Radiance and loss")]
     pub scale_rule: ScaleRule,
     /// Radiance of one normalised unit, in the units of the images, above 0; overrides --scale-rule
     #[arg(long, value_name = "RADIANCE", help_heading = "Radiance and loss")]

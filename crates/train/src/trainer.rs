@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use luxel_core::{
     Antialias, Camera, ColorSpace, Dataset, DensifyPlan, Engine, Image, Moments, PlanRow, PositionNoise, RenderOptions, Scene, Snapshot,
-    Splats, StepConfig, StepReport, View, logit, spatial_order,
+    Splats, StatsCollection, StepConfig, StepReport, View, logit, spatial_order,
 };
 
 use crate::config::Strategy;
@@ -166,7 +166,17 @@ impl Trainer {
             loss: config.loss(),
             learning_rates,
             position_noise: is_mcmc.then_some(noise),
-            collect_stats: !is_mcmc && self.schedule.is_densifying(step),
+            stats: self.stats_of(step),
+        }
+    }
+
+    fn stats_of(&self, step: u32) -> StatsCollection {
+        let config = &self.state.config;
+        match config.strategy {
+            Strategy::Adc if !self.schedule.is_densifying(step) => StatsCollection::Off,
+            Strategy::Adc if config.absgrad => StatsCollection::GradientsAndAbsolute,
+            Strategy::Adc => StatsCollection::Gradients,
+            Strategy::Mcmc => StatsCollection::Off,
         }
     }
 

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use luxel_core::{
     Activation, Antialias, ColorModel, Cutoffs, DensifyPlan, DensifyStats, Distortion, Engine, EngineError, Image, Mask, Moments, PlanRow,
-    PositionNoise, Splats, StepConfig, StepReport, View,
+    PositionNoise, Splats, StatsCollection, StepConfig, StepReport, View,
 };
 use luxel_cpu::{CpuEngine, InstructionSet};
 
@@ -155,7 +155,7 @@ fn statistics_add_up_over_steps() {
     let config = StepConfig { position_noise: None, ..step(1) };
     engine.gradients(&view, &config).unwrap();
     let once = engine.densify_stats().unwrap();
-    engine.gradients(&view, &StepConfig { collect_stats: false, ..config }).unwrap();
+    engine.gradients(&view, &StepConfig { stats: StatsCollection::Off, ..config }).unwrap();
     assert_eq!(engine.densify_stats().unwrap(), once);
     engine.gradients(&view, &config).unwrap();
     let twice = engine.densify_stats().unwrap();

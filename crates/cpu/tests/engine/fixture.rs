@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::{DAffine3, DQuat, DVec2, DVec3};
 use luxel_core::{
     Antialias, Camera, ColorModel, Cutoffs, Distortion, Image, LearningRates, LossConfig, Mask, RasterConfig, RenderOptions, SH_OFFSET,
-    Splat, Splats, StepConfig, View, noise, sh,
+    Splat, Splats, StatsCollection, StepConfig, View, noise, sh,
 };
 
 /// Counter-based random numbers.
@@ -166,7 +166,7 @@ pub fn step(step: u32, render: RenderOptions) -> StepConfig {
         loss: LossConfig { opacity_weight: 0.01, scale_weight: 0.02, ..LossConfig::default() },
         learning_rates: LEARNING_RATES,
         position_noise: None,
-        collect_stats: true,
+        stats: StatsCollection::GradientsAndAbsolute,
     }
 }
 

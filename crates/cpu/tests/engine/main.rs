@@ -2,6 +2,7 @@
 
 // A test binary has no outside to be reached from.
 #![allow(unreachable_pub)]
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail the test")]
 
 mod contract;
 mod fixture;

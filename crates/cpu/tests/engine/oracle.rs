@@ -173,14 +173,14 @@ fn project<N: Number>(p: &Parameters<N>, i: usize, camera: &Camera, options: &Re
     let rotation = rotation_matrix(p.rotation(i));
     let mut slope = [at[0] / at[2], at[1] / at[2]];
     let mean_px = [0, 1].map(|a| N::of(camera.focal_px[a]) * slope[a] + N::of(camera.center_px[a]));
-    for a in 0..2 {
+    for (a, slope) in slope.iter_mut().enumerate() {
         let (focal, size) = (camera.focal_px[a], f64::from(camera.size_px[a]));
         let margin = 0.3 * size / (2.0 * focal);
         let (low, high) = (-(camera.center_px[a] / focal + margin), (size - camera.center_px[a]) / focal + margin);
-        if trace.decide(slope[a].value() < low) {
-            slope[a] = N::of(low);
-        } else if trace.decide(slope[a].value() > high) {
-            slope[a] = N::of(high);
+        if trace.decide(slope.value() < low) {
+            *slope = N::of(low);
+        } else if trace.decide(slope.value() > high) {
+            *slope = N::of(high);
         }
     }
     let axes: [[N; 3]; 2] = std::array::from_fn(|a| {
