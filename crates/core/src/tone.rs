@@ -36,8 +36,10 @@ impl MuLaw {
     /// The value of `p` >= 0, finite.
     #[inline]
     pub fn of(self, p: f32) -> f32 {
-        // In f64 nothing of a small p is lost in the sum, so that a plain logarithm does.
-        (ln(1.0 + self.mu * f64::from(p)) * self.scale) as f32
+        let x = self.mu * f64::from(p);
+        // What the sum 1 + x would lose of a small x comes from the series of ln(1 + x): the first term left out is x^4 / 4.
+        let small = x * (1.0 - x * (0.5 - x / 3.0));
+        ((if x < 1e-4 { small } else { ln(1.0 + x) }) * self.scale) as f32
     }
 }
 
@@ -311,7 +313,8 @@ mod tests {
         }
 
         #[test]
-        fn the_curve_of_many_values_is_that_of_one(ev in -40f32..40.0, mu in 1f32..20_000.0) {
+        fn the_curve_of_many_values_is_that_of_one(ev in -40f32..40.0, decade in -20f32..20.0) {
+            let mu = 10f32.powf(decade);
             let (found, expected) = (MuLaw::new(mu).of(ev.exp2()), (f64::from(mu) * f64::from(ev.exp2())).ln_1p() / f64::from(mu).ln_1p());
             prop_assert!((f64::from(found) - expected).abs() <= 1.2e-7 * expected, "{found} {expected}");
         }
