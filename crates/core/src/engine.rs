@@ -105,12 +105,12 @@ impl Cutoffs {
 
     /// Derived for radiance. A skipped contribution is at most `alpha c`. The metrics and the loss see radiance through the mu-law,
     /// whose slope is at most 587 (at 0) and 587 / (1 + 5000 p) at p. Skipping `alpha < 1/255` moves a pixel of the splat's own
-    /// brightness c >> 1/5000 by at most (1/255) c T'(c) = 4.6e-4, half an 8-bit step of the tone-mapped image, at any brightness; but
-    /// the skirt of a lamp (c = 100) over a dark wall (p = 1e-3) is cut at a radiance of 0.4, four hundred times the wall. So the threshold falls with the splat's
-    /// radiance: nothing above 2e-4 = 1/mu is skipped. The floor of 1e-5 is reached at c = 20 and bounds the footprint at
-    /// sqrt(2 ln 1e5) = 4.8 standard deviations. A stop at transmittance 1e-4 hides at most 1e-4 of what is behind,
-    /// again 1/mu for c = 2; 1e-5 does it for c = 20. The cap of 0.99 would let 1 % of a lamp through
-    /// every opaque splat in front of it; 0.999 is what f32 still divides by safely in the backward pass.
+    /// brightness c >> 1/5000 by at most (1/255) c T'(c) = 4.6e-4, half an 8-bit step of the tone-mapped image, at any brightness;
+    /// but the skirt of a lamp (c = 100) over a dark wall (p = 1e-3) is cut at a radiance of 0.4, four hundred times the wall. So
+    /// the threshold falls with the splat's radiance: nothing above 2e-4 = 1/mu is skipped. The floor of 1e-5 is reached at c = 20
+    /// and bounds the footprint at sqrt(2 ln 1e5) = 4.8 standard deviations. A stop at transmittance 1e-4 hides at most 1e-4 of
+    /// what is behind, again 1/mu for c = 2; 1e-5 does it for c = 20. The cap of 0.99 would let 1 % of a lamp through every opaque
+    /// splat in front of it; 0.999 is what f32 still divides by safely in the backward pass.
     pub const HDR: Self =
         Self { min_alpha: 1.0 / 255.0, min_contribution: 2e-4, alpha_floor: 1e-5, min_transmittance: 1e-5, max_alpha: 0.999, near: 0.01 };
 }

@@ -1,12 +1,13 @@
 //! Splats in an order that keeps neighbours in space neighbours in memory.
 //!
-//! Passes fetch splats by tile and gradients by splat; on a scene in random order nearly every fetch misses the caches. A Z-order curve (Morton
-//! 1966) through the scene makes most of them hit.
+//! Passes fetch splats by tile and gradients by splat; on a scene in random order nearly every fetch misses the caches. A Z-order
+//! curve (Morton 1966) through the scene makes most of them hit.
 
 /// Bits of each axis in a key.
 const AXIS_BITS: u32 = 16;
 
-/// The permutation that sorts positions `[N,3]` along a Z-order curve through their bounding box: `result[new] = old`. Ties keep their order.
+/// The permutation that sorts positions `[N,3]` along a Z-order curve through their bounding box: `result[new] = old`. Ties keep
+/// their order.
 pub fn spatial_order(position: &[[f32; 3]]) -> Vec<u32> {
     let mut low = [f32::INFINITY; 3];
     let mut high = [f32::NEG_INFINITY; 3];

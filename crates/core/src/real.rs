@@ -27,8 +27,8 @@ pub trait Real: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Se
 
 /// The array of an expression's values at the listed indices: `each!([0, 1, 2] i => 2 * i)`.
 ///
-/// Written out in place. `array::map` would do the same, but it is a function of its own, and code for an instruction set chosen at run time is
-/// only compiled for that set within the functions marked for it.
+/// Written out in place. `array::map` would do the same, but it is a function of its own, and code for an instruction set chosen at
+/// run time is only compiled for that set within the functions marked for it.
 #[macro_export]
 macro_rules! each {
     ([$($index:literal),+] $i:ident => $value:expr) => {

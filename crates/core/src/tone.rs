@@ -43,8 +43,8 @@ impl MuLaw {
     }
 }
 
-/// Natural logarithm of a normal number above 0, to 1e-10: y = 2^e m with m in [sqrt(1/2), sqrt(2)), ln m = 2 artanh((m - 1) / (m + 1)) by its
-/// series. Branch-free, so that loops over it become vector code.
+/// Natural logarithm of a normal number above 0, to 1e-10: y = 2^e m with m in [sqrt(1/2), sqrt(2)), ln m = 2 artanh((m - 1) / (m +
+/// 1)) by its series. Branch-free, so that loops over it become vector code.
 #[inline]
 fn ln(y: f64) -> f64 {
     /// Bits of sqrt(1/2).

@@ -1,7 +1,8 @@
 //! Sixteen numbers at a time: the vector type of all passes.
 //!
-//! [`V`] wraps `fearless_simd`'s `f32x16`, which is one AVX-512 register, two of AVX2, four of SSE or NEON. Every pass is written once over the
-//! instruction set `S` and dispatched at run time. Vectors are always sixteen lanes, so reductions have one order on every machine.
+//! [`V`] wraps `fearless_simd`'s `f32x16`, which is one AVX-512 register, two of AVX2, four of SSE or NEON. Every pass is written
+//! once over the instruction set `S` and dispatched at run time. Vectors are always sixteen lanes, so reductions have one order on
+//! every machine.
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
@@ -99,7 +100,7 @@ impl<S: Simd> V<S> {
     /// 2 to the power of `self`, for arguments in [-126, 127]; relative error below 3e-7.
     ///
     /// Splits off the nearest integer, which goes into the exponent's bits, and evaluates a polynomial (Taylor's, degree 6, whose remainder
-    /// at 1/2 is 1.2e-8... of the value) on the rest.
+    /// at 1/2 is 1.2e-7 of the value) on the rest.
     #[inline(always)]
     pub(crate) fn exp2(self) -> Self {
         let whole = self.0.round_ties_even();

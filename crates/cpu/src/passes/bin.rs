@@ -3,8 +3,9 @@
 //! In: visible splats in depth order, footprints. Out, in [`Bins`]: for each tile the range of its entries, each entry a splat; for each
 //! visible splat the places of its entries, so that its gradients can be gathered in a fixed order.
 //!
-//! A tile is touched if the splat's ellipse at its alpha threshold contains a pixel centre's column range in one of the tile's rows: exact for
-//! the continuous band of the tile's rows, and with a margin of [`MARGIN_PX`] for rounding, as the rasteriser decides each pixel itself.
+//! A tile is touched if the splat's ellipse at its alpha threshold contains a pixel centre's column range in one of the tile's
+//! rows: exact for the continuous band of the tile's rows, and with a margin of [`MARGIN_PX`] for rounding, as the rasteriser
+//! decides each pixel itself.
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -139,8 +140,8 @@ impl Chunk {
 fn touched_tiles(f: &Footprint, tiles: [usize; 2], mut touch: impl FnMut(usize)) {
     let tile_px = TILE_PX as f32;
     let tile_range = |low_px: f32, high_px: f32, count: usize| -> Range<usize> {
-        // Pixel centres between low and high: from floor(low + 1/2) to floor(high - 1/2); casts floor what is not negative, and saturate. A centre at
-        // low itself is left out, which the margin makes up for.
+        // Pixel centres between low and high: from floor(low + 1/2) to floor(high - 1/2); casts floor what is not negative, and
+        // saturate. A centre at low itself is left out, which the margin makes up for.
         let first = (low_px + 0.5).max(0.0);
         let last = high_px - 0.5;
         if last < 0.0 || (last as usize) < first as usize {
@@ -161,7 +162,8 @@ fn touched_tiles(f: &Footprint, tiles: [usize; 2], mut touch: impl FnMut(usize))
         }
         return;
     }
-    // The ellipse xx dx^2 + 2 xy dx dy + yy dy^2 = radius2, solved for dx: centre -xy dy / xx, half width sqrt((radius2 - dy^2 det/xx) / xx).
+    // The ellipse xx dx^2 + 2 xy dx dy + yy dy^2 = radius2, solved for dx: centre -xy dy / xx, half width sqrt((radius2 - dy^2
+    // det/xx) / xx).
     let [xx, xy, yy] = f.conic;
     let radius2 = 2.0 * (f.log2_opacity - f.log2_threshold);
     let inverse_xx = 1.0 / xx;

@@ -1,8 +1,8 @@
 //! Pass `color_backward`: gradient by the colour model's coefficients and by the viewing direction.
 //!
-//! In: rows of a block, gradient by its radiance `[3]` x 16. Out: gradient rows of harmonics and raw luminance (up to the active degree; the rest
-//! stays as it was), and the direction's pull on the position: (I - v v^T) dE/dv / |position - eye|. The formula is core's
-//! [`luxel_core::ColorModel::backward`].
+//! In: rows of a block, gradient by its radiance `[3]` x 16. Out: gradient rows of harmonics and raw luminance (up to the active
+//! degree; the rest stays as it was), and the direction's pull on the position: (I - v v^T) dE/dv / |position - eye|. The formula
+//! is core's [`luxel_core::ColorModel::backward`].
 
 use fearless_simd::Simd;
 use luxel_core::ColorBasis;

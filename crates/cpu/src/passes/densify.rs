@@ -1,7 +1,7 @@
 //! Pass `densify`: rebuilds the scene from a plan.
 //!
-//! In: parameters, moments, smoothing, [`DensifyPlan`]. Out: the same with one splat per row of the plan. Which splats split or die is decided
-//! elsewhere; here rows are only copied, displaced and scaled.
+//! In: parameters, moments, smoothing, [`DensifyPlan`]. Out: the same with one splat per row of the plan. Which splats split or die
+//! is decided elsewhere; here rows are only copied, displaced and scaled.
 
 use luxel_core::{DensifyPlan, EngineError, PlanRow};
 use rayon::prelude::*;

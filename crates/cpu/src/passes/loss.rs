@@ -196,8 +196,9 @@ fn horizontal_moments<S: Simd>(simd: S, rows: &Rows<'_>, values: &[f32], out: &m
     }
 }
 
-/// Vertical convolution of all `kinds` rows of a channel into `out` `[kinds, stride]`: a sweep along each of the window's rows in turn, as
-/// the hardware fetches runs ahead but not columns. `offset` is where the channel starts in an image row, `block` the distance between image rows.
+/// Vertical convolution of all `kinds` rows of a channel into `out` `[kinds, stride]`: a sweep along each of the window's rows in
+/// turn, as the hardware fetches runs ahead but not columns. `offset` is where the channel starts in an image row, `block` the
+/// distance between image rows.
 #[inline(always)]
 fn vertical<S: Simd>(simd: S, rows: &Rows<'_>, data: &[f32], (y, kinds): (usize, usize), (offset, block): (usize, usize), out: &mut [f32]) {
     let length = kinds * rows.stride;

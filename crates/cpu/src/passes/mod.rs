@@ -1,5 +1,5 @@
-//! The passes of a training step, one file each. `color` runs within `project`, `color_backward` within `project_backward`: their time is counted
-//! there.
+//! The passes of a training step, one file each. `color` runs within `project`, `color_backward` within `project_backward`: their
+//! time is counted there.
 
 pub(crate) mod adam;
 pub(crate) mod bin;

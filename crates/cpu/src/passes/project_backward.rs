@@ -1,8 +1,9 @@
 //! Pass `project_backward`: gradient by position, rotation, scale and opacity; calls pass `color_backward` for the rest.
 //!
-//! In: parameters, per-entry gradients of `rasterize_backward`, bins. Out: gradient rows `[blocks, rows, 16]` of blocks with a visible splat (and a
-//! flag for which those are; with regularisers all), densification statistics. A splat's entries are summed in the order of its tiles: the same
-//! bits for any number of threads. Derivation: reverse mode through `project`; dE/dcovariance = -X G X for X the conic, G its gradient.
+//! In: parameters, per-entry gradients of `rasterize_backward`, bins. Out: gradient rows `[blocks, rows, 16]` of blocks with a
+//! visible splat (and a flag for which those are; with regularisers all), densification statistics. A splat's entries are summed in
+//! the order of its tiles: the same bits for any number of threads. Derivation: reverse mode through `project`; dE/dcovariance = -X
+//! G X for X the conic, G its gradient.
 
 use fearless_simd::{Level, Simd};
 use luxel_core::{Antialias, DensifyStats, LossConfig, Real, each};
@@ -191,7 +192,8 @@ fn block_backward<S: Simd>(
     }
 }
 
-/// Zero in place of what is not finite: a splat that is culled for overflow has zero for every incoming gradient, but zero times infinity is not.
+/// Zero in place of what is not finite: a splat that is culled for overflow has zero for every incoming gradient, but zero times
+/// infinity is not.
 #[inline(always)]
 fn finite<S: Simd>(v: V<S>) -> V<S> {
     V::select(v.abs().lt(v.lift(f32::INFINITY)), v, v.lift(0.0))

@@ -1,9 +1,9 @@
 //! Pass `rasterize`: front-to-back blending of each tile's splats.
 //!
-//! In: bins, footprints. Out: [`TileBuffer`]: per tile and 4x4 block the radiance `[3]`, the transmittance left, and how many of the tile's
-//! entries had been looked at when each pixel was last changed (what the backward pass starts from).
-//! Source: 3DGS (Kerbl et al. 2023) eq. 3 with the thresholds of [`luxel_core::Cutoffs`]. A pixel stops before the splat that would take its transmittance
-//! below `min_transmittance`; the background shines through what is left.
+//! In: bins, footprints. Out: [`TileBuffer`]: per tile and 4x4 block the radiance `[3]`, the transmittance left, and how many of
+//! the tile's entries had been looked at when each pixel was last changed (what the backward pass starts from). Source: 3DGS (Kerbl
+//! et al. 2023) eq. 3 with the thresholds of [`luxel_core::Cutoffs`]. A pixel stops before the splat that would take its
+//! transmittance below `min_transmittance`; the background shines through what is left.
 
 use std::sync::atomic::Ordering;
 
@@ -71,8 +71,8 @@ pub(crate) fn rasterize(level: Level, camera: &ScreenCamera, bins: &Bins, footpr
     });
 }
 
-/// Copies the footprints of a tile's entries, front to back. They lie scattered in memory: fetching them ahead of the blending lets the fetches
-/// overlap, which the blending's branches would prevent.
+/// Copies the footprints of a tile's entries, front to back. They lie scattered in memory: fetching them ahead of the blending lets
+/// the fetches overlap, which the blending's branches would prevent.
 #[inline]
 pub(crate) fn fetch_entries(bins: &Bins, footprints: &[Footprint], tile: usize, out: &mut Vec<Footprint>) {
     out.clear();

@@ -4,9 +4,9 @@
 //! Out: one [`EntryGradient`] per entry of the bins, in their order: sums over the tile's pixels. They are gathered by splat later, in a
 //! fixed order, so no two threads ever add to one number.
 //!
-//! With w_i = T_i alpha_i and S_i = sum over j > i of w_j c_j (background last), d alpha_i = T_i c_i - S_i / (1 - alpha_i), dotted with the
-//! pixel's gradient. Gradients by centre and conic follow from the moments of g = alpha d alpha over the pixel offsets, which are summed here and turned
-//! into them per splat. Where alpha is capped it has no gradient.
+//! With w_i = T_i alpha_i and S_i = sum over j > i of w_j c_j (background last), d alpha_i = T_i c_i - S_i / (1 - alpha_i), dotted
+//! with the pixel's gradient. Gradients by centre and conic follow from the moments of g = alpha d alpha over the pixel offsets,
+//! which are summed here and turned into them per splat. Where alpha is capped it has no gradient.
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd, f32x4, f64x2};

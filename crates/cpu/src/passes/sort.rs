@@ -1,7 +1,7 @@
 //! Pass `sort`: visible splats from front to back.
 //!
-//! In: footprints `[N]`. Out: indices of the visible ones by ascending depth, equal depths by ascending index. A least-significant-digit radix
-//! sort on the bits of the depth, which is positive.
+//! In: footprints `[N]`. Out: indices of the visible ones by ascending depth, equal depths by ascending index. A
+//! least-significant-digit radix sort on the bits of the depth, which is positive.
 
 use super::project::Footprint;
 
