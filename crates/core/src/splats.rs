@@ -105,6 +105,26 @@ impl Splats {
         self.raw_luminance.extend_from_slice(splat.raw_luminance);
     }
 
+    /// The splats that `order` names, in its order.
+    ///
+    /// # Panics
+    /// If an index is not below [`Splats::len`].
+    pub fn select(&self, order: impl IntoIterator<Item = u32>) -> Self {
+        let mut selected = Self::empty(self.color_model);
+        for i in order.into_iter().map(|i| i as usize) {
+            selected.push(&Splat {
+                position: self.position[i],
+                rotation: self.rotation[i],
+                log_scale: self.log_scale[i],
+                opacity_logit: self.opacity_logit[i],
+                sh: self.sh_of(i),
+                raw_luminance: self.raw_luminance_of(i),
+            });
+            selected.smoothing.extend(self.smoothing.get(i));
+        }
+        selected
+    }
+
     /// Radiance of splat `i` towards a viewer in `direction` (unit, from the viewer to the splat), all degrees active.
     pub fn radiance(&self, i: usize, direction: [f32; 3]) -> [f32; 3] {
         let basis = crate::ColorBasis::new(self.color_model.max_degree(), direction);

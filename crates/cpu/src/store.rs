@@ -1,7 +1,8 @@
 //! The engine's parameters: sixteen splats side by side, so that every pass reads whole vectors.
 //!
 //! A block holds 16 splats; a row of a block is one parameter of all 16 ([`Lanes`]). Rows, in order: position 3, rotation 4, log scale 3,
-//! opacity logit 1, harmonics 3K (m-major, then channel), raw luminance M. Lanes beyond the last splat are zero and never read as splats.
+//! opacity logit 1, harmonics 3K (m-major, then channel), raw luminance M. Lanes beyond the last splat mean nothing and
+//! are never read as splats.
 
 use luxel_core::{ColorModel, Moments, Splats};
 

@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use luxel_core::{
     Antialias, Camera, ColorSpace, Dataset, DensifyPlan, Engine, Image, Moments, PlanRow, PositionNoise, RenderOptions, Scene, Snapshot,
-    Splats, StatsCollection, StepConfig, StepReport, View, logit, spatial_order,
+    StatsCollection, StepConfig, StepReport, View, logit, spatial_order,
 };
 
 use crate::config::Strategy;
@@ -46,7 +46,8 @@ impl Trainer {
             Some(scale) => scale,
             None => choose_radiance_scale(&dataset.train, config.scale_rule)?,
         };
-        let splats = in_spatial_order(initialise(dataset, &config, radiance_scale)?)?;
+        let initial = initialise(dataset, &config, radiance_scale)?;
+        let splats = initial.select(spatial_order(&initial.position));
         let extent = scene_extent(&dataset.train, &splats.position);
         engine.load(&splats, None)?;
         tracing::info!(splats = splats.len(), radiance_scale, extent, model = config.color_model().name(), "initialised");
@@ -294,23 +295,6 @@ fn normalise(image: &Image, radiance_scale: f32, target: &mut Image) {
     (target.width, target.height) = (image.width, image.height);
     target.pixels.clone_from(&image.pixels);
     target.scale(1.0 / radiance_scale);
-}
-
-/// The same splats, neighbours in space beside each other.
-fn in_spatial_order(splats: Splats) -> Result<Splats, TrainError> {
-    let mut sorted = Splats::empty(splats.color_model);
-    for i in spatial_order(&splats.position) {
-        let i = i as usize;
-        sorted.push(&luxel_core::Splat {
-            position: splats.position[i],
-            rotation: splats.rotation[i],
-            log_scale: splats.log_scale[i],
-            opacity_logit: splats.opacity_logit[i],
-            sh: splats.sh_of(i),
-            raw_luminance: splats.raw_luminance_of(i),
-        });
-    }
-    Ok(sorted)
 }
 
 /// Size of the scene, world units: how far the cameras are apart (Kerbl et al. 2023), or how far the splats typically are from them if that

@@ -1,6 +1,6 @@
 //! What the engine renders: the oracle's image, and properties that any renderer of radiance must have.
 
-use luxel_core::{Activation, Antialias, Camera, ColorModel, Cutoffs, Engine, Image, RenderOptions, Splat, Splats, luminance_sum};
+use luxel_core::{Activation, Antialias, Camera, ColorModel, Cutoffs, Engine, Image, RenderOptions, Splats, luminance_sum};
 use luxel_cpu::{CpuEngine, InstructionSet};
 
 use crate::fixture;
@@ -146,17 +146,7 @@ fn scaling_luminance_leaves_chromaticity() {
 fn order_of_splats_does_not_matter() {
     let camera = fixture::camera(50, 34);
     let splats = fixture::splats(LCD, 90, &camera, 12);
-    let mut shuffled = Splats::empty(LCD);
-    for i in (0..90).map(|i| i * 37 % 90) {
-        shuffled.push(&Splat {
-            position: splats.position[i],
-            rotation: splats.rotation[i],
-            log_scale: splats.log_scale[i],
-            opacity_logit: splats.opacity_logit[i],
-            sh: splats.sh_of(i),
-            raw_luminance: splats.raw_luminance_of(i),
-        });
-    }
+    let shuffled = splats.select((0..90).map(|i| i * 37 % 90));
     let options = fixture::options(Cutoffs::HDR, Antialias::Off);
     assert_eq!(render(&splats, &camera, &options), render(&shuffled, &camera, &options));
 }
