@@ -9,16 +9,17 @@ use luxel_core::{
 };
 
 use crate::lanes::{LANES, Lanes};
-use crate::passes::adam::{Optimizer, adam};
+use crate::passes::adam::Optimizer;
 use crate::passes::bin::Bins;
 use crate::passes::densify;
 use crate::passes::loss::{LossBuffers, LossSums};
 use crate::passes::project::{Footprint, project};
-use crate::passes::project_backward::{INVISIBLE, Inputs, Outputs, project_backward};
-use crate::passes::rasterize::{TileBuffer, rasterize};
+use crate::passes::project_backward::Inputs;
+use crate::passes::rasterize::{TilePixels, rasterize, to_image};
 use crate::passes::rasterize_backward::{AbsoluteSums, EntryGradient, rasterize_backward};
-use crate::passes::sort::DepthOrder;
-use crate::store::{Layout, Store, blocks};
+use crate::passes::sort::{TileList, sort};
+use crate::passes::update::{Scratch, backward_and_adam, gradients};
+use crate::store::{Layout, Store};
 use crate::view::ScreenCamera;
 
 /// The native engine. Its results are the same bits for any number of threads.
@@ -39,14 +40,12 @@ pub struct CpuEngine {
 #[derive(Default)]
 struct Frame {
     footprints: Vec<Footprint>,
-    order: DepthOrder,
     bins: Bins,
-    pixels: TileBuffer,
+    lists: Vec<TileList>,
+    pixels: Vec<TilePixels>,
     loss: LossBuffers,
-    entries: Vec<EntryGradient>,
-    rank: Vec<u32>,
-    gradient: Vec<Lanes>,
-    written: Vec<bool>,
+    entries: Vec<Vec<EntryGradient>>,
+    scratch: Scratch,
 }
 
 impl CpuEngine {
@@ -98,15 +97,24 @@ impl CpuEngine {
     /// # Errors
     /// As [`Engine::train_step`].
     pub fn gradients(&mut self, view: &View, step: &StepConfig) -> Result<(StepReport, Splats), EngineError> {
-        let report = self.forward_backward(view, step)?;
-        let rows = self.parameters.layout.rows();
-        for (block, written) in self.frame.gradient.chunks_mut(rows).zip(&self.frame.written) {
-            if !written {
-                block.fill(Lanes::ZERO);
-            }
-        }
-        let gradient = Store { lanes: self.frame.gradient.clone(), ..Store::zeros(self.parameters.layout, self.parameters.count) };
-        Ok((report, gradient.to_splats()))
+        let (camera, report) = self.forward_backward(view, step)?;
+        let Self { pool, level, parameters, smoothing, stats, frame, timings, .. } = self;
+        let inputs = Inputs {
+            layout: parameters.layout,
+            count: parameters.count,
+            smoothing,
+            bins: &frame.bins,
+            entries: &frame.entries,
+            loss: &step.loss,
+        };
+        let stats = (step.stats != StatsCollection::Off).then_some(stats);
+        let lanes = pool.install(|| {
+            let mut clock = Clock::new(timings);
+            let lanes = gradients(*level, &camera, (&inputs, &parameters.lanes), stats);
+            clock.lap(Pass::ProjectBackward);
+            lanes
+        });
+        Ok((report, Store { lanes, ..Store::zeros(parameters.layout, parameters.count) }.to_splats()))
     }
 
     /// Passes up to the image.
@@ -116,16 +124,17 @@ impl CpuEngine {
             let mut clock = Clock::new(timings);
             project(*level, camera, parameters, smoothing, &mut frame.footprints);
             clock.lap(Pass::Project);
-            frame.order.sort(&frame.footprints);
-            clock.lap(Pass::Sort);
-            frame.bins.fill(camera, &frame.footprints, &frame.order.order);
+            frame.bins.fill(camera, &frame.footprints);
             clock.lap(Pass::Bin);
-            rasterize(*level, camera, &frame.bins, &frame.footprints, &mut frame.pixels);
+            sort(*level, camera, &frame.bins, &frame.footprints, &mut frame.lists);
+            clock.lap(Pass::Sort);
+            rasterize(*level, camera, &frame.lists, &mut frame.pixels);
             clock.lap(Pass::Rasterize);
         });
     }
 
-    fn forward_backward(&mut self, view: &View, step: &StepConfig) -> Result<StepReport, EngineError> {
+    /// Passes up to the gradients of the tiles' entries.
+    fn forward_backward(&mut self, view: &View, step: &StepConfig) -> Result<(ScreenCamera, StepReport), EngineError> {
         let camera = checked_camera(&view.camera, &step.render)?;
         if [view.image.width, view.image.height] != camera.size_px {
             return Err(EngineError::Invalid(format!(
@@ -145,7 +154,7 @@ impl CpuEngine {
             return Err(EngineError::Invalid(format!("view {}: mask holds {found} pixels, the image {pixels}", view.name)));
         }
         self.forward(&camera);
-        let Self { pool, level, parameters, smoothing, stats, frame, timings, .. } = self;
+        let Self { pool, level, frame, timings, .. } = self;
         let LossSums { l1, ssim } = pool.install(|| {
             let mut clock = Clock::new(timings);
             let sums = frame.loss.loss(*level, &camera, &frame.pixels, view, &step.loss);
@@ -154,35 +163,14 @@ impl CpuEngine {
                 StatsCollection::GradientsAndAbsolute => AbsoluteSums::Collect,
                 StatsCollection::Off | StatsCollection::Gradients => AbsoluteSums::Skip,
             };
-            rasterize_backward(
-                *level,
-                &camera,
-                (&frame.bins, &frame.footprints),
-                (&frame.pixels, &frame.loss.gradient),
-                absolute,
-                &mut frame.entries,
-            );
+            let pixels = (frame.pixels.as_slice(), frame.loss.gradient.as_slice());
+            rasterize_backward(*level, &camera, &frame.lists, pixels, absolute, &mut frame.entries);
             clock.lap(Pass::RasterizeBackward);
-            frame.rank.clear();
-            frame.rank.resize(blocks(parameters.count) * LANES, INVISIBLE);
-            for (rank, splat) in frame.order.order.iter().enumerate() {
-                frame.rank[*splat as usize] = rank as u32;
-            }
-            frame.gradient.resize(parameters.lanes.len(), Lanes::ZERO);
-            frame.written.resize(blocks(parameters.count), false);
-            let inputs =
-                Inputs { store: parameters, smoothing, bins: &frame.bins, entries: &frame.entries, rank: &frame.rank, loss: &step.loss };
-            let outputs = Outputs {
-                gradient: &mut frame.gradient,
-                written: &mut frame.written,
-                stats: (step.stats != StatsCollection::Off).then_some(stats),
-            };
-            project_backward(*level, &camera, &inputs, outputs);
-            clock.lap(Pass::ProjectBackward);
             sums
         });
         let weight = step.loss.ssim_weight;
-        Ok(StepReport { loss: (1.0 - weight) * l1 + weight * (1.0 - ssim), l1, ssim, visible: self.frame.order.order.len() as u32 })
+        let loss = (1.0 - weight) * l1 + weight * (1.0 - ssim);
+        Ok((camera, StepReport { loss, l1, ssim, visible: frame.bins.visible() }))
     }
 }
 
@@ -214,8 +202,17 @@ impl<'a> Clock<'a> {
     }
 
     fn lap(&mut self, pass: Pass) {
+        self.lap_shared(&[(pass, Duration::from_nanos(1))]);
+    }
+
+    /// Shares the time between passes that ran together, in proportion to what each took on its threads.
+    fn lap_shared(&mut self, shares: &[(Pass, Duration)]) {
         let now = Instant::now();
-        self.timings[pass as usize].1 += now - self.last;
+        let total: Duration = shares.iter().map(|(_, share)| *share).sum();
+        for (pass, share) in shares {
+            let part = share.as_secs_f64() / total.as_secs_f64().max(f64::MIN_POSITIVE);
+            self.timings[*pass as usize].1 += (now - self.last).mul_f64(part);
+        }
         self.last = now;
     }
 }
@@ -260,16 +257,25 @@ impl Engine for CpuEngine {
     fn render(&mut self, camera: &Camera, options: &RenderOptions) -> Result<Image, EngineError> {
         let camera = checked_camera(camera, options)?;
         self.forward(&camera);
-        Ok(self.pool.install(|| self.frame.pixels.to_image(&camera)))
+        Ok(self.pool.install(|| to_image(&self.frame.pixels, &camera)))
     }
 
     fn train_step(&mut self, view: &View, step: &StepConfig) -> Result<StepReport, EngineError> {
-        let report = self.forward_backward(view, step)?;
-        let Self { pool, level, parameters, first, second, frame, timings, .. } = self;
+        let (camera, report) = self.forward_backward(view, step)?;
+        let Self { pool, level, parameters, first, second, smoothing, stats, frame, timings } = self;
+        let inputs = Inputs {
+            layout: parameters.layout,
+            count: parameters.count,
+            smoothing,
+            bins: &frame.bins,
+            entries: &frame.entries,
+            loss: &step.loss,
+        };
         pool.install(|| {
             let mut clock = Clock::new(timings);
-            adam(*level, Optimizer { parameters, first, second }, &frame.gradient, &frame.written, step);
-            clock.lap(Pass::Adam);
+            let optimizer = Optimizer { parameters, first, second };
+            let times = backward_and_adam(*level, &camera, &inputs, optimizer, step, (stats, &mut frame.scratch));
+            clock.lap_shared(&[(Pass::ProjectBackward, times.project_backward), (Pass::Adam, times.adam)]);
         });
         Ok(report)
     }

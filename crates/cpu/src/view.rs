@@ -2,14 +2,14 @@
 
 use luxel_core::{Antialias, Camera, CameraError, Cutoffs, RenderOptions};
 
-/// Side of a tile, pixels. A tile is four 4x4 blocks of [`crate::lanes::LANES`] pixels.
-pub(crate) const TILE_PX: usize = 8;
-/// Pixels of a tile.
-pub(crate) const TILE_PIXELS: usize = TILE_PX * TILE_PX;
-/// Blocks of a tile.
-pub(crate) const BLOCKS: usize = 4;
-/// Top left corners of a tile's blocks, pixels.
-pub(crate) const BLOCK_ORIGINS_PX: [[usize; 2]; BLOCKS] = [[0, 0], [4, 0], [0, 4], [4, 4]];
+/// Side of a block, pixels: its 16 pixels are a vector of [`crate::lanes::LANES`], row-major.
+pub(crate) const BLOCK_PX: usize = 4;
+/// Blocks along the side of a tile.
+pub(crate) const TILE_BLOCKS: usize = 8;
+/// Side of a tile, pixels.
+pub(crate) const TILE_PX: usize = BLOCK_PX * TILE_BLOCKS;
+/// Blocks of a tile, row-major.
+pub(crate) const BLOCKS: usize = TILE_BLOCKS * TILE_BLOCKS;
 
 /// Relative margin of the field of view within which the projection's Jacobian is evaluated where it is; beyond, at the margin.
 /// 0.3 of the half field of view on each side, as in 3DGS.
@@ -63,4 +63,20 @@ impl ScreenCamera {
     pub(crate) fn tiles(&self) -> [usize; 2] {
         self.size_px.map(|s| s.div_ceil(TILE_PX))
     }
+
+    /// Top left pixel of a tile.
+    #[inline(always)]
+    pub(crate) fn tile_origin_px(&self, tile: usize) -> [usize; 2] {
+        let across = self.tiles()[0];
+        [tile % across * TILE_PX, tile / across * TILE_PX]
+    }
 }
+
+/// Block (of a tile) and lane (of the block) of a tile's pixel.
+#[inline(always)]
+pub(crate) fn block_of(x: usize, y: usize) -> (usize, usize) {
+    (y / BLOCK_PX * TILE_BLOCKS + x / BLOCK_PX, y % BLOCK_PX * BLOCK_PX + x % BLOCK_PX)
+}
+
+// The pixels of a block are a vector.
+const _: () = assert!(BLOCK_PX * BLOCK_PX == crate::lanes::LANES);

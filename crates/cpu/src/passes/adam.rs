@@ -1,14 +1,13 @@
 //! Pass `adam`: moves every parameter (Kingma and Ba 2015), then adds 3DGS-MCMC's noise to positions.
 //!
-//! In: gradient `[blocks, rows, 16]` and which blocks have one (else it is zero, and the moments decay all the same, as in 3DGS), learning
+//! In: gradient `[rows, 16]` of a block of splats, if it has one (else it is zero, and the moments decay all the same, as in 3DGS), learning
 //! rates. In, out: parameters, moments.
 
-use fearless_simd::{Level, Simd};
+use fearless_simd::Simd;
 use luxel_core::{ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON, LearningRates, PositionNoise, Real, StepConfig, each, noise};
-use rayon::prelude::*;
 
 use super::project::rotation_matrix;
-use crate::lanes::{LANES, Lanes, V, with_simd};
+use crate::lanes::{LANES, Lanes, V};
 use crate::store::{Layout, Store};
 
 /// Adam's state: running means of the gradient and of its square, in the parameters' layout.
@@ -19,7 +18,7 @@ pub(crate) struct Optimizer<'a> {
 }
 
 /// Factors of a step, the same for all parameters.
-struct Step {
+pub(crate) struct Step {
     rates: Vec<f32>,
     /// 1 / (1 - beta^t).
     correction1: f32,
@@ -44,40 +43,37 @@ fn row_rates(layout: Layout, rates: &LearningRates) -> Vec<f32> {
         .collect()
 }
 
-/// Updates all parameters.
-pub(crate) fn adam(level: Level, optimizer: Optimizer<'_>, gradient: &[Lanes], written: &[bool], config: &StepConfig) {
-    let layout = optimizer.parameters.layout;
-    let rows = layout.rows();
-    let power = |beta: f32| (1.0 / (1.0 - f64::from(beta).powi(config.step.max(1).min(i32::MAX as u32) as i32))) as f32;
-    let step = Step {
-        rates: row_rates(layout, &config.learning_rates),
-        correction1: power(ADAM_BETA1),
-        correction2: power(ADAM_BETA2),
-        noise: config.position_noise,
-        count: optimizer.parameters.count,
-    };
-    optimizer
-        .parameters
-        .lanes
-        .par_chunks_mut(rows)
-        .zip(optimizer.first.lanes.par_chunks_mut(rows))
-        .zip(optimizer.second.lanes.par_chunks_mut(rows))
-        .zip(gradient.par_chunks(rows))
-        .zip(written)
-        .enumerate()
-        .with_min_len(32)
-        .for_each(|(block, ((((parameters, first), second), gradient), written))| {
-            with_simd!(level, simd => {
-                update(simd, &step, parameters, (first, second), written.then_some(gradient));
-                if let Some(noise) = step.noise {
-                    add_noise(simd, &step, noise, block, parameters);
-                }
-            });
-        });
+impl Step {
+    pub(crate) fn new(layout: Layout, count: usize, config: &StepConfig) -> Self {
+        let power = |beta: f32| (1.0 / (1.0 - f64::from(beta).powi(config.step.max(1).min(i32::MAX as u32) as i32))) as f32;
+        Self {
+            rates: row_rates(layout, &config.learning_rates),
+            correction1: power(ADAM_BETA1),
+            correction2: power(ADAM_BETA2),
+            noise: config.position_noise,
+            count,
+        }
+    }
+}
+
+/// Updates the parameters of block number `block`.
+#[inline(always)]
+pub(crate) fn update<S: Simd>(
+    simd: S,
+    step: &Step,
+    block: usize,
+    parameters: &mut [Lanes],
+    moments: (&mut [Lanes], &mut [Lanes]),
+    gradient: Option<&[Lanes]>,
+) {
+    move_parameters(simd, step, parameters, moments, gradient);
+    if let Some(noise) = step.noise {
+        add_noise(simd, step, noise, block, parameters);
+    }
 }
 
 #[inline(always)]
-fn update<S: Simd>(
+fn move_parameters<S: Simd>(
     simd: S,
     step: &Step,
     parameters: &mut [Lanes],

@@ -1,7 +1,8 @@
-//! Pass `bin`: which splats touch which tile, front to back.
+//! Pass `bin`: which splats touch which tile.
 //!
-//! In: visible splats in depth order, footprints. Out, in [`Bins`]: for each tile the range of its entries, each entry a splat; for each
-//! visible splat the places of its entries, so that its gradients can be gathered in a fixed order.
+//! In: footprints `[N]`. Out, in [`Bins`]: for each tile a list of splats by ascending index; for each splat the places of its list
+//! entries, so that its gradients can be gathered in a fixed order. Splats lie along a curve through space, so that those of a tile are
+//! neighbours in memory, and so are the places of neighbours.
 //!
 //! A tile is touched if the splat's ellipse at its alpha threshold contains a pixel centre's column range in one of the tile's
 //! rows: exact for the continuous band of the tile's rows, and with a margin of [`MARGIN_PX`] for rounding, as the rasteriser
@@ -16,120 +17,119 @@ use super::project::Footprint;
 use crate::view::{ScreenCamera, TILE_PX};
 
 /// Enlarges footprints against rounding, pixels.
-const MARGIN_PX: f32 = 0.01;
+pub(super) const MARGIN_PX: f32 = 0.01;
 
-/// Splats a chunk of the work holds. A constant, and not a share of the threads, though the result does not depend on it.
-const CHUNK: usize = 8192;
+/// Splats a chunk of the work holds, at least. A share of the splats, never of the threads: no result depends on those.
+const MIN_CHUNK: usize = 2048;
+/// Chunks at most: each keeps a number for every tile.
+const MAX_CHUNKS: usize = 256;
 
-/// Entries of all tiles.
+/// Lists of all tiles.
 #[derive(Default)]
 pub(crate) struct Bins {
     /// Tile t has entries `tile_start[t]..tile_start[t + 1]`.
-    pub(crate) tile_start: Vec<u32>,
-    /// Splat of each entry, by tile, front to back.
-    pub(crate) splat: Vec<AtomicU32>,
-    /// Entries by splat: the n-th visible splat (in depth order) has places `place_start[n]..place_start[n + 1]` of `place`.
-    pub(crate) place_start: Vec<u32>,
-    /// Index of the entry.
-    pub(crate) place: Vec<u32>,
+    tile_start: Vec<u32>,
+    /// Splat of each entry, by tile. Atomic because chunks write side by side; each writes entries of its own.
+    splat: Vec<AtomicU32>,
+    chunk_len: usize,
     chunks: Vec<Chunk>,
+}
+
+/// One entry of a tile's list.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Place {
+    pub(crate) tile: u32,
+    /// Within the tile's list.
+    pub(crate) index: u32,
 }
 
 /// Tiles of a run of splats.
 #[derive(Default)]
 struct Chunk {
-    /// Tile of each entry, by splat.
-    tiles: Vec<u32>,
-    /// Entries of each splat.
-    counts: Vec<u32>,
+    /// Places of the run's entries, by splat; splat n of the run has `start[n]..start[n + 1]`.
+    places: Vec<Place>,
+    start: Vec<u32>,
     /// Entries of each tile; then where the chunk's next entry of the tile goes.
     cursor: Vec<u32>,
+    visible: u32,
 }
 
 impl Bins {
-    /// Number of entries.
-    pub(crate) fn len(&self) -> usize {
-        self.place.len()
+    /// Splats of a tile's list, ascending.
+    pub(crate) fn tile(&self, tile: usize) -> impl Iterator<Item = u32> {
+        let range = self.tile_start[tile] as usize..self.tile_start[tile + 1] as usize;
+        self.splat[range].iter().map(|splat| splat.load(Ordering::Relaxed))
     }
 
-    /// Entries of a tile.
-    pub(crate) fn tile(&self, tile: usize) -> Range<usize> {
-        self.tile_start[tile] as usize..self.tile_start[tile + 1] as usize
+    /// Number of splats that touch a tile.
+    pub(crate) fn visible(&self) -> u32 {
+        self.chunks.iter().map(|chunk| chunk.visible).sum()
     }
 
-    /// Distributes the splats in `order` over the tiles.
-    pub(crate) fn fill(&mut self, camera: &ScreenCamera, footprints: &[Footprint], order: &[u32]) {
+    /// Places of a splat's entries.
+    #[inline(always)]
+    pub(crate) fn places(&self, splat: usize) -> &[Place] {
+        let chunk = &self.chunks[splat / self.chunk_len];
+        let n = splat % self.chunk_len;
+        &chunk.places[chunk.start[n] as usize..chunk.start[n + 1] as usize]
+    }
+
+    /// Distributes the footprints over the tiles.
+    pub(crate) fn fill(&mut self, camera: &ScreenCamera, footprints: &[Footprint]) {
         let tiles = camera.tiles();
         let tile_count = tiles[0] * tiles[1];
-        let chunk_count = order.len().div_ceil(CHUNK);
-        self.chunks.resize_with(self.chunks.len().max(chunk_count), Chunk::default);
-        let chunks = &mut self.chunks[..chunk_count];
-        chunks.par_iter_mut().zip(order.par_chunks(CHUNK)).for_each(|(chunk, order)| {
-            chunk.collect(tiles, footprints, order);
+        self.chunk_len = footprints.len().div_ceil(MAX_CHUNKS).next_power_of_two().max(MIN_CHUNK);
+        self.chunks.resize_with(footprints.len().div_ceil(self.chunk_len), Chunk::default);
+        self.chunks.par_iter_mut().zip(footprints.par_chunks(self.chunk_len)).for_each(|(chunk, footprints)| {
+            chunk.collect(tiles, footprints);
         });
 
         // Where each tile starts, and within it each chunk.
         self.tile_start.clear();
-        self.tile_start.resize(tile_count + 1, 0);
         let mut next = 0u32;
         for tile in 0..tile_count {
-            self.tile_start[tile] = next;
-            for chunk in chunks.iter_mut() {
-                next += std::mem::replace(&mut chunk.cursor[tile], next);
+            self.tile_start.push(next);
+            let start = next;
+            for chunk in &mut self.chunks {
+                next += std::mem::replace(&mut chunk.cursor[tile], next - start);
             }
         }
-        self.tile_start[tile_count] = next;
+        self.tile_start.push(next);
 
-        self.place_start.clear();
-        let mut start = 0u32;
-        for chunk in chunks.iter() {
-            for count in &chunk.counts {
-                self.place_start.push(start);
-                start += count;
-            }
-        }
-        self.place_start.push(start);
-
-        let total = next as usize;
-        self.place.resize(total, 0);
-        self.splat.resize_with(total, AtomicU32::default);
-        // Each chunk writes its own run of `place`, and entries of `splat` that are its alone; atomics only say so to the compiler.
-        let mut rest = self.place.as_mut_slice();
-        let mut work = Vec::with_capacity(chunk_count);
-        for (chunk, order) in chunks.iter_mut().zip(order.chunks(CHUNK)) {
-            let (own, others) = rest.split_at_mut(chunk.tiles.len());
-            work.push((chunk, order, own));
-            rest = others;
-        }
-        let splat = &self.splat;
-        work.into_par_iter().for_each(|(chunk, order, places)| chunk.scatter(order, places, splat));
+        self.splat.resize_with(next as usize, AtomicU32::default);
+        let (starts, splat, chunk_len) = (&self.tile_start, &self.splat, self.chunk_len);
+        self.chunks.par_iter_mut().enumerate().for_each(|(n, chunk)| chunk.scatter(n * chunk_len, starts, splat));
     }
 }
 
 impl Chunk {
-    fn collect(&mut self, tiles: [usize; 2], footprints: &[Footprint], order: &[u32]) {
-        self.tiles.clear();
-        self.counts.clear();
+    fn collect(&mut self, tiles: [usize; 2], footprints: &[Footprint]) {
+        self.places.clear();
+        self.start.clear();
         self.cursor.clear();
         self.cursor.resize(tiles[0] * tiles[1], 0);
-        for splat in order {
-            let before = self.tiles.len();
-            touched_tiles(&footprints[*splat as usize], tiles, |tile| {
-                self.tiles.push(tile as u32);
-                self.cursor[tile] += 1;
-            });
-            self.counts.push((self.tiles.len() - before) as u32);
+        self.visible = 0;
+        for footprint in footprints {
+            let before = self.places.len();
+            self.start.push(before as u32);
+            if footprint.is_visible() {
+                touched_tiles(footprint, tiles, |tile| {
+                    self.places.push(Place { tile: tile as u32, index: 0 });
+                    self.cursor[tile] += 1;
+                });
+                self.visible += u32::from(self.places.len() > before);
+            }
         }
+        self.start.push(self.places.len() as u32);
     }
 
-    fn scatter(&mut self, order: &[u32], places: &mut [u32], splat: &[AtomicU32]) {
-        let mut entries = self.tiles.iter().zip(places);
-        for (index, count) in order.iter().zip(&self.counts) {
-            for (tile, place) in entries.by_ref().take(*count as usize) {
-                let cursor = &mut self.cursor[*tile as usize];
-                *place = *cursor;
-                splat[*cursor as usize].store(*index, Ordering::Relaxed);
+    fn scatter(&mut self, first_splat: usize, tile_start: &[u32], splat: &[AtomicU32]) {
+        for (n, range) in self.start.windows(2).enumerate() {
+            for place in &mut self.places[range[0] as usize..range[1] as usize] {
+                let cursor = &mut self.cursor[place.tile as usize];
+                place.index = *cursor;
                 *cursor += 1;
+                splat[(tile_start[place.tile as usize] + place.index) as usize].store((first_splat + n) as u32, Ordering::Relaxed);
             }
         }
     }
@@ -162,15 +162,7 @@ fn touched_tiles(f: &Footprint, tiles: [usize; 2], mut touch: impl FnMut(usize))
         }
         return;
     }
-    // The ellipse xx dx^2 + 2 xy dx dy + yy dy^2 = radius2, solved for dx: centre -xy dy / xx, half width sqrt((radius2 - dy^2
-    // det/xx) / xx).
-    let [xx, xy, yy] = f.conic;
-    let radius2 = 2.0 * (f.log2_opacity - f.log2_threshold);
-    let inverse_xx = 1.0 / xx;
-    let slope = -xy * inverse_xx;
-    let det_xx = (yy - xy * xy * inverse_xx).max(0.0);
-    let right = |dy: f32| slope * dy + ((radius2 - dy * dy * det_xx).max(0.0) * inverse_xx).sqrt();
-    let left = |dy: f32| slope * dy - ((radius2 - dy * dy * det_xx).max(0.0) * inverse_xx).sqrt();
+    let ellipse = Ellipse::new(f);
     for row in rows {
         // The band of the row's pixel centres, relative to the centre, cut to the ellipse.
         let top = (row as f32 * tile_px + 0.5 - mean_y - MARGIN_PX).max(-f.extent_px[1]);
@@ -178,11 +170,42 @@ fn touched_tiles(f: &Footprint, tiles: [usize; 2], mut touch: impl FnMut(usize))
         if top > bottom {
             continue;
         }
-        // The ellipse is convex: its rightmost point within the band is its rightmost point, or on the nearer edge of the band.
-        let max_dx = right(f.right_dy_px.clamp(top, bottom));
-        let min_dx = left((-f.right_dy_px).clamp(top, bottom));
-        for column in tile_range(mean_x + min_dx - MARGIN_PX, mean_x + max_dx + MARGIN_PX, tiles[0]) {
+        let [left, right] = ellipse.columns(top, bottom);
+        for column in tile_range(mean_x + left - MARGIN_PX, mean_x + right + MARGIN_PX, tiles[0]) {
             touch(row * tiles[0] + column);
         }
+    }
+}
+
+/// A footprint's outline u^2 + v^2 = radius2, solved for dx: centre `slope` dy, half width sqrt(radius2 - v^2) / root[0].
+struct Ellipse {
+    radius2: f32,
+    slope: f32,
+    inverse_root: f32,
+    root_y: f32,
+    right_dy_px: f32,
+}
+
+impl Ellipse {
+    fn new(f: &Footprint) -> Self {
+        let inverse_root = 1.0 / f.root[0];
+        Self {
+            radius2: f.log2_opacity - f.log2_threshold,
+            slope: -f.root[1] * inverse_root,
+            inverse_root,
+            root_y: f.root[2],
+            right_dy_px: f.right_dy_px,
+        }
+    }
+
+    /// Range of dx within the band of dy from `top` to `bottom`. The ellipse is convex: its rightmost point within the band is its
+    /// rightmost point, or on the nearer edge of the band.
+    fn columns(&self, top: f32, bottom: f32) -> [f32; 2] {
+        let half = |dy: f32| {
+            let v = self.root_y * dy;
+            (self.radius2 - v * v).max(0.0).sqrt() * self.inverse_root
+        };
+        let (left_dy, right_dy) = ((-self.right_dy_px).clamp(top, bottom), self.right_dy_px.clamp(top, bottom));
+        [self.slope * left_dy - half(left_dy), self.slope * right_dy + half(right_dy)]
     }
 }

@@ -13,10 +13,10 @@ use luxel_core::metrics::{SSIM_C1, SSIM_C2, SSIM_RADIUS, ssim_window};
 use luxel_core::{LossConfig, Real, View, each};
 use rayon::prelude::*;
 
-use super::rasterize::{TileBuffer, block_of};
+use super::rasterize::TilePixels;
 use super::rasterize_backward::TileGradient;
 use crate::lanes::{LANES, Lanes, M, V, with_simd};
-use crate::view::{ScreenCamera, TILE_PX};
+use crate::view::{BLOCK_PX, ScreenCamera, TILE_PX, block_of};
 
 const RADIUS: usize = SSIM_RADIUS;
 const TAPS: usize = 2 * RADIUS + 1;
@@ -63,7 +63,7 @@ struct Rows<'a> {
 
 impl LossBuffers {
     /// Evaluates the loss.
-    pub(crate) fn loss(&mut self, level: Level, camera: &ScreenCamera, pixels: &TileBuffer, view: &View, config: &LossConfig) -> LossSums {
+    pub(crate) fn loss(&mut self, level: Level, camera: &ScreenCamera, pixels: &[TilePixels], view: &View, config: &LossConfig) -> LossSums {
         let [width, height] = camera.size_px;
         let stride = width.next_multiple_of(LANES) + 2 * PAD;
         let valid = view.mask.as_ref().map_or(width * height, |m| m.valid.iter().filter(|v| **v).count());
@@ -119,22 +119,14 @@ impl LossBuffers {
 
 /// mu-law values of one row: prediction and target for each channel.
 #[inline(always)]
-fn load_row<S: Simd>(simd: S, rows: &Rows<'_>, (pixels, across): (&TileBuffer, usize), view: &View, y: usize, out: &mut [f32]) {
+fn load_row<S: Simd>(simd: S, rows: &Rows<'_>, (pixels, across): (&[TilePixels], usize), view: &View, y: usize, out: &mut [f32]) {
     let stride = rows.stride;
     let target = &view.image.pixels[y * rows.width..(y + 1) * rows.width];
-    let tiles = &pixels.tiles[y / TILE_PX * across..][..across];
+    let tiles = &pixels[y / TILE_PX * across..][..across];
     for channel in 0..3 {
         let (x_row, y_row) = out[channel * 2 * stride..][..2 * stride].split_at_mut(stride);
         let (x_row, y_row) = (&mut x_row[PAD..], &mut y_row[PAD..]);
-        // Four pixels of a tile's row are four lanes of a block. What lies beyond the image is overwritten below.
-        let (quads, _) = x_row.as_chunks_mut::<TILE_PX>();
-        for (tile, quads) in tiles.iter().zip(quads) {
-            let (left, right) = (block_of(0, y % TILE_PX), block_of(4, y % TILE_PX));
-            let lanes = |(block, lane): (usize, usize)| &tile[block].radiance[channel].0.as_chunks::<4>().0[lane / 4];
-            let (out, _) = quads.as_chunks_mut::<4>();
-            out[0] = *lanes(left);
-            out[1] = *lanes(right);
-        }
+        load_pixels(tiles, channel, y, x_row);
         for (value, pixel) in y_row.iter_mut().zip(target) {
             *value = pixel[channel];
         }
@@ -309,13 +301,29 @@ fn gradient_row<S: Simd>(
         }
         // Beyond the image the gradient is zero.
         scratch[PAD + rows.width..].fill(0.0);
-        let (quads, _) = scratch[PAD..].as_chunks::<TILE_PX>();
-        for (tile, quads) in tiles.iter_mut().zip(quads) {
-            let (quads, _) = quads.as_chunks::<4>();
-            for (half, quad) in quads.iter().enumerate() {
-                let (block, lane) = block_of(4 * half, y % TILE_PX);
-                tile[block][channel].0.as_chunks_mut::<4>().0[lane / 4] = *quad;
-            }
+        store_gradient(&scratch[PAD..], channel, y, tiles);
+    }
+}
+
+/// Row `y` of a channel from the row's tiles. What lies beyond the image is the caller's to overwrite.
+#[inline(always)]
+fn load_pixels(tiles: &[TilePixels], channel: usize, y: usize, row: &mut [f32]) {
+    // Four pixels of a tile's row are four lanes of a block.
+    for (tile, row) in tiles.iter().zip(row.chunks_mut(TILE_PX)) {
+        for (column, quad) in row.as_chunks_mut::<BLOCK_PX>().0.iter_mut().enumerate() {
+            let (block, lane) = block_of(column * BLOCK_PX, y % TILE_PX);
+            *quad = tile.0[block].radiance[channel].0.as_chunks().0[lane / BLOCK_PX];
+        }
+    }
+}
+
+/// The inverse of [`load_pixels`] for the gradient.
+#[inline(always)]
+fn store_gradient(row: &[f32], channel: usize, y: usize, tiles: &mut [TileGradient]) {
+    for (tile, row) in tiles.iter_mut().zip(row.chunks(TILE_PX)) {
+        for (column, quad) in row.as_chunks::<BLOCK_PX>().0.iter().enumerate() {
+            let (block, lane) = block_of(column * BLOCK_PX, y % TILE_PX);
+            tile.0[block][channel].0.as_chunks_mut().0[lane / BLOCK_PX] = *quad;
         }
     }
 }
@@ -328,7 +336,7 @@ fn mask_gradient(camera: &ScreenCamera, view: &View, gradient: &mut [TileGradien
     for (i, _) in mask.valid.iter().enumerate().filter(|(_, valid)| !**valid) {
         let (x, y) = (i % width, i / width);
         let (block, lane) = block_of(x % TILE_PX, y % TILE_PX);
-        for channel in &mut gradient[y / TILE_PX * across + x / TILE_PX][block] {
+        for channel in &mut gradient[y / TILE_PX * across + x / TILE_PX].0[block] {
             channel.0[lane] = 0.0;
         }
     }

@@ -12,3 +12,4 @@ pub(crate) mod project_backward;
 pub(crate) mod rasterize;
 pub(crate) mod rasterize_backward;
 pub(crate) mod sort;
+pub(crate) mod update;

@@ -19,14 +19,18 @@ use crate::view::ScreenCamera;
 /// compensation stays at its square root and has no gradient.
 pub(crate) const MIN_AREA_RATIO: f32 = 1e-6;
 
+/// sqrt(log2(e) / 2): takes a root of the inverse covariance to exponents of base 2.
+pub(crate) const SQRT_HALF_LOG2_E: f32 = 0.849_321_8;
+
 /// A splat on the screen; one cache line.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C, align(64))]
 pub(crate) struct Footprint {
     /// Centre.
     pub(crate) mean_px: [f32; 2],
-    /// Inverse covariance xx, xy, yy times log2(e): alpha = 2^(log2_opacity - (xx dx^2 + yy dy^2) / 2 - xy dx dy).
-    pub(crate) conic: [f32; 3],
+    /// Triangular root of the inverse covariance, times sqrt(log2(e) / 2): alpha = 2^(log2_opacity - u^2 - v^2) at u = root[0] dx +
+    /// root[1] dy and v = root[2] dy. As a sum of squares the exponent of a needle does not cancel.
+    pub(crate) root: [f32; 3],
     /// log2 of the opacity (after compensation).
     pub(crate) log2_opacity: f32,
     /// Radiance towards the camera.
@@ -164,6 +168,17 @@ impl<S: Simd> Projection<S> {
     }
 }
 
+impl<S: Simd> Projection<S> {
+    /// The triangular root M of the inverse covariance: M = [[m0, m1], [0, m2]], M^T M = covariance^-1.
+    #[inline(always)]
+    pub(crate) fn inverse_root(&self) -> [V<S>; 3] {
+        let [_, xy, yy] = self.covariance;
+        let one = yy.lift(1.0);
+        let m0 = (yy / self.determinant).sqrt();
+        [m0, -(m0 * xy / yy), one / yy.sqrt()]
+    }
+}
+
 /// Rows of the rotation matrix of unit quaternions w x y z.
 #[inline(always)]
 pub(crate) fn rotation_matrix<S: Simd>([w, x, y, z]: [V<S>; 4]) -> [[V<S>; 3]; 3] {
@@ -244,11 +259,11 @@ fn project_block<S: Simd>(
         // Pixel centres lie between 1/2 and size - 1/2.
         mask = mask & (mean[i] + extent[i]).gt(c(0.5)) & (mean[i] - extent[i]).lt(c(camera.size_px[i] as f32 - 0.5));
     }
-    // Comparisons with NaN are false, so of the values used above only the conic can still be anything but finite.
-    let inverse_determinant = one / p.determinant;
-    let to_log2 = inverse_determinant * std::f32::consts::LOG2_E;
-    let conic = [p.covariance[2] * to_log2, -(p.covariance[1] * to_log2), p.covariance[0] * to_log2];
-    mask = mask & conic[0].gt(c(0.0)) & conic[2].gt(c(0.0)) & (extent[0] + extent[1]).lt(c(1e9)) & brightest.lt(c(f32::MAX));
+    let root = p.inverse_root();
+    let root = each!([0, 1, 2] i => root[i] * SQRT_HALF_LOG2_E);
+    // Comparisons with NaN are false, so of the values used above only the root can still be anything but finite.
+    let finite = root[0].lt(c(f32::MAX)) & root[1].abs().lt(c(f32::MAX)) & root[2].lt(c(f32::MAX));
+    mask = mask & finite & root[0].gt(c(0.0)) & root[2].gt(c(0.0)) & (extent[0] + extent[1]).lt(c(1e9)) & brightest.lt(c(f32::MAX));
     let right_dy = extent[0] * p.covariance[1] / p.covariance[0];
     let culled = c(Footprint::CULLED_EXTENT);
     let extent = each!([0, 1] i => { let e = extent[i]; V::select(mask, e, culled) });
@@ -256,9 +271,9 @@ fn project_block<S: Simd>(
     let fields = [
         mean[0],
         mean[1],
-        conic[0],
-        conic[1],
-        conic[2],
+        root[0],
+        root[1],
+        root[2],
         log2_opacity,
         radiance[0],
         radiance[1],
@@ -274,7 +289,7 @@ fn project_block<S: Simd>(
         let f = |i: usize| fields[i][lane];
         *out = Footprint {
             mean_px: [f(0), f(1)],
-            conic: [f(2), f(3), f(4)],
+            root: [f(2), f(3), f(4)],
             log2_opacity: f(5),
             radiance: [f(6), f(7), f(8)],
             log2_threshold: f(9),

@@ -5,133 +5,121 @@
 //! the order of its tiles: the same bits for any number of threads. Derivation: reverse mode through `project`; dE/dcovariance = -X
 //! G X for X the conic, G its gradient.
 
-use fearless_simd::{Level, Simd};
-use luxel_core::{Antialias, DensifyStats, LossConfig, Real, each};
-use rayon::prelude::*;
+use fearless_simd::Simd;
+use luxel_core::{Antialias, LossConfig, Real, each};
 
 use super::bin::Bins;
 use super::color_backward::color_backward;
-use super::project::{MIN_AREA_RATIO, Projection, dot};
+use super::project::{MIN_AREA_RATIO, Projection, SQRT_HALF_LOG2_E, dot};
 use super::rasterize_backward::{ENTRY_LEN, EntryGradient};
-use crate::lanes::{LANES, Lanes, V, with_simd};
-use crate::store::{Layout, Store};
+use crate::lanes::{LANES, Lanes, V};
+use crate::store::Layout;
 use crate::view::ScreenCamera;
-
-/// Rank of a splat that is not visible.
-pub(crate) const INVISIBLE: u32 = u32::MAX;
 
 /// What the pass reads.
 pub(crate) struct Inputs<'a> {
-    pub(crate) store: &'a Store,
+    pub(crate) layout: Layout,
+    /// Number of splats.
+    pub(crate) count: usize,
     pub(crate) smoothing: &'a [Lanes],
     pub(crate) bins: &'a Bins,
-    pub(crate) entries: &'a [EntryGradient],
-    /// Place of each splat in the depth order, or [`INVISIBLE`].
-    pub(crate) rank: &'a [u32],
+    /// By tile, in the order of its bin.
+    pub(crate) entries: &'a [Vec<EntryGradient>],
     pub(crate) loss: &'a LossConfig,
 }
 
-/// What the pass writes.
-pub(crate) struct Outputs<'a> {
-    /// `[blocks, rows, 16]`.
-    pub(crate) gradient: &'a mut [Lanes],
-    /// Whether a block's gradient was written; else it is zero.
-    pub(crate) written: &'a mut [bool],
-    /// Statistics to add to.
-    pub(crate) stats: Option<&'a mut DensifyStats>,
-}
-
-/// Differentiates all blocks.
-pub(crate) fn project_backward(level: Level, camera: &ScreenCamera, inputs: &Inputs<'_>, outputs: Outputs<'_>) {
-    let rows = inputs.store.layout.rows();
-    let regularised = inputs.loss.opacity_weight != 0.0 || inputs.loss.scale_weight != 0.0;
-    let blocks = outputs.gradient.par_chunks_mut(rows).zip(outputs.written).enumerate();
-    let run = |block: usize, gradient: &mut [Lanes], written: &mut bool, stats: Option<BlockStats<'_>>| {
-        let ranks = &inputs.rank[block * LANES..((block + 1) * LANES).min(inputs.store.count)];
-        let visible = ranks.iter().any(|r| *r != INVISIBLE);
-        *written = visible || regularised;
-        if *written {
-            gradient.fill(Lanes::ZERO);
-            with_simd!(level, simd => {
-                let sums = gather(simd, inputs, ranks);
-                block_backward(simd, camera, inputs, block, &sums, gradient, stats);
-            });
-        }
-    };
-    match outputs.stats {
-        None => blocks.with_min_len(32).for_each(|(block, (gradient, written))| run(block, gradient, written, None)),
-        Some(stats) => blocks
-            .zip(stats.gradient.par_chunks_mut(LANES))
-            .zip(stats.abs_gradient.par_chunks_mut(LANES))
-            .zip(stats.views.par_chunks_mut(LANES))
-            .with_min_len(32)
-            .for_each(|((((block, (gradient, written)), norm), absolute), views)| {
-                let ranks = &inputs.rank[block * LANES..][..views.len()];
-                run(block, gradient, written, Some(BlockStats { ranks, norm, absolute, views }));
-            }),
+impl Inputs<'_> {
+    /// Whether every splat has a gradient, visible or not.
+    pub(crate) fn is_regularised(&self) -> bool {
+        self.loss.opacity_weight != 0.0 || self.loss.scale_weight != 0.0
     }
 }
 
-/// Statistics of a block's splats.
-struct BlockStats<'a> {
-    ranks: &'a [u32],
-    norm: &'a mut [f32],
-    absolute: &'a mut [f32],
-    views: &'a mut [u32],
+/// Statistics of a block's splats, to add to.
+pub(crate) struct BlockStats<'a> {
+    pub(crate) norm: &'a mut [f32],
+    pub(crate) absolute: &'a mut [f32],
+    pub(crate) views: &'a mut [u32],
 }
 
-/// Sums of a block's splats over their tiles: `[fields of an entry, 16]`.
+/// Differentiates block number `block` of the parameters, `rows`; false, with `gradient` as it was, if it has no gradient.
 #[inline(always)]
-fn gather<S: Simd>(simd: S, inputs: &Inputs<'_>, ranks: &[u32]) -> [Lanes; ENTRY_LEN] {
+pub(crate) fn project_backward<S: Simd>(
+    simd: S,
+    camera: &ScreenCamera,
+    inputs: &Inputs<'_>,
+    (block, rows): (usize, &[Lanes]),
+    gradient: &mut [Lanes],
+    stats: Option<BlockStats<'_>>,
+) -> bool {
+    let (sums, visible) = gather(simd, inputs, block);
+    let written = visible.contains(&true) || inputs.is_regularised();
+    if written {
+        gradient.fill(Lanes::ZERO);
+        let statistics = block_backward(simd, camera, inputs, (block, rows), &sums, gradient);
+        if let Some(stats) = stats {
+            for lane in (0..stats.views.len()).filter(|lane| visible[*lane]) {
+                stats.norm[lane] += statistics[0][lane];
+                stats.absolute[lane] += statistics[1][lane];
+                stats.views[lane] += 1;
+            }
+        }
+    }
+    written
+}
+
+/// Sums of a block's splats over their tiles, `[fields of an entry, 16]`, and which splats have any.
+#[inline(always)]
+fn gather<S: Simd>(simd: S, inputs: &Inputs<'_>, block: usize) -> ([Lanes; ENTRY_LEN], [bool; LANES]) {
     let mut sums = [Lanes::ZERO; ENTRY_LEN];
-    for (lane, rank) in ranks.iter().enumerate().filter(|(_, rank)| **rank != INVISIBLE) {
-        let rank = *rank as usize;
-        let places = inputs.bins.place_start[rank] as usize..inputs.bins.place_start[rank + 1] as usize;
+    let mut visible = [false; LANES];
+    for lane in 0..LANES.min(inputs.count - block * LANES) {
+        let places = inputs.bins.places(block * LANES + lane);
+        if places.is_empty() {
+            continue;
+        }
+        visible[lane] = true;
         let mut sum = V::splat(simd, 0.0);
-        for place in &inputs.bins.place[places] {
-            sum = sum + V::load(simd, bytemuck::cast_ref(&inputs.entries[*place as usize]));
+        for place in places {
+            sum = sum + V::load(simd, bytemuck::cast_ref(&inputs.entries[place.tile as usize][place.index as usize]));
         }
         for (lanes, value) in sums.iter_mut().zip(sum.lanes()) {
             lanes.0[lane] = value;
         }
     }
-    sums
+    (sums, visible)
 }
 
+/// Gradient of a block, and its splats' norms of the gradient by the centre: of its sum and of the sums of its absolute parts.
 #[inline(always)]
 fn block_backward<S: Simd>(
     simd: S,
     camera: &ScreenCamera,
     inputs: &Inputs<'_>,
-    block: usize,
+    (block, rows): (usize, &[Lanes]),
     sums: &[Lanes; ENTRY_LEN],
     out: &mut [Lanes],
-    stats: Option<BlockStats<'_>>,
-) {
-    let layout = inputs.store.layout;
-    let rows = &inputs.store.lanes[block * layout.rows()..][..layout.rows()];
+) -> [[f32; LANES]; 2] {
     let c = |value: f32| V::splat(simd, value);
-    let [d_log_alpha, fx, fy, sxx, sxy, syy, dr, dg, db, abs_x, abs_y] =
+    let [d_log_alpha, gu, gv, guu, guv, gvv, dr, dg, db, abs_u, abs_y] =
         each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10] i => { let lanes = &sums[i]; V::load(simd, lanes) });
     let p = Projection::new(simd, camera, rows, inputs.smoothing.get(block));
-    let mut d_position = color_backward(simd, camera, layout, rows, [dr, dg, db], out);
+    let mut d_position = color_backward(simd, camera, inputs.layout, rows, [dr, dg, db], out);
 
-    // Conic X = covariance^-1. By the centre: X times the first moments; by X: minus half the second moments.
-    let inverse_det = c(1.0) / p.determinant;
-    let conic = [p.covariance[2] * inverse_det, -(p.covariance[1] * inverse_det), p.covariance[0] * inverse_det];
-    let d_mean = [conic[0].mul_add(fx, conic[1] * fy), conic[1].mul_add(fx, conic[2] * fy)];
+    // covariance^-1 = M^T M. With offsets whitened by M: by the centre M^T times the first moments; by the covariance half of M^T times the
+    // second moments times M. The rasteriser's (u, v) are M's times a constant.
+    let root = p.inverse_root();
+    let unit = 1.0 / (SQRT_HALF_LOG2_E * SQRT_HALF_LOG2_E);
+    let (gu, gv) = (gu * (1.0 / SQRT_HALF_LOG2_E), gv * (1.0 / SQRT_HALF_LOG2_E));
+    let d_mean = [root[0] * gu, root[1].mul_add(gu, root[2] * gv)];
+    let moments = [guu * unit, guv * unit, gvv * unit];
     let half = c(0.5);
-    // G = -1/2 [sxx sxy; sxy syy]; dE/dcovariance = -X G X = 1/2 X [..] X.
-    let xg = [
-        conic[0].mul_add(sxx, conic[1] * sxy),
-        conic[0].mul_add(sxy, conic[1] * syy),
-        conic[1].mul_add(sxx, conic[2] * sxy),
-        conic[1].mul_add(sxy, conic[2] * syy),
-    ];
-    let mut d_xx = half * (xg[0].mul_add(conic[0], xg[1] * conic[1]));
+    let by_root = [moments[0] * root[0], moments[0].mul_add(root[1], moments[1] * root[2]), moments[1].mul_add(root[1], moments[2] * root[2])];
+    let mut d_xx = half * by_root[0] * root[0];
     // The off-diagonal number stands for both entries.
-    let mut d_xy = xg[0].mul_add(conic[1], xg[1] * conic[2]);
-    let mut d_yy = half * (xg[2].mul_add(conic[1], xg[3] * conic[2]));
+    let mut d_xy = root[0] * by_root[1];
+    let mut d_yy = half * root[1].mul_add(by_root[1], root[2] * by_root[2]);
+    let inverse_det = c(1.0) / p.determinant;
 
     if camera.antialias == Antialias::Mip {
         // compensation = sqrt(before / after): d ln(compensation) = (d ln before - d ln after) / 2.
@@ -158,10 +146,10 @@ fn block_backward<S: Simd>(
         let ratio = p.raw_sigma[k] / p.sigma[k];
         let share = ratio * ratio;
         let mut d_log_scale = finite((d_sigma * p.sigma[k]).mul_add(share, d_log_alpha * (c(1.0) - share)));
-        d_log_scale = p.raw_sigma[k].mul_add(c(inputs.loss.scale_weight / (3 * inputs.store.count) as f32), d_log_scale);
+        d_log_scale = p.raw_sigma[k].mul_add(c(inputs.loss.scale_weight / (3 * inputs.count) as f32), d_log_scale);
         d_log_scale.store(&mut out[Layout::LOG_SCALE + k]);
     }
-    let d_opacity_logit = (c(1.0) - p.opacity) * p.opacity.mul_add(c(inputs.loss.opacity_weight / inputs.store.count as f32), d_log_alpha);
+    let d_opacity_logit = (c(1.0) - p.opacity) * p.opacity.mul_add(c(inputs.loss.opacity_weight / inputs.count as f32), d_log_alpha);
     d_opacity_logit.store(&mut out[Layout::OPACITY]);
     let d_screen_axes = each!([0, 1] i => { let row = d_root[i]; each!([0, 1, 2] k => row[k] * p.sigma[k]) });
     // screen_axes = jacobian axes.
@@ -179,17 +167,10 @@ fn block_backward<S: Simd>(
         finite(*d).store(&mut out[Layout::POSITION + i]);
     }
 
-    if let Some(stats) = stats {
-        // NDC spans 2 over the image's side.
-        let ndc = each!([0, 1] i => 0.5 * camera.size_px[i] as f32);
-        let norm = |x: V<S>, y: V<S>| ((x * ndc[0]) * (x * ndc[0]) + (y * ndc[1]) * (y * ndc[1])).sqrt().lanes();
-        let (norm, absolute) = (norm(d_mean[0], d_mean[1]), norm(abs_x, abs_y));
-        for (lane, _) in stats.ranks.iter().enumerate().filter(|(_, rank)| **rank != INVISIBLE) {
-            stats.norm[lane] += norm[lane];
-            stats.absolute[lane] += absolute[lane];
-            stats.views[lane] += 1;
-        }
-    }
+    // NDC spans 2 over the image's side. Absolute sums carry the rasteriser's constant twice: in u and v, and in its root.
+    let ndc = each!([0, 1] i => 0.5 * camera.size_px[i] as f32);
+    let norm = |x: V<S>, y: V<S>| ((x * ndc[0]) * (x * ndc[0]) + (y * ndc[1]) * (y * ndc[1])).sqrt().lanes();
+    [norm(d_mean[0], d_mean[1]), norm(root[0] * abs_u * (1.0 / SQRT_HALF_LOG2_E), abs_y * unit)]
 }
 
 /// Zero in place of what is not finite: a splat that is culled for overflow has zero for every incoming gradient, but zero times

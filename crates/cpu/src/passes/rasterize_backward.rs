@@ -1,12 +1,12 @@
 //! Pass `rasterize_backward`: gradients of each tile's splats, back to front.
 //!
-//! In: bins, footprints, the tiles' pixels, gradient of the loss by the pixels' radiance ([`TileGradient`], zero where there is no pixel).
-//! Out: one [`EntryGradient`] per entry of the bins, in their order: sums over the tile's pixels. They are gathered by splat later, in a
-//! fixed order, so no two threads ever add to one number.
+//! In: the tiles' sorted lists and pixels, gradient of the loss by the pixels' radiance ([`TileGradient`], zero where there is no pixel).
+//! Out: one [`EntryGradient`] per entry of a tile, in the order of its bin: sums over the tile's pixels. They are gathered by splat later,
+//! in a fixed order, so no two threads ever add to one number.
 //!
 //! With w_i = T_i alpha_i and S_i = sum over j > i of w_j c_j (background last), d alpha_i = T_i c_i - S_i / (1 - alpha_i), dotted
-//! with the pixel's gradient. Gradients by centre and conic follow from the moments of g = alpha d alpha over the pixel offsets,
-//! which are summed here and turned into them per splat. Where alpha is capped it has no gradient.
+//! with the pixel's gradient. Gradients by centre and covariance follow from the moments of g = alpha d alpha over the pixels' whitened
+//! offsets (u, v), which are summed here and turned into them per splat. Where alpha is capped it has no gradient.
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd, f32x4, f64x2};
@@ -14,34 +14,42 @@ use luxel_core::Real;
 use luxel_core::each;
 use rayon::prelude::*;
 
-use super::bin::Bins;
-use super::project::Footprint;
-use super::rasterize::{Spread, TileBuffer, TilePixels, fetch_entries, pixel_centers};
+use super::rasterize::{BlockPixels, Seen, TilePixels, pixel_centers};
+use super::sort::{TileList, WORD};
 use crate::lanes::{Lanes, V, with_simd};
-use crate::view::{BLOCKS, ScreenCamera, TILE_PX};
+use crate::view::{BLOCKS, ScreenCamera};
 
-/// Gradient by the radiance of a tile's pixels: [4 blocks, 3 channels].
-pub(crate) type TileGradient = [[Lanes; 3]; BLOCKS];
+/// Gradient by the radiance of a tile's pixels: `[64 blocks, 3 channels]`.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct TileGradient(pub(crate) [[Lanes; 3]; BLOCKS]);
 
-/// Sums over the pixels of a tile of one splat; g is the gradient by ln(alpha), d the offset of the pixel from the centre.
+impl Default for TileGradient {
+    fn default() -> Self {
+        Self([[Lanes::ZERO; 3]; BLOCKS])
+    }
+}
+
+/// Sums over the pixels of a tile of one splat; g is the gradient by ln(alpha), (u, v) the whitened offset of the pixel from the centre.
 #[derive(Clone, Copy, Debug, Default, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C, align(64))]
 pub(crate) struct EntryGradient {
     /// g.
     pub(crate) log_alpha: f32,
-    /// g dx, g dy.
+    /// g u, g v.
     pub(crate) first: [f32; 2],
-    /// g dx^2, g dx dy, g dy^2.
+    /// g u^2, g u v, g v^2.
     pub(crate) second: [f32; 3],
     /// By the radiance.
     pub(crate) radiance: [f32; 3],
-    /// |g ((conic d)_x)|, |g ((conic d)_y)|: AbsGS.
+    /// |g u|, |g (root[1] u + root[2] v)|: AbsGS.
     pub(crate) absolute: [f32; 2],
     padding: [f32; 5],
 }
 
 /// Numbers in an [`EntryGradient`]: a cache line, as entries are fetched one by one.
 pub(crate) const ENTRY_LEN: usize = 16;
+/// Of these, the ones in use.
+const SUMS: usize = 11;
 
 /// Whether AbsGS's sums are wanted.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -56,127 +64,98 @@ pub(crate) enum AbsoluteSums {
 pub(crate) fn rasterize_backward(
     level: Level,
     camera: &ScreenCamera,
-    (bins, footprints): (&Bins, &[Footprint]),
-    (pixels, gradients): (&TileBuffer, &[TileGradient]),
+    lists: &[TileList],
+    (pixels, gradients): (&[TilePixels], &[TileGradient]),
     absolute: AbsoluteSums,
-    out: &mut Vec<EntryGradient>,
+    out: &mut Vec<Vec<EntryGradient>>,
 ) {
-    out.resize(bins.len(), EntryGradient::default());
-    let across = camera.tiles()[0];
-    // Each tile's entries are a run of `out`.
-    let mut runs = Vec::with_capacity(pixels.tiles.len());
-    let mut rest = out.as_mut_slice();
-    for tile in 0..pixels.tiles.len() {
-        let (run, others) = rest.split_at_mut(bins.tile(tile).len());
-        runs.push(run);
-        rest = others;
-    }
-    runs.into_par_iter().enumerate().for_each_init(Vec::new, |entries, (tile, run)| {
-        let origin_px = [(tile % across * TILE_PX) as f32, (tile / across * TILE_PX) as f32];
-        fetch_entries(bins, footprints, tile, entries);
-        let entries = entries.as_slice();
-        let (pixels, gradients) = (&pixels.tiles[tile], &gradients[tile]);
-        match absolute {
-            AbsoluteSums::Skip => {
-                with_simd!(level, simd => tile_backward::<_, false>(simd, camera, origin_px, entries, (pixels, gradients), run))
+    out.resize_with(lists.len(), Vec::new);
+    out.par_iter_mut().zip(lists).zip(pixels).zip(gradients).for_each(|(((out, list), pixels), gradients)| {
+        out.clear();
+        out.resize(list.entries.len(), EntryGradient::default());
+        with_simd!(level, simd => {
+            for block in 0..BLOCKS {
+                let (pixels, gradient) = (&pixels.0[block], &gradients.0[block]);
+                match absolute {
+                    AbsoluteSums::Skip => block_backward::<_, false>(simd, camera, (list, block), (pixels, gradient), out),
+                    AbsoluteSums::Collect => block_backward::<_, true>(simd, camera, (list, block), (pixels, gradient), out),
+                }
             }
-            AbsoluteSums::Collect => {
-                with_simd!(level, simd => tile_backward::<_, true>(simd, camera, origin_px, entries, (pixels, gradients), run))
-            }
-        }
+        });
     });
 }
 
-/// State of a block's pixels on the way from back to front.
-#[derive(Clone, Copy)]
-struct BlockState<S: Simd> {
-    centers: [V<S>; 2],
-    gradient: [V<S>; 3],
-    transmittance: V<S>,
-    /// Gradient-weighted radiance from behind.
-    behind: V<S>,
-    last: V<S>,
-}
-
 #[inline(always)]
-fn tile_backward<S: Simd, const ABSOLUTE: bool>(
+fn block_backward<S: Simd, const ABSOLUTE: bool>(
     simd: S,
     camera: &ScreenCamera,
-    origin_px: [f32; 2],
-    entries: &[Footprint],
-    (pixels, gradients): (&TilePixels, &TileGradient),
+    (list, block): (&TileList, usize),
+    (pixels, gradient): (&BlockPixels, &[Lanes; 3]),
     out: &mut [EntryGradient],
 ) {
     let c = |value: f32| V::splat(simd, value);
     let (zero, one) = (c(0.0), c(1.0));
     let max_alpha = c(camera.cutoffs.max_alpha);
-    let mut last_of_block = [0usize; BLOCKS];
-    let mut blocks: [BlockState<S>; BLOCKS] = each!([0, 1, 2, 3] b => {
-        let gradient = each!([0, 1, 2] channel => V::load(simd, &gradients[b][channel]));
-        let transmittance = V::load(simd, &pixels[b].transmittance);
-        let background = each!([0, 1, 2] i => c(camera.background[i]) * gradient[i]);
-        last_of_block[b] = pixels[b].last.0.iter().fold(0.0f32, |a, v| a.max(*v)) as usize;
-        BlockState {
-            centers: pixel_centers(simd, b),
-            gradient,
-            transmittance,
-            behind: transmittance * (background[0] + background[1] + background[2]),
-            last: V::load(simd, &pixels[b].last),
+    let centers = pixel_centers(simd, block);
+    let gradient = each!([0, 1, 2] channel => V::load(simd, &gradient[channel]));
+    let last = V::load(simd, &pixels.last);
+    let mut transmittance = V::load(simd, &pixels.transmittance);
+    let background = each!([0, 1, 2] i => gradient[i] * camera.background[i]);
+    // Gradient-weighted radiance from behind.
+    let mut behind = transmittance * (background[0] + background[1] + background[2]);
+    let end = pixels.last.0.iter().fold(0.0f32, |a, v| a.max(*v)) as usize;
+    for n in (0..end.div_ceil(WORD)).rev() {
+        let mut bits = list.cover[n][block];
+        if end - n * WORD < WORD {
+            bits &= (1 << (end - n * WORD)) - 1;
         }
-    });
-    let last = last_of_block.iter().copied().fold(0, usize::max);
-    out[last..].fill(EntryGradient::default());
-    for (index, f) in entries.iter().enumerate().take(last).rev() {
-        let spread = Spread::new(simd, f, origin_px);
-        let color = each!([0, 1, 2] i => c(f.radiance[i]));
-        let conic = each!([0, 1, 2] i => { let v = f.conic[i]; c(v * std::f32::consts::LN_2) });
-        let position = c(index as f32);
-        let mut sums = [zero; 11];
-        let mut any = false;
-        for b in 0..BLOCKS {
-            if index >= last_of_block[b] {
-                continue;
-            }
-            let state = &mut blocks[b];
-            let offset = [state.centers[0] - spread.mean[0], state.centers[1] - spread.mean[1]];
-            let exponent = spread.log2_alpha(offset);
-            let hit = exponent.ge(spread.log2_threshold) & position.lt(state.last);
+        while bits != 0 {
+            let bit = WORD - 1 - bits.leading_zeros() as usize;
+            bits ^= 1 << bit;
+            let index = n * WORD + bit;
+            let entry = &list.entries[index];
+            let seen = Seen::new(simd, entry, centers);
+            let hit = seen.log2_alpha.ge(c(entry.log2_threshold)) & last.gt(c(index as f32));
             if !hit.any_true() {
                 continue;
             }
-            any = true;
-            let uncapped = exponent.exp2();
+            let uncapped = seen.log2_alpha.exp2();
             let alpha = V::select(hit, uncapped.min(max_alpha), zero);
             let inverse = (one - alpha).reciprocal();
-            let transmittance = state.transmittance * inverse;
+            transmittance = transmittance * inverse;
             let weight = alpha * transmittance;
-            let shine = color[0].mul_add(state.gradient[0], color[1].mul_add(state.gradient[1], color[2] * state.gradient[2]));
-            let d_alpha = transmittance.mul_add(shine, -(state.behind * inverse));
-            state.transmittance = transmittance;
-            state.behind = weight.mul_add(shine, state.behind);
+            let color = each!([0, 1, 2] i => gradient[i] * entry.radiance[i]);
+            let shine = color[0] + color[1] + color[2];
+            let d_alpha = transmittance.mul_add(shine, -(behind * inverse));
+            behind = weight.mul_add(shine, behind);
             let g = V::select(hit & uncapped.lt(max_alpha), alpha * d_alpha, zero);
-            let (gx, gy) = (g * offset[0], g * offset[1]);
-            sums[0] = sums[0] + g;
-            sums[1] = sums[1] + gx;
-            sums[2] = sums[2] + gy;
-            sums[3] = gx.mul_add(offset[0], sums[3]);
-            sums[4] = gx.mul_add(offset[1], sums[4]);
-            sums[5] = gy.mul_add(offset[1], sums[5]);
-            for channel in 0..3 {
-                sums[6 + channel] = weight.mul_add(state.gradient[channel], sums[6 + channel]);
-            }
-            if ABSOLUTE {
-                sums[9] = sums[9] + conic[0].mul_add(gx, conic[1] * gy).abs();
-                sums[10] = sums[10] + conic[1].mul_add(gx, conic[2] * gy).abs();
-            }
+            let (gu, gv) = (g * seen.u, g * seen.v);
+            let radiance = each!([0, 1, 2] i => weight * gradient[i]);
+            let absolute = match ABSOLUTE {
+                true => [gu.abs(), c(entry.root[1]).mul_add(gu, gv * entry.root[2]).abs()],
+                false => [zero; 2],
+            };
+            let sums = [
+                g,
+                gu,
+                gv,
+                gu * seen.u,
+                gu * seen.v,
+                gv * seen.v,
+                radiance[0],
+                radiance[1],
+                radiance[2],
+                absolute[0],
+                absolute[1],
+            ];
+            add_sums(simd, sums, &mut out[entry.place as usize]);
         }
-        out[index] = if any { sum_lanes(simd, sums) } else { EntryGradient::default() };
     }
 }
 
-/// Sums each of the vectors over its lanes, in one order whatever the instruction set.
+/// Sums each of the vectors over its lanes, in one order whatever the instruction set, and adds the sums to an entry's.
 #[inline(always)]
-fn sum_lanes<S: Simd>(simd: S, sums: [V<S>; 11]) -> EntryGradient {
+fn add_sums<S: Simd>(simd: S, sums: [V<S>; SUMS], out: &mut EntryGradient) {
     let quarter = |v: V<S>| -> f32x4<S> {
         let (low, high) = v.0.split();
         let half = low + high;
@@ -194,10 +173,12 @@ fn sum_lanes<S: Simd>(simd: S, sums: [V<S>; 11]) -> EntryGradient {
         low + high
     };
     let q = each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10] i => quarter(sums[i]));
-    let mut out = EntryGradient::default();
-    let numbers: &mut [f32; ENTRY_LEN] = bytemuck::cast_mut(&mut out);
-    four(q[0], q[1], q[2], q[3]).store_slice(&mut numbers[0..4]);
-    four(q[4], q[5], q[6], q[7]).store_slice(&mut numbers[4..8]);
-    four(q[8], q[9], q[10], zero).store_slice(&mut numbers[8..12]);
-    out
+    let numbers: &mut [f32; ENTRY_LEN] = bytemuck::cast_mut(out);
+    let mut add = |at: usize, values: f32x4<S>| {
+        let numbers = &mut numbers[at..at + 4];
+        (f32x4::from_slice(simd, numbers) + values).store_slice(numbers);
+    };
+    add(0, four(q[0], q[1], q[2], q[3]));
+    add(4, four(q[4], q[5], q[6], q[7]));
+    add(8, four(q[8], q[9], q[10], zero));
 }

@@ -1,0 +1,126 @@
+//! The way back from the screen to the parameters: `project_backward` (with `color_backward`) and `adam`, over chunks of splats.
+//!
+//! A chunk's gradients are made and used up while they are in the cache: in training they never exist as a whole. [`gradients`] keeps
+//! them all instead, for who wants to look at them or to reduce them over machines.
+
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+use fearless_simd::Level;
+use luxel_core::{DensifyStats, StatsCollection, StepConfig};
+use rayon::prelude::*;
+
+use super::adam::{Optimizer, Step, update};
+use super::project_backward::{BlockStats, Inputs, project_backward};
+use crate::lanes::{LANES, Lanes, with_simd};
+use crate::view::ScreenCamera;
+
+/// Blocks of splats in a chunk: their gradients fit in the cache.
+const CHUNK: usize = 8;
+
+/// Buffers, kept between steps: one chunk's gradients for each thread.
+#[derive(Default)]
+pub(crate) struct Scratch {
+    gradients: Vec<Mutex<Vec<Lanes>>>,
+}
+
+/// Sum over all threads of the time spent in the two passes.
+pub(crate) struct Times {
+    pub(crate) project_backward: Duration,
+    pub(crate) adam: Duration,
+}
+
+/// A chunk's share of the statistics.
+struct ChunkStats<'a> {
+    norm: &'a mut [f32],
+    absolute: &'a mut [f32],
+    views: &'a mut [u32],
+}
+
+impl ChunkStats<'_> {
+    fn block(&mut self, n: usize) -> BlockStats<'_> {
+        let range = n * LANES..((n + 1) * LANES).min(self.views.len());
+        BlockStats { norm: &mut self.norm[range.clone()], absolute: &mut self.absolute[range.clone()], views: &mut self.views[range] }
+    }
+}
+
+fn stats_chunks(stats: &mut DensifyStats) -> impl IndexedParallelIterator<Item = ChunkStats<'_>> {
+    const SPLATS: usize = CHUNK * LANES;
+    (stats.gradient.par_chunks_mut(SPLATS), stats.abs_gradient.par_chunks_mut(SPLATS), stats.views.par_chunks_mut(SPLATS))
+        .into_par_iter()
+        .map(|(norm, absolute, views)| ChunkStats { norm, absolute, views })
+}
+
+/// Differentiates and updates all splats.
+pub(crate) fn backward_and_adam(
+    level: Level,
+    camera: &ScreenCamera,
+    inputs: &Inputs<'_>,
+    optimizer: Optimizer<'_>,
+    config: &StepConfig,
+    (stats, scratch): (&mut DensifyStats, &mut Scratch),
+) -> Times {
+    let rows = inputs.layout.rows();
+    let step = Step::new(inputs.layout, inputs.count, config);
+    let collect = config.stats != StatsCollection::Off;
+    scratch.gradients.resize_with(rayon::current_num_threads(), Mutex::default);
+    let scratch = &scratch.gradients;
+    let nanoseconds = [AtomicU64::new(0), AtomicU64::new(0)];
+    let chunks = (
+        optimizer.parameters.lanes.par_chunks_mut(CHUNK * rows),
+        optimizer.first.lanes.par_chunks_mut(CHUNK * rows),
+        optimizer.second.lanes.par_chunks_mut(CHUNK * rows),
+        stats_chunks(stats),
+    );
+    chunks.into_par_iter().enumerate().for_each(|(chunk, (parameters, first, second, mut stats))| {
+        let start = Instant::now();
+        // A thread has one place of its own; should it be taken or poisoned, a new buffer does as well.
+        let own = rayon::current_thread_index().and_then(|thread| scratch.get(thread)?.try_lock().ok());
+        let (mut own, mut other) = (own, Vec::new());
+        let gradients: &mut Vec<Lanes> = own.as_deref_mut().unwrap_or(&mut other);
+        gradients.resize(CHUNK * rows, Lanes::ZERO);
+        let mut written = [false; CHUNK];
+        with_simd!(level, simd => {
+            for (n, rows) in parameters.chunks(rows).enumerate() {
+                let (block, gradient) = (chunk * CHUNK + n, &mut gradients[n * rows.len()..][..rows.len()]);
+                written[n] = project_backward(simd, camera, inputs, (block, rows), gradient, collect.then(|| stats.block(n)));
+            }
+        });
+        let middle = Instant::now();
+        with_simd!(level, simd => {
+            let blocks = parameters.chunks_mut(rows).zip(first.chunks_mut(rows)).zip(second.chunks_mut(rows)).enumerate();
+            for (n, ((parameters, first), second)) in blocks {
+                let gradient = written[n].then_some(&gradients[n * rows..][..rows]);
+                update(simd, &step, chunk * CHUNK + n, parameters, (first, second), gradient);
+            }
+        });
+        nanoseconds[0].fetch_add((middle - start).as_nanos() as u64, Ordering::Relaxed);
+        nanoseconds[1].fetch_add(middle.elapsed().as_nanos() as u64, Ordering::Relaxed);
+    });
+    let [project_backward, adam] = nanoseconds.map(|n| Duration::from_nanos(n.into_inner()));
+    Times { project_backward, adam }
+}
+
+/// Differentiates all splats and keeps the gradients: `[blocks, rows, 16]`, zero where nothing was seen.
+pub(crate) fn gradients(
+    level: Level,
+    camera: &ScreenCamera,
+    (inputs, parameters): (&Inputs<'_>, &[Lanes]),
+    stats: Option<&mut DensifyStats>,
+) -> Vec<Lanes> {
+    let rows = inputs.layout.rows();
+    let mut gradients = vec![Lanes::ZERO; parameters.len()];
+    let mut unused = DensifyStats::zeros(inputs.count);
+    let collect = stats.is_some();
+    let stats = stats.unwrap_or(&mut unused);
+    let chunks = (gradients.par_chunks_mut(CHUNK * rows), parameters.par_chunks(CHUNK * rows), stats_chunks(stats));
+    chunks.into_par_iter().enumerate().for_each(|(chunk, (gradients, parameters, mut stats))| {
+        with_simd!(level, simd => {
+            for (n, (gradient, rows)) in gradients.chunks_mut(rows).zip(parameters.chunks(rows)).enumerate() {
+                project_backward(simd, camera, inputs, (chunk * CHUNK + n, rows), gradient, collect.then(|| stats.block(n)));
+            }
+        });
+    });
+    gradients
+}
