@@ -14,6 +14,9 @@ use luxel_core::Real;
 /// Lanes of a vector: splats of a block, pixels of a 4x4 block.
 pub(crate) const LANES: usize = 16;
 
+/// x86 estimates a reciprocal to 12 bits or better; other machines to 8, where one step would leave 16.
+const NEWTON_STEPS: usize = if cfg!(any(target_arch = "x86", target_arch = "x86_64")) { 1 } else { 2 };
+
 /// Sixteen numbers in memory.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C, align(64))]
@@ -87,14 +90,16 @@ impl<S: Simd> V<S> {
         Self(self.0.abs())
     }
 
-    /// 1 / `self` to a few units in the last place, for normal numbers: the hardware's estimate and two steps of Newton's method, of which
-    /// the coarsest estimates (12 bits) need both. Division takes several times as long.
+    /// 1 / `self` to a few units in the last place, for normal numbers: the hardware's estimate and steps of Newton's method, each of
+    /// which doubles its bits. Division takes several times as long.
     #[inline(always)]
     pub(crate) fn reciprocal(self) -> Self {
         let two = f32x16::splat(self.0.token(), 2.0);
-        let estimate = self.0.approximate_recip();
-        let estimate = estimate * (-self.0).mul_add(estimate, two);
-        Self(estimate * (-self.0).mul_add(estimate, two))
+        let mut estimate = self.0.approximate_recip();
+        for _ in 0..NEWTON_STEPS {
+            estimate = estimate * (-self.0).mul_add(estimate, two);
+        }
+        Self(estimate)
     }
 
     /// 2 to the power of `self`, for arguments in [-126, 127]; relative error below 3e-7.

@@ -73,16 +73,57 @@ pub(crate) fn rasterize_backward(
     out.par_iter_mut().zip(lists).zip(pixels).zip(gradients).for_each(|(((out, list), pixels), gradients)| {
         out.clear();
         out.resize(list.entries.len(), EntryGradient::default());
-        with_simd!(level, simd => {
-            for block in 0..BLOCKS {
-                let (pixels, gradient) = (&pixels.0[block], &gradients.0[block]);
-                match absolute {
-                    AbsoluteSums::Skip => block_backward::<_, false>(simd, camera, (list, block), (pixels, gradient), out),
-                    AbsoluteSums::Collect => block_backward::<_, true>(simd, camera, (list, block), (pixels, gradient), out),
+        let mut batch = Batch::new();
+        for block in 0..BLOCKS {
+            let (pixels, gradient, out) = (&pixels.0[block], &gradients.0[block], (&mut batch, out.as_mut_slice()));
+            match absolute {
+                AbsoluteSums::Skip => {
+                    with_simd!(level, simd => block_backward::<_, false>(simd, camera, (list, block), (pixels, gradient), out))
+                }
+                AbsoluteSums::Collect => {
+                    with_simd!(level, simd => block_backward::<_, true>(simd, camera, (list, block), (pixels, gradient), out))
                 }
             }
-        });
+        }
     });
+}
+
+/// Splats differentiated in one go.
+const BATCH: usize = 16;
+
+/// Splats that change a block, back to front, as its pixels see them. What does not hang on the splats behind is computed for many ahead
+/// of the recursion through the pixels' transmittance, so that the processor overlaps them.
+struct Batch {
+    len: usize,
+    entry: [u32; BATCH],
+    u: [Lanes; BATCH],
+    v: [Lanes; BATCH],
+    /// Zero where the pixel is not changed.
+    alpha: [Lanes; BATCH],
+    /// 1 / (1 - alpha).
+    inverse: [Lanes; BATCH],
+}
+
+impl Batch {
+    fn new() -> Self {
+        Self {
+            len: 0,
+            entry: [0; BATCH],
+            u: [Lanes::ZERO; BATCH],
+            v: [Lanes::ZERO; BATCH],
+            alpha: [Lanes::ZERO; BATCH],
+            inverse: [Lanes::ZERO; BATCH],
+        }
+    }
+}
+
+/// What differentiating a block's splats goes on with from one to the next in front.
+struct Unwinding<S: Simd> {
+    gradient: [V<S>; 3],
+    transmittance: V<S>,
+    /// Gradient-weighted radiance from behind.
+    behind: V<S>,
+    max_alpha: V<S>,
 }
 
 #[inline(always)]
@@ -91,65 +132,85 @@ fn block_backward<S: Simd, const ABSOLUTE: bool>(
     camera: &ScreenCamera,
     (list, block): (&TileList, usize),
     (pixels, gradient): (&BlockPixels, &[Lanes; 3]),
-    out: &mut [EntryGradient],
+    (batch, out): (&mut Batch, &mut [EntryGradient]),
 ) {
-    let c = |value: f32| V::splat(simd, value);
-    let (zero, one) = (c(0.0), c(1.0));
-    let max_alpha = c(camera.cutoffs.max_alpha);
+    let max_alpha = V::splat(simd, camera.cutoffs.max_alpha);
     let centers = pixel_centers(simd, block);
-    let gradient = each!([0, 1, 2] channel => V::load(simd, &gradient[channel]));
     let last = V::load(simd, &pixels.last);
-    let mut transmittance = V::load(simd, &pixels.transmittance);
+    let gradient = each!([0, 1, 2] channel => V::load(simd, &gradient[channel]));
+    let transmittance = V::load(simd, &pixels.transmittance);
     let background = each!([0, 1, 2] i => gradient[i] * camera.background[i]);
-    // Gradient-weighted radiance from behind.
-    let mut behind = transmittance * (background[0] + background[1] + background[2]);
-    let end = pixels.last.0.iter().fold(0.0f32, |a, v| a.max(*v)) as usize;
-    for n in (0..end.div_ceil(WORD)).rev() {
-        let mut bits = list.cover[n][block];
+    let behind = transmittance * (background[0] + background[1] + background[2]);
+    let mut unwinding = Unwinding { gradient, transmittance, behind, max_alpha };
+    let end = pixels.last.0.iter().fold(0.0f32, |a, v| if *v > a { *v } else { a }) as usize;
+    batch.len = 0;
+    for (n, word) in list.cover[..end.div_ceil(WORD)].iter().enumerate().rev() {
+        let mut bits = word[block];
         if end - n * WORD < WORD {
             bits &= (1 << (end - n * WORD)) - 1;
         }
         while bits != 0 {
             let bit = WORD - 1 - bits.leading_zeros() as usize;
             bits ^= 1 << bit;
-            let index = n * WORD + bit;
-            let entry = &list.entries[index];
-            let seen = Seen::new(simd, entry, centers);
-            let hit = seen.log2_alpha.ge(c(entry.log2_threshold)) & last.gt(c(index as f32));
-            if !hit.any_true() {
-                continue;
+            collect(simd, list, n * WORD + bit, (centers, last, max_alpha), batch);
+            if batch.len == BATCH {
+                unwind::<_, ABSOLUTE>(simd, &mut unwinding, list, batch, out);
+                batch.len = 0;
             }
-            let uncapped = seen.log2_alpha.exp2();
-            let alpha = V::select(hit, uncapped.min(max_alpha), zero);
-            let inverse = (one - alpha).reciprocal();
-            transmittance = transmittance * inverse;
-            let weight = alpha * transmittance;
-            let color = each!([0, 1, 2] i => gradient[i] * entry.radiance[i]);
-            let shine = color[0] + color[1] + color[2];
-            let d_alpha = transmittance.mul_add(shine, -(behind * inverse));
-            behind = weight.mul_add(shine, behind);
-            let g = V::select(hit & uncapped.lt(max_alpha), alpha * d_alpha, zero);
-            let (gu, gv) = (g * seen.u, g * seen.v);
-            let radiance = each!([0, 1, 2] i => weight * gradient[i]);
-            let absolute = match ABSOLUTE {
-                true => [gu.abs(), c(entry.root[1]).mul_add(gu, gv * entry.root[2]).abs()],
-                false => [zero; 2],
-            };
-            let sums = [
-                g,
-                gu,
-                gv,
-                gu * seen.u,
-                gu * seen.v,
-                gv * seen.v,
-                radiance[0],
-                radiance[1],
-                radiance[2],
-                absolute[0],
-                absolute[1],
-            ];
-            add_sums(simd, sums, &mut out[entry.place as usize]);
         }
+    }
+    unwind::<_, ABSOLUTE>(simd, &mut unwinding, list, batch, out);
+}
+
+/// Adds an entry to the batch, unless it changes no pixel.
+#[inline(always)]
+fn collect<S: Simd>(simd: S, list: &TileList, index: usize, (centers, last, max_alpha): ([V<S>; 2], V<S>, V<S>), batch: &mut Batch) {
+    let c = |value: f32| V::splat(simd, value);
+    let entry = &list.entries[index];
+    let seen = Seen::new(simd, entry, centers);
+    let hit = seen.log2_alpha.ge(c(entry.log2_threshold)) & last.gt(c(index as f32));
+    let alpha = V::select(hit, seen.log2_alpha.exp2().min(max_alpha), c(0.0));
+    let slot = batch.len;
+    batch.entry[slot] = index as u32;
+    seen.u.store(&mut batch.u[slot]);
+    seen.v.store(&mut batch.v[slot]);
+    alpha.store(&mut batch.alpha[slot]);
+    (c(1.0) - alpha).reciprocal().store(&mut batch.inverse[slot]);
+    // Written in any case, kept or not: a branch would often be guessed wrong.
+    batch.len += usize::from(hit.any_true());
+}
+
+/// Differentiates the batch's splats.
+#[inline(always)]
+fn unwind<S: Simd, const ABSOLUTE: bool>(
+    simd: S,
+    state: &mut Unwinding<S>,
+    list: &TileList,
+    batch: &Batch,
+    out: &mut [EntryGradient],
+) {
+    let c = |value: f32| V::splat(simd, value);
+    let gradient = state.gradient;
+    for slot in 0..batch.len.min(BATCH) {
+        let entry = &list.entries[batch.entry[slot] as usize];
+        let [u, v] = [V::load(simd, &batch.u[slot]), V::load(simd, &batch.v[slot])];
+        let [alpha, inverse] = [V::load(simd, &batch.alpha[slot]), V::load(simd, &batch.inverse[slot])];
+        let transmittance = state.transmittance * inverse;
+        let weight = alpha * transmittance;
+        let color = each!([0, 1, 2] i => c(entry.radiance[i]));
+        let shine = color[0].mul_add(gradient[0], color[1].mul_add(gradient[1], color[2] * gradient[2]));
+        let d_alpha = transmittance.mul_add(shine, -(state.behind * inverse));
+        state.transmittance = transmittance;
+        state.behind = weight.mul_add(shine, state.behind);
+        let g = V::select(alpha.lt(state.max_alpha), alpha * d_alpha, c(0.0));
+        let (gu, gv) = (g * u, g * v);
+        let radiance = each!([0, 1, 2] i => weight * gradient[i]);
+        let absolute = match ABSOLUTE {
+            true => [gu.abs(), c(entry.root[1]).mul_add(gu, gv * entry.root[2]).abs()],
+            false => [c(0.0); 2],
+        };
+        let sums = [g, gu, gv, gu * u, gu * v, gv * v, radiance[0], radiance[1], radiance[2], absolute[0], absolute[1]];
+        add_sums(simd, sums, &mut out[entry.place as usize]);
     }
 }
 
