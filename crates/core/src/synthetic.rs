@@ -51,6 +51,7 @@ pub fn room(count: usize, seed: u64) -> Splats {
     let mut stream = Stream::new(seed);
     let log_scale = (SCALE_OF_100K * (1e5 / count.max(1) as f32).sqrt()).ln();
     let mut splats = Splats::empty(ColorModel::Sh { degree: 3 });
+    splats.sh.reserve_exact(count * 3 * sh::coefficients(3));
     for _ in 0..count {
         let placement = if stream.uniform() <= FLOATERS { floater(&mut stream) } else { disc(&faces, &mut stream) };
         let [size, x, y, z] = stream.normals();
