@@ -24,6 +24,10 @@ fn main() -> Outcome {
     tiff_seeds(&values)?;
     raster_seeds(&bytes)?;
     let pixels: Vec<_> = values.as_chunks().0.iter().take(WIDTH * HEIGHT).map(|&rgb| image::Rgb(rgb)).collect();
+    let header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({HEIGHT}, {WIDTH}, 3), }}\n");
+    let samples: Vec<u8> = values[..WIDTH * HEIGHT * 3].iter().flat_map(|v| v.to_le_bytes()).collect();
+    let length = (header.len() as u16).to_le_bytes();
+    seed("image_npy", "float", &[&b"\x93NUMPY\x01\x00"[..], &length, header.as_bytes(), &samples].concat())?;
     let mut hdr = Vec::new();
     image::codecs::hdr::HdrEncoder::new(&mut hdr).encode(&pixels, WIDTH, HEIGHT)?;
     seed("image_hdr", "rle", &hdr)?;

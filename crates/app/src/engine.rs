@@ -9,13 +9,19 @@ use crate::values::DeviceArg;
 
 /// An engine without a scene, and the number of threads it uses.
 pub(crate) fn engine(args: &DeviceArgs) -> Result<(Box<dyn Engine>, usize)> {
+    let (engine, threads) = cpu_engine(args)?;
+    Ok((Box::new(engine), threads))
+}
+
+/// [`engine`] for those who want to choose among the processor's instruction sets.
+pub(crate) fn cpu_engine(args: &DeviceArgs) -> Result<(CpuEngine, usize)> {
     match args.device {
         DeviceArg::Gpu => bail!("--device gpu: this build of luxel has no GPU engine; use --device cpu"),
         DeviceArg::Auto | DeviceArg::Cpu => {}
     }
     let threads = threads(args);
     let engine = CpuEngine::new(threads).context("cannot start the CPU engine")?;
-    Ok((Box::new(engine), threads))
+    Ok((engine, threads))
 }
 
 /// Threads for this command: as many as asked for, else all cores. Also bounds what reading files uses.

@@ -56,6 +56,7 @@ fn dispatch(command: Command, said: &[String]) -> Result<Outcome> {
         Command::Eval(args) => commands::eval::run(&args).map(|()| Outcome::Finished),
         Command::Render(args) => commands::render::run(&args, said).map(|()| Outcome::Finished),
         Command::Info(args) => commands::info::run(&args).map(|()| Outcome::Finished),
+        Command::Bench(args) => commands::bench::run(&args).map(|()| Outcome::Finished),
     }
 }
 

@@ -1,8 +1,9 @@
 //! Values of options: their names on the command line and in config.toml, and the ranges they must lie in.
 
 use clap::ValueEnum;
-use luxel_core::ColorSpace;
 use luxel_core::tone::Tonemap;
+use luxel_core::{ColorSpace, MAX_SIDE_PX};
+use luxel_cpu::InstructionSet;
 use luxel_io::{DatasetFormat, Transfer};
 use serde::{Deserialize, Serialize};
 
@@ -138,6 +139,39 @@ impl From<TonemapArg> for Tonemap {
     }
 }
 
+/// `--order`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum OrderArg {
+    /// Neighbours in space are neighbours in memory, as training keeps them.
+    #[default]
+    Spatial,
+    /// As in the file; the synthetic room's is random.
+    File,
+}
+
+/// `--instruction-set`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub(crate) enum InstructionSetArg {
+    /// The best the processor has.
+    #[default]
+    Best,
+    /// AVX2 with FMA, also on a processor that has AVX-512.
+    Avx2,
+    /// What every processor of this kind has: SSE2, NEON.
+    Baseline,
+}
+
+impl From<InstructionSetArg> for InstructionSet {
+    fn from(arg: InstructionSetArg) -> Self {
+        match arg {
+            InstructionSetArg::Best => Self::Best,
+            InstructionSetArg::Avx2 => Self::Avx2,
+            InstructionSetArg::Baseline => Self::Baseline,
+        }
+    }
+}
+
 /// `--frames`: both included.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Frames {
@@ -196,6 +230,18 @@ pub(crate) fn parse_finite(text: &str) -> Result<f32, String> {
     text.parse().ok().filter(|v: &f32| v.is_finite()).ok_or_else(|| format!("expected a finite number, got \"{text}\""))
 }
 
+/// A finite number above 0.
+pub(crate) fn parse_positive(text: &str) -> Result<f32, String> {
+    text.parse().ok().filter(|v: &f32| v.is_normal() && *v > 0.0).ok_or_else(|| format!("expected a number above 0, got \"{text}\""))
+}
+
+/// `WxH`, pixels.
+pub(crate) fn parse_size(text: &str) -> Result<[u32; 2], String> {
+    let side = |text: &str| text.parse().ok().filter(|side| (1..=MAX_SIDE_PX).contains(side));
+    let sides = text.split_once('x').and_then(|(width, height)| Some([side(width)?, side(height)?]));
+    sides.ok_or_else(|| format!("expected width x height such as 640x480, 1 to {MAX_SIDE_PX} pixels a side, got \"{text}\""))
+}
+
 impl Frames {
     /// Whether frame `i` is among them.
     pub(crate) fn contains(self, i: usize) -> bool {
@@ -221,6 +267,18 @@ mod tests {
         assert_eq!(parse_shard("0/4"), Ok(Shard { index: 0, count: 4 }));
         for bad in ["4/4", "0/0", "1", "a/2", "1/", "-1/2"] {
             assert!(parse_shard(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn sizes_and_positive_numbers_are_checked() {
+        assert_eq!(parse_size("640x480"), Ok([640, 480]));
+        for bad in ["640", "640x", "0x480", "640x65537", "-1x2", "1x2x3", ""] {
+            assert!(parse_size(bad).is_err(), "{bad}");
+        }
+        assert_eq!(parse_positive("1e-3"), Ok(1e-3));
+        for bad in ["0", "-1", "nan", "inf", "x", "1e-40"] {
+            assert!(parse_positive(bad).is_err(), "{bad}");
         }
     }
 

@@ -12,9 +12,11 @@ pub mod metrics;
 pub mod noise;
 mod order;
 mod real;
+mod recolor;
 mod scene;
 pub mod sh;
 mod splats;
+pub mod synthetic;
 pub mod tone;
 
 pub use camera::{Camera, CameraError, Distortion, MAX_SIDE_PX};

@@ -22,6 +22,40 @@ pub fn standard_normal(seed: u64, index: u64) -> [f32; 3] {
     [r0 * a0.cos(), r0 * a0.sin(), r1 * a1.cos()]
 }
 
+/// Random numbers one after another, for what is made in one go.
+pub(crate) struct Stream {
+    seed: u64,
+    index: u64,
+}
+
+impl Stream {
+    /// Equal seeds give equal numbers.
+    pub(crate) fn new(seed: u64) -> Self {
+        Self { seed, index: 0 }
+    }
+
+    fn next_index(&mut self) -> u64 {
+        self.index = self.index.wrapping_add(1);
+        self.index
+    }
+
+    /// Uniform in (0, 1].
+    pub(crate) fn uniform(&mut self) -> f32 {
+        let index = self.next_index();
+        ((mix(self.seed ^ mix(index)) >> 40) as f32 + 1.0) / 16_777_216.0
+    }
+
+    /// Standard normal.
+    pub(crate) fn normals<const K: usize>(&mut self) -> [f32; K] {
+        let mut out = [0.0; K];
+        for chunk in out.chunks_mut(3) {
+            let index = self.next_index();
+            chunk.copy_from_slice(&standard_normal(self.seed, index)[..chunk.len()]);
+        }
+        out
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

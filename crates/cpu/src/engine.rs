@@ -84,11 +84,22 @@ impl CpuEngine {
     }
 
     /// Restricts the engine to a lesser instruction set: to test that results do not hang on it, and to measure what it brings.
-    pub fn set_instruction_set(&mut self, set: InstructionSet) {
-        self.level = match set {
-            InstructionSet::Best => Level::new(),
-            InstructionSet::Baseline => Level::baseline(),
+    ///
+    /// # Errors
+    /// [`EngineError::Device`] if the processor does not have it; the engine stays as it was.
+    pub fn set_instruction_set(&mut self, set: InstructionSet) -> Result<(), EngineError> {
+        let level = match set {
+            InstructionSet::Best => Some(Level::new()),
+            InstructionSet::Avx2 => avx2(),
+            InstructionSet::Baseline => Some(Level::baseline()),
         };
+        self.level = level.ok_or_else(|| {
+            let best = self.instruction_set();
+            EngineError::Device(format!(
+                "cpu: instruction set avx2 is not to be had, the engine runs on {best}; use the best or the baseline"
+            ))
+        })?;
+        Ok(())
     }
 
     /// Forward and backward without the update: the seam at which data-parallel training reduces gradients. Gradients in the layout of the
@@ -179,8 +190,20 @@ impl CpuEngine {
 pub enum InstructionSet {
     /// The best the processor has.
     Best,
+    /// AVX2 with FMA (x86-64-v3), also on a processor that has AVX-512.
+    Avx2,
     /// What every processor of the target has (SSE2 on x86-64, NEON on aarch64).
     Baseline,
+}
+
+#[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+fn avx2() -> Option<Level> {
+    Level::new().as_avx2().map(Level::Avx2)
+}
+
+#[cfg(not(any(target_arch = "x86", target_arch = "x86_64")))]
+fn avx2() -> Option<Level> {
+    None
 }
 
 fn checked_camera(camera: &Camera, options: &RenderOptions) -> Result<ScreenCamera, EngineError> {

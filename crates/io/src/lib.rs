@@ -9,6 +9,7 @@ mod checkpoint;
 mod dataset;
 mod error;
 mod image;
+mod pinhole;
 mod ply;
 mod regular;
 
@@ -27,4 +28,5 @@ pub use image::{
     DecodedImage, ExrOptions, ExrSample, HALF_MAX, ReadOptions, SampleDepth, Transfer, decode_image, downscale, downscale_masked,
     encode_exr, encode_png, image_size, read_image, undistort, write_exr, write_png,
 };
+pub use pinhole::{decode_pinhole_camera, read_pinhole_camera};
 pub use ply::{PlyPoint, decode_points_ply, decode_scene_ply, encode_scene_ply, read_points_ply, read_scene_ply, write_scene_ply};

@@ -47,7 +47,14 @@ fn make_files() -> Vec<(&'static str, Vec<u8>)> {
         ("tiff lzw", tiff(tiff::encoder::Compression::Lzw)),
         ("png", encode_png(width, height, &bytes).unwrap()),
         ("jpeg", jpeg),
+        ("npy", npy(&image)),
     ]
+}
+
+fn npy(image: &Image) -> Vec<u8> {
+    let header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({}, {}, 3), }}\n", image.height, image.width);
+    let samples: Vec<u8> = image.pixels.as_flattened().iter().flat_map(|v| v.to_le_bytes()).collect();
+    [&b"\x93NUMPY\x01\x00"[..], &(header.len() as u16).to_le_bytes(), header.as_bytes(), &samples].concat()
 }
 
 fn tiled_exr(image: &Image) -> Vec<u8> {

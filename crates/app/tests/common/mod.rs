@@ -24,9 +24,13 @@ pub struct Workplace {
 impl Workplace {
     /// With a data set in `data`.
     pub fn new() -> Self {
-        let place = Self { folder: tempfile::tempdir().unwrap() };
+        let place = Self::empty();
         write_dataset(&place.path("data"));
         place
+    }
+
+    pub fn empty() -> Self {
+        Self { folder: tempfile::tempdir().unwrap() }
     }
 
     pub fn path(&self, name: &str) -> PathBuf {

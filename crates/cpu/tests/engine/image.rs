@@ -157,7 +157,7 @@ fn instruction_set_does_not_matter_beyond_rounding() {
     let splats = fixture::splats(LCD, 90, &camera, 13);
     let options = fixture::options(Cutoffs::HDR, Antialias::Mip);
     let mut engine = CpuEngine::new(1).unwrap();
-    engine.set_instruction_set(InstructionSet::Baseline);
+    engine.set_instruction_set(InstructionSet::Baseline).unwrap();
     engine.load(&splats, None).unwrap();
     assert_is_oracles(&engine.render(&camera, &options).unwrap(), &splats, &camera, &options, "baseline");
 }

@@ -1,6 +1,6 @@
 //! Image files: bytes in, linear f32 radiance [H,W,3] out, and back.
 //!
-//! In: OpenEXR, Radiance HDR, TIFF, PNG, JPEG, recognised by their first bytes. Out: [`DecodedImage`], scene-linear, unclamped; NaN,
+//! In: OpenEXR, Radiance HDR, TIFF, PNG, JPEG, NumPy arrays, recognised by their first bytes. Out: [`DecodedImage`], scene-linear, unclamped; NaN,
 //! infinite and negative samples stay as they are (the data set masks them). Rows and columns are as stored: orientation tags are
 //! not applied, since structure from motion does not apply them either.
 //!
@@ -13,6 +13,7 @@
 mod colorimetry;
 mod guard;
 mod jpeg;
+mod npy;
 mod openexr;
 mod png;
 mod radiance;
@@ -109,11 +110,12 @@ enum Format {
     Tiff,
     Png,
     Jpeg,
+    Npy,
 }
 
 impl Format {
     fn of(name: &Path, head: &[u8]) -> Result<Self, IoError> {
-        const MAGIC: [(&[u8], Format); 9] = [
+        const MAGIC: [(&[u8], Format); 10] = [
             (&[0x76, 0x2f, 0x31, 0x01], Format::OpenExr),
             (b"#?RADIANCE", Format::Radiance),
             (b"#?RGBE", Format::Radiance),
@@ -123,6 +125,7 @@ impl Format {
             (b"MM\0+", Format::Tiff),
             (png::SIGNATURE, Format::Png),
             (&[0xff, 0xd8, 0xff], Format::Jpeg),
+            (npy::SIGNATURE, Format::Npy),
         ];
         if head.is_empty() {
             return Err(IoError::invalid(name, "the file is empty, expected an image; copy or export it again"));
@@ -132,7 +135,7 @@ impl Format {
             IoError::unsupported(
                 name,
                 format!(
-                    "not an image of a known format: begins with bytes {}, expected OpenEXR, Radiance HDR, TIFF, PNG or JPEG",
+                    "not an image of a known format: begins with bytes {}, expected OpenEXR, Radiance HDR, TIFF, PNG, JPEG or NumPy's .npy",
                     found.join(" ")
                 ),
             )
@@ -160,6 +163,7 @@ pub fn decode_image(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<
         Format::Tiff => tiff::decode(name, bytes, options),
         Format::Png => png::decode(name, bytes, options),
         Format::Jpeg => jpeg::decode(name, bytes, options),
+        Format::Npy => npy::decode(name, bytes),
     })
 }
 
@@ -179,6 +183,7 @@ pub fn image_size(path: &Path) -> Result<[u32; 2], IoError> {
         Format::Tiff => tiff::size(path, open()?),
         Format::Png => png::size(path, &head),
         Format::Jpeg => jpeg::size(path, &read_file(path)?),
+        Format::Npy => npy::size(path, open()?),
     })?;
     guard::check_size(path, size.map(u64::from), length)?;
     Ok(size)

@@ -1,0 +1,86 @@
+//! The measurement itself: renders and training steps in turn, so that noise of the machine hits both alike.
+
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result};
+use luxel_core::{Engine, LearningRates, LossConfig, Pass, RenderOptions, StatsCollection, StepConfig, StepReport, View};
+
+/// So small that the scene stays where it is, over any number of steps; Adam's work is the same at any rate.
+const LEARNING_RATE: f32 = 1e-9;
+
+/// What is measured.
+pub(super) struct Protocol {
+    /// How splats become pixels.
+    pub(super) render: RenderOptions,
+    /// mu of the loss.
+    pub(super) mu: f32,
+    /// Renders and steps before the measured ones.
+    pub(super) warmup: u32,
+    /// Renders and steps measured.
+    pub(super) steps: u32,
+}
+
+/// Milliseconds, one entry per step.
+pub(super) struct Measured {
+    /// What the very first step found.
+    pub(super) first: StepReport,
+    /// Renders.
+    pub(super) forward_ms: Vec<f64>,
+    /// Whole steps.
+    pub(super) step_ms: Vec<f64>,
+    /// The passes of those steps that the engine tells apart, in their order.
+    pub(super) passes_ms: Vec<(Pass, Vec<f64>)>,
+}
+
+/// Measures the scene that is loaded.
+pub(super) fn measure(engine: &mut dyn Engine, view: &View, protocol: &Protocol) -> Result<Measured> {
+    let mut first = None;
+    let mut forward_ms = Vec::new();
+    let mut step_ms = Vec::new();
+    let mut passes_ms: Vec<(Pass, Vec<f64>)> = Pass::ALL.map(|pass| (pass, Vec::new())).into();
+    for round in 0..protocol.warmup.saturating_add(protocol.steps) {
+        let start = Instant::now();
+        engine.render(&view.camera, &protocol.render).context("cannot render")?;
+        let forward = start.elapsed();
+        let before = engine.timings().to_vec();
+        let start = Instant::now();
+        let report = engine.train_step(view, &step(protocol, round + 1)).context("cannot make a training step")?;
+        let whole = start.elapsed();
+        first.get_or_insert(report);
+        if round < protocol.warmup {
+            continue;
+        }
+        forward_ms.push(milliseconds(forward));
+        step_ms.push(milliseconds(whole));
+        for (((_, times), (_, after)), (_, before)) in passes_ms.iter_mut().zip(engine.timings()).zip(&before) {
+            times.push(milliseconds(after.saturating_sub(*before)));
+        }
+    }
+    // Passes that the engine counts within others, and those that are no part of a step.
+    passes_ms.retain(|(_, times)| times.iter().any(|ms| *ms > 0.0));
+    Ok(Measured { first: first.unwrap_or_default(), forward_ms, step_ms, passes_ms })
+}
+
+fn step(protocol: &Protocol, step: u32) -> StepConfig {
+    StepConfig {
+        step,
+        render: protocol.render,
+        loss: LossConfig { mu: protocol.mu, ..LossConfig::default() },
+        learning_rates: LearningRates {
+            position: LEARNING_RATE,
+            rotation: LEARNING_RATE,
+            log_scale: LEARNING_RATE,
+            opacity_logit: LEARNING_RATE,
+            sh_dc: LEARNING_RATE,
+            sh_rest: LEARNING_RATE,
+            luminance_dc: LEARNING_RATE,
+            luminance_rest: LEARNING_RATE,
+        },
+        position_noise: None,
+        stats: StatsCollection::Gradients,
+    }
+}
+
+fn milliseconds(duration: Duration) -> f64 {
+    duration.as_secs_f64() * 1e3
+}

@@ -1,0 +1,142 @@
+//! What is measured on: a scene in the engine, and a view of it.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use anyhow::{Context, Result, bail};
+use luxel_core::{
+    Antialias, Camera, ColorModel, Cutoffs, Engine, Image, RasterConfig, RenderOptions, Splats, View, spatial_order, synthetic,
+};
+use luxel_io::ReadOptions;
+use luxel_train::{Method, TrainConfig};
+
+use crate::cli::BenchArgs;
+use crate::run_state;
+use crate::values::OrderArg;
+
+/// Size of the room's image where none is asked for.
+const DEFAULT_SIZE_PX: [u32; 2] = [400, 400];
+
+/// Near plane of both presets, so that they see the same splats: that of [`Cutoffs::HDR`].
+const NEAR: f32 = Cutoffs::HDR.near;
+
+/// Facts about what was loaded into the engine, and how to look at it.
+pub(super) struct Workload {
+    /// The file or the room.
+    pub(super) name: String,
+    /// Colour model.
+    pub(super) method: String,
+    /// Splats in the scene.
+    pub(super) splats: usize,
+    /// What the loss compares with.
+    pub(super) target: String,
+    /// Camera and target, normalised units.
+    pub(super) view: View,
+    /// How splats become pixels.
+    pub(super) render: RenderOptions,
+}
+
+/// A scene before it is in the engine.
+struct Source {
+    name: String,
+    splats: Splats,
+    radiance_scale: f32,
+    antialias: Antialias,
+}
+
+impl Workload {
+    /// Reads or makes everything and loads the scene.
+    pub(super) fn prepare(args: &BenchArgs, engine: &mut dyn Engine) -> Result<Self> {
+        let camera = camera(args)?;
+        let source = source(args)?;
+        let mut splats = in_method(source.splats, args.method, &source.name)?;
+        let cutoffs = Cutoffs { near: NEAR, ..TrainConfig { cutoffs: args.cutoffs, ..TrainConfig::default() }.raster().cutoffs };
+        let render = RenderOptions { raster: RasterConfig { cutoffs, antialias: source.antialias }, ..RenderOptions::default() };
+        let (target, image) = match &args.target {
+            Some(path) => (path.display().to_string(), read_target(path, args, &camera, source.radiance_scale)?),
+            None => {
+                engine.load(&splats, None).context("cannot load the workload")?;
+                let image = engine.render(&camera, &render).context("cannot render the workload")?;
+                synthetic::perturb(&mut splats, args.seed);
+                ("render of the workload before its parameters were shaken".to_owned(), image)
+            }
+        };
+        // Last, so that either order is one of the same splats.
+        if args.order == OrderArg::Spatial {
+            splats = splats.select(spatial_order(&splats.position));
+        }
+        engine.load(&splats, None).context("cannot load the workload")?;
+        let view = View { name: source.name.clone(), camera, image: Arc::new(image), mask: None };
+        Ok(Self { name: source.name, method: splats.color_model.name(), splats: splats.len(), target, view, render })
+    }
+}
+
+fn camera(args: &BenchArgs) -> Result<Camera> {
+    match &args.camera {
+        Some(path) => luxel_io::read_pinhole_camera(path).context("cannot read the camera"),
+        None => Ok(synthetic::room_camera(args.size.unwrap_or(DEFAULT_SIZE_PX))),
+    }
+}
+
+fn source(args: &BenchArgs) -> Result<Source> {
+    match (&args.workload, args.generate) {
+        (Some(path), _) => {
+            let scene = run_state::read_scene(path)?;
+            if scene.splats.is_empty() {
+                bail!("{}: no splats, expected a scene with some to measure on", path.display());
+            }
+            Ok(Source {
+                name: path.display().to_string(),
+                splats: scene.splats,
+                radiance_scale: scene.radiance_scale,
+                antialias: scene.raster.antialias,
+            })
+        }
+        (None, Some(count)) => Ok(Source {
+            name: format!("room of {count} splats, seed {}", args.seed),
+            splats: synthetic::room(count as usize, args.seed),
+            radiance_scale: 1.0,
+            antialias: Antialias::Off,
+        }),
+        (None, None) => bail!("nothing to measure on; give --workload SCENE.ply or --generate N"),
+    }
+}
+
+/// The scene in the colour model asked for.
+fn in_method(splats: Splats, method: Option<Method>, name: &str) -> Result<Splats> {
+    let Some(method) = method else { return Ok(splats) };
+    let model: ColorModel = TrainConfig { method, ..TrainConfig::default() }.color_model();
+    if model == splats.color_model {
+        return Ok(splats);
+    }
+    let found = splats.color_model.name();
+    let Some(splats) = splats.with_color_model(model) else {
+        bail!("{name}: colour model {found} cannot become {}; leave --method out, or take a scene of harmonics", model.name())
+    };
+    Ok(splats)
+}
+
+/// An image of the camera's size, in normalised units.
+fn read_target(path: &Path, args: &BenchArgs, camera: &Camera, radiance_scale: f32) -> Result<Image> {
+    let options = ReadOptions { transfer: args.transfer.map(Into::into) };
+    let mut image = luxel_io::read_image(path, &options).context("cannot read the target")?.image;
+    let [width, height] = camera.size_px.map(|side| side as usize);
+    if (image.width, image.height) != (width, height) {
+        bail!(
+            "{}: {} x {} pixels, the camera expects {width} x {height}; take the target that belongs to the camera",
+            path.display(),
+            image.width,
+            image.height
+        );
+    }
+    if let Some(at) = image.pixels.iter().position(|rgb| rgb.iter().any(|v| !v.is_finite())) {
+        bail!(
+            "{}: pixel {}, {} (column, row) is not finite, expected radiance; take another target, or leave --target out",
+            path.display(),
+            at % width,
+            at / width
+        );
+    }
+    image.scale(1.0 / radiance_scale);
+    Ok(image)
+}

@@ -1,0 +1,164 @@
+//! NumPy's .npy in: one array `[H,W,3]` of little-endian float32 in C order, linear RGB, rows from the top.
+//!
+//! Format: a magic string, a version, the length of a header, the header (a Python dictionary of type, order and shape, in ASCII), the
+//! samples (NumPy enhancement proposal 1). Other types, orders and shapes are refused with the line of NumPy that makes the right one.
+
+use std::fmt::Display;
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+use luxel_core::Image;
+
+use super::guard::{check_size, zeroed};
+use super::{DecodedImage, SampleDepth};
+use crate::IoError;
+
+/// First bytes of every file.
+pub(super) const SIGNATURE: &[u8] = b"\x93NUMPY";
+
+/// Longest header that is believed to be one: NumPy's own limit.
+const MAX_HEADER_BYTES: usize = 10_000;
+
+/// Longest start of a file: signature, version, a four-byte length, header.
+const MAX_START_BYTES: u64 = MAX_HEADER_BYTES as u64 + 12;
+
+/// How to write what is expected.
+const REMEDY: &str = "save it with numpy.save(file, numpy.ascontiguousarray(image, dtype=\"<f4\"))";
+
+/// Decodes a whole file.
+pub(super) fn decode(name: &Path, bytes: &[u8]) -> Result<DecodedImage, IoError> {
+    let (size, samples) = start(name, bytes)?;
+    check_size(name, size.map(u64::from), bytes.len() as u64)?;
+    let [width, height] = size.map(|side| side as usize);
+    let expected = width * height * size_of::<[f32; 3]>();
+    if samples.len() != expected {
+        let message = format!(
+            "data: {} bytes after the header, expected {expected} for {width} x {height} pixels; the file is damaged, save it again",
+            samples.len()
+        );
+        return Err(IoError::invalid(name, message));
+    }
+    let mut pixels = zeroed::<[f32; 3]>(name, width * height)?;
+    for (value, bytes) in pixels.as_flattened_mut().iter_mut().zip(samples.as_chunks().0) {
+        *value = f32::from_le_bytes(*bytes);
+    }
+    let image = Image { width, height, pixels };
+    Ok(DecodedImage { image, alpha: None, color_space: None, chromaticities: None, depth: SampleDepth::Float, warnings: Vec::new() })
+}
+
+/// Size from the header.
+pub(super) fn size(name: &Path, file: File) -> Result<[u32; 2], IoError> {
+    let mut bytes = Vec::new();
+    file.take(MAX_START_BYTES).read_to_end(&mut bytes).map_err(|e| IoError::system(name, "read", &e))?;
+    Ok(start(name, &bytes)?.0)
+}
+
+/// Width and height, and what follows the header.
+fn start<'a>(name: &Path, bytes: &'a [u8]) -> Result<([u32; 2], &'a [u8]), IoError> {
+    let cut_short = || IoError::invalid(name, "header: the file ends within it; the file is damaged, save it again");
+    let rest = bytes.strip_prefix(SIGNATURE).ok_or_else(|| IoError::invalid(name, "header: no signature of NumPy"))?;
+    let (length, rest) = match rest {
+        [1, _, a, b, rest @ ..] => (usize::from(u16::from_le_bytes([*a, *b])), rest),
+        [2 | 3, _, a, b, c, d, rest @ ..] => (u32::from_le_bytes([*a, *b, *c, *d]) as usize, rest),
+        [1..=3, ..] | [] => return Err(cut_short()),
+        [version, ..] => {
+            return Err(IoError::unsupported(name, format!("header: version {version} of the format, expected 1 to 3; {REMEDY}")));
+        }
+    };
+    if length > MAX_HEADER_BYTES {
+        return Err(IoError::invalid(name, format!("header: {length} bytes, expected at most {MAX_HEADER_BYTES}; {REMEDY}")));
+    }
+    let (header, samples) = rest.split_at_checked(length).ok_or_else(cut_short)?;
+    let header = str::from_utf8(header).map_err(|_| IoError::invalid(name, "header: not text; the file is damaged, save it again"))?;
+    Ok((shape(name, header)?, samples))
+}
+
+/// Width and height of a header such as `{'descr': '<f4', 'fortran_order': False, 'shape': (400, 300, 3), }`.
+fn shape(name: &Path, header: &str) -> Result<[u32; 2], IoError> {
+    let value = |key: &str| {
+        let (_, rest) = header.split_once(&format!("'{key}':"))?;
+        let rest = rest.trim_start();
+        let end = if rest.starts_with('(') { rest.find(')').map(|at| at + 1) } else { rest.find([',', '}']) };
+        end.map(|end| rest[..end].trim())
+    };
+    let found =
+        |key: &str| value(key).ok_or_else(|| IoError::invalid(name, format!("header: no '{key}'; the file is damaged, save it again")));
+    let unsupported = |key: &str, found: &str, expected: &dyn Display| {
+        let found: String = found.chars().take(40).filter(|c| !c.is_control()).collect();
+        IoError::unsupported(name, format!("header: '{key}' is {found}, expected {expected}; {REMEDY}"))
+    };
+    let descr = found("descr")?;
+    if descr != "'<f4'" {
+        return Err(unsupported("descr", descr, &"'<f4' (little-endian float32)"));
+    }
+    let order = found("fortran_order")?;
+    if order != "False" {
+        return Err(unsupported("fortran_order", order, &"False (rows from the top)"));
+    }
+    let shape = found("shape")?;
+    let sides: Option<Vec<u32>> = shape.trim_matches(['(', ')']).split(',').map(|side| side.trim().parse().ok()).collect();
+    match sides.as_deref() {
+        Some([height, width, 3]) => Ok([*width, *height]),
+        _ => Err(unsupported("shape", shape, &"(height, width, 3)")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::IoErrorKind;
+
+    fn file(version: u8, header: &str, samples: &[f32]) -> Vec<u8> {
+        let length = header.len() as u32;
+        let length = if version == 1 { (length as u16).to_le_bytes().to_vec() } else { length.to_le_bytes().to_vec() };
+        let samples: Vec<u8> = samples.iter().flat_map(|v| v.to_le_bytes()).collect();
+        [SIGNATURE, &[version, 0], &length, header.as_bytes(), &samples].concat()
+    }
+
+    fn header(shape: &str) -> String {
+        format!("{{'descr': '<f4', 'fortran_order': False, 'shape': {shape}, }}   \n")
+    }
+
+    #[test]
+    fn array_is_an_image_with_rows_from_the_top() {
+        let samples: Vec<f32> = (0..18u8).map(|i| f32::from(i) * 1000.0 - 1.0).collect();
+        for version in [1, 2, 3] {
+            let image = decode(Path::new("a.npy"), &file(version, &header("(2, 3, 3)"), &samples)).unwrap().image;
+            assert_eq!((image.width, image.height), (3, 2));
+            assert_eq!(image.at(0, 1), [8999.0, 9999.0, 10999.0]);
+        }
+        // The order of the keys is free.
+        let other = "{'shape': (2,3,3), 'fortran_order': False, 'descr': '<f4'}";
+        assert!(decode(Path::new("a.npy"), &file(1, other, &samples)).is_ok());
+    }
+
+    #[test]
+    fn what_is_not_expected_is_named() {
+        let error = |bytes: &[u8]| decode(Path::new("a.npy"), bytes).unwrap_err();
+        let with = |header: &str| error(&file(1, header, &[0.0; 18]));
+        let whole = header("(2, 3, 3)");
+        for (header, part) in [
+            (whole.replace("<f4", "<f8"), "'descr' is '<f8'"),
+            (whole.replace("<f4", ">f4"), "'descr' is '>f4'"),
+            (whole.replace("'<f4'", "[('a', '<f4')]"), "'descr' is [('a'"),
+            (whole.replace("False", "True"), "'fortran_order' is True"),
+            (header("(6, 3)"), "'shape' is (6, 3), expected (height, width, 3)"),
+            (header("(2, 3, 4)"), "'shape'"),
+            (header("(2, -3, 3)"), "'shape'"),
+            (header("(99999999999, 3, 3)"), "'shape'"),
+        ] {
+            let error = with(&header);
+            assert_eq!(error.kind, IoErrorKind::Unsupported);
+            assert!(error.message.contains(part) && error.message.contains("numpy.save"), "{error}");
+        }
+        assert!(with(&whole.replace("'descr'", "'type'")).message.contains("no 'descr'"));
+        assert!(with("{'shape': (2, 3").message.contains("no 'descr'"));
+        assert!(with(&header("(0, 3, 3)")).message.contains("size 3 x 0"));
+        assert!(with(&header("(60000, 60000, 3)")).message.contains("claims"));
+        assert!(with(&header("(2, 2, 3)")).message.contains("72 bytes after the header, expected 48"));
+        assert!(error(&file(9, &whole, &[])).message.contains("version 9"));
+        assert!(error(&file(2, &" ".repeat(20_000), &[])).message.contains("at most 10000"));
+        assert!(error(b"\x93NUMPY\x01\x00\xff\x00{").message.contains("ends within"));
+    }
+}
