@@ -90,7 +90,12 @@ impl Session<'_> {
         if self.evaluation_is_due() && !self.folder.evaluated_iterations().contains(&self.trainer.iteration()) {
             self.evaluate(state)?;
         }
+        let mut downscale = 1;
         while !self.trainer.is_finished() {
+            if self.trainer.downscale() != downscale {
+                downscale = self.trainer.downscale();
+                self.tell_resolution(downscale);
+            }
             if interrupt::requested() {
                 self.log(state)?;
                 self.save()?;
@@ -114,6 +119,13 @@ impl Session<'_> {
             }
         }
         Ok(Outcome::Finished)
+    }
+
+    /// Losses before and after are not of the same images, and speeds not of the same work.
+    fn tell_resolution(&self, downscale: u32) {
+        let (iteration, size) = (self.trainer.iteration(), self.dataset.train.first().map(|view| view.camera.size_px));
+        let [width, height] = size.map_or([0; 2], |size| size.map(|side| side / downscale));
+        self.console.note(&format!("step {iteration}: training on {width}x{height} pixels from here on"));
     }
 
     fn checkpoint_is_due(&self) -> bool {
