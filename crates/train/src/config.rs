@@ -21,8 +21,8 @@ use crate::{ResolutionSchedule, TrainError};
 #[derive(Clone, Debug, PartialEq, Args, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TrainConfig {
-    /// Recipe: values of a group of options, in place of their defaults below; options given beside it, or in a file beside it, win.
-    /// What a recipe sets, it also takes back: --preset over the --config of another one
+    /// Recipe: values of the number of steps, the strategy, the number of splats and the resolution, in place of the defaults below. Options
+    /// said beside it win; over a --config file it sets its values anew
     #[arg(long, value_enum, default_value_t, help_heading = "Training")]
     pub preset: Preset,
     /// Training steps, one view each; at least 1

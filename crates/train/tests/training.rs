@@ -77,13 +77,19 @@ fn a_resumed_run_equals_an_unbroken_one_across_densification() {
     for config in [adc, mip, mcmc, stages, mip_stages] {
         let (unbroken, resumed) = unbroken_and_resumed(&config);
         assert!(unbroken.scene.splats.len() > 216, "no densification took place: {}", unbroken.scene.splats.len());
-        assert!(unbroken == resumed, "{:?}: the resumed run differs", config.strategy);
+        assert!(
+            unbroken == resumed,
+            "{:?}, {:?}, {}: the resumed run differs",
+            config.strategy,
+            config.antialias,
+            config.resolution_schedule
+        );
     }
 }
 
 #[test]
 fn a_view_not_trained_on_is_learnt_on_reduced_images_first() {
-    // Measured: see the other methods; the coarse half of the steps costs little quality.
+    // Measured: 14.6 -> 27.7 dB.
     let resolution_schedule = "4@0,2@75,1@150".parse().unwrap();
     let (before, after) = learn(TrainConfig { resolution_schedule, max_splats: Some(1000), densify_interval: 50, ..config(300) });
     assert!(after > before + 8.0, "{before} dB -> {after} dB");
@@ -112,6 +118,7 @@ fn steps_are_made_at_the_resolution_of_their_stage() {
 
 #[test]
 fn the_fast_preset_learns_in_small() {
+    // Measured: 7.7 -> 25.1 dB.
     let fast = TrainConfig { max_splats: Some(1000), iterations: 300, densify_interval: 50, ..TrainConfig::of_preset(Preset::Fast) };
     let (before, after) = learn(fast);
     assert!(after > before + 12.0, "{before} dB -> {after} dB");

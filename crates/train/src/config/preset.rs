@@ -16,7 +16,7 @@ pub enum Preset {
     /// The published recipe: 30000 steps, densification by gradients (Kerbl et al. 2023)
     #[default]
     Paper,
-    /// A third of the steps at half the resolution or less first, and a fixed number of splats (3DGS-MCMC)
+    /// A third of the steps, the first of them on reduced images, with at most 60000 splats that are moved about (3DGS-MCMC)
     Fast,
 }
 
