@@ -98,7 +98,7 @@ impl Session<'_> {
             }
             if interrupt::requested() {
                 self.log(state)?;
-                self.save()?;
+                self.save(state)?;
                 return Ok(Outcome::Interrupted);
             }
             let before = state.clock.seconds();
@@ -112,7 +112,7 @@ impl Session<'_> {
                 self.log(state)?;
             }
             if save || evaluate {
-                self.save()?;
+                self.save(state)?;
             }
             if evaluate {
                 self.evaluate(state).with_context(|| format!("the state of step {iteration} is saved"))?;
@@ -166,12 +166,18 @@ impl Session<'_> {
             peak_rss_bytes: state.peak_rss(),
         };
         self.console.progress(&record, self.config.train.iterations);
-        if let Err(error) = state.log.append(&record)
+        let appended = state.log.append(&record);
+        self.report_log(appended, state);
+        Ok(())
+    }
+
+    /// A log that cannot be written costs one warning.
+    fn report_log(&self, result: Result<()>, state: &mut Loop) {
+        if let Err(error) = result
             && !std::mem::replace(&mut state.log_failed, true)
         {
             self.console.warn(&format!("{error:#}; training goes on without the log"));
         }
-        Ok(())
     }
 
     /// PSNR of one training view, in turn: a sign of progress between evaluations.
@@ -181,8 +187,10 @@ impl Session<'_> {
         self.rendering().probe(view)
     }
 
-    /// Writes a checkpoint. If there is no room, older ones make way, but never the newest.
-    fn save(&mut self) -> Result<()> {
+    /// Writes a checkpoint, after the log's lines up to it. If there is no room, older ones make way, but never the newest.
+    fn save(&mut self, state: &mut Loop) -> Result<()> {
+        let synced = state.log.sync();
+        self.report_log(synced, state);
         let iteration = self.trainer.iteration();
         let folder = self.folder.root();
         let snapshot = self.trainer.snapshot()?;
