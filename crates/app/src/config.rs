@@ -1,14 +1,15 @@
 //! What a run is made with, resolved: `config.toml` of the run folder, and how it follows from the command line.
 //!
 //! Options said on the command line are told apart from defaults: a run made `--config FILE` takes the file's values where
-//! nothing was said, and a resumed run keeps its own and refuses what contradicts them.
+//! nothing was said, and a resumed run keeps its own and refuses what contradicts them. Options take their value from the first of: what was
+//! said; the preset, if one was said; the file; the file's preset; the default.
 
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use clap::ArgMatches;
 use clap::parser::ValueSource;
-use luxel_train::TrainConfig;
+use luxel_train::{Preset, TrainConfig};
 use serde::{Deserialize, Serialize};
 
 use crate::cli::{DeviceArgs, LoadArgs, RunArgs, TrainArgs};
@@ -54,11 +55,17 @@ pub(crate) struct RunConfig {
 const FREE_ON_RESUME: [&str; 7] = ["device", "threads", "checkpoint_every", "keep_checkpoints", "eval_at", "eval_every", "iterations"];
 
 /// Sections of the file that options belong to.
-const SECTIONS: [&str; 4] = ["load", "device", "run", "train"];
+const SECTIONS: [&str; 4] = ["load", "device", "run", TRAIN];
+
+/// The section of the method's options.
+const TRAIN: &str = "train";
+
+/// The option that stands for [`Preset::OPTIONS`].
+const PRESET: &str = "preset";
 
 impl RunConfig {
-    /// The configuration of a new run as the command line alone says it.
-    pub(crate) fn from_args(args: &TrainArgs, dataset: PathBuf) -> Self {
+    /// The configuration of a new run as the command line alone says it: what was `said` (by its ids), over the preset, over the defaults.
+    pub(crate) fn from_args(args: &TrainArgs, dataset: PathBuf, said: &[String]) -> Self {
         Self {
             luxel_version: env!("CARGO_PKG_VERSION").into(),
             made_by: MadeBy::Train,
@@ -66,14 +73,16 @@ impl RunConfig {
             load: args.load.clone(),
             device: args.device.clone(),
             run: args.run.clone(),
-            train: args.train.clone(),
+            train: args.train.clone().with_preset(|id| said.iter().any(|said| said == id)),
         }
     }
 
-    /// Reads a config.toml.
+    /// Reads a config.toml. Options of the method that it leaves out have the value of its preset.
     pub(crate) fn read(path: &Path) -> Result<Self> {
         let content = files::read_text(path, LIMIT_BYTES)?;
-        toml::from_str(&content).with_context(|| format!("{}: not a configuration of this version of luxel", path.display()))
+        let parsed = toml::from_str::<Self>(&content).and_then(|config| Ok((config, toml::from_str::<toml::Table>(&content)?)));
+        let (config, table) = parsed.with_context(|| format!("{}: not a configuration of this version of luxel", path.display()))?;
+        Ok(Self { train: config.train.with_preset(|id| value(&table, TRAIN, id).is_some()), ..config })
     }
 
     /// Writes it atomically.
@@ -87,11 +96,12 @@ impl RunConfig {
         Ok(toml::to_string_pretty(self)?)
     }
 
-    /// `self` with the options that were `said` (by their ids) replaced by those of `command_line`.
+    /// `self` with the options that were `said` (by their ids), and those of a preset that was, replaced by those of `command_line`.
     pub(crate) fn overlaid(&self, command_line: &Self, said: &[String]) -> Result<Self> {
         let mut base = toml::Table::try_from(self)?;
         let other = toml::Table::try_from(command_line)?;
-        for (section, id) in options(&other, said) {
+        let of_preset: &[&str] = if said.iter().any(|id| id == PRESET) { Preset::OPTIONS } else { &[] };
+        for (section, id) in of_preset.iter().map(|id| (TRAIN, *id)).chain(options(&other, said)) {
             let value = value(&other, section, id).cloned();
             if let Some(section) = base.get_mut(section).and_then(toml::Value::as_table_mut) {
                 // An alternative to an option takes its place: --eval-at after --eval-every.
@@ -125,7 +135,9 @@ impl RunConfig {
                 contradictions.join("; ")
             );
         }
-        self.overlaid(command_line, said)
+        // A preset that was said is the run's own, whose values may since have been changed one by one: they stay.
+        let said: Vec<String> = said.iter().filter(|id| *id != PRESET).cloned().collect();
+        self.overlaid(command_line, &said)
     }
 
     /// Radiance behind everything in normalised units.
@@ -174,7 +186,7 @@ mod tests {
         let matches = Cli::command().try_get_matches_from(args)?;
         let said = said_options(matches.subcommand().unwrap().1);
         let Command::Train(args) = Cli::from_arg_matches(&matches)?.command else { unreachable!("train was said") };
-        Ok((RunConfig::from_args(&args, "data".into()), said))
+        Ok((RunConfig::from_args(&args, "data".into(), &said), said))
     }
 
     fn toml(config: &RunConfig) -> String {
@@ -226,7 +238,6 @@ mod tests {
 
     #[test]
     fn defaults_do_not_override_a_file() {
-        let words = |text: &str| text.split(' ').map(String::from).collect::<Vec<_>>();
         let (file, _) = parsed(&words("--seed 7 --eval-every 500 --method sh3")).unwrap();
         let (line, said) = parsed(&words("--method lcd")).unwrap();
         let merged = file.overlaid(&line, &said).unwrap();
@@ -236,9 +247,54 @@ mod tests {
         assert_eq!((merged.run.eval_every, merged.run.eval_at), (None, vec![100, 200]));
     }
 
+    fn words(text: &str) -> Vec<String> {
+        text.split(' ').map(String::from).collect()
+    }
+
+    #[test]
+    fn a_preset_stands_between_what_is_said_and_the_file() {
+        let fast = TrainConfig::of_preset(Preset::Fast);
+        let paper = TrainConfig::of_preset(Preset::Paper);
+        // Said over preset over default.
+        let (alone, _) = parsed(&words("--preset fast --max-splats 7")).unwrap();
+        assert_eq!(alone.train, TrainConfig { max_splats: Some(7), ..fast.clone() });
+        // The preset over a file; the file where neither speaks.
+        let (file, _) = parsed(&words("--iterations 77 --max-splats 8 --seed 9")).unwrap();
+        let (line, said) = parsed(&words("--iterations 66 --preset fast")).unwrap();
+        assert_eq!(file.overlaid(&line, &said).unwrap().train, TrainConfig { iterations: 66, seed: 9, ..fast.clone() });
+        // One preset over another, down to what the new one leaves unset.
+        let (line, said) = parsed(&words("--preset paper")).unwrap();
+        assert_eq!(alone.overlaid(&line, &said).unwrap().train, paper);
+        // What the file's preset set is kept without one.
+        let (line, said) = parsed(&words("--seed 5")).unwrap();
+        assert_eq!(alone.overlaid(&line, &said).unwrap().train, TrainConfig { seed: 5, ..alone.train });
+    }
+
+    #[test]
+    fn a_file_may_name_a_preset_and_leave_its_options_out() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("config.toml");
+        let (fast, _) = parsed(&words("--preset fast")).unwrap();
+        let mut table = toml::Table::try_from(&fast).unwrap();
+        let train = toml::toml! { preset = "fast"
+        iterations = 50 };
+        table.insert(TRAIN.into(), train.into());
+        files::write_text(&path, &toml::to_string(&table).unwrap()).unwrap();
+        assert_eq!(RunConfig::read(&path).unwrap().train, TrainConfig { iterations: 50, ..fast.train });
+    }
+
+    #[test]
+    fn a_resumed_run_keeps_its_preset_and_the_options_beside_it() {
+        let (stored, _) = parsed(&words("--preset fast --max-splats 7")).unwrap();
+        let (line, said) = parsed(&words("--preset fast --iterations 50000")).unwrap();
+        assert_eq!(stored.resumed(&line, &said).unwrap().train, TrainConfig { iterations: 50_000, ..stored.train.clone() });
+        let (line, said) = parsed(&words("--preset paper")).unwrap();
+        let error = stored.resumed(&line, &said).unwrap_err().to_string();
+        assert!(error.contains("--preset is \"fast\" in the run, \"paper\" now"), "{error}");
+    }
+
     #[test]
     fn a_resumed_run_takes_only_what_leaves_its_steps_alone() {
-        let words = |text: &str| text.split(' ').map(String::from).collect::<Vec<_>>();
         let (stored, _) = parsed(&words("--seed 7")).unwrap();
         let (line, said) = parsed(&words("--iterations 50000 --threads 3 --checkpoint-every 10")).unwrap();
         let resumed = stored.resumed(&line, &said).unwrap();

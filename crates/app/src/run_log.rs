@@ -71,13 +71,15 @@ impl RunLog {
         Ok((Self { path: path.into(), file }, kept.pop()))
     }
 
-    /// Appends a line, whole in one write, and syncs it.
+    /// Appends a line, whole in one write.
     pub(crate) fn append(&mut self, record: &LogRecord) -> Result<()> {
         let line = serde_json::to_string(record)? + "\n";
-        self.file
-            .write_all(line.as_bytes())
-            .and_then(|()| self.file.sync_data())
-            .with_context(|| format!("{}: cannot write", self.path.display()))
+        self.file.write_all(line.as_bytes()).with_context(|| format!("{}: cannot write", self.path.display()))
+    }
+
+    /// Waits until all lines are on disk: before a checkpoint, not at every line, as a disk may take as long as some steps.
+    pub(crate) fn sync(&mut self) -> Result<()> {
+        self.file.sync_data().with_context(|| format!("{}: cannot write", self.path.display()))
     }
 }
 

@@ -90,10 +90,15 @@ impl Session<'_> {
         if self.evaluation_is_due() && !self.folder.evaluated_iterations().contains(&self.trainer.iteration()) {
             self.evaluate(state)?;
         }
+        let mut downscale = 1;
         while !self.trainer.is_finished() {
+            if self.trainer.downscale() != downscale {
+                downscale = self.trainer.downscale();
+                self.tell_resolution(downscale);
+            }
             if interrupt::requested() {
                 self.log(state)?;
-                self.save()?;
+                self.save(state)?;
                 return Ok(Outcome::Interrupted);
             }
             let before = state.clock.seconds();
@@ -107,13 +112,20 @@ impl Session<'_> {
                 self.log(state)?;
             }
             if save || evaluate {
-                self.save()?;
+                self.save(state)?;
             }
             if evaluate {
                 self.evaluate(state).with_context(|| format!("the state of step {iteration} is saved"))?;
             }
         }
         Ok(Outcome::Finished)
+    }
+
+    /// Losses before and after are not of the same images, and speeds not of the same work.
+    fn tell_resolution(&self, downscale: u32) {
+        let (iteration, size) = (self.trainer.iteration(), self.dataset.train.first().map(|view| view.camera.size_px));
+        let [width, height] = size.map_or([0; 2], |size| size.map(|side| side / downscale));
+        self.console.note(&format!("step {iteration}: training on {width}x{height} pixels from here on"));
     }
 
     fn checkpoint_is_due(&self) -> bool {
@@ -154,12 +166,18 @@ impl Session<'_> {
             peak_rss_bytes: state.peak_rss(),
         };
         self.console.progress(&record, self.config.train.iterations);
-        if let Err(error) = state.log.append(&record)
+        let appended = state.log.append(&record);
+        self.report_log(appended, state);
+        Ok(())
+    }
+
+    /// A log that cannot be written costs one warning.
+    fn report_log(&self, result: Result<()>, state: &mut Loop) {
+        if let Err(error) = result
             && !std::mem::replace(&mut state.log_failed, true)
         {
             self.console.warn(&format!("{error:#}; training goes on without the log"));
         }
-        Ok(())
     }
 
     /// PSNR of one training view, in turn: a sign of progress between evaluations.
@@ -169,8 +187,10 @@ impl Session<'_> {
         self.rendering().probe(view)
     }
 
-    /// Writes a checkpoint. If there is no room, older ones make way, but never the newest.
-    fn save(&mut self) -> Result<()> {
+    /// Writes a checkpoint, after the log's lines up to it. If there is no room, older ones make way, but never the newest.
+    fn save(&mut self, state: &mut Loop) -> Result<()> {
+        let synced = state.log.sync();
+        self.report_log(synced, state);
         let iteration = self.trainer.iteration();
         let folder = self.folder.root();
         let snapshot = self.trainer.snapshot()?;

@@ -34,6 +34,29 @@ impl View {
     pub fn is_valid(&self, i: usize) -> bool {
         self.mask.as_ref().is_none_or(|mask| mask.valid[i])
     }
+
+    /// The same view in an image reduced `factor` times a side by area average over valid pixels, in linear light. A pixel is valid if at
+    /// least `min_valid` (0 to 1) of its area is, and some of it. Incomplete blocks at the right and bottom border are left out, so that the
+    /// camera is scaled exactly. The factor is lowered to what leaves one pixel a side.
+    pub fn downscaled(&self, factor: u32, min_valid: f64) -> Self {
+        let [width, height] = self.camera.size_px;
+        let factor = factor.min(width).min(height).max(1);
+        let camera = self.camera.downscaled(factor);
+        let ([width, height], factor) = (camera.size_px.map(|side| side as usize), factor as usize);
+        let enough = (min_valid * (factor * factor) as f64).max(1.0);
+        let mut valid = Vec::with_capacity(width * height);
+        let mut pixels = Vec::with_capacity(width * height);
+        for y in 0..height {
+            for x in 0..width {
+                let (mean, count) = self.image.block_mean([x * factor, y * factor], factor, |at| self.is_valid(at));
+                let is_valid = count as f64 >= enough;
+                pixels.push(if is_valid { mean } else { [0.0; 3] });
+                valid.push(is_valid);
+            }
+        }
+        let mask = valid.contains(&false).then(|| Arc::new(Mask { valid }));
+        Self { name: self.name.clone(), camera, image: Arc::new(Image { width, height, pixels }), mask }
+    }
 }
 
 /// Where a 3D point was seen.
@@ -88,4 +111,70 @@ pub struct Dataset {
     pub fingerprint: String,
     /// Things a user should know, such as 8-bit input.
     pub warnings: Vec<String>,
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{DAffine3, DVec2, DVec3};
+
+    use super::*;
+    use crate::Distortion;
+
+    fn view(width: u32, height: u32, mask: Option<Vec<bool>>) -> View {
+        let pixels = (0..width * height).map(|i| [i as f32, 1e4 * (i % 2) as f32, 0.5]).collect();
+        View {
+            name: "ramp".to_owned(),
+            camera: Camera {
+                camera_from_world: DAffine3::from_translation(DVec3::new(0.1, -0.2, 0.3)),
+                focal_px: DVec2::new(50.0, 60.0),
+                center_px: DVec2::new(0.5 * f64::from(width) + 1.0, 0.5 * f64::from(height)),
+                size_px: [width, height],
+                distortion: Distortion::default(),
+            },
+            image: Arc::new(Image::from_pixels(width as usize, height as usize, pixels).unwrap()),
+            mask: mask.map(|valid| Arc::new(Mask { valid })),
+        }
+    }
+
+    #[test]
+    fn a_reduced_camera_sees_a_point_at_the_same_place() {
+        for (size, factor) in [([64, 48], 4), ([65, 50], 4), ([640, 425], 3), ([9, 7], 7)] {
+            let full = view(size[0], size[1], None);
+            let reduced = full.downscaled(factor, 0.5);
+            for point in [DVec3::new(0.0, 0.0, 2.0), DVec3::new(-0.3, 0.4, 1.0), DVec3::new(0.7, 0.2, 5.0)] {
+                let (at, depth) = full.camera.project(point).unwrap();
+                let (reduced_at, reduced_depth) = reduced.camera.project(point).unwrap();
+                assert!((reduced_at * f64::from(factor) - at).length() < 1e-9, "{at} {reduced_at}");
+                assert_eq!(depth, reduced_depth);
+            }
+            assert_eq!(reduced.camera.size_px, size.map(|side| side / factor));
+            let [width, height] = reduced.camera.size_px.map(|side| side as usize);
+            assert_eq!([reduced.image.width, reduced.image.height, reduced.image.pixels.len()], [width, height, width * height]);
+            assert_eq!(reduced.mask, None);
+        }
+    }
+
+    #[test]
+    fn a_reduced_image_keeps_the_light_of_its_blocks() {
+        let reduced = view(4, 4, None).downscaled(2, 0.5);
+        assert_eq!(reduced.image.pixels, [[2.5, 5e3, 0.5], [4.5, 5e3, 0.5], [10.5, 5e3, 0.5], [12.5, 5e3, 0.5]]);
+        // As often as one likes: halves of halves are quarters.
+        let (twice, once) = (view(8, 8, None).downscaled(2, 0.5).downscaled(2, 0.5), view(8, 8, None).downscaled(4, 0.5));
+        assert_eq!((twice.image, twice.camera), (once.image, once.camera));
+        let same = view(3, 2, None);
+        assert_eq!(same.downscaled(1, 0.5).image, same.image);
+        assert_eq!(same.downscaled(9, 0.5).camera.size_px, [1, 1]);
+    }
+
+    #[test]
+    fn a_pixel_is_valid_if_enough_of_its_area_is() {
+        // Blocks with 4, 2, 1 and 0 valid pixels.
+        let valid = [[1, 1, 1, 0], [1, 1, 0, 1], [1, 0, 0, 0], [0, 0, 0, 0]].concat().iter().map(|v| *v == 1).collect();
+        let half = view(4, 4, Some(valid));
+        let reduced = half.downscaled(2, 0.5);
+        assert_eq!(reduced.mask.unwrap().valid, [true, true, false, false]);
+        // The mean of pixels 2 and 7 alone; where too few are valid it is black.
+        assert_eq!(reduced.image.pixels[1..], [[4.5, 5e3, 0.5], [0.0; 3], [0.0; 3]]);
+        assert_eq!(half.downscaled(2, 0.0).mask.unwrap().valid, [true, true, true, false]);
+    }
 }

@@ -28,6 +28,23 @@ impl Image {
         self.pixels[y * self.width + x]
     }
 
+    /// Mean of the valid pixels (by row-major index) of the `factor` x `factor` block whose top left pixel is `corner`, and their number; of none
+    /// it is black. Linear light: what a pixel `factor` times as large would have received.
+    pub fn block_mean(&self, corner: [usize; 2], factor: usize, is_valid: impl Fn(usize) -> bool) -> ([f32; 3], usize) {
+        let [left, top] = corner;
+        // Sums in f64: a filament beside darkness must not swallow the darkness.
+        let (mut sum, mut count) = ([0.0f64; 3], 0usize);
+        for y in top..top + factor {
+            for at in (left..left + factor).map(|x| y * self.width + x) {
+                if let Some(pixel) = self.pixels.get(at).filter(|_| is_valid(at)) {
+                    sum = [0, 1, 2].map(|c| sum[c] + f64::from(pixel[c]));
+                    count += 1;
+                }
+            }
+        }
+        (if count == 0 { [0.0; 3] } else { sum.map(|s| (s / count as f64) as f32) }, count)
+    }
+
     /// Every channel of every pixel times `factor`.
     pub fn scale(&mut self, factor: f32) {
         for value in self.pixels.as_flattened_mut() {

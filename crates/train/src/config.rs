@@ -1,83 +1,41 @@
 //! Every option of training, for the command line and for `config.toml`. The doc comments are the help texts.
 //!
 //! Windows and intervals left out follow from the number of iterations ([`crate::Schedule`]), so that a short run is a short version of
-//! the long one.
+//! the long one. Options that go together have named values ([`Preset`]).
+
+mod choices;
+mod preset;
+mod validate;
+
+pub use choices::{CutoffPreset, Method, ScaleRule, Strategy};
+pub use preset::Preset;
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use clap::{Args, Command, FromArgMatches, ValueEnum};
+use clap::{Args, Command, FromArgMatches};
 use luxel_core::{Activation, Antialias, ColorModel, Cutoffs, LossConfig, RasterConfig};
 use serde::{Deserialize, Serialize};
 
-use crate::TrainError;
-
-/// Colour models by name.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Method {
-    /// Luminance and chromaticity apart (LCD-GS)
-    #[default]
-    Lcd,
-    /// Spherical harmonics of RGB radiance, degree 0
-    Sh0,
-    /// Spherical harmonics of RGB radiance, degree 1
-    Sh1,
-    /// Spherical harmonics of RGB radiance, degree 2
-    Sh2,
-    /// Spherical harmonics of RGB radiance, degree 3: 3D Gaussian splatting
-    Sh3,
-    /// Spherical harmonics of RGB radiance, degree 4
-    Sh4,
-    /// Spherical harmonics of RGB radiance, degree 5
-    Sh5,
-}
-
-/// How the number of splats grows.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Strategy {
-    /// Clone, split, prune and reset by screen-space gradients (Kerbl et al. 2023)
-    #[default]
-    Adc,
-    /// Relocation, growth to --max-splats and noise (3DGS-MCMC, Kheradmand et al. 2024)
-    Mcmc,
-}
-
-/// Presets of the rasteriser's cut-offs.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum CutoffPreset {
-    /// Derived for radiance
-    #[default]
-    Hdr,
-    /// The values of 3D Gaussian splatting, derived for 8-bit output
-    Parity,
-}
-
-/// How the radiance of one normalised unit is chosen from the training views.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum ScaleRule {
-    /// The median of (R + G + B) / 3 becomes 0.05, the middle of the mu-law's range
-    Median20,
-    /// The 99th percentile of (R + G + B) / 3 becomes 1: all but lamps and highlights lie in the mu-law's range
-    #[default]
-    P99,
-    /// The largest channel value becomes 1
-    Max,
-    /// Radiance as it is in the images
-    Raw,
-}
+use crate::{ResolutionSchedule, TrainError};
 
 /// Options of training.
 #[derive(Clone, Debug, PartialEq, Args, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TrainConfig {
+    /// Recipe: values of the number of steps, the strategy, the number of splats and the resolution, in place of the defaults below. Options
+    /// said beside it win; over a --config file it sets its values anew
+    #[arg(long, value_enum, default_value_t, help_heading = "Training")]
+    pub preset: Preset,
     /// Training steps, one view each; at least 1
     #[arg(long, value_name = "N", default_value_t = 30_000, help_heading = "Training")]
     pub iterations: u32,
     /// Seed of everything random
     #[arg(long, value_name = "N", default_value_t = 42, help_heading = "Training")]
     pub seed: u64,
+    /// Training on reduced images first: off, auto, or how many times a side from which step on, such as 4@0,2@1500,1@4000: a quarter
+    /// until step 1500, half until step 4000, then full size. auto starts at 2, 4 or 8 by the size of the images, and is at full size after 35 %
+    /// of the steps. Evaluation is at full size
+    #[arg(long, value_name = "SCHEDULE", default_value_t, help_heading = "Training")]
+    pub resolution_schedule: ResolutionSchedule,
 
     /// Colour model
     #[arg(long, value_enum, default_value_t = Method::Lcd, help_heading = "Colour model")]
@@ -121,6 +79,12 @@ pub struct TrainConfig {
     /// Splats to start from where the data set has no points, at least 1
     #[arg(long, value_name = "N", default_value_t = 100_000, help_heading = "Splats")]
     pub init_points: u32,
+    /// Opacity at the start, above 0 and below 1 [default: 0.1 for adc, 0.5 for mcmc]
+    #[arg(long, value_name = "OPACITY", help_heading = "Splats")]
+    pub init_opacity: Option<f32>,
+    /// Scale at the start, as a multiple of the root mean squared distance to the 3 nearest neighbours, above 0 [default: 1 for adc, 0.1 for mcmc]
+    #[arg(long, value_name = "FACTOR", help_heading = "Splats")]
+    pub init_scale: Option<f32>,
     /// How the number of splats grows
     #[arg(long, value_enum, default_value_t = Strategy::Adc, help_heading = "Splats")]
     pub strategy: Strategy,
@@ -151,7 +115,8 @@ pub struct TrainConfig {
     /// Opacity below which a splat is removed (adc) or moved (mcmc), 0 to 1
     #[arg(long, value_name = "OPACITY", default_value_t = 0.005, help_heading = "Splats")]
     pub prune_opacity: f32,
-    /// Steps between two resets of all opacities to at most 0.01 while splats are added (adc); 0 for none
+    /// Steps between two resets of all opacities to at most 0.01 while splats are added (adc); 0 for none. One that less than a third of
+    /// the interval would be left after is not made
     #[arg(long, value_name = "N", default_value_t = 3000, help_heading = "Splats")]
     pub opacity_reset_interval: u32,
     /// Growth per round (mcmc), 0 to 1
@@ -176,6 +141,9 @@ pub struct TrainConfig {
     /// Learning rate of the harmonics' constant terms; the others have a twentieth
     #[arg(long, value_name = "RATE", default_value_t = 2.5e-3, help_heading = "Learning rates")]
     pub sh_lr: f32,
+    /// Learning rate of the harmonics' constant terms at the end, approached log-linearly; the others have a twentieth [default: as at the start]
+    #[arg(long, value_name = "RATE", help_heading = "Learning rates")]
+    pub sh_lr_final: Option<f32>,
     /// Learning rate of the raw luminance (lcd); its harmonics have a twentieth
     #[arg(long, value_name = "RATE", default_value_t = 0.05, help_heading = "Learning rates")]
     pub luminance_lr: f32,
@@ -185,9 +153,15 @@ pub struct TrainConfig {
     /// Learning rate of the opacity's logit
     #[arg(long, value_name = "RATE", default_value_t = 0.05, help_heading = "Learning rates")]
     pub opacity_lr: f32,
+    /// Learning rate of the opacity's logit at the end, approached log-linearly [default: as at the start]
+    #[arg(long, value_name = "RATE", help_heading = "Learning rates")]
+    pub opacity_lr_final: Option<f32>,
     /// Learning rate of the scale's logarithm
     #[arg(long, value_name = "RATE", default_value_t = 5e-3, help_heading = "Learning rates")]
     pub scale_lr: f32,
+    /// Learning rate of the scale's logarithm at the end, approached log-linearly [default: as at the start]
+    #[arg(long, value_name = "RATE", help_heading = "Learning rates")]
+    pub scale_lr_final: Option<f32>,
     /// Learning rate of rotations
     #[arg(long, value_name = "RATE", default_value_t = 1e-3, help_heading = "Learning rates")]
     pub rotation_lr: f32,
@@ -197,10 +171,11 @@ pub struct TrainConfig {
 pub const MCMC_DEFAULT_MAX_SPLATS: u32 = 100_000;
 
 impl Default for TrainConfig {
-    /// The command line's defaults, so that they stand once.
+    /// The command line's defaults, so that they stand once, with the values of the default preset.
     fn default() -> Self {
         let matches = Self::augment_args(Command::new("defaults").no_binary_name(true)).get_matches_from(std::iter::empty::<&str>());
-        Self::from_arg_matches(&matches).unwrap_or_else(|error| unreachable!("an option without a default value: {error}"))
+        let config = Self::from_arg_matches(&matches).unwrap_or_else(|error| unreachable!("an option without a default value: {error}"));
+        config.with_preset(|_| false)
     }
 }
 
@@ -234,6 +209,18 @@ pub fn parse_rgb(text: &str) -> Result<[f32; 3], String> {
 }
 
 impl TrainConfig {
+    /// The default configuration under `preset`.
+    pub fn of_preset(preset: Preset) -> Self {
+        Self { preset, ..Self::default() }.with_preset(|_| false)
+    }
+
+    /// This configuration with the values of its preset, except for the options (by field name) that were given beside it.
+    #[must_use]
+    pub fn with_preset(mut self, is_given: impl Fn(&str) -> bool) -> Self {
+        self.preset.apply(&mut self, is_given);
+        self
+    }
+
     /// This configuration with some options taken from `by`: those whose field name `is_given` says yes to. For a file and flags together.
     ///
     /// # Errors
@@ -289,6 +276,24 @@ impl TrainConfig {
         LossConfig { mu: self.mu, ssim_weight: self.ssim_weight, opacity_weight, scale_weight }
     }
 
+    /// Opacity of splats at the start.
+    pub fn initial_opacity(&self) -> f32 {
+        let default = match self.strategy {
+            Strategy::Adc => 0.1,
+            Strategy::Mcmc => 0.5,
+        };
+        self.init_opacity.unwrap_or(default)
+    }
+
+    /// Scale of splats at the start, as a multiple of the root mean squared distance to their 3 nearest neighbours.
+    pub fn initial_scale(&self) -> f32 {
+        let default = match self.strategy {
+            Strategy::Adc => 1.0,
+            Strategy::Mcmc => 0.1,
+        };
+        self.init_scale.unwrap_or(default)
+    }
+
     /// Largest number of splats.
     pub fn splat_limit(&self) -> usize {
         let default = match self.strategy {
@@ -296,98 +301,6 @@ impl TrainConfig {
             Strategy::Mcmc => MCMC_DEFAULT_MAX_SPLATS,
         };
         self.max_splats.unwrap_or(default) as usize
-    }
-
-    /// Checks ranges and combinations.
-    ///
-    /// # Errors
-    /// [`TrainError::Config`] for the first violation found.
-    pub fn validate(&self) -> Result<(), TrainError> {
-        self.validate_model()?;
-        self.validate_counts()?;
-        self.validate_numbers()
-    }
-
-    fn validate_model(&self) -> Result<(), TrainError> {
-        if self.method != Method::Lcd {
-            let given = [
-                ("activation", self.activation.is_some()),
-                ("chroma-degree", self.chroma_degree.is_some()),
-                ("luminance-degree", self.luminance_degree.is_some()),
-                ("luminance-lr-final", self.luminance_lr_final.is_some()),
-            ];
-            if let Some((option, _)) = given.into_iter().find(|(_, is_given)| *is_given) {
-                return Err(TrainError::config(option, "goes with --method lcd only"));
-            }
-        }
-        if let Some(degree) = self.chroma_degree.filter(|d| *d > 5) {
-            return Err(TrainError::config("chroma-degree", format!("found {degree}, expected 0 to 5")));
-        }
-        if let Some(degree) = self.luminance_degree.filter(|d| *d > 3) {
-            return Err(TrainError::config("luminance-degree", format!("found {degree}, expected 0 to 3")));
-        }
-        if self.absgrad && self.strategy == Strategy::Mcmc {
-            return Err(TrainError::config("absgrad", "goes with --strategy adc only"));
-        }
-        Ok(())
-    }
-
-    fn validate_counts(&self) -> Result<(), TrainError> {
-        let counts = [
-            ("iterations", Some(self.iterations)),
-            ("init-points", Some(self.init_points)),
-            ("densify-interval", Some(self.densify_interval)),
-            ("max-splats", self.max_splats),
-            ("sh-interval", self.sh_interval),
-        ];
-        match counts.into_iter().find(|(_, count)| *count == Some(0)) {
-            Some((option, _)) => Err(TrainError::config(option, "found 0, expected at least 1")),
-            None => Ok(()),
-        }
-    }
-
-    fn validate_numbers(&self) -> Result<(), TrainError> {
-        let positive = [
-            ("mu", Some(self.mu)),
-            ("radiance-scale", self.radiance_scale),
-            ("densify-threshold", Some(self.densify_threshold)),
-            ("absgrad-threshold", Some(self.absgrad_threshold)),
-            ("percent-dense", self.percent_dense),
-            ("position-lr", Some(self.position_lr)),
-            ("position-lr-final", Some(self.position_lr_final)),
-            ("luminance-lr-final", self.luminance_lr_final),
-        ];
-        for (option, value) in positive {
-            if let Some(value) = value.filter(|v| !(v.is_normal() && *v > 0.0)) {
-                return Err(TrainError::config(option, format!("found {value}, expected a number above 0")));
-            }
-        }
-        let not_negative = [
-            ("background", self.background.iter().copied().fold(0.0, |worst: f32, v| if v >= 0.0 { worst.max(v) } else { v })),
-            ("sh-lr", self.sh_lr),
-            ("luminance-lr", self.luminance_lr),
-            ("opacity-lr", self.opacity_lr),
-            ("scale-lr", self.scale_lr),
-            ("rotation-lr", self.rotation_lr),
-            ("mcmc-noise", self.mcmc_noise),
-            ("mcmc-opacity-weight", self.mcmc_opacity_weight),
-            ("mcmc-scale-weight", self.mcmc_scale_weight),
-        ];
-        for (option, value) in not_negative {
-            if !(value.is_finite() && value >= 0.0) {
-                return Err(TrainError::config(option, format!("found {value}, expected a number of at least 0")));
-            }
-        }
-        if self.luminance_lr_final.is_some() && self.luminance_lr <= 0.0 {
-            return Err(TrainError::config("luminance-lr", "found 0, expected a number above 0 to decay from"));
-        }
-        let parts = [("ssim-weight", self.ssim_weight), ("prune-opacity", self.prune_opacity), ("mcmc-growth", self.mcmc_growth)];
-        for (option, value) in parts {
-            if !(0.0..=1.0).contains(&value) {
-                return Err(TrainError::config(option, format!("found {value}, expected 0 to 1")));
-            }
-        }
-        Ok(())
     }
 }
 

@@ -9,6 +9,7 @@ pub mod densify;
 mod error;
 mod evaluate;
 mod init;
+mod resolution;
 mod scale;
 mod schedule;
 mod smoothing;
@@ -16,11 +17,13 @@ mod state;
 #[cfg(test)]
 mod testing;
 mod trainer;
+mod views;
 
-pub use config::{CutoffPreset, MCMC_DEFAULT_MAX_SPLATS, Method, ScaleRule, Strategy, TrainConfig, parse_rgb};
+pub use config::{CutoffPreset, MCMC_DEFAULT_MAX_SPLATS, Method, Preset, ScaleRule, Strategy, TrainConfig, parse_rgb};
 pub use error::TrainError;
 pub use evaluate::{NamedMetrics, SplitMetrics, evaluate, probe};
 pub use init::initialise;
+pub use resolution::{ResolutionSchedule, Stage};
 pub use scale::choose_radiance_scale;
 pub use schedule::{ABSGRAD_OPACITY_CAP, RESET_OPACITY, Schedule};
 pub use smoothing::smoothing;

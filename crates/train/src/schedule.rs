@@ -2,8 +2,12 @@
 //!
 //! In: the configuration, the number of steps the run was started with, and the scene's extent (world units). Out: learning rates,
 //! active degree and densification rounds of a step (1 for the first). Source: Kerbl et al. 2023; 3DGS-MCMC (Kheradmand et al.
-//! 2024). A run of fewer than 10000 steps has its windows shortened in proportion. Beyond the planned end all rates stay at
-//! their final values.
+//! 2024). Beyond the planned end all rates stay at their final values.
+//!
+//! In a shorter run than the 30000 steps of the source, the end of densification and all decays come in proportion; the beginning of densification and
+//! the degrees of the harmonics do below 10000 steps. Rounds stay 100 steps apart, as a round needs the statistics of as many views, and resets 3000, as
+//! opacities need as many steps to grow back whatever the run's length: a run of 10000 has one, at 3000, instead of four. The last
+//! one must leave its splats time to be found needless: 3DGS's has a whole interval of rounds behind it, here it is a third or none.
 
 use luxel_core::LearningRates;
 
@@ -20,6 +24,9 @@ pub const ABSGRAD_OPACITY_CAP: f32 = 0.8;
 
 /// Opacity that a reset lowers all others to.
 pub const RESET_OPACITY: f32 = 0.01;
+
+/// A reset is made if more than its interval divided by this is left of densification.
+const RESET_TAIL_DIVISOR: u32 = 3;
 
 /// Steps between two updates of the 3D smoothing filter.
 const SMOOTHING_INTERVAL: u32 = 100;
@@ -79,12 +86,17 @@ impl Schedule {
 
     /// Whether all opacities are reset after `step`.
     pub fn resets_after(&self, step: u32) -> bool {
-        self.is_densifying(step) && self.reset_interval.is_some_and(|interval| step.is_multiple_of(interval))
+        self.reset_interval.is_some_and(|interval| step.is_multiple_of(interval) && self.leaves_time_after_reset(step, interval))
+    }
+
+    /// Whether enough rounds follow a reset after `step`.
+    fn leaves_time_after_reset(&self, step: u32, interval: u32) -> bool {
+        self.densify_until.saturating_sub(step) > interval / RESET_TAIL_DIVISOR
     }
 
     /// Whether a reset lies before `step`: from then on large splats are pruned.
     pub fn has_reset_before(&self, step: u32) -> bool {
-        self.reset_interval.is_some_and(|interval| step > interval && interval < self.densify_until)
+        self.reset_interval.is_some_and(|interval| step > interval && self.leaves_time_after_reset(interval, interval))
     }
 
     /// Opacity that all others are lowered to after `step`.
@@ -105,17 +117,16 @@ impl Schedule {
     /// Learning rates of `step`.
     pub fn learning_rates(&self, config: &TrainConfig, step: u32) -> LearningRates {
         let progress = (f64::from(step) / f64::from(self.iterations.max(1))).min(1.0);
-        let luminance = match config.luminance_lr_final {
-            Some(last) => log_linear(config.luminance_lr, last, progress),
-            None => config.luminance_lr,
-        };
+        let decayed = |first: f32, last: Option<f32>| last.map_or(first, |last| log_linear(first, last, progress));
+        let sh = decayed(config.sh_lr, config.sh_lr_final);
+        let luminance = decayed(config.luminance_lr, config.luminance_lr_final);
         LearningRates {
             position: log_linear(config.position_lr, config.position_lr_final, progress) * self.extent,
             rotation: config.rotation_lr,
-            log_scale: config.scale_lr,
-            opacity_logit: config.opacity_lr,
-            sh_dc: config.sh_lr,
-            sh_rest: config.sh_lr / REST_LR_DIVISOR,
+            log_scale: decayed(config.scale_lr, config.scale_lr_final),
+            opacity_logit: decayed(config.opacity_lr, config.opacity_lr_final),
+            sh_dc: sh,
+            sh_rest: sh / REST_LR_DIVISOR,
             luminance_dc: luminance,
             luminance_rest: luminance / REST_LR_DIVISOR,
         }
@@ -159,6 +170,35 @@ mod tests {
         assert_eq!(s.learning_rates(&config, 1000), s.learning_rates(&config, 5000));
         assert!((s.learning_rates(&config, 1000).luminance_dc - 0.002).abs() < 1e-7);
         assert!((s.learning_rates(&config, 500).luminance_dc - 0.01).abs() < 1e-6);
+    }
+
+    #[test]
+    fn rates_decay_to_what_they_are_told_and_no_others_do() {
+        let (config, s) = schedule(1000);
+        let decaying =
+            TrainConfig { sh_lr_final: Some(2.5e-5), opacity_lr_final: Some(5e-4), scale_lr_final: Some(5e-5), ..config.clone() };
+        let (first, half, last) = (s.learning_rates(&config, 500), s.learning_rates(&decaying, 500), s.learning_rates(&decaying, 1000));
+        for (name, first, half, last) in [
+            ("sh", first.sh_dc, half.sh_dc, last.sh_dc),
+            ("sh above", first.sh_rest, half.sh_rest, last.sh_rest),
+            ("opacity", first.opacity_logit, half.opacity_logit, last.opacity_logit),
+            ("scale", first.log_scale, half.log_scale, last.log_scale),
+        ] {
+            assert!((half / first * 10.0 - 1.0).abs() < 1e-4 && (last / first * 100.0 - 1.0).abs() < 1e-4, "{name}: {first} {half} {last}");
+        }
+        assert_eq!((half.luminance_dc, half.rotation, half.position), (first.luminance_dc, first.rotation, first.position));
+    }
+
+    #[test]
+    fn a_reset_leaves_a_third_of_its_interval_for_rounds() {
+        let resets = |iterations| {
+            let s = schedule(iterations).1;
+            let resets: Vec<u32> = (1..=iterations).filter(|t| s.resets_after(*t)).collect();
+            assert_eq!(s.has_reset_before(iterations), !resets.is_empty());
+            resets
+        };
+        assert_eq!([resets(6000), resets(8000), resets(8002), resets(10_000)], [vec![], vec![], vec![3000], vec![3000]]);
+        assert_eq!(resets(15_000), [3000, 6000]);
     }
 
     #[test]

@@ -4,16 +4,15 @@
 //! updates all parameters, and, where the schedule says so, adds and removes splats. Everything random is drawn from the state's
 //! generator in a fixed order.
 
-use std::sync::Arc;
-
 use luxel_core::{
-    Antialias, Camera, ColorSpace, Dataset, DensifyPlan, Engine, Image, Moments, PlanRow, PositionNoise, RenderOptions, Scene, Snapshot,
-    StatsCollection, StepConfig, StepReport, View, logit, spatial_order,
+    Antialias, ColorSpace, Dataset, DensifyPlan, Engine, Moments, PlanRow, PositionNoise, RenderOptions, Scene, Snapshot, StatsCollection,
+    StepConfig, StepReport, View, logit, spatial_order,
 };
 
 use crate::config::Strategy;
 use crate::densify::{adc::Adc, mcmc::Mcmc};
 use crate::state::{Start, State};
+use crate::views::TrainingViews;
 use crate::{Schedule, TrainConfig, TrainError, choose_radiance_scale, initialise, smoothing};
 
 /// The extent is this much larger than the greatest distance of a camera to their centroid (Kerbl et al. 2023).
@@ -25,10 +24,7 @@ const PERCENT_DENSE: f32 = 0.01;
 /// A run of training.
 pub struct Trainer {
     engine: Box<dyn Engine>,
-    /// Training views in the units of the data set, whose images they share.
-    views: Vec<View>,
-    /// The image of a step in normalised units, kept for the next step's: a second copy of all images would double a run's memory.
-    target: Arc<Image>,
+    views: TrainingViews,
     color_space: ColorSpace,
     schedule: Schedule,
     state: State,
@@ -75,8 +71,12 @@ impl Trainer {
     }
 
     fn assemble(dataset: &Dataset, state: State, engine: Box<dyn Engine>) -> Self {
-        let schedule = Schedule::new(&state.config, state.planned_iterations, state.extent);
-        Self { engine, views: dataset.train.clone(), target: Arc::default(), color_space: dataset.color_space, schedule, state }
+        let config = &state.config;
+        let schedule = Schedule::new(config, state.planned_iterations, state.extent);
+        let side_px = dataset.train.iter().flat_map(|view| view.camera.size_px).min().unwrap_or(1);
+        let stages = config.resolution_schedule.stages(state.planned_iterations, config.densify_interval, side_px);
+        let views = TrainingViews::new(&dataset.train, stages, state.radiance_scale);
+        Self { engine, views, color_space: dataset.color_space, schedule, state }
     }
 
     /// The configuration in force.
@@ -92,6 +92,11 @@ impl Trainer {
     /// Steps done.
     pub fn iteration(&self) -> u32 {
         self.state.iteration
+    }
+
+    /// How many times a side the images of the next step are reduced; 1 for full resolution.
+    pub fn downscale(&self) -> u32 {
+        self.views.factor(self.state.iteration.saturating_add(1))
     }
 
     /// Whether all steps are done.
@@ -143,13 +148,10 @@ impl Trainer {
         let step = self.state.iteration.saturating_add(1);
         let index = self.state.next_view();
         let config = self.step_config(step);
-        let view = self.views.get(index).ok_or(TrainError::NoTrainViews)?;
-        let target = Arc::make_mut(&mut self.target);
-        normalise(&view.image, self.state.radiance_scale, target);
-        let view = View { image: Arc::clone(&self.target), ..view.clone() };
-        let report = self.engine.train_step(&view, &config)?;
+        let view = self.views.at(step, index).ok_or(TrainError::NoTrainViews)?;
+        let report = self.engine.train_step(view, &config)?;
         if !report.loss.is_finite() {
-            return Err(TrainError::NotFinite { step, view: view.name });
+            return Err(TrainError::NotFinite { step, view: view.name.clone() });
         }
         self.densify(step)?;
         self.state.iteration = step;
@@ -231,8 +233,7 @@ impl Trainer {
 
     fn update_smoothing(&mut self) -> Result<(), TrainError> {
         let positions = self.engine.geometry()?.position;
-        let cameras: Vec<&Camera> = self.views.iter().map(|view| &view.camera).collect();
-        let filter = smoothing(&positions, &cameras, self.state.config.raster().cutoffs.near);
+        let filter = smoothing(&positions, &self.views.cameras(), self.state.config.raster().cutoffs.near);
         let plan = DensifyPlan { rows: all_rows(positions.len()), opacity_logit_cap: None, smoothing: Some(filter) };
         Ok(self.engine.densify(&plan)?)
     }
@@ -288,13 +289,6 @@ fn check_views(dataset: &Dataset) -> Result<(), TrainError> {
         }
     }
     Ok(())
-}
-
-/// Copies `image` into `target` in normalised units.
-fn normalise(image: &Image, radiance_scale: f32, target: &mut Image) {
-    (target.width, target.height) = (image.width, image.height);
-    target.pixels.clone_from(&image.pixels);
-    target.scale(1.0 / radiance_scale);
 }
 
 /// Size of the scene, world units: how far the cameras are apart (Kerbl et al. 2023), or how far the splats typically are from them if that

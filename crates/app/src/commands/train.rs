@@ -67,7 +67,7 @@ fn resolve(args: &TrainArgs, said: &[String], occupant: Occupant) -> Result<Star
     if args.resume {
         let Occupant::Run(stored) = occupant else { bail!("{output}: no run to resume; leave --resume out to start one") };
         let dataset = args.dataset.as_deref().map_or(Ok(stored.dataset.clone()), absolute)?;
-        let command_line = RunConfig::from_args(args, dataset.clone());
+        let command_line = RunConfig::from_args(args, dataset.clone(), said);
         let config = stored.resumed(&command_line, said)?;
         return Ok(Start::Resume(RunConfig { dataset, ..config }));
     }
@@ -98,7 +98,7 @@ fn from_command_line(args: &TrainArgs, said: &[String]) -> Result<RunConfig> {
         (None, Some((path, base))) => base.dataset_path(path.parent().unwrap_or(Path::new("."))),
         (None, None) => bail!("no data set given"),
     };
-    let command_line = RunConfig::from_args(args, absolute(&dataset)?);
+    let command_line = RunConfig::from_args(args, absolute(&dataset)?, said);
     match base {
         Some((_, base)) => Ok(RunConfig {
             luxel_version: command_line.luxel_version.clone(),

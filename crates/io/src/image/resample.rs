@@ -24,19 +24,9 @@ fn reduce(image: &Image, mask: Option<&Mask>, factor: usize) -> (Image, Vec<bool
     let factor = factor.max(1);
     let (width, height) = (image.width / factor, image.height / factor);
     let block = |index: usize| {
-        let (left, top) = (index % width * factor, index / width * factor);
-        // Sums in f64: a filament beside darkness must not swallow the darkness.
-        let (mut sum, mut count) = ([0.0f64; 3], 0u32);
-        for y in top..top + factor {
-            for x in left..left + factor {
-                let at = y * image.width + x;
-                if let Some(pixel) = image.pixels.get(at).filter(|_| is_valid(mask, at)) {
-                    sum = [0, 1, 2].map(|c| sum[c] + f64::from(pixel[c]));
-                    count += 1;
-                }
-            }
-        }
-        if count == 0 { ([0.0; 3], false) } else { (sum.map(|s| (s / f64::from(count)) as f32), true) }
+        let corner = [index % width * factor, index / width * factor];
+        let (mean, count) = image.block_mean(corner, factor, |at| is_valid(mask, at));
+        (mean, count > 0)
     };
     let (pixels, valid) = (0..width * height).into_par_iter().map(block).unzip();
     (Image { width, height, pixels }, valid)

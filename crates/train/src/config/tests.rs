@@ -17,8 +17,10 @@ fn defaults_are_valid_and_those_of_the_command_line() {
 #[test]
 fn every_flag_changes_the_configuration() {
     let flags: &[&[&str]] = &[
+        &["--preset", "fast"],
         &["--iterations", "7"],
         &["--seed", "1"],
+        &["--resolution-schedule", "auto"],
         &["--method", "sh4"],
         &["--activation", "exp"],
         &["--chroma-degree", "2"],
@@ -32,6 +34,8 @@ fn every_flag_changes_the_configuration() {
         &["--antialias", "mip"],
         &["--cutoffs", "parity"],
         &["--init-points", "5"],
+        &["--init-opacity", "0.3"],
+        &["--init-scale", "0.5"],
         &["--strategy", "mcmc"],
         &["--max-splats", "10"],
         &["--absgrad"],
@@ -50,10 +54,13 @@ fn every_flag_changes_the_configuration() {
         &["--position-lr", "1"],
         &["--position-lr-final", "1"],
         &["--sh-lr", "1"],
+        &["--sh-lr-final", "1"],
         &["--luminance-lr", "1"],
         &["--luminance-lr-final", "1"],
         &["--opacity-lr", "1"],
+        &["--opacity-lr-final", "1"],
         &["--scale-lr", "1"],
+        &["--scale-lr-final", "1"],
         &["--rotation-lr", "1"],
     ];
     let command = TrainConfig::augment_args(Command::new("train"));
@@ -72,7 +79,19 @@ fn every_flag_changes_the_configuration() {
 
 #[test]
 fn configuration_survives_json() {
-    let config = parse(&["--method", "lcd", "--activation", "relu", "--position-lr", "0.000123", "--background", "0.1"]).unwrap();
+    let config = parse(&[
+        "--method",
+        "lcd",
+        "--activation",
+        "relu",
+        "--position-lr",
+        "0.000123",
+        "--background",
+        "0.1",
+        "--resolution-schedule",
+        "2,1@9",
+    ])
+    .unwrap();
     let text = serde_json::to_string(&config).unwrap();
     assert_eq!(serde_json::from_str::<TrainConfig>(&text).unwrap(), config);
     assert!(serde_json::from_str::<TrainConfig>("{\"iteration\": 3}").unwrap_err().to_string().contains("unknown field"));
@@ -98,6 +117,13 @@ fn nonsense_is_refused_with_the_options_name() {
         (&["--mu", "inf"], "--mu"),
         (&["--ssim-weight", "1.5"], "--ssim-weight"),
         (&["--densify-interval", "0"], "--densify-interval"),
+        (&["--init-opacity", "0"], "--init-opacity"),
+        (&["--init-opacity", "1"], "--init-opacity"),
+        (&["--init-opacity", "nan"], "--init-opacity"),
+        (&["--init-scale", "0"], "--init-scale"),
+        (&["--sh-lr-final", "0"], "--sh-lr-final"),
+        (&["--scale-lr-final", "inf"], "--scale-lr-final"),
+        (&["--opacity-lr", "0", "--opacity-lr-final", "0.1"], "--opacity-lr"),
         (&["--strategy", "mcmc", "--absgrad"], "--absgrad"),
     ];
     for (arguments, option) in cases {
@@ -109,4 +135,5 @@ fn nonsense_is_refused_with_the_options_name() {
     }
     assert_eq!((parse_rgb("0, 0.5,2"), parse_rgb("0.5")), (Ok([0.0, 0.5, 2.0]), Ok([0.5; 3])));
     assert!(parse(&["--method", "sh9"]).is_err());
+    assert!(parse(&["--resolution-schedule", "4@0,2@x"]).unwrap_err().to_string().contains("\"x\" is not a step"));
 }

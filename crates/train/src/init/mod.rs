@@ -3,7 +3,7 @@
 //! In: training views (data-set units), points of structure from motion if there are any, the radiance scale; out: splats in
 //! normalised units, isotropic, at the points, or spread over the space that the cameras see. Colours are medians of HDR pixels:
 //! over a point's track, else over the views it projects into. Scale: root mean squared distance to the 3 nearest neighbours
-//! (Kerbl et al. 2023); opacity 0.1, for MCMC 0.5 at a tenth of the scale (Kheradmand et al. 2024).
+//! (Kerbl et al. 2023); opacity 0.1, for MCMC 0.5 at a tenth of the scale (Kheradmand et al. 2024), unless options say otherwise.
 
 mod color;
 mod neighbours;
@@ -15,7 +15,7 @@ use rand::seq::index::sample;
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 
-use crate::config::{Strategy, TrainConfig};
+use crate::config::TrainConfig;
 use crate::{TrainError, scale};
 
 /// Least R + G + B of a splat at the start, normalised units: half of where the mu-law turns linear. Below, nothing can be told from
@@ -70,10 +70,7 @@ fn splats_at(points: &[Point], dataset: &Dataset, config: &TrainConfig, radiance
         .map(|rgb| at_least(MIN_LUMINANCE, rgb.map(|c| c / radiance_scale)))
         .collect();
     let positions: Vec<[f32; 3]> = points.iter().map(|point| point.position).collect();
-    let (opacity, shrink) = match config.strategy {
-        Strategy::Adc => (0.1, 1.0),
-        Strategy::Mcmc => (0.5, 0.1),
-    };
+    let (opacity, shrink) = (config.initial_opacity(), config.initial_scale());
     let mut splats = Splats::empty(color_model);
     let mut sh = vec![0.0; 3 * color_model.sh_coefficients()];
     let mut raw_luminance = vec![0.0; color_model.luminance_coefficients()];
@@ -118,7 +115,7 @@ mod tests {
     use luxel_core::{Image, Observation};
 
     use super::*;
-    use crate::config::Method;
+    use crate::config::{Method, Strategy};
     use crate::testing::{camera_at, dataset_of, view_of};
 
     /// Two views of a wall at z = 4 whose left half is dark and right half bright.

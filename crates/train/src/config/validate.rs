@@ -1,0 +1,119 @@
+//! Ranges and combinations of the options.
+
+use super::{Method, Strategy, TrainConfig};
+use crate::TrainError;
+
+impl TrainConfig {
+    /// Checks ranges and combinations.
+    ///
+    /// # Errors
+    /// [`TrainError::Config`] for the first violation found.
+    pub fn validate(&self) -> Result<(), TrainError> {
+        self.validate_model()?;
+        self.validate_counts()?;
+        self.validate_numbers()?;
+        self.validate_decays()
+    }
+
+    fn validate_model(&self) -> Result<(), TrainError> {
+        if self.method != Method::Lcd {
+            let given = [
+                ("activation", self.activation.is_some()),
+                ("chroma-degree", self.chroma_degree.is_some()),
+                ("luminance-degree", self.luminance_degree.is_some()),
+                ("luminance-lr-final", self.luminance_lr_final.is_some()),
+            ];
+            if let Some((option, _)) = given.into_iter().find(|(_, is_given)| *is_given) {
+                return Err(TrainError::config(option, "goes with --method lcd only"));
+            }
+        }
+        if let Some(degree) = self.chroma_degree.filter(|d| *d > 5) {
+            return Err(TrainError::config("chroma-degree", format!("found {degree}, expected 0 to 5")));
+        }
+        if let Some(degree) = self.luminance_degree.filter(|d| *d > 3) {
+            return Err(TrainError::config("luminance-degree", format!("found {degree}, expected 0 to 3")));
+        }
+        if self.absgrad && self.strategy == Strategy::Mcmc {
+            return Err(TrainError::config("absgrad", "goes with --strategy adc only"));
+        }
+        Ok(())
+    }
+
+    fn validate_counts(&self) -> Result<(), TrainError> {
+        let counts = [
+            ("iterations", Some(self.iterations)),
+            ("init-points", Some(self.init_points)),
+            ("densify-interval", Some(self.densify_interval)),
+            ("max-splats", self.max_splats),
+            ("sh-interval", self.sh_interval),
+        ];
+        match counts.into_iter().find(|(_, count)| *count == Some(0)) {
+            Some((option, _)) => Err(TrainError::config(option, "found 0, expected at least 1")),
+            None => Ok(()),
+        }
+    }
+
+    fn validate_numbers(&self) -> Result<(), TrainError> {
+        let positive = [
+            ("mu", Some(self.mu)),
+            ("radiance-scale", self.radiance_scale),
+            ("densify-threshold", Some(self.densify_threshold)),
+            ("absgrad-threshold", Some(self.absgrad_threshold)),
+            ("percent-dense", self.percent_dense),
+            ("position-lr", Some(self.position_lr)),
+            ("position-lr-final", Some(self.position_lr_final)),
+            ("init-scale", self.init_scale),
+        ];
+        for (option, value) in positive {
+            if let Some(value) = value.filter(|v| !(v.is_normal() && *v > 0.0)) {
+                return Err(TrainError::config(option, format!("found {value}, expected a number above 0")));
+            }
+        }
+        let not_negative = [
+            ("background", self.background.iter().copied().fold(0.0, |worst: f32, v| if v >= 0.0 { worst.max(v) } else { v })),
+            ("sh-lr", self.sh_lr),
+            ("luminance-lr", self.luminance_lr),
+            ("opacity-lr", self.opacity_lr),
+            ("scale-lr", self.scale_lr),
+            ("rotation-lr", self.rotation_lr),
+            ("mcmc-noise", self.mcmc_noise),
+            ("mcmc-opacity-weight", self.mcmc_opacity_weight),
+            ("mcmc-scale-weight", self.mcmc_scale_weight),
+        ];
+        for (option, value) in not_negative {
+            if !(value.is_finite() && value >= 0.0) {
+                return Err(TrainError::config(option, format!("found {value}, expected a number of at least 0")));
+            }
+        }
+        if let Some(found) = self.init_opacity.filter(|opacity| !(*opacity > 0.0 && *opacity < 1.0)) {
+            return Err(TrainError::config("init-opacity", format!("found {found}, expected a number above 0 and below 1")));
+        }
+        let parts = [("ssim-weight", self.ssim_weight), ("prune-opacity", self.prune_opacity), ("mcmc-growth", self.mcmc_growth)];
+        for (option, value) in parts {
+            if !(0.0..=1.0).contains(&value) {
+                return Err(TrainError::config(option, format!("found {value}, expected 0 to 1")));
+            }
+        }
+        Ok(())
+    }
+
+    /// A decay is straight in the logarithm, so both of its ends are above 0.
+    fn validate_decays(&self) -> Result<(), TrainError> {
+        let decays = [
+            ("sh-lr", self.sh_lr, "sh-lr-final", self.sh_lr_final),
+            ("luminance-lr", self.luminance_lr, "luminance-lr-final", self.luminance_lr_final),
+            ("opacity-lr", self.opacity_lr, "opacity-lr-final", self.opacity_lr_final),
+            ("scale-lr", self.scale_lr, "scale-lr-final", self.scale_lr_final),
+        ];
+        for (option, first, option_final, last) in decays {
+            let Some(last) = last else { continue };
+            if !(last.is_normal() && last > 0.0) {
+                return Err(TrainError::config(option_final, format!("found {last}, expected a number above 0")));
+            }
+            if first <= 0.0 {
+                return Err(TrainError::config(option, "found 0, expected a number above 0 to decay from"));
+            }
+        }
+        Ok(())
+    }
+}

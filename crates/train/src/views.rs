@@ -1,0 +1,161 @@
+//! The training views as steps see them: in normalised units, at the resolution of the step.
+//!
+//! In: views in the data set's units, whose images are shared, not copied; out: one view at a time. Of full resolution one normalised image
+//! is kept, as a second copy of all would double a run's memory. Of a reduced resolution all are, which is at most a quarter of the first
+//! copy: they are made when the first step needs them, and dropped when the stage ends; no two stages are ever held.
+//!
+//! What a reduced resolution changes, and what it does not (`f` is the reduction a side):
+//! - Loss: a mean over pixels, so its size and that of the regularisers beside it stay. Targets are averaged in linear light before the mu-law: a
+//!   lamp smaller than a pixel keeps its energy. SSIM's window of 11 pixels sees `f` times as far.
+//! - Densification: |dL/dmean| in NDC. For a splat of `s` pixels on an image of `S`, the sum of its pixels' gradients goes as s / S^2 and NDC has S / 2
+//!   pixels, so the statistic goes as s / S: of a splat larger than a pixel it does not depend on the resolution, and neither do the
+//!   thresholds. What does change: a residual finer than `f` pixels is averaged away, so it asks for no splats until its stage comes, and
+//!   AbsGS's absolute sums, which count such residuals, fall towards the signed ones. Growth is slower in coarse stages; that is the gain.
+//! - Pruning and resets look at opacity and at scale in world units (there is no limit in pixels), and are the same.
+//! - Dilation is 0.3 px^2 of the pixels rendered, `0.3 f^2` of full ones, and uncompensated: splats below `0.55 f` full pixels are drawn fatter than they are,
+//!   which the optimiser answers with smaller, fainter ones. When the stage ends they are too thin, and mend within some hundred steps (a
+//!   scale's logarithm moves by its rate, 5e-3, a step). A schedule has to leave room for that. `--antialias mip` compensates by area and does not have this.
+//! - Mip's 3D filter bounds the frequency that the data set holds. It is computed from the cameras of full resolution in all stages: with a
+//!   stage's own it would be `f` times as wide, and all splats of its size would change shape and opacity in the step the stage ends. The
+//!   coarse image's aliasing is kept off by the 2D filter.
+
+use luxel_core::{Camera, View};
+use rayon::prelude::*;
+
+use crate::resolution::{Stage, factor_at};
+
+/// Part of a reduced pixel's area that must be valid: with less, it says more about its neighbours than about itself.
+const MIN_VALID: f64 = 0.5;
+
+/// Training views over a run.
+pub(crate) struct TrainingViews {
+    /// In the units of the data set, whose images they share.
+    full: Vec<View>,
+    stages: Vec<Stage>,
+    radiance_scale: f32,
+    /// The views of the stage, if it is one of reduced resolution.
+    reduced: Option<Reduced>,
+    /// The view of a step at full resolution, kept for the next step's.
+    current: Option<View>,
+}
+
+struct Reduced {
+    factor: u32,
+    /// In normalised units.
+    views: Vec<View>,
+}
+
+impl TrainingViews {
+    pub(crate) fn new(train: &[View], stages: Vec<Stage>, radiance_scale: f32) -> Self {
+        Self { full: train.to_vec(), stages, radiance_scale, reduced: None, current: None }
+    }
+
+    /// Of full resolution.
+    pub(crate) fn cameras(&self) -> Vec<&Camera> {
+        self.full.iter().map(|view| &view.camera).collect()
+    }
+
+    /// Reduction a side at `step`.
+    pub(crate) fn factor(&self, step: u32) -> u32 {
+        factor_at(&self.stages, step)
+    }
+
+    /// View `index` as `step` sees it; `None` if there is none.
+    pub(crate) fn at(&mut self, step: u32, index: usize) -> Option<&View> {
+        let factor = self.factor(step);
+        if factor == 1 {
+            self.reduced = None;
+            return self.normalised(index);
+        }
+        self.current = None;
+        let is_made = self.reduced.as_ref().is_some_and(|reduced| reduced.factor == factor);
+        if !is_made {
+            // The old stage goes before the new one is made.
+            self.reduced = None;
+            let views = self.full.par_iter().map(|view| reduce(view, factor, self.radiance_scale)).collect();
+            tracing::info!(step, factor, "training resolution");
+            self.reduced = Some(Reduced { factor, views });
+        }
+        self.reduced.as_ref()?.views.get(index)
+    }
+
+    fn normalised(&mut self, index: usize) -> Option<&View> {
+        let source = self.full.get(index)?;
+        match &mut self.current {
+            Some(target) => normalise(source, self.radiance_scale, target),
+            None => {
+                let mut target = source.clone();
+                std::sync::Arc::make_mut(&mut target.image).scale(1.0 / self.radiance_scale);
+                self.current = Some(target);
+            }
+        }
+        self.current.as_ref()
+    }
+}
+
+fn reduce(view: &View, factor: u32, radiance_scale: f32) -> View {
+    let mut reduced = view.downscaled(factor, MIN_VALID);
+    std::sync::Arc::make_mut(&mut reduced.image).scale(1.0 / radiance_scale);
+    reduced
+}
+
+/// Makes `target` the view `source` in normalised units, in the memory it has.
+fn normalise(source: &View, radiance_scale: f32, target: &mut View) {
+    target.name.clone_from(&source.name);
+    target.camera.clone_from(&source.camera);
+    target.mask.clone_from(&source.mask);
+    // Not shared: engines hold no views.
+    let image = std::sync::Arc::make_mut(&mut target.image);
+    (image.width, image.height) = (source.image.width, source.image.height);
+    let factor = 1.0 / radiance_scale;
+    image.pixels.clear();
+    image.pixels.extend(source.image.pixels.iter().map(|rgb| rgb.map(|v| v * factor)));
+}
+
+#[cfg(test)]
+mod tests {
+    use luxel_core::Image;
+
+    use super::*;
+    use crate::testing::{camera_at, view_of};
+
+    fn views(stages: &str) -> TrainingViews {
+        let image = |shade: f32| Image::from_pixels(32, 32, (0..32 * 32).map(|i| [shade, i as f32, 2.0]).collect()).unwrap();
+        let train = [view_of("a", camera_at([0.0; 3], [32, 32]), image(4.0)), view_of("b", camera_at([1.0; 3], [32, 32]), image(8.0))];
+        let schedule: crate::ResolutionSchedule = stages.parse().unwrap();
+        TrainingViews::new(&train, schedule.stages(100, 10, 32), 2.0)
+    }
+
+    #[test]
+    fn steps_see_the_view_of_their_stage_in_normalised_units() {
+        let mut views = views("4@0,2@10,1@20");
+        for (step, side) in [(1, 8), (10, 8), (11, 16), (20, 16), (21, 32), (22, 32), (1, 8)] {
+            for (index, name, red) in [(0, "a", 2.0), (1, "b", 4.0)] {
+                let view = views.at(step, index).unwrap();
+                assert_eq!((view.name.as_str(), view.camera.size_px, view.image.width), (name, [side; 2], side as usize), "{step}");
+                assert!(view.image.pixels.iter().all(|rgb| rgb[0] == red && rgb[2] == 1.0), "{step}");
+            }
+        }
+        assert!(views.at(1, 2).is_none() && views.at(30, 2).is_none());
+    }
+
+    #[test]
+    fn only_the_present_stage_is_held() {
+        let mut views = views("4@0,2@10,1@20");
+        views.at(1, 0);
+        assert!(views.current.is_none() && views.reduced.as_ref().is_some_and(|reduced| reduced.factor == 4));
+        views.at(11, 0);
+        assert!(views.reduced.as_ref().is_some_and(|reduced| reduced.factor == 2));
+        views.at(21, 0);
+        assert!(views.reduced.is_none() && views.current.is_some());
+        // The images of the data set are shared all along.
+        assert!(views.full.iter().all(|view| std::sync::Arc::strong_count(&view.image) == 1));
+    }
+
+    #[test]
+    fn a_step_at_full_resolution_reuses_the_image_of_the_last() {
+        let mut views = views("off");
+        let at = |views: &mut TrainingViews, index| views.at(1, index).map(|view| view.image.pixels.as_ptr());
+        assert_eq!(at(&mut views, 0), at(&mut views, 1));
+    }
+}
