@@ -125,6 +125,9 @@ fn load_row<S: Simd>(simd: S, rows: &Rows<'_>, (pixels, across): (&[TilePixels],
     let tiles = &pixels[y / TILE_PX * across..][..across];
     for channel in 0..3 {
         let (x_row, y_row) = out[channel * 2 * stride..][..2 * stride].split_at_mut(stride);
+        // Of an image of another width, other numbers lie here.
+        x_row[..PAD].fill(0.0);
+        y_row[..PAD].fill(0.0);
         let (x_row, y_row) = (&mut x_row[PAD..], &mut y_row[PAD..]);
         load_pixels(tiles, channel, y, x_row);
         for (value, pixel) in y_row.iter_mut().zip(target) {
