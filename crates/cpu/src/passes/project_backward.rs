@@ -114,7 +114,8 @@ fn block_backward<S: Simd>(
     let d_mean = [root[0] * gu, root[1].mul_add(gu, root[2] * gv)];
     let moments = [guu * unit, guv * unit, gvv * unit];
     let half = c(0.5);
-    let by_root = [moments[0] * root[0], moments[0].mul_add(root[1], moments[1] * root[2]), moments[1].mul_add(root[1], moments[2] * root[2])];
+    let by_root =
+        [moments[0] * root[0], moments[0].mul_add(root[1], moments[1] * root[2]), moments[1].mul_add(root[1], moments[2] * root[2])];
     let mut d_xx = half * by_root[0] * root[0];
     // The off-diagonal number stands for both entries.
     let mut d_xy = root[0] * by_root[1];

@@ -1,6 +1,6 @@
 //! Pass `rasterize_backward`: gradients of each tile's splats, back to front.
 //!
-//! In: the tiles' sorted lists and pixels, gradient of the loss by the pixels' radiance ([`TileGradient`], zero where there is no pixel).
+//! In: the tiles' sorted lists and pixels, gradient of the loss by the pixels' radiance ([`BlockGradient`]s row by row).
 //! Out: one [`EntryGradient`] per entry of a tile, in the order of its bin: sums over the tile's pixels. They are gathered by splat later,
 //! in a fixed order, so no two threads ever add to one number.
 //!
@@ -17,17 +17,10 @@ use rayon::prelude::*;
 use super::rasterize::{BlockPixels, Seen, TilePixels, pixel_centers};
 use super::sort::{TileList, WORD};
 use crate::lanes::{Lanes, V, with_simd};
-use crate::view::{BLOCKS, ScreenCamera};
+use crate::view::{BLOCKS, ScreenCamera, TILE_BLOCKS};
 
-/// Gradient by the radiance of a tile's pixels: `[64 blocks, 3 channels]`.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct TileGradient(pub(crate) [[Lanes; 3]; BLOCKS]);
-
-impl Default for TileGradient {
-    fn default() -> Self {
-        Self([[Lanes::ZERO; 3]; BLOCKS])
-    }
-}
+/// Gradient by the radiance of a block's pixels.
+pub(crate) type BlockGradient = [Lanes; 3];
 
 /// Sums over the pixels of a tile of one splat; g is the gradient by ln(alpha), (u, v) the whitened offset of the pixel from the centre.
 #[derive(Clone, Copy, Debug, Default, bytemuck::Pod, bytemuck::Zeroable)]
@@ -65,17 +58,20 @@ pub(crate) fn rasterize_backward(
     level: Level,
     camera: &ScreenCamera,
     lists: &[TileList],
-    (pixels, gradients): (&[TilePixels], &[TileGradient]),
+    (pixels, gradients): (&[TilePixels], &[BlockGradient]),
     absolute: AbsoluteSums,
     out: &mut Vec<Vec<EntryGradient>>,
 ) {
     out.resize_with(lists.len(), Vec::new);
-    out.par_iter_mut().zip(lists).zip(pixels).zip(gradients).for_each(|(((out, list), pixels), gradients)| {
+    let across = camera.tiles()[0];
+    out.par_iter_mut().zip(lists).zip(pixels).enumerate().for_each(|(tile, ((out, list), pixels))| {
         out.clear();
         out.resize(list.entries.len(), EntryGradient::default());
         let mut batch = Batch::new();
         for block in 0..BLOCKS {
-            let (pixels, gradient, out) = (&pixels.0[block], &gradients.0[block], (&mut batch, out.as_mut_slice()));
+            let row = tile / across * TILE_BLOCKS + block / TILE_BLOCKS;
+            let gradient = &gradients[(row * across + tile % across) * TILE_BLOCKS + block % TILE_BLOCKS];
+            let (pixels, out) = (&pixels.0[block], (&mut batch, out.as_mut_slice()));
             match absolute {
                 AbsoluteSums::Skip => {
                     with_simd!(level, simd => block_backward::<_, false>(simd, camera, (list, block), (pixels, gradient), out))
@@ -131,7 +127,7 @@ fn block_backward<S: Simd, const ABSOLUTE: bool>(
     simd: S,
     camera: &ScreenCamera,
     (list, block): (&TileList, usize),
-    (pixels, gradient): (&BlockPixels, &[Lanes; 3]),
+    (pixels, gradient): (&BlockPixels, &BlockGradient),
     (batch, out): (&mut Batch, &mut [EntryGradient]),
 ) {
     let max_alpha = V::splat(simd, camera.cutoffs.max_alpha);
@@ -182,13 +178,7 @@ fn collect<S: Simd>(simd: S, list: &TileList, index: usize, (centers, last, max_
 
 /// Differentiates the batch's splats.
 #[inline(always)]
-fn unwind<S: Simd, const ABSOLUTE: bool>(
-    simd: S,
-    state: &mut Unwinding<S>,
-    list: &TileList,
-    batch: &Batch,
-    out: &mut [EntryGradient],
-) {
+fn unwind<S: Simd, const ABSOLUTE: bool>(simd: S, state: &mut Unwinding<S>, list: &TileList, batch: &Batch, out: &mut [EntryGradient]) {
     let c = |value: f32| V::splat(simd, value);
     let gradient = state.gradient;
     for slot in 0..batch.len.min(BATCH) {
