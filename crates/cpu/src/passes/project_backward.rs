@@ -1,9 +1,9 @@
 //! Pass `project_backward`: gradient by position, rotation, scale and opacity; calls pass `color_backward` for the rest.
 //!
-//! In: parameters, per-entry gradients of `rasterize_backward`, bins. Out: gradient rows `[blocks, rows, 16]` of blocks with a
-//! visible splat (and a flag for which those are; with regularisers all), densification statistics. A splat's entries are summed in
-//! the order of its tiles: the same bits for any number of threads. Derivation: reverse mode through `project`; dE/dcovariance = -X
-//! G X for X the conic, G its gradient.
+//! In: a block's parameters, per-entry gradients of `rasterize_backward`, bins. Out: the block's gradient rows `[rows, 16]`, if one of its
+//! splats is visible (or there are regularisers), densification statistics. A splat's entries are summed in the order of its tiles: the
+//! same bits for any number of threads. Derivation: reverse mode through `project`; with M^T M the inverse covariance and S the second
+//! moments of the offsets whitened by M, dE/dcovariance = M^T S M / 2. [`super::update`] goes over the blocks.
 
 use fearless_simd::Simd;
 use luxel_core::{Antialias, LossConfig, Real, each};
@@ -73,12 +73,13 @@ pub(crate) fn project_backward<S: Simd>(
 fn gather<S: Simd>(simd: S, inputs: &Inputs<'_>, block: usize) -> ([Lanes; ENTRY_LEN], [bool; LANES]) {
     let mut sums = [Lanes::ZERO; ENTRY_LEN];
     let mut visible = [false; LANES];
-    for lane in 0..LANES.min(inputs.count - block * LANES) {
+    let alive = LANES.min(inputs.count - block * LANES);
+    for (lane, visible) in visible.iter_mut().enumerate().take(alive) {
         let places = inputs.bins.places(block * LANES + lane);
-        if places.is_empty() {
+        *visible = !places.is_empty();
+        if !*visible {
             continue;
         }
-        visible[lane] = true;
         let mut sum = V::splat(simd, 0.0);
         for place in places {
             sum = sum + V::load(simd, bytemuck::cast_ref(&inputs.entries[place.tile as usize][place.index as usize]));
