@@ -90,6 +90,11 @@ impl<S: Simd> V<S> {
         Self(self.0.abs())
     }
 
+    #[inline(always)]
+    pub(crate) fn floor(self) -> Self {
+        Self(self.0.floor())
+    }
+
     /// 1 / `self` to a few units in the last place, for normal numbers: the hardware's estimate and steps of Newton's method, each of
     /// which doubles its bits. Division takes several times as long.
     #[inline(always)]

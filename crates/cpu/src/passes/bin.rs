@@ -5,19 +5,15 @@
 //! neighbours in memory, and so are the places of neighbours.
 //!
 //! A tile is touched if the splat's ellipse at its alpha threshold contains a pixel centre's column range in one of the tile's
-//! rows: exact for the continuous band of the tile's rows, and with a margin of [`MARGIN_PX`] for rounding, as the rasteriser
+//! rows: exact for the continuous band of the tile's rows, and with a margin of `MARGIN_PX` for rounding, as the rasteriser
 //! decides each pixel itself.
 
-use std::ops::Range;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use rayon::prelude::*;
 
-use super::project::Footprint;
+use super::project::{Footprint, MARGIN_PX};
 use crate::view::{ScreenCamera, TILE_PX};
-
-/// Enlarges footprints against rounding, pixels.
-pub(super) const MARGIN_PX: f32 = 0.01;
 
 /// Splats a chunk of the work holds, at least. A share of the splats, never of the threads: no result depends on those.
 const MIN_CHUNK: usize = 2048;
@@ -112,13 +108,11 @@ impl Chunk {
         for footprint in footprints {
             let before = self.places.len();
             self.start.push(before as u32);
-            if footprint.is_visible() {
-                touched_tiles(footprint, tiles, |tile| {
-                    self.places.push(Place { tile: tile as u32, index: 0 });
-                    self.cursor[tile] += 1;
-                });
-                self.visible += u32::from(self.places.len() > before);
-            }
+            touched_tiles(footprint, tiles[0], |tile| {
+                self.places.push(Place { tile: tile as u32, index: 0 });
+                self.cursor[tile] += 1;
+            });
+            self.visible += u32::from(self.places.len() > before);
         }
         self.start.push(self.places.len() as u32);
     }
@@ -137,31 +131,18 @@ impl Chunk {
 
 /// Calls `touch` with each tile that the footprint touches, row by row.
 #[inline(always)]
-fn touched_tiles(f: &Footprint, tiles: [usize; 2], mut touch: impl FnMut(usize)) {
-    let tile_px = TILE_PX as f32;
-    let tile_range = |low_px: f32, high_px: f32, count: usize| -> Range<usize> {
-        // Pixel centres between low and high: from floor(low + 1/2) to floor(high - 1/2); casts floor what is not negative, and
-        // saturate. A centre at low itself is left out, which the margin makes up for.
-        let first = (low_px + 0.5).max(0.0);
-        let last = high_px - 0.5;
-        if last < 0.0 || (last as usize) < first as usize {
-            0..0
-        } else {
-            first as usize / TILE_PX..(last as usize / TILE_PX + 1).min(count)
-        }
-    };
-    let [mean_x, mean_y] = f.mean_px;
-    let extent_y = f.extent_px[1] + MARGIN_PX;
-    let rows = tile_range(mean_y - extent_y, mean_y + extent_y, tiles[1]);
-    let columns = tile_range(mean_x - f.extent_px[0] - MARGIN_PX, mean_x + f.extent_px[0] + MARGIN_PX, tiles[0]);
+fn touched_tiles(f: &Footprint, across: usize, mut touch: impl FnMut(usize)) {
+    let [columns, rows] = f.tiles.map(|[first, end]| first.into()..end.into());
     if rows.len() <= 1 || columns.len() <= 1 {
         for row in rows {
             for column in columns.clone() {
-                touch(row * tiles[0] + column);
+                touch(row * across + column);
             }
         }
         return;
     }
+    let [mean_x, mean_y] = f.mean_px;
+    let tile_px = TILE_PX as f32;
     let ellipse = Ellipse::new(f);
     for row in rows {
         // The band of the row's pixel centres, relative to the centre, cut to the ellipse.
@@ -171,8 +152,12 @@ fn touched_tiles(f: &Footprint, tiles: [usize; 2], mut touch: impl FnMut(usize))
             continue;
         }
         let [left, right] = ellipse.columns(top, bottom);
-        for column in tile_range(mean_x + left - MARGIN_PX, mean_x + right + MARGIN_PX, tiles[0]) {
-            touch(row * tiles[0] + column);
+        // Pixel centres from left to right, as `project` counts them; casts floor what is not negative, and saturate.
+        let (first, last) = ((mean_x + left - MARGIN_PX + 0.5).max(0.0), mean_x + right + MARGIN_PX - 0.5);
+        if last >= 0.0 && last as usize >= first as usize {
+            for column in (first as usize / TILE_PX).max(columns.start)..(last as usize / TILE_PX + 1).min(columns.end) {
+                touch(row * across + column);
+            }
         }
     }
 }

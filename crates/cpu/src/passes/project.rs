@@ -13,7 +13,7 @@ use rayon::prelude::*;
 
 use crate::lanes::{LANES, Lanes, V, with_simd};
 use crate::store::{Layout, Store};
-use crate::view::ScreenCamera;
+use crate::view::{ScreenCamera, TILE_PX};
 
 /// Smallest ratio of areas before and after dilation that the opacity compensation follows (Mip-splatting's guard): below, the
 /// compensation stays at its square root and has no gradient.
@@ -21,6 +21,9 @@ pub(crate) const MIN_AREA_RATIO: f32 = 1e-6;
 
 /// sqrt(log2(e) / 2): takes a root of the inverse covariance to exponents of base 2.
 pub(crate) const SQRT_HALF_LOG2_E: f32 = 0.849_321_8;
+
+/// Enlarges footprints against rounding, pixels.
+pub(crate) const MARGIN_PX: f32 = 0.01;
 
 /// A splat on the screen; one cache line.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
@@ -43,17 +46,13 @@ pub(crate) struct Footprint {
     pub(crate) depth: f32,
     /// dy at the ellipse's rightmost point.
     pub(crate) right_dy_px: f32,
-    pub(crate) padding: [f32; 2],
+    /// Tiles with a pixel centre in the ellipse's bounding box, columns and rows: first, and one beyond the last. None if culled.
+    pub(crate) tiles: [[u16; 2]; 2],
 }
 
 impl Footprint {
     /// Marks a culled splat: its extent is negative.
     const CULLED_EXTENT: f32 = -1.0;
-
-    #[inline(always)]
-    pub(crate) fn is_visible(&self) -> bool {
-        self.extent_px[0] >= 0.0
-    }
 }
 
 /// Geometry of 16 splats up to the screen, with what the backward pass needs again.
@@ -267,6 +266,7 @@ fn project_block<S: Simd>(
     let right_dy = extent[0] * p.covariance[1] / p.covariance[0];
     let culled = c(Footprint::CULLED_EXTENT);
     let extent = each!([0, 1] i => { let e = extent[i]; V::select(mask, e, culled) });
+    let tiles = each!([0, 1] i => tile_range(camera, i, mean[i], extent[i]));
 
     let fields = [
         mean[0],
@@ -283,8 +283,12 @@ fn project_block<S: Simd>(
         extent[1],
         depth,
         right_dy,
+        tiles[0][0],
+        tiles[0][1],
+        tiles[1][0],
+        tiles[1][1],
     ];
-    let fields = each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13] i => fields[i].lanes());
+    let fields = each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17] i => fields[i].lanes());
     for (lane, out) in out.iter_mut().enumerate() {
         let f = |i: usize| fields[i][lane];
         *out = Footprint {
@@ -296,7 +300,23 @@ fn project_block<S: Simd>(
             extent_px: if lane < alive { [f(10), f(11)] } else { [Footprint::CULLED_EXTENT; 2] },
             depth: f(12),
             right_dy_px: f(13),
-            padding: [0.0; 2],
+            tiles: if lane < alive { [[f(14) as u16, f(15) as u16], [f(16) as u16, f(17) as u16]] } else { [[0; 2]; 2] },
         };
     }
+}
+
+/// Range of tiles along one axis with pixel centres within `extent` and a margin of `mean`; empty if there are none, or the extent is that
+/// of a culled splat.
+#[inline(always)]
+fn tile_range<S: Simd>(camera: &ScreenCamera, axis: usize, mean: V<S>, extent: V<S>) -> [V<S>; 2] {
+    let zero = mean.lift(0.0);
+    let reach = extent + MARGIN_PX;
+    // Pixel centres between low and high: from floor(low + 1/2) to floor(high - 1/2). A centre at low itself is left out, which the margin
+    // makes up for.
+    let (first, last) = ((mean - reach + 0.5).max(zero).floor(), (mean + reach - 0.5).floor());
+    let count = mean.lift(camera.tiles()[axis] as f32);
+    let tile = |pixel: V<S>| (pixel * (1.0 / TILE_PX as f32)).floor();
+    let end = (tile(last) + 1.0).min(count);
+    let some = extent.ge(zero) & last.ge(first);
+    [V::select(some, tile(first), zero), V::select(some, end, zero)]
 }

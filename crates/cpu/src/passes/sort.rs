@@ -9,8 +9,8 @@ use fearless_simd::{Level, Simd};
 use luxel_core::{Real, each};
 use rayon::prelude::*;
 
-use super::bin::{Bins, MARGIN_PX};
-use super::project::Footprint;
+use super::bin::Bins;
+use super::project::{Footprint, MARGIN_PX};
 use crate::lanes::{LANES, Lanes, V, with_simd};
 use crate::view::{BLOCK_PX, BLOCKS, ScreenCamera, TILE_BLOCKS};
 
