@@ -110,14 +110,7 @@ impl CpuEngine {
     pub fn gradients(&mut self, view: &View, step: &StepConfig) -> Result<(StepReport, Splats), EngineError> {
         let (camera, report) = self.forward_backward(view, step)?;
         let Self { pool, level, parameters, smoothing, stats, frame, timings, .. } = self;
-        let inputs = Inputs {
-            layout: parameters.layout,
-            count: parameters.count,
-            smoothing,
-            bins: &frame.bins,
-            entries: &frame.entries,
-            loss: &step.loss,
-        };
+        let inputs = Inputs::new(parameters, smoothing, (&frame.bins, &frame.entries), &step.loss);
         let stats = (step.stats != StatsCollection::Off).then_some(stats);
         let lanes = pool.install(|| {
             let mut clock = Clock::new(timings);
@@ -286,14 +279,7 @@ impl Engine for CpuEngine {
     fn train_step(&mut self, view: &View, step: &StepConfig) -> Result<StepReport, EngineError> {
         let (camera, report) = self.forward_backward(view, step)?;
         let Self { pool, level, parameters, first, second, smoothing, stats, frame, timings } = self;
-        let inputs = Inputs {
-            layout: parameters.layout,
-            count: parameters.count,
-            smoothing,
-            bins: &frame.bins,
-            entries: &frame.entries,
-            loss: &step.loss,
-        };
+        let inputs = Inputs::new(parameters, smoothing, (&frame.bins, &frame.entries), &step.loss);
         pool.install(|| {
             let mut clock = Clock::new(timings);
             let optimizer = Optimizer { parameters, first, second };

@@ -146,8 +146,8 @@ fn touched_tiles(f: &Footprint, across: usize, mut touch: impl FnMut(usize)) {
     let ellipse = Ellipse::new(f);
     for row in rows {
         // The band of the row's pixel centres, relative to the centre, cut to the ellipse.
-        let top = (row as f32 * tile_px + 0.5 - mean_y - MARGIN_PX).max(-f.extent_px[1]);
-        let bottom = (row as f32 * tile_px + tile_px - 0.5 - mean_y + MARGIN_PX).min(f.extent_px[1]);
+        let top = (row as f32 * tile_px + 0.5 - mean_y - MARGIN_PX).max(-f.extent_y_px);
+        let bottom = (row as f32 * tile_px + tile_px - 0.5 - mean_y + MARGIN_PX).min(f.extent_y_px);
         if top > bottom {
             continue;
         }

@@ -11,7 +11,7 @@ use fearless_simd::{Level, Simd};
 use luxel_core::{Antialias, Real, each};
 use rayon::prelude::*;
 
-use crate::lanes::{LANES, Lanes, V, with_simd};
+use crate::lanes::{LANES, Lanes, M, V, with_simd};
 use crate::store::{Layout, Store};
 use crate::view::{ScreenCamera, TILE_PX};
 
@@ -40,19 +40,15 @@ pub(crate) struct Footprint {
     pub(crate) radiance: [f32; 3],
     /// log2 of the alpha below which the splat is skipped; above `log2_opacity` if culled.
     pub(crate) log2_threshold: f32,
-    /// Half the ellipse's extent along x and y at the threshold.
-    pub(crate) extent_px: [f32; 2],
+    /// Half the ellipse's extent along y at the threshold.
+    pub(crate) extent_y_px: f32,
     /// Distance along the viewing axis.
     pub(crate) depth: f32,
     /// dy at the ellipse's rightmost point.
     pub(crate) right_dy_px: f32,
     /// Tiles with a pixel centre in the ellipse's bounding box, columns and rows: first, and one beyond the last. None if culled.
     pub(crate) tiles: [[u16; 2]; 2],
-}
-
-impl Footprint {
-    /// Marks a culled splat: its extent is negative.
-    const CULLED_EXTENT: f32 = -1.0;
+    pub(crate) padding: f32,
 }
 
 /// Geometry of 16 splats up to the screen, with what the backward pass needs again.
@@ -165,9 +161,7 @@ impl<S: Simd> Projection<S> {
             filter_factor,
         }
     }
-}
 
-impl<S: Simd> Projection<S> {
     /// The triangular root M of the inverse covariance: M = [[m0, m1], [0, m2]], M^T M = covariance^-1.
     #[inline(always)]
     pub(crate) fn inverse_root(&self) -> [V<S>; 3] {
@@ -241,7 +235,7 @@ fn project_block<S: Simd>(
         mask = mask & (mean[i] + reach[i]).gt(c(0.0)) & (mean[i] - reach[i]).lt(c(camera.size_px[i] as f32));
     }
     if !mask.any_true() {
-        out.fill(Footprint { extent_px: [Footprint::CULLED_EXTENT; 2], ..Footprint::zeroed() });
+        out.fill(Footprint::zeroed());
         return;
     }
 
@@ -264,9 +258,7 @@ fn project_block<S: Simd>(
     let finite = root[0].lt(c(f32::MAX)) & root[1].abs().lt(c(f32::MAX)) & root[2].lt(c(f32::MAX));
     mask = mask & finite & root[0].gt(c(0.0)) & root[2].gt(c(0.0)) & (extent[0] + extent[1]).lt(c(1e9)) & brightest.lt(c(f32::MAX));
     let right_dy = extent[0] * p.covariance[1] / p.covariance[0];
-    let culled = c(Footprint::CULLED_EXTENT);
-    let extent = each!([0, 1] i => { let e = extent[i]; V::select(mask, e, culled) });
-    let tiles = each!([0, 1] i => tile_range(camera, i, mean[i], extent[i]));
+    let tiles = each!([0, 1] i => tile_range(camera, i, (mean[i], extent[i]), mask));
 
     let fields = [
         mean[0],
@@ -279,7 +271,6 @@ fn project_block<S: Simd>(
         radiance[1],
         radiance[2],
         log2_threshold,
-        extent[0],
         extent[1],
         depth,
         right_dy,
@@ -288,7 +279,7 @@ fn project_block<S: Simd>(
         tiles[1][0],
         tiles[1][1],
     ];
-    let fields = each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17] i => fields[i].lanes());
+    let fields = each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16] i => fields[i].lanes());
     for (lane, out) in out.iter_mut().enumerate() {
         let f = |i: usize| fields[i][lane];
         *out = Footprint {
@@ -297,18 +288,18 @@ fn project_block<S: Simd>(
             log2_opacity: f(5),
             radiance: [f(6), f(7), f(8)],
             log2_threshold: f(9),
-            extent_px: if lane < alive { [f(10), f(11)] } else { [Footprint::CULLED_EXTENT; 2] },
-            depth: f(12),
-            right_dy_px: f(13),
-            tiles: if lane < alive { [[f(14) as u16, f(15) as u16], [f(16) as u16, f(17) as u16]] } else { [[0; 2]; 2] },
+            extent_y_px: f(10),
+            depth: f(11),
+            right_dy_px: f(12),
+            tiles: if lane < alive { [[f(13) as u16, f(14) as u16], [f(15) as u16, f(16) as u16]] } else { [[0; 2]; 2] },
+            padding: 0.0,
         };
     }
 }
 
-/// Range of tiles along one axis with pixel centres within `extent` and a margin of `mean`; empty if there are none, or the extent is that
-/// of a culled splat.
+/// Range of tiles along one axis with pixel centres within `extent` and a margin of `mean`; empty if there are none, or outside of `mask`.
 #[inline(always)]
-fn tile_range<S: Simd>(camera: &ScreenCamera, axis: usize, mean: V<S>, extent: V<S>) -> [V<S>; 2] {
+fn tile_range<S: Simd>(camera: &ScreenCamera, axis: usize, (mean, extent): (V<S>, V<S>), mask: M<S>) -> [V<S>; 2] {
     let zero = mean.lift(0.0);
     let reach = extent + MARGIN_PX;
     // Pixel centres between low and high: from floor(low + 1/2) to floor(high - 1/2). A centre at low itself is left out, which the margin
@@ -317,6 +308,6 @@ fn tile_range<S: Simd>(camera: &ScreenCamera, axis: usize, mean: V<S>, extent: V
     let count = mean.lift(camera.tiles()[axis] as f32);
     let tile = |pixel: V<S>| (pixel * (1.0 / TILE_PX as f32)).floor();
     let end = (tile(last) + 1.0).min(count);
-    let some = extent.ge(zero) & last.ge(first);
+    let some = mask & last.ge(first);
     [V::select(some, tile(first), zero), V::select(some, end, zero)]
 }

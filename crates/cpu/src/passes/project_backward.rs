@@ -13,7 +13,7 @@ use super::color_backward::color_backward;
 use super::project::{MIN_AREA_RATIO, Projection, SQRT_HALF_LOG2_E, dot};
 use super::rasterize_backward::{ENTRY_LEN, EntryGradient};
 use crate::lanes::{LANES, Lanes, V};
-use crate::store::Layout;
+use crate::store::{Layout, Store};
 use crate::view::ScreenCamera;
 
 /// What the pass reads.
@@ -28,7 +28,17 @@ pub(crate) struct Inputs<'a> {
     pub(crate) loss: &'a LossConfig,
 }
 
-impl Inputs<'_> {
+impl<'a> Inputs<'a> {
+    /// For the splats of `store`, which stays free to be updated.
+    pub(crate) fn new(
+        store: &Store,
+        smoothing: &'a [Lanes],
+        (bins, entries): (&'a Bins, &'a [Vec<EntryGradient>]),
+        loss: &'a LossConfig,
+    ) -> Self {
+        Self { layout: store.layout, count: store.count, smoothing, bins, entries, loss }
+    }
+
     /// Whether every splat has a gradient, visible or not.
     pub(crate) fn is_regularised(&self) -> bool {
         self.loss.opacity_weight != 0.0 || self.loss.scale_weight != 0.0

@@ -64,7 +64,7 @@ pub(crate) fn rasterize(level: Level, camera: &ScreenCamera, lists: &[TileList],
 }
 
 /// Top left pixel of a block, relative to its tile's.
-pub(crate) fn block_origin_px(block: usize) -> [usize; 2] {
+fn block_origin_px(block: usize) -> [usize; 2] {
     [block % TILE_BLOCKS * BLOCK_PX, block / TILE_BLOCKS * BLOCK_PX]
 }
 

@@ -119,7 +119,7 @@ impl Outline {
             self.root[i].0[lane] = entry.root[i];
         }
         // Of an empty outline this is 0, of a splat it is more.
-        self.extent_y.0[lane] = f.extent_px[1] + MARGIN_PX;
+        self.extent_y.0[lane] = f.extent_y_px + MARGIN_PX;
         self.right_dy.0[lane] = f.right_dy_px;
         self.radius2.0[lane] = entry.log2_opacity - entry.log2_threshold;
     }

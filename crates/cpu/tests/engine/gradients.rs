@@ -195,9 +195,9 @@ fn engine_gradient_is_the_oracles() {
     }
 }
 
-/// Images of a pixel, of a row, of whole tiles, and of a bit more; the special cases scale with the image.
+/// Images of a pixel, of a row, of a whole block and tile, and of a bit more; the special cases scale with the image.
 fn cases_of_sizes() -> Vec<Case> {
-    [[1, 1], [1, 40], [40, 1], [8, 8], [16, 16], [17, 9], [33, 16], [48, 37]]
+    [[1, 1], [1, 40], [40, 1], [4, 4], [32, 32], [17, 9], [33, 16], [65, 37]]
         .into_iter()
         .enumerate()
         .map(|(i, size)| {
@@ -212,6 +212,24 @@ fn cases_of_sizes() -> Vec<Case> {
 #[test]
 fn engine_gradient_is_the_oracles_at_any_size() {
     for case in cases_of_sizes() {
+        check(&case, &against_oracle(&case), ENGINE_TOLERANCE, "by the engine");
+    }
+}
+
+/// More splats behind each pixel than the engine takes at a time in any of its loops, on both sides of a tile's edge.
+#[test]
+fn engine_gradient_is_the_oracles_where_many_splats_meet() {
+    const COUNT: usize = 180;
+    for (cutoffs, antialias) in [(Cutoffs::HDR, Antialias::Mip), (Cutoffs::PARITY, Antialias::Off)] {
+        let mut case = case_of_size([36, 10], lcd(1, 1, Activation::Softplus), antialias, ("crowd", cutoffs), false, 7);
+        case.splats = fixture::splats(lcd(1, 1, Activation::Softplus), COUNT, &case.view.camera, 8);
+        for (opacity_logit, log_scale) in case.splats.opacity_logit.iter_mut().zip(&mut case.splats.log_scale) {
+            *opacity_logit = 0.3 * *opacity_logit - 3.5;
+            *log_scale = log_scale.map(|s| s + 0.8);
+        }
+        if antialias == Antialias::Mip {
+            case.splats.smoothing = fixture::smoothing(COUNT);
+        }
         check(&case, &against_oracle(&case), ENGINE_TOLERANCE, "by the engine");
     }
 }
