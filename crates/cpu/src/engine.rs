@@ -11,13 +11,14 @@ use luxel_core::{
 use crate::lanes::{LANES, Lanes};
 use crate::passes::adam::Optimizer;
 use crate::passes::bin::Bins;
+use crate::passes::blend::sort_and_rasterize;
 use crate::passes::densify;
 use crate::passes::loss::{LossBuffers, LossSums};
 use crate::passes::project::{Footprint, project};
 use crate::passes::project_backward::Inputs;
-use crate::passes::rasterize::{TilePixels, rasterize, to_image};
+use crate::passes::rasterize::{TilePixels, to_image};
 use crate::passes::rasterize_backward::{AbsoluteSums, EntryGradient, rasterize_backward};
-use crate::passes::sort::{TileList, sort};
+use crate::passes::sort::TileList;
 use crate::passes::update::{Scratch, backward_and_adam, gradients};
 use crate::store::{Layout, Store};
 use crate::view::ScreenCamera;
@@ -130,10 +131,9 @@ impl CpuEngine {
             clock.lap(Pass::Project);
             frame.bins.fill(camera, &frame.footprints);
             clock.lap(Pass::Bin);
-            sort(*level, camera, &frame.bins, &frame.footprints, &mut frame.lists);
-            clock.lap(Pass::Sort);
-            rasterize(*level, camera, &frame.lists, &mut frame.pixels);
-            clock.lap(Pass::Rasterize);
+            let (splats, tiles) = ((&frame.bins, frame.footprints.as_slice()), (&mut frame.lists, &mut frame.pixels));
+            let [sort, rasterize] = sort_and_rasterize(*level, camera, splats, tiles);
+            clock.lap_shared(&[(Pass::Sort, sort), (Pass::Rasterize, rasterize)]);
         });
     }
 
@@ -283,8 +283,8 @@ impl Engine for CpuEngine {
         pool.install(|| {
             let mut clock = Clock::new(timings);
             let optimizer = Optimizer { parameters, first, second };
-            let times = backward_and_adam(*level, &camera, &inputs, optimizer, step, (stats, &mut frame.scratch));
-            clock.lap_shared(&[(Pass::ProjectBackward, times.project_backward), (Pass::Adam, times.adam)]);
+            let [backward, adam] = backward_and_adam(*level, &camera, &inputs, optimizer, step, (stats, &mut frame.scratch));
+            clock.lap_shared(&[(Pass::ProjectBackward, backward), (Pass::Adam, adam)]);
         });
         Ok(report)
     }

@@ -2,6 +2,7 @@
 
 mod engine;
 mod lanes;
+mod memory;
 mod passes;
 mod store;
 mod view;

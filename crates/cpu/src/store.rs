@@ -6,7 +6,8 @@
 
 use luxel_core::{ColorModel, Moments, Splats};
 
-use crate::lanes::{LANES, Lanes};
+use crate::lanes::LANES;
+use crate::memory::Buffer;
 
 /// Which row of a block holds what.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,16 +38,15 @@ pub(crate) fn blocks(count: usize) -> usize {
 }
 
 /// Splats (or their moments, or gradients) in blocks: `[blocks, rows, 16]`.
-#[derive(Clone, Debug)]
 pub(crate) struct Store {
     pub(crate) layout: Layout,
     pub(crate) count: usize,
-    pub(crate) lanes: Vec<Lanes>,
+    pub(crate) lanes: Buffer,
 }
 
 impl Store {
     pub(crate) fn zeros(layout: Layout, count: usize) -> Self {
-        Self { layout, count, lanes: vec![Lanes::ZERO; blocks(count) * layout.rows()] }
+        Self { layout, count, lanes: Buffer::zeros(blocks(count) * layout.rows()) }
     }
 
     pub(crate) fn from_splats(splats: &Splats) -> Self {

@@ -3,6 +3,7 @@
 
 pub(crate) mod adam;
 pub(crate) mod bin;
+pub(crate) mod blend;
 pub(crate) mod color;
 pub(crate) mod color_backward;
 pub(crate) mod densify;
@@ -11,5 +12,6 @@ pub(crate) mod project;
 pub(crate) mod project_backward;
 pub(crate) mod rasterize;
 pub(crate) mod rasterize_backward;
+pub(crate) mod shares;
 pub(crate) mod sort;
 pub(crate) mod update;

@@ -50,16 +50,13 @@ pub(crate) fn to_image(tiles: &[TilePixels], camera: &ScreenCamera) -> Image {
     image
 }
 
-/// Blends all tiles.
-pub(crate) fn rasterize(level: Level, camera: &ScreenCamera, lists: &[TileList], out: &mut Vec<TilePixels>) {
-    out.resize(lists.len(), TilePixels::default());
-    out.par_iter_mut().zip(lists).enumerate().for_each(|(tile, (pixels, list))| {
-        let origin = camera.tile_origin_px(tile);
-        with_simd!(level, simd => {
-            for (block, pixels) in pixels.0.iter_mut().enumerate() {
-                rasterize_block(simd, camera, origin, (list, block), pixels);
-            }
-        });
+/// Blends a tile.
+pub(crate) fn rasterize(level: Level, camera: &ScreenCamera, (list, tile): (&TileList, usize), out: &mut TilePixels) {
+    let origin = camera.tile_origin_px(tile);
+    with_simd!(level, simd => {
+        for (block, pixels) in out.0.iter_mut().enumerate() {
+            rasterize_block(simd, camera, origin, (list, block), pixels);
+        }
     });
 }
 

@@ -67,6 +67,7 @@ pub(crate) fn rasterize_backward(
     out.par_iter_mut().zip(lists).zip(pixels).enumerate().for_each(|(tile, ((out, list), pixels))| {
         out.clear();
         out.resize(list.entries.len(), EntryGradient::default());
+        list.fetch();
         let mut batch = Batch::new();
         for block in 0..BLOCKS {
             let row = tile / across * TILE_BLOCKS + block / TILE_BLOCKS;

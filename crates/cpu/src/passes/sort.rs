@@ -1,13 +1,12 @@
-//! Pass `sort`: each tile's splats from front to back, and which of its blocks they cover.
+//! Pass `sort`: a tile's splats from front to back, and which of its blocks they cover.
 //!
-//! In: bins, footprints. Out: one [`TileList`] per tile: its [`Entry`]s by ascending depth, equal depths by ascending index of the splat,
+//! In: bins, footprints. Out: the tile's [`TileList`]: its [`Entry`]s by ascending depth, equal depths by ascending index of the splat,
 //! and for each of its 64 blocks a bit per entry that says whether the entry's ellipse touches the block (exact for the
 //! continuous band of a block's rows, with a margin for rounding). The rasteriser walks the bits of a block.
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd};
 use luxel_core::{Real, each};
-use rayon::prelude::*;
 
 use super::bin::Bins;
 use super::project::{Footprint, MARGIN_PX};
@@ -56,18 +55,19 @@ struct Outline {
     root: [Lanes; 3],
 }
 
-/// Sorts the lists of all tiles.
-pub(crate) fn sort(level: Level, camera: &ScreenCamera, bins: &Bins, footprints: &[Footprint], out: &mut Vec<TileList>) {
-    let [across, down] = camera.tiles();
-    out.resize_with(across * down, TileList::default);
-    out.par_iter_mut().enumerate().for_each(|(tile, list)| {
-        let origin_px = camera.tile_origin_px(tile).map(|v| v as f32);
-        list.collect(bins.tile(tile), footprints, origin_px);
-        with_simd!(level, simd => list.find_cover(simd));
-    });
-}
-
 impl TileList {
+    /// Makes the list of a tile from its bin.
+    pub(crate) fn sort(&mut self, level: Level, camera: &ScreenCamera, (bins, tile): (&Bins, usize), footprints: &[Footprint]) {
+        let origin_px = camera.tile_origin_px(tile).map(|v| v as f32);
+        self.collect(bins.tile(tile), footprints, origin_px);
+        with_simd!(level, simd => self.find_cover(simd));
+    }
+
+    /// Reads the entries once in a row, at the pace of memory, so that they are in the core's cache for who picks from them.
+    pub(crate) fn fetch(&self) {
+        std::hint::black_box(self.entries.iter().fold(0, |sum, entry| sum ^ entry.place));
+    }
+
     fn collect(&mut self, splats: impl Iterator<Item = u32>, footprints: &[Footprint], origin_px: [f32; 2]) {
         self.splats.clear();
         self.keys.clear();

@@ -4,7 +4,6 @@
 //! them all instead, for who wants to look at them or to reduce them over machines.
 
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use fearless_simd::Level;
@@ -13,7 +12,9 @@ use rayon::prelude::*;
 
 use super::adam::{Optimizer, Step, update};
 use super::project_backward::{BlockStats, Inputs, project_backward};
+use super::shares::Shares;
 use crate::lanes::{LANES, Lanes, with_simd};
+use crate::memory::Buffer;
 use crate::view::ScreenCamera;
 
 /// Blocks of splats in a chunk: their gradients fit in the cache.
@@ -23,12 +24,6 @@ const CHUNK: usize = 8;
 #[derive(Default)]
 pub(crate) struct Scratch {
     gradients: Vec<Mutex<Vec<Lanes>>>,
-}
-
-/// Sum over all threads of the time spent in the two passes.
-pub(crate) struct Times {
-    pub(crate) project_backward: Duration,
-    pub(crate) adam: Duration,
 }
 
 /// A chunk's share of the statistics.
@@ -52,7 +47,7 @@ fn stats_chunks(stats: &mut DensifyStats) -> impl IndexedParallelIterator<Item =
         .map(|(norm, absolute, views)| ChunkStats { norm, absolute, views })
 }
 
-/// Differentiates and updates all splats.
+/// Differentiates and updates all splats. Returns the time spent in `project_backward` and in `adam`, summed over threads.
 pub(crate) fn backward_and_adam(
     level: Level,
     camera: &ScreenCamera,
@@ -60,13 +55,13 @@ pub(crate) fn backward_and_adam(
     optimizer: Optimizer<'_>,
     config: &StepConfig,
     (stats, scratch): (&mut DensifyStats, &mut Scratch),
-) -> Times {
+) -> [Duration; 2] {
     let rows = inputs.layout.rows();
     let step = Step::new(inputs.layout, inputs.count, config);
     let collect = config.stats != StatsCollection::Off;
     scratch.gradients.resize_with(rayon::current_num_threads(), Mutex::default);
     let scratch = &scratch.gradients;
-    let nanoseconds = [AtomicU64::new(0), AtomicU64::new(0)];
+    let shares = Shares::default();
     let chunks = (
         optimizer.parameters.lanes.par_chunks_mut(CHUNK * rows),
         optimizer.first.lanes.par_chunks_mut(CHUNK * rows),
@@ -95,11 +90,9 @@ pub(crate) fn backward_and_adam(
                 update(simd, &step, chunk * CHUNK + n, parameters, (first, second), gradient);
             }
         });
-        nanoseconds[0].fetch_add((middle - start).as_nanos() as u64, Ordering::Relaxed);
-        nanoseconds[1].fetch_add(middle.elapsed().as_nanos() as u64, Ordering::Relaxed);
+        shares.add(start, middle);
     });
-    let [project_backward, adam] = nanoseconds.map(|n| Duration::from_nanos(n.into_inner()));
-    Times { project_backward, adam }
+    shares.totals()
 }
 
 /// Differentiates all splats and keeps the gradients: `[blocks, rows, 16]`, zero where nothing was seen.
@@ -108,9 +101,9 @@ pub(crate) fn gradients(
     camera: &ScreenCamera,
     (inputs, parameters): (&Inputs<'_>, &[Lanes]),
     stats: Option<&mut DensifyStats>,
-) -> Vec<Lanes> {
+) -> Buffer {
     let rows = inputs.layout.rows();
-    let mut gradients = vec![Lanes::ZERO; parameters.len()];
+    let mut gradients = Buffer::zeros(parameters.len());
     let mut unused = DensifyStats::zeros(inputs.count);
     let collect = stats.is_some();
     let stats = stats.unwrap_or(&mut unused);
