@@ -39,6 +39,12 @@ impl<S: Simd> V<S> {
         Self(f32x16::splat(simd, value))
     }
 
+    /// 0 to 15.
+    #[inline(always)]
+    pub(crate) fn lane_numbers(simd: S) -> Self {
+        Self::load(simd, &Lanes([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0]))
+    }
+
     #[inline(always)]
     pub(crate) fn load(simd: S, lanes: &Lanes) -> Self {
         Self(f32x16::load_array_ref(simd, &lanes.0))
@@ -148,6 +154,14 @@ impl<S: Simd> V<S> {
         let p = p.mul_add(z, c(2.0 / 3.0));
         let p = (p * z).mul_add(s, s + s);
         Self(e.mul_add(c(std::f32::consts::LN_2), p))
+    }
+
+    /// Two whole numbers below 2^16 in the bits of each lane, as two `u16` in memory.
+    #[inline(always)]
+    pub(crate) fn pack(first: Self, second: Self) -> Self {
+        let (first, second): (i32x16<S>, i32x16<S>) = (first.0.to_int(), second.0.to_int());
+        let (low, high) = if cfg!(target_endian = "little") { (first, second) } else { (second, first) };
+        Self((low | (high << 16)).bitcast())
     }
 
     /// Every number one lane on, 0 in the first.

@@ -230,7 +230,8 @@ fn project_block<S: Simd>(
     let floor = c(camera.cutoffs.alpha_floor.min(camera.cutoffs.min_alpha));
     let widest = (opacity / floor).max(one).ln() * 2.0;
     let reach = each!([0, 2] i => (p.covariance[i] * widest).sqrt());
-    let mut mask = depth.ge(c(camera.cutoffs.near)) & opacity.ge(floor);
+    let exists = V::lane_numbers(simd).lt(c(alive as f32));
+    let mut mask = exists & depth.ge(c(camera.cutoffs.near)) & opacity.ge(floor);
     for i in 0..2 {
         mask = mask & (mean[i] + reach[i]).gt(c(0.0)) & (mean[i] - reach[i]).lt(c(camera.size_px[i] as f32));
     }
@@ -274,32 +275,19 @@ fn project_block<S: Simd>(
         extent[1],
         depth,
         right_dy,
-        tiles[0][0],
-        tiles[0][1],
-        tiles[1][0],
-        tiles[1][1],
+        tiles[0],
+        tiles[1],
+        c(0.0),
     ];
-    let fields = each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16] i => fields[i].lanes());
-    for (lane, out) in out.iter_mut().enumerate() {
-        let f = |i: usize| fields[i][lane];
-        *out = Footprint {
-            mean_px: [f(0), f(1)],
-            root: [f(2), f(3), f(4)],
-            log2_opacity: f(5),
-            radiance: [f(6), f(7), f(8)],
-            log2_threshold: f(9),
-            extent_y_px: f(10),
-            depth: f(11),
-            right_dy_px: f(12),
-            tiles: if lane < alive { [[f(13) as u16, f(14) as u16], [f(15) as u16, f(16) as u16]] } else { [[0; 2]; 2] },
-            padding: 0.0,
-        };
+    for (footprint, fields) in bytemuck::cast_slice_mut(out).iter_mut().zip(V::transpose(fields)) {
+        fields.store(footprint);
     }
 }
 
-/// Range of tiles along one axis with pixel centres within `extent` and a margin of `mean`; empty if there are none, or outside of `mask`.
+/// Range of tiles along one axis with pixel centres within `extent` and a margin of `mean`, its two numbers as the bits of one; empty if there
+/// are none, or outside of `mask`.
 #[inline(always)]
-fn tile_range<S: Simd>(camera: &ScreenCamera, axis: usize, (mean, extent): (V<S>, V<S>), mask: M<S>) -> [V<S>; 2] {
+fn tile_range<S: Simd>(camera: &ScreenCamera, axis: usize, (mean, extent): (V<S>, V<S>), mask: M<S>) -> V<S> {
     let zero = mean.lift(0.0);
     let reach = extent + MARGIN_PX;
     // Pixel centres between low and high: from floor(low + 1/2) to floor(high - 1/2). A centre at low itself is left out, which the margin
@@ -309,5 +297,5 @@ fn tile_range<S: Simd>(camera: &ScreenCamera, axis: usize, (mean, extent): (V<S>
     let tile = |pixel: V<S>| (pixel * (1.0 / TILE_PX as f32)).floor();
     let end = (tile(last) + 1.0).min(count);
     let some = mask & last.ge(first);
-    [V::select(some, tile(first), zero), V::select(some, end, zero)]
+    V::select(some, V::pack(tile(first), end), zero)
 }

@@ -78,27 +78,25 @@ pub(crate) fn project_backward<S: Simd>(
     written
 }
 
-/// Sums of a block's splats over their tiles, `[fields of an entry, 16]`, and which splats have any.
+/// Sums of a block's splats over their tiles, `[fields of an entry]` of 16 splats, and which splats have any.
 #[inline(always)]
-fn gather<S: Simd>(simd: S, inputs: &Inputs<'_>, block: usize) -> ([Lanes; ENTRY_LEN], [bool; LANES]) {
-    let mut sums = [Lanes::ZERO; ENTRY_LEN];
+fn gather<S: Simd>(simd: S, inputs: &Inputs<'_>, block: usize) -> ([V<S>; ENTRY_LEN], [bool; LANES]) {
+    let mut rows = [Lanes::ZERO; LANES];
     let mut visible = [false; LANES];
     let alive = LANES.min(inputs.count - block * LANES);
-    for (lane, visible) in visible.iter_mut().enumerate().take(alive) {
+    for (lane, (row, visible)) in rows.iter_mut().zip(&mut visible).enumerate().take(alive) {
         let places = inputs.bins.places(block * LANES + lane);
         *visible = !places.is_empty();
-        if !*visible {
-            continue;
-        }
         let mut sum = V::splat(simd, 0.0);
         for place in places {
             sum = sum + V::load(simd, bytemuck::cast_ref(&inputs.entries[place.tile as usize][place.index as usize]));
         }
-        for (lanes, value) in sums.iter_mut().zip(sum.lanes()) {
-            lanes.0[lane] = value;
-        }
+        sum.store(row);
     }
-    (sums, visible)
+    (
+        V::transpose(each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15] lane => { let row = &rows[lane]; V::load(simd, row) })),
+        visible,
+    )
 }
 
 /// Gradient of a block, and its splats' norms of the gradient by the centre: of its sum and of the sums of its absolute parts.
@@ -108,12 +106,11 @@ fn block_backward<S: Simd>(
     camera: &ScreenCamera,
     inputs: &Inputs<'_>,
     (block, rows): (usize, &[Lanes]),
-    sums: &[Lanes; ENTRY_LEN],
+    sums: &[V<S>; ENTRY_LEN],
     out: &mut [Lanes],
 ) -> [[f32; LANES]; 2] {
     let c = |value: f32| V::splat(simd, value);
-    let [d_log_alpha, gu, gv, guu, guv, gvv, dr, dg, db, abs_u, abs_y] =
-        each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10] i => { let lanes = &sums[i]; V::load(simd, lanes) });
+    let [d_log_alpha, gu, gv, guu, guv, gvv, dr, dg, db, abs_u, abs_y, ..] = *sums;
     let p = Projection::new(simd, camera, rows, inputs.smoothing.get(block));
     let mut d_position = color_backward(simd, camera, inputs.layout, rows, [dr, dg, db], out);
 
