@@ -11,8 +11,14 @@
 //!
 //! PSNR has peak 1 and pools the channels; SSIM is [`ssim`], mean of the channels. Masked pixels are left out of every mean
 //! and maximum; in the SSIM the prediction is set to the target there. A maximum of 0 divides by 1. Sums are f64.
+//!
+//! What needs no mu-law is in [`FieldMetrics`]: PU21, HDR-FLIP, the error of the logarithm, relative errors by decade.
 
+mod decades;
+mod field;
+mod flip;
 mod profile;
+mod pu21;
 mod ssim;
 
 use serde::{Deserialize, Serialize};
@@ -20,8 +26,12 @@ use serde::{Deserialize, Serialize};
 use crate::tone::MuLaw;
 use crate::{Image, Mask};
 
+pub use decades::{DecadeError, LOG_FLOOR};
+pub use field::{FieldMetrics, FieldOptions, FlipChoice, field_metrics};
+pub use flip::{FLIP_PIXELS_PER_DEGREE, FlipExposures, FlipMap, MEDIAN_FLOOR, hdr_flip, ldr_flip};
 pub use profile::{LuminanceProfile, PROFILE_BINS_PER_DECADE, ProfileBin};
-pub use ssim::{SSIM_C1, SSIM_C2, SSIM_RADIUS, SSIM_SIGMA_PX, ssim, ssim_image, ssim_window};
+pub use pu21::{PU21_PEAK, PU21_RANGE_CD_M2, pu21_encode};
+pub use ssim::{SSIM_C1, SSIM_C2, SSIM_RADIUS, SSIM_SIGMA_PX, ssim, ssim_image, ssim_interior, ssim_replicated, ssim_window};
 
 /// PSNR of equal images, dB: reported instead of infinity, which JSON can't hold. f32 rounding alone is worth more than 130 dB.
 pub const MAX_PSNR_DB: f64 = 100.0;
@@ -73,6 +83,9 @@ pub enum MetricsError {
     /// A mu-law without a curve.
     #[error("mu is {0}, expected a finite number above 0")]
     Mu(f32),
+    /// A display that shows nothing.
+    #[error("peak luminance is {0} cd/m2, expected a finite number above 0")]
+    PeakLuminance(f32),
 }
 
 /// Figures of one view, or their means over several. PSNR in dB, at most [`MAX_PSNR_DB`].

@@ -3,7 +3,8 @@
 //! In: two planes `[H*W]` in `[0, 1]`. Out: the mean over all pixels of
 //! (2 m_p m_t + C1)(2 s_pt + C2) / ((m_p^2 + m_t^2 + C1)(s_p^2 + s_t^2 + C2)), means, variances and covariance under an 11x11 Gaussian
 //! window of sigma 1.5 that sees zeros outside of the image (Wang et al. 2004; window and padding of Kerbl et al. 2023).
-//! Values may be f32 or f64; sums are f64: in f32 the variance of a bright, smooth area is lost to cancellation.
+//! [`ssim_interior`] leaves out the pixels whose window reaches beyond the border (scikit-image's), [`ssim_replicated`] continues the border's pixels
+//! outwards (MATLAB's). Values may be f32 or f64; sums are f64: in f32 the variance of a bright, smooth area is lost to cancellation.
 
 use super::MetricsError;
 use crate::Image;
@@ -39,25 +40,61 @@ pub fn ssim_window() -> [f64; TAPS] {
 /// # Errors
 /// [`MetricsError::Planes`] if a plane does not hold `width * height` values, [`MetricsError::NoValidPixels`] if that is 0.
 pub fn ssim<T: Copy + Into<f64>>(prediction: &[T], target: &[T], width: usize, height: usize) -> Result<f64, MetricsError> {
+    check_planes(prediction, target, width, height)?;
+    Ok(mean_similarity(prediction, target, width, 0))
+}
+
+/// [`ssim`] over the pixels whose whole window lies inside of the image.
+///
+/// # Errors
+/// As [`ssim`]; [`MetricsError::NoValidPixels`] also of an image smaller than the window, 11 pixels.
+pub fn ssim_interior<T: Copy + Into<f64>>(prediction: &[T], target: &[T], width: usize, height: usize) -> Result<f64, MetricsError> {
+    check_planes(prediction, target, width, height)?;
+    if width.min(height) < TAPS {
+        return Err(MetricsError::NoValidPixels);
+    }
+    Ok(mean_similarity(prediction, target, width, SSIM_RADIUS))
+}
+
+/// [`ssim`] with a window that sees the border's pixels continued outside of the image.
+///
+/// # Errors
+/// As [`ssim`].
+pub fn ssim_replicated<T: Copy + Into<f64>>(prediction: &[T], target: &[T], width: usize, height: usize) -> Result<f64, MetricsError> {
+    check_planes(prediction, target, width, height)?;
+    let nearest = |i: usize, side: usize| i.saturating_sub(SSIM_RADIUS).min(side - 1);
+    let continued = |plane: &[T]| {
+        let row = |y: usize| (0..width + 2 * SSIM_RADIUS).map(move |x| plane[nearest(y, height) * width + nearest(x, width)]);
+        (0..height + 2 * SSIM_RADIUS).flat_map(row).collect::<Vec<T>>()
+    };
+    Ok(mean_similarity(&continued(prediction), &continued(target), width + 2 * SSIM_RADIUS, SSIM_RADIUS))
+}
+
+fn check_planes<T>(prediction: &[T], target: &[T], width: usize, height: usize) -> Result<(), MetricsError> {
     let pixels = width.saturating_mul(height);
     if prediction.len() != pixels || target.len() != pixels {
         return Err(MetricsError::Planes { prediction: prediction.len(), target: target.len(), width, height });
     }
-    if pixels == 0 {
-        return Err(MetricsError::NoValidPixels);
-    }
+    if pixels == 0 { Err(MetricsError::NoValidPixels) } else { Ok(()) }
+}
+
+/// Of all pixels but those of a frame as wide as `margin`, of which there must be some.
+fn mean_similarity<T: Copy + Into<f64>>(prediction: &[T], target: &[T], width: usize, margin: usize) -> f64 {
+    let height = target.len() / width;
     let mut rows = BlurredRows::new(width);
     let mut sum = 0.0;
     let mut filled = 0;
-    for y in 0..height {
+    for y in 0..height - margin {
         while filled < height.min(y + SSIM_RADIUS + 1) {
             let row = filled * width..(filled + 1) * width;
             rows.push(filled, &prediction[row.clone()], &target[row]);
             filled += 1;
         }
-        sum += rows.similarity(y, height);
+        if y >= margin {
+            sum += rows.similarity(y, height, margin);
+        }
     }
-    Ok(sum / pixels as f64)
+    sum / ((width - 2 * margin) * (height - 2 * margin)) as f64
 }
 
 /// Mean structural similarity of two images: the mean of the three channels'. Values are taken as they are; give it mu-law images.
@@ -114,8 +151,8 @@ impl BlurredRows {
         }
     }
 
-    /// Sum over row `y` of the similarity.
-    fn similarity(&mut self, y: usize, height: usize) -> f64 {
+    /// Sum over row `y` of the similarity, `margin` pixels at either end left out.
+    fn similarity(&mut self, y: usize, height: usize, margin: usize) -> f64 {
         self.blurred.fill(0.0);
         for (tap, &weight) in self.window.iter().enumerate() {
             // Rows outside of the image are zeros.
@@ -127,7 +164,8 @@ impl BlurredRows {
         let (t, rest) = rest.split_at(self.width);
         let (squares, product) = rest.split_at(self.width);
         let mut sum = 0.0;
-        for (((&p, &t), &squares), &product) in p.iter().zip(t).zip(squares).zip(product) {
+        let pixels = p.iter().zip(t).zip(squares).zip(product).take(self.width - margin).skip(margin);
+        for (((&p, &t), &squares), &product) in pixels {
             let (mean_product, mean_squares) = (p * t, p * p + t * t);
             let covariance = product - mean_product;
             let variances = squares - mean_squares;
@@ -190,6 +228,27 @@ mod tests {
                 assert!((fast - slow).abs() < 1e-12, "{width}x{height}: {fast} {slow}");
             }
         }
+    }
+
+    #[test]
+    fn borders_differ_by_what_lies_beyond() {
+        // With zeros drawn around the image, its interior is what the window that sees zeros outside saw.
+        let (width, height) = (9, 6);
+        let (p, t) = (plane(0.3, width, height), plane(7.1, width, height));
+        let framed = |plane: &[f64]| {
+            let mut framed = vec![0.0; (width + 10) * (height + 10)];
+            for y in 0..height {
+                framed[(y + 5) * (width + 10) + 5..][..width].copy_from_slice(&plane[y * width..][..width]);
+            }
+            framed
+        };
+        let (inside, zeros) =
+            (ssim_interior(&framed(&p), &framed(&t), width + 10, height + 10).unwrap(), ssim(&p, &t, width, height).unwrap());
+        assert!((inside - zeros).abs() < 1e-12, "{inside} {zeros}");
+        // One pixel, continued, is a flat image: means alone count.
+        let flat = ssim_replicated(&[0.2], &[0.4], 1, 1).unwrap();
+        assert!((flat - (2.0 * 0.08 + SSIM_C1) / (0.04 + 0.16 + SSIM_C1)).abs() < 1e-12, "{flat}");
+        assert!(matches!(ssim_interior(&p, &t, width, height), Err(MetricsError::NoValidPixels)));
     }
 
     #[test]

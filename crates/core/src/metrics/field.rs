@@ -1,0 +1,164 @@
+//! The figures of the field that need no mu-law, side by side.
+//!
+//! In: prediction and target `[H,W,3]` in normalised units, the primaries, what a display makes of 1. Out: [`FieldMetrics`]. Images are converted to linear
+//! Rec.709 first, where what lies outside of its gamut counts as its border (no light is negative).
+
+use serde::{Deserialize, Serialize};
+
+use super::decades::{log_rmse, relative_error_by_decade};
+use super::pu21::pu21_psnr_ssim;
+use super::{DecadeError, MetricsError, Pair, hdr_flip};
+use crate::tone::rec709_of;
+use crate::{ColorSpace, Image, Mask};
+
+/// Whether HDR-FLIP is computed: it takes many times as long as everything else.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum FlipChoice {
+    /// [`FieldMetrics::hdr_flip`] is `None`.
+    #[default]
+    Skip,
+    /// Computed.
+    Compute,
+}
+
+/// How figures are made.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FieldOptions {
+    /// Luminance at which a display shows white of 1 normalised unit, cd/m2.
+    pub peak_luminance: f32,
+    /// Primaries of both images.
+    pub color_space: ColorSpace,
+    /// HDR-FLIP or not.
+    pub flip: FlipChoice,
+}
+
+impl FieldOptions {
+    /// cd/m2: a display of the better kind in use today, and what PU21 was fitted to reaches well above.
+    pub const DEFAULT_PEAK_LUMINANCE: f32 = 1000.0;
+}
+
+impl Default for FieldOptions {
+    fn default() -> Self {
+        Self { peak_luminance: Self::DEFAULT_PEAK_LUMINANCE, color_space: ColorSpace::default(), flip: FlipChoice::Skip }
+    }
+}
+
+/// Figures of one view, or their means over several.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct FieldMetrics {
+    /// PSNR of PU21-encoded radiance, channels pooled, dB.
+    pub pu21_psnr: f64,
+    /// SSIM of PU21-encoded luminance.
+    pub pu21_ssim: f64,
+    /// What 1 normalised unit was shown as in both, cd/m2.
+    pub pu21_peak_luminance: f32,
+    /// Root mean squared error of log10 of the channels, decades.
+    pub log_rmse: f64,
+    /// Mean HDR-FLIP, 0 to 1, at 67 pixels per degree.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub hdr_flip: Option<f64>,
+    /// By the target's luminance in normalised units.
+    pub relative_error_by_decade: Vec<DecadeError>,
+}
+
+impl FieldMetrics {
+    /// The mean of every figure; decades are pooled by pixels. `None` of none. HDR-FLIP is the mean only where all have it.
+    pub fn mean(views: &[Self]) -> Option<Self> {
+        let mean = |of: fn(&Self) -> f64| views.iter().map(of).sum::<f64>() / views.len() as f64;
+        let flips: Option<Vec<f64>> = views.iter().map(|view| view.hdr_flip).collect();
+        Some(Self {
+            pu21_peak_luminance: views.first()?.pu21_peak_luminance,
+            pu21_psnr: mean(|v| v.pu21_psnr),
+            pu21_ssim: mean(|v| v.pu21_ssim),
+            log_rmse: mean(|v| v.log_rmse),
+            hdr_flip: flips.map(|flips| flips.iter().sum::<f64>() / flips.len() as f64),
+            relative_error_by_decade: DecadeError::pooled(views.iter().map(|view| view.relative_error_by_decade.as_slice())),
+        })
+    }
+}
+
+/// Every figure of a view: `prediction` against `target`, both in normalised units.
+///
+/// # Errors
+/// [`MetricsError`]: sizes differ, no pixel is valid, a valid pixel is NaN or infinite, or the peak luminance is not positive.
+pub fn field_metrics(
+    prediction: &Image,
+    target: &Image,
+    mask: Option<&Mask>,
+    options: &FieldOptions,
+) -> Result<FieldMetrics, MetricsError> {
+    if !(options.peak_luminance.is_finite() && options.peak_luminance > 0.0) {
+        return Err(MetricsError::PeakLuminance(options.peak_luminance));
+    }
+    // What is given is checked, not what becomes of it: the maximum of NaN and 0 is 0.
+    Pair::new(prediction, target, mask)?;
+    let light = |image: &Image| {
+        let pixels = image.pixels.iter().map(|&rgb| rec709_of(options.color_space, rgb).map(|v| v.max(0.0)));
+        Image { width: image.width, height: image.height, pixels: pixels.collect() }
+    };
+    let (prediction, target) = (light(prediction), light(target));
+    let pair = Pair::new(&prediction, &target, mask)?;
+    let (pu21_psnr, pu21_ssim) = pu21_psnr_ssim(&pair, options.peak_luminance.into())?;
+    let hdr_flip = match options.flip {
+        FlipChoice::Skip => None,
+        FlipChoice::Compute => Some(hdr_flip(&prediction, &target, mask, ColorSpace::LinearRec709)?.mean),
+    };
+    Ok(FieldMetrics {
+        pu21_psnr,
+        pu21_ssim,
+        pu21_peak_luminance: options.peak_luminance,
+        log_rmse: log_rmse(&pair),
+        hdr_flip,
+        relative_error_by_decade: relative_error_by_decade(&pair),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::metrics::MAX_PSNR_DB;
+
+    const ALL: FieldOptions = FieldOptions { peak_luminance: 100.0, color_space: ColorSpace::LinearRec709, flip: FlipChoice::Compute };
+
+    #[test]
+    fn equal_images_have_no_error() {
+        for (size, value) in [(1, 0.0), (1, 0.3), (12, 1e3)] {
+            let image = Image::filled(size, size, [value; 3]);
+            let metrics = field_metrics(&image, &image, None, &ALL).unwrap();
+            assert_eq!((metrics.pu21_psnr, metrics.log_rmse, metrics.hdr_flip), (MAX_PSNR_DB, 0.0, Some(0.0)));
+            assert!((metrics.pu21_ssim - 1.0).abs() < 1e-12);
+            let json = serde_json::to_string(&metrics).unwrap();
+            assert_eq!(serde_json::from_str::<FieldMetrics>(&json).unwrap(), metrics);
+        }
+    }
+
+    #[test]
+    fn black_against_white_of_a_common_display_is_no_decibel() {
+        let (black, white) = (Image::filled(4, 4, [0.0; 3]), Image::filled(4, 4, [1.0; 3]));
+        let metrics = field_metrics(&black, &white, None, &ALL).unwrap();
+        assert!(metrics.pu21_psnr.abs() < 0.02, "{}", metrics.pu21_psnr);
+    }
+
+    #[test]
+    fn masked_pixels_do_not_count_and_bad_ones_are_named() {
+        let target = Image::filled(15, 13, [0.2, 0.4, 0.1]);
+        let mut prediction = target.clone();
+        prediction.pixels[7] = [f32::NAN; 3];
+        let mask = Mask { valid: (0..195).map(|i| i != 7).collect() };
+        let metrics = field_metrics(&prediction, &target, Some(&mask), &ALL).unwrap();
+        assert_eq!((metrics.pu21_psnr, metrics.log_rmse, metrics.hdr_flip), (MAX_PSNR_DB, 0.0, Some(0.0)));
+        assert_eq!(metrics.relative_error_by_decade[0].count, 194);
+        let error = field_metrics(&prediction, &target, None, &ALL).unwrap_err();
+        assert_eq!(error, MetricsError::NotFinite { image: "prediction", x: 7, y: 0 });
+        let dark = FieldOptions { peak_luminance: 0.0, ..ALL };
+        assert_eq!(field_metrics(&target, &target, None, &dark), Err(MetricsError::PeakLuminance(0.0)));
+    }
+
+    #[test]
+    fn means_are_of_what_all_have() {
+        let of = |pu21_psnr, hdr_flip| FieldMetrics { pu21_psnr, hdr_flip, pu21_peak_luminance: 100.0, ..FieldMetrics::default() };
+        assert_eq!(FieldMetrics::mean(&[of(20.0, Some(0.1)), of(30.0, Some(0.3))]), Some(of(25.0, Some(0.2))));
+        assert_eq!(FieldMetrics::mean(&[of(20.0, Some(0.1)), of(30.0, None)]).unwrap().hdr_flip, None);
+        assert_eq!(FieldMetrics::mean(&[]), None);
+    }
+}

@@ -1,0 +1,83 @@
+//! Exposures at which HDR-FLIP looks, and the curve under which it does.
+
+use super::Pair;
+use crate::tone::rec709_of;
+use crate::{ColorSpace, luminance_rec709};
+
+/// The least that the median and maximum of the reference's luminance count as: half of all pixels may be black.
+pub const MEDIAN_FLOOR: f32 = f32::EPSILON;
+
+/// Display value that the brightest pixel has at the first exposure and the median at the last.
+const BRIGHT: f64 = 0.85;
+
+/// Filmic curve (a x^2 + b x) / (c x^2 + d x + e): ACES' fit by K. Narkowicz with 0.6 of the exposure.
+const CURVE: [f64; 5] = [0.6 * 0.6 * 2.51, 0.6 * 0.03, 0.6 * 0.6 * 2.43, 0.6 * 0.59, 0.14];
+
+/// Exposures in stops, evenly from `start_ev` to `stop_ev`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FlipExposures {
+    /// At which the reference's brightest pixel is just below white.
+    pub start_ev: f32,
+    /// At which its median is.
+    pub stop_ev: f32,
+    /// At least 2.
+    pub count: u32,
+}
+
+impl FlipExposures {
+    /// By the luminance of the reference's valid pixels.
+    pub(super) fn of(pair: &Pair, color_space: ColorSpace) -> Self {
+        let display = |rgb| rec709_of(color_space, rgb).map(|v: f32| v.max(0.0));
+        let mut luminances: Vec<f32> = pair.valid().map(|(_, target)| luminance_rec709(display(target))).collect();
+        let middle = luminances.len() / 2;
+        let (_, median, above) = luminances.select_nth_unstable_by(middle, f32::total_cmp);
+        let median = *median;
+        let brightest = above.iter().copied().fold(median, f32::max);
+        let exposure = |luminance: f32| (bright_input() / f64::from(luminance.max(MEDIAN_FLOOR))).log2() as f32;
+        let (start_ev, stop_ev) = (exposure(brightest), exposure(median));
+        Self { start_ev, stop_ev, count: ((stop_ev - start_ev).ceil() as u32).max(2) }
+    }
+
+    /// From the darkest picture to the brightest.
+    pub fn each(self) -> impl Iterator<Item = f32> {
+        let step = (self.stop_ev - self.start_ev) / (self.count.max(2) - 1) as f32;
+        // Where all pixels are equally bright all exposures are one.
+        let count = if self.stop_ev > self.start_ev { self.count } else { 1 };
+        (0..count).map(move |i| self.start_ev + i as f32 * step)
+    }
+}
+
+/// Linear display light in `[0, 1]`; negative radiance counts as black.
+pub(super) fn expose(rgb: [f32; 3], exposure_ev: f32) -> [f32; 3] {
+    let gain = exposure_ev.exp2();
+    let [a, b, c, d, e] = CURVE.map(|v| v as f32);
+    rgb.map(|v| {
+        // Above this the curve is flat and clipped, and its square would overflow.
+        let x = (v.max(0.0) * gain).min(1e9);
+        ((x * (a * x + b)) / (x * (c * x + d) + e)).clamp(0.0, 1.0)
+    })
+}
+
+/// The input that the curve maps to [`BRIGHT`].
+fn bright_input() -> f64 {
+    let [a, b, c, d, e] = CURVE;
+    let (quadratic, linear, constant) = (a - BRIGHT * c, b - BRIGHT * d, -BRIGHT * e);
+    let half = -0.5 * linear / quadratic;
+    half + (half * half - constant / quadratic).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_brightest_pixel_is_bright_at_the_first_exposure() {
+        let shown = expose([bright_input() as f32 / 8.0; 3], 3.0);
+        assert!((shown[1] - BRIGHT as f32).abs() < 1e-6, "{shown:?}");
+    }
+
+    #[test]
+    fn hostile_radiance_is_shown_black_or_white() {
+        assert_eq!(expose([f32::MAX, -1.0, 0.0], 100.0), [1.0, 0.0, 0.0]);
+    }
+}

@@ -1,0 +1,68 @@
+//! PU21: PSNR and SSIM of luminance as a display would show it, on a perceptually uniform scale.
+//!
+//! In: luminance Y in cd/m2, clamped to `[0.005, 10000]`. Out: V = c6 (((c0 + c1 Y^c3) / (1 + c2 Y^c3))^c4 - c5), one unit of which is about as visible in
+//! the dark as in the light, and 256 of which are the range of a display of 100 cd/m2, so that figures compare with those of 8-bit images (Mantiuk &
+//! Azimi, "PU21: A novel perceptually uniform encoding for adapting existing quality metrics for HDR", PCS 2021; coefficients `banding_glare`).
+//! Figures follow the authors' `pu21_metric`: PSNR pools the three encoded channels, SSIM is that of the encoded luminance, both with peak 256.
+//! Radiance has no unit of its own here: what 1 is shown as, in cd/m2, belongs to every figure.
+
+use super::{MetricsError, Pair, psnr_of_mse, ssim_replicated};
+use crate::luminance_rec709;
+
+/// Peak signal of [`pu21_encode`]d values in PSNR and SSIM: about V of 100 cd/m2, the white of the displays that 8-bit metrics were made for.
+pub const PU21_PEAK: f64 = 256.0;
+/// Darkest and brightest luminance that the encoding was fitted to, cd/m2.
+pub const PU21_RANGE_CD_M2: [f64; 2] = [0.005, 10_000.0];
+
+/// Coefficients `banding_glare` of the paper's table 1.
+const C: [f64; 7] = [0.353_487_901, 0.373_465_862_9, 8.277_049_286e-5, 0.906_256_262_7, 0.091_503_031_66, 0.909_951_720_4, 596.314_814_2];
+
+/// The encoded value of a luminance in cd/m2; what lies outside of [`PU21_RANGE_CD_M2`], and NaN, counts as the nearer end (NaN as the darker).
+pub fn pu21_encode(luminance_cd_m2: f64) -> f64 {
+    let [low, high] = PU21_RANGE_CD_M2;
+    let power = luminance_cd_m2.max(low).min(high).powf(C[3]);
+    C[6] * (((C[0] + C[1] * power) / (1.0 + C[2] * power)).powf(C[4]) - C[5])
+}
+
+/// PSNR, dB, and SSIM of a pair in linear Rec.709 whose 1 is shown as `peak_cd_m2`.
+pub(super) fn pu21_psnr_ssim(pair: &Pair, peak_cd_m2: f64) -> Result<(f64, f64), MetricsError> {
+    let encode = |value: f32| pu21_encode(f64::from(value) * peak_cd_m2);
+    let pixels = pair.target.pixels.len();
+    let (mut squares, mut prediction, mut target) = (0.0, Vec::with_capacity(pixels), Vec::with_capacity(pixels));
+    for (i, (&p, &t)) in pair.prediction.pixels.iter().zip(&pair.target.pixels).enumerate() {
+        // A masked pixel may hold NaN, which encodes as black.
+        let of_target = encode(luminance_rec709(t)) / PU21_PEAK;
+        target.push(of_target);
+        if !pair.is_valid(i) {
+            prediction.push(of_target);
+            continue;
+        }
+        prediction.push(encode(luminance_rec709(p)) / PU21_PEAK);
+        for c in 0..3 {
+            squares += ((encode(p[c]) - encode(t[c])) / PU21_PEAK).powi(2);
+        }
+    }
+    let similarity = ssim_replicated(&prediction, &target, pair.target.width, pair.target.height)?;
+    Ok((psnr_of_mse(squares / (3.0 * pair.valid_count as f64)), similarity))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn encoding_has_its_published_values() {
+        let known =
+            [(0.1, 5.717074), (1.0, 36.543911), (10.0, 123.647484), (100.0, 256.383897), (1000.0, 420.096921), (10_000.0, 595.393920)];
+        for (luminance, expected) in known {
+            assert!((pu21_encode(luminance) - expected).abs() < 1e-5, "{luminance}: {}", pu21_encode(luminance));
+        }
+    }
+
+    #[test]
+    fn what_no_display_shows_is_its_black_or_white() {
+        for (hostile, end) in [(f64::NAN, 0.005), (-1.0, 0.005), (f64::NEG_INFINITY, 0.005), (f64::INFINITY, 1e4), (1e9, 1e4)] {
+            assert_eq!(pu21_encode(hostile), pu21_encode(end));
+        }
+    }
+}
