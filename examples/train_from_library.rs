@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 
 use luxel_cpu::CpuEngine;
 use luxel_io::{LoadOptions, load_dataset, write_scene_ply};
-use luxel_train::{TrainConfig, Trainer, evaluate};
+use luxel_train::{Measures, TrainConfig, Trainer, evaluate};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -40,7 +40,7 @@ fn train(dataset: &Path, scene: &Path, iterations: u32) -> Result<(), Box<dyn Er
     }
 
     let (options, scale, mu) = (trainer.render_options(), trainer.radiance_scale(), trainer.config().mu);
-    let figures = evaluate(trainer.engine(), &options, scale, mu, &dataset.test, &mut |view, _render, metrics| {
+    let figures = evaluate(trainer.engine(), &options, &Measures::new(scale, mu), &dataset.test, &mut |view, _render, metrics| {
         println!("{}  {:.2} dB by protocol scene, {:.2} by gtmax", view.name, metrics.psnr_scene, metrics.psnr_gtmax);
     })?;
     println!("mean of {}: {:.2} dB by protocol scene", figures.views.len(), figures.mean.psnr_scene);

@@ -3,13 +3,14 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
+use luxel_core::metrics::FieldOptions;
 use luxel_train::{CutoffPreset, Method, TrainConfig, parse_rgb};
 use serde::{Deserialize, Serialize};
 
 use crate::console::LogFormat;
 use crate::values::{
-    ColorSpaceArg, DeviceArg, ExrTypeArg, FormatArg, Frames, InstructionSetArg, OrderArg, Shard, SplitArg, TonemapArg, TransferArg,
-    parse_downscale, parse_finite, parse_frames, parse_positive, parse_shard, parse_size,
+    ColorSpaceArg, DeviceArg, ExrTypeArg, FormatArg, Frames, InstructionSetArg, MetricsArg, OrderArg, Shard, SplitArg, TonemapArg,
+    TransferArg, parse_downscale, parse_finite, parse_frames, parse_positive, parse_shard, parse_size,
 };
 
 /// High dynamic range 3D Gaussian splatting: posed HDR photographs in, a scene of linear radiance out.
@@ -30,6 +31,8 @@ pub(crate) enum Command {
     Train(Box<TrainArgs>),
     /// Compare a run's scene with its images: a table, metrics.json and report.html.
     Eval(EvalArgs),
+    /// Compare two images, or two folders of images, by every metric there is.
+    Compare(CompareArgs),
     /// Render a scene to OpenEXR images in the units of the data set.
     Render(RenderArgs),
     /// Describe a scene, run, checkpoint, data set or image.
@@ -145,9 +148,63 @@ pub(crate) struct EvalArgs {
     /// Data set to compare with [default: the one the run was trained on].
     #[arg(long, value_name = "DATASET")]
     pub(crate) data: Option<PathBuf>,
+    /// What is computed.
+    #[arg(long, value_enum, default_value_t = MetricsArg::Fast)]
+    pub(crate) metrics: MetricsArg,
+    /// Luminance in cd/m2 at which PU21's display shows the scene's radiance scale.
+    #[arg(long, default_value_t = FieldOptions::DEFAULT_PEAK_LUMINANCE, value_parser = parse_positive, value_name = "CD/M2")]
+    pub(crate) peak_luminance: f32,
+    /// Weights for LPIPS: the state dict of lpips.LPIPS(net='alex' or 'vgg') as a safetensors file.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) lpips_weights: Option<PathBuf>,
     /// Where the work is done.
     #[command(flatten)]
     pub(crate) device: DeviceArgs,
+}
+
+/// `luxel compare`.
+#[derive(Debug, Args)]
+#[command(after_help = "Images of two folders are matched by their names without extension. What the figures mean: docs/metrics.md.\n\n\
+    luxel compare truth.exr render.exr --heatmap flip.png\n\
+    luxel compare run/eval/step_30000/gt run/eval/step_30000/renders --json")]
+pub(crate) struct CompareArgs {
+    /// Reference and test: two images or two folders of images. With --reference: the test alone.
+    #[arg(required = true, num_args = 1..=2, value_name = "REFERENCE TEST")]
+    pub(crate) paths: Vec<PathBuf>,
+    /// The reference, if it is not the first of two.
+    #[arg(long, value_name = "PATH")]
+    pub(crate) reference: Option<PathBuf>,
+    /// Radiance that is 1 in protocol scene, in the decades, and for the display of PU21 [default: the 99.9th percentile of the
+    /// luminance of all references].
+    #[arg(long, value_parser = parse_positive, value_name = "RADIANCE")]
+    pub(crate) scale: Option<f32>,
+    /// Luminance in cd/m2 at which PU21's display shows that radiance.
+    #[arg(long, default_value_t = FieldOptions::DEFAULT_PEAK_LUMINANCE, value_parser = parse_positive, value_name = "CD/M2")]
+    pub(crate) peak_luminance: f32,
+    /// mu of the mu-law.
+    #[arg(long, default_value_t = luxel_core::tone::MU, value_parser = parse_positive)]
+    pub(crate) mu: f32,
+    /// What is computed.
+    #[arg(long, value_enum, default_value_t = MetricsArg::All)]
+    pub(crate) metrics: MetricsArg,
+    /// Weights for LPIPS: the state dict of lpips.LPIPS(net='alex' or 'vgg') as a safetensors file.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) lpips_weights: Option<PathBuf>,
+    /// Image that is black where pixels are left out; with folders one for all, or a folder of masks with the names of the references.
+    #[arg(long, value_name = "PATH", help_heading = "Images")]
+    pub(crate) mask: Option<PathBuf>,
+    /// Transfer function of integer images, where the file does not say it.
+    #[arg(long, value_enum, value_name = "CURVE", help_heading = "Images")]
+    pub(crate) transfer: Option<TransferArg>,
+    /// Primaries of images that do not state theirs [default: linear-rec709].
+    #[arg(long, value_enum, value_name = "SPACE", help_heading = "Images")]
+    pub(crate) color_space: Option<ColorSpaceArg>,
+    /// Write HDR-FLIP of every pixel, black for 0 to yellow for 1 (magma): a PNG, with folders a folder of them.
+    #[arg(long, value_name = "PATH", help_heading = "Output")]
+    pub(crate) heatmap: Option<PathBuf>,
+    /// One JSON object on stdout instead of a table.
+    #[arg(long, help_heading = "Output")]
+    pub(crate) json: bool,
 }
 
 /// `luxel render`.

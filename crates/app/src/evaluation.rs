@@ -6,9 +6,10 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 use clap::ValueEnum;
+use luxel_core::metrics::{FieldMetrics, FieldOptions, FlipChoice};
 use luxel_core::{ColorSpace, Engine, Image, RenderOptions, View};
 use luxel_io::{ExrOptions, ExrSample, HALF_MAX};
-use luxel_train::SplitMetrics;
+use luxel_train::{Lpips, Measures, SplitMetrics};
 use serde::{Deserialize, Serialize};
 
 use crate::config::RunConfig;
@@ -55,6 +56,12 @@ pub(crate) struct Rendering<'a> {
     pub(crate) mu: f32,
     /// Of the data set.
     pub(crate) color_space: ColorSpace,
+    /// Luminance at which the display of PU21 shows one normalised unit, cd/m2.
+    pub(crate) peak_luminance: f32,
+    /// HDR-FLIP or not.
+    pub(crate) flip: FlipChoice,
+    /// The network of the user's weights, if there is one.
+    pub(crate) lpips: Option<&'a Lpips>,
 }
 
 impl Rendering<'_> {
@@ -81,10 +88,19 @@ impl Rendering<'_> {
                     .and_then(|()| write_exr(&folder.join("gt").join(format!("{stem}.exr")), &view.image, color_space));
             }
         };
-        let metrics = luxel_train::evaluate(self.engine, &self.options, scale, self.mu, views, &mut each)?;
+        let field = FieldOptions { peak_luminance: self.peak_luminance, color_space, flip: self.flip };
+        let measures = Measures { radiance_scale: scale, mu: self.mu, field, lpips: self.lpips };
+        let metrics = luxel_train::evaluate(self.engine, &self.options, &measures, views, &mut each)?;
         failed?;
         Ok(Some(metrics))
     }
+}
+
+/// The network of `--lpips-weights`.
+pub(crate) fn read_lpips(weights: Option<&Path>) -> Result<Option<Lpips>> {
+    let Some(path) = weights else { return Ok(None) };
+    let tensors = luxel_io::read_tensors(path).context("cannot read the weights")?;
+    Lpips::from_tensors(&tensors).map(Some).with_context(|| format!("{}: cannot be used for LPIPS", path.display()))
 }
 
 /// Half floats, unless a value needs more.
@@ -145,16 +161,32 @@ pub(crate) fn mean_line(split: &SplitMetrics) -> String {
 /// A table of every view and the mean.
 pub(crate) fn table(name: &str, split: &SplitMetrics) -> String {
     let width = split.views.iter().map(|view| view.name.len()).max().unwrap_or(0).max(4);
+    let peak = split.mean_field.as_ref().map_or(0.0, |field| field.pu21_peak_luminance);
+    let distance = |field: &FieldMetrics| field.lpips_alex.or(field.lpips_vgg);
+    let network = split.mean_field.as_ref().map_or("", |field| match (field.lpips_alex, field.lpips_vgg) {
+        (Some(_), _) => "    alex",
+        (None, Some(_)) => "     vgg",
+        (None, None) => "",
+    });
+    let lpips = if network.is_empty() { "" } else { "   lpips" };
+    let pu21 = format!("pu21, {peak} cd/m2");
     let mut out = format!(
-        "{name:width$}  ------- psnr, dB --------  --------- ssim ---------  black\n{:width$}    scene   gtmax  selfmax    scene   gtmax  selfmax  scene\n",
+        "{name:width$}  ------- psnr, dB --------  --------- ssim ---------  black  {pu21:<15}     hdr-     log-{lpips}\n\
+         {:width$}    scene   gtmax  selfmax    scene   gtmax  selfmax  scene      dB    ssim      flip     rmse{network}\n",
         ""
     );
-    let rows = split.views.iter().map(|view| (view.name.as_str(), &view.metrics)).chain([("mean", &split.mean)]);
-    for (name, m) in rows {
+    let rows = split.views.iter().map(|view| (view.name.as_str(), &view.metrics, &view.field));
+    for (name, m, field) in rows.chain([("mean", &split.mean, &split.mean_field)]) {
         out += &format!(
-            "{name:width$}  {:7.2} {:7.2} {:8.2}  {:7.4} {:7.4} {:8.4} {:6.2}\n",
+            "{name:width$}  {:7.2} {:7.2} {:8.2}  {:7.4} {:7.4} {:8.4} {:6.2}",
             m.psnr_scene, m.psnr_gtmax, m.psnr_selfmax, m.ssim_scene, m.ssim_gtmax, m.ssim_selfmax, m.psnr_black_scene
         );
+        if let Some(f) = field {
+            let flip = f.hdr_flip.map_or_else(|| "-".into(), |flip| format!("{flip:.4}"));
+            out += &format!(" {:7.2}  {:.4}   {flip:>7}  {:7.4}", f.pu21_psnr, f.pu21_ssim, f.log_rmse);
+            out += &distance(f).map_or_else(String::new, |distance| format!("  {distance:.4}"));
+        }
+        out.push('\n');
     }
     out
 }

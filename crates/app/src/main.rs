@@ -2,6 +2,7 @@
 
 mod cli;
 mod clock;
+mod colormap;
 mod commands;
 mod config;
 mod console;
@@ -54,6 +55,7 @@ fn dispatch(command: Command, said: &[String]) -> Result<Outcome> {
         Command::Demo(args) => commands::demo::run(&args),
         Command::Train(args) => commands::train::run(&args, said),
         Command::Eval(args) => commands::eval::run(&args).map(|()| Outcome::Finished),
+        Command::Compare(args) => commands::compare::run(&args).map(|()| Outcome::Finished),
         Command::Render(args) => commands::render::run(&args, said).map(|()| Outcome::Finished),
         Command::Info(args) => commands::info::run(&args).map(|()| Outcome::Finished),
         Command::Bench(args) => commands::bench::run(&args).map(|()| Outcome::Finished),

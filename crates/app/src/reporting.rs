@@ -75,6 +75,8 @@ fn splits(metrics: &Metrics) -> Vec<ReportSplit> {
         name: name.clone(),
         mean: split.mean,
         views: split.views.iter().map(|view| (view.name.clone(), view.metrics)).collect(),
+        mean_field: split.mean_field.clone(),
+        fields: split.views.iter().filter_map(|view| Some((view.name.clone(), view.field.clone()?))).collect(),
     };
     // The map is in alphabetical order: test before train.
     metrics.splits.iter().map(split).collect()

@@ -6,6 +6,7 @@
 use std::collections::BTreeMap;
 
 use anyhow::{Context, Result, anyhow};
+use luxel_core::metrics::{FieldOptions, FlipChoice};
 use luxel_core::{Dataset, StepReport};
 use luxel_train::Trainer;
 use serde_json::json;
@@ -272,6 +273,9 @@ impl Session<'_> {
             radiance_scale,
             mu: self.config.train.mu,
             color_space: self.dataset.color_space,
+            peak_luminance: FieldOptions::DEFAULT_PEAK_LUMINANCE,
+            flip: FlipChoice::Skip,
+            lpips: None,
             engine: self.trainer.engine(),
         }
     }

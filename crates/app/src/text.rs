@@ -61,6 +61,16 @@ pub(crate) fn number(v: f64) -> String {
     }
 }
 
+/// Range of a decade of luminance (see [`luxel_core::metrics::DecadeError`]): `0.1 to 1`.
+pub(crate) fn decade(decade: i32) -> String {
+    let edge = |power: i32| if (-3..=3).contains(&power) { format!("{}", 10f64.powi(power)) } else { format!("1e{power}") };
+    match decade {
+        ..=-5 => "below 1e-4".into(),
+        4.. => "from 1e4".into(),
+        decade => format!("{} to {}", edge(decade), edge(decade + 1)),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -84,5 +94,10 @@ mod tests {
             [0.0, 0.012345, 1.23456, 12.3456, 332.04, 2.5e-5, 1e7].map(number),
             ["0", "0.01235", "1.235", "12.35", "332.0", "2.500e-5", "1.000e7"]
         );
+    }
+
+    #[test]
+    fn decades_are_ranges_open_at_the_ends() {
+        assert_eq!([-5, -4, -1, 0, 3, 4].map(decade), ["below 1e-4", "1e-4 to 0.001", "0.1 to 1", "1 to 10", "1000 to 1e4", "from 1e4"]);
     }
 }

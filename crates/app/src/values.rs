@@ -1,6 +1,7 @@
 //! Values of options: their names on the command line and in config.toml, and the ranges they must lie in.
 
 use clap::ValueEnum;
+use luxel_core::metrics::FlipChoice;
 use luxel_core::tone::Tonemap;
 use luxel_core::{ColorSpace, MAX_SIDE_PX};
 use luxel_cpu::InstructionSet;
@@ -135,6 +136,24 @@ impl From<TonemapArg> for Tonemap {
             TonemapArg::Reinhard => Self::Reinhard,
             TonemapArg::Aces => Self::Aces,
             TonemapArg::Agx => Self::Agx,
+        }
+    }
+}
+
+/// `--metrics`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum MetricsArg {
+    /// All but HDR-FLIP.
+    Fast,
+    /// HDR-FLIP too, which takes a second or more per image.
+    All,
+}
+
+impl From<MetricsArg> for FlipChoice {
+    fn from(arg: MetricsArg) -> Self {
+        match arg {
+            MetricsArg::Fast => Self::Skip,
+            MetricsArg::All => Self::Compute,
         }
     }
 }

@@ -35,7 +35,18 @@ fn a_run_has_its_files_and_its_figures() {
     for (split, views) in [("test", 2), ("train", VIEWS - 2)] {
         let split = &metrics["splits"][split];
         assert_eq!(split["views"].as_array().unwrap().len(), views);
-        for key in ["psnr_scene", "psnr_gtmax", "psnr_selfmax", "ssim_scene", "ssim_gtmax", "ssim_selfmax", "psnr_black_scene"] {
+        for key in [
+            "psnr_scene",
+            "psnr_gtmax",
+            "psnr_selfmax",
+            "ssim_scene",
+            "ssim_gtmax",
+            "ssim_selfmax",
+            "psnr_black_scene",
+            "pu21_psnr",
+            "pu21_ssim",
+            "log_rmse",
+        ] {
             assert!(split["mean"][key].is_number(), "mean {key}");
             assert!(split["views"][0][key].is_number(), "views {key}");
         }
@@ -56,6 +67,11 @@ fn eval_prints_a_table_and_rewrites_the_figures() {
         assert!(table.contains(part), "{part}\n{table}");
     }
     let after = place.json("run/metrics.json");
+    let mean = |metrics: &serde_json::Value, key: &str| metrics["splits"]["test"]["mean"][key].as_f64();
+    assert!(mean(&after, "pu21_psnr").is_some() && mean(&after, "hdr_flip").is_none());
+    place.ok(&["eval", "run", "--metrics", "all", "--peak-luminance", "300"]);
+    let all = place.json("run/metrics.json");
+    assert!((0.0..1.0).contains(&mean(&all, "hdr_flip").unwrap()) && mean(&all, "pu21_peak_luminance") == Some(300.0));
     let psnr = |metrics: &serde_json::Value| metrics["splits"]["test"]["mean"]["psnr_scene"].as_f64().unwrap();
     // The scene went through its file: single precision both times.
     assert!((psnr(&before) - psnr(&after)).abs() < 1e-3, "{} {}", psnr(&before), psnr(&after));

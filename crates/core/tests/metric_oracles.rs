@@ -1,8 +1,10 @@
 //! Metrics against independent implementations: FLIP's authors' program, scikit-image's SSIM, ColorVideoVDP's PU21 and definitions in NumPy. Expected
 //! values are in `oracles/metrics.json`, made by `scripts/metric_oracles.py` on the images that are made here by the same arithmetic.
+#![allow(clippy::unwrap_used)]
 
 use luxel_core::metrics::{
-    DecadeError, FieldMetrics, FieldOptions, FlipChoice, FlipMap, field_metrics, hdr_flip, ldr_flip, ssim, ssim_interior, ssim_replicated,
+    DecadeError, FieldMetrics, FieldOptions, FlipChoice, FlipMap, MetricsError, field_metrics, hdr_flip, ldr_flip, ssim, ssim_interior,
+    ssim_replicated,
 };
 use luxel_core::{ColorSpace, Image};
 use serde_json::Value;
@@ -97,11 +99,14 @@ fn images_are_those_of_the_oracles() {
     }
 }
 
+/// One of the three ways at the border.
+type Ssim = fn(&[f64], &[f64], usize, usize) -> Result<f64, MetricsError>;
+
 #[test]
 fn ssim_is_that_of_scikit_image() {
     for made in images() {
         let oracle = &made.oracle()["ssim"];
-        let mean = |of: fn(&[f64], &[f64], usize, usize) -> Result<f64, luxel_core::metrics::MetricsError>| {
+        let mean = |of: Ssim| {
             let channel = |c| of(&made.planes(c)[0], &made.planes(c)[1], made.reference.width, made.reference.height).unwrap();
             (0..3).map(channel).sum::<f64>() / 3.0
         };
@@ -144,9 +149,9 @@ fn logarithms_and_decades_are_their_definitions() {
     }
 }
 
-/// Both are single precision with different orders of summation: in flat areas the square root of a feature's difference makes 3e-4 of 1e-7. Images
-/// without flat areas agree to 5e-6.
-const FLIP_PIXEL_TOLERANCE: f64 = 1e-3;
+/// Both are single precision with different orders of summation. In flat areas features are rounding noise, and so are colours beside a bright area: the
+/// exponents 0.5 and 0.7 make 1e-3 of 1e-7. Images without such areas agree to 5e-6.
+const FLIP_PIXEL_TOLERANCE: f64 = 3e-3;
 /// As [`FLIP_PIXEL_TOLERANCE`], averaged.
 const FLIP_MEAN_TOLERANCE: f64 = 5e-5;
 

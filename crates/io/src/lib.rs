@@ -12,6 +12,7 @@ mod image;
 mod pinhole;
 mod ply;
 mod regular;
+mod tensors;
 
 pub use atomic::{WriteSeek, write_atomically};
 pub use camera_path::{PathCamera, decode_camera_path, read_camera_path};
@@ -30,3 +31,4 @@ pub use image::{
 };
 pub use pinhole::{decode_pinhole_camera, read_pinhole_camera};
 pub use ply::{PlyPoint, decode_points_ply, decode_scene_ply, encode_scene_ply, read_points_ply, read_scene_ply, write_scene_ply};
+pub use tensors::{Tensors, decode_tensors, read_tensors};

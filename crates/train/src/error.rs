@@ -56,6 +56,14 @@ pub enum TrainError {
         /// What is wrong with it.
         source: luxel_core::CameraError,
     },
+    /// A network cannot look at a view.
+    #[error("view {view}: {source}")]
+    Lpips {
+        /// Name of the view.
+        view: String,
+        /// Why.
+        source: crate::LpipsError,
+    },
     /// A view cannot be compared with its render.
     #[error("view {view}: {source}")]
     Metrics {

@@ -9,6 +9,7 @@ pub mod densify;
 mod error;
 mod evaluate;
 mod init;
+mod lpips;
 mod resolution;
 mod scale;
 mod schedule;
@@ -21,8 +22,9 @@ mod views;
 
 pub use config::{CutoffPreset, MCMC_DEFAULT_MAX_SPLATS, Method, Preset, ScaleRule, Strategy, TrainConfig, parse_rgb};
 pub use error::TrainError;
-pub use evaluate::{NamedMetrics, SplitMetrics, evaluate, probe};
+pub use evaluate::{Measures, NamedMetrics, SplitMetrics, evaluate, probe};
 pub use init::initialise;
+pub use lpips::{Lpips, LpipsError, LpipsNetwork, Tensors};
 pub use resolution::{ResolutionSchedule, Stage};
 pub use scale::choose_radiance_scale;
 pub use schedule::{ABSGRAD_OPACITY_CAP, RESET_OPACITY, Schedule};

@@ -17,7 +17,10 @@ fn run(trainer: &mut Trainer, steps: u32) {
 fn test_psnr(trainer: &mut Trainer, data: &Dataset) -> f64 {
     let (options, scale, mu) = (trainer.render_options(), trainer.radiance_scale(), trainer.config().mu);
     let mut seen = 0;
-    let split = evaluate(trainer.engine(), &options, scale, mu, &data.test, &mut |_, image, _| seen += image.pixels.len()).unwrap();
+    let split = evaluate(trainer.engine(), &options, &luxel_train::Measures::new(scale, mu), &data.test, &mut |_, image, _| {
+        seen += image.pixels.len()
+    })
+    .unwrap();
     assert_eq!(seen, 48 * 48);
     assert_eq!(split.views[0].name, "test/0");
     split.mean.psnr_scene
@@ -159,7 +162,8 @@ fn one_view_without_points_or_tests_can_be_trained_on() {
     let first = trainer.step().unwrap();
     run(&mut trainer, 19);
     assert!(trainer.step().unwrap().loss < first.loss);
-    let none = evaluate(trainer.engine(), &Default::default(), 1.0, 5000.0, &data.test, &mut |_, _, _| ()).unwrap();
+    let none =
+        evaluate(trainer.engine(), &Default::default(), &luxel_train::Measures::new(1.0, 5000.0), &data.test, &mut |_, _, _| ()).unwrap();
     assert!(none.views.is_empty());
 }
 

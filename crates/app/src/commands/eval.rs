@@ -15,6 +15,7 @@ use crate::{data, engine, files, memory, reporting, run_log, run_state};
 pub(crate) fn run(args: &EvalArgs) -> Result<()> {
     let console = Console::new(LogFormat::Text, false);
     let (folder, config) = RunFolder::open(&args.run)?;
+    let lpips = evaluation::read_lpips(args.lpips_weights.as_deref())?;
     let (mut engine, threads) = engine::engine(&args.device)?;
     let path = args.data.clone().unwrap_or_else(|| config.dataset_path(folder.root()));
     let dataset = data::load(&path, &config.load, &console)?;
@@ -35,6 +36,9 @@ pub(crate) fn run(args: &EvalArgs) -> Result<()> {
         radiance_scale: scene.radiance_scale,
         mu: config.train.mu,
         color_space: dataset.color_space,
+        peak_luminance: args.peak_luminance,
+        flip: args.metrics.into(),
+        lpips: lpips.as_ref(),
     };
     let images = folder.evaluation(iteration);
     let mut splits = BTreeMap::new();

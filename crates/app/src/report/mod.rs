@@ -3,6 +3,7 @@
 //! In: [`ReportInput`], images in normalised units. Out: HTML with pictures and plots inlined: nothing is loaded from anywhere. All text
 //! is escaped. Without test views the page says so and shows the rest. Pictures shrink until the page stays within a few megabytes.
 
+mod field;
 mod html;
 mod page;
 mod picture;
@@ -13,7 +14,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::Result;
-use luxel_core::metrics::{LuminanceProfile, ViewMetrics};
+use luxel_core::metrics::{FieldMetrics, LuminanceProfile, ViewMetrics};
 use luxel_core::{ColorSpace, Image, Mask};
 use luxel_io::{IoError, write_atomically};
 
@@ -57,6 +58,10 @@ pub(crate) struct ReportSplit {
     pub(crate) mean: ViewMetrics,
     /// Name and figures of each view.
     pub(crate) views: Vec<(String, ViewMetrics)>,
+    /// Means of what needs no mu-law.
+    pub(crate) mean_field: Option<FieldMetrics>,
+    /// Name and figures without a mu-law of each view that has them.
+    pub(crate) fields: Vec<(String, FieldMetrics)>,
 }
 
 /// One point of the training curves.

@@ -33,6 +33,7 @@ pub(super) fn page(input: &ReportInput) -> Result<String> {
     page += &cards(input);
     page += &facts(input);
     page += &figures(input);
+    page += &super::field::section(&input.splits);
     page += &curves(&input.curve);
     page += &profile(input);
     page += pictures.sections();

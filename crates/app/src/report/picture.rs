@@ -90,11 +90,7 @@ pub(super) fn is_valid(mask: Option<&Mask>, i: usize) -> bool {
 
 /// Colour of `share` 0 to 1; outside, and for NaN, the nearer end.
 pub(super) fn inferno(share: f32) -> [u8; 3] {
-    let place = if share > 0.0 { share.min(1.0) * (INFERNO.len() - 1) as f32 } else { 0.0 };
-    let i = (place as usize).min(INFERNO.len() - 2);
-    let t = place - i as f32;
-    let (a, b) = (INFERNO[i], INFERNO[i + 1]);
-    std::array::from_fn(|c| (f32::from(a[c]) * (1.0 - t) + f32::from(b[c]) * t + 0.5) as u8)
+    crate::colormap::ramp(&INFERNO, share)
 }
 
 /// The whole factor that brings the longer side to `max_side_px` or below.

@@ -1,3 +1,5 @@
+use luxel_core::metrics::DecadeError;
+
 use super::*;
 
 /// A room with a lamp: a gradient in the dark, a bright disc, and a render that is off by `error`.
@@ -44,7 +46,16 @@ fn input(views: Vec<ReportView>) -> ReportInput {
         subtitle: "lcd, 3000 iterations".into(),
         facts: vec![("seed".into(), "42".into())],
         warnings: vec!["8-bit input is not HDR".into()],
-        splits: mean.map(|mean| ReportSplit { name: "test".into(), mean, views: figures }).into_iter().collect(),
+        splits: mean
+            .map(|mean| ReportSplit {
+                name: "test".into(),
+                mean,
+                views: figures,
+                mean_field: Some(field()),
+                fields: vec![("images/000".into(), field())],
+            })
+            .into_iter()
+            .collect(),
         curve: (0..30).map(sample).collect(),
         views,
         profile,
@@ -54,6 +65,32 @@ fn input(views: Vec<ReportView>) -> ReportInput {
         radiance_scale: 2.5,
         color_space: ColorSpace::LinearRec709,
     }
+}
+
+fn field() -> FieldMetrics {
+    let decade = |decade, relative_error| DecadeError { decade, count: 1200, relative_error, bias: -0.01 };
+    FieldMetrics {
+        pu21_psnr: 31.25,
+        pu21_ssim: 0.9321,
+        pu21_peak_luminance: 1000.0,
+        log_rmse: 0.0456,
+        hdr_flip: Some(0.0789),
+        relative_error_by_decade: vec![decade(-5, 0.5), decade(-1, 0.034), decade(4, 0.021)],
+        ..FieldMetrics::default()
+    }
+}
+
+#[test]
+fn figures_without_a_mu_law_say_how_they_are_made() {
+    let fields = vec![("images/000".into(), field())];
+    let split = ReportSplit { name: "test".into(), mean: ViewMetrics::default(), views: Vec::new(), mean_field: Some(field()), fields };
+    let section = field::section(&[split]);
+    for part in ["31.25", "0.9321", "0.0456", "0.0789", "1000 cd/m²", "below 1e-4", "0.1 to 1", "from 1e4", "3.40 %", "-1.00 %"] {
+        assert!(section.contains(part), "{part}: {section}");
+    }
+    // Nobody gave weights.
+    assert!(!section.contains("LPIPS"), "{section}");
+    assert_eq!(field::section(&[]), "");
 }
 
 /// The page with its pictures left out: base64 may spell anything.

@@ -57,21 +57,32 @@ pub struct FieldMetrics {
     /// Mean HDR-FLIP, 0 to 1, at 67 pixels per degree.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub hdr_flip: Option<f64>,
+    /// LPIPS with AlexNet, of whoever has its weights: mu-law images by protocol `gtmax`, as `[-1, 1]`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lpips_alex: Option<f64>,
+    /// LPIPS with VGG16, otherwise as [`FieldMetrics::lpips_alex`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lpips_vgg: Option<f64>,
     /// By the target's luminance in normalised units.
     pub relative_error_by_decade: Vec<DecadeError>,
 }
 
 impl FieldMetrics {
-    /// The mean of every figure; decades are pooled by pixels. `None` of none. HDR-FLIP is the mean only where all have it.
+    /// The mean of every figure; decades are pooled by pixels. `None` of none. What is optional has a mean where all have it.
     pub fn mean(views: &[Self]) -> Option<Self> {
         let mean = |of: fn(&Self) -> f64| views.iter().map(of).sum::<f64>() / views.len() as f64;
-        let flips: Option<Vec<f64>> = views.iter().map(|view| view.hdr_flip).collect();
+        let mean_of_all = |of: fn(&Self) -> Option<f64>| {
+            let values: Option<Vec<f64>> = views.iter().map(of).collect();
+            values.map(|values| values.iter().sum::<f64>() / values.len() as f64)
+        };
         Some(Self {
             pu21_peak_luminance: views.first()?.pu21_peak_luminance,
             pu21_psnr: mean(|v| v.pu21_psnr),
             pu21_ssim: mean(|v| v.pu21_ssim),
             log_rmse: mean(|v| v.log_rmse),
-            hdr_flip: flips.map(|flips| flips.iter().sum::<f64>() / flips.len() as f64),
+            hdr_flip: mean_of_all(|v| v.hdr_flip),
+            lpips_alex: mean_of_all(|v| v.lpips_alex),
+            lpips_vgg: mean_of_all(|v| v.lpips_vgg),
             relative_error_by_decade: DecadeError::pooled(views.iter().map(|view| view.relative_error_by_decade.as_slice())),
         })
     }
@@ -109,6 +120,8 @@ pub fn field_metrics(
         pu21_peak_luminance: options.peak_luminance,
         log_rmse: log_rmse(&pair),
         hdr_flip,
+        lpips_alex: None,
+        lpips_vgg: None,
         relative_error_by_decade: relative_error_by_decade(&pair),
     })
 }

@@ -1,0 +1,226 @@
+//! The figures of a pair of images.
+
+use std::path::Path;
+
+use anyhow::{Context, Result, bail};
+use luxel_core::metrics::{FieldMetrics, FieldOptions, FlipChoice, FlipMap, ViewMetrics, field_metrics, hdr_flip, view_metrics};
+use luxel_core::tone::rec709_of;
+use luxel_core::{ColorSpace, Image, Mask, luminance_rec709};
+use luxel_io::{ReadOptions, Transfer};
+use luxel_train::Lpips;
+use serde::Serialize;
+
+use super::pairs::{Pair, Pairs};
+use crate::cli::CompareArgs;
+use crate::colormap::magma;
+use crate::evaluation;
+
+/// Part of the references' pixels that are darker than what the display shows as its peak, unless a scale is given.
+const SCALE_PERCENTILE: f64 = 0.999;
+
+/// Luminances that a percentile is taken of; more would not move it.
+const MAX_SAMPLES: usize = 1 << 22;
+
+/// Masked pixels of an error map.
+const MASKED: [u8; 3] = [0x60, 0x68, 0x70];
+
+/// What holds for all pairs.
+pub(super) struct Settings {
+    /// Radiance of one normalised unit.
+    pub(super) scale: f32,
+    /// Where it comes from.
+    pub(super) scale_rule: &'static str,
+    pub(super) mu: f32,
+    pub(super) peak_luminance: f32,
+    pub(super) flip: FlipChoice,
+    lpips: Option<Lpips>,
+    transfer: Option<Transfer>,
+    color_space: ColorSpace,
+}
+
+/// Figures of a pair.
+#[derive(Debug, Serialize)]
+pub(super) struct Compared {
+    /// Without folder and extension.
+    pub(super) name: String,
+    pub(super) reference: String,
+    pub(super) test: String,
+    pub(super) width: usize,
+    pub(super) height: usize,
+    /// Primaries in which the protocols compare.
+    pub(super) color_space: ColorSpace,
+    /// Pixels left out.
+    pub(super) masked_pixels: usize,
+    #[serde(flatten)]
+    pub(super) mu_law: ViewMetrics,
+    #[serde(flatten)]
+    pub(super) field: FieldMetrics,
+    /// First and last exposure of HDR-FLIP, stops.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) hdr_flip_exposures_ev: Option<[f32; 2]>,
+    #[serde(skip)]
+    pub(super) warning: Option<String>,
+}
+
+impl Settings {
+    pub(super) fn new(args: &CompareArgs, pairs: &Pairs) -> Result<Self> {
+        // A map has to be computed to be written.
+        let flip = if args.heatmap.is_some() { FlipChoice::Compute } else { args.metrics.into() };
+        let mut settings = Self {
+            scale: 1.0,
+            scale_rule: "given",
+            mu: args.mu,
+            peak_luminance: args.peak_luminance,
+            flip,
+            lpips: evaluation::read_lpips(args.lpips_weights.as_deref())?,
+            transfer: args.transfer.map(Into::into),
+            color_space: args.color_space.map(Into::into).unwrap_or_default(),
+        };
+        match args.scale {
+            Some(scale) => settings.scale = scale,
+            None => {
+                settings.scale = scale_of_references(pairs, &settings)?;
+                settings.scale_rule = "99.9th percentile of the luminance of the references";
+            }
+        }
+        Ok(settings)
+    }
+
+    fn read(&self, path: &Path) -> Result<(Image, ColorSpace)> {
+        let decoded = luxel_io::read_image(path, &ReadOptions { transfer: self.transfer }).context("cannot read an image")?;
+        Ok((decoded.image, decoded.color_space.unwrap_or(self.color_space)))
+    }
+}
+
+/// 1 if all references are black.
+fn scale_of_references(pairs: &Pairs, settings: &Settings) -> Result<f32> {
+    let mut luminances: Vec<f32> = Vec::new();
+    for pair in &pairs.pairs {
+        let (image, space) = settings.read(&pair.reference)?;
+        let mask = mask(pair, &image)?;
+        let valid = |i: &usize| mask.as_ref().is_none_or(|mask| mask.valid[*i]);
+        // An odd stride does not fall in step with even image widths; every image takes part equally.
+        let stride = (image.pixels.len().saturating_mul(pairs.pairs.len()) / MAX_SAMPLES + 1) | 1;
+        let found = (0..image.pixels.len()).step_by(stride).filter(valid);
+        let found = found.filter_map(|i| Some(luminance_rec709(rec709_of(space, *image.pixels.get(i)?))));
+        luminances.extend(found.filter(|luminance| luminance.is_finite()));
+    }
+    if luminances.is_empty() {
+        return Ok(1.0);
+    }
+    let at = ((luminances.len() - 1) as f64 * SCALE_PERCENTILE).round() as usize;
+    let found = *luminances.select_nth_unstable_by(at, f32::total_cmp).1;
+    // A lamp of few pixels may be all the light there is.
+    let brightest = luminances.iter().copied().fold(0.0, f32::max);
+    let scale = if found > 0.0 { found } else { brightest };
+    Ok(if scale > 0.0 { scale.clamp(f32::MIN_POSITIVE * 16.0, f32::MAX / 16.0) } else { 1.0 })
+}
+
+/// Figures of `pair`; writes its error map if that is asked for.
+pub(super) fn compare(pair: &Pair, settings: &Settings) -> Result<Compared> {
+    let ((mut reference, of_reference), (mut test, of_test)) = (settings.read(&pair.reference)?, settings.read(&pair.test)?);
+    check_sizes(pair, &reference, &test)?;
+    let color_space = common_space([(&mut reference, of_reference), (&mut test, of_test)]);
+    let given = mask(pair, &reference)?;
+    let mask = without_bad_pixels(given, &reference);
+    let masked_pixels = mask.as_ref().map_or(0, |mask| mask.valid.iter().filter(|valid| !**valid).count());
+    let bad = reference.pixels.iter().filter(|p| !p.iter().all(|v| v.is_finite())).count();
+    let warning = (bad > 0).then(|| format!("{}: {bad} pixels are not finite; left out", pair.reference.display()));
+    let failed = || format!("cannot compare {} with {}", pair.test.display(), pair.reference.display());
+    reference.scale(1.0 / settings.scale);
+    test.scale(1.0 / settings.scale);
+    let (mu_law, _) = view_metrics(&test, &reference, mask.as_ref(), settings.mu).with_context(failed)?;
+    let options = FieldOptions { peak_luminance: settings.peak_luminance, color_space, flip: FlipChoice::Skip };
+    let mut field = field_metrics(&test, &reference, mask.as_ref(), &options).with_context(failed)?;
+    if let Some(lpips) = &settings.lpips {
+        let distance = lpips.of_radiance(&test, &reference, mask.as_ref(), settings.mu, color_space);
+        lpips.record(distance.with_context(failed)?, &mut field);
+    }
+    let mut hdr_flip_exposures_ev = None;
+    if settings.flip == FlipChoice::Compute {
+        let map = hdr_flip(&test, &reference, mask.as_ref(), color_space).with_context(failed)?;
+        field.hdr_flip = Some(map.mean);
+        hdr_flip_exposures_ev = map.exposures.map(|exposures| [exposures.start_ev, exposures.stop_ev]);
+        if let Some(path) = &pair.heatmap {
+            write_heatmap(path, &map, mask.as_ref())?;
+        }
+    }
+    Ok(Compared {
+        name: pair.name.clone(),
+        reference: pair.reference.display().to_string(),
+        test: pair.test.display().to_string(),
+        width: reference.width,
+        height: reference.height,
+        color_space,
+        masked_pixels,
+        mu_law,
+        field,
+        hdr_flip_exposures_ev,
+        warning,
+    })
+}
+
+fn check_sizes(pair: &Pair, reference: &Image, test: &Image) -> Result<()> {
+    if (reference.width, reference.height) != (test.width, test.height) {
+        bail!(
+            "{} is {}x{}, {} is {}x{}: expected equal sizes; scale or crop one of them",
+            pair.reference.display(),
+            reference.width,
+            reference.height,
+            pair.test.display(),
+            test.width,
+            test.height
+        );
+    }
+    Ok(())
+}
+
+/// That of both; where they differ, both are converted to linear Rec.709.
+fn common_space(images: [(&mut Image, ColorSpace); 2]) -> ColorSpace {
+    let [(_, first), (_, second)] = images;
+    if first == second {
+        return first;
+    }
+    for (image, space) in images {
+        for pixel in &mut image.pixels {
+            *pixel = rec709_of(space, *pixel);
+        }
+    }
+    ColorSpace::LinearRec709
+}
+
+/// The pair's mask, of the size of `image`.
+fn mask(pair: &Pair, image: &Image) -> Result<Option<Mask>> {
+    let Some(path) = &pair.mask else { return Ok(None) };
+    // Any transfer curve keeps black black.
+    let found = luxel_io::read_image(path, &ReadOptions { transfer: Some(Transfer::Linear) }).context("cannot read a mask")?.image;
+    if (found.width, found.height) != (image.width, image.height) {
+        bail!(
+            "{} is {}x{}, the image {} is {}x{}: a mask needs the size of its image",
+            path.display(),
+            found.width,
+            found.height,
+            pair.reference.display(),
+            image.width,
+            image.height
+        );
+    }
+    Ok(Some(Mask { valid: found.pixels.iter().map(|p| p.iter().any(|v| *v > 0.0)).collect() }))
+}
+
+/// Pixels of the reference that are no numbers are nobody's fault but its own; those of the test are an error.
+fn without_bad_pixels(mask: Option<Mask>, reference: &Image) -> Option<Mask> {
+    let finite = |i: usize| reference.pixels[i].iter().all(|v| v.is_finite());
+    if (0..reference.pixels.len()).all(finite) {
+        return mask;
+    }
+    let valid = (0..reference.pixels.len()).map(|i| finite(i) && mask.as_ref().is_none_or(|mask| mask.valid[i]));
+    Some(Mask { valid: valid.collect() })
+}
+
+fn write_heatmap(path: &Path, map: &FlipMap, mask: Option<&Mask>) -> Result<()> {
+    let valid = |i: usize| mask.is_none_or(|mask| mask.valid[i]);
+    let color = |(i, &error): (usize, &f32)| if valid(i) { magma(error) } else { MASKED };
+    let rgb8: Vec<[u8; 3]> = map.error.iter().enumerate().map(color).collect();
+    luxel_io::write_png(path, map.width, map.height, rgb8.as_flattened()).context("cannot write the error map")
+}

@@ -1,0 +1,44 @@
+//! `luxel compare`: every figure of two images, or of two folders of them.
+
+mod measure;
+mod pairs;
+mod report;
+
+use anyhow::{Context, Result, bail};
+use rayon::prelude::*;
+
+use crate::cli::CompareArgs;
+use crate::console::{self, Console, LogFormat};
+use measure::{Compared, Settings};
+use pairs::{Pairs, Sources};
+
+/// Compares and prints.
+pub(crate) fn run(args: &CompareArgs) -> Result<()> {
+    let console = Console::new(LogFormat::Text, false);
+    let sources = Sources::of(args)?;
+    let pairs = Pairs::find(&sources, args)?;
+    for missing in pairs.missing_lines() {
+        console.warn(&missing);
+    }
+    if pairs.pairs.is_empty() {
+        bail!("{}", pairs.nothing_matches(&sources));
+    }
+    if let (Some(folder), true) = (&args.heatmap, pairs.are_folders) {
+        std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot make the folder", folder.display()))?;
+    }
+    let settings = Settings::new(args, &pairs)?;
+    let mut compared = Vec::with_capacity(pairs.pairs.len());
+    for batch in pairs.pairs.chunks(rayon::current_num_threads().max(1)) {
+        // In the order of the names: the first error is reported, and warnings come out in order.
+        let figures: Vec<Result<Compared>> = batch.par_iter().map(|pair| measure::compare(pair, &settings)).collect();
+        for figures in figures {
+            let figures = figures?;
+            if let Some(warning) = &figures.warning {
+                console.warn(warning);
+            }
+            compared.push(figures);
+        }
+    }
+    let result = report::Comparison::new(&sources, &settings, pairs, compared);
+    if args.json { console::print(&result.json()?) } else { console::print(result.text().trim_end()) }
+}

@@ -1,0 +1,153 @@
+//! Which images are compared with which.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+
+use crate::cli::CompareArgs;
+use crate::text;
+
+/// Names of image files end in one of these.
+const EXTENSIONS: [&str; 9] = ["exr", "hdr", "pic", "tif", "tiff", "png", "jpg", "jpeg", "npy"];
+
+/// What the command line names.
+pub(super) struct Sources {
+    pub(super) reference: PathBuf,
+    pub(super) test: PathBuf,
+}
+
+impl Sources {
+    pub(super) fn of(args: &CompareArgs) -> Result<Self> {
+        match (&args.reference, args.paths.as_slice()) {
+            (Some(reference), [test]) => Ok(Self { reference: reference.clone(), test: test.clone() }),
+            (None, [reference, test]) => Ok(Self { reference: reference.clone(), test: test.clone() }),
+            (Some(_), _) => bail!("--reference names the reference: expected one path beside it, the test, got {}", args.paths.len()),
+            (None, paths) => bail!("expected two paths, reference and test, got {}", paths.len()),
+        }
+    }
+}
+
+/// Two images.
+pub(super) struct Pair {
+    /// Stem; of two images that of the test.
+    pub(super) name: String,
+    pub(super) reference: PathBuf,
+    pub(super) test: PathBuf,
+    pub(super) mask: Option<PathBuf>,
+    pub(super) heatmap: Option<PathBuf>,
+}
+
+/// All pairs, by name, and what has no partner.
+pub(super) struct Pairs {
+    pub(super) are_folders: bool,
+    pub(super) pairs: Vec<Pair>,
+    /// Files of the reference without a test.
+    pub(super) only_reference: Vec<PathBuf>,
+    /// Files of the test without a reference.
+    pub(super) only_test: Vec<PathBuf>,
+}
+
+impl Pairs {
+    pub(super) fn find(sources: &Sources, args: &CompareArgs) -> Result<Self> {
+        match (is_folder(&sources.reference)?, is_folder(&sources.test)?) {
+            (true, true) => Self::of_folders(sources, args),
+            (false, false) => Ok(Self::of_images(sources, args)),
+            (reference_is, _) => {
+                let kind = |is_folder| if is_folder { "a folder" } else { "a file" };
+                bail!(
+                    "{} is {}, {} is {}: expected two images or two folders",
+                    sources.reference.display(),
+                    kind(reference_is),
+                    sources.test.display(),
+                    kind(!reference_is)
+                )
+            }
+        }
+    }
+
+    fn of_images(sources: &Sources, args: &CompareArgs) -> Self {
+        let pair = Pair {
+            name: stem(&sources.test),
+            reference: sources.reference.clone(),
+            test: sources.test.clone(),
+            mask: args.mask.clone(),
+            heatmap: args.heatmap.clone(),
+        };
+        Self { are_folders: false, pairs: vec![pair], only_reference: Vec::new(), only_test: Vec::new() }
+    }
+
+    fn of_folders(sources: &Sources, args: &CompareArgs) -> Result<Self> {
+        let (references, tests) = (images(&sources.reference)?, images(&sources.test)?);
+        let masks = match &args.mask {
+            Some(path) if is_folder(path)? => Some(images(path)?),
+            _ => None,
+        };
+        let mut found = Self { are_folders: true, pairs: Vec::new(), only_reference: Vec::new(), only_test: Vec::new() };
+        let names: BTreeSet<&String> = references.keys().chain(tests.keys()).collect();
+        for name in names {
+            match (references.get(name), tests.get(name)) {
+                (Some(reference), Some(test)) => found.pairs.push(Pair {
+                    name: name.clone(),
+                    reference: reference.clone(),
+                    test: test.clone(),
+                    mask: match &masks {
+                        // What the folder has no mask of is compared whole.
+                        Some(masks) => masks.get(name).cloned(),
+                        None => args.mask.clone(),
+                    },
+                    heatmap: args.heatmap.as_ref().map(|folder| folder.join(format!("{name}.png"))),
+                }),
+                (Some(reference), None) => found.only_reference.push(reference.clone()),
+                (None, Some(test)) => found.only_test.push(test.clone()),
+                (None, None) => {}
+            }
+        }
+        Ok(found)
+    }
+
+    /// A line for every image that has no partner.
+    pub(super) fn missing_lines(&self) -> Vec<String> {
+        let line = |path: &PathBuf, other: &str| format!("{}: no {other} of this name, left out", path.display());
+        let references = self.only_reference.iter().map(|path| line(path, "test"));
+        references.chain(self.only_test.iter().map(|path| line(path, "reference"))).collect()
+    }
+
+    /// Why there is nothing to compare.
+    pub(super) fn nothing_matches(&self, sources: &Sources) -> String {
+        format!(
+            "{} has {}, {} has {}, and none have the same name without extension: rename them, or name two files",
+            sources.reference.display(),
+            text::plural(self.only_reference.len(), "image"),
+            sources.test.display(),
+            text::plural(self.only_test.len(), "image")
+        )
+    }
+}
+
+fn is_folder(path: &Path) -> Result<bool> {
+    let metadata = std::fs::metadata(path).with_context(|| format!("{}: cannot open", path.display()))?;
+    Ok(metadata.is_dir())
+}
+
+fn stem(path: &Path) -> String {
+    path.file_stem().map_or_else(|| path.display().to_string(), |stem| stem.to_string_lossy().into_owned())
+}
+
+/// Images of a folder by stem; those of its folders are not looked at.
+fn images(folder: &Path) -> Result<BTreeMap<String, PathBuf>> {
+    let cannot = || format!("{}: cannot list the folder", folder.display());
+    let mut images: BTreeMap<String, PathBuf> = BTreeMap::new();
+    for entry in std::fs::read_dir(folder).with_context(cannot)? {
+        let path = entry.with_context(cannot)?.path();
+        let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
+        if !EXTENSIONS.contains(&extension.as_str()) || !path.is_file() {
+            continue;
+        }
+        if let Some(other) = images.insert(stem(&path), path.clone()) {
+            let (first, second) = if other < path { (other, path) } else { (path, other) };
+            bail!("{} and {} have one name without extension: keep one of them in the folder", first.display(), second.display());
+        }
+    }
+    Ok(images)
+}

@@ -1,0 +1,97 @@
+//! Figures of the field that need no mu-law: a table of means and one of every view, and relative errors by luminance.
+
+use std::fmt::Write as _;
+
+use luxel_core::metrics::{DecadeError, FLIP_PIXELS_PER_DEGREE, FieldMetrics};
+
+use super::ReportSplit;
+use super::html::escape;
+use crate::text;
+
+/// A figure that not every run has.
+type Optional = fn(&FieldMetrics) -> Option<f64>;
+
+const OPTIONAL: [(&str, Optional); 3] =
+    [("HDR-FLIP", |f| f.hdr_flip), ("LPIPS (AlexNet)", |f| f.lpips_alex), ("LPIPS (VGG16)", |f| f.lpips_vgg)];
+
+/// The section; empty where nothing was measured.
+pub(super) fn section(splits: &[ReportSplit]) -> String {
+    let measured: Vec<(&ReportSplit, &FieldMetrics)> =
+        splits.iter().filter_map(|split| Some((split, split.mean_field.as_ref()?))).collect();
+    let Some(&(first_split, first)) = measured.first() else { return String::new() };
+    let present: Vec<(&str, Optional)> =
+        OPTIONAL.into_iter().filter(|(_, of)| measured.iter().any(|(_, mean)| of(mean).is_some())).collect();
+    let head = |what: &str| {
+        let optional = present.iter().fold(String::new(), |out, (name, _)| out + "<th>" + name + "</th>");
+        format!("<thead><tr><th>{what}</th><th>PU21-PSNR, dB</th><th>PU21-SSIM</th><th>log-RMSE</th>{optional}</tr></thead>")
+    };
+    let row = |name: &str, f: &FieldMetrics| {
+        let mut row =
+            format!("<tr><td>{}</td><td>{:.2}</td><td>{:.4}</td><td>{:.4}</td>", escape(name), f.pu21_psnr, f.pu21_ssim, f.log_rmse);
+        for (_, of) in &present {
+            row += &of(f).map_or("<td></td>".into(), |value| format!("<td>{value:.4}</td>"));
+        }
+        row + "</tr>"
+    };
+    let mut out = format!("<section><h2>Figures without a mu-law</h2><div class=\"scroll\"><table>{}<tbody>", head("mean of"));
+    for (split, mean) in &measured {
+        out += &row(&format!("{}, {}", split.name, text::plural(split.fields.len(), "view")), mean);
+    }
+    out += "</tbody></table></div>";
+    out += &explanation(first, &present);
+    out += &decades(&first_split.name, &first.relative_error_by_decade);
+    for (split, _) in measured {
+        let _ = write!(
+            out,
+            "<details><summary>{} of the {} split</summary><div class=\"scroll\"><table>{}<tbody>",
+            text::plural(split.fields.len(), "view"),
+            escape(&split.name),
+            head("view")
+        );
+        for (name, field) in &split.fields {
+            out += &row(name, field);
+        }
+        out += "</tbody></table></div></details>";
+    }
+    out + "</section>\n"
+}
+
+fn explanation(first: &FieldMetrics, present: &[(&str, Optional)]) -> String {
+    let mut out = format!(
+        "<dl><dt>PU21</dt><dd>PSNR and SSIM of what a display would show whose luminance is {} cd/m² where radiance is the scene's scale, on a perceptually \
+         uniform scale from 0.005 to 10000 cd/m² (Mantiuk &amp; Azimi 2021).</dd>\
+         <dt>log-RMSE</dt><dd>Root mean squared error of log10 of the channels: 0.301 is a factor of two.</dd>",
+        first.pu21_peak_luminance
+    );
+    for (name, _) in present {
+        out += &match *name {
+            "HDR-FLIP" => format!(
+                "<dt>HDR-FLIP</dt><dd>How visible the difference is when flipping between both, 0 to 1, the worst of all exposures between the brightest pixel's \
+                 and the median's, at {FLIP_PIXELS_PER_DEGREE:.0} pixels per degree (Andersson et al. 2021).</dd>"
+            ),
+            name => format!(
+                "<dt>{name}</dt><dd>Distance of the network's features, mu-law images by protocol gtmax; the weights are the user's.</dd>"
+            ),
+        };
+    }
+    out + "</dl>"
+}
+
+/// Relative errors of the first split.
+fn decades(split: &str, errors: &[DecadeError]) -> String {
+    let mut out = format!(
+        "<div class=\"scroll\"><table><thead><tr><th>luminance, {} split</th><th>pixels</th><th>relative error</th><th>bias</th></tr></thead><tbody>",
+        escape(split)
+    );
+    for error in errors {
+        let _ = write!(
+            out,
+            "<tr><td>{}</td><td>{}</td><td>{:.2} %</td><td>{:+.2} %</td></tr>",
+            text::decade(error.decade),
+            text::count(usize::try_from(error.count).unwrap_or(usize::MAX)),
+            100.0 * error.relative_error,
+            100.0 * error.bias
+        );
+    }
+    out + "</tbody></table></div>"
+}

@@ -1,0 +1,137 @@
+//! `luxel compare` from outside.
+#![allow(clippy::unwrap_used)]
+
+mod common;
+
+use std::path::Path;
+
+use common::Workplace;
+use luxel_core::Image;
+use luxel_io::{ExrOptions, ExrSample, write_exr};
+
+const WIDTH: usize = 20;
+const HEIGHT: usize = 14;
+
+/// A gradient over three decades with a lamp, times `gain`.
+fn room(gain: f32) -> Image {
+    let value = |i: usize| if i == 30 { 50.0 } else { 0.01 * (1 + i % WIDTH) as f32 * (1 + i / WIDTH) as f32 };
+    let pixels = (0..WIDTH * HEIGHT).map(|i| [value(i), 0.8 * value(i), 0.5 * value(i)].map(|v| v * gain)).collect();
+    Image::from_pixels(WIDTH, HEIGHT, pixels).unwrap()
+}
+
+fn write(path: &Path, image: &Image) {
+    std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+    write_exr(path, image, &ExrOptions { sample: ExrSample::Float, ..ExrOptions::default() }).unwrap();
+}
+
+fn json(place: &Workplace, args: &[&str]) -> serde_json::Value {
+    serde_json::from_str(&place.ok(args)).unwrap()
+}
+
+#[test]
+fn two_images_get_every_figure() {
+    let place = Workplace::empty();
+    write(&place.path("a.exr"), &room(1.0));
+    write(&place.path("b.exr"), &room(1.25));
+    let text = place.ok(&["compare", "a.exr", "b.exr", "--scale", "2", "--peak-luminance", "600"]);
+    for part in
+        ["psnr", "ssim", "scene", "gtmax", "selfmax", "pu21", "600 cd/m2", "hdr-flip", "log-rmse", "relative error", "+25.00%", "0.1 to 1"]
+    {
+        assert!(text.contains(part), "{part}\n{text}");
+    }
+    let found = json(&place, &["compare", "a.exr", "b.exr", "--json", "--scale", "2"]);
+    let image = &found["images"][0];
+    let figure = |key: &str| image[key].as_f64().unwrap_or_else(|| panic!("{key}: {image}"));
+    // A gain of 1.25 is 0.0969 decades and goes unseen by selfmax.
+    assert!((figure("log_rmse") - 0.09691).abs() < 1e-4, "{image}");
+    assert!(figure("psnr_selfmax") > 90.0 && figure("psnr_gtmax") < 50.0 && figure("hdr_flip") > 0.01);
+    assert!(figure("pu21_psnr") > 20.0 && figure("pu21_ssim") > 0.9 && figure("pu21_peak_luminance") == 1000.0);
+    let errors = image["relative_error_by_decade"].as_array().unwrap();
+    assert!(errors.len() >= 3 && errors.iter().all(|e| (e["relative_error"].as_f64().unwrap() - 0.25).abs() < 0.06), "{errors:?}");
+    assert_eq!(found["mean"]["pu21_psnr"], image["pu21_psnr"]);
+    // The other way round: the reference by name.
+    let turned = json(&place, &["compare", "a.exr", "--reference", "b.exr", "--json", "--metrics", "fast"]);
+    assert!(turned["images"][0].get("hdr_flip").is_none());
+    assert_eq!(turned["reference"], "b.exr");
+}
+
+#[test]
+fn a_scale_is_chosen_from_the_reference_alone() {
+    let place = Workplace::empty();
+    write(&place.path("a.exr"), &room(1.0));
+    write(&place.path("b.exr"), &room(3.0));
+    let scale = |paths: [&str; 2]| json(&place, &["compare", paths[0], paths[1], "--json", "--metrics", "fast"])["scale"].as_f64().unwrap();
+    let (first, second) = (scale(["a.exr", "b.exr"]), scale(["b.exr", "a.exr"]));
+    assert!(first > 1.0 && (second / first - 3.0).abs() < 1e-3, "{first} {second}");
+}
+
+#[test]
+fn folders_are_matched_by_stem_and_the_missing_are_named() {
+    let place = Workplace::empty();
+    for (name, gain) in [("000", 1.0), ("001", 1.1), ("only_here", 1.0)] {
+        write(&place.path("truth").join(format!("{name}.exr")), &room(gain));
+    }
+    for (name, gain) in [("000", 1.2), ("001", 1.1), ("only_there", 1.0)] {
+        write(&place.path("renders").join(format!("{name}.exr")), &room(gain));
+    }
+    std::fs::write(place.path("truth/notes.txt"), "no image").unwrap();
+    let output = place.luxel(&["compare", "truth", "renders", "--heatmap", "maps"]).output().unwrap();
+    let (text, warnings) = (String::from_utf8(output.stdout).unwrap(), String::from_utf8(output.stderr).unwrap());
+    assert!(output.status.success(), "{warnings}");
+    for part in ["000", "001", "mean", "pu21", "100.00"] {
+        assert!(text.contains(part), "{part}\n{text}");
+    }
+    for part in ["only_here.exr: no test", "only_there.exr: no reference"] {
+        assert!(warnings.contains(part), "{part}\n{warnings}");
+    }
+    for name in ["000", "001"] {
+        let map = luxel_io::read_image(&place.path(&format!("maps/{name}.png")), &Default::default()).unwrap().image;
+        assert_eq!((map.width, map.height), (WIDTH, HEIGHT));
+    }
+    let found = json(&place, &["compare", "truth", "renders", "--json", "--metrics", "fast"]);
+    assert_eq!(found["images"].as_array().unwrap().len(), 2);
+    assert!(found["missing_test"][0].as_str().unwrap().ends_with("only_here.exr"));
+    let mean = 0.5 * (found["images"][0]["pu21_psnr"].as_f64().unwrap() + found["images"][1]["pu21_psnr"].as_f64().unwrap());
+    assert!((found["mean"]["pu21_psnr"].as_f64().unwrap() - mean).abs() < 1e-9);
+}
+
+#[test]
+fn masked_and_bad_pixels_are_left_out() {
+    let place = Workplace::empty();
+    let (mut reference, mut test) = (room(1.0), room(1.0));
+    reference.pixels[5] = [f32::NAN; 3];
+    for pixel in &mut test.pixels[WIDTH..2 * WIDTH] {
+        *pixel = [9.0; 3];
+    }
+    write(&place.path("a.exr"), &reference);
+    write(&place.path("b.exr"), &test);
+    let mask: Vec<u8> = (0..WIDTH * HEIGHT).flat_map(|i| [if i / WIDTH == 1 { 0 } else { 255 }; 3]).collect();
+    luxel_io::write_png(&place.path("mask.png"), WIDTH, HEIGHT, &mask).unwrap();
+    let image = &json(&place, &["compare", "a.exr", "b.exr", "--mask", "mask.png", "--json"])["images"][0];
+    assert_eq!(image["masked_pixels"], WIDTH + 1);
+    assert_eq!((image["psnr_scene"].as_f64(), image["hdr_flip"].as_f64()), (Some(100.0), Some(0.0)));
+    // A render that is no number is an error, not an excuse.
+    let stderr = place.fails(1, &["compare", "b.exr", "a.exr"]);
+    assert!(stderr.contains("a.exr") && stderr.contains("not finite at column 5, row 0"), "{stderr}");
+}
+
+#[test]
+fn what_cannot_be_compared_is_said() {
+    let place = Workplace::empty();
+    write(&place.path("folder/a.exr"), &room(1.0));
+    write(&place.path("other/b.exr"), &room(1.0));
+    write(&place.path("small.exr"), &Image::filled(4, 3, [1.0; 3]));
+    std::fs::write(place.path("text.exr"), "no image").unwrap();
+    for (args, part) in [
+        (&["folder/a.exr", "small.exr"][..], "folder/a.exr is 20x14, small.exr is 4x3: expected equal sizes"),
+        (&["folder", "small.exr"], "folder is a folder, small.exr is a file"),
+        (&["folder", "other"], "none have the same name"),
+        (&["folder/a.exr", "text.exr"], "text.exr"),
+        (&["folder/a.exr", "nowhere.exr"], "nowhere.exr: cannot open"),
+        (&["folder/a.exr"], "expected two paths"),
+        (&["folder/a.exr", "folder/a.exr", "--mask", "small.exr"], "a mask needs the size of its image"),
+    ] {
+        let stderr = place.fails(1, &[&["compare"][..], args].concat());
+        assert!(stderr.contains(part), "{part}\n{stderr}");
+    }
+}
