@@ -168,10 +168,13 @@ pub(crate) struct EvalArgs {
     luxel compare truth.exr render.exr --heatmap flip.png\n\
     luxel compare run/eval/step_30000/gt run/eval/step_30000/renders --json")]
 pub(crate) struct CompareArgs {
-    /// Reference and test: two images or two folders of images. With --reference: the test alone.
-    #[arg(required = true, num_args = 1..=2, value_name = "REFERENCE TEST")]
-    pub(crate) paths: Vec<PathBuf>,
-    /// The reference, if it is not the first of two.
+    /// The reference, an image or a folder of images; with --reference, the test.
+    #[arg(value_name = "REFERENCE")]
+    pub(crate) first: PathBuf,
+    /// The test: like the reference, an image or a folder.
+    #[arg(value_name = "TEST", required_unless_present = "reference", conflicts_with = "reference")]
+    pub(crate) second: Option<PathBuf>,
+    /// The reference, if it is not to be the first of two.
     #[arg(long, value_name = "PATH")]
     pub(crate) reference: Option<PathBuf>,
     /// Radiance that is 1 in protocol scene, in the decades, and for the display of PU21 [default: the 99.9th percentile of the

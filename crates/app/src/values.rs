@@ -145,7 +145,7 @@ impl From<TonemapArg> for Tonemap {
 pub(crate) enum MetricsArg {
     /// All but HDR-FLIP.
     Fast,
-    /// HDR-FLIP too, which takes a second or more per image.
+    /// HDR-FLIP too, which takes several times as long as the others together.
     All,
 }
 

@@ -128,10 +128,12 @@ fn what_cannot_be_compared_is_said() {
         (&["folder", "other"], "none have the same name"),
         (&["folder/a.exr", "text.exr"], "text.exr"),
         (&["folder/a.exr", "nowhere.exr"], "nowhere.exr: cannot open"),
-        (&["folder/a.exr"], "expected two paths"),
         (&["folder/a.exr", "folder/a.exr", "--mask", "small.exr"], "a mask needs the size of its image"),
     ] {
         let stderr = place.fails(1, &[&["compare"][..], args].concat());
         assert!(stderr.contains(part), "{part}\n{stderr}");
+    }
+    for args in [&["folder/a.exr"][..], &["folder/a.exr", "folder/a.exr", "--reference", "other/b.exr"], &["a.exr", "b.exr", "c.exr"]] {
+        place.fails(2, &[&["compare"][..], args].concat());
     }
 }

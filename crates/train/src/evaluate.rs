@@ -2,7 +2,7 @@
 //!
 //! In: an engine with the scene loaded, views in the data set's units, the radiance scale; out: figures per view and their mean, and
 //! the error by luminance over all views. Views are rendered one after another, the engine being parallel in itself, and measured some at a
-//! time, one a thread; predictions are handed out in the order of the views, and no more than a batch is held.
+//! time, one a thread, with LPIPS one by one; predictions are handed out in the order of the views, and no more than a batch is held.
 
 use luxel_core::metrics::{FieldMetrics, FieldOptions, LuminanceProfile, ViewMetrics, field_metrics, psnr_scene, view_metrics};
 use luxel_core::{Engine, Image, RenderOptions, View};
@@ -28,6 +28,11 @@ impl Measures<'_> {
     /// With the default display, without HDR-FLIP and LPIPS, of images in linear Rec.709.
     pub fn new(radiance_scale: f32, mu: f32) -> Self {
         Self { radiance_scale, mu, field: FieldOptions::default(), lpips: None }
+    }
+
+    /// Views that are measured side by side. A network is parallel in itself, and its features of one view may fill gigabytes.
+    fn batch(&self) -> usize {
+        if self.lpips.is_some() { 1 } else { rayon::current_num_threads().max(1) }
     }
 }
 
@@ -101,7 +106,7 @@ pub fn evaluate(
     let mut named = Vec::with_capacity(views.len());
     let mut profile = LuminanceProfile::default();
     let measured: Vec<&View> = views.iter().filter(|view| has_valid_pixel(view)).collect();
-    for batch in measured.chunks(rayon::current_num_threads().max(1)) {
+    for batch in measured.chunks(measures.batch()) {
         let mut pairs = Vec::with_capacity(batch.len());
         for view in batch {
             pairs.push((*view, engine.render(&view.camera, options)?));

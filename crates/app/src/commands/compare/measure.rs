@@ -86,6 +86,11 @@ impl Settings {
         Ok(settings)
     }
 
+    /// Pairs that are measured side by side. A network is parallel in itself, and its features of one image may fill gigabytes.
+    pub(super) fn batch(&self) -> usize {
+        if self.lpips.is_some() { 1 } else { rayon::current_num_threads().max(1) }
+    }
+
     fn read(&self, path: &Path) -> Result<(Image, ColorSpace)> {
         let decoded = luxel_io::read_image(path, &ReadOptions { transfer: self.transfer }).context("cannot read an image")?;
         Ok((decoded.image, decoded.color_space.unwrap_or(self.color_space)))

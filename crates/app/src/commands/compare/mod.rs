@@ -28,7 +28,7 @@ pub(crate) fn run(args: &CompareArgs) -> Result<()> {
     }
     let settings = Settings::new(args, &pairs)?;
     let mut compared = Vec::with_capacity(pairs.pairs.len());
-    for batch in pairs.pairs.chunks(rayon::current_num_threads().max(1)) {
+    for batch in pairs.pairs.chunks(settings.batch()) {
         // In the order of the names: the first error is reported, and warnings come out in order.
         let figures: Vec<Result<Compared>> = batch.par_iter().map(|pair| measure::compare(pair, &settings)).collect();
         for figures in figures {

@@ -19,12 +19,12 @@ pub(super) struct Sources {
 
 impl Sources {
     pub(super) fn of(args: &CompareArgs) -> Result<Self> {
-        match (&args.reference, args.paths.as_slice()) {
-            (Some(reference), [test]) => Ok(Self { reference: reference.clone(), test: test.clone() }),
-            (None, [reference, test]) => Ok(Self { reference: reference.clone(), test: test.clone() }),
-            (Some(_), _) => bail!("--reference names the reference: expected one path beside it, the test, got {}", args.paths.len()),
-            (None, paths) => bail!("expected two paths, reference and test, got {}", paths.len()),
-        }
+        let (reference, test) = match (&args.reference, &args.second) {
+            (Some(reference), _) => (reference, &args.first),
+            (None, Some(test)) => (&args.first, test),
+            (None, None) => bail!("expected two paths, reference and test, got one"),
+        };
+        Ok(Self { reference: reference.clone(), test: test.clone() })
     }
 }
 
