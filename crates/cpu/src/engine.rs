@@ -353,3 +353,31 @@ fn smoothing_lanes(values: &[f32]) -> Vec<Lanes> {
         })
         .collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use luxel_core::{Antialias, Cutoffs, RasterConfig, synthetic};
+
+    use super::*;
+
+    /// Lines of splats, side of the image, and pairs of a splat and a pixel of the 4x4 blocks it is blended with: what the cost of a step is drawn
+    /// over (`scripts/cost_plot.py`).
+    #[test]
+    #[ignore = "a tool: prints the evaluations behind docs/performance.md"]
+    fn evaluations_of_rooms() {
+        let raster = RasterConfig { cutoffs: Cutoffs { near: 0.01, ..Cutoffs::PARITY }, antialias: Antialias::Off };
+        let options = RenderOptions { raster, ..RenderOptions::default() };
+        let mut engine = CpuEngine::new(0).unwrap();
+        for count in [10_000, 30_000, 100_000, 300_000, 1_000_000] {
+            let mut room = synthetic::room(count, 42);
+            synthetic::perturb(&mut room, 42);
+            engine.load(&room, None).unwrap();
+            for side_px in [200, 400, 800, 1600] {
+                engine.render(&synthetic::room_camera([side_px; 2]), &options).unwrap();
+                let pairs: u64 =
+                    engine.frame.lists.iter().flat_map(|list| &list.cover).flatten().map(|bits| u64::from(bits.count_ones())).sum();
+                println!("{count} {side_px} {}", pairs * LANES as u64);
+            }
+        }
+    }
+}
