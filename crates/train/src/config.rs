@@ -21,12 +21,12 @@ use crate::{ResolutionSchedule, TrainError};
 #[derive(Clone, Debug, PartialEq, Args, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TrainConfig {
-    /// Recipe: values of the number of steps, the strategy, the number of splats and the resolution, in place of the defaults below. Options
-    /// said beside it win; over a --config file it sets its values anew
+    /// Recipe: values of the number of steps, the strategy, the number of splats, the resolution and the cut-offs, in place of the defaults below.
+    /// Options said beside it win; over a --config file it sets its values anew
     #[arg(long, value_enum, default_value_t, help_heading = "Training")]
     pub preset: Preset,
     /// Training steps, one view each; at least 1
-    #[arg(long, value_name = "N", default_value_t = 30_000, help_heading = "Training")]
+    #[arg(long, value_name = "N", default_value_t = 12_000, help_heading = "Training")]
     pub iterations: u32,
     /// Seed of everything random
     #[arg(long, value_name = "N", default_value_t = 42, help_heading = "Training")]
@@ -88,9 +88,13 @@ pub struct TrainConfig {
     /// How the number of splats grows
     #[arg(long, value_enum, default_value_t = Strategy::Adc, help_heading = "Splats")]
     pub strategy: Strategy,
-    /// Largest number of splats [default: none for adc, 100000 for mcmc]
+    /// Largest number of splats [default: by --pixels-per-splat; without that none for adc, 100000 for mcmc]
     #[arg(long, value_name = "N", help_heading = "Splats")]
     pub max_splats: Option<u32>,
+    /// Bounds the number of splats by the data: pixels of all training images together, at full size, that there are for each splat at least.
+    /// No bound is below 30000 splats. --max-splats wins; --preset paper has no bound
+    #[arg(long, value_name = "PIXELS", default_value = "64", help_heading = "Splats")]
+    pub pixels_per_splat: Option<u32>,
     /// Split by sums of absolute pixel gradients (AbsGS; adc only)
     #[arg(long, help_heading = "Splats")]
     pub absgrad: bool,
@@ -166,6 +170,9 @@ pub struct TrainConfig {
     #[arg(long, value_name = "RATE", default_value_t = 1e-3, help_heading = "Learning rates")]
     pub rotation_lr: f32,
 }
+
+/// The least that [`TrainConfig::pixels_per_splat`] bounds splats by: what a scene is made of costs little up to here, however small its images.
+const MIN_BOUND_BY_DATA: u32 = 30_000;
 
 /// Largest number of splats of the MCMC strategy where none is given.
 pub const MCMC_DEFAULT_MAX_SPLATS: u32 = 100_000;
@@ -294,13 +301,14 @@ impl TrainConfig {
         self.init_scale.unwrap_or(default)
     }
 
-    /// Largest number of splats.
-    pub fn splat_limit(&self) -> usize {
+    /// Largest number of splats for training images of `train_px` pixels together.
+    pub fn splat_limit(&self, train_px: u64) -> usize {
+        let by_data = |pixels: u32| u32::try_from(train_px / u64::from(pixels.max(1))).unwrap_or(u32::MAX).max(MIN_BOUND_BY_DATA);
         let default = match self.strategy {
             Strategy::Adc => u32::MAX,
             Strategy::Mcmc => MCMC_DEFAULT_MAX_SPLATS,
         };
-        self.max_splats.unwrap_or(default) as usize
+        self.max_splats.or(self.pixels_per_splat.map(by_data)).unwrap_or(default) as usize
     }
 }
 

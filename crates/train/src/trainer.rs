@@ -217,13 +217,14 @@ impl Trainer {
                     dense_scale: percent * extent,
                     prune_opacity: config.prune_opacity,
                     prune_scale: self.schedule.has_reset_before(step).then(|| Adc::prune_scale_of(extent)),
-                    max_splats: config.splat_limit(),
+                    max_splats: config.splat_limit(self.views.train_px()),
                 };
                 let stats = self.engine.densify_stats()?;
                 policy.plan(&stats, &geometry, &mut self.state.rng)
             }
             Strategy::Mcmc => {
-                let policy = Mcmc { dead_opacity: config.prune_opacity, growth: config.mcmc_growth, max_splats: config.splat_limit() };
+                let max_splats = config.splat_limit(self.views.train_px());
+                let policy = Mcmc { dead_opacity: config.prune_opacity, growth: config.mcmc_growth, max_splats };
                 policy.plan(&geometry, &mut self.state.rng)
             }
         };

@@ -55,6 +55,11 @@ impl TrainingViews {
         self.full.iter().map(|view| &view.camera).collect()
     }
 
+    /// Pixels of all views together, at full resolution.
+    pub(crate) fn train_px(&self) -> u64 {
+        pixels(&self.full)
+    }
+
     /// Reduction a side at `step`.
     pub(crate) fn factor(&self, step: u32) -> u32 {
         factor_at(&self.stages, step)
@@ -91,6 +96,11 @@ impl TrainingViews {
         }
         self.current.as_ref()
     }
+}
+
+/// Pixels of the views together.
+pub(crate) fn pixels(views: &[View]) -> u64 {
+    views.iter().map(|view| view.camera.size_px.iter().map(|side| u64::from(*side)).product::<u64>()).sum()
 }
 
 fn reduce(view: &View, factor: u32, radiance_scale: f32) -> View {

@@ -17,7 +17,7 @@ fn defaults_are_valid_and_those_of_the_command_line() {
 #[test]
 fn every_flag_changes_the_configuration() {
     let flags: &[&[&str]] = &[
-        &["--preset", "fast"],
+        &["--preset", "paper"],
         &["--iterations", "7"],
         &["--seed", "1"],
         &["--resolution-schedule", "auto"],
@@ -38,6 +38,7 @@ fn every_flag_changes_the_configuration() {
         &["--init-scale", "0.5"],
         &["--strategy", "mcmc"],
         &["--max-splats", "10"],
+        &["--pixels-per-splat", "10"],
         &["--absgrad"],
         &["--densify-from", "1"],
         &["--densify-until", "2"],

@@ -45,6 +45,7 @@ impl TrainConfig {
             ("init-points", Some(self.init_points)),
             ("densify-interval", Some(self.densify_interval)),
             ("max-splats", self.max_splats),
+            ("pixels-per-splat", self.pixels_per_splat),
             ("sh-interval", self.sh_interval),
         ];
         match counts.into_iter().find(|(_, count)| *count == Some(0)) {

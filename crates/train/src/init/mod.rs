@@ -16,6 +16,7 @@ use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 
 use crate::config::TrainConfig;
+use crate::views::pixels;
 use crate::{TrainError, scale};
 
 /// Least R + G + B of a splat at the start, normalised units: half of where the mu-law turns linear. Below, nothing can be told from
@@ -45,11 +46,12 @@ pub fn initialise(dataset: &Dataset, config: &TrainConfig, radiance_scale: f32) 
             "points left out: not finite or beyond {MAX_COORDINATE:e} world units"
         );
     }
+    let limit = config.splat_limit(pixels(&dataset.train));
     if points.is_empty() {
-        let count = (config.init_points as usize).min(config.splat_limit());
+        let count = (config.init_points as usize).min(limit);
         points = volume::random_points(&dataset.train, count, &mut rng);
-    } else if points.len() > config.splat_limit() {
-        let mut chosen = sample(&mut rng, points.len(), config.splat_limit()).into_vec();
+    } else if points.len() > limit {
+        let mut chosen = sample(&mut rng, points.len(), limit).into_vec();
         chosen.sort_unstable();
         points = chosen.into_iter().map(|i| points[i].clone()).collect();
     }
@@ -182,6 +184,17 @@ mod tests {
         data.points = (0..50).map(|i| point([i as f32 * 0.01, 0.0, 4.0])).collect();
         let config = TrainConfig { max_splats: Some(20), ..TrainConfig::default() };
         assert_eq!(initialise(&data, &config, 1.0).unwrap().len(), 20);
+    }
+
+    #[test]
+    fn limit_of_splats_follows_the_pixels_unless_it_is_given() {
+        let data = wall();
+        let pixels = pixels(&data.train);
+        let config = TrainConfig { pixels_per_splat: Some(7), ..TrainConfig::default() };
+        assert_eq!(config.splat_limit(7_000_000), 1_000_000);
+        assert_eq!(config.splat_limit(pixels), 30_000, "a few pixels are no reason for fewer splats than that");
+        assert_eq!(TrainConfig { max_splats: Some(20), ..config.clone() }.splat_limit(pixels), 20);
+        assert_eq!(config.splat_limit(u64::MAX), u32::MAX as usize);
     }
 
     #[test]
