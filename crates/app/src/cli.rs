@@ -166,7 +166,7 @@ pub(crate) struct EvalArgs {
 #[derive(Debug, Args)]
 #[command(after_help = "Images of two folders are matched by their names without extension. What the figures mean: docs/metrics.md.\n\n\
     luxel compare truth.exr render.exr --heatmap flip.png\n\
-    luxel compare run/eval/step_12000/gt run/eval/step_12000/renders --json")]
+    luxel compare run/eval/step_30000/gt run/eval/step_30000/renders --json")]
 pub(crate) struct CompareArgs {
     /// The reference, an image or a folder of images; with --reference, the test.
     #[arg(value_name = "REFERENCE")]

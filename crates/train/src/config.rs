@@ -26,7 +26,7 @@ pub struct TrainConfig {
     #[arg(long, value_enum, default_value_t, help_heading = "Training")]
     pub preset: Preset,
     /// Training steps, one view each; at least 1
-    #[arg(long, value_name = "N", default_value_t = 12_000, help_heading = "Training")]
+    #[arg(long, value_name = "N", default_value_t = 30_000, help_heading = "Training")]
     pub iterations: u32,
     /// Seed of everything random
     #[arg(long, value_name = "N", default_value_t = 42, help_heading = "Training")]
