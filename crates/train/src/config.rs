@@ -93,7 +93,7 @@ pub struct TrainConfig {
     pub max_splats: Option<u32>,
     /// Bounds the number of splats by the data: pixels of all training images together, at full size, that there are for each splat at least.
     /// No bound is below 30000 splats. --max-splats wins; --preset paper has no bound
-    #[arg(long, value_name = "PIXELS", default_value = "64", help_heading = "Splats")]
+    #[arg(long, value_name = "PIXELS", default_value = "72", help_heading = "Splats")]
     pub pixels_per_splat: Option<u32>,
     /// Split by sums of absolute pixel gradients (AbsGS; adc only)
     #[arg(long, help_heading = "Splats")]

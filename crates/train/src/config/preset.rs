@@ -53,7 +53,7 @@ presets! {
     /// Whoever wants a number gives it.
     max_splats:              None,                        None,                        None;
     /// Paper: as many as the gradients ask for. Else: beyond this the training images are learned by heart, and the test views lose.
-    pixels_per_splat:        None,                        Some(64),                    Some(64);
+    pixels_per_splat:        None,                        Some(72),                    Some(72);
     /// Full size throughout: a schedule saves little where splats, not pixels, make the cost.
     resolution_schedule:     ResolutionSchedule::Off,     ResolutionSchedule::Off,     ResolutionSchedule::Off;
     /// Paper: those of 3DGS, derived for 8 bits. Else ours, so that a lamp's skirt does not end where eight bits would.
