@@ -255,11 +255,40 @@ impl ColorModel {
         }
     }
 
-    /// Raw luminance of a splat after `map` on its luminance at degree 0; `None` for models without an explicit luminance.
-    pub fn map_luminance(self, raw: f32, map: impl FnOnce(f32) -> f32) -> Option<f32> {
+    /// Whether a splat's luminance is a parameter of its own, so that it can change and leave chromaticity alone.
+    pub fn separates_luminance(self) -> bool {
         match self {
-            Self::Sh { .. } => None,
-            Self::Lcd { activation, .. } => Some(activation.inverse(map(activation.apply(raw)))),
+            Self::Sh { .. } => false,
+            Self::Lcd { .. } => true,
+        }
+    }
+
+    /// Radiance of a splat by its degree-0 terms alone: the same from everywhere.
+    pub fn base_radiance(self, sh: &[f32], raw_luminance: &[f32]) -> [f32; 3] {
+        self.radiance(&ColorBasis::new(0, [0.0, 0.0, 1.0]), |m, c| sh[3 * m + c], |m| raw_luminance[m])
+    }
+
+    /// R + G + B of [`Self::base_radiance`].
+    pub fn base_luminance(self, sh: &[f32], raw_luminance: &[f32]) -> f32 {
+        match self {
+            Self::Sh { .. } => self.base_radiance(sh, raw_luminance).iter().sum(),
+            Self::Lcd { activation, .. } => activation.apply(raw_luminance[0]),
+        }
+    }
+
+    /// Changes `sh [K,3]` and `raw_luminance [M]` of a splat so that its radiance is `factor` times itself in every direction.
+    ///
+    /// - [`Self::Sh`]: k' = f k, and the offset of 1/2 moves into the DC. Exact.
+    /// - [`Self::Lcd`]: the raw luminance alone changes; chromaticity coefficients keep their bits. Exact for luminance degree 0 and
+    ///   for every degree with Exp and Relu; with Softplus above degree 0, exact to first order in the view-dependent part.
+    ///   [`Activation::inverse`] keeps luminances at 1e-8 and above, so that a factor of 0 leaves that much.
+    pub fn scale_radiance(self, sh: &mut [f32], raw_luminance: &mut [f32], factor: f32) {
+        match self {
+            Self::Sh { .. } => {
+                sh.iter_mut().for_each(|value| *value *= factor);
+                sh[..3].iter_mut().for_each(|dc| *dc += (factor - 1.0) * (SH_OFFSET / sh::C0));
+            }
+            Self::Lcd { activation, .. } => scale_luminance(activation, raw_luminance, factor),
         }
     }
 
@@ -303,4 +332,31 @@ fn chromaticity<R: Real>(response: [R; 3]) -> ([R; 3], R) {
     let r = each!([0, 1, 2] i => { let s = response[i]; s.max(s.lift(0.0)) + floor });
     let sum = r[0] + r[1] + r[2];
     (each!([0, 1, 2] i => { let value = r[i]; value / sum }), sum)
+}
+
+/// `raw [M]` such that the activated luminance becomes `factor` times itself.
+fn scale_luminance(activation: Activation, raw: &mut [f32], factor: f32) {
+    let Some((constant, rest)) = raw.split_first_mut() else { return };
+    let before = *constant;
+    let scaled = activation.inverse(factor * activation.apply(before));
+    let rest_factor = match activation {
+        // Homogeneous: the whole of it scales, below zero too.
+        Activation::Relu => {
+            *constant *= factor;
+            factor
+        }
+        // A factor is a shift of the constant.
+        Activation::Exp => {
+            *constant = scaled;
+            1.0
+        }
+        // g(l') = f g(l) at the constant, and f g'(l) dl = g'(l') dl' next to it.
+        Activation::Softplus => {
+            *constant = scaled;
+            factor * activation.derivative(before) / activation.derivative(scaled)
+        }
+    };
+    for value in rest {
+        *value *= rest_factor;
+    }
 }

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
+use crate::edit::Contributions;
 use crate::{Camera, Image, Moments, Splats, View};
 
 /// The passes of a training step, in order. Names of files, timings, benches and tests.
@@ -354,6 +355,13 @@ pub trait Engine {
     /// # Errors
     /// [`EngineError::Camera`], [`EngineError::Device`].
     fn render(&mut self, camera: &Camera, options: &RenderOptions) -> Result<Image, EngineError>;
+
+    /// What each splat gives to the image that [`Engine::render`] makes, and how much of that lies in `mask` (`[H*W]`, row-major): which
+    /// splats a painted mask means.
+    ///
+    /// # Errors
+    /// [`EngineError::Camera`], [`EngineError::Invalid`] if the mask is not of the camera's size, [`EngineError::Device`].
+    fn contributions(&mut self, camera: &Camera, options: &RenderOptions, mask: &[f32]) -> Result<Contributions, EngineError>;
 
     /// One step of training towards `view`, whose image is in normalised units.
     ///

@@ -5,7 +5,7 @@
 mod camera;
 mod color;
 mod dataset;
-mod edit;
+pub mod edit;
 mod engine;
 mod image;
 pub mod metrics;
@@ -22,7 +22,7 @@ pub mod tone;
 pub use camera::{Camera, CameraError, Distortion, MAX_SIDE_PX};
 pub use color::{Activation, ColorBasis, ColorModel, DEAD_CHROMA_FLOOR, SH_OFFSET};
 pub use dataset::{BadPixels, Dataset, Mask, Observation, Point, View};
-pub use edit::{Edit, EditError, Selection};
+pub use edit::{Edit, EditError, Map, MapChain, Selection};
 pub use engine::{
     ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON, Antialias, Cutoffs, DensifyPlan, DensifyStats, Engine, EngineError, Geometry, LearningRates,
     LossConfig, Pass, PlanRow, PositionNoise, RasterConfig, RenderOptions, StatsCollection, StepConfig, StepReport,

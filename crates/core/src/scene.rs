@@ -13,6 +13,8 @@ pub struct Scene {
     pub color_space: ColorSpace,
     /// How the scene was rasterised in training, and so should be rendered.
     pub raster: RasterConfig,
+    /// Edits of light made since training, oldest first, in the text form of [`crate::Edit`]: a record, not applied again.
+    pub edits: Vec<String>,
 }
 
 /// State of a training run at the end of a step; enough to continue bit for bit.

@@ -19,6 +19,17 @@ pub const fn coefficients(degree: usize) -> usize {
     (degree + 1) * (degree + 1)
 }
 
+/// `count` points of the unit sphere, spread evenly: a Fibonacci lattice.
+pub fn lattice(count: usize) -> Vec<[f32; 3]> {
+    let point = |i: usize| {
+        let z = 1.0 - (2.0 * i as f64 + 1.0) / count as f64;
+        let phi = i as f64 * std::f64::consts::PI * (3.0 - 5f64.sqrt());
+        let r = (1.0 - z * z).sqrt();
+        [r * phi.cos(), r * phi.sin(), z].map(|c| c as f32)
+    };
+    (0..count).map(point).collect()
+}
+
 // The factors K of the polynomials below, each K = sqrt((2l+1)/(4 pi) (l-m)!/(l+m)!) times the Legendre factor drawn out.
 const C1: f32 = 0.488_602_5;
 const C2: [f32; 5] = [1.092_548_4, -1.092_548_4, 0.315_391_57, -1.092_548_4, 0.546_274_2];

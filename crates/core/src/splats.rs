@@ -132,6 +132,16 @@ impl Splats {
         self.color_model.radiance(&basis, |m, c| sh[3 * m + c], |m| raw[m])
     }
 
+    /// Radiance of splat `i` by its degree-0 terms: the same from everywhere.
+    pub fn base_radiance(&self, i: usize) -> [f32; 3] {
+        self.color_model.base_radiance(self.sh_of(i), self.raw_luminance_of(i))
+    }
+
+    /// Luminance (R + G + B, normalised units) of splat `i` by its degree-0 terms.
+    pub fn base_luminance(&self, i: usize) -> f32 {
+        self.color_model.base_luminance(self.sh_of(i), self.raw_luminance_of(i))
+    }
+
     /// Checks lengths and finiteness. Engines and writers may assume both.
     ///
     /// # Errors

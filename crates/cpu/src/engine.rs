@@ -3,6 +3,7 @@
 use std::time::{Duration, Instant};
 
 use fearless_simd::Level;
+use luxel_core::edit::Contributions;
 use luxel_core::{
     Camera, DensifyPlan, DensifyStats, Engine, EngineError, Geometry, Image, Moments, Pass, RenderOptions, Splats, StatsCollection,
     StepConfig, StepReport, View,
@@ -12,6 +13,7 @@ use crate::lanes::{LANES, Lanes};
 use crate::passes::adam::Optimizer;
 use crate::passes::bin::Bins;
 use crate::passes::blend::sort_and_rasterize;
+use crate::passes::contribute::contribute;
 use crate::passes::densify;
 use crate::passes::loss::{LossBuffers, LossSums};
 use crate::passes::project::{Footprint, project};
@@ -274,6 +276,17 @@ impl Engine for CpuEngine {
         let camera = checked_camera(camera, options)?;
         self.forward(&camera);
         Ok(self.pool.install(|| to_image(&self.frame.pixels, &camera)))
+    }
+
+    fn contributions(&mut self, camera: &Camera, options: &RenderOptions, mask: &[f32]) -> Result<Contributions, EngineError> {
+        let camera = checked_camera(camera, options)?;
+        let pixels = camera.size_px[0] * camera.size_px[1];
+        if mask.len() != pixels {
+            return Err(EngineError::Invalid(format!("mask holds {} pixels, the camera's image {pixels}", mask.len())));
+        }
+        self.forward(&camera);
+        let Self { pool, level, parameters, frame, .. } = self;
+        Ok(pool.install(|| contribute(*level, &camera, (&frame.bins, &frame.lists), mask, parameters.count)))
     }
 
     fn train_step(&mut self, view: &View, step: &StepConfig) -> Result<StepReport, EngineError> {

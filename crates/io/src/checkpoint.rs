@@ -235,7 +235,7 @@ fn read<R: Read>(path: &Path, mut reader: R, length: u64) -> Result<Snapshot, Io
         return Err(IoError::invalid(path, "the content does not match its digest: the file is damaged, use an older checkpoint"));
     }
     splats.validate().map_err(|e| IoError::invalid(path, e))?;
-    Ok(Snapshot { scene: Scene { splats, radiance_scale, color_space, raster }, moments, stats, state_json })
+    Ok(Snapshot { scene: Scene { splats, radiance_scale, color_space, raster, edits: Vec::new() }, moments, stats, state_json })
 }
 
 /// Reads the header and holds what it claims against the length of the file.

@@ -259,7 +259,8 @@ impl Trainer {
     fn scene_and_moments(&mut self) -> Result<(Scene, Moments), TrainError> {
         let (splats, moments) = self.engine.save()?;
         let raster = self.state.config.raster();
-        Ok((Scene { splats, radiance_scale: self.state.radiance_scale, color_space: self.color_space, raster }, moments))
+        let (radiance_scale, color_space) = (self.state.radiance_scale, self.color_space);
+        Ok((Scene { splats, radiance_scale, color_space, raster, edits: Vec::new() }, moments))
     }
 }
 

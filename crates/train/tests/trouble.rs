@@ -8,6 +8,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use common::{black, config, dataset, engine};
+use luxel_core::edit::Contributions;
 use luxel_core::{
     Camera, DensifyPlan, DensifyStats, Engine, EngineError, Geometry, Image, Mask, Moments, Pass, RenderOptions, Snapshot, Splats,
     StepConfig, StepReport, View,
@@ -31,6 +32,9 @@ impl Engine for Puppet {
     }
     fn render(&mut self, camera: &Camera, _: &RenderOptions) -> Result<Image, EngineError> {
         Ok(Image::filled(camera.size_px[0] as usize, camera.size_px[1] as usize, [0.0; 3]))
+    }
+    fn contributions(&mut self, _: &Camera, _: &RenderOptions, _: &[f32]) -> Result<Contributions, EngineError> {
+        Ok(Contributions::default())
     }
     fn train_step(&mut self, _: &View, _: &StepConfig) -> Result<StepReport, EngineError> {
         Ok(StepReport { loss: self.loss, ..StepReport::default() })

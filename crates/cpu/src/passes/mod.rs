@@ -1,11 +1,12 @@
 //! The passes of a training step, one file each. `color` runs within `project`, `color_backward` within `project_backward`: their
-//! time is counted there.
+//! time is counted there. `contribute` is none of them: it tells which splats a painted mask means.
 
 pub(crate) mod adam;
 pub(crate) mod bin;
 pub(crate) mod blend;
 pub(crate) mod color;
 pub(crate) mod color_backward;
+pub(crate) mod contribute;
 pub(crate) mod densify;
 pub(crate) mod loss;
 pub(crate) mod project;

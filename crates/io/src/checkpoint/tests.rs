@@ -41,7 +41,7 @@ fn snapshot(color_model: ColorModel, n: usize, seed: u64) -> Snapshot {
         stats = DensifyStats::default();
     }
     let raster = RasterConfig { cutoffs: Cutoffs::PARITY, antialias: Antialias::Mip };
-    let scene = Scene { splats: scene_splats, radiance_scale: 0.1, color_space: ColorSpace::AcesCg, raster };
+    let scene = Scene { splats: scene_splats, radiance_scale: 0.1, color_space: ColorSpace::AcesCg, raster, edits: Vec::new() };
     Snapshot { scene, moments, stats, state_json: format!("{{\"step\":{seed},\"note\":\"\\\"\u{fffd}\n\"}}") }
 }
 

@@ -49,10 +49,10 @@ impl DisplayBake {
     pub(super) fn new(scene: &Scene) -> Self {
         let model = scene.splats.color_model;
         let degree = model.max_degree().min(3);
-        let directions = fibonacci(DIRECTIONS);
+        let directions = sh::lattice(DIRECTIONS);
         let views = directions.iter().map(|v| ColorBasis::new(model.max_degree(), *v)).collect();
         let mut checks = vec![[0.0; CHECKED_DIRECTIONS]; sh::coefficients(degree)];
-        for (v, direction) in fibonacci(CHECKED_DIRECTIONS).into_iter().enumerate() {
+        for (v, direction) in sh::lattice(CHECKED_DIRECTIONS).into_iter().enumerate() {
             checks.iter_mut().zip(low_basis(direction)).for_each(|(row, y)| row[v] = y);
         }
         let fit = pseudo_inverse(&directions, sh::coefficients(degree));
@@ -115,17 +115,6 @@ fn bounded(radiance: f32) -> f32 {
     if radiance > 0.0 { radiance.min(f32::MAX / 16.0) } else { 0.0 }
 }
 
-/// Points of the unit sphere, spread evenly (Fibonacci lattice).
-fn fibonacci(count: usize) -> Vec<[f32; 3]> {
-    let point = |i: usize| {
-        let z = 1.0 - (2.0 * i as f64 + 1.0) / count as f64;
-        let phi = i as f64 * std::f64::consts::PI * (3.0 - 5f64.sqrt());
-        let r = (1.0 - z * z).sqrt();
-        [r * phi.cos(), r * phi.sin(), z].map(|c| c as f32)
-    };
-    (0..count).map(point).collect()
-}
-
 fn low_basis(direction: [f32; 3]) -> [f32; MAX_BAKED] {
     let mut all = [0.0; sh::MAX_COEFFICIENTS];
     sh::basis(3, direction, &mut all);
@@ -169,7 +158,7 @@ fn pseudo_inverse(directions: &[[f32; 3]], count: usize) -> Vec<[f32; MAX_BAKED]
 /// Factor that brings the scene's log-average luminance to middle grey; 1 for a black or empty scene.
 fn exposure(scene: &Scene) -> f32 {
     let splats = &scene.splats;
-    let views = fibonacci(6);
+    let views = sh::lattice(6);
     let to_luminance = |rgb: [f32; 3]| f64::from(luminance_rec709(rgb.map(bounded)));
     let luminance_of = |i: usize| views.iter().map(|v| to_luminance(splats.radiance(i, *v))).sum::<f64>() / views.len() as f64;
     let luminance: Vec<f64> = (0..splats.len()).into_par_iter().map(luminance_of).collect();

@@ -8,9 +8,9 @@
 //!   radiance harmonics for `ColorModel::Sh`), and, where a smoothing filter makes the standard ones differ, `lcd_filter`, `lcd_opacity`,
 //!   `lcd_log_scale_*`. Their names keep away from `f_rest_`, `scale_` and `rot`, which the original reader counts by prefix.
 //!
-//! Comments `luxel KEY VALUE` of the header hold version, colour space, colour model, radiance scale and raster configuration; all
-//! numbers are read back to the bit. Any other 3D Gaussian splatting PLY (ASCII, little or big endian, any order and type of
-//! properties) is read as `ColorModel::Sh` with the cut-offs of its renderer; Mip-splatting's `filter_3D` is honoured.
+//! Comments `luxel KEY VALUE` of the header hold version, colour space, colour model, radiance scale and raster configuration, and
+//! one `edit` for each edit of light made since training; all numbers are read back to the bit. Any other 3D Gaussian splatting PLY
+//! (ASCII, little or big endian, any order and type of properties) is read as `ColorModel::Sh` with the cut-offs of its renderer; Mip-splatting's `filter_3D` is honoured.
 
 mod bake;
 mod header;

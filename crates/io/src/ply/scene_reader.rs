@@ -129,6 +129,7 @@ fn plain<R: BufRead>(source: &Source<'_, R>, element: &Element) -> Result<(Scene
         radiance_scale: 1.0,
         color_space: ColorSpace::LinearRec709,
         raster: RasterConfig { cutoffs: Cutoffs::PARITY, antialias },
+        edits: Vec::new(),
     };
     let layout =
         Layout { log_scale: STANDARD_SCALE, opacity: "opacity", smoothing, sh: dc.chain(others).collect(), raw_luminance: Vec::new() };
@@ -194,7 +195,8 @@ impl<'h> Comments<'h> {
         let raster_of = |v: &str| serde_json::from_str::<RasterConfig>(v).ok().filter(is_usable);
         let raster = self.parse("raster", "cut-offs of 0 or more and antialias", raster_of)?;
         let splats = Splats::empty(color_model);
-        Ok((Scene { splats, radiance_scale, color_space, raster }, exact_layout(color_model, element)))
+        let edits = self.lines.iter().filter(|(key, _)| *key == "edit").map(|(_, text)| text.trim().to_owned()).collect();
+        Ok((Scene { splats, radiance_scale, color_space, raster, edits }, exact_layout(color_model, element)))
     }
 }
 

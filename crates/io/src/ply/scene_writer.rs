@@ -63,6 +63,10 @@ fn check(path: &Path, scene: &Scene) -> Result<(), IoError> {
     if !is_usable(&scene.raster) {
         return invalid(format!("raster configuration {:?}, expected cut-offs of 0 to 1", scene.raster));
     }
+    let is_line = |text: &String| !text.is_empty() && text.trim() == text && !text.contains(char::is_control);
+    if let Some(edit) = scene.edits.iter().find(|text| !is_line(text)) {
+        return invalid(format!("record of an edit {edit:?}, expected one line of text"));
+    }
     Ok(())
 }
 
@@ -100,6 +104,9 @@ fn write_header<W: Write + ?Sized>(scene: &Scene, bake: &DisplayBake, properties
     writeln!(out, "comment {COMMENT_TAG} color_model {model}")?;
     writeln!(out, "comment {COMMENT_TAG} radiance_scale {:e}", scene.radiance_scale)?;
     writeln!(out, "comment {COMMENT_TAG} raster {raster}")?;
+    for edit in &scene.edits {
+        writeln!(out, "comment {COMMENT_TAG} edit {edit}")?;
+    }
     writeln!(out, "comment {COMMENT_TAG} display_bake {}", bake.description())?;
     writeln!(out, "comment lcd_* properties hold the radiance model exactly; f_dc, f_rest, opacity and scale are for display")?;
     writeln!(out, "element vertex {}", scene.splats.len())?;

@@ -35,7 +35,8 @@ fn scene(color_model: ColorModel, count: usize, is_smoothed: bool, seed: u64) ->
         }
     }
     let antialias = if is_smoothed { Antialias::Mip } else { Antialias::Off };
-    Scene { splats, radiance_scale: 12.345_679, color_space: ColorSpace::AcesCg, raster: RasterConfig { cutoffs: Cutoffs::HDR, antialias } }
+    let raster = RasterConfig { cutoffs: Cutoffs::HDR, antialias };
+    Scene { splats, radiance_scale: 12.345_679, color_space: ColorSpace::AcesCg, raster, edits: Vec::new() }
 }
 
 const LCD: ColorModel = ColorModel::Lcd { chroma_degree: 3, luminance_degree: 0, activation: Activation::Softplus };
@@ -418,4 +419,16 @@ fn points_carry_positions_and_colours_of_any_type() {
     assert_eq!(read(&rgb("ushort"), "1 2 3 0 32896 65535"), [([1.0, 2.0, 3.0], Some([0, 128, 255]))]);
     let error = decode_points_ply(name(), file("", "1 inf 3").as_bytes()).unwrap_err().to_string();
     assert_eq!(error, "scene.ply: vertex 0: property \"y\" is inf, expected a finite number");
+}
+
+#[test]
+fn edits_are_kept_in_order() {
+    let edits = vec!["where L < 0.05; gain 4".to_owned(), "where mask(\"a  b.png\", \"000\"); power 0.8; pivot 0.18".to_owned()];
+    let edited = Scene { edits, ..scene(LCD, 2, false, 1) };
+    let bytes = encode_scene_ply(name(), &edited).unwrap();
+    assert_eq!(decode_scene_ply(name(), &bytes).unwrap(), edited);
+    for bad in ["gain 2\nproperty float x", " gain 2", ""] {
+        let error = encode_scene_ply(name(), &Scene { edits: vec![bad.to_owned()], ..edited.clone() }).unwrap_err();
+        assert!(error.to_string().contains("expected one line of text"), "{error}");
+    }
 }

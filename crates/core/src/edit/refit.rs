@@ -1,0 +1,204 @@
+//! Spherical harmonics of radiance under a map of luminance: evaluated, mapped, fitted again.
+//!
+//! In: `sh [K,3]` of a splat. Out: the harmonics whose sum is nearest, by least squares over [`DIRECTIONS`] fixed directions, to the mapped
+//! radiance. Luminance and hue are one set of numbers here, so that a map that is no plain gain moves hue: by its definition with
+//! [`ShMap::Channels`], and with both by what harmonics of the same degree can't say.
+//!
+//! Degenerate: a channel that is negative in a direction (and cut to 0 there) is scaled by the splat's factor at degree 0, so that it
+//! stays cut and a map that changes nothing changes nothing.
+
+use super::MapChain;
+use crate::sh::{self, MAX_COEFFICIENTS};
+use crate::{SH_OFFSET, luminance_sum};
+
+/// Four for each harmonic of the highest degree.
+const DIRECTIONS: usize = 4 * MAX_COEFFICIENTS;
+
+/// What a map of luminance is applied to where luminance is no parameter of its own ([`crate::ColorModel::Sh`]).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ShMap {
+    /// The luminance of the colour in each direction, its ratios kept: what can be done at best.
+    #[default]
+    Luminance,
+    /// Each channel by itself, as c' = c^beta of RGB values (LCD-GS's comparison with 3DGS); grey is mapped as by [`Self::Luminance`].
+    Channels,
+}
+
+/// A basis of harmonics in fixed directions, and its pseudo-inverse.
+pub(super) struct Refit {
+    /// K.
+    coefficients: usize,
+    /// `[DIRECTIONS]` basis values.
+    values: Vec<[f64; MAX_COEFFICIENTS]>,
+    /// `[DIRECTIONS]`, (A^T A)^-1 A^T transposed.
+    fit: Vec<[f64; MAX_COEFFICIENTS]>,
+}
+
+/// How one splat is mapped.
+pub(super) struct SplatMap<'m> {
+    pub(super) chain: &'m MapChain<'m>,
+    pub(super) kind: ShMap,
+    /// Of the selection.
+    pub(super) weight: f32,
+    /// Luminance in the units of the data set of one normalised unit.
+    pub(super) scale: f32,
+    /// By the degree-0 term.
+    pub(super) base_factor: f32,
+}
+
+impl SplatMap<'_> {
+    fn factor(&self, luminance: f32) -> f32 {
+        self.chain.factor(luminance * self.scale, self.weight).unwrap_or(self.base_factor)
+    }
+
+    /// Mapped radiance of an uncut one.
+    fn of(&self, rgb: [f32; 3]) -> [f32; 3] {
+        let shared = match self.kind {
+            ShMap::Luminance => Some(self.factor(luminance_sum(rgb.map(|c| c.max(0.0))))),
+            ShMap::Channels => None,
+        };
+        rgb.map(|c| {
+            let factor = match shared {
+                _ if c <= 0.0 => self.base_factor,
+                Some(factor) => factor,
+                // Grey of luminance L has channels of L / 3.
+                None => self.factor(3.0 * c),
+            };
+            c * factor
+        })
+    }
+}
+
+impl Refit {
+    pub(super) fn new(degree: usize) -> Self {
+        let coefficients = sh::coefficients(degree);
+        let basis = |direction: [f32; 3]| {
+            let mut values = [0.0; MAX_COEFFICIENTS];
+            sh::basis(degree, direction.map(f64::from), &mut values);
+            values
+        };
+        let values: Vec<_> = sh::lattice(DIRECTIONS).into_iter().map(basis).collect();
+        let fit = pseudo_inverse(&values, coefficients);
+        Self { coefficients, values, fit }
+    }
+
+    /// Replaces `sh [K,3]`; returns how far chromaticity moved: the sum of the channels' differences, 0 to 2, mean over directions.
+    pub(super) fn apply(&self, sh: &mut [f32], map: &SplatMap<'_>) -> f64 {
+        let before: Vec<[f32; 3]> = self.values.iter().map(|y| self.radiance(sh, y)).collect();
+        let targets: Vec<[f32; 3]> = before.iter().map(|rgb| map.of(*rgb)).collect();
+        // To the bit: what a map leaves alone stays as it is.
+        if targets == before {
+            return 0.0;
+        }
+        let mut fitted = [[0f64; 3]; MAX_COEFFICIENTS];
+        for (target, fit) in targets.iter().zip(&self.fit) {
+            let target = target.map(|c| f64::from(c) - f64::from(SH_OFFSET));
+            for (k, fit) in fitted.iter_mut().zip(fit).take(self.coefficients) {
+                k.iter_mut().zip(target).for_each(|(k, c)| *k += fit * c);
+            }
+        }
+        for (to, from) in sh.iter_mut().zip(fitted.as_flattened()) {
+            *to = *from as f32;
+        }
+        let moved = before.iter().zip(&self.values).map(|(rgb, y)| super::chromaticity_distance(*rgb, self.radiance(sh, y)).unwrap_or(0.0));
+        moved.sum::<f64>() / DIRECTIONS as f64
+    }
+
+    /// Not cut at 0.
+    fn radiance(&self, sh: &[f32], values: &[f64; MAX_COEFFICIENTS]) -> [f32; 3] {
+        let mut rgb = [f64::from(SH_OFFSET); 3];
+        for (k, y) in sh.chunks_exact(3).zip(values) {
+            rgb.iter_mut().zip(k).for_each(|(sum, k)| *sum += f64::from(*k) * y);
+        }
+        rgb.map(|c| c as f32)
+    }
+}
+
+/// Transpose of (A^T A)^-1 A^T of the basis values A [DIRECTIONS, count], by Gauss-Jordan elimination: A^T A is nearly a multiple of the identity,
+/// as the directions are nearly even, and needs no pivoting.
+fn pseudo_inverse(a: &[[f64; MAX_COEFFICIENTS]], count: usize) -> Vec<[f64; MAX_COEFFICIENTS]> {
+    let mut gram = [[0f64; MAX_COEFFICIENTS]; MAX_COEFFICIENTS];
+    let mut inverse = [[0f64; MAX_COEFFICIENTS]; MAX_COEFFICIENTS];
+    for i in 0..count {
+        for j in 0..count {
+            gram[i][j] = a.iter().map(|y| y[i] * y[j]).sum();
+        }
+        inverse[i][i] = 1.0;
+    }
+    for pivot in 0..count {
+        let reciprocal = 1.0 / gram[pivot][pivot];
+        gram[pivot].iter_mut().for_each(|v| *v *= reciprocal);
+        inverse[pivot].iter_mut().for_each(|v| *v *= reciprocal);
+        let (pivot_gram, pivot_inverse) = (gram[pivot], inverse[pivot]);
+        for i in (0..count).filter(|i| *i != pivot) {
+            let factor = gram[i][pivot];
+            gram[i].iter_mut().zip(pivot_gram).for_each(|(v, p)| *v -= factor * p);
+            inverse[i].iter_mut().zip(pivot_inverse).for_each(|(v, p)| *v -= factor * p);
+        }
+    }
+    let product = |y: &[f64; MAX_COEFFICIENTS]| inverse.map(|row| row.iter().zip(y).map(|(i, y)| i * y).sum());
+    a.iter().map(product).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Map;
+
+    fn harmonics(degree: usize, mean: f32, wobble: f32) -> Vec<f32> {
+        let mut sh: Vec<f32> = (0..3 * sh::coefficients(degree)).map(|i| wobble * (i as f32 * 1.7 + 0.4).sin()).collect();
+        for (c, dc) in sh[..3].iter_mut().enumerate() {
+            *dc = (mean * (1.0 + c as f32) - SH_OFFSET) / sh::C0;
+        }
+        sh
+    }
+
+    fn mapped(maps: &[Map], kind: ShMap, sh: &mut [f32], degree: usize) -> f64 {
+        let chain = MapChain::new(maps, 1.0);
+        Refit::new(degree).apply(sh, &SplatMap { chain: &chain, kind, weight: 1.0, scale: 1.0, base_factor: 1.0 })
+    }
+
+    #[test]
+    fn a_map_that_changes_nothing_gives_the_harmonics_back() {
+        for degree in 0..=5 {
+            // With and without negative lobes.
+            for wobble in [0.02, 0.8] {
+                let before = harmonics(degree, 0.2, wobble);
+                let mut after = before.clone();
+                let moved = mapped(&[Map::Power { exponent: 1.0, pivot: None }], ShMap::Luminance, &mut after, degree);
+                let worst = before.iter().zip(&after).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+                assert!(worst < 2e-6 && moved < 1e-5, "degree {degree}: {worst} {moved}");
+            }
+        }
+    }
+
+    #[test]
+    fn colours_without_view_dependence_keep_their_hue_by_luminance_and_not_by_channels() {
+        let power = [Map::Power { exponent: 1.2, pivot: Some(0.3) }];
+        let (mut luminance, mut channels) = (harmonics(3, 0.2, 0.0), harmonics(3, 0.2, 0.0));
+        assert!(mapped(&power, ShMap::Luminance, &mut luminance, 3) < 1e-5);
+        assert!(mapped(&power, ShMap::Channels, &mut channels, 3) > 0.05);
+        // R : G : B = 1 : 2 : 3, sum 1.2.
+        let expected = 0.3 * (1.2f32 / 0.3).powf(1.2) / 6.0;
+        assert!((SH_OFFSET + sh::C0 * luminance[0] - expected).abs() < 1e-5);
+        // Each channel as grey of its own: 3 c.
+        let expected = 0.3 * (0.6f32 / 0.3).powf(1.2) / 3.0;
+        assert!((SH_OFFSET + sh::C0 * channels[0] - expected).abs() < 1e-5);
+    }
+
+    #[test]
+    fn small_view_dependence_follows_the_map() {
+        let power = [Map::Power { exponent: 0.7, pivot: Some(1.0) }];
+        let before = harmonics(2, 0.5, 0.02);
+        let mut after = before.clone();
+        mapped(&power, ShMap::Luminance, &mut after, 2);
+        let (refit, chain) = (Refit::new(2), MapChain::new(&power, 1.0));
+        for y in &refit.values {
+            let (a, b) = (refit.radiance(&after, y), refit.radiance(&before, y));
+            let factor = chain.factor(luminance_sum(b), 1.0).unwrap();
+            for c in 0..3 {
+                assert!((a[c] - factor * b[c]).abs() < 1e-3 * b[c], "{a:?} {b:?} {factor}");
+            }
+        }
+    }
+}

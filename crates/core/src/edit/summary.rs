@@ -1,0 +1,62 @@
+//! What a scene's splats shine with, and what a selection of them amounts to.
+
+use super::select::percentile;
+use crate::{Scene, luminance_sum};
+
+impl Scene {
+    /// Luminance (R + G + B) of splat `i` by its degree-0 term, in the units of the data set.
+    pub fn luminance(&self, i: usize) -> f32 {
+        self.splats.base_luminance(i) * self.radiance_scale
+    }
+
+    /// Median of [`Self::luminance`] over the splats that are not black; 1 where all are.
+    pub fn median_luminance(&self) -> f32 {
+        let values = (0..self.splats.len()).map(|i| self.luminance(i)).filter(|l| *l > 0.0).collect();
+        percentile(values, 50.0).unwrap_or(1.0)
+    }
+
+    /// A measure of the light that splat `i` sends: luminance, times opacity, times the product of its two larger standard deviations.
+    /// Occlusion is not known here.
+    pub fn light(&self, i: usize) -> f64 {
+        let splats = &self.splats;
+        let log_scale = splats.log_scale[i].map(f64::from);
+        let smallest = log_scale.into_iter().fold(f64::INFINITY, f64::min);
+        // Within what neither vanishes nor overflows in sums.
+        let area = (log_scale.iter().sum::<f64>() - smallest).clamp(-200.0, 200.0).exp();
+        f64::from(luminance_sum(splats.base_radiance(i)) * self.radiance_scale) * f64::from(crate::sigmoid(splats.opacity_logit[i])) * area
+    }
+}
+
+/// What a selection amounts to.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SelectionSummary {
+    /// Splats with a weight above 0.
+    pub count: usize,
+    /// Of these, those with a weight below 1.
+    pub partial: usize,
+    /// Part of the scene's light ([`Scene::light`]) that is theirs, by weight; 0 to 1.
+    pub light_share: f64,
+    /// Corners of the box around their centres, world; `None` if none is selected.
+    pub bounds: Option<[[f32; 3]; 2]>,
+}
+
+impl SelectionSummary {
+    /// Of `weights [N]`, in `scene`.
+    pub fn of(scene: &Scene, weights: &[f32]) -> Self {
+        let mut summary = Self { count: 0, partial: 0, light_share: 0.0, bounds: None };
+        let (mut selected, mut total) = (0.0, 0.0);
+        for (i, (position, weight)) in scene.splats.position.iter().zip(weights).enumerate() {
+            let light = scene.light(i);
+            total += light;
+            if *weight > 0.0 {
+                selected += light * f64::from(*weight);
+                summary.count += 1;
+                summary.partial += usize::from(*weight < 1.0);
+                let [min, max] = summary.bounds.unwrap_or([*position; 2]);
+                summary.bounds = Some([[0, 1, 2].map(|c| min[c].min(position[c])), [0, 1, 2].map(|c| max[c].max(position[c]))]);
+            }
+        }
+        summary.light_share = if total > 0.0 { selected / total } else { 0.0 };
+        summary
+    }
+}

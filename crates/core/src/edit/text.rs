@@ -1,0 +1,400 @@
+//! The text form of edits: what `luxel render --edit` takes, and what is recorded in an edited scene.
+//!
+//! ```text
+//! edits     = statement (';' statement)*
+//! statement = 'where' selection | 'gain' X | 'stops' X | 'power' X | 'pivot' X | 'curve' X:Y,X:Y,...
+//!           | 'clamp-max' X | 'compress-above' X[:RATIO] | 'lift-below' X[:AMOUNT]
+//! selection = every ('or' every)*
+//! every     = unary ('and' unary)*
+//! unary     = 'not' unary | '(' selection ')' | test ['~' WIDTH]
+//! test      = 'all' | quantity ('<' | '<=' | '>' | '>=') level | quantity 'in' level '..' level
+//!           | 'box' '(' x0,y0,z0,x1,y1,z1 ')' | 'sphere' '(' x,y,z,RADIUS ')' | 'mask' '(' FILE, VIEW ')'
+//! quantity  = 'L' | 'luminance' | 'hue' | 'saturation'
+//! level     = X | 'p' PERCENT
+//! ```
+//! FILE and VIEW are bare, or in single or double quotes. A `where` holds for the maps after it, up to the next; `pivot` is that of the
+//! power before it. What `Display` writes reads back as the same edits. Degenerate: empty text is no edits; nothing makes the
+//! reader panic, and errors name the column, counted from 1.
+
+use std::str::FromStr;
+
+use super::map::{DEFAULT_AMOUNT, DEFAULT_RATIO};
+use super::{Comparison, Curve, Edit, Level, Map, MaskName, Quantity, Selection};
+
+/// Deepest nesting of parentheses and `not`.
+const MAX_DEPTH: usize = 64;
+
+/// What is wrong with a text, and where.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("column {column}: {message}")]
+pub struct EditTextError {
+    /// Character, counted from 1.
+    pub column: usize,
+    /// Expected and found.
+    pub message: String,
+}
+
+/// One part of the text form.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Statement {
+    /// Begins an edit.
+    Where(Selection),
+    /// Adds a map to it.
+    Map(Map),
+    /// Sets the pivot of the power before.
+    Pivot(f32),
+}
+
+impl Statement {
+    /// Names of the statements that are maps.
+    pub const MAPS: [&'static str; 7] = ["gain", "stops", "power", "curve", "clamp-max", "compress-above", "lift-below"];
+
+    /// The statement `name` with the value `text`.
+    ///
+    /// # Errors
+    /// [`EditTextError`], its column counted in `text`.
+    pub fn parse(name: &str, text: &str) -> Result<Self, EditTextError> {
+        let mut cursor = Cursor { text, at: 0 };
+        let statement = cursor.value_of(name)?;
+        cursor.end()?;
+        Ok(statement)
+    }
+}
+
+impl Edit {
+    /// Reads the text form.
+    ///
+    /// # Errors
+    /// [`EditTextError`].
+    pub fn parse_all(text: &str) -> Result<Vec<Self>, EditTextError> {
+        let mut cursor = Cursor { text, at: 0 };
+        let mut statements = Vec::new();
+        loop {
+            cursor.space();
+            if !cursor.eat(";") {
+                if cursor.rest().is_empty() {
+                    return Self::sequence(statements.iter().map(|(_, statement): &(usize, _)| statement)).map_err(|(i, message)| {
+                        let column = statements.get(i).map_or(1, |(column, _)| *column);
+                        EditTextError { column, message }
+                    });
+                }
+                let column = cursor.column();
+                let start = cursor.at;
+                let Some(name) = cursor.word() else { return Err(cursor.expected(&statement_names())) };
+                if !is_statement(name) {
+                    cursor.at = start;
+                    return Err(cursor.expected(&statement_names()));
+                }
+                statements.push((column, cursor.value_of(name)?));
+                if !cursor.rest().is_empty() && !cursor.rest().starts_with(';') {
+                    return Err(cursor.expected("\";\" or the end"));
+                }
+            }
+        }
+    }
+
+    /// Puts statements together. The error is the index of a statement that stands where it can't, and why.
+    ///
+    /// # Errors
+    /// A pivot without a power before it.
+    pub fn sequence<'s>(statements: impl IntoIterator<Item = &'s Statement>) -> Result<Vec<Self>, (usize, String)> {
+        let mut edits: Vec<Self> = Vec::new();
+        for (i, statement) in statements.into_iter().enumerate() {
+            match (statement, edits.last_mut()) {
+                (Statement::Where(selection), _) => edits.push(Self { selection: selection.clone(), maps: Vec::new() }),
+                (Statement::Map(map), Some(edit)) => edit.maps.push(map.clone()),
+                (Statement::Map(map), None) => edits.push(Self { selection: Selection::All, maps: vec![map.clone()] }),
+                (Statement::Pivot(value), edit) => match edit.and_then(|edit| edit.maps.last_mut()) {
+                    Some(Map::Power { pivot: pivot @ None, .. }) => *pivot = Some(*value),
+                    _ => return Err((i, "a pivot belongs to a power; put it right behind one".to_owned())),
+                },
+            }
+        }
+        Ok(edits)
+    }
+}
+
+impl FromStr for Selection {
+    type Err = EditTextError;
+
+    fn from_str(text: &str) -> Result<Self, EditTextError> {
+        let mut cursor = Cursor { text, at: 0 };
+        let selection = cursor.selection(0)?;
+        cursor.end()?;
+        Ok(selection)
+    }
+}
+
+fn is_statement(name: &str) -> bool {
+    ["where", "pivot"].contains(&name) || Statement::MAPS.contains(&name)
+}
+
+fn statement_names() -> String {
+    format!("one of where, pivot, {}", Statement::MAPS.join(", "))
+}
+
+/// A place in a text.
+struct Cursor<'t> {
+    text: &'t str,
+    /// Byte.
+    at: usize,
+}
+
+impl<'t> Cursor<'t> {
+    fn rest(&self) -> &'t str {
+        self.text.get(self.at..).unwrap_or_default()
+    }
+
+    fn column(&self) -> usize {
+        self.text.get(..self.at).unwrap_or_default().chars().count() + 1
+    }
+
+    fn space(&mut self) {
+        self.at = self.text.len() - self.rest().trim_start().len();
+    }
+
+    /// Passes `symbol` and the space behind it.
+    fn eat(&mut self, symbol: &str) -> bool {
+        let found = self.rest().starts_with(symbol);
+        if found {
+            self.at += symbol.len();
+            self.space();
+        }
+        found
+    }
+
+    fn need(&mut self, symbol: &str) -> Result<(), EditTextError> {
+        if self.eat(symbol) { Ok(()) } else { Err(self.expected(&format!("\"{symbol}\""))) }
+    }
+
+    fn end(&self) -> Result<(), EditTextError> {
+        if self.rest().is_empty() { Ok(()) } else { Err(self.expected("the end")) }
+    }
+
+    fn error(&self, message: impl Into<String>) -> EditTextError {
+        EditTextError { column: self.column(), message: message.into() }
+    }
+
+    fn expected(&self, what: &str) -> EditTextError {
+        /// Characters shown of what was found.
+        const SHOWN: usize = 16;
+        let found: String = self.rest().chars().take(SHOWN).collect();
+        self.error(if found.is_empty() { format!("expected {what}, found the end") } else { format!("expected {what}, found {found:?}") })
+    }
+
+    fn peek_word(&self) -> Option<&'t str> {
+        let rest = self.rest();
+        let starts = rest.starts_with(|c: char| c.is_ascii_alphabetic());
+        let end = rest.find(|c: char| !(c.is_ascii_alphanumeric() || c == '-' || c == '_')).unwrap_or(rest.len());
+        rest.get(..end).filter(|_| starts)
+    }
+
+    fn word(&mut self) -> Option<&'t str> {
+        let word = self.peek_word()?;
+        self.at += word.len();
+        self.space();
+        Some(word)
+    }
+
+    fn eat_word(&mut self, wanted: &str) -> bool {
+        self.peek_word() == Some(wanted) && self.word().is_some()
+    }
+
+    fn number(&mut self, what: &str) -> Result<f32, EditTextError> {
+        let bytes = self.rest().as_bytes();
+        let digits = |mut at: usize| {
+            while bytes.get(at).is_some_and(u8::is_ascii_digit) {
+                at += 1;
+            }
+            at
+        };
+        let mut end = digits(usize::from(matches!(bytes.first(), Some(b'+' | b'-'))));
+        // The first point of ".." is not a decimal one.
+        if bytes.get(end) == Some(&b'.') && bytes.get(end + 1) != Some(&b'.') {
+            end = digits(end + 1);
+        }
+        if matches!(bytes.get(end), Some(b'e' | b'E')) {
+            let sign = end + 1 + usize::from(matches!(bytes.get(end + 1), Some(b'+' | b'-')));
+            if digits(sign) > sign {
+                end = digits(sign);
+            }
+        }
+        let value = self.rest().get(..end).and_then(|number| number.parse().ok()).filter(|value: &f32| value.is_finite());
+        let value = value.ok_or_else(|| self.expected(what))?;
+        self.at += end;
+        self.space();
+        Ok(value)
+    }
+
+    /// `count` numbers with commas between them.
+    fn numbers<const COUNT: usize>(&mut self, names: [&str; COUNT]) -> Result<[f32; COUNT], EditTextError> {
+        let mut values = [0.0; COUNT];
+        for (i, (value, name)) in values.iter_mut().zip(names).enumerate() {
+            if i > 0 {
+                self.need(",")?;
+            }
+            *value = self.number(&format!("a number ({name})"))?;
+        }
+        Ok(values)
+    }
+
+    /// A quoted text, or a bare one up to `stop`.
+    fn name(&mut self, stop: char, what: &str) -> Result<String, EditTextError> {
+        let rest = self.rest();
+        let quote = rest.chars().next().filter(|c| ['"', '\''].contains(c));
+        let (inner, skip) = match quote {
+            Some(quote) => (rest.get(1..).and_then(|inner| inner.split_once(quote)).map(|(name, _)| name), 2),
+            None => (rest.split_once(stop).map(|(name, _)| name.trim_end()), 0),
+        };
+        // What is kept can be quoted again.
+        let usable = |name: &&str| !name.is_empty() && !name.contains(char::is_control) && !(name.contains('"') && name.contains('\''));
+        let usable = inner.filter(usable);
+        let name = usable.ok_or_else(|| self.expected(what))?;
+        self.at += name.len() + skip;
+        self.space();
+        Ok(name.to_owned())
+    }
+
+    fn value_of(&mut self, name: &str) -> Result<Statement, EditTextError> {
+        self.space();
+        let (start, number) = (self.column(), "a number");
+        let optional = |cursor: &mut Self, default| if cursor.eat(":") { cursor.number(number) } else { Ok(default) };
+        let map = match name {
+            "where" => return self.selection(0).map(Statement::Where),
+            "pivot" => {
+                let value = self.number(number)?;
+                let checked = Map::Power { exponent: 1.0, pivot: Some(value) }.check();
+                return checked.map(|()| Statement::Pivot(value)).map_err(|e| EditTextError { column: start, message: e.to_string() });
+            }
+            "gain" => Map::Gain(self.number(number)?),
+            "stops" => Map::Gain(self.number(number)?.exp2()),
+            "power" => Map::Power { exponent: self.number(number)?, pivot: None },
+            "curve" => Map::Curve(self.curve()?),
+            "clamp-max" => Map::ClampMax(self.number(number)?),
+            "compress-above" => Map::CompressAbove { threshold: self.number(number)?, ratio: optional(self, DEFAULT_RATIO)? },
+            "lift-below" => Map::LiftBelow { threshold: self.number(number)?, amount: optional(self, DEFAULT_AMOUNT)? },
+            _ => return Err(self.error(format!("there is no edit \"{name}\", expected {}", statement_names()))),
+        };
+        map.check().map_err(|e| EditTextError { column: start, message: e.to_string() })?;
+        Ok(Statement::Map(map))
+    }
+
+    fn curve(&mut self) -> Result<Curve, EditTextError> {
+        let column = self.column();
+        let mut points = Vec::new();
+        loop {
+            let x = self.number("a point x:y")?;
+            self.need(":")?;
+            points.push([x, self.number("a number")?]);
+            if !self.eat(",") {
+                return Curve::new(points).map_err(|e| EditTextError { column, message: e.to_string() });
+            }
+        }
+    }
+
+    fn selection(&mut self, depth: usize) -> Result<Selection, EditTextError> {
+        self.list("or", |cursor| cursor.list("and", |cursor| cursor.unary(depth), Selection::And), Selection::Or)
+    }
+
+    /// One, or several with `word` between them.
+    fn list(
+        &mut self,
+        word: &str,
+        mut item: impl FnMut(&mut Self) -> Result<Selection, EditTextError>,
+        join: fn(Vec<Selection>) -> Selection,
+    ) -> Result<Selection, EditTextError> {
+        self.space();
+        let first = item(self)?;
+        if self.peek_word() != Some(word) {
+            return Ok(first);
+        }
+        let mut items = vec![first];
+        while self.eat_word(word) {
+            items.push(item(self)?);
+        }
+        Ok(join(items))
+    }
+
+    fn unary(&mut self, depth: usize) -> Result<Selection, EditTextError> {
+        if depth > MAX_DEPTH {
+            return Err(self.error(format!("nested deeper than {MAX_DEPTH} levels")));
+        }
+        if self.eat_word("not") {
+            return Ok(Selection::Not(Box::new(self.unary(depth + 1)?)));
+        }
+        if self.eat("(") {
+            let inner = self.selection(depth + 1)?;
+            self.need(")")?;
+            return Ok(inner);
+        }
+        let column = self.column();
+        let test = self.test()?;
+        test.check().map_err(|e| EditTextError { column, message: e.to_string() })?;
+        Ok(test)
+    }
+
+    fn test(&mut self) -> Result<Selection, EditTextError> {
+        let start = self.at;
+        match self.word() {
+            Some("all") => Ok(Selection::All),
+            Some("L" | "l" | "luminance") => self.comparison(Quantity::Luminance),
+            Some("hue") => self.comparison(Quantity::Hue),
+            Some("saturation") => self.comparison(Quantity::Saturation),
+            Some("box") => {
+                self.need("(")?;
+                let [x0, y0, z0, x1, y1, z1] = self.numbers(["x0", "y0", "z0", "x1", "y1", "z1"])?;
+                self.need(")")?;
+                Ok(Selection::Cuboid { min: [x0, y0, z0], max: [x1, y1, z1], feather: self.feather()? })
+            }
+            Some("sphere") => {
+                self.need("(")?;
+                let [x, y, z, radius] = self.numbers(["x", "y", "z", "radius"])?;
+                self.need(")")?;
+                Ok(Selection::Sphere { center: [x, y, z], radius, feather: self.feather()? })
+            }
+            Some("mask") => {
+                self.need("(")?;
+                let file = self.name(',', "an image file and a comma")?;
+                self.need(",")?;
+                let view = self.name(')', "the name of a view and \")\"")?;
+                self.need(")")?;
+                Ok(Selection::Mask { name: MaskName { file, view }, feather: self.feather()? })
+            }
+            _ => {
+                self.at = start;
+                Err(self.expected("a test: L, hue or saturation compared, box(...), sphere(...), mask(...), all, not or \"(\""))
+            }
+        }
+    }
+
+    fn comparison(&mut self, quantity: Quantity) -> Result<Selection, EditTextError> {
+        if self.eat_word("in") {
+            let low = self.level()?;
+            self.need("..")?;
+            let high = self.level()?;
+            return Ok(Selection::Within { quantity, low, high, feather: self.feather()? });
+        }
+        let comparisons =
+            [("<=", Comparison::AtMost), (">=", Comparison::AtLeast), ("<", Comparison::Below), (">", Comparison::Above)];
+        let found = comparisons.into_iter().find(|(symbol, _)| self.eat(symbol));
+        let (_, comparison) = found.ok_or_else(|| self.expected("<, <=, >, >= or in"))?;
+        Ok(Selection::Compare { quantity, comparison, level: self.level()?, feather: self.feather()? })
+    }
+
+    fn level(&mut self) -> Result<Level, EditTextError> {
+        const EXPECTED: &str = "a number, or a percentile such as p20";
+        if self.rest().starts_with('p') {
+            let start = self.at;
+            self.at += 1;
+            return self.number(EXPECTED).map(Level::Percentile).map_err(|_| {
+                self.at = start;
+                self.expected(EXPECTED)
+            });
+        }
+        self.number(EXPECTED).map(Level::Absolute)
+    }
+
+    fn feather(&mut self) -> Result<f32, EditTextError> {
+        if self.eat("~") { self.number("the width of the soft edge") } else { Ok(0.0) }
+    }
+}
