@@ -1,5 +1,7 @@
 //! The command line as text: what may be said. What it comes to is [`crate::config`]'s and each command's business.
 
+mod edit;
+
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
@@ -7,6 +9,8 @@ use luxel_core::metrics::FieldOptions;
 use luxel_train::{CutoffPreset, Method, TrainConfig, parse_rgb};
 use serde::{Deserialize, Serialize};
 
+use self::edit::parse_edits;
+pub(crate) use self::edit::{EditArgs, EditText, ShMapArg};
 use crate::console::LogFormat;
 use crate::values::{
     ColorSpaceArg, DeviceArg, ExrTypeArg, FormatArg, Frames, InstructionSetArg, MetricsArg, OrderArg, Shard, SplitArg, TonemapArg,
@@ -35,6 +39,8 @@ pub(crate) enum Command {
     Compare(CompareArgs),
     /// Render a scene to OpenEXR images in the units of the data set.
     Render(RenderArgs),
+    /// Change the light of a scene: maps on the luminance of all or selected splats, colours kept.
+    Edit(Box<EditArgs>),
     /// Describe a scene, run, checkpoint, data set or image.
     Info(InfoArgs),
     /// Measure rendering and training steps on a scene, pass by pass.
@@ -258,6 +264,13 @@ pub(crate) struct RenderArgs {
     /// Radiance behind everything, in the units of the data set: red,green,blue or one number for grey [default for a run: the one it was trained with; else black].
     #[arg(long, value_name = "R,G,B", value_parser = parse_rgb, help_heading = "Images")]
     pub(crate) background: Option<[f32; 3]>,
+    /// Edit the scene's light first, as luxel edit does, without writing it: "where L < 0.05; gain 4; where all; power 0.8; pivot 0.5".
+    /// Statements are the options of luxel edit, without dashes.
+    #[arg(long, value_name = "EDITS", value_parser = parse_edits, help_heading = "Edits")]
+    pub(crate) edit: Option<EditText>,
+    /// What maps are applied to in scenes of spherical harmonics, which are then fitted again.
+    #[arg(long, value_enum, default_value_t, value_name = "WHAT", requires = "edit", help_heading = "Edits")]
+    pub(crate) sh_map: ShMapArg,
     /// Where the work is done.
     #[command(flatten)]
     pub(crate) device: DeviceArgs,

@@ -7,6 +7,7 @@ mod commands;
 mod config;
 mod console;
 mod data;
+mod editing;
 mod engine;
 mod evaluation;
 mod facts;
@@ -19,6 +20,7 @@ mod reporting;
 mod run_folder;
 mod run_log;
 mod run_state;
+mod scene_source;
 mod session;
 mod text;
 mod values;
@@ -57,6 +59,7 @@ fn dispatch(command: Command, said: &[String]) -> Result<Outcome> {
         Command::Eval(args) => commands::eval::run(&args).map(|()| Outcome::Finished),
         Command::Compare(args) => commands::compare::run(&args).map(|()| Outcome::Finished),
         Command::Render(args) => commands::render::run(&args, said).map(|()| Outcome::Finished),
+        Command::Edit(args) => commands::edit::run(&args, said).map(|()| Outcome::Finished),
         Command::Info(args) => commands::info::run(&args).map(|()| Outcome::Finished),
         Command::Bench(args) => commands::bench::run(&args).map(|()| Outcome::Finished),
     }

@@ -6,14 +6,13 @@ use anyhow::{Context, Result, bail};
 use luxel_core::{Camera, Dataset, Image, RenderOptions, Scene};
 use luxel_io::{ExrOptions, ExrSample};
 
-use crate::cli::{LoadArgs, RenderArgs};
-use crate::config::RunConfig;
+use crate::cli::{EditText, RenderArgs};
 use crate::console::Console;
 use crate::evaluation::unique_stems;
 use crate::preview::{self, Look};
-use crate::run_folder::RunFolder;
+use crate::scene_source::{DataRequest, SceneSource};
 use crate::values::{ExrTypeArg, SplitArg};
-use crate::{data, engine, run_state, text};
+use crate::{editing, engine, text};
 
 /// A camera and the name of its image.
 struct Shot {
@@ -31,8 +30,9 @@ struct Job {
 /// Renders what is not there yet; `said` are the ids of the options on the command line.
 pub(crate) fn run(args: &RenderArgs, said: &[String]) -> Result<()> {
     let console = Console::new(args.console.log_format, args.console.quiet);
-    let (scene, run) = read_scene(args, &console)?;
-    let shots = shots(args, said, run.as_ref(), &console)?;
+    let mut source = SceneSource::open(&args.scene, &console)?;
+    let request = DataRequest { data: args.data.as_deref(), load: &args.load, said };
+    let shots = shots(args, request, &source, &console)?;
     let jobs = jobs(args, shots)?;
     let total = jobs.len();
     let missing = |job: &Job| !job.exr.is_file() || job.png.as_ref().is_some_and(|png| !png.is_file());
@@ -41,17 +41,18 @@ pub(crate) fn run(args: &RenderArgs, said: &[String]) -> Result<()> {
         console.note(&format!("{} exist already and are left as they are", text::plural(total - jobs.len(), "image")));
     }
     let (mut engine, _) = engine::engine(&args.device)?;
+    if let Some(EditText(edits)) = &args.edit {
+        let shares = editing::mask_shares(edits, &source, request, engine.as_mut(), &console)?;
+        editing::apply(edits, &mut source.scene, &shares, args.sh_map.into(), &console)?;
+    }
+    let background = source.background(args.background);
+    let scene = &source.scene;
     engine.load(&scene.splats, None).context("cannot load the scene")?;
-    let background = match (args.background, &run) {
-        (Some(rgb), _) => rgb.map(|v| v / scene.radiance_scale),
-        (None, Some((_, config))) => config.background(scene.radiance_scale),
-        (None, None) => [0.0; 3],
-    };
     let options = RenderOptions { raster: scene.raster, background, ..RenderOptions::default() };
     let mut too_bright = 0usize;
     for job in &jobs {
         let image = engine.render(&job.camera, &options).with_context(|| format!("cannot render {}", job.exr.display()))?;
-        too_bright += usize::from(write(args, &scene, job, image)?);
+        too_bright += usize::from(write(args, scene, job, image)?);
     }
     if too_bright > 0 {
         console.warn(&format!(
@@ -63,28 +64,9 @@ pub(crate) fn run(args: &RenderArgs, said: &[String]) -> Result<()> {
     Ok(())
 }
 
-/// The scene, and the run it comes from.
-fn read_scene(args: &RenderArgs, console: &Console) -> Result<(Scene, Option<(RunFolder, RunConfig)>)> {
-    let path = &args.scene;
-    if path.is_dir() {
-        let (folder, config) = RunFolder::open(path)?;
-        let (iteration, scene) = run_state::newest_scene(&folder, console)?;
-        console.note(&format!("scene of step {iteration}: {}", text::plural(scene.splats.len(), "splat")));
-        return Ok((scene, Some((folder, config))));
-    }
-    Ok((run_state::read_scene(path)?, None))
-}
-
 /// All cameras that the options name, in order, before `--frames` and `--shard`.
-fn shots(args: &RenderArgs, said: &[String], run: Option<&(RunFolder, RunConfig)>, console: &Console) -> Result<Vec<Shot>> {
-    let dataset = || match (&args.data, run) {
-        (Some(path), _) => Ok(Some(data::load(path, &args.load, console)?)),
-        (None, Some((folder, config))) => {
-            let load = load_args(&args.load, said, &config.load);
-            Ok(Some(data::load(&config.dataset_path(folder.root()), &load, console)?))
-        }
-        (None, None) => anyhow::Ok(None),
-    };
+fn shots(args: &RenderArgs, request: DataRequest<'_>, source: &SceneSource, console: &Console) -> Result<Vec<Shot>> {
+    let dataset = || source.dataset(request, console);
     if let Some(file) = &args.cameras {
         return camera_file(file, args.data.is_some(), dataset);
     }
@@ -115,16 +97,6 @@ fn camera_file(file: &Path, asked: bool, dataset: impl FnOnce() -> Result<Option
         }
     };
     Ok(cameras.into_iter().map(|named| Shot { name: named.name, camera: named.camera }).collect())
-}
-
-/// How a run's own data set is read: as the run did, but for what is said now.
-fn load_args(now: &LoadArgs, said: &[String], run: &LoadArgs) -> LoadArgs {
-    LoadArgs {
-        format: now.format.or(run.format),
-        transfer: now.transfer.or(run.transfer),
-        color_space: now.color_space.or(run.color_space),
-        downscale: if said.iter().any(|id| id == "downscale") { now.downscale } else { run.downscale },
-    }
 }
 
 fn views(dataset: &Dataset, split: SplitArg) -> Vec<Shot> {

@@ -142,8 +142,8 @@ impl<'m> MapChain<'m> {
 }
 
 /// A monotone cubic through points, on logarithmic axes: luminance is a ratio scale, and three decades of shadow are as long as three of
-/// highlight. Fritsch and Butland 1984 (tangents that never overshoot). Beyond the first and last point the gain is theirs, and the
-/// tangents there join it smoothly where monotony allows.
+/// highlight. Fritsch and Butland 1984 (tangents that never overshoot), at the ends those of the secants, so that two points are a power
+/// law. Beyond the first and last point the gain is theirs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Curve {
     points: Vec<[f32; 2]>,
@@ -169,15 +169,15 @@ impl Curve {
             return invalid(message);
         }
         let mut knots: Vec<[f64; 3]> = points.iter().map(|&[x, y]| [f64::from(x).log2(), f64::from(y).log2(), 0.0]).collect();
-        let steps: Vec<[f64; 2]> = knots.iter().zip(knots.iter().skip(1)).map(|(a, b)| [b[0] - a[0], (b[1] - a[1]) / (b[0] - a[0])]).collect();
+        let steps: Vec<[f64; 2]> =
+            knots.iter().zip(knots.iter().skip(1)).map(|(a, b)| [b[0] - a[0], (b[1] - a[1]) / (b[0] - a[0])]).collect();
         for (i, knot) in knots.iter_mut().enumerate() {
             knot[2] = match (i.checked_sub(1).and_then(|before| steps.get(before)), steps.get(i)) {
                 (Some(&[h0, d0]), Some(&[h1, d1])) if d0 > 0.0 && d1 > 0.0 => {
                     3.0 * (h0 + h1) / ((2.0 * h1 + h0) / d0 + (h1 + 2.0 * h0) / d1)
                 }
                 (Some(_), Some(_)) => 0.0,
-                // A tangent up to three times the secant keeps the piece monotone.
-                (Some(&[_, d]), None) | (None, Some(&[_, d])) => (3.0 * d).min(1.0),
+                (Some(&[_, d]), None) | (None, Some(&[_, d])) => d,
                 (None, None) => 1.0,
             };
         }

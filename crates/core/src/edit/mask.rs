@@ -32,11 +32,8 @@ mod tests {
 
     #[test]
     fn hidden_and_unseen_splats_have_no_share() {
-        let contributions = Contributions {
-            masked: vec![2.0, 1.0, 0.1, 0.0],
-            blended: vec![2.0, 4.0, 0.1, 0.0],
-            unoccluded: vec![2.5, 5.0, 10.0, 0.0],
-        };
+        let contributions =
+            Contributions { masked: vec![2.0, 1.0, 0.1, 0.0], blended: vec![2.0, 4.0, 0.1, 0.0], unoccluded: vec![2.5, 5.0, 10.0, 0.0] };
         assert_eq!(contributions.shares(), [1.0, 0.25, 0.0, 0.0]);
     }
 }

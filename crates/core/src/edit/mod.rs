@@ -7,8 +7,8 @@
 //!   [`Applied::hue_shift`] tells how far.
 //!
 //! A gain of all splats multiplies every pixel on black by itself, to rounding, under [`crate::Cutoffs::PARITY`]. Cut-offs that follow radiance
-//! ([`crate::Cutoffs::HDR`]) keep more of a brighter splat's skirt, so that it holds within what they skip: `min_contribution` for each
-//! splat over the pixel. Edits see splats, not pixels: what is said of an image edited pixel by pixel holds where splats of one
+//! ([`crate::Cutoffs::HDR`]) keep more of a brighter splat's skirt, so that it holds within what they skip: `min_contribution`, times the
+//! gain where it brightens, for each splat over the pixel. Edits see splats, not pixels: what is said of an image edited pixel by pixel holds where splats of one
 //! luminance make up a pixel.
 //!
 //! Degenerate: a black splat stays black. Luminances of `Lcd` models end at 1e-8 normalised units, so a gain of 0 leaves that much.

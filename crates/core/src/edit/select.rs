@@ -11,8 +11,8 @@ use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
 
 use super::EditError;
-use crate::tone::rec709_of;
 use crate::Scene;
+use crate::tone::rec709_of;
 
 /// A property of a splat that can be compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -177,18 +177,28 @@ fn selections() -> impl Strategy<Value = Selection> {
     let feather = prop_oneof![Just(0.0), 0.01f32..1.0];
     let leaf = prop_oneof![
         Just(Selection::All),
-        (quantity, comparison, level, feather.clone())
-            .prop_map(|(quantity, comparison, level, feather)| Selection::Compare { quantity, comparison, level, feather }),
+        (quantity, comparison, level, feather.clone()).prop_map(|(quantity, comparison, level, feather)| Selection::Compare {
+            quantity,
+            comparison,
+            level,
+            feather
+        }),
         (0f32..360.0, 0f32..360.0, feather.clone()).prop_map(|(low, high, feather)| Selection::Within {
             quantity: Quantity::Hue,
             low: Level::Absolute(low),
             high: Level::Absolute(high),
             feather,
         }),
-        (-1e3f32..0.0, 0f32..1e3, feather.clone())
-            .prop_map(|(low, high, feather)| Selection::Cuboid { min: [low; 3], max: [high; 3], feather }),
-        (-1e3f32..1e3, 1e-3f32..1e3, feather.clone())
-            .prop_map(|(c, radius, feather)| Selection::Sphere { center: [c; 3], radius, feather }),
+        (-1e3f32..0.0, 0f32..1e3, feather.clone()).prop_map(|(low, high, feather)| Selection::Cuboid {
+            min: [low; 3],
+            max: [high; 3],
+            feather
+        }),
+        (-1e3f32..1e3, 1e-3f32..1e3, feather.clone()).prop_map(|(c, radius, feather)| Selection::Sphere {
+            center: [c; 3],
+            radius,
+            feather
+        }),
         ("[ -~&&[^\"]]{1,12}", "[a-z/0-9é]{1,8}", feather)
             .prop_map(|(file, view, feather)| Selection::Mask { name: MaskName { file, view }, feather }),
     ];
@@ -206,7 +216,7 @@ fn only_selected_splats_change() {
     let mut models = exact_models();
     models.push(lcd(1, Activation::Softplus));
     for model in models {
-        for map in ["gain 3", "power 0.5", "clamp-max 0.9"] {
+        for map in ["gain 3", "power 0.5; pivot 3", "clamp-max 0.9"] {
             let before = scene(model, &[-5.0, 0.0, 5.0], 0.01);
             let mut after = before.clone();
             let applied = apply(&mut after, &format!("where L in 0.5..2; {map}")).unwrap();
@@ -265,7 +275,10 @@ fn selections_select() {
 fn soft_edges_lie_half_on_each_side_and_grey_has_no_hue() {
     let mut scene = scene(lcd(0, Activation::Softplus), &[-2.0, 0.0, 2.0, 4.0], 0.0);
     let weights = selected(&scene, "L < 1 ~6");
-    assert!(weights[0] > 0.5 && weights[0] < 1.0 && (weights[1] - 0.5).abs() < 1e-4 && weights[2] < 0.5 && weights[3] == 0.0, "{weights:?}");
+    assert!(
+        weights[0] > 0.5 && weights[0] < 1.0 && (weights[1] - 0.5).abs() < 1e-4 && weights[2] < 0.5 && weights[3] == 0.0,
+        "{weights:?}"
+    );
     let inverse = selected(&scene, "not L < 1 ~6");
     assert!(weights.iter().zip(&inverse).all(|(a, b)| (a + b - 1.0).abs() < 1e-6));
     assert_eq!(selected(&scene, "sphere(0,0,0,1) ~1"), [1.0, 0.5, 0.0, 0.0]);

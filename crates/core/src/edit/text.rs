@@ -247,7 +247,10 @@ impl<'t> Cursor<'t> {
             None => (rest.split_once(stop).map(|(name, _)| name.trim_end()), 0),
         };
         // What is kept can be quoted again.
-        let usable = |name: &&str| !name.is_empty() && !name.contains(char::is_control) && !(name.contains('"') && name.contains('\''));
+        let usable = |name: &&str| {
+            let is_quotable = !(name.contains('"') && name.contains('\''));
+            is_quotable && !name.is_empty() && !name.contains(char::is_control)
+        };
         let usable = inner.filter(usable);
         let name = usable.ok_or_else(|| self.expected(what))?;
         self.at += name.len() + skip;
@@ -374,8 +377,7 @@ impl<'t> Cursor<'t> {
             let high = self.level()?;
             return Ok(Selection::Within { quantity, low, high, feather: self.feather()? });
         }
-        let comparisons =
-            [("<=", Comparison::AtMost), (">=", Comparison::AtLeast), ("<", Comparison::Below), (">", Comparison::Above)];
+        let comparisons = [("<=", Comparison::AtMost), (">=", Comparison::AtLeast), ("<", Comparison::Below), (">", Comparison::Above)];
         let found = comparisons.into_iter().find(|(symbol, _)| self.eat(symbol));
         let (_, comparison) = found.ok_or_else(|| self.expected("<, <=, >, >= or in"))?;
         Ok(Selection::Compare { quantity, comparison, level: self.level()?, feather: self.feather()? })

@@ -5,7 +5,6 @@
 //! same thresholds; alphas are summed behind finished pixels, too. Tiles are summed each by itself and then in order: the result does not
 //! depend on threads.
 
-use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd};
 use luxel_core::edit::Contributions;
 use luxel_core::{Real, each};

@@ -1,0 +1,212 @@
+//! `luxel edit` as text, and edits of light as options.
+
+use std::path::PathBuf;
+
+use clap::error::ErrorKind;
+use clap::{Arg, ArgAction, ArgMatches, Args, Command, FromArgMatches, ValueEnum};
+use luxel_core::Edit;
+use luxel_core::edit::{ShMap, Statement};
+
+use super::{ConsoleArgs, DeviceArgs, LoadArgs};
+
+/// `luxel edit`.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct EditArgs {
+    /// Folder of a run (its newest scene), or a scene .ply; plain 3DGS files too.
+    #[arg(value_name = "RUN|SCENE.ply")]
+    pub(crate) scene: PathBuf,
+    /// Scene to write; with --against, folder for the comparison.
+    #[arg(long, short, value_name = "SCENE.ply|DIR", required_unless_present = "dry_run")]
+    pub(crate) output: Option<PathBuf>,
+    /// Replace the scene file that is there.
+    #[arg(long)]
+    pub(crate) overwrite: bool,
+    /// Maps and selections.
+    #[command(flatten)]
+    pub(crate) edits: EditOptions,
+    /// What maps are applied to in scenes of spherical harmonics, which are then fitted again.
+    #[arg(long, value_enum, default_value_t, value_name = "WHAT", help_heading = "Edits")]
+    pub(crate) sh_map: ShMapArg,
+    /// Write no scene: report what is selected (splats, share of the scene's light, box around them) and what maps would do.
+    #[arg(long, help_heading = "Report")]
+    pub(crate) dry_run: bool,
+    /// Picture of what is selected, laid over a render.
+    #[arg(long, value_name = "FILE.png", conflicts_with = "against", help_heading = "Report")]
+    pub(crate) overlay: Option<PathBuf>,
+    /// View of the data set for the overlay [default: the first mask's; else the first test view].
+    #[arg(long, value_name = "VIEW", requires = "overlay", help_heading = "Report")]
+    pub(crate) view: Option<String>,
+    /// Compare instead: apply the maps to this scene, too, and measure how far each one's chromaticity is from the ideally edited renders
+    /// (the maps on each pixel's luminance, its chromaticity kept). Harmonics are mapped both ways of --sh-map.
+    #[arg(long, value_name = "RUN|SCENE.ply", conflicts_with_all = ["dry_run", "overwrite", "sh_map"], help_heading = "Report")]
+    pub(crate) against: Option<PathBuf>,
+    /// The report as one JSON object.
+    #[arg(long, help_heading = "Report")]
+    pub(crate) json: bool,
+    /// Data set that masks, overlays and comparisons take their views from [default for a run: the one it was trained on].
+    #[arg(long, value_name = "DATASET", help_heading = "Data set")]
+    pub(crate) data: Option<PathBuf>,
+    /// How the data set is read.
+    #[command(flatten)]
+    pub(crate) load: LoadArgs,
+    /// Where the work is done.
+    #[command(flatten)]
+    pub(crate) device: DeviceArgs,
+    /// How the command talks.
+    #[command(flatten)]
+    pub(crate) console: ConsoleArgs,
+}
+
+const EXAMPLES: &str = "\
+Luminance is R + G + B in the units of the data set, of a splat's colour at degree 0. Options act in the order given; a --where holds for the maps
+behind it, up to the next --where. Chromaticity, opacity and shape of the splats stay to the bit (not so in scenes of spherical harmonics, whose
+hues shift under anything but a gain: a warning tells how far).
+
+Selections:
+  L < 0.05   L >= p90   L in 0.1..2       luminance, or a percentile of the splats
+  hue in 340..20   saturation > 0.5       HSV of linear Rec.709; hues in degrees, upwards
+  box(x0,y0,z0,x1,y1,z1)   sphere(x,y,z,radius)      the splat's centre, world
+  mask(painted.png, VIEW)                 splats that make up the white part of an image painted over a view
+  and, or, not, ( ), all;  TEST ~WIDTH    soft edge: stops, degrees, world units, saturation, share of the mask
+
+Examples:
+  luxel edit run --stops 1 -o brighter.ply
+  luxel edit run --where \"L < 0.05\" --gain 4 -o shadows.ply
+  luxel edit run --compress-above 10:3 --lift-below 0.02 -o graded.ply
+  luxel edit run --where \"mask(lamp.png, 004) and L > p95 ~2\" --stops -2 --dry-run --overlay lamp-selected.png
+  luxel edit run --power 0.8 --pivot 0.5 --where \"hue in 200..260 ~20\" --gain 0.5 -o evening.ply
+  luxel edit lcd-run --against sh3-run --power 1.2 -o comparison";
+
+/// Maps and selections, in the order of the command line.
+#[derive(Clone, Debug)]
+pub(crate) struct EditOptions(pub(crate) Vec<Edit>);
+
+/// Name, value and help of each statement.
+const STATEMENTS: [[&str; 3]; 9] = [
+    ["where", "SELECTION", "Splats that the maps behind it apply to [default: all]; see below"],
+    ["gain", "FACTOR", "Multiply luminance; 0 or more"],
+    ["stops", "N", "Multiply luminance by 2^N"],
+    ["power", "BETA", "L' = pivot (L / pivot)^BETA: below 1 less contrast, above 1 more"],
+    ["pivot", "L", "Luminance that the --power before it leaves alone [default: the scene's median]"],
+    [
+        "curve",
+        "X:Y,X:Y,...",
+        "Monotone cubic through points, luminance before : after, on logarithmic axes; beyond the ends their gain goes on",
+    ],
+    ["clamp-max", "L", "Nothing is brighter than this"],
+    ["compress-above", "L[:RATIO]", "Of RATIO stops above this luminance make one [default ratio: 4]"],
+    [
+        "lift-below",
+        "L[:AMOUNT]",
+        "Take away this part of the distance, in stops, of all that is below this luminance [default amount: 0.5]",
+    ],
+];
+
+impl Args for EditOptions {
+    fn augment_args(command: Command) -> Command {
+        command.args(STATEMENTS.map(|[name, value, help]| {
+            let parse = move |text: &str| Statement::parse(name, text).map_err(|e| e.to_string());
+            let arg = Arg::new(name).long(name).value_name(value).help(help).help_heading("Edits");
+            arg.action(ArgAction::Append).allow_negative_numbers(true).value_parser(parse)
+        }))
+    }
+
+    fn augment_args_for_update(command: Command) -> Command {
+        Self::augment_args(command)
+    }
+}
+
+impl FromArgMatches for EditOptions {
+    fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
+        let mut said: Vec<(usize, &Statement)> = Vec::new();
+        for [name, ..] in STATEMENTS {
+            if let (Some(values), Some(indices)) = (matches.get_many::<Statement>(name), matches.indices_of(name)) {
+                said.extend(indices.zip(values));
+            }
+        }
+        said.sort_by_key(|(index, _)| *index);
+        let edits = Edit::sequence(said.into_iter().map(|(_, statement)| statement));
+        edits.map(Self).map_err(|(_, message)| clap::Error::raw(ErrorKind::ArgumentConflict, format!("--pivot: {message}\n")))
+    }
+
+    fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {
+        *self = Self::from_arg_matches(matches)?;
+        Ok(())
+    }
+}
+
+/// `luxel render --edit`.
+#[derive(Clone, Debug)]
+pub(crate) struct EditText(pub(crate) Vec<Edit>);
+
+/// Edits in their text form.
+pub(crate) fn parse_edits(text: &str) -> Result<EditText, String> {
+    Edit::parse_all(text).map(EditText).map_err(|e| e.to_string())
+}
+
+/// `--sh-map`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ShMapArg {
+    /// The luminance of the colour in each direction: hues shift only by what harmonics can't say.
+    #[default]
+    Luminance,
+    /// Red, green and blue each by itself, as RGB values are usually mapped: hues shift by definition.
+    Channels,
+}
+
+impl From<ShMapArg> for ShMap {
+    fn from(arg: ShMapArg) -> Self {
+        match arg {
+            ShMapArg::Luminance => Self::Luminance,
+            ShMapArg::Channels => Self::Channels,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+    use crate::cli::Cli;
+
+    fn edits(args: &[&str]) -> Result<String, clap::Error> {
+        let cli = Cli::try_parse_from(["luxel", "edit", "scene.ply", "-o", "out.ply"].iter().chain(args))?;
+        let crate::cli::Command::Edit(args) = cli.command else { unreachable!("edit was said") };
+        Ok(args.edits.0.iter().map(ToString::to_string).collect::<Vec<_>>().join(" | "))
+    }
+
+    #[test]
+    fn options_act_in_the_order_of_the_command_line() {
+        let cases: [(&[&str], &str); 4] = [
+            (&["--gain", "2", "--clamp-max", "1", "--gain", "3"], "where all; gain 2; clamp-max 1; gain 3"),
+            (&["--clamp-max", "1", "--stops", "-1"], "where all; clamp-max 1; gain 0.5"),
+            (&["--power", "2", "--pivot", "0.5", "--power", "0.5"], "where all; power 2; pivot 0.5; power 0.5"),
+            (
+                &["--stops=1", "--where", "L<1", "--lift-below", "1", "--where", "L > 2", "--compress-above", "4:2", "--curve", "1:1,2:1"],
+                "where all; gain 2 | where L < 1; lift-below 1:0.5 | where L > 2; compress-above 4:2; curve 1:1,2:1",
+            ),
+        ];
+        for (args, expected) in cases {
+            assert_eq!(edits(args).unwrap(), expected);
+        }
+    }
+
+    #[test]
+    fn values_that_make_no_sense_are_usage_errors() {
+        for args in [&["--gain", "-1"][..], &["--where", "L <"], &["--pivot", "1"], &["--pivot", "1", "--power", "2"], &["--curve", "1:1"]]
+        {
+            let error = edits(args).unwrap_err();
+            assert_eq!(error.exit_code(), 2, "{args:?}: {error}");
+        }
+        assert!(edits(&["--where", "L < 1 and"]).unwrap_err().to_string().contains("column 10: expected a test"));
+    }
+
+    #[test]
+    fn every_statement_of_the_text_form_is_an_option() {
+        for name in Statement::MAPS {
+            assert!(STATEMENTS.iter().any(|[option, ..]| *option == name), "{name}");
+        }
+    }
+}

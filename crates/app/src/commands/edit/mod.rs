@@ -1,0 +1,116 @@
+//! `luxel edit`: a scene with other light, a report of what that would be, or a comparison of two scenes under the same edit.
+
+mod against;
+mod overlay;
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use luxel_core::Scene;
+use luxel_core::edit::{Applied, MaskName, MaskShares, SelectionSummary};
+
+use crate::cli::EditArgs;
+use crate::console::{self, Console};
+use crate::facts::Facts;
+use crate::scene_source::{DataRequest, SceneSource};
+use crate::{editing, engine, files, text};
+
+/// `said` are the ids of the options on the command line.
+pub(crate) fn run(args: &EditArgs, said: &[String]) -> Result<()> {
+    let console = Console::new(args.console.log_format, args.console.quiet);
+    let request = DataRequest { data: args.data.as_deref(), load: &args.load, said };
+    let edits = &args.edits.0;
+    if edits.is_empty() {
+        bail!("nothing to do: give a map such as --stops 1 or --power 0.8 (luxel edit --help lists them)");
+    }
+    let idle = edits.iter().find(|edit| edit.maps.is_empty());
+    if let (Some(edit), false) = (idle, args.dry_run) {
+        bail!("--where \"{}\" has no map behind it; add one, or --dry-run to see what it selects", edit.selection);
+    }
+    if let Some(other) = &args.against {
+        return against::run(args, other, request, &console);
+    }
+    let output = output(args)?;
+    let source = SceneSource::open(&args.scene, &console)?;
+    let mut scene = source.scene.clone();
+    let masks = masks(args, &source, request, &console)?;
+    let done = editing::apply(edits, &mut scene, &masks, args.sh_map.into(), &console)?;
+    if args.json || args.dry_run {
+        let report = report(&source.scene, &done);
+        if args.json { console::print(&format!("{:#}", report.json()))? } else { console::print(report.text().trim_end())? }
+    }
+    if let Some(path) = output {
+        luxel_io::write_scene_ply(&path, &scene).context("cannot write the scene")?;
+        console.note(&format!("{}: {}", path.display(), text::plural(scene.splats.len(), "splat")));
+    }
+    Ok(())
+}
+
+/// Where the scene goes; `None` for a dry run.
+fn output(args: &EditArgs) -> Result<Option<PathBuf>> {
+    let Some(path) = args.output.as_ref().filter(|_| !args.dry_run) else { return Ok(None) };
+    if path.is_dir() {
+        bail!("{}: is a folder, expected the scene file to write, such as {}", path.display(), path.join("edited.ply").display());
+    }
+    if path.exists() && !args.overwrite {
+        bail!("{}: exists already; give another name, or --overwrite", path.display());
+    }
+    Ok(Some(path.clone()))
+}
+
+/// Projects the masks and draws the overlay: all that needs a data set.
+fn masks(args: &EditArgs, source: &SceneSource, request: DataRequest<'_>, console: &Console) -> Result<MaskShares> {
+    let edits = &args.edits.0;
+    let names: Vec<&MaskName> = edits.iter().flat_map(|edit| edit.selection.masks()).collect();
+    let (mut engine, _) = engine::engine(&args.device)?;
+    let Some(picture) = &args.overlay else {
+        return editing::mask_shares(edits, source, request, engine.as_mut(), console);
+    };
+    let Some(dataset) = source.dataset(request, console)? else {
+        bail!("{}: a scene file has no views to lay a picture over; give --data DATASET", args.scene.display());
+    };
+    let masks = editing::project_masks(&names, &source.scene, &dataset, engine.as_mut())?;
+    let view = match args.view.as_deref().or(names.first().map(|name| name.view.as_str())) {
+        Some(name) => editing::view(&dataset, name)?,
+        None => dataset.test.first().or(dataset.train.first()).context("the data set has no views")?,
+    };
+    let weights = overlay::weights(edits, &source.scene, &masks, args.sh_map.into())?;
+    let background = source.background(None);
+    overlay::draw(picture, &source.scene, &weights, (engine.as_mut(), &view.camera, background))?;
+    console.note(&format!("{}: the selection over view {}", picture.display(), view.name));
+    Ok(masks)
+}
+
+/// What each edit selects and does, in the units of the data set.
+fn report(scene: &Scene, done: &[(Applied, SelectionSummary)]) -> Facts {
+    let mut facts = Facts::default();
+    facts.set("splats", scene.splats.len()).set("color_model", scene.splats.color_model.name());
+    facts.set_f32("median_luminance", scene.median_luminance());
+    for (i, (applied, summary)) in done.iter().enumerate() {
+        let mut group = Facts::default();
+        group.set("edit", applied.edit.to_string());
+        group.set("selected", summary.count).set("partly_selected", summary.partial);
+        group.set("share_of_light", summary.light_share);
+        if let Some([min, max]) = summary.bounds {
+            group.set_f32s("min", &min).set_f32s("max", &max);
+        }
+        if let Some(shift) = applied.hue_shift {
+            group.set("hue_shift", shift);
+        }
+        facts.group(&format!("edit_{}", i + 1), group);
+    }
+    facts
+}
+
+/// A folder for results, empty or not there yet.
+fn new_folder(path: &Path) -> Result<()> {
+    if path.is_dir() && std::fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_some()) || path.is_file() {
+        bail!("{}: exists already; give the name of a new folder", path.display());
+    }
+    Ok(())
+}
+
+/// Writes a report as JSON.
+fn write_report(path: &Path, facts: &Facts) -> Result<()> {
+    files::write_json(path, &facts.json())
+}

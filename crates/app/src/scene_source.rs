@@ -1,0 +1,75 @@
+//! A scene that is named on the command line: a run's newest, or a file; and the data set that goes with it.
+
+use std::path::Path;
+
+use anyhow::Result;
+use luxel_core::{Dataset, Scene};
+
+use crate::cli::LoadArgs;
+use crate::config::RunConfig;
+use crate::console::Console;
+use crate::run_folder::RunFolder;
+use crate::{data, run_state, text};
+
+/// A scene and the run it comes from.
+pub(crate) struct SceneSource {
+    /// The scene.
+    pub(crate) scene: Scene,
+    /// `None` for a file.
+    pub(crate) run: Option<(RunFolder, RunConfig)>,
+}
+
+/// How a data set is asked for.
+#[derive(Clone, Copy)]
+pub(crate) struct DataRequest<'a> {
+    /// `--data`.
+    pub(crate) data: Option<&'a Path>,
+    /// How it is read.
+    pub(crate) load: &'a LoadArgs,
+    /// Ids of the options on the command line.
+    pub(crate) said: &'a [String],
+}
+
+impl SceneSource {
+    /// Reads the scene at `path`.
+    pub(crate) fn open(path: &Path, console: &Console) -> Result<Self> {
+        if path.is_dir() {
+            let (folder, config) = RunFolder::open(path)?;
+            let (iteration, scene) = run_state::newest_scene(&folder, console)?;
+            console.note(&format!("scene of step {iteration}: {}", text::plural(scene.splats.len(), "splat")));
+            return Ok(Self { scene, run: Some((folder, config)) });
+        }
+        Ok(Self { scene: run_state::read_scene(path)?, run: None })
+    }
+
+    /// The data set asked for, or the run's own; `None` if there is neither.
+    pub(crate) fn dataset(&self, request: DataRequest<'_>, console: &Console) -> Result<Option<Dataset>> {
+        match (request.data, &self.run) {
+            (Some(path), _) => Ok(Some(data::load(path, request.load, console)?)),
+            (None, Some((folder, config))) => {
+                let load = load_args(request.load, request.said, &config.load);
+                Ok(Some(data::load(&config.dataset_path(folder.root()), &load, console)?))
+            }
+            (None, None) => Ok(None),
+        }
+    }
+
+    /// Radiance behind everything, normalised units: as asked (units of the data set), else as in training, else black.
+    pub(crate) fn background(&self, asked: Option<[f32; 3]>) -> [f32; 3] {
+        match (asked, &self.run) {
+            (Some(rgb), _) => rgb.map(|v| v / self.scene.radiance_scale),
+            (None, Some((_, config))) => config.background(self.scene.radiance_scale),
+            (None, None) => [0.0; 3],
+        }
+    }
+}
+
+/// How a run's own data set is read: as the run did, but for what is said now.
+fn load_args(now: &LoadArgs, said: &[String], run: &LoadArgs) -> LoadArgs {
+    LoadArgs {
+        format: now.format.or(run.format),
+        transfer: now.transfer.or(run.transfer),
+        color_space: now.color_space.or(run.color_space),
+        downscale: if said.iter().any(|id| id == "downscale") { now.downscale } else { run.downscale },
+    }
+}

@@ -1,0 +1,140 @@
+//! Edits of light from outside: scenes written, renders, masks, reports, comparisons.
+#![allow(clippy::unwrap_used)]
+
+mod common;
+
+use common::{SIDE, Workplace};
+use luxel_core::{Image, Scene, luminance_sum};
+
+const PLY: &str = "run/point_cloud/iteration_40/point_cloud.ply";
+
+fn trained(more: &[&str]) -> Workplace {
+    let place = Workplace::new();
+    place.train("run", more);
+    place
+}
+
+fn scene(place: &Workplace, name: &str) -> Scene {
+    luxel_io::read_scene_ply(&place.path(name)).unwrap()
+}
+
+fn image(place: &Workplace, name: &str) -> Image {
+    luxel_io::read_image(&place.path(name), &Default::default()).unwrap().image
+}
+
+#[test]
+fn an_edited_scene_is_written_with_its_record_and_nothing_else_changed() {
+    let place = trained(&[]);
+    place.ok(&["edit", "run", "--where", "L > p80", "--stops", "1", "--clamp-max", "30", "-o", "edited/scene.ply"]);
+    let (before, after) = (scene(&place, PLY), scene(&place, "edited/scene.ply"));
+    assert_eq!(after.edits, ["where L > p80; gain 2; clamp-max 30"]);
+    assert_eq!((after.radiance_scale, after.color_space, after.raster), (before.radiance_scale, before.color_space, before.raster));
+    assert_eq!((&after.splats.sh, &after.splats.position), (&before.splats.sh, &before.splats.position));
+    let changed = (0..before.splats.len()).filter(|i| after.luminance(*i) != before.luminance(*i)).count();
+    assert!(changed > 0 && changed * 4 < before.splats.len(), "{changed} of {}", before.splats.len());
+
+    // A second edit is added to the record; info tells both.
+    place.ok(&["edit", "edited/scene.ply", "--power", "0.9", "--pivot", "0.5", "-o", "twice.ply"]);
+    let told: serde_json::Value = serde_json::from_str(&place.ok(&["info", "twice.ply", "--json"])).unwrap();
+    assert_eq!(told["edits"], serde_json::json!(["where L > p80; gain 2; clamp-max 30", "where all; power 0.9; pivot 0.5"]));
+
+    place.error(&["edit", "run", "--gain", "2", "-o", "twice.ply"], &["twice.ply", "--overwrite"]);
+    place.ok(&["edit", "run", "--gain", "2", "-o", "twice.ply", "--overwrite"]);
+    assert_eq!(scene(&place, "twice.ply").edits, ["where all; gain 2"]);
+    place.error(&["edit", "run", "--gain", "2", "-o", "data"], &["expected the scene file"]);
+    place.error(&["edit", "run", "-o", "none.ply"], &["nothing to do"]);
+    place.error(&["edit", "run", "--where", "L > 1", "-o", "none.ply"], &["no map behind it"]);
+    place.error(&["edit", PLY, "--where", "mask(m.png, 000)", "--gain", "2", "-o", "none.ply"], &["--data"]);
+    for usage in [
+        &["edit", "run"][..],
+        &["edit", "run", "--gain", "x", "-o", "none.ply"],
+        &["edit", "run", "--where", "L <", "--gain", "2", "-o", "none.ply"],
+        &["edit", "run", "--pivot", "1", "-o", "none.ply"],
+    ] {
+        place.fails(2, usage);
+    }
+    assert!(!place.path("none.ply").exists());
+}
+
+#[test]
+fn render_edit_is_the_render_of_the_edited_scene() {
+    let place = trained(&[]);
+    place.ok(&["edit", "run", "--where", "L < 1 ~1", "--gain", "3", "--where", "all", "--power", "1.2", "--pivot", "0.4", "-o", "edited.ply"]);
+    place.ok(&["render", "edited.ply", "--data", "data", "--exr-type", "float", "-o", "written"]);
+    let edits = "where L < 1 ~1; gain 3; where all; power 1.2; pivot 0.4";
+    place.ok(&["render", "run", "--edit", edits, "--exr-type", "float", "-o", "unwritten"]);
+    assert_eq!(image(&place, "written/000.exr"), image(&place, "unwritten/000.exr"));
+    place.ok(&["render", "run", "--exr-type", "float", "-o", "before"]);
+    assert_ne!(image(&place, "written/000.exr"), image(&place, "before/000.exr"));
+    place.fails(2, &["render", "run", "--edit", "gain 2; sharpen 3", "-o", "x"]);
+    place.fails(2, &["render", "run", "--sh-map", "channels", "-o", "x"]);
+}
+
+#[test]
+fn a_painted_mask_changes_what_is_behind_the_paint() {
+    let place = trained(&[]);
+    // The left half of view 000, at twice its size.
+    let side = 2 * SIDE;
+    let paint: Vec<[u8; 3]> = (0..side * side).map(|i| if i % side < SIDE { [255; 3] } else { [0; 3] }).collect();
+    luxel_io::write_png(&place.path("left.png"), side, side, paint.as_flattened()).unwrap();
+    let args = ["edit", "run", "--where", "mask(left.png, 000)", "--stops", "3", "-o", "left.ply", "--overlay", "overlay.png", "--json"];
+    let told: serde_json::Value = serde_json::from_str(&place.ok(&args)).unwrap();
+    let (selected, splats) = (told["edit_1"]["selected"].as_u64().unwrap(), told["splats"].as_u64().unwrap());
+    assert!(selected > 0 && selected < splats, "{told:#}");
+    for (scene, folder) in [("run", "before"), ("left.ply", "after")] {
+        place.ok(&["render", scene, "--data", "data", "--exr-type", "float", "-o", folder]);
+    }
+    let (before, after) = (image(&place, "before/000.exr"), image(&place, "after/000.exr"));
+    let gain = |columns: std::ops::Range<usize>| {
+        let sum = |image: &Image| columns.clone().flat_map(|x| (0..SIDE).map(move |y| (x, y))).map(|(x, y)| luminance_sum(image.at(x, y))).sum::<f32>();
+        sum(&after) / sum(&before)
+    };
+    let (left, right) = (gain(0..SIDE / 2 - 3), gain(SIDE / 2 + 3..SIDE));
+    assert!(left > 4.0 && right < 2.0, "{left} {right}");
+    let overlay = image(&place, "overlay.png");
+    let red = |x: usize| (0..SIDE).map(|y| overlay.at(x, y)[0] - overlay.at(x, y)[2]).sum::<f32>();
+    assert!(red(2) > 4.0 * red(SIDE - 3).max(0.1), "{} {}", red(2), red(SIDE - 3));
+
+    luxel_io::write_png(&place.path("odd.png"), 5, 5, &[0; 75]).unwrap();
+    place.error(&["edit", "run", "--where", "mask(odd.png, 000)", "--gain", "2", "-o", "x.ply"], &["odd.png", "5 x 5", "24 x 24"]);
+    place.error(&["edit", "run", "--where", "mask(left.png, nine)", "--gain", "2", "-o", "x.ply"], &["view nine", "images/0"]);
+    place.error(&["edit", "run", "--where", "mask(none.png, 000)", "--gain", "2", "-o", "x.ply"], &["none.png"]);
+}
+
+#[test]
+fn a_dry_run_reports_and_writes_nothing() {
+    let place = trained(&[]);
+    let told = place.ok(&["edit", "run", "--where", "L > p90 and not box(-9,-9,-9, 0,9,9)", "--dry-run", "--overlay", "marked.png"]);
+    for part in ["where L > p90 and not box", "selected", "share of light", "min", "max", "median luminance"] {
+        assert!(told.contains(part), "{part}\n{told}");
+    }
+    assert!(place.path("marked.png").is_file());
+    place.ok(&["edit", PLY, "--gain", "2", "--dry-run", "-o", "none.ply"]);
+    assert!(!place.path("none.ply").exists());
+    place.error(&["edit", PLY, "--gain", "2", "--dry-run", "--overlay", "x.png"], &["--data"]);
+    let stderr = String::from_utf8(place.luxel(&["edit", PLY, "--where", "L > p100", "--dry-run"]).output().unwrap().stderr).unwrap();
+    assert!(stderr.contains("selects no splats"), "{stderr}");
+}
+
+#[test]
+fn lcd_keeps_its_chromaticity_where_harmonics_do_not() {
+    let place = trained(&[]);
+    place.train("sh", &["--method", "sh3"]);
+    let table = place.ok(&["edit", "run", "--against", "sh", "--power", "1.2", "-o", "comparison"]);
+    let told = place.json("comparison/comparison.json");
+    let error = |label: &str| told[label]["chromaticity_error"].as_f64().unwrap();
+    for label in ["1-lcd", "2-sh3-luminance", "2-sh3-channels"] {
+        assert!(table.contains(label), "{table}");
+        assert!(place.path("comparison").join(label).join("000_edited.png").is_file(), "{label}");
+        assert!(told[label]["luminance_error_stops"].is_number() && error(label).is_finite());
+    }
+    assert!(error("1-lcd") < error("2-sh3-channels"), "{table}");
+    place.error(&["edit", "run", "--against", "sh", "--gain", "2", "-o", "comparison"], &["exists already"]);
+    place.error(&["edit", "run", "--against", "sh", "--where", "L < 1", "--gain", "2", "-o", "other"], &["knows no splats"]);
+
+    // Harmonics warn, and a plain gain of them has nothing to warn of.
+    let stderr = |args: &[&str]| String::from_utf8(place.luxel(args).output().unwrap().stderr).unwrap();
+    assert!(stderr(&["edit", "sh", "--power", "1.2", "-o", "power.ply"]).contains("hues shift"));
+    assert!(!stderr(&["edit", "sh", "--gain", "2", "-o", "gain.ply"]).contains("hues shift"));
+    assert!(!stderr(&["edit", "run", "--power", "1.2", "-o", "lcd.ply"]).contains("hues shift"));
+}
