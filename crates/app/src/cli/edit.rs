@@ -59,9 +59,9 @@ pub(crate) struct EditArgs {
 }
 
 const EXAMPLES: &str = "\
-Luminance is R + G + B in the units of the data set, of a splat's colour at degree 0. Options act in the order given; a --where holds for the maps
-behind it, up to the next --where. Chromaticity, opacity and shape of the splats stay to the bit (not so in scenes of spherical harmonics, whose
-hues shift under anything but a gain: a warning tells how far).
+Luminance is R + G + B in the units of the data set, of a splat's colour at degree 0. Options act in the order given; a
+--where holds for the maps behind it, up to the next --where. Chromaticity, opacity and shape of the splats keep their
+bits. In scenes of spherical harmonics hues shift under anything but a gain; a warning tells how far.
 
 Selections:
   L < 0.05   L >= p90   L in 0.1..2       luminance, or a percentile of the splats

@@ -15,7 +15,7 @@ use crate::run_folder::RunFolder;
 use crate::{data, run_state};
 
 /// Percentiles that ranges are described by.
-const PERCENTILES: [u8; 7] = [0, 1, 25, 50, 75, 99, 100];
+pub(crate) const PERCENTILES: [u8; 7] = [0, 1, 25, 50, 75, 99, 100];
 
 /// Describes `args.path`.
 pub(crate) fn run(args: &InfoArgs) -> Result<()> {
@@ -238,7 +238,7 @@ fn add_luminance(facts: &mut Facts, luminance: Vec<f32>) {
 }
 
 /// Values at [`PERCENTILES`], nearest rank; none of none.
-fn quantiles(mut values: Vec<f32>) -> Vec<f32> {
+pub(crate) fn quantiles(mut values: Vec<f32>) -> Vec<f32> {
     values.sort_unstable_by(f32::total_cmp);
     let Some(last) = values.len().checked_sub(1) else { return Vec::new() };
     PERCENTILES.iter().filter_map(|p| values.get((f64::from(*p) / 100.0 * last as f64).round() as usize).copied()).collect()

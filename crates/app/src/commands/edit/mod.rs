@@ -10,6 +10,7 @@ use luxel_core::Scene;
 use luxel_core::edit::{Applied, MaskName, MaskShares, SelectionSummary};
 
 use crate::cli::EditArgs;
+use crate::commands::info::{PERCENTILES, quantiles};
 use crate::console::{self, Console};
 use crate::facts::Facts;
 use crate::scene_source::{DataRequest, SceneSource};
@@ -85,7 +86,10 @@ fn masks(args: &EditArgs, source: &SceneSource, request: DataRequest<'_>, consol
 fn report(scene: &Scene, done: &[(Applied, SelectionSummary)]) -> Facts {
     let mut facts = Facts::default();
     facts.set("splats", scene.splats.len()).set("color_model", scene.splats.color_model.name());
-    facts.set_f32("median_luminance", scene.median_luminance());
+    let mut percentiles = Facts::default();
+    percentiles.set("at_percent", PERCENTILES.to_vec());
+    percentiles.set_f32s("luminance", &quantiles((0..scene.splats.len()).map(|i| scene.luminance(i)).collect()));
+    facts.group("percentiles", percentiles);
     for (i, (applied, summary)) in done.iter().enumerate() {
         let mut group = Facts::default();
         group.set("edit", applied.edit.to_string());
