@@ -1,15 +1,15 @@
 //! Edits of light: maps on the luminance of selected splats that leave geometry and chromaticity alone (LCD-GS, "luminance editing").
 //!
-//! In: a [`crate::Scene`]. Out: the same scene with other colour coefficients. The luminance of a splat is R + G + B of its degree-0 terms, in
-//! the units of the data set; an [`Edit`] turns it into a factor by which the splat's radiance is scaled in every direction.
+//! In: a [`crate::Scene`]. Out: the same scene with other colour coefficients. The luminance of a splat is R + G + B of its degree-0
+//! terms, in the units of the data set; an [`Edit`] turns it into a factor by which the splat's radiance is scaled in every direction.
 //! - Models with a luminance of their own (`Lcd`): that alone changes; chromaticity coefficients keep their bits.
 //! - Harmonics of radiance (`Sh`): a gain is exact; any other map is applied to evaluated colours and fitted again, which moves hues.
 //!   [`Applied::hue_shift`] tells how far.
 //!
-//! A gain of all splats multiplies every pixel on black by itself, to rounding, under [`crate::Cutoffs::PARITY`]. Cut-offs that follow radiance
-//! ([`crate::Cutoffs::HDR`]) keep more of a brighter splat's skirt, so that it holds within what they skip: `min_contribution`, times the
-//! gain where it brightens, for each splat over the pixel. Edits see splats, not pixels: what is said of an image edited pixel by pixel holds where splats of one
-//! luminance make up a pixel.
+//! A gain of all splats multiplies every pixel on black by itself, to rounding, under [`crate::Cutoffs::PARITY`]. Cut-offs that follow
+//! radiance ([`crate::Cutoffs::HDR`]) keep more of a brighter splat's skirt, so that it holds within what they skip: `min_contribution`,
+//! times the gain where it brightens, for each splat over the pixel. Edits see splats, not pixels: what is said of an image edited pixel
+//! by pixel holds where splats of one luminance make up a pixel.
 //!
 //! Degenerate: a black splat stays black. Luminances of `Lcd` models end at 1e-8 normalised units, so a gain of 0 leaves that much.
 

@@ -114,8 +114,8 @@ impl Refit {
     }
 }
 
-/// Transpose of (A^T A)^-1 A^T of the basis values A [DIRECTIONS, count], by Gauss-Jordan elimination: A^T A is nearly a multiple of the identity,
-/// as the directions are nearly even, and needs no pivoting.
+/// Transpose of (A^T A)^-1 A^T of the basis values A [DIRECTIONS, count], by Gauss-Jordan elimination: A^T A is nearly a multiple of the
+/// identity, as the directions are nearly even, and needs no pivoting.
 fn pseudo_inverse(a: &[[f64; MAX_COEFFICIENTS]], count: usize) -> Vec<[f64; MAX_COEFFICIENTS]> {
     let mut gram = [[0f64; MAX_COEFFICIENTS]; MAX_COEFFICIENTS];
     let mut inverse = [[0f64; MAX_COEFFICIENTS]; MAX_COEFFICIENTS];

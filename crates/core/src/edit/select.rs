@@ -1,9 +1,9 @@
 //! Which splats an edit changes, and how much.
 //!
 //! In: a scene, and the shares of painted masks. Out: one weight per splat, 0 (left alone, to the bit) to 1. Tests are on a splat's colour
-//! at degree 0 (the same from everywhere) and on its centre. A soft edge of width w lies half inside and half outside of the hard one, so that
-//! `not` of a soft selection is as soft; it is measured in stops for luminance, degrees for hue, world units for shapes, and in the
-//! quantity itself for saturation and masks. And, or, not are minimum, maximum, 1 - weight.
+//! at degree 0 (the same from everywhere) and on its centre. A soft edge of width w lies half inside and half outside of the hard one,
+//! so that `not` of a soft selection is as soft; it is measured in stops for luminance, degrees for hue, world units for shapes, and in
+//! the quantity itself for saturation and masks. And, or, not are minimum, maximum, 1 - weight.
 //!
 //! Hue and saturation are those of HSV on linear Rec.709. Degenerate: grey has no hue, and is in no range of hues.
 

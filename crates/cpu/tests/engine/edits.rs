@@ -109,7 +109,9 @@ fn contributions_are_the_images_weights() {
     };
     let found = contributions(1);
     assert_eq!(found, contributions(3));
-    let sum = |values: &[f32], weight: &dyn Fn(usize) -> f64| values.iter().enumerate().map(|(i, v)| f64::from(*v) * weight(i)).sum::<f64>();
+    let sum = |values: &[f32], weight: &dyn Fn(usize) -> f64| {
+        values.iter().enumerate().map(|(i, v)| f64::from(*v) * weight(i)).sum::<f64>()
+    };
     let of_image = |channel: usize, mask: &dyn Fn(usize) -> f32| {
         image.pixels.iter().enumerate().map(|(i, p)| f64::from(p[channel]) * f64::from(mask(i))).sum::<f64>()
     };
