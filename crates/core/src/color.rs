@@ -285,8 +285,11 @@ impl ColorModel {
     pub fn scale_radiance(self, sh: &mut [f32], raw_luminance: &mut [f32], factor: f32) {
         match self {
             Self::Sh { .. } => {
-                sh.iter_mut().for_each(|value| *value *= factor);
-                sh[..3].iter_mut().for_each(|dc| *dc += (factor - 1.0) * (SH_OFFSET / sh::C0));
+                let (dc, rest) = sh.split_at_mut(3);
+                // In f64: the DC of a dark splat is nearly the offset's.
+                let (factor_exact, offset) = (f64::from(factor), f64::from(SH_OFFSET) / f64::from(sh::C0));
+                dc.iter_mut().for_each(|dc| *dc = (factor_exact * (f64::from(*dc) + offset) - offset) as f32);
+                rest.iter_mut().for_each(|value| *value *= factor);
             }
             Self::Lcd { activation, .. } => scale_luminance(activation, raw_luminance, factor),
         }

@@ -22,6 +22,8 @@ impl fmt::Display for Selection {
             Self::Sphere { center: [x, y, z], radius, .. } => write!(f, "sphere({x},{y},{z},{radius})"),
             Self::Mask { name, .. } => write!(f, "mask({}, {})", quoted(&name.file), quoted(&name.view)),
             Self::Not(inner) => write!(f, "not {}", inner.operand()),
+            Self::And(parts) if parts.is_empty() => write!(f, "all"),
+            Self::Or(parts) if parts.is_empty() => write!(f, "not all"),
             Self::And(parts) => write!(f, "{}", joined(parts, " and ")),
             Self::Or(parts) => write!(f, "{}", joined(parts, " or ")),
         }?;

@@ -131,6 +131,20 @@ proptest! {
         }
     }
 
+    /// Of harmonics a gain alone has an inverse. An offset of 1/2 lies beneath their radiance: what is darker than f32 resolves there is lost.
+    #[test]
+    fn a_gain_of_harmonics_and_its_inverse_give_back_the_scene(ev in -10f32..10.0, stops in -8f32..8.0) {
+        for degree in [0, 3, 5] {
+            let before = scene(ColorModel::Sh { degree }, &[ev, ev - 1.0], 0.05);
+            let mut after = before.clone();
+            apply(&mut after, &format!("stops {stops}")).unwrap();
+            apply(&mut after, &format!("stops {}", -stops)).unwrap();
+            for (a, b) in after.splats.sh.iter().zip(&before.splats.sh) {
+                prop_assert!((a - b).abs() <= 4e-7 * b.abs() + 1e-6 * (1.0 + (-stops).exp2()), "{}: {} became {}", stops, b, a);
+            }
+        }
+    }
+
     #[test]
     fn chromaticity_and_geometry_keep_their_bits_under_any_map(which in 0usize..7, value in 0.05f32..0.95, feather in 0f32..3.0) {
         let maps = ["gain", "stops", "power", "curve 0.01:0.02,1:1,8:4", "clamp-max", "compress-above", "lift-below"];

@@ -19,7 +19,7 @@
 use std::str::FromStr;
 
 use super::map::{DEFAULT_AMOUNT, DEFAULT_RATIO};
-use super::{Comparison, Curve, Edit, Level, Map, MaskName, Quantity, Selection};
+use super::{Comparison, Curve, Edit, EditError, Level, Map, MaskName, Quantity, Selection};
 
 /// Deepest nesting of parentheses and `not`.
 const MAX_DEPTH: usize = 64;
@@ -74,18 +74,17 @@ impl Edit {
             if !cursor.eat(";") {
                 if cursor.rest().is_empty() {
                     return Self::sequence(statements.iter().map(|(_, statement): &(usize, _)| statement)).map_err(|(i, message)| {
-                        let column = statements.get(i).map_or(1, |(column, _)| *column);
+                        let column = statements.get(i).map_or(1, |(start, _)| cursor.column_of(*start));
                         EditTextError { column, message }
                     });
                 }
-                let column = cursor.column();
                 let start = cursor.at;
                 let Some(name) = cursor.word() else { return Err(cursor.expected(&statement_names())) };
                 if !is_statement(name) {
                     cursor.at = start;
                     return Err(cursor.expected(&statement_names()));
                 }
-                statements.push((column, cursor.value_of(name)?));
+                statements.push((start, cursor.value_of(name)?));
                 if !cursor.rest().is_empty() && !cursor.rest().starts_with(';') {
                     return Err(cursor.expected("\";\" or the end"));
                 }
@@ -146,7 +145,17 @@ impl<'t> Cursor<'t> {
     }
 
     fn column(&self) -> usize {
-        self.text.get(..self.at).unwrap_or_default().chars().count() + 1
+        self.column_of(self.at)
+    }
+
+    /// Column of a byte.
+    fn column_of(&self, at: usize) -> usize {
+        self.text.get(..at).unwrap_or_default().chars().count() + 1
+    }
+
+    /// What is wrong with the value that begins at byte `at`.
+    fn refused(&self, at: usize, reason: &EditError) -> EditTextError {
+        EditTextError { column: self.column_of(at), message: reason.to_string() }
     }
 
     fn space(&mut self) {
@@ -260,14 +269,14 @@ impl<'t> Cursor<'t> {
 
     fn value_of(&mut self, name: &str) -> Result<Statement, EditTextError> {
         self.space();
-        let (start, number) = (self.column(), "a number");
+        let (start, number) = (self.at, "a number");
         let optional = |cursor: &mut Self, default| if cursor.eat(":") { cursor.number(number) } else { Ok(default) };
         let map = match name {
             "where" => return self.selection(0).map(Statement::Where),
             "pivot" => {
                 let value = self.number(number)?;
                 let checked = Map::Power { exponent: 1.0, pivot: Some(value) }.check();
-                return checked.map(|()| Statement::Pivot(value)).map_err(|e| EditTextError { column: start, message: e.to_string() });
+                return checked.map(|()| Statement::Pivot(value)).map_err(|e| self.refused(start, &e));
             }
             "gain" => Map::Gain(self.number(number)?),
             "stops" => Map::Gain(self.number(number)?.exp2()),
@@ -278,19 +287,19 @@ impl<'t> Cursor<'t> {
             "lift-below" => Map::LiftBelow { threshold: self.number(number)?, amount: optional(self, DEFAULT_AMOUNT)? },
             _ => return Err(self.error(format!("there is no edit \"{name}\", expected {}", statement_names()))),
         };
-        map.check().map_err(|e| EditTextError { column: start, message: e.to_string() })?;
+        map.check().map_err(|e| self.refused(start, &e))?;
         Ok(Statement::Map(map))
     }
 
     fn curve(&mut self) -> Result<Curve, EditTextError> {
-        let column = self.column();
+        let start = self.at;
         let mut points = Vec::new();
         loop {
             let x = self.number("a point x:y")?;
             self.need(":")?;
             points.push([x, self.number("a number")?]);
             if !self.eat(",") {
-                return Curve::new(points).map_err(|e| EditTextError { column, message: e.to_string() });
+                return Curve::new(points).map_err(|e| self.refused(start, &e));
             }
         }
     }
@@ -330,9 +339,9 @@ impl<'t> Cursor<'t> {
             self.need(")")?;
             return Ok(inner);
         }
-        let column = self.column();
+        let start = self.at;
         let test = self.test()?;
-        test.check().map_err(|e| EditTextError { column, message: e.to_string() })?;
+        test.check().map_err(|e| self.refused(start, &e))?;
         Ok(test)
     }
 

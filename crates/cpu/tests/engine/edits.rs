@@ -7,7 +7,7 @@ use luxel_core::{
 };
 use luxel_cpu::CpuEngine;
 
-use crate::fixture;
+use crate::{fixture, oracle};
 
 fn lcd(activation: Activation) -> ColorModel {
     ColorModel::Lcd { chroma_degree: 3, luminance_degree: 0, activation }
@@ -91,6 +91,84 @@ fn any_map_moves_a_pixel_along_the_colours_of_its_splats() {
     }
 }
 
+/// Masked, blended and unoccluded weights of every splat, in f64 over all pixels; and for each splat how far a pixel that is nearly decided
+/// the other way (alpha or transmittance within 1e-4 of its threshold) could move them.
+fn contributions_of_oracle(splats: &Splats, camera: &Camera, options: &RenderOptions, mask: &[f32]) -> ([Vec<f64>; 3], Vec<f64>) {
+    let cutoffs = options.raster.cutoffs;
+    let near = |value: f64, threshold: f64| (value / threshold - 1.0).abs() < 1e-4;
+    let mut sums = [(); 3].map(|()| vec![0.0; splats.len()]);
+    let mut open = vec![0.0; splats.len()];
+    let rendered = oracle::image(splats, camera, options);
+    let width = camera.size_px[0] as usize;
+    for (pixel, painted) in mask.iter().enumerate() {
+        let center = [pixel % width, pixel / width].map(|c| c as f64 + 0.5);
+        let (mut transmittance, mut is_finished, mut is_open) = (1.0, false, false);
+        for e in &rendered.ellipses {
+            let d = [0, 1].map(|a| center[a] - e.mean_px[a]);
+            let power = e.conic[0] * d[0] * d[0] + 2.0 * e.conic[1] * d[0] * d[1] + e.conic[2] * d[1] * d[1];
+            let alpha = (e.opacity * (-0.5 * power).exp()).min(cutoffs.max_alpha.into());
+            is_open |= near(alpha, e.threshold);
+            if alpha >= e.threshold {
+                let left = transmittance * (1.0 - alpha);
+                is_open |= near(left, cutoffs.min_transmittance.into());
+                is_finished |= left < f64::from(cutoffs.min_transmittance);
+                sums[2][e.splat] += alpha;
+                if !is_finished {
+                    sums[1][e.splat] += transmittance * alpha;
+                    sums[0][e.splat] += transmittance * alpha * f64::from(*painted);
+                    transmittance = left;
+                }
+            }
+            open[e.splat] += if is_open { alpha } else { 0.0 };
+        }
+    }
+    (sums, open)
+}
+
+#[test]
+fn contributions_are_those_of_the_oracle() {
+    let models = [ColorModel::Sh { degree: 1 }, lcd(Activation::Softplus)];
+    for (model, cutoffs, antialias) in [
+        (models[0], Cutoffs::PARITY, Antialias::Off),
+        (models[1], Cutoffs::HDR, Antialias::Off),
+        (models[1], Cutoffs::HDR, Antialias::Mip),
+        (models[0], Cutoffs::PARITY, Antialias::Mip),
+    ] {
+        // Several tiles, the last ones cut; splats that are opaque, hidden, beside the image and behind the camera.
+        let camera = fixture::camera(75, 41);
+        let mut splats = fixture::splats_with_special_cases(model, &camera, 21);
+        splats.smoothing = fixture::smoothing(splats.len());
+        // A small one behind two large ones that are nearly opaque.
+        for (i, log_scale, opacity_logit) in [(3, 0.2, 3.5), (4, 0.2, 3.5), (5, -2.2, 3.0)] {
+            splats.log_scale[i] = [log_scale; 3];
+            splats.opacity_logit[i] = opacity_logit;
+        }
+        let options = fixture::options(cutoffs, antialias);
+        let mask: Vec<f32> = (0..75 * 41).map(|i| (i % 7) as f32 / 6.0).collect();
+        let mut engine = CpuEngine::new(2).unwrap();
+        engine.load(&splats, None).unwrap();
+        let found = engine.contributions(&camera, &options, &mask).unwrap();
+        let (expected, open) = contributions_of_oracle(&splats, &camera, &options, &mask);
+        let label = format!("{} {cutoffs:?} {antialias:?}", model.name());
+        for (name, found, expected) in [
+            ("masked", &found.masked, &expected[0]),
+            ("blended", &found.blended, &expected[1]),
+            ("unoccluded", &found.unoccluded, &expected[2]),
+        ] {
+            assert_eq!(found.len(), splats.len());
+            for (i, (found, expected)) in found.iter().zip(expected).enumerate() {
+                let tolerance = 1e-4 * expected + 1e-5 + open[i];
+                assert!((f64::from(*found) - expected).abs() <= tolerance, "{label}: {name} of splat {i} is {found}, expected {expected}");
+            }
+        }
+        // The test means something: few pixels are open, and of the splats some are seen, some hidden, some not there.
+        assert!(open.iter().sum::<f64>() < 0.01 * expected[1].iter().sum::<f64>(), "{label}");
+        let hidden = (0..splats.len()).filter(|i| expected[1][*i] < 0.05 * expected[2][*i]).count();
+        let absent = expected[2].iter().filter(|sum| **sum == 0.0).count();
+        assert!(hidden > 0 && absent > 0 && hidden + absent < splats.len() / 2, "{label}: {hidden} {absent}");
+    }
+}
+
 #[test]
 fn contributions_are_the_images_weights() {
     let camera = fixture::camera(70, 45);
@@ -109,9 +187,8 @@ fn contributions_are_the_images_weights() {
     };
     let found = contributions(1);
     assert_eq!(found, contributions(3));
-    let sum = |values: &[f32], weight: &dyn Fn(usize) -> f64| {
-        values.iter().enumerate().map(|(i, v)| f64::from(*v) * weight(i)).sum::<f64>()
-    };
+    let sum =
+        |values: &[f32], weight: &dyn Fn(usize) -> f64| values.iter().enumerate().map(|(i, v)| f64::from(*v) * weight(i)).sum::<f64>();
     let of_image = |channel: usize, mask: &dyn Fn(usize) -> f32| {
         image.pixels.iter().enumerate().map(|(i, p)| f64::from(p[channel]) * f64::from(mask(i))).sum::<f64>()
     };

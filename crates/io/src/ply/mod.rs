@@ -10,11 +10,13 @@
 //!
 //! Comments `luxel KEY VALUE` of the header hold version, colour space, colour model, radiance scale and raster configuration, and
 //! one `edit` for each edit of light made since training; all numbers are read back to the bit. Any other 3D Gaussian splatting PLY
-//! (ASCII, little or big endian, any order and type of properties) is read as `ColorModel::Sh` with the cut-offs of its renderer; Mip-splatting's `filter_3D` is honoured.
+//! (ASCII, little or big endian, any order and type of properties) is read as `ColorModel::Sh` with the cut-offs of its renderer;
+//! Mip-splatting's `filter_3D` is honoured.
 
 mod bake;
 mod header;
 mod points;
+mod record;
 mod rows;
 mod scene_reader;
 mod scene_writer;

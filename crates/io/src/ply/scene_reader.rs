@@ -9,7 +9,7 @@ use crate::IoError;
 use crate::ply::header::{Element, Header};
 use crate::ply::rows::{check_count, read_rows, seek_element};
 use crate::ply::source::Source;
-use crate::ply::{COMMENT_TAG, FORMAT_VERSION, is_normalizable, is_usable};
+use crate::ply::{COMMENT_TAG, FORMAT_VERSION, is_normalizable, is_usable, record};
 
 /// Reads a scene.
 ///
@@ -178,6 +178,17 @@ impl<'h> Comments<'h> {
         parse(value).ok_or_else(|| CommentError::Invalid(format!("comment \"{COMMENT_TAG} {key}\" is {value:?}, expected {expected}")))
     }
 
+    /// Records of edits, in order.
+    fn edits(&self) -> Result<Vec<String>, CommentError> {
+        let read = |text: &str| {
+            let message = || format!("comment \"{COMMENT_TAG} edit\" is {text:?}, which is not escaped as it was written");
+            record::unescaped(text.trim()).ok_or_else(|| CommentError::Invalid(message()))
+        };
+        let edits = self.lines.iter().filter(|(key, _)| *key == "edit").map(|(_, text)| read(text)).collect::<Result<Vec<_>, _>>()?;
+        record::check(&edits).map_err(CommentError::Invalid)?;
+        Ok(edits)
+    }
+
     /// An empty scene of the model that the comments describe, and where its values stand.
     fn exact(&self, element: &Element) -> Result<(Scene, Layout), CommentError> {
         let version: u32 = self.parse("scene", "a version number", |v| v.parse().ok())?;
@@ -195,7 +206,7 @@ impl<'h> Comments<'h> {
         let raster_of = |v: &str| serde_json::from_str::<RasterConfig>(v).ok().filter(is_usable);
         let raster = self.parse("raster", "cut-offs of 0 or more and antialias", raster_of)?;
         let splats = Splats::empty(color_model);
-        let edits = self.lines.iter().filter(|(key, _)| *key == "edit").map(|(_, text)| text.trim().to_owned()).collect();
+        let edits = self.edits()?;
         Ok((Scene { splats, radiance_scale, color_space, raster, edits }, exact_layout(color_model, element)))
     }
 }

@@ -7,7 +7,7 @@ use luxel_core::{ColorModel, Scene, Splats, sigmoid};
 use rayon::prelude::*;
 
 use crate::ply::bake::DisplayBake;
-use crate::ply::{COMMENT_TAG, FORMAT_VERSION, is_normalizable, is_usable};
+use crate::ply::{COMMENT_TAG, FORMAT_VERSION, is_normalizable, is_usable, record};
 use crate::{IoError, write_atomically};
 
 /// Rows made at a time.
@@ -63,11 +63,7 @@ fn check(path: &Path, scene: &Scene) -> Result<(), IoError> {
     if !is_usable(&scene.raster) {
         return invalid(format!("raster configuration {:?}, expected cut-offs of 0 to 1", scene.raster));
     }
-    let is_line = |text: &String| !text.is_empty() && text.trim() == text && !text.contains(char::is_control);
-    if let Some(edit) = scene.edits.iter().find(|text| !is_line(text)) {
-        return invalid(format!("record of an edit {edit:?}, expected one line of text"));
-    }
-    Ok(())
+    record::check(&scene.edits).map_err(|message| IoError::invalid(path, format_args!("scene to write: {message}")))
 }
 
 fn write<W: Write + ?Sized>(scene: &Scene, out: &mut W) -> std::io::Result<()> {
@@ -105,7 +101,7 @@ fn write_header<W: Write + ?Sized>(scene: &Scene, bake: &DisplayBake, properties
     writeln!(out, "comment {COMMENT_TAG} radiance_scale {:e}", scene.radiance_scale)?;
     writeln!(out, "comment {COMMENT_TAG} raster {raster}")?;
     for edit in &scene.edits {
-        writeln!(out, "comment {COMMENT_TAG} edit {edit}")?;
+        writeln!(out, "comment {COMMENT_TAG} edit {}", record::escaped(edit))?;
     }
     writeln!(out, "comment {COMMENT_TAG} display_bake {}", bake.description())?;
     writeln!(out, "comment lcd_* properties hold the radiance model exactly; f_dc, f_rest, opacity and scale are for display")?;

@@ -422,13 +422,18 @@ fn points_carry_positions_and_colours_of_any_type() {
 }
 
 #[test]
-fn edits_are_kept_in_order() {
-    let edits = vec!["where L < 0.05; gain 4".to_owned(), "where mask(\"a  b.png\", \"000\"); power 0.8; pivot 0.18".to_owned()];
-    let edited = Scene { edits, ..scene(LCD, 2, false, 1) };
+fn edits_are_kept_in_order_and_the_header_is_ascii() {
+    let edits = ["where L < 0.05; gain 4", r#"where mask("C:\masks\a  gemälde.png", "000"); power 0.8; pivot 0.18"#].map(str::to_owned);
+    let edited = Scene { edits: edits.to_vec(), ..scene(LCD, 2, false, 1) };
     let bytes = encode_scene_ply(name(), &edited).unwrap();
     assert_eq!(decode_scene_ply(name(), &bytes).unwrap(), edited);
-    for bad in ["gain 2\nproperty float x", " gain 2", ""] {
-        let error = encode_scene_ply(name(), &Scene { edits: vec![bad.to_owned()], ..edited.clone() }).unwrap_err();
-        assert!(error.to_string().contains("expected one line of text"), "{error}");
-    }
+    let end = bytes.windows(10).position(|w| w == b"end_header").unwrap();
+    assert!(bytes[..end].is_ascii());
+    let unwritable = Scene { edits: vec!["gain 2\nproperty float x".to_owned()], ..edited };
+    let error = encode_scene_ply(name(), &unwritable).unwrap_err();
+    assert!(error.to_string().contains("expected one line of text"), "{error}");
+
+    let damaged = bytes[..end].iter().map(|b| if *b == b'<' { b'\\' } else { *b }).chain(bytes[end..].iter().copied());
+    let error = decode_scene_ply(name(), &damaged.collect::<Vec<_>>()).unwrap_err().to_string();
+    assert!(error.contains("\"luxel edit\"") && error.contains("not escaped as it was written"), "{error}");
 }

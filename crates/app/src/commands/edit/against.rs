@@ -20,7 +20,7 @@ use crate::evaluation::unique_stems;
 use crate::facts::Facts;
 use crate::preview::{self, Look};
 use crate::scene_source::{DataRequest, SceneSource};
-use crate::{engine, text};
+use crate::{engine, files, text};
 
 /// One way to edit one scene.
 struct Candidate<'s> {
@@ -37,10 +37,16 @@ struct Trial<'a> {
     folder: &'a Path,
 }
 
+/// One for a scene as it is, one for it edited: views are rendered by both, one view at a time.
+struct Engines {
+    before: Box<dyn Engine>,
+    after: Box<dyn Engine>,
+}
+
 /// Compares `args.scene` with the scene at `other`.
 pub(super) fn run(args: &EditArgs, other: &Path, request: DataRequest<'_>, console: &Console) -> Result<()> {
     let Some(folder) = &args.output else { bail!("--against: give a folder for the comparison with -o") };
-    super::new_folder(folder)?;
+    check_new(folder)?;
     if let Some(edit) = args.edits.0.iter().find(|edit| edit.selection != Selection::All) {
         bail!("--where \"{}\": an ideal edit of pixels knows no splats; compare maps of the whole scene", edit.selection);
     }
@@ -53,18 +59,27 @@ pub(super) fn run(args: &EditArgs, other: &Path, request: DataRequest<'_>, conso
     let views = views(&dataset)?;
     let stems = unique_stems(views.iter().map(|view| view.name.as_str()));
     let trial = Trial { edits: &edits, views, stems: &stems, folder };
-    let (mut engine, _) = engine::engine(&args.device)?;
+    let mut engines = Engines { before: engine::engine(&args.device)?.0, after: engine::engine(&args.device)?.0 };
     let mut facts = Facts::default();
     facts.set("edits", edits.iter().map(ToString::to_string).collect::<Vec<_>>()).set("views", views.len());
     let mut rows = Vec::new();
     for candidate in candidates(&sources) {
         console.note(&format!("{}: {}", candidate.label, text::plural(views.len(), "view")));
-        let figures = trial.measure(&candidate, engine.as_mut())?;
+        let figures = trial.measure(&candidate, &mut engines)?;
         facts.group(&candidate.label, facts_of(&figures));
         rows.push((candidate.label, figures));
     }
-    super::write_report(&folder.join("comparison.json"), &facts)?;
+    files::write_json(&folder.join("comparison.json"), &facts.json())?;
     if args.json { console::print(&format!("{:#}", facts.json())) } else { console::print(&table(&rows)) }
+}
+
+/// Results go to a folder of their own: empty, or not there yet.
+fn check_new(folder: &Path) -> Result<()> {
+    let has_entries = || std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_some());
+    if folder.is_file() || has_entries() {
+        bail!("{}: exists already; give the name of a new folder", folder.display());
+    }
+    Ok(())
 }
 
 /// The edits with pivots by `scene`, each as it finds it.
@@ -103,36 +118,27 @@ fn candidates(sources: &[SceneSource]) -> Vec<Candidate<'_>> {
 
 impl Trial<'_> {
     /// Renders all views before and after, writes the pictures, and compares.
-    fn measure(&self, candidate: &Candidate<'_>, engine: &mut dyn Engine) -> Result<Fidelity> {
-        let before = self.renders(candidate.scene, engine)?;
+    fn measure(&self, candidate: &Candidate<'_>, engines: &mut Engines) -> Result<Fidelity> {
         let mut edited = candidate.scene.clone();
         for edit in self.edits {
             edit.apply(&mut edited, &MaskShares::new(), candidate.sh_map).with_context(|| format!("cannot apply \"{edit}\""))?;
         }
-        let after = self.renders(&edited, engine)?;
+        for (engine, scene) in [(&mut engines.before, candidate.scene), (&mut engines.after, &edited)] {
+            engine.load(&scene.splats, None).context("cannot load the scene")?;
+        }
         let maps: Vec<Map> = self.edits.iter().flat_map(|edit| edit.maps.clone()).collect();
         let chain = MapChain::new(&maps, 1.0);
         let mut meter = FidelityMeter::default();
-        for ((before, after), stem) in before.iter().zip(&after).zip(self.stems) {
-            let ideal = ideally_edited(before, &chain);
-            meter.add(after, &ideal);
-            for (kind, image) in [("before", before), ("edited", after), ("ideal", &ideal)] {
+        for (view, stem) in self.views.iter().zip(self.stems) {
+            let before = render(candidate.scene, view, engines.before.as_mut())?;
+            let after = render(&edited, view, engines.after.as_mut())?;
+            let ideal = ideally_edited(&before, &chain);
+            meter.add(&after, &ideal);
+            for (kind, image) in [("before", &before), ("edited", &after), ("ideal", &ideal)] {
                 self.write(candidate, kind, stem, image)?;
             }
         }
         meter.figures().with_context(|| format!("{}: all pixels are black, before or after", candidate.label))
-    }
-
-    /// All views, in the units of the data set.
-    fn renders(&self, scene: &Scene, engine: &mut dyn Engine) -> Result<Vec<Image>> {
-        engine.load(&scene.splats, None).context("cannot load the scene")?;
-        let options = RenderOptions { raster: scene.raster, ..RenderOptions::default() };
-        let render = |view: &View| {
-            let mut image = engine.render(&view.camera, &options).with_context(|| format!("cannot render view {}", view.name))?;
-            image.scale(scene.radiance_scale);
-            anyhow::Ok(image)
-        };
-        self.views.iter().map(render).collect()
     }
 
     fn write(&self, candidate: &Candidate<'_>, kind: &str, stem: &str, image: &Image) -> Result<()> {
@@ -144,6 +150,14 @@ impl Trial<'_> {
         normalized.scale(1.0 / candidate.scene.radiance_scale);
         preview::write(&path("png"), &normalized, color_space, Look { tonemap: Tonemap::Mulaw, exposure_ev: 0.0 })
     }
+}
+
+/// A view of a loaded scene, on black, in the units of the data set.
+fn render(scene: &Scene, view: &View, engine: &mut dyn Engine) -> Result<Image> {
+    let options = RenderOptions { raster: scene.raster, ..RenderOptions::default() };
+    let mut image = engine.render(&view.camera, &options).with_context(|| format!("cannot render view {}", view.name))?;
+    image.scale(scene.radiance_scale);
+    Ok(image)
 }
 
 fn facts_of(figures: &Fidelity) -> Facts {

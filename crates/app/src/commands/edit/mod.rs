@@ -3,7 +3,7 @@
 mod against;
 mod overlay;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
 use luxel_core::Scene;
@@ -14,7 +14,7 @@ use crate::commands::info::{PERCENTILES, quantiles};
 use crate::console::{self, Console};
 use crate::facts::Facts;
 use crate::scene_source::{DataRequest, SceneSource};
-use crate::{editing, engine, files, text};
+use crate::{editing, engine, text};
 
 /// `said` are the ids of the options on the command line.
 pub(crate) fn run(args: &EditArgs, said: &[String]) -> Result<()> {
@@ -104,17 +104,4 @@ fn report(scene: &Scene, done: &[(Applied, SelectionSummary)]) -> Facts {
         facts.group(&format!("edit_{}", i + 1), group);
     }
     facts
-}
-
-/// A folder for results, empty or not there yet.
-fn new_folder(path: &Path) -> Result<()> {
-    if path.is_dir() && std::fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_some()) || path.is_file() {
-        bail!("{}: exists already; give the name of a new folder", path.display());
-    }
-    Ok(())
-}
-
-/// Writes a report as JSON.
-fn write_report(path: &Path, facts: &Facts) -> Result<()> {
-    files::write_json(path, &facts.json())
 }
