@@ -153,7 +153,9 @@ fn lcd_keeps_its_chromaticity_where_channels_do_not() {
     let error = |label: &str| told[label]["chromaticity_error"].as_f64().unwrap();
     for label in ["1-lcd", "2-sh3-luminance", "2-sh3-channels"] {
         assert!(table.contains(label), "{table}");
-        assert!(place.path("comparison").join(label).join("000_edited.png").is_file(), "{label}");
+        for picture in ["000_edited.png", "000_chromaticity_error.png"] {
+            assert!(place.path("comparison").join(label).join(picture).is_file(), "{label}/{picture}");
+        }
         assert!(told[label]["luminance_error_stops"].is_number());
     }
     // A splat a pixel, but for skirts: maps of luminance leave chromaticity, those of channels do not.

@@ -356,7 +356,7 @@ pub trait Engine {
     /// [`EngineError::Camera`], [`EngineError::Device`].
     fn render(&mut self, camera: &Camera, options: &RenderOptions) -> Result<Image, EngineError>;
 
-    /// What each splat gives to the image that [`Engine::render`] makes, and how much of that lies in `mask` (`[H*W]`, row-major): which
+    /// What each splat gives to the image that [`Engine::render`] makes, and how much of that lies in `mask` (`[H*W]`, row-major, 0 to 1): which
     /// splats a painted mask means.
     ///
     /// # Errors

@@ -96,16 +96,8 @@ fn contribute_block<S: Simd>(
             transmittance = V::select(hit, left, transmittance);
             let sums = &mut sums[entry.place as usize];
             for (sum, value) in sums.iter_mut().zip([weight * painted, weight, V::select(touched, alpha, zero)]) {
-                *sum += lanes_sum(value);
+                *sum += value.lanes().iter().sum::<f32>();
             }
         }
     }
-}
-
-/// Sum of a vector's lanes.
-#[inline(always)]
-fn lanes_sum<S: Simd>(value: V<S>) -> f32 {
-    let mut lanes = Lanes::ZERO;
-    value.store(&mut lanes);
-    lanes.0.iter().sum()
 }

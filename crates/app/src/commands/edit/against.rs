@@ -4,23 +4,28 @@
 //! Each scene is rendered as it is and edited. Ideal is the render as it is with the maps on each pixel's luminance, chromaticity kept; the
 //! figures compare the edited render with that of its own scene. A scene of spherical harmonics is edited twice: by the luminance of its
 //! colours in each direction, which is the best it can do, and by channels, as RGB values are usually mapped. Pivots that are not given are the
-//! first scene's median for both. Renders are on black.
+//! first scene's median for both. Renders are on black. Beside them stand pictures of the chromaticity error, black to yellow for 0 to
+//! [`FULL_SCALE`].
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use luxel_core::edit::{Fidelity, FidelityMeter, MaskShares, ShMap, ideally_edited};
+use luxel_core::edit::{Fidelity, FidelityMeter, MaskShares, ShMap, chromaticity_distance, ideally_edited};
 use luxel_core::tone::Tonemap;
 use luxel_core::{Dataset, Edit, Engine, Image, Map, MapChain, RenderOptions, Scene, Selection, View};
 use luxel_io::{ExrOptions, ExrSample};
 
 use crate::cli::EditArgs;
+use crate::colormap::magma;
 use crate::console::{self, Console};
 use crate::evaluation::unique_stems;
 use crate::facts::Facts;
 use crate::preview::{self, Look};
 use crate::scene_source::{DataRequest, SceneSource};
 use crate::{engine, files, text};
+
+/// Chromaticity error of the brightest colour in its pictures.
+const FULL_SCALE: f64 = 0.2;
 
 /// One way to edit one scene.
 struct Candidate<'s> {
@@ -62,6 +67,7 @@ pub(super) fn run(args: &EditArgs, other: &Path, request: DataRequest<'_>, conso
     let mut engines = Engines { before: engine::engine(&args.device)?.0, after: engine::engine(&args.device)?.0 };
     let mut facts = Facts::default();
     facts.set("edits", edits.iter().map(ToString::to_string).collect::<Vec<_>>()).set("views", views.len());
+    facts.set("error_picture_full_scale", FULL_SCALE);
     let mut rows = Vec::new();
     for candidate in candidates(&sources) {
         console.note(&format!("{}: {}", candidate.label, text::plural(views.len(), "view")));
@@ -137,12 +143,25 @@ impl Trial<'_> {
             for (kind, image) in [("before", &before), ("edited", &after), ("ideal", &ideal)] {
                 self.write(candidate, kind, stem, image)?;
             }
+            self.write_error(candidate, stem, &after, &ideal)?;
         }
         meter.figures().with_context(|| format!("{}: all pixels are black, before or after", candidate.label))
     }
 
+    fn path(&self, candidate: &Candidate<'_>, name: &str) -> PathBuf {
+        self.folder.join(&candidate.label).join(name)
+    }
+
+    fn write_error(&self, candidate: &Candidate<'_>, stem: &str, edited: &Image, ideal: &Image) -> Result<()> {
+        let error = |(edited, ideal): (&[f32; 3], &[f32; 3])| chromaticity_distance(*edited, *ideal).unwrap_or(0.0);
+        let color = |pair| magma((error(pair) / FULL_SCALE) as f32);
+        let rgb8: Vec<[u8; 3]> = edited.pixels.iter().zip(&ideal.pixels).map(color).collect();
+        let path = self.path(candidate, &format!("{stem}_chromaticity_error.png"));
+        luxel_io::write_png(&path, edited.width, edited.height, rgb8.as_flattened()).context("cannot write an error map")
+    }
+
     fn write(&self, candidate: &Candidate<'_>, kind: &str, stem: &str, image: &Image) -> Result<()> {
-        let path = |extension: &str| self.folder.join(&candidate.label).join(format!("{stem}_{kind}.{extension}"));
+        let path = |extension: &str| self.path(candidate, &format!("{stem}_{kind}.{extension}"));
         let color_space = candidate.scene.color_space;
         let options = ExrOptions { sample: ExrSample::Float, color_space, ..ExrOptions::default() };
         luxel_io::write_exr(&path("exr"), image, &options).context("cannot write an image")?;
