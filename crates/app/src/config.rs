@@ -60,6 +60,9 @@ const SECTIONS: [&str; 4] = ["load", "device", "run", TRAIN];
 /// The section of the method's options.
 const TRAIN: &str = "train";
 
+/// Sections that decide the result.
+const RESULT_SECTIONS: [&str; 2] = ["load", TRAIN];
+
 /// The option that stands for [`Preset::OPTIONS`].
 const PRESET: &str = "preset";
 
@@ -125,8 +128,7 @@ impl RunConfig {
         for (section, id) in options(&other, said) {
             let (stored, now) = (value(&base, section, id), value(&other, section, id));
             if stored != now && !FREE_ON_RESUME.contains(&id) {
-                let show = |v: Option<&toml::Value>| v.map_or("unset".into(), ToString::to_string);
-                contradictions.push(format!("--{} is {} in the run, {} now", id.replace('_', "-"), show(stored), show(now)));
+                contradictions.push(format!("--{} is {} in the run, {} now", id.replace('_', "-"), shown(stored), shown(now)));
             }
         }
         if !contradictions.is_empty() {
@@ -138,6 +140,29 @@ impl RunConfig {
         // A preset that was said is the run's own, whose values may since have been changed one by one: they stay.
         let said: Vec<String> = said.iter().filter(|id| *id != PRESET).cloned().collect();
         self.overlaid(command_line, &said)
+    }
+
+    /// How `wanted` differs in the data set, how it is read, or the method: what decides a run's result.
+    pub(crate) fn differences(&self, wanted: &Self) -> Result<Vec<String>> {
+        let (stored, wanted_table) = (toml::Table::try_from(self)?, toml::Table::try_from(wanted)?);
+        let mut differences = Vec::new();
+        if self.dataset != wanted.dataset {
+            differences.push(format!("the data set is {} there, {} now", self.dataset.display(), wanted.dataset.display()));
+        }
+        for section in RESULT_SECTIONS {
+            let ids = |table: &toml::Table| {
+                table.get(section).and_then(toml::Value::as_table).map(|t| t.keys().cloned().collect()).unwrap_or_default()
+            };
+            let (mut all, more): (Vec<String>, Vec<String>) = (ids(&stored), ids(&wanted_table));
+            all.extend(more.into_iter().filter(|id| value(&stored, section, id).is_none()));
+            for id in all {
+                let (there, now) = (value(&stored, section, &id), value(&wanted_table, section, &id));
+                if there != now {
+                    differences.push(format!("--{} is {} there, {} now", id.replace('_', "-"), shown(there), shown(now)));
+                }
+            }
+        }
+        Ok(differences)
     }
 
     /// Radiance behind everything in normalised units.
@@ -163,6 +188,11 @@ fn options<'a>(table: &toml::Table, said: &'a [String]) -> Vec<(&'static str, &'
     said.iter().filter_map(|id| Some((section_of(id)?, id.as_str()))).collect()
 }
 
+/// A value for people.
+fn shown(value: Option<&toml::Value>) -> String {
+    value.map_or("unset".into(), ToString::to_string)
+}
+
 fn value<'a>(table: &'a toml::Table, section: &str, id: &str) -> Option<&'a toml::Value> {
     table.get(section)?.as_table()?.get(id)
 }
@@ -177,8 +207,8 @@ mod tests {
     use crate::cli::{Cli, Command};
 
     /// Options of `train` that are not part of a configuration; tests of the program show what each does.
-    const BEHAVIOUR: [&str; 10] =
-        ["dataset", "output", "config", "overwrite", "resume", "profile", "log_format", "quiet", "help", "version"];
+    const BEHAVIOUR: [&str; 11] =
+        ["dataset", "output", "config", "overwrite", "resume", "stop_at_end_of_input", "profile", "log_format", "quiet", "help", "version"];
 
     /// The configuration and the said options of `luxel train data -o run` and `more`.
     fn parsed(more: &[String]) -> Result<(RunConfig, Vec<String>), clap::Error> {

@@ -25,6 +25,8 @@ pub(crate) enum LogFormat {
 
 /// Plain progress lines come this far apart: a person sees life, a log file of an overnight run stays readable.
 const LINE_INTERVAL: Duration = Duration::from_secs(5);
+/// Lines about many runs together, which take hours.
+const OVERALL_INTERVAL: Duration = Duration::from_secs(30);
 
 /// The one place that talks to the user.
 pub(crate) struct Console {
@@ -79,6 +81,14 @@ impl Console {
         }
     }
 
+    /// The result of the command, on stdout: an event for programs, text for people.
+    pub(crate) fn result(&self, event: &serde_json::Value, text: &str) -> Result<()> {
+        match self.style {
+            Style::Json => print(&event.to_string()),
+            Style::Bar | Style::Lines | Style::Quiet => print(text),
+        }
+    }
+
     fn line(&self, message: &str) {
         match &self.bar {
             Some(bar) => bar.suspend(|| stderr_line(message)),
@@ -127,6 +137,25 @@ impl Console {
                     self.last_line = Some(Instant::now());
                     let percent = 100.0 * f64::from(record.iteration) / f64::from(total.max(1));
                     stderr_line(&format!("step {}/{total} ({percent:.0} %)  {}", record.iteration, figures(record, total)));
+                }
+            }
+            Style::Quiet => {}
+        }
+    }
+
+    /// How far several runs are together.
+    pub(crate) fn overall(&mut self, event: &serde_json::Value, text: &str) {
+        match self.style {
+            Style::Json => emit(event),
+            Style::Bar => {
+                if let Some(bar) = &self.bar {
+                    bar.set_message(text.to_owned());
+                }
+            }
+            Style::Lines => {
+                if self.last_line.is_none_or(|at| at.elapsed() >= OVERALL_INTERVAL) {
+                    self.last_line = Some(Instant::now());
+                    stderr_line(text);
                 }
             }
             Style::Quiet => {}

@@ -23,6 +23,19 @@ pub(crate) fn install() -> Result<()> {
     .context("cannot install the handler of Ctrl-C")
 }
 
+/// The end of standard input counts as one interruption, from a thread of its own: whoever started the program and holds its input open stops it by
+/// letting go, also by ending.
+pub(crate) fn at_end_of_input() {
+    std::thread::spawn(|| {
+        // What is said there is nobody's business.
+        let _ = std::io::copy(&mut std::io::stdin().lock(), &mut std::io::sink());
+        REQUESTED.store(true, Ordering::SeqCst);
+        if !TRAINING.load(Ordering::SeqCst) {
+            std::process::exit(EXIT_INTERRUPTED.into());
+        }
+    });
+}
+
 /// Whether the user asked to stop.
 pub(crate) fn requested() -> bool {
     REQUESTED.load(Ordering::SeqCst)

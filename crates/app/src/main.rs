@@ -28,15 +28,16 @@ mod values;
 use std::process::ExitCode;
 
 use anyhow::Result;
-use clap::{CommandFactory, FromArgMatches};
+use clap::FromArgMatches;
 
 use crate::cli::{Cli, Command};
 use crate::session::Outcome;
 
 fn main() -> ExitCode {
-    let matches = Cli::command().get_matches();
+    let matches = cli::command().get_matches();
     let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
     let said = matches.subcommand().map_or(Vec::new(), |(_, matches)| config::said_options(matches));
+    cli::check(&cli, &said).unwrap_or_else(|error| error.exit());
     start_logging();
     match interrupt::install().and_then(|()| dispatch(cli.command, &said)) {
         Ok(Outcome::Finished) => ExitCode::SUCCESS,
@@ -62,6 +63,7 @@ fn dispatch(command: Command, said: &[String]) -> Result<Outcome> {
         Command::Edit(args) => commands::edit::run(&args, said).map(|()| Outcome::Finished),
         Command::Info(args) => commands::info::run(&args).map(|()| Outcome::Finished),
         Command::Bench(args) => commands::bench::run(&args).map(|()| Outcome::Finished),
+        Command::Reproduce(args) => commands::reproduce::run(&args, said),
     }
 }
 

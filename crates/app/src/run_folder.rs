@@ -6,6 +6,7 @@
 //! point_cloud/iteration_N/point_cloud.ply      the scene, where other tools look for it
 //! eval/step_N/{renders,gt}/*.exr, metrics.json test views in the units of the data set, figures of that step
 //! metrics.json  log.jsonl  report.html
+//! measured.json                                what luxel reproduce measured of its runs
 //! ```
 
 use std::path::{Path, PathBuf};
@@ -20,7 +21,7 @@ const CONFIG: &str = "config.toml";
 const LOCK: &str = ".lock";
 
 /// Everything training puts into a run folder besides [`CONFIG`]; all that `--overwrite` deletes.
-const CONTENTS: [&str; 7] = ["checkpoints", "point_cloud", "eval", "pictures", "metrics.json", "log.jsonl", "report.html"];
+const CONTENTS: [&str; 8] = ["checkpoints", "point_cloud", "eval", "pictures", "metrics.json", "log.jsonl", "report.html", "measured.json"];
 
 /// A run's place on disk.
 #[derive(Clone, Debug)]
@@ -146,6 +147,11 @@ impl RunFolder {
     /// Training curves.
     pub(crate) fn log(&self) -> PathBuf {
         self.root.join("log.jsonl")
+    }
+
+    /// What was measured of the run as part of a matrix.
+    pub(crate) fn measured(&self) -> PathBuf {
+        self.root.join("measured.json")
     }
 
     /// The report.

@@ -165,3 +165,76 @@ fn a_full_disk_ends_the_run_and_keeps_its_checkpoint() {
     assert!(std::fs::read(&saved[0]).unwrap() == before);
     place.ok(&["train", "--resume", "-o", "run"]);
 }
+
+#[test]
+fn the_end_of_input_stops_a_run_that_was_asked_to_listen() {
+    let place = Workplace::new();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_luxel"));
+    command.current_dir(place.path("")).args(train_args("run")).arg("--stop-at-end-of-input");
+    let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
+    assert!(lines.any(|line| line.unwrap().contains("\"progress\"")));
+    drop(child.stdin.take());
+    let rest = std::thread::spawn(move || lines.map(Result::unwrap).collect::<Vec<_>>());
+    assert_eq!(wait(&mut child).code(), Some(130));
+    assert!(rest.join().unwrap().join("\n").contains("--resume"));
+    assert!(!checkpoints(&place, "run").is_empty());
+}
+
+/// Steps of runs that tell their progress a few times.
+const MATRIX_STEPS: &str = "400";
+
+/// Two runs, long enough to be caught in the middle.
+fn matrix_args(folder: &str) -> Vec<&str> {
+    let mut args = vec![
+        "reproduce",
+        "data",
+        "-o",
+        folder,
+        "--methods",
+        "sh1,lcd",
+        "--seeds",
+        "3",
+        "--iterations",
+        MATRIX_STEPS,
+        "--init-points",
+        "300",
+    ];
+    args.extend(["--threads", "1", "--jobs", "2", "--checkpoint-every", "60", "--log-format", "json"]);
+    args
+}
+
+#[test]
+fn an_interrupted_matrix_saves_its_runs_and_ends_with_the_bits_of_an_unbroken_one() {
+    let place = Workplace::new();
+    place.ok(&matrix_args("unbroken"));
+    let mut child = spawn(&place, &matrix_args("broken"));
+    let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
+    assert!(lines.any(|line| line.unwrap().contains("\"matrix_progress\"")));
+    place.error(&matrix_args("broken"), &["another luxel"]);
+    signal(&child, "-TERM");
+    let rest = std::thread::spawn(move || lines.map(Result::unwrap).collect::<Vec<_>>());
+    assert_eq!(wait(&mut child).code(), Some(130));
+    let told = rest.join().unwrap().join("\n");
+    assert!(told.contains("goes on from here"), "{told}");
+    assert!(!place.path("broken/report.html").exists());
+    assert!(["sh1", "lcd"].iter().any(|method| !checkpoints(&place, &format!("broken/runs/data/{method}/seed_3")).is_empty()));
+
+    // Killed outright, its runs stop by themselves, and the lock of each falls.
+    let mut child = spawn(&place, &matrix_args("broken"));
+    let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
+    assert!(lines.any(|line| line.unwrap().contains("\"matrix_progress\"")));
+    child.kill().unwrap();
+    wait(&mut child);
+    let start = Instant::now();
+    while !place.luxel(&matrix_args("broken")).output().unwrap().status.success() {
+        assert!(start.elapsed() < Duration::from_secs(120), "the runs of a killed matrix do not end");
+    }
+    for method in ["sh1", "lcd"] {
+        let scene = |root: &str| {
+            std::fs::read(place.path(root).join(format!("runs/data/{method}/seed_3/point_cloud/iteration_{MATRIX_STEPS}/point_cloud.ply")))
+                .unwrap()
+        };
+        assert!(scene("unbroken") == scene("broken"), "{method}");
+    }
+}

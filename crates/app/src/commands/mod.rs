@@ -7,4 +7,5 @@ pub(crate) mod edit;
 pub(crate) mod eval;
 pub(crate) mod info;
 pub(crate) mod render;
+pub(crate) mod reproduce;
 pub(crate) mod train;

@@ -13,7 +13,7 @@ use crate::config::RunConfig;
 use crate::console::{self, Console};
 use crate::run_folder::{Occupant, RunFolder, RunLock};
 use crate::session::{Outcome, Session};
-use crate::{data, engine, run_state, text};
+use crate::{data, engine, interrupt, run_state, text};
 
 /// What to do about what is in the output folder.
 #[derive(Debug)]
@@ -30,6 +30,9 @@ enum Start {
 pub(crate) fn run(args: &TrainArgs, said: &[String]) -> Result<Outcome> {
     let folder = RunFolder::at(&args.output);
     let start = resolve(args, said, folder.occupant()?)?;
+    if args.stop_at_end_of_input {
+        interrupt::at_end_of_input();
+    }
     let mut console = Console::new(args.console.log_format, args.console.quiet);
     let TrainedRun { outcome, config, mut trainer, steps, .. } = match start {
         Start::Fresh(config) => fresh(config, &folder, &mut console, || folder.lock())?,

@@ -1,8 +1,8 @@
-//! Text into HTML.
+//! Text into HTML, and the frame that all pages share.
 
 /// `text` such that it is text in element content and in quoted attributes, whatever it holds. Control characters that HTML forbids
 /// are dropped.
-pub(super) fn escape(text: &str) -> String {
+pub(crate) fn escape(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
         match c {
@@ -17,6 +17,20 @@ pub(super) fn escape(text: &str) -> String {
         }
     }
     out
+}
+
+/// A page of its own: `title` and `subtitle` are text, `body` is HTML.
+pub(crate) fn document(title: &str, subtitle: &str, body: &str) -> String {
+    let title = escape(title);
+    format!(
+        "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
+         <meta name=\"viewport\" content=\"width=device-width,initial-scale=1\"><meta name=\"generator\" content=\"Luxel {}\">\
+         <title>{title} · Luxel</title><style>{}</style></head><body><main><header><h1>{title}</h1><p class=\"soft\">{}</p></header>\n\
+         {body}</main></body></html>\n",
+        env!("CARGO_PKG_VERSION"),
+        include_str!("style.css"),
+        escape(subtitle),
+    )
 }
 
 #[cfg(test)]

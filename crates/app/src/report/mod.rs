@@ -4,10 +4,11 @@
 //! is escaped. Without test views the page says so and shows the rest. Pictures shrink until the page stays within a few megabytes.
 
 mod field;
-mod html;
+pub(crate) mod html;
 mod page;
-mod picture;
+pub(crate) mod picture;
 mod plot;
+pub(crate) mod profile;
 mod views;
 
 use std::path::Path;

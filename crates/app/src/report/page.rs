@@ -4,10 +4,11 @@ use std::fmt::Write as _;
 use std::time::Duration;
 
 use anyhow::Result;
-use luxel_core::metrics::{LuminanceProfile, MAX_PSNR_DB, ViewMetrics};
+use luxel_core::metrics::{MAX_PSNR_DB, ViewMetrics};
 
-use super::html::escape;
+use super::html::{document, escape};
 use super::plot::{Axis, Mark, Plot, Scale, Series};
+use super::profile::{self, Profiled};
 use super::{CurveSample, ReportInput, ReportSplit, views};
 use crate::text;
 
@@ -17,15 +18,7 @@ const MOST_POINTS: usize = 400;
 /// The whole document.
 pub(super) fn page(input: &ReportInput) -> Result<String> {
     let pictures = views::Pictures::new(input)?;
-    let title = escape(&input.title);
-    let mut page = format!(
-        "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
-         <meta name=\"viewport\" content=\"width=device-width,initial-scale=1\"><meta name=\"generator\" content=\"Luxel {}\">\
-         <title>{title} · Luxel</title><style>{}</style></head><body><main><header><h1>{title}</h1><p class=\"soft\">{}</p></header>\n",
-        env!("CARGO_PKG_VERSION"),
-        include_str!("style.css"),
-        escape(&input.subtitle),
-    );
+    let mut page = String::new();
     for warning in &input.warnings {
         let _ = write!(page, "<p class=\"note\"><b>Note:</b> {}</p>", escape(warning));
     }
@@ -35,13 +28,12 @@ pub(super) fn page(input: &ReportInput) -> Result<String> {
     page += &figures(input);
     page += &super::field::section(&input.splits);
     page += &curves(&input.curve);
-    page += &profile(input);
+    page += &error_by_luminance(input);
     page += pictures.sections();
     page += &per_view(&input.splits);
     page += &configuration(input);
     page += &footer(input);
-    page += "</main></body></html>\n";
-    Ok(page)
+    Ok(document(&input.title, &input.subtitle, &page))
 }
 
 fn decibels(value: f64) -> String {
@@ -165,16 +157,15 @@ fn per_view(splits: &[ReportSplit]) -> String {
 
 /// Loss, PSNR and splats over iterations.
 fn curves(curve: &[CurveSample]) -> String {
-    let series = |label, color, mark, of: &dyn Fn(&CurveSample) -> Option<f64>| {
+    let series = |label: &str, color, mark, of: &dyn Fn(&CurveSample) -> Option<f64>| {
         let points = curve.iter().filter_map(|s| of(s).map(|v| (f64::from(s.iteration), v))).collect();
-        Series { label, color, mark, points }
+        Series { label: label.into(), color, mark, points }
     };
     let x = Axis { label: "iteration", scale: Scale::Linear };
     let axis = |label, scale| Axis { label, scale };
     let loss = series("", 1, Mark::Faint, &|s| Some(s.loss));
-    let smooth = Series { label: "", color: 1, mark: Mark::Line, points: smoothed(&loss.points) };
-    let sparse =
-        |s: Series<'static>, mark| Series { mark: if s.points.len() > 60 { mark } else { Mark::Dots }, points: thinned(s.points), ..s };
+    let smooth = Series { label: String::new(), color: 1, mark: Mark::Line, points: smoothed(&loss.points) };
+    let sparse = |s: Series, mark| Series { mark: if s.points.len() > 60 { mark } else { Mark::Dots }, points: thinned(s.points), ..s };
     let train = sparse(series("train", 2, Mark::Line, &|s| s.psnr_train), Mark::Line);
     let test = sparse(series("test", 1, Mark::Line, &|s| s.psnr_test), Mark::Line);
     let ssim = series("", 1, Mark::Line, &|s| Some(1.0 - s.ssim));
@@ -182,8 +173,8 @@ fn curves(curve: &[CurveSample]) -> String {
     let splats = series("", 1, Mark::Line, &|s| Some(s.splats as f64));
     let figure = |title, y, series| Plot { title, x, y, series, bars: Vec::new() }.figure();
     let parts = vec![
-        Series { label: "1 − SSIM", points: smoothed(&ssim.points), ..ssim },
-        Series { label: "L1", points: smoothed(&l1.points), ..l1 },
+        Series { label: "1 − SSIM".into(), points: smoothed(&ssim.points), ..ssim },
+        Series { label: "L1".into(), points: smoothed(&l1.points), ..l1 },
     ];
     let plots = [
         figure("PSNR, protocol scene", axis("dB", Scale::Linear), vec![train, test]),
@@ -218,49 +209,11 @@ fn thinned(points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
 }
 
 /// Error against the ground truth's luminance.
-fn profile(input: &ReportInput) -> String {
-    let bins: Vec<(usize, _)> = input.profile.bins.iter().enumerate().filter(|(_, bin)| bin.count > 0).collect();
-    let most = bins.iter().map(|(_, bin)| bin.count).max().unwrap_or(0);
-    if most == 0 {
-        return String::new();
+fn error_by_luminance(input: &ReportInput) -> String {
+    let plots = profile::plots(&[Profiled { label: "", color: 1, profile: &input.profile }]);
+    if plots.is_empty() {
+        return plots;
     }
-    let at = |of: fn(&luxel_core::metrics::ProfileBin) -> Option<f64>| {
-        bins.iter().filter_map(|(_, bin)| Some((bin.mean_luminance()?, of(bin)?))).collect::<Vec<_>>()
-    };
-    let error = at(|bin| bin.mean_absolute_error());
-    let x = Axis { label: "luminance of the ground truth, normalised units", scale: Scale::Log };
-    let bars: Vec<(f64, f64, f64)> = bins
-        .iter()
-        .map(|&(i, bin)| {
-            let (from, to) = LuminanceProfile::edges(i);
-            // The open bins at either end are drawn a quarter decade wide.
-            let (from, to) = if from == 0.0 { (to / 1.78, to) } else { (from, if to.is_finite() { to } else { from * 1.78 }) };
-            (from, to, 0.9 * bin.count as f64 / most as f64)
-        })
-        .collect();
-    let ends = (error.first().map_or(1.0, |p| p.0.max(1e-5)), error.last().map_or(1.0, |p| p.0));
-    let guide =
-        |label, share: f64| Series { label, color: 0, mark: Mark::Guide, points: vec![(ends.0, share * ends.0), (ends.1, share * ends.1)] };
-    let absolute = Plot {
-        title: "Mean absolute error",
-        x,
-        y: Axis { label: "error, normalised units", scale: Scale::Log },
-        series: vec![
-            Series { label: "", color: 1, mark: Mark::Dots, points: error },
-            guide("100 %", 1.0),
-            guide("10 %", 0.1),
-            guide("1 %", 0.01),
-        ],
-        bars: bars.clone(),
-    };
-    let stops = Plot {
-        title: "Error in stops",
-        x,
-        y: Axis { label: "root mean square, EV", scale: Scale::Linear },
-        series: vec![Series { label: "", color: 1, mark: Mark::Dots, points: at(|bin| bin.rms_stops()) }],
-        bars,
-    };
-    let plots = [absolute.figure(), stops.figure()].into_iter().flatten().collect::<String>();
     let split = input.splits.first().map_or("evaluated", |split| split.name.as_str());
     format!(
         "<section><h2>Error by luminance</h2><p>How far the render is from the ground truth, from the shadows to the lamps: pixels of all {} \

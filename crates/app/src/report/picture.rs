@@ -34,23 +34,23 @@ const MASKED: [u8; 3] = [0x60, 0x68, 0x70];
 
 /// How radiance is shown.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Display {
-    pub(super) tonemap: Tonemap,
-    pub(super) exposure_ev: f32,
-    pub(super) color_space: ColorSpace,
+pub(crate) struct Display {
+    pub(crate) tonemap: Tonemap,
+    pub(crate) exposure_ev: f32,
+    pub(crate) color_space: ColorSpace,
     /// Longer sides are reduced to at most this, pixels.
-    pub(super) max_side_px: usize,
+    pub(crate) max_side_px: usize,
 }
 
 /// A picture ready for the page.
-pub(super) struct Picture {
-    pub(super) uri: String,
-    pub(super) width: usize,
-    pub(super) height: usize,
+pub(crate) struct Picture {
+    pub(crate) uri: String,
+    pub(crate) width: usize,
+    pub(crate) height: usize,
 }
 
 /// Radiance as a picture.
-pub(super) fn radiance(image: &Image, display: &Display) -> Result<Picture> {
+pub(crate) fn radiance(image: &Image, display: &Display) -> Result<Picture> {
     let small = reduce(image, reduction(image, display.max_side_px));
     let pixels = small.pixels.iter().map(|&p| {
         // Outside of Rec.709 a channel is negative: the curves take it as 0.
@@ -129,20 +129,39 @@ fn encode(width: usize, height: usize, pixels: Vec<[u8; 3]>) -> Result<Picture> 
     Ok(Picture { uri: format!("data:image/png;base64,{}", BASE64_STANDARD.encode(png.into_inner())), width, height })
 }
 
+/// Stops: `+4`, `−6`.
+pub(crate) fn signed(ev: f32) -> String {
+    if ev < 0.0 { format!("−{}", -ev) } else { format!("+{ev}") }
+}
+
+/// An image element; `alt` is HTML.
+pub(crate) fn img(picture: &Picture, class: &str, alt: &str) -> String {
+    let class = if class.is_empty() { String::new() } else { format!(" class=\"{class}\"") };
+    format!(
+        "<img{class} src=\"{}\" width=\"{}\" height=\"{}\" alt=\"{alt}\" decoding=\"async\">",
+        picture.uri, picture.width, picture.height
+    )
+}
+
+/// An image with a caption; both are HTML.
+pub(crate) fn figure(picture: &Picture, what: &str, how: &str) -> String {
+    format!("<figure>{}<figcaption><b>{what}</b> {how}</figcaption></figure>", img(picture, "", &format!("{what}, {how}")))
+}
+
 /// What is chosen from all targets together.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Exposures {
+pub(crate) struct Exposures {
     /// Brings the darkest quarter to a little below middle grey.
-    pub(super) shadows_ev: f32,
+    pub(crate) shadows_ev: f32,
     /// Brings the log-average to an evening's grey: how the scene looks.
-    pub(super) overview_ev: f32,
+    pub(crate) overview_ev: f32,
     /// Brings the brightest half per mille below white.
-    pub(super) lamps_ev: f32,
+    pub(crate) lamps_ev: f32,
 }
 
 impl Exposures {
     /// Whole stops within +-16, from luminances in normalised units (any order).
-    pub(super) fn of(mut luminances: Vec<f32>) -> Self {
+    pub(crate) fn of(mut luminances: Vec<f32>) -> Self {
         luminances.retain(|l| l.is_finite() && *l > 0.0);
         luminances.sort_by(f32::total_cmp);
         let quantile =
@@ -158,7 +177,7 @@ impl Exposures {
 }
 
 /// At most a quarter of a million luminances, evenly from all images.
-pub(super) fn sample_luminances<'a>(images: impl Iterator<Item = &'a Image> + Clone) -> Vec<f32> {
+pub(crate) fn sample_luminances<'a>(images: impl Iterator<Item = &'a Image> + Clone) -> Vec<f32> {
     let total: usize = images.clone().map(|image| image.pixels.len()).sum();
     let stride = total.div_ceil(1 << 18).max(1);
     images.flat_map(|image| image.pixels.iter()).step_by(stride).map(|&p| luminance_rec709(p)).collect()

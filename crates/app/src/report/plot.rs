@@ -14,6 +14,9 @@ const RIGHT: f64 = 14.0;
 const TOP: f64 = 12.0;
 const BOTTOM: f64 = 42.0;
 
+/// Colours that the style sheet has.
+const COLORS: usize = 8;
+
 /// How values become places.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Scale {
@@ -43,11 +46,11 @@ pub(super) enum Mark {
 
 /// Points of one colour.
 #[derive(Clone, Debug)]
-pub(super) struct Series<'a> {
+pub(super) struct Series {
     /// For the legend; empty for none.
-    pub(super) label: &'a str,
-    /// 1 or 2: which of the page's colours. Guides have their own.
-    pub(super) color: u8,
+    pub(super) label: String,
+    /// From 1: which of the page's [`COLORS`], again and dashed beyond them. Guides have their own.
+    pub(super) color: usize,
     pub(super) mark: Mark,
     pub(super) points: Vec<(f64, f64)>,
 }
@@ -58,7 +61,7 @@ pub(super) struct Plot<'a> {
     pub(super) title: &'a str,
     pub(super) x: Axis<'a>,
     pub(super) y: Axis<'a>,
-    pub(super) series: Vec<Series<'a>>,
+    pub(super) series: Vec<Series>,
     /// (from, to, share 0 to 1) along x: drawn behind everything, for how much data there is.
     pub(super) bars: Vec<(f64, f64, f64)>,
 }
@@ -78,10 +81,16 @@ impl Plot<'_> {
         svg += "</svg>";
         let mut legend = String::new();
         for series in self.series.iter().filter(|s| !s.label.is_empty() && s.mark != Mark::Guide) {
-            let _ = write!(legend, "<span class=\"key c{}\">{}</span>", series.color, escape(series.label));
+            let _ = write!(legend, "<span class=\"key {}\">{}</span>", color_class(series.color), escape(&series.label));
         }
         Some(format!("<figure class=\"plot\"><figcaption><b>{}</b>{legend}</figcaption>{svg}</figure>", escape(self.title)))
     }
+}
+
+/// Classes of the style sheet.
+fn color_class(color: usize) -> String {
+    let i = color.saturating_sub(1);
+    format!("c{}{}", i % COLORS + 1, if i < COLORS { "" } else { " again" })
 }
 
 /// Axis limits, and the map from data to the drawing.
@@ -245,11 +254,11 @@ impl Frame {
             write!(svg, "<text class=\"label mid\" transform=\"rotate(-90 {x} {y})\" x=\"{x}\" y=\"{y}\">{}</text>", escape(plot.y.label));
     }
 
-    fn series(&self, svg: &mut String, series: &Series<'_>) {
+    fn series(&self, svg: &mut String, series: &Series) {
         let points: Vec<(f64, f64)> = series.points.iter().filter_map(|&p| self.point(p)).collect();
         let class = match series.mark {
-            Mark::Line | Mark::Dots => format!("line c{}", series.color),
-            Mark::Faint => format!("faint c{}", series.color),
+            Mark::Line | Mark::Dots => format!("line {}", color_class(series.color)),
+            Mark::Faint => format!("faint {}", color_class(series.color)),
             Mark::Guide => "guide".into(),
         };
         if series.mark == Mark::Guide {
@@ -264,13 +273,13 @@ impl Frame {
         }
         if series.mark == Mark::Dots || points.len() == 1 {
             for (x, y) in &points {
-                let _ = write!(svg, "<circle class=\"dot c{}\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"3\"/>", series.color);
+                let _ = write!(svg, "<circle class=\"dot {}\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"3\"/>", color_class(series.color));
             }
         }
     }
 
     /// A straight line from the first to the last point, cut at the frame, with its label at the upper end.
-    fn guide(&self, svg: &mut String, series: &Series<'_>, points: &[(f64, f64)]) {
+    fn guide(&self, svg: &mut String, series: &Series, points: &[(f64, f64)]) {
         let (Some(&(x0, y0)), Some(&(x1, y1))) = (points.first(), points.last()) else { return };
         let (top, bottom) = (TOP, HEIGHT - BOTTOM);
         let at = |y: f64| if y1 == y0 { 0.0 } else { (y - y0) / (y1 - y0) };
@@ -282,7 +291,7 @@ impl Frame {
         let end = |t: f64| (x0 + t * (x1 - x0), y0 + t * (y1 - y0));
         let ((ax, ay), (bx, by)) = (end(a), end(b));
         let _ = write!(svg, "<line class=\"guide\" x1=\"{ax:.1}\" y1=\"{ay:.1}\" x2=\"{bx:.1}\" y2=\"{by:.1}\"/>");
-        let _ = write!(svg, "<text class=\"halo end\" x=\"{:.1}\" y=\"{:.1}\">{}</text>", bx - 6.0, by + 10.0, escape(series.label));
+        let _ = write!(svg, "<text class=\"halo end\" x=\"{:.1}\" y=\"{:.1}\">{}</text>", bx - 6.0, by + 10.0, escape(&series.label));
     }
 }
 
@@ -291,7 +300,7 @@ mod tests {
     use super::*;
 
     fn plot(points: Vec<(f64, f64)>, scale: Scale) -> Plot<'static> {
-        let series = vec![Series { label: "a<b", color: 1, mark: Mark::Dots, points }];
+        let series = vec![Series { label: "a<b".into(), color: 1, mark: Mark::Dots, points }];
         Plot { title: "t & t", x: Axis { label: "x", scale: Scale::Linear }, y: Axis { label: "y", scale }, series, bars: Vec::new() }
     }
 
@@ -311,6 +320,11 @@ mod tests {
         assert_eq!(figure.matches("<circle").count(), 2);
         assert!(!figure.contains("NaN") && !figure.contains("inf"), "{figure}");
         assert!(figure.contains("t &amp; t") && figure.contains("a&lt;b"));
+    }
+
+    #[test]
+    fn colours_beyond_the_last_come_again_dashed() {
+        assert_eq!([1, 8, 9, 18].map(color_class), ["c1", "c8", "c1 again", "c2 again"]);
     }
 
     #[test]

@@ -8,7 +8,7 @@ use luxel_core::metrics::ViewMetrics;
 use luxel_core::tone::Tonemap;
 
 use super::html::escape;
-use super::picture::{self, Display, Exposures, INFERNO, Picture, error_map, is_valid, mu_error, radiance};
+use super::picture::{self, Display, Exposures, INFERNO, Picture, error_map, figure, img, is_valid, mu_error, radiance, signed};
 use super::{ReportInput, ReportView};
 
 /// Views shown with exposure pairs: the best, the worst and those in between.
@@ -225,23 +225,6 @@ fn figures(m: &ViewMetrics) -> String {
 fn plain(value: f64) -> String {
     let text = format!("{value:.4}");
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
-}
-
-/// `+4`, `−6`.
-fn signed(ev: f32) -> String {
-    if ev < 0.0 { format!("−{}", -ev) } else { format!("+{ev}") }
-}
-
-fn img(picture: &Picture, class: &str, alt: &str) -> String {
-    let class = if class.is_empty() { String::new() } else { format!(" class=\"{class}\"") };
-    format!(
-        "<img{class} src=\"{}\" width=\"{}\" height=\"{}\" alt=\"{alt}\" decoding=\"async\">",
-        picture.uri, picture.width, picture.height
-    )
-}
-
-fn figure(picture: &Picture, what: &str, how: &str) -> String {
-    format!("<figure>{}<figcaption><b>{what}</b> {how}</figcaption></figure>", img(picture, "", &format!("{what}, {how}")))
 }
 
 #[cfg(test)]

@@ -1,0 +1,95 @@
+//! The figures as CSV, unrounded: every run, means and spreads of the tables, and the error by luminance.
+
+use super::columns::COLUMNS;
+use super::matrix::Matrix;
+use super::results::CellResult;
+use super::table::Stat;
+use luxel_core::metrics::LuminanceProfile;
+
+/// A text as a field: in quotes where it must be.
+fn field(text: &str) -> String {
+    if text.contains([',', '"', '\n', '\r']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.into() }
+}
+
+/// The shortest text that is this number; empty for none.
+fn number(value: Option<f64>) -> String {
+    value.filter(|v| v.is_finite()).map_or_else(String::new, |v| v.to_string())
+}
+
+fn line(fields: impl IntoIterator<Item = String>) -> String {
+    fields.into_iter().collect::<Vec<_>>().join(",") + "\n"
+}
+
+/// One line a run.
+pub(super) fn runs(matrix: &Matrix, results: &[CellResult]) -> String {
+    let names =
+        ["dataset", "method", "colour_parameters", "seed", "iterations", "radiance_scale", "mu", "threads", "luxel_version", "folder"];
+    let mut out = line(names.into_iter().chain(COLUMNS.iter().map(|column| column.key)).map(String::from));
+    for result in results {
+        let (model, metrics) = (matrix.methods[result.method], &result.metrics);
+        let facts = [
+            field(&matrix.sources[result.source].name),
+            model.name(),
+            model.parameters().to_string(),
+            result.seed.to_string(),
+            metrics.iterations.to_string(),
+            metrics.radiance_scale.to_string(),
+            metrics.mu.to_string(),
+            metrics.threads.to_string(),
+            field(&metrics.luxel_version),
+            field(&result.place.display().to_string()),
+        ];
+        out += &line(facts.into_iter().chain(COLUMNS.iter().map(|column| number((column.of)(result)))));
+    }
+    out
+}
+
+/// Mean, standard deviation and number of seeds of every figure, a line for each data set and method.
+pub(super) fn means(matrix: &Matrix, results: &[CellResult]) -> String {
+    let of_column = |key: &str| [key.to_owned(), format!("{key}_sd")];
+    let names = ["dataset", "method", "seeds"].map(String::from);
+    let mut out = line(names.into_iter().chain(COLUMNS.iter().flat_map(|column| of_column(column.key))));
+    for (source, of_source) in matrix.sources.iter().enumerate() {
+        for (method, model) in matrix.methods.iter().enumerate() {
+            let cells: Vec<&CellResult> = results.iter().filter(|cell| cell.source == source && cell.method == method).collect();
+            let stats = COLUMNS.iter().flat_map(|column| {
+                let stat = Stat::of(&cells.iter().filter_map(|cell| (column.of)(cell)).collect::<Vec<_>>());
+                [number(stat.map(|stat| stat.mean)), number(stat.and_then(|stat| stat.deviation))]
+            });
+            out += &line([field(&of_source.name), model.name(), cells.len().to_string()].into_iter().chain(stats));
+        }
+    }
+    out
+}
+
+/// Error by the ground truth's luminance over the test views of all seeds, a line for each bin that has pixels.
+pub(super) fn profiles(matrix: &Matrix, profiles: &[(usize, usize, LuminanceProfile)]) -> String {
+    let names = ["dataset", "method", "luminance_from", "luminance_to", "pixels", "mean_luminance", "mean_absolute_error", "rms_stops"];
+    let mut out = line(names.map(String::from));
+    for (source, method, profile) in profiles {
+        for (i, bin) in profile.bins.iter().enumerate().filter(|(_, bin)| bin.count > 0) {
+            let (from, to) = LuminanceProfile::edges(i);
+            let values = [bin.mean_luminance(), bin.mean_absolute_error(), bin.rms_stops()].map(number);
+            let facts = [
+                field(&matrix.sources[*source].name),
+                matrix.methods[*method].name(),
+                from.to_string(),
+                to.to_string(),
+                bin.count.to_string(),
+            ];
+            out += &line(facts.into_iter().chain(values));
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fields_with_separators_are_quoted() {
+        assert_eq!(["plain", "a,b", "say \"so\""].map(field), ["plain", "\"a,b\"", "\"say \"\"so\"\"\""]);
+        assert_eq!([Some(0.1), None, Some(f64::NAN)].map(number), ["0.1", "", ""]);
+    }
+}

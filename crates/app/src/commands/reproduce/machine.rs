@@ -1,0 +1,40 @@
+//! What the machine is, as far as it tells without rights.
+
+/// Name and value, for people.
+pub(super) fn facts(cores: usize) -> Vec<(&'static str, String)> {
+    let mut facts = Vec::new();
+    let read = |path: &str| std::fs::read_to_string(path).unwrap_or_default();
+    if let Some(model) = processor(&read("/proc/cpuinfo")) {
+        facts.push(("processor", model));
+    }
+    facts.push(("cores", format!("{cores} for this program")));
+    if let Some(bytes) = memory_bytes(&read("/proc/meminfo")) {
+        facts.push(("memory", crate::text::bytes(bytes)));
+    }
+    facts.push(("system", format!("{} on {}", std::env::consts::OS, std::env::consts::ARCH)));
+    facts
+}
+
+fn processor(cpuinfo: &str) -> Option<String> {
+    let value =
+        |key: &str| cpuinfo.lines().find_map(|line| line.strip_prefix(key)?.trim_start().strip_prefix(':')).map(|v| v.trim().to_owned());
+    value("model name").or_else(|| value("Model")).filter(|name| !name.is_empty())
+}
+
+fn memory_bytes(meminfo: &str) -> Option<u64> {
+    let rest = meminfo.lines().find_map(|line| line.strip_prefix("MemTotal:"))?;
+    rest.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()?.checked_mul(1024)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn facts_are_read_where_the_system_tells_them() {
+        assert_eq!(processor("processor\t: 0\nmodel name\t: Fast CPU @ 2 GHz\n"), Some("Fast CPU @ 2 GHz".into()));
+        assert_eq!((processor(""), processor("model name\t:\n")), (None, None));
+        assert_eq!((memory_bytes("MemTotal:   16 kB\n"), memory_bytes("MemFree: 3 kB\n")), (Some(16384), None));
+        assert!(facts(3).iter().any(|(name, value)| *name == "cores" && value.starts_with('3')));
+    }
+}

@@ -1,0 +1,228 @@
+//! The matrix: methods x data sets x seeds, each cell a run folder.
+//!
+//! In: the command line. Out: [`Matrix`], its cells in the order in which they are trained: one seed of everything before the next, so that an
+//! interrupted matrix has something of every method. Cells that are there already must have the configuration that they would get now: what differs is
+//! named, cell by cell, and nothing is trained.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use luxel_core::ColorModel;
+use luxel_train::TrainConfig;
+
+use super::method::{self, with_method};
+use crate::cli::{DeviceArgs, ReproduceArgs, RunArgs};
+use crate::config::{MadeBy, RunConfig};
+use crate::run_folder::{Occupant, RunFolder};
+
+/// Folder of the cells within the output folder.
+const RUNS: &str = "runs";
+
+/// Marks the output folder; says what was asked for last.
+const MARK: &str = "matrix.toml";
+
+/// First line of the mark.
+const HEAD: &str = "# A matrix of Luxel training runs, as luxel reproduce was last asked for it. This file marks the folder as one.\n";
+
+/// Cells whose differences are told one by one.
+const TOLD_CELLS: usize = 5;
+
+/// A data set.
+#[derive(Clone, Debug)]
+pub(super) struct Source {
+    /// The folder's name, which names the cells' folder too.
+    pub(super) name: String,
+    /// Absolute.
+    pub(super) path: PathBuf,
+}
+
+/// What is there of a cell.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum CellState {
+    /// To be trained from the first step or from its newest checkpoint.
+    Open,
+    /// Trained and evaluated.
+    Finished,
+}
+
+/// A run.
+#[derive(Clone, Debug)]
+pub(super) struct Cell {
+    /// Index into [`Matrix::sources`].
+    pub(super) source: usize,
+    /// Index into [`Matrix::methods`].
+    pub(super) method: usize,
+    pub(super) seed: u64,
+    /// Below the output folder: `runs/desk-lamp/lcd/seed_42`.
+    pub(super) place: PathBuf,
+    pub(super) folder: RunFolder,
+    pub(super) config: RunConfig,
+}
+
+/// All cells.
+#[derive(Debug)]
+pub(super) struct Matrix {
+    pub(super) root: PathBuf,
+    pub(super) sources: Vec<Source>,
+    pub(super) methods: Vec<ColorModel>,
+    pub(super) seeds: Vec<u64>,
+    pub(super) cells: Vec<Cell>,
+    /// Cells that are trained side by side.
+    pub(super) jobs: usize,
+    /// Threads of each.
+    pub(super) threads: usize,
+}
+
+impl Matrix {
+    /// What the command line asks for, with the options that were `said`; touches nothing.
+    pub(super) fn plan(args: &ReproduceArgs, said: &[String]) -> Result<Self> {
+        let root = std::path::absolute(&args.output).with_context(|| format!("{}: not a path", args.output.display()))?;
+        let sources = sources(args)?;
+        let (methods, seeds) = (args.methods.clone(), args.seeds.clone());
+        if let Some(method) = repeated(&methods) {
+            bail!("--methods names {} twice; name it once", method.name());
+        }
+        if let Some(seed) = repeated(&seeds) {
+            bail!("--seeds names {seed} twice; name it once");
+        }
+        let cores = std::thread::available_parallelism().map_or(1, usize::from);
+        let jobs = args.jobs as usize;
+        let threads = args.device.threads.map_or_else(|| (cores / jobs).max(1), |threads| threads as usize);
+        let mut matrix = Self { root, sources, methods, seeds, cells: Vec::new(), jobs, threads };
+        let common = args.train.clone().with_preset(|id| said.iter().any(|said| said == id));
+        for seed in matrix.seeds.clone() {
+            for (source, method) in
+                (0..matrix.sources.len()).flat_map(|source| (0..matrix.methods.len()).map(move |method| (source, method)))
+            {
+                let train = TrainConfig { seed, ..with_method(&common, matrix.methods[method]) };
+                matrix.cells.push(matrix.cell(args, [source, method], train)?);
+            }
+        }
+        Ok(matrix)
+    }
+
+    fn cell(&self, args: &ReproduceArgs, [source, method]: [usize; 2], train: TrainConfig) -> Result<Cell> {
+        let (of, model) = (&self.sources[source], self.methods[method]);
+        let seed = train.seed;
+        let place = Path::new(RUNS).join(&of.name).join(model.name()).join(format!("seed_{seed}"));
+        train.validate().with_context(|| format!("method {}", model.name()))?;
+        let config = RunConfig {
+            luxel_version: env!("CARGO_PKG_VERSION").into(),
+            made_by: MadeBy::Train,
+            dataset: of.path.clone(),
+            load: args.load.clone(),
+            device: DeviceArgs { threads: Some(u32::try_from(self.threads)?), ..args.device.clone() },
+            run: RunArgs { checkpoint_every: args.checkpoint_every, keep_checkpoints: 1, eval_at: Vec::new(), eval_every: None },
+            train,
+        };
+        Ok(Cell { source, method, seed, folder: RunFolder::at(&self.root.join(&place)), place, config })
+    }
+
+    /// What is there of each cell, in order. Says what does not fit.
+    pub(super) fn states(&self) -> Result<Vec<CellState>> {
+        let mut states = Vec::with_capacity(self.cells.len());
+        let mut unfit = Vec::new();
+        for cell in &self.cells {
+            states.push(cell.state(&mut unfit)?);
+        }
+        if unfit.is_empty() {
+            return Ok(states);
+        }
+        let mut message = format!("{}: holds runs that are not of this matrix", self.root.display());
+        for line in unfit.iter().take(TOLD_CELLS) {
+            let _ = write!(message, "\n  {line}");
+        }
+        if unfit.len() > TOLD_CELLS {
+            let _ = write!(message, "\n  and {} more", unfit.len() - TOLD_CELLS);
+        }
+        bail!("{message}\ngive the options that they were made with, delete them, or choose another folder with -o")
+    }
+
+    /// Refuses folders of others.
+    pub(super) fn check_root(&self) -> Result<()> {
+        let root = self.root.display();
+        if self.root.join(MARK).is_file() {
+            return Ok(());
+        }
+        match RunFolder::at(&self.root).occupant()? {
+            Occupant::Nothing => Ok(()),
+            Occupant::Run(_) => bail!("{root}: holds a training run; choose another folder with -o"),
+            Occupant::Foreign => bail!("{root}: is not empty and not a matrix of luxel reproduce; choose another folder with -o"),
+        }
+    }
+
+    /// Marks the folder.
+    pub(super) fn claim(&self) -> Result<()> {
+        crate::files::write_text(&self.root.join(MARK), &format!("{HEAD}{}", self.toml()?))
+    }
+
+    /// What was asked for, for people and for keeping.
+    pub(super) fn toml(&self) -> Result<String> {
+        let mut table = toml::Table::new();
+        let strings = |values: Vec<String>| toml::Value::Array(values.into_iter().map(toml::Value::String).collect());
+        table.insert("luxel_version".into(), env!("CARGO_PKG_VERSION").into());
+        table.insert("datasets".into(), strings(self.sources.iter().map(|source| source.path.display().to_string()).collect()));
+        table.insert("methods".into(), strings(self.methods.iter().map(|method| method.name()).collect()));
+        // As text: TOML's integers have a sign.
+        table.insert("seeds".into(), strings(self.seeds.iter().map(u64::to_string).collect()));
+        if let Some(cell) = self.cells.first() {
+            let mut train = toml::Table::try_from(&cell.config.train)?;
+            for id in method::OPTIONS.iter().chain(&["seed"]) {
+                train.remove(*id);
+            }
+            table.insert("load".into(), toml::Value::try_from(&cell.config.load)?);
+            table.insert("train".into(), train.into());
+        }
+        Ok(toml::to_string_pretty(&table)?)
+    }
+}
+
+impl Cell {
+    /// `desk-lamp lcd seed 42`.
+    pub(super) fn name(&self, matrix: &Matrix) -> String {
+        let (source, method) = (&matrix.sources[self.source], matrix.methods[self.method]);
+        format!("{} {} seed {}", source.name, method.name(), self.seed)
+    }
+
+    fn state(&self, unfit: &mut Vec<String>) -> Result<CellState> {
+        let place = self.place.display();
+        match self.folder.occupant()? {
+            Occupant::Nothing => Ok(CellState::Open),
+            Occupant::Foreign => {
+                unfit.push(format!("{place}: is not empty and not a run"));
+                Ok(CellState::Open)
+            }
+            Occupant::Run(stored) => {
+                let differences = stored.differences(&self.config)?;
+                if !differences.is_empty() {
+                    unfit.push(format!("{place}: {}", differences.join("; ")));
+                }
+                let is_finished = self.folder.evaluated_iterations().contains(&self.config.train.iterations);
+                Ok(if is_finished { CellState::Finished } else { CellState::Open })
+            }
+        }
+    }
+}
+
+fn repeated<T: PartialEq + Copy>(values: &[T]) -> Option<T> {
+    values.iter().enumerate().find(|(i, value)| values[..*i].contains(value)).map(|(_, value)| *value)
+}
+
+/// The data sets, each with a name of its own.
+fn sources(args: &ReproduceArgs) -> Result<Vec<Source>> {
+    let mut sources: Vec<Source> = Vec::new();
+    for given in &args.datasets {
+        let path = std::fs::canonicalize(given).with_context(|| format!("{}: cannot open the data set", given.display()))?;
+        if args.load.format.is_none() {
+            luxel_io::detect_format(&path).context("cannot read the data set")?;
+        }
+        // Of `.` and `..` the name is that of the folder they lead to.
+        let name = given.file_name().or(path.file_name()).map_or_else(|| "dataset".into(), |name| name.to_string_lossy().into_owned());
+        if let Some(other) = sources.iter().find(|source| source.name == name) {
+            bail!("{} and {} have one folder name, which names their runs; rename one of them", other.path.display(), path.display());
+        }
+        sources.push(Source { name, path });
+    }
+    Ok(sources)
+}

@@ -1,0 +1,232 @@
+//! What is measured after training, of one cell at a time: frames per second, and figures that training leaves out.
+//!
+//! Frames per second: all test views one after another, first once unmeasured, then until [`ENOUGH`] or [`MOST_PASSES`]; views over the median time of a pass.
+//! Images come out as radiance in memory; nothing is written or shown. Results are kept in the cell, and measured again only when
+//! asked for otherwise.
+
+use std::hash::{DefaultHasher, Hasher};
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, bail};
+use luxel_core::metrics::{FieldOptions, FlipChoice};
+use luxel_core::{Dataset, Engine, RenderOptions, View};
+use luxel_train::Lpips;
+use serde::{Deserialize, Serialize};
+
+use super::matrix::{Cell, Matrix};
+use super::training::Failure;
+use crate::cli::{DeviceArgs, ReproduceArgs};
+use crate::console::Console;
+use crate::evaluation::{self, Rendering};
+use crate::{data, engine, files, run_state};
+
+/// Time after which no further pass over the views is made.
+const ENOUGH: Duration = Duration::from_secs(3);
+/// Passes that are made even if they take longer.
+const LEAST_PASSES: usize = 3;
+/// Passes that are enough in any case.
+const MOST_PASSES: usize = 20;
+
+/// A measured.json is a few hundred bytes.
+const LIMIT_BYTES: u64 = 1 << 20;
+
+/// Contents of `measured.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Measured {
+    /// Steps of training of the scene that was measured.
+    pub(super) iterations: u32,
+    pub(super) splats: usize,
+    /// `None` without test views.
+    pub(super) frames_per_second: Option<f64>,
+    /// That rendered.
+    pub(super) threads: usize,
+    /// Views a pass.
+    pub(super) views: usize,
+    /// Of the first view, pixels.
+    pub(super) size_px: [u32; 2],
+    /// Mean over the test views.
+    pub(super) hdr_flip: Option<f64>,
+    pub(super) lpips: Option<MeasuredLpips>,
+}
+
+/// A mean over the test views.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct MeasuredLpips {
+    /// `alex` or `vgg`.
+    pub(super) network: String,
+    pub(super) distance: f64,
+    /// Digest of the file of weights: other weights make other distances.
+    pub(super) weights: String,
+}
+
+/// What is asked for besides frames per second.
+pub(super) struct Wanted {
+    flip: FlipChoice,
+    lpips: Option<(Lpips, String)>,
+}
+
+/// Measures the cells that are finished, where that has not been done. What cannot be measured does not stop the others.
+pub(super) fn measure(
+    matrix: &Matrix,
+    finished: &[usize],
+    wanted: &Wanted,
+    device: &DeviceArgs,
+    console: &Console,
+) -> Result<Vec<Failure>> {
+    let (mut engine, threads) = engine::engine(device)?;
+    let is_open = |cell: &Cell| read(cell).is_none_or(|measured| !wanted.is_in(&measured) || measured.threads != threads);
+    let cells = finished.iter().filter_map(|&i| Some((i, matrix.cells.get(i)?)));
+    let mut todo: Vec<(usize, &Cell)> = cells.filter(|(_, cell)| is_open(cell)).collect();
+    // One data set after another, so that each is read once and one is held.
+    todo.sort_by_key(|(_, cell)| cell.source);
+    let mut dataset: Option<(usize, Dataset)> = None;
+    let mut failures = Vec::new();
+    for (i, cell) in todo {
+        let name = cell.name(matrix);
+        let measured = of_source(&mut dataset, cell, console)
+            .and_then(|dataset| wanted.measure(cell, dataset, engine.as_mut(), threads, console))
+            .and_then(|measured| files::write_json(&cell.folder.measured(), &measured).map(|()| measured));
+        match measured {
+            Ok(Measured { frames_per_second: Some(fps), .. }) => console.note(&format!("{name}: {fps:.1} frames per second")),
+            Ok(_) => console.note(&format!("{name}: no test views to measure")),
+            Err(error) => {
+                let error = error.context("cannot measure");
+                console.warn(&format!("{name}: {error:#}"));
+                failures.push(Failure { cell: i, error });
+            }
+        }
+    }
+    Ok(failures)
+}
+
+/// The data set of a cell, read if it is not the one that is held.
+fn of_source<'d>(held: &'d mut Option<(usize, Dataset)>, cell: &Cell, console: &Console) -> Result<&'d Dataset> {
+    if held.as_ref().is_none_or(|(source, _)| *source != cell.source) {
+        *held = None;
+        *held = Some((cell.source, data::load(&cell.config.dataset, &cell.config.load, console)?));
+    }
+    held.as_ref().map(|(_, dataset)| dataset).context("no data set")
+}
+
+/// What was measured of a cell; `None` if nothing that can be read was, or of an earlier state.
+pub(super) fn read(cell: &Cell) -> Option<Measured> {
+    let measured: Measured = serde_json::from_str(&files::read_text(&cell.folder.measured(), LIMIT_BYTES).ok()?).ok()?;
+    (measured.iterations == cell.config.train.iterations).then_some(measured)
+}
+
+impl Wanted {
+    /// Reads the weights.
+    pub(super) fn of(args: &ReproduceArgs) -> Result<Self> {
+        let lpips = match (&args.lpips_weights, evaluation::read_lpips(args.lpips_weights.as_deref())?) {
+            (Some(path), Some(lpips)) => Some((lpips, digest(path)?)),
+            _ => None,
+        };
+        Ok(Self { flip: args.metrics.into(), lpips })
+    }
+
+    /// Whether everything that is wanted has been measured.
+    fn is_in(&self, measured: &Measured) -> bool {
+        if measured.views == 0 {
+            return true;
+        }
+        let has_lpips = self.lpips.as_ref().is_none_or(|(lpips, weights)| {
+            measured.lpips.as_ref().is_some_and(|found| found.network == lpips.network().name() && found.weights == *weights)
+        });
+        has_lpips && (self.flip == FlipChoice::Skip || measured.hdr_flip.is_some())
+    }
+
+    fn measure(&self, cell: &Cell, dataset: &Dataset, engine: &mut dyn Engine, threads: usize, console: &Console) -> Result<Measured> {
+        let iterations = cell.config.train.iterations;
+        let (found, scene) = run_state::newest_scene(&cell.folder, console)?;
+        if found != iterations {
+            bail!(
+                "{}: its newest readable scene is of step {found}, expected {iterations}; delete the folder to train it anew",
+                cell.place.display()
+            );
+        }
+        engine.load(&scene.splats, None).context("cannot load the scene")?;
+        let options =
+            RenderOptions { raster: scene.raster, background: cell.config.background(scene.radiance_scale), ..RenderOptions::default() };
+        let frames_per_second = frames_per_second(engine, &dataset.test, &options)?;
+        let before = read(cell);
+        let (mut hdr_flip, mut of_lpips) = before.map_or((None, None), |before| (before.hdr_flip, before.lpips));
+        if self.flip == FlipChoice::Compute || self.lpips.is_some() {
+            let mut rendering = Rendering {
+                engine,
+                options,
+                radiance_scale: scene.radiance_scale,
+                mu: cell.config.train.mu,
+                color_space: dataset.color_space,
+                peak_luminance: FieldOptions::DEFAULT_PEAK_LUMINANCE,
+                flip: self.flip,
+                lpips: self.lpips.as_ref().map(|(lpips, _)| lpips),
+            };
+            let field = rendering.evaluate(&dataset.test, None)?.and_then(|split| split.mean_field);
+            if let Some(field) = field {
+                hdr_flip = field.hdr_flip.or(hdr_flip);
+                if let (Some((lpips, weights)), Some(distance)) = (&self.lpips, field.lpips_alex.or(field.lpips_vgg)) {
+                    of_lpips = Some(MeasuredLpips { network: lpips.network().name().into(), distance, weights: weights.clone() });
+                }
+            }
+        }
+        let size_px = dataset.test.first().map_or([0; 2], |view| view.camera.size_px);
+        let splats = scene.splats.len();
+        Ok(Measured { iterations, splats, frames_per_second, threads, views: dataset.test.len(), size_px, hdr_flip, lpips: of_lpips })
+    }
+}
+
+fn frames_per_second(engine: &mut dyn Engine, views: &[View], options: &RenderOptions) -> Result<Option<f64>> {
+    if views.is_empty() {
+        return Ok(None);
+    }
+    let mut passes: Vec<f64> = Vec::new();
+    let start = Instant::now();
+    for round in 0..=MOST_PASSES {
+        let before = Instant::now();
+        for view in views {
+            engine.render(&view.camera, options).with_context(|| format!("cannot render {}", view.name))?;
+        }
+        // The first brings everything into memory.
+        if round > 0 {
+            passes.push(before.elapsed().as_secs_f64());
+        }
+        if passes.len() >= LEAST_PASSES && start.elapsed() >= ENOUGH {
+            break;
+        }
+    }
+    passes.sort_unstable_by(f64::total_cmp);
+    let median = passes.get(passes.len() / 2).copied().filter(|seconds| *seconds > 0.0);
+    Ok(median.map(|seconds| views.len() as f64 / seconds))
+}
+
+fn digest(path: &Path) -> Result<String> {
+    let bytes = std::fs::read(path).with_context(|| format!("{}: cannot read", path.display()))?;
+    let mut hasher = DefaultHasher::new();
+    hasher.write(&bytes);
+    Ok(format!("{:016x}", hasher.finish()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_wanted_in_addition_is_measured_again() {
+        let measured = Measured {
+            iterations: 10,
+            splats: 5,
+            frames_per_second: Some(12.0),
+            threads: 2,
+            views: 3,
+            size_px: [4, 3],
+            hdr_flip: None,
+            lpips: None,
+        };
+        let wanted = |flip| Wanted { flip, lpips: None };
+        assert!(wanted(FlipChoice::Skip).is_in(&measured));
+        assert!(!wanted(FlipChoice::Compute).is_in(&measured));
+        assert!(wanted(FlipChoice::Compute).is_in(&Measured { hdr_flip: Some(0.1), ..measured.clone() }));
+        assert!(wanted(FlipChoice::Compute).is_in(&Measured { views: 0, ..measured }));
+    }
+}

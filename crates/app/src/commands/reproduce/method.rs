@@ -1,0 +1,147 @@
+//! Methods by name: the columns of the matrix.
+//!
+//! In: `sh0` to `sh5`; `lcd`, with parts after it in any order: `-exp` or `-relu` for the activation (softplus without), `-lN` for the degree to which
+//! luminance varies with the view (0 without), `-cN` for the degree of chromaticity (3 without). Out: the colour model, which has one name
+//! ([`ColorModel::name`]), and options of training. A name says everything about the model: `lcd` is the paper's whatever the defaults of training are.
+
+use luxel_core::{Activation, ColorModel};
+use luxel_train::{Method, TrainConfig};
+
+/// Options of training that a method's name stands for, by field name.
+pub(crate) const OPTIONS: [&str; 4] = ["method", "activation", "chroma_degree", "luminance_degree"];
+
+/// Degree of chromaticity that the paper has.
+const CHROMA_DEGREE: u8 = 3;
+
+/// For the command line.
+///
+/// # Errors
+/// What is wrong with the name, for people.
+pub(crate) fn parse_method(text: &str) -> Result<ColorModel, String> {
+    let degree = || text.strip_prefix("sh").filter(|degree| degree.len() == 1)?.parse().ok();
+    let model = match degree() {
+        Some(degree) => Some(ColorModel::Sh { degree }),
+        None => lcd(text),
+    };
+    model.filter(|model| model.is_valid()).ok_or_else(|| {
+        format!(
+            "unknown method \"{text}\", expected sh0 to sh5, or lcd with -exp or -relu, -l0 to -l3, -c0 to -c5 after it: lcd-exp, lcd-c2-l1"
+        )
+    })
+}
+
+fn lcd(text: &str) -> Option<ColorModel> {
+    let mut parts = text.split('-');
+    if parts.next() != Some("lcd") {
+        return None;
+    }
+    let (mut activation, mut luminance_degree, mut chroma_degree) = (None, None, None);
+    for part in parts {
+        // Each may be said once: no two names for one thing but by the order of the parts.
+        let is_new = match part.split_at_checked(1) {
+            Some(("l", degree)) => luminance_degree.replace(degree.parse::<u8>().ok()?).is_none(),
+            Some(("c", degree)) => chroma_degree.replace(degree.parse::<u8>().ok()?).is_none(),
+            _ if part == "exp" => activation.replace(Activation::Exp).is_none(),
+            _ if part == "relu" => activation.replace(Activation::Relu).is_none(),
+            _ => false,
+        };
+        if !is_new {
+            return None;
+        }
+    }
+    Some(ColorModel::Lcd {
+        chroma_degree: chroma_degree.unwrap_or(CHROMA_DEGREE),
+        luminance_degree: luminance_degree.unwrap_or(0),
+        activation: activation.unwrap_or(Activation::Softplus),
+    })
+}
+
+/// `options` with the colour model.
+pub(crate) fn with_method(options: &TrainConfig, model: ColorModel) -> TrainConfig {
+    let (method, activation, chroma_degree, luminance_degree) = match model {
+        ColorModel::Sh { degree } => (sh(degree), None, None, None),
+        ColorModel::Lcd { chroma_degree, luminance_degree, activation } => {
+            (Method::Lcd, Some(activation), Some(chroma_degree), Some(luminance_degree))
+        }
+    };
+    TrainConfig { method, activation, chroma_degree, luminance_degree, ..options.clone() }
+}
+
+/// What it is, in a few words.
+pub(crate) fn description(model: ColorModel) -> String {
+    let ColorModel::Lcd { chroma_degree, luminance_degree, activation } = model else {
+        let degree = model.sh_degree();
+        return if degree == 3 { "3DGS".into() } else { format!("3DGS, degree {degree}") };
+    };
+    let mut words = match activation {
+        Activation::Softplus => "LCD".to_owned(),
+        Activation::Exp => "LCD, exponential".into(),
+        Activation::Relu => "LCD, ReLU".into(),
+    };
+    if luminance_degree > 0 {
+        words += &format!(", luminance of degree {luminance_degree}");
+    }
+    if chroma_degree != CHROMA_DEGREE {
+        words += &format!(", chromaticity of degree {chroma_degree}");
+    }
+    words
+}
+
+fn sh(degree: u8) -> Method {
+    match degree {
+        0 => Method::Sh0,
+        1 => Method::Sh1,
+        2 => Method::Sh2,
+        3 => Method::Sh3,
+        4 => Method::Sh4,
+        _ => Method::Sh5,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_say_the_whole_colour_model() {
+        let lcd = |chroma_degree, luminance_degree, activation| ColorModel::Lcd { chroma_degree, luminance_degree, activation };
+        for (name, expected) in [
+            ("sh0", ColorModel::Sh { degree: 0 }),
+            ("sh5", ColorModel::Sh { degree: 5 }),
+            ("lcd", lcd(3, 0, Activation::Softplus)),
+            ("lcd-exp", lcd(3, 0, Activation::Exp)),
+            ("lcd-relu-l2", lcd(3, 2, Activation::Relu)),
+            ("lcd-l3-c1", lcd(1, 3, Activation::Softplus)),
+        ] {
+            let model = parse_method(name).unwrap();
+            assert_eq!((model, parse_method(&model.name())), (expected, Ok(expected)), "{name}");
+            let config = with_method(&TrainConfig { luminance_degree: Some(1), ..TrainConfig::default() }, model);
+            assert_eq!(config.color_model(), expected, "{name}");
+            config.validate().unwrap();
+        }
+    }
+
+    #[test]
+    fn other_names_are_refused_with_what_may_be_said() {
+        for name in [
+            "",
+            "sh",
+            "sh6",
+            "sh-1",
+            "sh+1",
+            "sh33",
+            "lcd-",
+            "lcdexp",
+            "lcd-l4",
+            "lcd-c6",
+            "lcd-exp-exp",
+            "lcd-exp-relu",
+            "lcd-l",
+            "lcd-ä",
+            "nerf",
+        ] {
+            let error = parse_method(name).unwrap_err();
+            assert!(error.contains(name) && error.contains("lcd-c2-l1"), "{error}");
+        }
+    }
+}

@@ -1,0 +1,73 @@
+//! What the cells came to: read from their folders, one [`CellResult`] each.
+
+use std::path::PathBuf;
+
+use anyhow::{Context, Result};
+use luxel_core::metrics::{FieldMetrics, LuminanceProfile, ViewMetrics};
+use luxel_train::SplitMetrics;
+
+use super::matrix::{Cell, Matrix};
+use super::measure::{self, Measured};
+use crate::evaluation::Metrics;
+use crate::{files, run_log};
+
+/// A metrics.json has a few kilobytes a view.
+const LIMIT_BYTES: u64 = 256 << 20;
+
+/// A finished cell.
+pub(super) struct CellResult {
+    /// Index into [`Matrix::sources`].
+    pub(super) source: usize,
+    /// Index into [`Matrix::methods`].
+    pub(super) method: usize,
+    pub(super) seed: u64,
+    /// Below the output folder.
+    pub(super) place: PathBuf,
+    /// Of the last step.
+    pub(super) metrics: Metrics,
+    pub(super) measured: Option<Measured>,
+    /// Most resident memory of the process while it trained, before the last evaluation.
+    pub(super) peak_bytes: Option<u64>,
+}
+
+impl CellResult {
+    fn read(cell: &Cell) -> Result<Self> {
+        let path = cell.folder.evaluation(cell.config.train.iterations).join("metrics.json");
+        let metrics: Metrics = serde_json::from_str(&files::read_text(&path, LIMIT_BYTES)?)
+            .with_context(|| format!("{}: not the figures of a run", path.display()))?;
+        let log = run_log::read(&cell.folder.log())?;
+        let peak_bytes = log.last().and_then(|record| record.peak_rss_bytes).or(metrics.peak_rss_bytes);
+        let (place, measured) = (cell.place.clone(), measure::read(cell));
+        Ok(Self { source: cell.source, method: cell.method, seed: cell.seed, place, metrics, measured, peak_bytes })
+    }
+
+    /// Means over the test views.
+    pub(super) fn test(&self) -> Option<&ViewMetrics> {
+        self.split("test").map(|split| &split.mean)
+    }
+
+    /// Means over the training views.
+    pub(super) fn train(&self) -> Option<&ViewMetrics> {
+        self.split("train").map(|split| &split.mean)
+    }
+
+    /// Means over the test views of what needs no mu-law.
+    pub(super) fn field(&self) -> Option<&FieldMetrics> {
+        self.split("test").and_then(|split| split.mean_field.as_ref())
+    }
+
+    /// Error by luminance over the test views.
+    pub(super) fn profile(&self) -> Option<&LuminanceProfile> {
+        self.split("test").map(|split| &split.profile)
+    }
+
+    fn split(&self, name: &str) -> Option<&SplitMetrics> {
+        self.metrics.splits.get(name).filter(|split| !split.views.is_empty())
+    }
+}
+
+/// All cells that have results, in the matrix's order.
+pub(super) fn read(matrix: &Matrix, finished: &[usize]) -> Result<Vec<CellResult>> {
+    let cells = finished.iter().filter_map(|&i| matrix.cells.get(i));
+    cells.map(|cell| CellResult::read(cell).with_context(|| format!("cannot read the results of {}", cell.name(matrix)))).collect()
+}

@@ -1,0 +1,190 @@
+//! `luxel reproduce` from outside.
+#![allow(clippy::unwrap_used)]
+
+mod common;
+
+use std::path::Path;
+
+use common::Workplace;
+
+/// Two methods, one seed, few steps; `data` is the tiny data set.
+const TINY: [[&str; 2]; 6] =
+    [["-o", "matrix"], ["--methods", "sh1,lcd"], ["--seeds", "7"], ["--iterations", "20"], ["--init-points", "200"], ["--threads", "1"]];
+
+/// The command with these options, in place of those of [`TINY`] that they repeat.
+fn args<'a>(options: &[[&'a str; 2]]) -> Vec<&'a str> {
+    let kept = TINY.iter().filter(|[name, _]| !options.iter().any(|[other, _]| name == other));
+    ["reproduce", "data"].into_iter().chain(kept.chain(options).flatten().copied()).collect()
+}
+
+fn read(place: &Workplace, name: &str) -> String {
+    std::fs::read_to_string(place.path(name)).unwrap()
+}
+
+/// Lines of a CSV file as maps are too long-winded: the value of `column` in the line that begins with `start`.
+fn value(csv: &str, start: &str, column: &str) -> String {
+    let mut lines = csv.lines();
+    let at = lines.next().unwrap().split(',').position(|name| name == column).unwrap_or_else(|| panic!("no column {column}"));
+    let line = lines.find(|line| line.starts_with(start)).unwrap_or_else(|| panic!("no line {start} in\n{csv}"));
+    line.split(',').nth(at).unwrap().to_owned()
+}
+
+fn modified(path: &Path) -> std::time::SystemTime {
+    std::fs::metadata(path).unwrap().modified().unwrap()
+}
+
+#[test]
+fn a_matrix_becomes_tables_and_figures() {
+    let place = Workplace::new();
+    let told = place.ok(&args(&[["--seeds", "7,8"], ["--metrics", "all"], ["--jobs", "2"]]));
+    assert!(told.contains("report.html") && told.contains("tables.tex"), "{told}");
+    for folder in ["sh1/seed_7", "sh1/seed_8", "lcd/seed_7", "lcd/seed_8"] {
+        assert!(place.path("matrix/runs/data").join(folder).join("report.html").is_file(), "{folder}");
+    }
+    let runs = read(&place, "matrix/runs.csv");
+    assert_eq!(runs.lines().count(), 5);
+    for column in ["train_minutes", "peak_memory_mb", "psnr_scene", "ssim_gtmax", "hdr_flip", "frames_per_second", "train_psnr_scene"] {
+        assert!(value(&runs, "data,lcd,49,8", column).parse::<f64>().unwrap() > 0.0, "{column}");
+    }
+    assert_eq!(value(&runs, "data,sh1,12,7", "lpips_alex"), "");
+    let means = read(&place, "matrix/means.csv");
+    let psnr = |seed: &str| value(&runs, &format!("data,sh1,12,{seed}"), "psnr_scene").parse::<f64>().unwrap();
+    let mean: f64 = value(&means, "data,sh1,2", "psnr_scene").parse().unwrap();
+    assert!((mean - 0.5 * (psnr("7") + psnr("8"))).abs() < 1e-9);
+    let deviation: f64 = value(&means, "data,sh1,2", "psnr_scene_sd").parse().unwrap();
+    assert!((deviation - (psnr("7") - psnr("8")).abs() / 2f64.sqrt()).abs() < 1e-9);
+    assert!(read(&place, "matrix/profiles.csv").lines().any(|line| line.starts_with("data,lcd,")));
+
+    let report = read(&place, "matrix/report.html");
+    for part in [
+        "1 data set",
+        "2 seeds",
+        "20 iterations",
+        "Error by luminance",
+        "Side by side",
+        "HDR-Syn-8S",
+        "other data",
+        "class=\"best\"",
+        "± ",
+        "HDR-FLIP",
+        "Machine and protocol",
+        "<b>gtmax</b>",
+        "runs/data/lcd/seed_8/report.html",
+        "42.69",
+    ] {
+        assert!(report.contains(part), "{part}");
+    }
+    // Self-contained, and without activations to compare.
+    assert!(!report.contains("src=\"http") && !report.contains("<link") && !report.contains("Activation of the luminance"));
+    let tex = read(&place, "matrix/tables.tex");
+    assert!(
+        tex.contains("\\toprule") && tex.contains("\\textbf{") && tex.contains("$\\pm$") && tex.contains("as published by LCD-GS"),
+        "{tex}"
+    );
+}
+
+#[test]
+fn what_is_finished_stays_and_more_can_be_asked_for() {
+    let place = Workplace::new();
+    place.ok(&args(&[]));
+    let figures = place.path("matrix/runs/data/lcd/seed_7/metrics.json");
+    let (before, then) = (std::fs::read(&figures).unwrap(), modified(&figures));
+    // A run that was interrupted early has its settings only; another has lost its figures.
+    let interrupted = place.path("matrix/runs/data/sh1/seed_7");
+    for entry in ["metrics.json", "log.jsonl", "report.html"] {
+        std::fs::remove_file(interrupted.join(entry)).unwrap();
+    }
+    for entry in ["eval", "checkpoints", "point_cloud"] {
+        std::fs::remove_dir_all(interrupted.join(entry)).unwrap();
+    }
+    place.ok(&args(&[["--methods", "lcd-exp,sh1,lcd"], ["--jobs", "2"]]));
+    let scene = place.path("matrix/runs/data/sh1/seed_7/point_cloud/iteration_20/point_cloud.ply");
+    assert!(scene.is_file());
+    assert!(modified(&figures) == then && std::fs::read(&figures).unwrap() == before);
+    let report = read(&place, "matrix/report.html");
+    assert!(report.contains("Activation of the luminance") && report.contains("lcd-exp") && report.contains("Exponential"));
+    assert_eq!(read(&place, "matrix/runs.csv").lines().count(), 4);
+    // The other way round: a part of what is there.
+    place.ok(&args(&[["--methods", "lcd"]]));
+    assert_eq!(read(&place, "matrix/runs.csv").lines().count(), 2);
+    assert!(place.path("matrix/runs/data/sh1/seed_7/metrics.json").is_file());
+}
+
+#[test]
+fn runs_side_by_side_have_the_bits_of_runs_in_turn() {
+    let place = Workplace::new();
+    place.ok(&args(&[]));
+    place.ok(&args(&[["-o", "other"], ["--jobs", "2"], ["--threads", "2"]]));
+    for run in ["sh1/seed_7", "lcd/seed_7"] {
+        let scene = |root: &str| {
+            std::fs::read(place.path(root).join("runs/data").join(run).join("point_cloud/iteration_20/point_cloud.ply")).unwrap()
+        };
+        assert!(scene("matrix") == scene("other"), "{run}");
+    }
+}
+
+#[test]
+fn runs_that_do_not_fit_are_named_and_nothing_is_trained() {
+    let place = Workplace::new();
+    place.ok(&args(&[["--methods", "lcd"]]));
+    place.error(
+        &args(&[["--max-splats", "100"]]),
+        &["runs/data/lcd/seed_7", "--max-splats is unset there, 100 now", "choose another folder"],
+    );
+    assert!(!place.path("matrix/runs/data/sh1").exists());
+    place.error(&args(&[["--iterations", "30"]]), &["--iterations is 20 there, 30 now"]);
+    place.error(&args(&[["--downscale", "2"]]), &["--downscale is 1 there, 2 now"]);
+    // What leaves the result alone may change.
+    place.ok(&args(&[["--methods", "lcd"], ["--checkpoint-every", "5"], ["--threads", "2"]]));
+    std::fs::create_dir_all(place.path("matrix/runs/data/sh1/seed_7")).unwrap();
+    std::fs::write(place.path("matrix/runs/data/sh1/seed_7/thesis.tex"), "years").unwrap();
+    place.error(&args(&[]), &["runs/data/sh1/seed_7: is not empty and not a run"]);
+}
+
+#[test]
+fn what_cannot_be_a_matrix_is_said() {
+    let place = Workplace::new();
+    common::write_dataset(&place.path("more/data"));
+    place.error(&[&args(&[])[..], &["more/data"]].concat(), &["have one folder name"]);
+    place.error(&[&args(&[])[..], &["nowhere"]].concat(), &["nowhere: cannot open the data set"]);
+    place.error(&args(&[["--methods", "lcd,lcd-l0"]]), &["--methods names lcd twice"]);
+    place.error(&args(&[["--seeds", "1,2,1"]]), &["--seeds names 1 twice"]);
+    place.error(&args(&[["--mu", "0"]]), &["mu"]);
+    place.error(&args(&[["--lpips-weights", "data/transforms.json"]]), &["safetensors"]);
+    assert!(!place.path("matrix").exists());
+    std::fs::create_dir(place.path("thesis")).unwrap();
+    std::fs::write(place.path("thesis/final.tex"), "years").unwrap();
+    place.error(&args(&[["-o", "thesis"]]), &["thesis", "not a matrix"]);
+    assert_eq!(std::fs::read_dir(place.path("thesis")).unwrap().count(), 1);
+    for bad in [["--method", "sh3"], ["--seed", "3"], ["--activation", "exp"], ["--methods", "nerf"], ["--jobs", "0"], ["--seeds", "x"]] {
+        let stderr = place.fails(2, &args(&[bad]));
+        assert!(!stderr.contains("panicked"), "{stderr}");
+    }
+    assert!(place.fails(2, &args(&[["--seed", "3"]])).contains("say --seeds"));
+    let help = place.ok(&["reproduce", "--help"]);
+    assert!(
+        help.contains("--max-splats") && help.contains("--methods") && !help.contains("--method <") && !help.contains("--seed <"),
+        "{help}"
+    );
+}
+
+#[test]
+fn a_run_that_fails_does_not_stop_the_others() {
+    let place = Workplace::new();
+    place.ok(&args(&[["--methods", "sh1"]]));
+    let checkpoint = place.path("matrix/runs/data/sh1/seed_7/checkpoints");
+    for entry in std::fs::read_dir(&checkpoint).unwrap() {
+        std::fs::write(entry.unwrap().path(), "").unwrap();
+    }
+    std::fs::remove_file(place.path("matrix/runs/data/sh1/seed_7/eval/step_20/metrics.json")).unwrap();
+    let stderr = place.fails(1, &args(&[]));
+    for part in ["data sh1 seed 7: ", "none of the 1 checkpoints can be read", "the report is without that"] {
+        assert!(stderr.contains(part), "{part}\n{stderr}");
+    }
+    let report = read(&place, "matrix/report.html");
+    assert!(report.contains("data sh1 seed 7 failed") && report.contains("runs/data/lcd/seed_7"), "{report}");
+    // Figures stand without the images that the pictures are made of.
+    std::fs::remove_dir_all(place.path("matrix/runs/data/lcd/seed_7/eval/step_20/renders")).unwrap();
+    place.ok(&args(&[["--methods", "lcd"]]));
+    assert!(read(&place, "matrix/report.html").contains("Left out: cannot show view"));
+}
