@@ -324,6 +324,25 @@ mod tests {
     }
 
     #[test]
+    fn what_decides_the_result_is_compared_and_nothing_else() {
+        let (stored, _) = parsed(&words("--seed 7 --max-splats 9")).unwrap();
+        let (free, _) = parsed(&words("--seed 7 --max-splats 9 --threads 3 --checkpoint-every 10 --eval-at 5")).unwrap();
+        assert_eq!(stored.differences(&free).unwrap(), Vec::<String>::new());
+        let (other, _) = parsed(&words("--seed 8 --downscale 2 --init-scale 0.5")).unwrap();
+        let other = RunConfig { dataset: "elsewhere".into(), ..other };
+        assert_eq!(
+            stored.differences(&other).unwrap(),
+            [
+                "the data set is data there, elsewhere now",
+                "--downscale is 1 there, 2 now",
+                "--max-splats is 9 there, unset now",
+                "--seed is 7 there, 8 now",
+                "--init-scale is unset there, 0.5 now",
+            ]
+        );
+    }
+
+    #[test]
     fn a_resumed_run_takes_only_what_leaves_its_steps_alone() {
         let (stored, _) = parsed(&words("--seed 7")).unwrap();
         let (line, said) = parsed(&words("--iterations 50000 --threads 3 --checkpoint-every 10")).unwrap();

@@ -78,8 +78,8 @@ pub(super) const COLUMNS: [Column; 19] = [
     column("lpips_alex", ["LPIPS", "AlexNet"], 4, Lower, |r| lpips(r, "alex")).shown(Shown::IfThere),
     column("lpips_vgg", ["LPIPS", "VGG16"], 4, Lower, |r| lpips(r, "vgg")).shown(Shown::IfThere),
     column("frames_per_second", ["", "fps"], 1, Higher, |r| r.measured.as_ref()?.frames_per_second),
-    column("train_psnr_scene", ["training views", "PSNR scene"], 2, Neither, |r| Some(r.train()?.psnr_scene)),
-    column("train_psnr_gtmax", ["training views", "PSNR gtmax"], 2, Neither, |r| Some(r.train()?.psnr_gtmax)).shown(Shown::InCsv),
+    column("train_psnr_scene", ["train views", "PSNR scene"], 2, Neither, |r| Some(r.train()?.psnr_scene)),
+    column("train_psnr_gtmax", ["train views", "PSNR gtmax"], 2, Neither, |r| Some(r.train()?.psnr_gtmax)).shown(Shown::InCsv),
     column("black_psnr_scene", ["black image", "PSNR scene"], 2, Neither, |r| Some(r.test()?.psnr_black_scene)).shown(Shown::InCsv),
 ];
 

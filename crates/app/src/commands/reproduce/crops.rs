@@ -1,6 +1,6 @@
-//! Side-by-side crops: the same window of a test view by every method and as it was photographed, at two exposures.
+//! Side-by-side crops: the same window of a test view by every method and as it was captured, at two exposures.
 //!
-//! Windows are chosen by the photograph alone, not by what the methods make of it: of two test views, at a quarter and three quarters of the list,
+//! Windows are chosen by the ground truth alone, not by what the methods make of it: of two test views, at a quarter and three quarters of the list,
 //! the window a third as long as the shorter side in which the logarithm of luminance varies most, where dark and bright meet. Renders are those of
 //! the first seed.
 
@@ -66,7 +66,7 @@ fn view(matrix: &Matrix, cells: &[&CellResult], name: &str, stem: &str) -> Resul
     let window = most_contrast(&truth.image);
     let exposures_ev = exposures_ev(&crop(&truth.image, window));
     let overview_ev = Exposures::of(picture::sample_luminances(std::iter::once(&truth.image))).overview_ev;
-    let mut shots = vec![("photograph".to_owned(), String::new(), crop(&truth.image, window), truth.color_space)];
+    let mut shots = vec![("ground truth".to_owned(), String::new(), crop(&truth.image, window), truth.color_space)];
     for cell in cells {
         let render = read(matrix, cell, "renders", stem)?;
         let psnr = cell.metrics.splits.get("test").and_then(|split| split.views.iter().find(|view| view.name == name));
@@ -80,7 +80,7 @@ fn view(matrix: &Matrix, cells: &[&CellResult], name: &str, stem: &str) -> Resul
     let mut out = format!(
         "<h3>View {name}</h3><div class=\"crops\"><figure class=\"where\"><div>{}<span style=\"left:{:.2}%;top:{:.2}%;width:{:.2}%;height:{:.2}%\"></span></div>\
          <figcaption><b>where</b> AgX, {} EV</figcaption></figure>",
-        img(&radiance(&truth.image, &overview)?, "", &format!("photograph of view {name}")),
+        img(&radiance(&truth.image, &overview)?, "", &format!("ground truth of view {name}")),
         percent(window.x, width),
         percent(window.y, height),
         percent(window.side, width),

@@ -15,12 +15,7 @@ pub(super) fn ours(matrix: &Matrix, table: &Table) -> String {
     let mut out = head("method", &table.columns);
     for row in &table.rows {
         let model = matrix.methods[row.method];
-        let _ = write!(
-            out,
-            "<tr><td><b>{}</b> <span class=\"soft\">{}</span></td>",
-            escape(&model.name()),
-            escape(&method::description(model))
-        );
+        let _ = write!(out, "<tr><td><b>{}</b><br><small>{}</small></td>", escape(&model.name()), escape(&method::description(model)));
         for (entry, column) in row.entries.iter().zip(&table.columns) {
             let _ = write!(out, "<td>{}</td>", entry.as_ref().map_or_else(|| "–".into(), |entry| value(entry, column, matrix.seeds.len())));
         }
@@ -31,7 +26,7 @@ pub(super) fn ours(matrix: &Matrix, table: &Table) -> String {
 
 /// Beginning of a table, up to its rows.
 fn head(what: &str, columns: &[&Column]) -> String {
-    let mut out = format!("<div class=\"scroll\"><table><thead><tr><th rowspan=\"2\">{what}</th>");
+    let mut out = format!("<div class=\"scroll\"><table class=\"wide\"><thead><tr><th rowspan=\"2\">{what}</th>");
     for (name, count) in groups(columns) {
         let _ = write!(out, "<th class=\"group\" colspan=\"{count}\">{name}</th>");
     }

@@ -137,7 +137,7 @@ fn profiles(content: &Content<'_>) -> String {
     }
     format!(
         "<section><h2>Error by luminance</h2><p>From the shadows to the lamps: pixels of all test views and seeds, in bins of a quarter decade of the \
-         photograph's luminance, nothing clipped. The bars in the background say how many pixels there are; dashed lines are relative errors.</p>{out}</section>\n"
+         ground truth's luminance, nothing clipped. The bars in the background say how many pixels there are; dashed lines are relative errors.</p>{out}</section>\n"
     )
 }
 
@@ -155,7 +155,7 @@ fn all_crops(content: &Content<'_>) -> String {
         return out;
     }
     format!(
-        "<section><h2>Side by side</h2><p>Windows chosen by the photograph alone, where its luminance varies most, in test views at a quarter and three \
+        "<section><h2>Side by side</h2><p>Windows chosen by the ground truth alone, where its luminance varies most, in test views at a quarter and three \
          quarters of the list; renders of the first seed.</p>{out}</section>\n"
     )
 }
@@ -209,7 +209,7 @@ fn protocol(content: &Content<'_>) -> String {
     let rendering = threads(&mut content.results.iter().filter_map(|result| Some(result.measured.as_ref()?.threads)));
     let mut out = format!(
         "<dl><dt>PSNR, SSIM</dt><dd>Means over the test views, in decibels, of images under the mu-law T(p) = ln(1 + {mu} p) / ln(1 + {mu}), p in 0 to 1. <b>scene</b>: \
-         p is radiance over the data set's radiance scale, one constant, as in training. <b>gtmax</b>: both images over the maximum of the view's photograph \
+         p is radiance over the data set's radiance scale, one constant, as in training. <b>gtmax</b>: both images over the maximum of the view's ground truth \
          (HDR-NeRF). <b>selfmax</b>: each image over its own maximum (HDR-GS). SSIM has an 11 x 11 Gaussian window and is the mean of the channels.</dd>\
          <dt>min</dt><dd>Wall-clock minutes of training, loading and evaluation left out, on {training} threads of the CPU; {} at a time, as asked for last. Runs side by side \
          slow each other down: times compare within one matrix.</dd>\
@@ -230,5 +230,5 @@ fn protocol(content: &Content<'_>) -> String {
     if has("lpips_alex") || has("lpips_vgg") {
         out += "<dt>LPIPS</dt><dd>Of mu-law images by gtmax as [-1, 1], with the weights that were given.</dd>";
     }
-    out + "<dt>training views</dt><dd>The same PSNR on the views that were trained on: what lies above the test views' is overfitting.</dd></dl>"
+    out + "<dt>train views</dt><dd>The same PSNR on the views that were trained on: what lies above the test views' is overfitting.</dd></dl>"
 }
