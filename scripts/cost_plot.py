@@ -79,7 +79,7 @@ def draw(results, counts, out):
 
 
 def svg(rows):
-    width, height, left, right, top, bottom = 720, 420, 70, 150, 30, 60
+    width, height, left, right, top, bottom = 720, 420, 70, 30, 30, 60
     low_ms, high_ms = 1.0, 10 ** math.ceil(math.log10(max(row["ms"] for row in rows)))
 
     def x(splats):
@@ -104,12 +104,12 @@ def svg(rows):
     # A line of slope one: cost in proportion to splats.
     ends = [(SPLATS[0], 2.0), (SPLATS[-1], 2.0 * SPLATS[-1] / SPLATS[0])]
     parts.append('<polyline fill="none" stroke="#999" stroke-dasharray="5 4" points="' + " ".join(f"{x(a):.1f},{y(b):.1f}" for a, b in ends) + '"/>')
-    parts.append(f'<text x="{x(ends[1][0]) + 8:.1f}" y="{y(ends[1][1]) + 4:.1f}" fill="#777">in proportion</text>')
+    parts.append(f'<text x="{x(ends[0][0]) + 8:.1f}" y="{y(ends[0][1]) + 14:.1f}" fill="#777">in proportion to splats</text>')
     for side, color in zip(SIDES_PX, ["#1b6ca8", "#2a9d4a", "#d98a00", "#b8322a"]):
         line = [row for row in rows if row["side"] == side]
         parts.append(f'<polyline fill="none" stroke="{color}" stroke-width="2" points="' + " ".join(f"{x(row['splats']):.1f},{y(row['ms']):.1f}" for row in line) + '"/>')
         parts += [f'<circle cx="{x(row["splats"]):.1f}" cy="{y(row["ms"]):.1f}" r="3.5" fill="{color}"/>' for row in line]
-        parts.append(f'<text x="{x(line[-1]["splats"]) + 8:.1f}" y="{y(line[-1]["ms"]) + 4:.1f}" fill="{color}">{side} x {side} px</text>')
+        parts.append(f'<text x="{x(line[0]["splats"]) + 8:.1f}" y="{y(line[0]["ms"]) - 8:.1f}" fill="{color}">{side} x {side} px</text>')
     return "\n".join([*parts, "</svg>\n"])
 
 
