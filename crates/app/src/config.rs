@@ -117,7 +117,9 @@ impl RunConfig {
                 };
             }
         }
-        Ok(base.try_into()?)
+        // What a preset leaves unset has no line in the table, and is not to have its default.
+        let config: Self = base.clone().try_into()?;
+        Ok(Self { train: config.train.with_preset(|id| value(&base, TRAIN, id).is_some()), ..config })
     }
 
     /// `self`, the configuration of an interrupted run, with what the command line may change. Everything else that was `said` must
@@ -295,6 +297,10 @@ mod tests {
         // One preset over another, down to what the new one leaves unset.
         let (line, said) = parsed(&words("--preset paper")).unwrap();
         assert_eq!(alone.overlaid(&line, &said).unwrap().train, paper);
+        // What a preset leaves unset stays so, whatever the default is.
+        let (unbounded, _) = parsed(&words("--preset paper")).unwrap();
+        let (line, said) = parsed(&words("--seed 42")).unwrap();
+        assert_eq!(unbounded.overlaid(&line, &said).unwrap().train, unbounded.train);
         // What the file's preset set is kept without one.
         let (line, said) = parsed(&words("--seed 5")).unwrap();
         assert_eq!(alone.overlaid(&line, &said).unwrap().train, TrainConfig { seed: 5, ..alone.train });
