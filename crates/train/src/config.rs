@@ -92,7 +92,7 @@ pub struct TrainConfig {
     #[arg(long, value_name = "N", help_heading = "Splats")]
     pub max_splats: Option<u32>,
     /// Bounds the number of splats by the data: pixels of all training images together, at full size, that there are for each splat at least.
-    /// No bound is below 30000 splats. --max-splats wins; --preset paper has no bound
+    /// No bound is below 40000 splats. --max-splats wins; --preset paper has no bound
     #[arg(long, value_name = "PIXELS", default_value = "72", help_heading = "Splats")]
     pub pixels_per_splat: Option<u32>,
     /// Split by sums of absolute pixel gradients (AbsGS; adc only)
@@ -172,7 +172,7 @@ pub struct TrainConfig {
 }
 
 /// The least that [`TrainConfig::pixels_per_splat`] bounds splats by: what a scene is made of costs little up to here, however small its images.
-const MIN_BOUND_BY_DATA: u32 = 30_000;
+const MIN_BOUND_BY_DATA: u32 = 40_000;
 
 /// Largest number of splats of the MCMC strategy where none is given.
 pub const MCMC_DEFAULT_MAX_SPLATS: u32 = 100_000;

@@ -192,7 +192,7 @@ mod tests {
         let pixels = pixels(&data.train);
         let config = TrainConfig { pixels_per_splat: Some(7), ..TrainConfig::default() };
         assert_eq!(config.splat_limit(7_000_000), 1_000_000);
-        assert_eq!(config.splat_limit(pixels), 30_000, "a few pixels are no reason for fewer splats than that");
+        assert_eq!(config.splat_limit(pixels), 40_000, "a few pixels are no reason for fewer splats than that");
         assert_eq!(TrainConfig { max_splats: Some(20), ..config.clone() }.splat_limit(pixels), 20);
         assert_eq!(config.splat_limit(u64::MAX), u32::MAX as usize);
     }
