@@ -1,18 +1,19 @@
 //! The command line as text: what may be said. What it comes to is [`crate::config`]'s and each command's business.
 
 mod edit;
+mod reproduce;
 
 use std::path::PathBuf;
 
+use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, Parser, Subcommand};
-use luxel_core::ColorModel;
 use luxel_core::metrics::FieldOptions;
 use luxel_train::{CutoffPreset, Method, TrainConfig, parse_rgb};
 use serde::{Deserialize, Serialize};
 
 use self::edit::parse_edits;
 pub(crate) use self::edit::{EditArgs, EditText, ShMapArg};
-use crate::commands::reproduce::method::{self, parse_method};
+pub(crate) use self::reproduce::ReproduceArgs;
 use crate::console::LogFormat;
 use crate::values::{
     ColorSpaceArg, DeviceArg, ExrTypeArg, FormatArg, Frames, InstructionSetArg, MetricsArg, OrderArg, Shard, SplitArg, TonemapArg,
@@ -28,26 +29,17 @@ pub(crate) struct Cli {
     pub(crate) command: Command,
 }
 
-/// Options of training that `luxel reproduce` decides for each run, by id.
-fn is_of_the_matrix(id: &str) -> bool {
-    id == "seed" || method::OPTIONS.contains(&id)
-}
-
-/// The program's arguments. What [`check`] refuses is not in the help.
+/// The program's arguments.
 pub(crate) fn command() -> clap::Command {
-    let hide = |arg: clap::Arg| if is_of_the_matrix(arg.get_id().as_str()) { arg.hide(true) } else { arg };
-    Cli::command().mut_subcommand("reproduce", |reproduce| reproduce.mut_args(hide))
+    Cli::command().mut_subcommand("reproduce", |reproduce| reproduce.mut_args(reproduce::adapted))
 }
 
 /// What the arguments' own rules cannot say; `said` are the ids of the options on the command line.
 pub(crate) fn check(cli: &Cli, said: &[String]) -> Result<(), clap::Error> {
-    let refused = said.iter().find(|id| is_of_the_matrix(id));
-    if let (Command::Reproduce(_), Some(id)) = (&cli.command, refused) {
-        let instead = if id == "seed" { "--seeds" } else { "--methods" };
-        let message = format!("--{} differs from run to run; say {instead}", id.replace('_', "-"));
-        return Err(command().error(clap::error::ErrorKind::ArgumentConflict, message));
+    match &cli.command {
+        Command::Reproduce(_) => reproduce::check(said).map_err(|message| command().error(ErrorKind::ArgumentConflict, message)),
+        _ => Ok(()),
     }
-    Ok(())
 }
 
 /// What to do.
@@ -393,62 +385,6 @@ pub(crate) struct BenchArgs {
     /// Where the work is done.
     #[command(flatten)]
     pub(crate) device: DeviceArgs,
-}
-
-/// `luxel reproduce`.
-#[derive(Debug, Args)]
-#[command(
-    after_help = "Methods: sh0 to sh5 (spherical harmonics of RGB radiance; sh3 is 3D Gaussian splatting), lcd (LCD-GS), and with it -exp or -relu \
-    for the activation of the luminance, -l1 to -l3 for a luminance that varies with the view, -c0 to -c5 for the degree of chromaticity: lcd-c2-l1.\n\n\
-    Every run is a folder below DIR/runs. Finished runs are kept, interrupted ones go on; the same command again makes the report anew. \
-    Further methods, data sets and seeds can be added; other options need another folder. Ctrl-C saves all runs and exits with code 130.\n\n\
-    luxel reproduce desk-lamp bathroom -o paper --iterations 7000\n\
-    luxel reproduce my-scene -o ablation --methods sh3,lcd,lcd-l1 --seeds 1,2 --jobs 2 --downscale 2"
-)]
-pub(crate) struct ReproduceArgs {
-    /// Folders of data sets.
-    #[arg(required = true, value_name = "DATASET")]
-    pub(crate) datasets: Vec<PathBuf>,
-    /// Folder for runs and report.
-    #[arg(long, short, value_name = "DIR")]
-    pub(crate) output: PathBuf,
-    /// Methods, in the order of the tables.
-    #[arg(
-        long,
-        value_delimiter = ',',
-        value_parser = parse_method,
-        default_value = "sh3,sh4,sh5,lcd,lcd-exp,lcd-relu",
-        value_name = "NAMES",
-        help_heading = "Matrix"
-    )]
-    pub(crate) methods: Vec<ColorModel>,
-    /// Seeds: as many runs of each method on each data set.
-    #[arg(long, value_delimiter = ',', default_value = "42,43,44", value_name = "SEEDS", help_heading = "Matrix")]
-    pub(crate) seeds: Vec<u64>,
-    /// Runs side by side, each with its part of the cores or with --threads; times depend on it, other figures do not.
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1024), value_name = "N", help_heading = "Matrix")]
-    pub(crate) jobs: u32,
-    /// Save the training state of each run every N steps, 0 for the end only.
-    #[arg(long, default_value_t = 1000, value_name = "N", help_heading = "Matrix")]
-    pub(crate) checkpoint_every: u32,
-    /// What is computed.
-    #[arg(long, value_enum, default_value_t = MetricsArg::Fast, help_heading = "Figures")]
-    pub(crate) metrics: MetricsArg,
-    /// Weights for LPIPS: the state dict of lpips.LPIPS(net='alex' or 'vgg') as a safetensors file.
-    #[arg(long, value_name = "FILE", help_heading = "Figures")]
-    pub(crate) lpips_weights: Option<PathBuf>,
-    /// How data sets are read.
-    #[command(flatten)]
-    pub(crate) load: LoadArgs,
-    /// Where the work is done.
-    #[command(flatten)]
-    pub(crate) device: DeviceArgs,
-    /// How the command talks.
-    #[command(flatten)]
-    pub(crate) console: ConsoleArgs,
-    /// Options of training for all methods.
-    #[command(flatten)]
-    pub(crate) train: TrainConfig,
 }
 
 /// `luxel demo`.

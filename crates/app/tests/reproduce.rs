@@ -55,9 +55,16 @@ fn a_matrix_becomes_tables_and_figures() {
     assert!((deviation - (psnr("7") - psnr("8")).abs() / 2f64.sqrt()).abs() < 1e-9);
     assert!(read(&place, "matrix/profiles.csv").lines().any(|line| line.starts_with("data,lcd,")));
 
+    // Colours move least where they are held apart from luminance, and most where channels are mapped one by one.
+    let editing = read(&place, "matrix/editing.csv");
+    let error = |start: &str| value(&editing, start, "chromaticity_error").parse::<f64>().unwrap();
+    assert!(error("data,lcd,luminance") < error("data,sh1,channels") && error("data,sh1,luminance").is_finite(), "{editing}");
+
     let report = read(&place, "matrix/report.html");
     for part in [
         "1 data set",
+        "Luminance editing",
+        "sh1 by channels",
         "2 seeds",
         "20 iterations",
         "Error by luminance",

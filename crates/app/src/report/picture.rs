@@ -68,14 +68,18 @@ pub(super) fn error_map(
     full_scale: f32,
     max_side_px: usize,
 ) -> Result<Picture> {
-    // Error in the first channel, validity in the second: both average as they should.
     let pixels = (prediction.pixels.iter().zip(&target.pixels).enumerate()).map(|(i, (&p, &t))| {
         let valid = is_valid(mask, i);
         [if valid { mu_error(p, t, mu) } else { 0.0 }, f32::from(u8::from(valid)), 0.0]
     });
     let error = Image::from_pixels(target.width, target.height, pixels.collect()).context("prediction and target differ in size")?;
-    let small = reduce(&error, reduction(&error, max_side_px));
-    let colors = small.pixels.iter().map(|&[error, valid, _]| if valid > 0.0 { inferno(error / valid / full_scale) } else { MASKED });
+    values(&error, full_scale, max_side_px)
+}
+
+/// The first channel on [`INFERNO`] from 0 to `full_scale`, of pixels whose second is 1; those where it is 0 are masked. Both average as they should.
+pub(crate) fn values(image: &Image, full_scale: f32, max_side_px: usize) -> Result<Picture> {
+    let small = reduce(image, reduction(image, max_side_px));
+    let colors = small.pixels.iter().map(|&[value, valid, _]| if valid > 0.0 { inferno(value / valid / full_scale) } else { MASKED });
     encode(small.width, small.height, colors.collect())
 }
 

@@ -1,6 +1,7 @@
-//! The figures as CSV, unrounded: every run, means and spreads of the tables, and the error by luminance.
+//! The figures as CSV, unrounded: every run, means and spreads of the tables, the error by luminance, and luminance editing.
 
 use super::columns::COLUMNS;
+use super::editing::{EXPONENT, Edited};
 use super::matrix::Matrix;
 use super::results::CellResult;
 use super::table::Stat;
@@ -79,6 +80,35 @@ pub(super) fn profiles(matrix: &Matrix, profiles: &[(usize, usize, LuminanceProf
             ];
             out += &line(facts.into_iter().chain(values));
         }
+    }
+    out
+}
+
+/// Luminance editing, a line for each way to edit a scene.
+pub(super) fn editing(matrix: &Matrix, edited: &[Edited]) -> String {
+    let names = [
+        "dataset",
+        "method",
+        "map_of",
+        "exponent",
+        "chromaticity_error",
+        "chromaticity_error_p95",
+        "chromaticity_error_by_light",
+        "luminance_error_stops",
+        "pixels",
+    ];
+    let mut out = line(names.map(String::from));
+    for edited in edited {
+        let figures = &edited.figures;
+        let of = if edited.how.is_empty() { "luminance" } else { edited.how };
+        let facts = [
+            field(&matrix.sources[edited.source].name),
+            matrix.methods[edited.method].name(),
+            of.trim_start_matches("by ").into(),
+            EXPONENT.to_string(),
+        ];
+        let errors = [figures.chromaticity, figures.chromaticity_p95, figures.chromaticity_by_light, figures.luminance_stops];
+        out += &line(facts.into_iter().chain(errors.map(|error| number(Some(error)))).chain([figures.pixels.to_string()]));
     }
     out
 }

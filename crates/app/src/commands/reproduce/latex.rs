@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 
 use super::columns::{Better, Column, groups};
+use super::editing::{EXPONENT, Edited};
 use super::matrix::Matrix;
 use super::method;
 use super::paper::{self, PaperTable};
@@ -65,6 +66,25 @@ pub(super) fn papers(table: &PaperTable, what: &str, label: &str) -> String {
         let _ = writeln!(out, "{} & {minutes} & {memory_mb} & {psnr:.2} & {ssim:.3} & {lpips:.3} & {fps} \\\\", escape(method));
     }
     out + &foot(label)
+}
+
+/// Luminance editing; empty without.
+pub(super) fn editing(matrix: &Matrix, edited: &[Edited]) -> String {
+    if edited.is_empty() {
+        return String::new();
+    }
+    let caption = format!(
+        "Luminance to the power {EXPONENT}: errors against the unedited renders with the same map on each pixel's luminance, over the test views. Chromaticity: sum \
+         of the absolute differences of the channels' shares, 0 to 2."
+    );
+    let mut out = head(&caption, "llrrrr");
+    out += " & & \\multicolumn{3}{c}{chromaticity error} & luminance error \\\\\ndata & scene & mean & 95 \\% & by light & mean, EV \\\\\n\\midrule\n";
+    for edited in edited {
+        let (source, f) = (escape(&matrix.sources[edited.source].name), &edited.figures);
+        let errors = [f.chromaticity, f.chromaticity_p95, f.chromaticity_by_light, f.luminance_stops].map(|error| format!("{error:.4}"));
+        let _ = writeln!(out, "{source} & {} & {} \\\\", escape(&edited.name(matrix)), errors.join(" & "));
+    }
+    out + &foot("editing")
 }
 
 fn head(caption: &str, columns: &str) -> String {

@@ -4,7 +4,7 @@
 //! matrix.toml                             what was asked for; marks the folder
 //! runs/DATASET/METHOD/seed_N/             a run folder each, with measured.json beside
 //! report.html                             tables, figures, machine and protocol
-//! runs.csv  means.csv  profiles.csv       the figures, unrounded
+//! {runs,means,profiles,editing}.csv       the figures, unrounded
 //! tables.tex                              the tables for a paper
 //! ```
 //!
@@ -14,6 +14,7 @@
 mod columns;
 mod crops;
 mod csv;
+mod editing;
 mod html_table;
 mod latex;
 mod machine;
@@ -36,6 +37,7 @@ use crate::console::Console;
 use crate::files;
 use crate::run_folder::RunFolder;
 use crate::session::Outcome;
+use editing::Edited;
 use matrix::{CellState, Matrix};
 use page::Content;
 use results::CellResult;
@@ -61,7 +63,13 @@ pub(crate) fn run(args: &ReproduceArgs, said: &[String]) -> Result<Outcome> {
     let finished: Vec<usize> = matrix.states()?.iter().enumerate().filter(|(_, state)| is_finished(state)).map(|(i, _)| i).collect();
     failures.extend(measure::measure(&matrix, &finished, &wanted, &args.device, &console)?);
     let results = results::read(&matrix, &finished)?;
-    write(&matrix, &results, &failures)?;
+    // Figures of training stand without those of editing.
+    let edited = editing::edit(&matrix, &finished, &args.device, &console).map_err(|error| error.context("no figures of editing"));
+    let edited = edited.unwrap_or_else(|error| {
+        console.warn(&format!("{error:#}"));
+        Vec::new()
+    });
+    write(&matrix, &results, &failures, &edited)?;
     tell(&matrix, &console)?;
     match failures.as_slice() {
         [] => Ok(Outcome::Finished),
@@ -74,7 +82,7 @@ pub(crate) fn run(args: &ReproduceArgs, said: &[String]) -> Result<Outcome> {
 }
 
 /// The report and its data.
-fn write(matrix: &Matrix, results: &[CellResult], failures: &[Failure]) -> Result<()> {
+fn write(matrix: &Matrix, results: &[CellResult], failures: &[Failure], edited: &[Edited]) -> Result<()> {
     let all: Vec<usize> = (0..matrix.methods.len()).collect();
     let activations: Vec<usize> = all.iter().copied().filter(|&i| paper::name_of_activation(matrix.methods[i]).is_some()).collect();
     let sources = 0..matrix.sources.len();
@@ -90,7 +98,11 @@ fn write(matrix: &Matrix, results: &[CellResult], failures: &[Failure]) -> Resul
     files::write_text(&root.join("runs.csv"), &csv::runs(matrix, results))?;
     files::write_text(&root.join("means.csv"), &csv::means(matrix, results))?;
     files::write_text(&root.join("profiles.csv"), &csv::profiles(matrix, &profiles))?;
-    files::write_text(&root.join("tables.tex"), &tex(matrix, average.as_ref(), &tables, &of_activations))?;
+    files::write_text(&root.join("editing.csv"), &csv::editing(matrix, edited))?;
+    files::write_text(
+        &root.join("tables.tex"),
+        &(tex(matrix, average.as_ref(), &tables, &of_activations) + &latex::editing(matrix, edited)),
+    )?;
     let content = Content {
         matrix,
         results,
@@ -99,7 +111,7 @@ fn write(matrix: &Matrix, results: &[CellResult], failures: &[Failure]) -> Resul
         tables: &tables,
         activations: &of_activations,
         profiles: &profiles,
-        editing: String::new(),
+        editing: editing::section(matrix, edited)?,
     };
     files::write_text(&root.join("report.html"), &page::page(&content)?)
 }

@@ -1,0 +1,206 @@
+//! Editing figures: luminance raised to a power, by a method that holds it apart from colour and by one that does not.
+//!
+//! Of each data set the first method of either kind, 3DGS and LCD-GS before others, first seed: the whole scene under
+//! L' = p (L / p)^[`EXPONENT`], p the median of the last one's splats. A scene of spherical harmonics is edited twice, by the luminance of its colours and by
+//! channels, as RGB values usually are. Ideal is the unedited render with the map on each pixel's luminance; figures are of all test views ([`Fidelity`]),
+//! pictures of the one in the middle.
+
+use std::fmt::Write as _;
+
+use anyhow::{Context, Result};
+use luxel_core::edit::{Fidelity, FidelityMeter, MaskShares, ShMap, chromaticity_distance, ideally_edited};
+use luxel_core::tone::Tonemap;
+use luxel_core::{ColorModel, ColorSpace, Edit, Engine, Image, Map, RenderOptions, Scene, Selection, View};
+
+use super::matrix::{Cell, Matrix};
+use super::paper;
+use crate::cli::DeviceArgs;
+use crate::console::Console;
+use crate::report::html::escape;
+use crate::report::picture::{self, Display, figure, radiance};
+use crate::{data, engine, run_state, text};
+
+/// The paper's L^1.2.
+pub(super) const EXPONENT: f32 = 1.2;
+/// Chromaticity error of the brightest colour in its pictures.
+const FULL_SCALE: f32 = 0.2;
+/// Pixels a side of a picture in the page.
+const MOST_PX: usize = 400;
+
+/// One way to edit one scene, and what came of it.
+pub(super) struct Edited {
+    /// Index into [`Matrix::sources`].
+    pub(super) source: usize,
+    /// Index into [`Matrix::methods`].
+    pub(super) method: usize,
+    /// What the map was applied to, where there is a choice.
+    pub(super) how: &'static str,
+    pub(super) figures: Fidelity,
+    shown: Shown,
+}
+
+/// A view in normalised units.
+struct Shown {
+    name: String,
+    before: Image,
+    after: Image,
+    ideal: Image,
+    color_space: ColorSpace,
+}
+
+/// A scene, and the ways in which it is edited.
+struct Candidate<'a> {
+    cell: &'a Cell,
+    scene: Scene,
+    ways: &'static [(&'static str, ShMap)],
+}
+
+/// One for a scene as it is, one for it edited: views are rendered by both, one view at a time.
+struct Engines {
+    before: Box<dyn Engine>,
+    after: Box<dyn Engine>,
+}
+
+/// Edits and measures; `finished` are the cells that have scenes.
+pub(super) fn edit(matrix: &Matrix, finished: &[usize], device: &DeviceArgs, console: &Console) -> Result<Vec<Edited>> {
+    let mut engines = Engines { before: engine::engine(device)?.0, after: engine::engine(device)?.0 };
+    let mut edited = Vec::new();
+    for source in 0..matrix.sources.len() {
+        let candidates = candidates(matrix, finished, source, console)?;
+        let (Some(first), Some(last)) = (candidates.first(), candidates.last()) else { continue };
+        let dataset = luxel_io::load_dataset(&first.cell.config.dataset, &data::options(&first.cell.config.load))
+            .context("cannot read the data set")?;
+        if dataset.test.is_empty() {
+            continue;
+        }
+        let map = Map::Power { exponent: EXPONENT, pivot: Some(last.scene.median_luminance()) };
+        let edit = Edit { selection: Selection::All, maps: vec![map] };
+        for candidate in &candidates {
+            for (how, sh_map) in candidate.ways {
+                let (figures, shown) = engines.compare(candidate, &edit, *sh_map, &dataset.test)?;
+                edited.push(Edited { source, method: candidate.cell.method, how, figures, shown });
+            }
+        }
+    }
+    Ok(edited)
+}
+
+/// Harmonics of radiance, then luminance apart from colour; of each kind the paper's method if it is there.
+fn candidates<'a>(matrix: &'a Matrix, finished: &[usize], source: usize, console: &Console) -> Result<Vec<Candidate<'a>>> {
+    let cells = || finished.iter().filter_map(|&i| matrix.cells.get(i)).filter(|cell| cell.source == source);
+    let model = |cell: &&Cell| matrix.methods[cell.method];
+    let chosen = |separates: bool| {
+        let papers = |model: ColorModel| paper::name_in_results(model).is_some_and(|name| name == "3DGS" || name == "LCD-GS");
+        let mut of_kind = cells().filter(|cell| model(cell).separates_luminance() == separates);
+        of_kind.clone().find(|cell| papers(model(cell))).or_else(|| of_kind.next())
+    };
+    let candidate = |separates: bool| {
+        let ways: &[_] =
+            if separates { &[("", ShMap::Luminance)] } else { &[("by luminance", ShMap::Luminance), ("by channels", ShMap::Channels)] };
+        let read = |cell: &'a Cell| Ok(Candidate { cell, scene: run_state::newest_scene(&cell.folder, console)?.1, ways });
+        chosen(separates).map(read)
+    };
+    [false, true].into_iter().filter_map(candidate).collect()
+}
+
+impl Engines {
+    fn compare(&mut self, candidate: &Candidate<'_>, edit: &Edit, sh_map: ShMap, views: &[View]) -> Result<(Fidelity, Shown)> {
+        let Candidate { cell, scene, .. } = candidate;
+        let mut edited = scene.clone();
+        edit.apply(&mut edited, &MaskShares::new(), sh_map).with_context(|| format!("cannot apply \"{edit}\""))?;
+        for (engine, scene) in [(&mut self.before, scene), (&mut self.after, &edited)] {
+            engine.load(&scene.splats, None).context("cannot load the scene")?;
+        }
+        // On black: the background is no splat, and would not be edited.
+        let options = RenderOptions { raster: scene.raster, ..RenderOptions::default() };
+        let scale = scene.radiance_scale;
+        let (chain, mut meter, mut shown) = (edit.chain(), FidelityMeter::default(), None);
+        for (i, view) in views.iter().enumerate() {
+            let render = |engine: &mut dyn Engine| {
+                let mut image = engine.render(&view.camera, &options).with_context(|| format!("cannot render {}", view.name))?;
+                image.scale(scale);
+                anyhow::Ok(image)
+            };
+            let (mut before, mut after) = (render(self.before.as_mut())?, render(self.after.as_mut())?);
+            let mut ideal = ideally_edited(&before, &chain);
+            meter.add(&after, &ideal);
+            if i == views.len() / 2 {
+                [&mut before, &mut after, &mut ideal].into_iter().for_each(|image| image.scale(1.0 / scale));
+                shown = Some(Shown { name: view.name.clone(), before, after, ideal, color_space: scene.color_space });
+            }
+        }
+        let figures = meter.figures().with_context(|| format!("{}: all pixels are black, before or after", cell.place.display()))?;
+        Ok((figures, shown.context("no view to show")?))
+    }
+}
+
+impl Edited {
+    /// `sh3 by channels`.
+    pub(super) fn name(&self, matrix: &Matrix) -> String {
+        format!("{} {}", matrix.methods[self.method].name(), self.how).trim_end().to_owned()
+    }
+}
+
+/// The section of the page; empty without edits.
+pub(super) fn section(matrix: &Matrix, edited: &[Edited]) -> Result<String> {
+    let mut out = String::new();
+    for (i, source) in matrix.sources.iter().enumerate() {
+        let of_source: Vec<&Edited> = edited.iter().filter(|edited| edited.source == i).collect();
+        if of_source.is_empty() {
+            continue;
+        }
+        let _ = write!(out, "<h3>{}</h3>{}", escape(&source.name), table(matrix, &of_source));
+        for edited in of_source {
+            out += &pictures(matrix, edited)?;
+        }
+    }
+    if out.is_empty() {
+        return Ok(out);
+    }
+    Ok(format!(
+        "<section><h2>Luminance editing</h2><p>Every splat's luminance to the power {EXPONENT}, about the median of the scene's splats: where luminance is a \
+         parameter of its own, chromaticity stays; where it is one set of numbers with colour, it is mapped by the luminance of the colour in each direction and \
+         fitted again, or channel by channel. Ideal is the unedited render with the same map on each pixel's luminance. The chromaticity error of a pixel is the \
+         sum of the absolute differences of the channels' shares, 0 to 2; luminance differs where bright and dark splats share a pixel.</p>{out}</section>\n"
+    ))
+}
+
+fn table(matrix: &Matrix, edited: &[&Edited]) -> String {
+    let mut out = String::from(
+        "<div class=\"scroll\"><table><thead><tr><th rowspan=\"2\">scene</th><th class=\"group\" colspan=\"3\">chromaticity error</th><th class=\"group\">luminance error</th></tr>\
+         <tr><th>mean</th><th>95 %</th><th>by light</th><th>mean, EV</th></tr></thead><tbody>",
+    );
+    for edited in edited {
+        let Fidelity { chromaticity, chromaticity_p95, chromaticity_by_light, luminance_stops, .. } = edited.figures;
+        let _ = write!(
+            out,
+            "<tr><td><b>{}</b></td><td>{chromaticity:.5}</td><td>{chromaticity_p95:.5}</td><td>{chromaticity_by_light:.5}</td><td>{luminance_stops:.4}</td></tr>",
+            escape(&edited.name(matrix))
+        );
+    }
+    out + "</tbody></table></div>"
+}
+
+fn pictures(matrix: &Matrix, edited: &Edited) -> Result<String> {
+    let Shown { name, before, after, ideal, color_space } = &edited.shown;
+    let display = Display { tonemap: Tonemap::Mulaw, exposure_ev: 0.0, color_space: *color_space, max_side_px: MOST_PX };
+    // Black pixels have no chromaticity.
+    let distance =
+        |(after, ideal): (&[f32; 3], &[f32; 3])| chromaticity_distance(*after, *ideal).map_or([0.0; 3], |d| [d as f32, 1.0, 0.0]);
+    let pixels = after.pixels.iter().zip(&ideal.pixels).map(distance).collect();
+    let errors = Image { width: after.width, height: after.height, pixels };
+    let mean = text::number(edited.figures.chromaticity);
+    Ok(format!(
+        "<h3>{} <span class=\"soft\">view {}</span></h3><div class=\"row four\">{}{}{}{}</div>\n",
+        escape(&edited.name(matrix)),
+        escape(name),
+        figure(&radiance(before, &display)?, "before", "mu-law"),
+        figure(&radiance(after, &display)?, "edited", "mu-law"),
+        figure(&radiance(ideal, &display)?, "ideal", "mu-law"),
+        figure(
+            &picture::values(&errors, FULL_SCALE, MOST_PX)?,
+            "chromaticity error",
+            &format!("black 0 to yellow {FULL_SCALE}; mean of all views {mean}")
+        ),
+    ))
+}
