@@ -36,7 +36,7 @@ pub enum Activation {
 }
 
 /// Largest argument of the exponential activation: e^60 = 1.1e26 leaves room for products within f32.
-const MAX_EXP_ARGUMENT: f32 = 60.0;
+pub const MAX_EXP_ARGUMENT: f32 = 60.0;
 
 impl Activation {
     /// Luminance of the raw parameter.

@@ -128,6 +128,14 @@ pub enum Antialias {
     Mip,
 }
 
+/// Smallest ratio of areas before and after dilation that the opacity compensation follows (Mip-splatting's guard): below, the
+/// compensation stays at its square root and has no gradient.
+pub const MIN_AREA_RATIO: f32 = 1e-6;
+
+/// Relative margin of the field of view within which the projection's Jacobian is evaluated where it is; beyond, at the margin.
+/// 0.3 of the half field of view on each side, as in 3DGS.
+pub const JACOBIAN_MARGIN: f64 = 0.3;
+
 impl Antialias {
     /// Dilation of the screen covariance, px^2.
     pub fn dilation_px2(self) -> f32 {

@@ -20,12 +20,13 @@ pub mod synthetic;
 pub mod tone;
 
 pub use camera::{Camera, CameraError, Distortion, MAX_SIDE_PX};
-pub use color::{Activation, ColorBasis, ColorModel, DEAD_CHROMA_FLOOR, SH_OFFSET};
+pub use color::{Activation, ColorBasis, ColorModel, DEAD_CHROMA_FLOOR, MAX_EXP_ARGUMENT, SH_OFFSET};
 pub use dataset::{BadPixels, Dataset, Mask, Observation, Point, View};
 pub use edit::{Edit, EditError, Map, MapChain, Selection};
 pub use engine::{
-    ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON, Antialias, Cutoffs, DensifyPlan, DensifyStats, Engine, EngineError, Geometry, LearningRates,
-    LossConfig, Pass, PlanRow, PositionNoise, RasterConfig, RenderOptions, StatsCollection, StepConfig, StepReport,
+    ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON, Antialias, Cutoffs, DensifyPlan, DensifyStats, Engine, EngineError, Geometry, JACOBIAN_MARGIN,
+    LearningRates, LossConfig, MIN_AREA_RATIO, Pass, PlanRow, PositionNoise, RasterConfig, RenderOptions, StatsCollection, StepConfig,
+    StepReport,
 };
 pub use image::{Image, luminance_rec709, luminance_sum};
 pub use order::spatial_order;

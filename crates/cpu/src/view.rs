@@ -1,6 +1,6 @@
 //! What the passes need of a camera, in f32.
 
-use luxel_core::{Antialias, Camera, CameraError, Cutoffs, RenderOptions};
+use luxel_core::{Antialias, Camera, CameraError, Cutoffs, JACOBIAN_MARGIN, RenderOptions};
 
 /// Side of a block, pixels: its 16 pixels are a vector of [`crate::lanes::LANES`], row-major.
 pub(crate) const BLOCK_PX: usize = 4;
@@ -10,10 +10,6 @@ pub(crate) const TILE_BLOCKS: usize = 8;
 pub(crate) const TILE_PX: usize = BLOCK_PX * TILE_BLOCKS;
 /// Blocks of a tile, row-major.
 pub(crate) const BLOCKS: usize = TILE_BLOCKS * TILE_BLOCKS;
-
-/// Relative margin of the field of view within which the projection's Jacobian is evaluated where it is; beyond, at the margin.
-/// 0.3 of the half field of view on each side, as in 3DGS.
-const JACOBIAN_MARGIN: f64 = 0.3;
 
 /// A camera and the options it renders with.
 #[derive(Clone, Copy, Debug)]

@@ -8,16 +8,12 @@
 use bytemuck::{Pod, Zeroable};
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd};
-use luxel_core::{Antialias, Real, each};
+use luxel_core::{Antialias, MIN_AREA_RATIO, Real, each};
 use rayon::prelude::*;
 
 use crate::lanes::{LANES, Lanes, M, V, with_simd};
 use crate::store::{Layout, Store};
 use crate::view::{ScreenCamera, TILE_PX};
-
-/// Smallest ratio of areas before and after dilation that the opacity compensation follows (Mip-splatting's guard): below, the
-/// compensation stays at its square root and has no gradient.
-pub(crate) const MIN_AREA_RATIO: f32 = 1e-6;
 
 /// sqrt(log2(e) / 2): takes a root of the inverse covariance to exponents of base 2.
 pub(crate) const SQRT_HALF_LOG2_E: f32 = 0.849_321_8;

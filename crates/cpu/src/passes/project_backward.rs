@@ -6,11 +6,11 @@
 //! moments of the offsets whitened by M, dE/dcovariance = M^T S M / 2. [`super::update`] goes over the blocks.
 
 use fearless_simd::Simd;
-use luxel_core::{Antialias, LossConfig, Real, each};
+use luxel_core::{Antialias, LossConfig, MIN_AREA_RATIO, Real, each};
 
 use super::bin::Bins;
 use super::color_backward::color_backward;
-use super::project::{MIN_AREA_RATIO, Projection, SQRT_HALF_LOG2_E, dot};
+use super::project::{Projection, SQRT_HALF_LOG2_E, dot};
 use super::rasterize_backward::{ENTRY_LEN, EntryGradient};
 use crate::lanes::{LANES, Lanes, V};
 use crate::store::{Layout, Store};

@@ -1,0 +1,197 @@
+//! The shaders: which files make up which kernel, and their pipelines, compiled when first needed and kept.
+//!
+//! A kernel is an entry point of the constants (`layout.rs`) and some of the files in `passes/`, one after the other.
+
+use luxel_core::ColorModel;
+
+use crate::layout::{Update, constants, model_constants};
+
+/// A compute shader.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) enum KernelId {
+    Project(ColorModel),
+    SortCount,
+    SortScan,
+    SortScatter,
+    BinSum,
+    BinScan,
+    BinEmit,
+    BinRanges,
+    Rasterize,
+    LossSsim,
+    LossGradient,
+    LossReport,
+    RasterizeBackward,
+    Gather,
+    ProjectBackward(ColorModel, Update),
+    Densify(ColorModel),
+}
+
+macro_rules! file {
+    ($name:literal) => {
+        include_str!(concat!("passes/", $name, ".wgsl"))
+    };
+}
+
+const COMMON: &str = file!("common");
+const FOOTPRINT: &str = file!("footprint");
+const ROTATION: &str = file!("rotation");
+const GEOMETRY: &str = file!("geometry");
+const COLOR: &str = file!("color");
+const SORT: &[&str] = &[COMMON, file!("sort")];
+const BIN: &[&str] = &[COMMON, FOOTPRINT, file!("bin")];
+const LOSS: &[&str] = &[COMMON, file!("loss")];
+
+impl KernelId {
+    /// Entry point.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Project(_) => "project",
+            Self::SortCount => "sort_count",
+            Self::SortScan => "sort_scan",
+            Self::SortScatter => "sort_scatter",
+            Self::BinSum => "bin_sum",
+            Self::BinScan => "bin_scan",
+            Self::BinEmit => "bin_emit",
+            Self::BinRanges => "bin_ranges",
+            Self::Rasterize => "rasterize",
+            Self::LossSsim => "loss_ssim",
+            Self::LossGradient => "loss_gradient",
+            Self::LossReport => "loss_report",
+            Self::RasterizeBackward => "rasterize_backward",
+            Self::Gather => "gather",
+            Self::ProjectBackward(..) => "project_backward",
+            Self::Densify(_) => "densify",
+        }
+    }
+
+    fn files(self) -> &'static [&'static str] {
+        match self {
+            Self::Project(_) => &[COMMON, ROTATION, GEOMETRY, COLOR, FOOTPRINT, file!("project")],
+            Self::SortCount | Self::SortScan | Self::SortScatter => SORT,
+            Self::BinSum | Self::BinScan | Self::BinEmit | Self::BinRanges => BIN,
+            Self::Rasterize => &[COMMON, FOOTPRINT, file!("rasterize")],
+            Self::LossSsim | Self::LossGradient | Self::LossReport => LOSS,
+            Self::RasterizeBackward => &[COMMON, FOOTPRINT, file!("unwind"), file!("rasterize_backward")],
+            Self::Gather => &[COMMON, file!("gather")],
+            Self::ProjectBackward(..) => {
+                &[COMMON, ROTATION, GEOMETRY, COLOR, file!("adam"), file!("noise"), file!("color_backward"), file!("project_backward")]
+            }
+            Self::Densify(_) => &[COMMON, ROTATION, file!("densify")],
+        }
+    }
+}
+
+/// The whole text of a kernel.
+pub(crate) fn source(kernel: KernelId) -> String {
+    let mut text = constants();
+    match kernel {
+        KernelId::Project(model) | KernelId::Densify(model) => text += &model_constants(model, Update::Parameters),
+        KernelId::ProjectBackward(model, update) => text += &model_constants(model, update),
+        _ => {}
+    }
+    for file in kernel.files() {
+        text.push('\n');
+        text.push_str(file);
+    }
+    text
+}
+
+/// A compiled kernel.
+pub(crate) struct Kernel {
+    pub(crate) pipeline: wgpu::ComputePipeline,
+    pub(crate) layout: wgpu::BindGroupLayout,
+}
+
+impl Kernel {
+    pub(crate) fn compile(device: &wgpu::Device, kernel: KernelId) -> Self {
+        let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
+            label: Some(kernel.name()),
+            source: wgpu::ShaderSource::Wgsl(source(kernel).into()),
+        });
+        let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some(kernel.name()),
+            layout: None,
+            module: &module,
+            entry_point: Some(kernel.name()),
+            compilation_options: wgpu::PipelineCompilationOptions {
+                // Every shader writes its workgroup memory before it reads it.
+                zero_initialize_workgroup_memory: false,
+                ..Default::default()
+            },
+            cache: None,
+        });
+        let layout = pipeline.get_bind_group_layout(0);
+        Self { pipeline, layout }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use luxel_core::Activation;
+    use naga::valid::{Capabilities, ValidationFlags, Validator};
+
+    use super::*;
+
+    /// Every kernel, for every kind of colour model.
+    fn all() -> Vec<KernelId> {
+        let lcd = |chroma_degree, luminance_degree, activation| ColorModel::Lcd { chroma_degree, luminance_degree, activation };
+        let mut models: Vec<ColorModel> = (0..=5).map(|degree| ColorModel::Sh { degree }).collect();
+        models.extend([lcd(0, 0, Activation::Softplus), lcd(3, 0, Activation::Softplus)]);
+        models.extend([lcd(5, 3, Activation::Exp), lcd(1, 2, Activation::Relu), lcd(0, 3, Activation::Softplus)]);
+        let mut kernels = vec![
+            KernelId::SortCount,
+            KernelId::SortScan,
+            KernelId::SortScatter,
+            KernelId::BinSum,
+            KernelId::BinScan,
+            KernelId::BinEmit,
+            KernelId::BinRanges,
+            KernelId::Rasterize,
+            KernelId::LossSsim,
+            KernelId::LossGradient,
+            KernelId::LossReport,
+            KernelId::RasterizeBackward,
+            KernelId::Gather,
+        ];
+        for model in models {
+            kernels.extend([
+                KernelId::Project(model),
+                KernelId::ProjectBackward(model, Update::Parameters),
+                KernelId::ProjectBackward(model, Update::OnlyGradients),
+                KernelId::Densify(model),
+            ]);
+        }
+        kernels
+    }
+
+    /// Bytes that an adapter has at least (WebGPU's default).
+    const WORKGROUP_BYTES: u32 = 16_384;
+    /// Storage buffers that a stage has at least.
+    const STORAGE_BUFFERS: usize = 8;
+
+    #[test]
+    fn every_shader_is_valid_without_any_optional_feature() {
+        for kernel in all() {
+            let text = source(kernel);
+            let module = naga::front::wgsl::parse_str(&text).unwrap_or_else(|e| panic!("{kernel:?}: {}", e.emit_to_string(&text)));
+            let info = Validator::new(ValidationFlags::all(), Capabilities::empty()).validate(&module);
+            let info = info.unwrap_or_else(|e| panic!("{kernel:?}: {}", e.emit_to_string(&text)));
+            let index = module.entry_points.iter().position(|e| e.name == kernel.name()).unwrap_or_else(|| panic!("{kernel:?}"));
+            let entry = info.get_entry_point(index);
+            let mut layouter = naga::proc::Layouter::default();
+            layouter.update(module.to_ctx()).unwrap();
+            let (mut bytes, mut buffers) = (0, 0);
+            for (handle, variable) in module.global_variables.iter().filter(|(handle, _)| !entry[*handle].is_empty()) {
+                match variable.space {
+                    naga::AddressSpace::WorkGroup => bytes += layouter[variable.ty].size,
+                    naga::AddressSpace::Storage { .. } => buffers += 1,
+                    _ => {}
+                }
+                let _ = handle;
+            }
+            assert!(bytes <= WORKGROUP_BYTES, "{kernel:?} takes {bytes} bytes of workgroup memory");
+            assert!(buffers <= STORAGE_BUFFERS, "{kernel:?} takes {buffers} storage buffers");
+        }
+    }
+}

@@ -1,0 +1,10 @@
+//! The GPU engine: the passes as WGSL compute shaders, through wgpu on Vulkan, Metal and DirectX 12. The CPU engine is its oracle.
+//!
+//! [`adapters`] lists what there is, [`Gpu::open`] takes one of them, [`GpuEngine`] works on it. Everything from the images' upload to the update of
+//! the parameters and the application of densification plans runs on the device; a step hands back 32 bytes and its timestamps, some steps
+//! later. Sums are made in fixed orders and no two threads add to one number, so equal inputs give equal bits on one adapter.
+
+mod kernels;
+mod layout;
+
+pub use layout::Footprint;

@@ -1,0 +1,39 @@
+// Pass `adam`: moves a parameter (Kingma and Ba 2015). Twin: cpu/passes/adam.rs. Runs within `project_backward`, as soon as a parameter's gradient
+// is known and the parameter is no longer needed: gradients never go to memory.
+
+struct Optimizer {
+    position: f32,
+    rotation: f32,
+    log_scale: f32,
+    opacity_logit: f32,
+    sh_dc: f32,
+    sh_rest: f32,
+    luminance_dc: f32,
+    luminance_rest: f32,
+    // Rates are multiplied by 1 / (1 - beta_1^t) beforehand; this is sqrt(1 / (1 - beta_2^t)).
+    root_correction_2: f32,
+    // Weights of the regularisers over the number of values they are means of.
+    opacity_weight: f32,
+    scale_weight: f32,
+    // Of the positions' noise; 0 for none.
+    noise_scale: f32,
+    seed_low: u32,
+    seed_high: u32,
+    // Whether densification statistics are collected.
+    stats: u32,
+    padding: u32,
+}
+
+// ONLY_GRADIENTS: gradients are stored in place of the first moments, and nothing else is changed, for who wants to look at them.
+fn update_parameter(row: u32, i: u32, gradient: f32, rate: f32) {
+    let at = row * shard.stride + i;
+    if (ONLY_GRADIENTS) {
+        first[at] = gradient;
+        return;
+    }
+    let m = first[at] * ADAM_BETA1 + gradient * (1.0 - ADAM_BETA1);
+    let v = second[at] * ADAM_BETA2 + (gradient * gradient) * (1.0 - ADAM_BETA2);
+    first[at] = m;
+    second[at] = v;
+    parameters[at] -= m * rate / (sqrt(v) * optimizer.root_correction_2 + ADAM_EPSILON);
+}

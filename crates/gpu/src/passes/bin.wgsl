@@ -1,0 +1,198 @@
+// Pass `bin`: pairs of splats and the tiles they touch, splats front to back. Twin: cpu/passes/bin.rs.
+//
+// `bin_sum`: tiles and visible splats of each block of 256 splats in depth order. `bin_scan`: where each block's entries begin, how many there are, and
+// how large the dispatches behind have to be; it halts the engine if the buffers are too small. `bin_emit`: the entries, their number shared
+// evenly by a block's threads. `bin_ranges`, after the sort by tile: each tile's run of entries, cut into buckets.
+
+struct Bucket {
+    tile: u32,
+    // Its first entry, their number (0: the slot is unused), and how many of the tile's are in front of it.
+    first: u32,
+    len: u32,
+    before: u32,
+}
+
+// Arguments of dispatches whose size the device decides.
+struct Dispatches {
+    sort: vec3u,
+    padding: u32,
+    buckets: vec3u,
+    padding_2: u32,
+}
+
+@group(0) @binding(0) var<uniform> camera: Camera;
+@group(0) @binding(1) var<storage, read_write> state: State;
+@group(0) @binding(2) var<storage, read> order: array<u32>;
+@group(0) @binding(3) var<storage, read_write> places: array<vec2u>;
+@group(0) @binding(4) var<storage, read_write> block_sums: array<vec2u>;
+@group(0) @binding(5) var<storage, read> footprints: array<Footprint>;
+@group(0) @binding(6) var<storage, read_write> entry_tiles: array<u32>;
+@group(0) @binding(7) var<storage, read_write> entry_splats: array<u32>;
+@group(0) @binding(8) var<storage, read_write> dispatches: Dispatches;
+@group(0) @binding(9) var<storage, read> sorted_tiles: array<u32>;
+@group(0) @binding(10) var<storage, read_write> ranges: array<vec2u>;
+@group(0) @binding(11) var<storage, read_write> buckets: array<Bucket>;
+
+// More entries than a buffer can hold; sums stop here.
+const MOST_ENTRIES = 0x40000000u;
+
+var<workgroup> pair_sums: array<vec2u, 256>;
+
+// Inclusive sums over the workgroup's values.
+fn scan_pairs(local: u32, value: vec2u) -> vec2u {
+    pair_sums[local] = value;
+    workgroupBarrier();
+    for (var step = 1u; step < 256u; step *= 2u) {
+        let before = select(vec2u(0u), pair_sums[max(local, step) - step], local >= step);
+        workgroupBarrier();
+        pair_sums[local] += before;
+        workgroupBarrier();
+    }
+    return pair_sums[local];
+}
+
+@compute @workgroup_size(256)
+fn bin_sum(@builtin(workgroup_id) workgroup: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) local: u32) {
+    let block = group_index(workgroup, groups);
+    let rank = block * 256u + local;
+    var value = vec2u(0u);
+    if (rank < camera.count) {
+        let touched = places[order[rank]].y;
+        value = vec2u(touched, select(0u, 1u, touched > 0u));
+    }
+    let inclusive = scan_pairs(local, value);
+    if (local == 255u && block * 256u < camera.count) {
+        block_sums[block] = inclusive;
+    }
+}
+
+// Folds a number of workgroups into two dimensions.
+fn fold(groups: u32) -> vec3u {
+    let across = min(groups, MAX_GROUPS);
+    return vec3u(across, select(0u, (groups + MAX_GROUPS - 1u) / MAX_GROUPS, groups > 0u), select(0u, 1u, groups > 0u));
+}
+
+@compute @workgroup_size(256)
+fn bin_scan(@builtin(local_invocation_index) local: u32) {
+    let blocks = (camera.count + 255u) / 256u;
+    var carry = vec2u(0u);
+    for (var start = 0u; start < blocks; start += 256u) {
+        let block = start + local;
+        var value = vec2u(0u);
+        if (block < blocks) {
+            value = block_sums[block];
+        }
+        let inclusive = scan_pairs(local, value);
+        if (block < blocks) {
+            block_sums[block] = min(carry + inclusive - value, vec2u(MOST_ENTRIES));
+        }
+        carry = min(carry + pair_sums[255], vec2u(MOST_ENTRIES));
+        workgroupBarrier();
+    }
+    if (local == 0u) {
+        state.needed = carry.x;
+        state.visible = carry.y;
+        if (carry.x > camera.entry_capacity && state.halted == HALT_NONE) {
+            state.halted = HALT_OVERFLOW;
+        }
+        let entries = select(carry.x, 0u, state.halted != HALT_NONE);
+        state.entries = entries;
+        dispatches.sort = fold((entries + SORT_BLOCK - 1u) / SORT_BLOCK);
+        dispatches.buckets = fold(select(0u, entries / BUCKET + camera.tiles.x * camera.tiles.y + 1u, entries > 0u));
+    }
+}
+
+var<workgroup> emit_base: u32;
+var<workgroup> emit_total: u32;
+
+@compute @workgroup_size(256)
+fn bin_emit(@builtin(workgroup_id) workgroup: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) local: u32) {
+    let block = group_index(workgroup, groups);
+    let rank = block * 256u + local;
+    var touched = 0u;
+    var splat = 0u;
+    if (rank < camera.count) {
+        splat = order[rank];
+        touched = places[splat].y;
+    }
+    let inclusive = scan_pairs(local, vec2u(touched, 0u)).x;
+    if (local == 255u) {
+        emit_total = select(0u, inclusive, state.entries > 0u);
+        emit_base = select(0u, block_sums[block].x, block * 256u < camera.count);
+    }
+    let total = workgroupUniformLoad(&emit_total);
+    if (touched > 0u) {
+        places[splat] = vec2u(emit_base + inclusive - touched, touched);
+    }
+    for (var n = local; n < total; n += 256u) {
+        // The splat whose entries reach beyond n first.
+        var low = 0u;
+        var high = 255u;
+        while (low < high) {
+            let middle = (low + high) / 2u;
+            if (pair_sums[middle].x > n) {
+                high = middle;
+            } else {
+                low = middle + 1u;
+            }
+        }
+        let owner = order[block * 256u + low];
+        let f = footprints[owner];
+        var left = n;
+        if (low > 0u) {
+            left -= pair_sums[low - 1u].x;
+        }
+        // Should rounding ever make fewer tiles here than `project` counted, the entry goes behind the last tile, where nobody looks.
+        var tile = camera.tiles.x * camera.tiles.y;
+        let rows = touched_rows(f, camera.tiles);
+        for (var row = rows.x; row < rows.y; row++) {
+            let columns = touched_columns(f, row, camera.tiles);
+            let width = columns.y - columns.x;
+            if (left < width) {
+                tile = row * camera.tiles.x + columns.x + left;
+                break;
+            }
+            left -= width;
+        }
+        entry_tiles[emit_base + n] = tile;
+        entry_splats[emit_base + n] = owner;
+    }
+}
+
+// The first entry whose tile is not before `tile`.
+fn lower_bound(tile: u32) -> u32 {
+    var low = 0u;
+    var high = state.entries;
+    while (low < high) {
+        let middle = (low + high) / 2u;
+        if (sorted_tiles[middle] < tile) {
+            low = middle + 1u;
+        } else {
+            high = middle;
+        }
+    }
+    return low;
+}
+
+@compute @workgroup_size(64)
+fn bin_ranges(@builtin(workgroup_id) workgroup: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) local: u32) {
+    let tile = group_index(workgroup, groups) * 64u + local;
+    let tiles = camera.tiles.x * camera.tiles.y;
+    if (tile >= tiles) {
+        return;
+    }
+    let first = lower_bound(tile);
+    let end = lower_bound(tile + 1u);
+    ranges[tile] = vec2u(first, end);
+    // A tile's slots begin where no earlier tile's can reach: a tile of n entries has at most n / BUCKET + 1 of them.
+    let slots = first / BUCKET + tile;
+    var slots_end = end / BUCKET + tile + 1u;
+    if (tile == tiles - 1u) {
+        slots_end = state.entries / BUCKET + tiles + 1u;
+    }
+    for (var slot = slots; slot < slots_end; slot++) {
+        let before = (slot - slots) * BUCKET;
+        let remaining = select(0u, end - first - before, before < end - first);
+        buckets[slot] = Bucket(tile, first + before, min(remaining, BUCKET), before);
+    }
+}

@@ -1,0 +1,219 @@
+// Pass `loss`: (1 - w) L1 + w (1 - SSIM) of mu-law images, and its gradient by the pixels' radiance. Twin: cpu/passes/loss.
+//
+// A workgroup is 16x16 pixels, one channel after the other. `loss_ssim`: values with a halo into workgroup memory, the window of SSIM along
+// rows, then down columns; sums of |difference| and SSIM per workgroup, and SSIM's derivatives by the means of x, x^2 and xy. `loss_gradient`: the
+// derivatives through the same window (it is symmetric, and the padding zero, so it is its own adjoint), and the gradient by radiance.
+// `loss_report`: the sums of all workgroups, in a fixed order; it halts the engine if the loss is not finite, before anything has been changed.
+// Masked pixels take the target's value for the prediction in the windows, and add nothing to L1.
+
+struct Loss {
+    mu: f32,
+    // 1 / ln(1 + mu)
+    scale: f32,
+    ssim_weight: f32,
+    // Gradients by the mu-law value at radiance 0: of L1, and of half the derivative of the sum of SSIM.
+    l1_factor: f32,
+    ssim_factor: f32,
+    // 1 / number of values that the means are over.
+    l1_mean: f32,
+    ssim_mean: f32,
+    is_masked: u32,
+}
+
+@group(0) @binding(0) var<uniform> camera: Camera;
+@group(0) @binding(1) var<uniform> config: Loss;
+@group(0) @binding(2) var<storage, read> image: array<f32>;
+@group(0) @binding(3) var<storage, read> target_image: array<f32>;
+// One bit a pixel.
+@group(0) @binding(4) var<storage, read> mask: array<u32>;
+// By the means of x, x^2, xy: [3 channels * 3, H*W].
+@group(0) @binding(5) var<storage, read_write> derivatives: array<f32>;
+@group(0) @binding(6) var<storage, read_write> group_sums: array<vec2f>;
+@group(0) @binding(7) var<storage, read> last_entries: array<u32>;
+@group(0) @binding(8) var<storage, read_write> pixel_gradients: array<vec4f>;
+@group(0) @binding(9) var<storage, read_write> state: State;
+
+const SIDE = 16u;
+const HALO_SIDE = SIDE + 2u * SSIM_RADIUS;
+const HALO = HALO_SIDE * HALO_SIDE;
+const STRIP = HALO_SIDE * SIDE;
+
+fn is_valid(pixel: u32) -> bool {
+    return config.is_masked == 0u || (mask[pixel / 32u] & (1u << (pixel % 32u))) != 0u;
+}
+
+fn mu_law(radiance: f32) -> f32 {
+    let x = config.mu * max(radiance, 0.0);
+    // ln(1 + x), whose series does not lose what is small in x to the rounding of 1 + x.
+    return config.scale * select(log(1.0 + x), x * (1.0 - x * (0.5 - x * (1.0 / 3.0 - x * 0.25))), x < 0.02);
+}
+
+// Where in the image a place of the halo is, from which row and column on.
+fn halo_pixel(group: vec2u, n: u32) -> vec2i {
+    return vec2i(group * SIDE) + vec2i(i32(n % HALO_SIDE), i32(n / HALO_SIDE)) - i32(SSIM_RADIUS);
+}
+
+fn is_inside(at: vec2i) -> bool {
+    return all(at >= vec2i(0)) && all(at < vec2i(camera.size_px));
+}
+
+var<workgroup> predictions: array<f32, HALO>;
+var<workgroup> targets: array<f32, HALO>;
+var<workgroup> row_means: array<vec4f, STRIP>;
+var<workgroup> totals: array<vec2f, 256>;
+
+@compute @workgroup_size(256)
+fn loss_ssim(@builtin(workgroup_id) workgroup: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) local: u32) {
+    let at = workgroup.xy * SIDE + vec2u(local % SIDE, local / SIDE);
+    let inside = all(at < camera.size_px);
+    let pixel = at.y * camera.size_px.x + at.x;
+    let pixels = camera.size_px.x * camera.size_px.y;
+    var total = vec2f(0.0);
+    for (var channel = 0u; channel < 3u; channel++) {
+        for (var n = local; n < HALO; n += 256u) {
+            let from_px = halo_pixel(workgroup.xy, n);
+            var x = 0.0;
+            var y = 0.0;
+            if (is_inside(from_px)) {
+                let source = u32(from_px.y) * camera.size_px.x + u32(from_px.x);
+                y = mu_law(target_image[3u * source + channel]);
+                x = y;
+                if (is_valid(source)) {
+                    x = mu_law(image[3u * source + channel]);
+                }
+            }
+            predictions[n] = x;
+            targets[n] = y;
+        }
+        workgroupBarrier();
+        for (var n = local; n < STRIP; n += 256u) {
+            let start = n / SIDE * HALO_SIDE + n % SIDE;
+            var means = vec4f(0.0);
+            for (var k = 0u; k < SSIM_TAPS; k++) {
+                let x = predictions[start + k];
+                let y = targets[start + k];
+                means += SSIM_WINDOW[k] * vec4f(x, y, x * x + y * y, x * y);
+            }
+            row_means[n] = means;
+        }
+        workgroupBarrier();
+        if (inside) {
+            var m = vec4f(0.0);
+            for (var k = 0u; k < SSIM_TAPS; k++) {
+                m += SSIM_WINDOW[k] * row_means[local + k * SIDE];
+            }
+            let mean_squares = m.x * m.x + m.y * m.y;
+            let mean_product = m.x * m.y;
+            let a = 2.0 * mean_product + SSIM_C1;
+            let b = 2.0 * (m.w - mean_product) + SSIM_C2;
+            let d = mean_squares + SSIM_C1;
+            let e = m.z - mean_squares + SSIM_C2;
+            let inverse = 1.0 / (d * e);
+            let ssim = a * b * inverse;
+            // Half of the derivatives: by the mean of x at constant sums of variances, of x^2, of xy.
+            derivatives[3u * channel * pixels + pixel] = (m.y * (b - a) + m.x * ssim * (d - e)) * inverse;
+            derivatives[(3u * channel + 1u) * pixels + pixel] = -(ssim * (d * inverse));
+            derivatives[(3u * channel + 2u) * pixels + pixel] = a * inverse;
+            let center = (local / SIDE + SSIM_RADIUS) * HALO_SIDE + local % SIDE + SSIM_RADIUS;
+            total += vec2f(abs(predictions[center] - targets[center]), ssim);
+        }
+        workgroupBarrier();
+    }
+    totals[local] = total;
+    workgroupBarrier();
+    for (var half = 128u; half > 0u; half /= 2u) {
+        if (local < half) {
+            totals[local] += totals[local + half];
+        }
+        workgroupBarrier();
+    }
+    if (local == 0u) {
+        group_sums[group_index(workgroup, groups)] = totals[0];
+    }
+}
+
+// As numbers: a vec3f takes the room of four.
+var<workgroup> halo_derivatives: array<array<f32, 3>, HALO>;
+var<workgroup> row_derivatives: array<array<f32, 3>, STRIP>;
+
+fn vector(values: array<f32, 3>) -> vec3f {
+    return vec3f(values[0], values[1], values[2]);
+}
+
+@compute @workgroup_size(256)
+fn loss_gradient(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_index) local: u32) {
+    let at = workgroup.xy * SIDE + vec2u(local % SIDE, local / SIDE);
+    let inside = all(at < camera.size_px);
+    let pixel = at.y * camera.size_px.x + at.x;
+    let pixels = camera.size_px.x * camera.size_px.y;
+    var gradient = vec3f(0.0);
+    for (var channel = 0u; channel < 3u; channel++) {
+        for (var n = local; n < HALO; n += 256u) {
+            let from_px = halo_pixel(workgroup.xy, n);
+            var by = vec3f(0.0);
+            if (is_inside(from_px)) {
+                let source = u32(from_px.y) * camera.size_px.x + u32(from_px.x);
+                let plane = 3u * channel * pixels + source;
+                by = vec3f(derivatives[plane], derivatives[plane + pixels], derivatives[plane + 2u * pixels]);
+            }
+            halo_derivatives[n] = array<f32, 3>(by.x, by.y, by.z);
+        }
+        workgroupBarrier();
+        for (var n = local; n < STRIP; n += 256u) {
+            let start = n / SIDE * HALO_SIDE + n % SIDE;
+            var sum = vec3f(0.0);
+            for (var k = 0u; k < SSIM_TAPS; k++) {
+                sum += SSIM_WINDOW[k] * vector(halo_derivatives[start + k]);
+            }
+            row_derivatives[n] = array<f32, 3>(sum.x, sum.y, sum.z);
+        }
+        workgroupBarrier();
+        if (inside) {
+            var by = vec3f(0.0);
+            for (var k = 0u; k < SSIM_TAPS; k++) {
+                by += SSIM_WINDOW[k] * vector(row_derivatives[local + k * SIDE]);
+            }
+            let radiance = max(image[3u * pixel + channel], 0.0);
+            let x = mu_law(radiance);
+            let y = mu_law(target_image[3u * pixel + channel]);
+            let by_ssim = by.x + by.y * x + by.z * y;
+            // T'(p) = mu / ((1 + mu p) ln(1 + mu)); the factors hold all but 1 / (1 + mu p).
+            let by_value = by_ssim * config.ssim_factor + sign(x - y) * config.l1_factor;
+            gradient[channel] = by_value / (1.0 + config.mu * radiance);
+        }
+        workgroupBarrier();
+    }
+    if (inside) {
+        // Masked pixels entered the windows as the target's values, which do not move with the prediction.
+        let moved = select(vec3f(0.0), gradient, is_valid(pixel));
+        pixel_gradients[pixel] = vec4f(moved, f32(last_entries[pixel]));
+    }
+}
+
+@compute @workgroup_size(256)
+fn loss_report(@builtin(local_invocation_index) local: u32) {
+    let tiles = (camera.size_px + SIDE - 1u) / SIDE;
+    var total = vec2f(0.0);
+    for (var n = local; n < tiles.x * tiles.y; n += 256u) {
+        total += group_sums[n];
+    }
+    totals[local] = total;
+    workgroupBarrier();
+    for (var half = 128u; half > 0u; half /= 2u) {
+        if (local < half) {
+            totals[local] += totals[local + half];
+        }
+        workgroupBarrier();
+    }
+    if (local == 0u) {
+        let l1 = totals[0].x * config.l1_mean;
+        let ssim = totals[0].y * config.ssim_mean;
+        let loss = (1.0 - config.ssim_weight) * l1 + config.ssim_weight * (1.0 - ssim);
+        state.l1 = l1;
+        state.ssim = ssim;
+        state.loss = loss;
+        if (!is_finite(loss) && state.halted == HALT_NONE) {
+            state.halted = HALT_NOT_FINITE;
+        }
+    }
+}

@@ -1,0 +1,88 @@
+// Pass `project`: splats to ellipses on the screen, with pass `color` for those that can be seen. Twin: cpu/passes/project.rs.
+//
+// One thread a splat of the shard. In: parameters [rows, stride], camera. Out, by the splat's number in the scene: `footprints`; `depth_keys`,
+// ascending with depth, CULLED_KEY if it is not seen; `places`: (unset, number of tiles touched). A splat is culled if it is nearer than
+// `near`, nowhere above its alpha threshold, off the image, or not finite.
+
+@group(0) @binding(0) var<uniform> camera: Camera;
+@group(0) @binding(1) var<uniform> shard: Shard;
+@group(0) @binding(2) var<storage, read> parameters: array<f32>;
+@group(0) @binding(3) var<storage, read_write> footprints: array<Footprint>;
+@group(0) @binding(4) var<storage, read_write> depth_keys: array<u32>;
+@group(0) @binding(5) var<storage, read_write> places: array<vec2u>;
+
+// Bits of positive floats are in the order of the numbers. Counted from the near plane, and halved, 27 of them reach 32 octaves beyond it.
+fn depth_key(depth: f32) -> u32 {
+    let bits = bitcast<u32>(depth);
+    let near = bitcast<u32>(max(camera.near, 1e-30));
+    return min((max(bits, near) - near) >> 1u, CULLED_KEY - 1u);
+}
+
+@compute @workgroup_size(256)
+fn project(@builtin(workgroup_id) workgroup: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) local: u32) {
+    let i = group_index(workgroup, groups) * 256u + local;
+    if (i >= shard.len) {
+        return;
+    }
+    let splat = shard.base + i;
+    depth_keys[splat] = CULLED_KEY;
+    places[splat] = vec2u(0u);
+
+    let p = project_splat(i);
+    let opacity = p.opacity * p.compensation * p.filter_factor;
+    let mean = p.point.xy / p.point.z * camera.focal_px + camera.center_px;
+    // Nothing above the largest possible footprint touches the image: skip colour and the rest.
+    let floor_alpha = min(camera.alpha_floor, camera.min_alpha);
+    let size = vec2f(camera.size_px);
+    let widest = log(max(opacity / floor_alpha, 1.0)) * 2.0;
+    let reach = sqrt(vec2f(p.covariance.x, p.covariance.z) * widest);
+    if (!(p.depth >= camera.near && opacity >= floor_alpha && all(mean + reach > vec2f(0.0)) && all(mean - reach < size))) {
+        return;
+    }
+
+    let direction = view_direction(i);
+    var basis = sh_basis(min(camera.active_degree, MAX_MODEL_DEGREE), direction.xyz);
+    let radiance = radiance_of(response(&basis, i));
+    let brightest = max(radiance.x, max(radiance.y, radiance.z));
+    var threshold = camera.min_alpha;
+    if ((camera.flags & FLAG_MIN_CONTRIBUTION) != 0u) {
+        threshold = min(camera.min_contribution / max(brightest, 1e-30), camera.min_alpha);
+    }
+    threshold = max(threshold, camera.alpha_floor);
+    let log2_opacity = log(max(opacity, 1e-30)) * LOG2_E;
+    let log2_threshold = log(threshold) * LOG2_E;
+    let radius2 = (log2_opacity - log2_threshold) * TWO_LN_2;
+    let extent = sqrt(vec2f(p.covariance.x, p.covariance.z) * max(radius2, 0.0));
+    // Pixel centres lie between 1/2 and size - 1/2.
+    if (!(radius2 > 0.0 && all(mean + extent > vec2f(0.5)) && all(mean - extent < size - 0.5))) {
+        return;
+    }
+    let root = inverse_root(p) * SQRT_HALF_LOG2_E;
+    let finite = is_finite(root.x) && is_finite(root.y) && is_finite(root.z) && is_finite(brightest) && extent.x + extent.y < 1e9;
+    if (!(finite && root.x > 0.0 && root.z > 0.0)) {
+        return;
+    }
+    var f: Footprint;
+    f.mean_px = mean;
+    f.root_x = root.x;
+    f.root_xy = root.y;
+    f.root_y = root.z;
+    f.log2_opacity = log2_opacity;
+    f.log2_threshold = log2_threshold;
+    f.red = radiance.x;
+    f.green = radiance.y;
+    f.blue = radiance.z;
+    f.extent_y_px = extent.y;
+    f.right_dy_px = extent.x * p.covariance.y / p.covariance.x;
+    let rows = touched_rows(f, camera.tiles);
+    var touched = 0u;
+    for (var row = rows.x; row < rows.y; row++) {
+        let columns = touched_columns(f, row, camera.tiles);
+        touched += columns.y - columns.x;
+    }
+    footprints[splat] = f;
+    places[splat] = vec2u(0u, touched);
+    if (touched > 0u) {
+        depth_keys[splat] = depth_key(p.depth);
+    }
+}

@@ -1,0 +1,96 @@
+// Pass `rasterize`: front-to-back blending. Twin: cpu/passes/rasterize.rs.
+//
+// A workgroup of 256 threads a tile of 16x16 pixels, a thread a pixel; entries come 256 at a time through workgroup memory. In: each tile's
+// entries front to back. Out: radiance [H*W,3] with the background; per pixel the number of its tile's entries up to and including the last that
+// changed it; and, for training, transmittance and radiance of each pixel before every bucket but its tile's first.
+
+@group(0) @binding(0) var<uniform> camera: Camera;
+@group(0) @binding(1) var<storage, read> footprints: array<Footprint>;
+@group(0) @binding(2) var<storage, read> ranges: array<vec2u>;
+@group(0) @binding(3) var<storage, read> sorted_entries: array<u32>;
+@group(0) @binding(4) var<storage, read> entry_splats: array<u32>;
+@group(0) @binding(5) var<storage, read_write> image: array<f32>;
+@group(0) @binding(6) var<storage, read_write> last_entries: array<u32>;
+@group(0) @binding(7) var<storage, read_write> bucket_pixels: array<vec4f>;
+
+const BATCH = 256u;
+
+// Centre x, y, root_x, root_xy; root_y, log2_opacity, log2_threshold, red; green, blue.
+var<workgroup> batch_a: array<vec4f, BATCH>;
+var<workgroup> batch_b: array<vec4f, BATCH>;
+var<workgroup> batch_c: array<vec2f, BATCH>;
+var<workgroup> finished: atomic<u32>;
+var<workgroup> all_finished: u32;
+
+@compute @workgroup_size(256)
+fn rasterize(@builtin(workgroup_id) workgroup: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) local: u32) {
+    let tile = group_index(workgroup, groups);
+    if (tile >= camera.tiles.x * camera.tiles.y) {
+        return;
+    }
+    let at = vec2u(tile % camera.tiles.x, tile / camera.tiles.x) * TILE_PX + tile_pixel(local);
+    let center = vec2f(at) + 0.5;
+    let inside = all(at < camera.size_px);
+    let range = ranges[tile];
+    let slots = range.x / BUCKET + tile;
+    let keeps_state = (camera.flags & FLAG_TRAINING) != 0u;
+    var live = inside;
+    var transmittance = 1.0;
+    var radiance = vec3f(0.0);
+    var last = 0u;
+    if (local == 0u) {
+        atomicStore(&finished, 0u);
+    }
+    workgroupBarrier();
+    if (!live) {
+        atomicAdd(&finished, 1u);
+    }
+    for (var start = range.x; start < range.y; start += BATCH) {
+        workgroupBarrier();
+        if (local == 0u) {
+            all_finished = select(0u, 1u, atomicLoad(&finished) == 256u);
+        }
+        if (workgroupUniformLoad(&all_finished) != 0u) {
+            break;
+        }
+        if (start + local < range.y) {
+            let f = footprints[entry_splats[sorted_entries[start + local]]];
+            batch_a[local] = vec4f(f.mean_px, f.root_x, f.root_xy);
+            batch_b[local] = vec4f(f.root_y, f.log2_opacity, f.log2_threshold, f.red);
+            batch_c[local] = vec2f(f.green, f.blue);
+        }
+        workgroupBarrier();
+        let len = min(BATCH, range.y - start);
+        for (var n = 0u; n < len; n++) {
+            let before = start - range.x + n;
+            if (keeps_state && before % BUCKET == 0u && before > 0u) {
+                bucket_pixels[(slots + before / BUCKET) * TILE_PIXELS + local] = vec4f(radiance, transmittance);
+            }
+            if (live) {
+                let a = batch_a[n];
+                let b = batch_b[n];
+                let seen = see(a.xy, vec3f(a.zw, b.x), b.y, center);
+                if (seen.log2_alpha >= b.z) {
+                    let alpha = min(exp2(seen.log2_alpha), camera.max_alpha);
+                    let left = transmittance - alpha * transmittance;
+                    if (left >= camera.min_transmittance) {
+                        radiance += (alpha * transmittance) * vec3f(b.w, batch_c[n]);
+                        transmittance = left;
+                        last = before + 1u;
+                    } else {
+                        live = false;
+                        atomicAdd(&finished, 1u);
+                    }
+                }
+            }
+        }
+    }
+    if (inside) {
+        let pixel = at.y * camera.size_px.x + at.x;
+        let shown = radiance + transmittance * camera.background.xyz;
+        image[3u * pixel] = shown.x;
+        image[3u * pixel + 1u] = shown.y;
+        image[3u * pixel + 2u] = shown.z;
+        last_entries[pixel] = last;
+    }
+}
