@@ -266,6 +266,8 @@ pub enum StatsCollection {
 /// What a step found.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StepReport {
+    /// Step that the figures are of ([`StepConfig::step`]).
+    pub step: u32,
     /// Total, without the regularisers.
     pub loss: f32,
     /// Mean absolute difference under the mu-law.
@@ -373,9 +375,21 @@ pub trait Engine {
 
     /// One step of training towards `view`, whose image is in normalised units.
     ///
+    /// An engine may work ahead: the report is then of an earlier step, the newest that is known, and everything else the engine is asked waits
+    /// for the steps on their way. If a loss is not finite such an engine changes nothing from that step on, reports the loss at one of the next
+    /// calls, and refuses to hand out the scene.
+    ///
     /// # Errors
     /// [`EngineError::Camera`], [`EngineError::Device`].
     fn train_step(&mut self, view: &View, step: &StepConfig) -> Result<StepReport, EngineError>;
+
+    /// Waits for all steps on their way: to measure, or before a pause.
+    ///
+    /// # Errors
+    /// [`EngineError::Device`].
+    fn finish(&mut self) -> Result<(), EngineError> {
+        Ok(())
+    }
 
     /// Statistics since the last [`Engine::densify`], [`Engine::load`] or [`Engine::set_densify_stats`].
     ///

@@ -176,7 +176,7 @@ impl CpuEngine {
         });
         let weight = step.loss.ssim_weight;
         let loss = (1.0 - weight) * l1 + weight * (1.0 - ssim);
-        Ok((camera, StepReport { loss, l1, ssim, visible: frame.bins.visible() }))
+        Ok((camera, StepReport { step: step.step, loss, l1, ssim, visible: frame.bins.visible() }))
     }
 }
 

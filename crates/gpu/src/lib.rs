@@ -4,7 +4,21 @@
 //! the parameters and the application of densification plans runs on the device; a step hands back 32 bytes and its timestamps, some steps
 //! later. Sums are made in fixed orders and no two threads add to one number, so equal inputs give equal bits on one adapter.
 
+mod commands;
+mod densify;
+mod device;
+mod engine;
+mod frame;
+mod inspect;
 mod kernels;
 mod layout;
+mod pending;
+mod scene;
+mod screen;
+mod step;
+mod targets;
 
+pub use device::{AdapterFacts, AdapterKind, DeviceChoice, Gpu, adapters};
+pub use engine::{GpuEngine, Traffic};
+pub use inspect::ForwardPasses;
 pub use layout::Footprint;

@@ -66,10 +66,14 @@ fn bin_sum(@builtin(workgroup_id) workgroup: vec3u, @builtin(num_workgroups) gro
     }
 }
 
-// Folds a number of workgroups into two dimensions.
+// Folds a number of workgroups into two dimensions, with fewer than `y` to spare.
 fn fold(groups: u32) -> vec3u {
-    let across = min(groups, MAX_GROUPS);
-    return vec3u(across, select(0u, (groups + MAX_GROUPS - 1u) / MAX_GROUPS, groups > 0u), select(0u, 1u, groups > 0u));
+    let down = max((groups + MAX_GROUPS - 1u) / MAX_GROUPS, 1u);
+    return vec3u((groups + down - 1u) / down, down, 1u);
+}
+
+fn slot_count(entries: u32) -> u32 {
+    return select(0u, entries / BUCKET + camera.tiles.x * camera.tiles.y + 1u, entries > 0u);
 }
 
 @compute @workgroup_size(256)
@@ -98,7 +102,7 @@ fn bin_scan(@builtin(local_invocation_index) local: u32) {
         let entries = select(carry.x, 0u, state.halted != HALT_NONE);
         state.entries = entries;
         dispatches.sort = fold((entries + SORT_BLOCK - 1u) / SORT_BLOCK);
-        dispatches.buckets = fold(select(0u, entries / BUCKET + camera.tiles.x * camera.tiles.y + 1u, entries > 0u));
+        dispatches.buckets = fold(slot_count(entries));
     }
 }
 
@@ -188,7 +192,9 @@ fn bin_ranges(@builtin(workgroup_id) workgroup: vec3u, @builtin(num_workgroups) 
     let slots = first / BUCKET + tile;
     var slots_end = end / BUCKET + tile + 1u;
     if (tile == tiles - 1u) {
-        slots_end = state.entries / BUCKET + tiles + 1u;
+        // Those that the folded dispatch has to spare, too.
+        let groups = fold(slot_count(state.entries));
+        slots_end = groups.x * groups.y;
     }
     for (var slot = slots; slot < slots_end; slot++) {
         let before = (slot - slots) * BUCKET;

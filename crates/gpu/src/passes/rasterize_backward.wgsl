@@ -23,9 +23,6 @@ fn rasterize_backward(
     @builtin(local_invocation_index) local: u32,
 ) {
     let slot = group_index(workgroup, groups);
-    if (slot >= arrayLength(&buckets)) {
-        return;
-    }
     let bucket = buckets[slot];
     if (bucket.len == 0u) {
         return;

@@ -1,0 +1,175 @@
+//! A submission: kernels with their bindings in order, and the timestamps between passes.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+use std::time::Duration;
+
+use luxel_core::{EngineError, Pass};
+
+use crate::device::{Buffer, Gpu};
+use crate::kernels::{Kernel, KernelId};
+use crate::layout::MAX_GROUPS;
+
+/// Runs of one pass in a submission, at most.
+const MAX_SEGMENTS: u32 = 16;
+/// Bytes of a pair of timestamps.
+const PAIR_BYTES: u64 = 16;
+
+/// How many workgroups.
+#[derive(Clone, Copy)]
+pub(crate) enum Groups<'a> {
+    /// This many, in one line.
+    Line(u64),
+    /// Columns and rows.
+    Grid([u32; 2]),
+    /// As the device finds at a place in a buffer.
+    Indirect(&'a Buffer, usize),
+}
+
+enum Dispatch {
+    Direct([u32; 2]),
+    Indirect(wgpu::Buffer, u64),
+}
+
+struct Command {
+    pass: Pass,
+    kernel: Arc<Kernel>,
+    bindings: wgpu::BindGroup,
+    dispatch: Dispatch,
+}
+
+/// Kernels to run, in order.
+#[derive(Default)]
+pub(crate) struct Commands {
+    list: Vec<Command>,
+    /// Bindings that were made before, by kernel and buffers.
+    bindings: HashMap<(KernelId, Vec<u64>), wgpu::BindGroup>,
+}
+
+impl Commands {
+    /// Forgets bindings: buffers were replaced.
+    pub(crate) fn forget(&mut self) {
+        self.bindings.clear();
+    }
+
+    /// Adds a kernel.
+    pub(crate) fn add(&mut self, gpu: &Gpu, pass: Pass, id: KernelId, buffers: &[(u32, &Buffer)], groups: Groups<'_>) {
+        let dispatch = match groups {
+            Groups::Line(0) => return,
+            Groups::Line(groups) => Dispatch::Direct(fold(groups)),
+            Groups::Grid(groups) => Dispatch::Direct(groups),
+            Groups::Indirect(buffer, offset) => Dispatch::Indirect(buffer.raw.clone(), offset as u64),
+        };
+        let kernel = gpu.kernel(id);
+        let key = (id, buffers.iter().map(|(_, buffer)| buffer.id).collect());
+        let bindings = self.bindings.entry(key).or_insert_with(|| {
+            let entries: Vec<wgpu::BindGroupEntry<'_>> = buffers
+                .iter()
+                .map(|(binding, buffer)| wgpu::BindGroupEntry { binding: *binding, resource: buffer.raw.as_entire_binding() })
+                .collect();
+            gpu.device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some(id.name()), layout: &kernel.layout, entries: &entries })
+        });
+        self.list.push(Command { pass, kernel, bindings: bindings.clone(), dispatch });
+    }
+
+    /// Number of dispatches that wait.
+    pub(crate) fn len(&self) -> usize {
+        self.list.len()
+    }
+
+    /// Writes the kernels down and forgets them; returns the pass of each pair of timestamps.
+    pub(crate) fn encode(&mut self, encoder: &mut wgpu::CommandEncoder, timer: Option<&Timer>) -> Vec<Pass> {
+        let mut segments = Vec::new();
+        for run in self.list.chunk_by(|a, b| a.pass == b.pass) {
+            let pair = 2 * segments.len() as u32;
+            let timestamp_writes = timer.filter(|_| pair < 2 * MAX_SEGMENTS).map(|timer| wgpu::ComputePassTimestampWrites {
+                query_set: &timer.queries,
+                beginning_of_pass_write_index: Some(pair),
+                end_of_pass_write_index: Some(pair + 1),
+            });
+            let label = Some(run[0].pass.name());
+            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label, timestamp_writes });
+            for command in run {
+                pass.set_pipeline(&command.kernel.pipeline);
+                pass.set_bind_group(0, &command.bindings, &[]);
+                match &command.dispatch {
+                    Dispatch::Direct([x, y]) => pass.dispatch_workgroups(*x, *y, 1),
+                    Dispatch::Indirect(buffer, offset) => pass.dispatch_workgroups_indirect(buffer, *offset),
+                }
+            }
+            segments.push(run[0].pass);
+        }
+        self.list.clear();
+        segments.truncate(MAX_SEGMENTS as usize);
+        segments
+    }
+}
+
+/// Folds a number of workgroups into two dimensions; kernels pass over what is too much.
+fn fold(groups: u64) -> [u32; 2] {
+    let down = groups.div_ceil(u64::from(MAX_GROUPS));
+    // Sizes of buffers bound both numbers far below 2^32.
+    [groups.div_ceil(down) as u32, down as u32]
+}
+
+/// Timestamps of a submission.
+pub(crate) struct Timer {
+    queries: wgpu::QuerySet,
+    resolved: Buffer,
+    /// Nanoseconds of a tick.
+    period: f64,
+}
+
+impl Timer {
+    /// `None` if the adapter has no timestamps.
+    pub(crate) fn new(gpu: &Gpu) -> Result<Option<Self>, EngineError> {
+        if !gpu.facts().timestamps {
+            return Ok(None);
+        }
+        let queries = gpu.device.create_query_set(&wgpu::QuerySetDescriptor {
+            label: Some("passes"),
+            ty: wgpu::QueryType::Timestamp,
+            count: 2 * MAX_SEGMENTS,
+        });
+        let usage = wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC;
+        let resolved = gpu.buffer("timestamps", PAIR_BYTES * u64::from(MAX_SEGMENTS), usage)?;
+        Ok(Some(Self { queries, resolved, period: gpu.queue.get_timestamp_period().into() }))
+    }
+
+    /// Bytes of the most timestamps.
+    pub(crate) const BYTES: u64 = PAIR_BYTES * MAX_SEGMENTS as u64;
+
+    /// Copies the timestamps of `segments` passes to a place in `out`.
+    pub(crate) fn resolve(&self, encoder: &mut wgpu::CommandEncoder, segments: usize, out: &wgpu::Buffer, offset: u64) -> u64 {
+        let bytes = PAIR_BYTES * segments as u64;
+        if segments > 0 {
+            encoder.resolve_query_set(&self.queries, 0..2 * segments as u32, &self.resolved.raw, 0);
+            encoder.copy_buffer_to_buffer(&self.resolved.raw, 0, out, offset, bytes);
+        }
+        bytes
+    }
+
+    /// Adds what the timestamps say to the passes' times.
+    pub(crate) fn add(&self, segments: &[Pass], bytes: &[u8], timings: &mut [(Pass, Duration)]) {
+        let ticks: Vec<u64> = bytemuck::pod_collect_to_vec(bytes);
+        for (pass, pair) in segments.iter().zip(ticks.chunks_exact(2)) {
+            let nanoseconds = pair[1].saturating_sub(pair[0]) as f64 * self.period;
+            if let Some((_, time)) = timings.get_mut(*pass as usize) {
+                *time += Duration::from_nanos(nanoseconds as u64);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn folded_dispatches_hold_all_and_few_more() {
+        for groups in [1u64, 7, 65_535, 65_536, 131_071, 1_000_003] {
+            let [x, y] = fold(groups).map(u64::from);
+            assert!(x <= 65_535 && x * y >= groups && x * y - groups < y, "{groups}: {x} x {y}");
+        }
+    }
+}

@@ -1,0 +1,86 @@
+//! Pass `densify`: hands a plan to the device, which rebuilds the scene from it. The shader is passes/densify.wgsl.
+
+use luxel_core::{DensifyPlan, EngineError, Pass, PlanRow};
+
+use crate::commands::{Commands, Groups};
+use crate::device::Gpu;
+use crate::kernels::KernelId;
+use crate::layout::{DENSIFY_CAP, DENSIFY_SMOOTHING, DensifyUniform, PLAN_KEEP_MOMENTS, PLAN_NEW_OPACITY, PlanRowData};
+use crate::scene::{Scene, Shard};
+
+/// Rows per workgroup.
+const ROWS: u64 = 256;
+
+/// Checks that a plan fits a scene of `count` splats.
+pub(crate) fn check(plan: &DensifyPlan, count: usize) -> Result<(), EngineError> {
+    if let Some((row, found)) = plan.rows.iter().enumerate().find(|(_, r)| r.source as usize >= count) {
+        let source = found.source;
+        return Err(EngineError::Invalid(format!("densify plan: row {row} names splat {source}, the scene has {count}")));
+    }
+    match &plan.smoothing {
+        Some(smoothing) if smoothing.len() != plan.rows.len() => {
+            Err(EngineError::Invalid(format!("densify plan: {} smoothing values for {} rows", smoothing.len(), plan.rows.len())))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Rows of the plan as the shader reads them.
+fn rows(plan: &DensifyPlan, shard: &Shard) -> Vec<PlanRowData> {
+    let row = |(i, row): (usize, &PlanRow)| PlanRowData {
+        source: row.source,
+        flags: if row.keep_moments { PLAN_KEEP_MOMENTS } else { 0 } | row.opacity_logit.map_or(0, |_| PLAN_NEW_OPACITY),
+        opacity_logit: row.opacity_logit.unwrap_or(0.0),
+        log_scale_shift: row.log_scale_shift,
+        offset_sigma: row.offset_sigma,
+        smoothing: plan.smoothing.as_ref().and_then(|smoothing| smoothing.get(i)).copied().unwrap_or(0.0),
+    };
+    plan.rows.iter().enumerate().skip(shard.base).take(shard.len).map(row).collect()
+}
+
+/// The scene that `plan` makes of `old`. Statistics start anew.
+pub(crate) fn apply(gpu: &Gpu, commands: &mut Commands, old: &Scene, plan: &DensifyPlan, binding_bytes: u64) -> Result<Scene, EngineError> {
+    let mut scene = Scene::zeros(gpu, old.rows, plan.rows.len(), binding_bytes)?;
+    scene.has_smoothing = old.has_smoothing || plan.smoothing.is_some();
+    let cap = plan.opacity_logit_cap;
+    for shard in &scene.shards {
+        let rows = rows(plan, shard);
+        let buffer = gpu.storage("plan", size_of_val(rows.as_slice()) as u64)?;
+        gpu.queue.write_buffer(&buffer.raw, 0, bytemuck::cast_slice(&rows));
+        for source in &old.shards {
+            let config = gpu.uniform(
+                "densify",
+                &DensifyUniform {
+                    source_base: source.base as u32,
+                    source_len: source.len as u32,
+                    source_stride: source.stride as u32,
+                    // The rows of the shard alone were uploaded.
+                    base: 0,
+                    len: shard.len as u32,
+                    stride: shard.stride as u32,
+                    flags: cap.map_or(0, |_| DENSIFY_CAP) | plan.smoothing.as_ref().map_or(0, |_| DENSIFY_SMOOTHING),
+                    opacity_logit_cap: cap.unwrap_or(0.0),
+                },
+            )?;
+            let buffers = [
+                (0, &config),
+                (1, &buffer),
+                (2, &source.parameters),
+                (3, &source.first),
+                (4, &source.second),
+                (5, &shard.parameters),
+                (6, &shard.first),
+                (7, &shard.second),
+            ];
+            let groups = Groups::Line((shard.len as u64).div_ceil(ROWS));
+            commands.add(gpu, Pass::Densify, KernelId::Densify(scene.rows.color_model), &buffers, groups);
+        }
+    }
+    let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+    commands.encode(&mut encoder, None);
+    let submission = gpu.queue.submit([encoder.finish()]);
+    commands.forget();
+    // Both scenes are in memory until this is done.
+    gpu.wait(submission)?;
+    Ok(scene)
+}

@@ -1,0 +1,435 @@
+//! [`GpuEngine`]: hands steps to the device and hears of them later.
+//!
+//! A step is one submission. How many entries (pairs of a splat and a tile) it has, the device finds out; where its buffers are too small, the
+//! device halts: that step and those behind it change nothing. The host hears of it, makes room and hands the same steps in again, so that
+//! the result is the one of buffers that were large enough from the start. A loss that is not finite halts the device as well, before anything
+//! has been changed by it.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use luxel_core::{
+    Camera, DensifyPlan, DensifyStats, Engine, EngineError, Geometry, Image, Moments, Pass, RenderOptions, Splats, StepConfig, StepReport,
+    View,
+};
+
+use crate::commands::{Commands, Timer};
+use crate::densify;
+use crate::device::{Buffer, Gpu};
+use crate::frame::{Frame, Sizes, expected_entries, most_entries};
+use crate::layout::{HALT_NONE, HALT_NOT_FINITE, HALT_OVERFLOW, State};
+use crate::pending::{LAG, Pending, Report, Slots};
+use crate::scene::Scene;
+use crate::screen::{Purpose, camera_uniform, check, loss_uniform, optimizer_uniform, tiles};
+use crate::step::Recorder;
+use crate::targets::Targets;
+
+/// The engine on a GPU. Equal inputs give equal bits on one adapter.
+pub struct GpuEngine {
+    gpu: Arc<Gpu>,
+    /// Bytes of a binding that the engine allows itself.
+    binding_bytes: u64,
+    scene: Scene,
+    frame: Frame,
+    commands: Commands,
+    targets: Targets,
+    timer: Option<Timer>,
+    pending: VecDeque<Pending>,
+    slots: Slots,
+    latest: Option<StepReport>,
+    /// Step whose loss was not finite.
+    diverged: Option<u32>,
+    traffic: Traffic,
+    timings: [(Pass, Duration); Pass::ALL.len()],
+}
+
+/// What a step costs besides its arithmetic.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Traffic {
+    /// Kernels.
+    pub dispatches: usize,
+    /// Submissions.
+    pub submissions: usize,
+    /// Bytes that the host reads back.
+    pub bytes_read: u64,
+}
+
+/// What is handed in.
+enum Work<'a> {
+    Render { camera: &'a Camera, options: &'a RenderOptions },
+    Train { view: &'a View, step: &'a StepConfig },
+    Gradients { view: &'a View, step: &'a StepConfig, out: &'a [Buffer] },
+}
+
+impl GpuEngine {
+    /// An engine without a scene.
+    ///
+    /// # Errors
+    /// [`EngineError::Device`].
+    pub fn new(gpu: &Arc<Gpu>) -> Result<Self, EngineError> {
+        Ok(Self {
+            gpu: Arc::clone(gpu),
+            binding_bytes: gpu.binding_bytes,
+            scene: Scene::empty(),
+            frame: Frame::new(gpu)?,
+            commands: Commands::default(),
+            targets: Targets::default(),
+            timer: Timer::new(gpu)?,
+            pending: VecDeque::new(),
+            slots: Slots::default(),
+            latest: None,
+            diverged: None,
+            traffic: Traffic::default(),
+            timings: Pass::ALL.map(|pass| (pass, Duration::ZERO)),
+        })
+    }
+
+    /// The device it works on.
+    pub fn gpu(&self) -> &Arc<Gpu> {
+        &self.gpu
+    }
+
+    /// Holds the engine to bindings of `bytes`, as on a lesser adapter. For tests; counts from the next [`Engine::load`] on.
+    pub fn limit_bindings(&mut self, bytes: u64) {
+        self.binding_bytes = bytes.min(self.gpu.binding_bytes);
+    }
+
+    /// Buffers of the last frame.
+    pub(crate) fn frame(&self) -> &Frame {
+        &self.frame
+    }
+
+    /// What the last step handed in was made of.
+    pub fn traffic(&self) -> Traffic {
+        self.traffic
+    }
+
+    /// Forward and backward without the update: the seam at which data-parallel training reduces gradients. Gradients in the layout of the
+    /// splats; `smoothing` is empty.
+    ///
+    /// # Errors
+    /// As [`Engine::train_step`].
+    pub fn gradients(&mut self, view: &View, step: &StepConfig) -> Result<(StepReport, Splats), EngineError> {
+        self.settle_all()?;
+        check_view(view)?;
+        let scratch = Scene::zeros(&self.gpu, self.scene.rows, self.scene.count, self.binding_bytes)?;
+        let out: Vec<Buffer> = scratch.shards.into_iter().map(|shard| shard.first).collect();
+        let state = self.run(&Work::Gradients { view, step, out: &out })?;
+        // The bindings would keep the buffers for good.
+        self.commands.forget();
+        let gradients = self.scene.download(&self.gpu, |n, shard| out.get(n).unwrap_or(&shard.first))?;
+        Ok((report_of(&state, step.step), gradients))
+    }
+
+    /// Sees to it that the device is at work on nothing and in a state to go on from.
+    fn settle_all(&mut self) -> Result<(), EngineError> {
+        while !self.pending.is_empty() {
+            self.settle()?;
+        }
+        Ok(())
+    }
+
+    /// As [`Self::settle_all`]; an error if the scene is not one to go on from.
+    fn settled(&mut self) -> Result<(), EngineError> {
+        self.settle_all()?;
+        match self.diverged {
+            None => Ok(()),
+            Some(step) => Err(EngineError::Invalid(format!(
+                "the loss of step {step} is not finite; lower the learning rates, or go on from the last checkpoint with --resume"
+            ))),
+        }
+    }
+
+    /// Hears of the oldest step on its way.
+    fn settle(&mut self) -> Result<(), EngineError> {
+        let Some(Pending { view, step, report }) = self.pending.pop_front() else { return Ok(()) };
+        let state = self.receive(report)?;
+        match state.halted {
+            HALT_OVERFLOW => {
+                let mut again = vec![(view, step)];
+                again.extend(self.drop_pending()?);
+                self.make_room(&state, view_sizes(&again[0].0, self.scene.count))?;
+                for (view, step) in again {
+                    self.hand_in(view, step)?;
+                }
+            }
+            HALT_NOT_FINITE => {
+                self.drop_pending()?;
+                self.diverged = Some(step.step);
+                self.latest = Some(StepReport { loss: f32::NAN, ..report_of(&state, step.step) });
+            }
+            _ => self.latest = Some(report_of(&state, step.step)),
+        }
+        Ok(())
+    }
+
+    /// Waits for all steps on their way, which a halted device passes over; returns them.
+    fn drop_pending(&mut self) -> Result<Vec<(View, StepConfig)>, EngineError> {
+        let mut dropped = Vec::new();
+        while let Some(Pending { view, step, report }) = self.pending.pop_front() {
+            self.receive(report)?;
+            dropped.push((view, step));
+        }
+        Ok(dropped)
+    }
+
+    fn receive(&mut self, report: Report) -> Result<State, EngineError> {
+        let (state, segments, timestamps) = report.receive(&self.gpu, &mut self.slots)?;
+        if let Some(timer) = &self.timer {
+            timer.add(&segments, &timestamps, &mut self.timings);
+        }
+        Ok(state)
+    }
+
+    /// Enlarges the buffers of entries after an overflow, and lets the device go on.
+    fn make_room(&mut self, state: &State, sizes: Sizes) -> Result<(), EngineError> {
+        self.gpu.queue.write_buffer(&self.frame.state.raw, std::mem::offset_of!(State, halted) as u64, bytemuck::bytes_of(&HALT_NONE));
+        let training = self.frame.sizes.training || sizes.training;
+        let most = most_entries(self.binding_bytes, sizes.tiles.max(self.frame.sizes.tiles), training);
+        let needed = u64::from(state.needed);
+        if needed > most {
+            return Err(EngineError::Device(format!(
+                "gpu: {}: {needed} pairs of splats and tiles in one view, bindings of {} MiB hold {most}; lower --max-splats or the \
+                 resolution, or use --device cpu",
+                self.gpu.facts().name,
+                self.binding_bytes >> 20
+            )));
+        }
+        // A quarter more, so that a growing scene does not overflow at every step.
+        let entries = (needed + needed / 4).min(most);
+        tracing::debug!(needed, entries, "making room for entries");
+        self.ensure(Sizes { entries, ..sizes })
+    }
+
+    fn ensure(&mut self, sizes: Sizes) -> Result<(), EngineError> {
+        if self.frame.ensure(&self.gpu, sizes)? {
+            self.commands.forget();
+        }
+        Ok(())
+    }
+
+    /// Hands a step in.
+    fn hand_in(&mut self, view: View, step: StepConfig) -> Result<(), EngineError> {
+        let report = self.submit(&Work::Train { view: &view, step: &step })?;
+        self.pending.push_back(Pending { view, step, report });
+        Ok(())
+    }
+
+    /// Hands work in, waits for it, and does it again with more room if need be.
+    fn run(&mut self, work: &Work<'_>) -> Result<State, EngineError> {
+        loop {
+            let report = self.submit(work)?;
+            let state = self.receive(report)?;
+            if state.halted != HALT_OVERFLOW {
+                if state.halted == HALT_NOT_FINITE {
+                    let halted = std::mem::offset_of!(State, halted) as u64;
+                    self.gpu.queue.write_buffer(&self.frame.state.raw, halted, bytemuck::bytes_of(&HALT_NONE));
+                }
+                return Ok(state);
+            }
+            let sizes = match work {
+                Work::Render { camera, .. } => sizes_of(camera, self.scene.count, false),
+                Work::Train { view, .. } | Work::Gradients { view, .. } => view_sizes(view, self.scene.count),
+            };
+            self.make_room(&state, sizes)?;
+        }
+    }
+
+    /// Hands work in: one submission.
+    fn submit(&mut self, work: &Work<'_>) -> Result<Report, EngineError> {
+        let (camera, options, purpose) = match work {
+            Work::Render { camera, options } => (*camera, *options, Purpose::Image),
+            Work::Train { view, step } | Work::Gradients { view, step, .. } => (&view.camera, &step.render, Purpose::Training(step.stats)),
+        };
+        self.prepare(camera, purpose != Purpose::Image)?;
+        let Self { gpu, scene, frame, commands, targets, timer, slots, .. } = self;
+        let capacity = frame.sizes.entries.min(u32::MAX.into()) as u32;
+        let uniform = camera_uniform(camera, options, purpose, (scene.count as u32, scene.has_smoothing), capacity);
+        gpu.queue.write_buffer(&frame.camera.raw, 0, bytemuck::bytes_of(&uniform));
+        let target = match work {
+            Work::Render { .. } => None,
+            Work::Train { view, step } | Work::Gradients { view, step, .. } => {
+                let target = targets.get(gpu, view)?;
+                let loss = loss_uniform(&step.loss, camera.size_px, target.valid, target.mask_bits.is_some());
+                gpu.queue.write_buffer(&frame.loss.raw, 0, bytemuck::bytes_of(&loss));
+                let optimizer = optimizer_uniform(step, scene.count);
+                gpu.queue.write_buffer(&frame.optimizer.raw, 0, bytemuck::bytes_of(&optimizer));
+                Some(target)
+            }
+        };
+        let mut recorder = Recorder { gpu, commands, frame, scene, size_px: camera.size_px };
+        recorder.forward();
+        if let Some(target) = target {
+            recorder.backward(target);
+            recorder.update(match work {
+                Work::Gradients { out, .. } => Some(*out),
+                Work::Render { .. } | Work::Train { .. } => None,
+            });
+        }
+        let dispatches = commands.len();
+        let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        let segments = commands.encode(&mut encoder, timer.as_ref());
+        let report = slots.take(gpu)?.submit(gpu, encoder, &frame.state, (timer.as_ref(), segments));
+        self.traffic = Traffic { dispatches, submissions: 1, bytes_read: report.bytes };
+        if self.targets.take_dropped() {
+            self.commands.forget();
+        }
+        self.gpu.check()?;
+        Ok(report)
+    }
+
+    /// Buffers that a view of `camera` needs at least.
+    fn prepare(&mut self, camera: &Camera, training: bool) -> Result<(), EngineError> {
+        let mut sizes = sizes_of(camera, self.scene.count, training);
+        let tiles = sizes.tiles.max(self.frame.sizes.tiles);
+        let most = most_entries(self.binding_bytes, tiles, training || self.frame.sizes.training);
+        sizes.entries = expected_entries(sizes.splats).min(most).max(1);
+        self.ensure(sizes)
+    }
+
+    fn replace_scene(&mut self, scene: Scene) {
+        self.scene = scene;
+        self.commands.forget();
+        self.frame.set_count(&self.gpu, self.scene.count as u32);
+    }
+}
+
+/// Buffers for a view of `camera`, but for the entries.
+fn sizes_of(camera: &Camera, splats: usize, training: bool) -> Sizes {
+    let [across, down] = tiles(camera.size_px).map(u64::from);
+    let [width, height] = camera.size_px.map(u64::from);
+    Sizes { splats: splats as u64, tiles: across * down, pixels: width * height, entries: 0, training }
+}
+
+fn view_sizes(view: &View, splats: usize) -> Sizes {
+    sizes_of(&view.camera, splats, true)
+}
+
+fn report_of(state: &State, step: u32) -> StepReport {
+    StepReport { step, loss: state.loss, l1: state.l1, ssim: state.ssim, visible: state.visible }
+}
+
+/// Checks that a view is what it says.
+fn check_view(view: &View) -> Result<(), EngineError> {
+    check(&view.camera)?;
+    let [width, height] = view.camera.size_px.map(|side| side as usize);
+    let (image, name) = (&view.image, &view.name);
+    if [image.width, image.height] != [width, height] {
+        return Err(EngineError::Invalid(format!(
+            "view {name}: image is {} x {}, the camera expects {width} x {height}",
+            image.width, image.height
+        )));
+    }
+    let pixels = width * height;
+    if image.pixels.len() != pixels {
+        return Err(EngineError::Invalid(format!("view {name}: image holds {} pixels, its size says {pixels}", image.pixels.len())));
+    }
+    match view.mask.as_ref().map(|mask| mask.valid.len()).filter(|found| *found != pixels) {
+        Some(found) => Err(EngineError::Invalid(format!("view {name}: mask holds {found} pixels, the image {pixels}"))),
+        None => Ok(()),
+    }
+}
+
+impl Engine for GpuEngine {
+    fn load(&mut self, splats: &Splats, moments: Option<&Moments>) -> Result<(), EngineError> {
+        splats.validate()?;
+        if let Some(moments) = moments {
+            for part in [&moments.first, &moments.second] {
+                part.validate()?;
+                if part.len() != splats.len() || part.color_model != splats.color_model {
+                    return Err(EngineError::Invalid(format!(
+                        "moments are of {} {} splats, the scene has {} {}",
+                        part.len(),
+                        part.color_model.name(),
+                        splats.len(),
+                        splats.color_model.name()
+                    )));
+                }
+            }
+        }
+        self.settle_all()?;
+        // Memory for two scenes at a time is not needed here.
+        self.replace_scene(Scene::empty());
+        let scene = Scene::upload(&self.gpu, splats, moments, self.binding_bytes)?;
+        self.replace_scene(scene);
+        (self.latest, self.diverged) = (None, None);
+        self.gpu.queue.write_buffer(&self.frame.state.raw, std::mem::offset_of!(State, halted) as u64, bytemuck::bytes_of(&HALT_NONE));
+        Ok(())
+    }
+
+    fn save(&mut self) -> Result<(Splats, Moments), EngineError> {
+        self.settled()?;
+        let mut splats = self.scene.download(&self.gpu, |_, shard| &shard.parameters)?;
+        splats.smoothing = self.scene.smoothing(&self.gpu)?;
+        let first = self.scene.download(&self.gpu, |_, shard| &shard.first)?;
+        let second = self.scene.download(&self.gpu, |_, shard| &shard.second)?;
+        Ok((splats, Moments { first, second }))
+    }
+
+    fn render(&mut self, camera: &Camera, options: &RenderOptions) -> Result<Image, EngineError> {
+        check(camera)?;
+        self.settle_all()?;
+        self.run(&Work::Render { camera, options })?;
+        let [width, height] = camera.size_px.map(|side| side as usize);
+        let bytes = self.gpu.read(&self.frame.pixels.image, 12 * (width * height) as u64)?;
+        Ok(Image { width, height, pixels: bytemuck::pod_collect_to_vec(&bytes) })
+    }
+
+    fn train_step(&mut self, view: &View, step: &StepConfig) -> Result<StepReport, EngineError> {
+        check_view(view)?;
+        if let Some(report) = self.latest.filter(|_| self.diverged.is_some()) {
+            return Ok(report);
+        }
+        self.hand_in(view.clone(), *step)?;
+        self.gpu.poll()?;
+        while self.pending.front().is_some_and(|pending| pending.report.is_done()) || self.pending.len() > LAG {
+            self.settle()?;
+        }
+        while self.latest.is_none() && !self.pending.is_empty() {
+            self.settle()?;
+        }
+        self.latest.ok_or_else(|| EngineError::Device("gpu: a step left no report; go on with --resume".into()))
+    }
+
+    fn finish(&mut self) -> Result<(), EngineError> {
+        self.settle_all()
+    }
+
+    fn densify_stats(&mut self) -> Result<DensifyStats, EngineError> {
+        self.settled()?;
+        self.scene.stats(&self.gpu)
+    }
+
+    fn set_densify_stats(&mut self, stats: &DensifyStats) -> Result<(), EngineError> {
+        self.settle_all()?;
+        let count = self.scene.count;
+        if [stats.gradient.len(), stats.abs_gradient.len(), stats.views.len()] != [count; 3] {
+            return Err(EngineError::Invalid(format!("statistics of {} splats, the scene has {count}", stats.views.len())));
+        }
+        self.scene.set_stats(&self.gpu, stats)
+    }
+
+    fn geometry(&mut self) -> Result<Geometry, EngineError> {
+        self.settled()?;
+        self.scene.geometry(&self.gpu)
+    }
+
+    fn densify(&mut self, plan: &DensifyPlan) -> Result<(), EngineError> {
+        densify::check(plan, self.scene.count)?;
+        self.settled()?;
+        let start = Instant::now();
+        let scene = densify::apply(&self.gpu, &mut self.commands, &self.scene, plan, self.binding_bytes)?;
+        self.replace_scene(scene);
+        self.timings[Pass::Densify as usize].1 += start.elapsed();
+        Ok(())
+    }
+
+    fn len(&self) -> usize {
+        self.scene.count
+    }
+
+    fn timings(&self) -> &[(Pass, Duration)] {
+        &self.timings
+    }
+}

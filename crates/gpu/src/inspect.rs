@@ -1,0 +1,58 @@
+//! What the passes up to the image left in memory: for tests that compare pass by pass.
+
+use luxel_core::{Camera, Engine, EngineError, RenderOptions};
+
+use crate::engine::GpuEngine;
+use crate::frame::tile_digits;
+use crate::layout::{DEPTH_DIGITS, Footprint, State, TILE_PX};
+use crate::screen::tiles;
+
+/// Results of the passes of a render.
+#[derive(Clone, Debug, Default)]
+pub struct ForwardPasses {
+    /// `project` and `color`, by splat: `None` where the splat touches no tile.
+    pub footprints: Vec<Option<Footprint>>,
+    /// `sort` by depth: splats, those that are not seen last.
+    pub depth_order: Vec<u32>,
+    /// `bin` and `sort` by tile: each tile's splats, front to back. Rows of tiles one after the other.
+    pub tile_splats: Vec<Vec<u32>>,
+    /// Tiles across and down.
+    pub tiles: [u32; 2],
+}
+
+impl ForwardPasses {
+    /// Side of a tile, pixels.
+    pub const TILE_PX: u32 = TILE_PX;
+}
+
+impl GpuEngine {
+    /// Renders, and reads back what each pass left.
+    ///
+    /// # Errors
+    /// As [`Engine::render`].
+    pub fn forward_passes(&mut self, camera: &Camera, options: &RenderOptions) -> Result<ForwardPasses, EngineError> {
+        self.render(camera, options)?;
+        let (gpu, frame, count) = (self.gpu(), self.frame(), self.len() as u64);
+        let tiles = tiles(camera.size_px);
+        let tile_count = tiles[0] * tiles[1];
+        let numbers = |buffer, len: u64| -> Result<Vec<u32>, EngineError> { Ok(bytemuck::pod_collect_to_vec(&gpu.read(buffer, 4 * len)?)) };
+        let footprints: Vec<Footprint> =
+            bytemuck::pod_collect_to_vec(&gpu.read(&frame.splats.footprints, size_of::<Footprint>() as u64 * count)?);
+        let places = numbers(&frame.splats.places, 2 * count)?;
+        let state: State = bytemuck::pod_read_unaligned(&gpu.read(&frame.state, size_of::<State>() as u64)?);
+        let entries = u64::from(state.entries);
+        let splats = numbers(&frame.entries.splats, entries)?;
+        let order = numbers(&frame.entries.order[tile_digits(tile_count) % 2], entries)?;
+        let ranges = numbers(&frame.pixels.ranges, 2 * u64::from(tile_count))?;
+        let splat_of = |entry: &u32| splats.get(*entry as usize).copied();
+        let list = |range: &[u32]| -> Vec<u32> {
+            order.get(range[0] as usize..range[1] as usize).unwrap_or_default().iter().filter_map(splat_of).collect()
+        };
+        Ok(ForwardPasses {
+            footprints: footprints.into_iter().zip(places.chunks(2)).map(|(f, place)| (place[1] > 0).then_some(f)).collect(),
+            depth_order: numbers(&frame.splats.order[DEPTH_DIGITS as usize % 2], count)?,
+            tile_splats: ranges.chunks(2).map(list).collect(),
+            tiles,
+        })
+    }
+}

@@ -1,0 +1,105 @@
+//! Steps that the device has been given and the host has not yet heard of.
+//!
+//! A step's report and timestamps are copied into a buffer that is mapped when the step is done. The host hands in the next steps meanwhile.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use luxel_core::{EngineError, Pass, StepConfig, View};
+
+use crate::commands::Timer;
+use crate::device::{Buffer, Gpu, mapped};
+use crate::layout::State;
+
+/// Steps that may be on their way at a time. Each is a fraction of a millisecond or more; two would do to keep the device busy.
+pub(crate) const LAG: usize = 3;
+
+/// A step on its way.
+pub(crate) struct Pending {
+    pub(crate) view: View,
+    pub(crate) step: StepConfig,
+    pub(crate) report: Report,
+}
+
+/// A report on its way.
+pub(crate) struct Report {
+    slot: Slot,
+    submission: wgpu::SubmissionIndex,
+    segments: Vec<Pass>,
+    /// Bytes that were copied.
+    pub(crate) bytes: u64,
+}
+
+/// A buffer that reports are read from.
+pub(crate) struct Slot {
+    buffer: Buffer,
+    is_mapped: Arc<AtomicBool>,
+}
+
+/// Bytes of a [`State`].
+const STATE_BYTES: u64 = size_of::<State>() as u64;
+
+/// Buffers for reports, used in turn.
+#[derive(Default)]
+pub(crate) struct Slots {
+    free: Vec<Slot>,
+}
+
+impl Slots {
+    /// A free one.
+    pub(crate) fn take(&mut self, gpu: &Gpu) -> Result<Slot, EngineError> {
+        if let Some(slot) = self.free.pop() {
+            return Ok(slot);
+        }
+        let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
+        Ok(Slot { buffer: gpu.buffer("report", STATE_BYTES + Timer::BYTES, usage)?, is_mapped: Arc::default() })
+    }
+
+    fn give_back(&mut self, slot: Slot) {
+        slot.is_mapped.store(false, Ordering::Release);
+        self.free.push(slot);
+    }
+}
+
+impl Slot {
+    /// Copies state and timestamps behind the kernels in `encoder`, and hands all of it in.
+    pub(crate) fn submit(
+        self,
+        gpu: &Gpu,
+        mut encoder: wgpu::CommandEncoder,
+        state: &Buffer,
+        (timer, segments): (Option<&Timer>, Vec<Pass>),
+    ) -> Report {
+        encoder.copy_buffer_to_buffer(&state.raw, 0, &self.buffer.raw, 0, STATE_BYTES);
+        let mut bytes = STATE_BYTES;
+        if let Some(timer) = timer {
+            bytes += timer.resolve(&mut encoder, segments.len(), &self.buffer.raw, STATE_BYTES);
+        }
+        let submission = gpu.queue.submit([encoder.finish()]);
+        let is_mapped = Arc::clone(&self.is_mapped);
+        self.buffer.raw.slice(..).map_async(wgpu::MapMode::Read, move |result| {
+            // An error comes up again when the buffer is read.
+            is_mapped.store(result.is_ok(), Ordering::Release);
+        });
+        Report { slot: self, submission, segments, bytes }
+    }
+}
+
+impl Report {
+    /// Whether it is there.
+    pub(crate) fn is_done(&self) -> bool {
+        self.slot.is_mapped.load(Ordering::Acquire)
+    }
+
+    /// Waits for it; timestamps by their passes.
+    pub(crate) fn receive(self, gpu: &Gpu, slots: &mut Slots) -> Result<(State, Vec<Pass>, Vec<u8>), EngineError> {
+        if !self.is_done() {
+            gpu.wait(self.submission)?;
+        }
+        let bytes = mapped(&self.slot.buffer.raw, gpu)?;
+        slots.give_back(self.slot);
+        let (state, timestamps) = bytes.split_at(STATE_BYTES as usize);
+        let timestamps = timestamps[..timestamps.len().min(16 * self.segments.len())].to_vec();
+        Ok((bytemuck::pod_read_unaligned(state), self.segments, timestamps))
+    }
+}

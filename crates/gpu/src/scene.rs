@@ -1,0 +1,194 @@
+//! The scene on the device: parameters, moments and statistics, in shards.
+//!
+//! A shard is a run of splats whose parameters fit into one binding, `[rows, stride]` with the rows of [`Rows`]: neighbouring threads read
+//! neighbouring numbers. On adapters that bind gigabytes there is one; where a binding ends at 128 MiB, one per half a million splats.
+
+use luxel_core::{ColorModel, DensifyStats, EngineError, Geometry, Moments, Splats};
+
+use crate::device::{Buffer, Gpu};
+use crate::layout::{Rows, STATS_ROWS, ShardUniform};
+
+/// Splats whose buffers are bound together.
+pub(crate) struct Shard {
+    pub(crate) base: usize,
+    pub(crate) len: usize,
+    pub(crate) stride: usize,
+    pub(crate) uniform: Buffer,
+    pub(crate) parameters: Buffer,
+    pub(crate) first: Buffer,
+    pub(crate) second: Buffer,
+    pub(crate) stats: Buffer,
+}
+
+/// All splats.
+pub(crate) struct Scene {
+    pub(crate) rows: Rows,
+    pub(crate) count: usize,
+    pub(crate) has_smoothing: bool,
+    pub(crate) shards: Vec<Shard>,
+}
+
+impl Scene {
+    /// No splats.
+    pub(crate) fn empty() -> Self {
+        let rows = Rows { color_model: ColorModel::Sh { degree: 0 } };
+        Self { rows, count: 0, has_smoothing: false, shards: Vec::new() }
+    }
+
+    /// Room for `count` splats, everything zero.
+    pub(crate) fn zeros(gpu: &Gpu, rows: Rows, count: usize, binding_bytes: u64) -> Result<Self, EngineError> {
+        if count >= 1 << 31 {
+            return Err(EngineError::Invalid(format!("gpu: {count} splats, at most {} are supported; lower --max-splats", 1u32 << 31)));
+        }
+        let splat_bytes = 4 * (rows.parameters() as u64 + 1);
+        // Bindings begin at multiples of 256 bytes; so do rows, which keeps loads whole.
+        let most = usize::try_from(binding_bytes / splat_bytes / 64 * 64).unwrap_or(usize::MAX).max(64);
+        let mut shards = Vec::new();
+        for base in (0..count).step_by(most) {
+            let len = most.min(count - base);
+            let stride = len.next_multiple_of(64);
+            let numbers = stride as u64 * 4;
+            let uniform = ShardUniform { base: base as u32, len: len as u32, stride: stride as u32, padding: 0 };
+            shards.push(Shard {
+                base,
+                len,
+                stride,
+                uniform: gpu.uniform("shard", &uniform)?,
+                parameters: gpu.storage("parameters", numbers * (rows.parameters() as u64 + 1))?,
+                first: gpu.storage("first moments", numbers * rows.parameters() as u64)?,
+                second: gpu.storage("second moments", numbers * rows.parameters() as u64)?,
+                stats: gpu.storage("statistics", numbers * STATS_ROWS as u64)?,
+            });
+        }
+        Ok(Self { rows, count, has_smoothing: false, shards })
+    }
+
+    /// Copies splats, and moments if there are any, to the device.
+    pub(crate) fn upload(gpu: &Gpu, splats: &Splats, moments: Option<&Moments>, binding_bytes: u64) -> Result<Self, EngineError> {
+        let mut scene = Self::zeros(gpu, Rows { color_model: splats.color_model }, splats.len(), binding_bytes)?;
+        scene.has_smoothing = !splats.smoothing.is_empty();
+        for shard in &scene.shards {
+            let write = |buffer: &Buffer, values: &Splats, rows: usize| {
+                gpu.queue.write_buffer(&buffer.raw, 0, bytemuck::cast_slice(&shard.rows_of(scene.rows, values, rows)));
+            };
+            write(&shard.parameters, splats, scene.rows.parameters() + 1);
+            if let Some(moments) = moments {
+                write(&shard.first, &moments.first, scene.rows.parameters());
+                write(&shard.second, &moments.second, scene.rows.parameters());
+            }
+        }
+        gpu.check()?;
+        Ok(scene)
+    }
+
+    /// The parameters, or what `pick` of each shard has in their layout.
+    pub(crate) fn download<'a>(&'a self, gpu: &Gpu, pick: impl Fn(usize, &'a Shard) -> &'a Buffer) -> Result<Splats, EngineError> {
+        let mut splats = Moments::zeros(self.rows.color_model, self.count).first;
+        for (n, shard) in self.shards.iter().enumerate() {
+            let bytes = 4 * (shard.stride * self.rows.parameters()) as u64;
+            shard.store_rows(self.rows, &floats(&gpu.read(pick(n, shard), bytes)?), &mut splats);
+        }
+        Ok(splats)
+    }
+
+    /// The 3D filter; empty if the scene has none.
+    pub(crate) fn smoothing(&self, gpu: &Gpu) -> Result<Vec<f32>, EngineError> {
+        let mut smoothing = Vec::new();
+        for shard in self.shards.iter().filter(|_| self.has_smoothing) {
+            let values = floats(&gpu.read(&shard.parameters, shard.parameters.raw.size())?);
+            smoothing.extend_from_slice(&values[self.rows.parameters() * shard.stride..][..shard.len]);
+        }
+        Ok(smoothing)
+    }
+
+    /// Position, log scale and opacity alone.
+    pub(crate) fn geometry(&self, gpu: &Gpu) -> Result<Geometry, EngineError> {
+        let mut geometry = Geometry::default();
+        for shard in &self.shards {
+            let values = floats(&gpu.read(&shard.parameters, 4 * (shard.stride * Rows::SH) as u64)?);
+            let at = |row: usize, i: usize| values[row * shard.stride + i];
+            for i in 0..shard.len {
+                geometry.position.push([0, 1, 2].map(|c| at(Rows::POSITION + c, i)));
+                geometry.log_scale.push([0, 1, 2].map(|c| at(Rows::LOG_SCALE + c, i)));
+                geometry.opacity_logit.push(at(Rows::OPACITY, i));
+            }
+        }
+        Ok(geometry)
+    }
+
+    pub(crate) fn stats(&self, gpu: &Gpu) -> Result<DensifyStats, EngineError> {
+        let mut stats = DensifyStats::default();
+        for shard in &self.shards {
+            let values = floats(&gpu.read(&shard.stats, 4 * (STATS_ROWS * shard.stride) as u64)?);
+            let row = |n: usize| &values[n * shard.stride..][..shard.len];
+            stats.gradient.extend_from_slice(row(0));
+            stats.abs_gradient.extend_from_slice(row(1));
+            // Numbers of views are whole and far below 2^24.
+            stats.views.extend(row(2).iter().map(|views| *views as u32));
+        }
+        Ok(stats)
+    }
+
+    /// Writes statistics of as many splats as there are.
+    pub(crate) fn set_stats(&self, gpu: &Gpu, stats: &DensifyStats) -> Result<(), EngineError> {
+        for shard in &self.shards {
+            let own = shard.base..shard.base + shard.len;
+            let mut values = vec![0.0f32; STATS_ROWS * shard.stride];
+            values[..shard.len].copy_from_slice(&stats.gradient[own.clone()]);
+            values[shard.stride..][..shard.len].copy_from_slice(&stats.abs_gradient[own.clone()]);
+            for (value, views) in values[2 * shard.stride..].iter_mut().zip(&stats.views[own]) {
+                *value = *views as f32;
+            }
+            gpu.queue.write_buffer(&shard.stats.raw, 0, bytemuck::cast_slice(&values));
+        }
+        gpu.check()
+    }
+}
+
+impl Shard {
+    /// The shard's part of `splats` in `rows` rows.
+    fn rows_of(&self, layout: Rows, splats: &Splats, rows: usize) -> Vec<f32> {
+        let mut out = vec![0.0; rows * self.stride];
+        for i in 0..self.len {
+            let splat = self.base + i;
+            let parameters = splats.position[splat]
+                .iter()
+                .chain(&splats.rotation[splat])
+                .chain(&splats.log_scale[splat])
+                .chain([&splats.opacity_logit[splat]])
+                .chain(splats.sh_of(splat))
+                .chain(splats.raw_luminance_of(splat));
+            for (row, value) in parameters.enumerate() {
+                out[row * self.stride + i] = *value;
+            }
+            if let Some(value) = splats.smoothing.get(splat).filter(|_| rows > layout.parameters()) {
+                out[layout.parameters() * self.stride + i] = *value;
+            }
+        }
+        out
+    }
+
+    /// The reverse of [`Self::rows_of`], without the 3D filter.
+    fn store_rows(&self, layout: Rows, rows: &[f32], splats: &mut Splats) {
+        let (k, m) = (3 * layout.color_model.sh_coefficients(), layout.color_model.luminance_coefficients());
+        for i in 0..self.len {
+            let splat = self.base + i;
+            let at = |row: usize| rows[row * self.stride + i];
+            splats.position[splat] = std::array::from_fn(|c| at(Rows::POSITION + c));
+            splats.rotation[splat] = std::array::from_fn(|c| at(Rows::ROTATION + c));
+            splats.log_scale[splat] = std::array::from_fn(|c| at(Rows::LOG_SCALE + c));
+            splats.opacity_logit[splat] = at(Rows::OPACITY);
+            for (c, value) in splats.sh[splat * k..(splat + 1) * k].iter_mut().enumerate() {
+                *value = at(Rows::SH + c);
+            }
+            for (c, value) in splats.raw_luminance[splat * m..(splat + 1) * m].iter_mut().enumerate() {
+                *value = at(layout.luminance() + c);
+            }
+        }
+    }
+}
+
+/// Bytes as numbers, whatever their alignment.
+pub(crate) fn floats(bytes: &[u8]) -> Vec<f32> {
+    bytemuck::pod_collect_to_vec(bytes)
+}

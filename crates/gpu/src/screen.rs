@@ -1,0 +1,131 @@
+//! What the shaders need of a camera, a loss and an optimiser, worked out once per step.
+
+use luxel_core::{
+    ADAM_BETA1, ADAM_BETA2, Antialias, Camera, EngineError, JACOBIAN_MARGIN, LossConfig, RenderOptions, StatsCollection, StepConfig,
+};
+
+use crate::layout::{
+    CameraUniform, FLAG_ABSOLUTE, FLAG_MIN_CONTRIBUTION, FLAG_MIP, FLAG_SMOOTHING, FLAG_TRAINING, LossUniform, OptimizerUniform, TILE_PX,
+};
+
+/// Why a frame is made: what it leaves behind.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Purpose {
+    /// The image.
+    Image,
+    /// Gradients, with these statistics.
+    Training(StatsCollection),
+}
+
+/// Tiles across and down.
+pub(crate) fn tiles(size_px: [u32; 2]) -> [u32; 2] {
+    size_px.map(|side| side.div_ceil(TILE_PX))
+}
+
+/// Checks a camera.
+pub(crate) fn check(camera: &Camera) -> Result<(), EngineError> {
+    if !camera.distortion.is_none() {
+        return Err(EngineError::Invalid("camera: has lens distortion; undistort its image first".into()));
+    }
+    Ok(camera.validate()?)
+}
+
+/// The camera and its options; `count` splats with or without a 3D filter, room for `entry_capacity` entries.
+pub(crate) fn camera_uniform(
+    camera: &Camera,
+    options: &RenderOptions,
+    purpose: Purpose,
+    (count, has_smoothing): (u32, bool),
+    entry_capacity: u32,
+) -> CameraUniform {
+    let pose = camera.camera_from_world;
+    let rows = pose.matrix3.transpose().to_cols_array_2d();
+    let translation = pose.translation.to_array();
+    let row = |i: usize| [rows[i][0] as f32, rows[i][1] as f32, rows[i][2] as f32, translation[i] as f32];
+    let [focal, center] = [camera.focal_px, camera.center_px].map(|v| v.to_array());
+    let size = camera.size_px.map(f64::from);
+    let margin = [0, 1].map(|i| JACOBIAN_MARGIN * size[i] / (2.0 * focal[i]));
+    let eye = camera.eye().to_array().map(|v| v as f32);
+    let [red, green, blue] = options.background;
+    let cutoffs = options.raster.cutoffs;
+    let is_mip = options.raster.antialias == Antialias::Mip;
+    let flags = [
+        (is_mip, FLAG_MIP),
+        (is_mip && has_smoothing, FLAG_SMOOTHING),
+        (cutoffs.min_contribution.is_finite(), FLAG_MIN_CONTRIBUTION),
+        (matches!(purpose, Purpose::Training(_)), FLAG_TRAINING),
+        (purpose == Purpose::Training(StatsCollection::GradientsAndAbsolute), FLAG_ABSOLUTE),
+    ];
+    CameraUniform {
+        row_x: row(0),
+        row_y: row(1),
+        row_z: row(2),
+        eye: [eye[0], eye[1], eye[2], 0.0],
+        background: [red, green, blue, 0.0],
+        focal_px: focal.map(|v| v as f32),
+        center_px: center.map(|v| v as f32),
+        slope_min: [0, 1].map(|i| (-center[i] / focal[i] - margin[i]) as f32),
+        slope_max: [0, 1].map(|i| ((size[i] - center[i]) / focal[i] + margin[i]) as f32),
+        size_px: camera.size_px,
+        tiles: tiles(camera.size_px),
+        min_alpha: cutoffs.min_alpha,
+        min_contribution: cutoffs.min_contribution.min(f32::MAX),
+        alpha_floor: cutoffs.alpha_floor,
+        min_transmittance: cutoffs.min_transmittance,
+        max_alpha: cutoffs.max_alpha,
+        near: cutoffs.near,
+        dilation_px2: options.raster.antialias.dilation_px2(),
+        active_degree: options.active_degree.min(luxel_core::sh::MAX_DEGREE) as u32,
+        flags: flags.iter().filter(|(set, _)| *set).map(|(_, flag)| flag).sum(),
+        count,
+        entry_capacity,
+        padding: 0,
+    }
+}
+
+/// The loss; means are over `valid` pixels for L1, over all for SSIM.
+pub(crate) fn loss_uniform(config: &LossConfig, size_px: [u32; 2], valid: usize, is_masked: bool) -> LossUniform {
+    let log = f64::from(config.mu).ln_1p();
+    // The derivative of the mu-law at radiance 0.
+    let slope = f64::from(config.mu) / log;
+    let weight = f64::from(config.ssim_weight);
+    let l1_mean = 1.0 / (3 * valid.max(1)) as f64;
+    let ssim_mean = 1.0 / (3.0 * f64::from(size_px[0]) * f64::from(size_px[1]));
+    LossUniform {
+        mu: config.mu,
+        scale: (1.0 / log) as f32,
+        ssim_weight: config.ssim_weight,
+        l1_factor: (slope * (1.0 - weight) * l1_mean) as f32,
+        ssim_factor: (slope * -2.0 * weight * ssim_mean) as f32,
+        l1_mean: l1_mean as f32,
+        ssim_mean: ssim_mean as f32,
+        is_masked: is_masked.into(),
+    }
+}
+
+/// The optimiser, for `count` splats.
+pub(crate) fn optimizer_uniform(step: &StepConfig, count: usize) -> OptimizerUniform {
+    let correction = |beta: f32| 1.0 / (1.0 - f64::from(beta).powi(step.step.clamp(1, i32::MAX as u32) as i32));
+    let first = correction(ADAM_BETA1) as f32;
+    let rates = step.learning_rates;
+    let noise = step.position_noise;
+    let seed = noise.map_or(0, |noise| noise.seed);
+    OptimizerUniform {
+        position: rates.position * first,
+        rotation: rates.rotation * first,
+        log_scale: rates.log_scale * first,
+        opacity_logit: rates.opacity_logit * first,
+        sh_dc: rates.sh_dc * first,
+        sh_rest: rates.sh_rest * first,
+        luminance_dc: rates.luminance_dc * first,
+        luminance_rest: rates.luminance_rest * first,
+        root_correction_2: (correction(ADAM_BETA2) as f32).sqrt(),
+        opacity_weight: step.loss.opacity_weight / count.max(1) as f32,
+        scale_weight: step.loss.scale_weight / (3 * count.max(1)) as f32,
+        noise_scale: noise.map_or(0.0, |noise| noise.scale),
+        seed_low: seed as u32,
+        seed_high: (seed >> 32) as u32,
+        stats: u32::from(step.stats != StatsCollection::Off),
+        padding: 0,
+    }
+}

@@ -1,0 +1,210 @@
+//! Which kernels make up a frame and a step, with which buffers: the order of work, nothing else.
+
+use luxel_core::Pass;
+
+use crate::commands::{Commands, Groups};
+use crate::device::{Buffer, Gpu};
+use crate::frame::{Frame, tile_digits};
+use crate::kernels::KernelId;
+use crate::layout::{DEPTH_DIGITS, DIGITS, Dispatches, SORT_BLOCK, Update};
+use crate::scene::Scene;
+use crate::screen::tiles;
+use crate::targets::Target;
+
+/// Splats per workgroup of the kernels that run over them.
+const SPLATS: u64 = 256;
+/// Splats per workgroup of `project_backward`, which holds more per thread.
+const SPLATS_BACKWARD: u64 = 128;
+/// Tiles per workgroup of `bin_ranges`.
+const TILES: u64 = 64;
+
+/// What the kernels of a frame are recorded with.
+pub(crate) struct Recorder<'a> {
+    pub(crate) gpu: &'a Gpu,
+    pub(crate) commands: &'a mut Commands,
+    pub(crate) frame: &'a Frame,
+    pub(crate) scene: &'a Scene,
+    pub(crate) size_px: [u32; 2],
+}
+
+impl Recorder<'_> {
+    fn add(&mut self, pass: Pass, id: KernelId, buffers: &[(u32, &Buffer)], groups: Groups<'_>) {
+        self.commands.add(self.gpu, pass, id, buffers, groups);
+    }
+
+    /// Up to the image.
+    pub(crate) fn forward(&mut self) {
+        self.project();
+        self.sort_by_depth();
+        self.bin();
+        self.sort_by_tile();
+        self.rasterize();
+    }
+
+    fn tile_count(&self) -> u32 {
+        let [across, down] = tiles(self.size_px);
+        across * down
+    }
+
+    /// Entries in the order of their tiles and depths.
+    fn sorted_entries(&self) -> usize {
+        tile_digits(self.tile_count()) % 2
+    }
+
+    fn project(&mut self) {
+        let (frame, scene) = (self.frame, self.scene);
+        for shard in &scene.shards {
+            let buffers = [
+                (0, &frame.camera),
+                (1, &shard.uniform),
+                (2, &shard.parameters),
+                (3, &frame.splats.footprints),
+                (4, &frame.splats.depth_keys[0]),
+                (5, &frame.splats.places),
+            ];
+            let groups = Groups::Line((shard.len as u64).div_ceil(SPLATS));
+            self.add(Pass::Project, KernelId::Project(scene.rows.color_model), &buffers, groups);
+        }
+    }
+
+    /// One digit: from buffers number `from` to the other ones.
+    fn sort_digit(&mut self, config: &Buffer, keys: &[Buffer; 2], values: &[Buffer; 2], from: usize, groups: Groups<'_>) {
+        let (frame, to) = (self.frame, 1 - from);
+        let counts = [(0, config), (1, &frame.state), (2, &keys[from]), (6, &frame.digit_counts)];
+        self.add(Pass::Sort, KernelId::SortCount, &counts, groups);
+        let scan = [(0, config), (1, &frame.state), (6, &frame.digit_counts), (7, &frame.digit_totals)];
+        self.add(Pass::Sort, KernelId::SortScan, &scan, Groups::Line(DIGITS.into()));
+        let scatter = [
+            (0, config),
+            (1, &frame.state),
+            (2, &keys[from]),
+            (3, &values[from]),
+            (4, &keys[to]),
+            (5, &values[to]),
+            (6, &frame.digit_counts),
+            (7, &frame.digit_totals),
+        ];
+        self.add(Pass::Sort, KernelId::SortScatter, &scatter, groups);
+    }
+
+    fn sort_by_depth(&mut self) {
+        let frame = self.frame;
+        let groups = Groups::Line((self.scene.count as u64).div_ceil(SORT_BLOCK.into()));
+        for (digit, config) in frame.depth_sorts.iter().enumerate() {
+            self.sort_digit(config, &frame.splats.depth_keys, &frame.splats.order, digit % 2, groups);
+        }
+    }
+
+    fn bin(&mut self) {
+        let frame = self.frame;
+        let order = &frame.splats.order[DEPTH_DIGITS as usize % 2];
+        let blocks = Groups::Line((self.scene.count as u64).div_ceil(SPLATS));
+        let sum = [(0, &frame.camera), (2, order), (3, &frame.splats.places), (4, &frame.splats.block_sums)];
+        self.add(Pass::Bin, KernelId::BinSum, &sum, blocks);
+        let scan = [(0, &frame.camera), (1, &frame.state), (4, &frame.splats.block_sums), (8, &frame.dispatches)];
+        self.add(Pass::Bin, KernelId::BinScan, &scan, Groups::Line(1));
+        let emit = [
+            (0, &frame.camera),
+            (1, &frame.state),
+            (2, order),
+            (3, &frame.splats.places),
+            (4, &frame.splats.block_sums),
+            (5, &frame.splats.footprints),
+            (6, &frame.entries.tiles[0]),
+            (7, &frame.entries.splats),
+        ];
+        self.add(Pass::Bin, KernelId::BinEmit, &emit, blocks);
+    }
+
+    fn sort_by_tile(&mut self) {
+        let frame = self.frame;
+        let groups = Groups::Indirect(&frame.dispatches, std::mem::offset_of!(Dispatches, sort));
+        for (digit, config) in frame.tile_sorts[..tile_digits(self.tile_count())].iter().enumerate() {
+            self.sort_digit(config, &frame.entries.tiles, &frame.entries.order, digit % 2, groups);
+        }
+        let ranges = [
+            (0, &frame.camera),
+            (1, &frame.state),
+            (9, &frame.entries.tiles[self.sorted_entries()]),
+            (10, &frame.pixels.ranges),
+            (11, &frame.entries.buckets),
+        ];
+        self.add(Pass::Sort, KernelId::BinRanges, &ranges, Groups::Line(u64::from(self.tile_count()).div_ceil(TILES)));
+    }
+
+    fn rasterize(&mut self) {
+        let frame = self.frame;
+        let buffers = [
+            (0, &frame.camera),
+            (1, &frame.splats.footprints),
+            (2, &frame.pixels.ranges),
+            (3, &frame.entries.order[self.sorted_entries()]),
+            (4, &frame.entries.splats),
+            (5, &frame.pixels.image),
+            (6, &frame.pixels.last_entries),
+            (7, &frame.entries.bucket_pixels),
+        ];
+        self.add(Pass::Rasterize, KernelId::Rasterize, &buffers, Groups::Line(self.tile_count().into()));
+    }
+
+    /// From the image to the entries' gradients.
+    pub(crate) fn backward(&mut self, target: &Target) {
+        self.loss(target);
+        let frame = self.frame;
+        let buffers = [
+            (0, &frame.camera),
+            (1, &frame.splats.footprints),
+            (2, &frame.entries.buckets),
+            (3, &frame.entries.order[self.sorted_entries()]),
+            (4, &frame.entries.splats),
+            (5, &frame.entries.bucket_pixels),
+            (6, &frame.pixels.image),
+            (7, &frame.pixels.gradients),
+            (8, &frame.entries.gradients),
+        ];
+        let groups = Groups::Indirect(&frame.dispatches, std::mem::offset_of!(Dispatches, buckets));
+        self.add(Pass::RasterizeBackward, KernelId::RasterizeBackward, &buffers, groups);
+    }
+
+    fn loss(&mut self, target: &Target) {
+        let frame = self.frame;
+        let grid = Groups::Grid(tiles(self.size_px));
+        // Without a mask nobody reads the binding.
+        let mask = target.mask_bits.as_deref().unwrap_or(&target.pixels);
+        let inputs = [(0, &frame.camera), (1, &frame.loss), (2, &frame.pixels.image), (3, &*target.pixels), (4, mask)];
+        let derivatives = (5, &frame.pixels.derivatives);
+        let ssim: Vec<_> = inputs.into_iter().chain([derivatives, (6, &frame.pixels.group_sums)]).collect();
+        self.add(Pass::Loss, KernelId::LossSsim, &ssim, grid);
+        let report = [(0, &frame.camera), (1, &frame.loss), (6, &frame.pixels.group_sums), (9, &frame.state)];
+        self.add(Pass::Loss, KernelId::LossReport, &report, Groups::Line(1));
+        let outputs = [derivatives, (7, &frame.pixels.last_entries), (8, &frame.pixels.gradients)];
+        let gradient: Vec<_> = inputs.into_iter().chain(outputs).collect();
+        self.add(Pass::Loss, KernelId::LossGradient, &gradient, grid);
+    }
+
+    /// From the entries' gradients to parameters and moments; or to gradients, one buffer a shard, in place of first moments.
+    pub(crate) fn update(&mut self, gradients: Option<&[Buffer]>) {
+        let (frame, scene) = (self.frame, self.scene);
+        let gather = [(0, &frame.camera), (1, &frame.state), (2, &frame.splats.places), (3, &frame.entries.gradients)];
+        let groups = Groups::Line((scene.count as u64).div_ceil(SPLATS));
+        self.add(Pass::ProjectBackward, KernelId::Gather, &gather, groups);
+        let kind = if gradients.is_some() { Update::OnlyGradients } else { Update::Parameters };
+        for (n, shard) in scene.shards.iter().enumerate() {
+            let first = gradients.and_then(|buffers| buffers.get(n)).unwrap_or(&shard.first);
+            let buffers = [
+                (0, &frame.camera),
+                (1, &shard.uniform),
+                (2, &frame.optimizer),
+                (3, &frame.state),
+                (4, &frame.splats.places),
+                (5, &frame.entries.gradients),
+                (6, &shard.parameters),
+                (7, first),
+                (8, &shard.second),
+                (9, &shard.stats),
+            ];
+            let groups = Groups::Line((shard.len as u64).div_ceil(SPLATS_BACKWARD));
+            self.add(Pass::ProjectBackward, KernelId::ProjectBackward(scene.rows.color_model, kind), &buffers, groups);
+        }
+    }
+}

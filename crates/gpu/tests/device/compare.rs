@@ -1,0 +1,60 @@
+//! How far two results are apart, and how that is told.
+
+use std::fmt::Write;
+
+/// Worst differences between two series.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Worst {
+    /// Largest difference.
+    pub absolute: f64,
+    /// Largest difference over the largest value of the series.
+    pub relative: f64,
+    /// Where, and both values: found, expected.
+    pub at: usize,
+    pub values: [f64; 2],
+}
+
+/// Compares; NaN on either side is an infinite difference, unless both are the same bits.
+pub fn worst(found: &[f32], expected: &[f32]) -> Worst {
+    assert_eq!(found.len(), expected.len(), "lengths differ");
+    let largest = expected.iter().fold(0f64, |m, v| m.max(f64::from(v.abs())));
+    let mut out = Worst::default();
+    for (at, (a, b)) in found.iter().zip(expected).enumerate() {
+        if a.to_bits() == b.to_bits() {
+            continue;
+        }
+        let difference = (f64::from(*a) - f64::from(*b)).abs();
+        let difference = if difference.is_nan() { f64::INFINITY } else { difference };
+        if difference > out.absolute {
+            out = Worst {
+                absolute: difference,
+                relative: difference / largest.max(f64::MIN_POSITIVE),
+                at,
+                values: [f64::from(*a), f64::from(*b)],
+            };
+        }
+    }
+    out
+}
+
+/// Fails unless the worst difference is within `relative` of the series' largest value; prints a line for the parity table if asked to.
+pub fn assert_close(what: &str, found: &[f32], expected: &[f32], relative: f64) {
+    let worst = worst(found, expected);
+    if std::env::var("LUXEL_PARITY").is_ok_and(|v| v == "1") {
+        println!("parity {what}: absolute {:.2e} relative {:.2e}", worst.absolute, worst.relative);
+    }
+    let mut message = String::new();
+    let _ = write!(message, "{what}: {worst:?}, allowed {relative:e} of the largest");
+    assert!(worst.relative <= relative, "{message}");
+}
+
+/// Fails unless all but `most` values are within `relative` of the largest, and those within `band`: for what jumps at thresholds.
+pub fn assert_close_but_few(what: &str, found: &[f32], expected: &[f32], relative: f64, (most, band): (usize, f64)) {
+    let largest = expected.iter().fold(f64::MIN_POSITIVE, |m, v| m.max(f64::from(v.abs())));
+    let beyond = |limit: f64| found.iter().zip(expected).filter(|(a, b)| !((f64::from(**a) - f64::from(**b)).abs() <= limit * largest)).count();
+    let worst = worst(found, expected);
+    if std::env::var("LUXEL_PARITY").is_ok_and(|v| v == "1") {
+        println!("parity {what}: absolute {:.2e} relative {:.2e} beyond {}", worst.absolute, worst.relative, beyond(relative));
+    }
+    assert!(beyond(relative) <= most && beyond(band) == 0, "{what}: {} of {} beyond {relative:e}, worst {worst:?}", beyond(relative), found.len());
+}

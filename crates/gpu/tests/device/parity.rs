@@ -1,0 +1,224 @@
+//! Both engines, end to end: images, losses, gradients by parameter, steps of training, densification.
+
+use std::sync::Arc;
+
+use luxel_core::{
+    Activation, Antialias, ColorModel, Cutoffs, DensifyPlan, Engine, PlanRow, PositionNoise, Splats, StatsCollection, StepConfig,
+};
+use luxel_cpu::CpuEngine;
+use luxel_gpu::{Gpu, GpuEngine};
+
+use crate::Body;
+use crate::compare::{assert_close, assert_close_but_few};
+use crate::fixture::{camera, options, smoothing, splats, splats_with_special_cases, step, view};
+
+pub const ALL: &[(&str, Body)] = &[
+    ("gpu_images_match_cpu", gpu_images_match_cpu),
+    ("gpu_losses_match_cpu", gpu_losses_match_cpu),
+    ("gpu_gradients_match_cpu", gpu_gradients_match_cpu),
+    ("gpu_steps_match_cpu", gpu_steps_match_cpu),
+    ("gpu_statistics_match_cpu", gpu_statistics_match_cpu),
+    ("gpu_noise_matches_cpu", gpu_noise_matches_cpu),
+    ("gpu_densification_matches_cpu", gpu_densification_matches_cpu),
+];
+
+/// Every kind of colour model.
+pub fn models() -> Vec<ColorModel> {
+    let lcd = |chroma_degree, luminance_degree, activation| ColorModel::Lcd { chroma_degree, luminance_degree, activation };
+    vec![
+        ColorModel::Sh { degree: 0 },
+        ColorModel::Sh { degree: 3 },
+        ColorModel::Sh { degree: 5 },
+        lcd(3, 0, Activation::Softplus),
+        lcd(2, 3, Activation::Exp),
+        lcd(1, 1, Activation::Relu),
+    ]
+}
+
+/// Both engines with the same scene.
+pub fn engines(gpu: &Arc<Gpu>, splats: &Splats) -> (CpuEngine, GpuEngine) {
+    let (mut cpu, mut engine) = (CpuEngine::new(1).unwrap(), GpuEngine::new(gpu).unwrap());
+    cpu.load(splats, None).unwrap();
+    engine.load(splats, None).unwrap();
+    (cpu, engine)
+}
+
+/// Both presets of cut-offs with and without anti-aliasing.
+fn rasters() -> [(Cutoffs, Antialias); 3] {
+    [(Cutoffs::HDR, Antialias::Off), (Cutoffs::PARITY, Antialias::Off), (Cutoffs::HDR, Antialias::Mip)]
+}
+
+fn gpu_images_match_cpu(gpu: &Arc<Gpu>) {
+    let camera = camera(45, 38);
+    for model in models() {
+        for (cutoffs, antialias) in rasters() {
+            let mut scene = splats_with_special_cases(model, &camera, 3);
+            if antialias == Antialias::Mip {
+                scene.smoothing = smoothing(scene.len());
+            }
+            let (mut cpu, mut engine) = engines(gpu, &scene);
+            let options = options(cutoffs, antialias);
+            let [expected, found] = [cpu.render(&camera, &options), engine.render(&camera, &options)].map(|image| image.unwrap().pixels);
+            let what = format!("image {} {antialias:?}", model.name());
+            // A pixel at a splat's threshold may fall on either side; what jumps there is below the threshold's contribution.
+            assert_close_but_few(&what, found.as_flattened(), expected.as_flattened(), 2e-5, (6, 4e-3));
+        }
+    }
+}
+
+fn train_step(stats: StatsCollection, cutoffs: Cutoffs, antialias: Antialias, number: u32) -> StepConfig {
+    StepConfig { stats, ..step(number, options(cutoffs, antialias)) }
+}
+
+fn gpu_losses_match_cpu(gpu: &Arc<Gpu>) {
+    for (size, masked) in [([45, 38], false), ([45, 38], true), ([16, 16], true), ([7, 50], false), ([1, 1], false)] {
+        let camera = camera(size[0], size[1]);
+        let scene = splats(models()[1], 24, &camera, 5);
+        let (mut cpu, mut engine) = engines(gpu, &scene);
+        let view = view(&camera, masked, 9);
+        let step = train_step(StatsCollection::Off, Cutoffs::HDR, Antialias::Off, 1);
+        let [expected, found] = [cpu.gradients(&view, &step).unwrap().0, engine.gradients(&view, &step).unwrap().0];
+        assert_eq!(found.visible, expected.visible);
+        for (name, found, expected) in
+            [("loss", found.loss, expected.loss), ("l1", found.l1, expected.l1), ("ssim", found.ssim, expected.ssim)]
+        {
+            assert_close(&format!("{name} {size:?}"), &[found], &[expected], 2e-5);
+        }
+    }
+}
+
+/// Parameters by kind.
+pub fn groups(splats: &Splats) -> [(&'static str, &[f32]); 6] {
+    [
+        ("position", splats.position.as_flattened()),
+        ("rotation", splats.rotation.as_flattened()),
+        ("log scale", splats.log_scale.as_flattened()),
+        ("opacity", &splats.opacity_logit),
+        ("harmonics", &splats.sh),
+        ("luminance", &splats.raw_luminance),
+    ]
+}
+
+fn gpu_gradients_match_cpu(gpu: &Arc<Gpu>) {
+    let camera = camera(45, 38);
+    for model in models() {
+        for (cutoffs, antialias) in rasters() {
+            let mut scene = splats_with_special_cases(model, &camera, 3);
+            if antialias == Antialias::Mip {
+                scene.smoothing = smoothing(scene.len());
+            }
+            let (mut cpu, mut engine) = engines(gpu, &scene);
+            let view = view(&camera, true, 4);
+            let step = train_step(StatsCollection::Off, cutoffs, antialias, 1);
+            let [expected, found] = [cpu.gradients(&view, &step).unwrap().1, engine.gradients(&view, &step).unwrap().1];
+            for ((name, found), (_, expected)) in groups(&found).into_iter().zip(groups(&expected)) {
+                assert_close(&format!("gradient {name} {} {antialias:?}", model.name()), found, expected, 5e-4);
+            }
+        }
+    }
+}
+
+fn gpu_steps_match_cpu(gpu: &Arc<Gpu>) {
+    let camera = camera(45, 38);
+    for model in [models()[1], models()[4]] {
+        let scene = splats_with_special_cases(model, &camera, 3);
+        let (mut cpu, mut engine) = engines(gpu, &scene);
+        let view = view(&camera, false, 4);
+        for number in 1..=4 {
+            let step = train_step(StatsCollection::Gradients, Cutoffs::HDR, Antialias::Off, number);
+            cpu.train_step(&view, &step).unwrap();
+            engine.train_step(&view, &step).unwrap();
+        }
+        let [(expected, expected_moments), (found, found_moments)] = [cpu.save().unwrap(), engine.save().unwrap()];
+        for ((name, found), (_, expected)) in groups(&found).into_iter().zip(groups(&expected)) {
+            assert_close(&format!("step {name} {}", model.name()), found, expected, 2e-3);
+        }
+        let pairs = [("first", &found_moments.first, &expected_moments.first), ("second", &found_moments.second, &expected_moments.second)];
+        for (which, found, expected) in pairs {
+            for ((name, found), (_, expected)) in groups(found).into_iter().zip(groups(expected)) {
+                assert_close(&format!("{which} moment {name} {}", model.name()), found, expected, 5e-3);
+            }
+        }
+    }
+}
+
+fn gpu_statistics_match_cpu(gpu: &Arc<Gpu>) {
+    let camera = camera(45, 38);
+    let scene = splats_with_special_cases(models()[1], &camera, 3);
+    for stats in [StatsCollection::Off, StatsCollection::Gradients, StatsCollection::GradientsAndAbsolute] {
+        let (mut cpu, mut engine) = engines(gpu, &scene);
+        let view = view(&camera, false, 4);
+        for _ in 0..2 {
+            let step = train_step(stats, Cutoffs::HDR, Antialias::Off, 1);
+            cpu.gradients(&view, &step).unwrap();
+            engine.gradients(&view, &step).unwrap();
+        }
+        let [expected, found] = [cpu.densify_stats().unwrap(), engine.densify_stats().unwrap()];
+        assert_eq!(found.views, expected.views);
+        assert_close("statistics: gradient", &found.gradient, &expected.gradient, 2e-4);
+        assert_close("statistics: absolute gradient", &found.abs_gradient, &expected.abs_gradient, 2e-4);
+        engine.set_densify_stats(&expected).unwrap();
+        assert_eq!(engine.densify_stats().unwrap(), expected);
+    }
+}
+
+fn gpu_noise_matches_cpu(gpu: &Arc<Gpu>) {
+    let camera = camera(20, 20);
+    let mut scene = splats(models()[0], 40, &camera, 11);
+    // Faint ones move, opaque ones do not.
+    for (i, logit) in scene.opacity_logit.iter_mut().enumerate() {
+        *logit = -9.0 + 0.3 * i as f32;
+    }
+    let (mut cpu, mut engine) = engines(gpu, &scene);
+    let view = view(&camera, false, 4);
+    let noise = PositionNoise { scale: 3.0, seed: 0x1234_5678_9abc_def0 };
+    let step = StepConfig { position_noise: Some(noise), ..train_step(StatsCollection::Off, Cutoffs::HDR, Antialias::Off, 1) };
+    cpu.train_step(&view, &step).unwrap();
+    engine.train_step(&view, &step).unwrap();
+    let [expected, found] = [cpu.save().unwrap().0, engine.save().unwrap().0];
+    assert_close("noise", found.position.as_flattened(), expected.position.as_flattened(), 2e-4);
+}
+
+fn gpu_densification_matches_cpu(gpu: &Arc<Gpu>) {
+    let camera = camera(20, 20);
+    let scene = splats(models()[4], 40, &camera, 11);
+    let (mut cpu, mut engine) = engines(gpu, &scene);
+    let view = view(&camera, false, 4);
+    let step = train_step(StatsCollection::Gradients, Cutoffs::HDR, Antialias::Off, 1);
+    let (moved, moments) = {
+        cpu.train_step(&view, &step).unwrap();
+        cpu.save().unwrap()
+    };
+    let split = PlanRow {
+        source: 7,
+        offset_sigma: [0.5, -1.0, 0.2],
+        log_scale_shift: -0.47,
+        opacity_logit: Some(1.5),
+        keep_moments: false,
+    };
+    let rows = vec![PlanRow::keep(3), split, PlanRow::keep(39), PlanRow { source: 0, ..split }, PlanRow::keep(3)];
+    let plans = [
+        DensifyPlan { rows: rows.clone(), opacity_logit_cap: Some(-0.2), smoothing: None },
+        DensifyPlan { rows: (0..5).map(PlanRow::keep).collect(), opacity_logit_cap: None, smoothing: Some(smoothing(5)) },
+        DensifyPlan { rows: vec![PlanRow::keep(4), split_of(2)], opacity_logit_cap: None, smoothing: None },
+    ];
+    cpu.load(&moved, Some(&moments)).unwrap();
+    // Shards of 64 splats: plans reach across their borders.
+    engine.limit_bindings(1);
+    engine.load(&moved, Some(&moments)).unwrap();
+    for plan in &plans {
+        cpu.densify(plan).unwrap();
+        engine.densify(plan).unwrap();
+        let [(expected, expected_moments), (found, found_moments)] = [cpu.save().unwrap(), engine.save().unwrap()];
+        assert_eq!(found.smoothing, expected.smoothing);
+        assert_eq!(found_moments, expected_moments);
+        for ((name, found), (_, expected)) in groups(&found).into_iter().zip(groups(&expected)) {
+            assert_close(&format!("densify {name}"), found, expected, 1e-6);
+        }
+        assert_eq!(engine.densify_stats().unwrap(), cpu.densify_stats().unwrap());
+    }
+}
+
+fn split_of(source: u32) -> PlanRow {
+    PlanRow { source, offset_sigma: [0.0, 0.0, 1.0], log_scale_shift: 0.1, opacity_logit: None, keep_moments: true }
+}

@@ -1,0 +1,2 @@
+use crate::Body;
+pub const ALL: &[(&str, Body)] = &[];
