@@ -39,8 +39,8 @@ fn rows(plan: &DensifyPlan, shard: &Shard) -> Vec<PlanRowData> {
 }
 
 /// The scene that `plan` makes of `old`. Statistics start anew.
-pub(crate) fn apply(gpu: &Gpu, commands: &mut Commands, old: &Scene, plan: &DensifyPlan, binding_bytes: u64) -> Result<Scene, EngineError> {
-    let mut scene = Scene::zeros(gpu, old.rows, plan.rows.len(), binding_bytes)?;
+pub(crate) fn apply(gpu: &Gpu, commands: &mut Commands, old: &Scene, plan: &DensifyPlan, shard_len: usize) -> Result<Scene, EngineError> {
+    let mut scene = Scene::zeros(gpu, old.rows, plan.rows.len(), shard_len)?;
     scene.has_smoothing = old.has_smoothing || plan.smoothing.is_some();
     let cap = plan.opacity_logit_cap;
     for shard in &scene.shards {

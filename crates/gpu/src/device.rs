@@ -273,7 +273,8 @@ impl Gpu {
 
     /// A buffer of at least `bytes`.
     pub(crate) fn buffer(&self, label: &'static str, bytes: u64, usage: wgpu::BufferUsages) -> Result<Buffer, EngineError> {
-        let size = bytes.max(16).next_multiple_of(16);
+        // Never empty, nor smaller than any structure in it: bindings must not be.
+        let size = bytes.max(256).next_multiple_of(16);
         if usage.contains(wgpu::BufferUsages::STORAGE) && size > self.binding_bytes {
             return Err(self.too_large(label, size));
         }

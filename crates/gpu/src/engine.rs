@@ -10,17 +10,17 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use luxel_core::{
-    Camera, DensifyPlan, DensifyStats, Engine, EngineError, Geometry, Image, Moments, Pass, RenderOptions, Splats, StepConfig, StepReport,
-    View,
+    Camera, ColorModel, DensifyPlan, DensifyStats, Engine, EngineError, Geometry, Image, Moments, Pass, RenderOptions, Splats, StepConfig,
+    StepReport, View,
 };
 
 use crate::commands::{Commands, Timer};
 use crate::densify;
 use crate::device::{Buffer, Gpu};
 use crate::frame::{Frame, Sizes, expected_entries, most_entries};
-use crate::layout::{HALT_NONE, HALT_NOT_FINITE, HALT_OVERFLOW, State};
+use crate::layout::{HALT_NONE, HALT_NOT_FINITE, HALT_OVERFLOW, Rows, State};
 use crate::pending::{LAG, Pending, Report, Slots};
-use crate::scene::Scene;
+use crate::scene::{Scene, shard_len};
 use crate::screen::{Purpose, camera_uniform, check, loss_uniform, optimizer_uniform, tiles};
 use crate::step::Recorder;
 use crate::targets::Targets;
@@ -30,6 +30,8 @@ pub struct GpuEngine {
     gpu: Arc<Gpu>,
     /// Bytes of a binding that the engine allows itself.
     binding_bytes: u64,
+    /// Splats of a shard at most, whatever a binding holds.
+    shard_limit: usize,
     scene: Scene,
     frame: Frame,
     commands: Commands,
@@ -71,6 +73,7 @@ impl GpuEngine {
         Ok(Self {
             gpu: Arc::clone(gpu),
             binding_bytes: gpu.binding_bytes,
+            shard_limit: usize::MAX,
             scene: Scene::empty(),
             frame: Frame::new(gpu)?,
             commands: Commands::default(),
@@ -95,6 +98,11 @@ impl GpuEngine {
         self.binding_bytes = bytes.min(self.gpu.binding_bytes);
     }
 
+    /// Holds shards to `splats` splats, as if bindings ended there. For tests; counts from the next [`Engine::load`] on.
+    pub fn split_shards(&mut self, splats: usize) {
+        self.shard_limit = splats.max(1);
+    }
+
     /// Buffers of the last frame.
     pub(crate) fn frame(&self) -> &Frame {
         &self.frame
@@ -113,7 +121,7 @@ impl GpuEngine {
     pub fn gradients(&mut self, view: &View, step: &StepConfig) -> Result<(StepReport, Splats), EngineError> {
         self.settle_all()?;
         check_view(view)?;
-        let scratch = Scene::zeros(&self.gpu, self.scene.rows, self.scene.count, self.binding_bytes)?;
+        let scratch = Scene::zeros(&self.gpu, self.scene.rows, self.scene.count, self.shard_len())?;
         let out: Vec<Buffer> = scratch.shards.into_iter().map(|shard| shard.first).collect();
         let state = self.run(&Work::Gradients { view, step, out: &out })?;
         // The bindings would keep the buffers for good.
@@ -288,6 +296,15 @@ impl GpuEngine {
         self.ensure(sizes)
     }
 
+    /// Splats of a shard, at most.
+    fn shard_len(&self) -> usize {
+        self.shard_len_of(self.scene.rows.color_model)
+    }
+
+    fn shard_len_of(&self, color_model: ColorModel) -> usize {
+        shard_len(Rows { color_model }, self.binding_bytes).min(self.shard_limit)
+    }
+
     fn replace_scene(&mut self, scene: Scene) {
         self.scene = scene;
         self.commands.forget();
@@ -351,7 +368,7 @@ impl Engine for GpuEngine {
         self.settle_all()?;
         // Memory for two scenes at a time is not needed here.
         self.replace_scene(Scene::empty());
-        let scene = Scene::upload(&self.gpu, splats, moments, self.binding_bytes)?;
+        let scene = Scene::upload(&self.gpu, splats, moments, self.shard_len_of(splats.color_model))?;
         self.replace_scene(scene);
         (self.latest, self.diverged) = (None, None);
         self.gpu.queue.write_buffer(&self.frame.state.raw, std::mem::offset_of!(State, halted) as u64, bytemuck::bytes_of(&HALT_NONE));
@@ -419,7 +436,8 @@ impl Engine for GpuEngine {
         densify::check(plan, self.scene.count)?;
         self.settled()?;
         let start = Instant::now();
-        let scene = densify::apply(&self.gpu, &mut self.commands, &self.scene, plan, self.binding_bytes)?;
+        let shard_len = self.shard_len();
+        let scene = densify::apply(&self.gpu, &mut self.commands, &self.scene, plan, shard_len)?;
         self.replace_scene(scene);
         self.timings[Pass::Densify as usize].1 += start.elapsed();
         Ok(())

@@ -20,6 +20,12 @@ pub(crate) struct Shard {
     pub(crate) stats: Buffer,
 }
 
+/// Splats whose parameters fit into a binding.
+pub(crate) fn shard_len(rows: Rows, binding_bytes: u64) -> usize {
+    let splat_bytes = 4 * (rows.parameters() as u64 + 1);
+    usize::try_from(binding_bytes / splat_bytes / 64 * 64).unwrap_or(usize::MAX).max(64)
+}
+
 /// All splats.
 pub(crate) struct Scene {
     pub(crate) rows: Rows,
@@ -35,17 +41,15 @@ impl Scene {
         Self { rows, count: 0, has_smoothing: false, shards: Vec::new() }
     }
 
-    /// Room for `count` splats, everything zero.
-    pub(crate) fn zeros(gpu: &Gpu, rows: Rows, count: usize, binding_bytes: u64) -> Result<Self, EngineError> {
+    /// Room for `count` splats in shards of at most `shard_len`, everything zero.
+    pub(crate) fn zeros(gpu: &Gpu, rows: Rows, count: usize, shard_len: usize) -> Result<Self, EngineError> {
         if count >= 1 << 31 {
             return Err(EngineError::Invalid(format!("gpu: {count} splats, at most {} are supported; lower --max-splats", 1u32 << 31)));
         }
-        let splat_bytes = 4 * (rows.parameters() as u64 + 1);
-        // Bindings begin at multiples of 256 bytes; so do rows, which keeps loads whole.
-        let most = usize::try_from(binding_bytes / splat_bytes / 64 * 64).unwrap_or(usize::MAX).max(64);
         let mut shards = Vec::new();
-        for base in (0..count).step_by(most) {
-            let len = most.min(count - base);
+        for base in (0..count).step_by(shard_len) {
+            let len = shard_len.min(count - base);
+            // Rows begin at multiples of 256 bytes: a subgroup's loads are whole.
             let stride = len.next_multiple_of(64);
             let numbers = stride as u64 * 4;
             let uniform = ShardUniform { base: base as u32, len: len as u32, stride: stride as u32, padding: 0 };
@@ -64,8 +68,8 @@ impl Scene {
     }
 
     /// Copies splats, and moments if there are any, to the device.
-    pub(crate) fn upload(gpu: &Gpu, splats: &Splats, moments: Option<&Moments>, binding_bytes: u64) -> Result<Self, EngineError> {
-        let mut scene = Self::zeros(gpu, Rows { color_model: splats.color_model }, splats.len(), binding_bytes)?;
+    pub(crate) fn upload(gpu: &Gpu, splats: &Splats, moments: Option<&Moments>, shard_len: usize) -> Result<Self, EngineError> {
+        let mut scene = Self::zeros(gpu, Rows { color_model: splats.color_model }, splats.len(), shard_len)?;
         scene.has_smoothing = !splats.smoothing.is_empty();
         for shard in &scene.shards {
             let write = |buffer: &Buffer, values: &Splats, rows: usize| {

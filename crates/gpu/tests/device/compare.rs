@@ -1,7 +1,5 @@
 //! How far two results are apart, and how that is told.
 
-use std::fmt::Write;
-
 /// Worst differences between two series.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Worst {
@@ -43,18 +41,28 @@ pub fn assert_close(what: &str, found: &[f32], expected: &[f32], relative: f64) 
     if std::env::var("LUXEL_PARITY").is_ok_and(|v| v == "1") {
         println!("parity {what}: absolute {:.2e} relative {:.2e}", worst.absolute, worst.relative);
     }
-    let mut message = String::new();
-    let _ = write!(message, "{what}: {worst:?}, allowed {relative:e} of the largest");
-    assert!(worst.relative <= relative, "{message}");
+    let Worst { absolute, relative: found_relative, at, values } = worst;
+    assert!(
+        found_relative <= relative,
+        "{what}: differs by {absolute:e}, {found_relative:e} of the largest where {relative:e} is allowed: number {at} is {} and should be {}",
+        values[0],
+        values[1]
+    );
 }
 
 /// Fails unless all but `most` values are within `relative` of the largest, and those within `band`: for what jumps at thresholds.
 pub fn assert_close_but_few(what: &str, found: &[f32], expected: &[f32], relative: f64, (most, band): (usize, f64)) {
     let largest = expected.iter().fold(f64::MIN_POSITIVE, |m, v| m.max(f64::from(v.abs())));
-    let beyond = |limit: f64| found.iter().zip(expected).filter(|(a, b)| !((f64::from(**a) - f64::from(**b)).abs() <= limit * largest)).count();
+    let beyond =
+        |limit: f64| found.iter().zip(expected).filter(|(a, b)| !((f64::from(**a) - f64::from(**b)).abs() <= limit * largest)).count();
     let worst = worst(found, expected);
     if std::env::var("LUXEL_PARITY").is_ok_and(|v| v == "1") {
         println!("parity {what}: absolute {:.2e} relative {:.2e} beyond {}", worst.absolute, worst.relative, beyond(relative));
     }
-    assert!(beyond(relative) <= most && beyond(band) == 0, "{what}: {} of {} beyond {relative:e}, worst {worst:?}", beyond(relative), found.len());
+    assert!(
+        beyond(relative) <= most && beyond(band) == 0,
+        "{what}: {} of {} beyond {relative:e}, worst {worst:?}",
+        beyond(relative),
+        found.len()
+    );
 }

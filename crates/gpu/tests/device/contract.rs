@@ -1,2 +1,285 @@
+//! The engine's own promises: determinism, shards, halting and going on, errors.
+
+use std::sync::Arc;
+
+use luxel_core::{Antialias, Camera, Cutoffs, DensifyStats, Engine, EngineError, Moments, Splats, StatsCollection, StepConfig, View};
+use luxel_cpu::CpuEngine;
+use luxel_gpu::{Gpu, GpuEngine};
+
 use crate::Body;
-pub const ALL: &[(&str, Body)] = &[];
+use crate::compare::{assert_close, assert_close_but_few};
+use crate::fixture::{camera, options, smoothing, splats, step, view};
+use crate::parity::{engines, groups, models};
+
+pub const ALL: &[(&str, Body)] = &[
+    ("crowded_tiles_match_the_cpu", crowded_tiles_match_the_cpu),
+    ("splats_over_many_tiles_match_the_cpu", splats_over_many_tiles_match_the_cpu),
+    ("what_is_saved_is_what_was_loaded", what_is_saved_is_what_was_loaded),
+    ("equal_inputs_give_equal_bits", equal_inputs_give_equal_bits),
+    ("shards_do_not_show", shards_do_not_show),
+    ("too_small_buffers_do_not_show", too_small_buffers_do_not_show),
+    ("a_view_beyond_the_limits_is_refused_and_changes_nothing", a_view_beyond_the_limits_is_refused_and_changes_nothing),
+    ("empty_scenes_are_background", empty_scenes_are_background),
+    ("a_loss_that_is_not_finite_stops_the_engine", a_loss_that_is_not_finite_stops_the_engine),
+    ("a_run_moves_between_the_engines", a_run_moves_between_the_engines),
+    ("a_report_is_of_a_step_not_long_ago", a_report_is_of_a_step_not_long_ago),
+    ("a_step_is_one_submission_that_reads_little_back", a_step_is_one_submission_that_reads_little_back),
+    ("bad_input_is_refused", bad_input_is_refused),
+];
+
+fn training(number: u32) -> StepConfig {
+    StepConfig { stats: StatsCollection::GradientsAndAbsolute, ..step(number, options(Cutoffs::HDR, Antialias::Off)) }
+}
+
+/// Images and gradients of a scene on both engines.
+fn compare(gpu: &Arc<Gpu>, what: &str, scene: &Splats, camera: &Camera) {
+    let (mut cpu, mut engine) = engines(gpu, scene);
+    let render = options(Cutoffs::HDR, Antialias::Off);
+    let [expected, found] = [cpu.render(camera, &render), engine.render(camera, &render)].map(|image| image.unwrap().pixels);
+    assert_close_but_few(&format!("{what}: image"), found.as_flattened(), expected.as_flattened(), 2e-5, (12, 4e-3));
+    let view = view(camera, true, 4);
+    let [expected, found] = [cpu.gradients(&view, &training(1)).unwrap(), engine.gradients(&view, &training(1)).unwrap()];
+    assert_eq!(found.0.visible, expected.0.visible);
+    for ((name, found), (_, expected)) in groups(&found.1).into_iter().zip(groups(&expected.1)) {
+        assert_close(&format!("{what}: gradient {name}"), found, expected, 2e-3);
+    }
+    let [expected, found] = [cpu.densify_stats().unwrap(), engine.densify_stats().unwrap()];
+    assert_close(&format!("{what}: absolute gradient"), &found.abs_gradient, &expected.abs_gradient, 2e-3);
+}
+
+/// Several buckets and batches a tile.
+fn crowded_tiles_match_the_cpu(gpu: &Arc<Gpu>) {
+    let camera = camera(45, 38);
+    let mut scene = splats(models()[3], 700, &camera, 31);
+    for logit in &mut scene.opacity_logit {
+        *logit -= 2.5;
+    }
+    compare(gpu, "crowded", &scene, &camera);
+    // And opaque ones, where pixels finish long before the tile's end.
+    for logit in &mut scene.opacity_logit {
+        *logit += 4.0;
+    }
+    compare(gpu, "opaque", &scene, &camera);
+}
+
+/// More entries than one thread sums.
+fn splats_over_many_tiles_match_the_cpu(gpu: &Arc<Gpu>) {
+    let camera = camera(150, 130);
+    let mut scene = splats(models()[1], 40, &camera, 32);
+    for i in [3, 17, 30] {
+        scene.position[i] = crate::fixture::unproject(&camera, [75.0, 60.0], 3.0 + 0.1 * i as f64);
+        scene.log_scale[i] = [0.2, 0.5, -0.3];
+    }
+    compare(gpu, "large splats", &scene, &camera);
+}
+
+fn what_is_saved_is_what_was_loaded(gpu: &Arc<Gpu>) {
+    for model in models() {
+        let mut scene = splats(model, 100, &camera(20, 20), 33);
+        scene.smoothing = smoothing(scene.len());
+        let moments = Moments { first: splats(model, 100, &camera(20, 20), 34), second: splats(model, 100, &camera(20, 20), 35) };
+        let mut engine = GpuEngine::new(gpu).unwrap();
+        engine.load(&scene, Some(&moments)).unwrap();
+        assert_eq!(engine.save().unwrap(), (scene.clone(), moments));
+        let geometry = engine.geometry().unwrap();
+        assert_eq!((geometry.position, geometry.log_scale, geometry.opacity_logit), (scene.position, scene.log_scale, scene.opacity_logit));
+        assert_eq!(engine.densify_stats().unwrap(), DensifyStats::zeros(100));
+        assert_eq!(engine.len(), 100);
+    }
+}
+
+/// The scene after some steps.
+fn trained(engine: &mut GpuEngine, scene: &Splats, views: &[View], steps: u32) -> (Splats, Moments, DensifyStats) {
+    engine.load(scene, None).unwrap();
+    for number in 1..=steps {
+        engine.train_step(&views[number as usize % views.len()], &training(number)).unwrap();
+    }
+    let (splats, moments) = engine.save().unwrap();
+    (splats, moments, engine.densify_stats().unwrap())
+}
+
+fn equal_inputs_give_equal_bits(gpu: &Arc<Gpu>) {
+    let camera = camera(60, 50);
+    let scene = splats(models()[3], 300, &camera, 36);
+    let views = [view(&camera, false, 1), view(&camera, true, 2)];
+    let run = || trained(&mut GpuEngine::new(gpu).unwrap(), &scene, &views, 6);
+    assert!(run() == run(), "two runs differ");
+}
+
+fn shards_do_not_show(gpu: &Arc<Gpu>) {
+    let camera = camera(60, 50);
+    let scene = splats(models()[1], 300, &camera, 37);
+    let views = [view(&camera, false, 1)];
+    let mut engine = GpuEngine::new(gpu).unwrap();
+    let whole = trained(&mut engine, &scene, &views, 3);
+    let sharded = {
+        let mut engine = GpuEngine::new(gpu).unwrap();
+        engine.split_shards(128);
+        trained(&mut engine, &scene, &views, 3)
+    };
+    assert!(whole == sharded, "shards of 128 splats show");
+}
+
+/// 300 splats over all of 16 x 16 tiles: more entries than there is room for at first.
+fn too_small_buffers_do_not_show(gpu: &Arc<Gpu>) {
+    let camera = camera(256, 256);
+    let mut scene = splats(models()[0], 300, &camera, 38);
+    for (position, scale) in scene.position.iter_mut().zip(&mut scene.log_scale) {
+        *position = crate::fixture::unproject(&camera, [128.0, 128.0], 4.0 + f64::from(position[0]).abs());
+        *scale = [1.5; 3];
+    }
+    scene.opacity_logit.fill(-4.0);
+    let views = [view(&camera, false, 1)];
+    let mut engine = GpuEngine::new(gpu).unwrap();
+    let grown = trained(&mut engine, &scene, &views, 3);
+    // Now there is room from the first step on.
+    let roomy = trained(&mut engine, &scene, &views, 3);
+    assert!(grown == roomy, "growing buffers show");
+    let mut cpu = CpuEngine::new(1).unwrap();
+    cpu.load(&scene, None).unwrap();
+    let render = options(Cutoffs::HDR, Antialias::Off);
+    let mut fresh = GpuEngine::new(gpu).unwrap();
+    fresh.load(&scene, None).unwrap();
+    let [expected, found] = [cpu.render(&camera, &render), fresh.render(&camera, &render)].map(|image| image.unwrap().pixels);
+    assert_close_but_few("grown image", found.as_flattened(), expected.as_flattened(), 2e-5, (60, 4e-3));
+}
+
+fn a_view_beyond_the_limits_is_refused_and_changes_nothing(gpu: &Arc<Gpu>) {
+    let camera = camera(256, 256);
+    let mut scene = splats(models()[0], 300, &camera, 38);
+    scene.log_scale.fill([2.0; 3]);
+    let mut engine = GpuEngine::new(gpu).unwrap();
+    engine.limit_bindings(3 << 20);
+    engine.load(&scene, None).unwrap();
+    let error = engine.train_step(&view(&camera, false, 1), &training(1)).unwrap_err().to_string();
+    assert!(error.contains("pairs of splats and tiles") && error.contains("--max-splats"), "{error}");
+    assert_eq!(engine.save().unwrap().0, scene);
+    // Less is possible still.
+    let small = crate::fixture::camera(20, 20);
+    engine.train_step(&view(&small, false, 1), &training(1)).unwrap();
+    engine.finish().unwrap();
+}
+
+fn empty_scenes_are_background(gpu: &Arc<Gpu>) {
+    let camera = camera(20, 17);
+    let mut engine = GpuEngine::new(gpu).unwrap();
+    let render = options(Cutoffs::HDR, Antialias::Off);
+    for round in 0..2 {
+        let image = engine.render(&camera, &render).unwrap();
+        assert!(image.pixels.iter().all(|pixel| *pixel == render.background), "round {round}");
+        let report = engine.train_step(&view(&camera, false, 1), &training(1)).unwrap();
+        assert_eq!(report.visible, 0);
+        engine.load(&Splats::empty(models()[0]), None).unwrap();
+    }
+    assert_eq!((engine.len(), engine.save().unwrap().0.len()), (0, 0));
+    // Behind the camera.
+    let mut behind = splats(models()[0], 3, &camera, 1);
+    behind.position.fill(crate::fixture::unproject(&camera, [10.0, 8.0], -3.0));
+    engine.load(&behind, None).unwrap();
+    assert!(engine.render(&camera, &render).unwrap().pixels.iter().all(|pixel| *pixel == render.background));
+}
+
+fn a_loss_that_is_not_finite_stops_the_engine(gpu: &Arc<Gpu>) {
+    let camera = camera(20, 20);
+    let scene = splats(models()[0], 30, &camera, 1);
+    let mut engine = GpuEngine::new(gpu).unwrap();
+    engine.load(&scene, None).unwrap();
+    let mut bad = view(&camera, false, 1);
+    let mut image = (*bad.image).clone();
+    image.pixels[7] = [f32::INFINITY; 3];
+    bad.image = Arc::new(image);
+    let good = view(&camera, false, 1);
+    engine.train_step(&good, &training(1)).unwrap();
+    let before = engine.save().unwrap();
+    let mut reports = vec![engine.train_step(&bad, &training(2)).unwrap()];
+    for number in 3..12 {
+        reports.push(engine.train_step(&good, &training(number)).unwrap());
+    }
+    let first = reports.iter().find(|report| !report.loss.is_finite()).expect("the loss is not told");
+    assert_eq!(first.step, 2);
+    let error = engine.save().unwrap_err();
+    assert!(matches!(&error, EngineError::Invalid(message) if message.contains("step 2")), "{error}");
+    // It takes up another scene.
+    engine.load(&before.0, Some(&before.1)).unwrap();
+    assert_eq!(engine.save().unwrap(), before);
+    assert!(engine.train_step(&good, &training(2)).unwrap().loss.is_finite());
+}
+
+fn a_run_moves_between_the_engines(gpu: &Arc<Gpu>) {
+    let camera = camera(45, 38);
+    let scene = splats(models()[3], 60, &camera, 40);
+    let view = view(&camera, false, 1);
+    let (mut cpu, mut engine) = engines(gpu, &scene);
+    let mut alone = CpuEngine::new(1).unwrap();
+    alone.load(&scene, None).unwrap();
+    for number in 1..=6 {
+        alone.train_step(&view, &training(number)).unwrap();
+        let (from, to): (&mut dyn Engine, &mut dyn Engine) =
+            if number % 2 == 0 { (&mut engine, &mut cpu) } else { (&mut cpu, &mut engine) };
+        from.train_step(&view, &training(number)).unwrap();
+        let (splats, moments) = from.save().unwrap();
+        let stats = from.densify_stats().unwrap();
+        to.load(&splats, Some(&moments)).unwrap();
+        to.set_densify_stats(&stats).unwrap();
+    }
+    let [expected, found] = [alone.save().unwrap().0, cpu.save().unwrap().0];
+    for ((name, found), (_, expected)) in groups(&found).into_iter().zip(groups(&expected)) {
+        assert_close(&format!("to and fro: {name}"), found, expected, 2e-3);
+    }
+    assert_eq!(cpu.densify_stats().unwrap().views, alone.densify_stats().unwrap().views);
+}
+
+fn a_report_is_of_a_step_not_long_ago(gpu: &Arc<Gpu>) {
+    let camera = camera(20, 20);
+    let mut engine = GpuEngine::new(gpu).unwrap();
+    engine.load(&splats(models()[0], 30, &camera, 1), None).unwrap();
+    let view = view(&camera, false, 1);
+    let mut last = 0;
+    for number in 1..=10 {
+        let report = engine.train_step(&view, &training(number)).unwrap();
+        assert!(report.step <= number && report.step + 4 > number && report.step >= last, "{} after {number}", report.step);
+        last = report.step;
+    }
+    engine.finish().unwrap();
+}
+
+fn a_step_is_one_submission_that_reads_little_back(gpu: &Arc<Gpu>) {
+    let camera = camera(45, 38);
+    let mut engine = GpuEngine::new(gpu).unwrap();
+    engine.load(&splats(models()[3], 30, &camera, 1), None).unwrap();
+    engine.train_step(&view(&camera, false, 1), &training(1)).unwrap();
+    let traffic = engine.traffic();
+    println!("a step: {traffic:?}");
+    assert_eq!(traffic.submissions, 1);
+    assert!(traffic.dispatches <= 24 && traffic.bytes_read <= 256, "{traffic:?}");
+    engine.finish().unwrap();
+    if gpu.facts().timestamps {
+        let named: Vec<&str> = engine.timings().iter().filter(|(_, time)| !time.is_zero()).map(|(pass, _)| pass.name()).collect();
+        for pass in ["project", "sort", "rasterize", "loss", "rasterize_backward", "project_backward"] {
+            assert!(named.contains(&pass), "{pass} has no time: {named:?}");
+        }
+    }
+}
+
+fn bad_input_is_refused(gpu: &Arc<Gpu>) {
+    let camera = camera(20, 20);
+    let scene = splats(models()[0], 30, &camera, 1);
+    let mut engine = GpuEngine::new(gpu).unwrap();
+    engine.load(&scene, None).unwrap();
+    let mut wrong = view(&camera, false, 1);
+    wrong.camera.size_px = [21, 20];
+    assert!(engine.train_step(&wrong, &training(1)).unwrap_err().to_string().contains("the camera expects 21 x 20"));
+    let mut distorted = camera.clone();
+    distorted.distortion.k1 = 0.1;
+    let error = engine.render(&distorted, &options(Cutoffs::HDR, Antialias::Off)).unwrap_err().to_string();
+    assert!(error.contains("undistort"), "{error}");
+    let mut odd = scene.clone();
+    odd.opacity_logit[3] = f32::NAN;
+    assert!(matches!(engine.load(&odd, None), Err(EngineError::Splats(_))));
+    let moments = Moments::zeros(models()[0], 29);
+    assert!(engine.load(&scene, Some(&moments)).unwrap_err().to_string().contains("moments are of 29"));
+    assert!(engine.set_densify_stats(&DensifyStats::zeros(4)).unwrap_err().to_string().contains("the scene has 30"));
+    let plan = luxel_core::DensifyPlan { rows: vec![luxel_core::PlanRow::keep(30)], ..Default::default() };
+    assert!(engine.densify(&plan).unwrap_err().to_string().contains("names splat 30"));
+    assert_eq!(engine.save().unwrap().0, scene);
+}

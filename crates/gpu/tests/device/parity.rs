@@ -189,13 +189,8 @@ fn gpu_densification_matches_cpu(gpu: &Arc<Gpu>) {
         cpu.train_step(&view, &step).unwrap();
         cpu.save().unwrap()
     };
-    let split = PlanRow {
-        source: 7,
-        offset_sigma: [0.5, -1.0, 0.2],
-        log_scale_shift: -0.47,
-        opacity_logit: Some(1.5),
-        keep_moments: false,
-    };
+    let split =
+        PlanRow { source: 7, offset_sigma: [0.5, -1.0, 0.2], log_scale_shift: -0.47, opacity_logit: Some(1.5), keep_moments: false };
     let rows = vec![PlanRow::keep(3), split, PlanRow::keep(39), PlanRow { source: 0, ..split }, PlanRow::keep(3)];
     let plans = [
         DensifyPlan { rows: rows.clone(), opacity_logit_cap: Some(-0.2), smoothing: None },
@@ -203,8 +198,8 @@ fn gpu_densification_matches_cpu(gpu: &Arc<Gpu>) {
         DensifyPlan { rows: vec![PlanRow::keep(4), split_of(2)], opacity_logit_cap: None, smoothing: None },
     ];
     cpu.load(&moved, Some(&moments)).unwrap();
-    // Shards of 64 splats: plans reach across their borders.
-    engine.limit_bindings(1);
+    // Shards of 16 splats: plans reach across their borders.
+    engine.split_shards(16);
     engine.load(&moved, Some(&moments)).unwrap();
     for plan in &plans {
         cpu.densify(plan).unwrap();
