@@ -57,7 +57,7 @@ pub(crate) enum Command {
     Render(RenderArgs),
     /// Change the light of a scene: maps on the luminance of all or selected splats, colours kept.
     Edit(Box<EditArgs>),
-    /// Describe a scene, run, checkpoint, data set or image.
+    /// Describe a scene, run, checkpoint, data set or image, or what can compute.
     Info(InfoArgs),
     /// Measure rendering and training steps on a scene, pass by pass.
     Bench(Box<BenchArgs>),
@@ -83,12 +83,13 @@ pub(crate) struct LoadArgs {
     pub(crate) downscale: u32,
 }
 
-/// Where and how the work is done; none of it changes the result.
+/// Where and how the work is done. The result is the same for any number of threads; the CPU and a GPU agree to rounding.
 #[derive(Clone, Debug, PartialEq, Eq, Args, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct DeviceArgs {
-    /// What computes.
-    #[arg(long, value_enum, default_value_t, help_heading = "Machine")]
+    /// What computes: auto takes a GPU if there is a real one, else the CPU; gpu insists on one; gpu:NAME takes the GPU whose name
+    /// contains NAME, a software renderer too. luxel info --devices lists them.
+    #[arg(long, default_value_t, value_name = "auto|cpu|gpu|gpu:NAME", help_heading = "Machine")]
     pub(crate) device: DeviceArg,
     /// Threads [default: all cores]. The result does not depend on it.
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=4096), value_name = "N", help_heading = "Machine")]
@@ -304,7 +305,11 @@ pub(crate) struct RenderArgs {
 #[derive(Debug, Args)]
 pub(crate) struct InfoArgs {
     /// Scene .ply, run, checkpoint, data set (its folder or transforms.json) or image.
-    pub(crate) path: PathBuf,
+    #[arg(required_unless_present = "devices")]
+    pub(crate) path: Option<PathBuf>,
+    /// List what can compute instead, and what --device auto takes.
+    #[arg(long, conflicts_with = "path")]
+    pub(crate) devices: bool,
     /// As JSON.
     #[arg(long)]
     pub(crate) json: bool,

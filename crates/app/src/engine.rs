@@ -1,27 +1,98 @@
 //! The engine that `--device` and `--threads` ask for.
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use luxel_core::Engine;
-use luxel_cpu::CpuEngine;
+use luxel_cpu::{CpuEngine, InstructionSet};
 
 use crate::cli::DeviceArgs;
 use crate::values::DeviceArg;
 
-/// An engine without a scene, and the number of threads it uses.
-pub(crate) fn engine(args: &DeviceArgs) -> Result<(Box<dyn Engine>, usize)> {
-    let (engine, threads) = cpu_engine(args)?;
-    Ok((Box::new(engine), threads))
+/// An engine without a scene, and where it runs.
+pub(crate) struct Chosen {
+    /// The engine.
+    pub(crate) engine: Box<dyn Engine>,
+    /// Threads for everything that the processor does.
+    pub(crate) threads: usize,
+    /// For people: `on 2 threads`, `on NVIDIA H200 (vulkan)`, and why it is not a GPU if there seems to be one.
+    pub(crate) machine: String,
+    /// Name of the GPU.
+    pub(crate) gpu: Option<String>,
+    /// The processor's instruction set, if it is the engine.
+    pub(crate) instruction_set: Option<String>,
+}
+
+/// The engine for a command.
+pub(crate) fn engine(args: &DeviceArgs) -> Result<Chosen> {
+    engine_with(args, InstructionSet::Best)
 }
 
 /// [`engine`] for those who want to choose among the processor's instruction sets.
-pub(crate) fn cpu_engine(args: &DeviceArgs) -> Result<(CpuEngine, usize)> {
-    match args.device {
-        DeviceArg::Gpu => bail!("--device gpu: this build of luxel has no GPU engine; use --device cpu"),
-        DeviceArg::Auto | DeviceArg::Cpu => {}
-    }
+pub(crate) fn engine_with(args: &DeviceArgs, set: InstructionSet) -> Result<Chosen> {
     let threads = threads(args);
-    let engine = CpuEngine::new(threads).context("cannot start the CPU engine")?;
-    Ok((engine, threads))
+    if set != InstructionSet::Best {
+        anyhow::ensure!(!matches!(args.device, DeviceArg::Gpu(_)), "--instruction-set is the processor's; use --device cpu");
+        return cpu(threads, set, None);
+    }
+    match &args.device {
+        DeviceArg::Cpu => cpu(threads, set, None),
+        DeviceArg::Auto => match gpu::best(threads) {
+            Ok(chosen) => Ok(chosen),
+            Err(reason) => cpu(threads, set, reason),
+        },
+        DeviceArg::Gpu(name) => gpu::open(threads, name.as_deref()).with_context(|| format!("--device {}", args.device)),
+    }
+}
+
+/// The CPU engine; `reason` says why it is not the GPU's.
+fn cpu(threads: usize, set: InstructionSet, reason: Option<String>) -> Result<Chosen> {
+    let mut engine = CpuEngine::new(threads).context("cannot start the CPU engine")?;
+    engine.set_instruction_set(set).context("--instruction-set")?;
+    let instruction_set = Some(engine.instruction_set());
+    let mut machine = crate::text::plural(threads, "thread");
+    if let Some(reason) = reason {
+        machine += &format!(" ({reason})");
+    }
+    Ok(Chosen { engine: Box::new(engine), threads, machine, gpu: None, instruction_set })
+}
+
+#[cfg(feature = "gpu")]
+mod gpu {
+    use anyhow::Result;
+    use luxel_gpu::{AdapterKind, DeviceChoice, Gpu, GpuEngine, adapters};
+
+    use super::Chosen;
+
+    pub(super) fn open(threads: usize, name: Option<&str>) -> Result<Chosen> {
+        let choice = name.map_or(DeviceChoice::Best, |name| DeviceChoice::Named(name.to_owned()));
+        let gpu = Gpu::open(&choice)?;
+        let engine = GpuEngine::new(&gpu)?;
+        let facts = gpu.facts();
+        let machine = format!("{} ({})", facts.name, facts.backend);
+        Ok(Chosen { engine: Box::new(engine), threads, machine, gpu: Some(facts.name.clone()), instruction_set: None })
+    }
+
+    /// The best real GPU. Without one there is nothing to say; one that cannot be used is told of.
+    pub(super) fn best(threads: usize) -> Result<Chosen, Option<String>> {
+        open(threads, None).map_err(|error| {
+            let is_there = adapters().iter().any(|facts| facts.kind != AdapterKind::Software);
+            is_there.then(|| format!("{error:#}"))
+        })
+    }
+}
+
+#[cfg(not(feature = "gpu"))]
+mod gpu {
+    use anyhow::{Result, bail};
+
+    use super::Chosen;
+
+    pub(super) fn open(_: usize, _: Option<&str>) -> Result<Chosen> {
+        bail!("this build of luxel has no GPU engine (cargo feature gpu); use --device cpu")
+    }
+
+    pub(super) fn best(_: usize) -> Result<Chosen, Option<String>> {
+        Err(None)
+    }
 }
 
 /// Threads for this command: as many as asked for, else all cores. Also bounds what reading files uses.

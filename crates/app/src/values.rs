@@ -1,5 +1,8 @@
 //! Values of options: their names on the command line and in config.toml, and the ranges they must lie in.
 
+use std::fmt;
+use std::str::FromStr;
+
 use clap::ValueEnum;
 use luxel_core::metrics::FlipChoice;
 use luxel_core::tone::Tonemap;
@@ -79,16 +82,57 @@ impl From<ColorSpaceArg> for ColorSpace {
 }
 
 /// `--device`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
 pub(crate) enum DeviceArg {
-    /// The best there is in this build: the CPU.
+    /// A GPU if there is a real one, else the CPU.
     #[default]
     Auto,
     /// The processor's cores.
     Cpu,
-    /// A graphics card (not in this build).
-    Gpu,
+    /// A GPU, by a part of its name if there is one.
+    Gpu(Option<String>),
+}
+
+impl FromStr for DeviceArg {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "auto" => Ok(Self::Auto),
+            "cpu" => Ok(Self::Cpu),
+            "gpu" => Ok(Self::Gpu(None)),
+            _ => match text.strip_prefix("gpu:") {
+                Some(name) if !name.is_empty() => Ok(Self::Gpu(Some(name.into()))),
+                _ => Err(format!("unknown device \"{text}\", expected auto, cpu, gpu or gpu:NAME with a part of the GPU's name")),
+            },
+        }
+    }
+}
+
+impl fmt::Display for DeviceArg {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Auto => f.write_str("auto"),
+            Self::Cpu => f.write_str("cpu"),
+            Self::Gpu(None) => f.write_str("gpu"),
+            Self::Gpu(Some(name)) => write!(f, "gpu:{name}"),
+        }
+    }
+}
+
+impl TryFrom<String> for DeviceArg {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        text.parse()
+    }
+}
+
+impl From<DeviceArg> for String {
+    fn from(device: DeviceArg) -> Self {
+        device.to_string()
+    }
 }
 
 /// `--split`.

@@ -174,7 +174,7 @@ fn scenes_that_cannot_be_measured_as_asked_are_named() {
     assert!(place.ok(&args("lcd.ply")).contains("lcd"));
     place.error(&[&args("lcd.ply")[..], &["--method", "sh3"]].concat(), &["lcd.ply", "lcd cannot become sh3"]);
     place.error(&args("empty.ply"), &["empty.ply", "no splats"]);
-    place.error(&[&args("lcd.ply")[..], &["--device", "gpu"]].concat(), &["--device gpu"]);
+    place.error(&[&args("lcd.ply")[..], &["--device", "gpu:no such card"]].concat(), &["--device gpu:no such card"]);
 }
 
 fn in_lcd(splats: &luxel_core::Splats) -> luxel_core::Splats {

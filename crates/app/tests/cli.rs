@@ -258,7 +258,7 @@ fn usage_errors_have_code_two() {
     ] {
         place.fails(2, args);
     }
-    place.error(&["train", "data", "-o", "run", "--device", "gpu"], &["--device gpu", "--device cpu"]);
+    place.error(&["train", "data", "-o", "run", "--device", "gpu:no such card"], &["--device gpu:no such card", "--device cpu"]);
     assert!(!place.path("run").exists());
 }
 

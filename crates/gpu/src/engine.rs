@@ -10,8 +10,8 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use luxel_core::{
-    Camera, ColorModel, DensifyPlan, DensifyStats, Engine, EngineError, Geometry, Image, Moments, Pass, RenderOptions, Splats, StepConfig,
-    StepReport, View,
+    Camera, ColorModel, DensifyPlan, DensifyStats, Engine, EngineError, Geometry, Image, Moments, Pass, RenderOptions, Splats, StatsCollection,
+    StepConfig, StepReport, View,
 };
 
 use crate::commands::{Commands, Timer};
@@ -60,6 +60,7 @@ pub struct Traffic {
 /// What is handed in.
 enum Work<'a> {
     Render { camera: &'a Camera, options: &'a RenderOptions },
+    Contributions { camera: &'a Camera, options: &'a RenderOptions, mask: &'a Buffer, out: &'a Buffer },
     Train { view: &'a View, step: &'a StepConfig },
     Gradients { view: &'a View, step: &'a StepConfig, out: &'a [Buffer] },
 }
@@ -128,6 +129,28 @@ impl GpuEngine {
         self.commands.forget();
         let gradients = self.scene.download(&self.gpu, |n, shard| out.get(n).unwrap_or(&shard.first))?;
         Ok((report_of(&state, step.step), gradients))
+    }
+
+    /// What each splat gives to an image: sums over its pixels of the splat's blending weight times `mask` (`[H*W]`), of its blending
+    /// weight, and of its alpha, the last behind finished pixels too.
+    ///
+    /// # Errors
+    /// As [`Engine::render`]; [`EngineError::Invalid`] if the mask is not of the camera's size.
+    pub fn contribution_sums(&mut self, camera: &Camera, options: &RenderOptions, mask: &[f32]) -> Result<Vec<[f32; 3]>, EngineError> {
+        check(camera)?;
+        let pixels = camera.size_px[0] as usize * camera.size_px[1] as usize;
+        if mask.len() != pixels {
+            return Err(EngineError::Invalid(format!("mask holds {} pixels, the camera's image {pixels}", mask.len())));
+        }
+        self.settle_all()?;
+        let painted = self.gpu.storage("painted mask", size_of_val(mask) as u64)?;
+        self.gpu.queue.write_buffer(&painted.raw, 0, bytemuck::cast_slice(mask));
+        let out = self.gpu.storage("contributions", 16 * self.scene.count as u64)?;
+        self.run(&Work::Contributions { camera, options, mask: &painted, out: &out })?;
+        // The bindings would keep the buffers for good.
+        self.commands.forget();
+        let sums: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&self.gpu.read(&out, 16 * self.scene.count as u64)?);
+        Ok(sums.into_iter().map(|[masked, blended, unoccluded, _]| [masked, blended, unoccluded]).collect())
     }
 
     /// Sees to it that the device is at work on nothing and in a state to go on from.
@@ -238,6 +261,7 @@ impl GpuEngine {
             }
             let sizes = match work {
                 Work::Render { camera, .. } => sizes_of(camera, self.scene.count, false),
+                Work::Contributions { camera, .. } => sizes_of(camera, self.scene.count, true),
                 Work::Train { view, .. } | Work::Gradients { view, .. } => view_sizes(view, self.scene.count),
             };
             self.make_room(&state, sizes)?;
@@ -248,6 +272,8 @@ impl GpuEngine {
     fn submit(&mut self, work: &Work<'_>) -> Result<Report, EngineError> {
         let (camera, options, purpose) = match work {
             Work::Render { camera, options } => (*camera, *options, Purpose::Image),
+            // It needs what the backward pass needs.
+            Work::Contributions { camera, options, .. } => (*camera, *options, Purpose::Training(StatsCollection::Off)),
             Work::Train { view, step } | Work::Gradients { view, step, .. } => (&view.camera, &step.render, Purpose::Training(step.stats)),
         };
         self.prepare(camera, purpose != Purpose::Image)?;
@@ -256,7 +282,7 @@ impl GpuEngine {
         let uniform = camera_uniform(camera, options, purpose, (scene.count as u32, scene.has_smoothing), capacity);
         gpu.queue.write_buffer(&frame.camera.raw, 0, bytemuck::bytes_of(&uniform));
         let target = match work {
-            Work::Render { .. } => None,
+            Work::Render { .. } | Work::Contributions { .. } => None,
             Work::Train { view, step } | Work::Gradients { view, step, .. } => {
                 let target = targets.get(gpu, view)?;
                 let loss = loss_uniform(&step.loss, camera.size_px, target.valid, target.mask_bits.is_some());
@@ -272,8 +298,11 @@ impl GpuEngine {
             recorder.backward(target);
             recorder.update(match work {
                 Work::Gradients { out, .. } => Some(*out),
-                Work::Render { .. } | Work::Train { .. } => None,
+                _ => None,
             });
+        }
+        if let Work::Contributions { mask, out, .. } = work {
+            recorder.contribute(mask, out);
         }
         let dispatches = commands.len();
         let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());

@@ -25,6 +25,8 @@ pub(crate) enum KernelId {
     Gather,
     ProjectBackward(ColorModel, Update),
     Densify(ColorModel),
+    Contribute,
+    ContributeSum,
 }
 
 macro_rules! file {
@@ -62,6 +64,8 @@ impl KernelId {
             Self::Gather => "gather",
             Self::ProjectBackward(..) => "project_backward",
             Self::Densify(_) => "densify",
+            Self::Contribute => "contribute",
+            Self::ContributeSum => "contribute_sum",
         }
     }
 
@@ -78,6 +82,8 @@ impl KernelId {
                 &[COMMON, ROTATION, GEOMETRY, COLOR, file!("adam"), file!("noise"), file!("color_backward"), file!("project_backward")]
             }
             Self::Densify(_) => &[COMMON, ROTATION, file!("densify")],
+            Self::Contribute => &[COMMON, FOOTPRINT, file!("unwind"), file!("contribute")],
+            Self::ContributeSum => &[COMMON, file!("contribute_sum")],
         }
     }
 }
@@ -153,6 +159,8 @@ mod tests {
             KernelId::LossReport,
             KernelId::RasterizeBackward,
             KernelId::Gather,
+            KernelId::Contribute,
+            KernelId::ContributeSum,
         ];
         for model in models {
             kernels.extend([

@@ -182,6 +182,26 @@ impl Recorder<'_> {
         self.add(Pass::Loss, KernelId::LossGradient, &gradient, grid);
     }
 
+    /// From the image to the splats' shares in it, under a mask.
+    pub(crate) fn contribute(&mut self, mask: &Buffer, out: &Buffer) {
+        let frame = self.frame;
+        let buffers = [
+            (0, &frame.camera),
+            (1, &frame.splats.footprints),
+            (2, &frame.entries.buckets),
+            (3, &frame.entries.order[self.sorted_entries()]),
+            (4, &frame.entries.splats),
+            (5, &frame.entries.bucket_pixels),
+            (6, &frame.pixels.last_entries),
+            (7, mask),
+            (8, &frame.entries.gradients),
+        ];
+        let groups = Groups::Indirect(&frame.dispatches, std::mem::offset_of!(Dispatches, buckets));
+        self.add(Pass::Rasterize, KernelId::Contribute, &buffers, groups);
+        let sum = [(0, &frame.camera), (1, &frame.state), (2, &frame.splats.places), (3, &frame.entries.gradients), (4, out)];
+        self.add(Pass::Rasterize, KernelId::ContributeSum, &sum, Groups::Line((self.scene.count as u64).div_ceil(SPLATS)));
+    }
+
     /// From the entries' gradients to parameters and moments; or to gradients, one buffer a shard, in place of first moments.
     pub(crate) fn update(&mut self, gradients: Option<&[Buffer]>) {
         let (frame, scene) = (self.frame, self.scene);

@@ -4,6 +4,8 @@
 //! updates all parameters, and, where the schedule says so, adds and removes splats. Everything random is drawn from the state's
 //! generator in a fixed order.
 
+use std::collections::VecDeque;
+
 use luxel_core::{
     Antialias, ColorSpace, Dataset, DensifyPlan, Engine, Moments, PlanRow, PositionNoise, RenderOptions, Scene, Snapshot, StatsCollection,
     StepConfig, StepReport, View, logit, spatial_order,
@@ -28,7 +30,12 @@ pub struct Trainer {
     color_space: ColorSpace,
     schedule: Schedule,
     state: State,
+    /// The last steps and their views' names.
+    recent: VecDeque<(u32, String)>,
 }
+
+/// Steps whose views are remembered: more than an engine works ahead.
+const RECENT: usize = 16;
 
 impl Trainer {
     /// A run that starts anew.
@@ -76,7 +83,7 @@ impl Trainer {
         let side_px = dataset.train.iter().flat_map(|view| view.camera.size_px).min().unwrap_or(1);
         let stages = config.resolution_schedule.stages(state.planned_iterations, config.densify_interval, side_px);
         let views = TrainingViews::new(&dataset.train, stages, state.radiance_scale);
-        Self { engine, views, color_space: dataset.color_space, schedule, state }
+        Self { engine, views, color_space: dataset.color_space, schedule, state, recent: VecDeque::new() }
     }
 
     /// The configuration in force.
@@ -150,8 +157,15 @@ impl Trainer {
         let config = self.step_config(step);
         let view = self.views.at(step, index).ok_or(TrainError::NoTrainViews)?;
         let report = self.engine.train_step(view, &config)?;
+        if self.recent.len() == RECENT {
+            self.recent.pop_front();
+        }
+        self.recent.push_back((step, view.name.clone()));
         if !report.loss.is_finite() {
-            return Err(TrainError::NotFinite { step, view: view.name.clone() });
+            // The engine may work ahead of what it reports.
+            let of_report = self.recent.iter().find(|(step, _)| *step == report.step).or(self.recent.back());
+            let (step, view) = of_report.cloned().unwrap_or((step, String::new()));
+            return Err(TrainError::NotFinite { step, view });
         }
         self.densify(step)?;
         self.state.iteration = step;

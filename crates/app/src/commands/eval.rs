@@ -7,6 +7,7 @@ use luxel_core::RenderOptions;
 
 use crate::cli::EvalArgs;
 use crate::console::{self, Console, LogFormat};
+use crate::engine::Chosen;
 use crate::evaluation::{self, Metrics, Rendering};
 use crate::run_folder::RunFolder;
 use crate::{data, engine, files, memory, reporting, run_log, run_state};
@@ -16,7 +17,7 @@ pub(crate) fn run(args: &EvalArgs) -> Result<()> {
     let console = Console::new(LogFormat::Text, false);
     let (folder, config) = RunFolder::open(&args.run)?;
     let lpips = evaluation::read_lpips(args.lpips_weights.as_deref())?;
-    let (mut engine, threads) = engine::engine(&args.device)?;
+    let Chosen { mut engine, threads, .. } = engine::engine(&args.device)?;
     let path = args.data.clone().unwrap_or_else(|| config.dataset_path(folder.root()));
     let dataset = data::load(&path, &config.load, &console)?;
     let (iteration, scene) = run_state::newest_scene(&folder, &console)?;

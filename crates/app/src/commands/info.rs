@@ -8,6 +8,7 @@ use luxel_core::{ColorModel, ColorSpace, Dataset, Image, Scene, Splats, View, lu
 use luxel_io::{ReadOptions, SampleDepth};
 
 use crate::cli::InfoArgs;
+use crate::commands::devices;
 use crate::console::{self, Console, LogFormat};
 use crate::evaluation::Metrics;
 use crate::facts::Facts;
@@ -17,14 +18,16 @@ use crate::{data, run_state};
 /// Percentiles that ranges are described by.
 pub(crate) const PERCENTILES: [u8; 7] = [0, 1, 25, 50, 75, 99, 100];
 
-/// Describes `args.path`.
+/// Describes `args.path`, or the devices.
 pub(crate) fn run(args: &InfoArgs) -> Result<()> {
-    let facts = describe(args)?;
+    let facts = match &args.path {
+        Some(path) => describe(path, args)?,
+        None => devices::describe(),
+    };
     if args.json { console::print(&format!("{:#}", facts.json())) } else { console::print(facts.text().trim_end()) }
 }
 
-fn describe(args: &InfoArgs) -> Result<Facts> {
-    let path = args.path.as_path();
+fn describe(path: &Path, args: &InfoArgs) -> Result<Facts> {
     let metadata = std::fs::metadata(path).with_context(|| format!("{}: cannot open", path.display()))?;
     if metadata.is_dir() {
         if RunFolder::is_run(path) {

@@ -3,6 +3,7 @@
 pub(crate) mod bench;
 pub(crate) mod compare;
 pub(crate) mod demo;
+pub(crate) mod devices;
 pub(crate) mod edit;
 pub(crate) mod eval;
 pub(crate) mod info;

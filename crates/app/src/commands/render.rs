@@ -40,7 +40,7 @@ pub(crate) fn run(args: &RenderArgs, said: &[String]) -> Result<()> {
     if jobs.len() < total {
         console.note(&format!("{} exist already and are left as they are", text::plural(total - jobs.len(), "image")));
     }
-    let (mut engine, _) = engine::engine(&args.device)?;
+    let mut engine = engine::engine(&args.device)?.engine;
     if let Some(EditText(edits)) = &args.edit {
         let shares = editing::mask_shares(edits, &source, request, engine.as_mut(), &console)?;
         editing::apply(edits, &mut source.scene, &shares, args.sh_map.into(), &console)?;

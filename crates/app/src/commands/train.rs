@@ -11,6 +11,7 @@ use serde_json::json;
 use crate::cli::TrainArgs;
 use crate::config::RunConfig;
 use crate::console::{self, Console};
+use crate::engine::Chosen;
 use crate::run_folder::{Occupant, RunFolder, RunLock};
 use crate::session::{Outcome, Session};
 use crate::{data, engine, interrupt, run_state, text};
@@ -125,17 +126,17 @@ pub(crate) fn fresh(
     console: &mut Console,
     make_room: impl FnOnce() -> Result<RunLock>,
 ) -> Result<TrainedRun> {
-    let (engine, threads) = engine::engine(&config.device)?;
+    let Chosen { engine, threads, machine, .. } = engine::engine(&config.device)?;
     let dataset = data::load(&config.dataset_path(folder.root()), &config.load, console)?;
     let trainer = Trainer::new(&dataset, config.train.clone(), engine).context("cannot start training")?;
     let lock = make_room()?;
     folder.write_config(&config)?;
-    train(config, folder, console, Ready { dataset, trainer, threads, lock })
+    train(config, folder, console, Ready { dataset, trainer, threads, machine, lock })
 }
 
 /// A run from its newest checkpoint.
 fn resume(config: RunConfig, folder: &RunFolder, console: &mut Console) -> Result<TrainedRun> {
-    let (engine, threads) = engine::engine(&config.device)?;
+    let Chosen { engine, threads, machine, .. } = engine::engine(&config.device)?;
     let lock = folder.lock()?;
     let dataset = data::load(&config.dataset_path(folder.root()), &config.load, console)?;
     let trainer = match run_state::take_checkpoint(folder, console)? {
@@ -151,7 +152,7 @@ fn resume(config: RunConfig, folder: &RunFolder, console: &mut Console) -> Resul
         }
     };
     folder.write_config(&config)?;
-    train(config, folder, console, Ready { dataset, trainer, threads, lock })
+    train(config, folder, console, Ready { dataset, trainer, threads, machine, lock })
 }
 
 /// Gives a resumed trainer the number of steps of `config`; everything else must be as the checkpoint has it.
@@ -174,12 +175,14 @@ struct Ready {
     dataset: Dataset,
     trainer: Trainer,
     threads: usize,
+    /// Where the engine runs, for people.
+    machine: String,
     lock: RunLock,
 }
 
 fn train(config: RunConfig, folder: &RunFolder, console: &mut Console, ready: Ready) -> Result<TrainedRun> {
-    let Ready { dataset, trainer, threads, lock: _lock } = ready;
-    console.note(&format!("starting with {} on {}", text::plural(trainer.splats_len(), "splat"), text::plural(threads, "thread")));
+    let Ready { dataset, trainer, threads, machine, lock: _lock } = ready;
+    console.note(&format!("starting with {} on {}", text::plural(trainer.splats_len(), "splat"), machine));
     let first = trainer.iteration();
     let session = Session { dataset: &dataset, folder, config: &config, threads, console, trainer };
     let (outcome, trainer) = session.run()?;

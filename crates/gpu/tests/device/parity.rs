@@ -20,6 +20,7 @@ pub const ALL: &[(&str, Body)] = &[
     ("gpu_statistics_match_cpu", gpu_statistics_match_cpu),
     ("gpu_noise_matches_cpu", gpu_noise_matches_cpu),
     ("gpu_densification_matches_cpu", gpu_densification_matches_cpu),
+    ("a_short_training_reaches_the_cpus_loss", a_short_training_reaches_the_cpus_loss),
 ];
 
 /// Every kind of colour model.
@@ -216,4 +217,36 @@ fn gpu_densification_matches_cpu(gpu: &Arc<Gpu>) {
 
 fn split_of(source: u32) -> PlanRow {
     PlanRow { source, offset_sigma: [0.0, 0.0, 1.0], log_scale_shift: 0.1, opacity_logit: None, keep_moments: true }
+}
+
+/// Sixty steps from a shaken scene back to its own image: losses stay within 1 % of each other, and fall.
+fn a_short_training_reaches_the_cpus_loss(gpu: &Arc<Gpu>) {
+    let camera = camera(40, 32);
+    let truth = splats(models()[3], 60, &camera, 51);
+    let mut start = truth.clone();
+    luxel_core::synthetic::perturb(&mut start, 52);
+    let (mut cpu, mut engine) = engines(gpu, &truth);
+    let render = options(Cutoffs::HDR, Antialias::Off);
+    let mut view = view(&camera, false, 4);
+    view.image = Arc::new(cpu.render(&camera, &render).unwrap());
+    cpu.load(&start, None).unwrap();
+    engine.load(&start, None).unwrap();
+    let (mut first, mut last) = (0.0, [0.0; 2]);
+    for number in 1..=60 {
+        let step = train_step(StatsCollection::Off, Cutoffs::HDR, Antialias::Off, number);
+        let step = StepConfig { loss: luxel_core::LossConfig::default(), ..step };
+        let expected = cpu.train_step(&view, &step).unwrap();
+        let found = engine.train_step(&view, &step).unwrap();
+        if number == 1 {
+            first = expected.loss;
+        }
+        if number % 20 == 0 {
+            engine.finish().unwrap();
+            let [expected, found] = [cpu.gradients(&view, &step).unwrap().0, engine.gradients(&view, &step).unwrap().0];
+            assert_close(&format!("loss after {number} steps"), &[found.loss], &[expected.loss], 0.01);
+            last = [found.loss, expected.loss];
+        }
+        assert!(found.loss.is_finite());
+    }
+    assert!(last.iter().all(|loss| *loss < 0.6 * first), "{first} to {last:?}");
 }

@@ -18,6 +18,8 @@ pub(super) struct Protocol {
     pub(super) warmup: u32,
     /// Renders and steps measured.
     pub(super) steps: u32,
+    /// Whether steps are measured without waiting in between, too.
+    pub(super) in_a_row: bool,
 }
 
 /// Milliseconds, one entry per step.
@@ -28,6 +30,8 @@ pub(super) struct Measured {
     pub(super) forward_ms: Vec<f64>,
     /// Whole steps.
     pub(super) step_ms: Vec<f64>,
+    /// Mean of steps without waiting in between.
+    pub(super) step_in_a_row_ms: Option<f64>,
     /// The passes of those steps that the engine tells apart, in their order.
     pub(super) passes_ms: Vec<(Pass, Vec<f64>)>,
 }
@@ -45,6 +49,7 @@ pub(super) fn measure(engine: &mut dyn Engine, view: &View, protocol: &Protocol)
         let before = engine.timings().to_vec();
         let start = Instant::now();
         let report = engine.train_step(view, &step(protocol, round + 1)).context("cannot make a training step")?;
+        engine.finish().context("cannot finish a training step")?;
         let whole = start.elapsed();
         first.get_or_insert(report);
         if round < protocol.warmup {
@@ -56,9 +61,21 @@ pub(super) fn measure(engine: &mut dyn Engine, view: &View, protocol: &Protocol)
             times.push(milliseconds(after.saturating_sub(*before)));
         }
     }
+    let step_in_a_row_ms = if protocol.in_a_row { Some(in_a_row(engine, view, protocol)?) } else { None };
     // Passes that the engine counts within others, and those that are no part of a step.
     passes_ms.retain(|(_, times)| times.iter().any(|ms| *ms > 0.0));
-    Ok(Measured { first: first.unwrap_or_default(), forward_ms, step_ms, passes_ms })
+    Ok(Measured { first: first.unwrap_or_default(), forward_ms, step_ms, step_in_a_row_ms, passes_ms })
+}
+
+/// Milliseconds of a step, of as many as were measured one by one.
+fn in_a_row(engine: &mut dyn Engine, view: &View, protocol: &Protocol) -> Result<f64> {
+    let start = Instant::now();
+    let first = protocol.warmup.saturating_add(protocol.steps).saturating_add(1);
+    for round in 0..protocol.steps {
+        engine.train_step(view, &step(protocol, first.saturating_add(round))).context("cannot make a training step")?;
+    }
+    engine.finish().context("cannot finish a training step")?;
+    Ok(milliseconds(start.elapsed()) / f64::from(protocol.steps.max(1)))
 }
 
 fn step(protocol: &Protocol, step: u32) -> StepConfig {

@@ -4,10 +4,11 @@ mod measure;
 mod report;
 mod workload;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use clap::ValueEnum;
 
 use crate::cli::BenchArgs;
+use crate::engine::Chosen;
 use crate::{console, engine, memory};
 use measure::{Protocol, measure};
 use report::{Report, Spread};
@@ -15,11 +16,11 @@ use workload::Workload;
 
 /// Measures and prints.
 pub(crate) fn run(args: &BenchArgs) -> Result<()> {
-    let (mut engine, threads) = engine::cpu_engine(&args.device)?;
-    engine.set_instruction_set(args.instruction_set.into()).context("--instruction-set")?;
-    let workload = Workload::prepare(args, &mut engine)?;
-    let protocol = Protocol { render: workload.render, mu: args.mu, warmup: args.warmup, steps: args.steps };
-    let measured = measure(&mut engine, &workload.view, &protocol)?;
+    let Chosen { mut engine, threads, gpu, instruction_set, .. } = engine::engine_with(&args.device, args.instruction_set.into())?;
+    let workload = Workload::prepare(args, engine.as_mut())?;
+    // A GPU works ahead of the host in training: steps that wait for each other are not all of the picture.
+    let protocol = Protocol { render: workload.render, mu: args.mu, warmup: args.warmup, steps: args.steps, in_a_row: gpu.is_some() };
+    let measured = measure(engine.as_mut(), &workload.view, &protocol)?;
     let cutoffs = args.cutoffs.to_possible_value().map_or(String::new(), |value| value.get_name().to_owned());
     let report = Report {
         workload: workload.name,
@@ -29,7 +30,8 @@ pub(crate) fn run(args: &BenchArgs) -> Result<()> {
         width: workload.view.image.width,
         height: workload.view.image.height,
         threads,
-        instruction_set: engine.instruction_set(),
+        gpu,
+        instruction_set,
         cutoffs,
         order: args.order,
         mu: args.mu,
@@ -38,6 +40,7 @@ pub(crate) fn run(args: &BenchArgs) -> Result<()> {
         steps: args.steps,
         forward_ms: Spread::of(&measured.forward_ms),
         step_ms: Spread::of(&measured.step_ms),
+        step_in_a_row_ms: measured.step_in_a_row_ms,
         passes_ms: measured.passes_ms.iter().map(|(pass, ms)| (*pass, Spread::of(ms).median)).collect(),
         peak_rss_bytes: memory::peak_resident_bytes(),
         first_loss: measured.first.loss,

@@ -16,7 +16,10 @@ pub(super) struct Report {
     pub(super) width: usize,
     pub(super) height: usize,
     pub(super) threads: usize,
-    pub(super) instruction_set: String,
+    /// The GPU, if it is what was measured.
+    pub(super) gpu: Option<String>,
+    /// The processor's, if that was.
+    pub(super) instruction_set: Option<String>,
     pub(super) cutoffs: String,
     pub(super) order: OrderArg,
     pub(super) mu: f32,
@@ -25,6 +28,8 @@ pub(super) struct Report {
     pub(super) steps: u32,
     pub(super) forward_ms: Spread,
     pub(super) step_ms: Spread,
+    /// Mean over steps that were handed in without waiting for any but the last; of a GPU.
+    pub(super) step_in_a_row_ms: Option<f64>,
     /// Medians over the steps.
     #[serde(serialize_with = "by_name")]
     pub(super) passes_ms: Vec<(Pass, f64)>,
@@ -68,6 +73,14 @@ impl Report {
         Ok(serde_json::to_string(self)?)
     }
 
+    fn machine(&self) -> String {
+        match (&self.gpu, &self.instruction_set) {
+            (Some(gpu), _) => gpu.clone(),
+            (None, Some(set)) => format!("{}, {set}", text::plural(self.threads, "thread")),
+            (None, None) => text::plural(self.threads, "thread"),
+        }
+    }
+
     /// Facts, then times.
     pub(super) fn table(&self) -> String {
         let order = match self.order {
@@ -79,7 +92,7 @@ impl Report {
             ("method", self.method.clone()),
             ("splats", format!("{}, {} visible", text::count(self.splats), text::count(self.visible as usize))),
             ("image", format!("{}x{}", self.width, self.height)),
-            ("machine", format!("{}, {}", text::plural(self.threads, "thread"), self.instruction_set)),
+            ("machine", self.machine()),
             ("cut-offs", self.cutoffs.clone()),
             ("order", order.into()),
             ("target", self.target.clone()),

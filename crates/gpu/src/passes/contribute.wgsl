@@ -1,0 +1,68 @@
+// What each splat gives to an image: a sibling of `rasterize_backward`, outside of training. Twin: cpu/passes/contribute.rs.
+//
+// In: as `rasterize_backward`, and a mask [H*W]. Out, by entry: sums over its tile's pixels of its blending weight times the mask, of its
+// blending weight, and of its alpha, the last behind finished pixels too. `contribute_sum` adds up each splat's entries.
+
+@group(0) @binding(6) var<storage, read> last_entries: array<u32>;
+@group(0) @binding(7) var<storage, read> mask: array<f32>;
+@group(0) @binding(8) var<storage, read_write> entry_sums: array<vec4f>;
+
+var<workgroup> painted: array<f32, TILE_PIXELS>;
+
+@compute @workgroup_size(BUCKET)
+fn contribute(@builtin(workgroup_id) workgroup: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) local: u32) {
+    let slot = group_index(workgroup, groups);
+    let bucket = buckets[slot];
+    if (bucket.len == 0u) {
+        return;
+    }
+    let origin = vec2u(bucket.tile % camera.tiles.x, bucket.tile / camera.tiles.x) * TILE_PX;
+    for (var n = local; n < TILE_PIXELS; n += BUCKET) {
+        let at = origin + tile_pixel(n);
+        // One more than the number, so that pixels beyond the image are told from those that nothing changed.
+        var last = 0u;
+        if (all(at < camera.size_px)) {
+            let pixel = at.y * camera.size_px.x + at.x;
+            last = last_entries[pixel] + 1u;
+            painted[n] = mask[pixel];
+            transmittances[n] = 1.0;
+            if (bucket.before > 0u && last > bucket.before + 1u) {
+                transmittances[n] = bucket_pixels[slot * TILE_PIXELS + n].w;
+            }
+        }
+        lasts[n] = last;
+    }
+    workgroupBarrier();
+    var entry = 0u;
+    var f: Footprint;
+    if (local < bucket.len) {
+        entry = sorted_entries[bucket.first + local];
+        f = footprints[entry_splats[entry]];
+    }
+    let root = vec3f(f.root_x, f.root_xy, f.root_y);
+    let number = bucket.before + local;
+    var sums = vec3f(0.0);
+    for (var step = 0u; step < STEPS; step++) {
+        // Negative numbers wrap to large ones.
+        let wagon = step - local;
+        if (wagon < TILE_PIXELS / WAGON && local < bucket.len) {
+            for (var k = 0u; k < WAGON; k++) {
+                let n = wagon * WAGON + k;
+                let seen = see(f.mean_px, root, f.log2_opacity, vec2f(origin + tile_pixel(n)) + 0.5);
+                if (lasts[n] > 0u && seen.log2_alpha >= f.log2_threshold) {
+                    let alpha = min(exp2(seen.log2_alpha), camera.max_alpha);
+                    var weight = 0.0;
+                    if (number + 1u < lasts[n]) {
+                        weight = alpha * transmittances[n];
+                        transmittances[n] -= weight;
+                    }
+                    sums += vec3f(weight * painted[n], weight, alpha);
+                }
+            }
+        }
+        workgroupBarrier();
+    }
+    if (local < bucket.len) {
+        entry_sums[entry] = vec4f(sums, 0.0);
+    }
+}
