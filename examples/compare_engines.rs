@@ -41,8 +41,9 @@ fn train(name: &str, dataset: &Dataset, iterations: u32, engine: Box<dyn Engine>
     let mut trainer = Trainer::new(dataset, config, engine)?;
     let mut losses = Vec::new();
     while !trainer.is_finished() {
+        // So that an engine that works ahead reports every step, one late.
+        trainer.engine().finish()?;
         let report = trainer.step()?;
-        // An engine that works ahead reports an earlier step: each once, and the last ones are not heard of.
         if report.step as usize > losses.len() {
             losses.resize(report.step as usize, report.loss);
         }

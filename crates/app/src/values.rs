@@ -317,6 +317,17 @@ mod tests {
     use super::*;
 
     #[test]
+    fn devices_parse_back() {
+        for device in [DeviceArg::Auto, DeviceArg::Cpu, DeviceArg::Gpu(None), DeviceArg::Gpu(Some("H200 NVL".into()))] {
+            assert_eq!(device.to_string().parse(), Ok(device));
+        }
+        for text in ["", "gpu:", "GPU", "cuda", "gpu h200"] {
+            let error = text.parse::<DeviceArg>().unwrap_err();
+            assert!(error.contains(&format!("\"{text}\"")) && error.contains("gpu:NAME"), "{error}");
+        }
+    }
+
+    #[test]
     fn frames_are_an_inclusive_range() {
         assert_eq!(parse_frames("3-7"), Ok(Frames { first: 3, last: 7 }));
         assert_eq!(parse_frames("5"), Ok(Frames { first: 5, last: 5 }));

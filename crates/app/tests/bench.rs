@@ -42,7 +42,8 @@ fn npy(width: usize, height: usize, value: f32) -> Vec<u8> {
     [&b"\x93NUMPY\x01\x00"[..], &length, header.as_bytes(), &samples].concat()
 }
 
-const FILES: [&str; 11] = ["bench", "--workload", "room.ply", "--camera", "camera.json", "--threads", "1", "--steps", "3", "--warmup", "1"];
+const FILES: [&str; 13] =
+    ["bench", "--workload", "room.ply", "--camera", "camera.json", "--device", "cpu", "--threads", "1", "--steps", "3", "--warmup", "1"];
 
 fn with<'a>(more: &[&'a str]) -> Vec<&'a str> {
     FILES.iter().chain(more).copied().collect()

@@ -277,3 +277,17 @@ fn the_demo_runs_anywhere_and_replaces_only_itself() {
     }
     place.ok(&["render", "luxel-demo", "--frames", "0", "-o", "frame"]);
 }
+
+#[test]
+fn devices_are_listed_with_what_auto_takes() {
+    let place = Workplace::empty();
+    let text = place.ok(&["info", "--devices"]);
+    assert!(text.contains("cpu") && text.contains("threads") && text.contains("taken"), "{text}");
+    let json: serde_json::Value = serde_json::from_str(&place.ok(&["info", "--devices", "--json"])).unwrap();
+    let devices = json.as_object().unwrap().values().filter_map(|device| device["auto"].as_str());
+    // Exactly one is taken.
+    assert_eq!(devices.filter(|auto| auto.starts_with("taken")).count(), 1, "{json}");
+    place.fails(2, &["info"]);
+    place.fails(2, &["info", "data", "--devices"]);
+    place.fails(2, &["train", "data", "-o", "run", "--device", "gpu:"]);
+}

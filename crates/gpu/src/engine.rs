@@ -10,8 +10,8 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use luxel_core::{
-    Camera, ColorModel, DensifyPlan, DensifyStats, Engine, EngineError, Geometry, Image, Moments, Pass, RenderOptions, Splats, StatsCollection,
-    StepConfig, StepReport, View,
+    Camera, ColorModel, DensifyPlan, DensifyStats, Engine, EngineError, Geometry, Image, Moments, Pass, RenderOptions, Splats,
+    StatsCollection, StepConfig, StepReport, View,
 };
 
 use crate::commands::{Commands, Timer};
@@ -120,7 +120,7 @@ impl GpuEngine {
     /// # Errors
     /// As [`Engine::train_step`].
     pub fn gradients(&mut self, view: &View, step: &StepConfig) -> Result<(StepReport, Splats), EngineError> {
-        self.settle_all()?;
+        self.settled()?;
         check_view(view)?;
         let scratch = Scene::zeros(&self.gpu, self.scene.rows, self.scene.count, self.shard_len())?;
         let out: Vec<Buffer> = scratch.shards.into_iter().map(|shard| shard.first).collect();
@@ -142,7 +142,7 @@ impl GpuEngine {
         if mask.len() != pixels {
             return Err(EngineError::Invalid(format!("mask holds {} pixels, the camera's image {pixels}", mask.len())));
         }
-        self.settle_all()?;
+        self.settled()?;
         let painted = self.gpu.storage("painted mask", size_of_val(mask) as u64)?;
         self.gpu.queue.write_buffer(&painted.raw, 0, bytemuck::cast_slice(mask));
         let out = self.gpu.storage("contributions", 16 * self.scene.count as u64)?;
@@ -216,8 +216,7 @@ impl GpuEngine {
     /// Enlarges the buffers of entries after an overflow, and lets the device go on.
     fn make_room(&mut self, state: &State, sizes: Sizes) -> Result<(), EngineError> {
         self.gpu.queue.write_buffer(&self.frame.state.raw, std::mem::offset_of!(State, halted) as u64, bytemuck::bytes_of(&HALT_NONE));
-        let training = self.frame.sizes.training || sizes.training;
-        let most = most_entries(self.binding_bytes, sizes.tiles.max(self.frame.sizes.tiles), training);
+        let most = self.most_entries(sizes);
         let needed = u64::from(state.needed);
         if needed > most {
             return Err(EngineError::Device(format!(
@@ -233,8 +232,14 @@ impl GpuEngine {
         self.ensure(Sizes { entries, ..sizes })
     }
 
+    /// Entries that there can be room for with buffers of these sizes besides.
+    fn most_entries(&self, sizes: Sizes) -> u64 {
+        let have = self.frame.sizes;
+        most_entries(self.binding_bytes, sizes.tiles.max(have.tiles), sizes.training || have.training)
+    }
+
     fn ensure(&mut self, sizes: Sizes) -> Result<(), EngineError> {
-        if self.frame.ensure(&self.gpu, sizes)? {
+        if self.frame.ensure(&self.gpu, sizes, self.most_entries(sizes))? {
             self.commands.forget();
         }
         Ok(())
@@ -319,9 +324,7 @@ impl GpuEngine {
     /// Buffers that a view of `camera` needs at least.
     fn prepare(&mut self, camera: &Camera, training: bool) -> Result<(), EngineError> {
         let mut sizes = sizes_of(camera, self.scene.count, training);
-        let tiles = sizes.tiles.max(self.frame.sizes.tiles);
-        let most = most_entries(self.binding_bytes, tiles, training || self.frame.sizes.training);
-        sizes.entries = expected_entries(sizes.splats).min(most).max(1);
+        sizes.entries = expected_entries(sizes.splats);
         self.ensure(sizes)
     }
 
@@ -415,7 +418,7 @@ impl Engine for GpuEngine {
 
     fn render(&mut self, camera: &Camera, options: &RenderOptions) -> Result<Image, EngineError> {
         check(camera)?;
-        self.settle_all()?;
+        self.settled()?;
         self.run(&Work::Render { camera, options })?;
         let [width, height] = camera.size_px.map(|side| side as usize);
         let bytes = self.gpu.read(&self.frame.pixels.image, 12 * (width * height) as u64)?;

@@ -177,14 +177,15 @@ impl Frame {
         })
     }
 
-    /// Grows what is too small; tells whether anything was. Nothing in use is touched: the device goes on with the old buffers until it is done.
-    pub(crate) fn ensure(&mut self, gpu: &Gpu, wanted: Sizes) -> Result<bool, EngineError> {
+    /// Grows what is too small, with at most `most_entries` entries; tells whether anything was. Nothing in use is touched: the device goes on with the old buffers until it is done.
+    pub(crate) fn ensure(&mut self, gpu: &Gpu, wanted: Sizes, most_entries: u64) -> Result<bool, EngineError> {
         let have = self.sizes;
         let sizes = Sizes {
             splats: have.splats.max(wanted.splats),
             tiles: have.tiles.max(wanted.tiles),
             pixels: have.pixels.max(wanted.pixels),
-            entries: have.entries.max(wanted.entries),
+            // What a render was given may be more than training has room for.
+            entries: have.entries.max(wanted.entries).min(most_entries.max(1)),
             training: have.training || wanted.training,
         };
         if sizes == have {
