@@ -9,6 +9,7 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use luxel_core::edit::Contributions;
 use luxel_core::{
     Camera, ColorModel, DensifyPlan, DensifyStats, Engine, EngineError, Geometry, Image, Moments, Pass, RenderOptions, Splats,
     StatsCollection, StepConfig, StepReport, View,
@@ -129,28 +130,6 @@ impl GpuEngine {
         self.commands.forget();
         let gradients = self.scene.download(&self.gpu, |n, shard| out.get(n).unwrap_or(&shard.first))?;
         Ok((report_of(&state, step.step), gradients))
-    }
-
-    /// What each splat gives to an image: sums over its pixels of the splat's blending weight times `mask` (`[H*W]`), of its blending
-    /// weight, and of its alpha, the last behind finished pixels too.
-    ///
-    /// # Errors
-    /// As [`Engine::render`]; [`EngineError::Invalid`] if the mask is not of the camera's size.
-    pub fn contribution_sums(&mut self, camera: &Camera, options: &RenderOptions, mask: &[f32]) -> Result<Vec<[f32; 3]>, EngineError> {
-        check(camera)?;
-        let pixels = camera.size_px[0] as usize * camera.size_px[1] as usize;
-        if mask.len() != pixels {
-            return Err(EngineError::Invalid(format!("mask holds {} pixels, the camera's image {pixels}", mask.len())));
-        }
-        self.settled()?;
-        let painted = self.gpu.storage("painted mask", size_of_val(mask) as u64)?;
-        self.gpu.queue.write_buffer(&painted.raw, 0, bytemuck::cast_slice(mask));
-        let out = self.gpu.storage("contributions", 16 * self.scene.count as u64)?;
-        self.run(&Work::Contributions { camera, options, mask: &painted, out: &out })?;
-        // The bindings would keep the buffers for good.
-        self.commands.forget();
-        let sums: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&self.gpu.read(&out, 16 * self.scene.count as u64)?);
-        Ok(sums.into_iter().map(|[masked, blended, unoccluded, _]| [masked, blended, unoccluded]).collect())
     }
 
     /// Sees to it that the device is at work on nothing and in a state to go on from.
@@ -321,6 +300,12 @@ impl GpuEngine {
         Ok(report)
     }
 
+    fn upload_mask(&self, mask: &[f32]) -> Result<Buffer, EngineError> {
+        let buffer = self.gpu.storage("painted mask", size_of_val(mask) as u64)?;
+        self.gpu.queue.write_buffer(&buffer.raw, 0, bytemuck::cast_slice(mask));
+        Ok(buffer)
+    }
+
     /// Buffers that a view of `camera` needs at least.
     fn prepare(&mut self, camera: &Camera, training: bool) -> Result<(), EngineError> {
         let mut sizes = sizes_of(camera, self.scene.count, training);
@@ -423,6 +408,23 @@ impl Engine for GpuEngine {
         let [width, height] = camera.size_px.map(|side| side as usize);
         let bytes = self.gpu.read(&self.frame.pixels.image, 12 * (width * height) as u64)?;
         Ok(Image { width, height, pixels: bytemuck::pod_collect_to_vec(&bytes) })
+    }
+
+    fn contributions(&mut self, camera: &Camera, options: &RenderOptions, mask: &[f32]) -> Result<Contributions, EngineError> {
+        check(camera)?;
+        let pixels = camera.size_px[0] as usize * camera.size_px[1] as usize;
+        if mask.len() != pixels {
+            return Err(EngineError::Invalid(format!("mask holds {} pixels, the camera's image {pixels}", mask.len())));
+        }
+        self.settled()?;
+        let bytes = 16 * self.scene.count as u64;
+        let (mask, out) = (self.upload_mask(mask)?, self.gpu.storage("contributions", bytes)?);
+        self.run(&Work::Contributions { camera, options, mask: &mask, out: &out })?;
+        // The bindings would keep the buffers for good.
+        self.commands.forget();
+        let sums: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&self.gpu.read(&out, bytes)?);
+        let row = |k: usize| sums.iter().map(|sums| sums[k]).collect();
+        Ok(Contributions { masked: row(0), blended: row(1), unoccluded: row(2) })
     }
 
     fn train_step(&mut self, view: &View, step: &StepConfig) -> Result<StepReport, EngineError> {

@@ -24,7 +24,7 @@ pub const ALL: &[(&str, Body)] = &[
     ("a_run_moves_between_the_engines", a_run_moves_between_the_engines),
     ("a_report_is_of_a_step_not_long_ago", a_report_is_of_a_step_not_long_ago),
     ("a_step_is_one_submission_that_reads_little_back", a_step_is_one_submission_that_reads_little_back),
-    ("contributions_add_up_to_the_image", contributions_add_up_to_the_image),
+    ("contributions_match_the_cpu", contributions_match_the_cpu),
     ("bad_input_is_refused", bad_input_is_refused),
 ];
 
@@ -285,28 +285,21 @@ fn bad_input_is_refused(gpu: &Arc<Gpu>) {
     assert_eq!(engine.save().unwrap().0, scene);
 }
 
-/// A splat's share of the image is how the image moves with its colour, and all shares with what is left of the background are one.
-fn contributions_add_up_to_the_image(gpu: &Arc<Gpu>) {
+/// The CPU's, and of white splats before black the image.
+fn contributions_match_the_cpu(gpu: &Arc<Gpu>) {
     let camera = camera(45, 38);
     let mut scene = splats(models()[0], 300, &camera, 41);
-    // White splats before a black background: the image is the sum of the blending weights.
     scene.sh.fill(luxel_core::SH_OFFSET / luxel_core::sh::C0);
     let render = luxel_core::RenderOptions { background: [0.0; 3], ..options(Cutoffs::HDR, Antialias::Off) };
-    let mut engine = GpuEngine::new(gpu).unwrap();
-    engine.load(&scene, None).unwrap();
-    let image = engine.render(&camera, &render).unwrap();
     let mask: Vec<f32> = (0..45 * 38).map(|i| if i % 45 < 20 { 1.0 } else { 0.25 }).collect();
-    let sums = engine.contribution_sums(&camera, &render, &mask).unwrap();
-    let total = |k: usize| sums.iter().map(|s| f64::from(s[k])).sum::<f64>();
-    let blended: f64 = image.pixels.iter().map(|pixel| f64::from(pixel[0])).sum();
-    let masked: f64 = image.pixels.iter().zip(&mask).map(|(pixel, m)| f64::from(pixel[0] * m)).sum();
-    assert!((total(1) - blended).abs() < 1e-4 * blended, "{} {blended}", total(1));
-    assert!((total(0) - masked).abs() < 1e-4 * masked, "{} {masked}", total(0));
-    assert!(sums.iter().all(|[masked, blended, unoccluded]| *masked <= *blended && *blended <= unoccluded * 1.000_01 && *masked >= 0.0));
-    // Alone, nothing hides a splat.
-    let front = scene.select([sums.iter().position(|s| s[1] > 0.0).unwrap() as u32]);
-    engine.load(&front, None).unwrap();
-    let alone = engine.contribution_sums(&camera, &render, &mask).unwrap()[0];
-    assert!((alone[1] - alone[2]).abs() <= 1e-5 * alone[2] && alone[2] > 0.0, "{alone:?}");
-    assert!(engine.contribution_sums(&camera, &render, &mask[1..]).unwrap_err().to_string().contains("mask holds"));
+    let (mut cpu, mut engine) = engines(gpu, &scene);
+    let [expected, found] = [cpu.contributions(&camera, &render, &mask), engine.contributions(&camera, &render, &mask)].map(Result::unwrap);
+    assert_close("contributions: masked", &found.masked, &expected.masked, 2e-5);
+    assert_close("contributions: blended", &found.blended, &expected.blended, 2e-5);
+    assert_close("contributions: unoccluded", &found.unoccluded, &expected.unoccluded, 2e-5);
+    let image = engine.render(&camera, &render).unwrap();
+    let total: f64 = image.pixels.iter().map(|pixel| f64::from(pixel[0])).sum();
+    let blended: f64 = found.blended.iter().map(|sum| f64::from(*sum)).sum();
+    assert!((total - blended).abs() < 1e-4 * total, "{blended} {total}");
+    assert!(engine.contributions(&camera, &render, &mask[1..]).unwrap_err().to_string().contains("mask holds"));
 }

@@ -64,7 +64,7 @@ pub(super) fn run(args: &EditArgs, other: &Path, request: DataRequest<'_>, conso
     let views = views(&dataset)?;
     let stems = unique_stems(views.iter().map(|view| view.name.as_str()));
     let trial = Trial { edits: &edits, views, stems: &stems, folder };
-    let mut engines = Engines { before: engine::engine(&args.device)?.0, after: engine::engine(&args.device)?.0 };
+    let mut engines = Engines { before: engine::engine(&args.device)?.engine, after: engine::engine(&args.device)?.engine };
     let mut facts = Facts::default();
     facts.set("edits", edits.iter().map(ToString::to_string).collect::<Vec<_>>()).set("views", views.len());
     facts.set("error_picture_full_scale", FULL_SCALE);

@@ -63,7 +63,7 @@ fn output(args: &EditArgs) -> Result<Option<PathBuf>> {
 fn masks(args: &EditArgs, source: &SceneSource, request: DataRequest<'_>, console: &Console) -> Result<MaskShares> {
     let edits = &args.edits.0;
     let names: Vec<&MaskName> = edits.iter().flat_map(|edit| edit.selection.masks()).collect();
-    let (mut engine, _) = engine::engine(&args.device)?;
+    let mut engine = engine::engine(&args.device)?.engine;
     let Some(picture) = &args.overlay else {
         return editing::mask_shares(edits, source, request, engine.as_mut(), console);
     };

@@ -74,7 +74,7 @@ pub(super) fn measure(
     device: &DeviceArgs,
     console: &Console,
 ) -> Result<Vec<Failure>> {
-    let (mut engine, threads) = engine::engine(device)?;
+    let engine::Chosen { mut engine, threads, .. } = engine::engine(device)?;
     let is_open = |cell: &Cell| read(cell).is_none_or(|measured| !wanted.is_in(&measured) || measured.threads != threads);
     let cells = finished.iter().filter_map(|&i| Some((i, matrix.cells.get(i)?)));
     let mut todo: Vec<(usize, &Cell)> = cells.filter(|(_, cell)| is_open(cell)).collect();
