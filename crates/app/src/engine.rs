@@ -13,7 +13,7 @@ pub(crate) struct Chosen {
     pub(crate) engine: Box<dyn Engine>,
     /// Threads for everything that the processor does.
     pub(crate) threads: usize,
-    /// For people: `on 2 threads`, `on NVIDIA H200 (vulkan)`, and why it is not a GPU if there seems to be one.
+    /// For people: `2 threads`, `NVIDIA H200 (vulkan)`, and why it is not a GPU if there seems to be one.
     pub(crate) machine: String,
     /// Name of the GPU.
     pub(crate) gpu: Option<String>,

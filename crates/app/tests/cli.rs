@@ -291,3 +291,25 @@ fn devices_are_listed_with_what_auto_takes() {
     place.fails(2, &["info", "data", "--devices"]);
     place.fails(2, &["train", "data", "-o", "run", "--device", "gpu:"]);
 }
+
+/// The loader of Vulkan drivers looks at these alone if they are set.
+#[cfg(target_os = "linux")]
+#[test]
+fn without_a_graphics_driver_auto_is_the_cpu_and_gpu_names_a_remedy() {
+    let place = Workplace::new();
+    let without_driver = |args: &[&str]| {
+        let mut command = place.luxel(args);
+        command.env("VK_DRIVER_FILES", "/nowhere/driver.json").env("VK_ICD_FILENAMES", "/nowhere/driver.json");
+        let output = command.output().unwrap();
+        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    let train = |device| [&["train", "data", "-o", "run", "--device", device], &common::QUICK[..]].concat();
+    let (code, stderr) = without_driver(&train("gpu"));
+    assert_eq!(code, Some(1), "{stderr}");
+    for part in ["--device gpu", "no GPU can be used", "--device cpu"] {
+        assert!(stderr.contains(part), "no \"{part}\" in\n{stderr}");
+    }
+    let (code, stderr) = without_driver(&train("auto"));
+    assert_eq!(code, Some(0), "{stderr}");
+    assert!(stderr.contains("on 2 threads"), "{stderr}");
+}

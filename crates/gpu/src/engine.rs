@@ -7,24 +7,21 @@
 
 use std::collections::VecDeque;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use luxel_core::edit::Contributions;
-use luxel_core::{
-    Camera, ColorModel, DensifyPlan, DensifyStats, Engine, EngineError, Geometry, Image, Moments, Pass, RenderOptions, Splats,
-    StatsCollection, StepConfig, StepReport, View,
-};
+use luxel_core::{Camera, ColorModel, EngineError, Pass, RenderOptions, Splats, StatsCollection, StepConfig, StepReport, View};
 
 use crate::commands::{Commands, Timer};
-use crate::densify;
 use crate::device::{Buffer, Gpu};
 use crate::frame::{Frame, Sizes, expected_entries, most_entries};
 use crate::layout::{HALT_NONE, HALT_NOT_FINITE, HALT_OVERFLOW, Rows, State};
-use crate::pending::{LAG, Pending, Report, Slots};
+use crate::pending::{Pending, Report, Slots};
 use crate::scene::{Scene, shard_len};
 use crate::screen::{Purpose, camera_uniform, check, loss_uniform, optimizer_uniform, tiles};
 use crate::step::Recorder;
 use crate::targets::Targets;
+
+mod contract;
 
 /// The engine on a GPU. Equal inputs give equal bits on one adapter.
 pub struct GpuEngine {
@@ -192,9 +189,15 @@ impl GpuEngine {
         Ok(state)
     }
 
+    /// Lets a halted device go on.
+    fn go_on(&self) {
+        let halted = std::mem::offset_of!(State, halted) as u64;
+        self.gpu.queue.write_buffer(&self.frame.state.raw, halted, bytemuck::bytes_of(&HALT_NONE));
+    }
+
     /// Enlarges the buffers of entries after an overflow, and lets the device go on.
     fn make_room(&mut self, state: &State, sizes: Sizes) -> Result<(), EngineError> {
-        self.gpu.queue.write_buffer(&self.frame.state.raw, std::mem::offset_of!(State, halted) as u64, bytemuck::bytes_of(&HALT_NONE));
+        self.go_on();
         let most = self.most_entries(sizes);
         let needed = u64::from(state.needed);
         if needed > most {
@@ -238,8 +241,7 @@ impl GpuEngine {
             let state = self.receive(report)?;
             if state.halted != HALT_OVERFLOW {
                 if state.halted == HALT_NOT_FINITE {
-                    let halted = std::mem::offset_of!(State, halted) as u64;
-                    self.gpu.queue.write_buffer(&self.frame.state.raw, halted, bytemuck::bytes_of(&HALT_NONE));
+                    self.go_on();
                 }
                 return Ok(state);
             }
@@ -362,126 +364,5 @@ fn check_view(view: &View) -> Result<(), EngineError> {
     match view.mask.as_ref().map(|mask| mask.valid.len()).filter(|found| *found != pixels) {
         Some(found) => Err(EngineError::Invalid(format!("view {name}: mask holds {found} pixels, the image {pixels}"))),
         None => Ok(()),
-    }
-}
-
-impl Engine for GpuEngine {
-    fn load(&mut self, splats: &Splats, moments: Option<&Moments>) -> Result<(), EngineError> {
-        splats.validate()?;
-        if let Some(moments) = moments {
-            for part in [&moments.first, &moments.second] {
-                part.validate()?;
-                if part.len() != splats.len() || part.color_model != splats.color_model {
-                    return Err(EngineError::Invalid(format!(
-                        "moments are of {} {} splats, the scene has {} {}",
-                        part.len(),
-                        part.color_model.name(),
-                        splats.len(),
-                        splats.color_model.name()
-                    )));
-                }
-            }
-        }
-        self.settle_all()?;
-        // Memory for two scenes at a time is not needed here.
-        self.replace_scene(Scene::empty());
-        let scene = Scene::upload(&self.gpu, splats, moments, self.shard_len_of(splats.color_model))?;
-        self.replace_scene(scene);
-        (self.latest, self.diverged) = (None, None);
-        self.gpu.queue.write_buffer(&self.frame.state.raw, std::mem::offset_of!(State, halted) as u64, bytemuck::bytes_of(&HALT_NONE));
-        Ok(())
-    }
-
-    fn save(&mut self) -> Result<(Splats, Moments), EngineError> {
-        self.settled()?;
-        let mut splats = self.scene.download(&self.gpu, |_, shard| &shard.parameters)?;
-        splats.smoothing = self.scene.smoothing(&self.gpu)?;
-        let first = self.scene.download(&self.gpu, |_, shard| &shard.first)?;
-        let second = self.scene.download(&self.gpu, |_, shard| &shard.second)?;
-        Ok((splats, Moments { first, second }))
-    }
-
-    fn render(&mut self, camera: &Camera, options: &RenderOptions) -> Result<Image, EngineError> {
-        check(camera)?;
-        self.settled()?;
-        self.run(&Work::Render { camera, options })?;
-        let [width, height] = camera.size_px.map(|side| side as usize);
-        let bytes = self.gpu.read(&self.frame.pixels.image, 12 * (width * height) as u64)?;
-        Ok(Image { width, height, pixels: bytemuck::pod_collect_to_vec(&bytes) })
-    }
-
-    fn contributions(&mut self, camera: &Camera, options: &RenderOptions, mask: &[f32]) -> Result<Contributions, EngineError> {
-        check(camera)?;
-        let pixels = camera.size_px[0] as usize * camera.size_px[1] as usize;
-        if mask.len() != pixels {
-            return Err(EngineError::Invalid(format!("mask holds {} pixels, the camera's image {pixels}", mask.len())));
-        }
-        self.settled()?;
-        let bytes = 16 * self.scene.count as u64;
-        let (mask, out) = (self.upload_mask(mask)?, self.gpu.storage("contributions", bytes)?);
-        self.run(&Work::Contributions { camera, options, mask: &mask, out: &out })?;
-        // The bindings would keep the buffers for good.
-        self.commands.forget();
-        let sums: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&self.gpu.read(&out, bytes)?);
-        let row = |k: usize| sums.iter().map(|sums| sums[k]).collect();
-        Ok(Contributions { masked: row(0), blended: row(1), unoccluded: row(2) })
-    }
-
-    fn train_step(&mut self, view: &View, step: &StepConfig) -> Result<StepReport, EngineError> {
-        check_view(view)?;
-        if let Some(report) = self.latest.filter(|_| self.diverged.is_some()) {
-            return Ok(report);
-        }
-        self.hand_in(view.clone(), *step)?;
-        self.gpu.poll()?;
-        while self.pending.front().is_some_and(|pending| pending.report.is_done()) || self.pending.len() > LAG {
-            self.settle()?;
-        }
-        while self.latest.is_none() && !self.pending.is_empty() {
-            self.settle()?;
-        }
-        self.latest.ok_or_else(|| EngineError::Device("gpu: a step left no report; go on with --resume".into()))
-    }
-
-    fn finish(&mut self) -> Result<(), EngineError> {
-        self.settle_all()
-    }
-
-    fn densify_stats(&mut self) -> Result<DensifyStats, EngineError> {
-        self.settled()?;
-        self.scene.stats(&self.gpu)
-    }
-
-    fn set_densify_stats(&mut self, stats: &DensifyStats) -> Result<(), EngineError> {
-        self.settle_all()?;
-        let count = self.scene.count;
-        if [stats.gradient.len(), stats.abs_gradient.len(), stats.views.len()] != [count; 3] {
-            return Err(EngineError::Invalid(format!("statistics of {} splats, the scene has {count}", stats.views.len())));
-        }
-        self.scene.set_stats(&self.gpu, stats)
-    }
-
-    fn geometry(&mut self) -> Result<Geometry, EngineError> {
-        self.settled()?;
-        self.scene.geometry(&self.gpu)
-    }
-
-    fn densify(&mut self, plan: &DensifyPlan) -> Result<(), EngineError> {
-        densify::check(plan, self.scene.count)?;
-        self.settled()?;
-        let start = Instant::now();
-        let shard_len = self.shard_len();
-        let scene = densify::apply(&self.gpu, &mut self.commands, &self.scene, plan, shard_len)?;
-        self.replace_scene(scene);
-        self.timings[Pass::Densify as usize].1 += start.elapsed();
-        Ok(())
-    }
-
-    fn len(&self) -> usize {
-        self.scene.count
-    }
-
-    fn timings(&self) -> &[(Pass, Duration)] {
-        &self.timings
     }
 }

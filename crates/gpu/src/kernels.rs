@@ -4,7 +4,8 @@
 
 use luxel_core::ColorModel;
 
-use crate::layout::{Update, constants, model_constants};
+use crate::constants::{constants, model_constants};
+use crate::layout::Update;
 
 /// A compute shader.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -138,6 +139,7 @@ mod tests {
     use naga::valid::{Capabilities, ValidationFlags, Validator};
 
     use super::*;
+    use crate::adapter::{STORAGE_BUFFERS, WORKGROUP_BYTES, WORKGROUP_THREADS};
 
     /// Every kernel, for every kind of colour model.
     fn all() -> Vec<KernelId> {
@@ -173,11 +175,6 @@ mod tests {
         kernels
     }
 
-    /// Bytes that an adapter has at least (WebGPU's default).
-    const WORKGROUP_BYTES: u32 = 16_384;
-    /// Storage buffers that a stage has at least.
-    const STORAGE_BUFFERS: usize = 8;
-
     #[test]
     fn every_shader_is_valid_without_any_optional_feature() {
         for kernel in all() {
@@ -190,16 +187,17 @@ mod tests {
             let mut layouter = naga::proc::Layouter::default();
             layouter.update(module.to_ctx()).unwrap();
             let (mut bytes, mut buffers) = (0, 0);
-            for (handle, variable) in module.global_variables.iter().filter(|(handle, _)| !entry[*handle].is_empty()) {
+            for (_, variable) in module.global_variables.iter().filter(|(handle, _)| !entry[*handle].is_empty()) {
                 match variable.space {
                     naga::AddressSpace::WorkGroup => bytes += layouter[variable.ty].size,
                     naga::AddressSpace::Storage { .. } => buffers += 1,
                     _ => {}
                 }
-                let _ = handle;
             }
             assert!(bytes <= WORKGROUP_BYTES, "{kernel:?} takes {bytes} bytes of workgroup memory");
             assert!(buffers <= STORAGE_BUFFERS, "{kernel:?} takes {buffers} storage buffers");
+            let threads = module.entry_points[index].workgroup_size.iter().product::<u32>();
+            assert!(threads <= WORKGROUP_THREADS, "{kernel:?} takes {threads} threads");
         }
     }
 }

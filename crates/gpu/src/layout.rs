@@ -3,13 +3,8 @@
 //! Constants of the method come from core; those of this engine stand here, once, and are put in front of every shader. Structures are
 //! compared with the shaders' by naga in this module's tests.
 
-use std::fmt::Write;
-
 use bytemuck::{Pod, Zeroable};
-use luxel_core::metrics::{SSIM_C1, SSIM_C2, SSIM_RADIUS, ssim_window};
-use luxel_core::{
-    ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON, Activation, ColorModel, DEAD_CHROMA_FLOOR, MAX_EXP_ARGUMENT, MIN_AREA_RATIO, SH_OFFSET, sh,
-};
+use luxel_core::ColorModel;
 
 /// Side of a tile, pixels: its pixels are a workgroup's threads.
 pub(crate) const TILE_PX: u32 = 16;
@@ -24,13 +19,13 @@ pub(crate) const DIGITS: u32 = 1 << DIGIT_BITS;
 /// Digits of a depth's key.
 pub(crate) const DEPTH_DIGITS: u32 = 3;
 /// Key of a splat that is not seen: behind all others.
-const CULLED_KEY: u32 = (1 << (DIGIT_BITS * DEPTH_DIGITS)) - 1;
+pub(crate) const CULLED_KEY: u32 = (1 << (DIGIT_BITS * DEPTH_DIGITS)) - 1;
 /// Entries of a splat that one thread sums.
-const GATHER_ALONE: u32 = 32;
+pub(crate) const GATHER_ALONE: u32 = 32;
 /// Workgroups along one dimension of a dispatch, at most: what every adapter allows.
 pub(crate) const MAX_GROUPS: u32 = 65_535;
 /// Enlarges footprints against rounding, pixels.
-const MARGIN_PX: f32 = 0.01;
+pub(crate) const MARGIN_PX: f32 = 0.01;
 
 /// [`CameraUniform::flags`].
 pub(crate) const FLAG_MIP: u32 = 1;
@@ -261,120 +256,6 @@ pub(crate) enum Update {
     OnlyGradients,
 }
 
-/// Constants in front of every shader.
-pub(crate) fn constants() -> String {
-    let mut text = String::new();
-    let integers = [
-        ("TILE_PX", TILE_PX),
-        ("TILE_PIXELS", TILE_PX * TILE_PX),
-        ("BUCKET", BUCKET),
-        ("SORT_BLOCK", SORT_BLOCK),
-        ("DIGITS", DIGITS),
-        ("CULLED_KEY", CULLED_KEY),
-        ("GATHER_ALONE", GATHER_ALONE),
-        ("MAX_GROUPS", MAX_GROUPS),
-        ("FLAG_MIP", FLAG_MIP),
-        ("FLAG_SMOOTHING", FLAG_SMOOTHING),
-        ("FLAG_MIN_CONTRIBUTION", FLAG_MIN_CONTRIBUTION),
-        ("FLAG_TRAINING", FLAG_TRAINING),
-        ("FLAG_ABSOLUTE", FLAG_ABSOLUTE),
-        ("SORT_ENTRIES", SORT_ENTRIES),
-        ("SORT_IDENTITY", SORT_IDENTITY),
-        ("HALT_NONE", HALT_NONE),
-        ("HALT_OVERFLOW", HALT_OVERFLOW),
-        ("HALT_NOT_FINITE", HALT_NOT_FINITE),
-        ("PLAN_KEEP_MOMENTS", PLAN_KEEP_MOMENTS),
-        ("PLAN_NEW_OPACITY", PLAN_NEW_OPACITY),
-        ("DENSIFY_CAP", DENSIFY_CAP),
-        ("DENSIFY_SMOOTHING", DENSIFY_SMOOTHING),
-        ("SSIM_RADIUS", SSIM_RADIUS as u32),
-        ("SSIM_TAPS", 2 * SSIM_RADIUS as u32 + 1),
-        ("ROW_POSITION", Rows::POSITION as u32),
-        ("ROW_ROTATION", Rows::ROTATION as u32),
-        ("ROW_LOG_SCALE", Rows::LOG_SCALE as u32),
-        ("ROW_OPACITY", Rows::OPACITY as u32),
-        ("ROW_SH", Rows::SH as u32),
-        ("ACTIVATION_SOFTPLUS", 0),
-        ("ACTIVATION_EXP", 1),
-        ("ACTIVATION_RELU", 2),
-    ];
-    for (name, value) in integers {
-        declare(&mut text, name, "u32", &format!("{value}u"));
-    }
-    let numbers = [
-        ("MARGIN_PX", MARGIN_PX),
-        ("MIN_AREA_RATIO", MIN_AREA_RATIO),
-        ("SQRT_HALF_LOG2_E", std::f32::consts::LOG2_E.sqrt() * std::f32::consts::FRAC_1_SQRT_2),
-        ("LOG2_E", std::f32::consts::LOG2_E),
-        ("TWO_LN_2", 2.0 * std::f32::consts::LN_2),
-        ("TAU", std::f32::consts::TAU),
-        ("MAX_EXP_ARGUMENT", MAX_EXP_ARGUMENT),
-        ("DEAD_CHROMA_FLOOR", DEAD_CHROMA_FLOOR),
-        ("SH_OFFSET", SH_OFFSET),
-        ("SSIM_C1", SSIM_C1 as f32),
-        ("SSIM_C2", SSIM_C2 as f32),
-        ("ADAM_BETA1", ADAM_BETA1),
-        ("ADAM_BETA2", ADAM_BETA2),
-        ("ADAM_EPSILON", ADAM_EPSILON),
-        ("SH_C0", sh::C0),
-        ("SH_C1", sh::C1),
-    ];
-    for (name, value) in numbers {
-        declare(&mut text, name, "f32", &number(value));
-    }
-    let window = ssim_window().map(|weight| weight as f32);
-    let tables: [(&str, &[f32]); 5] =
-        [("SSIM_WINDOW", &window), ("SH_C2", &sh::C2), ("SH_C3", &sh::C3), ("SH_C4", &sh::C4), ("SH_C5", &sh::C5)];
-    for (name, values) in tables {
-        let list: Vec<String> = values.iter().map(|v| number(*v)).collect();
-        let kind = format!("array<f32, {}>", values.len());
-        declare(&mut text, name, &kind, &format!("{kind}({})", list.join(", ")));
-    }
-    text
-}
-
-/// Constants that follow from the colour model.
-pub(crate) fn model_constants(model: ColorModel, update: Update) -> String {
-    let rows = Rows { color_model: model };
-    let (luminance_degree, activation) = match model {
-        ColorModel::Sh { .. } => (0, Activation::Softplus),
-        ColorModel::Lcd { luminance_degree, activation, .. } => (u32::from(luminance_degree), activation),
-    };
-    let activation = match activation {
-        Activation::Softplus => "ACTIVATION_SOFTPLUS",
-        Activation::Exp => "ACTIVATION_EXP",
-        Activation::Relu => "ACTIVATION_RELU",
-    };
-    let mut text = String::new();
-    let integers = [
-        ("SH_DEGREE", model.sh_degree() as u32),
-        ("LUMINANCE_DEGREE", luminance_degree),
-        ("MAX_MODEL_DEGREE", model.max_degree() as u32),
-        ("SH_COEFFICIENTS", model.sh_coefficients() as u32),
-        ("LUMINANCE_COEFFICIENTS", model.luminance_coefficients() as u32),
-        ("ROW_LUMINANCE", rows.luminance() as u32),
-        ("ROW_SMOOTHING", rows.parameters() as u32),
-        ("ROWS", rows.parameters() as u32),
-    ];
-    for (name, value) in integers {
-        declare(&mut text, name, "u32", &format!("{value}u"));
-    }
-    declare(&mut text, "ACTIVATION", "u32", activation);
-    declare(&mut text, "IS_LCD", "bool", &matches!(model, ColorModel::Lcd { .. }).to_string());
-    declare(&mut text, "ONLY_GRADIENTS", "bool", &(update == Update::OnlyGradients).to_string());
-    text
-}
-
-fn declare(text: &mut String, name: &str, kind: &str, value: &str) {
-    // Writing to a string does not fail.
-    let _ = writeln!(text, "const {name}: {kind} = {value};");
-}
-
-/// The shortest decimal that reads back as `value`.
-fn number(value: f32) -> String {
-    format!("{value:?}f")
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -491,13 +372,6 @@ mod tests {
             ("right_dy_px", std::mem::offset_of!(Footprint, right_dy_px)),
         ] {
             assert_eq!(offset(name), expected, "{name}");
-        }
-    }
-
-    #[test]
-    fn constants_read_back_to_the_bit() {
-        for value in [ADAM_EPSILON, sh::C0, MARGIN_PX, f32::MIN_POSITIVE, 1e30, -0.1] {
-            assert_eq!(number(value).trim_end_matches('f').parse::<f32>().unwrap().to_bits(), value.to_bits());
         }
     }
 }

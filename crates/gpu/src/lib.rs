@@ -4,7 +4,9 @@
 //! the parameters and the application of densification plans runs on the device; a step hands back 32 bytes and its timestamps, some steps
 //! later. Sums are made in fixed orders and no two threads add to one number, so equal inputs give equal bits on one adapter.
 
+mod adapter;
 mod commands;
+mod constants;
 mod densify;
 mod device;
 mod engine;
@@ -18,7 +20,8 @@ mod screen;
 mod step;
 mod targets;
 
-pub use device::{AdapterFacts, AdapterKind, DeviceChoice, Gpu, adapters};
+pub use adapter::{AdapterFacts, AdapterKind, DeviceChoice, adapters};
+pub use device::Gpu;
 pub use engine::{GpuEngine, Traffic};
 pub use inspect::ForwardPasses;
 pub use layout::Footprint;

@@ -1,4 +1,6 @@
-//! How far two results are apart, and how that is told.
+//! How far two results are apart, and how that is told: by failing, and in the parity table.
+
+use std::sync::{Mutex, PoisonError};
 
 /// Worst differences between two series.
 #[derive(Clone, Copy, Debug, Default)]
@@ -35,12 +37,34 @@ pub fn worst(found: &[f32], expected: &[f32]) -> Worst {
     out
 }
 
-/// Fails unless the worst difference is within `relative` of the series' largest value; prints a line for the parity table if asked to.
+/// Worst differences by row of the parity table, in the order of the tests.
+static TABLE: Mutex<Vec<(String, Worst)>> = Mutex::new(Vec::new());
+
+/// Takes a difference into the table; its row is what stands before the colon.
+fn note(what: &str, worst: Worst) {
+    let name = what.split(':').next().unwrap_or(what);
+    let mut table = TABLE.lock().unwrap_or_else(PoisonError::into_inner);
+    match table.iter_mut().find(|(row, _)| row == name) {
+        None => table.push((name.to_owned(), worst)),
+        Some((_, row)) => {
+            row.absolute = row.absolute.max(worst.absolute);
+            row.relative = row.relative.max(worst.relative);
+        }
+    }
+}
+
+/// The parity table of the tests that have run.
+pub fn print_table() {
+    println!("| pass | absolute, relative |\n|---|---|");
+    for (name, Worst { absolute, relative, .. }) in TABLE.lock().unwrap_or_else(PoisonError::into_inner).iter() {
+        println!("| {name} | {absolute:.1e}, {relative:.1e} |");
+    }
+}
+
+/// Fails unless the worst difference is within `relative` of the series' largest value.
 pub fn assert_close(what: &str, found: &[f32], expected: &[f32], relative: f64) {
     let worst = worst(found, expected);
-    if std::env::var("LUXEL_PARITY").is_ok_and(|v| v == "1") {
-        println!("parity {what}: absolute {:.2e} relative {:.2e}", worst.absolute, worst.relative);
-    }
+    note(what, worst);
     let Worst { absolute, relative: found_relative, at, values } = worst;
     assert!(
         found_relative <= relative,
@@ -56,9 +80,7 @@ pub fn assert_close_but_few(what: &str, found: &[f32], expected: &[f32], relativ
     let beyond =
         |limit: f64| found.iter().zip(expected).filter(|(a, b)| !((f64::from(**a) - f64::from(**b)).abs() <= limit * largest)).count();
     let worst = worst(found, expected);
-    if std::env::var("LUXEL_PARITY").is_ok_and(|v| v == "1") {
-        println!("parity {what}: absolute {:.2e} relative {:.2e} beyond {}", worst.absolute, worst.relative, beyond(relative));
-    }
+    note(what, worst);
     assert!(
         beyond(relative) <= most && beyond(band) == 0,
         "{what}: {} of {} beyond {relative:e}, worst {worst:?}",

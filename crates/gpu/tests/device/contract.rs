@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use luxel_core::{Antialias, Camera, Cutoffs, DensifyStats, Engine, EngineError, Moments, Splats, StatsCollection, StepConfig, View};
 use luxel_cpu::CpuEngine;
-use luxel_gpu::{Gpu, GpuEngine};
+use luxel_gpu::{DeviceChoice, Gpu, GpuEngine};
 
 use crate::Body;
 use crate::compare::{assert_close, assert_close_but_few};
@@ -26,6 +26,7 @@ pub const ALL: &[(&str, Body)] = &[
     ("a_step_is_one_submission_that_reads_little_back", a_step_is_one_submission_that_reads_little_back),
     ("contributions_match_the_cpu", contributions_match_the_cpu),
     ("bad_input_is_refused", bad_input_is_refused),
+    ("a_lost_device_is_an_error_with_a_remedy", a_lost_device_is_an_error_with_a_remedy),
 ];
 
 fn training(number: u32) -> StepConfig {
@@ -37,15 +38,21 @@ fn compare(gpu: &Arc<Gpu>, what: &str, scene: &Splats, camera: &Camera) {
     let (mut cpu, mut engine) = engines(gpu, scene);
     let render = options(Cutoffs::HDR, Antialias::Off);
     let [expected, found] = [cpu.render(camera, &render), engine.render(camera, &render)].map(|image| image.unwrap().pixels);
-    assert_close_but_few(&format!("{what}: image"), found.as_flattened(), expected.as_flattened(), 2e-5, (12, 4e-3));
+    assert_close_but_few(
+        &format!("crowded tiles and large splats, image: {what}"),
+        found.as_flattened(),
+        expected.as_flattened(),
+        2e-5,
+        (12, 4e-3),
+    );
     let view = view(camera, true, 4);
     let [expected, found] = [cpu.gradients(&view, &training(1)).unwrap(), engine.gradients(&view, &training(1)).unwrap()];
     assert_eq!(found.0.visible, expected.0.visible);
     for ((name, found), (_, expected)) in groups(&found.1).into_iter().zip(groups(&expected.1)) {
-        assert_close(&format!("{what}: gradient {name}"), found, expected, 2e-4);
+        assert_close(&format!("crowded tiles and large splats, gradients: {what} {name}"), found, expected, 2e-4);
     }
     let [expected, found] = [cpu.densify_stats().unwrap(), engine.densify_stats().unwrap()];
-    assert_close(&format!("{what}: absolute gradient"), &found.abs_gradient, &expected.abs_gradient, 2e-4);
+    assert_close(&format!("crowded tiles and large splats, statistics: {what}"), &found.abs_gradient, &expected.abs_gradient, 2e-4);
 }
 
 /// Several buckets and batches a tile.
@@ -142,7 +149,7 @@ fn too_small_buffers_do_not_show(gpu: &Arc<Gpu>) {
     let mut fresh = GpuEngine::new(gpu).unwrap();
     fresh.load(&scene, None).unwrap();
     let [expected, found] = [cpu.render(&camera, &render), fresh.render(&camera, &render)].map(|image| image.unwrap().pixels);
-    assert_close_but_few("grown image", found.as_flattened(), expected.as_flattened(), 2e-5, (60, 4e-3));
+    assert_close_but_few("grown buffers, image", found.as_flattened(), expected.as_flattened(), 2e-5, (60, 4e-3));
 }
 
 fn a_view_beyond_the_limits_is_refused_and_changes_nothing(gpu: &Arc<Gpu>) {
@@ -225,7 +232,7 @@ fn a_run_moves_between_the_engines(gpu: &Arc<Gpu>) {
     }
     let [expected, found] = [alone.save().unwrap().0, cpu.save().unwrap().0];
     for ((name, found), (_, expected)) in groups(&found).into_iter().zip(groups(&expected)) {
-        assert_close(&format!("to and fro: {name}"), found, expected, 1e-3);
+        assert_close(&format!("six steps to and fro between the engines: {name}"), found, expected, 1e-3);
     }
     assert_eq!(cpu.densify_stats().unwrap().views, alone.densify_stats().unwrap().views);
 }
@@ -302,4 +309,28 @@ fn contributions_match_the_cpu(gpu: &Arc<Gpu>) {
     let blended: f64 = found.blended.iter().map(|sum| f64::from(*sum)).sum();
     assert!((total - blended).abs() < 1e-4 * total, "{blended} {total}");
     assert!(engine.contributions(&camera, &render, &mask[1..]).unwrap_err().to_string().contains("mask holds"));
+}
+
+/// On a device of its own: the others still need theirs.
+fn a_lost_device_is_an_error_with_a_remedy(gpu: &Arc<Gpu>) {
+    let lost = Gpu::open(&DeviceChoice::Named(gpu.facts().name.clone())).unwrap();
+    let camera = camera(20, 20);
+    let mut engine = GpuEngine::new(&lost).unwrap();
+    let scene = splats(models()[0], 30, &camera, 1);
+    engine.load(&scene, None).unwrap();
+    let view = view(&camera, false, 1);
+    engine.train_step(&view, &training(1)).unwrap();
+    lost.lose();
+    let render = options(Cutoffs::HDR, Antialias::Off);
+    let errors = [
+        engine.train_step(&view, &training(2)).unwrap_err(),
+        engine.finish().map_or_else(|error| error, |()| engine.save().unwrap_err()),
+        engine.render(&camera, &render).unwrap_err(),
+        engine.load(&scene, None).unwrap_err(),
+        GpuEngine::new(&lost).err().unwrap(),
+    ];
+    for error in errors {
+        let told = matches!(&error, EngineError::Device(message) if message.contains("was lost") && message.contains("--resume"));
+        assert!(told, "{error}");
+    }
 }

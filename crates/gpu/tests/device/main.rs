@@ -1,7 +1,7 @@
 //! The GPU engine against the CPU's, pass by pass and end to end, on whatever adapter there is; software renderers too.
 //!
 //! Without an adapter the tests are reported as ignored; where `LUXEL_REQUIRE_GPU=1` that is a failure. `LUXEL_TEST_GPU` names another adapter
-//! than the best. They run one after the other: they share a device.
+//! than the best. They run one after the other: they share a device. `LUXEL_PARITY=1` prints the worst differences that they found.
 
 // A test binary has no outside to be reached from.
 #![allow(unreachable_pub)]
@@ -52,5 +52,9 @@ fn main() {
         }
         Err(error) => eprintln!("tests are ignored: {error}"),
     }
-    libtest_mimic::run(&arguments, trials).exit();
+    let conclusion = libtest_mimic::run(&arguments, trials);
+    if std::env::var("LUXEL_PARITY").is_ok_and(|v| v == "1") {
+        compare::print_table();
+    }
+    conclusion.exit();
 }

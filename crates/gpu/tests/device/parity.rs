@@ -60,7 +60,7 @@ fn gpu_images_match_cpu(gpu: &Arc<Gpu>) {
             let (mut cpu, mut engine) = engines(gpu, &scene);
             let options = options(cutoffs, antialias);
             let [expected, found] = [cpu.render(&camera, &options), engine.render(&camera, &options)].map(|image| image.unwrap().pixels);
-            let what = format!("image {} {antialias:?}", model.name());
+            let what = format!("rasterize, image: {} {antialias:?}", model.name());
             // A pixel at a splat's threshold may fall on either side; what jumps there is below the threshold's contribution.
             assert_close_but_few(&what, found.as_flattened(), expected.as_flattened(), 2e-5, (6, 4e-3));
         }
@@ -83,7 +83,7 @@ fn gpu_losses_match_cpu(gpu: &Arc<Gpu>) {
         for (name, found, expected) in
             [("loss", found.loss, expected.loss), ("l1", found.l1, expected.l1), ("ssim", found.ssim, expected.ssim)]
         {
-            assert_close(&format!("{name} {size:?}"), &[found], &[expected], 2e-5);
+            assert_close(&format!("loss, {name}: {size:?}"), &[found], &[expected], 2e-5);
         }
     }
 }
@@ -100,6 +100,11 @@ pub fn groups(splats: &Splats) -> [(&'static str, &[f32]); 6] {
     ]
 }
 
+/// The pass that ends with a parameter's gradient.
+fn differentiates(parameter: &str) -> &'static str {
+    if ["harmonics", "luminance"].contains(&parameter) { "color_backward" } else { "project_backward" }
+}
+
 fn gpu_gradients_match_cpu(gpu: &Arc<Gpu>) {
     let camera = camera(45, 38);
     for model in models() {
@@ -113,7 +118,7 @@ fn gpu_gradients_match_cpu(gpu: &Arc<Gpu>) {
             let step = train_step(StatsCollection::Off, cutoffs, antialias, 1);
             let [expected, found] = [cpu.gradients(&view, &step).unwrap().1, engine.gradients(&view, &step).unwrap().1];
             for ((name, found), (_, expected)) in groups(&found).into_iter().zip(groups(&expected)) {
-                assert_close(&format!("gradient {name} {} {antialias:?}", model.name()), found, expected, 1e-4);
+                assert_close(&format!("{}, {name}: {} {antialias:?}", differentiates(name), model.name()), found, expected, 1e-4);
             }
         }
     }
@@ -132,12 +137,12 @@ fn gpu_steps_match_cpu(gpu: &Arc<Gpu>) {
         }
         let [(expected, expected_moments), (found, found_moments)] = [cpu.save().unwrap(), engine.save().unwrap()];
         for ((name, found), (_, expected)) in groups(&found).into_iter().zip(groups(&expected)) {
-            assert_close(&format!("step {name} {}", model.name()), found, expected, 1e-3);
+            assert_close(&format!("adam, parameters after 4 steps: {name} {}", model.name()), found, expected, 1e-3);
         }
         let pairs = [("first", &found_moments.first, &expected_moments.first), ("second", &found_moments.second, &expected_moments.second)];
         for (which, found, expected) in pairs {
             for ((name, found), (_, expected)) in groups(found).into_iter().zip(groups(expected)) {
-                assert_close(&format!("{which} moment {name} {}", model.name()), found, expected, 1e-3);
+                assert_close(&format!("adam, {which} moments: {name} {}", model.name()), found, expected, 1e-3);
             }
         }
     }
@@ -156,8 +161,8 @@ fn gpu_statistics_match_cpu(gpu: &Arc<Gpu>) {
         }
         let [expected, found] = [cpu.densify_stats().unwrap(), engine.densify_stats().unwrap()];
         assert_eq!(found.views, expected.views);
-        assert_close("statistics: gradient", &found.gradient, &expected.gradient, 2e-4);
-        assert_close("statistics: absolute gradient", &found.abs_gradient, &expected.abs_gradient, 2e-4);
+        assert_close("project_backward, densification statistics: gradient", &found.gradient, &expected.gradient, 2e-4);
+        assert_close("project_backward, densification statistics: absolute gradient", &found.abs_gradient, &expected.abs_gradient, 2e-4);
         engine.set_densify_stats(&expected).unwrap();
         assert_eq!(engine.densify_stats().unwrap(), expected);
     }
@@ -177,7 +182,7 @@ fn gpu_noise_matches_cpu(gpu: &Arc<Gpu>) {
     cpu.train_step(&view, &step).unwrap();
     engine.train_step(&view, &step).unwrap();
     let [expected, found] = [cpu.save().unwrap().0, engine.save().unwrap().0];
-    assert_close("noise", found.position.as_flattened(), expected.position.as_flattened(), 2e-4);
+    assert_close("adam, noise", found.position.as_flattened(), expected.position.as_flattened(), 2e-4);
 }
 
 fn gpu_densification_matches_cpu(gpu: &Arc<Gpu>) {
@@ -209,7 +214,7 @@ fn gpu_densification_matches_cpu(gpu: &Arc<Gpu>) {
         assert_eq!(found.smoothing, expected.smoothing);
         assert_eq!(found_moments, expected_moments);
         for ((name, found), (_, expected)) in groups(&found).into_iter().zip(groups(&expected)) {
-            assert_close(&format!("densify {name}"), found, expected, 1e-6);
+            assert_close(&format!("densify: {name}"), found, expected, 1e-6);
         }
         assert_eq!(engine.densify_stats().unwrap(), cpu.densify_stats().unwrap());
     }
@@ -243,7 +248,7 @@ fn a_short_training_reaches_the_cpus_loss(gpu: &Arc<Gpu>) {
         if number % 20 == 0 {
             engine.finish().unwrap();
             let [expected, found] = [cpu.gradients(&view, &step).unwrap().0, engine.gradients(&view, &step).unwrap().0];
-            assert_close(&format!("loss after {number} steps"), &[found.loss], &[expected.loss], 0.01);
+            assert_close(&format!("60 steps of training, loss: after {number}"), &[found.loss], &[expected.loss], 0.01);
             last = [found.loss, expected.loss];
         }
         assert!(found.loss.is_finite());

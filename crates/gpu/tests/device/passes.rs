@@ -64,7 +64,7 @@ fn projected_splats_are_where_the_formula_says(gpu: &Arc<Gpu>) {
         expected.extend([mean.x / 90.0, mean.y / 90.0, scale * m, -scale * m * xy / yy, scale / yy.sqrt()].map(|v| v as f32));
     }
     assert!(found.len() > 5 * 100, "{} splats are seen", found.len() / 5);
-    assert_close("project", &found, &expected, 1e-5);
+    assert_close("project, centre and root of the covariance", &found, &expected, 1e-5);
 }
 
 fn colors_are_those_of_the_color_model(gpu: &Arc<Gpu>) {
@@ -84,7 +84,7 @@ fn colors_are_those_of_the_color_model(gpu: &Arc<Gpu>) {
             expected.extend(radiance.map(|v| v / largest));
         }
         assert!(found.len() > 100);
-        assert_close(&format!("color {}", model.name()), &found, &expected, 2e-5);
+        assert_close(&format!("color, radiance: {}", model.name()), &found, &expected, 2e-5);
     }
 }
 

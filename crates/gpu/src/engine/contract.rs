@@ -1,0 +1,136 @@
+//! What training asks of an engine, by [`GpuEngine`].
+
+use std::time::{Duration, Instant};
+
+use luxel_core::edit::Contributions;
+use luxel_core::{
+    Camera, DensifyPlan, DensifyStats, Engine, EngineError, Geometry, Image, Moments, Pass, RenderOptions, Splats, StepConfig, StepReport,
+    View,
+};
+
+use super::{GpuEngine, Work, check_view};
+use crate::densify;
+use crate::pending::LAG;
+use crate::scene::Scene;
+use crate::screen::check;
+
+impl Engine for GpuEngine {
+    fn load(&mut self, splats: &Splats, moments: Option<&Moments>) -> Result<(), EngineError> {
+        splats.validate()?;
+        if let Some(moments) = moments {
+            for part in [&moments.first, &moments.second] {
+                part.validate()?;
+                if part.len() != splats.len() || part.color_model != splats.color_model {
+                    return Err(EngineError::Invalid(format!(
+                        "moments are of {} {} splats, the scene has {} {}",
+                        part.len(),
+                        part.color_model.name(),
+                        splats.len(),
+                        splats.color_model.name()
+                    )));
+                }
+            }
+        }
+        self.settle_all()?;
+        // Memory for two scenes at a time is not needed here.
+        self.replace_scene(Scene::empty());
+        let scene = Scene::upload(&self.gpu, splats, moments, self.shard_len_of(splats.color_model))?;
+        self.replace_scene(scene);
+        (self.latest, self.diverged) = (None, None);
+        self.go_on();
+        Ok(())
+    }
+
+    fn save(&mut self) -> Result<(Splats, Moments), EngineError> {
+        self.settled()?;
+        let mut splats = self.scene.download(&self.gpu, |_, shard| &shard.parameters)?;
+        splats.smoothing = self.scene.smoothing(&self.gpu)?;
+        let first = self.scene.download(&self.gpu, |_, shard| &shard.first)?;
+        let second = self.scene.download(&self.gpu, |_, shard| &shard.second)?;
+        Ok((splats, Moments { first, second }))
+    }
+
+    fn render(&mut self, camera: &Camera, options: &RenderOptions) -> Result<Image, EngineError> {
+        check(camera)?;
+        self.settled()?;
+        self.run(&Work::Render { camera, options })?;
+        let [width, height] = camera.size_px.map(|side| side as usize);
+        let bytes = self.gpu.read(&self.frame.pixels.image, 12 * (width * height) as u64)?;
+        Ok(Image { width, height, pixels: bytemuck::pod_collect_to_vec(&bytes) })
+    }
+
+    fn contributions(&mut self, camera: &Camera, options: &RenderOptions, mask: &[f32]) -> Result<Contributions, EngineError> {
+        check(camera)?;
+        let pixels = camera.size_px[0] as usize * camera.size_px[1] as usize;
+        if mask.len() != pixels {
+            return Err(EngineError::Invalid(format!("mask holds {} pixels, the camera's image {pixels}", mask.len())));
+        }
+        self.settled()?;
+        let bytes = 16 * self.scene.count as u64;
+        let (mask, out) = (self.upload_mask(mask)?, self.gpu.storage("contributions", bytes)?);
+        self.run(&Work::Contributions { camera, options, mask: &mask, out: &out })?;
+        // The bindings would keep the buffers for good.
+        self.commands.forget();
+        let sums: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&self.gpu.read(&out, bytes)?);
+        let row = |k: usize| sums.iter().map(|sums| sums[k]).collect();
+        Ok(Contributions { masked: row(0), blended: row(1), unoccluded: row(2) })
+    }
+
+    fn train_step(&mut self, view: &View, step: &StepConfig) -> Result<StepReport, EngineError> {
+        check_view(view)?;
+        if let Some(report) = self.latest.filter(|_| self.diverged.is_some()) {
+            return Ok(report);
+        }
+        self.hand_in(view.clone(), *step)?;
+        self.gpu.poll()?;
+        while self.pending.front().is_some_and(|pending| pending.report.is_done()) || self.pending.len() > LAG {
+            self.settle()?;
+        }
+        while self.latest.is_none() && !self.pending.is_empty() {
+            self.settle()?;
+        }
+        self.latest.ok_or_else(|| EngineError::Device("gpu: a step left no report; go on with --resume".into()))
+    }
+
+    fn finish(&mut self) -> Result<(), EngineError> {
+        self.settle_all()
+    }
+
+    fn densify_stats(&mut self) -> Result<DensifyStats, EngineError> {
+        self.settled()?;
+        self.scene.stats(&self.gpu)
+    }
+
+    fn set_densify_stats(&mut self, stats: &DensifyStats) -> Result<(), EngineError> {
+        self.settle_all()?;
+        let count = self.scene.count;
+        if [stats.gradient.len(), stats.abs_gradient.len(), stats.views.len()] != [count; 3] {
+            return Err(EngineError::Invalid(format!("statistics of {} splats, the scene has {count}", stats.views.len())));
+        }
+        self.scene.set_stats(&self.gpu, stats)
+    }
+
+    fn geometry(&mut self) -> Result<Geometry, EngineError> {
+        self.settled()?;
+        self.scene.geometry(&self.gpu)
+    }
+
+    fn densify(&mut self, plan: &DensifyPlan) -> Result<(), EngineError> {
+        densify::check(plan, self.scene.count)?;
+        self.settled()?;
+        let start = Instant::now();
+        let shard_len = self.shard_len();
+        let scene = densify::apply(&self.gpu, &mut self.commands, &self.scene, plan, shard_len)?;
+        self.replace_scene(scene);
+        self.timings[Pass::Densify as usize].1 += start.elapsed();
+        Ok(())
+    }
+
+    fn len(&self) -> usize {
+        self.scene.count
+    }
+
+    fn timings(&self) -> &[(Pass, Duration)] {
+        &self.timings
+    }
+}
