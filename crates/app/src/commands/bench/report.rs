@@ -108,6 +108,9 @@ impl Report {
         for (name, Spread { median, min, q1, q3 }) in [("forward", self.forward_ms), ("step", self.step_ms)] {
             out += &format!("{name:<20} {median:>9.2} {min:>9.2} {q1:>9.2} {q3:>9.2}\n");
         }
+        if let Some(mean) = self.step_in_a_row_ms {
+            out += &format!("{:<20} {mean:>9.2} (mean)\n", "step in a row");
+        }
         for (pass, ms) in &self.passes_ms {
             out += &format!("  {:<18} {ms:>9.2}\n", pass.name());
         }

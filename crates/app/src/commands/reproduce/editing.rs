@@ -63,7 +63,7 @@ struct Engines {
 
 /// Edits and measures; `finished` are the cells that have scenes.
 pub(super) fn edit(matrix: &Matrix, finished: &[usize], device: &DeviceArgs, console: &Console) -> Result<Vec<Edited>> {
-    let mut engines = Engines { before: engine::engine(device)?.0, after: engine::engine(device)?.0 };
+    let mut engines = Engines { before: engine::engine(device)?.engine, after: engine::engine(device)?.engine };
     let mut edited = Vec::new();
     for source in 0..matrix.sources.len() {
         let candidates = candidates(matrix, finished, source, console)?;
