@@ -97,7 +97,9 @@ impl Gpu {
             ..Default::default()
         };
         let (device, queue) = ready(adapter.request_device(&descriptor)).map_err(|error| {
-            EngineError::Device(format!("gpu: {}: cannot be opened: {error}; update its driver, or use --device cpu", facts.name))
+            let reason = error.to_string();
+            let reason = reason.trim_end_matches('.');
+            EngineError::Device(format!("gpu: {}: cannot be opened: {reason}; update its driver, or use --device cpu", facts.name))
         })?;
         let fault = Arc::new(Mutex::new(None));
         let (of_error, of_loss, name) = (Arc::clone(&fault), Arc::clone(&fault), facts.name.clone());
