@@ -31,11 +31,11 @@ fn main() -> Result<(), Box<dyn Error>> {
     let apart = |values: &[f32], other: &[f32]| values.iter().zip(other).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
     println!("losses of single steps are at most {:.2e} apart", apart(&cpu, &gpu));
     println!("means of 10 steps are at most {:.2e} apart", apart(&means(&cpu), &means(&gpu)));
-    std::fs::write(drawing, svg(&[("cpu", "#c33", &means(&cpu)), ("gpu", "#36c", &means(&gpu))]))?;
+    std::fs::write(drawing, svg(steps, &[("cpu", "#c33", &means(&cpu)), ("gpu", "#36c", &means(&gpu))]))?;
     Ok(())
 }
 
-/// Losses of all steps.
+/// Losses of all steps; of an engine that works ahead, without the last.
 fn train(name: &str, dataset: &Dataset, iterations: u32, engine: Box<dyn Engine>) -> Result<Vec<f32>, Box<dyn Error>> {
     let config = TrainConfig { iterations, ..TrainConfig::default() };
     let mut trainer = Trainer::new(dataset, config, engine)?;
@@ -64,7 +64,7 @@ const HEIGHT: f32 = 320.0;
 const MARGIN: f32 = 48.0;
 
 /// Curves over each other: the first broad and light, the second fine, so that both are seen where they agree.
-fn svg(curves: &[(&str, &str, &[f32])]) -> String {
+fn svg(steps: u32, curves: &[(&str, &str, &[f32])]) -> String {
     let values = curves.iter().flat_map(|(_, _, values)| values.iter());
     let top = values.fold(f32::MIN_POSITIVE, |top, value| top.max(*value)) * 1.05;
     let mut out = format!(
@@ -74,15 +74,20 @@ fn svg(curves: &[(&str, &str, &[f32])]) -> String {
     out += &format!(
         "<rect width=\"{WIDTH}\" height=\"{HEIGHT}\" fill=\"#fff\"/>\n<path d=\"M{left} 12V{bottom}H{right}\" fill=\"none\" stroke=\"#888\"/>\n"
     );
-    for part in 0..=4 {
-        let value = top * part as f32 / 4.0;
-        let y = bottom - (bottom - 12.0) * part as f32 / 4.0;
-        out += &format!("<text x=\"{}\" y=\"{:.1}\" text-anchor=\"end\">{value:.3}</text>\n", left - 6.0, y + 4.0);
+    for value in ticks(top) {
+        let y = bottom - (bottom - 12.0) * value / top;
+        out += &format!("<path d=\"M{left} {y:.1}H{right}\" stroke=\"#eee\"/>\n");
+        out += &format!("<text x=\"{}\" y=\"{:.1}\" text-anchor=\"end\">{value}</text>\n", left - 6.0, y + 4.0);
+    }
+    let steps = steps as f32;
+    for step in ticks(steps) {
+        let x = left + (right - left) * step / steps;
+        out += &format!("<text x=\"{x:.1}\" y=\"{}\" text-anchor=\"middle\">{step}</text>\n", bottom + 16.0);
     }
     for (n, (name, color, values)) in curves.iter().enumerate() {
         let mut path = String::new();
         for (i, value) in values.iter().enumerate() {
-            let x = left + (right - left) * (i as f32 + 0.5) / values.len() as f32;
+            let x = left + (right - left) * (10.0 * i as f32 + 5.0) / steps;
             let y = bottom - (bottom - 12.0) * value / top;
             // Writing to a string does not fail.
             let _ = write!(path, "{}{x:.1} {y:.2}", if i == 0 { "M" } else { "L" });
@@ -93,11 +98,17 @@ fn svg(curves: &[(&str, &str, &[f32])]) -> String {
         out += &format!("<path d=\"{path}\" {style}/>\n");
         out += &format!("<text x=\"{}\" y=\"{}\" fill=\"{color}\">{name}</text>\n", right - 60.0, 28.0 + 16.0 * n as f32);
     }
-    let steps = curves.first().map_or(0, |(_, _, values)| 10 * values.len());
     out += &format!(
-        "<text x=\"{}\" y=\"{}\" text-anchor=\"middle\">loss, means of 10 of {steps} steps</text>\n</svg>\n",
+        "<text x=\"{}\" y=\"{}\" text-anchor=\"middle\">loss over steps, means of ten</text>\n</svg>\n",
         (left + right) / 2.0,
-        HEIGHT - 16.0
+        HEIGHT - 10.0
     );
     out
+}
+
+/// Round numbers from 0 up to `top`, five or fewer.
+fn ticks(top: f32) -> impl Iterator<Item = f32> {
+    let power = 10f32.powf((top / 4.0).log10().floor());
+    let step = [1.0, 2.0, 5.0].into_iter().map(|k| k * power).find(|step| *step >= top / 4.0).unwrap_or(10.0 * power);
+    (0..5).map(move |n| n as f32 * step).take_while(move |value| *value <= top)
 }

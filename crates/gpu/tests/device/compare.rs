@@ -77,8 +77,11 @@ pub fn assert_close(what: &str, found: &[f32], expected: &[f32], relative: f64) 
 /// Fails unless all but `most` values are within `relative` of the largest, and those within `band`: for what jumps at thresholds.
 pub fn assert_close_but_few(what: &str, found: &[f32], expected: &[f32], relative: f64, (most, band): (usize, f64)) {
     let largest = expected.iter().fold(f64::MIN_POSITIVE, |m, v| m.max(f64::from(v.abs())));
-    let beyond =
-        |limit: f64| found.iter().zip(expected).filter(|(a, b)| !((f64::from(**a) - f64::from(**b)).abs() <= limit * largest)).count();
+    let is_beyond = |(a, b): (&f32, &f32), limit: f64| {
+        let difference = (f64::from(*a) - f64::from(*b)).abs();
+        difference.is_nan() || difference > limit * largest
+    };
+    let beyond = |limit: f64| found.iter().zip(expected).filter(|pair| is_beyond(*pair, limit)).count();
     let worst = worst(found, expected);
     note(what, worst);
     assert!(
