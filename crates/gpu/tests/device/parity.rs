@@ -16,6 +16,7 @@ pub const ALL: &[(&str, Body)] = &[
     ("gpu_images_match_cpu", gpu_images_match_cpu),
     ("gpu_losses_match_cpu", gpu_losses_match_cpu),
     ("gpu_gradients_match_cpu", gpu_gradients_match_cpu),
+    ("harmonics_above_the_active_degree_take_no_part", harmonics_above_the_active_degree_take_no_part),
     ("gpu_steps_match_cpu", gpu_steps_match_cpu),
     ("gpu_statistics_match_cpu", gpu_statistics_match_cpu),
     ("gpu_noise_matches_cpu", gpu_noise_matches_cpu),
@@ -119,6 +120,27 @@ fn gpu_gradients_match_cpu(gpu: &Arc<Gpu>) {
             let [expected, found] = [cpu.gradients(&view, &step).unwrap().1, engine.gradients(&view, &step).unwrap().1];
             for ((name, found), (_, expected)) in groups(&found).into_iter().zip(groups(&expected)) {
                 assert_close(&format!("{}, {name}: {} {antialias:?}", differentiates(name), model.name()), found, expected, 1e-4);
+            }
+        }
+    }
+}
+
+/// As training has it until all degrees are switched on.
+fn harmonics_above_the_active_degree_take_no_part(gpu: &Arc<Gpu>) {
+    let camera = camera(45, 38);
+    for model in [models()[1], models()[4]] {
+        let (mut cpu, mut engine) = engines(gpu, &splats(model, 60, &camera, 6));
+        let view = view(&camera, false, 4);
+        for active_degree in 0..=2 {
+            let mut step = train_step(StatsCollection::Off, Cutoffs::HDR, Antialias::Off, 1);
+            step.render.active_degree = active_degree;
+            let what = format!("{} up to degree {active_degree}", model.name());
+            let [expected, found] =
+                [cpu.render(&camera, &step.render), engine.render(&camera, &step.render)].map(|image| image.unwrap().pixels);
+            assert_close_but_few(&format!("rasterize, image: {what}"), found.as_flattened(), expected.as_flattened(), 2e-5, (6, 4e-3));
+            let [expected, found] = [cpu.gradients(&view, &step).unwrap().1, engine.gradients(&view, &step).unwrap().1];
+            for ((name, found), (_, expected)) in groups(&found).into_iter().zip(groups(&expected)) {
+                assert_close(&format!("{}, {name}: {what}", differentiates(name)), found, expected, 1e-4);
             }
         }
     }
