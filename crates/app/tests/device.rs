@@ -20,7 +20,7 @@ const PARTS: [&str; 3] = ["20", "30", "40"];
 
 /// Trains `run` in parts, each on the device of its own.
 fn train_in_parts(place: &Workplace, run: &str, devices: [&str; 3]) {
-    place.train(run, &["--iterations", PARTS[0], "--device", devices[0]]);
+    place.ok(&["train", "data", "-o", run, "--init-points", "300", "--threads", "2", "--iterations", PARTS[0], "--device", devices[0]]);
     for (part, device) in PARTS.into_iter().zip(devices).skip(1) {
         place.ok(&["train", "--resume", "-o", run, "--iterations", part, "--device", device]);
     }
