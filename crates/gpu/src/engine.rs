@@ -92,12 +92,14 @@ impl GpuEngine {
         &self.gpu
     }
 
-    /// Holds the engine to bindings of `bytes`, as on a lesser adapter. For tests; counts from the next [`Engine::load`] on.
+    /// Holds the engine to bindings of `bytes`, as on a lesser adapter. For tests; counts from the next
+    /// [`load`](luxel_core::Engine::load) on.
     pub fn limit_bindings(&mut self, bytes: u64) {
         self.binding_bytes = bytes.min(self.gpu.binding_bytes);
     }
 
-    /// Holds shards to `splats` splats, as if bindings ended there. For tests; counts from the next [`Engine::load`] on.
+    /// Holds shards to `splats` splats, as if bindings ended there. For tests; counts from the next
+    /// [`load`](luxel_core::Engine::load) on.
     pub fn split_shards(&mut self, splats: usize) {
         self.shard_limit = splats.max(1);
     }
@@ -116,7 +118,7 @@ impl GpuEngine {
     /// splats; `smoothing` is empty.
     ///
     /// # Errors
-    /// As [`Engine::train_step`].
+    /// As [`train_step`](luxel_core::Engine::train_step).
     pub fn gradients(&mut self, view: &View, step: &StepConfig) -> Result<(StepReport, Splats), EngineError> {
         self.settled()?;
         check_view(view)?;

@@ -177,7 +177,8 @@ impl Frame {
         })
     }
 
-    /// Grows what is too small, with at most `most_entries` entries; tells whether anything was. Nothing in use is touched: the device goes on with the old buffers until it is done.
+    /// Grows what is too small, with at most `most_entries` entries; tells whether anything was. Nothing in use is touched: the device goes
+    /// on with the old buffers until it is done.
     pub(crate) fn ensure(&mut self, gpu: &Gpu, wanted: Sizes, most_entries: u64) -> Result<bool, EngineError> {
         let have = self.sizes;
         let sizes = Sizes {
