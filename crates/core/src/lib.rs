@@ -4,6 +4,7 @@
 
 mod camera;
 mod color;
+mod colorspace;
 mod dataset;
 pub mod edit;
 mod engine;
@@ -15,12 +16,14 @@ mod real;
 mod recolor;
 mod scene;
 pub mod sh;
+mod similarity;
 mod splats;
 pub mod synthetic;
 pub mod tone;
 
 pub use camera::{Camera, CameraError, Distortion, MAX_SIDE_PX};
 pub use color::{Activation, ColorBasis, ColorModel, DEAD_CHROMA_FLOOR, MAX_EXP_ARGUMENT, SH_OFFSET};
+pub use colorspace::{Chromaticities, ColorSpace, Conversion};
 pub use dataset::{BadPixels, Dataset, Mask, Observation, Point, View};
 pub use edit::{Edit, EditError, Map, MapChain, Selection};
 pub use engine::{
@@ -32,4 +35,5 @@ pub use image::{Image, luminance_rec709, luminance_sum};
 pub use order::spatial_order;
 pub use real::Real;
 pub use scene::{Scene, Snapshot};
-pub use splats::{ColorSpace, Moments, Splat, Splats, SplatsError, logit, sigmoid};
+pub use similarity::{BandRotation, Similarity};
+pub use splats::{Moments, Splat, Splats, SplatsError, logit, sigmoid};

@@ -1,7 +1,5 @@
 //! A scene: N Gaussian primitives as a structure of arrays.
 
-use serde::{Deserialize, Serialize};
-
 use crate::ColorModel;
 
 /// N primitives. All arrays are splat-major and hold exactly N entries of their shape.
@@ -239,33 +237,4 @@ pub fn sigmoid(x: f32) -> f32 {
 pub fn logit(p: f32) -> f32 {
     let p = p.clamp(1e-6, 1.0 - 1e-6);
     (p / (1.0 - p)).ln()
-}
-
-/// Colour space of scene-linear RGB.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum ColorSpace {
-    /// Linear light, Rec.709 primaries, D65.
-    #[default]
-    LinearRec709,
-    /// Linear light, AP1 primaries, ACES white.
-    AcesCg,
-}
-
-impl ColorSpace {
-    /// Name as written in files.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::LinearRec709 => "linear-rec709",
-            Self::AcesCg => "acescg",
-        }
-    }
-
-    /// CIE xy of red, green, blue and white.
-    pub fn chromaticities(self) -> [[f32; 2]; 4] {
-        match self {
-            Self::LinearRec709 => [[0.64, 0.33], [0.30, 0.60], [0.15, 0.06], [0.3127, 0.3290]],
-            Self::AcesCg => [[0.713, 0.293], [0.165, 0.830], [0.128, 0.044], [0.32168, 0.33767]],
-        }
-    }
 }

@@ -215,9 +215,7 @@ fn read<R: Read>(path: &Path, mut reader: R, length: u64) -> Result<Snapshot, Io
     if !model.is_valid() {
         return Err(wrong("color_model", "degrees in range"));
     }
-    let spaces = [ColorSpace::LinearRec709, ColorSpace::AcesCg];
-    let space = value("color_space")?;
-    let color_space = spaces.into_iter().find(|s| s.name() == space).ok_or_else(|| wrong("color_space", "linear-rec709 or acescg"))?;
+    let color_space = ColorSpace::from_name(value("color_space")?).ok_or_else(|| wrong("color_space", ColorSpace::NAMES))?;
     let scale = value("radiance_scale")?.parse().ok().filter(|s: &f32| s.is_finite() && *s > 0.0);
     let radiance_scale = scale.ok_or_else(|| wrong("radiance_scale", "a positive number"))?;
     let raster: RasterConfig = serde_json::from_str(value("raster")?).map_err(|_| wrong("raster", "cut-offs and antialias"))?;

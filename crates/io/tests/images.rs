@@ -231,17 +231,17 @@ fn exr_chromaticities_are_honoured() {
         file.attributes.chromaticities = Some(attribute::Chromaticities { red, green, blue, white });
         decode(&exr_bytes(&file), &UNSAID)
     };
-    for space in [ColorSpace::LinearRec709, ColorSpace::AcesCg] {
+    for space in ColorSpace::ALL {
         let decoded = read(space.chromaticities()).unwrap();
         assert_eq!((decoded.color_space, decoded.image == image, decoded.warnings.len()), (Some(space), true, 0));
         assert_eq!(decoded.chromaticities, Some(space.chromaticities()));
     }
-    let rec2020 = [[0.708, 0.292], [0.170, 0.797], [0.131, 0.046], [0.3127, 0.3290]];
-    let decoded = read(rec2020).unwrap();
-    assert_eq!((decoded.color_space, decoded.chromaticities), (Some(ColorSpace::LinearRec709), Some(rec2020)));
+    // Adobe RGB: the IEC 61966-2-5 matrix to XYZ, and that of Rec.709 back: 1.3983 R - 0.3983 G.
+    let adobe = [[0.64, 0.33], [0.21, 0.71], [0.15, 0.06], [0.3127, 0.3290]];
+    let decoded = read(adobe).unwrap();
+    assert_eq!((decoded.color_space, decoded.chromaticities), (Some(ColorSpace::LinearRec709), Some(adobe)));
     assert!(decoded.warnings[0].contains("converted to linear Rec.709"), "{:?}", decoded.warnings);
-    // ITU-R BT.2087: 1.6605 R - 0.5876 G - 0.0728 B.
-    let red = 1.6605 * 0.5 - 0.5876 * 0.25 - 0.0728 * 2.0;
+    let red = 1.3983 * 0.5 - 0.3983 * 0.25;
     assert!((decoded.image.pixels[0][0] - red).abs() < 1e-3, "{}", decoded.image.pixels[0][0]);
     assert!(read([[0.0; 2]; 4]).unwrap_err().message.contains("not a colour space"));
 }
@@ -450,7 +450,7 @@ fn png_transfer_is_said_or_read_but_not_guessed() {
     assert!((middle(&gamma(100_000), &SRGB) - srgb).abs() < 1e-6);
     assert!(decode(&with_chunk(&png, b"cICP", &[9, 16, 0, 1]), &UNSAID).unwrap_err().message.contains("--transfer"));
     let decoded = decode(&with_chunk(&png, b"cICP", &[12, 8, 0, 1]), &UNSAID).unwrap();
-    assert!(decoded.warnings.iter().any(|w| w.contains("converted to linear Rec.709")), "{:?}", decoded.warnings);
+    assert_eq!(decoded.color_space, Some(ColorSpace::LinearDisplayP3));
 }
 
 #[test]

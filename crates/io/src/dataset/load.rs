@@ -1,10 +1,11 @@
 //! One view: file -> linear radiance, bad pixels masked, undistorted, reduced.
 
-use luxel_core::{BadPixels, Camera, ColorSpace, Image, Mask, View};
+use luxel_core::{BadPixels, Camera, ColorSpace, Conversion, Image, Mask, View};
 
 use super::LoadOptions;
 use super::source::Frame;
 use crate::IoError;
+use crate::image::colorimetry::convert;
 use crate::image::{DecodedImage, ReadOptions, SampleDepth, decode_image, downscale, downscale_masked, undistort};
 use crate::regular::read_file;
 
@@ -16,7 +17,7 @@ pub(super) struct LoadedView {
     pub(super) photographed: Camera,
     /// Present if any pixel is masked for its value.
     pub(super) bad: Option<BadPixels>,
-    /// As the file states it.
+    /// As the file states it, or as it was converted to.
     pub(super) color_space: Option<ColorSpace>,
     /// Of this image, without its name.
     pub(super) warnings: Vec<String>,
@@ -30,6 +31,7 @@ pub(super) fn load_view(frame: &Frame, options: &LoadOptions) -> Result<LoadedVi
     let mut decoded = decode_image(&frame.image, &bytes, &ReadOptions { transfer: options.transfer })?;
     drop(bytes);
     composite_over_black(&mut decoded);
+    let color_space = settle_working_space(&mut decoded);
     let mut image = decoded.image;
     let side = |v: usize| u32::try_from(v).unwrap_or(u32::MAX);
     let photographed =
@@ -62,7 +64,7 @@ pub(super) fn load_view(frame: &Frame, options: &LoadOptions) -> Result<LoadedVi
         view: View { name: frame.name.clone(), camera, image: std::sync::Arc::new(image), mask },
         photographed,
         bad,
-        color_space: decoded.color_space,
+        color_space,
         warnings: decoded.warnings,
         digest,
     })
@@ -77,6 +79,19 @@ fn composite_over_black(decoded: &mut DecodedImage) {
     for (pixel, alpha) in decoded.image.pixels.iter_mut().zip(alpha) {
         *pixel = pixel.map(|v| v * alpha);
     }
+}
+
+/// The space that a scene is trained in: linear Rec.709 and ACEScg stay, other spaces that the file states are converted to linear Rec.709.
+/// A wider space for its own sake costs quality: chromaticities crowd in the middle of it.
+fn settle_working_space(decoded: &mut DecodedImage) -> Option<ColorSpace> {
+    let stated = decoded.color_space?;
+    if matches!(stated, ColorSpace::LinearRec709 | ColorSpace::AcesCg) {
+        return Some(stated);
+    }
+    let working = ColorSpace::LinearRec709;
+    convert(&mut decoded.image, &Conversion::between(stated, working));
+    decoded.warnings.push(format!("colours converted to linear Rec.709 from {}", stated.name()));
+    Some(working)
 }
 
 /// Sets pixels that are no radiance to 0 and masks them. `None` where there are none.

@@ -10,7 +10,7 @@
 //! A damaged file is an error, also where a decoder would panic or where its header claims more pixels than a file of its length
 //! can hold.
 
-mod colorimetry;
+pub(crate) mod colorimetry;
 mod guard;
 mod jpeg;
 mod npy;

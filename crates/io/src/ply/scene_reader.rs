@@ -197,8 +197,7 @@ impl<'h> Comments<'h> {
                 format!("scene format version {version}, expected {FORMAT_VERSION}; use the release of luxel that wrote the file");
             return Err(CommentError::Unsupported(message));
         }
-        let spaces = [ColorSpace::LinearRec709, ColorSpace::AcesCg];
-        let color_space = self.parse("color_space", "linear-rec709 or acescg", |v| spaces.into_iter().find(|s| s.name() == v))?;
+        let color_space = self.parse("color_space", ColorSpace::NAMES, ColorSpace::from_name)?;
         let model_of = |v: &str| serde_json::from_str::<ColorModel>(v).ok().filter(|m| m.is_valid());
         let color_model = self.parse("color_model", "a colour model with degrees in range", model_of)?;
         let scale_of = |v: &str| v.parse().ok().filter(|s: &f32| s.is_finite() && *s > 0.0);

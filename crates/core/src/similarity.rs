@@ -1,0 +1,230 @@
+//! Turning, scaling and moving a scene as a whole: a similarity of the world, and what it does to splats and cameras.
+//!
+//! In: [`Splats`] or a [`Camera`], in place. Out: the same in the new world. Position p' = s R p + t; rotation q' = q_R q; standard deviations
+//! and the 3D filter times s; harmonics are turned band by band, so that a splat seen from the turned direction has the colour it had
+//! ([`BandRotation`]). Turns by quarters about an axis keep positions to the bit.
+//!
+//! Degenerate: a matrix that is no rotation is refused by [`Similarity::new`].
+
+use glam::{DAffine3, DMat3, DQuat, DVec3};
+
+use crate::sh::{self, MAX_COEFFICIENTS};
+use crate::{Camera, ColorModel, Splats};
+
+/// p' = scale rotation p + translation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Similarity {
+    rotation: DMat3,
+    scale: f64,
+    translation: DVec3,
+}
+
+impl Similarity {
+    /// Nothing changes.
+    pub const IDENTITY: Self = Self { rotation: DMat3::IDENTITY, scale: 1.0, translation: DVec3::ZERO };
+
+    /// `None` if `rotation` is not one to 1e-5, `scale` is not positive or anything is not finite.
+    pub fn new(rotation: DMat3, scale: f64, translation: DVec3) -> Option<Self> {
+        let is_rotation = (rotation * rotation.transpose()).abs_diff_eq(DMat3::IDENTITY, 1e-5) && rotation.determinant() > 0.0;
+        let is_usable = is_rotation && scale.is_normal() && scale > 0.0 && translation.is_finite();
+        is_usable.then_some(Self { rotation, scale, translation })
+    }
+
+    /// A turn.
+    pub fn turn(rotation: DMat3) -> Option<Self> {
+        Self::new(rotation, 1.0, DVec3::ZERO)
+    }
+
+    /// The rotation's matrix.
+    pub fn rotation(&self) -> DMat3 {
+        self.rotation
+    }
+
+    /// The factor of lengths.
+    pub fn scale(&self) -> f64 {
+        self.scale
+    }
+
+    /// Whether nothing changes.
+    pub fn is_identity(&self) -> bool {
+        *self == Self::IDENTITY
+    }
+
+    /// What undoes it.
+    pub fn inverse(&self) -> Self {
+        let rotation = self.rotation.transpose();
+        let scale = 1.0 / self.scale;
+        Self { rotation, scale, translation: -(scale * (rotation * self.translation)) }
+    }
+
+    /// A point in the new world.
+    pub fn point(&self, p: DVec3) -> DVec3 {
+        self.scale * (self.rotation * p) + self.translation
+    }
+
+    /// Moves a camera so that it sees in the new world what it saw in the old one, depths times the scale.
+    pub fn apply_to_camera(&self, camera: &mut Camera) {
+        let pose = camera.camera_from_world;
+        let matrix3 = pose.matrix3 * self.rotation.transpose();
+        let eye = self.point(-(pose.matrix3.transpose() * pose.translation));
+        camera.camera_from_world = DAffine3 { matrix3, translation: -(matrix3 * eye) };
+    }
+
+    /// Moves splats.
+    pub fn apply(&self, splats: &mut Splats) {
+        if self.is_identity() {
+            return;
+        }
+        for position in &mut splats.position {
+            *position = self.point(DVec3::from_array(position.map(f64::from))).to_array().map(|v| v as f32);
+        }
+        let log = self.scale.ln() as f32;
+        splats.log_scale.as_flattened_mut().iter_mut().for_each(|s| *s += log);
+        splats.smoothing.iter_mut().for_each(|s| *s = (f64::from(*s) * self.scale) as f32);
+        if self.rotation == DMat3::IDENTITY {
+            return;
+        }
+        let turn = DQuat::from_mat3(&self.rotation);
+        for rotation in &mut splats.rotation {
+            let [w, x, y, z] = rotation.map(f64::from);
+            let q = turn * DQuat::from_xyzw(x, y, z, w);
+            *rotation = [q.w, q.x, q.y, q.z].map(|v| v as f32);
+        }
+        let model = splats.color_model;
+        let bands = BandRotation::new(model.max_degree(), self.rotation);
+        let k = model.sh_coefficients();
+        splats.sh.chunks_exact_mut(3 * k).for_each(|sh| bands.apply(sh, 3, model.sh_degree()));
+        if let ColorModel::Lcd { luminance_degree, .. } = model {
+            let m = model.luminance_coefficients();
+            splats.raw_luminance.chunks_exact_mut(m).for_each(|raw| bands.apply(raw, 1, luminance_degree.into()));
+        }
+    }
+}
+
+/// Matrices that turn the harmonics of each band: f'(v) = f(R^T v) for f = sum k_m Y_m.
+///
+/// By least squares over fixed directions: a band is closed under rotations, so that the fit is exact, and the signs and order of the basis
+/// need not be written down a second time.
+pub struct BandRotation {
+    /// `[2 l + 1]` squared, row by row, for each band from 1 on.
+    bands: Vec<Vec<f64>>,
+}
+
+/// Over four times the harmonics of any one band.
+const DIRECTIONS: usize = 64;
+
+impl BandRotation {
+    /// Up to `degree`.
+    pub fn new(degree: usize, rotation: DMat3) -> Self {
+        let inverse = rotation.transpose();
+        let values = |v: DVec3| {
+            let mut y = [0f64; MAX_COEFFICIENTS];
+            sh::basis(degree, v.to_array(), &mut y);
+            y
+        };
+        let directions: Vec<DVec3> = sh::lattice(DIRECTIONS).into_iter().map(|v| DVec3::from_array(v.map(f64::from)).normalize()).collect();
+        let pairs: Vec<_> = directions.into_iter().map(|v| [v, inverse * v].map(values)).collect();
+        Self { bands: (1..=degree).map(|band| fit_band(band, &pairs)).collect() }
+    }
+
+    /// Turns harmonics `[K, width]` of `degree`; the constant term stays.
+    pub fn apply(&self, coefficients: &mut [f32], width: usize, degree: usize) {
+        for (band, matrix) in (1..=degree).zip(&self.bands) {
+            let size = 2 * band + 1;
+            let start = width * sh::coefficients(band - 1);
+            let Some(part) = coefficients.get_mut(start..start + width * size) else { return };
+            for channel in 0..width {
+                let mut turned = [0f64; 2 * sh::MAX_DEGREE + 1];
+                for (sum, row) in turned.iter_mut().zip(matrix.chunks_exact(size)) {
+                    *sum = row.iter().zip(part.iter().skip(channel).step_by(width)).map(|(d, k)| d * f64::from(*k)).sum();
+                }
+                part.iter_mut().skip(channel).step_by(width).zip(turned).for_each(|(k, sum)| *k = sum as f32);
+            }
+        }
+    }
+}
+
+/// (B^T B)^-1 B^T C of the basis values B at the directions and C at the turned back ones, by Gauss-Jordan elimination; B^T B is nearly a
+/// multiple of the identity, as the directions are nearly even, and needs no pivoting.
+fn fit_band(band: usize, pairs: &[[[f64; MAX_COEFFICIENTS]; 2]]) -> Vec<f64> {
+    let (first, size) = (sh::coefficients(band - 1), 2 * band + 1);
+    let sum = |i: usize, j: usize, of: usize| pairs.iter().map(|pair| pair[0][first + i] * pair[of][first + j]).sum::<f64>();
+    // Rows of [B^T B | B^T C].
+    let row = |i: usize| (0..size).map(|j| sum(i, j, 0)).chain((0..size).map(|j| sum(i, j, 1))).collect();
+    let mut rows: Vec<Vec<f64>> = (0..size).map(row).collect();
+    for pivot in 0..size {
+        let inverse = 1.0 / rows[pivot][pivot];
+        rows[pivot].iter_mut().for_each(|v| *v *= inverse);
+        let pivot_row = rows[pivot].clone();
+        for (i, row) in rows.iter_mut().enumerate().filter(|(i, _)| *i != pivot) {
+            debug_assert_ne!(i, pivot);
+            let factor = row[pivot];
+            row.iter_mut().zip(&pivot_row).for_each(|(v, p)| *v -= factor * p);
+        }
+    }
+    rows.into_iter().flat_map(|row| row.into_iter().skip(size)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Activation, synthetic};
+
+    fn some_turn() -> DMat3 {
+        DMat3::from_quat(DQuat::from_xyzw(0.3, -0.5, 0.2, 0.7).normalize())
+    }
+
+    #[test]
+    fn a_turned_splat_has_its_colour_in_the_turned_direction() {
+        let lcd = ColorModel::Lcd { chroma_degree: 3, luminance_degree: 2, activation: Activation::Exp };
+        for model in [ColorModel::Sh { degree: 3 }, ColorModel::Sh { degree: 5 }, lcd] {
+            let mut before = synthetic::room(20, 2).with_color_model(model).unwrap();
+            before.raw_luminance.iter_mut().enumerate().for_each(|(i, l)| *l += 0.1 * (i as f32).sin());
+            let mut after = before.clone();
+            let turn = Similarity::turn(some_turn()).unwrap();
+            turn.apply(&mut after);
+            after.validate().unwrap();
+            for i in 0..before.len() {
+                for v in [DVec3::X, DVec3::new(0.0, 0.6, 0.8), DVec3::new(-0.48, 0.64, -0.6)] {
+                    let (a, b) = (before.radiance(i, v.to_array().map(|c| c as f32)), turn.rotation * v);
+                    let b = after.radiance(i, b.to_array().map(|c| c as f32));
+                    assert!((0..3).all(|c| (a[c] - b[c]).abs() < 1e-5 * (1.0 + a[c])), "{}: {a:?} {b:?}", model.name());
+                }
+            }
+            turn.inverse().apply(&mut after);
+            let error = after.sh.iter().zip(&before.sh).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+            assert!(error < 1e-5, "{error}");
+        }
+    }
+
+    #[test]
+    fn quarter_turns_keep_positions_to_the_bit() {
+        let before = synthetic::room(20, 2);
+        let mut after = before.clone();
+        let quarter = Similarity::turn(DMat3::from_cols(DVec3::X, DVec3::NEG_Y, DVec3::NEG_Z)).unwrap();
+        quarter.apply(&mut after);
+        for (a, b) in after.position.iter().zip(&before.position) {
+            assert_eq!(*a, [b[0], -b[1], -b[2]]);
+        }
+    }
+
+    #[test]
+    fn cameras_follow_the_scene() {
+        let similarity = Similarity::new(some_turn(), 2.5, DVec3::new(1.0, -2.0, 0.5)).unwrap();
+        let camera = synthetic::room_camera([64, 48]);
+        let mut moved = camera.clone();
+        similarity.apply_to_camera(&mut moved);
+        let point = DVec3::new(0.3, -0.2, 3.0);
+        let ((a, depth), (b, moved_depth)) = (camera.project(point).unwrap(), moved.project(similarity.point(point)).unwrap());
+        assert!((a - b).length() < 1e-9 && (moved_depth - 2.5 * depth).abs() < 1e-9);
+        assert!((similarity.inverse().point(similarity.point(point)) - point).length() < 1e-12);
+    }
+
+    #[test]
+    fn what_is_no_similarity_is_refused() {
+        assert_eq!(Similarity::turn(DMat3::from_diagonal(DVec3::new(1.0, 1.0, -1.0))), None);
+        assert_eq!(Similarity::turn(DMat3::from_diagonal(DVec3::splat(2.0))), None);
+        assert_eq!(Similarity::new(DMat3::IDENTITY, 0.0, DVec3::ZERO), None);
+        assert_eq!(Similarity::new(DMat3::IDENTITY, 1.0, DVec3::NAN), None);
+    }
+}
