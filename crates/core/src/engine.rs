@@ -366,6 +366,14 @@ pub trait Engine {
     /// [`EngineError::Camera`], [`EngineError::Device`].
     fn render(&mut self, camera: &Camera, options: &RenderOptions) -> Result<Image, EngineError>;
 
+    /// [`Engine::render`], with how much of each pixel is covered and how far away that is.
+    ///
+    /// # Errors
+    /// As [`Engine::render`]; [`EngineError::Invalid`] from an engine that has no depth.
+    fn render_layers(&mut self, _camera: &Camera, _options: &RenderOptions) -> Result<Layers, EngineError> {
+        Err(EngineError::Invalid("this engine renders no depth and alpha; use --device cpu".into()))
+    }
+
     /// What each splat gives to the image that [`Engine::render`] makes, and how much of that lies in `mask` (`[H*W]`, row-major, 0 to 1): which
     /// splats a painted mask means.
     ///
@@ -425,6 +433,17 @@ pub trait Engine {
 
     /// Time spent in each pass since the engine was made, in the order of [`Pass::ALL`].
     fn timings(&self) -> &[(Pass, Duration)];
+}
+
+/// An image with coverage and depth, `[H*W]` each, row-major.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Layers {
+    /// As [`Engine::render`] makes it: with the background, where the splats leave it to be seen.
+    pub image: Image,
+    /// Part of the pixel that splats cover, 0 to 1: one minus the transmittance left.
+    pub alpha: Vec<f32>,
+    /// Mean distance of the splats along the viewing axis, weighted as they are blended, world units; infinite where there are none.
+    pub depth: Vec<f32>,
 }
 
 /// What densification policies look at, `[N]` each.

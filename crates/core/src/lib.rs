@@ -8,6 +8,7 @@ mod colorspace;
 mod dataset;
 pub mod edit;
 mod engine;
+pub mod environment;
 mod image;
 pub mod metrics;
 pub mod noise;
@@ -28,8 +29,8 @@ pub use dataset::{BadPixels, Dataset, Mask, Observation, Point, View};
 pub use edit::{Edit, EditError, Map, MapChain, Selection};
 pub use engine::{
     ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON, Antialias, Cutoffs, DensifyPlan, DensifyStats, Engine, EngineError, Geometry, JACOBIAN_MARGIN,
-    LearningRates, LossConfig, MIN_AREA_RATIO, Pass, PlanRow, PositionNoise, RasterConfig, RenderOptions, StatsCollection, StepConfig,
-    StepReport,
+    Layers, LearningRates, LossConfig, MIN_AREA_RATIO, Pass, PlanRow, PositionNoise, RasterConfig, RenderOptions, StatsCollection,
+    StepConfig, StepReport,
 };
 pub use image::{Image, luminance_rec709, luminance_sum};
 pub use order::spatial_order;

@@ -157,6 +157,20 @@ pub fn srgb_decode(encoded: f32) -> f32 {
     if encoded <= 0.040_45 { encoded / 12.92 } else { ((encoded + 0.055) / 1.055).powf(2.4) }
 }
 
+/// Value in `[0, 1]` of an absolute luminance, cd/m2, by the perceptual quantizer (SMPTE ST 2084): 10,000 is 1; NaN and negative values
+/// are 0.
+#[inline]
+pub fn pq_encode(nits: f32) -> f32 {
+    const M1: f32 = 2610.0 / 16384.0;
+    const M2: f32 = 2523.0 / 32.0;
+    const C1: f32 = 3424.0 / 4096.0;
+    const C2: f32 = 2413.0 / 128.0;
+    const C3: f32 = 2392.0 / 128.0;
+    let y = if nits > 0.0 { (nits / 10_000.0).min(1.0) } else { 0.0 };
+    let p = y.powf(M1);
+    ((C1 + C2 * p) / (1.0 + C3 * p)).powf(M2)
+}
+
 /// Linear Rec.709 of a radiance in `space`: what the curves and [`display_rgb8`] expect. Out-of-gamut colours have negative channels.
 #[inline]
 pub fn rec709_of(space: ColorSpace, rgb: [f32; 3]) -> [f32; 3] {
@@ -218,6 +232,14 @@ mod tests {
         // Middle grey 0.18 is 118 of 255, half of the light 188, and code 10 is the last but one on the linear part.
         for (linear, code) in [(0.0, 0), (0.18, 118), (0.5, 188), (1.0, 255), (10.0 / 255.0 / 12.92, 10)] {
             assert_eq!(display_rgb8(Tonemap::None, 0.0, [linear; 3]), [code; 3]);
+        }
+    }
+
+    #[test]
+    fn pq_has_its_published_values() {
+        // ITU-R BT.2100 and BT.2408: 100 cd/m2 is 50.8 %, reference white of 203 is 58.1 %, 1000 is 75.2 %.
+        for (nits, value) in [(0.0, 0.0), (100.0, 0.508), (203.0, 0.581), (1000.0, 0.752), (10_000.0, 1.0), (1e9, 1.0), (f32::NAN, 0.0)] {
+            assert!((pq_encode(nits) - value).abs() < 6e-4, "{nits}: {}", pq_encode(nits));
         }
     }
 

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use fearless_simd::Level;
 use luxel_core::edit::Contributions;
 use luxel_core::{
-    Camera, DensifyPlan, DensifyStats, Engine, EngineError, Geometry, Image, Moments, Pass, RenderOptions, Splats, StatsCollection,
+    Camera, DensifyPlan, DensifyStats, Engine, EngineError, Geometry, Image, Layers, Moments, Pass, RenderOptions, Splats, StatsCollection,
     StepConfig, StepReport, View,
 };
 
@@ -18,7 +18,7 @@ use crate::passes::densify;
 use crate::passes::loss::{LossBuffers, LossSums};
 use crate::passes::project::{Footprint, project};
 use crate::passes::project_backward::Inputs;
-use crate::passes::rasterize::{TilePixels, to_image};
+use crate::passes::rasterize::{TilePixels, to_alpha, to_image};
 use crate::passes::rasterize_backward::{AbsoluteSums, EntryGradient, rasterize_backward};
 use crate::passes::sort::TileList;
 use crate::passes::update::{Scratch, backward_and_adam, gradients};
@@ -276,6 +276,25 @@ impl Engine for CpuEngine {
         let camera = checked_camera(camera, options)?;
         self.forward(&camera);
         Ok(self.pool.install(|| to_image(&self.frame.pixels, &camera)))
+    }
+
+    fn render_layers(&mut self, camera: &Camera, options: &RenderOptions) -> Result<Layers, EngineError> {
+        let camera = checked_camera(camera, options)?;
+        self.forward(&camera);
+        let Self { pool, level, frame, .. } = self;
+        Ok(pool.install(|| {
+            let image = to_image(&frame.pixels, &camera);
+            let alpha = to_alpha(&frame.pixels, &camera);
+            // The same lists, thresholds and all, blended once more with distances for colours.
+            let on_nothing = ScreenCamera { background: [0.0; 3], ..camera };
+            frame.footprints.iter_mut().for_each(|footprint| footprint.radiance = [footprint.depth, 0.0, 0.0]);
+            let (splats, tiles) = ((&frame.bins, frame.footprints.as_slice()), (&mut frame.lists, &mut frame.pixels));
+            sort_and_rasterize(*level, &on_nothing, splats, tiles);
+            let blended = to_image(&frame.pixels, &on_nothing);
+            let depth = |(pixel, alpha): (&[f32; 3], &f32)| if *alpha > 0.0 { pixel[0] / alpha } else { f32::INFINITY };
+            let depth = blended.pixels.iter().zip(&alpha).map(depth).collect();
+            Layers { image, alpha, depth }
+        }))
     }
 
     fn contributions(&mut self, camera: &Camera, options: &RenderOptions, mask: &[f32]) -> Result<Contributions, EngineError> {

@@ -50,6 +50,18 @@ pub(crate) fn to_image(tiles: &[TilePixels], camera: &ScreenCamera) -> Image {
     image
 }
 
+/// One minus the transmittance left, `[H*W]`.
+pub(crate) fn to_alpha(tiles: &[TilePixels], camera: &ScreenCamera) -> Vec<f32> {
+    let [width, height] = camera.size_px;
+    let across = camera.tiles()[0];
+    let alpha = |i: usize| {
+        let (x, y) = (i % width, i / width);
+        let (block, lane) = block_of(x % TILE_PX, y % TILE_PX);
+        1.0 - tiles[y / TILE_PX * across + x / TILE_PX].0[block].transmittance.0[lane]
+    };
+    (0..width * height).into_par_iter().map(alpha).collect()
+}
+
 /// Blends a tile.
 pub(crate) fn rasterize(level: Level, camera: &ScreenCamera, (list, tile): (&TileList, usize), out: &mut TilePixels) {
     let origin = camera.tile_origin_px(tile);

@@ -9,6 +9,8 @@ mod edits;
 mod fixture;
 mod gradients;
 mod image;
+mod layers;
 mod number;
 mod oracle;
+mod probe;
 mod update;

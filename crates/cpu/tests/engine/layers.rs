@@ -1,0 +1,77 @@
+//! Coverage and depth beside the image.
+
+use luxel_core::{Antialias, ColorModel, Cutoffs, Engine, RasterConfig, RenderOptions, Similarity, Splat, Splats};
+use luxel_cpu::CpuEngine;
+
+use crate::fixture;
+
+fn options(background: [f32; 3]) -> RenderOptions {
+    let raster = RasterConfig { cutoffs: Cutoffs::HDR, antialias: Antialias::Off };
+    RenderOptions { raster, background, ..RenderOptions::default() }
+}
+
+#[test]
+fn image_is_that_of_render_and_alpha_is_what_hides_the_background() {
+    let camera = fixture::camera(70, 50);
+    let mut engine = CpuEngine::new(2).unwrap();
+    engine.load(&fixture::splats(ColorModel::Sh { degree: 2 }, 200, &camera, 5), None).unwrap();
+    let layers = engine.render_layers(&camera, &options([0.0; 3])).unwrap();
+    let (black, white) = (engine.render(&camera, &options([0.0; 3])).unwrap(), engine.render(&camera, &options([1.0; 3])).unwrap());
+    assert_eq!(layers.image, black);
+    let mut covered = 0;
+    for ((alpha, b), w) in layers.alpha.iter().zip(&black.pixels).zip(&white.pixels) {
+        assert!((1.0 - alpha - (w[0] - b[0])).abs() < 1e-5 * (1.0 + b[0]), "{alpha} {b:?} {w:?}");
+        covered += usize::from(*alpha > 0.5);
+    }
+    assert!(covered > 100, "{covered}");
+}
+
+#[test]
+fn depth_is_the_blended_mean_of_distances() {
+    let camera = fixture::camera(33, 33);
+    let mut splats = Splats::empty(ColorModel::Sh { degree: 0 });
+    // One in front of the other, on the axis, half opaque.
+    let world_from_camera = camera.camera_from_world.inverse();
+    for depth in [2.0, 3.0] {
+        splats.push(&Splat {
+            position: world_from_camera.transform_point3(glam::DVec3::new(0.0, 0.0, depth)).to_array().map(|v| v as f32),
+            rotation: [1.0, 0.0, 0.0, 0.0],
+            log_scale: [-1.0; 3],
+            opacity_logit: 0.0,
+            sh: &[1.0, 1.0, 1.0],
+            raw_luminance: &[],
+        });
+    }
+    let mut engine = CpuEngine::new(1).unwrap();
+    engine.load(&splats, None).unwrap();
+    let layers = engine.render_layers(&camera, &options([7.0; 3])).unwrap();
+    let [x, y] = camera.center_px.to_array().map(|c| c as usize);
+    let at = y * 33 + x;
+    assert!((layers.alpha[at] - 0.75).abs() < 0.02, "{}", layers.alpha[at]);
+    let expected = (0.5 * 2.0 + 0.25 * 3.0) / 0.75;
+    assert!((layers.depth[at] - expected).abs() < 0.02, "{}", layers.depth[at]);
+    engine.load(&Splats::empty(ColorModel::Sh { degree: 0 }), None).unwrap();
+    let nothing = engine.render_layers(&camera, &options([7.0; 3])).unwrap();
+    assert!(nothing.alpha.iter().all(|a| *a == 0.0) && nothing.depth.iter().all(|d| d.is_infinite()));
+}
+
+#[test]
+fn a_turned_scene_looks_the_same_to_a_turned_camera() {
+    let turn = glam::DMat3::from_quat(glam::DQuat::from_xyzw(0.3, -0.5, 0.2, 0.7).normalize());
+    let similarity = Similarity::new(turn, 1.0, glam::DVec3::new(0.3, -0.2, 0.1)).unwrap();
+    let lcd = ColorModel::Lcd { chroma_degree: 3, luminance_degree: 1, activation: luxel_core::Activation::Softplus };
+    for model in [ColorModel::Sh { degree: 3 }, lcd] {
+        let mut camera = fixture::camera(48, 40);
+        let mut splats = fixture::splats(model, 150, &camera, 11);
+        let mut engine = CpuEngine::new(2).unwrap();
+        engine.load(&splats, None).unwrap();
+        let before = engine.render(&camera, &options([0.0; 3])).unwrap();
+        similarity.apply(&mut splats);
+        similarity.apply_to_camera(&mut camera);
+        engine.load(&splats, None).unwrap();
+        let after = engine.render(&camera, &options([0.0; 3])).unwrap();
+        for (a, b) in after.pixels.as_flattened().iter().zip(before.pixels.as_flattened()) {
+            assert!((a - b).abs() < 2e-3 * (1.0 + b), "{}: {a} {b}", model.name());
+        }
+    }
+}
