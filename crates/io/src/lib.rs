@@ -4,17 +4,24 @@
 //! remedy; no panic, no unbounded allocation.
 
 mod atomic;
+mod bake;
 mod camera_path;
 mod checkpoint;
 mod dataset;
 mod error;
+mod gltf;
 mod image;
 mod pinhole;
 mod ply;
 mod regular;
+mod scene_file;
+mod sound;
+mod spz;
 mod tensors;
+mod usd;
 
 pub use atomic::{WriteSeek, write_atomically};
+pub use bake::{Appearance, BakeOptions, Baked, MIDDLE_GREY, display_exposure};
 pub use camera_path::{PathCamera, decode_camera_path, read_camera_path};
 pub use checkpoint::{
     CheckpointFile, LatestCheckpoint, checkpoint_path, decode_checkpoint, encode_checkpoint, latest_checkpoint, list_checkpoints,
@@ -25,10 +32,17 @@ pub use dataset::{
     parse_transforms,
 };
 pub use error::{IoError, IoErrorKind};
+pub use gltf::{decode_glb, encode_glb, read_glb, write_glb};
 pub use image::{
     DecodedImage, ExrOptions, ExrSample, HALF_MAX, ReadOptions, SampleDepth, Transfer, decode_image, downscale, downscale_masked,
     encode_exr, encode_png, image_size, read_image, undistort, write_exr, write_png,
 };
 pub use pinhole::{decode_pinhole_camera, read_pinhole_camera};
-pub use ply::{PlyPoint, decode_points_ply, decode_scene_ply, encode_scene_ply, read_points_ply, read_scene_ply, write_scene_ply};
+pub use ply::{
+    PlyPoint, decode_points_ply, decode_scene_ply, encode_baked_ply, encode_scene_ply, read_points_ply, read_scene_ply, write_baked_ply,
+    write_exact_ply, write_scene_ply,
+};
+pub use scene_file::{SceneFormat, read_scene};
+pub use spz::{SpzVersion, decode_spz, encode_spz, read_spz, write_spz};
 pub use tensors::{Tensors, decode_tensors, read_tensors};
+pub use usd::{decode_usda, encode_usda, read_usda, write_usda};

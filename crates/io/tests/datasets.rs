@@ -466,6 +466,26 @@ fn images_of_different_colour_spaces_are_refused() {
 }
 
 #[test]
+fn wide_spaces_are_converted_to_the_one_scenes_are_trained_in() {
+    let scene = Scene::new();
+    scene.exrs(["a.exr"]);
+    scene.write("transforms.json", transforms(LENS, &["a.exr"]));
+    let before = load_dataset(scene.path(), &LoadOptions::default()).unwrap().train[0].image.clone();
+    let path = scene.path().join("a.exr");
+    let mut image = exr::prelude::read_first_flat_layer_from_file(&path).unwrap();
+    let [red, green, blue, white] = ColorSpace::Aces2065.chromaticities().map(|[x, y]| exr::prelude::Vec2(x, y));
+    image.attributes.chromaticities = Some(exr::meta::attribute::Chromaticities { red, green, blue, white });
+    exr::prelude::WritableImage::write(&image).to_file(&path).unwrap();
+    let data = load_dataset(scene.path(), &LoadOptions::default()).unwrap();
+    assert_eq!(data.color_space, ColorSpace::LinearRec709);
+    assert!(data.warnings.iter().any(|w| w.contains("converted to linear Rec.709 from aces2065-1")), "{:?}", data.warnings);
+    let expected = ColorSpace::Aces2065.to_rec709(before.at(1, 1));
+    let found = data.train[0].image.at(1, 1);
+    // Negative channels are masked out.
+    assert!(expected.iter().any(|c| *c < 0.0) || (0..3).all(|c| (found[c] - expected[c]).abs() < 1e-5), "{found:?} {expected:?}");
+}
+
+#[test]
 fn fingerprint_follows_content_split_and_options() {
     let scene = Scene::new();
     scene.exrs(["a.exr", "b.exr", "c.exr"]);

@@ -7,7 +7,8 @@ use std::io::Cursor;
 use std::path::Path;
 
 use exr::prelude::*;
-use luxel_core::{ColorSpace, Image as Radiance};
+use luxel_core::environment::Projection;
+use luxel_core::{Camera, ColorSpace, Distortion, Image as Radiance};
 use luxel_io::{
     DecodedImage, ExrOptions, ExrSample, IoError, IoErrorKind, ReadOptions, SampleDepth, Transfer, decode_image, encode_exr, encode_png,
     image_size, read_image, write_exr, write_png,
@@ -247,13 +248,56 @@ fn exr_chromaticities_are_honoured() {
 }
 
 #[test]
+fn written_exr_holds_camera_depth_opacity_and_kind_of_map() {
+    let image = radiance(4, 3);
+    let camera = Camera {
+        camera_from_world: Camera::pose_from_opengl(glam::DMat3::IDENTITY, glam::DVec3::new(1.0, 2.0, 3.0)),
+        focal_px: glam::DVec2::new(5.0, 6.0),
+        center_px: glam::DVec2::new(2.0, 1.5),
+        size_px: [4, 3],
+        distortion: Distortion::default(),
+    };
+    let ramp: Vec<f32> = (0..12).map(|i| i as f32 / 11.0).collect();
+    let options = ExrOptions {
+        numbers: vec![("luxel:radiance_scale".into(), 0.5)],
+        camera: Some(camera),
+        environment: Some(Projection::LatitudeLongitude),
+        alpha: Some(ramp.clone()),
+        depth: Some(ramp.iter().map(|v| 1e5 * v).collect()),
+        ..ExrOptions::default()
+    };
+    let bytes = encode_exr(Path::new("a.exr"), &image, &options).unwrap();
+    // The library's order of attributes is one by chance.
+    assert!((0..8).all(|_| encode_exr(Path::new("a.exr"), &image, &options).unwrap() == bytes));
+    let decoded = decode(&bytes, &UNSAID).unwrap();
+    assert!(decoded.alpha.unwrap().iter().zip(&ramp).all(|(a, b)| (a - b).abs() < 1e-3));
+    let meta = MetaData::read_from_buffered(Cursor::new(&bytes), true).unwrap();
+    let header = &meta.headers[0];
+    let names: Vec<_> = header.channels.list.iter().map(|c| (c.name.to_string(), c.sample_type)).collect();
+    let half = SampleType::F16;
+    let expected = [("A", half), ("B", half), ("G", half), ("R", half), ("Z", SampleType::F32)];
+    assert_eq!(names, expected.map(|(name, kind)| (name.to_string(), kind)));
+    let own = &header.own_attributes;
+    assert_eq!(own.environment_map, Some(attribute::EnvironmentMap::LatitudeLongitude));
+    // A row vector times the matrix: the eye comes to the origin.
+    let m = own.world_to_camera.unwrap();
+    let eye = [1.0, 2.0, 3.0, 1.0];
+    let at: Vec<f32> = (0..3).map(|c| (0..4).map(|r| eye[r] * m[4 * r + c]).sum()).collect();
+    assert_eq!(at, [0.0; 3]);
+    assert_eq!(own.other[&Text::from("luxel:focal_px")], AttributeValue::FloatVec2(Vec2(5.0, 6.0)));
+    assert_eq!(own.other[&Text::from("luxel:radiance_scale")], AttributeValue::F32(0.5));
+    let short = ExrOptions { alpha: Some(vec![0.0; 3]), ..ExrOptions::default() };
+    assert!(encode_exr(Path::new("a.exr"), &image, &short).unwrap_err().message.contains("3 values of opacity"));
+}
+
+#[test]
 fn written_exr_reads_back_with_its_space_and_attributes() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("new/a.exr");
     let image = radiance(40, 33);
     for (sample, color_space) in [(ExrSample::Half, ColorSpace::LinearRec709), (ExrSample::Float, ColorSpace::AcesCg)] {
         let attributes = vec![("luxel:scene".to_string(), "desk lamp, 35 mm".to_string())];
-        assert_eq!(write_exr(&path, &image, &ExrOptions { sample, color_space, attributes }).unwrap(), 0);
+        assert_eq!(write_exr(&path, &image, &ExrOptions { sample, color_space, attributes, ..ExrOptions::default() }).unwrap(), 0);
         let decoded = read_image(&path, &UNSAID).unwrap();
         assert_eq!((decoded.image == image, decoded.color_space), (true, Some(color_space)));
         assert_eq!(image_size(&path).unwrap(), [40, 33]);

@@ -11,6 +11,7 @@
 //! can hold.
 
 pub(crate) mod colorimetry;
+mod exr_header;
 mod guard;
 mod jpeg;
 mod npy;

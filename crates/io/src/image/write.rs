@@ -5,14 +5,17 @@ use std::path::Path;
 
 use ::exr::error::Error as ExrError;
 use ::exr::image::{AnyChannel, AnyChannels, Blocks, Encoding, FlatSamples, Image as ExrImage, Layer};
-use ::exr::meta::attribute::{AttributeValue, Chromaticities, Compression, LineOrder, Text};
+use ::exr::meta::attribute::{AttributeValue, Chromaticities, Compression, EnvironmentMap, LineOrder, Text};
 use ::exr::meta::header::LayerAttributes;
-use ::exr::prelude::{Vec2, WritableImage, f16};
+use ::exr::prelude::{SmallVec, Vec2, WritableImage, f16};
+use glam::{DMat3, DMat4, DVec3};
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
-use luxel_core::{ColorSpace, Image};
+use luxel_core::environment::Projection;
+use luxel_core::{Camera, ColorSpace, Image};
 
-use crate::{IoError, WriteSeek, write_atomically};
+use super::exr_header::sort_attributes;
+use crate::{IoError, write_atomically};
 
 /// Precision of a written OpenEXR file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -25,7 +28,7 @@ pub enum ExrSample {
 }
 
 /// How to write an OpenEXR file.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct ExrOptions {
     /// Precision.
     pub sample: ExrSample,
@@ -33,29 +36,72 @@ pub struct ExrOptions {
     pub color_space: ColorSpace,
     /// Further string attributes: name and value.
     pub attributes: Vec<(String, String)>,
+    /// Further attributes that are numbers: name and value.
+    pub numbers: Vec<(String, f32)>,
+    /// Where the image was seen from: `worldToCamera` (axes right, up, back) and the lens in `luxel:focal_px` and `luxel:center_px`.
+    pub camera: Option<Camera>,
+    /// What the image is a map of directions in.
+    pub environment: Option<Projection>,
+    /// Channel A, `[H*W]`: linear opacity; colours should be premultiplied by it.
+    pub alpha: Option<Vec<f32>>,
+    /// Channel Z, `[H*W]`, always of 32 bits: distance along the viewing axis, world units.
+    pub depth: Option<Vec<f32>>,
 }
 
 /// Largest finite number of [`ExrSample::Half`].
 pub const HALF_MAX: f32 = 65504.0;
 
-/// Writes R, G, B with ZIP compression in blocks of 16 lines. Returns how many values were above the range of
+/// Writes R, G, B (and A and Z if there are any) with ZIP compression in blocks of 16 lines. Returns how many values were above the range of
 /// [`ExrSample::Half`] and are written as its largest number.
 ///
 /// # Errors
 /// The system's, or the image is empty or an attribute's name is empty or longer than 255 bytes.
 pub fn write_exr(path: &Path, image: &Image, options: &ExrOptions) -> Result<usize, IoError> {
-    write_atomically(path, |out| encode_exr_to(path, image, options, out))?;
+    let bytes = encode_exr(path, image, options)?;
+    write_atomically(path, |out| out.write_all(&bytes).map_err(|e| IoError::system(path, "write", &e)))?;
     Ok(out_of_range(image, options.sample))
 }
 
-/// [`write_exr`] into memory; `name` is for messages only.
+/// [`write_exr`] into memory; `name` is for messages only. Equal images and options give equal bytes.
 ///
 /// # Errors
 /// As [`write_exr`].
 pub fn encode_exr(name: &Path, image: &Image, options: &ExrOptions) -> Result<Vec<u8>, IoError> {
+    let (width, height) = (image.width, image.height);
+    if width == 0 || height == 0 || image.pixels.len() != width * height {
+        return Err(IoError::invalid(name, format!("{} pixels in an image of {width} x {height}, nothing to write", image.pixels.len())));
+    }
+    let count = image.pixels.len();
+    if let Some(found) = options.alpha.iter().chain(&options.depth).map(Vec::len).find(|found| *found != count) {
+        return Err(IoError::invalid(name, format!("{found} values of opacity or depth for {count} pixels")));
+    }
+    let encoding = Encoding { compression: Compression::ZIP16, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
+    let samples = |values: &mut dyn Iterator<Item = f32>| match options.sample {
+        ExrSample::Half => FlatSamples::F16(values.map(to_half).collect()),
+        ExrSample::Float => FlatSamples::F32(values.collect()),
+    };
+    let color = |c: usize| samples(&mut image.pixels.iter().map(|pixel| pixel[c]));
+    let mut channels: SmallVec<[_; 4]> = [("R", 0), ("G", 1), ("B", 2)].into_iter().map(|(n, c)| AnyChannel::new(n, color(c))).collect();
+    if let Some(alpha) = &options.alpha {
+        channels.push(AnyChannel::new("A", samples(&mut alpha.iter().copied())));
+    }
+    if let Some(depth) = &options.depth {
+        channels.push(AnyChannel::new("Z", FlatSamples::F32(depth.clone())));
+    }
+    let layer = Layer::new((width, height), attributes(name, options)?, encoding, AnyChannels::sort(channels));
+    let mut file = ExrImage::from_layer(layer);
+    let [red, green, blue, white] = options.color_space.chromaticities().map(|[x, y]| Vec2(x, y));
+    file.attributes.chromaticities = Some(Chromaticities { red, green, blue, white });
+    let writer = file.write();
+    let writer = if image.pixels.len() < PARALLEL_PIXELS { writer.non_parallel() } else { writer };
     let mut out = Cursor::new(Vec::new());
-    encode_exr_to(name, image, options, &mut out)?;
-    Ok(out.into_inner())
+    writer.to_buffered(&mut out).map_err(|error| match error {
+        ExrError::Io(error) => IoError::system(name, "write", &error),
+        other => IoError::invalid(name, format!("OpenEXR: {other}")),
+    })?;
+    let mut bytes = out.into_inner();
+    sort_attributes(&mut bytes);
+    Ok(bytes)
 }
 
 fn out_of_range(image: &Image, sample: ExrSample) -> usize {
@@ -65,36 +111,37 @@ fn out_of_range(image: &Image, sample: ExrSample) -> usize {
     }
 }
 
-fn encode_exr_to(name: &Path, image: &Image, options: &ExrOptions, out: &mut (dyn WriteSeek + '_)) -> Result<(), IoError> {
-    let (width, height) = (image.width, image.height);
-    if width == 0 || height == 0 || image.pixels.len() != width * height {
-        return Err(IoError::invalid(name, format!("{} pixels in an image of {width} x {height}, nothing to write", image.pixels.len())));
-    }
+/// Everything but the pixels.
+fn attributes(name: &Path, options: &ExrOptions) -> Result<LayerAttributes, IoError> {
     let mut attributes = LayerAttributes { software_name: Some(Text::from("Luxel")), ..LayerAttributes::default() };
-    for (key, value) in &options.attributes {
-        let key = Text::new_or_none(key).filter(|_| !key.is_empty() && key.len() <= 255);
-        let value = Text::new_or_none(value);
-        let (Some(key), Some(value)) = (key, value) else {
-            return Err(IoError::invalid(name, "attribute names need 1 to 255 bytes, names and values Latin letters"));
-        };
-        attributes.other.insert(key, AttributeValue::Text(value));
+    let wrong = || IoError::invalid(name, "attribute names need 1 to 255 bytes, names and values Latin letters");
+    let key = |key: &str| Text::new_or_none(key).filter(|_| !key.is_empty() && key.len() <= 255).ok_or_else(wrong);
+    for (name, value) in &options.attributes {
+        attributes.other.insert(key(name)?, AttributeValue::Text(Text::new_or_none(value).ok_or_else(wrong)?));
     }
-    let encoding = Encoding { compression: Compression::ZIP16, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
-    let plane = |c: usize| match options.sample {
-        ExrSample::Half => FlatSamples::F16(image.pixels.iter().map(|pixel| to_half(pixel[c])).collect()),
-        ExrSample::Float => FlatSamples::F32(image.pixels.iter().map(|pixel| pixel[c]).collect()),
-    };
-    let channels = [("R", 0), ("G", 1), ("B", 2)].map(|(channel, c)| AnyChannel::new(channel, plane(c)));
-    let layer = Layer::new((width, height), attributes, encoding, AnyChannels::sort(channels.into_iter().collect()));
-    let mut file = ExrImage::from_layer(layer);
-    let [red, green, blue, white] = options.color_space.chromaticities().map(|[x, y]| Vec2(x, y));
-    file.attributes.chromaticities = Some(Chromaticities { red, green, blue, white });
-    let writer = file.write();
-    let writer = if image.pixels.len() < PARALLEL_PIXELS { writer.non_parallel() } else { writer };
-    writer.to_buffered(&mut *out).map_err(|error| match error {
-        ExrError::Io(error) => IoError::system(name, "write", &error),
-        other => IoError::invalid(name, format!("OpenEXR: {other}")),
-    })
+    for (name, value) in &options.numbers {
+        attributes.other.insert(key(name)?, AttributeValue::F32(*value));
+    }
+    attributes.environment_map = options.environment.map(|projection| match projection {
+        Projection::LatitudeLongitude => EnvironmentMap::LatitudeLongitude,
+        Projection::Cube => EnvironmentMap::Cube,
+    });
+    if let Some(camera) = &options.camera {
+        attributes.world_to_camera = Some(world_to_camera(camera));
+        for (name, v) in [("luxel:focal_px", camera.focal_px), ("luxel:center_px", camera.center_px)] {
+            attributes.other.insert(key(name)?, AttributeValue::FloatVec2(Vec2(v.x as f32, v.y as f32)));
+        }
+    }
+    Ok(attributes)
+}
+
+/// OpenEXR's matrices take row vectors; its cameras look along -z, y up.
+fn world_to_camera(camera: &Camera) -> [f32; 16] {
+    let flip = DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
+    let pose = camera.camera_from_world;
+    let columns = DMat4::from_mat3_translation(flip * pose.matrix3, flip * pose.translation);
+    // Columns of the one are rows of the other.
+    columns.to_cols_array().map(|v| v as f32)
 }
 
 /// Pixels from which on compression is worth a pool of threads.

@@ -3,7 +3,7 @@
 //! A scene written here is binary little endian with one element `vertex`, N rows of f32. Two layers share a row:
 //! - The standard properties of 3D Gaussian splatting (`x y z nx ny nz f_dc_* f_rest_* opacity scale_* rot_*`, `f_rest_*`
 //!   channel-major) hold a display bake: tone-mapped, sRGB-encoded, fitted to harmonics of degree <= 3, any 3D smoothing filter applied
-//!   to scale and opacity. See [`bake`].
+//!   to scale and opacity. See [`crate::bake`].
 //! - `lcd_*` properties hold the model exactly: `lcd_l_m` raw luminance, `lcd_c_{3m+channel}` chromaticity harmonics (`lcd_s_*`
 //!   radiance harmonics for `ColorModel::Sh`), and, where a smoothing filter makes the standard ones differ, `lcd_filter`, `lcd_opacity`,
 //!   `lcd_log_scale_*`. Their names keep away from `f_rest_`, `scale_` and `rot`, which the original reader counts by prefix.
@@ -12,8 +12,12 @@
 //! one `edit` for each edit of light made since training; all numbers are read back to the bit. Any other 3D Gaussian splatting PLY
 //! (ASCII, little or big endian, any order and type of properties) is read as `ColorModel::Sh` with the cut-offs of its renderer;
 //! Mip-splatting's `filter_3D` is honoured.
+//!
+//! A bake alone (`luxel export`) has the standard properties, and a comment `luxel baked {...}` that says what its numbers are; without it they
+//! are display colours. PlayCanvas' compressed PLY (elements `chunk`, `vertex` with `packed_*`, `sh`) is read, too: see [`compressed`].
 
-mod bake;
+mod baked_writer;
+mod compressed;
 mod header;
 mod points;
 mod record;
@@ -22,31 +26,18 @@ mod scene_reader;
 mod scene_writer;
 mod source;
 
+pub use baked_writer::{encode_baked_ply, write_baked_ply};
 pub use points::{PlyPoint, decode_points_ply, read_points_ply};
+pub(crate) use record::check as check_edits;
 pub use scene_reader::{decode_scene_ply, read_scene_ply};
-pub use scene_writer::{encode_scene_ply, write_scene_ply};
-
-use luxel_core::RasterConfig;
+pub(crate) use scene_writer::check;
+pub use scene_writer::{encode_scene_ply, write_exact_ply, write_scene_ply};
 
 /// Version of the `luxel` comments and `lcd_*` properties.
 const FORMAT_VERSION: u32 = 1;
 
 /// First word of the header comments that belong to this program.
 const COMMENT_TAG: &str = "luxel";
-
-/// Whether a quaternion can be normalised in f32: neither zero (or so short that its square is) nor too long.
-fn is_normalizable(rotation: [f32; 4]) -> bool {
-    rotation.iter().map(|q| q * q).sum::<f32>().is_normal()
-}
-
-/// Whether an engine can work with it. Only `min_contribution` may be infinite.
-fn is_usable(raster: &RasterConfig) -> bool {
-    let c = raster.cutoffs;
-    [c.min_alpha, c.alpha_floor, c.min_transmittance, c.max_alpha].iter().all(|v| (0.0..=1.0).contains(v))
-        && c.min_contribution >= 0.0
-        && c.near >= 0.0
-        && c.near.is_finite()
-}
 
 #[cfg(test)]
 mod tests;

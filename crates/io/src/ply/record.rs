@@ -9,7 +9,7 @@ const MAX_BYTES: usize = 1 << 19;
 const LINE_BYTES: usize = 32;
 
 /// Whether all of `edits` can be written and read back.
-pub(super) fn check(edits: &[String]) -> Result<(), String> {
+pub(crate) fn check(edits: &[String]) -> Result<(), String> {
     let is_line = |text: &str| !text.is_empty() && text.trim() == text && !text.contains(char::is_control);
     if let Some(edit) = edits.iter().find(|text| !is_line(text)) {
         return Err(format!("record of an edit {edit:?}, expected one line of text"));

@@ -22,7 +22,8 @@ pub(super) fn seek_element<'h, R: BufRead>(source: &mut Source<'_, R>, header: &
     Err(source.invalid("header", format_args!("no element {name:?}, expected one with the property x")))
 }
 
-/// Calls `each(row, values)` for every row of `element`, the values in the order of `columns` (indices of properties), all finite.
+/// Calls `each(row, values)` for every row of `element`, the values in the order of `columns` (indices of properties), all finite
+/// (an infinite `opacity` is bounded).
 pub(super) fn read_rows<R: BufRead>(
     source: &mut Source<'_, R>,
     element: &Element,
@@ -32,6 +33,7 @@ pub(super) fn read_rows<R: BufRead>(
 ) -> Result<(), IoError> {
     let scalars = scalars(source, element)?;
     let mut values = vec![0f32; columns.len()];
+    let opacity = columns.iter().position(|&c| element.properties[c].name == "opacity");
     let finite = |source: &Source<'_, R>, row: u64, values: &[f32]| match values.iter().position(|v| !v.is_finite()) {
         None => Ok(()),
         Some(at) => {
@@ -48,6 +50,7 @@ pub(super) fn read_rows<R: BufRead>(
             for (value, &column) in values.iter_mut().zip(columns) {
                 *value = parse_word(source, element, row, column, words.get(column).copied())?;
             }
+            bound_opacity(&mut values, opacity);
             finite(source, row, &values)?;
             each(row, &values)?;
         }
@@ -70,10 +73,70 @@ pub(super) fn read_rows<R: BufRead>(
             for (value, &(offset, scalar)) in values.iter_mut().zip(&cells) {
                 *value = number(&bytes[offset..], scalar, format);
             }
+            bound_opacity(&mut values, opacity);
             finite(source, row, &values)?;
             each(row, &values)?;
             row += 1;
         }
+    }
+    Ok(())
+}
+
+/// Logits of opacities of 0 and 1 are infinite, and programs that unpack bytes write them so: those nearest to them that an engine takes.
+fn bound_opacity(values: &mut [f32], opacity: Option<usize>) {
+    if let Some(value) = opacity.and_then(|at| values.get_mut(at)).filter(|v| v.is_infinite()) {
+        *value = luxel_core::logit(if *value > 0.0 { 1.0 } else { 0.0 });
+    }
+}
+
+/// Type of properties that are bits rather than numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Whole {
+    U8,
+    U32,
+}
+
+/// [`read_rows`] of whole numbers, to the bit; all of `columns` must be of the type.
+pub(super) fn read_whole_rows<R: BufRead>(
+    source: &mut Source<'_, R>,
+    element: &Element,
+    format: Format,
+    columns: &[usize],
+    kind: Whole,
+    mut each: impl FnMut(u64, &[u32]) -> Result<(), IoError>,
+) -> Result<(), IoError> {
+    let scalars = scalars(source, element)?;
+    let expected = match kind {
+        Whole::U8 => Scalar::U8,
+        Whole::U32 => Scalar::U32,
+    };
+    if let Some(&column) = columns.iter().find(|&&c| scalars[c] != expected) {
+        let name = &element.properties[column].name;
+        return Err(source.invalid("header", format_args!("property {name:?} is {:?}, expected {expected:?}", scalars[column])));
+    }
+    let mut values = vec![0u32; columns.len()];
+    if format == Format::Ascii {
+        let mut line = Vec::new();
+        for row in 0..element.count {
+            let text = text_row(source, element, row, &mut line)?;
+            let words: Vec<&str> = text.split_ascii_whitespace().collect();
+            for (value, &column) in values.iter_mut().zip(columns) {
+                *value = parse_word(source, element, row, column, words.get(column).copied())?;
+            }
+            each(row, &values)?;
+        }
+        return Ok(());
+    }
+    let offset = |column: usize| scalars[..column].iter().map(|s| s.size()).sum::<usize>();
+    let offsets: Vec<usize> = columns.iter().map(|&c| offset(c)).collect();
+    let mut bytes = vec![0u8; offset(scalars.len())];
+    for row in 0..element.count {
+        source.fill(&mut bytes)?;
+        for (value, &at) in values.iter_mut().zip(&offsets) {
+            // Unsigned and of at most 32 bits.
+            *value = whole(&bytes[at..], expected, format) as u32;
+        }
+        each(row, &values)?;
     }
     Ok(())
 }
@@ -173,7 +236,13 @@ fn text_row<'b, R: BufRead>(
     Ok(String::from_utf8_lossy(buffer))
 }
 
-fn parse_word<R: BufRead>(source: &Source<'_, R>, element: &Element, row: u64, column: usize, word: Option<&str>) -> Result<f32, IoError> {
+fn parse_word<R: BufRead, T: std::str::FromStr>(
+    source: &Source<'_, R>,
+    element: &Element,
+    row: u64,
+    column: usize,
+    word: Option<&str>,
+) -> Result<T, IoError> {
     let found = word.map_or("nothing".to_owned(), |w| format!("{:?}", w.chars().take(40).collect::<String>()));
     word.and_then(|w| w.parse().ok()).ok_or_else(|| {
         let name = &element.properties[column].name;

@@ -6,10 +6,12 @@ use std::path::Path;
 use luxel_core::{Antialias, ColorModel, ColorSpace, Cutoffs, RasterConfig, Scene, Splats, sh};
 
 use crate::IoError;
+use crate::bake::{BakeRecord, WorldRecord};
 use crate::ply::header::{Element, Header};
 use crate::ply::rows::{check_count, read_rows, seek_element};
 use crate::ply::source::Source;
-use crate::ply::{COMMENT_TAG, FORMAT_VERSION, is_normalizable, is_usable, record};
+use crate::ply::{COMMENT_TAG, FORMAT_VERSION, compressed, record};
+use crate::sound::{is_normalizable, is_usable};
 
 /// Reads a scene.
 ///
@@ -42,11 +44,24 @@ const STANDARD_SCALE: [&str; 3] = ["scale_0", "scale_1", "scale_2"];
 
 fn decode<R: BufRead>(mut source: Source<'_, R>) -> Result<Scene, IoError> {
     let header = Header::read(&mut source)?;
+    if compressed::is_compressed(&header) {
+        return compressed::read(&mut source, &header);
+    }
     let element = seek_element(&mut source, &header, "vertex")?;
     let comments = Comments::of(&header);
-    let (mut scene, layout) =
-        if comments.lines.is_empty() { plain(&source, element)? } else { comments.exact(element).map_err(|e| e.into_error(&source))? };
+    let record = comments.baked().map_err(|e| e.into_error(&source))?;
+    let world = comments.world().map_err(|e| e.into_error(&source))?;
+    let (mut scene, layout) = match record {
+        None if !comments.lines.is_empty() => comments.exact(element).map_err(|e| e.into_error(&source))?,
+        _ => plain(&source, element)?,
+    };
     read_splats(&mut source, &header, element, &layout, &mut scene.splats)?;
+    if let Some(record) = record {
+        return Ok(record.scene(scene.splats));
+    }
+    if let Some(similarity) = world.and_then(|world| world.similarity()) {
+        similarity.inverse().apply(&mut scene.splats);
+    }
     Ok(scene)
 }
 
@@ -187,6 +202,24 @@ impl<'h> Comments<'h> {
         let edits = self.lines.iter().filter(|(key, _)| *key == "edit").map(|(_, text)| read(text)).collect::<Result<Vec<_>, _>>()?;
         record::check(&edits).map_err(CommentError::Invalid)?;
         Ok(edits)
+    }
+
+    /// What a bake alone says about itself.
+    fn baked(&self) -> Result<Option<BakeRecord>, CommentError> {
+        if !self.lines.iter().any(|(key, _)| *key == "baked") {
+            return Ok(None);
+        }
+        BakeRecord::parse(self.value("baked")?).map(Some).map_err(CommentError::Invalid)
+    }
+
+    /// How the file's world came from that of the data set, where they differ.
+    fn world(&self) -> Result<Option<WorldRecord>, CommentError> {
+        if !self.lines.iter().any(|(key, _)| *key == "file_from_world") {
+            return Ok(None);
+        }
+        let is_similarity = |world: &WorldRecord| world.similarity().is_some();
+        let world = |v: &str| serde_json::from_str::<WorldRecord>(v).ok().filter(is_similarity);
+        self.parse("file_from_world", "a rotation and a positive scale", world).map(Some)
     }
 
     /// An empty scene of the model that the comments describe, and where its values stand.

@@ -3,11 +3,12 @@
 use std::io::Write;
 use std::path::Path;
 
-use luxel_core::{ColorModel, Scene, Splats, sigmoid};
+use luxel_core::{ColorModel, Scene, Splats, sh};
 use rayon::prelude::*;
 
-use crate::ply::bake::DisplayBake;
-use crate::ply::{COMMENT_TAG, FORMAT_VERSION, is_normalizable, is_usable, record};
+use crate::bake::{Appearance, Bake, BakeOptions, Baked, MAX_BAKED, WorldRecord, smoothed};
+use crate::ply::{COMMENT_TAG, FORMAT_VERSION, record};
+use crate::sound::{is_normalizable, is_usable};
 use crate::{IoError, write_atomically};
 
 /// Rows made at a time.
@@ -24,6 +25,62 @@ pub(super) fn sh_prefix(color_model: ColorModel) -> &'static str {
     }
 }
 
+/// Where the display layer's harmonics come from.
+enum Layer<'a> {
+    /// Baked row by row.
+    Streamed(Box<Bake>),
+    /// Baked already.
+    Baked(&'a Baked),
+}
+
+impl Layer<'_> {
+    fn preview(scene: &Scene) -> Self {
+        Self::Streamed(Box::new(Bake::new(scene, &BakeOptions { appearance: Appearance::PREVIEW, max_degree: 3 })))
+    }
+
+    /// K.
+    fn coefficients(&self) -> usize {
+        match self {
+            Self::Streamed(bake) => bake.coefficients(),
+            Self::Baked(baked) => baked.scene.splats.color_model.sh_coefficients(),
+        }
+    }
+
+    fn description(&self) -> String {
+        match self {
+            Self::Streamed(bake) => bake.description(),
+            Self::Baked(baked) => baked.description(),
+        }
+    }
+
+    /// By channel; entries from K on are 0.
+    fn splat(&self, splats: &Splats, i: usize) -> [[f32; MAX_BAKED]; 3] {
+        match self {
+            Self::Streamed(bake) => bake.splat(splats, i),
+            Self::Baked(baked) => {
+                let mut channels = [[0.0; MAX_BAKED]; 3];
+                for (m, rgb) in baked.scene.splats.sh_of(i).chunks_exact(3).enumerate().take(sh::coefficients(3)) {
+                    channels.iter_mut().zip(rgb).for_each(|(channel, value)| channel[m] = *value);
+                }
+                channels
+            }
+        }
+    }
+}
+
+/// [`write_scene_ply`] with a display layer of choice; both in the world of the file.
+///
+/// # Errors
+/// As [`write_scene_ply`], or the bake is not of this scene.
+pub fn write_exact_ply(path: &Path, scene: &Scene, baked: &Baked) -> Result<(), IoError> {
+    check(path, scene)?;
+    if baked.scene.splats.len() != scene.splats.len() {
+        let message = format!("bake of {} splats for a scene of {}", baked.scene.splats.len(), scene.splats.len());
+        return Err(IoError::invalid(path, message));
+    }
+    write_atomically(path, |file| write(scene, &Layer::Baked(baked), file).map_err(|e| IoError::system(path, "write", &e)))
+}
+
 /// Writes a scene, whole or not at all; folders are made as needed.
 ///
 /// # Errors
@@ -31,7 +88,7 @@ pub(super) fn sh_prefix(color_model: ColorModel) -> &'static str {
 /// the file system's refusal.
 pub fn write_scene_ply(path: &Path, scene: &Scene) -> Result<(), IoError> {
     check(path, scene)?;
-    write_atomically(path, |file| write(scene, file).map_err(|e| IoError::system(path, "write", &e)))
+    write_atomically(path, |file| write(scene, &Layer::preview(scene), file).map_err(|e| IoError::system(path, "write", &e)))
 }
 
 /// The bytes that [`write_scene_ply`] writes; `name` is for errors.
@@ -41,11 +98,11 @@ pub fn write_scene_ply(path: &Path, scene: &Scene) -> Result<(), IoError> {
 pub fn encode_scene_ply(name: &Path, scene: &Scene) -> Result<Vec<u8>, IoError> {
     check(name, scene)?;
     let mut bytes = Vec::new();
-    write(scene, &mut bytes).map_err(|e| IoError::system(name, "write", &e))?;
+    write(scene, &Layer::preview(scene), &mut bytes).map_err(|e| IoError::system(name, "write", &e))?;
     Ok(bytes)
 }
 
-fn check(path: &Path, scene: &Scene) -> Result<(), IoError> {
+pub(crate) fn check(path: &Path, scene: &Scene) -> Result<(), IoError> {
     let splats = &scene.splats;
     let invalid = |message: String| Err(IoError::invalid(path, format_args!("scene to write: {message}")));
     if let Err(e) = splats.validate() {
@@ -66,21 +123,29 @@ fn check(path: &Path, scene: &Scene) -> Result<(), IoError> {
     record::check(&scene.edits).map_err(|message| IoError::invalid(path, format_args!("scene to write: {message}")))
 }
 
-fn write<W: Write + ?Sized>(scene: &Scene, out: &mut W) -> std::io::Result<()> {
-    let bake = DisplayBake::new(scene);
-    let properties = properties(&scene.splats, &bake);
-    write_header(scene, &bake, &properties, out)?;
-    let count = scene.splats.len();
-    let row_bytes = 4 * properties.len();
+fn write<W: Write + ?Sized>(scene: &Scene, layer: &Layer<'_>, out: &mut W) -> std::io::Result<()> {
+    let properties = properties(&scene.splats, layer);
+    write_header(scene, layer, &properties, out)?;
+    write_rows(scene.splats.len(), properties.len(), out, |i, values| fill_row(&scene.splats, i, layer, values))
+}
+
+/// Writes `count` rows of `width` numbers that `fill` makes.
+pub(super) fn write_rows<W: Write + ?Sized>(
+    count: usize,
+    width: usize,
+    out: &mut W,
+    fill: impl Fn(usize, &mut Vec<f32>) + Sync,
+) -> std::io::Result<()> {
+    let row_bytes = 4 * width;
     let mut block = vec![0u8; BLOCK_ROWS.min(count) * row_bytes];
     for first in (0..count).step_by(BLOCK_ROWS) {
         let rows = BLOCK_ROWS.min(count - first);
         let part = &mut block[..rows * row_bytes];
         part.par_chunks_exact_mut(row_bytes).enumerate().for_each_init(
-            || Vec::with_capacity(properties.len()),
+            || Vec::with_capacity(width),
             |values, (row, bytes)| {
                 values.clear();
-                fill_row(&scene.splats, first + row, &bake, values);
+                fill(first + row, values);
                 for (to, value) in bytes.chunks_exact_mut(4).zip(values) {
                     to.copy_from_slice(&value.to_le_bytes());
                 }
@@ -91,7 +156,7 @@ fn write<W: Write + ?Sized>(scene: &Scene, out: &mut W) -> std::io::Result<()> {
     Ok(())
 }
 
-fn write_header<W: Write + ?Sized>(scene: &Scene, bake: &DisplayBake, properties: &[String], out: &mut W) -> std::io::Result<()> {
+fn write_header<W: Write + ?Sized>(scene: &Scene, layer: &Layer<'_>, properties: &[String], out: &mut W) -> std::io::Result<()> {
     let model = serde_json::to_string(&scene.splats.color_model)?;
     let raster = serde_json::to_string(&scene.raster)?;
     writeln!(out, "ply\nformat binary_little_endian 1.0")?;
@@ -103,7 +168,12 @@ fn write_header<W: Write + ?Sized>(scene: &Scene, bake: &DisplayBake, properties
     for edit in &scene.edits {
         writeln!(out, "comment {COMMENT_TAG} edit {}", record::escaped(edit))?;
     }
-    writeln!(out, "comment {COMMENT_TAG} display_bake {}", bake.description())?;
+    if let Layer::Baked(baked) = layer
+        && let Some(world) = WorldRecord::of(&baked.file_from_world)
+    {
+        writeln!(out, "comment {COMMENT_TAG} file_from_world {}", serde_json::to_string(&world)?)?;
+    }
+    writeln!(out, "comment {COMMENT_TAG} display_bake {}", layer.description())?;
     writeln!(out, "comment lcd_* properties hold the radiance model exactly; f_dc, f_rest, opacity and scale are for display")?;
     writeln!(out, "element vertex {}", scene.splats.len())?;
     for name in properties {
@@ -113,11 +183,8 @@ fn write_header<W: Write + ?Sized>(scene: &Scene, bake: &DisplayBake, properties
 }
 
 /// Names in the order of [`fill_row`].
-fn properties(splats: &Splats, bake: &DisplayBake) -> Vec<String> {
-    let standard = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"].map(str::to_owned);
-    let mut names = Vec::from(standard);
-    names.extend((0..3 * (bake.coefficients() - 1)).map(|i| format!("f_rest_{i}")));
-    names.extend(["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"].map(str::to_owned));
+fn properties(splats: &Splats, layer: &Layer<'_>) -> Vec<String> {
+    let mut names = standard_properties(layer.coefficients());
     names.extend((0..splats.color_model.luminance_coefficients()).map(|m| format!("lcd_l_{m}")));
     let prefix = sh_prefix(splats.color_model);
     names.extend((0..3 * splats.color_model.sh_coefficients()).map(|i| format!("{prefix}{i}")));
@@ -127,9 +194,18 @@ fn properties(splats: &Splats, bake: &DisplayBake) -> Vec<String> {
     names
 }
 
+/// Names of 3D Gaussian splatting with harmonics of `coefficients` a channel.
+pub(super) fn standard_properties(coefficients: usize) -> Vec<String> {
+    let standard = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"].map(str::to_owned);
+    let mut names = Vec::from(standard);
+    names.extend((0..3 * (coefficients - 1)).map(|i| format!("f_rest_{i}")));
+    names.extend(["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"].map(str::to_owned));
+    names
+}
+
 /// Values of splat `i` in the order of [`properties`].
-fn fill_row(splats: &Splats, i: usize, bake: &DisplayBake, values: &mut Vec<f32>) {
-    let baked = bake.bake(splats, i);
+fn fill_row(splats: &Splats, i: usize, layer: &Layer<'_>, values: &mut Vec<f32>) {
+    let baked = layer.splat(splats, i);
     let (log_scale, opacity_logit) = match splats.smoothing.get(i) {
         Some(deviation) => smoothed(splats.log_scale[i], splats.opacity_logit[i], *deviation),
         None => (splats.log_scale[i], splats.opacity_logit[i]),
@@ -138,7 +214,7 @@ fn fill_row(splats: &Splats, i: usize, bake: &DisplayBake, values: &mut Vec<f32>
     values.extend([0.0; 3]);
     values.extend(baked.map(|channel| channel[0]));
     for channel in &baked {
-        values.extend_from_slice(&channel[1..bake.coefficients()]);
+        values.extend_from_slice(&channel[1..layer.coefficients()]);
     }
     values.push(opacity_logit);
     values.extend(log_scale);
@@ -149,15 +225,4 @@ fn fill_row(splats: &Splats, i: usize, bake: &DisplayBake, values: &mut Vec<f32>
         values.extend([*deviation, splats.opacity_logit[i]]);
         values.extend(splats.log_scale[i]);
     }
-}
-
-/// Log scale and opacity logit with the 3D smoothing filter of `deviation` applied: variances add, and the opacity shrinks by the ratio
-/// of volumes (Yu et al. 2024, eq. 9).
-fn smoothed(log_scale: [f32; 3], opacity_logit: f32, deviation: f32) -> ([f32; 3], f32) {
-    // The range within which a variance neither vanishes nor overflows.
-    let variance = |log_scale: f32| (2.0 * f64::from(log_scale).clamp(-100.0, 100.0)).exp();
-    let added = f64::from(deviation).powi(2);
-    let wide = log_scale.map(|s| 0.5 * (variance(s) + added).ln());
-    let ratio: f64 = log_scale.iter().zip(wide).map(|(s, w)| f64::from(*s).clamp(-100.0, 100.0) - w).sum::<f64>().exp();
-    (wide.map(|s| s as f32), luxel_core::logit((f64::from(sigmoid(opacity_logit)) * ratio) as f32))
 }

@@ -8,6 +8,7 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::IoErrorKind;
+use crate::bake::{Appearance, BakeOptions, Baked};
 
 fn name() -> &'static Path {
     Path::new("scene.ply")
@@ -436,4 +437,51 @@ fn edits_are_kept_in_order_and_the_header_is_ascii() {
     let damaged = bytes[..end].iter().map(|b| if *b == b'<' { b'\\' } else { *b }).chain(bytes[end..].iter().copied());
     let error = decode_scene_ply(name(), &damaged.collect::<Vec<_>>()).unwrap_err().to_string();
     assert!(error.contains("\"luxel edit\"") && error.contains("not escaped as it was written"), "{error}");
+}
+
+#[test]
+fn bakes_alone_read_back_as_what_they_are() {
+    let scene = scene(LCD, 9, true, 5);
+    for appearance in [Appearance::PREVIEW, Appearance::Linear { color_space: ColorSpace::LinearRec2020, exposure_ev: 1.0 }] {
+        let mut baked = Baked::new(&scene, &BakeOptions { appearance, max_degree: 2 });
+        let bytes = encode_baked_ply(name(), &baked).unwrap();
+        assert_eq!(decode_scene_ply(name(), &bytes).unwrap(), baked.scene);
+        let header = String::from_utf8_lossy(&bytes[..600]).into_owned();
+        assert!(header.contains("comment luxel baked {\"version\":1"), "{header}");
+        // In the file's own world, and out of it again.
+        let turn = glam::DMat3::from_cols(glam::DVec3::X, glam::DVec3::NEG_Y, glam::DVec3::NEG_Z);
+        let before = baked.scene.splats.position.clone();
+        baked.transform(&luxel_core::Similarity::turn(turn).unwrap());
+        let bytes = encode_baked_ply(name(), &baked).unwrap();
+        assert_eq!(decode_scene_ply(name(), &bytes).unwrap().splats.position, before);
+    }
+}
+
+#[test]
+fn an_exact_file_with_a_bake_of_choice_reads_back_to_the_bit() {
+    let scene = scene(LCD, 9, true, 5);
+    let appearance = Appearance::Display { tonemap: luxel_core::tone::Tonemap::Reinhard, exposure_ev: -1.0 };
+    let baked = Baked::new(&scene, &BakeOptions { appearance, max_degree: 1 });
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scene.ply");
+    write_exact_ply(&path, &scene, &baked).unwrap();
+    assert_eq!(crate::read_scene(&path).unwrap(), scene);
+    let bytes = std::fs::read(&path).unwrap();
+    let text = String::from_utf8_lossy(&bytes);
+    let (header, _) = text.split_once("end_header\n").unwrap();
+    assert!(header.contains("curve reinhard") && header.contains("f_rest_8\n") && !header.contains("f_rest_9\n"), "{header}");
+}
+
+#[test]
+fn infinite_opacities_of_other_programs_are_bounded() {
+    let names =
+        ["x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"];
+    let properties: String = names.map(|n| format!("property float {n}\n")).concat();
+    let file = |opacity: &str| {
+        let head = format!("ply\nformat ascii 1.0\nelement vertex 1\n{properties}end_header\n");
+        decode_scene_ply(name(), format!("{head}0 0 0 0 0 0 {opacity} 0 0 0 1 0 0 0\n").as_bytes())
+    };
+    assert!(sigmoid(file("inf").unwrap().splats.opacity_logit[0]) > 0.99999);
+    assert!(sigmoid(file("-inf").unwrap().splats.opacity_logit[0]) < 0.00001);
+    assert!(file("nan").unwrap_err().to_string().contains("\"opacity\" is NaN"));
 }

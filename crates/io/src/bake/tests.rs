@@ -1,0 +1,94 @@
+use luxel_core::{Activation, Conversion, synthetic};
+use proptest::prelude::*;
+
+use super::*;
+
+fn scene(model: ColorModel, color_space: ColorSpace) -> Scene {
+    let splats = synthetic::room(40, 3).with_color_model(model).unwrap();
+    Scene { splats, radiance_scale: 2.5, color_space, raster: RasterConfig::default(), edits: Vec::new() }
+}
+
+const LCD: ColorModel = ColorModel::Lcd { chroma_degree: 3, luminance_degree: 0, activation: Activation::Softplus };
+const DIRECTIONS: [[f32; 3]; 3] = [[0.0, 0.0, 1.0], [0.6, -0.8, 0.0], [-0.48, 0.6, 0.64]];
+
+fn linear(color_space: ColorSpace, exposure_ev: f32) -> BakeOptions {
+    BakeOptions { appearance: Appearance::Linear { color_space, exposure_ev }, max_degree: 3 }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(16))]
+
+    #[test]
+    fn linear_bakes_of_harmonics_are_exact_in_every_space(from in 0usize..5, to in 0usize..5, ev in -3f32..3.0) {
+        let (from, to) = (ColorSpace::ALL[from], ColorSpace::ALL[to]);
+        let scene = scene(ColorModel::Sh { degree: 3 }, from);
+        let baked = Baked::new(&scene, &linear(to, ev));
+        let (conversion, factor) = (Conversion::between(from, to), 2.5 * ev.exp2());
+        prop_assert_eq!(baked.scene.color_space, to);
+        for i in 0..scene.splats.len() {
+            for v in DIRECTIONS {
+                let before = scene.splats.radiance(i, v);
+                if before.contains(&0.0) {
+                    continue;
+                }
+                let expected = conversion.apply(before.map(|c| c * factor));
+                let found = baked.scene.splats.radiance(i, v);
+                let size = 1e-5 * (1.0 + factor);
+                prop_assert!((0..3).all(|c| (found[c] - expected[c].max(0.0)).abs() < size), "{:?} {:?}", found, expected);
+            }
+        }
+    }
+
+    #[test]
+    fn linear_bakes_of_luminance_and_chromaticity_are_near(to in 0usize..5) {
+        let to = ColorSpace::ALL[to];
+        let scene = scene(LCD, ColorSpace::LinearRec709);
+        let baked = Baked::new(&scene, &linear(to, 0.0));
+        let conversion = Conversion::between(ColorSpace::LinearRec709, to);
+        let (mut error, mut size) = (0.0, 0.0);
+        for i in 0..scene.splats.len() {
+            for v in DIRECTIONS {
+                let expected = conversion.apply(scene.splats.radiance(i, v).map(|c| 2.5 * c));
+                let found = baked.scene.splats.radiance(i, v);
+                for c in 0..3 {
+                    error += (found[c] - expected[c]).abs();
+                    size += expected[c].abs();
+                }
+            }
+        }
+        prop_assert!(error < 0.05 * size, "{} of {}", error, size);
+    }
+}
+
+#[test]
+fn a_record_brings_a_scene_back_to_its_world() {
+    let scene = scene(ColorModel::Sh { degree: 3 }, ColorSpace::AcesCg);
+    let mut baked = Baked::new(&scene, &linear(ColorSpace::AcesCg, 0.0));
+    let before = baked.scene.clone();
+    let turn = glam::DMat3::from_cols(glam::DVec3::X, glam::DVec3::NEG_Y, glam::DVec3::NEG_Z);
+    baked.transform(&Similarity::turn(turn).unwrap());
+    assert_ne!(baked.scene.splats.position, before.splats.position);
+    let record = BakeRecord::parse(&BakeRecord::of(&baked).json().unwrap()).unwrap();
+    let back = record.scene(baked.scene.splats.clone());
+    assert_eq!((back.color_space, back.raster, &back.splats.position), (before.color_space, before.raster, &before.splats.position));
+    for v in DIRECTIONS {
+        let (a, b) = (back.splats.radiance(7, v), before.splats.radiance(7, v));
+        assert!((0..3).all(|c| (a[c] - b[c]).abs() < 1e-5), "{a:?} {b:?}");
+    }
+}
+
+#[test]
+fn damaged_records_are_refused() {
+    let scene = scene(LCD, ColorSpace::AcesCg);
+    let mut baked = Baked::new(&scene, &BakeOptions { appearance: Appearance::PREVIEW, max_degree: 1 });
+    assert_eq!(baked.scene.splats.color_model, ColorModel::Sh { degree: 1 });
+    let turn = glam::DMat3::from_cols(glam::DVec3::X, glam::DVec3::NEG_Y, glam::DVec3::NEG_Z);
+    baked.transform(&Similarity::turn(turn).unwrap());
+    let json = BakeRecord::of(&baked).json().unwrap();
+    assert!(BakeRecord::parse(&json).is_ok());
+    for (from, to) in [("\"version\":1", "\"version\":2"), ("linear-rec709", "cmyk"), ("\"scale\":1.0", "\"scale\":0.0"), ("-1.0", "-2.0")]
+    {
+        assert_ne!(json.replace(from, to), json, "{from}");
+        assert!(BakeRecord::parse(&json.replace(from, to)).is_err(), "{to}");
+    }
+}

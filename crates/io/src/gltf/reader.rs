@@ -1,0 +1,292 @@
+//! glTF to a scene.
+
+use std::path::Path;
+
+use glam::{DMat3, DMat4, DQuat, DVec3};
+use luxel_core::{ColorModel, ColorSpace, Cutoffs, RasterConfig, Scene, Similarity, Splats, logit, sh};
+use serde::Deserialize;
+
+use super::document::{Document, Node, Primitive};
+use super::{CHUNK_BIN, CHUNK_JSON, EXTENSION, GLB_MAGIC, KHR, accessor};
+use crate::IoError;
+use crate::bake::{BakeRecord, RECORD_KEY, WorldRecord};
+use crate::regular::read_file;
+use crate::sound::{is_normalizable, is_usable};
+
+/// Deepest nesting of nodes.
+const MAX_DEPTH: usize = 64;
+/// Most nodes visited.
+const MAX_VISITS: usize = 10_000;
+/// Most primitives of splats: one reached by many ways is read as often, and takes memory each time.
+const MAX_PRIMITIVES: usize = 64;
+
+/// Reads all splats of the file's scene.
+///
+/// # Errors
+/// A missing, truncated or otherwise damaged file, no splats, or what is not supported: external buffers, compression, shearing.
+pub fn read_glb(path: &Path) -> Result<Scene, IoError> {
+    decode_glb(path, &read_file(path)?)
+}
+
+/// [`read_glb`] of a file's bytes; `name` is for errors.
+///
+/// # Errors
+/// As [`read_glb`].
+pub fn decode_glb(name: &Path, bytes: &[u8]) -> Result<Scene, IoError> {
+    let invalid = |message: String| IoError::invalid(name, message);
+    let (json, bin) = chunks(bytes).map_err(invalid)?;
+    let document: Document = serde_json::from_slice(json).map_err(|e| invalid(format!("JSON: {e}")))?;
+    let mut found = Vec::new();
+    let mut visits = 0;
+    for node in roots(&document) {
+        visit(&document, node, DMat4::IDENTITY, &mut (&mut found, &mut visits), 0).map_err(invalid)?;
+    }
+    let record = document.asset.extras.get(RECORD_KEY).and_then(|v| v.as_str()).map(BakeRecord::parse).transpose().map_err(invalid)?;
+    let mut scenes = Vec::with_capacity(found.len());
+    for (primitive, matrix) in found {
+        let similarity = similarity(matrix).map_err(|message| IoError::unsupported(name, message))?;
+        let mut scene = read_primitive(&document, bin, primitive, record.as_ref()).map_err(invalid)?;
+        similarity.apply(&mut scene.splats);
+        scene.splats.validate().map_err(|e| invalid(e.to_string()))?;
+        scenes.push(scene);
+    }
+    join(scenes).map_err(|message| IoError::unsupported(name, message))
+}
+
+/// JSON and the binary buffer of a .glb.
+fn chunks(bytes: &[u8]) -> Result<(&[u8], &[u8]), String> {
+    let word = |at: usize| bytes.get(at..at + 4).and_then(|b| b.try_into().ok()).map(u32::from_le_bytes);
+    if word(0) != Some(GLB_MAGIC) {
+        return Err("does not begin with glTF: not a binary glTF file".into());
+    }
+    if word(4) != Some(2) {
+        return Err(format!("glTF version {}, expected 2", word(4).unwrap_or(0)));
+    }
+    let (mut json, mut bin) = (None, None);
+    let mut at = 12usize;
+    while let (Some(length), Some(kind)) = (word(at), word(at + 4)) {
+        let start = at + 8;
+        let chunk = start.checked_add(length as usize).and_then(|end| bytes.get(start..end));
+        let chunk =
+            chunk.ok_or_else(|| format!("byte {at}: a chunk of {length} bytes goes beyond the file's end; the file is truncated"))?;
+        match kind {
+            CHUNK_JSON if json.is_none() => json = Some(chunk),
+            CHUNK_BIN if bin.is_none() => bin = Some(chunk),
+            _ => {}
+        }
+        at = start + chunk.len();
+    }
+    let json = json.ok_or("no JSON chunk; the file is truncated")?;
+    Ok((json, bin.unwrap_or_default()))
+}
+
+/// Nodes that the scene begins with; all meshes' nodes where there is no scene.
+fn roots(document: &Document) -> Vec<usize> {
+    match document.scenes.get(document.scene.unwrap_or(0)) {
+        Some(scene) => scene.nodes.clone(),
+        None => (0..document.nodes.len()).collect(),
+    }
+}
+
+fn local_matrix(node: &Node) -> DMat4 {
+    if let Some(matrix) = &node.matrix {
+        return DMat4::from_cols_array(matrix);
+    }
+    let rotation = node.rotation.map_or(DQuat::IDENTITY, DQuat::from_array);
+    let scale = node.scale.map_or(DVec3::ONE, DVec3::from_array);
+    DMat4::from_scale_rotation_translation(scale, rotation, node.translation.map_or(DVec3::ZERO, DVec3::from_array))
+}
+
+/// Collects primitives of splats below a node.
+fn visit<'d>(
+    document: &'d Document,
+    index: usize,
+    parent: DMat4,
+    out: &mut (&mut Vec<(&'d Primitive, DMat4)>, &mut usize),
+    depth: usize,
+) -> Result<(), String> {
+    let node = document.nodes.get(index).ok_or_else(|| format!("node {index} does not exist"))?;
+    *out.1 += 1;
+    if depth > MAX_DEPTH || *out.1 > MAX_VISITS {
+        return Err(format!(
+            "node {index}: more than {MAX_DEPTH} nodes within one another, or {MAX_VISITS} in all: they may go in circles"
+        ));
+    }
+    let matrix = parent * local_matrix(node);
+    if let Some(mesh) = node.mesh {
+        let mesh = document.meshes.get(mesh).ok_or_else(|| format!("node {index}: mesh {mesh} does not exist"))?;
+        out.0.extend(mesh.primitives.iter().filter(|p| p.extensions.contains_key(KHR)).map(|p| (p, matrix)));
+        if out.0.len() > MAX_PRIMITIVES {
+            return Err(format!("node {index}: more than {MAX_PRIMITIVES} primitives of splats, expected fewer; join them first"));
+        }
+    }
+    node.children.iter().try_for_each(|child| visit(document, *child, matrix, out, depth + 1))
+}
+
+fn similarity(matrix: DMat4) -> Result<Similarity, String> {
+    if matrix == DMat4::IDENTITY {
+        return Ok(Similarity::IDENTITY);
+    }
+    let linear = DMat3::from_mat4(matrix);
+    let scale = linear.determinant().cbrt();
+    let similarity = Similarity::new(linear * (1.0 / scale), scale, matrix.w_axis.truncate());
+    similarity.ok_or_else(|| "a node shears, mirrors or scales its splats unevenly, which is not supported; apply it first".into())
+}
+
+/// Our extension.
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+struct Exact {
+    color_model: ColorModel,
+    color_space: ColorSpace,
+    radiance_scale: f32,
+    raster: RasterConfig,
+    attributes: std::collections::BTreeMap<String, usize>,
+    #[serde(default)]
+    edits: Vec<String>,
+    #[serde(default)]
+    file_from_world: Option<WorldRecord>,
+}
+
+fn read_primitive(document: &Document, bin: &[u8], primitive: &Primitive, record: Option<&BakeRecord>) -> Result<Scene, String> {
+    let khr = primitive.extensions.get(KHR).and_then(|v| v.get("extensions"));
+    let exact = khr.and_then(|e| e.get(EXTENSION)).map(|v| Exact::deserialize(v).map_err(|e| format!("{EXTENSION}: {e}")));
+    let read = |name: &str, width: usize| {
+        let index = primitive.attributes.get(name).ok_or_else(|| format!("no attribute {name:?}: compressed, or not splats"))?;
+        accessor::read(document, bin, *index, width)
+    };
+    let (positions, scales) = (read("POSITION", 3)?, read(&format!("{KHR}:SCALE"), 3)?);
+    let (rotations, opacities) = (read(&format!("{KHR}:ROTATION"), 4)?, read(&format!("{KHR}:OPACITY"), 1)?);
+    let count = positions.len() / 3;
+    if [scales.len(), rotations.len(), opacities.len()] != [3 * count, 4 * count, count] {
+        return Err(format!("attributes of different lengths for {count} splats"));
+    }
+    let mut splats = Splats::empty(ColorModel::Sh { degree: 0 });
+    splats.position = positions.as_chunks::<3>().0.to_vec();
+    splats.rotation = rotations.as_chunks::<4>().0.iter().map(|[x, y, z, w]| [*w, *x, *y, *z]).collect();
+    if let Some(i) = splats.rotation.iter().position(|q| !is_normalizable(*q)) {
+        return Err(format!("rotation of splat {i} is {:?}, expected a quaternion of length about 1", splats.rotation[i]));
+    }
+    splats.log_scale = scales.as_chunks::<3>().0.iter().map(|s| s.map(|s| s.max(f32::MIN_POSITIVE).ln())).collect();
+    splats.opacity_logit = opacities.iter().map(|o| logit(*o)).collect();
+    match exact.transpose()? {
+        Some(exact) => read_exact(document, bin, splats, exact),
+        None => {
+            read_harmonics(&mut splats, |name, width| {
+                let name = format!("{KHR}:{name}");
+                primitive.attributes.contains_key(&name).then(|| read(&name, width))
+            })?;
+            Ok(match record {
+                Some(record) => record.scene(splats),
+                None => Scene {
+                    splats,
+                    radiance_scale: 1.0,
+                    color_space: ColorSpace::LinearRec709,
+                    raster: RasterConfig { cutoffs: Cutoffs::PARITY, ..RasterConfig::default() },
+                    edits: Vec::new(),
+                },
+            })
+        }
+    }
+}
+
+/// Harmonics of as many degrees as there are.
+fn read_harmonics(splats: &mut Splats, read: impl Fn(&str, usize) -> Option<Result<Vec<f32>, String>>) -> Result<(), String> {
+    let mut planes = Vec::new();
+    for degree in 0..=sh::MAX_DEGREE {
+        let name = |n: usize| format!("SH_DEGREE_{degree}_COEF_{n}");
+        if read(&name(0), 3).is_none() {
+            break;
+        }
+        for n in 0..=2 * degree {
+            planes.push(read(&name(n), 3).ok_or_else(|| format!("no attribute {:?}", name(n)))??);
+        }
+        splats.color_model = ColorModel::Sh { degree: degree as u8 };
+    }
+    if planes.is_empty() {
+        return Err("no attribute \"SH_DEGREE_0_COEF_0\": splats without colours".into());
+    }
+    splats.sh = interleaved(&planes, 3, splats.len())?;
+    Ok(())
+}
+
+/// Planes `[N, width]` to rows `[N, planes, width]`.
+fn interleaved(planes: &[Vec<f32>], width: usize, count: usize) -> Result<Vec<f32>, String> {
+    if planes.iter().any(|plane| plane.len() != width * count) {
+        return Err(format!("attributes of different lengths for {count} splats"));
+    }
+    let mut rows = Vec::with_capacity(planes.len() * width * count);
+    for i in 0..count {
+        planes.iter().for_each(|plane| rows.extend_from_slice(&plane[width * i..width * (i + 1)]));
+    }
+    Ok(rows)
+}
+
+/// The radiance model over the geometry of the display layer.
+fn read_exact(document: &Document, bin: &[u8], mut splats: Splats, exact: Exact) -> Result<Scene, String> {
+    let invalid = |message: &str| format!("{EXTENSION}: {message}");
+    if !exact.color_model.is_valid() {
+        return Err(invalid("colour model is out of range"));
+    }
+    if !(exact.radiance_scale.is_finite() && exact.radiance_scale > 0.0 && is_usable(&exact.raster)) {
+        return Err(invalid("radiance scale or cut-offs are out of range"));
+    }
+    crate::ply::check_edits(&exact.edits).map_err(|e| invalid(&e))?;
+    let count = splats.len();
+    let optional =
+        |name: &str, width: usize| {
+            let index = exact.attributes.get(name)?;
+            Some(accessor::read(document, bin, *index, width).and_then(|values| {
+                if values.len() == width * count { Ok(values) } else { Err(format!("{name:?} is not of {count} splats")) }
+            }))
+        };
+    let needed = |name: String, width: usize| optional(&name, width).unwrap_or_else(|| Err(invalid(&format!("no attribute {name:?}"))));
+    let planes: Vec<Vec<f32>> = (0..exact.color_model.sh_coefficients()).map(|n| needed(format!("SH_{n}"), 3)).collect::<Result<_, _>>()?;
+    let luminance: Vec<Vec<f32>> =
+        (0..exact.color_model.luminance_coefficients()).map(|n| needed(format!("RAW_LUMINANCE_{n}"), 1)).collect::<Result<_, _>>()?;
+    splats.sh = interleaved(&planes, 3, count)?;
+    splats.raw_luminance = interleaved(&luminance, 1, count)?;
+    splats.color_model = exact.color_model;
+    if let Some(filter) = optional("FILTER", 1).transpose()? {
+        if filter.iter().any(|f| *f < 0.0) {
+            return Err(invalid("\"FILTER\" is negative"));
+        }
+        splats.smoothing = filter;
+    }
+    if let Some(values) = optional("OPACITY_LOGIT", 1).transpose()? {
+        splats.opacity_logit = values;
+    }
+    if let Some(values) = optional("LOG_SCALE", 3).transpose()? {
+        splats.log_scale = values.as_chunks::<3>().0.to_vec();
+    }
+    match exact.file_from_world.map(|world| world.similarity()) {
+        Some(None) => return Err(invalid("\"fileFromWorld\" is not a rotation and a positive scale")),
+        Some(Some(similarity)) => similarity.inverse().apply(&mut splats),
+        None => {}
+    }
+    let Exact { color_space, radiance_scale, raster, edits, .. } = exact;
+    Ok(Scene { splats, radiance_scale, color_space, raster, edits })
+}
+
+/// One scene of several that have their model in common.
+fn join(scenes: Vec<Scene>) -> Result<Scene, String> {
+    let mut scenes = scenes.into_iter();
+    let mut all = scenes.next().ok_or_else(|| format!("no primitive with {KHR}: no splats in this file's scene"))?;
+    for scene in scenes {
+        let is_alike = scene.splats.color_model == all.splats.color_model
+            && scene.splats.smoothing.is_empty() == all.splats.smoothing.is_empty()
+            && (scene.radiance_scale, scene.color_space, scene.raster) == (all.radiance_scale, all.color_space, all.raster);
+        if !is_alike {
+            return Err("several primitives of splats with different colour models, which is not supported; export them apart".into());
+        }
+        let Splats { position, rotation, log_scale, opacity_logit, sh, raw_luminance, smoothing, .. } = scene.splats;
+        all.splats.position.extend(position);
+        all.splats.rotation.extend(rotation);
+        all.splats.log_scale.extend(log_scale);
+        all.splats.opacity_logit.extend(opacity_logit);
+        all.splats.sh.extend(sh);
+        all.splats.raw_luminance.extend(raw_luminance);
+        all.splats.smoothing.extend(smoothing);
+    }
+    Ok(all)
+}

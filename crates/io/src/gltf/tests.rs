@@ -1,0 +1,133 @@
+use std::path::Path;
+
+use luxel_core::{Activation, ColorModel, ColorSpace, RasterConfig, Scene, Similarity, synthetic};
+use proptest::prelude::*;
+
+use super::*;
+use crate::bake::{Appearance, BakeOptions, Baked};
+
+fn name() -> &'static Path {
+    Path::new("scene.glb")
+}
+
+fn scene(is_smoothed: bool) -> Scene {
+    let lcd = ColorModel::Lcd { chroma_degree: 2, luminance_degree: 1, activation: Activation::Softplus };
+    let mut splats = synthetic::room(30, 9).with_color_model(lcd).unwrap();
+    if is_smoothed {
+        splats.smoothing = vec![0.01; splats.len()];
+    }
+    Scene { splats, radiance_scale: 300.0, color_space: ColorSpace::AcesCg, raster: RasterConfig::default(), edits: Vec::new() }
+}
+
+fn baked(scene: &Scene, appearance: Appearance) -> Baked {
+    Baked::new(scene, &BakeOptions { appearance, max_degree: 3 })
+}
+
+const LINEAR: Appearance = Appearance::Linear { color_space: ColorSpace::LinearRec709, exposure_ev: 0.0 };
+
+#[test]
+fn the_exact_model_reads_back_to_the_bit() {
+    for is_smoothed in [false, true] {
+        let scene = Scene { edits: vec!["where all; gain 2".into()], ..scene(is_smoothed) };
+        let bytes = encode_glb(name(), &baked(&scene, Appearance::PREVIEW), Some(&scene)).unwrap();
+        let mut back = decode_glb(name(), &bytes).unwrap();
+        // glTF's rotations have length 1.
+        for (a, b) in back.splats.rotation.iter_mut().zip(&scene.splats.rotation) {
+            let length = b.iter().map(|q| q * q).sum::<f32>().sqrt();
+            assert!((0..4).all(|c| (a[c] - b[c] / length).abs() < 1e-6));
+            *a = *b;
+        }
+        assert_eq!(back, scene);
+    }
+}
+
+#[test]
+fn bakes_read_back_as_what_they_are() {
+    let scene = scene(true);
+    for appearance in [Appearance::PREVIEW, LINEAR] {
+        let baked = baked(&scene, appearance);
+        let back = decode_glb(name(), &encode_glb(name(), &baked, None).unwrap()).unwrap();
+        assert_eq!((back.splats.sh, back.raster, back.color_space), (baked.scene.splats.sh, baked.scene.raster, ColorSpace::LinearRec709));
+    }
+    let acescg = Appearance::Linear { color_space: ColorSpace::AcesCg, exposure_ev: 0.0 };
+    assert!(encode_glb(name(), &baked(&scene, acescg), None).unwrap_err().message.contains("expected linear-rec709"));
+}
+
+#[test]
+fn the_files_world_is_undone() {
+    let turn = glam::DMat3::from_cols(glam::DVec3::X, glam::DVec3::NEG_Y, glam::DVec3::NEG_Z);
+    let turn = Similarity::turn(turn).unwrap();
+    let original = scene(false);
+    for exact in [false, true] {
+        let mut moved = original.clone();
+        let mut baked = baked(&moved, Appearance::PREVIEW);
+        baked.transform(&turn);
+        turn.apply(&mut moved.splats);
+        let bytes = encode_glb(name(), &baked, exact.then_some(&moved)).unwrap();
+        assert_eq!(decode_glb(name(), &bytes).unwrap().splats.position, original.splats.position);
+    }
+}
+
+fn with_json(bytes: &[u8], change: impl Fn(String) -> String) -> Vec<u8> {
+    let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+    let json = change(String::from_utf8(bytes[20..20 + length].to_vec()).unwrap());
+    let mut out = bytes[..12].to_vec();
+    out.extend((json.len() as u32).to_le_bytes());
+    out.extend(CHUNK_JSON.to_le_bytes());
+    out.extend(json.as_bytes());
+    out.extend(&bytes[20 + length..]);
+    out
+}
+
+#[test]
+fn nodes_move_their_splats() {
+    let scene = scene(false);
+    let bytes = encode_glb(name(), &baked(&scene, LINEAR), None).unwrap();
+    let node = |text: &str| decode_glb(name(), &with_json(&bytes, |json| json.replace("\"mesh\":0", text)));
+    let moved = node("\"mesh\":0,\"translation\":[1,2,3],\"scale\":[2,2,2]").unwrap();
+    let (a, b) = (moved.splats.position[4], scene.splats.position[4]);
+    assert!((0..3).all(|c| (a[c] - (2.0 * b[c] + [1.0, 2.0, 3.0][c])).abs() < 1e-5));
+    assert!(node("\"mesh\":0,\"scale\":[2,1,2]").unwrap_err().message.contains("unevenly"));
+    assert!(node("\"mesh\":0,\"scale\":[1,1,-1]").unwrap_err().message.contains("mirrors"));
+    assert!(node("\"mesh\":7").unwrap_err().message.contains("mesh 7 does not exist"));
+    assert!(node("\"children\":[0]").unwrap_err().message.contains("circles"));
+    assert!(node("\"camera\":0").unwrap_err().message.contains("no primitive"));
+}
+
+#[test]
+fn what_is_wrong_is_named() {
+    let scene = scene(false);
+    let bytes = encode_glb(name(), &baked(&scene, Appearance::PREVIEW), Some(&scene)).unwrap();
+    for (from, to, part) in [
+        ("\"count\":30", "\"count\":31", "truncated"),
+        ("\"count\":30", "\"count\":99999999999999", "truncated"),
+        ("KHR_gaussian_splatting:SCALE", "KHR_gaussian_splatting:SIZE", "no attribute \"KHR_gaussian_splatting:SCALE\""),
+        ("\"componentType\":5126", "\"componentType\":5125", "component type 5125"),
+        ("\"SH_1\"", "\"SH_x\"", "no attribute \"SH_1\""),
+        ("\"radianceScale\":300.0", "\"radianceScale\":-1.0", "out of range"),
+        ("\"luminance_degree\":1", "\"luminance_degree\":9", "out of range"),
+        ("\"byteLength\":", "\"uri\":\"x.bin\",\"byteLength\":", "outside of this file"),
+    ] {
+        let changed = with_json(&bytes, |json| json.replace(from, to));
+        let error = decode_glb(name(), &changed).unwrap_err().to_string();
+        assert!(error.contains(part), "{part}: {error}");
+    }
+    assert!(decode_glb(name(), b"glTF").is_err());
+    assert!(decode_glb(name(), &bytes[..bytes.len() - 4]).unwrap_err().message.contains("truncated"));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn damage_is_an_error_or_a_valid_scene(at: prop::sample::Index, byte: u8, in_json: bool) {
+        let scene = scene(true);
+        let mut bytes = encode_glb(name(), &baked(&scene, Appearance::PREVIEW), Some(&scene)).unwrap();
+        let json = 20 + u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+        let at = at.index(if in_json { json } else { bytes.len() });
+        bytes[at] = byte;
+        if let Ok(scene) = decode_glb(name(), &bytes) {
+            prop_assert_eq!(scene.splats.validate(), Ok(()));
+        }
+    }
+}

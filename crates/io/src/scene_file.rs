@@ -1,0 +1,68 @@
+//! Scene files of any format: recognised by their first bytes, read into a [`Scene`].
+
+use std::io::Read;
+use std::path::Path;
+
+use luxel_core::Scene;
+
+use crate::regular::regular_file;
+use crate::{IoError, read_glb, read_scene_ply, read_spz, read_usda};
+
+/// Formats that scenes are read from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SceneFormat {
+    /// Polygon file format: exact, baked, plain or compressed.
+    Ply,
+    /// OpenUSD as text.
+    Usda,
+    /// glTF in one binary file.
+    Glb,
+    /// SPZ of versions 2 to 4.
+    Spz,
+}
+
+impl SceneFormat {
+    /// By the first bytes of a file; `None` if they are those of no scene.
+    pub fn of_bytes(head: &[u8]) -> Option<Self> {
+        const MAGIC: [(&[u8], SceneFormat); 6] = [
+            (b"ply\n", SceneFormat::Ply),
+            (b"ply\r", SceneFormat::Ply),
+            (b"#usda", SceneFormat::Usda),
+            (b"glTF", SceneFormat::Glb),
+            (b"NGSP", SceneFormat::Spz),
+            (&[0x1f, 0x8b], SceneFormat::Spz),
+        ];
+        MAGIC.iter().find(|(magic, _)| head.starts_with(magic)).map(|&(_, format)| format)
+    }
+}
+
+/// Bytes that tell formats apart.
+const HEAD_BYTES: u64 = 16;
+
+/// Reads a scene file.
+///
+/// # Errors
+/// The file can't be read, is damaged, or is of a format or version that is not supported; the message names the remedy.
+pub fn read_scene(path: &Path) -> Result<Scene, IoError> {
+    regular_file(path)?;
+    let mut head = Vec::new();
+    let file = std::fs::File::open(path).map_err(|e| IoError::system(path, "read", &e))?;
+    file.take(HEAD_BYTES).read_to_end(&mut head).map_err(|e| IoError::system(path, "read", &e))?;
+    match SceneFormat::of_bytes(&head) {
+        Some(SceneFormat::Ply) => read_scene_ply(path),
+        Some(SceneFormat::Usda) => read_usda(path),
+        Some(SceneFormat::Glb) => read_glb(path),
+        Some(SceneFormat::Spz) => read_spz(path),
+        None if head.starts_with(b"PXR-USDC") => Err(IoError::unsupported(
+            path,
+            "OpenUSD in its binary form, expected text; convert it with usdcat FILE -o FILE.usda, or write it so in the program it is from",
+        )),
+        // Files that call themselves PLY get that reader's message.
+        None if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("ply")) => read_scene_ply(path),
+        None => {
+            let found: Vec<_> = head.iter().take(8).map(|byte| format!("{byte:02x}")).collect();
+            let message = format!("begins with bytes {}, expected a scene: PLY, OpenUSD text, binary glTF or SPZ", found.join(" "));
+            Err(IoError::unsupported(path, message))
+        }
+    }
+}

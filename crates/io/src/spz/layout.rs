@@ -1,0 +1,126 @@
+//! The numbers of SPZ: what a byte stands for, both ways.
+
+use glam::{DMat3, DVec3};
+use luxel_core::{Similarity, sh};
+
+/// "NGSP".
+pub(super) const MAGIC: u32 = 0x5053_474e;
+/// Flag: trained with anti-aliasing (Mip-splatting).
+pub(super) const FLAG_ANTIALIASED: u8 = 1;
+/// Bytes of the header inside of the gzip stream.
+pub(super) const LEGACY_HEADER: usize = 16;
+/// Bytes of version 4's header.
+pub(super) const HEADER: usize = 32;
+/// Coefficient of the constant harmonic to colour bytes.
+const COLOR_SCALE: f32 = 0.15;
+/// Magnitude of 1 / sqrt 2 in a rotation's component.
+const ROTATION_STEPS: f32 = 511.0;
+
+/// Right, up, back of right, down, forward, and the reverse.
+pub(super) fn axes() -> Similarity {
+    Similarity::turn(DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0))).unwrap_or(Similarity::IDENTITY)
+}
+
+/// Bytes per splat of each block, in the file's order: positions, opacities, colours, scales, rotations, harmonics.
+pub(super) fn block_bytes(version: u32, degree: usize) -> [usize; 6] {
+    [9, 1, 3, 3, if version >= 3 { 4 } else { 3 }, 3 * (sh::coefficients(degree) - 1)]
+}
+
+fn to_byte(value: f32) -> u8 {
+    // NaN and what is below 0 become 0, what is above 255 becomes 255.
+    value.round() as u8
+}
+
+/// Bits behind the point that the largest coordinate leaves of 23, at most 20.
+pub(super) fn fractional_bits(largest: f32) -> u8 {
+    let fits = |bits: &u8| largest * ((1u32 << bits) as f32) < 8_388_607.0;
+    (0..=20).rev().find(fits).unwrap_or(0)
+}
+
+pub(super) fn pack_coordinate(value: f32, bits: u8) -> [u8; 3] {
+    let fixed = (f64::from(value) * f64::from(1u32 << bits)).round().clamp(-8_388_608.0, 8_388_607.0) as i32;
+    let [a, b, c, _] = fixed.to_le_bytes();
+    [a, b, c]
+}
+
+pub(super) fn unpack_coordinate([a, b, c]: [u8; 3], bits: u8) -> f32 {
+    // Into the upper bytes and back, for the sign.
+    let fixed = i32::from_le_bytes([0, a, b, c]) >> 8;
+    fixed as f32 / (1u32 << bits) as f32
+}
+
+pub(super) fn pack_opacity(opacity: f32) -> u8 {
+    to_byte(opacity * 255.0)
+}
+
+pub(super) fn unpack_opacity(byte: u8) -> f32 {
+    f32::from(byte) / 255.0
+}
+
+pub(super) fn pack_color(dc: f32) -> u8 {
+    to_byte(dc * (COLOR_SCALE * 255.0) + 127.5)
+}
+
+pub(super) fn unpack_color(byte: u8) -> f32 {
+    (f32::from(byte) / 255.0 - 0.5) / COLOR_SCALE
+}
+
+pub(super) fn pack_log_scale(value: f32) -> u8 {
+    to_byte((value + 10.0) * 16.0)
+}
+
+pub(super) fn unpack_log_scale(byte: u8) -> f32 {
+    f32::from(byte) / 16.0 - 10.0
+}
+
+/// Harmonics of degree 1 keep 5 bits, others 4, rounded to the middle of their bucket, as the reference does by default: what compresses well.
+pub(super) fn pack_harmonic(value: f32, degree: usize) -> u8 {
+    let bucket = if degree == 1 { 8 } else { 16 };
+    let fine = (value * 128.0).round() as i32 + 128;
+    ((fine + bucket / 2).div_euclid(bucket) * bucket).clamp(0, 255) as u8
+}
+
+pub(super) fn unpack_harmonic(byte: u8) -> f32 {
+    (f32::from(byte) - 128.0) / 128.0
+}
+
+/// x y z w, of length 1, w >= 0.
+pub(super) fn pack_rotation_first_three(q: [f32; 4]) -> [u8; 3] {
+    let sign = if q[3] < 0.0 { -1.0 } else { 1.0 };
+    [0, 1, 2].map(|i| to_byte(sign * q[i] * 127.5 + 127.5))
+}
+
+pub(super) fn unpack_rotation_first_three(bytes: [u8; 3]) -> [f32; 4] {
+    let [x, y, z] = bytes.map(|b| f32::from(b) / 127.5 - 1.0);
+    [x, y, z, (1.0 - (x * x + y * y + z * z)).max(0.0).sqrt()]
+}
+
+/// x y z w, of length 1.
+pub(super) fn pack_rotation_smallest_three(q: [f32; 4]) -> [u8; 4] {
+    let largest = (1..4).fold(0, |best, i| if q[i].abs() > q[best].abs() { i } else { best });
+    let mut word = largest as u32;
+    for (i, value) in q.iter().enumerate().filter(|(i, _)| *i != largest) {
+        debug_assert_ne!(i, largest);
+        let is_negative = (*value < 0.0) != (q[largest] < 0.0);
+        let magnitude = ((ROTATION_STEPS * value.abs() * std::f32::consts::SQRT_2 + 0.5) as u32).min(511);
+        word = word << 10 | u32::from(is_negative) << 9 | magnitude;
+    }
+    word.to_le_bytes()
+}
+
+pub(super) fn unpack_rotation_smallest_three(bytes: [u8; 4]) -> [f32; 4] {
+    let mut word = u32::from_le_bytes(bytes);
+    let largest = (word >> 30) as usize;
+    let mut q = [0f32; 4];
+    let mut sum = 0.0;
+    for i in (0..4).rev().filter(|i| *i != largest) {
+        let magnitude = (word & 511) as f32 / ROTATION_STEPS * std::f32::consts::FRAC_1_SQRT_2;
+        q[i] = if word >> 9 & 1 == 1 { -magnitude } else { magnitude };
+        sum += magnitude * magnitude;
+        word >>= 10;
+    }
+    if let Some(value) = q.get_mut(largest) {
+        *value = (1.0 - sum).max(0.0).sqrt();
+    }
+    q
+}

@@ -1,0 +1,194 @@
+//! SPZ to a scene of display colours.
+
+use std::io::Read;
+use std::path::Path;
+
+use flate2::read::GzDecoder;
+use luxel_core::{Antialias, ColorModel, ColorSpace, Cutoffs, RasterConfig, Scene, Splats, logit};
+
+use super::layout::{
+    FLAG_ANTIALIASED, HEADER, LEGACY_HEADER, MAGIC, axes, block_bytes, unpack_color, unpack_coordinate, unpack_harmonic, unpack_log_scale,
+    unpack_opacity, unpack_rotation_first_three, unpack_rotation_smallest_three,
+};
+use crate::IoError;
+use crate::regular::read_file;
+
+/// Bytes of splats that a byte of file may stand for.
+const MAX_RATIO: u64 = 4096;
+
+/// Reads a scene. Its axes become those of 3D Gaussian splatting's PLY.
+///
+/// # Errors
+/// A missing, truncated or otherwise damaged file, or a version other than 2 to 4.
+pub fn read_spz(path: &Path) -> Result<Scene, IoError> {
+    decode_spz(path, &read_file(path)?)
+}
+
+/// [`read_spz`] of a file's bytes; `name` is for errors.
+///
+/// # Errors
+/// As [`read_spz`].
+pub fn decode_spz(name: &Path, bytes: &[u8]) -> Result<Scene, IoError> {
+    let (head, blocks) = if bytes.starts_with(&MAGIC.to_le_bytes()) { zstd_blocks(name, bytes)? } else { gzip_blocks(name, bytes)? };
+    let mut splats = splats(&head, &blocks);
+    axes().apply(&mut splats);
+    let antialias = if head.flags & FLAG_ANTIALIASED == 0 { Antialias::Off } else { Antialias::Mip };
+    Ok(Scene {
+        splats,
+        radiance_scale: 1.0,
+        color_space: ColorSpace::LinearRec709,
+        raster: RasterConfig { cutoffs: Cutoffs::PARITY, antialias },
+        edits: Vec::new(),
+    })
+}
+
+/// What is said ahead of the blocks.
+struct Head {
+    version: u32,
+    count: usize,
+    degree: usize,
+    bits: u8,
+    flags: u8,
+    streams: u8,
+}
+
+impl Head {
+    fn parse(name: &Path, bytes: &[u8]) -> Result<Self, IoError> {
+        let invalid = |message: String| IoError::invalid(name, format_args!("header: {message}"));
+        let Some((head, _)) = bytes.split_first_chunk::<LEGACY_HEADER>() else {
+            return Err(invalid(format!("{} bytes, expected {LEGACY_HEADER} at least; the file is truncated", bytes.len())));
+        };
+        let word = |at: usize| u32::from_le_bytes([head[at], head[at + 1], head[at + 2], head[at + 3]]);
+        if word(0) != MAGIC {
+            return Err(invalid("does not begin with NGSP: not an SPZ file".into()));
+        }
+        let (version, count) = (word(4), word(8));
+        let [degree, bits, flags, streams] = [head[12], head[13], head[14], head[15]];
+        if !(2..=4).contains(&version) {
+            let message = format!("SPZ version {version}, expected 2 to 4; convert it with the program it is from");
+            return Err(IoError::unsupported(name, message));
+        }
+        if degree > 4 {
+            return Err(invalid(format!("harmonics of degree {degree}, expected 0 to 4")));
+        }
+        if bits > 23 {
+            return Err(invalid(format!("{bits} fractional bits, expected 0 to 23")));
+        }
+        Ok(Self { version, count: count as usize, degree: degree.into(), bits, flags, streams })
+    }
+
+    /// Refuses more splats than a file of `file_bytes` can plausibly hold: deflate reaches 1032 bytes a byte, and zstd little more but on
+    /// one and the same splat.
+    fn check_count(&self, name: &Path, file_bytes: usize) -> Result<(), IoError> {
+        let claimed: u64 = self.sizes().iter().sum();
+        if claimed > (file_bytes as u64).saturating_mul(MAX_RATIO) {
+            let message = format!("header: claims {} splats in a file of {file_bytes} bytes; the file is damaged or cut short", self.count);
+            return Err(IoError::invalid(name, message));
+        }
+        Ok(())
+    }
+
+    /// Bytes of each block.
+    fn sizes(&self) -> [u64; 6] {
+        block_bytes(self.version, self.degree).map(|bytes| bytes as u64 * self.count as u64)
+    }
+}
+
+fn truncated(name: &Path, expected: u64, found: usize) -> IoError {
+    IoError::invalid(name, format_args!("{found} bytes of splats, expected {expected}; the file is truncated or its header wrong"))
+}
+
+/// Versions 2 and 3.
+fn gzip_blocks(name: &Path, bytes: &[u8]) -> Result<(Head, Vec<Vec<u8>>), IoError> {
+    let damaged = |e: std::io::Error| IoError::invalid(name, format_args!("gzip: {e}; the file is damaged or cut short"));
+    let mut decoder = GzDecoder::new(bytes);
+    let mut start = Vec::new();
+    decoder.by_ref().take(LEGACY_HEADER as u64).read_to_end(&mut start).map_err(damaged)?;
+    let head = Head::parse(name, &start)?;
+    if head.version > 3 {
+        return Err(IoError::invalid(name, "header: version 4 inside of gzip, expected it bare; the file is damaged"));
+    }
+    head.check_count(name, bytes.len())?;
+    let mut blocks = Vec::with_capacity(6);
+    for size in head.sizes() {
+        let mut block = Vec::new();
+        // Grows with what is there, never with what is claimed.
+        decoder.by_ref().take(size).read_to_end(&mut block).map_err(damaged)?;
+        if block.len() as u64 != size {
+            return Err(truncated(name, size, block.len()));
+        }
+        blocks.push(block);
+    }
+    Ok((head, blocks))
+}
+
+/// Version 4.
+fn zstd_blocks(name: &Path, bytes: &[u8]) -> Result<(Head, Vec<Vec<u8>>), IoError> {
+    let head = Head::parse(name, bytes)?;
+    let invalid = |message: String| IoError::invalid(name, format_args!("header: {message}"));
+    if head.version < 4 {
+        return Err(invalid(format!("version {} without gzip, expected it compressed; the file is damaged", head.version)));
+    }
+    head.check_count(name, bytes.len())?;
+    let table_at = bytes.get(LEGACY_HEADER..LEGACY_HEADER + 4).and_then(|b| b.try_into().ok()).map_or(0, u32::from_le_bytes) as usize;
+    let expected = head.sizes().iter().filter(|size| **size > 0).count();
+    if usize::from(head.streams) != expected {
+        return Err(invalid(format!("{} streams, expected {expected}", head.streams)));
+    }
+    let table = table_at.checked_add(16 * expected).and_then(|end| bytes.get(table_at..end));
+    let Some(table) = table.filter(|_| table_at >= HEADER) else {
+        return Err(invalid(format!("table of streams at byte {table_at} of {}, expected it from {HEADER} on", bytes.len())));
+    };
+    let mut rest = &bytes[table_at + table.len()..];
+    let mut entries = table.chunks_exact(8).map(|b| b.try_into().map_or(0, u64::from_le_bytes));
+    let mut blocks = Vec::with_capacity(6);
+    for size in head.sizes() {
+        if size == 0 {
+            blocks.push(Vec::new());
+            continue;
+        }
+        let (compressed, claimed) = (entries.next().unwrap_or(0), entries.next().unwrap_or(0));
+        if claimed != size {
+            return Err(invalid(format!("a stream of {claimed} bytes, expected {size}")));
+        }
+        let Some((stream, after)) = usize::try_from(compressed).ok().and_then(|n| rest.split_at_checked(n)) else {
+            return Err(truncated(name, compressed, rest.len()));
+        };
+        rest = after;
+        blocks.push(decompress(name, stream, size)?);
+    }
+    Ok((head, blocks))
+}
+
+fn decompress(name: &Path, stream: &[u8], size: u64) -> Result<Vec<u8>, IoError> {
+    let damaged = |e: std::io::Error| IoError::invalid(name, format_args!("zstd: {e}; the file is damaged or cut short"));
+    let mut block = Vec::new();
+    // Grows with what is there, never with what is claimed.
+    ::zstd::stream::read::Decoder::new(stream).map_err(damaged)?.take(size).read_to_end(&mut block).map_err(damaged)?;
+    if block.len() as u64 == size { Ok(block) } else { Err(truncated(name, size, block.len())) }
+}
+
+/// Blocks of the right sizes to splats in the file's axes. Every byte stands for a number: nothing can be wrong any more.
+fn splats(head: &Head, blocks: &[Vec<u8>]) -> Splats {
+    let [positions, opacities, colors, scales, rotations, harmonics] = blocks else {
+        return Splats::empty(ColorModel::Sh { degree: 0 });
+    };
+    let color_model = ColorModel::Sh { degree: head.degree as u8 };
+    let mut splats = Splats::empty(color_model);
+    splats.position = positions.as_chunks::<3>().0.as_chunks::<3>().0.iter().map(|p| p.map(|c| unpack_coordinate(c, head.bits))).collect();
+    splats.opacity_logit = opacities.iter().map(|o| logit(unpack_opacity(*o))).collect();
+    splats.log_scale = scales.as_chunks::<3>().0.iter().map(|s| s.map(unpack_log_scale)).collect();
+    let wxyz = |[x, y, z, w]: [f32; 4]| [w, x, y, z];
+    splats.rotation = if head.version >= 3 {
+        rotations.as_chunks::<4>().0.iter().map(|q| wxyz(unpack_rotation_smallest_three(*q))).collect()
+    } else {
+        rotations.as_chunks::<3>().0.iter().map(|q| wxyz(unpack_rotation_first_three(*q))).collect()
+    };
+    let higher = block_bytes(head.version, head.degree)[5];
+    splats.sh.reserve_exact(head.count * (3 + higher));
+    for (i, color) in colors.as_chunks::<3>().0.iter().enumerate() {
+        splats.sh.extend(color.map(unpack_color));
+        splats.sh.extend(harmonics.iter().skip(i * higher).take(higher).map(|v| unpack_harmonic(*v)));
+    }
+    splats
+}

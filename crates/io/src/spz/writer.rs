@@ -1,0 +1,153 @@
+//! A display bake to SPZ.
+
+use std::io::Write;
+use std::path::Path;
+
+use flate2::Compression;
+use flate2::write::GzEncoder;
+use luxel_core::{Splats, sigmoid};
+use rayon::prelude::*;
+
+use super::layout::{
+    HEADER, LEGACY_HEADER, MAGIC, axes, block_bytes, fractional_bits, pack_color, pack_coordinate, pack_harmonic, pack_log_scale,
+    pack_opacity, pack_rotation_first_three, pack_rotation_smallest_three,
+};
+use crate::bake::{Appearance, Baked};
+use crate::{IoError, write_atomically};
+
+/// Version of the format.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum SpzVersion {
+    /// gzip, rotations of 24 bits.
+    V2,
+    /// gzip, rotations of 32 bits.
+    V3,
+    /// zstd, block by block: what the reference writes.
+    #[default]
+    V4,
+}
+
+impl SpzVersion {
+    fn number(self) -> u32 {
+        match self {
+            Self::V2 => 2,
+            Self::V3 => 3,
+            Self::V4 => 4,
+        }
+    }
+}
+
+/// zstd's level: the reference's.
+const ZSTD_LEVEL: i32 = 12;
+
+/// Writes a display bake, whole or not at all.
+///
+/// # Errors
+/// A linear bake, no splats, or the file system's refusal.
+pub fn write_spz(path: &Path, baked: &Baked, version: SpzVersion) -> Result<(), IoError> {
+    let bytes = encode_spz(path, baked, version)?;
+    write_atomically(path, |file| file.write_all(&bytes).map_err(|e| IoError::system(path, "write", &e)))
+}
+
+/// The bytes that [`write_spz`] writes; `name` is for errors.
+///
+/// # Errors
+/// As [`write_spz`].
+pub fn encode_spz(name: &Path, baked: &Baked, version: SpzVersion) -> Result<Vec<u8>, IoError> {
+    if let Appearance::Linear { .. } = baked.appearance {
+        return Err(IoError::unsupported(name, "SPZ has 8 bits a colour, which end at 1.44: radiance does not fit, bake for a display"));
+    }
+    crate::ply::check(name, &baked.scene)?;
+    if baked.scene.splats.is_empty() {
+        return Err(IoError::unsupported(name, "no splats, of which SPZ needs one at least"));
+    }
+    let count = u32::try_from(baked.scene.splats.len()).ok().filter(|n| *n <= i32::MAX as u32);
+    let Some(count) = count else {
+        return Err(IoError::unsupported(name, format!("{} splats, of which SPZ holds {}", baked.scene.splats.len(), i32::MAX)));
+    };
+    let mut splats = baked.scene.splats.clone();
+    axes().apply(&mut splats);
+    let largest = splats.position.as_flattened().iter().fold(0.0f32, |most, v| most.max(v.abs()));
+    let bits = fractional_bits(largest);
+    let blocks = blocks(&splats, version.number(), bits);
+    let head = Head { version: version.number(), count, degree: splats.color_model.sh_degree() as u8, bits };
+    let system = |e: std::io::Error| IoError::system(name, "compress", &e);
+    match version {
+        SpzVersion::V2 | SpzVersion::V3 => gzip(&head, &blocks).map_err(system),
+        SpzVersion::V4 => zstd(&head, &blocks).map_err(system),
+    }
+}
+
+struct Head {
+    version: u32,
+    count: u32,
+    degree: u8,
+    bits: u8,
+}
+
+impl Head {
+    /// What all versions begin with; the last byte is version 4's number of streams.
+    fn bytes(&self, streams: u8) -> [u8; LEGACY_HEADER] {
+        let mut bytes = [0; LEGACY_HEADER];
+        bytes[..4].copy_from_slice(&MAGIC.to_le_bytes());
+        bytes[4..8].copy_from_slice(&self.version.to_le_bytes());
+        bytes[8..12].copy_from_slice(&self.count.to_le_bytes());
+        // No flags: the bake's opacities are those of an ordinary renderer.
+        bytes[12..].copy_from_slice(&[self.degree, self.bits, 0, streams]);
+        bytes
+    }
+}
+
+/// Attribute blocks in the order of the file.
+fn blocks(splats: &Splats, version: u32, bits: u8) -> Vec<Vec<u8>> {
+    let degree = splats.color_model.sh_degree();
+    let [_, _, _, _, rotation_bytes, sh_bytes] = block_bytes(version, degree);
+    let unit = |q: &[f32; 4]| {
+        let length = q.iter().map(|v| v * v).sum::<f32>().sqrt();
+        let [w, x, y, z] = q.map(|v| v / length);
+        [x, y, z, w]
+    };
+    let positions = splats.position.par_iter().flat_map_iter(|p| p.map(|v| pack_coordinate(v, bits)).into_iter().flatten()).collect();
+    let opacities = splats.opacity_logit.par_iter().map(|o| pack_opacity(sigmoid(*o))).collect();
+    let k = 3 * splats.color_model.sh_coefficients();
+    let colors = splats.sh.par_chunks_exact(k).flat_map_iter(|sh| sh.iter().take(3).map(|dc| pack_color(*dc))).collect();
+    let scales = splats.log_scale.par_iter().flat_map_iter(|s| s.map(pack_log_scale)).collect();
+    let pack_rotation = |q: &[f32; 4]| -> [u8; 4] {
+        if version >= 3 {
+            return pack_rotation_smallest_three(unit(q));
+        }
+        let [a, b, c] = pack_rotation_first_three(unit(q));
+        [a, b, c, 0]
+    };
+    let rotations = splats.rotation.par_iter().flat_map_iter(|q| pack_rotation(q).into_iter().take(rotation_bytes)).collect();
+    // Values 0 to 8 behind the constant term are those of degree 1.
+    let harmonic = |(i, value): (usize, &f32)| pack_harmonic(*value, if i < 9 { 1 } else { 2 });
+    let harmonics: Vec<u8> = splats.sh.par_chunks_exact(k).flat_map_iter(|sh| sh.iter().skip(3).enumerate().map(harmonic)).collect();
+    debug_assert_eq!(harmonics.len(), sh_bytes * splats.len());
+    vec![positions, opacities, colors, scales, rotations, harmonics]
+}
+
+fn gzip(head: &Head, blocks: &[Vec<u8>]) -> std::io::Result<Vec<u8>> {
+    let mut encoder = GzEncoder::new(Vec::new(), Compression::default());
+    encoder.write_all(&head.bytes(0))?;
+    for block in blocks {
+        encoder.write_all(block)?;
+    }
+    encoder.finish()
+}
+
+fn zstd(head: &Head, blocks: &[Vec<u8>]) -> std::io::Result<Vec<u8>> {
+    let blocks: Vec<&Vec<u8>> = blocks.iter().filter(|block| !block.is_empty()).collect();
+    let streams: Vec<Vec<u8>> = blocks.par_iter().map(|block| ::zstd::bulk::compress(block, ZSTD_LEVEL)).collect::<std::io::Result<_>>()?;
+    let mut out = Vec::new();
+    // At most six streams.
+    out.extend(head.bytes(streams.len() as u8));
+    out.extend((HEADER as u32).to_le_bytes());
+    out.resize(HEADER, 0);
+    for (block, stream) in blocks.iter().zip(&streams) {
+        out.extend((stream.len() as u64).to_le_bytes());
+        out.extend((block.len() as u64).to_le_bytes());
+    }
+    streams.iter().for_each(|stream| out.extend_from_slice(stream));
+    Ok(out)
+}

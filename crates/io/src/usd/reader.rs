@@ -1,0 +1,275 @@
+//! OpenUSD text to a scene.
+
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+
+use luxel_core::{ColorModel, ColorSpace, RasterConfig, Scene, Splats, logit, sh};
+
+use super::lexer::{Lexer, Token};
+use super::{PRIM_TYPE, usd_name};
+use crate::IoError;
+use crate::bake::{BakeRecord, RECORD_KEY};
+use crate::regular::regular_file;
+use crate::sound::is_normalizable;
+
+/// Deepest nesting of prims.
+const MAX_PRIMS: usize = 64;
+
+/// Reads the first particle field of splats.
+///
+/// # Errors
+/// A missing, truncated or otherwise damaged file, no splats, arrays that do not go together, or what is not supported: a transform.
+pub fn read_usda(path: &Path) -> Result<Scene, IoError> {
+    regular_file(path)?;
+    let file = std::fs::File::open(path).map_err(|e| IoError::system(path, "read", &e))?;
+    read(path, BufReader::with_capacity(1 << 20, file))
+}
+
+/// [`read_usda`] of a file's bytes; `name` is for errors.
+///
+/// # Errors
+/// As [`read_usda`].
+pub fn decode_usda(name: &Path, bytes: &[u8]) -> Result<Scene, IoError> {
+    read(name, bytes)
+}
+
+fn read<R: BufRead>(path: &Path, mut reader: R) -> Result<Scene, IoError> {
+    let mut first = [0u8; 5];
+    let is_text = reader.read_exact(&mut first).is_ok() && &first == b"#usda";
+    if !is_text {
+        return Err(IoError::invalid(path, "line 1: expected \"#usda 1.0\": this is not OpenUSD text"));
+    }
+    let mut layer = Layer { lexer: Lexer::new(reader, path), record: None, field: None };
+    // The rest of the first line.
+    while !matches!(layer.lexer.next()?, Token::NewLine | Token::End) {}
+    layer.prims(0)?;
+    let Layer { record, field, .. } = layer;
+    let Some(field) = field else {
+        return Err(IoError::invalid(path, format_args!("no prim of type {PRIM_TYPE}, expected one; splats of other types are not read")));
+    };
+    let record = record.map(|json| BakeRecord::parse(&json)).transpose().map_err(|e| IoError::invalid(path, e))?;
+    let color_space = field.color_space;
+    let splats = field.splats().map_err(|e| IoError::invalid(path, e))?;
+    Ok(match record {
+        Some(record) => record.scene(splats),
+        None => Scene { splats, radiance_scale: 1.0, color_space, raster: RasterConfig::default(), edits: Vec::new() },
+    })
+}
+
+/// A layer under way of being read.
+struct Layer<'a, R> {
+    lexer: Lexer<'a, R>,
+    record: Option<String>,
+    field: Option<Field>,
+}
+
+impl<R: BufRead> Layer<'_, R> {
+    /// Statements up to the end of the file or of the prim around them.
+    fn prims(&mut self, depth: usize) -> Result<(), IoError> {
+        loop {
+            match self.lexer.next_on()? {
+                Token::End if depth == 0 => return Ok(()),
+                Token::End => return Err(self.lexer.invalid("file ends within a prim; the file is truncated")),
+                Token::Mark(b'}') if depth > 0 => return Ok(()),
+                Token::Mark(b'(') if depth == 0 => self.layer_metadata()?,
+                Token::Mark(b';') => {}
+                // Metadata of the property before.
+                Token::Mark(b'(') => self.lexer.skip_brackets()?,
+                Token::Word(word) if matches!(word.as_str(), "def" | "over" | "class") => self.prim(depth)?,
+                Token::Word(word) => self.property(vec![word], None)?,
+                other => return Err(self.lexer.invalid(format_args!("found {other:?}, expected a prim or a property"))),
+            }
+        }
+    }
+
+    /// Looks for the record of the bake.
+    fn layer_metadata(&mut self) -> Result<(), IoError> {
+        let mut depth = 1usize;
+        let mut previous = [Token::NewLine, Token::NewLine];
+        while depth > 0 {
+            let token = self.lexer.next_on()?;
+            match &token {
+                Token::Mark(b'(' | b'[' | b'{') => depth += 1,
+                Token::Mark(b')' | b']' | b'}') => depth -= 1,
+                Token::Text(text) if previous == [Token::Word(RECORD_KEY.into()), Token::Mark(b'=')] => self.record = Some(text.clone()),
+                Token::End => return Err(self.lexer.invalid("file ends within the layer's metadata; the file is truncated")),
+                _ => {}
+            }
+            let [_, last] = previous;
+            previous = [last, token];
+        }
+        Ok(())
+    }
+
+    /// A prim behind its `def`.
+    fn prim(&mut self, depth: usize) -> Result<(), IoError> {
+        if depth >= MAX_PRIMS {
+            return Err(self.lexer.invalid(format_args!("more than {MAX_PRIMS} prims within one another")));
+        }
+        let mut kind = None;
+        loop {
+            match self.lexer.next_on()? {
+                Token::Word(word) => kind = Some(word),
+                Token::Text(_) => {}
+                Token::Mark(b'(') => self.lexer.skip_brackets()?,
+                Token::Mark(b'{') => break,
+                other => return Err(self.lexer.invalid(format_args!("found {other:?}, expected a prim's type, name, metadata or body"))),
+            }
+        }
+        if self.field.is_none() && kind.as_deref() == Some(PRIM_TYPE) {
+            let mut field = Field::default();
+            self.field_body(&mut field, depth + 1)?;
+            self.field = Some(field);
+            return Ok(());
+        }
+        self.prims(depth + 1)
+    }
+
+    /// The body of the particle field.
+    fn field_body(&mut self, field: &mut Field, depth: usize) -> Result<(), IoError> {
+        loop {
+            match self.lexer.next_on()? {
+                Token::End => return Err(self.lexer.invalid("file ends within the splats; the file is truncated")),
+                Token::Mark(b'}') => return Ok(()),
+                Token::Mark(b';') => {}
+                Token::Mark(b'(') => self.lexer.skip_brackets()?,
+                Token::Word(word) if matches!(word.as_str(), "def" | "over" | "class") => self.prim(depth)?,
+                Token::Word(word) => self.property(vec![word], Some(field))?,
+                other => return Err(self.lexer.invalid(format_args!("found {other:?}, expected a property"))),
+            }
+        }
+    }
+
+    /// A property from its first word on: words, then perhaps `= value`, then perhaps metadata.
+    fn property(&mut self, mut words: Vec<String>, field: Option<&mut Field>) -> Result<(), IoError> {
+        loop {
+            match self.lexer.next()? {
+                Token::Word(word) => words.push(word),
+                // `float[]`, `variantSet "name"`.
+                Token::Mark(b'[' | b']') | Token::Text(_) => {}
+                Token::Mark(b'=') => break,
+                Token::Mark(b'(') => return self.lexer.skip_brackets(),
+                Token::NewLine | Token::Mark(b';') | Token::End => return Ok(()),
+                other => return Err(self.lexer.invalid(format_args!("found {other:?}, expected a property's name or value"))),
+            }
+            if words.len() > 16 {
+                return Err(self.lexer.invalid("more than 16 words before a value: not OpenUSD text"));
+            }
+        }
+        let name = words.pop().unwrap_or_default();
+        match field {
+            Some(field) => self.field_value(&name, field)?,
+            None if name == "xformOpOrder" => self.no_transform()?,
+            None => self.lexer.skip_value()?,
+        }
+        Ok(())
+    }
+
+    /// An order of transforms that is not empty would move the splats.
+    fn no_transform(&mut self) -> Result<(), IoError> {
+        let opening = self.lexer.next_on()?;
+        match (opening, self.lexer.next_on()?) {
+            (Token::Mark(b'['), Token::Mark(b']')) => Ok(()),
+            _ => Err(self
+                .lexer
+                .invalid("a prim is transformed, which is not supported; apply the transform in the program the file is from")),
+        }
+    }
+
+    fn field_value(&mut self, name: &str, field: &mut Field) -> Result<(), IoError> {
+        let array = match name {
+            "positions" | "positionsh" => &mut field.positions,
+            "orientations" | "orientationsh" => &mut field.orientations,
+            "scales" | "scalesh" => &mut field.scales,
+            "opacities" | "opacitiesh" => &mut field.opacities,
+            "radiance:sphericalHarmonicsCoefficients" | "radiance:sphericalHarmonicsCoefficientsh" => &mut field.coefficients,
+            "radiance:sphericalHarmonicsDegree" => {
+                let Token::Word(word) = self.lexer.next_on()? else { return Err(self.lexer.invalid("expected a degree")) };
+                let degree = word.parse().ok().filter(|degree| *degree <= sh::MAX_DEGREE);
+                let message = || format!("{name:?} is {word:?}, expected a degree of 0 to {}", sh::MAX_DEGREE);
+                field.degree = degree.ok_or_else(|| self.lexer.invalid(message()))?;
+                return Ok(());
+            }
+            "colorSpace:name" => {
+                if let Token::Text(text) = self.lexer.next_on()? {
+                    field.color_space = ColorSpace::ALL.into_iter().find(|space| usd_name(*space) == text).unwrap_or_default();
+                }
+                return Ok(());
+            }
+            "xformOpOrder" => return self.no_transform(),
+            _ => return self.lexer.skip_value(),
+        };
+        let values = self.lexer.numbers(name)?;
+        // The float array goes before its half-float twin, as the schema says.
+        if array.is_empty() || !name.ends_with('h') {
+            *array = values;
+        }
+        Ok(())
+    }
+}
+
+/// Arrays as they stand in the file.
+struct Field {
+    positions: Vec<f32>,
+    orientations: Vec<f32>,
+    scales: Vec<f32>,
+    opacities: Vec<f32>,
+    coefficients: Vec<f32>,
+    degree: usize,
+    color_space: ColorSpace,
+}
+
+impl Default for Field {
+    /// As the schema's fallbacks.
+    fn default() -> Self {
+        Self {
+            positions: Vec::new(),
+            orientations: Vec::new(),
+            scales: Vec::new(),
+            opacities: Vec::new(),
+            coefficients: Vec::new(),
+            degree: 3,
+            color_space: ColorSpace::LinearRec709,
+        }
+    }
+}
+
+impl Field {
+    /// `Err` says which array is wrong.
+    fn splats(self) -> Result<Splats, String> {
+        let count = self.positions.len() / 3;
+        let k = 3 * sh::coefficients(self.degree);
+        let lengths = [
+            ("positions", self.positions.len(), 3),
+            ("orientations", self.orientations.len(), 4),
+            ("scales", self.scales.len(), 3),
+            ("opacities", self.opacities.len(), 1),
+            ("radiance:sphericalHarmonicsCoefficients", self.coefficients.len(), k),
+        ];
+        for (name, found, width) in lengths {
+            if count.checked_mul(width) != Some(found) {
+                return Err(format!("{name:?} has {found} numbers, expected {width} for each of {count} splats"));
+            }
+        }
+        if let Some(i) = self.opacities.iter().position(|o| !(0.0..=1.0).contains(o)) {
+            return Err(format!("opacity of splat {i} is {}, expected 0 to 1", self.opacities[i]));
+        }
+        if let Some(i) = self.scales.iter().position(|s| *s < 0.0) {
+            return Err(format!("scale of splat {} is {}, expected 0 or more", i / 3, self.scales[i]));
+        }
+        let (rotation, _) = self.orientations.as_chunks::<4>();
+        if let Some(i) = rotation.iter().position(|q| !is_normalizable(*q)) {
+            return Err(format!("orientation of splat {i} is {:?}, expected a quaternion of length about 1", rotation[i]));
+        }
+        Ok(Splats {
+            color_model: ColorModel::Sh { degree: self.degree as u8 },
+            rotation: rotation.to_vec(),
+            position: self.positions.as_chunks::<3>().0.to_vec(),
+            log_scale: self.scales.as_chunks::<3>().0.iter().map(|s| s.map(|s| s.max(f32::MIN_POSITIVE).ln())).collect(),
+            opacity_logit: self.opacities.iter().map(|o| logit(*o)).collect(),
+            sh: self.coefficients,
+            raw_luminance: Vec::new(),
+            smoothing: Vec::new(),
+        })
+    }
+}

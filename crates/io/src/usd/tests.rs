@@ -1,0 +1,130 @@
+use std::path::Path;
+
+use luxel_core::{RasterConfig, Scene, Similarity, synthetic};
+use proptest::prelude::*;
+
+use super::*;
+use crate::bake::{Appearance, BakeOptions, Baked};
+
+fn name() -> &'static Path {
+    Path::new("scene.usda")
+}
+
+fn baked(color_space: ColorSpace) -> Baked {
+    let scene = Scene {
+        splats: synthetic::room(30, 9),
+        radiance_scale: 300.0,
+        color_space: ColorSpace::LinearRec709,
+        raster: RasterConfig::default(),
+        edits: Vec::new(),
+    };
+    Baked::new(&scene, &BakeOptions { appearance: Appearance::Linear { color_space, exposure_ev: 0.0 }, max_degree: 3 })
+}
+
+#[test]
+fn radiance_reads_back_to_the_bit() {
+    for space in ColorSpace::ALL {
+        let baked = baked(space);
+        let bytes = encode_usda(name(), &baked).unwrap();
+        let back = decode_usda(name(), &bytes).unwrap();
+        assert_eq!((back.color_space, back.raster, back.radiance_scale), (space, baked.scene.raster, 1.0));
+        assert_eq!((&back.splats.sh, &back.splats.position), (&baked.scene.splats.sh, &baked.scene.splats.position));
+        for (a, b) in back.splats.log_scale.as_flattened().iter().zip(baked.scene.splats.log_scale.as_flattened()) {
+            assert!((a - b).abs() < 1e-5);
+        }
+        for (a, b) in back.splats.opacity_logit.iter().zip(&baked.scene.splats.opacity_logit) {
+            assert!((a - b).abs() < 1e-4, "{a} {b}");
+        }
+    }
+}
+
+#[test]
+fn the_files_world_is_undone() {
+    let mut baked = baked(ColorSpace::AcesCg);
+    let before = baked.scene.splats.position.clone();
+    let turn = glam::DMat3::from_cols(glam::DVec3::X, glam::DVec3::NEG_Y, glam::DVec3::NEG_Z);
+    baked.transform(&Similarity::turn(turn).unwrap());
+    let bytes = encode_usda(name(), &baked).unwrap();
+    assert_eq!(decode_usda(name(), &bytes).unwrap().splats.position, before);
+}
+
+/// As other programs write it: nested, half floats, metadata, comments.
+const FOREIGN: &str = r#"#usda 1.0
+(
+    doc = """Two
+"splats" """
+    upAxis = "Z"
+)
+def Xform "World" ( kind = "component" )
+{
+    rel material:binding = </World/Looks/"m">
+    custom asset texture = @@@a@b@@@ ( doc = "x" )
+    float2 x.timeSamples = { 1: (0, 1), 2: (1, 2) }
+    variantSet "detail" = { "high" { float y = 1 } }
+    uniform token[] xformOpOrder = []
+    def ParticleField3DGaussianSplat "S" {
+        point3h[] positionsh = [(0, 0, 0), (1, 2, -3e0)] # two
+        quath[] orientationsh = [(1, 0, 0, 0), (0, 1, 0, 0)]
+        half3[] scalesh = [(1, 1, 1), (.5, 0, 2)];
+        half[] opacitiesh = [0.5, 1]
+        uniform int radiance:sphericalHarmonicsDegree = 0
+        half3[] radiance:sphericalHarmonicsCoefficientsh = [(1, -1, 2), (0, 0, 0)] ( interpolation = "constant" )
+        uniform token colorSpace:name = "lin_ap1_scene"
+        def Scope "child" { int z = 1 }
+    }
+}
+"#;
+
+#[test]
+fn files_of_other_programs_are_read() {
+    let scene = decode_usda(name(), FOREIGN.as_bytes()).unwrap();
+    assert_eq!((scene.splats.len(), scene.color_space), (2, ColorSpace::AcesCg));
+    assert_eq!(scene.splats.position[1], [1.0, 2.0, -3.0]);
+    assert_eq!(scene.splats.rotation[1], [0.0, 1.0, 0.0, 0.0]);
+    assert_eq!(scene.splats.sh, [1.0, -1.0, 2.0, 0.0, 0.0, 0.0]);
+    scene.splats.validate().unwrap();
+}
+
+#[test]
+fn what_is_wrong_is_named() {
+    for (from, to, part) in [
+        ("#usda 1.0", "usda", "not OpenUSD text"),
+        ("ParticleField3DGaussianSplat", "Points", "no prim of type"),
+        ("(1, 2, -3e0)", "(1, 2, x)", "\"positionsh\": value 5 is \"x\", expected a finite number"),
+        ("(1, 2, -3e0)", "(1, 2, nan)", "expected a finite number"),
+        ("(1, 2, -3e0)", "(1, 2)", "\"positions\" has 5 numbers"),
+        ("[0.5, 1]", "[0.5]", "\"opacities\" has 1 numbers, expected 1 for each of 2"),
+        ("[0.5, 1]", "[0.5, 1.5]", "opacity of splat 1 is 1.5"),
+        ("(0, 1, 0, 0)]", "(0, 0, 0, 0)]", "orientation of splat 1"),
+        ("Degree = 0", "Degree = 9", "expected a degree of 0 to 5"),
+        ("Degree = 0", "Degree = 1", "expected 12 for each"),
+        ("xformOpOrder = []", "xformOpOrder = [\"xformOp:translate\"]", "line 13: a prim is transformed"),
+        ("(.5, 0, 2)", "(.5, -1, 2)", "scale of splat 1 is -1"),
+    ] {
+        let text = FOREIGN.replace(from, to);
+        assert_ne!(text, FOREIGN, "{from}");
+        let error = decode_usda(name(), text.as_bytes()).unwrap_err().to_string();
+        assert!(error.contains(part), "{part}: {error}");
+    }
+    let deep = format!("#usda 1.0\n{}", "def X \"a\" {\n".repeat(100_000));
+    assert!(decode_usda(name(), deep.as_bytes()).unwrap_err().message.contains("prims within one another"));
+    let brackets = format!("#usda 1.0\n({}", "(".repeat(100_000));
+    assert!(decode_usda(name(), brackets.as_bytes()).is_err());
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(128))]
+
+    #[test]
+    fn damage_is_an_error_or_a_valid_scene(at: prop::sample::Index, byte: u8, cut: prop::sample::Index) {
+        for whole in [FOREIGN.as_bytes().to_vec(), encode_usda(name(), &baked(ColorSpace::AcesCg)).unwrap()] {
+            let mut bytes = whole;
+            let _ = decode_usda(name(), &bytes[..cut.index(bytes.len())]);
+            let at = at.index(bytes.len());
+            bytes[at] = byte;
+            if let Ok(scene) = decode_usda(name(), &bytes) {
+                prop_assert_eq!(scene.splats.validate(), Ok(()));
+            }
+        }
+    }
+}

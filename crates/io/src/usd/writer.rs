@@ -1,0 +1,143 @@
+//! A bake to OpenUSD text, in blocks made in parallel: what is held in memory does not grow with the scene.
+
+use std::io::Write;
+use std::path::Path;
+
+use glam::{DMat3, DQuat};
+use luxel_core::{Splats, sigmoid};
+use rayon::prelude::*;
+
+use super::{DISPLAY_SPACE, PRIM_TYPE, usd_name};
+use crate::bake::{Appearance, BakeRecord, Baked, RECORD_KEY};
+use crate::{IoError, write_atomically};
+
+/// Splats of a block.
+const BLOCK: usize = 4096;
+/// Blocks made at a time.
+const BATCH: usize = 64;
+/// Standard deviations that bounds reach to.
+const EXTENT_SIGMA: f64 = 3.0;
+
+/// Writes a bake, whole or not at all; folders are made as needed.
+///
+/// # Errors
+/// A scene that could not be read back, or the file system's refusal.
+pub fn write_usda(path: &Path, baked: &Baked) -> Result<(), IoError> {
+    crate::ply::check(path, &baked.scene)?;
+    write_atomically(path, |file| write(baked, file).map_err(|e| IoError::system(path, "write", &e)))
+}
+
+/// The bytes that [`write_usda`] writes; `name` is for errors.
+///
+/// # Errors
+/// As [`write_usda`].
+pub fn encode_usda(name: &Path, baked: &Baked) -> Result<Vec<u8>, IoError> {
+    crate::ply::check(name, &baked.scene)?;
+    let mut bytes = Vec::new();
+    write(baked, &mut bytes).map_err(|e| IoError::system(name, "write", &e))?;
+    Ok(bytes)
+}
+
+fn write<W: Write + ?Sized>(baked: &Baked, out: &mut W) -> std::io::Result<()> {
+    let splats = &baked.scene.splats;
+    // JSON within quotes: its own quotes and backslashes are escaped.
+    let record = BakeRecord::of(baked).json()?.replace('\\', "\\\\").replace('"', "\\\"");
+    let space = match baked.appearance {
+        Appearance::Linear { .. } => usd_name(baked.scene.color_space),
+        Appearance::Display { .. } => DISPLAY_SPACE,
+    };
+    writeln!(out, "#usda 1.0\n(")?;
+    writeln!(out, "    customLayerData = {{\n        string {RECORD_KEY} = \"{record}\"\n    }}")?;
+    writeln!(out, "    defaultPrim = \"Splats\"\n    doc = \"Gaussian splats by Luxel: {}\"", baked.description())?;
+    writeln!(out, "    metersPerUnit = 1\n    upAxis = \"Y\"\n)\n")?;
+    writeln!(out, "def {PRIM_TYPE} \"Splats\" (\n    prepend apiSchemas = [\"ColorSpaceAPI\"]\n)\n{{")?;
+    writeln!(out, "    uniform token colorSpace:name = \"{space}\"")?;
+    let [low, high] = extent(splats);
+    writeln!(out, "    float3[] extent = [({}, {}, {}), ({}, {}, {})]", low[0], low[1], low[2], high[0], high[1], high[2])?;
+    write_array(out, "point3f[] positions", splats.len(), |i, text| tuple(text, &splats.position[i]))?;
+    write_array(out, "float3[] scales", splats.len(), |i, text| tuple(text, &splats.log_scale[i].map(f32::exp)))?;
+    write_array(out, "quatf[] orientations", splats.len(), |i, text| {
+        let q = splats.rotation[i];
+        let length = q.iter().map(|v| v * v).sum::<f32>().sqrt();
+        tuple(text, &q.map(|v| v / length))
+    })?;
+    write_array(out, "float[] opacities", splats.len(), |i, text| number(text, sigmoid(splats.opacity_logit[i])))?;
+    writeln!(out, "    uniform token projectionModeHint = \"perspective\"")?;
+    writeln!(out, "    uniform token sortingModeHint = \"zDepth\"")?;
+    writeln!(out, "    uniform int radiance:sphericalHarmonicsDegree = {}", splats.color_model.sh_degree())?;
+    write_array(out, "float3[] radiance:sphericalHarmonicsCoefficients", splats.len(), |i, text| {
+        for (m, rgb) in splats.sh_of(i).chunks_exact(3).enumerate() {
+            if m > 0 {
+                text.extend_from_slice(b", ");
+            }
+            tuple(text, rgb);
+        }
+    })?;
+    writeln!(out, "}}")
+}
+
+/// Writes an attribute of `count` entries.
+fn write_array<W: Write + ?Sized>(
+    out: &mut W,
+    name: &str,
+    count: usize,
+    entry: impl Fn(usize, &mut Vec<u8>) + Sync,
+) -> std::io::Result<()> {
+    write!(out, "    {name} = [")?;
+    let block = |first: usize| {
+        let mut text = Vec::new();
+        for i in first..(first + BLOCK).min(count) {
+            if i > 0 {
+                text.extend_from_slice(b", ");
+            }
+            entry(i, &mut text);
+        }
+        text
+    };
+    for batch in (0..count).step_by(BLOCK * BATCH) {
+        let end = (batch + BLOCK * BATCH).min(count);
+        let blocks: Vec<Vec<u8>> = (batch..end).into_par_iter().step_by(BLOCK).map(block).collect();
+        for text in &blocks {
+            out.write_all(text)?;
+        }
+    }
+    writeln!(out, "]")
+}
+
+fn tuple(text: &mut Vec<u8>, values: &[f32]) {
+    text.push(b'(');
+    for (i, value) in values.iter().enumerate() {
+        if i > 0 {
+            text.extend_from_slice(b", ");
+        }
+        number(text, *value);
+    }
+    text.push(b')');
+}
+
+/// The shortest decimal that is read back as this number.
+fn number(text: &mut Vec<u8>, value: f32) {
+    let magnitude = value.abs();
+    let is_plain = value == 0.0 || (1e-4..1e9).contains(&magnitude);
+    // Writing to memory does not fail.
+    let _ = if is_plain { write!(text, "{value}") } else { write!(text, "{value:e}") };
+}
+
+/// Lower and upper corner of what the splats reach.
+fn extent(splats: &Splats) -> [[f32; 3]; 2] {
+    let bounds = |i: usize| {
+        let [w, x, y, z] = splats.rotation[i].map(f64::from);
+        let axes = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
+        let sigma = splats.log_scale[i].map(|s| f64::from(s).clamp(-80.0, 80.0).exp());
+        let reach = [0, 1, 2].map(|axis| {
+            let row = axes.row(axis).to_array();
+            EXTENT_SIGMA * row.iter().zip(sigma).map(|(r, s)| (r * s).powi(2)).sum::<f64>().sqrt()
+        });
+        let center = splats.position[i].map(f64::from);
+        [-1.0, 1.0].map(|side| [0, 1, 2].map(|axis| (center[axis] + side * reach[axis]) as f32))
+    };
+    let join = |a: [[f32; 3]; 2], b: [[f32; 3]; 2]| [[0, 1, 2].map(|c| a[0][c].min(b[0][c])), [0, 1, 2].map(|c| a[1][c].max(b[1][c]))];
+    let none = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
+    let found = (0..splats.len()).into_par_iter().map(bounds).reduce(|| none, join);
+    if splats.is_empty() { [[0.0; 3]; 2] } else { found }
+}
