@@ -1,6 +1,9 @@
 //! The command line as text: what may be said. What it comes to is [`crate::config`]'s and each command's business.
 
 mod edit;
+mod export;
+mod probe;
+mod render;
 mod reproduce;
 
 use std::path::PathBuf;
@@ -8,16 +11,17 @@ use std::path::PathBuf;
 use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, Parser, Subcommand};
 use luxel_core::metrics::FieldOptions;
-use luxel_train::{CutoffPreset, Method, TrainConfig, parse_rgb};
+use luxel_train::{CutoffPreset, Method, TrainConfig};
 use serde::{Deserialize, Serialize};
 
-use self::edit::parse_edits;
 pub(crate) use self::edit::{EditArgs, EditText, ShMapArg};
+pub(crate) use self::export::{BakeArg, ExportArgs};
+pub(crate) use self::probe::ProbeArgs;
+pub(crate) use self::render::RenderArgs;
 pub(crate) use self::reproduce::ReproduceArgs;
 use crate::console::LogFormat;
 use crate::values::{
-    ColorSpaceArg, DeviceArg, ExrTypeArg, FormatArg, Frames, InstructionSetArg, MetricsArg, OrderArg, Shard, SplitArg, TonemapArg,
-    TransferArg, parse_downscale, parse_finite, parse_frames, parse_positive, parse_shard, parse_size,
+    ColorSpaceArg, DeviceArg, FormatArg, InstructionSetArg, MetricsArg, OrderArg, TransferArg, parse_downscale, parse_positive, parse_size,
 };
 
 /// High dynamic range 3D Gaussian splatting: posed HDR photographs in, a scene of linear radiance out.
@@ -57,6 +61,10 @@ pub(crate) enum Command {
     Render(RenderArgs),
     /// Change the light of a scene: maps on the luminance of all or selected splats, colours kept.
     Edit(Box<EditArgs>),
+    /// Write a scene for other programs: PLY, USD, glTF, SPZ; radiance or a picture of it.
+    Export(Box<ExportArgs>),
+    /// Take the light that arrives at a point of the scene as an environment map.
+    Probe(Box<ProbeArgs>),
     /// Describe a scene, run, checkpoint, data set or image, or what can compute.
     Info(InfoArgs),
     /// Measure rendering and training steps on a scene, pass by pass.
@@ -238,73 +246,10 @@ pub(crate) struct CompareArgs {
     pub(crate) json: bool,
 }
 
-/// `luxel render`.
-#[derive(Debug, Args)]
-pub(crate) struct RenderArgs {
-    /// Folder of a run (its newest scene), or a scene .ply; plain 3DGS files too.
-    #[arg(value_name = "RUN|SCENE.ply")]
-    pub(crate) scene: PathBuf,
-    /// Folder for the images, VIEW.exr.
-    #[arg(long, short, value_name = "DIR")]
-    pub(crate) output: PathBuf,
-    /// Data set whose cameras are used [default for a run: the one it was trained on].
-    #[arg(long, value_name = "DATASET", help_heading = "Cameras")]
-    pub(crate) data: Option<PathBuf>,
-    /// Cameras from a file: transforms.json, or a camera path of nerfstudio. What it leaves out (image size, lens) comes from the data
-    /// set's first camera.
-    #[arg(long, value_name = "FILE", conflicts_with = "split", help_heading = "Cameras")]
-    pub(crate) cameras: Option<PathBuf>,
-    /// Views of the data set.
-    #[arg(long, value_enum, default_value_t, help_heading = "Cameras")]
-    pub(crate) split: SplitArg,
-    /// Only frames a to b of the list, counted from 0, both included: 0-99.
-    #[arg(long, value_name = "A-B", value_parser = parse_frames, help_heading = "Cameras")]
-    pub(crate) frames: Option<Frames>,
-    /// Only every n-th of those, starting with the i-th, counted from 0: 0/4, 1/4, 2/4 and 3/4 are all of them.
-    #[arg(long, value_name = "I/N", value_parser = parse_shard, help_heading = "Cameras")]
-    pub(crate) shard: Option<Shard>,
-    /// How the data set is read.
-    #[command(flatten)]
-    pub(crate) load: LoadArgs,
-    /// Number format of the EXR files.
-    #[arg(long, value_enum, default_value_t, help_heading = "Images")]
-    pub(crate) exr_type: ExrTypeArg,
-    /// Also write an 8-bit preview VIEW.png with this tone curve.
-    #[arg(long, value_enum, value_name = "CURVE", help_heading = "Images")]
-    pub(crate) tonemap: Option<TonemapArg>,
-    /// Exposure of the preview, stops: radiance, in units of the scene's scale, is multiplied by 2^EV.
-    #[arg(
-        long,
-        default_value_t = 0.0,
-        value_name = "EV",
-        allow_negative_numbers = true,
-        value_parser = parse_finite,
-        requires = "tonemap",
-        help_heading = "Images"
-    )]
-    pub(crate) exposure: f32,
-    /// Radiance behind everything, in the units of the data set: red,green,blue or one number for grey [default for a run: the one it was trained with; else black].
-    #[arg(long, value_name = "R,G,B", value_parser = parse_rgb, help_heading = "Images")]
-    pub(crate) background: Option<[f32; 3]>,
-    /// Edit the scene's light first, as luxel edit does, without writing it: "where L < 0.05; gain 4; where all; power 0.8; pivot 0.5".
-    /// Statements are the options of luxel edit, without dashes.
-    #[arg(long, value_name = "EDITS", value_parser = parse_edits, help_heading = "Edits")]
-    pub(crate) edit: Option<EditText>,
-    /// What maps are applied to in scenes of spherical harmonics, which are then fitted again.
-    #[arg(long, value_enum, default_value_t, value_name = "WHAT", requires = "edit", help_heading = "Edits")]
-    pub(crate) sh_map: ShMapArg,
-    /// Where the work is done.
-    #[command(flatten)]
-    pub(crate) device: DeviceArgs,
-    /// How the command talks.
-    #[command(flatten)]
-    pub(crate) console: ConsoleArgs,
-}
-
 /// `luxel info`.
 #[derive(Debug, Args)]
 pub(crate) struct InfoArgs {
-    /// Scene .ply, run, checkpoint, data set (its folder or transforms.json) or image.
+    /// Scene (.ply, .usda, .usd, .glb, .spz), run, checkpoint, data set (its folder or transforms.json) or image.
     #[arg(required_unless_present = "devices")]
     pub(crate) path: Option<PathBuf>,
     /// List what can compute instead, and what --device auto takes.
@@ -339,6 +284,9 @@ pub(crate) struct BenchArgs {
     /// Measure on a synthetic room of N splats instead.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000_000), help_heading = "Workload")]
     pub(crate) generate: Option<u32>,
+    /// Write the room as a scene file (in the colour model of --method) instead of measuring.
+    #[arg(long, value_name = "SCENE.ply", requires = "generate", conflicts_with_all = ["json", "target"], help_heading = "Workload")]
+    pub(crate) save: Option<PathBuf>,
     /// Camera: JSON with width, height, fx, fy, cx, cy (pixels) and world_to_camera (4 rows of 4, OpenCV axes) [default for --generate:
     /// the room's own].
     #[arg(long, value_name = "FILE", help_heading = "Workload")]

@@ -60,5 +60,5 @@ pub(crate) fn newest_scene(folder: &RunFolder, console: &Console) -> Result<(u32
 
 /// A scene file.
 pub(crate) fn read_scene(path: &Path) -> Result<Scene> {
-    luxel_io::read_scene_ply(path).context("cannot read the scene")
+    luxel_io::read_scene(path).context("cannot read the scene")
 }

@@ -1,5 +1,7 @@
 //! Values of options: their names on the command line and in config.toml, and the ranges they must lie in.
 
+mod world;
+
 use std::fmt;
 use std::str::FromStr;
 
@@ -8,8 +10,10 @@ use luxel_core::metrics::FlipChoice;
 use luxel_core::tone::Tonemap;
 use luxel_core::{ColorSpace, MAX_SIDE_PX};
 use luxel_cpu::InstructionSet;
-use luxel_io::{DatasetFormat, Transfer};
+use luxel_io::{DatasetFormat, ExrSample, Transfer};
 use serde::{Deserialize, Serialize};
+
+pub(crate) use self::world::{Crop, UpArg, parse_crop, parse_point};
 
 /// `--format`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
@@ -77,6 +81,35 @@ impl From<ColorSpaceArg> for ColorSpace {
         match arg {
             ColorSpaceArg::LinearRec709 => Self::LinearRec709,
             ColorSpaceArg::AcesCg => Self::AcesCg,
+        }
+    }
+}
+
+/// `--colorspace`: of what is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum SpaceArg {
+    /// Rec.709 primaries, those of sRGB; D65.
+    LinearRec709,
+    /// Display P3 primaries; D65.
+    LinearDisplayP3,
+    /// Rec.2020 primaries; D65.
+    LinearRec2020,
+    /// ACES2065-1: AP0 primaries.
+    #[value(name = "aces2065-1")]
+    Aces2065,
+    /// AP1 primaries.
+    #[value(name = "acescg")]
+    AcesCg,
+}
+
+impl From<SpaceArg> for ColorSpace {
+    fn from(arg: SpaceArg) -> Self {
+        match arg {
+            SpaceArg::LinearRec709 => Self::LinearRec709,
+            SpaceArg::LinearDisplayP3 => Self::LinearDisplayP3,
+            SpaceArg::LinearRec2020 => Self::LinearRec2020,
+            SpaceArg::Aces2065 => Self::Aces2065,
+            SpaceArg::AcesCg => Self::AcesCg,
         }
     }
 }
@@ -155,6 +188,15 @@ pub(crate) enum ExrTypeArg {
     Half,
     /// 32 bits a channel.
     Float,
+}
+
+impl From<ExrTypeArg> for ExrSample {
+    fn from(arg: ExrTypeArg) -> Self {
+        match arg {
+            ExrTypeArg::Half => Self::Half,
+            ExrTypeArg::Float => Self::Float,
+        }
+    }
 }
 
 /// `--tonemap`.
@@ -353,6 +395,14 @@ mod tests {
         assert_eq!(parse_positive("1e-3"), Ok(1e-3));
         for bad in ["0", "-1", "nan", "inf", "x", "1e-40"] {
             assert!(parse_positive(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn spaces_have_the_files_names() {
+        for (arg, space) in SpaceArg::value_variants().iter().zip(ColorSpace::ALL) {
+            assert_eq!(ColorSpace::from(*arg), space);
+            assert_eq!(arg.to_possible_value().unwrap().get_name(), space.name());
         }
     }
 

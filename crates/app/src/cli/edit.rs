@@ -13,7 +13,7 @@ use super::{ConsoleArgs, DeviceArgs, LoadArgs};
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct EditArgs {
-    /// Folder of a run (its newest scene), or a scene .ply; plain 3DGS files too.
+    /// Folder of a run (its newest scene), or a scene file: PLY (plain and compressed 3DGS files too), USD text, GLB, SPZ.
     #[arg(value_name = "RUN|SCENE.ply")]
     pub(crate) scene: PathBuf,
     /// Scene to write; with --against, folder for the comparison.

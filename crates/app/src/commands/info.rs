@@ -37,7 +37,7 @@ fn describe(path: &Path, args: &InfoArgs) -> Result<Facts> {
     }
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
     let mut facts = match extension.as_str() {
-        "ply" => of_scene_file(path)?,
+        "ply" | "usda" | "usd" | "glb" | "spz" => of_scene_file(path)?,
         "safetensors" => of_checkpoint(path)?,
         "json" => return of_dataset(path, args),
         _ => of_image(path, args)?,

@@ -1,17 +1,19 @@
-//! `luxel render`: images of a scene in the units of the data set.
+//! `luxel render`: images of a scene in the units of the data set, and a video of them.
+
+mod video;
 
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use luxel_core::{Camera, Dataset, Image, RenderOptions, Scene};
-use luxel_io::{ExrOptions, ExrSample};
+use luxel_core::{Camera, Conversion, Dataset, Engine, Layers, RenderOptions, Scene};
+use luxel_io::ExrOptions;
 
-use crate::cli::{EditText, RenderArgs};
+use crate::cli::{DeviceArgs, EditText, RenderArgs};
 use crate::console::Console;
 use crate::evaluation::unique_stems;
 use crate::preview::{self, Look};
 use crate::scene_source::{DataRequest, SceneSource};
-use crate::values::{ExrTypeArg, SplitArg};
+use crate::values::{DeviceArg, SplitArg};
 use crate::{editing, engine, text};
 
 /// A camera and the name of its image.
@@ -33,14 +35,17 @@ pub(crate) fn run(args: &RenderArgs, said: &[String]) -> Result<()> {
     let mut source = SceneSource::open(&args.scene, &console)?;
     let request = DataRequest { data: args.data.as_deref(), load: &args.load, said };
     let shots = shots(args, request, &source, &console)?;
-    let jobs = jobs(args, shots)?;
-    let total = jobs.len();
-    let missing = |job: &Job| !job.exr.is_file() || job.png.as_ref().is_some_and(|png| !png.is_file());
-    let jobs: Vec<Job> = jobs.into_iter().filter(missing).collect();
+    if args.video.is_some() && args.tonemap.is_none() && args.hdr10.is_none() {
+        bail!("--video needs --tonemap CURVE for SDR, or --hdr10");
+    }
+    let all = jobs(args, shots)?;
+    let total = all.len();
+    let missing = |job: &&Job| !job.exr.is_file() || job.png.as_ref().is_some_and(|png| !png.is_file());
+    let jobs: Vec<&Job> = all.iter().filter(missing).collect();
     if jobs.len() < total {
         console.note(&format!("{} exist already and are left as they are", text::plural(total - jobs.len(), "image")));
     }
-    let mut engine = engine::engine(&args.device)?.engine;
+    let mut engine = engine::engine(&device(args))?.engine;
     if let Some(EditText(edits)) = &args.edit {
         let shares = editing::mask_shares(edits, &source, request, engine.as_mut(), &console)?;
         editing::apply(edits, &mut source.scene, &shares, args.sh_map.into(), &console)?;
@@ -51,8 +56,9 @@ pub(crate) fn run(args: &RenderArgs, said: &[String]) -> Result<()> {
     let options = RenderOptions { raster: scene.raster, background, ..RenderOptions::default() };
     let mut too_bright = 0usize;
     for job in &jobs {
-        let image = engine.render(&job.camera, &options).with_context(|| format!("cannot render {}", job.exr.display()))?;
-        too_bright += usize::from(write(args, scene, job, image)?);
+        let layers =
+            render(args, engine.as_mut(), &job.camera, &options).with_context(|| format!("cannot render {}", job.exr.display()))?;
+        too_bright += usize::from(write(args, scene, job, layers)?);
     }
     if too_bright > 0 {
         console.warn(&format!(
@@ -61,7 +67,28 @@ pub(crate) fn run(args: &RenderArgs, said: &[String]) -> Result<()> {
         ));
     }
     console.note(&format!("{} in {}", text::plural(jobs.len(), "new image"), args.output.display()));
+    if let Some(path) = &args.video {
+        let frames: Vec<&Path> = all.iter().map(|job| job.exr.as_path()).collect();
+        video::encode(args, path, &frames, scene.radiance_scale, &console)?;
+    }
     Ok(())
+}
+
+/// What computes: coverage and depth are the CPU engine's, so that is what `auto` comes to.
+fn device(args: &RenderArgs) -> DeviceArgs {
+    let mut device = args.device.clone();
+    if (args.alpha || args.depth) && device.device == DeviceArg::Auto {
+        device.device = DeviceArg::Cpu;
+    }
+    device
+}
+
+/// The image, with coverage and depth if they are asked for.
+fn render(args: &RenderArgs, engine: &mut dyn Engine, camera: &Camera, options: &RenderOptions) -> Result<Layers> {
+    if args.alpha || args.depth {
+        return Ok(engine.render_layers(camera, options)?);
+    }
+    Ok(Layers { image: engine.render(camera, options)?, ..Layers::default() })
 }
 
 /// All cameras that the options name, in order, before `--frames` and `--shard`.
@@ -130,8 +157,12 @@ fn jobs(args: &RenderArgs, shots: Vec<Shot>) -> Result<Vec<Job>> {
     Ok(in_shard.map(|(_, (_, named))| job(named)).collect())
 }
 
+/// Depth of nothing, as Blender has it.
+const FAR: f32 = 1e10;
+
 /// Writes what is missing of a job; true if half floats could not hold it.
-fn write(args: &RenderArgs, scene: &Scene, job: &Job, mut image: Image) -> Result<bool> {
+fn write(args: &RenderArgs, scene: &Scene, job: &Job, layers: Layers) -> Result<bool> {
+    let Layers { mut image, alpha, depth } = layers;
     if let (Some(png), Some(tonemap)) = (&job.png, args.tonemap)
         && !png.is_file()
     {
@@ -140,12 +171,20 @@ fn write(args: &RenderArgs, scene: &Scene, job: &Job, mut image: Image) -> Resul
     if job.exr.is_file() {
         return Ok(false);
     }
-    image.scale(scene.radiance_scale);
-    let sample = match args.exr_type {
-        ExrTypeArg::Half => ExrSample::Half,
-        ExrTypeArg::Float => ExrSample::Float,
+    let color_space = args.colorspace.map_or(scene.color_space, Into::into);
+    let conversion = Conversion::between(scene.color_space, color_space);
+    for pixel in &mut image.pixels {
+        *pixel = conversion.apply(pixel.map(|c| c * scene.radiance_scale));
+    }
+    let options = ExrOptions {
+        sample: args.exr_type.into(),
+        color_space,
+        numbers: vec![("luxel:radiance_scale".into(), scene.radiance_scale), ("luxel:preview_exposure_ev".into(), args.exposure)],
+        camera: Some(job.camera.clone()),
+        alpha: args.alpha.then_some(alpha),
+        depth: args.depth.then(|| depth.into_iter().map(|z| z.min(FAR)).collect()),
+        ..ExrOptions::default()
     };
-    let options = ExrOptions { sample, color_space: scene.color_space, ..ExrOptions::default() };
     let out_of_range = luxel_io::write_exr(&job.exr, &image, &options).context("cannot write an image")?;
     Ok(out_of_range > 0)
 }

@@ -16,6 +16,9 @@ use workload::Workload;
 
 /// Measures and prints.
 pub(crate) fn run(args: &BenchArgs) -> Result<()> {
+    if let Some(path) = &args.save {
+        return workload::save(args, path);
+    }
     let Chosen { mut engine, threads, gpu, instruction_set, .. } = engine::engine_with(&args.device, args.instruction_set.into())?;
     let workload = Workload::prepare(args, engine.as_mut())?;
     // A GPU works ahead of the host in training: steps that wait for each other are not all of the picture.

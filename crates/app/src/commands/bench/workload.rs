@@ -5,7 +5,8 @@ use std::sync::Arc;
 
 use anyhow::{Context, Result, bail};
 use luxel_core::{
-    Antialias, Camera, ColorModel, Cutoffs, Engine, Image, RasterConfig, RenderOptions, Splats, View, spatial_order, synthetic,
+    Antialias, Camera, ColorModel, ColorSpace, Cutoffs, Engine, Image, RasterConfig, RenderOptions, Scene, Splats, View, spatial_order,
+    synthetic,
 };
 use luxel_io::ReadOptions;
 use luxel_train::{Method, TrainConfig};
@@ -100,6 +101,15 @@ fn source(args: &BenchArgs) -> Result<Source> {
         }),
         (None, None) => bail!("nothing to measure on; give --workload SCENE.ply or --generate N"),
     }
+}
+
+/// Writes the room as a scene.
+pub(super) fn save(args: &BenchArgs, path: &Path) -> Result<()> {
+    let source = source(args)?;
+    let splats = in_method(source.splats, args.method, &source.name)?;
+    let raster = TrainConfig { cutoffs: args.cutoffs, ..TrainConfig::default() }.raster();
+    let scene = Scene { splats, radiance_scale: source.radiance_scale, color_space: ColorSpace::default(), raster, edits: Vec::new() };
+    luxel_io::write_scene_ply(path, &scene).context("cannot write the room")
 }
 
 /// The scene in the colour model asked for.

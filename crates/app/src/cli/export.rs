@@ -1,0 +1,113 @@
+//! `luxel export` as text.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use luxel_io::SpzVersion;
+
+use super::{ConsoleArgs, DeviceArgs, LoadArgs};
+use crate::values::{Crop, SpaceArg, TonemapArg, UpArg, parse_crop, parse_finite, parse_positive};
+
+/// `luxel export`.
+#[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct ExportArgs {
+    /// Folder of a run (its newest scene), or a scene file: PLY, USD text, GLB or SPZ.
+    #[arg(value_name = "RUN|SCENE")]
+    pub(crate) scene: PathBuf,
+    /// File to write: .ply, .usda or .usd (text), .glb, .spz.
+    #[arg(long, short, value_name = "FILE")]
+    pub(crate) output: PathBuf,
+    /// Replace the file that is there.
+    #[arg(long)]
+    pub(crate) overwrite: bool,
+    /// What the colours are [default: exact for .ply and .glb, linear for .usd, display for .spz].
+    #[arg(long, value_enum, value_name = "WHAT", help_heading = "Colour")]
+    pub(crate) bake: Option<BakeArg>,
+    /// Colour space of a linear bake [default: the scene's; linear-rec709 for .glb].
+    #[arg(long, value_enum, value_name = "SPACE", help_heading = "Colour")]
+    pub(crate) colorspace: Option<SpaceArg>,
+    /// Stops: of a linear or exact one, on radiance in the units of the data set; of a display bake, on top of its own exposure.
+    #[arg(long, default_value_t = 0.0, value_name = "EV", allow_negative_numbers = true, value_parser = parse_finite, help_heading = "Colour")]
+    pub(crate) exposure: f32,
+    /// Curve of the display bake [default: agx].
+    #[arg(long, value_enum, value_name = "CURVE", help_heading = "Colour")]
+    pub(crate) tonemap: Option<TonemapArg>,
+    /// Highest degree of the baked harmonics.
+    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u8).range(0..=3), value_name = "DEGREE", help_heading = "Colour")]
+    pub(crate) degree: u8,
+    /// Improve a display bake for N steps of training against tone-mapped renders of the data set's training views.
+    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u32).range(..=1_000_000), value_name = "N", help_heading = "Colour")]
+    pub(crate) refine: u32,
+    /// Only splats whose centre is in this box, world units of the scene: x0,y0,z0,x1,y1,z1.
+    #[arg(long, value_name = "BOX", allow_hyphen_values = true, value_parser = parse_crop, help_heading = "Splats")]
+    pub(crate) crop: Option<Crop>,
+    /// Only the N splats that contribute most to the data set's views (without a data set: by opacity and size).
+    #[arg(long, value_parser = clap::value_parser!(u64).range(1..), value_name = "N", help_heading = "Splats")]
+    pub(crate) max_splats: Option<u64>,
+    /// Direction of the scene that is up; the file is turned so that its format's up axis is there [default: .ply and .spz as they are, others
+    /// by the data set's cameras; without a data set -y].
+    #[arg(long, value_enum, value_name = "AXIS", allow_hyphen_values = true, help_heading = "World")]
+    pub(crate) up: Option<UpArg>,
+    /// Lengths are multiplied by this: metres of one unit of the scene.
+    #[arg(long, default_value_t = 1.0, value_parser = parse_positive, value_name = "FACTOR", help_heading = "World")]
+    pub(crate) scale: f32,
+    /// Version of an .spz file.
+    #[arg(long, value_enum, default_value_t, value_name = "VERSION", help_heading = "World")]
+    pub(crate) spz_version: SpzVersionArg,
+    /// Data set whose views measure, refine and prune [default for a run: the one it was trained on].
+    #[arg(long, value_name = "DATASET", help_heading = "Data set")]
+    pub(crate) data: Option<PathBuf>,
+    /// How the data set is read.
+    #[command(flatten)]
+    pub(crate) load: LoadArgs,
+    /// Where the work is done.
+    #[command(flatten)]
+    pub(crate) device: DeviceArgs,
+    /// How the command talks.
+    #[command(flatten)]
+    pub(crate) console: ConsoleArgs,
+}
+
+const EXAMPLES: &str = "\
+  luxel export run -o set.usda --colorspace acescg             radiance for Nuke and Houdini
+  luxel export run -o set.ply --bake linear                    radiance for V-Ray (raw)
+  luxel export run -o set.spz --refine 500 --max-splats 200000 a picture for the web
+  luxel export run -o set.glb                                  a picture for glTF viewers, and the radiance model beside it
+The error of the bake is measured on the data set's held-out views. docs/formats.md has recipes by program.";
+
+/// `--bake`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum BakeArg {
+    /// Colours for a screen, tone-mapped: what viewers show as it is.
+    Display,
+    /// Scene-linear radiance as harmonics.
+    Linear,
+    /// A display bake, and the radiance model beside it.
+    Exact,
+}
+
+/// `--spz-version`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub(crate) enum SpzVersionArg {
+    /// gzip, rotations of 24 bits.
+    #[value(name = "2")]
+    V2,
+    /// gzip.
+    #[value(name = "3")]
+    V3,
+    /// zstd, as the reference writes.
+    #[default]
+    #[value(name = "4")]
+    V4,
+}
+
+impl From<SpzVersionArg> for SpzVersion {
+    fn from(arg: SpzVersionArg) -> Self {
+        match arg {
+            SpzVersionArg::V2 => Self::V2,
+            SpzVersionArg::V3 => Self::V3,
+            SpzVersionArg::V4 => Self::V4,
+        }
+    }
+}

@@ -1,0 +1,80 @@
+//! `luxel probe` as text.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use luxel_core::environment::Projection;
+
+use super::{ConsoleArgs, DeviceArgs, LoadArgs};
+use crate::values::{ExrTypeArg, SpaceArg, UpArg, parse_point, parse_positive};
+
+/// `luxel probe`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "The map is the radiance that arrives at the point from every direction, in the units of the data set: light a scene with it.\n\
+    Axes are those of OpenEXR: +y is up, the middle of a latitude-longitude map looks along +z, +x is to the left of it. They are those of \
+    luxel export's .usda and .glb, so that both fit together."
+)]
+pub(crate) struct ProbeArgs {
+    /// Folder of a run (its newest scene), or a scene file.
+    #[arg(value_name = "RUN|SCENE")]
+    pub(crate) scene: PathBuf,
+    /// The point, world units of the scene: x,y,z.
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = parse_point)]
+    pub(crate) at: [f64; 3],
+    /// OpenEXR file to write.
+    #[arg(long, short, value_name = "FILE.exr")]
+    pub(crate) output: PathBuf,
+    /// Replace the file that is there.
+    #[arg(long)]
+    pub(crate) overwrite: bool,
+    /// Width of the map, of a face of a cube; pixels.
+    #[arg(long, default_value_t = 2048, value_parser = clap::value_parser!(u32).range(4..=16384), value_name = "PX", help_heading = "Map")]
+    pub(crate) size: u32,
+    /// How directions lie on the map.
+    #[arg(long, value_enum, default_value_t, value_name = "KIND", help_heading = "Map")]
+    pub(crate) projection: ProjectionArg,
+    /// Leave out splats whose centre is nearer to the point than this, world units: what stands where the probe is.
+    #[arg(long, value_parser = parse_positive, value_name = "RADIUS", help_heading = "Map")]
+    pub(crate) near: Option<f32>,
+    /// Direction of the scene that is up [default: by the data set's cameras; without a data set -y].
+    #[arg(long, value_enum, value_name = "AXIS", allow_hyphen_values = true, help_heading = "Map")]
+    pub(crate) up: Option<UpArg>,
+    /// Colour space of the map [default: the scene's].
+    #[arg(long, value_enum, value_name = "SPACE", help_heading = "Map")]
+    pub(crate) colorspace: Option<SpaceArg>,
+    /// Number format of the file.
+    #[arg(long, value_enum, default_value_t, help_heading = "Map")]
+    pub(crate) exr_type: ExrTypeArg,
+    /// Data set whose cameras tell what is up, and at which resolution to render [default for a run: the one it was trained on].
+    #[arg(long, value_name = "DATASET", help_heading = "Data set")]
+    pub(crate) data: Option<PathBuf>,
+    /// How the data set is read.
+    #[command(flatten)]
+    pub(crate) load: LoadArgs,
+    /// Where the work is done.
+    #[command(flatten)]
+    pub(crate) device: DeviceArgs,
+    /// How the command talks.
+    #[command(flatten)]
+    pub(crate) console: ConsoleArgs,
+}
+
+/// `--projection`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ProjectionArg {
+    /// Equirectangular, twice as wide as high.
+    #[default]
+    Latlong,
+    /// Six faces, one below the other.
+    Cube,
+}
+
+impl From<ProjectionArg> for Projection {
+    fn from(arg: ProjectionArg) -> Self {
+        match arg {
+            ProjectionArg::Latlong => Self::LatitudeLongitude,
+            ProjectionArg::Cube => Self::Cube,
+        }
+    }
+}

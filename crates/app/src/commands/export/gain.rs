@@ -1,0 +1,108 @@
+//! Where the refinement of a display bake starts: each splat's radiance times the curve's gain at the pixels that show it.
+//!
+//! A curve T does not commute with blending, but a gain does: where a pixel's radiance C = sum(w_i c_i) is shown as T(C) = g C, so is
+//! sum(w_i g c_i). Where g hardly changes over a splat's pixels, g c_i blends to the right pixel, however its light is shared out between faint
+//! bright splats and opaque dark ones. Such colours may be far above 1: a splat of opacity 0.01 that makes a pixel white needs 100.
+//!
+//! In: renders of the scene and what a display shows of them, view by view. Out: harmonics of the bake. g is a mean by channel over all pixels of
+//! all views, weighted by what the splat adds to them.
+//!
+//! Degenerate: splats that no view sees keep their own tone-mapped colour; a channel without light takes the gain of a [`FAINTEST`] one.
+
+use anyhow::{Context, Result};
+use luxel_core::tone::rec709_of;
+use luxel_core::{Camera, ColorSpace, Engine, Image, RenderOptions, SH_OFFSET, Scene, sh};
+use luxel_io::{Appearance, BakeOptions, Baked};
+
+/// Exposed radiance below this counts as this much; and so does a channel below this part of the pixel's brightest one, as curves
+/// that desaturate show some of what is not there.
+const FAINTEST: f32 = 1e-3;
+const FAINTEST_PART: f32 = 0.05;
+
+/// Sums over pixels.
+pub(super) struct Gains {
+    /// Gain times blending weight.
+    gain: Vec<[f64; 3]>,
+    /// Blending weight.
+    weight: Vec<f64>,
+}
+
+impl Gains {
+    /// For `count` splats.
+    pub(super) fn new(count: usize) -> Self {
+        Self { gain: vec![[0.0; 3]; count], weight: vec![0.0; count] }
+    }
+
+    /// Adds a view of the scene that `engine` holds. `exposed` is its radiance in linear Rec.709, exposed; `shown` the display's values.
+    pub(super) fn add(
+        &mut self,
+        (camera, options): (&Camera, &RenderOptions),
+        (exposed, shown): (&Image, &Image),
+        engine: &mut dyn Engine,
+    ) -> Result<()> {
+        for channel in 0..3 {
+            // Masks are of 0..1, which gains times the faintest radiance are.
+            let mask: Vec<f32> = exposed.pixels.iter().zip(&shown.pixels).map(|(e, s)| FAINTEST * gain(*e, *s)[channel]).collect();
+            let found = engine.contributions(camera, options, &mask).context("cannot see what the splats contribute")?;
+            for (sum, masked) in self.gain.iter_mut().zip(&found.masked) {
+                sum[channel] += f64::from(masked / FAINTEST);
+            }
+            if channel == 0 {
+                self.weight.iter_mut().zip(&found.blended).for_each(|(sum, blended)| *sum += f64::from(*blended));
+            }
+        }
+        Ok(())
+    }
+
+    /// Gives the bake of `scene` its new colours.
+    pub(super) fn apply(&self, baked: &mut Baked, scene: &Scene) {
+        let degree = baked.scene.splats.color_model.sh_degree() as u8;
+        let exposure_ev = (baked.exposure / scene.radiance_scale).log2();
+        let appearance = Appearance::Linear { color_space: ColorSpace::LinearRec709, exposure_ev };
+        let linear = Baked::new(scene, &BakeOptions { appearance, max_degree: degree });
+        let row = 3 * sh::coefficients(degree.into());
+        let rows = baked.scene.splats.sh.chunks_exact_mut(row).zip(linear.scene.splats.sh.chunks_exact(row));
+        for ((to, from), (gain, weight)) in rows.zip(self.gain.iter().zip(&self.weight)) {
+            if *weight <= f64::from(f32::MIN_POSITIVE) {
+                continue;
+            }
+            let gain = gain.map(|sum| (sum / weight) as f32);
+            for (k, (to, from)) in to.iter_mut().zip(from).enumerate() {
+                let gain = gain[k % 3];
+                // The offset of 1/2 is part of the colour, too.
+                let offset = if k < 3 { (gain - 1.0) * SH_OFFSET / sh::C0 } else { 0.0 };
+                *to = gain * from + offset;
+            }
+        }
+    }
+}
+
+/// Radiance of a render in normalised units as the curve takes it.
+pub(super) fn exposed(scene: &Scene, baked: &Baked, image: &Image) -> Image {
+    let pixels = image.pixels.iter().map(|p| rec709_of(scene.color_space, p.map(|c| c * baked.exposure))).collect();
+    Image { pixels, ..*image }
+}
+
+/// What a display's value is of exposed radiance, 0 to 1 / [`FAINTEST`].
+fn gain(exposed: [f32; 3], shown: [f32; 3]) -> [f32; 3] {
+    let brightest = exposed.into_iter().fold(FAINTEST, f32::max);
+    let least = (FAINTEST_PART * brightest).max(FAINTEST);
+    // NaN becomes the least, too.
+    [0, 1, 2].map(|c| shown[c].clamp(0.0, 1.0) / exposed[c].max(least).min(f32::MAX))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gains_take_radiance_to_what_is_shown_and_are_bounded() {
+        let exposed = [4.0, 1.0, 0.5];
+        let found = gain(exposed, [0.9, 0.5, 0.4]);
+        assert_eq!([0, 1, 2].map(|c| found[c] * exposed[c]), [0.9, 0.5, 0.4]);
+        for dark in [[0.0; 3], [-1.0; 3], [f32::NAN; 3]] {
+            assert!(gain(dark, [1.0; 3]).iter().all(|g| *g <= 1.0 / FAINTEST), "{dark:?}");
+        }
+        assert_eq!(gain([10.0, 0.0, 0.0], [1.0, 0.1, 0.1])[1], 0.1 / 0.5);
+    }
+}

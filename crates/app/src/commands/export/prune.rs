@@ -1,0 +1,70 @@
+//! Which splats come into a file: those in a box, and of those the ones that the views see most of.
+
+use anyhow::{Context, Result};
+use luxel_core::{Dataset, Engine, RenderOptions, Scene, sigmoid};
+
+use crate::console::Console;
+use crate::text;
+use crate::values::Crop;
+
+/// Leaves the splats whose centre is in the box.
+pub(super) fn crop(scene: &mut Scene, bounds: Option<Crop>) {
+    let Some(bounds) = bounds else { return };
+    let kept: Vec<u32> = (0..scene.splats.len() as u32).filter(|i| bounds.contains(scene.splats.position[*i as usize])).collect();
+    scene.splats = scene.splats.select(kept);
+}
+
+/// Leaves the `most` splats that contribute most, in their order.
+pub(super) fn limit(
+    scene: &mut Scene,
+    most: Option<u64>,
+    dataset: Option<&Dataset>,
+    engine: &mut dyn Engine,
+    console: &Console,
+) -> Result<()> {
+    let Some(most) = most.and_then(|most| usize::try_from(most).ok()).filter(|most| *most < scene.splats.len()) else { return Ok(()) };
+    let contribution = match dataset {
+        Some(dataset) => in_views(scene, dataset, engine)?,
+        None => {
+            console.note("no data set: splats are pruned by opacity and size, not by what views see of them");
+            (0..scene.splats.len()).map(|i| by_size(scene, i)).collect()
+        }
+    };
+    let total: f64 = contribution.iter().sum();
+    let mut order: Vec<u32> = (0..scene.splats.len() as u32).collect();
+    // Stable: of equal splats the first stay.
+    order.sort_by(|a, b| contribution[*b as usize].total_cmp(&contribution[*a as usize]));
+    order.truncate(most);
+    let kept: f64 = order.iter().map(|i| contribution[*i as usize]).sum();
+    order.sort_unstable();
+    console.note(&format!(
+        "{} of {} kept, with {} % of their contribution",
+        text::count(most),
+        text::plural(scene.splats.len(), "splat"),
+        text::number(100.0 * kept / total.max(f64::MIN_POSITIVE))
+    ));
+    scene.splats = scene.splats.select(order);
+    Ok(())
+}
+
+/// Sum of each splat's blending weights over all pixels of the training views.
+fn in_views(scene: &Scene, dataset: &Dataset, engine: &mut dyn Engine) -> Result<Vec<f64>> {
+    engine.load(&scene.splats, None).context("cannot load the scene")?;
+    let options = RenderOptions { raster: scene.raster, ..RenderOptions::default() };
+    let mut sums = vec![0f64; scene.splats.len()];
+    let views = if dataset.train.is_empty() { &dataset.test } else { &dataset.train };
+    for view in views {
+        let [width, height] = view.camera.size_px.map(|side| side as usize);
+        let everywhere = vec![1.0; width * height];
+        let found = engine.contributions(&view.camera, &options, &everywhere).context("cannot see what the splats contribute")?;
+        sums.iter_mut().zip(&found.blended).for_each(|(sum, blended)| *sum += f64::from(*blended));
+    }
+    Ok(sums)
+}
+
+/// Opacity times the area of the larger cross-section.
+fn by_size(scene: &Scene, i: usize) -> f64 {
+    let log_scale = scene.splats.log_scale[i].map(f64::from);
+    let smallest = log_scale.iter().copied().fold(f64::INFINITY, f64::min);
+    f64::from(sigmoid(scene.splats.opacity_logit[i])) * (log_scale.iter().sum::<f64>() - smallest).clamp(-300.0, 300.0).exp()
+}

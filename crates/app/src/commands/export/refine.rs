@@ -1,0 +1,126 @@
+//! A display bake improved against tone-mapped renders.
+//!
+//! Tone mapping per splat does not commute with blending: where bright and dark splats make up a pixel, the bake's pixel is darker or flatter
+//! than the tone-mapped one. So the bake's harmonics, and nothing else, are made anew from the renders of the radiance scene: at first each
+//! splat's radiance times the curve's gain where it is seen ([`super::gain`]), and then for some steps by training with these renders, tone-mapped,
+//! as targets: 0.8 L1 + 0.2 (1 - SSIM) on display values, by Adam. Its steps are about as long as its rate: the rate is such that a constant term
+//! can come [`REACH`] far in whatever number of steps, and falls to a tenth; higher terms move a twentieth as far, as in training. Views come in
+//! a fixed shuffled order, so that equal inputs give equal files. At the end harmonics are drawn towards their mean where they would be
+//! negative.
+
+use std::sync::Arc;
+
+use anyhow::{Context, Result};
+use luxel_core::{Dataset, Engine, LearningRates, LossConfig, RenderOptions, Scene, StatsCollection, StepConfig, View};
+use luxel_io::Baked;
+
+use super::error::wanted;
+use super::gain::{Gains, exposed};
+use crate::console::Console;
+use crate::text;
+
+/// Sum of the rates over all steps: 1 of display value is 3.5 of the constant term.
+const REACH: f32 = 10.0;
+/// Rates of the constant term at the first step: those between which Adam neither crawls nor overshoots.
+const DC_RATES: [f32; 2] = [2.5e-3, 5e-2];
+/// Higher terms' part of that.
+const REST: f32 = 1.0 / 20.0;
+/// Rates at the last step are this part of the first one's: on average, 0.39 of them.
+const LAST: f32 = 0.1;
+const MEAN: f32 = 0.39;
+/// mu of a mu-law that is as good as linear: display values are compared as they are.
+const LINEAR_MU: f32 = 1e-3;
+
+/// Trains the bake's harmonics for `steps`.
+pub(super) fn refine(
+    baked: &mut Baked,
+    scene: &Scene,
+    dataset: &Dataset,
+    steps: u32,
+    (engine, console): (&mut dyn Engine, &Console),
+) -> Result<()> {
+    let views = if dataset.train.is_empty() { &dataset.test } else { &dataset.train };
+    let (targets, gains) = targets(baked, scene, views, engine)?;
+    gains.apply(baked, scene);
+    engine.load(&baked.scene.splats, None).context("cannot load the bake")?;
+    let render = RenderOptions { raster: baked.scene.raster, ..RenderOptions::default() };
+    let loss = LossConfig { mu: LINEAR_MU, ..LossConfig::default() };
+    let dc_rate = (REACH / (MEAN * steps as f32)).clamp(DC_RATES[0], DC_RATES[1]);
+    let (mut first, mut last) = (0.0, 0.0);
+    for step in 1..=steps {
+        let decay = LAST.powf((step - 1) as f32 / steps.max(2) as f32);
+        let config = StepConfig {
+            step,
+            render,
+            loss,
+            learning_rates: LearningRates {
+                position: 0.0,
+                rotation: 0.0,
+                log_scale: 0.0,
+                opacity_logit: 0.0,
+                sh_dc: dc_rate * decay,
+                sh_rest: REST * dc_rate * decay,
+                luminance_dc: 0.0,
+                luminance_rest: 0.0,
+            },
+            position_noise: None,
+            stats: StatsCollection::Off,
+        };
+        let view = &targets[shuffled(step as usize - 1, targets.len())];
+        let report = engine.train_step(view, &config).context("cannot refine the bake")?;
+        let n = targets.len() as u32;
+        first += if step <= n { report.l1 } else { 0.0 };
+        last += if step + n > steps { report.l1 } else { 0.0 };
+    }
+    let rounds = (targets.len() as u32).min(steps).max(1) as f32;
+    let (trained, _) = engine.save().context("cannot take the bake back")?;
+    baked.scene.splats.sh = trained.sh;
+    baked.lift_negative();
+    let (first, last) = (f64::from(first / rounds), f64::from(last / rounds));
+    console.note(&format!("refined: mean error of training views {} before, {} after", text::number(first), text::number(last)));
+    Ok(())
+}
+
+/// Views whose images are what the bake should show, and the gains that make them of radiance.
+fn targets(baked: &Baked, scene: &Scene, views: &[View], engine: &mut dyn Engine) -> Result<(Vec<View>, Gains)> {
+    engine.load(&scene.splats, None).context("cannot load the scene")?;
+    let options = RenderOptions { raster: scene.raster, ..RenderOptions::default() };
+    let mut gains = Gains::new(scene.splats.len());
+    let mut targets = Vec::with_capacity(views.len());
+    for view in views {
+        let image = engine.render(&view.camera, &options).context("cannot render a view")?;
+        let exposed = exposed(scene, baked, &image);
+        let shown = wanted(scene, baked, image);
+        gains.add((&view.camera, &options), (&exposed, &shown), engine)?;
+        targets.push(View { name: view.name.clone(), camera: view.camera.clone(), image: Arc::new(shown), mask: None });
+    }
+    Ok((targets, gains))
+}
+
+/// Index of the view at `step`: every view once a round, in strides that are coprime to their number.
+fn shuffled(step: usize, count: usize) -> usize {
+    let is_coprime = |stride: &usize| {
+        let (mut a, mut b) = (*stride, count);
+        while b > 0 {
+            (a, b) = (b, a % b);
+        }
+        a == 1
+    };
+    // The golden section of the count lies far from any short period.
+    let stride = ((count as f64 * 0.618) as usize..).find(is_coprime).unwrap_or(1);
+    (step * stride) % count
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_view_comes_once_a_round() {
+        for count in 1..40 {
+            let mut seen: Vec<usize> = (0..count).map(|step| shuffled(step, count)).collect();
+            seen.sort_unstable();
+            assert_eq!(seen, (0..count).collect::<Vec<_>>());
+        }
+    }
+}

@@ -1,0 +1,73 @@
+//! From the world of the data set to that of a file.
+
+use anyhow::{Context, Result};
+use glam::{DMat3, DVec3};
+use luxel_core::{Dataset, Similarity};
+
+use crate::values::UpArg;
+
+/// Which way is up in a format.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Target {
+    /// PLY as 3D Gaussian splatting writes it, and what SPZ is made from: right, down, forward.
+    MinusY,
+    /// USD as written here, glTF, environment maps: right, up, back.
+    PlusY,
+}
+
+/// The turn that brings the scene's up axis to the format's, and the factor of lengths.
+pub(crate) fn file_from_world(up: Option<UpArg>, target: Target, dataset: Option<&Dataset>, scale: f32) -> Result<Similarity> {
+    let up = match (up, target) {
+        (Some(up), _) => up.direction(),
+        (None, Target::MinusY) => None,
+        (None, Target::PlusY) => Some(dataset.and_then(up_of_cameras).unwrap_or(DVec3::NEG_Y)),
+    };
+    let to = match target {
+        Target::MinusY => DVec3::NEG_Y,
+        Target::PlusY => DVec3::Y,
+    };
+    let rotation = up.map_or(DMat3::IDENTITY, |up| quarter_turn(up, to));
+    Similarity::new(rotation, f64::from(scale), DVec3::ZERO).context("--scale is out of range")
+}
+
+/// The axis nearest to where the cameras' images have their top, on average.
+fn up_of_cameras(dataset: &Dataset) -> Option<DVec3> {
+    let views = dataset.train.iter().chain(&dataset.test);
+    let mean: DVec3 = views.map(|view| -view.camera.camera_from_world.matrix3.row(1)).sum();
+    let axis = mean.abs().max_position();
+    let sign = if mean[axis] < 0.0 { -1.0 } else { 1.0 };
+    (mean.length() > 1e-6).then(|| sign * DVec3::AXES[axis])
+}
+
+/// The shortest turn from one axis to another, in numbers of -1, 0 and 1; half turns go about x (about z if x itself turns over).
+fn quarter_turn(from: DVec3, to: DVec3) -> DMat3 {
+    if from == to {
+        return DMat3::IDENTITY;
+    }
+    if from == -to {
+        let about_x = DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
+        return if from.x == 0.0 { about_x } else { DMat3::from_diagonal(DVec3::new(-1.0, -1.0, 1.0)) };
+    }
+    // R = [to, side, to x side] [from, side, from x side]^T takes `from` to `to` about their common normal.
+    let side = from.cross(to);
+    let frame = |first: DVec3| DMat3::from_cols(first, side, first.cross(side));
+    frame(to) * frame(from).transpose()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_axis_turns_to_every_other_in_whole_numbers() {
+        let axes = [DVec3::X, DVec3::Y, DVec3::Z, DVec3::NEG_X, DVec3::NEG_Y, DVec3::NEG_Z];
+        for from in axes {
+            for to in axes {
+                let turn = quarter_turn(from, to);
+                assert_eq!(turn * from, to);
+                assert!((turn.determinant() - 1.0).abs() < 1e-12);
+                assert!(turn.to_cols_array().iter().all(|v| v.fract() == 0.0));
+            }
+        }
+    }
+}

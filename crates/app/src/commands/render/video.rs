@@ -1,0 +1,200 @@
+//! A video of rendered frames, encoded by the system's ffmpeg.
+//!
+//! In: OpenEXR frames in the units of the data set. Out: an .mp4 in one of two forms:
+//! - SDR: the tone curve's display values, 8 bits, H.264, Rec.709 primaries with sRGB's curve;
+//! - HDR10: Rec.2020, perceptual quantizer (SMPTE ST 2084), 10 bits, H.265, with the mastering display (Rec.2020, 0.0001 cd/m2 to the peak; SMPTE
+//!   ST 2086) and the content's light levels (CTA-861.3), which a first sweep over the frames measures. 1 of the scene's scale times the
+//!   exposure is reference white, 203 cd/m2 (ITU-R BT.2408).
+
+use std::io::Write;
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+use anyhow::{Context, Result, anyhow, bail};
+use luxel_core::tone::{Tonemap, display_rgb8, pq_encode, rec709_of};
+use luxel_core::{ColorSpace, Conversion, Image};
+use luxel_io::ReadOptions;
+use rayon::prelude::*;
+
+use crate::cli::RenderArgs;
+use crate::console::Console;
+use crate::text;
+
+/// Luminance of reference white, cd/m2.
+const WHITE_NITS: f32 = 203.0;
+/// Highlights keep their values up to this part of the peak.
+const KNEE: f32 = 0.5;
+
+/// What is made of radiance.
+enum Look {
+    Sdr(Tonemap),
+    Hdr10 { peak: f32 },
+}
+
+/// Encodes `frames` in order; `radiance_scale` is what becomes 1.
+pub(super) fn encode(args: &RenderArgs, path: &Path, frames: &[&Path], radiance_scale: f32, console: &Console) -> Result<()> {
+    let look = match (args.hdr10, args.tonemap) {
+        (Some(peak), _) => Look::Hdr10 { peak: peak as f32 },
+        (None, Some(tonemap)) => Look::Sdr(tonemap.into()),
+        (None, None) => bail!("--video needs --tonemap CURVE for SDR, or --hdr10"),
+    };
+    let gain = args.exposure.exp2() / radiance_scale;
+    let levels = match look {
+        Look::Hdr10 { peak } => light_levels(frames, gain, peak)?,
+        Look::Sdr(_) => [0; 2],
+    };
+    let (first, _) = read(frames.first().context("no frames to make a video of")?)?;
+    let size = [first.width, first.height];
+    let mut command = Command::new(&args.ffmpeg);
+    command.args(["-hide_banner", "-loglevel", "error", "-y", "-f", "rawvideo"]).args(input_options(&look, size, args.fps));
+    command.args(output_options(&look, levels)).arg(path);
+    let spawned = command.stdin(Stdio::piped()).spawn();
+    let mut child =
+        spawned.with_context(|| format!("{}: cannot start; install ffmpeg, or name it with --ffmpeg", args.ffmpeg.display()))?;
+    let piped = child.stdin.take().context("ffmpeg takes no input").and_then(|mut pipe| {
+        for frame in frames {
+            let (image, space) = read(frame)?;
+            if [image.width, image.height] != size {
+                let (w, h) = (image.width, image.height);
+                bail!("{}: {w} x {h} pixels, expected {} x {} as the first frame", frame.display(), size[0], size[1]);
+            }
+            // As text: a broken pipe in the chain of causes means to the program that its own reader has gone.
+            pipe.write_all(&samples(&image, space, gain, &look)).map_err(|e| anyhow!("ffmpeg stopped reading: {e}"))?;
+        }
+        Ok(())
+    });
+    let status = child.wait().context("cannot wait for ffmpeg")?;
+    if !status.success() {
+        bail!("{}: ffmpeg failed ({status}); its message stands above", path.display());
+    }
+    piped?;
+    console.note(&format!("{}: {}", path.display(), text::plural(frames.len(), "frame")));
+    Ok(())
+}
+
+fn read(path: &Path) -> Result<(Image, ColorSpace)> {
+    let decoded = luxel_io::read_image(path, &ReadOptions::default()).context("cannot read a frame back")?;
+    Ok((decoded.image, decoded.color_space.unwrap_or_default()))
+}
+
+/// Bytes of a frame as ffmpeg gets them.
+fn samples(image: &Image, space: ColorSpace, gain: f32, look: &Look) -> Vec<u8> {
+    match look {
+        Look::Sdr(tonemap) => {
+            image.pixels.par_iter().flat_map_iter(|p| display_rgb8(*tonemap, 0.0, rec709_of(space, p.map(|c| c * gain)))).collect()
+        }
+        Look::Hdr10 { peak } => {
+            let conversion = Conversion::between(space, ColorSpace::LinearRec2020);
+            let word = |nits: f32| ((pq_encode(nits) * 65535.0 + 0.5) as u16).to_le_bytes();
+            image.pixels.par_iter().flat_map_iter(|p| nits(&conversion, *p, gain, *peak).into_iter().flat_map(word)).collect()
+        }
+    }
+}
+
+/// Display light of a radiance, cd/m2: the largest channel rolls off above the knee towards the peak, hue kept.
+fn nits(conversion: &Conversion, radiance: [f32; 3], gain: f32, peak: f32) -> [f32; 3] {
+    let rgb = conversion.apply(radiance).map(|c| if c > 0.0 { (c * gain * WHITE_NITS).min(1e9) } else { 0.0 });
+    let largest = rgb.into_iter().fold(0.0, f32::max);
+    let knee = KNEE * peak;
+    if largest <= knee {
+        return rgb;
+    }
+    // x / (1 + x) of what is above: continuous in value and slope.
+    let x = (largest - knee) / (peak - knee);
+    let rolled = knee + (peak - knee) * x / (1.0 + x);
+    rgb.map(|c| c * rolled / largest)
+}
+
+/// MaxCLL and MaxFALL, cd/m2: the brightest channel of any pixel, and of the frames' means over pixels of it.
+fn light_levels(frames: &[&Path], gain: f32, peak: f32) -> Result<[u32; 2]> {
+    let (mut brightest, mut average) = (0f32, 0f64);
+    for frame in frames {
+        let (image, space) = read(frame)?;
+        let conversion = Conversion::between(space, ColorSpace::LinearRec2020);
+        let light: Vec<f32> = image.pixels.iter().map(|p| nits(&conversion, *p, gain, peak).into_iter().fold(0.0, f32::max)).collect();
+        brightest = light.iter().copied().fold(brightest, f32::max);
+        average = average.max(light.iter().map(|v| f64::from(*v)).sum::<f64>() / light.len().max(1) as f64);
+    }
+    Ok([brightest.ceil() as u32, average.ceil() as u32])
+}
+
+fn input_options(look: &Look, [width, height]: [usize; 2], fps: u32) -> Vec<String> {
+    let pixels = match look {
+        Look::Sdr(_) => "rgb24",
+        Look::Hdr10 { .. } => "rgb48le",
+    };
+    ["-pix_fmt", pixels, "-s", &format!("{width}x{height}"), "-r", &fps.to_string(), "-i", "-"].map(str::to_owned).to_vec()
+}
+
+/// Codec, colour and metadata: colour is set on the frames, which is where the encoders look. Odd sizes get a black row or column, as chroma is halved.
+fn output_options(look: &Look, [max_cll, max_fall]: [u32; 2]) -> Vec<String> {
+    let even = "pad=ceil(iw/2)*2:ceil(ih/2)*2";
+    let words = |options: &[&str]| options.iter().map(|word| (*word).to_owned()).collect();
+    match look {
+        Look::Sdr(_) => words(&[
+            "-vf",
+            &format!(
+                "{even},scale=out_color_matrix=bt709:out_range=tv,format=yuv420p,setparams=color_primaries=bt709:color_trc=iec61966-2-1:colorspace=bt709"
+            ),
+            "-c:v",
+            "libx264",
+            "-crf",
+            "16",
+            "-movflags",
+            "+faststart",
+        ]),
+        Look::Hdr10 { peak } => {
+            // In units of 0.00002 and 0.0001 cd/m2.
+            let [r, g, b, w] = ColorSpace::LinearRec2020.chromaticities().map(|xy| xy.map(|v| (v * 50_000.0).round() as u32));
+            let display = format!(
+                "G({},{})B({},{})R({},{})WP({},{})L({},1)",
+                g[0],
+                g[1],
+                b[0],
+                b[1],
+                r[0],
+                r[1],
+                w[0],
+                w[1],
+                (peak * 10_000.0) as u64
+            );
+            words(&[
+                "-vf",
+                &format!(
+                    "{even},scale=out_color_matrix=bt2020:out_range=tv,format=yuv420p10le,setparams=color_primaries=bt2020:color_trc=smpte2084:colorspace=bt2020nc"
+                ),
+                "-c:v",
+                "libx265",
+                "-crf",
+                "16",
+                "-tag:v",
+                "hvc1",
+                "-x265-params",
+                &format!(
+                    "log-level=error:hdr10=1:repeat-headers=1:colorprim=bt2020:transfer=smpte2084:colormatrix=bt2020nc:range=limited:\
+                     master-display={display}:max-cll={max_cll},{max_fall}"
+                ),
+            ])
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn highlights_roll_off_smoothly_and_below_the_peak() {
+        let same = Conversion::between(ColorSpace::LinearRec2020, ColorSpace::LinearRec2020);
+        let of = |v: f32| nits(&same, [v, 0.5 * v, 0.0], 1.0, 1000.0);
+        assert_eq!(of(1.0), [203.0, 101.5, 0.0]);
+        let mut last = 0.0;
+        for step in 0..2000 {
+            let [r, g, _] = of(0.05 * step as f32);
+            assert!(r >= last && r < 1000.0 && r - last < 12.0 && (g - 0.5 * r).abs() < 1e-3, "{r} after {last}");
+            last = r;
+        }
+        assert_eq!(of(f32::NAN), [0.0; 3]);
+        assert!(of(f32::INFINITY)[0] <= 1000.0);
+    }
+}

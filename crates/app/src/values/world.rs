@@ -1,0 +1,87 @@
+//! Directions, boxes and points in the world of a scene.
+
+use clap::ValueEnum;
+use glam::DVec3;
+
+/// `--up`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum UpArg {
+    /// +x.
+    X,
+    /// +y.
+    Y,
+    /// +z.
+    Z,
+    /// -x.
+    #[value(name = "-x")]
+    MinusX,
+    /// -y: as 3D Gaussian splatting's files have it.
+    #[value(name = "-y")]
+    MinusY,
+    /// -z.
+    #[value(name = "-z")]
+    MinusZ,
+    /// Axes stay as they are.
+    AsIs,
+}
+
+impl UpArg {
+    /// The direction, unit; `None` for [`Self::AsIs`].
+    pub(crate) fn direction(self) -> Option<DVec3> {
+        Some(match self {
+            Self::X => DVec3::X,
+            Self::Y => DVec3::Y,
+            Self::Z => DVec3::Z,
+            Self::MinusX => DVec3::NEG_X,
+            Self::MinusY => DVec3::NEG_Y,
+            Self::MinusZ => DVec3::NEG_Z,
+            Self::AsIs => return None,
+        })
+    }
+}
+
+/// `--crop`: corners included.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Crop {
+    /// Lower and upper, world.
+    corners: [[f32; 3]; 2],
+}
+
+impl Crop {
+    /// Whether a point is within.
+    pub(crate) fn contains(self, point: [f32; 3]) -> bool {
+        let [low, high] = self.corners;
+        (0..3).all(|axis| low[axis] <= point[axis] && point[axis] <= high[axis])
+    }
+}
+
+/// Six numbers: one corner and the opposite one.
+pub(crate) fn parse_crop(text: &str) -> Result<Crop, String> {
+    let numbers: Vec<f32> = text.split(',').filter_map(|word| word.trim().parse().ok()).filter(|v: &f32| v.is_finite()).collect();
+    let [x0, y0, z0, x1, y1, z1] = numbers[..] else {
+        return Err(format!("expected six numbers x0,y0,z0,x1,y1,z1, got \"{text}\""));
+    };
+    let (a, b) = ([x0, y0, z0], [x1, y1, z1]);
+    Ok(Crop { corners: [[0, 1, 2].map(|i| f32::min(a[i], b[i])), [0, 1, 2].map(|i| f32::max(a[i], b[i]))] })
+}
+
+/// Three numbers.
+pub(crate) fn parse_point(text: &str) -> Result<[f64; 3], String> {
+    let numbers: Vec<f64> = text.split(',').filter_map(|word| word.trim().parse().ok()).filter(|v: &f64| v.is_finite()).collect();
+    <[f64; 3]>::try_from(numbers).map_err(|_| format!("expected three numbers x,y,z, got \"{text}\""))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn boxes_and_points_are_numbers_with_commas() {
+        let crop = parse_crop("1, 0,-1,-1,2,1").unwrap();
+        assert!(crop.contains([0.0, 1.0, 0.0]) && crop.contains([-1.0, 2.0, 1.0]) && !crop.contains([0.0, 2.1, 0.0]));
+        assert_eq!(parse_point("1,-2.5,3e1"), Ok([1.0, -2.5, 30.0]));
+        for bad in ["", "1,2", "1,2,x", "1,2,nan", "1,2,3,4"] {
+            assert!(parse_crop(bad).is_err() && parse_point(bad).is_err(), "{bad}");
+        }
+    }
+}
