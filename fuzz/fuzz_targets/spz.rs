@@ -1,0 +1,13 @@
+//! SPZ: a scene that an engine can take, or an error.
+#![no_main]
+
+use std::path::Path;
+
+use libfuzzer_sys::fuzz_target;
+
+fuzz_target!(|data: &[u8]| {
+    if let Ok(scene) = luxel_io::decode_spz(Path::new("scene.spz"), data) {
+        assert_eq!(scene.splats.validate(), Ok(()));
+        assert!(scene.radiance_scale.is_finite() && scene.radiance_scale > 0.0);
+    }
+});
