@@ -293,7 +293,7 @@ fn devices_are_listed_with_what_auto_takes() {
 }
 
 /// The loader of Vulkan drivers looks at these alone if they are set.
-#[cfg(target_os = "linux")]
+#[cfg(all(target_os = "linux", feature = "gpu"))]
 #[test]
 fn without_a_graphics_driver_auto_is_the_cpu_and_gpu_names_a_remedy() {
     let place = Workplace::new();
