@@ -23,6 +23,7 @@ fn main() -> Outcome {
     exr_seeds(&values)?;
     tiff_seeds(&values)?;
     raster_seeds(&bytes)?;
+    dng_seeds(&bytes)?;
     let pixels: Vec<_> = values.as_chunks().0.iter().take(WIDTH * HEIGHT).map(|&rgb| image::Rgb(rgb)).collect();
     let header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({HEIGHT}, {WIDTH}, 3), }}\n");
     let samples: Vec<u8> = values[..WIDTH * HEIGHT * 3].iter().flat_map(|v| v.to_le_bytes()).collect();
@@ -112,6 +113,50 @@ fn raster_seeds(bytes: &[u8]) -> Outcome {
         let samples = bytes.get(..WIDTH * HEIGHT * size).ok_or("too few samples")?;
         image::codecs::jpeg::JpegEncoder::new(&mut jpeg).encode(samples, WIDTH as u32, HEIGHT as u32, kind)?;
         seed("image_jpeg", &format!("{kind:?}"), &jpeg)?;
+    }
+    Ok(())
+}
+
+/// Mosaics and LinearRaw: uncompressed, and lossless JPEG of zeros.
+fn dng_seeds(bytes: &[u8]) -> Outcome {
+    // Two components of half the width, one code of one bit for "no difference", 22 such codes.
+    let lossless = [
+        &[0xff, 0xd8, 0xff, 0xc3, 0, 14, 12, 0, 4, 0, 2, 2, 0, 0x11, 0, 1, 0x11, 0][..],
+        &[0xff, 0xc4, 0, 20, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0],
+        &[0xff, 0xda, 0, 10, 2, 0, 0, 1, 0, 1, 0, 0, 0, 0, 0x7f, 0xff, 0xd9],
+    ]
+    .concat();
+    let linear: Vec<u8> = bytes.iter().copied().cycle().take(4 * 4 * 3 * 2).collect();
+    let mosaic = &linear[..4 * 4 * 2];
+    for (name, per_pixel, compression, data) in
+        [("linear", 3u16, 1u16, &linear[..]), ("mosaic", 1, 1, mosaic), ("lossless", 1, 7, &lossless[..])]
+    {
+        let photometric = if per_pixel == 1 { 32803u32 } else { 34892 };
+        let mut entries: Vec<(u16, u16, u32, u32)> = vec![
+            (256, 4, 1, 4),
+            (257, 4, 1, 4),
+            (258, 3, 1, if compression == 7 { 12 } else { 16 }),
+            (259, 3, 1, compression.into()),
+            (262, 4, 1, photometric),
+            (273, 4, 1, 0),
+            (277, 3, 1, per_pixel.into()),
+            (278, 4, 1, 4),
+            (279, 4, 1, data.len() as u32),
+            (33421, 3, 2, 2 | 2 << 16),
+            (33422, 1, 4, u32::from_le_bytes([0, 1, 1, 2])),
+            (34855, 3, 1, 200),
+            (50706, 1, 4, 0x0401),
+        ];
+        entries[5].3 = (8 + 2 + 12 * entries.len() + 4) as u32;
+        let mut file = b"II*\0\x08\0\0\0".to_vec();
+        file.extend((entries.len() as u16).to_le_bytes());
+        for (tag, kind, count, value) in entries {
+            file.extend([tag.to_le_bytes(), kind.to_le_bytes()].concat());
+            file.extend([count.to_le_bytes(), value.to_le_bytes()].concat());
+        }
+        file.extend([0; 4]);
+        file.extend(data);
+        seed("photo_dng", name, &file)?;
     }
     Ok(())
 }

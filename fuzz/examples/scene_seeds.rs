@@ -4,9 +4,7 @@ use std::error::Error;
 use std::path::{Path, PathBuf};
 
 use luxel_core::{Activation, ColorModel, ColorSpace, RasterConfig, Scene, synthetic};
-use luxel_io::{
-    Appearance, BakeOptions, Baked, SpzVersion, encode_baked_ply, encode_glb, encode_scene_ply, encode_spz, encode_usda,
-};
+use luxel_io::{Appearance, BakeOptions, Baked, SpzVersion, encode_baked_ply, encode_glb, encode_scene_ply, encode_spz, encode_usda};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let lcd = ColorModel::Lcd { chroma_degree: 1, luminance_degree: 0, activation: Activation::Softplus };

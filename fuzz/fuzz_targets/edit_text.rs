@@ -3,9 +3,7 @@
 
 use libfuzzer_sys::fuzz_target;
 use luxel_core::edit::{MaskShares, ShMap, Statement};
-use luxel_core::{
-    Activation, Antialias, ColorModel, ColorSpace, Cutoffs, Edit, EditError, RasterConfig, Scene, Selection, Splat, Splats,
-};
+use luxel_core::{Activation, Antialias, ColorModel, ColorSpace, Cutoffs, Edit, EditError, RasterConfig, Scene, Selection, Splat, Splats};
 
 /// Splats of luminance 1/16 to 16, of three hues, along a line.
 fn scene(color_model: ColorModel) -> Scene {

@@ -108,6 +108,13 @@ impl Conversion {
         matrix.is_finite().then_some(Self { matrix })
     }
 
+    /// Linear RGB of `to` from CIE XYZ under a white of `white` (XYZ, Y = 1); `None` if that is no white.
+    pub fn from_xyz(white: DVec3, to: ColorSpace) -> Option<DMat3> {
+        let (xyz_from_target, target_white) = xyz_from_rgb(&to.chromaticities())?;
+        let matrix = inverse(xyz_from_target)? * adaptation(white, target_white)?;
+        matrix.is_finite().then_some(matrix)
+    }
+
     /// Whether nothing changes.
     pub fn is_identity(&self) -> bool {
         self.matrix == DMat3::IDENTITY

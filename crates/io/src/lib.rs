@@ -11,6 +11,7 @@ mod dataset;
 mod error;
 mod gltf;
 mod image;
+mod photo;
 mod pinhole;
 mod ply;
 mod regular;
@@ -35,8 +36,9 @@ pub use error::{IoError, IoErrorKind};
 pub use gltf::{decode_glb, encode_glb, read_glb, write_glb};
 pub use image::{
     DecodedImage, ExrOptions, ExrSample, HALF_MAX, ReadOptions, SampleDepth, Transfer, decode_image, downscale, downscale_masked,
-    encode_exr, encode_png, image_size, read_image, undistort, write_exr, write_png,
+    encode_exr, encode_jpeg, encode_png, image_size, pinhole_within, read_image, undistort, undistort_into, write_exr, write_png,
 };
+pub use photo::{Codes, Exif, Photo, PhotoInfo, PhotoKind, RawInfo, RawPixels, decode_photo, is_photo_name, photo_info};
 pub use pinhole::{decode_pinhole_camera, read_pinhole_camera};
 pub use ply::{
     PlyPoint, decode_points_ply, decode_scene_ply, encode_baked_ply, encode_scene_ply, read_points_ply, read_scene_ply, write_baked_ply,

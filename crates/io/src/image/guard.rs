@@ -20,7 +20,7 @@ const PIXELS_PER_BYTE: u64 = 2000;
 const FREE_BLOCK_BYTES: u64 = 64 << 20;
 
 /// Refuses empty images, sides above [`MAX_SIDE_PX`] and more pixels than a file of `file_bytes` can plausibly hold.
-pub(super) fn check_size(name: &Path, [width, height]: [u64; 2], file_bytes: u64) -> Result<(), IoError> {
+pub(crate) fn check_size(name: &Path, [width, height]: [u64; 2], file_bytes: u64) -> Result<(), IoError> {
     let side = u64::from(MAX_SIDE_PX);
     if width == 0 || height == 0 || width > side || height > side {
         return Err(IoError::invalid(name, format!("header: size {width} x {height}, expected 1 to {side} pixels a side")));
@@ -35,7 +35,7 @@ pub(super) fn check_size(name: &Path, [width, height]: [u64; 2], file_bytes: u64
 }
 
 /// Refuses blocks (tiles, groups of lines) that would decompress to more than a file of `file_bytes` can plausibly hold.
-pub(super) fn check_block(name: &Path, block_bytes: u64, file_bytes: u64) -> Result<(), IoError> {
+pub(crate) fn check_block(name: &Path, block_bytes: u64, file_bytes: u64) -> Result<(), IoError> {
     if block_bytes > FREE_BLOCK_BYTES.saturating_add(file_bytes.saturating_mul(PIXELS_PER_BYTE)) {
         let message =
             format!("header: claims blocks of {block_bytes} bytes in a file of {file_bytes} bytes; the file is damaged, export it again");
@@ -45,7 +45,7 @@ pub(super) fn check_block(name: &Path, block_bytes: u64, file_bytes: u64) -> Res
 }
 
 /// `count` zeros, or an error where memory is short. Large requests are served by untouched pages of the system.
-pub(super) fn zeroed<T: Clone + Default>(name: &Path, count: usize) -> Result<Vec<T>, IoError> {
+pub(crate) fn zeroed<T: Clone + Default>(name: &Path, count: usize) -> Result<Vec<T>, IoError> {
     let mut probe = Vec::<T>::new();
     if probe.try_reserve_exact(count).is_err() {
         let bytes = count.saturating_mul(size_of::<T>());
@@ -61,7 +61,7 @@ thread_local! {
 }
 
 /// Runs a decoder; its panic becomes an error and is not printed. Decoders run on the calling thread only.
-pub(super) fn contain<T>(name: &Path, decode: impl FnOnce() -> Result<T, IoError>) -> Result<T, IoError> {
+pub(crate) fn contain<T>(name: &Path, decode: impl FnOnce() -> Result<T, IoError>) -> Result<T, IoError> {
     static QUIET: Once = Once::new();
     QUIET.call_once(|| {
         let report = std::panic::take_hook();

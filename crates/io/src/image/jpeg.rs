@@ -13,8 +13,8 @@ use super::samples::{Curve, Layout, NOT_HDR};
 use super::{DecodedImage, ReadOptions, SampleDepth, Transfer};
 use crate::IoError;
 
-/// Decodes a whole file.
-pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<DecodedImage, IoError> {
+/// Samples as they are.
+fn samples(name: &Path, bytes: &[u8]) -> Result<(Layout, Vec<u8>, Markers), IoError> {
     let markers = Markers::read(bytes);
     let size = markers.size.ok_or_else(|| damaged(name, "no frame header with a size"))?;
     check_size(name, size.map(u64::from), bytes.len() as u64)?;
@@ -34,7 +34,19 @@ pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result
     let layout = Layout { width: width as usize, height: height as usize, channels: channels.into() };
     let mut samples = zeroed::<u8>(name, layout.width * layout.height * layout.channels)?;
     decoder.read_image(&mut samples).map_err(|e| explain(name, &e))?;
+    Ok((layout, samples, markers))
+}
 
+/// Width, height and codes of red, green and blue.
+pub(super) fn codes(name: &Path, bytes: &[u8]) -> Result<(usize, usize, Vec<u8>), IoError> {
+    let (layout, samples, _) = samples(name, bytes)?;
+    let rgb = if layout.channels == 1 { samples.iter().flat_map(|v| [*v; 3]).collect() } else { samples };
+    Ok((layout.width, layout.height, rgb))
+}
+
+/// Decodes a whole file.
+pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<DecodedImage, IoError> {
+    let (layout, samples, markers) = samples(name, bytes)?;
     let mut warnings = vec![NOT_HDR.to_string()];
     if options.transfer.is_none() {
         warnings.push("JPEG read as sRGB, its standard transfer curve".to_string());

@@ -12,7 +12,7 @@
 
 pub(crate) mod colorimetry;
 mod exr_header;
-mod guard;
+pub(crate) mod guard;
 mod jpeg;
 mod npy;
 mod openexr;
@@ -24,7 +24,7 @@ mod tiff;
 mod write;
 
 use std::fmt;
-use std::io::Read;
+use std::io::{Read, Seek};
 use std::path::Path;
 use std::str::FromStr;
 
@@ -34,8 +34,8 @@ use serde::{Deserialize, Serialize};
 use crate::IoError;
 use crate::regular::{read_file, regular_file};
 
-pub use resample::{downscale, downscale_masked, undistort};
-pub use write::{ExrOptions, ExrSample, HALF_MAX, encode_exr, encode_png, write_exr, write_png};
+pub use resample::{downscale, downscale_masked, pinhole_within, undistort, undistort_into};
+pub use write::{ExrOptions, ExrSample, HALF_MAX, encode_exr, encode_jpeg, encode_png, write_exr, write_png};
 
 /// An image as read.
 #[derive(Clone, Debug)]
@@ -179,15 +179,42 @@ pub fn image_size(path: &Path) -> Result<[u32; 2], IoError> {
     open()?.take(HEAD_BYTES).read_to_end(&mut head).map_err(|e| IoError::system(path, "read", &e))?;
     let format = Format::of(path, &head)?;
     let size = guard::contain(path, || match format {
-        Format::OpenExr => openexr::size(path, open()?),
-        Format::Radiance => radiance::size(path, open()?),
-        Format::Tiff => tiff::size(path, open()?),
         Format::Png => png::size(path, &head),
         Format::Jpeg => jpeg::size(path, &read_file(path)?),
-        Format::Npy => npy::size(path, open()?),
+        _ => stream_size(path, format, open()?),
     })?;
     guard::check_size(path, size.map(u64::from), length)?;
     Ok(size)
+}
+
+/// [`image_size`] of a file in memory.
+pub(crate) fn image_size_of(name: &Path, bytes: &[u8]) -> Result<[u32; 2], IoError> {
+    let format = Format::of(name, bytes)?;
+    let size = match format {
+        Format::Png => png::size(name, bytes)?,
+        Format::Jpeg => jpeg::size(name, bytes)?,
+        _ => stream_size(name, format, std::io::Cursor::new(bytes))?,
+    };
+    guard::check_size(name, size.map(u64::from), bytes.len() as u64)?;
+    Ok(size)
+}
+
+fn stream_size(name: &Path, format: Format, file: impl Read + Seek) -> Result<[u32; 2], IoError> {
+    match format {
+        Format::OpenExr => openexr::size(name, file),
+        Format::Radiance => radiance::size(name, file),
+        Format::Tiff => tiff::size(name, file),
+        Format::Npy => npy::size(name, file),
+        Format::Png | Format::Jpeg => Err(IoError::unsupported(name, "its size is not read from a stream")),
+    }
+}
+
+/// Width, height and codes of red, green and blue of a JPEG; `None` if the file is none.
+pub(crate) fn jpeg_codes(name: &Path, bytes: &[u8]) -> Result<Option<(usize, usize, Vec<u8>)>, IoError> {
+    if Format::of(name, bytes)? != Format::Jpeg {
+        return Ok(None);
+    }
+    guard::contain(name, || jpeg::codes(name, bytes)).map(Some)
 }
 
 /// Enough for every magic number and for PNG's size.

@@ -4,8 +4,7 @@
 //! samples (NumPy enhancement proposal 1). Other types, orders and shapes are refused with the line of NumPy that makes the right one.
 
 use std::fmt::Display;
-use std::fs::File;
-use std::io::Read;
+use std::io::{Read, Seek};
 use std::path::Path;
 
 use luxel_core::Image;
@@ -48,7 +47,7 @@ pub(super) fn decode(name: &Path, bytes: &[u8]) -> Result<DecodedImage, IoError>
 }
 
 /// Size from the header.
-pub(super) fn size(name: &Path, file: File) -> Result<[u32; 2], IoError> {
+pub(super) fn size(name: &Path, file: impl Read + Seek) -> Result<[u32; 2], IoError> {
     let mut bytes = Vec::new();
     file.take(MAX_START_BYTES).read_to_end(&mut bytes).map_err(|e| IoError::system(name, "read", &e))?;
     Ok(start(name, &bytes)?.0)

@@ -7,8 +7,7 @@
 //! Blocks are decompressed on the calling thread: panics can be contained there, and data sets decode images in parallel anyway.
 
 use std::collections::HashSet;
-use std::fs::File;
-use std::io::{BufReader, Cursor};
+use std::io::{BufReader, Cursor, Read, Seek};
 use std::path::Path;
 
 use ::exr::block::chunk::TileCoordinates;
@@ -57,7 +56,7 @@ pub(super) fn decode(name: &Path, bytes: &[u8]) -> Result<DecodedImage, IoError>
 }
 
 /// Size of the display window, from the header.
-pub(super) fn size(name: &Path, file: File) -> Result<[u32; 2], IoError> {
+pub(super) fn size(name: &Path, file: impl Read + Seek) -> Result<[u32; 2], IoError> {
     let meta = MetaData::read_from_buffered(BufReader::new(file), false).map_err(|error| explain(name, &error))?;
     let header = meta.headers.first().ok_or_else(|| IoError::invalid(name, "header: no parts"))?;
     let Vec2(width, height) = header.shared_attributes.display_window.size;

@@ -3,8 +3,7 @@
 //! EXPOSURE= and COLORCORR= divide, as they say what the pixels were multiplied with. PRIMARIES= is honoured; absent, Rec.709 is the
 //! convention. XYZE and turned images are refused.
 
-use std::fs::File;
-use std::io::{BufReader, Read};
+use std::io::{BufReader, Read, Seek};
 use std::path::Path;
 
 use image::codecs::hdr::{HdrDecoder, HdrMetadata};
@@ -47,7 +46,7 @@ pub(super) fn decode(name: &Path, bytes: &[u8]) -> Result<DecodedImage, IoError>
 }
 
 /// Size from the header.
-pub(super) fn size(name: &Path, file: File) -> Result<[u32; 2], IoError> {
+pub(super) fn size(name: &Path, file: impl Read + Seek) -> Result<[u32; 2], IoError> {
     let header = open(name, BufReader::new(file.take(MAX_HEADER_BYTES)))?.metadata();
     Ok([header.width, header.height])
 }

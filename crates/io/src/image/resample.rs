@@ -52,6 +52,49 @@ pub fn undistort(image: &Image, mask: Option<&Mask>, camera: &Camera) -> (Image,
     (Image { width, height, pixels }, Mask { valid }, pinhole)
 }
 
+/// The largest part of what `camera` sees that is a pinhole image without empty pixels: the same size and principal point, focal lengths
+/// longer by the smallest factor for which every pixel lies in the distorted image. `None` where no factor up to 4 does.
+pub fn pinhole_within(camera: &Camera) -> Option<Camera> {
+    let [width, height] = camera.size_px.map(f64::from);
+    let limit = fold_radius2(&camera.distortion);
+    let holds = |zoom: f64| {
+        // The border decides; 64 places on each side.
+        (0..=64).map(|i| f64::from(i) / 64.0).all(|share| {
+            let places = [(share * width, 0.0), (share * width, height), (0.0, share * height), (width, share * height)];
+            places.into_iter().all(|(x, y)| {
+                let straight = (DVec2::new(x, y) - camera.center_px) / (camera.focal_px * zoom);
+                let at = camera.distortion.distort(straight) * camera.focal_px + camera.center_px;
+                straight.length_squared() < limit && at.x >= 0.0 && at.y >= 0.0 && at.x <= width && at.y <= height
+            })
+        })
+    };
+    // A lens that pulls in keeps its centre sharper when nothing is thrown away: below 1 there is nothing to win.
+    let (mut low, mut high) = (0.999, 4.0);
+    if !holds(high) {
+        return None;
+    }
+    for _ in 0..40 {
+        let middle = 0.5 * (low + high);
+        if holds(middle) { high = middle } else { low = middle }
+    }
+    Some(Camera { focal_px: camera.focal_px * high.max(1.0), distortion: Distortion::default(), ..camera.clone() })
+}
+
+/// Resamples an image of `camera` for a pinhole camera in the same place, bilinearly; with how many pixels had to be taken from the border.
+pub fn undistort_into(image: &Image, camera: &Camera, pinhole: &Camera) -> (Image, usize) {
+    let [width, height] = pinhole.size_px.map(|side| side as usize);
+    let size = DVec2::new(image.width as f64, image.height as f64);
+    let pixel = |index: usize| {
+        let target = DVec2::new((index % width) as f64 + 0.5, (index / width) as f64 + 0.5);
+        let straight = (target - pinhole.center_px) / pinhole.focal_px;
+        let source = camera.distortion.distort(straight) * camera.focal_px + camera.center_px;
+        let inside = source.clamp(DVec2::ZERO, size);
+        (sample(image, None, inside).unwrap_or([0.0; 3]), usize::from(inside != source))
+    };
+    let (pixels, outside): (Vec<[f32; 3]>, Vec<usize>) = (0..width * height).into_par_iter().map(pixel).unzip();
+    (Image { width, height, pixels }, outside.into_iter().sum())
+}
+
 /// Squared radius from which on the radial polynomial turns back: rays beyond it would show parts of the image a second time.
 /// Smallest positive root s of d/dr [r (1 + k1 r^2 + k2 r^4)] = 1 + 3 k1 s + 5 k2 s^2, s = r^2; infinite if there is none.
 fn fold_radius2(lens: &Distortion) -> f64 {
@@ -137,6 +180,26 @@ mod tests {
             }
         }
         assert!(checked > 2000, "{checked} interior pixels, {outside} outside");
+    }
+
+    #[test]
+    fn a_pinhole_within_has_no_empty_pixels() {
+        for lens in [
+            Distortion { k1: -0.2, k2: 0.05, p1: 0.01, p2: -0.015 },
+            Distortion { k1: 0.1, ..Distortion::default() },
+            Distortion::default(),
+        ] {
+            let camera = camera(lens);
+            let pinhole = pinhole_within(&camera).unwrap();
+            let (image, outside) = undistort_into(&grid(), &camera, &pinhole);
+            assert_eq!(outside, 0, "{lens:?}");
+            assert!(pinhole.focal_px.x >= camera.focal_px.x && pinhole.focal_px.x < 1.5 * camera.focal_px.x);
+            let target = (DVec2::new(20.5, 30.5) - pinhole.center_px) / pinhole.focal_px;
+            let source = lens.distort(target) * camera.focal_px + camera.center_px;
+            let (found, expected) = (image.at(20, 30), ramp(source.x, source.y));
+            assert!((0..3).all(|c| (found[c] - expected[c]).abs() < 1e-3), "{lens:?} {found:?} {expected:?}");
+        }
+        assert_eq!(pinhole_within(&camera(Distortion { k1: -40.0, ..Distortion::default() })), None);
     }
 
     #[test]

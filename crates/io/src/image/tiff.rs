@@ -2,7 +2,6 @@
 //!
 //! Camera RAW files are TIFF as well: their first image is a thumbnail, which is refused rather than read in silence.
 
-use std::fs::File;
 use std::io::{BufReader, Cursor, Read, Seek};
 use std::path::Path;
 
@@ -68,7 +67,7 @@ fn convert(name: &Path, layout: Layout, samples: &DecodingResult, options: &Read
 }
 
 /// Size of the first image.
-pub(super) fn size(name: &Path, file: File) -> Result<[u32; 2], IoError> {
+pub(super) fn size(name: &Path, file: impl Read + Seek) -> Result<[u32; 2], IoError> {
     let mut decoder = Decoder::new(BufReader::new(file)).map_err(|error| explain(name, &error))?;
     let (width, height) = decoder.dimensions().map_err(|error| explain(name, &error))?;
     refuse_raw(name, &mut decoder)?;

@@ -9,6 +9,7 @@ use ::exr::meta::attribute::{AttributeValue, Chromaticities, Compression, Enviro
 use ::exr::meta::header::LayerAttributes;
 use ::exr::prelude::{SmallVec, Vec2, WritableImage, f16};
 use glam::{DMat3, DMat4, DVec3};
+use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 use luxel_core::environment::Projection;
@@ -150,6 +151,23 @@ const PARALLEL_PIXELS: usize = 1 << 20;
 /// Nearest half; what is out of range becomes the largest one, so that no infinity comes about.
 fn to_half(value: f32) -> f16 {
     f16::from_f32(if value.is_nan() { value } else { value.clamp(-HALF_MAX, HALF_MAX) })
+}
+
+/// A JPEG of `width * height` sRGB pixels, row-major, of a quality from 1 to 100.
+///
+/// # Errors
+/// The number of bytes is not `3 * width * height`, or a side is above 65535 pixels.
+pub fn encode_jpeg(width: usize, height: usize, rgb8: &[u8], quality: u8) -> Result<Vec<u8>, IoError> {
+    let name = Path::new("preview.jpg");
+    let expected = width.checked_mul(height).and_then(|n| n.checked_mul(3));
+    let (Ok(width16), Ok(height16), true) = (u16::try_from(width), u16::try_from(height), expected == Some(rgb8.len())) else {
+        return Err(IoError::invalid(name, format!("{} bytes for {width} x {height} pixels, expected 3 a pixel", rgb8.len())));
+    };
+    let mut bytes = Vec::new();
+    JpegEncoder::new_with_quality(&mut bytes, quality)
+        .write_image(rgb8, width16.into(), height16.into(), ExtendedColorType::Rgb8)
+        .map_err(|e| IoError::invalid(name, format!("JPEG: {e}")))?;
+    Ok(bytes)
 }
 
 /// Writes an 8-bit sRGB preview of `width * height` pixels, row-major.

@@ -5,11 +5,12 @@
 
 mod binary;
 mod text;
+mod write;
 
 use std::path::{Path, PathBuf};
 
 use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3};
-use luxel_core::{Distortion, MAX_SIDE_PX};
+use luxel_core::{Camera, Distortion, MAX_SIDE_PX};
 
 use super::intrinsics::{Focal, Intrinsics};
 use crate::IoError;
@@ -17,6 +18,7 @@ use crate::regular::read_file;
 
 pub use binary::parse_binary;
 pub use text::parse_text;
+pub use write::write_text;
 
 /// A reconstruction.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -40,6 +42,16 @@ pub struct ColmapImage {
     pub(super) intrinsics: Intrinsics,
     /// Pixel coordinates of the features, in the distorted image of the lens's size.
     pub features_px: Vec<[f32; 2]>,
+}
+
+impl ColmapImage {
+    /// Pose and lens, of the image that COLMAP saw.
+    ///
+    /// # Errors
+    /// What is wrong with them, without a place.
+    pub fn camera(&self) -> Result<Camera, String> {
+        self.intrinsics.camera(self.camera_from_world, self.intrinsics.size_px.unwrap_or([0, 0]))
+    }
 }
 
 /// A point with its track.
@@ -74,6 +86,14 @@ impl<T> ColmapFiles<T> {
 pub(super) fn find_model(folder: &Path) -> Option<PathBuf> {
     let has_model = |dir: &PathBuf| ["bin", "txt"].iter().any(|e| dir.join(format!("cameras.{e}")).is_file());
     [folder.join("sparse/0"), folder.join("sparse"), folder.to_path_buf()].into_iter().find(has_model)
+}
+
+/// Reads the model in `folder` itself (`cameras.bin` or `cameras.txt`, and so on).
+///
+/// # Errors
+/// A file is missing or damaged.
+pub fn read_colmap_model(folder: &Path) -> Result<ColmapModel, IoError> {
+    read_model(folder).map(|(model, _)| model)
 }
 
 /// Reads the model in `folder`, binary before text.

@@ -1,0 +1,29 @@
+//! From what a camera recorded to radiance: exposure, white balance, camera matrices, response curves, brackets, merging, and what can be
+//! said about a capture before anything is reconstructed from it.
+//!
+//! Frames come as decoded samples with what their files say; no file is known here. Radiance leaves as [`luxel_core::Image`]. Units: a signal
+//! of 1 is where a sensor saturates; radiance is luminance in cd/m2 as far as exposure tells it ([`Exposure`]).
+
+mod align;
+mod bracket;
+mod camera_color;
+mod demosaic;
+mod exposure;
+mod figures;
+mod frame;
+mod merge;
+mod proxy;
+mod response;
+#[cfg(test)]
+mod testing;
+
+pub use align::{Offset, frame_offset};
+pub use bracket::{BracketError, BracketNote, BracketRule, Brackets, Shot, find_brackets};
+pub use camera_color::{CameraColor, CameraColorError, median_neutral};
+pub use demosaic::demosaic;
+pub use exposure::Exposure;
+pub use figures::{Figures, figures, sharpness};
+pub use frame::{Cell, Frame, FrameError, Layout, Noise, Samples, Transfer};
+pub use merge::{Developed, Merged, merge};
+pub use proxy::{Proxy, ProxyOptions, proxy};
+pub use response::{Response, ResponseError, recover_response};

@@ -1,0 +1,315 @@
+//! Response curves: what a camera's developer made of light, undone.
+//!
+//! [`Response`] is a curve from code (0 to 1) to signal (1 at the largest code). [`recover_response`] finds it from brackets (Debevec and Malik
+//! 1997): codes z of pixel i in frame j with exposure t give g(z) = ln E_i + ln t_j, solved for g at 256 codes and all E in least squares with
+//! hat weights and a smooth g. The E are eliminated one by one, which leaves 256 unknowns. The curve is per channel; each is fixed by the
+//! code in the middle, so that a neutral there stays neutral.
+//!
+//! Degenerate: fewer than two exposures, or codes that cover too little of the range, have no curve.
+
+use crate::{Frame, Layout, Transfer};
+
+/// Codes a recovered curve has.
+const CODES: usize = 256;
+/// Weight of smoothness against data.
+const SMOOTHNESS: f64 = 60.0;
+/// Code whose signal is fixed.
+const MIDDLE: usize = 128;
+/// Pixels taken of each bracket.
+const PIXELS_PER_BRACKET: usize = 400;
+/// Codes of the range that pixels must cover.
+const MIN_COVERED: usize = 96;
+/// From this of 256 codes on, a sample may be saturated: developers roll off.
+const CLIP_CODE: usize = 250;
+/// Up to this code a sample may be crushed to black.
+const DARK_CODE: usize = 3;
+/// Uncertainty of a JPEG's code: rounding, quantisation of its blocks, and sharpening.
+const CODE_SIGMA: f32 = 0.8;
+
+/// From code to signal.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Response {
+    /// Codes are proportional to light.
+    Linear,
+    /// IEC 61966-2-1.
+    Srgb,
+    /// Signal at 256 equidistant codes, per channel, rising to 1.
+    Curve(Box<[[f32; CODES]; 3]>),
+}
+
+/// No curve could be found.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum ResponseError {
+    /// Not a bracket.
+    #[error("the response curve needs brackets of at least two exposures, a stop or more apart")]
+    NoBracket,
+    /// Too little to see.
+    #[error("channel {channel}: the brackets show {covered} of 256 codes well exposed, expected at least {MIN_COVERED}")]
+    TooFewCodes {
+        /// 0 red, 1 green, 2 blue.
+        channel: usize,
+        /// How many.
+        covered: usize,
+    },
+    /// The equations have no solution.
+    #[error("channel {0}: the brackets contradict each other: is the exposure in EXIF that of the pictures?")]
+    Contradiction(usize),
+}
+
+impl Response {
+    /// Tables of an RGB frame whose samples have this many codes.
+    pub fn transfers(&self, codes: usize) -> Vec<Transfer> {
+        let last = codes.saturating_sub(1).max(1);
+        let scale = last as f32 / 255.0;
+        // Codes of more than 8 bits are rounded finer than a developer's curve is known.
+        let sigma = CODE_SIGMA * scale.sqrt();
+        let [dark, clip] = [DARK_CODE, CLIP_CODE].map(|code| (code as f32 * scale) as usize);
+        let of = |channel: usize| (0..codes).map(|code| self.signal(channel, code as f32 / last as f32)).collect();
+        (0..3).map(|channel| Transfer::new(of(channel), dark, clip, sigma)).collect()
+    }
+
+    /// Signal of a code in 0 to 1.
+    pub fn signal(&self, channel: usize, code: f32) -> f32 {
+        match self {
+            Self::Linear => code,
+            Self::Srgb => luxel_core::tone::srgb_decode(code),
+            Self::Curve(curves) => {
+                let Some(curve) = curves.get(channel) else { return code };
+                let at = code.clamp(0.0, 1.0) * (CODES - 1) as f32;
+                let low = (at as usize).min(CODES - 2);
+                curve[low] + (at - low as f32) * (curve[low + 1] - curve[low])
+            }
+        }
+    }
+}
+
+/// The curve of one camera from brackets (frames of RGB, of one view each), whichever tables their frames have.
+///
+/// # Errors
+/// See [`ResponseError`].
+pub fn recover_response(brackets: &[Vec<Frame>]) -> Result<Response, ResponseError> {
+    let spread = |frames: &[Frame]| {
+        let stops = frames.iter().map(|f| f.signal_per_radiance.log2());
+        stops.clone().fold(f32::MIN, f32::max) - stops.fold(f32::MAX, f32::min)
+    };
+    let usable: Vec<&Vec<Frame>> = brackets
+        .iter()
+        .filter(|frames| {
+            frames.len() > 1 && spread(frames) >= 0.9 && frames.iter().all(|f| f.layout == Layout::Rgb && f.validate().is_ok())
+        })
+        .collect();
+    if usable.is_empty() {
+        return Err(ResponseError::NoBracket);
+    }
+    let mut curves = Box::new([[0.0f32; CODES]; 3]);
+    for (channel, curve) in curves.iter_mut().enumerate() {
+        *curve = recover_channel(&usable, channel)?;
+    }
+    Ok(Response::Curve(curves))
+}
+
+/// Codes of a pixel with the logarithms of the exposures.
+type Sightings = Vec<(usize, f64)>;
+
+fn recover_channel(brackets: &[&Vec<Frame>], channel: usize) -> Result<[f32; CODES], ResponseError> {
+    let pixels: Vec<Sightings> = brackets.iter().flat_map(|frames| sample_pixels(frames, channel)).collect();
+    let mut is_covered = [false; CODES];
+    for &(code, _) in pixels.iter().flatten() {
+        is_covered[code] |= hat(code) > 0.0;
+    }
+    // Smoothness bridges gaps: a code counts if one within 2 is seen.
+    let covered = (0..CODES).filter(|&i| is_covered[i.saturating_sub(2)..(i + 3).min(CODES)].contains(&true)).count();
+    if covered < MIN_COVERED {
+        return Err(ResponseError::TooFewCodes { channel, covered });
+    }
+    let log_signal = solve(&pixels).ok_or(ResponseError::Contradiction(channel))?;
+    if log_signal[CLIP_CODE] - log_signal[DARK_CODE + 1] < 1.0 {
+        return Err(ResponseError::Contradiction(channel));
+    }
+    Ok(to_curve(&log_signal))
+}
+
+/// Weight of a code: none at the ends.
+fn hat(code: usize) -> f64 {
+    code.saturating_sub(DARK_CODE).min(CLIP_CODE.saturating_sub(code)) as f64 / 128.0
+}
+
+/// Pixels on a grid, those that say something.
+fn sample_pixels(frames: &[Frame], channel: usize) -> Vec<Sightings> {
+    let Some(first) = frames.first() else { return Vec::new() };
+    let step = ((first.width * first.height) as f64 / PIXELS_PER_BRACKET as f64).sqrt().max(1.0) as usize;
+    let mut pixels = Vec::new();
+    for y in (step / 2..first.height).step_by(step) {
+        for x in (step / 2..first.width).step_by(step) {
+            let i = (y * first.width + x) * 3 + channel;
+            let sightings: Sightings = frames
+                .iter()
+                .map(|f| (f.samples.code(i) * (CODES - 1) / (f.samples.codes() - 1), f64::from(f.signal_per_radiance).ln()))
+                .collect();
+            if sightings.iter().filter(|(code, _)| hat(*code) > 0.0).count() > 1 {
+                pixels.push(sightings);
+            }
+        }
+    }
+    pixels
+}
+
+/// ln signal by code, by least squares; `None` where the equations are singular.
+fn solve(pixels: &[Sightings]) -> Option<[f64; CODES]> {
+    let mut matrix = vec![[0.0f64; CODES]; CODES];
+    let mut right = [0.0f64; CODES];
+    for sightings in pixels {
+        // sum_j w_j (g_j - e - t_j)^2 with the best e = sum w (g - t) / sum w: what is left is a quadratic form in g alone.
+        let weighted: Vec<(usize, f64, f64)> =
+            sightings.iter().map(|&(code, t)| (code, t, hat(code))).filter(|(_, _, w)| *w > 0.0).collect();
+        let total: f64 = weighted.iter().map(|(_, _, w)| w).sum();
+        let mean_t: f64 = weighted.iter().map(|(_, t, w)| w * t).sum::<f64>() / total;
+        for &(a, t, w) in &weighted {
+            matrix[a][a] += w;
+            right[a] += w * (t - mean_t);
+            for &(b, _, v) in &weighted {
+                matrix[a][b] -= w * v / total;
+            }
+        }
+    }
+    let scale = SMOOTHNESS * (pixels.len().max(1) as f64 / PIXELS_PER_BRACKET as f64);
+    for i in 1..CODES - 1 {
+        let weight = scale * (0.02 + hat(i).powi(2));
+        let stencil = [(i - 1, 1.0), (i, -2.0), (i + 1, 1.0)];
+        for (a, u) in stencil {
+            for (b, v) in stencil {
+                matrix[a][b] += weight * u * v;
+            }
+        }
+    }
+    // The gauge: g of the middle code is 0.
+    matrix[MIDDLE][MIDDLE] += 1e3 * (1.0 + pixels.len() as f64);
+    cholesky_solve(&mut matrix, right)
+}
+
+fn cholesky_solve(matrix: &mut [[f64; CODES]], mut right: [f64; CODES]) -> Option<[f64; CODES]> {
+    for i in 0..CODES {
+        for j in 0..=i {
+            let dot: f64 = (0..j).map(|k| matrix[i][k] * matrix[j][k]).sum();
+            let rest = matrix[i][j] - dot;
+            if i == j {
+                if !(rest > 1e-12 && rest.is_finite()) {
+                    return None;
+                }
+                matrix[i][i] = rest.sqrt();
+            } else {
+                matrix[i][j] = rest / matrix[j][j];
+            }
+        }
+    }
+    for i in 0..CODES {
+        let dot: f64 = (0..i).map(|k| matrix[i][k] * right[k]).sum();
+        right[i] = (right[i] - dot) / matrix[i][i];
+    }
+    for i in (0..CODES).rev() {
+        let dot: f64 = (i + 1..CODES).map(|k| matrix[k][i] * right[k]).sum();
+        right[i] = (right[i] - dot) / matrix[i][i];
+    }
+    Some(right)
+}
+
+/// Signals, rising, through 0 at the darkest code, where no logarithm goes, and absolute where sRGB's middle code is: which light saturates is
+/// not to be seen in a curve, so that the middle of the range is taken to be exposed as the standard has it.
+fn to_curve(log_signal: &[f64; CODES]) -> [f32; CODES] {
+    let middle = f64::from(luxel_core::tone::srgb_decode(MIDDLE as f32 / 255.0));
+    let mut curve = [0.0f32; CODES];
+    let (first, last) = (DARK_CODE + 1, CLIP_CODE - 1);
+    for (code, out) in curve.iter_mut().enumerate() {
+        let at = log_signal[code.clamp(first, last)].exp() * middle;
+        *out = match code {
+            _ if code < first => at * code as f64 / first as f64,
+            // Beyond what is trusted the curve goes on straight.
+            _ if code > last => at + (at - log_signal[last - 4].exp() * middle) / 4.0 * (code - last) as f64,
+            _ => at,
+        } as f32;
+    }
+    for code in 1..CODES {
+        curve[code] = curve[code].max(curve[code - 1] + 1e-7);
+    }
+    curve
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::{Noise, Samples, merge};
+
+    /// A camera's curve: a gamma with a shoulder, not sRGB.
+    fn camera_code(signal: f32, channel: usize) -> u8 {
+        let exposed = signal * [1.0, 1.02, 0.97][channel];
+        let light = (1.0 - (-2.2 * exposed).exp()) / (1.0 - (-2.2f32).exp());
+        (255.0 * light.clamp(0.0, 1.0).powf(1.0 / 2.0)).round() as u8
+    }
+
+    fn bracket(exposures: &[f32], phase: f32) -> Vec<Frame> {
+        let radiance = |i: usize| 10f32.powf(-2.0 + 3.5 * ((i as f32 * 0.017 + phase).sin() * 0.5 + 0.5));
+        let frame = |&exposure: &f32| Frame {
+            width: 80,
+            height: 60,
+            layout: Layout::Rgb,
+            samples: Samples::U8((0..80 * 60 * 3).map(|i| camera_code(radiance(i / 3) * exposure, i % 3)).collect()),
+            transfers: Arc::from(Response::Srgb.transfers(256)),
+            signal_per_radiance: exposure,
+            noise: Noise::typical(100.0),
+        };
+        exposures.iter().map(frame).collect()
+    }
+
+    #[test]
+    fn a_camera_curve_is_recovered_up_to_its_scale() {
+        let exposures = [0.02, 0.08, 0.32, 1.28, 5.12];
+        let response = recover_response(&[bracket(&exposures, 0.0), bracket(&exposures, 2.0)]).unwrap();
+        for channel in 0..3 {
+            let ratios: Vec<f32> = (1..=20)
+                .map(|k| 0.9 * k as f32 / 20.0)
+                .map(|s| response.signal(channel, f32::from(camera_code(s, channel)) / 255.0) / s)
+                .collect();
+            let mean = ratios.iter().sum::<f32>() / ratios.len() as f32;
+            for (k, ratio) in ratios.iter().enumerate() {
+                assert!((ratio / mean - 1.0).abs() < 0.05, "channel {channel}, {k}: {ratio} of {mean}");
+            }
+        }
+    }
+
+    #[test]
+    fn recovered_curves_merge_to_radiance() {
+        let exposures = [0.02, 0.08, 0.32, 1.28, 5.12];
+        let mut frames = bracket(&exposures, 1.0);
+        let response = recover_response(&[frames.clone()]).unwrap();
+        for frame in &mut frames {
+            frame.transfers = Arc::from(response.transfers(256));
+        }
+        let merged = merge(&frames).unwrap();
+        let truth: Vec<f32> = (0..80 * 60).map(|i| 10f32.powf(-2.0 + 3.5 * ((i as f32 * 0.017 + 1.0).sin() * 0.5 + 0.5))).collect();
+        let log_ratio: Vec<f32> = truth.iter().zip(merged.radiance.chunks(3)).map(|(t, m)| (m[1] / t).ln()).collect();
+        let mean = log_ratio.iter().sum::<f32>() / log_ratio.len() as f32;
+        let rms = (log_ratio.iter().map(|r| (r - mean).powi(2)).sum::<f32>() / log_ratio.len() as f32).sqrt();
+        assert!(rms < 0.04, "{rms}");
+    }
+
+    #[test]
+    fn what_is_no_bracket_has_no_curve() {
+        assert_eq!(recover_response(&[bracket(&[1.0], 0.0)]).unwrap_err(), ResponseError::NoBracket);
+        assert_eq!(recover_response(&[]).unwrap_err(), ResponseError::NoBracket);
+        let mut black = bracket(&[0.1, 1.0], 0.0);
+        for frame in &mut black {
+            frame.samples = Samples::U8(vec![0; 80 * 60 * 3]);
+        }
+        assert!(matches!(recover_response(&[black]).unwrap_err(), ResponseError::TooFewCodes { .. }));
+    }
+
+    #[test]
+    fn named_curves_are_themselves() {
+        let transfers = Response::Srgb.transfers(256);
+        assert!((transfers[0].signal(188) - 0.5).abs() < 0.01 && transfers[1].is_clipped(250) && transfers[2].is_dark(3));
+        let linear = Response::Linear.transfers(65536);
+        assert!((linear[0].signal(32768) - 0.5).abs() < 1e-4 && linear[0].is_clipped(64_300));
+    }
+}

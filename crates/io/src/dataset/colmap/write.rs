@@ -1,0 +1,105 @@
+//! COLMAP models out, as text: pinhole cameras, one per lens.
+//!
+//! In: images with their undistorted cameras and features, and points whose tracks are indices into them. Out: `cameras.txt`, `images.txt`,
+//! `points3D.txt` in a folder. Ids count from 1. Numbers are written such that they are read back to the bit.
+
+use std::fmt::Write;
+use std::path::Path;
+
+use glam::DQuat;
+use luxel_core::Camera;
+
+use super::ColmapPoint;
+use crate::{IoError, write_atomically};
+
+/// Writes a model: name, camera and features `[x, y]` in pixels of each image; points with the mean error of their reprojection in pixels.
+///
+/// # Errors
+/// The system's, or a track that points to no image or feature, or a name with a line break.
+pub fn write_text(folder: &Path, images: &[(String, Camera, Vec<[f32; 2]>)], points: &[(ColmapPoint, f64)]) -> Result<(), IoError> {
+    let mut lenses: Vec<&Camera> = Vec::new();
+    let mut cameras = String::from("# CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]\n");
+    let mut poses = String::from("# IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then X Y POINT3D_ID of each feature\n");
+    let mut point_of: Vec<Vec<i64>> = images.iter().map(|(_, _, features)| vec![-1; features.len()]).collect();
+    for (id, (point, _)) in (1i64..).zip(points) {
+        for [image, feature] in &point.track {
+            match point_of.get_mut(*image as usize).and_then(|features| features.get_mut(*feature as usize)) {
+                Some(slot) => *slot = id,
+                None => return Err(IoError::invalid(folder, format!("point {id}: feature {feature} of image {image} does not exist"))),
+            }
+        }
+    }
+    for ((id, (name, camera, features)), ids) in (1..).zip(images).zip(&point_of) {
+        if name.contains(['\n', '\r']) {
+            return Err(IoError::invalid(folder, format!("image name {name:?} has a line break")));
+        }
+        let same = |lens: &&Camera| (lens.size_px, lens.focal_px, lens.center_px) == (camera.size_px, camera.focal_px, camera.center_px);
+        let lens = lenses.iter().position(same).unwrap_or_else(|| {
+            let ([w, h], f, c) = (camera.size_px, camera.focal_px, camera.center_px);
+            lenses.push(camera);
+            // Writing into a string does not fail.
+            let _ = writeln!(cameras, "{} PINHOLE {w} {h} {} {} {} {}", lenses.len(), f.x, f.y, c.x, c.y);
+            lenses.len() - 1
+        });
+        let q = DQuat::from_mat3(&camera.camera_from_world.matrix3).normalize();
+        let t = camera.camera_from_world.translation;
+        let _ = writeln!(poses, "{id} {} {} {} {} {} {} {} {} {name}", q.w, q.x, q.y, q.z, t.x, t.y, t.z, lens + 1);
+        let line: Vec<String> = features.iter().zip(ids).map(|([x, y], id)| format!("{x} {y} {id}")).collect();
+        let _ = writeln!(poses, "{}", line.join(" "));
+    }
+    let mut positions = String::from("# POINT3D_ID X Y Z R G B ERROR, then IMAGE_ID POINT2D_IDX of each sighting\n");
+    for (id, (point, error)) in (1..).zip(points) {
+        let (p, [r, g, b]) = (point.position, point.rgb8);
+        let track: Vec<String> = point.track.iter().map(|[image, feature]| format!("{} {feature}", image + 1)).collect();
+        let _ = writeln!(positions, "{id} {} {} {} {r} {g} {b} {error} {}", p.x, p.y, p.z, track.join(" "));
+    }
+    for (file, text) in [("cameras.txt", cameras), ("images.txt", poses), ("points3D.txt", positions)] {
+        let path = folder.join(file);
+        write_atomically(&path, |out| out.write_all(text.as_bytes()).map_err(|e| IoError::system(&path, "write", &e)))?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{DAffine3, DMat3, DVec2, DVec3};
+    use luxel_core::Distortion;
+
+    use super::super::read_colmap_model;
+    use super::*;
+
+    fn camera(angle: f64) -> Camera {
+        Camera {
+            camera_from_world: DAffine3 { matrix3: DMat3::from_rotation_y(angle), translation: DVec3::new(0.1, -2.0, angle) },
+            focal_px: DVec2::new(300.25, 301.5),
+            center_px: DVec2::new(100.0, 75.5),
+            size_px: [200, 150],
+            distortion: Distortion::default(),
+        }
+    }
+
+    #[test]
+    fn a_model_is_read_back_as_it_was_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let images: Vec<_> =
+            (0..3).map(|i| (format!("view {i}.exr"), camera(f64::from(i) * 0.3), vec![[1.5, 2.25], [100.125, 7.0]])).collect();
+        let point = ColmapPoint { position: DVec3::new(0.1, 0.2, 1.0 / 3.0), rgb8: [1, 2, 3], track: vec![[0, 1], [2, 0]] };
+        write_text(folder.path(), &images, &[(point.clone(), 0.4)]).unwrap();
+        let model = read_colmap_model(folder.path()).unwrap();
+        assert_eq!(model.points, [point]);
+        for (found, (name, expected, features)) in model.images.iter().zip(&images) {
+            assert_eq!((&found.name, &found.features_px), (name, features));
+            let found = found.camera().unwrap();
+            assert!(found.camera_from_world.abs_diff_eq(expected.camera_from_world, 1e-12));
+            assert_eq!((found.focal_px, found.center_px, found.size_px), (expected.focal_px, expected.center_px, expected.size_px));
+        }
+        assert!(std::fs::read_to_string(folder.path().join("cameras.txt")).unwrap().lines().count() == 2);
+    }
+
+    #[test]
+    fn tracks_to_nowhere_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let point = ColmapPoint { position: DVec3::ZERO, rgb8: [0; 3], track: vec![[0, 5]] };
+        assert!(write_text(folder.path(), &[("a".into(), camera(0.0), vec![])], &[(point, 0.0)]).is_err());
+    }
+}

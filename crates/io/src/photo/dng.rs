@@ -1,0 +1,289 @@
+//! DNG (Adobe's specification 1.7): Bayer mosaics and LinearRaw, among them Apple ProRAW.
+//!
+//! In: bytes. Out: [`RawPixels`]; what the tags say of colours is [`super::dng_info`]'s. Codes are as stored, cropped to the default crop, after the
+//! linearisation table if there is one; black and white come beside them. Uncompressed samples of 8 to 16 bits, lossless JPEG and JPEG XL,
+//! in strips or tiles.
+
+use std::path::Path;
+
+use rayon::prelude::*;
+
+use super::dng_tags as tag;
+use super::exif::{Exif, exif_of_tags};
+use super::lossless_jpeg;
+use super::tags::{Ifd, Tags};
+use crate::IoError;
+use crate::image::guard::{check_size, contain, zeroed};
+
+/// Directories that are looked through.
+const MAX_IFDS: usize = 32;
+
+/// Samples of a RAW file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RawPixels {
+    /// Pixels.
+    pub width: usize,
+    /// Pixels.
+    pub height: usize,
+    /// Colours of the mosaic's 2x2 cell, row by row (0 red, 1 green, 2 blue); `None`: three samples a pixel.
+    pub cell: Option<[u8; 4]>,
+    /// `[H*W]` or `[H*W*3]`.
+    pub codes: Vec<u16>,
+    /// Code of no light, by place in the cell or by channel.
+    pub black: [f32; 4],
+    /// Code of saturation.
+    pub white: f32,
+}
+
+/// A file whose tags were read.
+pub(super) struct Dng<'a> {
+    tags: Tags<'a>,
+    pub(super) first: Ifd<'a>,
+    pub(super) image: Ifd<'a>,
+    name: &'a Path,
+    file_bytes: u64,
+}
+
+/// LinearRaw: colours without a mosaic.
+const LINEAR_RAW: usize = 34892;
+/// A mosaic.
+const CFA: usize = 32803;
+
+impl<'a> Dng<'a> {
+    /// `None` if the file is no DNG.
+    pub(super) fn open(name: &'a Path, bytes: &'a [u8]) -> Option<Result<Self, IoError>> {
+        let tags = Tags::new(bytes)?;
+        let first = tags.first().filter(|ifd| ifd.has(tag::DNG_VERSION))?;
+        let found = largest_raw_image(&tags, &first).ok_or_else(|| {
+            IoError::invalid(name, "DNG: no mosaic or LinearRaw image in it; it is damaged or a preview only, copy or export it again")
+        });
+        Some(found.map(|image| Self { tags, first, image, name, file_bytes: bytes.len() as u64 }))
+    }
+
+    pub(super) fn exif(&self) -> Exif {
+        exif_of_tags(&self.tags, &self.first)
+    }
+
+    /// Size of the default crop.
+    pub(super) fn size(&self) -> Result<[u32; 2], IoError> {
+        let crop = self.crop()?;
+        Ok([crop.width as u32, crop.height as u32])
+    }
+
+    fn invalid(&self, message: impl std::fmt::Display) -> IoError {
+        IoError::invalid(self.name, format!("DNG: {message}; the file is damaged, copy or export it again"))
+    }
+
+    fn unsupported(&self, message: impl std::fmt::Display) -> IoError {
+        IoError::unsupported(self.name, format!("DNG: {message}; convert it with a DNG converter, or develop it to OpenEXR"))
+    }
+
+    fn stored_size(&self) -> Result<[usize; 2], IoError> {
+        let [width, height] = [tag::WIDTH, tag::HEIGHT].map(|t| self.image.unsigned(t).unwrap_or(0));
+        check_size(self.name, [width as u64, height as u64], self.file_bytes)?;
+        Ok([width, height])
+    }
+
+    /// Default crop within the active area, in stored pixels.
+    fn crop(&self) -> Result<Crop, IoError> {
+        let [width, height] = self.stored_size()?;
+        let area = self.image.unsigneds(tag::ACTIVE_AREA).and_then(|v| <[usize; 4]>::try_from(v).ok());
+        let [top, left, bottom, right] = area.unwrap_or([0, 0, height, width]);
+        let pair = |t| self.image.numbers(t).and_then(|v| <[f64; 2]>::try_from(v).ok()).map(|v| v.map(|x| x.round().max(0.0) as usize));
+        let [x, y] = pair(tag::CROP_ORIGIN).unwrap_or([0, 0]);
+        let [crop_width, crop_height] = pair(tag::CROP_SIZE).unwrap_or([right.saturating_sub(left + x), bottom.saturating_sub(top + y)]);
+        let fits = |start: usize, length: usize, end: usize| length > 0 && start.checked_add(length).is_some_and(|e| e <= end);
+        let crop =
+            Crop { left: left.saturating_add(x), top: top.saturating_add(y), width: crop_width, height: crop_height, area: [left, top] };
+        if !(fits(crop.left, crop_width, width) && fits(crop.top, crop_height, height)) {
+            return Err(self.invalid(format_args!("a crop of {crop_width} x {crop_height} pixels in an image of {width} x {height}")));
+        }
+        Ok(crop)
+    }
+
+    /// Decodes the image.
+    pub(super) fn pixels(&self) -> Result<RawPixels, IoError> {
+        let size = self.stored_size()?;
+        let crop = self.crop()?;
+        let image = &self.image;
+        let per_pixel = image.unsigned(tag::SAMPLES_PER_PIXEL).unwrap_or(1);
+        let is_mosaic = image.unsigned(tag::PHOTOMETRIC) == Some(CFA);
+        if per_pixel != if is_mosaic { 1 } else { 3 } || image.unsigned(tag::PLANAR).unwrap_or(1) != 1 {
+            return Err(self.unsupported(format_args!("{per_pixel} samples a pixel, or in separate planes")));
+        }
+        if image.unsigned(tag::SAMPLE_FORMAT).unwrap_or(1) != 1 {
+            return Err(self.unsupported("floating-point samples"));
+        }
+        let bits = image.unsigned(tag::BITS).unwrap_or(16);
+        if !(8..=16).contains(&bits) {
+            return Err(self.unsupported(format_args!("{bits} bits a sample, expected 8 to 16")));
+        }
+        let stored_cell = if is_mosaic { Some(self.cell()?) } else { None };
+        let stored = self.read_chunks(size, per_pixel, bits)?;
+        let mut codes = zeroed::<u16>(self.name, crop.width * crop.height * per_pixel)?;
+        let row = crop.width * per_pixel;
+        for (y, out) in codes.chunks_exact_mut(row).enumerate() {
+            let start = ((crop.top + y) * size[0] + crop.left) * per_pixel;
+            out.copy_from_slice(stored.get(start..start + row).unwrap_or_default());
+        }
+        drop(stored);
+        if let Some(table) = image.unsigneds(tag::LINEARIZATION).filter(|t| !t.is_empty()) {
+            let last = table.last().copied().unwrap_or(0);
+            codes.iter_mut().for_each(|c| *c = table.get(usize::from(*c)).copied().unwrap_or(last).min(65535) as u16);
+        }
+        // Black is given from the active area's corner on, the cell too, and both turn with the crop's.
+        let turn = |cell: [u8; 4], by: [usize; 2]| [0, 1, 2, 3].map(|i| cell[((i / 2 + by[1]) % 2) * 2 + (i % 2 + by[0]) % 2]);
+        let shift = [crop.left - crop.area[0], crop.top - crop.area[1]];
+        let order = turn([0, 1, 2, 3], if is_mosaic { shift } else { [0, 0] });
+        let black = self.black(per_pixel);
+        let white = image.number(tag::WHITE).unwrap_or(((1u32 << bits) - 1).into()) as f32;
+        let black = order.map(|i| black[usize::from(i)]);
+        if !(black.iter().all(|b| b.is_finite() && *b < white)) {
+            return Err(self.invalid(format_args!("black {black:?} is not below white {white}")));
+        }
+        let cell = stored_cell.map(|cell| turn(cell, shift));
+        Ok(RawPixels { width: crop.width, height: crop.height, cell, codes, black, white })
+    }
+
+    /// Colours of the 2x2 cell at the active area's corner.
+    fn cell(&self) -> Result<[u8; 4], IoError> {
+        let repeat = self.image.unsigneds(tag::CFA_REPEAT).unwrap_or_else(|| vec![2, 2]);
+        let pattern = self.image.bytes(tag::CFA_PATTERN).unwrap_or_default();
+        match <[u8; 4]>::try_from(pattern) {
+            Ok(cell) if repeat == [2, 2] && cell.iter().all(|c| *c < 3) => Ok(cell),
+            _ => {
+                Err(self
+                    .unsupported(format_args!("a mosaic of {repeat:?} pixels with colours {pattern:?}, expected a Bayer cell of 2 x 2")))
+            }
+        }
+    }
+
+    /// By place in the cell, or by channel.
+    fn black(&self, per_pixel: usize) -> [f32; 4] {
+        let values: Vec<f32> = self.image.numbers(tag::BLACK).unwrap_or_default().iter().map(|v| *v as f32).collect();
+        let repeat = self.image.unsigneds(tag::BLACK_REPEAT).unwrap_or_else(|| vec![1, 1]);
+        let (rows, columns) = (repeat.first().copied().unwrap_or(1).max(1), repeat.get(1).copied().unwrap_or(1).max(1));
+        [0, 1, 2, 3].map(|i| {
+            let at = if per_pixel == 1 { (i / 2 % rows) * columns + i % 2 % columns } else { i };
+            values.get(at).or(values.first()).copied().unwrap_or(0.0)
+        })
+    }
+
+    /// All samples as stored.
+    fn read_chunks(&self, [width, height]: [usize; 2], per_pixel: usize, bits: usize) -> Result<Vec<u16>, IoError> {
+        let image = &self.image;
+        let is_tiled = image.has(tag::TILE_OFFSETS);
+        let (chunk_width, chunk_height) = if is_tiled {
+            (image.unsigned(tag::TILE_WIDTH).unwrap_or(0), image.unsigned(tag::TILE_HEIGHT).unwrap_or(0))
+        } else {
+            (width, image.unsigned(tag::ROWS_PER_STRIP).unwrap_or(height).min(height))
+        };
+        if chunk_width == 0 || chunk_height == 0 || chunk_width > 1 << 16 || chunk_height > 1 << 16 {
+            return Err(self.invalid(format_args!("tiles of {chunk_width} x {chunk_height} pixels")));
+        }
+        let tags = if is_tiled { [tag::TILE_OFFSETS, tag::TILE_BYTES] } else { [tag::STRIP_OFFSETS, tag::STRIP_BYTES] };
+        let [offsets, lengths] = tags.map(|t| image.unsigneds(t).unwrap_or_default());
+        let across = width.div_ceil(chunk_width);
+        let expected = across * height.div_ceil(chunk_height);
+        if offsets.len() != expected || lengths.len() != expected {
+            return Err(self.invalid(format_args!("{} tiles of {} lengths, expected {expected}", offsets.len(), lengths.len())));
+        }
+        let row = width * per_pixel;
+        let mut out = zeroed::<u16>(self.name, row * height)?;
+        let chunk = Chunk { width: chunk_width, height: chunk_height, per_pixel, bits };
+        out.par_chunks_mut(row * chunk_height).enumerate().try_for_each(|(down, band)| {
+            let rows = band.len() / row;
+            for (i, (&offset, &length)) in offsets.iter().zip(&lengths).enumerate().skip(down * across).take(across) {
+                let bytes =
+                    self.tags.slice(offset, length).ok_or_else(|| self.invalid(format_args!("tile {i} lies outside of the file")))?;
+                let samples = contain(self.name, || self.decode_chunk(i, bytes, chunk, rows))?;
+                let left = (i - down * across) * chunk_width * per_pixel;
+                let wanted = (row - left).min(chunk_width * per_pixel);
+                for (y, out) in band.chunks_exact_mut(row).enumerate() {
+                    let from = samples.get(y * chunk_width * per_pixel..).and_then(|s| s.get(..wanted));
+                    let from = from.ok_or_else(|| self.invalid(format_args!("tile {i} has too few samples")))?;
+                    out[left..left + wanted].copy_from_slice(from);
+                }
+            }
+            Ok(())
+        })?;
+        Ok(out)
+    }
+
+    /// Samples of a strip or tile; of `rows` rows at least.
+    fn decode_chunk(&self, i: usize, bytes: &[u8], chunk: Chunk, rows: usize) -> Result<Vec<u16>, IoError> {
+        let row = chunk.width * chunk.per_pixel;
+        match self.image.unsigned(tag::COMPRESSION).unwrap_or(1) {
+            1 => unpack(bytes, row, rows, chunk.bits, self.tags.is_big_endian())
+                .ok_or_else(|| self.invalid(format_args!("tile {i} is cut short"))),
+            7 => {
+                let decoded = lossless_jpeg::decode(bytes, row * chunk.height).map_err(|e| self.invalid(format_args!("tile {i}: {e}")))?;
+                if decoded.row != row || decoded.rows < rows {
+                    return Err(self.invalid(format_args!("tile {i}: {} x {} samples, expected {row} x {rows}", decoded.row, decoded.rows)));
+                }
+                Ok(decoded.samples)
+            }
+            52546 => {
+                let [width, height] = [chunk.width, chunk.height];
+                super::jpeg_xl::decode(bytes, [width, height], chunk.per_pixel).map_err(|e| self.invalid(format_args!("tile {i}: {e}")))
+            }
+            34892 => Err(self.unsupported("lossy JPEG tiles of 8 bits")),
+            other => Err(self.unsupported(format_args!("compression {other}, expected none, lossless JPEG (7) or JPEG XL (52546)"))),
+        }
+    }
+}
+
+/// Part of the stored image that counts.
+struct Crop {
+    left: usize,
+    top: usize,
+    width: usize,
+    height: usize,
+    /// Left and top of the active area.
+    area: [usize; 2],
+}
+
+/// Shape of strips and tiles.
+#[derive(Clone, Copy)]
+struct Chunk {
+    width: usize,
+    height: usize,
+    per_pixel: usize,
+    bits: usize,
+}
+
+fn largest_raw_image<'a>(tags: &Tags<'a>, first: &Ifd<'a>) -> Option<Ifd<'a>> {
+    let mut candidates = vec![first.clone()];
+    let below = first.unsigneds(tag::SUB_IFDS).unwrap_or_default();
+    candidates.extend(below.iter().take(MAX_IFDS).filter_map(|at| tags.ifd(*at)));
+    let mut next = first.next;
+    for _ in 0..MAX_IFDS {
+        let Some(ifd) = (next != 0).then(|| tags.ifd(next)).flatten() else { break };
+        next = ifd.next;
+        candidates.push(ifd);
+    }
+    let is_raw = |ifd: &Ifd<'_>| {
+        matches!(ifd.unsigned(tag::PHOTOMETRIC), Some(LINEAR_RAW | CFA)) && ifd.unsigned(tag::NEW_SUBFILE_TYPE).unwrap_or(0) & 1 == 0
+    };
+    let area = |ifd: &Ifd<'_>| ifd.unsigned(tag::WIDTH).unwrap_or(0).saturating_mul(ifd.unsigned(tag::HEIGHT).unwrap_or(0));
+    candidates.into_iter().filter(is_raw).max_by_key(area)
+}
+
+/// Rows of packed samples, each row from a full byte on; 16-bit samples in the file's byte order.
+fn unpack(bytes: &[u8], row: usize, rows: usize, bits: usize, is_big_endian: bool) -> Option<Vec<u16>> {
+    let row_bytes = (row * bits).div_ceil(8);
+    let mut out = Vec::with_capacity(row * rows);
+    for bytes in bytes.get(..row_bytes.checked_mul(rows)?)?.chunks_exact(row_bytes.max(1)) {
+        match bits {
+            8 => out.extend(bytes.iter().map(|b| u16::from(*b))),
+            16 if is_big_endian => out.extend(bytes.as_chunks().0.iter().map(|b| u16::from_be_bytes(*b))),
+            16 => out.extend(bytes.as_chunks().0.iter().map(|b| u16::from_le_bytes(*b))),
+            _ => out.extend((0..row).map(|i| {
+                let bit = i * bits;
+                let window = (0..3).fold(0u32, |w, k| w << 8 | u32::from(bytes.get(bit / 8 + k).copied().unwrap_or(0)));
+                (window >> (24 - bits - bit % 8) & ((1 << bits) - 1)) as u16
+            })),
+        }
+    }
+    Some(out)
+}

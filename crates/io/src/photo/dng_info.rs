@@ -1,0 +1,139 @@
+//! What the tags of a DNG say about its colours, levels and noise.
+//!
+//! In: a file whose tags were read. Out: [`RawInfo`]; what makes no sense is left out. What the file asks for and is not done is listed in
+//! [`RawInfo::not_applied`]: gain maps and opcode lists, profiles, black that varies by row.
+
+use super::dng::Dng;
+use super::dng_tags as tag;
+
+/// What a RAW file says about its colours and levels.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct RawInfo {
+    /// The camera's colours of white as shot.
+    pub as_shot_neutral: Option<[f64; 3]>,
+    /// Temperature of the illuminant in kelvin, and camera colours from XYZ, row by row.
+    pub camera_from_xyz: Vec<(f64, [f64; 9])>,
+    /// XYZ at D50 from balanced camera colours, row by row; as many as above or none.
+    pub d50_from_balanced: Vec<[f64; 9]>,
+    /// Stops by which the camera exposed less than its ISO speed says.
+    pub baseline_exposure_ev: f64,
+    /// Variance of a signal s by [shot, read^2]: shot * s + read^2.
+    pub noise: Option<[f64; 2]>,
+    /// What the file asks for and is not done.
+    pub not_applied: Vec<String>,
+}
+
+impl Dng<'_> {
+    /// What the tags say.
+    pub(super) fn info(&self) -> RawInfo {
+        let triple = |tag| self.first.numbers(tag).and_then(|v| <[f64; 3]>::try_from(v).ok());
+        let matrix = |tag| self.first.numbers(tag).and_then(|v| <[f64; 9]>::try_from(v).ok()).filter(|m| m.iter().all(|v| v.is_finite()));
+        let mut camera_from_xyz = Vec::new();
+        let mut d50_from_balanced = Vec::new();
+        for i in [0, 1] {
+            let Some(found) = matrix(tag::COLOR_MATRIX[i]) else { continue };
+            camera_from_xyz.push((illuminant_kelvin(self.first.unsigned(tag::ILLUMINANT[i])), found));
+            d50_from_balanced.extend(matrix(tag::FORWARD_MATRIX[i]));
+        }
+        let noise = self.image.numbers(tag::NOISE_PROFILE).or_else(|| self.first.numbers(tag::NOISE_PROFILE));
+        RawInfo {
+            as_shot_neutral: triple(tag::AS_SHOT_NEUTRAL).filter(|n| n.iter().all(|v| v.is_finite() && *v > 0.0)),
+            camera_from_xyz,
+            d50_from_balanced,
+            baseline_exposure_ev: self.first.number(tag::BASELINE_EXPOSURE).filter(|ev| ev.abs() < 16.0).unwrap_or(0.0),
+            noise: noise.and_then(|n| noise_of(&n)),
+            not_applied: self.not_applied(),
+        }
+    }
+
+    fn not_applied(&self) -> Vec<String> {
+        let has = |tag: u16| self.image.has(tag) || self.first.has(tag);
+        let mut out = Vec::new();
+        for (tag, list) in [(51008, 1), (51009, 2), (51022, 3)] {
+            let ids = self.image.bytes(tag).or_else(|| self.first.bytes(tag)).map(opcode_names).unwrap_or_default();
+            if !ids.is_empty() {
+                out.push(format!("opcode list {list} ({})", ids.join(", ")));
+            }
+        }
+        let named = [
+            (52525, "profile gain table map"),
+            (52544, "profile gain table map 2"),
+            (50938, "hue and saturation map of its profile"),
+            (50982, "look table of its profile"),
+            (50940, "tone curve of its profile"),
+            (tag::AS_SHOT_WHITE_XY, "as-shot white as xy"),
+        ];
+        out.extend(named.iter().filter(|(tag, _)| has(*tag)).map(|(_, what)| (*what).to_owned()));
+        let any_but = |tag: u16, neutral: &dyn Fn(usize) -> f64| {
+            let numbers = self.first.numbers(tag).or_else(|| self.image.numbers(tag)).unwrap_or_default();
+            numbers.iter().enumerate().any(|(i, v)| *v != neutral(i))
+        };
+        let is_diagonal = |i: usize| if i.is_multiple_of(4) { 1.0 } else { 0.0 };
+        if tag::CAMERA_CALIBRATION.iter().any(|t| any_but(*t, &is_diagonal)) || any_but(tag::ANALOG_BALANCE, &|_| 1.0) {
+            out.push("calibration of the single camera".to_owned());
+        }
+        if any_but(tag::BLACK_DELTA_H, &|_| 0.0) || any_but(tag::BLACK_DELTA_V, &|_| 0.0) {
+            out.push("black level that varies by row or column".to_owned());
+        }
+        out
+    }
+}
+
+/// Temperature of Exif's light sources, kelvin.
+fn illuminant_kelvin(code: Option<usize>) -> f64 {
+    match code {
+        Some(17 | 3) => 2856.0,
+        Some(24) => 3200.0,
+        Some(2 | 14) => 4200.0,
+        Some(23) => 5003.0,
+        Some(1 | 4 | 9 | 18 | 20) => 5503.0,
+        Some(10 | 19) => 6774.0,
+        Some(11 | 22) => 7504.0,
+        Some(12) => 6430.0,
+        Some(13) => 5000.0,
+        Some(15) => 3450.0,
+        // D65, and what files without a word mean.
+        _ => 6504.0,
+    }
+}
+
+/// Mean over the colours of [scale, offset].
+fn noise_of(numbers: &[f64]) -> Option<[f64; 2]> {
+    let pairs = numbers.as_chunks::<2>().0;
+    let mean = |i: usize| pairs.iter().map(|p| p[i]).sum::<f64>() / pairs.len() as f64;
+    let noise = [mean(0), mean(1).max(0.0)];
+    (noise[0].is_finite() && noise[1].is_finite() && noise[0] > 0.0).then_some(noise)
+}
+
+/// Names of the operations in an opcode list: a count, then id, version, flags and length of each, big endian.
+fn opcode_names(bytes: &[u8]) -> Vec<String> {
+    let word = |at: usize| bytes.get(at..at + 4).and_then(|b| b.first_chunk()).map(|b| u32::from_be_bytes(*b));
+    let count = word(0).unwrap_or(0).min(64);
+    let mut at = 4usize;
+    let mut names = Vec::new();
+    for _ in 0..count {
+        let (Some(id), Some(length)) = (word(at), word(at + 12)) else { break };
+        let name = match id {
+            1 => "WarpRectilinear",
+            2 => "WarpFisheye",
+            3 => "FixVignetteRadial",
+            4 => "FixBadPixelsConstant",
+            5 => "FixBadPixelsList",
+            6 => "TrimBounds",
+            7 => "MapTable",
+            8 => "MapPolynomial",
+            9 => "GainMap",
+            10 => "DeltaPerRow",
+            11 => "DeltaPerColumn",
+            12 => "ScalePerRow",
+            13 => "ScalePerColumn",
+            14 => "WarpRectilinear2",
+            _ => "unknown",
+        };
+        if !names.iter().any(|n| n == name) {
+            names.push(name.to_owned());
+        }
+        at = at.saturating_add(16).saturating_add(length as usize);
+    }
+    names
+}

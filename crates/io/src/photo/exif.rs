@@ -1,0 +1,158 @@
+//! What a camera wrote about a photograph (Exif 3.0): exposure, time, lens, how it was held.
+//!
+//! In: the tags of a TIFF or DNG, or the Exif block of a JPEG or PNG. Out: [`Exif`]; what is missing or makes no sense is `None`.
+
+use super::tags::{Ifd, Tags};
+
+/// Facts about a photograph.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Exif {
+    /// Who made the camera.
+    pub make: Option<String>,
+    /// Which camera.
+    pub model: Option<String>,
+    /// Number of the camera's body.
+    pub serial: Option<String>,
+    /// Which lens.
+    pub lens: Option<String>,
+    /// Shutter time.
+    pub seconds: Option<f64>,
+    /// ISO speed.
+    pub iso: Option<f64>,
+    /// Aperture.
+    pub f_number: Option<f64>,
+    /// Seconds since 1970 by the camera's clock, with fractions if it writes them.
+    pub time_s: Option<f64>,
+    /// Whether the camera chose the white balance for this frame.
+    pub is_white_balance_automatic: Option<bool>,
+    /// How the camera was held, 1 to 8.
+    pub orientation: Option<u16>,
+    /// Focal length of the lens, millimetres.
+    pub focal_mm: Option<f64>,
+    /// Focal length that has the same angle of view on 36 x 24 mm.
+    pub focal_35mm: Option<f64>,
+}
+
+impl Exif {
+    /// Camera and lens, for people and for telling them apart.
+    pub fn camera_name(&self) -> Option<String> {
+        let model = self.model.clone()?;
+        let make = self.make.as_deref().filter(|make| !model.to_lowercase().starts_with(&make.to_lowercase()));
+        Some(make.map_or(model.clone(), |make| format!("{make} {model}")))
+    }
+}
+
+/// Exif of a whole image file of any kind; empty if there is none.
+pub(crate) fn exif_of_file(bytes: &[u8]) -> Exif {
+    let block = if bytes.starts_with(&[0xff, 0xd8]) {
+        jpeg_block(bytes)
+    } else if bytes.starts_with(b"\x89PNG") {
+        png_block(bytes)
+    } else {
+        Some(bytes)
+    };
+    block.and_then(Tags::new).and_then(|tags| Some(exif_of_tags(&tags, &tags.first()?))).unwrap_or_default()
+}
+
+/// Exif of a directory and of the one it points to.
+pub(crate) fn exif_of_tags(tags: &Tags<'_>, first: &Ifd<'_>) -> Exif {
+    let exif = first.unsigned(0x8769).and_then(|at| tags.ifd(at)).unwrap_or_default();
+    let positive = |tag: u16| exif.number(tag).or_else(|| first.number(tag)).filter(|v| *v > 0.0);
+    // APEX: time 2^-Tv, f-number 2^(Av/2).
+    let apex = |tag: u16| exif.number(tag).filter(|v| v.abs() < 30.0);
+    let time = exif.text(0x9003).or_else(|| first.text(0x0132));
+    let fraction = exif.text(0x9291).and_then(|text| format!("0.{text}").parse::<f64>().ok()).unwrap_or(0.0);
+    Exif {
+        make: first.text(0x010f),
+        model: first.text(0x0110),
+        serial: exif.text(0xa431).or_else(|| first.text(0xc62f)),
+        lens: exif.text(0xa434),
+        seconds: positive(0x829a).or_else(|| apex(0x9201).map(|tv| (-tv).exp2())),
+        // 65535 means "more than this field holds": the recommended exposure index has it.
+        iso: positive(0x8827).filter(|iso| *iso < 65535.0).or_else(|| positive(0x8832)),
+        f_number: positive(0x829d).or_else(|| apex(0x9202).map(|av| (0.5 * av).exp2())),
+        time_s: time.and_then(|text| seconds_since_1970(&text)).map(|s| s + fraction),
+        is_white_balance_automatic: exif.number(0xa403).map(|v| v == 0.0),
+        orientation: first.unsigned(0x0112).filter(|o| (1..=8).contains(o)).map(|o| o as u16),
+        focal_mm: positive(0x920a),
+        focal_35mm: positive(0xa405),
+    }
+}
+
+/// `2026:05:17 14:03:59`.
+fn seconds_since_1970(text: &str) -> Option<f64> {
+    let mut numbers = text
+        .split([':', ' ', '-', 'T'])
+        .map(|part| part.split('.').next().and_then(|whole| whole.trim_end_matches('Z').parse::<i64>().ok()));
+    let mut next = || numbers.next().flatten();
+    let (year, month, day, hour, minute, second) = (next()?, next()?, next()?, next()?, next()?, next()?);
+    let is_date = (1900..2200).contains(&year) && (1..=12).contains(&month) && (1..=31).contains(&day);
+    let is_time = (0..24).contains(&hour) && (0..60).contains(&minute) && (0..=60).contains(&second);
+    if !(is_date && is_time) {
+        return None;
+    }
+    // Days of the proleptic Gregorian calendar, years beginning in March.
+    let (y, m) = if month > 2 { (year, month - 3) } else { (year - 1, month + 9) };
+    let era = y.div_euclid(400);
+    let year_of_era = y.rem_euclid(400);
+    let day_of_era = year_of_era * 365 + year_of_era / 4 - year_of_era / 100 + (153 * m + 2) / 5 + day - 1;
+    let days = era * 146_097 + day_of_era - 719_468;
+    Some((((days * 24 + hour) * 60 + minute) * 60 + second) as f64)
+}
+
+/// The TIFF inside of the first Exif segment.
+fn jpeg_block(bytes: &[u8]) -> Option<&[u8]> {
+    let mut rest = bytes.get(2..)?;
+    loop {
+        let [0xff, marker, high, low] = *rest.first_chunk::<4>()? else { return None };
+        if marker == 0xff {
+            rest = rest.get(1..)?;
+            continue;
+        }
+        // Picture data begins: Exif comes before it.
+        if marker == 0xda || marker == 0xd9 {
+            return None;
+        }
+        let segment = rest.get(4..2 + usize::from(u16::from_be_bytes([high, low])))?;
+        if let Some(block) = segment.strip_prefix(b"Exif\0\0").filter(|_| marker == 0xe1) {
+            return Some(block);
+        }
+        rest = rest.get(2 + usize::from(u16::from_be_bytes([high, low])).max(2)..)?;
+    }
+}
+
+/// The content of PNG's eXIf chunk.
+fn png_block(bytes: &[u8]) -> Option<&[u8]> {
+    let mut rest = bytes.get(8..)?;
+    loop {
+        let length = u32::from_be_bytes(*rest.first_chunk::<4>()?) as usize;
+        let content = rest.get(8..length.checked_add(8)?)?;
+        match rest.get(4..8)? {
+            b"eXIf" => return Some(content),
+            b"IEND" => return None,
+            _ => rest = rest.get(length.checked_add(12)?..)?,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn days_are_counted_by_the_calendar() {
+        assert_eq!(seconds_since_1970("1970:01:01 00:00:00"), Some(0.0));
+        assert_eq!(seconds_since_1970("2000:03:01 00:00:01"), Some(951_868_801.0));
+        assert_eq!(seconds_since_1970("2024-02-29T12:00:00.5"), Some(1_709_208_000.0));
+        assert_eq!(seconds_since_1970("0000:00:00 00:00:00"), None);
+        assert_eq!(seconds_since_1970("soon"), None);
+    }
+
+    #[test]
+    fn makers_are_not_said_twice() {
+        let exif = |make: &str, model: &str| Exif { make: Some(make.into()), model: Some(model.into()), ..Exif::default() };
+        assert_eq!(exif("Canon", "Canon EOS R5").camera_name().unwrap(), "Canon EOS R5");
+        assert_eq!(exif("Apple", "iPhone 14 Pro").camera_name().unwrap(), "Apple iPhone 14 Pro");
+        assert_eq!(Exif::default().camera_name(), None);
+    }
+}

@@ -1,0 +1,37 @@
+//! JPEG XL tiles of a DNG, by `jxl-oxide`. Out: integer samples of the depth that the tile states. Threads are the caller's business.
+
+use jxl_oxide::{AllocTracker, JxlImage, JxlThreadPool};
+
+/// Memory that decoding a tile may take beside a fixed share, bytes a pixel.
+const BYTES_PER_PIXEL: usize = 256;
+/// The fixed share.
+const FREE_BYTES: usize = 64 << 20;
+
+/// Samples `[H * W * per_pixel]` of a tile of `size` pixels.
+pub(super) fn decode(bytes: &[u8], size: [usize; 2], per_pixel: usize) -> Result<Vec<u16>, String> {
+    let [width, height] = size;
+    let limit = (width * height).saturating_mul(BYTES_PER_PIXEL).saturating_add(FREE_BYTES);
+    let image = JxlImage::builder()
+        .pool(JxlThreadPool::none())
+        .alloc_tracker(AllocTracker::with_limit(limit))
+        .read(bytes)
+        .map_err(|e| format!("JPEG XL: {e}"))?;
+    let found = [image.width() as usize, image.height() as usize];
+    let bits = image.image_header().metadata.bit_depth.bits_per_sample();
+    let channels = if image.pixel_format().is_grayscale() { 1 } else { 3 };
+    if found != size || channels != per_pixel || !(1..=16).contains(&bits) {
+        return Err(format!(
+            "JPEG XL of {} x {} pixels, {channels} samples a pixel and {bits} bits; expected {width} x {height}, {per_pixel} and up to 16",
+            found[0], found[1]
+        ));
+    }
+    let render = image.render_frame(0).map_err(|e| format!("JPEG XL: {e}"))?;
+    let mut stream = render.stream_no_alpha();
+    let mut samples = vec![0f32; width * height * per_pixel];
+    let written = stream.write_to_buffer(&mut samples);
+    if written != samples.len() {
+        return Err(format!("JPEG XL: {written} samples, expected {}", samples.len()));
+    }
+    let largest = ((1u32 << bits) - 1) as f32;
+    Ok(samples.iter().map(|v| (v * largest + 0.5).clamp(0.0, largest) as u16).collect())
+}

@@ -1,0 +1,158 @@
+//! Photographs in: what a camera recorded, with what it wrote about it. Camera RAW as DNG, JPEG, PNG and TIFF as codes; OpenEXR, Radiance HDR and
+//! floating-point TIFF as radiance.
+//!
+//! In: bytes. Out: [`PhotoInfo`] from headers alone, [`Photo`] with pixels. Codes are as stored, not linear: what curve they have is for the caller to
+//! know or to find. Orientation tags are not applied: structure from motion wants pixels as the lens saw them.
+
+mod dng;
+mod dng_info;
+mod dng_tags;
+mod exif;
+mod jpeg_xl;
+mod lossless_jpeg;
+mod tags;
+#[cfg(test)]
+mod tests;
+
+use std::path::Path;
+
+use crate::IoError;
+use crate::image::guard::contain;
+use crate::image::{self, DecodedImage, ReadOptions, SampleDepth, Transfer, decode_image, image_size_of};
+
+pub use dng::RawPixels;
+pub use dng_info::RawInfo;
+pub use exif::Exif;
+
+/// What a file holds, by its kind.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PhotoKind {
+    /// Sensor data.
+    Raw,
+    /// Integer codes of a developed picture.
+    Developed,
+    /// Scene-linear floats.
+    Radiance,
+}
+
+/// What headers say.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PhotoInfo {
+    /// What the file holds.
+    pub kind: PhotoKind,
+    /// Pixels as stored.
+    pub size_px: [u32; 2],
+    /// What the camera wrote.
+    pub exif: Exif,
+    /// Of RAW files.
+    pub raw: Option<RawInfo>,
+}
+
+/// Samples of a developed picture.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Codes {
+    /// 8 bits.
+    U8(Vec<u8>),
+    /// 16 bits.
+    U16(Vec<u16>),
+}
+
+/// A photograph with its pixels.
+#[derive(Clone, Debug)]
+pub enum Photo {
+    /// Sensor data.
+    Raw(RawPixels),
+    /// Integer codes of red, green and blue.
+    Developed {
+        /// Pixels.
+        width: usize,
+        /// Pixels.
+        height: usize,
+        /// `[H*W*3]`.
+        codes: Codes,
+    },
+    /// Scene-linear floats.
+    Radiance(DecodedImage),
+}
+
+/// Endings of camera makers' own RAW formats.
+const MAKERS_RAW: [&str; 22] = [
+    "cr2", "cr3", "crw", "nef", "nrw", "arw", "srf", "sr2", "raf", "rw2", "orf", "pef", "srw", "x3f", "3fr", "fff", "iiq", "mos", "mef",
+    "erf", "kdc", "dcr",
+];
+
+/// Whether a file of this name is taken for a photograph.
+pub fn is_photo_name(path: &Path) -> bool {
+    let ending = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_lowercase();
+    ["dng", "jpg", "jpeg", "png", "tif", "tiff", "exr", "hdr", "pic"].contains(&ending.as_str()) || MAKERS_RAW.contains(&ending.as_str())
+}
+
+fn refuse_makers_raw(name: &Path) -> Result<(), IoError> {
+    let ending = name.extension().and_then(|e| e.to_str()).unwrap_or_default().to_lowercase();
+    if MAKERS_RAW.contains(&ending.as_str()) {
+        return Err(IoError::unsupported(
+            name,
+            format!(
+                "a camera maker's own RAW format (.{ending}), of which only DNG is read; convert it with a DNG converter, which loses nothing"
+            ),
+        ));
+    }
+    Ok(())
+}
+
+/// What the headers of a photograph say; `name` is for messages, and its ending tells camera makers' own formats.
+///
+/// # Errors
+/// A damaged or unknown file.
+pub fn photo_info(name: &Path, bytes: &[u8]) -> Result<PhotoInfo, IoError> {
+    refuse_makers_raw(name)?;
+    contain(name, || {
+        if let Some(dng) = dng::Dng::open(name, bytes) {
+            let dng = dng?;
+            return Ok(PhotoInfo { kind: PhotoKind::Raw, size_px: dng.size()?, exif: dng.exif(), raw: Some(dng.info()) });
+        }
+        let size_px = image_size_of(name, bytes)?;
+        Ok(PhotoInfo { kind: kind_of(name, bytes)?, size_px, exif: exif::exif_of_file(bytes), raw: None })
+    })
+}
+
+/// Reads a photograph.
+///
+/// # Errors
+/// A damaged or unknown file.
+pub fn decode_photo(name: &Path, bytes: &[u8]) -> Result<Photo, IoError> {
+    refuse_makers_raw(name)?;
+    if let Some(dng) = dng::Dng::open(name, bytes) {
+        let dng = dng?;
+        return contain(name, || dng.pixels()).map(Photo::Raw);
+    }
+    if let Some((width, height, codes)) = image::jpeg_codes(name, bytes)? {
+        return Ok(Photo::Developed { width, height, codes: Codes::U8(codes) });
+    }
+    // A linear curve gives codes over the largest one, which f32 holds exactly enough to have the codes back.
+    let decoded = decode_image(name, bytes, &ReadOptions { transfer: Some(Transfer::Linear) })?;
+    let flat = decoded.image.pixels.as_flattened();
+    let codes = match decoded.depth {
+        SampleDepth::Float => return Ok(Photo::Radiance(decoded)),
+        SampleDepth::Integer8 => Codes::U8(flat.iter().map(|v| (v * 255.0 + 0.5) as u8).collect()),
+        SampleDepth::Integer16 => Codes::U16(flat.iter().map(|v| (v * 65535.0 + 0.5) as u16).collect()),
+    };
+    Ok(Photo::Developed { width: decoded.image.width, height: decoded.image.height, codes })
+}
+
+/// Kind of a file that is no RAW, by its first bytes and, of TIFF, by its sample format.
+fn kind_of(name: &Path, bytes: &[u8]) -> Result<PhotoKind, IoError> {
+    const SAMPLE_FORMAT: u16 = 339;
+    if bytes.starts_with(&[0xff, 0xd8]) || bytes.starts_with(b"\x89PNG") {
+        return Ok(PhotoKind::Developed);
+    }
+    let is_float = match tags::Tags::new(bytes).and_then(|tags| tags.first()) {
+        Some(ifd) => ifd.unsigned(SAMPLE_FORMAT) == Some(3),
+        // Without tags of 32 bits it is a BigTIFF, which has to be decoded to be told, or a format of floats.
+        None if bytes.starts_with(b"II+\0") || bytes.starts_with(b"MM\0+") => {
+            decode_image(name, bytes, &ReadOptions { transfer: Some(Transfer::Linear) })?.depth == SampleDepth::Float
+        }
+        None => true,
+    };
+    Ok(if is_float { PhotoKind::Radiance } else { PhotoKind::Developed })
+}
