@@ -2,6 +2,7 @@
 
 mod edit;
 mod export;
+mod prepare;
 mod probe;
 mod render;
 mod reproduce;
@@ -16,6 +17,7 @@ use serde::{Deserialize, Serialize};
 
 pub(crate) use self::edit::{EditArgs, EditText, ShMapArg};
 pub(crate) use self::export::{BakeArg, ExportArgs};
+pub(crate) use self::prepare::{CameraModelArg, MatchingArg, PrepareArgs, ResponseArg, SfmArg, WhiteBalanceArg};
 pub(crate) use self::probe::ProbeArgs;
 pub(crate) use self::render::RenderArgs;
 pub(crate) use self::reproduce::ReproduceArgs;
@@ -51,6 +53,8 @@ pub(crate) fn check(cli: &Cli, said: &[String]) -> Result<(), clap::Error> {
 pub(crate) enum Command {
     /// Train, evaluate and render a small HDR scene that comes with the program: no files, no network, minutes.
     Demo(DemoArgs),
+    /// Make a data set of a folder of photographs: RAW, exposure brackets or OpenEXR to posed radiance.
+    Prepare(Box<PrepareArgs>),
     /// Reconstruct a scene from posed HDR images.
     Train(Box<TrainArgs>),
     /// Compare a run's scene with its images: a table, metrics.json and report.html.

@@ -56,6 +56,7 @@ fn main() -> ExitCode {
 fn dispatch(command: Command, said: &[String]) -> Result<Outcome> {
     match command {
         Command::Demo(args) => commands::demo::run(&args),
+        Command::Prepare(args) => commands::prepare::run(&args).map(|()| Outcome::Finished),
         Command::Train(args) => commands::train::run(&args, said),
         Command::Eval(args) => commands::eval::run(&args).map(|()| Outcome::Finished),
         Command::Compare(args) => commands::compare::run(&args).map(|()| Outcome::Finished),

@@ -1,0 +1,245 @@
+//! The data set in COLMAP's layout: undistorted radiance in `images/`, pinhole cameras and points in `sparse/0`.
+//!
+//! In: the model of the proxies and the radiance of the views. Out: images without empty pixels (the lens's focal length is lengthened until none
+//! is), the model as text with features moved accordingly, and [`Registration`]. Features that belong to no point are left out. Radiance is resampled
+//! once, in linear light, in full float.
+//!
+//! A view's radiance is removed from `work` once its image stands; what is left there are views without a pose.
+
+use std::collections::{BTreeMap, HashMap};
+
+use anyhow::{Result, anyhow, bail};
+use glam::DVec2;
+use luxel_core::{Camera, ColorSpace, Distortion};
+use luxel_io::colmap::{ColmapModel, ColmapPoint, write_text};
+use luxel_io::{ExrOptions, ReadOptions, pinhole_within, read_image, undistort_into, write_exr};
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+
+use super::develop::{Folders, exr_options, proxy_name};
+use super::state::ViewRecord;
+use crate::console::Console;
+
+/// What structure from motion came to.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(super) struct Registration {
+    /// By view that has a pose.
+    pub(super) views: BTreeMap<String, RegisteredView>,
+    pub(super) points: usize,
+    /// Mean distance between where points are seen and where they lie by the cameras, pixels of the proxies.
+    pub(super) mean_error_px: f64,
+    /// Mean number of views that see a point.
+    pub(super) mean_track: f64,
+    /// Models that COLMAP made; views of all but the largest have no pose.
+    pub(super) models: usize,
+}
+
+/// Of one view.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(super) struct RegisteredView {
+    /// Points it sees.
+    pub(super) points: usize,
+    /// Mean error of theirs, pixels of the proxy.
+    pub(super) error_px: f64,
+    /// Focal length of the written image, pixels.
+    pub(super) focal_px: f64,
+    /// How much of the photograph's width is left after undistortion.
+    pub(super) kept: f64,
+}
+
+/// A view on its way into the data set.
+struct Posed<'a> {
+    record: &'a ViewRecord,
+    /// Index in the model.
+    index: usize,
+    /// Of the proxy.
+    seen: Camera,
+    /// Of the full image, with its distortion.
+    lens: Camera,
+    /// Of the image written.
+    pinhole: Camera,
+}
+
+/// Writes images and model.
+pub(super) fn write(
+    folders: &Folders,
+    records: &[ViewRecord],
+    (model, models): (&ColmapModel, usize),
+    (space, is_absolute): (ColorSpace, bool),
+    console: &mut Console,
+) -> Result<Registration> {
+    let posed = posed_views(records, model)?;
+    if posed.is_empty() {
+        bail!("COLMAP's model has none of the views; remove {} and start again", folders.work.display());
+    }
+    console.begin_steps(0, posed.len() as u32);
+    for (done, view) in (1u32..).zip(&posed) {
+        write_image(folders, view, space, is_absolute)?;
+        console.step(done);
+        let text = format!("undistorted {done}/{}", posed.len());
+        console.overall(&json!({ "event": "image", "name": view.record.name, "done": done, "views": posed.len() }), &text);
+    }
+    console.end_steps();
+    let errors = point_errors(&posed, model);
+    let registration = registration(&posed, model, &errors, models);
+    write_model(folders, &posed, model, &errors)?;
+    for view in &posed {
+        // A file that is left over does no harm.
+        let _ = std::fs::remove_file(folders.radiance(&view.record.name));
+    }
+    Ok(registration)
+}
+
+fn posed_views<'a>(records: &'a [ViewRecord], model: &ColmapModel) -> Result<Vec<Posed<'a>>> {
+    let by_name: HashMap<String, &ViewRecord> = records.iter().map(|r| (proxy_name(&r.name), r)).collect();
+    let mut pinholes: Vec<(Camera, Camera)> = Vec::new();
+    let mut posed = Vec::new();
+    for (index, image) in model.images.iter().enumerate() {
+        let Some(record) = by_name.get(&image.name) else { continue };
+        let seen = image.camera().map_err(|e| anyhow!("COLMAP's camera of {}: {e}", image.name))?;
+        let factor = record.proxy_reduction as f64;
+        let lens = Camera {
+            focal_px: seen.focal_px * factor,
+            center_px: seen.center_px * factor,
+            size_px: record.size_px.map(|s| s as u32),
+            ..seen.clone()
+        };
+        let is_same = |other: &Camera| {
+            (other.focal_px, other.center_px, other.size_px, other.distortion)
+                == (lens.focal_px, lens.center_px, lens.size_px, lens.distortion)
+        };
+        let within = match pinholes.iter().find(|(of, _)| is_same(of)) {
+            Some((_, pinhole)) => pinhole.clone(),
+            None => {
+                let pinhole = pinhole_within(&lens).ok_or_else(|| {
+                    anyhow!(
+                        "the lens of {} that COLMAP found (k1 {:.3}, k2 {:.3}) leaves no pinhole image: say a simpler --camera-model, such as simple-radial",
+                        image.name,
+                        lens.distortion.k1,
+                        lens.distortion.k2
+                    )
+                })?;
+                pinholes.push((lens.clone(), pinhole.clone()));
+                pinhole
+            }
+        };
+        let pinhole = Camera { camera_from_world: lens.camera_from_world, ..within };
+        posed.push(Posed { record, index, seen, lens, pinhole });
+    }
+    posed.sort_by(|a, b| a.record.name.cmp(&b.record.name));
+    Ok(posed)
+}
+
+fn write_image(folders: &Folders, view: &Posed<'_>, space: ColorSpace, is_absolute: bool) -> Result<()> {
+    let from = folders.radiance(&view.record.name);
+    let decoded = read_image(&from, &ReadOptions::default())?;
+    let size = [decoded.image.width, decoded.image.height];
+    if size != view.record.size_px {
+        bail!("{}: {} x {} pixels, expected {:?}; remove it and start again", from.display(), size[0], size[1], view.record.size_px);
+    }
+    // A lens without distortion changes nothing, to the bit.
+    let is_straight = view.lens.distortion.is_none() && view.lens.focal_px == view.pinhole.focal_px;
+    let image = if is_straight { decoded.image } else { undistort_into(&decoded.image, &view.lens, &view.pinhole).0 };
+    let options = ExrOptions { camera: Some(view.pinhole.clone()), ..exr_options(space, is_absolute) };
+    write_exr(&folders.image(&view.record.name), &image, &options)?;
+    Ok(())
+}
+
+/// Mean reprojection error of each point, and the error of each sighting, pixels of the proxies.
+fn point_errors(posed: &[Posed<'_>], model: &ColmapModel) -> Vec<Vec<Option<f64>>> {
+    let by_index: HashMap<usize, &Posed<'_>> = posed.iter().map(|view| (view.index, view)).collect();
+    let error = |point: &ColmapPoint, [image, feature]: [u32; 2]| {
+        let view = by_index.get(&(image as usize))?;
+        let [x, y] = *model.images.get(image as usize)?.features_px.get(feature as usize)?;
+        let p = view.seen.camera_from_world.transform_point3(point.position);
+        let straight = (p.z > 0.0).then(|| DVec2::new(p.x / p.z, p.y / p.z))?;
+        let at = view.seen.distortion.distort(straight) * view.seen.focal_px + view.seen.center_px;
+        Some(at.distance(DVec2::new(f64::from(x), f64::from(y))))
+    };
+    model.points.iter().map(|point| point.track.iter().map(|seen| error(point, *seen)).collect()).collect()
+}
+
+fn registration(posed: &[Posed<'_>], model: &ColmapModel, errors: &[Vec<Option<f64>>], models: usize) -> Registration {
+    let mut sums: HashMap<usize, (usize, f64)> = HashMap::new();
+    for (point, errors) in model.points.iter().zip(errors) {
+        for ([image, _], error) in point.track.iter().zip(errors).filter_map(|(seen, error)| Some((seen, (*error)?))) {
+            let sum = sums.entry(*image as usize).or_default();
+            *sum = (sum.0 + 1, sum.1 + error);
+        }
+    }
+    let views = posed.iter().map(|view| {
+        let (points, sum) = sums.get(&view.index).copied().unwrap_or_default();
+        let registered = RegisteredView {
+            points,
+            error_px: sum / points.max(1) as f64,
+            focal_px: view.pinhole.focal_px.x,
+            kept: view.lens.focal_px.x / view.pinhole.focal_px.x,
+        };
+        (view.record.name.clone(), registered)
+    });
+    let (sightings, total) = sums.values().fold((0, 0.0), |(n, sum), (m, error)| (n + m, sum + error));
+    Registration {
+        views: views.collect(),
+        points: model.points.len(),
+        mean_error_px: total / sightings.max(1) as f64,
+        mean_track: sightings as f64 / model.points.len().max(1) as f64,
+        models,
+    }
+}
+
+fn write_model(folders: &Folders, posed: &[Posed<'_>], model: &ColmapModel, errors: &[Vec<Option<f64>>]) -> Result<()> {
+    let mut images: Vec<(String, Camera, Vec<[f32; 2]>)> =
+        posed.iter().map(|view| (format!("{}.exr", view.record.name), view.pinhole.clone(), Vec::new())).collect();
+    let place: HashMap<usize, usize> = posed.iter().enumerate().map(|(at, view)| (view.index, at)).collect();
+    let mut points = Vec::new();
+    for (point, errors) in model.points.iter().zip(errors) {
+        let mut track = Vec::new();
+        for [image, feature] in &point.track {
+            let (Some(&at), Some(from)) = (place.get(&(*image as usize)), model.images.get(*image as usize)) else { continue };
+            let (Some(view), Some(&[x, y])) = (posed.get(at), from.features_px.get(*feature as usize)) else { continue };
+            let straight = undistorted((DVec2::new(x.into(), y.into()) - view.seen.center_px) / view.seen.focal_px, &view.lens.distortion);
+            let moved = straight * view.pinhole.focal_px + view.pinhole.center_px;
+            let [width, height] = view.pinhole.size_px.map(f64::from);
+            // What lies in the part that undistortion cut off is seen no more.
+            if let Some((_, _, features)) =
+                images.get_mut(at).filter(|_| moved.x >= 0.0 && moved.y >= 0.0 && moved.x < width && moved.y < height)
+            {
+                track.push([at as u32, features.len() as u32]);
+                features.push(moved.as_vec2().to_array());
+            }
+        }
+        let known: Vec<f64> = errors.iter().flatten().copied().collect();
+        if track.len() > 1 {
+            let error = known.iter().sum::<f64>() / known.len().max(1) as f64;
+            points.push((ColmapPoint { track, ..point.clone() }, error));
+        }
+    }
+    write_text(&folders.output.join("sparse/0"), &images, &points)?;
+    Ok(())
+}
+
+/// Coordinates without distortion, by fixed-point iteration; within the part of the lens that does not fold it converges.
+fn undistorted(distorted: DVec2, lens: &Distortion) -> DVec2 {
+    let mut p = distorted;
+    for _ in 0..40 {
+        let step = lens.distort(p) - distorted;
+        p -= step;
+        if step.length_squared() < 1e-24 {
+            break;
+        }
+    }
+    p
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn distortion_is_undone() {
+        let lens = Distortion { k1: -0.15, k2: 0.03, p1: 0.002, p2: -0.001 };
+        for p in [DVec2::new(0.4, -0.3), DVec2::ZERO, DVec2::new(-0.6, 0.45)] {
+            assert!(undistorted(lens.distort(p), &lens).distance(p) < 1e-10, "{p}");
+        }
+    }
+}

@@ -1,0 +1,237 @@
+//! One view: photographs to radiance, its picture for structure from motion, and its figures.
+//!
+//! In: a [`PlannedView`]. Out: `work/radiance/NAME.exr` (float, in the scene's space), `proxies/NAME.jpg`, `saturation/NAME.png` (white where a
+//! channel is saturated in every exposure; only where there are such pixels), and a [`ViewRecord`]. A frame that cannot be decoded is left out
+//! with a note; a view of which none can be is an error of its own, and the others go on.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Result, bail};
+use luxel_capture::{Frame, ProxyOptions, figures, frame_offset, merge, proxy};
+use luxel_core::{ColorSpace, Conversion, Image};
+use luxel_io::{DecodedImage, ExrOptions, ExrSample, Photo, PhotoKind, decode_photo, downscale, encode_jpeg, encode_png, write_exr};
+use rayon::prelude::*;
+
+use super::ocio_space::OcioSpace;
+use super::pixels::{Tables, developed_frame, raw_frame};
+use super::plan::{Plan, PlannedView};
+use super::scan::PhotoFile;
+use super::state::{ViewRecord, key};
+use crate::files::write_bytes;
+
+/// COLMAP reduces larger pictures itself.
+const PROXY_SIDE_PX: usize = 3200;
+/// Quality of proxies: artefacts stay below what features react to.
+const PROXY_QUALITY: u8 = 95;
+
+/// Where things lie.
+#[derive(Clone, Debug)]
+pub(super) struct Folders {
+    pub(super) output: PathBuf,
+    pub(super) work: PathBuf,
+}
+
+impl Folders {
+    pub(super) fn new(output: &Path) -> Self {
+        Self { output: output.to_owned(), work: output.join("work") }
+    }
+
+    pub(super) fn radiance(&self, view: &str) -> PathBuf {
+        self.work.join("radiance").join(format!("{view}.exr"))
+    }
+
+    pub(super) fn proxy(&self, view: &str) -> PathBuf {
+        self.output.join("proxies").join(proxy_name(view))
+    }
+
+    pub(super) fn saturation(&self, view: &str) -> PathBuf {
+        self.output.join("saturation").join(format!("{view}.png"))
+    }
+
+    pub(super) fn image(&self, view: &str) -> PathBuf {
+        self.output.join("images").join(format!("{view}.exr"))
+    }
+}
+
+/// The name by which COLMAP knows a view.
+pub(super) fn proxy_name(view: &str) -> String {
+    format!("{view}.jpg")
+}
+
+/// What all views share.
+pub(super) struct Developer<'a> {
+    pub(super) plan: &'a Plan,
+    pub(super) photos: &'a [PhotoFile],
+    pub(super) folders: &'a Folders,
+    pub(super) tables: Option<&'a Tables>,
+    pub(super) space: ColorSpace,
+    pub(super) input_space: ColorSpace,
+    /// Space of files of radiance, whatever they state.
+    pub(super) ocio: Option<&'a OcioSpace>,
+    pub(super) downscale: u32,
+    /// Digest of all settings that pixels depend on.
+    pub(super) settings_key: String,
+}
+
+/// Pixels of a view with what is known of them.
+struct Light {
+    image: Image,
+    saturated: Vec<bool>,
+    negative: usize,
+    dark: f64,
+    disagreeing: f64,
+    offset_px: Option<f64>,
+}
+
+impl Developer<'_> {
+    /// Of inputs and settings.
+    pub(super) fn key(&self, view: &PlannedView) -> String {
+        let digests = view.frames.iter().filter_map(|i| self.photos.get(*i)).flat_map(|p| [p.stem.as_str(), p.digest.as_str()]);
+        let exposures: Vec<String> = view.frames.iter().map(|i| format!("{:?}", self.photos.get(*i).and_then(|p| p.exposure))).collect();
+        key(digests.chain(exposures.iter().map(String::as_str)).chain([self.settings_key.as_str()]))
+    }
+
+    /// Memory that a view takes while it is made, bytes: codes of its frames, then floats of a few stages.
+    pub(super) fn bytes_of(&self, view: &PlannedView) -> u64 {
+        let pixels = view.frames.first().and_then(|i| self.photos.get(*i)).map_or(0, |p| {
+            let [width, height] = p.info.size_px.map(u64::from);
+            width * height
+        });
+        pixels * (9 * view.frames.len() as u64 + 56)
+    }
+
+    /// Makes a view.
+    pub(super) fn develop(&self, view: &PlannedView) -> Result<ViewRecord> {
+        let mut notes = Vec::new();
+        let photos: Vec<&PhotoFile> = view.frames.iter().filter_map(|i| self.photos.get(*i)).collect();
+        let Light { image, saturated, negative, dark, disagreeing, offset_px } = match self.plan.kind {
+            PhotoKind::Radiance => self.radiance(&photos, &mut notes)?,
+            PhotoKind::Raw | PhotoKind::Developed => self.merged(view, &photos, &mut notes)?,
+        };
+        let pixels = image.pixels.len().max(1) as f64;
+        let share = |n: usize| n as f64 / pixels;
+        let saturated_share = share(saturated.iter().filter(|s| **s).count());
+        let (image, saturated) = self.reduced(image, saturated);
+        let picture = proxy(&image, &ProxyOptions { max_side_px: PROXY_SIDE_PX });
+        let figures = figures(&image, &picture);
+        write_bytes(&self.folders.proxy(&view.name), &encode_jpeg(picture.width, picture.height, &picture.rgb8, PROXY_QUALITY)?)?;
+        if saturated_share > 0.0 {
+            let rgb8: Vec<u8> = saturated.iter().flat_map(|s| [if *s { 255 } else { 0 }; 3]).collect();
+            write_bytes(&self.folders.saturation(&view.name), &encode_png(image.width, image.height, &rgb8)?)?;
+        }
+        write_exr(&self.folders.radiance(&view.name), &image, &exr_options(self.space, self.plan.is_absolute))?;
+        Ok(ViewRecord {
+            name: view.name.clone(),
+            key: self.key(view),
+            files: photos.iter().map(|p| p.file_name()).collect(),
+            stops: photos.iter().filter_map(|p| p.exposure).map(|e| e.stops()).collect(),
+            camera: view.camera,
+            size_px: [image.width, image.height],
+            proxy_px: [picture.width, picture.height],
+            proxy_reduction: picture.reduction,
+            saturated: saturated_share,
+            dark,
+            negative: share(negative),
+            disagreeing,
+            offset_px,
+            figures,
+            notes,
+        })
+    }
+
+    fn reduced(&self, image: Image, saturated: Vec<bool>) -> (Image, Vec<bool>) {
+        let factor = self.downscale as usize;
+        if factor <= 1 {
+            return (image, saturated);
+        }
+        let small = downscale(&image, factor);
+        let is_any = |i: usize| {
+            let (x, y) = (i % small.width * factor, i / small.width * factor);
+            (y..y + factor).any(|y| (x..x + factor).any(|x| saturated.get(y * image.width + x).copied().unwrap_or(false)))
+        };
+        let saturated = (0..small.pixels.len()).map(is_any).collect();
+        (small, saturated)
+    }
+
+    /// A file of floats, in the scene's space.
+    fn radiance(&self, photos: &[&PhotoFile], notes: &mut Vec<String>) -> Result<Light> {
+        let [photo] = photos else { bail!("{} files of radiance in one view, expected one", photos.len()) };
+        let bytes = std::fs::read(&photo.path)?;
+        let Photo::Radiance(DecodedImage { mut image, color_space, warnings, .. }) = decode_photo(&photo.path, &bytes)? else {
+            bail!("{}: changed while it was read", photo.path.display());
+        };
+        notes.extend(warnings);
+        match self.ocio {
+            Some(space) => space.convert(&mut image, self.space),
+            None => convert(&mut image, color_space.unwrap_or(self.input_space), self.space),
+        }
+        let negative = image.pixels.iter().filter(|p| p.iter().any(|v| *v < 0.0)).count();
+        // What is no number stays: training masks and reports it.
+        image.pixels.par_iter_mut().for_each(|p| *p = p.map(|v| if v < 0.0 { 0.0 } else { v }));
+        let saturated = vec![false; image.pixels.len()];
+        Ok(Light { image, saturated, negative, dark: 0.0, disagreeing: 0.0, offset_px: None })
+    }
+
+    /// Frames merged, in the scene's space.
+    fn merged(&self, view: &PlannedView, photos: &[&PhotoFile], notes: &mut Vec<String>) -> Result<Light> {
+        let decoded: Vec<Result<Frame>> = photos.par_iter().map(|photo| self.frame(photo)).collect();
+        let mut frames = Vec::new();
+        for (photo, frame) in photos.iter().zip(decoded) {
+            match frame {
+                Ok(frame) => frames.push(frame),
+                Err(error) => notes.push(format!("{} is left out: {error}", photo.file_name())),
+            }
+        }
+        if frames.is_empty() {
+            bail!("none of its files can be decoded: {}", notes.join("; "));
+        }
+        let offset_px = frames.windows(2).filter_map(|pair| frame_offset(&pair[0], &pair[1])).map(|o| o.length_px()).reduce(f64::max);
+        let merged = merge(&frames)?;
+        drop(frames);
+        let samples = merged.radiance.len().max(1) as f64;
+        let (dark, disagreeing) = (merged.dark as f64 / samples, merged.disagreeing as f64 / samples);
+        let (gains, matrix) = match self.plan.cameras.get(view.camera).and_then(|c| c.color) {
+            Some(color) => color,
+            None => {
+                let rows = Conversion::between(self.input_space, self.space).rows();
+                ([1.0; 3], glam::DMat3::from_cols_array_2d(&rows).transpose())
+            }
+        };
+        let developed = merged.develop(gains, &matrix);
+        Ok(Light { image: developed.image, saturated: developed.saturated, negative: developed.negative, dark, disagreeing, offset_px })
+    }
+
+    fn frame(&self, photo: &PhotoFile) -> Result<Frame> {
+        let bytes = std::fs::read(&photo.path)?;
+        let name = Path::new(photo.path.file_name().unwrap_or_default());
+        let Some(exposure) = photo.exposure else { bail!("it has no exposure") };
+        match (decode_photo(name, &bytes).map_err(|e| anyhow::anyhow!(e.message))?, self.tables) {
+            (Photo::Raw(pixels), _) => {
+                let info = photo.info.raw.clone().unwrap_or_default();
+                match raw_frame(pixels, &info, exposure.signal_per_radiance(), exposure.iso) {
+                    Some(frame) => Ok(frame),
+                    None => bail!("its mosaic is no Bayer cell; develop it to OpenEXR"),
+                }
+            }
+            (Photo::Developed { width, height, codes }, Some(tables)) => {
+                let transfers = std::sync::Arc::clone(tables.of(&codes));
+                Ok(developed_frame([width, height], codes, &transfers, exposure.signal_per_radiance(), exposure.iso))
+            }
+            _ => bail!("changed while it was read"),
+        }
+    }
+}
+
+/// Float, with its space and units.
+pub(super) fn exr_options(space: ColorSpace, is_absolute: bool) -> ExrOptions {
+    let units = if is_absolute { "cd/m2 by EXIF and ISO 12232" } else { "of the capture" };
+    let attributes = vec![("luxel:color_space".to_owned(), space.name().to_owned()), ("luxel:units".to_owned(), units.to_owned())];
+    ExrOptions { sample: ExrSample::Float, color_space: space, attributes, ..ExrOptions::default() }
+}
+
+fn convert(image: &mut Image, from: ColorSpace, to: ColorSpace) {
+    let conversion = Conversion::between(from, to);
+    if !conversion.is_identity() {
+        image.pixels.par_iter_mut().for_each(|p| *p = conversion.apply(*p));
+    }
+}

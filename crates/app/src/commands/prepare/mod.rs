@@ -1,0 +1,241 @@
+//! `luxel prepare`: a folder of photographs to a data set.
+//!
+//! scan (headers) → plan (cameras, exposures, brackets, white balance, response) → develop (radiance and proxies, view by view) → structure from
+//! motion (COLMAP) → data set (undistorted images, pinhole cameras, points) → report. Each step finds what an earlier run finished.
+
+mod advice;
+mod colmap;
+mod dataset;
+mod develop;
+mod exposures;
+mod ocio_space;
+mod pixels;
+mod plan;
+mod report;
+mod response;
+mod scan;
+mod state;
+mod views;
+
+use std::time::Instant;
+
+use anyhow::{Context, Result, bail};
+use luxel_core::ColorSpace;
+use luxel_io::PhotoKind;
+use serde_json::json;
+
+use self::colmap::Colmap;
+use self::dataset::Registration;
+use self::develop::{Developer, Folders};
+use self::ocio_space::OcioSpace;
+use self::plan::Plan;
+use self::report::PrepareReport;
+use self::state::{State, ViewRecord, key};
+use crate::cli::{PrepareArgs, SfmArg};
+use crate::console::Console;
+use crate::files::write_text;
+use crate::text::plural;
+
+/// Changes when pixels are made differently, so that views of an older version are made anew.
+const PIXELS_VERSION: &str = "1";
+
+/// Runs the command.
+pub(crate) fn run(args: &PrepareArgs) -> Result<()> {
+    let started = Instant::now();
+    if let Some(threads) = args.threads {
+        rayon::ThreadPoolBuilder::new().num_threads(threads as usize).build_global().context("cannot start the threads")?;
+    }
+    let mut console = Console::new(args.console.log_format, args.console.quiet);
+    let installed = match args.sfm {
+        SfmArg::Off => None,
+        SfmArg::Auto | SfmArg::Colmap => Colmap::find(&args.colmap),
+    };
+    if installed.is_none() && args.sfm == SfmArg::Colmap {
+        bail!(
+            "{}: no such program; install COLMAP (Debian: apt-get install colmap), or say where it is with --colmap",
+            args.colmap.display()
+        );
+    }
+    let folders = Folders::new(&args.output);
+    std::fs::create_dir_all(&folders.work).with_context(|| format!("{}: cannot create", folders.work.display()))?;
+    let mut state = State::open(&folders.work);
+
+    let mut scan = scan::scan(&args.photos)?;
+    for left_out in &scan.left_out {
+        console.warn(&format!("{} is left out: {}", left_out.file, left_out.reason));
+    }
+    if let Some(list) = &args.exposures {
+        exposures::apply(list, &mut scan.photos)?;
+    }
+    let mut plan = plan::plan(&mut scan, args)?;
+    let curve = response::settle(&mut plan, &scan.photos, args.response)?;
+    for note in &plan.notes {
+        console.note(note);
+    }
+    let photographs = scan.photos.len();
+    console.note(&format!("{} in {}: {}", plural(photographs, "photograph"), plural(plan.views.len(), "view"), plan.brackets));
+
+    let space = ColorSpace::from(args.color_space);
+    let ocio = ocio_space(args, plan.kind)?;
+    let developer = Developer {
+        plan: &plan,
+        photos: &scan.photos,
+        folders: &folders,
+        tables: curve.as_ref().map(|(tables, _)| tables),
+        space,
+        input_space: args.input_space.into(),
+        ocio: ocio.as_ref(),
+        downscale: args.downscale,
+        settings_key: settings_key(args, &plan, curve.as_ref().map(|(tables, _)| format!("{tables:?}")), ocio.as_ref()),
+    };
+    let everything = key(plan
+        .views
+        .iter()
+        .map(|v| developer.key(v))
+        .chain([sfm_options(args, installed.as_ref())])
+        .collect::<Vec<_>>()
+        .iter()
+        .map(String::as_str));
+    if state.finished_key.as_ref() == Some(&everything) && folders.output.join("sparse/0/images.txt").is_file() {
+        return console.result(&json!({ "event": "finished", "output": args.output }), &format!("{} is up to date", args.output.display()));
+    }
+    let (records, failed) = views::develop_all(&developer, &mut state, u64::from(args.memory) << 30, &mut console)?;
+    scan.left_out.extend(failed);
+    if records.is_empty() {
+        bail!("no view could be made of {}", plural(photographs, "photograph"));
+    }
+    let motion = Motion { args, folders: &folders, plan: &plan, space };
+    let (registration, how) = motion.run(installed.as_ref(), &records, &mut state, &mut console)?;
+    if registration.is_some() {
+        state.finished_key = Some(everything);
+        state.save()?;
+    }
+    let report = PrepareReport {
+        luxel: env!("CARGO_PKG_VERSION"),
+        photos: args.photos.display().to_string(),
+        photographs,
+        color_space: space.name(),
+        units: if plan.is_absolute { "cd/m2 as far as EXIF and ISO 12232 tell it" } else { "relative" },
+        brackets: plan.brackets.to_owned(),
+        response: curve.map(|(_, name)| name),
+        white_balance: plan.cameras.iter().filter_map(|c| Some((c.name.clone(), c.color?.0))).collect(),
+        structure_from_motion: how,
+        range_stops: report::range_stops(&records),
+        advice: advice::advice(&records, registration.as_ref()),
+        notes: plan.notes.iter().cloned().chain(view_notes(&records)).collect(),
+        left_out: scan.left_out,
+        registration,
+        views: records,
+        peak_memory_bytes: crate::memory::peak_resident_bytes(),
+        seconds: started.elapsed().as_secs_f64(),
+    };
+    report::write(&folders, &report)?;
+    tell(args, &report, &console)
+}
+
+fn view_notes(records: &[ViewRecord]) -> Vec<String> {
+    records.iter().flat_map(|r| r.notes.iter().map(move |note| format!("view {}: {note}", r.name))).collect()
+}
+
+/// The space of a configuration, if one is asked for.
+fn ocio_space(args: &PrepareArgs, kind: PhotoKind) -> Result<Option<OcioSpace>> {
+    match (&args.ocio, &args.ocio_space) {
+        (Some(config), Some(space)) if kind == PhotoKind::Radiance => OcioSpace::open(config, space).map(Some),
+        (Some(_), Some(space)) => {
+            bail!("--ocio-space {space} is for OpenEXR, HDR and float TIFF files; photographs have their colours from the camera")
+        }
+        _ => Ok(None),
+    }
+}
+
+/// All that pixels depend on beside their files.
+fn settings_key(args: &PrepareArgs, plan: &Plan, tables: Option<String>, ocio: Option<&OcioSpace>) -> String {
+    let colors: Vec<String> = plan.cameras.iter().map(|c| format!("{:?}", c.color)).collect();
+    let options = format!("{:?} {:?} {}", args.color_space, args.input_space, args.downscale);
+    let ocio = ocio.map_or("", |space| space.key.as_str());
+    let own = [PIXELS_VERSION, &options, &tables.unwrap_or_default(), ocio, &plan.is_absolute.to_string()];
+    key(own.into_iter().chain(colors.iter().map(String::as_str)))
+}
+
+fn sfm_options(args: &PrepareArgs, installed: Option<&Colmap>) -> String {
+    format!("{:?} {:?} {:?}", args.camera_model, args.matching, installed.map(|c| &c.version))
+}
+
+/// From proxies to the data set.
+struct Motion<'a> {
+    args: &'a PrepareArgs,
+    folders: &'a Folders,
+    plan: &'a Plan,
+    space: ColorSpace,
+}
+
+impl Motion<'_> {
+    /// Poses and data set, and how they came about; `None` without COLMAP, where the commands are written instead.
+    fn run(
+        &self,
+        installed: Option<&Colmap>,
+        records: &[ViewRecord],
+        state: &mut State,
+        console: &mut Console,
+    ) -> Result<(Option<Registration>, String)> {
+        let options = (self.args.camera_model, self.args.matching);
+        let Some(colmap) = installed else {
+            let colmap = Colmap::unknown(&self.args.colmap);
+            let steps = colmap.steps(self.folders, records, &self.plan.cameras, options)?;
+            let path = self.folders.output.join("colmap.sh");
+            write_text(&path, &colmap.script(&steps, self.folders))?;
+            let given = self.folders.work.join("sparse");
+            if !given.is_dir() {
+                return Ok((None, format!("none yet: the commands are in {}; run them, then luxel prepare again", path.display())));
+            }
+            let registration = self.assemble(records, console)?;
+            return Ok((Some(registration), format!("the model that was found in {}", given.display())));
+        };
+        let keys = records.iter().map(|r| r.key.as_str());
+        let wanted = sfm_options(self.args, installed);
+        let sfm_key = key(keys.chain([wanted.as_str()]));
+        if state.sfm_key.as_ref() != Some(&sfm_key) || !self.folders.work.join("sparse").is_dir() {
+            state.sfm_key = None;
+            state.save()?;
+            let steps = colmap.steps(self.folders, records, &self.plan.cameras, options)?;
+            colmap.run(&steps, self.folders, records.len(), console)?;
+            state.sfm_key = Some(sfm_key);
+            state.save()?;
+        }
+        let registration = self.assemble(records, console)?;
+        Ok((Some(registration), format!("{}, lens model {}", colmap.version, self.args.camera_model.name())))
+    }
+
+    fn assemble(&self, records: &[ViewRecord], console: &mut Console) -> Result<Registration> {
+        let (model, models) = colmap::largest_model(self.folders)?;
+        dataset::write(self.folders, records, (&model, models), (self.space, self.plan.is_absolute), console)
+    }
+}
+
+/// The result for people and programs.
+fn tell(args: &PrepareArgs, report: &PrepareReport, console: &Console) -> Result<()> {
+    let output = args.output.display();
+    let mut text = match &report.registration {
+        Some(found) => format!(
+            "{} of {} have poses; {:.1} stops; mean error {:.2} px\ntrain with: luxel train {output} -o run",
+            found.views.len(),
+            plural(report.views.len(), "view"),
+            report.range_stops,
+            found.mean_error_px
+        ),
+        None => format!(
+            "radiance of {} in {output}/work/radiance, pictures for structure from motion in {output}/proxies\n\
+             poses: run sh {output}/colmap.sh (Debian: apt-get install colmap), then the same luxel prepare again",
+            plural(report.views.len(), "view")
+        ),
+    };
+    for line in &report.advice {
+        text += &format!("\nre-shoot: {line}");
+    }
+    text += &format!("\nreport: {output}/prepare.html");
+    let registered = report.registration.as_ref().map(|r| r.views.len());
+    let event = json!({
+        "event": "finished", "output": args.output, "views": report.views.len(), "registered": registered, "advice": report.advice,
+    });
+    console.result(&event, &text)
+}

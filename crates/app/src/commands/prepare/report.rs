@@ -1,0 +1,135 @@
+//! `prepare.json` for programs and `prepare.html` for eyes: what was done with the photographs and what came of it.
+
+use std::fmt::Write as _;
+
+use anyhow::Result;
+use serde::Serialize;
+
+use super::dataset::Registration;
+use super::develop::Folders;
+use super::scan::LeftOut;
+use super::state::ViewRecord;
+use crate::files::{write_json, write_text};
+use crate::report::html::{document, escape};
+use crate::text;
+
+/// Everything that is told.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct PrepareReport {
+    pub(super) luxel: &'static str,
+    pub(super) photos: String,
+    pub(super) photographs: usize,
+    /// Space of the images.
+    pub(super) color_space: &'static str,
+    /// Of the images.
+    pub(super) units: &'static str,
+    /// How brackets were found.
+    pub(super) brackets: String,
+    /// Curve of developed pictures.
+    pub(super) response: Option<String>,
+    /// Gains of red, green and blue, by camera.
+    pub(super) white_balance: Vec<(String, [f32; 3])>,
+    pub(super) structure_from_motion: String,
+    /// Stops from the darkest view's thousandth to the brightest's.
+    pub(super) range_stops: f32,
+    pub(super) advice: Vec<String>,
+    pub(super) notes: Vec<String>,
+    pub(super) left_out: Vec<LeftOut>,
+    pub(super) registration: Option<Registration>,
+    pub(super) views: Vec<ViewRecord>,
+    /// Most memory that was resident, bytes.
+    pub(super) peak_memory_bytes: Option<u64>,
+    pub(super) seconds: f64,
+}
+
+/// Stops from the darkest thousandth of any view to the brightest.
+pub(super) fn range_stops(views: &[ViewRecord]) -> f32 {
+    let dark = views.iter().map(|v| v.figures.dark_luminance).filter(|l| *l > 0.0).fold(f32::INFINITY, f32::min);
+    let bright = views.iter().map(|v| v.figures.bright_luminance).fold(0.0, f32::max);
+    if bright > dark { (bright / dark).log2() } else { 0.0 }
+}
+
+/// Writes both files.
+pub(super) fn write(folders: &Folders, report: &PrepareReport) -> Result<()> {
+    write_json(&folders.output.join("prepare.json"), report)?;
+    write_text(&folders.output.join("prepare.html"), &page(report))
+}
+
+fn page(report: &PrepareReport) -> String {
+    let mut body = String::from("<h2>Capture</h2><div class=\"scroll\"><table><tbody>");
+    for (name, value) in facts(report) {
+        let _ = write!(body, "<tr><td>{}</td><td style=\"text-align:left;white-space:normal\">{}</td></tr>", escape(&name), escape(&value));
+    }
+    body += "</tbody></table></div>";
+    let left_out: Vec<String> = report.left_out.iter().map(|l| format!("{}: {}", l.file, l.reason)).collect();
+    for (title, lines) in [("What to photograph again", &report.advice), ("Good to know", &report.notes), ("Left out", &left_out)] {
+        if !lines.is_empty() {
+            let items: String = lines.iter().map(|line| format!("<li>{}</li>", escape(line))).collect();
+            let _ = write!(body, "<h2>{title}</h2><ul>{items}</ul>");
+        }
+    }
+    body += &table(report);
+    document("Capture", &format!("{} from {}", text::plural(report.photographs, "photograph"), report.photos), &body)
+}
+
+fn facts(report: &PrepareReport) -> Vec<(String, String)> {
+    let mut facts = vec![
+        ("photographs".to_owned(), format!("{} in {}", text::plural(report.photographs, "file"), text::plural(report.views.len(), "view"))),
+        ("brackets".to_owned(), report.brackets.clone()),
+        ("images".to_owned(), format!("{}, {}", report.color_space, report.units)),
+        ("range of the set".to_owned(), format!("{:.1} stops", report.range_stops)),
+        ("structure from motion".to_owned(), report.structure_from_motion.clone()),
+    ];
+    facts.extend(report.response.iter().map(|name| ("response curve".to_owned(), name.clone())));
+    for (camera, [r, g, b]) in &report.white_balance {
+        facts.push((format!("white balance of {camera}"), format!("gains {r:.3}, {g:.3}, {b:.3}")));
+    }
+    if let Some(found) = &report.registration {
+        facts.push((
+            "poses".to_owned(),
+            format!(
+                "{} of {}; {} points, each seen in {:.1} views, mean error {:.2} px",
+                found.views.len(),
+                text::plural(report.views.len(), "view"),
+                text::count(found.points),
+                found.mean_track,
+                found.mean_error_px
+            ),
+        ));
+    }
+    facts.extend(report.peak_memory_bytes.map(|bytes| ("peak memory".to_owned(), text::bytes(bytes))));
+    facts
+}
+
+fn table(report: &PrepareReport) -> String {
+    let mut out = String::from(
+        "<h2>Views</h2><p class=\"note\">Exposures in stops against the first view's shortest. Saturated: pixels that every exposure clips. \
+         Black: samples that are black in every exposure. Disagreeing: samples in which exposures differ beyond noise. Range: between the darkest and \
+         the brightest thousandth.</p><div class=\"scroll\"><table><thead><tr><th>view</th><th>exposures</th><th>saturated</th><th>black</th>\
+         <th>disagreeing</th><th>shift</th><th>range</th><th>sharpness</th><th>points</th><th>error</th></tr></thead><tbody>",
+    );
+    let reference = report.views.first().and_then(|v| v.stops.first()).copied().unwrap_or(0.0);
+    for view in &report.views {
+        let stops: Vec<String> = view.stops.iter().map(|s| format!("{:+.1}", s - reference)).collect();
+        let found = report.registration.as_ref().map(|r| r.views.get(&view.name));
+        let (points, error) = match found {
+            None => ("–".to_owned(), "–".to_owned()),
+            Some(None) => ("no pose".to_owned(), "–".to_owned()),
+            Some(Some(v)) => (text::count(v.points), format!("{:.2} px", v.error_px)),
+        };
+        let percent = |share: f64| format!("{:.2} %", 100.0 * share);
+        let shift = view.offset_px.map_or("–".to_owned(), |px| format!("{px:.0} px"));
+        let _ = write!(
+            out,
+            "<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{shift}</td><td>{:.1}</td><td>{:.2}</td><td>{points}</td><td>{error}</td></tr>",
+            escape(&view.name),
+            stops.join(" "),
+            percent(view.saturated),
+            percent(view.dark),
+            percent(view.disagreeing),
+            view.figures.range_stops(),
+            view.figures.sharpness,
+        );
+    }
+    out + "</tbody></table></div>"
+}

@@ -1,0 +1,120 @@
+//! What is finished, on disk: `work/state.json`. A view is done if its key is that of its inputs and settings; so is structure from motion.
+//!
+//! The file is written whole or not at all, at most every few seconds: killing the program loses no more than the views finished since.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use anyhow::Result;
+use luxel_capture::Figures;
+use serde::{Deserialize, Serialize};
+
+use crate::files::{read_text, write_json};
+
+/// State files of a hundred thousand views.
+const MAX_BYTES: u64 = 1 << 30;
+const INTERVAL: Duration = Duration::from_secs(2);
+
+/// A view that is done.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct ViewRecord {
+    pub(super) name: String,
+    /// Of inputs and settings.
+    pub(super) key: String,
+    /// Files it was made of, shortest exposure first.
+    pub(super) files: Vec<String>,
+    /// Their exposures, stops of signal per cd/m2.
+    pub(super) stops: Vec<f64>,
+    pub(super) camera: usize,
+    /// Pixels of the radiance image.
+    pub(super) size_px: [usize; 2],
+    /// Pixels of the picture for structure from motion.
+    pub(super) proxy_px: [usize; 2],
+    /// How many times a side the picture is smaller.
+    pub(super) proxy_reduction: usize,
+    /// Share of pixels that are saturated in every frame.
+    pub(super) saturated: f64,
+    /// Share of samples that are black in every frame.
+    pub(super) dark: f64,
+    /// Share of pixels of which a channel was below 0 and was set to it.
+    pub(super) negative: f64,
+    /// Share of samples in which frames disagree beyond noise.
+    pub(super) disagreeing: f64,
+    /// Largest shift between neighbouring exposures, pixels of the photographs.
+    pub(super) offset_px: Option<f64>,
+    pub(super) figures: Figures,
+    /// What went wrong with some of its files, and what they say.
+    pub(super) notes: Vec<String>,
+}
+
+/// The file's content.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub(super) struct State {
+    views: BTreeMap<String, ViewRecord>,
+    /// Key of the structure from motion that is in `work/sparse`.
+    #[serde(default)]
+    pub(super) sfm_key: Option<String>,
+    /// Key of everything, once the data set is whole.
+    #[serde(default)]
+    pub(super) finished_key: Option<String>,
+    #[serde(skip)]
+    path: PathBuf,
+    #[serde(skip)]
+    saved: Option<Instant>,
+}
+
+impl State {
+    /// Of an earlier run, or empty; a file that is none is begun anew.
+    pub(super) fn open(work: &Path) -> Self {
+        let path = work.join("state.json");
+        let read = read_text(&path, MAX_BYTES).ok().and_then(|text| serde_json::from_str::<Self>(&text).ok());
+        Self { path, ..read.unwrap_or_default() }
+    }
+
+    pub(super) fn view(&self, name: &str, key: &str) -> Option<&ViewRecord> {
+        self.views.get(name).filter(|record| record.key == key)
+    }
+
+    pub(super) fn insert(&mut self, record: ViewRecord) -> Result<()> {
+        self.views.insert(record.name.clone(), record);
+        if self.saved.is_none_or(|at| at.elapsed() > INTERVAL) { self.save() } else { Ok(()) }
+    }
+
+    pub(super) fn save(&mut self) -> Result<()> {
+        self.saved = Some(Instant::now());
+        write_json(&self.path, self)
+    }
+}
+
+/// Digest of parts, in order.
+pub(super) fn key<'a>(parts: impl IntoIterator<Item = &'a str>) -> String {
+    let mut hasher = blake3::Hasher::new();
+    for part in parts {
+        hasher.update(&(part.len() as u64).to_le_bytes());
+        hasher.update(part.as_bytes());
+    }
+    hasher.finalize().to_hex().to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn keys_tell_parts_apart() {
+        assert_ne!(key(["ab", "c"]), key(["a", "bc"]));
+        assert_eq!(key(["a"]), key(["a"]));
+    }
+
+    #[test]
+    fn a_file_that_is_none_is_begun_anew() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("state.json"), "{ broken").unwrap();
+        assert!(State::open(folder.path()).sfm_key.is_none());
+        let mut state = State::open(folder.path());
+        state.sfm_key = Some("k".into());
+        state.save().unwrap();
+        assert_eq!(State::open(folder.path()).sfm_key.as_deref(), Some("k"));
+    }
+}

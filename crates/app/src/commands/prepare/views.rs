@@ -1,0 +1,87 @@
+//! All views, several at a time as far as memory goes; what an earlier run finished is taken over.
+//!
+//! In: a [`Developer`] and a budget. Out: records of the views that could be made, and what was left out. Views are taken from one list by as many
+//! workers as their memory fits into the budget, at least one; within a view all cores work.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc;
+
+use anyhow::Result;
+use serde_json::json;
+
+use super::develop::Developer;
+use super::plan::PlannedView;
+use super::scan::LeftOut;
+use super::state::{State, ViewRecord};
+use crate::console::Console;
+
+/// Makes all views that are not there yet.
+pub(super) fn develop_all(
+    developer: &Developer<'_>,
+    state: &mut State,
+    memory_bytes: u64,
+    console: &mut Console,
+) -> Result<(Vec<ViewRecord>, Vec<LeftOut>)> {
+    let views = &developer.plan.views;
+    let total = views.len();
+    let mut done: Vec<ViewRecord> = Vec::with_capacity(total);
+    let mut todo: Vec<&PlannedView> = Vec::new();
+    for view in views {
+        let record = state.view(&view.name, &developer.key(view));
+        match record.filter(|_| is_there(developer, view)) {
+            Some(record) => done.push(record.clone()),
+            None => todo.push(view),
+        }
+    }
+    if !done.is_empty() && !todo.is_empty() {
+        console.note(&format!("{} of {total} views are there from an earlier run", done.len()));
+    }
+    let largest = todo.iter().map(|view| developer.bytes_of(view)).max().unwrap_or(1).max(1);
+    let fitting = usize::try_from(memory_bytes / largest).unwrap_or(usize::MAX);
+    let workers = rayon::current_num_threads().min(fitting).min(todo.len()).max(1);
+    let mut left_out = Vec::new();
+    console.begin_steps(done.len() as u32, total as u32);
+    let next = AtomicUsize::new(0);
+    let (sender, receiver) = mpsc::channel();
+    let result = std::thread::scope(|scope| {
+        for _ in 0..workers {
+            let sender = sender.clone();
+            scope.spawn(|| {
+                let sender = sender;
+                while let Some(view) = todo.get(next.fetch_add(1, Ordering::Relaxed)) {
+                    if sender.send((view.name.clone(), developer.develop(view))).is_err() {
+                        break;
+                    }
+                }
+            });
+        }
+        drop(sender);
+        for (name, made) in receiver {
+            match made {
+                Ok(record) => {
+                    state.insert(record.clone())?;
+                    done.push(record);
+                }
+                Err(error) => {
+                    console.warn(&format!("view {name}: {error:#}"));
+                    left_out.push(LeftOut { file: name.clone(), reason: format!("{error:#}") });
+                }
+            }
+            let made = done.len() + left_out.len();
+            console.step(made as u32);
+            console
+                .overall(&json!({ "event": "view", "name": name, "done": made, "views": total }), &format!("view {made}/{total}  {name}"));
+        }
+        Ok(())
+    });
+    console.end_steps();
+    result.and_then(|()| state.save())?;
+    done.sort_by(|a, b| a.name.cmp(&b.name));
+    Ok((done, left_out))
+}
+
+/// Whether the files of a view are there.
+fn is_there(developer: &Developer<'_>, view: &PlannedView) -> bool {
+    let folders = developer.folders;
+    folders.radiance(&view.name).is_file() && folders.proxy(&view.name).is_file()
+}

@@ -1,0 +1,288 @@
+//! `luxel prepare` as a user runs it, on photographs made here; structure from motion is given, not run.
+#![allow(clippy::unwrap_used)]
+
+use std::path::Path;
+use std::process::Output;
+
+use assert_cmd::Command;
+use luxel_core::{ColorSpace, Conversion, Image, tone::srgb_encode};
+use luxel_io::{ExrOptions, ExrSample, ReadOptions, encode_jpeg, read_image, write_exr};
+
+const WIDTH: usize = 48;
+const HEIGHT: usize = 32;
+
+/// What a camera writes of a picture.
+#[derive(Clone, Copy)]
+struct Shot {
+    model: &'static str,
+    seconds: Option<f64>,
+    /// Time of capture, seconds after ten.
+    at: u32,
+    orientation: u16,
+    size: [usize; 2],
+    /// Distinguishes views.
+    view: usize,
+}
+
+const SHOT: Shot = Shot { model: "Test 1", seconds: Some(0.01), at: 0, orientation: 1, size: [WIDTH, HEIGHT], view: 0 };
+
+/// Radiance of a view: two decades from left to right, at f/4 and ISO 100 exposed to 0.1 in the middle by 1/100 s.
+fn radiance(view: usize, x: usize, y: usize) -> f32 {
+    let middle = 0.1 / (0.01 * 100.0 / (120.0 * 16.0));
+    let wave = 1.0 + 0.2 * ((x as f32 * 0.8 + view as f32).sin() * (y as f32 * 0.6).cos());
+    middle * wave * 10f32.powf(2.0 * x as f32 / WIDTH as f32 - 1.0)
+}
+
+fn tag(id: u16, kind: u16, value: &[u8], count: u32, out: &mut (Vec<u8>, Vec<u8>), values_at: usize) {
+    out.0.extend(id.to_le_bytes());
+    out.0.extend(kind.to_le_bytes());
+    out.0.extend(count.to_le_bytes());
+    if value.len() <= 4 {
+        let mut inline = value.to_vec();
+        inline.resize(4, 0);
+        out.0.extend(inline);
+    } else {
+        out.0.extend(((values_at + out.1.len()) as u32).to_le_bytes());
+        out.1.extend(value);
+    }
+}
+
+fn rational(value: f64) -> Vec<u8> {
+    [((value * 1e6).round() as u32).to_le_bytes(), 1_000_000u32.to_le_bytes()].concat()
+}
+
+/// All in the first directory, which readers take like Exif's.
+fn exif(shot: &Shot) -> Vec<u8> {
+    let count = if shot.seconds.is_some() { 7u16 } else { 4 };
+    let values_at = 8 + 2 + 12 * usize::from(count) + 4;
+    let mut out = (Vec::new(), Vec::new());
+    let mut put = |id, kind, value: &[u8], count| tag(id, kind, value, count, &mut out, values_at);
+    put(0x010f, 2, b"Luxel\0", 6);
+    let model = format!("{}\0", shot.model);
+    put(0x0110, 2, model.as_bytes(), model.len() as u32);
+    put(0x0112, 3, &shot.orientation.to_le_bytes(), 1);
+    let time = format!("2026:05:17 10:{:02}:{:02}\0", shot.at / 60, shot.at % 60);
+    put(0x0132, 2, time.as_bytes(), 20);
+    if let Some(seconds) = shot.seconds {
+        put(0x829a, 5, &rational(seconds), 1);
+        put(0x829d, 5, &rational(4.0), 1);
+        put(0x8827, 3, &100u16.to_le_bytes(), 1);
+    }
+    let mut block = b"Exif\0\0II*\0\x08\0\0\0".to_vec();
+    block.extend(count.to_le_bytes());
+    block.extend(out.0);
+    block.extend([0; 4]);
+    block.extend(out.1);
+    block
+}
+
+/// A JPEG through sRGB's curve.
+fn jpeg(shot: &Shot) -> Vec<u8> {
+    let [width, height] = shot.size;
+    let exposure = (shot.seconds.unwrap_or(0.01) * 100.0 / (120.0 * 16.0)) as f32;
+    let code = |i: usize| (255.0 * srgb_encode((radiance(shot.view, i % width, i / width) * exposure).min(1.0))).round() as u8;
+    let rgb8: Vec<u8> = (0..width * height).flat_map(|i| [code(i); 3]).collect();
+    let plain = encode_jpeg(width, height, &rgb8, 100).unwrap();
+    let block = exif(shot);
+    let mut out = vec![0xff, 0xd8, 0xff, 0xe1];
+    out.extend((block.len() as u16 + 2).to_be_bytes());
+    out.extend(block);
+    out.extend(&plain[2..]);
+    out
+}
+
+fn write(folder: &Path, name: &str, shot: &Shot) {
+    std::fs::create_dir_all(folder).unwrap();
+    std::fs::write(folder.join(name), jpeg(shot)).unwrap();
+}
+
+/// Views of three exposures two stops apart.
+fn brackets(folder: &Path, views: usize) {
+    for view in 0..views {
+        for k in 0..3 {
+            let shot = Shot { seconds: Some(0.0025 * 4f64.powi(k)), at: 20 * view as u32 + k as u32, view, ..SHOT };
+            write(folder, &format!("IMG_{:04}.JPG", 3 * view as i32 + k + 1), &shot);
+        }
+    }
+}
+
+fn prepare(photos: &Path, output: &Path, more: &[&str]) -> Output {
+    let mut command = Command::cargo_bin("luxel").unwrap();
+    command.arg("prepare").arg(photos).arg("-o").arg(output).args(["--sfm", "off"]).args(more);
+    command.output().unwrap()
+}
+
+fn said(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr)
+}
+
+fn report(output: &Path) -> serde_json::Value {
+    serde_json::from_slice(&std::fs::read(output.join("prepare.json")).unwrap()).unwrap()
+}
+
+#[test]
+fn brackets_become_radiance_and_the_commands_for_poses_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let (photos, output) = (folder.path().join("photos"), folder.path().join("set"));
+    brackets(&photos, 3);
+    let run = prepare(&photos, &output, &["--response", "srgb"]);
+    assert!(run.status.success(), "{}", said(&run));
+    assert!(said(&run).contains("colmap.sh") && said(&run).contains("9 photographs in 3 views"), "{}", said(&run));
+    let found = read_image(&output.join("work/radiance/IMG_0004.exr"), &ReadOptions::default()).unwrap();
+    assert_eq!(found.color_space, Some(ColorSpace::LinearRec709));
+    let mut worst = 0f32;
+    for (i, pixel) in found.image.pixels.iter().enumerate() {
+        let truth = radiance(1, i % WIDTH, i / WIDTH);
+        worst = worst.max((pixel[1] / truth - 1.0).abs());
+    }
+    assert!(worst < 0.1, "largest error {worst}");
+    let report = report(&output);
+    assert_eq!(report["views"].as_array().unwrap().len(), 3);
+    assert_eq!(report["views"][0]["files"].as_array().unwrap().len(), 3);
+    assert!(output.join("prepare.html").is_file() && output.join("proxies/IMG_0001.jpg").is_file());
+    let script = std::fs::read_to_string(output.join("colmap.sh")).unwrap();
+    assert!(
+        script.contains("feature_extractor") && script.contains("--ImageReader.single_camera 1") && script.contains("mapper"),
+        "{script}"
+    );
+}
+
+#[test]
+fn a_second_run_takes_over_what_the_first_finished() {
+    let folder = tempfile::tempdir().unwrap();
+    let (photos, output) = (folder.path().join("photos"), folder.path().join("set"));
+    brackets(&photos, 2);
+    assert!(prepare(&photos, &output, &["--response", "srgb"]).status.success());
+    let modified = |view: &str| std::fs::metadata(output.join(format!("work/radiance/{view}.exr"))).unwrap().modified().unwrap();
+    let before = (modified("IMG_0001"), modified("IMG_0004"));
+    // Another exposure of the second view's last frame: that view alone is made again.
+    write(&photos, "IMG_0006.JPG", &Shot { seconds: Some(0.04), at: 22, view: 7, ..SHOT });
+    let run = prepare(&photos, &output, &["--response", "srgb"]);
+    assert!(run.status.success() && said(&run).contains("1 of 2 views are there from an earlier run"), "{}", said(&run));
+    assert_eq!(modified("IMG_0001"), before.0);
+    assert!(modified("IMG_0004") > before.1);
+}
+
+#[test]
+fn each_fault_of_a_folder_has_its_message() {
+    let folder = tempfile::tempdir().unwrap();
+    let (photos, output) = (folder.path().join("photos"), folder.path().join("set"));
+    brackets(&photos, 4);
+    std::fs::remove_file(photos.join("IMG_0005.JPG")).unwrap();
+    // The same bytes under another name, a file cut short, another body, and one held upright whose pixels were turned.
+    std::fs::copy(photos.join("IMG_0001.JPG"), photos.join("IMG_0001 copy.JPG")).unwrap();
+    let whole = std::fs::read(photos.join("IMG_0009.JPG")).unwrap();
+    std::fs::write(photos.join("IMG_0009.JPG"), &whole[..whole.len() / 2]).unwrap();
+    std::fs::write(photos.join("IMG_0100.JPG"), b"not a picture").unwrap();
+    let other = Shot { model: "Other 2", at: 900, ..SHOT };
+    write(&photos, "OTHER_1.JPG", &other);
+    write(&photos, "OTHER_2.JPG", &Shot { orientation: 6, size: [HEIGHT, WIDTH], at: 960, ..other });
+    std::fs::write(photos.join("IMG_0200.NEF"), b"MM").unwrap();
+    let run = prepare(&photos, &output, &["--response", "srgb"]);
+    let said = said(&run);
+    assert!(run.status.success(), "{said}");
+    for part in [
+        "IMG_0001.JPG is left out: the same file as IMG_0001 copy.JPG, byte by byte",
+        "IMG_0100.JPG is left out: not an image of a known format",
+        "IMG_0200.NEF is left out: a camera maker's own RAW format",
+        "mixed cameras, lenses or sizes",
+        "1 photograph of 48 x 32 from Luxel Other 2",
+        "1 of 13 photographs are portraits and the others landscapes",
+        "orientation tags (12 with 1, 1 with 6) are not applied",
+        "view IMG_0004: its bracket has 2 of 3 exposures, missing +0.0 EV",
+    ] {
+        assert!(said.contains(part), "{part}\n{said}");
+    }
+    let report = report(&output);
+    let notes = report["notes"].to_string();
+    assert!(notes.contains("view IMG_0007: IMG_0009.JPG is left out"), "{notes}");
+}
+
+#[test]
+fn photographs_without_exposure_are_an_error_with_a_remedy() {
+    let folder = tempfile::tempdir().unwrap();
+    let (photos, output) = (folder.path().join("photos"), folder.path().join("set"));
+    write(&photos, "a_1.jpg", &SHOT);
+    write(&photos, "a_2.jpg", &Shot { seconds: None, ..SHOT });
+    let run = prepare(&photos, &output, &[]);
+    assert_eq!(run.status.code(), Some(1));
+    assert!(said(&run).contains("1 of 2 photographs have no exposure time in EXIF (a_2.jpg): give it with --exposures"), "{}", said(&run));
+    let list = folder.path().join("exposures.txt");
+    std::fs::write(&list, "a_1 1/100 100 4\na_2 1/25 100 4\n").unwrap();
+    let run = prepare(&photos, &output, &["--exposures", list.to_str().unwrap(), "--response", "srgb"]);
+    assert!(run.status.success() && said(&run).contains("in 1 view: by name"), "{}", said(&run));
+    // None at all has any: taken as exposed alike, which is said.
+    write(&photos, "a_1.jpg", &Shot { seconds: None, view: 3, ..SHOT });
+    let run = prepare(&photos, &folder.path().join("other"), &[]);
+    assert!(run.status.success() && said(&run).contains("all are taken as exposed alike"), "{}", said(&run));
+}
+
+#[test]
+fn radiance_passes_through_with_its_colours_converted() {
+    let folder = tempfile::tempdir().unwrap();
+    let (photos, output) = (folder.path().join("photos"), folder.path().join("set"));
+    let pixels = (0..WIDTH * HEIGHT).map(|i| [0.5 + i as f32 * 1e-3, 0.4, 0.1 + i as f32]).collect();
+    let image = Image::from_pixels(WIDTH, HEIGHT, pixels).unwrap();
+    let options = ExrOptions { sample: ExrSample::Float, color_space: ColorSpace::AcesCg, ..ExrOptions::default() };
+    write_exr(&photos.join("a.exr"), &image, &options).unwrap();
+    let run = prepare(&photos, &output, &["--color-space", "acescg"]);
+    assert!(run.status.success(), "{}", said(&run));
+    let found = read_image(&output.join("work/radiance/a.exr"), &ReadOptions::default()).unwrap();
+    assert_eq!((found.image, found.color_space), (image.clone(), Some(ColorSpace::AcesCg)));
+    let run = prepare(&photos, &output, &[]);
+    assert!(run.status.success(), "{}", said(&run));
+    let found = read_image(&output.join("work/radiance/a.exr"), &ReadOptions::default()).unwrap();
+    let conversion = Conversion::between(ColorSpace::AcesCg, ColorSpace::LinearRec709);
+    assert_eq!(found.color_space, Some(ColorSpace::LinearRec709));
+    for (found, before) in found.image.pixels.iter().zip(&image.pixels) {
+        let expected = conversion.apply(*before);
+        assert!((0..3).all(|c| (found[c] - expected[c].max(0.0)).abs() <= 1e-5 * expected[c].abs().max(1.0)), "{found:?} {expected:?}");
+    }
+}
+
+#[test]
+fn a_model_that_was_made_elsewhere_becomes_a_data_set() {
+    let folder = tempfile::tempdir().unwrap();
+    let (photos, output) = (folder.path().join("photos"), folder.path().join("set"));
+    brackets(&photos, 3);
+    assert!(prepare(&photos, &output, &["--response", "srgb"]).status.success());
+    let model = output.join("work/sparse/0");
+    std::fs::create_dir_all(&model).unwrap();
+    std::fs::write(model.join("cameras.txt"), "1 SIMPLE_RADIAL 48 32 50 24 16 0.05\n").unwrap();
+    let images = "1 1 0 0 0 0 0 0 1 IMG_0001.jpg\n10 10 1 40 20 2\n2 1 0 0 0 -0.1 0 0 1 IMG_0004.jpg\n9 10 1 39 20 2\n";
+    std::fs::write(model.join("images.txt"), images).unwrap();
+    std::fs::write(model.join("points3D.txt"), "1 -0.28 -0.12 1 9 9 9 0.5 1 0 2 0\n2 0.32 0.08 1 9 9 9 0.5 1 1 2 1\n").unwrap();
+    let run = prepare(&photos, &output, &["--response", "srgb"]);
+    assert!(run.status.success() && said(&run).contains("2 of 3 views have poses"), "{}", said(&run));
+    assert!(said(&run).contains("re-shoot: IMG_0007: no pose was found"), "{}", said(&run));
+    let info = Command::cargo_bin("luxel").unwrap().args(["info", "--json"]).arg(&output).output().unwrap();
+    let info: serde_json::Value = serde_json::from_slice(&info.stdout).unwrap();
+    assert!(info.to_string().contains("COLMAP"), "{info}");
+    let image = read_image(&output.join("images/IMG_0001.exr"), &ReadOptions::default()).unwrap().image;
+    assert!((image.width, image.height) == (WIDTH, HEIGHT) && image.pixels.iter().all(|p| p[1] > 0.0));
+    // The same again has nothing to do.
+    let run = prepare(&photos, &output, &["--response", "srgb"]);
+    assert!(said(&run).contains("is up to date"), "{}", said(&run));
+}
+
+#[test]
+fn what_cannot_be_done_is_said_at_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let (photos, output) = (folder.path().join("photos"), folder.path().join("set"));
+    let run = prepare(&photos, &output, &[]);
+    assert!(run.status.code() == Some(1) && said(&run).contains("cannot list the folder of photographs"), "{}", said(&run));
+    std::fs::create_dir_all(&photos).unwrap();
+    let run = prepare(&photos, &output, &[]);
+    assert!(run.status.code() == Some(1) && said(&run).contains("no photographs in it, expected DNG"), "{}", said(&run));
+    brackets(&photos, 1);
+    let mut command = Command::cargo_bin("luxel").unwrap();
+    command.arg("prepare").arg(&photos).arg("-o").arg(&output).args(["--sfm", "colmap", "--colmap", "/nowhere/colmap"]);
+    let run = command.output().unwrap();
+    assert!(run.status.code() == Some(1) && said(&run).contains("no such program; install COLMAP"), "{}", said(&run));
+    let image = Image::filled(WIDTH, HEIGHT, [1.0; 3]);
+    write_exr(&photos.join("x.exr"), &image, &ExrOptions::default()).unwrap();
+    let run = prepare(&photos, &output, &[]);
+    assert!(said(&run).contains("3 JPEG, PNG or TIFF and 1 OpenEXR or HDR files, expected one kind"), "{}", said(&run));
+    let run = prepare(&photos, &output, &["--brackets", "1"]);
+    assert_eq!(run.status.code(), Some(2));
+}
