@@ -11,6 +11,16 @@ pub(crate) fn write_bytes(path: &Path, content: &[u8]) -> Result<()> {
     Ok(())
 }
 
+/// Removes a file; that there is none is as well.
+pub(crate) fn remove_if_there(path: &Path) -> Result<()> {
+    match std::fs::remove_file(path) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+            Err(error).with_context(|| format!("{}: cannot remove", path.display()))
+        }
+        _ => Ok(()),
+    }
+}
+
 /// Writes a text file atomically.
 pub(crate) fn write_text(path: &Path, content: &str) -> Result<()> {
     write_bytes(path, content.as_bytes())

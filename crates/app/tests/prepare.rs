@@ -120,6 +120,17 @@ fn report(output: &Path) -> serde_json::Value {
     serde_json::from_slice(&std::fs::read(output.join("prepare.json")).unwrap()).unwrap()
 }
 
+/// A model of two views that see two points, where COLMAP would leave it.
+fn write_model(output: &Path, views: [&str; 2]) {
+    let model = output.join("work/sparse/0");
+    std::fs::create_dir_all(&model).unwrap();
+    std::fs::write(model.join("cameras.txt"), "1 SIMPLE_RADIAL 48 32 50 24 16 0.05\n").unwrap();
+    let [a, b] = views;
+    let images = format!("1 1 0 0 0 0 0 0 1 {a}.jpg\n10 10 1 40 20 2\n2 1 0 0 0 -0.1 0 0 1 {b}.jpg\n9 10 1 39 20 2\n");
+    std::fs::write(model.join("images.txt"), images).unwrap();
+    std::fs::write(model.join("points3D.txt"), "1 -0.28 -0.12 1 9 9 9 0.5 1 0 2 0\n2 0.32 0.08 1 9 9 9 0.5 1 1 2 1\n").unwrap();
+}
+
 #[test]
 fn brackets_become_radiance_and_the_commands_for_poses_are_told() {
     let folder = tempfile::tempdir().unwrap();
@@ -246,12 +257,7 @@ fn a_model_that_was_made_elsewhere_becomes_a_data_set() {
     let (photos, output) = (folder.path().join("photos"), folder.path().join("set"));
     brackets(&photos, 3);
     assert!(prepare(&photos, &output, &["--response", "srgb"]).status.success());
-    let model = output.join("work/sparse/0");
-    std::fs::create_dir_all(&model).unwrap();
-    std::fs::write(model.join("cameras.txt"), "1 SIMPLE_RADIAL 48 32 50 24 16 0.05\n").unwrap();
-    let images = "1 1 0 0 0 0 0 0 1 IMG_0001.jpg\n10 10 1 40 20 2\n2 1 0 0 0 -0.1 0 0 1 IMG_0004.jpg\n9 10 1 39 20 2\n";
-    std::fs::write(model.join("images.txt"), images).unwrap();
-    std::fs::write(model.join("points3D.txt"), "1 -0.28 -0.12 1 9 9 9 0.5 1 0 2 0\n2 0.32 0.08 1 9 9 9 0.5 1 1 2 1\n").unwrap();
+    write_model(&output, ["IMG_0001", "IMG_0004"]);
     let run = prepare(&photos, &output, &["--response", "srgb"]);
     assert!(run.status.success() && said(&run).contains("2 of 3 views have poses"), "{}", said(&run));
     assert!(said(&run).contains("re-shoot: IMG_0007: no pose was found"), "{}", said(&run));
@@ -263,6 +269,26 @@ fn a_model_that_was_made_elsewhere_becomes_a_data_set() {
     // The same again has nothing to do.
     let run = prepare(&photos, &output, &["--response", "srgb"]);
     assert!(said(&run).contains("is up to date"), "{}", said(&run));
+}
+
+#[test]
+fn what_every_exposure_saturates_is_black_in_the_mask_of_the_undistorted_image() {
+    let folder = tempfile::tempdir().unwrap();
+    let (photos, output) = (folder.path().join("photos"), folder.path().join("set"));
+    for view in 0..2 {
+        write(&photos, &format!("IMG_{view}.JPG"), &Shot { seconds: Some(0.04), at: 20 * view as u32, view, ..SHOT });
+    }
+    assert!(prepare(&photos, &output, &["--response", "srgb"]).status.success());
+    write_model(&output, ["IMG_0", "IMG_1"]);
+    let run = prepare(&photos, &output, &["--response", "srgb"]);
+    assert!(run.status.success() && said(&run).contains("2 of 2 views have poses"), "{}", said(&run));
+    let mask = read_image(&output.join("saturation/IMG_0.png"), &ReadOptions::default()).unwrap().image;
+    assert_eq!((mask.width, mask.height), (WIDTH, HEIGHT));
+    // Radiance rises tenfold from the middle to the right, where 0.4 of saturation is exposed in the middle.
+    for row in mask.pixels.chunks(WIDTH) {
+        assert!(row[1] == [1.0; 3] && row[WIDTH - 2] == [0.0; 3], "{row:?}");
+    }
+    assert!(!output.join("work/saturation/IMG_0.png").exists());
 }
 
 #[test]

@@ -2,7 +2,7 @@
 //!
 //! In: the model of the proxies and the radiance of the views. Out: images without empty pixels (the lens's focal length is lengthened until none
 //! is), the model as text with features moved accordingly, and [`Registration`]. Features that belong to no point are left out. Radiance is resampled
-//! once, in linear light, in full float.
+//! once, in linear light, in full float; masks of saturated pixels likewise, black wherever a saturated pixel has a part.
 //!
 //! A view's radiance is removed from `work` once its image stands; what is left there are views without a pose.
 
@@ -12,13 +12,14 @@ use anyhow::{Result, anyhow, bail};
 use glam::DVec2;
 use luxel_core::{Camera, ColorSpace, Distortion};
 use luxel_io::colmap::{ColmapModel, ColmapPoint, write_text};
-use luxel_io::{ExrOptions, ReadOptions, pinhole_within, read_image, undistort_into, write_exr};
+use luxel_io::{ExrOptions, ReadOptions, Transfer, encode_png, pinhole_within, read_image, undistort_into, write_exr};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use super::develop::{Folders, exr_options, proxy_name};
 use super::state::ViewRecord;
 use crate::console::Console;
+use crate::files::{remove_if_there, write_bytes};
 
 /// What structure from motion came to.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -46,6 +47,9 @@ pub(super) struct RegisteredView {
     /// How much of the photograph's width is left after undistortion.
     pub(super) kept: f64,
 }
+
+/// A resampled pixel of a mask counts if no masked pixel has more than a rounding's part in it.
+const FULLY: f32 = 0.999;
 
 /// A view on its way into the data set.
 struct Posed<'a> {
@@ -75,6 +79,7 @@ pub(super) fn write(
     console.begin_steps(0, posed.len() as u32);
     for (done, view) in (1u32..).zip(&posed) {
         write_image(folders, view, space, is_absolute)?;
+        write_mask(folders, view)?;
         console.step(done);
         let text = format!("undistorted {done}/{}", posed.len());
         console.overall(&json!({ "event": "image", "name": view.record.name, "done": done, "views": posed.len() }), &text);
@@ -86,6 +91,7 @@ pub(super) fn write(
     for view in &posed {
         // A file that is left over does no harm.
         let _ = std::fs::remove_file(folders.radiance(&view.record.name));
+        let _ = std::fs::remove_file(folders.saturation(&view.record.name));
     }
     Ok(registration)
 }
@@ -143,6 +149,18 @@ fn write_image(folders: &Folders, view: &Posed<'_>, space: ColorSpace, is_absolu
     let options = ExrOptions { camera: Some(view.pinhole.clone()), ..exr_options(space, is_absolute) };
     write_exr(&folders.image(&view.record.name), &image, &options)?;
     Ok(())
+}
+
+/// `saturation/NAME.png` of a view that has saturated pixels.
+fn write_mask(folders: &Folders, view: &Posed<'_>) -> Result<()> {
+    let (from, to) = (folders.saturation(&view.record.name), folders.mask(&view.record.name));
+    if !from.exists() {
+        return remove_if_there(&to);
+    }
+    let options = ReadOptions { transfer: Some(Transfer::Linear) };
+    let (mask, _) = undistort_into(&read_image(&from, &options)?.image, &view.lens, &view.pinhole);
+    let rgb8: Vec<u8> = mask.pixels.iter().flat_map(|[counts, ..]| [if *counts < FULLY { 0 } else { u8::MAX }; 3]).collect();
+    write_bytes(&to, &encode_png(mask.width, mask.height, &rgb8)?)
 }
 
 /// Mean reprojection error of each point, and the error of each sighting, pixels of the proxies.

@@ -1,8 +1,9 @@
 //! One view: photographs to radiance, its picture for structure from motion, and its figures.
 //!
-//! In: a [`PlannedView`]. Out: `work/radiance/NAME.exr` (float, in the scene's space), `proxies/NAME.jpg`, `saturation/NAME.png` (white where a
-//! channel is saturated in every exposure; only where there are such pixels), and a [`ViewRecord`]. A frame that cannot be decoded is left out
-//! with a note; a view of which none can be is an error of its own, and the others go on.
+//! In: a [`PlannedView`]. Out: `work/radiance/NAME.exr` (float, in the scene's space), `proxies/NAME.jpg`,
+//! `work/saturation/NAME.png` (a mask, black where a channel is saturated in every exposure; only where there are such pixels), and a
+//! [`ViewRecord`]. A frame that cannot be decoded is left out with a note; a view of which none can be is an error of its own, and the others
+//! go on.
 
 use std::path::{Path, PathBuf};
 
@@ -17,7 +18,7 @@ use super::pixels::{Tables, developed_frame, raw_frame};
 use super::plan::{Plan, PlannedView};
 use super::scan::PhotoFile;
 use super::state::{ViewRecord, key};
-use crate::files::write_bytes;
+use crate::files::{remove_if_there, write_bytes};
 
 /// COLMAP reduces larger pictures itself.
 const PROXY_SIDE_PX: usize = 3200;
@@ -44,7 +45,13 @@ impl Folders {
         self.output.join("proxies").join(proxy_name(view))
     }
 
+    /// Mask of what was saturated, as the lens saw it.
     pub(super) fn saturation(&self, view: &str) -> PathBuf {
+        self.work.join("saturation").join(format!("{view}.png"))
+    }
+
+    /// The same for the undistorted image.
+    pub(super) fn mask(&self, view: &str) -> PathBuf {
         self.output.join("saturation").join(format!("{view}.png"))
     }
 
@@ -115,9 +122,12 @@ impl Developer<'_> {
         let picture = proxy(&image, &ProxyOptions { max_side_px: PROXY_SIDE_PX });
         let figures = figures(&image, &picture);
         write_bytes(&self.folders.proxy(&view.name), &encode_jpeg(picture.width, picture.height, &picture.rgb8, PROXY_QUALITY)?)?;
+        let mask = self.folders.saturation(&view.name);
         if saturated_share > 0.0 {
-            let rgb8: Vec<u8> = saturated.iter().flat_map(|s| [if *s { 255 } else { 0 }; 3]).collect();
-            write_bytes(&self.folders.saturation(&view.name), &encode_png(image.width, image.height, &rgb8)?)?;
+            let rgb8: Vec<u8> = saturated.iter().flat_map(|s| [if *s { 0 } else { 255 }; 3]).collect();
+            write_bytes(&mask, &encode_png(image.width, image.height, &rgb8)?)?;
+        } else {
+            remove_if_there(&mask)?;
         }
         write_exr(&self.folders.radiance(&view.name), &image, &exr_options(self.space, self.plan.is_absolute))?;
         Ok(ViewRecord {
