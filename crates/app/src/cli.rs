@@ -23,7 +23,8 @@ pub(crate) use self::render::RenderArgs;
 pub(crate) use self::reproduce::ReproduceArgs;
 use crate::console::LogFormat;
 use crate::values::{
-    ColorSpaceArg, DeviceArg, FormatArg, InstructionSetArg, MetricsArg, OrderArg, TransferArg, parse_downscale, parse_positive, parse_size,
+    ColorSpaceArg, DeviceArg, ExposuresArg, FormatArg, InstructionSetArg, MasksArg, MetricsArg, OrderArg, SupervisionArg, TransferArg,
+    parse_downscale, parse_positive, parse_size,
 };
 
 /// High dynamic range 3D Gaussian splatting: posed HDR photographs in, a scene of linear radiance out.
@@ -93,6 +94,35 @@ pub(crate) struct LoadArgs {
     /// Reduce images this many times a side, by area average in linear light.
     #[arg(long, default_value = "1", value_parser = parse_downscale, value_name = "1|2|4|8", help_heading = "Data set")]
     pub(crate) downscale: u32,
+    /// What is trained on: radiance, or what a camera recorded of it in brackets or single exposures.
+    #[arg(long, value_enum, default_value_t, value_name = "KIND", help_heading = "Data set")]
+    #[serde(default)]
+    pub(crate) supervision: SupervisionArg,
+    /// Which recordings of each pose are trained on under --supervision ldr: all, single (one a pose, in turn), or numbers counted from the shortest
+    /// exposure, such as 0,2,4.
+    #[arg(long, default_value_t, value_name = "WHICH", help_heading = "Data set")]
+    #[serde(default)]
+    pub(crate) exposures: ExposuresArg,
+    /// Masks, white where pixels count and black where they do not: auto (mask_path of transforms.json, or masks/<image>.png beside the data set), off,
+    /// alpha (of the images), or a folder of masks named like the images.
+    #[arg(long, default_value_t, value_name = "SOURCE", help_heading = "Data set")]
+    #[serde(default)]
+    pub(crate) masks: MasksArg,
+}
+
+impl LoadArgs {
+    /// Images of radiance at full size, in whatever layout.
+    pub(crate) fn of_radiance() -> Self {
+        Self {
+            format: None,
+            transfer: None,
+            color_space: None,
+            downscale: 1,
+            supervision: SupervisionArg::Hdr,
+            exposures: ExposuresArg::default(),
+            masks: MasksArg::default(),
+        }
+    }
 }
 
 /// Where and how the work is done. The result is the same for any number of threads; the CPU and a GPU agree to rounding.

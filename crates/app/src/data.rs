@@ -39,6 +39,9 @@ pub(crate) fn options(args: &LoadArgs) -> LoadOptions {
         transfer: args.transfer.map(Into::into),
         color_space: args.color_space.map(Into::into),
         downscale: args.downscale,
+        supervision: args.supervision.into(),
+        exposures: args.exposures.0.clone(),
+        masks: args.masks.0.clone(),
     }
 }
 

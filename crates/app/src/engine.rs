@@ -5,7 +5,8 @@ use luxel_core::Engine;
 use luxel_cpu::{CpuEngine, InstructionSet};
 
 use crate::cli::DeviceArgs;
-use crate::values::DeviceArg;
+use crate::config::RunConfig;
+use crate::values::{DeviceArg, SupervisionArg};
 
 /// An engine without a scene, and where it runs.
 pub(crate) struct Chosen {
@@ -24,6 +25,15 @@ pub(crate) struct Chosen {
 /// The engine for a command.
 pub(crate) fn engine(args: &DeviceArgs) -> Result<Chosen> {
     engine_with(args, InstructionSet::Best)
+}
+
+/// The engine for training: of the GPU's and the CPU's the latter alone learns a camera's response, so that it is the best there is for recordings.
+pub(crate) fn training_engine(config: &RunConfig) -> Result<Chosen> {
+    let learns_response = config.load.supervision == SupervisionArg::Ldr;
+    if learns_response && config.device.device == DeviceArg::Auto {
+        return cpu(threads(&config.device), InstructionSet::Best, None);
+    }
+    engine(&config.device)
 }
 
 /// [`engine`] for those who want to choose among the processor's instruction sets.

@@ -7,13 +7,14 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use clap::ValueEnum;
 use luxel_core::metrics::{FieldMetrics, FieldOptions, FlipChoice};
-use luxel_core::{ColorSpace, Engine, Image, RenderOptions, View};
+use luxel_core::{ColorSpace, Engine, Image, Knots, PixelValues, RenderOptions, View};
 use luxel_io::{ExrOptions, ExrSample, HALF_MAX};
-use luxel_train::{Lpips, Measures, SplitMetrics};
+use luxel_train::{ExposureCompensation, GainFit, Lpips, Measures, SplitMetrics};
 use serde::{Deserialize, Serialize};
 
 use crate::config::RunConfig;
 use crate::text;
+use crate::values::SupervisionArg;
 
 /// `metrics.json`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -40,7 +41,7 @@ pub(crate) struct Metrics {
     pub(crate) luxel_version: String,
     /// Folder of the data set.
     pub(crate) dataset: String,
-    /// `test`, and at the end of training `train`.
+    /// `test`, and at the end of training `train`; where a capture leaves gains open, `test_gain_common` or `test_gain_per_view` too.
     pub(crate) splits: BTreeMap<String, SplitMetrics>,
 }
 
@@ -62,16 +63,34 @@ pub(crate) struct Rendering<'a> {
     pub(crate) flip: FlipChoice,
     /// The network of the user's weights, if there is one.
     pub(crate) lpips: Option<&'a Lpips>,
+    /// The response of the camera that recorded the views of recorded values.
+    pub(crate) response: Option<Knots>,
 }
 
 impl Rendering<'_> {
     /// PSNR of one view by protocol `scene`, dB; `None` if all of it is masked.
     pub(crate) fn probe(&mut self, view: &View) -> Result<Option<f64>> {
-        Ok(luxel_train::probe(self.engine, &self.options, self.radiance_scale, self.mu, view)?)
+        let measures = Measures { response: self.response.as_ref(), ..Measures::new(self.radiance_scale, self.mu) };
+        Ok(luxel_train::probe(self.engine, &self.options, &measures, view)?)
     }
 
-    /// Figures of a split, `None` if it is empty. With a folder, `renders/` and `gt/` get the images in the units of the data set.
-    pub(crate) fn evaluate(&mut self, views: &[View], images: Option<&Path>) -> Result<Option<SplitMetrics>> {
+    /// Figures of the test views once more, after gains are taken out of the renders that a capture leaves open: by name of the split.
+    pub(crate) fn evaluate_fitted(&mut self, config: &RunConfig, views: &[View]) -> Result<Vec<(&'static str, SplitMetrics)>> {
+        let is_radiance = views.iter().all(|view| view.values == PixelValues::Radiance);
+        let drifts = config.train.exposure_compensation != ExposureCompensation::Off;
+        let fits = [
+            ("test_gain_common", GainFit::Common, config.load.supervision == SupervisionArg::Ldr),
+            ("test_gain_per_view", GainFit::PerView, drifts),
+        ];
+        let mut splits = Vec::new();
+        for (name, fit, _) in fits.into_iter().filter(|(.., is_due)| *is_due && is_radiance) {
+            splits.extend(self.evaluate(views, None, fit)?.map(|split| (name, split)));
+        }
+        Ok(splits)
+    }
+
+    /// Figures of a split, `None` if it is empty. With a folder, `renders/` and `gt/` get the images in the units of the data set, or as recorded.
+    pub(crate) fn evaluate(&mut self, views: &[View], images: Option<&Path>, gain_fit: GainFit) -> Result<Option<SplitMetrics>> {
         if views.is_empty() {
             return Ok(None);
         }
@@ -83,13 +102,16 @@ impl Rendering<'_> {
             let (Some(folder), Some(stem)) = (images, stems.get(view.name.as_str())) else { return };
             if failed.is_ok() {
                 let mut render = prediction.clone();
-                render.scale(scale);
+                if view.values == PixelValues::Radiance {
+                    render.scale(scale);
+                }
                 failed = write_exr(&folder.join("renders").join(format!("{stem}.exr")), &render, color_space)
                     .and_then(|()| write_exr(&folder.join("gt").join(format!("{stem}.exr")), &view.image, color_space));
             }
         };
         let field = FieldOptions { peak_luminance: self.peak_luminance, color_space, flip: self.flip };
-        let measures = Measures { radiance_scale: scale, mu: self.mu, field, lpips: self.lpips };
+        let measures =
+            Measures { radiance_scale: scale, mu: self.mu, field, lpips: self.lpips, response: self.response.as_ref(), gain_fit };
         let metrics = luxel_train::evaluate(self.engine, &self.options, &measures, views, &mut each)?;
         failed?;
         Ok(Some(metrics))

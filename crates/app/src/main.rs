@@ -1,5 +1,6 @@
 //! `luxel`: the command line of Luxel. One match, one error exit.
 
+mod captures;
 mod cli;
 mod clock;
 mod colormap;

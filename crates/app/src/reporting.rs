@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 use luxel_core::metrics::LuminanceProfile;
-use luxel_core::{Dataset, Image, View};
+use luxel_core::{Dataset, Image, PixelValues, View};
 use luxel_train::SplitMetrics;
 
 use crate::config::RunConfig;
@@ -110,8 +110,10 @@ fn views(folder: &RunFolder, dataset: &Dataset, metrics: &Metrics) -> Result<Vec
         let path = renders.join(format!("{stem}.exr"));
         let mut prediction = luxel_io::read_image(&path, &Default::default()).context("cannot read an evaluation image")?.image;
         let mut target: Image = view.image.as_ref().clone();
-        prediction.scale(1.0 / metrics.radiance_scale);
-        target.scale(1.0 / metrics.radiance_scale);
+        if view.values == PixelValues::Radiance {
+            prediction.scale(1.0 / metrics.radiance_scale);
+            target.scale(1.0 / metrics.radiance_scale);
+        }
         let (name, mask) = (view.name.clone(), view.mask.clone());
         views.push(ReportView { name, prediction, target, mask, metrics: of_view.metrics });
     }

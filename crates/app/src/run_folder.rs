@@ -21,7 +21,8 @@ const CONFIG: &str = "config.toml";
 const LOCK: &str = ".lock";
 
 /// Everything training puts into a run folder besides [`CONFIG`]; all that `--overwrite` deletes.
-const CONTENTS: [&str; 8] = ["checkpoints", "point_cloud", "eval", "pictures", "metrics.json", "log.jsonl", "report.html", "measured.json"];
+const CONTENTS: [&str; 9] =
+    ["checkpoints", "point_cloud", "eval", "pictures", "metrics.json", "captures.json", "log.jsonl", "report.html", "measured.json"];
 
 /// A run's place on disk.
 #[derive(Clone, Debug)]
@@ -142,6 +143,11 @@ impl RunFolder {
     /// Figures of the newest evaluation.
     pub(crate) fn metrics(&self) -> PathBuf {
         self.root.join("metrics.json")
+    }
+
+    /// What was found of the training images.
+    pub(crate) fn captures(&self) -> PathBuf {
+        self.root.join("captures.json")
     }
 
     /// Training curves.

@@ -66,10 +66,14 @@ impl SceneSource {
 
 /// How a run's own data set is read: as the run did, but for what is said now.
 fn load_args(now: &LoadArgs, said: &[String], run: &LoadArgs) -> LoadArgs {
+    let is_said = |option: &str| said.iter().any(|id| id == option);
     LoadArgs {
         format: now.format.or(run.format),
         transfer: now.transfer.or(run.transfer),
         color_space: now.color_space.or(run.color_space),
-        downscale: if said.iter().any(|id| id == "downscale") { now.downscale } else { run.downscale },
+        downscale: if is_said("downscale") { now.downscale } else { run.downscale },
+        supervision: if is_said("supervision") { now.supervision } else { run.supervision },
+        exposures: if is_said("exposures") { now.exposures.clone() } else { run.exposures.clone() },
+        masks: if is_said("masks") { now.masks.clone() } else { run.masks.clone() },
     }
 }

@@ -8,9 +8,10 @@ use std::collections::BTreeMap;
 use anyhow::{Context, Result, anyhow};
 use luxel_core::metrics::{FieldOptions, FlipChoice};
 use luxel_core::{Dataset, StepReport};
-use luxel_train::Trainer;
+use luxel_train::{GainFit, Trainer};
 use serde_json::json;
 
+use crate::captures::Captures;
 use crate::clock::Clock;
 use crate::config::RunConfig;
 use crate::console::Console;
@@ -228,10 +229,15 @@ impl Session<'_> {
         luxel_io::write_scene_ply(&self.folder.scene(iteration), &self.trainer.scene()?)?;
         let images = self.folder.evaluation(iteration);
         let (dataset, finished) = (self.dataset, self.trainer.is_finished());
+        let config = self.config;
+        Captures::of(&self.trainer, &dataset.train).write(self.folder)?;
         let mut splits = BTreeMap::new();
         let mut rendering = self.rendering();
-        let test = rendering.evaluate(&dataset.test, Some(&images))?;
-        let train = if finished { rendering.evaluate(&dataset.train, None)? } else { None };
+        let test = rendering.evaluate(&dataset.test, Some(&images), GainFit::None)?;
+        let train = if finished { rendering.evaluate(&dataset.train, None, GainFit::None)? } else { None };
+        for (name, split) in rendering.evaluate_fitted(config, &dataset.test)? {
+            splits.insert(name.to_owned(), split);
+        }
         for (name, split) in [("test", test), ("train", train)] {
             if let Some(split) = split {
                 splits.insert(name.to_owned(), split);
@@ -267,7 +273,7 @@ impl Session<'_> {
     }
 
     fn rendering(&mut self) -> Rendering<'_> {
-        let (options, radiance_scale) = (self.trainer.render_options(), self.trainer.radiance_scale());
+        let (options, radiance_scale, response) = (self.trainer.render_options(), self.trainer.radiance_scale(), self.trainer.response());
         Rendering {
             options,
             radiance_scale,
@@ -276,6 +282,7 @@ impl Session<'_> {
             peak_luminance: FieldOptions::DEFAULT_PEAK_LUMINANCE,
             flip: FlipChoice::Skip,
             lpips: None,
+            response,
             engine: self.trainer.engine(),
         }
     }

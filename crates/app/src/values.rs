@@ -1,5 +1,6 @@
 //! Values of options: their names on the command line and in config.toml, and the ranges they must lie in.
 
+mod captures;
 mod world;
 
 use std::fmt;
@@ -13,6 +14,7 @@ use luxel_cpu::InstructionSet;
 use luxel_io::{DatasetFormat, ExrSample, Transfer};
 use serde::{Deserialize, Serialize};
 
+pub(crate) use self::captures::{ExposuresArg, MasksArg, SupervisionArg};
 pub(crate) use self::world::{Crop, UpArg, parse_crop, parse_point};
 
 /// `--format`.
@@ -25,7 +27,9 @@ pub(crate) enum FormatArg {
     Colmap,
     /// HDR-NeRF's synthetic scenes.
     HdrNerf,
-    /// HDR-GS's repack of them.
+    /// HDR-NeRF's real scenes (--supervision ldr).
+    HdrNerfReal,
+    /// HDR-GS's repack of the synthetic ones.
     HdrGs,
     /// GaussHDR's repack of them.
     #[value(name = "gausshdr")]
@@ -39,6 +43,7 @@ impl From<FormatArg> for DatasetFormat {
             FormatArg::Transforms => Self::Transforms,
             FormatArg::Colmap => Self::Colmap,
             FormatArg::HdrNerf => Self::HdrNerf,
+            FormatArg::HdrNerfReal => Self::HdrNerfReal,
             FormatArg::HdrGs => Self::HdrGs,
             FormatArg::GaussHdr => Self::GaussHdr,
         }

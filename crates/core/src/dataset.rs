@@ -2,13 +2,38 @@
 
 use std::sync::Arc;
 
-use crate::{Camera, ColorSpace, Image};
+use crate::{Camera, ColorSpace, Image, NoiseModel, PixelValues};
 
-/// Pixels that take part: `true` is valid. Row-major, `[H*W]`.
-#[derive(Clone, Debug, PartialEq, Eq)]
+/// How much each pixel counts in the loss: 0 not at all, 1 fully. Row-major, `[H*W]`. Metrics count every pixel above 0 fully.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Mask {
-    /// One per pixel.
-    pub valid: Vec<bool>,
+    /// One per pixel, 0 to 1.
+    pub weights: Vec<f32>,
+}
+
+impl Mask {
+    /// Pixels that count and pixels that do not.
+    pub fn of_valid(valid: impl IntoIterator<Item = bool>) -> Self {
+        Self { weights: valid.into_iter().map(|valid| f32::from(u8::from(valid))).collect() }
+    }
+
+    /// Whether pixel `i` counts at all; those outside of the mask do not.
+    #[inline]
+    pub fn is_valid(&self, i: usize) -> bool {
+        self.weights.get(i).is_some_and(|weight| *weight > 0.0)
+    }
+
+    /// Sum of the weights; `None` if one is not a number from 0 to 1.
+    pub fn total(&self) -> Option<f64> {
+        let mut total = 0.0;
+        for weight in &self.weights {
+            if !(0.0..=1.0).contains(weight) {
+                return None;
+            }
+            total += f64::from(*weight);
+        }
+        Some(total)
+    }
 }
 
 /// A posed image.
@@ -18,9 +43,13 @@ pub struct View {
     pub name: String,
     /// Undistorted, of the image's size.
     pub camera: Camera,
-    /// Radiance in the data set's units; invalid pixels are 0.
+    /// Radiance in the data set's units, or recorded values as [`Self::values`] says; invalid pixels are 0.
     pub image: Arc<Image>,
-    /// `None`: all pixels are valid.
+    /// What the image's numbers are.
+    pub values: PixelValues,
+    /// Noise of its radiance, if the data set states it.
+    pub noise: Option<NoiseModel>,
+    /// `None`: all pixels count fully.
     pub mask: Option<Arc<Mask>>,
 }
 
@@ -32,11 +61,11 @@ impl View {
 
     /// Whether pixel `i` (row-major) takes part in loss and metrics.
     pub fn is_valid(&self, i: usize) -> bool {
-        self.mask.as_ref().is_none_or(|mask| mask.valid[i])
+        self.mask.as_ref().is_none_or(|mask| mask.is_valid(i))
     }
 
     /// The same view in an image reduced `factor` times a side by area average over valid pixels, in linear light. A pixel is valid if at
-    /// least `min_valid` (0 to 1) of its area is, and some of it. Incomplete blocks at the right and bottom border are left out, so that the
+    /// least `min_valid` (0 to 1) of its area is, and some of it; it weighs what its valid pixels do on average. Incomplete blocks at the right and bottom border are left out, so that the
     /// camera is scaled exactly. The factor is lowered to what leaves one pixel a side.
     pub fn downscaled(&self, factor: u32, min_valid: f64) -> Self {
         let [width, height] = self.camera.size_px;
@@ -44,18 +73,33 @@ impl View {
         let camera = self.camera.downscaled(factor);
         let ([width, height], factor) = (camera.size_px.map(|side| side as usize), factor as usize);
         let enough = (min_valid * (factor * factor) as f64).max(1.0);
-        let mut valid = Vec::with_capacity(width * height);
+        let mut light = Arc::clone(&self.image);
+        if self.values != PixelValues::Radiance {
+            self.values.to_light(Arc::make_mut(&mut light));
+        }
+        let mut weights = Vec::with_capacity(width * height);
         let mut pixels = Vec::with_capacity(width * height);
         for y in 0..height {
             for x in 0..width {
-                let (mean, count) = self.image.block_mean([x * factor, y * factor], factor, |at| self.is_valid(at));
+                let corner = [x * factor, y * factor];
+                let (mean, count) = light.block_mean(corner, factor, |at| self.is_valid(at));
                 let is_valid = count as f64 >= enough;
                 pixels.push(if is_valid { mean } else { [0.0; 3] });
-                valid.push(is_valid);
+                weights.push(if is_valid { self.block_weight(corner, factor, count) } else { 0.0 });
             }
         }
-        let mask = valid.contains(&false).then(|| Arc::new(Mask { valid }));
-        Self { name: self.name.clone(), camera, image: Arc::new(Image { width, height, pixels }), mask }
+        let mut image = Image { width, height, pixels };
+        self.values.from_light(&mut image);
+        let mask = weights.iter().any(|weight| *weight < 1.0).then(|| Arc::new(Mask { weights }));
+        let noise = self.noise.map(|model| model.averaged(factor * factor));
+        Self { name: self.name.clone(), camera, image: Arc::new(image), values: self.values, noise, mask }
+    }
+
+    /// Mean weight of the `count` valid pixels of a block.
+    fn block_weight(&self, [left, top]: [usize; 2], factor: usize, count: usize) -> f32 {
+        let Some(mask) = &self.mask else { return 1.0 };
+        let rows = (top..top + factor).filter_map(|y| mask.weights.get(y * self.image.width + left..)?.get(..factor));
+        (rows.flatten().map(|weight| f64::from(*weight)).sum::<f64>() / count.max(1) as f64) as f32
     }
 }
 
@@ -132,7 +176,9 @@ mod tests {
                 distortion: Distortion::default(),
             },
             image: Arc::new(Image::from_pixels(width as usize, height as usize, pixels).unwrap()),
-            mask: mask.map(|valid| Arc::new(Mask { valid })),
+            values: PixelValues::Radiance,
+            noise: None,
+            mask: mask.map(|valid| Arc::new(Mask::of_valid(valid))),
         }
     }
 
@@ -172,9 +218,19 @@ mod tests {
         let valid = [[1, 1, 1, 0], [1, 1, 0, 1], [1, 0, 0, 0], [0, 0, 0, 0]].concat().iter().map(|v| *v == 1).collect();
         let half = view(4, 4, Some(valid));
         let reduced = half.downscaled(2, 0.5);
-        assert_eq!(reduced.mask.unwrap().valid, [true, true, false, false]);
+        assert_eq!(reduced.mask.unwrap().weights, [1.0, 1.0, 0.0, 0.0]);
         // The mean of pixels 2 and 7 alone; where too few are valid it is black.
         assert_eq!(reduced.image.pixels[1..], [[4.5, 5e3, 0.5], [0.0; 3], [0.0; 3]]);
-        assert_eq!(half.downscaled(2, 0.0).mask.unwrap().valid, [true, true, true, false]);
+        assert_eq!(half.downscaled(2, 0.0).mask.unwrap().weights, [1.0, 1.0, 1.0, 0.0]);
+    }
+
+    #[test]
+    fn a_pixel_weighs_what_its_area_does() {
+        let mut full = view(4, 2, None);
+        full.mask = Some(Arc::new(Mask { weights: vec![0.5, 0.25, 1.0, 1.0, 0.75, 0.0, 1.0, 1.0] }));
+        assert_eq!(full.downscaled(2, 0.5).mask.unwrap().weights, [0.5, 1.0]);
+        assert_eq!(Mask { weights: vec![0.5, 1.0] }.total(), Some(1.5));
+        assert_eq!(Mask { weights: vec![0.5, f32::NAN] }.total(), None);
+        assert_eq!(Mask { weights: vec![1.5] }.total(), None);
     }
 }

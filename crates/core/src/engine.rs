@@ -5,7 +5,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use crate::edit::Contributions;
-use crate::{Camera, Image, Moments, Splats, View};
+use crate::{Camera, Image, Knots, Moments, Splats, ToneCurve, View};
 
 /// The passes of a training step, in order. Names of files, timings, benches and tests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -178,11 +178,11 @@ impl Default for RenderOptions {
     }
 }
 
-/// Loss on mu-law images: `(1 - ssim_weight) L1 + ssim_weight (1 - SSIM)` (LCD-GS eq. 5 with lambda = 1 - ssim_weight).
+/// Loss on images seen through a tone curve: `(1 - ssim_weight) L1 + ssim_weight (1 - SSIM)` (LCD-GS eq. 5 with lambda = 1 - ssim_weight).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LossConfig {
-    /// mu of the mu-law.
-    pub mu: f32,
+    /// What the images are seen through.
+    pub curve: ToneCurve,
     /// Weight of 1 - SSIM, 0 to 1.
     pub ssim_weight: f32,
     /// Weight of the mean opacity (3DGS-MCMC), 0 for none.
@@ -193,7 +193,7 @@ pub struct LossConfig {
 
 impl Default for LossConfig {
     fn default() -> Self {
-        Self { mu: crate::tone::MU, ssim_weight: 0.2, opacity_weight: 0.0, scale_weight: 0.0 }
+        Self { curve: ToneCurve::MuLaw { mu: crate::tone::MU }, ssim_weight: 0.2, opacity_weight: 0.0, scale_weight: 0.0 }
     }
 }
 
@@ -270,12 +270,14 @@ pub struct StepReport {
     pub step: u32,
     /// Total, without the regularisers.
     pub loss: f32,
-    /// Mean absolute difference under the mu-law.
+    /// Mean absolute difference under the tone curve.
     pub l1: f32,
-    /// Mean structural similarity under the mu-law.
+    /// Mean structural similarity under the tone curve.
     pub ssim: f32,
     /// Splats in front of the camera that touch the image.
     pub visible: u32,
+    /// Gradient of the loss by the knots of the [`crate::Response`], if it is seen through one; the same bits for any number of threads.
+    pub by_knots: Option<Knots>,
 }
 
 /// Per-splat statistics since the last densification, `[N]` each.
@@ -381,14 +383,15 @@ pub trait Engine {
     /// [`EngineError::Camera`], [`EngineError::Invalid`] if the mask is not of the camera's size, [`EngineError::Device`].
     fn contributions(&mut self, camera: &Camera, options: &RenderOptions, mask: &[f32]) -> Result<Contributions, EngineError>;
 
-    /// One step of training towards `view`, whose image is in normalised units.
+    /// One step of training towards `view`, whose image is in normalised units; recorded values, if the loss is seen through a response.
     ///
     /// An engine may work ahead: the report is then of an earlier step, the newest that is known, and everything else the engine is asked waits
     /// for the steps on their way. If a loss is not finite such an engine changes nothing from that step on, reports the loss at one of the next
     /// calls, and refuses to hand out the scene.
     ///
     /// # Errors
-    /// [`EngineError::Camera`], [`EngineError::Device`].
+    /// [`EngineError::Camera`], [`EngineError::Invalid`] if the image or its mask is not of the camera's size, or a curve that the engine does not
+    /// have, [`EngineError::Device`].
     fn train_step(&mut self, view: &View, step: &StepConfig) -> Result<StepReport, EngineError>;
 
     /// Waits for all steps on their way: to measure, or before a pause.

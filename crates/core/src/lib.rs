@@ -3,6 +3,7 @@
 //! No file, thread, SIMD lane or GPU is known here.
 
 mod camera;
+mod capture;
 mod color;
 mod colorspace;
 mod dataset;
@@ -15,6 +16,7 @@ pub mod noise;
 mod order;
 mod real;
 mod recolor;
+pub mod response;
 mod scene;
 pub mod sh;
 mod similarity;
@@ -23,6 +25,7 @@ pub mod synthetic;
 pub mod tone;
 
 pub use camera::{Camera, CameraError, Distortion, MAX_SIDE_PX};
+pub use capture::{NoiseModel, PixelValues};
 pub use color::{Activation, ColorBasis, ColorModel, DEAD_CHROMA_FLOOR, MAX_EXP_ARGUMENT, SH_OFFSET};
 pub use colorspace::{Chromaticities, ColorSpace, Conversion};
 pub use dataset::{BadPixels, Dataset, Mask, Observation, Point, View};
@@ -35,6 +38,7 @@ pub use engine::{
 pub use image::{Image, luminance_rec709, luminance_sum};
 pub use order::spatial_order;
 pub use real::Real;
+pub use response::{Knots, RESPONSE_KNOTS, Response, ToneCurve};
 pub use scene::{Scene, Snapshot};
 pub use similarity::{BandRotation, Similarity};
 pub use splats::{Moments, Splat, Splats, SplatsError, logit, sigmoid};

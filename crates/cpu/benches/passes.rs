@@ -13,8 +13,8 @@ use std::time::{Duration, Instant};
 
 use criterion::{Criterion, SamplingMode, criterion_group, criterion_main};
 use luxel_core::{
-    Activation, Antialias, ColorModel, Cutoffs, Engine, LearningRates, LossConfig, Pass, RasterConfig, RenderOptions, StatsCollection,
-    StepConfig, View, spatial_order, synthetic,
+    Activation, Antialias, ColorModel, Cutoffs, Engine, LearningRates, LossConfig, Pass, PixelValues, RasterConfig, RenderOptions,
+    StatsCollection, StepConfig, View, spatial_order, synthetic,
 };
 use luxel_cpu::CpuEngine;
 
@@ -46,7 +46,12 @@ impl Session {
         let image = Arc::new(engine.render(&camera, &render).unwrap());
         synthetic::perturb(&mut room, SEED);
         engine.load(&room.select(spatial_order(&room.position)), None).unwrap();
-        Self { engine, view: View { name: "room".into(), camera, image, mask: None }, render, step: 0 }
+        Self {
+            engine,
+            view: View { name: "room".into(), camera, image, values: PixelValues::Radiance, noise: None, mask: None },
+            render,
+            step: 0,
+        }
     }
 
     fn forward(&mut self) {

@@ -156,12 +156,15 @@ impl CpuEngine {
                 view.image.pixels.len()
             )));
         }
-        if let Some(found) = view.mask.as_ref().map(|mask| mask.valid.len()).filter(|found| *found != pixels) {
+        if let Some(found) = view.mask.as_ref().map(|mask| mask.weights.len()).filter(|found| *found != pixels) {
             return Err(EngineError::Invalid(format!("view {}: mask holds {found} pixels, the image {pixels}", view.name)));
+        }
+        if view.mask.as_ref().is_some_and(|mask| mask.total().is_none()) {
+            return Err(EngineError::Invalid(format!("view {}: mask: a weight is not a number from 0 to 1", view.name)));
         }
         self.forward(&camera);
         let Self { pool, level, frame, timings, .. } = self;
-        let LossSums { l1, ssim } = pool.install(|| {
+        let LossSums { l1, ssim, by_knots } = pool.install(|| {
             let mut clock = Clock::new(timings);
             let sums = frame.loss.loss(*level, &camera, &frame.pixels, view, &step.loss);
             clock.lap(Pass::Loss);
@@ -176,7 +179,7 @@ impl CpuEngine {
         });
         let weight = step.loss.ssim_weight;
         let loss = (1.0 - weight) * l1 + weight * (1.0 - ssim);
-        Ok((camera, StepReport { step: step.step, loss, l1, ssim, visible: frame.bins.visible() }))
+        Ok((camera, StepReport { step: step.step, loss, l1, ssim, visible: frame.bins.visible(), by_knots }))
     }
 }
 

@@ -9,7 +9,7 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Duration;
 
-use luxel_core::{Camera, ColorModel, EngineError, Pass, RenderOptions, Splats, StatsCollection, StepConfig, StepReport, View};
+use luxel_core::{Camera, ColorModel, EngineError, Pass, RenderOptions, Splats, StatsCollection, StepConfig, StepReport, ToneCurve, View};
 
 use crate::commands::{Commands, Timer};
 use crate::device::{Buffer, Gpu};
@@ -273,7 +273,7 @@ impl GpuEngine {
             Work::Render { .. } | Work::Contributions { .. } => None,
             Work::Train { view, step } | Work::Gradients { view, step, .. } => {
                 let target = targets.get(gpu, view)?;
-                let loss = loss_uniform(&step.loss, camera.size_px, target.valid, target.mask_bits.is_some());
+                let loss = loss_uniform((&step.loss, mu_of(step)?), camera.size_px, target.total, target.weights.is_some());
                 gpu.queue.write_buffer(&frame.loss.raw, 0, bytemuck::bytes_of(&loss));
                 let optimizer = optimizer_uniform(step, scene.count);
                 gpu.queue.write_buffer(&frame.optimizer.raw, 0, bytemuck::bytes_of(&optimizer));
@@ -345,7 +345,7 @@ fn view_sizes(view: &View, splats: usize) -> Sizes {
 }
 
 fn report_of(state: &State, step: u32) -> StepReport {
-    StepReport { step, loss: state.loss, l1: state.l1, ssim: state.ssim, visible: state.visible }
+    StepReport { step, loss: state.loss, l1: state.l1, ssim: state.ssim, visible: state.visible, by_knots: None }
 }
 
 /// Checks that a view is what it says.
@@ -363,8 +363,24 @@ fn check_view(view: &View) -> Result<(), EngineError> {
     if image.pixels.len() != pixels {
         return Err(EngineError::Invalid(format!("view {name}: image holds {} pixels, its size says {pixels}", image.pixels.len())));
     }
-    match view.mask.as_ref().map(|mask| mask.valid.len()).filter(|found| *found != pixels) {
-        Some(found) => Err(EngineError::Invalid(format!("view {name}: mask holds {found} pixels, the image {pixels}"))),
-        None => Ok(()),
+    let Some(mask) = &view.mask else { return Ok(()) };
+    if mask.weights.len() != pixels {
+        let found = mask.weights.len();
+        return Err(EngineError::Invalid(format!("view {name}: mask holds {found} pixels, the image {pixels}")));
+    }
+    match mask.total() {
+        None => Err(EngineError::Invalid(format!("view {name}: mask: a weight is not a number from 0 to 1"))),
+        Some(_) => Ok(()),
+    }
+}
+
+/// mu of the mu-law of a step's loss: the one curve this engine has.
+fn mu_of(step: &StepConfig) -> Result<f32, EngineError> {
+    match step.loss.curve {
+        ToneCurve::MuLaw { mu } => Ok(mu),
+        ToneCurve::Response(_) => {
+            let what = "gpu: pass loss: learning a camera's response from recordings is not in this engine";
+            Err(EngineError::Invalid(format!("{what}; use --device cpu")))
+        }
     }
 }

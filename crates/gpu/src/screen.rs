@@ -83,16 +83,17 @@ pub(crate) fn camera_uniform(
     }
 }
 
-/// The loss; means are over `valid` pixels for L1, over all for SSIM.
-pub(crate) fn loss_uniform(config: &LossConfig, size_px: [u32; 2], valid: usize, is_masked: bool) -> LossUniform {
-    let log = f64::from(config.mu).ln_1p();
+/// The loss under the mu-law of `mu`; means are over pixels whose weights sum to `total` for L1, over all for SSIM.
+pub(crate) fn loss_uniform((config, mu): (&LossConfig, f32), size_px: [u32; 2], total: f64, is_masked: bool) -> LossUniform {
+    let log = f64::from(mu).ln_1p();
     // The derivative of the mu-law at radiance 0.
-    let slope = f64::from(config.mu) / log;
+    let slope = f64::from(mu) / log;
     let weight = f64::from(config.ssim_weight);
-    let l1_mean = 1.0 / (3 * valid.max(1)) as f64;
+    // Of no pixel at all the mean is 0.
+    let l1_mean = 1.0 / (3.0 * if total > 0.0 { total } else { 1.0 });
     let ssim_mean = 1.0 / (3.0 * f64::from(size_px[0]) * f64::from(size_px[1]));
     LossUniform {
-        mu: config.mu,
+        mu,
         scale: (1.0 / log) as f32,
         ssim_weight: config.ssim_weight,
         l1_factor: (slope * (1.0 - weight) * l1_mean) as f32,

@@ -170,7 +170,7 @@ impl Recorder<'_> {
         let frame = self.frame;
         let grid = Groups::Grid(tiles(self.size_px));
         // Without a mask nobody reads the binding.
-        let mask = target.mask_bits.as_deref().unwrap_or(&target.pixels);
+        let mask = target.weights.as_deref().unwrap_or(&target.pixels);
         let inputs = [(0, &frame.camera), (1, &frame.loss), (2, &frame.pixels.image), (3, &*target.pixels), (4, mask)];
         let derivatives = (5, &frame.pixels.derivatives);
         let ssim: Vec<_> = inputs.into_iter().chain([derivatives, (6, &frame.pixels.group_sums)]).collect();

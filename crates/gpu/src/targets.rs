@@ -20,10 +20,10 @@ pub(crate) struct Target {
     last_used: u64,
     /// `[H*W,3]`.
     pub(crate) pixels: Arc<Buffer>,
-    /// One bit a pixel, if the view is masked.
-    pub(crate) mask_bits: Option<Arc<Buffer>>,
-    /// Pixels that take part.
-    pub(crate) valid: usize,
+    /// One number a pixel, if the view is masked.
+    pub(crate) weights: Option<Arc<Buffer>>,
+    /// Sum of the weights.
+    pub(crate) total: f64,
 }
 
 /// Images that are on the device.
@@ -53,7 +53,7 @@ impl Targets {
         let at = match at {
             Some(at) => at,
             None => {
-                self.make_room(12 * view.image.pixels.len() as u64);
+                self.make_room(bytes_of(view));
                 let target = match upload(gpu, view) {
                     Ok(target) => target,
                     // Perhaps the others are what fills the memory.
@@ -93,20 +93,22 @@ impl Targets {
     }
 }
 
+/// Room of an image and its weights.
+fn bytes_of(view: &View) -> u64 {
+    12 * view.image.pixels.len() as u64 + view.mask.as_ref().map_or(0, |mask| 4 * mask.weights.len() as u64)
+}
+
 fn upload(gpu: &Gpu, view: &View) -> Result<Target, EngineError> {
     let values: &[f32] = view.image.pixels.as_flattened();
-    let bytes = 4 * values.len() as u64;
-    let pixels = gpu.storage("target image", bytes)?;
+    let pixels = gpu.storage("target image", 4 * values.len() as u64)?;
     gpu.queue.write_buffer(&pixels.raw, 0, bytemuck::cast_slice(values));
-    let mut valid = view.image.pixels.len();
-    let mask_bits = match &view.mask {
+    let mut total = view.image.pixels.len() as f64;
+    let weights = match &view.mask {
         None => None,
         Some(mask) => {
-            valid = mask.valid.iter().filter(|valid| **valid).count();
-            let word = |bits: &[bool]| bits.iter().enumerate().fold(0u32, |word, (n, valid)| word | u32::from(*valid) << n);
-            let words: Vec<u32> = mask.valid.chunks(32).map(word).collect();
-            let buffer = gpu.storage("mask", 4 * words.len() as u64)?;
-            gpu.queue.write_buffer(&buffer.raw, 0, bytemuck::cast_slice(&words));
+            total = mask.weights.iter().map(|weight| f64::from(*weight)).sum();
+            let buffer = gpu.storage("mask", 4 * mask.weights.len() as u64)?;
+            gpu.queue.write_buffer(&buffer.raw, 0, bytemuck::cast_slice(&mask.weights));
             Some(Arc::new(buffer))
         }
     };
@@ -114,10 +116,10 @@ fn upload(gpu: &Gpu, view: &View) -> Result<Target, EngineError> {
     Ok(Target {
         image: Arc::downgrade(&view.image),
         mask: view.mask.as_ref().map(Arc::downgrade),
-        bytes,
+        bytes: bytes_of(view),
         last_used: 0,
         pixels: Arc::new(pixels),
-        mask_bits,
-        valid,
+        weights,
+        total,
     })
 }

@@ -29,8 +29,8 @@ pub use checkpoint::{
     prune_checkpoints, read_checkpoint, write_checkpoint,
 };
 pub use dataset::{
-    DatasetFormat, LoadOptions, SplitLists, Transforms, TransformsFrame, UnknownFormat, colmap, detect_format, load_dataset, parse_split,
-    parse_transforms,
+    DatasetFormat, Exposures, LoadOptions, MaskSource, SplitLists, Supervision, Transforms, TransformsFrame, UnknownFormat, colmap,
+    detect_format, load_dataset, parse_split, parse_transforms,
 };
 pub use error::{IoError, IoErrorKind};
 pub use gltf::{decode_glb, encode_glb, read_glb, write_glb};

@@ -7,15 +7,15 @@ mod choices;
 mod preset;
 mod validate;
 
-pub use choices::{CutoffPreset, Method, ScaleRule, Strategy};
+pub use choices::{CutoffPreset, ExposureCompensation, Method, ScaleRule, Strategy};
 pub use preset::Preset;
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Command, FromArgMatches};
-use luxel_core::{Activation, Antialias, ColorModel, Cutoffs, LossConfig, RasterConfig};
+use luxel_core::{Activation, Antialias, ColorModel, Cutoffs, LossConfig, RasterConfig, ToneCurve};
 use serde::{Deserialize, Serialize};
 
-use crate::{ResolutionSchedule, TrainError};
+use crate::{NoiseChoice, ResolutionSchedule, TrainError};
 
 /// Options of training.
 #[derive(Clone, Debug, PartialEq, Args, Serialize, Deserialize)]
@@ -68,6 +68,19 @@ pub struct TrainConfig {
     /// Weight of 1 - SSIM in the loss, 0 to 1; L1 has the rest
     #[arg(long, value_name = "WEIGHT", default_value_t = 0.2, help_heading = "Radiance and loss")]
     pub ssim_weight: f32,
+
+    /// Gains of the training images found beside the scene, where exposure or white balance drifts between them. Their mean over the images is
+    /// held at 1, so that no cast goes into the scene
+    #[arg(long, value_enum, default_value_t, help_heading = "Captures")]
+    pub exposure_compensation: ExposureCompensation,
+    /// Noise of the training images, by which their pixels are weighted: auto (as the data set states it, which few do), off, or READ,SHOT in
+    /// the units of the images: the variance of radiance p is READ^2 + SHOT p
+    #[arg(long, value_name = "MODEL", default_value_t, help_heading = "Captures")]
+    pub noise_model: NoiseChoice,
+    /// Value that a camera records of the unit exposure (radiance times seconds = 1), above 0 and below 1: what fixes the scale of radiance under
+    /// --supervision ldr. HDR-NeRF takes 0.73 for its synthetic scenes and 0.5 for real ones
+    #[arg(long, value_name = "VALUE", default_value_t = 0.5, help_heading = "Captures")]
+    pub unit_exposure: f32,
 
     /// Treatment of splats smaller than a pixel: 3DGS's dilation, or Mip-splatting's filters
     #[arg(long, value_parser = antialias_parser(), default_value = "off", help_heading = "Rasteriser")]
@@ -280,7 +293,7 @@ impl TrainConfig {
             Strategy::Adc => (0.0, 0.0),
             Strategy::Mcmc => (self.mcmc_opacity_weight, self.mcmc_scale_weight),
         };
-        LossConfig { mu: self.mu, ssim_weight: self.ssim_weight, opacity_weight, scale_weight }
+        LossConfig { curve: ToneCurve::MuLaw { mu: self.mu }, ssim_weight: self.ssim_weight, opacity_weight, scale_weight }
     }
 
     /// Opacity of splats at the start.

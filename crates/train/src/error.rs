@@ -17,7 +17,7 @@ pub enum TrainError {
     #[error("the data set has no training views; check its split")]
     NoTrainViews,
     /// All training pixels are masked.
-    #[error("no training view has a valid pixel; all are masked out as NaN, infinite or negative")]
+    #[error("no training view has a valid pixel; all are masked, by their masks or as NaN, infinite or negative")]
     NoPixels,
     /// All training pixels are zero.
     #[error(
@@ -71,6 +71,32 @@ pub enum TrainError {
         view: String,
         /// Why not.
         source: luxel_core::metrics::MetricsError,
+    },
+    /// Some training images are radiance, some recorded values.
+    #[error(
+        "view {radiance} is of radiance, view {recorded} of recorded values; train on one kind: choose by --supervision, or move the others out"
+    )]
+    MixedValues {
+        /// Name of a view of radiance.
+        radiance: String,
+        /// Name of a view of recorded values.
+        recorded: String,
+    },
+    /// An exposure that no image has.
+    #[error("view {view}: an exposure of {exposure_s} s, expected a number above 0")]
+    Exposure {
+        /// Name of the view.
+        view: String,
+        /// Seconds.
+        exposure_s: f32,
+    },
+    /// A view of recorded values, and no response to compare them through.
+    #[error(
+        "view {view}: its values are recorded ones, and there is no response of the camera to compare them through; compare with radiance"
+    )]
+    NoResponse {
+        /// Name of the view.
+        view: String,
     },
     /// The optimisation diverged.
     #[error(

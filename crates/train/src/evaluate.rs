@@ -3,13 +3,35 @@
 //! In: an engine with the scene loaded, views in the data set's units, the radiance scale; out: figures per view and their mean, and
 //! the error by luminance over all views. Views are rendered one after another, the engine being parallel in itself, and measured some at a
 //! time, one a thread, with LPIPS one by one; predictions are handed out in the order of the views, and no more than a batch is held.
+//!
+//! Views of recorded values are compared with what the camera's response makes of the render, in its own values without a mu-law; figures that need
+//! radiance are left out of them. Where images and scene differ by a gain that is nobody's fault ([`GainFit`]), figures after its removal stand beside
+//! those as it is.
 
 use luxel_core::metrics::{FieldMetrics, FieldOptions, LuminanceProfile, ViewMetrics, field_metrics, psnr_scene, view_metrics};
-use luxel_core::{Engine, Image, RenderOptions, View};
+use luxel_core::{Engine, Image, Knots, PixelValues, RenderOptions, Response, View};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use crate::config::ExposureCompensation;
+use crate::gains::log_ratio_of_view;
+use crate::recorded::record;
 use crate::{Lpips, TrainError};
+
+/// mu of a mu-law that is a straight line to the last digit: recorded values are compared as they are.
+const LINEAR_MU: f32 = 1e-6;
+
+/// What is taken out of predictions before they are measured: gains by channel, medians of image over render.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum GainFit {
+    /// Nothing.
+    #[default]
+    None,
+    /// One gain for all views: a scale that nothing fixes, as of radiance from recordings.
+    Common,
+    /// A gain of each view: exposure and white balance that drift.
+    PerView,
+}
 
 /// How views are measured.
 #[derive(Clone, Copy, Debug)]
@@ -22,12 +44,16 @@ pub struct Measures<'a> {
     pub field: FieldOptions,
     /// The network of the user's weights, if there is one.
     pub lpips: Option<&'a Lpips>,
+    /// The response of the camera that recorded the views of recorded values.
+    pub response: Option<&'a Knots>,
+    /// What is taken out of the predictions.
+    pub gain_fit: GainFit,
 }
 
 impl Measures<'_> {
     /// With the default display, without HDR-FLIP and LPIPS, of images in linear Rec.709.
     pub fn new(radiance_scale: f32, mu: f32) -> Self {
-        Self { radiance_scale, mu, field: FieldOptions::default(), lpips: None }
+        Self { radiance_scale, mu, field: FieldOptions::default(), lpips: None, response: None, gain_fit: GainFit::None }
     }
 
     /// Views that are measured side by side. A network is parallel in itself, and its features of one view may fill gigabytes.
@@ -91,11 +117,12 @@ impl From<SplitMetrics> for SplitFile {
     }
 }
 
-/// Renders and measures `views`. `each` gets every view with its prediction in normalised units. Views without a valid pixel are left
+/// Renders and measures `views`. `each` gets every view with its prediction in normalised units, or as it is recorded. Views without a valid pixel are left
 /// out, with a warning; of no views the means are 0.
 ///
 /// # Errors
-/// [`TrainError::Engine`] if a view cannot be rendered, [`TrainError::Metrics`] if a render is not finite.
+/// [`TrainError::Engine`] if a view cannot be rendered, [`TrainError::Metrics`] if a render is not finite, [`TrainError::NoResponse`] for a view of
+/// recorded values without a response.
 pub fn evaluate(
     engine: &mut dyn Engine,
     options: &RenderOptions,
@@ -106,10 +133,23 @@ pub fn evaluate(
     let mut named = Vec::with_capacity(views.len());
     let mut profile = LuminanceProfile::default();
     let measured: Vec<&View> = views.iter().filter(|view| has_valid_pixel(view)).collect();
+    let common = match measures.gain_fit {
+        GainFit::Common => common_gain(engine, options, measures.radiance_scale, &measured)?,
+        GainFit::None | GainFit::PerView => [1.0; 3],
+    };
     for batch in measured.chunks(measures.batch()) {
         let mut pairs = Vec::with_capacity(batch.len());
         for view in batch {
-            pairs.push((*view, engine.render(&view.camera, options)?));
+            let mut prediction = engine.render(&view.camera, options)?;
+            match measures.gain_fit {
+                GainFit::None => {}
+                GainFit::Common => multiply(&mut prediction, common),
+                GainFit::PerView => {
+                    let gain = log_gain(&prediction, view, measures.radiance_scale).map_or([1.0; 3], |log| log.map(f32::exp));
+                    multiply(&mut prediction, gain);
+                }
+            }
+            pairs.push((*view, seen_by(view, prediction, measures.radiance_scale, measures.response)?));
         }
         let figures: Vec<_> = pairs.par_iter().map(|(view, prediction)| measure(view, prediction, measures)).collect();
         // In the order of the views: sums come out the same for any number of threads, and the first error is reported.
@@ -117,48 +157,96 @@ pub fn evaluate(
             let (metrics, field, of_view) = figures?;
             profile.merge(&of_view);
             each(view, prediction, &metrics);
-            named.push(NamedMetrics { name: view.name.clone(), metrics, field: Some(field) });
+            named.push(NamedMetrics { name: view.name.clone(), metrics, field });
         }
     }
     let all: Vec<ViewMetrics> = named.iter().map(|view| view.metrics).collect();
-    let fields: Vec<FieldMetrics> = named.iter().filter_map(|view| view.field.clone()).collect();
+    let fields: Option<Vec<FieldMetrics>> = named.iter().map(|view| view.field.clone()).collect();
     let mean = ViewMetrics::mean(&all).unwrap_or_default();
-    Ok(SplitMetrics { mean, mean_field: FieldMetrics::mean(&fields), views: named, profile })
+    let mean_field = fields.and_then(|fields| FieldMetrics::mean(&fields));
+    Ok(SplitMetrics { mean, mean_field, views: named, profile })
+}
+
+/// ln of the gain of a view's image over its render, by channel; `None` of recorded values, or of too few pixels to tell.
+fn log_gain(render: &Image, view: &View, radiance_scale: f32) -> Option<[f32; 3]> {
+    if view.values != PixelValues::Radiance {
+        return None;
+    }
+    let target = View { image: std::sync::Arc::new(normalised(view, radiance_scale)), ..view.clone() };
+    log_ratio_of_view(render, &target, ExposureCompensation::Color)
+}
+
+/// The one gain of all views over their renders: of the mean of their logarithms.
+fn common_gain(engine: &mut dyn Engine, options: &RenderOptions, radiance_scale: f32, views: &[&View]) -> Result<[f32; 3], TrainError> {
+    let (mut sum, mut count) = ([0.0f64; 3], 0usize);
+    for view in views {
+        if let Some(log) = log_gain(&engine.render(&view.camera, options)?, view, radiance_scale) {
+            sum = [0, 1, 2].map(|c| sum[c] + f64::from(log[c]));
+            count += 1;
+        }
+    }
+    Ok(sum.map(|sum| (sum / count.max(1) as f64).exp() as f32))
+}
+
+fn multiply(image: &mut Image, gain: [f32; 3]) {
+    for pixel in &mut image.pixels {
+        *pixel = [pixel[0] * gain[0], pixel[1] * gain[1], pixel[2] * gain[2]];
+    }
+}
+
+/// A render in normalised units as the view's image has it: radiance, or what is recorded of it.
+fn seen_by(view: &View, render: Image, radiance_scale: f32, response: Option<&Knots>) -> Result<Image, TrainError> {
+    match (view.values, response) {
+        (PixelValues::Radiance, _) => Ok(render),
+        (PixelValues::Recorded { exposure_s }, Some(knots)) => {
+            Ok(record(&render, &Response { knots: *knots, exposure: [radiance_scale * exposure_s; 3] }))
+        }
+        (PixelValues::Recorded { .. }, None) => Err(TrainError::NoResponse { view: view.name.clone() }),
+    }
 }
 
 /// PSNR of one view by protocol `scene`, dB, for progress; `None` for a view without a valid pixel.
 ///
 /// # Errors
 /// As [`evaluate`].
-pub fn probe(
-    engine: &mut dyn Engine,
-    options: &RenderOptions,
-    radiance_scale: f32,
-    mu: f32,
-    view: &View,
-) -> Result<Option<f64>, TrainError> {
+pub fn probe(engine: &mut dyn Engine, options: &RenderOptions, measures: &Measures<'_>, view: &View) -> Result<Option<f64>, TrainError> {
     if !(0..view.image.pixels.len()).any(|i| view.is_valid(i)) {
         return Ok(None);
     }
-    let prediction = engine.render(&view.camera, options)?;
-    let target = normalised(view, radiance_scale);
+    let prediction = seen_by(view, engine.render(&view.camera, options)?, measures.radiance_scale, measures.response)?;
+    let (target, mu) = (normalised(view, measures.radiance_scale), mu_of(view, measures));
     psnr_scene(&prediction, &target, view.mask.as_deref(), mu).map(Some).map_err(|source| failed(view, source))
 }
 
-fn measure(view: &View, prediction: &Image, measures: &Measures<'_>) -> Result<(ViewMetrics, FieldMetrics, LuminanceProfile), TrainError> {
+/// mu of the mu-law that the view's values are compared under.
+fn mu_of(view: &View, measures: &Measures<'_>) -> f32 {
+    match view.values {
+        PixelValues::Radiance => measures.mu,
+        PixelValues::Recorded { .. } => LINEAR_MU,
+    }
+}
+
+type Figures = (ViewMetrics, Option<FieldMetrics>, LuminanceProfile);
+
+fn measure(view: &View, prediction: &Image, measures: &Measures<'_>) -> Result<Figures, TrainError> {
     let (target, mask) = (normalised(view, measures.radiance_scale), view.mask.as_deref());
-    let (metrics, profile) = view_metrics(prediction, &target, mask, measures.mu).map_err(|source| failed(view, source))?;
+    let (metrics, profile) = view_metrics(prediction, &target, mask, mu_of(view, measures)).map_err(|source| failed(view, source))?;
+    if view.values != PixelValues::Radiance {
+        return Ok((metrics, None, LuminanceProfile::default()));
+    }
     let mut field = field_metrics(prediction, &target, mask, &measures.field).map_err(|source| failed(view, source))?;
     if let Some(lpips) = measures.lpips {
         let distance = lpips.of_radiance(prediction, &target, mask, measures.mu, measures.field.color_space);
         lpips.record(distance.map_err(|source| TrainError::Lpips { view: view.name.clone(), source })?, &mut field);
     }
-    Ok((metrics, field, profile))
+    Ok((metrics, Some(field), profile))
 }
 
 fn normalised(view: &View, radiance_scale: f32) -> Image {
     let mut target = Image::clone(&view.image);
-    target.scale(1.0 / radiance_scale);
+    if view.values == PixelValues::Radiance {
+        target.scale(1.0 / radiance_scale);
+    }
     target
 }
 

@@ -4,12 +4,16 @@
 //! random comes from one seed, so that equal inputs give equal scenes on an engine that is deterministic, and a [`luxel_core::Snapshot`]
 //! holds all that is needed to go on bit for bit.
 
+mod camera_response;
 mod config;
 pub mod densify;
 mod error;
 mod evaluate;
+mod gains;
 mod init;
 mod lpips;
+mod noise;
+mod recorded;
 mod resolution;
 mod scale;
 mod schedule;
@@ -20,11 +24,14 @@ mod testing;
 mod trainer;
 mod views;
 
-pub use config::{CutoffPreset, MCMC_DEFAULT_MAX_SPLATS, Method, Preset, ScaleRule, Strategy, TrainConfig, parse_rgb};
+pub use config::{
+    CutoffPreset, ExposureCompensation, MCMC_DEFAULT_MAX_SPLATS, Method, Preset, ScaleRule, Strategy, TrainConfig, parse_rgb,
+};
 pub use error::TrainError;
-pub use evaluate::{Measures, NamedMetrics, SplitMetrics, evaluate, probe};
+pub use evaluate::{GainFit, Measures, NamedMetrics, SplitMetrics, evaluate, probe};
 pub use init::initialise;
 pub use lpips::{Lpips, LpipsError, LpipsNetwork, Tensors};
+pub use noise::NoiseChoice;
 pub use resolution::{ResolutionSchedule, Stage};
 pub use scale::choose_radiance_scale;
 pub use schedule::{ABSGRAD_OPACITY_CAP, RESET_OPACITY, Schedule};

@@ -6,6 +6,10 @@ use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
 
+use crate::camera_response::CameraResponse;
+use crate::config::ExposureCompensation;
+use crate::gains::Gains;
+use crate::recorded::is_recorded;
 use crate::{TrainConfig, TrainError};
 
 /// Format of [`State`]: another one is refused with a clear message rather than misread.
@@ -25,6 +29,12 @@ pub(crate) struct State {
     pub(crate) radiance_scale: f32,
     pub(crate) fingerprint: String,
     pub(crate) rng: Pcg64Mcg,
+    /// Of the training images; `None`: not compensated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) gains: Option<Gains>,
+    /// Of the camera that recorded the images; `None`: they are radiance.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) response: Option<CameraResponse>,
     /// Permutation of the training views that is being gone through.
     order: Vec<u32>,
     /// Views of it that have been used.
@@ -36,11 +46,13 @@ pub(crate) struct Start {
     pub(crate) config: TrainConfig,
     pub(crate) extent: f32,
     pub(crate) radiance_scale: f32,
+    pub(crate) response: Option<CameraResponse>,
 }
 
 impl State {
     pub(crate) fn new(dataset: &Dataset, start: Start) -> Self {
-        let Start { config, extent, radiance_scale } = start;
+        let Start { config, extent, radiance_scale, response } = start;
+        let gains = (config.exposure_compensation != ExposureCompensation::Off).then(|| Gains::ones(dataset.train.len()));
         Self {
             version: VERSION,
             planned_iterations: config.iterations,
@@ -49,6 +61,8 @@ impl State {
             radiance_scale,
             fingerprint: dataset.fingerprint.clone(),
             rng: Pcg64Mcg::seed_from_u64(config.seed),
+            gains,
+            response,
             order: (0u32..).take(dataset.train.len()).collect(),
             // At the end: the first step shuffles.
             cursor: dataset.train.len(),
@@ -90,6 +104,16 @@ impl State {
         sorted.sort_unstable();
         if !sorted.iter().copied().eq((0u32..).take(dataset.train.len())) || state.cursor > state.order.len() {
             return Err(TrainError::State(format!("the order of views is not one of the data set's {} views", dataset.train.len())));
+        }
+        if let Some(gains) = &state.gains {
+            gains.validate(dataset.train.len())?;
+        }
+        if let Some(response) = &state.response {
+            response.validate()?;
+        }
+        let (is_compensated, wanted) = (state.gains.is_some(), state.config.exposure_compensation != ExposureCompensation::Off);
+        if is_compensated != wanted || state.response.is_some() != is_recorded(&dataset.train)? {
+            return Err(TrainError::State("gains or a camera's response are missing, or are there without being asked for".to_owned()));
         }
         Ok(state)
     }

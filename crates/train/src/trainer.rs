@@ -2,17 +2,22 @@
 //!
 //! In: a data set, a configuration, an engine; out: a scene in normalised units. A step takes the next view of a shuffled round,
 //! updates all parameters, and, where the schedule says so, adds and removes splats. Everything random is drawn from the state's
-//! generator in a fixed order.
+//! generator in a fixed order. Beside the scene, where asked for: gains of the images ([`crate::gains`]), the camera's response
+//! ([`crate::camera_response`]).
 
 use std::collections::VecDeque;
 
 use luxel_core::{
-    Antialias, ColorSpace, Dataset, DensifyPlan, Engine, Moments, PlanRow, PositionNoise, RenderOptions, Scene, Snapshot, StatsCollection,
-    StepConfig, StepReport, View, logit, spatial_order,
+    Antialias, ColorSpace, Dataset, DensifyPlan, Engine, Knots, Moments, PlanRow, PositionNoise, RenderOptions, Scene, Snapshot,
+    StatsCollection, StepConfig, StepReport, View, logit, spatial_order,
 };
 
+use crate::camera_response::{CameraResponse, exposure_of};
 use crate::config::Strategy;
 use crate::densify::{adc::Adc, mcmc::Mcmc};
+use crate::gains::{Gains, log_ratio, log_ratio_of_view};
+use crate::noise::Seen;
+use crate::recorded::{as_radiance, curve, is_recorded, radiance_of};
 use crate::state::{Start, State};
 use crate::views::TrainingViews;
 use crate::{Schedule, TrainConfig, TrainError, choose_radiance_scale, initialise, smoothing};
@@ -45,16 +50,20 @@ impl Trainer {
     pub fn new(dataset: &Dataset, config: TrainConfig, mut engine: Box<dyn Engine>) -> Result<Self, TrainError> {
         config.validate()?;
         check_views(dataset)?;
+        let response = is_recorded(&dataset.train)?.then(|| CameraResponse::new(config.unit_exposure, &dataset.train));
+        let radiance = response.as_ref().map(|response| as_radiance(dataset, &response.knots()));
+        let start = radiance.as_ref().unwrap_or(dataset);
         let radiance_scale = match config.radiance_scale {
             Some(scale) => scale,
-            None => choose_radiance_scale(&dataset.train, config.scale_rule)?,
+            None => choose_radiance_scale(&start.train, config.scale_rule)?,
         };
-        let initial = initialise(dataset, &config, radiance_scale)?;
+        let initial = initialise(start, &config, radiance_scale)?;
+        drop(radiance);
         let splats = initial.select(spatial_order(&initial.position));
         let extent = scene_extent(&dataset.train, &splats.position);
         engine.load(&splats, None)?;
         tracing::info!(splats = splats.len(), radiance_scale, extent, model = config.color_model().name(), "initialised");
-        let mut trainer = Self::assemble(dataset, State::new(dataset, Start { config, extent, radiance_scale }), engine);
+        let mut trainer = Self::assemble(dataset, State::new(dataset, Start { config, extent, radiance_scale, response }), engine);
         if trainer.state.config.antialias == Antialias::Mip {
             trainer.update_smoothing()?;
         }
@@ -82,7 +91,8 @@ impl Trainer {
         let schedule = Schedule::new(config, state.planned_iterations, state.extent);
         let side_px = dataset.train.iter().flat_map(|view| view.camera.size_px).min().unwrap_or(1);
         let stages = config.resolution_schedule.stages(state.planned_iterations, config.densify_interval, side_px);
-        let views = TrainingViews::new(&dataset.train, stages, state.radiance_scale);
+        let seen = Seen { radiance_scale: state.radiance_scale, mu: config.mu };
+        let views = TrainingViews::new(&dataset.train, stages, config.noise_model, seen);
         Self { engine, views, color_space: dataset.color_space, schedule, state, recent: VecDeque::new() }
     }
 
@@ -154,8 +164,13 @@ impl Trainer {
     pub fn step(&mut self) -> Result<StepReport, TrainError> {
         let step = self.state.iteration.saturating_add(1);
         let index = self.state.next_view();
-        let config = self.step_config(step);
-        let view = self.views.at(step, index).ok_or(TrainError::NoTrainViews)?;
+        let mut config = self.step_config(step);
+        let gain = self.gain(index);
+        let view = self.views.at(step, index, gain).ok_or(TrainError::NoTrainViews)?;
+        if let Some(response) = &self.state.response {
+            let curve = curve(view, &response.knots(), self.state.radiance_scale, gain);
+            config.loss.curve = curve.unwrap_or(config.loss.curve);
+        }
         let report = self.engine.train_step(view, &config)?;
         if self.recent.len() == RECENT {
             self.recent.pop_front();
@@ -167,9 +182,51 @@ impl Trainer {
             let (step, view) = of_report.cloned().unwrap_or((step, String::new()));
             return Err(TrainError::NotFinite { step, view });
         }
+        if let (Some(response), Some(by_knots)) = (&mut self.state.response, &report.by_knots) {
+            response.update(by_knots, f64::from(step) / f64::from(self.state.planned_iterations.max(1)));
+        }
+        self.measure_gain(step, index)?;
         self.densify(step)?;
         self.state.iteration = step;
         Ok(report)
+    }
+
+    /// Gain of training view `index`.
+    fn gain(&self, index: usize) -> [f32; 3] {
+        self.state.gains.as_ref().map_or([1.0; 3], |gains| gains.of(index))
+    }
+
+    /// Moves the gain of view `index`, if it is its turn after `step`.
+    fn measure_gain(&mut self, step: u32, index: usize) -> Result<(), TrainError> {
+        let (kind, options, gain) = (self.state.config.exposure_compensation, self.render_options_of(step), self.gain(index));
+        let Some(gains) = self.state.gains.as_mut().filter(|gains| gains.measures_after(step)) else { return Ok(()) };
+        let Some(view) = self.views.at(step, index, gain) else { return Ok(()) };
+        let render = self.engine.render(&view.camera, &options)?;
+        let found = match (&self.state.response, exposure_of(view)) {
+            (Some(response), Some(exposure_s)) => {
+                let (knots, scale) = (response.knots(), self.state.radiance_scale);
+                let radiance = |i: usize, c: usize| {
+                    let value = view.image.pixels.get(i).filter(|_| view.is_valid(i))?[c];
+                    Some(radiance_of(value, c, &knots, exposure_s)? / (scale * gain[c]))
+                };
+                log_ratio(&render, radiance, kind)
+            }
+            _ => log_ratio_of_view(&render, view, kind),
+        };
+        if let Some(found) = found {
+            gains.shift(index, found);
+        }
+        Ok(())
+    }
+
+    /// ln gain of every training view by channel, in the order of the views; `None` if they are not compensated.
+    pub fn log_gains(&self) -> Option<&[[f32; 3]]> {
+        self.state.gains.as_ref().map(Gains::logs)
+    }
+
+    /// The response of the camera that recorded the training images; `None` if they are radiance.
+    pub fn response(&self) -> Option<Knots> {
+        self.state.response.as_ref().map(CameraResponse::knots)
     }
 
     fn step_config(&self, step: u32) -> StepConfig {
@@ -290,7 +347,7 @@ fn check_views(dataset: &Dataset) -> Result<(), TrainError> {
     for view in &dataset.train {
         view.camera.validate().map_err(|source| TrainError::Camera { view: view.name.clone(), source })?;
         let (image, [camera_width, camera_height]) = (&view.image, view.camera.size_px);
-        let mask = view.mask.as_ref().map_or(image.pixels.len(), |mask| mask.valid.len());
+        let mask = view.mask.as_ref().map_or(image.pixels.len(), |mask| mask.weights.len());
         let expected = camera_width as usize * camera_height as usize;
         let sizes = [image.width, image.height, image.pixels.len(), mask];
         if sizes != [camera_width as usize, camera_height as usize, expected, expected] {

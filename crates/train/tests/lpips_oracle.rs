@@ -88,7 +88,7 @@ fn radiance_is_shown_under_the_mu_law_and_masked_pixels_do_not_count() {
     assert!((of(&prediction, &target, None) / before - 1.0).abs() < 1e-4, "the unit of radiance matters");
     let mut spoilt = target.clone();
     spoilt.pixels[7] = [f32::NAN, 1e9, -3.0];
-    let mask = Mask { valid: (0..40 * 33).map(|i| i != 7).collect() };
+    let mask = Mask::of_valid((0..40 * 33).map(|i| i != 7));
     assert_eq!(of(&spoilt, &target, Some(&mask)), 0.0);
     assert_eq!(of(&target, &spoilt, Some(&mask)), 0.0);
     let black = Image::filled(40, 33, [0.0; 3]);

@@ -75,7 +75,7 @@ fn config(args: &DemoArgs) -> RunConfig {
         luxel_version: env!("CARGO_PKG_VERSION").into(),
         made_by: MadeBy::Demo,
         dataset: DATASET_FOLDER.into(),
-        load: LoadArgs { format: None, transfer: None, color_space: None, downscale: 1 },
+        load: LoadArgs::of_radiance(),
         device: args.device.clone(),
         run: RunArgs { checkpoint_every: 0, keep_checkpoints: 1, eval_at: Vec::new(), eval_every: None },
         train: TrainConfig { iterations: args.iterations, method: args.method, ..TrainConfig::default() },

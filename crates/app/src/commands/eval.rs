@@ -4,7 +4,9 @@ use std::collections::BTreeMap;
 
 use anyhow::{Context, Result, bail};
 use luxel_core::RenderOptions;
+use luxel_train::GainFit;
 
+use crate::captures::Captures;
 use crate::cli::EvalArgs;
 use crate::console::{self, Console, LogFormat};
 use crate::engine::Chosen;
@@ -40,14 +42,19 @@ pub(crate) fn run(args: &EvalArgs) -> Result<()> {
         peak_luminance: args.peak_luminance,
         flip: args.metrics.into(),
         lpips: lpips.as_ref(),
+        response: Captures::read(&folder)?.response(),
     };
     let images = folder.evaluation(iteration);
     let mut splits = BTreeMap::new();
     for (name, views, images) in [("test", &dataset.test, Some(images.as_path())), ("train", &dataset.train, None)] {
-        if let Some(split) = rendering.evaluate(views, images)? {
+        if let Some(split) = rendering.evaluate(views, images, GainFit::None)? {
             console::print(&evaluation::table(name, &split))?;
             splits.insert(name.to_owned(), split);
         }
+    }
+    for (name, split) in rendering.evaluate_fitted(&config, &dataset.test)? {
+        console::print(&evaluation::table(name, &split))?;
+        splits.insert(name.to_owned(), split);
     }
     let log = run_log::read(&folder.log())?;
     let spent = log.iter().rev().find(|record| record.iteration <= iteration);

@@ -126,7 +126,7 @@ pub(crate) fn fresh(
     console: &mut Console,
     make_room: impl FnOnce() -> Result<RunLock>,
 ) -> Result<TrainedRun> {
-    let Chosen { engine, threads, machine, .. } = engine::engine(&config.device)?;
+    let Chosen { engine, threads, machine, .. } = engine::training_engine(&config)?;
     let dataset = data::load(&config.dataset_path(folder.root()), &config.load, console)?;
     let trainer = Trainer::new(&dataset, config.train.clone(), engine).context("cannot start training")?;
     let lock = make_room()?;
@@ -136,7 +136,7 @@ pub(crate) fn fresh(
 
 /// A run from its newest checkpoint.
 fn resume(config: RunConfig, folder: &RunFolder, console: &mut Console) -> Result<TrainedRun> {
-    let Chosen { engine, threads, machine, .. } = engine::engine(&config.device)?;
+    let Chosen { engine, threads, machine, .. } = engine::training_engine(&config)?;
     let lock = folder.lock()?;
     let dataset = data::load(&config.dataset_path(folder.root()), &config.load, console)?;
     let trainer = match run_state::take_checkpoint(folder, console)? {

@@ -89,7 +89,7 @@ pub(super) fn mu_error(prediction: [f32; 3], target: [f32; 3], mu: f32) -> f32 {
 }
 
 pub(super) fn is_valid(mask: Option<&Mask>, i: usize) -> bool {
-    mask.is_none_or(|mask| mask.valid.get(i).copied().unwrap_or(false))
+    mask.is_none_or(|mask| mask.is_valid(i))
 }
 
 /// Colour of `share` 0 to 1; outside, and for NaN, the nearer end.
@@ -213,7 +213,7 @@ mod tests {
     fn masked_pixels_are_grey_and_do_not_dilute_the_mean() {
         let target = Image::filled(2, 1, [0.0; 3]);
         let prediction = Image::filled(2, 1, [1.0; 3]);
-        let mask = Mask { valid: vec![true, false] };
+        let mask = Mask::of_valid(vec![true, false]);
         let decode = |picture: Picture| {
             let png = BASE64_STANDARD.decode(picture.uri.trim_start_matches("data:image/png;base64,")).unwrap();
             image::load_from_memory(&png).unwrap().to_rgb8().into_raw()

@@ -236,7 +236,7 @@ impl<'a> Pair<'a> {
         if size(prediction) != size(target) || prediction.pixels.len() != expected {
             return Err(MetricsError::Size { prediction: size(prediction), target: size(target) });
         }
-        if let Some(found) = mask.map(|mask| mask.valid.len()).filter(|&found| found != expected) {
+        if let Some(found) = mask.map(|mask| mask.weights.len()).filter(|&found| found != expected) {
             return Err(MetricsError::Mask { found, expected });
         }
         let pair = Self { prediction, target, mask, valid_count: 0 };
@@ -255,7 +255,7 @@ impl<'a> Pair<'a> {
     }
 
     fn is_valid(&self, i: usize) -> bool {
-        self.mask.is_none_or(|mask| mask.valid[i])
+        self.mask.is_none_or(|mask| mask.is_valid(i))
     }
 
     fn valid(&self) -> impl Iterator<Item = ([f32; 3], [f32; 3])> {

@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DQuat, DVec2, DVec3};
 use luxel_core::{
-    Antialias, Camera, ColorModel, Cutoffs, Distortion, Image, LearningRates, LossConfig, Mask, RasterConfig, RenderOptions, SH_OFFSET,
-    Splat, Splats, StatsCollection, StepConfig, View, noise, sh,
+    Antialias, Camera, ColorModel, Cutoffs, Distortion, Image, LearningRates, LossConfig, Mask, PixelValues, RasterConfig, RenderOptions,
+    SH_OFFSET, Splat, Splats, StatsCollection, StepConfig, View, noise, sh,
 };
 
 /// Counter-based random numbers.
@@ -137,8 +137,17 @@ pub fn view(camera: &Camera, masked: bool, seed: u64) -> View {
         name: "images/000".into(),
         camera: camera.clone(),
         image: Arc::new(Image { width, height, pixels }),
-        mask: masked.then(|| Arc::new(Mask { valid })),
+        values: PixelValues::Radiance,
+        noise: None,
+        mask: masked.then(|| Arc::new(Mask::of_valid(valid))),
     }
+}
+
+/// The view with weights of 0, between and 1 in place of its mask.
+pub fn with_weights(view: View, seed: u64) -> View {
+    let mut rng = Rng::new(seed);
+    let weights = view.image.pixels.iter().map(|_| rng.uniform(-0.4, 1.4).clamp(0.0, 1.0)).collect();
+    View { mask: Some(Arc::new(Mask { weights })), ..view }
 }
 
 /// Render options with a background that is not black.

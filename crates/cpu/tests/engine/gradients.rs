@@ -10,22 +10,22 @@ use crate::fixture;
 use crate::oracle::{self, ARRAYS};
 
 /// One row of the table.
-struct Case {
-    name: String,
-    splats: Splats,
-    view: View,
-    options: RenderOptions,
-    loss: LossConfig,
+pub struct Case {
+    pub name: String,
+    pub splats: Splats,
+    pub view: View,
+    pub options: RenderOptions,
+    pub loss: LossConfig,
 }
 
-fn lcd(chroma_degree: u8, luminance_degree: u8, activation: Activation) -> ColorModel {
+pub fn lcd(chroma_degree: u8, luminance_degree: u8, activation: Activation) -> ColorModel {
     ColorModel::Lcd { chroma_degree, luminance_degree, activation }
 }
 
 /// Not a multiple of any tile size.
 const SIZE_PX: [u32; 2] = [21, 13];
 
-fn case(model: ColorModel, antialias: Antialias, cutoffs: (&str, Cutoffs), masked: bool, seed: u64) -> Case {
+pub fn case(model: ColorModel, antialias: Antialias, cutoffs: (&str, Cutoffs), masked: bool, seed: u64) -> Case {
     case_of_size(SIZE_PX, model, antialias, cutoffs, masked, seed)
 }
 
@@ -82,7 +82,7 @@ const SIZEABLE: f64 = 1e-3;
 /// Largest difference within an array, relative to the array's largest gradient, and where; and the largest relative to the gradient itself
 /// among the sizeable ones.
 #[derive(Clone, Copy, Default)]
-struct Worst {
+pub struct Worst {
     relative: f64,
     element: f64,
     index: usize,
@@ -115,7 +115,7 @@ fn compare(splats: &Splats, found: &[Option<f64>], expected: &[f64]) -> [Option<
     worst
 }
 
-fn check(case: &Case, worst: &[Option<Worst>; ARRAYS.len()], tolerance: f64, what: &str) {
+pub fn check(case: &Case, worst: &[Option<Worst>; ARRAYS.len()], tolerance: f64, what: &str) {
     for (name, worst) in ARRAYS.iter().zip(worst) {
         if let Some(w) = worst {
             assert!(
@@ -135,13 +135,13 @@ fn check(case: &Case, worst: &[Option<Worst>; ARRAYS.len()], tolerance: f64, wha
 
 /// Central differences with h = 1e-5 leave h^2 of truncation, times third derivatives (large for rotations of thin splats), and
 /// 1e-16 / h of rounding, against arrays whose largest gradient is about 1e-4.
-const DIFFERENCES_TOLERANCE: f64 = 1e-6;
+pub const DIFFERENCES_TOLERANCE: f64 = 1e-6;
 
 /// f32 carries 6e-8; an exponent of alpha of up to 17 and SSIM's variances (differences of squares of order 1 against C2 = 9e-4) cost up to
 /// two digits each. Relative to an array's largest gradient; sizeable gradients themselves may be off by 30 times as much.
-const ENGINE_TOLERANCE: f64 = 2e-5;
+pub const ENGINE_TOLERANCE: f64 = 2e-5;
 
-fn engine_gradient(case: &Case) -> (StepReport, Splats, DensifyStats) {
+pub fn engine_gradient(case: &Case) -> (StepReport, Splats, DensifyStats) {
     let mut engine = CpuEngine::new(1).unwrap();
     engine.load(&case.splats, None).unwrap();
     let step = StepConfig { loss: case.loss, ..fixture::step(1, case.options) };
@@ -149,7 +149,7 @@ fn engine_gradient(case: &Case) -> (StepReport, Splats, DensifyStats) {
     (report, gradient, engine.densify_stats().unwrap())
 }
 
-fn against_differences(case: &Case) -> [Option<Worst>; ARRAYS.len()] {
+pub fn against_differences(case: &Case) -> [Option<Worst>; ARRAYS.len()] {
     let exact = oracle::differentiate(&case.splats, &case.view, &case.options, &case.loss);
     let numeric = oracle::central_differences(&case.splats, &case.view, &case.options, &case.loss);
     let measured = numeric.iter().flatten().count();
@@ -158,7 +158,7 @@ fn against_differences(case: &Case) -> [Option<Worst>; ARRAYS.len()] {
     compare(&case.splats, &numeric, &exact.gradient)
 }
 
-fn against_oracle(case: &Case) -> [Option<Worst>; ARRAYS.len()] {
+pub fn against_oracle(case: &Case) -> [Option<Worst>; ARRAYS.len()] {
     let exact = oracle::differentiate(&case.splats, &case.view, &case.options, &case.loss);
     let (_, gradient, _) = engine_gradient(case);
     let found: Vec<_> = oracle::flatten(&gradient).into_iter().map(Some).collect();

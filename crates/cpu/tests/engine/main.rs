@@ -5,6 +5,7 @@
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail the test")]
 
 mod contract;
+mod curves;
 mod edits;
 mod fixture;
 mod gradients;

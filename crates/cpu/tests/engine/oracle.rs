@@ -6,9 +6,12 @@
 //! ones. Every decision (skip, cap, stop, clamp, rectifier, sign, order) goes into [`Trace`]: two evaluations with equal traces lie on
 //! one smooth piece of the function, and only between such are differences taken.
 
-use luxel_core::{Activation, Antialias, Camera, ColorModel, DEAD_CHROMA_FLOOR, LossConfig, RenderOptions, SH_OFFSET, Splats, View, sh};
+use luxel_core::{
+    Activation, Antialias, Camera, ColorModel, DEAD_CHROMA_FLOOR, LossConfig, RESPONSE_KNOTS, RenderOptions, SH_OFFSET, Splats, ToneCurve,
+    View, sh,
+};
 
-use crate::number::{Gradient, Number, gradient, variables};
+use crate::number::{Gradient, Number, Var, gradient, variables};
 
 /// Decisions taken, as a hash.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -280,30 +283,67 @@ pub struct Loss<N> {
     pub ssim: N,
 }
 
+/// The tone curve of a loss, its knots as numbers.
+pub enum Curve<N> {
+    MuLaw(f64),
+    Response { knots: [Vec<N>; 3], exposure: [f32; 3] },
+}
+
+impl<N: Number> Curve<N> {
+    pub fn of(curve: &ToneCurve) -> Self {
+        match curve {
+            ToneCurve::MuLaw { mu } => Self::MuLaw((*mu).into()),
+            ToneCurve::Response(r) => {
+                Self::Response { knots: r.knots.map(|k| k.iter().map(|v| N::of((*v).into())).collect()), exposure: r.exposure }
+            }
+        }
+    }
+
+    /// Values of a predicted and a recorded number in channel `c`.
+    fn apply(&self, c: usize, p: N, recorded: f32, trace: &mut Trace) -> [N; 2] {
+        match self {
+            Self::MuLaw(mu) => [p, N::of(recorded.into())]
+                .map(|p| if trace.decide(p.value() > 0.0) { (N::of(*mu) * p).ln_1p() / N::of(mu.ln_1p()) } else { N::of(0.0) }),
+            Self::Response { knots, exposure } => {
+                let x = if trace.decide(p.value() > 0.0) { p * N::of(exposure[c].into()) } else { N::of(0.0) };
+                // Twenty pieces up to x = 1.
+                let u = N::of(20.0) * (N::of(1023.0) * x).ln_1p() / N::of(1023f64.ln_1p());
+                let k = (u.value().floor() as usize).min(RESPONSE_KNOTS - 2);
+                trace.note(k as u64);
+                let value = knots[c][k] + (u - N::of(k as f64)) * (knots[c][k + 1] - knots[c][k]);
+                let recorded = f64::from(recorded);
+                let is_beyond =
+                    (recorded >= 254.5 / 255.0 && value.value() > recorded) || (recorded <= 0.5 / 255.0 && value.value() < recorded);
+                [if trace.decide(is_beyond) { N::of(recorded) } else { value }, N::of(recorded)]
+            }
+        }
+    }
+}
+
 /// Loss of an image against `view`.
-pub fn loss<N: Number>(pixels: &[[N; 3]], view: &View, config: &LossConfig, trace: &mut Trace) -> Loss<N> {
-    let mu = f64::from(config.mu);
-    let mut mu_law = |p: N| if trace.decide(p.value() > 0.0) { (N::of(mu) * p).ln_1p() / N::of(mu.ln_1p()) } else { N::of(0.0) };
+pub fn loss<N: Number>(pixels: &[[N; 3]], view: &View, curve: &Curve<N>, ssim_weight: f32, trace: &mut Trace) -> Loss<N> {
+    let weight = |i: usize| view.mask.as_ref().map_or(1.0, |mask| f64::from(mask.weights[i]));
     let mut predicted = vec![Vec::new(); 3];
     let mut target = vec![Vec::new(); 3];
     for (i, pixel) in pixels.iter().enumerate() {
         for c in 0..3 {
-            let goal = mu_law(N::of(view.image.pixels[i][c].into()));
+            let [value, goal] = curve.apply(c, pixel[c], view.image.pixels[i][c], trace);
             target[c].push(goal);
-            predicted[c].push(if view.is_valid(i) { mu_law(pixel[c]) } else { goal });
+            let mixed = N::of(weight(i)) * value + N::of(1.0 - weight(i)) * goal;
+            predicted[c].push(if view.is_valid(i) { mixed } else { goal });
         }
     }
-    let (mut sum, mut valid) = (N::of(0.0), 0usize);
+    let (mut sum, mut total) = (N::of(0.0), 0.0);
     for i in (0..pixels.len()).filter(|&i| view.is_valid(i)) {
         for c in 0..3 {
             let difference = predicted[c][i] - target[c][i];
             sum = if trace.decide(difference.value() < 0.0) { sum - difference } else { sum + difference };
-            valid += 1;
+            total += weight(i);
         }
     }
-    let l1 = if valid == 0 { N::of(0.0) } else { sum / N::of(valid as f64) };
+    let l1 = if total == 0.0 { N::of(0.0) } else { sum / N::of(total) };
     let ssim = (0..3).fold(N::of(0.0), |sum, c| sum + mean_ssim(&predicted[c], &target[c], view.image.width)) / N::of(3.0);
-    let weight = f64::from(config.ssim_weight);
+    let weight = f64::from(ssim_weight);
     Loss { total: N::of(1.0 - weight) * l1 + N::of(weight) * (N::of(1.0) - ssim), l1, ssim }
 }
 
@@ -345,7 +385,7 @@ fn mean_ssim<N: Number>(a: &[N], b: &[N], width: usize) -> N {
 /// The function whose gradient training follows: the loss with its regularisers.
 pub fn objective<N: Number>(p: &Parameters<N>, view: &View, options: &RenderOptions, config: &LossConfig) -> (N, Loss<N>, Rendered<N>) {
     let mut rendered = render(p, &view.camera, options);
-    let loss = loss(&rendered.pixels, view, config, &mut rendered.trace);
+    let loss = loss(&rendered.pixels, view, &Curve::of(&config.curve), config.ssim_weight, &mut rendered.trace);
     let count = p.splats.len() as f64;
     let mut total = loss.total;
     for i in 0..p.splats.len() {
@@ -396,6 +436,18 @@ pub fn differentiate(splats: &Splats, view: &View, options: &RenderOptions, conf
         mean_gradient,
         abs_mean_gradient: absolute.into_iter().map(norm).collect(),
     }
+}
+
+/// Exact derivatives of the loss by the knots of its response.
+pub fn differentiate_by_knots(splats: &Splats, view: &View, options: &RenderOptions, config: &LossConfig) -> Vec<f64> {
+    let ToneCurve::Response(response) = config.curve else { return Vec::new() };
+    let pixels: Vec<[Var; 3]> = image(splats, &view.camera, options).pixels.iter().map(|pixel| pixel.map(Var::of)).collect();
+    let values: Vec<f64> = response.knots.as_flattened().iter().map(|v| f64::from(*v)).collect();
+    let knots = variables(&values);
+    let channels: [Vec<Var>; 3] = std::array::from_fn(|c| knots[c * RESPONSE_KNOTS..][..RESPONSE_KNOTS].to_vec());
+    let curve = Curve::Response { knots: channels, exposure: response.exposure };
+    let gradient = gradient(loss(&pixels, view, &curve, config.ssim_weight, &mut Trace::default()).total);
+    knots.iter().map(|&knot| gradient.by(knot)).collect()
 }
 
 /// Derivatives of the objective by central differences, in the order of [`flatten`]; `None` where a decision changes within the

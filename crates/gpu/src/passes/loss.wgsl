@@ -4,7 +4,7 @@
 // rows, then down columns; sums of |difference| and SSIM per workgroup, and SSIM's derivatives by the means of x, x^2 and xy. `loss_gradient`: the
 // derivatives through the same window (it is symmetric, and the padding zero, so it is its own adjoint), and the gradient by radiance.
 // `loss_report`: the sums of all workgroups, in a fixed order; it halts the engine if the loss is not finite, before anything has been changed.
-// Masked pixels take the target's value for the prediction in the windows, and add nothing to L1.
+// A pixel of weight w takes w x + (1 - w) y of its prediction x and target y under the mu-law for the prediction: none at 0, all at 1.
 
 struct Loss {
     mu: f32,
@@ -24,8 +24,8 @@ struct Loss {
 @group(0) @binding(1) var<uniform> config: Loss;
 @group(0) @binding(2) var<storage, read> image: array<f32>;
 @group(0) @binding(3) var<storage, read> target_image: array<f32>;
-// One bit a pixel.
-@group(0) @binding(4) var<storage, read> mask: array<u32>;
+// Weights, one a pixel.
+@group(0) @binding(4) var<storage, read> mask: array<f32>;
 // By the means of x, x^2, xy: [3 channels * 3, H*W].
 @group(0) @binding(5) var<storage, read_write> derivatives: array<f32>;
 @group(0) @binding(6) var<storage, read_write> group_sums: array<vec2f>;
@@ -38,8 +38,16 @@ const HALO_SIDE = SIDE + 2u * SSIM_RADIUS;
 const HALO = HALO_SIDE * HALO_SIDE;
 const STRIP = HALO_SIDE * SIDE;
 
-fn is_valid(pixel: u32) -> bool {
-    return config.is_masked == 0u || (mask[pixel / 32u] & (1u << (pixel % 32u))) != 0u;
+fn weight_of(pixel: u32) -> f32 {
+    if (config.is_masked == 0u) {
+        return 1.0;
+    }
+    return mask[pixel];
+}
+
+// The mu-law value of a prediction, on its way to the target's as far as its weight is less than 1.
+fn weighted(x: f32, y: f32, weight: f32) -> f32 {
+    return select(weight * x + (1.0 - weight) * y, x, weight == 1.0);
 }
 
 fn mu_law(radiance: f32) -> f32 {
@@ -78,8 +86,10 @@ fn loss_ssim(@builtin(workgroup_id) workgroup: vec3u, @builtin(num_workgroups) g
                 let source = u32(from_px.y) * camera.size_px.x + u32(from_px.x);
                 y = mu_law(target_image[3u * source + channel]);
                 x = y;
-                if (is_valid(source)) {
-                    x = mu_law(image[3u * source + channel]);
+                let weight = weight_of(source);
+                // Nothing of a prediction that does not count comes through, not even a NaN.
+                if (weight > 0.0) {
+                    x = weighted(mu_law(image[3u * source + channel]), y, weight);
                 }
             }
             predictions[n] = x;
@@ -174,18 +184,19 @@ fn loss_gradient(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocat
                 by += SSIM_WINDOW[k] * vector(row_derivatives[local + k * SIDE]);
             }
             let radiance = max(image[3u * pixel + channel], 0.0);
-            let x = mu_law(radiance);
+            let weight = weight_of(pixel);
             let y = mu_law(target_image[3u * pixel + channel]);
+            let x = weighted(mu_law(radiance), y, weight);
             let by_ssim = by.x + by.y * x + by.z * y;
             // T'(p) = mu / ((1 + mu p) ln(1 + mu)); the factors hold all but 1 / (1 + mu p).
             let by_value = by_ssim * config.ssim_factor + sign(x - y) * config.l1_factor;
-            gradient[channel] = by_value / (1.0 + config.mu * radiance);
+            gradient[channel] = weight * by_value / (1.0 + config.mu * radiance);
         }
         workgroupBarrier();
     }
     if (inside) {
-        // Masked pixels entered the windows as the target's values, which do not move with the prediction.
-        let moved = select(vec3f(0.0), gradient, is_valid(pixel));
+        // Pixels of no weight entered the windows as the target's values, which do not move with the prediction.
+        let moved = select(vec3f(0.0), gradient, weight_of(pixel) > 0.0);
         pixel_gradients[pixel] = vec4f(moved, f32(last_entries[pixel]));
     }
 }

@@ -292,6 +292,11 @@ fn bad_input_is_refused(gpu: &Arc<Gpu>) {
     assert!(engine.set_densify_stats(&DensifyStats::zeros(4)).unwrap_err().to_string().contains("the scene has 30"));
     let plan = luxel_core::DensifyPlan { rows: vec![luxel_core::PlanRow::keep(30)], ..Default::default() };
     assert!(engine.densify(&plan).unwrap_err().to_string().contains("names splat 30"));
+    let response = luxel_core::Response { knots: [[0.5; luxel_core::RESPONSE_KNOTS]; 3], exposure: [1.0; 3] };
+    let mut recorded = training(1);
+    recorded.loss.curve = luxel_core::ToneCurve::Response(response);
+    let error = engine.train_step(&view(&camera, false, 1), &recorded).unwrap_err().to_string();
+    assert!(error.contains("use --device cpu"), "{error}");
     assert_eq!(engine.save().unwrap().0, scene);
 }
 

@@ -6,12 +6,12 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use luxel_core::{ColorSpace, Dataset, View};
 use rayon::prelude::*;
 
-use super::LoadOptions;
 use super::fingerprint::Fingerprint;
 use super::load::{LoadedView, load_view};
 use super::source::{Frame, Source};
 use super::split::{Part, assign};
 use super::track::{Target, map_points};
+use super::{LoadOptions, Supervision, masks, recordings};
 use crate::IoError;
 
 /// Names that a warning lists.
@@ -43,52 +43,82 @@ pub(super) fn assemble(path: &Path, source: Source, options: &LoadOptions) -> Re
         warnings.push("no test views: nothing is held out to measure quality with".to_owned());
     }
 
-    let used: Vec<usize> = train.iter().chain(&test).copied().collect();
-    let loaded = load_views(&sorted, &used, options)?;
+    let mut used = Vec::new();
+    for (part, indices) in [(Part::Train, train), (Part::Test, test)] {
+        let expanded = indices.into_iter().flat_map(|i| {
+            let frames = recordings::expanded(sorted[i], part == Part::Test).into_iter();
+            let source = order[i];
+            frames.map(move |frame| Used { frame: Frame { part: Some(part), ..frame }, source, part })
+        });
+        let mut views: Vec<Used> = expanded.collect();
+        if options.supervision == Supervision::Ldr && part == Part::Train {
+            views = recordings::choose(views, |used| &used.frame, &options.exposures);
+            if views.is_empty() {
+                return Err(IoError::invalid(path, format!("no bracket has exposures {}, counted from 0", options.exposures)));
+            }
+        }
+        views.sort_by(|a, b| a.frame.name.cmp(&b.frame.name));
+        used.extend(views);
+    }
+    warnings.extend(masks::attach(path, used.iter_mut().map(|used| &mut used.frame), &options.masks)?);
+    let loaded = load_views(&used, options)?;
     warnings.extend(grouped_warnings(&loaded));
 
-    let mut targets: Vec<Option<Target<'_>>> = frames.iter().map(|_| None).collect();
-    for (index, (i, l)) in train.iter().zip(&loaded).enumerate() {
-        targets[order[*i]] = Some(Target { index: index as u32, photographed: &l.photographed, view: &l.view });
+    let mut targets: Vec<Vec<Target<'_>>> = frames.iter().map(|_| Vec::new()).collect();
+    for (index, (used, l)) in (0u32..).zip(used.iter().zip(&loaded)).filter(|(_, (used, _))| used.part == Part::Train) {
+        targets[used.source].push(Target { index, photographed: &l.photographed, view: &l.view });
     }
     let points = map_points(points, &targets);
-    let color_space = common_color_space(&sorted, &used, &loaded, options)?;
+    let color_space = common_color_space(&used, &loaded, options)?;
 
     let mut fingerprint = Fingerprint::new(&format, options);
-    for (i, l) in loaded.iter().enumerate() {
-        fingerprint.text(if i < train.len() { "train" } else { "test" });
-        fingerprint.view(&l.view.name, &l.view.camera, &l.digest);
+    for (used, l) in used.iter().zip(&loaded) {
+        fingerprint.text(if used.part == Part::Train { "train" } else { "test" });
+        fingerprint.view(&l.view, &l.digest);
     }
     fingerprint.points(&points);
 
     let mut bad_pixels: Vec<_> = loaded.iter().filter_map(|l| l.bad.clone()).collect();
     bad_pixels.sort_by(|a, b| a.name.cmp(&b.name));
+    let train = used.iter().filter(|used| used.part == Part::Train).count();
     let mut views: Vec<View> = loaded.into_iter().map(|l| l.view).collect();
-    let test = views.split_off(train.len());
+    let test = views.split_off(train);
     Ok(Dataset { format, train: views, test, points, color_space, bad_pixels, fingerprint: fingerprint.finish(), warnings })
 }
 
-/// The views at the indices `used` of the frames sorted by name, in the order of `used`. Of several that cannot be read, the first by name is
-/// reported, whichever thread came upon one first; once one failed, no view behind it is begun.
-fn load_views(sorted: &[&Frame], used: &[usize], options: &LoadOptions) -> Result<Vec<LoadedView>, IoError> {
+/// A view to be read.
+struct Used {
+    frame: Frame,
+    /// Index into the source's frames.
+    source: usize,
+    part: Part,
+}
+
+/// The views in the order of `used`. Of several that cannot be read, the first by name is reported, whichever thread came upon one first; once
+/// one failed, no view behind it is begun.
+fn load_views(used: &[Used], options: &LoadOptions) -> Result<Vec<LoadedView>, IoError> {
+    let mut by_name: Vec<usize> = (0..used.len()).collect();
+    by_name.sort_by(|a, b| used[*a].frame.name.cmp(&used[*b].frame.name));
+    let mut rank = vec![0; used.len()];
+    by_name.iter().enumerate().for_each(|(place, i)| rank[*i] = place);
     let first_bad = AtomicUsize::new(usize::MAX);
-    let load = |&i: &usize| {
-        if i > first_bad.load(Ordering::Relaxed) {
+    let load = |(used, &rank): (&Used, &usize)| {
+        if rank > first_bad.load(Ordering::Relaxed) {
             return None;
         }
-        let loaded = load_view(sorted[i], options);
+        let loaded = load_view(&used.frame, options);
         if loaded.is_err() {
-            first_bad.fetch_min(i, Ordering::Relaxed);
+            first_bad.fetch_min(rank, Ordering::Relaxed);
         }
         Some(loaded)
     };
-    let loaded: Vec<Option<Result<LoadedView, IoError>>> = used.par_iter().map(load).collect();
+    let loaded: Vec<Option<Result<LoadedView, IoError>>> = used.par_iter().zip(&rank).map(load).collect();
     let mut views = Vec::with_capacity(used.len());
     let mut bad: Option<(usize, IoError)> = None;
-    for (&i, loaded) in used.iter().zip(loaded) {
+    for (&rank, loaded) in rank.iter().zip(loaded) {
         match loaded {
             Some(Ok(view)) => views.push(view),
-            Some(Err(error)) if bad.as_ref().is_none_or(|(first, _)| i < *first) => bad = Some((i, error)),
+            Some(Err(error)) if bad.as_ref().is_none_or(|(first, _)| rank < *first) => bad = Some((rank, error)),
             Some(Err(_)) | None => {}
         }
     }
@@ -140,13 +170,13 @@ fn grouped_warnings(loaded: &[LoadedView]) -> Vec<String> {
 }
 
 /// The one colour space.
-fn common_color_space(sorted: &[&Frame], used: &[usize], loaded: &[LoadedView], options: &LoadOptions) -> Result<ColorSpace, IoError> {
+fn common_color_space(used: &[Used], loaded: &[LoadedView], options: &LoadOptions) -> Result<ColorSpace, IoError> {
     let space = |l: &LoadedView| l.color_space.or(options.color_space).unwrap_or_default();
     let Some(first) = loaded.first() else { return Ok(ColorSpace::default()) };
     match loaded.iter().zip(used).find(|(l, _)| space(l) != space(first)) {
         None => Ok(space(first)),
-        Some((l, i)) => Err(IoError::invalid(
-            &sorted[*i].image,
+        Some((l, used)) => Err(IoError::invalid(
+            &used.frame.image,
             format!(
                 "colour space {}, but image {} has {}: expected one for all, convert the images first",
                 space(l).name(),

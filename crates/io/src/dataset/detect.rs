@@ -2,14 +2,13 @@
 
 use std::path::Path;
 
-use super::DatasetFormat;
 use super::colmap::find_model;
 use super::layout_transforms::TransformsFiles;
+use super::{DatasetFormat, layout_llff};
 use crate::IoError;
 
 /// What is looked for, for messages.
-const LOOKED_FOR: &str =
-    "transforms.json, transforms_train.json or a COLMAP model (cameras.bin or cameras.txt in sparse/0, in sparse or here)";
+const LOOKED_FOR: &str = "transforms.json, transforms_train.json, a COLMAP model (cameras.bin or cameras.txt in sparse/0, in sparse or here), or poses_bounds_exps.npy with input_images";
 
 /// Entries of a folder that an error lists.
 const MAX_LISTED: usize = 12;
@@ -36,6 +35,9 @@ pub fn detect_format(path: &Path) -> Result<DatasetFormat, IoError> {
     }
     if model.is_some() && has_gauss_hdr_images(&path.join("images_hdr")) {
         return Ok(DatasetFormat::GaussHdr);
+    }
+    if model.is_none() && json.is_none() && layout_llff::is_one(path) {
+        return Ok(DatasetFormat::HdrNerfReal);
     }
     match (json, model) {
         (Some(_), _) => Ok(DatasetFormat::Transforms),

@@ -12,6 +12,11 @@ fn image_extension(name: &str) -> Option<&str> {
     (known && !stem.is_empty() && !stem.ends_with('/')).then_some(extension)
 }
 
+/// Whether a file of this name is an image.
+pub(super) fn is_image(name: &str) -> bool {
+    image_extension(name).is_some()
+}
+
 /// The name without an image extension; other dots belong to the name (`r_0.5`).
 pub(super) fn without_extension(name: &str) -> &str {
     image_extension(name).map_or(name, |extension| &name[..name.len() - extension.len() - 1])

@@ -1,6 +1,6 @@
 //! Digest of a data set: equal exactly for equal inputs read in the same way.
 
-use luxel_core::{Camera, Point};
+use luxel_core::{PixelValues, Point, View};
 
 use super::LoadOptions;
 
@@ -24,8 +24,10 @@ impl Fingerprint {
         self.0.update(text.as_bytes());
     }
 
-    pub(super) fn view(&mut self, name: &str, camera: &Camera, file: &blake3::Hash) {
-        self.text(name);
+    /// The view with the digest of its files.
+    pub(super) fn view(&mut self, view: &View, files: &blake3::Hash) {
+        let camera = &view.camera;
+        self.text(&view.name);
         for value in camera.camera_from_world.to_cols_array() {
             self.number(value.to_bits());
         }
@@ -34,7 +36,16 @@ impl Fingerprint {
             self.number(value.to_bits());
         }
         camera.size_px.iter().for_each(|side| self.number((*side).into()));
-        self.0.update(file.as_bytes());
+        self.0.update(files.as_bytes());
+        // Of radiance without known noise nothing is added: such data sets keep the digests they have always had.
+        if let PixelValues::Recorded { exposure_s } = view.values {
+            self.text("recorded");
+            self.number(exposure_s.to_bits().into());
+        }
+        if let Some(noise) = view.noise {
+            self.text("noise");
+            [noise.read, noise.shot].iter().for_each(|v| self.number(v.to_bits().into()));
+        }
     }
 
     pub(super) fn points(&mut self, points: &[Point]) {

@@ -9,8 +9,9 @@ use std::path::{Path, PathBuf};
 
 use super::colmap::{ColmapFiles, ColmapImage, ColmapModel, ColmapPoint, find_model, read_model};
 use super::files::{Substitute, find_image, view_name, without_extension};
-use super::source::{Frame, Origin, Sighting, Source, SourcePoint, split_beside};
+use super::source::{Frame, Origin, Recording, Sighting, Source, SourcePoint, split_beside};
 use super::split::{Part, SplitRule};
+use super::{Supervision, recordings};
 use crate::IoError;
 
 /// How the images of a COLMAP folder are found from the registered names.
@@ -33,10 +34,11 @@ struct Chosen<'a> {
     file_path: String,
     path: PathBuf,
     part: Option<Part>,
+    recordings: Vec<Recording>,
 }
 
 /// Reads the model and finds the images.
-pub(super) fn colmap_source(folder: &Path, layout: ColmapLayout) -> Result<Source, IoError> {
+pub(super) fn colmap_source(folder: &Path, layout: ColmapLayout, supervision: Supervision) -> Result<Source, IoError> {
     let Some(model_folder) = find_model(folder) else {
         return Err(IoError::invalid(
             folder,
@@ -51,8 +53,8 @@ pub(super) fn colmap_source(folder: &Path, layout: ColmapLayout) -> Result<Sourc
     let mut warnings = Vec::new();
     let chosen = match layout {
         ColmapLayout::Plain => plain_images(&model, &files, &scene, &mut warnings)?,
-        ColmapLayout::HdrGs => hdr_gs_images(&model, &files, &scene)?,
-        ColmapLayout::GaussHdr => gauss_hdr_images(&model, &files, &scene)?,
+        ColmapLayout::HdrGs => hdr_gs_images(&model, &files, (&scene, supervision))?,
+        ColmapLayout::GaussHdr => gauss_hdr_images(&model, &files, (&scene, supervision))?,
     };
     let beside = split_beside(&scene)?;
     let own_split = chosen.iter().any(|c| c.part.is_some());
@@ -73,6 +75,10 @@ pub(super) fn colmap_source(folder: &Path, layout: ColmapLayout) -> Result<Sourc
             intrinsics: c.image.intrinsics,
             origin: origin(&files, c.image),
             part: c.part,
+            recordings: c.recordings,
+            exposure_s: None,
+            noise: None,
+            mask: None,
         });
     }
     let points = points_with_sightings(&model, &frame_of_image, |p| p.position.as_vec3().to_array(), &mut warnings);
@@ -144,7 +150,7 @@ fn plain_images<'a>(
         if path.extension() != Path::new(&image.name).extension() {
             substituted.push((&image.name, path.clone()));
         }
-        chosen.push(Chosen { index, image, file_path, path, part: None });
+        chosen.push(Chosen { index, image, file_path, path, part: None, recordings: Vec::new() });
     }
     if let [(name, path), ..] = substituted.as_slice() {
         let (n, path) = (substituted.len(), path.display());
@@ -153,11 +159,12 @@ fn plain_images<'a>(
     Ok(chosen)
 }
 
-/// For each HDR image the first registered image by name. `hdr_of`: key to group and sort by, path below the scene, side of the split.
+/// For each HDR image the first registered image by name. `hdr_of`: key to group and sort by, path below the scene, side of the split. Where
+/// recordings are read, the HDR images may be missing.
 fn grouped_images<'a>(
     model: &'a ColmapModel,
     files: &ColmapFiles<PathBuf>,
-    scene: &Path,
+    (scene, supervision): (&Path, Supervision),
     hdr_of: impl Fn(&str) -> Result<(String, String, Option<Part>), String>,
 ) -> Result<Vec<Chosen<'a>>, IoError> {
     let mut groups: BTreeMap<String, Chosen<'a>> = BTreeMap::new();
@@ -165,10 +172,10 @@ fn grouped_images<'a>(
         let base = image.name.rsplit(['/', '\\']).next().unwrap_or(&image.name);
         let (key, file_path, part) = hdr_of(without_extension(base)).map_err(|e| origin(files, image).error(e))?;
         let path = scene.join(&file_path);
-        if !path.is_file() {
+        if supervision == Supervision::Hdr && !path.is_file() {
             return Err(origin(files, image).error(format!("its HDR image {} does not exist", path.display())));
         }
-        let candidate = Chosen { index, image, file_path, path, part };
+        let candidate = Chosen { index, image, file_path, path, part, recordings: Vec::new() };
         match groups.get_mut(&key) {
             Some(first) if first.image.name <= image.name => {}
             Some(first) => *first = candidate,
@@ -178,20 +185,32 @@ fn grouped_images<'a>(
     Ok(groups.into_values().collect())
 }
 
-fn hdr_gs_images<'a>(model: &'a ColmapModel, files: &ColmapFiles<PathBuf>, scene: &Path) -> Result<Vec<Chosen<'a>>, IoError> {
-    let mut chosen = grouped_images(model, files, scene, |stem| {
+fn hdr_gs_images<'a>(
+    model: &'a ColmapModel,
+    files: &ColmapFiles<PathBuf>,
+    (scene, supervision): (&Path, Supervision),
+) -> Result<Vec<Chosen<'a>>, IoError> {
+    let mut chosen = grouped_images(model, files, (scene, supervision), |stem| {
         let view = stem.split('_').next().unwrap_or(stem);
         // The order of the names with their `_`: 0_, 10_, 11_, ..., 1_, 20_, ...
         Ok((format!("{view}_"), format!("exr/{view}.exr"), None))
     })?;
     for (i, c) in chosen.iter_mut().enumerate() {
         c.part = Some(if i % 2 == 0 { Part::Train } else { Part::Test });
+        if supervision == Supervision::Ldr {
+            let view = view_name(&c.file_path);
+            c.recordings = recordings::hdr_gs(scene, view.rsplit('/').next().unwrap_or(&view));
+        }
     }
     Ok(chosen)
 }
 
-fn gauss_hdr_images<'a>(model: &'a ColmapModel, files: &ColmapFiles<PathBuf>, scene: &Path) -> Result<Vec<Chosen<'a>>, IoError> {
-    grouped_images(model, files, scene, |stem| {
+fn gauss_hdr_images<'a>(
+    model: &'a ColmapModel,
+    files: &ColmapFiles<PathBuf>,
+    (scene, supervision): (&Path, Supervision),
+) -> Result<Vec<Chosen<'a>>, IoError> {
+    let mut chosen = grouped_images(model, files, (scene, supervision), |stem| {
         let parts: Vec<&str> = stem.split('_').collect();
         let number = match parts.as_slice() {
             [_, .., number, _exposure] => number.parse::<u32>().ok(),
@@ -207,5 +226,14 @@ fn gauss_hdr_images<'a>(model: &'a ColmapModel, files: &ColmapFiles<PathBuf>, sc
             (false, false) => None,
         };
         Ok((file.clone(), format!("images_hdr/{file}.exr"), part))
-    })
+    })?;
+    if supervision == Supervision::Ldr {
+        let exposures = recordings::read_exposures(&scene.join("exposure.json"))?;
+        for c in &mut chosen {
+            let stem = view_name(&c.file_path);
+            let stem = stem.rsplit('/').next().unwrap_or(&stem).replacen("_hdr_", "_ldr_", 1);
+            c.recordings = recordings::listed(&scene.join("images"), "images", &stem, &exposures);
+        }
+    }
+    Ok(chosen)
 }

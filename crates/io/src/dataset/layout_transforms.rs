@@ -4,7 +4,7 @@
 //! HDR-NeRF: a frame names a pose, `<folder>/<anything>_<i>`, or an exposure of it, `..._<i>_<k>`; its HDR image is
 //! `{train,test}_hdr/hdr_<i>.exr`. Frames of one pose are one view.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 
 use glam::{DAffine3, DVec3};
@@ -15,6 +15,7 @@ use super::layout_colmap::points_with_sightings;
 use super::source::{Frame, Origin, Source, SourcePoint, split_beside};
 use super::split::{NameIndex, Part, SplitLists, SplitRule};
 use super::transforms::{Transforms, TransformsFrame, parse_transforms};
+use super::{Supervision, recordings};
 use crate::regular::read_file;
 use crate::{IoError, read_points_ply};
 
@@ -96,7 +97,11 @@ pub(super) fn transforms_source(files: &TransformsFiles) -> Result<Source, IoErr
             let Some(image) = find_image(&folder, &frame.file_path, Substitute::No) else {
                 return Err(origin.error(format!("image {} does not exist", folder.join(&frame.file_path).display())));
             };
-            frames.push(new_frame(view_name(&frame.file_path), image, frame, origin, file.part));
+            let mask = frame.mask_path.as_ref().map(|mask| folder.join(mask.replace('\\', "/")));
+            if let Some(missing) = mask.as_ref().filter(|mask| !mask.is_file()) {
+                return Err(origin.error(format!("its mask {} does not exist", missing.display())));
+            }
+            frames.push(Frame { mask, ..new_frame(view_name(&frame.file_path), image, frame, origin, file.part) });
         }
     }
     let split = match files {
@@ -117,7 +122,7 @@ pub(super) fn transforms_source(files: &TransformsFiles) -> Result<Source, IoErr
 }
 
 /// HDR-NeRF's synthetic scenes.
-pub(super) fn hdr_nerf_source(files: &TransformsFiles) -> Result<Source, IoError> {
+pub(super) fn hdr_nerf_source(files: &TransformsFiles, supervision: Supervision) -> Result<Source, IoError> {
     let folder = files.folder();
     if !matches!(files, TransformsFiles::Pair { .. }) {
         return Err(IoError::invalid(folder, "no transforms_train.json, expected one with HDR-NeRF's layout"));
@@ -126,7 +131,11 @@ pub(super) fn hdr_nerf_source(files: &TransformsFiles) -> Result<Source, IoError
     let mut frames: Vec<Frame> = Vec::new();
     let mut by_name: HashMap<String, usize> = HashMap::new();
     for file in &described {
-        let side = if file.part == Some(Part::Test) { "test_hdr" } else { "train_hdr" };
+        let (part, side) = if file.part == Some(Part::Test) { ("test", "test_hdr") } else { ("train", "train_hdr") };
+        let exposures = match supervision {
+            Supervision::Hdr => BTreeMap::new(),
+            Supervision::Ldr => recordings::read_exposures(&folder.join(format!("exposure_{part}.json")))?,
+        };
         for (i, frame) in file.transforms.frames.iter().enumerate() {
             let origin = file.origin(i, frame);
             let Some(number) = pose_number(&frame.file_path) else {
@@ -141,11 +150,12 @@ pub(super) fn hdr_nerf_source(files: &TransformsFiles) -> Result<Source, IoError
                 }
                 continue;
             }
-            if !image.is_file() {
+            if supervision == Supervision::Hdr && !image.is_file() {
                 return Err(origin.error(format!("its HDR image {} does not exist", image.display())));
             }
             by_name.insert(name.clone(), frames.len());
-            frames.push(new_frame(name, image, frame, origin, file.part));
+            let recordings = recordings::hdr_nerf(&folder, &frame.file_path, number, &exposures);
+            frames.push(Frame { recordings, ..new_frame(name, image, frame, origin, file.part) });
         }
     }
     finish(&folder, &described, frames, SplitRule::Frames, "HDR-NeRF synthetic")
@@ -160,13 +170,13 @@ fn pose_number(file_path: &str) -> Option<u32> {
 }
 
 fn new_frame(name: String, image: PathBuf, frame: &TransformsFrame, origin: Origin, part: Option<Part>) -> Frame {
-    let TransformsFrame { camera_from_world, intrinsics, .. } = *frame;
-    Frame { name, image, camera_from_world, intrinsics, origin, part }
+    let TransformsFrame { camera_from_world, intrinsics, exposure_s, noise, .. } = *frame;
+    Frame { name, image, recordings: Vec::new(), exposure_s, noise, mask: None, camera_from_world, intrinsics, origin, part }
 }
 
 /// Adds points and warnings.
 fn finish(folder: &Path, described: &[Described], frames: Vec<Frame>, split: SplitRule, format: &str) -> Result<Source, IoError> {
-    let mut warnings: Vec<String> = described.iter().flat_map(|d| d.transforms.warnings.clone()).collect();
+    let mut warnings = Vec::new();
     if matches!(split, SplitRule::Frames) && folder.join("transforms_val.json").is_file() {
         warnings.push("transforms_val.json is not used: its views are neither trained on nor tested".to_owned());
     }

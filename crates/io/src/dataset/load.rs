@@ -1,12 +1,16 @@
-//! One view: file -> linear radiance, bad pixels masked, undistorted, reduced.
+//! One view: file -> linear radiance or recorded values, bad pixels and masks, undistorted, reduced.
 
-use luxel_core::{BadPixels, Camera, ColorSpace, Conversion, Image, Mask, View};
+use std::sync::Arc;
 
-use super::LoadOptions;
+use luxel_core::{BadPixels, Camera, ColorSpace, Conversion, Image, Mask, PixelValues, View};
+
+use super::masks::decode_mask;
 use super::source::Frame;
+use super::split::Part;
+use super::{LoadOptions, MaskSource, Supervision};
 use crate::IoError;
 use crate::image::colorimetry::convert;
-use crate::image::{DecodedImage, ReadOptions, SampleDepth, decode_image, downscale, downscale_masked, undistort};
+use crate::image::{DecodedImage, ReadOptions, SampleDepth, Transfer, decode_image, downscale, downscale_masked, undistort};
 use crate::regular::read_file;
 
 /// A view with what is known about its file.
@@ -21,30 +25,85 @@ pub(super) struct LoadedView {
     pub(super) color_space: Option<ColorSpace>,
     /// Of this image, without its name.
     pub(super) warnings: Vec<String>,
-    /// Of the file's bytes.
+    /// Of the bytes of the image and its mask.
     pub(super) digest: blake3::Hash,
 }
 
 pub(super) fn load_view(frame: &Frame, options: &LoadOptions) -> Result<LoadedView, IoError> {
     let bytes = read_file(&frame.image)?;
-    let digest = blake3::hash(&bytes);
-    let mut decoded = decode_image(&frame.image, &bytes, &ReadOptions { transfer: options.transfer })?;
+    let mut digest = blake3::Hasher::new();
+    digest.update(&bytes);
+    let (mut decoded, values) = decode(frame, &bytes, options)?;
     drop(bytes);
+    let opacity = match options.masks {
+        MaskSource::Alpha => Some(take_opacity(&mut decoded, frame)?),
+        MaskSource::Auto | MaskSource::Off | MaskSource::Folder(_) => None,
+    };
     composite_over_black(&mut decoded);
-    let color_space = settle_working_space(&mut decoded);
+    // Recorded values are not linear: no matrix takes them to another space.
+    let color_space = if values == PixelValues::Radiance { settle_working_space(&mut decoded) } else { None };
     let mut image = decoded.image;
     let side = |v: usize| u32::try_from(v).unwrap_or(u32::MAX);
     let photographed =
         frame.intrinsics.camera(frame.camera_from_world, [side(image.width), side(image.height)]).map_err(|e| frame.origin.error(e))?;
     let (mut mask, bad) = mask_bad_pixels(&mut image, &frame.name);
-    let mut camera = photographed.clone();
-    if !camera.distortion.is_none() {
-        let (straight, seen, pinhole) = undistort(&image, mask.as_ref(), &camera);
-        (image, mask, camera) = (straight, Some(seen), pinhole);
+    if let Some(path) = &frame.mask {
+        let bytes = read_file(path)?;
+        digest.update(&bytes);
+        mask = Some(both(mask, decode_mask(path, &bytes, [image.width, image.height])?));
     }
-    if options.downscale > 1 {
-        let [w, h] = camera.size_px;
-        let factor = options.downscale;
+    if let Some(opacity) = opacity {
+        mask = Some(both(mask, opacity));
+    }
+    let mut view = View {
+        name: frame.name.clone(),
+        camera: photographed.clone(),
+        image: Arc::new(Image::default()),
+        values,
+        noise: frame.noise.filter(|_| values == PixelValues::Radiance),
+        mask: None,
+    };
+    resample(&mut view, image, mask, frame, options.downscale)?;
+    Ok(LoadedView { view, photographed, bad, color_space, warnings: decoded.warnings, digest: digest.finalize() })
+}
+
+/// The image, and what its numbers are: a float format holds radiance; where recordings are read, an integer format holds what was recorded.
+fn decode(frame: &Frame, bytes: &[u8], options: &LoadOptions) -> Result<(DecodedImage, PixelValues), IoError> {
+    if options.supervision == Supervision::Hdr {
+        let decoded = decode_image(&frame.image, bytes, &ReadOptions { transfer: options.transfer })?;
+        return Ok((decoded, PixelValues::Radiance));
+    }
+    // The samples as they are, over their maximum: which curve made them is what is to be found.
+    let mut decoded = decode_image(&frame.image, bytes, &ReadOptions { transfer: Some(Transfer::Linear) })?;
+    match (decoded.depth, frame.exposure_s, frame.part) {
+        (SampleDepth::Float, _, Some(Part::Train)) => {
+            let found = frame.image.display();
+            Err(frame
+                .origin
+                .error(format!("{found} holds radiance, expected a recording (PNG, JPEG, TIFF) to train on under --supervision ldr")))
+        }
+        (SampleDepth::Float, ..) => Ok((decoded, PixelValues::Radiance)),
+        (_, Some(exposure_s), _) => {
+            // What is said of a display image that is read as radiance.
+            decoded.warnings.clear();
+            Ok((decoded, PixelValues::Recorded { exposure_s }))
+        }
+        (_, None, _) => Err(frame.origin.error("the recording has no \"exposure\", expected seconds for --supervision ldr")),
+    }
+}
+
+/// Removes lens distortion and reduces, in linear light.
+fn resample(view: &mut View, mut image: Image, mut mask: Option<Mask>, frame: &Frame, factor: u32) -> Result<(), IoError> {
+    let is_resampled = !view.camera.distortion.is_none() || factor > 1;
+    if is_resampled {
+        view.values.to_light(&mut image);
+    }
+    if !view.camera.distortion.is_none() {
+        let (straight, seen, pinhole) = undistort(&image, mask.as_ref(), &view.camera);
+        (image, mask, view.camera) = (straight, Some(seen), pinhole);
+    }
+    if factor > 1 {
+        let [w, h] = view.camera.size_px;
         if w < factor || h < factor {
             return Err(frame
                 .origin
@@ -57,17 +116,37 @@ pub(super) fn load_view(frame: &Frame, options: &LoadOptions) -> Result<LoadedVi
             }
             None => image = downscale(&image, factor as usize),
         }
-        camera = camera.downscaled(factor);
+        view.camera = view.camera.downscaled(factor);
+        view.noise = view.noise.map(|model| model.averaged((factor * factor) as usize));
     }
-    let mask = mask.filter(|mask| !mask.valid.iter().all(|v| *v)).map(std::sync::Arc::new);
-    Ok(LoadedView {
-        view: View { name: frame.name.clone(), camera, image: std::sync::Arc::new(image), mask },
-        photographed,
-        bad,
-        color_space,
-        warnings: decoded.warnings,
-        digest,
-    })
+    if is_resampled {
+        view.values.from_light(&mut image);
+    }
+    view.mask = mask.filter(|mask| mask.weights.iter().any(|weight| *weight < 1.0)).map(Arc::new);
+    view.image = Arc::new(image);
+    Ok(())
+}
+
+/// Pixels that count in both.
+fn both(mask: Option<Mask>, other: Mask) -> Mask {
+    match mask {
+        None => other,
+        Some(mask) => Mask { weights: mask.weights.iter().zip(&other.weights).map(|(a, b)| a * b).collect() },
+    }
+}
+
+/// The alpha channel as weights; colours that were multiplied by it are divided.
+fn take_opacity(decoded: &mut DecodedImage, frame: &Frame) -> Result<Mask, IoError> {
+    let Some(alpha) = decoded.alpha.take() else {
+        return Err(frame.origin.error(format!("{} has no alpha channel, expected one for --masks alpha", frame.image.display())));
+    };
+    let weights: Vec<f32> = alpha.iter().map(|a| if *a > 0.0 { a.min(1.0) } else { 0.0 }).collect();
+    if decoded.depth == SampleDepth::Float {
+        for (pixel, weight) in decoded.image.pixels.iter_mut().zip(&weights).filter(|(_, weight)| **weight > 0.0) {
+            *pixel = pixel.map(|v| v / weight);
+        }
+    }
+    Ok(Mask { weights })
 }
 
 /// Integer formats hold straight colour beside the opacity; float formats hold colour that is multiplied already.
@@ -115,5 +194,5 @@ fn mask_bad_pixels(image: &mut Image, name: &str) -> (Option<Mask>, Option<BadPi
         valid.resize(count, true);
         valid[i] = false;
     }
-    if valid.is_empty() { (None, None) } else { (Some(Mask { valid }), Some(bad)) }
+    if valid.is_empty() { (None, None) } else { (Some(Mask::of_valid(valid)), Some(bad)) }
 }

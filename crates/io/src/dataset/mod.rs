@@ -9,6 +9,9 @@
 //! - Alpha: images are composited over black. EXR and other float formats hold premultiplied colour, which stays as it is; integer
 //!   formats hold straight colour, which is multiplied.
 //! - Pixels that are NaN, infinite or negative become 0 and are masked, before anything is resampled.
+//! - Masks: [`MaskSource`]; white counts, black does not.
+//! - Recordings ([`Supervision::Ldr`]): what cameras recorded of brackets or single exposures is trained on as it is, each image with its exposure in
+//!   seconds; held-out views are radiance where there is any.
 //! - Lens distortion is removed, then the image is reduced, both in linear light; observations of points follow.
 
 mod assemble;
@@ -18,8 +21,11 @@ mod files;
 mod fingerprint;
 mod intrinsics;
 mod layout_colmap;
+mod layout_llff;
 mod layout_transforms;
 mod load;
+mod masks;
+mod recordings;
 mod source;
 mod split;
 mod track;
@@ -35,6 +41,8 @@ use crate::IoError;
 use crate::image::Transfer;
 
 pub use detect::detect_format;
+pub use masks::MaskSource;
+pub use recordings::{Exposures, Supervision};
 pub use split::{SplitLists, parse_split};
 pub use transforms::{Transforms, TransformsFrame, parse_transforms};
 
@@ -50,7 +58,9 @@ pub enum DatasetFormat {
     Colmap,
     /// HDR-NeRF's synthetic scenes: `transforms_{train,test}.json` with `{train,test}_hdr/hdr_000.exr`.
     HdrNerf,
-    /// HDR-GS's repack of them: COLMAP with `exr/0.exr`.
+    /// HDR-NeRF's real scenes: `poses_bounds_exps.npy` with `input_images/000_0.jpg`, recordings alone.
+    HdrNerfReal,
+    /// HDR-GS's repack of the synthetic ones: COLMAP with `exr/0.exr`.
     HdrGs,
     /// GaussHDR's repack: COLMAP with `images_hdr/train_hdr_000.exr`.
     GaussHdr,
@@ -58,7 +68,7 @@ pub enum DatasetFormat {
 
 impl DatasetFormat {
     /// All of them.
-    pub const ALL: [Self; 5] = [Self::Transforms, Self::Colmap, Self::HdrNerf, Self::HdrGs, Self::GaussHdr];
+    pub const ALL: [Self; 6] = [Self::Transforms, Self::Colmap, Self::HdrNerf, Self::HdrNerfReal, Self::HdrGs, Self::GaussHdr];
 
     /// Name on the command line.
     pub fn name(self) -> &'static str {
@@ -66,6 +76,7 @@ impl DatasetFormat {
             Self::Transforms => "transforms",
             Self::Colmap => "colmap",
             Self::HdrNerf => "hdr-nerf",
+            Self::HdrNerfReal => "hdr-nerf-real",
             Self::HdrGs => "hdr-gs",
             Self::GaussHdr => "gausshdr",
         }
@@ -80,7 +91,7 @@ impl fmt::Display for DatasetFormat {
 
 /// Not the name of a [`DatasetFormat`].
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("data set format {0:?}, expected transforms, colmap, hdr-nerf, hdr-gs or gausshdr")]
+#[error("data set format {0:?}, expected transforms, colmap, hdr-nerf, hdr-nerf-real, hdr-gs or gausshdr")]
 pub struct UnknownFormat(pub String);
 
 impl FromStr for DatasetFormat {
@@ -102,11 +113,25 @@ pub struct LoadOptions {
     pub color_space: Option<ColorSpace>,
     /// Reduction of the images by area average: 1, 2, 4 or 8.
     pub downscale: u32,
+    /// Which images are trained on: radiance, or what a camera recorded.
+    pub supervision: Supervision,
+    /// Which exposures of each bracket are trained on, under [`Supervision::Ldr`].
+    pub exposures: Exposures,
+    /// Where the weights of pixels come from.
+    pub masks: MaskSource,
 }
 
 impl Default for LoadOptions {
     fn default() -> Self {
-        Self { format: None, transfer: None, color_space: None, downscale: 1 }
+        Self {
+            format: None,
+            transfer: None,
+            color_space: None,
+            downscale: 1,
+            supervision: Supervision::Hdr,
+            exposures: Exposures::All,
+            masks: MaskSource::Auto,
+        }
     }
 }
 
@@ -132,10 +157,11 @@ pub fn load_dataset(path: &Path, options: &LoadOptions) -> Result<Dataset, IoErr
     };
     let source = match format {
         DatasetFormat::Transforms => transforms_source(&json()?),
-        DatasetFormat::HdrNerf => hdr_nerf_source(&json()?),
-        DatasetFormat::Colmap => colmap_source(path, ColmapLayout::Plain),
-        DatasetFormat::HdrGs => colmap_source(path, ColmapLayout::HdrGs),
-        DatasetFormat::GaussHdr => colmap_source(path, ColmapLayout::GaussHdr),
+        DatasetFormat::HdrNerf => hdr_nerf_source(&json()?, options.supervision),
+        DatasetFormat::HdrNerfReal => layout_llff::llff_source(path, options.supervision),
+        DatasetFormat::Colmap => colmap_source(path, ColmapLayout::Plain, options.supervision),
+        DatasetFormat::HdrGs => colmap_source(path, ColmapLayout::HdrGs, options.supervision),
+        DatasetFormat::GaussHdr => colmap_source(path, ColmapLayout::GaussHdr, options.supervision),
     }?;
     assemble::assemble(path, source, options)
 }

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use glam::DAffine3;
+use luxel_core::NoiseModel;
 
 use super::intrinsics::Intrinsics;
 use super::split::{Part, SplitRule, parse_split};
@@ -25,12 +26,20 @@ pub(super) struct Source {
 }
 
 /// An image to be read.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Frame {
     /// View name.
     pub(super) name: String,
-    /// Existing file.
+    /// Existing file; where recordings are read, it may be missing beside them.
     pub(super) image: PathBuf,
+    /// What a camera recorded from this pose; only where recordings are read.
+    pub(super) recordings: Vec<Recording>,
+    /// Exposure of the image if it is a recording, seconds.
+    pub(super) exposure_s: Option<f32>,
+    /// Noise of the image, if the frame states it.
+    pub(super) noise: Option<NoiseModel>,
+    /// Existing file of weights.
+    pub(super) mask: Option<PathBuf>,
     /// Pose.
     pub(super) camera_from_world: DAffine3,
     /// Lens.
@@ -39,6 +48,17 @@ pub(super) struct Frame {
     pub(super) origin: Origin,
     /// Side of the split, if the frame says so itself.
     pub(super) part: Option<Part>,
+}
+
+/// A display-referred image of a known exposure.
+#[derive(Clone, Debug)]
+pub(super) struct Recording {
+    /// View name.
+    pub(super) name: String,
+    /// Existing file.
+    pub(super) image: PathBuf,
+    /// Seconds.
+    pub(super) exposure_s: f32,
 }
 
 /// The place that describes a frame.

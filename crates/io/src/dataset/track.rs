@@ -20,19 +20,22 @@ pub(super) struct Target<'a> {
     pub(super) view: &'a View,
 }
 
-/// Points of the data set. `targets`: of each frame of the source; `None` for those that are not trained on. Observations outside of
+/// Points of the data set. `targets`: of each frame of the source; none for those that are not trained on. Observations outside of
 /// their view or on a masked pixel are dropped: there is no radiance to be read there.
-pub(super) fn map_points(points: Vec<SourcePoint>, targets: &[Option<Target<'_>>]) -> Vec<Point> {
+pub(super) fn map_points(points: Vec<SourcePoint>, targets: &[Vec<Target<'_>>]) -> Vec<Point> {
     let map = |point: SourcePoint| {
-        let observation = |sighting: Sighting| {
-            let target = targets.get(sighting.frame)?.as_ref()?;
+        let observation = |target: &Target<'_>, sighting: &Sighting| {
             let [w, h] = target.photographed.size_px.map(f64::from);
             let photographed_px = DVec2::new(f64::from(sighting.at[0]) * w, f64::from(sighting.at[1]) * h);
             let px = map_pixel(photographed_px, target.photographed, &target.view.camera)?;
             let px = px.as_vec2();
             is_seen(target.view, px).then(|| Observation { view: target.index, pixel_px: px.to_array() })
         };
-        let observations = point.sightings.into_iter().filter_map(observation).collect();
+        let seen = |sighting: &Sighting| {
+            let targets = targets.get(sighting.frame).map_or(&[][..], Vec::as_slice);
+            targets.iter().filter_map(|target| observation(target, sighting)).collect::<Vec<_>>()
+        };
+        let observations = point.sightings.iter().flat_map(seen).collect();
         Point { position: point.position, rgb8: point.rgb8, observations }
     };
     points.into_iter().map(map).collect()

@@ -2,12 +2,12 @@
 //!
 //! Poses are camera-to-world matrices in OpenGL axes; lens parameters of a frame go before the file's. Understood: `fl_x fl_y cx cy w h`,
 //! `camera_angle_x camera_angle_y`, `k1 k2 p1 p2`, `ply_file_path`, `applied_transform`, `applied_scale`, `train_filenames`,
-//! `val_filenames`, `test_filenames`. Lenses beyond OPENCV's four coefficients are refused.
+//! `val_filenames`, `test_filenames`, `mask_path`; `exposure` (seconds) of recorded images, `noise` or `iso` and `white` of noisy ones. Lenses beyond OPENCV's four coefficients are refused.
 
 use std::path::Path;
 
 use glam::{DAffine3, DMat3, DVec2, DVec3};
-use luxel_core::{Camera, Distortion, MAX_SIDE_PX};
+use luxel_core::{Camera, Distortion, MAX_SIDE_PX, NoiseModel};
 use serde_json::{Map, Value};
 
 use super::intrinsics::{Focal, Intrinsics};
@@ -30,8 +30,6 @@ pub struct Transforms {
     pub(super) world_from_reconstruction: DAffine3,
     /// `train_filenames`, `val_filenames`, `test_filenames`.
     pub(super) split: Option<[Vec<String>; 3]>,
-    /// Things that are understood but not used.
-    pub(super) warnings: Vec<String>,
 }
 
 /// A frame of [`Transforms`].
@@ -43,6 +41,12 @@ pub struct TransformsFrame {
     pub camera_from_world: DAffine3,
     /// Lens.
     pub(super) intrinsics: Intrinsics,
+    /// Exposure, seconds.
+    pub(super) exposure_s: Option<f32>,
+    /// Noise of the image.
+    pub(super) noise: Option<NoiseModel>,
+    /// Image of weights, relative to the file.
+    pub(super) mask_path: Option<String>,
 }
 
 impl TransformsFrame {
@@ -76,17 +80,11 @@ pub fn parse_transforms(path: &Path, bytes: &[u8]) -> Result<Transforms, IoError
         None => return Err(file.error("\"frames\" is missing, expected a list of images with poses")),
     };
     let frames = frames.iter().enumerate().map(|(i, frame)| parse_frame(&file, i, frame)).collect::<Result<Vec<_>, _>>()?;
-    let mut warnings = Vec::new();
-    let frame_values = || root.get("frames").and_then(Value::as_array).into_iter().flatten();
-    if frame_values().any(|frame| frame.get("mask_path").is_some()) {
-        warnings.push(format!("{}: \"mask_path\" is not used: masked pixels are trained on", path.display()));
-    }
     Ok(Transforms {
         frames,
         ply_file_path: file.string("ply_file_path")?,
         world_from_reconstruction: applied_transform(&file)?,
         split: filenames(&file)?,
-        warnings,
     })
 }
 
@@ -140,6 +138,17 @@ impl Fields<'_> {
         match value.as_f64() {
             Some(number) if number.is_finite() => Ok(Some(number)),
             _ => Err(self.error(format!("\"{key}\" is {}, expected a finite number", kind_of(value)))),
+        }
+    }
+
+    /// A number above 0, if the key is there.
+    fn positive(&self, key: &str) -> Result<Option<f64>, IoError> {
+        match self.number(key)? {
+            // What f32 cannot hold is no exposure, sensitivity or radiance of a photograph.
+            Some(number) if !(number as f32).is_normal() || number < 0.0 => {
+                Err(self.error(format!("\"{key}\" is {number}, expected a number above 0")))
+            }
+            number => Ok(number),
         }
     }
 
@@ -213,8 +222,32 @@ fn parse_frame(file: &Fields<'_>, index: usize, frame: &Value) -> Result<Transfo
         return Err(fields.error("\"transform_matrix\" is missing, expected the 4x4 camera-to-world matrix"));
     };
     let camera_from_world = pose(&fields, matrix)?;
+    let mask_path = fields.string("mask_path")?;
     fields.shared = Some(file.own);
-    Ok(TransformsFrame { file_path, camera_from_world, intrinsics: intrinsics(&fields)? })
+    Ok(TransformsFrame {
+        file_path,
+        camera_from_world,
+        intrinsics: intrinsics(&fields)?,
+        exposure_s: fields.positive("exposure")?.map(|seconds| seconds as f32),
+        noise: noise(&fields)?,
+        mask_path,
+    })
+}
+
+/// Noise as `"noise": [read, shot]` states it, or as a typical sensor has it at `"iso"`, where a pixel of radiance `"white"` (1 if left out) is
+/// saturated.
+fn noise(fields: &Fields<'_>) -> Result<Option<NoiseModel>, IoError> {
+    if let Some(value) = fields.get("noise") {
+        let parts: Vec<f64> = value.as_array().into_iter().flatten().filter_map(Value::as_f64).collect();
+        return match parts.as_slice() {
+            [read, shot] if *read >= 0.0 && *shot >= 0.0 => Ok(Some(NoiseModel { read: *read as f32, shot: *shot as f32 })),
+            _ => {
+                Err(fields.error("\"noise\" is not [read, shot], two numbers of at least 0: the variance of radiance p is read^2 + shot p"))
+            }
+        };
+    }
+    let white = fields.positive("white")?.unwrap_or(1.0);
+    Ok(fields.positive("iso")?.map(|iso| NoiseModel::of_iso(iso, white)))
 }
 
 fn pose(fields: &Fields<'_>, matrix: &Value) -> Result<DAffine3, IoError> {

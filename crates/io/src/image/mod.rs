@@ -14,7 +14,7 @@ pub(crate) mod colorimetry;
 mod exr_header;
 pub(crate) mod guard;
 mod jpeg;
-mod npy;
+pub(crate) mod npy;
 mod openexr;
 mod png;
 mod radiance;

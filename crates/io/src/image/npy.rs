@@ -1,4 +1,5 @@
-//! NumPy's .npy in: one array `[H,W,3]` of little-endian float32 in C order, linear RGB, rows from the top.
+//! NumPy's .npy in: one array `[H,W,3]` of little-endian float32 in C order, linear RGB, rows from the top; or a table `[rows, columns]` of
+//! float64.
 //!
 //! Format: a magic string, a version, the length of a header, the header (a Python dictionary of type, order and shape, in ASCII), the
 //! samples (NumPy enhancement proposal 1). Other types, orders and shapes are refused with the line of NumPy that makes the right one.
@@ -25,9 +26,50 @@ const MAX_START_BYTES: u64 = MAX_HEADER_BYTES as u64 + 12;
 /// How to write what is expected.
 const REMEDY: &str = "save it with numpy.save(file, numpy.ascontiguousarray(image, dtype=\"<f4\"))";
 
+/// What an array has to be.
+struct Expected {
+    /// As the header says it.
+    descr: &'static str,
+    /// For messages.
+    kind: &'static str,
+    /// For messages.
+    shape: &'static str,
+    remedy: &'static str,
+}
+
+const IMAGE: Expected = Expected { descr: "'<f4'", kind: "little-endian float32", shape: "(height, width, 3)", remedy: REMEDY };
+const TABLE: Expected = Expected {
+    descr: "'<f8'",
+    kind: "little-endian float64",
+    shape: "(rows, columns)",
+    remedy: "save it with numpy.save(file, numpy.ascontiguousarray(table, dtype=\"<f8\"))",
+};
+
+/// Rows of a table of float64, each of `columns` finite numbers.
+pub(crate) fn decode_table<const COLUMNS: usize>(name: &Path, bytes: &[u8]) -> Result<Vec<[f64; COLUMNS]>, IoError> {
+    let (shape, samples) = start(name, bytes, &TABLE)?;
+    let [rows, columns] = shape.as_slice() else {
+        return Err(IoError::invalid(name, format!("header: {} dimensions, expected {}", shape.len(), TABLE.shape)));
+    };
+    if *columns as usize != COLUMNS {
+        return Err(IoError::invalid(name, format!("header: {columns} columns, expected {COLUMNS}")));
+    }
+    let numbers = samples.as_chunks::<8>().0;
+    if samples.len() != numbers.len() * 8 || numbers.len() != *rows as usize * COLUMNS {
+        let message =
+            format!("data: {} bytes after the header, expected {rows} rows of {COLUMNS} numbers of 8; the file is damaged", samples.len());
+        return Err(IoError::invalid(name, message));
+    }
+    let table: Vec<[f64; COLUMNS]> = numbers.as_chunks::<COLUMNS>().0.iter().map(|row| row.map(f64::from_le_bytes)).collect();
+    match table.iter().position(|row| row.iter().any(|v| !v.is_finite())) {
+        Some(row) => Err(IoError::invalid(name, format!("row {row} holds a number that is not finite"))),
+        None => Ok(table),
+    }
+}
+
 /// Decodes a whole file.
 pub(super) fn decode(name: &Path, bytes: &[u8]) -> Result<DecodedImage, IoError> {
-    let (size, samples) = start(name, bytes)?;
+    let (size, samples) = image_start(name, bytes)?;
     check_size(name, size.map(u64::from), bytes.len() as u64)?;
     let [width, height] = size.map(|side| side as usize);
     let expected = width * height * size_of::<[f32; 3]>();
@@ -50,11 +92,27 @@ pub(super) fn decode(name: &Path, bytes: &[u8]) -> Result<DecodedImage, IoError>
 pub(super) fn size(name: &Path, file: impl Read + Seek) -> Result<[u32; 2], IoError> {
     let mut bytes = Vec::new();
     file.take(MAX_START_BYTES).read_to_end(&mut bytes).map_err(|e| IoError::system(name, "read", &e))?;
-    Ok(start(name, &bytes)?.0)
+    Ok(image_start(name, &bytes)?.0)
 }
 
 /// Width and height, and what follows the header.
-fn start<'a>(name: &Path, bytes: &'a [u8]) -> Result<([u32; 2], &'a [u8]), IoError> {
+fn image_start<'a>(name: &Path, bytes: &'a [u8]) -> Result<([u32; 2], &'a [u8]), IoError> {
+    let (shape, samples) = start(name, bytes, &IMAGE)?;
+    match shape.as_slice() {
+        [height, width, 3] => Ok(([*width, *height], samples)),
+        _ => Err(IoError::unsupported(name, format!("header: 'shape' is {}, expected {}; {REMEDY}", tuple(&shape), IMAGE.shape))),
+    }
+}
+
+/// `(400, 300)`.
+fn tuple(shape: &[u32]) -> String {
+    let sides: Vec<String> = shape.iter().map(u32::to_string).collect();
+    if sides.len() == 1 { format!("({},)", sides.join(", ")) } else { format!("({})", sides.join(", ")) }
+}
+
+/// The shape, and what follows the header.
+fn start<'a>(name: &Path, bytes: &'a [u8], expected: &Expected) -> Result<(Vec<u32>, &'a [u8]), IoError> {
+    let remedy = expected.remedy;
     let cut_short = || IoError::invalid(name, "header: the file ends within it; the file is damaged, save it again");
     let rest = bytes.strip_prefix(SIGNATURE).ok_or_else(|| IoError::invalid(name, "header: no signature of NumPy"))?;
     let (length, rest) = match rest {
@@ -62,19 +120,19 @@ fn start<'a>(name: &Path, bytes: &'a [u8]) -> Result<([u32; 2], &'a [u8]), IoErr
         [2 | 3, _, a, b, c, d, rest @ ..] => (u32::from_le_bytes([*a, *b, *c, *d]) as usize, rest),
         [1..=3, ..] | [] => return Err(cut_short()),
         [version, ..] => {
-            return Err(IoError::unsupported(name, format!("header: version {version} of the format, expected 1 to 3; {REMEDY}")));
+            return Err(IoError::unsupported(name, format!("header: version {version} of the format, expected 1 to 3; {remedy}")));
         }
     };
     if length > MAX_HEADER_BYTES {
-        return Err(IoError::invalid(name, format!("header: {length} bytes, expected at most {MAX_HEADER_BYTES}; {REMEDY}")));
+        return Err(IoError::invalid(name, format!("header: {length} bytes, expected at most {MAX_HEADER_BYTES}; {remedy}")));
     }
     let (header, samples) = rest.split_at_checked(length).ok_or_else(cut_short)?;
     let header = str::from_utf8(header).map_err(|_| IoError::invalid(name, "header: not text; the file is damaged, save it again"))?;
-    Ok((shape(name, header)?, samples))
+    Ok((shape(name, header, expected)?, samples))
 }
 
-/// Width and height of a header such as `{'descr': '<f4', 'fortran_order': False, 'shape': (400, 300, 3), }`.
-fn shape(name: &Path, header: &str) -> Result<[u32; 2], IoError> {
+/// Shape of a header such as `{'descr': '<f4', 'fortran_order': False, 'shape': (400, 300, 3), }`.
+fn shape(name: &Path, header: &str, wanted: &Expected) -> Result<Vec<u32>, IoError> {
     let value = |key: &str| {
         let (_, rest) = header.split_once(&format!("'{key}':"))?;
         let rest = rest.trim_start();
@@ -85,11 +143,11 @@ fn shape(name: &Path, header: &str) -> Result<[u32; 2], IoError> {
         |key: &str| value(key).ok_or_else(|| IoError::invalid(name, format!("header: no '{key}'; the file is damaged, save it again")));
     let unsupported = |key: &str, found: &str, expected: &dyn Display| {
         let found: String = found.chars().take(40).filter(|c| !c.is_control()).collect();
-        IoError::unsupported(name, format!("header: '{key}' is {found}, expected {expected}; {REMEDY}"))
+        IoError::unsupported(name, format!("header: '{key}' is {found}, expected {expected}; {}", wanted.remedy))
     };
     let descr = found("descr")?;
-    if descr != "'<f4'" {
-        return Err(unsupported("descr", descr, &"'<f4' (little-endian float32)"));
+    if descr != wanted.descr {
+        return Err(unsupported("descr", descr, &format_args!("{} ({})", wanted.descr, wanted.kind)));
     }
     let order = found("fortran_order")?;
     if order != "False" {
@@ -97,10 +155,7 @@ fn shape(name: &Path, header: &str) -> Result<[u32; 2], IoError> {
     }
     let shape = found("shape")?;
     let sides: Option<Vec<u32>> = shape.trim_matches(['(', ')']).split(',').map(|side| side.trim().parse().ok()).collect();
-    match sides.as_deref() {
-        Some([height, width, 3]) => Ok([*width, *height]),
-        _ => Err(unsupported("shape", shape, &"(height, width, 3)")),
-    }
+    sides.ok_or_else(|| unsupported("shape", shape, &wanted.shape))
 }
 
 #[cfg(test)]

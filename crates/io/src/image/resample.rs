@@ -10,30 +10,36 @@ pub fn downscale(image: &Image, factor: usize) -> Image {
     reduce(image, None, factor).0
 }
 
-/// [`downscale`] over valid pixels only; a block without any is invalid and 0.
+/// [`downscale`] over valid pixels only, each block with the mean weight of its valid pixels; a block without any is invalid and 0.
 pub fn downscale_masked(image: &Image, mask: &Mask, factor: usize) -> (Image, Mask) {
-    let (image, valid) = reduce(image, Some(mask), factor);
-    (image, Mask { valid })
+    let (image, weights) = reduce(image, Some(mask), factor);
+    (image, Mask { weights })
 }
 
 fn is_valid(mask: Option<&Mask>, pixel: usize) -> bool {
-    mask.is_none_or(|mask| mask.valid.get(pixel).copied().unwrap_or(false))
+    mask.is_none_or(|mask| mask.is_valid(pixel))
 }
 
-fn reduce(image: &Image, mask: Option<&Mask>, factor: usize) -> (Image, Vec<bool>) {
+fn weight(mask: Option<&Mask>, pixel: usize) -> f32 {
+    mask.map_or(1.0, |mask| mask.weights.get(pixel).copied().unwrap_or(0.0))
+}
+
+fn reduce(image: &Image, mask: Option<&Mask>, factor: usize) -> (Image, Vec<f32>) {
     let factor = factor.max(1);
     let (width, height) = (image.width / factor, image.height / factor);
     let block = |index: usize| {
         let corner = [index % width * factor, index / width * factor];
         let (mean, count) = image.block_mean(corner, factor, |at| is_valid(mask, at));
-        (mean, count > 0)
+        let of_row = |y: usize| (corner[0]..corner[0] + factor).map(move |x| y * image.width + x);
+        let total: f64 = (corner[1]..corner[1] + factor).flat_map(of_row).map(|at| f64::from(weight(mask, at))).sum();
+        (mean, (total / count.max(1) as f64) as f32)
     };
-    let (pixels, valid) = (0..width * height).into_par_iter().map(block).unzip();
-    (Image { width, height, pixels }, valid)
+    let (pixels, weights) = (0..width * height).into_par_iter().map(block).unzip();
+    (Image { width, height, pixels }, weights)
 }
 
 /// Resamples a distorted image into the same camera without distortion, bilinearly. Pixels whose ray falls outside of the image, or
-/// that touch an invalid pixel, are invalid and 0. `camera` is the image's, of its size.
+/// that touch an invalid pixel, are invalid and 0; the others weigh what the least of the pixels does that they are made of. `camera` is the image's, of its size.
 pub fn undistort(image: &Image, mask: Option<&Mask>, camera: &Camera) -> (Image, Mask, Camera) {
     let lens = camera.distortion;
     let limit = fold_radius2(&lens);
@@ -42,14 +48,14 @@ pub fn undistort(image: &Image, mask: Option<&Mask>, camera: &Camera) -> (Image,
         let target = DVec2::new((index % width) as f64 + 0.5, (index / width) as f64 + 0.5);
         let straight = (target - camera.center_px) / camera.focal_px;
         if straight.length_squared() >= limit {
-            return ([0.0; 3], false);
+            return ([0.0; 3], 0.0);
         }
         let source = lens.distort(straight) * camera.focal_px + camera.center_px;
-        sample(image, mask, source).map_or(([0.0; 3], false), |rgb| (rgb, true))
+        sample(image, mask, source).unwrap_or(([0.0; 3], 0.0))
     };
-    let (pixels, valid) = (0..width * height).into_par_iter().map(pixel).unzip();
+    let (pixels, weights) = (0..width * height).into_par_iter().map(pixel).unzip();
     let pinhole = Camera { distortion: Distortion::default(), ..camera.clone() };
-    (Image { width, height, pixels }, Mask { valid }, pinhole)
+    (Image { width, height, pixels }, Mask { weights }, pinhole)
 }
 
 /// The largest part of what `camera` sees that is a pinhole image without empty pixels: the same size and principal point, focal lengths
@@ -108,9 +114,9 @@ fn fold_radius2(lens: &Distortion) -> f64 {
     [2.0 / (-b - root), 2.0 / (-b + root)].into_iter().filter(|s| *s > 0.0).fold(f64::INFINITY, f64::min)
 }
 
-/// Bilinear value at `position` in pixels; the outer half of border pixels is constant. `None` outside, or if a pixel that counts is
-/// invalid.
-fn sample(image: &Image, mask: Option<&Mask>, position: DVec2) -> Option<[f32; 3]> {
+/// Bilinear value at `position` in pixels, and the least weight of the pixels in it; the outer half of border pixels is constant. `None`
+/// outside, or if a pixel that counts is invalid.
+fn sample(image: &Image, mask: Option<&Mask>, position: DVec2) -> Option<([f32; 3], f32)> {
     let (width, height) = (image.width as f64, image.height as f64);
     // Also refuses NaN.
     if !(position.x >= 0.0 && position.x <= width && position.y >= 0.0 && position.y <= height) {
@@ -125,13 +131,14 @@ fn sample(image: &Image, mask: Option<&Mask>, position: DVec2) -> Option<[f32; 3
         (0, 1, (1.0 - fraction.x) * fraction.y),
         (1, 1, fraction.x * fraction.y),
     ];
-    let mut sum = [0.0f64; 3];
-    for (dx, dy, weight) in taps.into_iter().filter(|(_, _, weight)| *weight > 0.0) {
+    let (mut sum, mut least) = ([0.0f64; 3], 1.0f32);
+    for (dx, dy, part) in taps.into_iter().filter(|(_, _, part)| *part > 0.0) {
         let at = (top + dy) * image.width + left + dx;
         let pixel = image.pixels.get(at).filter(|_| is_valid(mask, at))?;
-        sum = [0, 1, 2].map(|c| sum[c] + weight * f64::from(pixel[c]));
+        sum = [0, 1, 2].map(|c| sum[c] + part * f64::from(pixel[c]));
+        least = least.min(weight(mask, at));
     }
-    Some(sum.map(|s| s as f32))
+    Some((sum.map(|s| s as f32), least))
 }
 
 #[cfg(test)]
@@ -165,7 +172,7 @@ mod tests {
             let target = DVec2::new((i % 64) as f64 + 0.5, (i / 64) as f64 + 0.5);
             let source = lens.distort((target - pinhole.center_px) / pinhole.focal_px) * pinhole.focal_px + pinhole.center_px;
             let is_inside = (0.0..=64.0).contains(&source.x) && (0.0..=48.0).contains(&source.y);
-            assert_eq!(mask.valid[i], is_inside, "pixel {i} from {source}");
+            assert_eq!(mask.is_valid(i), is_inside, "pixel {i} from {source}");
             if !is_inside {
                 assert_eq!(image.pixels[i], [0.0; 3]);
                 outside += 1;
@@ -206,7 +213,7 @@ mod tests {
     fn no_distortion_changes_nothing() {
         let (image, mask, _) = undistort(&grid(), None, &camera(Distortion::default()));
         assert_eq!(image, grid());
-        assert!(mask.valid.iter().all(|v| *v));
+        assert!(mask.weights.iter().all(|w| *w == 1.0));
     }
 
     #[test]
@@ -214,8 +221,8 @@ mod tests {
         let mut valid = vec![true; 64 * 48];
         valid[20 * 64 + 30] = false;
         let shift = Distortion { p1: 1e-4, p2: 1e-4, ..Distortion::default() };
-        let (image, mask, _) = undistort(&grid(), Some(&Mask { valid }), &camera(shift));
-        let lost: Vec<_> = (0..64 * 48).filter(|&i| !mask.valid[i]).collect();
+        let (image, mask, _) = undistort(&grid(), Some(&Mask::of_valid(valid)), &camera(shift));
+        let lost: Vec<_> = (0..64 * 48).filter(|&i| !mask.is_valid(i)).collect();
         assert!(
             (1..=4).contains(&lost.iter().filter(|&&i| (28..=32).contains(&(i % 64)) && (18..=22).contains(&(i / 64))).count()),
             "{lost:?}"
@@ -234,7 +241,7 @@ mod tests {
         assert!((fold_radius2(&Distortion { k1: -1.0, k2: 0.4, ..Distortion::default() }) - 0.5).abs() < 1e-12);
         let (_, mask, _) = undistort(&grid(), None, &camera(fold));
         let corner = DVec2::new(0.5 - 33.0, 0.5 - 23.5) / DVec2::new(50.0, 55.0);
-        assert!(corner.length_squared() > 1.0 / 3.0 && !mask.valid[0]);
+        assert!(corner.length_squared() > 1.0 / 3.0 && !mask.is_valid(0));
     }
 
     #[test]
@@ -252,9 +259,9 @@ mod tests {
     fn downscaling_leaves_invalid_pixels_out() {
         let mut image = Image { width: 4, height: 2, pixels: (0..8).map(|i| [i as f32; 3]).collect() };
         image.pixels[5] = [f32::NAN; 3];
-        let mask = Mask { valid: vec![true, true, false, false, true, false, false, false] };
+        let mask = Mask::of_valid(vec![true, true, false, false, true, false, false, false]);
         let (half, valid) = downscale_masked(&image, &mask, 2);
         assert_eq!(half.pixels, [[5.0 / 3.0; 3], [0.0; 3]]);
-        assert_eq!(valid.valid, [true, false]);
+        assert_eq!(valid.weights, [1.0, 0.0]);
     }
 }

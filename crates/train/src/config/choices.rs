@@ -46,6 +46,19 @@ pub enum CutoffPreset {
     Parity,
 }
 
+/// What is found beside the scene of each training image, whose exposure or white balance drifts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ExposureCompensation {
+    /// Nothing: images are taken at their word
+    #[default]
+    Off,
+    /// One gain an image
+    Exposure,
+    /// A gain an image and channel: exposure and white balance
+    Color,
+}
+
 /// How the radiance of one normalised unit is chosen from the training views.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]

@@ -89,6 +89,12 @@ impl TrainConfig {
         if let Some(found) = self.init_opacity.filter(|opacity| !(*opacity > 0.0 && *opacity < 1.0)) {
             return Err(TrainError::config("init-opacity", format!("found {found}, expected a number above 0 and below 1")));
         }
+        if !(self.unit_exposure > 0.0 && self.unit_exposure < 1.0) {
+            return Err(TrainError::config(
+                "unit-exposure",
+                format!("found {}, expected a number above 0 and below 1", self.unit_exposure),
+            ));
+        }
         let parts = [("ssim-weight", self.ssim_weight), ("prune-opacity", self.prune_opacity), ("mcmc-growth", self.mcmc_growth)];
         for (option, value) in parts {
             if !(0.0..=1.0).contains(&value) {

@@ -201,7 +201,7 @@ impl Lpips {
         mu: f32,
         color_space: ColorSpace,
     ) -> Result<f64, LpipsError> {
-        let valid = |i: usize| mask.is_none_or(|mask| mask.valid.get(i).copied().unwrap_or(false));
+        let valid = |i: usize| mask.is_none_or(|mask| mask.is_valid(i));
         let light = |rgb: [f32; 3]| rec709_of(color_space, rgb).map(|v| if v.is_finite() { v.max(0.0) } else { 0.0 });
         let brightest = target.pixels.iter().enumerate().filter(|(i, _)| valid(*i)).flat_map(|(_, &rgb)| light(rgb)).fold(0.0, f32::max);
         let (divisor, curve) = (if brightest > 0.0 { brightest } else { 1.0 }, MuLaw::new(mu));

@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
-use luxel_core::{Engine, LearningRates, LossConfig, Pass, RenderOptions, StatsCollection, StepConfig, StepReport, View};
+use luxel_core::{Engine, LearningRates, LossConfig, Pass, RenderOptions, StatsCollection, StepConfig, StepReport, ToneCurve, View};
 
 /// So small that the scene stays where it is, over any number of steps; Adam's work is the same at any rate.
 const LEARNING_RATE: f32 = 1e-9;
@@ -82,7 +82,7 @@ fn step(protocol: &Protocol, step: u32) -> StepConfig {
     StepConfig {
         step,
         render: protocol.render,
-        loss: LossConfig { mu: protocol.mu, ..LossConfig::default() },
+        loss: LossConfig { curve: ToneCurve::MuLaw { mu: protocol.mu }, ..LossConfig::default() },
         learning_rates: LearningRates {
             position: LEARNING_RATE,
             rotation: LEARNING_RATE,

@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use anyhow::{Context, Result, bail};
 use luxel_core::{
-    Antialias, Camera, ColorModel, ColorSpace, Cutoffs, Engine, Image, RasterConfig, RenderOptions, Scene, Splats, View, spatial_order,
-    synthetic,
+    Antialias, Camera, ColorModel, ColorSpace, Cutoffs, Engine, Image, PixelValues, RasterConfig, RenderOptions, Scene, Splats, View,
+    spatial_order, synthetic,
 };
 use luxel_io::ReadOptions;
 use luxel_train::{Method, TrainConfig};
@@ -67,7 +67,8 @@ impl Workload {
             splats = splats.select(spatial_order(&splats.position));
         }
         engine.load(&splats, None).context("cannot load the workload")?;
-        let view = View { name: source.name.clone(), camera, image: Arc::new(image), mask: None };
+        let view =
+            View { name: source.name.clone(), camera, image: Arc::new(image), values: PixelValues::Radiance, noise: None, mask: None };
         Ok(Self { name: source.name, method: splats.color_model.name(), splats: splats.len(), target, view, render })
     }
 }

@@ -103,7 +103,7 @@ fn scale_of_references(pairs: &Pairs, settings: &Settings) -> Result<f32> {
     for pair in &pairs.pairs {
         let (image, space) = settings.read(&pair.reference)?;
         let mask = mask(pair, &image)?;
-        let valid = |i: &usize| mask.as_ref().is_none_or(|mask| mask.valid[*i]);
+        let valid = |i: &usize| mask.as_ref().is_none_or(|mask| mask.is_valid(*i));
         // An odd stride does not fall in step with even image widths; every image takes part equally.
         let stride = (image.pixels.len().saturating_mul(pairs.pairs.len()) / MAX_SAMPLES + 1) | 1;
         let found = (0..image.pixels.len()).step_by(stride).filter(valid);
@@ -128,7 +128,7 @@ pub(super) fn compare(pair: &Pair, settings: &Settings) -> Result<Compared> {
     let color_space = common_space([(&mut reference, of_reference), (&mut test, of_test)]);
     let given = mask(pair, &reference)?;
     let mask = without_bad_pixels(given, &reference);
-    let masked_pixels = mask.as_ref().map_or(0, |mask| mask.valid.iter().filter(|valid| !**valid).count());
+    let masked_pixels = mask.as_ref().map_or(0, |mask| mask.weights.iter().filter(|weight| **weight == 0.0).count());
     let bad = reference.pixels.iter().filter(|p| !p.iter().all(|v| v.is_finite())).count();
     let warning = (bad > 0).then(|| format!("{}: {bad} pixels are not finite; left out", pair.reference.display()));
     let failed = || format!("cannot compare {} with {}", pair.test.display(), pair.reference.display());
@@ -210,7 +210,7 @@ fn mask(pair: &Pair, image: &Image) -> Result<Option<Mask>> {
             image.height
         );
     }
-    Ok(Some(Mask { valid: found.pixels.iter().map(|p| p.iter().any(|v| *v > 0.0)).collect() }))
+    Ok(Some(Mask::of_valid(found.pixels.iter().map(|p| p.iter().any(|v| *v > 0.0)))))
 }
 
 /// Pixels of the reference that are no numbers are nobody's fault but its own; those of the test are an error.
@@ -219,12 +219,12 @@ fn without_bad_pixels(mask: Option<Mask>, reference: &Image) -> Option<Mask> {
     if (0..reference.pixels.len()).all(finite) {
         return mask;
     }
-    let valid = (0..reference.pixels.len()).map(|i| finite(i) && mask.as_ref().is_none_or(|mask| mask.valid[i]));
-    Some(Mask { valid: valid.collect() })
+    let valid = (0..reference.pixels.len()).map(|i| finite(i) && mask.as_ref().is_none_or(|mask| mask.is_valid(i)));
+    Some(Mask::of_valid(valid))
 }
 
 fn write_heatmap(path: &Path, map: &FlipMap, mask: Option<&Mask>) -> Result<()> {
-    let valid = |i: usize| mask.is_none_or(|mask| mask.valid[i]);
+    let valid = |i: usize| mask.is_none_or(|mask| mask.is_valid(i));
     let color = |(i, &error): (usize, &f32)| if valid(i) { magma(error) } else { MASKED };
     let rgb8: Vec<[u8; 3]> = map.error.iter().enumerate().map(color).collect();
     luxel_io::write_png(path, map.width, map.height, rgb8.as_flattened()).context("cannot write the error map")

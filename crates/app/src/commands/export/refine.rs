@@ -11,7 +11,9 @@
 use std::sync::Arc;
 
 use anyhow::{Context, Result};
-use luxel_core::{Dataset, Engine, LearningRates, LossConfig, RenderOptions, Scene, StatsCollection, StepConfig, View};
+use luxel_core::{
+    Dataset, Engine, LearningRates, LossConfig, PixelValues, RenderOptions, Scene, StatsCollection, StepConfig, ToneCurve, View,
+};
 use luxel_io::Baked;
 
 use super::error::wanted;
@@ -44,7 +46,7 @@ pub(super) fn refine(
     gains.apply(baked, scene);
     engine.load(&baked.scene.splats, None).context("cannot load the bake")?;
     let render = RenderOptions { raster: baked.scene.raster, ..RenderOptions::default() };
-    let loss = LossConfig { mu: LINEAR_MU, ..LossConfig::default() };
+    let loss = LossConfig { curve: ToneCurve::MuLaw { mu: LINEAR_MU }, ..LossConfig::default() };
     let dc_rate = (REACH / (MEAN * steps as f32)).clamp(DC_RATES[0], DC_RATES[1]);
     let (mut first, mut last) = (0.0, 0.0);
     for step in 1..=steps {
@@ -92,7 +94,8 @@ fn targets(baked: &Baked, scene: &Scene, views: &[View], engine: &mut dyn Engine
         let exposed = exposed(scene, baked, &image);
         let shown = wanted(scene, baked, image);
         gains.add((&view.camera, &options), (&exposed, &shown), engine)?;
-        targets.push(View { name: view.name.clone(), camera: view.camera.clone(), image: Arc::new(shown), mask: None });
+        let image = Arc::new(shown);
+        targets.push(View { image, values: PixelValues::Radiance, noise: None, mask: None, ..view.clone() });
     }
     Ok((targets, gains))
 }

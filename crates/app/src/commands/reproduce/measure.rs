@@ -11,11 +11,12 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, bail};
 use luxel_core::metrics::{FieldOptions, FlipChoice};
 use luxel_core::{Dataset, Engine, RenderOptions, View};
-use luxel_train::Lpips;
+use luxel_train::{GainFit, Lpips};
 use serde::{Deserialize, Serialize};
 
 use super::matrix::{Cell, Matrix};
 use super::training::Failure;
+use crate::captures::Captures;
 use crate::cli::{DeviceArgs, ReproduceArgs};
 use crate::console::Console;
 use crate::evaluation::{self, Rendering};
@@ -161,8 +162,9 @@ impl Wanted {
                 peak_luminance: FieldOptions::DEFAULT_PEAK_LUMINANCE,
                 flip: self.flip,
                 lpips: self.lpips.as_ref().map(|(lpips, _)| lpips),
+                response: Captures::read(&cell.folder)?.response(),
             };
-            let field = rendering.evaluate(&dataset.test, None)?.and_then(|split| split.mean_field);
+            let field = rendering.evaluate(&dataset.test, None, GainFit::None)?.and_then(|split| split.mean_field);
             if let Some(field) = field {
                 hdr_flip = field.hdr_flip.or(hdr_flip);
                 if let (Some((lpips, weights)), Some(distance)) = (&self.lpips, field.lpips_alex.or(field.lpips_vgg)) {

@@ -11,12 +11,12 @@ use std::ops::Range;
 
 use fearless_simd::Simd;
 use luxel_core::metrics::{SSIM_C1, SSIM_C2};
-use luxel_core::{Real, each};
+use luxel_core::response::piece;
+use luxel_core::{RESPONSE_KNOTS, Real, each};
 
-use super::Plan;
 use super::convolution::{GROUP, RADIUS, Stack, Window};
 use super::strips::{from_strips, linear_len, pad, write_blocks};
-use super::values::PLANES;
+use super::{Curve, Plan, Planes};
 use crate::lanes::{Lanes, M, V};
 use crate::passes::rasterize_backward::BlockGradient;
 use crate::view::{BLOCK_PX, TILE_BLOCKS};
@@ -48,6 +48,8 @@ pub(super) struct BandScratch {
     derivatives: Vec<[Stack; DERIVATIVES]>,
     /// One row of the gradient, in strips.
     gradient: Vec<Lanes>,
+    /// One row of the gradient by the recorded values, of the weights and of the places on the response, linear: `[3, linear]`.
+    recorded: Vec<f32>,
     /// Linear rows of the gradient: `[3, BAND_PX, linear]`.
     linear: Vec<f32>,
 }
@@ -78,6 +80,7 @@ impl Default for BandScratch {
             column: [[[Lanes::ZERO; GROUP]; DERIVATIVES]; DERIVATIVE_ROWS / GROUP],
             derivatives: Vec::new(),
             gradient: Vec::new(),
+            recorded: Vec::new(),
             linear: Vec::new(),
         }
     }
@@ -90,18 +93,19 @@ impl BandScratch {
         self.moments.resize(MOMENT_ROWS / GROUP * strip, [[Lanes::ZERO; GROUP]; MOMENTS]);
         self.derivatives.resize(BAND_PX / GROUP * padded, [[Lanes::ZERO; GROUP]; DERIVATIVES]);
         self.gradient.resize(strip, Lanes::ZERO);
+        self.recorded.resize(3 * linear_len(strip), 0.0);
         self.linear.resize(3 * BAND_PX * linear_len(strip), 0.0);
     }
 }
 
-/// Gradient of a channel's band, left in the scratch, and the sum of SSIM.
+/// Gradient of a channel's band, left in the scratch, the gradient by a response's knots, added to `by_knots`, and the sum of SSIM.
 #[inline(always)]
 pub(super) fn differentiate_band<S: Simd>(
     simd: S,
     plan: &Plan,
-    (values, valid): (&[Lanes], Option<&[bool]>),
+    values: &[Lanes],
     band: Band,
-    scratch: &mut BandScratch,
+    (scratch, by_knots): (&mut BandScratch, &mut [f64; RESPONSE_KNOTS]),
 ) -> f64 {
     scratch.resize(plan.strip);
     let window = Window::new(simd, &plan.window);
@@ -116,16 +120,11 @@ pub(super) fn differentiate_band<S: Simd>(
     let linear = linear_len(plan.strip);
     for row in 0..band.rows {
         gradient_row(simd, plan, values, (band, row), &window, scratch);
+        if plan.planes == Planes::Response {
+            add_by_knots(simd, plan, row_of(plan, values, 2 * RADIUS + row, band.channel), scratch, by_knots);
+        }
         let out = &mut scratch.linear[(band.channel * BAND_PX + row) * linear..][..linear];
         from_strips(simd, &scratch.gradient, plan.strip, out);
-        if let Some(valid) = valid {
-            // Masked pixels entered the windows as the target's values, which do not move with the prediction.
-            for (gradient, valid) in out.iter_mut().zip(&valid[(band.start + row) * plan.width..]) {
-                if !valid {
-                    *gradient = 0.0;
-                }
-            }
-        }
         // Beyond the image the gradient is zero.
         out[plan.width..].fill(0.0);
     }
@@ -145,10 +144,11 @@ pub(super) fn store_band(plan: &Plan, rows: usize, scratch: &mut BandScratch, bl
     }
 }
 
-/// Values of a channel's row, counted as the moments' rows are: prediction and target.
+/// Values of a channel's row, counted as the moments' rows are: the planes, prediction and target first.
 #[inline(always)]
-fn row_of<'a>(plan: &Plan, values: &'a [Lanes], row: usize, channel: usize) -> (&'a [Lanes], &'a [Lanes]) {
-    values[(row * 3 + channel) * PLANES * plan.strip..][..PLANES * plan.strip].split_at(plan.strip)
+fn row_of<'a>(plan: &Plan, values: &'a [Lanes], row: usize, channel: usize) -> &'a [Lanes] {
+    let length = plan.planes.count() * plan.strip;
+    &values[(row * 3 + channel) * length..][..length]
 }
 
 /// Convolves the moments along the rows.
@@ -166,8 +166,8 @@ fn horizontal_moments<S: Simd>(simd: S, plan: &Plan, values: &[Lanes], band: Ban
             }
             continue;
         }
-        let (x, y) = row_of(plan, values, row, band.channel);
-        moments_of_row(simd, (x, y), &mut scratch.row);
+        let (x, rest) = row_of(plan, values, row, band.channel).split_at(strip);
+        moments_of_row(simd, (x, &rest[..strip]), &mut scratch.row);
         for (k, moment) in scratch.row.chunks_exact(padded).enumerate() {
             let mut i = 0;
             while i + GROUP <= strip {
@@ -292,7 +292,8 @@ fn gradient_row<S: Simd>(
 ) {
     let strip = plan.strip;
     let padded = strip + 2 * RADIUS;
-    let (x, y) = row_of(plan, values, 2 * RADIUS + row, band.channel);
+    let (x, rest) = row_of(plan, values, 2 * RADIUS + row, band.channel).split_at(strip);
+    let (y, slopes) = rest.split_at(strip);
     let derivatives = scratch.derivatives[row / GROUP * padded..][..padded].as_flattened().as_flattened();
     let [by_mx, by_exx, by_exy] = each!([0, 1, 2] k => &derivatives[k * GROUP + row % GROUP..]);
     let mut i = 0;
@@ -307,24 +308,59 @@ fn gradient_row<S: Simd>(
         let group = window.row_group(simd, &by_exy[first..], DERIVATIVE_STACKS);
         for j in 0..GROUP {
             let by_ssim = group[j].mul_add(V::load(simd, &y[j]), sums[j]);
-            by_radiance(simd, plan, (&x[j], &y[j]), by_ssim).store(&mut out[j]);
+            let by_value = by_value(simd, plan, (&x[j], &y[j]), by_ssim);
+            by_radiance(simd, plan, (&x[j], slopes.get(i + j)), by_value).store(&mut out[j]);
         }
         i += GROUP;
     }
     for i in i..strip {
         let [by_mx, by_exx, by_exy] = each!([0, 1, 2] k => window.row_single(simd, &derivatives[i * DERIVATIVE_STACKS + k * GROUP + row % GROUP..], DERIVATIVE_STACKS));
         let by_ssim = by_exy.mul_add(V::load(simd, &y[i]), by_exx.mul_add(V::load(simd, &x[i]), by_mx));
-        by_radiance(simd, plan, (&x[i], &y[i]), by_ssim).store(&mut scratch.gradient[i]);
+        let by_value = by_value(simd, plan, (&x[i], &y[i]), by_ssim);
+        by_radiance(simd, plan, (&x[i], slopes.get(i)), by_value).store(&mut scratch.gradient[i]);
     }
 }
 
-/// Gradient of the loss by radiance, of half the gradient of the sum of SSIM by the mu-law value.
+/// Gradient of the loss by the value under the curve, over the curve's own slope, of half the gradient of the sum of SSIM by it.
 #[inline(always)]
-fn by_radiance<S: Simd>(simd: S, plan: &Plan, (x, y): (&Lanes, &Lanes), by_ssim: V<S>) -> V<S> {
+fn by_value<S: Simd>(simd: S, plan: &Plan, (x, y): (&Lanes, &Lanes), by_ssim: V<S>) -> V<S> {
     let c = |value: f32| V::splat(simd, value);
-    let (x, y) = (V::load(simd, x), V::load(simd, y));
-    let difference = x - y;
+    let difference = V::load(simd, x) - V::load(simd, y);
     let by_l1 = difference.if_positive(c(plan.l1_factor), (-difference).if_positive(c(-plan.l1_factor), c(0.0)));
-    // T'(p) = mu / ((1 + mu p) ln(1 + mu)) and 1 / (1 + mu p) = 2^(-T log2(1 + mu)); the factors hold the rest.
-    by_ssim.mul_add(c(plan.ssim_factor), by_l1) * (x * -plan.log2_1p_mu).exp2()
+    by_ssim.mul_add(c(plan.ssim_factor), by_l1)
+}
+
+/// Gradient of the loss by radiance: through a response it stays by value, for the knots, and is multiplied by the slope behind them.
+#[inline(always)]
+fn by_radiance<S: Simd>(simd: S, plan: &Plan, (x, slope): (&Lanes, Option<&Lanes>), by_value: V<S>) -> V<S> {
+    match (&plan.curve, slope) {
+        // T'(p) = mu / ((1 + mu p) ln(1 + mu)) and 1 / (1 + mu p) = 2^(-T log2(1 + mu)); the factors hold the rest.
+        (Curve::MuLaw { log2_1p_mu, .. }, None) => by_value * (V::load(simd, x) * -*log2_1p_mu).exp2(),
+        (Curve::MuLaw { .. }, Some(slope)) => by_value * V::load(simd, slope),
+        (Curve::Response(_), _) => by_value,
+    }
+}
+
+/// Adds the gradient by the knots of a row, whose gradient by value is in the scratch, and makes that the gradient by radiance.
+#[inline(always)]
+fn add_by_knots<S: Simd>(simd: S, plan: &Plan, row: &[Lanes], scratch: &mut BandScratch, by_knots: &mut [f64; RESPONSE_KNOTS]) {
+    let strip = plan.strip;
+    let (slopes, rest) = row[2 * strip..].split_at(strip);
+    let (weights, positions) = rest.split_at(strip);
+    for (strips, out) in
+        [scratch.gradient.as_slice(), weights, positions].into_iter().zip(scratch.recorded.chunks_exact_mut(linear_len(strip)))
+    {
+        from_strips(simd, strips, strip, out);
+    }
+    let (by_value, rest) = scratch.recorded.split_at(linear_len(strip));
+    let (weights, positions) = rest.split_at(linear_len(strip));
+    for ((by_value, weight), position) in by_value.iter().zip(weights).zip(positions).take(plan.width) {
+        let (k, along) = piece(*position);
+        let gradient = f64::from(by_value * weight);
+        by_knots[k] += gradient * f64::from(1.0 - along);
+        by_knots[k + 1] += gradient * f64::from(along);
+    }
+    for (gradient, slope) in scratch.gradient.iter_mut().zip(slopes) {
+        (V::load(simd, gradient) * V::load(simd, slope)).store(gradient);
+    }
 }

@@ -1,12 +1,15 @@
-//! Pass `loss`: mu-law L1 + SSIM against the view's image, and its gradient by the pixels' radiance.
+//! Pass `loss`: L1 + SSIM against the view's image through a tone curve, and its gradient by the pixels' radiance.
 //!
-//! In: the tiles' radiance, target image and mask, [`LossConfig`]. Out: L1 and SSIM means, [`BlockGradient`]s row by row.
-//! Source: LCD-GS eq. 5; SSIM as in 3DGS: 11x11 Gaussian window of sigma 1.5, zero padding, mean over pixels and channels.
-//! The window is symmetric and the padding zero, so the convolution is its own adjoint. Masked pixels take the target's value for the
-//! prediction in the windows, and add nothing to L1.
+//! In: the tiles' radiance, target image and weights, [`LossConfig`]. Out: L1 and SSIM means, [`BlockGradient`]s row by row, and the gradient by
+//! the knots of a response. Source: LCD-GS eq. 5; SSIM as in 3DGS: 11x11 Gaussian window of sigma 1.5, zero padding, mean over pixels and
+//! channels. The window is symmetric and the padding zero, so the convolution is its own adjoint.
+//!
+//! A pixel of weight w takes `w x + (1 - w) y` of its prediction x and target y under the curve for the prediction, in L1 (a mean over weights) and
+//! in the windows: one of weight 0 takes no part, one of weight 1 is as if there were no weights, to the bit.
 //!
 //! One sweep over bands of rows, each within a core's cache: [`values`], then [`band`] per channel. Rows are laid out in [`strips`], so that
-//! windows along rows and down columns are the same code, [`convolution`], on whole vectors.
+//! windows along rows and down columns are the same code, [`convolution`], on whole vectors. The mu-law is vector code; a response is looked up
+//! pixel by pixel.
 
 mod band;
 mod convolution;
@@ -16,7 +19,7 @@ mod values;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use fearless_simd::Level;
-use luxel_core::{LossConfig, View};
+use luxel_core::{Knots, LossConfig, RESPONSE_KNOTS, Response, ToneCurve, View};
 use rayon::prelude::*;
 
 use self::band::{BAND_PX, Band, BandScratch, differentiate_band, store_band};
@@ -31,8 +34,8 @@ use crate::view::{BLOCK_PX, ScreenCamera, TILE_BLOCKS};
 /// Buffers of the pass, kept between steps.
 #[derive(Default)]
 pub(crate) struct LossBuffers {
-    /// Per band: sums of absolute differences and of SSIM.
-    sums: Vec<[f64; 2]>,
+    /// Of each band.
+    sums: Vec<BandSums>,
     /// Per thread: what it works on stays in its core's cache. Nobody else locks it.
     scratch: Vec<Mutex<Scratch>>,
     /// Gradient by the pixels' radiance, row by row of blocks, whole tiles across and down.
@@ -50,6 +53,19 @@ struct Scratch {
 pub(crate) struct LossSums {
     pub(crate) l1: f32,
     pub(crate) ssim: f32,
+    pub(crate) by_knots: Option<Knots>,
+}
+
+/// Sums over a band, in f64: they are added in the order of the bands, whoever made them.
+#[derive(Clone)]
+struct BandSums {
+    difference: f64,
+    ssim: f64,
+    by_knots: [[f64; RESPONSE_KNOTS]; 3],
+}
+
+impl BandSums {
+    const ZERO: Self = Self { difference: 0.0, ssim: 0.0, by_knots: [[0.0; RESPONSE_KNOTS]; 3] };
 }
 
 /// Sizes and constants of a step.
@@ -61,13 +77,65 @@ struct Plan {
     /// Tiles of a row.
     across: usize,
     window: Weights,
-    mu: f32,
-    /// 1 / ln(1 + mu).
-    mu_law_scale: f32,
-    log2_1p_mu: f32,
-    /// Gradient of the loss by radiance 0: by L1's sign, and by half the derivative of the sum of SSIM.
+    curve: Curve,
+    /// What is known of each pixel.
+    planes: Planes,
+    /// Gradient of the loss, but for the curve's slope relative to [`Curve::slope`]: by L1's sign, and by half the derivative of the sum of SSIM.
     l1_factor: f32,
     ssim_factor: f32,
+}
+
+/// The tone curve with its constants.
+#[expect(clippy::large_enum_variant, reason = "there is one a step")]
+enum Curve {
+    MuLaw {
+        mu: f32,
+        /// 1 / ln(1 + mu).
+        scale: f32,
+        log2_1p_mu: f32,
+    },
+    Response(Response),
+}
+
+impl Curve {
+    fn new(curve: &ToneCurve) -> Self {
+        match *curve {
+            ToneCurve::MuLaw { mu } => {
+                let log = mu.ln_1p();
+                Self::MuLaw { mu, scale: 1.0 / log, log2_1p_mu: log * std::f32::consts::LOG2_E }
+            }
+            ToneCurve::Response(response) => Self::Response(response),
+        }
+    }
+
+    /// The derivative that the others are relative to: of the mu-law that at radiance 0.
+    fn slope(&self) -> f32 {
+        match self {
+            Self::MuLaw { mu, scale, .. } => mu * scale,
+            Self::Response(_) => 1.0,
+        }
+    }
+}
+
+/// Planes of values of a channel.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Planes {
+    /// Prediction and target: the slope follows from the prediction.
+    Values,
+    /// Those, and the slope times the weight.
+    Weighted,
+    /// Those, and the weight and the place on the response.
+    Response,
+}
+
+impl Planes {
+    fn count(self) -> usize {
+        match self {
+            Self::Values => 2,
+            Self::Weighted => 3,
+            Self::Response => 5,
+        }
+    }
 }
 
 impl LossBuffers {
@@ -82,31 +150,46 @@ impl LossBuffers {
     ) -> LossSums {
         let [width, height] = camera.size_px;
         let [across, down] = camera.tiles();
-        let valid = view.mask.as_ref().map_or(width * height, |mask| mask.valid.iter().filter(|v| **v).count());
-        let plan = Plan::new(camera, config, valid);
+        let all = (width * height) as f64;
+        let total = view.mask.as_ref().map_or(all, |mask| mask.weights.iter().map(|weight| f64::from(*weight)).sum());
+        // Of no pixel at all the mean is 0.
+        let total = 3.0 * if total > 0.0 { total } else { 1.0 };
+        let plan = Plan::new(camera, config, view.mask.is_some(), total);
         let bands = height.div_ceil(BAND_PX);
-        self.sums.resize(bands, [0.0; 2]);
+        self.sums.resize(bands, BandSums::ZERO);
         let (blocks_across, band_blocks) = (across * TILE_BLOCKS, BAND_PX / BLOCK_PX);
         self.gradient.resize(blocks_across * (down * TILE_BLOCKS).max(bands * band_blocks), BlockGradient::default());
         self.scratch.resize_with(rayon::current_num_threads(), Mutex::default);
 
-        let (scratch, mask) = (&self.scratch, view.mask.as_ref().map(|mask| mask.valid.as_slice()));
+        let scratch = &self.scratch;
         let bands = self.gradient.par_chunks_exact_mut(blocks_across * band_blocks).zip(&mut self.sums).enumerate();
         bands.with_max_len(1).for_each(|(band, (blocks, sums))| {
             let Scratch { values, band: scratch } = &mut *own(scratch);
             let start = band * BAND_PX;
             let rows = (height - start).min(BAND_PX);
             let band = Band { start, rows, channel: 0 };
-            sums[0] = with_simd!(level, simd => load_band(simd, &plan, (pixels, view), band, values));
-            sums[1] = 0.0;
+            let difference = with_simd!(level, simd => load_band(simd, &plan, (pixels, view), band, values));
+            *sums = BandSums { difference, ..BandSums::ZERO };
             for channel in 0..3 {
                 let band = Band { channel, ..band };
-                sums[1] += with_simd!(level, simd => differentiate_band(simd, &plan, (&values.values, mask), band, scratch));
+                let by_knots = &mut sums.by_knots[channel];
+                sums.ssim += with_simd!(level, simd => differentiate_band(simd, &plan, &values.values, band, (scratch, by_knots)));
             }
             store_band(&plan, rows, scratch, blocks);
         });
-        let totals = self.sums.iter().fold([0.0; 2], |t, s| [t[0] + s[0], t[1] + s[1]]);
-        LossSums { l1: (totals[0] / (3 * valid.max(1)) as f64) as f32, ssim: (totals[1] / (3 * width * height) as f64) as f32 }
+        let by_knots = (plan.planes == Planes::Response).then(|| self.by_knots());
+        let (difference, ssim) = self.sums.iter().fold((0.0, 0.0), |(d, s), sums| (d + sums.difference, s + sums.ssim));
+        LossSums { l1: (difference / total) as f32, ssim: (ssim / (3.0 * all)) as f32, by_knots }
+    }
+
+    fn by_knots(&self) -> Knots {
+        let mut total = [[0.0f64; RESPONSE_KNOTS]; 3];
+        for sums in &self.sums {
+            for (total, value) in total.as_flattened_mut().iter_mut().zip(sums.by_knots.as_flattened()) {
+                *total += value;
+            }
+        }
+        total.map(|channel| channel.map(|value| value as f32))
     }
 }
 
@@ -116,22 +199,25 @@ fn own(scratch: &[Mutex<Scratch>]) -> MutexGuard<'_, Scratch> {
 }
 
 impl Plan {
-    /// Means are over `valid` pixels for L1, over all for SSIM.
-    fn new(camera: &ScreenCamera, config: &LossConfig, valid: usize) -> Self {
+    /// Means are over weights that sum to `total` over pixels and channels for L1, over all pixels for SSIM.
+    fn new(camera: &ScreenCamera, config: &LossConfig, is_weighted: bool, total: f64) -> Self {
         let [width, height] = camera.size_px;
-        let log = config.mu.ln_1p();
-        // The derivative of the mu-law at radiance 0.
-        let slope = config.mu / log;
+        let curve = Curve::new(&config.curve);
+        let slope = curve.slope();
+        let planes = match (&curve, is_weighted) {
+            (Curve::MuLaw { .. }, false) => Planes::Values,
+            (Curve::MuLaw { .. }, true) => Planes::Weighted,
+            (Curve::Response(_), _) => Planes::Response,
+        };
         Self {
             width,
             height,
             strip: strip_px(width),
             across: camera.tiles()[0],
             window: weights(),
-            mu: config.mu,
-            mu_law_scale: 1.0 / log,
-            log2_1p_mu: log * std::f32::consts::LOG2_E,
-            l1_factor: slope * (1.0 - config.ssim_weight) / (3 * valid.max(1)) as f32,
+            curve,
+            planes,
+            l1_factor: slope * (1.0 - config.ssim_weight) / total as f32,
             ssim_factor: slope * -2.0 * config.ssim_weight / (3 * width * height) as f32,
         }
     }

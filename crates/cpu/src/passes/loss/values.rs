@@ -1,18 +1,15 @@
-//! mu-law values of prediction and target in strips, and the sum of their absolute differences.
+//! Prediction and target under the tone curve in strips, what their gradient needs besides, and the sum of their absolute differences.
 
 use fearless_simd::Simd;
-use luxel_core::{Real, View};
+use luxel_core::{Real, Response, View};
 
-use super::Plan;
 use super::band::{Band, MOMENT_ROWS};
 use super::convolution::RADIUS;
 use super::strips::{linear_len, read_blocks, to_strips};
+use super::{Curve, Plan, Planes};
 use crate::lanes::{Lanes, V};
 use crate::passes::rasterize::TilePixels;
 use crate::view::{BLOCK_PX, TILE_BLOCKS};
-
-/// Planes of values of a channel: prediction, target.
-pub(super) const PLANES: usize = 2;
 
 /// Rows on their way into strips, kept between steps.
 #[derive(Default)]
@@ -23,11 +20,16 @@ pub(super) struct ValueScratch {
     /// One linear row of the target's channels in turn.
     target: Vec<f32>,
     target_strips: Vec<Lanes>,
-    /// mu-law prediction and target in strips: `[MOMENT_ROWS, 3, 2, strip]`.
+    /// One linear row of the weights.
+    weights: Vec<f32>,
+    weight_strips: Vec<Lanes>,
+    /// One linear row of the planes of a channel under a response: `[5, linear]`.
+    recorded: Vec<f32>,
+    /// Planes in strips: `[MOMENT_ROWS, 3, planes, strip]`.
     pub(super) values: Vec<Lanes>,
 }
 
-/// mu-law values of the rows within the image whose moments `band` needs, into `scratch.values`; the sum of absolute differences over the
+/// Values of the rows within the image whose moments `band` needs, into `scratch.values`; the sum of absolute differences over the
 /// band's own rows.
 #[inline(always)]
 pub(super) fn load_band<S: Simd>(
@@ -38,7 +40,7 @@ pub(super) fn load_band<S: Simd>(
     scratch: &mut ValueScratch,
 ) -> f64 {
     let (width, strip) = (plan.width, plan.strip);
-    scratch.resize(strip);
+    scratch.resize(strip, plan.planes);
     let linear = linear_len(strip);
     let mut difference = 0.0;
     let mut block_row = usize::MAX;
@@ -54,26 +56,34 @@ pub(super) fn load_band<S: Simd>(
         scratch.target[..3 * width].copy_from_slice(view.image.pixels[pixels.clone()].as_flattened());
         scratch.target[3 * width..].fill(0.0);
         to_strips(simd, &scratch.target, 3 * strip, &mut scratch.target_strips);
-        let valid = view.mask.as_ref().map(|mask| &mask.valid[pixels]);
+        match (&view.mask, plan.planes) {
+            (_, Planes::Values) => {}
+            (Some(mask), _) => scratch.weights[..width].copy_from_slice(&mask.weights[pixels]),
+            (None, _) => scratch.weights[..width].fill(1.0),
+        }
+        if plan.planes == Planes::Weighted {
+            to_strips(simd, &scratch.weights, strip, &mut scratch.weight_strips);
+        }
         let mut row_difference = V::splat(simd, 0.0);
-        let out = &mut scratch.values[row * 3 * PLANES * strip..][..3 * PLANES * strip];
-        for (channel, out) in out.chunks_exact_mut(PLANES * strip).enumerate() {
-            let (x_out, y_out) = out.split_at_mut(strip);
+        let planes = plan.planes.count() * strip;
+        let out = &mut scratch.values[row * 3 * planes..][..3 * planes];
+        for (channel, out) in out.chunks_exact_mut(planes).enumerate() {
             let prediction = &mut scratch.prediction[(channel * BLOCK_PX + y % BLOCK_PX) * linear..][..linear];
             prediction[width..].fill(0.0);
-            if let Some(valid) = valid {
-                for (i, _) in valid.iter().enumerate().filter(|(_, valid)| !**valid) {
-                    prediction[i] = scratch.target[3 * i + channel];
+            match &plan.curve {
+                Curve::MuLaw { mu, scale, log2_1p_mu } => {
+                    to_strips(simd, prediction, strip, &mut scratch.prediction_strips);
+                    let row = Row { prediction: &scratch.prediction_strips, target: &scratch.target_strips, channel };
+                    let weights = (plan.planes == Planes::Weighted).then_some((scratch.weight_strips.as_slice(), *log2_1p_mu));
+                    row_difference = row_difference + mu_law_row(simd, [*mu, *scale], &row, weights, out);
                 }
-            }
-            to_strips(simd, prediction, strip, &mut scratch.prediction_strips);
-            let targets = scratch.target_strips.chunks_exact(3);
-            for (((x_out, y_out), x), y) in x_out.iter_mut().zip(y_out).zip(&scratch.prediction_strips).zip(targets) {
-                let x = mu_law(V::load(simd, x), plan);
-                let y = mu_law(V::load(simd, &y[channel]), plan);
-                x.store(x_out);
-                y.store(y_out);
-                row_difference = row_difference + (x - y).abs();
+                Curve::Response(response) => {
+                    let pixels = (&prediction[..width], &scratch.target[channel..], scratch.weights.as_slice());
+                    record_row(response, channel, pixels, &mut scratch.recorded);
+                    let planes = scratch.recorded.chunks_exact(linear).zip(out.chunks_exact_mut(strip));
+                    planes.for_each(|(linear, out)| to_strips(simd, linear, strip, out));
+                    row_difference = row_difference + differences(simd, out.split_at(strip));
+                }
             }
         }
         if (2 * RADIUS..2 * RADIUS + band.rows).contains(&row) {
@@ -84,17 +94,82 @@ pub(super) fn load_band<S: Simd>(
 }
 
 impl ValueScratch {
-    fn resize(&mut self, strip: usize) {
+    fn resize(&mut self, strip: usize, planes: Planes) {
         self.prediction.resize(3 * BLOCK_PX * linear_len(strip), 0.0);
         self.prediction_strips.resize(strip, Lanes::ZERO);
         self.target.resize(linear_len(3 * strip), 0.0);
         self.target_strips.resize(3 * strip, Lanes::ZERO);
-        self.values.resize(MOMENT_ROWS * 3 * PLANES * strip, Lanes::ZERO);
+        self.values.resize(MOMENT_ROWS * 3 * planes.count() * strip, Lanes::ZERO);
+        if planes != Planes::Values {
+            self.weight_strips.resize(strip, Lanes::ZERO);
+            // Zero beyond the image, whatever one of another width has left there.
+            for (linear, rows) in [(&mut self.weights, 1), (&mut self.recorded, planes.count())] {
+                linear.clear();
+                linear.resize(rows * linear_len(strip), 0.0);
+            }
+        }
     }
+}
+
+/// One row's radiance in strips.
+struct Row<'a> {
+    prediction: &'a [Lanes],
+    /// Channels in turn.
+    target: &'a [Lanes],
+    channel: usize,
+}
+
+/// A channel of a row under the mu-law of [mu, 1 / ln(1 + mu)], and the sums of absolute differences. With weights (and log2(1 + mu)) the
+/// prediction goes towards the target by what its pixel lacks of weight 1, and its slope relative to that at 0 times the weight is kept.
+#[inline(always)]
+fn mu_law_row<S: Simd>(simd: S, curve: [f32; 2], row: &Row<'_>, weights: Option<(&[Lanes], f32)>, out: &mut [Lanes]) -> V<S> {
+    let strip = row.prediction.len();
+    let (x_out, rest) = out.split_at_mut(strip);
+    let (y_out, slope_out) = rest.split_at_mut(strip);
+    let mut sum = V::splat(simd, 0.0);
+    let pixels = row.prediction.iter().zip(row.target.chunks_exact(3));
+    for (i, ((x_out, y_out), (x, y))) in x_out.iter_mut().zip(y_out).zip(pixels).enumerate() {
+        let mut x = mu_law(V::load(simd, x), curve);
+        let y = mu_law(V::load(simd, &y[row.channel]), curve);
+        if let Some((weights, log2_1p_mu)) = weights {
+            let (zero, w) = (V::splat(simd, 0.0), V::load(simd, &weights[i]));
+            // Exact for weights of 0 and 1; and nothing of a prediction that does not count comes through, not even a NaN.
+            w.if_positive((x * -log2_1p_mu).exp2() * w, zero).store(&mut slope_out[i]);
+            x = w.if_positive(w.mul_add(x, (V::splat(simd, 1.0) - w) * y), y);
+        }
+        x.store(x_out);
+        y.store(y_out);
+        sum = sum + (x - y).abs();
+    }
+    sum
 }
 
 /// ln(1 + mu max(p, 0)) / ln(1 + mu).
 #[inline(always)]
-fn mu_law<S: Simd>(radiance: V<S>, plan: &Plan) -> V<S> {
-    (radiance.max(radiance.lift(0.0)) * plan.mu).ln_1p() * plan.mu_law_scale
+fn mu_law<S: Simd>(radiance: V<S>, [mu, scale]: [f32; 2]) -> V<S> {
+    (radiance.max(radiance.lift(0.0)) * mu).ln_1p() * scale
+}
+
+/// A channel of a row under a response: the five planes, linear. Targets are those of every third number.
+fn record_row(response: &Response, channel: usize, (radiance, target, weights): (&[f32], &[f32], &[f32]), out: &mut [f32]) {
+    let length = out.len() / Planes::Response.count();
+    let (x_out, rest) = out.split_at_mut(length);
+    let (y_out, rest) = rest.split_at_mut(length);
+    let (slope_out, rest) = rest.split_at_mut(length);
+    let (weight_out, position_out) = rest.split_at_mut(length);
+    for (i, ((p, y), w)) in radiance.iter().zip(target.iter().step_by(3)).zip(weights).enumerate() {
+        let found = response.against(channel, *p, *y);
+        let weight = w * found.weight;
+        y_out[i] = *y;
+        x_out[i] = if *w > 0.0 { w.mul_add(found.value, (1.0 - w) * y) } else { *y };
+        slope_out[i] = if *w > 0.0 { w * found.by_radiance } else { 0.0 };
+        weight_out[i] = weight;
+        position_out[i] = found.position;
+    }
+}
+
+/// Sums of absolute differences of a row's first two planes.
+#[inline(always)]
+fn differences<S: Simd>(simd: S, (x, rest): (&[Lanes], &[Lanes])) -> V<S> {
+    x.iter().zip(rest).fold(V::splat(simd, 0.0), |sum, (x, y)| sum + (V::load(simd, x) - V::load(simd, y)).abs())
 }

@@ -1,0 +1,70 @@
+//! `captures.json` of the run folder: what was found of the training images beside the scene, gains and the camera's response.
+
+use std::collections::BTreeMap;
+
+use anyhow::{Context, Result};
+use luxel_core::response::exposure_of_knot;
+use luxel_core::{Knots, RESPONSE_KNOTS, View};
+use luxel_train::Trainer;
+use serde::{Deserialize, Serialize};
+
+use crate::files;
+use crate::run_folder::RunFolder;
+
+/// The file is some kilobytes, and a line an image.
+const LIMIT_BYTES: u64 = 64 << 20;
+
+/// Content of the file.
+#[derive(Debug, Default, Serialize, Deserialize)]
+pub(crate) struct Captures {
+    /// Gains of the training images, stops by channel: what each was divided by. Their mean is 0.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    gains_ev: BTreeMap<String, [f32; 3]>,
+    /// Response of the camera.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    response: Option<ResponseTable>,
+}
+
+/// A response at its knots.
+#[derive(Debug, Serialize, Deserialize)]
+struct ResponseTable {
+    /// Radiance times seconds.
+    exposure: [f64; RESPONSE_KNOTS],
+    /// What is recorded of it, red, green and blue.
+    recorded: Knots,
+}
+
+impl Captures {
+    /// Of a trainer, which was trained on `train`.
+    pub(crate) fn of(trainer: &Trainer, train: &[View]) -> Self {
+        let logs = trainer.log_gains().unwrap_or_default();
+        let stops = |log: &[f32; 3]| log.map(|log| log / std::f32::consts::LN_2);
+        let gains_ev = train.iter().zip(logs).map(|(view, log)| (view.name.clone(), stops(log))).collect();
+        let table = |recorded| ResponseTable { exposure: std::array::from_fn(exposure_of_knot), recorded };
+        Self { gains_ev, response: trainer.response().map(table) }
+    }
+
+    /// Writes the file, if anything was found.
+    pub(crate) fn write(&self, folder: &RunFolder) -> Result<()> {
+        if self.gains_ev.is_empty() && self.response.is_none() {
+            return Ok(());
+        }
+        files::write_json(&folder.captures(), self)
+    }
+
+    /// Reads the file; nothing was found in a run without one.
+    pub(crate) fn read(folder: &RunFolder) -> Result<Self> {
+        let path = folder.captures();
+        if !path.is_file() {
+            return Ok(Self::default());
+        }
+        let text = files::read_text(&path, LIMIT_BYTES)?;
+        serde_json::from_str(&text)
+            .with_context(|| format!("{}: not what luxel writes there; continue the run with --resume", path.display()))
+    }
+
+    /// The response's knots.
+    pub(crate) fn response(&self) -> Option<Knots> {
+        self.response.as_ref().map(|response| response.recorded)
+    }
+}

@@ -1,0 +1,110 @@
+//! Runs on captures from outside: recordings, gains, masks, and what is written about them.
+#![allow(clippy::unwrap_used)]
+
+mod common;
+
+use common::{QUICK, SIDE, VIEWS, Workplace};
+use luxel_core::Image;
+
+fn image_of(place: &Workplace, view: usize) -> Image {
+    luxel_io::read_image(&place.path(&format!("data/images/{view:03}.exr")), &Default::default()).unwrap().image
+}
+
+/// Two recordings of every training view, beside the radiance of the held-out ones.
+fn record(place: &Workplace) {
+    let mut transforms = place.json("data/transforms.json");
+    let frames = transforms["frames"].as_array().unwrap().clone();
+    let (mut recorded, mut names) = (Vec::new(), Vec::new());
+    std::fs::create_dir_all(place.path("data/ldr")).unwrap();
+    for (view, frame) in frames.iter().enumerate() {
+        if view % 8 == 0 {
+            recorded.push(frame.clone());
+            continue;
+        }
+        for (k, seconds) in [0.5f32, 8.0].into_iter().enumerate() {
+            let code = |p: f32| ((p * seconds).powf(1.0 / 2.2) * 0.5 * 255.0).round().min(255.0) as u8;
+            let pixels: Vec<u8> = image_of(place, view).pixels.as_flattened().iter().map(|p| code(*p)).collect();
+            let name = format!("ldr/{view:03}_{k}");
+            let png = image::RgbImage::from_raw(SIDE as u32, SIDE as u32, pixels).unwrap();
+            png.save(place.path(&format!("data/{name}.png"))).unwrap();
+            let mut frame = frame.clone();
+            frame["file_path"] = format!("{name}.png").into();
+            frame["exposure"] = seconds.into();
+            recorded.push(frame);
+            names.push(name);
+        }
+    }
+    transforms["frames"] = recorded.into();
+    std::fs::write(place.path("data/transforms.json"), transforms.to_string()).unwrap();
+    let split = serde_json::json!({ "train": names, "test": ["images/000", "images/008"] });
+    std::fs::write(place.path("data/split.json"), split.to_string()).unwrap();
+}
+
+#[test]
+fn a_run_on_recordings_tells_the_response_and_figures_with_and_without_its_scale() {
+    let place = Workplace::new();
+    record(&place);
+    place.train("run", &["--supervision", "ldr", "--exposure-compensation", "exposure"]);
+    let captures = place.json("run/captures.json");
+    assert_eq!(captures["gains_ev"].as_object().unwrap().len(), 2 * (VIEWS - 2));
+    let recorded = captures["response"]["recorded"][1].as_array().unwrap();
+    assert!((recorded[20].as_f64().unwrap() - 0.5).abs() < 1e-6, "{recorded:?}");
+    let splits = place.json("run/metrics.json")["splits"].clone();
+    for split in ["test", "test_gain_common", "test_gain_per_view"] {
+        assert!(splits[split]["mean"]["psnr_scene"].as_f64().unwrap() > 0.0, "{split}");
+        assert!(splits[split]["mean"]["pu21_psnr"].is_number(), "{split}");
+    }
+    // Of recorded values there are no figures that need radiance.
+    assert_eq!(splits["train"]["views"].as_array().unwrap().len(), 2 * (VIEWS - 2));
+    assert!(splits["train"]["mean"]["psnr_scene"].is_number() && splits["train"]["mean"]["pu21_psnr"].is_null());
+    // The same figures from the files alone, and a run that goes on.
+    let before = splits["train"]["mean"]["psnr_scene"].clone();
+    place.ok(&["eval", "run", "--threads", "2"]);
+    assert_eq!(place.json("run/metrics.json")["splits"]["train"]["mean"]["psnr_scene"], before);
+    place.ok(&["train", "--resume", "-o", "run", "--iterations", "45", "--threads", "2"]);
+    assert_eq!(place.json("run/metrics.json")["iterations"], 45);
+}
+
+#[test]
+fn radiance_alone_writes_nothing_about_captures() {
+    let place = Workplace::new();
+    place.train("run", &[]);
+    assert!(!place.path("run/captures.json").exists());
+    let splits = place.json("run/metrics.json")["splits"].clone();
+    assert_eq!(splits.as_object().unwrap().keys().collect::<Vec<_>>(), ["test", "train"]);
+}
+
+#[test]
+fn masks_are_named_by_an_option_or_lie_beside_the_data() {
+    let place = Workplace::new();
+    let black = image::GrayImage::new(SIDE as u32, SIDE as u32);
+    std::fs::create_dir_all(place.path("data/masks")).unwrap();
+    for view in 0..VIEWS {
+        black.save(place.path(&format!("data/masks/{view:03}.png"))).unwrap();
+    }
+    let mut args = vec!["train", "data", "-o", "run"];
+    args.extend(QUICK);
+    place.error(&args, &["no training view has a valid pixel"]);
+    place.train("run", &["--masks", "off"]);
+    let mut args = vec!["train", "data", "-o", "other", "--masks", "none-there"];
+    args.extend(QUICK);
+    place.error(&args, &["none-there", "is no folder"]);
+}
+
+#[test]
+fn recordings_need_their_kind_of_data() {
+    let place = Workplace::new();
+    let mut args = vec!["train", "data", "-o", "run", "--supervision", "ldr"];
+    args.extend(QUICK);
+    place.error(&args, &["holds radiance, expected a recording"]);
+    record(&place);
+    let mut args = vec!["train", "data", "-o", "run", "--supervision", "ldr", "--exposures", "3"];
+    args.extend(QUICK);
+    place.error(&args, &["no bracket has exposures 3"]);
+    // One exposure for all tells no response, which is said.
+    let mut args = vec!["train", "data", "-o", "run", "--supervision", "ldr", "--exposures", "0"];
+    args.extend(QUICK);
+    let output = place.luxel(&args).output().unwrap();
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && stderr.contains("the same exposure"), "{stderr}");
+}

@@ -1,0 +1,107 @@
+//! How an image was taken: what its numbers are, and how noisy.
+
+use serde::{Deserialize, Serialize};
+
+use crate::Image;
+
+/// Full well of a typical sensor of a system camera at ISO 100, electrons.
+const FULL_WELL: f64 = 40_000.0;
+/// Its noise in the dark, electrons.
+const READ_NOISE: f64 = 3.0;
+
+/// What the numbers of a view's image are.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum PixelValues {
+    /// Linear radiance.
+    #[default]
+    Radiance,
+    /// What a camera recorded, 0 to 1, of an exposure of so many seconds: radiance times time through a response that is not known.
+    Recorded {
+        /// Above 0.
+        exposure_s: f32,
+    },
+}
+
+/// Exponent of what cameras record of light, nearly: good enough to average neighbours by.
+const RECORDING_GAMMA: f32 = 2.2;
+
+impl PixelValues {
+    /// Makes values proportional to light, to be averaged or interpolated; of recorded ones that is so to the accuracy of a power law.
+    pub fn to_light(self, image: &mut Image) {
+        if let Self::Recorded { .. } = self {
+            image.pixels.as_flattened_mut().iter_mut().for_each(|v| *v = v.max(0.0).powf(RECORDING_GAMMA));
+        }
+    }
+
+    /// Undoes [`Self::to_light`].
+    pub fn from_light(self, image: &mut Image) {
+        if let Self::Recorded { .. } = self {
+            image.pixels.as_flattened_mut().iter_mut().for_each(|v| *v = v.max(0.0).powf(RECORDING_GAMMA.recip()));
+        }
+    }
+}
+
+/// Variance of a pixel's radiance p, in the data set's units: read^2 + shot p.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct NoiseModel {
+    /// Standard deviation in the dark.
+    pub read: f32,
+    /// Variance per radiance.
+    pub shot: f32,
+}
+
+impl NoiseModel {
+    /// Of a typical sensor at `iso`, where `white` is the radiance that saturates a pixel: the higher the sensitivity, the fewer electrons that
+    /// is. A camera's own figures are better.
+    pub fn of_iso(iso: f64, white: f64) -> Self {
+        let white_electrons = FULL_WELL * 100.0 / iso;
+        Self { read: (white * READ_NOISE / white_electrons) as f32, shot: (white / white_electrons) as f32 }
+    }
+
+    /// Of the mean of `pixels` pixels.
+    #[must_use]
+    pub fn averaged(self, pixels: usize) -> Self {
+        let pixels = pixels.max(1) as f32;
+        Self { read: self.read / pixels.sqrt(), shot: self.shot / pixels }
+    }
+
+    /// Variance of radiance `p`.
+    #[inline]
+    pub fn variance(self, p: f32) -> f32 {
+        self.read.mul_add(self.read, self.shot * p.max(0.0))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn noise_grows_with_sensitivity() {
+        let (low, high) = (NoiseModel::of_iso(100.0, 1.0), NoiseModel::of_iso(1600.0, 1.0));
+        // The square root of 40,000 electrons at white, of 2,500 sixteen times as sensitive.
+        assert!((low.variance(1.0).sqrt() - 1.0 / 200.0).abs() < 1e-4);
+        assert!((high.variance(1.0).sqrt() - 1.0 / 50.0).abs() < 1e-3);
+        assert!((NoiseModel::of_iso(100.0, 8.0).variance(8.0) / 64.0 - low.variance(1.0)).abs() < 1e-7);
+    }
+
+    #[test]
+    fn recorded_values_are_averaged_as_light() {
+        let recorded = PixelValues::Recorded { exposure_s: 1.0 };
+        let mut image = Image::from_pixels(2, 1, vec![[0.0, 0.25, 1.0], [0.5, 0.75, 1.0]]).unwrap();
+        let before = image.clone();
+        PixelValues::Radiance.to_light(&mut image);
+        assert_eq!(image, before);
+        recorded.to_light(&mut image);
+        assert!((image.pixels[1][0] - 0.5f32.powf(2.2)).abs() < 1e-6);
+        recorded.from_light(&mut image);
+        let pairs = image.pixels.as_flattened().iter().zip(before.pixels.as_flattened());
+        assert!(pairs.into_iter().all(|(a, b)| (a - b).abs() < 1e-6));
+    }
+
+    #[test]
+    fn a_mean_of_pixels_has_their_variance_over_their_number() {
+        let model = NoiseModel { read: 0.1, shot: 0.3 };
+        assert!((model.averaged(4).variance(2.0) - model.variance(2.0) / 4.0).abs() < 1e-6);
+    }
+}

@@ -1,0 +1,133 @@
+//! Masks: images whose brightness says how much each pixel counts, white fully, black not at all.
+//!
+//! In a folder of masks an image's is named like it: `<stem>.png` (or another image format, or with the image's own extension before: `000.exr.png`),
+//! below the same folders, without the first of them, or without any where no two images share a last name. Next to a data set the folder is
+//! `masks/`; so a merge of exposures leaves `masks/<stem>.png`, black where no exposure was between noise and saturation.
+
+use std::collections::HashMap;
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use luxel_core::Mask;
+
+use super::files::{Substitute, find_image};
+use super::source::Frame;
+use crate::IoError;
+use crate::image::{ReadOptions, Transfer, decode_image};
+
+/// Names that a warning lists.
+const MAX_LISTED: usize = 3;
+
+/// Where masks come from.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum MaskSource {
+    /// `mask_path` of a `transforms.json`, or the folder `masks` beside the images, where they are there.
+    #[default]
+    Auto,
+    /// No masks.
+    Off,
+    /// The images' alpha channels.
+    Alpha,
+    /// This folder.
+    Folder(PathBuf),
+}
+
+impl FromStr for MaskSource {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "auto" => Ok(Self::Auto),
+            "off" => Ok(Self::Off),
+            "alpha" => Ok(Self::Alpha),
+            "" => Err("names no folder, expected auto, off, alpha or a folder of masks".to_owned()),
+            folder => Ok(Self::Folder(folder.into())),
+        }
+    }
+}
+
+impl fmt::Display for MaskSource {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Auto => f.write_str("auto"),
+            Self::Off => f.write_str("off"),
+            Self::Alpha => f.write_str("alpha"),
+            Self::Folder(folder) => write!(f, "{}", folder.display()),
+        }
+    }
+}
+
+/// Gives the frames of the data set at `root` their masks; warnings for people.
+pub(super) fn attach<'a>(root: &Path, frames: impl Iterator<Item = &'a mut Frame>, source: &MaskSource) -> Result<Vec<String>, IoError> {
+    let mut frames: Vec<&mut Frame> = frames.collect();
+    let folder = match source {
+        MaskSource::Off | MaskSource::Alpha => {
+            frames.iter_mut().for_each(|frame| frame.mask = None);
+            return Ok(Vec::new());
+        }
+        MaskSource::Auto if frames.iter().any(|frame| frame.mask.is_some()) => return Ok(Vec::new()),
+        MaskSource::Auto => {
+            let beside = if root.is_dir() { root } else { root.parent().unwrap_or(Path::new(".")) }.join("masks");
+            if !beside.is_dir() {
+                return Ok(Vec::new());
+            }
+            beside
+        }
+        MaskSource::Folder(folder) if folder.is_dir() => folder.clone(),
+        MaskSource::Folder(folder) => return Err(IoError::invalid(folder, "is no folder, expected one with masks named like the images")),
+    };
+    let mut last_names: HashMap<String, usize> = HashMap::new();
+    for frame in &frames {
+        *last_names.entry(last_name(&frame.name).to_owned()).or_default() += 1;
+    }
+    let mut without = Vec::new();
+    for frame in &mut frames {
+        frame.mask = mask_of(&folder, frame, last_names.get(last_name(&frame.name)) == Some(&1));
+        if frame.mask.is_none() {
+            without.push(frame.name.clone());
+        }
+    }
+    if without.len() == frames.len() && *source != MaskSource::Auto {
+        let example = frames.first().map_or("image", |frame| last_name(&frame.name));
+        return Err(IoError::invalid(&folder, format!("no mask is named like an image, expected {example}.png and so on")));
+    }
+    if without.is_empty() {
+        return Ok(Vec::new());
+    }
+    let listed = without.iter().take(MAX_LISTED).cloned().collect::<Vec<_>>().join(", ");
+    let more = if without.len() > MAX_LISTED { ", ..." } else { "" };
+    Ok(vec![format!(
+        "{}: no mask for {} of {} images ({listed}{more}): all of their pixels count",
+        folder.display(),
+        without.len(),
+        frames.len()
+    )])
+}
+
+fn last_name(name: &str) -> &str {
+    name.rsplit('/').next().unwrap_or(name)
+}
+
+fn mask_of(folder: &Path, frame: &Frame, is_last_name_unique: bool) -> Option<PathBuf> {
+    let below_first = frame.name.split_once('/').map(|(_, rest)| rest);
+    let last = is_last_name_unique.then(|| last_name(&frame.name));
+    let extension = frame.image.extension().map(|e| e.to_string_lossy().into_owned()).unwrap_or_default();
+    [Some(frame.name.as_str()), below_first, last].into_iter().flatten().find_map(|name| {
+        let of_file = || find_image(folder, &format!("{name}.{extension}.png"), Substitute::No);
+        of_file().or_else(|| find_image(folder, &format!("{name}.png"), Substitute::Allowed))
+    })
+}
+
+/// Weights of an image of `size_px` from the file's content: the largest channel, 0 to 1.
+pub(super) fn decode_mask(path: &Path, bytes: &[u8], size_px: [usize; 2]) -> Result<Mask, IoError> {
+    let image = decode_image(path, bytes, &ReadOptions { transfer: Some(Transfer::Linear) })?.image;
+    if [image.width, image.height] != size_px {
+        let [width, height] = size_px;
+        let found = format!("a mask of {} x {} pixels, its image has {width} x {height}", image.width, image.height);
+        return Err(IoError::invalid(path, format!("{found}; expected masks of the images' size")));
+    }
+    // The comparison turns NaN into 0.
+    let weight = |rgb: &[f32; 3]| rgb.iter().fold(0.0, |most: f32, v| if *v > most { *v } else { most }).min(1.0);
+    Ok(Mask { weights: image.pixels.iter().map(weight).collect() })
+}

@@ -1,0 +1,172 @@
+//! What cameras recorded: display-referred images with their exposures, as data sets for HDR from LDR have them beside or in place of radiance.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::Path;
+use std::str::FromStr;
+
+use serde_json::Value;
+
+use super::files::{Substitute, find_image, view_name, without_extension};
+use super::source::{Frame, Recording};
+use super::transforms::{kind_of, parse_json};
+use crate::IoError;
+use crate::regular::read_file;
+
+/// Exposures of HDR-GS's images `<i>_0.png` to `<i>_4.png`, seconds: its repack leaves HDR-NeRF's list out.
+const HDR_GS_EXPOSURES: [f32; 5] = [0.125, 0.5, 2.0, 8.0, 32.0];
+
+/// Which images are trained on.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Supervision {
+    /// Radiance.
+    #[default]
+    Hdr,
+    /// What a camera recorded, with the exposures.
+    Ldr,
+}
+
+/// Which recordings of each pose are trained on, counted from the shortest exposure.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum Exposures {
+    /// All.
+    #[default]
+    All,
+    /// One of each pose, the next pose's the next in turn.
+    Single,
+    /// These, counted from 0.
+    Of(Vec<usize>),
+}
+
+impl FromStr for Exposures {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let list: Result<Vec<usize>, _> = text.split(',').map(|part| part.trim().parse()).collect();
+        match (text, list) {
+            ("all", _) => Ok(Self::All),
+            ("single", _) => Ok(Self::Single),
+            (_, Ok(list)) => Ok(Self::Of(list)),
+            _ => Err(format!("\"{text}\" names no exposures, expected all, single, or numbers from 0 such as 0,2,4")),
+        }
+    }
+}
+
+impl fmt::Display for Exposures {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::All => f.write_str("all"),
+            Self::Single => f.write_str("single"),
+            Self::Of(list) => f.write_str(&list.iter().map(usize::to_string).collect::<Vec<_>>().join(",")),
+        }
+    }
+}
+
+/// Parses an `exposure.json`: image names and seconds.
+pub(super) fn read_exposures(path: &Path) -> Result<BTreeMap<String, f32>, IoError> {
+    let root = parse_json(path, &read_file(path)?)?;
+    let Value::Object(root) = root else {
+        return Err(IoError::invalid(path, format!("the file holds {}, expected an object of image names and seconds", kind_of(&root))));
+    };
+    let mut exposures = BTreeMap::new();
+    for (name, value) in root {
+        let seconds = value.as_f64().map(|v| v as f32).filter(|v| v.is_normal() && *v > 0.0);
+        let Some(seconds) = seconds else {
+            return Err(IoError::invalid(path, format!("{name:?} is {value}, expected seconds, a number above 0")));
+        };
+        let name = view_name(&name);
+        exposures.insert(name.rsplit('/').next().unwrap_or(&name).to_owned(), seconds);
+    }
+    Ok(exposures)
+}
+
+/// Images `<stem>_<k>` in `folder` that have an exposure; views of them are named with `prefix`.
+pub(super) fn listed(folder: &Path, prefix: &str, stem: &str, exposures: &BTreeMap<String, f32>) -> Vec<Recording> {
+    let of_stem = exposures.range(format!("{stem}_")..).take_while(|(name, _)| name.starts_with(&format!("{stem}_")));
+    of_stem
+        .filter(|(name, _)| name[stem.len() + 1..].bytes().all(|b| b.is_ascii_digit()))
+        .filter_map(|(name, exposure_s)| {
+            let image = find_image(folder, name, Substitute::No)?;
+            Some(Recording { name: view_name(&format!("{prefix}/{name}")), image, exposure_s: *exposure_s })
+        })
+        .collect()
+}
+
+/// Recordings of the pose of an HDR-NeRF frame: of `train/r_7` or `train/r_7_2` the images `train/r_7_<k>`.
+pub(super) fn hdr_nerf(folder: &Path, file_path: &str, number: u32, exposures: &BTreeMap<String, f32>) -> Vec<Recording> {
+    let slashed = file_path.replace('\\', "/");
+    let (parent, base) = slashed.rsplit_once('/').unwrap_or((".", &slashed));
+    let base = without_extension(base);
+    // The stem ends in the pose's number, or in that and the exposure's.
+    let is_pose = |stem: &str| stem.rsplit('_').next().is_some_and(|end| end.parse() == Ok(number));
+    let stem = base.rsplit_once('_').map(|(stem, _)| stem).filter(|stem| is_pose(stem) && !exposures.contains_key(&format!("{base}_0")));
+    listed(&folder.join(parent), parent, stem.unwrap_or(base), exposures)
+}
+
+/// Recordings `images/<view>_<k>` of HDR-GS's repack.
+pub(super) fn hdr_gs(scene: &Path, view: &str) -> Vec<Recording> {
+    let image = |(k, exposure_s): (usize, &f32)| {
+        let name = format!("{view}_{k}");
+        let image = find_image(&scene.join("images"), &name, Substitute::No)?;
+        Some(Recording { name: format!("images/{name}"), image, exposure_s: *exposure_s })
+    };
+    HDR_GS_EXPOSURES.iter().enumerate().filter_map(image).collect()
+}
+
+/// The frames that `frame` stands for: where recordings are read, those of a training pose, or of a held-out one without radiance.
+pub(super) fn expanded(frame: &Frame, is_held_out: bool) -> Vec<Frame> {
+    if frame.recordings.is_empty() || (is_held_out && frame.image.is_file()) {
+        return vec![frame.clone()];
+    }
+    let recording = |recording: &Recording| Frame {
+        name: recording.name.clone(),
+        image: recording.image.clone(),
+        exposure_s: Some(recording.exposure_s),
+        recordings: Vec::new(),
+        ..frame.clone()
+    };
+    frame.recordings.iter().map(recording).collect()
+}
+
+/// Of the recordings of each pose those that `exposures` names; frames of equal pose are of one bracket. In the order given.
+pub(super) fn choose<T>(frames: Vec<T>, of: impl Fn(&T) -> &Frame, exposures: &Exposures) -> Vec<T> {
+    if *exposures == Exposures::All {
+        return frames;
+    }
+    let pose = |frame: &Frame| frame.camera_from_world.to_cols_array().map(f64::to_bits);
+    let mut brackets: Vec<([u64; 12], Vec<usize>)> = Vec::new();
+    for (i, frame) in frames.iter().enumerate() {
+        let pose = pose(of(frame));
+        match brackets.iter_mut().find(|(other, _)| *other == pose) {
+            Some((_, bracket)) => bracket.push(i),
+            None => brackets.push((pose, vec![i])),
+        }
+    }
+    let mut is_chosen = vec![false; frames.len()];
+    for (turn, (_, mut bracket)) in brackets.into_iter().enumerate() {
+        let seconds = |i: usize| of(&frames[i]).exposure_s.unwrap_or(0.0);
+        bracket.sort_by(|a, b| seconds(*a).total_cmp(&seconds(*b)));
+        let count = bracket.len();
+        for (place, i) in bracket.into_iter().enumerate() {
+            is_chosen[i] = match exposures {
+                Exposures::All => true,
+                Exposures::Single => place == turn % count,
+                Exposures::Of(places) => places.contains(&place),
+            };
+        }
+    }
+    frames.into_iter().zip(is_chosen).filter_map(|(frame, is_chosen)| is_chosen.then_some(frame)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn exposures_are_read_from_text() {
+        for (text, choice) in [("all", Exposures::All), ("single", Exposures::Single), ("0,2,4", Exposures::Of(vec![0, 2, 4]))] {
+            assert_eq!((text.parse(), choice.to_string().as_str()), (Ok(choice), text));
+        }
+        assert!("one".parse::<Exposures>().unwrap_err().contains("expected all, single"));
+    }
+}

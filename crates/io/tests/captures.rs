@@ -1,0 +1,304 @@
+//! Masks, noise and recordings of data sets: each layout written to a temporary folder and read back.
+
+#![allow(clippy::unwrap_used)] // Helpers of tests are no tests to clippy.
+
+use std::path::{Path, PathBuf};
+
+use luxel_core::{Dataset, NoiseModel, PixelValues, View};
+use luxel_io::{DatasetFormat, Exposures, IoError, LoadOptions, MaskSource, Supervision, detect_format, load_dataset};
+use tempfile::TempDir;
+
+const SIZE: [usize; 2] = [16, 8];
+const LENS: &str = r#""fl_x": 20, "fl_y": 20, "cx": 8, "cy": 4, "w": 16, "h": 8"#;
+
+/// A folder that is removed at the end of the test.
+struct Scene(TempDir);
+
+impl Scene {
+    fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    fn path(&self) -> &Path {
+        self.0.path()
+    }
+
+    fn write(&self, name: &str, content: impl AsRef<[u8]>) -> PathBuf {
+        let path = self.path().join(name);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(&path, content).unwrap();
+        path
+    }
+
+    fn exr(&self, name: &str, value: f32) {
+        let path = self.write(name, "");
+        exr::prelude::write_rgb_file(path, SIZE[0], SIZE[1], |_, _| (value, value, value)).unwrap();
+    }
+
+    fn png(&self, name: &str, rgba: impl Fn(u32, u32) -> [u8; 4]) {
+        let path = self.write(name, "");
+        image::RgbaImage::from_fn(SIZE[0] as u32, SIZE[1] as u32, |x, y| image::Rgba(rgba(x, y))).save(path).unwrap();
+    }
+
+    fn grey(&self, name: &str, value: u8) {
+        self.png(name, |_, _| [value, value, value, 255]);
+    }
+
+    fn read(&self, options: LoadOptions) -> Result<Dataset, IoError> {
+        load_dataset(self.path(), &options)
+    }
+
+    fn error(&self, options: LoadOptions) -> String {
+        self.read(options).unwrap_err().to_string()
+    }
+}
+
+/// A transforms.json of frames: file, place along x, more keys.
+fn transforms(frames: &[(&str, f64, &str)]) -> String {
+    let frame = |(file, x, more): &(&str, f64, &str)| {
+        format!(r#"{{"file_path": {file:?}, "transform_matrix": [[1,0,0,{x}],[0,1,0,0],[0,0,1,4],[0,0,0,1]]{more}}}"#)
+    };
+    format!("{{{LENS}, \"frames\": [{}]}}", frames.iter().map(frame).collect::<Vec<_>>().join(", "))
+}
+
+fn split(scene: &Scene, train: &[&str], test: &[&str]) {
+    let list = |names: &[&str]| names.iter().map(|name| format!("{name:?}")).collect::<Vec<_>>().join(", ");
+    scene.write("split.json", format!("{{\"train\": [{}], \"test\": [{}]}}", list(train), list(test)));
+}
+
+fn masked(masks: MaskSource) -> LoadOptions {
+    LoadOptions { masks, ..LoadOptions::default() }
+}
+
+fn ldr(exposures: Exposures) -> LoadOptions {
+    LoadOptions { supervision: Supervision::Ldr, exposures, ..LoadOptions::default() }
+}
+
+fn recorded(view: &View) -> Option<f32> {
+    match view.values {
+        PixelValues::Radiance => None,
+        PixelValues::Recorded { exposure_s } => Some(exposure_s),
+    }
+}
+
+fn names(views: &[View]) -> Vec<&str> {
+    views.iter().map(|view| view.name.as_str()).collect()
+}
+
+/// Two images, the left half of whose masks is black.
+fn two_with_masks(folder: &str) -> Scene {
+    let scene = Scene::new();
+    scene.exr("images/a.exr", 1.0);
+    scene.exr("images/b.exr", 2.0);
+    scene.write("transforms.json", transforms(&[("images/a.exr", 0.0, ""), ("images/b.exr", 1.0, "")]));
+    split(&scene, &["a", "b"], &[]);
+    let half = |x: u32| if x < 8 { [0, 0, 0, 255] } else { [255, 255, 255, 255] };
+    scene.png(&format!("{folder}/a.png"), |x, _| half(x));
+    scene.png(&format!("{folder}/b.exr.png"), |x, _| half(x));
+    scene
+}
+
+#[test]
+fn masks_beside_a_data_set_are_used_unless_they_are_not_wanted() {
+    let scene = two_with_masks("masks");
+    let data = scene.read(LoadOptions::default()).unwrap();
+    for view in &data.train {
+        assert!((0..16).all(|x| view.is_valid(x) == (x >= 8)), "{}", view.name);
+    }
+    let off = scene.read(masked(MaskSource::Off)).unwrap();
+    assert!(off.train.iter().all(|view| view.mask.is_none()));
+    assert_ne!(off.fingerprint, data.fingerprint);
+}
+
+#[test]
+fn masks_of_a_folder_are_found_by_the_images_names() {
+    let scene = two_with_masks("elsewhere");
+    assert!(scene.read(LoadOptions::default()).unwrap().train.iter().all(|view| view.mask.is_none()));
+    let folder = scene.path().join("elsewhere");
+    let data = scene.read(masked(MaskSource::Folder(folder.clone()))).unwrap();
+    assert!(data.train.iter().all(|view| view.mask.is_some()));
+    std::fs::remove_file(folder.join("b.exr.png")).unwrap();
+    let data = scene.read(masked(MaskSource::Folder(folder.clone()))).unwrap();
+    assert!(data.warnings.iter().any(|w| w.contains("no mask for 1 of 2 images (images/b)")), "{:?}", data.warnings);
+    std::fs::remove_file(folder.join("a.png")).unwrap();
+    assert!(scene.error(masked(MaskSource::Folder(folder.clone()))).contains("expected a.png"));
+    assert!(scene.error(masked(MaskSource::Folder(folder.join("none")))).contains("is no folder"));
+}
+
+#[test]
+fn a_mask_is_of_its_images_size_and_follows_it_through_a_reduction() {
+    let scene = two_with_masks("masks");
+    let half = scene.read(LoadOptions { downscale: 2, ..LoadOptions::default() }).unwrap();
+    assert!((0..8).all(|x| half.train[0].is_valid(x) == (x >= 4)));
+    image::RgbaImage::new(4, 4).save(scene.path().join("masks/a.png")).unwrap();
+    let error = scene.error(LoadOptions::default());
+    assert!(error.contains("a mask of 4 x 4 pixels, its image has 16 x 8"), "{error}");
+}
+
+#[test]
+fn grey_masks_and_alpha_are_weights() {
+    let scene = Scene::new();
+    scene.png("images/a.png", |x, _| [200, 200, 200, if x < 8 { 51 } else { 255 }]);
+    scene.write("transforms.json", transforms(&[("images/a.png", 0.0, ", \"mask_path\": \"m/0.png\"")]));
+    scene.png("m/0.png", |_, y| if y < 4 { [102, 102, 102, 255] } else { [255, 255, 255, 255] });
+    let options = |masks| LoadOptions { transfer: Some(luxel_io::Transfer::Linear), ..masked(masks) };
+    let of_file = scene.read(options(MaskSource::Auto)).unwrap();
+    let weights = &of_file.train[0].mask.as_ref().unwrap().weights;
+    assert!((weights[0] - 0.4).abs() < 1e-6 && weights[16 * 7] == 1.0, "{weights:?}");
+    // Without alpha as a mask the colour is composited over black.
+    assert!(of_file.train[0].image.pixels[0][0] < 0.2);
+    let alpha = scene.read(options(MaskSource::Alpha)).unwrap();
+    let weights = &alpha.train[0].mask.as_ref().unwrap().weights;
+    assert!((weights[0] - 0.2).abs() < 1e-6 && weights[15] == 1.0 && alpha.train[0].image.pixels[0][0] > 0.7);
+    scene.exr("images/a.png", 1.0);
+    assert!(scene.error(options(MaskSource::Alpha)).contains("has no alpha channel"));
+    std::fs::remove_file(scene.path().join("m/0.png")).unwrap();
+    assert!(scene.error(options(MaskSource::Auto)).contains("its mask"));
+}
+
+#[test]
+fn noise_is_as_the_frames_state_it() {
+    let scene = Scene::new();
+    for name in ["a", "b", "c"] {
+        scene.exr(&format!("images/{name}.exr"), 1.0);
+    }
+    let frames = [
+        ("images/a.exr", 0.0, r#", "noise": [0.01, 0.002]"#),
+        ("images/b.exr", 1.0, r#", "iso": 400, "white": 2"#),
+        ("images/c.exr", 2.0, ""),
+    ];
+    scene.write("transforms.json", transforms(&frames));
+    split(&scene, &["a", "b", "c"], &[]);
+    let data = scene.read(LoadOptions::default()).unwrap();
+    let found: Vec<_> = data.train.iter().map(|view| view.noise).collect();
+    assert_eq!(found, [Some(NoiseModel { read: 0.01, shot: 0.002 }), Some(NoiseModel::of_iso(400.0, 2.0)), None]);
+    for bad in [r#", "noise": [1]"#, r#", "noise": [-1, 0]"#, r#", "iso": 0"#, r#", "iso": "low""#, r#", "exposure": -1"#] {
+        scene.write("transforms.json", transforms(&[("images/a.exr", 0.0, bad)]));
+        let error = scene.error(LoadOptions::default());
+        assert!(error.contains("frame 0"), "{bad}: {error}");
+    }
+}
+
+/// Two poses of three exposures and one held-out pose of radiance.
+fn bracketed() -> Scene {
+    let scene = Scene::new();
+    let mut frames = Vec::new();
+    let files: Vec<(String, f64, String)> = (0..2)
+        .flat_map(|pose| {
+            (0..3).map(move |k| (format!("ldr/{pose}_{k}.png"), f64::from(pose), format!(", \"exposure\": {}", 0.5 * f64::from(1 << k))))
+        })
+        .collect();
+    for (i, (file, x, more)) in files.iter().enumerate() {
+        scene.grey(file, 50 + 10 * i as u8);
+        frames.push((file.as_str(), *x, more.as_str()));
+    }
+    scene.exr("hdr/2.exr", 3.0);
+    frames.push(("hdr/2.exr", 2.0, ""));
+    scene.write("transforms.json", transforms(&frames));
+    split(&scene, &["0_0", "0_1", "0_2", "1_0", "1_1", "1_2"], &["hdr/2"]);
+    scene
+}
+
+#[test]
+fn recordings_are_read_as_they_are_with_their_exposures() {
+    let data = bracketed().read(ldr(Exposures::All)).unwrap();
+    let exposures: Vec<_> = data.train.iter().map(recorded).collect();
+    assert_eq!(exposures, [0.5, 1.0, 2.0, 0.5, 1.0, 2.0].map(Some));
+    assert!((data.train[1].image.pixels[0][0] - 60.0 / 255.0).abs() < 1e-6);
+    assert_eq!((recorded(&data.test[0]), data.test[0].image.pixels[0]), (None, [3.0; 3]));
+    assert!(data.warnings.is_empty(), "{:?}", data.warnings);
+    // Reduced in linear light and recorded again: one colour stays.
+    let half = bracketed().read(LoadOptions { downscale: 2, ..ldr(Exposures::All) }).unwrap();
+    assert!((half.train[1].image.pixels[0][0] - 60.0 / 255.0).abs() < 1e-5);
+}
+
+#[test]
+fn brackets_are_thinned_out_to_what_is_asked_for() {
+    let scene = bracketed();
+    assert_eq!(names(&scene.read(ldr(Exposures::Single)).unwrap().train), ["ldr/0_0", "ldr/1_1"]);
+    assert_eq!(names(&scene.read(ldr(Exposures::Of(vec![0, 2]))).unwrap().train), ["ldr/0_0", "ldr/0_2", "ldr/1_0", "ldr/1_2"]);
+    assert!(scene.error(ldr(Exposures::Of(vec![7]))).contains("no bracket has exposures 7"));
+}
+
+#[test]
+fn recordings_without_exposure_and_radiance_to_train_on_are_refused() {
+    let scene = bracketed();
+    split(&scene, &["0_0", "hdr/2"], &[]);
+    assert!(scene.error(ldr(Exposures::All)).contains("holds radiance, expected a recording"));
+    scene.write("transforms.json", transforms(&[("ldr/0_0.png", 0.0, ""), ("ldr/0_1.png", 1.0, "")]));
+    split(&scene, &["0_0"], &["0_1"]);
+    assert!(scene.error(ldr(Exposures::All)).contains("has no \"exposure\""));
+}
+
+fn pair(scene: &Scene) {
+    let frame = |file: &str, x: f64| transforms(&[(file, x, "")]).replace(LENS, "\"camera_angle_x\": 0.8");
+    scene.write("transforms_train.json", frame("train/r_0", 0.0));
+    scene.write("transforms_test.json", frame("test/r_0", 1.0));
+    for part in ["train", "test"] {
+        for k in 0..3 {
+            scene.grey(&format!("{part}/r_0_{k}.png"), 40 * (k + 1));
+        }
+        scene.write(&format!("exposure_{part}.json"), format!(r#"{{"{part}/r_0_0.png": 0.25, "r_0_1.png": 1.0, "r_0_2.png": 4}}"#));
+    }
+    std::fs::create_dir_all(scene.path().join("train_hdr")).unwrap();
+}
+
+#[test]
+fn hdr_nerf_scenes_give_recordings_with_and_without_ground_truth() {
+    let scene = Scene::new();
+    pair(&scene);
+    let data = scene.read(ldr(Exposures::All)).unwrap();
+    assert_eq!((names(&data.train), data.test.len()), (vec!["train/r_0_0", "train/r_0_1", "train/r_0_2"], 3));
+    assert_eq!(data.test.iter().map(recorded).collect::<Vec<_>>(), [0.25, 1.0, 4.0].map(Some));
+    scene.exr("test_hdr/hdr_000.exr", 5.0);
+    let data = scene.read(ldr(Exposures::Of(vec![1]))).unwrap();
+    assert_eq!((names(&data.train), names(&data.test)), (vec!["train/r_0_1"], vec!["test_hdr/hdr_000"]));
+    assert_eq!(recorded(&data.test[0]), None);
+    // As radiance the training images are missing.
+    assert!(scene.error(LoadOptions::default()).contains("does not exist"));
+    scene.write("exposure_train.json", r#"{"r_0_0.png": 0}"#);
+    assert!(scene.error(ldr(Exposures::All)).contains("expected seconds"));
+}
+
+fn npy(rows: &[[f64; 18]]) -> Vec<u8> {
+    let mut header = format!("{{'descr': '<f8', 'fortran_order': False, 'shape': ({}, 18), }}", rows.len());
+    while (header.len() + 11) % 64 != 0 {
+        header.push(' ');
+    }
+    header.push('\n');
+    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+    bytes.extend((header.len() as u16).to_le_bytes());
+    bytes.extend(header.as_bytes());
+    bytes.extend(rows.as_flattened().iter().flat_map(|v| v.to_le_bytes()));
+    bytes
+}
+
+/// A row of LLFF's table: a camera at (x, 0, 4) that looks along -z; down is -y.
+fn row(x: f64, exposure_s: f64) -> [f64; 18] {
+    [0.0, 1.0, 0.0, x, 8.0, -1.0, 0.0, 0.0, 0.0, 16.0, 0.0, 0.0, 1.0, 4.0, 20.0, 1.0, 9.0, exposure_s]
+}
+
+#[test]
+fn hdr_nerf_real_scenes_are_brackets_of_a_table() {
+    let scene = Scene::new();
+    let rows: Vec<_> = (0..9).flat_map(|i| [0.125, 2.0].map(|t| row(f64::from(i), t))).collect();
+    for i in 0..9 {
+        for k in 0..2 {
+            scene.grey(&format!("input_images/00{i}_{k}.png"), 99);
+        }
+    }
+    scene.write("poses_bounds_exps.npy", npy(&rows));
+    assert_eq!(detect_format(scene.path()).unwrap(), DatasetFormat::HdrNerfReal);
+    let data = scene.read(ldr(Exposures::All)).unwrap();
+    // Poses 0 and 8 are held out.
+    assert_eq!((data.train.len(), data.test.len()), (14, 4));
+    assert_eq!((data.train[0].name.as_str(), recorded(&data.train[1])), ("input_images/001_0", Some(2.0)));
+    let camera = &data.train[2].camera;
+    assert_eq!((camera.eye().to_array(), camera.size_px), ([2.0, 0.0, 4.0], [16, 8]));
+    assert!(camera.project(glam::DVec3::new(2.0, 1.0, 0.0)).unwrap().0.y < 4.0);
+    assert!(scene.error(LoadOptions::default()).contains("--supervision ldr"));
+    scene.write("poses_bounds_exps.npy", npy(&rows[1..]));
+    assert!(scene.error(ldr(Exposures::All)).contains("expected a row an image"));
+    scene.write("poses_bounds_exps.npy", &npy(&rows)[..400]);
+    assert!(scene.error(ldr(Exposures::All)).contains("damaged"));
+}

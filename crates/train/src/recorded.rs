@@ -1,0 +1,105 @@
+//! Training on what cameras recorded: which curve a step's loss sees, and the radiance to begin with.
+//!
+//! In: training views of recorded values (0 to 1, exposures in seconds); out: the [`ToneCurve`] of a step, and views of the radiance that the curve at the
+//! start makes of them, with black and saturated pixels masked: for the scale and the colours of the first splats, never trained on.
+
+use std::sync::Arc;
+
+use luxel_core::response::{BLACK, SATURATED};
+use luxel_core::{Dataset, Image, Knots, Mask, PixelValues, Response, ToneCurve, View};
+use rayon::prelude::*;
+
+use crate::TrainError;
+use crate::camera_response::exposure_of;
+
+/// Whether the training views are of recorded values; all are, or none is.
+pub(crate) fn is_recorded(train: &[View]) -> Result<bool, TrainError> {
+    let (recorded, radiance): (Vec<&View>, Vec<&View>) = train.iter().partition(|view| exposure_of(view).is_some());
+    if let (Some(radiance), Some(recorded)) = (radiance.first(), recorded.first()) {
+        return Err(TrainError::MixedValues { radiance: radiance.name.clone(), recorded: recorded.name.clone() });
+    }
+    for view in &recorded {
+        if let Some(exposure_s) = exposure_of(view).filter(|seconds| !(seconds.is_normal() && *seconds > 0.0)) {
+            return Err(TrainError::Exposure { view: view.name.clone(), exposure_s });
+        }
+    }
+    Ok(!recorded.is_empty())
+}
+
+/// The curve through which the loss sees `view` of gain `gain`.
+pub(crate) fn curve(view: &View, knots: &Knots, radiance_scale: f32, gain: [f32; 3]) -> Option<ToneCurve> {
+    let exposure_s = exposure_of(view)?;
+    Some(ToneCurve::Response(Response { knots: *knots, exposure: gain.map(|gain| radiance_scale * exposure_s * gain) }))
+}
+
+/// Radiance of a recorded pixel and channel by `knots`; `None` of a black or saturated one.
+pub(crate) fn radiance_of(value: f32, channel: usize, knots: &Knots, exposure_s: f32) -> Option<f32> {
+    let is_between = value > BLACK && value < SATURATED;
+    is_between.then(|| (Response::exposure_at(&knots[channel], value) / f64::from(exposure_s)) as f32)
+}
+
+/// The data set with its recorded training views as radiance; pixels that are black or saturated in any channel are masked.
+pub(crate) fn as_radiance(dataset: &Dataset, knots: &Knots) -> Dataset {
+    let convert = |view: &View| {
+        let Some(exposure_s) = exposure_of(view) else { return view.clone() };
+        let mut mask = Mask { weights: vec![0.0; view.image.pixels.len()] };
+        let mut image = Image::filled(view.image.width, view.image.height, [0.0; 3]);
+        for (i, (pixel, weight)) in image.pixels.iter_mut().zip(&mut mask.weights).enumerate().filter(|(i, _)| view.is_valid(*i)) {
+            let [r, g, b] = [0, 1, 2].map(|c| radiance_of(view.image.pixels[i][c], c, knots, exposure_s));
+            if let (Some(r), Some(g), Some(b)) = (r, g, b) {
+                (*pixel, *weight) = ([r, g, b], 1.0);
+            }
+        }
+        View { image: Arc::new(image), values: PixelValues::Radiance, mask: Some(Arc::new(mask)), ..view.clone() }
+    };
+    Dataset { train: dataset.train.par_iter().map(convert).collect(), ..dataset.clone() }
+}
+
+/// What a camera of this response records of a render in normalised units, 0 to 1.
+pub(crate) fn record(render: &Image, response: &Response) -> Image {
+    let value = |c: usize, p: f32| response.of(c, p).value.clamp(0.0, 1.0);
+    let pixels = render.pixels.par_iter().map(|pixel| [value(0, pixel[0]), value(1, pixel[1]), value(2, pixel[2])]).collect();
+    Image { width: render.width, height: render.height, pixels }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera_response::CameraResponse;
+    use crate::testing::{camera_at, dataset_of, view_of};
+
+    fn exposed(exposure_s: f32, values: Vec<[f32; 3]>) -> View {
+        let view = view_of("a", camera_at([0.0; 3], [values.len() as u32, 1]), Image::from_pixels(values.len(), 1, values).unwrap());
+        View { values: PixelValues::Recorded { exposure_s }, ..view }
+    }
+
+    #[test]
+    fn recorded_radiance_comes_back_where_it_is_neither_black_nor_saturated() {
+        let knots = CameraResponse::new(0.5, &[]).knots();
+        let view = exposed(0.25, vec![[0.5; 3], [0.0, 0.5, 0.5], [0.5, 1.0, 0.5]]);
+        let radiance = &as_radiance(&dataset_of(vec![view]), &knots).train[0];
+        // The unit exposure in a quarter of a second.
+        assert!(radiance.image.pixels[0].iter().all(|v| (v - 4.0).abs() < 1e-3), "{:?}", radiance.image.pixels[0]);
+        assert_eq!(radiance.mask.as_ref().unwrap().weights, [1.0, 0.0, 0.0]);
+        assert_eq!(radiance.values, PixelValues::Radiance);
+    }
+
+    #[test]
+    fn what_is_recorded_of_a_render_is_what_the_loss_compares() {
+        let knots = CameraResponse::new(0.5, &[]).knots();
+        let view = exposed(0.5, vec![[0.1; 3]]);
+        let Some(ToneCurve::Response(response)) = curve(&view, &knots, 2.0, [1.0, 2.0, 1.0]) else { panic!("of a recorded view") };
+        let found = record(&Image::filled(1, 1, [1.0; 3]), &response).pixels[0];
+        // Radiance 1 in units of 2 for half a second is the unit exposure.
+        assert!((found[0] - 0.5).abs() < 1e-4 && found[1] > 0.6, "{found:?}");
+        assert_eq!(record(&Image::filled(1, 1, [1e9; 3]), &response).pixels[0], [1.0; 3]);
+    }
+
+    #[test]
+    fn one_kind_of_values_is_trained_on() {
+        let (radiance, recorded) = (view_of("r", camera_at([0.0; 3], [1, 1]), Image::filled(1, 1, [1.0; 3])), exposed(1.0, vec![[0.5; 3]]));
+        assert!(!is_recorded(std::slice::from_ref(&radiance)).unwrap() && is_recorded(std::slice::from_ref(&recorded)).unwrap());
+        assert!(matches!(is_recorded(&[radiance, recorded]), Err(TrainError::MixedValues { .. })));
+        assert!(matches!(is_recorded(&[exposed(0.0, vec![[0.5; 3]])]), Err(TrainError::Exposure { .. })));
+    }
+}
