@@ -2,7 +2,7 @@
 //!
 //! In a folder of masks an image's is named like it: `<stem>.png` (or another image format, or with the image's own extension before: `000.exr.png`),
 //! below the same folders, without the first of them, or without any where no two images share a last name. Next to a data set the folder is
-//! `masks/`; so a merge of exposures leaves `masks/<stem>.png`, black where no exposure was between noise and saturation.
+//! `masks/`; a merge of exposures leaves another, of the pixels that all of them saturate, to be named.
 
 use std::collections::HashMap;
 use std::fmt;
