@@ -95,7 +95,7 @@ pub fn undistort_into(image: &Image, camera: &Camera, pinhole: &Camera) -> (Imag
         let straight = (target - pinhole.center_px) / pinhole.focal_px;
         let source = camera.distortion.distort(straight) * camera.focal_px + camera.center_px;
         let inside = source.clamp(DVec2::ZERO, size);
-        (sample(image, None, inside).unwrap_or([0.0; 3]), usize::from(inside != source))
+        (sample(image, None, inside).map_or([0.0; 3], |(value, _)| value), usize::from(inside != source))
     };
     let (pixels, outside): (Vec<[f32; 3]>, Vec<usize>) = (0..width * height).into_par_iter().map(pixel).unzip();
     (Image { width, height, pixels }, outside.into_iter().sum())
