@@ -103,7 +103,7 @@ pub(crate) struct LoadArgs {
     #[arg(long, default_value_t, value_name = "WHICH", help_heading = "Data set")]
     #[serde(default)]
     pub(crate) exposures: ExposuresArg,
-    /// Masks, white where pixels count and black where they do not: auto (mask_path of transforms.json, or masks/<image>.png beside the data set), off,
+    /// Masks, white where pixels count and black where they do not: auto (mask_path of transforms.json, or masks/IMAGE.png beside the data set), off,
     /// alpha (of the images), or a folder of masks named like the images.
     #[arg(long, default_value_t, value_name = "SOURCE", help_heading = "Data set")]
     #[serde(default)]
