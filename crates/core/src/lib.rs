@@ -32,7 +32,7 @@ pub use dataset::{BadPixels, Dataset, Mask, Observation, Point, View};
 pub use edit::{Edit, EditError, Map, MapChain, Selection};
 pub use engine::{
     ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON, Antialias, Cutoffs, DensifyPlan, DensifyStats, Engine, EngineError, Geometry, JACOBIAN_MARGIN,
-    Layers, LearningRates, LossConfig, MIN_AREA_RATIO, Pass, PlanRow, PositionNoise, RasterConfig, RenderOptions, StatsCollection,
+    Layers, LearningRates, LossConfig, MIN_AREA_RATIO, Pass, PlanRow, PositionNoise, RasterConfig, RenderOptions, SQUARED_KNEE, StatsCollection,
     StepConfig, StepReport,
 };
 pub use image::{Image, luminance_rec709, luminance_sum};

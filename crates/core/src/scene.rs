@@ -26,6 +26,8 @@ pub struct Snapshot {
     pub moments: Moments,
     /// Densification statistics since the last densification.
     pub stats: DensifyStats,
+    /// Mean of the parameters so far, where the last steps are averaged and have begun.
+    pub average: Option<Splats>,
     /// Everything else (step, random state, schedule, configuration, fingerprint) as the trainer's JSON.
     pub state_json: String,
 }

@@ -164,7 +164,7 @@ impl CpuEngine {
         }
         self.forward(&camera);
         let Self { pool, level, frame, timings, .. } = self;
-        let LossSums { l1, ssim, by_knots } = pool.install(|| {
+        let LossSums { l1, l2, ssim, by_knots } = pool.install(|| {
             let mut clock = Clock::new(timings);
             let sums = frame.loss.loss(*level, &camera, &frame.pixels, view, &step.loss);
             clock.lap(Pass::Loss);
@@ -177,8 +177,7 @@ impl CpuEngine {
             clock.lap(Pass::RasterizeBackward);
             sums
         });
-        let weight = step.loss.ssim_weight;
-        let loss = (1.0 - weight) * l1 + weight * (1.0 - ssim);
+        let loss = step.loss.total(l1, l2, ssim);
         Ok((camera, StepReport { step: step.step, loss, l1, ssim, visible: frame.bins.visible(), by_knots }))
     }
 }

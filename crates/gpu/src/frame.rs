@@ -136,7 +136,7 @@ impl PixelBuffers {
             last_entries: gpu.storage("last entries", 4 * sizes.pixels)?,
             derivatives: gpu.storage("derivatives of SSIM", training * 36 * sizes.pixels)?,
             gradients: gpu.storage("pixels' gradients", training * 16 * sizes.pixels)?,
-            group_sums: gpu.storage("sums of the loss", 8 * sizes.tiles)?,
+            group_sums: gpu.storage("sums of the loss", 16 * sizes.tiles)?,
         })
     }
 }

@@ -145,11 +145,15 @@ pub(crate) struct LossUniform {
     pub(crate) mu: f32,
     pub(crate) scale: f32,
     pub(crate) ssim_weight: f32,
+    pub(crate) l1_weight: f32,
+    pub(crate) l2_weight: f32,
     pub(crate) l1_factor: f32,
+    pub(crate) l2_factor: f32,
     pub(crate) ssim_factor: f32,
     pub(crate) l1_mean: f32,
     pub(crate) ssim_mean: f32,
     pub(crate) is_masked: u32,
+    pub(crate) padding: u32,
 }
 
 /// Twin: `Optimizer` in adam.wgsl.
@@ -346,7 +350,7 @@ mod tests {
             ]
         );
         check!(KernelId::SortCount, "Sort", SortUniform, [shift, count, flags, padding]);
-        check!(KernelId::LossSsim, "Loss", LossUniform, [mu, scale, ssim_weight, l1_factor, ssim_factor, l1_mean, ssim_mean, is_masked]);
+        check!(KernelId::LossSsim, "Loss", LossUniform, [mu, scale, ssim_weight, l1_weight, l2_weight, l1_factor, l2_factor, ssim_factor, l1_mean, ssim_mean, is_masked, padding]);
         let densify = KernelId::Densify(MODEL);
         check!(densify, "Densify", DensifyUniform, [source_base, source_len, source_stride, base, len, stride, flags, opacity_logit_cap]);
         check!(densify, "PlanRow", PlanRowData, [source, flags, opacity_logit, log_scale_shift, offset_sigma, smoothing]);

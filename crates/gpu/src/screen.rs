@@ -1,7 +1,7 @@
 //! What the shaders need of a camera, a loss and an optimiser, worked out once per step.
 
 use luxel_core::{
-    ADAM_BETA1, ADAM_BETA2, Antialias, Camera, EngineError, JACOBIAN_MARGIN, LossConfig, RenderOptions, StatsCollection, StepConfig,
+    ADAM_BETA1, ADAM_BETA2, Antialias, Camera, EngineError, JACOBIAN_MARGIN, LossConfig, RenderOptions, SQUARED_KNEE, StatsCollection, StepConfig,
 };
 
 use crate::layout::{
@@ -88,7 +88,7 @@ pub(crate) fn loss_uniform((config, mu): (&LossConfig, f32), size_px: [u32; 2], 
     let log = f64::from(mu).ln_1p();
     // The derivative of the mu-law at radiance 0.
     let slope = f64::from(mu) / log;
-    let weight = f64::from(config.ssim_weight);
+    let (weight, squared) = (f64::from(config.ssim_weight), f64::from(config.squared_share));
     // Of no pixel at all the mean is 0.
     let l1_mean = 1.0 / (3.0 * if total > 0.0 { total } else { 1.0 });
     let ssim_mean = 1.0 / (3.0 * f64::from(size_px[0]) * f64::from(size_px[1]));
@@ -96,11 +96,15 @@ pub(crate) fn loss_uniform((config, mu): (&LossConfig, f32), size_px: [u32; 2], 
         mu,
         scale: (1.0 / log) as f32,
         ssim_weight: config.ssim_weight,
-        l1_factor: (slope * (1.0 - weight) * l1_mean) as f32,
+        l1_weight: 1.0 - config.squared_share,
+        l2_weight: (squared / (2.0 * f64::from(SQUARED_KNEE))) as f32,
+        l1_factor: (slope * (1.0 - weight) * (1.0 - squared) * l1_mean) as f32,
+        l2_factor: (slope * (1.0 - weight) * squared / f64::from(SQUARED_KNEE) * l1_mean) as f32,
         ssim_factor: (slope * -2.0 * weight * ssim_mean) as f32,
         l1_mean: l1_mean as f32,
         ssim_mean: ssim_mean as f32,
         is_masked: is_masked.into(),
+        padding: 0,
     }
 }
 

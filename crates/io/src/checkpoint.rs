@@ -2,7 +2,7 @@
 //!
 //! Tensors, f32 unless said: `splats.{position [N,3], rotation [N,4], log_scale [N,3], opacity_logit [N], sh [N,K,3], raw_luminance
 //! [N,M], smoothing [N or 0]}`, the same under `moments.first` and `moments.second`, and `stats.{gradient, abs_gradient, views (u32)}`
-//! [N or 0]. Everything else is in the metadata, in JSON where it is not a single word. A BLAKE3 digest over metadata, names, shapes
+//! [N or 0]; last, where the run averages its parameters and has begun to, `average` with the arrays of `splats`. Everything else is in the metadata, in JSON where it is not a single word. A BLAKE3 digest over metadata, names, shapes
 //! and values tells a damaged file from a good one. Files are written whole or not at all, and equal snapshots give equal bytes. Values are moved in small pieces:
 //! neither writing nor reading holds a second copy of the snapshot.
 
@@ -92,9 +92,11 @@ fn check(snapshot: &Snapshot) -> Result<(), String> {
     if !(scale.is_finite() && scale > 0.0) {
         return Err(format!("radiance scale {scale}, expected a positive number"));
     }
-    for (name, moments) in [("first", &snapshot.moments.first), ("second", &snapshot.moments.second)] {
-        if moments.color_model != splats.color_model {
-            return Err(format!("{name} moments are of model {}, expected {}", moments.color_model.name(), splats.color_model.name()));
+    let (first, second) = (&snapshot.moments.first, &snapshot.moments.second);
+    let average = snapshot.average.iter().map(|average| ("the average is", average));
+    for (name, found) in [("first moments are", first), ("second moments are", second)].into_iter().chain(average) {
+        if found.color_model != splats.color_model {
+            return Err(format!("{name} of model {}, expected {}", found.color_model.name(), splats.color_model.name()));
         }
     }
     let count = splats.len();
@@ -225,15 +227,18 @@ fn read<R: Read>(path: &Path, mut reader: R, length: u64) -> Result<Snapshot, Io
     let digested: BTreeMap<String, String> =
         metadata.iter().filter(|(k, _)| *k != DIGEST_KEY).map(|(k, v)| (k.clone(), v.clone())).collect();
     let mut reader = Reader { path, reader, digest: Digest::of_metadata(&digested), head };
-    reader.check_tensors()?;
+    let is_averaged = reader.check_tensors()?;
     let splats = reader.splats("splats", model, count)?;
     let moments = Moments { first: reader.splats("moments.first", model, count)?, second: reader.splats("moments.second", model, count)? };
     let stats = reader.stats(count)?;
+    let average = is_averaged.then(|| reader.splats(tensors::AVERAGE, model, count)).transpose()?;
     if reader.digest.finish() != claimed {
         return Err(IoError::invalid(path, "the content does not match its digest: the file is damaged, use an older checkpoint"));
     }
-    splats.validate().map_err(|e| IoError::invalid(path, e))?;
-    Ok(Snapshot { scene: Scene { splats, radiance_scale, color_space, raster, edits: Vec::new() }, moments, stats, state_json })
+    for splats in [&splats].into_iter().chain(&average) {
+        splats.validate().map_err(|e| IoError::invalid(path, e))?;
+    }
+    Ok(Snapshot { scene: Scene { splats, radiance_scale, color_space, raster, edits: Vec::new() }, moments, stats, average, state_json })
 }
 
 /// Reads the header and holds what it claims against the length of the file.
@@ -264,10 +269,11 @@ fn fill<R: Read>(path: &Path, reader: &mut R, buffer: &mut [u8], what: &str) -> 
 }
 
 impl<R: Read> Reader<'_, R> {
-    /// Tensors are read in the order of the file, which is that of [`tensors_of`].
-    fn check_tensors(&self) -> Result<(), IoError> {
-        let expected = tensors::names();
+    /// Tensors are read in the order of the file, which is that of [`tensors_of`]. Whether there is an average.
+    fn check_tensors(&self) -> Result<bool, IoError> {
         let mut found = self.head.offset_keys();
+        let is_averaged = found.iter().any(|name| name.strip_prefix(tensors::AVERAGE).is_some_and(|rest| rest.starts_with('.')));
+        let expected = tensors::names(is_averaged);
         // Tensors without values share their offset; the reader's order among them is by chance.
         found.sort_by_key(|name| {
             let offsets = self.head.info(name).map_or((0, 0), |info| info.data_offsets);
@@ -278,7 +284,7 @@ impl<R: Read> Reader<'_, R> {
             let odd = odd.map_or("their order", String::as_str);
             return Err(IoError::invalid(self.path, format_args!("header: unexpected tensors ({odd}), expected {}", expected.join(", "))));
         }
-        Ok(())
+        Ok(is_averaged)
     }
 
     fn splats(&mut self, group: &str, color_model: ColorModel, n: usize) -> Result<Splats, IoError> {

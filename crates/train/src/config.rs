@@ -21,7 +21,7 @@ use crate::{NoiseChoice, ResolutionSchedule, TrainError};
 #[derive(Clone, Debug, PartialEq, Args, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TrainConfig {
-    /// Recipe: values of the number of steps, the strategy, the number of splats, the resolution and the cut-offs, in place of the defaults below.
+    /// Recipe: values of the number of steps, the strategy, the number of splats, the loss, the learning rate of positions and others, in place of the defaults below.
     /// Options said beside it win; over a --config file it sets its values anew
     #[arg(long, value_enum, default_value_t, help_heading = "Training")]
     pub preset: Preset,
@@ -36,6 +36,9 @@ pub struct TrainConfig {
     /// of the steps. Evaluation is at full size
     #[arg(long, value_name = "SCHEDULE", default_value_t, help_heading = "Training")]
     pub resolution_schedule: ResolutionSchedule,
+    /// Part of the steps, at the end, over which the parameters are averaged: the scene is their mean. Below 1; 0 for none
+    #[arg(long, value_name = "PART", default_value_t = 0.15, help_heading = "Training")]
+    pub average_share: f32,
 
     /// Colour model
     #[arg(long, value_enum, default_value_t = Method::Lcd, help_heading = "Colour model")]
@@ -68,6 +71,9 @@ pub struct TrainConfig {
     /// Weight of 1 - SSIM in the loss, 0 to 1; L1 has the rest
     #[arg(long, value_name = "WEIGHT", default_value_t = 0.2, help_heading = "Radiance and loss")]
     pub ssim_weight: f32,
+    /// Part of L1 that is replaced by d^2 / 0.06, d a pixel's difference under the mu-law, 0 to 1: what is far off, edges and highlights, counts for more
+    #[arg(long, value_name = "PART", default_value_t = 0.5, help_heading = "Radiance and loss")]
+    pub squared_share: f32,
 
     /// Gains of the training images found beside the scene, where exposure or white balance drifts between them. Their mean over the images is
     /// held at 1, so that no cast goes into the scene
@@ -150,10 +156,10 @@ pub struct TrainConfig {
     pub mcmc_scale_weight: f32,
 
     /// Learning rate of positions at the start, times the scene's extent
-    #[arg(long, value_name = "RATE", default_value_t = 1.6e-4, help_heading = "Learning rates")]
+    #[arg(long, value_name = "RATE", default_value_t = 4e-4, help_heading = "Learning rates")]
     pub position_lr: f32,
     /// Learning rate of positions at the end, times the scene's extent
-    #[arg(long, value_name = "RATE", default_value_t = 1.6e-6, help_heading = "Learning rates")]
+    #[arg(long, value_name = "RATE", default_value_t = 4e-6, help_heading = "Learning rates")]
     pub position_lr_final: f32,
     /// Learning rate of the harmonics' constant terms; the others have a twentieth
     #[arg(long, value_name = "RATE", default_value_t = 2.5e-3, help_heading = "Learning rates")]
@@ -293,7 +299,7 @@ impl TrainConfig {
             Strategy::Adc => (0.0, 0.0),
             Strategy::Mcmc => (self.mcmc_opacity_weight, self.mcmc_scale_weight),
         };
-        LossConfig { curve: ToneCurve::MuLaw { mu: self.mu }, ssim_weight: self.ssim_weight, opacity_weight, scale_weight }
+        LossConfig { curve: ToneCurve::MuLaw { mu: self.mu }, ssim_weight: self.ssim_weight, squared_share: self.squared_share, opacity_weight, scale_weight }
     }
 
     /// Opacity of splats at the start.

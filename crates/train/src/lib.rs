@@ -4,6 +4,7 @@
 //! random comes from one seed, so that equal inputs give equal scenes on an engine that is deterministic, and a [`luxel_core::Snapshot`]
 //! holds all that is needed to go on bit for bit.
 
+mod average;
 mod camera_response;
 mod config;
 pub mod densify;

@@ -31,6 +31,9 @@ const RESET_TAIL_DIVISOR: u32 = 3;
 /// Steps between two updates of the 3D smoothing filter.
 const SMOOTHING_INTERVAL: u32 = 100;
 
+/// States that the average is taken of, at most: enough to be steady, few enough to cost nothing.
+const AVERAGED_STATES: u32 = 32;
+
 /// The schedule of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Schedule {
@@ -50,6 +53,8 @@ pub struct Schedule {
     pub reset_interval: Option<u32>,
     /// AbsGS's opacity reduction takes place.
     pub reduces_opacity: bool,
+    /// Steps at the end that are averaged over, none before densification ends; 0 for none.
+    pub averaged_steps: u32,
 }
 
 impl Schedule {
@@ -57,15 +62,18 @@ impl Schedule {
     pub fn new(config: &TrainConfig, iterations: u32, extent: f32) -> Self {
         let is_adc = config.strategy == Strategy::Adc;
         let default_until = if is_adc { iterations / 2 } else { (u64::from(iterations) * 5 / 6) as u32 };
+        let densify_until = config.densify_until.unwrap_or(default_until);
+        let averaged_steps = (f64::from(iterations) * f64::from(config.average_share)) as u32;
         Self {
             iterations,
             extent,
             sh_interval: config.sh_interval.unwrap_or((iterations / 10).clamp(1, 1000)),
             densify_from: config.densify_from.unwrap_or((iterations / 20).min(500)),
-            densify_until: config.densify_until.unwrap_or(default_until),
+            densify_until,
             densify_interval: config.densify_interval.max(1),
             reset_interval: (is_adc && config.opacity_reset_interval > 0).then_some(config.opacity_reset_interval),
             reduces_opacity: is_adc && config.absgrad,
+            averaged_steps: averaged_steps.min(iterations.saturating_sub(densify_until)),
         }
     }
 
@@ -114,6 +122,12 @@ impl Schedule {
         (step >= self.densify_until || step <= self.densify_from) && step.is_multiple_of(SMOOTHING_INTERVAL)
     }
 
+    /// Whether the parameters after `step` go into the average: the planned last step's do, and others at equal distances before it.
+    pub fn averages_after(&self, step: u32) -> bool {
+        let interval = self.averaged_steps.div_ceil(AVERAGED_STATES);
+        self.iterations.checked_sub(step).is_some_and(|left| left < self.averaged_steps && left.is_multiple_of(interval))
+    }
+
     /// Learning rates of `step`.
     pub fn learning_rates(&self, config: &TrainConfig, step: u32) -> LearningRates {
         let progress = (f64::from(step) / f64::from(self.iterations.max(1))).min(1.0);
@@ -159,8 +173,23 @@ mod tests {
         assert!(!s.has_reset_before(3000) && s.has_reset_before(3001));
         assert_eq!([999, 1000, 2999, 3000, 30_000].map(|t| s.active_degree(t, 3)), [0, 1, 2, 3, 3]);
         let rates = s.learning_rates(&config, 15_000);
-        assert!((rates.position / (1.6e-5 * 2.0) - 1.0).abs() < 1e-4, "{}", rates.position);
+        assert!((rates.position / (4e-5 * 2.0) - 1.0).abs() < 1e-4, "{}", rates.position);
         assert_eq!((rates.sh_dc, rates.sh_rest, rates.luminance_dc), (2.5e-3, 2.5e-3 / 20.0, 0.05));
+    }
+
+    #[test]
+    fn the_end_of_a_run_is_averaged() {
+        let averaged = |config: TrainConfig| -> Vec<u32> {
+            let s = Schedule::new(&config, config.iterations, 2.0);
+            (1..=config.iterations + 100).filter(|t| s.averages_after(*t)).collect()
+        };
+        let config = |iterations, average_share| TrainConfig { iterations, average_share, ..TrainConfig::default() };
+        let long = averaged(config(30_000, 0.15));
+        assert_eq!((long.len(), long[0], long.last()), (32, 25_629, Some(&30_000)));
+        assert_eq!(averaged(config(20, 0.15)), [18, 19, 20]);
+        assert_eq!(averaged(TrainConfig { densify_until: Some(19), ..config(20, 0.15) }), [20]);
+        assert_eq!(averaged(TrainConfig { densify_until: Some(50), ..config(20, 0.15) }), Vec::<u32>::new());
+        assert_eq!(averaged(config(20, 0.0)), Vec::<u32>::new());
     }
 
     #[test]

@@ -13,7 +13,7 @@ use crate::recorded::is_recorded;
 use crate::{TrainConfig, TrainError};
 
 /// Format of [`State`]: another one is refused with a clear message rather than misread.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 /// The run, arrays apart.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -29,6 +29,8 @@ pub(crate) struct State {
     pub(crate) radiance_scale: f32,
     pub(crate) fingerprint: String,
     pub(crate) rng: Pcg64Mcg,
+    /// States that the snapshot's average is the mean of; 0: there is none yet.
+    pub(crate) averaged: u32,
     /// Of the training images; `None`: not compensated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) gains: Option<Gains>,
@@ -57,6 +59,7 @@ impl State {
             version: VERSION,
             planned_iterations: config.iterations,
             iteration: 0,
+            averaged: 0,
             extent,
             radiance_scale,
             fingerprint: dataset.fingerprint.clone(),
@@ -104,6 +107,9 @@ impl State {
         sorted.sort_unstable();
         if !sorted.iter().copied().eq((0u32..).take(dataset.train.len())) || state.cursor > state.order.len() {
             return Err(TrainError::State(format!("the order of views is not one of the data set's {} views", dataset.train.len())));
+        }
+        if (state.averaged > 0) != snapshot.average.is_some() {
+            return Err(TrainError::State("the average of the parameters is missing, or is there without being counted".to_owned()));
         }
         if let Some(gains) = &state.gains {
             gains.validate(dataset.train.len())?;

@@ -1,7 +1,8 @@
 //! The training loop, one step at a time.
 //!
 //! In: a data set, a configuration, an engine; out: a scene in normalised units. A step takes the next view of a shuffled round,
-//! updates all parameters, and, where the schedule says so, adds and removes splats. Everything random is drawn from the state's
+//! updates all parameters, and, where the schedule says so, adds and removes splats; at the end the scene becomes the mean of its last states
+//! ([`crate::average`]). Everything random is drawn from the state's
 //! generator in a fixed order. Beside the scene, where asked for: gains of the images ([`crate::gains`]), the camera's response
 //! ([`crate::camera_response`]).
 
@@ -12,6 +13,7 @@ use luxel_core::{
     StatsCollection, StepConfig, StepReport, View, logit, spatial_order,
 };
 
+use crate::average::Average;
 use crate::camera_response::{CameraResponse, exposure_of};
 use crate::config::Strategy;
 use crate::densify::{adc::Adc, mcmc::Mcmc};
@@ -35,6 +37,8 @@ pub struct Trainer {
     color_space: ColorSpace,
     schedule: Schedule,
     state: State,
+    /// Of the parameters, under way.
+    average: Option<Average>,
     /// The last steps and their views' names.
     recent: VecDeque<(u32, String)>,
 }
@@ -63,7 +67,8 @@ impl Trainer {
         let extent = scene_extent(&dataset.train, &splats.position);
         engine.load(&splats, None)?;
         tracing::info!(splats = splats.len(), radiance_scale, extent, model = config.color_model().name(), "initialised");
-        let mut trainer = Self::assemble(dataset, State::new(dataset, Start { config, extent, radiance_scale, response }), engine);
+        let state = State::new(dataset, Start { config, extent, radiance_scale, response });
+        let mut trainer = Self::assemble(dataset, (state, None), engine);
         if trainer.state.config.antialias == Antialias::Mip {
             trainer.update_smoothing()?;
         }
@@ -77,23 +82,28 @@ impl Trainer {
     pub fn resume(dataset: &Dataset, snapshot: Snapshot, mut engine: Box<dyn Engine>) -> Result<Self, TrainError> {
         check_views(dataset)?;
         let state = State::of_snapshot(&snapshot, dataset)?;
-        let Snapshot { scene, moments, stats, .. } = snapshot;
-        for (what, splats) in [("scene", &scene.splats), ("first moments", &moments.first), ("second moments", &moments.second)] {
+        let Snapshot { scene, moments, stats, average, .. } = snapshot;
+        let parts = [("scene", &scene.splats), ("first moments", &moments.first), ("second moments", &moments.second)];
+        for (what, splats) in parts.into_iter().chain(average.iter().map(|average| ("average", average))) {
             splats.validate().map_err(|source| TrainError::Checkpoint { what, source })?;
+        }
+        if average.as_ref().is_some_and(|average| [average.len(), average.sh.len()] != [scene.splats.len(), scene.splats.sh.len()]) {
+            return Err(TrainError::State("the average of the parameters is of other splats than the scene's".to_owned()));
         }
         engine.load(&scene.splats, Some(&moments))?;
         engine.set_densify_stats(&stats)?;
-        Ok(Self::assemble(dataset, state, engine))
+        let average = average.map(|mean| Average::new(mean, state.averaged));
+        Ok(Self::assemble(dataset, (state, average), engine))
     }
 
-    fn assemble(dataset: &Dataset, state: State, engine: Box<dyn Engine>) -> Self {
+    fn assemble(dataset: &Dataset, (state, average): (State, Option<Average>), engine: Box<dyn Engine>) -> Self {
         let config = &state.config;
         let schedule = Schedule::new(config, state.planned_iterations, state.extent);
         let side_px = dataset.train.iter().flat_map(|view| view.camera.size_px).min().unwrap_or(1);
         let stages = config.resolution_schedule.stages(state.planned_iterations, config.densify_interval, side_px);
         let seen = Seen { radiance_scale: state.radiance_scale, mu: config.mu };
         let views = TrainingViews::new(&dataset.train, stages, config.noise_model, seen);
-        Self { engine, views, color_space: dataset.color_space, schedule, state, recent: VecDeque::new() }
+        Self { engine, views, color_space: dataset.color_space, schedule, state, average, recent: VecDeque::new() }
     }
 
     /// The configuration in force.
@@ -187,6 +197,7 @@ impl Trainer {
         }
         self.measure_gain(step, index)?;
         self.densify(step)?;
+        self.average(step)?;
         self.state.iteration = step;
         Ok(report)
     }
@@ -274,6 +285,26 @@ impl Trainer {
         Ok(())
     }
 
+    /// Takes the parameters after `step` into their mean, where they are due, and makes the scene the mean after the last of them. Adam's moments stay,
+    /// so that a run that is made longer goes on from there.
+    fn average(&mut self, step: u32) -> Result<(), TrainError> {
+        if !self.schedule.averages_after(step) {
+            return Ok(());
+        }
+        let (splats, moments) = self.engine.save()?;
+        match &mut self.average {
+            Some(average) => average.add(splats),
+            None => self.average = Some(Average::new(splats, 1)),
+        }
+        if step == self.schedule.iterations
+            && let Some(average) = self.average.take()
+        {
+            self.engine.load(average.mean(), Some(&moments))?;
+        }
+        self.state.averaged = self.average.as_ref().map_or(0, Average::count);
+        Ok(())
+    }
+
     /// Rows of the scene after a round of the strategy, neighbours in space beside each other.
     fn round(&mut self, step: u32) -> Result<Vec<PlanRow>, TrainError> {
         let geometry = self.engine.geometry()?;
@@ -324,7 +355,8 @@ impl Trainer {
     /// [`TrainError::Engine`].
     pub fn snapshot(&mut self) -> Result<Snapshot, TrainError> {
         let (scene, moments) = self.scene_and_moments()?;
-        Ok(Snapshot { scene, moments, stats: self.engine.densify_stats()?, state_json: self.state.to_json()? })
+        let average = self.average.as_ref().map(|average| average.mean().clone());
+        Ok(Snapshot { scene, moments, stats: self.engine.densify_stats()?, average, state_json: self.state.to_json()? })
     }
 
     fn scene_and_moments(&mut self) -> Result<(Scene, Moments), TrainError> {

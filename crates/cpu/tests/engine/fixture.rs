@@ -172,7 +172,7 @@ pub fn step(step: u32, render: RenderOptions) -> StepConfig {
     StepConfig {
         step,
         render,
-        loss: LossConfig { opacity_weight: 0.01, scale_weight: 0.02, ..LossConfig::default() },
+        loss: LossConfig { squared_share: 0.4, opacity_weight: 0.01, scale_weight: 0.02, ..LossConfig::default() },
         learning_rates: LEARNING_RATES,
         position_noise: None,
         stats: StatsCollection::GradientsAndAbsolute,

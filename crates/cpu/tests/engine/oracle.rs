@@ -321,7 +321,7 @@ impl<N: Number> Curve<N> {
 }
 
 /// Loss of an image against `view`.
-pub fn loss<N: Number>(pixels: &[[N; 3]], view: &View, curve: &Curve<N>, ssim_weight: f32, trace: &mut Trace) -> Loss<N> {
+pub fn loss<N: Number>(pixels: &[[N; 3]], view: &View, curve: &Curve<N>, config: &LossConfig, trace: &mut Trace) -> Loss<N> {
     let weight = |i: usize| view.mask.as_ref().map_or(1.0, |mask| f64::from(mask.weights[i]));
     let mut predicted = vec![Vec::new(); 3];
     let mut target = vec![Vec::new(); 3];
@@ -333,18 +333,21 @@ pub fn loss<N: Number>(pixels: &[[N; 3]], view: &View, curve: &Curve<N>, ssim_we
             predicted[c].push(if view.is_valid(i) { mixed } else { goal });
         }
     }
-    let (mut sum, mut total) = (N::of(0.0), 0.0);
+    let (mut sum, mut squares, mut total) = (N::of(0.0), N::of(0.0), 0.0);
     for i in (0..pixels.len()).filter(|&i| view.is_valid(i)) {
         for c in 0..3 {
             let difference = predicted[c][i] - target[c][i];
             sum = if trace.decide(difference.value() < 0.0) { sum - difference } else { sum + difference };
+            squares = squares + difference * difference;
             total += weight(i);
         }
     }
-    let l1 = if total == 0.0 { N::of(0.0) } else { sum / N::of(total) };
+    let [l1, l2] = [sum, squares].map(|sum| if total == 0.0 { N::of(0.0) } else { sum / N::of(total) });
     let ssim = (0..3).fold(N::of(0.0), |sum, c| sum + mean_ssim(&predicted[c], &target[c], view.image.width)) / N::of(3.0);
-    let weight = f64::from(ssim_weight);
-    Loss { total: N::of(1.0 - weight) * l1 + N::of(weight) * (N::of(1.0) - ssim), l1, ssim }
+    let (weight, squared) = (f64::from(config.ssim_weight), f64::from(config.squared_share));
+    // As steep as L1 where the difference is 0.03.
+    let difference = N::of(1.0 - squared) * l1 + N::of(squared / 0.06) * l2;
+    Loss { total: N::of(1.0 - weight) * difference + N::of(weight) * (N::of(1.0) - ssim), l1, ssim }
 }
 
 /// Gaussian window of 11 x 11 pixels and standard deviation 1.5 over one channel, zeros outside.
@@ -385,7 +388,7 @@ fn mean_ssim<N: Number>(a: &[N], b: &[N], width: usize) -> N {
 /// The function whose gradient training follows: the loss with its regularisers.
 pub fn objective<N: Number>(p: &Parameters<N>, view: &View, options: &RenderOptions, config: &LossConfig) -> (N, Loss<N>, Rendered<N>) {
     let mut rendered = render(p, &view.camera, options);
-    let loss = loss(&rendered.pixels, view, &Curve::of(&config.curve), config.ssim_weight, &mut rendered.trace);
+    let loss = loss(&rendered.pixels, view, &Curve::of(&config.curve), config, &mut rendered.trace);
     let count = p.splats.len() as f64;
     let mut total = loss.total;
     for i in 0..p.splats.len() {
@@ -446,7 +449,7 @@ pub fn differentiate_by_knots(splats: &Splats, view: &View, options: &RenderOpti
     let knots = variables(&values);
     let channels: [Vec<Var>; 3] = std::array::from_fn(|c| knots[c * RESPONSE_KNOTS..][..RESPONSE_KNOTS].to_vec());
     let curve = Curve::Response { knots: channels, exposure: response.exposure };
-    let gradient = gradient(loss(&pixels, view, &curve, config.ssim_weight, &mut Trace::default()).total);
+    let gradient = gradient(loss(&pixels, view, &curve, config, &mut Trace::default()).total);
     knots.iter().map(|&knot| gradient.by(knot)).collect()
 }
 

@@ -1,7 +1,7 @@
-// Pass `loss`: (1 - w) L1 + w (1 - SSIM) of mu-law images, and its gradient by the pixels' radiance. Twin: cpu/passes/loss.
+// Pass `loss`: (1 - w) D + w (1 - SSIM) of mu-law images, D their L1, partly squared, and its gradient by the pixels' radiance. Twin: cpu/passes/loss.
 //
 // A workgroup is 16x16 pixels, one channel after the other. `loss_ssim`: values with a halo into workgroup memory, the window of SSIM along
-// rows, then down columns; sums of |difference| and SSIM per workgroup, and SSIM's derivatives by the means of x, x^2 and xy. `loss_gradient`: the
+// rows, then down columns; sums of |difference|, SSIM and difference^2 per workgroup, and SSIM's derivatives by the means of x, x^2 and xy. `loss_gradient`: the
 // derivatives through the same window (it is symmetric, and the padding zero, so it is its own adjoint), and the gradient by radiance.
 // `loss_report`: the sums of all workgroups, in a fixed order; it halts the engine if the loss is not finite, before anything has been changed.
 // A pixel of weight w takes w x + (1 - w) y of its prediction x and target y under the mu-law for the prediction: none at 0, all at 1.
@@ -11,13 +11,19 @@ struct Loss {
     // 1 / ln(1 + mu)
     scale: f32,
     ssim_weight: f32,
-    // Gradients by the mu-law value at radiance 0: of L1, and of half the derivative of the sum of SSIM.
+    // Part of L1 that is not squared.
+    l1_weight: f32,
+    // Part of L1 that is squared, over twice the difference where both are equally steep.
+    l2_weight: f32,
+    // Gradients by the mu-law value at radiance 0: of L1, by the difference, and of half the derivative of the sum of SSIM.
     l1_factor: f32,
+    l2_factor: f32,
     ssim_factor: f32,
     // 1 / number of values that the means are over.
     l1_mean: f32,
     ssim_mean: f32,
     is_masked: u32,
+    padding: u32,
 }
 
 @group(0) @binding(0) var<uniform> camera: Camera;
@@ -28,7 +34,7 @@ struct Loss {
 @group(0) @binding(4) var<storage, read> mask: array<f32>;
 // By the means of x, x^2, xy: [3 channels * 3, H*W].
 @group(0) @binding(5) var<storage, read_write> derivatives: array<f32>;
-@group(0) @binding(6) var<storage, read_write> group_sums: array<vec2f>;
+@group(0) @binding(6) var<storage, read_write> group_sums: array<vec4f>;
 @group(0) @binding(7) var<storage, read> last_entries: array<u32>;
 @group(0) @binding(8) var<storage, read_write> pixel_gradients: array<vec4f>;
 @group(0) @binding(9) var<storage, read_write> state: State;
@@ -68,7 +74,7 @@ fn is_inside(at: vec2i) -> bool {
 var<workgroup> predictions: array<f32, HALO>;
 var<workgroup> targets: array<f32, HALO>;
 var<workgroup> row_means: array<vec4f, STRIP>;
-var<workgroup> totals: array<vec2f, 256>;
+var<workgroup> totals: array<vec4f, 256>;
 
 @compute @workgroup_size(256)
 fn loss_ssim(@builtin(workgroup_id) workgroup: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) local: u32) {
@@ -76,7 +82,7 @@ fn loss_ssim(@builtin(workgroup_id) workgroup: vec3u, @builtin(num_workgroups) g
     let inside = all(at < camera.size_px);
     let pixel = at.y * camera.size_px.x + at.x;
     let pixels = camera.size_px.x * camera.size_px.y;
-    var total = vec2f(0.0);
+    var total = vec4f(0.0);
     for (var channel = 0u; channel < 3u; channel++) {
         for (var n = local; n < HALO; n += 256u) {
             let from_px = halo_pixel(workgroup.xy, n);
@@ -125,7 +131,8 @@ fn loss_ssim(@builtin(workgroup_id) workgroup: vec3u, @builtin(num_workgroups) g
             derivatives[(3u * channel + 1u) * pixels + pixel] = -(ssim * (d * inverse));
             derivatives[(3u * channel + 2u) * pixels + pixel] = a * inverse;
             let center = (local / SIDE + SSIM_RADIUS) * HALO_SIDE + local % SIDE + SSIM_RADIUS;
-            total += vec2f(abs(predictions[center] - targets[center]), ssim);
+            let difference = predictions[center] - targets[center];
+            total += vec4f(abs(difference), ssim, difference * difference, 0.0);
         }
         workgroupBarrier();
     }
@@ -189,7 +196,8 @@ fn loss_gradient(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocat
             let x = weighted(mu_law(radiance), y, weight);
             let by_ssim = by.x + by.y * x + by.z * y;
             // T'(p) = mu / ((1 + mu p) ln(1 + mu)); the factors hold all but 1 / (1 + mu p).
-            let by_value = by_ssim * config.ssim_factor + sign(x - y) * config.l1_factor;
+            let by_difference = sign(x - y) * config.l1_factor + (x - y) * config.l2_factor;
+            let by_value = by_ssim * config.ssim_factor + by_difference;
             gradient[channel] = weight * by_value / (1.0 + config.mu * radiance);
         }
         workgroupBarrier();
@@ -204,7 +212,7 @@ fn loss_gradient(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocat
 @compute @workgroup_size(256)
 fn loss_report(@builtin(local_invocation_index) local: u32) {
     let tiles = (camera.size_px + SIDE - 1u) / SIDE;
-    var total = vec2f(0.0);
+    var total = vec4f(0.0);
     for (var n = local; n < tiles.x * tiles.y; n += 256u) {
         total += group_sums[n];
     }
@@ -219,7 +227,8 @@ fn loss_report(@builtin(local_invocation_index) local: u32) {
     if (local == 0u) {
         let l1 = totals[0].x * config.l1_mean;
         let ssim = totals[0].y * config.ssim_mean;
-        let loss = (1.0 - config.ssim_weight) * l1 + config.ssim_weight * (1.0 - ssim);
+        let difference = config.l1_weight * l1 + config.l2_weight * totals[0].z * config.l1_mean;
+        let loss = (1.0 - config.ssim_weight) * difference + config.ssim_weight * (1.0 - ssim);
         state.l1 = l1;
         state.ssim = ssim;
         state.loss = loss;

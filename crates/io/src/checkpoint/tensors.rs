@@ -68,10 +68,14 @@ const SPLATS: [&str; 7] = ["position", "rotation", "log_scale", "opacity_logit",
 const GROUPS: [&str; 3] = ["splats", "moments.first", "moments.second"];
 const STATS: [&str; 3] = ["stats.gradient", "stats.abs_gradient", "stats.views"];
 
-/// Names in the order of the file.
-pub(super) fn names() -> Vec<String> {
-    let splats = GROUPS.iter().flat_map(|group| SPLATS.iter().map(move |array| format!("{group}.{array}")));
-    splats.chain(STATS.map(str::to_owned)).collect()
+/// Group of the parameters' mean, last in the file where there is one.
+pub(super) const AVERAGE: &str = "average";
+
+/// Names in the order of the file, with or without an average.
+pub(super) fn names(is_averaged: bool) -> Vec<String> {
+    let group = |group: &str| SPLATS.map(|array| format!("{group}.{array}"));
+    let average = is_averaged.then(|| group(AVERAGE)).into_iter().flatten();
+    GROUPS.into_iter().flat_map(group).chain(STATS.map(str::to_owned)).chain(average).collect()
 }
 
 /// All tensors of a snapshot.
@@ -81,9 +85,10 @@ pub(super) fn tensors_of(snapshot: &Snapshot) -> Vec<Tensor<'_>> {
     let values = [splats, &moments.first, &moments.second].into_iter().flat_map(|group| arrays(group, n));
     let optional = |values| (vec![n], true, values);
     let stats = [Values::F32(&stats.gradient), Values::F32(&stats.abs_gradient), Values::U32(&stats.views)].map(optional);
-    names()
+    let average = snapshot.average.iter().flat_map(|average| arrays(average, n));
+    names(snapshot.average.is_some())
         .into_iter()
-        .zip(values.chain(stats))
+        .zip(values.chain(stats).chain(average))
         .map(|(name, (shape, is_optional, values))| Tensor { name, shape, is_optional, values })
         .collect()
 }

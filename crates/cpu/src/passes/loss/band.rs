@@ -327,7 +327,7 @@ fn by_value<S: Simd>(simd: S, plan: &Plan, (x, y): (&Lanes, &Lanes), by_ssim: V<
     let c = |value: f32| V::splat(simd, value);
     let difference = V::load(simd, x) - V::load(simd, y);
     let by_l1 = difference.if_positive(c(plan.l1_factor), (-difference).if_positive(c(-plan.l1_factor), c(0.0)));
-    by_ssim.mul_add(c(plan.ssim_factor), by_l1)
+    by_ssim.mul_add(c(plan.ssim_factor), difference.mul_add(c(plan.l2_factor), by_l1))
 }
 
 /// Gradient of the loss by radiance: through a response it stays by value, for the knots, and is multiplied by the slope behind them.

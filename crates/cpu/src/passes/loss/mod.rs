@@ -1,10 +1,10 @@
-//! Pass `loss`: L1 + SSIM against the view's image through a tone curve, and its gradient by the pixels' radiance.
+//! Pass `loss`: L1, partly squared, + SSIM against the view's image through a tone curve, and its gradient by the pixels' radiance.
 //!
-//! In: the tiles' radiance, target image and weights, [`LossConfig`]. Out: L1 and SSIM means, [`BlockGradient`]s row by row, and the gradient by
+//! In: the tiles' radiance, target image and weights, [`LossConfig`]. Out: means of L1, squares and SSIM, [`BlockGradient`]s row by row, and the gradient by
 //! the knots of a response. Source: LCD-GS eq. 5; SSIM as in 3DGS: 11x11 Gaussian window of sigma 1.5, zero padding, mean over pixels and
 //! channels. The window is symmetric and the padding zero, so the convolution is its own adjoint.
 //!
-//! A pixel of weight w takes `w x + (1 - w) y` of its prediction x and target y under the curve for the prediction, in L1 (a mean over weights) and
+//! A pixel of weight w takes `w x + (1 - w) y` of its prediction x and target y under the curve for the prediction, in L1 and squares (means over weights) and
 //! in the windows: one of weight 0 takes no part, one of weight 1 is as if there were no weights, to the bit.
 //!
 //! One sweep over bands of rows, each within a core's cache: [`values`], then [`band`] per channel. Rows are laid out in [`strips`], so that
@@ -19,13 +19,13 @@ mod values;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use fearless_simd::Level;
-use luxel_core::{Knots, LossConfig, RESPONSE_KNOTS, Response, ToneCurve, View};
+use luxel_core::{Knots, LossConfig, RESPONSE_KNOTS, Response, SQUARED_KNEE, ToneCurve, View};
 use rayon::prelude::*;
 
 use self::band::{BAND_PX, Band, BandScratch, differentiate_band, store_band};
 use self::convolution::{Weights, weights};
 use self::strips::strip_px;
-use self::values::{ValueScratch, load_band};
+use self::values::{Differences, ValueScratch, load_band};
 use super::rasterize::TilePixels;
 use super::rasterize_backward::BlockGradient;
 use crate::lanes::with_simd;
@@ -52,6 +52,7 @@ struct Scratch {
 /// What the pass found.
 pub(crate) struct LossSums {
     pub(crate) l1: f32,
+    pub(crate) l2: f32,
     pub(crate) ssim: f32,
     pub(crate) by_knots: Option<Knots>,
 }
@@ -59,13 +60,13 @@ pub(crate) struct LossSums {
 /// Sums over a band, in f64: they are added in the order of the bands, whoever made them.
 #[derive(Clone)]
 struct BandSums {
-    difference: f64,
+    differences: Differences,
     ssim: f64,
     by_knots: [[f64; RESPONSE_KNOTS]; 3],
 }
 
 impl BandSums {
-    const ZERO: Self = Self { difference: 0.0, ssim: 0.0, by_knots: [[0.0; RESPONSE_KNOTS]; 3] };
+    const ZERO: Self = Self { differences: Differences { absolute: 0.0, squared: 0.0 }, ssim: 0.0, by_knots: [[0.0; RESPONSE_KNOTS]; 3] };
 }
 
 /// Sizes and constants of a step.
@@ -82,6 +83,8 @@ struct Plan {
     planes: Planes,
     /// Gradient of the loss, but for the curve's slope relative to [`Curve::slope`]: by L1's sign, and by half the derivative of the sum of SSIM.
     l1_factor: f32,
+    /// By the difference itself.
+    l2_factor: f32,
     ssim_factor: f32,
 }
 
@@ -168,8 +171,8 @@ impl LossBuffers {
             let start = band * BAND_PX;
             let rows = (height - start).min(BAND_PX);
             let band = Band { start, rows, channel: 0 };
-            let difference = with_simd!(level, simd => load_band(simd, &plan, (pixels, view), band, values));
-            *sums = BandSums { difference, ..BandSums::ZERO };
+            let differences = with_simd!(level, simd => load_band(simd, &plan, (pixels, view), band, values));
+            *sums = BandSums { differences, ..BandSums::ZERO };
             for channel in 0..3 {
                 let band = Band { channel, ..band };
                 let by_knots = &mut sums.by_knots[channel];
@@ -178,8 +181,10 @@ impl LossBuffers {
             store_band(&plan, rows, scratch, blocks);
         });
         let by_knots = (plan.planes == Planes::Response).then(|| self.by_knots());
-        let (difference, ssim) = self.sums.iter().fold((0.0, 0.0), |(d, s), sums| (d + sums.difference, s + sums.ssim));
-        LossSums { l1: (difference / total) as f32, ssim: (ssim / (3.0 * all)) as f32, by_knots }
+        let sum = |of: fn(&BandSums) -> f64| self.sums.iter().map(of).sum::<f64>();
+        let [absolute, squared] = [sum(|band| band.differences.absolute), sum(|band| band.differences.squared)];
+        let ssim = sum(|band| band.ssim);
+        LossSums { l1: (absolute / total) as f32, l2: (squared / total) as f32, ssim: (ssim / (3.0 * all)) as f32, by_knots }
     }
 
     fn by_knots(&self) -> Knots {
@@ -204,6 +209,7 @@ impl Plan {
         let [width, height] = camera.size_px;
         let curve = Curve::new(&config.curve);
         let slope = curve.slope();
+        let by_difference = slope * (1.0 - config.ssim_weight) / total as f32;
         let planes = match (&curve, is_weighted) {
             (Curve::MuLaw { .. }, false) => Planes::Values,
             (Curve::MuLaw { .. }, true) => Planes::Weighted,
@@ -217,7 +223,8 @@ impl Plan {
             window: weights(),
             curve,
             planes,
-            l1_factor: slope * (1.0 - config.ssim_weight) / total as f32,
+            l1_factor: by_difference * (1.0 - config.squared_share),
+            l2_factor: by_difference * config.squared_share / SQUARED_KNEE,
             ssim_factor: slope * -2.0 * config.ssim_weight / (3 * width * height) as f32,
         }
     }

@@ -1,7 +1,7 @@
-//! Prediction and target under the tone curve in strips, what their gradient needs besides, and the sum of their absolute differences.
+//! Prediction and target under the tone curve in strips, what their gradient needs besides, and the sums of their differences, absolute and squared.
 
 use fearless_simd::Simd;
-use luxel_core::{Real, Response, View};
+use luxel_core::{Real, Response, View, each};
 
 use super::band::{Band, MOMENT_ROWS};
 use super::convolution::RADIUS;
@@ -29,8 +29,14 @@ pub(super) struct ValueScratch {
     pub(super) values: Vec<Lanes>,
 }
 
-/// Values of the rows within the image whose moments `band` needs, into `scratch.values`; the sum of absolute differences over the
-/// band's own rows.
+/// Sums over pixels and channels of their differences' absolute values and squares.
+#[derive(Clone)]
+pub(super) struct Differences {
+    pub(super) absolute: f64,
+    pub(super) squared: f64,
+}
+
+/// Values of the rows within the image whose moments `band` needs, into `scratch.values`; the sums of differences over the band's own rows.
 #[inline(always)]
 pub(super) fn load_band<S: Simd>(
     simd: S,
@@ -38,11 +44,11 @@ pub(super) fn load_band<S: Simd>(
     (pixels, view): (&[TilePixels], &View),
     band: Band,
     scratch: &mut ValueScratch,
-) -> f64 {
+) -> Differences {
     let (width, strip) = (plan.width, plan.strip);
     scratch.resize(strip, plan.planes);
     let linear = linear_len(strip);
-    let mut difference = 0.0;
+    let mut total = Differences { absolute: 0.0, squared: 0.0 };
     let mut block_row = usize::MAX;
     for row in band.inside(plan, 2 * RADIUS, MOMENT_ROWS) {
         let y = band.start + row - 2 * RADIUS;
@@ -64,7 +70,7 @@ pub(super) fn load_band<S: Simd>(
         if plan.planes == Planes::Weighted {
             to_strips(simd, &scratch.weights, strip, &mut scratch.weight_strips);
         }
-        let mut row_difference = V::splat(simd, 0.0);
+        let mut sums = [V::splat(simd, 0.0); 2];
         let planes = plan.planes.count() * strip;
         let out = &mut scratch.values[row * 3 * planes..][..3 * planes];
         for (channel, out) in out.chunks_exact_mut(planes).enumerate() {
@@ -75,22 +81,24 @@ pub(super) fn load_band<S: Simd>(
                     to_strips(simd, prediction, strip, &mut scratch.prediction_strips);
                     let row = Row { prediction: &scratch.prediction_strips, target: &scratch.target_strips, channel };
                     let weights = (plan.planes == Planes::Weighted).then_some((scratch.weight_strips.as_slice(), *log2_1p_mu));
-                    row_difference = row_difference + mu_law_row(simd, [*mu, *scale], &row, weights, out);
+                    mu_law_row(simd, [*mu, *scale], &row, weights, (out, &mut sums));
                 }
                 Curve::Response(response) => {
                     let pixels = (&prediction[..width], &scratch.target[channel..], scratch.weights.as_slice());
                     record_row(response, channel, pixels, &mut scratch.recorded);
                     let planes = scratch.recorded.chunks_exact(linear).zip(out.chunks_exact_mut(strip));
                     planes.for_each(|(linear, out)| to_strips(simd, linear, strip, out));
-                    row_difference = row_difference + differences(simd, out.split_at(strip));
+                    add_differences(simd, out.split_at(strip), &mut sums);
                 }
             }
         }
         if (2 * RADIUS..2 * RADIUS + band.rows).contains(&row) {
-            difference += row_difference.lanes().iter().map(|v| f64::from(*v)).sum::<f64>();
+            let [absolute, squared] = each!([0, 1] k => sums[k].lanes().iter().map(|v| f64::from(*v)).sum::<f64>());
+            total.absolute += absolute;
+            total.squared += squared;
         }
     }
-    difference
+    total
 }
 
 impl ValueScratch {
@@ -119,14 +127,19 @@ struct Row<'a> {
     channel: usize,
 }
 
-/// A channel of a row under the mu-law of [mu, 1 / ln(1 + mu)], and the sums of absolute differences. With weights (and log2(1 + mu)) the
+/// A channel of a row under the mu-law of [mu, 1 / ln(1 + mu)], and its differences, added to `sums`. With weights (and log2(1 + mu)) the
 /// prediction goes towards the target by what its pixel lacks of weight 1, and its slope relative to that at 0 times the weight is kept.
 #[inline(always)]
-fn mu_law_row<S: Simd>(simd: S, curve: [f32; 2], row: &Row<'_>, weights: Option<(&[Lanes], f32)>, out: &mut [Lanes]) -> V<S> {
+fn mu_law_row<S: Simd>(
+    simd: S,
+    curve: [f32; 2],
+    row: &Row<'_>,
+    weights: Option<(&[Lanes], f32)>,
+    (out, sums): (&mut [Lanes], &mut [V<S>; 2]),
+) {
     let strip = row.prediction.len();
     let (x_out, rest) = out.split_at_mut(strip);
     let (y_out, slope_out) = rest.split_at_mut(strip);
-    let mut sum = V::splat(simd, 0.0);
     let pixels = row.prediction.iter().zip(row.target.chunks_exact(3));
     for (i, ((x_out, y_out), (x, y))) in x_out.iter_mut().zip(y_out).zip(pixels).enumerate() {
         let mut x = mu_law(V::load(simd, x), curve);
@@ -139,9 +152,14 @@ fn mu_law_row<S: Simd>(simd: S, curve: [f32; 2], row: &Row<'_>, weights: Option<
         }
         x.store(x_out);
         y.store(y_out);
-        sum = sum + (x - y).abs();
+        add_difference(x - y, sums);
     }
-    sum
+}
+
+#[inline(always)]
+fn add_difference<S: Simd>(difference: V<S>, [absolute, squared]: &mut [V<S>; 2]) {
+    *absolute = *absolute + difference.abs();
+    *squared = difference.mul_add(difference, *squared);
 }
 
 /// ln(1 + mu max(p, 0)) / ln(1 + mu).
@@ -168,8 +186,10 @@ fn record_row(response: &Response, channel: usize, (radiance, target, weights): 
     }
 }
 
-/// Sums of absolute differences of a row's first two planes.
+/// Adds the differences of a row's first two planes.
 #[inline(always)]
-fn differences<S: Simd>(simd: S, (x, rest): (&[Lanes], &[Lanes])) -> V<S> {
-    x.iter().zip(rest).fold(V::splat(simd, 0.0), |sum, (x, y)| sum + (V::load(simd, x) - V::load(simd, y)).abs())
+fn add_differences<S: Simd>(simd: S, (x, rest): (&[Lanes], &[Lanes]), sums: &mut [V<S>; 2]) {
+    for (x, y) in x.iter().zip(rest) {
+        add_difference(V::load(simd, x) - V::load(simd, y), sums);
+    }
 }

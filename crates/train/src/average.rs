@@ -1,0 +1,91 @@
+//! Mean of the parameters over the last steps of a run.
+//!
+//! Adam's steps, of a nearly constant length and one view each, keep parameters moving about the place where they would settle; their mean is nearer
+//! to it than the last of them (Polyak and Juditsky 1992; Izmailov et al. 2018). Every parameter is averaged as it is stored: logarithms, logits
+//! and quaternions, which neither flip nor turn far within these steps.
+
+use luxel_core::Splats;
+
+/// A running mean.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Average {
+    mean: Splats,
+    /// States that it is the mean of.
+    count: u32,
+}
+
+impl Average {
+    /// A mean that is under way: `count` states have made `mean`.
+    pub(crate) fn new(mean: Splats, count: u32) -> Self {
+        Self { mean, count: count.max(1) }
+    }
+
+    /// Takes one more state of the same splats into the mean. The smoothing filter, which is no parameter, is the newest state's.
+    pub(crate) fn add(&mut self, splats: Splats) {
+        self.count = self.count.saturating_add(1);
+        let weight = 1.0 / self.count as f32;
+        let Self { mean, .. } = self;
+        for (mean, values) in [
+            (mean.position.as_flattened_mut(), splats.position.as_flattened()),
+            (mean.rotation.as_flattened_mut(), splats.rotation.as_flattened()),
+            (mean.log_scale.as_flattened_mut(), splats.log_scale.as_flattened()),
+            (&mut mean.opacity_logit, &splats.opacity_logit),
+            (&mut mean.sh, &splats.sh),
+            (&mut mean.raw_luminance, &splats.raw_luminance),
+        ] {
+            for (mean, value) in mean.iter_mut().zip(values) {
+                *mean += (value - *mean) * weight;
+            }
+        }
+        mean.smoothing = splats.smoothing;
+    }
+
+    /// The mean so far.
+    pub(crate) fn mean(&self) -> &Splats {
+        &self.mean
+    }
+
+    /// States that it is the mean of.
+    pub(crate) fn count(&self) -> u32 {
+        self.count
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use luxel_core::{ColorModel, Moments};
+
+    use super::*;
+
+    fn state(value: f32) -> Splats {
+        let mut splats = Moments::zeros(ColorModel::Sh { degree: 0 }, 2).first;
+        splats.position[1] = [value; 3];
+        splats.rotation[1] = [1.0, value, 0.0, 0.0];
+        splats.opacity_logit[0] = -value;
+        splats.sh[3] = 2.0 * value;
+        splats
+    }
+
+    #[test]
+    fn the_mean_is_that_of_all_states() {
+        let mut average = Average::new(state(1.0), 1);
+        for value in [2.0, 6.0, 3.0] {
+            average.add(state(value));
+        }
+        assert_eq!(average.count(), 4);
+        let mean = average.mean();
+        assert_eq!((mean.position[1], mean.opacity_logit[0], mean.sh[3]), ([3.0; 3], -3.0, 6.0));
+        assert_eq!((mean.rotation[1], mean.position[0]), ([1.0, 3.0, 0.0, 0.0], [0.0; 3]));
+    }
+
+    #[test]
+    fn a_mean_that_was_saved_goes_on() {
+        let mut whole = Average::new(state(1.0), 1);
+        whole.add(state(2.0));
+        let mut resumed = Average::new(whole.mean().clone(), whole.count());
+        for average in [&mut whole, &mut resumed] {
+            average.add(state(0.25));
+        }
+        assert_eq!(whole, resumed);
+    }
+}
