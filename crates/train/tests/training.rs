@@ -77,7 +77,10 @@ fn a_resumed_run_equals_an_unbroken_one_across_densification() {
     // Stages that end before, at and after the step that is saved; in Mip mode too, whose filter is of full resolution throughout.
     let stages = TrainConfig { resolution_schedule: "4@0,2@20,1@33".parse().unwrap(), ..adc.clone() };
     let mip_stages = TrainConfig { resolution_schedule: "2@0,1@45".parse().unwrap(), ..mip.clone() };
-    for config in [adc, mip, mcmc, stages, mip_stages] {
+    // The step that is saved lies among those that are averaged; the last is the planned one.
+    let averaged = TrainConfig { average_share: 0.6, densify_until: Some(26), ..config(60) };
+    let averaged = TrainConfig { densify_threshold: 1e-5, ..averaged };
+    for config in [adc, mip, mcmc, stages, mip_stages, averaged] {
         let (unbroken, resumed) = unbroken_and_resumed(&config);
         assert!(unbroken.scene.splats.len() > 216, "no densification took place: {}", unbroken.scene.splats.len());
         assert!(
@@ -88,6 +91,28 @@ fn a_resumed_run_equals_an_unbroken_one_across_densification() {
             config.resolution_schedule
         );
     }
+}
+
+#[test]
+fn the_scene_of_a_finished_run_is_the_mean_of_its_last_states() {
+    let data = dataset();
+    let config = |average_share| TrainConfig { average_share, ..config(20) };
+    let mut plain = Trainer::new(&data, config(0.0), engine()).unwrap();
+    let mut averaged = Trainer::new(&data, config(0.1), engine()).unwrap();
+    run(&mut plain, 19);
+    run(&mut averaged, 19);
+    let before = plain.scene().unwrap();
+    assert_eq!(averaged.scene().unwrap(), before);
+    assert_eq!(averaged.snapshot().unwrap().average.as_ref(), Some(&before.splats));
+    plain.step().unwrap();
+    averaged.step().unwrap();
+    let (last, mean) = (plain.scene().unwrap().splats, averaged.snapshot().unwrap());
+    assert_eq!(mean.average, None);
+    assert_eq!(mean.moments, plain.snapshot().unwrap().moments);
+    for ((mean, before), last) in mean.scene.splats.sh.iter().zip(&before.splats.sh).zip(&last.sh) {
+        assert!((mean - 0.5 * (before + last)).abs() <= 1e-6 * (before.abs() + last.abs()), "{before} and {last}: {mean}");
+    }
+    assert_ne!(mean.scene.splats.position, last.position);
 }
 
 #[test]
