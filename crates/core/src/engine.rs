@@ -5,7 +5,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use crate::edit::Contributions;
-use crate::{Camera, Image, Knots, Moments, Splats, ToneCurve, View};
+use crate::{Camera, Image, Knots, LossConfig, Moments, Splats, View};
 
 /// The passes of a training step, in order. Names of files, timings, benches and tests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -175,39 +175,6 @@ pub struct RenderOptions {
 impl Default for RenderOptions {
     fn default() -> Self {
         Self { raster: RasterConfig::default(), background: [0.0; 3], active_degree: crate::sh::MAX_DEGREE }
-    }
-}
-
-/// Difference under the tone curve at which the squared part of the loss is as steep as the absolute one: [`LossConfig::squared_share`].
-pub const SQUARED_KNEE: f32 = 0.03;
-
-/// Loss on images seen through a tone curve: `(1 - ssim_weight) D + ssim_weight (1 - SSIM)`, D the mean of |d| over the pixels' differences d
-/// (LCD-GS eq. 5 with lambda = 1 - ssim_weight), or of `(1 - squared_share) |d| + squared_share d^2 / (2 SQUARED_KNEE)`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct LossConfig {
-    /// What the images are seen through.
-    pub curve: ToneCurve,
-    /// Weight of 1 - SSIM, 0 to 1.
-    pub ssim_weight: f32,
-    /// Part of the absolute difference that is replaced by its square, 0 to 1: what is far off counts for more.
-    pub squared_share: f32,
-    /// Weight of the mean opacity (3DGS-MCMC), 0 for none.
-    pub opacity_weight: f32,
-    /// Weight of the mean scale (3DGS-MCMC), 0 for none.
-    pub scale_weight: f32,
-}
-
-impl Default for LossConfig {
-    fn default() -> Self {
-        Self { curve: ToneCurve::MuLaw { mu: crate::tone::MU }, ssim_weight: 0.2, squared_share: 0.0, opacity_weight: 0.0, scale_weight: 0.0 }
-    }
-}
-
-impl LossConfig {
-    /// The loss of an image whose differences have the mean absolute value `l1` and the mean square `l2`, and whose mean SSIM is `ssim`.
-    pub fn total(&self, l1: f32, l2: f32, ssim: f32) -> f32 {
-        let difference = (1.0 - self.squared_share) * l1 + self.squared_share * (l2 / (2.0 * SQUARED_KNEE));
-        (1.0 - self.ssim_weight) * difference + self.ssim_weight * (1.0 - ssim)
     }
 }
 

@@ -11,6 +11,7 @@ pub mod edit;
 mod engine;
 pub mod environment;
 mod image;
+mod loss;
 pub mod metrics;
 pub mod noise;
 mod order;
@@ -32,10 +33,11 @@ pub use dataset::{BadPixels, Dataset, Mask, Observation, Point, View};
 pub use edit::{Edit, EditError, Map, MapChain, Selection};
 pub use engine::{
     ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON, Antialias, Cutoffs, DensifyPlan, DensifyStats, Engine, EngineError, Geometry, JACOBIAN_MARGIN,
-    Layers, LearningRates, LossConfig, MIN_AREA_RATIO, Pass, PlanRow, PositionNoise, RasterConfig, RenderOptions, SQUARED_KNEE, StatsCollection,
-    StepConfig, StepReport,
+    Layers, LearningRates, MIN_AREA_RATIO, Pass, PlanRow, PositionNoise, RasterConfig, RenderOptions, StatsCollection, StepConfig,
+    StepReport,
 };
 pub use image::{Image, luminance_rec709, luminance_sum};
+pub use loss::{LossConfig, SQUARED_KNEE};
 pub use order::spatial_order;
 pub use real::Real;
 pub use response::{Knots, RESPONSE_KNOTS, Response, ToneCurve};

@@ -350,7 +350,12 @@ mod tests {
             ]
         );
         check!(KernelId::SortCount, "Sort", SortUniform, [shift, count, flags, padding]);
-        check!(KernelId::LossSsim, "Loss", LossUniform, [mu, scale, ssim_weight, l1_weight, l2_weight, l1_factor, l2_factor, ssim_factor, l1_mean, ssim_mean, is_masked, padding]);
+        check!(
+            KernelId::LossSsim,
+            "Loss",
+            LossUniform,
+            [mu, scale, ssim_weight, l1_weight, l2_weight, l1_factor, l2_factor, ssim_factor, l1_mean, ssim_mean, is_masked, padding]
+        );
         let densify = KernelId::Densify(MODEL);
         check!(densify, "Densify", DensifyUniform, [source_base, source_len, source_stride, base, len, stride, flags, opacity_logit_cap]);
         check!(densify, "PlanRow", PlanRowData, [source, flags, opacity_logit, log_scale_shift, offset_sigma, smoothing]);

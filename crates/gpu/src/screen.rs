@@ -1,7 +1,8 @@
 //! What the shaders need of a camera, a loss and an optimiser, worked out once per step.
 
 use luxel_core::{
-    ADAM_BETA1, ADAM_BETA2, Antialias, Camera, EngineError, JACOBIAN_MARGIN, LossConfig, RenderOptions, SQUARED_KNEE, StatsCollection, StepConfig,
+    ADAM_BETA1, ADAM_BETA2, Antialias, Camera, EngineError, JACOBIAN_MARGIN, LossConfig, RenderOptions, SQUARED_KNEE, StatsCollection,
+    StepConfig,
 };
 
 use crate::layout::{

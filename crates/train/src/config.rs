@@ -299,7 +299,13 @@ impl TrainConfig {
             Strategy::Adc => (0.0, 0.0),
             Strategy::Mcmc => (self.mcmc_opacity_weight, self.mcmc_scale_weight),
         };
-        LossConfig { curve: ToneCurve::MuLaw { mu: self.mu }, ssim_weight: self.ssim_weight, squared_share: self.squared_share, opacity_weight, scale_weight }
+        LossConfig {
+            curve: ToneCurve::MuLaw { mu: self.mu },
+            ssim_weight: self.ssim_weight,
+            squared_share: self.squared_share,
+            opacity_weight,
+            scale_weight,
+        }
     }
 
     /// Opacity of splats at the start.

@@ -96,9 +96,17 @@ impl TrainConfig {
             ));
         }
         if !(0.0..1.0).contains(&self.average_share) {
-            return Err(TrainError::config("average-share", format!("found {}, expected a number of at least 0 and below 1", self.average_share)));
+            return Err(TrainError::config(
+                "average-share",
+                format!("found {}, expected a number of at least 0 and below 1", self.average_share),
+            ));
         }
-        let parts = [("ssim-weight", self.ssim_weight), ("squared-share", self.squared_share), ("prune-opacity", self.prune_opacity), ("mcmc-growth", self.mcmc_growth)];
+        let parts = [
+            ("ssim-weight", self.ssim_weight),
+            ("squared-share", self.squared_share),
+            ("prune-opacity", self.prune_opacity),
+            ("mcmc-growth", self.mcmc_growth),
+        ];
         for (option, value) in parts {
             if !(0.0..=1.0).contains(&value) {
                 return Err(TrainError::config(option, format!("found {value}, expected 0 to 1")));
