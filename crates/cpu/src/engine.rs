@@ -393,6 +393,7 @@ mod tests {
     use luxel_core::{Antialias, Cutoffs, RasterConfig, synthetic};
 
     use super::*;
+    use crate::view::BLOCKS;
 
     /// Lines of splats, side of the image, and pairs of a splat and a pixel of the 4x4 blocks it is blended with: what the cost of a step is drawn
     /// over (`scripts/cost_plot.py`).
@@ -408,8 +409,10 @@ mod tests {
             engine.load(&room, None).unwrap();
             for side_px in [200, 400, 800, 1600] {
                 engine.render(&synthetic::room_camera([side_px; 2]), &options).unwrap();
-                let pairs: u64 =
-                    engine.frame.lists.iter().flat_map(|list| &list.cover).flatten().map(|bits| u64::from(bits.count_ones())).sum();
+                let of_tile = |list: &TileList| -> u32 {
+                    (0..BLOCKS).flat_map(|block| (0..list.words()).map(move |word| list.word(word, block).count_ones())).sum()
+                };
+                let pairs: u64 = engine.frame.lists.iter().map(|list| u64::from(of_tile(list))).sum();
                 println!("{count} {side_px} {}", pairs * LANES as u64);
             }
         }

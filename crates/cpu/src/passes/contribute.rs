@@ -80,8 +80,8 @@ fn contribute_block<S: Simd>(
     let limit = each!([0, 1] i => c(camera.size_px[i] as f32 - origin[i] as f32));
     let inside = centers[0].lt(limit[0]) & centers[1].lt(limit[1]);
     let (mut live, mut transmittance) = (inside, one);
-    for (n, word) in list.cover.iter().enumerate() {
-        let mut bits = word[block];
+    for n in 0..list.words() {
+        let mut bits = list.word(n, block);
         while bits != 0 {
             let entry = &list.entries[n * WORD + bits.trailing_zeros() as usize];
             bits &= bits - 1;

@@ -121,8 +121,8 @@ fn rasterize_block<S: Simd>(simd: S, camera: &ScreenCamera, origin: [usize; 2], 
     // Pixels beyond the image are finished from the start.
     let limit = each!([0, 1] i => c(camera.size_px[i] as f32 - origin[i] as f32));
     let mut live = centers[0].lt(limit[0]) & centers[1].lt(limit[1]);
-    'words: for (n, word) in list.cover.iter().enumerate() {
-        let mut bits = word[block];
+    'words: for n in 0..list.words() {
+        let mut bits = list.word(n, block);
         while bits != 0 {
             if !live.any_true() {
                 break 'words;

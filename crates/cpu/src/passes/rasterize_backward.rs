@@ -141,8 +141,8 @@ fn block_backward<S: Simd, const ABSOLUTE: bool>(
     let mut unwinding = Unwinding { gradient, transmittance, behind, max_alpha };
     let end = pixels.last.0.iter().fold(0.0f32, |a, v| if *v > a { *v } else { a }) as usize;
     batch.len = 0;
-    for (n, word) in list.cover[..end.div_ceil(WORD)].iter().enumerate().rev() {
-        let mut bits = word[block];
+    for n in (0..end.div_ceil(WORD)).rev() {
+        let mut bits = list.word(n, block);
         if end - n * WORD < WORD {
             bits &= (1 << (end - n * WORD)) - 1;
         }

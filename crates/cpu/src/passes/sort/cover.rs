@@ -1,0 +1,135 @@
+//! Which blocks of a tile an ellipse touches: bits by splat, then bits by block.
+//!
+//! In: [`Outlines`] of 16 splats relative to the tile. Out: [`SplatBits`], 64 bits of each splat; of 256 entries in their order, [`Cover`], the same
+//! bits as words of 64 entries for each block. A block is touched if the band of its rows' pixel centres cuts the ellipse in its
+//! columns' range, with a margin of `MARGIN_PX` for rounding.
+
+use bytemuck::{Pod, Zeroable};
+use fearless_simd::prelude::*;
+use fearless_simd::{Simd, i32x16, u32x16};
+use luxel_core::Real;
+
+use super::super::project::MARGIN_PX;
+use crate::lanes::{LANES, V};
+use crate::view::{BLOCK_PX, TILE_BLOCKS};
+
+/// Entries whose bits share a word.
+pub(crate) const WORD: usize = 64;
+/// Entries that change sides together: 16 matrices of 32 x 32 bits, one a lane.
+pub(super) const GROUP: usize = 256;
+
+/// A row of blocks has eight bits; half of a tile's rows share a number.
+const HALF_ROWS: usize = TILE_BLOCKS / 2;
+/// Rows and columns of a lane's matrix: the bits of a number.
+const SIDE: usize = u32::BITS as usize;
+/// Matrices of each half of the blocks.
+const MATRICES: usize = GROUP / SIDE;
+
+/// Ellipses of 16 splats.
+pub(super) struct Outlines<S: Simd> {
+    /// Centre relative to the tile's top left corner.
+    pub(super) mean_px: [V<S>; 2],
+    /// As a footprint's, which see.
+    pub(super) root: [V<S>; 3],
+    /// u^2 + v^2 at the outline.
+    pub(super) radius2: V<S>,
+    /// Half the extent along y, with the margin.
+    pub(super) extent_y_px: V<S>,
+    /// dy at the rightmost point.
+    pub(super) right_dy_px: V<S>,
+}
+
+/// Blocks that each of 16 splats touches: bit n of half h for block 32 h + n.
+#[derive(Clone, Copy)]
+pub(super) struct SplatBits([[i32; LANES]; 2]);
+
+impl SplatBits {
+    /// Both halves of a splat's.
+    #[inline(always)]
+    pub(super) fn of(&self, lane: usize) -> [u32; 2] {
+        self.0.map(|half| half[lane].cast_unsigned())
+    }
+}
+
+/// Finds the blocks that 16 splats touch.
+#[inline(always)]
+pub(super) fn touched_blocks<S: Simd>(simd: S, outlines: &Outlines<S>) -> SplatBits {
+    let Outlines { mean_px: [mean_x, mean_y], root, radius2, extent_y_px, right_dy_px } = *outlines;
+    let c = |value: f32| V::splat(simd, value);
+    let (zero, one) = (i32x16::splat(simd, 0), i32x16::splat(simd, 1));
+    let inverse_root = c(1.0) / root[0].max(c(f32::MIN_POSITIVE));
+    let slope = -(root[1] * inverse_root);
+    let half_width = |dy: V<S>| {
+        let v = root[2] * dy;
+        (-v).mul_add(v, radius2).max(c(0.0)).sqrt() * inverse_root
+    };
+    // First and last pixel centre of a block.
+    let (first_px, last_px) = (0.5, BLOCK_PX as f32 - 0.5);
+    let block = |px: V<S>| (px * (1.0 / BLOCK_PX as f32)).floor().max(c(0.0)).min(c(TILE_BLOCKS as f32));
+    let mut halves = [zero; 2];
+    for row in 0..TILE_BLOCKS {
+        let y = (row * BLOCK_PX) as f32;
+        // The band of the row's pixel centres, relative to the splat's, cut to its ellipse.
+        let top = (c(y + first_px - MARGIN_PX) - mean_y).max(-extent_y_px);
+        let bottom = (c(y + last_px + MARGIN_PX) - mean_y).min(extent_y_px);
+        let cuts = bottom.ge(top);
+        if !cuts.any_true() {
+            continue;
+        }
+        let (left_dy, right_dy) = ((-right_dy_px).max(top).min(bottom), right_dy_px.max(top).min(bottom));
+        let left = slope.mul_add(left_dy, mean_x) - half_width(left_dy) - MARGIN_PX;
+        let right = slope.mul_add(right_dy, mean_x) + half_width(right_dy) + MARGIN_PX;
+        // From the first block whose last column is not left of it to the last whose first column is not right of it.
+        let (first, end) = (block(left + (BLOCK_PX as f32 - last_px)), block(right + (BLOCK_PX as f32 - first_px)));
+        let (first_bit, end_bit): (i32x16<S>, i32x16<S>) = (first.0.to_int(), end.0.to_int());
+        let bits = (cuts & end.gt(first)).select((one << end_bit) - (one << first_bit), zero);
+        let half = &mut halves[row / HALF_ROWS];
+        *half |= bits << (row % HALF_ROWS * TILE_BLOCKS) as u32;
+    }
+    let mut bits = SplatBits([[0; LANES]; 2]);
+    for (half, bits) in halves.iter().zip(&mut bits.0) {
+        half.store_array(bits);
+    }
+    bits
+}
+
+/// Bits of 256 entries. Before the transposition, number n of half h of row r holds the blocks 32 h.. that entry 32 n + r touches; after it, the entries 32 n..
+/// that touch block 32 h + r: two numbers in a row are a word.
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C, align(64))]
+pub(super) struct Cover([[[u32; MATRICES]; 2]; SIDE]);
+
+impl Cover {
+    /// Enters the blocks of an entry of the group.
+    #[inline(always)]
+    pub(super) fn set(&mut self, entry: usize, halves: [u32; 2]) {
+        for (half, bits) in self.0[entry % SIDE].iter_mut().zip(halves) {
+            half[entry / SIDE] = bits;
+        }
+    }
+
+    /// The entries from 64 `word` on, of the group, that touch a block.
+    #[inline(always)]
+    pub(super) fn word(&self, word: usize, block: usize) -> u64 {
+        let numbers = &self.0[block % SIDE][block / SIDE];
+        u64::from(numbers[2 * word]) | u64::from(numbers[2 * word + 1]) << SIDE
+    }
+
+    /// Turns bits by entry into bits by block: 16 matrices at once, quarters of halving size (Warren, Hacker's Delight, 7-3).
+    #[inline(always)]
+    pub(super) fn transpose<S: Simd>(&mut self, simd: S) {
+        let rows: &mut [[u32; LANES]; SIDE] = bytemuck::cast_mut(&mut self.0);
+        let mut size = SIDE / 2;
+        let mut low = u32::MAX >> size;
+        while size > 0 {
+            for row in (0..SIDE).filter(|row| row & size == 0) {
+                let (upper, lower) = (u32x16::load_array(simd, rows[row]), u32x16::load_array(simd, rows[row + size]));
+                let swap = ((upper >> size as u32) ^ lower) & low;
+                (upper ^ (swap << size as u32)).store_array(&mut rows[row]);
+                (lower ^ swap).store_array(&mut rows[row + size]);
+            }
+            size /= 2;
+            low ^= low << size;
+        }
+    }
+}

@@ -1,0 +1,134 @@
+//! Pass `sort`: a tile's splats from front to back, and which of its blocks they cover.
+//!
+//! In: bins, footprints. Out: the tile's [`TileList`]: its [`Entry`]s by ascending depth, equal depths by ascending index of the splat,
+//! and for each of its 64 blocks a bit per entry that says whether the entry's ellipse touches the block (exact for the
+//! continuous band of a block's rows, with a margin for rounding). The rasteriser walks the bits of a block.
+//!
+//! Splats are looked at in the order of the bin, where neighbours in a vector are neighbours in memory and on the screen: [`cover`] tells the
+//! blocks of each. Then [`order`] sorts, and entries and bits are brought into that order.
+
+mod cover;
+mod order;
+
+use bytemuck::Zeroable;
+use fearless_simd::{Level, Simd};
+use luxel_core::each;
+
+use self::cover::{Cover, GROUP, Outlines, SplatBits, touched_blocks};
+use self::order::Order;
+use super::bin::Bins;
+use super::project::{Footprint, MARGIN_PX};
+use crate::lanes::{LANES, Lanes, V, with_simd};
+use crate::view::ScreenCamera;
+
+pub(crate) use self::cover::WORD;
+
+/// A splat in a tile's list: what blending needs of its footprint, in the footprint's order.
+#[derive(Clone, Copy, Debug, Default)]
+#[repr(C, align(16))]
+pub(crate) struct Entry {
+    /// Centre relative to the tile's top left corner.
+    pub(crate) mean_px: [f32; 2],
+    /// As [`Footprint::root`].
+    pub(crate) root: [f32; 3],
+    pub(crate) log2_opacity: f32,
+    pub(crate) radiance: [f32; 3],
+    pub(crate) log2_threshold: f32,
+    /// Place in the tile's bin, where its gradient goes.
+    pub(crate) place: u32,
+}
+
+/// A tile's splats.
+#[derive(Default)]
+pub(crate) struct TileList {
+    /// Front to back.
+    pub(crate) entries: Vec<Entry>,
+    cover: Vec<Cover>,
+    /// Splat of each place.
+    splats: Vec<u32>,
+    /// Depth of each place, 16 by 16.
+    depths: Vec<Lanes>,
+    /// Blocks of each place, 16 by 16.
+    blocks: Vec<SplatBits>,
+    order: Order,
+}
+
+impl TileList {
+    /// Makes the list of a tile from its bin.
+    pub(crate) fn sort(&mut self, level: Level, camera: &ScreenCamera, (bins, tile): (&Bins, usize), footprints: &[Footprint]) {
+        let origin_px = camera.tile_origin_px(tile).map(|v| v as f32);
+        self.splats.clear();
+        self.splats.extend(bins.tile(tile));
+        with_simd!(level, simd => self.look(simd, footprints, origin_px));
+        let depths: &[u32] = &bytemuck::cast_slice(&self.depths)[..self.splats.len()];
+        let order = self.order.ascending(depths);
+        self.entries.clear();
+        self.cover.clear();
+        for places in order.chunks(GROUP) {
+            let mut cover = Cover::zeroed();
+            for (i, place) in places.iter().enumerate() {
+                let place = *place as usize;
+                self.entries.push(Entry::new(&footprints[self.splats[place] as usize], origin_px, place));
+                cover.set(i, self.blocks[place / LANES].of(place % LANES));
+            }
+            with_simd!(level, simd => cover.transpose(simd));
+            self.cover.push(cover);
+        }
+    }
+
+    /// Words of 64 entries that a block's bits are in.
+    #[inline(always)]
+    pub(crate) fn words(&self) -> usize {
+        self.entries.len().div_ceil(WORD)
+    }
+
+    /// Which of the entries from 64 `word` on touch a block of the tile.
+    #[inline(always)]
+    pub(crate) fn word(&self, word: usize, block: usize) -> u64 {
+        self.cover[word / (GROUP / WORD)].word(word % (GROUP / WORD), block)
+    }
+
+    /// Reads the entries once in a row, at the pace of memory, so that they are in the core's cache for who picks from them.
+    pub(crate) fn fetch(&self) {
+        std::hint::black_box(self.entries.iter().fold(0, |sum, entry| sum ^ entry.place));
+    }
+
+    /// Finds depths and blocks, in the order of the bin.
+    #[inline(always)]
+    fn look<S: Simd>(&mut self, simd: S, footprints: &[Footprint], origin_px: [f32; 2]) {
+        self.depths.clear();
+        self.blocks.clear();
+        for splats in self.splats.chunks(LANES) {
+            // Places beyond the last splat are its copies, and are never asked for.
+            let [mean_x, mean_y, root_0, root_1, root_2, log2_opacity, _, _, _, log2_threshold, extent_y, depth, right_dy, ..] =
+                V::transpose(each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15] lane => {
+                    V::load(simd, bytemuck::cast_ref(&footprints[splats[splats.len().min(lane + 1) - 1] as usize]))
+                }));
+            let outlines = Outlines {
+                mean_px: [mean_x - origin_px[0], mean_y - origin_px[1]],
+                root: [root_0, root_1, root_2],
+                radius2: log2_opacity - log2_threshold,
+                extent_y_px: extent_y + MARGIN_PX,
+                right_dy_px: right_dy,
+            };
+            self.blocks.push(touched_blocks(simd, &outlines));
+            let mut depths = Lanes::ZERO;
+            depth.store(&mut depths);
+            self.depths.push(depths);
+        }
+    }
+}
+
+impl Entry {
+    #[inline(always)]
+    fn new(f: &Footprint, origin_px: [f32; 2], place: usize) -> Self {
+        Self {
+            mean_px: [f.mean_px[0] - origin_px[0], f.mean_px[1] - origin_px[1]],
+            root: f.root,
+            log2_opacity: f.log2_opacity,
+            radiance: f.radiance,
+            log2_threshold: f.log2_threshold,
+            place: place as u32,
+        }
+    }
+}
