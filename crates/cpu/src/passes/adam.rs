@@ -19,9 +19,9 @@ pub(crate) struct Optimizer<'a> {
 
 /// Factors of a step, the same for all parameters.
 pub(crate) struct Step {
+    /// Learning rates over 1 - beta1^t.
     rates: Vec<f32>,
-    /// 1 / (1 - beta^t).
-    correction1: f32,
+    /// 1 / (1 - beta2^t).
     correction2: f32,
     noise: Option<PositionNoise>,
     count: usize,
@@ -46,9 +46,9 @@ fn row_rates(layout: Layout, rates: &LearningRates) -> Vec<f32> {
 impl Step {
     pub(crate) fn new(layout: Layout, count: usize, config: &StepConfig) -> Self {
         let power = |beta: f32| (1.0 / (1.0 - f64::from(beta).powi(config.step.max(1).min(i32::MAX as u32) as i32))) as f32;
+        let correction1 = power(ADAM_BETA1);
         Self {
-            rates: row_rates(layout, &config.learning_rates),
-            correction1: power(ADAM_BETA1),
+            rates: row_rates(layout, &config.learning_rates).into_iter().map(|rate| rate * correction1).collect(),
             correction2: power(ADAM_BETA2),
             noise: config.position_noise,
             count,
@@ -80,23 +80,44 @@ fn move_parameters<S: Simd>(
     (first, second): (&mut [Lanes], &mut [Lanes]),
     gradient: Option<&[Lanes]>,
 ) {
-    let c = |value: f32| V::splat(simd, value);
-    let (beta1, beta2) = (c(ADAM_BETA1), c(ADAM_BETA2));
-    let epsilon = c(ADAM_EPSILON);
     // sqrt(v correction2) = sqrt(v) sqrt(correction2).
-    let root2 = c(step.correction2.sqrt());
-    for (row, rate) in step.rates.iter().enumerate() {
-        let (mut m, mut v) = (V::load(simd, &first[row]) * beta1, V::load(simd, &second[row]) * beta2);
-        if let Some(gradient) = gradient {
-            let g = V::load(simd, &gradient[row]);
-            m = g.mul_add(c(1.0 - ADAM_BETA1), m);
-            v = (g * g).mul_add(c(1.0 - ADAM_BETA2), v);
+    let root2 = V::splat(simd, step.correction2.sqrt());
+    let rows = parameters.iter_mut().zip(first).zip(second).zip(&step.rates);
+    match gradient {
+        Some(gradient) => {
+            for ((((parameter, first), second), rate), gradient) in rows.zip(gradient) {
+                move_row(simd, (*rate, root2), parameter, (first, second), Some(gradient));
+            }
         }
-        m.store(&mut first[row]);
-        v.store(&mut second[row]);
-        let change = m * c(rate * step.correction1) / v.sqrt().mul_add(root2, epsilon);
-        (V::load(simd, &parameters[row]) - change).store(&mut parameters[row]);
+        None => {
+            for (((parameter, first), second), rate) in rows {
+                move_row(simd, (*rate, root2), parameter, (first, second), None);
+            }
+        }
     }
+}
+
+#[inline(always)]
+fn move_row<S: Simd>(
+    simd: S,
+    (rate, root2): (f32, V<S>),
+    parameter: &mut Lanes,
+    (first, second): (&mut Lanes, &mut Lanes),
+    gradient: Option<&Lanes>,
+) {
+    let c = |value: f32| V::splat(simd, value);
+    // All loads before the stores: the three rows lie at equal places of their pages, which makes the processor suspect that one was just stored to.
+    let before = V::load(simd, parameter);
+    let (mut m, mut v) = (V::load(simd, first) * ADAM_BETA1, V::load(simd, second) * ADAM_BETA2);
+    if let Some(gradient) = gradient {
+        let g = V::load(simd, gradient);
+        m = g.mul_add(c(1.0 - ADAM_BETA1), m);
+        v = (g * g).mul_add(c(1.0 - ADAM_BETA2), v);
+    }
+    let after = before - m * rate / v.sqrt().mul_add(root2, c(ADAM_EPSILON));
+    m.store(first);
+    v.store(second);
+    after.store(parameter);
 }
 
 /// Sigma n sigmoid(100 (0.005 - opacity)) scale, for n standard normal (Kheradmand et al. 2024, eq. 9).

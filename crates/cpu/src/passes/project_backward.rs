@@ -5,7 +5,8 @@
 //! same bits for any number of threads. Derivation: reverse mode through `project`; with M^T M the inverse covariance and S the second
 //! moments of the offsets whitened by M, dE/dcovariance = M^T S M / 2. [`super::update`] goes over the blocks.
 
-use fearless_simd::Simd;
+use fearless_simd::prelude::*;
+use fearless_simd::{Simd, f32x4};
 use luxel_core::{Antialias, LossConfig, MIN_AREA_RATIO, Real, each};
 
 use super::bin::Bins;
@@ -65,7 +66,10 @@ pub(crate) fn project_backward<S: Simd>(
     let (sums, visible) = gather(simd, inputs, block);
     let written = visible.contains(&true) || inputs.is_regularised();
     if written {
-        gradient.fill(Lanes::ZERO);
+        // Otherwise every row is written.
+        if camera.active_degree < inputs.layout.color_model.max_degree() {
+            gradient.fill(Lanes::ZERO);
+        }
         let statistics = block_backward(simd, camera, inputs, (block, rows), &sums, gradient);
         if let Some(stats) = stats {
             for lane in (0..stats.views.len()).filter(|lane| visible[*lane]) {
@@ -78,20 +82,25 @@ pub(crate) fn project_backward<S: Simd>(
     written
 }
 
-/// Sums of a block's splats over their tiles, `[fields of an entry]` of 16 splats, and which splats have any.
+/// Sums of a block's splats over their tiles, the fields of an entry of 16 splats (the rest is zero), and which splats have any.
 #[inline(always)]
-fn gather<S: Simd>(simd: S, inputs: &Inputs<'_>, block: usize) -> ([V<S>; ENTRY_LEN], [bool; LANES]) {
+fn gather<S: Simd>(simd: S, inputs: &Inputs<'_>, block: usize) -> ([V<S>; LANES], [bool; LANES]) {
     let mut rows = [Lanes::ZERO; LANES];
     let mut visible = [false; LANES];
     let alive = LANES.min(inputs.count - block * LANES);
     for (lane, (row, visible)) in rows.iter_mut().zip(&mut visible).enumerate().take(alive) {
         let places = inputs.bins.places(block * LANES + lane);
         *visible = !places.is_empty();
-        let mut sum = V::splat(simd, 0.0);
+        let mut sum = [f32x4::splat(simd, 0.0); ENTRY_LEN / 4];
         for place in places {
-            sum = sum + V::load(simd, bytemuck::cast_ref(&inputs.entries[place.tile as usize][place.index as usize]));
+            let entry: &[[f32; 4]; ENTRY_LEN / 4] = bytemuck::cast_ref(&inputs.entries[place.tile as usize][place.index as usize]);
+            for (sum, part) in sum.iter_mut().zip(entry) {
+                *sum += f32x4::load_array_ref(simd, part);
+            }
         }
-        sum.store(row);
+        for (sum, part) in sum.iter().zip(row.0.as_chunks_mut().0) {
+            sum.store_array(part);
+        }
     }
     (
         V::transpose(each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15] lane => { let row = &rows[lane]; V::load(simd, row) })),
@@ -106,7 +115,7 @@ fn block_backward<S: Simd>(
     camera: &ScreenCamera,
     inputs: &Inputs<'_>,
     (block, rows): (usize, &[Lanes]),
-    sums: &[V<S>; ENTRY_LEN],
+    sums: &[V<S>; LANES],
     out: &mut [Lanes],
 ) -> [[f32; LANES]; 2] {
     let c = |value: f32| V::splat(simd, value);

@@ -24,7 +24,7 @@ pub(crate) type BlockGradient = [Lanes; 3];
 
 /// Sums over the pixels of a tile of one splat; g is the gradient by ln(alpha), (u, v) the whitened offset of the pixel from the centre.
 #[derive(Clone, Copy, Debug, Default, bytemuck::Pod, bytemuck::Zeroable)]
-#[repr(C, align(64))]
+#[repr(C, align(16))]
 pub(crate) struct EntryGradient {
     /// g.
     pub(crate) log_alpha: f32,
@@ -36,11 +36,11 @@ pub(crate) struct EntryGradient {
     pub(crate) radiance: [f32; 3],
     /// |g u|, |g (root[1] u + root[2] v)|: AbsGS.
     pub(crate) absolute: [f32; 2],
-    padding: [f32; 5],
+    padding: f32,
 }
 
-/// Numbers in an [`EntryGradient`]: a cache line, as entries are fetched one by one.
-pub(crate) const ENTRY_LEN: usize = 16;
+/// Numbers in an [`EntryGradient`].
+pub(crate) const ENTRY_LEN: usize = 12;
 /// Of these, the ones in use.
 const SUMS: usize = 11;
 
