@@ -1,6 +1,6 @@
 //! Pass `bin`: which splats touch which tile.
 //!
-//! In: footprints `[N]`. Out, in [`Bins`]: for each tile a list of splats by ascending index; for each splat the places of its list
+//! In: footprints `[N]` and their ranges of tiles. Out, in [`Bins`]: for each tile a list of splats by ascending index; for each splat the places of its list
 //! entries, so that its gradients can be gathered in a fixed order. Splats lie along a curve through space, so that those of a tile are
 //! neighbours in memory, and so are the places of neighbours.
 //!
@@ -12,10 +12,11 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 use rayon::prelude::*;
 
-use super::project::{Footprint, MARGIN_PX};
+use super::project::{Footprint, MARGIN_PX, TileRanges};
+use crate::lanes::LANES;
 use crate::view::{ScreenCamera, TILE_PX};
 
-/// Splats a chunk of the work holds, at least. A share of the splats, never of the threads: no result depends on those.
+/// Splats a chunk of the work holds, at least: a power of two, so that no block is in two chunks. A share of the splats, never of the threads: no result depends on those.
 const MIN_CHUNK: usize = 2048;
 /// Chunks at most: each keeps a number for every tile.
 const MAX_CHUNKS: usize = 256;
@@ -62,22 +63,23 @@ impl Bins {
         self.chunks.iter().map(|chunk| chunk.visible).sum()
     }
 
-    /// Places of a splat's entries.
+    /// Places of the entries of each of `count` splats from `first` on, which are a block or less.
     #[inline(always)]
-    pub(crate) fn places(&self, splat: usize) -> &[Place] {
-        let chunk = &self.chunks[splat / self.chunk_len];
-        let n = splat % self.chunk_len;
-        &chunk.places[chunk.start[n] as usize..chunk.start[n + 1] as usize]
+    pub(crate) fn places(&self, first: usize, count: usize) -> impl Iterator<Item = &[Place]> {
+        let chunk = &self.chunks[first / self.chunk_len];
+        let n = first % self.chunk_len;
+        chunk.start[n..=n + count].windows(2).map(|range| &chunk.places[range[0] as usize..range[1] as usize])
     }
 
     /// Distributes the footprints over the tiles.
-    pub(crate) fn fill(&mut self, camera: &ScreenCamera, footprints: &[Footprint]) {
+    pub(crate) fn fill(&mut self, camera: &ScreenCamera, footprints: &[Footprint], ranges: &[TileRanges]) {
         let tiles = camera.tiles();
         let tile_count = tiles[0] * tiles[1];
         self.chunk_len = footprints.len().div_ceil(MAX_CHUNKS).next_power_of_two().max(MIN_CHUNK);
         self.chunks.resize_with(footprints.len().div_ceil(self.chunk_len), Chunk::default);
-        self.chunks.par_iter_mut().zip(footprints.par_chunks(self.chunk_len)).for_each(|(chunk, footprints)| {
-            chunk.collect(tiles, footprints);
+        let splats = footprints.par_chunks(self.chunk_len).zip(ranges.par_chunks(self.chunk_len / LANES));
+        self.chunks.par_iter_mut().zip(splats).for_each(|(chunk, (footprints, ranges))| {
+            chunk.collect(tiles, footprints, ranges);
         });
 
         // Where each tile starts, and within it each chunk.
@@ -99,20 +101,22 @@ impl Bins {
 }
 
 impl Chunk {
-    fn collect(&mut self, tiles: [usize; 2], footprints: &[Footprint]) {
+    fn collect(&mut self, tiles: [usize; 2], footprints: &[Footprint], ranges: &[TileRanges]) {
         self.places.clear();
         self.start.clear();
         self.cursor.clear();
         self.cursor.resize(tiles[0] * tiles[1], 0);
         self.visible = 0;
-        for footprint in footprints {
-            let before = self.places.len();
-            self.start.push(before as u32);
-            touched_tiles(footprint, tiles[0], |tile| {
-                self.places.push(Place { tile: tile as u32, index: 0 });
-                self.cursor[tile] += 1;
-            });
-            self.visible += u32::from(self.places.len() > before);
+        for (footprints, TileRanges([columns, rows])) in footprints.chunks(LANES).zip(ranges) {
+            for ((footprint, columns), rows) in footprints.iter().zip(columns).zip(rows) {
+                let before = self.places.len();
+                self.start.push(before as u32);
+                touched_tiles(footprint, [*columns, *rows], tiles[0], |tile| {
+                    self.places.push(Place { tile: tile as u32, index: 0 });
+                    self.cursor[tile] += 1;
+                });
+                self.visible += u32::from(self.places.len() > before);
+            }
         }
         self.start.push(self.places.len() as u32);
     }
@@ -129,10 +133,11 @@ impl Chunk {
     }
 }
 
-/// Calls `touch` with each tile that the footprint touches, row by row.
+/// Calls `touch` with each tile of the ranges, columns and rows, that the footprint touches, row by row. Most have one row or column of tiles, and
+/// the footprint is not looked at: it may be far away in memory.
 #[inline(always)]
-fn touched_tiles(f: &Footprint, across: usize, mut touch: impl FnMut(usize)) {
-    let [columns, rows] = f.tiles.map(|[first, end]| first.into()..end.into());
+fn touched_tiles(f: &Footprint, ranges: [[u16; 2]; 2], across: usize, mut touch: impl FnMut(usize)) {
+    let [columns, rows] = ranges.map(|[first, end]| first.into()..end.into());
     if rows.len() <= 1 || columns.len() <= 1 {
         for row in rows {
             for column in columns.clone() {

@@ -53,23 +53,26 @@ pub(crate) struct BlockStats<'a> {
     pub(crate) views: &'a mut [u32],
 }
 
-/// Differentiates block number `block` of the parameters, `rows`; false, with `gradient` as it was, if it has no gradient.
+/// Differentiates block number `block` of the parameters, `rows`, from the sums of its splats; false, with `gradient` as it was, if it has no gradient.
 #[inline(always)]
 pub(crate) fn project_backward<S: Simd>(
     simd: S,
     camera: &ScreenCamera,
     inputs: &Inputs<'_>,
     (block, rows): (usize, &[Lanes]),
+    BlockSums { rows: sums, visible }: &BlockSums,
     gradient: &mut [Lanes],
     stats: Option<BlockStats<'_>>,
 ) -> bool {
-    let (sums, visible) = gather(simd, inputs, block);
     let written = visible.contains(&true) || inputs.is_regularised();
     if written {
         // Otherwise every row is written.
         if camera.active_degree < inputs.layout.color_model.max_degree() {
             gradient.fill(Lanes::ZERO);
         }
+        let sums = V::transpose(
+            each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15] lane => { let row = &sums[lane]; V::load(simd, row) }),
+        );
         let statistics = block_backward(simd, camera, inputs, (block, rows), &sums, gradient);
         if let Some(stats) = stats {
             for lane in (0..stats.views.len()).filter(|lane| visible[*lane]) {
@@ -82,30 +85,35 @@ pub(crate) fn project_backward<S: Simd>(
     written
 }
 
-/// Sums of a block's splats over their tiles, the fields of an entry of 16 splats (the rest is zero), and which splats have any.
-#[inline(always)]
-fn gather<S: Simd>(simd: S, inputs: &Inputs<'_>, block: usize) -> ([V<S>; LANES], [bool; LANES]) {
-    let mut rows = [Lanes::ZERO; LANES];
-    let mut visible = [false; LANES];
-    let alive = LANES.min(inputs.count - block * LANES);
-    for (lane, (row, visible)) in rows.iter_mut().zip(&mut visible).enumerate().take(alive) {
-        let places = inputs.bins.places(block * LANES + lane);
-        *visible = !places.is_empty();
-        let mut sum = [f32x4::splat(simd, 0.0); ENTRY_LEN / 4];
-        for place in places {
-            let entry: &[[f32; 4]; ENTRY_LEN / 4] = bytemuck::cast_ref(&inputs.entries[place.tile as usize][place.index as usize]);
-            for (sum, part) in sum.iter_mut().zip(entry) {
-                *sum += f32x4::load_array_ref(simd, part);
+/// Sums of a block's splats over their tiles: of each splat the fields of an entry, and zeros.
+pub(crate) struct BlockSums {
+    rows: [Lanes; LANES],
+    /// Which splats have any entry.
+    visible: [bool; LANES],
+}
+
+impl BlockSums {
+    pub(crate) const ZERO: Self = Self { rows: [Lanes::ZERO; LANES], visible: [false; LANES] };
+
+    /// Gathers the sums of block number `block`.
+    #[inline(always)]
+    pub(crate) fn gather<S: Simd>(&mut self, simd: S, inputs: &Inputs<'_>, block: usize) {
+        let alive = LANES.min(inputs.count - block * LANES);
+        let splats = self.rows.iter_mut().zip(&mut self.visible).zip(inputs.bins.places(block * LANES, alive));
+        for ((row, visible), places) in splats {
+            *visible = !places.is_empty();
+            let mut sum = [f32x4::splat(simd, 0.0); ENTRY_LEN / 4];
+            for place in places {
+                let entry: &[[f32; 4]; ENTRY_LEN / 4] = bytemuck::cast_ref(&inputs.entries[place.tile as usize][place.index as usize]);
+                for (sum, part) in sum.iter_mut().zip(entry) {
+                    *sum += f32x4::load_array_ref(simd, part);
+                }
+            }
+            for (sum, part) in sum.iter().zip(row.0.as_chunks_mut().0) {
+                sum.store_array(part);
             }
         }
-        for (sum, part) in sum.iter().zip(row.0.as_chunks_mut().0) {
-            sum.store_array(part);
-        }
     }
-    (
-        V::transpose(each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15] lane => { let row = &rows[lane]; V::load(simd, row) })),
-        visible,
-    )
 }
 
 /// Gradient of a block, and its splats' norms of the gradient by the centre: of its sum and of the sums of its absolute parts.

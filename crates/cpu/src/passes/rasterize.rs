@@ -40,10 +40,13 @@ pub(crate) fn to_image(tiles: &[TilePixels], camera: &ScreenCamera) -> Image {
     let across = camera.tiles()[0];
     image.pixels.par_chunks_mut(TILE_PX * width).enumerate().for_each(|(tile_row, band)| {
         for (y, row) in band.chunks_mut(width).enumerate() {
-            for (x, pixel) in row.iter_mut().enumerate() {
-                let (block, lane) = block_of(x % TILE_PX, y);
-                let block = &tiles[tile_row * across + x / TILE_PX].0[block];
-                *pixel = each!([0, 1, 2] c => block.radiance[c].0[lane]);
+            for (column, pixels) in row.chunks_mut(BLOCK_PX).enumerate() {
+                let (block, lane) = block_of(column % TILE_BLOCKS * BLOCK_PX, y);
+                let block = &tiles[tile_row * across + column / TILE_BLOCKS].0[block];
+                let channels = each!([0, 1, 2] c => &block.radiance[c].0[lane..lane + BLOCK_PX]);
+                for (i, pixel) in pixels.iter_mut().enumerate() {
+                    *pixel = each!([0, 1, 2] c => channels[c][i]);
+                }
             }
         }
     });

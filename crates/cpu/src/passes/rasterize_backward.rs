@@ -9,7 +9,7 @@
 //! offsets (u, v), which are summed here and turned into them per splat. Where alpha is capped it has no gradient.
 
 use fearless_simd::prelude::*;
-use fearless_simd::{Level, Simd, f32x4, f64x2};
+use fearless_simd::{Level, Simd, f32x4, f32x8, f64x2};
 use luxel_core::Real;
 use luxel_core::each;
 use rayon::prelude::*;
@@ -182,6 +182,7 @@ fn collect<S: Simd>(simd: S, list: &TileList, index: usize, (centers, last, max_
 fn unwind<S: Simd, const ABSOLUTE: bool>(simd: S, state: &mut Unwinding<S>, list: &TileList, batch: &Batch, out: &mut [EntryGradient]) {
     let c = |value: f32| V::splat(simd, value);
     let gradient = state.gradient;
+    let colors = each!([0, 1, 2] i => Halves::of(gradient[i]));
     for slot in 0..batch.len.min(BATCH) {
         let entry = &list.entries[batch.entry[slot] as usize];
         let [u, v] = [V::load(simd, &batch.u[slot]), V::load(simd, &batch.v[slot])];
@@ -194,23 +195,53 @@ fn unwind<S: Simd, const ABSOLUTE: bool>(simd: S, state: &mut Unwinding<S>, list
         state.transmittance = transmittance;
         state.behind = weight.mul_add(shine, state.behind);
         let g = V::select(alpha.lt(state.max_alpha), alpha * d_alpha, c(0.0));
-        let (gu, gv) = (g * u, g * v);
-        let radiance = each!([0, 1, 2] i => weight * gradient[i]);
-        let absolute = match ABSOLUTE {
-            true => [gu.abs(), c(entry.root[1]).mul_add(gu, gv * entry.root[2]).abs()],
-            false => [c(0.0); 2],
+        let [g, u, v, weight] = [Halves::of(g), Halves::of(u), Halves::of(v), Halves::of(weight)];
+        let (gu, gv) = (g.times(u), g.times(v));
+        let [red, green, blue] = each!([0, 1, 2] i => weight.dot(colors[i]));
+        let [absolute_x, absolute_y] = match ABSOLUTE {
+            true => {
+                let along = |half: usize| (gu.0[half] * entry.root[1] + gv.0[half] * entry.root[2]).abs();
+                [gu.0[0].abs() + gu.0[1].abs(), along(0) + along(1)]
+            }
+            false => [f32x8::splat(simd, 0.0); 2],
         };
-        let sums = [g, gu, gv, gu * u, gu * v, gv * v, radiance[0], radiance[1], radiance[2], absolute[0], absolute[1]];
+        let sums = [g.sum(), gu.sum(), gv.sum(), gu.dot(u), gu.dot(v), gv.dot(v), red, green, blue, absolute_x, absolute_y];
         add_sums(simd, sums, &mut out[entry.place as usize]);
     }
 }
 
-/// Sums each of the vectors over its lanes, in one order whatever the instruction set, and adds the sums to an entry's.
-#[inline(always)]
-fn add_sums<S: Simd>(simd: S, sums: [V<S>; SUMS], out: &mut EntryGradient) {
-    let quarter = |v: V<S>| -> f32x4<S> {
+/// A vector's halves, which sums over its lanes begin with: products go on as half a vector.
+#[derive(Clone, Copy)]
+struct Halves<S: Simd>([f32x8<S>; 2]);
+
+impl<S: Simd> Halves<S> {
+    #[inline(always)]
+    fn of(v: V<S>) -> Self {
         let (low, high) = v.0.split();
-        let half = low + high;
+        Self([low, high])
+    }
+
+    #[inline(always)]
+    fn times(self, other: Self) -> Self {
+        Self([self.0[0] * other.0[0], self.0[1] * other.0[1]])
+    }
+
+    #[inline(always)]
+    fn sum(self) -> f32x8<S> {
+        self.0[0] + self.0[1]
+    }
+
+    /// Half of the way to the sum of the products.
+    #[inline(always)]
+    fn dot(self, other: Self) -> f32x8<S> {
+        self.0[1].mul_add(other.0[1], self.0[0] * other.0[0])
+    }
+}
+
+/// Sums each of the half vectors over its lanes, in one order whatever the instruction set, and adds the sums to an entry's.
+#[inline(always)]
+fn add_sums<S: Simd>(simd: S, sums: [f32x8<S>; SUMS], out: &mut EntryGradient) {
+    let quarter = |half: f32x8<S>| -> f32x4<S> {
         let (low, high) = half.split();
         low + high
     };

@@ -11,7 +11,7 @@ use luxel_core::{DensifyStats, StatsCollection, StepConfig};
 use rayon::prelude::*;
 
 use super::adam::{Optimizer, Step, update};
-use super::project_backward::{BlockStats, Inputs, project_backward};
+use super::project_backward::{BlockStats, BlockSums, Inputs, project_backward};
 use super::shares::Shares;
 use crate::lanes::{LANES, Lanes, with_simd};
 use crate::memory::Buffer;
@@ -76,10 +76,15 @@ pub(crate) fn backward_and_adam(
         let gradients: &mut Vec<Lanes> = own.as_deref_mut().unwrap_or(&mut other);
         gradients.resize(CHUNK * rows, Lanes::ZERO);
         let mut written = [false; CHUNK];
+        // Gathered for the whole chunk at once: fetches from all over memory that don't wait for the mathematics in between.
+        let mut sums = [const { BlockSums::ZERO }; CHUNK];
         with_simd!(level, simd => {
-            for (n, rows) in parameters.chunks(rows).enumerate() {
+            for (n, sums) in sums.iter_mut().enumerate().take(parameters.len() / rows) {
+                sums.gather(simd, inputs, chunk * CHUNK + n);
+            }
+            for (n, (rows, sums)) in parameters.chunks(rows).zip(&sums).enumerate() {
                 let (block, gradient) = (chunk * CHUNK + n, &mut gradients[n * rows.len()..][..rows.len()]);
-                written[n] = project_backward(simd, camera, inputs, (block, rows), gradient, collect.then(|| stats.block(n)));
+                written[n] = project_backward(simd, camera, inputs, (block, rows), sums, gradient, collect.then(|| stats.block(n)));
             }
         });
         let middle = Instant::now();
@@ -111,7 +116,10 @@ pub(crate) fn gradients(
     chunks.into_par_iter().enumerate().for_each(|(chunk, (gradients, parameters, mut stats))| {
         with_simd!(level, simd => {
             for (n, (gradient, rows)) in gradients.chunks_mut(rows).zip(parameters.chunks(rows)).enumerate() {
-                project_backward(simd, camera, inputs, (chunk * CHUNK + n, rows), gradient, collect.then(|| stats.block(n)));
+                let block = chunk * CHUNK + n;
+                let mut sums = BlockSums::ZERO;
+                sums.gather(simd, inputs, block);
+                project_backward(simd, camera, inputs, (block, rows), &sums, gradient, collect.then(|| stats.block(n)));
             }
         });
     });

@@ -15,7 +15,7 @@ use fearless_simd::{Level, Simd};
 use luxel_core::each;
 
 use self::cover::{Cover, GROUP, Outlines, SplatBits, touched_blocks};
-use self::order::Order;
+use self::order::{Order, place};
 use super::bin::Bins;
 use super::project::{Footprint, MARGIN_PX};
 use crate::lanes::{LANES, Lanes, V, with_simd};
@@ -64,10 +64,11 @@ impl TileList {
         let order = self.order.ascending(depths);
         self.entries.clear();
         self.cover.clear();
-        for places in order.chunks(GROUP) {
+        self.entries.reserve(order.len());
+        for keys in order.chunks(GROUP) {
             let mut cover = Cover::zeroed();
-            for (i, place) in places.iter().enumerate() {
-                let place = *place as usize;
+            for (i, key) in keys.iter().enumerate() {
+                let place = place(*key);
                 self.entries.push(Entry::new(&footprints[self.splats[place] as usize], origin_px, place));
                 cover.set(i, self.blocks[place / LANES].of(place % LANES));
             }

@@ -1,6 +1,6 @@
 //! The order of a tile's splats: places of a bin by ascending depth, equal depths by ascending place.
 //!
-//! In: the depths' bits, which for positive numbers are in the order of the numbers. Out: places. A radix sort of the bits that differ within the tile,
+//! In: the depths' bits, which for positive numbers are in the order of the numbers. Out: keys that hold the places. A radix sort of the bits that differ within the tile,
 //! of 2 or 3 rounds for all but outlandish depths; each counts for the next. Short lists go to the standard library, as clearing counters
 //! would cost more.
 
@@ -15,14 +15,20 @@ pub(super) struct Order {
     /// Depth's bits and place.
     keys: Vec<u64>,
     swap: Vec<u64>,
-    places: Vec<u32>,
+    /// Of each digit, how many keys have it; then where the next of them goes.
     starts: Vec<u32>,
     next_starts: Vec<u32>,
 }
 
+/// Place of a key.
+#[inline(always)]
+pub(super) fn place(key: u64) -> usize {
+    key as u32 as usize
+}
+
 impl Order {
-    /// Places in ascending order of `depths`.
-    pub(super) fn ascending(&mut self, depths: &[u32]) -> &[u32] {
+    /// Keys of the places, in ascending order of `depths`.
+    pub(super) fn ascending(&mut self, depths: &[u32]) -> &[u64] {
         self.keys.clear();
         self.keys.extend(depths.iter().zip(0u64..).map(|(depth, place)| u64::from(*depth) << 32 | place));
         if depths.len() < MIN_RADIX {
@@ -30,9 +36,7 @@ impl Order {
         } else {
             self.radix_sort(depths);
         }
-        self.places.clear();
-        self.places.extend(self.keys.iter().map(|key| *key as u32));
-        &self.places
+        &self.keys
     }
 
     fn radix_sort(&mut self, depths: &[u32]) {
@@ -82,7 +86,7 @@ mod tests {
         expected.sort_by(|a, b| depths[*a as usize].total_cmp(&depths[*b as usize]));
         let mut order = Order::default();
         for _ in 0..2 {
-            assert_eq!(order.ascending(&bits), expected);
+            assert_eq!(order.ascending(&bits).iter().map(|key| *key as u32).collect::<Vec<u32>>(), expected);
         }
     }
 
