@@ -16,7 +16,7 @@ use crate::passes::blend::sort_and_rasterize;
 use crate::passes::contribute::contribute;
 use crate::passes::densify;
 use crate::passes::loss::{LossBuffers, LossSums};
-use crate::passes::project::{Footprint, TileRanges, project};
+use crate::passes::project::{Footprint, project};
 use crate::passes::project_backward::Inputs;
 use crate::passes::rasterize::{TilePixels, to_alpha, to_image};
 use crate::passes::rasterize_backward::{AbsoluteSums, EntryGradient, rasterize_backward};
@@ -43,7 +43,6 @@ pub struct CpuEngine {
 #[derive(Default)]
 struct Frame {
     footprints: Vec<Footprint>,
-    tiles: Vec<TileRanges>,
     bins: Bins,
     lists: Vec<TileList>,
     pixels: Vec<TilePixels>,
@@ -130,9 +129,9 @@ impl CpuEngine {
         let Self { pool, level, parameters, smoothing, frame, timings, .. } = self;
         pool.install(|| {
             let mut clock = Clock::new(timings);
-            project(*level, camera, parameters, smoothing, (&mut frame.footprints, &mut frame.tiles));
+            project(*level, camera, parameters, smoothing, &mut frame.footprints);
             clock.lap(Pass::Project);
-            frame.bins.fill(camera, &frame.footprints, &frame.tiles);
+            frame.bins.fill(camera, &frame.footprints);
             clock.lap(Pass::Bin);
             let (splats, tiles) = ((&frame.bins, frame.footprints.as_slice()), (&mut frame.lists, &mut frame.pixels));
             let [sort, rasterize] = sort_and_rasterize(*level, camera, splats, tiles);

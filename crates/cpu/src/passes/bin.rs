@@ -1,8 +1,8 @@
 //! Pass `bin`: which splats touch which tile.
 //!
-//! In: footprints `[N]` and their ranges of tiles. Out, in [`Bins`]: for each tile a list of splats by ascending index; for each splat the places of its list
-//! entries, so that its gradients can be gathered in a fixed order. Splats lie along a curve through space, so that those of a tile are
-//! neighbours in memory, and so are the places of neighbours.
+//! In: footprints `[N]`. Out, in [`Bins`]: for each tile a list of splats by ascending index; for each splat the
+//! places of its list entries, so that its gradients can be gathered in a fixed order. Splats lie along a curve through space, so that those
+//! of a tile are neighbours in memory, and so are the places of neighbours.
 //!
 //! A tile is touched if the splat's ellipse at its alpha threshold contains a pixel centre's column range in one of the tile's
 //! rows: exact for the continuous band of the tile's rows, and with a margin of `MARGIN_PX` for rounding, as the rasteriser
@@ -12,11 +12,11 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 use rayon::prelude::*;
 
-use super::project::{Footprint, MARGIN_PX, TileRanges};
-use crate::lanes::LANES;
+use super::project::{Footprint, MARGIN_PX};
 use crate::view::{ScreenCamera, TILE_PX};
 
-/// Splats a chunk of the work holds, at least: a power of two, so that no block is in two chunks. A share of the splats, never of the threads: no result depends on those.
+/// Splats a chunk of the work holds, at least: a power of two, so that no block is in two chunks. A share of the splats, never of the
+/// threads: no result depends on those.
 const MIN_CHUNK: usize = 2048;
 /// Chunks at most: each keeps a number for every tile.
 const MAX_CHUNKS: usize = 256;
@@ -72,14 +72,13 @@ impl Bins {
     }
 
     /// Distributes the footprints over the tiles.
-    pub(crate) fn fill(&mut self, camera: &ScreenCamera, footprints: &[Footprint], ranges: &[TileRanges]) {
+    pub(crate) fn fill(&mut self, camera: &ScreenCamera, footprints: &[Footprint]) {
         let tiles = camera.tiles();
         let tile_count = tiles[0] * tiles[1];
         self.chunk_len = footprints.len().div_ceil(MAX_CHUNKS).next_power_of_two().max(MIN_CHUNK);
         self.chunks.resize_with(footprints.len().div_ceil(self.chunk_len), Chunk::default);
-        let splats = footprints.par_chunks(self.chunk_len).zip(ranges.par_chunks(self.chunk_len / LANES));
-        self.chunks.par_iter_mut().zip(splats).for_each(|(chunk, (footprints, ranges))| {
-            chunk.collect(tiles, footprints, ranges);
+        self.chunks.par_iter_mut().zip(footprints.par_chunks(self.chunk_len)).for_each(|(chunk, footprints)| {
+            chunk.collect(tiles, footprints);
         });
 
         // Where each tile starts, and within it each chunk.
@@ -101,22 +100,20 @@ impl Bins {
 }
 
 impl Chunk {
-    fn collect(&mut self, tiles: [usize; 2], footprints: &[Footprint], ranges: &[TileRanges]) {
+    fn collect(&mut self, tiles: [usize; 2], footprints: &[Footprint]) {
         self.places.clear();
         self.start.clear();
         self.cursor.clear();
         self.cursor.resize(tiles[0] * tiles[1], 0);
         self.visible = 0;
-        for (footprints, TileRanges([columns, rows])) in footprints.chunks(LANES).zip(ranges) {
-            for ((footprint, columns), rows) in footprints.iter().zip(columns).zip(rows) {
-                let before = self.places.len();
-                self.start.push(before as u32);
-                touched_tiles(footprint, [*columns, *rows], tiles[0], |tile| {
-                    self.places.push(Place { tile: tile as u32, index: 0 });
-                    self.cursor[tile] += 1;
-                });
-                self.visible += u32::from(self.places.len() > before);
-            }
+        for footprint in footprints {
+            let before = self.places.len();
+            self.start.push(before as u32);
+            touched_tiles(footprint, tiles[0], |tile| {
+                self.places.push(Place { tile: tile as u32, index: 0 });
+                self.cursor[tile] += 1;
+            });
+            self.visible += u32::from(self.places.len() > before);
         }
         self.start.push(self.places.len() as u32);
     }
@@ -133,11 +130,10 @@ impl Chunk {
     }
 }
 
-/// Calls `touch` with each tile of the ranges, columns and rows, that the footprint touches, row by row. Most have one row or column of tiles, and
-/// the footprint is not looked at: it may be far away in memory.
+/// Calls `touch` with each tile that the footprint touches, row by row.
 #[inline(always)]
-fn touched_tiles(f: &Footprint, ranges: [[u16; 2]; 2], across: usize, mut touch: impl FnMut(usize)) {
-    let [columns, rows] = ranges.map(|[first, end]| first.into()..end.into());
+fn touched_tiles(f: &Footprint, across: usize, mut touch: impl FnMut(usize)) {
+    let [columns, rows] = f.tiles.map(|[first, end]| first.into()..end.into());
     if rows.len() <= 1 || columns.len() <= 1 {
         for row in rows {
             for column in columns.clone() {

@@ -1,6 +1,6 @@
 //! Pass `project`: splats to ellipses on the screen; calls pass `color` for those that can be seen.
 //!
-//! In: parameters `[blocks, rows, 16]`, camera. Out: one [`Footprint`] per splat (N rounded up to whole blocks), and [`TileRanges`] per block.
+//! In: parameters `[blocks, rows, 16]`, camera. Out: one [`Footprint`] per splat (N rounded up to whole blocks).
 //! Source: EWA splatting (Zwicker et al. 2001) as in 3DGS (Kerbl et al. 2023), the Jacobian's clamp as in gsplat; opacity compensation
 //! and 3D filter from Mip-splatting (Yu et al. 2024). A splat is culled (threshold above its opacity) if it is nearer than `near`, nowhere
 //! above its alpha threshold, off the image, or not finite.
@@ -42,13 +42,10 @@ pub(crate) struct Footprint {
     pub(crate) depth: f32,
     /// dy at the ellipse's rightmost point.
     pub(crate) right_dy_px: f32,
-    padding: [f32; 3],
+    /// Tiles with a pixel centre in the ellipse's bounding box, columns and rows: first, and one beyond the last. None if culled.
+    pub(crate) tiles: [[u16; 2]; 2],
+    pub(crate) padding: f32,
 }
-
-/// Tiles of 16 splats with a pixel centre in the ellipse's bounding box, columns and rows: first, and one beyond the last. None if culled.
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-#[repr(C, align(64))]
-pub(crate) struct TileRanges(pub(crate) [[[u16; 2]; LANES]; 2]);
 
 /// Geometry of 16 splats up to the screen, with what the backward pass needs again.
 pub(crate) struct Projection<S: Simd> {
@@ -194,20 +191,11 @@ pub(crate) fn view_direction<S: Simd>(simd: S, camera: &ScreenCamera, rows: &[La
 }
 
 /// Projects all splats.
-pub(crate) fn project(
-    level: Level,
-    camera: &ScreenCamera,
-    store: &Store,
-    smoothing: &[Lanes],
-    (footprints, tiles): (&mut Vec<Footprint>, &mut Vec<TileRanges>),
-) {
+pub(crate) fn project(level: Level, camera: &ScreenCamera, store: &Store, smoothing: &[Lanes], out: &mut Vec<Footprint>) {
     let rows = store.layout.rows();
     let count = store.count;
-    let blocks = store.lanes.len() / rows;
-    footprints.resize(blocks * LANES, Footprint::zeroed());
-    tiles.resize(blocks, TileRanges::zeroed());
-    let out = footprints.par_chunks_mut(LANES).zip(tiles);
-    out.zip(store.lanes.par_chunks(rows)).enumerate().with_min_len(64).for_each(|(block, (out, rows))| {
+    out.resize(store.lanes.len() / rows * LANES, Footprint::zeroed());
+    out.par_chunks_mut(LANES).zip(store.lanes.par_chunks(rows)).enumerate().with_min_len(64).for_each(|(block, (out, rows))| {
         let alive = count - (block * LANES).min(count);
         with_simd!(level, simd => project_block(simd, camera, store.layout, rows, smoothing.get(block), alive, out));
     });
@@ -221,7 +209,7 @@ fn project_block<S: Simd>(
     rows: &[Lanes],
     smoothing: Option<&Lanes>,
     alive: usize,
-    (out, out_tiles): (&mut [Footprint], &mut TileRanges),
+    out: &mut [Footprint],
 ) {
     let c = |value: f32| V::splat(simd, value);
     let one = c(1.0);
@@ -245,7 +233,6 @@ fn project_block<S: Simd>(
     }
     if !mask.any_true() {
         out.fill(Footprint::zeroed());
-        *out_tiles = TileRanges::zeroed();
         return;
     }
 
@@ -268,12 +255,8 @@ fn project_block<S: Simd>(
     let finite = root[0].lt(c(f32::MAX)) & root[1].abs().lt(c(f32::MAX)) & root[2].lt(c(f32::MAX));
     mask = mask & finite & root[0].gt(c(0.0)) & root[2].gt(c(0.0)) & (extent[0] + extent[1]).lt(c(1e9)) & brightest.lt(c(f32::MAX));
     let right_dy = extent[0] * p.covariance[1] / p.covariance[0];
-    let ranges: &mut [Lanes; 2] = bytemuck::cast_mut(out_tiles);
-    for (i, range) in ranges.iter_mut().enumerate() {
-        tile_range(camera, i, (mean[i], extent[i]), mask).store(range);
-    }
+    let tiles = each!([0, 1] i => tile_range(camera, i, (mean[i], extent[i]), mask));
 
-    let zero = c(0.0);
     let fields = [
         mean[0],
         mean[1],
@@ -288,9 +271,9 @@ fn project_block<S: Simd>(
         extent[1],
         depth,
         right_dy,
-        zero,
-        zero,
-        zero,
+        tiles[0],
+        tiles[1],
+        c(0.0),
     ];
     for (footprint, fields) in bytemuck::cast_slice_mut(out).iter_mut().zip(V::transpose(fields)) {
         fields.store(footprint);

@@ -53,7 +53,8 @@ pub(crate) struct BlockStats<'a> {
     pub(crate) views: &'a mut [u32],
 }
 
-/// Differentiates block number `block` of the parameters, `rows`, from the sums of its splats; false, with `gradient` as it was, if it has no gradient.
+/// Differentiates block number `block` of the parameters, `rows`, from the sums of its splats; false, with `gradient` as it was, if it has
+/// no gradient.
 #[inline(always)]
 pub(crate) fn project_backward<S: Simd>(
     simd: S,

@@ -93,8 +93,8 @@ pub(super) fn touched_blocks<S: Simd>(simd: S, outlines: &Outlines<S>) -> SplatB
     bits
 }
 
-/// Bits of 256 entries. Before the transposition, number n of half h of row r holds the blocks 32 h.. that entry 32 n + r touches; after it, the entries 32 n..
-/// that touch block 32 h + r: two numbers in a row are a word.
+/// Bits of 256 entries. Before the transposition, number n of half h of row r holds the blocks 32 h.. that entry 32 n + r touches; after it,
+/// the entries 32 n.. that touch block 32 h + r: two numbers in a row are a word.
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C, align(64))]
 pub(super) struct Cover([[[u32; MATRICES]; 2]; SIDE]);
@@ -130,6 +130,109 @@ impl Cover {
             }
             size /= 2;
             low ^= low << size;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use fearless_simd::Level;
+
+    use super::*;
+    use crate::lanes::{Lanes, with_simd};
+    use crate::view::BLOCKS;
+
+    /// Numbers in [0, 1).
+    fn noise() -> impl FnMut() -> f32 {
+        let mut state = 1u32;
+        move || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 8) as f32 / (1 << 24) as f32
+        }
+    }
+
+    #[test]
+    fn bits_by_entry_become_bits_by_block() {
+        let mut noise = noise();
+        let entries: [[u32; 2]; GROUP] = std::array::from_fn(|_| [(); 2].map(|()| noise().to_bits().wrapping_mul(2_654_435_761)));
+        for level in [Level::new(), Level::baseline()] {
+            let mut cover = Cover::zeroed();
+            entries.iter().enumerate().for_each(|(i, halves)| cover.set(i, *halves));
+            with_simd!(level, simd => cover.transpose(simd));
+            for (i, halves) in entries.iter().enumerate() {
+                for block in 0..BLOCKS {
+                    let expected = halves[block / SIDE] >> (block % SIDE) & 1;
+                    assert_eq!(cover.word(i / WORD, block) >> (i % WORD) & 1, u64::from(expected), "entry {i}, block {block}");
+                }
+            }
+        }
+    }
+
+    /// Centre, root and radius of 16 ellipses, round and needles, on the tile and beside it.
+    struct Ellipses {
+        mean_px: [Lanes; 2],
+        root: [Lanes; 3],
+        radius: Lanes,
+    }
+
+    impl Ellipses {
+        fn new(noise: &mut impl FnMut() -> f32) -> Self {
+            let mut lanes = |low: f32, high: f32| Lanes(std::array::from_fn(|_| low + (high - low) * noise()));
+            let mean_px = [lanes(-8.0, 40.0), lanes(-8.0, 40.0)];
+            Self { mean_px, root: [lanes(0.05, 2.0), lanes(-2.0, 2.0), lanes(0.05, 2.0)], radius: lanes(0.3, 3.0) }
+        }
+
+        fn touched(&self, level: Level) -> SplatBits {
+            let [m0, m1, m2] = &self.root;
+            let of = |f: &dyn Fn(usize) -> f32| Lanes(std::array::from_fn(f));
+            let extent_y = of(&|i| self.radius.0[i] / m2.0[i] + MARGIN_PX);
+            // Where dx = (u - m1 dy) / m0 is largest on the circle of u and v = m2 dy.
+            let right_dy = of(&|i| {
+                let shear = m1.0[i] / m2.0[i];
+                -self.radius.0[i] * shear / (1.0 + shear * shear).sqrt() / m2.0[i]
+            });
+            let radius2 = of(&|i| self.radius.0[i] * self.radius.0[i]);
+            with_simd!(level, simd => {
+                let load = |lanes: &Lanes| V::load(simd, lanes);
+                touched_blocks(simd, &Outlines {
+                    mean_px: [load(&self.mean_px[0]), load(&self.mean_px[1])],
+                    root: [load(m0), load(m1), load(m2)],
+                    radius2: load(&radius2),
+                    extent_y_px: load(&extent_y),
+                    right_dy_px: load(&right_dy),
+                })
+            })
+        }
+
+        /// Whether a point of a grid over the block's pixel centres, `step` apart, is within the ellipse enlarged by what may lie between points.
+        fn meets(&self, i: usize, block: usize, step: f32) -> bool {
+            let [m0, m1, m2] = [0, 1, 2].map(|k| self.root[k].0[i]);
+            let corner = [block % TILE_BLOCKS, block / TILE_BLOCKS].map(|n| (n * BLOCK_PX) as f32 + 0.5);
+            let slack = if step < 1.0 { 1.2 * step * (m0 + m1.abs() + m2) } else { 0.0 };
+            let points = ((BLOCK_PX - 1) as f32 / step) as usize;
+            (0..=points).any(|y| {
+                (0..=points).any(|x| {
+                    let dx = corner[0] + x as f32 * step - self.mean_px[0].0[i];
+                    let dy = corner[1] + y as f32 * step - self.mean_px[1].0[i];
+                    (m0 * dx + m1 * dy).hypot(m2 * dy) <= self.radius.0[i] + slack
+                })
+            })
+        }
+    }
+
+    #[test]
+    fn touched_blocks_are_those_that_the_ellipse_meets() {
+        let mut noise = noise();
+        for round in 0..60 {
+            let ellipses = Ellipses::new(&mut noise);
+            for level in [Level::new(), Level::baseline()] {
+                let bits = ellipses.touched(level);
+                for (i, block) in (0..LANES).flat_map(|i| (0..BLOCKS).map(move |block| (i, block))) {
+                    let touched = bits.of(i)[block / SIDE] >> (block % SIDE) & 1 == 1;
+                    assert!(touched || !ellipses.meets(i, block, 1.0), "round {round}, ellipse {i}: block {block} has a pixel of it");
+                    assert!(!touched || ellipses.meets(i, block, 0.25), "round {round}, ellipse {i}: block {block} is off it");
+                }
+            }
         }
     }
 }

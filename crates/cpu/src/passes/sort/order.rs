@@ -1,8 +1,8 @@
 //! The order of a tile's splats: places of a bin by ascending depth, equal depths by ascending place.
 //!
-//! In: the depths' bits, which for positive numbers are in the order of the numbers. Out: keys that hold the places. A radix sort of the bits that differ within the tile,
-//! of 2 or 3 rounds for all but outlandish depths; each counts for the next. Short lists go to the standard library, as clearing counters
-//! would cost more.
+//! In: the depths' bits, which for positive numbers are in the order of the numbers. Out: keys that hold the places. A radix sort of the bits
+//! that differ within the tile, in three rounds at most, each of which counts for the next. Short lists go to the standard library, as
+//! clearing counters would cost more.
 
 /// Bits of a digit, at most: its counters stay in the nearest cache.
 const MAX_DIGIT: u32 = 11;
