@@ -6,7 +6,8 @@
 //! as it is, so that noise is known, and made to an image afterwards.
 //!
 //! Both ends: a saturated sample has no weight, and weight fades out below saturation, so that no edge shows where a frame leaves. A sample that
-//! is saturated in every frame has the shortest frame's radiance, a lower bound, and is marked. Samples at black keep their weight (their
+//! is saturated in every frame has the shortest frame's radiance, a lower bound, and is marked. What a shorter exposure shows to be far beyond saturation is
+//! saturated, whatever its code says: compression leaves codes a little below white beside edges there. Samples at black keep their weight (their
 //! signal is small, and so is the error), and are counted where every frame is black.
 
 use glam::{DMat3, DVec3};
@@ -19,6 +20,10 @@ use crate::{Frame, FrameError, Layout, demosaic};
 const FADE_FROM: f32 = 0.85;
 /// A frame disagrees with the estimate beyond this many standard deviations plus [`MOTION_RELATIVE`].
 const MOTION_SIGMAS: f32 = 5.0;
+/// A sample is saturated if another frame expects this many times its saturation of it...
+const CERTAINLY_SATURATED: f32 = 1.5;
+/// ...by a signal of more than this share of saturation, which is no noise.
+const CERTAIN_SIGNAL: f32 = 0.1;
 /// Relative disagreement that exposure times and response curves account for.
 const MOTION_RELATIVE: f32 = 0.2;
 
@@ -89,6 +94,8 @@ struct Word {
     /// 0 where saturated, 1 well below.
     trust: f32,
     rounding: f32,
+    /// The smallest signal that is saturated.
+    clip: f32,
 }
 
 fn merge_row(frames: &[Frame], y: usize, start: usize, radiance: &mut [f32], saturated: &mut [bool]) -> Row {
@@ -106,14 +113,27 @@ fn merge_row(frames: &[Frame], y: usize, start: usize, radiance: &mut [f32], sat
             let fade = ((clip - signal) / (clip * (1.0 - FADE_FROM))).clamp(0.0, 1.0);
             let trust = if transfer.is_clipped(code) { 0.0 } else { fade.max(1e-3) };
             is_dark &= transfer.is_dark(code);
-            words.push(Word { signal, exposure: frame.signal_per_radiance, trust, rounding: transfer.rounding(code) });
+            words.push(Word { signal, exposure: frame.signal_per_radiance, trust, rounding: transfer.rounding(code), clip });
         }
+        let is_contradicted = silence_saturated(&mut words);
         row.dark += usize::from(is_dark);
         let (value, is_saturated) = estimate(&words, frames);
         (*radiance, *saturated) = (value, is_saturated);
-        row.disagreeing += usize::from(!is_saturated && disagrees(&words, frames, value));
+        row.disagreeing += usize::from(is_contradicted || (!is_saturated && disagrees(&words, frames, value)));
     }
     row
+}
+
+/// Takes the trust from frames that must be saturated by what a shorter exposure shows. Whether one of them says clearly that it is not: something moved.
+fn silence_saturated(words: &mut [Word]) -> bool {
+    let is_certain = |word: &&Word| word.signal > CERTAIN_SIGNAL * word.clip;
+    let seen = words.iter().filter(is_certain).map(|word| word.signal / word.exposure).fold(0.0, f32::max);
+    let mut is_contradicted = false;
+    for word in words.iter_mut().filter(|word| seen * word.exposure > CERTAINLY_SATURATED * word.clip) {
+        is_contradicted |= word.trust >= 1.0;
+        word.trust = 0.0;
+    }
+    is_contradicted
 }
 
 /// Radiance, and whether it is a lower bound.
@@ -273,6 +293,20 @@ mod tests {
         let merged = merge(&frames).unwrap();
         assert_eq!(merged.saturated, [true, false, false]);
         assert!((merged.radiance[0] - 10.0).abs() < 1e-3 && (merged.radiance[1] - 5.0).abs() < 2e-3);
+    }
+
+    #[test]
+    fn a_code_below_white_where_a_shorter_exposure_is_saturated_has_no_say() {
+        // As compression leaves them: 0.96 where the sensor got a hundred times what it holds.
+        let frames = [linear_frame(1, 1, &[1.0, 0.5, 0.97], 0.1), linear_frame(1, 1, &[0.96, 0.96, 0.96], 10.0)];
+        let merged = merge(&frames).unwrap();
+        assert_eq!((merged.saturated.as_slice(), merged.disagreeing), (&[true, false, false][..], 0));
+        for (found, expected) in merged.radiance.iter().zip([10.0, 5.0, 9.7]) {
+            assert!((found / expected - 1.0).abs() < 2e-3, "{found} {expected}");
+        }
+        // Far below white it is no compression: somebody stood there.
+        let frames = [linear_frame(1, 1, &[0.5; 3], 0.1), linear_frame(1, 1, &[0.2; 3], 10.0)];
+        assert_eq!(merge(&frames).unwrap().disagreeing, 3);
     }
 
     #[test]
