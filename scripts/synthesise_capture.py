@@ -3,7 +3,7 @@
 
 needs: pip install numpy pillow OpenEXR tifffile imagecodecs
 
-usage: synthesise_capture.py IMAGES OUT [--kind jpeg|dng] [--exposures 5] [--step-ev 2] [--white RADIANCE] [--iso 100] [--seed 1] [--ljpeg]
+usage: synthesise_capture.py IMAGES OUT [--kind jpeg|dng] [--codec ljpeg|jxl] [--exposures 5] [--step-ev 2] [--white RADIANCE] [--iso 100] [--scale 1] [--seed 1]
 
 IMAGES: a folder of linear Rec.709 OpenEXR files. OUT: photographs and truth.json with the radiance scale.
 jpeg: exposures of each view through a camera's curve (a shoulder, then a gamma: not sRGB), photon and read noise, quality 95, EXIF with

@@ -152,10 +152,18 @@ fn brackets_become_radiance_and_the_commands_for_poses_are_told() {
     assert_eq!(report["views"][0]["files"].as_array().unwrap().len(), 3);
     assert!(output.join("prepare.html").is_file() && output.join("proxies/IMG_0001.jpg").is_file());
     let script = std::fs::read_to_string(output.join("colmap.sh")).unwrap();
-    assert!(
-        script.contains("feature_extractor") && script.contains("--ImageReader.single_camera 1") && script.contains("mapper"),
-        "{script}"
-    );
+    // It goes where the data set goes, and knows the options of old and new releases.
+    for part in [
+        "cd \"$(dirname \"$0\")\"",
+        "colmap feature_extractor --database_path work/database.db --image_path proxies --image_list_path work/camera_0.txt",
+        "--ImageReader.single_camera 1",
+        "--$extraction.use_gpu 0",
+        "extraction=FeatureExtraction matching=FeatureMatching",
+        "mapper --database_path work/database.db --image_path proxies --output_path work/sparse",
+    ] {
+        assert!(script.contains(part), "{part}\n{script}");
+    }
+    assert!(!script.contains(&*output.to_string_lossy()), "{script}");
 }
 
 #[test]
@@ -189,6 +197,9 @@ fn each_fault_of_a_folder_has_its_message() {
     write(&photos, "OTHER_1.JPG", &other);
     write(&photos, "OTHER_2.JPG", &Shot { orientation: 6, size: [HEIGHT, WIDTH], at: 960, ..other });
     std::fs::write(photos.join("IMG_0200.NEF"), b"MM").unwrap();
+    std::fs::write(photos.join("IMG_0300.HEIC"), b"ftypheic").unwrap();
+    std::fs::create_dir_all(photos.join("second day")).unwrap();
+    std::fs::write(photos.join("second day/IMG_0400.JPG"), &whole).unwrap();
     let run = prepare(&photos, &output, &["--response", "srgb"]);
     let said = said(&run);
     assert!(run.status.success(), "{said}");
@@ -196,6 +207,9 @@ fn each_fault_of_a_folder_has_its_message() {
         "IMG_0001.JPG is left out: the same file as IMG_0001 copy.JPG, byte by byte",
         "IMG_0100.JPG is left out: not an image of a known format",
         "IMG_0200.NEF is left out: a camera maker's own RAW format",
+        "IMG_0300.HEIC is left out: a kind of picture that is not read; export it as JPEG",
+        "second day/ is left out: a folder in the folder",
+        "warning: view IMG_0007: IMG_0009.JPG is left out: JPEG: ",
         "mixed cameras, lenses or sizes",
         "1 photograph of 48 x 32 from Luxel Other 2",
         "1 of 13 photographs are portraits and the others landscapes",
@@ -205,8 +219,10 @@ fn each_fault_of_a_folder_has_its_message() {
         assert!(said.contains(part), "{part}\n{said}");
     }
     let report = report(&output);
-    let notes = report["notes"].to_string();
-    assert!(notes.contains("view IMG_0007: IMG_0009.JPG is left out"), "{notes}");
+    let left_out = report["left_out"].to_string();
+    assert!(["IMG_0009.JPG", "IMG_0100.JPG", "IMG_0300.HEIC"].iter().all(|name| left_out.contains(name)), "{left_out}");
+    let files = |view: usize| report["views"][view]["files"].to_string();
+    assert!((0..6).all(|view| !files(view).contains("IMG_0009.JPG")) && files(3).contains("IMG_0008.JPG"), "{report}");
 }
 
 #[test]
@@ -296,7 +312,15 @@ fn what_cannot_be_done_is_said_at_once() {
     let folder = tempfile::tempdir().unwrap();
     let (photos, output) = (folder.path().join("photos"), folder.path().join("set"));
     let run = prepare(&photos, &output, &[]);
-    assert!(run.status.code() == Some(1) && said(&run).contains("cannot list the folder of photographs"), "{}", said(&run));
+    assert!(run.status.code() == Some(1) && said(&run).contains("cannot list it, expected a folder of photographs"), "{}", said(&run));
+    assert!(!output.exists());
+    std::fs::create_dir_all(photos.join("day 1")).unwrap();
+    write(&photos.join("day 1"), "a.jpg", &SHOT);
+    let run = prepare(&photos, &output, &[]);
+    assert!(run.status.code() == Some(1) && said(&run).contains("day 1: give that folder"), "{}", said(&run));
+    let run = prepare(&photos.join("day 1/a.jpg"), &output, &[]);
+    assert!(run.status.code() == Some(1) && said(&run).contains("is a file, expected the folder"), "{}", said(&run));
+    std::fs::remove_dir_all(photos.join("day 1")).unwrap();
     std::fs::create_dir_all(&photos).unwrap();
     let run = prepare(&photos, &output, &[]);
     assert!(run.status.code() == Some(1) && said(&run).contains("no photographs in it, expected DNG"), "{}", said(&run));

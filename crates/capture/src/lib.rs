@@ -9,6 +9,7 @@ mod bracket;
 mod camera_color;
 mod demosaic;
 mod exposure;
+mod exposure_list;
 mod figures;
 mod frame;
 mod merge;
@@ -22,6 +23,7 @@ pub use bracket::{BracketError, BracketNote, BracketRule, Brackets, Shot, find_b
 pub use camera_color::{CameraColor, CameraColorError, median_neutral};
 pub use demosaic::demosaic;
 pub use exposure::Exposure;
+pub use exposure_list::{ExposureListError, parse_exposure_list};
 pub use figures::{Figures, figures, sharpness};
 pub use frame::{Cell, Frame, FrameError, Layout, Noise, Samples, Transfer};
 pub use merge::{Developed, Merged, merge};

@@ -11,6 +11,8 @@ mod dataset;
 mod error;
 mod gltf;
 mod image;
+#[cfg(feature = "ocio")]
+mod ocio_space;
 mod photo;
 mod pinhole;
 mod ply;
@@ -29,8 +31,8 @@ pub use checkpoint::{
     prune_checkpoints, read_checkpoint, write_checkpoint,
 };
 pub use dataset::{
-    DatasetFormat, Exposures, LoadOptions, MaskSource, SplitLists, Supervision, Transforms, TransformsFrame, UnknownFormat, colmap,
-    detect_format, load_dataset, parse_split, parse_transforms,
+    DatasetFormat, Exposures, LoadOptions, MaskSource, RecordedPose, SplitLists, Supervision, Transforms, TransformsFrame, UnknownFormat,
+    colmap, decode_mask, detect_format, load_dataset, parse_exposures, parse_recorded_poses, parse_split, parse_transforms,
 };
 pub use error::{IoError, IoErrorKind};
 pub use gltf::{decode_glb, encode_glb, read_glb, write_glb};
@@ -38,7 +40,9 @@ pub use image::{
     DecodedImage, ExrOptions, ExrSample, HALF_MAX, ReadOptions, SampleDepth, Transfer, decode_image, downscale, downscale_masked,
     encode_exr, encode_jpeg, encode_png, image_size, pinhole_within, read_image, undistort, undistort_into, write_exr, write_png,
 };
-pub use photo::{Codes, Exif, Photo, PhotoInfo, PhotoKind, RawInfo, RawPixels, decode_photo, is_photo_name, photo_info};
+#[cfg(feature = "ocio")]
+pub use ocio_space::OcioSpace;
+pub use photo::{Codes, Exif, IccProfile, Photo, PhotoInfo, PhotoKind, RawInfo, RawPixels, decode_photo, is_photo_name, photo_info};
 pub use pinhole::{decode_pinhole_camera, read_pinhole_camera};
 pub use ply::{
     PlyPoint, decode_points_ply, decode_scene_ply, encode_baked_ply, encode_scene_ply, read_points_ply, read_scene_ply, write_baked_ply,

@@ -302,3 +302,37 @@ fn hdr_nerf_real_scenes_are_brackets_of_a_table() {
     scene.write("poses_bounds_exps.npy", &npy(&rows)[..400]);
     assert!(scene.error(ldr(Exposures::All)).contains("damaged"));
 }
+
+/// A COLMAP model as text, of images side by side.
+fn model(scene: &Scene, images: &[String]) {
+    scene.write("sparse/0/cameras.txt", "1 PINHOLE 16 8 20 20 8 4\n");
+    let line = |(i, name): (usize, &String)| format!("{} 1 0 0 0 {} 0 0 1 {name}\n\n", i + 1, i / 2);
+    scene.write("sparse/0/images.txt", images.iter().enumerate().map(line).collect::<String>());
+    scene.write("sparse/0/points3D.txt", "1 0 0 5 9 9 9 0.5\n");
+}
+
+#[test]
+fn repacked_scenes_give_recordings_with_and_without_ground_truth() {
+    let scene = Scene::new();
+    let images: Vec<String> = ["train_ldr_000", "test_ldr_000"].iter().flat_map(|v| (0..2).map(move |k| format!("{v}_{k}.png"))).collect();
+    images.iter().for_each(|name| scene.grey(&format!("images/{name}"), 99));
+    model(&scene, &images);
+    let seconds: Vec<String> = images.iter().enumerate().map(|(i, name)| format!("{name:?}: {}", 0.5 + (i % 2) as f64)).collect();
+    scene.write("exposure.json", format!("{{{}}}", seconds.join(", ")));
+    assert_eq!(detect_format(scene.path()).unwrap(), DatasetFormat::GaussHdr);
+    let data = scene.read(ldr(Exposures::All)).unwrap();
+    assert_eq!(names(&data.train), ["images/train_ldr_000_0", "images/train_ldr_000_1"]);
+    assert_eq!(data.test.iter().map(recorded).collect::<Vec<_>>(), [0.5, 1.5].map(Some));
+    scene.exr("images_hdr/test_hdr_000.exr", 3.0);
+    assert_eq!(names(&scene.read(ldr(Exposures::All)).unwrap().test), ["images_hdr/test_hdr_000"]);
+
+    let scene = Scene::new();
+    let images: Vec<String> = (0..2).flat_map(|view| (0..2).map(move |k| format!("{view}_{k}.png"))).collect();
+    images.iter().for_each(|name| scene.grey(&format!("images/{name}"), 99));
+    model(&scene, &images);
+    let as_hdr_gs = || LoadOptions { format: Some(DatasetFormat::HdrGs), ..ldr(Exposures::All) };
+    let data = scene.read(as_hdr_gs()).unwrap();
+    assert_eq!(data.train.iter().chain(&data.test).map(recorded).collect::<Vec<_>>(), [0.125, 0.5, 0.125, 0.5].map(Some));
+    scene.exr("exr/1.exr", 3.0);
+    assert_eq!(names(&scene.read(as_hdr_gs()).unwrap().test), ["exr/1"]);
+}

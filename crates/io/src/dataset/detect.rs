@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use super::colmap::find_model;
+use super::files::without_extension;
 use super::layout_transforms::TransformsFiles;
 use super::{DatasetFormat, layout_llff};
 use crate::IoError;
@@ -15,8 +16,9 @@ const MAX_LISTED: usize = 12;
 
 /// The format of the data set at `path`, a folder or a `transforms.json`, by looking at names only.
 ///
-/// HDR-NeRF: `transforms_train.json` and `train_hdr/`. GaussHDR: a COLMAP model and `images_hdr/*_hdr_*.exr`. Else JSON files go before a
-/// COLMAP model, and a model with `exr/` is HDR-GS.
+/// HDR-NeRF: `transforms_train.json` and `train_hdr/` or, of recordings alone, `exposure_train.json`. GaussHDR: a COLMAP model and
+/// `images_hdr/*_hdr_*.exr` or, of recordings alone, `exposure.json` and `images/*_ldr_*_*`. Else JSON files go before a COLMAP model, and a model with
+/// `exr/` is HDR-GS.
 ///
 /// # Errors
 /// Nothing is there, or nothing known; the message says what was looked for and what was found.
@@ -30,10 +32,18 @@ pub fn detect_format(path: &Path) -> Result<DatasetFormat, IoError> {
     }
     let json = TransformsFiles::find(path);
     let model = find_model(path);
-    if matches!(json, Some(TransformsFiles::Pair { .. })) && path.join("train_hdr").is_dir() {
+    let is_hdr_nerf = path.join("train_hdr").is_dir() || path.join("exposure_train.json").is_file();
+    if matches!(json, Some(TransformsFiles::Pair { .. })) && is_hdr_nerf {
         return Ok(DatasetFormat::HdrNerf);
     }
-    if model.is_some() && has_gauss_hdr_images(&path.join("images_hdr")) {
+    let is_gauss_hdr = has_file(&path.join("images_hdr"), |name| name.strip_suffix(".exr").is_some_and(|stem| is_numbered(stem, "_hdr_")))
+        || (path.join("exposure.json").is_file()
+            && has_file(&path.join("images"), |name| {
+                without_extension(name)
+                    .rsplit_once('_')
+                    .is_some_and(|(stem, exposure)| is_numbered(stem, "_ldr_") && exposure.parse::<u32>().is_ok())
+            }));
+    if model.is_some() && is_gauss_hdr {
         return Ok(DatasetFormat::GaussHdr);
     }
     if model.is_none() && json.is_none() && layout_llff::is_one(path) {
@@ -47,13 +57,14 @@ pub fn detect_format(path: &Path) -> Result<DatasetFormat, IoError> {
     }
 }
 
-fn has_gauss_hdr_images(folder: &Path) -> bool {
-    let Ok(entries) = std::fs::read_dir(folder) else { return false };
-    entries.flatten().any(|entry| {
-        let name = entry.file_name();
-        let name = name.to_string_lossy();
-        name.strip_suffix(".exr").and_then(|stem| stem.rsplit_once("_hdr_")).is_some_and(|(_, number)| number.parse::<u32>().is_ok())
-    })
+/// Whether the folder has a file of such a name.
+fn has_file(folder: &Path, is_one: impl Fn(&str) -> bool) -> bool {
+    std::fs::read_dir(folder).is_ok_and(|entries| entries.flatten().any(|entry| is_one(&entry.file_name().to_string_lossy())))
+}
+
+/// Whether a name ends in the mark and a number.
+fn is_numbered(stem: &str, mark: &str) -> bool {
+    stem.rsplit_once(mark).is_some_and(|(_, number)| number.parse::<u32>().is_ok())
 }
 
 /// The folder's entries, sorted, for messages.

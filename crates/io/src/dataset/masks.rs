@@ -120,7 +120,10 @@ fn mask_of(folder: &Path, frame: &Frame, is_last_name_unique: bool) -> Option<Pa
 }
 
 /// Weights of an image of `size_px` from the file's content: the largest channel, 0 to 1.
-pub(super) fn decode_mask(path: &Path, bytes: &[u8], size_px: [usize; 2]) -> Result<Mask, IoError> {
+///
+/// # Errors
+/// A damaged file, or one of another size.
+pub fn decode_mask(path: &Path, bytes: &[u8], size_px: [usize; 2]) -> Result<Mask, IoError> {
     let image = decode_image(path, bytes, &ReadOptions { transfer: Some(Transfer::Linear) })?.image;
     if [image.width, image.height] != size_px {
         let [width, height] = size_px;

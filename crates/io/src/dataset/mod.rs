@@ -41,8 +41,9 @@ use crate::IoError;
 use crate::image::Transfer;
 
 pub use detect::detect_format;
-pub use masks::MaskSource;
-pub use recordings::{Exposures, Supervision};
+pub use layout_llff::{RecordedPose, parse_recorded_poses};
+pub use masks::{MaskSource, decode_mask};
+pub use recordings::{Exposures, Supervision, parse_exposures};
 pub use split::{SplitLists, parse_split};
 pub use transforms::{Transforms, TransformsFrame, parse_transforms};
 

@@ -62,9 +62,17 @@ impl fmt::Display for Exposures {
     }
 }
 
-/// Parses an `exposure.json`: image names and seconds.
+/// Reads an `exposure.json`.
 pub(super) fn read_exposures(path: &Path) -> Result<BTreeMap<String, f32>, IoError> {
-    let root = parse_json(path, &read_file(path)?)?;
+    parse_exposures(path, &read_file(path)?)
+}
+
+/// Parses an `exposure.json`, image names and seconds: seconds by the last part of the name, without the image's extension.
+///
+/// # Errors
+/// No JSON, no object, or a value that is no number above 0.
+pub fn parse_exposures(path: &Path, bytes: &[u8]) -> Result<BTreeMap<String, f32>, IoError> {
+    let root = parse_json(path, bytes)?;
     let Value::Object(root) = root else {
         return Err(IoError::invalid(path, format!("the file holds {}, expected an object of image names and seconds", kind_of(&root))));
     };

@@ -8,6 +8,7 @@ mod dng;
 mod dng_info;
 mod dng_tags;
 mod exif;
+mod icc;
 mod jpeg_xl;
 mod lossless_jpeg;
 mod tags;
@@ -23,6 +24,7 @@ use crate::image::{self, DecodedImage, ReadOptions, SampleDepth, Transfer, decod
 pub use dng::RawPixels;
 pub use dng_info::RawInfo;
 pub use exif::Exif;
+pub use icc::IccProfile;
 
 /// What a file holds, by its kind.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -46,6 +48,8 @@ pub struct PhotoInfo {
     pub exif: Exif,
     /// Of RAW files.
     pub raw: Option<RawInfo>,
+    /// Of developed pictures.
+    pub profile: Option<IccProfile>,
 }
 
 /// Samples of a developed picture.
@@ -109,10 +113,11 @@ pub fn photo_info(name: &Path, bytes: &[u8]) -> Result<PhotoInfo, IoError> {
     contain(name, || {
         if let Some(dng) = dng::Dng::open(name, bytes) {
             let dng = dng?;
-            return Ok(PhotoInfo { kind: PhotoKind::Raw, size_px: dng.size()?, exif: dng.exif(), raw: Some(dng.info()) });
+            return Ok(PhotoInfo { kind: PhotoKind::Raw, size_px: dng.size()?, exif: dng.exif(), raw: Some(dng.info()), profile: None });
         }
-        let size_px = image_size_of(name, bytes)?;
-        Ok(PhotoInfo { kind: kind_of(name, bytes)?, size_px, exif: exif::exif_of_file(bytes), raw: None })
+        let (size_px, kind) = (image_size_of(name, bytes)?, kind_of(name, bytes)?);
+        let profile = if kind == PhotoKind::Developed { icc::profile_of_file(bytes) } else { None };
+        Ok(PhotoInfo { kind, size_px, exif: exif::exif_of_file(bytes), raw: None, profile })
     })
 }
 

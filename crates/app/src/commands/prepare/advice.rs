@@ -1,6 +1,7 @@
 //! What to photograph again, and how: from the figures of the views and what structure from motion came to.
 
 use super::dataset::Registration;
+use super::response::CurveOrigin;
 use super::state::ViewRecord;
 
 /// Share of saturated pixels that is worth a shorter exposure.
@@ -22,7 +23,7 @@ const ODD_ERROR: f64 = 2.0;
 const MAX_LISTED: usize = 12;
 
 /// Lines for people, each beginning with what it is about.
-pub(super) fn advice(records: &[ViewRecord], registration: Option<&Registration>) -> Vec<String> {
+pub(super) fn advice(records: &[ViewRecord], registration: Option<&Registration>, curve: Option<CurveOrigin>) -> Vec<String> {
     let mut out = Vec::new();
     let names = |chosen: Vec<&ViewRecord>| {
         if chosen.len() == records.len() && chosen.len() > 1 {
@@ -57,12 +58,15 @@ pub(super) fn advice(records: &[ViewRecord], registration: Option<&Registration>
     let moving = pick(&|r| r.disagreeing > MOTION);
     if 2 * moving.len() > records.len() && moving.len() > 1 {
         // Not everything moves everywhere.
-        out.push(format!(
-            "in {} of {} views the exposures disagree in more than 2 % of the picture: the exposures in EXIF or the response curve are not those of \
-             the pictures; try --response recover",
-            moving.len(),
-            records.len()
-        ));
+        let why = match curve {
+            Some(CurveOrigin::Taken) => "the exposures in EXIF or the response curve are not those of the pictures; try --response recover",
+            Some(CurveOrigin::Recovered) => {
+                "the exposures in EXIF are not those of the pictures, or these were not developed alike; give exposures with --exposures, or shoot RAW"
+            }
+            None => "the exposures in EXIF are not those of the pictures, or the light changed; give exposures with --exposures",
+        };
+        let (n, all) = (moving.len(), records.len());
+        out.push(format!("in {n} of {all} views the exposures disagree in more than 2 % of the picture: {why}"));
     } else {
         say(&mut out, moving, "the exposures of the bracket disagree in more than 2 % of the picture; something moved");
     }
@@ -109,6 +113,7 @@ mod tests {
             disagreeing: 0.0,
             offset_px: None,
             figures: Figures { sharpness: 1.0, ..Figures::default() },
+            left_out: Vec::new(),
             notes: Vec::new(),
         }
     }
@@ -124,11 +129,16 @@ mod tests {
         let registered = RegisteredView { points: 500, error_px: 0.5, focal_px: 500.0, kept: 1.0 };
         let views = ["a", "b", "c", "d", "e"].map(|n| (n.to_owned(), registered)).into();
         let registration = Registration { views, points: 900, mean_error_px: 0.5, mean_track: 4.0, models: 2 };
-        let found = advice(&records, Some(&registration));
+        let found = advice(&records, Some(&registration), None);
         for (view, part) in [("a", "shorter"), ("b", "softer"), ("c", "shifted"), ("d", "moved"), ("e", "longer"), ("f", "no pose")] {
             assert!(found.iter().any(|line| line.starts_with(&format!("{view}: ")) && line.contains(part)), "{view} {part}: {found:?}");
         }
         assert!(found.last().unwrap().contains("2 parts"));
-        assert!(advice(&[record("a"), record("b")], None).is_empty());
+        assert!(advice(&[record("a"), record("b")], None, None).is_empty());
+        let mut all: Vec<ViewRecord> = ["a", "b"].map(record).into();
+        all.iter_mut().for_each(|r| r.disagreeing = 0.1);
+        for (curve, part) in [(Some(CurveOrigin::Taken), "try --response recover"), (Some(CurveOrigin::Recovered), "developed alike")] {
+            assert!(advice(&all, None, curve).iter().any(|line| line.contains(part)), "{part}");
+        }
     }
 }

@@ -109,13 +109,27 @@ impl Colmap {
         Ok(steps)
     }
 
-    /// The commands as a script, for those who run them elsewhere.
+    /// The commands as a script, for those who run them elsewhere: paths are those below the data set, and options are those of the release that
+    /// is there.
     pub(super) fn script(&self, steps: &[Step], folders: &Folders) -> String {
-        let mut out = String::from("#!/bin/sh\nset -e\n");
-        out += &format!("mkdir -p {}\n", quoted(folders.work.join("sparse").as_os_str().to_string_lossy().as_ref()));
+        let program = quoted(&self.program.to_string_lossy());
+        let mut out = String::from(
+            "#!/bin/sh\n# Poses of the pictures in proxies/, by COLMAP, into work/sparse.\nset -e\ncd \"$(dirname \"$0\")\"\n",
+        );
+        out += "mkdir -p work/sparse\n# Since COLMAP 3.12 two groups of options have other names.\nextraction=SiftExtraction matching=SiftMatching\n";
+        out += &format!("if {program} feature_extractor -h 2>&1 | grep -q FeatureExtraction.use_gpu; then\n");
+        out += "  extraction=FeatureExtraction matching=FeatureMatching\nfi\n";
         for step in steps {
-            let words = step.arguments.iter().map(|a| quoted(&a.to_string_lossy())).collect::<Vec<_>>().join(" ");
-            out += &format!("{} {words}\n", quoted(&self.program.to_string_lossy()));
+            let word = |argument: &OsString| {
+                let path = Path::new(argument).strip_prefix(&folders.output).unwrap_or(Path::new(argument));
+                match path.to_string_lossy().as_ref() {
+                    "--SiftExtraction.use_gpu" => "--$extraction.use_gpu".to_owned(),
+                    "--SiftMatching.use_gpu" => "--$matching.use_gpu".to_owned(),
+                    other => quoted(other),
+                }
+            };
+            let words = step.arguments.iter().map(word).collect::<Vec<_>>().join(" ");
+            out += &format!("{program} {words}\n");
         }
         out
     }

@@ -8,15 +8,16 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
-use luxel_capture::{Frame, ProxyOptions, figures, frame_offset, merge, proxy};
+use luxel_capture::{Developed, Frame, ProxyOptions, figures, frame_offset, merge, proxy};
 use luxel_core::{ColorSpace, Conversion, Image};
-use luxel_io::{DecodedImage, ExrOptions, ExrSample, Photo, PhotoKind, decode_photo, downscale, encode_jpeg, encode_png, write_exr};
+use luxel_io::{
+    DecodedImage, ExrOptions, ExrSample, OcioSpace, Photo, PhotoKind, decode_photo, downscale, encode_jpeg, encode_png, write_exr,
+};
 use rayon::prelude::*;
 
-use super::ocio_space::OcioSpace;
 use super::pixels::{Tables, developed_frame, raw_frame};
 use super::plan::{Plan, PlannedView};
-use super::scan::PhotoFile;
+use super::scan::{LeftOut, PhotoFile};
 use super::state::{ViewRecord, key};
 use crate::files::{remove_if_there, write_bytes};
 
@@ -88,6 +89,7 @@ struct Light {
     dark: f64,
     disagreeing: f64,
     offset_px: Option<f64>,
+    left_out: Vec<LeftOut>,
 }
 
 impl Developer<'_> {
@@ -111,10 +113,11 @@ impl Developer<'_> {
     pub(super) fn develop(&self, view: &PlannedView) -> Result<ViewRecord> {
         let mut notes = Vec::new();
         let photos: Vec<&PhotoFile> = view.frames.iter().filter_map(|i| self.photos.get(*i)).collect();
-        let Light { image, saturated, negative, dark, disagreeing, offset_px } = match self.plan.kind {
+        let Light { image, saturated, negative, dark, disagreeing, offset_px, left_out } = match self.plan.kind {
             PhotoKind::Radiance => self.radiance(&photos, &mut notes)?,
-            PhotoKind::Raw | PhotoKind::Developed => self.merged(view, &photos, &mut notes)?,
+            PhotoKind::Raw | PhotoKind::Developed => self.merged(view, &photos)?,
         };
+        let used: Vec<&PhotoFile> = photos.into_iter().filter(|p| !left_out.iter().any(|l| l.file == p.file_name())).collect();
         let pixels = image.pixels.len().max(1) as f64;
         let share = |n: usize| n as f64 / pixels;
         let saturated_share = share(saturated.iter().filter(|s| **s).count());
@@ -133,8 +136,8 @@ impl Developer<'_> {
         Ok(ViewRecord {
             name: view.name.clone(),
             key: self.key(view),
-            files: photos.iter().map(|p| p.file_name()).collect(),
-            stops: photos.iter().filter_map(|p| p.exposure).map(|e| e.stops()).collect(),
+            files: used.iter().map(|p| p.file_name()).collect(),
+            stops: used.iter().filter_map(|p| p.exposure).map(|e| e.stops()).collect(),
             camera: view.camera,
             size_px: [image.width, image.height],
             proxy_px: [picture.width, picture.height],
@@ -145,6 +148,7 @@ impl Developer<'_> {
             disagreeing,
             offset_px,
             figures,
+            left_out,
             notes,
         })
     }
@@ -172,28 +176,29 @@ impl Developer<'_> {
         };
         notes.extend(warnings);
         match self.ocio {
-            Some(space) => space.convert(&mut image, self.space),
+            Some(space) => space.convert(&mut image, self.space)?,
             None => convert(&mut image, color_space.unwrap_or(self.input_space), self.space),
         }
         let negative = image.pixels.iter().filter(|p| p.iter().any(|v| *v < 0.0)).count();
         // What is no number stays: training masks and reports it.
         image.pixels.par_iter_mut().for_each(|p| *p = p.map(|v| if v < 0.0 { 0.0 } else { v }));
         let saturated = vec![false; image.pixels.len()];
-        Ok(Light { image, saturated, negative, dark: 0.0, disagreeing: 0.0, offset_px: None })
+        Ok(Light { image, saturated, negative, dark: 0.0, disagreeing: 0.0, offset_px: None, left_out: Vec::new() })
     }
 
     /// Frames merged, in the scene's space.
-    fn merged(&self, view: &PlannedView, photos: &[&PhotoFile], notes: &mut Vec<String>) -> Result<Light> {
+    fn merged(&self, view: &PlannedView, photos: &[&PhotoFile]) -> Result<Light> {
         let decoded: Vec<Result<Frame>> = photos.par_iter().map(|photo| self.frame(photo)).collect();
-        let mut frames = Vec::new();
+        let (mut frames, mut left_out) = (Vec::new(), Vec::new());
         for (photo, frame) in photos.iter().zip(decoded) {
             match frame {
                 Ok(frame) => frames.push(frame),
-                Err(error) => notes.push(format!("{} is left out: {error}", photo.file_name())),
+                Err(error) => left_out.push(LeftOut { file: photo.file_name(), reason: error.to_string() }),
             }
         }
         if frames.is_empty() {
-            bail!("none of its files can be decoded: {}", notes.join("; "));
+            let reasons: Vec<String> = left_out.iter().map(|l| format!("{}: {}", l.file, l.reason)).collect();
+            bail!("none of its files can be decoded: {}", reasons.join("; "));
         }
         let offset_px = frames.windows(2).filter_map(|pair| frame_offset(&pair[0], &pair[1])).map(|o| o.length_px()).reduce(f64::max);
         let merged = merge(&frames)?;
@@ -203,12 +208,15 @@ impl Developer<'_> {
         let (gains, matrix) = match self.plan.cameras.get(view.camera).and_then(|c| c.color) {
             Some(color) => color,
             None => {
-                let rows = Conversion::between(self.input_space, self.space).rows();
+                // A picture states its primaries by its profile.
+                let stated = photos.first().and_then(|p| p.info.profile.as_ref()).and_then(|profile| profile.space);
+                let rows = Conversion::between(stated.unwrap_or(self.input_space), self.space).rows();
                 ([1.0; 3], glam::DMat3::from_cols_array_2d(&rows).transpose())
             }
         };
         let developed = merged.develop(gains, &matrix);
-        Ok(Light { image: developed.image, saturated: developed.saturated, negative: developed.negative, dark, disagreeing, offset_px })
+        let Developed { image, saturated, negative } = developed;
+        Ok(Light { image, saturated, negative, dark, disagreeing, offset_px, left_out })
     }
 
     fn frame(&self, photo: &PhotoFile) -> Result<Frame> {

@@ -1,87 +1,36 @@
-//! `--exposures`: a list of exposures for files that do not say theirs.
-//!
-//! In: text, a line for each photograph: name (with or without extension), seconds (`0.01` or `1/100`), ISO and f-number if known, separated by
-//! spaces, tabs or commas. Lines that begin with # are notes. Out: exposures by name; a line that is none is an error with its number.
+//! `--exposures`: a list of exposures for files that do not say theirs, put in the place of what EXIF says.
 
-use std::collections::BTreeMap;
 use std::path::Path;
 
-use anyhow::{Result, bail};
-use luxel_capture::Exposure;
+use anyhow::{Result, anyhow, bail};
+use luxel_capture::parse_exposure_list;
 
 use super::scan::PhotoFile;
 use crate::files::read_text;
+use crate::text::plural;
 
 /// A list of a million photographs.
 const MAX_BYTES: u64 = 64 << 20;
+/// Names that a message lists.
+const MAX_LISTED: usize = 3;
 
-/// Puts the exposures of the list at `path` in the place of what EXIF says.
-pub(super) fn apply(path: &Path, photos: &mut [PhotoFile]) -> Result<()> {
-    let listed = parse(path, &read_text(path, MAX_BYTES)?)?;
-    let mut used = 0;
+/// Puts the exposures of the list at `path` in the place of what EXIF says. Returns what is odd about the list.
+pub(super) fn apply(path: &Path, photos: &mut [PhotoFile]) -> Result<Option<String>> {
+    let listed = parse_exposure_list(&read_text(path, MAX_BYTES)?).map_err(|e| anyhow!("{}: {e}", path.display()))?;
+    let mut unused = listed.clone();
     for photo in photos.iter_mut() {
-        if let Some(exposure) = listed.get(&photo.file_name()).or_else(|| listed.get(&photo.stem)) {
+        let name = [photo.file_name(), photo.stem.clone()].into_iter().find(|name| listed.contains_key(name));
+        if let Some((name, exposure)) = name.and_then(|name| listed.get_key_value(&name)) {
             photo.exposure = Some(*exposure);
-            used += 1;
+            unused.remove(name);
         }
     }
-    if used == 0 {
+    if unused.len() == listed.len() {
         let name = photos.first().map(PhotoFile::file_name).unwrap_or_default();
         bail!("{}: none of its names is that of a photograph, expected names such as {name}", path.display());
     }
-    Ok(())
-}
-
-fn parse(path: &Path, text: &str) -> Result<BTreeMap<String, Exposure>> {
-    let mut out = BTreeMap::new();
-    for (number, line) in (1..).zip(text.lines()) {
-        let words: Vec<&str> = line.split([' ', '\t', ',', ';']).filter(|w| !w.is_empty()).collect();
-        let [name, rest @ ..] = words.as_slice() else { continue };
-        if name.starts_with('#') {
-            continue;
-        }
-        let numbers: Option<Vec<f64>> = rest.iter().map(|w| fraction(w)).collect();
-        let exposure = match numbers.as_deref() {
-            Some(&[seconds]) => Some(Exposure { seconds, iso: None, f_number: None }),
-            Some(&[seconds, iso]) => Some(Exposure { seconds, iso: Some(iso), f_number: None }),
-            Some(&[seconds, iso, f_number]) => Some(Exposure { seconds, iso: Some(iso), f_number: Some(f_number) }),
-            _ => None,
-        };
-        match exposure.filter(Exposure::is_valid) {
-            Some(exposure) => drop(out.insert((*name).to_owned(), exposure)),
-            None => bail!(
-                "{}: line {number}: \"{line}\", expected a name, seconds such as 0.01 or 1/100, and perhaps ISO and f-number, all above 0",
-                path.display()
-            ),
-        }
-    }
-    Ok(out)
-}
-
-fn fraction(word: &str) -> Option<f64> {
-    match word.split_once('/') {
-        Some((a, b)) => Some(a.parse::<f64>().ok()? / b.parse::<f64>().ok()?),
-        None => word.parse().ok(),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn lists_hold_seconds_iso_and_aperture() {
-        let list = parse(Path::new("e.txt"), "# name s\na.jpg 1/100\nb 0.5, 200\n\nc\t2 100 5.6\n").unwrap();
-        assert_eq!(list["a.jpg"], Exposure { seconds: 0.01, iso: None, f_number: None });
-        assert_eq!(list["c"], Exposure { seconds: 2.0, iso: Some(100.0), f_number: Some(5.6) });
-        assert_eq!(list.len(), 3);
-    }
-
-    #[test]
-    fn lines_that_are_none_are_named() {
-        for bad in ["a", "a x", "a 0", "a 1/0", "a -1", "a 1 2 3 4", "a 1 nan"] {
-            let error = parse(Path::new("e.txt"), &format!("ok 1\n{bad}")).unwrap_err().to_string();
-            assert!(error.starts_with("e.txt: line 2: "), "{bad}: {error}");
-        }
-    }
+    let names: Vec<&str> = unused.keys().take(MAX_LISTED).map(String::as_str).collect();
+    let more = if unused.len() > MAX_LISTED { ", ..." } else { "" };
+    let odd = || format!("{}: no photograph for {} of it ({}{more})", path.display(), plural(unused.len(), "line"), names.join(", "));
+    Ok((!unused.is_empty()).then(odd))
 }

@@ -8,7 +8,6 @@ mod colmap;
 mod dataset;
 mod develop;
 mod exposures;
-mod ocio_space;
 mod pixels;
 mod plan;
 mod report;
@@ -21,13 +20,12 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 use luxel_core::ColorSpace;
-use luxel_io::PhotoKind;
+use luxel_io::{OcioSpace, PhotoKind};
 use serde_json::json;
 
 use self::colmap::Colmap;
 use self::dataset::Registration;
 use self::develop::{Developer, Folders};
-use self::ocio_space::OcioSpace;
 use self::plan::Plan;
 use self::report::PrepareReport;
 use self::state::{State, ViewRecord, key};
@@ -37,7 +35,7 @@ use crate::files::write_text;
 use crate::text::plural;
 
 /// Changes when pixels are made differently, so that views of an older version are made anew.
-const PIXELS_VERSION: &str = "1";
+const PIXELS_VERSION: &str = "2";
 
 /// Runs the command.
 pub(crate) fn run(args: &PrepareArgs) -> Result<()> {
@@ -56,18 +54,16 @@ pub(crate) fn run(args: &PrepareArgs) -> Result<()> {
             args.colmap.display()
         );
     }
+    let mut scan = scan::scan(&args.photos)?;
     let folders = Folders::new(&args.output);
     std::fs::create_dir_all(&folders.work).with_context(|| format!("{}: cannot create", folders.work.display()))?;
     let mut state = State::open(&folders.work);
-
-    let mut scan = scan::scan(&args.photos)?;
     for left_out in &scan.left_out {
         console.warn(&format!("{} is left out: {}", left_out.file, left_out.reason));
     }
-    if let Some(list) = &args.exposures {
-        exposures::apply(list, &mut scan.photos)?;
-    }
+    let odd_list = args.exposures.as_ref().map(|list| exposures::apply(list, &mut scan.photos)).transpose()?.flatten();
     let mut plan = plan::plan(&mut scan, args)?;
+    plan.notes.extend(odd_list);
     let curve = response::settle(&mut plan, &scan.photos, args.response)?;
     for note in &plan.notes {
         console.note(note);
@@ -81,12 +77,12 @@ pub(crate) fn run(args: &PrepareArgs) -> Result<()> {
         plan: &plan,
         photos: &scan.photos,
         folders: &folders,
-        tables: curve.as_ref().map(|(tables, _)| tables),
+        tables: curve.as_ref().map(|curve| &curve.tables),
         space,
         input_space: args.input_space.into(),
         ocio: ocio.as_ref(),
         downscale: args.downscale,
-        settings_key: settings_key(args, &plan, curve.as_ref().map(|(tables, _)| format!("{tables:?}")), ocio.as_ref()),
+        settings_key: settings_key(args, &plan, curve.as_ref().map(|curve| format!("{:?}", curve.tables)), ocio.as_ref()),
     };
     let everything = key(plan
         .views
@@ -101,6 +97,7 @@ pub(crate) fn run(args: &PrepareArgs) -> Result<()> {
     }
     let (records, failed) = views::develop_all(&developer, &mut state, u64::from(args.memory) << 30, &mut console)?;
     scan.left_out.extend(failed);
+    scan.left_out.extend(records.iter().flat_map(|record| record.left_out.iter().cloned()));
     if records.is_empty() {
         bail!("no view could be made of {}", plural(photographs, "photograph"));
     }
@@ -117,11 +114,11 @@ pub(crate) fn run(args: &PrepareArgs) -> Result<()> {
         color_space: space.name(),
         units: if plan.is_absolute { "cd/m2 as far as EXIF and ISO 12232 tell it" } else { "relative" },
         brackets: plan.brackets.to_owned(),
-        response: curve.map(|(_, name)| name),
+        response: curve.as_ref().map(|curve| curve.name.clone()),
         white_balance: plan.cameras.iter().filter_map(|c| Some((c.name.clone(), c.color?.0))).collect(),
         structure_from_motion: how,
         range_stops: report::range_stops(&records),
-        advice: advice::advice(&records, registration.as_ref()),
+        advice: advice::advice(&records, registration.as_ref(), curve.as_ref().map(|curve| curve.origin)),
         notes: plan.notes.iter().cloned().chain(view_notes(&records)).collect(),
         left_out: scan.left_out,
         registration,
@@ -140,7 +137,7 @@ fn view_notes(records: &[ViewRecord]) -> Vec<String> {
 /// The space of a configuration, if one is asked for.
 fn ocio_space(args: &PrepareArgs, kind: PhotoKind) -> Result<Option<OcioSpace>> {
     match (&args.ocio, &args.ocio_space) {
-        (Some(config), Some(space)) if kind == PhotoKind::Radiance => OcioSpace::open(config, space).map(Some),
+        (Some(config), Some(space)) if kind == PhotoKind::Radiance => Ok(Some(OcioSpace::open(config, space)?)),
         (Some(_), Some(space)) => {
             bail!("--ocio-space {space} is for OpenEXR, HDR and float TIFF files; photographs have their colours from the camera")
         }
@@ -152,7 +149,7 @@ fn ocio_space(args: &PrepareArgs, kind: PhotoKind) -> Result<Option<OcioSpace>> 
 fn settings_key(args: &PrepareArgs, plan: &Plan, tables: Option<String>, ocio: Option<&OcioSpace>) -> String {
     let colors: Vec<String> = plan.cameras.iter().map(|c| format!("{:?}", c.color)).collect();
     let options = format!("{:?} {:?} {}", args.color_space, args.input_space, args.downscale);
-    let ocio = ocio.map_or("", |space| space.key.as_str());
+    let ocio = ocio.map_or("", OcioSpace::digest);
     let own = [PIXELS_VERSION, &options, &tables.unwrap_or_default(), ocio, &plan.is_absolute.to_string()];
     key(own.into_iter().chain(colors.iter().map(String::as_str)))
 }

@@ -60,6 +60,9 @@ pub(super) fn plan(scan: &mut Scan, args: &PrepareArgs) -> Result<Plan> {
     let photos = &scan.photos;
     let (camera_of, mut cameras) = cameras(photos);
     note_cameras(photos, &cameras, &mut notes);
+    if kind == PhotoKind::Developed {
+        note_profiles(photos, args, &mut notes);
+    }
     if kind == PhotoKind::Raw {
         balance(photos, &camera_of, &mut cameras, args, &mut notes)?;
     }
@@ -203,6 +206,28 @@ fn note_cameras(photos: &[PhotoFile], cameras: &[PlannedCamera], notes: &mut Vec
     }
 }
 
+/// Pictures whose profile has primaries of its own: taken, if they are known ones.
+fn note_profiles(photos: &[PhotoFile], args: &PrepareArgs, notes: &mut Vec<String>) {
+    let mut counts: BTreeMap<(&str, Option<&str>), usize> = BTreeMap::new();
+    for profile in photos.iter().filter_map(|p| p.info.profile.as_ref()) {
+        *counts.entry((&profile.name, profile.space.map(ColorSpace::name))).or_default() += 1;
+    }
+    for ((name, space), n) in counts {
+        let pictures = plural(n, "picture");
+        match space {
+            // What is taken without a profile, too, is no news.
+            Some(space) if space == ColorSpace::LinearRec709.name() => {}
+            Some(space) => notes.push(format!("{pictures} with the ICC profile \"{name}\": colours are those of {space}")),
+            None => notes.push(format!(
+                "not applied, but carried by {pictures}: the ICC profile \"{name}\", whose primaries are none of {}; colours are taken for {} \
+                 (--input-space)",
+                ColorSpace::NAMES,
+                ColorSpace::from(args.input_space).name()
+            )),
+        }
+    }
+}
+
 /// One white balance for the set; of several bodies one each, for each has colours of its own.
 fn balance(
     photos: &[PhotoFile],
@@ -216,7 +241,8 @@ fn balance(
         WhiteBalanceArg::Neutral(neutral) => Some(*neutral),
         WhiteBalanceArg::Photo(name) => {
             let Some(photo) = photos.iter().find(|p| p.file_name() == *name || p.stem == *name) else {
-                bail!("--white-balance: no photograph named \"{name}\"");
+                let example = photos.first().map(PhotoFile::file_name).unwrap_or_default();
+                bail!("--white-balance: no photograph named \"{name}\", expected a name such as {example}");
             };
             match photo.info.raw.as_ref().and_then(|raw| raw.as_shot_neutral) {
                 Some(neutral) => Some(neutral),

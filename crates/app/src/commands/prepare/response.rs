@@ -1,6 +1,6 @@
 //! The response curve of a set of developed pictures.
 //!
-//! In: the plan and the option. Out: [`Tables`], and a note on what was taken. Recovery decodes the brackets of a few views, one after another,
+//! In: the plan and the option. Out: [`SetCurve`], and a note on what was taken. Recovery decodes the brackets of a few views, one after another,
 //! and keeps a thinned copy of each.
 
 use anyhow::{Result, bail};
@@ -19,8 +19,25 @@ const VIEWS: usize = 6;
 /// Pixels that are kept of a frame.
 const PIXELS: usize = 40_000;
 
-/// Tables, and a name of the curve; `None` where nothing needs one.
-pub(super) fn settle(plan: &mut Plan, photos: &[PhotoFile], arg: ResponseArg) -> Result<Option<(Tables, String)>> {
+/// Where a curve comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum CurveOrigin {
+    /// A standard, asked for or for want of anything better.
+    Taken,
+    /// The brackets.
+    Recovered,
+}
+
+/// The curve of a set.
+pub(super) struct SetCurve {
+    pub(super) tables: Tables,
+    /// For people.
+    pub(super) name: String,
+    pub(super) origin: CurveOrigin,
+}
+
+/// The curve; `None` where nothing needs one.
+pub(super) fn settle(plan: &mut Plan, photos: &[PhotoFile], arg: ResponseArg) -> Result<Option<SetCurve>> {
     if plan.kind != PhotoKind::Developed {
         return Ok(None);
     }
@@ -39,7 +56,7 @@ pub(super) fn settle(plan: &mut Plan, photos: &[PhotoFile], arg: ResponseArg) ->
                 Ok(response) => {
                     (response, format!("recovered from the brackets of {} (Debevec and Malik)", plural(brackets.len(), "view")))
                 }
-                Err(error) if arg == ResponseArg::Recover => bail!("response curve: {error}; or say --response srgb"),
+                Err(error) if arg == ResponseArg::Recover => bail!("--response recover: {error}; bracket, or say --response srgb"),
                 Err(error) => {
                     plan.notes.push(format!("the response curve could not be recovered and is taken as sRGB's: {error}"));
                     (Response::Srgb, "sRGB".to_owned())
@@ -47,7 +64,8 @@ pub(super) fn settle(plan: &mut Plan, photos: &[PhotoFile], arg: ResponseArg) ->
             }
         }
     };
-    Ok(Some((Tables::new(&response), name)))
+    let origin = if matches!(response, Response::Curve(_)) { CurveOrigin::Recovered } else { CurveOrigin::Taken };
+    Ok(Some(SetCurve { tables: Tables::new(&response), name, origin }))
 }
 
 /// A camera of two bodies has two curves: the most used one decides, which is said by the note on mixed cameras.

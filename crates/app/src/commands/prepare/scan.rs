@@ -52,17 +52,51 @@ fn file_name(path: &Path) -> String {
     path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default()
 }
 
+/// Endings of pictures that are not read.
+const UNREAD: [&str; 9] = ["heic", "heif", "hif", "avif", "webp", "jxl", "jp2", "gif", "bmp"];
+
+/// Whether a file is a photograph by its name, of a kind that is read or of one that is not.
+fn is_picture(path: &Path) -> bool {
+    let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
+    is_photo_name(path) || UNREAD.contains(&ending.as_str())
+}
+
+/// The photographs of a folder, without those of folders in it, and the first of these that has some.
+fn list(folder: &Path) -> Result<(Vec<PathBuf>, Option<PathBuf>)> {
+    if folder.is_file() {
+        bail!("{}: is a file, expected the folder of photographs that it lies in", folder.display());
+    }
+    let cannot = || format!("{}: cannot list it, expected a folder of photographs", folder.display());
+    let mut paths: Vec<PathBuf> = Vec::new();
+    let mut folders: Vec<PathBuf> = Vec::new();
+    for entry in std::fs::read_dir(folder).with_context(cannot)? {
+        let path = entry.with_context(cannot)?.path();
+        match path.is_dir() {
+            _ if file_name(&path).starts_with('.') => {}
+            true => folders.push(path),
+            false if is_picture(&path) => paths.push(path),
+            false => {}
+        }
+    }
+    paths.sort();
+    folders.sort();
+    let has_some = |folder: &PathBuf| std::fs::read_dir(folder).is_ok_and(|entries| entries.flatten().any(|e| is_picture(&e.path())));
+    Ok((paths, folders.into_iter().find(has_some)))
+}
+
 /// Reads the headers of all photographs of `folder`.
 pub(super) fn scan(folder: &Path) -> Result<Scan> {
-    let entries = std::fs::read_dir(folder).with_context(|| format!("{}: cannot list the folder of photographs", folder.display()))?;
-    let mut paths: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).filter(|p| p.is_file() && is_photo_name(p)).collect();
-    paths.retain(|path| !file_name(path).starts_with('.'));
-    paths.sort();
+    let (paths, below) = list(folder)?;
     if paths.is_empty() {
-        bail!("{}: no photographs in it, expected DNG, JPEG, PNG, TIFF, OpenEXR or Radiance HDR files", folder.display());
+        let remedy = below.map(|below| format!("; there are some in {}: give that folder", below.display())).unwrap_or_default();
+        bail!("{}: no photographs in it, expected DNG, JPEG, PNG, TIFF, OpenEXR or Radiance HDR files{remedy}", folder.display());
     }
     let read: Vec<Result<PhotoFile, LeftOut>> = paths.par_iter().map(|path| read_headers(path)).collect();
     let mut scan = Scan::default();
+    scan.left_out.extend(below.map(|below| LeftOut {
+        file: format!("{}/", file_name(&below)),
+        reason: "a folder in the folder; what is in it is no part of the set".to_owned(),
+    }));
     for result in read {
         match result {
             Ok(photo) => scan.photos.push(photo),
@@ -82,6 +116,12 @@ pub(super) fn scan(folder: &Path) -> Result<Scan> {
 fn read_headers(path: &Path) -> Result<PhotoFile, LeftOut> {
     let name = Path::new(path.file_name().unwrap_or(path.as_os_str()));
     let left_out = |reason: String| LeftOut { file: file_name(path), reason };
+    if !path.is_file() {
+        return Err(left_out("no regular file".to_owned()));
+    }
+    if !is_photo_name(path) {
+        return Err(left_out("a kind of picture that is not read; export it as JPEG, PNG or TIFF, or RAW as DNG".to_owned()));
+    }
     let bytes = std::fs::read(path).map_err(|e| left_out(format!("cannot read: {e}")))?;
     let info = photo_info(name, &bytes).map_err(|e| left_out(e.message))?;
     let exif = &info.exif;

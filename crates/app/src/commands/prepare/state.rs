@@ -10,6 +10,7 @@ use anyhow::Result;
 use luxel_capture::Figures;
 use serde::{Deserialize, Serialize};
 
+use super::scan::LeftOut;
 use crate::files::{read_text, write_json};
 
 /// State files of a hundred thousand views.
@@ -44,7 +45,9 @@ pub(super) struct ViewRecord {
     /// Largest shift between neighbouring exposures, pixels of the photographs.
     pub(super) offset_px: Option<f64>,
     pub(super) figures: Figures,
-    /// What went wrong with some of its files, and what they say.
+    /// Those of its files that could not be decoded.
+    pub(super) left_out: Vec<LeftOut>,
+    /// What its files say.
     pub(super) notes: Vec<String>,
 }
 

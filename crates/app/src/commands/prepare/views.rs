@@ -59,6 +59,9 @@ pub(super) fn develop_all(
         for (name, made) in receiver {
             match made {
                 Ok(record) => {
+                    for left_out in &record.left_out {
+                        console.warn(&format!("view {name}: {} is left out: {}", left_out.file, left_out.reason));
+                    }
                     state.insert(record.clone())?;
                     done.push(record);
                 }
