@@ -3,8 +3,9 @@
 //! [`Response`] is a curve from code (0 to 1) to signal (1 at the largest code). [`recover_response`] finds it from brackets (Debevec and Malik
 //! 1997): codes z of pixel i in frame j with exposure t give g(z) = ln E_i + ln t_j, solved for g at 256 codes and all E in least squares with
 //! hat weights and a smooth g. The E are eliminated one by one, which leaves 256 unknowns. The curve is per channel; each is fixed by the
-//! code in the middle, so that a neutral there stays neutral. What moved between two exposures contradicts the rest: the fit is repeated
-//! with less weight for what is off by more than most (Geman and McClure's weights), so that a shifted bracket or a passer-by does not bend the curve.
+//! code in the middle, so that a neutral there stays neutral. What moved between two exposures contradicts the rest: where there is such a thing, the fit is repeated
+//! with less weight for what is off by more than most (Geman and McClure's weights), so that a shifted bracket or a passer-by does not bend the curve. Where
+//! there is not, the first fit stays: such weights favour what agrees with the curve before, right or wrong.
 //!
 //! Degenerate: fewer than two exposures, or codes that cover too little of the range, have no curve.
 
@@ -20,6 +21,10 @@ const MIDDLE: usize = 128;
 const ROUNDS: usize = 8;
 /// Disagreement that noise and rounding alone may cause, ln of signal.
 const MIN_SCALE: f64 = 0.1;
+/// Disagreement with the first fit beyond which something moved, ln of signal...
+const MOVED: f64 = 1.0;
+/// ...if it is this much of all weight.
+const MOVED_SHARE: f64 = 0.01;
 /// Pixels taken of each bracket.
 const PIXELS_PER_BRACKET: usize = 400;
 /// Codes of the range that pixels must cover.
@@ -130,7 +135,8 @@ fn recover_channel(brackets: &[&Vec<Frame>], channel: usize) -> Result<[f32; COD
     let singular = || ResponseError::Contradiction(channel);
     let mut weights: Vec<Vec<f64>> = pixels.iter().map(|sightings| sightings.iter().map(|(code, _)| hat(*code)).collect()).collect();
     let mut log_signal = solve(&pixels, &weights).ok_or_else(singular)?;
-    for _ in 0..ROUNDS {
+    let rounds = if has_moved(&pixels, &log_signal) { ROUNDS } else { 0 };
+    for _ in 0..rounds {
         weights = agreeing(&pixels, &log_signal);
         log_signal = solve(&pixels, &weights).ok_or_else(singular)?;
     }
@@ -165,16 +171,30 @@ fn sample_pixels(frames: &[Frame], channel: usize) -> Vec<Sightings> {
     pixels
 }
 
+/// How far each sighting is off its pixel's median by a curve, ln of signal.
+fn disagreement(pixels: &[Sightings], log_signal: &[f64; CODES]) -> Vec<Vec<f64>> {
+    let of_pixel = |sightings: &Sightings| {
+        let known = |(code, t): &(usize, f64)| (hat(*code) > 0.0).then(|| log_signal[*code] - t);
+        let middle = median(sightings.iter().filter_map(known).collect());
+        sightings.iter().map(|seen| known(seen).map_or(0.0, |radiance| radiance - middle)).collect()
+    };
+    pixels.iter().map(of_pixel).collect()
+}
+
+/// Whether more contradicts a curve than noise in the dark explains.
+fn has_moved(pixels: &[Sightings], log_signal: &[f64; CODES]) -> bool {
+    let off = disagreement(pixels, log_signal);
+    let (mut moved, mut all) = (0.0, 0.0);
+    for ((code, _), off) in pixels.iter().flatten().zip(off.iter().flatten()) {
+        all += hat(*code);
+        moved += if off.abs() > MOVED { hat(*code) } else { 0.0 };
+    }
+    moved > MOVED_SHARE * all
+}
+
 /// Weights of sightings: hats, and the less the further a sighting is off its pixel's median by a curve.
 fn agreeing(pixels: &[Sightings], log_signal: &[f64; CODES]) -> Vec<Vec<f64>> {
-    let off: Vec<Vec<f64>> = pixels
-        .iter()
-        .map(|sightings| {
-            let known = |(code, t): &(usize, f64)| (hat(*code) > 0.0).then(|| log_signal[*code] - t);
-            let middle = median(sightings.iter().filter_map(known).collect());
-            sightings.iter().map(|seen| known(seen).map_or(0.0, |radiance| radiance - middle)).collect()
-        })
-        .collect();
+    let off = disagreement(pixels, log_signal);
     let worst = |pixel: &Vec<f64>| pixel.iter().fold(0.0, |most: f64, v| most.max(v.abs()));
     let scale = (2.0 * median(off.iter().map(worst).collect())).max(MIN_SCALE);
     let weight = |(&(code, _), off): (&(usize, f64), &f64)| hat(code) / (1.0 + (off / scale).powi(2)).powi(2);
