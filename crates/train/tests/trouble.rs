@@ -164,12 +164,14 @@ fn damaged_trainer_state_is_an_error_wherever_it_is_cut_or_changed() {
         assert!(snapshot_config(&damaged).is_err(), "cut at {cut}");
     }
     let changes = [
-        ("\"version\":1", "\"version\":9", "version 9, expected 1"),
+        ("\"version\":2", "\"version\":9", "version 9, expected 2"),
         ("\"order\":[", "\"order\":[7,", "order of views"),
         ("\"cursor\":1", "\"cursor\":100", "order of views"),
         ("\"iterations\":10", "\"iterations\":0", "--iterations"),
         ("\"radiance_scale\":null", "\"radiance_scale\":-1.0", "--radiance-scale"),
         ("\"extent\":", "\"extent\":-", "extent"),
+        ("\"averaged\":0", "\"averaged\":1", "average of the parameters is missing"),
+        ("\"average_share\":", "\"average_share\":1", "--average-share"),
     ];
     for (from, to, expected) in changes {
         let state_json = good.state_json.replacen(from, to, 1);
@@ -189,6 +191,10 @@ fn damaged_arrays_are_an_error() {
     let mut moments = good.clone();
     moments.moments.first = Splats::empty(good.scene.splats.color_model);
     assert!(Trainer::resume(&data, moments, engine()).is_err());
+    let mut average = good.clone();
+    average.average = Some(Splats::empty(good.scene.splats.color_model));
+    average.state_json = average.state_json.replacen("\"averaged\":0", "\"averaged\":1", 1);
+    assert!(message(Trainer::resume(&data, average, engine())).contains("of other splats than the scene's"));
     let mut stats = good;
     stats.stats.views.pop();
     assert!(Trainer::resume(&data, stats, engine()).is_err());

@@ -11,7 +11,10 @@ fn defaults_are_valid_and_those_of_the_command_line() {
     assert_eq!(config, TrainConfig::default());
     config.validate().unwrap();
     assert_eq!(config.color_model().name(), "lcd");
-    assert_eq!(config.loss(), LossConfig::default());
+    assert_eq!(config.loss(), LossConfig { squared_share: 0.5, ..LossConfig::default() });
+    // Equation 5 to the letter.
+    let paper = TrainConfig::of_preset(Preset::Paper).loss();
+    assert_eq!(paper, LossConfig { ssim_weight: 0.8, ..LossConfig::default() });
 }
 
 #[test]
@@ -31,6 +34,8 @@ fn every_flag_changes_the_configuration() {
         &["--background", "1,2,3"],
         &["--mu", "10"],
         &["--ssim-weight", "0.8"],
+        &["--squared-share", "0"],
+        &["--average-share", "0"],
         &["--antialias", "mip"],
         &["--cutoffs", "parity"],
         &["--init-points", "5"],
