@@ -2,53 +2,24 @@
 
 #![allow(clippy::unwrap_used)] // Helpers of tests are no tests to clippy.
 
-use std::path::{Path, PathBuf};
+mod common;
 
-use luxel_core::{Dataset, NoiseModel, PixelValues, View};
-use luxel_io::{DatasetFormat, Exposures, IoError, LoadOptions, MaskSource, Supervision, detect_format, load_dataset};
-use tempfile::TempDir;
+use common::Scene;
+use luxel_core::{NoiseModel, PixelValues, View};
+use luxel_io::{DatasetFormat, Exposures, LoadOptions, MaskSource, Supervision, detect_format};
 
-const SIZE: [usize; 2] = [16, 8];
 const LENS: &str = r#""fl_x": 20, "fl_y": 20, "cx": 8, "cy": 4, "w": 16, "h": 8"#;
 
-/// A folder that is removed at the end of the test.
-struct Scene(TempDir);
-
 impl Scene {
-    fn new() -> Self {
-        Self(tempfile::tempdir().unwrap())
-    }
-
-    fn path(&self) -> &Path {
-        self.0.path()
-    }
-
-    fn write(&self, name: &str, content: impl AsRef<[u8]>) -> PathBuf {
-        let path = self.path().join(name);
-        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
-        std::fs::write(&path, content).unwrap();
-        path
-    }
-
-    fn exr(&self, name: &str, value: f32) {
-        let path = self.write(name, "");
-        exr::prelude::write_rgb_file(path, SIZE[0], SIZE[1], |_, _| (value, value, value)).unwrap();
-    }
-
-    fn png(&self, name: &str, rgba: impl Fn(u32, u32) -> [u8; 4]) {
-        let path = self.write(name, "");
-        image::RgbaImage::from_fn(SIZE[0] as u32, SIZE[1] as u32, |x, y| image::Rgba(rgba(x, y))).save(path).unwrap();
+    fn flat(&self, name: &str, value: f32) {
+        self.exr(name, |_, _| [value; 3]);
     }
 
     fn grey(&self, name: &str, value: u8) {
         self.png(name, |_, _| [value, value, value, 255]);
     }
 
-    fn read(&self, options: LoadOptions) -> Result<Dataset, IoError> {
-        load_dataset(self.path(), &options)
-    }
-
-    fn error(&self, options: LoadOptions) -> String {
+    fn error(&self, options: &LoadOptions) -> String {
         self.read(options).unwrap_err().to_string()
     }
 }
@@ -88,8 +59,8 @@ fn names(views: &[View]) -> Vec<&str> {
 /// Two images, the left half of whose masks is black.
 fn two_with_masks(folder: &str) -> Scene {
     let scene = Scene::new();
-    scene.exr("images/a.exr", 1.0);
-    scene.exr("images/b.exr", 2.0);
+    scene.flat("images/a.exr", 1.0);
+    scene.flat("images/b.exr", 2.0);
     scene.write("transforms.json", transforms(&[("images/a.exr", 0.0, ""), ("images/b.exr", 1.0, "")]));
     split(&scene, &["a", "b"], &[]);
     let half = |x: u32| if x < 8 { [0, 0, 0, 255] } else { [255, 255, 255, 255] };
@@ -101,11 +72,11 @@ fn two_with_masks(folder: &str) -> Scene {
 #[test]
 fn masks_beside_a_data_set_are_used_unless_they_are_not_wanted() {
     let scene = two_with_masks("masks");
-    let data = scene.read(LoadOptions::default()).unwrap();
+    let data = scene.read(&LoadOptions::default()).unwrap();
     for view in &data.train {
         assert!((0..16).all(|x| view.is_valid(x) == (x >= 8)), "{}", view.name);
     }
-    let off = scene.read(masked(MaskSource::Off)).unwrap();
+    let off = scene.read(&masked(MaskSource::Off)).unwrap();
     assert!(off.train.iter().all(|view| view.mask.is_none()));
     assert_ne!(off.fingerprint, data.fingerprint);
 }
@@ -113,25 +84,25 @@ fn masks_beside_a_data_set_are_used_unless_they_are_not_wanted() {
 #[test]
 fn masks_of_a_folder_are_found_by_the_images_names() {
     let scene = two_with_masks("elsewhere");
-    assert!(scene.read(LoadOptions::default()).unwrap().train.iter().all(|view| view.mask.is_none()));
+    assert!(scene.read(&LoadOptions::default()).unwrap().train.iter().all(|view| view.mask.is_none()));
     let folder = scene.path().join("elsewhere");
-    let data = scene.read(masked(MaskSource::Folder(folder.clone()))).unwrap();
+    let data = scene.read(&masked(MaskSource::Folder(folder.clone()))).unwrap();
     assert!(data.train.iter().all(|view| view.mask.is_some()));
     std::fs::remove_file(folder.join("b.exr.png")).unwrap();
-    let data = scene.read(masked(MaskSource::Folder(folder.clone()))).unwrap();
+    let data = scene.read(&masked(MaskSource::Folder(folder.clone()))).unwrap();
     assert!(data.warnings.iter().any(|w| w.contains("no mask for 1 of 2 images (images/b)")), "{:?}", data.warnings);
     std::fs::remove_file(folder.join("a.png")).unwrap();
-    assert!(scene.error(masked(MaskSource::Folder(folder.clone()))).contains("expected a.png"));
-    assert!(scene.error(masked(MaskSource::Folder(folder.join("none")))).contains("is no folder"));
+    assert!(scene.error(&masked(MaskSource::Folder(folder.clone()))).contains("expected a.png"));
+    assert!(scene.error(&masked(MaskSource::Folder(folder.join("none")))).contains("is no folder"));
 }
 
 #[test]
 fn a_mask_is_of_its_images_size_and_follows_it_through_a_reduction() {
     let scene = two_with_masks("masks");
-    let half = scene.read(LoadOptions { downscale: 2, ..LoadOptions::default() }).unwrap();
+    let half = scene.read(&LoadOptions { downscale: 2, ..LoadOptions::default() }).unwrap();
     assert!((0..8).all(|x| half.train[0].is_valid(x) == (x >= 4)));
     image::RgbaImage::new(4, 4).save(scene.path().join("masks/a.png")).unwrap();
-    let error = scene.error(LoadOptions::default());
+    let error = scene.error(&LoadOptions::default());
     assert!(error.contains("a mask of 4 x 4 pixels, its image has 16 x 8"), "{error}");
 }
 
@@ -142,25 +113,25 @@ fn grey_masks_and_alpha_are_weights() {
     scene.write("transforms.json", transforms(&[("images/a.png", 0.0, ", \"mask_path\": \"m/0.png\"")]));
     scene.png("m/0.png", |_, y| if y < 4 { [102, 102, 102, 255] } else { [255, 255, 255, 255] });
     let options = |masks| LoadOptions { transfer: Some(luxel_io::Transfer::Linear), ..masked(masks) };
-    let of_file = scene.read(options(MaskSource::Auto)).unwrap();
+    let of_file = scene.read(&options(MaskSource::Auto)).unwrap();
     let weights = &of_file.train[0].mask.as_ref().unwrap().weights;
     assert!((weights[0] - 0.4).abs() < 1e-6 && weights[16 * 7] == 1.0, "{weights:?}");
     // Without alpha as a mask the colour is composited over black.
     assert!(of_file.train[0].image.pixels[0][0] < 0.2);
-    let alpha = scene.read(options(MaskSource::Alpha)).unwrap();
+    let alpha = scene.read(&options(MaskSource::Alpha)).unwrap();
     let weights = &alpha.train[0].mask.as_ref().unwrap().weights;
     assert!((weights[0] - 0.2).abs() < 1e-6 && weights[15] == 1.0 && alpha.train[0].image.pixels[0][0] > 0.7);
-    scene.exr("images/a.png", 1.0);
-    assert!(scene.error(options(MaskSource::Alpha)).contains("has no alpha channel"));
+    scene.flat("images/a.png", 1.0);
+    assert!(scene.error(&options(MaskSource::Alpha)).contains("has no alpha channel"));
     std::fs::remove_file(scene.path().join("m/0.png")).unwrap();
-    assert!(scene.error(options(MaskSource::Auto)).contains("its mask"));
+    assert!(scene.error(&options(MaskSource::Auto)).contains("its mask"));
 }
 
 #[test]
 fn noise_is_as_the_frames_state_it() {
     let scene = Scene::new();
     for name in ["a", "b", "c"] {
-        scene.exr(&format!("images/{name}.exr"), 1.0);
+        scene.flat(&format!("images/{name}.exr"), 1.0);
     }
     let frames = [
         ("images/a.exr", 0.0, r#", "noise": [0.01, 0.002]"#),
@@ -169,12 +140,12 @@ fn noise_is_as_the_frames_state_it() {
     ];
     scene.write("transforms.json", transforms(&frames));
     split(&scene, &["a", "b", "c"], &[]);
-    let data = scene.read(LoadOptions::default()).unwrap();
+    let data = scene.read(&LoadOptions::default()).unwrap();
     let found: Vec<_> = data.train.iter().map(|view| view.noise).collect();
     assert_eq!(found, [Some(NoiseModel { read: 0.01, shot: 0.002 }), Some(NoiseModel::of_iso(400.0, 2.0)), None]);
     for bad in [r#", "noise": [1]"#, r#", "noise": [-1, 0]"#, r#", "iso": 0"#, r#", "iso": "low""#, r#", "exposure": -1"#] {
         scene.write("transforms.json", transforms(&[("images/a.exr", 0.0, bad)]));
-        let error = scene.error(LoadOptions::default());
+        let error = scene.error(&LoadOptions::default());
         assert!(error.contains("frame 0"), "{bad}: {error}");
     }
 }
@@ -192,7 +163,7 @@ fn bracketed() -> Scene {
         scene.grey(file, 50 + 10 * i as u8);
         frames.push((file.as_str(), *x, more.as_str()));
     }
-    scene.exr("hdr/2.exr", 3.0);
+    scene.flat("hdr/2.exr", 3.0);
     frames.push(("hdr/2.exr", 2.0, ""));
     scene.write("transforms.json", transforms(&frames));
     split(&scene, &["0_0", "0_1", "0_2", "1_0", "1_1", "1_2"], &["hdr/2"]);
@@ -201,33 +172,33 @@ fn bracketed() -> Scene {
 
 #[test]
 fn recordings_are_read_as_they_are_with_their_exposures() {
-    let data = bracketed().read(ldr(Exposures::All)).unwrap();
+    let data = bracketed().read(&ldr(Exposures::All)).unwrap();
     let exposures: Vec<_> = data.train.iter().map(recorded).collect();
     assert_eq!(exposures, [0.5, 1.0, 2.0, 0.5, 1.0, 2.0].map(Some));
     assert!((data.train[1].image.pixels[0][0] - 60.0 / 255.0).abs() < 1e-6);
     assert_eq!((recorded(&data.test[0]), data.test[0].image.pixels[0]), (None, [3.0; 3]));
     assert!(data.warnings.is_empty(), "{:?}", data.warnings);
     // Reduced in linear light and recorded again: one colour stays.
-    let half = bracketed().read(LoadOptions { downscale: 2, ..ldr(Exposures::All) }).unwrap();
+    let half = bracketed().read(&LoadOptions { downscale: 2, ..ldr(Exposures::All) }).unwrap();
     assert!((half.train[1].image.pixels[0][0] - 60.0 / 255.0).abs() < 1e-5);
 }
 
 #[test]
 fn brackets_are_thinned_out_to_what_is_asked_for() {
     let scene = bracketed();
-    assert_eq!(names(&scene.read(ldr(Exposures::Single)).unwrap().train), ["ldr/0_0", "ldr/1_1"]);
-    assert_eq!(names(&scene.read(ldr(Exposures::Of(vec![0, 2]))).unwrap().train), ["ldr/0_0", "ldr/0_2", "ldr/1_0", "ldr/1_2"]);
-    assert!(scene.error(ldr(Exposures::Of(vec![7]))).contains("no bracket has exposures 7"));
+    assert_eq!(names(&scene.read(&ldr(Exposures::Single)).unwrap().train), ["ldr/0_0", "ldr/1_1"]);
+    assert_eq!(names(&scene.read(&ldr(Exposures::Of(vec![0, 2]))).unwrap().train), ["ldr/0_0", "ldr/0_2", "ldr/1_0", "ldr/1_2"]);
+    assert!(scene.error(&ldr(Exposures::Of(vec![7]))).contains("no bracket has exposures 7"));
 }
 
 #[test]
 fn recordings_without_exposure_and_radiance_to_train_on_are_refused() {
     let scene = bracketed();
     split(&scene, &["0_0", "hdr/2"], &[]);
-    assert!(scene.error(ldr(Exposures::All)).contains("holds radiance, expected a recording"));
+    assert!(scene.error(&ldr(Exposures::All)).contains("holds radiance, expected a recording"));
     scene.write("transforms.json", transforms(&[("ldr/0_0.png", 0.0, ""), ("ldr/0_1.png", 1.0, "")]));
     split(&scene, &["0_0"], &["0_1"]);
-    assert!(scene.error(ldr(Exposures::All)).contains("has no \"exposure\""));
+    assert!(scene.error(&ldr(Exposures::All)).contains("has no \"exposure\""));
 }
 
 fn pair(scene: &Scene) {
@@ -247,17 +218,17 @@ fn pair(scene: &Scene) {
 fn hdr_nerf_scenes_give_recordings_with_and_without_ground_truth() {
     let scene = Scene::new();
     pair(&scene);
-    let data = scene.read(ldr(Exposures::All)).unwrap();
+    let data = scene.read(&ldr(Exposures::All)).unwrap();
     assert_eq!((names(&data.train), data.test.len()), (vec!["train/r_0_0", "train/r_0_1", "train/r_0_2"], 3));
     assert_eq!(data.test.iter().map(recorded).collect::<Vec<_>>(), [0.25, 1.0, 4.0].map(Some));
-    scene.exr("test_hdr/hdr_000.exr", 5.0);
-    let data = scene.read(ldr(Exposures::Of(vec![1]))).unwrap();
+    scene.flat("test_hdr/hdr_000.exr", 5.0);
+    let data = scene.read(&ldr(Exposures::Of(vec![1]))).unwrap();
     assert_eq!((names(&data.train), names(&data.test)), (vec!["train/r_0_1"], vec!["test_hdr/hdr_000"]));
     assert_eq!(recorded(&data.test[0]), None);
     // As radiance the training images are missing.
-    assert!(scene.error(LoadOptions::default()).contains("does not exist"));
+    assert!(scene.error(&LoadOptions::default()).contains("does not exist"));
     scene.write("exposure_train.json", r#"{"r_0_0.png": 0}"#);
-    assert!(scene.error(ldr(Exposures::All)).contains("expected seconds"));
+    assert!(scene.error(&ldr(Exposures::All)).contains("expected seconds"));
 }
 
 fn npy(rows: &[[f64; 18]]) -> Vec<u8> {
@@ -289,18 +260,18 @@ fn hdr_nerf_real_scenes_are_brackets_of_a_table() {
     }
     scene.write("poses_bounds_exps.npy", npy(&rows));
     assert_eq!(detect_format(scene.path()).unwrap(), DatasetFormat::HdrNerfReal);
-    let data = scene.read(ldr(Exposures::All)).unwrap();
+    let data = scene.read(&ldr(Exposures::All)).unwrap();
     // Poses 0 and 8 are held out.
     assert_eq!((data.train.len(), data.test.len()), (14, 4));
     assert_eq!((data.train[0].name.as_str(), recorded(&data.train[1])), ("input_images/001_0", Some(2.0)));
     let camera = &data.train[2].camera;
     assert_eq!((camera.eye().to_array(), camera.size_px), ([2.0, 0.0, 4.0], [16, 8]));
     assert!(camera.project(glam::DVec3::new(2.0, 1.0, 0.0)).unwrap().0.y < 4.0);
-    assert!(scene.error(LoadOptions::default()).contains("--supervision ldr"));
+    assert!(scene.error(&LoadOptions::default()).contains("--supervision ldr"));
     scene.write("poses_bounds_exps.npy", npy(&rows[1..]));
-    assert!(scene.error(ldr(Exposures::All)).contains("expected a row an image"));
+    assert!(scene.error(&ldr(Exposures::All)).contains("expected a row an image"));
     scene.write("poses_bounds_exps.npy", &npy(&rows)[..400]);
-    assert!(scene.error(ldr(Exposures::All)).contains("damaged"));
+    assert!(scene.error(&ldr(Exposures::All)).contains("damaged"));
 }
 
 /// A COLMAP model as text, of images side by side.
@@ -320,19 +291,19 @@ fn repacked_scenes_give_recordings_with_and_without_ground_truth() {
     let seconds: Vec<String> = images.iter().enumerate().map(|(i, name)| format!("{name:?}: {}", 0.5 + (i % 2) as f64)).collect();
     scene.write("exposure.json", format!("{{{}}}", seconds.join(", ")));
     assert_eq!(detect_format(scene.path()).unwrap(), DatasetFormat::GaussHdr);
-    let data = scene.read(ldr(Exposures::All)).unwrap();
+    let data = scene.read(&ldr(Exposures::All)).unwrap();
     assert_eq!(names(&data.train), ["images/train_ldr_000_0", "images/train_ldr_000_1"]);
     assert_eq!(data.test.iter().map(recorded).collect::<Vec<_>>(), [0.5, 1.5].map(Some));
-    scene.exr("images_hdr/test_hdr_000.exr", 3.0);
-    assert_eq!(names(&scene.read(ldr(Exposures::All)).unwrap().test), ["images_hdr/test_hdr_000"]);
+    scene.flat("images_hdr/test_hdr_000.exr", 3.0);
+    assert_eq!(names(&scene.read(&ldr(Exposures::All)).unwrap().test), ["images_hdr/test_hdr_000"]);
 
     let scene = Scene::new();
     let images: Vec<String> = (0..2).flat_map(|view| (0..2).map(move |k| format!("{view}_{k}.png"))).collect();
     images.iter().for_each(|name| scene.grey(&format!("images/{name}"), 99));
     model(&scene, &images);
     let as_hdr_gs = || LoadOptions { format: Some(DatasetFormat::HdrGs), ..ldr(Exposures::All) };
-    let data = scene.read(as_hdr_gs()).unwrap();
+    let data = scene.read(&as_hdr_gs()).unwrap();
     assert_eq!(data.train.iter().chain(&data.test).map(recorded).collect::<Vec<_>>(), [0.125, 0.5, 0.125, 0.5].map(Some));
-    scene.exr("exr/1.exr", 3.0);
-    assert_eq!(names(&scene.read(as_hdr_gs()).unwrap().test), ["exr/1"]);
+    scene.flat("exr/1.exr", 3.0);
+    assert_eq!(names(&scene.read(&as_hdr_gs()).unwrap().test), ["exr/1"]);
 }

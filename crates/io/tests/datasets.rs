@@ -2,42 +2,18 @@
 
 #![allow(clippy::unwrap_used)] // Helpers of tests are no tests to clippy.
 
+mod common;
+
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
+use common::Scene;
 use glam::{DVec2, DVec3};
 use luxel_core::{BadPixels, ColorSpace, Dataset, Distortion};
 use luxel_io::{DatasetFormat, IoErrorKind, LoadOptions, Transfer, detect_format, load_dataset, parse_split, parse_transforms};
 use proptest::prelude::*;
-use tempfile::TempDir;
-
-/// Size of the test images, pixels.
-const SIZE: [usize; 2] = [16, 8];
-
-/// A folder that is removed at the end of the test.
-struct Scene(TempDir);
 
 impl Scene {
-    fn new() -> Self {
-        Self(tempfile::tempdir().unwrap())
-    }
-
-    fn path(&self) -> &Path {
-        self.0.path()
-    }
-
-    fn write(&self, name: &str, content: impl AsRef<[u8]>) -> PathBuf {
-        let path = self.path().join(name);
-        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
-        std::fs::write(&path, content).unwrap();
-        path
-    }
-
-    fn exr(&self, name: &str, pixel: impl Fn(usize, usize) -> [f32; 3] + Sync) {
-        let path = self.write(name, "");
-        exr::prelude::write_rgb_file(path, SIZE[0], SIZE[1], |x, y| pixel(x, y).into()).unwrap();
-    }
-
     /// Images of one colour each.
     fn exrs<S: AsRef<str>>(&self, names: impl IntoIterator<Item = S>) {
         for (i, name) in names.into_iter().enumerate() {
@@ -45,17 +21,12 @@ impl Scene {
         }
     }
 
-    fn png8(&self, name: &str, rgba: [u8; 4]) {
-        let path = self.write(name, "");
-        image::RgbaImage::from_pixel(SIZE[0] as u32, SIZE[1] as u32, image::Rgba(rgba)).save(path).unwrap();
-    }
-
     fn load(&self) -> Dataset {
-        load_dataset(self.path(), &LoadOptions::default()).unwrap()
+        self.read(&LoadOptions::default()).unwrap()
     }
 
     fn error(&self) -> String {
-        load_dataset(self.path(), &LoadOptions::default()).unwrap_err().to_string()
+        self.read(&LoadOptions::default()).unwrap_err().to_string()
     }
 }
 
@@ -436,7 +407,7 @@ fn bad_pixels_are_counted_zeroed_and_masked() {
 fn eight_bit_images_need_a_transfer_and_warn_once() {
     let scene = Scene::new();
     for name in ["a.png", "b.png", "c.png"] {
-        scene.png8(name, [255, 51, 0, 51]);
+        scene.png(name, |_, _| [255, 51, 0, 51]);
     }
     scene.write("transforms.json", transforms(LENS, &["a.png", "b.png", "c.png"]));
     assert!(scene.error().contains("--transfer"), "{}", scene.error());
