@@ -39,22 +39,8 @@ fn poses() -> Vec<u8> {
     [&b"\x93NUMPY\x01\x00"[..], &(header.len() as u16).to_le_bytes(), header.as_bytes()].concat().into_iter().chain(samples).collect()
 }
 
-const CONFIG: &str = "ocio_profile_version: 2
-search_path: \"\"
-roles:
-  default: ACES2065-1
-  aces_interchange: ACES2065-1
-displays:
-  sRGB:
-    - !<View> {name: Raw, colorspace: ACES2065-1}
-active_displays: []
-active_views: []
-colorspaces:
-  - !<ColorSpace>
-    name: ACES2065-1
-  - !<ColorSpace>
-    name: input
-";
+/// Ends within the colour space `input`, whose way to the scene is missing.
+const CONFIG: &str = include_str!("../fuzz_targets/config.ocio");
 
 const TRANSFORMS: [(&str, &str); 4] = [
     ("matrix", "!<MatrixTransform> {matrix: [0.5, 0, 0, 0, 0, 0.5, 0, 0, 0, 0, 0.5, 0, 0, 0, 0, 1]}"),

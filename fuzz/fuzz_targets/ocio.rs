@@ -26,23 +26,8 @@ const TABLES: [&str; 12] = [
     "lut.mga",
 ];
 
-const CONFIG: &str = "ocio_profile_version: 2
-search_path: .
-roles:
-  default: ACES2065-1
-  aces_interchange: ACES2065-1
-displays:
-  sRGB:
-    - !<View> {name: Raw, colorspace: ACES2065-1}
-active_displays: []
-active_views: []
-colorspaces:
-  - !<ColorSpace>
-    name: ACES2065-1
-  - !<ColorSpace>
-    name: input
-    to_scene_reference: !<FileTransform> {src: TABLE}
-";
+/// Ends within the colour space `input`, whose way to the scene is missing.
+const CONFIG: &str = include_str!("config.ocio");
 
 fuzz_target!(|bytes: &[u8]| {
     let folder = std::env::temp_dir().join(format!("luxel-fuzz-ocio-{}", std::process::id()));
@@ -52,7 +37,7 @@ fuzz_target!(|bytes: &[u8]| {
     match table {
         Some((name, content)) => {
             write(folder.join(name), content).expect("a temporary file");
-            write(&config, CONFIG.replace("TABLE", name)).expect("a temporary file");
+            write(&config, format!("{CONFIG}    to_scene_reference: !<FileTransform> {{src: {name}}}\n")).expect("a temporary file");
         }
         None => write(&config, bytes).expect("a temporary file"),
     }
