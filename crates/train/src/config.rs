@@ -114,6 +114,10 @@ pub struct TrainConfig {
     /// No bound is below 40000 splats. --max-splats wins; --preset paper has no bound
     #[arg(long, value_name = "PIXELS", default_value = "72", help_heading = "Splats")]
     pub pixels_per_splat: Option<u32>,
+    /// Part of the largest number of splats that a round may replace once that is reached (adc), 0 to 1: the splats that the training views see
+    /// least of go, and those whose gradients are largest are cloned or split in their place
+    #[arg(long, value_name = "PART", default_value_t = 0.1, help_heading = "Splats")]
+    pub turnover: f32,
     /// Split by sums of absolute pixel gradients (AbsGS; adc only)
     #[arg(long, help_heading = "Splats")]
     pub absgrad: bool,

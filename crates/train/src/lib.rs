@@ -7,6 +7,7 @@
 mod average;
 mod camera_response;
 mod config;
+mod contribution;
 pub mod densify;
 mod error;
 mod evaluate;

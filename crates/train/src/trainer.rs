@@ -16,6 +16,7 @@ use luxel_core::{
 use crate::average::Average;
 use crate::camera_response::{CameraResponse, exposure_of};
 use crate::config::Strategy;
+use crate::contribution::contribution;
 use crate::densify::{adc::Adc, mcmc::Mcmc};
 use crate::gains::{Gains, log_ratio, log_ratio_of_view};
 use crate::noise::Seen;
@@ -309,6 +310,7 @@ impl Trainer {
     fn round(&mut self, step: u32) -> Result<Vec<PlanRow>, TrainError> {
         let geometry = self.engine.geometry()?;
         let config = &self.state.config;
+        let max_splats = config.splat_limit(self.views.train_px());
         let rows = match config.strategy {
             Strategy::Adc => {
                 let percent = config.percent_dense.unwrap_or(if config.absgrad { PERCENT_DENSE_ABSGRAD } else { PERCENT_DENSE });
@@ -319,13 +321,15 @@ impl Trainer {
                     dense_scale: percent * extent,
                     prune_opacity: config.prune_opacity,
                     prune_scale: self.schedule.has_reset_before(step).then(|| Adc::prune_scale_of(extent)),
-                    max_splats: config.splat_limit(self.views.train_px()),
+                    max_splats,
+                    max_replaced: (config.turnover * max_splats as f32) as usize,
                 };
-                let stats = self.engine.densify_stats()?;
-                policy.plan(&stats, &geometry, &mut self.state.rng)
+                let (stats, options) = (self.engine.densify_stats()?, self.render_options_of(step));
+                let at = (step, step / self.schedule.densify_interval);
+                let contribution = || contribution(&mut *self.engine, &mut self.views, at, &options);
+                policy.plan((&stats, &geometry), contribution, &mut self.state.rng)?
             }
             Strategy::Mcmc => {
-                let max_splats = config.splat_limit(self.views.train_px());
                 let policy = Mcmc { dead_opacity: config.prune_opacity, growth: config.mcmc_growth, max_splats };
                 policy.plan(&geometry, &mut self.state.rng)
             }

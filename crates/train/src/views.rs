@@ -59,6 +59,11 @@ impl TrainingViews {
         Self { full, weighted, stages, seen, reduced: None, current: None }
     }
 
+    /// How many there are.
+    pub(crate) fn len(&self) -> usize {
+        self.full.len()
+    }
+
     /// Of full resolution.
     pub(crate) fn cameras(&self) -> Vec<&Camera> {
         self.full.iter().map(|view| &view.camera).collect()

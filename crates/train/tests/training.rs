@@ -80,7 +80,8 @@ fn a_resumed_run_equals_an_unbroken_one_across_densification() {
     // The step that is saved lies among those that are averaged; the last is the planned one.
     let averaged = TrainConfig { average_share: 0.6, densify_until: Some(26), ..config(60) };
     let averaged = TrainConfig { densify_threshold: 1e-5, ..averaged };
-    for config in [adc, mip, mcmc, stages, mip_stages, averaged] {
+    let bounded = TrainConfig { max_splats: Some(230), turnover: 0.2, ..adc.clone() };
+    for config in [adc, mip, mcmc, stages, mip_stages, averaged, bounded] {
         let (unbroken, resumed) = unbroken_and_resumed(&config);
         assert!(unbroken.scene.splats.len() > 216, "no densification took place: {}", unbroken.scene.splats.len());
         assert!(
@@ -91,6 +92,20 @@ fn a_resumed_run_equals_an_unbroken_one_across_densification() {
             config.resolution_schedule
         );
     }
+}
+
+#[test]
+fn at_the_bound_splats_change_hands_and_stay_within_it() {
+    let data = dataset();
+    let bounded = |turnover| TrainConfig { densify_threshold: 1e-5, max_splats: Some(230), turnover, ..config(120) };
+    let opacities = |turnover| {
+        let mut trainer = Trainer::new(&data, bounded(turnover), engine()).unwrap();
+        run(&mut trainer, 60);
+        trainer.scene().unwrap().splats.opacity_logit
+    };
+    let (fixed, changed) = (opacities(0.0), opacities(0.2));
+    assert_eq!((fixed.len(), changed.len()), (230, 230));
+    assert_ne!(fixed, changed);
 }
 
 #[test]

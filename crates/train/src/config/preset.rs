@@ -54,6 +54,8 @@ presets! {
     max_splats:              None,                        None,                        None;
     /// Paper: as many as the gradients ask for. Else: beyond this the training images are learned by heart, and the test views lose.
     pixels_per_splat:        None,                        Some(72),                    Some(72);
+    /// Not in the paper, which has no bound: without it, growth ends where it stands when the bound is reached.
+    turnover:                0.0,                         0.1,                         0.1;
     /// Full size throughout: a schedule saves little where splats, not pixels, make the cost.
     resolution_schedule:     ResolutionSchedule::Off,     ResolutionSchedule::Off,     ResolutionSchedule::Off;
     /// Paper: its equation 5 with its lambda of 0.2, to the letter. Else: 3DGS's weights.

@@ -105,6 +105,7 @@ impl TrainConfig {
             ("ssim-weight", self.ssim_weight),
             ("squared-share", self.squared_share),
             ("prune-opacity", self.prune_opacity),
+            ("turnover", self.turnover),
             ("mcmc-growth", self.mcmc_growth),
         ];
         for (option, value) in parts {

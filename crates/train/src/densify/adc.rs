@@ -3,6 +3,10 @@
 //! In: `stats [N]` since the last round, `geometry [N]`, thresholds; out: rows of the scene to be, in this order: the old splats that
 //! stay, clones, halves of split splats. A splat's gradient is its mean over the views it was visible in, in NDC units; a splat
 //! that was never visible has gradient 0 and stays unless it is transparent.
+//!
+//! A bound on splats alone would end growth where it stands when the bound is reached, which is early. So a part of the splats changes hands in
+//! every round that asks for more than there is room for: those that the views see least of go, as in the budgets of Mini-Splatting (Fang and Wang
+//! 2024) and Taming 3DGS (Mallick et al. 2024), and the largest gradients have their places.
 
 use luxel_core::{DensifyStats, Geometry, PlanRow, sigmoid};
 use rand::Rng;
@@ -30,6 +34,8 @@ pub struct Adc {
     pub prune_scale: Option<f32>,
     /// Most splats there may be; those with the largest gradients are densified first.
     pub max_splats: usize,
+    /// Most splats that a round removes to make room for others within `max_splats`, least contribution first.
+    pub max_replaced: usize,
 }
 
 impl Adc {
@@ -38,11 +44,26 @@ impl Adc {
         PRUNE_SCALE * extent
     }
 
-    /// The scene to be.
-    pub fn plan(&self, stats: &DensifyStats, geometry: &Geometry, rng: &mut impl Rng) -> Vec<PlanRow> {
+    /// The scene to be. `contribution` says how much the views see of each splat (`[N]`, in any unit) and is asked only if there is not room for all that
+    /// would grow.
+    ///
+    /// # Errors
+    /// Those of `contribution`.
+    pub fn plan<E>(
+        &self,
+        (stats, geometry): (&DensifyStats, &Geometry),
+        contribution: impl FnOnce() -> Result<Vec<f32>, E>,
+        rng: &mut impl Rng,
+    ) -> Result<Vec<PlanRow>, E> {
         let count = geometry.position.len();
         let mut actions: Vec<Action> = (0..count).map(|i| self.action(stats, geometry, i)).collect();
-        self.keep_within_limit(&mut actions);
+        let replaced = self.lacking(&actions).min(self.max_replaced);
+        if replaced > 0 {
+            // Who finds no place even then stays as it is, and may itself have to go.
+            keep_within(&mut actions, self.max_splats.saturating_add(replaced));
+            make_room(&mut actions, replaced, &contribution()?);
+        }
+        keep_within(&mut actions, self.max_splats);
         let kept = actions.iter().zip(0u32..).filter(|(action, _)| matches!(action, Action::Keep | Action::Clone(_)));
         let mut rows: Vec<PlanRow> = kept.map(|(_, i)| PlanRow::keep(i)).collect();
         let clones = actions.iter().zip(0u32..).filter(|(action, _)| matches!(action, Action::Clone(_)));
@@ -57,7 +78,7 @@ impl Adc {
                 });
             }
         }
-        rows
+        Ok(rows)
     }
 
     /// What happens to splat `i`, were there no limit.
@@ -86,19 +107,39 @@ impl Adc {
         }
     }
 
-    /// Clones and splits, each one splat more, as far as the limit allows: largest gradient first, then lowest index.
-    fn keep_within_limit(&self, actions: &mut [Action]) {
-        let survivors = actions.iter().filter(|action| !matches!(action, Action::Prune)).count();
-        let room = self.max_splats.saturating_sub(survivors);
-        let mut growing: Vec<(f32, usize)> =
-            actions.iter().enumerate().filter_map(|(i, action)| action.urgency().map(|urgency| (urgency, i))).collect();
-        if growing.len() <= room {
-            return;
-        }
-        growing.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-        for (_, i) in growing.drain(room..) {
-            actions[i] = Action::Keep;
-        }
+    /// Splats above the limit, if everything that would grow did.
+    fn lacking(&self, actions: &[Action]) -> usize {
+        let growing = actions.iter().filter(|action| action.urgency().is_some()).count();
+        (survivors(actions) + growing).saturating_sub(self.max_splats)
+    }
+}
+
+/// Splats that are left if none grows.
+fn survivors(actions: &[Action]) -> usize {
+    actions.iter().filter(|action| !matches!(action, Action::Prune)).count()
+}
+
+/// Clones and splits, each one splat more, as far as `limit` allows: largest gradient first, then lowest index.
+fn keep_within(actions: &mut [Action], limit: usize) {
+    let room = limit.saturating_sub(survivors(actions));
+    let mut growing: Vec<(f32, usize)> =
+        actions.iter().enumerate().filter_map(|(i, action)| action.urgency().map(|urgency| (urgency, i))).collect();
+    if growing.len() <= room {
+        return;
+    }
+    growing.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+    for (_, i) in growing.drain(room..) {
+        actions[i] = Action::Keep;
+    }
+}
+
+/// Removes `count` of the splats that would stay as they are: least contribution first, then lowest index.
+fn make_room(actions: &mut [Action], count: usize, contribution: &[f32]) {
+    let staying = actions.iter().zip(contribution).enumerate().filter(|(_, (action, _))| matches!(action, Action::Keep));
+    let mut least: Vec<(f32, usize)> = staying.map(|(i, (_, contribution))| (*contribution, i)).collect();
+    least.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    for (_, i) in least.into_iter().take(count) {
+        actions[i] = Action::Prune;
     }
 }
 
@@ -135,6 +176,7 @@ mod tests {
         prune_opacity: 0.005,
         prune_scale: None,
         max_splats: usize::MAX,
+        max_replaced: 0,
     };
 
     /// Splats of (scale, opacity, summed gradient, summed absolute gradient, views).
@@ -157,8 +199,17 @@ mod tests {
     }
 
     fn plan(policy: &Adc, splats: &[(f32, f32, f32, f32, u32)]) -> Vec<PlanRow> {
+        let unasked = || -> Result<Vec<f32>, String> { Err("contributions are not needed".to_owned()) };
+        plan_by(policy, splats, unasked).unwrap()
+    }
+
+    fn plan_by(
+        policy: &Adc,
+        splats: &[(f32, f32, f32, f32, u32)],
+        contribution: impl FnOnce() -> Result<Vec<f32>, String>,
+    ) -> Result<Vec<PlanRow>, String> {
         let (stats, geometry) = scene(splats);
-        policy.plan(&stats, &geometry, &mut Pcg64Mcg::seed_from_u64(1))
+        policy.plan((&stats, &geometry), contribution, &mut Pcg64Mcg::seed_from_u64(1))
     }
 
     #[test]
@@ -213,6 +264,32 @@ mod tests {
         // At or above the limit already: pruning alone.
         assert_eq!(limited(3), [0, 1, 2]);
         assert_eq!(limited(1), [0, 1, 2]);
+    }
+
+    #[test]
+    fn at_the_limit_what_is_seen_least_gives_way_to_what_asks_for_more() {
+        let splats = [
+            (0.005, 0.5, 3e-4, 0.0, 1), // would be cloned
+            (0.005, 0.5, 0.0, 0.0, 1),
+            (0.005, 0.5, 0.0, 0.0, 1),
+            (0.005, 0.5, 0.0, 0.0, 1),
+            (0.1, 0.5, 5e-4, 0.0, 1), // would be split, first
+        ];
+        // Of 0 and 4, which would grow, the views see least; they stay where their growth has a place.
+        let seen = || Ok(vec![0.1, 3.0, 1.0, 2.0, 0.2]);
+        let replacing = |max_replaced, max_splats| sources(&plan_by(&Adc { max_splats, max_replaced, ..POLICY }, &splats, seen).unwrap());
+        assert_eq!(replacing(0, 5), [0, 1, 2, 3, 4]);
+        assert_eq!(replacing(1, 5), [1, 2, 3, 4, 4]);
+        assert_eq!(replacing(2, 5), [0, 1, 0, 4, 4]);
+        // No more than what is asked for.
+        assert_eq!(replacing(9, 5), [0, 1, 0, 4, 4]);
+        assert_eq!(replacing(9, 6), [0, 1, 3, 0, 4, 4]);
+        // Above the limit: towards it.
+        assert_eq!(replacing(1, 3), [1, 2, 3, 4]);
+        // With room for all nobody is asked; who cannot say ends the round.
+        assert_eq!(sources(&plan(&Adc { max_splats: 7, max_replaced: 9, ..POLICY }, &splats)), [0, 1, 2, 3, 0, 4, 4]);
+        let blind = || Err("blind".to_owned());
+        assert_eq!(plan_by(&Adc { max_splats: 5, max_replaced: 1, ..POLICY }, &splats, blind), Err("blind".to_owned()));
     }
 
     #[test]

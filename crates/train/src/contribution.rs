@@ -1,0 +1,92 @@
+//! What the training views see of each splat: who gives way when there is no room (see [`crate::densify::adc`]).
+//!
+//! In: an engine with `N` splats, the views at the resolution of the step. Out: `[N]`, each splat's blending weights summed over the pixels that count, of
+//! all views looked at; what none of them sees has infinity where views were left out, as another may see it, and 0 where they were not.
+
+use luxel_core::{Engine, RenderOptions};
+
+use crate::TrainError;
+use crate::views::TrainingViews;
+
+/// Views looked at in one round, at most: a view costs about a third of a step, and there are a hundred steps between two rounds.
+const MOST_VIEWS: usize = 24;
+
+/// Contributions in the round of `step`, the `round`th of the run. Where there are more views than are looked at, every so-many-th is, and the next round begins one later.
+pub(crate) fn contribution(
+    engine: &mut dyn Engine,
+    views: &mut TrainingViews,
+    (step, round): (u32, u32),
+    options: &RenderOptions,
+) -> Result<Vec<f32>, TrainError> {
+    let stride = views.len().div_ceil(MOST_VIEWS).max(1);
+    let mut sums = vec![0.0; engine.len()];
+    for index in (round as usize % stride..views.len()).step_by(stride) {
+        let Some(view) = views.at(step, index, [1.0; 3]) else { continue };
+        let counts = view.mask.as_ref().map_or_else(|| vec![1.0; view.image.pixels.len()], |mask| mask.weights.clone());
+        let found = engine.contributions(&view.camera, options, &counts)?;
+        sums.iter_mut().zip(&found.masked).for_each(|(sum, seen)| *sum += seen);
+    }
+    if stride > 1 {
+        sums.iter_mut().filter(|sum| **sum == 0.0).for_each(|sum| *sum = f32::INFINITY);
+    }
+    Ok(sums)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use luxel_core::{ColorModel, Image, Mask, Splat, Splats, View, logit};
+    use luxel_cpu::CpuEngine;
+
+    use super::*;
+    use crate::noise::{NoiseChoice, Seen};
+    use crate::testing::{camera_at, view_of};
+
+    /// A splat that all cameras see, one behind them all.
+    fn splats() -> Splats {
+        let mut splats = Splats::empty(ColorModel::Sh { degree: 0 });
+        for depth in [4.0, -4.0] {
+            let sh = [0.5; 3];
+            let splat = Splat {
+                position: [0.0, 0.0, depth],
+                rotation: [1.0, 0.0, 0.0, 0.0],
+                log_scale: [0.3f32.ln(); 3],
+                opacity_logit: logit(0.6),
+                sh: &sh,
+                raw_luminance: &[],
+            };
+            splats.push(&splat);
+        }
+        splats
+    }
+
+    fn found(train: &[View], round: u32) -> Vec<f32> {
+        let mut engine = CpuEngine::new(1).unwrap();
+        engine.load(&splats(), None).unwrap();
+        let mut views = TrainingViews::new(train, Vec::new(), NoiseChoice::Auto, Seen { radiance_scale: 1.0, mu: 5000.0 });
+        contribution(&mut engine, &mut views, (100, round), &RenderOptions::default()).unwrap()
+    }
+
+    fn view(mask: Option<f32>) -> View {
+        let mask = mask.map(|weight| Arc::new(Mask { weights: vec![weight; 32 * 32] }));
+        View { mask, ..view_of("a", camera_at([0.0; 3], [32, 32]), Image::filled(32, 32, [0.0; 3])) }
+    }
+
+    #[test]
+    fn weights_are_summed_over_the_views_and_over_what_counts_of_them() {
+        let [one, nothing] = found(&[view(None)], 0)[..] else { panic!("two splats") };
+        assert!(one > 1.0 && nothing == 0.0);
+        assert_eq!(found(&[view(None), view(Some(0.0)), view(Some(0.5))], 7), [1.5 * one, 0.0]);
+    }
+
+    #[test]
+    fn of_many_views_every_so_many_th_is_looked_at_and_the_unseen_are_unknown() {
+        let [one, _] = found(&[view(None)], 0)[..] else { panic!("two splats") };
+        // Every third of 60 views; the splat is seen in those alone that the second round looks at.
+        let train: Vec<View> = (0..60).map(|i| view(Some(if i % 3 == 1 { 1.0 } else { 0.0 }))).collect();
+        let second = found(&train, 1);
+        assert!((second[0] / (20.0 * one) - 1.0).abs() < 1e-5 && second[1] == f32::INFINITY);
+        assert_eq!(found(&train, 2), [f32::INFINITY; 2]);
+    }
+}
