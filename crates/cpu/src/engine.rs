@@ -10,6 +10,7 @@ use luxel_core::{
 };
 
 use crate::lanes::{LANES, Lanes};
+use crate::memory::Buffer;
 use crate::passes::adam::Optimizer;
 use crate::passes::bin::Bins;
 use crate::passes::blend::sort_and_rasterize;
@@ -32,6 +33,8 @@ pub struct CpuEngine {
     parameters: Store,
     first: Store,
     second: Store,
+    /// Memory that the next densification builds into: as much as one of the three has, while there are statistics for one.
+    spare: Buffer,
     /// 3D filter by block; empty when the scene has none.
     smoothing: Vec<Lanes>,
     stats: DensifyStats,
@@ -69,6 +72,7 @@ impl CpuEngine {
             parameters: Store::zeros(layout, 0),
             first: Store::zeros(layout, 0),
             second: Store::zeros(layout, 0),
+            spare: Buffer::zeros(0),
             smoothing: Vec::new(),
             stats: DensifyStats::default(),
             frame: Frame::default(),
@@ -312,7 +316,10 @@ impl Engine for CpuEngine {
 
     fn train_step(&mut self, view: &View, step: &StepConfig) -> Result<StepReport, EngineError> {
         let (camera, report) = self.forward_backward(view, step)?;
-        let Self { pool, level, parameters, first, second, smoothing, stats, frame, timings } = self;
+        if step.stats == StatsCollection::Off {
+            self.spare.resize(0);
+        }
+        let Self { pool, level, parameters, first, second, smoothing, stats, frame, timings, .. } = self;
         let inputs = Inputs::new(parameters, smoothing, (&frame.bins, &frame.entries), &step.loss);
         pool.install(|| {
             let mut clock = Clock::new(timings);
@@ -348,12 +355,13 @@ impl Engine for CpuEngine {
 
     fn densify(&mut self, plan: &DensifyPlan) -> Result<(), EngineError> {
         densify::check(plan, self.parameters.count)?;
-        let Self { pool, parameters, first, second, smoothing, stats, timings, .. } = self;
+        let Self { pool, parameters, first, second, spare, smoothing, stats, timings, .. } = self;
         pool.install(|| {
             let mut clock = Clock::new(timings);
-            let moments = [&*first, &*second].map(|m| densify::apply_to_moments(m, parameters, plan));
-            *parameters = densify::apply(parameters, plan);
-            [*first, *second] = moments;
+            for moments in [first, second] {
+                densify::apply_to_moments(moments, parameters, plan, spare);
+            }
+            densify::apply(parameters, plan, spare);
             if let Some(values) = &plan.smoothing {
                 *smoothing = smoothing_lanes(values);
             } else if !smoothing.is_empty() {

@@ -12,15 +12,38 @@ use crate::lanes::Lanes;
 /// Size of a huge page on x86-64 and most of aarch64; a buffer that would not fill one is an ordinary one.
 const HUGE_PAGE: usize = 2 << 20;
 
-/// `[rows, 16]`.
-pub(crate) enum Buffer {
+/// `[rows, 16]`, with room for more rows.
+pub(crate) struct Buffer {
+    memory: Memory,
+    rows: usize,
+}
+
+enum Memory {
     Heap(Vec<Lanes>),
-    /// Anonymous pages, of the buffer's size to the byte.
+    /// Anonymous pages. Those that were never written to take no memory.
     Pages(MmapMut),
 }
 
 impl Buffer {
     pub(crate) fn zeros(rows: usize) -> Self {
+        Self { memory: Memory::zeros(rows), rows }
+    }
+
+    /// Makes it `rows` long. What it holds then is of no use: zeros, or anything that was in its memory before. Memory is taken anew, with room for
+    /// an eighth more, only where it does not suffice or is more than twice too large.
+    pub(crate) fn resize(&mut self, rows: usize) {
+        let room = self.memory.rows().len();
+        if rows > room || rows < room / 2 {
+            // The old goes before the new comes.
+            self.memory = Memory::Heap(Vec::new());
+            self.memory = Memory::zeros(rows + rows / 8);
+        }
+        self.rows = rows;
+    }
+}
+
+impl Memory {
+    fn zeros(rows: usize) -> Self {
         let pages = Some(rows * size_of::<Lanes>()).filter(|bytes| *bytes >= HUGE_PAGE).and_then(|bytes| MmapMut::map_anon(bytes).ok());
         match pages {
             Some(pages) => {
@@ -33,25 +56,33 @@ impl Buffer {
             None => Self::Heap(vec![Lanes::ZERO; rows]),
         }
     }
+
+    fn rows(&self) -> &[Lanes] {
+        match self {
+            Self::Heap(rows) => rows,
+            Self::Pages(pages) => bytemuck::cast_slice(pages),
+        }
+    }
+
+    fn rows_mut(&mut self) -> &mut [Lanes] {
+        match self {
+            Self::Heap(rows) => rows,
+            Self::Pages(pages) => bytemuck::cast_slice_mut(pages),
+        }
+    }
 }
 
 impl Deref for Buffer {
     type Target = [Lanes];
 
     fn deref(&self) -> &[Lanes] {
-        match self {
-            Self::Heap(rows) => rows,
-            Self::Pages(pages) => bytemuck::cast_slice(pages),
-        }
+        &self.memory.rows()[..self.rows]
     }
 }
 
 impl DerefMut for Buffer {
     fn deref_mut(&mut self) -> &mut [Lanes] {
-        match self {
-            Self::Heap(rows) => rows,
-            Self::Pages(pages) => bytemuck::cast_slice_mut(pages),
-        }
+        &mut self.memory.rows_mut()[..self.rows]
     }
 }
 
@@ -70,5 +101,24 @@ mod tests {
                 assert_eq!(buffer[rows - 1].0[15], 1.0);
             }
         }
+    }
+
+    #[test]
+    fn a_resized_buffer_keeps_its_memory_while_it_fits() {
+        let mut buffer = Buffer::zeros(0);
+        let page = HUGE_PAGE / size_of::<Lanes>();
+        buffer.resize(2 * page);
+        let at = buffer.as_ptr();
+        for rows in [2 * page + page / 8, 2 * page, page + page / 4] {
+            buffer.resize(rows);
+            assert_eq!((buffer.len(), buffer.as_ptr()), (rows, at));
+            buffer.fill(Lanes([1.0; 16]));
+        }
+        let room = |buffer: &Buffer| buffer.memory.rows().len();
+        buffer.resize(3 * page);
+        assert_eq!((buffer.len(), room(&buffer)), (3 * page, 3 * page + 3 * page / 8));
+        assert!(buffer.iter().all(|row| *row == Lanes::ZERO));
+        buffer.resize(0);
+        assert_eq!((buffer.len(), room(&buffer)), (0, 0));
     }
 }

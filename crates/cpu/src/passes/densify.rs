@@ -7,7 +7,8 @@ use luxel_core::{DensifyPlan, EngineError, PlanRow};
 use rayon::prelude::*;
 
 use crate::lanes::{LANES, Lanes};
-use crate::store::{Layout, Store};
+use crate::memory::Buffer;
+use crate::store::{Layout, Store, blocks};
 
 /// Checks that a plan fits a scene of `count` splats.
 pub(crate) fn check(plan: &DensifyPlan, count: usize) -> Result<(), EngineError> {
@@ -23,55 +24,55 @@ pub(crate) fn check(plan: &DensifyPlan, count: usize) -> Result<(), EngineError>
     }
 }
 
-/// Builds the parameters of the plan's rows.
-pub(crate) fn apply(parameters: &Store, plan: &DensifyPlan) -> Store {
-    let mut out = gather(parameters, plan, |_| true);
-    let rows = out.layout.rows();
-    out.lanes.par_chunks_mut(rows).zip(plan.rows.par_chunks(LANES)).for_each(|(block, rows)| {
+/// Makes `parameters` those of the plan's rows. `spare` is any memory, and has that of the old ones afterwards.
+pub(crate) fn apply(parameters: &mut Store, plan: &DensifyPlan, spare: &mut Buffer) {
+    gather(parameters, plan, spare, |_| true);
+    let rows = parameters.layout.rows();
+    parameters.lanes.par_chunks_mut(rows).zip(plan.rows.par_chunks(LANES)).for_each(|(block, rows)| {
         for (lane, row) in rows.iter().enumerate() {
             change(block, lane, row);
         }
     });
     if let Some(cap) = plan.opacity_logit_cap {
-        for block in out.lanes.chunks_mut(rows) {
+        for block in parameters.lanes.chunks_mut(rows) {
             for value in &mut block[Layout::OPACITY].0 {
                 *value = value.min(cap);
             }
         }
     }
-    out
 }
 
-/// Builds the moments of the plan's rows. `parameters` are those before the plan: where the cap lowers an opacity, its moment is zero.
-pub(crate) fn apply_to_moments(moments: &Store, parameters: &Store, plan: &DensifyPlan) -> Store {
-    let mut out = gather(moments, plan, |row| row.keep_moments);
+/// Makes `moments` those of the plan's rows. `parameters` are those before the plan: where the cap lowers an opacity, its moment is zero.
+pub(crate) fn apply_to_moments(moments: &mut Store, parameters: &Store, plan: &DensifyPlan, spare: &mut Buffer) {
+    gather(moments, plan, spare, |row| row.keep_moments);
     if let Some(cap) = plan.opacity_logit_cap {
-        let rows = out.layout.rows();
-        for i in 0..out.count {
-            let row = &plan.rows[i];
+        let rows = moments.layout.rows();
+        for (i, row) in plan.rows.iter().enumerate() {
             let before = row.opacity_logit.unwrap_or_else(|| parameters.at(Layout::OPACITY, row.source as usize));
             if before > cap {
-                out.lanes[i / LANES * rows + Layout::OPACITY].0[i % LANES] = 0.0;
+                moments.lanes[i / LANES * rows + Layout::OPACITY].0[i % LANES] = 0.0;
             }
         }
     }
-    out
 }
 
-/// Copies the sources of the rows that `wanted` accepts; the others stay zero.
-fn gather(source: &Store, plan: &DensifyPlan, wanted: impl Fn(&PlanRow) -> bool + Sync) -> Store {
-    let mut out = Store::zeros(source.layout, plan.rows.len());
-    let rows = source.layout.rows();
-    out.lanes.par_chunks_mut(rows).zip(plan.rows.par_chunks(LANES)).for_each(|(block, plan_rows)| {
+/// Copies the sources of the rows that `wanted` accepts into `spare`, zero for the others, and exchanges it for the store's memory.
+fn gather(store: &mut Store, plan: &DensifyPlan, spare: &mut Buffer, wanted: impl Fn(&PlanRow) -> bool + Sync) {
+    let rows = store.layout.rows();
+    spare.resize(blocks(plan.rows.len()) * rows);
+    let old: &[Lanes] = &store.lanes;
+    spare.par_chunks_mut(rows).zip(plan.rows.par_chunks(LANES)).for_each(|(block, plan_rows)| {
+        block.fill(Lanes::ZERO);
         for (lane, row) in plan_rows.iter().enumerate().filter(|(_, row)| wanted(row)) {
             let from = row.source as usize;
-            let source = &source.lanes[from / LANES * rows..][..rows];
+            let source = &old[from / LANES * rows..][..rows];
             for (to, from_lanes) in block.iter_mut().zip(source) {
                 to.0[lane] = from_lanes.0[from % LANES];
             }
         }
     });
-    out
+    std::mem::swap(&mut store.lanes, spare);
+    store.count = plan.rows.len();
 }
 
 /// Displaces and scales one splat.
