@@ -10,8 +10,9 @@ use libtest_mimic::{Arguments, Failed, Trial};
 /// A test, given what `--device` is to say.
 type Body = fn(&str);
 
-const ALL: [(&str, Body); 2] = [
+const ALL: [(&str, Body); 3] = [
     ("a_run_moves_between_cpu_and_gpu", a_run_moves_between_cpu_and_gpu),
+    ("at_the_bound_splats_change_hands_alike", at_the_bound_splats_change_hands_alike),
     ("software_renderers_are_taken_by_name_only", software_renderers_are_taken_by_name_only),
 ];
 
@@ -41,6 +42,34 @@ fn a_run_moves_between_cpu_and_gpu(gpu: &str) {
         let found = psnr(run, device);
         assert!((found - expected).abs() < 0.05, "{run} on {device}: {found} dB, {expected} dB on the CPU alone");
     }
+}
+
+/// Rounds at the bound ask the engine what the views see of each splat, while steps may be on their way.
+fn at_the_bound_splats_change_hands_alike(gpu: &str) {
+    let place = Workplace::new();
+    let figures = |device: &str, run: &str, turnover: &str| {
+        let rounds = [
+            "--densify-from",
+            "5",
+            "--densify-interval",
+            "10",
+            "--densify-threshold",
+            "1e-7",
+            "--max-splats",
+            "320",
+            "--turnover",
+            turnover,
+        ];
+        let command = ["train", "data", "-o", run, "--init-points", "300", "--iterations", "60", "--device", device];
+        place.ok(&[&command[..], &rounds[..]].concat());
+        let metrics = place.json(&format!("{run}/metrics.json"));
+        (metrics["splats"].as_u64().unwrap(), metrics["splits"]["test"]["mean"]["psnr_scene"].as_f64().unwrap())
+    };
+    let (splats, expected) = figures("cpu", "on-cpu", "0.2");
+    let (_, without) = figures("cpu", "without", "0");
+    assert!(splats == 320 && expected != without, "{splats} splats, {expected} dB, without changes {without} dB");
+    let (splats, found) = figures(gpu, "on-gpu", "0.2");
+    assert!(splats == 320 && (found - expected).abs() < 0.2, "{splats} splats, {found} dB, {expected} dB on the CPU");
 }
 
 fn software_renderers_are_taken_by_name_only(gpu: &str) {
