@@ -3,7 +3,7 @@
 //! In: an engine with `N` splats, the views at the resolution of the step. Out: `[N]`, each splat's blending weights summed over the pixels that count, of
 //! all views looked at; what none of them sees has infinity where views were left out, as another may see it, and 0 where they were not.
 
-use luxel_core::{Engine, RenderOptions};
+use luxel_core::{Engine, EngineError, RenderOptions, View};
 
 use crate::TrainError;
 use crate::views::TrainingViews;
@@ -22,14 +22,23 @@ pub(crate) fn contribution(
     let mut sums = vec![0.0; engine.len()];
     for index in (round as usize % stride..views.len()).step_by(stride) {
         let Some(view) = views.at(step, index, [1.0; 3]) else { continue };
-        let counts = view.mask.as_ref().map_or_else(|| vec![1.0; view.image.pixels.len()], |mask| mask.weights.clone());
-        let found = engine.contributions(&view.camera, options, &counts)?;
-        sums.iter_mut().zip(&found.masked).for_each(|(sum, seen)| *sum += seen);
+        add_contribution(engine, view, options, &mut sums)?;
     }
     if stride > 1 {
         sums.iter_mut().filter(|sum| **sum == 0.0).for_each(|sum| *sum = f32::INFINITY);
     }
     Ok(sums)
+}
+
+/// Adds to `sums` (`[N]`) what `view` sees of each splat: its blending weights, summed over the pixels by how much they count.
+///
+/// # Errors
+/// Those of [`Engine::contributions`].
+pub fn add_contribution(engine: &mut dyn Engine, view: &View, options: &RenderOptions, sums: &mut [f32]) -> Result<(), EngineError> {
+    let counts = view.mask.as_ref().map_or_else(|| vec![1.0; view.image.pixels.len()], |mask| mask.weights.clone());
+    let found = engine.contributions(&view.camera, options, &counts)?;
+    sums.iter_mut().zip(&found.masked).for_each(|(sum, seen)| *sum += seen);
+    Ok(())
 }
 
 #[cfg(test)]

@@ -29,6 +29,7 @@ mod views;
 pub use config::{
     CutoffPreset, ExposureCompensation, MCMC_DEFAULT_MAX_SPLATS, Method, Preset, ScaleRule, Strategy, TrainConfig, parse_rgb,
 };
+pub use contribution::add_contribution;
 pub use error::TrainError;
 pub use evaluate::{GainFit, Measures, NamedMetrics, SplitMetrics, evaluate, probe};
 pub use init::initialise;

@@ -2,6 +2,7 @@
 
 use anyhow::{Context, Result};
 use luxel_core::{Dataset, Engine, RenderOptions, Scene, sigmoid};
+use luxel_train::add_contribution;
 
 use crate::console::Console;
 use crate::text;
@@ -47,19 +48,16 @@ pub(super) fn limit(
     Ok(())
 }
 
-/// Sum of each splat's blending weights over all pixels of the training views.
+/// What the training views see of each splat.
 fn in_views(scene: &Scene, dataset: &Dataset, engine: &mut dyn Engine) -> Result<Vec<f64>> {
     engine.load(&scene.splats, None).context("cannot load the scene")?;
     let options = RenderOptions { raster: scene.raster, ..RenderOptions::default() };
-    let mut sums = vec![0f64; scene.splats.len()];
+    let mut sums = vec![0.0; scene.splats.len()];
     let views = if dataset.train.is_empty() { &dataset.test } else { &dataset.train };
     for view in views {
-        let [width, height] = view.camera.size_px.map(|side| side as usize);
-        let everywhere = vec![1.0; width * height];
-        let found = engine.contributions(&view.camera, &options, &everywhere).context("cannot see what the splats contribute")?;
-        sums.iter_mut().zip(&found.blended).for_each(|(sum, blended)| *sum += f64::from(*blended));
+        add_contribution(engine, view, &options, &mut sums).context("cannot see what the splats contribute")?;
     }
-    Ok(sums)
+    Ok(sums.into_iter().map(f64::from).collect())
 }
 
 /// Opacity times the area of the larger cross-section.
