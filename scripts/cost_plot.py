@@ -3,8 +3,7 @@
 
     cargo build --release
     scripts/cost_plot.py target/release/luxel measure cost.json      # minutes; leave the machine idle
-    cargo test --release -p luxel-cpu --lib -- --ignored --nocapture evaluations > evaluations.txt
-    scripts/cost_plot.py draw cost.json evaluations.txt docs/images/cost.svg
+    scripts/cost_plot.py draw cost.json docs/images/cost.svg
 
 `measure` runs `luxel bench --generate` over the grid. `draw` also prints the table for docs/performance.md: milliseconds of a step, and what is left of
 them after the least-squares fit of  a + b splats + c evaluations  (all three at least 0).
@@ -12,7 +11,6 @@ them after the least-squares fit of  a + b splats + c evaluations  (all three at
 
 import json
 import math
-import re
 import subprocess
 import sys
 
@@ -31,13 +29,6 @@ def measure(luxel, out):
             print(splats, side, results[-1]["step_ms"]["median"], file=sys.stderr)
     with open(out, "w", encoding="utf-8") as file:
         json.dump(results, file, indent=1)
-
-
-def evaluations(path):
-    """Lines `SPLATS SIDE EVALUATIONS`."""
-    with open(path, encoding="utf-8") as file:
-        rows = re.findall(r"^(\d+) (\d+) (\d+)$", file.read(), re.MULTILINE)
-    return {(int(splats), int(side)): int(count) for splats, side, count in rows}
 
 
 def fit(rows):
@@ -63,11 +54,11 @@ def fit(rows):
     return best[1]
 
 
-def draw(results, counts, out):
+def draw(results, out):
     rows = []
     for result in results:
         splats, side = result["splats"], result["width"]
-        rows.append({"splats": splats, "side": side, "ms": result["step_ms"]["median"], "evaluations": counts[splats, side]})
+        rows.append({"splats": splats, "side": side, "ms": result["step_ms"]["median"], "evaluations": result["evaluations"]["touched"]})
     fixed, per_splat, per_evaluation = fit(rows)
     print(f"fit: {fixed:.2f} ms + {per_splat:.1f} ns a splat + {per_evaluation:.3f} ns an evaluation\n")
     print("| splats | image | evaluations, millions | step, ms | of the fit |\n|---|---|---|---|---|")
@@ -116,9 +107,9 @@ def svg(rows):
 def main():
     if len(sys.argv) == 4 and sys.argv[2] == "measure":
         measure(sys.argv[1], sys.argv[3])
-    elif len(sys.argv) == 5 and sys.argv[1] == "draw":
+    elif len(sys.argv) == 4 and sys.argv[1] == "draw":
         with open(sys.argv[2], encoding="utf-8") as file:
-            draw(json.load(file), evaluations(sys.argv[3]), sys.argv[4])
+            draw(json.load(file), sys.argv[3])
     else:
         sys.exit(__doc__)
 

@@ -84,6 +84,8 @@ fn figures_are_one_json_object() {
     let passes: Vec<&str> = json["passes_ms"].as_object().unwrap().keys().map(String::as_str).collect();
     assert_eq!(passes, PASSES);
     assert!(json["visible"].as_u64().unwrap() > 100 && json["first_loss"].as_f64().unwrap() > 0.0);
+    let [touched, alive] = ["touched", "alive"].map(|of| json["evaluations"][of].as_u64().unwrap());
+    assert!(alive > 0 && alive < touched && touched.is_multiple_of(16), "{}", json["evaluations"]);
     assert!(json["instruction_set"].is_string() && json["luxel_version"].is_string());
     assert_eq!(json["peak_rss_bytes"].as_u64().is_some(), cfg!(target_os = "linux"));
 }
@@ -91,7 +93,9 @@ fn figures_are_one_json_object() {
 #[test]
 fn table_has_every_pass() {
     let table = workplace().ok(&with(&["--order", "file"]));
-    for part in ["room.ply", "400, ", "32x32", "1 thread", "parity", "file", "render of the workload", "forward", "step", "first loss"] {
+    for part in
+        ["room.ply", "400, ", "32x32", "1 thread", "parity", "file", "render of the workload", "forward", "step", "first loss", " alive"]
+    {
         assert!(table.contains(part), "{part}\n{table}");
     }
     for pass in PASSES {

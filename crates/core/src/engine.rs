@@ -364,6 +364,15 @@ pub trait Engine {
     /// [`EngineError::Camera`], [`EngineError::Invalid`] if the mask is not of the camera's size, [`EngineError::Device`].
     fn contributions(&mut self, camera: &Camera, options: &RenderOptions, mask: &[f32]) -> Result<Contributions, EngineError>;
 
+    /// How often blending looks at a splat from a pixel to make the image that [`Engine::render`] makes; nothing from an engine that does not
+    /// count.
+    ///
+    /// # Errors
+    /// As [`Engine::render`].
+    fn evaluations(&mut self, _camera: &Camera, _options: &RenderOptions) -> Result<Option<Evaluations>, EngineError> {
+        Ok(None)
+    }
+
     /// One step of training towards `view`, whose image is in normalised units; recorded values, if the loss is seen through a response.
     ///
     /// An engine may work ahead: the report is then of an earlier step, the newest that is known, and everything else the engine is asked waits
@@ -428,6 +437,16 @@ pub struct Layers {
     pub alpha: Vec<f32>,
     /// Mean distance of the splats along the viewing axis, weighted as they are blended, world units; infinite where there are none.
     pub depth: Vec<f32>,
+}
+
+/// Pairs of a splat and a pixel, over an image: what the cost of blending is measured in.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Evaluations {
+    /// Pixels of the engine's blocks that splats touch, hidden splats too.
+    pub touched: u64,
+    /// Of these, the ones that the splat changes: alpha at or above its threshold, in front of where the pixel is finished. The same for any
+    /// engine, but for rounding.
+    pub alive: u64,
 }
 
 /// What densification policies look at, `[N]` each.

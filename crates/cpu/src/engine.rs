@@ -5,8 +5,8 @@ use std::time::{Duration, Instant};
 use fearless_simd::Level;
 use luxel_core::edit::Contributions;
 use luxel_core::{
-    Camera, DensifyPlan, DensifyStats, Engine, EngineError, Geometry, Image, Layers, Moments, Pass, RenderOptions, Splats, StatsCollection,
-    StepConfig, StepReport, View,
+    Camera, DensifyPlan, DensifyStats, Engine, EngineError, Evaluations, Geometry, Image, Layers, Moments, Pass, RenderOptions, Splats,
+    StatsCollection, StepConfig, StepReport, View,
 };
 
 use crate::lanes::{LANES, Lanes};
@@ -16,6 +16,7 @@ use crate::passes::bin::Bins;
 use crate::passes::blend::sort_and_rasterize;
 use crate::passes::contribute::contribute;
 use crate::passes::densify;
+use crate::passes::evaluations::evaluations;
 use crate::passes::loss::{LossBuffers, LossSums};
 use crate::passes::project::{Footprint, project};
 use crate::passes::project_backward::Inputs;
@@ -314,6 +315,13 @@ impl Engine for CpuEngine {
         Ok(pool.install(|| contribute(*level, &camera, (&frame.bins, &frame.lists), mask, parameters.count)))
     }
 
+    fn evaluations(&mut self, camera: &Camera, options: &RenderOptions) -> Result<Option<Evaluations>, EngineError> {
+        let camera = checked_camera(camera, options)?;
+        self.forward(&camera);
+        let Self { pool, level, frame, .. } = self;
+        Ok(Some(pool.install(|| evaluations(*level, &camera, &frame.lists))))
+    }
+
     fn train_step(&mut self, view: &View, step: &StepConfig) -> Result<StepReport, EngineError> {
         let (camera, report) = self.forward_backward(view, step)?;
         if step.stats == StatsCollection::Off {
@@ -394,35 +402,4 @@ fn smoothing_lanes(values: &[f32]) -> Vec<Lanes> {
             lanes
         })
         .collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use luxel_core::{Antialias, Cutoffs, RasterConfig, synthetic};
-
-    use super::*;
-    use crate::view::BLOCKS;
-
-    /// Lines of splats, side of the image, and pairs of a splat and a pixel of the 4x4 blocks it is blended with: what the cost of a step is drawn
-    /// over (`scripts/cost_plot.py`).
-    #[test]
-    #[ignore = "a tool: prints the evaluations behind docs/performance.md"]
-    fn evaluations_of_rooms() {
-        let raster = RasterConfig { cutoffs: Cutoffs { near: 0.01, ..Cutoffs::PARITY }, antialias: Antialias::Off };
-        let options = RenderOptions { raster, ..RenderOptions::default() };
-        let mut engine = CpuEngine::new(0).unwrap();
-        for count in [10_000, 30_000, 100_000, 300_000, 1_000_000] {
-            let mut room = synthetic::room(count, 42);
-            synthetic::perturb(&mut room, 42);
-            engine.load(&room, None).unwrap();
-            for side_px in [200, 400, 800, 1600] {
-                engine.render(&synthetic::room_camera([side_px; 2]), &options).unwrap();
-                let of_tile = |list: &TileList| -> u32 {
-                    (0..BLOCKS).flat_map(|block| (0..list.words()).map(move |word| list.word(word, block).count_ones())).sum()
-                };
-                let pairs: u64 = engine.frame.lists.iter().map(|list| u64::from(of_tile(list))).sum();
-                println!("{count} {side_px} {}", pairs * LANES as u64);
-            }
-        }
-    }
 }

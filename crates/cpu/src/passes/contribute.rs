@@ -6,13 +6,13 @@
 //! depend on threads.
 
 use fearless_simd::{Level, Simd};
+use luxel_core::Real;
 use luxel_core::edit::Contributions;
-use luxel_core::{Real, each};
 use rayon::prelude::*;
 
 use super::bin::Bins;
-use super::rasterize::{Seen, pixel_centers};
-use super::sort::{TileList, WORD};
+use super::sort::{Entry, TileList};
+use super::walk::{Met, Visitor, walk_block};
 use crate::lanes::{Lanes, V, with_simd};
 use crate::view::{BLOCKS, ScreenCamera, TILE_PX, block_of};
 
@@ -33,7 +33,8 @@ pub(crate) fn contribute(
         let origin = camera.tile_origin_px(tile);
         with_simd!(level, simd => {
             for (block, painted) in painted.iter().enumerate() {
-                contribute_block(simd, camera, origin, (list, block), painted, &mut sums);
+                let mut adder = Adder { painted: V::load(simd, painted), sums: &mut sums };
+                walk_block(simd, camera, origin, (list, block), &mut adder);
             }
         });
         sums
@@ -64,40 +65,19 @@ fn tile_mask(camera: &ScreenCamera, tile: usize, mask: &[f32]) -> [Lanes; BLOCKS
     painted
 }
 
-#[inline(always)]
-fn contribute_block<S: Simd>(
-    simd: S,
-    camera: &ScreenCamera,
-    origin: [usize; 2],
-    (list, block): (&TileList, usize),
-    painted: &Lanes,
-    sums: &mut [EntrySums],
-) {
-    let c = |value: f32| V::splat(simd, value);
-    let (zero, one) = (c(0.0), c(1.0));
-    let (max_alpha, min_transmittance) = (c(camera.cutoffs.max_alpha), c(camera.cutoffs.min_transmittance));
-    let (centers, painted) = (pixel_centers(simd, block), V::load(simd, painted));
-    let limit = each!([0, 1] i => c(camera.size_px[i] as f32 - origin[i] as f32));
-    let inside = centers[0].lt(limit[0]) & centers[1].lt(limit[1]);
-    let (mut live, mut transmittance) = (inside, one);
-    for n in 0..list.words() {
-        let mut bits = list.word(n, block);
-        while bits != 0 {
-            let entry = &list.entries[n * WORD + bits.trailing_zeros() as usize];
-            bits &= bits - 1;
-            let seen = Seen::new(simd, entry, centers);
-            let touched = seen.log2_alpha.ge(c(entry.log2_threshold)) & inside;
-            let alpha = seen.log2_alpha.exp2().min(max_alpha);
-            let left = (-alpha).mul_add(transmittance, transmittance);
-            let stays = left.ge(min_transmittance);
-            let hit = touched & live & stays;
-            live &= !touched | stays;
-            let weight = V::select(hit, alpha * transmittance, zero);
-            transmittance = V::select(hit, left, transmittance);
-            let sums = &mut sums[entry.place as usize];
-            for (sum, value) in sums.iter_mut().zip([weight * painted, weight, V::select(touched, alpha, zero)]) {
-                *sum += value.lanes().iter().sum::<f32>();
-            }
+/// Adds up what a block's splats give.
+struct Adder<'a, S: Simd> {
+    painted: V<S>,
+    sums: &'a mut [EntrySums],
+}
+
+impl<S: Simd> Visitor<S> for Adder<'_, S> {
+    #[inline(always)]
+    fn meet(&mut self, entry: &Entry, met: &Met<S>) {
+        let unoccluded = V::select(met.touched, met.alpha, met.alpha.lift(0.0));
+        let sums = &mut self.sums[entry.place as usize];
+        for (sum, value) in sums.iter_mut().zip([met.weight * self.painted, met.weight, unoccluded]) {
+            *sum += value.lanes().iter().sum::<f32>();
         }
     }
 }

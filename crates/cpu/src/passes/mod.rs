@@ -1,5 +1,6 @@
 //! The passes of a training step, one file each. `color` runs within `project`, `color_backward` within `project_backward`: their
-//! time is counted there. `contribute` is none of them: it tells which splats a painted mask means.
+//! time is counted there. Two are none of a step's: `contribute` tells which splats a painted mask means, `evaluations` what there is to blend;
+//! both `walk` through a block as `rasterize` does.
 
 pub(crate) mod adam;
 pub(crate) mod bin;
@@ -8,6 +9,7 @@ pub(crate) mod color;
 pub(crate) mod color_backward;
 pub(crate) mod contribute;
 pub(crate) mod densify;
+pub(crate) mod evaluations;
 pub(crate) mod loss;
 pub(crate) mod project;
 pub(crate) mod project_backward;
@@ -16,3 +18,4 @@ pub(crate) mod rasterize_backward;
 pub(crate) mod shares;
 pub(crate) mod sort;
 pub(crate) mod update;
+pub(crate) mod walk;

@@ -91,13 +91,24 @@ fn any_map_moves_a_pixel_along_the_colours_of_its_splats() {
     }
 }
 
-/// Masked, blended and unoccluded weights of every splat, in f64 over all pixels; and for each splat how far a pixel that is nearly decided
-/// the other way (alpha or transmittance within 1e-4 of its threshold) could move them.
-fn contributions_of_oracle(splats: &Splats, camera: &Camera, options: &RenderOptions, mask: &[f32]) -> ([Vec<f64>; 3], Vec<f64>) {
+/// What splats give to an image, in f64 over all pixels.
+struct Given {
+    /// Masked, blended and unoccluded weights of every splat.
+    sums: [Vec<f64>; 3],
+    /// For each splat how far a pixel that is nearly decided the other way (alpha or transmittance within 1e-4 of its threshold) could move them.
+    open: Vec<f64>,
+    /// Pairs of a splat and a pixel: above the threshold, blended, and nearly decided the other way.
+    touched: u64,
+    alive: u64,
+    undecided: u64,
+}
+
+fn contributions_of_oracle(splats: &Splats, camera: &Camera, options: &RenderOptions, mask: &[f32]) -> Given {
     let cutoffs = options.raster.cutoffs;
     let near = |value: f64, threshold: f64| (value / threshold - 1.0).abs() < 1e-4;
     let mut sums = [(); 3].map(|()| vec![0.0; splats.len()]);
     let mut open = vec![0.0; splats.len()];
+    let [mut touched, mut alive, mut undecided] = [0; 3];
     let rendered = oracle::image(splats, camera, options);
     let width = camera.size_px[0] as usize;
     for (pixel, painted) in mask.iter().enumerate() {
@@ -113,16 +124,19 @@ fn contributions_of_oracle(splats: &Splats, camera: &Camera, options: &RenderOpt
                 is_open |= near(left, cutoffs.min_transmittance.into());
                 is_finished |= left < f64::from(cutoffs.min_transmittance);
                 sums[2][e.splat] += alpha;
+                touched += 1;
                 if !is_finished {
+                    alive += 1;
                     sums[1][e.splat] += transmittance * alpha;
                     sums[0][e.splat] += transmittance * alpha * f64::from(*painted);
                     transmittance = left;
                 }
             }
             open[e.splat] += if is_open { alpha } else { 0.0 };
+            undecided += u64::from(is_open);
         }
     }
-    (sums, open)
+    Given { sums, open, touched, alive, undecided }
 }
 
 #[test]
@@ -148,7 +162,8 @@ fn contributions_are_those_of_the_oracle() {
         let mut engine = CpuEngine::new(2).unwrap();
         engine.load(&splats, None).unwrap();
         let found = engine.contributions(&camera, &options, &mask).unwrap();
-        let (expected, open) = contributions_of_oracle(&splats, &camera, &options, &mask);
+        let counted = engine.evaluations(&camera, &options).unwrap().unwrap();
+        let Given { sums: expected, open, touched, alive, undecided } = contributions_of_oracle(&splats, &camera, &options, &mask);
         let label = format!("{} {cutoffs:?} {antialias:?}", model.name());
         for (name, found, expected) in [
             ("masked", &found.masked, &expected[0]),
@@ -161,6 +176,11 @@ fn contributions_are_those_of_the_oracle() {
                 assert!((f64::from(*found) - expected).abs() <= tolerance, "{label}: {name} of splat {i} is {found}, expected {expected}");
             }
         }
+        assert!(counted.alive.abs_diff(alive) <= undecided, "{label}: {counted:?}, expected {alive} within {undecided}");
+        assert!(
+            counted.touched.is_multiple_of(16) && counted.touched + undecided >= touched,
+            "{label}: {counted:?}, above the threshold {touched}"
+        );
         // The test means something: few pixels are open, and of the splats some are seen, some hidden, some not there.
         assert!(open.iter().sum::<f64>() < 0.01 * expected[1].iter().sum::<f64>(), "{label}");
         let hidden = (0..splats.len()).filter(|i| expected[1][*i] < 0.05 * expected[2][*i]).count();

@@ -3,7 +3,9 @@
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
-use luxel_core::{Engine, LearningRates, LossConfig, Pass, RenderOptions, StatsCollection, StepConfig, StepReport, ToneCurve, View};
+use luxel_core::{
+    Engine, Evaluations, LearningRates, LossConfig, Pass, RenderOptions, StatsCollection, StepConfig, StepReport, ToneCurve, View,
+};
 
 /// So small that the scene stays where it is, over any number of steps; Adam's work is the same at any rate.
 const LEARNING_RATE: f32 = 1e-9;
@@ -26,6 +28,8 @@ pub(super) struct Protocol {
 pub(super) struct Measured {
     /// What the very first step found.
     pub(super) first: StepReport,
+    /// What there is to blend, if the engine counts it.
+    pub(super) evaluations: Option<Evaluations>,
     /// Renders.
     pub(super) forward_ms: Vec<f64>,
     /// Whole steps.
@@ -38,6 +42,7 @@ pub(super) struct Measured {
 
 /// Measures the scene that is loaded.
 pub(super) fn measure(engine: &mut dyn Engine, view: &View, protocol: &Protocol) -> Result<Measured> {
+    let evaluations = engine.evaluations(&view.camera, &protocol.render).context("cannot render")?;
     let mut first = None;
     let mut forward_ms = Vec::new();
     let mut step_ms = Vec::new();
@@ -64,7 +69,7 @@ pub(super) fn measure(engine: &mut dyn Engine, view: &View, protocol: &Protocol)
     let step_in_a_row_ms = if protocol.in_a_row { Some(in_a_row(engine, view, protocol)?) } else { None };
     // Passes that the engine counts within others, and those that are no part of a step.
     passes_ms.retain(|(_, times)| times.iter().any(|ms| *ms > 0.0));
-    Ok(Measured { first: first.unwrap_or_default(), forward_ms, step_ms, step_in_a_row_ms, passes_ms })
+    Ok(Measured { first: first.unwrap_or_default(), evaluations, forward_ms, step_ms, step_in_a_row_ms, passes_ms })
 }
 
 /// Milliseconds of a step, of as many as were measured one by one.

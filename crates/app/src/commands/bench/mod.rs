@@ -30,6 +30,7 @@ pub(crate) fn run(args: &BenchArgs) -> Result<()> {
         method: workload.method,
         splats: workload.splats,
         visible: measured.first.visible,
+        evaluations: measured.evaluations,
         width: workload.view.image.width,
         height: workload.view.image.height,
         threads,

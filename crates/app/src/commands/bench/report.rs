@@ -1,6 +1,6 @@
 //! What was measured, as JSON for programs and as a table for people.
 
-use luxel_core::Pass;
+use luxel_core::{Evaluations, Pass};
 use serde::{Serialize, Serializer};
 
 use crate::text;
@@ -13,6 +13,8 @@ pub(super) struct Report {
     pub(super) method: String,
     pub(super) splats: usize,
     pub(super) visible: u32,
+    /// Pairs of a splat and a pixel, if the engine counts them.
+    pub(super) evaluations: Option<Evaluations>,
     pub(super) width: usize,
     pub(super) height: usize,
     pub(super) threads: usize,
@@ -87,10 +89,15 @@ impl Report {
             OrderArg::Spatial => "spatial (Z-order, as training keeps it)",
             OrderArg::File => "file",
         };
+        let evaluations = self.evaluations.map_or("not counted".into(), |found| {
+            let [touched, alive] = [found.touched, found.alive].map(|count| text::count(count as usize));
+            format!("{touched} pixels of blocks that splats touch, {alive} alive")
+        });
         let facts = [
             ("workload", self.workload.clone()),
             ("method", self.method.clone()),
             ("splats", format!("{}, {} visible", text::count(self.splats), text::count(self.visible as usize))),
+            ("evaluations", evaluations),
             ("image", format!("{}x{}", self.width, self.height)),
             ("machine", self.machine()),
             ("cut-offs", self.cutoffs.clone()),
