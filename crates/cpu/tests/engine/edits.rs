@@ -176,6 +176,7 @@ fn contributions_are_those_of_the_oracle() {
                 assert!((f64::from(*found) - expected).abs() <= tolerance, "{label}: {name} of splat {i} is {found}, expected {expected}");
             }
         }
+        assert!(undecided < alive / 20, "{label}: {undecided} of {alive}");
         assert!(counted.alive.abs_diff(alive) <= undecided, "{label}: {counted:?}, expected {alive} within {undecided}");
         assert!(
             counted.touched.is_multiple_of(16) && counted.touched + undecided >= touched,
