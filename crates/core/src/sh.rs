@@ -127,6 +127,14 @@ pub fn basis<R: Real>(degree: usize, [x, y, z]: [R; 3], out: &mut [R; MAX_COEFFI
     out[35] = k(C5[10]) * x * c5;
 }
 
+/// Adds a d to a sum. A function: a closure called so often is not inlined, and then not compiled for the caller's instruction set.
+#[inline(always)]
+fn add<R: Real>(sum: &mut [R; 3], a: R, d: [R; 3]) {
+    for (sum, d) in sum.iter_mut().zip(d) {
+        *sum = a.mul_add(d, *sum);
+    }
+}
+
 /// Gradient by direction of a sum over the basis: returns `sum_m weight[m] * grad Y_m([x, y, z])`, for the polynomials of [`basis`].
 ///
 /// `weight` holds the gradients by the basis values; entries above `degree` are ignored.
@@ -138,55 +146,50 @@ pub fn basis_gradient<R: Real>(degree: usize, [x, y, z]: [R; 3], weight: &[R; MA
     if degree < 1 {
         return [zero; 3];
     }
-    let (mut gx, mut gy, mut gz) = (k(-C1) * w[3], k(-C1) * w[1], k(C1) * w[2]);
-    let mut add = |a: R, [dx, dy, dz]: [R; 3]| {
-        gx = a.mul_add(dx, gx);
-        gy = a.mul_add(dy, gy);
-        gz = a.mul_add(dz, gz);
-    };
+    let mut sum = [k(-C1) * w[3], k(-C1) * w[1], k(C1) * w[2]];
     if degree < 2 {
-        return [gx, gy, gz];
+        return sum;
     }
     let (xx, yy, zz, xy, yz, xz) = (x * x, y * y, z * z, x * y, y * z, x * z);
     let c2 = xx - yy;
     let two = k(2.0);
-    add(k(C2[0]) * w[4], [y, x, zero]);
-    add(k(C2[1]) * w[5], [zero, z, y]);
-    add(k(C2[2]) * w[6], [-(x + x), -(y + y), k(4.0) * z]);
-    add(k(C2[3]) * w[7], [z, zero, x]);
-    add(k(C2[4]) * w[8], [x + x, -(y + y), zero]);
+    add(&mut sum, k(C2[0]) * w[4], [y, x, zero]);
+    add(&mut sum, k(C2[1]) * w[5], [zero, z, y]);
+    add(&mut sum, k(C2[2]) * w[6], [-(x + x), -(y + y), k(4.0) * z]);
+    add(&mut sum, k(C2[3]) * w[7], [z, zero, x]);
+    add(&mut sum, k(C2[4]) * w[8], [x + x, -(y + y), zero]);
     if degree < 3 {
-        return [gx, gy, gz];
+        return sum;
     }
     let three_xx_yy = k(3.0) * xx - yy;
     let xx_three_yy = xx - k(3.0) * yy;
     let three_c2 = k(3.0) * c2;
     let six_xy = k(6.0) * xy;
-    add(k(C3[0]) * w[9], [six_xy, three_c2, zero]);
-    add(k(C3[1]) * w[10], [yz, xz, xy]);
-    add(k(C3[2]) * w[11], [-(two * xy), k(4.0) * zz - xx - k(3.0) * yy, k(8.0) * yz]);
-    add(k(C3[3]) * w[12], [-(k(6.0) * xz), -(k(6.0) * yz), k(6.0) * zz - k(3.0) * (xx + yy)]);
-    add(k(C3[4]) * w[13], [k(4.0) * zz - k(3.0) * xx - yy, -(two * xy), k(8.0) * xz]);
-    add(k(C3[5]) * w[14], [two * xz, -(two * yz), c2]);
-    add(k(C3[6]) * w[15], [three_c2, -six_xy, zero]);
+    add(&mut sum, k(C3[0]) * w[9], [six_xy, three_c2, zero]);
+    add(&mut sum, k(C3[1]) * w[10], [yz, xz, xy]);
+    add(&mut sum, k(C3[2]) * w[11], [-(two * xy), k(4.0) * zz - xx - k(3.0) * yy, k(8.0) * yz]);
+    add(&mut sum, k(C3[3]) * w[12], [-(k(6.0) * xz), -(k(6.0) * yz), k(6.0) * zz - k(3.0) * (xx + yy)]);
+    add(&mut sum, k(C3[4]) * w[13], [k(4.0) * zz - k(3.0) * xx - yy, -(two * xy), k(8.0) * xz]);
+    add(&mut sum, k(C3[5]) * w[14], [two * xz, -(two * yz), c2]);
+    add(&mut sum, k(C3[6]) * w[15], [three_c2, -six_xy, zero]);
     if degree < 4 {
-        return [gx, gy, gz];
+        return sum;
     }
     let seven_zz_1 = k(7.0) * zz - k(1.0);
     let seven_zz_3 = k(7.0) * zz - k(3.0);
     let twenty_one_zz_3 = k(21.0) * zz - k(3.0);
     let fourteen_z = k(14.0) * z;
-    add(k(C4[0]) * w[16], [y * three_xx_yy, x * xx_three_yy, zero]);
-    add(k(C4[1]) * w[17], [six_xy * z, three_c2 * z, y * three_xx_yy]);
-    add(k(C4[2]) * w[18], [y * seven_zz_1, x * seven_zz_1, fourteen_z * xy]);
-    add(k(C4[3]) * w[19], [zero, z * seven_zz_3, y * twenty_one_zz_3]);
-    add(k(C4[4]) * w[20], [zero, zero, z * (k(140.0) * zz - k(60.0))]);
-    add(k(C4[5]) * w[21], [z * seven_zz_3, zero, x * twenty_one_zz_3]);
-    add(k(C4[6]) * w[22], [two * x * seven_zz_1, -(two * y * seven_zz_1), fourteen_z * c2]);
-    add(k(C4[7]) * w[23], [three_c2 * z, -(six_xy * z), x * xx_three_yy]);
-    add(k(C4[8]) * w[24], [k(4.0) * x * xx_three_yy, -(k(4.0) * y * three_xx_yy), zero]);
+    add(&mut sum, k(C4[0]) * w[16], [y * three_xx_yy, x * xx_three_yy, zero]);
+    add(&mut sum, k(C4[1]) * w[17], [six_xy * z, three_c2 * z, y * three_xx_yy]);
+    add(&mut sum, k(C4[2]) * w[18], [y * seven_zz_1, x * seven_zz_1, fourteen_z * xy]);
+    add(&mut sum, k(C4[3]) * w[19], [zero, z * seven_zz_3, y * twenty_one_zz_3]);
+    add(&mut sum, k(C4[4]) * w[20], [zero, zero, z * (k(140.0) * zz - k(60.0))]);
+    add(&mut sum, k(C4[5]) * w[21], [z * seven_zz_3, zero, x * twenty_one_zz_3]);
+    add(&mut sum, k(C4[6]) * w[22], [two * x * seven_zz_1, -(two * y * seven_zz_1), fourteen_z * c2]);
+    add(&mut sum, k(C4[7]) * w[23], [three_c2 * z, -(six_xy * z), x * xx_three_yy]);
+    add(&mut sum, k(C4[8]) * w[24], [k(4.0) * x * xx_three_yy, -(k(4.0) * y * three_xx_yy), zero]);
     if degree < 5 {
-        return [gx, gy, gz];
+        return sum;
     }
     let nine_zz_1 = k(9.0) * zz - k(1.0);
     let three_zz_1 = k(3.0) * zz - k(1.0);
@@ -195,18 +198,18 @@ pub fn basis_gradient<R: Real>(degree: usize, [x, y, z]: [R; 3], weight: &[R; MA
     let c4 = xx * xx_three_yy - yy * three_xx_yy;
     let s4 = k(4.0) * xy * c2;
     let eighteen_z = k(18.0) * z;
-    add(k(5.0 * C5[0]) * w[25], [s4, c4, zero]);
-    add(k(C5[1]) * w[26], [yz * three_xx_yy, xz * xx_three_yy, xy * c2]);
-    add(k(C5[2]) * w[27], [six_xy * nine_zz_1, three_c2 * nine_zz_1, eighteen_z * y * three_xx_yy]);
-    add(k(C5[3]) * w[28], [y * z * three_zz_1, x * z * three_zz_1, xy * nine_zz_1]);
-    add(k(C5[4]) * w[29], [zero, five_4, y * d_five_4]);
-    add(k(C5[5]) * w[30], [zero, zero, zz * (k(315.0) * zz - k(210.0)) + k(15.0)]);
-    add(k(C5[6]) * w[31], [five_4, zero, x * d_five_4]);
-    add(k(C5[7]) * w[32], [two * x * z * three_zz_1, -(two * y * z * three_zz_1), c2 * nine_zz_1]);
-    add(k(C5[8]) * w[33], [three_c2 * nine_zz_1, -(six_xy * nine_zz_1), eighteen_z * x * xx_three_yy]);
-    add(k(C5[9]) * w[34], [k(4.0) * x * xx_three_yy * z, -(k(4.0) * y * three_xx_yy * z), c4]);
-    add(k(5.0 * C5[10]) * w[35], [c4, -s4, zero]);
-    [gx, gy, gz]
+    add(&mut sum, k(5.0 * C5[0]) * w[25], [s4, c4, zero]);
+    add(&mut sum, k(C5[1]) * w[26], [yz * three_xx_yy, xz * xx_three_yy, xy * c2]);
+    add(&mut sum, k(C5[2]) * w[27], [six_xy * nine_zz_1, three_c2 * nine_zz_1, eighteen_z * y * three_xx_yy]);
+    add(&mut sum, k(C5[3]) * w[28], [y * z * three_zz_1, x * z * three_zz_1, xy * nine_zz_1]);
+    add(&mut sum, k(C5[4]) * w[29], [zero, five_4, y * d_five_4]);
+    add(&mut sum, k(C5[5]) * w[30], [zero, zero, zz * (k(315.0) * zz - k(210.0)) + k(15.0)]);
+    add(&mut sum, k(C5[6]) * w[31], [five_4, zero, x * d_five_4]);
+    add(&mut sum, k(C5[7]) * w[32], [two * x * z * three_zz_1, -(two * y * z * three_zz_1), c2 * nine_zz_1]);
+    add(&mut sum, k(C5[8]) * w[33], [three_c2 * nine_zz_1, -(six_xy * nine_zz_1), eighteen_z * x * xx_three_yy]);
+    add(&mut sum, k(C5[9]) * w[34], [k(4.0) * x * xx_three_yy * z, -(k(4.0) * y * three_xx_yy * z), c4]);
+    add(&mut sum, k(5.0 * C5[10]) * w[35], [c4, -s4, zero]);
+    sum
 }
 
 #[cfg(test)]

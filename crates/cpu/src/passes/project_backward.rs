@@ -196,8 +196,11 @@ fn block_backward<S: Simd>(
 
     // NDC spans 2 over the image's side. Absolute sums carry the rasteriser's constant twice: in u and v, and in its root.
     let ndc = each!([0, 1] i => 0.5 * camera.size_px[i] as f32);
-    let norm = |x: V<S>, y: V<S>| ((x * ndc[0]) * (x * ndc[0]) + (y * ndc[1]) * (y * ndc[1])).sqrt().lanes();
-    [norm(d_mean[0], d_mean[1]), norm(root[0] * abs_u * (1.0 / SQRT_HALF_LOG2_E), abs_y * unit)]
+    let by_center = [d_mean, [root[0] * abs_u * (1.0 / SQRT_HALF_LOG2_E), abs_y * unit]];
+    each!([0, 1] i => {
+        let (x, y) = (by_center[i][0] * ndc[0], by_center[i][1] * ndc[1]);
+        (x * x + y * y).sqrt().lanes()
+    })
 }
 
 /// Zero in place of what is not finite: a splat that is culled for overflow has zero for every incoming gradient, but zero times

@@ -200,8 +200,8 @@ fn unwind<S: Simd, const ABSOLUTE: bool>(simd: S, state: &mut Unwinding<S>, list
         let [red, green, blue] = each!([0, 1, 2] i => weight.dot(colors[i]));
         let [absolute_x, absolute_y] = match ABSOLUTE {
             true => {
-                let along = |half: usize| (gu.0[half] * entry.root[1] + gv.0[half] * entry.root[2]).abs();
-                [gu.0[0].abs() + gu.0[1].abs(), along(0) + along(1)]
+                let along = each!([0, 1] half => (gu.0[half] * entry.root[1] + gv.0[half] * entry.root[2]).abs());
+                [gu.0[0].abs() + gu.0[1].abs(), along[0] + along[1]]
             }
             false => [f32x8::splat(simd, 0.0); 2],
         };

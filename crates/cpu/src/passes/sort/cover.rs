@@ -7,7 +7,7 @@
 use bytemuck::{Pod, Zeroable};
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, i32x16, u32x16};
-use luxel_core::Real;
+use luxel_core::{Real, each};
 
 use super::super::project::MARGIN_PX;
 use crate::lanes::{LANES, V};
@@ -47,7 +47,7 @@ impl SplatBits {
     /// Both halves of a splat's.
     #[inline(always)]
     pub(super) fn of(&self, lane: usize) -> [u32; 2] {
-        self.0.map(|half| half[lane].cast_unsigned())
+        each!([0, 1] half => self.0[half][lane].cast_unsigned())
     }
 }
 
@@ -59,13 +59,8 @@ pub(super) fn touched_blocks<S: Simd>(simd: S, outlines: &Outlines<S>) -> SplatB
     let (zero, one) = (i32x16::splat(simd, 0), i32x16::splat(simd, 1));
     let inverse_root = c(1.0) / root[0].max(c(f32::MIN_POSITIVE));
     let slope = -(root[1] * inverse_root);
-    let half_width = |dy: V<S>| {
-        let v = root[2] * dy;
-        (-v).mul_add(v, radius2).max(c(0.0)).sqrt() * inverse_root
-    };
     // First and last pixel centre of a block.
     let (first_px, last_px) = (0.5, BLOCK_PX as f32 - 0.5);
-    let block = |px: V<S>| (px * (1.0 / BLOCK_PX as f32)).floor().max(c(0.0)).min(c(TILE_BLOCKS as f32));
     let mut halves = [zero; 2];
     for row in 0..TILE_BLOCKS {
         let y = (row * BLOCK_PX) as f32;
@@ -77,10 +72,17 @@ pub(super) fn touched_blocks<S: Simd>(simd: S, outlines: &Outlines<S>) -> SplatB
             continue;
         }
         let (left_dy, right_dy) = ((-right_dy_px).max(top).min(bottom), right_dy_px.max(top).min(bottom));
-        let left = slope.mul_add(left_dy, mean_x) - half_width(left_dy) - MARGIN_PX;
-        let right = slope.mul_add(right_dy, mean_x) + half_width(right_dy) + MARGIN_PX;
+        let [half_left, half_right] = each!([0, 1] side => {
+            let v = root[2] * [left_dy, right_dy][side];
+            (-v).mul_add(v, radius2).max(c(0.0)).sqrt() * inverse_root
+        });
+        let left = slope.mul_add(left_dy, mean_x) - half_left - MARGIN_PX;
+        let right = slope.mul_add(right_dy, mean_x) + half_right + MARGIN_PX;
         // From the first block whose last column is not left of it to the last whose first column is not right of it.
-        let (first, end) = (block(left + (BLOCK_PX as f32 - last_px)), block(right + (BLOCK_PX as f32 - first_px)));
+        let [first, end] = each!([0, 1] side => {
+            let px = [left + (BLOCK_PX as f32 - last_px), right + (BLOCK_PX as f32 - first_px)][side];
+            (px * (1.0 / BLOCK_PX as f32)).floor().max(c(0.0)).min(c(TILE_BLOCKS as f32))
+        });
         let (first_bit, end_bit): (i32x16<S>, i32x16<S>) = (first.0.to_int(), end.0.to_int());
         let bits = (cuts & end.gt(first)).select((one << end_bit) - (one << first_bit), zero);
         let half = &mut halves[row / HALF_ROWS];
