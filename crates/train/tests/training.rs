@@ -221,3 +221,17 @@ fn a_longer_run_goes_through_the_same_steps_first() {
     run(&mut resumed, 20);
     assert!(resumed.is_finished());
 }
+
+#[test]
+fn large_splats_go_after_a_reset_unless_size_does_not_matter() {
+    let data = dataset();
+    // Nothing grows; a limit so small that every splat is above it.
+    let splats = |prune_scale, opacity_reset_interval| {
+        let config = TrainConfig { densify_threshold: 1e9, prune_scale, opacity_reset_interval, ..config(120) };
+        let mut trainer = Trainer::new(&data, config, engine()).unwrap();
+        (0..60).find_map(|_| trainer.step().err()).map_or_else(|| Ok(trainer.scene().unwrap().splats.len()), |error| Err(error.to_string()))
+    };
+    assert!(splats(1e-6, 20).unwrap_err().contains("every splat was pruned"));
+    let (kept, without_reset) = (splats(0.0, 20).unwrap(), splats(1e-6, 0).unwrap());
+    assert_eq!(kept, without_reset);
+}

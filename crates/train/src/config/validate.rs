@@ -77,6 +77,7 @@ impl TrainConfig {
             ("opacity-lr", self.opacity_lr),
             ("scale-lr", self.scale_lr),
             ("rotation-lr", self.rotation_lr),
+            ("prune-scale", self.prune_scale),
             ("mcmc-noise", self.mcmc_noise),
             ("mcmc-opacity-weight", self.mcmc_opacity_weight),
             ("mcmc-scale-weight", self.mcmc_scale_weight),

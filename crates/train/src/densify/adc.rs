@@ -16,8 +16,6 @@ use rand_distr::{Distribution, StandardNormal};
 const SPLIT_SAMPLES: usize = 2;
 /// A half's scale is the splat's divided by this: 0.8 times the number of halves.
 const SPLIT_SHRINK: f32 = 0.8 * SPLIT_SAMPLES as f32;
-/// Part of the extent above which a splat is pruned, once opacities have been reset.
-const PRUNE_SCALE: f32 = 0.1;
 
 /// Thresholds of a round.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,11 +37,6 @@ pub struct Adc {
 }
 
 impl Adc {
-    /// Scale above which splats are pruned, of a scene of `extent`.
-    pub fn prune_scale_of(extent: f32) -> f32 {
-        PRUNE_SCALE * extent
-    }
-
     /// The scene to be. `contribution` says how much the views see of each splat (`[N]`, in any unit) and is asked only if there is not room for all that
     /// would grow.
     ///
