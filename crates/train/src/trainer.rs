@@ -320,7 +320,7 @@ impl Trainer {
                     absgrad_threshold: config.absgrad.then_some(config.absgrad_threshold),
                     dense_scale: percent * extent,
                     prune_opacity: config.prune_opacity,
-                    prune_scale: (config.prune_scale > 0.0 && self.schedule.has_reset_before(step)).then(|| config.prune_scale * extent),
+                    prune_scale: (config.prune_scale > 0.0 && self.schedule.has_reset_before(step)).then_some(config.prune_scale * extent),
                     max_splats,
                     max_replaced: (config.turnover * max_splats as f32) as usize,
                 };
