@@ -17,6 +17,9 @@ pub(crate) const LANES: usize = 16;
 /// x86 estimates a reciprocal to 12 bits or better; other machines to 8, where one step would leave 16.
 const NEWTON_STEPS: usize = if cfg!(any(target_arch = "x86", target_arch = "x86_64")) { 1 } else { 2 };
 
+/// Has an [`V::exp2`] of exactly zero.
+pub(crate) const LOG2_OF_ZERO: f32 = -127.0;
+
 /// Sixteen numbers in memory.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C, align(64))]
@@ -113,7 +116,7 @@ impl<S: Simd> V<S> {
         Self(estimate)
     }
 
-    /// 2 to the power of `self`, for arguments in [-126, 127]; relative error below 3e-7.
+    /// 2 to the power of `self`, for arguments in [-126, 127]; relative error below 3e-7. Zero for [`LOG2_OF_ZERO`].
     ///
     /// Splits off the nearest integer, which goes into the exponent's bits, and evaluates a polynomial on the rest (minimax of the relative
     /// error with p(0) = 1 and p'(0) = ln 2, which is 1.05e-7).
@@ -332,6 +335,8 @@ mod tests {
         assert!(reciprocal < 3e-7, "reciprocal {reciprocal}");
         let exp2 = worst(linear(-100.0, 100.0), |x| with_simd!(level, s => V::load(s, &x).exp2().lanes()), f64::exp2);
         assert!(exp2 < 4e-7, "exp2 {exp2}");
+        let zero = with_simd!(level, s => V::splat(s, LOG2_OF_ZERO).exp2().lanes());
+        assert_eq!(zero.map(f32::to_bits), [0; LANES]);
         let exp = worst(linear(-80.0, 80.0), |x| with_simd!(level, s => V::load(s, &x).exp().lanes()), f64::exp);
         assert!(exp < 1e-6, "exp {exp}");
         let ln = worst(logarithmic(1e-30, 0.9), |x| with_simd!(level, s => V::load(s, &x).ln().lanes()), f64::ln);

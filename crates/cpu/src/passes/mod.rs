@@ -1,6 +1,6 @@
 //! The passes of a training step, one file each. `color` runs within `project`, `color_backward` within `project_backward`: their
 //! time is counted there. Two are none of a step's: `contribute` tells which splats a painted mask means, `evaluations` what there is to blend;
-//! both `walk` through a block as `rasterize` does.
+//! both `walk` through a block as `rasterize` does. `picks` is what both rasterisers find a block's splats with.
 
 pub(crate) mod adam;
 pub(crate) mod bin;
@@ -11,6 +11,7 @@ pub(crate) mod contribute;
 pub(crate) mod densify;
 pub(crate) mod evaluations;
 pub(crate) mod loss;
+pub(crate) mod picks;
 pub(crate) mod project;
 pub(crate) mod project_backward;
 pub(crate) mod rasterize;

@@ -10,8 +10,9 @@ use fearless_simd::{Level, Simd};
 use luxel_core::{Image, Real, each};
 use rayon::prelude::*;
 
+use super::picks::{MOST_PICKS, Picks};
 use super::sort::{Entry, TileList, WORD};
-use crate::lanes::{LANES, Lanes, V, with_simd};
+use crate::lanes::{LANES, LOG2_OF_ZERO, Lanes, M, V, with_simd};
 use crate::view::{BLOCK_PX, BLOCKS, ScreenCamera, TILE_BLOCKS, TILE_PX, block_of};
 
 /// Pixels of a block, in registers' order: row-major within 4x4.
@@ -69,8 +70,9 @@ pub(crate) fn to_alpha(tiles: &[TilePixels], camera: &ScreenCamera) -> Vec<f32> 
 pub(crate) fn rasterize(level: Level, camera: &ScreenCamera, (list, tile): (&TileList, usize), out: &mut TilePixels) {
     let origin = camera.tile_origin_px(tile);
     with_simd!(level, simd => {
+        let mut alphas = [Lanes::ZERO; MOST_PICKS];
         for (block, pixels) in out.0.iter_mut().enumerate() {
-            rasterize_block(simd, camera, origin, (list, block), pixels);
+            rasterize_block(simd, camera, origin, (list, block), &mut alphas, pixels);
         }
     });
 }
@@ -111,46 +113,84 @@ impl<S: Simd> Seen<S> {
     }
 }
 
+/// What blending a block's splats goes on with from one to the next behind.
+struct Blending<S: Simd> {
+    centers: [V<S>; 2],
+    radiance: [V<S>; 3],
+    transmittance: V<S>,
+    /// As [`BlockPixels::last`].
+    last: V<S>,
+    /// Pixels that are not finished.
+    live: M<S>,
+    max_alpha: V<S>,
+    min_transmittance: V<S>,
+}
+
+/// Blends a block. What is in `alphas` does not matter.
 #[inline(always)]
-fn rasterize_block<S: Simd>(simd: S, camera: &ScreenCamera, origin: [usize; 2], (list, block): (&TileList, usize), out: &mut BlockPixels) {
+fn rasterize_block<S: Simd>(
+    simd: S,
+    camera: &ScreenCamera,
+    origin: [usize; 2],
+    (list, block): (&TileList, usize),
+    alphas: &mut [Lanes; MOST_PICKS],
+    out: &mut BlockPixels,
+) {
     let c = |value: f32| V::splat(simd, value);
-    let (zero, one) = (c(0.0), c(1.0));
-    let max_alpha = c(camera.cutoffs.max_alpha);
-    let min_transmittance = c(camera.cutoffs.min_transmittance);
     let centers = pixel_centers(simd, block);
-    let mut radiance = [zero; 3];
-    let mut transmittance = one;
-    let mut last = zero;
     // Pixels beyond the image are finished from the start.
     let limit = each!([0, 1] i => c(camera.size_px[i] as f32 - origin[i] as f32));
-    let mut live = centers[0].lt(limit[0]) & centers[1].lt(limit[1]);
-    'words: for n in 0..list.words() {
-        let mut bits = list.word(n, block);
-        while bits != 0 {
-            if !live.any_true() {
-                break 'words;
+    let mut blending = Blending {
+        centers,
+        radiance: [c(0.0); 3],
+        transmittance: c(1.0),
+        last: c(0.0),
+        live: centers[0].lt(limit[0]) & centers[1].lt(limit[1]),
+        max_alpha: c(camera.cutoffs.max_alpha),
+        min_transmittance: c(camera.cutoffs.min_transmittance),
+    };
+    let mut picks = Picks::NONE;
+    for n in 0..list.words() {
+        picks.pick_ascending(n * WORD, list.word(n, block));
+        if picks.is_enough() {
+            blend(simd, &mut blending, &list.entries, picks.take(), alphas);
+            if !blending.live.any_true() {
+                break;
             }
-            let index = n * WORD + bits.trailing_zeros() as usize;
-            bits &= bits - 1;
-            let entry = &list.entries[index];
-            let seen = Seen::new(simd, entry, centers);
-            let touched = seen.log2_alpha.ge(c(entry.log2_threshold)) & live;
-            let alpha = seen.log2_alpha.exp2().min(max_alpha);
-            let left = (-alpha).mul_add(transmittance, transmittance);
-            let stays = left.ge(min_transmittance);
-            let hit = touched & stays;
-            live &= !touched | stays;
-            let weight = V::select(hit, alpha * transmittance, zero);
-            for (sum, color) in radiance.iter_mut().zip(entry.radiance) {
-                *sum = weight.mul_add(c(color), *sum);
-            }
-            transmittance = V::select(hit, left, transmittance);
-            last = V::select(hit, c((index + 1) as f32), last);
         }
     }
+    blend(simd, &mut blending, &list.entries, picks.take(), alphas);
+    let Blending { radiance, transmittance, last, .. } = blending;
     for ((out, sum), background) in out.radiance.iter_mut().zip(radiance).zip(camera.background) {
         transmittance.mul_add(c(background), sum).store(out);
     }
     transmittance.store(&mut out.transmittance);
     last.store(&mut out.last);
+}
+
+/// Blends the picks among a tile's entries behind what has been blended.
+#[inline(always)]
+fn blend<S: Simd>(simd: S, state: &mut Blending<S>, entries: &[Entry], picks: &[u32], alphas: &mut [Lanes; MOST_PICKS]) {
+    let c = |value: f32| V::splat(simd, value);
+    for (index, alpha) in picks.iter().zip(alphas.iter_mut()) {
+        let entry = &entries[*index as usize];
+        let log2_alpha = Seen::new(simd, entry, state.centers).log2_alpha;
+        V::select(log2_alpha.ge(c(entry.log2_threshold)), log2_alpha, c(LOG2_OF_ZERO)).store(alpha);
+    }
+    for alpha in &mut alphas[..picks.len()] {
+        V::load(simd, alpha).exp2().min(state.max_alpha).store(alpha);
+    }
+    for (index, alpha) in picks.iter().zip(alphas) {
+        let entry = &entries[*index as usize];
+        let alpha = V::load(simd, alpha);
+        let left = (-alpha).mul_add(state.transmittance, state.transmittance);
+        // Where the splat is not seen nothing is taken, so that the pixel stays as it is.
+        state.live &= left.ge(state.min_transmittance);
+        let weight = V::select(state.live, alpha * state.transmittance, c(0.0));
+        for (sum, color) in state.radiance.iter_mut().zip(entry.radiance) {
+            *sum = weight.mul_add(c(color), *sum);
+        }
+        state.transmittance = V::select(state.live, left, state.transmittance);
+        state.last = V::select(weight.gt(c(0.0)), c((index + 1) as f32), state.last);
+    }
 }

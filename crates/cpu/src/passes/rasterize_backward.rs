@@ -5,8 +5,10 @@
 //! in a fixed order, so no two threads ever add to one number.
 //!
 //! With w_i = T_i alpha_i and S_i = sum over j > i of w_j c_j (background last), d alpha_i = T_i c_i - S_i / (1 - alpha_i), dotted
-//! with the pixel's gradient. Gradients by centre and covariance follow from the moments of g = alpha d alpha over the pixels' whitened
-//! offsets (u, v), which are summed here and turned into them per splat. Where alpha is capped it has no gradient.
+//! with the pixel's gradient. By the odds o_i = alpha_i / (1 - alpha_i) and the transmittance behind the splat, w_i = o_i T_(i+1), T_i = T_(i+1) + w_i
+//! and g = alpha_i d alpha_i = w_i c_i - o_i S_i: where a pixel is not changed the odds are zero, and it stays what it is to the bit. Gradients by
+//! centre and covariance follow from the moments of g over the pixels' whitened offsets (u, v), which are summed here and turned into them per
+//! splat. Where alpha is capped it has no gradient.
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd, f32x4, f32x8, f64x2};
@@ -14,9 +16,10 @@ use luxel_core::Real;
 use luxel_core::each;
 use rayon::prelude::*;
 
+use super::picks::{MOST_PICKS, Picks};
 use super::rasterize::{BlockPixels, Seen, TilePixels, pixel_centers};
-use super::sort::{TileList, WORD};
-use crate::lanes::{Lanes, V, with_simd};
+use super::sort::{Entry, TileList, WORD};
+use crate::lanes::{LOG2_OF_ZERO, Lanes, V, with_simd};
 use crate::view::{BLOCKS, ScreenCamera, TILE_BLOCKS};
 
 /// Gradient by the radiance of a block's pixels.
@@ -68,11 +71,11 @@ pub(crate) fn rasterize_backward(
         out.clear();
         out.resize(list.entries.len(), EntryGradient::default());
         list.fetch();
-        let mut batch = Batch::new();
+        let mut stages = Stages::ZERO;
         for block in 0..BLOCKS {
             let row = tile / across * TILE_BLOCKS + block / TILE_BLOCKS;
             let gradient = &gradients[(row * across + tile % across) * TILE_BLOCKS + block % TILE_BLOCKS];
-            let (pixels, out) = (&pixels.0[block], (&mut batch, out.as_mut_slice()));
+            let (pixels, out) = (&pixels.0[block], (&mut stages, out.as_mut_slice()));
             match absolute {
                 AbsoluteSums::Skip => {
                     with_simd!(level, simd => block_backward::<_, false>(simd, camera, (list, block), (pixels, gradient), out))
@@ -85,42 +88,37 @@ pub(crate) fn rasterize_backward(
     });
 }
 
-/// Splats differentiated in one go.
-const BATCH: usize = 16;
-
-/// Splats that change a block, back to front, as its pixels see them. What does not hang on the splats behind is computed for many ahead
-/// of the recursion through the pixels' transmittance, so that the processor overlaps them.
-struct Batch {
-    len: usize,
-    entry: [u32; BATCH],
-    u: [Lanes; BATCH],
-    v: [Lanes; BATCH],
-    /// Zero where the pixel is not changed.
-    alpha: [Lanes; BATCH],
-    /// 1 / (1 - alpha).
-    inverse: [Lanes; BATCH],
+/// What the stages hand on: of each pick, as the block's pixels see it.
+struct Stages {
+    u: [Lanes; MOST_PICKS],
+    v: [Lanes; MOST_PICKS],
+    /// log2(alpha), then alpha / (1 - alpha), then g.
+    share: [Lanes; MOST_PICKS],
+    /// alpha times transmittance.
+    weight: [Lanes; MOST_PICKS],
 }
 
-impl Batch {
-    fn new() -> Self {
-        Self {
-            len: 0,
-            entry: [0; BATCH],
-            u: [Lanes::ZERO; BATCH],
-            v: [Lanes::ZERO; BATCH],
-            alpha: [Lanes::ZERO; BATCH],
-            inverse: [Lanes::ZERO; BATCH],
-        }
-    }
+impl Stages {
+    const ZERO: Self = Self {
+        u: [Lanes::ZERO; MOST_PICKS],
+        v: [Lanes::ZERO; MOST_PICKS],
+        share: [Lanes::ZERO; MOST_PICKS],
+        weight: [Lanes::ZERO; MOST_PICKS],
+    };
 }
 
 /// What differentiating a block's splats goes on with from one to the next in front.
 struct Unwinding<S: Simd> {
+    centers: [V<S>; 2],
+    /// As [`BlockPixels::last`].
+    last: V<S>,
     gradient: [V<S>; 3],
     transmittance: V<S>,
     /// Gradient-weighted radiance from behind.
     behind: V<S>,
     max_alpha: V<S>,
+    log2_max_alpha: f32,
+    max_odds: V<S>,
 }
 
 #[inline(always)]
@@ -129,73 +127,85 @@ fn block_backward<S: Simd, const ABSOLUTE: bool>(
     camera: &ScreenCamera,
     (list, block): (&TileList, usize),
     (pixels, gradient): (&BlockPixels, &BlockGradient),
-    (batch, out): (&mut Batch, &mut [EntryGradient]),
+    (stages, out): (&mut Stages, &mut [EntryGradient]),
 ) {
     let max_alpha = V::splat(simd, camera.cutoffs.max_alpha);
-    let centers = pixel_centers(simd, block);
-    let last = V::load(simd, &pixels.last);
     let gradient = each!([0, 1, 2] channel => V::load(simd, &gradient[channel]));
     let transmittance = V::load(simd, &pixels.transmittance);
     let background = each!([0, 1, 2] i => gradient[i] * camera.background[i]);
-    let behind = transmittance * (background[0] + background[1] + background[2]);
-    let mut unwinding = Unwinding { gradient, transmittance, behind, max_alpha };
+    let mut unwinding = Unwinding {
+        centers: pixel_centers(simd, block),
+        last: V::load(simd, &pixels.last),
+        gradient,
+        transmittance,
+        behind: transmittance * (background[0] + background[1] + background[2]),
+        max_alpha,
+        log2_max_alpha: camera.cutoffs.max_alpha.log2(),
+        max_odds: odds(max_alpha),
+    };
     let end = pixels.last.0.iter().fold(0.0f32, |a, v| if *v > a { *v } else { a }) as usize;
-    batch.len = 0;
+    let mut picks = Picks::NONE;
     for n in (0..end.div_ceil(WORD)).rev() {
         let mut bits = list.word(n, block);
         if end - n * WORD < WORD {
             bits &= (1 << (end - n * WORD)) - 1;
         }
-        while bits != 0 {
-            let bit = WORD - 1 - bits.leading_zeros() as usize;
-            bits ^= 1 << bit;
-            collect(simd, list, n * WORD + bit, (centers, last, max_alpha), batch);
-            if batch.len == BATCH {
-                unwind::<_, ABSOLUTE>(simd, &mut unwinding, list, batch, out);
-                batch.len = 0;
-            }
+        picks.pick_descending(n * WORD, bits);
+        if picks.is_enough() {
+            unwind::<_, ABSOLUTE>(simd, &mut unwinding, &list.entries, picks.take(), (stages, out));
         }
     }
-    unwind::<_, ABSOLUTE>(simd, &mut unwinding, list, batch, out);
+    unwind::<_, ABSOLUTE>(simd, &mut unwinding, &list.entries, picks.take(), (stages, out));
 }
 
-/// Adds an entry to the batch, unless it changes no pixel.
+/// alpha / (1 - alpha).
 #[inline(always)]
-fn collect<S: Simd>(simd: S, list: &TileList, index: usize, (centers, last, max_alpha): ([V<S>; 2], V<S>, V<S>), batch: &mut Batch) {
-    let c = |value: f32| V::splat(simd, value);
-    let entry = &list.entries[index];
-    let seen = Seen::new(simd, entry, centers);
-    let hit = seen.log2_alpha.ge(c(entry.log2_threshold)) & last.gt(c(index as f32));
-    let alpha = V::select(hit, seen.log2_alpha.exp2().min(max_alpha), c(0.0));
-    let slot = batch.len;
-    batch.entry[slot] = index as u32;
-    seen.u.store(&mut batch.u[slot]);
-    seen.v.store(&mut batch.v[slot]);
-    alpha.store(&mut batch.alpha[slot]);
-    (c(1.0) - alpha).reciprocal().store(&mut batch.inverse[slot]);
-    // Written in any case, kept or not: a branch would often be guessed wrong.
-    batch.len += usize::from(hit.any_true());
+fn odds<S: Simd>(alpha: V<S>) -> V<S> {
+    alpha * (alpha.lift(1.0) - alpha).reciprocal()
 }
 
-/// Differentiates the batch's splats.
+/// Differentiates the picks among a tile's entries in front of what has been differentiated.
 #[inline(always)]
-fn unwind<S: Simd, const ABSOLUTE: bool>(simd: S, state: &mut Unwinding<S>, list: &TileList, batch: &Batch, out: &mut [EntryGradient]) {
+fn unwind<S: Simd, const ABSOLUTE: bool>(
+    simd: S,
+    state: &mut Unwinding<S>,
+    entries: &[Entry],
+    picks: &[u32],
+    (stages, out): (&mut Stages, &mut [EntryGradient]),
+) {
     let c = |value: f32| V::splat(simd, value);
+    let Stages { u, v, share, weight } = stages;
+    for (((index, u), v), share) in picks.iter().zip(u.iter_mut()).zip(v.iter_mut()).zip(share.iter_mut()) {
+        let entry = &entries[*index as usize];
+        let seen = Seen::new(simd, entry, state.centers);
+        let hit = seen.log2_alpha.ge(c(entry.log2_threshold)) & state.last.gt(c(*index as f32));
+        seen.u.store(u);
+        seen.v.store(v);
+        V::select(hit, seen.log2_alpha, c(LOG2_OF_ZERO)).store(share);
+    }
+    for share in &mut share[..picks.len()] {
+        odds(V::load(simd, share).exp2().min(state.max_alpha)).store(share);
+    }
     let gradient = state.gradient;
-    let colors = each!([0, 1, 2] i => Halves::of(gradient[i]));
-    for slot in 0..batch.len.min(BATCH) {
-        let entry = &list.entries[batch.entry[slot] as usize];
-        let [u, v] = [V::load(simd, &batch.u[slot]), V::load(simd, &batch.v[slot])];
-        let [alpha, inverse] = [V::load(simd, &batch.alpha[slot]), V::load(simd, &batch.inverse[slot])];
-        let transmittance = state.transmittance * inverse;
-        let weight = alpha * transmittance;
+    for ((index, share), weight) in picks.iter().zip(share.iter_mut()).zip(weight.iter_mut()) {
+        let entry = &entries[*index as usize];
+        let odds = V::load(simd, share);
+        let blended = odds * state.transmittance;
         let color = each!([0, 1, 2] i => c(entry.radiance[i]));
         let shine = color[0].mul_add(gradient[0], color[1].mul_add(gradient[1], color[2] * gradient[2]));
-        let d_alpha = transmittance.mul_add(shine, -(state.behind * inverse));
-        state.transmittance = transmittance;
-        state.behind = weight.mul_add(shine, state.behind);
-        let g = V::select(alpha.lt(state.max_alpha), alpha * d_alpha, c(0.0));
-        let [g, u, v, weight] = [Halves::of(g), Halves::of(u), Halves::of(v), Halves::of(weight)];
+        let given = blended * shine;
+        let g = (-odds).mul_add(state.behind, given);
+        let g = if entry.log2_opacity < state.log2_max_alpha { g } else { V::select(odds.lt(state.max_odds), g, c(0.0)) };
+        state.transmittance = state.transmittance + blended;
+        state.behind = state.behind + given;
+        g.store(share);
+        blended.store(weight);
+    }
+    let colors = each!([0, 1, 2] i => Halves::of(gradient[i]));
+    for ((((index, u), v), share), weight) in picks.iter().zip(u).zip(v).zip(share).zip(weight) {
+        let entry = &entries[*index as usize];
+        let [g, weight] = [Halves::of(V::load(simd, share)), Halves::of(V::load(simd, weight))];
+        let [u, v] = [Halves::of(V::load(simd, u)), Halves::of(V::load(simd, v))];
         let (gu, gv) = (g.times(u), g.times(v));
         let [red, green, blue] = each!([0, 1, 2] i => weight.dot(colors[i]));
         let [absolute_x, absolute_y] = match ABSOLUTE {
