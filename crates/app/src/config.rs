@@ -117,9 +117,21 @@ impl RunConfig {
                 };
             }
         }
-        // What a preset leaves unset has no line in the table, and is not to have its default.
-        let config: Self = base.clone().try_into()?;
-        Ok(Self { train: config.train.with_preset(|id| value(&base, TRAIN, id).is_some()), ..config })
+        let merged = Self::of_table(&base)?;
+        // What the file says of a choice that is now another one falls with it, unless it was said again.
+        let is_chosen = |id: &str| said.iter().any(|said| said == id) || of_preset.contains(&id);
+        let fallen: Vec<String> =
+            merged.train.misplaced().into_iter().filter(|(_, choice)| is_chosen(choice)).map(|(id, _)| id.replace('-', "_")).collect();
+        if let Some(train) = base.get_mut(TRAIN).and_then(toml::Value::as_table_mut) {
+            train.retain(|id, _| said.iter().any(|said| said == id) || !fallen.iter().any(|fallen| fallen == id));
+        }
+        if fallen.is_empty() { Ok(merged) } else { Self::of_table(&base) }
+    }
+
+    /// What a preset leaves unset has no line in the table, and is not to have its default.
+    fn of_table(table: &toml::Table) -> Result<Self> {
+        let config: Self = table.clone().try_into()?;
+        Ok(Self { train: config.train.with_preset(|id| value(table, TRAIN, id).is_some()), ..config })
     }
 
     /// `self`, the configuration of an interrupted run, with what the command line may change. Everything else that was `said` must
@@ -277,6 +289,22 @@ mod tests {
         let (line, said) = parsed(&words("--eval-at 100,200")).unwrap();
         let merged = file.overlaid(&line, &said).unwrap();
         assert_eq!((merged.run.eval_every, merged.run.eval_at), (None, vec![100, 200]));
+    }
+
+    #[test]
+    fn what_goes_with_another_choice_falls_with_it() {
+        let (file, _) = parsed(&words("--activation exp --chroma-degree 2 --luminance-lr-final 1e-3 --absgrad --max-splats 9")).unwrap();
+        let (line, said) = parsed(&words("--method sh3 --strategy mcmc")).unwrap();
+        let merged = file.overlaid(&line, &said).unwrap().train;
+        merged.validate().unwrap();
+        let kept = TrainConfig { absgrad: false, max_splats: Some(9), ..line.train };
+        assert_eq!(merged, kept);
+        // What is said beside it is refused, and so is a file that contradicts itself.
+        let (line, said) = parsed(&words("--method sh3 --activation relu")).unwrap();
+        assert!(file.overlaid(&line, &said).unwrap().train.validate().unwrap_err().to_string().starts_with("--activation"));
+        let odd = RunConfig { train: TrainConfig { method: luxel_train::Method::Sh3, ..file.train }, ..file };
+        let (line, said) = parsed(&words("--seed 3")).unwrap();
+        assert!(odd.overlaid(&line, &said).unwrap().train.validate().is_err());
     }
 
     fn words(text: &str) -> Vec<String> {

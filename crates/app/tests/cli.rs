@@ -251,6 +251,7 @@ fn usage_errors_have_code_two() {
         &["train", "data", "-o", "run", "--method", "nerf"],
         &["train", "data", "-o", "run", "--overwrite", "--resume"],
         &["train", "data", "-o", "run", "--threads", "0"],
+        &["train", "data", "-o", "run", "--seed", "9223372036854775808"],
         &["render", "run", "-o", "x", "--frames", "9-1"],
         &["render", "run", "-o", "x", "--shard", "3/3"],
         &["render", "run", "-o", "x", "--exposure", "1"],

@@ -163,7 +163,15 @@ fn what_cannot_be_a_matrix_is_said() {
     std::fs::write(place.path("thesis/final.tex"), "years").unwrap();
     place.error(&args(&[["-o", "thesis"]]), &["thesis", "not a matrix"]);
     assert_eq!(std::fs::read_dir(place.path("thesis")).unwrap().count(), 1);
-    for bad in [["--method", "sh3"], ["--seed", "3"], ["--activation", "exp"], ["--methods", "nerf"], ["--jobs", "0"], ["--seeds", "x"]] {
+    for bad in [
+        ["--method", "sh3"],
+        ["--seed", "3"],
+        ["--activation", "exp"],
+        ["--methods", "nerf"],
+        ["--jobs", "0"],
+        ["--seeds", "x"],
+        ["--seeds", "9223372036854775808"],
+    ] {
         let stderr = place.fails(2, &args(&[bad]));
         assert!(!stderr.contains("panicked"), "{stderr}");
     }

@@ -15,7 +15,10 @@ use clap::{Args, Command, FromArgMatches};
 use luxel_core::{Activation, Antialias, ColorModel, Cutoffs, LossConfig, RasterConfig, ToneCurve};
 use serde::{Deserialize, Serialize};
 
-use crate::{NoiseChoice, ResolutionSchedule, TrainError};
+use crate::{NoiseChoice, ResolutionSchedule};
+
+/// Largest seed: integers of `config.toml` have a sign.
+pub const MAX_SEED: u64 = i64::MAX as u64;
 
 /// Options of training.
 #[derive(Clone, Debug, PartialEq, Args, Serialize, Deserialize)]
@@ -28,8 +31,8 @@ pub struct TrainConfig {
     /// Training steps, one view each; at least 1
     #[arg(long, value_name = "N", default_value_t = 30_000, help_heading = "Training")]
     pub iterations: u32,
-    /// Seed of everything random
-    #[arg(long, value_name = "N", default_value_t = 42, help_heading = "Training")]
+    /// Seed of everything random, below 2^63
+    #[arg(long, value_name = "N", default_value_t = 42, value_parser = clap::value_parser!(u64).range(..=MAX_SEED), help_heading = "Training")]
     pub seed: u64,
     /// Training on reduced images first: off, auto, or how many times a side from which step on, such as 4@0,2@1500,1@4000: a quarter
     /// until step 1500, half until step 4000, then full size. auto starts at 2, 4 or 8 by the size of the images, and is at full size after 35 %
@@ -252,19 +255,6 @@ impl TrainConfig {
     pub fn with_preset(mut self, is_given: impl Fn(&str) -> bool) -> Self {
         self.preset.apply(&mut self, is_given);
         self
-    }
-
-    /// This configuration with some options taken from `by`: those whose field name `is_given` says yes to. For a file and flags together.
-    ///
-    /// # Errors
-    /// [`TrainError::State`] if the configuration cannot be represented, which no valid one is.
-    pub fn overridden(&self, by: &Self, is_given: impl Fn(&str) -> bool) -> Result<Self, TrainError> {
-        let object = |config: &Self| serde_json::to_value(config).map_err(|error| TrainError::State(error.to_string()));
-        let (mut merged, by) = (object(self)?, object(by)?);
-        if let (Some(merged), Some(by)) = (merged.as_object_mut(), by.as_object()) {
-            merged.extend(by.iter().filter(|(name, _)| is_given(name)).map(|(name, value)| (name.clone(), value.clone())));
-        }
-        serde_json::from_value(merged).map_err(|error| TrainError::State(error.to_string()))
     }
 
     /// The colour model that `method` and the options beside it make up.

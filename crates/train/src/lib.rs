@@ -27,7 +27,7 @@ mod trainer;
 mod views;
 
 pub use config::{
-    CutoffPreset, ExposureCompensation, MCMC_DEFAULT_MAX_SPLATS, Method, Preset, ScaleRule, Strategy, TrainConfig, parse_rgb,
+    CutoffPreset, ExposureCompensation, MAX_SEED, MCMC_DEFAULT_MAX_SPLATS, Method, Preset, ScaleRule, Strategy, TrainConfig, parse_rgb,
 };
 pub use contribution::add_contribution;
 pub use error::TrainError;
@@ -39,5 +39,5 @@ pub use resolution::{ResolutionSchedule, Stage};
 pub use scale::choose_radiance_scale;
 pub use schedule::{ABSGRAD_OPACITY_CAP, RESET_OPACITY, Schedule};
 pub use smoothing::smoothing;
-pub use state::snapshot_config;
+pub use state::snapshot_response;
 pub use trainer::Trainer;

@@ -1,6 +1,6 @@
 //! What a run needs besides arrays to go on bit for bit, as JSON in [`luxel_core::Snapshot::state_json`].
 
-use luxel_core::{Dataset, Snapshot};
+use luxel_core::{Dataset, Knots, Snapshot};
 use rand::seq::SliceRandom;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -146,10 +146,14 @@ impl State {
     }
 }
 
-/// The configuration a snapshot was trained with.
+/// The response of the camera as it was when a snapshot was taken; `None` of a run on radiance.
 ///
 /// # Errors
 /// [`TrainError::State`] if it cannot be read.
-pub fn snapshot_config(snapshot: &Snapshot) -> Result<TrainConfig, TrainError> {
-    State::parse(&snapshot.state_json).map(|state| state.config)
+pub fn snapshot_response(snapshot: &Snapshot) -> Result<Option<Knots>, TrainError> {
+    let response = State::parse(&snapshot.state_json)?.response;
+    if let Some(response) = &response {
+        response.validate()?;
+    }
+    Ok(response.as_ref().map(CameraResponse::knots))
 }

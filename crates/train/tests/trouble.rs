@@ -13,7 +13,7 @@ use luxel_core::{
     Camera, DensifyPlan, DensifyStats, Engine, EngineError, Geometry, Image, Mask, Moments, Pass, RenderOptions, Snapshot, Splats,
     StepConfig, StepReport, View,
 };
-use luxel_train::{Method, TrainConfig, TrainError, Trainer, snapshot_config};
+use luxel_train::{Method, TrainConfig, TrainError, Trainer, snapshot_response};
 
 /// An engine whose steps change nothing and report a loss that was put into it.
 struct Puppet {
@@ -161,7 +161,7 @@ fn damaged_trainer_state_is_an_error_wherever_it_is_cut_or_changed() {
     let good = snapshot();
     for cut in 0..good.state_json.len() {
         let damaged = Snapshot { state_json: good.state_json[..cut].to_owned(), ..good.clone() };
-        assert!(snapshot_config(&damaged).is_err(), "cut at {cut}");
+        assert!(snapshot_response(&damaged).is_err(), "cut at {cut}");
     }
     let changes = [
         ("\"version\":2", "\"version\":9", "version 9, expected 2"),
@@ -198,9 +198,4 @@ fn damaged_arrays_are_an_error() {
     let mut stats = good;
     stats.stats.views.pop();
     assert!(Trainer::resume(&data, stats, engine()).is_err());
-}
-
-#[test]
-fn a_snapshot_knows_its_configuration() {
-    assert_eq!(snapshot_config(&snapshot()).unwrap(), config(10));
 }

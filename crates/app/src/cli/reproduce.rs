@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Arg, Args};
 use luxel_core::ColorModel;
-use luxel_train::TrainConfig;
+use luxel_train::{MAX_SEED, TrainConfig};
 
 use super::{ConsoleArgs, DeviceArgs, LoadArgs};
 use crate::commands::reproduce::method::{self, parse_method};
@@ -38,7 +38,14 @@ pub(crate) struct ReproduceArgs {
     )]
     pub(crate) methods: Vec<ColorModel>,
     /// Seeds: as many runs of each method on each data set.
-    #[arg(long, value_delimiter = ',', default_value = "42,43,44", value_name = "SEEDS", help_heading = "Matrix")]
+    #[arg(
+        long,
+        value_delimiter = ',',
+        value_parser = clap::value_parser!(u64).range(..=MAX_SEED),
+        default_value = "42,43,44",
+        value_name = "SEEDS",
+        help_heading = "Matrix"
+    )]
     pub(crate) seeds: Vec<u64>,
     /// Runs side by side, each with its part of the cores or with --threads; times depend on it, other figures do not.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1024), value_name = "N", help_heading = "Matrix")]

@@ -109,14 +109,6 @@ fn configuration_survives_json() {
 }
 
 #[test]
-fn given_options_override_the_others_stay() {
-    let file = parse(&["--iterations", "10", "--mu", "7"]).unwrap();
-    let flags = parse(&["--iterations", "20", "--max-splats", "5"]).unwrap();
-    let merged = file.overridden(&flags, |name| name == "iterations").unwrap();
-    assert_eq!(merged, TrainConfig { iterations: 20, ..file });
-}
-
-#[test]
 fn nonsense_is_refused_with_the_options_name() {
     let cases: &[(&[&str], &str)] = &[
         (&["--method", "sh3", "--activation", "exp"], "--activation"),
@@ -147,5 +139,9 @@ fn nonsense_is_refused_with_the_options_name() {
     }
     assert_eq!((parse_rgb("0, 0.5,2"), parse_rgb("0.5")), (Ok([0.0, 0.5, 2.0]), Ok([0.5; 3])));
     assert!(parse(&["--method", "sh9"]).is_err());
+    assert_eq!(parse(&["--seed", "9223372036854775807"]).unwrap().seed, MAX_SEED);
+    assert!(parse(&["--seed", "9223372036854775808"]).is_err());
+    let error = TrainConfig { seed: MAX_SEED + 1, ..TrainConfig::default() }.validate().unwrap_err().to_string();
+    assert!(error.starts_with("--seed") && error.contains("at most 9223372036854775807"), "{error}");
     assert!(parse(&["--resolution-schedule", "4@0,2@x"]).unwrap_err().to_string().contains("\"x\" is not a step"));
 }

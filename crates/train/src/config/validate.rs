@@ -1,6 +1,6 @@
 //! Ranges and combinations of the options.
 
-use super::{Method, Strategy, TrainConfig};
+use super::{MAX_SEED, Method, Strategy, TrainConfig};
 use crate::TrainError;
 
 impl TrainConfig {
@@ -16,16 +16,9 @@ impl TrainConfig {
     }
 
     fn validate_model(&self) -> Result<(), TrainError> {
-        if self.method != Method::Lcd {
-            let given = [
-                ("activation", self.activation.is_some()),
-                ("chroma-degree", self.chroma_degree.is_some()),
-                ("luminance-degree", self.luminance_degree.is_some()),
-                ("luminance-lr-final", self.luminance_lr_final.is_some()),
-            ];
-            if let Some((option, _)) = given.into_iter().find(|(_, is_given)| *is_given) {
-                return Err(TrainError::config(option, "goes with --method lcd only"));
-            }
+        if let Some((option, choice)) = self.misplaced().into_iter().next() {
+            let value = if choice == "method" { "lcd" } else { "adc" };
+            return Err(TrainError::config(option, format!("goes with --{choice} {value} only")));
         }
         if let Some(degree) = self.chroma_degree.filter(|d| *d > 5) {
             return Err(TrainError::config("chroma-degree", format!("found {degree}, expected 0 to 5")));
@@ -33,13 +26,26 @@ impl TrainConfig {
         if let Some(degree) = self.luminance_degree.filter(|d| *d > 3) {
             return Err(TrainError::config("luminance-degree", format!("found {degree}, expected 0 to 3")));
         }
-        if self.absgrad && self.strategy == Strategy::Mcmc {
-            return Err(TrainError::config("absgrad", "goes with --strategy adc only"));
-        }
         Ok(())
     }
 
+    /// Options that are set and go with another value of an option than it has: the long name of each, and of what it hangs on.
+    pub fn misplaced(&self) -> Vec<(&'static str, &'static str)> {
+        let is_sh = self.method != Method::Lcd;
+        let options = [
+            ("activation", "method", is_sh && self.activation.is_some()),
+            ("chroma-degree", "method", is_sh && self.chroma_degree.is_some()),
+            ("luminance-degree", "method", is_sh && self.luminance_degree.is_some()),
+            ("luminance-lr-final", "method", is_sh && self.luminance_lr_final.is_some()),
+            ("absgrad", "strategy", self.strategy == Strategy::Mcmc && self.absgrad),
+        ];
+        options.into_iter().filter(|(.., is_misplaced)| *is_misplaced).map(|(option, choice, _)| (option, choice)).collect()
+    }
+
     fn validate_counts(&self) -> Result<(), TrainError> {
+        if self.seed > MAX_SEED {
+            return Err(TrainError::config("seed", format!("found {}, expected at most {MAX_SEED}", self.seed)));
+        }
         let counts = [
             ("iterations", Some(self.iterations)),
             ("init-points", Some(self.init_points)),
