@@ -111,7 +111,7 @@ fn threads(args: &DeviceArgs) -> usize {
         Some(threads) => threads as usize,
         None => std::thread::available_parallelism().map_or(1, usize::from),
     };
-    // Only the first call of a process can set it, and only one is made.
+    // Only the first call of a process can set it; those after it ask for the same number.
     let _ = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
     threads
 }

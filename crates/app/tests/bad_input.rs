@@ -201,3 +201,19 @@ fn what_integer_images_do_not_state_must_be_said() {
     std::fs::write(place.path("run/config.toml"), config.replace("color_space = \"acescg\"\n", "")).unwrap();
     place.error(&["eval", "run", "--data", "rec709"], &["rec709", "acescg", "convert"]);
 }
+
+/// Names that are not UTF-8 are no names of TOML.
+#[cfg(target_os = "linux")]
+#[test]
+fn settings_that_cannot_be_written_cost_no_run() {
+    use std::os::unix::ffi::OsStrExt;
+    let place = Workplace::new();
+    place.train("run", &[]);
+    let odd = place.path("").join(std::ffi::OsStr::from_bytes(b"odd-\xff"));
+    common::write_dataset(&odd);
+    let output = place.luxel(&["train"]).arg(&odd).args(["-o", "run", "--overwrite"]).args(QUICK).output().unwrap();
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(1) && stderr.contains("config.toml cannot hold"), "{stderr}");
+    assert!(place.path("run/config.toml").is_file() && place.path("run/checkpoints").is_dir());
+    place.ok(&["eval", "run"]);
+}

@@ -237,6 +237,9 @@ fn progress_is_told_as_asked() {
 
     let table = place.train("profile", &["--profile"]);
     assert!(table.contains("rasterize_backward") && table.contains("ms a step"), "{table}");
+    let args = [&["train", "data", "-o", "profile", "--overwrite", "--profile"], &common::QUICK[..]].concat();
+    let profile = place.events(&args, "profile");
+    assert!(profile.len() == 1 && profile[0]["ms_a_step"]["rasterize_backward"].as_f64().unwrap() > 0.0, "{profile:?}");
 }
 
 #[test]
@@ -277,6 +280,12 @@ fn the_demo_runs_anywhere_and_replaces_only_itself() {
         assert_eq!(std::fs::read_dir(place.path("luxel-demo/pictures")).unwrap().count(), 12);
     }
     place.ok(&["render", "luxel-demo", "--frames", "0", "-o", "frame"]);
+    // A device that is not there costs nothing, and neither does what was made of a demo.
+    place.error(&["demo", "--device", "gpu:no such card"], &["gpu:no such card"]);
+    assert!(place.path("luxel-demo/report.html").is_file());
+    place.ok(&["train", "--resume", "-o", "luxel-demo", "--iterations", "6", "--quiet"]);
+    place.error(&["demo", "--iterations", "5"], &["not a demo"]);
+    assert_eq!(place.events(&["demo", "-o", "other", "--iterations", "2"], "finished").len(), 1);
 }
 
 #[test]

@@ -9,8 +9,8 @@ use luxel_train::Trainer;
 use serde_json::json;
 
 use crate::cli::TrainArgs;
-use crate::config::RunConfig;
-use crate::console::{self, Console};
+use crate::config::{MadeBy, RunConfig};
+use crate::console::Console;
 use crate::engine::Chosen;
 use crate::run_folder::{Occupant, RunFolder, RunLock};
 use crate::session::{Outcome, Session};
@@ -36,16 +36,23 @@ pub(crate) fn run(args: &TrainArgs, said: &[String]) -> Result<Outcome> {
     }
     let mut console = Console::new(args.console.log_format, args.console.quiet);
     let TrainedRun { outcome, config, mut trainer, steps, .. } = match start {
-        Start::Fresh(config) => fresh(config, &folder, &mut console, || folder.lock())?,
-        Start::Replace(config) => fresh(config, &folder, &mut console, || {
-            let lock = folder.lock()?;
-            folder.clear(&[])?;
-            Ok(lock)
-        })?,
+        Start::Fresh(config) => {
+            let chosen = engine::training_engine(&config)?;
+            fresh(config, chosen, &folder, &mut console, || lock_free(&folder))?
+        }
+        Start::Replace(config) => {
+            let chosen = engine::training_engine(&config)?;
+            fresh(config, chosen, &folder, &mut console, || {
+                let lock = folder.lock()?;
+                folder.clear(&[])?;
+                Ok(lock)
+            })?
+        }
         Start::Resume(config) => resume(config, &folder, &mut console)?,
     };
     if args.profile {
-        console::print(&profile(steps, trainer.engine().timings()))?;
+        let timings = trainer.engine().timings();
+        console.result(&profile_event(steps, timings), &profile(steps, timings))?;
     }
     finish(outcome, &folder, &config, &console)?;
     Ok(outcome)
@@ -73,7 +80,10 @@ fn resolve(args: &TrainArgs, said: &[String], occupant: Occupant) -> Result<Star
         let dataset = args.dataset.as_deref().map_or(Ok(stored.dataset.clone()), absolute)?;
         let command_line = RunConfig::from_args(args, dataset.clone(), said);
         let config = stored.resumed(&command_line, said)?;
-        return Ok(Start::Resume(RunConfig { dataset, ..config }));
+        // A demo that is trained further is somebody's work, which the next demo must not replace.
+        let is_same = config.train.iterations == stored.train.iterations;
+        let made_by = if is_same { stored.made_by } else { MadeBy::Train };
+        return Ok(Start::Resume(RunConfig { dataset, made_by, ..config }));
     }
     let config = from_command_line(args, said)?;
     match occupant {
@@ -119,14 +129,28 @@ fn absolute(dataset: &Path) -> Result<PathBuf> {
     std::fs::canonicalize(dataset).with_context(|| format!("{}: cannot open the data set", dataset.display()))
 }
 
+/// Locks a folder in which nothing was found: another luxel may have put a run there while the data set was read.
+fn lock_free(folder: &RunFolder) -> Result<RunLock> {
+    let lock = folder.lock()?;
+    match folder.occupant()? {
+        Occupant::Nothing => Ok(lock),
+        Occupant::Run(_) | Occupant::Foreign => {
+            bail!("{}: was empty and no longer is; choose another output folder", folder.root().display())
+        }
+    }
+}
+
 /// A run from its first step. `make_room` is called once the data set has been read and the settings are accepted.
 pub(crate) fn fresh(
     config: RunConfig,
+    chosen: Chosen,
     folder: &RunFolder,
     console: &mut Console,
     make_room: impl FnOnce() -> Result<RunLock>,
 ) -> Result<TrainedRun> {
-    let Chosen { engine, threads, machine, .. } = engine::training_engine(&config)?;
+    let Chosen { engine, threads, machine, .. } = chosen;
+    // What has no text form must not cost the run that is to be replaced.
+    config.to_toml().with_context(|| format!("{}: config.toml cannot hold these settings", config.dataset.display()))?;
     let dataset = data::load(&config.dataset_path(folder.root()), &config.load, console)?;
     let trainer = Trainer::new(&dataset, config.train.clone(), engine).context("cannot start training")?;
     let lock = make_room()?;
@@ -216,4 +240,26 @@ fn profile(steps: u32, timings: &[(Pass, Duration)]) -> String {
         out += &format!("{:17}  {:9.3}  {share:5.1} %\n", pass.name(), 1e3 * seconds / f64::from(steps.max(1)));
     }
     out + &format!("{:17}  {:9.3}", "all", 1e3 * total / f64::from(steps.max(1)))
+}
+
+/// The same for programs.
+fn profile_event(steps: u32, timings: &[(Pass, Duration)]) -> serde_json::Value {
+    let ms = |time: &Duration| 1e3 * time.as_secs_f64() / f64::from(steps.max(1));
+    let passes: serde_json::Map<_, _> = timings.iter().map(|(pass, time)| (pass.name().to_owned(), ms(time).into())).collect();
+    json!({ "event": "profile", "steps": steps, "ms_a_step": passes })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_that_filled_up_meanwhile_is_left_alone() {
+        let place = tempfile::tempdir().unwrap();
+        let folder = RunFolder::at(&place.path().join("run"));
+        drop(lock_free(&folder).unwrap());
+        std::fs::write(folder.root().join("log.jsonl"), "another's").unwrap();
+        let error = lock_free(&folder).unwrap_err().to_string();
+        assert!(error.contains("no longer is"), "{error}");
+    }
 }

@@ -80,6 +80,14 @@ impl Workplace {
         self.ok(&args)
     }
 
+    /// Runs to success with events on stdout, one JSON object a line; those of this name.
+    pub fn events(&self, args: &[&str], name: &str) -> Vec<serde_json::Value> {
+        let told = self.ok(&[args, &["--log-format", "json"]].concat());
+        let events =
+            told.lines().map(|line| serde_json::from_str(line).unwrap_or_else(|error| panic!("{args:?}: {error} in {line}\n{told}")));
+        events.filter(|event: &serde_json::Value| event["event"] == name).collect()
+    }
+
     pub fn json(&self, name: &str) -> serde_json::Value {
         serde_json::from_slice(&std::fs::read(self.path(name)).unwrap()).unwrap()
     }
