@@ -17,6 +17,9 @@ const LIMIT_BYTES: u64 = 64 << 20;
 /// Content of the file.
 #[derive(Debug, Default, Serialize, Deserialize)]
 pub(crate) struct Captures {
+    /// Steps after which this was so.
+    #[serde(default)]
+    iteration: u32,
     /// Gains of the training images, stops by channel: what each was divided by. Their mean is 0.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     gains_ev: BTreeMap<String, [f32; 3]>,
@@ -41,7 +44,7 @@ impl Captures {
         let stops = |log: &[f32; 3]| log.map(|log| log / std::f32::consts::LN_2);
         let gains_ev = train.iter().zip(logs).map(|(view, log)| (view.name.clone(), stops(log))).collect();
         let table = |recorded| ResponseTable { exposure: std::array::from_fn(exposure_of_knot), recorded };
-        Self { gains_ev, response: trainer.response().map(table) }
+        Self { iteration: trainer.iteration(), gains_ev, response: trainer.response().map(table) }
     }
 
     /// Writes the file, if anything was found.
@@ -63,8 +66,8 @@ impl Captures {
             .with_context(|| format!("{}: not what luxel writes there; continue the run with --resume", path.display()))
     }
 
-    /// The response's knots.
-    pub(crate) fn response(&self) -> Option<Knots> {
-        self.response.as_ref().map(|response| response.recorded)
+    /// The response's knots after `iteration` steps; `None` if they are those of another step.
+    pub(crate) fn response_at(&self, iteration: u32) -> Option<Knots> {
+        self.response.as_ref().filter(|_| self.iteration == iteration).map(|response| response.recorded)
     }
 }

@@ -16,6 +16,8 @@ pub(crate) struct Chosen {
     pub(crate) threads: usize,
     /// For people: `2 threads`, `NVIDIA H200 (vulkan)`, and why it is not a GPU if there seems to be one.
     pub(crate) machine: String,
+    /// The same for comparisons: `2 threads of AMD EPYC 9B14`, `NVIDIA H200 (vulkan)`. Times of equal ones compare.
+    pub(crate) computed_by: String,
     /// Name of the GPU.
     pub(crate) gpu: Option<String>,
     /// The processor's instruction set, if it is the engine.
@@ -59,10 +61,11 @@ fn cpu(threads: usize, set: InstructionSet, reason: Option<String>) -> Result<Ch
     engine.set_instruction_set(set).context("--instruction-set")?;
     let instruction_set = Some(engine.instruction_set());
     let mut machine = crate::text::plural(threads, "thread");
+    let computed_by = format!("{machine} of {}", crate::machine::processor().unwrap_or_else(|| "the CPU".into()));
     if let Some(reason) = reason {
         machine += &format!(" ({reason})");
     }
-    Ok(Chosen { engine: Box::new(engine), threads, machine, gpu: None, instruction_set })
+    Ok(Chosen { engine: Box::new(engine), threads, machine, computed_by, gpu: None, instruction_set })
 }
 
 #[cfg(feature = "gpu")]
@@ -78,7 +81,8 @@ mod gpu {
         let engine = GpuEngine::new(&gpu)?;
         let facts = gpu.facts();
         let machine = format!("{} ({})", facts.name, facts.backend);
-        Ok(Chosen { engine: Box::new(engine), threads, machine, gpu: Some(facts.name.clone()), instruction_set: None })
+        let computed_by = machine.clone();
+        Ok(Chosen { engine: Box::new(engine), threads, machine, computed_by, gpu: Some(facts.name.clone()), instruction_set: None })
     }
 
     /// The best real GPU. Without one there is nothing to say; one that cannot be used is told of.

@@ -37,6 +37,9 @@ pub(crate) struct Metrics {
     pub(crate) seed: u64,
     /// Threads.
     pub(crate) threads: usize,
+    /// Where the engine ran: threads of a processor, or a GPU.
+    #[serde(default)]
+    pub(crate) computed_by: String,
     /// Version of the program.
     pub(crate) luxel_version: String,
     /// Folder of the data set.

@@ -14,6 +14,7 @@ mod evaluation;
 mod facts;
 mod files;
 mod interrupt;
+mod machine;
 mod memory;
 mod preview;
 mod report;

@@ -19,8 +19,8 @@ const IMAGES_LIMIT_BYTES: usize = 512 << 20;
 /// Length of a licence text that is quoted, bytes.
 const CREDITS_LIMIT_BYTES: u64 = 16 << 10;
 
-/// Writes the report about `metrics`.
-pub(crate) fn write(folder: &RunFolder, config: &RunConfig, dataset: &Dataset, metrics: &Metrics) -> Result<()> {
+/// Writes the report about `metrics` and the images that lie in `images`.
+pub(crate) fn write(folder: &RunFolder, config: &RunConfig, dataset: &Dataset, (metrics, images): (&Metrics, &Path)) -> Result<()> {
     let input = ReportInput {
         title: title(config, folder),
         subtitle: format!(
@@ -33,7 +33,7 @@ pub(crate) fn write(folder: &RunFolder, config: &RunConfig, dataset: &Dataset, m
         warnings: dataset.warnings.iter().cloned().chain(data::bad_pixel_lines(dataset)).collect(),
         splits: splits(metrics),
         curve: curve(folder)?,
-        views: views(folder, dataset, metrics)?,
+        views: views(images, dataset, metrics)?,
         profile: metrics.splits.get("test").or(metrics.splits.get("train")).map_or_else(LuminanceProfile::default, |s| s.profile.clone()),
         config_toml: config.to_toml()?,
         credits: credits(&config.dataset_path(folder.root())),
@@ -58,7 +58,7 @@ fn facts(metrics: &Metrics, dataset: &Dataset) -> Vec<(String, String)> {
     let mut facts = vec![
         ("splats", text::count(metrics.splats)),
         ("training time", text::duration(seconds)),
-        ("threads", metrics.threads.to_string()),
+        ("computed by", metrics.computed_by.clone()),
         ("peak memory", metrics.peak_rss_bytes.map_or("unknown".into(), text::bytes)),
         ("radiance scale", text::number(metrics.radiance_scale.into())),
         ("seed", metrics.seed.to_string()),
@@ -97,10 +97,10 @@ fn curve(folder: &RunFolder) -> Result<Vec<CurveSample>> {
 }
 
 /// Renders of test views beside their images, evenly chosen if they are too many for memory.
-fn views(folder: &RunFolder, dataset: &Dataset, metrics: &Metrics) -> Result<Vec<ReportView>> {
+fn views(images: &Path, dataset: &Dataset, metrics: &Metrics) -> Result<Vec<ReportView>> {
     let Some(split) = metrics.splits.get("test") else { return Ok(Vec::new()) };
     let stems = unique_stems(dataset.test.iter().map(|view| view.name.as_str()));
-    let renders = folder.evaluation(metrics.iterations).join("renders");
+    let renders = images.join("renders");
     let view_bytes = |view: &View| 2 * view.image.pixels.len() * size_of::<[f32; 3]>();
     let total: usize = dataset.test.iter().map(view_bytes).sum();
     let every = total.div_ceil(IMAGES_LIMIT_BYTES).max(1);

@@ -4,7 +4,8 @@
 //! config.toml                                  resolved configuration; marks the folder as a run
 //! checkpoints/                                 state to resume from
 //! point_cloud/iteration_N/point_cloud.ply      the scene, where other tools look for it
-//! eval/step_N/{renders,gt}/*.exr, metrics.json test views in the units of the data set, figures of that step
+//! eval/step_N/{renders,gt}/*.exr, metrics.json test views in the units of the data set, figures of that step by training
+//! eval/step_N_on_DATA/                         test views of luxel eval on other data
 //! metrics.json  log.jsonl  report.html
 //! measured.json                                what luxel reproduce measured of its runs
 //! ```
@@ -140,6 +141,12 @@ impl RunFolder {
         self.root.join("eval").join(format!("step_{iteration}"))
     }
 
+    /// The same on other data than the run's own.
+    pub(crate) fn evaluation_of(&self, iteration: u32, data: &Path) -> PathBuf {
+        let name = std::path::absolute(data).ok().and_then(|path| Some(path.file_name()?.to_string_lossy().into_owned()));
+        self.root.join("eval").join(format!("step_{iteration}_on_{}", name.unwrap_or_else(|| "other_data".into())))
+    }
+
     /// Figures of the newest evaluation.
     pub(crate) fn metrics(&self) -> PathBuf {
         self.root.join("metrics.json")
@@ -172,7 +179,7 @@ impl RunFolder {
         found
     }
 
-    /// Iterations that were evaluated, newest first.
+    /// Iterations that training evaluated to the end, newest first.
     pub(crate) fn evaluated_iterations(&self) -> Vec<u32> {
         let mut found = numbered(&self.root.join("eval"), "step_");
         found.retain(|&n| self.evaluation(n).join("metrics.json").is_file());

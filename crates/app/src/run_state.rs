@@ -3,10 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use luxel_core::{Scene, Snapshot};
+use luxel_core::{Knots, Scene, Snapshot};
 
+use crate::captures::Captures;
+use crate::config::RunConfig;
 use crate::console::Console;
 use crate::run_folder::RunFolder;
+use crate::values::SupervisionArg;
 
 /// The newest checkpoint that can be read, to continue from; `None` if the run ended before its first. Damaged newer ones are reported
 /// and set aside under another name: they must not count as the newest when old ones are deleted.
@@ -56,6 +59,26 @@ pub(crate) fn newest_scene(folder: &RunFolder, console: &Console) -> Result<(u32
         }
     }
     bail!("{0}: the run has no readable scene yet; go on with luxel train --resume -o {0}", folder.root().display())
+}
+
+/// The response of the camera that goes with a run's scene of `iteration` steps: what an evaluation wrote of that step, or its checkpoint, which an
+/// interrupted run alone has. `None` of a run on radiance.
+pub(crate) fn response(folder: &RunFolder, config: &RunConfig, iteration: u32) -> Result<Option<Knots>> {
+    if config.load.supervision != SupervisionArg::Ldr {
+        return Ok(None);
+    }
+    if let Some(response) = Captures::read(folder)?.response_at(iteration) {
+        return Ok(Some(response));
+    }
+    let states = luxel_io::list_checkpoints(folder.root())?;
+    let Some(file) = states.iter().find(|file| file.iteration == u64::from(iteration)) else {
+        bail!(
+            "{0}: neither captures.json nor a checkpoint has the camera's response of step {iteration}; go on with luxel train --resume -o {0}",
+            folder.root().display()
+        );
+    };
+    let snapshot = luxel_io::read_checkpoint(&file.path)?;
+    luxel_train::snapshot_response(&snapshot).with_context(|| format!("{}: no response of a camera", file.path.display()))
 }
 
 /// A scene file.

@@ -1,7 +1,8 @@
 //! A training run from its first (or next) step to its report: the loop around [`Trainer`], with what is saved when.
 //!
 //! Order at a step that is evaluated: log line, checkpoint, scene, images, figures. So a process that dies during the evaluation
-//! finds the state at that very step when it is resumed, and evaluates then; [`RunFolder::evaluated_iterations`] says what is done.
+//! finds the state at that very step when it is resumed, and evaluates then; [`RunFolder::evaluated_iterations`] says what is done, by
+//! figures that nothing but the session writes there.
 
 use std::collections::BTreeMap;
 
@@ -39,6 +40,8 @@ pub(crate) struct Session<'a> {
     pub(crate) config: &'a RunConfig,
     /// Threads in use.
     pub(crate) threads: usize,
+    /// Where the engine runs.
+    pub(crate) computed_by: String,
     /// Who is told.
     pub(crate) console: &'a mut Console,
     /// The method.
@@ -253,13 +256,14 @@ impl Session<'_> {
             mu: self.config.train.mu,
             seed: self.config.train.seed,
             threads: self.threads,
+            computed_by: self.computed_by.clone(),
             luxel_version: env!("CARGO_PKG_VERSION").into(),
             dataset: self.config.dataset_path(self.folder.root()).display().to_string(),
             splits,
         };
         files::write_json(&self.folder.metrics(), &metrics)?;
         if finished {
-            reporting::write(self.folder, self.config, self.dataset, &metrics)?;
+            reporting::write(self.folder, self.config, self.dataset, (&metrics, &images))?;
         }
         let psnr = metrics.splits.get("test").map(|split| split.mean.psnr_scene);
         // Last: it says that the evaluation is complete.

@@ -66,6 +66,37 @@ fn a_run_on_recordings_tells_the_response_and_figures_with_and_without_its_scale
 }
 
 #[test]
+fn an_interrupted_run_is_evaluated_with_the_response_of_its_state() {
+    let place = Workplace::new();
+    record(&place);
+    place.train("run", &["--supervision", "ldr", "--checkpoint-every", "20", "--keep-checkpoints", "3"]);
+    // As it is when a run of more steps is stopped after the first evaluation: the newest scene is a checkpoint's.
+    for entry in ["checkpoints/step_000000040.safetensors", "point_cloud/iteration_40/point_cloud.ply", "eval/step_40/metrics.json"] {
+        std::fs::remove_file(place.path("run").join(entry)).unwrap();
+    }
+    let mut captures = place.json("run/captures.json");
+    assert_eq!(captures["iteration"], 40);
+    for knots in captures["response"]["recorded"].as_array_mut().unwrap() {
+        knots.as_array_mut().unwrap().iter_mut().for_each(|knot| *knot = (0.5 * knot.as_f64().unwrap()).into());
+    }
+    std::fs::write(place.path("run/captures.json"), captures.to_string()).unwrap();
+    let figures = || {
+        place.ok(&["eval", "run", "--threads", "2"]);
+        let metrics = place.json("run/metrics.json");
+        assert_eq!(metrics["iterations"], 20);
+        metrics["splits"].clone()
+    };
+    let beside_another = figures();
+    std::fs::remove_file(place.path("run/captures.json")).unwrap();
+    assert_eq!(beside_another, figures());
+    // Where none of that step is left, that is said.
+    std::fs::create_dir_all(place.path("run/point_cloud/iteration_20")).unwrap();
+    place.ok(&["edit", "run", "--gain", "1", "-o", "run/point_cloud/iteration_20/point_cloud.ply"]);
+    std::fs::remove_dir_all(place.path("run/checkpoints")).unwrap();
+    place.error(&["eval", "run"], &["the camera's response of step 20", "--resume"]);
+}
+
+#[test]
 fn radiance_alone_writes_nothing_about_captures() {
     let place = Workplace::new();
     place.train("run", &[]);

@@ -76,7 +76,14 @@ fn eval_prints_a_table_and_rewrites_the_figures() {
     // The scene went through its file: single precision both times.
     assert!((psnr(&before) - psnr(&after)).abs() < 1e-3, "{} {}", psnr(&before), psnr(&after));
     assert!(place.path("run/report.html").is_file());
-    // Another copy of the data set gives the same figures.
+    // Another copy of the data set gives the same figures, and its images do not take the place of the run's.
+    common::write_dataset(&place.path("elsewhere"));
+    let of_training =
+        || ["metrics.json", "renders/000.exr", "gt/000.exr"].map(|name| std::fs::read(place.path("run/eval/step_40").join(name)).unwrap());
+    let kept = of_training();
+    std::fs::copy(place.path("data/images/001.exr"), place.path("elsewhere/images/000.exr")).unwrap();
+    place.ok(&["eval", "run", "--data", "elsewhere"]);
+    assert!(of_training() == kept && place.path("run/eval/step_40_on_elsewhere/gt/000.exr").is_file());
     common::write_dataset(&place.path("elsewhere"));
     place.ok(&["eval", "run", "--data", "elsewhere"]);
     assert!((psnr(&place.json("run/metrics.json")) - psnr(&after)).abs() < 1e-9);

@@ -140,6 +140,13 @@ fn a_resumed_run_keeps_its_settings() {
     std::fs::remove_file(place.path("run/metrics.json")).unwrap();
     place.ok(&["train", "--resume", "-o", "run"]);
     assert_eq!(place.json("run/metrics.json")["iterations"], 50);
+    // So is one of which luxel eval has figures, but training no scene.
+    std::fs::remove_file(place.path("run/eval/step_50/metrics.json")).unwrap();
+    std::fs::remove_dir_all(place.path("run/point_cloud/iteration_50")).unwrap();
+    place.ok(&["eval", "run"]);
+    assert!(!place.path("run/eval/step_50/metrics.json").exists());
+    place.ok(&["train", "--resume", "-o", "run"]);
+    assert!(place.path("run/point_cloud/iteration_50/point_cloud.ply").is_file());
     // Other images are another data set.
     common::write_dataset(&place.path("other"));
     std::fs::copy(place.path("data/images/001.exr"), place.path("other/images/002.exr")).unwrap();

@@ -118,6 +118,32 @@ fn what_is_finished_stays_and_more_can_be_asked_for() {
 }
 
 #[test]
+fn tables_are_of_training_and_of_this_machine() {
+    let place = Workplace::new();
+    let all = args(&[["--methods", "lcd"], ["--seeds", "9223372036854775807"]]);
+    place.ok(&all);
+    let runs = read(&place, "matrix/runs.csv");
+    assert!(value(&runs, "data,lcd", "computed_by").starts_with("1 thread of "), "{runs}");
+    assert!(read(&place, "matrix/report.html").contains("on 1 thread of "));
+    // Figures of another luminance or of other images are not the matrix's.
+    common::write_dataset(&place.path("other"));
+    std::fs::copy(place.path("other/images/003.exr"), place.path("other/images/000.exr")).unwrap();
+    let run = "matrix/runs/data/lcd/seed_9223372036854775807";
+    place.ok(&["eval", run, "--peak-luminance", "50"]);
+    place.ok(&["eval", run, "--data", "other"]);
+    place.ok(&all);
+    assert_eq!(read(&place, "matrix/runs.csv"), runs);
+    // Frames per second of another machine are measured again.
+    let measured = place.path(run).join("measured.json");
+    let mut elsewhere = place.json(&format!("{run}/measured.json"));
+    (elsewhere["computed_by"], elsewhere["frames_per_second"]) = ("a faster card".into(), 1e9.into());
+    std::fs::write(&measured, elsewhere.to_string()).unwrap();
+    place.ok(&all);
+    let fps: f64 = value(&read(&place, "matrix/runs.csv"), "data,lcd", "frames_per_second").parse().unwrap();
+    assert!(fps < 1e9 && place.json(&format!("{run}/measured.json"))["computed_by"].as_str().unwrap().starts_with("1 thread of "));
+}
+
+#[test]
 fn runs_side_by_side_have_the_bits_of_runs_in_turn() {
     let place = Workplace::new();
     place.ok(&args(&[]));

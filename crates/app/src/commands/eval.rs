@@ -6,7 +6,6 @@ use anyhow::{Context, Result, bail};
 use luxel_core::RenderOptions;
 use luxel_train::GainFit;
 
-use crate::captures::Captures;
 use crate::cli::EvalArgs;
 use crate::console::{self, Console, LogFormat};
 use crate::engine::Chosen;
@@ -19,8 +18,9 @@ pub(crate) fn run(args: &EvalArgs) -> Result<()> {
     let console = Console::new(LogFormat::Text, false);
     let (folder, config) = RunFolder::open(&args.run)?;
     let lpips = evaluation::read_lpips(args.lpips_weights.as_deref())?;
-    let Chosen { mut engine, threads, .. } = engine::engine(&args.device)?;
-    let path = args.data.clone().unwrap_or_else(|| config.dataset_path(folder.root()));
+    let Chosen { mut engine, threads, computed_by, .. } = engine::engine(&args.device)?;
+    let own = config.dataset_path(folder.root());
+    let path = args.data.clone().unwrap_or_else(|| own.clone());
     let dataset = data::load(&path, &config.load, &console)?;
     let (iteration, scene) = run_state::newest_scene(&folder, &console)?;
     if dataset.color_space != scene.color_space {
@@ -42,9 +42,10 @@ pub(crate) fn run(args: &EvalArgs) -> Result<()> {
         peak_luminance: args.peak_luminance,
         flip: args.metrics.into(),
         lpips: lpips.as_ref(),
-        response: Captures::read(&folder)?.response(),
+        response: run_state::response(&folder, &config, iteration)?,
     };
-    let images = folder.evaluation(iteration);
+    // What training wrote is of the run's own data, and other programs go by it.
+    let images = if data::is_same_folder(&path, &own) { folder.evaluation(iteration) } else { folder.evaluation_of(iteration, &path) };
     let mut splits = BTreeMap::new();
     for (name, views, images) in [("test", &dataset.test, Some(images.as_path())), ("train", &dataset.train, None)] {
         if let Some(split) = rendering.evaluate(views, images, GainFit::None)? {
@@ -68,13 +69,14 @@ pub(crate) fn run(args: &EvalArgs) -> Result<()> {
         mu: config.train.mu,
         seed: config.train.seed,
         threads,
+        computed_by,
         luxel_version: env!("CARGO_PKG_VERSION").into(),
         dataset: path.display().to_string(),
         splits,
     };
-    files::write_json(&images.join("metrics.json"), &metrics)?;
+    // Not beside the images: figures there say that training has evaluated this step.
     files::write_json(&folder.metrics(), &metrics)?;
-    reporting::write(&folder, &config, &dataset, &metrics)?;
+    reporting::write(&folder, &config, &dataset, (&metrics, &images))?;
     console.note(&format!("figures {}\nreport  {}", folder.metrics().display(), folder.report().display()));
     Ok(())
 }

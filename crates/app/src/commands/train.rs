@@ -148,19 +148,19 @@ pub(crate) fn fresh(
     console: &mut Console,
     make_room: impl FnOnce() -> Result<RunLock>,
 ) -> Result<TrainedRun> {
-    let Chosen { engine, threads, machine, .. } = chosen;
+    let Chosen { engine, threads, machine, computed_by, .. } = chosen;
     // What has no text form must not cost the run that is to be replaced.
     config.to_toml().with_context(|| format!("{}: config.toml cannot hold these settings", config.dataset.display()))?;
     let dataset = data::load(&config.dataset_path(folder.root()), &config.load, console)?;
     let trainer = Trainer::new(&dataset, config.train.clone(), engine).context("cannot start training")?;
     let lock = make_room()?;
     folder.write_config(&config)?;
-    train(config, folder, console, Ready { dataset, trainer, threads, machine, lock })
+    train(config, folder, console, Ready { dataset, trainer, threads, machine, computed_by, lock })
 }
 
 /// A run from its newest checkpoint.
 fn resume(config: RunConfig, folder: &RunFolder, console: &mut Console) -> Result<TrainedRun> {
-    let Chosen { engine, threads, machine, .. } = engine::training_engine(&config)?;
+    let Chosen { engine, threads, machine, computed_by, .. } = engine::training_engine(&config)?;
     let lock = folder.lock()?;
     let dataset = data::load(&config.dataset_path(folder.root()), &config.load, console)?;
     let trainer = match run_state::take_checkpoint(folder, console)? {
@@ -176,7 +176,7 @@ fn resume(config: RunConfig, folder: &RunFolder, console: &mut Console) -> Resul
         }
     };
     folder.write_config(&config)?;
-    train(config, folder, console, Ready { dataset, trainer, threads, machine, lock })
+    train(config, folder, console, Ready { dataset, trainer, threads, machine, computed_by, lock })
 }
 
 /// Gives a resumed trainer the number of steps of `config`; everything else must be as the checkpoint has it.
@@ -201,14 +201,16 @@ struct Ready {
     threads: usize,
     /// Where the engine runs, for people.
     machine: String,
+    /// The same without why it is not elsewhere, for the figures.
+    computed_by: String,
     lock: RunLock,
 }
 
 fn train(config: RunConfig, folder: &RunFolder, console: &mut Console, ready: Ready) -> Result<TrainedRun> {
-    let Ready { dataset, trainer, threads, machine, lock: _lock } = ready;
+    let Ready { dataset, trainer, threads, machine, computed_by, lock: _lock } = ready;
     console.note(&format!("starting with {} on {}", text::plural(trainer.splats_len(), "splat"), machine));
     let first = trainer.iteration();
-    let session = Session { dataset: &dataset, folder, config: &config, threads, console, trainer };
+    let session = Session { dataset: &dataset, folder, config: &config, threads, computed_by, console, trainer };
     let (outcome, trainer) = session.run()?;
     let steps = trainer.iteration().saturating_sub(first);
     Ok(TrainedRun { outcome, config, trainer, dataset, steps })

@@ -23,8 +23,19 @@ fn line(fields: impl IntoIterator<Item = String>) -> String {
 
 /// One line a run.
 pub(super) fn runs(matrix: &Matrix, results: &[CellResult]) -> String {
-    let names =
-        ["dataset", "method", "colour_parameters", "seed", "iterations", "radiance_scale", "mu", "threads", "luxel_version", "folder"];
+    let names = [
+        "dataset",
+        "method",
+        "colour_parameters",
+        "seed",
+        "iterations",
+        "radiance_scale",
+        "mu",
+        "threads",
+        "computed_by",
+        "luxel_version",
+        "folder",
+    ];
     let mut out = line(names.into_iter().chain(COLUMNS.iter().map(|column| column.key)).map(String::from));
     for result in results {
         let (model, metrics) = (matrix.methods[result.method], &result.metrics);
@@ -37,6 +48,7 @@ pub(super) fn runs(matrix: &Matrix, results: &[CellResult]) -> String {
             metrics.radiance_scale.to_string(),
             metrics.mu.to_string(),
             metrics.threads.to_string(),
+            field(&metrics.computed_by),
             field(&metrics.luxel_version),
             field(&result.place.display().to_string()),
         ];

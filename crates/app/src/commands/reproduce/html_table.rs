@@ -118,15 +118,16 @@ fn marked(text: &str, mark: Mark) -> String {
     }
 }
 
-/// Gains in PSNR over the baseline, ours beside the paper's: what can be compared over other data. Empty without the baseline.
-pub(super) fn gains(matrix: &Matrix, table: &Table) -> String {
+/// Gains in PSNR over the baseline, ours on `data` beside the paper's: what can be compared over other data. Empty without the baseline.
+pub(super) fn gains(matrix: &Matrix, table: &Table, data: &str) -> String {
     let column = |key: &str| table.columns.iter().position(|column| column.key == key);
     let Some(baseline) = table.rows.iter().find(|row| matrix.methods[row.method] == paper::BASELINE) else { return String::new() };
     let protocols = ["psnr_scene", "psnr_gtmax", "psnr_selfmax"].map(column);
     let mean = |row: &super::table::Row, at: Option<usize>| Some(row.entries.get(at?)?.as_ref()?.stat.mean);
-    let mut out = String::from(
-        "<div class=\"scroll\"><table><thead><tr><th rowspan=\"2\">PSNR over sh3, dB</th><th class=\"group\" colspan=\"3\">ours, mean of the data sets</th>\
+    let mut out = format!(
+        "<div class=\"scroll\"><table><thead><tr><th rowspan=\"2\">PSNR over sh3, dB</th><th class=\"group\" colspan=\"3\">ours, {}</th>\
          <th class=\"group\" colspan=\"2\">the paper's, other data</th></tr><tr><th>scene</th><th>gtmax</th><th>selfmax</th>",
+        escape(data)
     );
     out += &paper::RESULTS.map(|table| format!("<th>{}</th>", table.dataset)).concat();
     out += "</tr></thead><tbody>";

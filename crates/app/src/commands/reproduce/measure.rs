@@ -16,7 +16,6 @@ use serde::{Deserialize, Serialize};
 
 use super::matrix::{Cell, Matrix};
 use super::training::Failure;
-use crate::captures::Captures;
 use crate::cli::{DeviceArgs, ReproduceArgs};
 use crate::console::Console;
 use crate::evaluation::{self, Rendering};
@@ -40,8 +39,9 @@ pub(super) struct Measured {
     pub(super) splats: usize,
     /// `None` without test views.
     pub(super) frames_per_second: Option<f64>,
-    /// That rendered.
-    pub(super) threads: usize,
+    /// What rendered: threads of a processor, or a GPU.
+    #[serde(default)]
+    pub(super) computed_by: String,
     /// Views a pass.
     pub(super) views: usize,
     /// Of the first view, pixels.
@@ -75,8 +75,8 @@ pub(super) fn measure(
     device: &DeviceArgs,
     console: &Console,
 ) -> Result<Vec<Failure>> {
-    let engine::Chosen { mut engine, threads, .. } = engine::engine(device)?;
-    let is_open = |cell: &Cell| read(cell).is_none_or(|measured| !wanted.is_in(&measured) || measured.threads != threads);
+    let engine::Chosen { mut engine, computed_by, .. } = engine::engine(device)?;
+    let is_open = |cell: &Cell| read(cell).is_none_or(|measured| !wanted.is_in(&measured) || measured.computed_by != computed_by);
     let cells = finished.iter().filter_map(|&i| Some((i, matrix.cells.get(i)?)));
     let mut todo: Vec<(usize, &Cell)> = cells.filter(|(_, cell)| is_open(cell)).collect();
     // One data set after another, so that each is read once and one is held.
@@ -86,7 +86,7 @@ pub(super) fn measure(
     for (i, cell) in todo {
         let name = cell.name(matrix);
         let measured = of_source(&mut dataset, cell, console)
-            .and_then(|dataset| wanted.measure(cell, dataset, engine.as_mut(), threads, console))
+            .and_then(|dataset| wanted.measure(cell, dataset, engine.as_mut(), &computed_by, console))
             .and_then(|measured| files::write_json(&cell.folder.measured(), &measured).map(|()| measured));
         match measured {
             Ok(Measured { frames_per_second: Some(fps), .. }) => console.note(&format!("{name}: {fps:.1} frames per second")),
@@ -137,7 +137,7 @@ impl Wanted {
         has_lpips && (self.flip == FlipChoice::Skip || measured.hdr_flip.is_some())
     }
 
-    fn measure(&self, cell: &Cell, dataset: &Dataset, engine: &mut dyn Engine, threads: usize, console: &Console) -> Result<Measured> {
+    fn measure(&self, cell: &Cell, dataset: &Dataset, engine: &mut dyn Engine, computed_by: &str, console: &Console) -> Result<Measured> {
         let iterations = cell.config.train.iterations;
         let (found, scene) = run_state::newest_scene(&cell.folder, console)?;
         if found != iterations {
@@ -162,7 +162,7 @@ impl Wanted {
                 peak_luminance: FieldOptions::DEFAULT_PEAK_LUMINANCE,
                 flip: self.flip,
                 lpips: self.lpips.as_ref().map(|(lpips, _)| lpips),
-                response: Captures::read(&cell.folder)?.response(),
+                response: run_state::response(&cell.folder, &cell.config, iterations)?,
             };
             let field = rendering.evaluate(&dataset.test, None, GainFit::None)?.and_then(|split| split.mean_field);
             if let Some(field) = field {
@@ -174,7 +174,8 @@ impl Wanted {
         }
         let size_px = dataset.test.first().map_or([0; 2], |view| view.camera.size_px);
         let splats = scene.splats.len();
-        Ok(Measured { iterations, splats, frames_per_second, threads, views: dataset.test.len(), size_px, hdr_flip, lpips: of_lpips })
+        let computed_by = computed_by.to_owned();
+        Ok(Measured { iterations, splats, frames_per_second, computed_by, views: dataset.test.len(), size_px, hdr_flip, lpips: of_lpips })
     }
 }
 
@@ -219,7 +220,7 @@ mod tests {
             iterations: 10,
             splats: 5,
             frames_per_second: Some(12.0),
-            threads: 2,
+            computed_by: "2 threads".into(),
             views: 3,
             size_px: [4, 3],
             hdr_flip: None,

@@ -17,7 +17,6 @@ mod csv;
 mod editing;
 mod html_table;
 mod latex;
-mod machine;
 mod matrix;
 mod measure;
 pub(crate) mod method;

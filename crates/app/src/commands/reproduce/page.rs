@@ -1,5 +1,6 @@
 //! `report.html` of a matrix: self-contained, as a run's report is.
 
+use std::collections::BTreeSet;
 use std::fmt::Write as _;
 
 use anyhow::Result;
@@ -9,10 +10,10 @@ use super::matrix::Matrix;
 use super::results::CellResult;
 use super::table::Table;
 use super::training::Failure;
-use super::{crops, html_table, machine, paper};
+use super::{crops, html_table, paper};
 use crate::report::html::{document, escape};
 use crate::report::profile::{self, Profiled};
-use crate::text;
+use crate::{machine, text};
 
 /// Everything the page is made of.
 pub(super) struct Content<'a> {
@@ -92,8 +93,10 @@ fn tables(content: &Content<'_>) -> String {
     }
     out += "<h3>Beside the paper</h3><p>The figures of LCD-GS as published: on <b>other data</b>, on one RTX 4090, under a protocol that is not stated. \
             Differences between methods compare, numbers do not.</p>";
-    if let Some(table) = content.average.or(content.tables.first()) {
-        out += &html_table::gains(matrix, table);
+    match (content.average, matrix.sources.first().zip(content.tables.first())) {
+        (Some(average), _) => out += &html_table::gains(matrix, average, "mean of the data sets"),
+        (None, Some((source, table))) => out += &html_table::gains(matrix, table, &source.name),
+        (None, None) => {}
     }
     for table in &paper::RESULTS {
         let _ = write!(out, "<details><summary>The paper's table on {}</summary>{}</details>", table.dataset, html_table::papers(table));
@@ -196,28 +199,27 @@ fn data_set(content: &Content<'_>, source: usize) -> String {
     )
 }
 
+/// Where something was computed, each place once.
+fn named<'a>(places: impl Iterator<Item = &'a str>) -> String {
+    let places: BTreeSet<&str> = places.filter(|place| !place.is_empty()).collect();
+    if places.is_empty() { "an unknown machine".into() } else { places.into_iter().collect::<Vec<_>>().join(" or ") }
+}
+
 fn protocol(content: &Content<'_>) -> String {
     let mu = content.results.first().map_or(luxel_core::tone::MU, |result| result.metrics.mu);
     let peak = content.results.iter().find_map(|result| result.field()).map(|field| field.pu21_peak_luminance);
-    let threads = |of: &mut dyn Iterator<Item = usize>| {
-        let mut counts: Vec<usize> = of.collect();
-        counts.sort_unstable();
-        counts.dedup();
-        counts.iter().map(usize::to_string).collect::<Vec<_>>().join(" or ")
-    };
-    let training = threads(&mut content.results.iter().map(|result| result.metrics.threads));
-    let rendering = threads(&mut content.results.iter().filter_map(|result| Some(result.measured.as_ref()?.threads)));
+    let training = escape(&named(content.results.iter().map(|result| result.metrics.computed_by.as_str())));
+    let rendering = escape(&named(content.results.iter().filter_map(|result| Some(result.measured.as_ref()?.computed_by.as_str()))));
     let mut out = format!(
         "<dl><dt>PSNR, SSIM</dt><dd>Means over the test views, in decibels, of images under the mu-law T(p) = ln(1 + {mu} p) / ln(1 + {mu}), p in 0 to 1. <b>scene</b>: \
          p is radiance over the data set's radiance scale, one constant, as in training. <b>gtmax</b>: both images over the maximum of the view's ground truth \
          (HDR-NeRF). <b>selfmax</b>: each image over its own maximum (HDR-GS). SSIM has an 11 x 11 Gaussian window and is the mean of the channels.</dd>\
-         <dt>min</dt><dd>Wall-clock minutes of training, loading and evaluation left out, on {training} threads of the CPU; {} at a time, as asked for last. Runs side by side \
+         <dt>min</dt><dd>Wall-clock minutes of training, loading and evaluation left out, on {training}; {} at a time, as asked for last. Runs side by side \
          slow each other down: times compare within one matrix.</dd>\
          <dt>MB</dt><dd>10^6 bytes: the most resident memory of the process that trained, images included. The paper's is memory of a GPU.</dd>\
-         <dt>fps</dt><dd>Frames per second of the test views at their size, one run at a time after all training, on {} threads: the median of repeated passes \
+         <dt>fps</dt><dd>Frames per second of the test views at their size, one run at a time after all training, on {rendering}: the median of repeated passes \
          over all views, radiance in memory.</dd>",
         text::plural(content.matrix.jobs, "run"),
-        if rendering.is_empty() { "no" } else { &rendering },
     );
     if let Some(peak) = peak {
         let _ =

@@ -1,10 +1,9 @@
 //! What the machine is, as far as it tells without rights.
 
 /// Name and value, for people.
-pub(super) fn facts(cores: usize) -> Vec<(&'static str, String)> {
+pub(crate) fn facts(cores: usize) -> Vec<(&'static str, String)> {
     let mut facts = Vec::new();
-    let read = |path: &str| std::fs::read_to_string(path).unwrap_or_default();
-    if let Some(model) = processor(&read("/proc/cpuinfo")) {
+    if let Some(model) = processor() {
         facts.push(("processor", model));
     }
     facts.push(("cores", format!("{cores} for this program")));
@@ -15,7 +14,17 @@ pub(super) fn facts(cores: usize) -> Vec<(&'static str, String)> {
     facts
 }
 
-fn processor(cpuinfo: &str) -> Option<String> {
+/// Name of the processor.
+pub(crate) fn processor() -> Option<String> {
+    processor_of(&read("/proc/cpuinfo"))
+}
+
+/// Text of a file of the system; empty where there is none.
+fn read(path: &str) -> String {
+    std::fs::read_to_string(path).unwrap_or_default()
+}
+
+fn processor_of(cpuinfo: &str) -> Option<String> {
     let value =
         |key: &str| cpuinfo.lines().find_map(|line| line.strip_prefix(key)?.trim_start().strip_prefix(':')).map(|v| v.trim().to_owned());
     value("model name").or_else(|| value("Model")).filter(|name| !name.is_empty())
@@ -32,8 +41,8 @@ mod tests {
 
     #[test]
     fn facts_are_read_where_the_system_tells_them() {
-        assert_eq!(processor("processor\t: 0\nmodel name\t: Fast CPU @ 2 GHz\n"), Some("Fast CPU @ 2 GHz".into()));
-        assert_eq!((processor(""), processor("model name\t:\n")), (None, None));
+        assert_eq!(processor_of("processor\t: 0\nmodel name\t: Fast CPU @ 2 GHz\n"), Some("Fast CPU @ 2 GHz".into()));
+        assert_eq!((processor_of(""), processor_of("model name\t:\n")), (None, None));
         assert_eq!((memory_bytes("MemTotal:   16 kB\n"), memory_bytes("MemFree: 3 kB\n")), (Some(16384), None));
         assert!(facts(3).iter().any(|(name, value)| *name == "cores" && value.starts_with('3')));
     }
