@@ -18,8 +18,8 @@ use crate::config::RunConfig;
 
 const CONFIG: &str = "config.toml";
 
-/// Locked while a process trains into the folder. The file itself says nothing and stays.
-const LOCK: &str = ".lock";
+/// Locked while a process works in the folder. The file itself says nothing and stays.
+pub(crate) const LOCK: &str = ".lock";
 
 /// Everything training puts into a run folder besides [`CONFIG`]; all that `--overwrite` deletes.
 const CONTENTS: [&str; 9] =
@@ -31,7 +31,7 @@ pub(crate) struct RunFolder {
     root: PathBuf,
 }
 
-/// Keeps other processes from training into a folder; the system lets go of it when the process ends, however it ends.
+/// Keeps other processes from working in a folder; the system lets go of it when the process ends, however it ends.
 #[derive(Debug)]
 pub(crate) struct RunLock {
     _file: std::fs::File,
@@ -90,9 +90,9 @@ impl RunFolder {
         let path = self.root.join(LOCK);
         let opened = std::fs::File::options().create(true).truncate(false).write(true).open(&path);
         let file = opened.with_context(|| format!("{}: cannot write into the output folder", path.display()))?;
-        // A file system without locks is no reason not to train.
+        // A file system without locks is no reason not to work.
         if let Err(std::fs::TryLockError::WouldBlock) = file.try_lock() {
-            bail!("{}: another luxel is training into this folder; wait for it, or choose another", self.root.display());
+            bail!("{}: another luxel is at work in this folder; wait for it, or choose another", self.root.display());
         }
         Ok(RunLock { _file: file })
     }

@@ -336,3 +336,73 @@ fn what_cannot_be_done_is_said_at_once() {
     let run = prepare(&photos, &output, &["--brackets", "1"]);
     assert_eq!(run.status.code(), Some(2));
 }
+
+/// Everything in a folder, with its bytes.
+fn contents(folder: &Path) -> Vec<(std::path::PathBuf, Vec<u8>)> {
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() { found.extend(contents(&path)) } else { found.push((path.clone(), std::fs::read(&path).unwrap())) }
+    }
+    found.sort();
+    found
+}
+
+#[test]
+fn what_others_made_is_not_written_over() {
+    let folder = tempfile::tempdir().unwrap();
+    let (photos, set) = (folder.path().join("photos"), folder.path().join("set"));
+    brackets(&photos, 1);
+    // Photographs where the data set's images would go, by whatever way they are named.
+    brackets(&set.join("images"), 1);
+    let before = contents(&set);
+    for photos in [set.join("images"), set.join("images/../images")] {
+        let run = prepare(&photos, &set, &["--response", "srgb"]);
+        assert!(run.status.code() == Some(1) && said(&run).contains("the photographs lie in its folder images"), "{}", said(&run));
+    }
+    // Another program's data set.
+    std::fs::create_dir_all(set.join("sparse/0")).unwrap();
+    std::fs::write(set.join("sparse/0/images.bin"), "of COLMAP").unwrap();
+    let run = prepare(&photos, &set, &["--response", "srgb"]);
+    assert!(run.status.code() == Some(1) && said(&run).contains("not a data set of luxel prepare"), "{}", said(&run));
+    std::fs::remove_dir_all(set.join("sparse")).unwrap();
+    assert!(contents(&set) == before);
+    // What was made of photographs is none of them.
+    let own = folder.path().join("own");
+    assert!(prepare(&photos, &own, &["--response", "srgb"]).status.success());
+    let run = prepare(&own.join("proxies"), &own, &[]);
+    assert!(run.status.code() == Some(1) && said(&run).contains("lie in its folder proxies"), "{}", said(&run));
+}
+
+#[test]
+fn one_at_a_time_prepares_a_folder() {
+    let folder = tempfile::tempdir().unwrap();
+    let (photos, output) = (folder.path().join("photos"), folder.path().join("set"));
+    brackets(&photos, 1);
+    std::fs::create_dir_all(&output).unwrap();
+    let lock = std::fs::File::create(output.join(".lock")).unwrap();
+    lock.try_lock().unwrap();
+    let run = prepare(&photos, &output, &["--response", "srgb"]);
+    assert!(run.status.code() == Some(1) && said(&run).contains("another luxel"), "{}", said(&run));
+    assert!(!output.join("work").exists());
+    drop(lock);
+    assert!(prepare(&photos, &output, &["--response", "srgb"]).status.success());
+}
+
+#[test]
+fn a_set_without_its_report_is_not_finished() {
+    let folder = tempfile::tempdir().unwrap();
+    let (photos, output) = (folder.path().join("photos"), folder.path().join("set"));
+    brackets(&photos, 2);
+    assert!(prepare(&photos, &output, &["--response", "srgb"]).status.success());
+    write_model(&output, ["IMG_0001", "IMG_0004"]);
+    // The report cannot take the place of a folder; once it can, it is made.
+    std::fs::remove_file(output.join("prepare.html")).unwrap();
+    std::fs::create_dir_all(output.join("prepare.html/in the way")).unwrap();
+    let run = prepare(&photos, &output, &["--response", "srgb"]);
+    assert_eq!(run.status.code(), Some(1), "{}", said(&run));
+    std::fs::remove_dir_all(output.join("prepare.html")).unwrap();
+    let run = prepare(&photos, &output, &["--response", "srgb"]);
+    assert!(run.status.success() && !said(&run).contains("up to date"), "{}", said(&run));
+    assert!(output.join("prepare.html").is_file());
+}

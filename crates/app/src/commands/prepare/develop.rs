@@ -5,9 +5,11 @@
 //! [`ViewRecord`]. A frame that cannot be decoded is left out with a note; a view of which none can be is an error of its own, and the others
 //! go on.
 
+use std::fs::DirEntry;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 use luxel_capture::{Developed, Frame, ProxyOptions, figures, frame_offset, merge, proxy};
 use luxel_core::{ColorSpace, Conversion, Image};
 use luxel_io::{
@@ -18,13 +20,17 @@ use rayon::prelude::*;
 use super::pixels::{Tables, developed_frame, raw_frame};
 use super::plan::{Plan, PlannedView};
 use super::scan::{LeftOut, PhotoFile};
-use super::state::{ViewRecord, key};
+use super::state::{State, ViewRecord, key};
 use crate::files::{remove_if_there, write_bytes};
+use crate::run_folder::LOCK;
 
 /// COLMAP reduces larger pictures itself.
 const PROXY_SIDE_PX: usize = 3200;
 /// Quality of proxies: artefacts stay below what features react to.
 const PROXY_QUALITY: u8 = 95;
+
+/// Folders in the output that files are written into.
+const WRITTEN: [&str; 5] = ["images", "proxies", "saturation", "sparse", "work"];
 
 /// Where things lie.
 #[derive(Clone, Debug)]
@@ -36,6 +42,28 @@ pub(super) struct Folders {
 impl Folders {
     pub(super) fn new(output: &Path) -> Self {
         Self { output: output.to_owned(), work: output.join("work") }
+    }
+
+    /// Refuses an output folder in which something of others would be written over: the photographs themselves, or another program's data set.
+    pub(super) fn check(&self, photos: &Path) -> Result<()> {
+        let output = self.output.display();
+        if let Ok(photos) = std::fs::canonicalize(photos)
+            && let Some(name) =
+                WRITTEN.into_iter().find(|name| std::fs::canonicalize(self.output.join(name)).is_ok_and(|own| photos.starts_with(own)))
+        {
+            bail!("{output}: the photographs lie in its folder {name}, where this command writes; choose another output folder");
+        }
+        let entries = match std::fs::read_dir(&self.output) {
+            Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
+            entries => entries.with_context(|| format!("{output}: cannot look into the output folder"))?,
+        };
+        let is_empty = |folder: &Path| std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_none());
+        // What is there when an earlier time ended before it began.
+        let is_left_over = |entry: &DirEntry| entry.file_name() == LOCK || entry.path() == self.work && is_empty(&self.work);
+        if !State::is_in(&self.work) && !entries.flatten().all(|entry| is_left_over(&entry)) {
+            bail!("{output}: is not empty and not a data set of luxel prepare; choose another output folder");
+        }
+        Ok(())
     }
 
     pub(super) fn radiance(&self, view: &str) -> PathBuf {

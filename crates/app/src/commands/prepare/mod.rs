@@ -32,6 +32,7 @@ use self::state::{State, ViewRecord, key};
 use crate::cli::{PrepareArgs, SfmArg};
 use crate::console::Console;
 use crate::files::write_text;
+use crate::run_folder::RunFolder;
 use crate::text::plural;
 
 /// Changes when pixels are made differently, so that views of an older version are made anew.
@@ -54,10 +55,16 @@ pub(crate) fn run(args: &PrepareArgs) -> Result<()> {
             args.colmap.display()
         );
     }
-    let mut scan = scan::scan(&args.photos)?;
     let folders = Folders::new(&args.output);
+    folders.check(&args.photos)?;
+    let mut scan = scan::scan(&args.photos)?;
+    let _lock = RunFolder::at(&folders.output).lock()?;
+    // Once more: another luxel may have been at work there while this one looked at the photographs.
+    folders.check(&args.photos)?;
     std::fs::create_dir_all(&folders.work).with_context(|| format!("{}: cannot create", folders.work.display()))?;
     let mut state = State::open(&folders.work);
+    // From here on the folder is this command's.
+    state.save()?;
     for left_out in &scan.left_out {
         console.warn(&format!("{} is left out: {}", left_out.file, left_out.reason));
     }
@@ -103,10 +110,7 @@ pub(crate) fn run(args: &PrepareArgs) -> Result<()> {
     }
     let motion = Motion { args, folders: &folders, plan: &plan, space };
     let (registration, how) = motion.run(installed.as_ref(), &records, &mut state, &mut console)?;
-    if registration.is_some() {
-        state.finished_key = Some(everything);
-        state.save()?;
-    }
+    let is_whole = registration.is_some();
     let report = PrepareReport {
         luxel: env!("CARGO_PKG_VERSION"),
         photos: args.photos.display().to_string(),
@@ -127,6 +131,11 @@ pub(crate) fn run(args: &PrepareArgs) -> Result<()> {
         seconds: started.elapsed().as_secs_f64(),
     };
     report::write(&folders, &report)?;
+    // Last: it says that nothing is left to do.
+    if is_whole {
+        state.finished_key = Some(everything);
+        state.save()?;
+    }
     tell(args, &report, &console)
 }
 

@@ -67,10 +67,18 @@ pub(super) struct State {
     saved: Option<Instant>,
 }
 
+/// The file's name.
+const NAME: &str = "state.json";
+
 impl State {
+    /// Whether an earlier run has left one, readable or not.
+    pub(super) fn is_in(work: &Path) -> bool {
+        work.join(NAME).is_file()
+    }
+
     /// Of an earlier run, or empty; a file that is none is begun anew.
     pub(super) fn open(work: &Path) -> Self {
-        let path = work.join("state.json");
+        let path = work.join(NAME);
         let read = read_text(&path, MAX_BYTES).ok().and_then(|text| serde_json::from_str::<Self>(&text).ok());
         Self { path, ..read.unwrap_or_default() }
     }
