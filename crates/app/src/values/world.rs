@@ -57,8 +57,8 @@ impl Crop {
 
 /// Six numbers: one corner and the opposite one.
 pub(crate) fn parse_crop(text: &str) -> Result<Crop, String> {
-    let numbers: Vec<f32> = text.split(',').filter_map(|word| word.trim().parse().ok()).filter(|v: &f32| v.is_finite()).collect();
-    let [x0, y0, z0, x1, y1, z1] = numbers[..] else {
+    let numbers: Option<Vec<f32>> = text.split(',').map(|word| word.trim().parse().ok().filter(|v: &f32| v.is_finite())).collect();
+    let Some(&[x0, y0, z0, x1, y1, z1]) = numbers.as_deref() else {
         return Err(format!("expected six numbers x0,y0,z0,x1,y1,z1, got \"{text}\""));
     };
     let (a, b) = ([x0, y0, z0], [x1, y1, z1]);
@@ -67,8 +67,9 @@ pub(crate) fn parse_crop(text: &str) -> Result<Crop, String> {
 
 /// Three numbers.
 pub(crate) fn parse_point(text: &str) -> Result<[f64; 3], String> {
-    let numbers: Vec<f64> = text.split(',').filter_map(|word| word.trim().parse().ok()).filter(|v: &f64| v.is_finite()).collect();
-    <[f64; 3]>::try_from(numbers).map_err(|_| format!("expected three numbers x,y,z, got \"{text}\""))
+    let numbers: Option<Vec<f64>> = text.split(',').map(|word| word.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
+    let point = numbers.and_then(|numbers| <[f64; 3]>::try_from(numbers).ok());
+    point.ok_or_else(|| format!("expected three numbers x,y,z, got \"{text}\""))
 }
 
 #[cfg(test)]
@@ -82,6 +83,10 @@ mod tests {
         assert_eq!(parse_point("1,-2.5,3e1"), Ok([1.0, -2.5, 30.0]));
         for bad in ["", "1,2", "1,2,x", "1,2,nan", "1,2,3,4"] {
             assert!(parse_crop(bad).is_err() && parse_point(bad).is_err(), "{bad}");
+        }
+        // A word that is no number is not passed over.
+        for bad in ["1,2,x,3", "1,,2,3", "nan,1,2,3", "1,2,3,"] {
+            assert!(parse_point(bad).is_err() && parse_crop(&format!("0,0,0,{bad}")).is_err(), "{bad}");
         }
     }
 }
