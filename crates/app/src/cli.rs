@@ -275,6 +275,9 @@ pub(crate) struct CompareArgs {
     /// Write HDR-FLIP of every pixel, black for 0 to yellow for 1 (magma): a PNG, with folders a folder of them.
     #[arg(long, value_name = "PATH", help_heading = "Output")]
     pub(crate) heatmap: Option<PathBuf>,
+    /// Replace error maps that are there.
+    #[arg(long, requires = "heatmap", help_heading = "Output")]
+    pub(crate) overwrite: bool,
     /// One JSON object on stdout instead of a table.
     #[arg(long, help_heading = "Output")]
     pub(crate) json: bool,
@@ -321,6 +324,9 @@ pub(crate) struct BenchArgs {
     /// Write the room as a scene file (in the colour model of --method) instead of measuring.
     #[arg(long, value_name = "SCENE.ply", requires = "generate", conflicts_with_all = ["json", "target"], help_heading = "Workload")]
     pub(crate) save: Option<PathBuf>,
+    /// Replace the scene file that is there.
+    #[arg(long, requires = "save", help_heading = "Workload")]
+    pub(crate) overwrite: bool,
     /// Camera: JSON with width, height, fx, fy, cx, cy (pixels) and world_to_camera (4 rows of 4, OpenCV axes) [default for --generate:
     /// the room's own].
     #[arg(long, value_name = "FILE", help_heading = "Workload")]

@@ -52,6 +52,15 @@ impl Facts {
         Value::Object(entries.collect::<Map<_, _>>())
     }
 
+    /// As an event for programs.
+    pub(crate) fn event(&self, name: &str) -> Value {
+        let mut event = Map::from_iter([("event".to_owned(), name.into())]);
+        if let Value::Object(entries) = self.json() {
+            event.extend(entries);
+        }
+        Value::Object(event)
+    }
+
     /// As aligned lines.
     pub(crate) fn text(&self) -> String {
         let mut out = String::new();

@@ -2,12 +2,23 @@
 
 use std::path::Path;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use serde::Serialize;
 
 /// Writes a file atomically.
 pub(crate) fn write_bytes(path: &Path, content: &[u8]) -> Result<()> {
     luxel_io::write_atomically(path, |out| out.write_all(content).map_err(|e| luxel_io::IoError::system(path, "write", &e)))?;
+    Ok(())
+}
+
+/// Refuses to write over a file that is there, unless that is asked for.
+pub(crate) fn check_free(path: &Path, overwrite: bool) -> Result<()> {
+    if path.is_dir() {
+        bail!("{}: is a folder, expected a name for a file", path.display());
+    }
+    if path.exists() && !overwrite {
+        bail!("{}: exists already; give another name, or --overwrite", path.display());
+    }
     Ok(())
 }
 
@@ -39,7 +50,7 @@ pub(crate) fn read_text(path: &Path, limit: u64) -> Result<String> {
     let mut content = String::new();
     file.take(limit + 1).read_to_string(&mut content).with_context(|| format!("{}: cannot read", path.display()))?;
     if content.len() as u64 > limit {
-        anyhow::bail!("{}: more than {limit} bytes, expected a short text file", path.display());
+        bail!("{}: more than {limit} bytes, expected a short text file", path.display());
     }
     Ok(content)
 }

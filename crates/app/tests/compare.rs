@@ -88,6 +88,9 @@ fn folders_are_matched_by_stem_and_the_missing_are_named() {
         let map = luxel_io::read_image(&place.path(&format!("maps/{name}.png")), &Default::default()).unwrap().image;
         assert_eq!((map.width, map.height), (WIDTH, HEIGHT));
     }
+    place.error(&["compare", "truth", "renders", "--heatmap", "maps"], &["000.png: exists already", "--overwrite"]);
+    place.ok(&["compare", "truth", "renders", "--heatmap", "maps", "--overwrite"]);
+    place.error(&["compare", "truth/000.exr", "renders/000.exr", "--heatmap", "truth/000.exr"], &["truth/000.exr: exists already"]);
     let found = json(&place, &["compare", "truth", "renders", "--json", "--metrics", "fast"]);
     assert_eq!(found["images"].as_array().unwrap().len(), 2);
     assert!(found["missing_test"][0].as_str().unwrap().ends_with("only_here.exr"));

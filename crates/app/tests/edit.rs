@@ -110,7 +110,13 @@ fn a_dry_run_reports_and_writes_nothing() {
     for part in ["where L > p90 and not box", "selected", "share of light", "min", "max", "percentiles"] {
         assert!(told.contains(part), "{part}\n{told}");
     }
-    assert!(place.path("marked.png").is_file());
+    let marked = std::fs::read(place.path("marked.png")).unwrap();
+    let again = ["edit", "run", "--where", "L > p50", "--dry-run", "--overlay", "marked.png"];
+    place.error(&again, &["marked.png: exists already", "--overwrite"]);
+    assert!(std::fs::read(place.path("marked.png")).unwrap() == marked);
+    let told = place.events(&[&again[..], &["--overwrite"]].concat(), "report");
+    assert!(told.len() == 1 && told[0]["edit_1"].is_object(), "{told:?}");
+    assert!(std::fs::read(place.path("marked.png")).unwrap() != marked);
     place.ok(&["edit", PLY, "--gain", "2", "--dry-run", "-o", "none.ply"]);
     assert!(!place.path("none.ply").exists());
     place.error(&["edit", PLY, "--gain", "2", "--dry-run", "--overlay", "x.png"], &["--data"]);
@@ -162,6 +168,7 @@ fn lcd_keeps_its_chromaticity_where_channels_do_not() {
     assert!(error("1-lcd") < 5e-3 && error("2-sh3-luminance") < 5e-3 && error("2-sh3-channels") > 0.05, "{table}");
     assert_eq!(told["edits"], serde_json::json!(["where all; power 1.2; pivot 0.5"]));
     place.error(&[&compare[..], &["--gain", "2", "-o", "comparison"]].concat(), &["exists already"]);
+    assert_eq!(place.events(&[&compare[..], &["--gain", "2", "-o", "gains"]].concat(), "comparison").len(), 1);
     place.error(&[&compare[..], &["--where", "L < 1", "--gain", "2", "-o", "other"]].concat(), &["knows no splats"]);
     place.error(&["edit", "lcd.ply", "--against", "sh.ply", "--gain", "2", "-o", "other"], &["--data"]);
 

@@ -142,6 +142,8 @@ fn a_probe_holds_the_light_of_all_directions() {
     let empty = luxel_io::read_image(&place.path("empty.exr"), &Default::default()).unwrap().image;
     assert!(empty.pixels.iter().all(|p| *p == [0.0; 3]));
     place.error(&["probe", "run", "--at", "0,0,0", "-o", "probe.exr"], &["exists already"]);
+    let told = place.events(&["probe", "run", "--at", "0,0,1.2", "-o", "probe.exr", "--size", "16", "--overwrite"], "finished");
+    assert!(told.len() == 1 && told[0]["irradiance"]["+y"].is_array(), "{told:?}");
     place.fails(2, &["probe", "run", "--at", "0,0", "-o", "x.exr"]);
 }
 
@@ -178,11 +180,47 @@ fn videos_need_a_curve_and_an_encoder() {
     place.fails(2, &["render", "run", "-o", "c", "--video", "c.mp4", "--tonemap", "agx", "--shard", "0/2"]);
 }
 
+/// An encoder that writes something and ends with `code`.
+#[cfg(unix)]
+fn encoder(place: &Workplace, name: &str, code: u8) {
+    use std::os::unix::fs::PermissionsExt;
+    let script = format!("#!/bin/sh\ncat >/dev/null\nfor last; do :; done\necho {name} >\"$last\"\nexit {code}\n");
+    std::fs::write(place.path(name), script).unwrap();
+    std::fs::set_permissions(place.path(name), std::fs::Permissions::from_mode(0o755)).unwrap();
+}
+
+#[cfg(unix)]
+#[test]
+fn a_video_is_whole_and_takes_no_place_that_is_taken() {
+    let place = Workplace::new();
+    place.train("run", &[]);
+    encoder(&place, "works", 0);
+    encoder(&place, "breaks", 1);
+    let render = ["render", "run", "-o", "frames", "--video", "shot/a.mp4", "--tonemap", "agx", "--ffmpeg"];
+    let video = || std::fs::read_to_string(place.path("shot/a.mp4")).unwrap();
+    std::fs::create_dir(place.path("shot")).unwrap();
+    place.error(&[&render[..], &["./breaks"]].concat(), &["ffmpeg failed"]);
+    assert_eq!(std::fs::read_dir(place.path("shot")).unwrap().count(), 0);
+    place.ok(&[&render[..], &["./works"]].concat());
+    assert_eq!(video(), "works\n");
+    place.error(&[&render[..], &["./breaks"]].concat(), &["shot/a.mp4: exists already", "--overwrite"]);
+    place.error(&[&render[..], &["./breaks", "--overwrite"]].concat(), &["ffmpeg failed"]);
+    assert_eq!(video(), "works\n");
+    place.ok(&[&render[..], &["./works", "--overwrite"]].concat());
+    assert_eq!(std::fs::read_dir(place.path("shot")).unwrap().count(), 1);
+}
+
 #[test]
 fn a_room_of_any_size_is_a_scene_file() {
     let place = Workplace::empty();
     place.ok(&["bench", "--generate", "500", "--save", "room.ply", "--method", "lcd"]);
     assert!(place.ok(&["info", "room.ply"]).contains("lcd"));
-    place.ok(&["export", "room.ply", "-o", "room.glb"]);
+    let save = ["bench", "--generate", "400", "--save", "room.ply"];
+    place.error(&save, &["room.ply: exists already", "--overwrite"]);
+    assert_eq!(read_scene(&place.path("room.ply")).unwrap().splats.len(), 500);
+    let told = place.events(&["export", "room.ply", "-o", "room.glb"], "finished");
+    assert!(told.len() == 1 && told[0]["splats"] == 500, "{told:?}");
+    place.ok(&[&save[..], &["--overwrite"]].concat());
+    assert_eq!(read_scene(&place.path("room.ply")).unwrap().splats.len(), 400);
     assert_eq!(read_scene(&place.path("room.glb")).unwrap().splats.len(), 500);
 }

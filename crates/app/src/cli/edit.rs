@@ -19,7 +19,7 @@ pub(crate) struct EditArgs {
     /// Scene to write; with --against, folder for the comparison.
     #[arg(long, short, value_name = "SCENE.ply|DIR", required_unless_present = "dry_run")]
     pub(crate) output: Option<PathBuf>,
-    /// Replace the scene file that is there.
+    /// Replace the scene file and the overlay that are there.
     #[arg(long)]
     pub(crate) overwrite: bool,
     /// Maps and selections.

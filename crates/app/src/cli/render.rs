@@ -67,6 +67,9 @@ pub(crate) struct RenderArgs {
     /// Also make a video of all frames with the installed ffmpeg: SDR under --tonemap, or --hdr10.
     #[arg(long, value_name = "FILE.mp4", conflicts_with = "shard", help_heading = "Video")]
     pub(crate) video: Option<PathBuf>,
+    /// Replace the video that is there. Images that are there stay in any case.
+    #[arg(long, requires = "video", help_heading = "Video")]
+    pub(crate) overwrite: bool,
     /// HDR10 instead of SDR: Rec.2020, PQ, 10 bits; 1 of the scene's scale is 203 cd/m2, and highlights roll off towards this peak, cd/m2.
     #[arg(
         long,

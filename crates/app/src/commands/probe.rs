@@ -1,6 +1,6 @@
 //! `luxel probe`: the light that arrives at a point, as an environment map.
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use glam::DVec3;
 use luxel_core::environment::{MapSize, Projection, Rig, Summary};
 use luxel_core::{Conversion, Dataset, Engine, Image, RenderOptions, Scene};
@@ -8,17 +8,15 @@ use luxel_io::ExrOptions;
 
 use crate::cli::ProbeArgs;
 use crate::commands::export::{Target, file_from_world};
-use crate::console::{self, Console};
+use crate::console::Console;
 use crate::facts::Facts;
 use crate::scene_source::{DataRequest, SceneSource};
-use crate::{engine, text};
+use crate::{engine, files, text};
 
 /// `said` are the ids of the options on the command line.
 pub(crate) fn run(args: &ProbeArgs, said: &[String]) -> Result<()> {
     let console = Console::new(args.console.log_format, args.console.quiet);
-    if args.output.is_dir() || args.output.exists() && !args.overwrite {
-        bail!("{}: exists already; give another name, or --overwrite", args.output.display());
-    }
+    files::check_free(&args.output, args.overwrite)?;
     let source = SceneSource::open(&args.scene, &console)?;
     // What is up, and how large a pixel was in training.
     let dataset = source.dataset(DataRequest { data: args.data.as_deref(), load: &args.load, said }, &console)?;
@@ -57,7 +55,8 @@ pub(crate) fn run(args: &ProbeArgs, said: &[String]) -> Result<()> {
     if left_out > 0 {
         console.note(&format!("{} nearer than --near left out", text::plural(left_out, "splat")));
     }
-    console::print(facts(args, &image, color_space.name(), &summary).text().trim_end())
+    let facts = facts(args, &image, color_space.name(), &summary);
+    console.result(&facts.event("finished"), facts.text().trim_end())
 }
 
 /// Of the training views, pixels.

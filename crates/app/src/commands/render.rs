@@ -14,7 +14,7 @@ use crate::evaluation::unique_stems;
 use crate::preview::{self, Look};
 use crate::scene_source::{DataRequest, SceneSource};
 use crate::values::{DeviceArg, SplitArg};
-use crate::{editing, engine, text};
+use crate::{editing, engine, files, text};
 
 /// A camera and the name of its image.
 struct Shot {
@@ -32,6 +32,9 @@ struct Job {
 /// Renders what is not there yet; `said` are the ids of the options on the command line.
 pub(crate) fn run(args: &RenderArgs, said: &[String]) -> Result<()> {
     let console = Console::new(args.console.log_format, args.console.quiet);
+    if let Some(path) = &args.video {
+        files::check_free(path, args.overwrite)?;
+    }
     let mut source = SceneSource::open(&args.scene, &console)?;
     let request = DataRequest { data: args.data.as_deref(), load: &args.load, said };
     let shots = shots(args, request, &source, &console)?;

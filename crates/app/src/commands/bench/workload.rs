@@ -12,8 +12,8 @@ use luxel_io::ReadOptions;
 use luxel_train::{Method, TrainConfig};
 
 use crate::cli::BenchArgs;
-use crate::run_state;
 use crate::values::OrderArg;
+use crate::{files, run_state};
 
 /// Size of the room's image where none is asked for.
 const DEFAULT_SIZE_PX: [u32; 2] = [400, 400];
@@ -106,6 +106,7 @@ fn source(args: &BenchArgs) -> Result<Source> {
 
 /// Writes the room as a scene.
 pub(super) fn save(args: &BenchArgs, path: &Path) -> Result<()> {
+    files::check_free(path, args.overwrite)?;
     let source = source(args)?;
     let splats = in_method(source.splats, args.method, &source.name)?;
     let raster = TrainConfig { cutoffs: args.cutoffs, ..TrainConfig::default() }.raster();

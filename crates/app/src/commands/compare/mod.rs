@@ -9,6 +9,7 @@ use rayon::prelude::*;
 
 use crate::cli::CompareArgs;
 use crate::console::{self, Console, LogFormat};
+use crate::files;
 use measure::{Compared, Settings};
 use pairs::{Pairs, Sources};
 
@@ -22,6 +23,9 @@ pub(crate) fn run(args: &CompareArgs) -> Result<()> {
     }
     if pairs.pairs.is_empty() {
         bail!("{}", pairs.nothing_matches(&sources));
+    }
+    for path in pairs.pairs.iter().filter_map(|pair| pair.heatmap.as_ref()) {
+        files::check_free(path, args.overwrite)?;
     }
     if let (Some(folder), true) = (&args.heatmap, pairs.are_folders) {
         std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot make the folder", folder.display()))?;

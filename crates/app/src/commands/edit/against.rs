@@ -17,7 +17,7 @@ use luxel_io::{ExrOptions, ExrSample};
 
 use crate::cli::EditArgs;
 use crate::colormap::magma;
-use crate::console::{self, Console};
+use crate::console::Console;
 use crate::evaluation::unique_stems;
 use crate::facts::Facts;
 use crate::preview::{self, Look};
@@ -76,7 +76,8 @@ pub(super) fn run(args: &EditArgs, other: &Path, request: DataRequest<'_>, conso
         rows.push((candidate.label, figures));
     }
     files::write_json(&folder.join("comparison.json"), &facts.json())?;
-    if args.json { console::print(&format!("{:#}", facts.json())) } else { console::print(&table(&rows)) }
+    let text = if args.json { format!("{:#}", facts.json()) } else { table(&rows) };
+    console.result(&facts.event("comparison"), &text)
 }
 
 /// Results go to a folder of their own: empty, or not there yet.

@@ -11,10 +11,10 @@ use luxel_core::edit::{Applied, MaskName, MaskShares, SelectionSummary};
 
 use crate::cli::EditArgs;
 use crate::commands::info::{PERCENTILES, quantiles};
-use crate::console::{self, Console};
+use crate::console::Console;
 use crate::facts::Facts;
 use crate::scene_source::{DataRequest, SceneSource};
-use crate::{editing, engine, text};
+use crate::{editing, engine, files, text};
 
 /// `said` are the ids of the options on the command line.
 pub(crate) fn run(args: &EditArgs, said: &[String]) -> Result<()> {
@@ -32,13 +32,17 @@ pub(crate) fn run(args: &EditArgs, said: &[String]) -> Result<()> {
         return against::run(args, other, request, &console);
     }
     let output = output(args)?;
+    if let Some(path) = &args.overlay {
+        files::check_free(path, args.overwrite)?;
+    }
     let source = SceneSource::open(&args.scene, &console)?;
     let mut scene = source.scene.clone();
     let masks = masks(args, &source, request, &console)?;
     let done = editing::apply(edits, &mut scene, &masks, args.sh_map.into(), &console)?;
     if args.json || args.dry_run {
         let report = report(&source.scene, &done);
-        if args.json { console::print(&format!("{:#}", report.json()))? } else { console::print(report.text().trim_end())? }
+        let text = if args.json { format!("{:#}", report.json()) } else { report.text().trim_end().to_owned() };
+        console.result(&report.event("report"), &text)?;
     }
     if let Some(path) = output {
         luxel_io::write_scene_ply(&path, &scene).context("cannot write the scene")?;
@@ -53,9 +57,7 @@ fn output(args: &EditArgs) -> Result<Option<PathBuf>> {
     if path.is_dir() {
         bail!("{}: is a folder, expected the scene file to write, such as {}", path.display(), path.join("edited.ply").display());
     }
-    if path.exists() && !args.overwrite {
-        bail!("{}: exists already; give another name, or --overwrite", path.display());
-    }
+    files::check_free(path, args.overwrite)?;
     Ok(Some(path.clone()))
 }
 

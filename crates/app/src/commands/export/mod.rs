@@ -17,10 +17,10 @@ use luxel_core::{Dataset, Engine, Scene};
 use luxel_io::{Appearance, BakeOptions, Baked};
 
 use crate::cli::{BakeArg, ExportArgs};
-use crate::console::{self, Console};
+use crate::console::Console;
 use crate::facts::Facts;
 use crate::scene_source::{DataRequest, SceneSource};
-use crate::{engine, text};
+use crate::{engine, files, text};
 
 pub(crate) use world::{Target, file_from_world};
 
@@ -102,9 +102,7 @@ fn plan(args: &ExportArgs, scene: &Scene) -> Result<Plan> {
 /// `said` are the ids of the options on the command line.
 pub(crate) fn run(args: &ExportArgs, said: &[String]) -> Result<()> {
     let console = Console::new(args.console.log_format, args.console.quiet);
-    if args.output.is_dir() || args.output.exists() && !args.overwrite {
-        bail!("{}: exists already; give another name, or --overwrite", args.output.display());
-    }
+    files::check_free(&args.output, args.overwrite)?;
     Format::of(&args.output)?;
     let source = SceneSource::open(&args.scene, &console)?;
     let mut plan = plan(args, &source.scene)?;
@@ -128,7 +126,7 @@ pub(crate) fn run(args: &ExportArgs, said: &[String]) -> Result<()> {
         refine::refine(&mut baked, &scene, dataset, args.refine, (engine.as_mut(), &console))?;
     }
     let facts = finish(args, &plan, (scene, baked), dataset.as_ref(), engine.as_mut())?;
-    console::print(facts.text().trim_end())
+    console.result(&facts.event("finished"), facts.text().trim_end())
 }
 
 /// Measures, turns and writes.

@@ -7,7 +7,7 @@
 //!   exposure is reference white, 203 cd/m2 (ITU-R BT.2408).
 
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use anyhow::{Context, Result, anyhow, bail};
@@ -47,7 +47,8 @@ pub(super) fn encode(args: &RenderArgs, path: &Path, frames: &[&Path], radiance_
     let size = [first.width, first.height];
     let mut command = Command::new(&args.ffmpeg);
     command.args(["-hide_banner", "-loglevel", "error", "-y", "-f", "rawvideo"]).args(input_options(&look, size, args.fps));
-    command.args(output_options(&look, levels)).arg(path);
+    let partial = partial(path);
+    command.args(output_options(&look, levels)).arg(&partial.0);
     let spawned = command.stdin(Stdio::piped()).spawn();
     let mut child =
         spawned.with_context(|| format!("{}: cannot start; install ffmpeg, or name it with --ffmpeg", args.ffmpeg.display()))?;
@@ -68,8 +69,24 @@ pub(super) fn encode(args: &RenderArgs, path: &Path, frames: &[&Path], radiance_
         bail!("{}: ffmpeg failed ({status}); its message stands above", path.display());
     }
     piped?;
+    std::fs::rename(&partial.0, path).with_context(|| format!("{}: cannot give the video its name", path.display()))?;
     console.note(&format!("{}: {}", path.display(), text::plural(frames.len(), "frame")));
     Ok(())
+}
+
+/// The video while it is made; removed unless it became one.
+struct Partial(PathBuf);
+
+impl Drop for Partial {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_file(&self.0);
+    }
+}
+
+/// Beside the video, with its ending, by which ffmpeg knows the container.
+fn partial(path: &Path) -> Partial {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    Partial(path.with_file_name(format!(".luxel-{}-{name}", std::process::id())))
 }
 
 fn read(path: &Path) -> Result<(Image, ColorSpace)> {
