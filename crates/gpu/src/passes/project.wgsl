@@ -11,10 +11,11 @@
 @group(0) @binding(4) var<storage, read_write> depth_keys: array<u32>;
 @group(0) @binding(5) var<storage, read_write> places: array<vec2u>;
 
-// Bits of positive floats are in the order of the numbers. Counted from the near plane, and halved, 27 of them reach 32 octaves beyond it.
+// Bits of positive floats are in the order of the numbers. Counted from the near plane, and halved, 27 of them reach 32 octaves beyond it. A near
+// plane closer than 2^-16 would leave none for depths as they occur: then the octaves are those around 1, and what is nearer has one key.
 fn depth_key(depth: f32) -> u32 {
     let bits = bitcast<u32>(depth);
-    let near = bitcast<u32>(max(camera.near, 1e-30));
+    let near = bitcast<u32>(max(camera.near, 1.52587890625e-5));
     return min((max(bits, near) - near) >> 1u, CULLED_KEY - 1u);
 }
 

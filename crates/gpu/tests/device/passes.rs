@@ -16,6 +16,7 @@ pub const ALL: &[(&str, Body)] = &[
     ("colors_are_those_of_the_color_model", colors_are_those_of_the_color_model),
     ("tiles_hold_every_splat_that_can_be_seen_in_them", tiles_hold_every_splat_that_can_be_seen_in_them),
     ("tiles_are_sorted_by_depth_then_index", tiles_are_sorted_by_depth_then_index),
+    ("a_near_plane_at_the_camera_leaves_the_order", a_near_plane_at_the_camera_leaves_the_order),
     ("many_splats_are_sorted_over_several_blocks", many_splats_are_sorted_over_several_blocks),
 ];
 
@@ -148,6 +149,20 @@ fn tiles_are_sorted_by_depth_then_index(gpu: &Arc<Gpu>) {
         listed += list.len();
     }
     assert!(listed > 300);
+}
+
+/// Keys count octaves from the near plane on: from one at 0 they would reach no depth that occurs.
+fn a_near_plane_at_the_camera_leaves_the_order(gpu: &Arc<Gpu>) {
+    let camera = camera(83, 59);
+    let scene = splats(models()[0], 300, &camera, 26);
+    let depths = depths(&scene, &camera);
+    let mut engine = GpuEngine::new(gpu).unwrap();
+    engine.load(&scene, None).unwrap();
+    for near in [0.0, 1e-30, 1e-6] {
+        let passes = engine.forward_passes(&camera, &options(Cutoffs { near, ..Cutoffs::HDR }, Antialias::Off)).unwrap();
+        passes.tile_splats.iter().for_each(|list| assert_sorted(list, &depths));
+        assert!(passes.tile_splats.iter().map(Vec::len).sum::<usize>() > 300);
+    }
 }
 
 fn many_splats_are_sorted_over_several_blocks(gpu: &Arc<Gpu>) {
