@@ -185,7 +185,16 @@ impl Gpu {
 
     /// Waits until a submission is done.
     pub(crate) fn wait(&self, submission: wgpu::SubmissionIndex) -> Result<(), EngineError> {
-        let polled = self.device.poll(wgpu::PollType::Wait { submission_index: Some(submission), timeout: Some(PATIENCE) });
+        self.wait_until(Some(submission))
+    }
+
+    /// Waits until all that was handed in is done: what nobody holds any more is then free.
+    pub(crate) fn wait_for_all(&self) -> Result<(), EngineError> {
+        self.wait_until(None)
+    }
+
+    fn wait_until(&self, submission_index: Option<wgpu::SubmissionIndex>) -> Result<(), EngineError> {
+        let polled = self.device.poll(wgpu::PollType::Wait { submission_index, timeout: Some(PATIENCE) });
         self.check()?;
         match polled {
             Ok(_) => Ok(()),

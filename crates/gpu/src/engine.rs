@@ -272,7 +272,11 @@ impl GpuEngine {
         let target = match work {
             Work::Render { .. } | Work::Contributions { .. } => None,
             Work::Train { view, step } | Work::Gradients { view, step, .. } => {
-                let target = targets.get(gpu, view)?;
+                // Images are in memory as long as bindings hold them, and as long as the device is at work on them.
+                let target = targets.get(gpu, view, || {
+                    commands.forget();
+                    gpu.wait_for_all()
+                })?;
                 let loss = loss_uniform((&step.loss, mu_of(step)?), camera.size_px, target.total, target.weights.is_some());
                 gpu.queue.write_buffer(&frame.loss.raw, 0, bytemuck::bytes_of(&loss));
                 let optimizer = optimizer_uniform(step, scene.count);

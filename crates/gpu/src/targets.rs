@@ -39,8 +39,13 @@ fn is_same<T>(kept: &Weak<T>, wanted: &Arc<T>) -> bool {
 }
 
 impl Targets {
-    /// The view's image, uploaded if it is not there.
-    pub(crate) fn get(&mut self, gpu: &Gpu, view: &View) -> Result<&Target, EngineError> {
+    /// The view's image, uploaded if it is not there. Of what else there was, `release` frees the memory if there is too little.
+    pub(crate) fn get(
+        &mut self,
+        gpu: &Gpu,
+        view: &View,
+        release: impl FnOnce() -> Result<(), EngineError>,
+    ) -> Result<&Target, EngineError> {
         self.clock += 1;
         let at = self.kept.iter().position(|target| {
             let same_mask = match (&target.mask, &view.mask) {
@@ -55,14 +60,13 @@ impl Targets {
             None => {
                 self.make_room(bytes_of(view));
                 let target = match upload(gpu, view) {
-                    Ok(target) => target,
                     // Perhaps the others are what fills the memory.
                     Err(_) if !self.kept.is_empty() => {
                         self.kept.clear();
-                        self.dropped = true;
+                        release()?;
                         upload(gpu, view)?
                     }
-                    Err(error) => return Err(error),
+                    uploaded => uploaded?,
                 };
                 self.kept.push(target);
                 self.kept.len() - 1
