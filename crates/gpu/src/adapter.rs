@@ -16,6 +16,18 @@ pub(crate) const WORKGROUP_BYTES: u32 = 16_384;
 pub(crate) const STORAGE_BUFFERS: u32 = 8;
 pub(crate) const WORKGROUP_THREADS: u32 = 256;
 
+/// Bytes of a binding at most, whatever the adapter says: shaders count them in 32 bits with a sign on Vulkan and Direct3D 12, and the checks of
+/// bounds on Metal, which may say more, in 32 bits.
+pub(crate) const MOST_BINDING_BYTES: u64 = (1 << 31) - BUFFER_STEP;
+
+/// Sizes of buffers are multiples of this, bytes.
+pub(crate) const BUFFER_STEP: u64 = 16;
+
+/// A binding that an adapter gives, as far as it can be used: whole steps, so that a buffer which fills it is not rounded up beyond it.
+pub(crate) fn usable_binding(bytes: u64) -> u64 {
+    bytes.min(MOST_BINDING_BYTES) / BUFFER_STEP * BUFFER_STEP
+}
+
 /// Which GPU is wanted.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum DeviceChoice {
@@ -105,7 +117,7 @@ impl AdapterFacts {
                 wgpu::DeviceType::Cpu => AdapterKind::Software,
                 wgpu::DeviceType::Other => AdapterKind::Unknown,
             },
-            binding_bytes: limits.max_storage_buffer_binding_size.min(limits.max_buffer_size),
+            binding_bytes: usable_binding(limits.max_storage_buffer_binding_size.min(limits.max_buffer_size)),
             subgroup_size: [info.subgroup_min_size, info.subgroup_max_size],
             timestamps: adapter.features().contains(wgpu::Features::TIMESTAMP_QUERY),
             lacks,
@@ -181,6 +193,16 @@ mod tests {
     }
 
     #[test]
+    #[test]
+    fn a_binding_is_whole_steps_within_32_bits() {
+        // As Vulkan, Direct3D 12 and Metal have it, and the least that WebGPU asks for.
+        for (found, usable) in
+            [((1 << 31) - 4, (1 << 31) - 16), ((1 << 31) - 1, (1 << 31) - 16), (48 << 30, (1 << 31) - 16), (1 << 27, 1 << 27)]
+        {
+            assert_eq!(usable_binding(found), usable, "{found}");
+        }
+    }
+
     fn real_cards_come_before_software() {
         let mut kinds = [AdapterKind::Software, AdapterKind::Integrated, AdapterKind::Unknown, AdapterKind::Discrete, AdapterKind::Virtual];
         kinds.sort();

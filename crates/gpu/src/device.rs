@@ -12,7 +12,7 @@ use std::time::Duration;
 
 use luxel_core::EngineError;
 
-use crate::adapter::{AdapterFacts, DeviceChoice, found};
+use crate::adapter::{AdapterFacts, BUFFER_STEP, DeviceChoice, found};
 use crate::kernels::{Kernel, KernelId};
 
 /// How long the device may take for one submission before it is taken to hang. Drivers of desktop systems give up after a few seconds
@@ -145,7 +145,7 @@ impl Gpu {
     /// A buffer of at least `bytes`.
     pub(crate) fn buffer(&self, label: &'static str, bytes: u64, usage: wgpu::BufferUsages) -> Result<Buffer, EngineError> {
         // Never empty, nor smaller than any structure in it: bindings must not be.
-        let size = bytes.max(256).next_multiple_of(16);
+        let size = bytes.max(256).next_multiple_of(BUFFER_STEP);
         if usage.contains(wgpu::BufferUsages::STORAGE) && size > self.binding_bytes {
             return Err(self.too_large(label, size));
         }

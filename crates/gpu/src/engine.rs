@@ -11,6 +11,7 @@ use std::time::Duration;
 
 use luxel_core::{Camera, ColorModel, EngineError, Pass, RenderOptions, Splats, StatsCollection, StepConfig, StepReport, ToneCurve, View};
 
+use crate::adapter::usable_binding;
 use crate::commands::{Commands, Timer};
 use crate::device::{Buffer, Gpu};
 use crate::frame::{Frame, Sizes, expected_entries, most_entries};
@@ -95,7 +96,7 @@ impl GpuEngine {
     /// Holds the engine to bindings of `bytes`, as on a lesser adapter. For tests; counts from the next
     /// [`load`](luxel_core::Engine::load) on.
     pub fn limit_bindings(&mut self, bytes: u64) {
-        self.binding_bytes = bytes.min(self.gpu.binding_bytes);
+        self.binding_bytes = usable_binding(bytes).min(self.gpu.binding_bytes);
     }
 
     /// Holds shards to `splats` splats, as if bindings ended there. For tests; counts from the next

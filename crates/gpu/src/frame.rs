@@ -223,6 +223,7 @@ pub(crate) fn tile_digits(tiles: u32) -> usize {
 
 #[cfg(test)]
 mod tests {
+    use crate::adapter::MOST_BINDING_BYTES;
     use super::*;
 
     #[test]
@@ -234,7 +235,7 @@ mod tests {
 
     #[test]
     fn as_many_entries_as_are_promised_fit_into_a_binding() {
-        for (bytes, tiles) in [(1u64 << 27, 2500), (1 << 20, 49), (4 << 30, 32_400)] {
+        for (bytes, tiles) in [(1u64 << 27, 2500), (1 << 20, 49), (MOST_BINDING_BYTES, 32_400)] {
             let entries = most_entries(bytes, tiles, true);
             let sizes = Sizes { entries, tiles, ..Sizes::default() };
             assert!(slots(sizes) * BUCKET_PIXELS_BYTES <= bytes, "{bytes} {tiles}");
