@@ -23,6 +23,7 @@ use crate::step::Recorder;
 use crate::targets::Targets;
 
 mod contract;
+mod surplus;
 
 /// The engine on a GPU. Equal inputs give equal bits on one adapter.
 pub struct GpuEngine {

@@ -8,8 +8,8 @@ use wgpu::BufferUsages;
 
 use crate::device::{Buffer, Gpu};
 use crate::layout::{
-    BUCKET, BUCKET_PIXELS_BYTES, Bucket, CameraUniform, DEPTH_DIGITS, DIGIT_BITS, DIGITS, Dispatches, ENTRY_GRADIENT_BYTES, Footprint,
-    LossUniform, MAX_GROUPS, OptimizerUniform, SORT_BLOCK, SORT_ENTRIES, SORT_IDENTITY, SortUniform, State,
+    BUCKET, BUCKET_PIXELS_BYTES, BUCKETS_HEAD_BYTES, Bucket, CameraUniform, DEPTH_DIGITS, DIGIT_BITS, DIGITS, Dispatches,
+    ENTRY_GRADIENT_BYTES, Footprint, LossUniform, OptimizerUniform, SORT_BLOCK, SORT_ENTRIES, SORT_IDENTITY, SortUniform, State,
 };
 
 /// Digits of a tile's number, at most: 2^27 tiles.
@@ -77,10 +77,9 @@ pub(crate) struct PixelBuffers {
     pub(crate) group_sums: Buffer,
 }
 
-/// Slots of buckets, with what a folded dispatch has to spare.
+/// Slots of buckets: each tile's last may be in part empty, and that of the tile behind the last (see bin.wgsl).
 fn slots(sizes: Sizes) -> u64 {
-    let slots = sizes.entries / u64::from(BUCKET) + sizes.tiles + 1;
-    slots + slots / u64::from(MAX_GROUPS) + 2
+    sizes.entries / u64::from(BUCKET) + sizes.tiles + 1
 }
 
 /// Entries that bindings of `bytes` can hold.
@@ -90,7 +89,7 @@ pub(crate) fn most_entries(bytes: u64, tiles: u64, training: bool) -> u64 {
         return by_order;
     }
     let by_gradients = bytes / ENTRY_GRADIENT_BYTES;
-    let slots = (bytes / BUCKET_PIXELS_BYTES).saturating_sub(tiles + 64);
+    let slots = (bytes / BUCKET_PIXELS_BYTES).saturating_sub(tiles + 1);
     by_order.min(by_gradients).min(slots * u64::from(BUCKET))
 }
 
@@ -121,7 +120,7 @@ impl EntryBuffers {
             order: [numbers("entries' order")?, numbers("entries' order")?],
             splats: numbers("entries' splats")?,
             gradients: gpu.storage("entries' gradients", training * ENTRY_GRADIENT_BYTES * sizes.entries)?,
-            buckets: gpu.storage("buckets", size_of::<Bucket>() as u64 * slots(sizes))?,
+            buckets: gpu.storage("buckets", BUCKETS_HEAD_BYTES + size_of::<Bucket>() as u64 * slots(sizes))?,
             bucket_pixels: gpu.storage("buckets' pixels", training * BUCKET_PIXELS_BYTES * slots(sizes))?,
         })
     }
@@ -223,8 +222,8 @@ pub(crate) fn tile_digits(tiles: u32) -> usize {
 
 #[cfg(test)]
 mod tests {
-    use crate::adapter::MOST_BINDING_BYTES;
     use super::*;
+    use crate::adapter::MOST_BINDING_BYTES;
 
     #[test]
     fn digits_hold_the_number_beyond_the_last_tile() {

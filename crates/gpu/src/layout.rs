@@ -234,6 +234,9 @@ pub(crate) struct Bucket {
     pub(crate) before: u32,
 }
 
+/// In front of the buckets in their buffer: the head of `Buckets` in bin.wgsl and unwind.wgsl.
+pub(crate) const BUCKETS_HEAD_BYTES: u64 = 16;
+
 /// Twin: `Dispatches` in bin.wgsl. Offsets of its fields are those of indirect dispatches.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
@@ -362,6 +365,8 @@ mod tests {
         check!(KernelId::BinScan, "Dispatches", Dispatches, [sort, padding, buckets, padding_2]);
         for kernel in [KernelId::BinRanges, KernelId::RasterizeBackward] {
             check!(kernel, "Bucket", Bucket, [tile, first, len, before]);
+            let (_, fields) = shader_struct(kernel, "Buckets");
+            assert_eq!(fields.last(), Some(&("slots".to_owned(), BUCKETS_HEAD_BYTES as u32)));
         }
         // The shader has no arrays of three here: they would be strewn over 16 bytes a number.
         let (size, fields) = shader_struct(KernelId::Rasterize, "Footprint");

@@ -36,6 +36,11 @@ impl Recorder<'_> {
     pub(crate) fn forward(&mut self) {
         self.project();
         self.sort_by_depth();
+        self.forward_from_bin();
+    }
+
+    /// Up to the image, of splats that are projected and in the order of their depths.
+    pub(crate) fn forward_from_bin(&mut self) {
         self.bin();
         self.sort_by_tile();
         self.rasterize();
@@ -129,7 +134,8 @@ impl Recorder<'_> {
             (10, &frame.pixels.ranges),
             (11, &frame.entries.buckets),
         ];
-        self.add(Pass::Sort, KernelId::BinRanges, &ranges, Groups::Line(u64::from(self.tile_count()).div_ceil(TILES)));
+        // One beyond the last tile: what bin.wgsl says of rounding.
+        self.add(Pass::Sort, KernelId::BinRanges, &ranges, Groups::Line((u64::from(self.tile_count()) + 1).div_ceil(TILES)));
     }
 
     fn rasterize(&mut self) {

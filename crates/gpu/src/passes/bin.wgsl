@@ -3,6 +3,9 @@
 // `bin_sum`: tiles and visible splats of each block of 256 splats in depth order. `bin_scan`: where each block's entries begin, how many there are, and
 // how large the dispatches behind have to be; it halts the engine if the buffers are too small. `bin_emit`: the entries, their number shared
 // evenly by a block's threads. `bin_ranges`, after the sort by tile: each tile's run of entries, cut into buckets.
+//
+// Two kernels ask how many tiles a splat touches, and a compiler may round them differently. If `bin_emit` finds fewer than `project` counted, the
+// surplus goes to a tile behind the last. It has buckets as any other, and no pixels: so its entries' sums are zero, not what was there before.
 
 struct Bucket {
     tile: u32,
@@ -10,6 +13,13 @@ struct Bucket {
     first: u32,
     len: u32,
     before: u32,
+}
+
+struct Buckets {
+    // Slots, used and unused; a folded dispatch may have more workgroups.
+    count: u32,
+    padding: array<u32, 3>,
+    slots: array<Bucket>,
 }
 
 // Arguments of dispatches whose size the device decides.
@@ -31,29 +41,29 @@ struct Dispatches {
 @group(0) @binding(8) var<storage, read_write> dispatches: Dispatches;
 @group(0) @binding(9) var<storage, read> sorted_tiles: array<u32>;
 @group(0) @binding(10) var<storage, read_write> ranges: array<vec2u>;
-@group(0) @binding(11) var<storage, read_write> buckets: array<Bucket>;
+@group(0) @binding(11) var<storage, read_write> buckets: Buckets;
 
 // More entries than a buffer can hold; sums stop here.
 const MOST_ENTRIES = 0x40000000u;
 
 var<workgroup> pair_sums: array<vec2u, 256>;
 
-// Inclusive sums over the workgroup's values.
+// Inclusive sums over the workgroup's values, which stop at MOST_ENTRIES: two of them fit into 32 bits, hundreds do not.
 fn scan_pairs(local: u32, value: vec2u) -> vec2u {
     pair_sums[local] = value;
     workgroupBarrier();
     for (var step = 1u; step < 256u; step *= 2u) {
         let before = select(vec2u(0u), pair_sums[max(local, step) - step], local >= step);
         workgroupBarrier();
-        pair_sums[local] += before;
+        pair_sums[local] = min(pair_sums[local] + before, vec2u(MOST_ENTRIES));
         workgroupBarrier();
     }
     return pair_sums[local];
 }
 
 @compute @workgroup_size(256)
-fn bin_sum(@builtin(workgroup_id) workgroup: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) local: u32) {
-    let block = group_index(workgroup, groups);
+fn bin_sum(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_index) local: u32) {
+    let block = group_index(workgroup);
     let rank = block * 256u + local;
     var value = vec2u(0u);
     if (rank < camera.count) {
@@ -66,10 +76,9 @@ fn bin_sum(@builtin(workgroup_id) workgroup: vec3u, @builtin(num_workgroups) gro
     }
 }
 
-// Folds a number of workgroups into two dimensions, with fewer than `y` to spare.
+// Folds a number of workgroups into rows of MAX_GROUPS: see `group_index`.
 fn fold(groups: u32) -> vec3u {
-    let down = max((groups + MAX_GROUPS - 1u) / MAX_GROUPS, 1u);
-    return vec3u((groups + down - 1u) / down, down, 1u);
+    return vec3u(min(groups, MAX_GROUPS), max((groups + MAX_GROUPS - 1u) / MAX_GROUPS, 1u), 1u);
 }
 
 fn slot_count(entries: u32) -> u32 {
@@ -110,8 +119,8 @@ var<workgroup> emit_base: u32;
 var<workgroup> emit_total: u32;
 
 @compute @workgroup_size(256)
-fn bin_emit(@builtin(workgroup_id) workgroup: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) local: u32) {
-    let block = group_index(workgroup, groups);
+fn bin_emit(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_index) local: u32) {
+    let block = group_index(workgroup);
     let rank = block * 256u + local;
     var touched = 0u;
     var splat = 0u;
@@ -146,7 +155,7 @@ fn bin_emit(@builtin(workgroup_id) workgroup: vec3u, @builtin(num_workgroups) gr
         if (low > 0u) {
             left -= pair_sums[low - 1u].x;
         }
-        // Should rounding ever make fewer tiles here than `project` counted, the entry goes behind the last tile, where nobody looks.
+        // Where rounding makes fewer tiles here than `project` counted, the entry goes behind the last one.
         var tile = camera.tiles.x * camera.tiles.y;
         let rows = touched_rows(f, camera.tiles);
         for (var row = rows.x; row < rows.y; row++) {
@@ -179,26 +188,26 @@ fn lower_bound(tile: u32) -> u32 {
 }
 
 @compute @workgroup_size(64)
-fn bin_ranges(@builtin(workgroup_id) workgroup: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) local: u32) {
-    let tile = group_index(workgroup, groups) * 64u + local;
+fn bin_ranges(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_index) local: u32) {
+    let tile = group_index(workgroup) * 64u + local;
     let tiles = camera.tiles.x * camera.tiles.y;
-    if (tile >= tiles) {
+    // And the one behind the last.
+    if (tile > tiles) {
         return;
     }
     let first = lower_bound(tile);
     let end = lower_bound(tile + 1u);
-    ranges[tile] = vec2u(first, end);
     // A tile's slots begin where no earlier tile's can reach: a tile of n entries has at most n / BUCKET + 1 of them.
     let slots = first / BUCKET + tile;
-    var slots_end = end / BUCKET + tile + 1u;
-    if (tile == tiles - 1u) {
-        // Those that the folded dispatch has to spare, too.
-        let groups = fold(slot_count(state.entries));
-        slots_end = groups.x * groups.y;
+    let slots_end = end / BUCKET + tile + 1u;
+    if (tile < tiles) {
+        ranges[tile] = vec2u(first, end);
+    } else {
+        buckets.count = slots_end;
     }
     for (var slot = slots; slot < slots_end; slot++) {
         let before = (slot - slots) * BUCKET;
         let remaining = select(0u, end - first - before, before < end - first);
-        buckets[slot] = Bucket(tile, first + before, min(remaining, BUCKET), before);
+        buckets.slots[slot] = Bucket(tile, first + before, min(remaining, BUCKET), before);
     }
 }

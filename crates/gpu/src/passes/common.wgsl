@@ -56,9 +56,10 @@ struct State {
     padding: u32,
 }
 
-// Linear number of a workgroup of a dispatch that may be folded into two dimensions.
-fn group_index(workgroup: vec3u, groups: vec3u) -> u32 {
-    return workgroup.y * groups.x + workgroup.x;
+// Linear number of a workgroup of a dispatch that may be folded into rows of MAX_GROUPS. The row's length is no question to the device: Direct3D 12
+// does not tell the number of workgroups where the device itself decided it.
+fn group_index(workgroup: vec3u) -> u32 {
+    return workgroup.y * MAX_GROUPS + workgroup.x;
 }
 
 fn is_finite(value: f32) -> bool {

@@ -10,9 +10,12 @@
 var<workgroup> painted: array<f32, TILE_PIXELS>;
 
 @compute @workgroup_size(BUCKET)
-fn contribute(@builtin(workgroup_id) workgroup: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) local: u32) {
-    let slot = group_index(workgroup, groups);
-    let bucket = buckets[slot];
+fn contribute(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_index) local: u32) {
+    let slot = group_index(workgroup);
+    if (slot >= buckets.count) {
+        return;
+    }
+    let bucket = buckets.slots[slot];
     if (bucket.len == 0u) {
         return;
     }

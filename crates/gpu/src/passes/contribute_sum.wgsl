@@ -7,8 +7,8 @@
 @group(0) @binding(4) var<storage, read_write> splat_sums: array<vec4f>;
 
 @compute @workgroup_size(256)
-fn contribute_sum(@builtin(workgroup_id) workgroup: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) local: u32) {
-    let splat = group_index(workgroup, groups) * 256u + local;
+fn contribute_sum(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_index) local: u32) {
+    let splat = group_index(workgroup) * 256u + local;
     if (splat >= camera.count) {
         return;
     }

@@ -38,8 +38,8 @@ struct Densify {
 @group(0) @binding(7) var<storage, read_write> second: array<f32>;
 
 @compute @workgroup_size(256)
-fn densify(@builtin(workgroup_id) workgroup: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) local: u32) {
-    let i = group_index(workgroup, groups) * 256u + local;
+fn densify(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_index) local: u32) {
+    let i = group_index(workgroup) * 256u + local;
     if (i >= config.len) {
         return;
     }

@@ -14,8 +14,8 @@ var<workgroup> large_total: u32;
 var<workgroup> partials: array<array<vec4f, 3>, 256>;
 
 @compute @workgroup_size(256)
-fn gather(@builtin(workgroup_id) workgroup: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) local: u32) {
-    let splat = group_index(workgroup, groups) * 256u + local;
+fn gather(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_index) local: u32) {
+    let splat = group_index(workgroup) * 256u + local;
     if (local == 0u) {
         atomicStore(&large_count, 0u);
     }

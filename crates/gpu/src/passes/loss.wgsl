@@ -77,7 +77,7 @@ var<workgroup> row_means: array<vec4f, STRIP>;
 var<workgroup> totals: array<vec4f, 256>;
 
 @compute @workgroup_size(256)
-fn loss_ssim(@builtin(workgroup_id) workgroup: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) local: u32) {
+fn loss_ssim(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_index) local: u32) {
     let at = workgroup.xy * SIDE + vec2u(local % SIDE, local / SIDE);
     let inside = all(at < camera.size_px);
     let pixel = at.y * camera.size_px.x + at.x;
@@ -145,7 +145,7 @@ fn loss_ssim(@builtin(workgroup_id) workgroup: vec3u, @builtin(num_workgroups) g
         workgroupBarrier();
     }
     if (local == 0u) {
-        group_sums[group_index(workgroup, groups)] = totals[0];
+        group_sums[workgroup.y * camera.tiles.x + workgroup.x] = totals[0];
     }
 }
 

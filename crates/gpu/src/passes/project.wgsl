@@ -20,8 +20,8 @@ fn depth_key(depth: f32) -> u32 {
 }
 
 @compute @workgroup_size(256)
-fn project(@builtin(workgroup_id) workgroup: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) local: u32) {
-    let i = group_index(workgroup, groups) * 256u + local;
+fn project(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_index) local: u32) {
+    let i = group_index(workgroup) * 256u + local;
     if (i >= shard.len) {
         return;
     }

@@ -144,8 +144,8 @@ fn geometry_backward(i: u32, sums: Sums) -> Geometry {
 }
 
 @compute @workgroup_size(128)
-fn project_backward(@builtin(workgroup_id) workgroup: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) local: u32) {
-    let i = group_index(workgroup, groups) * 128u + local;
+fn project_backward(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_index) local: u32) {
+    let i = group_index(workgroup) * 128u + local;
     if (i >= shard.len || state.halted != HALT_NONE) {
         return;
     }

@@ -23,8 +23,8 @@ var<workgroup> finished: atomic<u32>;
 var<workgroup> all_finished: u32;
 
 @compute @workgroup_size(256)
-fn rasterize(@builtin(workgroup_id) workgroup: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) local: u32) {
-    let tile = group_index(workgroup, groups);
+fn rasterize(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_index) local: u32) {
+    let tile = group_index(workgroup);
     if (tile >= camera.tiles.x * camera.tiles.y) {
         return;
     }

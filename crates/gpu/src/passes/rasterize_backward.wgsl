@@ -17,13 +17,12 @@ var<workgroup> any_changed: atomic<u32>;
 var<workgroup> is_changed: u32;
 
 @compute @workgroup_size(BUCKET)
-fn rasterize_backward(
-    @builtin(workgroup_id) workgroup: vec3u,
-    @builtin(num_workgroups) groups: vec3u,
-    @builtin(local_invocation_index) local: u32,
-) {
-    let slot = group_index(workgroup, groups);
-    let bucket = buckets[slot];
+fn rasterize_backward(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_index) local: u32) {
+    let slot = group_index(workgroup);
+    if (slot >= buckets.count) {
+        return;
+    }
+    let bucket = buckets.slots[slot];
     if (bucket.len == 0u) {
         return;
     }
@@ -38,7 +37,8 @@ fn rasterize_backward(
         if (all(at < camera.size_px)) {
             let pixel = at.y * camera.size_px.x + at.x;
             let gradient = pixel_gradients[pixel];
-            let last = u32(gradient.w);
+            // Nothing of a pixel without a gradient comes through, not even what is not finite; so masked tiles cost nothing.
+            let last = select(0u, u32(gradient.w), any(gradient.xyz != vec3f(0.0)));
             var state = vec4f(0.0, 0.0, 0.0, 1.0);
             if (last > bucket.before) {
                 if (bucket.before > 0u) {

@@ -39,8 +39,8 @@ fn digit_of(key: u32) -> u32 {
 var<workgroup> histogram: array<atomic<u32>, DIGITS>;
 
 @compute @workgroup_size(256)
-fn sort_count(@builtin(workgroup_id) workgroup: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) local: u32) {
-    let block = group_index(workgroup, groups);
+fn sort_count(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_index) local: u32) {
+    let block = group_index(workgroup);
     let blocks = block_count();
     let count = pair_count();
     for (var digit = local; digit < DIGITS; digit += 256u) {
@@ -105,8 +105,8 @@ var<workgroup> masks: array<atomic<u32>, DIGITS * MASK_WORDS>;
 var<workgroup> thread_sums: array<u32, 128>;
 
 @compute @workgroup_size(128)
-fn sort_scatter(@builtin(workgroup_id) workgroup: vec3u, @builtin(num_workgroups) groups: vec3u, @builtin(local_invocation_index) local: u32) {
-    let block = group_index(workgroup, groups);
+fn sort_scatter(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_index) local: u32) {
+    let block = group_index(workgroup);
     let blocks = block_count();
     if (block >= blocks) {
         return;

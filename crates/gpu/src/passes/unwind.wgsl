@@ -6,7 +6,7 @@
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(1) var<storage, read> footprints: array<Footprint>;
-@group(0) @binding(2) var<storage, read> buckets: array<Bucket>;
+@group(0) @binding(2) var<storage, read> buckets: Buckets;
 @group(0) @binding(3) var<storage, read> sorted_entries: array<u32>;
 @group(0) @binding(4) var<storage, read> entry_splats: array<u32>;
 @group(0) @binding(5) var<storage, read> bucket_pixels: array<vec4f>;
@@ -16,6 +16,12 @@ struct Bucket {
     first: u32,
     len: u32,
     before: u32,
+}
+
+struct Buckets {
+    count: u32,
+    padding: array<u32, 3>,
+    slots: array<Bucket>,
 }
 
 // Pixels that a thread works on between two barriers.

@@ -14,6 +14,8 @@ use crate::parity::{engines, groups, models};
 pub const ALL: &[(&str, Body)] = &[
     ("crowded_tiles_match_the_cpu", crowded_tiles_match_the_cpu),
     ("splats_over_many_tiles_match_the_cpu", splats_over_many_tiles_match_the_cpu),
+    ("tiles_counted_and_not_found_do_not_show", tiles_counted_and_not_found_do_not_show),
+    ("pixels_that_do_not_count_leave_nothing", pixels_that_do_not_count_leave_nothing),
     ("what_is_saved_is_what_was_loaded", what_is_saved_is_what_was_loaded),
     ("equal_inputs_give_equal_bits", equal_inputs_give_equal_bits),
     ("shards_do_not_show", shards_do_not_show),
@@ -79,6 +81,37 @@ fn splats_over_many_tiles_match_the_cpu(gpu: &Arc<Gpu>) {
         scene.log_scale[i] = [0.2, 0.5, -0.3];
     }
     compare(gpu, "large splats", &scene, &camera);
+}
+
+/// As where `project` rounds otherwise than `bin_emit`.
+fn tiles_counted_and_not_found_do_not_show(gpu: &Arc<Gpu>) {
+    let camera = camera(60, 50);
+    let scene = splats(models()[1], 120, &camera, 42);
+    let view = view(&camera, false, 4);
+    let mut engine = GpuEngine::new(gpu).unwrap();
+    engine.load(&scene, None).unwrap();
+    let (_, expected) = engine.gradients(&view, &training(1)).unwrap();
+    for surplus in [1, 3] {
+        let found = engine.gradients_with_surplus(&view, &training(1), surplus).unwrap();
+        for ((name, found), (_, expected)) in groups(&found).into_iter().zip(groups(&expected)) {
+            assert_close(&format!("tiles counted and not found: {surplus} {name}"), found, expected, 1e-6);
+        }
+    }
+}
+
+/// Before an infinite background every pixel is infinite, and none counts.
+fn pixels_that_do_not_count_leave_nothing(gpu: &Arc<Gpu>) {
+    let camera = camera(45, 38);
+    let mut view = view(&camera, false, 4);
+    view.mask = Some(Arc::new(luxel_core::Mask::of_valid(vec![false; 45 * 38])));
+    let mut step = training(1);
+    step.render.background = [f32::INFINITY; 3];
+    (step.loss.opacity_weight, step.loss.scale_weight) = (0.0, 0.0);
+    let (_, mut engine) = engines(gpu, &splats(models()[1], 60, &camera, 43));
+    let (_, gradients) = engine.gradients(&view, &step).unwrap();
+    for (name, gradients) in groups(&gradients) {
+        assert_eq!(gradients.iter().position(|g| *g != 0.0), None, "{name}");
+    }
 }
 
 fn what_is_saved_is_what_was_loaded(gpu: &Arc<Gpu>) {

@@ -1,0 +1,43 @@
+//! A step in which `project` counts more tiles than `bin_emit` finds, as where a compiler rounds the two differently: for a test.
+
+use luxel_core::{EngineError, Splats, StepConfig, View};
+
+use super::{GpuEngine, Work, check_view};
+use crate::device::Buffer;
+use crate::scene::Scene;
+use crate::step::Recorder;
+
+impl GpuEngine {
+    /// [`Self::gradients`], with `surplus` tiles too many counted of each splat that is seen, and nothing but NaN in the memory of the entries'
+    /// gradients.
+    ///
+    /// # Errors
+    /// As [`Self::gradients`].
+    pub fn gradients_with_surplus(&mut self, view: &View, step: &StepConfig, surplus: u32) -> Result<Splats, EngineError> {
+        check_view(view)?;
+        let scratch = Scene::zeros(&self.gpu, self.scene.rows, self.scene.count, self.shard_len())?;
+        let out: Vec<Buffer> = scratch.shards.into_iter().map(|shard| shard.first).collect();
+        // Leaves footprints, places and the order of depths.
+        self.run(&Work::Gradients { view, step, out: &out })?;
+        let Self { gpu, scene, frame, commands, targets, slots, .. } = self;
+        let bytes = gpu.read(&frame.splats.places, 8 * scene.count as u64)?;
+        let mut places: Vec<[u32; 2]> = bytemuck::pod_collect_to_vec(&bytes);
+        for [_, touched] in places.iter_mut().filter(|[_, touched]| *touched > 0) {
+            *touched += surplus;
+        }
+        gpu.queue.write_buffer(&frame.splats.places.raw, 0, bytemuck::cast_slice(&places));
+        let gradients = &frame.entries.gradients.raw;
+        gpu.queue.write_buffer(gradients, 0, bytemuck::cast_slice(&vec![f32::NAN; gradients.size() as usize / 4]));
+        let target = targets.get(gpu, view, || Ok(()))?;
+        let mut recorder = Recorder { gpu, commands, frame, scene, size_px: view.camera.size_px };
+        recorder.forward_from_bin();
+        recorder.backward(target);
+        recorder.update(Some(&out));
+        let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        let segments = commands.encode(&mut encoder, None);
+        let report = slots.take(gpu)?.submit(gpu, encoder, &frame.state, (None, segments));
+        report.receive(gpu, slots)?;
+        self.commands.forget();
+        self.scene.download(&self.gpu, |n, shard| out.get(n).unwrap_or(&shard.first))
+    }
+}
