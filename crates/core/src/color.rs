@@ -38,6 +38,9 @@ pub enum Activation {
 /// Largest argument of the exponential activation: e^60 = 1.1e26 leaves room for products within f32.
 pub const MAX_EXP_ARGUMENT: f32 = 60.0;
 
+/// Luminance that stands for black where none is: the logarithm of 0 is no parameter. Far below what any cut-off lets through.
+const DARKEST: f32 = 1e-8;
+
 impl Activation {
     /// Luminance of the raw parameter.
     #[inline(always)]
@@ -70,7 +73,7 @@ impl Activation {
 
     /// Raw parameter of a luminance; luminances below 1e-8 are taken as 1e-8 (for [`Self::Relu`] as they are).
     pub fn inverse(self, luminance: f32) -> f32 {
-        let l = luminance.max(1e-8);
+        let l = luminance.max(DARKEST);
         match self {
             // ln(e^L - 1), written so that it neither overflows nor cancels.
             Self::Softplus => l + (-(-l).exp_m1()).ln(),
@@ -281,7 +284,7 @@ impl ColorModel {
     /// - [`Self::Sh`]: k' = f k, and the offset of 1/2 moves into the DC. Exact.
     /// - [`Self::Lcd`]: the raw luminance alone changes; chromaticity coefficients keep their bits. Exact for luminance degree 0 and
     ///   for every degree with Exp and Relu; with Softplus above degree 0, exact to first order in the view-dependent part.
-    ///   [`Activation::inverse`] keeps luminances at 1e-8 and above, so that a factor of 0 leaves that much.
+    ///   A factor of 0 leaves a luminance of 1e-8, or what there was if that was less (with Relu nothing).
     pub fn scale_radiance(self, sh: &mut [f32], raw_luminance: &mut [f32], factor: f32) {
         match self {
             Self::Sh { .. } => {
@@ -341,25 +344,87 @@ fn chromaticity<R: Real>(response: [R; 3]) -> ([R; 3], R) {
 fn scale_luminance(activation: Activation, raw: &mut [f32], factor: f32) {
     let Some((constant, rest)) = raw.split_first_mut() else { return };
     let before = *constant;
-    let scaled = activation.inverse(factor * activation.apply(before));
-    let rest_factor = match activation {
+    let rest_factor;
+    (*constant, rest_factor) = match activation {
         // Homogeneous: the whole of it scales, below zero too.
-        Activation::Relu => {
-            *constant *= factor;
-            factor
-        }
+        Activation::Relu => (before * factor, factor),
+        // Black has no logarithm, and is the same from everywhere.
+        _ if factor <= 0.0 => (before.min(activation.inverse(0.0)), 0.0),
+        // What overflows is for the caller to see.
+        Activation::Exp if (factor * activation.apply(before)).is_infinite() => (f32::INFINITY, 1.0),
         // A factor is a shift of the constant.
-        Activation::Exp => {
-            *constant = scaled;
-            1.0
-        }
-        // g(l') = f g(l) at the constant, and f g'(l) dl = g'(l') dl' next to it.
-        Activation::Softplus => {
-            *constant = scaled;
-            factor * activation.derivative(before) / activation.derivative(scaled)
-        }
+        Activation::Exp => (before.min(MAX_EXP_ARGUMENT) + factor.ln(), 1.0),
+        Activation::Softplus => scaled_softplus(before, factor),
     };
     for value in rest {
         *value *= rest_factor;
+    }
+}
+
+/// Constant of a softplus that is `factor` times that of `before`, and the factor of what varies about it: g(l') = f g(l) at the constant, and
+/// f g'(l) dl = g'(l') dl' next to it. Where g is below [`DARKEST`] it is e^l to rounding, and so its own derivative.
+fn scaled_softplus(before: f32, factor: f32) -> (f32, f32) {
+    let softplus = Activation::Softplus;
+    let luminance = softplus.apply(before);
+    if factor * luminance >= DARKEST {
+        let after = softplus.inverse(factor * luminance);
+        (after, factor * softplus.derivative(before) / softplus.derivative(after))
+    } else if luminance >= DARKEST {
+        (luminance.ln() + factor.ln(), softplus.derivative(before) / luminance)
+    } else {
+        (before + factor.ln(), 1.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn lobed(activation: Activation, constant: f32, lobe: f32) -> (ColorModel, [f32; 4]) {
+        (ColorModel::Lcd { chroma_degree: 0, luminance_degree: 1, activation }, [constant, lobe, -lobe, 0.5 * lobe])
+    }
+
+    /// R + G + B towards some directions.
+    fn luminances(model: ColorModel, raw: &[f32]) -> Vec<f64> {
+        let towards = |v| model.radiance(&ColorBasis::new(1, v), |_, _| 1.0f32, |m| raw[m]).iter().map(|c| f64::from(*c)).sum();
+        [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.6, 0.8], [-0.48, 0.64, -0.6]].map(towards).to_vec()
+    }
+
+    #[test]
+    fn a_dark_constant_under_bright_lobes_scales_in_every_direction() {
+        for (activation, constant, lobe) in [
+            (Activation::Exp, -30.0, 30.0),
+            (Activation::Exp, -10.0, 3.0),
+            (Activation::Exp, 55.0, 2.0),
+            (Activation::Softplus, -30.0, 5.0),
+            (Activation::Softplus, -120.0, 9.0),
+            (Activation::Softplus, -18.0, 0.5),
+        ] {
+            for factor in [0.5f32, 1e-6, 1.0, 3.0] {
+                let (model, before) = lobed(activation, constant, lobe);
+                let mut after = before;
+                model.scale_radiance(&mut [1.0; 3], &mut after, factor);
+                for (found, expected) in luminances(model, &after).iter().zip(luminances(model, &before)) {
+                    let expected = f64::from(factor) * expected;
+                    // Parameters of 30 are known to 2e-6, and so are their exponentials; numbers below 1e-38 hardly at all.
+                    assert!(
+                        (found - expected).abs() <= 5e-5 * expected + 1e-37,
+                        "{activation:?} {constant} x {factor}: {found} {expected}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_factor_of_zero_leaves_no_light_and_makes_none() {
+        for (activation, constant) in
+            [(Activation::Exp, -30.0), (Activation::Exp, 4.0), (Activation::Softplus, -30.0), (Activation::Softplus, 4.0)]
+        {
+            let (model, before) = lobed(activation, constant, 20.0);
+            let mut after = before;
+            model.scale_radiance(&mut [1.0; 3], &mut after, 0.0);
+            assert!(after[0] <= before[0] && luminances(model, &after).iter().all(|l| *l < 1.1e-8), "{activation:?} {constant}: {after:?}");
+        }
     }
 }
