@@ -334,7 +334,8 @@ pub trait Engine {
     /// Takes over a scene; moments start at zero if absent. Statistics start anew.
     ///
     /// # Errors
-    /// [`EngineError::Splats`] for invalid arrays.
+    /// [`EngineError::Splats`] for invalid arrays, of moments too, [`EngineError::Invalid`] for moments of other splats: the engine keeps the scene
+    /// it has. [`EngineError::Device`].
     fn load(&mut self, splats: &Splats, moments: Option<&Moments>) -> Result<(), EngineError>;
 
     /// The scene and moments as they stand.

@@ -1,6 +1,6 @@
 //! A scene: N Gaussian primitives as a structure of arrays.
 
-use crate::ColorModel;
+use crate::{ColorModel, EngineError};
 
 /// N primitives. All arrays are splat-major and hold exactly N entries of their shape.
 ///
@@ -210,6 +210,26 @@ pub struct Moments {
 }
 
 impl Moments {
+    /// Checks that they are of `splats`: valid arrays of as many splats of the same colour model.
+    ///
+    /// # Errors
+    /// [`EngineError::Splats`], [`EngineError::Invalid`].
+    pub fn validate_for(&self, splats: &Splats) -> Result<(), EngineError> {
+        for part in [&self.first, &self.second] {
+            part.validate()?;
+            if part.len() != splats.len() || part.color_model != splats.color_model {
+                return Err(EngineError::Invalid(format!(
+                    "moments are of {} {} splats, the scene has {} {}",
+                    part.len(),
+                    part.color_model.name(),
+                    splats.len(),
+                    splats.color_model.name()
+                )));
+            }
+        }
+        Ok(())
+    }
+
     /// All zero, for `count` splats.
     pub fn zeros(color_model: ColorModel, count: usize) -> Self {
         let zeros = Splats {

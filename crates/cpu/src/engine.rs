@@ -245,25 +245,14 @@ impl<'a> Clock<'a> {
 impl Engine for CpuEngine {
     fn load(&mut self, splats: &Splats, moments: Option<&Moments>) -> Result<(), EngineError> {
         splats.validate()?;
+        if let Some(moments) = moments {
+            moments.validate_for(splats)?;
+        }
         self.parameters = Store::from_splats(splats);
         let zeros = || Store::zeros(self.parameters.layout, splats.len());
         (self.first, self.second) = match moments {
             None => (zeros(), zeros()),
-            Some(moments) => {
-                for part in [&moments.first, &moments.second] {
-                    part.validate()?;
-                    if part.len() != splats.len() || part.color_model != splats.color_model {
-                        return Err(EngineError::Invalid(format!(
-                            "moments are of {} {} splats, the scene has {} {}",
-                            part.len(),
-                            part.color_model.name(),
-                            splats.len(),
-                            splats.color_model.name()
-                        )));
-                    }
-                }
-                (Store::from_splats(&moments.first), Store::from_splats(&moments.second))
-            }
+            Some(moments) => (Store::from_splats(&moments.first), Store::from_splats(&moments.second)),
         };
         self.smoothing = smoothing_lanes(&splats.smoothing);
         self.stats = DensifyStats::zeros(splats.len());

@@ -334,8 +334,12 @@ fn bad_input_is_refused_and_changes_nothing() {
     let mut infinite = splats.clone();
     infinite.log_scale[7][1] = f32::INFINITY;
     assert_refused(engine.load(&infinite, None), "log_scale of splat 7");
-    assert_refused(engine.load(&splats, Some(&Moments::zeros(LCD, 3))), "moments");
-    assert_refused(engine.load(&splats, Some(&Moments::zeros(ColorModel::Sh { degree: 1 }, 20))), "moments");
+    let other = fixture::splats(LCD, 25, &camera, 2);
+    assert_refused(engine.load(&other, Some(&Moments::zeros(LCD, 3))), "moments");
+    assert_refused(engine.load(&other, Some(&Moments::zeros(ColorModel::Sh { degree: 1 }, 25))), "moments");
+    let mut odd = Moments::zeros(LCD, 25);
+    odd.second.opacity_logit[4] = f32::NAN;
+    assert_refused(engine.load(&other, Some(&odd)), "opacity_logit of splat 4");
 
     assert_eq!(engine.save().unwrap(), before);
 }

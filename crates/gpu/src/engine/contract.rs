@@ -18,18 +18,7 @@ impl Engine for GpuEngine {
     fn load(&mut self, splats: &Splats, moments: Option<&Moments>) -> Result<(), EngineError> {
         splats.validate()?;
         if let Some(moments) = moments {
-            for part in [&moments.first, &moments.second] {
-                part.validate()?;
-                if part.len() != splats.len() || part.color_model != splats.color_model {
-                    return Err(EngineError::Invalid(format!(
-                        "moments are of {} {} splats, the scene has {} {}",
-                        part.len(),
-                        part.color_model.name(),
-                        splats.len(),
-                        splats.color_model.name()
-                    )));
-                }
-            }
+            moments.validate_for(splats)?;
         }
         self.settle_all()?;
         // Memory for two scenes at a time is not needed here.

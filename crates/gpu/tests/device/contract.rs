@@ -321,7 +321,7 @@ fn bad_input_is_refused(gpu: &Arc<Gpu>) {
     odd.opacity_logit[3] = f32::NAN;
     assert!(matches!(engine.load(&odd, None), Err(EngineError::Splats(_))));
     let moments = Moments::zeros(models()[0], 29);
-    assert!(engine.load(&scene, Some(&moments)).unwrap_err().to_string().contains("moments are of 29"));
+    assert!(engine.load(&splats(models()[0], 30, &camera, 2), Some(&moments)).unwrap_err().to_string().contains("moments are of 29"));
     assert!(engine.set_densify_stats(&DensifyStats::zeros(4)).unwrap_err().to_string().contains("the scene has 30"));
     let plan = luxel_core::DensifyPlan { rows: vec![luxel_core::PlanRow::keep(30)], ..Default::default() };
     assert!(engine.densify(&plan).unwrap_err().to_string().contains("names splat 30"));
