@@ -80,8 +80,10 @@ fn change(block: &mut [Lanes], lane: usize, row: &PlanRow) {
     let at = |r: usize| block[r].0[lane];
     if row.offset_sigma != [0.0; 3] {
         let q = glam::Quat::from_xyzw(at(Layout::ROTATION + 1), at(Layout::ROTATION + 2), at(Layout::ROTATION + 3), at(Layout::ROTATION));
+        // As in `project`: what has no length to speak of turns nothing.
+        let q = if q.length_squared() > 1e-30 { q.normalize() } else { glam::Quat::IDENTITY };
         let sigma = glam::Vec3::from_array(std::array::from_fn(|i| at(Layout::LOG_SCALE + i).exp()));
-        let offset = q.normalize() * (sigma * glam::Vec3::from_array(row.offset_sigma));
+        let offset = q * (sigma * glam::Vec3::from_array(row.offset_sigma));
         for (i, d) in offset.to_array().into_iter().enumerate() {
             block[Layout::POSITION + i].0[lane] += d;
         }

@@ -147,6 +147,20 @@ fn what_was_loaded_is_saved() {
 }
 
 #[test]
+fn a_splat_without_a_rotation_splits_along_the_axes() {
+    let mut splats = fixture::splats(LCD, 3, &fixture::camera(20, 20), 1);
+    splats.rotation[1] = [0.0; 4];
+    let mut engine = engine(1, &splats);
+    let row = PlanRow { offset_sigma: [0.5, -1.0, 2.0], ..PlanRow::keep(1) };
+    engine.densify(&DensifyPlan { rows: vec![row], ..DensifyPlan::default() }).unwrap();
+    let moved = engine.save().unwrap().0.position[0];
+    for (i, offset) in row.offset_sigma.iter().enumerate() {
+        let expected = splats.position[1][i] + offset * splats.log_scale[1][i].exp();
+        assert!((moved[i] - expected).abs() < 1e-6, "{i}: {} expected {expected}", moved[i]);
+    }
+}
+
+#[test]
 fn statistics_add_up_over_steps() {
     let camera = fixture::camera(31, 23);
     let splats = fixture::splats(LCD, 50, &camera, 1);
