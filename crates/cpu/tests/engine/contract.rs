@@ -94,7 +94,8 @@ fn train(engine: &mut CpuEngine, view: &View, steps: std::ops::RangeInclusive<u3
 #[test]
 fn any_number_of_threads_gives_the_same_bits() {
     let camera = fixture::camera(83, 61);
-    let splats = fixture::splats(LCD, 1500, &camera, 31);
+    // More than two chunks of `bin`.
+    let splats = fixture::splats(LCD, 5000, &camera, 31);
     let view = fixture::view(&camera, true, 32);
     let run = |threads: usize| {
         let mut engine = engine(threads, &splats);
@@ -105,6 +106,31 @@ fn any_number_of_threads_gives_the_same_bits() {
     for threads in [2, 3, 7] {
         assert_same_bits(&run(threads), &expected, &format!("{threads} threads"));
     }
+}
+
+#[test]
+fn order_of_splats_does_not_matter_to_gradients() {
+    let camera = fixture::camera(83, 61);
+    let mut splats = fixture::splats(LCD, 5000, &camera, 33);
+    // No two at one depth: those would be blended by their index.
+    let mut rng = fixture::Rng::new(34);
+    for (i, position) in splats.position.iter_mut().enumerate() {
+        let px = [rng.uniform(0.0, 83.0), rng.uniform(0.0, 61.0)].map(f64::from);
+        *position = fixture::unproject(&camera, px, 2.0 + 8e-4 * i as f64);
+    }
+    // Across the chunks of `bin`.
+    let order = || (0..5000u32).map(|i| i * 37 % 5000);
+    let view = fixture::view(&camera, true, 32);
+    let run = |splats: &Splats| {
+        let mut engine = engine(2, splats);
+        let gradients = engine.gradients(&view, &step(1)).unwrap().1;
+        (gradients, engine.densify_stats().unwrap())
+    };
+    let ((expected, expected_stats), (found, found_stats)) = (run(&splats), run(&splats.select(order())));
+    let (found, expected) = (flatten(&found), flatten(&expected.select(order())));
+    let differing = found.iter().zip(&expected).position(|(a, b)| a.to_bits() != b.to_bits());
+    assert_eq!(differing.map(|i| (i, found[i], expected[i])), None);
+    assert!(order().zip(&found_stats.gradient).all(|(i, found)| expected_stats.gradient[i as usize] == *found));
 }
 
 #[test]
