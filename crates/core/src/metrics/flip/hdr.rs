@@ -33,7 +33,8 @@ impl FlipExposures {
         let (_, median, above) = luminances.select_nth_unstable_by(middle, f32::total_cmp);
         let median = *median;
         let brightest = above.iter().copied().fold(median, f32::max);
-        let exposure = |luminance: f32| (bright_input() / f64::from(luminance.max(MEDIAN_FLOOR))).log2() as f32;
+        // What overflows in the conversion counts as the most there is: there are no more exposures than octaves.
+        let exposure = |luminance: f32| (bright_input() / f64::from(luminance.clamp(MEDIAN_FLOOR, f32::MAX))).log2() as f32;
         let (start_ev, stop_ev) = (exposure(brightest), exposure(median));
         Self { start_ev, stop_ev, count: ((stop_ev - start_ev).ceil() as u32).max(2) }
     }
