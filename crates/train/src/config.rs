@@ -68,7 +68,7 @@ pub struct TrainConfig {
     /// Radiance behind everything, in the units of the images: red,green,blue or one number for grey
     #[arg(long, value_name = "R,G,B", value_parser = parse_rgb, default_value = "0,0,0", help_heading = "Radiance and loss")]
     pub background: [f32; 3],
-    /// mu of the mu-law that prediction and image are seen through by the loss, above 0
+    /// mu of the mu-law that prediction and image are seen through by the loss, at least 1
     #[arg(long, default_value_t = luxel_core::tone::MU, help_heading = "Radiance and loss")]
     pub mu: f32,
     /// Weight of 1 - SSIM in the loss, 0 to 1; L1 has the rest

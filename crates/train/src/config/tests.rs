@@ -118,6 +118,7 @@ fn nonsense_is_refused_with_the_options_name() {
         (&["--radiance-scale", "0"], "--radiance-scale"),
         (&["--radiance-scale", "nan"], "--radiance-scale"),
         (&["--mu", "inf"], "--mu"),
+        (&["--mu", "0.9"], "--mu"),
         (&["--ssim-weight", "1.5"], "--ssim-weight"),
         (&["--densify-interval", "0"], "--densify-interval"),
         (&["--turnover", "1.5"], "--turnover"),
