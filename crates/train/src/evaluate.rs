@@ -230,11 +230,12 @@ type Figures = (ViewMetrics, Option<FieldMetrics>, LuminanceProfile);
 
 fn measure(view: &View, prediction: &Image, measures: &Measures<'_>) -> Result<Figures, TrainError> {
     let (target, mask) = (normalised(view, measures.radiance_scale), view.mask.as_deref());
-    let (metrics, profile) = view_metrics(prediction, &target, mask, mu_of(view, measures)).map_err(|source| failed(view, source))?;
+    let metrics = view_metrics(prediction, &target, mask, mu_of(view, measures)).map_err(|source| failed(view, source))?;
     if view.values != PixelValues::Radiance {
         return Ok((metrics, None, LuminanceProfile::default()));
     }
     let mut field = field_metrics(prediction, &target, mask, &measures.field).map_err(|source| failed(view, source))?;
+    let profile = LuminanceProfile::of(prediction, &target, mask, measures.field.color_space).map_err(|source| failed(view, source))?;
     if let Some(lpips) = measures.lpips {
         let distance = lpips.of_radiance(prediction, &target, mask, measures.mu, measures.field.color_space);
         lpips.record(distance.map_err(|source| TrainError::Lpips { view: view.name.clone(), source })?, &mut field);

@@ -20,7 +20,7 @@ fn view(name: &str, width: usize, height: usize, error: f32) -> ReportView {
     for (i, pixel) in prediction.pixels.iter_mut().enumerate() {
         *pixel = pixel.map(|v| v * (1.0 + error * (i as f32 * 0.37).sin()));
     }
-    let (metrics, _) = luxel_core::metrics::view_metrics(&prediction, &target, None, 5000.0).unwrap();
+    let metrics = luxel_core::metrics::view_metrics(&prediction, &target, None, 5000.0).unwrap();
     ReportView { name: name.into(), prediction, target, mask: None, metrics }
 }
 
@@ -29,7 +29,7 @@ fn input(views: Vec<ReportView>) -> ReportInput {
     let mean = ViewMetrics::mean(&views.iter().map(|v| v.metrics).collect::<Vec<_>>());
     let mut profile = LuminanceProfile::default();
     for view in &views {
-        profile.merge(&luxel_core::metrics::view_metrics(&view.prediction, &view.target, None, 5000.0).unwrap().1);
+        profile.merge(&LuminanceProfile::of(&view.prediction, &view.target, None, ColorSpace::LinearRec709).unwrap());
     }
     let sample = |i: u32| CurveSample {
         iteration: 100 * i,

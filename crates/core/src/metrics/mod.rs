@@ -1,7 +1,6 @@
 //! Image metrics on mu-law images, and the protocols that say what is divided by what.
 //!
-//! In: prediction and target `[H,W,3]` in the scene's normalised units, an optional mask. Out: [`ViewMetrics`] and a
-//! [`LuminanceProfile`]. A pixel p becomes T(clip(p / divisor, 0, 1)) with T the mu-law; the divisors are
+//! In: prediction and target `[H,W,3]` in the scene's normalised units, an optional mask. Out: [`ViewMetrics`]. A pixel p becomes T(clip(p / divisor, 0, 1)) with T the mu-law; the divisors are
 //!
 //! | protocol | target | prediction | whose formula |
 //! |---|---|---|---|
@@ -12,7 +11,8 @@
 //! PSNR has peak 1 and pools the channels; SSIM is [`ssim`], mean of the channels. Masked pixels are left out of every mean
 //! and maximum; in the SSIM the prediction is set to the target there. A maximum of 0 divides by 1. Sums are f64.
 //!
-//! What needs no mu-law is in [`FieldMetrics`]: PU21, HDR-FLIP, the error of the logarithm, relative errors by decade.
+//! What needs no mu-law is in [`FieldMetrics`]: PU21, HDR-FLIP, the error of the logarithm, relative errors by decade; and in
+//! [`LuminanceProfile`].
 
 mod decades;
 mod field;
@@ -155,12 +155,7 @@ impl ViewMetrics {
 ///
 /// # Errors
 /// [`MetricsError`]: sizes differ, no pixel is valid, a valid pixel is NaN or infinite, or mu is not positive.
-pub fn view_metrics(
-    prediction: &Image,
-    target: &Image,
-    mask: Option<&Mask>,
-    mu: f32,
-) -> Result<(ViewMetrics, LuminanceProfile), MetricsError> {
+pub fn view_metrics(prediction: &Image, target: &Image, mask: Option<&Mask>, mu: f32) -> Result<ViewMetrics, MetricsError> {
     let curve = curve(mu)?;
     let pair = Pair::new(prediction, target, mask)?;
     let (prediction_max, target_max) = pair.maxima();
@@ -168,15 +163,13 @@ pub fn view_metrics(
     let scene = pair.compare(1.0, &target_scene, curve)?;
     let gtmax = pair.compare(target_max, &target_by_max, curve)?;
     let selfmax = pair.compare(prediction_max, &target_by_max, curve)?;
-    let mut profile = LuminanceProfile::default();
     let mut abs_mu = 0.0;
     for (prediction, target) in pair.valid() {
-        profile.add(prediction, target);
         for c in 0..3 {
             abs_mu += f64::from((curve.of(prediction[c].max(0.0)) - curve.of(target[c].max(0.0))).abs());
         }
     }
-    let metrics = ViewMetrics {
+    Ok(ViewMetrics {
         psnr_scene: psnr_of_mse(scene.mse),
         ssim_scene: scene.ssim,
         psnr_gtmax: psnr_of_mse(gtmax.mse),
@@ -187,8 +180,7 @@ pub fn view_metrics(
         psnr_black_gtmax: psnr_of_mse(gtmax.mse_black),
         l1_scene: scene.l1,
         mean_abs_mu: abs_mu / (3.0 * pair.valid_count as f64),
-    };
-    Ok((metrics, profile))
+    })
 }
 
 /// [`ViewMetrics::psnr_scene`] alone, at a small part of the time of [`view_metrics`].

@@ -1,12 +1,14 @@
 //! The luminance-error profile: error against the ground truth's luminance (the figure of LCD-GS).
 //!
-//! Pixels are binned by the ground truth's relative luminance (Rec.709 weights, normalised units) in quarter decades from
-//! 1e-4 to 1e4, with one bin for all below and one for all above. Bins hold sums and counts, so that profiles of several
+//! Pixels are brought to linear Rec.709 and binned by the ground truth's relative luminance (normalised units) in quarter decades
+//! from 1e-4 to 1e4, with one bin for all below and one for all above. Bins hold sums and counts, so that profiles of several
 //! views add up.
 
 use serde::{Deserialize, Serialize};
 
-use crate::luminance_rec709;
+use super::{LOG_FLOOR, MetricsError, Pair};
+use crate::tone::rec709_of;
+use crate::{ColorSpace, Image, Mask, luminance_rec709};
 
 /// Bins per factor of ten.
 pub const PROFILE_BINS_PER_DECADE: usize = 4;
@@ -16,8 +18,6 @@ const LOW_DECADE: f64 = -4.0;
 const HIGH_DECADE: f64 = 4.0;
 /// Quarter decades, and a bin at either end.
 const BINS: usize = (HIGH_DECADE - LOW_DECADE) as usize * PROFILE_BINS_PER_DECADE + 2;
-/// Luminance below which a difference in stops says nothing: a tenth of the lowest bin edge. Keeps black finite.
-const STOPS_FLOOR: f32 = 1e-5;
 
 /// What one bin has seen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -26,7 +26,7 @@ pub struct ProfileBin {
     pub count: u64,
     /// Sum over pixels of the absolute error, mean of the three channels, normalised units, nothing clipped.
     pub absolute_error: f64,
-    /// Sum over pixels of the squared error of the luminance in stops (log2 of the ratio; luminances below 1e-5 count as 1e-5).
+    /// Sum over pixels of the squared error of the luminance in stops (log2 of the ratio; luminances below [`LOG_FLOOR`] count as that).
     pub squared_stops: f64,
     /// Sum over pixels of the ground truth's luminance.
     pub luminance: f64,
@@ -80,11 +80,23 @@ impl LuminanceProfile {
         (edge(i), edge(i + 1))
     }
 
-    /// Adds a pixel.
+    /// Of `prediction` against `target`, radiance with the primaries of `color_space`, both in normalised units.
+    ///
+    /// # Errors
+    /// [`MetricsError`]: sizes differ, no pixel is valid, or a valid pixel is NaN or infinite.
+    pub fn of(prediction: &Image, target: &Image, mask: Option<&Mask>, color_space: ColorSpace) -> Result<Self, MetricsError> {
+        let mut profile = Self::default();
+        for (prediction, target) in Pair::new(prediction, target, mask)?.valid() {
+            profile.add(rec709_of(color_space, prediction), rec709_of(color_space, target));
+        }
+        Ok(profile)
+    }
+
+    /// Adds a pixel, linear Rec.709.
     pub fn add(&mut self, prediction: [f32; 3], target: [f32; 3]) {
         let (found, expected) = (luminance_rec709(prediction), luminance_rec709(target));
         let error: f64 = (0..3).map(|c| (f64::from(prediction[c]) - f64::from(target[c])).abs()).sum();
-        let stops = f64::from(found.max(STOPS_FLOOR)).log2() - f64::from(expected.max(STOPS_FLOOR)).log2();
+        let stops = f64::from(found.max(LOG_FLOOR)).log2() - f64::from(expected.max(LOG_FLOOR)).log2();
         let pixel = ProfileBin { count: 1, absolute_error: error / 3.0, squared_stops: stops * stops, luminance: f64::from(expected) };
         if let Some(bin) = self.bins.get_mut(Self::bin_of(expected)) {
             bin.merge(&pixel);
@@ -113,6 +125,7 @@ impl LuminanceProfile {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Conversion;
 
     #[test]
     fn every_luminance_falls_between_the_edges_of_its_bin() {
@@ -142,6 +155,20 @@ mod tests {
         assert!((bin.mean_luminance().unwrap() - 2.0).abs() < 1e-6);
         assert_eq!(profile.count(), 3);
         assert_eq!(profile.bins[0].mean_absolute_error(), None);
+    }
+
+    #[test]
+    fn the_same_light_has_one_profile_in_any_space() {
+        let pixels = |scale: f32| (0..40).map(move |i| [0.9f32, 0.2, 0.05 * (i % 5) as f32].map(|v| v * scale * 1.3f32.powi(i)));
+        let [target, prediction] = [1.0, 1.2].map(|scale| Image::from_pixels(8, 5, pixels(scale).collect()).unwrap());
+        let expected = LuminanceProfile::of(&prediction, &target, None, ColorSpace::LinearRec709).unwrap();
+        let conversion = Conversion::between(ColorSpace::LinearRec709, ColorSpace::Aces2065);
+        let in_aces = |image: &Image| Image { pixels: image.pixels.iter().map(|rgb| conversion.apply(*rgb)).collect(), ..*image };
+        let found = LuminanceProfile::of(&in_aces(&prediction), &in_aces(&target), None, ColorSpace::Aces2065).unwrap();
+        for (found, expected) in found.bins.iter().zip(&expected.bins) {
+            assert_eq!(found.count, expected.count);
+            assert!((found.absolute_error - expected.absolute_error).abs() <= 1e-4 * expected.absolute_error, "{found:?} {expected:?}");
+        }
     }
 
     #[test]

@@ -134,7 +134,7 @@ pub(super) fn compare(pair: &Pair, settings: &Settings) -> Result<Compared> {
     let failed = || format!("cannot compare {} with {}", pair.test.display(), pair.reference.display());
     reference.scale(1.0 / settings.scale);
     test.scale(1.0 / settings.scale);
-    let (mu_law, _) = view_metrics(&test, &reference, mask.as_ref(), settings.mu).with_context(failed)?;
+    let mu_law = view_metrics(&test, &reference, mask.as_ref(), settings.mu).with_context(failed)?;
     let options = FieldOptions { peak_luminance: settings.peak_luminance, color_space, flip: FlipChoice::Skip };
     let mut field = field_metrics(&test, &reference, mask.as_ref(), &options).with_context(failed)?;
     if let Some(lpips) = &settings.lpips {
