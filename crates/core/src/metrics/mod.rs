@@ -31,7 +31,7 @@ pub use field::{FieldMetrics, FieldOptions, FlipChoice, field_metrics};
 pub use flip::{FLIP_PIXELS_PER_DEGREE, FlipExposures, FlipMap, MEDIAN_FLOOR, hdr_flip, ldr_flip};
 pub use profile::{LuminanceProfile, PROFILE_BINS_PER_DECADE, ProfileBin};
 pub use pu21::{PU21_PEAK, PU21_RANGE_CD_M2, pu21_encode};
-pub use ssim::{SSIM_C1, SSIM_C2, SSIM_RADIUS, SSIM_SIGMA_PX, ssim, ssim_image, ssim_interior, ssim_replicated, ssim_window};
+pub use ssim::{SSIM_C1, SSIM_C2, SSIM_RADIUS, SSIM_SIGMA_PX, ssim, ssim_interior, ssim_replicated, ssim_window};
 
 /// PSNR of equal images, dB: reported instead of infinity, which JSON can't hold. f32 rounding alone is worth more than 130 dB.
 pub const MAX_PSNR_DB: f64 = 100.0;

@@ -7,7 +7,6 @@
 //! outwards (MATLAB's). Values may be f32 or f64; sums are f64: in f32 the variance of a bright, smooth area is lost to cancellation.
 
 use super::MetricsError;
-use crate::Image;
 
 /// Pixels on either side of the window's centre.
 pub const SSIM_RADIUS: usize = 5;
@@ -95,19 +94,6 @@ fn mean_similarity<T: Copy + Into<f64>>(prediction: &[T], target: &[T], width: u
         }
     }
     sum / ((width - 2 * margin) * (height - 2 * margin)) as f64
-}
-
-/// Mean structural similarity of two images: the mean of the three channels'. Values are taken as they are; give it mu-law images.
-///
-/// # Errors
-/// As [`ssim`].
-pub fn ssim_image(prediction: &Image, target: &Image) -> Result<f64, MetricsError> {
-    let mut sum = 0.0;
-    for channel in 0..3 {
-        let plane = |image: &Image| image.pixels.iter().map(|p| p[channel]).collect::<Vec<f32>>();
-        sum += ssim(&plane(prediction), &plane(target), target.width, target.height)?;
-    }
-    Ok(sum / 3.0)
 }
 
 /// The last [`TAPS`] rows, blurred along x: all that a row of the result depends on.
