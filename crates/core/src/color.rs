@@ -137,7 +137,8 @@ impl ColorModel {
         }
     }
 
-    fn luminance_degree(self) -> usize {
+    /// Degree of the luminance's harmonics, 0 where it has none.
+    pub fn luminance_degree(self) -> usize {
         match self {
             Self::Sh { .. } => 0,
             Self::Lcd { luminance_degree, .. } => luminance_degree.into(),

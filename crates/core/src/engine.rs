@@ -405,7 +405,7 @@ pub trait Engine {
     /// [`EngineError::Invalid`] if lengths differ from the scene's.
     fn set_densify_stats(&mut self, stats: &DensifyStats) -> Result<(), EngineError>;
 
-    /// Geometry alone (position, log scale, opacity; colours empty): what densification policies look at.
+    /// Position, log scale and opacity: what densification policies look at.
     ///
     /// # Errors
     /// [`EngineError::Device`].

@@ -87,7 +87,7 @@ const FACES: [[DVec3; 3]; 6] = [
 const ACROSS: usize = 2;
 /// Samples across a pixel of the map: fewest and most.
 const SAMPLES: [f64; 2] = [3.0, 32.0];
-/// Longest focal length of a rig: its images have some 1.3 times as many pixels a side.
+/// Longest focal length of a rig: its images have some 0.9 times as many pixels a side.
 const MAX_FOCAL_PX: f64 = 8192.0;
 /// Pixels beyond a camera's part that interpolation may touch.
 const MARGIN_PX: f64 = 1.5;

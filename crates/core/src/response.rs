@@ -100,8 +100,7 @@ impl Response {
         found
     }
 
-    /// Exposure x at which channel `channel` records `value`: of a flat piece its middle; bounded by the first knot and, `beyond` the last, by
-    /// that.
+    /// Exposure x at which the curve of `knots` records `value`: of a flat piece its middle; beyond the first or the last knot, that knot's.
     pub fn exposure_at(knots: &[f32; RESPONSE_KNOTS], value: f32) -> f64 {
         let k = (0..RESPONSE_KNOTS - 2).find(|k| knots[k + 1] >= value).unwrap_or(RESPONSE_KNOTS - 2);
         let rise = knots[k + 1] - knots[k];

@@ -9,7 +9,7 @@
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
 use crate::sh::{self, MAX_COEFFICIENTS};
-use crate::{Camera, ColorModel, Splats};
+use crate::{Camera, Splats};
 
 /// p' = scale rotation p + translation.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -94,10 +94,9 @@ impl Similarity {
         let bands = BandRotation::new(model.max_degree(), self.rotation);
         let k = model.sh_coefficients();
         splats.sh.chunks_exact_mut(3 * k).for_each(|sh| bands.apply(sh, 3, model.sh_degree()));
-        if let ColorModel::Lcd { luminance_degree, .. } = model {
-            let m = model.luminance_coefficients();
-            splats.raw_luminance.chunks_exact_mut(m).for_each(|raw| bands.apply(raw, 1, luminance_degree.into()));
-        }
+        // Of a model without a luminance of its own there are none.
+        let m = model.luminance_coefficients().max(1);
+        splats.raw_luminance.chunks_exact_mut(m).for_each(|raw| bands.apply(raw, 1, model.luminance_degree()));
     }
 }
 
@@ -168,7 +167,7 @@ fn fit_band(band: usize, pairs: &[[[f64; MAX_COEFFICIENTS]; 2]]) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Activation, synthetic};
+    use crate::{Activation, ColorModel, synthetic};
 
     fn some_turn() -> DMat3 {
         DMat3::from_quat(DQuat::from_xyzw(0.3, -0.5, 0.2, 0.7).normalize())

@@ -276,8 +276,7 @@ fn similarity<S: Simd>(simd: S, [mx, my, squares, exy]: [V<S>; MOMENTS], inside:
 /// Lanes of vector `i` of a row that are within the image.
 #[inline(always)]
 fn inside_mask<S: Simd>(simd: S, plan: &Plan, i: usize) -> M<S> {
-    const LANE: Lanes = Lanes([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0]);
-    (V::load(simd, &LANE) * plan.strip as f32 + i as f32).lt(V::splat(simd, plan.width as f32))
+    (V::lane_numbers(simd) * plan.strip as f32 + i as f32).lt(V::splat(simd, plan.width as f32))
 }
 
 /// Gradient of a row of the band, in strips.
