@@ -3,6 +3,9 @@
 //! In: bytes. Out: [`RawPixels`]; what the tags say of colours is [`super::dng_info`]'s. Codes are as stored, cropped to the default crop, after the
 //! linearisation table if there is one; black and white come beside them. Uncompressed samples of 8 to 16 bits, lossless JPEG and JPEG XL,
 //! in strips or tiles.
+//!
+//! JPEG XL of more than 8 bits comes on the scale of 16 bits, whatever its depth: levels and the table of such files are on that scale, as Adobe's SDK
+//! decodes them.
 
 use std::path::Path;
 
@@ -10,8 +13,8 @@ use rayon::prelude::*;
 
 use super::dng_tags as tag;
 use super::exif::{Exif, exif_of_tags};
-use super::lossless_jpeg;
 use super::tags::{Ifd, Tags};
+use super::{jpeg_xl, lossless_jpeg};
 use crate::IoError;
 use crate::image::guard::{check_size, contain, zeroed};
 
@@ -48,6 +51,11 @@ pub(super) struct Dng<'a> {
 const LINEAR_RAW: usize = 34892;
 /// A mosaic.
 const CFA: usize = 32803;
+/// Compressions.
+const UNCOMPRESSED: usize = 1;
+const LOSSLESS_JPEG: usize = 7;
+const LOSSY_JPEG: usize = 34892;
+const JPEG_XL: usize = 52546;
 
 impl<'a> Dng<'a> {
     /// `None` if the file is no DNG.
@@ -136,13 +144,18 @@ impl<'a> Dng<'a> {
         let shift = [crop.left - crop.area[0], crop.top - crop.area[1]];
         let order = turn([0, 1, 2, 3], if is_mosaic { shift } else { [0, 0] });
         let black = self.black(per_pixel);
-        let white = image.number(tag::WHITE).unwrap_or(((1u32 << bits) - 1).into()) as f32;
+        let largest = if self.compression() == JPEG_XL { jpeg_xl::largest_code(bits) } else { (1 << bits) - 1 };
+        let white = image.number(tag::WHITE).unwrap_or(largest.into()) as f32;
         let black = order.map(|i| black[usize::from(i)]);
         if !(black.iter().all(|b| b.is_finite() && *b < white)) {
             return Err(self.invalid(format_args!("black {black:?} is not below white {white}")));
         }
         let cell = stored_cell.map(|cell| turn(cell, shift));
         Ok(RawPixels { width: crop.width, height: crop.height, cell, codes, black, white })
+    }
+
+    fn compression(&self) -> usize {
+        self.image.unsigned(tag::COMPRESSION).unwrap_or(UNCOMPRESSED)
     }
 
     /// Colours of the 2x2 cell at the active area's corner.
@@ -213,21 +226,21 @@ impl<'a> Dng<'a> {
     /// Samples of a strip or tile; of `rows` rows at least.
     fn decode_chunk(&self, i: usize, bytes: &[u8], chunk: Chunk, rows: usize) -> Result<Vec<u16>, IoError> {
         let row = chunk.width * chunk.per_pixel;
-        match self.image.unsigned(tag::COMPRESSION).unwrap_or(1) {
-            1 => unpack(bytes, row, rows, chunk.bits, self.tags.is_big_endian())
+        match self.compression() {
+            UNCOMPRESSED => unpack(bytes, row, rows, chunk.bits, self.tags.is_big_endian())
                 .ok_or_else(|| self.invalid(format_args!("tile {i} is cut short"))),
-            7 => {
+            LOSSLESS_JPEG => {
                 let decoded = lossless_jpeg::decode(bytes, row * chunk.height).map_err(|e| self.invalid(format_args!("tile {i}: {e}")))?;
                 if decoded.row != row || decoded.rows < rows {
                     return Err(self.invalid(format_args!("tile {i}: {} x {} samples, expected {row} x {rows}", decoded.row, decoded.rows)));
                 }
                 Ok(decoded.samples)
             }
-            52546 => {
-                let [width, height] = [chunk.width, chunk.height];
-                super::jpeg_xl::decode(bytes, [width, height], chunk.per_pixel).map_err(|e| self.invalid(format_args!("tile {i}: {e}")))
+            JPEG_XL => {
+                let size = [chunk.width, chunk.height];
+                jpeg_xl::decode(bytes, size, chunk.per_pixel).map_err(|e| self.invalid(format_args!("tile {i}: {e}")))
             }
-            34892 => Err(self.unsupported("lossy JPEG tiles of 8 bits")),
+            LOSSY_JPEG => Err(self.unsupported("lossy JPEG tiles of 8 bits")),
             other => Err(self.unsupported(format_args!("compression {other}, expected none, lossless JPEG (7) or JPEG XL (52546)"))),
         }
     }

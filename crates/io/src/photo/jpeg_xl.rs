@@ -1,4 +1,5 @@
-//! JPEG XL tiles of a DNG, by `jxl-oxide`. Out: integer samples of the depth that the tile states. Threads are the caller's business.
+//! JPEG XL tiles of a DNG, by `jxl-oxide`. Out: integer samples on the scale of 8 bits, or of 16 where the tile has more. Threads are the caller's
+//! business.
 
 use jxl_oxide::{AllocTracker, JxlImage, JxlThreadPool};
 
@@ -6,6 +7,12 @@ use jxl_oxide::{AllocTracker, JxlImage, JxlThreadPool};
 const BYTES_PER_PIXEL: usize = 256;
 /// The fixed share.
 const FREE_BYTES: usize = 64 << 20;
+
+/// The code of 1.0 in tiles of `bits` bits. Adobe's SDK asks its decoder for 8 or for 16 bits, whatever the depth, and who writes JPEG XL into a DNG states
+/// its levels on that scale.
+pub(super) fn largest_code(bits: usize) -> u32 {
+    if bits <= 8 { u8::MAX.into() } else { u16::MAX.into() }
+}
 
 /// Samples `[H * W * per_pixel]` of a tile of `size` pixels.
 pub(super) fn decode(bytes: &[u8], size: [usize; 2], per_pixel: usize) -> Result<Vec<u16>, String> {
@@ -32,6 +39,6 @@ pub(super) fn decode(bytes: &[u8], size: [usize; 2], per_pixel: usize) -> Result
     if written != samples.len() {
         return Err(format!("JPEG XL: {written} samples, expected {}", samples.len()));
     }
-    let largest = ((1u32 << bits) - 1) as f32;
+    let largest = largest_code(bits as usize) as f32;
     Ok(samples.iter().map(|v| (v * largest + 0.5).clamp(0.0, largest) as u16).collect())
 }

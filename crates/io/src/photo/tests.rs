@@ -134,18 +134,32 @@ fn lossless_jpeg_holds_bayer_tiles_as_two_components() {
     assert_eq!(decode(&Dng::new(8, 6, 3, 12, 7, encode_lossless_jpeg(&rgb, 8, 3, 7)).bytes()).unwrap().codes, rgb);
 }
 
+/// A DNG of one of [`JPEG_XL`]'s tiles.
+fn jpeg_xl_dng(bits: u16, hex: &str) -> Dng {
+    let data: Vec<u8> = (0..hex.len() / 2).map(|i| u8::from_str_radix(&hex[2 * i..2 * i + 2], 16).unwrap()).collect();
+    let mut dng = Dng::new(8, 8, 3, bits, 52546, data);
+    let length = dng.data.len() as u32;
+    dng.set(322, longs(&[8])).set(323, longs(&[8])).set(324, longs(&[0])).set(325, longs(&[length]));
+    dng
+}
+
 #[test]
-fn jpeg_xl_tiles_of_any_depth_come_back_to_the_code() {
+fn jpeg_xl_tiles_of_any_depth_come_on_the_scale_of_16_bits() {
     for (bits, hex) in JPEG_XL {
-        let data: Vec<u8> = (0..hex.len() / 2).map(|i| u8::from_str_radix(&hex[2 * i..2 * i + 2], 16).unwrap()).collect();
-        let mut dng = Dng::new(8, 8, 3, bits, 52546, data);
-        let length = dng.data.len() as u32;
-        dng.set(322, longs(&[8])).set(323, longs(&[8])).set(324, longs(&[0])).set(325, longs(&[length]));
-        let expected: Vec<u16> = (0..8u32)
+        let largest = (1u32 << bits) - 1;
+        let stored = (0..8u32)
             .flat_map(|y| (0..8u32).flat_map(move |x| (0..3u32).map(move |c| x * 37 + y * 101 + c * 211 + x * y * 7)))
-            .map(|v| (v % (1 << bits)) as u16)
-            .collect();
-        assert_eq!(decode(&dng.bytes()).unwrap().codes, expected, "{bits} bits");
+            .map(|v| v % (1 << bits));
+        let expected: Vec<u16> = stored.map(|v| (f64::from(v) / f64::from(largest) * 65535.0).round() as u16).collect();
+        // Their white level is on that scale too, said or not.
+        for white in [None, Some(65535), Some(60000)] {
+            let mut dng = jpeg_xl_dng(bits, hex);
+            if let Some(white) = white {
+                dng.set(50717, longs(&[white; 3])).set(50714, longs(&[528; 3]));
+            }
+            let pixels = decode(&dng.bytes()).unwrap();
+            assert_eq!((&pixels.codes, pixels.white), (&expected, white.unwrap_or(65535) as f32), "{bits} bits");
+        }
     }
 }
 
@@ -283,10 +297,7 @@ proptest! {
         let mut bytes = match kind {
             0 => Dng::new(8, 6, 1, 12, 7, encode_lossless_jpeg(&codes(48, 4095), 4, 2, 1)).bytes(),
             1 => Dng::new(6, 4, 3, 16, 1, little_endian(&codes(72, 65535))).bytes(),
-            _ => {
-                let data: Vec<u8> = (0..JPEG_XL[1].1.len() / 2).map(|i| u8::from_str_radix(&JPEG_XL[1].1[2 * i..2 * i + 2], 16).unwrap()).collect();
-                Dng::new(8, 8, 3, 12, 52546, data).bytes()
-            }
+            _ => jpeg_xl_dng(12, JPEG_XL[1].1).bytes(),
         };
         let _ = decode_photo(Path::new("a.dng"), &bytes[..cut.index(bytes.len())]);
         let at = at.index(bytes.len());
