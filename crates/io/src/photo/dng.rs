@@ -2,7 +2,7 @@
 //!
 //! In: bytes. Out: [`RawPixels`]; what the tags say of colours is [`super::dng_info`]'s. Codes are as stored, cropped to the default crop, after the
 //! linearisation table if there is one; black and white come beside them. Uncompressed samples of 8 to 16 bits, lossless JPEG and JPEG XL,
-//! in strips or tiles.
+//! in strips or tiles; rows and columns that are stored in fields are put where they belong.
 //!
 //! JPEG XL of more than 8 bits comes on the scale of 16 bits, whatever its depth: levels and the table of such files are on that scale, as Adobe's SDK
 //! decodes them.
@@ -126,8 +126,9 @@ impl<'a> Dng<'a> {
         if !(8..=16).contains(&bits) {
             return Err(self.unsupported(format_args!("{bits} bits a sample, expected 8 to 16")));
         }
+        self.refuse_orders()?;
         let stored_cell = if is_mosaic { Some(self.cell()?) } else { None };
-        let stored = self.read_chunks(size, per_pixel, bits)?;
+        let stored = self.without_fields(self.read_chunks(size, per_pixel, bits)?, size, per_pixel)?;
         let mut codes = zeroed::<u16>(self.name, crop.width * crop.height * per_pixel)?;
         let row = crop.width * per_pixel;
         for (y, out) in codes.chunks_exact_mut(row).enumerate() {
@@ -156,6 +157,39 @@ impl<'a> Dng<'a> {
 
     fn compression(&self) -> usize {
         self.image.unsigned(tag::COMPRESSION).unwrap_or(UNCOMPRESSED)
+    }
+
+    /// Refuses orders and differences of samples that are not undone.
+    fn refuse_orders(&self) -> Result<(), IoError> {
+        let block = self.image.unsigneds(tag::SUB_TILE_BLOCK_SIZE).unwrap_or_default();
+        if block.iter().any(|side| *side != 1) {
+            return Err(self.unsupported(format_args!("samples in blocks of {block:?} within tiles")));
+        }
+        let predictor = self.image.unsigned(tag::PREDICTOR).unwrap_or(1);
+        if predictor != 1 && self.compression() == UNCOMPRESSED {
+            return Err(self.unsupported(format_args!("uncompressed samples with predictor {predictor}, expected 1 (none)")));
+        }
+        Ok(())
+    }
+
+    /// Rows and columns that are stored in fields (all first rows of a cell, then all second ones), as a mosaic's colours are for JPEG XL, in
+    /// the image's order.
+    fn without_fields(&self, stored: Vec<u16>, [width, height]: [usize; 2], per_pixel: usize) -> Result<Vec<u16>, IoError> {
+        let fields = |tag, length| Some(self.image.unsigned(tag).unwrap_or(1)).filter(|n| (1..length).contains(n)).unwrap_or(1);
+        let (rows, columns) = (fields(tag::ROW_INTERLEAVE, height), fields(tag::COLUMN_INTERLEAVE, width));
+        if (rows, columns) == (1, 1) {
+            return Ok(stored);
+        }
+        let from_x: Vec<usize> = (0..width).map(|x| place_in_fields(x, columns, width) * per_pixel).collect();
+        let mut out = zeroed::<u16>(self.name, stored.len())?;
+        let row = width * per_pixel;
+        for (y, out) in out.chunks_exact_mut(row).enumerate() {
+            let from = stored.get(place_in_fields(y, rows, height) * row..).unwrap_or_default();
+            for (out, &x) in out.chunks_exact_mut(per_pixel).zip(&from_x) {
+                out.copy_from_slice(from.get(x..x + per_pixel).unwrap_or_default());
+            }
+        }
+        Ok(out)
     }
 
     /// Colours of the 2x2 cell at the active area's corner.
@@ -280,6 +314,13 @@ fn largest_raw_image<'a>(tags: &Tags<'a>, first: &Ifd<'a>) -> Option<Ifd<'a>> {
     };
     let area = |ifd: &Ifd<'_>| ifd.unsigned(tag::WIDTH).unwrap_or(0).saturating_mul(ifd.unsigned(tag::HEIGHT).unwrap_or(0));
     candidates.into_iter().filter(is_raw).max_by_key(area)
+}
+
+/// Where element `i` of `length` lies among `fields` fields, one behind the other; the first ones are longer by one where they are not of one length
+/// (DNG 1.7.1, RowInterleaveFactor and ColumnInterleaveFactor).
+fn place_in_fields(i: usize, fields: usize, length: usize) -> usize {
+    let field = i % fields;
+    field * (length / fields) + field.min(length % fields) + i / fields
 }
 
 /// Rows of packed samples, each row from a full byte on; 16-bit samples in the file's byte order.

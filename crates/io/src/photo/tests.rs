@@ -164,6 +164,24 @@ fn jpeg_xl_tiles_of_any_depth_come_on_the_scale_of_16_bits() {
 }
 
 #[test]
+fn rows_and_columns_in_fields_are_put_in_order() {
+    for (width, height, rows, columns) in [(8usize, 6usize, 2usize, 2usize), (7, 5, 2, 2), (7, 5, 3, 2), (6, 4, 1, 2), (6, 4, 4, 1)] {
+        let expected = codes(width * height, 65535);
+        // All rows that begin a cell, then all second ones; columns likewise. As many fields as there are rows are none.
+        let of = |fields: usize, length: usize| -> Vec<usize> {
+            let fields = if fields < length { fields } else { 1 };
+            (0..fields).flat_map(|field| (field..length).step_by(fields)).collect()
+        };
+        let (from_y, from_x) = (of(rows, height), of(columns, width));
+        let places = from_y.iter().flat_map(|y| from_x.iter().map(move |x| y * width + x));
+        let stored: Vec<u16> = places.map(|i| expected[i]).collect();
+        let mut dng = Dng::new(width as u32, height as u32, 1, 16, 1, little_endian(&stored));
+        dng.set(50975, shorts(&[rows as u16])).set(52547, shorts(&[columns as u16]));
+        assert_eq!(decode(&dng.bytes()).unwrap().codes, expected, "{width} x {height} of {rows} x {columns}");
+    }
+}
+
+#[test]
 fn the_crop_turns_the_mosaic_with_it() {
     let stored = codes(8 * 6, 1000);
     let mut dng = Dng::new(8, 6, 1, 16, 1, little_endian(&stored));
@@ -212,6 +230,8 @@ fn what_cannot_be_read_is_named() {
         (50714, shorts(&[65535]), "not below white", IoErrorKind::Invalid),
         (262, shorts(&[2]), "no mosaic or LinearRaw", IoErrorKind::Invalid),
         (279, longs(&[40]), "cut short", IoErrorKind::Invalid),
+        (317, shorts(&[2]), "predictor 2", IoErrorKind::Unsupported),
+        (50974, shorts(&[2, 2]), "in blocks of [2, 2]", IoErrorKind::Unsupported),
     ];
     for (tag, value, part, kind) in cases {
         let mut dng = Dng::new(4, 2, 3, 16, 1, vec![0; 48]);
