@@ -46,10 +46,15 @@ pub(crate) fn check_block(name: &Path, block_bytes: u64, file_bytes: u64) -> Res
 
 /// `count` zeros, or an error where memory is short. Large requests are served by untouched pages of the system.
 pub(crate) fn zeroed<T: Clone + Default>(name: &Path, count: usize) -> Result<Vec<T>, IoError> {
+    zeros(count).map_err(|message| IoError::unsupported(name, message))
+}
+
+/// [`zeroed`] for decoders that know no name.
+pub(crate) fn zeros<T: Clone + Default>(count: usize) -> Result<Vec<T>, String> {
     let mut probe = Vec::<T>::new();
     if probe.try_reserve_exact(count).is_err() {
         let bytes = count.saturating_mul(size_of::<T>());
-        return Err(IoError::unsupported(name, format!("needs {bytes} bytes of memory, which the system refuses; use a smaller image")));
+        return Err(format!("needs {bytes} bytes of memory, which the system refuses; use a smaller image"));
     }
     drop(probe);
     Ok(vec![T::default(); count])

@@ -16,7 +16,7 @@ use super::exif::{Exif, exif_of_tags};
 use super::tags::{Ifd, Tags};
 use super::{jpeg_xl, lossless_jpeg};
 use crate::IoError;
-use crate::image::guard::{check_size, contain, zeroed};
+use crate::image::guard::{check_block, check_size, contain, zeroed};
 
 /// Directories that are looked through.
 const MAX_IFDS: usize = 32;
@@ -225,8 +225,13 @@ impl<'a> Dng<'a> {
         } else {
             (width, image.unsigned(tag::ROWS_PER_STRIP).unwrap_or(height).min(height))
         };
-        if chunk_width == 0 || chunk_height == 0 || chunk_width > 1 << 16 || chunk_height > 1 << 16 {
-            return Err(self.invalid(format_args!("tiles of {chunk_width} x {chunk_height} pixels")));
+        // A tile may be larger than the image, but not larger than what its file can plausibly hold.
+        let [tile_width, tile_height] = [chunk_width as u64, chunk_height as u64];
+        let tile_bytes = tile_width.saturating_mul(tile_height).saturating_mul((per_pixel * size_of::<u16>()) as u64);
+        let size_of_tile = check_size(self.name, [tile_width, tile_height], self.file_bytes);
+        if size_of_tile.and_then(|()| check_block(self.name, tile_bytes, self.file_bytes)).is_err() {
+            let file_bytes = self.file_bytes;
+            return Err(self.invalid(format_args!("tiles of {chunk_width} x {chunk_height} pixels in a file of {file_bytes} bytes")));
         }
         let tags = if is_tiled { [tag::TILE_OFFSETS, tag::TILE_BYTES] } else { [tag::STRIP_OFFSETS, tag::STRIP_BYTES] };
         let [offsets, lengths] = tags.map(|t| image.unsigneds(t).unwrap_or_default());
@@ -326,8 +331,9 @@ fn place_in_fields(i: usize, fields: usize, length: usize) -> usize {
 /// Rows of packed samples, each row from a full byte on; 16-bit samples in the file's byte order.
 fn unpack(bytes: &[u8], row: usize, rows: usize, bits: usize, is_big_endian: bool) -> Option<Vec<u16>> {
     let row_bytes = (row * bits).div_ceil(8);
+    let bytes = bytes.get(..row_bytes.checked_mul(rows)?)?;
     let mut out = Vec::with_capacity(row * rows);
-    for bytes in bytes.get(..row_bytes.checked_mul(rows)?)?.chunks_exact(row_bytes.max(1)) {
+    for bytes in bytes.chunks_exact(row_bytes.max(1)) {
         match bits {
             8 => out.extend(bytes.iter().map(|b| u16::from(*b))),
             16 if is_big_endian => out.extend(bytes.as_chunks().0.iter().map(|b| u16::from_be_bytes(*b))),

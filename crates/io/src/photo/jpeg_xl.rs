@@ -3,6 +3,8 @@
 
 use jxl_oxide::{AllocTracker, JxlImage, JxlThreadPool};
 
+use crate::image::guard::zeros;
+
 /// Memory that decoding a tile may take beside a fixed share, bytes a pixel.
 const BYTES_PER_PIXEL: usize = 256;
 /// The fixed share.
@@ -34,7 +36,7 @@ pub(super) fn decode(bytes: &[u8], size: [usize; 2], per_pixel: usize) -> Result
     }
     let render = image.render_frame(0).map_err(|e| format!("JPEG XL: {e}"))?;
     let mut stream = render.stream_no_alpha();
-    let mut samples = vec![0f32; width * height * per_pixel];
+    let mut samples = zeros::<f32>(width * height * per_pixel)?;
     let written = stream.write_to_buffer(&mut samples);
     if written != samples.len() {
         return Err(format!("JPEG XL: {written} samples, expected {}", samples.len()));

@@ -5,6 +5,8 @@
 //!
 //! Degenerate: data that ends early, codes that no table has, or more samples than asked for are errors.
 
+use crate::image::guard::zeros;
+
 /// Samples of a tile.
 #[derive(Debug, PartialEq)]
 pub(super) struct LosslessJpeg {
@@ -250,7 +252,7 @@ fn decode_scan(
         .map(|&t| tables.get(t).and_then(Option::as_ref).ok_or_else(|| format!("Huffman table {t} is missing")))
         .collect::<Result<_, _>>()?;
     let row = frame.columns * count;
-    let mut samples = vec![0u16; row * frame.rows];
+    let mut samples = zeros::<u16>(row * frame.rows)?;
     let mut bits = Bits::new(data);
     let first = 1i32 << (frame.precision - scan.point_transform - 1);
     let rows_between = restart_interval / frame.columns;

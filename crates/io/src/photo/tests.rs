@@ -182,6 +182,17 @@ fn rows_and_columns_in_fields_are_put_in_order() {
 }
 
 #[test]
+fn tiles_beyond_what_the_file_can_hold_are_refused() {
+    for (compression, data) in [(1, vec![0; 128]), (7, encode_lossless_jpeg(&codes(8 * 8, 4095), 4, 2, 1)), (52546, vec![0; 128])] {
+        let mut dng = Dng::new(8, 8, 1, 12, compression, data);
+        let length = dng.data.len() as u32;
+        dng.set(322, longs(&[65520])).set(323, longs(&[65520])).set(324, longs(&[0])).set(325, longs(&[length]));
+        let error = decode(&dng.bytes()).unwrap_err();
+        assert!(error.message.contains("tiles of 65520 x 65520 pixels"), "{error}");
+    }
+}
+
+#[test]
 fn the_crop_turns_the_mosaic_with_it() {
     let stored = codes(8 * 6, 1000);
     let mut dng = Dng::new(8, 6, 1, 16, 1, little_endian(&stored));
