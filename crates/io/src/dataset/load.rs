@@ -10,7 +10,7 @@ use super::split::Part;
 use super::{LoadOptions, MaskSource, Supervision};
 use crate::IoError;
 use crate::image::colorimetry::convert;
-use crate::image::{DecodedImage, ReadOptions, SampleDepth, Transfer, decode_image, downscale, downscale_masked, undistort};
+use crate::image::{DecodedImage, ReadOptions, SampleDepth, decode_codes, decode_image, downscale, downscale_masked, undistort};
 use crate::regular::read_file;
 
 /// A view with what is known about its file.
@@ -74,7 +74,7 @@ fn decode(frame: &Frame, bytes: &[u8], options: &LoadOptions) -> Result<(Decoded
         return Ok((decoded, PixelValues::Radiance));
     }
     // The samples as they are, over their maximum: which curve made them is what is to be found.
-    let mut decoded = decode_image(&frame.image, bytes, &ReadOptions { transfer: Some(Transfer::Linear) })?;
+    let mut decoded = decode_codes(&frame.image, bytes)?;
     match (decoded.depth, frame.exposure_s, frame.part) {
         (SampleDepth::Float, _, Some(Part::Train)) => {
             let found = frame.image.display();

@@ -14,7 +14,7 @@ use luxel_core::Mask;
 use super::files::{Substitute, find_image};
 use super::source::Frame;
 use crate::IoError;
-use crate::image::{ReadOptions, Transfer, decode_image};
+use crate::image::decode_codes;
 
 /// Names that a warning lists.
 const MAX_LISTED: usize = 3;
@@ -124,7 +124,7 @@ fn mask_of(folder: &Path, frame: &Frame, is_last_name_unique: bool) -> Option<Pa
 /// # Errors
 /// A damaged file, or one of another size.
 pub fn decode_mask(path: &Path, bytes: &[u8], size_px: [usize; 2]) -> Result<Mask, IoError> {
-    let image = decode_image(path, bytes, &ReadOptions { transfer: Some(Transfer::Linear) })?.image;
+    let image = decode_codes(path, bytes)?.image;
     if [image.width, image.height] != size_px {
         let [width, height] = size_px;
         let found = format!("a mask of {} x {} pixels, its image has {width} x {height}", image.width, image.height);

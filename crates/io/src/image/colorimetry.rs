@@ -8,14 +8,16 @@ pub(super) fn settle_space(image: &mut Image, chromaticities: &Chromaticities, w
     if let Some(space) = ColorSpace::of_chromaticities(chromaticities) {
         return Ok(space);
     }
-    let rec709 = ColorSpace::LinearRec709;
-    let conversion = Conversion::of_chromaticities(chromaticities, &rec709.chromaticities()).ok_or_else(|| {
-        format!("chromaticities {chromaticities:?} are not a colour space, expected CIE xy of red, green, blue and white")
-    })?;
-    convert(image, &conversion);
+    convert(image, &conversion_to_rec709(chromaticities)?);
     let [red, green, blue, white] = chromaticities;
     warnings.push(format!("colours converted to linear Rec.709 from primaries {red:?} {green:?} {blue:?} with white {white:?}"));
-    Ok(rec709)
+    Ok(ColorSpace::LinearRec709)
+}
+
+/// The conversion to linear Rec.709; `Err` says what is wrong with the chromaticities.
+pub(super) fn conversion_to_rec709(chromaticities: &Chromaticities) -> Result<Conversion, String> {
+    Conversion::of_chromaticities(chromaticities, &ColorSpace::LinearRec709.chromaticities())
+        .ok_or_else(|| format!("chromaticities {chromaticities:?} are not a colour space, expected CIE xy of red, green, blue and white"))
 }
 
 /// Applies a matrix to every pixel.

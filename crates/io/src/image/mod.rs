@@ -28,7 +28,7 @@ use std::io::{Read, Seek};
 use std::path::Path;
 use std::str::FromStr;
 
-use luxel_core::{ColorSpace, Image};
+use luxel_core::{Chromaticities, ColorSpace, Image};
 use serde::{Deserialize, Serialize};
 
 use crate::IoError;
@@ -168,6 +168,26 @@ pub fn decode_image(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<
     })
 }
 
+/// Reads an image file as [`decode_codes`].
+///
+/// # Errors
+/// As [`read_image`].
+pub fn read_codes(path: &Path) -> Result<DecodedImage, IoError> {
+    decode_codes(path, &read_file(path)?)
+}
+
+/// Integer samples as they are, over the largest one, whatever curve and primaries they have: masks, and what has a curve that is to be found.
+/// Floating-point samples are light, as [`decode_image`] reads them.
+///
+/// # Errors
+/// As [`read_image`].
+pub fn decode_codes(name: &Path, bytes: &[u8]) -> Result<DecodedImage, IoError> {
+    match Format::of(name, bytes)? {
+        Format::Png => guard::contain(name, || png::decode_codes(name, bytes)),
+        _ => decode_image(name, bytes, &ReadOptions { transfer: Some(Transfer::Linear) }),
+    }
+}
+
 /// Width and height of an image file, pixels, from its header alone (a JPEG is read whole, its size comes late).
 ///
 /// # Errors
@@ -215,6 +235,11 @@ pub(crate) fn jpeg_codes(name: &Path, bytes: &[u8]) -> Result<Option<(usize, usi
         return Ok(None);
     }
     guard::contain(name, || jpeg::codes(name, bytes)).map(Some)
+}
+
+/// CIE xy of red, green, blue and white that an integer picture states, itself or by its ICC profile.
+pub(crate) fn stated_primaries(name: &Path, bytes: &[u8], of_profile: Option<Chromaticities>) -> Result<Option<Chromaticities>, IoError> {
+    if Format::of(name, bytes)? == Format::Png { png::primaries(name, bytes, of_profile) } else { Ok(of_profile) }
 }
 
 /// Enough for every magic number and for PNG's size.

@@ -1,16 +1,17 @@
 //! PNG in: 1 to 16 bits, grey, palette or RGB, with or without alpha.
 //!
 //! The transfer curve and primaries are the options', else cICP's, else sRGB's, else gAMA's and cHRM's (PNG, third edition, 4.3). An
-//! ICC profile is not evaluated: with nothing but one, the curve must be said.
+//! ICC profile is not evaluated: with nothing but one, the curve must be said. Samples read as codes keep the primaries they have, stated or not: a matrix
+//! is for light.
 
 use std::io::Cursor;
 use std::path::Path;
 
 use image::codecs::png::PngDecoder;
 use image::{ColorType, ImageDecoder, ImageError, Limits};
-use luxel_core::ColorSpace;
+use luxel_core::{Chromaticities, ColorSpace};
 
-use super::colorimetry::settle_space;
+use super::colorimetry::{conversion_to_rec709, settle_space};
 use super::guard::{check_size, zeroed};
 use super::samples::{Curve, Layout, depth_warnings};
 use super::{DecodedImage, ReadOptions, SampleDepth, Transfer};
@@ -22,6 +23,35 @@ pub(super) const SIGNATURE: &[u8] = b"\x89PNG\r\n\x1a\n";
 /// Decodes a whole file.
 pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<DecodedImage, IoError> {
     let info = Info::read(name, bytes)?;
+    let mut decoded = decode_samples(name, bytes, &info, options)?;
+    decoded.chromaticities = info.chromaticities(name)?;
+    if let Some(found) = &decoded.chromaticities {
+        let space = settle_space(&mut decoded.image, found, &mut decoded.warnings);
+        decoded.color_space = Some(space.map_err(|e| IoError::invalid(name, format!("PNG: {e}")))?);
+    }
+    Ok(decoded)
+}
+
+/// Decodes a whole file as codes over the largest one, in whatever primaries.
+pub(super) fn decode_codes(name: &Path, bytes: &[u8]) -> Result<DecodedImage, IoError> {
+    decode_samples(name, bytes, &Info::read(name, bytes)?, &ReadOptions { transfer: Some(Transfer::Linear) })
+}
+
+/// What a file states of its primaries, by chunks or by an ICC profile of known ones (PNG, third edition, 4.3).
+pub(super) fn primaries(name: &Path, bytes: &[u8], of_profile: Option<Chromaticities>) -> Result<Option<Chromaticities>, IoError> {
+    let info = Info::read(name, bytes)?;
+    let stated = match of_profile {
+        Some(found) if info.named_primaries().is_none() => return Ok(Some(found)),
+        _ => info.chromaticities(name)?,
+    };
+    if let Some(found) = &stated {
+        conversion_to_rec709(found).map_err(|e| IoError::invalid(name, format!("PNG: {e}")))?;
+    }
+    Ok(stated)
+}
+
+/// Samples through their curve, in the file's primaries.
+fn decode_samples(name: &Path, bytes: &[u8], info: &Info, options: &ReadOptions) -> Result<DecodedImage, IoError> {
     check_size(name, info.size.map(u64::from), bytes.len() as u64)?;
     let failed = |error: ImageError| explain(name, &error);
     let mut limits = Limits::no_limits();
@@ -39,7 +69,7 @@ pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result
     let (width, height) = (info.size[0] as usize, info.size[1] as usize);
     let layout = Layout { width, height, channels: channels.into() };
     let samples = width * height * usize::from(channels);
-    let (mut image, alpha) = match depth {
+    let (image, alpha) = match depth {
         SampleDepth::Integer8 => {
             let mut buffer = zeroed::<u8>(name, samples)?;
             decoder.read_image(&mut buffer).map_err(failed)?;
@@ -51,13 +81,8 @@ pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result
             layout.assemble16(name, &buffer, curve)?
         }
     };
-    let mut warnings = depth_warnings(depth);
-    let chromaticities = info.chromaticities(name)?;
-    let color_space = match &chromaticities {
-        Some(found) => Some(settle_space(&mut image, found, &mut warnings).map_err(|e| IoError::invalid(name, format!("PNG: {e}")))?),
-        None => None,
-    };
-    Ok(DecodedImage { image, alpha, color_space, chromaticities, depth, warnings })
+    let warnings = depth_warnings(depth);
+    Ok(DecodedImage { image, alpha, color_space: None, chromaticities: None, depth, warnings })
 }
 
 /// Size from the first bytes.
@@ -157,18 +182,28 @@ impl Info {
         })
     }
 
+    /// Primaries that cICP names, if it names any.
+    fn named_primaries(&self) -> Option<u8> {
+        /// "Unspecified" of ITU-T H.273.
+        const UNSPECIFIED: u8 = 2;
+        self.cicp.map(|[primaries, _]| primaries).filter(|primaries| *primaries != UNSPECIFIED)
+    }
+
     /// Red, green, blue and white, where the file states them.
-    fn chromaticities(&self, name: &Path) -> Result<Option<[[f32; 2]; 4]>, IoError> {
+    fn chromaticities(&self, name: &Path) -> Result<Option<Chromaticities>, IoError> {
         let d65 = [0.3127, 0.3290];
-        if let Some([primaries, _]) = self.cicp {
+        if let Some(primaries) = self.named_primaries() {
             return match primaries {
                 1 => Ok(Some(ColorSpace::LinearRec709.chromaticities())),
-                9 => Ok(Some([[0.708, 0.292], [0.170, 0.797], [0.131, 0.046], d65])),
-                12 => Ok(Some([[0.680, 0.320], [0.265, 0.690], [0.150, 0.060], d65])),
+                // Rec.601 of 625 and of 525 lines.
+                5 => Ok(Some([[0.640, 0.330], [0.290, 0.600], [0.150, 0.060], d65])),
+                6 => Ok(Some([[0.630, 0.340], [0.310, 0.595], [0.155, 0.070], d65])),
+                9 => Ok(Some(ColorSpace::LinearRec2020.chromaticities())),
+                12 => Ok(Some(ColorSpace::LinearDisplayP3.chromaticities())),
                 other => Err(IoError::unsupported(
                     name,
                     format!(
-                        "PNG: chunk cICP names colour primaries {other}, expected 1 (Rec.709), 9 (Rec.2020) or 12 (P3-D65); convert it"
+                        "PNG: chunk cICP names colour primaries {other}, expected 1 (Rec.709), 5 or 6 (Rec.601), 9 (Rec.2020) or 12 (P3-D65); convert it"
                     ),
                 )),
             };
@@ -207,6 +242,11 @@ mod tests {
         let info = Info { cicp: Some([9, 16]), ..Info::default() };
         let error = info.curve(Path::new("a.png"), &ReadOptions::default()).unwrap_err();
         assert!(error.message.contains("--transfer"), "{error}");
-        assert!(Info { cicp: Some([22, 8]), ..info }.chromaticities(Path::new("a.png")).is_err());
+        assert!(Info { cicp: Some([22, 8]), ..info.clone() }.chromaticities(Path::new("a.png")).is_err());
+        // Unspecified is as if it were not said.
+        let silent = Info { cicp: Some([2, 13]), ..info };
+        assert_eq!(silent.chromaticities(Path::new("a.png")).unwrap(), None);
+        let rec709 = ColorSpace::LinearRec709.chromaticities();
+        assert_eq!(Info { is_srgb: true, ..silent }.chromaticities(Path::new("a.png")).unwrap(), Some(rec709));
     }
 }

@@ -17,9 +17,11 @@ mod tests;
 
 use std::path::Path;
 
+use luxel_core::{Chromaticities, ColorSpace};
+
 use crate::IoError;
 use crate::image::guard::contain;
-use crate::image::{self, DecodedImage, ReadOptions, SampleDepth, Transfer, decode_image, image_size_of};
+use crate::image::{self, DecodedImage, SampleDepth, decode_codes, image_size_of, stated_primaries};
 
 pub use dng::RawPixels;
 pub use dng_info::RawInfo;
@@ -50,6 +52,8 @@ pub struct PhotoInfo {
     pub raw: Option<RawInfo>,
     /// Of developed pictures.
     pub profile: Option<IccProfile>,
+    /// CIE xy of red, green, blue and white that a developed picture states: by PNG's chunks, or by a profile of a known space.
+    pub primaries: Option<Chromaticities>,
 }
 
 /// Samples of a developed picture.
@@ -113,11 +117,17 @@ pub fn photo_info(name: &Path, bytes: &[u8]) -> Result<PhotoInfo, IoError> {
     contain(name, || {
         if let Some(dng) = dng::Dng::open(name, bytes) {
             let dng = dng?;
-            return Ok(PhotoInfo { kind: PhotoKind::Raw, size_px: dng.size()?, exif: dng.exif(), raw: Some(dng.info()), profile: None });
+            let (size_px, exif, raw) = (dng.size()?, dng.exif(), Some(dng.info()));
+            return Ok(PhotoInfo { kind: PhotoKind::Raw, size_px, exif, raw, profile: None, primaries: None });
         }
         let (size_px, kind) = (image_size_of(name, bytes)?, kind_of(name, bytes)?);
-        let profile = if kind == PhotoKind::Developed { icc::profile_of_file(bytes) } else { None };
-        Ok(PhotoInfo { kind, size_px, exif: exif::exif_of_file(bytes), raw: None, profile })
+        let (mut profile, mut primaries) = (None, None);
+        if kind == PhotoKind::Developed {
+            profile = icc::profile_of_file(bytes);
+            let of_profile = profile.as_ref().and_then(|profile| profile.space).map(ColorSpace::chromaticities);
+            primaries = stated_primaries(name, bytes, of_profile)?;
+        }
+        Ok(PhotoInfo { kind, size_px, exif: exif::exif_of_file(bytes), raw: None, profile, primaries })
     })
 }
 
@@ -134,8 +144,8 @@ pub fn decode_photo(name: &Path, bytes: &[u8]) -> Result<Photo, IoError> {
     if let Some((width, height, codes)) = image::jpeg_codes(name, bytes)? {
         return Ok(Photo::Developed { width, height, codes: Codes::U8(codes) });
     }
-    // A linear curve gives codes over the largest one, which f32 holds exactly enough to have the codes back.
-    let decoded = decode_image(name, bytes, &ReadOptions { transfer: Some(Transfer::Linear) })?;
+    // Codes over the largest one, which f32 holds exactly enough to have the codes back.
+    let decoded = decode_codes(name, bytes)?;
     let flat = decoded.image.pixels.as_flattened();
     let codes = match decoded.depth {
         SampleDepth::Float => return Ok(Photo::Radiance(decoded)),
@@ -154,9 +164,7 @@ fn kind_of(name: &Path, bytes: &[u8]) -> Result<PhotoKind, IoError> {
     let is_float = match tags::Tags::new(bytes).and_then(|tags| tags.first()) {
         Some(ifd) => ifd.unsigned(SAMPLE_FORMAT) == Some(3),
         // Without tags of 32 bits it is a BigTIFF, which has to be decoded to be told, or a format of floats.
-        None if bytes.starts_with(b"II+\0") || bytes.starts_with(b"MM\0+") => {
-            decode_image(name, bytes, &ReadOptions { transfer: Some(Transfer::Linear) })?.depth == SampleDepth::Float
-        }
+        None if bytes.starts_with(b"II+\0") || bytes.starts_with(b"MM\0+") => decode_codes(name, bytes)?.depth == SampleDepth::Float,
         None => true,
     };
     Ok(if is_float { PhotoKind::Radiance } else { PhotoKind::Developed })

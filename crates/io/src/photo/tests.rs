@@ -272,6 +272,52 @@ fn codes_of_pictures_come_back() {
     }
 }
 
+/// `png` with a chunk behind its header.
+fn with_chunk(png: &[u8], kind: &[u8; 4], data: &[u8]) -> Vec<u8> {
+    let body = [kind, data].concat();
+    let mut crc = flate2::Crc::new();
+    crc.update(&body);
+    [&png[..33], &(data.len() as u32).to_be_bytes(), &body, &crc.sum().to_be_bytes(), &png[33..]].concat()
+}
+
+#[test]
+fn codes_of_a_png_stay_and_its_primaries_are_told() {
+    use ::image::ImageEncoder;
+    let rgb: Vec<u8> = (0..4 * 3 * 3).map(|i| (i * 7) as u8).collect();
+    let mut png = Vec::new();
+    ::image::codecs::png::PngEncoder::new(&mut png).write_image(&rgb, 4, 3, ::image::ExtendedColorType::Rgb8).unwrap();
+    // Primaries of no space with a name: those of DCI-P3 under its own white.
+    let dci_p3 = [[0.680, 0.320], [0.265, 0.690], [0.150, 0.060], [0.314, 0.351]];
+    let chrm = |[red, green, blue, white]: Chromaticities| -> Vec<u8> {
+        [white, red, green, blue].as_flattened().iter().flat_map(|v| ((v * 100_000.0).round() as u32).to_be_bytes()).collect()
+    };
+    let p3 = ColorSpace::LinearDisplayP3.chromaticities();
+    let rec601 = [[0.630, 0.340], [0.310, 0.595], [0.155, 0.070], [0.3127, 0.3290]];
+    let cases = [
+        (png.clone(), None),
+        (with_chunk(&png, b"cHRM", &chrm(dci_p3)), Some(dci_p3)),
+        (with_chunk(&png, b"cICP", &[12, 13, 0, 1]), Some(p3)),
+        (with_chunk(&png, b"cICP", &[9, 16, 0, 1]), Some(ColorSpace::LinearRec2020.chromaticities())),
+        (with_chunk(&png, b"cICP", &[6, 6, 0, 1]), Some(rec601)),
+        (with_chunk(&png, b"cICP", &[2, 2, 0, 1]), None),
+    ];
+    for (bytes, primaries) in cases {
+        assert_eq!(photo_info(Path::new("a.png"), &bytes).unwrap().primaries, primaries);
+        match decode_photo(Path::new("a.png"), &bytes).unwrap() {
+            Photo::Developed { codes: Codes::U8(found), .. } => assert_eq!(found, rgb, "{primaries:?}"),
+            other => panic!("{other:?}"),
+        }
+    }
+    // Primaries that are none concern light alone.
+    for bytes in [with_chunk(&png, b"cICP", &[22, 13, 0, 1]), with_chunk(&png, b"cHRM", &[0; 32])] {
+        assert!(decode_photo(Path::new("a.png"), &bytes).is_ok() && photo_info(Path::new("a.png"), &bytes).is_err());
+    }
+    // An ICC profile goes between cICP and the rest.
+    let stated = |bytes: &[u8]| stated_primaries(Path::new("a.png"), bytes, Some(p3)).unwrap();
+    assert_eq!(stated(&with_chunk(&png, b"cHRM", &chrm(dci_p3))), Some(p3));
+    assert_eq!(stated(&with_chunk(&png, b"cICP", &[6, 6, 0, 1])), Some(rec601));
+}
+
 #[test]
 fn exif_of_a_jpeg_is_read() {
     let exif_at = 8 + 2 + 12 * 2 + 4;

@@ -198,7 +198,7 @@ fn common_space(images: [(&mut Image, ColorSpace); 2]) -> ColorSpace {
 fn mask(pair: &Pair, image: &Image) -> Result<Option<Mask>> {
     let Some(path) = &pair.mask else { return Ok(None) };
     // Any transfer curve keeps black black.
-    let found = luxel_io::read_image(path, &ReadOptions { transfer: Some(Transfer::Linear) }).context("cannot read a mask")?.image;
+    let found = luxel_io::read_codes(path).context("cannot read a mask")?.image;
     if (found.width, found.height) != (image.width, image.height) {
         bail!(
             "{} is {}x{}, the image {} is {}x{}: a mask needs the size of its image",

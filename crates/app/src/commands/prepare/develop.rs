@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use luxel_capture::{Developed, Frame, ProxyOptions, figures, frame_offset, merge, proxy};
-use luxel_core::{ColorSpace, Conversion, Image};
+use luxel_core::{Chromaticities, ColorSpace, Conversion, Image};
 use luxel_io::{
     DecodedImage, ExrOptions, ExrSample, OcioSpace, Photo, PhotoKind, decode_photo, downscale, encode_jpeg, encode_png, write_exr,
 };
@@ -236,9 +236,8 @@ impl Developer<'_> {
         let (gains, matrix) = match self.plan.cameras.get(view.camera).and_then(|c| c.color) {
             Some(color) => color,
             None => {
-                // A picture states its primaries by its profile.
-                let stated = photos.first().and_then(|p| p.info.profile.as_ref()).and_then(|profile| profile.space);
-                let rows = Conversion::between(stated.unwrap_or(self.input_space), self.space).rows();
+                let stated = photos.first().and_then(|p| p.info.primaries);
+                let rows = conversion_of(stated, self.input_space, self.space).rows();
                 ([1.0; 3], glam::DMat3::from_cols_array_2d(&rows).transpose())
             }
         };
@@ -275,9 +274,34 @@ pub(super) fn exr_options(space: ColorSpace, is_absolute: bool) -> ExrOptions {
     ExrOptions { sample: ExrSample::Float, color_space: space, attributes, ..ExrOptions::default() }
 }
 
+/// To the scene's space from the primaries that a picture states, or else from the input space.
+fn conversion_of(stated: Option<Chromaticities>, input: ColorSpace, scene: ColorSpace) -> Conversion {
+    // Those of a space with a name are rounded in files.
+    let named = stated.and_then(|found| ColorSpace::of_chromaticities(&found));
+    let own = stated.filter(|_| named.is_none()).and_then(|found| Conversion::of_chromaticities(&found, &scene.chromaticities()));
+    own.unwrap_or_else(|| Conversion::between(named.unwrap_or(input), scene))
+}
+
 fn convert(image: &mut Image, from: ColorSpace, to: ColorSpace) {
     let conversion = Conversion::between(from, to);
     if !conversion.is_identity() {
         image.pixels.par_iter_mut().for_each(|p| *p = conversion.apply(*p));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stated_primaries_go_before_the_input_space() {
+        let (input, scene) = (ColorSpace::LinearRec2020, ColorSpace::LinearRec709);
+        assert_eq!(conversion_of(None, input, scene), Conversion::between(input, scene));
+        // Rounded as files do.
+        let p3 = [[0.68, 0.32], [0.265, 0.69], [0.15, 0.06], [0.313, 0.329]];
+        assert_eq!(conversion_of(Some(p3), input, scene), Conversion::between(ColorSpace::LinearDisplayP3, scene));
+        let dci_p3 = [[0.68, 0.32], [0.265, 0.69], [0.15, 0.06], [0.314, 0.351]];
+        let found = conversion_of(Some(dci_p3), input, scene);
+        assert!(found != Conversion::between(input, scene) && found.apply([1.0; 3]).iter().all(|v| (v - 1.0).abs() < 1e-5), "{found:?}");
     }
 }

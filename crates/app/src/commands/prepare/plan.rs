@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use anyhow::{Result, bail};
 use glam::DMat3;
 use luxel_capture::{BracketNote, BracketRule, Brackets, CameraColor, Exposure, Shot, find_brackets, median_neutral};
-use luxel_core::ColorSpace;
+use luxel_core::{Chromaticities, ColorSpace};
 use luxel_io::{PhotoKind, RawInfo};
 
 use super::scan::{PhotoFile, Scan};
@@ -61,7 +61,7 @@ pub(super) fn plan(scan: &mut Scan, args: &PrepareArgs) -> Result<Plan> {
     let (camera_of, mut cameras) = cameras(photos);
     note_cameras(photos, &cameras, &mut notes);
     if kind == PhotoKind::Developed {
-        note_profiles(photos, args, &mut notes);
+        note_primaries(photos, args, &mut notes);
     }
     if kind == PhotoKind::Raw {
         balance(photos, &camera_of, &mut cameras, args, &mut notes)?;
@@ -206,19 +206,26 @@ fn note_cameras(photos: &[PhotoFile], cameras: &[PlannedCamera], notes: &mut Vec
     }
 }
 
-/// Pictures whose profile has primaries of its own: taken, if they are known ones.
-fn note_profiles(photos: &[PhotoFile], args: &PrepareArgs, notes: &mut Vec<String>) {
-    let mut counts: BTreeMap<(&str, Option<&str>), usize> = BTreeMap::new();
-    for profile in photos.iter().filter_map(|p| p.info.profile.as_ref()) {
-        *counts.entry((&profile.name, profile.space.map(ColorSpace::name))).or_default() += 1;
+/// Pictures that state primaries, by chunks or by a profile: taken, if they are known.
+fn note_primaries(photos: &[PhotoFile], args: &PrepareArgs, notes: &mut Vec<String>) {
+    let described = |found: &Chromaticities| match ColorSpace::of_chromaticities(found) {
+        Some(space) => space.name().to_owned(),
+        None => format!("red, green, blue and white at {found:?}"),
+    };
+    let mut counts: BTreeMap<(Option<&str>, Option<String>), usize> = BTreeMap::new();
+    for info in photos.iter().map(|p| &p.info) {
+        let profile = info.profile.as_ref().map(|profile| profile.name.as_str());
+        *counts.entry((profile, info.primaries.as_ref().map(described))).or_default() += 1;
     }
-    for ((name, space), n) in counts {
+    for ((profile, primaries), n) in counts {
         let pictures = plural(n, "picture");
-        match space {
-            // What is taken without a profile, too, is no news.
-            Some(space) if space == ColorSpace::LinearRec709.name() => {}
-            Some(space) => notes.push(format!("{pictures} with the ICC profile \"{name}\": colours are those of {space}")),
-            None => notes.push(format!(
+        match (profile, primaries) {
+            // What is taken without a word, too, is no news.
+            (None, None) => {}
+            (_, Some(primaries)) if primaries == ColorSpace::LinearRec709.name() => {}
+            (Some(name), Some(primaries)) => notes.push(format!("{pictures} with the ICC profile \"{name}\": colours are those of {primaries}")),
+            (None, Some(primaries)) => notes.push(format!("{pictures} with primaries of their own: colours are those of {primaries}")),
+            (Some(name), None) => notes.push(format!(
                 "not applied, but carried by {pictures}: the ICC profile \"{name}\", whose primaries are none of {}; colours are taken for {} \
                  (--input-space)",
                 ColorSpace::NAMES,
