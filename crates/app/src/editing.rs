@@ -5,7 +5,6 @@ use std::path::Path;
 use anyhow::{Context, Result, bail};
 use luxel_core::edit::{Applied, MaskName, MaskShares, SelectionSummary, ShMap};
 use luxel_core::{Dataset, Edit, Engine, Image, RenderOptions, Scene, View};
-use luxel_io::SampleDepth;
 
 use crate::console::Console;
 use crate::scene_source::{DataRequest, SceneSource};
@@ -65,11 +64,11 @@ pub(crate) fn view<'d>(dataset: &'d Dataset, name: &str) -> Result<&'d View> {
     }
 }
 
-/// `[H*W]` of the view's size, 0 to 1: the brightest channel as it is stored, times opacity where that is not in it (integer formats
-/// hold straight colour, float formats premultiplied). NaN is 0. Larger pictures by whole factors are averaged.
+/// `[H*W]` of the view's size, 0 to 1: the brightest channel as it is stored, times opacity where that is not in it. NaN is 0. Larger pictures
+/// by whole factors are averaged.
 fn read_mask(path: &Path, view: &View) -> Result<Vec<f32>> {
     let decoded = luxel_io::read_codes(path).context("cannot read a mask")?;
-    let alpha = decoded.alpha.filter(|_| decoded.depth != SampleDepth::Float);
+    let alpha = decoded.alpha.filter(|_| !decoded.is_premultiplied);
     let opacity = |i: usize| alpha.as_ref().and_then(|alpha| alpha.get(i)).map_or(1.0, |alpha| alpha.clamp(0.0, 1.0));
     let value = |(i, rgb): (usize, &[f32; 3])| [rgb.iter().copied().fold(0.0, f32::max).min(1.0) * opacity(i); 3];
     let pixels = decoded.image.pixels.iter().enumerate().map(value).collect();

@@ -4,9 +4,14 @@
 
 mod common;
 
-use common::Scene;
+use std::io::Cursor;
+
+use common::{SIZE, Scene};
 use luxel_core::{NoiseModel, PixelValues, View};
-use luxel_io::{DatasetFormat, Exposures, LoadOptions, MaskSource, Supervision, detect_format};
+use luxel_io::{DatasetFormat, Exposures, LoadOptions, MaskSource, Supervision, Transfer, detect_format};
+use tiff::encoder::TiffValue;
+use tiff::encoder::colortype::{ColorType, RGB16, RGB32Float, RGBA16, RGBA32Float};
+use tiff::tags::ExtraSamples;
 
 const LENS: &str = r#""fl_x": 20, "fl_y": 20, "cx": 8, "cy": 4, "w": 16, "h": 8"#;
 
@@ -112,7 +117,7 @@ fn grey_masks_and_alpha_are_weights() {
     scene.png("images/a.png", |x, _| [200, 200, 200, if x < 8 { 51 } else { 255 }]);
     scene.write("transforms.json", transforms(&[("images/a.png", 0.0, ", \"mask_path\": \"m/0.png\"")]));
     scene.png("m/0.png", |_, y| if y < 4 { [102, 102, 102, 255] } else { [255, 255, 255, 255] });
-    let options = |masks| LoadOptions { transfer: Some(luxel_io::Transfer::Linear), ..masked(masks) };
+    let options = |masks| LoadOptions { transfer: Some(Transfer::Linear), ..masked(masks) };
     let of_file = scene.read(&options(MaskSource::Auto)).unwrap();
     let weights = &of_file.train[0].mask.as_ref().unwrap().weights;
     assert!((weights[0] - 0.4).abs() < 1e-6 && weights[16 * 7] == 1.0, "{weights:?}");
@@ -125,6 +130,66 @@ fn grey_masks_and_alpha_are_weights() {
     assert!(scene.error(&options(MaskSource::Alpha)).contains("has no alpha channel"));
     std::fs::remove_file(scene.path().join("m/0.png")).unwrap();
     assert!(scene.error(&options(MaskSource::Auto)).contains("its mask"));
+}
+
+/// Opacity of the TIFF files.
+const ALPHA: f32 = 0.25;
+
+/// An image of one pixel over and over.
+fn tiff_of<C: ColorType>(pixel: [C::Inner; 4], alpha: Option<ExtraSamples>) -> Vec<u8>
+where
+    C::Inner: Copy,
+    [C::Inner]: TiffValue,
+{
+    let mut out = Cursor::new(Vec::new());
+    let mut encoder = tiff::encoder::TiffEncoder::new(&mut out).unwrap();
+    let mut image = encoder.new_image::<C>(SIZE[0] as u32, SIZE[1] as u32).unwrap();
+    if let Some(alpha) = alpha {
+        image.extra_samples(&[alpha]).unwrap();
+    }
+    image.write_data(&pixel.repeat(SIZE[0] * SIZE[1])).unwrap();
+    out.into_inner()
+}
+
+/// What is trained on of the image, and its first weight.
+fn trained_on(tiff: &[u8], transfer: Transfer, masks: MaskSource) -> (f32, f32) {
+    let scene = Scene::new();
+    scene.write("a.tif", tiff);
+    scene.write("transforms.json", transforms(&[("a.tif", 0.0, "")]));
+    let data = scene.read(&LoadOptions { transfer: Some(transfer), ..masked(masks) }).unwrap();
+    let view = &data.train[0];
+    (view.image.pixels[0][1], view.mask.as_ref().map_or(1.0, |mask| mask.weights[0]))
+}
+
+fn assert_light(tiff: &[u8], transfer: Transfer, light: f32) {
+    let (over_black, _) = trained_on(tiff, transfer, MaskSource::Off);
+    assert!((over_black - light * ALPHA).abs() < 1e-4, "over black: {over_black}, expected {}", light * ALPHA);
+    let (straight, weight) = trained_on(tiff, transfer, MaskSource::Alpha);
+    assert!(
+        (straight - light).abs() < 1e-4 && (weight - ALPHA).abs() < 1e-4,
+        "under a mask: {straight} of weight {weight}, expected {light}"
+    );
+}
+
+#[test]
+fn integers_are_multiplied_once() {
+    const CODE: f32 = 0.6;
+    let pixel = |code: f32| [code, code, code, ALPHA].map(|v| (v * 65535.0).round() as u16);
+    // IEC 61966-2-1 of CODE.
+    for (transfer, light) in [(Transfer::Linear, CODE), (Transfer::Srgb, 0.318_547)] {
+        assert_light(&tiff_of::<RGB16>(pixel(CODE), Some(ExtraSamples::UnassociatedAlpha)), transfer, light);
+        assert_light(&tiff_of::<RGB16>(pixel(CODE * ALPHA), Some(ExtraSamples::AssociatedAlpha)), transfer, light);
+        assert_light(&tiff_of::<RGBA16>(pixel(CODE), None), transfer, light);
+    }
+}
+
+#[test]
+fn floats_are_multiplied_once() {
+    const LIGHT: f32 = 3.0;
+    let pixel = |light: f32| [light, light, light, ALPHA];
+    assert_light(&tiff_of::<RGB32Float>(pixel(LIGHT), Some(ExtraSamples::UnassociatedAlpha)), Transfer::Linear, LIGHT);
+    assert_light(&tiff_of::<RGB32Float>(pixel(LIGHT * ALPHA), Some(ExtraSamples::AssociatedAlpha)), Transfer::Linear, LIGHT);
+    assert_light(&tiff_of::<RGBA32Float>(pixel(LIGHT * ALPHA), None), Transfer::Linear, LIGHT);
 }
 
 #[test]

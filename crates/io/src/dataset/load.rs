@@ -141,7 +141,7 @@ fn take_opacity(decoded: &mut DecodedImage, frame: &Frame) -> Result<Mask, IoErr
         return Err(frame.origin.error(format!("{} has no alpha channel, expected one for --masks alpha", frame.image.display())));
     };
     let weights: Vec<f32> = alpha.iter().map(|a| if *a > 0.0 { a.min(1.0) } else { 0.0 }).collect();
-    if decoded.depth == SampleDepth::Float {
+    if decoded.is_premultiplied {
         for (pixel, weight) in decoded.image.pixels.iter_mut().zip(&weights).filter(|(_, weight)| **weight > 0.0) {
             *pixel = pixel.map(|v| v / weight);
         }
@@ -149,9 +149,9 @@ fn take_opacity(decoded: &mut DecodedImage, frame: &Frame) -> Result<Mask, IoErr
     Ok(Mask { weights })
 }
 
-/// Integer formats hold straight colour beside the opacity; float formats hold colour that is multiplied already.
+/// Multiplies straight colours by the opacity beside them.
 fn composite_over_black(decoded: &mut DecodedImage) {
-    if decoded.depth == SampleDepth::Float {
+    if decoded.is_premultiplied {
         return;
     }
     let Some(alpha) = &decoded.alpha else { return };

@@ -6,8 +6,7 @@
 //! - Split: the frames' own (files, names); else `split.json` with lists "train" and "test"; else every 8th of the sorted names is test.
 //! - Names: the image's path with its folders and without its extension. Views are sorted by name, byte by byte.
 //! - Sizes: an image is of its camera's size, or a copy at 1/2, 1/4 or 1/8 of it (rounded either way), whose camera is scaled.
-//! - Alpha: images are composited over black. EXR and other float formats hold premultiplied colour, which stays as it is; integer
-//!   formats hold straight colour, which is multiplied.
+//! - Alpha: images are composited over black. Premultiplied colour (EXR) stays as it is, straight colour (PNG) is multiplied; TIFF says which it holds.
 //! - Pixels that are NaN, infinite or negative become 0 and are masked, before anything is resampled.
 //! - Masks: [`MaskSource`]; white counts, black does not.
 //! - Recordings ([`Supervision::Ldr`]): what cameras recorded of brackets or single exposures is trained on as it is, each image with its exposure in

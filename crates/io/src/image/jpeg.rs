@@ -56,7 +56,15 @@ pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result
     }
     let curve = Curve::Named(options.transfer.unwrap_or(Transfer::Srgb));
     let (image, alpha) = layout.assemble8(name, &samples, curve)?;
-    Ok(DecodedImage { image, alpha, color_space: None, chromaticities: None, depth: SampleDepth::Integer8, warnings })
+    Ok(DecodedImage {
+        image,
+        alpha,
+        is_premultiplied: false,
+        color_space: None,
+        chromaticities: None,
+        depth: SampleDepth::Integer8,
+        warnings,
+    })
 }
 
 /// Size from the frame header.

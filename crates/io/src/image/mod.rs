@@ -44,6 +44,8 @@ pub struct DecodedImage {
     pub image: Image,
     /// Opacity `[H*W]` if the file has it, linear, as stored (colours are not divided or multiplied by it).
     pub alpha: Option<Vec<f32>>,
+    /// Whether colours are multiplied by `alpha` as they are stored: OpenEXR's are, PNG's are not, TIFF says so.
+    pub is_premultiplied: bool,
     /// Space of `image` if the file says; `None`: the file is silent, linear Rec.709 is the convention.
     pub color_space: Option<ColorSpace>,
     /// CIE xy of red, green, blue and white as the file has them.

@@ -85,7 +85,15 @@ pub(super) fn decode(name: &Path, bytes: &[u8]) -> Result<DecodedImage, IoError>
         *value = f32::from_le_bytes(*bytes);
     }
     let image = Image { width, height, pixels };
-    Ok(DecodedImage { image, alpha: None, color_space: None, chromaticities: None, depth: SampleDepth::Float, warnings: Vec::new() })
+    Ok(DecodedImage {
+        image,
+        alpha: None,
+        is_premultiplied: false,
+        color_space: None,
+        chromaticities: None,
+        depth: SampleDepth::Float,
+        warnings: Vec::new(),
+    })
 }
 
 /// Size from the header.

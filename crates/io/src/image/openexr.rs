@@ -221,6 +221,6 @@ impl Canvas {
             }
             None => None,
         };
-        Ok(DecodedImage { image, alpha, color_space, chromaticities, depth: SampleDepth::Float, warnings })
+        Ok(DecodedImage { image, alpha, is_premultiplied: true, color_space, chromaticities, depth: SampleDepth::Float, warnings })
     }
 }

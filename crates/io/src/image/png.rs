@@ -82,7 +82,7 @@ fn decode_samples(name: &Path, bytes: &[u8], info: &Info, options: &ReadOptions)
         }
     };
     let warnings = depth_warnings(depth);
-    Ok(DecodedImage { image, alpha, color_space: None, chromaticities: None, depth, warnings })
+    Ok(DecodedImage { image, alpha, is_premultiplied: false, color_space: None, chromaticities: None, depth, warnings })
 }
 
 /// Size from the first bytes.

@@ -42,7 +42,7 @@ pub(super) fn decode(name: &Path, bytes: &[u8]) -> Result<DecodedImage, IoError>
         }
         None => None,
     };
-    Ok(DecodedImage { image, alpha: None, color_space, chromaticities, depth: SampleDepth::Float, warnings })
+    Ok(DecodedImage { image, alpha: None, is_premultiplied: false, color_space, chromaticities, depth: SampleDepth::Float, warnings })
 }
 
 /// Size from the header.

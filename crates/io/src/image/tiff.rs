@@ -1,5 +1,8 @@
 //! TIFF and BigTIFF in: 8- and 16-bit integers, half, single and double floats; grey or RGB, with or without alpha; first image.
 //!
+//! Whether colours are multiplied by alpha is ExtraSamples' word (TIFF 6.0, page 31); where it says neither, as elsewhere: floats are, integers are not.
+//! Integers were multiplied as codes: they are divided before their curve, and multiplied again as light.
+//!
 //! Camera RAW files are TIFF as well: their first image is a thumbnail, which is refused rather than read in silence.
 
 use std::io::{BufReader, Cursor, Read, Seek};
@@ -11,11 +14,17 @@ use ::tiff::{ColorType, TiffError};
 
 use super::guard::check_size;
 use super::samples::{Curve, Layout, depth_warnings};
-use super::{DecodedImage, ReadOptions, SampleDepth};
+use super::{DecodedImage, ReadOptions, SampleDepth, Transfer};
 use crate::IoError;
 
 /// Bytes of the widest sample (f64) times the most channels.
 const MAX_PIXEL_BYTES: usize = 32;
+
+/// Values of ExtraSamples.
+const ASSOCIATED_ALPHA: u16 = 1;
+const UNASSOCIATED_ALPHA: u16 = 2;
+/// Codes as they are.
+const LINEAR: Curve = Curve::Named(Transfer::Linear);
 
 /// Decodes the first image.
 pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<DecodedImage, IoError> {
@@ -33,6 +42,7 @@ pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result
         _ => return Err(IoError::unsupported(name, format!("TIFF: colour type {color:?}; export it as RGB"))),
     };
     let layout = Layout { width: width as usize, height: height as usize, channels };
+    let extra = decoder.find_tag_unsigned_vec::<u16>(Tag::ExtraSamples).map_err(failed)?.unwrap_or_default();
 
     let mut limits = Limits::default();
     limits.decoding_buffer_size = (layout.width * layout.height).saturating_mul(MAX_PIXEL_BYTES);
@@ -44,18 +54,38 @@ pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result
     if plan.planes > 1 {
         return Err(IoError::unsupported(name, "TIFF: channels in separate planes; export it with interleaved channels"));
     }
-    convert(name, layout, &samples, options)
+    let is_premultiplied = match extra.first() {
+        Some(&ASSOCIATED_ALPHA) => Some(true),
+        Some(&UNASSOCIATED_ALPHA) => Some(false),
+        _ => None,
+    };
+    convert(name, layout, &samples, is_premultiplied, options)
 }
 
-/// Linear light of the samples.
-fn convert(name: &Path, layout: Layout, samples: &DecodingResult, options: &ReadOptions) -> Result<DecodedImage, IoError> {
-    let curve = |depth| Curve::settle(name, options, None, depth);
-    let (depth, (image, alpha)) = match samples {
-        DecodingResult::U8(v) => (SampleDepth::Integer8, layout.assemble8(name, v, curve(SampleDepth::Integer8)?)?),
-        DecodingResult::U16(v) => (SampleDepth::Integer16, layout.assemble16(name, v, curve(SampleDepth::Integer16)?)?),
-        DecodingResult::F16(v) => (SampleDepth::Float, layout.assemble(name, v, |s| s.to_f32(), |s| s.to_f32())?),
-        DecodingResult::F32(v) => (SampleDepth::Float, layout.assemble(name, v, |s| s, |s| s)?),
-        DecodingResult::F64(v) => (SampleDepth::Float, layout.assemble(name, v, |s| s as f32, |s| s as f32)?),
+/// Linear light of the samples; `is_premultiplied` as far as the file says.
+fn convert(
+    name: &Path,
+    layout: Layout,
+    samples: &DecodingResult,
+    is_premultiplied: Option<bool>,
+    options: &ReadOptions,
+) -> Result<DecodedImage, IoError> {
+    let is_associated = is_premultiplied == Some(true) && layout.channels.is_multiple_of(2);
+    let settle = |depth| Curve::settle(name, options, None, depth);
+    // Codes that were multiplied are divided before their curve.
+    let first = |curve| if is_associated { LINEAR } else { curve };
+    let (depth, curve, (mut image, alpha)) = match samples {
+        DecodingResult::U8(v) => {
+            let curve = settle(SampleDepth::Integer8)?;
+            (SampleDepth::Integer8, curve, layout.assemble8(name, v, first(curve))?)
+        }
+        DecodingResult::U16(v) => {
+            let curve = settle(SampleDepth::Integer16)?;
+            (SampleDepth::Integer16, curve, layout.assemble16(name, v, first(curve))?)
+        }
+        DecodingResult::F16(v) => (SampleDepth::Float, LINEAR, layout.assemble(name, v, |s| s.to_f32(), |s| s.to_f32())?),
+        DecodingResult::F32(v) => (SampleDepth::Float, LINEAR, layout.assemble(name, v, |s| s, |s| s)?),
+        DecodingResult::F64(v) => (SampleDepth::Float, LINEAR, layout.assemble(name, v, |s| s as f32, |s| s as f32)?),
         _ => {
             return Err(IoError::unsupported(
                 name,
@@ -63,7 +93,14 @@ fn convert(name: &Path, layout: Layout, samples: &DecodingResult, options: &Read
             ));
         }
     };
-    Ok(DecodedImage { image, alpha, color_space: None, chromaticities: None, depth, warnings: depth_warnings(depth) })
+    if let Some(alpha) = alpha.as_ref().filter(|_| is_associated && curve != LINEAR) {
+        for (pixel, &alpha) in image.pixels.iter_mut().zip(alpha) {
+            *pixel = pixel.map(|code| if alpha > 0.0 { curve.decode((code / alpha).min(1.0).into()) * alpha } else { 0.0 });
+        }
+    }
+    let is_premultiplied = is_premultiplied.unwrap_or(depth == SampleDepth::Float);
+    let warnings = depth_warnings(depth);
+    Ok(DecodedImage { image, alpha, is_premultiplied, color_space: None, chromaticities: None, depth, warnings })
 }
 
 /// Size of the first image.
