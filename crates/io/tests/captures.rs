@@ -8,7 +8,7 @@ use std::io::Cursor;
 
 use common::{SIZE, Scene};
 use luxel_core::{NoiseModel, PixelValues, View};
-use luxel_io::{DatasetFormat, Exposures, LoadOptions, MaskSource, Supervision, Transfer, detect_format};
+use luxel_io::{DatasetFormat, Exposures, LoadOptions, MaskSource, Supervision, Transfer, detect_format, load_dataset};
 use tiff::encoder::TiffValue;
 use tiff::encoder::colortype::{ColorType, RGB16, RGB32Float, RGBA16, RGBA32Float};
 use tiff::tags::ExtraSamples;
@@ -348,6 +348,17 @@ fn model(scene: &Scene, images: &[String]) {
 }
 
 #[test]
+fn masks_are_found_where_the_model_itself_is_named() {
+    let scene = two_with_masks("masks");
+    std::fs::remove_file(scene.path().join("transforms.json")).unwrap();
+    model(&scene, &["a.exr".to_owned(), "b.exr".to_owned()]);
+    let data = scene.read(&LoadOptions::default()).unwrap();
+    let named = load_dataset(&scene.path().join("sparse/0"), &LoadOptions::default()).unwrap();
+    assert!(named.train.len() == 2 && named.train.iter().all(|view| view.mask.is_some()));
+    assert_eq!(named.fingerprint, data.fingerprint);
+}
+
+#[test]
 fn repacked_scenes_give_recordings_with_and_without_ground_truth() {
     let scene = Scene::new();
     let images: Vec<String> = ["train_ldr_000", "test_ldr_000"].iter().flat_map(|v| (0..2).map(move |k| format!("{v}_{k}.png"))).collect();
@@ -356,6 +367,7 @@ fn repacked_scenes_give_recordings_with_and_without_ground_truth() {
     let seconds: Vec<String> = images.iter().enumerate().map(|(i, name)| format!("{name:?}: {}", 0.5 + (i % 2) as f64)).collect();
     scene.write("exposure.json", format!("{{{}}}", seconds.join(", ")));
     assert_eq!(detect_format(scene.path()).unwrap(), DatasetFormat::GaussHdr);
+    assert_eq!(detect_format(&scene.path().join("sparse/0")).unwrap(), DatasetFormat::GaussHdr);
     let data = scene.read(&ldr(Exposures::All)).unwrap();
     assert_eq!(names(&data.train), ["images/train_ldr_000_0", "images/train_ldr_000_1"]);
     assert_eq!(data.test.iter().map(recorded).collect::<Vec<_>>(), [0.5, 1.5].map(Some));

@@ -524,6 +524,7 @@ fn hdr_gs_holds_out_every_other_view_in_the_order_of_text() {
     let images: Vec<&str> = images.iter().map(String::as_str).collect();
     colmap(&scene, "sparse/0", PINHOLE, Distortion::default(), &images, &[]);
     assert_eq!(detect_format(scene.path()).unwrap(), DatasetFormat::HdrGs);
+    assert_eq!(detect_format(&scene.path().join("sparse/0")).unwrap(), DatasetFormat::HdrGs);
     let data = scene.load();
     let mut train: Vec<usize> = data.train.iter().map(|v| v.stem().parse().unwrap()).collect();
     train.sort_unstable();
@@ -539,6 +540,7 @@ fn gauss_hdr_splits_by_name() {
     let images = ["train_ldr_001_0.png", "train_ldr_000_2.png", "train_ldr_000_0.png", "test_ldr_000_0.png"];
     colmap(&scene, "sparse/0", PINHOLE, Distortion::default(), &images, &[]);
     assert_eq!(detect_format(scene.path()).unwrap(), DatasetFormat::GaussHdr);
+    assert_eq!(detect_format(&scene.path().join("sparse/0")).unwrap(), DatasetFormat::GaussHdr);
     let data = scene.load();
     assert_eq!(names(&data.train), ["images_hdr/train_hdr_000", "images_hdr/train_hdr_001"]);
     assert_eq!(names(&data.test), ["images_hdr/test_hdr_000"]);

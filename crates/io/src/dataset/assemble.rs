@@ -18,7 +18,7 @@ use crate::IoError;
 const MAX_LISTED: usize = 3;
 
 pub(super) fn assemble(path: &Path, source: Source, options: &LoadOptions) -> Result<Dataset, IoError> {
-    let Source { format, frames, split, points, mut warnings } = source;
+    let Source { format, folder, frames, split, points, mut warnings } = source;
     if frames.is_empty() {
         return Err(IoError::invalid(path, "no images, expected at least one"));
     }
@@ -60,7 +60,7 @@ pub(super) fn assemble(path: &Path, source: Source, options: &LoadOptions) -> Re
         views.sort_by(|a, b| a.frame.name.cmp(&b.frame.name));
         used.extend(views);
     }
-    warnings.extend(masks::attach(path, used.iter_mut().map(|used| &mut used.frame), &options.masks)?);
+    warnings.extend(masks::attach(&folder, used.iter_mut().map(|used| &mut used.frame), &options.masks)?);
     let loaded = load_views(&used, options)?;
     warnings.extend(grouped_warnings(&loaded));
 

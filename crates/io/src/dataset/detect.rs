@@ -4,6 +4,7 @@ use std::path::Path;
 
 use super::colmap::find_model;
 use super::files::without_extension;
+use super::layout_colmap::scene_folder;
 use super::layout_transforms::TransformsFiles;
 use super::{DatasetFormat, layout_llff};
 use crate::IoError;
@@ -36,9 +37,11 @@ pub fn detect_format(path: &Path) -> Result<DatasetFormat, IoError> {
     if matches!(json, Some(TransformsFiles::Pair { .. })) && is_hdr_nerf {
         return Ok(DatasetFormat::HdrNerf);
     }
-    let is_gauss_hdr = has_file(&path.join("images_hdr"), |name| name.strip_suffix(".exr").is_some_and(|stem| is_numbered(stem, "_hdr_")))
-        || (path.join("exposure.json").is_file()
-            && has_file(&path.join("images"), |name| {
+    // The folder of the model itself may be named: images are above it.
+    let scene = scene_folder(path);
+    let is_gauss_hdr = has_file(&scene.join("images_hdr"), |name| name.strip_suffix(".exr").is_some_and(|stem| is_numbered(stem, "_hdr_")))
+        || (scene.join("exposure.json").is_file()
+            && has_file(&scene.join("images"), |name| {
                 without_extension(name)
                     .rsplit_once('_')
                     .is_some_and(|(stem, exposure)| is_numbered(stem, "_ldr_") && exposure.parse::<u32>().is_ok())
@@ -51,7 +54,7 @@ pub fn detect_format(path: &Path) -> Result<DatasetFormat, IoError> {
     }
     match (json, model) {
         (Some(_), _) => Ok(DatasetFormat::Transforms),
-        (None, Some(_)) if path.join("exr").is_dir() => Ok(DatasetFormat::HdrGs),
+        (None, Some(_)) if scene.join("exr").is_dir() => Ok(DatasetFormat::HdrGs),
         (None, Some(_)) => Ok(DatasetFormat::Colmap),
         (None, None) => Err(IoError::invalid(path, format!("no data set: expected {LOOKED_FOR}; found {}", listing(path)))),
     }

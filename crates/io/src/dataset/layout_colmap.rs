@@ -87,7 +87,7 @@ pub(super) fn colmap_source(folder: &Path, layout: ColmapLayout, supervision: Su
         ColmapLayout::HdrGs => "HDR-GS (COLMAP with exr/)",
         ColmapLayout::GaussHdr => "GaussHDR (COLMAP with images_hdr/)",
     };
-    Ok(Source { format: format.to_owned(), frames, split, points, warnings })
+    Ok(Source { format: format.to_owned(), folder: scene, frames, split, points, warnings })
 }
 
 /// Points of the model whose position, mapped by `position`, is finite; sightings in images that are no frame are dropped.
@@ -125,7 +125,7 @@ fn origin(files: &ColmapFiles<PathBuf>, image: &ColmapImage) -> Origin {
 }
 
 /// The scene's folder, where the folder of the model itself was named: the nearest with images.
-fn scene_folder(folder: &Path) -> PathBuf {
+pub(super) fn scene_folder(folder: &Path) -> PathBuf {
     let up = [folder.to_path_buf(), folder.join(".."), folder.join("../..")];
     up.into_iter().find(|f| ["images", "exr", "images_hdr"].iter().any(|i| f.join(i).is_dir())).unwrap_or_else(|| folder.into())
 }

@@ -65,7 +65,8 @@ pub(super) fn llff_source(folder: &Path, supervision: Supervision) -> Result<Sou
         frames.push(frame(recorded, pose, folder, recording, origin));
     }
     let split = split_beside(folder)?;
-    Ok(Source { format: "HDR-NeRF real".to_owned(), frames, split, points: Vec::new(), warnings: Vec::new() })
+    let (format, folder) = ("HDR-NeRF real".to_owned(), folder.to_path_buf());
+    Ok(Source { format, folder, frames, split, points: Vec::new(), warnings: Vec::new() })
 }
 
 /// Images of the folder, sorted by name.

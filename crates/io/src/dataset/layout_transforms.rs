@@ -181,7 +181,8 @@ fn finish(folder: &Path, described: &[Described], frames: Vec<Frame>, split: Spl
         warnings.push("transforms_val.json is not used: its views are neither trained on nor tested".to_owned());
     }
     let points = points(folder, described, &frames, &mut warnings)?;
-    Ok(Source { format: format.to_owned(), frames, split, points, warnings })
+    let (format, folder) = (format.to_owned(), folder.to_path_buf());
+    Ok(Source { format, folder, frames, split, points, warnings })
 }
 
 /// The points of `ply_file_path`, or of the COLMAP model beside the file. A PLY of as many points as the model is the same cloud, taken

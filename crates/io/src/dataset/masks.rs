@@ -58,8 +58,8 @@ impl fmt::Display for MaskSource {
     }
 }
 
-/// Gives the frames of the data set at `root` their masks; warnings for people.
-pub(super) fn attach<'a>(root: &Path, frames: impl Iterator<Item = &'a mut Frame>, source: &MaskSource) -> Result<Vec<String>, IoError> {
+/// Gives the frames of the data set in the folder `scene` their masks; warnings for people.
+pub(super) fn attach<'a>(scene: &Path, frames: impl Iterator<Item = &'a mut Frame>, source: &MaskSource) -> Result<Vec<String>, IoError> {
     let mut frames: Vec<&mut Frame> = frames.collect();
     let folder = match source {
         MaskSource::Off | MaskSource::Alpha => {
@@ -68,7 +68,7 @@ pub(super) fn attach<'a>(root: &Path, frames: impl Iterator<Item = &'a mut Frame
         }
         MaskSource::Auto if frames.iter().any(|frame| frame.mask.is_some()) => return Ok(Vec::new()),
         MaskSource::Auto => {
-            let beside = if root.is_dir() { root } else { root.parent().unwrap_or(Path::new(".")) }.join("masks");
+            let beside = scene.join("masks");
             if !beside.is_dir() {
                 return Ok(Vec::new());
             }

@@ -15,6 +15,8 @@ use crate::regular::read_file;
 pub(super) struct Source {
     /// For people.
     pub(super) format: String,
+    /// Folder of the scene: what lies beside the images, such as masks, lies in it.
+    pub(super) folder: PathBuf,
     /// In any order.
     pub(super) frames: Vec<Frame>,
     /// Train and test.
