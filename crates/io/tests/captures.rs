@@ -126,6 +126,7 @@ fn grey_masks_and_alpha_are_weights() {
     let alpha = scene.read(&options(MaskSource::Alpha)).unwrap();
     let weights = &alpha.train[0].mask.as_ref().unwrap().weights;
     assert!((weights[0] - 0.2).abs() < 1e-6 && weights[15] == 1.0 && alpha.train[0].image.pixels[0][0] > 0.7);
+    assert_ne!(alpha.fingerprint, scene.read(&options(MaskSource::Off)).unwrap().fingerprint);
     scene.flat("images/a.png", 1.0);
     assert!(scene.error(&options(MaskSource::Alpha)).contains("has no alpha channel"));
     std::fs::remove_file(scene.path().join("m/0.png")).unwrap();

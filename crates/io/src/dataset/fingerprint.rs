@@ -2,7 +2,7 @@
 
 use luxel_core::{PixelValues, Point, View};
 
-use super::LoadOptions;
+use super::{LoadOptions, MaskSource};
 
 /// Collects what a data set is made of. Every text and list is preceded by its length, so that no two inputs run together.
 pub(super) struct Fingerprint(blake3::Hasher);
@@ -12,6 +12,10 @@ impl Fingerprint {
         let mut this = Self(blake3::Hasher::new());
         this.text(format);
         this.text(&format!("{:?} {:?} {}", options.transfer, options.color_space, options.downscale));
+        // Masks of files count by their bytes; of other data sets nothing is added, so that they keep the digests they have always had.
+        if options.masks == MaskSource::Alpha {
+            this.text("masks of alpha");
+        }
         this
     }
 
