@@ -1,5 +1,6 @@
 //! glTF to a scene.
 
+use std::collections::HashSet;
 use std::path::Path;
 
 use glam::{DMat3, DMat4, DQuat, DVec3};
@@ -17,6 +18,8 @@ use crate::sound::{is_normalizable, is_usable};
 const MAX_DEPTH: usize = 64;
 /// Most nodes visited.
 const MAX_VISITS: usize = 10_000;
+/// How far a rotation's length may be off 1: files round quaternions to a few digits.
+const ROTATION_TOLERANCE: f64 = 0.01;
 /// Most primitives of splats: one reached by many ways is read as often, and takes memory each time.
 const MAX_PRIMITIVES: usize = 64;
 
@@ -38,7 +41,7 @@ pub fn decode_glb(name: &Path, bytes: &[u8]) -> Result<Scene, IoError> {
     let document: Document = serde_json::from_slice(json).map_err(|e| invalid(format!("JSON: {e}")))?;
     let mut found = Vec::new();
     let mut visits = 0;
-    for node in roots(&document) {
+    for node in roots(&document).map_err(invalid)? {
         visit(&document, node, DMat4::IDENTITY, &mut (&mut found, &mut visits), 0).map_err(invalid)?;
     }
     let record = document.asset.extras.get(RECORD_KEY).and_then(|v| v.as_str()).map(BakeRecord::parse).transpose().map_err(invalid)?;
@@ -80,21 +83,32 @@ fn chunks(bytes: &[u8]) -> Result<(&[u8], &[u8]), String> {
     Ok((json, bin.unwrap_or_default()))
 }
 
-/// Nodes that the scene begins with; all meshes' nodes where there is no scene.
-fn roots(document: &Document) -> Vec<usize> {
-    match document.scenes.get(document.scene.unwrap_or(0)) {
-        Some(scene) => scene.nodes.clone(),
-        None => (0..document.nodes.len()).collect(),
+/// Nodes that the scene begins with; where there is no scene, those that are in no other.
+fn roots(document: &Document) -> Result<Vec<usize>, String> {
+    let index = document.scene.unwrap_or(0);
+    match document.scenes.get(index) {
+        Some(scene) => Ok(scene.nodes.clone()),
+        None if document.scene.is_some() => Err(format!("scene {index} does not exist, expected one of {}", document.scenes.len())),
+        None => {
+            let inner: HashSet<usize> = document.nodes.iter().flat_map(|node| node.children.iter().copied()).collect();
+            Ok((0..document.nodes.len()).filter(|node| !inner.contains(node)).collect())
+        }
     }
 }
 
-fn local_matrix(node: &Node) -> DMat4 {
+/// `Err` says what is wrong with the node's rotation.
+fn local_matrix(node: &Node) -> Result<DMat4, String> {
     if let Some(matrix) = &node.matrix {
-        return DMat4::from_cols_array(matrix);
+        return Ok(DMat4::from_cols_array(matrix));
     }
     let rotation = node.rotation.map_or(DQuat::IDENTITY, DQuat::from_array);
+    let is_unit = (rotation.length() - 1.0).abs() < ROTATION_TOLERANCE;
+    if !is_unit {
+        return Err(format!("rotation {:?} is of length {}, expected a quaternion of length 1", rotation.to_array(), rotation.length()));
+    }
     let scale = node.scale.map_or(DVec3::ONE, DVec3::from_array);
-    DMat4::from_scale_rotation_translation(scale, rotation, node.translation.map_or(DVec3::ZERO, DVec3::from_array))
+    let translation = node.translation.map_or(DVec3::ZERO, DVec3::from_array);
+    Ok(DMat4::from_scale_rotation_translation(scale, rotation.normalize(), translation))
 }
 
 /// Collects primitives of splats below a node.
@@ -112,7 +126,7 @@ fn visit<'d>(
             "node {index}: more than {MAX_DEPTH} nodes within one another, or {MAX_VISITS} in all: they may go in circles"
         ));
     }
-    let matrix = parent * local_matrix(node);
+    let matrix = parent * local_matrix(node).map_err(|e| format!("node {index}: {e}"))?;
     if let Some(mesh) = node.mesh {
         let mesh = document.meshes.get(mesh).ok_or_else(|| format!("node {index}: mesh {mesh} does not exist"))?;
         out.0.extend(mesh.primitives.iter().filter(|p| p.extensions.contains_key(KHR)).map(|p| (p, matrix)));

@@ -95,6 +95,44 @@ fn nodes_move_their_splats() {
 }
 
 #[test]
+fn a_nodes_rotation_may_be_rounded() {
+    let scene = scene(false);
+    let bytes = encode_glb(name(), &baked(&scene, LINEAR), None).unwrap();
+    let turned = |rotation: &str| {
+        decode_glb(name(), &with_json(&bytes, |json| json.replace("\"mesh\":0", &format!("\"mesh\":0,\"rotation\":{rotation}"))))
+    };
+    let position = turned("[0.7071,0,0,0.7071]").unwrap().splats.position[4];
+    let [x, y, z] = scene.splats.position[4];
+    assert!([x, -z, y].iter().zip(position).all(|(a, b)| (a - b).abs() < 1e-5), "{position:?}");
+    for rotation in ["[1,0,0,1]", "[0,0,0,0]", "[1e300,0,0,1e300]"] {
+        let error = turned(rotation).unwrap_err();
+        assert!(error.message.contains("node 0: rotation") && error.message.contains("of length 1"), "{error}");
+    }
+}
+
+#[test]
+fn without_a_scene_each_node_is_read_once() {
+    let original = scene(false);
+    let bytes = encode_glb(name(), &baked(&original, LINEAR), None).unwrap();
+    let with = |change: &dyn Fn(&mut serde_json::Map<String, serde_json::Value>)| {
+        let changed = with_json(&bytes, |json| {
+            let mut document: serde_json::Value = serde_json::from_str(&json).unwrap();
+            change(document.as_object_mut().unwrap());
+            document.to_string()
+        });
+        decode_glb(name(), &changed)
+    };
+    let back = with(&|document| {
+        document.remove("scene");
+        document.remove("scenes");
+        document.insert("nodes".into(), serde_json::json!([{ "mesh": 0 }, { "children": [0] }]));
+    });
+    assert_eq!(back.unwrap().splats.len(), original.splats.len());
+    let error = with(&|document| drop(document.insert("scene".into(), 7.into()))).unwrap_err();
+    assert!(error.message.contains("scene 7 does not exist, expected one of 1"), "{error}");
+}
+
+#[test]
 fn what_is_wrong_is_named() {
     let scene = scene(false);
     let bytes = encode_glb(name(), &baked(&scene, Appearance::PREVIEW), Some(&scene)).unwrap();
