@@ -59,9 +59,19 @@ impl WorldRecord {
         (!similarity.is_identity()).then_some(record)
     }
 
-    /// The similarity; `None` if it is none.
+    /// The similarity; `None` if it is none, or of a scale that no length in f32 has.
     pub(crate) fn similarity(&self) -> Option<Similarity> {
+        if !(self.scale as f32).is_normal() {
+            return None;
+        }
         Similarity::new(DMat3::from_cols_array_2d(&self.rotation).transpose(), self.scale, glam::DVec3::ZERO)
+    }
+
+    /// Brings a file's splats to the world of the data set; `Err` says which of them is not finite there.
+    pub(crate) fn undo(&self, splats: &mut Splats) -> Result<(), String> {
+        let similarity = self.similarity().ok_or("the file's world is not that of a rotation and a positive scale")?;
+        similarity.inverse().apply(splats);
+        splats.validate().map_err(|e| format!("in the world of the data set, of which the file's is {} times the size: {e}", self.scale))
     }
 }
 
@@ -103,11 +113,11 @@ impl BakeRecord {
         Ok(record)
     }
 
-    /// The scene of a file's splats, in the world of the data set.
-    pub(crate) fn scene(&self, mut splats: Splats) -> Scene {
-        if let Some(similarity) = self.file_from_world.and_then(|world| world.similarity()) {
-            similarity.inverse().apply(&mut splats);
+    /// The scene of a file's splats, in the world of the data set; `Err` says which of them is not finite there.
+    pub(crate) fn scene(&self, mut splats: Splats) -> Result<Scene, String> {
+        if let Some(world) = self.file_from_world {
+            world.undo(&mut splats)?;
         }
-        Scene { splats, radiance_scale: 1.0, color_space: self.color_space, raster: self.raster, edits: Vec::new() }
+        Ok(Scene { splats, radiance_scale: 1.0, color_space: self.color_space, raster: self.raster, edits: Vec::new() })
     }
 }

@@ -69,12 +69,25 @@ fn a_record_brings_a_scene_back_to_its_world() {
     baked.transform(&Similarity::turn(turn).unwrap());
     assert_ne!(baked.scene.splats.position, before.splats.position);
     let record = BakeRecord::parse(&BakeRecord::of(&baked).json().unwrap()).unwrap();
-    let back = record.scene(baked.scene.splats.clone());
+    let back = record.scene(baked.scene.splats.clone()).unwrap();
     assert_eq!((back.color_space, back.raster, &back.splats.position), (before.color_space, before.raster, &before.splats.position));
     for v in DIRECTIONS {
         let (a, b) = (back.splats.radiance(7, v), before.splats.radiance(7, v));
         assert!((0..3).all(|c| (a[c] - b[c]).abs() < 1e-5), "{a:?} {b:?}");
     }
+}
+
+#[test]
+fn splats_that_leave_the_numbers_of_their_world_are_refused() {
+    let mut baked = Baked::new(&scene(ColorModel::Sh { degree: 1 }, ColorSpace::LinearRec709), &linear(ColorSpace::LinearRec709, 0.0));
+    baked.scene.splats.position[3] = [9.0; 3];
+    let small = Similarity::new(glam::DMat3::IDENTITY, 1.2e-38, glam::DVec3::ZERO).unwrap();
+    baked.file_from_world = small;
+    let json = BakeRecord::of(&baked).json().unwrap();
+    let error = BakeRecord::parse(&json).unwrap().scene(baked.scene.splats).unwrap_err();
+    assert!(error.contains("position") && error.contains("the size"), "{error}");
+    let smaller = json.replace("1.2e-38", "1e-300");
+    assert!(BakeRecord::parse(&smaller).unwrap_err().contains("positive scale"));
 }
 
 #[test]

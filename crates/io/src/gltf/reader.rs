@@ -191,7 +191,7 @@ fn read_primitive(document: &Document, bin: &[u8], primitive: &Primitive, record
                 primitive.attributes.contains_key(&name).then(|| read(&name, width))
             })?;
             Ok(match record {
-                Some(record) => record.scene(splats),
+                Some(record) => record.scene(splats)?,
                 None => Scene {
                     splats,
                     radiance_scale: 1.0,
@@ -273,10 +273,8 @@ fn read_exact(document: &Document, bin: &[u8], mut splats: Splats, exact: Exact)
     if let Some(values) = optional("LOG_SCALE", 3).transpose()? {
         splats.log_scale = values.as_chunks::<3>().0.to_vec();
     }
-    match exact.file_from_world.map(|world| world.similarity()) {
-        Some(None) => return Err(invalid("\"fileFromWorld\" is not a rotation and a positive scale")),
-        Some(Some(similarity)) => similarity.inverse().apply(&mut splats),
-        None => {}
+    if let Some(world) = exact.file_from_world {
+        world.undo(&mut splats).map_err(|e| invalid(&e))?;
     }
     let Exact { color_space, radiance_scale, raster, edits, .. } = exact;
     Ok(Scene { splats, radiance_scale, color_space, raster, edits })

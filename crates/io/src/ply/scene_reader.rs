@@ -57,10 +57,10 @@ fn decode<R: BufRead>(mut source: Source<'_, R>) -> Result<Scene, IoError> {
     };
     read_splats(&mut source, &header, element, &layout, &mut scene.splats)?;
     if let Some(record) = record {
-        return Ok(record.scene(scene.splats));
+        return record.scene(scene.splats).map_err(|e| IoError::invalid(source.path, e));
     }
-    if let Some(similarity) = world.and_then(|world| world.similarity()) {
-        similarity.inverse().apply(&mut scene.splats);
+    if let Some(world) = world {
+        world.undo(&mut scene.splats).map_err(|e| IoError::invalid(source.path, e))?;
     }
     Ok(scene)
 }

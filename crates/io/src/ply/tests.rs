@@ -459,9 +459,9 @@ fn bakes_alone_read_back_as_what_they_are() {
 
 #[test]
 fn an_exact_file_with_a_bake_of_choice_reads_back_to_the_bit() {
-    let scene = scene(LCD, 9, true, 5);
+    let mut scene = scene(LCD, 9, true, 5);
     let appearance = Appearance::Display { tonemap: luxel_core::tone::Tonemap::Reinhard, exposure_ev: -1.0 };
-    let baked = Baked::new(&scene, &BakeOptions { appearance, max_degree: 1 });
+    let mut baked = Baked::new(&scene, &BakeOptions { appearance, max_degree: 1 });
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("scene.ply");
     write_exact_ply(&path, &scene, &baked).unwrap();
@@ -470,6 +470,12 @@ fn an_exact_file_with_a_bake_of_choice_reads_back_to_the_bit() {
     let text = String::from_utf8_lossy(&bytes);
     let (header, _) = text.split_once("end_header\n").unwrap();
     assert!(header.contains("curve reinhard") && header.contains("f_rest_8\n") && !header.contains("f_rest_9\n"), "{header}");
+    // A world so small that the data set's has no numbers for it.
+    baked.file_from_world = luxel_core::Similarity::new(glam::DMat3::IDENTITY, 1.2e-38, glam::DVec3::ZERO).unwrap();
+    scene.splats.position[7] = [9.0; 3];
+    write_exact_ply(&path, &scene, &baked).unwrap();
+    let error = crate::read_scene(&path).unwrap_err();
+    assert!(error.message.contains("in the world of the data set") && error.kind == IoErrorKind::Invalid, "{error}");
 }
 
 #[test]

@@ -51,7 +51,7 @@ fn read<R: BufRead>(path: &Path, mut reader: R) -> Result<Scene, IoError> {
     let color_space = field.color_space;
     let splats = field.splats().map_err(|e| IoError::invalid(path, e))?;
     Ok(match record {
-        Some(record) => record.scene(splats),
+        Some(record) => record.scene(splats).map_err(|e| IoError::invalid(path, e))?,
         None => Scene { splats, radiance_scale: 1.0, color_space, raster: RasterConfig::default(), edits: Vec::new() },
     })
 }
