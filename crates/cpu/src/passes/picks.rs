@@ -1,7 +1,7 @@
 //! Entries of a tile that touch a block, picked from words of bits.
 //!
-//! The rasterisers go over picks in stages, each of which does one thing for all of them: what one splat's does not hang on another's the processor then
-//! overlaps, where a loop that does everything for one splat at a time is longer than what it looks ahead.
+//! The rasterisers go over picks in stages, a loop each that does one thing for all of them. Splats do not hang on each other there, and the processor
+//! overlaps them; a loop that did everything for one splat would be longer than what it looks ahead.
 
 use super::sort::WORD;
 
@@ -26,13 +26,13 @@ impl Picks {
         self.len >= ENOUGH
     }
 
-    /// Picks the bits of a word, which are entries from `start` on, the lowest first.
+    /// Picks the bits of a word, which are entries from `start` on, the lowest first. There must not be enough picks yet.
     #[inline(always)]
     pub(crate) fn pick_ascending(&mut self, start: usize, bits: u64) {
         self.pick(bits, |bit| (start + bit) as u32);
     }
 
-    /// Picks the bits of a word, which are entries from `start` on, the highest first.
+    /// Picks the bits of a word, which are entries from `start` on, the highest first. There must not be enough picks yet.
     #[inline(always)]
     pub(crate) fn pick_descending(&mut self, start: usize, bits: u64) {
         // What stands for no bit at all is not kept, whatever it is.
