@@ -374,7 +374,8 @@ pub trait Engine {
         Ok(None)
     }
 
-    /// One step of training towards `view`, whose image is in normalised units; recorded values, if the loss is seen through a response.
+    /// One step of training towards `view`, whose image times [`LossConfig::target_scale`] is in normalised units; recorded values, if the loss is
+    /// seen through a response. Views that share an image's allocation are the same image: an engine may keep what it makes of it.
     ///
     /// An engine may work ahead: the report is then of an earlier step, the newest that is known, and everything else the engine is asked waits
     /// for the steps on their way. If a loss is not finite such an engine changes nothing from that step on, reports the loss at one of the next

@@ -15,6 +15,8 @@ pub const SQUARED_KNEE: f32 = 0.03;
 pub struct LossConfig {
     /// What the images are seen through.
     pub curve: ToneCurve,
+    /// What a channel of the target is multiplied by before it is compared: from the data set's units to normalised ones, without a gain.
+    pub target_scale: [f32; 3],
     /// Weight of 1 - SSIM, 0 to 1.
     pub ssim_weight: f32,
     /// Part of the absolute difference that is replaced by its square, 0 to 1: what is far off counts for more.
@@ -29,6 +31,7 @@ impl Default for LossConfig {
     fn default() -> Self {
         Self {
             curve: ToneCurve::MuLaw { mu: crate::tone::MU },
+            target_scale: [1.0; 3],
             ssim_weight: 0.2,
             squared_share: 0.0,
             opacity_weight: 0.0,

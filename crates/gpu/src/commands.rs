@@ -47,8 +47,9 @@ pub(crate) struct Commands {
 }
 
 impl Commands {
-    /// Forgets bindings: buffers were replaced.
+    /// Forgets bindings, and kernels that wait: buffers were replaced.
     pub(crate) fn forget(&mut self) {
+        self.list.clear();
         self.bindings.clear();
     }
 

@@ -55,6 +55,8 @@ pub struct Traffic {
     pub submissions: usize,
     /// Bytes that the host reads back.
     pub bytes_read: u64,
+    /// Bytes of the view's image and mask, if they were not there.
+    pub image_bytes: u64,
 }
 
 /// What is handed in.
@@ -225,10 +227,26 @@ impl GpuEngine {
     }
 
     fn ensure(&mut self, sizes: Sizes) -> Result<(), EngineError> {
-        if self.frame.ensure(&self.gpu, sizes, self.most_entries(sizes))? {
+        let most = self.most_entries(sizes);
+        if self.with_room(|engine| engine.frame.ensure(&engine.gpu, sizes, most))? {
             self.commands.forget();
         }
         Ok(())
+    }
+
+    /// Does what takes memory of the device; if there is too little, once more without the images that are kept.
+    fn with_room<T>(&mut self, work: impl Fn(&mut Self) -> Result<T, EngineError>) -> Result<T, EngineError> {
+        let done = work(self);
+        if done.is_ok() {
+            return done;
+        }
+        // It may have come half-way. And images are in memory as long as bindings hold them, and as long as the device is at work on them.
+        self.commands.forget();
+        if !self.targets.clear() {
+            return done;
+        }
+        self.gpu.wait_for_all()?;
+        work(self)
     }
 
     /// Hands a step in.
@@ -267,6 +285,9 @@ impl GpuEngine {
             Work::Train { view, step } | Work::Gradients { view, step, .. } => (&view.camera, &step.render, Purpose::Training(step.stats)),
         };
         self.prepare(camera, purpose != Purpose::Image)?;
+        if let Work::Train { view, .. } | Work::Gradients { view, .. } = work {
+            self.with_room(|engine| engine.targets.get(&engine.gpu, view).map(|_| ()))?;
+        }
         let Self { gpu, scene, frame, commands, targets, timer, slots, .. } = self;
         let capacity = frame.sizes.entries.min(u32::MAX.into()) as u32;
         let uniform = camera_uniform(camera, options, purpose, (scene.count as u32, scene.has_smoothing), capacity);
@@ -274,11 +295,7 @@ impl GpuEngine {
         let target = match work {
             Work::Render { .. } | Work::Contributions { .. } => None,
             Work::Train { view, step } | Work::Gradients { view, step, .. } => {
-                // Images are in memory as long as bindings hold them, and as long as the device is at work on them.
-                let target = targets.get(gpu, view, || {
-                    commands.forget();
-                    gpu.wait_for_all()
-                })?;
+                let target = targets.get(gpu, view)?;
                 let loss = loss_uniform((&step.loss, mu_of(step)?), camera.size_px, target.total, target.weights.is_some());
                 gpu.queue.write_buffer(&frame.loss.raw, 0, bytemuck::bytes_of(&loss));
                 let optimizer = optimizer_uniform(step, scene.count);
@@ -302,7 +319,7 @@ impl GpuEngine {
         let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         let segments = commands.encode(&mut encoder, timer.as_ref());
         let report = slots.take(gpu)?.submit(gpu, encoder, &frame.state, (timer.as_ref(), segments));
-        self.traffic = Traffic { dispatches, submissions: 1, bytes_read: report.bytes };
+        self.traffic = Traffic { dispatches, submissions: 1, bytes_read: report.bytes, image_bytes: self.targets.take_uploaded() };
         if self.targets.take_dropped() {
             self.commands.forget();
         }

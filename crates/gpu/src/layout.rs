@@ -154,6 +154,8 @@ pub(crate) struct LossUniform {
     pub(crate) ssim_mean: f32,
     pub(crate) is_masked: u32,
     pub(crate) padding: u32,
+    pub(crate) target_scale: [f32; 3],
+    pub(crate) padding_2: u32,
 }
 
 /// Twin: `Optimizer` in adam.wgsl.
@@ -357,7 +359,21 @@ mod tests {
             KernelId::LossSsim,
             "Loss",
             LossUniform,
-            [mu, scale, ssim_weight, l1_weight, l2_weight, l1_factor, l2_factor, ssim_factor, l1_mean, ssim_mean, is_masked, padding]
+            [
+                mu,
+                scale,
+                ssim_weight,
+                l1_weight,
+                l2_weight,
+                l1_factor,
+                l2_factor,
+                ssim_factor,
+                l1_mean,
+                ssim_mean,
+                is_masked,
+                padding,
+                target_scale
+            ]
         );
         let densify = KernelId::Densify(MODEL);
         check!(densify, "Densify", DensifyUniform, [source_base, source_len, source_stride, base, len, stride, flags, opacity_logit_cap]);

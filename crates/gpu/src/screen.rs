@@ -106,6 +106,8 @@ pub(crate) fn loss_uniform((config, mu): (&LossConfig, f32), size_px: [u32; 2], 
         ssim_mean: ssim_mean as f32,
         is_masked: is_masked.into(),
         padding: 0,
+        target_scale: config.target_scale,
+        padding_2: 0,
     }
 }
 

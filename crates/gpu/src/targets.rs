@@ -1,7 +1,7 @@
 //! Target images on the device, kept from step to step: training goes through the same views again and again.
 //!
 //! A view is recognised by its image's and mask's allocations, which weak references keep from being given to others. The least recently used
-//! make way when the cache is full.
+//! make way when the cache is full, and all of them where anything else would not fit.
 
 use std::sync::{Arc, Weak};
 
@@ -32,6 +32,7 @@ pub(crate) struct Targets {
     kept: Vec<Target>,
     clock: u64,
     dropped: bool,
+    uploaded_bytes: u64,
 }
 
 fn is_same<T>(kept: &Weak<T>, wanted: &Arc<T>) -> bool {
@@ -39,13 +40,8 @@ fn is_same<T>(kept: &Weak<T>, wanted: &Arc<T>) -> bool {
 }
 
 impl Targets {
-    /// The view's image, uploaded if it is not there. Of what else there was, `release` frees the memory if there is too little.
-    pub(crate) fn get(
-        &mut self,
-        gpu: &Gpu,
-        view: &View,
-        release: impl FnOnce() -> Result<(), EngineError>,
-    ) -> Result<&Target, EngineError> {
+    /// The view's image, uploaded if it is not there.
+    pub(crate) fn get(&mut self, gpu: &Gpu, view: &View) -> Result<&Target, EngineError> {
         self.clock += 1;
         let at = self.kept.iter().position(|target| {
             let same_mask = match (&target.mask, &view.mask) {
@@ -59,16 +55,8 @@ impl Targets {
             Some(at) => at,
             None => {
                 self.make_room(bytes_of(view));
-                let target = match upload(gpu, view) {
-                    // Perhaps the others are what fills the memory.
-                    Err(_) if !self.kept.is_empty() => {
-                        self.kept.clear();
-                        release()?;
-                        upload(gpu, view)?
-                    }
-                    uploaded => uploaded?,
-                };
-                self.kept.push(target);
+                self.kept.push(upload(gpu, view)?);
+                self.uploaded_bytes += bytes_of(view);
                 self.kept.len() - 1
             }
         };
@@ -89,6 +77,19 @@ impl Targets {
             }
         }
         self.dropped |= self.kept.len() < before;
+    }
+
+    /// Bytes uploaded since this was asked last.
+    pub(crate) fn take_uploaded(&mut self) -> u64 {
+        std::mem::take(&mut self.uploaded_bytes)
+    }
+
+    /// Gives all images up; tells whether there were any.
+    pub(crate) fn clear(&mut self) -> bool {
+        let had_any = !self.kept.is_empty();
+        self.kept.clear();
+        self.dropped |= had_any;
+        had_any
     }
 
     /// Whether images went since this was asked last: bindings that still hold them are to be forgotten.

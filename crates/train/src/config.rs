@@ -290,7 +290,7 @@ impl TrainConfig {
         RasterConfig { cutoffs, antialias: self.antialias }
     }
 
-    /// The loss of a step.
+    /// The loss of a step, whose curve and scale may be of its view.
     pub fn loss(&self) -> LossConfig {
         let (opacity_weight, scale_weight) = match self.strategy {
             Strategy::Adc => (0.0, 0.0),
@@ -298,6 +298,7 @@ impl TrainConfig {
         };
         LossConfig {
             curve: ToneCurve::MuLaw { mu: self.mu },
+            target_scale: [1.0; 3],
             ssim_weight: self.ssim_weight,
             squared_share: self.squared_share,
             opacity_weight,

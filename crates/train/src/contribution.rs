@@ -21,7 +21,7 @@ pub(crate) fn contribution(
     let stride = views.len().div_ceil(MOST_VIEWS).max(1);
     let mut sums = vec![0.0; engine.len()];
     for index in (round as usize % stride..views.len()).step_by(stride) {
-        let Some(view) = views.at(step, index, [1.0; 3]) else { continue };
+        let Some((view, _)) = views.at(step, index, [1.0; 3]) else { continue };
         add_contribution(engine, view, options, &mut sums)?;
     }
     if stride > 1 {

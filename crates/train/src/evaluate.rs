@@ -172,8 +172,7 @@ fn log_gain(render: &Image, view: &View, radiance_scale: f32) -> Option<[f32; 3]
     if view.values != PixelValues::Radiance {
         return None;
     }
-    let target = View { image: std::sync::Arc::new(normalised(view, radiance_scale)), ..view.clone() };
-    log_ratio_of_view(render, &target, ExposureCompensation::Color)
+    log_ratio_of_view(render, (view, [1.0 / radiance_scale; 3]), ExposureCompensation::Color)
 }
 
 /// The one gain of all views over their renders: of the mean of their logarithms.

@@ -116,9 +116,9 @@ pub(crate) fn log_ratio(render: &Image, target: impl Fn(usize, usize) -> Option<
     }
 }
 
-/// [`log_ratio`] of a view in normalised radiance.
-pub(crate) fn log_ratio_of_view(render: &Image, view: &View, kind: ExposureCompensation) -> Option<[f32; 3]> {
-    log_ratio(render, |i, c| view.is_valid(i).then(|| view.image.pixels.get(i).map(|pixel| pixel[c])).flatten(), kind)
+/// [`log_ratio`] of a view whose image times `scale` is normalised radiance.
+pub(crate) fn log_ratio_of_view(render: &Image, (view, scale): (&View, [f32; 3]), kind: ExposureCompensation) -> Option<[f32; 3]> {
+    log_ratio(render, |i, c| view.is_valid(i).then(|| view.image.pixels.get(i).map(|pixel| pixel[c] * scale[c])).flatten(), kind)
 }
 
 /// The value that half of the weight lies below; `None` of too few values.
@@ -155,20 +155,20 @@ mod tests {
         let mut view = drifted([1.3, 1.0, 0.8]);
         let image = std::sync::Arc::make_mut(&mut view.image);
         image.pixels.iter_mut().take(120).for_each(|pixel| *pixel = [50.0, 0.0, 9.0]);
-        let found = log_ratio_of_view(&ramp(), &view, ExposureCompensation::Color).unwrap();
+        let found = log_ratio_of_view(&ramp(), (&view, [1.0; 3]), ExposureCompensation::Color).unwrap();
         for (found, gain) in found.into_iter().zip([1.3f32, 1.0, 0.8]) {
             assert!((found - gain.ln()).abs() < 1e-5, "{found} {gain}");
         }
-        let one = log_ratio_of_view(&ramp(), &drifted([1.25; 3]), ExposureCompensation::Exposure).unwrap();
+        let one = log_ratio_of_view(&ramp(), (&drifted([2.5; 3]), [0.5; 3]), ExposureCompensation::Exposure).unwrap();
         assert!(one.iter().all(|log| (log - 1.25f32.ln()).abs() < 1e-5), "{one:?}");
-        assert_eq!(log_ratio_of_view(&ramp(), &drifted([1.0; 3]), ExposureCompensation::Off), None);
+        assert_eq!(log_ratio_of_view(&ramp(), (&drifted([1.0; 3]), [1.0; 3]), ExposureCompensation::Off), None);
     }
 
     #[test]
     fn a_view_that_says_nothing_keeps_its_gain() {
         let mut view = drifted([2.0; 3]);
         view.mask = Some(std::sync::Arc::new(luxel_core::Mask::of_valid(vec![false; 400])));
-        assert_eq!(log_ratio_of_view(&ramp(), &view, ExposureCompensation::Color), None);
+        assert_eq!(log_ratio_of_view(&ramp(), (&view, [1.0; 3]), ExposureCompensation::Color), None);
     }
 
     #[test]

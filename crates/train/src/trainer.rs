@@ -177,7 +177,8 @@ impl Trainer {
         let index = self.state.next_view();
         let mut config = self.step_config(step);
         let gain = self.gain(index);
-        let view = self.views.at(step, index, gain).ok_or(TrainError::NoTrainViews)?;
+        let (view, target_scale) = self.views.at(step, index, gain).ok_or(TrainError::NoTrainViews)?;
+        config.loss.target_scale = target_scale;
         if let Some(response) = &self.state.response {
             let curve = curve(view, &response.knots(), self.state.radiance_scale, gain);
             config.loss.curve = curve.unwrap_or(config.loss.curve);
@@ -212,7 +213,7 @@ impl Trainer {
     fn measure_gain(&mut self, step: u32, index: usize) -> Result<(), TrainError> {
         let (kind, options, gain) = (self.state.config.exposure_compensation, self.render_options_of(step), self.gain(index));
         let Some(gains) = self.state.gains.as_mut().filter(|gains| gains.measures_after(step)) else { return Ok(()) };
-        let Some(view) = self.views.at(step, index, gain) else { return Ok(()) };
+        let Some((view, target_scale)) = self.views.at(step, index, gain) else { return Ok(()) };
         let render = self.engine.render(&view.camera, &options)?;
         let found = match (&self.state.response, exposure_of(view)) {
             (Some(response), Some(exposure_s)) => {
@@ -223,7 +224,7 @@ impl Trainer {
                 };
                 log_ratio(&render, radiance, kind)
             }
-            _ => log_ratio_of_view(&render, view, kind),
+            _ => log_ratio_of_view(&render, (view, target_scale), kind),
         };
         if let Some(found) = found {
             gains.shift(index, found);

@@ -1,9 +1,9 @@
-//! The training views as steps see them: in normalised units, at the resolution of the step, their pixels weighted by their noise, their images
-//! divided by their gains.
+//! The training views as steps see them: at the resolution of the step, their pixels weighted by their noise, and what their images are to be multiplied
+//! by: to normalised units, without their gains.
 //!
-//! In: views in the data set's units, whose images are shared, not copied; out: one view at a time. Recorded values have no units and are seen as they
-//! are. Of full resolution one normalised image is kept, as a second copy of all would double a run's memory. Of a reduced resolution all images are, which is at most a quarter of the first
-//! copy: they are made when the first step needs them, and dropped when the stage ends; no two stages are ever held.
+//! In: views in the data set's units, whose images are shared, not copied; out: one view at a time and its scale, which the loss applies, so that images
+//! stay where they are, on a GPU too. Recorded values have no units and are seen as they are. Of a reduced resolution all images are kept, which is at most a quarter of
+//! the first copy: they are made when the first step needs them, and dropped when the stage ends; no two stages are ever held.
 //!
 //! What a reduced resolution changes, and what it does not (`f` is the reduction a side):
 //! - Loss: a mean over pixels, so its size and that of the regularisers beside it stay. Targets are averaged in linear light before the mu-law: a
@@ -22,7 +22,7 @@
 
 use std::sync::Arc;
 
-use luxel_core::{Camera, Mask, PixelValues, View};
+use luxel_core::{Camera, PixelValues, View};
 use rayon::prelude::*;
 
 use crate::noise::{NoiseChoice, Seen, weighted};
@@ -35,14 +35,12 @@ const MIN_VALID: f64 = 0.5;
 pub(crate) struct TrainingViews {
     /// In the units of the data set, whose images they share.
     full: Vec<View>,
-    /// Masks of full resolution by noise, of the views whose noise is known.
-    weighted: Vec<Option<Arc<Mask>>>,
+    /// Those with masks by noise, of the views whose noise is known.
+    weighted: Vec<View>,
     stages: Vec<Stage>,
     seen: Seen,
     /// The views of the stage, if it is one of reduced resolution.
     reduced: Option<Reduced>,
-    /// The view of a step at full resolution or under a gain, kept for the next step's.
-    current: Option<View>,
 }
 
 struct Reduced {
@@ -55,8 +53,8 @@ impl TrainingViews {
     pub(crate) fn new(train: &[View], stages: Vec<Stage>, noise: NoiseChoice, seen: Seen) -> Self {
         let with_noise = |view: &View| View { noise: noise.of(view), ..view.clone() };
         let full: Vec<View> = train.iter().map(with_noise).collect();
-        let weighted = full.iter().map(|view| mask_by_noise(view, seen)).collect();
-        Self { full, weighted, stages, seen, reduced: None, current: None }
+        let weighted = full.iter().map(|view| weighted_by_noise(view.clone(), seen)).collect();
+        Self { full, weighted, stages, seen, reduced: None }
     }
 
     /// How many there are.
@@ -79,18 +77,17 @@ impl TrainingViews {
         factor_at(&self.stages, step)
     }
 
-    /// View `index`, of gain `gain`, as `step` sees it; `None` if there is none. Recorded values are seen without the gain, which is one on the
-    /// exposure.
-    pub(crate) fn at(&mut self, step: u32, index: usize, gain: [f32; 3]) -> Option<&View> {
+    /// View `index`, of gain `gain`, as `step` sees it, and what its image is to be multiplied by; `None` if there is none. Recorded values are seen
+    /// without the gain, which is one on the exposure.
+    pub(crate) fn at(&mut self, step: u32, index: usize, gain: [f32; 3]) -> Option<(&View, [f32; 3])> {
         let factor = self.factor(step);
-        let unit = match self.full.get(index)?.values {
+        let scale = match self.full.get(index)?.values {
             PixelValues::Radiance => gain.map(|gain| 1.0 / self.seen.radiance_scale / gain),
             PixelValues::Recorded { .. } => [1.0; 3],
         };
         if factor == 1 {
             self.reduced = None;
-            let (source, mask) = (self.full.get(index)?, self.weighted.get(index)?);
-            return if unit == [1.0; 3] && mask.is_none() { Some(source) } else { scaled(source, mask.as_ref(), unit, &mut self.current) };
+            return Some((self.weighted.get(index)?, scale));
         }
         let is_made = self.reduced.as_ref().is_some_and(|reduced| reduced.factor == factor);
         if !is_made {
@@ -100,12 +97,7 @@ impl TrainingViews {
             tracing::info!(step, factor, "training resolution");
             self.reduced = Some(Reduced { factor, views });
         }
-        let source = self.reduced.as_ref()?.views.get(index)?;
-        if unit == [1.0; 3] {
-            self.current = None;
-            return Some(source);
-        }
-        scaled(source, None, unit, &mut self.current)
+        Some((self.reduced.as_ref()?.views.get(index)?, scale))
     }
 }
 
@@ -115,32 +107,15 @@ pub(crate) fn pixels(views: &[View]) -> u64 {
 }
 
 fn reduce(view: &View, factor: u32, seen: Seen) -> View {
-    let reduced = view.downscaled(factor, MIN_VALID);
-    match mask_by_noise(&reduced, seen) {
-        Some(mask) => View { mask: Some(mask), ..reduced },
-        None => reduced,
+    weighted_by_noise(view.downscaled(factor, MIN_VALID), seen)
+}
+
+/// The view, its mask with weights by its noise if that is known. Recorded values are not radiance, which noise is reckoned from.
+fn weighted_by_noise(view: View, seen: Seen) -> View {
+    match view.noise.filter(|_| view.values == PixelValues::Radiance) {
+        Some(model) => View { mask: Some(Arc::new(weighted(&view, model, seen))), ..view },
+        None => view,
     }
-}
-
-/// The view's mask with weights by its noise, if that is known. Recorded values are not radiance, which noise is reckoned from.
-fn mask_by_noise(view: &View, seen: Seen) -> Option<Arc<Mask>> {
-    let model = view.noise.filter(|_| view.values == PixelValues::Radiance)?;
-    Some(Arc::new(weighted(view, model, seen)))
-}
-
-/// Makes `current` the view `source` with its channels times `unit`, and with `mask` if there is one, in the memory it has.
-fn scaled<'a>(source: &View, mask: Option<&Arc<Mask>>, unit: [f32; 3], current: &'a mut Option<View>) -> Option<&'a View> {
-    let target = current.get_or_insert_with(|| View { image: Arc::default(), ..source.clone() });
-    target.name.clone_from(&source.name);
-    target.camera.clone_from(&source.camera);
-    (target.values, target.noise) = (source.values, source.noise);
-    target.mask = mask.or(source.mask.as_ref()).cloned();
-    // Not shared: engines hold no views.
-    let image = Arc::make_mut(&mut target.image);
-    (image.width, image.height) = (source.image.width, source.image.height);
-    image.pixels.clear();
-    image.pixels.extend(source.image.pixels.iter().map(|rgb| [rgb[0] * unit[0], rgb[1] * unit[1], rgb[2] * unit[2]]));
-    Some(target)
 }
 
 #[cfg(test)]
@@ -158,13 +133,14 @@ mod tests {
     }
 
     #[test]
-    fn steps_see_the_view_of_their_stage_in_normalised_units() {
+    fn steps_see_the_view_of_their_stage_and_its_scale() {
         let mut views = views("4@0,2@10,1@20");
         for (step, side) in [(1, 8), (10, 8), (11, 16), (20, 16), (21, 32), (22, 32), (1, 8)] {
-            for (index, name, red) in [(0, "a", 2.0), (1, "b", 4.0)] {
-                let view = views.at(step, index, [1.0; 3]).unwrap();
+            for (index, name, red) in [(0, "a", 4.0), (1, "b", 8.0)] {
+                let (view, scale) = views.at(step, index, [1.0; 3]).unwrap();
                 assert_eq!((view.name.as_str(), view.camera.size_px, view.image.width), (name, [side; 2], side as usize), "{step}");
-                assert!(view.image.pixels.iter().all(|rgb| rgb[0] == red && rgb[2] == 1.0), "{step}");
+                assert!(view.image.pixels.iter().all(|rgb| rgb[0] == red && rgb[2] == 2.0), "{step}");
+                assert_eq!(scale, [0.5; 3]);
             }
         }
         assert!(views.at(1, 2, [1.0; 3]).is_none() && views.at(30, 2, [1.0; 3]).is_none());
@@ -174,10 +150,8 @@ mod tests {
     fn an_image_is_divided_by_its_gain_at_every_resolution() {
         let mut views = views("2@0,1@10");
         for step in [1, 11] {
-            let view = views.at(step, 0, [2.0, 1.0, 0.5]).unwrap();
-            assert!(view.image.pixels.iter().all(|rgb| rgb[0] == 1.0 && rgb[2] == 2.0), "{step}");
-            let view = views.at(step, 1, [1.0; 3]).unwrap();
-            assert!(view.image.pixels.iter().all(|rgb| rgb[0] == 4.0 && rgb[2] == 1.0), "{step}");
+            assert_eq!(views.at(step, 0, [2.0, 1.0, 0.5]).unwrap().1, [0.25, 0.5, 1.0], "{step}");
+            assert_eq!(views.at(step, 1, [1.0; 3]).unwrap().1, [0.5; 3], "{step}");
         }
     }
 
@@ -189,8 +163,8 @@ mod tests {
         let train = views.full.clone();
         views = TrainingViews::new(&train, stages, NoiseChoice::Given(model), views.seen);
         let least = |view: &View| view.mask.as_ref().unwrap().weights.iter().copied().fold(1.0, f32::min);
-        let coarse = least(views.at(1, 0, [1.0; 3]).unwrap());
-        let fine = least(views.at(11, 0, [1.0; 3]).unwrap());
+        let coarse = least(views.at(1, 0, [1.0; 3]).unwrap().0);
+        let fine = least(views.at(11, 0, [1.0; 3]).unwrap().0);
         assert!(fine > 0.0 && fine < coarse && coarse < 1.0, "{fine} {coarse}");
     }
 
@@ -198,8 +172,7 @@ mod tests {
     fn recorded_values_are_seen_as_they_are() {
         let mut views = views("2@0,1@10");
         views.full.iter_mut().for_each(|view| view.values = PixelValues::Recorded { exposure_s: 0.1 });
-        let view = views.at(11, 0, [3.0; 3]).unwrap();
-        assert!(view.image.pixels.iter().all(|rgb| rgb[0] == 4.0 && rgb[2] == 2.0));
+        assert_eq!(views.at(11, 0, [3.0; 3]).unwrap().1, [1.0; 3]);
     }
 
     #[test]
@@ -210,15 +183,18 @@ mod tests {
         views.at(11, 0, [1.0; 3]);
         assert!(views.reduced.as_ref().is_some_and(|reduced| reduced.factor == 2));
         views.at(21, 0, [1.0; 3]);
-        assert!(views.reduced.is_none() && views.current.is_some());
-        // The images of the data set are shared all along.
-        assert!(views.full.iter().all(|view| Arc::strong_count(&view.image) == 1));
+        assert!(views.reduced.is_none());
     }
 
     #[test]
-    fn a_step_at_full_resolution_reuses_the_image_of_the_last() {
-        let mut views = views("off");
-        let at = |views: &mut TrainingViews, index| views.at(1, index, [1.0; 3]).map(|view| view.image.pixels.as_ptr());
-        assert_eq!(at(&mut views, 0), at(&mut views, 1));
+    fn a_view_is_the_same_allocation_in_every_step() {
+        let mut views = views("2@0,1@10");
+        for step in [1, 11] {
+            let at = |views: &mut TrainingViews, gain| views.at(step, 0, gain).map(|(view, _)| Arc::as_ptr(&view.image));
+            let first = at(&mut views, [1.0; 3]);
+            assert_eq!(at(&mut views, [2.0; 3]), first);
+        }
+        // That of full resolution is the data set's.
+        assert!(views.full.iter().zip(&views.weighted).all(|(view, weighted)| Arc::ptr_eq(&view.image, &weighted.image)));
     }
 }

@@ -35,6 +35,7 @@ fn recorded(mut case: Case, seed: u64) -> Case {
     case.view.image = Arc::new(Image::from_pixels(case.view.image.width, case.view.image.height, pixels).unwrap());
     case.view.values = PixelValues::Recorded { exposure_s: 1.0 };
     case.loss.curve = ToneCurve::Response(response);
+    case.loss.target_scale = [1.0; 3];
     case.name += " response";
     case
 }
@@ -108,6 +109,18 @@ fn weights_of_one_change_nothing_to_the_bit() {
         assert_eq!(report, report_ones, "{name}");
         assert_eq!(gradient, gradient_ones, "{name}");
         assert_eq!(stats, stats_ones, "{name}");
+    }
+}
+
+#[test]
+fn a_target_with_a_scale_is_the_scaled_image_to_the_bit() {
+    for mut case in [plain(false, 41), weighted(plain(true, 42), 6), recorded(plain(false, 43), 8)] {
+        let scale = [0.7, 1.0, 0.9];
+        case.loss.target_scale = scale;
+        let of_scale = engine_gradient(&case);
+        Arc::make_mut(&mut case.view.image).pixels.iter_mut().for_each(|rgb| *rgb = [0, 1, 2].map(|c| rgb[c] * scale[c]));
+        case.loss.target_scale = [1.0; 3];
+        assert_eq!(of_scale, engine_gradient(&case), "{}", case.name);
     }
 }
 

@@ -167,12 +167,21 @@ pub const LEARNING_RATES: LearningRates = LearningRates {
     luminance_rest: 7e-3,
 };
 
+/// What the steps' targets are multiplied by.
+const TARGET_SCALE: [f32; 3] = [0.75, 1.0, 1.5];
+
 /// A step of training.
 pub fn step(step: u32, render: RenderOptions) -> StepConfig {
     StepConfig {
         step,
         render,
-        loss: LossConfig { squared_share: 0.4, opacity_weight: 0.01, scale_weight: 0.02, ..LossConfig::default() },
+        loss: LossConfig {
+            target_scale: TARGET_SCALE,
+            squared_share: 0.4,
+            opacity_weight: 0.01,
+            scale_weight: 0.02,
+            ..LossConfig::default()
+        },
         learning_rates: LEARNING_RATES,
         position_noise: None,
         stats: StatsCollection::GradientsAndAbsolute,

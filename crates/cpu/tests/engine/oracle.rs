@@ -327,7 +327,7 @@ pub fn loss<N: Number>(pixels: &[[N; 3]], view: &View, curve: &Curve<N>, config:
     let mut target = vec![Vec::new(); 3];
     for (i, pixel) in pixels.iter().enumerate() {
         for c in 0..3 {
-            let [value, goal] = curve.apply(c, pixel[c], view.image.pixels[i][c], trace);
+            let [value, goal] = curve.apply(c, pixel[c], view.image.pixels[i][c] * config.target_scale[c], trace);
             target[c].push(goal);
             let mixed = N::of(weight(i)) * value + N::of(1.0 - weight(i)) * goal;
             predicted[c].push(if view.is_valid(i) { mixed } else { goal });

@@ -23,7 +23,8 @@ impl Engine for GpuEngine {
         self.settle_all()?;
         // Memory for two scenes at a time is not needed here.
         self.replace_scene(Scene::empty());
-        let scene = Scene::upload(&self.gpu, splats, moments, self.shard_len_of(splats.color_model))?;
+        let shard_len = self.shard_len_of(splats.color_model);
+        let scene = self.with_room(|engine| Scene::upload(&engine.gpu, splats, moments, shard_len))?;
         self.replace_scene(scene);
         (self.latest, self.diverged) = (None, None);
         self.go_on();
@@ -109,7 +110,7 @@ impl Engine for GpuEngine {
         self.settled()?;
         let start = Instant::now();
         let shard_len = self.shard_len();
-        let scene = densify::apply(&self.gpu, &mut self.commands, &self.scene, plan, shard_len)?;
+        let scene = self.with_room(|engine| densify::apply(&engine.gpu, &mut engine.commands, &engine.scene, plan, shard_len))?;
         self.replace_scene(scene);
         self.timings[Pass::Densify as usize].1 += start.elapsed();
         Ok(())

@@ -28,7 +28,7 @@ impl GpuEngine {
         gpu.queue.write_buffer(&frame.splats.places.raw, 0, bytemuck::cast_slice(&places));
         let gradients = &frame.entries.gradients.raw;
         gpu.queue.write_buffer(gradients, 0, bytemuck::cast_slice(&vec![f32::NAN; gradients.size() as usize / 4]));
-        let target = targets.get(gpu, view, || Ok(()))?;
+        let target = targets.get(gpu, view)?;
         let mut recorder = Recorder { gpu, commands, frame, scene, size_px: view.camera.size_px };
         recorder.forward_from_bin();
         recorder.backward(target);

@@ -24,6 +24,8 @@ struct Loss {
     ssim_mean: f32,
     is_masked: u32,
     padding: u32,
+    // What a channel of the target is multiplied by.
+    target_scale: vec3f,
 }
 
 @group(0) @binding(0) var<uniform> camera: Camera;
@@ -90,7 +92,7 @@ fn loss_ssim(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_
             var y = 0.0;
             if (is_inside(from_px)) {
                 let source = u32(from_px.y) * camera.size_px.x + u32(from_px.x);
-                y = mu_law(target_image[3u * source + channel]);
+                y = mu_law(target_image[3u * source + channel] * config.target_scale[channel]);
                 x = y;
                 let weight = weight_of(source);
                 // Nothing of a prediction that does not count comes through, not even a NaN.
@@ -192,7 +194,7 @@ fn loss_gradient(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocat
             }
             let radiance = max(image[3u * pixel + channel], 0.0);
             let weight = weight_of(pixel);
-            let y = mu_law(target_image[3u * pixel + channel]);
+            let y = mu_law(target_image[3u * pixel + channel] * config.target_scale[channel]);
             let x = weighted(mu_law(radiance), y, weight);
             let by_ssim = by.x + by.y * x + by.z * y;
             // T'(p) = mu / ((1 + mu p) ln(1 + mu)); the factors hold all but 1 / (1 + mu p).

@@ -293,8 +293,15 @@ fn a_step_is_one_submission_that_reads_little_back(gpu: &Arc<Gpu>) {
     for (size, shards, dispatches) in [([45, 38], 1, 24), ([512, 256], 1, 27), ([45, 38], 2, 26)] {
         engine.split_shards(30 / shards);
         engine.load(&scene, None).unwrap();
-        engine.train_step(&view(&camera(size[0], size[1]), false, 1), &training(1)).unwrap();
-        assert_eq!(engine.traffic(), Traffic { dispatches, submissions: 1, bytes_read }, "{size:?}, {shards} shards");
+        let view = view(&camera(size[0], size[1]), false, 1);
+        // Once there, an image stays, whatever scale it is seen at.
+        for (number, image_bytes) in [(1, 12 * u64::from(size[0] * size[1])), (2, 0)] {
+            let mut step = training(number);
+            step.loss.target_scale = [1.0 / number as f32; 3];
+            engine.train_step(&view, &step).unwrap();
+            let expected = Traffic { dispatches, submissions: 1, bytes_read, image_bytes };
+            assert_eq!(engine.traffic(), expected, "{size:?}, {shards} shards, step {number}");
+        }
     }
     engine.finish().unwrap();
     if gpu.facts().timestamps {

@@ -79,6 +79,8 @@ struct Plan {
     across: usize,
     window: Weights,
     curve: Curve,
+    /// [`LossConfig::target_scale`].
+    target_scale: [f32; 3],
     /// What is known of each pixel.
     planes: Planes,
     /// Gradient of the loss, but for the curve's slope relative to [`Curve::slope`]: by L1's sign, and by half the derivative of the sum of SSIM.
@@ -222,6 +224,7 @@ impl Plan {
             across: camera.tiles()[0],
             window: weights(),
             curve,
+            target_scale: config.target_scale,
             planes,
             l1_factor: by_difference * (1.0 - config.squared_share),
             l2_factor: by_difference * config.squared_share / SQUARED_KNEE,

@@ -79,13 +79,14 @@ pub(super) fn load_band<S: Simd>(
             match &plan.curve {
                 Curve::MuLaw { mu, scale, log2_1p_mu } => {
                     to_strips(simd, prediction, strip, &mut scratch.prediction_strips);
-                    let row = Row { prediction: &scratch.prediction_strips, target: &scratch.target_strips, channel };
+                    let (prediction, target) = (&scratch.prediction_strips, &scratch.target_strips);
+                    let row = Row { prediction, target, channel, target_scale: plan.target_scale[channel] };
                     let weights = (plan.planes == Planes::Weighted).then_some((scratch.weight_strips.as_slice(), *log2_1p_mu));
                     mu_law_row(simd, [*mu, *scale], &row, weights, (out, &mut sums));
                 }
                 Curve::Response(response) => {
                     let pixels = (&prediction[..width], &scratch.target[channel..], scratch.weights.as_slice());
-                    record_row(response, channel, pixels, &mut scratch.recorded);
+                    record_row(response, (channel, plan.target_scale[channel]), pixels, &mut scratch.recorded);
                     let planes = scratch.recorded.chunks_exact(linear).zip(out.chunks_exact_mut(strip));
                     planes.for_each(|(linear, out)| to_strips(simd, linear, strip, out));
                     add_differences(simd, out.split_at(strip), &mut sums);
@@ -125,6 +126,7 @@ struct Row<'a> {
     /// Channels in turn.
     target: &'a [Lanes],
     channel: usize,
+    target_scale: f32,
 }
 
 /// A channel of a row under the mu-law of [mu, 1 / ln(1 + mu)], and its differences, added to `sums`. With weights (and log2(1 + mu)) the
@@ -143,7 +145,7 @@ fn mu_law_row<S: Simd>(
     let pixels = row.prediction.iter().zip(row.target.chunks_exact(3));
     for (i, ((x_out, y_out), (x, y))) in x_out.iter_mut().zip(y_out).zip(pixels).enumerate() {
         let mut x = mu_law(V::load(simd, x), curve);
-        let y = mu_law(V::load(simd, &y[row.channel]), curve);
+        let y = mu_law(V::load(simd, &y[row.channel]) * row.target_scale, curve);
         if let Some((weights, log2_1p_mu)) = weights {
             let (zero, w) = (V::splat(simd, 0.0), V::load(simd, &weights[i]));
             // Exact for weights of 0 and 1; and nothing of a prediction that does not count comes through, not even a NaN.
@@ -168,18 +170,24 @@ fn mu_law<S: Simd>(radiance: V<S>, [mu, scale]: [f32; 2]) -> V<S> {
     (radiance.max(radiance.lift(0.0)) * mu).ln_1p() * scale
 }
 
-/// A channel of a row under a response: the five planes, linear. Targets are those of every third number.
-fn record_row(response: &Response, channel: usize, (radiance, target, weights): (&[f32], &[f32], &[f32]), out: &mut [f32]) {
+/// A channel of a row under a response: the five planes, linear. Targets are those of every third number, times `target_scale`.
+fn record_row(
+    response: &Response,
+    (channel, target_scale): (usize, f32),
+    (radiance, target, weights): (&[f32], &[f32], &[f32]),
+    out: &mut [f32],
+) {
     let length = out.len() / Planes::Response.count();
     let (x_out, rest) = out.split_at_mut(length);
     let (y_out, rest) = rest.split_at_mut(length);
     let (slope_out, rest) = rest.split_at_mut(length);
     let (weight_out, position_out) = rest.split_at_mut(length);
     for (i, ((p, y), w)) in radiance.iter().zip(target.iter().step_by(3)).zip(weights).enumerate() {
-        let found = response.against(channel, *p, *y);
+        let y = y * target_scale;
+        let found = response.against(channel, *p, y);
         let weight = w * found.weight;
-        y_out[i] = *y;
-        x_out[i] = if *w > 0.0 { w.mul_add(found.value, (1.0 - w) * y) } else { *y };
+        y_out[i] = y;
+        x_out[i] = if *w > 0.0 { w.mul_add(found.value, (1.0 - w) * y) } else { y };
         slope_out[i] = if *w > 0.0 { w * found.by_radiance } else { 0.0 };
         weight_out[i] = weight;
         position_out[i] = found.position;
