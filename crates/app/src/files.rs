@@ -22,6 +22,15 @@ pub(crate) fn check_free(path: &Path, overwrite: bool) -> Result<()> {
     Ok(())
 }
 
+/// Refuses to write over one of `inputs`, whatever it is called.
+pub(crate) fn check_no_input<'a>(path: &Path, inputs: impl IntoIterator<Item = &'a Path>) -> Result<()> {
+    let Ok(real) = std::fs::canonicalize(path) else { return Ok(()) };
+    if inputs.into_iter().any(|input| std::fs::canonicalize(input).is_ok_and(|input| input == real)) {
+        bail!("{}: is read by this command, so it is not written over; give another name", path.display());
+    }
+    Ok(())
+}
+
 /// Removes a file; that there is none is as well.
 pub(crate) fn remove_if_there(path: &Path) -> Result<()> {
     match std::fs::remove_file(path) {

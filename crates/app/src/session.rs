@@ -193,8 +193,7 @@ impl Session<'_> {
         self.rendering().probe(view)
     }
 
-    /// Writes a checkpoint, after the log's lines up to it. If the system refuses, most likely for want of room, older ones make way, but never the
-    /// newest.
+    /// Writes a checkpoint, after the log's lines up to it. If there is no room, older ones make way, but never the newest.
     fn save(&mut self, state: &mut Loop) -> Result<()> {
         let synced = state.log.sync();
         self.report_log(synced, state);
@@ -204,9 +203,9 @@ impl Session<'_> {
         let path = luxel_io::checkpoint_path(folder, iteration.into());
         let keep = self.config.run.keep_checkpoints as usize;
         let mut written = luxel_io::write_checkpoint(&path, &snapshot);
-        let is_refused = written.as_ref().is_err_and(|error| error.kind == IoErrorKind::System);
+        let lacks_room = written.as_ref().is_err_and(|error| error.kind == IoErrorKind::NoRoom);
         // Where these cannot be deleted either, it is the first error that says why.
-        if is_refused && keep > 1 && luxel_io::prune_checkpoints(folder, 1).is_ok() {
+        if lacks_room && keep > 1 && luxel_io::prune_checkpoints(folder, 1).is_ok() {
             written = luxel_io::write_checkpoint(&path, &snapshot);
         }
         if let Err(error) = written {

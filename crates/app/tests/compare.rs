@@ -90,7 +90,9 @@ fn folders_are_matched_by_stem_and_the_missing_are_named() {
     }
     place.error(&["compare", "truth", "renders", "--heatmap", "maps"], &["000.png: exists already", "--overwrite"]);
     place.ok(&["compare", "truth", "renders", "--heatmap", "maps", "--overwrite"]);
-    place.error(&["compare", "truth/000.exr", "renders/000.exr", "--heatmap", "truth/000.exr"], &["truth/000.exr: exists already"]);
+    let onto_itself = ["compare", "truth/000.exr", "renders/000.exr", "--heatmap", "maps/../truth/000.exr", "--overwrite"];
+    place.error(&onto_itself[..5], &["truth/000.exr: exists already"]);
+    place.error(&onto_itself, &["truth/000.exr: is read by this command"]);
     let found = json(&place, &["compare", "truth", "renders", "--json", "--metrics", "fast"]);
     assert_eq!(found["images"].as_array().unwrap().len(), 2);
     assert!(found["missing_test"][0].as_str().unwrap().ends_with("only_here.exr"));

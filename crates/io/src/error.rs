@@ -1,6 +1,7 @@
 //! The one error of all readers and writers: where, what, and what to do.
 
 use std::fmt;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// Why a file could not be read or written. Displays as `path: place: message`.
@@ -17,8 +18,10 @@ pub struct IoError {
 /// Whose fault it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum IoErrorKind {
-    /// The operating system refused (missing, permissions, disk full).
+    /// The operating system refused (missing, permissions, a broken disk).
     System,
+    /// There is no room: a full disk, a quota, a limit on files' sizes.
+    NoRoom,
     /// The content is wrong.
     Invalid,
     /// The content may be right, but is not supported.
@@ -38,7 +41,11 @@ impl IoError {
 
     /// The operating system refused to `action` ("read", "write", "create folder").
     pub fn system(path: impl AsRef<Path>, action: &str, error: &std::io::Error) -> Self {
-        Self { path: path.as_ref().into(), kind: IoErrorKind::System, message: format!("cannot {action}: {error}") }
+        let kind = match error.kind() {
+            ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge => IoErrorKind::NoRoom,
+            _ => IoErrorKind::System,
+        };
+        Self { path: path.as_ref().into(), kind, message: format!("cannot {action}: {error}") }
     }
 }
 

@@ -30,6 +30,11 @@ enum Start {
 /// Trains; `said` are the ids of the options on the command line.
 pub(crate) fn run(args: &TrainArgs, said: &[String]) -> Result<Outcome> {
     let folder = RunFolder::at(&args.output);
+    // A run is read under its lock: another luxel that is at it may be about to change it.
+    let lock = match folder.occupant()? {
+        Occupant::Run(_) if args.resume => Some(folder.lock()?),
+        _ => None,
+    };
     let start = resolve(args, said, folder.occupant()?)?;
     if args.stop_at_end_of_input {
         interrupt::at_end_of_input();
@@ -48,7 +53,7 @@ pub(crate) fn run(args: &TrainArgs, said: &[String]) -> Result<Outcome> {
                 Ok(lock)
             })?
         }
-        Start::Resume(config) => resume(config, &folder, &mut console)?,
+        Start::Resume(config) => resume(config, &folder, &mut console, lock)?,
     };
     if args.profile {
         let timings = trainer.engine().timings();
@@ -158,10 +163,10 @@ pub(crate) fn fresh(
     train(config, folder, console, Ready { dataset, trainer, threads, machine, computed_by, lock })
 }
 
-/// A run from its newest checkpoint.
-fn resume(config: RunConfig, folder: &RunFolder, console: &mut Console) -> Result<TrainedRun> {
+/// A run from its newest checkpoint, under the folder's lock.
+fn resume(config: RunConfig, folder: &RunFolder, console: &mut Console, lock: Option<RunLock>) -> Result<TrainedRun> {
+    let lock = lock.map_or_else(|| folder.lock(), Ok)?;
     let Chosen { engine, threads, machine, computed_by, .. } = engine::training_engine(&config)?;
-    let lock = folder.lock()?;
     let dataset = data::load(&config.dataset_path(folder.root()), &config.load, console)?;
     let trainer = match run_state::take_checkpoint(folder, console)? {
         Some((path, snapshot)) => {

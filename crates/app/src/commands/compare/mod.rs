@@ -26,6 +26,7 @@ pub(crate) fn run(args: &CompareArgs) -> Result<()> {
     }
     for path in pairs.pairs.iter().filter_map(|pair| pair.heatmap.as_ref()) {
         files::check_free(path, args.overwrite)?;
+        files::check_no_input(path, pairs.pairs.iter().flat_map(|pair| pair.inputs()))?;
     }
     if let (Some(folder), true) = (&args.heatmap, pairs.are_folders) {
         std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot make the folder", folder.display()))?;

@@ -38,6 +38,13 @@ pub(super) struct Pair {
     pub(super) heatmap: Option<PathBuf>,
 }
 
+impl Pair {
+    /// Files that are read.
+    pub(super) fn inputs(&self) -> impl Iterator<Item = &Path> {
+        [Some(&self.reference), Some(&self.test), self.mask.as_ref()].into_iter().flatten().map(PathBuf::as_path)
+    }
+}
+
 /// All pairs, by name, and what has no partner.
 pub(super) struct Pairs {
     pub(super) are_folders: bool,
