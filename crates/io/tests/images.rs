@@ -455,6 +455,34 @@ fn camera_raw_and_thumbnails_in_tiff_are_refused() {
     }
 }
 
+#[test]
+fn primaries_of_tiff_are_settled() {
+    use tiff::encoder::{Rational, TiffEncoder, colortype::RGB32Float};
+    use tiff::tags::Tag;
+    let bytes = |primaries: [u32; 6], white: [u32; 2]| {
+        let mut out = Cursor::new(Vec::new());
+        let mut encoder = TiffEncoder::new(&mut out).unwrap();
+        let mut image = encoder.new_image::<RGB32Float>(1, 1).unwrap();
+        for (tag, values) in [(318, white.as_slice()), (319, &primaries)] {
+            let values: Vec<Rational> = values.iter().map(|&n| Rational { n, d: 10_000 }).collect();
+            image.encoder().write_tag(Tag::Unknown(tag), values.as_slice()).unwrap();
+        }
+        image.write_data(&[2.0, 2.0, 2.0]).unwrap();
+        out.into_inner()
+    };
+    let decoded = |bytes: &[u8]| decode(bytes, &UNSAID).unwrap();
+    let rec2020 = decoded(&bytes([7080, 2920, 1700, 7970, 1310, 460], [3127, 3290]));
+    assert_eq!((rec2020.color_space, rec2020.image.pixels[0]), (Some(ColorSpace::LinearRec2020), [2.0; 3]));
+    // DCI-P3 under its own white: converted, and said so.
+    let converted = decoded(&bytes([6800, 3200, 2650, 6900, 1500, 600], [3140, 3510]));
+    assert_eq!((converted.color_space, converted.warnings.len()), (Some(ColorSpace::LinearRec709), 1));
+    assert!(converted.image.pixels[0].iter().all(|c| (c - 2.0).abs() < 1e-5));
+    // Tags that say nothing do not cost the image.
+    let nothing = decoded(&bytes([0; 6], [0; 2]));
+    assert_eq!((nothing.color_space, nothing.image.pixels[0]), (None, [2.0; 3]));
+    assert!(nothing.warnings[0].contains("not a colour space"), "{:?}", nothing.warnings);
+}
+
 fn png_bytes(size: (u32, u32), data: &[u8], color: image::ExtendedColorType) -> Vec<u8> {
     use image::ImageEncoder;
     let mut out = Vec::new();

@@ -20,6 +20,8 @@ const MAX_DEPTH: usize = 64;
 const MAX_VISITS: usize = 10_000;
 /// How far a rotation's length may be off 1: files round quaternions to a few digits.
 const ROTATION_TOLERANCE: f64 = 0.01;
+/// The same of a matrix' numbers.
+const MATRIX_TOLERANCE: f64 = 1e-3;
 /// Most primitives of splats: one reached by many ways is read as often, and takes memory each time.
 const MAX_PRIMITIVES: usize = 64;
 
@@ -143,8 +145,13 @@ fn similarity(matrix: DMat4) -> Result<Similarity, String> {
     }
     let linear = DMat3::from_mat4(matrix);
     let scale = linear.determinant().cbrt();
-    let similarity = Similarity::new(linear * (1.0 / scale), scale, matrix.w_axis.truncate());
-    similarity.ok_or_else(|| "a node shears, mirrors or scales its splats unevenly, which is not supported; apply it first".into())
+    let rotation = linear * (1.0 / scale);
+    // Matrices are written with few digits: the rotation next to it is meant.
+    let next = DMat3::from_quat(DQuat::from_mat3(&rotation).normalize());
+    let similarity = next.abs_diff_eq(rotation, MATRIX_TOLERANCE).then(|| Similarity::new(next, scale, matrix.w_axis.truncate()));
+    similarity
+        .flatten()
+        .ok_or_else(|| "a node shears, mirrors or scales its splats unevenly, which is not supported; apply it first".into())
 }
 
 /// Our extension.

@@ -95,6 +95,22 @@ fn nodes_move_their_splats() {
 }
 
 #[test]
+fn a_nodes_matrix_may_be_rounded() {
+    let scene = scene(false);
+    let bytes = encode_glb(name(), &baked(&scene, LINEAR), None).unwrap();
+    let by = |matrix: &str| {
+        decode_glb(name(), &with_json(&bytes, |json| json.replace("\"mesh\":0", &format!("\"mesh\":0,\"matrix\":{matrix}"))))
+    };
+    // A sixth of half a turn about z.
+    let position = by("[0.866,0.5,0,0,-0.5,0.866,0,0,0,0,1,0,0,0,0,1]").unwrap().splats.position[4];
+    let ([x, y, z], (sin, cos)) = (scene.splats.position[4], std::f32::consts::FRAC_PI_6.sin_cos());
+    assert!([cos * x - sin * y, sin * x + cos * y, z].iter().zip(position).all(|(a, b)| (a - b).abs() < 1e-3), "{position:?}");
+    for wrong in ["[1,0,0,0,0.1,1,0,0,0,0,1,0,0,0,0,1]", "[1,0,0,0,0,1.1,0,0,0,0,1,0,0,0,0,1]", "[0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,1]"] {
+        assert!(by(wrong).unwrap_err().message.contains("shears"));
+    }
+}
+
+#[test]
 fn a_nodes_rotation_may_be_rounded() {
     let scene = scene(false);
     let bytes = encode_glb(name(), &baked(&scene, LINEAR), None).unwrap();

@@ -186,6 +186,7 @@ pub fn read_codes(path: &Path) -> Result<DecodedImage, IoError> {
 pub fn decode_codes(name: &Path, bytes: &[u8]) -> Result<DecodedImage, IoError> {
     match Format::of(name, bytes)? {
         Format::Png => guard::contain(name, || png::decode_codes(name, bytes)),
+        Format::Tiff => guard::contain(name, || tiff::decode_codes(name, bytes)),
         _ => decode_image(name, bytes, &ReadOptions { transfer: Some(Transfer::Linear) }),
     }
 }
@@ -241,7 +242,11 @@ pub(crate) fn jpeg_codes(name: &Path, bytes: &[u8]) -> Result<Option<(usize, usi
 
 /// CIE xy of red, green, blue and white that an integer picture states, itself or by its ICC profile.
 pub(crate) fn stated_primaries(name: &Path, bytes: &[u8], of_profile: Option<Chromaticities>) -> Result<Option<Chromaticities>, IoError> {
-    if Format::of(name, bytes)? == Format::Png { png::primaries(name, bytes, of_profile) } else { Ok(of_profile) }
+    match Format::of(name, bytes)? {
+        Format::Png => png::primaries(name, bytes, of_profile),
+        Format::Tiff => Ok(of_profile.or_else(|| tiff::primaries(bytes))),
+        _ => Ok(of_profile),
+    }
 }
 
 /// Enough for every magic number and for PNG's size.

@@ -3,15 +3,21 @@
 //! Whether colours are multiplied by alpha is ExtraSamples' word (TIFF 6.0, page 31); where it says neither, as elsewhere: floats are, integers are not.
 //! Integers were multiplied as codes: they are divided before their curve, and multiplied again as light.
 //!
+//! Primaries are those of PrimaryChromaticities and WhitePoint (page 83); where these make no colour space, a warning says so. An ICC profile is not
+//! evaluated.
+//!
 //! Camera RAW files are TIFF as well: their first image is a thumbnail, which is refused rather than read in silence.
 
 use std::io::{BufReader, Cursor, Read, Seek};
 use std::path::Path;
 
+use ::tiff::decoder::ifd::Value;
 use ::tiff::decoder::{Decoder, DecodingResult, Limits};
 use ::tiff::tags::Tag;
 use ::tiff::{ColorType, TiffError};
+use luxel_core::Chromaticities;
 
+use super::colorimetry::{conversion_to_rec709, settle_space};
 use super::guard::check_size;
 use super::samples::{Curve, Layout, depth_warnings};
 use super::{DecodedImage, ReadOptions, SampleDepth, Transfer};
@@ -23,11 +29,59 @@ const MAX_PIXEL_BYTES: usize = 32;
 /// Values of ExtraSamples.
 const ASSOCIATED_ALPHA: u16 = 1;
 const UNASSOCIATED_ALPHA: u16 = 2;
+/// White where none is said.
+const D65: [f32; 2] = [0.3127, 0.3290];
 /// Codes as they are.
 const LINEAR: Curve = Curve::Named(Transfer::Linear);
 
 /// Decodes the first image.
 pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<DecodedImage, IoError> {
+    let mut decoded = decode_samples(name, bytes, options)?;
+    let Some(found) = stated(bytes) else { return Ok(decoded) };
+    match settle_space(&mut decoded.image, &found, &mut decoded.warnings) {
+        Ok(space) => (decoded.chromaticities, decoded.color_space) = (Some(found), Some(space)),
+        Err(reason) => decoded.warnings.push(format!("TIFF: {reason}; they are passed over")),
+    }
+    Ok(decoded)
+}
+
+/// Decodes the first image as codes over the largest one, in whatever primaries.
+pub(super) fn decode_codes(name: &Path, bytes: &[u8]) -> Result<DecodedImage, IoError> {
+    decode_samples(name, bytes, &ReadOptions { transfer: Some(Transfer::Linear) })
+}
+
+/// CIE xy of red, green, blue and white that the first image states, if they make a colour space.
+pub(super) fn primaries(bytes: &[u8]) -> Option<Chromaticities> {
+    stated(bytes).filter(|found| conversion_to_rec709(found).is_ok())
+}
+
+/// What the tags of an image of colours say, whether they make a colour space or not.
+fn stated(bytes: &[u8]) -> Option<Chromaticities> {
+    const WHITE_POINT: Tag = Tag::Unknown(318);
+    const PRIMARY_CHROMATICITIES: Tag = Tag::Unknown(319);
+    let mut decoder = Decoder::new(Cursor::new(bytes)).ok()?;
+    let mut values = |tag| match decoder.find_tag(tag).ok().flatten()? {
+        Value::List(values) => values.iter().map(number).collect::<Option<Vec<f32>>>(),
+        _ => None,
+    };
+    let [xr, yr, xg, yg, xb, yb] = values(PRIMARY_CHROMATICITIES)?.try_into().ok()?;
+    let white = values(WHITE_POINT).and_then(|white| white.try_into().ok()).unwrap_or(D65);
+    let is_grey = matches!(decoder.colortype(), Ok(ColorType::Gray(_) | ColorType::GrayA(_)));
+    (!is_grey).then_some([[xr, yr], [xg, yg], [xb, yb], white])
+}
+
+/// A number of a kind that fractions are written as.
+fn number(value: &Value) -> Option<f32> {
+    match *value {
+        Value::Rational(n, d) => Some((f64::from(n) / f64::from(d)) as f32),
+        Value::Float(v) => Some(v),
+        Value::Double(v) => Some(v as f32),
+        _ => None,
+    }
+}
+
+/// Samples through their curve, in the file's primaries.
+fn decode_samples(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<DecodedImage, IoError> {
     let failed = |error: TiffError| explain(name, &error);
     let mut decoder = Decoder::new(Cursor::new(bytes)).map_err(failed)?;
     let (width, height) = decoder.dimensions().map_err(failed)?;
