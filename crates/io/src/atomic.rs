@@ -9,7 +9,7 @@ use crate::IoError;
 /// folders are created.
 ///
 /// # Errors
-/// `write`'s error, or [`crate::IoErrorKind::System`].
+/// `write`'s error, [`crate::IoErrorKind::System`] or [`crate::IoErrorKind::NoRoom`].
 pub fn write_atomically(path: &Path, write: impl FnOnce(&mut (dyn WriteSeek + '_)) -> Result<(), IoError>) -> Result<(), IoError> {
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     std::fs::create_dir_all(folder).map_err(|e| IoError::system(folder, "create folder", &e))?;

@@ -4,6 +4,7 @@ use luxel_core::{Activation, ColorModel, ColorSpace, RasterConfig, Scene, Simila
 use proptest::prelude::*;
 
 use super::*;
+use crate::IoError;
 use crate::bake::{Appearance, BakeOptions, Baked};
 
 fn name() -> &'static Path {
@@ -79,11 +80,16 @@ fn with_json(bytes: &[u8], change: impl Fn(String) -> String) -> Vec<u8> {
     out
 }
 
+/// `scene` in a file whose node has `members` instead of its mesh, read back.
+fn with_node(scene: &Scene, members: &str) -> Result<Scene, IoError> {
+    let bytes = encode_glb(name(), &baked(scene, LINEAR), None).unwrap();
+    decode_glb(name(), &with_json(&bytes, |json| json.replace("\"mesh\":0", members)))
+}
+
 #[test]
 fn nodes_move_their_splats() {
     let scene = scene(false);
-    let bytes = encode_glb(name(), &baked(&scene, LINEAR), None).unwrap();
-    let node = |text: &str| decode_glb(name(), &with_json(&bytes, |json| json.replace("\"mesh\":0", text)));
+    let node = |members: &str| with_node(&scene, members);
     let moved = node("\"mesh\":0,\"translation\":[1,2,3],\"scale\":[2,2,2]").unwrap();
     let (a, b) = (moved.splats.position[4], scene.splats.position[4]);
     assert!((0..3).all(|c| (a[c] - (2.0 * b[c] + [1.0, 2.0, 3.0][c])).abs() < 1e-5));
@@ -97,10 +103,7 @@ fn nodes_move_their_splats() {
 #[test]
 fn a_nodes_matrix_may_be_rounded() {
     let scene = scene(false);
-    let bytes = encode_glb(name(), &baked(&scene, LINEAR), None).unwrap();
-    let by = |matrix: &str| {
-        decode_glb(name(), &with_json(&bytes, |json| json.replace("\"mesh\":0", &format!("\"mesh\":0,\"matrix\":{matrix}"))))
-    };
+    let by = |matrix: &str| with_node(&scene, &format!("\"mesh\":0,\"matrix\":{matrix}"));
     // A sixth of half a turn about z.
     let position = by("[0.866,0.5,0,0,-0.5,0.866,0,0,0,0,1,0,0,0,0,1]").unwrap().splats.position[4];
     let ([x, y, z], (sin, cos)) = (scene.splats.position[4], std::f32::consts::FRAC_PI_6.sin_cos());
@@ -113,10 +116,7 @@ fn a_nodes_matrix_may_be_rounded() {
 #[test]
 fn a_nodes_rotation_may_be_rounded() {
     let scene = scene(false);
-    let bytes = encode_glb(name(), &baked(&scene, LINEAR), None).unwrap();
-    let turned = |rotation: &str| {
-        decode_glb(name(), &with_json(&bytes, |json| json.replace("\"mesh\":0", &format!("\"mesh\":0,\"rotation\":{rotation}"))))
-    };
+    let turned = |rotation: &str| with_node(&scene, &format!("\"mesh\":0,\"rotation\":{rotation}"));
     let position = turned("[0.7071,0,0,0.7071]").unwrap().splats.position[4];
     let [x, y, z] = scene.splats.position[4];
     assert!([x, -z, y].iter().zip(position).all(|(a, b)| (a - b).abs() < 1e-5), "{position:?}");
