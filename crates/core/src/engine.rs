@@ -123,8 +123,10 @@ pub enum Antialias {
     /// Dilation of the screen covariance by 0.3 px^2, as 3DGS: small splats gain energy.
     #[default]
     Off,
-    /// Mip-splatting (Yu et al. 2024): dilation by 0.1 px^2 with opacity compensated by the ratio of areas, and the 3D smoothing filter
-    /// of [`Splats::smoothing`].
+    /// What a pixel itself averages over: dilation by 0.1 px^2 with opacity compensated by the ratio of areas. A splat smaller than a pixel
+    /// keeps its light. It is the 2D filter of Mip-splatting (Yu et al. 2024) alone.
+    Pixel,
+    /// Mip-splatting: the filter of [`Antialias::Pixel`] and the 3D smoothing filter of [`Splats::smoothing`].
     Mip,
 }
 
@@ -141,8 +143,13 @@ impl Antialias {
     pub fn dilation_px2(self) -> f32 {
         match self {
             Self::Off => 0.3,
-            Self::Mip => 0.1,
+            Self::Pixel | Self::Mip => 0.1,
         }
+    }
+
+    /// Whether opacity shrinks by as much as dilation widens a splat.
+    pub fn compensates_opacity(self) -> bool {
+        self != Self::Off
     }
 }
 
@@ -469,7 +476,7 @@ mod tests {
     #[test]
     fn raster_config_survives_json_bit_for_bit() {
         for cutoffs in [Cutoffs::PARITY, Cutoffs::HDR] {
-            for antialias in [Antialias::Off, Antialias::Mip] {
+            for antialias in [Antialias::Off, Antialias::Pixel, Antialias::Mip] {
                 let config = RasterConfig { cutoffs, antialias };
                 let json = serde_json::to_string(&config).unwrap();
                 assert_eq!(serde_json::from_str::<RasterConfig>(&json).unwrap(), config, "{json}");

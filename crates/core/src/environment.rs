@@ -9,8 +9,9 @@
 //! is taken towards the splat's centre, so that narrow cameras show less of either's approximation. Faces are halved by angle; no camera
 //! looks further than 36 degrees from its axis, and all overlap by a pixel, so that interpolation needs no neighbours.
 //!
-//! The renders' focal length should be that of the training views, whatever the map's size: a splat smaller than a pixel is blown up to one
-//! ([`crate::Antialias::Off`]), so that a scene seen at half the resolution it was trained at shines some 5 % brighter, at twice that darker.
+//! The renders' focal length should be that of the training views, whatever the map's size: without anti-aliasing ([`crate::Antialias::Off`]) a
+//! splat smaller than a pixel is blown up to one, so that a scene seen at half the resolution it was trained at shines some 5 % brighter, at
+//! twice that darker.
 
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 

@@ -28,7 +28,7 @@ pub(crate) const MAX_GROUPS: u32 = 65_535;
 pub(crate) const MARGIN_PX: f32 = 0.01;
 
 /// [`CameraUniform::flags`].
-pub(crate) const FLAG_MIP: u32 = 1;
+pub(crate) const FLAG_COMPENSATION: u32 = 1;
 pub(crate) const FLAG_SMOOTHING: u32 = 2;
 pub(crate) const FLAG_MIN_CONTRIBUTION: u32 = 4;
 pub(crate) const FLAG_TRAINING: u32 = 8;

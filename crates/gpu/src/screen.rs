@@ -6,7 +6,8 @@ use luxel_core::{
 };
 
 use crate::layout::{
-    CameraUniform, FLAG_ABSOLUTE, FLAG_MIN_CONTRIBUTION, FLAG_MIP, FLAG_SMOOTHING, FLAG_TRAINING, LossUniform, OptimizerUniform, TILE_PX,
+    CameraUniform, FLAG_ABSOLUTE, FLAG_COMPENSATION, FLAG_MIN_CONTRIBUTION, FLAG_SMOOTHING, FLAG_TRAINING, LossUniform, OptimizerUniform,
+    TILE_PX,
 };
 
 /// Why a frame is made: what it leaves behind.
@@ -49,10 +50,10 @@ pub(crate) fn camera_uniform(
     let eye = camera.eye().to_array().map(|v| v as f32);
     let [red, green, blue] = options.background;
     let cutoffs = options.raster.cutoffs;
-    let is_mip = options.raster.antialias == Antialias::Mip;
+    let antialias = options.raster.antialias;
     let flags = [
-        (is_mip, FLAG_MIP),
-        (is_mip && has_smoothing, FLAG_SMOOTHING),
+        (antialias.compensates_opacity(), FLAG_COMPENSATION),
+        (antialias == Antialias::Mip && has_smoothing, FLAG_SMOOTHING),
         (cutoffs.min_contribution.is_finite(), FLAG_MIN_CONTRIBUTION),
         (matches!(purpose, Purpose::Training(_)), FLAG_TRAINING),
         (purpose == Purpose::Training(StatsCollection::GradientsAndAbsolute), FLAG_ABSOLUTE),
@@ -75,7 +76,7 @@ pub(crate) fn camera_uniform(
         min_transmittance: cutoffs.min_transmittance,
         max_alpha: cutoffs.max_alpha,
         near: cutoffs.near,
-        dilation_px2: options.raster.antialias.dilation_px2(),
+        dilation_px2: antialias.dilation_px2(),
         active_degree: options.active_degree.min(luxel_core::sh::MAX_DEGREE) as u32,
         flags: flags.iter().filter(|(set, _)| *set).map(|(_, flag)| flag).sum(),
         count,

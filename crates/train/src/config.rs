@@ -10,7 +10,7 @@ mod validate;
 pub use choices::{CutoffPreset, ExposureCompensation, Method, ScaleRule, Strategy};
 pub use preset::Preset;
 
-use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, Command, FromArgMatches};
 use luxel_core::{Activation, Antialias, ColorModel, Cutoffs, LossConfig, RasterConfig, ToneCurve};
 use serde::{Deserialize, Serialize};
@@ -91,8 +91,8 @@ pub struct TrainConfig {
     #[arg(long, value_name = "VALUE", default_value_t = 0.5, help_heading = "Captures")]
     pub unit_exposure: f32,
 
-    /// Treatment of splats smaller than a pixel: 3DGS's dilation, or Mip-splatting's filters
-    #[arg(long, value_parser = antialias_parser(), default_value = "off", help_heading = "Rasteriser")]
+    /// Treatment of splats smaller than a pixel
+    #[arg(long, value_parser = antialias_parser(), default_value = "pixel", help_heading = "Rasteriser")]
     pub antialias: Antialias,
     /// Where the rasteriser stops looking
     #[arg(long, value_enum, default_value_t = CutoffPreset::Hdr, help_heading = "Rasteriser")]
@@ -104,7 +104,8 @@ pub struct TrainConfig {
     /// Opacity at the start, above 0 and below 1 [default: 0.1 for adc, 0.5 for mcmc]
     #[arg(long, value_name = "OPACITY", help_heading = "Splats")]
     pub init_opacity: Option<f32>,
-    /// Scale at the start, as a multiple of the root mean squared distance to the 3 nearest neighbours, above 0 [default: 1 for adc, 0.1 for mcmc]
+    /// Scale at the start, as a multiple of the root mean squared distance to the 3 nearest neighbours, above 0 [default: 1 for adc, 0.3 for
+    /// mcmc, with --antialias off 0.1]
     #[arg(long, value_name = "FACTOR", help_heading = "Splats")]
     pub init_scale: Option<f32>,
     /// How the number of splats grows
@@ -224,7 +225,14 @@ fn activation_parser() -> impl TypedValueParser<Value = Activation> {
 }
 
 fn antialias_parser() -> impl TypedValueParser<Value = Antialias> {
-    PossibleValuesParser::new(["off", "mip"]).map(|name| match name.as_str() {
+    let value = |name: &'static str, what: &'static str| PossibleValue::new(name).help(what);
+    let values = [
+        value("off", "3DGS's dilation by 0.3 px^2: what is smaller than a pixel is blown up, and gains light"),
+        value("pixel", "A pixel's own filter: what is smaller than a pixel keeps its light"),
+        value("mip", "Mip-splatting's filters: pixel's, and no detail finer than the photographs sampled"),
+    ];
+    PossibleValuesParser::new(values).map(|name| match name.as_str() {
+        "pixel" => Antialias::Pixel,
         "mip" => Antialias::Mip,
         _ => Antialias::Off,
     })
@@ -315,11 +323,13 @@ impl TrainConfig {
         self.init_opacity.unwrap_or(default)
     }
 
-    /// Scale of splats at the start, as a multiple of the root mean squared distance to their 3 nearest neighbours.
+    /// Scale of splats at the start, as a multiple of the root mean squared distance to their 3 nearest neighbours. The small ones that 3DGS-MCMC
+    /// starts from are seen because 3DGS blows them up.
     pub fn initial_scale(&self) -> f32 {
-        let default = match self.strategy {
-            Strategy::Adc => 1.0,
-            Strategy::Mcmc => 0.1,
+        let default = match (self.strategy, self.antialias) {
+            (Strategy::Adc, _) => 1.0,
+            (Strategy::Mcmc, Antialias::Off) => 0.1,
+            (Strategy::Mcmc, Antialias::Pixel | Antialias::Mip) => 0.3,
         };
         self.init_scale.unwrap_or(default)
     }

@@ -13,9 +13,10 @@
 //!   thresholds. What does change: a residual finer than `f` pixels is averaged away, so it asks for no splats until its stage comes, and
 //!   AbsGS's absolute sums, which count such residuals, fall towards the signed ones. Growth is slower in coarse stages; that is the gain.
 //! - Pruning and resets look at opacity and at scale in world units (there is no limit in pixels), and are the same.
-//! - Dilation is 0.3 px^2 of the pixels rendered, `0.3 f^2` of full ones, and uncompensated: splats below `0.55 f` full pixels are drawn fatter than they are,
-//!   which the optimiser answers with smaller, fainter ones. When the stage ends they are too thin, and mend within some hundred steps (a
-//!   scale's logarithm moves by its rate, 5e-3, a step). A schedule has to leave room for that. `--antialias mip` compensates by area and does not have this.
+//! - Dilation is of the pixels rendered, and compensated by area: what is smaller than a coarse pixel keeps its light. 3DGS's (`--antialias off`) is 0.3 px^2,
+//!   `0.3 f^2` of full ones, and not compensated: splats below `0.55 f` full pixels are drawn fatter than they are, which the optimiser answers with
+//!   smaller, fainter ones. When the stage ends they are too thin, and mend within some hundred steps (a scale's logarithm moves by its rate,
+//!   5e-3, a step). A schedule has to leave room for that.
 //! - Mip's 3D filter bounds the frequency that the data set holds. It is computed from the cameras of full resolution in all stages: with a
 //!   stage's own it would be `f` times as wide, and all splats of its size would change shape and opacity in the step the stage ends. The
 //!   coarse image's aliasing is kept off by the 2D filter.

@@ -42,8 +42,8 @@ fn learn(config: TrainConfig) -> (f64, f64) {
 
 #[test]
 fn a_view_not_trained_on_is_learnt_by_every_method() {
-    // Measured: sh3 16.1 -> 28.5 dB, lcd 16.1 -> 32.5 dB with either filter.
-    for (method, antialias) in [(Method::Sh3, Antialias::Off), (Method::Lcd, Antialias::Off), (Method::Lcd, Antialias::Mip)] {
+    // Measured: 14.6 -> 26.6 (sh3), 26.7 (lcd) and 26.8 dB (lcd under Mip-splatting's filters).
+    for (method, antialias) in [(Method::Sh3, Antialias::Off), (Method::Lcd, Antialias::Pixel), (Method::Lcd, Antialias::Mip)] {
         let (before, after) = learn(TrainConfig { method, antialias, max_splats: Some(1000), densify_interval: 50, ..config(300) });
         assert!(after > before + 8.0, "{method:?} {antialias:?}: {before} dB -> {after} dB");
     }
@@ -51,7 +51,7 @@ fn a_view_not_trained_on_is_learnt_by_every_method() {
 
 #[test]
 fn a_view_not_trained_on_is_learnt_by_mcmc() {
-    // Measured: 8.9 -> 26.9 dB; opaque splats have to stay where they are for that, so noise must be gated by opacity.
+    // Measured: 15.3 -> 33.0 dB; opaque splats have to stay where they are for that, so noise must be gated by opacity.
     let (before, after) = learn(TrainConfig { strategy: Strategy::Mcmc, max_splats: Some(1000), densify_interval: 50, ..config(300) });
     assert!(after > before + 12.0, "{before} dB -> {after} dB");
 }

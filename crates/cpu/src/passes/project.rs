@@ -133,9 +133,9 @@ impl<S: Simd> Projection<S> {
         let determinant_before = dot(cross, cross);
         let determinant = (before[0] + before[2]).mul_add(c(dilation), determinant_before + dilation * dilation);
         let covariance = [before[0] + dilation, before[1], before[2] + dilation];
-        let compensation = match camera.antialias {
-            Antialias::Off => one,
-            Antialias::Mip => (determinant_before / determinant).max(c(MIN_AREA_RATIO)).sqrt(),
+        let compensation = match camera.antialias.compensates_opacity() {
+            false => one,
+            true => (determinant_before / determinant).max(c(MIN_AREA_RATIO)).sqrt(),
         };
         let opacity = one / (one + (-load(Layout::OPACITY)).exp());
         Self {

@@ -7,7 +7,7 @@
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x4};
-use luxel_core::{Antialias, LossConfig, MIN_AREA_RATIO, Real, each};
+use luxel_core::{LossConfig, MIN_AREA_RATIO, Real, each};
 
 use super::bin::Bins;
 use super::color_backward::color_backward;
@@ -148,7 +148,7 @@ fn block_backward<S: Simd>(
     let mut d_yy = half * root[1].mul_add(by_root[1], root[2] * by_root[2]);
     let inverse_det = c(1.0) / p.determinant;
 
-    if camera.antialias == Antialias::Mip {
+    if camera.antialias.compensates_opacity() {
         // compensation = sqrt(before / after): d ln(compensation) = (d ln before - d ln after) / 2.
         let ratio = p.determinant_before * inverse_det;
         let d_ratio = (ratio - MIN_AREA_RATIO).if_positive(half * d_log_alpha, c(0.0));

@@ -244,7 +244,7 @@ fn extreme_splats_give_finite_images_and_gradients() {
     for activation in [Activation::Softplus, Activation::Exp, Activation::Relu] {
         for model in [ColorModel::Sh { degree: 2 }, ColorModel::Lcd { chroma_degree: 2, luminance_degree: 1, activation }] {
             for (label, change) in &extremes {
-                for antialias in [Antialias::Off, Antialias::Mip] {
+                for antialias in [Antialias::Off, Antialias::Pixel, Antialias::Mip] {
                     let what = format!("{label}, {}, {antialias:?}", model.name());
                     let mut splats = seed(model);
                     (0..20).step_by(2).for_each(|i| change(&mut splats, i));

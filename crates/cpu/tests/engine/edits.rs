@@ -145,6 +145,7 @@ fn contributions_are_those_of_the_oracle() {
     for (model, cutoffs, antialias) in [
         (models[0], Cutoffs::PARITY, Antialias::Off),
         (models[1], Cutoffs::HDR, Antialias::Off),
+        (models[1], Cutoffs::HDR, Antialias::Pixel),
         (models[1], Cutoffs::HDR, Antialias::Mip),
         (models[0], Cutoffs::PARITY, Antialias::Mip),
     ] {

@@ -43,8 +43,10 @@ fn case_of_size(
         splats.smoothing = fixture::smoothing(splats.len());
     }
     let mut name = format!("{} {label}", model.name());
-    if antialias == Antialias::Mip {
-        name += " mip";
+    match antialias {
+        Antialias::Off => {}
+        Antialias::Pixel => name += " pixel",
+        Antialias::Mip => name += " mip",
     }
     if masked {
         name += " mask";
@@ -62,7 +64,7 @@ fn case_of_size(
 /// All colour models; cut-offs, anti-aliasing and mask alternate so that each meets each.
 fn cases() -> Vec<Case> {
     let (hdr, parity) = (("hdr", Cutoffs::HDR), ("parity", Cutoffs::PARITY));
-    let (off, mip) = (Antialias::Off, Antialias::Mip);
+    let (off, pixel, mip) = (Antialias::Off, Antialias::Pixel, Antialias::Mip);
     let mut cases = Vec::new();
     for degree in 0..=5 {
         let even = degree % 2 == 0;
@@ -79,6 +81,8 @@ fn cases() -> Vec<Case> {
     cases.push(case(lcd(3, 0, Activation::Relu), off, parity, false, 22));
     cases.push(case(lcd(1, 3, Activation::Exp), off, hdr, false, 23));
     cases.push(case(lcd(2, 2, Activation::Relu), mip, parity, true, 24));
+    cases.push(case(lcd(3, 0, Activation::Softplus), pixel, hdr, false, 25));
+    cases.push(case(ColorModel::Sh { degree: 3 }, pixel, parity, true, 26));
     cases
 }
 
@@ -309,8 +313,8 @@ How far the gradients of the training objective are from the truth, for every pa
 The oracle is a second implementation in f64 without tiles, differentiated exactly by a tape. Each case is a scene of 16 splats on 21x13 pixels
 with everything a splat can be: behind the camera, beside the frustum with a clamped Jacobian, opaque one behind the other (alpha capped, pixels
 finished early), with dead chromaticity channels, smaller than a pixel, with an unnormalised quaternion; background and regularisers are not
-zero, radiance spans four decades. `parity` and `hdr` are the presets of cut-offs, `mip` is anti-aliasing with the 3D filter, `mask` an image with
-masked pixels.
+zero, radiance spans four decades. `parity` and `hdr` are the presets of cut-offs, `pixel` is anti-aliasing by a pixel's own filter, `mip` that
+and the 3D filter, `mask` an image with masked pixels.
 
 Each cell has two figures: the largest difference in the array relative to the largest gradient of the array, and the largest difference
 relative to the gradient itself among gradients above 1/1000 of the largest. An empty cell: the model has no such parameter.

@@ -61,7 +61,7 @@ fn image_is_the_oracles() {
     for (size, count) in [([64, 40], 60), ([37, 53], 60), ([8, 8], 16), ([1, 1], 16), ([9, 7], 16)] {
         let camera = fixture::camera(size[0], size[1]);
         for (seed, model) in models().into_iter().enumerate() {
-            for antialias in [Antialias::Off, Antialias::Mip] {
+            for antialias in [Antialias::Off, Antialias::Pixel, Antialias::Mip] {
                 for (label, cutoffs) in [("parity", Cutoffs::PARITY), ("hdr", Cutoffs::HDR)] {
                     let seed = seed as u64 + 50;
                     let mut splats = match count {

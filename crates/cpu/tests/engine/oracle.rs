@@ -196,7 +196,7 @@ fn project<N: Number>(p: &Parameters<N>, i: usize, camera: &Camera, options: &Re
     let dilation = N::of(options.raster.antialias.dilation_px2().into());
     let (dilated_xx, dilated_yy) = (xx + dilation, yy + dilation);
     let determinant = dilated_xx * dilated_yy - xy * xy;
-    if options.raster.antialias == Antialias::Mip {
+    if options.raster.antialias != Antialias::Off {
         let ratio = (xx * yy - xy * xy) / determinant;
         opacity = opacity * if trace.decide(ratio.value() > MIN_AREA_RATIO) { ratio } else { N::of(MIN_AREA_RATIO) }.sqrt();
     }

@@ -89,7 +89,7 @@ fn project_splat(i: u32) -> Projection {
     p.determinant = (before.x + before.z) * dilation + (p.determinant_before + dilation * dilation);
     p.covariance = vec3f(before.x + dilation, before.y, before.z + dilation);
     p.compensation = 1.0;
-    if ((camera.flags & FLAG_MIP) != 0u) {
+    if ((camera.flags & FLAG_COMPENSATION) != 0u) {
         p.compensation = sqrt(max(p.determinant_before / p.determinant, MIN_AREA_RATIO));
     }
     p.opacity = 1.0 / (1.0 + exp(-parameter(ROW_OPACITY, i)));

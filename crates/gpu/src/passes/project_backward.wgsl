@@ -101,7 +101,7 @@ fn geometry_backward(i: u32, sums: Sums) -> Geometry {
     // The off-diagonal number stands for both entries.
     var d_xy = root.x * by_root.y;
     var d_yy = 0.5 * (root.y * by_root.y + root.z * by_root.z);
-    if ((camera.flags & FLAG_MIP) != 0u) {
+    if ((camera.flags & FLAG_COMPENSATION) != 0u) {
         // compensation = sqrt(before / after): d ln(compensation) = (d ln before - d ln after) / 2.
         let ratio = p.determinant_before / p.determinant;
         let d_ratio = select(0.0, 0.5 * sums.log_alpha, ratio > MIN_AREA_RATIO);

@@ -45,9 +45,9 @@ pub fn engines(gpu: &Arc<Gpu>, splats: &Splats) -> (CpuEngine, GpuEngine) {
     (cpu, engine)
 }
 
-/// Both presets of cut-offs with and without anti-aliasing.
-fn rasters() -> [(Cutoffs, Antialias); 3] {
-    [(Cutoffs::HDR, Antialias::Off), (Cutoffs::PARITY, Antialias::Off), (Cutoffs::HDR, Antialias::Mip)]
+/// Both presets of cut-offs, and every kind of anti-aliasing.
+fn rasters() -> [(Cutoffs, Antialias); 4] {
+    [(Cutoffs::HDR, Antialias::Off), (Cutoffs::PARITY, Antialias::Off), (Cutoffs::HDR, Antialias::Pixel), (Cutoffs::HDR, Antialias::Mip)]
 }
 
 fn gpu_images_match_cpu(gpu: &Arc<Gpu>) {

@@ -5,6 +5,7 @@
 //! `docs/experiments.md`.
 
 use clap::ValueEnum;
+use luxel_core::Antialias;
 use serde::{Deserialize, Serialize};
 
 use super::{CutoffPreset, Strategy, TrainConfig};
@@ -68,6 +69,8 @@ presets! {
     position_lr:             1.6e-4,                      4e-4,                        4e-4;
     /// A hundredth of the rate at the start.
     position_lr_final:       1.6e-6,                      4e-6,                        4e-6;
+    /// Paper: 3DGS's. Else: a pixel's own filter, as what is blown up can paint no edge or lamp that is sharper than that.
+    antialias:               Antialias::Off,              Antialias::Pixel,            Antialias::Pixel;
     /// Paper: those of 3DGS, derived for 8 bits. Else ours, so that a lamp's skirt does not end where eight bits would.
     cutoffs:                 CutoffPreset::Parity,        CutoffPreset::Hdr,           CutoffPreset::Hdr;
 }

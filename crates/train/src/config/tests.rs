@@ -36,7 +36,7 @@ fn every_flag_changes_the_configuration() {
         &["--ssim-weight", "0.8"],
         &["--squared-share", "0"],
         &["--average-share", "0"],
-        &["--antialias", "mip"],
+        &["--antialias", "off"],
         &["--cutoffs", "parity"],
         &["--init-points", "5"],
         &["--init-opacity", "0.3"],
