@@ -90,6 +90,13 @@ fn pruning_and_refining_do_what_they_say() {
     };
     let (plain, refined) = (error("plain.ply", &[]), error("refined.ply", &["--refine", "150"]));
     assert!(refined < plain, "{refined} {plain}");
+    // A picture's splats may differ in size from those of the radiance, but not where one file holds both.
+    place.ok(&["export", "run", "-o", "both.ply", "--refine", "150", "--quiet"]);
+    let [plain, refined, both] = ["plain.ply", "refined.ply", "both.ply"].map(|file| read_scene(&place.path(file)).unwrap().splats);
+    assert_ne!(refined.log_scale, plain.log_scale);
+    assert_ne!(refined.opacity_logit, plain.opacity_logit);
+    assert_eq!((refined.position, refined.rotation), (plain.position, plain.rotation));
+    assert_eq!((both.log_scale, both.opacity_logit), (plain.log_scale, plain.opacity_logit));
     error("few.ply", &["--max-splats", "50"]);
     assert_eq!(read_scene(&place.path("few.ply")).unwrap().splats.len(), 50);
     place.ok(&["export", "few.ply", "-o", "fewer.ply", "--max-splats", "20"]);
