@@ -36,8 +36,8 @@ pub(crate) struct ExportArgs {
     /// Highest degree of the baked harmonics.
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u8).range(0..=3), value_name = "DEGREE", help_heading = "Colour")]
     pub(crate) degree: u8,
-    /// Improve a display bake for N steps of training against tone-mapped renders of the data set's training views: colours, and
-    /// sizes and opacities too where the file holds no exact model beside it.
+    /// Improve a display bake for N steps of training against tone-mapped renders of the data set's training views: its colours,
+    /// opacities and sizes. An exact model beside it stays as it is.
     #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u32).range(..=1_000_000), value_name = "N", help_heading = "Colour")]
     pub(crate) refine: u32,
     /// Only splats whose centre is in this box, world units of the scene: x0,y0,z0,x1,y1,z1.

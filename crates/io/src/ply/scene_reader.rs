@@ -9,6 +9,7 @@ use crate::IoError;
 use crate::bake::{BakeRecord, WorldRecord};
 use crate::ply::header::{Element, Header};
 use crate::ply::rows::{check_count, read_rows, seek_element};
+use crate::ply::scene_writer::{EXACT_OPACITY, EXACT_SCALE, sh_prefix};
 use crate::ply::source::Source;
 use crate::ply::{COMMENT_TAG, FORMAT_VERSION, compressed, record};
 use crate::sound::{is_normalizable, is_usable};
@@ -244,11 +245,14 @@ impl<'h> Comments<'h> {
 }
 
 fn exact_layout(color_model: ColorModel, element: &Element) -> Layout {
-    let prefix = super::scene_writer::sh_prefix(color_model);
-    let is_smoothed = element.position("lcd_filter").is_some();
+    let prefix = sh_prefix(color_model);
+    let has = |name: &str| element.position(name).is_some();
+    let is_smoothed = has("lcd_filter");
+    // One of them asks for all.
+    let has_geometry = is_smoothed || has(EXACT_OPACITY) || EXACT_SCALE.into_iter().any(has);
     Layout {
-        log_scale: if is_smoothed { super::scene_writer::EXACT_SCALE } else { STANDARD_SCALE },
-        opacity: if is_smoothed { "lcd_opacity" } else { "opacity" },
+        log_scale: if has_geometry { EXACT_SCALE } else { STANDARD_SCALE },
+        opacity: if has_geometry { EXACT_OPACITY } else { "opacity" },
         smoothing: is_smoothed.then_some("lcd_filter"),
         sh: (0..3 * color_model.sh_coefficients()).map(|i| format!("{prefix}{i}")).collect(),
         raw_luminance: (0..color_model.luminance_coefficients()).map(|m| format!("lcd_l_{m}")).collect(),

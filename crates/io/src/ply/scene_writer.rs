@@ -14,7 +14,8 @@ use crate::{IoError, write_atomically};
 /// Rows made at a time.
 const BLOCK_ROWS: usize = 4096;
 
-/// Log scale before the smoothing filter.
+/// Opacity logit and log scale of the model, where what is shown has others.
+pub(super) const EXACT_OPACITY: &str = "lcd_opacity";
 pub(super) const EXACT_SCALE: [&str; 3] = ["lcd_log_scale_0", "lcd_log_scale_1", "lcd_log_scale_2"];
 
 /// Prefix of the properties that hold `Splats::sh`.
@@ -66,6 +67,24 @@ impl Layer<'_> {
             }
         }
     }
+
+    /// Log scale and opacity logit of a splat as it is shown.
+    fn geometry(&self, splats: &Splats, i: usize) -> ([f32; 3], f32) {
+        match (self, splats.smoothing.get(i)) {
+            (Self::Baked(baked), _) => (baked.scene.splats.log_scale[i], baked.scene.splats.opacity_logit[i]),
+            (Self::Streamed(_), Some(deviation)) => smoothed(splats.log_scale[i], splats.opacity_logit[i], *deviation),
+            (Self::Streamed(_), None) => (splats.log_scale[i], splats.opacity_logit[i]),
+        }
+    }
+
+    /// Whether what is shown has the scene's own log scales and opacities, all of them.
+    fn shares_geometry(&self, splats: &Splats) -> bool {
+        let shown = match self {
+            Self::Streamed(_) => splats,
+            Self::Baked(baked) => &baked.scene.splats,
+        };
+        splats.smoothing.is_empty() && (&shown.log_scale, &shown.opacity_logit) == (&splats.log_scale, &splats.opacity_logit)
+    }
 }
 
 /// [`write_scene_ply`] with a display layer of choice; both in the world of the file.
@@ -74,6 +93,7 @@ impl Layer<'_> {
 /// As [`write_scene_ply`], or the bake is not of this scene.
 pub fn write_exact_ply(path: &Path, scene: &Scene, baked: &Baked) -> Result<(), IoError> {
     check(path, scene)?;
+    check(path, &baked.scene)?;
     if baked.scene.splats.len() != scene.splats.len() {
         let message = format!("bake of {} splats for a scene of {}", baked.scene.splats.len(), scene.splats.len());
         return Err(IoError::invalid(path, message));
@@ -126,7 +146,8 @@ pub(crate) fn check(path: &Path, scene: &Scene) -> Result<(), IoError> {
 fn write<W: Write + ?Sized>(scene: &Scene, layer: &Layer<'_>, out: &mut W) -> std::io::Result<()> {
     let properties = properties(&scene.splats, layer);
     write_header(scene, layer, &properties, out)?;
-    write_rows(scene.splats.len(), properties.len(), out, |i, values| fill_row(&scene.splats, i, layer, values))
+    let shares_geometry = layer.shares_geometry(&scene.splats);
+    write_rows(scene.splats.len(), properties.len(), out, |i, values| fill_row(&scene.splats, i, (layer, shares_geometry), values))
 }
 
 /// Writes `count` rows of `width` numbers that `fill` makes.
@@ -189,7 +210,10 @@ fn properties(splats: &Splats, layer: &Layer<'_>) -> Vec<String> {
     let prefix = sh_prefix(splats.color_model);
     names.extend((0..3 * splats.color_model.sh_coefficients()).map(|i| format!("{prefix}{i}")));
     if !splats.smoothing.is_empty() {
-        names.extend(["lcd_filter", "lcd_opacity"].into_iter().chain(EXACT_SCALE).map(str::to_owned));
+        names.push("lcd_filter".to_owned());
+    }
+    if !layer.shares_geometry(splats) {
+        names.extend([EXACT_OPACITY].into_iter().chain(EXACT_SCALE).map(str::to_owned));
     }
     names
 }
@@ -204,12 +228,9 @@ pub(super) fn standard_properties(coefficients: usize) -> Vec<String> {
 }
 
 /// Values of splat `i` in the order of [`properties`].
-fn fill_row(splats: &Splats, i: usize, layer: &Layer<'_>, values: &mut Vec<f32>) {
+fn fill_row(splats: &Splats, i: usize, (layer, shares_geometry): (&Layer<'_>, bool), values: &mut Vec<f32>) {
     let baked = layer.splat(splats, i);
-    let (log_scale, opacity_logit) = match splats.smoothing.get(i) {
-        Some(deviation) => smoothed(splats.log_scale[i], splats.opacity_logit[i], *deviation),
-        None => (splats.log_scale[i], splats.opacity_logit[i]),
-    };
+    let (log_scale, opacity_logit) = layer.geometry(splats, i);
     values.extend(splats.position[i]);
     values.extend([0.0; 3]);
     values.extend(baked.map(|channel| channel[0]));
@@ -221,8 +242,9 @@ fn fill_row(splats: &Splats, i: usize, layer: &Layer<'_>, values: &mut Vec<f32>)
     values.extend(splats.rotation[i]);
     values.extend_from_slice(splats.raw_luminance_of(i));
     values.extend_from_slice(splats.sh_of(i));
-    if let Some(deviation) = splats.smoothing.get(i) {
-        values.extend([*deviation, splats.opacity_logit[i]]);
+    values.extend(splats.smoothing.get(i));
+    if !shares_geometry {
+        values.push(splats.opacity_logit[i]);
         values.extend(splats.log_scale[i]);
     }
 }

@@ -237,6 +237,22 @@ fn smoothing_is_applied_to_the_standard_scale_and_opacity_only() {
     assert_eq!(decode_scene_ply(name(), &bytes).unwrap(), scene);
 }
 
+#[test]
+fn a_bake_of_other_geometry_is_what_is_shown_and_the_model_stays() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scene.ply");
+    for is_smoothed in [false, true] {
+        let scene = scene(LCD, 5, is_smoothed, 8);
+        let mut baked = Baked::new(&scene, &BakeOptions { appearance: Appearance::PREVIEW, max_degree: 3 });
+        baked.scene.splats.log_scale[2] = [-1.0, -2.0, -3.0];
+        baked.scene.splats.opacity_logit[2] = 0.75;
+        write_exact_ply(&path, &scene, &baked).unwrap();
+        let row = row_of(&std::fs::read(&path).unwrap(), 2);
+        assert_eq!(["opacity", "scale_0", "scale_1", "scale_2"].map(|name| row[name]), [0.75, -1.0, -2.0, -3.0]);
+        assert_eq!(read_scene_ply(&path).unwrap(), scene);
+    }
+}
+
 /// A plain 3D Gaussian splatting file of degree 1 in an unusual order, with values that f32 holds exactly.
 fn plain_file(format: &str) -> Vec<u8> {
     let mut properties: Vec<(String, String)> = vec![("uchar".into(), "flag".into()), ("double".into(), "rot_3".into())];

@@ -123,7 +123,7 @@ pub(crate) fn run(args: &ExportArgs, said: &[String]) -> Result<()> {
     let mut baked = Baked::new(&scene, &plan.options);
     if args.refine > 0 {
         let Some(dataset) = &dataset else { bail!("--refine needs views to compare with; give --data DATASET") };
-        refine::refine(&mut baked, &scene, dataset, (args.refine, !plan.is_exact), (engine.as_mut(), &console))?;
+        refine::refine(&mut baked, &scene, dataset, args.refine, (engine.as_mut(), &console))?;
     }
     let facts = finish(args, &plan, (scene, baked), dataset.as_ref(), engine.as_mut())?;
     console.result(&facts.event("finished"), facts.text().trim_end())

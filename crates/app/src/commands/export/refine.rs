@@ -2,8 +2,7 @@
 //!
 //! Tone mapping per splat does not commute with blending: where bright and dark splats make up a pixel, the bake's pixel is darker or flatter
 //! than the tone-mapped one. And such viewers blow up what is smaller than a pixel, where the scene may be made for rasterisers that do not
-//! ([`luxel_core::Antialias`]). So the bake's harmonics, and its opacities and scales unless a file's exact model has them too, are made anew
-//! from the renders of the radiance scene: at first each splat's radiance times the curve's gain where it is seen ([`super::gain`]), and then for some steps by training with these renders, tone-mapped,
+//! ([`luxel_core::Antialias`]). So the bake's harmonics, opacities and scales are made anew from the renders of the radiance scene: at first each splat's radiance times the curve's gain where it is seen ([`super::gain`]), and then for some steps by training with these renders, tone-mapped,
 //! as targets: 0.8 L1 + 0.2 (1 - SSIM) on display values, by Adam. Its steps are about as long as its rate: the rate is such that a constant term
 //! can come [`REACH`] far in whatever number of steps, and falls to a tenth; higher terms move a twentieth as far, as in training. Views come in
 //! a fixed shuffled order, so that equal inputs give equal files. At the end harmonics are drawn towards their mean where they would be
@@ -37,12 +36,12 @@ const MEAN: f32 = 0.39;
 /// mu of a mu-law that is as good as linear: display values are compared as they are.
 const LINEAR_MU: f32 = 1e-3;
 
-/// Trains the bake for `steps`: its harmonics, and opacities and scales if they are `free` to differ from the scene's.
+/// Trains the bake's harmonics, opacities and scales for `steps`.
 pub(super) fn refine(
     baked: &mut Baked,
     scene: &Scene,
     dataset: &Dataset,
-    (steps, free): (u32, bool),
+    steps: u32,
     (engine, console): (&mut dyn Engine, &Console),
 ) -> Result<()> {
     let views = if dataset.train.is_empty() { &dataset.test } else { &dataset.train };
@@ -62,8 +61,8 @@ pub(super) fn refine(
             learning_rates: LearningRates {
                 position: 0.0,
                 rotation: 0.0,
-                log_scale: if free { SCALE_RATE * decay } else { 0.0 },
-                opacity_logit: if free { OPACITY_RATE * decay } else { 0.0 },
+                log_scale: SCALE_RATE * decay,
+                opacity_logit: OPACITY_RATE * decay,
                 sh_dc: dc_rate * decay,
                 sh_rest: REST * dc_rate * decay,
                 luminance_dc: 0.0,
@@ -81,10 +80,7 @@ pub(super) fn refine(
     let rounds = (targets.len() as u32).min(steps).max(1) as f32;
     let (trained, _) = engine.save().context("cannot take the bake back")?;
     let splats = &mut baked.scene.splats;
-    splats.sh = trained.sh;
-    if free {
-        (splats.log_scale, splats.opacity_logit) = (trained.log_scale, trained.opacity_logit);
-    }
+    (splats.sh, splats.log_scale, splats.opacity_logit) = (trained.sh, trained.log_scale, trained.opacity_logit);
     baked.lift_negative();
     let (first, last) = (f64::from(first / rounds), f64::from(last / rounds));
     console.note(&format!("refined: mean error of training views {} before, {} after", text::number(first), text::number(last)));
