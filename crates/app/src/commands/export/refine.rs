@@ -2,11 +2,12 @@
 //!
 //! Tone mapping per splat does not commute with blending: where bright and dark splats make up a pixel, the bake's pixel is darker or flatter
 //! than the tone-mapped one. And such viewers blow up what is smaller than a pixel, where the scene may be made for rasterisers that do not
-//! ([`luxel_core::Antialias`]). So the bake's harmonics, opacities and scales are made anew from the renders of the radiance scene: at first each splat's radiance times the curve's gain where it is seen ([`super::gain`]), and then for some steps by training with these renders, tone-mapped,
-//! as targets: 0.8 L1 + 0.2 (1 - SSIM) on display values, by Adam. Its steps are about as long as its rate: the rate is such that a constant term
-//! can come [`REACH`] far in whatever number of steps, and falls to a tenth; higher terms move a twentieth as far, as in training. Views come in
-//! a fixed shuffled order, so that equal inputs give equal files. At the end harmonics are drawn towards their mean where they would be
-//! negative.
+//! ([`luxel_core::Antialias`]). So the bake's harmonics, opacities and scales are made anew from the renders of the radiance scene: at first
+//! each splat's radiance times the curve's gain where it is seen ([`super::gain`]), and then for some steps by training with these renders,
+//! tone-mapped, as targets: 0.8 L1 + 0.2 (1 - SSIM) on display values, by Adam. Its steps are about as long as its rate: that of harmonics is
+//! such that a constant term can come [`REACH`] far in whatever number of steps, and falls to a tenth; higher terms move a twentieth as far,
+//! as in training. Views come in a fixed shuffled order, so that equal inputs give equal files. At the end harmonics are drawn towards their
+//! mean where they would be negative.
 
 use std::sync::Arc;
 
@@ -27,7 +28,7 @@ const REACH: f32 = 10.0;
 const DC_RATES: [f32; 2] = [2.5e-3, 5e-2];
 /// Higher terms' part of that.
 const REST: f32 = 1.0 / 20.0;
-/// Rates of opacities and scales, as in training.
+/// Rates of opacity logits and of scales' logarithms at the first step, as in training; they fall as the others do.
 const OPACITY_RATE: f32 = 0.05;
 const SCALE_RATE: f32 = 0.005;
 /// Rates at the last step are this part of the first one's: on average, 0.39 of them.
