@@ -18,6 +18,18 @@ fn defaults_are_valid_and_those_of_the_command_line() {
 }
 
 #[test]
+fn the_start_follows_strategy_and_filter() {
+    let scale = |arguments: &[&str]| parse(arguments).unwrap().initial_scale();
+    assert_eq!(scale(&[]), 1.0);
+    assert_eq!(scale(&["--antialias", "off"]), 1.0);
+    assert_eq!(scale(&["--strategy", "mcmc"]), 0.3);
+    assert_eq!(scale(&["--strategy", "mcmc", "--antialias", "mip"]), 0.3);
+    // 3DGS-MCMC's own.
+    assert_eq!(scale(&["--strategy", "mcmc", "--antialias", "off"]), 0.1);
+    assert_eq!(scale(&["--strategy", "mcmc", "--init-scale", "0.7"]), 0.7);
+}
+
+#[test]
 fn every_flag_changes_the_configuration() {
     let flags: &[&[&str]] = &[
         &["--preset", "paper"],
