@@ -16,7 +16,7 @@ pub(crate) fn install() -> Result<()> {
     ctrlc::set_handler(|| {
         let second = REQUESTED.swap(true, Ordering::SeqCst);
         if second || !TRAINING.load(Ordering::SeqCst) {
-            std::process::exit(EXIT_INTERRUPTED.into());
+            leave();
         }
         crate::console::note_from_handler("interrupted: finishing the step and saving; once more exits at once");
     })
@@ -31,9 +31,15 @@ pub(crate) fn at_end_of_input() {
         let _ = std::io::copy(&mut std::io::stdin().lock(), &mut std::io::sink());
         REQUESTED.store(true, Ordering::SeqCst);
         if !TRAINING.load(Ordering::SeqCst) {
-            std::process::exit(EXIT_INTERRUPTED.into());
+            leave();
         }
     });
+}
+
+/// Ends the process without half of a file left behind.
+fn leave() -> ! {
+    luxel_io::remove_unfinished();
+    std::process::exit(EXIT_INTERRUPTED.into());
 }
 
 /// Whether the user asked to stop.

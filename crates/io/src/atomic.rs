@@ -1,30 +1,81 @@
 //! Files that are there whole or not at all: written beside their place, synced, renamed.
 
 use std::io::{BufWriter, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
 use crate::IoError;
 
-/// Writes `path` through `write`. On any error nothing is left behind and an older file of the name stays as it was. Missing
-/// folders are created.
+/// Writes `path` through `write`. On any error nothing is left behind and an older file of the name stays as it was; else the new one has its
+/// permissions. Where the name is a link, the file that it leads to is written. Missing folders are created.
 ///
 /// # Errors
-/// `write`'s error, [`crate::IoErrorKind::System`] or [`crate::IoErrorKind::NoRoom`].
+/// `write`'s error, [`crate::IoErrorKind::System`] or [`crate::IoErrorKind::NoRoom`]; [`crate::IoErrorKind::Invalid`] where the name is a device's, a
+/// pipe's or a link's that leads nowhere.
 pub fn write_atomically(path: &Path, write: impl FnOnce(&mut (dyn WriteSeek + '_)) -> Result<(), IoError>) -> Result<(), IoError> {
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let place = place_of(path)?;
+    let folder = place.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     std::fs::create_dir_all(folder).map_err(|e| IoError::system(folder, "create folder", &e))?;
     let system = |e: &std::io::Error| IoError::system(path, "write", e);
     let file = temporary_in(folder).map_err(|e| system(&e))?;
+    let _unfinished = Unfinished::new(file.path());
+    if let Ok(older) = std::fs::metadata(&place) {
+        file.as_file().set_permissions(older.permissions()).map_err(|e| system(&e))?;
+    }
     let mut buffer = BufWriter::with_capacity(1 << 20, file);
     write(&mut buffer)?;
     let file = buffer.into_inner().map_err(|e| system(e.error()))?;
     file.as_file().sync_all().map_err(|e| system(&e))?;
-    file.persist(path).map_err(|e| system(&e.error))?;
+    file.persist(&place).map_err(|e| system(&e.error))?;
     // The rename itself is durable once the folder is; where folders can't be synced (Windows) the rename is already ordered.
     if let Ok(handle) = std::fs::File::open(folder) {
         let _ = handle.sync_all();
     }
     Ok(())
+}
+
+/// Where a file of this name is to be written: behind links, if there is one.
+fn place_of(path: &Path) -> Result<PathBuf, IoError> {
+    let Ok(found) = std::fs::symlink_metadata(path) else { return Ok(path.to_owned()) };
+    let place = match found.is_symlink() {
+        true => {
+            std::fs::canonicalize(path).map_err(|_| IoError::invalid(path, "is a link that leads nowhere, expected a file; remove it"))?
+        }
+        false => path.to_owned(),
+    };
+    match std::fs::metadata(&place) {
+        Ok(found) if !found.is_file() && !found.is_dir() => {
+            Err(IoError::invalid(path, "is a device or a pipe, expected a name for a file"))
+        }
+        _ => Ok(place),
+    }
+}
+
+/// Files that are being written.
+static UNFINISHED: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+
+/// Keeps a file among [`UNFINISHED`] while it lives.
+struct Unfinished(PathBuf);
+
+impl Unfinished {
+    fn new(path: &Path) -> Self {
+        UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner).push(path.to_owned());
+        Self(path.to_owned())
+    }
+}
+
+impl Drop for Unfinished {
+    fn drop(&mut self) {
+        UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner).retain(|path| *path != self.0);
+    }
+}
+
+/// Removes what [`write_atomically`] has not finished on any thread: for a process that ends now, without running destructors.
+pub fn remove_unfinished() {
+    for path in UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner).drain(..) {
+        // The process ends either way, and what has its name already is not here any more.
+        let _ = std::fs::remove_file(path);
+    }
 }
 
 /// A destination that can be written and sought in.
@@ -38,4 +89,53 @@ fn temporary_in(folder: &Path) -> std::io::Result<tempfile::NamedTempFile> {
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
     builder.tempfile_in(folder)
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use std::os::unix::fs::{PermissionsExt, symlink};
+
+    use super::*;
+    use crate::IoErrorKind;
+
+    fn write_text(path: &Path, text: &str) -> Result<(), IoError> {
+        write_atomically(path, |out| out.write_all(text.as_bytes()).map_err(|e| IoError::system(path, "write", &e)))
+    }
+
+    #[test]
+    fn links_lead_to_the_file_and_permissions_stay() {
+        let folder = tempfile::tempdir().unwrap();
+        let (real, link) = (folder.path().join("disk/real.ply"), folder.path().join("link.ply"));
+        write_text(&real, "old").unwrap();
+        std::fs::set_permissions(&real, std::fs::Permissions::from_mode(0o600)).unwrap();
+        symlink(&real, &link).unwrap();
+        write_text(&link, "new").unwrap();
+        assert!(link.is_symlink());
+        assert_eq!(std::fs::read_to_string(&real).unwrap(), "new");
+        assert_eq!(std::fs::metadata(&real).unwrap().permissions().mode() & 0o777, 0o600);
+        std::fs::remove_file(&real).unwrap();
+        assert!(write_text(&link, "new").unwrap_err().message.contains("leads nowhere"));
+    }
+
+    #[test]
+    fn devices_are_not_replaced() {
+        let error = write_text(Path::new("/dev/null"), "new").unwrap_err();
+        assert_eq!((error.kind, error.message.contains("is a device")), (IoErrorKind::Invalid, true));
+        assert!(!std::fs::metadata("/dev/null").unwrap().is_file());
+    }
+
+    #[test]
+    fn what_is_unfinished_can_be_removed() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.txt");
+        let result = write_atomically(&path, |out| {
+            out.write_all(b"half").unwrap();
+            assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+            // Only this one: tests beside this one write, too.
+            let own = std::fs::read_dir(folder.path()).unwrap().next().unwrap().unwrap().path();
+            assert!(UNFINISHED.lock().unwrap().contains(&own));
+            Ok(())
+        });
+        assert!(result.is_ok() && !UNFINISHED.lock().unwrap().iter().any(|open| open.starts_with(folder.path())));
+    }
 }

@@ -23,7 +23,7 @@ mod spz;
 mod tensors;
 mod usd;
 
-pub use atomic::{WriteSeek, write_atomically};
+pub use atomic::{WriteSeek, remove_unfinished, write_atomically};
 pub use bake::{Appearance, BakeOptions, Baked, MIDDLE_GREY, display_exposure};
 pub use camera_path::{PathCamera, decode_camera_path, read_camera_path};
 pub use checkpoint::{
@@ -50,6 +50,6 @@ pub use ply::{
     write_exact_ply, write_scene_ply,
 };
 pub use scene_file::{SceneFormat, read_scene};
-pub use spz::{SpzVersion, decode_spz, encode_spz, read_spz, write_spz};
+pub use spz::{SpzVersion, decode_spz, encode_spz, read_spz, spz_out_of_range, write_spz};
 pub use tensors::{Tensors, decode_tensors, read_tensors};
 pub use usd::{decode_usda, encode_usda, read_usda, write_usda};

@@ -56,6 +56,15 @@ fn radiance_and_nothing_are_refused() {
 }
 
 #[test]
+fn sizes_beyond_the_format_are_counted() {
+    let mut baked = baked(1);
+    assert_eq!(spz_out_of_range(&baked), 0);
+    baked.scene.splats.log_scale[3][0] = 8.0;
+    baked.scene.splats.log_scale[4] = [-11.0; 3];
+    assert_eq!(spz_out_of_range(&baked), 2);
+}
+
+#[test]
 fn wrong_headers_are_named() {
     let whole = encode_spz(name(), &baked(1), SpzVersion::V4).unwrap();
     let with = |at: usize, value: u8| {

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 use super::layout::{
     HEADER, LEGACY_HEADER, MAGIC, axes, block_bytes, fractional_bits, pack_color, pack_coordinate, pack_harmonic, pack_log_scale,
-    pack_opacity, pack_rotation_first_three, pack_rotation_smallest_three,
+    pack_opacity, pack_rotation_first_three, pack_rotation_smallest_three, unpack_log_scale,
 };
 use crate::bake::{Appearance, Baked};
 use crate::{IoError, write_atomically};
@@ -47,6 +47,12 @@ const ZSTD_LEVEL: i32 = 12;
 pub fn write_spz(path: &Path, baked: &Baked, version: SpzVersion) -> Result<(), IoError> {
     let bytes = encode_spz(path, baked, version)?;
     write_atomically(path, |file| file.write_all(&bytes).map_err(|e| IoError::system(path, "write", &e)))
+}
+
+/// How many splats are larger or smaller than the format holds, from e^-10 to e^5.9 units: they are written at its ends.
+pub fn spz_out_of_range(baked: &Baked) -> usize {
+    let held = unpack_log_scale(0)..=unpack_log_scale(u8::MAX);
+    baked.scene.splats.log_scale.iter().filter(|s| s.iter().any(|s| !held.contains(s))).count()
 }
 
 /// The bytes that [`write_spz`] writes; `name` is for errors.
