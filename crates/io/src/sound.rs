@@ -1,10 +1,21 @@
 //! What every reader of scenes holds values against before an engine sees them.
 
-use luxel_core::RasterConfig;
+use luxel_core::{RasterConfig, Splats};
 
 /// Whether a quaternion can be normalised in f32: neither zero (or so short that its square is) nor too long.
 pub(crate) fn is_normalizable(rotation: [f32; 4]) -> bool {
     rotation.iter().map(|q| q * q).sum::<f32>().is_normal()
+}
+
+/// Refuses splats whose size, written as a length instead of its logarithm, f32 does not hold.
+pub(crate) fn check_lengths(splats: &Splats) -> Result<(), String> {
+    match splats.log_scale.iter().position(|s| s.iter().any(|s| !s.exp().is_finite())) {
+        None => Ok(()),
+        Some(i) => Err(format!(
+            "log scale of splat {i} is {:?}, expected sizes below 3.4e38; remove the splat or scale the scene",
+            splats.log_scale[i]
+        )),
+    }
 }
 
 /// Whether an engine can work with it. Only `min_contribution` may be infinite.

@@ -50,8 +50,7 @@ pub fn decode_glb(name: &Path, bytes: &[u8]) -> Result<Scene, IoError> {
     let mut scenes = Vec::with_capacity(found.len());
     for (primitive, matrix) in found {
         let similarity = similarity(matrix).map_err(|message| IoError::unsupported(name, message))?;
-        let mut scene = read_primitive(&document, bin, primitive, record.as_ref()).map_err(invalid)?;
-        similarity.apply(&mut scene.splats);
+        let scene = read_primitive(&document, bin, primitive, &similarity, record.as_ref()).map_err(invalid)?;
         scene.splats.validate().map_err(|e| invalid(e.to_string()))?;
         scenes.push(scene);
     }
@@ -169,7 +168,14 @@ struct Exact {
     file_from_world: Option<WorldRecord>,
 }
 
-fn read_primitive(document: &Document, bin: &[u8], primitive: &Primitive, record: Option<&BakeRecord>) -> Result<Scene, String> {
+/// The splats of a primitive whose node moves it by `moved`: in the file's world, which the data set's may not be.
+fn read_primitive(
+    document: &Document,
+    bin: &[u8],
+    primitive: &Primitive,
+    moved: &Similarity,
+    record: Option<&BakeRecord>,
+) -> Result<Scene, String> {
     let khr = primitive.extensions.get(KHR).and_then(|v| v.get("extensions"));
     let exact = khr.and_then(|e| e.get(EXTENSION)).map(|v| Exact::deserialize(v).map_err(|e| format!("{EXTENSION}: {e}")));
     let read = |name: &str, width: usize| {
@@ -191,12 +197,13 @@ fn read_primitive(document: &Document, bin: &[u8], primitive: &Primitive, record
     splats.log_scale = scales.as_chunks::<3>().0.iter().map(|s| s.map(|s| s.max(f32::MIN_POSITIVE).ln())).collect();
     splats.opacity_logit = opacities.iter().map(|o| logit(*o)).collect();
     match exact.transpose()? {
-        Some(exact) => read_exact(document, bin, splats, exact),
+        Some(exact) => read_exact(document, bin, splats, moved, exact),
         None => {
             read_harmonics(&mut splats, |name, width| {
                 let name = format!("{KHR}:{name}");
                 primitive.attributes.contains_key(&name).then(|| read(&name, width))
             })?;
+            moved.apply(&mut splats);
             Ok(match record {
                 Some(record) => record.scene(splats)?,
                 None => Scene {
@@ -244,7 +251,7 @@ fn interleaved(planes: &[Vec<f32>], width: usize, count: usize) -> Result<Vec<f3
 }
 
 /// The radiance model over the geometry of the display layer.
-fn read_exact(document: &Document, bin: &[u8], mut splats: Splats, exact: Exact) -> Result<Scene, String> {
+fn read_exact(document: &Document, bin: &[u8], mut splats: Splats, moved: &Similarity, exact: Exact) -> Result<Scene, String> {
     let invalid = |message: &str| format!("{EXTENSION}: {message}");
     if !exact.color_model.is_valid() {
         return Err(invalid("colour model is out of range"));
@@ -280,6 +287,7 @@ fn read_exact(document: &Document, bin: &[u8], mut splats: Splats, exact: Exact)
     if let Some(values) = optional("LOG_SCALE", 3).transpose()? {
         splats.log_scale = values.as_chunks::<3>().0.to_vec();
     }
+    moved.apply(&mut splats);
     if let Some(world) = exact.file_from_world {
         world.undo(&mut splats).map_err(|e| invalid(&e))?;
     }

@@ -69,6 +69,34 @@ fn the_files_world_is_undone() {
     }
 }
 
+#[test]
+fn nodes_stand_in_the_files_world() {
+    // z is up in the data set, y in the file: ten up there is ten along z here.
+    let turn = glam::DMat3::from_cols(glam::DVec3::X, glam::DVec3::NEG_Z, glam::DVec3::Y);
+    let turn = Similarity::turn(turn).unwrap();
+    let original = scene(false);
+    for exact in [false, true] {
+        let mut moved = original.clone();
+        let mut baked = baked(&moved, Appearance::PREVIEW);
+        baked.transform(&turn);
+        turn.apply(&mut moved.splats);
+        let bytes = encode_glb(name(), &baked, exact.then_some(&moved)).unwrap();
+        let bytes = with_json(&bytes, |json| json.replace("\"mesh\":0", "\"mesh\":0,\"translation\":[0,10,0]"));
+        let (back, before) = (decode_glb(name(), &bytes).unwrap().splats.position[4], original.splats.position[4]);
+        assert!([0.0, 0.0, 10.0].iter().zip(0..3).all(|(up, c)| (back[c] - before[c] - up).abs() < 1e-5), "{before:?} {back:?}");
+    }
+}
+
+#[test]
+fn sizes_that_cannot_be_read_back_are_refused() {
+    let mut scene = scene(false);
+    scene.splats.log_scale[7][1] = 100.0;
+    for exact in [None, Some(&scene)] {
+        let error = encode_glb(name(), &baked(&scene, LINEAR), exact).unwrap_err();
+        assert!(error.message.contains("log scale of splat 7"), "{error}");
+    }
+}
+
 fn with_json(bytes: &[u8], change: impl Fn(String) -> String) -> Vec<u8> {
     let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
     let json = change(String::from_utf8(bytes[20..20 + length].to_vec()).unwrap());

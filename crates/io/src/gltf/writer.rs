@@ -10,6 +10,7 @@ use serde_json::{Map, Value, json};
 
 use super::{CHUNK_BIN, CHUNK_JSON, EXTENSION, FLOAT, GLB_MAGIC, KHR};
 use crate::bake::{Appearance, BakeRecord, Baked, RECORD_KEY, WorldRecord};
+use crate::sound::check_lengths;
 use crate::{IoError, write_atomically};
 
 /// Splats of a block.
@@ -72,6 +73,7 @@ struct Layout<'a> {
 impl<'a> Layout<'a> {
     fn new(name: &Path, baked: &'a Baked, exact: Option<&'a Scene>) -> Result<Self, IoError> {
         crate::ply::check(name, &baked.scene)?;
+        check_lengths(&baked.scene.splats).map_err(|e| IoError::invalid(name, format_args!("scene to write: {e}")))?;
         let splats = &baked.scene.splats;
         let space = color_space(baked).ok_or_else(|| {
             let message = format!(

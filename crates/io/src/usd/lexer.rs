@@ -44,6 +44,10 @@ impl<'a, R: BufRead> Lexer<'a, R> {
         IoError::invalid(self.path, format_args!("line {}: {message}", self.line))
     }
 
+    pub(super) fn unsupported(&self, message: impl std::fmt::Display) -> IoError {
+        IoError::unsupported(self.path, format_args!("line {}: {message}", self.line))
+    }
+
     fn peek(&mut self) -> Result<Option<u8>, IoError> {
         let buffer = self.reader.fill_buf().map_err(|e| IoError::system(self.path, "read", &e))?;
         Ok(buffer.first().copied())

@@ -6,7 +6,7 @@ use std::path::Path;
 use luxel_core::{ColorModel, ColorSpace, RasterConfig, Scene, Splats, logit, sh};
 
 use super::lexer::{Lexer, Token};
-use super::{PRIM_TYPE, usd_name};
+use super::{DISPLAY_SPACE, PRIM_TYPE, usd_name};
 use crate::IoError;
 use crate::bake::{BakeRecord, RECORD_KEY};
 use crate::regular::regular_file;
@@ -15,10 +15,11 @@ use crate::sound::is_normalizable;
 /// Deepest nesting of prims.
 const MAX_PRIMS: usize = 64;
 
-/// Reads the first particle field of splats.
+/// Reads the particle field of splats.
 ///
 /// # Errors
-/// A missing, truncated or otherwise damaged file, no splats, arrays that do not go together, or what is not supported: a transform.
+/// A missing, truncated or otherwise damaged file, no splats, arrays that do not go together, or what is not supported: a transform of the field or of
+/// a prim around it, several fields, values over time, a colour space without a name here.
 pub fn read_usda(path: &Path) -> Result<Scene, IoError> {
     regular_file(path)?;
     let file = std::fs::File::open(path).map_err(|e| IoError::system(path, "read", &e))?;
@@ -39,7 +40,7 @@ fn read<R: BufRead>(path: &Path, mut reader: R) -> Result<Scene, IoError> {
     if !is_text {
         return Err(IoError::invalid(path, "line 1: expected \"#usda 1.0\": this is not OpenUSD text"));
     }
-    let mut layer = Layer { lexer: Lexer::new(reader, path), record: None, field: None };
+    let mut layer = Layer { lexer: Lexer::new(reader, path), record: None, field: None, field_within: None, transformed_at: None };
     // The rest of the first line.
     while !matches!(layer.lexer.next()?, Token::NewLine | Token::End) {}
     layer.prims(0)?;
@@ -56,11 +57,22 @@ fn read<R: BufRead>(path: &Path, mut reader: R) -> Result<Scene, IoError> {
     })
 }
 
+/// What a property makes of its prim's place.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Placed {
+    AsItIs,
+    Moved,
+}
+
 /// A layer under way of being read.
 struct Layer<'a, R> {
     lexer: Lexer<'a, R>,
     record: Option<String>,
     field: Option<Field>,
+    /// Depth of the innermost open prim's body that the field stands in.
+    field_within: Option<usize>,
+    /// Depth of the outermost open body whose prim is transformed, and with it what is in it.
+    transformed_at: Option<usize>,
 }
 
 impl<R: BufRead> Layer<'_, R> {
@@ -70,13 +82,25 @@ impl<R: BufRead> Layer<'_, R> {
             match self.lexer.next_on()? {
                 Token::End if depth == 0 => return Ok(()),
                 Token::End => return Err(self.lexer.invalid("file ends within a prim; the file is truncated")),
-                Token::Mark(b'}') if depth > 0 => return Ok(()),
+                Token::Mark(b'}') if depth > 0 => {
+                    self.transformed_at = self.transformed_at.filter(|at| *at < depth);
+                    self.field_within = self.field_within.map(|within| within.min(depth - 1));
+                    return Ok(());
+                }
                 Token::Mark(b'(') if depth == 0 => self.layer_metadata()?,
                 Token::Mark(b';') => {}
                 // Metadata of the property before.
                 Token::Mark(b'(') => self.lexer.skip_brackets()?,
                 Token::Word(word) if matches!(word.as_str(), "def" | "over" | "class") => self.prim(depth)?,
-                Token::Word(word) => self.property(vec![word], None)?,
+                Token::Word(word) => {
+                    if self.property(vec![word], None)? == Placed::Moved {
+                        // The order of a prim's properties and children is free.
+                        if self.field_within.is_some_and(|within| within >= depth) {
+                            return Err(self.transformed());
+                        }
+                        self.transformed_at.get_or_insert(depth);
+                    }
+                }
                 other => return Err(self.lexer.invalid(format_args!("found {other:?}, expected a prim or a property"))),
             }
         }
@@ -116,7 +140,14 @@ impl<R: BufRead> Layer<'_, R> {
                 other => return Err(self.lexer.invalid(format_args!("found {other:?}, expected a prim's type, name, metadata or body"))),
             }
         }
-        if self.field.is_none() && kind.as_deref() == Some(PRIM_TYPE) {
+        if kind.as_deref() == Some(PRIM_TYPE) {
+            if self.field_within.is_some() {
+                return Err(self.lexer.unsupported(format_args!("a second prim of type {PRIM_TYPE}, expected one; export them apart")));
+            }
+            if self.transformed_at.is_some() {
+                return Err(self.transformed());
+            }
+            self.field_within = Some(depth);
             let mut field = Field::default();
             self.field_body(&mut field, depth + 1)?;
             self.field = Some(field);
@@ -134,22 +165,26 @@ impl<R: BufRead> Layer<'_, R> {
                 Token::Mark(b';') => {}
                 Token::Mark(b'(') => self.lexer.skip_brackets()?,
                 Token::Word(word) if matches!(word.as_str(), "def" | "over" | "class") => self.prim(depth)?,
-                Token::Word(word) => self.property(vec![word], Some(field))?,
+                Token::Word(word) => {
+                    if self.property(vec![word], Some(field))? == Placed::Moved {
+                        return Err(self.transformed());
+                    }
+                }
                 other => return Err(self.lexer.invalid(format_args!("found {other:?}, expected a property"))),
             }
         }
     }
 
     /// A property from its first word on: words, then perhaps `= value`, then perhaps metadata.
-    fn property(&mut self, mut words: Vec<String>, field: Option<&mut Field>) -> Result<(), IoError> {
+    fn property(&mut self, mut words: Vec<String>, field: Option<&mut Field>) -> Result<Placed, IoError> {
         loop {
             match self.lexer.next()? {
                 Token::Word(word) => words.push(word),
                 // `float[]`, `variantSet "name"`.
                 Token::Mark(b'[' | b']') | Token::Text(_) => {}
                 Token::Mark(b'=') => break,
-                Token::Mark(b'(') => return self.lexer.skip_brackets(),
-                Token::NewLine | Token::Mark(b';') | Token::End => return Ok(()),
+                Token::Mark(b'(') => return self.lexer.skip_brackets().map(|()| Placed::AsItIs),
+                Token::NewLine | Token::Mark(b';') | Token::End => return Ok(Placed::AsItIs),
                 other => return Err(self.lexer.invalid(format_args!("found {other:?}, expected a property's name or value"))),
             }
             if words.len() > 16 {
@@ -157,23 +192,28 @@ impl<R: BufRead> Layer<'_, R> {
             }
         }
         let name = words.pop().unwrap_or_default();
+        if name == "xformOpOrder" {
+            return self.transform_order();
+        }
         match field {
             Some(field) => self.field_value(&name, field)?,
-            None if name == "xformOpOrder" => self.no_transform()?,
             None => self.lexer.skip_value()?,
         }
-        Ok(())
+        Ok(Placed::AsItIs)
     }
 
-    /// An order of transforms that is not empty would move the splats.
-    fn no_transform(&mut self) -> Result<(), IoError> {
+    /// An order of transforms that is not empty moves the prim and what is in it.
+    fn transform_order(&mut self) -> Result<Placed, IoError> {
         let opening = self.lexer.next_on()?;
         match (opening, self.lexer.next_on()?) {
-            (Token::Mark(b'['), Token::Mark(b']')) => Ok(()),
-            _ => Err(self
-                .lexer
-                .invalid("a prim is transformed, which is not supported; apply the transform in the program the file is from")),
+            (Token::Mark(b'['), Token::Mark(b']')) => Ok(Placed::AsItIs),
+            (Token::Mark(b'['), _) => self.lexer.skip_brackets().map(|()| Placed::Moved),
+            (other, _) => Err(self.lexer.invalid(format_args!("\"xformOpOrder\" begins with {other:?}, expected a list"))),
         }
+    }
+
+    fn transformed(&self) -> IoError {
+        self.lexer.unsupported("the splats' prim, or one around it, is transformed, which is not supported; apply the transform in the program the file is from")
     }
 
     fn field_value(&mut self, name: &str, field: &mut Field) -> Result<(), IoError> {
@@ -191,12 +231,23 @@ impl<R: BufRead> Layer<'_, R> {
                 return Ok(());
             }
             "colorSpace:name" => {
-                if let Token::Text(text) = self.lexer.next_on()? {
-                    field.color_space = ColorSpace::ALL.into_iter().find(|space| usd_name(*space) == text).unwrap_or_default();
-                }
+                let Token::Text(text) = self.lexer.next_on()? else {
+                    return Err(self.lexer.invalid("expected the name of a colour space"));
+                };
+                let known = ColorSpace::ALL.into_iter().find(|space| usd_name(*space) == text);
+                // What our display bakes are in; their record says the rest.
+                let known = known.or_else(|| (text == DISPLAY_SPACE).then(ColorSpace::default));
+                field.color_space = known.ok_or_else(|| {
+                    let names = ColorSpace::ALL.map(usd_name).join(", ");
+                    self.lexer.unsupported(format_args!("colour space {text:?}, expected one of {names}; convert the splats' colours"))
+                })?;
                 return Ok(());
             }
-            "xformOpOrder" => return self.no_transform(),
+            timed if timed.ends_with(".timeSamples") && is_read(timed.trim_end_matches(".timeSamples")) => {
+                return Err(self
+                    .lexer
+                    .unsupported(format_args!("{name:?}: splats that change over time, expected one value; export a single frame")));
+            }
             _ => return self.lexer.skip_value(),
         };
         let values = self.lexer.numbers(name)?;
@@ -206,6 +257,12 @@ impl<R: BufRead> Layer<'_, R> {
         }
         Ok(())
     }
+}
+
+/// Whether a property of the field's prim is read.
+fn is_read(name: &str) -> bool {
+    let arrays = ["positions", "orientations", "scales", "opacities", "radiance:sphericalHarmonicsCoefficients"];
+    arrays.contains(&name.strip_suffix('h').unwrap_or(name))
 }
 
 /// Arrays as they stand in the file.

@@ -48,6 +48,13 @@ fn the_files_world_is_undone() {
     assert_eq!(decode_usda(name(), &bytes).unwrap().splats.position, before);
 }
 
+#[test]
+fn sizes_that_cannot_be_read_back_are_refused() {
+    let mut baked = baked(ColorSpace::AcesCg);
+    baked.scene.splats.log_scale[7][1] = 100.0;
+    assert!(encode_usda(name(), &baked).unwrap_err().message.contains("log scale of splat 7"));
+}
+
 /// As other programs write it: nested, half floats, metadata, comments.
 const FOREIGN: &str = r#"#usda 1.0
 (
@@ -83,6 +90,13 @@ fn files_of_other_programs_are_read() {
     assert_eq!(scene.splats.rotation[1], [0.0, 1.0, 0.0, 0.0]);
     assert_eq!(scene.splats.sh, [1.0, -1.0, 2.0, 0.0, 0.0, 0.0]);
     scene.splats.validate().unwrap();
+    // What moves a neighbour moves no splats.
+    let camera = "def Camera \"c\" { uniform token[] xformOpOrder = [\"xformOp:translate\"] }\n";
+    for (from, to) in [("def Xform", format!("{camera}def Xform")), ("    }\n}\n", format!("    }}\n{camera}}}\n"))] {
+        let text = FOREIGN.replace(from, &to);
+        assert_ne!(text, FOREIGN);
+        assert_eq!(decode_usda(name(), text.as_bytes()).unwrap().splats, scene.splats);
+    }
 }
 
 #[test]
@@ -98,7 +112,12 @@ fn what_is_wrong_is_named() {
         ("(0, 1, 0, 0)]", "(0, 0, 0, 0)]", "orientation of splat 1"),
         ("Degree = 0", "Degree = 9", "expected a degree of 0 to 5"),
         ("Degree = 0", "Degree = 1", "expected 12 for each"),
-        ("xformOpOrder = []", "xformOpOrder = [\"xformOp:translate\"]", "line 13: a prim is transformed"),
+        ("xformOpOrder = []", "xformOpOrder = [\"xformOp:translate\"]", "line 14: the splats' prim, or one around it, is transformed"),
+        ("def Scope", "uniform token[] xformOpOrder = [\"a\", \"b\"]\ndef Scope", "is transformed"),
+        ("    }\n}\n", "    }\nuniform token[] xformOpOrder = [\"a\"]\n}\n", "is transformed"),
+        ("    }\n}\n", "    }\ndef ParticleField3DGaussianSplat \"T\" {}\n}\n", "a second prim"),
+        ("lin_ap1_scene", "lin_adobergb_scene", "colour space \"lin_adobergb_scene\", expected one of lin_rec709_scene"),
+        ("positionsh = [(0, 0, 0), (1, 2, -3e0)]", "positionsh.timeSamples = { 1: [(0, 0, 0), (1, 2, 3)] }", "change over time"),
         ("(.5, 0, 2)", "(.5, -1, 2)", "scale of splat 1 is -1"),
     ] {
         let text = FOREIGN.replace(from, to);

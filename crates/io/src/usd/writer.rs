@@ -9,6 +9,7 @@ use rayon::prelude::*;
 
 use super::{DISPLAY_SPACE, PRIM_TYPE, usd_name};
 use crate::bake::{Appearance, BakeRecord, Baked, RECORD_KEY};
+use crate::sound::check_lengths;
 use crate::{IoError, write_atomically};
 
 /// Splats of a block.
@@ -23,7 +24,7 @@ const EXTENT_SIGMA: f64 = 3.0;
 /// # Errors
 /// A scene that could not be read back, or the file system's refusal.
 pub fn write_usda(path: &Path, baked: &Baked) -> Result<(), IoError> {
-    crate::ply::check(path, &baked.scene)?;
+    check(path, baked)?;
     write_atomically(path, |file| write(baked, file).map_err(|e| IoError::system(path, "write", &e)))
 }
 
@@ -32,10 +33,15 @@ pub fn write_usda(path: &Path, baked: &Baked) -> Result<(), IoError> {
 /// # Errors
 /// As [`write_usda`].
 pub fn encode_usda(name: &Path, baked: &Baked) -> Result<Vec<u8>, IoError> {
-    crate::ply::check(name, &baked.scene)?;
+    check(name, baked)?;
     let mut bytes = Vec::new();
     write(baked, &mut bytes).map_err(|e| IoError::system(name, "write", &e))?;
     Ok(bytes)
+}
+
+fn check(path: &Path, baked: &Baked) -> Result<(), IoError> {
+    crate::ply::check(path, &baked.scene)?;
+    check_lengths(&baked.scene.splats).map_err(|e| IoError::invalid(path, format_args!("scene to write: {e}")))
 }
 
 fn write<W: Write + ?Sized>(baked: &Baked, out: &mut W) -> std::io::Result<()> {
