@@ -3,7 +3,10 @@
 use std::path::{Path, PathBuf};
 
 /// Image extensions in the order they are tried where a name comes without one: radiance before display values.
-const IMAGE_EXTENSIONS: [&str; 7] = ["exr", "hdr", "tif", "tiff", "png", "jpg", "jpeg"];
+pub(super) const IMAGE_EXTENSIONS: [&str; 7] = ["exr", "hdr", "tif", "tiff", "png", "jpg", "jpeg"];
+
+/// How many of them are of formats that hold radiance alone.
+const RADIANCE_EXTENSIONS: usize = 2;
 
 /// Whether the name ends in an extension of an image format.
 fn image_extension(name: &str) -> Option<&str> {
@@ -32,8 +35,10 @@ pub(super) fn view_name(file_path: &str) -> String {
 /// Whether an image of the same stem but another format may stand in for the named one.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Substitute {
-    /// COLMAP reads no HDR: it ran on 8-bit copies of the images.
+    /// Where the named one is missing: a mask may be in any format.
     Allowed,
+    /// Radiance goes before the named one, other formats only where it is missing: COLMAP reads no HDR, it ran on 8-bit copies of the images.
+    Radiance,
     /// The description names the image itself.
     No,
 }
@@ -41,25 +46,37 @@ pub(super) enum Substitute {
 /// The image that `file_path` (with or without extension, relative to `folder`) names, if there is one.
 pub(super) fn find_image(folder: &Path, file_path: &str, substitute: Substitute) -> Option<PathBuf> {
     let slashed = file_path.replace('\\', "/");
-    let exact = folder.join(&slashed);
-    if exact.is_file() {
-        return Some(exact);
-    }
-    let stem = match (image_extension(&slashed), substitute) {
-        (Some(_), Substitute::No) => return None,
-        (Some(_), Substitute::Allowed) => without_extension(&slashed),
-        (None, _) => &slashed,
+    let exact = || Some(folder.join(&slashed)).filter(|path| path.is_file());
+    let stem = without_extension(&slashed);
+    let of_stem = |extensions: &[&str]| {
+        let spelled = extensions.iter().flat_map(|e| [(*e).to_owned(), e.to_ascii_uppercase()]);
+        spelled.map(|extension| folder.join(format!("{stem}.{extension}"))).find(|path| path.is_file())
     };
-    IMAGE_EXTENSIONS
-        .iter()
-        .flat_map(|e| [(*e).to_owned(), e.to_ascii_uppercase()])
-        .map(|extension| folder.join(format!("{stem}.{extension}")))
-        .find(|path| path.is_file())
+    let has_extension = stem.len() < slashed.len();
+    match substitute {
+        Substitute::No if has_extension => exact(),
+        Substitute::No | Substitute::Allowed => exact().or_else(|| of_stem(&IMAGE_EXTENSIONS)),
+        Substitute::Radiance => of_stem(&IMAGE_EXTENSIONS[..RADIANCE_EXTENSIONS]).or_else(exact).or_else(|| of_stem(&IMAGE_EXTENSIONS)),
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn radiance_goes_before_the_copy_that_colmap_ran_on() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        let found = |name: &str, substitute| find_image(folder.path(), name, substitute);
+        ["000.jpg", "000.EXR", "001.jpg", "002.png"].iter().for_each(|name| std::fs::write(path(name), "").unwrap());
+        assert_eq!(found("000.jpg", Substitute::Radiance), Some(path("000.EXR")));
+        assert_eq!(found("001.jpg", Substitute::Radiance), Some(path("001.jpg")));
+        assert_eq!(found("002.jpg", Substitute::Radiance), Some(path("002.png")));
+        assert_eq!(found("000.jpg", Substitute::Allowed), Some(path("000.jpg")));
+        assert_eq!(found("002.jpg", Substitute::No), None);
+        assert_eq!(found("002", Substitute::No), Some(path("002.png")));
+    }
 
     #[test]
     fn view_names_keep_folders_and_lose_image_extensions() {

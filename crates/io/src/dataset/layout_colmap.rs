@@ -17,7 +17,7 @@ use crate::IoError;
 /// How the images of a COLMAP folder are found from the registered names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum ColmapLayout {
-    /// In `images/`, by that name, or of the same stem (COLMAP reads 8-bit copies).
+    /// In `images/`, of the same stem: COLMAP reads 8-bit copies, radiance beside them goes first.
     Plain,
     /// See the module.
     HdrGs,
@@ -52,7 +52,7 @@ pub(super) fn colmap_source(folder: &Path, layout: ColmapLayout, supervision: Su
     let scene = scene_folder(folder);
     let mut warnings = Vec::new();
     let chosen = match layout {
-        ColmapLayout::Plain => plain_images(&model, &files, &scene, &mut warnings)?,
+        ColmapLayout::Plain => plain_images(&model, &files, (&scene, supervision), &mut warnings)?,
         ColmapLayout::HdrGs => hdr_gs_images(&model, &files, (&scene, supervision))?,
         ColmapLayout::GaussHdr => gauss_hdr_images(&model, &files, (&scene, supervision))?,
     };
@@ -133,14 +133,18 @@ pub(super) fn scene_folder(folder: &Path) -> PathBuf {
 fn plain_images<'a>(
     model: &'a ColmapModel,
     files: &ColmapFiles<PathBuf>,
-    scene: &Path,
+    (scene, supervision): (&Path, Supervision),
     warnings: &mut Vec<String>,
 ) -> Result<Vec<Chosen<'a>>, IoError> {
     let mut chosen = Vec::with_capacity(model.images.len());
     let mut substituted = Vec::new();
+    let substitute = match supervision {
+        Supervision::Hdr => Substitute::Radiance,
+        Supervision::Ldr => Substitute::Allowed,
+    };
     for (index, image) in model.images.iter().enumerate() {
         let found = ["images", ""].iter().find_map(|sub| {
-            let path = find_image(&scene.join(sub), &image.name, Substitute::Allowed)?;
+            let path = find_image(&scene.join(sub), &image.name, substitute)?;
             Some((path, format!("{sub}/{}", image.name)))
         });
         let Some((path, file_path)) = found else {

@@ -1,6 +1,6 @@
 //! Masks: images whose brightness says how much each pixel counts, white fully, black not at all.
 //!
-//! In a folder of masks an image's is named like it: `<stem>.png` (or another image format, or with the image's own extension before: `000.exr.png`),
+//! In a folder of masks an image's is named like it: `<stem>.png` (or another image format, or with an image's extension before, its own or another: `000.exr.png`),
 //! below the same folders, without the first of them, or without any where no two images share a last name. Next to a data set the folder is
 //! `masks/`; a merge of exposures leaves another, of the pixels that all of them saturate, to be named.
 
@@ -11,7 +11,7 @@ use std::str::FromStr;
 
 use luxel_core::Mask;
 
-use super::files::{Substitute, find_image};
+use super::files::{IMAGE_EXTENSIONS, Substitute, find_image};
 use super::source::Frame;
 use crate::IoError;
 use crate::image::decode_codes;
@@ -114,8 +114,10 @@ fn mask_of(folder: &Path, frame: &Frame, is_last_name_unique: bool) -> Option<Pa
     let last = is_last_name_unique.then(|| last_name(&frame.name));
     let extension = frame.image.extension().map(|e| e.to_string_lossy().into_owned()).unwrap_or_default();
     [Some(frame.name.as_str()), below_first, last].into_iter().flatten().find_map(|name| {
-        let of_file = || find_image(folder, &format!("{name}.{extension}.png"), Substitute::No);
-        of_file().or_else(|| find_image(folder, &format!("{name}.png"), Substitute::Allowed))
+        let of_file = |extension: &str| find_image(folder, &format!("{name}.{extension}.png"), Substitute::No);
+        // COLMAP's masks are named like the copies that it ran on.
+        let of_any_copy = || IMAGE_EXTENSIONS.iter().find_map(|extension| of_file(extension));
+        of_file(&extension).or_else(|| find_image(folder, &format!("{name}.png"), Substitute::Allowed)).or_else(of_any_copy)
     })
 }
 

@@ -1,6 +1,7 @@
 //! Parser of `transforms.json` (nerfstudio, instant-ngp, Blender): bytes -> frames with poses and lenses. Opens no image.
 //!
-//! Poses are camera-to-world matrices in OpenGL axes; lens parameters of a frame go before the file's. Understood: `fl_x fl_y cx cy w h`,
+//! Poses are camera-to-world matrices in OpenGL axes. Lens parameters of a frame go before the file's, group by group: focal lengths and angles of view;
+//! the centre, which a frame of another size has of its own; distortion. Understood: `fl_x fl_y cx cy w h`,
 //! `camera_angle_x camera_angle_y`, `k1 k2 p1 p2`, `ply_file_path`, `applied_transform`, `applied_scale`, `train_filenames`,
 //! `val_filenames`, `test_filenames`, `mask_path`; `exposure` (seconds) of recorded images, `noise` or `iso` and `white` of noisy ones. Lenses beyond OPENCV's four coefficients are refused.
 
@@ -17,6 +18,8 @@ use crate::IoError;
 const CAMERA_MODELS: [&str; 6] = ["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE"];
 /// Coefficients beyond OPENCV's four: must be absent or 0.
 const HIGHER_COEFFICIENTS: [&str; 6] = ["k3", "k4", "k5", "k6", "p3", "p4"];
+/// Most noise that is read, in radiance: far beyond any sensor's, and its square is a number.
+const MAX_NOISE: f64 = 1e9;
 const LENS_REMEDY: &str = "undistort the images first, for example with `colmap image_undistorter`";
 
 /// A parsed `transforms.json`.
@@ -132,6 +135,12 @@ impl Fields<'_> {
         self.own.get(key).or_else(|| self.shared.and_then(|shared| shared.get(key)))
     }
 
+    /// The frame's own fields, where it has one of these keys: numbers that make a lens together are never mixed with the file's.
+    fn group(&self, keys: &[&str]) -> Self {
+        let has_own = keys.iter().any(|key| self.own.contains_key(*key));
+        Self { path: self.path, place: self.place.clone(), own: self.own, shared: self.shared.filter(|_| !has_own) }
+    }
+
     /// A finite number, if the key is there.
     fn number(&self, key: &str) -> Result<Option<f64>, IoError> {
         let Some(value) = self.get(key) else { return Ok(None) };
@@ -237,17 +246,23 @@ fn parse_frame(file: &Fields<'_>, index: usize, frame: &Value) -> Result<Transfo
 /// Noise as `"noise": [read, shot]` states it, or as a typical sensor has it at `"iso"`, where a pixel of radiance `"white"` (1 if left out) is
 /// saturated.
 fn noise(fields: &Fields<'_>) -> Result<Option<NoiseModel>, IoError> {
+    let is_usable = |v: f64| (0.0..=MAX_NOISE).contains(&v);
     if let Some(value) = fields.get("noise") {
         let parts: Vec<f64> = value.as_array().into_iter().flatten().filter_map(Value::as_f64).collect();
         return match parts.as_slice() {
-            [read, shot] if *read >= 0.0 && *shot >= 0.0 => Ok(Some(NoiseModel { read: *read as f32, shot: *shot as f32 })),
-            _ => {
-                Err(fields.error("\"noise\" is not [read, shot], two numbers of at least 0: the variance of radiance p is read^2 + shot p"))
-            }
+            [read, shot] if is_usable(*read) && is_usable(*shot) => Ok(Some(NoiseModel { read: *read as f32, shot: *shot as f32 })),
+            _ => Err(fields.error(format!(
+                "\"noise\" is not [read, shot], two numbers from 0 to {MAX_NOISE:e}: the variance of radiance p is read^2 + shot p"
+            ))),
         };
     }
     let white = fields.positive("white")?.unwrap_or(1.0);
-    Ok(fields.positive("iso")?.map(|iso| NoiseModel::of_iso(iso, white)))
+    let Some(iso) = fields.positive("iso")? else { return Ok(None) };
+    let model = NoiseModel::of_iso(iso, white);
+    match is_usable(model.read.into()) && is_usable(model.shot.into()) {
+        true => Ok(Some(model)),
+        false => Err(fields.error(format!("\"iso\" {iso} with \"white\" {white} is more noise than radiance, expected a camera's"))),
+    }
 }
 
 fn pose(fields: &Fields<'_>, matrix: &Value) -> Result<DAffine3, IoError> {
@@ -287,13 +302,10 @@ fn intrinsics(fields: &Fields<'_>) -> Result<Intrinsics, IoError> {
             return Err(fields.unsupported(format!("\"{key}\" is {value}, expected 0: the lens model is k1 k2 p1 p2; {LENS_REMEDY}")));
         }
     }
-    let size_px = match (fields.side("w")?, fields.side("h")?) {
-        (Some(w), Some(h)) => Some([w, h]),
-        (None, None) => None,
-        _ => return Err(fields.error("one of \"w\" and \"h\" is missing, expected both or neither")),
-    };
-    let focal = match (fields.number("fl_x")?, fields.number("fl_y")?) {
-        (None, None) => angle_of_view(fields)?,
+    let size_px = size(fields)?;
+    let focal_fields = fields.group(&["fl_x", "fl_y", "camera_angle_x", "camera_angle_y"]);
+    let focal = match (focal_fields.number("fl_x")?, focal_fields.number("fl_y")?) {
+        (None, None) => angle_of_view(&focal_fields)?,
         (Some(x), Some(y)) => Focal::Pixels(DVec2::new(x, y)),
         (Some(f), None) | (None, Some(f)) => Focal::Pixels(DVec2::splat(f)),
     };
@@ -302,13 +314,31 @@ fn intrinsics(fields: &Fields<'_>) -> Result<Intrinsics, IoError> {
     {
         return Err(fields.error(format!("focal length {} x {} px, expected positive numbers", focal.x, focal.y)));
     }
-    let coefficient = |key| Ok::<_, IoError>(fields.number(key)?.unwrap_or(0.0));
+    let mut center = fields.group(&["cx", "cy"]);
+    // The centre of an image of another size is not this one's.
+    if let Some(shared) = center.shared
+        && size(&Fields { own: shared, shared: None, place: String::new(), ..*fields })?.is_some_and(|shared| Some(shared) != size_px)
+    {
+        center.shared = None;
+    }
+    let distortion = fields.group(&["k1", "k2", "p1", "p2"]);
+    let coefficient = |key| Ok::<_, IoError>(distortion.number(key)?.unwrap_or(0.0));
     Ok(Intrinsics {
         size_px,
         focal,
-        center_px: [fields.number("cx")?, fields.number("cy")?],
+        center_px: [center.number("cx")?, center.number("cy")?],
         distortion: Distortion { k1: coefficient("k1")?, k2: coefficient("k2")?, p1: coefficient("p1")?, p2: coefficient("p2")? },
     })
+}
+
+/// The image's size, if it is stated.
+fn size(fields: &Fields<'_>) -> Result<Option<[u32; 2]>, IoError> {
+    let fields = fields.group(&["w", "h"]);
+    match (fields.side("w")?, fields.side("h")?) {
+        (Some(w), Some(h)) => Ok(Some([w, h])),
+        (None, None) => Ok(None),
+        _ => Err(fields.error("one of \"w\" and \"h\" is missing, expected both or neither")),
+    }
 }
 
 fn angle_of_view(fields: &Fields<'_>) -> Result<Focal, IoError> {
@@ -388,6 +418,31 @@ mod tests {
         let camera = frames[0].camera([80, 60]).unwrap();
         assert_eq!(camera.eye(), DVec3::new(1.0, 2.0, 3.0));
         assert_eq!(camera.center_px, DVec2::new(40.0, 30.0));
+    }
+
+    #[test]
+    fn a_lens_is_never_mixed_from_a_frames_and_the_files_numbers() {
+        let shared = r#""fl_x": 50, "fl_y": 51, "w": 64, "h": 32, "cx": 33, "cy": 15, "k1": 0.1, "k2": 0.2"#;
+        let lens = |own: &str| {
+            let json = format!(r#"{{{shared}, "frames": [{{"file_path": "a", {own} "transform_matrix": {POSE}}}]}}"#);
+            parse(&json).unwrap().frames.remove(0).intrinsics
+        };
+        assert_eq!(lens("").focal, Focal::Pixels(DVec2::new(50.0, 51.0)));
+        assert_eq!(lens("").center_px, [Some(33.0), Some(15.0)]);
+        assert_eq!(lens(r#""fl_x": 100,"#).focal, Focal::Pixels(DVec2::splat(100.0)));
+        assert_eq!(lens(r#""camera_angle_x": 1.5,"#).focal, Focal::Angle { x: Some(1.5), y: None });
+        assert_eq!(lens(r#""w": 64, "h": 32,"#).center_px, [Some(33.0), Some(15.0)]);
+        assert_eq!(lens(r#""w": 128, "h": 64,"#).center_px, [None, None]);
+        assert_eq!(lens(r#""w": 128, "h": 64, "cx": 65,"#).center_px, [Some(65.0), None]);
+        assert_eq!(lens(r#""k1": 0.3,"#).distortion, Distortion { k1: 0.3, ..Distortion::default() });
+    }
+
+    #[test]
+    fn noise_without_bounds_is_an_error() {
+        let noise = |own: &str| with_lens(own).map(|file| file.frames[0].noise);
+        assert_eq!(noise(r#""fl_x": 9, "noise": [0.5, 0],"#).unwrap(), Some(NoiseModel { read: 0.5, shot: 0.0 }));
+        assert!(message(with_lens(r#""fl_x": 9, "noise": [1e300, 0],"#)).contains("two numbers from 0 to 1e9"));
+        assert!(message(with_lens(r#""fl_x": 9, "iso": 1e38, "white": 1e30,"#)).contains("expected a camera's"));
     }
 
     #[test]
