@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::Image;
+use crate::response::{BLACK, SATURATED};
 
 /// Full well of a typical sensor of a system camera at ISO 100, electrons.
 const FULL_WELL: f64 = 40_000.0;
@@ -38,6 +39,33 @@ impl PixelValues {
         if let Self::Recorded { .. } = self {
             image.pixels.as_flattened_mut().iter_mut().for_each(|v| *v = v.max(0.0).powf(RECORDING_GAMMA.recip()));
         }
+    }
+}
+
+/// Levels of [`PixelValues::bounds`]: no mean of unlike ones is one of them.
+const BLACK_LEVEL: f32 = std::f32::consts::FRAC_1_PI;
+const SATURATED_LEVEL: f32 = 1.0;
+/// How far a resampled level may be off.
+const LEVEL_TOLERANCE: f32 = 1e-4;
+
+impl PixelValues {
+    /// Where recorded values are no more than bounds: black and saturated ones have a level each, by channel, the rest 0. `None` of radiance.
+    pub fn bounds(self, image: &Image) -> Option<Image> {
+        let Self::Recorded { .. } = self else { return None };
+        let level = |v: f32| match v {
+            v if v >= SATURATED => SATURATED_LEVEL,
+            v if v <= BLACK => BLACK_LEVEL,
+            _ => 0.0,
+        };
+        let pixels = image.pixels.iter().map(|pixel| pixel.map(level)).collect();
+        Some(Image { width: image.width, height: image.height, pixels })
+    }
+
+    /// Whether a pixel of resampled [`Self::bounds`] is made of values and bounds: what was recorded there is neither, as a mean of saturated and other
+    /// pixels is less than the light that fell on them.
+    pub fn is_mixture(levels: [f32; 3]) -> bool {
+        let is_one = |level: f32| [0.0, BLACK_LEVEL, SATURATED_LEVEL].iter().any(|known| (level - known).abs() <= LEVEL_TOLERANCE);
+        levels.into_iter().any(|level| !is_one(level))
     }
 }
 
@@ -97,6 +125,17 @@ mod tests {
         recorded.from_light(&mut image);
         let pairs = image.pixels.as_flattened().iter().zip(before.pixels.as_flattened());
         assert!(pairs.into_iter().all(|(a, b)| (a - b).abs() < 1e-6));
+    }
+
+    #[test]
+    fn means_of_values_and_bounds_are_neither() {
+        let recorded = PixelValues::Recorded { exposure_s: 1.0 };
+        let image = Image::from_pixels(2, 2, vec![[1.0, 0.0, 1.0], [1.0, 0.0, 0.5], [1.0, 0.0, 1.0], [1.0, 0.0, 1.0]]).unwrap();
+        assert_eq!(PixelValues::Radiance.bounds(&image), None);
+        let bounds = recorded.bounds(&image).unwrap();
+        assert!(bounds.pixels.iter().all(|levels| !PixelValues::is_mixture(*levels)));
+        let [red, green, blue] = bounds.block_mean([0, 0], 2, |_| true).0;
+        assert!(!PixelValues::is_mixture([red, green, 0.0]) && PixelValues::is_mixture([red, green, blue]));
     }
 
     #[test]

@@ -65,7 +65,7 @@ impl View {
     }
 
     /// The same view in an image reduced `factor` times a side by area average over valid pixels, in linear light. A pixel is valid if at
-    /// least `min_valid` (0 to 1) of its area is, and some of it; it weighs what its valid pixels do on average. Incomplete blocks at the right and bottom border are left out, so that the
+    /// least `min_valid` (0 to 1) of its area is, and some of it, and of recorded values none or all are saturated or black; it weighs what its valid pixels do on average. Incomplete blocks at the right and bottom border are left out, so that the
     /// camera is scaled exactly. The factor is lowered to what leaves one pixel a side.
     pub fn downscaled(&self, factor: u32, min_valid: f64) -> Self {
         let [width, height] = self.camera.size_px;
@@ -73,6 +73,7 @@ impl View {
         let camera = self.camera.downscaled(factor);
         let ([width, height], factor) = (camera.size_px.map(|side| side as usize), factor as usize);
         let enough = (min_valid * (factor * factor) as f64).max(1.0);
+        let bounds = self.values.bounds(&self.image);
         let mut light = Arc::clone(&self.image);
         if self.values != PixelValues::Radiance {
             self.values.to_light(Arc::make_mut(&mut light));
@@ -83,7 +84,8 @@ impl View {
             for x in 0..width {
                 let corner = [x * factor, y * factor];
                 let (mean, count) = light.block_mean(corner, factor, |at| self.is_valid(at));
-                let is_valid = count as f64 >= enough;
+                let is_mixture = |bounds: &Image| PixelValues::is_mixture(bounds.block_mean(corner, factor, |at| self.is_valid(at)).0);
+                let is_valid = count as f64 >= enough && !bounds.as_ref().is_some_and(is_mixture);
                 pixels.push(if is_valid { mean } else { [0.0; 3] });
                 weights.push(if is_valid { self.block_weight(corner, factor, count) } else { 0.0 });
             }
@@ -180,6 +182,18 @@ mod tests {
             noise: None,
             mask: mask.map(|valid| Arc::new(Mask::of_valid(valid))),
         }
+    }
+
+    #[test]
+    fn recordings_are_reduced_without_blocks_that_are_saturated_in_part() {
+        let mut full = view(6, 2, None);
+        full.values = PixelValues::Recorded { exposure_s: 1.0 };
+        // A block in range, one saturated, one in part.
+        let row = [[0.5; 3], [0.4; 3], [1.0; 3], [1.0; 3], [1.0; 3], [0.9; 3]];
+        full.image = Arc::new(Image::from_pixels(6, 2, [row, row].concat()).unwrap());
+        let reduced = full.downscaled(2, 0.5);
+        assert_eq!([0, 1, 2].map(|i| reduced.is_valid(i)), [true, true, false]);
+        assert_eq!(reduced.image.pixels[1], [1.0; 3]);
     }
 
     #[test]

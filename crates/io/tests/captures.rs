@@ -250,6 +250,23 @@ fn recordings_are_read_as_they_are_with_their_exposures() {
 }
 
 #[test]
+fn recordings_are_reduced_without_blocks_that_are_saturated_in_part() {
+    let scene = Scene::new();
+    scene.png("a.png", |x, _| if x < 5 { [255, 255, 255, 255] } else { [200, 0, 90, 255] });
+    scene.write("transforms.json", transforms(&[("a.png", 0.0, ", \"exposure\": 1")]));
+    let data = scene.read(&LoadOptions { downscale: 2, ..ldr(Exposures::All) }).unwrap();
+    let valid: Vec<bool> = (0..4).map(|x| data.train[0].is_valid(x)).collect();
+    assert_eq!(valid, [true, true, false, true]);
+    // With a lens, too: the pixels between.
+    let lens = ", \"exposure\": 1, \"k1\": 0.001";
+    scene.write("transforms.json", transforms(&[("a.png", 0.0, lens)]));
+    let view = &scene.read(&ldr(Exposures::All)).unwrap().train[0];
+    let of_row = |i: usize| view.image.pixels[i][0];
+    let between = (0..view.image.pixels.len()).filter(|i| of_row(*i) > 0.8 && of_row(*i) < 0.99 && view.is_valid(*i)).count();
+    assert_eq!(between, 0);
+}
+
+#[test]
 fn brackets_are_thinned_out_to_what_is_asked_for() {
     let scene = bracketed();
     assert_eq!(names(&scene.read(&ldr(Exposures::Single)).unwrap().train), ["ldr/0_0", "ldr/1_1"]);
