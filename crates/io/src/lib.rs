@@ -10,6 +10,7 @@ mod checkpoint;
 mod dataset;
 mod error;
 mod gltf;
+mod icc;
 mod image;
 #[cfg(feature = "ocio")]
 mod ocio_space;
@@ -20,6 +21,7 @@ mod regular;
 mod scene_file;
 mod sound;
 mod spz;
+mod tags;
 mod tensors;
 mod usd;
 

@@ -92,14 +92,19 @@ fn decode(frame: &Frame, bytes: &[u8], options: &LoadOptions) -> Result<(Decoded
     }
 }
 
-/// Removes lens distortion and reduces, in linear light.
+/// Removes lens distortion and reduces, in linear light. Pixels that recorded values make together with bounds are left out.
 fn resample(view: &mut View, mut image: Image, mut mask: Option<Mask>, frame: &Frame, factor: u32) -> Result<(), IoError> {
     let is_resampled = !view.camera.distortion.is_none() || factor > 1;
+    let mut bounds = view.values.bounds(&image).filter(|_| is_resampled);
     if is_resampled {
         view.values.to_light(&mut image);
     }
     if !view.camera.distortion.is_none() {
-        let (straight, seen, pinhole) = undistort(&image, mask.as_ref(), &view.camera);
+        let (straight, mut seen, pinhole) = undistort(&image, mask.as_ref(), &view.camera);
+        if let Some(bounds) = &mut bounds {
+            *bounds = undistort(bounds, mask.as_ref(), &view.camera).0;
+            leave_out_mixtures(bounds, &mut seen);
+        }
         (image, mask, view.camera) = (straight, Some(seen), pinhole);
     }
     if factor > 1 {
@@ -109,12 +114,17 @@ fn resample(view: &mut View, mut image: Image, mut mask: Option<Mask>, frame: &F
                 .origin
                 .error(format!("image of {w} x {h} pixels, expected at least {factor} x {factor} to reduce it {factor} times")));
         }
-        match mask.take() {
-            Some(seen) => {
-                let (reduced, seen) = downscale_masked(&image, &seen, factor as usize);
+        let factor_px = factor as usize;
+        let all = |image: &Image| Mask { weights: vec![1.0; image.pixels.len()] };
+        match mask.take().or_else(|| bounds.as_ref().map(all)) {
+            Some(before) => {
+                let (reduced, mut seen) = downscale_masked(&image, &before, factor_px);
+                if let Some(bounds) = &bounds {
+                    leave_out_mixtures(&downscale_masked(bounds, &before, factor_px).0, &mut seen);
+                }
                 (image, mask) = (reduced, Some(seen));
             }
-            None => image = downscale(&image, factor as usize),
+            None => image = downscale(&image, factor_px),
         }
         view.camera = view.camera.downscaled(factor);
         view.noise = view.noise.map(|model| model.averaged((factor * factor) as usize));
@@ -125,6 +135,12 @@ fn resample(view: &mut View, mut image: Image, mut mask: Option<Mask>, frame: &F
     view.mask = mask.filter(|mask| mask.weights.iter().any(|weight| *weight < 1.0)).map(Arc::new);
     view.image = Arc::new(image);
     Ok(())
+}
+
+/// Takes the weight of pixels of recorded values whose resampled `bounds` say that some of what they are made of was black or saturated, and some not.
+fn leave_out_mixtures(bounds: &Image, mask: &mut Mask) {
+    let mixed = mask.weights.iter_mut().zip(&bounds.pixels).filter(|(_, levels)| PixelValues::is_mixture(**levels));
+    mixed.for_each(|(weight, _)| *weight = 0.0);
 }
 
 /// Pixels that count in both.
@@ -168,8 +184,7 @@ fn settle_working_space(decoded: &mut DecodedImage) -> Option<ColorSpace> {
         return Some(stated);
     }
     let working = ColorSpace::LinearRec709;
-    convert(&mut decoded.image, &Conversion::between(stated, working));
-    decoded.warnings.push(format!("colours converted to linear Rec.709 from {}", stated.name()));
+    convert(&mut decoded.image, &Conversion::between(stated, working), stated.name(), &mut decoded.warnings);
     Some(working)
 }
 

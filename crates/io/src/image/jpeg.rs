@@ -1,4 +1,5 @@
-//! JPEG in: 8 bits, grey, RGB, YCbCr or CMYK. Read as sRGB, which is what JFIF and Exif say a JPEG without a profile is.
+//! JPEG in: 8 bits, grey, RGB, YCbCr or CMYK. Read as of sRGB's curve, which is what JFIF and Exif say a JPEG without a profile is; primaries are an ICC
+//! profile's, if they are a known space's.
 //!
 //! The decoder fills up what is missing at a file's end; that a file is whole is therefore checked by its markers.
 
@@ -8,13 +9,14 @@ use std::path::Path;
 use image::codecs::jpeg::JpegDecoder;
 use image::{ColorType, ImageDecoder, ImageError};
 
+use super::colorimetry::settle_profile;
 use super::guard::{check_size, zeroed};
 use super::samples::{Curve, Layout, NOT_HDR};
 use super::{DecodedImage, ReadOptions, SampleDepth, Transfer};
 use crate::IoError;
 
 /// Samples as they are.
-fn samples(name: &Path, bytes: &[u8]) -> Result<(Layout, Vec<u8>, Markers), IoError> {
+fn samples(name: &Path, bytes: &[u8]) -> Result<(Layout, Vec<u8>), IoError> {
     let markers = Markers::read(bytes);
     let size = markers.size.ok_or_else(|| damaged(name, "no frame header with a size"))?;
     check_size(name, size.map(u64::from), bytes.len() as u64)?;
@@ -34,29 +36,26 @@ fn samples(name: &Path, bytes: &[u8]) -> Result<(Layout, Vec<u8>, Markers), IoEr
     let layout = Layout { width: width as usize, height: height as usize, channels: channels.into() };
     let mut samples = zeroed::<u8>(name, layout.width * layout.height * layout.channels)?;
     decoder.read_image(&mut samples).map_err(|e| explain(name, &e))?;
-    Ok((layout, samples, markers))
+    Ok((layout, samples))
 }
 
 /// Width, height and codes of red, green and blue.
 pub(super) fn codes(name: &Path, bytes: &[u8]) -> Result<(usize, usize, Vec<u8>), IoError> {
-    let (layout, samples, _) = samples(name, bytes)?;
+    let (layout, samples) = samples(name, bytes)?;
     let rgb = if layout.channels == 1 { samples.iter().flat_map(|v| [*v; 3]).collect() } else { samples };
     Ok((layout.width, layout.height, rgb))
 }
 
 /// Decodes a whole file.
 pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<DecodedImage, IoError> {
-    let (layout, samples, markers) = samples(name, bytes)?;
+    let (layout, samples) = samples(name, bytes)?;
     let mut warnings = vec![NOT_HDR.to_string()];
     if options.transfer.is_none() {
         warnings.push("JPEG read as sRGB, its standard transfer curve".to_string());
     }
-    if markers.has_icc {
-        warnings.push("its ICC profile is not applied".to_string());
-    }
     let curve = Curve::Named(options.transfer.unwrap_or(Transfer::Srgb));
     let (image, alpha) = layout.assemble8(name, &samples, curve)?;
-    Ok(DecodedImage {
+    let mut decoded = DecodedImage {
         image,
         alpha,
         is_premultiplied: false,
@@ -64,7 +63,9 @@ pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result
         chromaticities: None,
         depth: SampleDepth::Integer8,
         warnings,
-    })
+    };
+    settle_profile(&mut decoded, bytes);
+    Ok(decoded)
 }
 
 /// Size from the frame header.
@@ -87,7 +88,6 @@ fn explain(name: &Path, error: &ImageError) -> IoError {
 #[derive(Clone, Debug, Default, PartialEq)]
 struct Markers {
     size: Option<[u32; 2]>,
-    has_icc: bool,
     /// Whether the end-of-image marker is there.
     is_complete: bool,
 }
@@ -116,7 +116,6 @@ impl Markers {
                     let [height, width] = [[h1, h0], [w1, w0]].map(|side| u32::from(u16::from_be_bytes(side)));
                     markers.size = markers.size.or(Some([width, height]));
                 }
-                (0xe2, data) if data.starts_with(b"ICC_PROFILE\0") => markers.has_icc = true,
                 _ => {}
             }
             rest = after;

@@ -1,7 +1,7 @@
 //! OpenEXR in: half, float and uint channels, scan lines or tiles, every compression of the `exr` crate.
 //!
-//! Out: the display window; pixels outside of the data window are 0. Colour is the first part's that has R, G, B (or Y) without a
-//! layer's name, or with one if a single layer has them. Of mip maps the full resolution. Chromaticities are honoured; absent, the
+//! Out: the display window; pixels outside of the data window are 0. Colour is the first part's that has R, G, B without a layer's name, or with one
+//! if a single layer has them; where no part has, the same of luminance Y. Y beside X or Z is a vector's. Of mip maps the full resolution. Chromaticities are honoured; absent, the
 //! standard's default is Rec.709.
 //!
 //! Blocks are decompressed on the calling thread: panics can be contained there, and data sets decode images in parallel anyway.
@@ -101,44 +101,55 @@ struct ColorChannels {
     alpha: Option<usize>,
 }
 
+/// What a picture may be made of, the better first.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Rgb,
+    Luminance,
+}
+
 /// The first part with colour, and its channels there.
 fn find_color(name: &Path, headers: &[Header]) -> Result<(usize, ColorChannels), IoError> {
-    let mut ambiguous = None;
-    for (part, header) in headers.iter().enumerate() {
-        match color_of(header) {
-            Ok(Some(color)) => return Ok((part, color)),
-            Ok(None) => {}
-            Err(layers) => ambiguous = ambiguous.or(Some(layers)),
+    let parts: Vec<Vec<String>> =
+        headers.iter().map(|header| header.channels.list.iter().map(|channel| channel.name.to_string()).collect()).collect();
+    for kind in [Kind::Rgb, Kind::Luminance] {
+        let mut ambiguous = None;
+        for (part, channels) in parts.iter().enumerate() {
+            match color_of(channels, kind) {
+                Ok(Some(color)) => return Ok((part, color)),
+                Ok(None) => {}
+                Err(layers) => ambiguous = ambiguous.or(Some(layers)),
+            }
+        }
+        if let Some(layers) = ambiguous {
+            let message = format!(
+                "OpenEXR: several layers have colour ({}), expected one; export the one that is meant as R, G, B",
+                layers.join(", ")
+            );
+            return Err(IoError::unsupported(name, message));
         }
     }
-    if let Some(layers) = ambiguous {
-        let message =
-            format!("OpenEXR: several layers have colour ({}), expected one; export the one that is meant as R, G, B", layers.join(", "));
-        return Err(IoError::unsupported(name, message));
-    }
-    let found: Vec<_> = headers.iter().flat_map(|header| &header.channels.list).take(16).map(|channel| channel.name.to_string()).collect();
+    let found: Vec<_> = parts.into_iter().flatten().take(16).collect();
     let message = format!("OpenEXR: no colour, found channels {}; expected R, G, B or Y", found.join(", "));
     Err(IoError::unsupported(name, message))
 }
 
-/// Colour of a part: of no layer, else of the only layer that has it. `Err` lists the layers where it is not the only one.
-fn color_of(header: &Header) -> Result<Option<ColorChannels>, Vec<String>> {
-    let names: Vec<String> = header.channels.list.iter().map(|channel| channel.name.to_string()).collect();
-    let index_of = |layer: &str, channel: &str| names.iter().position(|name| *name == format!("{layer}{channel}"));
+/// Colour among a part's channels: of no layer, else of the only layer that has it. `Err` lists the layers where it is not the only one.
+fn color_of(channels: &[String], kind: Kind) -> Result<Option<ColorChannels>, Vec<String>> {
+    let index_of = |layer: &str, channel: &str| channels.iter().position(|name| *name == format!("{layer}{channel}"));
     let in_layer = |layer: &str| {
-        let alpha = index_of(layer, "A");
-        let rgb = match (index_of(layer, "R"), index_of(layer, "G"), index_of(layer, "B")) {
-            (Some(r), Some(g), Some(b)) => [r, g, b],
-            // Y beside RY and BY is luminance of a colour image: grey would be wrong.
-            _ if index_of(layer, "RY").is_some() || index_of(layer, "BY").is_some() => return None,
-            _ => [index_of(layer, "Y")?; 3],
+        let rgb = match kind {
+            Kind::Rgb => [index_of(layer, "R")?, index_of(layer, "G")?, index_of(layer, "B")?],
+            // Beside RY and BY it is the luminance of a colour image, beside X or Z a number of a vector: a grey picture would be wrong.
+            Kind::Luminance if ["RY", "BY", "X", "Z"].iter().any(|other| index_of(layer, other).is_some()) => return None,
+            Kind::Luminance => [index_of(layer, "Y")?; 3],
         };
-        Some(ColorChannels { rgb, alpha })
+        Some(ColorChannels { rgb, alpha: index_of(layer, "A") })
     };
     if let Some(color) = in_layer("") {
         return Ok(Some(color));
     }
-    let mut layers: Vec<&str> = names.iter().filter_map(|name| name.rfind('.').and_then(|dot| name.get(..=dot))).collect();
+    let mut layers: Vec<&str> = channels.iter().filter_map(|name| name.rfind('.').and_then(|dot| name.get(..=dot))).collect();
     layers.dedup();
     let mut candidates: Vec<(&str, ColorChannels)> = layers.into_iter().filter_map(|layer| Some((layer, in_layer(layer)?))).collect();
     // Names are sorted by channel, so that one layer may show up in several runs.
@@ -222,5 +233,26 @@ impl Canvas {
             None => None,
         };
         Ok(DecodedImage { image, alpha, is_premultiplied: true, color_space, chromaticities, depth: SampleDepth::Float, warnings })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn color(channels: &[&str], kind: Kind) -> Result<Option<[usize; 3]>, Vec<String>> {
+        let channels: Vec<String> = channels.iter().map(|name| (*name).to_owned()).collect();
+        color_of(&channels, kind).map(|found| found.map(|color| color.rgb))
+    }
+
+    #[test]
+    fn vectors_are_no_grey_pictures() {
+        for channels in [&["X", "Y", "Z"][..], &["motion.X", "motion.Y"], &["N.X", "N.Y", "N.Z"], &["BY", "RY", "Y"]] {
+            assert_eq!(color(channels, Kind::Luminance), Ok(None), "{channels:?}");
+        }
+        assert_eq!(color(&["A", "Y"], Kind::Luminance), Ok(Some([1; 3])));
+        let view_layer = ["V.Combined.A", "V.Combined.B", "V.Combined.G", "V.Combined.R", "V.Normal.X", "V.Normal.Y", "V.Normal.Z"];
+        assert_eq!(color(&view_layer, Kind::Rgb), Ok(Some([3, 2, 1])));
+        assert_eq!(color(&["a.B", "a.G", "a.R", "b.B", "b.G", "b.R"], Kind::Rgb), Err(vec!["a".to_owned(), "b".to_owned()]));
     }
 }

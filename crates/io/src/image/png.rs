@@ -1,7 +1,7 @@
 //! PNG in: 1 to 16 bits, grey, palette or RGB, with or without alpha.
 //!
-//! The transfer curve and primaries are the options', else cICP's, else sRGB's, else gAMA's and cHRM's (PNG, third edition, 4.3). An
-//! ICC profile is not evaluated: with nothing but one, the curve must be said. Samples read as codes keep the primaries they have, stated or not: a matrix
+//! The transfer curve is the options', else cICP's, else sRGB's, else gAMA's (PNG, third edition, 4.3); that of an ICC profile is not evaluated: with
+//! nothing but one, the curve must be said. Primaries are cICP's, else an ICC profile's, if they are a known space's, else sRGB's, else cHRM's. Samples read as codes keep the primaries they have, stated or not: a matrix
 //! is for light.
 
 use std::io::Cursor;
@@ -11,7 +11,7 @@ use image::codecs::png::PngDecoder;
 use image::{ColorType, ImageDecoder, ImageError, Limits};
 use luxel_core::{Chromaticities, ColorSpace};
 
-use super::colorimetry::{conversion_to_rec709, settle_space};
+use super::colorimetry::{conversion_to_rec709, settle_profile, settle_space};
 use super::guard::{check_size, zeroed};
 use super::samples::{Curve, Layout, depth_warnings};
 use super::{DecodedImage, ReadOptions, SampleDepth, Transfer};
@@ -24,6 +24,10 @@ pub(super) const SIGNATURE: &[u8] = b"\x89PNG\r\n\x1a\n";
 pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<DecodedImage, IoError> {
     let info = Info::read(name, bytes)?;
     let mut decoded = decode_samples(name, bytes, &info, options)?;
+    if info.has_icc && info.named_primaries().is_none() {
+        settle_profile(&mut decoded, bytes);
+        return Ok(decoded);
+    }
     decoded.chromaticities = info.chromaticities(name)?;
     if let Some(found) = &decoded.chromaticities {
         let space = settle_space(&mut decoded.image, found, &mut decoded.warnings);

@@ -3,8 +3,8 @@
 //! Whether colours are multiplied by alpha is ExtraSamples' word (TIFF 6.0, page 31); where it says neither, as elsewhere: floats are, integers are not.
 //! Integers were multiplied as codes: they are divided before their curve, and multiplied again as light.
 //!
-//! Primaries are those of PrimaryChromaticities and WhitePoint (page 83); where these make no colour space, a warning says so. An ICC profile is not
-//! evaluated.
+//! Primaries are those of PrimaryChromaticities and WhitePoint (page 83); where these make no colour space, a warning says so. Without them an ICC
+//! profile's are, if they are a known space's; its curve is not evaluated.
 //!
 //! Camera RAW files are TIFF as well: their first image is a thumbnail, which is refused rather than read in silence.
 
@@ -17,7 +17,7 @@ use ::tiff::tags::Tag;
 use ::tiff::{ColorType, TiffError};
 use luxel_core::Chromaticities;
 
-use super::colorimetry::{conversion_to_rec709, settle_space};
+use super::colorimetry::{conversion_to_rec709, settle_profile, settle_space};
 use super::guard::check_size;
 use super::samples::{Curve, Layout, depth_warnings};
 use super::{DecodedImage, ReadOptions, SampleDepth, Transfer};
@@ -37,7 +37,10 @@ const LINEAR: Curve = Curve::Named(Transfer::Linear);
 /// Decodes the first image.
 pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<DecodedImage, IoError> {
     let mut decoded = decode_samples(name, bytes, options)?;
-    let Some(found) = stated(bytes) else { return Ok(decoded) };
+    let Some(found) = stated(bytes) else {
+        settle_profile(&mut decoded, bytes);
+        return Ok(decoded);
+    };
     match settle_space(&mut decoded.image, &found, &mut decoded.warnings) {
         Ok(space) => (decoded.chromaticities, decoded.color_space) = (Some(found), Some(space)),
         Err(reason) => decoded.warnings.push(format!("TIFF: {reason}; they are passed over")),

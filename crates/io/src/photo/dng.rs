@@ -13,10 +13,10 @@ use rayon::prelude::*;
 
 use super::dng_tags as tag;
 use super::exif::{Exif, exif_of_tags};
-use super::tags::{Ifd, Tags};
 use super::{jpeg_xl, lossless_jpeg};
 use crate::IoError;
 use crate::image::guard::{check_block, check_size, contain, zeroed};
+use crate::tags::{Ifd, Tags};
 
 /// Directories that are looked through.
 const MAX_IFDS: usize = 32;

@@ -2,7 +2,7 @@
 //!
 //! In: the tags of a TIFF or DNG, or the Exif block of a JPEG or PNG. Out: [`Exif`]; what is missing or makes no sense is `None`.
 
-use super::tags::{Ifd, Tags};
+use crate::tags::{Ifd, Tags};
 
 /// Facts about a photograph.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -8,10 +8,8 @@ mod dng;
 mod dng_info;
 mod dng_tags;
 mod exif;
-mod icc;
 mod jpeg_xl;
 mod lossless_jpeg;
-mod tags;
 #[cfg(test)]
 mod tests;
 
@@ -20,13 +18,15 @@ use std::path::Path;
 use luxel_core::{Chromaticities, ColorSpace};
 
 use crate::IoError;
+use crate::icc::profile_of_file;
 use crate::image::guard::contain;
 use crate::image::{self, DecodedImage, SampleDepth, decode_codes, image_size_of, stated_primaries};
+use crate::tags::Tags;
 
+pub use crate::icc::IccProfile;
 pub use dng::RawPixels;
 pub use dng_info::RawInfo;
 pub use exif::Exif;
-pub use icc::IccProfile;
 
 /// What a file holds, by its kind.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -123,7 +123,7 @@ pub fn photo_info(name: &Path, bytes: &[u8]) -> Result<PhotoInfo, IoError> {
         let (size_px, kind) = (image_size_of(name, bytes)?, kind_of(name, bytes)?);
         let (mut profile, mut primaries) = (None, None);
         if kind == PhotoKind::Developed {
-            profile = icc::profile_of_file(bytes);
+            profile = profile_of_file(bytes);
             let of_profile = profile.as_ref().and_then(|profile| profile.space).map(ColorSpace::chromaticities);
             primaries = stated_primaries(name, bytes, of_profile)?;
         }
@@ -161,7 +161,7 @@ fn kind_of(name: &Path, bytes: &[u8]) -> Result<PhotoKind, IoError> {
     if bytes.starts_with(&[0xff, 0xd8]) || bytes.starts_with(b"\x89PNG") {
         return Ok(PhotoKind::Developed);
     }
-    let is_float = match tags::Tags::new(bytes).and_then(|tags| tags.first()) {
+    let is_float = match Tags::new(bytes).and_then(|tags| tags.first()) {
         Some(ifd) => ifd.unsigned(SAMPLE_FORMAT) == Some(3),
         // Without tags of 32 bits it is a BigTIFF, which has to be decoded to be told, or a format of floats.
         None if bytes.starts_with(b"II+\0") || bytes.starts_with(b"MM\0+") => decode_codes(name, bytes)?.depth == SampleDepth::Float,

@@ -5,6 +5,8 @@ use proptest::prelude::*;
 use super::lossless_jpeg::tests::encode as encode_lossless_jpeg;
 use super::*;
 use crate::IoErrorKind;
+use crate::icc::tests::display_p3;
+use crate::image::{ReadOptions, Transfer, decode_image};
 
 /// A TIFF's first directory, for tests: entries of (tag, type, count, bytes), values that do not fit behind it, then data.
 fn tiff(entries: &[(u16, u16, u32, Vec<u8>)], data: &[u8]) -> Vec<u8> {
@@ -316,6 +318,30 @@ fn codes_of_a_png_stay_and_its_primaries_are_told() {
     let stated = |bytes: &[u8]| stated_primaries(Path::new("a.png"), bytes, Some(p3)).unwrap();
     assert_eq!(stated(&with_chunk(&png, b"cHRM", &chrm(dci_p3))), Some(p3));
     assert_eq!(stated(&with_chunk(&png, b"cICP", &[6, 6, 0, 1])), Some(rec601));
+}
+
+#[test]
+fn images_of_a_data_set_have_the_primaries_of_their_profile() {
+    use ::image::ImageEncoder;
+    let mut png = Vec::new();
+    ::image::codecs::png::PngEncoder::new(&mut png).write_image(&[0, 128, 255], 1, 1, ::image::ExtendedColorType::Rgb8).unwrap();
+    let with_profile = |red_x: f64| {
+        let mut deflated = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::fast());
+        std::io::Write::write_all(&mut deflated, &display_p3(red_x)).unwrap();
+        with_chunk(&png, b"iCCP", &[&b"icc\0\0"[..], &deflated.finish().unwrap()].concat())
+    };
+    let read = |bytes: &[u8]| {
+        let options = ReadOptions { transfer: Some(Transfer::Srgb) };
+        decode_image(Path::new("a.png"), bytes, &options).unwrap()
+    };
+    let known = read(&with_profile(0.5151));
+    assert_eq!((known.color_space, known.image), (Some(ColorSpace::LinearDisplayP3), read(&png).image));
+    let unknown = read(&with_profile(0.61));
+    assert_eq!(unknown.color_space, None);
+    assert!(unknown.warnings.iter().any(|w| w.contains("ICC profile (Display P3) is not applied")), "{:?}", unknown.warnings);
+    // cICP goes before.
+    let named = read(&with_chunk(&with_profile(0.5151), b"cICP", &[9, 13, 0, 1]));
+    assert_eq!(named.color_space, Some(ColorSpace::LinearRec2020));
 }
 
 #[test]

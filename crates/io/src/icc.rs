@@ -9,7 +9,7 @@ use flate2::read::ZlibDecoder;
 use glam::DVec3;
 use luxel_core::{ColorSpace, Conversion};
 
-use super::tags::Tags;
+use crate::tags::Tags;
 
 /// An ICC profile, as far as it matters for linear light.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -30,7 +30,7 @@ const TOLERANCE: f64 = 0.02;
 const MAX_NAME: usize = 60;
 
 /// The profile of a whole image file of any kind.
-pub(super) fn profile_of_file(bytes: &[u8]) -> Option<IccProfile> {
+pub(crate) fn profile_of_file(bytes: &[u8]) -> Option<IccProfile> {
     if bytes.starts_with(&[0xff, 0xd8]) {
         return parse(&jpeg_profile(bytes)?);
     }
@@ -143,11 +143,11 @@ fn png_profile(bytes: &[u8]) -> Option<Vec<u8>> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
 
     /// Version 4, with the colorants that Display P3's profile has.
-    fn display_p3(red_x: f64) -> Vec<u8> {
+    pub(crate) fn display_p3(red_x: f64) -> Vec<u8> {
         let text: Vec<u8> = "Display P3".encode_utf16().flat_map(u16::to_be_bytes).collect();
         let mluc = [&b"mluc\0\0\0\0\0\0\0\x01\0\0\0\x0cenUS"[..], &[0, 0, 0, text.len() as u8, 0, 0, 0, 28], &text].concat();
         let xyz = |v: [f64; 3]| [&b"XYZ \0\0\0\0"[..], &v.map(|v| ((v * 65536.0).round() as i32).to_be_bytes()).concat()].concat();
