@@ -142,7 +142,7 @@ fn balls(color_model: ColorModel) -> Scene {
             raw_luminance: &raw_luminance,
         });
     }
-    let raster = RasterConfig { cutoffs: Cutoffs::PARITY, antialias: Antialias::Off };
+    let raster = RasterConfig { cutoffs: Cutoffs::PARITY, antialias: Antialias::Off, ..RasterConfig::default() };
     Scene { splats, radiance_scale: 1.0, color_space: ColorSpace::LinearRec709, raster, edits: Vec::new() }
 }
 

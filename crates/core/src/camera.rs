@@ -119,6 +119,17 @@ impl Camera {
         }
     }
 
+    /// The same camera with `factor` times as many pixels a side.
+    pub fn upscaled(&self, factor: u32) -> Self {
+        let f = f64::from(factor);
+        Self {
+            focal_px: self.focal_px * f,
+            center_px: self.center_px * f,
+            size_px: self.size_px.map(|s| s.saturating_mul(factor)),
+            ..self.clone()
+        }
+    }
+
     /// Checks that the camera can be used.
     ///
     /// # Errors

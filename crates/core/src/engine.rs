@@ -160,11 +160,28 @@ pub struct RasterConfig {
     pub cutoffs: Cutoffs,
     /// Treatment of small splats.
     pub antialias: Antialias,
+    /// Samples along a pixel's side, 1 to [`MAX_SAMPLES`]: a pixel is the mean of their square, each of which is rendered as a pixel of its size
+    /// would be. A pixel's own filter is right for one splat by itself; what splats hide of one another within a pixel takes samples.
+    #[serde(default = "one_sample", skip_serializing_if = "is_one_sample")]
+    pub samples: u8,
+}
+
+/// Most samples along a pixel's side.
+pub const MAX_SAMPLES: u8 = 4;
+
+/// What files of before there were samples mean.
+fn one_sample() -> u8 {
+    1
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde hands a reference")]
+fn is_one_sample(samples: &u8) -> bool {
+    *samples == 1
 }
 
 impl Default for RasterConfig {
     fn default() -> Self {
-        Self { cutoffs: Cutoffs::HDR, antialias: Antialias::Off }
+        Self { cutoffs: Cutoffs::HDR, antialias: Antialias::Off, samples: 1 }
     }
 }
 
@@ -477,7 +494,7 @@ mod tests {
     fn raster_config_survives_json_bit_for_bit() {
         for cutoffs in [Cutoffs::PARITY, Cutoffs::HDR] {
             for antialias in [Antialias::Off, Antialias::Pixel, Antialias::Mip] {
-                let config = RasterConfig { cutoffs, antialias };
+                let config = RasterConfig { cutoffs, antialias, samples: 2 };
                 let json = serde_json::to_string(&config).unwrap();
                 assert_eq!(serde_json::from_str::<RasterConfig>(&json).unwrap(), config, "{json}");
             }

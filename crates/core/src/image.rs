@@ -45,6 +45,14 @@ impl Image {
         (if count == 0 { [0.0; 3] } else { sum.map(|s| (s / count as f64) as f32) }, count)
     }
 
+    /// Mean of each whole `factor` x `factor` block of pixels.
+    #[must_use]
+    pub fn block_means(&self, factor: usize) -> Self {
+        let (width, height) = (self.width / factor, self.height / factor);
+        let mean = |i: usize| self.block_mean([i % width * factor, i / width * factor], factor, |_| true).0;
+        Self { width, height, pixels: (0..width * height).map(mean).collect() }
+    }
+
     /// Every channel of every pixel times `factor`.
     pub fn scale(&mut self, factor: f32) {
         for value in self.pixels.as_flattened_mut() {

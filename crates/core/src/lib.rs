@@ -33,8 +33,8 @@ pub use dataset::{BadPixels, Dataset, Mask, Observation, Point, View};
 pub use edit::{Edit, EditError, Map, MapChain, Selection};
 pub use engine::{
     ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON, Antialias, Cutoffs, DensifyPlan, DensifyStats, Engine, EngineError, Evaluations, Geometry,
-    JACOBIAN_MARGIN, Layers, LearningRates, MIN_AREA_RATIO, Pass, PlanRow, PositionNoise, RasterConfig, RenderOptions, StatsCollection,
-    StepConfig, StepReport,
+    JACOBIAN_MARGIN, Layers, LearningRates, MAX_SAMPLES, MIN_AREA_RATIO, Pass, PlanRow, PositionNoise, RasterConfig, RenderOptions,
+    StatsCollection, StepConfig, StepReport,
 };
 pub use image::{Image, luminance_rec709, luminance_sum};
 pub use loss::{LossConfig, SQUARED_KNEE};

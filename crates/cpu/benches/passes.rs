@@ -39,7 +39,8 @@ impl Session {
     fn new(count: usize, model: ColorModel) -> Self {
         let mut room = synthetic::room(count, SEED).with_color_model(model).unwrap();
         let camera = synthetic::room_camera(SIZE_PX);
-        let raster = RasterConfig { cutoffs: Cutoffs { near: 0.01, ..Cutoffs::PARITY }, antialias: Antialias::Off };
+        let raster =
+            RasterConfig { cutoffs: Cutoffs { near: 0.01, ..Cutoffs::PARITY }, antialias: Antialias::Off, ..RasterConfig::default() };
         let render = RenderOptions { raster, ..RenderOptions::default() };
         let mut engine = CpuEngine::new(0).unwrap();
         engine.load(&room, None).unwrap();

@@ -21,7 +21,8 @@ use crate::passes::loss::{LossBuffers, LossSums};
 use crate::passes::project::{Footprint, project};
 use crate::passes::project_backward::Inputs;
 use crate::passes::rasterize::{TilePixels, to_alpha, to_image};
-use crate::passes::rasterize_backward::{AbsoluteSums, EntryGradient, rasterize_backward};
+use crate::passes::rasterize_backward::{AbsoluteSums, BlockGradient, EntryGradient, rasterize_backward};
+use crate::passes::samples::{resolve, spread};
 use crate::passes::sort::TileList;
 use crate::passes::update::{Scratch, backward_and_adam, gradients};
 use crate::store::{Layout, Store};
@@ -50,9 +51,18 @@ struct Frame {
     bins: Bins,
     lists: Vec<TileList>,
     pixels: Vec<TilePixels>,
+    /// With several samples a pixel `pixels` are samples, and these the image's.
+    resolved: Vec<TilePixels>,
     loss: LossBuffers,
+    /// Gradient by the samples' radiance, where there are several a pixel.
+    sample_gradient: Vec<BlockGradient>,
     entries: Vec<Vec<EntryGradient>>,
     scratch: Scratch,
+}
+
+/// Pixels of the image, of those that were rasterised and those that their samples were averaged to.
+fn shown<'a>(camera: &ScreenCamera, pixels: &'a [TilePixels], resolved: &'a [TilePixels]) -> &'a [TilePixels] {
+    if camera.samples == 1 { pixels } else { resolved }
 }
 
 impl CpuEngine {
@@ -141,19 +151,29 @@ impl CpuEngine {
             let (splats, tiles) = ((&frame.bins, frame.footprints.as_slice()), (&mut frame.lists, &mut frame.pixels));
             let [sort, rasterize] = sort_and_rasterize(*level, camera, splats, tiles);
             clock.lap_shared(&[(Pass::Sort, sort), (Pass::Rasterize, rasterize)]);
+            if camera.samples > 1 {
+                resolve(camera, &frame.pixels, &mut frame.resolved);
+                clock.lap(Pass::Rasterize);
+            }
         });
+    }
+
+    /// What [`Self::forward`] has left.
+    fn image(&self, camera: &ScreenCamera) -> Image {
+        to_image(shown(camera, &self.frame.pixels, &self.frame.resolved), &camera.shown())
     }
 
     /// Passes up to the gradients of the tiles' entries.
     fn forward_backward(&mut self, view: &View, step: &StepConfig) -> Result<(ScreenCamera, StepReport), EngineError> {
         let camera = checked_camera(&view.camera, &step.render)?;
-        if [view.image.width, view.image.height] != camera.size_px {
+        let size_px = camera.shown().size_px;
+        if [view.image.width, view.image.height] != size_px {
             return Err(EngineError::Invalid(format!(
                 "view {}: image is {} x {}, the camera expects {} x {}",
-                view.name, view.image.width, view.image.height, camera.size_px[0], camera.size_px[1]
+                view.name, view.image.width, view.image.height, size_px[0], size_px[1]
             )));
         }
-        let pixels = camera.size_px[0] * camera.size_px[1];
+        let pixels = size_px[0] * size_px[1];
         if view.image.pixels.len() != pixels {
             return Err(EngineError::Invalid(format!(
                 "view {}: image holds {} pixels, its size says {pixels}",
@@ -171,13 +191,20 @@ impl CpuEngine {
         let Self { pool, level, frame, timings, .. } = self;
         let LossSums { l1, l2, ssim, by_knots } = pool.install(|| {
             let mut clock = Clock::new(timings);
-            let sums = frame.loss.loss(*level, &camera, &frame.pixels, view, &step.loss);
+            let pixels = shown(&camera, &frame.pixels, &frame.resolved);
+            let sums = frame.loss.loss(*level, &camera.shown(), pixels, view, &step.loss);
+            let gradient = if camera.samples == 1 {
+                &frame.loss.gradient
+            } else {
+                spread(&camera, &frame.loss.gradient, &mut frame.sample_gradient);
+                &frame.sample_gradient
+            };
             clock.lap(Pass::Loss);
             let absolute = match step.stats {
                 StatsCollection::GradientsAndAbsolute => AbsoluteSums::Collect,
                 StatsCollection::Off | StatsCollection::Gradients => AbsoluteSums::Skip,
             };
-            let pixels = (frame.pixels.as_slice(), frame.loss.gradient.as_slice());
+            let pixels = (frame.pixels.as_slice(), gradient.as_slice());
             rasterize_backward(*level, &camera, &frame.lists, pixels, absolute, &mut frame.entries);
             clock.lap(Pass::RasterizeBackward);
             sums
@@ -271,7 +298,7 @@ impl Engine for CpuEngine {
     fn render(&mut self, camera: &Camera, options: &RenderOptions) -> Result<Image, EngineError> {
         let camera = checked_camera(camera, options)?;
         self.forward(&camera);
-        Ok(self.pool.install(|| to_image(&self.frame.pixels, &camera)))
+        Ok(self.pool.install(|| self.image(&camera)))
     }
 
     fn render_layers(&mut self, camera: &Camera, options: &RenderOptions) -> Result<Layers, EngineError> {
@@ -279,14 +306,19 @@ impl Engine for CpuEngine {
         self.forward(&camera);
         let Self { pool, level, frame, .. } = self;
         Ok(pool.install(|| {
-            let image = to_image(&frame.pixels, &camera);
-            let alpha = to_alpha(&frame.pixels, &camera);
+            let image_camera = camera.shown();
+            let pixels = shown(&camera, &frame.pixels, &frame.resolved);
+            let image = to_image(pixels, &image_camera);
+            let alpha = to_alpha(pixels, &image_camera);
             // The same lists, thresholds and all, blended once more with distances for colours.
             let on_nothing = ScreenCamera { background: [0.0; 3], ..camera };
             frame.footprints.iter_mut().for_each(|footprint| footprint.radiance = [footprint.depth, 0.0, 0.0]);
             let (splats, tiles) = ((&frame.bins, frame.footprints.as_slice()), (&mut frame.lists, &mut frame.pixels));
             sort_and_rasterize(*level, &on_nothing, splats, tiles);
-            let blended = to_image(&frame.pixels, &on_nothing);
+            if camera.samples > 1 {
+                resolve(&on_nothing, &frame.pixels, &mut frame.resolved);
+            }
+            let blended = to_image(shown(&camera, &frame.pixels, &frame.resolved), &image_camera);
             let depth = |(pixel, alpha): (&[f32; 3], &f32)| if *alpha > 0.0 { pixel[0] / alpha } else { f32::INFINITY };
             let depth = blended.pixels.iter().zip(&alpha).map(depth).collect();
             Layers { image, alpha, depth }
@@ -295,7 +327,7 @@ impl Engine for CpuEngine {
 
     fn contributions(&mut self, camera: &Camera, options: &RenderOptions, mask: &[f32]) -> Result<Contributions, EngineError> {
         let camera = checked_camera(camera, options)?;
-        let pixels = camera.size_px[0] * camera.size_px[1];
+        let pixels = camera.shown().size_px.iter().product::<usize>();
         if mask.len() != pixels {
             return Err(EngineError::Invalid(format!("mask holds {} pixels, the camera's image {pixels}", mask.len())));
         }

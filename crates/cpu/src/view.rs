@@ -1,6 +1,6 @@
 //! What the passes need of a camera, in f32.
 
-use luxel_core::{Antialias, Camera, CameraError, Cutoffs, JACOBIAN_MARGIN, RenderOptions};
+use luxel_core::{Antialias, Camera, CameraError, Cutoffs, JACOBIAN_MARGIN, MAX_SAMPLES, RenderOptions};
 
 /// Side of a block, pixels: its 16 pixels are a vector of [`crate::lanes::LANES`], row-major.
 pub(crate) const BLOCK_PX: usize = 4;
@@ -11,7 +11,7 @@ pub(crate) const TILE_PX: usize = BLOCK_PX * TILE_BLOCKS;
 /// Blocks of a tile, row-major.
 pub(crate) const BLOCKS: usize = TILE_BLOCKS * TILE_BLOCKS;
 
-/// A camera and the options it renders with.
+/// A camera and the options it renders with. With several samples a pixel it is that of the samples.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ScreenCamera {
     /// Rows of the rotation of camera_from_world.
@@ -21,6 +21,8 @@ pub(crate) struct ScreenCamera {
     pub(crate) focal_px: [f32; 2],
     pub(crate) center_px: [f32; 2],
     pub(crate) size_px: [usize; 2],
+    /// Of these along the side of a pixel of the image.
+    pub(crate) samples: usize,
     /// Range of x/z (and y/z) in which the Jacobian is evaluated.
     pub(crate) slope_min: [f32; 2],
     pub(crate) slope_max: [f32; 2],
@@ -32,6 +34,8 @@ pub(crate) struct ScreenCamera {
 
 impl ScreenCamera {
     pub(crate) fn new(camera: &Camera, options: &RenderOptions) -> Result<Self, CameraError> {
+        let samples = options.raster.samples.clamp(1, MAX_SAMPLES);
+        let camera = camera.upscaled(samples.into());
         camera.validate()?;
         let pose = camera.camera_from_world;
         let rows = pose.matrix3.transpose().to_cols_array_2d();
@@ -46,6 +50,7 @@ impl ScreenCamera {
             focal_px: focal.map(|v| v as f32),
             center_px: center.map(|v| v as f32),
             size_px: camera.size_px.map(|s| s as usize),
+            samples: samples.into(),
             slope_min: [0, 1].map(|i| (-center[i] / focal[i] - margin[i]) as f32),
             slope_max: [0, 1].map(|i| ((size[i] - center[i]) / focal[i] + margin[i]) as f32),
             cutoffs: options.raster.cutoffs,
@@ -53,6 +58,11 @@ impl ScreenCamera {
             background: options.background,
             active_degree: options.active_degree,
         })
+    }
+
+    /// Of the image, for what looks at nothing but its size.
+    pub(crate) fn shown(&self) -> Self {
+        Self { size_px: self.size_px.map(|s| s / self.samples), samples: 1, ..*self }
     }
 
     /// Tiles across and down.

@@ -18,7 +18,7 @@ use crate::frame::{Frame, Sizes, expected_entries, most_entries};
 use crate::layout::{HALT_NONE, HALT_NOT_FINITE, HALT_OVERFLOW, Rows, State};
 use crate::pending::{Pending, Report, Slots};
 use crate::scene::{Scene, shard_len};
-use crate::screen::{Purpose, camera_uniform, check, loss_uniform, optimizer_uniform, tiles};
+use crate::screen::{Purpose, camera_uniform, check, loss_uniform, of_samples, optimizer_uniform, tiles};
 use crate::step::Recorder;
 use crate::targets::Targets;
 
@@ -162,7 +162,8 @@ impl GpuEngine {
             HALT_OVERFLOW => {
                 let mut again = vec![(view, step)];
                 again.extend(self.drop_pending()?);
-                self.make_room(&state, view_sizes(&again[0].0, self.scene.count))?;
+                let (view, step) = &again[0];
+                self.make_room(&state, sizes_of(&of_samples(&view.camera, &step.render).0, self.scene.count, true))?;
                 for (view, step) in again {
                     self.hand_in(view, step)?;
                 }
@@ -267,12 +268,12 @@ impl GpuEngine {
                 }
                 return Ok(state);
             }
-            let sizes = match work {
-                Work::Render { camera, .. } => sizes_of(camera, self.scene.count, false),
-                Work::Contributions { camera, .. } => sizes_of(camera, self.scene.count, true),
-                Work::Train { view, .. } | Work::Gradients { view, .. } => view_sizes(view, self.scene.count),
+            let (camera, options, training) = match work {
+                Work::Render { camera, options } => (*camera, *options, false),
+                Work::Contributions { camera, options, .. } => (*camera, *options, true),
+                Work::Train { view, step } | Work::Gradients { view, step, .. } => (&view.camera, &step.render, true),
             };
-            self.make_room(&state, sizes)?;
+            self.make_room(&state, sizes_of(&of_samples(camera, options).0, self.scene.count, training))?;
         }
     }
 
@@ -284,6 +285,8 @@ impl GpuEngine {
             Work::Contributions { camera, options, .. } => (*camera, *options, Purpose::Training(StatsCollection::Off)),
             Work::Train { view, step } | Work::Gradients { view, step, .. } => (&view.camera, &step.render, Purpose::Training(step.stats)),
         };
+        let (camera, samples) = &of_samples(camera, options);
+        check(camera)?;
         self.prepare(camera, purpose != Purpose::Image)?;
         if let Work::Train { view, .. } | Work::Gradients { view, .. } = work {
             self.with_room(|engine| engine.targets.get(&engine.gpu, view).map(|_| ()))?;
@@ -296,14 +299,15 @@ impl GpuEngine {
             Work::Render { .. } | Work::Contributions { .. } => None,
             Work::Train { view, step } | Work::Gradients { view, step, .. } => {
                 let target = targets.get(gpu, view)?;
-                let loss = loss_uniform((&step.loss, mu_of(step)?), camera.size_px, target.total, target.weights.is_some());
+                let size_px = view.camera.size_px;
+                let loss = loss_uniform((&step.loss, mu_of(step)?), size_px, target.total, target.weights.is_some());
                 gpu.queue.write_buffer(&frame.loss.raw, 0, bytemuck::bytes_of(&loss));
                 let optimizer = optimizer_uniform(step, scene.count);
                 gpu.queue.write_buffer(&frame.optimizer.raw, 0, bytemuck::bytes_of(&optimizer));
                 Some(target)
             }
         };
-        let mut recorder = Recorder { gpu, commands, frame, scene, size_px: camera.size_px };
+        let mut recorder = Recorder { gpu, commands, frame, scene, size_px: camera.size_px, samples: *samples };
         recorder.forward();
         if let Some(target) = target {
             recorder.backward(target);
@@ -361,10 +365,6 @@ fn sizes_of(camera: &Camera, splats: usize, training: bool) -> Sizes {
     let [across, down] = tiles(camera.size_px).map(u64::from);
     let [width, height] = camera.size_px.map(u64::from);
     Sizes { splats: splats as u64, tiles: across * down, pixels: width * height, entries: 0, training }
-}
-
-fn view_sizes(view: &View, splats: usize) -> Sizes {
-    sizes_of(&view.camera, splats, true)
 }
 
 fn report_of(state: &State, step: u32) -> StepReport {

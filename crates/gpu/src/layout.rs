@@ -101,7 +101,7 @@ pub(crate) struct CameraUniform {
     pub(crate) flags: u32,
     pub(crate) count: u32,
     pub(crate) entry_capacity: u32,
-    pub(crate) padding: u32,
+    pub(crate) samples: u32,
 }
 
 /// Twin: `Shard` in common.wgsl.
@@ -326,7 +326,7 @@ mod tests {
                 flags,
                 count,
                 entry_capacity,
-                padding
+                samples
             ]
         );
         check!(update, "Shard", ShardUniform, [base, len, stride, padding]);

@@ -1,8 +1,8 @@
 //! What the shaders need of a camera, a loss and an optimiser, worked out once per step.
 
 use luxel_core::{
-    ADAM_BETA1, ADAM_BETA2, Antialias, Camera, EngineError, JACOBIAN_MARGIN, LossConfig, RenderOptions, SQUARED_KNEE, StatsCollection,
-    StepConfig,
+    ADAM_BETA1, ADAM_BETA2, Antialias, Camera, EngineError, JACOBIAN_MARGIN, LossConfig, MAX_SAMPLES, RenderOptions, SQUARED_KNEE,
+    StatsCollection, StepConfig,
 };
 
 use crate::layout::{
@@ -32,7 +32,13 @@ pub(crate) fn check(camera: &Camera) -> Result<(), EngineError> {
     Ok(camera.validate()?)
 }
 
-/// The camera and its options; `count` splats with or without a 3D filter, room for `entry_capacity` entries.
+/// The camera of the samples that options ask for of each pixel of `camera`.
+pub(crate) fn of_samples(camera: &Camera, options: &RenderOptions) -> (Camera, u32) {
+    let samples = options.raster.samples.clamp(1, MAX_SAMPLES).into();
+    (camera.upscaled(samples), samples)
+}
+
+/// The camera, of samples (see [`of_samples`]), and its options; `count` splats with or without a 3D filter, room for `entry_capacity` entries.
 pub(crate) fn camera_uniform(
     camera: &Camera,
     options: &RenderOptions,
@@ -81,11 +87,12 @@ pub(crate) fn camera_uniform(
         flags: flags.iter().filter(|(set, _)| *set).map(|(_, flag)| flag).sum(),
         count,
         entry_capacity,
-        padding: 0,
+        samples: options.raster.samples.clamp(1, MAX_SAMPLES).into(),
     }
 }
 
-/// The loss under the mu-law of `mu`; means are over pixels whose weights sum to `total` for L1, over all for SSIM.
+/// The loss under the mu-law of `mu`; means are over pixels whose weights sum to `total` for L1, over all for SSIM. `size_px` is the
+/// image's.
 pub(crate) fn loss_uniform((config, mu): (&LossConfig, f32), size_px: [u32; 2], total: f64, is_masked: bool) -> LossUniform {
     let log = f64::from(mu).ln_1p();
     // The derivative of the mu-law at radiance 0.

@@ -24,7 +24,10 @@ pub(crate) struct Recorder<'a> {
     pub(crate) commands: &'a mut Commands,
     pub(crate) frame: &'a Frame,
     pub(crate) scene: &'a Scene,
+    /// Of the camera: of samples, where a pixel has several.
     pub(crate) size_px: [u32; 2],
+    /// Along a pixel's side.
+    pub(crate) samples: u32,
 }
 
 impl Recorder<'_> {
@@ -174,7 +177,7 @@ impl Recorder<'_> {
 
     fn loss(&mut self, target: &Target) {
         let frame = self.frame;
-        let grid = Groups::Grid(tiles(self.size_px));
+        let grid = Groups::Grid(tiles(self.size_px.map(|side| side / self.samples)));
         // Without a mask nobody reads the binding.
         let mask = target.weights.as_deref().unwrap_or(&target.pixels);
         let inputs = [(0, &frame.camera), (1, &frame.loss), (2, &frame.pixels.image), (3, &*target.pixels), (4, mask)];

@@ -1,6 +1,6 @@
 //! What every reader of scenes holds values against before an engine sees them.
 
-use luxel_core::{RasterConfig, Splats};
+use luxel_core::{MAX_SAMPLES, RasterConfig, Splats};
 
 /// Whether a quaternion can be normalised in f32: neither zero (or so short that its square is) nor too long.
 pub(crate) fn is_normalizable(rotation: [f32; 4]) -> bool {
@@ -23,6 +23,7 @@ pub(crate) fn is_usable(raster: &RasterConfig) -> bool {
     let c = raster.cutoffs;
     [c.min_alpha, c.alpha_floor, c.min_transmittance, c.max_alpha].iter().all(|v| (0.0..=1.0).contains(v))
         && c.min_contribution >= 0.0
+        && (1..=MAX_SAMPLES).contains(&raster.samples)
         && c.near >= 0.0
         && c.near.is_finite()
 }

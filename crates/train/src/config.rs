@@ -94,6 +94,13 @@ pub struct TrainConfig {
     /// Treatment of splats smaller than a pixel
     #[arg(long, value_parser = antialias_parser(), default_value = "pixel", help_heading = "Rasteriser")]
     pub antialias: Antialias,
+    /// Samples along a pixel's side, 1 to 4: a pixel is the mean of their square, so that edges within it are seen as a camera sees them. A step
+    /// takes two to three times as long with 2
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=i64::from(luxel_core::MAX_SAMPLES)), default_value_t = 1, help_heading = "Rasteriser")]
+    pub samples: u8,
+    /// Part of the steps, at the end, that take --samples; those before take one, 0 to 1
+    #[arg(long, value_name = "PART", default_value_t = 0.25, help_heading = "Rasteriser")]
+    pub samples_share: f32,
     /// Where the rasteriser stops looking
     #[arg(long, value_enum, default_value_t = CutoffPreset::Hdr, help_heading = "Rasteriser")]
     pub cutoffs: CutoffPreset,
@@ -289,13 +296,13 @@ impl TrainConfig {
         }
     }
 
-    /// How splats become pixels.
+    /// How splats become pixels, at the end.
     pub fn raster(&self) -> RasterConfig {
         let cutoffs = match self.cutoffs {
             CutoffPreset::Hdr => Cutoffs::HDR,
             CutoffPreset::Parity => Cutoffs::PARITY,
         };
-        RasterConfig { cutoffs, antialias: self.antialias }
+        RasterConfig { cutoffs, antialias: self.antialias, samples: self.samples }
     }
 
     /// The loss of a step, whose curve and scale may be of its view.

@@ -53,6 +53,8 @@ pub struct Schedule {
     pub reset_interval: Option<u32>,
     /// AbsGS's opacity reduction takes place.
     pub reduces_opacity: bool,
+    /// Samples along a pixel's side, and the step before which there is one.
+    pub samples: (u8, u32),
     /// Steps at the end that are averaged over, none before densification ends; 0 for none.
     pub averaged_steps: u32,
 }
@@ -63,6 +65,7 @@ impl Schedule {
         let is_adc = config.strategy == Strategy::Adc;
         let default_until = if is_adc { iterations / 2 } else { (u64::from(iterations) * 5 / 6) as u32 };
         let densify_until = config.densify_until.unwrap_or(default_until);
+        let sampled_steps = (f64::from(iterations) * f64::from(config.samples_share)).round() as u32;
         let averaged_steps = (f64::from(iterations) * f64::from(config.average_share)) as u32;
         Self {
             iterations,
@@ -73,6 +76,7 @@ impl Schedule {
             densify_interval: config.densify_interval.max(1),
             reset_interval: (is_adc && config.opacity_reset_interval > 0).then_some(config.opacity_reset_interval),
             reduces_opacity: is_adc && config.absgrad,
+            samples: (config.samples, iterations.saturating_sub(sampled_steps) + 1),
             averaged_steps: averaged_steps.min(iterations.saturating_sub(densify_until)),
         }
     }
@@ -80,6 +84,12 @@ impl Schedule {
     /// Highest degree of harmonics that takes part in `step`.
     pub fn active_degree(&self, step: u32, max_degree: usize) -> usize {
         max_degree.min((step / self.sh_interval) as usize)
+    }
+
+    /// Samples along a pixel's side in `step`.
+    pub fn samples(&self, step: u32) -> u8 {
+        let (samples, first) = self.samples;
+        if step < first { 1 } else { samples }
     }
 
     /// Whether statistics are needed of `step`.
@@ -175,6 +185,19 @@ mod tests {
         let rates = s.learning_rates(&config, 15_000);
         assert!((rates.position / (4e-5 * 2.0) - 1.0).abs() < 1e-4, "{}", rates.position);
         assert_eq!((rates.sh_dc, rates.sh_rest, rates.luminance_dc), (2.5e-3, 2.5e-3 / 20.0, 0.05));
+    }
+
+    #[test]
+    fn the_end_of_a_run_takes_several_samples() {
+        let samples = |share: f32| {
+            let config = TrainConfig { samples: 2, samples_share: share, iterations: 1000, ..TrainConfig::default() };
+            let schedule = Schedule::new(&config, 1000, 2.0);
+            [0, 1, 750, 751, 1000, 1001].map(|step| schedule.samples(step))
+        };
+        assert_eq!(samples(0.25), [1, 1, 1, 2, 2, 2]);
+        assert_eq!(samples(1.0), [1, 2, 2, 2, 2, 2]);
+        assert_eq!(samples(0.0), [1, 1, 1, 1, 1, 2]);
+        assert_eq!(schedule(1000).1.samples(1000), TrainConfig::default().samples);
     }
 
     #[test]

@@ -9,8 +9,8 @@
 use std::collections::VecDeque;
 
 use luxel_core::{
-    Antialias, ColorSpace, Dataset, DensifyPlan, Engine, Knots, Moments, PlanRow, PositionNoise, RenderOptions, Scene, Snapshot,
-    StatsCollection, StepConfig, StepReport, View, logit, spatial_order,
+    Antialias, ColorSpace, Dataset, DensifyPlan, Engine, Knots, Moments, PlanRow, PositionNoise, RasterConfig, RenderOptions, Scene,
+    Snapshot, StatsCollection, StepConfig, StepReport, View, logit, spatial_order,
 };
 
 use crate::average::Average;
@@ -155,7 +155,7 @@ impl Trainer {
     fn render_options_of(&self, step: u32) -> RenderOptions {
         let config = &self.state.config;
         RenderOptions {
-            raster: config.raster(),
+            raster: RasterConfig { samples: self.schedule.samples(step), ..config.raster() },
             background: config.background.map(|c| c / self.state.radiance_scale),
             active_degree: self.schedule.active_degree(step, config.color_model().max_degree()),
         }
@@ -366,7 +366,7 @@ impl Trainer {
 
     fn scene_and_moments(&mut self) -> Result<(Scene, Moments), TrainError> {
         let (splats, moments) = self.engine.save()?;
-        let raster = self.state.config.raster();
+        let raster = self.render_options().raster;
         let (radiance_scale, color_space) = (self.state.radiance_scale, self.color_space);
         Ok((Scene { splats, radiance_scale, color_space, raster, edits: Vec::new() }, moments))
     }

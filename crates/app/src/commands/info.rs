@@ -190,6 +190,7 @@ fn add_scene(facts: &mut Facts, scene: &Scene) {
     facts.set("color_space", scene.color_space.name());
     facts.set_f32("radiance_scale", scene.radiance_scale);
     facts.set("antialias", format!("{:?}", scene.raster.antialias).to_lowercase());
+    facts.set("samples", scene.raster.samples);
     facts.set("parameters_bytes", parameter_bytes(splats));
     if !scene.edits.is_empty() {
         facts.set("edits", scene.edits.clone());

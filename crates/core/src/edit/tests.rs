@@ -36,7 +36,7 @@ fn scene(model: ColorModel, evs: &[f32], wobble: f32) -> Scene {
         let rotation = [1.0, 0.0, 0.0, 0.0];
         splats.push(&Splat { position, rotation, log_scale: [0.0; 3], opacity_logit: 0.0, sh: &sh, raw_luminance: &raw });
     }
-    let raster = RasterConfig { cutoffs: Cutoffs::PARITY, antialias: Antialias::Off };
+    let raster = RasterConfig { cutoffs: Cutoffs::PARITY, antialias: Antialias::Off, ..RasterConfig::default() };
     Scene { splats, radiance_scale: SCALE, color_space: ColorSpace::LinearRec709, raster, edits: Vec::new() }
 }
 

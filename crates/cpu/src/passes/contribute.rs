@@ -41,12 +41,13 @@ pub(crate) fn contribute(
     };
     let tiles: Vec<Vec<EntrySums>> = lists.par_iter().enumerate().map(of_tile).collect();
     let zeros = || vec![0.0; count];
+    let share = 1.0 / (camera.samples * camera.samples) as f32;
     let mut total = Contributions { masked: zeros(), blended: zeros(), unoccluded: zeros() };
     for (tile, sums) in tiles.iter().enumerate() {
         for (splat, [masked, blended, unoccluded]) in bins.tile(tile).map(|splat| splat as usize).zip(sums) {
-            total.masked[splat] += masked;
-            total.blended[splat] += blended;
-            total.unoccluded[splat] += unoccluded;
+            total.masked[splat] += masked * share;
+            total.blended[splat] += blended * share;
+            total.unoccluded[splat] += unoccluded * share;
         }
     }
     total
@@ -55,11 +56,12 @@ pub(crate) fn contribute(
 /// The mask in the order of a tile's blocks; 0 beyond the image.
 fn tile_mask(camera: &ScreenCamera, tile: usize, mask: &[f32]) -> [Lanes; BLOCKS] {
     let ([left, top], [width, height]) = (camera.tile_origin_px(tile), camera.size_px);
+    let samples = camera.samples;
     let mut painted = [Lanes::ZERO; BLOCKS];
     for y in 0..TILE_PX.min(height - top) {
         for x in 0..TILE_PX.min(width - left) {
             let (block, lane) = block_of(x, y);
-            painted[block].0[lane] = mask[(top + y) * width + left + x];
+            painted[block].0[lane] = mask[(top + y) / samples * (width / samples) + (left + x) / samples];
         }
     }
     painted

@@ -16,6 +16,7 @@ pub(crate) mod project;
 pub(crate) mod project_backward;
 pub(crate) mod rasterize;
 pub(crate) mod rasterize_backward;
+pub(crate) mod samples;
 pub(crate) mod shares;
 pub(crate) mod sort;
 pub(crate) mod update;

@@ -14,7 +14,7 @@ fn lcd(activation: Activation) -> ColorModel {
 }
 
 fn scene(splats: Splats, cutoffs: Cutoffs) -> Scene {
-    let raster = RasterConfig { cutoffs, antialias: Antialias::Off };
+    let raster = RasterConfig { cutoffs, antialias: Antialias::Off, ..RasterConfig::default() };
     Scene { splats, radiance_scale: 3.0, color_space: ColorSpace::LinearRec709, raster, edits: Vec::new() }
 }
 

@@ -152,7 +152,11 @@ pub fn with_weights(view: View, seed: u64) -> View {
 
 /// Render options with a background that is not black.
 pub fn options(cutoffs: Cutoffs, antialias: Antialias) -> RenderOptions {
-    RenderOptions { raster: RasterConfig { cutoffs, antialias }, background: [0.02, 0.3, 0.007], active_degree: sh::MAX_DEGREE }
+    RenderOptions {
+        raster: RasterConfig { cutoffs, antialias, ..RasterConfig::default() },
+        background: [0.02, 0.3, 0.007],
+        active_degree: sh::MAX_DEGREE,
+    }
 }
 
 /// Learning rates as different from one another as in training.

@@ -61,6 +61,13 @@ fn case_of_size(
     Case { name, splats, view: fixture::view(&camera, masked, seed + 1000), options, loss }
 }
 
+/// The case with several samples along a pixel's side.
+fn sampled(mut case: Case, samples: u8) -> Case {
+    case.options.raster.samples = samples;
+    case.name += &format!(" {samples}x{samples} samples");
+    case
+}
+
 /// All colour models; cut-offs, anti-aliasing and mask alternate so that each meets each.
 fn cases() -> Vec<Case> {
     let (hdr, parity) = (("hdr", Cutoffs::HDR), ("parity", Cutoffs::PARITY));
@@ -83,6 +90,8 @@ fn cases() -> Vec<Case> {
     cases.push(case(lcd(2, 2, Activation::Relu), mip, parity, true, 24));
     cases.push(case(lcd(3, 0, Activation::Softplus), pixel, hdr, false, 25));
     cases.push(case(ColorModel::Sh { degree: 3 }, pixel, parity, true, 26));
+    cases.push(sampled(case(lcd(3, 0, Activation::Softplus), pixel, hdr, true, 27), 2));
+    cases.push(sampled(case(lcd(2, 1, Activation::Softplus), off, parity, false, 28), 3));
     cases
 }
 

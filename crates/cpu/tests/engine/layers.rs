@@ -6,7 +6,7 @@ use luxel_cpu::CpuEngine;
 use crate::fixture;
 
 fn options(background: [f32; 3]) -> RenderOptions {
-    let raster = RasterConfig { cutoffs: Cutoffs::HDR, antialias: Antialias::Off };
+    let raster = RasterConfig { cutoffs: Cutoffs::HDR, antialias: Antialias::Off, ..RasterConfig::default() };
     RenderOptions { raster, background, ..RenderOptions::default() }
 }
 
@@ -24,6 +24,38 @@ fn image_is_that_of_render_and_alpha_is_what_hides_the_background() {
         covered += usize::from(*alpha > 0.5);
     }
     assert!(covered > 100, "{covered}");
+}
+
+#[test]
+fn layers_and_shares_of_samples_are_means_of_finer_ones() {
+    let camera = fixture::camera(37, 50);
+    let mut engine = CpuEngine::new(2).unwrap();
+    engine.load(&fixture::splats(ColorModel::Sh { degree: 2 }, 200, &camera, 5), None).unwrap();
+    let one = options([0.1; 3]);
+    let four = RenderOptions { raster: RasterConfig { samples: 2, ..one.raster }, ..one };
+    let fine_camera = camera.upscaled(2);
+    let (layers, fine) = (engine.render_layers(&camera, &four).unwrap(), engine.render_layers(&fine_camera, &one).unwrap());
+    assert_eq!((layers.image.width, layers.image.height), (37, 50));
+    assert_eq!(layers.image, engine.render(&camera, &four).unwrap());
+    let expected = fine.image.block_means(2);
+    let near = |a: f32, b: f32| (a - b).abs() <= 1e-6 * (1.0 + b.abs());
+    assert!(layers.image.pixels.as_flattened().iter().zip(expected.pixels.as_flattened()).all(|(a, b)| near(*a, *b)));
+    for i in 0..37 * 50 {
+        let at = (0..4).map(|n| (i / 37 * 2 + n / 2) * 74 + i % 37 * 2 + n % 2);
+        let (alpha, depth) = at.fold((0.0f32, 0.0f32), |(alpha, depth), at| {
+            let share = 0.25 * fine.alpha[at];
+            (alpha + share, depth + if share > 0.0 { share * fine.depth[at] } else { 0.0 })
+        });
+        assert!(near(layers.alpha[i], alpha), "{i}");
+        assert!(alpha == 0.0 || (layers.depth[i] - depth / alpha).abs() < 1e-4 * layers.depth[i], "{i}");
+    }
+    // A mask of the image's pixels; what a sample gives is its share of a pixel.
+    let mask: Vec<f32> = (0..37 * 50).map(|i| (i % 3) as f32).collect();
+    let fine_mask: Vec<f32> = (0..74 * 100).map(|i| mask[i / 74 / 2 * 37 + i % 74 / 2]).collect();
+    let (shares, fine) =
+        (engine.contributions(&camera, &four, &mask).unwrap(), engine.contributions(&fine_camera, &one, &fine_mask).unwrap());
+    let pairs = [(shares.masked, fine.masked), (shares.blended, fine.blended), (shares.unoccluded, fine.unoccluded)];
+    assert!(pairs.iter().all(|(shares, fine)| shares.iter().zip(fine).all(|(a, b)| near(*a, b / 4.0))));
 }
 
 #[test]

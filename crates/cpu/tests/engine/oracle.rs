@@ -231,8 +231,25 @@ pub struct Rendered<N> {
     pub margin: Vec<f64>,
 }
 
-/// The image.
+/// The image: of each pixel the mean of its samples.
 pub fn render<N: Number>(p: &Parameters<N>, camera: &Camera, options: &RenderOptions) -> Rendered<N> {
+    let samples = usize::from(options.raster.samples);
+    let rendered = render_samples(p, &camera.upscaled(samples as u32), options);
+    let [width, height] = camera.size_px.map(|side| side as usize);
+    let of_pixel = |i: usize| {
+        let (x, y) = (i % width, i / width);
+        (0..samples * samples).map(move |n| (y * samples + n / samples) * width * samples + x * samples + n % samples)
+    };
+    let share = N::of(1.0 / (samples * samples) as f64);
+    let mean =
+        |i: usize| -> [N; 3] { std::array::from_fn(|c| of_pixel(i).fold(N::of(0.0), |sum, at| sum + share * rendered.pixels[at][c])) };
+    let margin = |i: usize| of_pixel(i).map(|at| rendered.margin[at]).fold(f64::INFINITY, f64::min);
+    let (pixels, margins) = (0..width * height).map(|i| (mean(i), margin(i))).unzip();
+    Rendered { pixels, margin: margins, ..rendered }
+}
+
+/// The image of one sample a pixel.
+fn render_samples<N: Number>(p: &Parameters<N>, camera: &Camera, options: &RenderOptions) -> Rendered<N> {
     let mut trace = Trace::default();
     let mut ellipses: Vec<_> = (0..p.splats.len()).filter_map(|i| project(p, i, camera, options, &mut trace)).collect();
     ellipses.sort_by(|a, b| a.depth.total_cmp(&b.depth).then(a.splat.cmp(&b.splat)));
@@ -421,7 +438,7 @@ pub fn differentiate(splats: &Splats, view: &View, options: &RenderOptions, conf
     let p = Parameters { splats: splats.clone(), flat: variables(&flatten(splats)) };
     let (total, loss, rendered) = objective(&p, view, options, config);
     let gradient: Gradient = gradient(total);
-    let half_size = view.camera.size_px.map(|s| f64::from(s) / 2.0);
+    let half_size = view.camera.size_px.map(|s| f64::from(s) * f64::from(options.raster.samples) / 2.0);
     let norm = |v: [f64; 2]| (v[0] * half_size[0]).hypot(v[1] * half_size[1]);
     let mut mean_gradient = vec![0.0; splats.len()];
     for e in &rendered.ellipses {

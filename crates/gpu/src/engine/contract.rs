@@ -12,7 +12,7 @@ use super::{GpuEngine, Work, check_view};
 use crate::densify;
 use crate::pending::LAG;
 use crate::scene::Scene;
-use crate::screen::check;
+use crate::screen::{check, of_samples};
 
 impl Engine for GpuEngine {
     fn load(&mut self, splats: &Splats, moments: Option<&Moments>) -> Result<(), EngineError> {
@@ -44,9 +44,11 @@ impl Engine for GpuEngine {
         check(camera)?;
         self.settled()?;
         self.run(&Work::Render { camera, options })?;
-        let [width, height] = camera.size_px.map(|side| side as usize);
+        let (sampled, samples) = of_samples(camera, options);
+        let [width, height] = sampled.size_px.map(|side| side as usize);
         let bytes = self.gpu.read(&self.frame.pixels.image, 12 * (width * height) as u64)?;
-        Ok(Image { width, height, pixels: bytemuck::pod_collect_to_vec(&bytes) })
+        let image = Image { width, height, pixels: bytemuck::pod_collect_to_vec(&bytes) };
+        Ok(if samples == 1 { image } else { image.block_means(samples as usize) })
     }
 
     fn contributions(&mut self, camera: &Camera, options: &RenderOptions, mask: &[f32]) -> Result<Contributions, EngineError> {

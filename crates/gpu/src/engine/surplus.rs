@@ -1,6 +1,6 @@
 //! A step in which `project` counts more tiles than `bin_emit` finds, as where a compiler rounds the two differently: for a test.
 
-use luxel_core::{EngineError, Splats, StepConfig, View};
+use luxel_core::{EngineError, RasterConfig, RenderOptions, Splats, StepConfig, View};
 
 use super::{GpuEngine, Work, check_view};
 use crate::device::Buffer;
@@ -9,12 +9,14 @@ use crate::step::Recorder;
 
 impl GpuEngine {
     /// [`Self::gradients`], with `surplus` tiles too many counted of each splat that is seen, and nothing but NaN in the memory of the entries'
-    /// gradients.
+    /// gradients. One sample a pixel.
     ///
     /// # Errors
     /// As [`Self::gradients`].
     pub fn gradients_with_surplus(&mut self, view: &View, step: &StepConfig, surplus: u32) -> Result<Splats, EngineError> {
         check_view(view)?;
+        let step =
+            &StepConfig { render: RenderOptions { raster: RasterConfig { samples: 1, ..step.render.raster }, ..step.render }, ..*step };
         let scratch = Scene::zeros(&self.gpu, self.scene.rows, self.scene.count, self.shard_len())?;
         let out: Vec<Buffer> = scratch.shards.into_iter().map(|shard| shard.first).collect();
         // Leaves footprints, places and the order of depths.
@@ -29,7 +31,7 @@ impl GpuEngine {
         let gradients = &frame.entries.gradients.raw;
         gpu.queue.write_buffer(gradients, 0, bytemuck::cast_slice(&vec![f32::NAN; gradients.size() as usize / 4]));
         let target = targets.get(gpu, view)?;
-        let mut recorder = Recorder { gpu, commands, frame, scene, size_px: view.camera.size_px };
+        let mut recorder = Recorder { gpu, commands, frame, scene, size_px: view.camera.size_px, samples: 1 };
         recorder.forward_from_bin();
         recorder.backward(target);
         recorder.update(Some(&out));

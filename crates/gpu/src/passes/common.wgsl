@@ -28,7 +28,8 @@ struct Camera {
     count: u32,
     // Entries that the buffers hold.
     entry_capacity: u32,
-    padding: u32,
+    // Along the side of a pixel of the image: what is called pixels here are samples of them, but for the loss.
+    samples: u32,
 }
 
 // The splats of one shard: a run of the scene's splats whose parameters share buffers.

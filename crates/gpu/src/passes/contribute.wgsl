@@ -27,7 +27,7 @@ fn contribute(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation
         if (all(at < camera.size_px)) {
             let pixel = at.y * camera.size_px.x + at.x;
             last = last_entries[pixel] + 1u;
-            painted[n] = mask[pixel];
+            painted[n] = mask[at.y / camera.samples * (camera.size_px.x / camera.samples) + at.x / camera.samples];
             transmittances[n] = 1.0;
             if (bucket.before > 0u && last > bucket.before + 1u) {
                 transmittances[n] = bucket_pixels[slot * TILE_PIXELS + n].w;

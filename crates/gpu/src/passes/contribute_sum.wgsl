@@ -19,5 +19,6 @@ fn contribute_sum(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invoca
             sum += entry_sums[entry];
         }
     }
-    splat_sums[splat] = sum;
+    // A sample is its share of a pixel.
+    splat_sums[splat] = sum / f32(camera.samples * camera.samples);
 }

@@ -5,6 +5,7 @@
 // derivatives through the same window (it is symmetric, and the padding zero, so it is its own adjoint), and the gradient by radiance.
 // `loss_report`: the sums of all workgroups, in a fixed order; it halts the engine if the loss is not finite, before anything has been changed.
 // A pixel of weight w takes w x + (1 - w) y of its prediction x and target y under the mu-law for the prediction: none at 0, all at 1.
+// A pixel's radiance is the mean of its samples', and each of these has its share of the gradient.
 
 struct Loss {
     mu: f32,
@@ -69,8 +70,28 @@ fn halo_pixel(group: vec2u, n: u32) -> vec2i {
     return vec2i(group * SIDE) + vec2i(i32(n % HALO_SIDE), i32(n / HALO_SIDE)) - i32(SSIM_RADIUS);
 }
 
+// Of the image.
+fn size_px() -> vec2u {
+    return camera.size_px / camera.samples;
+}
+
 fn is_inside(at: vec2i) -> bool {
-    return all(at >= vec2i(0)) && all(at < vec2i(camera.size_px));
+    return all(at >= vec2i(0)) && all(at < vec2i(size_px()));
+}
+
+// Number of sample `n` of the pixel in column and row `at`.
+fn sample_of(at: vec2u, n: u32) -> u32 {
+    let sample = at * camera.samples + vec2u(n % camera.samples, n / camera.samples);
+    return sample.y * camera.size_px.x + sample.x;
+}
+
+fn radiance_at(at: vec2u, channel: u32) -> f32 {
+    let count = camera.samples * camera.samples;
+    var sum = 0.0;
+    for (var n = 0u; n < count; n++) {
+        sum += image[3u * sample_of(at, n) + channel];
+    }
+    return sum / f32(count);
 }
 
 var<workgroup> predictions: array<f32, HALO>;
@@ -81,9 +102,10 @@ var<workgroup> totals: array<vec4f, 256>;
 @compute @workgroup_size(256)
 fn loss_ssim(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_index) local: u32) {
     let at = workgroup.xy * SIDE + vec2u(local % SIDE, local / SIDE);
-    let inside = all(at < camera.size_px);
-    let pixel = at.y * camera.size_px.x + at.x;
-    let pixels = camera.size_px.x * camera.size_px.y;
+    let size = size_px();
+    let inside = all(at < size);
+    let pixel = at.y * size.x + at.x;
+    let pixels = size.x * size.y;
     var total = vec4f(0.0);
     for (var channel = 0u; channel < 3u; channel++) {
         for (var n = local; n < HALO; n += 256u) {
@@ -91,13 +113,13 @@ fn loss_ssim(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_
             var x = 0.0;
             var y = 0.0;
             if (is_inside(from_px)) {
-                let source = u32(from_px.y) * camera.size_px.x + u32(from_px.x);
+                let source = u32(from_px.y) * size.x + u32(from_px.x);
                 y = mu_law(target_image[3u * source + channel] * config.target_scale[channel]);
                 x = y;
                 let weight = weight_of(source);
                 // Nothing of a prediction that does not count comes through, not even a NaN.
                 if (weight > 0.0) {
-                    x = weighted(mu_law(image[3u * source + channel]), y, weight);
+                    x = weighted(mu_law(radiance_at(vec2u(from_px), channel)), y, weight);
                 }
             }
             predictions[n] = x;
@@ -147,7 +169,7 @@ fn loss_ssim(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_
         workgroupBarrier();
     }
     if (local == 0u) {
-        group_sums[workgroup.y * camera.tiles.x + workgroup.x] = totals[0];
+        group_sums[workgroup.y * ((size.x + SIDE - 1u) / SIDE) + workgroup.x] = totals[0];
     }
 }
 
@@ -162,16 +184,17 @@ fn vector(values: array<f32, 3>) -> vec3f {
 @compute @workgroup_size(256)
 fn loss_gradient(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_index) local: u32) {
     let at = workgroup.xy * SIDE + vec2u(local % SIDE, local / SIDE);
-    let inside = all(at < camera.size_px);
-    let pixel = at.y * camera.size_px.x + at.x;
-    let pixels = camera.size_px.x * camera.size_px.y;
+    let size = size_px();
+    let inside = all(at < size);
+    let pixel = at.y * size.x + at.x;
+    let pixels = size.x * size.y;
     var gradient = vec3f(0.0);
     for (var channel = 0u; channel < 3u; channel++) {
         for (var n = local; n < HALO; n += 256u) {
             let from_px = halo_pixel(workgroup.xy, n);
             var by = vec3f(0.0);
             if (is_inside(from_px)) {
-                let source = u32(from_px.y) * camera.size_px.x + u32(from_px.x);
+                let source = u32(from_px.y) * size.x + u32(from_px.x);
                 let plane = 3u * channel * pixels + source;
                 by = vec3f(derivatives[plane], derivatives[plane + pixels], derivatives[plane + 2u * pixels]);
             }
@@ -192,7 +215,7 @@ fn loss_gradient(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocat
             for (var k = 0u; k < SSIM_TAPS; k++) {
                 by += SSIM_WINDOW[k] * vector(row_derivatives[local + k * SIDE]);
             }
-            let radiance = max(image[3u * pixel + channel], 0.0);
+            let radiance = max(radiance_at(at, channel), 0.0);
             let weight = weight_of(pixel);
             let y = mu_law(target_image[3u * pixel + channel] * config.target_scale[channel]);
             let x = weighted(mu_law(radiance), y, weight);
@@ -200,20 +223,26 @@ fn loss_gradient(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocat
             // T'(p) = mu / ((1 + mu p) ln(1 + mu)); the factors hold all but 1 / (1 + mu p).
             let by_difference = sign(x - y) * config.l1_factor + (x - y) * config.l2_factor;
             let by_value = by_ssim * config.ssim_factor + by_difference;
-            gradient[channel] = weight * by_value / (1.0 + config.mu * radiance);
+            // No store by a number that is not known: there are compilers that refuse it in a loop with barriers.
+            let value = weight * by_value / (1.0 + config.mu * radiance);
+            gradient = select(gradient, vec3f(value), vec3u(0u, 1u, 2u) == vec3u(channel));
         }
         workgroupBarrier();
     }
     if (inside) {
         // Pixels of no weight entered the windows as the target's values, which do not move with the prediction.
         let moved = select(vec3f(0.0), gradient, weight_of(pixel) > 0.0);
-        pixel_gradients[pixel] = vec4f(moved, f32(last_entries[pixel]));
+        let count = camera.samples * camera.samples;
+        for (var n = 0u; n < count; n++) {
+            let sample = sample_of(at, n);
+            pixel_gradients[sample] = vec4f(moved / f32(count), f32(last_entries[sample]));
+        }
     }
 }
 
 @compute @workgroup_size(256)
 fn loss_report(@builtin(local_invocation_index) local: u32) {
-    let tiles = (camera.size_px + SIDE - 1u) / SIDE;
+    let tiles = (size_px() + SIDE - 1u) / SIDE;
     var total = vec4f(0.0);
     for (var n = local; n < tiles.x * tiles.y; n += 256u) {
         total += group_sums[n];

@@ -3,7 +3,8 @@
 use std::sync::Arc;
 
 use luxel_core::{
-    Activation, Antialias, ColorModel, Cutoffs, DensifyPlan, Engine, PlanRow, PositionNoise, Splats, StatsCollection, StepConfig,
+    Activation, Antialias, ColorModel, Cutoffs, DensifyPlan, Engine, PlanRow, PositionNoise, RenderOptions, Splats, StatsCollection,
+    StepConfig,
 };
 use luxel_cpu::CpuEngine;
 use luxel_gpu::{Gpu, GpuEngine};
@@ -45,23 +46,31 @@ pub fn engines(gpu: &Arc<Gpu>, splats: &Splats) -> (CpuEngine, GpuEngine) {
     (cpu, engine)
 }
 
-/// Both presets of cut-offs, and every kind of anti-aliasing.
-fn rasters() -> [(Cutoffs, Antialias); 4] {
-    [(Cutoffs::HDR, Antialias::Off), (Cutoffs::PARITY, Antialias::Off), (Cutoffs::HDR, Antialias::Pixel), (Cutoffs::HDR, Antialias::Mip)]
+/// Both presets of cut-offs, every kind of anti-aliasing, one sample a pixel and several.
+fn rasters() -> [(String, RenderOptions); 6] {
+    let (hdr, parity) = (Cutoffs::HDR, Cutoffs::PARITY);
+    let (off, pixel, mip) = (Antialias::Off, Antialias::Pixel, Antialias::Mip);
+    [(hdr, off, 1), (parity, off, 1), (hdr, pixel, 1), (hdr, mip, 1), (hdr, pixel, 2), (parity, off, 3)].map(
+        |(cutoffs, antialias, samples)| {
+            let mut options = options(cutoffs, antialias);
+            options.raster.samples = samples;
+            let name = if samples == 1 { format!("{antialias:?}") } else { format!("{antialias:?}, {samples}x{samples} samples") };
+            (name, options)
+        },
+    )
 }
 
 fn gpu_images_match_cpu(gpu: &Arc<Gpu>) {
     let camera = camera(45, 38);
     for model in models() {
-        for (cutoffs, antialias) in rasters() {
+        for (name, options) in rasters() {
             let mut scene = splats_with_special_cases(model, &camera, 3);
-            if antialias == Antialias::Mip {
+            if options.raster.antialias == Antialias::Mip {
                 scene.smoothing = smoothing(scene.len());
             }
             let (mut cpu, mut engine) = engines(gpu, &scene);
-            let options = options(cutoffs, antialias);
             let [expected, found] = [cpu.render(&camera, &options), engine.render(&camera, &options)].map(|image| image.unwrap().pixels);
-            let what = format!("rasterize, image: {} {antialias:?}", model.name());
+            let what = format!("rasterize, image: {} {name}", model.name());
             // A pixel at a splat's threshold may fall on either side; what jumps there is below the threshold's contribution.
             assert_close_but_few(&what, found.as_flattened(), expected.as_flattened(), 2e-5, (6, 4e-3));
         }
@@ -112,18 +121,18 @@ fn differentiates(parameter: &str) -> &'static str {
 fn gpu_gradients_match_cpu(gpu: &Arc<Gpu>) {
     let camera = camera(45, 38);
     for model in models() {
-        for (cutoffs, antialias) in rasters() {
+        for (raster, options) in rasters() {
             let mut scene = splats_with_special_cases(model, &camera, 3);
-            if antialias == Antialias::Mip {
+            if options.raster.antialias == Antialias::Mip {
                 scene.smoothing = smoothing(scene.len());
             }
             let (mut cpu, mut engine) = engines(gpu, &scene);
             // Weights of 0 and 1 among others.
             let view = with_weights(view(&camera, true, 4), 5);
-            let step = train_step(StatsCollection::Off, cutoffs, antialias, 1);
+            let step = StepConfig { stats: StatsCollection::Off, ..step(1, options) };
             let [expected, found] = [cpu.gradients(&view, &step).unwrap().1, engine.gradients(&view, &step).unwrap().1];
             for ((name, found), (_, expected)) in groups(&found).into_iter().zip(groups(&expected)) {
-                assert_close(&format!("{}, {name}: {} {antialias:?}", differentiates(name), model.name()), found, expected, 1e-4);
+                assert_close(&format!("{}, {name}: {} {raster}", differentiates(name), model.name()), found, expected, 1e-4);
             }
         }
     }

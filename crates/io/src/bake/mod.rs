@@ -95,7 +95,9 @@ impl Baked {
             (splats.log_scale[i], splats.opacity_logit[i]) = smoothed(from.log_scale[i], from.opacity_logit[i], *deviation);
         }
         let (color_space, raster) = match options.appearance {
-            Appearance::Display { .. } => (ColorSpace::LinearRec709, RasterConfig { cutoffs: Cutoffs::PARITY, antialias: Antialias::Off }),
+            Appearance::Display { .. } => {
+                (ColorSpace::LinearRec709, RasterConfig { cutoffs: Cutoffs::PARITY, antialias: Antialias::Off, ..RasterConfig::default() })
+            }
             Appearance::Linear { color_space, .. } => {
                 // What is skipped is said in units of radiance: they change with it.
                 let cutoffs = scene.raster.cutoffs;

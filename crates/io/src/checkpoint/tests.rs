@@ -40,7 +40,7 @@ fn snapshot(color_model: ColorModel, n: usize, seed: u64) -> Snapshot {
     if seed.is_multiple_of(3) {
         stats = DensifyStats::default();
     }
-    let raster = RasterConfig { cutoffs: Cutoffs::PARITY, antialias: Antialias::Mip };
+    let raster = RasterConfig { cutoffs: Cutoffs::PARITY, antialias: Antialias::Mip, ..RasterConfig::default() };
     let scene = Scene { splats: scene_splats, radiance_scale: 0.1, color_space: ColorSpace::AcesCg, raster, edits: Vec::new() };
     let average = seed.is_multiple_of(5).then(|| splats(color_model, n, seed + 3));
     Snapshot { scene, moments, stats, average, state_json: format!("{{\"step\":{seed},\"note\":\"\\\"\u{fffd}\n\"}}") }

@@ -69,7 +69,7 @@ pub(super) fn read<R: BufRead>(source: &mut Source<'_, R>, header: &Header) -> R
         splats,
         radiance_scale: 1.0,
         color_space: ColorSpace::LinearRec709,
-        raster: RasterConfig { cutoffs: Cutoffs::PARITY, antialias: Antialias::Off },
+        raster: RasterConfig { cutoffs: Cutoffs::PARITY, antialias: Antialias::Off, ..RasterConfig::default() },
         edits: Vec::new(),
     })
 }

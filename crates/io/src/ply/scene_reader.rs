@@ -144,7 +144,7 @@ fn plain<R: BufRead>(source: &Source<'_, R>, element: &Element) -> Result<(Scene
         splats: Splats::empty(ColorModel::Sh { degree: degree as u8 }),
         radiance_scale: 1.0,
         color_space: ColorSpace::LinearRec709,
-        raster: RasterConfig { cutoffs: Cutoffs::PARITY, antialias },
+        raster: RasterConfig { cutoffs: Cutoffs::PARITY, antialias, ..RasterConfig::default() },
         edits: Vec::new(),
     };
     let layout =

@@ -36,7 +36,7 @@ fn scene(color_model: ColorModel, count: usize, is_smoothed: bool, seed: u64) ->
         }
     }
     let antialias = if is_smoothed { Antialias::Mip } else { Antialias::Off };
-    let raster = RasterConfig { cutoffs: Cutoffs::HDR, antialias };
+    let raster = RasterConfig { cutoffs: Cutoffs::HDR, antialias, ..RasterConfig::default() };
     Scene { splats, radiance_scale: 12.345_679, color_space: ColorSpace::AcesCg, raster, edits: Vec::new() }
 }
 
@@ -296,7 +296,10 @@ fn plain_file(format: &str) -> Vec<u8> {
 fn plain_files_of_all_formats_orders_and_types_are_read_alike() {
     for format in ["ascii", "binary_little_endian", "binary_big_endian"] {
         let read = decode_scene_ply(name(), &plain_file(format)).unwrap_or_else(|e| panic!("{format}: {e}"));
-        assert_eq!((read.radiance_scale, read.raster), (1.0, RasterConfig { cutoffs: Cutoffs::PARITY, antialias: Antialias::Off }));
+        assert_eq!(
+            (read.radiance_scale, read.raster),
+            (1.0, RasterConfig { cutoffs: Cutoffs::PARITY, antialias: Antialias::Off, ..RasterConfig::default() })
+        );
         let s = &read.splats;
         assert_eq!((s.color_model, s.len()), (ColorModel::Sh { degree: 1 }, 2));
         assert_eq!(s.position, [[14.0, 13.0, 12.0], [114.0, 113.0, 112.0]], "{format}");

@@ -37,7 +37,7 @@ pub fn decode_spz(name: &Path, bytes: &[u8]) -> Result<Scene, IoError> {
         splats,
         radiance_scale: 1.0,
         color_space: ColorSpace::LinearRec709,
-        raster: RasterConfig { cutoffs: Cutoffs::PARITY, antialias },
+        raster: RasterConfig { cutoffs: Cutoffs::PARITY, antialias, ..RasterConfig::default() },
         edits: Vec::new(),
     })
 }

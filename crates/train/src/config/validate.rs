@@ -118,6 +118,7 @@ impl TrainConfig {
         let parts = [
             ("ssim-weight", self.ssim_weight),
             ("squared-share", self.squared_share),
+            ("samples-share", self.samples_share),
             ("prune-opacity", self.prune_opacity),
             ("turnover", self.turnover),
             ("mcmc-growth", self.mcmc_growth),

@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use anyhow::{Context, Result, bail};
 use luxel_core::{
-    Antialias, Camera, ColorModel, ColorSpace, Cutoffs, Engine, Image, PixelValues, RasterConfig, RenderOptions, Scene, Splats, View,
-    spatial_order, synthetic,
+    Camera, ColorModel, ColorSpace, Cutoffs, Engine, Image, PixelValues, RasterConfig, RenderOptions, Scene, Splats, View, spatial_order,
+    synthetic,
 };
 use luxel_io::ReadOptions;
 use luxel_train::{Method, TrainConfig};
@@ -42,7 +42,7 @@ struct Source {
     name: String,
     splats: Splats,
     radiance_scale: f32,
-    antialias: Antialias,
+    raster: RasterConfig,
 }
 
 impl Workload {
@@ -52,7 +52,7 @@ impl Workload {
         let source = source(args)?;
         let mut splats = in_method(source.splats, args.method, &source.name)?;
         let cutoffs = Cutoffs { near: NEAR, ..TrainConfig { cutoffs: args.cutoffs, ..TrainConfig::default() }.raster().cutoffs };
-        let render = RenderOptions { raster: RasterConfig { cutoffs, antialias: source.antialias }, ..RenderOptions::default() };
+        let render = RenderOptions { raster: RasterConfig { cutoffs, ..source.raster }, ..RenderOptions::default() };
         let (target, image) = match &args.target {
             Some(path) => (path.display().to_string(), read_target(path, args, &camera, source.radiance_scale)?),
             None => {
@@ -91,14 +91,14 @@ fn source(args: &BenchArgs) -> Result<Source> {
                 name: path.display().to_string(),
                 splats: scene.splats,
                 radiance_scale: scene.radiance_scale,
-                antialias: scene.raster.antialias,
+                raster: scene.raster,
             })
         }
         (None, Some(count)) => Ok(Source {
             name: format!("room of {count} splats, seed {}", args.seed),
             splats: synthetic::room(count as usize, args.seed),
             radiance_scale: 1.0,
-            antialias: Antialias::Off,
+            raster: RasterConfig::default(),
         }),
         (None, None) => bail!("nothing to measure on; give --workload SCENE.ply or --generate N"),
     }
@@ -109,7 +109,8 @@ pub(super) fn save(args: &BenchArgs, path: &Path) -> Result<()> {
     files::check_free(path, args.overwrite)?;
     let source = source(args)?;
     let splats = in_method(source.splats, args.method, &source.name)?;
-    let raster = TrainConfig { cutoffs: args.cutoffs, ..TrainConfig::default() }.raster();
+    let cutoffs = TrainConfig { cutoffs: args.cutoffs, ..TrainConfig::default() }.raster().cutoffs;
+    let raster = RasterConfig { cutoffs, ..source.raster };
     let scene = Scene { splats, radiance_scale: source.radiance_scale, color_space: ColorSpace::default(), raster, edits: Vec::new() };
     luxel_io::write_scene_ply(path, &scene).context("cannot write the room")
 }
