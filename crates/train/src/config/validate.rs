@@ -84,7 +84,7 @@ impl TrainConfig {
             ));
         }
         let not_negative = [
-            ("background", self.background.iter().copied().fold(0.0, |worst: f32, v| if v >= 0.0 { worst.max(v) } else { v })),
+            ("background", self.background.into_iter().find(|v| !(v.is_finite() && *v >= 0.0)).unwrap_or(0.0)),
             ("sh-lr", self.sh_lr),
             ("luminance-lr", self.luminance_lr),
             ("opacity-lr", self.opacity_lr),
