@@ -142,6 +142,7 @@ fn nonsense_is_refused_with_the_options_name() {
         (&["--scale-lr-final", "inf"], "--scale-lr-final"),
         (&["--opacity-lr", "0", "--opacity-lr-final", "0.1"], "--opacity-lr"),
         (&["--strategy", "mcmc", "--absgrad"], "--absgrad"),
+        (&["--strategy", "mcmc", "--percent-dense", "0.1"], "--percent-dense"),
     ];
     for (arguments, option) in cases {
         let error = parse(arguments).unwrap().validate().unwrap_err().to_string();
