@@ -92,8 +92,14 @@ impl Session<'_> {
     }
 
     fn train(&mut self, state: &mut Loop) -> Result<Outcome> {
+        // A run that is ended where it stands ends with the mean of what was averaged so far.
+        let is_settled = self.trainer.settle()?;
+        if is_settled {
+            self.save(state)?;
+        }
         // A run that died between a checkpoint and the end of its evaluation does the evaluation first.
-        if self.evaluation_is_due() && !self.folder.evaluated_iterations().contains(&self.trainer.iteration()) {
+        let is_stale = is_settled || !self.folder.evaluated_iterations().contains(&self.trainer.iteration());
+        if is_stale && self.evaluation_is_due() {
             self.evaluate(state)?;
         }
         let mut downscale = 1;

@@ -39,7 +39,9 @@ pub struct TrainConfig {
     /// of the steps. Evaluation is at full size
     #[arg(long, value_name = "SCHEDULE", default_value_t, help_heading = "Training")]
     pub resolution_schedule: ResolutionSchedule,
-    /// Part of the steps, at the end, over which the parameters are averaged: the scene is their mean. Below 1; 0 for none
+    /// Part of the steps, at the end, over which the parameters are averaged: the scene is their mean. No step is averaged before densification ends.
+    /// Where --resume moves the end, what is averaged moves with it: a shorter run ends with the mean as far as it was taken, a longer one goes on from the mean if that was
+    /// finished and without it if not. Below 1; 0 for none
     #[arg(long, value_name = "PART", default_value_t = 0.15, help_heading = "Training")]
     pub average_share: f32,
 
