@@ -29,6 +29,10 @@ pub const RESET_OPACITY: f32 = 0.01;
 /// A reset is made if more than its interval divided by this is left of densification.
 const RESET_TAIL_DIVISOR: u32 = 3;
 
+/// Steps after a reset in which renders are too faint to be measured against images: a splat's logit, which moves by its rate of 0.05 in a step
+/// that sees it, takes 140 such steps from 0.01 to 0.9, and a view sees some of the splats.
+const RECOVERY_STEPS: u32 = 600;
+
 /// Steps between two updates of the 3D smoothing filter.
 const SMOOTHING_INTERVAL: u32 = 100;
 
@@ -105,6 +109,14 @@ impl Schedule {
     /// Whether enough rounds follow a reset after `step`.
     fn leaves_time_after_reset(&self, step: u32, interval: u32) -> bool {
         self.densify_until.saturating_sub(step) > interval / RESET_TAIL_DIVISOR
+    }
+
+    /// Whether opacities are still growing back after a reset before `step`, whose render is too faint to be measured. At most half of an interval, so
+    /// that resets in quick succession leave something to measure.
+    pub fn is_recovering(&self, step: u32) -> bool {
+        let Some(interval) = self.reset_interval else { return false };
+        let since = step % interval;
+        step > interval && (1..=RECOVERY_STEPS.min(interval / 2)).contains(&since) && self.resets_after(step - since)
     }
 
     /// Whether a reset lies before `step`: from then on large splats are pruned.
@@ -221,6 +233,18 @@ mod tests {
         // Splats are added until step 1500, as planned.
         assert_eq!(of(3000, 1600), (Some(1504), Some(1600), false));
         assert_eq!(of(3000, 1500), (None, None, true));
+    }
+
+    #[test]
+    fn renders_recover_from_a_reset_and_from_nothing_else() {
+        let s = schedule(30_000).1;
+        let steps = [600, 2999, 3000, 3001, 3600, 3601, 6001, 12_600, 12_601, 15_001, 29_000];
+        let recovering: Vec<u32> = steps.into_iter().filter(|t| s.is_recovering(*t)).collect();
+        assert_eq!(recovering, [3001, 3600, 6001, 12_600]);
+        assert!((1..=6000).all(|t| !schedule(6000).1.is_recovering(t)), "no reset takes place");
+        let often = Schedule { reset_interval: Some(100), ..s.clone() };
+        assert_eq!([50, 100, 101, 150, 151, 201].map(|t| often.is_recovering(t)), [false, false, true, true, false, true]);
+        assert!((1..=100).all(|t| !Schedule { reset_interval: Some(1), ..s.clone() }.is_recovering(t)));
     }
 
     #[test]

@@ -229,8 +229,11 @@ impl Trainer {
         self.state.gains.as_ref().map_or([1.0; 3], |gains| gains.of(index))
     }
 
-    /// Moves the gain of view `index`, if it is its turn after `step`.
+    /// Moves the gain of view `index`, if it is its turn after `step` and opacities have grown back from their last reset.
     fn measure_gain(&mut self, step: u32, index: usize) -> Result<(), TrainError> {
+        if self.schedule.is_recovering(step) {
+            return Ok(());
+        }
         let (kind, options, gain) = (self.state.config.exposure_compensation, self.render_options_of(step), self.gain(index));
         let Some(gains) = self.state.gains.as_mut().filter(|gains| gains.measures_after(step)) else { return Ok(()) };
         let Some((view, target_scale)) = self.views.at(step, index, gain) else { return Ok(()) };

@@ -60,6 +60,29 @@ fn gains_of_drifting_images_are_found_and_have_no_mean() {
     }
 }
 
+#[test]
+fn no_gain_is_measured_while_opacities_grow_back() {
+    let data = dataset();
+    let exposure_compensation = ExposureCompensation::Exposure;
+    // Measured after the steps 19 to 24, 43 to 48, 67 to 72, 91 to 96, 115 to 120; the reset after step 66 is felt until step 99.
+    let config = TrainConfig { opacity_reset_interval: 66, exposure_compensation, ..config(200) };
+    let mut trainer = Trainer::new(&data, config, engine()).unwrap();
+    let mut after = |step| {
+        while trainer.iteration() < step {
+            trainer.step().unwrap();
+        }
+        assert!(trainer.schedule().resets_after(66));
+        trainer.log_gains().unwrap().to_vec()
+    };
+    let before = after(66);
+    assert!(before.as_flattened().iter().any(|log| *log != 0.0));
+    assert_eq!(after(96), before);
+    let largest = |logs: &[[f32; 3]]| logs.as_flattened().iter().fold(0.0f32, |most, log| most.max(log.abs()));
+    let later = after(120);
+    println!("largest |ln gain| of images that do not drift: {} before the reset, {} after", largest(&before), largest(&later));
+    assert!(later != before && largest(&later) < 0.1, "{later:?}");
+}
+
 /// The room as a camera of this response recorded it, three exposures a view; the test view stays radiance.
 fn recorded() -> Dataset {
     let mut data = dataset();
