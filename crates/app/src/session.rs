@@ -286,6 +286,7 @@ impl Session<'_> {
 
     fn rendering(&mut self) -> Rendering<'_> {
         let (options, radiance_scale, response) = (self.trainer.render_options(), self.trainer.radiance_scale(), self.trainer.response());
+        let log_gains = Captures::of(&self.trainer, &self.dataset.train).log_gains_at(self.trainer.iteration());
         Rendering {
             options,
             radiance_scale,
@@ -295,6 +296,7 @@ impl Session<'_> {
             flip: FlipChoice::Skip,
             lpips: None,
             response,
+            log_gains,
             engine: self.trainer.engine(),
         }
     }
