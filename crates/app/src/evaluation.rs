@@ -100,12 +100,9 @@ impl Rendering<'_> {
         Ok(splits)
     }
 
-    /// Figures of a split, `None` if it is empty; after the removal of gains that training found, unless others are to be fitted. With a
+    /// Figures of a split, `None` if no view of it has a valid pixel; after the removal of gains that training found, unless others are to be fitted. With a
     /// folder, `renders/` and `gt/` get the images in the units of the data set, or as recorded.
     pub(crate) fn evaluate(&mut self, views: &[View], images: Option<&Path>, gain_fit: GainFit<'_>) -> Result<Option<SplitMetrics>> {
-        if views.is_empty() {
-            return Ok(None);
-        }
         let (scale, color_space) = (self.radiance_scale, self.color_space);
         let known: Vec<[f32; 3]> = views.iter().map(|view| self.log_gain(view)).collect();
         let gain_fit = match gain_fit {
@@ -131,7 +128,8 @@ impl Rendering<'_> {
             Measures { radiance_scale: scale, mu: self.mu, field, lpips: self.lpips, response: self.response.as_ref(), gain_fit };
         let metrics = luxel_train::evaluate(self.engine, &self.options, &measures, views, &mut each)?;
         failed?;
-        Ok(Some(metrics))
+        // Means of no views are no figures.
+        Ok((!metrics.views.is_empty()).then_some(metrics))
     }
 }
 
@@ -262,6 +260,12 @@ mod tests {
         };
         let psnr = rendering.probe(&view).unwrap();
         (rendering.evaluate(&[view], None, GainFit::None).unwrap(), psnr)
+    }
+
+    #[test]
+    fn a_split_of_masked_views_has_no_figures() {
+        assert!(measured(None, 1.0, BTreeMap::new()).0.is_some_and(|split| split.views.len() == 1));
+        assert_eq!(measured(Some(Mask::of_valid(vec![false; 16 * 12])), 1.0, BTreeMap::new()), (None, None));
     }
 
     #[test]
