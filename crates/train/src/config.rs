@@ -85,7 +85,8 @@ pub struct TrainConfig {
     #[arg(long, value_enum, default_value_t, help_heading = "Captures")]
     pub exposure_compensation: ExposureCompensation,
     /// Noise of the training images, by which their pixels are weighted: auto (as the data set states it, which few do), off, or READ,SHOT in
-    /// the units of the images: the variance of radiance p is READ^2 + SHOT p
+    /// the units of the images: the variance of radiance p is READ^2 + SHOT p. Of a pixel as it is read: --downscale N averages what the data set states, while
+    /// these two numbers are to be of the reduced image, READ / N and SHOT / N^2 of a camera's
     #[arg(long, value_name = "MODEL", default_value_t, help_heading = "Captures")]
     pub noise_model: NoiseChoice,
     /// Value that a camera records of the unit exposure (radiance times seconds = 1), above 0 and below 1: what fixes the scale of radiance under
