@@ -66,6 +66,13 @@ impl Captures {
             .with_context(|| format!("{}: not what luxel writes there; continue the run with --resume", path.display()))
     }
 
+    /// ln gains of the training images after `iteration` steps, by name; empty if they are those of another step, or were not compensated.
+    pub(crate) fn log_gains_at(&self, iteration: u32) -> BTreeMap<String, [f32; 3]> {
+        let is_of_step = self.iteration == iteration;
+        let gains = self.gains_ev.iter().filter(|_| is_of_step);
+        gains.map(|(name, stops)| (name.clone(), stops.map(|stops| stops * std::f32::consts::LN_2))).collect()
+    }
+
     /// The response's knots after `iteration` steps; `None` if they are those of another step.
     pub(crate) fn response_at(&self, iteration: u32) -> Option<Knots> {
         self.response.as_ref().filter(|_| self.iteration == iteration).map(|response| response.recorded)

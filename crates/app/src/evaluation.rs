@@ -68,13 +68,21 @@ pub(crate) struct Rendering<'a> {
     pub(crate) lpips: Option<&'a Lpips>,
     /// The response of the camera that recorded the views of recorded values.
     pub(crate) response: Option<Knots>,
+    /// ln gains that training found of its images, by name: their figures are after the removal of them.
+    pub(crate) log_gains: BTreeMap<String, [f32; 3]>,
 }
 
 impl Rendering<'_> {
     /// PSNR of one view by protocol `scene`, dB; `None` if all of it is masked.
     pub(crate) fn probe(&mut self, view: &View) -> Result<Option<f64>> {
+        let log_gain = self.log_gain(view);
         let measures = Measures { response: self.response.as_ref(), ..Measures::new(self.radiance_scale, self.mu) };
-        Ok(luxel_train::probe(self.engine, &self.options, &measures, view)?)
+        Ok(luxel_train::probe(self.engine, &self.options, &measures, (view, log_gain))?)
+    }
+
+    /// Of a view that was not trained on, 0.
+    fn log_gain(&self, view: &View) -> [f32; 3] {
+        self.log_gains.get(&view.name).copied().unwrap_or_default()
     }
 
     /// Figures of the test views once more, after gains are taken out of the renders that a capture leaves open: by name of the split.
@@ -92,12 +100,15 @@ impl Rendering<'_> {
         Ok(splits)
     }
 
-    /// Figures of a split, `None` if it is empty. With a folder, `renders/` and `gt/` get the images in the units of the data set, or as recorded.
-    pub(crate) fn evaluate(&mut self, views: &[View], images: Option<&Path>, gain_fit: GainFit) -> Result<Option<SplitMetrics>> {
-        if views.is_empty() {
-            return Ok(None);
-        }
+    /// Figures of a split, `None` if no view of it has a valid pixel; after the removal of gains that training found, unless others are to be fitted. With a
+    /// folder, `renders/` and `gt/` get the images in the units of the data set, or as recorded.
+    pub(crate) fn evaluate(&mut self, views: &[View], images: Option<&Path>, gain_fit: GainFit<'_>) -> Result<Option<SplitMetrics>> {
         let (scale, color_space) = (self.radiance_scale, self.color_space);
+        let known: Vec<[f32; 3]> = views.iter().map(|view| self.log_gain(view)).collect();
+        let gain_fit = match gain_fit {
+            GainFit::None => GainFit::Known(&known),
+            fitted => fitted,
+        };
         let names = || views.iter().map(|view| view.name.as_str());
         let stems: BTreeMap<&str, String> = names().zip(unique_stems(names())).collect();
         let mut failed = Ok(());
@@ -117,7 +128,8 @@ impl Rendering<'_> {
             Measures { radiance_scale: scale, mu: self.mu, field, lpips: self.lpips, response: self.response.as_ref(), gain_fit };
         let metrics = luxel_train::evaluate(self.engine, &self.options, &measures, views, &mut each)?;
         failed?;
-        Ok(Some(metrics))
+        // Means of no views are no figures.
+        Ok((!metrics.views.is_empty()).then_some(metrics))
     }
 }
 
@@ -218,7 +230,56 @@ pub(crate) fn table(name: &str, split: &SplitMetrics) -> String {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
+    use luxel_core::{Mask, synthetic};
+    use luxel_cpu::CpuEngine;
+
     use super::*;
+
+    /// A scene of 30 splats before two cameras that are told apart by name, and what they see of it.
+    fn measured(mask: Option<Mask>, gain: f32, log_gains: BTreeMap<String, [f32; 3]>) -> (Option<SplitMetrics>, Option<f64>) {
+        let mut engine = CpuEngine::new(1).unwrap();
+        engine.load(&synthetic::room(30, 1), None).unwrap();
+        let (camera, options) = (synthetic::room_camera([16, 12]), RenderOptions::default());
+        let mut image = engine.render(&camera, &options).unwrap();
+        image.scale(gain);
+        let (image, mask) = (Arc::new(image), mask.map(Arc::new));
+        let view = View { name: "a".into(), camera, image, values: PixelValues::Radiance, noise: None, mask };
+        let mut rendering = Rendering {
+            engine: &mut engine,
+            options,
+            radiance_scale: 1.0,
+            mu: 5000.0,
+            color_space: ColorSpace::default(),
+            peak_luminance: FieldOptions::DEFAULT_PEAK_LUMINANCE,
+            flip: FlipChoice::Skip,
+            lpips: None,
+            response: None,
+            log_gains,
+        };
+        let psnr = rendering.probe(&view).unwrap();
+        (rendering.evaluate(&[view], None, GainFit::None).unwrap(), psnr)
+    }
+
+    #[test]
+    fn a_split_of_masked_views_has_no_figures() {
+        assert!(measured(None, 1.0, BTreeMap::new()).0.is_some_and(|split| split.views.len() == 1));
+        assert_eq!(measured(Some(Mask::of_valid(vec![false; 16 * 12])), 1.0, BTreeMap::new()), (None, None));
+    }
+
+    #[test]
+    fn a_gain_that_training_found_is_no_error() {
+        let psnr = |log_gains| {
+            let (split, probed) = measured(None, 0.5, log_gains);
+            let found = split.unwrap().mean.psnr_scene;
+            assert!((found - probed.unwrap()).abs() < 1e-9, "{found} {probed:?}");
+            found
+        };
+        let without = psnr(BTreeMap::from([("b".to_owned(), [0.5f32.ln(); 3])]));
+        let with = psnr(BTreeMap::from([("a".to_owned(), [0.5f32.ln(); 3])]));
+        assert!(without < 40.0 && with > 99.0, "{without} {with}");
+    }
 
     #[test]
     fn stems_that_collide_get_their_folder() {

@@ -92,8 +92,14 @@ impl Session<'_> {
     }
 
     fn train(&mut self, state: &mut Loop) -> Result<Outcome> {
+        // A run that is ended where it stands ends with the mean of what was averaged so far.
+        let is_settled = self.trainer.settle()?;
+        if is_settled {
+            self.save(state)?;
+        }
         // A run that died between a checkpoint and the end of its evaluation does the evaluation first.
-        if self.evaluation_is_due() && !self.folder.evaluated_iterations().contains(&self.trainer.iteration()) {
+        let is_stale = is_settled || !self.folder.evaluated_iterations().contains(&self.trainer.iteration());
+        if is_stale && self.evaluation_is_due() {
             self.evaluate(state)?;
         }
         let mut downscale = 1;
@@ -280,6 +286,7 @@ impl Session<'_> {
 
     fn rendering(&mut self) -> Rendering<'_> {
         let (options, radiance_scale, response) = (self.trainer.render_options(), self.trainer.radiance_scale(), self.trainer.response());
+        let log_gains = Captures::of(&self.trainer, &self.dataset.train).log_gains_at(self.trainer.iteration());
         Rendering {
             options,
             radiance_scale,
@@ -289,6 +296,7 @@ impl Session<'_> {
             flip: FlipChoice::Skip,
             lpips: None,
             response,
+            log_gains,
             engine: self.trainer.engine(),
         }
     }

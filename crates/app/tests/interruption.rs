@@ -154,6 +154,28 @@ fn a_resumed_run_keeps_its_settings() {
 }
 
 #[test]
+fn a_run_that_is_ended_where_it_stands_becomes_the_mean_so_far() {
+    let place = Workplace::new();
+    place.train("run", &["--checkpoint-every", "37", "--keep-checkpoints", "2"]);
+    // As it is when it is stopped after step 37, the third of the six that are averaged.
+    std::fs::remove_file(place.path("run/checkpoints/step_000000040.safetensors")).unwrap();
+    for folder in ["point_cloud/iteration_40", "eval/step_40"] {
+        std::fs::remove_dir_all(place.path("run").join(folder)).unwrap();
+    }
+    let state = || std::fs::read(place.path("run/checkpoints/step_000000037.safetensors")).unwrap();
+    let stopped = state();
+    let end = || place.ok(&["train", "--resume", "-o", "run", "--iterations", "37"]);
+    end();
+    let ended = state();
+    assert!(ended != stopped, "the state is still that before the mean");
+    let metrics = place.json("run/eval/step_37/metrics.json");
+    assert_eq!(metrics["iterations"], 37);
+    // The mean is taken once.
+    end();
+    assert!(state() == ended && place.json("run/eval/step_37/metrics.json") == metrics);
+}
+
+#[test]
 fn a_full_disk_ends_the_run_and_keeps_its_checkpoint() {
     let place = Workplace::new();
     place.train("run", &["--checkpoint-every", "20"]);

@@ -39,7 +39,9 @@ pub struct TrainConfig {
     /// of the steps. Evaluation is at full size
     #[arg(long, value_name = "SCHEDULE", default_value_t, help_heading = "Training")]
     pub resolution_schedule: ResolutionSchedule,
-    /// Part of the steps, at the end, over which the parameters are averaged: the scene is their mean. Below 1; 0 for none
+    /// Part of the steps, at the end, over which the parameters are averaged: the scene is their mean. No step is averaged before densification ends.
+    /// Where --resume moves the end, what is averaged moves with it: a shorter run ends with the mean as far as it was taken, a longer one goes on from the mean if that was
+    /// finished and without it if not. Below 1; 0 for none
     #[arg(long, value_name = "PART", default_value_t = 0.15, help_heading = "Training")]
     pub average_share: f32,
 
@@ -83,7 +85,8 @@ pub struct TrainConfig {
     #[arg(long, value_enum, default_value_t, help_heading = "Captures")]
     pub exposure_compensation: ExposureCompensation,
     /// Noise of the training images, by which their pixels are weighted: auto (as the data set states it, which few do), off, or READ,SHOT in
-    /// the units of the images: the variance of radiance p is READ^2 + SHOT p
+    /// the units of the images: the variance of radiance p is READ^2 + SHOT p. Of a pixel as it is read: --downscale N averages what the data set states, while
+    /// these two numbers are to be of the reduced image, READ / N and SHOT / N^2 of a camera's
     #[arg(long, value_name = "MODEL", default_value_t, help_heading = "Captures")]
     pub noise_model: NoiseChoice,
     /// Value that a camera records of the unit exposure (radiance times seconds = 1), above 0 and below 1: what fixes the scale of radiance under

@@ -6,7 +6,7 @@
 //!
 //! Views of recorded values are compared with what the camera's response makes of the render, in its own values without a mu-law; figures that need
 //! radiance are left out of them. Where images and scene differ by a gain that is nobody's fault ([`GainFit`]), figures after its removal stand beside
-//! those as it is.
+//! those as it is; gains that training found belong to its images, whose figures are after their removal alone.
 
 use luxel_core::metrics::{FieldMetrics, FieldOptions, LuminanceProfile, ViewMetrics, field_metrics, psnr_scene, view_metrics};
 use luxel_core::{Engine, Image, Knots, PixelValues, RenderOptions, Response, View};
@@ -21,9 +21,9 @@ use crate::{Lpips, TrainError};
 /// mu of a mu-law that is a straight line to the last digit: recorded values are compared as they are.
 const LINEAR_MU: f32 = 1e-6;
 
-/// What is taken out of predictions before they are measured: gains by channel, medians of image over render.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum GainFit {
+/// What is taken out of predictions before they are measured: gains by channel, medians of image over render unless they are known.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum GainFit<'a> {
     /// Nothing.
     #[default]
     None,
@@ -31,6 +31,8 @@ pub enum GainFit {
     Common,
     /// A gain of each view: exposure and white balance that drift.
     PerView,
+    /// ln gain of each view by channel, in the order of the views, as [`crate::Trainer::log_gains`] has them; of views beyond, nothing.
+    Known(&'a [[f32; 3]]),
 }
 
 /// How views are measured.
@@ -47,7 +49,7 @@ pub struct Measures<'a> {
     /// The response of the camera that recorded the views of recorded values.
     pub response: Option<&'a Knots>,
     /// What is taken out of the predictions.
-    pub gain_fit: GainFit,
+    pub gain_fit: GainFit<'a>,
 }
 
 impl Measures<'_> {
@@ -132,22 +134,23 @@ pub fn evaluate(
 ) -> Result<SplitMetrics, TrainError> {
     let mut named = Vec::with_capacity(views.len());
     let mut profile = LuminanceProfile::default();
-    let measured: Vec<&View> = views.iter().filter(|view| has_valid_pixel(view)).collect();
+    let measured: Vec<(usize, &View)> = views.iter().enumerate().filter(|(_, view)| has_valid_pixel(view)).collect();
     let common = match measures.gain_fit {
         GainFit::Common => common_gain(engine, options, measures.radiance_scale, &measured)?,
-        GainFit::None | GainFit::PerView => [1.0; 3],
+        GainFit::None | GainFit::PerView | GainFit::Known(_) => [0.0; 3],
     };
     for batch in measured.chunks(measures.batch()) {
         let mut pairs = Vec::with_capacity(batch.len());
-        for view in batch {
+        for (index, view) in batch {
             let mut prediction = engine.render(&view.camera, options)?;
             match measures.gain_fit {
                 GainFit::None => {}
                 GainFit::Common => multiply(&mut prediction, common),
                 GainFit::PerView => {
-                    let gain = log_gain(&prediction, view, measures.radiance_scale).map_or([1.0; 3], |log| log.map(f32::exp));
-                    multiply(&mut prediction, gain);
+                    let log = log_gain(&prediction, view, measures.radiance_scale);
+                    multiply(&mut prediction, log.unwrap_or_default());
                 }
+                GainFit::Known(logs) => multiply(&mut prediction, logs.get(*index).copied().unwrap_or_default()),
             }
             pairs.push((*view, seen_by(view, prediction, measures.radiance_scale, measures.response)?));
         }
@@ -175,19 +178,25 @@ fn log_gain(render: &Image, view: &View, radiance_scale: f32) -> Option<[f32; 3]
     log_ratio_of_view(render, (view, [1.0 / radiance_scale; 3]), ExposureCompensation::Color)
 }
 
-/// The one gain of all views over their renders: of the mean of their logarithms.
-fn common_gain(engine: &mut dyn Engine, options: &RenderOptions, radiance_scale: f32, views: &[&View]) -> Result<[f32; 3], TrainError> {
+/// ln of the one gain of all views over their renders: the mean of theirs.
+fn common_gain(
+    engine: &mut dyn Engine,
+    options: &RenderOptions,
+    radiance_scale: f32,
+    views: &[(usize, &View)],
+) -> Result<[f32; 3], TrainError> {
     let (mut sum, mut count) = ([0.0f64; 3], 0usize);
-    for view in views {
+    for (_, view) in views {
         if let Some(log) = log_gain(&engine.render(&view.camera, options)?, view, radiance_scale) {
             sum = [0, 1, 2].map(|c| sum[c] + f64::from(log[c]));
             count += 1;
         }
     }
-    Ok(sum.map(|sum| (sum / count.max(1) as f64).exp() as f32))
+    Ok(sum.map(|sum| (sum / count.max(1) as f64) as f32))
 }
 
-fn multiply(image: &mut Image, gain: [f32; 3]) {
+fn multiply(image: &mut Image, log_gain: [f32; 3]) {
+    let gain = log_gain.map(f32::exp);
     for pixel in &mut image.pixels {
         *pixel = [pixel[0] * gain[0], pixel[1] * gain[1], pixel[2] * gain[2]];
     }
@@ -204,15 +213,22 @@ fn seen_by(view: &View, render: Image, radiance_scale: f32, response: Option<&Kn
     }
 }
 
-/// PSNR of one view by protocol `scene`, dB, for progress; `None` for a view without a valid pixel.
+/// PSNR of one view of known ln gain by protocol `scene`, dB, for progress; `None` for a view without a valid pixel. No gains are fitted.
 ///
 /// # Errors
 /// As [`evaluate`].
-pub fn probe(engine: &mut dyn Engine, options: &RenderOptions, measures: &Measures<'_>, view: &View) -> Result<Option<f64>, TrainError> {
+pub fn probe(
+    engine: &mut dyn Engine,
+    options: &RenderOptions,
+    measures: &Measures<'_>,
+    (view, log_gain): (&View, [f32; 3]),
+) -> Result<Option<f64>, TrainError> {
     if !(0..view.image.pixels.len()).any(|i| view.is_valid(i)) {
         return Ok(None);
     }
-    let prediction = seen_by(view, engine.render(&view.camera, options)?, measures.radiance_scale, measures.response)?;
+    let mut prediction = engine.render(&view.camera, options)?;
+    multiply(&mut prediction, log_gain);
+    let prediction = seen_by(view, prediction, measures.radiance_scale, measures.response)?;
     let (target, mu) = (normalised(view, measures.radiance_scale), mu_of(view, measures));
     psnr_scene(&prediction, &target, view.mask.as_deref(), mu).map(Some).map_err(|source| failed(view, source))
 }

@@ -2,7 +2,8 @@
 //!
 //! In: the configuration, the number of steps the run was started with, and the scene's extent (world units). Out: learning rates,
 //! active degree and densification rounds of a step (1 for the first). Source: Kerbl et al. 2023; 3DGS-MCMC (Kheradmand et al.
-//! 2024). Beyond the planned end all rates stay at their final values.
+//! 2024). Beyond the planned end all rates stay at their final values. What is averaged lies before the end that is asked for now, which may be
+//! another one than was planned.
 //!
 //! In a shorter run than the 30000 steps of the source, the end of densification and all decays come in proportion; the beginning of densification and
 //! the degrees of the harmonics do below 10000 steps. Rounds stay 100 steps apart, as a round needs the statistics of as many views, and resets 3000, as
@@ -28,6 +29,10 @@ pub const RESET_OPACITY: f32 = 0.01;
 /// A reset is made if more than its interval divided by this is left of densification.
 const RESET_TAIL_DIVISOR: u32 = 3;
 
+/// Steps after a reset in which renders are too faint to be measured against images: a splat's logit, which moves by its rate of 0.05 in a step
+/// that sees it, takes 140 such steps from 0.01 to 0.9, and a view sees some of the splats.
+const RECOVERY_STEPS: u32 = 600;
+
 /// Steps between two updates of the 3D smoothing filter.
 const SMOOTHING_INTERVAL: u32 = 100;
 
@@ -39,6 +44,8 @@ const AVERAGED_STATES: u32 = 32;
 pub struct Schedule {
     /// Steps the run was planned for: where the learning rates reach their final values.
     pub iterations: u32,
+    /// Steps the run ends after, as is asked for now.
+    pub end: u32,
     /// World units; position rates are multiples of it.
     pub extent: f32,
     /// Steps after which one more degree of the harmonics is active.
@@ -55,20 +62,22 @@ pub struct Schedule {
     pub reduces_opacity: bool,
     /// Samples along a pixel's side, and the step before which there is one.
     pub samples: (u8, u32),
-    /// Steps at the end that are averaged over, none before densification ends; 0 for none.
+    /// Steps before `end` that are averaged over, none before densification ends; 0 for none.
     pub averaged_steps: u32,
 }
 
 impl Schedule {
-    /// The schedule of `config` for a run planned for `iterations` steps.
+    /// The schedule of `config` for a run planned for `iterations` steps; those of `config` are where it ends now.
     pub fn new(config: &TrainConfig, iterations: u32, extent: f32) -> Self {
         let is_adc = config.strategy == Strategy::Adc;
         let default_until = if is_adc { iterations / 2 } else { (u64::from(iterations) * 5 / 6) as u32 };
         let densify_until = config.densify_until.unwrap_or(default_until);
         let sampled_steps = (f64::from(iterations) * f64::from(config.samples_share)).round() as u32;
-        let averaged_steps = (f64::from(iterations) * f64::from(config.average_share)) as u32;
+        let end = config.iterations;
+        let averaged_steps = (f64::from(end) * f64::from(config.average_share)) as u32;
         Self {
             iterations,
+            end,
             extent,
             sh_interval: config.sh_interval.unwrap_or((iterations / 10).clamp(1, 1000)),
             densify_from: config.densify_from.unwrap_or((iterations / 20).min(500)),
@@ -77,7 +86,7 @@ impl Schedule {
             reset_interval: (is_adc && config.opacity_reset_interval > 0).then_some(config.opacity_reset_interval),
             reduces_opacity: is_adc && config.absgrad,
             samples: (config.samples, iterations.saturating_sub(sampled_steps) + 1),
-            averaged_steps: averaged_steps.min(iterations.saturating_sub(densify_until)),
+            averaged_steps: averaged_steps.min(end.saturating_sub(densify_until)),
         }
     }
 
@@ -112,6 +121,14 @@ impl Schedule {
         self.densify_until.saturating_sub(step) > interval / RESET_TAIL_DIVISOR
     }
 
+    /// Whether opacities are still growing back after a reset before `step`, whose render is too faint to be measured. At most half of an interval, so
+    /// that resets in quick succession leave something to measure.
+    pub fn is_recovering(&self, step: u32) -> bool {
+        let Some(interval) = self.reset_interval else { return false };
+        let since = step % interval;
+        step > interval && (1..=RECOVERY_STEPS.min(interval / 2)).contains(&since) && self.resets_after(step - since)
+    }
+
     /// Whether a reset lies before `step`: from then on large splats are pruned.
     pub fn has_reset_before(&self, step: u32) -> bool {
         self.reset_interval.is_some_and(|interval| step > interval && self.leaves_time_after_reset(interval, interval))
@@ -132,10 +149,20 @@ impl Schedule {
         (step >= self.densify_until || step <= self.densify_from) && step.is_multiple_of(SMOOTHING_INTERVAL)
     }
 
-    /// Whether the parameters after `step` go into the average: the planned last step's do, and others at equal distances before it.
+    /// Whether `step` is one of those that are averaged over.
+    pub fn is_averaging(&self, step: u32) -> bool {
+        self.end.checked_sub(step).is_some_and(|left| left < self.averaged_steps)
+    }
+
+    /// Whether the parameters after `step` go into the average: the last step's do, and others at equal distances before it.
     pub fn averages_after(&self, step: u32) -> bool {
         let interval = self.averaged_steps.div_ceil(AVERAGED_STATES);
-        self.iterations.checked_sub(step).is_some_and(|left| left < self.averaged_steps && left.is_multiple_of(interval))
+        self.is_averaging(step) && (self.end - step).is_multiple_of(interval)
+    }
+
+    /// Whether splats are added and removed up to the end, so that there is nothing to average.
+    pub fn densifies_to_the_end(&self) -> bool {
+        self.densify_until >= self.end
     }
 
     /// Learning rates of `step`.
@@ -213,6 +240,34 @@ mod tests {
         assert_eq!(averaged(TrainConfig { densify_until: Some(19), ..config(20, 0.15) }), [20]);
         assert_eq!(averaged(TrainConfig { densify_until: Some(50), ..config(20, 0.15) }), Vec::<u32>::new());
         assert_eq!(averaged(config(20, 0.0)), Vec::<u32>::new());
+    }
+
+    #[test]
+    fn the_average_is_taken_before_the_end_that_is_asked_for_now() {
+        let of = |planned, end| {
+            let config = TrainConfig { average_share: 0.15, iterations: end, ..TrainConfig::default() };
+            let s = Schedule::new(&config, planned, 2.0);
+            let averaged: Vec<u32> = (1..=10_000).filter(|t| s.averages_after(*t)).collect();
+            (averaged.first().copied(), averaged.last().copied(), s.densifies_to_the_end())
+        };
+        assert_eq!(of(3000, 3000), (Some(2565), Some(3000), false));
+        assert_eq!(of(3000, 3600), (Some(3073), Some(3600), false));
+        assert_eq!(of(3000, 2000), (Some(1710), Some(2000), false));
+        // Splats are added until step 1500, as planned.
+        assert_eq!(of(3000, 1600), (Some(1504), Some(1600), false));
+        assert_eq!(of(3000, 1500), (None, None, true));
+    }
+
+    #[test]
+    fn renders_recover_from_a_reset_and_from_nothing_else() {
+        let s = schedule(30_000).1;
+        let steps = [600, 2999, 3000, 3001, 3600, 3601, 6001, 12_600, 12_601, 15_001, 29_000];
+        let recovering: Vec<u32> = steps.into_iter().filter(|t| s.is_recovering(*t)).collect();
+        assert_eq!(recovering, [3001, 3600, 6001, 12_600]);
+        assert!((1..=6000).all(|t| !schedule(6000).1.is_recovering(t)), "no reset takes place");
+        let often = Schedule { reset_interval: Some(100), ..s.clone() };
+        assert_eq!([50, 100, 101, 150, 151, 201].map(|t| often.is_recovering(t)), [false, false, true, true, false, true]);
+        assert!((1..=100).all(|t| !Schedule { reset_interval: Some(1), ..s.clone() }.is_recovering(t)));
     }
 
     #[test]

@@ -70,6 +70,7 @@ impl Trainer {
         tracing::info!(splats = splats.len(), radiance_scale, extent, model = config.color_model().name(), "initialised");
         let state = State::new(dataset, Start { config, extent, radiance_scale, response });
         let mut trainer = Self::assemble(dataset, (state, None), engine);
+        trainer.warn_of_average();
         if trainer.state.config.antialias == Antialias::Mip {
             trainer.update_smoothing()?;
         }
@@ -164,8 +165,27 @@ impl Trainer {
     /// Sets the number of steps after which the run is finished. The schedule (decay of learning rates, densification, degrees) stays
     /// as planned at the first start, so that a run which is made longer goes through the same steps first; from the planned end on,
     /// learning rates stay at their final values. To stretch the schedule itself, start anew.
+    ///
+    /// The average moves with the end. A mean that was finished is the scene, which a longer run goes on from; one under way goes on where
+    /// the steps that are now to be averaged have begun, and is dropped by the next step where they have not. After an end that is moved to where the
+    /// run stands, [`Self::settle`] makes it the scene.
     pub fn set_iterations(&mut self, iterations: u32) {
         self.state.config.iterations = iterations.max(1);
+        self.schedule = Schedule::new(&self.state.config, self.state.planned_iterations, self.schedule.extent);
+        self.warn_of_average();
+    }
+
+    /// Says where an average is asked for that there is no room for.
+    fn warn_of_average(&self) {
+        let (config, schedule) = (&self.state.config, &self.schedule);
+        if config.average_share > 0.0 && schedule.densifies_to_the_end() {
+            tracing::warn!(
+                densify_until = schedule.densify_until,
+                iterations = schedule.end,
+                average_share = config.average_share,
+                "nothing is averaged: splats are added and removed up to the last step; lower --densify-until, or give --average-share 0"
+            );
+        }
     }
 
     /// One step of training, with densification when it is due.
@@ -209,8 +229,11 @@ impl Trainer {
         self.state.gains.as_ref().map_or([1.0; 3], |gains| gains.of(index))
     }
 
-    /// Moves the gain of view `index`, if it is its turn after `step`.
+    /// Moves the gain of view `index`, if it is its turn after `step` and opacities have grown back from their last reset.
     fn measure_gain(&mut self, step: u32, index: usize) -> Result<(), TrainError> {
+        if self.schedule.is_recovering(step) {
+            return Ok(());
+        }
         let (kind, options, gain) = (self.state.config.exposure_compensation, self.render_options_of(step), self.gain(index));
         let Some(gains) = self.state.gains.as_mut().filter(|gains| gains.measures_after(step)) else { return Ok(()) };
         let Some((view, target_scale)) = self.views.at(step, index, gain) else { return Ok(()) };
@@ -287,24 +310,46 @@ impl Trainer {
         Ok(())
     }
 
-    /// Takes the parameters after `step` into their mean, where they are due, and makes the scene the mean after the last of them. Adam's moments stay,
-    /// so that a run that is made longer goes on from there.
+    /// Takes the parameters after `step` into their mean, where they are due, and makes the scene the mean after the last of them.
     fn average(&mut self, step: u32) -> Result<(), TrainError> {
-        if !self.schedule.averages_after(step) {
-            return Ok(());
+        if !self.schedule.is_averaging(step) {
+            // Of steps that an end which was moved away has left behind.
+            self.average = None;
         }
-        let (splats, moments) = self.engine.save()?;
-        match &mut self.average {
-            Some(average) => average.add(splats),
-            None => self.average = Some(Average::new(splats, 1)),
-        }
-        if step == self.schedule.iterations
-            && let Some(average) = self.average.take()
-        {
-            self.engine.load(average.mean(), Some(&moments))?;
+        if self.schedule.averages_after(step) {
+            let (splats, moments) = self.engine.save()?;
+            match &mut self.average {
+                Some(average) => average.add(splats),
+                None => self.average = Some(Average::new(splats, 1)),
+            }
+            if step == self.schedule.end {
+                self.become_average(&moments)?;
+            }
         }
         self.state.averaged = self.average.as_ref().map_or(0, Average::count);
         Ok(())
+    }
+
+    /// Makes the scene the mean that is under way, if there is one. Adam's `moments` stay, so that a run that is made longer goes on from there.
+    fn become_average(&mut self, moments: &Moments) -> Result<(), TrainError> {
+        if let Some(average) = self.average.take() {
+            self.engine.load(average.mean(), Some(moments))?;
+        }
+        self.state.averaged = 0;
+        Ok(())
+    }
+
+    /// Makes the scene the mean that is under way, if the run ends where it stands, as after [`Self::set_iterations`]; whether there was one.
+    ///
+    /// # Errors
+    /// [`TrainError::Engine`].
+    pub fn settle(&mut self) -> Result<bool, TrainError> {
+        let is_due = self.average.is_some() && self.schedule.is_averaging(self.state.iteration) && self.is_finished();
+        if is_due {
+            let (_, moments) = self.engine.save()?;
+            self.become_average(&moments)?;
+        }
+        Ok(is_due)
     }
 
     /// Rows of the scene after a round of the strategy, neighbours in space beside each other.

@@ -9,7 +9,7 @@ use std::sync::Arc;
 use common::{config, dataset, engine};
 use luxel_core::response::exposure_of_knot;
 use luxel_core::{Dataset, Image, Mask, NoiseModel, PixelValues, View};
-use luxel_train::{ExposureCompensation, GainFit, Measures, NoiseChoice, TrainConfig, TrainError, Trainer, evaluate};
+use luxel_train::{ExposureCompensation, GainFit, Measures, NoiseChoice, SplitMetrics, TrainConfig, TrainError, Trainer, evaluate, probe};
 
 fn run(trainer: &mut Trainer, steps: u32) {
     for _ in 0..steps {
@@ -32,11 +32,15 @@ fn drifted() -> (Dataset, Vec<[f32; 3]>) {
     (data, logs)
 }
 
-fn psnr(trainer: &mut Trainer, data: &Dataset, gain_fit: GainFit) -> f64 {
+fn psnr(trainer: &mut Trainer, data: &Dataset, gain_fit: GainFit<'_>) -> f64 {
+    figures(trainer, &data.test, gain_fit).mean.psnr_scene
+}
+
+fn figures(trainer: &mut Trainer, views: &[View], gain_fit: GainFit<'_>) -> SplitMetrics {
     let (options, scale, mu) = (trainer.render_options(), trainer.radiance_scale(), trainer.config().mu);
     let knots = trainer.response();
     let measures = Measures { response: knots.as_ref(), gain_fit, ..Measures::new(scale, mu) };
-    evaluate(trainer.engine(), &options, &measures, &data.test, &mut |_, _, _| ()).unwrap().mean.psnr_scene
+    evaluate(trainer.engine(), &options, &measures, views, &mut |_, _, _| ()).unwrap()
 }
 
 #[test]
@@ -58,6 +62,48 @@ fn gains_of_drifting_images_are_found_and_have_no_mean() {
             assert!((found[c] - truth[c]).abs() < 0.06, "channel {c}: {found:?} {truth:?}");
         }
     }
+}
+
+#[test]
+fn figures_of_training_images_are_after_the_gains_that_were_found() {
+    let (mut data, _) = drifted();
+    // A view that is left out of the figures does not move the gains of those behind it.
+    data.train[1].mask = Some(Arc::new(Mask::of_valid(vec![false; 48 * 48])));
+    let config = TrainConfig { exposure_compensation: ExposureCompensation::Color, ..base(500) };
+    let mut trainer = Trainer::new(&data, config, engine()).unwrap();
+    run(&mut trainer, 500);
+    let gains = trainer.log_gains().unwrap().to_vec();
+    let without = figures(&mut trainer, &data.train, GainFit::None);
+    let with = figures(&mut trainer, &data.train, GainFit::Known(&gains));
+    println!("{:.2} dB as they are, {:.2} dB after their gains", without.mean.psnr_scene, with.mean.psnr_scene);
+    assert_eq!(with.views.len(), 5);
+    assert!(with.mean.psnr_scene > without.mean.psnr_scene + 3.0);
+    let (options, measures) = (trainer.render_options(), Measures::new(trainer.radiance_scale(), trainer.config().mu));
+    let probed = probe(trainer.engine(), &options, &measures, (&data.train[2], gains[2])).unwrap().unwrap();
+    assert!((probed - with.views[1].metrics.psnr_scene).abs() < 1e-9, "{probed}");
+}
+
+#[test]
+fn no_gain_is_measured_while_opacities_grow_back() {
+    let data = dataset();
+    let exposure_compensation = ExposureCompensation::Exposure;
+    // Measured after the steps 19 to 24, 43 to 48, 67 to 72, 91 to 96, 115 to 120; the reset after step 66 is felt until step 99.
+    let config = TrainConfig { opacity_reset_interval: 66, exposure_compensation, ..config(200) };
+    let mut trainer = Trainer::new(&data, config, engine()).unwrap();
+    let mut after = |step| {
+        while trainer.iteration() < step {
+            trainer.step().unwrap();
+        }
+        assert!(trainer.schedule().resets_after(66));
+        trainer.log_gains().unwrap().to_vec()
+    };
+    let before = after(66);
+    assert!(before.as_flattened().iter().any(|log| *log != 0.0));
+    assert_eq!(after(96), before);
+    let largest = |logs: &[[f32; 3]]| logs.as_flattened().iter().fold(0.0f32, |most, log| most.max(log.abs()));
+    let later = after(120);
+    println!("largest |ln gain| of images that do not drift: {} before the reset, {} after", largest(&before), largest(&later));
+    assert!(later != before && largest(&later) < 0.1, "{later:?}");
 }
 
 /// The room as a camera of this response recorded it, three exposures a view; the test view stays radiance.

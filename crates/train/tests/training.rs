@@ -130,6 +130,84 @@ fn the_scene_of_a_finished_run_is_the_mean_of_its_last_states() {
     assert_ne!(mean.scene.splats.position, last.position);
 }
 
+fn harmonics(trainer: &mut Trainer) -> Vec<f32> {
+    trainer.scene().unwrap().splats.sh
+}
+
+fn assert_is_mean(mean: &[f32], states: &[Vec<f32>]) {
+    for (i, mean) in mean.iter().enumerate() {
+        let expected = states.iter().map(|state| f64::from(state[i])).sum::<f64>() / states.len() as f64;
+        assert!((f64::from(*mean) - expected).abs() < 1e-5, "coefficient {i}: {mean}, expected {expected}");
+    }
+}
+
+#[test]
+fn a_run_that_is_made_longer_is_averaged_before_its_new_end() {
+    let data = dataset();
+    let mut trainer = Trainer::new(&data, TrainConfig { average_share: 0.1, ..config(20) }, engine()).unwrap();
+    run(&mut trainer, 20);
+    let finished = harmonics(&mut trainer);
+    trainer.set_iterations(40);
+    assert_eq!(harmonics(&mut trainer), finished, "a mean that was finished stays the scene");
+    // 37, 38, 39 and 40; what the last of them is before the mean tells a run that goes on.
+    run(&mut trainer, 16);
+    let mut states = Vec::new();
+    for _ in 37..40 {
+        trainer.step().unwrap();
+        states.push(harmonics(&mut trainer));
+    }
+    let mut beyond = Trainer::resume(&data, trainer.snapshot().unwrap(), engine()).unwrap();
+    let mut resumed = Trainer::resume(&data, trainer.snapshot().unwrap(), engine()).unwrap();
+    beyond.set_iterations(41);
+    run(&mut beyond, 1);
+    states.push(harmonics(&mut beyond));
+    run(&mut trainer, 1);
+    run(&mut resumed, 1);
+    assert_is_mean(&harmonics(&mut trainer), &states);
+    assert_eq!(trainer.snapshot().unwrap().average, None);
+    assert_eq!(trainer.snapshot().unwrap(), resumed.snapshot().unwrap());
+}
+
+#[test]
+fn a_run_that_is_ended_early_becomes_the_mean_as_far_as_it_was_taken() {
+    let data = dataset();
+    let config = TrainConfig { average_share: 0.5, densify_until: Some(10), ..config(40) };
+    let mut trainer = Trainer::new(&data, config, engine()).unwrap();
+    run(&mut trainer, 20);
+    let states: Vec<Vec<f32>> = (21..=30)
+        .map(|_| {
+            trainer.step().unwrap();
+            harmonics(&mut trainer)
+        })
+        .collect();
+    let under_way = trainer.snapshot().unwrap();
+    let resumed = |end| {
+        let mut trainer = Trainer::resume(&data, under_way.clone(), engine()).unwrap();
+        trainer.set_iterations(end);
+        trainer
+    };
+    // Where it stands.
+    let mut stopped = resumed(30);
+    assert!(stopped.settle().unwrap() && stopped.is_finished());
+    assert_is_mean(&harmonics(&mut stopped), &states);
+    assert_eq!(stopped.snapshot().unwrap().moments, under_way.moments);
+    assert!(!stopped.settle().unwrap(), "there is nothing left to take");
+    // A step later.
+    let mut ended = resumed(31);
+    assert!(!ended.settle().unwrap());
+    ended.step().unwrap();
+    let mut whole = resumed(40);
+    whole.step().unwrap();
+    let states: Vec<Vec<f32>> = states.into_iter().chain([harmonics(&mut whole)]).collect();
+    assert_is_mean(&harmonics(&mut ended), &states);
+    // Far beyond, these steps are none of the last.
+    let mut longer = resumed(80);
+    assert!(!longer.settle().unwrap());
+    longer.step().unwrap();
+    assert_eq!(longer.snapshot().unwrap().average, None);
+    assert_eq!(harmonics(&mut longer), harmonics(&mut whole));
+}
+
 #[test]
 fn a_view_not_trained_on_is_learnt_on_reduced_images_first() {
     // Measured: 14.6 -> 27.7 dB.
@@ -210,9 +288,11 @@ fn one_view_without_points_or_tests_can_be_trained_on() {
 #[test]
 fn a_longer_run_goes_through_the_same_steps_first() {
     let data = dataset();
-    let mut short = Trainer::new(&data, config(20), engine()).unwrap();
+    // The mean of the last steps aside, which is of each run's own.
+    let config = TrainConfig { average_share: 0.0, ..config(20) };
+    let mut short = Trainer::new(&data, config.clone(), engine()).unwrap();
     run(&mut short, 20);
-    let mut long = Trainer::new(&data, config(20), engine()).unwrap();
+    let mut long = Trainer::new(&data, config, engine()).unwrap();
     long.set_iterations(40);
     run(&mut long, 20);
     assert!(short.is_finished() && !long.is_finished());

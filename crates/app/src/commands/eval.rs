@@ -6,6 +6,7 @@ use anyhow::{Context, Result, bail};
 use luxel_core::RenderOptions;
 use luxel_train::GainFit;
 
+use crate::captures::Captures;
 use crate::cli::EvalArgs;
 use crate::console::{self, Console, LogFormat};
 use crate::engine::Chosen;
@@ -43,6 +44,7 @@ pub(crate) fn run(args: &EvalArgs) -> Result<()> {
         flip: args.metrics.into(),
         lpips: lpips.as_ref(),
         response: run_state::response(&folder, &config, iteration)?,
+        log_gains: Captures::read(&folder)?.log_gains_at(iteration),
     };
     // What training wrote is of the run's own data, and other programs go by it.
     let images = if data::is_same_folder(&path, &own) { folder.evaluation(iteration) } else { folder.evaluation_of(iteration, &path) };

@@ -142,10 +142,16 @@ fn nonsense_is_refused_with_the_options_name() {
         (&["--scale-lr-final", "inf"], "--scale-lr-final"),
         (&["--opacity-lr", "0", "--opacity-lr-final", "0.1"], "--opacity-lr"),
         (&["--strategy", "mcmc", "--absgrad"], "--absgrad"),
+        (&["--strategy", "mcmc", "--percent-dense", "0.1"], "--percent-dense"),
     ];
     for (arguments, option) in cases {
         let error = parse(arguments).unwrap().validate().unwrap_err().to_string();
         assert!(error.starts_with(option), "{arguments:?}: {error}");
+    }
+    // What the command line refuses comes through a file.
+    for background in [[-1.0, 0.0, 0.0], [0.0, -1.0, 2.0], [f32::NAN, 0.0, 0.0], [1.0, 2.0, f32::NAN], [f32::INFINITY, 0.0, 0.0]] {
+        let error = TrainConfig { background, ..TrainConfig::default() }.validate().unwrap_err().to_string();
+        assert!(error.starts_with("--background"), "{background:?}: {error}");
     }
     for bad in ["", "1,2", "1,2,3,4", "1,2,x", "1,2,nan", "1,2,-3", "1,2,inf"] {
         assert!(parse_rgb(bad).is_err(), "{bad}");

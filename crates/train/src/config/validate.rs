@@ -31,13 +31,14 @@ impl TrainConfig {
 
     /// Options that are set and go with another value of an option than it has: the long name of each, and of what it hangs on.
     pub fn misplaced(&self) -> Vec<(&'static str, &'static str)> {
-        let is_sh = self.method != Method::Lcd;
+        let (is_sh, is_mcmc) = (self.method != Method::Lcd, self.strategy == Strategy::Mcmc);
         let options = [
             ("activation", "method", is_sh && self.activation.is_some()),
             ("chroma-degree", "method", is_sh && self.chroma_degree.is_some()),
             ("luminance-degree", "method", is_sh && self.luminance_degree.is_some()),
             ("luminance-lr-final", "method", is_sh && self.luminance_lr_final.is_some()),
-            ("absgrad", "strategy", self.strategy == Strategy::Mcmc && self.absgrad),
+            ("absgrad", "strategy", is_mcmc && self.absgrad),
+            ("percent-dense", "strategy", is_mcmc && self.percent_dense.is_some()),
         ];
         options.into_iter().filter(|(.., is_misplaced)| *is_misplaced).map(|(option, choice, _)| (option, choice)).collect()
     }
@@ -84,7 +85,7 @@ impl TrainConfig {
             ));
         }
         let not_negative = [
-            ("background", self.background.iter().copied().fold(0.0, |worst: f32, v| if v >= 0.0 { worst.max(v) } else { v })),
+            ("background", self.background.into_iter().find(|v| !(v.is_finite() && *v >= 0.0)).unwrap_or(0.0)),
             ("sh-lr", self.sh_lr),
             ("luminance-lr", self.luminance_lr),
             ("opacity-lr", self.opacity_lr),

@@ -18,7 +18,7 @@ const MAX_OPACITY: f64 = 1.0 - f32::EPSILON as f64;
 pub struct Mcmc {
     /// Splats of at most this opacity are dead; copies are at least this opaque.
     pub dead_opacity: f32,
-    /// Growth per round: 0.05 for 5 %.
+    /// Growth per round: 0.05 for 5 %, one splat at least; 0 for none.
     pub growth: f32,
     /// Most splats there may be.
     pub max_splats: usize,
@@ -48,7 +48,9 @@ impl Mcmc {
     }
 
     fn grow(&self, rows: &mut Vec<PlanRow>, opacity: &mut Vec<f64>, rng: &mut impl Rng) {
-        let target = (((1.0 + f64::from(self.growth)) * rows.len() as f64) as usize).min(self.max_splats);
+        // By one at least: a twentieth of fewer than 20 splats is none.
+        let least = rows.len() + usize::from(self.growth > 0.0);
+        let target = (((1.0 + f64::from(self.growth)) * rows.len() as f64) as usize).max(least).min(self.max_splats);
         let wanted = target.saturating_sub(rows.len());
         let Some(sampler) = Sampler::new((0..rows.len()).collect(), opacity) else { return };
         let drawn: Vec<usize> = (0..wanted).map(|_| sampler.draw(rng)).collect();
@@ -67,7 +69,7 @@ impl Mcmc {
         }
         for i in (0..rows.len()).filter(|i| copies[*i] > 1) {
             let (shared, shrink) = share_opacity(opacity[i], copies[i].min(MAX_COPIES));
-            opacity[i] = shared.clamp(f64::from(self.dead_opacity), MAX_OPACITY);
+            opacity[i] = shared.max(f64::from(self.dead_opacity)).min(MAX_OPACITY);
             rows[i].opacity_logit = Some(logit(opacity[i] as f32));
             rows[i].log_scale_shift += shrink.ln() as f32;
             rows[i].keep_moments = false;
@@ -191,6 +193,21 @@ mod tests {
         assert_eq!(plan(POLICY, &[0.5; 100]).len(), 105);
         assert_eq!(plan(Mcmc { max_splats: 102, ..POLICY }, &[0.5; 100]).len(), 102);
         assert_eq!(plan(Mcmc { max_splats: 50, ..POLICY }, &[0.5; 100]).len(), 100);
+    }
+
+    #[test]
+    fn a_few_splats_grow_by_one() {
+        assert_eq!([1, 19, 20, 39, 40].map(|count| plan(POLICY, &vec![0.5; count]).len()), [2, 20, 21, 40, 42]);
+        assert_eq!(plan(Mcmc { growth: 0.0, ..POLICY }, &[0.5; 19]).len(), 19);
+        assert_eq!(plan(Mcmc { max_splats: 19, ..POLICY }, &[0.5; 19]).len(), 19);
+    }
+
+    #[test]
+    fn copies_of_a_scene_in_which_all_is_dead_are_as_opaque_as_can_be() {
+        let rows = plan(Mcmc { dead_opacity: 1.0, growth: 1.0, ..POLICY }, &[0.5; 3]);
+        assert_eq!(rows.len(), 6);
+        let drawn: Vec<f32> = rows.iter().filter_map(|row| row.opacity_logit).collect();
+        assert!(!drawn.is_empty() && drawn.iter().all(|opacity| *opacity == logit(MAX_OPACITY as f32)), "{drawn:?}");
     }
 
     #[test]

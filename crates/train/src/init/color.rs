@@ -47,18 +47,21 @@ fn sample(view: &View, at_px: DVec2) -> Option<[f32; 3]> {
 }
 
 fn median_color(samples: Vec<[f32; 3]>) -> Option<[f32; 3]> {
-    let luminance = median(samples.iter().map(|rgb| luminance_sum(*rgb)).collect())?;
+    // In f64, as channels that f32 holds may have a sum that it does not.
+    let sum = |rgb: [f64; 3]| rgb.iter().sum::<f64>();
+    let luminance = median(samples.iter().map(|rgb| sum(rgb.map(f64::from))).collect())?;
     let mut rgb = [0.0; 3];
     for (c, out) in rgb.iter_mut().enumerate() {
-        *out = median(samples.iter().map(|sample| sample[c]).collect())?;
+        *out = median(samples.iter().map(|sample| sample[c].into()).collect())?;
     }
-    let sum = luminance_sum(rgb);
-    Some(if sum > 0.0 { rgb.map(|v| v / sum * luminance) } else { [luminance / 3.0; 3] })
+    let sum = sum(rgb);
+    let color = if sum > 0.0 { rgb.map(|v| v / sum * luminance) } else { [luminance / 3.0; 3] };
+    Some(color.map(|v| v.min(f32::MAX.into()) as f32))
 }
 
 /// The middle value, for an even count the mean of the two; `None` of nothing.
-fn median(mut values: Vec<f32>) -> Option<f32> {
-    values.sort_unstable_by(f32::total_cmp);
+fn median(mut values: Vec<f64>) -> Option<f64> {
+    values.sort_unstable_by(f64::total_cmp);
     let upper = *values.get(values.len() / 2)?;
     let lower = *values.get((values.len() - 1) / 2)?;
     Some(0.5 * lower + 0.5 * upper)
@@ -75,7 +78,7 @@ pub(super) struct Fallback {
 impl Fallback {
     pub(super) fn new(points: &[Point], typical: f32) -> Self {
         let luminances = points.iter().filter_map(|point| point.rgb8).map(|rgb| luminance_sum(rgb.map(srgb_to_linear)) / 3.0);
-        let display = median(luminances.filter(|l| *l > 0.0).collect()).unwrap_or(1.0);
+        let display = median(luminances.filter(|l| *l > 0.0).map(f64::from).collect()).unwrap_or(1.0) as f32;
         Self { typical, display_gain: typical / display }
     }
 
@@ -128,6 +131,21 @@ mod tests {
         let color = median_color(vec![[0.2, 0.1, 0.1], [90.0, 90.0, 90.0], [0.2, 0.1, 0.1]]).unwrap();
         assert!((color[0] - 0.2).abs() < 1e-6 && (color[1] - 0.1).abs() < 1e-6, "{color:?}");
         assert_eq!(median_color(Vec::new()), None);
+    }
+
+    #[test]
+    fn a_sum_beyond_the_largest_number_is_a_color_all_the_same() {
+        let huge = [3e38, 1.5e38, 3e38];
+        let color = median_color(vec![huge; 3]).unwrap();
+        assert!(color.iter().zip(huge).all(|(found, expected)| (found / expected - 1.0).abs() < 1e-6), "{color:?}");
+        // Medians of the channels may sum up to less than the median of the sums.
+        let mixed =
+            median_color(vec![[3e38, 3e38, 0.0], [3e38, 0.0, 3e38], [0.0, 3e38, 3e38], [3e38, 0.0, 0.0], [1e38, 0.0, 0.0]]).unwrap();
+        assert!(mixed.iter().all(|v| v.is_finite()), "{mixed:?}");
+    }
+
+    #[test]
+    fn the_middle_of_an_even_number_is_the_mean_of_two() {
         assert_eq!(median(vec![4.0, 1.0]), Some(2.5));
     }
 }

@@ -3,7 +3,7 @@
 //! In: training cameras; out: up to `count` positions, world. The cameras' optical axes have a point they come closest to; depths run
 //! from 0.3 to 3 times its distance, so that what stands before and behind it is covered too. Axes that are parallel, or meet
 //! behind the cameras (a panorama from within), give no such point: depths then run from 1 to 20 times the cameras' spread. One
-//! camera alone: from 1 to 10, as nothing tells the unit. Positions are even over pixels and depth, so density follows the resolution with
+//! camera alone, or cameras in one place (see [`LEAST_DISTANCE`]): from 1 to 10, as nothing tells the unit. Positions are even over pixels and depth, so density follows the resolution with
 //! which the cameras see a place.
 
 use glam::{DMat3, DVec2, DVec3};
@@ -12,6 +12,10 @@ use rand::Rng;
 
 /// Tries per wanted point before fewer cameras suffice, and in the end before fewer points do.
 const TRIES_PER_POINT: usize = 40;
+
+/// Distance, as a part of the cameras' largest coordinate, up to which two places are one: programs that write six digits round poses by as much, and
+/// splats, whose positions are `f32`, have some ten places to be in there.
+const LEAST_DISTANCE: f64 = 1e-6;
 
 /// Up to `count` points in the volume that two cameras see; in that of one, where there is none.
 pub(super) fn random_points(train: &[View], count: usize, rng: &mut impl Rng) -> Vec<Point> {
@@ -40,7 +44,9 @@ struct DepthRange {
 
 impl DepthRange {
     fn of(cameras: &[&Camera]) -> Option<Self> {
-        let focus = focus(cameras);
+        let reach = cameras.iter().map(|camera| camera.eye().abs().max_element()).fold(0.0, f64::max);
+        let is_apart = |distance: f64| distance > LEAST_DISTANCE * reach;
+        let focus = focus(cameras).filter(|focus| cameras.iter().all(|camera| is_apart((*focus - camera.eye()).length())));
         let centroid = cameras.iter().map(|camera| camera.eye()).sum::<DVec3>() / cameras.len().max(1) as f64;
         let spread = cameras.iter().map(|camera| (camera.eye() - centroid).length()).fold(0.0, f64::max);
         let range = |camera: &&Camera| match focus {
@@ -48,7 +54,7 @@ impl DepthRange {
                 let distance = (focus - camera.eye()).length();
                 [0.3 * distance, 3.0 * distance]
             }
-            None if spread > 0.0 => [spread, 20.0 * spread],
+            None if is_apart(spread) => [spread, 20.0 * spread],
             None => [1.0, 10.0],
         };
         let ranges: Vec<[f64; 2]> = cameras.iter().map(range).collect();
@@ -127,6 +133,23 @@ mod tests {
         let cameras: Vec<&Camera> = views.iter().map(|view| &view.camera).collect();
         let focus = focus(&cameras).unwrap();
         assert!((focus - DVec3::new(0.5, 0.0, 0.0)).length() < 1e-9, "{focus}");
+    }
+
+    /// A panorama from one place: what rounding leaves between its cameras is no distance.
+    #[test]
+    fn cameras_in_one_place_see_from_one_to_ten_wherever_it_is() {
+        for eye in [DVec3::ZERO, DVec3::new(1.3, 2.1, 0.7), DVec3::new(-3e4, 0.1, 7.7e5)] {
+            for count in [1, 2, 6, 7] {
+                let around = |i: usize| {
+                    let angle = i as f64 / count as f64 * std::f64::consts::TAU;
+                    DVec3::new(angle.cos(), 0.3 * (3.0 * angle).sin(), angle.sin())
+                };
+                let views = views((0..count).map(|i| camera_looking_at(eye, eye + around(i), [40, 30])).collect());
+                let cameras: Vec<&Camera> = views.iter().map(|view| &view.camera).collect();
+                let ranges = DepthRange::of(&cameras).unwrap().ranges;
+                assert!(ranges.iter().all(|range| *range == [1.0, 10.0]), "{count} at {eye}: {ranges:?}");
+            }
+        }
     }
 
     #[test]

@@ -4,6 +4,7 @@
 //! Images come out as radiance in memory; nothing is written or shown. Results are kept in the cell, and measured again only when
 //! asked for otherwise.
 
+use std::collections::BTreeMap;
 use std::hash::{DefaultHasher, Hasher};
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -163,6 +164,8 @@ impl Wanted {
                 flip: self.flip,
                 lpips: self.lpips.as_ref().map(|(lpips, _)| lpips),
                 response: run_state::response(&cell.folder, &cell.config, iterations)?,
+                // Test views have none.
+                log_gains: BTreeMap::new(),
             };
             let field = rendering.evaluate(&dataset.test, None, GainFit::None)?.and_then(|split| split.mean_field);
             if let Some(field) = field {
