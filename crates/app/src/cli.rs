@@ -215,7 +215,7 @@ pub(crate) struct TrainArgs {
 pub(crate) struct EvalArgs {
     /// Folder of the run.
     pub(crate) run: PathBuf,
-    /// Data set to compare with [default: the one the run was trained on].
+    /// Data set to compare with, read as is said here [default: the one the run was trained on, read as it was but for what is said here].
     #[arg(long, value_name = "DATASET")]
     pub(crate) data: Option<PathBuf>,
     /// What is computed.
@@ -227,6 +227,9 @@ pub(crate) struct EvalArgs {
     /// Weights for LPIPS: the state dict of lpips.LPIPS(net='alex' or 'vgg') as a safetensors file.
     #[arg(long, value_name = "FILE")]
     pub(crate) lpips_weights: Option<PathBuf>,
+    /// How the data set is read.
+    #[command(flatten)]
+    pub(crate) load: LoadArgs,
     /// Where the work is done.
     #[command(flatten)]
     pub(crate) device: DeviceArgs,

@@ -60,7 +60,7 @@ fn dispatch(command: Command, said: &[String]) -> Result<Outcome> {
         Command::Demo(args) => commands::demo::run(&args),
         Command::Prepare(args) => commands::prepare::run(&args).map(|()| Outcome::Finished),
         Command::Train(args) => commands::train::run(&args, said),
-        Command::Eval(args) => commands::eval::run(&args).map(|()| Outcome::Finished),
+        Command::Eval(args) => commands::eval::run(&args, said).map(|()| Outcome::Finished),
         Command::Compare(args) => commands::compare::run(&args).map(|()| Outcome::Finished),
         Command::Render(args) => commands::render::run(&args, said).map(|()| Outcome::Finished),
         Command::Edit(args) => commands::edit::run(&args, said).map(|()| Outcome::Finished),

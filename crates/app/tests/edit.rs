@@ -45,6 +45,8 @@ fn an_edited_scene_is_written_with_its_record_and_nothing_else_changed() {
     place.error(&["edit", "run", "-o", "none.ply"], &["nothing to do"]);
     place.error(&["edit", "run", "--where", "L > 1", "-o", "none.ply"], &["no map behind it"]);
     place.error(&["edit", PLY, "--where", "mask(m.png, 000)", "--gain", "2", "-o", "none.ply"], &["--data"]);
+    let same = ["edit", "run", "--gain", "2", "-o", "none.ply", "--overlay", "./none.ply"];
+    place.error(&same, &["./none.ply", "--overlay", "another name"]);
     for usage in [
         &["edit", "run"][..],
         &["edit", "run", "--gain", "x", "-o", "none.ply"],
@@ -106,6 +108,8 @@ fn a_painted_mask_changes_what_is_behind_the_paint() {
 #[test]
 fn a_dry_run_reports_and_writes_nothing() {
     let place = trained(&[]);
+    place.ok_unread(&["edit", "run", "--gain", "2", "--json", "-o", "unread.ply"]);
+    assert!(place.path("unread.ply").is_file());
     let told = place.ok(&["edit", "run", "--where", "L > p90 and not box(-9,-9,-9, 0,9,9)", "--dry-run", "--overlay", "marked.png"]);
     for part in ["where L > p90 and not box", "selected", "share of light", "min", "max", "percentiles"] {
         assert!(told.contains(part), "{part}\n{told}");

@@ -8,6 +8,7 @@ use luxel_core::{Dataset, Pass};
 use luxel_train::Trainer;
 use serde_json::json;
 
+use super::demo;
 use crate::cli::TrainArgs;
 use crate::config::{MadeBy, RunConfig};
 use crate::console::Console;
@@ -21,8 +22,8 @@ use crate::{data, engine, interrupt, run_state, text};
 enum Start {
     /// Nothing is there.
     Fresh(RunConfig),
-    /// A run is there, to be deleted.
-    Replace(RunConfig),
+    /// A run is there, to be deleted: who made it.
+    Replace(RunConfig, MadeBy),
     /// A run is there, to be continued.
     Resume(RunConfig),
 }
@@ -45,11 +46,14 @@ pub(crate) fn run(args: &TrainArgs, said: &[String]) -> Result<Outcome> {
             let chosen = engine::training_engine(&config)?;
             fresh(config, chosen, &folder, &mut console, || lock_free(&folder))?
         }
-        Start::Replace(config) => {
+        Start::Replace(config, replaced) => {
             let chosen = engine::training_engine(&config)?;
             fresh(config, chosen, &folder, &mut console, || {
                 let lock = folder.lock()?;
-                folder.clear(&[])?;
+                if replaced == MadeBy::Demo {
+                    demo::remove_pictures(&folder)?;
+                }
+                folder.clear()?;
                 Ok(lock)
             })?
         }
@@ -93,7 +97,7 @@ fn resolve(args: &TrainArgs, said: &[String], occupant: Occupant) -> Result<Star
     let config = from_command_line(args, said)?;
     match occupant {
         Occupant::Nothing => Ok(Start::Fresh(config)),
-        Occupant::Run(_) if args.overwrite => Ok(Start::Replace(config)),
+        Occupant::Run(replaced) if args.overwrite => Ok(Start::Replace(config, replaced.made_by)),
         Occupant::Run(_) => {
             bail!("{output}: already holds a run; continue it with --resume, replace it with --overwrite, or choose another")
         }
@@ -175,10 +179,14 @@ fn resume(config: RunConfig, folder: &RunFolder, console: &mut Console, lock: Op
             console.note(&format!("resuming after step {} from {}", trainer.iteration(), path.display()));
             trainer
         }
-        None => {
+        None if folder.scene_iterations().is_empty() => {
             console.note("the run ended before its first checkpoint; starting from the first step");
             Trainer::new(&dataset, config.train.clone(), engine).context("cannot start training")?
         }
+        None => bail!(
+            "{}: has scenes, but no checkpoint in checkpoints/ to go on from; put that folder back, or start anew with --overwrite",
+            folder.root().display()
+        ),
     };
     folder.write_config(&config)?;
     train(config, folder, console, Ready { dataset, trainer, threads, machine, computed_by, lock })

@@ -34,19 +34,23 @@ pub(crate) fn run(args: &EditArgs, said: &[String]) -> Result<()> {
     let output = output(args)?;
     if let Some(path) = &args.overlay {
         files::check_free(path, args.overwrite)?;
+        if output.as_ref().is_some_and(|output| files::is_same(path, output)) {
+            bail!("{}: cannot be both the scene (-o) and its picture (--overlay); give the picture another name", path.display());
+        }
     }
     let source = SceneSource::open(&args.scene, &console)?;
     let mut scene = source.scene.clone();
     let masks = masks(args, &source, request, &console)?;
     let done = editing::apply(edits, &mut scene, &masks, args.sh_map.into(), &console)?;
+    if let Some(path) = output {
+        luxel_io::write_scene_ply(&path, &scene).context("cannot write the scene")?;
+        console.note(&format!("{}: {}", path.display(), text::plural(scene.splats.len(), "splat")));
+    }
+    // Last: a reader that leaves early costs no scene.
     if args.json || args.dry_run {
         let report = report(&source.scene, &done);
         let text = if args.json { format!("{:#}", report.json()) } else { report.text().trim_end().to_owned() };
         console.result(&report.event("report"), &text)?;
-    }
-    if let Some(path) = output {
-        luxel_io::write_scene_ply(&path, &scene).context("cannot write the scene")?;
-        console.note(&format!("{}: {}", path.display(), text::plural(scene.splats.len(), "splat")));
     }
     Ok(())
 }
