@@ -66,7 +66,7 @@ fn dispatch(command: Command, said: &[String]) -> Result<Outcome> {
         Command::Edit(args) => commands::edit::run(&args, said).map(|()| Outcome::Finished),
         Command::Export(args) => commands::export::run(&args, said).map(|()| Outcome::Finished),
         Command::Probe(args) => commands::probe::run(&args, said).map(|()| Outcome::Finished),
-        Command::Info(args) => commands::info::run(&args).map(|()| Outcome::Finished),
+        Command::Info(args) => commands::info::run(&args, said).map(|()| Outcome::Finished),
         Command::Bench(args) => commands::bench::run(&args).map(|()| Outcome::Finished),
         Command::Reproduce(args) => commands::reproduce::run(&args, said),
     }

@@ -60,7 +60,10 @@ impl SceneSource {
                 Ok(Some(data::load(&path, &load, console)?))
             }
             (Some(path), None) => Ok(Some(data::load(path, request.load, console)?)),
-            (None, None) => Ok(None),
+            (None, None) => {
+                LoadArgs::refuse(request.said, &[], "and a scene file comes without one; give --data DATASET, or leave it out")?;
+                Ok(None)
+            }
         }
     }
 

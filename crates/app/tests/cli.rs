@@ -116,6 +116,38 @@ fn eval_writes_before_it_prints_and_not_beside_another_luxel() {
 }
 
 #[test]
+fn options_of_a_data_set_are_refused_where_none_is_read() {
+    let place = Workplace::new();
+    place.train("run", &[]);
+    let ply = "run/point_cloud/iteration_40/point_cloud.ply";
+    let checkpoint = "run/checkpoints/step_000000040.safetensors";
+    for (path, what) in [("run", "run is a run"), (ply, "is a scene"), (checkpoint, "is a checkpoint"), ("data/images/000.exr", "an image")]
+    {
+        for option in [&["--downscale", "2"][..], &["--supervision", "ldr"], &["--format", "colmap"]] {
+            place.error(&[&["info", path][..], option].concat(), &[option[0], what, "leave it out"]);
+        }
+    }
+    place.fails(2, &["info", "--devices", "--downscale", "2"]);
+    // An image's primaries are said where the file does not state them.
+    image::RgbImage::from_raw(2, 1, vec![255, 0, 0, 0, 255, 0]).unwrap().save(place.path("plain.png")).unwrap();
+    let stated = |options: &[&str]| -> serde_json::Value {
+        serde_json::from_str(&place.ok(&[&["info", "plain.png", "--transfer", "srgb", "--json"], options].concat())).unwrap()
+    };
+    let (plain, wide) = (stated(&[]), stated(&["--color-space", "acescg"]));
+    assert_eq!(wide["color_space"], "acescg");
+    assert_ne!(wide["percentiles"], plain["percentiles"]);
+
+    let cameras = ["render", "run", "--cameras", "data/transforms.json", "-o", "none"];
+    for option in [&["--downscale", "2"][..], &["--masks", "off"]] {
+        place.error(&[&cameras[..], option].concat(), &[option[0], "data/transforms.json", "leave it out"]);
+        place.error(&[&["export", ply, "-o", "none.ply"][..], option].concat(), &[option[0], "--data DATASET"]);
+        place.error(&[&["edit", "run", "--gain", "2", "-o", "none.ply"][..], option].concat(), &[option[0], "--overlay"]);
+    }
+    place.error(&["edit", "run", "--gain", "2", "-o", "none.ply", "--data", "data"], &["--data", "leave it out"]);
+    assert!(!place.path("none").exists() && !place.path("none.ply").exists());
+}
+
+#[test]
 fn render_writes_the_views_asked_for_once() {
     let place = Workplace::new();
     place.train("run", &[]);
@@ -325,8 +357,10 @@ fn the_demo_runs_anywhere_and_replaces_only_itself() {
     place.ok(&["train", "--resume", "-o", "luxel-demo", "--iterations", "6", "--quiet"]);
     place.error(&["demo", "--iterations", "5"], &["not a demo"]);
     assert_eq!(place.events(&["demo", "-o", "other", "--iterations", "2"], "finished").len(), 1);
-    // Training in its place takes its pictures with it.
-    place.ok(&["train", "other/dataset", "-o", "other", "--overwrite", "--iterations", "2", "--quiet"]);
+    // Training in its place takes its pictures with it; points are there, so none are made up.
+    let train = ["train", "other/dataset", "-o", "other", "--overwrite", "--iterations", "2", "--init-points", "5", "--quiet"];
+    let stderr = String::from_utf8(place.luxel(&train).output().unwrap().stderr).unwrap();
+    assert!(stderr.contains("--init-points changes nothing"), "{stderr}");
     assert!(!place.path("other/pictures").exists() && place.path("other/metrics.json").is_file());
 }
 

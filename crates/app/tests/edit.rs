@@ -71,6 +71,9 @@ fn render_edit_is_the_render_of_the_edited_scene() {
     assert_ne!(image(&place, "written/000.exr"), image(&place, "before/000.exr"));
     place.fails(2, &["render", "run", "--edit", "gain 2; sharpen 3", "-o", "x"]);
     place.fails(2, &["render", "run", "--sh-map", "channels", "-o", "x"]);
+    for idle in ["", "where L > 1"] {
+        place.fails(2, &["render", "run", "--edit", idle, "-o", "x"]);
+    }
 }
 
 #[test]

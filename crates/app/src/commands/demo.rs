@@ -55,7 +55,7 @@ pub(crate) fn run(args: &DemoArgs) -> Result<Outcome> {
     folder.write_config(&config)?;
     unpack(&DATASET, &folder.root().join(DATASET_FOLDER))?;
     console.note("training on a desk at night: 18 HDR photographs of 200x200 pixels, from a lit bulb to the shadows under the table");
-    let TrainedRun { outcome, mut trainer, dataset, .. } = train::fresh(config, chosen, &folder, &mut console, || Ok(lock))?;
+    let TrainedRun { outcome, mut trainer, dataset, .. } = train::fresh(config, chosen, &folder, &mut console, |_, _| Ok(lock))?;
     if outcome == Outcome::Interrupted {
         console.note(&format!("saved; continue with: luxel train --resume -o {}", folder.root().display()));
         return Ok(outcome);

@@ -9,7 +9,7 @@ use anyhow::{Context, Result, bail};
 use luxel_core::Scene;
 use luxel_core::edit::{Applied, MaskName, MaskShares, SelectionSummary};
 
-use crate::cli::EditArgs;
+use crate::cli::{EditArgs, LoadArgs};
 use crate::commands::info::{PERCENTILES, quantiles};
 use crate::console::Console;
 use crate::facts::Facts;
@@ -28,6 +28,7 @@ pub(crate) fn run(args: &EditArgs, said: &[String]) -> Result<()> {
     if let (Some(edit), false) = (idle, args.dry_run) {
         bail!("--where \"{}\" has no map behind it; add one, or --dry-run to see what it selects", edit.selection);
     }
+    check_data(args, said)?;
     if let Some(other) = &args.against {
         return against::run(args, other, request, &console);
     }
@@ -53,6 +54,19 @@ pub(crate) fn run(args: &EditArgs, said: &[String]) -> Result<()> {
         console.result(&report.event("report"), &text)?;
     }
     Ok(())
+}
+
+/// Refuses a data set, and options of reading one, where nothing looks at it.
+fn check_data(args: &EditArgs, said: &[String]) -> Result<()> {
+    let has_masks = args.edits.0.iter().any(|edit| !edit.selection.masks().is_empty());
+    if has_masks || args.overlay.is_some() || args.against.is_some() {
+        return Ok(());
+    }
+    let why = "and without a mask, --overlay or --against none is; leave it out";
+    if args.data.is_some() {
+        bail!("--data is the data set that views are taken from, {why}");
+    }
+    LoadArgs::refuse(said, &[], why)
 }
 
 /// Where the scene goes; `None` for a dry run.
