@@ -12,7 +12,7 @@ use std::path::PathBuf;
 
 use anyhow::{Result, bail};
 use clap::error::ErrorKind;
-use clap::{Args, CommandFactory, Parser, Subcommand};
+use clap::{Arg, Args, CommandFactory, Parser, Subcommand};
 use luxel_core::metrics::FieldOptions;
 use luxel_train::{Method, TrainConfig};
 use serde::{Deserialize, Serialize};
@@ -40,7 +40,14 @@ pub(crate) struct Cli {
 
 /// The program's arguments.
 pub(crate) fn command() -> clap::Command {
-    Cli::command().mut_subcommand("reproduce", |reproduce| reproduce.mut_args(reproduce::adapted))
+    let command = Cli::command().mut_subcommand("reproduce", |reproduce| reproduce.mut_args(reproduce::adapted));
+    command.mut_subcommands(|subcommand| subcommand.mut_args(with_negative_numbers))
+}
+
+/// An option that takes -1 for its value: what is wrong with it is then told of the value, not that there is no option of this name.
+fn with_negative_numbers(arg: Arg) -> Arg {
+    let is_with_value = !arg.is_positional() && arg.get_action().takes_values();
+    if is_with_value { arg.allow_negative_numbers(true) } else { arg }
 }
 
 /// What the arguments' own rules cannot say; `said` are the ids of the options on the command line.
@@ -384,5 +391,25 @@ mod tests {
         assert_eq!(kind(&[&bench[..], &["--overwrite", "--method", "lcd", "--cutoffs", "hdr", "--seed", "1"]].concat()), None);
         let both = ["bench", "--workload", "a.ply", "--camera", "c.json", "--save", "q.ply"];
         assert_eq!(kind(&both), Some(ErrorKind::ArgumentConflict));
+    }
+
+    #[test]
+    fn a_negative_number_is_taken_for_a_value() {
+        let mut command = command();
+        command.build();
+        for subcommand in command.get_subcommands().filter(|subcommand| subcommand.get_name() != "help") {
+            for arg in subcommand.get_arguments().filter(|arg| !arg.is_positional() && arg.get_action().takes_values()) {
+                let option = format!("--{}", arg.get_long().unwrap());
+                let found = kind(&[subcommand.get_name(), &option, "-1"]);
+                assert_ne!(found, Some(ErrorKind::UnknownArgument), "{} {option} -1", subcommand.get_name());
+            }
+        }
+    }
+
+    #[test]
+    fn the_help_of_reproduce_says_whose_defaults_it_names() {
+        let mut command = command();
+        let help = command.find_subcommand_mut("reproduce").unwrap().render_long_help().to_string();
+        assert!(help.contains("are those of full") && help.contains("[default: paper]"), "{help}");
     }
 }

@@ -71,7 +71,8 @@ pub(crate) struct RenderArgs {
     // As --video excludes --shard, so does what goes with it: clap does not insist on an option that another one excludes.
     #[arg(long, requires = "video", conflicts_with = "shard", help_heading = "Video")]
     pub(crate) overwrite: bool,
-    /// HDR10 instead of SDR: Rec.2020, PQ, 10 bits; 1 of the scene's scale is 203 cd/m2, and highlights roll off towards this peak, cd/m2.
+    /// HDR10 instead of SDR: Rec.2020, PQ, 10 bits; 1 of the scene's scale is 203 cd/m2, and highlights roll off towards this peak, 300 to 10000 cd/m2
+    /// [without a value: 1000].
     #[arg(
         long,
         value_name = "PEAK",
@@ -83,7 +84,7 @@ pub(crate) struct RenderArgs {
         help_heading = "Video"
     )]
     pub(crate) hdr10: Option<u32>,
-    /// Frames a second.
+    /// Frames a second, 1 to 1000.
     #[arg(long, default_value_t = 24, value_parser = clap::value_parser!(u32).range(1..=1000), value_name = "N", requires = "video", conflicts_with = "shard", help_heading = "Video")]
     pub(crate) fps: u32,
     /// The program that encodes.
