@@ -1,5 +1,6 @@
 //! The command line as text: what may be said. What it comes to is [`crate::config`]'s and each command's business.
 
+mod bench;
 mod edit;
 mod export;
 mod prepare;
@@ -9,12 +10,14 @@ mod reproduce;
 
 use std::path::PathBuf;
 
+use anyhow::{Result, bail};
 use clap::error::ErrorKind;
-use clap::{Args, CommandFactory, Parser, Subcommand};
+use clap::{Arg, Args, CommandFactory, Parser, Subcommand};
 use luxel_core::metrics::FieldOptions;
-use luxel_train::{CutoffPreset, Method, TrainConfig};
+use luxel_train::{Method, TrainConfig};
 use serde::{Deserialize, Serialize};
 
+pub(crate) use self::bench::BenchArgs;
 pub(crate) use self::edit::{EditArgs, EditText, ShMapArg};
 pub(crate) use self::export::{BakeArg, ExportArgs};
 pub(crate) use self::prepare::{CameraModelArg, MatchingArg, PrepareArgs, ResponseArg, SfmArg, WhiteBalanceArg};
@@ -23,8 +26,7 @@ pub(crate) use self::render::RenderArgs;
 pub(crate) use self::reproduce::ReproduceArgs;
 use crate::console::LogFormat;
 use crate::values::{
-    ColorSpaceArg, DeviceArg, ExposuresArg, FormatArg, InstructionSetArg, MasksArg, MetricsArg, OrderArg, SupervisionArg, TransferArg,
-    parse_downscale, parse_positive, parse_size,
+    ColorSpaceArg, DeviceArg, ExposuresArg, FormatArg, MasksArg, MetricsArg, SupervisionArg, TransferArg, parse_downscale, parse_positive,
 };
 
 /// High dynamic range 3D Gaussian splatting: posed HDR photographs in, a scene of linear radiance out.
@@ -38,15 +40,26 @@ pub(crate) struct Cli {
 
 /// The program's arguments.
 pub(crate) fn command() -> clap::Command {
-    Cli::command().mut_subcommand("reproduce", |reproduce| reproduce.mut_args(reproduce::adapted))
+    let command = Cli::command().mut_subcommand("reproduce", |reproduce| reproduce.mut_args(reproduce::adapted));
+    command.mut_subcommands(|subcommand| subcommand.mut_args(with_negative_numbers))
+}
+
+/// An option that takes -1 for its value: what is wrong with it is then told of the value, not that there is no option of this name.
+fn with_negative_numbers(arg: Arg) -> Arg {
+    let is_with_value = !arg.is_positional() && arg.get_action().takes_values();
+    if is_with_value { arg.allow_negative_numbers(true) } else { arg }
 }
 
 /// What the arguments' own rules cannot say; `said` are the ids of the options on the command line.
 pub(crate) fn check(cli: &Cli, said: &[String]) -> Result<(), clap::Error> {
-    match &cli.command {
-        Command::Reproduce(_) => reproduce::check(said).map_err(|message| command().error(ErrorKind::ArgumentConflict, message)),
+    let checked = match &cli.command {
+        Command::Reproduce(_) => reproduce::check(said),
+        Command::Info(args) if args.devices => {
+            LoadArgs::refuse(said, &[], "and --devices reads none; leave it out").map_err(|error| error.to_string())
+        }
         _ => Ok(()),
-    }
+    };
+    checked.map_err(|message| command().error(ErrorKind::ArgumentConflict, message))
 }
 
 /// What to do.
@@ -121,6 +134,17 @@ impl LoadArgs {
             supervision: SupervisionArg::Hdr,
             exposures: ExposuresArg::default(),
             masks: MasksArg::default(),
+        }
+    }
+
+    /// Refuses those of the `said` options (by id) that are of how a data set is read, but for the ones that are `used` all the same. `why` goes on with
+    /// the reason and the remedy.
+    pub(crate) fn refuse(said: &[String], used: &[&str], why: &str) -> Result<()> {
+        let options = Self::augment_args(clap::Command::new("load"));
+        let is_refused = |id: &str| !used.contains(&id) && options.get_arguments().any(|arg| arg.get_id() == id);
+        match said.iter().find(|id| is_refused(id)) {
+            Some(id) => bail!("--{} is of how a data set is read, {why}", id.replace('_', "-")),
+            None => Ok(()),
         }
     }
 }
@@ -215,7 +239,7 @@ pub(crate) struct TrainArgs {
 pub(crate) struct EvalArgs {
     /// Folder of the run.
     pub(crate) run: PathBuf,
-    /// Data set to compare with [default: the one the run was trained on].
+    /// Data set to compare with, read as is said here [default: the one the run was trained on, read as it was but for what is said here].
     #[arg(long, value_name = "DATASET")]
     pub(crate) data: Option<PathBuf>,
     /// What is computed.
@@ -227,6 +251,9 @@ pub(crate) struct EvalArgs {
     /// Weights for LPIPS: the state dict of lpips.LPIPS(net='alex' or 'vgg') as a safetensors file.
     #[arg(long, value_name = "FILE")]
     pub(crate) lpips_weights: Option<PathBuf>,
+    /// How the data set is read.
+    #[command(flatten)]
+    pub(crate) load: LoadArgs,
     /// Where the work is done.
     #[command(flatten)]
     pub(crate) device: DeviceArgs,
@@ -263,7 +290,8 @@ pub(crate) struct CompareArgs {
     /// Weights for LPIPS: the state dict of lpips.LPIPS(net='alex' or 'vgg') as a safetensors file.
     #[arg(long, value_name = "FILE")]
     pub(crate) lpips_weights: Option<PathBuf>,
-    /// Image that is black where pixels are left out; with folders one for all, or a folder of masks with the names of the references.
+    /// Image that is black where pixels are left out; with folders one for all, or a folder of masks with the names of the references. What it has
+    /// no mask of is compared whole, and told.
     #[arg(long, value_name = "PATH", help_heading = "Images")]
     pub(crate) mask: Option<PathBuf>,
     /// Transfer function of integer images, where the file does not say it.
@@ -295,89 +323,9 @@ pub(crate) struct InfoArgs {
     /// As JSON.
     #[arg(long)]
     pub(crate) json: bool,
-    /// How a data set is read.
+    /// How a data set is read; of an image, --transfer and --color-space.
     #[command(flatten)]
     pub(crate) load: LoadArgs,
-}
-
-/// `luxel bench`.
-#[derive(Debug, Args)]
-#[command(after_help = "A render and a training step are measured in turn, so that noise of the machine hits both. A step is render, \
-    mu-law loss (0.8 L1 + 0.2 (1 - SSIM)), gradients of all parameters with densification statistics, and Adam with learning rates \
-    of 1e-9, so that the scene stays where it is. Leave the machine otherwise idle.\n\n\
-    Cost against splats:  for n in 10000 100000 1000000; do luxel bench --generate $n --json; done\n\
-    Cost against pixels:  for s in 200x200 400x400 800x800; do luxel bench --generate 100000 --size $s --json; done")]
-pub(crate) struct BenchArgs {
-    /// Scene to measure on; plain 3DGS files too.
-    #[arg(
-        long,
-        value_name = "SCENE.ply",
-        required_unless_present = "generate",
-        conflicts_with = "generate",
-        requires = "camera",
-        help_heading = "Workload"
-    )]
-    pub(crate) workload: Option<PathBuf>,
-    /// Measure on a synthetic room of N splats instead.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000_000), help_heading = "Workload")]
-    pub(crate) generate: Option<u32>,
-    /// Write the room as a scene file (in the colour model of --method) instead of measuring.
-    #[arg(long, value_name = "SCENE.ply", requires = "generate", conflicts_with_all = ["json", "target"], help_heading = "Workload")]
-    pub(crate) save: Option<PathBuf>,
-    /// Replace the scene file that is there.
-    #[arg(long, requires = "save", help_heading = "Workload")]
-    pub(crate) overwrite: bool,
-    /// Camera: JSON with width, height, fx, fy, cx, cy (pixels) and world_to_camera (4 rows of 4, OpenCV axes) [default for --generate:
-    /// the room's own].
-    #[arg(long, value_name = "FILE", help_heading = "Workload")]
-    pub(crate) camera: Option<PathBuf>,
-    /// Image size of the room's own camera, 75 degrees wide [default: 400x400].
-    #[arg(
-        long,
-        value_name = "WxH",
-        value_parser = parse_size,
-        requires = "generate",
-        conflicts_with_all = ["camera", "workload"],
-        help_heading = "Workload"
-    )]
-    pub(crate) size: Option<[u32; 2]>,
-    /// Image for the loss to compare with, in the units of the scene: .npy (float32, height x width x 3), OpenEXR or another
-    /// format that data sets have [default: a render of the workload; the parameters are then shaken, so that there are gradients].
-    #[arg(long, value_name = "FILE", help_heading = "Workload")]
-    pub(crate) target: Option<PathBuf>,
-    /// Transfer function of a target of integers, where the file does not say it.
-    #[arg(long, value_enum, value_name = "CURVE", requires = "target", help_heading = "Workload")]
-    pub(crate) transfer: Option<TransferArg>,
-    /// Seed of the room and of the shaking.
-    #[arg(long, default_value_t = 42, value_name = "N", help_heading = "Workload")]
-    pub(crate) seed: u64,
-    /// Colour model; the workload's harmonics are converted [default: the workload's own, sh3 for --generate].
-    #[arg(long, value_enum, help_heading = "Method")]
-    pub(crate) method: Option<Method>,
-    /// Where the rasteriser stops looking; both presets with the near plane at 0.01.
-    #[arg(long, value_enum, default_value_t = CutoffPreset::Parity, help_heading = "Method")]
-    pub(crate) cutoffs: CutoffPreset,
-    /// mu of the mu-law in the loss, above 0; 1e-3 is as good as a linear loss.
-    #[arg(long, default_value_t = luxel_core::tone::MU, value_parser = parse_positive, help_heading = "Method")]
-    pub(crate) mu: f32,
-    /// Order of the splats in memory.
-    #[arg(long, value_enum, default_value_t, help_heading = "Method")]
-    pub(crate) order: OrderArg,
-    /// Renders and steps that are measured.
-    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=1_000_000), value_name = "N", help_heading = "Measurement")]
-    pub(crate) steps: u32,
-    /// Renders and steps made before.
-    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(..=1_000_000), value_name = "K", help_heading = "Measurement")]
-    pub(crate) warmup: u32,
-    /// One JSON object on stdout instead of a table.
-    #[arg(long, help_heading = "Output")]
-    pub(crate) json: bool,
-    /// What the engine may use of the processor.
-    #[arg(long, value_enum, default_value_t, value_name = "SET", help_heading = "Machine")]
-    pub(crate) instruction_set: InstructionSetArg,
-    /// Where the work is done.
-    #[command(flatten)]
-    pub(crate) device: DeviceArgs,
 }
 
 /// `luxel demo`.
@@ -398,4 +346,70 @@ pub(crate) struct DemoArgs {
     /// How the command talks.
     #[command(flatten)]
     pub(crate) console: ConsoleArgs,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn kind(args: &[&str]) -> Option<ErrorKind> {
+        command().try_get_matches_from(["luxel"].iter().chain(args)).err().map(|error| error.kind())
+    }
+
+    #[test]
+    fn what_goes_with_an_option_is_refused_where_that_is_excluded() {
+        let bench = ["bench", "--generate", "10", "--save", "q.ply"];
+        let render = ["render", "run", "-o", "x", "--shard", "0/9"];
+        for more in [&["--hdr10", "1000"][..], &["--overwrite"], &["--fps", "30"], &["--ffmpeg", "other"], &["--video", "a.mp4"]] {
+            assert_eq!(kind(&[&render[..], more].concat()), Some(ErrorKind::ArgumentConflict), "{more:?}");
+        }
+        for more in [&["--fps", "30"][..], &["--ffmpeg", "other"], &["--hdr10"], &["--overwrite"]] {
+            assert_eq!(kind(&[&["render", "run", "-o", "x"], more].concat()), Some(ErrorKind::MissingRequiredArgument), "{more:?}");
+        }
+        assert_eq!(kind(&[&render[..], &["--exposure", "1"]].concat()), Some(ErrorKind::MissingRequiredArgument));
+        assert_eq!(kind(&["edit", "a.ply", "--against", "b.ply", "-o", "x", "--view", "001"]), Some(ErrorKind::ArgumentConflict));
+        for more in [
+            &["--transfer", "srgb"][..],
+            &["--target", "a.exr"],
+            &["--steps", "5"],
+            &["--warmup", "5"],
+            &["--mu", "5"],
+            &["--order", "spatial"],
+            &["--size", "4x4"],
+            &["--camera", "c.json"],
+            &["--device", "cpu"],
+            &["--threads", "1"],
+            &["--instruction-set", "best"],
+            &["--json"],
+        ] {
+            for flag in [&[][..], &["--overwrite"]] {
+                assert_eq!(kind(&[&bench[..], more, flag].concat()), Some(ErrorKind::ArgumentConflict), "{more:?}");
+            }
+            let overwrite = [&["bench", "--generate", "10", "--overwrite"], more].concat();
+            assert_eq!(kind(&overwrite), Some(ErrorKind::ArgumentConflict), "{more:?}");
+        }
+        assert_eq!(kind(&[&bench[..], &["--overwrite", "--method", "lcd", "--cutoffs", "hdr", "--seed", "1"]].concat()), None);
+        let both = ["bench", "--workload", "a.ply", "--camera", "c.json", "--save", "q.ply"];
+        assert_eq!(kind(&both), Some(ErrorKind::ArgumentConflict));
+    }
+
+    #[test]
+    fn a_negative_number_is_taken_for_a_value() {
+        let mut command = command();
+        command.build();
+        for subcommand in command.get_subcommands().filter(|subcommand| subcommand.get_name() != "help") {
+            for arg in subcommand.get_arguments().filter(|arg| !arg.is_positional() && arg.get_action().takes_values()) {
+                let option = format!("--{}", arg.get_long().unwrap());
+                let found = kind(&[subcommand.get_name(), &option, "-1"]);
+                assert_ne!(found, Some(ErrorKind::UnknownArgument), "{} {option} -1", subcommand.get_name());
+            }
+        }
+    }
+
+    #[test]
+    fn the_help_of_reproduce_says_whose_defaults_it_names() {
+        let mut command = command();
+        let help = command.find_subcommand_mut("reproduce").unwrap().render_long_help().to_string();
+        assert!(help.contains("are those of full") && help.contains("[default: paper]"), "{help}");
+    }
 }

@@ -4,6 +4,8 @@
 //! nothing was said, and a resumed run keeps its own and refuses what contradicts them. Options take their value from the first of: what was
 //! said; the preset, if one was said; the file; the file's preset; the default.
 
+mod said;
+
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
@@ -225,7 +227,7 @@ mod tests {
         ["dataset", "output", "config", "overwrite", "resume", "stop_at_end_of_input", "profile", "log_format", "quiet", "help", "version"];
 
     /// The configuration and the said options of `luxel train data -o run` and `more`.
-    fn parsed(more: &[String]) -> Result<(RunConfig, Vec<String>), clap::Error> {
+    pub(super) fn parsed(more: &[String]) -> Result<(RunConfig, Vec<String>), clap::Error> {
         let args = ["luxel", "train", "data", "-o", "run"].into_iter().map(String::from).chain(more.iter().cloned());
         let matches = Cli::command().try_get_matches_from(args)?;
         let said = said_options(matches.subcommand().unwrap().1);
@@ -307,7 +309,7 @@ mod tests {
         assert!(odd.overlaid(&line, &said).unwrap().train.validate().is_err());
     }
 
-    fn words(text: &str) -> Vec<String> {
+    pub(super) fn words(text: &str) -> Vec<String> {
         text.split(' ').map(String::from).collect()
     }
 

@@ -32,12 +32,6 @@ pub(crate) fn load(path: &Path, args: &LoadArgs, console: &Console) -> Result<Da
     Ok(dataset)
 }
 
-/// Whether both are one folder, by whatever way; one that is not there is only itself.
-pub(crate) fn is_same_folder(a: &Path, b: &Path) -> bool {
-    let real = |path: &Path| std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
-    real(a) == real(b)
-}
-
 /// The reader's options.
 pub(crate) fn options(args: &LoadArgs) -> LoadOptions {
     LoadOptions {

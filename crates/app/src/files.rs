@@ -22,6 +22,16 @@ pub(crate) fn check_free(path: &Path, overwrite: bool) -> Result<()> {
     Ok(())
 }
 
+/// Whether both are one file or folder, by whatever way, be it there or not.
+pub(crate) fn is_same(a: &Path, b: &Path) -> bool {
+    let real = |path: &Path| {
+        let absolute = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+        let by_its_folder = || Some(std::fs::canonicalize(absolute.parent()?).ok()?.join(absolute.file_name()?));
+        std::fs::canonicalize(path).ok().or_else(by_its_folder).unwrap_or(absolute)
+    };
+    real(a) == real(b)
+}
+
 /// Refuses to write over one of `inputs`, whatever it is called.
 pub(crate) fn check_no_input<'a>(path: &Path, inputs: impl IntoIterator<Item = &'a Path>) -> Result<()> {
     let Ok(real) = std::fs::canonicalize(path) else { return Ok(()) };

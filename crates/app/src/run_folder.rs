@@ -5,25 +5,31 @@
 //! checkpoints/                                 state to resume from
 //! point_cloud/iteration_N/point_cloud.ply      the scene, where other tools look for it
 //! eval/step_N/{renders,gt}/*.exr, metrics.json test views in the units of the data set, figures of that step by training
-//! eval/step_N_on_DATA/                         test views of luxel eval on other data
+//! eval/step_N_on_DATA/                         test views of luxel eval on other data, or on the run's own read otherwise; source.toml says which
 //! metrics.json  log.jsonl  report.html
 //! measured.json                                what luxel reproduce measured of its runs
 //! ```
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 
+use crate::cli::LoadArgs;
 use crate::config::RunConfig;
+use crate::files;
 
 const CONFIG: &str = "config.toml";
+
+/// What an evaluation on other data is of.
+const SOURCE: &str = "source.toml";
 
 /// Locked while a process works in the folder. The file itself says nothing and stays.
 pub(crate) const LOCK: &str = ".lock";
 
 /// Everything training puts into a run folder besides [`CONFIG`]; all that `--overwrite` deletes.
-const CONTENTS: [&str; 9] =
-    ["checkpoints", "point_cloud", "eval", "pictures", "metrics.json", "captures.json", "log.jsonl", "report.html", "measured.json"];
+const CONTENTS: [&str; 8] =
+    ["checkpoints", "point_cloud", "eval", "metrics.json", "captures.json", "log.jsonl", "report.html", "measured.json"];
 
 /// A run's place on disk.
 #[derive(Clone, Debug)]
@@ -99,8 +105,8 @@ impl RunFolder {
 
     /// Deletes what a run consists of, and leaves everything else in the folder. The mark goes last, so that an interrupted
     /// deletion can be repeated.
-    pub(crate) fn clear(&self, also: &[&str]) -> Result<()> {
-        for name in CONTENTS.iter().chain(also).chain([&CONFIG]) {
+    pub(crate) fn clear(&self) -> Result<()> {
+        for name in CONTENTS.iter().chain([&CONFIG]) {
             let path = self.root.join(name);
             let removed = match std::fs::symlink_metadata(&path) {
                 Err(error) if error.kind() == std::io::ErrorKind::NotFound => continue,
@@ -141,10 +147,24 @@ impl RunFolder {
         self.root.join("eval").join(format!("step_{iteration}"))
     }
 
-    /// The same on other data than the run's own.
-    pub(crate) fn evaluation_of(&self, iteration: u32, data: &Path) -> PathBuf {
+    /// Makes the folder of the same on other data than the run's own, or on that read otherwise, and writes into it which: `data`, read by `load`. The data
+    /// set's name is told apart by a digest where another one of this name was there first.
+    pub(crate) fn claim_evaluation_of(&self, iteration: u32, data: &Path, load: &LoadArgs) -> Result<PathBuf> {
         let name = std::path::absolute(data).ok().and_then(|path| Some(path.file_name()?.to_string_lossy().into_owned()));
-        self.root.join("eval").join(format!("step_{iteration}_on_{}", name.unwrap_or_else(|| "other_data".into())))
+        let real = std::fs::canonicalize(data).unwrap_or_else(|_| data.into());
+        let entries = [("dataset", real.to_string_lossy().as_ref().into()), ("load", toml::Value::try_from(load)?)];
+        let source = toml::to_string(&BTreeMap::from(entries))?;
+        let plain = self.root.join("eval").join(format!("step_{iteration}_on_{}", name.unwrap_or_else(|| "other_data".into())));
+        let folder = match std::fs::read(plain.join(SOURCE)) {
+            Ok(other) if other != source.as_bytes() => {
+                let mut told_apart = plain.into_os_string();
+                told_apart.push(format!("_{}", &blake3::hash(source.as_bytes()).to_hex()[..8]));
+                told_apart.into()
+            }
+            _ => plain,
+        };
+        files::write_text(&folder.join(SOURCE), &source)?;
+        Ok(folder)
     }
 
     /// Figures of the newest evaluation.
@@ -231,10 +251,31 @@ mod tests {
         }
         std::fs::create_dir_all(folder.path().join("checkpoints/deep")).unwrap();
         std::fs::create_dir_all(folder.path().join("photos")).unwrap();
-        run.clear(&[]).unwrap();
+        std::fs::create_dir_all(folder.path().join("pictures")).unwrap();
+        run.clear().unwrap();
         let mut left: Vec<_> = std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().file_name()).collect();
         left.sort();
-        assert_eq!(left, ["notes.txt", "photos"]);
+        assert_eq!(left, ["notes.txt", "photos", "pictures"]);
+    }
+
+    #[test]
+    fn evaluations_on_other_data_of_one_name_have_a_folder_each() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = RunFolder::at(&folder.path().join("run"));
+        let at_full_size = LoadArgs::of_radiance();
+        let halved = LoadArgs { downscale: 2, ..LoadArgs::of_radiance() };
+        let claim = |data: &str, load| {
+            let data = folder.path().join(data);
+            std::fs::create_dir_all(&data).unwrap();
+            run.claim_evaluation_of(40, &data, load).unwrap()
+        };
+        let first = claim("a/data", &at_full_size);
+        assert_eq!(first, run.root().join("eval/step_40_on_data"));
+        let others = [claim("b/data", &at_full_size), claim("a/data", &halved)];
+        assert!(others[0] != others[1] && !others.contains(&first), "{others:?}");
+        // Each keeps its own.
+        assert_eq!([claim("a/data/../data", &at_full_size), claim("b/data", &at_full_size)], [first, others[0].clone()]);
+        assert!(run.evaluated_iterations().is_empty());
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! A scene that is named on the command line: a run's newest, or a file; and the data set that goes with it.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use luxel_core::{Dataset, Scene};
@@ -30,6 +30,16 @@ pub(crate) struct DataRequest<'a> {
     pub(crate) said: &'a [String],
 }
 
+impl DataRequest<'_> {
+    /// The data set asked for, read as is said, or that of a run, read as the run did but for what is said.
+    pub(crate) fn of_run(&self, folder: &RunFolder, config: &RunConfig) -> (PathBuf, LoadArgs) {
+        match self.data {
+            Some(path) => (path.into(), self.load.clone()),
+            None => (config.dataset_path(folder.root()), load_args(self.load, self.said, &config.load)),
+        }
+    }
+}
+
 impl SceneSource {
     /// Reads the scene at `path`.
     pub(crate) fn open(path: &Path, console: &Console) -> Result<Self> {
@@ -45,12 +55,15 @@ impl SceneSource {
     /// The data set asked for, or the run's own; `None` if there is neither.
     pub(crate) fn dataset(&self, request: DataRequest<'_>, console: &Console) -> Result<Option<Dataset>> {
         match (request.data, &self.run) {
-            (Some(path), _) => Ok(Some(data::load(path, request.load, console)?)),
-            (None, Some((folder, config))) => {
-                let load = load_args(request.load, request.said, &config.load);
-                Ok(Some(data::load(&config.dataset_path(folder.root()), &load, console)?))
+            (_, Some((folder, config))) => {
+                let (path, load) = request.of_run(folder, config);
+                Ok(Some(data::load(&path, &load, console)?))
             }
-            (None, None) => Ok(None),
+            (Some(path), None) => Ok(Some(data::load(path, request.load, console)?)),
+            (None, None) => {
+                LoadArgs::refuse(request.said, &[], "and a scene file comes without one; give --data DATASET, or leave it out")?;
+                Ok(None)
+            }
         }
     }
 

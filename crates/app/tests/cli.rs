@@ -87,6 +87,64 @@ fn eval_prints_a_table_and_rewrites_the_figures() {
     common::write_dataset(&place.path("elsewhere"));
     place.ok(&["eval", "run", "--data", "elsewhere"]);
     assert!((psnr(&place.json("run/metrics.json")) - psnr(&after)).abs() < 1e-9);
+    // As said: other data of another size, and the run's own, which leaves the images of training alone.
+    for (data, folder) in [(&["--data", "elsewhere"][..], "eval/step_40_on_elsewhere_"), (&[], "eval/step_40_on_data")] {
+        place.ok(&[&["eval", "run", "--downscale", "2"], data].concat());
+        let folders = std::fs::read_dir(place.path("run/eval")).unwrap().map(|entry| entry.unwrap().path());
+        let found: Vec<_> = folders.filter(|path| path.to_str().unwrap().contains(folder)).collect();
+        assert_eq!(found.len(), 1, "{found:?}");
+        let image = luxel_io::read_image(&found[0].join("gt/000.exr"), &Default::default()).unwrap().image;
+        assert_eq!(image.width, SIDE / 2);
+    }
+    assert!(of_training() == kept);
+}
+
+#[test]
+fn eval_writes_before_it_prints_and_not_beside_another_luxel() {
+    let place = Workplace::new();
+    place.train("run", &[]);
+    let metrics = || std::fs::read(place.path("run/metrics.json")).unwrap();
+    let before = metrics();
+    let lock = std::fs::File::options().write(true).open(place.path("run/.lock")).unwrap();
+    lock.lock().unwrap();
+    place.error(&["eval", "run"], &["run: another luxel is at work"]);
+    assert!(metrics() == before);
+    drop(lock);
+    std::fs::remove_file(place.path("run/report.html")).unwrap();
+    place.ok_unread(&["eval", "run", "--peak-luminance", "300"]);
+    assert!(metrics() != before && place.path("run/report.html").is_file());
+}
+
+#[test]
+fn options_of_a_data_set_are_refused_where_none_is_read() {
+    let place = Workplace::new();
+    place.train("run", &[]);
+    let ply = "run/point_cloud/iteration_40/point_cloud.ply";
+    let checkpoint = "run/checkpoints/step_000000040.safetensors";
+    for (path, what) in [("run", "run is a run"), (ply, "is a scene"), (checkpoint, "is a checkpoint"), ("data/images/000.exr", "an image")]
+    {
+        for option in [&["--downscale", "2"][..], &["--supervision", "ldr"], &["--format", "colmap"]] {
+            place.error(&[&["info", path][..], option].concat(), &[option[0], what, "leave it out"]);
+        }
+    }
+    place.fails(2, &["info", "--devices", "--downscale", "2"]);
+    // An image's primaries are said where the file does not state them.
+    image::RgbImage::from_raw(2, 1, vec![255, 0, 0, 0, 255, 0]).unwrap().save(place.path("plain.png")).unwrap();
+    let stated = |options: &[&str]| -> serde_json::Value {
+        serde_json::from_str(&place.ok(&[&["info", "plain.png", "--transfer", "srgb", "--json"], options].concat())).unwrap()
+    };
+    let (plain, wide) = (stated(&[]), stated(&["--color-space", "acescg"]));
+    assert_eq!(wide["color_space"], "acescg");
+    assert_ne!(wide["percentiles"], plain["percentiles"]);
+
+    let cameras = ["render", "run", "--cameras", "data/transforms.json", "-o", "none"];
+    for option in [&["--downscale", "2"][..], &["--masks", "off"]] {
+        place.error(&[&cameras[..], option].concat(), &[option[0], "data/transforms.json", "leave it out"]);
+        place.error(&[&["export", ply, "-o", "none.ply"][..], option].concat(), &[option[0], "--data DATASET"]);
+        place.error(&[&["edit", "run", "--gain", "2", "-o", "none.ply"][..], option].concat(), &[option[0], "--overlay"]);
+    }
+    place.error(&["edit", "run", "--gain", "2", "-o", "none.ply", "--data", "data"], &["--data", "leave it out"]);
+    assert!(!place.path("none").exists() && !place.path("none.ply").exists());
 }
 
 #[test]
@@ -276,6 +334,7 @@ fn usage_errors_have_code_two() {
 #[test]
 fn the_demo_runs_anywhere_and_replaces_only_itself() {
     let place = Workplace::new();
+    let mine = ["pictures/mine.png", "dataset/notes.txt"].map(|name| place.path("luxel-demo").join(name));
     for _ in 0..2 {
         let told = place.ok(&["demo", "--iterations", "5", "--quiet"]);
         for part in ["report.html", "point_cloud.ply", "pictures", "luxel render luxel-demo"] {
@@ -284,8 +343,13 @@ fn the_demo_runs_anywhere_and_replaces_only_itself() {
         for file in ["report.html", "metrics.json", "point_cloud/iteration_5/point_cloud.ply", "dataset/LICENSES.txt"] {
             assert!(place.path("luxel-demo").join(file).is_file(), "{file}");
         }
-        assert_eq!(std::fs::read_dir(place.path("luxel-demo/pictures")).unwrap().count(), 12);
+        let is_picture = |entry: &std::fs::DirEntry| entry.path() != mine[0];
+        assert_eq!(std::fs::read_dir(place.path("luxel-demo/pictures")).unwrap().map(Result::unwrap).filter(is_picture).count(), 12);
+        for path in &mine {
+            std::fs::write(path, "mine").unwrap();
+        }
     }
+    assert!(mine.iter().all(|path| path.is_file()));
     place.ok(&["render", "luxel-demo", "--frames", "0", "-o", "frame"]);
     // A device that is not there costs nothing, and neither does what was made of a demo.
     place.error(&["demo", "--device", "gpu:no such card"], &["gpu:no such card"]);
@@ -293,6 +357,11 @@ fn the_demo_runs_anywhere_and_replaces_only_itself() {
     place.ok(&["train", "--resume", "-o", "luxel-demo", "--iterations", "6", "--quiet"]);
     place.error(&["demo", "--iterations", "5"], &["not a demo"]);
     assert_eq!(place.events(&["demo", "-o", "other", "--iterations", "2"], "finished").len(), 1);
+    // Training in its place takes its pictures with it; points are there, so none are made up.
+    let train = ["train", "other/dataset", "-o", "other", "--overwrite", "--iterations", "2", "--init-points", "5", "--quiet"];
+    let stderr = String::from_utf8(place.luxel(&train).output().unwrap().stderr).unwrap();
+    assert!(stderr.contains("--init-points changes nothing"), "{stderr}");
+    assert!(!place.path("other/pictures").exists() && place.path("other/metrics.json").is_file());
 }
 
 #[test]

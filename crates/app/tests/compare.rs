@@ -115,6 +115,20 @@ fn masked_and_bad_pixels_are_left_out() {
     let image = &json(&place, &["compare", "a.exr", "b.exr", "--mask", "mask.png", "--json"])["images"][0];
     assert_eq!(image["masked_pixels"], WIDTH + 1);
     assert_eq!((image["psnr_scene"].as_f64(), image["hdr_flip"].as_f64()), (Some(100.0), Some(0.0)));
+    // Of a folder of masks, each reference takes the one of its name; one without is told.
+    for name in ["a", "b"] {
+        write(&place.path(&format!("images/{name}.exr")), &room(1.0));
+    }
+    std::fs::create_dir(place.path("masks")).unwrap();
+    std::fs::copy(place.path("mask.png"), place.path("masks/a.png")).unwrap();
+    let args = ["compare", "images", "images", "--mask", "masks", "--metrics", "fast", "--json"];
+    let images = &json(&place, &args)["images"];
+    assert_eq!((&images[0]["masked_pixels"], &images[1]["masked_pixels"]), (&WIDTH.into(), &0.into()));
+    let stderr = String::from_utf8(place.luxel(&args).output().unwrap().stderr).unwrap();
+    assert!(stderr.contains("images/b.exr: no mask of this name, compared whole") && !stderr.contains("images/a.exr"), "{stderr}");
+    std::fs::rename(place.path("masks/a.png"), place.path("masks/c.png")).unwrap();
+    let stderr = place.fails(1, &args);
+    assert!(stderr.contains("masks has 1 image, and none has the name of a reference"), "{stderr}");
     // A render that is no number is an error, not an excuse.
     let stderr = place.fails(1, &["compare", "b.exr", "a.exr"]);
     assert!(stderr.contains("a.exr") && stderr.contains("not finite at column 5, row 0"), "{stderr}");

@@ -45,6 +45,8 @@ fn an_edited_scene_is_written_with_its_record_and_nothing_else_changed() {
     place.error(&["edit", "run", "-o", "none.ply"], &["nothing to do"]);
     place.error(&["edit", "run", "--where", "L > 1", "-o", "none.ply"], &["no map behind it"]);
     place.error(&["edit", PLY, "--where", "mask(m.png, 000)", "--gain", "2", "-o", "none.ply"], &["--data"]);
+    let same = ["edit", "run", "--gain", "2", "-o", "none.ply", "--overlay", "./none.ply"];
+    place.error(&same, &["./none.ply", "--overlay", "another name"]);
     for usage in [
         &["edit", "run"][..],
         &["edit", "run", "--gain", "x", "-o", "none.ply"],
@@ -69,6 +71,9 @@ fn render_edit_is_the_render_of_the_edited_scene() {
     assert_ne!(image(&place, "written/000.exr"), image(&place, "before/000.exr"));
     place.fails(2, &["render", "run", "--edit", "gain 2; sharpen 3", "-o", "x"]);
     place.fails(2, &["render", "run", "--sh-map", "channels", "-o", "x"]);
+    for idle in ["", "where L > 1"] {
+        place.fails(2, &["render", "run", "--edit", idle, "-o", "x"]);
+    }
 }
 
 #[test]
@@ -106,6 +111,8 @@ fn a_painted_mask_changes_what_is_behind_the_paint() {
 #[test]
 fn a_dry_run_reports_and_writes_nothing() {
     let place = trained(&[]);
+    place.ok_unread(&["edit", "run", "--gain", "2", "--json", "-o", "unread.ply"]);
+    assert!(place.path("unread.ply").is_file());
     let told = place.ok(&["edit", "run", "--where", "L > p90 and not box(-9,-9,-9, 0,9,9)", "--dry-run", "--overlay", "marked.png"]);
     for part in ["where L > p90 and not box", "selected", "share of light", "min", "max", "percentiles"] {
         assert!(told.contains(part), "{part}\n{told}");

@@ -125,6 +125,7 @@ fn what_does_not_go_together_is_refused_before_any_work() {
     refused(&["a.gltf"], &["write .glb"]);
     refused(&["a.spz", "--bake", "linear"], &["8 bits", "--bake display"]);
     refused(&["a.usda", "--bake", "exact"], &["harmonics only"]);
+    refused(&["a.ply", "--spz-version", "2"], &["a.ply", "--spz-version", "write .spz"]);
     refused(&["a.glb", "--bake", "linear", "--colorspace", "acescg"], &["expected linear-rec709"]);
     refused(&["a.ply", "--colorspace", "acescg"], &["--bake linear"]);
     refused(&["a.ply", "--bake", "linear", "--refine", "5"], &["--bake display"]);

@@ -121,6 +121,11 @@ fn a_damaged_checkpoint_is_passed_over() {
         std::fs::write(path, "").unwrap();
     }
     place.error(&["train", "--resume", "-o", "run"], &["none of the 3 checkpoints", "--overwrite"]);
+    // Without any, what the run has is not begun anew.
+    std::fs::remove_dir_all(place.path("run/checkpoints")).unwrap();
+    let log = std::fs::read(place.path("run/log.jsonl")).unwrap();
+    place.error(&["train", "--resume", "-o", "run"], &["run: has scenes, but no checkpoint", "--overwrite"]);
+    assert!(std::fs::read(place.path("run/log.jsonl")).unwrap() == log);
 }
 
 #[test]

@@ -35,7 +35,7 @@ pub(crate) struct EditArgs {
     #[arg(long, value_name = "FILE.png", conflicts_with = "against", help_heading = "Report")]
     pub(crate) overlay: Option<PathBuf>,
     /// View of the data set for the overlay [default: the first mask's; else the first test view].
-    #[arg(long, value_name = "VIEW", requires = "overlay", help_heading = "Report")]
+    #[arg(long, value_name = "VIEW", requires = "overlay", conflicts_with = "against", help_heading = "Report")]
     pub(crate) view: Option<String>,
     /// Compare instead: apply the maps to this scene, too, and measure how far each one's chromaticity is from the ideally edited renders
     /// (the maps on each pixel's luminance, its chromaticity kept). Harmonics are mapped both ways of --sh-map.
@@ -44,7 +44,7 @@ pub(crate) struct EditArgs {
     /// The report as one JSON object.
     #[arg(long, help_heading = "Report")]
     pub(crate) json: bool,
-    /// Data set that masks, overlays and comparisons take their views from [default for a run: the one it was trained on].
+    /// Data set that masks, overlays and comparisons, and nothing else, take their views from [default for a run: the one it was trained on].
     #[arg(long, value_name = "DATASET", help_heading = "Data set")]
     pub(crate) data: Option<PathBuf>,
     /// How the data set is read.
@@ -140,9 +140,16 @@ impl FromArgMatches for EditOptions {
 #[derive(Clone, Debug)]
 pub(crate) struct EditText(pub(crate) Vec<Edit>);
 
-/// Edits in their text form.
+/// Edits in their text form, each of which must do something.
 pub(crate) fn parse_edits(text: &str) -> Result<EditText, String> {
-    Edit::parse_all(text).map(EditText).map_err(|e| e.to_string())
+    let edits = Edit::parse_all(text).map_err(|e| e.to_string())?;
+    if edits.is_empty() {
+        return Err("nothing to do: give a map such as \"stops 1\" or \"power 0.8\"".into());
+    }
+    match edits.iter().find(|edit| edit.maps.is_empty()) {
+        Some(edit) => Err(format!("\"where {}\" has no map behind it; add one", edit.selection)),
+        None => Ok(EditText(edits)),
+    }
 }
 
 /// `--sh-map`.
@@ -201,6 +208,15 @@ mod tests {
             assert_eq!(error.exit_code(), 2, "{args:?}: {error}");
         }
         assert!(edits(&["--where", "L < 1 and"]).unwrap_err().to_string().contains("column 10: expected a test"));
+    }
+
+    #[test]
+    fn edits_that_do_nothing_are_no_edits() {
+        for (text, part) in [("", "nothing to do"), (" ; ", "nothing to do"), ("gain 2; where L > 1", "\"where L > 1\" has no map")] {
+            let error = parse_edits(text).unwrap_err();
+            assert!(error.contains(part), "{text}: {error}");
+        }
+        assert_eq!(parse_edits("where L > 1; gain 2").unwrap().0.len(), 1);
     }
 
     #[test]

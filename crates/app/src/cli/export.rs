@@ -53,7 +53,7 @@ pub(crate) struct ExportArgs {
     /// Lengths are multiplied by this: metres of one unit of the scene.
     #[arg(long, default_value_t = 1.0, value_parser = parse_positive, value_name = "FACTOR", help_heading = "World")]
     pub(crate) scale: f32,
-    /// Version of an .spz file.
+    /// Version of the file; .spz only.
     #[arg(long, value_enum, default_value_t, value_name = "VERSION", help_heading = "World")]
     pub(crate) spz_version: SpzVersionArg,
     /// Data set whose views measure, refine and prune [default for a run: the one it was trained on].

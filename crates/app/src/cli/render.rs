@@ -68,9 +68,11 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "FILE.mp4", conflicts_with = "shard", help_heading = "Video")]
     pub(crate) video: Option<PathBuf>,
     /// Replace the video that is there. Images that are there stay in any case.
-    #[arg(long, requires = "video", help_heading = "Video")]
+    // As --video excludes --shard, so does what goes with it: clap does not insist on an option that another one excludes.
+    #[arg(long, requires = "video", conflicts_with = "shard", help_heading = "Video")]
     pub(crate) overwrite: bool,
-    /// HDR10 instead of SDR: Rec.2020, PQ, 10 bits; 1 of the scene's scale is 203 cd/m2, and highlights roll off towards this peak, cd/m2.
+    /// HDR10 instead of SDR: Rec.2020, PQ, 10 bits; 1 of the scene's scale is 203 cd/m2, and highlights roll off towards this peak, 300 to 10000 cd/m2
+    /// [without a value: 1000].
     #[arg(
         long,
         value_name = "PEAK",
@@ -78,14 +80,15 @@ pub(crate) struct RenderArgs {
         default_missing_value = "1000",
         value_parser = clap::value_parser!(u32).range(300..=10000),
         requires = "video",
+        conflicts_with = "shard",
         help_heading = "Video"
     )]
     pub(crate) hdr10: Option<u32>,
-    /// Frames a second.
-    #[arg(long, default_value_t = 24, value_parser = clap::value_parser!(u32).range(1..=1000), value_name = "N", help_heading = "Video")]
+    /// Frames a second, 1 to 1000.
+    #[arg(long, default_value_t = 24, value_parser = clap::value_parser!(u32).range(1..=1000), value_name = "N", requires = "video", conflicts_with = "shard", help_heading = "Video")]
     pub(crate) fps: u32,
     /// The program that encodes.
-    #[arg(long, default_value = "ffmpeg", value_name = "PROGRAM", help_heading = "Video")]
+    #[arg(long, default_value = "ffmpeg", value_name = "PROGRAM", requires = "video", conflicts_with = "shard", help_heading = "Video")]
     pub(crate) ffmpeg: PathBuf,
     /// Radiance behind everything, in the units of the data set: red,green,blue or one number for grey [default for a run: the one it was trained with; else black].
     #[arg(long, value_name = "R,G,B", value_parser = parse_rgb, help_heading = "Images")]

@@ -82,9 +82,15 @@ fn is_of_the_matrix(id: &str) -> bool {
 pub(super) fn adapted(arg: Arg) -> Arg {
     match arg.get_id().as_str() {
         id if is_of_the_matrix(id) => arg.hide(true),
-        "preset" => arg.default_value("paper"),
+        "preset" => with_its_defaults(arg.default_value("paper")),
         _ => arg,
     }
+}
+
+/// The help of other options is that of `luxel train`, where the preset is another.
+fn with_its_defaults(preset: Arg) -> Arg {
+    let help = preset.get_help().map_or_else(String::new, ToString::to_string);
+    preset.help(help + ". The defaults that the help of other options names are those of full")
 }
 
 /// Refuses options that have others in their place.

@@ -33,8 +33,14 @@ const PICTURES_FOLDER: &str = "pictures";
 /// three times slower.
 pub(crate) const ITERATIONS: u32 = 3000;
 
+/// Folder within the data set for its images.
+const IMAGES_FOLDER: &str = "images";
+
 /// Test views that pictures are made of.
 const PICTURES: usize = 3;
+
+/// How names of pictures end: render and photograph, exposed for the shadows and for the highlights.
+const PICTURE_ENDINGS: [[&str; 2]; 2] = [["shadows", "shadows_photograph"], ["highlights", "highlights_photograph"]];
 
 /// Trains, evaluates, renders, tells.
 pub(crate) fn run(args: &DemoArgs) -> Result<Outcome> {
@@ -49,7 +55,7 @@ pub(crate) fn run(args: &DemoArgs) -> Result<Outcome> {
     folder.write_config(&config)?;
     unpack(&DATASET, &folder.root().join(DATASET_FOLDER))?;
     console.note("training on a desk at night: 18 HDR photographs of 200x200 pixels, from a lit bulb to the shadows under the table");
-    let TrainedRun { outcome, mut trainer, dataset, .. } = train::fresh(config, chosen, &folder, &mut console, || Ok(lock))?;
+    let TrainedRun { outcome, mut trainer, dataset, .. } = train::fresh(config, chosen, &folder, &mut console, |_, _| Ok(lock))?;
     if outcome == Outcome::Interrupted {
         console.note(&format!("saved; continue with: luxel train --resume -o {}", folder.root().display()));
         return Ok(outcome);
@@ -59,13 +65,29 @@ pub(crate) fn run(args: &DemoArgs) -> Result<Outcome> {
     Ok(outcome)
 }
 
-/// Locks the folder and empties it.
+/// Locks the folder and removes what an earlier demo left.
 fn make_room(folder: &RunFolder) -> Result<RunLock> {
     let lock = folder.lock()?;
     // Once more: what another luxel has made there meanwhile may be no demo.
     may_replace(folder)?;
-    folder.clear(&[DATASET_FOLDER, PICTURES_FOLDER])?;
+    // The data set's files are written over.
+    remove_pictures(folder)?;
+    folder.clear()?;
     Ok(lock)
+}
+
+/// Removes what [`pictures`] writes, and nothing else that lies there.
+pub(super) fn remove_pictures(folder: &RunFolder) -> Result<()> {
+    let place = folder.root().join(PICTURES_FOLDER);
+    for image in DATASET.get_dir(IMAGES_FOLDER).into_iter().flat_map(Dir::files) {
+        let stem = image.path().file_stem().context("an embedded image has no name")?.to_string_lossy();
+        for ending in PICTURE_ENDINGS.as_flattened() {
+            files::remove_if_there(&place.join(format!("{stem}_{ending}.png")))?;
+        }
+    }
+    // It stays while something is in it.
+    let _ = std::fs::remove_dir(place);
+    Ok(())
 }
 
 /// Only what an earlier demo left is replaced.
@@ -114,10 +136,10 @@ fn pictures(folder: &RunFolder, dataset: &Dataset, trainer: &mut Trainer) -> Res
         let mut truth = view.image.as_ref().clone();
         truth.scale(1.0 / scale);
         let (shadows_ev, highlights_ev) = exposures(view, scale);
-        for (name, exposure_ev) in [("shadows", shadows_ev), ("highlights", highlights_ev)] {
+        for (endings, exposure_ev) in PICTURE_ENDINGS.into_iter().zip([shadows_ev, highlights_ev]) {
             let look = Look { tonemap: Tonemap::Agx, exposure_ev };
-            for (suffix, image) in [("", &render), ("_photograph", &truth)] {
-                let path = folder.root().join(PICTURES_FOLDER).join(format!("{}_{name}{suffix}.png", view.stem()));
+            for (ending, image) in endings.into_iter().zip([&render, &truth]) {
+                let path = folder.root().join(PICTURES_FOLDER).join(format!("{}_{ending}.png", view.stem()));
                 preview::write(&path, image, dataset.color_space, look)?;
                 paths.push(path);
             }
@@ -177,6 +199,6 @@ mod tests {
         assert!(size(&DATASET) <= 6 << 20, "{}", size(&DATASET));
         assert!(DATASET.get_file("LICENSES.txt").is_some());
         assert!(DATASET.get_file("transforms.json").is_some());
-        assert_eq!(DATASET.get_dir("images").unwrap().files().count(), 35);
+        assert_eq!(DATASET.get_dir(IMAGES_FOLDER).unwrap().files().count(), 35);
     }
 }

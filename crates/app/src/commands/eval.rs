@@ -1,7 +1,5 @@
 //! `luxel eval`: figures of a run's newest scene.
 
-use std::collections::BTreeMap;
-
 use anyhow::{Context, Result, bail};
 use luxel_core::RenderOptions;
 use luxel_train::GainFit;
@@ -12,17 +10,20 @@ use crate::console::{self, Console, LogFormat};
 use crate::engine::Chosen;
 use crate::evaluation::{self, Metrics, Rendering};
 use crate::run_folder::RunFolder;
+use crate::scene_source::DataRequest;
 use crate::{data, engine, files, memory, reporting, run_log, run_state};
 
-/// Evaluates and reports.
-pub(crate) fn run(args: &EvalArgs) -> Result<()> {
+/// Evaluates and reports; `said` are the ids of the options on the command line.
+pub(crate) fn run(args: &EvalArgs, said: &[String]) -> Result<()> {
     let console = Console::new(LogFormat::Text, false);
     let (folder, config) = RunFolder::open(&args.run)?;
+    // Beside training at work, figures of an older step would take the place of its own.
+    let _lock = folder.lock()?;
     let lpips = evaluation::read_lpips(args.lpips_weights.as_deref())?;
     let Chosen { mut engine, threads, computed_by, .. } = engine::engine(&args.device)?;
-    let own = config.dataset_path(folder.root());
-    let path = args.data.clone().unwrap_or_else(|| own.clone());
-    let dataset = data::load(&path, &config.load, &console)?;
+    let request = DataRequest { data: args.data.as_deref(), load: &args.load, said };
+    let (path, load) = request.of_run(&folder, &config);
+    let dataset = data::load(&path, &load, &console)?;
     let (iteration, scene) = run_state::newest_scene(&folder, &console)?;
     if dataset.color_space != scene.color_space {
         bail!(
@@ -46,19 +47,16 @@ pub(crate) fn run(args: &EvalArgs) -> Result<()> {
         response: run_state::response(&folder, &config, iteration)?,
         log_gains: Captures::read(&folder)?.log_gains_at(iteration),
     };
-    // What training wrote is of the run's own data, and other programs go by it.
-    let images = if data::is_same_folder(&path, &own) { folder.evaluation(iteration) } else { folder.evaluation_of(iteration, &path) };
-    let mut splits = BTreeMap::new();
+    // What training wrote is of the run's own data as the run read it, and other programs go by it.
+    let is_own = files::is_same(&path, &config.dataset_path(folder.root())) && load == config.load;
+    let images = if is_own { folder.evaluation(iteration) } else { folder.claim_evaluation_of(iteration, &path, &load)? };
+    let mut named = Vec::new();
     for (name, views, images) in [("test", &dataset.test, Some(images.as_path())), ("train", &dataset.train, None)] {
-        if let Some(split) = rendering.evaluate(views, images, GainFit::None)? {
-            console::print(&evaluation::table(name, &split))?;
-            splits.insert(name.to_owned(), split);
-        }
+        named.extend(rendering.evaluate(views, images, GainFit::None)?.map(|split| (name, split)));
     }
-    for (name, split) in rendering.evaluate_fitted(&config, &dataset.test)? {
-        console::print(&evaluation::table(name, &split))?;
-        splits.insert(name.to_owned(), split);
-    }
+    named.extend(rendering.evaluate_fitted(&config, &dataset.test)?);
+    let tables: Vec<String> = named.iter().map(|(name, split)| evaluation::table(name, split)).collect();
+    let splits = named.into_iter().map(|(name, split)| (name.to_owned(), split)).collect();
     let log = run_log::read(&folder.log())?;
     let spent = log.iter().rev().find(|record| record.iteration <= iteration);
     let metrics = Metrics {
@@ -79,6 +77,10 @@ pub(crate) fn run(args: &EvalArgs) -> Result<()> {
     // Not beside the images: figures there say that training has evaluated this step.
     files::write_json(&folder.metrics(), &metrics)?;
     reporting::write(&folder, &config, &dataset, (&metrics, &images))?;
+    // Last: a reader that leaves early costs no figures.
+    for table in &tables {
+        console::print(table)?;
+    }
     console.note(&format!("figures {}\nreport  {}", folder.metrics().display(), folder.report().display()));
     Ok(())
 }

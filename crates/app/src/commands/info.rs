@@ -7,7 +7,7 @@ use luxel_core::tone::rec709_of;
 use luxel_core::{ColorModel, ColorSpace, Dataset, Image, Scene, Splats, View, luminance_rec709, sigmoid};
 use luxel_io::{ReadOptions, SampleDepth};
 
-use crate::cli::InfoArgs;
+use crate::cli::{InfoArgs, LoadArgs};
 use crate::commands::devices;
 use crate::console::{self, Console, LogFormat};
 use crate::evaluation::Metrics;
@@ -18,32 +18,50 @@ use crate::{data, run_state};
 /// Percentiles that ranges are described by.
 pub(crate) const PERCENTILES: [u8; 7] = [0, 1, 25, 50, 75, 99, 100];
 
-/// Describes `args.path`, or the devices.
-pub(crate) fn run(args: &InfoArgs) -> Result<()> {
+/// Describes `args.path`, or the devices; `said` are the ids of the options on the command line.
+pub(crate) fn run(args: &InfoArgs, said: &[String]) -> Result<()> {
     let facts = match &args.path {
-        Some(path) => describe(path, args)?,
+        Some(path) => describe(path, args, said)?,
         None => devices::describe(),
     };
     if args.json { console::print(&format!("{:#}", facts.json())) } else { console::print(facts.text().trim_end()) }
 }
 
-fn describe(path: &Path, args: &InfoArgs) -> Result<Facts> {
+/// Options that say how images are read, of a data set or not.
+const OF_IMAGES: [&str; 2] = ["transfer", "color_space"];
+
+fn describe(path: &Path, args: &InfoArgs, said: &[String]) -> Result<Facts> {
     let metadata = std::fs::metadata(path).with_context(|| format!("{}: cannot open", path.display()))?;
     if metadata.is_dir() {
         if RunFolder::is_run(path) {
+            refuse(said, &[], path, "a run")?;
             return of_run(path);
         }
         return of_dataset(path, args);
     }
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
     let mut facts = match extension.as_str() {
-        "ply" | "usda" | "usd" | "glb" | "spz" => of_scene_file(path)?,
-        "safetensors" => of_checkpoint(path)?,
+        "ply" | "usda" | "usd" | "glb" | "spz" => {
+            refuse(said, &[], path, "a scene")?;
+            of_scene_file(path)?
+        }
+        "safetensors" => {
+            refuse(said, &[], path, "a checkpoint")?;
+            of_checkpoint(path)?
+        }
         "json" => return of_dataset(path, args),
-        _ => of_image(path, args)?,
+        _ => {
+            refuse(said, &OF_IMAGES, path, "an image")?;
+            of_image(path, args)?
+        }
     };
     facts.set("file_bytes", metadata.len());
     Ok(facts)
+}
+
+/// Refuses options of reading data sets, but for those `used`, where there is `what` instead.
+fn refuse(said: &[String], used: &[&str], path: &Path, what: &str) -> Result<()> {
+    LoadArgs::refuse(said, used, &format!("and {} is {what}; leave it out", path.display()))
 }
 
 fn of_scene_file(path: &Path) -> Result<Facts> {
@@ -163,7 +181,8 @@ fn of_image(path: &Path, args: &InfoArgs) -> Result<Facts> {
         SampleDepth::Integer16 => "16-bit integer",
         SampleDepth::Integer8 => "8-bit integer, not HDR",
     };
-    let color_space = decoded.color_space.map_or("not stated, taken for linear-rec709", ColorSpace::name);
+    let said = args.load.color_space.map(ColorSpace::from);
+    let color_space = decoded.color_space.or(said).map_or("not stated, taken for linear-rec709", ColorSpace::name);
     facts.set("kind", "image").set("samples", depth).set("width", image.width).set("height", image.height);
     facts.set("color_space", color_space).set("alpha", decoded.alpha.is_some());
     if !decoded.warnings.is_empty() {
@@ -176,7 +195,7 @@ fn of_image(path: &Path, args: &InfoArgs) -> Result<Facts> {
     bad.set("negative", values().filter(|p| p.iter().any(|v| *v < 0.0) && p.iter().all(|v| v.is_finite())).count());
     facts.group("bad_pixels", bad);
     let good = values().filter(|p| p.iter().all(|v| v.is_finite() && *v >= 0.0));
-    let color_space = decoded.color_space.unwrap_or_default();
+    let color_space = decoded.color_space.or(said).unwrap_or_default();
     add_luminance(&mut facts, good.map(|&p| luminance(color_space, p)).collect());
     Ok(facts)
 }

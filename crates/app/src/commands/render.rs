@@ -8,7 +8,7 @@ use anyhow::{Context, Result, bail};
 use luxel_core::{Camera, Conversion, Dataset, Engine, Layers, RenderOptions, Scene};
 use luxel_io::ExrOptions;
 
-use crate::cli::{DeviceArgs, EditText, RenderArgs};
+use crate::cli::{DeviceArgs, EditText, LoadArgs, RenderArgs};
 use crate::console::Console;
 use crate::evaluation::unique_stems;
 use crate::preview::{self, Look};
@@ -98,7 +98,7 @@ fn render(args: &RenderArgs, engine: &mut dyn Engine, camera: &Camera, options: 
 fn shots(args: &RenderArgs, request: DataRequest<'_>, source: &SceneSource, console: &Console) -> Result<Vec<Shot>> {
     let dataset = || source.dataset(request, console);
     if let Some(file) = &args.cameras {
-        return camera_file(file, args.data.is_some(), dataset);
+        return camera_file(file, args.data.is_some(), dataset, || check_unread(args, file, request.said));
     }
     let Some(dataset) = dataset()? else {
         bail!("{}: a scene file has no cameras; give --data DATASET or --cameras FILE", args.scene.display())
@@ -110,11 +110,28 @@ fn shots(args: &RenderArgs, request: DataRequest<'_>, source: &SceneSource, cons
     Ok(shots)
 }
 
-/// Cameras of a file. The data set, for what the file leaves out, is read only if asked for or needed.
-fn camera_file(file: &Path, asked: bool, dataset: impl FnOnce() -> Result<Option<Dataset>>) -> Result<Vec<Shot>> {
+/// Refuses options of reading a data set where neither cameras nor masks need one.
+fn check_unread(args: &RenderArgs, file: &Path, said: &[String]) -> Result<()> {
+    let has_masks = args.edit.iter().flat_map(|EditText(edits)| edits).any(|edit| !edit.selection.masks().is_empty());
+    if has_masks {
+        return Ok(());
+    }
+    LoadArgs::refuse(said, &[], &format!("and {} says all of its cameras without one; leave it out", file.display()))
+}
+
+/// Cameras of a file. The data set, for what the file leaves out, is read only if asked for or needed; else `unread` is called.
+fn camera_file(
+    file: &Path,
+    asked: bool,
+    dataset: impl FnOnce() -> Result<Option<Dataset>>,
+    unread: impl FnOnce() -> Result<()>,
+) -> Result<Vec<Shot>> {
     let first = if asked { Err(None) } else { luxel_io::read_camera_path(file, None).map_err(Some) };
     let cameras = match first {
-        Ok(cameras) => cameras,
+        Ok(cameras) => {
+            unread()?;
+            cameras
+        }
         Err(error) => {
             let dataset = dataset()?;
             let default = dataset.as_ref().and_then(|dataset| dataset.train.first().or(dataset.test.first()));

@@ -8,6 +8,7 @@ use luxel_core::{Dataset, Pass};
 use luxel_train::Trainer;
 use serde_json::json;
 
+use super::demo;
 use crate::cli::TrainArgs;
 use crate::config::{MadeBy, RunConfig};
 use crate::console::Console;
@@ -21,8 +22,8 @@ use crate::{data, engine, interrupt, run_state, text};
 enum Start {
     /// Nothing is there.
     Fresh(RunConfig),
-    /// A run is there, to be deleted.
-    Replace(RunConfig),
+    /// A run is there, to be deleted: who made it.
+    Replace(RunConfig, MadeBy),
     /// A run is there, to be continued.
     Resume(RunConfig),
 }
@@ -43,13 +44,20 @@ pub(crate) fn run(args: &TrainArgs, said: &[String]) -> Result<Outcome> {
     let TrainedRun { outcome, config, mut trainer, steps, .. } = match start {
         Start::Fresh(config) => {
             let chosen = engine::training_engine(&config)?;
-            fresh(config, chosen, &folder, &mut console, || lock_free(&folder))?
+            fresh(config, chosen, &folder, &mut console, |dataset, console| {
+                tell_unused_points(dataset, said, console);
+                lock_free(&folder)
+            })?
         }
-        Start::Replace(config) => {
+        Start::Replace(config, replaced) => {
             let chosen = engine::training_engine(&config)?;
-            fresh(config, chosen, &folder, &mut console, || {
+            fresh(config, chosen, &folder, &mut console, |dataset, console| {
+                tell_unused_points(dataset, said, console);
                 let lock = folder.lock()?;
-                folder.clear(&[])?;
+                if replaced == MadeBy::Demo {
+                    demo::remove_pictures(&folder)?;
+                }
+                folder.clear()?;
                 Ok(lock)
             })?
         }
@@ -85,15 +93,17 @@ fn resolve(args: &TrainArgs, said: &[String], occupant: Occupant) -> Result<Star
         let dataset = args.dataset.as_deref().map_or(Ok(stored.dataset.clone()), absolute)?;
         let command_line = RunConfig::from_args(args, dataset.clone(), said);
         let config = stored.resumed(&command_line, said)?;
+        config.check_said(said)?;
         // A demo that is trained further is somebody's work, which the next demo must not replace.
         let is_same = config.train.iterations == stored.train.iterations;
         let made_by = if is_same { stored.made_by } else { MadeBy::Train };
         return Ok(Start::Resume(RunConfig { dataset, made_by, ..config }));
     }
     let config = from_command_line(args, said)?;
+    config.check_said(said)?;
     match occupant {
         Occupant::Nothing => Ok(Start::Fresh(config)),
-        Occupant::Run(_) if args.overwrite => Ok(Start::Replace(config)),
+        Occupant::Run(replaced) if args.overwrite => Ok(Start::Replace(config, replaced.made_by)),
         Occupant::Run(_) => {
             bail!("{output}: already holds a run; continue it with --resume, replace it with --overwrite, or choose another")
         }
@@ -134,6 +144,14 @@ fn absolute(dataset: &Path) -> Result<PathBuf> {
     std::fs::canonicalize(dataset).with_context(|| format!("{}: cannot open the data set", dataset.display()))
 }
 
+/// Only the data set tells whether splats are to be made up.
+fn tell_unused_points(dataset: &Dataset, said: &[String], console: &Console) {
+    if said.iter().any(|id| id == "init_points") && !dataset.points.is_empty() {
+        let points = text::plural(dataset.points.len(), "point");
+        console.warn(&format!("--init-points changes nothing: the data set has {points} to start from"));
+    }
+}
+
 /// Locks a folder in which nothing was found: another luxel may have put a run there while the data set was read.
 fn lock_free(folder: &RunFolder) -> Result<RunLock> {
     let lock = folder.lock()?;
@@ -151,14 +169,14 @@ pub(crate) fn fresh(
     chosen: Chosen,
     folder: &RunFolder,
     console: &mut Console,
-    make_room: impl FnOnce() -> Result<RunLock>,
+    make_room: impl FnOnce(&Dataset, &Console) -> Result<RunLock>,
 ) -> Result<TrainedRun> {
     let Chosen { engine, threads, machine, computed_by, .. } = chosen;
     // What has no text form must not cost the run that is to be replaced.
     config.to_toml().with_context(|| format!("{}: config.toml cannot hold these settings", config.dataset.display()))?;
     let dataset = data::load(&config.dataset_path(folder.root()), &config.load, console)?;
     let trainer = Trainer::new(&dataset, config.train.clone(), engine).context("cannot start training")?;
-    let lock = make_room()?;
+    let lock = make_room(&dataset, console)?;
     folder.write_config(&config)?;
     train(config, folder, console, Ready { dataset, trainer, threads, machine, computed_by, lock })
 }
@@ -175,10 +193,14 @@ fn resume(config: RunConfig, folder: &RunFolder, console: &mut Console, lock: Op
             console.note(&format!("resuming after step {} from {}", trainer.iteration(), path.display()));
             trainer
         }
-        None => {
+        None if folder.scene_iterations().is_empty() => {
             console.note("the run ended before its first checkpoint; starting from the first step");
             Trainer::new(&dataset, config.train.clone(), engine).context("cannot start training")?
         }
+        None => bail!(
+            "{}: has scenes, but no checkpoint in checkpoints/ to go on from; put that folder back, or start anew with --overwrite",
+            folder.root().display()
+        ),
     };
     folder.write_config(&config)?;
     train(config, folder, console, Ready { dataset, trainer, threads, machine, computed_by, lock })

@@ -53,6 +53,8 @@ pub(super) struct Pairs {
     pub(super) only_reference: Vec<PathBuf>,
     /// Files of the test without a reference.
     pub(super) only_test: Vec<PathBuf>,
+    /// References that a folder of masks has none of.
+    pub(super) unmasked: Vec<PathBuf>,
 }
 
 impl Pairs {
@@ -81,7 +83,7 @@ impl Pairs {
             mask: args.mask.clone(),
             heatmap: args.heatmap.clone(),
         };
-        Self { are_folders: false, pairs: vec![pair], only_reference: Vec::new(), only_test: Vec::new() }
+        Self { are_folders: false, pairs: vec![pair], only_reference: Vec::new(), only_test: Vec::new(), unmasked: Vec::new() }
     }
 
     fn of_folders(sources: &Sources, args: &CompareArgs) -> Result<Self> {
@@ -90,7 +92,8 @@ impl Pairs {
             Some(path) if is_folder(path)? => Some(images(path)?),
             _ => None,
         };
-        let mut found = Self { are_folders: true, pairs: Vec::new(), only_reference: Vec::new(), only_test: Vec::new() };
+        let mut found =
+            Self { are_folders: true, pairs: Vec::new(), only_reference: Vec::new(), only_test: Vec::new(), unmasked: Vec::new() };
         let names: BTreeSet<&String> = references.keys().chain(tests.keys()).collect();
         for name in names {
             match (references.get(name), tests.get(name)) {
@@ -110,14 +113,26 @@ impl Pairs {
                 (None, None) => {}
             }
         }
+        if let (Some(path), Some(masks)) = (&args.mask, &masks) {
+            let is_unmasked = |pair: &&Pair| pair.mask.is_none();
+            found.unmasked = found.pairs.iter().filter(is_unmasked).map(|pair| pair.reference.clone()).collect();
+            if !found.pairs.is_empty() && found.unmasked.len() == found.pairs.len() {
+                bail!(
+                    "{} has {}, and none has the name of a reference without extension: rename them, or name one mask for all",
+                    path.display(),
+                    text::plural(masks.len(), "image")
+                );
+            }
+        }
         Ok(found)
     }
 
-    /// A line for every image that has no partner.
+    /// A line for every image that has no partner, or no mask where others do.
     pub(super) fn missing_lines(&self) -> Vec<String> {
-        let line = |path: &PathBuf, other: &str| format!("{}: no {other} of this name, left out", path.display());
-        let references = self.only_reference.iter().map(|path| line(path, "test"));
-        references.chain(self.only_test.iter().map(|path| line(path, "reference"))).collect()
+        let line = |path: &PathBuf, other: &str, what: &str| format!("{}: no {other} of this name, {what}", path.display());
+        let references = self.only_reference.iter().map(|path| line(path, "test", "left out"));
+        let tests = self.only_test.iter().map(|path| line(path, "reference", "left out"));
+        references.chain(tests).chain(self.unmasked.iter().map(|path| line(path, "mask", "compared whole"))).collect()
     }
 
     /// Why there is nothing to compare.

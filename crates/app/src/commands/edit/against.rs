@@ -56,10 +56,8 @@ pub(super) fn run(args: &EditArgs, other: &Path, request: DataRequest<'_>, conso
         bail!("--where \"{}\": an ideal edit of pixels knows no splats; compare maps of the whole scene", edit.selection);
     }
     let sources = [SceneSource::open(&args.scene, console)?, SceneSource::open(other, console)?];
-    let dataset = match sources[0].dataset(request, console)? {
-        Some(dataset) => dataset,
-        None => sources[1].dataset(request, console)?.context("scene files have no views; give --data DATASET")?,
-    };
+    let with_data = sources.iter().find(|source| source.run.is_some()).unwrap_or(&sources[0]);
+    let dataset = with_data.dataset(request, console)?.context("scene files have no views; give --data DATASET")?;
     let edits = resolved(&args.edits.0, &sources[0].scene)?;
     let views = views(&dataset)?;
     let stems = unique_stems(views.iter().map(|view| view.name.as_str()));

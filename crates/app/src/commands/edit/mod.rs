@@ -9,7 +9,7 @@ use anyhow::{Context, Result, bail};
 use luxel_core::Scene;
 use luxel_core::edit::{Applied, MaskName, MaskShares, SelectionSummary};
 
-use crate::cli::EditArgs;
+use crate::cli::{EditArgs, LoadArgs};
 use crate::commands::info::{PERCENTILES, quantiles};
 use crate::console::Console;
 use crate::facts::Facts;
@@ -28,27 +28,45 @@ pub(crate) fn run(args: &EditArgs, said: &[String]) -> Result<()> {
     if let (Some(edit), false) = (idle, args.dry_run) {
         bail!("--where \"{}\" has no map behind it; add one, or --dry-run to see what it selects", edit.selection);
     }
+    check_data(args, said)?;
     if let Some(other) = &args.against {
         return against::run(args, other, request, &console);
     }
     let output = output(args)?;
     if let Some(path) = &args.overlay {
         files::check_free(path, args.overwrite)?;
+        if output.as_ref().is_some_and(|output| files::is_same(path, output)) {
+            bail!("{}: cannot be both the scene (-o) and its picture (--overlay); give the picture another name", path.display());
+        }
     }
     let source = SceneSource::open(&args.scene, &console)?;
     let mut scene = source.scene.clone();
     let masks = masks(args, &source, request, &console)?;
     let done = editing::apply(edits, &mut scene, &masks, args.sh_map.into(), &console)?;
+    if let Some(path) = output {
+        luxel_io::write_scene_ply(&path, &scene).context("cannot write the scene")?;
+        console.note(&format!("{}: {}", path.display(), text::plural(scene.splats.len(), "splat")));
+    }
+    // Last: a reader that leaves early costs no scene.
     if args.json || args.dry_run {
         let report = report(&source.scene, &done);
         let text = if args.json { format!("{:#}", report.json()) } else { report.text().trim_end().to_owned() };
         console.result(&report.event("report"), &text)?;
     }
-    if let Some(path) = output {
-        luxel_io::write_scene_ply(&path, &scene).context("cannot write the scene")?;
-        console.note(&format!("{}: {}", path.display(), text::plural(scene.splats.len(), "splat")));
-    }
     Ok(())
+}
+
+/// Refuses a data set, and options of reading one, where nothing looks at it.
+fn check_data(args: &EditArgs, said: &[String]) -> Result<()> {
+    let has_masks = args.edits.0.iter().any(|edit| !edit.selection.masks().is_empty());
+    if has_masks || args.overlay.is_some() || args.against.is_some() {
+        return Ok(());
+    }
+    let why = "and without a mask, --overlay or --against none is; leave it out";
+    if args.data.is_some() {
+        bail!("--data is the data set that views are taken from, {why}");
+    }
+    LoadArgs::refuse(said, &[], why)
 }
 
 /// Where the scene goes; `None` for a dry run.

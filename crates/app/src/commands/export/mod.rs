@@ -103,7 +103,9 @@ fn plan(args: &ExportArgs, scene: &Scene) -> Result<Plan> {
 pub(crate) fn run(args: &ExportArgs, said: &[String]) -> Result<()> {
     let console = Console::new(args.console.log_format, args.console.quiet);
     files::check_free(&args.output, args.overwrite)?;
-    Format::of(&args.output)?;
+    if Format::of(&args.output)? != Format::Spz && said.iter().any(|id| id == "spz_version") {
+        bail!("{}: --spz-version is of .spz files; leave it out, or write .spz", args.output.display());
+    }
     let source = SceneSource::open(&args.scene, &console)?;
     let mut plan = plan(args, &source.scene)?;
     let dataset = source.dataset(DataRequest { data: args.data.as_deref(), load: &args.load, said }, &console)?;
