@@ -21,7 +21,7 @@ impl RunConfig {
     }
 
     /// Choices as they are said, whether they are made, and the ids of the options that belong to them.
-    fn choices(&self) -> [(&'static str, bool, &'static [&'static str]); 6] {
+    fn choices(&self) -> [(&'static str, bool, &'static [&'static str]); 7] {
         let (train, supervision) = (&self.train, self.load.supervision);
         [
             ("--method lcd", train.method == Method::Lcd, &["luminance_lr"]),
@@ -36,6 +36,7 @@ impl RunConfig {
                 &["mcmc_growth", "mcmc_noise", "mcmc_opacity_weight", "mcmc_scale_weight"],
             ),
             ("--absgrad", train.absgrad, &["absgrad_threshold"]),
+            ("--samples above 1", train.samples > 1, &["samples_share"]),
             ("--supervision hdr", supervision == SupervisionArg::Hdr, &["noise_model"]),
             ("--supervision ldr", supervision == SupervisionArg::Ldr, &["unit_exposure", "exposures"]),
         ]
@@ -50,7 +51,7 @@ mod tests {
     use crate::cli::Cli;
 
     /// Every option that belongs to a choice, with a value, and what makes the choice.
-    const CASES: [(&str, &str, &str); 14] = [
+    const CASES: [(&str, &str, &str); 15] = [
         ("--luminance-lr 0.1", "--method sh3", "--method lcd"),
         ("--turnover 0.2", "--strategy mcmc", "--strategy adc"),
         ("--densify-threshold 1e-3", "--strategy mcmc", "--strategy adc"),
@@ -62,6 +63,7 @@ mod tests {
         ("--mcmc-opacity-weight 0.1", "--seed 1", "--strategy mcmc"),
         ("--mcmc-scale-weight 0.1", "--seed 1", "--strategy mcmc"),
         ("--absgrad-threshold 1e-3", "--seed 1", "--absgrad"),
+        ("--samples-share 0.5", "--samples 1", "--samples 2"),
         ("--noise-model off", "--supervision ldr", "--supervision hdr"),
         ("--unit-exposure 0.7", "--seed 1", "--supervision ldr"),
         ("--exposures single", "--supervision hdr", "--supervision ldr"),
@@ -76,7 +78,8 @@ mod tests {
             };
             let error = check(&format!("{option} {other}")).unwrap_err().to_string();
             let name = option.split(' ').next().unwrap();
-            assert!(error.starts_with(&format!("{name}: goes with {choice} only")), "{error}");
+            let choice_name = if choice == "--samples 2" { "--samples above 1" } else { choice };
+            assert!(error.starts_with(&format!("{name}: goes with {choice_name} only")), "{error}");
             check(&format!("{option} {choice}")).unwrap();
         }
     }

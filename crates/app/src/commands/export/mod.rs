@@ -169,6 +169,9 @@ fn finish(
     if plan.is_exact {
         facts.set("exact_model", format!("{}, {}", scene.splats.color_model.name(), scene.color_space.name()));
     }
+    if plan.format == Format::Spz && luxel_io::spz_out_of_range(&baked) > 0 {
+        facts.set("sizes_out_of_range", luxel_io::spz_out_of_range(&baked));
+    }
     match error {
         Some(error) => facts.group("bake_error", error),
         None => facts.set("bake_error", "not measured: give --data DATASET for views to measure it on"),
