@@ -3,7 +3,8 @@
 //! In: training views (data-set units), points of structure from motion if there are any, the radiance scale; out: splats in
 //! normalised units, isotropic, at the points, or spread over the space that the cameras see. Colours are medians of HDR pixels:
 //! over a point's track, else over the views it projects into. Scale: root mean squared distance to the 3 nearest neighbours
-//! (Kerbl et al. 2023); opacity 0.1, for MCMC 0.5 at a tenth of the scale (Kheradmand et al. 2024), unless options say otherwise.
+//! (Kerbl et al. 2023); opacity 0.1, for MCMC 0.5 at 0.3 of the scale, at a tenth of it with 3DGS's dilation (Kheradmand et al.
+//! 2024), unless options say otherwise.
 
 mod color;
 mod neighbours;
