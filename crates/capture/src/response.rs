@@ -151,6 +151,11 @@ fn hat(code: usize) -> f64 {
     code.saturating_sub(DARK_CODE).min(CLIP_CODE.saturating_sub(code)) as f64 / 128.0
 }
 
+/// Of the codes that a curve has the one nearest to a code in `0..=last`.
+fn nearest(code: usize, last: usize) -> usize {
+    (code * (CODES - 1) + last / 2) / last
+}
+
 /// Pixels on a grid, those that say something.
 fn sample_pixels(frames: &[Frame], channel: usize) -> Vec<Sightings> {
     let Some(first) = frames.first() else { return Vec::new() };
@@ -159,10 +164,8 @@ fn sample_pixels(frames: &[Frame], channel: usize) -> Vec<Sightings> {
     for y in (step / 2..first.height).step_by(step) {
         for x in (step / 2..first.width).step_by(step) {
             let i = (y * first.width + x) * 3 + channel;
-            let sightings: Sightings = frames
-                .iter()
-                .map(|f| (f.samples.code(i) * (CODES - 1) / (f.samples.codes() - 1), f64::from(f.signal_per_radiance).ln()))
-                .collect();
+            let sightings: Sightings =
+                frames.iter().map(|f| (nearest(f.samples.code(i), f.samples.codes() - 1), f64::from(f.signal_per_radiance).ln())).collect();
             if sightings.iter().filter(|(code, _)| hat(*code) > 0.0).count() > 1 {
                 pixels.push(sightings);
             }
@@ -296,19 +299,24 @@ mod tests {
     use crate::{Noise, Samples, merge};
 
     /// A camera's curve: a gamma with a shoulder, not sRGB.
-    fn camera_code(signal: f32, channel: usize) -> u8 {
+    fn camera_code(signal: f32, channel: usize) -> f32 {
         let exposed = signal * [1.0, 1.02, 0.97][channel];
         let light = (1.0 - (-2.2 * exposed).exp()) / (1.0 - (-2.2f32).exp());
-        (255.0 * light.clamp(0.0, 1.0).powf(1.0 / 2.0)).round() as u8
+        light.clamp(0.0, 1.0).powf(1.0 / 2.0)
     }
 
     fn bracket(exposures: &[f32], phase: f32) -> Vec<Frame> {
+        bracket_of(exposures, phase, &|codes| Samples::U8(codes.iter().map(|code| (255.0 * code).round() as u8).collect()), camera_code)
+    }
+
+    /// Through a curve from signal and channel to code in 0 to 1.
+    fn bracket_of(exposures: &[f32], phase: f32, samples: &dyn Fn(&[f32]) -> Samples, curve: fn(f32, usize) -> f32) -> Vec<Frame> {
         let radiance = |i: usize| 10f32.powf(-2.0 + 3.5 * ((i as f32 * 0.017 + phase).sin() * 0.5 + 0.5));
         let frame = |&exposure: &f32| Frame {
             width: 80,
             height: 60,
             layout: Layout::Rgb,
-            samples: Samples::U8((0..80 * 60 * 3).map(|i| camera_code(radiance(i / 3) * exposure, i % 3)).collect()),
+            samples: samples(&(0..80 * 60 * 3).map(|i| curve(radiance(i / 3) * exposure, i % 3)).collect::<Vec<_>>()),
             transfers: Arc::from(Response::Srgb.transfers(256)),
             signal_per_radiance: exposure,
             noise: Noise::typical(100.0),
@@ -323,7 +331,7 @@ mod tests {
         for channel in 0..3 {
             let ratios: Vec<f32> = (1..=20)
                 .map(|k| 0.9 * k as f32 / 20.0)
-                .map(|s| response.signal(channel, f32::from(camera_code(s, channel)) / 255.0) / s)
+                .map(|s| response.signal(channel, (255.0 * camera_code(s, channel)).round() / 255.0) / s)
                 .collect();
             let mean = ratios.iter().sum::<f32>() / ratios.len() as f32;
             for (k, ratio) in ratios.iter().enumerate() {
@@ -349,6 +357,22 @@ mod tests {
             let ratios: Vec<f32> = codes.map(|code| found.signal(channel, code) / still.signal(channel, code)).collect();
             // Half of the sightings of one view and a sixth of another's are wrong, by up to three decades.
             assert!(ratios.iter().all(|ratio| (ratio - 1.0).abs() < 0.12), "channel {channel}: {ratios:?}");
+        }
+    }
+
+    #[test]
+    fn sixteen_bits_have_the_curve_of_eight() {
+        let exposures = [0.02, 0.08, 0.32, 1.28, 5.12];
+        let deep = |codes: &[f32]| Samples::U16(codes.iter().map(|code| (65535.0 * code).round() as u16).collect());
+        let of = |bracket: &dyn Fn(f32) -> Vec<Frame>| recover_response(&[bracket(0.0), bracket(2.0)]).unwrap();
+        let found = of(&|phase| bracket_of(&exposures, phase, &deep, camera_code));
+        let expected = of(&|phase| bracket(&exposures, phase));
+        for channel in 0..3 {
+            for code in [5, 8, 16, 32, 64, 128, 192, 230] {
+                let code = code as f32 / 255.0;
+                let ratio = found.signal(channel, code) / expected.signal(channel, code);
+                assert!((ratio - 1.0).abs() < 0.03, "channel {channel}, code {}: {ratio}", 255.0 * code);
+            }
         }
     }
 
