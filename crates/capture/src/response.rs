@@ -31,7 +31,7 @@ const PIXELS_PER_BRACKET: usize = 400;
 const MIN_COVERED: usize = 96;
 /// From this of 256 codes on, a sample may be saturated: developers roll off.
 const CLIP_CODE: usize = 250;
-/// Up to this code a sample may be crushed to black.
+/// Up to this code a sample may be crushed to black, of however many codes: what has more of them is no finished picture.
 const DARK_CODE: usize = 3;
 /// Uncertainty of a JPEG's code: rounding, quantisation of its blocks, and sharpening.
 const CODE_SIGMA: f32 = 0.8;
@@ -73,9 +73,9 @@ impl Response {
         let scale = last as f32 / 255.0;
         // Codes of more than 8 bits are rounded finer than a developer's curve is known.
         let sigma = CODE_SIGMA * scale.sqrt();
-        let [dark, clip] = [DARK_CODE, CLIP_CODE].map(|code| (code as f32 * scale) as usize);
+        let clip = (CLIP_CODE as f32 * scale) as usize;
         let of = |channel: usize| (0..codes).map(|code| self.signal(channel, code as f32 / last as f32)).collect();
-        (0..3).map(|channel| Transfer::new(of(channel), dark, clip, sigma)).collect()
+        (0..3).map(|channel| Transfer::new(of(channel), DARK_CODE, clip, sigma)).collect()
     }
 
     /// Signal of a code in 0 to 1.
@@ -409,5 +409,14 @@ mod tests {
         assert!((transfers[0].signal(188) - 0.5).abs() < 0.01 && transfers[1].is_clipped(250) && transfers[2].is_dark(3));
         let linear = Response::Linear.transfers(65536);
         assert!((linear[0].signal(32768) - 0.5).abs() < 1e-4 && linear[0].is_clipped(64_300));
+    }
+
+    #[test]
+    fn what_is_dark_in_8_bits_is_sound_in_16() {
+        // Code 300 of 65535 is rounded to a third of a per cent.
+        for response in [Response::Linear, Response::Srgb] {
+            let transfers = response.transfers(65536);
+            assert!(transfers[0].is_dark(3) && !transfers[0].is_dark(300));
+        }
     }
 }
