@@ -31,6 +31,10 @@ const PIXELS_PER_BRACKET: usize = 400;
 const MIN_COVERED: usize = 96;
 /// From this of 256 codes on, a sample may be saturated: developers roll off.
 const CLIP_CODE: usize = 250;
+/// From this of 256 codes on, a curve is not fitted: JPEG leaves saturated pixels beside edges at 244 and above, and they would make it steep.
+const UNTRUSTED_CODE: usize = 244;
+/// Codes whose slope the curve goes on with from there.
+const SLOPE_CODES: usize = 8;
 /// Up to this code a sample may be crushed to black, of however many codes: what has more of them is no finished picture.
 const DARK_CODE: usize = 3;
 /// Uncertainty of a JPEG's code: rounding, quantisation of its blocks, and sharpening.
@@ -140,7 +144,7 @@ fn recover_channel(brackets: &[&Vec<Frame>], channel: usize) -> Result<[f32; COD
         weights = agreeing(&pixels, &log_signal);
         log_signal = solve(&pixels, &weights).ok_or_else(singular)?;
     }
-    if log_signal[CLIP_CODE] - log_signal[DARK_CODE + 1] < 1.0 {
+    if log_signal[UNTRUSTED_CODE - 1] - log_signal[DARK_CODE + 1] < 1.0 {
         return Err(ResponseError::Contradiction(channel));
     }
     Ok(to_curve(&log_signal))
@@ -148,7 +152,7 @@ fn recover_channel(brackets: &[&Vec<Frame>], channel: usize) -> Result<[f32; COD
 
 /// Weight of a code: none at the ends.
 fn hat(code: usize) -> f64 {
-    code.saturating_sub(DARK_CODE).min(CLIP_CODE.saturating_sub(code)) as f64 / 128.0
+    code.saturating_sub(DARK_CODE).min(UNTRUSTED_CODE.saturating_sub(code)) as f64 / 128.0
 }
 
 /// Of the codes that a curve has the one nearest to a code in `0..=last`.
@@ -275,13 +279,14 @@ fn cholesky_solve(matrix: &mut [[f64; CODES]], mut right: [f64; CODES]) -> Optio
 fn to_curve(log_signal: &[f64; CODES]) -> [f32; CODES] {
     let middle = f64::from(luxel_core::tone::srgb_decode(MIDDLE as f32 / 255.0));
     let mut curve = [0.0f32; CODES];
-    let (first, last) = (DARK_CODE + 1, CLIP_CODE - 1);
+    let (first, last) = (DARK_CODE + 1, UNTRUSTED_CODE - 1);
+    let log_slope = (log_signal[last] - log_signal[last - SLOPE_CODES]) / SLOPE_CODES as f64;
     for (code, out) in curve.iter_mut().enumerate() {
         let at = log_signal[code.clamp(first, last)].exp() * middle;
         *out = match code {
             _ if code < first => at * code as f64 / first as f64,
-            // Beyond what is trusted the curve goes on straight.
-            _ if code > last => at + (at - log_signal[last - 4].exp() * middle) / 4.0 * (code - last) as f64,
+            // Beyond what is trusted the curve goes on straight in stops: shoulders, which rise ever faster, are met better than by a tangent.
+            _ if code > last => at * (log_slope * (code - last) as f64).exp(),
             _ => at,
         } as f32;
     }
@@ -372,6 +377,30 @@ mod tests {
                 let code = code as f32 / 255.0;
                 let ratio = found.signal(channel, code) / expected.signal(channel, code);
                 assert!((ratio - 1.0).abs() < 0.03, "channel {channel}, code {}: {ratio}", 255.0 * code);
+            }
+        }
+    }
+
+    #[test]
+    fn saturated_pixels_a_little_below_white_do_not_bend_the_curve() {
+        // As JPEG leaves them beside edges: every third saturated sample comes at one of the codes 244 to 252.
+        let ringing = |codes: &[f32]| {
+            let code = |(i, code): (usize, &f32)| match (255.0 * code).round() as u8 {
+                255 if i % 3 == i / 3 % 3 => 244 + (i / 3 * 7 % 9) as u8,
+                code => code,
+            };
+            Samples::U8(codes.iter().enumerate().map(code).collect())
+        };
+        let srgb = |signal: f32, _| luxel_core::tone::srgb_encode(signal.min(1.0));
+        let brackets: Vec<_> = (0..4).map(|phase| bracket_of(&[0.08, 0.32, 1.28], phase as f32, &ringing, srgb)).collect();
+        let response = recover_response(&brackets).unwrap();
+        for channel in 0..3 {
+            for code in [96, 160, 200, 230, 240, 250, 255] {
+                let code = code as f32 / 255.0;
+                let ratio = response.signal(channel, code) / Response::Srgb.signal(channel, code);
+                // What is beyond the codes that are trusted is told from their slope.
+                let bound = if code < 0.93 { 0.05 } else { 0.12 };
+                assert!((ratio - 1.0).abs() < bound, "channel {channel}, code {}: {ratio}", 255.0 * code);
             }
         }
     }
