@@ -95,6 +95,8 @@ pub enum BracketError {
 const SAME_STOPS: f64 = 1.0 / 6.0;
 /// A pause of more than this, beside the shutter times, ends a bracket, seconds.
 const PAUSE_S: f64 = 3.0;
+/// What separates a view's name from the number of its exposure.
+const SEPARATORS: [char; 3] = ['_', '-', ' '];
 /// Share of photographs whose groups must repeat the commonest exposures.
 const PATTERN: f64 = 0.6;
 
@@ -142,13 +144,14 @@ fn natural(name: &str) -> Vec<(String, u64)> {
     parts
 }
 
-/// `desk` of `desk_-2`, `desk_3`, `desk-ev1`: what is before the last separator, if what follows is short.
+/// `desk` of `desk_-2`, `desk_3`, `desk-ev1`, `desk_ev-2`: what is before the last separator, if what follows is short.
 fn prefix(name: &str) -> Option<&str> {
-    let at = name.rfind(['_', '-', ' '])?;
+    let at = name.rfind(SEPARATORS)?;
     let (before, after) = (name.get(..at)?, name.get(at + 1..)?);
     let is_number = after.trim_start_matches(|c: char| "evEV+".contains(c)).parse::<f64>().is_ok();
-    // A sign belongs to the number: desk_-2.
-    let before = before.strip_suffix(['_', ' ']).unwrap_or(before);
+    // A sign belongs to the number, and so does what it is a number of: desk_-2, desk_ev-2.
+    let unsigned = before.strip_suffix(SEPARATORS).unwrap_or(before);
+    let before = ["ev", "EV"].iter().find_map(|ev| unsigned.strip_suffix(ev)?.strip_suffix(SEPARATORS)).unwrap_or(unsigned);
     (is_number && after.len() <= 8 && !before.is_empty()).then_some(before)
 }
 
@@ -314,7 +317,20 @@ mod tests {
         assert!(matches!(find_brackets(&same, BracketRule::Names), Err(BracketError::Names(_))));
         assert_eq!(prefix("desk_-2"), Some("desk"));
         assert_eq!(prefix("desk-ev+1.5"), Some("desk"));
+        assert_eq!((prefix("desk_ev-1.5"), prefix("desk EV -2"), prefix("rev-2")), (Some("desk"), Some("desk"), Some("rev")));
         assert_eq!(prefix("_5"), None);
+    }
+
+    /// Brackets of names without times.
+    fn named(names: &[&str], stops: &[f64]) -> Brackets {
+        let shots: Vec<Shot> = names.iter().zip(stops).map(|(name, stops)| Shot { time_s: None, ..shot(name, 0.0, *stops) }).collect();
+        find_brackets(&shots, BracketRule::Auto).unwrap()
+    }
+
+    #[test]
+    fn exposure_values_in_names_have_signs() {
+        let names = ["room0_ev-2", "room0_ev0", "room0_ev+2", "room1_ev-2", "room1_ev0", "room1_ev+2"];
+        assert_eq!(named(&names, &[-7.0, -5.0, -3.0, -7.0, -5.0, -3.0]).views, [[0, 1, 2], [3, 4, 5]]);
     }
 
     #[test]
