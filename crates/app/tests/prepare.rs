@@ -236,7 +236,7 @@ fn photographs_without_exposure_are_an_error_with_a_remedy() {
     assert!(said(&run).contains("1 of 2 photographs have no exposure time in EXIF (a_2.jpg): give it with --exposures"), "{}", said(&run));
     let list = folder.path().join("exposures.txt");
     std::fs::write(&list, "a_1 1/100 100 4\na_2 1/25 100 4\n").unwrap();
-    let run = prepare(&photos, &output, &["--exposures", list.to_str().unwrap(), "--response", "srgb"]);
+    let run = prepare(&photos, &output, &["--exposures", list.to_str().unwrap(), "--response", "srgb", "--brackets", "names"]);
     assert!(run.status.success() && said(&run).contains("in 1 view: by name"), "{}", said(&run));
     // None at all has any: taken as exposed alike, which is said.
     write(&photos, "a_1.jpg", &Shot { seconds: None, view: 3, ..SHOT });
