@@ -11,7 +11,7 @@ use std::collections::{BTreeMap, HashMap};
 use anyhow::{Result, anyhow, bail};
 use glam::DVec2;
 use luxel_core::{Camera, ColorSpace, Distortion};
-use luxel_io::colmap::{ColmapModel, ColmapPoint, write_text};
+use luxel_io::colmap::{ColmapModel, ColmapPoint, read_colmap_model, write_text};
 use luxel_io::{ExrOptions, ReadOptions, Transfer, encode_png, pinhole_within, read_image, undistort_into, write_exr};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -62,6 +62,13 @@ struct Posed<'a> {
     lens: Camera,
     /// Of the image written.
     pinhole: Camera,
+}
+
+/// Whether the data set's model is there, with each image that it names.
+pub(super) fn is_whole(folders: &Folders) -> bool {
+    let images = folders.output.join("images");
+    let has_all = |model: ColmapModel| model.images.iter().all(|image| images.join(&image.name).is_file());
+    read_colmap_model(&folders.output.join("sparse/0")).is_ok_and(has_all)
 }
 
 /// Writes images and model.

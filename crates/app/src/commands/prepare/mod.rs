@@ -99,9 +99,12 @@ pub(crate) fn run(args: &PrepareArgs) -> Result<()> {
         .collect::<Vec<_>>()
         .iter()
         .map(String::as_str));
-    if state.finished_key.as_ref() == Some(&everything) && folders.output.join("sparse/0/images.txt").is_file() {
+    if state.finished_key.as_ref() == Some(&everything) && dataset::is_whole(&folders) {
         return console.result(&json!({ "event": "finished", "output": args.output }), &format!("{} is up to date", args.output.display()));
     }
+    // Before a file is written over: a run that is stopped leaves a mixed set.
+    state.finished_key = None;
+    state.save()?;
     let (records, failed) = views::develop_all(&developer, &mut state, u64::from(args.memory) << 30, &mut console)?;
     scan.left_out.extend(failed);
     scan.left_out.extend(records.iter().flat_map(|record| record.left_out.iter().cloned()));

@@ -1,6 +1,8 @@
 //! `luxel prepare` as a user runs it, on photographs made here; structure from motion is given, not run.
 #![allow(clippy::unwrap_used)]
 
+mod restart;
+
 use std::path::Path;
 use std::process::Output;
 
