@@ -1,5 +1,8 @@
 //! Runs that were stopped, and runs that find other photographs or options than the one before.
 
+use std::io::{BufRead, BufReader};
+use std::process::Stdio;
+
 use super::*;
 
 fn bytes(output: &Path, name: &str) -> Vec<u8> {
@@ -30,4 +33,27 @@ fn a_set_that_another_run_began_to_write_over_is_not_finished() {
     assert!(run.status.success() && !said(&run).contains("up to date"), "{}", said(&run));
     assert!(bytes(&output, "images/IMG_0004.exr") == image);
     assert!(said(&prepare(&photos, &output, &["--response", "srgb"])).contains("up to date"));
+}
+
+#[test]
+fn a_view_that_a_killed_run_wrote_over_is_made_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let (photos, output) = (folder.path().join("photos"), folder.path().join("set"));
+    let names: Vec<String> = (0..8).map(|view| format!("work/radiance/view{view}.exr")).collect();
+    for view in 0..8 {
+        write(&photos, &format!("view{view}.jpg"), &Shot { size: [480, 320], at: 20 * view as u32, view, ..SHOT });
+    }
+    assert!(prepare(&photos, &output, &["--response", "srgb"]).status.success());
+    let before: Vec<Vec<u8>> = names.iter().map(|name| bytes(&output, name)).collect();
+    let mut command = std::process::Command::new(assert_cmd::cargo::cargo_bin("luxel"));
+    command.arg("prepare").arg(&photos).arg("-o").arg(&output).args(["--sfm", "off", "--response", "linear", "--log-format", "json"]);
+    let mut run = command.stdout(Stdio::piped()).spawn().unwrap();
+    let told = BufReader::new(run.stdout.take().unwrap()).lines().map_while(Result::ok).any(|line| line.contains("\"event\":\"view\""));
+    run.kill().unwrap();
+    run.wait().unwrap();
+    assert!(told && names.iter().zip(&before).any(|(name, before)| bytes(&output, name) != *before));
+    assert!(prepare(&photos, &output, &["--response", "srgb"]).status.success());
+    for (name, before) in names.iter().zip(&before) {
+        assert!(bytes(&output, name) == *before, "{name}");
+    }
 }

@@ -87,6 +87,12 @@ impl State {
         self.views.get(name).filter(|record| record.key == key)
     }
 
+    /// Drops the records of these views, on disk too: their files are about to be written over.
+    pub(super) fn forget<'a>(&mut self, names: impl Iterator<Item = &'a str>) -> Result<()> {
+        names.for_each(|name| drop(self.views.remove(name)));
+        self.save()
+    }
+
     pub(super) fn insert(&mut self, record: ViewRecord) -> Result<()> {
         self.views.insert(record.name.clone(), record);
         if self.saved.is_none_or(|at| at.elapsed() > INTERVAL) { self.save() } else { Ok(()) }

@@ -36,6 +36,7 @@ pub(super) fn develop_all(
     if !done.is_empty() && !todo.is_empty() {
         console.note(&format!("{} of {total} views are there from an earlier run", done.len()));
     }
+    state.forget(todo.iter().map(|view| view.name.as_str()))?;
     let largest = todo.iter().map(|view| developer.bytes_of(view)).max().unwrap_or(1).max(1);
     let fitting = usize::try_from(memory_bytes / largest).unwrap_or(usize::MAX);
     let workers = rayon::current_num_threads().min(fitting).min(todo.len()).max(1);
