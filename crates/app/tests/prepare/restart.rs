@@ -57,3 +57,41 @@ fn a_view_that_a_killed_run_wrote_over_is_made_again() {
         assert!(bytes(&output, name) == *before, "{name}");
     }
 }
+
+#[test]
+fn a_model_of_other_pictures_is_not_taken() {
+    let folder = tempfile::tempdir().unwrap();
+    let (photos, output) = (folder.path().join("photos"), folder.path().join("set"));
+    brackets(&photos, 3);
+    assert!(prepare(&photos, &output, &["--response", "srgb"]).status.success());
+    write_model(&output, ["IMG_0001", "IMG_0004"]);
+    // Other options make the same pictures, and a view that is gone leaves the others where they are.
+    for name in ["IMG_0007.JPG", "IMG_0008.JPG", "IMG_0009.JPG"] {
+        std::fs::remove_file(photos.join(name)).unwrap();
+    }
+    let run = prepare(&photos, &output, &["--response", "linear"]);
+    assert!(said(&run).contains("2 of 2 views have poses"), "{}", said(&run));
+    // Of another size: set aside, and not taken the next time either.
+    for _ in 0..2 {
+        let run = prepare(&photos, &output, &["--response", "srgb", "--downscale", "2"]);
+        assert!(run.status.success() && said(&run).contains("poses: run sh"), "{}", said(&run));
+    }
+    assert!(output.join("work/sparse.old/0/images.txt").is_file() && !output.join("work/sparse").exists());
+    // Put there by hand: its camera has the size of the former pictures.
+    write_model(&output, ["IMG_0001", "IMG_0004"]);
+    let run = prepare(&photos, &output, &["--response", "srgb", "--downscale", "2"]);
+    assert!(
+        run.status.code() == Some(1) && said(&run).contains("has 48 x 32 pixels in the model, expected 24 x 16 as in proxies/"),
+        "{}",
+        said(&run)
+    );
+    // Other photographs under the same names.
+    std::fs::remove_dir_all(output.join("work/sparse")).unwrap();
+    assert!(prepare(&photos, &output, &["--response", "srgb"]).status.success());
+    write_model(&output, ["IMG_0001", "IMG_0004"]);
+    write(&photos, "IMG_0005.JPG", &Shot { at: 21, view: 7, ..SHOT });
+    let run = prepare(&photos, &output, &["--response", "srgb"]);
+    assert!(run.status.success() && said(&run).contains("is of other pictures than proxies/ has now"), "{}", said(&run));
+    let script = std::fs::read_to_string(output.join("colmap.sh")).unwrap();
+    assert!(script.contains("\nrm -rf work/sparse work/database.db "), "{script}");
+}

@@ -128,6 +128,12 @@ impl Developer<'_> {
         key(digests.chain(exposures.iter().map(String::as_str)).chain([self.settings_key.as_str()]))
     }
 
+    /// Of what a picture for structure from motion shows: its photographs and its size, however it is developed.
+    pub(super) fn picture_key(&self, view: &PlannedView, record: &ViewRecord) -> String {
+        let digests = view.frames.iter().filter_map(|i| self.photos.get(*i)).map(|p| p.digest.as_str());
+        key(digests.chain([format!("{:?}", record.proxy_px).as_str()]))
+    }
+
     /// Memory that a view takes while it is made, bytes: codes of its frames, then floats of a few stages.
     pub(super) fn bytes_of(&self, view: &PlannedView) -> u64 {
         let pixels = view.frames.first().and_then(|i| self.photos.get(*i)).map_or(0, |p| {

@@ -16,6 +16,7 @@ mod scan;
 mod state;
 mod views;
 
+use std::collections::BTreeMap;
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
@@ -111,7 +112,7 @@ pub(crate) fn run(args: &PrepareArgs) -> Result<()> {
     if records.is_empty() {
         bail!("no view could be made of {}", plural(photographs, "photograph"));
     }
-    let motion = Motion { args, folders: &folders, plan: &plan, space };
+    let motion = Motion { args, developer: &developer };
     let (registration, how) = motion.run(installed.as_ref(), &records, &mut state, &mut console)?;
     let is_whole = registration.is_some();
     let report = PrepareReport {
@@ -173,9 +174,7 @@ fn sfm_options(args: &PrepareArgs, installed: Option<&Colmap>) -> String {
 /// From proxies to the data set.
 struct Motion<'a> {
     args: &'a PrepareArgs,
-    folders: &'a Folders,
-    plan: &'a Plan,
-    space: ColorSpace,
+    developer: &'a Developer<'a>,
 }
 
 impl Motion<'_> {
@@ -188,12 +187,29 @@ impl Motion<'_> {
         console: &mut Console,
     ) -> Result<(Option<Registration>, String)> {
         let options = (self.args.camera_model, self.args.matching);
+        let Developer { folders, plan, .. } = *self.developer;
+        let pictures = self.pictures(records);
         let Some(colmap) = installed else {
             let colmap = Colmap::unknown(&self.args.colmap);
-            let steps = colmap.steps(self.folders, records, &self.plan.cameras, options)?;
-            let path = self.folders.output.join("colmap.sh");
-            write_text(&path, &colmap.script(&steps, self.folders))?;
-            let given = self.folders.work.join("sparse");
+            let steps = colmap.steps(folders, records, &plan.cameras, options)?;
+            let path = folders.output.join("colmap.sh");
+            write_text(&path, &colmap.script(&steps, folders))?;
+            let given = folders.work.join("sparse");
+            // Views that came or went since leave the poses of the others as they are.
+            let is_of_others = pictures.iter().any(|(view, key)| state.pictures.get(view).is_some_and(|seen| seen != key));
+            if given.is_dir() && is_of_others {
+                let aside = colmap::set_aside(&given)?;
+                console.warn(&format!(
+                    "the model in {} is of other pictures than proxies/ has now; it is in {}",
+                    given.display(),
+                    aside.display()
+                ));
+            }
+            if !given.is_dir() {
+                state.pictures.clear();
+            }
+            state.pictures.extend(pictures);
+            state.save()?;
             if !given.is_dir() {
                 return Ok((None, format!("none yet: the commands are in {}; run them, then luxel prepare again", path.display())));
             }
@@ -203,12 +219,13 @@ impl Motion<'_> {
         let keys = records.iter().map(|r| r.key.as_str());
         let wanted = sfm_options(self.args, installed);
         let sfm_key = key(keys.chain([wanted.as_str()]));
-        if state.sfm_key.as_ref() != Some(&sfm_key) || !self.folders.work.join("sparse").is_dir() {
+        if state.sfm_key.as_ref() != Some(&sfm_key) || !folders.work.join("sparse").is_dir() {
             state.sfm_key = None;
             state.save()?;
-            let steps = colmap.steps(self.folders, records, &self.plan.cameras, options)?;
-            colmap.run(&steps, self.folders, records.len(), console)?;
+            let steps = colmap.steps(folders, records, &plan.cameras, options)?;
+            colmap.run(&steps, folders, records.len(), console)?;
             state.sfm_key = Some(sfm_key);
+            state.pictures = pictures;
             state.save()?;
         }
         let registration = self.assemble(records, console)?;
@@ -216,8 +233,16 @@ impl Motion<'_> {
     }
 
     fn assemble(&self, records: &[ViewRecord], console: &mut Console) -> Result<Registration> {
-        let (model, models) = colmap::largest_model(self.folders)?;
-        dataset::write(self.folders, records, (&model, models), (self.space, self.plan.is_absolute), console)
+        let Developer { folders, plan, space, .. } = *self.developer;
+        let (model, models) = colmap::largest_model(folders)?;
+        dataset::write(folders, records, (&model, models), (space, plan.is_absolute), console)
+    }
+
+    /// Keys of the pictures that structure from motion gets, by view.
+    fn pictures(&self, records: &[ViewRecord]) -> BTreeMap<String, String> {
+        let by_name: BTreeMap<&str, &ViewRecord> = records.iter().map(|record| (record.name.as_str(), record)).collect();
+        let made = self.developer.plan.views.iter().filter_map(|view| Some((view, *by_name.get(view.name.as_str())?)));
+        made.map(|(view, record)| (view.name.clone(), self.developer.picture_key(view, record))).collect()
     }
 }
 

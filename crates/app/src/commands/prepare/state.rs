@@ -58,6 +58,9 @@ pub(super) struct State {
     /// Key of the structure from motion that is in `work/sparse`.
     #[serde(default)]
     pub(super) sfm_key: Option<String>,
+    /// Key of each picture that the model in `work/sparse` is made of, or will be, by view.
+    #[serde(default)]
+    pub(super) pictures: BTreeMap<String, String>,
     /// Key of everything, once the data set is whole.
     #[serde(default)]
     pub(super) finished_key: Option<String>,
