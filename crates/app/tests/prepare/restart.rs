@@ -95,3 +95,19 @@ fn a_model_of_other_pictures_is_not_taken() {
     let script = std::fs::read_to_string(output.join("colmap.sh")).unwrap();
     assert!(script.contains("\nrm -rf work/sparse work/database.db "), "{script}");
 }
+
+#[test]
+fn a_view_that_cannot_be_written_is_not_left_out_for_good() {
+    let folder = tempfile::tempdir().unwrap();
+    let (photos, output) = (folder.path().join("photos"), folder.path().join("set"));
+    brackets(&photos, 3);
+    std::fs::create_dir_all(output.join("proxies/IMG_0004.jpg/in the way")).unwrap();
+    std::fs::create_dir_all(output.join("work")).unwrap();
+    std::fs::write(output.join("work/state.json"), "{}").unwrap();
+    let run = prepare(&photos, &output, &["--response", "srgb"]);
+    assert!(run.status.code() == Some(1) && said(&run).contains("view IMG_0004: cannot be made"), "{}", said(&run));
+    assert!(said(&run).contains("IMG_0004.jpg: cannot write"), "{}", said(&run));
+    std::fs::remove_dir_all(output.join("proxies/IMG_0004.jpg")).unwrap();
+    assert!(prepare(&photos, &output, &["--response", "srgb"]).status.success());
+    assert_eq!(report(&output)["views"].as_array().unwrap().len(), 3);
+}
