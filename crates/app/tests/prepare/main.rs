@@ -18,6 +18,7 @@ const HEIGHT: usize = 32;
 struct Shot {
     model: &'static str,
     seconds: Option<f64>,
+    iso: u16,
     /// Time of capture, seconds after ten.
     at: u32,
     orientation: u16,
@@ -26,7 +27,7 @@ struct Shot {
     view: usize,
 }
 
-const SHOT: Shot = Shot { model: "Test 1", seconds: Some(0.01), at: 0, orientation: 1, size: [WIDTH, HEIGHT], view: 0 };
+const SHOT: Shot = Shot { model: "Test 1", seconds: Some(0.01), iso: 100, at: 0, orientation: 1, size: [WIDTH, HEIGHT], view: 0 };
 
 /// Radiance of a view: two decades from left to right, at f/4 and ISO 100 exposed to 0.1 in the middle by 1/100 s.
 fn radiance(view: usize, x: usize, y: usize) -> f32 {
@@ -68,7 +69,7 @@ fn exif(shot: &Shot) -> Vec<u8> {
     if let Some(seconds) = shot.seconds {
         put(0x829a, 5, &rational(seconds), 1);
         put(0x829d, 5, &rational(4.0), 1);
-        put(0x8827, 3, &100u16.to_le_bytes(), 1);
+        put(0x8827, 3, &shot.iso.to_le_bytes(), 1);
     }
     let mut block = b"Exif\0\0II*\0\x08\0\0\0".to_vec();
     block.extend(count.to_le_bytes());
@@ -81,7 +82,7 @@ fn exif(shot: &Shot) -> Vec<u8> {
 /// A JPEG through sRGB's curve.
 fn jpeg(shot: &Shot) -> Vec<u8> {
     let [width, height] = shot.size;
-    let exposure = (shot.seconds.unwrap_or(0.01) * 100.0 / (120.0 * 16.0)) as f32;
+    let exposure = (shot.seconds.unwrap_or(0.01) * f64::from(shot.iso) / (120.0 * 16.0)) as f32;
     let code = |i: usize| (255.0 * srgb_encode((radiance(shot.view, i % width, i / width) * exposure).min(1.0))).round() as u8;
     let rgb8: Vec<u8> = (0..width * height).flat_map(|i| [code(i); 3]).collect();
     let plain = encode_jpeg(width, height, &rgb8, 100).unwrap();
@@ -244,6 +245,22 @@ fn photographs_without_exposure_are_an_error_with_a_remedy() {
     write(&photos, "a_1.jpg", &Shot { seconds: None, view: 3, ..SHOT });
     let run = prepare(&photos, &folder.path().join("other"), &[]);
     assert!(run.status.success() && said(&run).contains("all are taken as exposed alike"), "{}", said(&run));
+}
+
+#[test]
+fn listed_times_leave_the_speed_and_aperture_of_exif() {
+    let folder = tempfile::tempdir().unwrap();
+    let (photos, output) = (folder.path().join("photos"), folder.path().join("set"));
+    write(&photos, "slow.jpg", &SHOT);
+    write(&photos, "fast.jpg", &Shot { seconds: Some(0.00125), iso: 800, ..SHOT });
+    let list = folder.path().join("exposures.txt");
+    std::fs::write(&list, "slow 1/100\nfast 1/800\n").unwrap();
+    let run = prepare(&photos, &output, &["--exposures", list.to_str().unwrap()]);
+    assert!(run.status.success() && !said(&run).contains("ISO speed"), "{}", said(&run));
+    assert!(report(&output)["units"].to_string().contains("cd/m2"));
+    let middle = |name: &str| read_image(&output.join(name), &ReadOptions::default()).unwrap().image.at(WIDTH / 2, HEIGHT / 2)[1];
+    let ratio = middle("work/radiance/fast.exr") / middle("work/radiance/slow.exr");
+    assert!((ratio - 1.0).abs() < 0.02, "{ratio}");
 }
 
 #[test]
