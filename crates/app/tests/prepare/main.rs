@@ -356,6 +356,24 @@ fn what_cannot_be_done_is_said_at_once() {
     assert_eq!(run.status.code(), Some(2));
 }
 
+#[test]
+fn options_that_a_kind_of_file_has_no_use_for_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let (photos, output) = (folder.path().join("photos"), folder.path().join("set"));
+    write_exr(&photos.join("a.exr"), &Image::filled(WIDTH, HEIGHT, [1.0; 3]), &ExrOptions::default()).unwrap();
+    let list = folder.path().join("exposures.txt");
+    std::fs::write(&list, "a 1/100\n").unwrap();
+    for option in [["--exposures", list.to_str().unwrap()], ["--response", "recover"], ["--white-balance", "0.5,1,0.6"]] {
+        let run = prepare(&photos, &output, &option);
+        assert!(run.status.code() == Some(1) && said(&run).contains(&format!("{} is for ", option[0])), "{}", said(&run));
+    }
+    std::fs::remove_file(photos.join("a.exr")).unwrap();
+    write(&photos, "a.jpg", &SHOT);
+    let run = prepare(&photos, &output, &["--white-balance", "0.5,1,0.6"]);
+    assert!(run.status.code() == Some(1) && said(&run).contains("--white-balance is for RAW files"), "{}", said(&run));
+    assert!(!output.exists());
+}
+
 /// Everything in a folder, with its bytes.
 fn contents(folder: &Path) -> Vec<(std::path::PathBuf, Vec<u8>)> {
     let mut found = Vec::new();

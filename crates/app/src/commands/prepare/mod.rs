@@ -59,6 +59,7 @@ pub(crate) fn run(args: &PrepareArgs) -> Result<()> {
     let folders = Folders::new(&args.output);
     folders.check(&args.photos)?;
     let mut scan = scan::scan(&args.photos)?;
+    plan::check_options(args, &scan.photos)?;
     let _lock = RunFolder::at(&folders.output).lock()?;
     // Once more: another luxel may have been at work there while this one looked at the photographs.
     folders.check(&args.photos)?;
