@@ -24,6 +24,7 @@ use luxel_core::ColorSpace;
 use luxel_io::{OcioSpace, PhotoKind};
 use serde_json::json;
 
+use self::advice::{Known, advice};
 use self::colmap::Colmap;
 use self::dataset::Registration;
 use self::develop::{Developer, Folders};
@@ -127,7 +128,12 @@ pub(crate) fn run(args: &PrepareArgs) -> Result<()> {
         white_balance: plan.cameras.iter().filter_map(|c| Some((c.name.clone(), c.color?.0))).collect(),
         structure_from_motion: how,
         range_stops: report::range_stops(&records),
-        advice: advice::advice(&records, registration.as_ref(), curve.as_ref().map(|curve| curve.origin)),
+        advice: advice(&Known {
+            records: &records,
+            registration: registration.as_ref(),
+            curve: curve.as_ref().map(|curve| curve.origin),
+            downscale: args.downscale,
+        }),
         notes: plan.notes.iter().cloned().chain(view_notes(&records)).collect(),
         left_out: scan.left_out,
         registration,
