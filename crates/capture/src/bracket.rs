@@ -2,13 +2,18 @@
 //!
 //! In: [`Shot`]s with name, time and exposure. Out: groups of indices, each sorted by exposure, in the order of their first names; and what is
 //! odd about them. Rules, in this order unless one is asked for:
-//! - names: `desk_1`, `desk_2` and so on, where all that share what is before the last separator differ in exposure;
+//! - names: `desk_1`, `desk_2` and so on, where all that share what is before the last separator differ in exposure. Unless asked for, believed only if
+//!   most of these groups, and two at least, repeat a pattern of exposures, or if names state exposures (`desk_ev-2`): cameras count views as well;
 //! - sequence: by camera, time and name; a group ends where an exposure comes again or time stands still for long. Believed only if most photographs are
-//!   in groups that repeat the same exposures: photographs taken with automatic exposure differ as well, but not by a pattern.
+//!   in groups that repeat the same exposures, two at least: photographs taken with automatic exposure differ as well, but not by a pattern.
 //!
 //! Degenerate: without exposures all are views of their own.
 
+mod names;
+
 use std::collections::BTreeMap;
+
+use names::{believed, by_names};
 
 /// A photograph as grouping sees it.
 #[derive(Clone, Debug, PartialEq)]
@@ -114,12 +119,12 @@ pub fn find_brackets(shots: &[Shot], rule: BracketRule) -> Result<Brackets, Brac
             order.sort_by(|a, b| natural(&shots[*a].name).cmp(&natural(&shots[*b].name)));
             Ok(finish(shots, order.chunks(count).map(<[usize]>::to_vec).collect(), "as counted"))
         }
-        BracketRule::Names => by_names(shots).map(|groups| finish(shots, groups, "by name")).ok_or_else(|| {
+        BracketRule::Names => by_names(shots).map(|named| finish(shots, named.groups, "by name")).ok_or_else(|| {
             let some: Vec<&str> = shots.iter().take(3).map(|s| s.name.as_str()).collect();
             BracketError::Names(some.join(", "))
         }),
         BracketRule::Auto => {
-            if let Some(groups) = by_names(shots) {
+            if let Some(groups) = by_names(shots).and_then(|named| believed(shots, named)) {
                 return Ok(finish(shots, groups, "by name"));
             }
             Ok(by_sequence(shots).map_or_else(singles, |groups| finish(shots, groups, "by time and exposure")))
@@ -140,25 +145,6 @@ fn natural(name: &str) -> Vec<(String, u64)> {
         rest = next;
     }
     parts
-}
-
-/// `desk` of `desk_-2`, `desk_3`, `desk-ev1`: what is before the last separator, if what follows is short.
-fn prefix(name: &str) -> Option<&str> {
-    let at = name.rfind(['_', '-', ' '])?;
-    let (before, after) = (name.get(..at)?, name.get(at + 1..)?);
-    let is_number = after.trim_start_matches(|c: char| "evEV+".contains(c)).parse::<f64>().is_ok();
-    // A sign belongs to the number: desk_-2.
-    let before = before.strip_suffix(['_', ' ']).unwrap_or(before);
-    (is_number && after.len() <= 8 && !before.is_empty()).then_some(before)
-}
-
-fn by_names(shots: &[Shot]) -> Option<Vec<Vec<usize>>> {
-    let mut groups: BTreeMap<(usize, &str), Vec<usize>> = BTreeMap::new();
-    for (i, shot) in shots.iter().enumerate() {
-        groups.entry((shot.camera, prefix(&shot.name)?)).or_default().push(i);
-    }
-    let groups: Vec<Vec<usize>> = groups.into_values().collect();
-    (groups.iter().any(|g| g.len() > 1) && groups.iter().all(|g| all_differ(shots, g))).then_some(groups)
 }
 
 fn all_differ(shots: &[Shot], group: &[usize]) -> bool {
@@ -195,8 +181,8 @@ fn by_sequence(shots: &[Shot]) -> Option<Vec<Vec<usize>>> {
         }
     }
     let pattern = commonest(shots, &groups)?;
-    let repeating: usize = groups.iter().filter(|g| steps_of(shots, g).is_some_and(|s| s == pattern)).map(Vec::len).sum();
-    (pattern.len() > 1 && repeating as f64 >= PATTERN * shots.len() as f64).then_some(groups)
+    let repeating = groups.iter().filter(|g| steps_of(shots, g).is_some_and(|s| s == pattern)).count();
+    (pattern.len() > 1 && repeating > 1 && (repeating * pattern.len()) as f64 >= PATTERN * shots.len() as f64).then_some(groups)
 }
 
 /// Exposures of a group in units of [`SAME_STOPS`], sorted.
@@ -275,7 +261,7 @@ fn odd_ones(shots: &[Shot], views: &[Vec<usize>]) -> Vec<BracketNote> {
 mod tests {
     use super::*;
 
-    fn shot(name: &str, time_s: f64, stops: f64) -> Shot {
+    pub(super) fn shot(name: &str, time_s: f64, stops: f64) -> Shot {
         Shot { name: name.into(), camera: 0, time_s: Some(time_s), stops: Some(stops), seconds: Some(stops.exp2()) }
     }
 
@@ -303,18 +289,6 @@ mod tests {
             let stops = [0.0, -2.0, 2.0][missing % 3] - 5.0;
             assert_eq!(brackets.notes, [BracketNote::Missing { view: 1, stops: vec![stops], found: 2, expected: 3 }]);
         }
-    }
-
-    #[test]
-    fn names_group_where_exposures_differ() {
-        let shots: Vec<Shot> = (0..6).map(|i| shot(&format!("desk{:03}_{}", i / 3, i % 3), 0.0, f64::from(i % 3))).collect();
-        assert_eq!(find_brackets(&shots, BracketRule::Auto).unwrap().views, [[0, 1, 2], [3, 4, 5]]);
-        let same: Vec<Shot> = (0..6).map(|i| shot(&format!("IMG_{i:04}"), f64::from(i), 1.0)).collect();
-        assert_eq!(find_brackets(&same, BracketRule::Auto).unwrap().views.len(), 6);
-        assert!(matches!(find_brackets(&same, BracketRule::Names), Err(BracketError::Names(_))));
-        assert_eq!(prefix("desk_-2"), Some("desk"));
-        assert_eq!(prefix("desk-ev+1.5"), Some("desk"));
-        assert_eq!(prefix("_5"), None);
     }
 
     #[test]

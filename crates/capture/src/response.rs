@@ -31,7 +31,11 @@ const PIXELS_PER_BRACKET: usize = 400;
 const MIN_COVERED: usize = 96;
 /// From this of 256 codes on, a sample may be saturated: developers roll off.
 const CLIP_CODE: usize = 250;
-/// Up to this code a sample may be crushed to black.
+/// From this of 256 codes on, a curve is not fitted: JPEG leaves saturated pixels beside edges at 244 and above, and they would make it steep.
+const UNTRUSTED_CODE: usize = 244;
+/// Codes whose slope the curve goes on with from there.
+const SLOPE_CODES: usize = 8;
+/// Up to this code a sample may be crushed to black, of however many codes: what has more of them is no finished picture.
 const DARK_CODE: usize = 3;
 /// Uncertainty of a JPEG's code: rounding, quantisation of its blocks, and sharpening.
 const CODE_SIGMA: f32 = 0.8;
@@ -73,9 +77,9 @@ impl Response {
         let scale = last as f32 / 255.0;
         // Codes of more than 8 bits are rounded finer than a developer's curve is known.
         let sigma = CODE_SIGMA * scale.sqrt();
-        let [dark, clip] = [DARK_CODE, CLIP_CODE].map(|code| (code as f32 * scale) as usize);
+        let clip = (CLIP_CODE as f32 * scale) as usize;
         let of = |channel: usize| (0..codes).map(|code| self.signal(channel, code as f32 / last as f32)).collect();
-        (0..3).map(|channel| Transfer::new(of(channel), dark, clip, sigma)).collect()
+        (0..3).map(|channel| Transfer::new(of(channel), DARK_CODE, clip, sigma)).collect()
     }
 
     /// Signal of a code in 0 to 1.
@@ -140,7 +144,7 @@ fn recover_channel(brackets: &[&Vec<Frame>], channel: usize) -> Result<[f32; COD
         weights = agreeing(&pixels, &log_signal);
         log_signal = solve(&pixels, &weights).ok_or_else(singular)?;
     }
-    if log_signal[CLIP_CODE] - log_signal[DARK_CODE + 1] < 1.0 {
+    if log_signal[UNTRUSTED_CODE - 1] - log_signal[DARK_CODE + 1] < 1.0 {
         return Err(ResponseError::Contradiction(channel));
     }
     Ok(to_curve(&log_signal))
@@ -148,7 +152,12 @@ fn recover_channel(brackets: &[&Vec<Frame>], channel: usize) -> Result<[f32; COD
 
 /// Weight of a code: none at the ends.
 fn hat(code: usize) -> f64 {
-    code.saturating_sub(DARK_CODE).min(CLIP_CODE.saturating_sub(code)) as f64 / 128.0
+    code.saturating_sub(DARK_CODE).min(UNTRUSTED_CODE.saturating_sub(code)) as f64 / 128.0
+}
+
+/// Of the codes that a curve has the one nearest to a code in `0..=last`.
+fn nearest(code: usize, last: usize) -> usize {
+    (code * (CODES - 1) + last / 2) / last
 }
 
 /// Pixels on a grid, those that say something.
@@ -159,10 +168,8 @@ fn sample_pixels(frames: &[Frame], channel: usize) -> Vec<Sightings> {
     for y in (step / 2..first.height).step_by(step) {
         for x in (step / 2..first.width).step_by(step) {
             let i = (y * first.width + x) * 3 + channel;
-            let sightings: Sightings = frames
-                .iter()
-                .map(|f| (f.samples.code(i) * (CODES - 1) / (f.samples.codes() - 1), f64::from(f.signal_per_radiance).ln()))
-                .collect();
+            let sightings: Sightings =
+                frames.iter().map(|f| (nearest(f.samples.code(i), f.samples.codes() - 1), f64::from(f.signal_per_radiance).ln())).collect();
             if sightings.iter().filter(|(code, _)| hat(*code) > 0.0).count() > 1 {
                 pixels.push(sightings);
             }
@@ -272,13 +279,14 @@ fn cholesky_solve(matrix: &mut [[f64; CODES]], mut right: [f64; CODES]) -> Optio
 fn to_curve(log_signal: &[f64; CODES]) -> [f32; CODES] {
     let middle = f64::from(luxel_core::tone::srgb_decode(MIDDLE as f32 / 255.0));
     let mut curve = [0.0f32; CODES];
-    let (first, last) = (DARK_CODE + 1, CLIP_CODE - 1);
+    let (first, last) = (DARK_CODE + 1, UNTRUSTED_CODE - 1);
+    let log_slope = (log_signal[last] - log_signal[last - SLOPE_CODES]) / SLOPE_CODES as f64;
     for (code, out) in curve.iter_mut().enumerate() {
         let at = log_signal[code.clamp(first, last)].exp() * middle;
         *out = match code {
             _ if code < first => at * code as f64 / first as f64,
-            // Beyond what is trusted the curve goes on straight.
-            _ if code > last => at + (at - log_signal[last - 4].exp() * middle) / 4.0 * (code - last) as f64,
+            // Beyond what is trusted the curve goes on straight in stops: shoulders, which rise ever faster, are met better than by a tangent.
+            _ if code > last => at * (log_slope * (code - last) as f64).exp(),
             _ => at,
         } as f32;
     }
@@ -296,19 +304,24 @@ mod tests {
     use crate::{Noise, Samples, merge};
 
     /// A camera's curve: a gamma with a shoulder, not sRGB.
-    fn camera_code(signal: f32, channel: usize) -> u8 {
+    fn camera_code(signal: f32, channel: usize) -> f32 {
         let exposed = signal * [1.0, 1.02, 0.97][channel];
         let light = (1.0 - (-2.2 * exposed).exp()) / (1.0 - (-2.2f32).exp());
-        (255.0 * light.clamp(0.0, 1.0).powf(1.0 / 2.0)).round() as u8
+        light.clamp(0.0, 1.0).powf(1.0 / 2.0)
     }
 
     fn bracket(exposures: &[f32], phase: f32) -> Vec<Frame> {
+        bracket_of(exposures, phase, &|codes| Samples::U8(codes.iter().map(|code| (255.0 * code).round() as u8).collect()), camera_code)
+    }
+
+    /// Through a curve from signal and channel to code in 0 to 1.
+    fn bracket_of(exposures: &[f32], phase: f32, samples: &dyn Fn(&[f32]) -> Samples, curve: fn(f32, usize) -> f32) -> Vec<Frame> {
         let radiance = |i: usize| 10f32.powf(-2.0 + 3.5 * ((i as f32 * 0.017 + phase).sin() * 0.5 + 0.5));
         let frame = |&exposure: &f32| Frame {
             width: 80,
             height: 60,
             layout: Layout::Rgb,
-            samples: Samples::U8((0..80 * 60 * 3).map(|i| camera_code(radiance(i / 3) * exposure, i % 3)).collect()),
+            samples: samples(&(0..80 * 60 * 3).map(|i| curve(radiance(i / 3) * exposure, i % 3)).collect::<Vec<_>>()),
             transfers: Arc::from(Response::Srgb.transfers(256)),
             signal_per_radiance: exposure,
             noise: Noise::typical(100.0),
@@ -323,7 +336,7 @@ mod tests {
         for channel in 0..3 {
             let ratios: Vec<f32> = (1..=20)
                 .map(|k| 0.9 * k as f32 / 20.0)
-                .map(|s| response.signal(channel, f32::from(camera_code(s, channel)) / 255.0) / s)
+                .map(|s| response.signal(channel, (255.0 * camera_code(s, channel)).round() / 255.0) / s)
                 .collect();
             let mean = ratios.iter().sum::<f32>() / ratios.len() as f32;
             for (k, ratio) in ratios.iter().enumerate() {
@@ -349,6 +362,46 @@ mod tests {
             let ratios: Vec<f32> = codes.map(|code| found.signal(channel, code) / still.signal(channel, code)).collect();
             // Half of the sightings of one view and a sixth of another's are wrong, by up to three decades.
             assert!(ratios.iter().all(|ratio| (ratio - 1.0).abs() < 0.12), "channel {channel}: {ratios:?}");
+        }
+    }
+
+    #[test]
+    fn sixteen_bits_have_the_curve_of_eight() {
+        let exposures = [0.02, 0.08, 0.32, 1.28, 5.12];
+        let deep = |codes: &[f32]| Samples::U16(codes.iter().map(|code| (65535.0 * code).round() as u16).collect());
+        let of = |bracket: &dyn Fn(f32) -> Vec<Frame>| recover_response(&[bracket(0.0), bracket(2.0)]).unwrap();
+        let found = of(&|phase| bracket_of(&exposures, phase, &deep, camera_code));
+        let expected = of(&|phase| bracket(&exposures, phase));
+        for channel in 0..3 {
+            for code in [5, 8, 16, 32, 64, 128, 192, 230] {
+                let code = code as f32 / 255.0;
+                let ratio = found.signal(channel, code) / expected.signal(channel, code);
+                assert!((ratio - 1.0).abs() < 0.03, "channel {channel}, code {}: {ratio}", 255.0 * code);
+            }
+        }
+    }
+
+    #[test]
+    fn saturated_pixels_a_little_below_white_do_not_bend_the_curve() {
+        // As JPEG leaves them beside edges: every third saturated sample comes at one of the codes 244 to 252.
+        let ringing = |codes: &[f32]| {
+            let code = |(i, code): (usize, &f32)| match (255.0 * code).round() as u8 {
+                255 if i % 3 == i / 3 % 3 => 244 + (i / 3 * 7 % 9) as u8,
+                code => code,
+            };
+            Samples::U8(codes.iter().enumerate().map(code).collect())
+        };
+        let srgb = |signal: f32, _| luxel_core::tone::srgb_encode(signal.min(1.0));
+        let brackets: Vec<_> = (0..4).map(|phase| bracket_of(&[0.08, 0.32, 1.28], phase as f32, &ringing, srgb)).collect();
+        let response = recover_response(&brackets).unwrap();
+        for channel in 0..3 {
+            for code in [96, 160, 200, 230, 240, 250, 255] {
+                let code = code as f32 / 255.0;
+                let ratio = response.signal(channel, code) / Response::Srgb.signal(channel, code);
+                // What is beyond the codes that are trusted is told from their slope.
+                let bound = if code < 0.93 { 0.05 } else { 0.12 };
+                assert!((ratio - 1.0).abs() < bound, "channel {channel}, code {}: {ratio}", 255.0 * code);
+            }
         }
     }
 
@@ -385,5 +438,14 @@ mod tests {
         assert!((transfers[0].signal(188) - 0.5).abs() < 0.01 && transfers[1].is_clipped(250) && transfers[2].is_dark(3));
         let linear = Response::Linear.transfers(65536);
         assert!((linear[0].signal(32768) - 0.5).abs() < 1e-4 && linear[0].is_clipped(64_300));
+    }
+
+    #[test]
+    fn what_is_dark_in_8_bits_is_sound_in_16() {
+        // Code 300 of 65535 is rounded to a third of a per cent.
+        for response in [Response::Linear, Response::Srgb] {
+            let transfers = response.transfers(65536);
+            assert!(transfers[0].is_dark(3) && !transfers[0].is_dark(300));
+        }
     }
 }

@@ -24,7 +24,7 @@ pub(crate) struct PrepareArgs {
     #[arg(long, default_value = "auto", value_name = "auto|off|names|N", help_heading = "Exposure")]
     pub(crate) brackets: BracketsArg,
     /// Exposures that EXIF lacks or has wrong: a text file with a line for each photograph, name, seconds, ISO (optional), f-number
-    /// (optional), separated by spaces.
+    /// (optional), separated by spaces. What is left out stays that of EXIF.
     #[arg(long, value_name = "FILE", help_heading = "Exposure")]
     pub(crate) exposures: Option<PathBuf>,
     /// Curve of developed pictures (JPEG, PNG, integer TIFF).

@@ -10,7 +10,7 @@ const SATURATED: f64 = 0.01;
 const DARK: f64 = 0.10;
 /// Share of disagreeing samples that is taken for motion.
 const MOTION: f64 = 0.02;
-/// Shift within a bracket that is worth a tripod, share of the longest side.
+/// Shift within a bracket that is worth a tripod, share of the photograph's longest side.
 const SHIFT: f64 = 1.0 / 500.0;
 /// Sharpness against the set's median below which a view is called soft.
 const SOFT: f32 = 0.7;
@@ -22,8 +22,18 @@ const ODD_ERROR: f64 = 2.0;
 /// Views that a line names; the report's table has all.
 const MAX_LISTED: usize = 12;
 
+/// What is known of a set.
+pub(super) struct Known<'a> {
+    pub(super) records: &'a [ViewRecord],
+    pub(super) registration: Option<&'a Registration>,
+    pub(super) curve: Option<CurveOrigin>,
+    /// How many times a side images are smaller than photographs.
+    pub(super) downscale: u32,
+}
+
 /// Lines for people, each beginning with what it is about.
-pub(super) fn advice(records: &[ViewRecord], registration: Option<&Registration>, curve: Option<CurveOrigin>) -> Vec<String> {
+pub(super) fn advice(known: &Known<'_>) -> Vec<String> {
+    let Known { records, registration, curve, downscale } = *known;
     let mut out = Vec::new();
     let names = |chosen: Vec<&ViewRecord>| {
         if chosen.len() == records.len() && chosen.len() > 1 {
@@ -49,7 +59,8 @@ pub(super) fn advice(records: &[ViewRecord], registration: Option<&Registration>
     sharpness.sort_by(f32::total_cmp);
     let median = sharpness.get(sharpness.len() / 2).copied().unwrap_or(0.0);
     say(&mut out, pick(&|r| r.figures.sharpness < SOFT * median), "softer than the others; out of focus or shaken, photograph again");
-    let side = |r: &ViewRecord| r.size_px[0].max(r.size_px[1]) as f64;
+    // Shifts are measured in the photographs.
+    let side = |r: &ViewRecord| f64::from(downscale) * r.size_px[0].max(r.size_px[1]) as f64;
     say(
         &mut out,
         pick(&|r| r.offset_px.is_some_and(|px| px > (SHIFT * side(r)).max(3.0))),
@@ -129,16 +140,20 @@ mod tests {
         let registered = RegisteredView { points: 500, error_px: 0.5, focal_px: 500.0, kept: 1.0 };
         let views = ["a", "b", "c", "d", "e"].map(|n| (n.to_owned(), registered)).into();
         let registration = Registration { views, points: 900, mean_error_px: 0.5, mean_track: 4.0, models: 2 };
-        let found = advice(&records, Some(&registration), None);
+        let known = |records, downscale| Known { records, registration: None, curve: None, downscale };
+        let found = advice(&Known { registration: Some(&registration), ..known(&records, 1) });
         for (view, part) in [("a", "shorter"), ("b", "softer"), ("c", "shifted"), ("d", "moved"), ("e", "longer"), ("f", "no pose")] {
             assert!(found.iter().any(|line| line.starts_with(&format!("{view}: ")) && line.contains(part)), "{view} {part}: {found:?}");
         }
         assert!(found.last().unwrap().contains("2 parts"));
-        assert!(advice(&[record("a"), record("b")], None, None).is_empty());
+        let (wide, small) = (ViewRecord { offset_px: Some(4.0), ..record("a") }, [record("a"), record("b")]);
+        assert!(advice(&known(&small, 1)).is_empty());
+        // Four pixels of 600 are a shift; of 4800, reduced to 600, they are none.
+        assert_eq!([1, 8].map(|downscale| advice(&known(std::slice::from_ref(&wide), downscale)).len()), [1, 0]);
         let mut all: Vec<ViewRecord> = ["a", "b"].map(record).into();
         all.iter_mut().for_each(|r| r.disagreeing = 0.1);
         for (curve, part) in [(Some(CurveOrigin::Taken), "try --response recover"), (Some(CurveOrigin::Recovered), "developed alike")] {
-            assert!(advice(&all, None, curve).iter().any(|line| line.contains(part)), "{part}");
+            assert!(advice(&Known { curve, ..known(&all, 1) }).iter().any(|line| line.contains(part)), "{part}");
         }
     }
 }

@@ -116,7 +116,8 @@ impl Colmap {
         let mut out = String::from(
             "#!/bin/sh\n# Poses of the pictures in proxies/, by COLMAP, into work/sparse.\nset -e\ncd \"$(dirname \"$0\")\"\n",
         );
-        out += "mkdir -p work/sparse\n# Since COLMAP 3.12 two groups of options have other names.\nextraction=SiftExtraction matching=SiftMatching\n";
+        out += "# What an earlier time left is of other pictures.\n";
+        out += "rm -rf work/sparse work/database.db work/database.db-wal work/database.db-shm\nmkdir -p work/sparse\n# Since COLMAP 3.12 two groups of options have other names.\nextraction=SiftExtraction matching=SiftMatching\n";
         out += &format!("if {program} feature_extractor -h 2>&1 | grep -q FeatureExtraction.use_gpu; then\n");
         out += "  extraction=FeatureExtraction matching=FeatureMatching\nfi\n";
         for step in steps {
@@ -226,6 +227,16 @@ fn paths(command: &str, options: &[(&str, &PathBuf)]) -> Vec<OsString> {
 fn quoted(word: &str) -> String {
     let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,:".contains(c);
     if !word.is_empty() && word.chars().all(is_plain) { word.to_owned() } else { format!("'{}'", word.replace('\'', "'\\''")) }
+}
+
+/// Puts a model that is of other pictures out of the way. Returns where it is.
+pub(super) fn set_aside(sparse: &Path) -> Result<PathBuf> {
+    let aside = sparse.with_extension("old");
+    if aside.exists() {
+        std::fs::remove_dir_all(&aside).with_context(|| format!("{}: cannot remove", aside.display()))?;
+    }
+    std::fs::rename(sparse, &aside).with_context(|| format!("{}: cannot rename to {}", sparse.display(), aside.display()))?;
+    Ok(aside)
 }
 
 /// The model with the most images, and how many models there are.

@@ -11,7 +11,7 @@ use std::collections::{BTreeMap, HashMap};
 use anyhow::{Result, anyhow, bail};
 use glam::DVec2;
 use luxel_core::{Camera, ColorSpace, Distortion};
-use luxel_io::colmap::{ColmapModel, ColmapPoint, write_text};
+use luxel_io::colmap::{ColmapModel, ColmapPoint, read_colmap_model, write_text};
 use luxel_io::{ExrOptions, ReadOptions, Transfer, encode_png, pinhole_within, read_image, undistort_into, write_exr};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -64,6 +64,13 @@ struct Posed<'a> {
     pinhole: Camera,
 }
 
+/// Whether the data set's model is there, with each image that it names.
+pub(super) fn is_whole(folders: &Folders) -> bool {
+    let images = folders.output.join("images");
+    let has_all = |model: ColmapModel| model.images.iter().all(|image| images.join(&image.name).is_file());
+    read_colmap_model(&folders.output.join("sparse/0")).is_ok_and(has_all)
+}
+
 /// Writes images and model.
 pub(super) fn write(
     folders: &Folders,
@@ -72,7 +79,7 @@ pub(super) fn write(
     (space, is_absolute): (ColorSpace, bool),
     console: &mut Console,
 ) -> Result<Registration> {
-    let posed = posed_views(records, model)?;
+    let posed = posed_views(folders, records, model)?;
     if posed.is_empty() {
         bail!("COLMAP's model has none of the views; remove {} and start again", folders.work.display());
     }
@@ -96,13 +103,25 @@ pub(super) fn write(
     Ok(registration)
 }
 
-fn posed_views<'a>(records: &'a [ViewRecord], model: &ColmapModel) -> Result<Vec<Posed<'a>>> {
+fn posed_views<'a>(folders: &Folders, records: &'a [ViewRecord], model: &ColmapModel) -> Result<Vec<Posed<'a>>> {
     let by_name: HashMap<String, &ViewRecord> = records.iter().map(|r| (proxy_name(&r.name), r)).collect();
     let mut pinholes: Vec<(Camera, Camera)> = Vec::new();
     let mut posed = Vec::new();
     for (index, image) in model.images.iter().enumerate() {
         let Some(record) = by_name.get(&image.name) else { continue };
         let seen = image.camera().map_err(|e| anyhow!("COLMAP's camera of {}: {e}", image.name))?;
+        let expected = record.proxy_px.map(|s| s as u32);
+        if seen.size_px != expected {
+            bail!(
+                "{}: {} has {} x {} pixels in the model, expected {} x {} as in proxies/: the model is of other pictures; make it of these, or remove it",
+                folders.work.join("sparse").display(),
+                image.name,
+                seen.size_px[0],
+                seen.size_px[1],
+                expected[0],
+                expected[1]
+            );
+        }
         let factor = record.proxy_reduction as f64;
         let lens = Camera {
             focal_px: seen.focal_px * factor,

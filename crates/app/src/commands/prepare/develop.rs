@@ -3,7 +3,7 @@
 //! In: a [`PlannedView`]. Out: `work/radiance/NAME.exr` (float, in the scene's space), `proxies/NAME.jpg`,
 //! `work/saturation/NAME.png` (a mask, black where a channel is saturated in every exposure; only where there are such pixels), and a
 //! [`ViewRecord`]. A frame that cannot be decoded is left out with a note; a view of which none can be is an error of its own, and the others
-//! go on.
+//! go on. What the system refuses, to read or to write, is no fault of a photograph ([`is_refused`]): nothing goes on.
 
 use std::fs::DirEntry;
 use std::io::ErrorKind;
@@ -13,7 +13,8 @@ use anyhow::{Context, Result, bail};
 use luxel_capture::{Developed, Frame, ProxyOptions, figures, frame_offset, merge, proxy};
 use luxel_core::{Chromaticities, ColorSpace, Conversion, Image};
 use luxel_io::{
-    DecodedImage, ExrOptions, ExrSample, OcioSpace, Photo, PhotoKind, decode_photo, downscale, encode_jpeg, encode_png, write_exr,
+    DecodedImage, ExrOptions, ExrSample, IoError, IoErrorKind, OcioSpace, Photo, PhotoKind, decode_photo, downscale, encode_jpeg,
+    encode_png, write_exr,
 };
 use rayon::prelude::*;
 
@@ -128,6 +129,12 @@ impl Developer<'_> {
         key(digests.chain(exposures.iter().map(String::as_str)).chain([self.settings_key.as_str()]))
     }
 
+    /// Of what a picture for structure from motion shows: its photographs and its size, however it is developed.
+    pub(super) fn picture_key(&self, view: &PlannedView, record: &ViewRecord) -> String {
+        let digests = view.frames.iter().filter_map(|i| self.photos.get(*i)).map(|p| p.digest.as_str());
+        key(digests.chain([format!("{:?}", record.proxy_px).as_str()]))
+    }
+
     /// Memory that a view takes while it is made, bytes: codes of its frames, then floats of a few stages.
     pub(super) fn bytes_of(&self, view: &PlannedView) -> u64 {
         let pixels = view.frames.first().and_then(|i| self.photos.get(*i)).map_or(0, |p| {
@@ -198,7 +205,7 @@ impl Developer<'_> {
     /// A file of floats, in the scene's space.
     fn radiance(&self, photos: &[&PhotoFile], notes: &mut Vec<String>) -> Result<Light> {
         let [photo] = photos else { bail!("{} files of radiance in one view, expected one", photos.len()) };
-        let bytes = std::fs::read(&photo.path)?;
+        let bytes = read(&photo.path)?;
         let Photo::Radiance(DecodedImage { mut image, color_space, warnings, .. }) = decode_photo(&photo.path, &bytes)? else {
             bail!("{}: changed while it was read", photo.path.display());
         };
@@ -221,6 +228,7 @@ impl Developer<'_> {
         for (photo, frame) in photos.iter().zip(decoded) {
             match frame {
                 Ok(frame) => frames.push(frame),
+                Err(error) if is_refused(&error) => return Err(error),
                 Err(error) => left_out.push(LeftOut { file: photo.file_name(), reason: error.to_string() }),
             }
         }
@@ -247,7 +255,7 @@ impl Developer<'_> {
     }
 
     fn frame(&self, photo: &PhotoFile) -> Result<Frame> {
-        let bytes = std::fs::read(&photo.path)?;
+        let bytes = read(&photo.path)?;
         let name = Path::new(photo.path.file_name().unwrap_or_default());
         let Some(exposure) = photo.exposure else { bail!("it has no exposure") };
         match (decode_photo(name, &bytes).map_err(|e| anyhow::anyhow!(e.message))?, self.tables) {
@@ -265,6 +273,16 @@ impl Developer<'_> {
             _ => bail!("changed while it was read"),
         }
     }
+}
+
+fn read(path: &Path) -> Result<Vec<u8>> {
+    std::fs::read(path).with_context(|| format!("{}: cannot read", path.display()))
+}
+
+/// Whether the system refused what may go well another time; else the content of a file is to blame.
+pub(super) fn is_refused(error: &anyhow::Error) -> bool {
+    let is_system = |e: &IoError| matches!(e.kind, IoErrorKind::System | IoErrorKind::NoRoom);
+    error.chain().any(|cause| cause.is::<std::io::Error>() || cause.downcast_ref::<IoError>().is_some_and(is_system))
 }
 
 /// Float, with its space and units.

@@ -1,9 +1,9 @@
-//! `--exposures`: a list of exposures for files that do not say theirs, put in the place of what EXIF says.
+//! `--exposures`: a list of exposures for files that do not say theirs, put in the place of what EXIF says; what a line leaves out stays EXIF's.
 
 use std::path::Path;
 
 use anyhow::{Result, anyhow, bail};
-use luxel_capture::parse_exposure_list;
+use luxel_capture::{Exposure, parse_exposure_list};
 
 use super::scan::PhotoFile;
 use crate::files::read_text;
@@ -21,7 +21,9 @@ pub(super) fn apply(path: &Path, photos: &mut [PhotoFile]) -> Result<Option<Stri
     for photo in photos.iter_mut() {
         let name = [photo.file_name(), photo.stem.clone()].into_iter().find(|name| listed.contains_key(name));
         if let Some((name, exposure)) = name.and_then(|name| listed.get_key_value(&name)) {
-            photo.exposure = Some(*exposure);
+            let exif = &photo.info.exif;
+            let whole = Exposure { iso: exposure.iso.or(exif.iso), f_number: exposure.f_number.or(exif.f_number), ..*exposure };
+            photo.exposure = Some(if whole.is_valid() { whole } else { *exposure });
             unused.remove(name);
         }
     }

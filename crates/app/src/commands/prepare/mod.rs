@@ -16,6 +16,7 @@ mod scan;
 mod state;
 mod views;
 
+use std::collections::BTreeMap;
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
@@ -23,6 +24,7 @@ use luxel_core::ColorSpace;
 use luxel_io::{OcioSpace, PhotoKind};
 use serde_json::json;
 
+use self::advice::{Known, advice};
 use self::colmap::Colmap;
 use self::dataset::Registration;
 use self::develop::{Developer, Folders};
@@ -58,6 +60,7 @@ pub(crate) fn run(args: &PrepareArgs) -> Result<()> {
     let folders = Folders::new(&args.output);
     folders.check(&args.photos)?;
     let mut scan = scan::scan(&args.photos)?;
+    plan::check_options(args, &scan.photos)?;
     let _lock = RunFolder::at(&folders.output).lock()?;
     // Once more: another luxel may have been at work there while this one looked at the photographs.
     folders.check(&args.photos)?;
@@ -99,16 +102,19 @@ pub(crate) fn run(args: &PrepareArgs) -> Result<()> {
         .collect::<Vec<_>>()
         .iter()
         .map(String::as_str));
-    if state.finished_key.as_ref() == Some(&everything) && folders.output.join("sparse/0/images.txt").is_file() {
+    if state.finished_key.as_ref() == Some(&everything) && dataset::is_whole(&folders) {
         return console.result(&json!({ "event": "finished", "output": args.output }), &format!("{} is up to date", args.output.display()));
     }
+    // Before a file is written over: a run that is stopped leaves a mixed set.
+    state.finished_key = None;
+    state.save()?;
     let (records, failed) = views::develop_all(&developer, &mut state, u64::from(args.memory) << 30, &mut console)?;
     scan.left_out.extend(failed);
     scan.left_out.extend(records.iter().flat_map(|record| record.left_out.iter().cloned()));
     if records.is_empty() {
         bail!("no view could be made of {}", plural(photographs, "photograph"));
     }
-    let motion = Motion { args, folders: &folders, plan: &plan, space };
+    let motion = Motion { args, developer: &developer };
     let (registration, how) = motion.run(installed.as_ref(), &records, &mut state, &mut console)?;
     let is_whole = registration.is_some();
     let report = PrepareReport {
@@ -122,7 +128,12 @@ pub(crate) fn run(args: &PrepareArgs) -> Result<()> {
         white_balance: plan.cameras.iter().filter_map(|c| Some((c.name.clone(), c.color?.0))).collect(),
         structure_from_motion: how,
         range_stops: report::range_stops(&records),
-        advice: advice::advice(&records, registration.as_ref(), curve.as_ref().map(|curve| curve.origin)),
+        advice: advice(&Known {
+            records: &records,
+            registration: registration.as_ref(),
+            curve: curve.as_ref().map(|curve| curve.origin),
+            downscale: args.downscale,
+        }),
         notes: plan.notes.iter().cloned().chain(view_notes(&records)).collect(),
         left_out: scan.left_out,
         registration,
@@ -170,9 +181,7 @@ fn sfm_options(args: &PrepareArgs, installed: Option<&Colmap>) -> String {
 /// From proxies to the data set.
 struct Motion<'a> {
     args: &'a PrepareArgs,
-    folders: &'a Folders,
-    plan: &'a Plan,
-    space: ColorSpace,
+    developer: &'a Developer<'a>,
 }
 
 impl Motion<'_> {
@@ -185,12 +194,29 @@ impl Motion<'_> {
         console: &mut Console,
     ) -> Result<(Option<Registration>, String)> {
         let options = (self.args.camera_model, self.args.matching);
+        let Developer { folders, plan, .. } = *self.developer;
+        let pictures = self.pictures(records);
         let Some(colmap) = installed else {
             let colmap = Colmap::unknown(&self.args.colmap);
-            let steps = colmap.steps(self.folders, records, &self.plan.cameras, options)?;
-            let path = self.folders.output.join("colmap.sh");
-            write_text(&path, &colmap.script(&steps, self.folders))?;
-            let given = self.folders.work.join("sparse");
+            let steps = colmap.steps(folders, records, &plan.cameras, options)?;
+            let path = folders.output.join("colmap.sh");
+            write_text(&path, &colmap.script(&steps, folders))?;
+            let given = folders.work.join("sparse");
+            // Views that came or went since leave the poses of the others as they are.
+            let is_of_others = pictures.iter().any(|(view, key)| state.pictures.get(view).is_some_and(|seen| seen != key));
+            if given.is_dir() && is_of_others {
+                let aside = colmap::set_aside(&given)?;
+                console.warn(&format!(
+                    "the model in {} is of other pictures than proxies/ has now; it is in {}",
+                    given.display(),
+                    aside.display()
+                ));
+            }
+            if !given.is_dir() {
+                state.pictures.clear();
+            }
+            state.pictures.extend(pictures);
+            state.save()?;
             if !given.is_dir() {
                 return Ok((None, format!("none yet: the commands are in {}; run them, then luxel prepare again", path.display())));
             }
@@ -200,12 +226,13 @@ impl Motion<'_> {
         let keys = records.iter().map(|r| r.key.as_str());
         let wanted = sfm_options(self.args, installed);
         let sfm_key = key(keys.chain([wanted.as_str()]));
-        if state.sfm_key.as_ref() != Some(&sfm_key) || !self.folders.work.join("sparse").is_dir() {
+        if state.sfm_key.as_ref() != Some(&sfm_key) || !folders.work.join("sparse").is_dir() {
             state.sfm_key = None;
             state.save()?;
-            let steps = colmap.steps(self.folders, records, &self.plan.cameras, options)?;
-            colmap.run(&steps, self.folders, records.len(), console)?;
+            let steps = colmap.steps(folders, records, &plan.cameras, options)?;
+            colmap.run(&steps, folders, records.len(), console)?;
             state.sfm_key = Some(sfm_key);
+            state.pictures = pictures;
             state.save()?;
         }
         let registration = self.assemble(records, console)?;
@@ -213,8 +240,16 @@ impl Motion<'_> {
     }
 
     fn assemble(&self, records: &[ViewRecord], console: &mut Console) -> Result<Registration> {
-        let (model, models) = colmap::largest_model(self.folders)?;
-        dataset::write(self.folders, records, (&model, models), (self.space, self.plan.is_absolute), console)
+        let Developer { folders, plan, space, .. } = *self.developer;
+        let (model, models) = colmap::largest_model(folders)?;
+        dataset::write(folders, records, (&model, models), (space, plan.is_absolute), console)
+    }
+
+    /// Keys of the pictures that structure from motion gets, by view.
+    fn pictures(&self, records: &[ViewRecord]) -> BTreeMap<String, String> {
+        let by_name: BTreeMap<&str, &ViewRecord> = records.iter().map(|record| (record.name.as_str(), record)).collect();
+        let made = self.developer.plan.views.iter().filter_map(|view| Some((view, *by_name.get(view.name.as_str())?)));
+        made.map(|(view, record)| (view.name.clone(), self.developer.picture_key(view, record))).collect()
     }
 }
 

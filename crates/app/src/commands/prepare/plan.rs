@@ -12,7 +12,7 @@ use luxel_core::{Chromaticities, ColorSpace};
 use luxel_io::{PhotoKind, RawInfo};
 
 use super::scan::{PhotoFile, Scan};
-use crate::cli::{PrepareArgs, WhiteBalanceArg};
+use crate::cli::{PrepareArgs, ResponseArg, WhiteBalanceArg};
 use crate::text::plural;
 
 /// A view to be made.
@@ -50,6 +50,21 @@ pub(super) struct Plan {
     /// Whether radiance is in cd/m2 as far as EXIF tells it.
     pub(super) is_absolute: bool,
     pub(super) notes: Vec<String>,
+}
+
+/// Refuses options that files of this kind have no use for.
+pub(super) fn check_options(args: &PrepareArgs, photos: &[PhotoFile]) -> Result<()> {
+    let kind = photos.first().map_or(PhotoKind::Radiance, |p| p.info.kind);
+    if kind == PhotoKind::Radiance && args.exposures.is_some() {
+        bail!("--exposures is for photographs; OpenEXR, HDR and float TIFF files hold radiance, however they were exposed: leave it out");
+    }
+    if kind != PhotoKind::Developed && args.response != ResponseArg::Auto {
+        bail!("--response is for JPEG, PNG and integer TIFF files; RAW files and those of radiance are linear: leave it out");
+    }
+    if kind != PhotoKind::Raw && args.white_balance != WhiteBalanceArg::AsShot {
+        bail!("--white-balance is for RAW files; developed pictures and radiance have theirs already: leave it out");
+    }
+    Ok(())
 }
 
 /// Decides. Photographs without an exposure get one where that is sound.

@@ -58,6 +58,9 @@ pub(super) struct State {
     /// Key of the structure from motion that is in `work/sparse`.
     #[serde(default)]
     pub(super) sfm_key: Option<String>,
+    /// Key of each picture that the model in `work/sparse` is made of, or will be, by view.
+    #[serde(default)]
+    pub(super) pictures: BTreeMap<String, String>,
     /// Key of everything, once the data set is whole.
     #[serde(default)]
     pub(super) finished_key: Option<String>,
@@ -85,6 +88,12 @@ impl State {
 
     pub(super) fn view(&self, name: &str, key: &str) -> Option<&ViewRecord> {
         self.views.get(name).filter(|record| record.key == key)
+    }
+
+    /// Drops the records of these views, on disk too: their files are about to be written over.
+    pub(super) fn forget<'a>(&mut self, names: impl Iterator<Item = &'a str>) -> Result<()> {
+        names.for_each(|name| drop(self.views.remove(name)));
+        self.save()
     }
 
     pub(super) fn insert(&mut self, record: ViewRecord) -> Result<()> {

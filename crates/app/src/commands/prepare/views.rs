@@ -9,13 +9,13 @@ use std::sync::mpsc;
 use anyhow::Result;
 use serde_json::json;
 
-use super::develop::Developer;
+use super::develop::{Developer, is_refused};
 use super::plan::PlannedView;
 use super::scan::LeftOut;
 use super::state::{State, ViewRecord};
 use crate::console::Console;
 
-/// Makes all views that are not there yet.
+/// Makes all views that are not there yet. What the system refuses ends it, and is no reason to leave a view out.
 pub(super) fn develop_all(
     developer: &Developer<'_>,
     state: &mut State,
@@ -36,6 +36,7 @@ pub(super) fn develop_all(
     if !done.is_empty() && !todo.is_empty() {
         console.note(&format!("{} of {total} views are there from an earlier run", done.len()));
     }
+    state.forget(todo.iter().map(|view| view.name.as_str()))?;
     let largest = todo.iter().map(|view| developer.bytes_of(view)).max().unwrap_or(1).max(1);
     let fitting = usize::try_from(memory_bytes / largest).unwrap_or(usize::MAX);
     let workers = rayon::current_num_threads().min(fitting).min(todo.len()).max(1);
@@ -65,6 +66,9 @@ pub(super) fn develop_all(
                     state.insert(record.clone())?;
                     done.push(record);
                 }
+                Err(error) if is_refused(&error) => {
+                    return Err(error.context(format!("view {name}: cannot be made; the same command goes on where it was")));
+                }
                 Err(error) => {
                     console.warn(&format!("view {name}: {error:#}"));
                     left_out.push(LeftOut { file: name.clone(), reason: format!("{error:#}") });
@@ -78,7 +82,8 @@ pub(super) fn develop_all(
         Ok(())
     });
     console.end_steps();
-    result.and_then(|()| state.save())?;
+    // What is done is noted, whatever ended it.
+    result.and(state.save())?;
     done.sort_by(|a, b| a.name.cmp(&b.name));
     Ok((done, left_out))
 }

@@ -1,6 +1,8 @@
 //! `luxel prepare` as a user runs it, on photographs made here; structure from motion is given, not run.
 #![allow(clippy::unwrap_used)]
 
+mod restart;
+
 use std::path::Path;
 use std::process::Output;
 
@@ -16,6 +18,7 @@ const HEIGHT: usize = 32;
 struct Shot {
     model: &'static str,
     seconds: Option<f64>,
+    iso: u16,
     /// Time of capture, seconds after ten.
     at: u32,
     orientation: u16,
@@ -24,7 +27,7 @@ struct Shot {
     view: usize,
 }
 
-const SHOT: Shot = Shot { model: "Test 1", seconds: Some(0.01), at: 0, orientation: 1, size: [WIDTH, HEIGHT], view: 0 };
+const SHOT: Shot = Shot { model: "Test 1", seconds: Some(0.01), iso: 100, at: 0, orientation: 1, size: [WIDTH, HEIGHT], view: 0 };
 
 /// Radiance of a view: two decades from left to right, at f/4 and ISO 100 exposed to 0.1 in the middle by 1/100 s.
 fn radiance(view: usize, x: usize, y: usize) -> f32 {
@@ -66,7 +69,7 @@ fn exif(shot: &Shot) -> Vec<u8> {
     if let Some(seconds) = shot.seconds {
         put(0x829a, 5, &rational(seconds), 1);
         put(0x829d, 5, &rational(4.0), 1);
-        put(0x8827, 3, &100u16.to_le_bytes(), 1);
+        put(0x8827, 3, &shot.iso.to_le_bytes(), 1);
     }
     let mut block = b"Exif\0\0II*\0\x08\0\0\0".to_vec();
     block.extend(count.to_le_bytes());
@@ -79,7 +82,7 @@ fn exif(shot: &Shot) -> Vec<u8> {
 /// A JPEG through sRGB's curve.
 fn jpeg(shot: &Shot) -> Vec<u8> {
     let [width, height] = shot.size;
-    let exposure = (shot.seconds.unwrap_or(0.01) * 100.0 / (120.0 * 16.0)) as f32;
+    let exposure = (shot.seconds.unwrap_or(0.01) * f64::from(shot.iso) / (120.0 * 16.0)) as f32;
     let code = |i: usize| (255.0 * srgb_encode((radiance(shot.view, i % width, i / width) * exposure).min(1.0))).round() as u8;
     let rgb8: Vec<u8> = (0..width * height).flat_map(|i| [code(i); 3]).collect();
     let plain = encode_jpeg(width, height, &rgb8, 100).unwrap();
@@ -236,12 +239,28 @@ fn photographs_without_exposure_are_an_error_with_a_remedy() {
     assert!(said(&run).contains("1 of 2 photographs have no exposure time in EXIF (a_2.jpg): give it with --exposures"), "{}", said(&run));
     let list = folder.path().join("exposures.txt");
     std::fs::write(&list, "a_1 1/100 100 4\na_2 1/25 100 4\n").unwrap();
-    let run = prepare(&photos, &output, &["--exposures", list.to_str().unwrap(), "--response", "srgb"]);
+    let run = prepare(&photos, &output, &["--exposures", list.to_str().unwrap(), "--response", "srgb", "--brackets", "names"]);
     assert!(run.status.success() && said(&run).contains("in 1 view: by name"), "{}", said(&run));
     // None at all has any: taken as exposed alike, which is said.
     write(&photos, "a_1.jpg", &Shot { seconds: None, view: 3, ..SHOT });
     let run = prepare(&photos, &folder.path().join("other"), &[]);
     assert!(run.status.success() && said(&run).contains("all are taken as exposed alike"), "{}", said(&run));
+}
+
+#[test]
+fn listed_times_leave_the_speed_and_aperture_of_exif() {
+    let folder = tempfile::tempdir().unwrap();
+    let (photos, output) = (folder.path().join("photos"), folder.path().join("set"));
+    write(&photos, "slow.jpg", &SHOT);
+    write(&photos, "fast.jpg", &Shot { seconds: Some(0.00125), iso: 800, ..SHOT });
+    let list = folder.path().join("exposures.txt");
+    std::fs::write(&list, "slow 1/100\nfast 1/800\n").unwrap();
+    let run = prepare(&photos, &output, &["--exposures", list.to_str().unwrap()]);
+    assert!(run.status.success() && !said(&run).contains("ISO speed"), "{}", said(&run));
+    assert!(report(&output)["units"].to_string().contains("cd/m2"));
+    let middle = |name: &str| read_image(&output.join(name), &ReadOptions::default()).unwrap().image.at(WIDTH / 2, HEIGHT / 2)[1];
+    let ratio = middle("work/radiance/fast.exr") / middle("work/radiance/slow.exr");
+    assert!((ratio - 1.0).abs() < 0.02, "{ratio}");
 }
 
 #[test]
@@ -335,6 +354,24 @@ fn what_cannot_be_done_is_said_at_once() {
     assert!(said(&run).contains("3 JPEG, PNG or TIFF and 1 OpenEXR or HDR files, expected one kind"), "{}", said(&run));
     let run = prepare(&photos, &output, &["--brackets", "1"]);
     assert_eq!(run.status.code(), Some(2));
+}
+
+#[test]
+fn options_that_a_kind_of_file_has_no_use_for_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let (photos, output) = (folder.path().join("photos"), folder.path().join("set"));
+    write_exr(&photos.join("a.exr"), &Image::filled(WIDTH, HEIGHT, [1.0; 3]), &ExrOptions::default()).unwrap();
+    let list = folder.path().join("exposures.txt");
+    std::fs::write(&list, "a 1/100\n").unwrap();
+    for option in [["--exposures", list.to_str().unwrap()], ["--response", "recover"], ["--white-balance", "0.5,1,0.6"]] {
+        let run = prepare(&photos, &output, &option);
+        assert!(run.status.code() == Some(1) && said(&run).contains(&format!("{} is for ", option[0])), "{}", said(&run));
+    }
+    std::fs::remove_file(photos.join("a.exr")).unwrap();
+    write(&photos, "a.jpg", &SHOT);
+    let run = prepare(&photos, &output, &["--white-balance", "0.5,1,0.6"]);
+    assert!(run.status.code() == Some(1) && said(&run).contains("--white-balance is for RAW files"), "{}", said(&run));
+    assert!(!output.exists());
 }
 
 /// Everything in a folder, with its bytes.
