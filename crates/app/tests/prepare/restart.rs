@@ -111,3 +111,30 @@ fn a_view_that_cannot_be_written_is_not_left_out_for_good() {
     assert!(prepare(&photos, &output, &["--response", "srgb"]).status.success());
     assert_eq!(report(&output)["views"].as_array().unwrap().len(), 3);
 }
+
+/// A program that is COLMAP by name, and finds nothing.
+#[cfg(unix)]
+#[test]
+fn a_model_that_the_user_made_is_taken_once_colmap_is_there_too() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = tempfile::tempdir().unwrap();
+    let (photos, output, colmap) = (folder.path().join("photos"), folder.path().join("set"), folder.path().join("colmap"));
+    std::fs::write(&colmap, "#!/bin/sh\ncase \"$*\" in *-h) echo COLMAP 3.8;; *) exit 1;; esac\n").unwrap();
+    std::fs::set_permissions(&colmap, std::fs::Permissions::from_mode(0o755)).unwrap();
+    brackets(&photos, 2);
+    assert!(prepare(&photos, &output, &["--response", "srgb"]).status.success());
+    write_model(&output, ["IMG_0001", "IMG_0004"]);
+    let with_colmap = || {
+        let mut command = std::process::Command::new(assert_cmd::cargo::cargo_bin("luxel"));
+        command.arg("prepare").arg(&photos).arg("-o").arg(&output).args(["--response", "srgb", "--colmap"]).arg(&colmap);
+        command.output().unwrap()
+    };
+    let run = with_colmap();
+    assert!(run.status.success() && said(&run).contains("2 of 2 views have poses"), "{}", said(&run));
+    // What this command began itself is begun again.
+    std::fs::remove_dir_all(output.join("work/sparse")).unwrap();
+    std::fs::remove_dir_all(output.join("sparse")).unwrap();
+    assert_eq!(with_colmap().status.code(), Some(1));
+    write_model(&output, ["IMG_0001", "IMG_0004"]);
+    assert_eq!(with_colmap().status.code(), Some(1));
+}

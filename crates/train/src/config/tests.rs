@@ -49,6 +49,8 @@ fn every_flag_changes_the_configuration() {
         &["--squared-share", "0"],
         &["--average-share", "0"],
         &["--antialias", "off"],
+        &["--samples", "2"],
+        &["--samples-share", "0.5"],
         &["--cutoffs", "parity"],
         &["--init-points", "5"],
         &["--init-opacity", "0.3"],

@@ -178,6 +178,11 @@ fn sfm_options(args: &PrepareArgs, installed: Option<&Colmap>) -> String {
     format!("{:?} {:?} {:?}", args.camera_model, args.matching, installed.map(|c| &c.version))
 }
 
+/// How poses came about that the user had COLMAP find.
+fn given_model(folders: &Folders) -> String {
+    format!("the model that was found in {}", folders.work.join("sparse").display())
+}
+
 /// From proxies to the data set.
 struct Motion<'a> {
     args: &'a PrepareArgs,
@@ -221,13 +226,21 @@ impl Motion<'_> {
                 return Ok((None, format!("none yet: the commands are in {}; run them, then luxel prepare again", path.display())));
             }
             let registration = self.assemble(records, console)?;
-            return Ok((Some(registration), format!("the model that was found in {}", given.display())));
+            return Ok((Some(registration), given_model(folders)));
         };
+        // What the user made by the commands that were written, without this command's doing: nothing to be made anew.
+        let is_given = state.sfm_key.is_none() && !state.pictures.is_empty() && state.pictures == pictures;
+        if is_given && colmap::largest_model(folders).is_ok() {
+            let registration = self.assemble(records, console)?;
+            return Ok((Some(registration), given_model(folders)));
+        }
         let keys = records.iter().map(|r| r.key.as_str());
         let wanted = sfm_options(self.args, installed);
         let sfm_key = key(keys.chain([wanted.as_str()]));
         if state.sfm_key.as_ref() != Some(&sfm_key) || !folders.work.join("sparse").is_dir() {
             state.sfm_key = None;
+            // From here on what is in work/sparse is this command's.
+            state.pictures.clear();
             state.save()?;
             let steps = colmap.steps(folders, records, &plan.cameras, options)?;
             colmap.run(&steps, folders, records.len(), console)?;
