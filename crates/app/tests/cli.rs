@@ -179,6 +179,26 @@ fn render_writes_the_views_asked_for_once() {
 }
 
 #[test]
+fn a_scene_of_several_samples_says_so_and_renders_may_take_others() {
+    let place = Workplace::new();
+    place.train("run", &["--samples", "2", "--samples-share", "0.5"]);
+    let facts: serde_json::Value =
+        serde_json::from_str(&place.ok(&["info", "run/point_cloud/iteration_40/point_cloud.ply", "--json"])).unwrap();
+    assert_eq!(facts["samples"], 2);
+    let render = |folder: &str, options: &[&str]| {
+        place.ok(&[&["render", "run", "-o", folder][..], options].concat());
+        let image = luxel_io::read_image(&place.path(&format!("{folder}/000.exr")), &Default::default()).unwrap().image;
+        assert_eq!((image.width, image.height), (SIDE, SIDE));
+        image
+    };
+    let own = render("own", &[]);
+    assert_eq!(own, render("two", &["--samples", "2"]));
+    assert_ne!(own, render("one", &["--samples", "1"]));
+    place.fails(2, &["render", "run", "-o", "none", "--samples", "5"]);
+    place.error(&["train", "data", "-o", "none", "--samples-share", "0.5"], &["--samples-share", "--samples above 1"]);
+}
+
+#[test]
 fn render_options_change_the_images() {
     let place = Workplace::new();
     place.train("run", &[]);

@@ -38,6 +38,9 @@ pub(crate) struct RenderArgs {
     /// How the data set is read.
     #[command(flatten)]
     pub(crate) load: LoadArgs,
+    /// Samples along a pixel's side, 1 to 4: a pixel is the mean of their square [default: the scene's].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=i64::from(luxel_core::MAX_SAMPLES)), help_heading = "Images")]
+    pub(crate) samples: Option<u8>,
     /// Number format of the EXR files.
     #[arg(long, value_enum, default_value_t, help_heading = "Images")]
     pub(crate) exr_type: ExrTypeArg,

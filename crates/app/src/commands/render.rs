@@ -5,7 +5,7 @@ mod video;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use luxel_core::{Camera, Conversion, Dataset, Engine, Layers, RenderOptions, Scene};
+use luxel_core::{Camera, Conversion, Dataset, Engine, Layers, RasterConfig, RenderOptions, Scene};
 use luxel_io::ExrOptions;
 
 use crate::cli::{DeviceArgs, EditText, LoadArgs, RenderArgs};
@@ -56,7 +56,8 @@ pub(crate) fn run(args: &RenderArgs, said: &[String]) -> Result<()> {
     let background = source.background(args.background);
     let scene = &source.scene;
     engine.load(&scene.splats, None).context("cannot load the scene")?;
-    let options = RenderOptions { raster: scene.raster, background, ..RenderOptions::default() };
+    let raster = RasterConfig { samples: args.samples.unwrap_or(scene.raster.samples), ..scene.raster };
+    let options = RenderOptions { raster, background, ..RenderOptions::default() };
     let mut too_bright = 0usize;
     for job in &jobs {
         let layers =
