@@ -323,7 +323,8 @@ The oracle is a second implementation in f64 without tiles, differentiated exact
 with everything a splat can be: behind the camera, beside the frustum with a clamped Jacobian, opaque one behind the other (alpha capped, pixels
 finished early), with dead chromaticity channels, smaller than a pixel, with an unnormalised quaternion; background and regularisers are not
 zero, radiance spans four decades. `parity` and `hdr` are the presets of cut-offs, `pixel` is anti-aliasing by a pixel's own filter, `mip` that
-and the 3D filter, `mask` an image with masked pixels.
+and the 3D filter, `mask` an image with masked pixels,
+`2x2 samples` several samples a pixel.
 
 Each cell has two figures: the largest difference in the array relative to the largest gradient of the array, and the largest difference
 relative to the gradient itself among gradients above 1/1000 of the largest. An empty cell: the model has no such parameter.
