@@ -224,7 +224,7 @@ impl GpuEngine {
     /// Entries that there can be room for with buffers of these sizes besides.
     fn most_entries(&self, sizes: Sizes) -> u64 {
         let have = self.frame.sizes;
-        most_entries(self.binding_bytes, sizes.tiles.max(have.tiles), sizes.training || have.training)
+        most_entries(self.binding_bytes, sizes.training_tiles.max(have.training_tiles))
     }
 
     fn ensure(&mut self, sizes: Sizes) -> Result<(), EngineError> {
@@ -364,7 +364,9 @@ impl GpuEngine {
 fn sizes_of(camera: &Camera, splats: usize, training: bool) -> Sizes {
     let [across, down] = tiles(camera.size_px).map(u64::from);
     let [width, height] = camera.size_px.map(u64::from);
-    Sizes { splats: splats as u64, tiles: across * down, pixels: width * height, entries: 0, training }
+    let (tiles, pixels) = (across * down, width * height);
+    let [training_tiles, training_pixels] = if training { [tiles, pixels] } else { [0; 2] };
+    Sizes { splats: splats as u64, tiles, pixels, entries: 0, training_tiles, training_pixels }
 }
 
 fn report_of(state: &State, step: u32) -> StepReport {

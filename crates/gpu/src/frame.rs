@@ -26,8 +26,9 @@ pub(crate) struct Sizes {
     pub(crate) tiles: u64,
     pub(crate) pixels: u64,
     pub(crate) entries: u64,
-    /// Whether there is a backward pass.
-    pub(crate) training: bool,
+    /// Tiles and pixels of frames with a backward pass, which wants more of each than an image does; 0 without one.
+    pub(crate) training_tiles: u64,
+    pub(crate) training_pixels: u64,
 }
 
 /// All buffers of a step but the scene and the target.
@@ -78,18 +79,18 @@ pub(crate) struct PixelBuffers {
 }
 
 /// Slots of buckets: each tile's last may be in part empty, and that of the tile behind the last (see bin.wgsl).
-fn slots(sizes: Sizes) -> u64 {
-    sizes.entries / u64::from(BUCKET) + sizes.tiles + 1
+fn slots(entries: u64, tiles: u64) -> u64 {
+    entries / u64::from(BUCKET) + tiles + 1
 }
 
 /// Entries that bindings of `bytes` can hold.
-pub(crate) fn most_entries(bytes: u64, tiles: u64, training: bool) -> u64 {
+pub(crate) fn most_entries(bytes: u64, training_tiles: u64) -> u64 {
     let by_order = bytes / 4;
-    if !training {
+    if training_tiles == 0 {
         return by_order;
     }
     let by_gradients = bytes / ENTRY_GRADIENT_BYTES;
-    let slots = (bytes / BUCKET_PIXELS_BYTES).saturating_sub(tiles + 1);
+    let slots = (bytes / BUCKET_PIXELS_BYTES).saturating_sub(training_tiles + 1);
     by_order.min(by_gradients).min(slots * u64::from(BUCKET))
 }
 
@@ -114,27 +115,27 @@ impl SplatBuffers {
 impl EntryBuffers {
     fn new(gpu: &Gpu, sizes: Sizes) -> Result<Self, EngineError> {
         let numbers = |label| gpu.storage(label, 4 * sizes.entries);
-        let training = u64::from(sizes.training);
+        let training = u64::from(sizes.training_tiles > 0);
+        let slots_of = |tiles| slots(sizes.entries, tiles);
         Ok(Self {
             tiles: [numbers("entries' tiles")?, numbers("entries' tiles")?],
             order: [numbers("entries' order")?, numbers("entries' order")?],
             splats: numbers("entries' splats")?,
             gradients: gpu.storage("entries' gradients", training * ENTRY_GRADIENT_BYTES * sizes.entries)?,
-            buckets: gpu.storage("buckets", BUCKETS_HEAD_BYTES + size_of::<Bucket>() as u64 * slots(sizes))?,
-            bucket_pixels: gpu.storage("buckets' pixels", training * BUCKET_PIXELS_BYTES * slots(sizes))?,
+            buckets: gpu.storage("buckets", BUCKETS_HEAD_BYTES + size_of::<Bucket>() as u64 * slots_of(sizes.tiles))?,
+            bucket_pixels: gpu.storage("buckets' pixels", training * BUCKET_PIXELS_BYTES * slots_of(sizes.training_tiles))?,
         })
     }
 }
 
 impl PixelBuffers {
     fn new(gpu: &Gpu, sizes: Sizes) -> Result<Self, EngineError> {
-        let training = u64::from(sizes.training);
         Ok(Self {
             ranges: gpu.storage("ranges", 8 * sizes.tiles)?,
             image: gpu.storage("image", 12 * sizes.pixels)?,
             last_entries: gpu.storage("last entries", 4 * sizes.pixels)?,
-            derivatives: gpu.storage("derivatives of SSIM", training * 36 * sizes.pixels)?,
-            gradients: gpu.storage("pixels' gradients", training * 16 * sizes.pixels)?,
+            derivatives: gpu.storage("derivatives of SSIM", 36 * sizes.training_pixels)?,
+            gradients: gpu.storage("pixels' gradients", 16 * sizes.training_pixels)?,
             group_sums: gpu.storage("sums of the loss", 16 * sizes.tiles)?,
         })
     }
@@ -186,20 +187,20 @@ impl Frame {
             pixels: have.pixels.max(wanted.pixels),
             // What a render was given may be more than training has room for.
             entries: have.entries.max(wanted.entries).min(most_entries.max(1)),
-            training: have.training || wanted.training,
+            training_tiles: have.training_tiles.max(wanted.training_tiles),
+            training_pixels: have.training_pixels.max(wanted.training_pixels),
         };
         if sizes == have {
             return Ok(false);
         }
         let grown = |pick: fn(Sizes) -> u64| pick(sizes) != pick(have);
-        let training = sizes.training != have.training;
         if grown(|s| s.splats) {
             self.splats = SplatBuffers::new(gpu, sizes)?;
         }
-        if grown(|s| s.entries) || grown(|s| s.tiles) || training {
+        if grown(|s| s.entries) || grown(|s| s.tiles) || grown(|s| s.training_tiles) {
             self.entries = EntryBuffers::new(gpu, sizes)?;
         }
-        if grown(|s| s.pixels) || grown(|s| s.tiles) || training {
+        if grown(|s| s.pixels) || grown(|s| s.tiles) || grown(|s| s.training_pixels) {
             self.pixels = PixelBuffers::new(gpu, sizes)?;
         }
         self.digit_counts = digit_counts(gpu, sizes)?;
@@ -235,12 +236,11 @@ mod tests {
     #[test]
     fn as_many_entries_as_are_promised_fit_into_a_binding() {
         for (bytes, tiles) in [(1u64 << 27, 2500), (1 << 20, 49), (MOST_BINDING_BYTES, 32_400)] {
-            let entries = most_entries(bytes, tiles, true);
-            let sizes = Sizes { entries, tiles, ..Sizes::default() };
-            assert!(slots(sizes) * BUCKET_PIXELS_BYTES <= bytes, "{bytes} {tiles}");
+            let entries = most_entries(bytes, tiles);
+            assert!(slots(entries, tiles) * BUCKET_PIXELS_BYTES <= bytes, "{bytes} {tiles}");
             assert!(entries * ENTRY_GRADIENT_BYTES <= bytes);
-            assert!(most_entries(bytes, tiles, false) * 4 <= bytes);
+            assert!(most_entries(bytes, 0) * 4 <= bytes);
         }
-        assert_eq!(most_entries(4096, 49, true), 0);
+        assert_eq!(most_entries(4096, 49), 0);
     }
 }

@@ -21,6 +21,7 @@ pub const ALL: &[(&str, Body)] = &[
     ("shards_do_not_show", shards_do_not_show),
     ("too_small_buffers_do_not_show", too_small_buffers_do_not_show),
     ("a_view_beyond_the_limits_is_refused_and_changes_nothing", a_view_beyond_the_limits_is_refused_and_changes_nothing),
+    ("a_large_render_after_a_small_step_wants_an_images_room_alone", a_large_render_after_a_small_step_wants_an_images_room_alone),
     ("empty_scenes_are_background", empty_scenes_are_background),
     ("a_loss_that_is_not_finite_stops_the_engine", a_loss_that_is_not_finite_stops_the_engine),
     ("a_run_moves_between_the_engines", a_run_moves_between_the_engines),
@@ -199,6 +200,19 @@ fn a_view_beyond_the_limits_is_refused_and_changes_nothing(gpu: &Arc<Gpu>) {
     let small = crate::fixture::camera(20, 20);
     engine.train_step(&view(&small, false, 1), &training(1)).unwrap();
     engine.finish().unwrap();
+}
+
+/// Of 3.9 million pixels, whose derivatives of SSIM would not fit into bindings of 128 MiB.
+fn a_large_render_after_a_small_step_wants_an_images_room_alone(gpu: &Arc<Gpu>) {
+    let (small, large) = (camera(40, 38), camera(2000, 1950));
+    let scene = splats(models()[0], 20, &large, 7);
+    let render = options(Cutoffs::HDR, Antialias::Off);
+    let mut engine = GpuEngine::new(gpu).unwrap();
+    engine.load(&scene, None).unwrap();
+    let before = engine.render(&large, &render).unwrap();
+    engine.gradients(&view(&small, false, 1), &training(1)).unwrap();
+    assert!(engine.render(&large, &render).unwrap() == before);
+    engine.gradients(&view(&small, false, 1), &training(1)).unwrap();
 }
 
 fn empty_scenes_are_background(gpu: &Arc<Gpu>) {
