@@ -228,24 +228,25 @@ impl GpuEngine {
     }
 
     fn ensure(&mut self, sizes: Sizes) -> Result<(), EngineError> {
-        let most = self.most_entries(sizes);
-        if self.with_room(|engine| engine.frame.ensure(&engine.gpu, sizes, most))? {
-            self.commands.forget();
+        let grown = self.frame.grown(sizes, self.most_entries(sizes));
+        if grown == self.frame.sizes {
+            return Ok(());
         }
-        Ok(())
+        // The bindings would keep the old buffers.
+        self.commands.forget();
+        self.with_room(|engine| engine.frame.grow(&engine.gpu, grown))
     }
 
-    /// Does what takes memory of the device; if there is too little, once more without the images that are kept.
+    /// Does what takes memory of the device; if there is too little, once more when the device has let go of all that nobody holds, and without the images
+    /// that are kept.
     fn with_room<T>(&mut self, work: impl Fn(&mut Self) -> Result<T, EngineError>) -> Result<T, EngineError> {
         let done = work(self);
         if done.is_ok() {
             return done;
         }
-        // It may have come half-way. And images are in memory as long as bindings hold them, and as long as the device is at work on them.
+        // It may have come half-way. And buffers are in memory as long as bindings hold them, and as long as the device is at work on them.
         self.commands.forget();
-        if !self.targets.clear() {
-            return done;
-        }
+        self.targets.clear();
         self.gpu.wait_for_all()?;
         work(self)
     }

@@ -177,11 +177,10 @@ impl Frame {
         })
     }
 
-    /// Grows what is too small, with at most `most_entries` entries; tells whether anything was. Nothing in use is touched: the device goes
-    /// on with the old buffers until it is done.
-    pub(crate) fn ensure(&mut self, gpu: &Gpu, wanted: Sizes, most_entries: u64) -> Result<bool, EngineError> {
+    /// Sizes of buffers that are as large as they are and as `wanted`, with at most `most_entries` entries.
+    pub(crate) fn grown(&self, wanted: Sizes, most_entries: u64) -> Sizes {
         let have = self.sizes;
-        let sizes = Sizes {
+        Sizes {
             splats: have.splats.max(wanted.splats),
             tiles: have.tiles.max(wanted.tiles),
             pixels: have.pixels.max(wanted.pixels),
@@ -189,23 +188,33 @@ impl Frame {
             entries: have.entries.max(wanted.entries).min(most_entries.max(1)),
             training_tiles: have.training_tiles.max(wanted.training_tiles),
             training_pixels: have.training_pixels.max(wanted.training_pixels),
-        };
-        if sizes == have {
-            return Ok(false);
         }
+    }
+
+    /// Makes buffers of the [`Self::grown`] `sizes`. The old ones go before the new ones come, as far as nobody else holds them; what the device is at work
+    /// on it keeps until it is done.
+    pub(crate) fn grow(&mut self, gpu: &Gpu, sizes: Sizes) -> Result<(), EngineError> {
+        let have = self.sizes;
         let grown = |pick: fn(Sizes) -> u64| pick(sizes) != pick(have);
+        // Where there is too little memory, sizes say what is there.
         if grown(|s| s.splats) {
+            self.sizes.splats = 0;
+            self.splats = SplatBuffers::new(gpu, Sizes::default())?;
             self.splats = SplatBuffers::new(gpu, sizes)?;
         }
         if grown(|s| s.entries) || grown(|s| s.tiles) || grown(|s| s.training_tiles) {
+            self.sizes.entries = 0;
+            self.entries = EntryBuffers::new(gpu, Sizes::default())?;
             self.entries = EntryBuffers::new(gpu, sizes)?;
         }
         if grown(|s| s.pixels) || grown(|s| s.tiles) || grown(|s| s.training_pixels) {
+            (self.sizes.pixels, self.sizes.training_pixels) = (0, 0);
+            self.pixels = PixelBuffers::new(gpu, Sizes::default())?;
             self.pixels = PixelBuffers::new(gpu, sizes)?;
         }
         self.digit_counts = digit_counts(gpu, sizes)?;
         self.sizes = sizes;
-        Ok(true)
+        Ok(())
     }
 
     /// Tells the sort by depth how many splats there are.

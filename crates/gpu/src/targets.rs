@@ -84,12 +84,10 @@ impl Targets {
         std::mem::take(&mut self.uploaded_bytes)
     }
 
-    /// Gives all images up; tells whether there were any.
-    pub(crate) fn clear(&mut self) -> bool {
-        let had_any = !self.kept.is_empty();
+    /// Gives all images up.
+    pub(crate) fn clear(&mut self) {
+        self.dropped |= !self.kept.is_empty();
         self.kept.clear();
-        self.dropped |= had_any;
-        had_any
     }
 
     /// Whether images went since this was asked last: bindings that still hold them are to be forgotten.
