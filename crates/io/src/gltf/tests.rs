@@ -54,17 +54,20 @@ fn bakes_read_back_as_what_they_are() {
     assert!(encode_glb(name(), &baked(&scene, acescg), None).unwrap_err().message.contains("expected linear-rec709"));
 }
 
+/// `scene` in a file whose world is turned: as a picture, and with the exact model.
+fn turned_files(scene: &Scene, turn: glam::DMat3) -> [Vec<u8>; 2] {
+    let turn = Similarity::turn(turn).unwrap();
+    let (mut moved, mut baked) = (scene.clone(), baked(scene, Appearance::PREVIEW));
+    baked.transform(&turn);
+    turn.apply(&mut moved.splats);
+    [None, Some(&moved)].map(|exact| encode_glb(name(), &baked, exact).unwrap())
+}
+
 #[test]
 fn the_files_world_is_undone() {
     let turn = glam::DMat3::from_cols(glam::DVec3::X, glam::DVec3::NEG_Y, glam::DVec3::NEG_Z);
-    let turn = Similarity::turn(turn).unwrap();
     let original = scene(false);
-    for exact in [false, true] {
-        let mut moved = original.clone();
-        let mut baked = baked(&moved, Appearance::PREVIEW);
-        baked.transform(&turn);
-        turn.apply(&mut moved.splats);
-        let bytes = encode_glb(name(), &baked, exact.then_some(&moved)).unwrap();
+    for bytes in turned_files(&original, turn) {
         assert_eq!(decode_glb(name(), &bytes).unwrap().splats.position, original.splats.position);
     }
 }
@@ -73,14 +76,8 @@ fn the_files_world_is_undone() {
 fn nodes_stand_in_the_files_world() {
     // z is up in the data set, y in the file: ten up there is ten along z here.
     let turn = glam::DMat3::from_cols(glam::DVec3::X, glam::DVec3::NEG_Z, glam::DVec3::Y);
-    let turn = Similarity::turn(turn).unwrap();
     let original = scene(false);
-    for exact in [false, true] {
-        let mut moved = original.clone();
-        let mut baked = baked(&moved, Appearance::PREVIEW);
-        baked.transform(&turn);
-        turn.apply(&mut moved.splats);
-        let bytes = encode_glb(name(), &baked, exact.then_some(&moved)).unwrap();
+    for bytes in turned_files(&original, turn) {
         let bytes = with_json(&bytes, |json| json.replace("\"mesh\":0", "\"mesh\":0,\"translation\":[0,10,0]"));
         let (back, before) = (decode_glb(name(), &bytes).unwrap().splats.position[4], original.splats.position[4]);
         assert!([0.0, 0.0, 10.0].iter().zip(0..3).all(|(up, c)| (back[c] - before[c] - up).abs() < 1e-5), "{before:?} {back:?}");
