@@ -3,7 +3,7 @@
 
 use libfuzzer_sys::fuzz_target;
 use luxel_core::edit::{MaskShares, ShMap, Statement};
-use luxel_core::{Activation, Antialias, ColorModel, ColorSpace, Cutoffs, Edit, EditError, RasterConfig, Scene, Selection, Splat, Splats};
+use luxel_core::{Activation, ColorModel, ColorSpace, Edit, EditError, RasterConfig, Scene, Selection, Splat, Splats};
 
 /// Splats of luminance 1/16 to 16, of three hues, along a line.
 fn scene(color_model: ColorModel) -> Scene {
@@ -25,7 +25,7 @@ fn scene(color_model: ColorModel) -> Scene {
             raw_luminance: &raw_luminance,
         });
     }
-    let raster = RasterConfig { cutoffs: Cutoffs::HDR, antialias: Antialias::Off };
+    let raster = RasterConfig::default();
     Scene { splats, radiance_scale: 2.0, color_space: ColorSpace::LinearRec709, raster, edits: Vec::new() }
 }
 
