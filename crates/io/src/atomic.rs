@@ -123,19 +123,4 @@ mod tests {
         assert_eq!((error.kind, error.message.contains("is a device")), (IoErrorKind::Invalid, true));
         assert!(!std::fs::metadata("/dev/null").unwrap().is_file());
     }
-
-    #[test]
-    fn what_is_unfinished_can_be_removed() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.txt");
-        let result = write_atomically(&path, |out| {
-            out.write_all(b"half").unwrap();
-            assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
-            // Only this one: tests beside this one write, too.
-            let own = std::fs::read_dir(folder.path()).unwrap().next().unwrap().unwrap().path();
-            assert!(UNFINISHED.lock().unwrap().contains(&own));
-            Ok(())
-        });
-        assert!(result.is_ok() && !UNFINISHED.lock().unwrap().iter().any(|open| open.starts_with(folder.path())));
-    }
 }

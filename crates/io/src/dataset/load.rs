@@ -95,7 +95,7 @@ fn decode(frame: &Frame, bytes: &[u8], options: &LoadOptions) -> Result<(Decoded
 /// Removes lens distortion and reduces, in linear light. Pixels that recorded values make together with bounds are left out.
 fn resample(view: &mut View, mut image: Image, mut mask: Option<Mask>, frame: &Frame, factor: u32) -> Result<(), IoError> {
     let is_resampled = !view.camera.distortion.is_none() || factor > 1;
-    let mut bounds = view.values.bounds(&image).filter(|_| is_resampled);
+    let mut bounds = is_resampled.then(|| view.values.bounds(&image)).flatten();
     if is_resampled {
         view.values.to_light(&mut image);
     }
