@@ -263,7 +263,7 @@ pub(crate) struct EvalArgs {
 #[derive(Debug, Args)]
 #[command(after_help = "Images of two folders are matched by their names without extension. What the figures mean: docs/metrics.md.\n\n\
     luxel compare truth.exr render.exr --heatmap flip.png\n\
-    luxel compare run/eval/step_30000/gt run/eval/step_30000/renders --json")]
+    luxel compare run/eval/step_9000/gt run/eval/step_9000/renders --json")]
 pub(crate) struct CompareArgs {
     /// The reference, an image or a folder of images; with --reference, the test.
     #[arg(value_name = "REFERENCE")]
@@ -410,6 +410,6 @@ mod tests {
     fn the_help_of_reproduce_says_whose_defaults_it_names() {
         let mut command = command();
         let help = command.find_subcommand_mut("reproduce").unwrap().render_long_help().to_string();
-        assert!(help.contains("are those of full") && help.contains("[default: paper]"), "{help}");
+        assert!(help.contains("are those of fast") && help.contains("[default: paper]"), "{help}");
     }
 }

@@ -29,7 +29,7 @@ pub struct TrainConfig {
     #[arg(long, value_enum, default_value_t, help_heading = "Training")]
     pub preset: Preset,
     /// Training steps, one view each; at least 1
-    #[arg(long, value_name = "N", default_value_t = 30_000, help_heading = "Training")]
+    #[arg(long, value_name = "N", default_value_t = 9_000, help_heading = "Training")]
     pub iterations: u32,
     /// Seed of everything random, below 2^63
     #[arg(long, value_name = "N", default_value_t = 42, value_parser = clap::value_parser!(u64).range(..=MAX_SEED), help_heading = "Training")]
@@ -157,7 +157,7 @@ pub struct TrainConfig {
     #[arg(long, value_name = "OPACITY", default_value_t = 0.005, help_heading = "Splats")]
     pub prune_opacity: f32,
     /// Scale, as a part of the scene's extent, above which a splat is removed once opacities have been reset (adc), at least 0; 0 for none
-    #[arg(long, value_name = "PART", default_value_t = 0.1, help_heading = "Splats")]
+    #[arg(long, value_name = "PART", default_value_t = 0.0, help_heading = "Splats")]
     pub prune_scale: f32,
     /// Steps between two resets of all opacities to at most 0.01 while splats are added (adc); 0 for none. One that less than a third of
     /// the interval would be left after is not made

@@ -90,7 +90,7 @@ pub(super) fn adapted(arg: Arg) -> Arg {
 /// The help of other options is that of `luxel train`, where the preset is another.
 fn with_its_defaults(preset: Arg) -> Arg {
     let help = preset.get_help().map_or_else(String::new, ToString::to_string);
-    preset.help(help + ". The defaults that the help of other options names are those of full")
+    preset.help(help + ". The defaults that the help of other options names are those of fast")
 }
 
 /// Refuses options that have others in their place.

@@ -174,7 +174,7 @@ scene     {scene}
 Try next:
   luxel info {root}
   luxel render {root} --split all -o {root}/frames --tonemap agx --exposure 2
-  luxel train {root}/{DATASET_FOLDER} -o desk-lamp --iterations 30000
+  luxel train {root}/{DATASET_FOLDER} -o desk-lamp
   luxel train YOUR_IMAGES -o my-scene",
         report = report.display(),
         more = pictures.len().saturating_sub(1),

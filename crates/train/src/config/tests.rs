@@ -70,7 +70,7 @@ fn every_flag_changes_the_configuration() {
         &["--absgrad-threshold", "1"],
         &["--percent-dense", "0.1"],
         &["--prune-opacity", "0.1"],
-        &["--prune-scale", "0"],
+        &["--prune-scale", "0.1"],
         &["--opacity-reset-interval", "10"],
         &["--mcmc-growth", "0.1"],
         &["--mcmc-noise", "1"],
