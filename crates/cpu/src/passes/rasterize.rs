@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 use super::picks::{MOST_PICKS, Picks};
 use super::sort::{Entry, TileList, WORD};
-use crate::lanes::{LANES, LOG2_OF_ZERO, Lanes, M, V, with_simd};
+use crate::lanes::{LANES, LOG2_OF_ZERO, Lanes, V, with_simd};
 use crate::view::{BLOCK_PX, BLOCKS, ScreenCamera, TILE_BLOCKS, TILE_PX, block_of};
 
 /// Pixels of a block, in registers' order: row-major within 4x4.
@@ -113,15 +113,21 @@ impl<S: Simd> Seen<S> {
     }
 }
 
+/// A transmittance that no splat brings above the least again. Products that went on below it could become too small to be normal numbers,
+/// which some processors multiply at a hundredth of the pace.
+const FINISHED: f32 = -1.0;
+
 /// What blending a block's splats goes on with from one to the next behind.
 struct Blending<S: Simd> {
     centers: [V<S>; 2],
     radiance: [V<S>; 3],
+    /// Up to where the pixel stops.
     transmittance: V<S>,
+    /// As if no pixel ever stopped, so that a splat waits for no comparison with the one in front. Once below the least it stays there, which is
+    /// how finished pixels are told: [`FINISHED`] at the latest with the next picks.
+    unstopped: V<S>,
     /// As [`BlockPixels::last`].
     last: V<S>,
-    /// Pixels that are not finished.
-    live: M<S>,
     max_alpha: V<S>,
     min_transmittance: V<S>,
 }
@@ -140,12 +146,13 @@ fn rasterize_block<S: Simd>(
     let centers = pixel_centers(simd, block);
     // Pixels beyond the image are finished from the start.
     let limit = each!([0, 1] i => c(camera.size_px[i] as f32 - origin[i] as f32));
+    let inside = centers[0].lt(limit[0]) & centers[1].lt(limit[1]);
     let mut blending = Blending {
         centers,
         radiance: [c(0.0); 3],
         transmittance: c(1.0),
+        unstopped: V::select(inside, c(1.0), c(FINISHED)),
         last: c(0.0),
-        live: centers[0].lt(limit[0]) & centers[1].lt(limit[1]),
         max_alpha: c(camera.cutoffs.max_alpha),
         min_transmittance: c(camera.cutoffs.min_transmittance),
     };
@@ -154,9 +161,11 @@ fn rasterize_block<S: Simd>(
         picks.pick_ascending(n * WORD, list.word(n, block));
         if picks.is_enough() {
             blend(simd, &mut blending, &list.entries, picks.take(), alphas);
-            if !blending.live.any_true() {
+            let live = blending.unstopped.ge(blending.min_transmittance);
+            if !live.any_true() {
                 break;
             }
+            blending.unstopped = V::select(live, blending.unstopped, c(FINISHED));
         }
     }
     blend(simd, &mut blending, &list.entries, picks.take(), alphas);
@@ -183,14 +192,15 @@ fn blend<S: Simd>(simd: S, state: &mut Blending<S>, entries: &[Entry], picks: &[
     for (index, alpha) in picks.iter().zip(alphas) {
         let entry = &entries[*index as usize];
         let alpha = V::load(simd, alpha);
-        let left = (-alpha).mul_add(state.transmittance, state.transmittance);
         // Where the splat is not seen nothing is taken, so that the pixel stays as it is.
-        state.live &= left.ge(state.min_transmittance);
-        let weight = V::select(state.live, alpha * state.transmittance, c(0.0));
+        let left = (-alpha).mul_add(state.unstopped, state.unstopped);
+        let live = left.ge(state.min_transmittance);
+        let weight = V::select(live, alpha * state.unstopped, c(0.0));
         for (sum, color) in state.radiance.iter_mut().zip(entry.radiance) {
             *sum = weight.mul_add(c(color), *sum);
         }
-        state.transmittance = V::select(state.live, left, state.transmittance);
+        state.transmittance = V::select(live, left, state.transmittance);
+        state.unstopped = left;
         state.last = V::select(weight.gt(c(0.0)), c((index + 1) as f32), state.last);
     }
 }
