@@ -181,20 +181,42 @@ impl<S: Simd> V<S> {
         Self(self.0.slide::<1>(zero))
     }
 
-    /// Rows for columns. Each of the four rounds interleaves the upper half of the rows with the lower, which rotates the eight bits of a
-    /// number's place by one.
+    /// The largest of the numbers.
+    #[inline(always)]
+    pub(crate) fn largest(self) -> f32 {
+        let (low, high) = self.0.split();
+        let (low, high) = low.max(high).split();
+        let [a, b, c, d] = low.max(high).to_array();
+        a.max(b).max(c.max(d))
+    }
+
+    /// Rows for columns: four rounds of [`Self::interleaved`] swap the halves of a number's place.
     #[inline(always)]
     pub(crate) fn transpose(mut rows: [Self; LANES]) -> [Self; LANES] {
         for _ in 0..LANES.ilog2() {
-            let before = rows;
-            for i in 0..LANES / 2 {
-                let (low, high) = before[i].0.interleave(before[i + LANES / 2].0);
-                rows[2 * i] = Self(low);
-                rows[2 * i + 1] = Self(high);
-            }
+            rows = Self::interleaved(rows);
         }
         rows
     }
+
+    /// Interleaves the upper half of the rows with the lower, which rotates the bits of a number's place, row and lane, by one. `ROWS` is a power
+    /// of two.
+    #[inline(always)]
+    pub(crate) fn interleaved<const ROWS: usize>(before: [Self; ROWS]) -> [Self; ROWS] {
+        let mut rows = before;
+        for i in 0..ROWS / 2 {
+            let (low, high) = before[i].0.interleave(before[i + ROWS / 2].0);
+            rows[2 * i] = Self(low);
+            rows[2 * i + 1] = Self(high);
+        }
+        rows
+    }
+}
+
+/// Whether sixteen numbers are one register.
+#[inline(always)]
+pub(crate) const fn is_one_register<S: Simd>() -> bool {
+    size_of::<S::f32s>() == size_of::<Lanes>()
 }
 
 macro_rules! impl_op {

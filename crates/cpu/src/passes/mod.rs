@@ -19,5 +19,6 @@ pub(crate) mod rasterize_backward;
 pub(crate) mod samples;
 pub(crate) mod shares;
 pub(crate) mod sort;
+pub(crate) mod sums;
 pub(crate) mod update;
 pub(crate) mod walk;

@@ -6,24 +6,34 @@
 use super::sort::WORD;
 
 /// From this many on picks are worth going over.
-const ENOUGH: usize = 16;
-/// Picked in one go, wanted or not: how many there are is guessed wrong too often to ask before each.
-const STRIDE: usize = 4;
+pub(crate) const ENOUGH: usize = 16;
+/// Picked in one go, wanted or not: how many there are is guessed wrong too often to ask before each. Few words have more bits.
+const STRIDE: usize = 8;
 /// Most picks there are: one less than enough, and a word.
 pub(crate) const MOST_PICKS: usize = ENOUGH - 1 + WORD;
+/// Memory for picks: so much that what is left has to be moved to the front only now and then, as reading together what was just written in parts
+/// takes long.
+pub(crate) type Room = [u32; 4 * WORD];
+/// Memory that nobody has written to.
+pub(crate) const EMPTY_ROOM: Room = [0; 4 * WORD];
 
-/// Numbers of entries, in the order they were picked.
-pub(crate) struct Picks {
-    len: usize,
-    entries: [u32; MOST_PICKS + STRIDE],
+/// Numbers of entries, in the order they were picked. Those before `start` have been handed over.
+pub(crate) struct Picks<'a> {
+    start: usize,
+    end: usize,
+    entries: &'a mut Room,
 }
 
-impl Picks {
-    pub(crate) const NONE: Self = Self { len: 0, entries: [0; MOST_PICKS + STRIDE] };
+impl<'a> Picks<'a> {
+    /// None yet; what is in `room` does not matter.
+    #[inline(always)]
+    pub(crate) fn new(room: &'a mut Room) -> Self {
+        Self { start: 0, end: 0, entries: room }
+    }
 
     #[inline(always)]
     pub(crate) fn is_enough(&self) -> bool {
-        self.len >= ENOUGH
+        self.end - self.start >= ENOUGH
     }
 
     /// Picks the bits of a word, which are entries from `start` on, the lowest first. There must not be enough picks yet.
@@ -41,22 +51,30 @@ impl Picks {
 
     #[inline(always)]
     fn pick(&mut self, mut bits: u64, entry: impl Fn(usize) -> u32) {
-        let end = self.len + bits.count_ones() as usize;
-        while self.len < end {
-            for slot in &mut self.entries[self.len..][..STRIDE] {
+        if self.end > EMPTY_ROOM.len() - WORD - STRIDE {
+            self.entries.copy_within(self.start..self.end, 0);
+            (self.start, self.end) = (0, self.end - self.start);
+        }
+        let mut next = self.end;
+        self.end += bits.count_ones() as usize;
+        loop {
+            for slot in &mut self.entries[next..][..STRIDE] {
                 *slot = entry(bits.trailing_zeros() as usize);
                 bits &= bits.wrapping_sub(1);
             }
-            self.len += STRIDE;
+            next += STRIDE;
+            if next >= self.end {
+                break;
+            }
         }
-        self.len = end;
     }
 
-    /// Hands the picks over, and has none afterwards.
+    /// Hands the first picks over, at most `most`.
     #[inline(always)]
-    pub(crate) fn take(&mut self) -> &[u32] {
-        let len = std::mem::take(&mut self.len);
-        &self.entries[..len.min(MOST_PICKS)]
+    pub(crate) fn take(&mut self, most: usize) -> &[u32] {
+        let (start, len) = (self.start, (self.end - self.start).min(most));
+        self.start += len;
+        &self.entries[start..][..len]
     }
 }
 
@@ -68,24 +86,40 @@ mod tests {
     fn bits_are_picked_in_order_either_way() {
         for bits in [0, 1, 1 << 63, 0b1011_0100, u64::MAX, 0x8421_0842_1084_2108] {
             let mut expected: Vec<u32> = (0..WORD as u32).filter(|bit| bits >> bit & 1 == 1).map(|bit| 640 + bit).collect();
-            let mut picks = Picks::NONE;
+            let mut room = EMPTY_ROOM;
+            let mut picks = Picks::new(&mut room);
             picks.pick_ascending(640, bits);
-            assert_eq!(picks.take(), expected);
+            assert_eq!(picks.take(MOST_PICKS), expected);
             picks.pick_descending(640, bits);
             expected.reverse();
-            assert_eq!(picks.take(), expected);
-            assert!(picks.take().is_empty());
+            assert_eq!(picks.take(MOST_PICKS), expected);
+            assert!(picks.take(MOST_PICKS).is_empty());
         }
     }
 
     #[test]
     fn there_is_room_for_a_word_until_there_are_enough() {
-        let mut picks = Picks::NONE;
+        let mut room = EMPTY_ROOM;
+        let mut picks = Picks::new(&mut room);
         picks.pick_descending(0, (1 << (ENOUGH - 1)) - 1);
         assert!(!picks.is_enough());
         picks.pick_ascending(64, u64::MAX);
         assert!(picks.is_enough());
         let all: Vec<u32> = (0..ENOUGH as u32 - 1).rev().chain(64..128).collect();
-        assert_eq!(picks.take(), all);
+        assert_eq!(picks.take(ENOUGH), &all[..ENOUGH]);
+        assert_eq!(picks.take(MOST_PICKS), &all[ENOUGH..]);
+    }
+
+    #[test]
+    fn what_is_not_taken_stays() {
+        let mut room = EMPTY_ROOM;
+        let mut picks = Picks::new(&mut room);
+        picks.pick_ascending(0, u64::MAX);
+        for start in [0, 16, 32] {
+            assert_eq!(picks.take(ENOUGH), (start..start + 16).collect::<Vec<u32>>());
+        }
+        assert_eq!(picks.take(ENOUGH - 1), (48..63).collect::<Vec<u32>>());
+        picks.pick_ascending(64, 0b101);
+        assert_eq!(picks.take(MOST_PICKS), [63, 64, 66]);
     }
 }

@@ -12,7 +12,7 @@ use luxel_core::{LossConfig, MIN_AREA_RATIO, Real, each};
 use super::bin::Bins;
 use super::color_backward::color_backward;
 use super::project::{Projection, SQRT_HALF_LOG2_E, dot};
-use super::rasterize_backward::{ENTRY_LEN, EntryGradient};
+use super::sums::{ENTRY_LEN, EntryGradient};
 use crate::lanes::{LANES, Lanes, V};
 use crate::store::{Layout, Store};
 use crate::view::ScreenCamera;

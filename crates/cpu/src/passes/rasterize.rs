@@ -10,7 +10,7 @@ use fearless_simd::{Level, Simd};
 use luxel_core::{Image, Real, each};
 use rayon::prelude::*;
 
-use super::picks::{MOST_PICKS, Picks};
+use super::picks::{EMPTY_ROOM, MOST_PICKS, Picks, Room};
 use super::sort::{Entry, TileList, WORD};
 use crate::lanes::{LANES, LOG2_OF_ZERO, Lanes, V, with_simd};
 use crate::view::{BLOCK_PX, BLOCKS, ScreenCamera, TILE_BLOCKS, TILE_PX, block_of};
@@ -70,25 +70,26 @@ pub(crate) fn to_alpha(tiles: &[TilePixels], camera: &ScreenCamera) -> Vec<f32> 
 pub(crate) fn rasterize(level: Level, camera: &ScreenCamera, (list, tile): (&TileList, usize), out: &mut TilePixels) {
     let origin = camera.tile_origin_px(tile);
     with_simd!(level, simd => {
-        let mut alphas = [Lanes::ZERO; MOST_PICKS];
+        let (mut room, mut alphas) = (EMPTY_ROOM, [Lanes::ZERO; MOST_PICKS]);
         for (block, pixels) in out.0.iter_mut().enumerate() {
-            rasterize_block(simd, camera, origin, (list, block), &mut alphas, pixels);
+            rasterize_block(simd, camera, origin, (list, block), (&mut room, &mut alphas), pixels);
         }
     });
 }
 
-/// Top left pixel of a block, relative to its tile's.
-fn block_origin_px(block: usize) -> [usize; 2] {
-    [block % TILE_BLOCKS * BLOCK_PX, block / TILE_BLOCKS * BLOCK_PX]
+/// Centre of the top left pixel of a block, relative to its tile's origin.
+#[inline(always)]
+pub(crate) fn first_pixel_center(block: usize) -> [f32; 2] {
+    [(block % TILE_BLOCKS * BLOCK_PX) as f32 + 0.5, (block / TILE_BLOCKS * BLOCK_PX) as f32 + 0.5]
 }
 
 /// Centres of a block's pixels relative to the tile's origin.
 #[inline(always)]
 pub(crate) fn pixel_centers<S: Simd>(simd: S, block: usize) -> [V<S>; 2] {
-    let [x, y] = block_origin_px(block);
-    const COLUMN: [f32; LANES] = [0.5, 1.5, 2.5, 3.5, 0.5, 1.5, 2.5, 3.5, 0.5, 1.5, 2.5, 3.5, 0.5, 1.5, 2.5, 3.5];
-    const ROW: [f32; LANES] = [0.5, 0.5, 0.5, 0.5, 1.5, 1.5, 1.5, 1.5, 2.5, 2.5, 2.5, 2.5, 3.5, 3.5, 3.5, 3.5];
-    [V::load(simd, &Lanes(COLUMN)) + x as f32, V::load(simd, &Lanes(ROW)) + y as f32]
+    let [x, y] = first_pixel_center(block);
+    const COLUMN: [f32; LANES] = [0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0];
+    const ROW: [f32; LANES] = [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0, 3.0, 3.0, 3.0, 3.0];
+    [V::load(simd, &Lanes(COLUMN)) + x, V::load(simd, &Lanes(ROW)) + y]
 }
 
 /// A splat as the pixels of a block see it.
@@ -132,14 +133,14 @@ struct Blending<S: Simd> {
     min_transmittance: V<S>,
 }
 
-/// Blends a block. What is in `alphas` does not matter.
+/// Blends a block. What is in `room` and `alphas` does not matter.
 #[inline(always)]
 fn rasterize_block<S: Simd>(
     simd: S,
     camera: &ScreenCamera,
     origin: [usize; 2],
     (list, block): (&TileList, usize),
-    alphas: &mut [Lanes; MOST_PICKS],
+    (room, alphas): (&mut Room, &mut [Lanes; MOST_PICKS]),
     out: &mut BlockPixels,
 ) {
     let c = |value: f32| V::splat(simd, value);
@@ -156,11 +157,11 @@ fn rasterize_block<S: Simd>(
         max_alpha: c(camera.cutoffs.max_alpha),
         min_transmittance: c(camera.cutoffs.min_transmittance),
     };
-    let mut picks = Picks::NONE;
+    let mut picks = Picks::new(room);
     for n in 0..list.words() {
         picks.pick_ascending(n * WORD, list.word(n, block));
         if picks.is_enough() {
-            blend(simd, &mut blending, &list.entries, picks.take(), alphas);
+            blend(simd, &mut blending, &list.entries, picks.take(MOST_PICKS), alphas);
             let live = blending.unstopped.ge(blending.min_transmittance);
             if !live.any_true() {
                 break;
@@ -168,7 +169,7 @@ fn rasterize_block<S: Simd>(
             blending.unstopped = V::select(live, blending.unstopped, c(FINISHED));
         }
     }
-    blend(simd, &mut blending, &list.entries, picks.take(), alphas);
+    blend(simd, &mut blending, &list.entries, picks.take(MOST_PICKS), alphas);
     let Blending { radiance, transmittance, last, .. } = blending;
     for ((out, sum), background) in out.radiance.iter_mut().zip(radiance).zip(camera.background) {
         transmittance.mul_add(c(background), sum).store(out);

@@ -10,7 +10,7 @@
 mod cover;
 mod order;
 
-use bytemuck::Zeroable;
+use bytemuck::{Pod, Zeroable};
 use fearless_simd::{Level, Simd};
 use luxel_core::each;
 
@@ -24,7 +24,7 @@ use crate::view::ScreenCamera;
 pub(crate) use self::cover::WORD;
 
 /// A splat in a tile's list: what blending needs of its footprint, in the footprint's order.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C, align(16))]
 pub(crate) struct Entry {
     /// Centre relative to the tile's top left corner.
@@ -36,6 +36,7 @@ pub(crate) struct Entry {
     pub(crate) log2_threshold: f32,
     /// Place in the tile's bin, where its gradient goes.
     pub(crate) place: u32,
+    padding: u32,
 }
 
 /// A tile's splats.
@@ -130,6 +131,7 @@ impl Entry {
             radiance: f.radiance,
             log2_threshold: f.log2_threshold,
             place: place as u32,
+            padding: 0,
         }
     }
 }
