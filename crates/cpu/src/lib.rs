@@ -4,6 +4,7 @@ mod engine;
 mod lanes;
 mod memory;
 mod passes;
+mod prefetch;
 mod store;
 mod view;
 

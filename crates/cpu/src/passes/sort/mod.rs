@@ -19,6 +19,7 @@ use self::order::{Order, place};
 use super::bin::Bins;
 use super::project::{Footprint, MARGIN_PX};
 use crate::lanes::{LANES, Lanes, V, with_simd};
+use crate::prefetch::prefetch;
 use crate::view::ScreenCamera;
 
 pub(crate) use self::cover::WORD;
@@ -38,6 +39,9 @@ pub(crate) struct Entry {
     pub(crate) place: u32,
     padding: u32,
 }
+
+/// Sixteens of splats between one whose footprints are asked for and the one in work.
+const CHUNKS_AHEAD: usize = 2;
 
 /// A tile's splats.
 #[derive(Default)]
@@ -100,7 +104,10 @@ impl TileList {
     fn look<S: Simd>(&mut self, simd: S, footprints: &[Footprint], origin_px: [f32; 2]) {
         self.depths.clear();
         self.blocks.clear();
-        for splats in self.splats.chunks(LANES) {
+        for (n, splats) in self.splats.chunks(LANES).enumerate() {
+            for splat in self.splats.iter().skip((n + CHUNKS_AHEAD) * LANES).take(LANES) {
+                prefetch(&footprints[*splat as usize]);
+            }
             // Places beyond the last splat are its copies, and are never asked for.
             let [mean_x, mean_y, root_0, root_1, root_2, log2_opacity, _, _, _, log2_threshold, extent_y, depth, right_dy, ..] =
                 V::transpose(each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15] lane => {
