@@ -45,8 +45,6 @@ pub(crate) fn rasterize_backward(
 ) {
     out.resize_with(lists.len(), Vec::new);
     let across = camera.tiles()[0];
-    // Found once: the library's logarithm is a call, for which a kernel has to save its registers.
-    let log2_max_alpha = camera.cutoffs.max_alpha.log2();
     out.par_iter_mut().zip(lists).zip(pixels).enumerate().for_each(|(tile, ((out, list), pixels))| {
         out.clear();
         out.resize(list.entries.len(), EntryGradient::default());
@@ -58,7 +56,7 @@ pub(crate) fn rasterize_backward(
         let (mut room, mut staged) = (EMPTY_ROOM, Staged::ZERO);
         with_simd!(level, simd => {
             for (block, pixels) in pixels.0.iter().enumerate() {
-                let (seen, out) = ((pixels, gradient(block), log2_max_alpha), (&mut room, &mut staged, out.as_mut_slice()));
+                let (seen, out) = ((pixels, gradient(block)), (&mut room, &mut staged, out.as_mut_slice()));
                 match absolute {
                     AbsoluteSums::Skip => block_backward::<_, false>(simd, camera, (list, block), seen, out),
                     AbsoluteSums::Collect => block_backward::<_, true>(simd, camera, (list, block), seen, out),
@@ -78,7 +76,6 @@ struct Unwinding<S: Simd> {
     /// Gradient-weighted radiance from behind.
     behind: V<S>,
     max_alpha: V<S>,
-    log2_max_alpha: f32,
     max_odds: V<S>,
 }
 
@@ -87,7 +84,7 @@ fn block_backward<S: Simd, const ABSOLUTE: bool>(
     simd: S,
     camera: &ScreenCamera,
     (list, block): (&TileList, usize),
-    (pixels, gradient, log2_max_alpha): (&BlockPixels, &BlockGradient, f32),
+    (pixels, gradient): (&BlockPixels, &BlockGradient),
     (room, staged, out): (&mut Room, &mut Staged, &mut [EntryGradient]),
 ) {
     let max_alpha = V::splat(simd, camera.cutoffs.max_alpha);
@@ -101,7 +98,6 @@ fn block_backward<S: Simd, const ABSOLUTE: bool>(
         transmittance,
         behind: transmittance * (background[0] + background[1] + background[2]),
         max_alpha,
-        log2_max_alpha,
         max_odds: odds(max_alpha),
     };
     let end = unwinding.last.largest() as usize;
@@ -156,7 +152,7 @@ fn unwind<S: Simd>(simd: S, state: &mut Unwinding<S>, entries: &[Entry], picks: 
         let shine = color[0].mul_add(gradient[0], color[1].mul_add(gradient[1], color[2] * gradient[2]));
         let given = blended * shine;
         let g = (-odds).mul_add(state.behind, given);
-        let g = if entry.log2_opacity < state.log2_max_alpha { g } else { V::select(odds.lt(state.max_odds), g, c(0.0)) };
+        let g = V::select(odds.lt(state.max_odds), g, c(0.0));
         state.transmittance = state.transmittance + blended;
         state.behind = state.behind + given;
         g.store(share);
