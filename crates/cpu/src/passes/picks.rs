@@ -6,7 +6,7 @@
 use super::sort::WORD;
 
 /// From this many on picks are worth going over.
-pub(crate) const ENOUGH: usize = 16;
+const ENOUGH: usize = 16;
 /// Picked in one go, wanted or not: how many there are is guessed wrong too often to ask before each. Few words have more bits.
 const STRIDE: usize = 8;
 /// Most picks there are: one less than enough, and a word.
