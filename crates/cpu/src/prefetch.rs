@@ -5,6 +5,9 @@
 
 use crate::lanes::Lanes;
 
+/// Sixteens of splats between those that are asked for and those in work.
+pub(crate) const AHEAD: usize = 2;
+
 /// Asks for what is at `first` and the `count - 1` numbers behind it, as far as there are so many. Does nothing where the processor has no such
 /// instruction that the standard library knows.
 #[inline(always)]

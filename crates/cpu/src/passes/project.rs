@@ -12,7 +12,7 @@ use luxel_core::{Antialias, MIN_AREA_RATIO, Real, each};
 use rayon::prelude::*;
 
 use crate::lanes::{LANES, Lanes, M, V, with_simd};
-use crate::prefetch::prefetch_rows;
+use crate::prefetch::{AHEAD, prefetch_rows};
 use crate::store::{Layout, Store};
 use crate::view::{ScreenCamera, TILE_PX};
 
@@ -191,16 +191,13 @@ pub(crate) fn view_direction<S: Simd>(simd: S, camera: &ScreenCamera, rows: &[La
     (each!([0, 1, 2] i => { let v = offset[i]; v * inverse_distance }), inverse_distance)
 }
 
-/// Blocks between one that is asked for and the one in work.
-const BLOCKS_AHEAD: usize = 2;
-
 /// Projects all splats.
 pub(crate) fn project(level: Level, camera: &ScreenCamera, store: &Store, smoothing: &[Lanes], out: &mut Vec<Footprint>) {
     let rows = store.layout.rows();
     let count = store.count;
     out.resize(store.lanes.len() / rows * LANES, Footprint::zeroed());
     out.par_chunks_mut(LANES).zip(store.lanes.par_chunks(rows)).enumerate().with_min_len(64).for_each(|(block, (out, rows))| {
-        prefetch_rows(&store.lanes, (block + BLOCKS_AHEAD) * rows.len(), rows.len());
+        prefetch_rows(&store.lanes, (block + AHEAD) * rows.len(), rows.len());
         let alive = count - (block * LANES).min(count);
         with_simd!(level, simd => project_block(simd, camera, store.layout, rows, smoothing.get(block), alive, out));
     });

@@ -62,7 +62,7 @@ impl Staged {
     /// Keeps of pick number `i` what its sums need of the entry.
     #[inline(always)]
     pub(crate) fn see<S: Simd>(&mut self, i: usize, entry: &Entry, seen: &Seen<S>) {
-        if sums_turn::<S>() {
+        if is_one_register::<S>() {
             self.keep_fields(i, entry);
         } else {
             self.keep_offsets(i, seen);
@@ -82,12 +82,6 @@ impl Staged {
     }
 }
 
-/// Whether [`add_sums`] turns.
-#[inline(always)]
-const fn sums_turn<S: Simd>() -> bool {
-    is_one_register::<S>()
-}
-
 /// Adds the sums of `picks` among a tile's entries to their gradients. `colors` is the gradient by the radiance of the block's pixels.
 #[inline(always)]
 pub(crate) fn add_sums<S: Simd, const ABSOLUTE: bool>(
@@ -96,7 +90,7 @@ pub(crate) fn add_sums<S: Simd, const ABSOLUTE: bool>(
     (block, staged, colors): (usize, &Staged, &[Lanes; 3]),
     out: &mut [EntryGradient],
 ) {
-    if sums_turn::<S>() {
+    if is_one_register::<S>() {
         turn::<_, ABSOLUTE>(simd, (entries, picks), (block, staged, colors), out);
     } else {
         fold::<_, ABSOLUTE>(simd, (entries, picks), (staged, colors), out);

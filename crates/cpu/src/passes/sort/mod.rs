@@ -19,7 +19,7 @@ use self::order::{Order, place};
 use super::bin::Bins;
 use super::project::{Footprint, MARGIN_PX};
 use crate::lanes::{LANES, Lanes, V, with_simd};
-use crate::prefetch::prefetch;
+use crate::prefetch::{AHEAD, prefetch};
 use crate::view::ScreenCamera;
 
 pub(crate) use self::cover::WORD;
@@ -39,9 +39,6 @@ pub(crate) struct Entry {
     pub(crate) place: u32,
     padding: u32,
 }
-
-/// Sixteens of splats between one whose footprints are asked for and the one in work.
-const CHUNKS_AHEAD: usize = 2;
 
 /// A tile's splats.
 #[derive(Default)]
@@ -105,7 +102,7 @@ impl TileList {
         self.depths.clear();
         self.blocks.clear();
         for (n, splats) in self.splats.chunks(LANES).enumerate() {
-            for splat in self.splats.iter().skip((n + CHUNKS_AHEAD) * LANES).take(LANES) {
+            for splat in self.splats.iter().skip((n + AHEAD) * LANES).take(LANES) {
                 prefetch(&footprints[*splat as usize]);
             }
             // Places beyond the last splat are its copies, and are never asked for.
