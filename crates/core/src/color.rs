@@ -225,7 +225,8 @@ impl ColorModel {
                 let along = d_radiance[0] * chroma[0] + d_radiance[1] * chroma[1] + d_radiance[2] * chroma[2];
                 let d_raw = along * activation.derivative(raw);
                 add_luminance(0, d_raw);
-                for (m, (y, d_y)) in basis.values.iter().zip(&mut d_basis).enumerate().take(self.active_luminance(basis)).skip(1) {
+                let rest = 1..self.active_luminance(basis);
+                for ((m, y), d_y) in rest.clone().zip(&basis.values[rest.clone()]).zip(&mut d_basis[rest]) {
                     add_luminance(m, d_raw * *y);
                     *d_y = d_raw * raw_luminance(m);
                 }
@@ -233,7 +234,8 @@ impl ColorModel {
                 each!([0, 1, 2] c => response[c].if_positive(scale * (d_radiance[c] - along), zero))
             }
         };
-        for (m, (y, d_y)) in basis.values.iter().zip(&mut d_basis).enumerate().take(self.active_sh(basis)) {
+        let active = 0..self.active_sh(basis);
+        for ((m, y), d_y) in active.clone().zip(&basis.values[active.clone()]).zip(&mut d_basis[active]) {
             for (c, d_response) in d_response.iter().enumerate() {
                 add_sh(m, c, *d_response * *y);
                 *d_y = d_response.mul_add(sh(m, c), *d_y);
@@ -312,7 +314,8 @@ impl ColorModel {
     #[inline(always)]
     fn response<R: Real>(self, basis: &ColorBasis<R>, sh: &impl Fn(usize, usize) -> R) -> [R; 3] {
         let mut response = each!([0, 1, 2] c => sh(0, c) * basis.values[0]);
-        for (m, y) in basis.values.iter().enumerate().take(self.active_sh(basis)).skip(1) {
+        let rest = 1..self.active_sh(basis);
+        for (m, y) in rest.clone().zip(&basis.values[rest]) {
             for (c, value) in response.iter_mut().enumerate() {
                 *value = sh(m, c).mul_add(*y, *value);
             }
@@ -325,7 +328,8 @@ impl ColorModel {
     #[inline(always)]
     fn raw_luminance<R: Real>(self, basis: &ColorBasis<R>, raw: &impl Fn(usize) -> R) -> R {
         let mut sum = raw(0);
-        for (m, y) in basis.values.iter().enumerate().take(self.active_luminance(basis)).skip(1) {
+        let rest = 1..self.active_luminance(basis);
+        for (m, y) in rest.clone().zip(&basis.values[rest]) {
             sum = raw(m).mul_add(*y, sum);
         }
         sum
