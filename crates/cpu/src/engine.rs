@@ -14,6 +14,7 @@ use crate::memory::Buffer;
 use crate::passes::adam::Optimizer;
 use crate::passes::bin::Bins;
 use crate::passes::blend::sort_and_rasterize;
+use crate::passes::changes::Changes;
 use crate::passes::contribute::contribute;
 use crate::passes::densify;
 use crate::passes::evaluations::evaluations;
@@ -52,6 +53,7 @@ struct Frame {
     bins: Bins,
     lists: Vec<TileList>,
     pixels: Vec<TilePixels>,
+    changes: Vec<Changes>,
     /// With several samples a pixel `pixels` are samples, and these the image's.
     resolved: Vec<TilePixels>,
     loss: LossBuffers,
@@ -149,7 +151,7 @@ impl CpuEngine {
             clock.lap(Pass::Project);
             frame.bins.fill(camera, &frame.footprints);
             clock.lap(Pass::Bin);
-            let (splats, tiles) = ((&frame.bins, frame.footprints.as_slice()), (&mut frame.lists, &mut frame.pixels));
+            let (splats, tiles) = ((&frame.bins, frame.footprints.as_slice()), (&mut frame.lists, &mut frame.pixels, &mut frame.changes));
             let [sort, rasterize] = sort_and_rasterize(*level, camera, splats, tiles);
             clock.lap_shared(&[(Pass::Sort, sort), (Pass::Rasterize, rasterize)]);
             if camera.samples > 1 {
@@ -206,7 +208,7 @@ impl CpuEngine {
                 StatsCollection::Off | StatsCollection::Gradients => AbsoluteSums::Skip,
             };
             let pixels = (frame.pixels.as_slice(), gradient.as_slice());
-            rasterize_backward(*level, &camera, &frame.lists, pixels, absolute, &mut frame.entries);
+            rasterize_backward(*level, &camera, (&frame.lists, &frame.changes), pixels, absolute, &mut frame.entries);
             clock.lap(Pass::RasterizeBackward);
             sums
         });
@@ -314,7 +316,7 @@ impl Engine for CpuEngine {
             // The same lists, thresholds and all, blended once more with distances for colours.
             let on_nothing = ScreenCamera { background: [0.0; 3], ..camera };
             frame.footprints.iter_mut().for_each(|footprint| footprint.radiance = [footprint.depth, 0.0, 0.0]);
-            let (splats, tiles) = ((&frame.bins, frame.footprints.as_slice()), (&mut frame.lists, &mut frame.pixels));
+            let (splats, tiles) = ((&frame.bins, frame.footprints.as_slice()), (&mut frame.lists, &mut frame.pixels, &mut frame.changes));
             sort_and_rasterize(*level, &on_nothing, splats, tiles);
             if camera.samples > 1 {
                 resolve(&on_nothing, &frame.pixels, &mut frame.resolved);

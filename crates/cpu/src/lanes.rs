@@ -181,15 +181,6 @@ impl<S: Simd> V<S> {
         Self(self.0.slide::<1>(zero))
     }
 
-    /// The largest of the numbers.
-    #[inline(always)]
-    pub(crate) fn largest(self) -> f32 {
-        let (low, high) = self.0.split();
-        let (low, high) = low.max(high).split();
-        let [a, b, c, d] = low.max(high).to_array();
-        a.max(b).max(c.max(d))
-    }
-
     /// Rows for columns: four rounds of [`Self::interleaved`] swap the halves of a number's place.
     #[inline(always)]
     pub(crate) fn transpose(mut rows: [Self; LANES]) -> [Self; LANES] {

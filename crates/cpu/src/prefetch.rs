@@ -1,12 +1,24 @@
-//! Asking for memory ahead of its use, where the processor does not foresee it.
+//! Getting memory ahead of its use, where the processor does not foresee it.
 //!
 //! Its prediction of what comes next goes line by line and begins anew with each stretch of memory; a block of splats has sixty lines, after which
-//! hundreds of cycles of arithmetic follow, in which nothing would be on its way.
+//! hundreds of cycles of arithmetic follow, in which nothing would be on its way. Two ways help: asking for a few lines and going on, which
+//! too many questions hold up, and reading a long stretch at once.
+
+use bytemuck::Pod;
 
 use crate::lanes::Lanes;
 
 /// Sixteens of splats between those that are asked for and those in work.
 pub(crate) const AHEAD: usize = 2;
+
+/// Bytes of a cache line; where it has more the reading is of no harm.
+const LINE: usize = 64;
+
+/// Reads values in a row, at the pace of memory, so that they are in the core's cache for who needs them here and there.
+pub(crate) fn fetch<T: Pod>(values: &[T]) {
+    let bytes: &[u8] = bytemuck::cast_slice(values);
+    std::hint::black_box(bytes.chunks(LINE).fold(0, |sum, line| sum ^ line[0]));
+}
 
 /// Asks for what is at `first` and the `count - 1` numbers behind it, as far as there are so many. Does nothing where the processor has no such
 /// instruction that the standard library knows.

@@ -9,6 +9,7 @@ use fearless_simd::Level;
 use rayon::prelude::*;
 
 use super::bin::Bins;
+use super::changes::Changes;
 use super::project::Footprint;
 use super::rasterize::{TilePixels, rasterize};
 use super::shares::Shares;
@@ -20,17 +21,18 @@ pub(crate) fn sort_and_rasterize(
     level: Level,
     camera: &ScreenCamera,
     (bins, footprints): (&Bins, &[Footprint]),
-    (lists, pixels): (&mut Vec<TileList>, &mut Vec<TilePixels>),
+    (lists, pixels, changes): (&mut Vec<TileList>, &mut Vec<TilePixels>, &mut Vec<Changes>),
 ) -> [Duration; 2] {
     let [across, down] = camera.tiles();
     lists.resize_with(across * down, TileList::default);
     pixels.resize(across * down, TilePixels::default());
+    changes.resize_with(across * down, Changes::default);
     let shares = Shares::default();
-    lists.par_iter_mut().zip(pixels).enumerate().for_each(|(tile, (list, pixels))| {
+    lists.par_iter_mut().zip(pixels).zip(changes).enumerate().for_each(|(tile, ((list, pixels), changes))| {
         let start = Instant::now();
         list.sort(level, camera, (bins, tile), footprints);
         let middle = Instant::now();
-        rasterize(level, camera, (list, tile), pixels);
+        rasterize(level, camera, (list, tile), (pixels, changes));
         shares.add(start, middle);
     });
     shares.totals()

@@ -1,11 +1,12 @@
 //! The passes of a training step, one file each. `color` runs within `project`, `color_backward` within `project_backward`: their
 //! time is counted there. Two are none of a step's: `contribute` tells which splats a painted mask means, `evaluations` what there is to blend;
-//! both `walk` through a block as `rasterize` does. `picks` is what both rasterisers find a block's splats with,
-//! `sums` how the second adds up over a block's pixels.
+//! both `walk` through a block as `rasterize` does. `picks` is what `rasterize` finds a block's splats with, `changes`
+//! what it leaves for `rasterize_backward`, `sums` how that adds up over a block's pixels.
 
 pub(crate) mod adam;
 pub(crate) mod bin;
 pub(crate) mod blend;
+pub(crate) mod changes;
 pub(crate) mod color;
 pub(crate) mod color_backward;
 pub(crate) mod contribute;

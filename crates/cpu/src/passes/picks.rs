@@ -1,125 +1,138 @@
 //! Entries of a tile that touch a block, picked from words of bits.
 //!
-//! The rasterisers go over picks in stages, a loop each that does one thing for all of them. Splats do not hang on each other there, and the processor
-//! overlaps them; a loop that did everything for one splat would be longer than what it looks ahead.
+//! `rasterize` goes over picks in stages, a loop each that does one thing for all of them, and so does `rasterize_backward` over what they changed.
+//! Splats do not hang on each other there, and the processor overlaps them; a loop that did everything for one splat would be longer than what it
+//! looks ahead.
+
+use fearless_simd::prelude::*;
+use fearless_simd::{Simd, mask8x64, u8x64};
 
 use super::sort::WORD;
+use crate::lanes::{LANES, is_one_register};
 
 /// From this many on picks are worth going over.
 const ENOUGH: usize = 16;
-/// Picked in one go, wanted or not: how many there are is guessed wrong too often to ask before each. Few words have more bits.
+/// Picked in one go by [`Picks::count_off`], wanted or not: how many there are is guessed wrong too often to ask before each. Few words have more bits.
 const STRIDE: usize = 8;
 /// Most picks there are: one less than enough, and a word.
 pub(crate) const MOST_PICKS: usize = ENOUGH - 1 + WORD;
-/// Memory for picks: so much that what is left has to be moved to the front only now and then, as reading together what was just written in parts
-/// takes long.
-pub(crate) type Room = [u32; 4 * WORD];
-/// Memory that nobody has written to.
-pub(crate) const EMPTY_ROOM: Room = [0; 4 * WORD];
 
-/// Numbers of entries, in the order they were picked. Those before `start` have been handed over.
-pub(crate) struct Picks<'a> {
-    start: usize,
-    end: usize,
-    entries: &'a mut Room,
+/// Numbers of entries, in ascending order.
+pub(crate) struct Picks {
+    entries: [u32; MOST_PICKS],
+    len: usize,
 }
 
-impl<'a> Picks<'a> {
-    /// None yet; what is in `room` does not matter.
-    #[inline(always)]
-    pub(crate) fn new(room: &'a mut Room) -> Self {
-        Self { start: 0, end: 0, entries: room }
-    }
+impl Picks {
+    pub(crate) const NONE: Self = Self { entries: [0; MOST_PICKS], len: 0 };
 
     #[inline(always)]
     pub(crate) fn is_enough(&self) -> bool {
-        self.end - self.start >= ENOUGH
+        self.len >= ENOUGH
     }
 
-    /// Picks the bits of a word, which are entries from `start` on, the lowest first. There must not be enough picks yet.
+    /// Picks the bits of a word, which are entries from `start` on. There must not be enough picks yet.
     #[inline(always)]
-    pub(crate) fn pick_ascending(&mut self, start: usize, bits: u64) {
-        self.pick(bits, |bit| (start + bit) as u32);
-    }
-
-    /// Picks the bits of a word, which are entries from `start` on, the highest first. There must not be enough picks yet.
-    #[inline(always)]
-    pub(crate) fn pick_descending(&mut self, start: usize, bits: u64) {
-        // What stands for no bit at all is not kept, whatever it is.
-        self.pick(bits.reverse_bits(), |bit| (start + WORD - 1).wrapping_sub(bit) as u32);
-    }
-
-    #[inline(always)]
-    fn pick(&mut self, mut bits: u64, entry: impl Fn(usize) -> u32) {
-        if self.end > EMPTY_ROOM.len() - WORD - STRIDE {
-            self.entries.copy_within(self.start..self.end, 0);
-            (self.start, self.end) = (0, self.end - self.start);
+    pub(crate) fn pick<S: Simd>(&mut self, simd: S, start: u32, bits: u64) {
+        if is_one_register::<S>() {
+            self.squeeze(simd, start, bits);
+        } else {
+            self.count_off(start, bits);
         }
-        let mut next = self.end;
-        self.end += bits.count_ones() as usize;
-        loop {
+    }
+
+    /// Hands the picks over; there are none then.
+    #[inline(always)]
+    pub(crate) fn take(&mut self) -> &[u32] {
+        let len = std::mem::take(&mut self.len);
+        &self.entries[..len]
+    }
+
+    /// Bit by bit.
+    #[inline(always)]
+    fn count_off(&mut self, start: u32, mut bits: u64) {
+        let mut next = self.len;
+        self.len += bits.count_ones() as usize;
+        while next < self.len {
             for slot in &mut self.entries[next..][..STRIDE] {
-                *slot = entry(bits.trailing_zeros() as usize);
+                // What stands for no bit at all is not kept, whatever it is.
+                *slot = start + bits.trailing_zeros();
                 bits &= bits.wrapping_sub(1);
             }
             next += STRIDE;
-            if next >= self.end {
-                break;
-            }
         }
     }
 
-    /// Hands the first picks over, at most `most`.
+    /// The numbers of all bits, without those that are not set: an instruction, where a register holds all.
     #[inline(always)]
-    pub(crate) fn take(&mut self, most: usize) -> &[u32] {
-        let (start, len) = (self.start, (self.end - self.start).min(most));
-        self.start += len;
-        &self.entries[start..][..len]
+    fn squeeze<S: Simd>(&mut self, simd: S, start: u32, bits: u64) {
+        const NUMBERS: [u8; WORD] = {
+            let mut numbers = [0; WORD];
+            let mut n = 0;
+            while n < WORD {
+                numbers[n] = n as u8;
+                n += 1;
+            }
+            numbers
+        };
+        let next = self.len;
+        self.len += bits.count_ones() as usize;
+        let set = u8x64::load_array(simd, NUMBERS).compress(mask8x64::from_bitmask(simd, bits));
+        let (low, high) = set.widen();
+        let ((first, second), (third, fourth)) = (low.widen(), high.widen());
+        let slots = &mut self.entries[next..][..WORD];
+        (first + start).store_slice(&mut slots[..LANES]);
+        if self.len > next + LANES {
+            (second + start).store_slice(&mut slots[LANES..2 * LANES]);
+            (third + start).store_slice(&mut slots[2 * LANES..3 * LANES]);
+            (fourth + start).store_slice(&mut slots[3 * LANES..]);
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use fearless_simd::Level;
+
     use super::*;
+    use crate::lanes::with_simd;
 
-    #[test]
-    fn bits_are_picked_in_order_either_way() {
-        for bits in [0, 1, 1 << 63, 0b1011_0100, u64::MAX, 0x8421_0842_1084_2108] {
-            let mut expected: Vec<u32> = (0..WORD as u32).filter(|bit| bits >> bit & 1 == 1).map(|bit| 640 + bit).collect();
-            let mut room = EMPTY_ROOM;
-            let mut picks = Picks::new(&mut room);
-            picks.pick_ascending(640, bits);
-            assert_eq!(picks.take(MOST_PICKS), expected);
-            picks.pick_descending(640, bits);
-            expected.reverse();
-            assert_eq!(picks.take(MOST_PICKS), expected);
-            assert!(picks.take(MOST_PICKS).is_empty());
-        }
-    }
-
-    #[test]
-    fn there_is_room_for_a_word_until_there_are_enough() {
-        let mut room = EMPTY_ROOM;
-        let mut picks = Picks::new(&mut room);
-        picks.pick_descending(0, (1 << (ENOUGH - 1)) - 1);
+    /// Picks `bits` after `before` others.
+    fn picked<S: Simd>(simd: S, before: u32, bits: u64, squeeze: bool) -> Vec<u32> {
+        let mut picks = Picks::NONE;
+        picks.count_off(0, (1 << before) - 1);
         assert!(!picks.is_enough());
-        picks.pick_ascending(64, u64::MAX);
-        assert!(picks.is_enough());
-        let all: Vec<u32> = (0..ENOUGH as u32 - 1).rev().chain(64..128).collect();
-        assert_eq!(picks.take(ENOUGH), &all[..ENOUGH]);
-        assert_eq!(picks.take(MOST_PICKS), &all[ENOUGH..]);
+        if squeeze {
+            picks.squeeze(simd, 640, bits);
+        } else {
+            picks.count_off(640, bits);
+        }
+        assert_eq!(picks.is_enough(), before + bits.count_ones() >= ENOUGH as u32);
+        picks.take().to_vec()
     }
 
     #[test]
-    fn what_is_not_taken_stays() {
-        let mut room = EMPTY_ROOM;
-        let mut picks = Picks::new(&mut room);
-        picks.pick_ascending(0, u64::MAX);
-        for start in [0, 16, 32] {
-            assert_eq!(picks.take(ENOUGH), (start..start + 16).collect::<Vec<u32>>());
+    fn either_way_picks_the_bits_in_order() {
+        for bits in [0, 1, 1 << 63, 0b1011_0100, 0xffff, u64::MAX, 0x8421_0842_1084_2108] {
+            for before in [0, 3, ENOUGH as u32 - 1] {
+                let expected: Vec<u32> = (0..before).chain((0..64).filter(|bit| bits >> bit & 1 == 1).map(|bit| 640 + bit)).collect();
+                for level in [Level::new(), Level::baseline()] {
+                    with_simd!(level, simd => {
+                        assert_eq!(picked(simd, before, bits, true), expected);
+                        assert_eq!(picked(simd, before, bits, false), expected);
+                    });
+                }
+            }
         }
-        assert_eq!(picks.take(ENOUGH - 1), (48..63).collect::<Vec<u32>>());
-        picks.pick_ascending(64, 0b101);
-        assert_eq!(picks.take(MOST_PICKS), [63, 64, 66]);
+    }
+
+    #[test]
+    fn picks_are_handed_over_once() {
+        let mut picks = Picks::NONE;
+        picks.count_off(0, 0b101);
+        assert_eq!(picks.take(), [0, 2]);
+        assert!(picks.take().is_empty());
+        picks.count_off(64, 0b10);
+        assert_eq!(picks.take(), [65]);
     }
 }

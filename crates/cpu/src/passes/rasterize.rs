@@ -1,16 +1,16 @@
 //! Pass `rasterize`: front-to-back blending of each block's splats.
 //!
-//! In: the tiles' sorted lists. Out: [`TilePixels`]: per tile and 4x4 block the radiance `[3]`, the transmittance left, and how many of
-//! the tile's entries had been looked at when each pixel was last changed (what the backward pass starts from). Source: 3DGS (Kerbl
-//! et al. 2023) eq. 3 with the thresholds of [`luxel_core::Cutoffs`]. A pixel stops before the splat that would take its
-//! transmittance below `min_transmittance`; the background shines through what is left.
+//! In: the tiles' sorted lists. Out: [`TilePixels`]: per tile and 4x4 block the radiance `[3]` and the transmittance left; and [`Changes`], the
+//! entries that changed a pixel. Source: 3DGS (Kerbl et al. 2023) eq. 3 with the thresholds of [`luxel_core::Cutoffs`]. A pixel stops before
+//! the splat that would take its transmittance below `min_transmittance`; the background shines through what is left.
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd};
 use luxel_core::{Image, Real, each};
 use rayon::prelude::*;
 
-use super::picks::{EMPTY_ROOM, MOST_PICKS, Picks, Room};
+use super::changes::Changes;
+use super::picks::{MOST_PICKS, Picks};
 use super::sort::{Entry, TileList, WORD};
 use crate::lanes::{LANES, LOG2_OF_ZERO, Lanes, V, with_simd};
 use crate::view::{BLOCK_PX, BLOCKS, ScreenCamera, TILE_BLOCKS, TILE_PX, block_of};
@@ -20,8 +20,6 @@ use crate::view::{BLOCK_PX, BLOCKS, ScreenCamera, TILE_BLOCKS, TILE_PX, block_of
 pub(crate) struct BlockPixels {
     pub(crate) radiance: [Lanes; 3],
     pub(crate) transmittance: Lanes,
-    /// Entries of the tile up to and including the last that changed the pixel; exact, as tiles have fewer than 2^24.
-    pub(crate) last: Lanes,
 }
 
 /// Pixels of a tile.
@@ -67,12 +65,19 @@ pub(crate) fn to_alpha(tiles: &[TilePixels], camera: &ScreenCamera) -> Vec<f32> 
 }
 
 /// Blends a tile.
-pub(crate) fn rasterize(level: Level, camera: &ScreenCamera, (list, tile): (&TileList, usize), out: &mut TilePixels) {
+pub(crate) fn rasterize(
+    level: Level,
+    camera: &ScreenCamera,
+    (list, tile): (&TileList, usize),
+    (pixels, changes): (&mut TilePixels, &mut Changes),
+) {
     let origin = camera.tile_origin_px(tile);
+    changes.clear();
     with_simd!(level, simd => {
-        let (mut room, mut alphas) = (EMPTY_ROOM, [Lanes::ZERO; MOST_PICKS]);
-        for (block, pixels) in out.0.iter_mut().enumerate() {
-            rasterize_block(simd, camera, origin, (list, block), (&mut room, &mut alphas), pixels);
+        let (mut picks, mut alphas) = (Picks::NONE, [Lanes::ZERO; MOST_PICKS]);
+        for (block, pixels) in pixels.0.iter_mut().enumerate() {
+            rasterize_block(simd, camera, origin, (list, block), (&mut picks, &mut alphas), (pixels, changes));
+            changes.end_block();
         }
     });
 }
@@ -127,21 +132,19 @@ struct Blending<S: Simd> {
     /// As if no pixel ever stopped, so that a splat waits for no comparison with the one in front. Once below the least it stays there, which is
     /// how finished pixels are told: [`FINISHED`] at the latest with the next picks.
     unstopped: V<S>,
-    /// As [`BlockPixels::last`].
-    last: V<S>,
     max_alpha: V<S>,
     min_transmittance: V<S>,
 }
 
-/// Blends a block. What is in `room` and `alphas` does not matter.
+/// Blends a block. There are no picks before and after; what is in `alphas` does not matter.
 #[inline(always)]
 fn rasterize_block<S: Simd>(
     simd: S,
     camera: &ScreenCamera,
     origin: [usize; 2],
     (list, block): (&TileList, usize),
-    (room, alphas): (&mut Room, &mut [Lanes; MOST_PICKS]),
-    out: &mut BlockPixels,
+    (picks, alphas): (&mut Picks, &mut [Lanes; MOST_PICKS]),
+    (out, changes): (&mut BlockPixels, &mut Changes),
 ) {
     let c = |value: f32| V::splat(simd, value);
     let centers = pixel_centers(simd, block);
@@ -153,15 +156,13 @@ fn rasterize_block<S: Simd>(
         radiance: [c(0.0); 3],
         transmittance: c(1.0),
         unstopped: V::select(inside, c(1.0), c(FINISHED)),
-        last: c(0.0),
         max_alpha: c(camera.cutoffs.max_alpha),
         min_transmittance: c(camera.cutoffs.min_transmittance),
     };
-    let mut picks = Picks::new(room);
     for n in 0..list.words() {
-        picks.pick_ascending(n * WORD, list.word(n, block));
+        picks.pick(simd, (n * WORD) as u32, list.word(n, block));
         if picks.is_enough() {
-            blend(simd, &mut blending, &list.entries, picks.take(MOST_PICKS), alphas);
+            blend(simd, &mut blending, &list.entries, picks.take(), (alphas, changes));
             let live = blending.unstopped.ge(blending.min_transmittance);
             if !live.any_true() {
                 break;
@@ -169,18 +170,23 @@ fn rasterize_block<S: Simd>(
             blending.unstopped = V::select(live, blending.unstopped, c(FINISHED));
         }
     }
-    blend(simd, &mut blending, &list.entries, picks.take(MOST_PICKS), alphas);
-    let Blending { radiance, transmittance, last, .. } = blending;
+    blend(simd, &mut blending, &list.entries, picks.take(), (alphas, changes));
+    let Blending { radiance, transmittance, .. } = blending;
     for ((out, sum), background) in out.radiance.iter_mut().zip(radiance).zip(camera.background) {
         transmittance.mul_add(c(background), sum).store(out);
     }
     transmittance.store(&mut out.transmittance);
-    last.store(&mut out.last);
 }
 
 /// Blends the picks among a tile's entries behind what has been blended.
 #[inline(always)]
-fn blend<S: Simd>(simd: S, state: &mut Blending<S>, entries: &[Entry], picks: &[u32], alphas: &mut [Lanes; MOST_PICKS]) {
+fn blend<S: Simd>(
+    simd: S,
+    state: &mut Blending<S>,
+    entries: &[Entry],
+    picks: &[u32],
+    (alphas, changes): (&mut [Lanes; MOST_PICKS], &mut Changes),
+) {
     let c = |value: f32| V::splat(simd, value);
     for (index, alpha) in picks.iter().zip(alphas.iter_mut()) {
         let entry = &entries[*index as usize];
@@ -190,6 +196,7 @@ fn blend<S: Simd>(simd: S, state: &mut Blending<S>, entries: &[Entry], picks: &[
     for alpha in &mut alphas[..picks.len()] {
         V::load(simd, alpha).exp2().min(state.max_alpha).store(alpha);
     }
+    let mut pen = changes.pen();
     for (index, alpha) in picks.iter().zip(alphas) {
         let entry = &entries[*index as usize];
         let alpha = V::load(simd, alpha);
@@ -202,6 +209,6 @@ fn blend<S: Simd>(simd: S, state: &mut Blending<S>, entries: &[Entry], picks: &[
         }
         state.transmittance = V::select(live, left, state.transmittance);
         state.unstopped = left;
-        state.last = V::select(weight.gt(c(0.0)), c((index + 1) as f32), state.last);
+        pen.note(*index, weight.gt(c(0.0)).to_bitmask() as u16);
     }
 }

@@ -1,6 +1,6 @@
 //! Pass `rasterize_backward`: gradients of each tile's splats, back to front.
 //!
-//! In: the tiles' sorted lists and pixels, gradient of the loss by the pixels' radiance ([`BlockGradient`]s row by row).
+//! In: the tiles' sorted lists, pixels and [`Changes`], gradient of the loss by the pixels' radiance ([`BlockGradient`]s row by row).
 //! Out: one [`EntryGradient`] per entry of a tile, in the order of its bin: sums over the tile's pixels. They are gathered by splat later,
 //! in a fixed order, so no two threads ever add to one number.
 //!
@@ -10,16 +10,18 @@
 //! centre and covariance follow from the moments of g over the pixels' whitened offsets (u, v), which are summed here and turned into them per
 //! splat. Where alpha is capped it has no gradient.
 
+use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd};
 use luxel_core::Real;
 use luxel_core::each;
 use rayon::prelude::*;
 
-use super::picks::{EMPTY_ROOM, Picks, Room};
+use super::changes::{BlockChanges, Changes};
 use super::rasterize::{BlockPixels, Seen, TilePixels, pixel_centers};
-use super::sort::{Entry, TileList, WORD};
+use super::sort::{Entry, TileList};
 use super::sums::{EntryGradient, Staged, add_sums};
-use crate::lanes::{LANES, LOG2_OF_ZERO, Lanes, V, with_simd};
+use crate::lanes::{LANES, LOG2_OF_ZERO, Lanes, M, V, with_simd};
+use crate::prefetch::fetch;
 use crate::view::{ScreenCamera, TILE_BLOCKS};
 
 /// Gradient by the radiance of a block's pixels.
@@ -38,28 +40,30 @@ pub(crate) enum AbsoluteSums {
 pub(crate) fn rasterize_backward(
     level: Level,
     camera: &ScreenCamera,
-    lists: &[TileList],
+    (lists, changes): (&[TileList], &[Changes]),
     (pixels, gradients): (&[TilePixels], &[BlockGradient]),
     absolute: AbsoluteSums,
     out: &mut Vec<Vec<EntryGradient>>,
 ) {
     out.resize_with(lists.len(), Vec::new);
     let across = camera.tiles()[0];
-    out.par_iter_mut().zip(lists).zip(pixels).enumerate().for_each(|(tile, ((out, list), pixels))| {
+    out.par_iter_mut().zip(lists).zip(changes).zip(pixels).enumerate().for_each(|(tile, (((out, list), changes), pixels))| {
         out.clear();
         out.resize(list.entries.len(), EntryGradient::default());
-        list.fetch();
+        fetch(&list.entries);
+        changes.fetch();
         let gradient = |block: usize| {
             let row = tile / across * TILE_BLOCKS + block / TILE_BLOCKS;
             &gradients[(row * across + tile % across) * TILE_BLOCKS + block % TILE_BLOCKS]
         };
-        let (mut room, mut staged) = (EMPTY_ROOM, Staged::ZERO);
+        let mut staged = Staged::ZERO;
         with_simd!(level, simd => {
             for (block, pixels) in pixels.0.iter().enumerate() {
-                let (seen, out) = ((pixels, gradient(block)), (&mut room, &mut staged, out.as_mut_slice()));
+                let (changes, seen) = (changes.of(block), (pixels, gradient(block)));
+                let (entries, out) = (list.entries.as_slice(), (&mut staged, out.as_mut_slice()));
                 match absolute {
-                    AbsoluteSums::Skip => block_backward::<_, false>(simd, camera, (list, block), seen, out),
-                    AbsoluteSums::Collect => block_backward::<_, true>(simd, camera, (list, block), seen, out),
+                    AbsoluteSums::Skip => block_backward::<_, false>(simd, camera, block, (entries, changes), seen, out),
+                    AbsoluteSums::Collect => block_backward::<_, true>(simd, camera, block, (entries, changes), seen, out),
                 }
             }
         });
@@ -69,8 +73,6 @@ pub(crate) fn rasterize_backward(
 /// What differentiating a block's splats goes on with from one to the next in front.
 struct Unwinding<S: Simd> {
     centers: [V<S>; 2],
-    /// As [`BlockPixels::last`].
-    last: V<S>,
     gradient: [V<S>; 3],
     transmittance: V<S>,
     /// Gradient-weighted radiance from behind.
@@ -83,9 +85,10 @@ struct Unwinding<S: Simd> {
 fn block_backward<S: Simd, const ABSOLUTE: bool>(
     simd: S,
     camera: &ScreenCamera,
-    (list, block): (&TileList, usize),
+    block: usize,
+    (entries, changes): (&[Entry], BlockChanges<'_>),
     (pixels, gradient): (&BlockPixels, &BlockGradient),
-    (room, staged, out): (&mut Room, &mut Staged, &mut [EntryGradient]),
+    (staged, out): (&mut Staged, &mut [EntryGradient]),
 ) {
     let max_alpha = V::splat(simd, camera.cutoffs.max_alpha);
     let colors = each!([0, 1, 2] channel => V::load(simd, &gradient[channel]));
@@ -93,32 +96,15 @@ fn block_backward<S: Simd, const ABSOLUTE: bool>(
     let background = each!([0, 1, 2] i => colors[i] * camera.background[i]);
     let mut unwinding = Unwinding {
         centers: pixel_centers(simd, block),
-        last: V::load(simd, &pixels.last),
         gradient: colors,
         transmittance,
         behind: transmittance * (background[0] + background[1] + background[2]),
         max_alpha,
         max_odds: odds(max_alpha),
     };
-    let end = unwinding.last.largest() as usize;
-    let mut picks = Picks::new(room);
-    let mut words = (0..end.div_ceil(WORD)).rev();
-    loop {
-        while !picks.is_enough()
-            && let Some(n) = words.next()
-        {
-            let mut bits = list.word(n, block);
-            if end - n * WORD < WORD {
-                bits &= (1 << (end - n * WORD)) - 1;
-            }
-            picks.pick_descending(n * WORD, bits);
-        }
-        let picks = picks.take(LANES);
-        if picks.is_empty() {
-            break;
-        }
-        unwind(simd, &mut unwinding, &list.entries, picks, staged);
-        add_sums::<_, ABSOLUTE>(simd, (&list.entries, picks), (block, staged, gradient), out);
+    for lot in changes.lots_from_the_back(LANES) {
+        unwind(simd, &mut unwinding, entries, lot, staged);
+        add_sums::<_, ABSOLUTE>(simd, (entries, lot.entries), (block, staged, gradient), out);
     }
 }
 
@@ -128,23 +114,23 @@ fn odds<S: Simd>(alpha: V<S>) -> V<S> {
     alpha * (alpha.lift(1.0) - alpha).reciprocal()
 }
 
-/// Differentiates the picks among a tile's entries in front of what has been differentiated.
+/// Differentiates a lot of changes in front of what has been differentiated.
 #[inline(always)]
-fn unwind<S: Simd>(simd: S, state: &mut Unwinding<S>, entries: &[Entry], picks: &[u32], staged: &mut Staged) {
+fn unwind<S: Simd>(simd: S, state: &mut Unwinding<S>, entries: &[Entry], lot: BlockChanges<'_>, staged: &mut Staged) {
     let c = |value: f32| V::splat(simd, value);
-    for (i, index) in picks.iter().enumerate().take(LANES) {
+    for (i, (index, pixels)) in lot.entries.iter().zip(lot.pixels).enumerate().take(LANES) {
         let entry = &entries[*index as usize];
         let seen = Seen::new(simd, entry, state.centers);
-        let hit = seen.log2_alpha.ge(c(entry.log2_threshold)) & state.last.gt(c(*index as f32));
-        V::select(hit, seen.log2_alpha, c(LOG2_OF_ZERO)).store(&mut staged.share[i]);
+        V::select(M::from_bitmask(simd, (*pixels).into()), seen.log2_alpha, c(LOG2_OF_ZERO)).store(&mut staged.share[i]);
         staged.see(i, entry, &seen);
     }
     let Staged { share, weight, .. } = staged;
-    for share in &mut share[..picks.len()] {
+    let (share, weight) = (&mut share[..lot.entries.len()], &mut weight[..lot.entries.len()]);
+    for share in share.iter_mut() {
         odds(V::load(simd, share).exp2().min(state.max_alpha)).store(share);
     }
     let gradient = state.gradient;
-    for ((index, share), weight) in picks.iter().zip(share.iter_mut()).zip(weight.iter_mut()) {
+    for ((index, share), weight) in lot.entries.iter().zip(share).zip(weight).rev() {
         let entry = &entries[*index as usize];
         let odds = V::load(simd, share);
         let blended = odds * state.transmittance;

@@ -15,11 +15,11 @@ use super::project_backward::{BlockStats, BlockSums, Inputs, project_backward};
 use super::shares::Shares;
 use crate::lanes::{LANES, Lanes, with_simd};
 use crate::memory::Buffer;
-use crate::prefetch::{AHEAD, prefetch_rows};
+use crate::prefetch::fetch;
 use crate::view::ScreenCamera;
 
-/// Blocks of splats in a chunk: their gradients fit in the cache.
-const CHUNK: usize = 8;
+/// Blocks of splats in a chunk: parameters, moments and gradients fit in the core's own cache.
+const CHUNK: usize = 16;
 
 /// Buffers, kept between steps: one chunk's gradients for each thread.
 #[derive(Default)]
@@ -77,7 +77,7 @@ pub(crate) fn backward_and_adam(
         let gradients: &mut Vec<Lanes> = own.as_deref_mut().unwrap_or(&mut other);
         gradients.resize(CHUNK * rows, Lanes::ZERO);
         let mut written = [false; CHUNK];
-        prefetch_rows(parameters, 0, AHEAD * rows);
+        fetch(parameters);
         // Gathered for the whole chunk at once: fetches from all over memory that don't wait for the mathematics in between.
         let mut sums = [const { BlockSums::ZERO }; CHUNK];
         with_simd!(level, simd => {
@@ -85,7 +85,6 @@ pub(crate) fn backward_and_adam(
                 sums.gather(simd, inputs, chunk * CHUNK + n);
             }
             for (n, (rows, sums)) in parameters.chunks(rows).zip(&sums).enumerate() {
-                prefetch_rows(parameters, (n + AHEAD) * rows.len(), rows.len());
                 let (block, gradient) = (chunk * CHUNK + n, &mut gradients[n * rows.len()..][..rows.len()]);
                 written[n] = project_backward(simd, camera, inputs, (block, rows), sums, gradient, collect.then(|| stats.block(n)));
             }

@@ -91,11 +91,6 @@ impl TileList {
         self.cover[word / (GROUP / WORD)].word(word % (GROUP / WORD), block)
     }
 
-    /// Reads the entries once in a row, at the pace of memory, so that they are in the core's cache for who picks from them.
-    pub(crate) fn fetch(&self) {
-        std::hint::black_box(self.entries.iter().fold(0, |sum, entry| sum ^ entry.place));
-    }
-
     /// Finds depths and blocks, in the order of the bin.
     #[inline(always)]
     fn look<S: Simd>(&mut self, simd: S, footprints: &[Footprint], origin_px: [f32; 2]) {
