@@ -1,7 +1,7 @@
 //! Which of a tile's entries changed which pixels: what `rasterize` knows at its end, and `rasterize_backward` would have to find out again.
 //!
 //! The second so needs neither the blocks' bits nor thresholds, and never meets the splats that lie between pixel centres or behind finished
-//! pixels: of the pairs of a splat and a block one in six, where splats are small.
+//! pixels.
 
 use super::picks::MOST_PICKS;
 use crate::prefetch::fetch;
