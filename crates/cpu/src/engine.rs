@@ -19,7 +19,7 @@ use crate::passes::contribute::contribute;
 use crate::passes::densify;
 use crate::passes::evaluations::evaluations;
 use crate::passes::loss::{LossBuffers, LossSums};
-use crate::passes::project::{Footprint, project};
+use crate::passes::project::{Footprint, project, resize_for};
 use crate::passes::project_backward::Inputs;
 use crate::passes::rasterize::{TilePixels, to_alpha, to_image};
 use crate::passes::rasterize_backward::{AbsoluteSums, BlockGradient, rasterize_backward};
@@ -43,7 +43,15 @@ pub struct CpuEngine {
     smoothing: Vec<Lanes>,
     stats: DensifyStats,
     frame: Frame,
+    /// What the last step still has to change. It waits for the next view, whose projection it makes while the parameters are in the cache.
+    pending: Option<Update>,
     timings: [(Pass, Duration); Pass::ALL.len()],
+}
+
+/// A step whose gradients by the screen are in [`Frame`], and what they are to be used up with.
+struct Update {
+    camera: ScreenCamera,
+    step: StepConfig,
 }
 
 /// Buffers of a step, kept between steps.
@@ -90,6 +98,7 @@ impl CpuEngine {
             smoothing: Vec::new(),
             stats: DensifyStats::default(),
             frame: Frame::default(),
+            pending: None,
             timings: Pass::ALL.map(|pass| (pass, Duration::ZERO)),
         })
     }
@@ -142,13 +151,41 @@ impl CpuEngine {
         Ok((report, Store { lanes, ..Store::zeros(parameters.layout, parameters.count) }.to_splats()))
     }
 
-    /// Passes up to the image.
-    fn forward(&mut self, camera: &ScreenCamera) {
+    /// Does what the last step has left to do, and projects the splats for the next view, if there is one.
+    fn update(&mut self, next: Option<&ScreenCamera>) {
+        let Some(Update { camera, step }) = self.pending.take() else { return };
+        let Self { pool, level, parameters, first, second, smoothing, stats, frame, timings, .. } = self;
+        let Frame { bins, entries, scratch, footprints, .. } = frame;
+        resize_for(parameters, footprints);
+        let next = next.map(|camera| (camera, footprints.as_mut_slice()));
+        let inputs = Inputs::new(parameters, smoothing, (bins, entries), &step.loss);
+        pool.install(|| {
+            let mut clock = Clock::new(timings);
+            let optimizer = Optimizer { parameters, first, second };
+            let [backward, adam, project] = backward_and_adam(*level, &camera, &inputs, optimizer, &step, (stats, scratch, next));
+            clock.lap_shared(&[(Pass::ProjectBackward, backward), (Pass::Adam, adam), (Pass::Project, project)]);
+        });
+    }
+
+    /// Projects the splats, with what the last step has still to change.
+    fn project(&mut self, camera: &ScreenCamera) {
+        if self.pending.is_some() {
+            return self.update(Some(camera));
+        }
         let Self { pool, level, parameters, smoothing, frame, timings, .. } = self;
         pool.install(|| {
             let mut clock = Clock::new(timings);
             project(*level, camera, parameters, smoothing, &mut frame.footprints);
             clock.lap(Pass::Project);
+        });
+    }
+
+    /// Passes up to the image.
+    fn forward(&mut self, camera: &ScreenCamera) {
+        self.project(camera);
+        let Self { pool, level, frame, timings, .. } = self;
+        pool.install(|| {
+            let mut clock = Clock::new(timings);
             frame.bins.fill(camera, &frame.footprints);
             clock.lap(Pass::Bin);
             let (splats, tiles) = ((&frame.bins, frame.footprints.as_slice()), (&mut frame.lists, &mut frame.pixels, &mut frame.changes));
@@ -278,6 +315,8 @@ impl Engine for CpuEngine {
         if let Some(moments) = moments {
             moments.validate_for(splats)?;
         }
+        // What a last step had to change is gone.
+        self.pending = None;
         self.parameters = Store::from_splats(splats);
         let zeros = || Store::zeros(self.parameters.layout, splats.len());
         (self.first, self.second) = match moments {
@@ -290,6 +329,7 @@ impl Engine for CpuEngine {
     }
 
     fn save(&mut self) -> Result<(Splats, Moments), EngineError> {
+        self.update(None);
         let mut splats = self.parameters.to_splats();
         if !self.smoothing.is_empty() {
             splats.smoothing = bytemuck::cast_slice(&self.smoothing)[..self.parameters.count].to_vec();
@@ -351,18 +391,17 @@ impl Engine for CpuEngine {
         if step.stats == StatsCollection::Off {
             self.spare.resize(0);
         }
-        let Self { pool, level, parameters, first, second, smoothing, stats, frame, timings, .. } = self;
-        let inputs = Inputs::new(parameters, smoothing, (&frame.bins, &frame.entries), &step.loss);
-        pool.install(|| {
-            let mut clock = Clock::new(timings);
-            let optimizer = Optimizer { parameters, first, second };
-            let [backward, adam] = backward_and_adam(*level, &camera, &inputs, optimizer, step, (stats, &mut frame.scratch));
-            clock.lap_shared(&[(Pass::ProjectBackward, backward), (Pass::Adam, adam)]);
-        });
+        self.pending = Some(Update { camera, step: *step });
         Ok(report)
     }
 
+    fn finish(&mut self) -> Result<(), EngineError> {
+        self.update(None);
+        Ok(())
+    }
+
     fn densify_stats(&mut self) -> Result<DensifyStats, EngineError> {
+        self.update(None);
         Ok(self.stats.clone())
     }
 
@@ -371,11 +410,13 @@ impl Engine for CpuEngine {
         if [stats.gradient.len(), stats.abs_gradient.len(), stats.views.len()] != [count; 3] {
             return Err(EngineError::Invalid(format!("statistics of {} splats, the scene has {count}", stats.views.len())));
         }
+        self.update(None);
         self.stats = stats.clone();
         Ok(())
     }
 
     fn geometry(&mut self) -> Result<Geometry, EngineError> {
+        self.update(None);
         let at = |row: usize, i: usize| self.parameters.at(row, i);
         let triples = |row: usize| (0..self.parameters.count).map(|i| [0, 1, 2].map(|c| at(row + c, i))).collect();
         Ok(Geometry {
@@ -387,6 +428,7 @@ impl Engine for CpuEngine {
 
     fn densify(&mut self, plan: &DensifyPlan) -> Result<(), EngineError> {
         densify::check(plan, self.parameters.count)?;
+        self.update(None);
         let Self { pool, parameters, first, second, spare, smoothing, stats, timings, .. } = self;
         pool.install(|| {
             let mut clock = Clock::new(timings);

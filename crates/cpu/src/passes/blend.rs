@@ -33,7 +33,7 @@ pub(crate) fn sort_and_rasterize(
         list.sort(level, camera, (bins, tile), footprints);
         let middle = Instant::now();
         rasterize(level, camera, (list, tile), (pixels, changes));
-        shares.add(start, middle);
+        shares.add([start, middle]);
     });
     shares.totals()
 }

@@ -194,28 +194,33 @@ pub(crate) fn view_direction<S: Simd>(simd: S, camera: &ScreenCamera, rows: &[La
 /// Projects all splats.
 pub(crate) fn project(level: Level, camera: &ScreenCamera, store: &Store, smoothing: &[Lanes], out: &mut Vec<Footprint>) {
     let rows = store.layout.rows();
-    let count = store.count;
-    out.resize(store.lanes.len() / rows * LANES, Footprint::zeroed());
+    let scene = (store.layout, store.count);
+    resize_for(store, out);
     out.par_chunks_mut(LANES).zip(store.lanes.par_chunks(rows)).enumerate().with_min_len(64).for_each(|(block, (out, rows))| {
         prefetch_rows(&store.lanes, (block + AHEAD) * rows.len(), rows.len());
-        let alive = count - (block * LANES).min(count);
-        with_simd!(level, simd => project_block(simd, camera, store.layout, rows, smoothing.get(block), alive, out));
+        with_simd!(level, simd => project_block(simd, camera, scene, (block, rows), smoothing, out));
     });
 }
 
+/// Makes room for the footprints of a store's splats.
+pub(crate) fn resize_for(store: &Store, footprints: &mut Vec<Footprint>) {
+    footprints.resize(store.lanes.len() / store.layout.rows() * LANES, Footprint::zeroed());
+}
+
+/// Projects block number `block` of `count` splats, its parameters `rows`; `smoothing` is that of all blocks.
 #[inline(always)]
-fn project_block<S: Simd>(
+pub(crate) fn project_block<S: Simd>(
     simd: S,
     camera: &ScreenCamera,
-    layout: Layout,
-    rows: &[Lanes],
-    smoothing: Option<&Lanes>,
-    alive: usize,
+    (layout, count): (Layout, usize),
+    (block, rows): (usize, &[Lanes]),
+    smoothing: &[Lanes],
     out: &mut [Footprint],
 ) {
     let c = |value: f32| V::splat(simd, value);
     let one = c(1.0);
-    let p = Projection::new(simd, camera, rows, smoothing);
+    let alive = count - (block * LANES).min(count);
+    let p = Projection::new(simd, camera, rows, smoothing.get(block));
     let opacity = p.opacity * p.compensation * p.filter_factor;
     let inverse_z = one / p.point[2];
     let mean = each!([0, 1] i => (p.point[i] * inverse_z).mul_add(c(camera.focal_px[i]), c(camera.center_px[i])));

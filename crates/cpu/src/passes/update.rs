@@ -1,7 +1,9 @@
-//! The way back from the screen to the parameters: `project_backward` (with `color_backward`) and `adam`, over chunks of splats.
+//! The way back from the screen to the parameters and on to the next screen: `project_backward` (with `color_backward`), `adam` and the next
+//! view's `project`, over chunks of splats.
 //!
-//! A chunk's gradients are made and used up while they are in the cache: in training they never exist as a whole. [`gradients`] keeps
-//! them all instead, for who wants to look at them or to reduce them over machines.
+//! A chunk's gradients are made and used up while they are in the cache: in training they never exist as a whole. Nor do its parameters leave it
+//! between two steps' use of them, if the engine knows what comes next. [`gradients`] keeps all gradients instead, for who wants to look at them or to
+//! reduce them over machines.
 
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
@@ -11,6 +13,7 @@ use luxel_core::{DensifyStats, StatsCollection, StepConfig};
 use rayon::prelude::*;
 
 use super::adam::{Optimizer, Step, update};
+use super::project::{Footprint, project_block};
 use super::project_backward::{BlockStats, BlockSums, Inputs, project_backward};
 use super::shares::Shares;
 use crate::lanes::{LANES, Lanes, with_simd};
@@ -41,6 +44,9 @@ impl ChunkStats<'_> {
     }
 }
 
+/// A chunk's number, parameters, moments and statistics.
+type Chunk<'a> = (usize, (&'a mut [Lanes], &'a mut [Lanes], &'a mut [Lanes], ChunkStats<'a>));
+
 fn stats_chunks(stats: &mut DensifyStats) -> impl IndexedParallelIterator<Item = ChunkStats<'_>> {
     const SPLATS: usize = CHUNK * LANES;
     (stats.gradient.par_chunks_mut(SPLATS), stats.abs_gradient.par_chunks_mut(SPLATS), stats.views.par_chunks_mut(SPLATS))
@@ -48,15 +54,19 @@ fn stats_chunks(stats: &mut DensifyStats) -> impl IndexedParallelIterator<Item =
         .map(|(norm, absolute, views)| ChunkStats { norm, absolute, views })
 }
 
-/// Differentiates and updates all splats. Returns the time spent in `project_backward` and in `adam`, summed over threads.
+/// What the updated splats are seen from, and where their footprints go: one per splat, N rounded up to whole blocks.
+pub(crate) type Next<'a> = (&'a ScreenCamera, &'a mut [Footprint]);
+
+/// Differentiates and updates all splats, and projects them for the next view, if that is known. Returns the time spent in `project_backward`, in
+/// `adam` and in `project`, summed over threads.
 pub(crate) fn backward_and_adam(
     level: Level,
     camera: &ScreenCamera,
     inputs: &Inputs<'_>,
     optimizer: Optimizer<'_>,
     config: &StepConfig,
-    (stats, scratch): (&mut DensifyStats, &mut Scratch),
-) -> [Duration; 2] {
+    (stats, scratch, next): (&mut DensifyStats, &mut Scratch, Option<Next<'_>>),
+) -> [Duration; 3] {
     let rows = inputs.layout.rows();
     let step = Step::new(inputs.layout, inputs.count, config);
     let collect = config.stats != StatsCollection::Off;
@@ -69,7 +79,9 @@ pub(crate) fn backward_and_adam(
         optimizer.second.lanes.par_chunks_mut(CHUNK * rows),
         stats_chunks(stats),
     );
-    chunks.into_par_iter().enumerate().for_each(|(chunk, (parameters, first, second, mut stats))| {
+    let chunks = chunks.into_par_iter().enumerate();
+    let (next_camera, footprints) = next.unzip();
+    let work = |((chunk, (parameters, first, second, mut stats)), footprints): (Chunk<'_>, Option<&mut [Footprint]>)| {
         let start = Instant::now();
         // A thread has one place of its own; should it be taken or poisoned, a new buffer does as well.
         let own = rayon::current_thread_index().and_then(|thread| scratch.get(thread)?.try_lock().ok());
@@ -89,7 +101,7 @@ pub(crate) fn backward_and_adam(
                 written[n] = project_backward(simd, camera, inputs, (block, rows), sums, gradient, collect.then(|| stats.block(n)));
             }
         });
-        let middle = Instant::now();
+        let backward_done = Instant::now();
         with_simd!(level, simd => {
             let blocks = parameters.chunks_mut(rows).zip(first.chunks_mut(rows)).zip(second.chunks_mut(rows)).enumerate();
             for (n, ((parameters, first), second)) in blocks {
@@ -97,8 +109,20 @@ pub(crate) fn backward_and_adam(
                 update(simd, &step, chunk * CHUNK + n, parameters, (first, second), gradient);
             }
         });
-        shares.add(start, middle);
-    });
+        let adam_done = Instant::now();
+        if let (Some(camera), Some(footprints)) = (next_camera, footprints) {
+            with_simd!(level, simd => {
+                for (n, (rows, footprints)) in parameters.chunks(rows).zip(footprints.chunks_mut(LANES)).enumerate() {
+                    project_block(simd, camera, (inputs.layout, inputs.count), (chunk * CHUNK + n, rows), inputs.smoothing, footprints);
+                }
+            });
+        }
+        shares.add([start, backward_done, adam_done]);
+    };
+    match footprints {
+        Some(footprints) => chunks.zip(footprints.par_chunks_mut(CHUNK * LANES).map(Some)).for_each(work),
+        None => chunks.map(|chunk| (chunk, None)).for_each(work),
+    }
     shares.totals()
 }
 

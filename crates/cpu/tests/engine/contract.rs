@@ -154,6 +154,60 @@ fn a_saved_and_loaded_scene_trains_on_with_the_same_bits() {
     }
 }
 
+/// What an engine is asked, and its answer as text.
+type Question = (&'static str, fn(&mut CpuEngine, &View) -> String);
+
+#[test]
+fn whoever_asks_finds_steps_done() {
+    let camera = fixture::camera(47, 33);
+    let mut splats = fixture::splats(LCD, 300, &camera, 51);
+    splats.smoothing = fixture::smoothing(300);
+    // What comes next is of another size, and sees the scene from elsewhere.
+    let mut moved = fixture::camera(70, 40);
+    moved.camera_from_world.translation.x += 0.3;
+    let (view, next) = (fixture::view(&camera, false, 52), fixture::view(&moved, true, 53));
+    let questions: [Question; 11] = [
+        ("save", |engine, _| format!("{:?}", engine.save().unwrap())),
+        ("render", |engine, view| format!("{:?}", engine.render(&view.camera, &step(1).render).unwrap())),
+        ("render_layers", |engine, view| format!("{:?}", engine.render_layers(&view.camera, &step(1).render).unwrap())),
+        ("contributions", |engine, view| {
+            let mask = vec![1.0; view.image.pixels.len()];
+            format!("{:?}", engine.contributions(&view.camera, &step(1).render, &mask).unwrap())
+        }),
+        ("evaluations", |engine, view| format!("{:?}", engine.evaluations(&view.camera, &step(1).render).unwrap())),
+        ("train_step", |engine, view| format!("{:?}", engine.train_step(view, &step(3)).unwrap())),
+        ("gradients", |engine, view| format!("{:?}", engine.gradients(view, &step(3)).unwrap())),
+        ("densify_stats", |engine, _| format!("{:?}", engine.densify_stats().unwrap())),
+        ("set_densify_stats", |engine, _| format!("{:?}", engine.set_densify_stats(&DensifyStats::zeros(300)).unwrap())),
+        ("geometry", |engine, _| format!("{:?}", engine.geometry().unwrap())),
+        ("densify", |engine, _| format!("{:?}", engine.densify(&plan(300)).unwrap())),
+    ];
+    for (name, ask) in questions {
+        let run = |finish: fn(&mut CpuEngine)| {
+            let mut engine = engine(2, &splats);
+            for number in 1..=2 {
+                engine.train_step(&view, &step(number)).unwrap();
+                finish(&mut engine);
+            }
+            let answer = ask(&mut engine, &next);
+            (answer, state(&mut engine, Vec::new()))
+        };
+        let (expected, found) = (run(|engine| engine.finish().unwrap()), run(|_| ()));
+        assert!(found.0 == expected.0, "{name}");
+        assert_same_bits(&found.1, &expected.1, name);
+    }
+}
+
+#[test]
+fn a_scene_that_is_loaded_is_not_changed_by_a_step_before() {
+    let camera = fixture::camera(47, 33);
+    let splats = fixture::splats(LCD, 300, &camera, 51);
+    let mut engine = engine(2, &splats);
+    engine.train_step(&fixture::view(&camera, false, 52), &step(1)).unwrap();
+    engine.load(&splats, None).unwrap();
+    assert_eq!(state(&mut engine, Vec::new()).splats, splats);
+}
+
 #[test]
 fn what_was_loaded_is_saved() {
     let camera = fixture::camera(20, 20);

@@ -20,8 +20,6 @@ pub(super) struct Protocol {
     pub(super) warmup: u32,
     /// Renders and steps measured.
     pub(super) steps: u32,
-    /// Whether steps are measured without waiting in between, too.
-    pub(super) in_a_row: bool,
 }
 
 /// Milliseconds, one entry per step.
@@ -34,8 +32,8 @@ pub(super) struct Measured {
     pub(super) forward_ms: Vec<f64>,
     /// Whole steps.
     pub(super) step_ms: Vec<f64>,
-    /// Mean of steps without waiting in between.
-    pub(super) step_in_a_row_ms: Option<f64>,
+    /// Mean of steps without waiting in between, as training makes them.
+    pub(super) step_in_a_row_ms: f64,
     /// The passes of those steps that the engine tells apart, in their order.
     pub(super) passes_ms: Vec<(Pass, Vec<f64>)>,
 }
@@ -66,7 +64,7 @@ pub(super) fn measure(engine: &mut dyn Engine, view: &View, protocol: &Protocol)
             times.push(milliseconds(after.saturating_sub(*before)));
         }
     }
-    let step_in_a_row_ms = if protocol.in_a_row { Some(in_a_row(engine, view, protocol)?) } else { None };
+    let step_in_a_row_ms = in_a_row(engine, view, protocol)?;
     // Passes that the engine counts within others, and those that are no part of a step.
     passes_ms.retain(|(_, times)| times.iter().any(|ms| *ms > 0.0));
     Ok(Measured { first: first.unwrap_or_default(), evaluations, forward_ms, step_ms, step_in_a_row_ms, passes_ms })

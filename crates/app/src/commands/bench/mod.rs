@@ -21,8 +21,7 @@ pub(crate) fn run(args: &BenchArgs) -> Result<()> {
     }
     let Chosen { mut engine, threads, gpu, instruction_set, .. } = engine::engine_with(&args.device, args.instruction_set.into())?;
     let workload = Workload::prepare(args, engine.as_mut())?;
-    // A GPU works ahead of the host in training: steps that wait for each other are not all of the picture.
-    let protocol = Protocol { render: workload.render, mu: args.mu, warmup: args.warmup, steps: args.steps, in_a_row: gpu.is_some() };
+    let protocol = Protocol { render: workload.render, mu: args.mu, warmup: args.warmup, steps: args.steps };
     let measured = measure(engine.as_mut(), &workload.view, &protocol)?;
     let cutoffs = args.cutoffs.to_possible_value().map_or(String::new(), |value| value.get_name().to_owned());
     let report = Report {
