@@ -1,0 +1,304 @@
+//! [`State`]: what an engine holds, and its passes in their order. It works on the threads of the pool that it is called in.
+
+use std::time::Duration;
+
+use fearless_simd::Level;
+use luxel_core::edit::Contributions;
+use luxel_core::{
+    DensifyPlan, DensifyStats, EngineError, Evaluations, Geometry, Image, Layers, Moments, Pass, Splats, StatsCollection, StepConfig,
+    StepReport, View,
+};
+
+use super::clock::{Clock, Timings};
+use crate::lanes::{LANES, Lanes};
+use crate::memory::Buffer;
+use crate::passes::adam::Optimizer;
+use crate::passes::bin::Bins;
+use crate::passes::blend::sort_and_rasterize;
+use crate::passes::changes::Changes;
+use crate::passes::contribute::contribute;
+use crate::passes::densify;
+use crate::passes::evaluations::evaluations;
+use crate::passes::loss::{LossBuffers, LossSums};
+use crate::passes::project::{Footprint, project, resize_for};
+use crate::passes::project_backward::Inputs;
+use crate::passes::rasterize::{TilePixels, to_alpha, to_image};
+use crate::passes::rasterize_backward::{AbsoluteSums, BlockGradient, rasterize_backward};
+use crate::passes::samples::{resolve, spread};
+use crate::passes::sort::TileList;
+use crate::passes::sums::EntryGradient;
+use crate::passes::update::{Scratch, backward_and_adam, gradients};
+use crate::store::{Layout, Store};
+use crate::view::ScreenCamera;
+
+/// A scene under way.
+pub(super) struct State {
+    pub(super) level: Level,
+    parameters: Store,
+    first: Store,
+    second: Store,
+    /// Memory that the next densification builds into: as much as one of the three has, while there are statistics for one.
+    spare: Buffer,
+    /// 3D filter by block; empty when the scene has none.
+    smoothing: Vec<Lanes>,
+    stats: DensifyStats,
+    frame: Frame,
+    /// What the last step still has to change. It waits for the next view, whose projection it makes while the parameters are in the cache.
+    pending: Option<Update>,
+    pub(super) timings: Timings,
+}
+
+/// A step whose gradients by the screen are in [`Frame`], and what they are to be used up with.
+struct Update {
+    camera: ScreenCamera,
+    step: StepConfig,
+}
+
+/// Buffers of a step, kept between steps.
+#[derive(Default)]
+struct Frame {
+    footprints: Vec<Footprint>,
+    bins: Bins,
+    lists: Vec<TileList>,
+    pixels: Vec<TilePixels>,
+    changes: Vec<Changes>,
+    /// With several samples a pixel `pixels` are samples, and these the image's.
+    resolved: Vec<TilePixels>,
+    loss: LossBuffers,
+    /// Gradient by the samples' radiance, where there are several a pixel.
+    sample_gradient: Vec<BlockGradient>,
+    entries: Vec<Vec<EntryGradient>>,
+    scratch: Scratch,
+}
+
+/// Pixels of the image, of those that were rasterised and those that their samples were averaged to.
+fn shown<'a>(camera: &ScreenCamera, pixels: &'a [TilePixels], resolved: &'a [TilePixels]) -> &'a [TilePixels] {
+    if camera.samples == 1 { pixels } else { resolved }
+}
+
+impl State {
+    /// No splats.
+    pub(super) fn new() -> Self {
+        let layout = Layout { color_model: luxel_core::ColorModel::Sh { degree: 0 } };
+        let empty = || Store::zeros(layout, 0);
+        Self {
+            level: Level::new(),
+            parameters: empty(),
+            first: empty(),
+            second: empty(),
+            spare: Buffer::zeros(0),
+            smoothing: Vec::new(),
+            stats: DensifyStats::default(),
+            frame: Frame::default(),
+            pending: None,
+            timings: Pass::ALL.map(|pass| (pass, Duration::ZERO)),
+        }
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.parameters.count
+    }
+
+    /// Takes over a valid scene.
+    pub(super) fn load(&mut self, splats: &Splats, moments: Option<&Moments>) {
+        // What a last step had to change is gone.
+        self.pending = None;
+        self.parameters = Store::from_splats(splats);
+        let zeros = || Store::zeros(self.parameters.layout, splats.len());
+        (self.first, self.second) = match moments {
+            None => (zeros(), zeros()),
+            Some(moments) => (Store::from_splats(&moments.first), Store::from_splats(&moments.second)),
+        };
+        self.smoothing = smoothing_lanes(&splats.smoothing);
+        self.stats = DensifyStats::zeros(splats.len());
+    }
+
+    pub(super) fn save(&mut self) -> (Splats, Moments) {
+        self.finish();
+        let mut splats = self.parameters.to_splats();
+        if !self.smoothing.is_empty() {
+            splats.smoothing = bytemuck::cast_slice(&self.smoothing)[..self.parameters.count].to_vec();
+        }
+        (splats, Moments { first: self.first.to_splats(), second: self.second.to_splats() })
+    }
+
+    pub(super) fn geometry(&mut self) -> Geometry {
+        self.finish();
+        let at = |row: usize, i: usize| self.parameters.at(row, i);
+        let triples = |row: usize| (0..self.parameters.count).map(|i| [0, 1, 2].map(|c| at(row + c, i))).collect();
+        Geometry {
+            position: triples(Layout::POSITION),
+            log_scale: triples(Layout::LOG_SCALE),
+            opacity_logit: (0..self.parameters.count).map(|i| at(Layout::OPACITY, i)).collect(),
+        }
+    }
+
+    /// Statistics as they stand.
+    pub(super) fn stats(&mut self) -> &mut DensifyStats {
+        self.finish();
+        &mut self.stats
+    }
+
+    /// Does what the last step has left to do.
+    pub(super) fn finish(&mut self) {
+        if let Some(update) = self.pending.take() {
+            self.update(&update, None);
+        }
+    }
+
+    /// Uses up a step's gradients, and projects the splats for the next view, if there is one.
+    fn update(&mut self, Update { camera, step }: &Update, next: Option<&ScreenCamera>) {
+        let Self { level, parameters, first, second, smoothing, stats, frame, timings, .. } = self;
+        let Frame { bins, entries, scratch, footprints, .. } = frame;
+        let mut clock = Clock::new(timings);
+        resize_for(parameters, footprints);
+        let next = next.map(|camera| (camera, footprints.as_mut_slice()));
+        let inputs = Inputs::new(parameters, smoothing, (bins, entries), &step.loss);
+        let optimizer = Optimizer { parameters, first, second };
+        let [backward, adam, project] = backward_and_adam(*level, camera, &inputs, optimizer, step, (stats, scratch, next));
+        clock.lap_shared(&[(Pass::ProjectBackward, backward), (Pass::Adam, adam), (Pass::Project, project)]);
+    }
+
+    /// Projects the splats, with what the last step has still to change.
+    fn project(&mut self, camera: &ScreenCamera) {
+        if let Some(update) = self.pending.take() {
+            return self.update(&update, Some(camera));
+        }
+        let mut clock = Clock::new(&mut self.timings);
+        project(self.level, camera, &self.parameters, &self.smoothing, &mut self.frame.footprints);
+        clock.lap(Pass::Project);
+    }
+
+    /// Passes up to the image.
+    fn forward(&mut self, camera: &ScreenCamera) {
+        self.project(camera);
+        let Self { level, frame, timings, .. } = self;
+        let mut clock = Clock::new(timings);
+        frame.bins.fill(camera, &frame.footprints);
+        clock.lap(Pass::Bin);
+        let (splats, tiles) = ((&frame.bins, frame.footprints.as_slice()), (&mut frame.lists, &mut frame.pixels, &mut frame.changes));
+        let [sort, rasterize] = sort_and_rasterize(*level, camera, splats, tiles);
+        clock.lap_shared(&[(Pass::Sort, sort), (Pass::Rasterize, rasterize)]);
+        if camera.samples > 1 {
+            resolve(camera, &frame.pixels, &mut frame.resolved);
+            clock.lap(Pass::Rasterize);
+        }
+    }
+
+    pub(super) fn render(&mut self, camera: &ScreenCamera) -> Image {
+        self.forward(camera);
+        to_image(shown(camera, &self.frame.pixels, &self.frame.resolved), &camera.shown())
+    }
+
+    pub(super) fn render_layers(&mut self, camera: &ScreenCamera) -> Layers {
+        self.forward(camera);
+        let Self { level, frame, .. } = self;
+        let image_camera = camera.shown();
+        let pixels = shown(camera, &frame.pixels, &frame.resolved);
+        let image = to_image(pixels, &image_camera);
+        let alpha = to_alpha(pixels, &image_camera);
+        // The same lists, thresholds and all, blended once more with distances for colours.
+        let on_nothing = ScreenCamera { background: [0.0; 3], ..*camera };
+        frame.footprints.iter_mut().for_each(|footprint| footprint.radiance = [footprint.depth, 0.0, 0.0]);
+        let (splats, tiles) = ((&frame.bins, frame.footprints.as_slice()), (&mut frame.lists, &mut frame.pixels, &mut frame.changes));
+        sort_and_rasterize(*level, &on_nothing, splats, tiles);
+        if camera.samples > 1 {
+            resolve(&on_nothing, &frame.pixels, &mut frame.resolved);
+        }
+        let blended = to_image(shown(camera, &frame.pixels, &frame.resolved), &image_camera);
+        let depth = |(pixel, alpha): (&[f32; 3], &f32)| if *alpha > 0.0 { pixel[0] / alpha } else { f32::INFINITY };
+        let depth = blended.pixels.iter().zip(&alpha).map(depth).collect();
+        Layers { image, alpha, depth }
+    }
+
+    /// `mask` is of the camera's size.
+    pub(super) fn contributions(&mut self, camera: &ScreenCamera, mask: &[f32]) -> Contributions {
+        self.forward(camera);
+        contribute(self.level, camera, (&self.frame.bins, &self.frame.lists), mask, self.parameters.count)
+    }
+
+    pub(super) fn evaluations(&mut self, camera: &ScreenCamera) -> Evaluations {
+        self.forward(camera);
+        evaluations(self.level, camera, &self.frame.lists)
+    }
+
+    /// Passes up to the gradients of the tiles' entries. The view is of the camera's size.
+    fn forward_backward(&mut self, camera: &ScreenCamera, view: &View, step: &StepConfig) -> StepReport {
+        self.forward(camera);
+        let Self { level, frame, timings, .. } = self;
+        let mut clock = Clock::new(timings);
+        let pixels = shown(camera, &frame.pixels, &frame.resolved);
+        let LossSums { l1, l2, ssim, by_knots } = frame.loss.loss(*level, &camera.shown(), pixels, view, &step.loss);
+        let gradient = if camera.samples == 1 {
+            &frame.loss.gradient
+        } else {
+            spread(camera, &frame.loss.gradient, &mut frame.sample_gradient);
+            &frame.sample_gradient
+        };
+        clock.lap(Pass::Loss);
+        let absolute = match step.stats {
+            StatsCollection::GradientsAndAbsolute => AbsoluteSums::Collect,
+            StatsCollection::Off | StatsCollection::Gradients => AbsoluteSums::Skip,
+        };
+        let pixels = (frame.pixels.as_slice(), gradient.as_slice());
+        rasterize_backward(*level, camera, (&frame.lists, &frame.changes), pixels, absolute, &mut frame.entries);
+        clock.lap(Pass::RasterizeBackward);
+        let loss = step.loss.total(l1, l2, ssim);
+        StepReport { step: step.step, loss, l1, ssim, visible: frame.bins.visible(), by_knots }
+    }
+
+    /// The view is of the camera's size.
+    pub(super) fn train_step(&mut self, camera: &ScreenCamera, view: &View, step: &StepConfig) -> StepReport {
+        let report = self.forward_backward(camera, view, step);
+        if step.stats == StatsCollection::Off {
+            self.spare.resize(0);
+        }
+        self.pending = Some(Update { camera: *camera, step: *step });
+        report
+    }
+
+    /// A step's gradients without its update. The view is of the camera's size.
+    pub(super) fn gradients(&mut self, camera: &ScreenCamera, view: &View, step: &StepConfig) -> (StepReport, Splats) {
+        let report = self.forward_backward(camera, view, step);
+        let Self { level, parameters, smoothing, stats, frame, timings, .. } = self;
+        let inputs = Inputs::new(parameters, smoothing, (&frame.bins, &frame.entries), &step.loss);
+        let stats = (step.stats != StatsCollection::Off).then_some(stats);
+        let mut clock = Clock::new(timings);
+        let lanes = gradients(*level, camera, (&inputs, &parameters.lanes), stats);
+        clock.lap(Pass::ProjectBackward);
+        (report, Store { lanes, ..Store::zeros(parameters.layout, parameters.count) }.to_splats())
+    }
+
+    pub(super) fn densify(&mut self, plan: &DensifyPlan) -> Result<(), EngineError> {
+        densify::check(plan, self.parameters.count)?;
+        self.finish();
+        let Self { parameters, first, second, spare, smoothing, stats, timings, .. } = self;
+        let mut clock = Clock::new(timings);
+        for moments in [first, second] {
+            densify::apply_to_moments(moments, parameters, plan, spare);
+        }
+        densify::apply(parameters, plan, spare);
+        if let Some(values) = &plan.smoothing {
+            *smoothing = smoothing_lanes(values);
+        } else if !smoothing.is_empty() {
+            let old: &[f32] = bytemuck::cast_slice(smoothing);
+            let kept: Vec<f32> = plan.rows.iter().map(|row| old[row.source as usize]).collect();
+            *smoothing = smoothing_lanes(&kept);
+        }
+        *stats = DensifyStats::zeros(plan.rows.len());
+        clock.lap(Pass::Densify);
+        Ok(())
+    }
+}
+
+/// The 3D filter by blocks.
+fn smoothing_lanes(values: &[f32]) -> Vec<Lanes> {
+    values
+        .chunks(LANES)
+        .map(|chunk| {
+            let mut lanes = Lanes::ZERO;
+            lanes.0[..chunk.len()].copy_from_slice(chunk);
+            lanes
+        })
+        .collect()
+}
