@@ -157,6 +157,11 @@ fn a_saved_and_loaded_scene_trains_on_with_the_same_bits() {
 /// What an engine is asked, and its answer as text.
 type Question = (&'static str, fn(&mut CpuEngine, &View) -> String);
 
+/// A step that sees the 3D filter.
+fn filtered(number: u32) -> StepConfig {
+    StepConfig { render: fixture::options(Cutoffs::HDR, Antialias::Mip), ..step(number) }
+}
+
 #[test]
 fn whoever_asks_finds_steps_done() {
     let camera = fixture::camera(47, 33);
@@ -168,15 +173,15 @@ fn whoever_asks_finds_steps_done() {
     let (view, next) = (fixture::view(&camera, false, 52), fixture::view(&moved, true, 53));
     let questions: [Question; 11] = [
         ("save", |engine, _| format!("{:?}", engine.save().unwrap())),
-        ("render", |engine, view| format!("{:?}", engine.render(&view.camera, &step(1).render).unwrap())),
-        ("render_layers", |engine, view| format!("{:?}", engine.render_layers(&view.camera, &step(1).render).unwrap())),
+        ("render", |engine, view| format!("{:?}", engine.render(&view.camera, &filtered(1).render).unwrap())),
+        ("render_layers", |engine, view| format!("{:?}", engine.render_layers(&view.camera, &filtered(1).render).unwrap())),
         ("contributions", |engine, view| {
             let mask = vec![1.0; view.image.pixels.len()];
-            format!("{:?}", engine.contributions(&view.camera, &step(1).render, &mask).unwrap())
+            format!("{:?}", engine.contributions(&view.camera, &filtered(1).render, &mask).unwrap())
         }),
-        ("evaluations", |engine, view| format!("{:?}", engine.evaluations(&view.camera, &step(1).render).unwrap())),
-        ("train_step", |engine, view| format!("{:?}", engine.train_step(view, &step(3)).unwrap())),
-        ("gradients", |engine, view| format!("{:?}", engine.gradients(view, &step(3)).unwrap())),
+        ("evaluations", |engine, view| format!("{:?}", engine.evaluations(&view.camera, &filtered(1).render).unwrap())),
+        ("train_step", |engine, view| format!("{:?}", engine.train_step(view, &filtered(3)).unwrap())),
+        ("gradients", |engine, view| format!("{:?}", engine.gradients(view, &filtered(3)).unwrap())),
         ("densify_stats", |engine, _| format!("{:?}", engine.densify_stats().unwrap())),
         ("set_densify_stats", |engine, _| format!("{:?}", engine.set_densify_stats(&DensifyStats::zeros(300)).unwrap())),
         ("geometry", |engine, _| format!("{:?}", engine.geometry().unwrap())),
@@ -186,7 +191,7 @@ fn whoever_asks_finds_steps_done() {
         let run = |finish: fn(&mut CpuEngine)| {
             let mut engine = engine(2, &splats);
             for number in 1..=2 {
-                engine.train_step(&view, &step(number)).unwrap();
+                engine.train_step(&view, &filtered(number)).unwrap();
                 finish(&mut engine);
             }
             let answer = ask(&mut engine, &next);
