@@ -13,6 +13,8 @@ pub struct Contributions {
     pub blended: Vec<f32>,
     /// Alpha: what [`Self::blended`] would be with nothing in front.
     pub unoccluded: Vec<f32>,
+    /// Masked blending weight times the brightest channel of the splat's radiance towards the camera, in the scene's units: the light that it brings.
+    pub light: Vec<f32>,
 }
 
 impl Contributions {
@@ -32,8 +34,12 @@ mod tests {
 
     #[test]
     fn hidden_and_unseen_splats_have_no_share() {
-        let contributions =
-            Contributions { masked: vec![2.0, 1.0, 0.1, 0.0], blended: vec![2.0, 4.0, 0.1, 0.0], unoccluded: vec![2.5, 5.0, 10.0, 0.0] };
+        let contributions = Contributions {
+            masked: vec![2.0, 1.0, 0.1, 0.0],
+            blended: vec![2.0, 4.0, 0.1, 0.0],
+            unoccluded: vec![2.5, 5.0, 10.0, 0.0],
+            light: vec![0.0; 4],
+        };
         assert_eq!(contributions.shares(), [1.0, 0.25, 0.0, 0.0]);
     }
 }

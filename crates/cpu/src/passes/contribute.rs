@@ -1,9 +1,9 @@
 //! What each splat gives to an image: a sibling of `rasterize`, outside of training.
 //!
 //! In: the tiles' sorted lists, a mask `[H*W]`. Out, per splat (see [`luxel_core::edit::Contributions`]): sums over the image's pixels of its
-//! blending weight times the mask, of its blending weight, and of its alpha. Weights are those that `rasterize` blends with, under the
-//! same thresholds; alphas are summed behind finished pixels, too. Tiles are summed each by itself and then in order: the result does not
-//! depend on threads.
+//! blending weight times the mask, of its blending weight, of its alpha, and of the masked weight times its brightest channel. Weights are those
+//! that `rasterize` blends with, under the same thresholds; alphas are summed behind finished pixels, too. Tiles are summed each by itself and then
+//! in order: the result does not depend on threads.
 
 use fearless_simd::{Level, Simd};
 use luxel_core::Real;
@@ -16,8 +16,8 @@ use super::walk::{Met, Visitor, walk_block};
 use crate::lanes::{Lanes, V, with_simd};
 use crate::view::{BLOCKS, ScreenCamera, TILE_PX, block_of};
 
-/// Sums of one entry of a tile: masked, blended, unoccluded.
-type EntrySums = [f32; 3];
+/// Sums of one entry of a tile: masked, blended, unoccluded, light.
+type EntrySums = [f32; 4];
 
 /// Sums over all tiles for `count` splats.
 pub(crate) fn contribute(
@@ -42,12 +42,13 @@ pub(crate) fn contribute(
     let tiles: Vec<Vec<EntrySums>> = lists.par_iter().enumerate().map(of_tile).collect();
     let zeros = || vec![0.0; count];
     let share = 1.0 / (camera.samples * camera.samples) as f32;
-    let mut total = Contributions { masked: zeros(), blended: zeros(), unoccluded: zeros() };
+    let mut total = Contributions { masked: zeros(), blended: zeros(), unoccluded: zeros(), light: zeros() };
     for (tile, sums) in tiles.iter().enumerate() {
-        for (splat, [masked, blended, unoccluded]) in bins.tile(tile).map(|splat| splat as usize).zip(sums) {
+        for (splat, [masked, blended, unoccluded, light]) in bins.tile(tile).map(|splat| splat as usize).zip(sums) {
             total.masked[splat] += masked * share;
             total.blended[splat] += blended * share;
             total.unoccluded[splat] += unoccluded * share;
+            total.light[splat] += light * share;
         }
     }
     total
@@ -77,9 +78,12 @@ impl<S: Simd> Visitor<S> for Adder<'_, S> {
     #[inline(always)]
     fn meet(&mut self, entry: &Entry, met: &Met<S>) {
         let unoccluded = V::select(met.touched, met.alpha, met.alpha.lift(0.0));
+        let [masked, blended, unoccluded] =
+            [met.weight * self.painted, met.weight, unoccluded].map(|value| value.lanes().iter().sum::<f32>());
+        let brightest = entry.radiance.into_iter().fold(0.0, f32::max);
         let sums = &mut self.sums[entry.place as usize];
-        for (sum, value) in sums.iter_mut().zip([met.weight * self.painted, met.weight, unoccluded]) {
-            *sum += value.lanes().iter().sum::<f32>();
+        for (sum, value) in sums.iter_mut().zip([masked, blended, unoccluded, masked * brightest]) {
+            *sum += value;
         }
     }
 }

@@ -93,10 +93,12 @@ fn any_map_moves_a_pixel_along_the_colours_of_its_splats() {
 
 /// What splats give to an image, in f64 over all pixels.
 struct Given {
-    /// Masked, blended and unoccluded weights of every splat.
-    sums: [Vec<f64>; 3],
+    /// Masked, blended and unoccluded weights of every splat, and its light.
+    sums: [Vec<f64>; 4],
     /// For each splat how far a pixel that is nearly decided the other way (alpha or transmittance within 1e-4 of its threshold) could move them.
     open: Vec<f64>,
+    /// Largest channel of every splat's radiance, 0 of those that are not on the screen.
+    brightest: Vec<f64>,
     /// Pairs of a splat and a pixel: above the threshold, blended, and nearly decided the other way.
     touched: u64,
     alive: u64,
@@ -106,10 +108,12 @@ struct Given {
 fn contributions_of_oracle(splats: &Splats, camera: &Camera, options: &RenderOptions, mask: &[f32]) -> Given {
     let cutoffs = options.raster.cutoffs;
     let near = |value: f64, threshold: f64| (value / threshold - 1.0).abs() < 1e-4;
-    let mut sums = [(); 3].map(|()| vec![0.0; splats.len()]);
+    let mut sums = [(); 4].map(|()| vec![0.0; splats.len()]);
     let mut open = vec![0.0; splats.len()];
     let [mut touched, mut alive, mut undecided] = [0; 3];
     let rendered = oracle::image(splats, camera, options);
+    let mut brightest = vec![0.0; splats.len()];
+    rendered.ellipses.iter().for_each(|e| brightest[e.splat] = e.radiance.into_iter().fold(0.0, f64::max));
     let width = camera.size_px[0] as usize;
     for (pixel, painted) in mask.iter().enumerate() {
         let center = [pixel % width, pixel / width].map(|c| c as f64 + 0.5);
@@ -128,7 +132,9 @@ fn contributions_of_oracle(splats: &Splats, camera: &Camera, options: &RenderOpt
                 if !is_finished {
                     alive += 1;
                     sums[1][e.splat] += transmittance * alpha;
-                    sums[0][e.splat] += transmittance * alpha * f64::from(*painted);
+                    let masked = transmittance * alpha * f64::from(*painted);
+                    sums[0][e.splat] += masked;
+                    sums[3][e.splat] += masked * brightest[e.splat];
                     transmittance = left;
                 }
             }
@@ -136,7 +142,7 @@ fn contributions_of_oracle(splats: &Splats, camera: &Camera, options: &RenderOpt
             undecided += u64::from(is_open);
         }
     }
-    Given { sums, open, touched, alive, undecided }
+    Given { sums, open, brightest, touched, alive, undecided }
 }
 
 #[test]
@@ -164,16 +170,20 @@ fn contributions_are_those_of_the_oracle() {
         engine.load(&splats, None).unwrap();
         let found = engine.contributions(&camera, &options, &mask).unwrap();
         let counted = engine.evaluations(&camera, &options).unwrap().unwrap();
-        let Given { sums: expected, open, touched, alive, undecided } = contributions_of_oracle(&splats, &camera, &options, &mask);
+        let Given { sums: expected, open, brightest, touched, alive, undecided } =
+            contributions_of_oracle(&splats, &camera, &options, &mask);
         let label = format!("{} {cutoffs:?} {antialias:?}", model.name());
         for (name, found, expected) in [
             ("masked", &found.masked, &expected[0]),
             ("blended", &found.blended, &expected[1]),
             ("unoccluded", &found.unoccluded, &expected[2]),
+            ("light", &found.light, &expected[3]),
         ] {
             assert_eq!(found.len(), splats.len());
             for (i, (found, expected)) in found.iter().zip(expected).enumerate() {
-                let tolerance = 1e-4 * expected + 1e-5 + open[i];
+                // How much a unit of weight is.
+                let unit = if name == "light" { brightest[i] } else { 1.0 };
+                let tolerance = 1e-4 * expected + (1e-5 + open[i]) * unit;
                 assert!((f64::from(*found) - expected).abs() <= tolerance, "{label}: {name} of splat {i} is {found}, expected {expected}");
             }
         }

@@ -54,7 +54,8 @@ fn layers_and_shares_of_samples_are_means_of_finer_ones() {
     let fine_mask: Vec<f32> = (0..74 * 100).map(|i| mask[i / 74 / 2 * 37 + i % 74 / 2]).collect();
     let (shares, fine) =
         (engine.contributions(&camera, &four, &mask).unwrap(), engine.contributions(&fine_camera, &one, &fine_mask).unwrap());
-    let pairs = [(shares.masked, fine.masked), (shares.blended, fine.blended), (shares.unoccluded, fine.unoccluded)];
+    let pairs =
+        [(shares.masked, fine.masked), (shares.blended, fine.blended), (shares.unoccluded, fine.unoccluded), (shares.light, fine.light)];
     assert!(pairs.iter().all(|(shares, fine)| shares.iter().zip(fine).all(|(a, b)| near(*a, b / 4.0))));
 }
 

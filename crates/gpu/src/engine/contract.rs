@@ -65,7 +65,7 @@ impl Engine for GpuEngine {
         self.commands.forget();
         let sums: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&self.gpu.read(&out, bytes)?);
         let row = |k: usize| sums.iter().map(|sums| sums[k]).collect();
-        Ok(Contributions { masked: row(0), blended: row(1), unoccluded: row(2) })
+        Ok(Contributions { masked: row(0), blended: row(1), unoccluded: row(2), light: row(3) })
     }
 
     fn train_step(&mut self, view: &View, step: &StepConfig) -> Result<StepReport, EngineError> {

@@ -1,7 +1,8 @@
 // What each splat gives to an image: a sibling of `rasterize_backward`, outside of training. Twin: cpu/passes/contribute.rs.
 //
 // In: as `rasterize_backward`, and a mask [H*W]. Out, by entry: sums over its tile's pixels of its blending weight times the mask, of its
-// blending weight, and of its alpha, the last behind finished pixels too. `contribute_sum` adds up each splat's entries.
+// blending weight, of its alpha, behind finished pixels too, and of the masked weight times its brightest channel. `contribute_sum` adds up
+// each splat's entries.
 
 @group(0) @binding(6) var<storage, read> last_entries: array<u32>;
 @group(0) @binding(7) var<storage, read> mask: array<f32>;
@@ -66,6 +67,6 @@ fn contribute(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation
         workgroupBarrier();
     }
     if (local < bucket.len) {
-        entry_sums[entry] = vec4f(sums, 0.0);
+        entry_sums[entry] = vec4f(sums, sums.x * max(f.red, max(f.green, f.blue)));
     }
 }

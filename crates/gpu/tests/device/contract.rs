@@ -369,6 +369,7 @@ fn contributions_match_the_cpu(gpu: &Arc<Gpu>) {
         assert_close("contributions: masked", &found.masked, &expected.masked, 2e-5);
         assert_close("contributions: blended", &found.blended, &expected.blended, 2e-5);
         assert_close("contributions: unoccluded", &found.unoccluded, &expected.unoccluded, 2e-5);
+        assert_close("contributions: light", &found.light, &expected.light, 2e-5);
         let image = engine.render(&camera, &render).unwrap();
         let total: f64 = image.pixels.iter().map(|pixel| f64::from(pixel[0])).sum();
         let blended: f64 = found.blended.iter().map(|sum| f64::from(*sum)).sum();
