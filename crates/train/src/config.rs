@@ -159,6 +159,10 @@ pub struct TrainConfig {
     /// Scale, as a part of the scene's extent, above which a splat is removed once opacities have been reset (adc), at least 0; 0 for none
     #[arg(long, value_name = "PART", default_value_t = 0.0, help_heading = "Splats")]
     pub prune_scale: f32,
+    /// Once no more splats are added, those go that the training views see least of (adc): as many as make up this part of the images together, 0 to 1;
+    /// 0 for none
+    #[arg(long, value_name = "PART", default_value_t = 0.0, help_heading = "Splats")]
+    pub prune_unseen: f32,
     /// Steps between two resets of all opacities to at most 0.01 while splats are added (adc); 0 for none. One that less than a third of
     /// the interval would be left after is not made
     #[arg(long, value_name = "N", default_value_t = 3000, help_heading = "Splats")]

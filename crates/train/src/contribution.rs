@@ -35,10 +35,45 @@ pub(crate) fn contribution(
 /// # Errors
 /// Those of [`Engine::contributions`].
 pub fn add_contribution(engine: &mut dyn Engine, view: &View, options: &RenderOptions, sums: &mut [f32]) -> Result<(), EngineError> {
-    let counts = view.mask.as_ref().map_or_else(|| vec![1.0; view.image.pixels.len()], |mask| mask.weights.clone());
-    let found = engine.contributions(&view.camera, options, &counts)?;
+    let found = engine.contributions(&view.camera, options, &counts_of(view))?;
     sums.iter_mut().zip(&found.masked).for_each(|(sum, seen)| *sum += seen);
     Ok(())
+}
+
+/// Whether the views show something of each splat (`[N]`): all but those that see least, which together make up at most `part` of the views' pixels. A splat
+/// that is brighter than 1 (normalised units) counts by its light, as little of a lamp is much light.
+pub(crate) fn are_seen(
+    engine: &mut dyn Engine,
+    views: &mut TrainingViews,
+    (step, part): (u32, f32),
+    options: &RenderOptions,
+) -> Result<Vec<bool>, TrainError> {
+    let mut shown = vec![0.0f32; engine.len()];
+    let mut pixels = 0.0f64;
+    for index in 0..views.len() {
+        let Some((view, _)) = views.at(step, index, [1.0; 3]) else { continue };
+        let found = engine.contributions(&view.camera, options, &counts_of(view))?;
+        for (shown, (masked, light)) in shown.iter_mut().zip(found.masked.iter().zip(&found.light)) {
+            *shown += masked.max(*light);
+            pixels += f64::from(*masked);
+        }
+    }
+    let mut least: Vec<(f32, usize)> = shown.into_iter().zip(0..).collect();
+    least.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    let (mut seen, mut left) = (vec![true; least.len()], f64::from(part) * pixels);
+    for (shown, i) in least {
+        left -= f64::from(shown);
+        if left < 0.0 || pixels == 0.0 {
+            break;
+        }
+        seen[i] = false;
+    }
+    Ok(seen)
+}
+
+/// How much each pixel of a view counts.
+fn counts_of(view: &View) -> Vec<f32> {
+    view.mask.as_ref().map_or_else(|| vec![1.0; view.image.pixels.len()], |mask| mask.weights.clone())
 }
 
 #[cfg(test)]
@@ -97,5 +132,38 @@ mod tests {
         let second = found(&train, 1);
         assert!((second[0] / (20.0 * one) - 1.0).abs() < 1e-5 && second[1] == f32::INFINITY);
         assert_eq!(found(&train, 2), [f32::INFINITY; 2]);
+    }
+
+    #[test]
+    fn who_makes_up_least_of_the_views_is_not_seen_and_a_lamp_is() {
+        let radiances = [0.1, 40.0, 0.1, 0.1];
+        let sizes = [1.0f32, 0.1, 0.1, 1.0];
+        let mut splats = Splats::empty(ColorModel::Sh { degree: 0 });
+        // Side by side, the last behind the cameras. In pixels the lamp is as little as what is dark and of its size.
+        for (i, (radiance, size)) in radiances.into_iter().zip(sizes).enumerate() {
+            let sh = splats.color_model.constant([0.0, radiance, 0.0]).0;
+            let splat = Splat {
+                position: [1.2 * (i as f32 - 1.0), 0.0, if i == 3 { -4.0 } else { 4.0 }],
+                rotation: [1.0, 0.0, 0.0, 0.0],
+                log_scale: [(0.3 * size).ln(); 3],
+                opacity_logit: logit(0.6),
+                sh: &sh,
+                raw_luminance: &[],
+            };
+            splats.push(&splat);
+        }
+        let seen_of = |train: &[View], part: f32| {
+            let mut engine = CpuEngine::new(1).unwrap();
+            engine.load(&splats, None).unwrap();
+            let mut views = TrainingViews::new(train, Vec::new(), NoiseChoice::Auto, Seen { radiance_scale: 1.0, mu: 5000.0 });
+            are_seen(&mut engine, &mut views, (100, part), &RenderOptions::default()).unwrap()
+        };
+        let train = [view(None), view(Some(0.5))];
+        let cases = [(0.0, [true, true, true, false]), (0.1, [true, true, false, false]), (0.9, [true, true, false, false])];
+        for (part, expected) in cases {
+            assert_eq!(seen_of(&train, part), expected, "{part}");
+        }
+        assert!(seen_of(&train, 1.0)[1], "more light than all else together");
+        assert_eq!(seen_of(&[view(Some(0.0))], 0.5), [true; 4], "where no pixel counts nothing is known");
     }
 }

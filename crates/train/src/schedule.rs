@@ -111,6 +111,11 @@ impl Schedule {
         self.is_densifying(step) && step > self.densify_from && step.is_multiple_of(self.densify_interval)
     }
 
+    /// Whether the splats after `step` are the first that no round adds to.
+    pub fn stops_adding_after(&self, step: u32) -> bool {
+        step == self.densify_until
+    }
+
     /// Whether all opacities are reset after `step`.
     pub fn resets_after(&self, step: u32) -> bool {
         self.reset_interval.is_some_and(|interval| step.is_multiple_of(interval) && self.leaves_time_after_reset(step, interval))

@@ -16,7 +16,7 @@ use luxel_core::{
 use crate::average::Average;
 use crate::camera_response::{CameraResponse, exposure_of};
 use crate::config::Strategy;
-use crate::contribution::contribution;
+use crate::contribution::{are_seen, contribution};
 use crate::densify::{adc::Adc, mcmc::Mcmc};
 use crate::gains::{Gains, log_ratio, log_ratio_of_view};
 use crate::noise::Seen;
@@ -294,9 +294,15 @@ impl Trainer {
     fn densify(&mut self, step: u32) -> Result<(), TrainError> {
         let is_round = self.schedule.densifies_after(step);
         let cap = self.schedule.opacity_cap_after(step);
-        if is_round || cap.is_some() {
+        let unseen = self.unseen_after(step);
+        if is_round || unseen.is_some() || cap.is_some() {
             let before = self.engine.len();
-            let rows = if is_round { self.round(step)? } else { all_rows(before) };
+            let mut rows = if is_round { self.round(step)? } else { all_rows(before) };
+            if let Some(part) = unseen {
+                let options = self.render_options_of(step);
+                let seen = are_seen(&mut *self.engine, &mut self.views, (step, part), &options)?;
+                rows.retain(|row| seen.get(row.source as usize).is_some_and(|is_seen| *is_seen));
+            }
             if rows.is_empty() {
                 return Err(TrainError::AllPruned { step });
             }
@@ -308,6 +314,12 @@ impl Trainer {
             self.update_smoothing()?;
         }
         Ok(())
+    }
+
+    /// Part of what the views show that is to go after `step`, if it is the step for that.
+    fn unseen_after(&self, step: u32) -> Option<f32> {
+        let (part, strategy) = (self.state.config.prune_unseen, self.state.config.strategy);
+        (part > 0.0 && strategy == Strategy::Adc && self.schedule.stops_adding_after(step)).then_some(part)
     }
 
     /// Takes the parameters after `step` into their mean, where they are due, and makes the scene the mean after the last of them.

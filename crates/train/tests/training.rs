@@ -5,7 +5,7 @@
 mod common;
 
 use common::{config, dataset, engine};
-use luxel_core::{Antialias, Dataset, Snapshot};
+use luxel_core::{Antialias, Dataset, Point, Snapshot};
 use luxel_train::{Method, Preset, Strategy, TrainConfig, Trainer, evaluate};
 
 fn run(trainer: &mut Trainer, steps: u32) {
@@ -57,13 +57,12 @@ fn a_view_not_trained_on_is_learnt_by_mcmc() {
 }
 
 /// The snapshot after 60 steps in one go, and after 30, saving, and 30 more.
-fn unbroken_and_resumed(config: &TrainConfig) -> (Snapshot, Snapshot) {
-    let data = dataset();
-    let mut unbroken = Trainer::new(&data, config.clone(), engine()).unwrap();
+fn unbroken_and_resumed(data: &Dataset, config: &TrainConfig) -> (Snapshot, Snapshot) {
+    let mut unbroken = Trainer::new(data, config.clone(), engine()).unwrap();
     run(&mut unbroken, 60);
-    let mut first = Trainer::new(&data, config.clone(), engine()).unwrap();
+    let mut first = Trainer::new(data, config.clone(), engine()).unwrap();
     run(&mut first, 33);
-    let mut second = Trainer::resume(&data, first.snapshot().unwrap(), engine()).unwrap();
+    let mut second = Trainer::resume(data, first.snapshot().unwrap(), engine()).unwrap();
     assert_eq!(second.iteration(), 33);
     run(&mut second, 27);
     (unbroken.snapshot().unwrap(), second.snapshot().unwrap())
@@ -82,7 +81,7 @@ fn a_resumed_run_equals_an_unbroken_one_across_densification() {
     let averaged = TrainConfig { densify_threshold: 1e-5, ..averaged };
     let bounded = TrainConfig { max_splats: Some(230), turnover: 0.2, ..adc.clone() };
     for config in [adc, mip, mcmc, stages, mip_stages, averaged, bounded] {
-        let (unbroken, resumed) = unbroken_and_resumed(&config);
+        let (unbroken, resumed) = unbroken_and_resumed(&dataset(), &config);
         assert!(unbroken.scene.splats.len() > 216, "no densification took place: {}", unbroken.scene.splats.len());
         assert!(
             unbroken == resumed,
@@ -91,6 +90,25 @@ fn a_resumed_run_equals_an_unbroken_one_across_densification() {
             config.antialias,
             config.resolution_schedule
         );
+    }
+}
+
+#[test]
+fn splats_that_no_view_sees_go_and_a_resumed_run_loses_the_same() {
+    let mut data = dataset();
+    data.train.truncate(2);
+    let behind_all = |z: f32| z < -40.0;
+    data.points.extend((0..5).map(|i| Point { position: [0.0, 0.2 * i as f32, -50.0], rgb8: None, observations: Vec::new() }));
+    // Before and after the step that is saved.
+    for densify_until in [Some(30), Some(40)] {
+        let config = |prune_unseen| TrainConfig { densify_threshold: 1e-5, prune_unseen, densify_until, ..config(120) };
+        let unseen = |snapshot: &Snapshot| snapshot.scene.splats.position.iter().filter(|position| behind_all(position[2])).count();
+        let (kept, _) = unbroken_and_resumed(&data, &config(0.0));
+        let (pruned, resumed) = unbroken_and_resumed(&data, &config(1e-3));
+        assert_eq!([unseen(&kept), unseen(&pruned)], [5, 0]);
+        let lost = kept.scene.splats.len() - pruned.scene.splats.len();
+        assert!((5..kept.scene.splats.len() / 5).contains(&lost), "{lost} of {}", kept.scene.splats.len());
+        assert!(pruned == resumed);
     }
 }
 

@@ -28,7 +28,15 @@ impl RunConfig {
             (
                 "--strategy adc",
                 train.strategy == Strategy::Adc,
-                &["turnover", "densify_threshold", "absgrad_threshold", "percent_dense", "prune_scale", "opacity_reset_interval"],
+                &[
+                    "turnover",
+                    "densify_threshold",
+                    "absgrad_threshold",
+                    "percent_dense",
+                    "prune_scale",
+                    "prune_unseen",
+                    "opacity_reset_interval",
+                ],
             ),
             (
                 "--strategy mcmc",
@@ -51,12 +59,13 @@ mod tests {
     use crate::cli::Cli;
 
     /// Every option that belongs to a choice, with a value, and what makes the choice.
-    const CASES: [(&str, &str, &str); 15] = [
+    const CASES: [(&str, &str, &str); 16] = [
         ("--luminance-lr 0.1", "--method sh3", "--method lcd"),
         ("--turnover 0.2", "--strategy mcmc", "--strategy adc"),
         ("--densify-threshold 1e-3", "--strategy mcmc", "--strategy adc"),
         ("--percent-dense 0.1", "--strategy mcmc", "--strategy adc"),
         ("--prune-scale 0.2", "--strategy mcmc", "--strategy adc"),
+        ("--prune-unseen 0.1", "--strategy mcmc", "--strategy adc"),
         ("--opacity-reset-interval 100", "--strategy mcmc", "--strategy adc"),
         ("--mcmc-growth 0.1", "--strategy adc", "--strategy mcmc"),
         ("--mcmc-noise 5e4", "--seed 1", "--strategy mcmc"),

@@ -121,6 +121,7 @@ impl TrainConfig {
             ("squared-share", self.squared_share),
             ("samples-share", self.samples_share),
             ("prune-opacity", self.prune_opacity),
+            ("prune-unseen", self.prune_unseen),
             ("turnover", self.turnover),
             ("mcmc-growth", self.mcmc_growth),
         ];
