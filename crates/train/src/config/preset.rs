@@ -59,7 +59,7 @@ presets! {
     turnover:                0.0,                         0.1,                         0.1;
     /// Paper: 3DGS's. Else none: bare walls and ceilings are made of large splats, and lose by it.
     prune_scale:             0.1,                         0.0,                         0.0;
-    /// Not in the paper: four splats of ten that no figure misses, and whose steps take as long as the others'. Else: the bound sees to it.
+    /// Not in the paper: a third of its splats, which no figure misses and which cost as much as the others. Else: the bound sees to it.
     prune_unseen:            1e-3,                       0.0,                         0.0;
     /// Full size throughout: a schedule saves little where splats, not pixels, make the cost.
     resolution_schedule:     ResolutionSchedule::Off,     ResolutionSchedule::Off,     ResolutionSchedule::Off;
