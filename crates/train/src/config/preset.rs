@@ -60,7 +60,7 @@ presets! {
     /// Paper: 3DGS's. Else none: bare walls and ceilings are made of large splats, and lose by it.
     prune_scale:             0.1,                         0.0,                         0.0;
     /// Not in the paper: a third of its splats, which no figure misses and which cost as much as the others. Else: the bound sees to it.
-    prune_unseen:            1e-3,                       0.0,                         0.0;
+    prune_unseen:            2e-3,                       0.0,                         0.0;
     /// Full size throughout: a schedule saves little where splats, not pixels, make the cost.
     resolution_schedule:     ResolutionSchedule::Off,     ResolutionSchedule::Off,     ResolutionSchedule::Off;
     /// Paper: its equation 5 with its lambda of 0.2, to the letter. Else: 3DGS's weights.
