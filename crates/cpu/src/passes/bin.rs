@@ -20,6 +20,8 @@ use crate::view::{ScreenCamera, TILE_PX};
 const MIN_CHUNK: usize = 2048;
 /// Chunks at most: each keeps a number for every tile.
 const MAX_CHUNKS: usize = 256;
+/// Chunks that a thread takes up at once, so that no thread waits long for another at the end.
+const CHUNKS_AT_A_TIME: usize = 4;
 
 /// Lists of all tiles.
 #[derive(Default)]
@@ -77,9 +79,8 @@ impl Bins {
         let tile_count = tiles[0] * tiles[1];
         self.chunk_len = footprints.len().div_ceil(MAX_CHUNKS).next_power_of_two().max(MIN_CHUNK);
         self.chunks.resize_with(footprints.len().div_ceil(self.chunk_len), Chunk::default);
-        self.chunks.par_iter_mut().zip(footprints.par_chunks(self.chunk_len)).for_each(|(chunk, footprints)| {
-            chunk.collect(tiles, footprints);
-        });
+        let chunks = self.chunks.par_iter_mut().zip(footprints.par_chunks(self.chunk_len)).with_max_len(CHUNKS_AT_A_TIME);
+        chunks.for_each(|(chunk, footprints)| chunk.collect(tiles, footprints));
 
         // Where each tile starts, and within it each chunk.
         self.tile_start.clear();
@@ -95,7 +96,8 @@ impl Bins {
 
         self.splat.resize_with(next as usize, AtomicU32::default);
         let (starts, splat, chunk_len) = (&self.tile_start, &self.splat, self.chunk_len);
-        self.chunks.par_iter_mut().enumerate().for_each(|(n, chunk)| chunk.scatter(n * chunk_len, starts, splat));
+        let chunks = self.chunks.par_iter_mut().enumerate().with_max_len(CHUNKS_AT_A_TIME);
+        chunks.for_each(|(n, chunk)| chunk.scatter(n * chunk_len, starts, splat));
     }
 }
 

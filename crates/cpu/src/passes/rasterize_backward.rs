@@ -47,7 +47,9 @@ pub(crate) fn rasterize_backward(
 ) {
     out.resize_with(lists.len(), Vec::new);
     let across = camera.tiles()[0];
-    out.par_iter_mut().zip(lists).zip(changes).zip(pixels).enumerate().for_each(|(tile, (((out, list), changes), pixels))| {
+    // Tile by tile, as they are blended.
+    let tiles = out.par_iter_mut().zip(lists).zip(changes).zip(pixels).enumerate().with_max_len(1);
+    tiles.for_each(|(tile, (((out, list), changes), pixels))| {
         out.clear();
         out.resize(list.entries.len(), EntryGradient::default());
         fetch(&list.entries);

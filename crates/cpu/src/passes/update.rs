@@ -23,6 +23,8 @@ use crate::view::ScreenCamera;
 
 /// Blocks of splats in a chunk: parameters, moments and gradients fit in the core's own cache.
 const CHUNK: usize = 16;
+/// Chunks that a thread takes up at once, so that no thread waits long for another at the end. Chunks of what is seen take longer.
+const CHUNKS_AT_A_TIME: usize = 4;
 
 /// Buffers, kept between steps: one chunk's gradients for each thread.
 #[derive(Default)]
@@ -79,7 +81,7 @@ pub(crate) fn backward_and_adam(
         optimizer.second.lanes.par_chunks_mut(CHUNK * rows),
         stats_chunks(stats),
     );
-    let chunks = chunks.into_par_iter().enumerate();
+    let chunks = chunks.into_par_iter().enumerate().with_max_len(CHUNKS_AT_A_TIME);
     let (next_camera, footprints) = next.unzip();
     let work = |((chunk, (parameters, first, second, mut stats)), footprints): (Chunk<'_>, Option<&mut [Footprint]>)| {
         let start = Instant::now();
