@@ -169,14 +169,15 @@ impl State {
         clock.lap(Pass::Project);
     }
 
-    /// Passes up to the image.
-    fn forward(&mut self, camera: &ScreenCamera) {
+    /// Passes up to the image. `noted`: whether somebody wants to know what changed its pixels.
+    fn forward(&mut self, camera: &ScreenCamera, noted: bool) {
         self.project(camera);
         let Self { level, frame, timings, .. } = self;
         let mut clock = Clock::new(timings);
         frame.bins.fill(camera, &frame.footprints);
         clock.lap(Pass::Bin);
-        let (splats, tiles) = ((&frame.bins, frame.footprints.as_slice()), (&mut frame.lists, &mut frame.pixels, &mut frame.changes));
+        let changes = noted.then_some(&mut frame.changes);
+        let (splats, tiles) = ((&frame.bins, frame.footprints.as_slice()), (&mut frame.lists, &mut frame.pixels, changes));
         let [sort, rasterize] = sort_and_rasterize(*level, camera, splats, tiles);
         clock.lap_shared(&[(Pass::Sort, sort), (Pass::Rasterize, rasterize)]);
         if camera.samples > 1 {
@@ -186,12 +187,12 @@ impl State {
     }
 
     pub(super) fn render(&mut self, camera: &ScreenCamera) -> Image {
-        self.forward(camera);
+        self.forward(camera, false);
         to_image(shown(camera, &self.frame.pixels, &self.frame.resolved), &camera.shown())
     }
 
     pub(super) fn render_layers(&mut self, camera: &ScreenCamera) -> Layers {
-        self.forward(camera);
+        self.forward(camera, false);
         let Self { level, frame, .. } = self;
         let image_camera = camera.shown();
         let pixels = shown(camera, &frame.pixels, &frame.resolved);
@@ -200,7 +201,7 @@ impl State {
         // The same lists, thresholds and all, blended once more with distances for colours.
         let on_nothing = ScreenCamera { background: [0.0; 3], ..*camera };
         frame.footprints.iter_mut().for_each(|footprint| footprint.radiance = [footprint.depth, 0.0, 0.0]);
-        let (splats, tiles) = ((&frame.bins, frame.footprints.as_slice()), (&mut frame.lists, &mut frame.pixels, &mut frame.changes));
+        let (splats, tiles) = ((&frame.bins, frame.footprints.as_slice()), (&mut frame.lists, &mut frame.pixels, None));
         sort_and_rasterize(*level, &on_nothing, splats, tiles);
         if camera.samples > 1 {
             resolve(&on_nothing, &frame.pixels, &mut frame.resolved);
@@ -213,18 +214,18 @@ impl State {
 
     /// `mask` is of the camera's size.
     pub(super) fn contributions(&mut self, camera: &ScreenCamera, mask: &[f32]) -> Contributions {
-        self.forward(camera);
+        self.forward(camera, false);
         contribute(self.level, camera, (&self.frame.bins, &self.frame.lists), mask, self.parameters.count)
     }
 
     pub(super) fn evaluations(&mut self, camera: &ScreenCamera) -> Evaluations {
-        self.forward(camera);
+        self.forward(camera, false);
         evaluations(self.level, camera, &self.frame.lists)
     }
 
     /// Passes up to the gradients of the tiles' entries. The view is of the camera's size.
     fn forward_backward(&mut self, camera: &ScreenCamera, view: &View, step: &StepConfig) -> StepReport {
-        self.forward(camera);
+        self.forward(camera, true);
         let Self { level, frame, timings, .. } = self;
         let mut clock = Clock::new(timings);
         let pixels = shown(camera, &frame.pixels, &frame.resolved);

@@ -1,7 +1,7 @@
 //! Pass `rasterize`: front-to-back blending of each block's splats.
 //!
 //! In: the tiles' sorted lists. Out: [`TilePixels`]: per tile and 4x4 block the radiance `[3]` and the transmittance left; and [`Changes`], the
-//! entries that changed a pixel. Source: 3DGS (Kerbl et al. 2023) eq. 3 with the thresholds of [`luxel_core::Cutoffs`]. A pixel stops before
+//! entries that changed a pixel, if they are wanted. Source: 3DGS (Kerbl et al. 2023) eq. 3 with the thresholds of [`luxel_core::Cutoffs`]. A pixel stops before
 //! the splat that would take its transmittance below `min_transmittance`; the background shines through what is left.
 
 use fearless_simd::prelude::*;
@@ -64,22 +64,37 @@ pub(crate) fn to_alpha(tiles: &[TilePixels], camera: &ScreenCamera) -> Vec<f32> 
     (0..width * height).into_par_iter().map(alpha).collect()
 }
 
-/// Blends a tile.
+/// Blends a tile. What changes its pixels is noted for who asks for it, which takes a quarter of the time.
 pub(crate) fn rasterize(
     level: Level,
     camera: &ScreenCamera,
     (list, tile): (&TileList, usize),
-    (pixels, changes): (&mut TilePixels, &mut Changes),
+    (pixels, changes): (&mut TilePixels, Option<&mut Changes>),
 ) {
     let origin = camera.tile_origin_px(tile);
+    with_simd!(level, simd => match changes {
+        Some(changes) => rasterize_blocks::<_, true>(simd, camera, origin, list, (pixels, changes)),
+        None => rasterize_blocks::<_, false>(simd, camera, origin, list, (pixels, &mut Changes::default())),
+    });
+}
+
+/// Blends a tile's blocks, and notes their changes if `NOTED`.
+#[inline(always)]
+fn rasterize_blocks<S: Simd, const NOTED: bool>(
+    simd: S,
+    camera: &ScreenCamera,
+    origin: [usize; 2],
+    list: &TileList,
+    (pixels, changes): (&mut TilePixels, &mut Changes),
+) {
+    let (mut picks, mut alphas) = (Picks::NONE, [Lanes::ZERO; MOST_PICKS]);
     changes.clear();
-    with_simd!(level, simd => {
-        let (mut picks, mut alphas) = (Picks::NONE, [Lanes::ZERO; MOST_PICKS]);
-        for (block, pixels) in pixels.0.iter_mut().enumerate() {
-            rasterize_block(simd, camera, origin, (list, block), (&mut picks, &mut alphas), (pixels, changes));
+    for (block, pixels) in pixels.0.iter_mut().enumerate() {
+        rasterize_block::<_, NOTED>(simd, camera, origin, (list, block), (&mut picks, &mut alphas), (pixels, changes));
+        if NOTED {
             changes.end_block();
         }
-    });
+    }
 }
 
 /// Centre of the top left pixel of a block, relative to its tile's origin.
@@ -138,7 +153,7 @@ struct Blending<S: Simd> {
 
 /// Blends a block. There are no picks before and after; what is in `alphas` does not matter.
 #[inline(always)]
-fn rasterize_block<S: Simd>(
+fn rasterize_block<S: Simd, const NOTED: bool>(
     simd: S,
     camera: &ScreenCamera,
     origin: [usize; 2],
@@ -162,7 +177,7 @@ fn rasterize_block<S: Simd>(
     for n in 0..list.words() {
         picks.pick(simd, (n * WORD) as u32, list.word(n, block));
         if picks.is_enough() {
-            blend(simd, &mut blending, &list.entries, picks.take(), (alphas, changes));
+            blend::<_, NOTED>(simd, &mut blending, &list.entries, picks.take(), (alphas, changes));
             let live = blending.unstopped.ge(blending.min_transmittance);
             if !live.any_true() {
                 break;
@@ -170,7 +185,7 @@ fn rasterize_block<S: Simd>(
             blending.unstopped = V::select(live, blending.unstopped, c(FINISHED));
         }
     }
-    blend(simd, &mut blending, &list.entries, picks.take(), (alphas, changes));
+    blend::<_, NOTED>(simd, &mut blending, &list.entries, picks.take(), (alphas, changes));
     let Blending { radiance, transmittance, .. } = blending;
     for ((out, sum), background) in out.radiance.iter_mut().zip(radiance).zip(camera.background) {
         transmittance.mul_add(c(background), sum).store(out);
@@ -180,7 +195,7 @@ fn rasterize_block<S: Simd>(
 
 /// Blends the picks among a tile's entries behind what has been blended.
 #[inline(always)]
-fn blend<S: Simd>(
+fn blend<S: Simd, const NOTED: bool>(
     simd: S,
     state: &mut Blending<S>,
     entries: &[Entry],
@@ -196,7 +211,7 @@ fn blend<S: Simd>(
     for alpha in &mut alphas[..picks.len()] {
         V::load(simd, alpha).exp2().min(state.max_alpha).store(alpha);
     }
-    let mut pen = changes.pen();
+    let mut pen = NOTED.then(|| changes.pen());
     for (index, alpha) in picks.iter().zip(alphas) {
         let entry = &entries[*index as usize];
         let alpha = V::load(simd, alpha);
@@ -209,6 +224,8 @@ fn blend<S: Simd>(
         }
         state.transmittance = V::select(live, left, state.transmittance);
         state.unstopped = left;
-        pen.note(*index, weight.gt(c(0.0)).to_bitmask() as u16);
+        if let Some(pen) = &mut pen {
+            pen.note(*index, weight.gt(c(0.0)).to_bitmask() as u16);
+        }
     }
 }
