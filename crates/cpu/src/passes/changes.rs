@@ -3,7 +3,11 @@
 //! The second so needs neither the blocks' bits nor thresholds, and never meets the splats that lie between pixel centres or behind finished
 //! pixels.
 
+use fearless_simd::prelude::*;
+use fearless_simd::{Simd, u16x16, u32x16};
+
 use super::picks::MOST_PICKS;
+use crate::lanes::{LANES, M, is_one_register};
 use crate::prefetch::fetch;
 
 /// Changes of a tile's pixels.
@@ -52,17 +56,48 @@ impl Changes {
         fetch(&self.pixels[..self.len]);
     }
 
-    /// To note up to [`MOST_PICKS`] of the block with.
+    /// Notes the picks of the block that changed pixels, in their order. `pixels` are those that each changed, none behind the last pick.
     #[inline(always)]
-    pub(crate) fn pen(&mut self) -> Pen<'_> {
+    pub(crate) fn note<S: Simd>(&mut self, simd: S, (picks, count): (&[u32; MOST_PICKS], usize), pixels: &[u16; MOST_PICKS]) {
         if self.entries.len() < self.len + MOST_PICKS {
             let room = (self.len + MOST_PICKS).max(2 * self.entries.len());
             self.entries.resize(room, 0);
             self.pixels.resize(room, 0);
         }
-        let (entries, pixels) = (&mut self.entries[self.len..][..MOST_PICKS], &mut self.pixels[self.len..][..MOST_PICKS]);
-        Pen { entries, pixels, noted: 0, len: &mut self.len }
+        let room = (&mut self.entries[self.len..][..MOST_PICKS], &mut self.pixels[self.len..][..MOST_PICKS]);
+        self.len += if is_one_register::<S>() {
+            squeeze(simd, (&picks[..count.next_multiple_of(LANES)], pixels), room)
+        } else {
+            one_by_one((&picks[..count], pixels), room)
+        };
     }
+}
+
+/// Keeps the picks that changed a pixel, with those. Returns how many.
+#[inline(always)]
+fn one_by_one((picks, pixels): (&[u32], &[u16]), (kept_picks, kept_pixels): (&mut [u32], &mut [u16])) -> usize {
+    let mut kept = 0;
+    for (pick, pixels) in picks.iter().zip(pixels) {
+        kept_picks[kept] = *pick;
+        kept_pixels[kept] = *pixels;
+        kept += usize::from(*pixels != 0);
+    }
+    kept
+}
+
+/// The same of sixteen at a time, where a register holds them.
+#[inline(always)]
+fn squeeze<S: Simd>(simd: S, (picks, pixels): (&[u32], &[u16]), (kept_picks, kept_pixels): (&mut [u32], &mut [u16])) -> usize {
+    let mut kept = 0;
+    for (picks, pixels) in picks.chunks_exact(LANES).zip(pixels.chunks_exact(LANES)) {
+        let (picks, pixels) = (u32x16::from_slice(simd, picks), u16x16::from_slice(simd, pixels));
+        let changed = pixels.simd_gt(u16x16::splat(simd, 0));
+        let bits = changed.to_bitmask();
+        picks.compress(M::from_bitmask(simd, bits)).store_slice(&mut kept_picks[kept..][..LANES]);
+        pixels.compress(changed).store_slice(&mut kept_pixels[kept..][..LANES]);
+        kept += bits.count_ones() as usize;
+    }
+    kept
 }
 
 impl<'a> BlockChanges<'a> {
@@ -73,55 +108,40 @@ impl<'a> BlockChanges<'a> {
     }
 }
 
-/// Notes changes; they count once it is dropped.
-pub(crate) struct Pen<'a> {
-    entries: &'a mut [u32],
-    pixels: &'a mut [u16],
-    noted: usize,
-    len: &'a mut usize,
-}
-
-impl Pen<'_> {
-    /// Notes an entry, unless it changed no pixel.
-    #[inline(always)]
-    pub(crate) fn note(&mut self, entry: u32, pixels: u16) {
-        self.entries[self.noted] = entry;
-        self.pixels[self.noted] = pixels;
-        self.noted += usize::from(pixels != 0);
-    }
-}
-
-impl Drop for Pen<'_> {
-    #[inline(always)]
-    fn drop(&mut self) {
-        *self.len += self.noted;
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use fearless_simd::Level;
+
     use super::*;
+    use crate::lanes::with_simd;
+
+    /// Notes `count` picks from `first` on, of which pick n changed the pixels `pixels(n)`.
+    fn note(level: Level, changes: &mut Changes, (first, count): (u32, usize), pixels: impl Fn(u32) -> u16) {
+        // What lies behind the last pick is not to be kept.
+        let picks = std::array::from_fn(|i| if i < count { first + i as u32 } else { u32::MAX });
+        let pixels = std::array::from_fn(|i| if i < count { pixels(i as u32) } else { 0 });
+        with_simd!(level, simd => changes.note(simd, (&picks, count), &pixels));
+    }
 
     #[test]
     fn changes_are_kept_by_block_and_what_changed_nothing_is_not() {
-        let mut changes = Changes::default();
-        for _ in 0..2 {
-            changes.clear();
-            for block in 0..3 {
-                for n in 0..4 * block {
-                    let mut pen = changes.pen();
-                    (0..MOST_PICKS as u32).for_each(|entry| pen.note(100 * n + entry, (entry % 3) as u16));
+        for level in [Level::new(), Level::baseline()] {
+            let mut changes = Changes::default();
+            for count in [MOST_PICKS, MOST_PICKS - 1, 33, 16, 5, 1] {
+                changes.clear();
+                for block in 0..3 {
+                    (0..4 * block).for_each(|n| note(level, &mut changes, (100 * n, count), |pick| (pick % 3) as u16));
+                    changes.end_block();
                 }
-                changes.end_block();
-            }
-            assert!(changes.of(0).entries.is_empty());
-            for block in 1..3 {
-                let BlockChanges { entries, pixels } = changes.of(block as usize);
-                let expected: Vec<u32> = (0..4 * block)
-                    .flat_map(|n| (0..MOST_PICKS as u32).filter(|entry| entry % 3 != 0).map(move |entry| 100 * n + entry))
-                    .collect();
-                assert_eq!(entries, expected);
-                assert!(entries.iter().zip(pixels).all(|(entry, pixels)| u32::from(*pixels) == entry % 100 % 3));
+                assert!(changes.of(0).entries.is_empty());
+                for block in 1..3 {
+                    let BlockChanges { entries, pixels } = changes.of(block as usize);
+                    let expected: Vec<u32> = (0..4 * block)
+                        .flat_map(|n| (0..count as u32).filter(|pick| pick % 3 != 0).map(move |pick| 100 * n + pick))
+                        .collect();
+                    assert_eq!(entries, expected);
+                    assert!(entries.iter().zip(pixels).all(|(entry, pixels)| u32::from(*pixels) == entry % 100 % 3));
+                }
             }
         }
     }
@@ -129,9 +149,7 @@ mod tests {
     #[test]
     fn lots_from_the_back_are_full_but_for_the_first() {
         let mut changes = Changes::default();
-        let mut pen = changes.pen();
-        (0..5).for_each(|entry| pen.note(entry, 1 << entry));
-        drop(pen);
+        note(Level::new(), &mut changes, (0, 5), |pick| 1 << pick);
         changes.end_block();
         let lots: Vec<_> = changes.of(0).lots_from_the_back(2).map(|lot| (lot.entries.to_vec(), lot.pixels.to_vec())).collect();
         assert_eq!(lots, [(vec![3, 4], vec![8, 16]), (vec![1, 2], vec![2, 4]), (vec![0], vec![1])]);

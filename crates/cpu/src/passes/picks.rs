@@ -14,8 +14,8 @@ use crate::lanes::{LANES, is_one_register};
 const ENOUGH: usize = 16;
 /// Picked in one go by [`Picks::count_off`], wanted or not: how many there are is guessed wrong too often to ask before each. Few words have more bits.
 const STRIDE: usize = 8;
-/// Most picks there are: one less than enough, and a word.
-pub(crate) const MOST_PICKS: usize = ENOUGH - 1 + WORD;
+/// Room for picks, in whole vectors. Most that there are: one less than enough, and a word.
+pub(crate) const MOST_PICKS: usize = (ENOUGH - 1 + WORD).next_multiple_of(LANES);
 
 /// Numbers of entries, in ascending order.
 pub(crate) struct Picks {
@@ -41,11 +41,10 @@ impl Picks {
         }
     }
 
-    /// Hands the picks over; there are none then.
+    /// Hands the picks over, with how many there are; there are none then. What follows the last does not matter.
     #[inline(always)]
-    pub(crate) fn take(&mut self) -> &[u32] {
-        let len = std::mem::take(&mut self.len);
-        &self.entries[..len]
+    pub(crate) fn take(&mut self) -> (&[u32; MOST_PICKS], usize) {
+        (&self.entries, std::mem::take(&mut self.len))
     }
 
     /// Bit by bit.
@@ -97,6 +96,11 @@ mod tests {
     use super::*;
     use crate::lanes::with_simd;
 
+    fn taken(picks: &mut Picks) -> &[u32] {
+        let (entries, len) = picks.take();
+        &entries[..len]
+    }
+
     /// Picks `bits` after `before` others.
     fn picked<S: Simd>(simd: S, before: u32, bits: u64, squeeze: bool) -> Vec<u32> {
         let mut picks = Picks::NONE;
@@ -108,7 +112,7 @@ mod tests {
             picks.count_off(640, bits);
         }
         assert_eq!(picks.is_enough(), before + bits.count_ones() >= ENOUGH as u32);
-        picks.take().to_vec()
+        taken(&mut picks).to_vec()
     }
 
     #[test]
@@ -130,9 +134,9 @@ mod tests {
     fn picks_are_handed_over_once() {
         let mut picks = Picks::NONE;
         picks.count_off(0, 0b101);
-        assert_eq!(picks.take(), [0, 2]);
-        assert!(picks.take().is_empty());
+        assert_eq!(taken(&mut picks), [0, 2]);
+        assert!(taken(&mut picks).is_empty());
         picks.count_off(64, 0b10);
-        assert_eq!(picks.take(), [65]);
+        assert_eq!(taken(&mut picks), [65]);
     }
 }

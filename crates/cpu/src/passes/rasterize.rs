@@ -199,10 +199,11 @@ fn blend<S: Simd, const NOTED: bool>(
     simd: S,
     state: &mut Blending<S>,
     entries: &[Entry],
-    picks: &[u32],
+    (room, len): (&[u32; MOST_PICKS], usize),
     (alphas, changes): (&mut [Lanes; MOST_PICKS], &mut Changes),
 ) {
     let c = |value: f32| V::splat(simd, value);
+    let picks = &room[..len];
     for (index, alpha) in picks.iter().zip(alphas.iter_mut()) {
         let entry = &entries[*index as usize];
         let log2_alpha = Seen::new(simd, entry, state.centers).log2_alpha;
@@ -211,8 +212,8 @@ fn blend<S: Simd, const NOTED: bool>(
     for alpha in &mut alphas[..picks.len()] {
         V::load(simd, alpha).exp2().min(state.max_alpha).store(alpha);
     }
-    let mut pen = NOTED.then(|| changes.pen());
-    for (index, alpha) in picks.iter().zip(alphas) {
+    let mut changed = [0; MOST_PICKS];
+    for ((index, alpha), changed) in picks.iter().zip(alphas).zip(&mut changed) {
         let entry = &entries[*index as usize];
         let alpha = V::load(simd, alpha);
         // Where the splat is not seen nothing is taken, so that the pixel stays as it is.
@@ -224,8 +225,11 @@ fn blend<S: Simd, const NOTED: bool>(
         }
         state.transmittance = V::select(live, left, state.transmittance);
         state.unstopped = left;
-        if let Some(pen) = &mut pen {
-            pen.note(*index, weight.gt(c(0.0)).to_bitmask() as u16);
+        if NOTED {
+            *changed = weight.gt(c(0.0)).to_bitmask() as u16;
         }
+    }
+    if NOTED {
+        changes.note(simd, (room, len), &changed);
     }
 }
