@@ -10,18 +10,16 @@ use luxel_core::each;
 
 use super::project::view_direction;
 use crate::lanes::{Lanes, V};
-use crate::prefetch::prefetch;
 use crate::store::Layout;
 use crate::view::ScreenCamera;
 
-/// Differentiates a block's colours; returns the gradient by the position. Of `ahead`, whose rows are those of a block, it asks memory for the harmonics'
-/// on the way.
+/// Differentiates a block's colours; returns the gradient by the position.
 #[inline(always)]
 pub(crate) fn color_backward<S: Simd>(
     simd: S,
     camera: &ScreenCamera,
     layout: Layout,
-    (rows, ahead): (&[Lanes], &[Lanes]),
+    rows: &[Lanes],
     d_radiance: [V<S>; 3],
     out: &mut [Lanes],
 ) -> [V<S>; 3] {
@@ -35,13 +33,7 @@ pub(crate) fn color_backward<S: Simd>(
         |m, c| V::load(simd, &rows[Layout::SH + 3 * m + c]),
         |m| V::load(simd, &rows[luminance + m]),
         d_radiance,
-        |m, c, gradient| {
-            let row = Layout::SH + 3 * m + c;
-            if let Some(row) = ahead.get(row) {
-                prefetch(row);
-            }
-            gradient.store(&mut sh_rows[row]);
-        },
+        |m, c, gradient| gradient.store(&mut sh_rows[Layout::SH + 3 * m + c]),
         |m, gradient| gradient.store(&mut luminance_rows[m]),
     );
     each!([0, 1, 2] i => { let d = d_direction[i]; d * inverse_distance })

@@ -14,7 +14,6 @@ use super::color_backward::color_backward;
 use super::project::{Projection, SQRT_HALF_LOG2_E, dot};
 use super::sums::{ENTRY_LEN, EntryGradient};
 use crate::lanes::{LANES, Lanes, V};
-use crate::prefetch::prefetch;
 use crate::store::{Layout, Store};
 use crate::view::ScreenCamera;
 
@@ -55,13 +54,13 @@ pub(crate) struct BlockStats<'a> {
 }
 
 /// Differentiates block number `block` of the parameters, `rows`, from the sums of its splats; false, with `gradient` as it was, if it has
-/// no gradient. Asks memory for `ahead` on the way: as many rows, or none.
+/// no gradient.
 #[inline(always)]
 pub(crate) fn project_backward<S: Simd>(
     simd: S,
     camera: &ScreenCamera,
     inputs: &Inputs<'_>,
-    (block, rows, ahead): (usize, &[Lanes], &[Lanes]),
+    (block, rows): (usize, &[Lanes]),
     BlockSums { rows: sums, visible }: &BlockSums,
     gradient: &mut [Lanes],
     stats: Option<BlockStats<'_>>,
@@ -75,7 +74,7 @@ pub(crate) fn project_backward<S: Simd>(
         let sums = V::transpose(
             each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15] lane => { let row = &sums[lane]; V::load(simd, row) }),
         );
-        let statistics = block_backward(simd, camera, inputs, (block, rows, ahead), &sums, gradient);
+        let statistics = block_backward(simd, camera, inputs, (block, rows), &sums, gradient);
         if let Some(stats) = stats {
             for lane in (0..stats.views.len()).filter(|lane| visible[*lane]) {
                 stats.norm[lane] += statistics[0][lane];
@@ -97,14 +96,12 @@ pub(crate) struct BlockSums {
 impl BlockSums {
     pub(crate) const ZERO: Self = Self { rows: [Lanes::ZERO; LANES], visible: [false; LANES] };
 
-    /// Gathers the sums of block number `block`. Asks memory for the rows `ahead` in between, a few with each splat.
+    /// Gathers the sums of block number `block`.
     #[inline(always)]
-    pub(crate) fn gather<S: Simd>(&mut self, simd: S, inputs: &Inputs<'_>, block: usize, ahead: [&[Lanes]; 2]) {
+    pub(crate) fn gather<S: Simd>(&mut self, simd: S, inputs: &Inputs<'_>, block: usize) {
         let alive = LANES.min(inputs.count - block * LANES);
         let splats = self.rows.iter_mut().zip(&mut self.visible).zip(inputs.bins.places(block * LANES, alive));
-        let mut shares = each!([0, 1] i => { let rows = ahead[i]; rows.chunks(rows.len().div_ceil(LANES).max(1)) });
         for ((row, visible), places) in splats {
-            shares.iter_mut().filter_map(Iterator::next).flatten().for_each(prefetch);
             *visible = !places.is_empty();
             let mut sum = [f32x4::splat(simd, 0.0); ENTRY_LEN / 4];
             for place in places {
@@ -126,14 +123,14 @@ fn block_backward<S: Simd>(
     simd: S,
     camera: &ScreenCamera,
     inputs: &Inputs<'_>,
-    (block, rows, ahead): (usize, &[Lanes], &[Lanes]),
+    (block, rows): (usize, &[Lanes]),
     sums: &[V<S>; LANES],
     out: &mut [Lanes],
 ) -> [[f32; LANES]; 2] {
     let c = |value: f32| V::splat(simd, value);
     let [d_log_alpha, gu, gv, guu, guv, gvv, dr, dg, db, abs_u, abs_y, ..] = *sums;
     let p = Projection::new(simd, camera, rows, inputs.smoothing.get(block));
-    let mut d_position = color_backward(simd, camera, inputs.layout, (rows, ahead), [dr, dg, db], out);
+    let mut d_position = color_backward(simd, camera, inputs.layout, rows, [dr, dg, db], out);
 
     // covariance^-1 = M^T M. With offsets whitened by M: by the centre M^T times the first moments; by the covariance half of M^T times the
     // second moments times M. The rasteriser's (u, v) are M's times a constant.

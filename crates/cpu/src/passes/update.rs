@@ -18,6 +18,7 @@ use super::project_backward::{BlockStats, BlockSums, Inputs, project_backward};
 use super::shares::Shares;
 use crate::lanes::{LANES, Lanes, with_simd};
 use crate::memory::Buffer;
+use crate::prefetch::fetch;
 use crate::view::ScreenCamera;
 
 /// Blocks of splats in a chunk: parameters, moments and gradients fit in the core's own cache.
@@ -90,17 +91,16 @@ pub(crate) fn backward_and_adam(
         let gradients: &mut Vec<Lanes> = own.as_deref_mut().unwrap_or(&mut other);
         gradients.resize(CHUNK * rows, Lanes::ZERO);
         let mut written = [false; CHUNK];
-        // Gathered for the whole chunk at once: fetches from all over memory that don't wait for the mathematics in between. What lies in a row is asked
-        // for along with them and with the mathematics, a few lines at a time: parameters and second moments here, first moments there. Memory then works
-        // while the core does; more at once would hold both up.
+        fetch(parameters);
+        // Gathered for the whole chunk at once: fetches from all over memory that don't wait for the mathematics in between.
         let mut sums = [const { BlockSums::ZERO }; CHUNK];
         with_simd!(level, simd => {
             for (n, sums) in sums.iter_mut().enumerate().take(parameters.len() / rows) {
-                sums.gather(simd, inputs, chunk * CHUNK + n, [&parameters[n * rows..][..rows], &second[n * rows..][..rows]]);
+                sums.gather(simd, inputs, chunk * CHUNK + n);
             }
-            for (n, ((rows, moments), sums)) in parameters.chunks(rows).zip(first.chunks(rows)).zip(&sums).enumerate() {
+            for (n, (rows, sums)) in parameters.chunks(rows).zip(&sums).enumerate() {
                 let (block, gradient) = (chunk * CHUNK + n, &mut gradients[n * rows.len()..][..rows.len()]);
-                written[n] = project_backward(simd, camera, inputs, (block, rows, moments), sums, gradient, collect.then(|| stats.block(n)));
+                written[n] = project_backward(simd, camera, inputs, (block, rows), sums, gradient, collect.then(|| stats.block(n)));
             }
         });
         let backward_done = Instant::now();
@@ -146,8 +146,8 @@ pub(crate) fn gradients(
             for (n, (gradient, rows)) in gradients.chunks_mut(rows).zip(parameters.chunks(rows)).enumerate() {
                 let block = chunk * CHUNK + n;
                 let mut sums = BlockSums::ZERO;
-                sums.gather(simd, inputs, block, [&[], &[]]);
-                project_backward(simd, camera, inputs, (block, rows, &[]), &sums, gradient, collect.then(|| stats.block(n)));
+                sums.gather(simd, inputs, block);
+                project_backward(simd, camera, inputs, (block, rows), &sums, gradient, collect.then(|| stats.block(n)));
             }
         });
     });
