@@ -1,0 +1,140 @@
+//! Sums over pixels of sixteen splats at once.
+
+use fearless_simd::prelude::*;
+use fearless_simd::{Simd, f32x4, f32x8};
+use luxel_core::{Real, each};
+
+use super::{ENTRY_LEN, EntryGradient, Staged};
+use crate::lanes::{LANES, Lanes, V};
+use crate::passes::rasterize::first_pixel_center;
+use crate::passes::sort::Entry;
+use crate::view::BLOCK_PX;
+
+/// Turns splats by pixels around and adds up vectors of splats.
+#[inline(always)]
+pub(super) fn turn<S: Simd, const ABSOLUTE: bool>(
+    simd: S,
+    (entries, picks): (&[Entry], &[u32]),
+    (block, Staged { fields, share, weight, .. }, colors): (usize, &Staged, &[Lanes; 3]),
+    out: &mut [EntryGradient],
+) {
+    let place = Place::new(simd, fields, block);
+    let pixels = turned(simd, share);
+    let [g, gu, gv, guu, guv, gvv] = place.moments(&pixels);
+    let [absolute_x, absolute_y] = if ABSOLUTE { place.absolute(&pixels) } else { [V::splat(simd, 0.0); 2] };
+    let weight = turned(simd, weight);
+    let [red, green, blue] = each!([0, 1, 2] i => sum_of_products(&weight, &colors[i]));
+    // Back to splats, the bits of their numbers taken from the lane to the row: eight fields of two splats in a row, and four fields of four.
+    let mut eight = [g, gu, gv, guu, guv, gvv, red, green];
+    for _ in 0..3 {
+        eight = V::interleaved(eight);
+    }
+    let four = V::interleaved(V::interleaved([blue, absolute_x, absolute_y, V::splat(simd, 0.0)]));
+    let (mut first, mut others) = ([Lanes::ZERO; 8], [Lanes::ZERO; 4]);
+    each!([0, 1, 2, 3, 4, 5, 6, 7] n => eight[n].store(&mut first[n]));
+    each!([0, 1, 2, 3] n => four[n].store(&mut others[n]));
+    let (first, others): (&[[f32; 8]; LANES], &[[f32; 4]; LANES]) = (bytemuck::cast_ref(&first), bytemuck::cast_ref(&others));
+    for ((index, first), others) in picks.iter().zip(first).zip(others) {
+        let numbers: &mut [f32; ENTRY_LEN] = bytemuck::cast_mut(&mut out[entries[*index as usize].place as usize]);
+        let (eight, four) = numbers.split_at_mut(8);
+        (f32x8::from_slice(simd, eight) + f32x8::load_array_ref(simd, first)).store_slice(eight);
+        (f32x4::from_slice(simd, four) + f32x4::load_array_ref(simd, others)).store_slice(four);
+    }
+}
+
+/// Sixteen splats by a block's pixels: of each pixel, the splats' numbers. Where there are fewer splats, numbers beyond the last mean nothing.
+#[inline(always)]
+fn turned<S: Simd>(simd: S, rows: &[Lanes; LANES]) -> [V<S>; LANES] {
+    V::transpose(each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15] i => { let row = &rows[i]; V::load(simd, row) }))
+}
+
+/// Where a block is as seen from sixteen splats: a pixel X and Y half pixels from its centre lies at (u + along_x[0] X + along_y[0] Y, v + along_y[1] Y).
+struct Place<S: Simd> {
+    u: V<S>,
+    v: V<S>,
+    along_x: V<S>,
+    along_y: [V<S>; 2],
+    root: [V<S>; 3],
+}
+
+impl<S: Simd> Place<S> {
+    #[inline(always)]
+    fn new(simd: S, fields: &[Lanes; LANES / 2], block: usize) -> Self {
+        let mut fields = each!([0, 1, 2, 3, 4, 5, 6, 7] n => { let row = &fields[n]; V::load(simd, row) });
+        // Two entries a row: four rounds take the bits of the field's number from the lane to the row.
+        for _ in 0..4 {
+            fields = V::interleaved(fields);
+        }
+        let [mean_x, mean_y, root_0, root_1, root_2, ..] = fields;
+        let half_block = 0.5 * (BLOCK_PX - 1) as f32;
+        let [x, y] = each!([0, 1] axis => first_pixel_center(block)[axis] + half_block);
+        let (dx, dy) = (V::splat(simd, x) - mean_x, V::splat(simd, y) - mean_y);
+        Self {
+            u: root_0.mul_add(dx, dy * root_1),
+            v: dy * root_2,
+            along_x: root_0 * 0.5,
+            along_y: [root_1 * 0.5, root_2 * 0.5],
+            root: [root_0, root_1, root_2],
+        }
+    }
+
+    /// Sums over the pixels of g, g u, g v, g u^2, g u v, g v^2, from those over X and Y: what is far from a splat is the block, which is
+    /// put in once, and numbers of nearly equal size are never subtracted.
+    #[inline(always)]
+    fn moments(&self, g: &[V<S>; LANES]) -> [V<S>; 6] {
+        let rows = each!([0, 1, 2, 3] row => { let g = &g; along(each!([0, 1, 2, 3] column => g[BLOCK_PX * row + column])) });
+        let [sum, y, yy] = along(each!([0, 1, 2, 3] row => rows[row][0]));
+        let [x, xy, _] = along(each!([0, 1, 2, 3] row => rows[row][1]));
+        let [xx, ..] = along(each!([0, 1, 2, 3] row => rows[row][2]));
+        // By what a pixel's u and v differ from the block's, du and dv.
+        let du = self.along_x.mul_add(x, self.along_y[0] * y);
+        let dv = self.along_y[1] * y;
+        let x_du = self.along_x.mul_add(xx, self.along_y[0] * xy);
+        let y_du = self.along_x.mul_add(xy, self.along_y[0] * yy);
+        let du_du = self.along_x.mul_add(x_du, self.along_y[0] * y_du);
+        let du_dv = self.along_y[1] * y_du;
+        let dv_dv = self.along_y[1] * (self.along_y[1] * yy);
+        let (gu, gv) = (self.u.mul_add(sum, du), self.v.mul_add(sum, dv));
+        let guu = self.u.mul_add(gu + du, du_du);
+        let guv = self.u.mul_add(gv, self.v.mul_add(du, du_dv));
+        let gvv = self.v.mul_add(gv + dv, dv_dv);
+        [sum, gu, gv, guu, guv, gvv]
+    }
+
+    /// AbsGS's sums.
+    #[inline(always)]
+    fn absolute(&self, g: &[V<S>; LANES]) -> [V<S>; 2] {
+        let mut sums = [g[0].lift(0.0); 2];
+        for row in 0..BLOCK_PX {
+            let half_pixels = |n: usize| (2 * n) as f32 - (BLOCK_PX - 1) as f32;
+            let v = self.along_y[1].mul_add(g[0].lift(half_pixels(row)), self.v);
+            let first = self.along_y[0].mul_add(g[0].lift(half_pixels(row)), self.u);
+            for column in 0..BLOCK_PX {
+                let u = self.along_x.mul_add(g[0].lift(half_pixels(column)), first);
+                let g = g[BLOCK_PX * row + column].abs();
+                let along = (u * self.root[1] + v * self.root[2]).abs();
+                sums = [g.mul_add(u.abs(), sums[0]), g.mul_add(along, sums[1])];
+            }
+        }
+        sums
+    }
+}
+
+/// Sums of four numbers in a line, of them times X and times X^2, where X is -3, -1, 1, 3.
+#[inline(always)]
+fn along<S: Simd>(line: [V<S>; BLOCK_PX]) -> [V<S>; 3] {
+    let [first, second, third, fourth] = line;
+    let (outer, inner) = (first + fourth, second + third);
+    [outer + inner, (fourth - first).mul_add(first.lift(3.0), third - second), outer.mul_add(first.lift(9.0), inner)]
+}
+
+/// Sums over the pixels of the splats' weights times a number of each pixel.
+#[inline(always)]
+fn sum_of_products<S: Simd>(weight: &[V<S>; LANES], color: &Lanes) -> V<S> {
+    let columns = each!([0, 1, 2, 3] column => {
+        let term = |row: usize| (weight[BLOCK_PX * row + column], color.0[BLOCK_PX * row + column]);
+        let (first, of_first) = term(0);
+        (1..BLOCK_PX).fold(first * of_first, |sum, row| { let (weight, color) = term(row); weight.mul_add(weight.lift(color), sum) })
+    });
+    (columns[0] + columns[2]) + (columns[1] + columns[3])
+}
