@@ -20,7 +20,7 @@ pub enum Preset {
     Fast,
     /// The same in 30000 steps: no better on scenes of 18 views of 400x400 pixels, and not measured on larger images
     Full,
-    /// The published recipe: 30000 steps, 0.2 L1 + 0.8 (1 - SSIM), as many splats as the gradients ask for, rates and cut-offs of 3DGS (Kerbl et al. 2023). With --densify-threshold 2e-4 --prune-unseen 0 growth is 3DGS's, too, which takes more than twice as long and is no better
+    /// The published recipe: 30000 steps, 0.2 L1 + 0.8 (1 - SSIM), as many splats as the gradients ask for, rates and cut-offs of 3DGS (Kerbl et al. 2023). With --densify-threshold 2e-4 --prune-unseen 0 growth is 3DGS's, too, which takes twice as long and is no better
     Paper,
 }
 
