@@ -51,7 +51,7 @@ presets! {
     iterations:              30_000,                      30_000,                      9_000;
     /// As published: MCMC was behind at equal splats and steps.
     strategy:                Strategy::Adc,               Strategy::Adc,               Strategy::Adc;
-    /// The paper names none. 3DGS's 2e-4 goes with 3DGS's weights of the loss; those of the paper double gradients, and splats with them, which learn by heart.
+    /// The paper names none. 3DGS's 2e-4 goes with 3DGS's weights of the loss; those of the paper make gradients 2.5 times as large, and splats twice as many, which learn by heart.
     densify_threshold:       4e-4,                        2e-4,                        2e-4;
     /// Whoever wants a number gives it.
     max_splats:              None,                        None,                        None;
