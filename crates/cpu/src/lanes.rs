@@ -8,7 +8,7 @@ use std::ops::{Add, Div, Mul, Neg, Sub};
 
 use bytemuck::{Pod, Zeroable};
 use fearless_simd::prelude::*;
-use fearless_simd::{Simd, f32x16, i32x16, mask32x16};
+use fearless_simd::{Simd, f32x8, f32x16, i32x16, mask32x16};
 use luxel_core::Real;
 
 /// Lanes of a vector: splats of a block, pixels of a 4x4 block.
@@ -32,6 +32,10 @@ impl Lanes {
 /// Sixteen numbers in registers.
 #[derive(Clone, Copy)]
 pub(crate) struct V<S: Simd>(pub(crate) f32x16<S>);
+
+/// Eight numbers in registers: one half of a vector, for loops that would need more registers than there are where a vector is two.
+#[derive(Clone, Copy)]
+pub(crate) struct Half<S: Simd>(f32x8<S>);
 
 /// Sixteen truths.
 pub(crate) type M<S> = mask32x16<S>;
@@ -159,6 +163,11 @@ impl<S: Simd> V<S> {
         Self(e.mul_add(c(std::f32::consts::LN_2), p))
     }
 
+    #[inline(always)]
+    pub(crate) fn from_halves(low: Half<S>, high: Half<S>) -> Self {
+        Self(low.0.combine(high.0))
+    }
+
     /// Two whole numbers below 2^16 in the bits of each lane, as two `u16` in memory.
     #[inline(always)]
     pub(crate) fn pack(first: Self, second: Self) -> Self {
@@ -201,6 +210,32 @@ impl<S: Simd> V<S> {
             rows[2 * i + 1] = Self(high);
         }
         rows
+    }
+}
+
+impl<S: Simd> Half<S> {
+    #[inline(always)]
+    pub(crate) fn splat(simd: S, value: f32) -> Self {
+        Self(f32x8::splat(simd, value))
+    }
+
+    /// Half number `half`, 0 or 1.
+    #[inline(always)]
+    pub(crate) fn load(simd: S, lanes: &Lanes, half: usize) -> Self {
+        Self(f32x8::from_slice(simd, &lanes.0[half * (LANES / 2)..][..LANES / 2]))
+    }
+
+    #[inline(always)]
+    pub(crate) fn mul_add(self, factor: Self, term: Self) -> Self {
+        Self(self.0.mul_add(factor.0, term.0))
+    }
+}
+
+impl<S: Simd> Mul for Half<S> {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, other: Self) -> Self {
+        Self(self.0 * other.0)
     }
 }
 

@@ -4,7 +4,7 @@ use fearless_simd::Simd;
 use luxel_core::metrics::{SSIM_RADIUS, ssim_window};
 use luxel_core::{Real, each};
 
-use crate::lanes::{Lanes, V};
+use crate::lanes::{Half, Lanes, V, is_one_register};
 
 /// Vectors on either side of a result.
 pub(super) const RADIUS: usize = SSIM_RADIUS;
@@ -12,7 +12,7 @@ pub(super) const RADIUS: usize = SSIM_RADIUS;
 pub(super) const GROUP: usize = 5;
 /// Inputs of a group.
 const GROUP_INPUTS: usize = GROUP + 2 * RADIUS;
-/// Inputs of a single result.
+/// Inputs of one result.
 const TAPS: usize = 2 * RADIUS + 1;
 
 /// The vectors of as many rows as a group has, one below the other.
@@ -29,62 +29,144 @@ pub(super) fn weights() -> Weights {
 
 /// The weights in all lanes.
 #[derive(Clone, Copy)]
-pub(super) struct Window<S: Simd>([V<S>; RADIUS + 1]);
+pub(super) struct Window<S: Simd> {
+    whole: [V<S>; RADIUS + 1],
+    half: [Half<S>; RADIUS + 1],
+}
+
+/// The vectors that a group's results are sums of, a pixel apart.
+pub(super) trait Inputs<S: Simd>: Copy {
+    fn whole(self, simd: S, j: usize) -> V<S>;
+    fn half(self, simd: S, j: usize, half: usize) -> Half<S>;
+}
+
+/// Vectors of three stacks, one below the other.
+#[derive(Clone, Copy)]
+pub(super) struct Column<'a>(pub(super) [&'a Stack; 3]);
+
+/// Vectors of a row.
+#[derive(Clone, Copy)]
+pub(super) struct Row<'a>(&'a [Lanes; GROUP_INPUTS]);
+
+/// x^2 + y^2.
+#[derive(Clone, Copy)]
+pub(super) struct Squares<'a>(pub(super) Column<'a>, pub(super) Column<'a>);
+
+/// x y.
+#[derive(Clone, Copy)]
+pub(super) struct Products<'a>(pub(super) Column<'a>, pub(super) Column<'a>);
+
+// A group's inputs are three stacks.
+const _: () = assert!(GROUP_INPUTS == 3 * GROUP);
+
+impl Column<'_> {
+    #[inline(always)]
+    fn at(&self, j: usize) -> &Lanes {
+        &self.0[j / GROUP][j % GROUP]
+    }
+}
+
+impl<'a> Row<'a> {
+    /// The group's whose first inputs are those of `row`.
+    #[inline(always)]
+    pub(super) fn at(row: &'a [Lanes]) -> Self {
+        Self(row[..GROUP_INPUTS].try_into().expect("as long as that"))
+    }
+}
+
+impl<S: Simd> Inputs<S> for Column<'_> {
+    #[inline(always)]
+    fn whole(self, simd: S, j: usize) -> V<S> {
+        V::load(simd, self.at(j))
+    }
+    #[inline(always)]
+    fn half(self, simd: S, j: usize, half: usize) -> Half<S> {
+        Half::load(simd, self.at(j), half)
+    }
+}
+
+impl<S: Simd> Inputs<S> for Row<'_> {
+    #[inline(always)]
+    fn whole(self, simd: S, j: usize) -> V<S> {
+        V::load(simd, &self.0[j])
+    }
+    #[inline(always)]
+    fn half(self, simd: S, j: usize, half: usize) -> Half<S> {
+        Half::load(simd, &self.0[j], half)
+    }
+}
+
+impl<S: Simd> Inputs<S> for Squares<'_> {
+    #[inline(always)]
+    fn whole(self, simd: S, j: usize) -> V<S> {
+        let (x, y) = (self.0.whole(simd, j), self.1.whole(simd, j));
+        x.mul_add(x, y * y)
+    }
+    #[inline(always)]
+    fn half(self, simd: S, j: usize, half: usize) -> Half<S> {
+        let (x, y) = (self.0.half(simd, j, half), self.1.half(simd, j, half));
+        x.mul_add(x, y * y)
+    }
+}
+
+impl<S: Simd> Inputs<S> for Products<'_> {
+    #[inline(always)]
+    fn whole(self, simd: S, j: usize) -> V<S> {
+        self.0.whole(simd, j) * self.1.whole(simd, j)
+    }
+    #[inline(always)]
+    fn half(self, simd: S, j: usize, half: usize) -> Half<S> {
+        self.0.half(simd, j, half) * self.1.half(simd, j, half)
+    }
+}
 
 impl<S: Simd> Window<S> {
     #[inline(always)]
     pub(super) fn new(simd: S, weights: &Weights) -> Self {
-        Self(each!([0, 1, 2, 3, 4, 5] k => V::splat(simd, weights[k])))
-    }
-
-    /// The window is symmetric: adding what has the same weight first takes 5 additions and 6 multiplications, on separate units, in place
-    /// of 11 of the latter.
-    #[inline(always)]
-    fn at(&self, inputs: &[V<S>], center: usize) -> V<S> {
-        let mut sum = inputs[center] * self.0[0];
-        for k in 1..=RADIUS {
-            sum = (inputs[center - k] + inputs[center + k]).mul_add(self.0[k], sum);
+        Self {
+            whole: each!([0, 1, 2, 3, 4, 5] k => V::splat(simd, weights[k])),
+            half: each!([0, 1, 2, 3, 4, 5] k => Half::splat(simd, weights[k])),
         }
-        sum
     }
 
-    /// Convolves a group, its results side by side: a sum waits for its last term, the next result's does not.
+    /// Convolves a group, its results side by side: a sum waits for its last term, the next result's does not. Terms come from the window's ends inwards,
+    /// small ones first, which rounds less.
     #[inline(always)]
-    fn group(&self, inputs: &[V<S>; GROUP_INPUTS]) -> [V<S>; GROUP] {
-        let mut sums = each!([0, 1, 2, 3, 4] i => inputs[i + RADIUS] * self.0[0]);
-        for k in 1..=RADIUS {
+    pub(super) fn convolve(&self, simd: S, inputs: impl Inputs<S>) -> [V<S>; GROUP] {
+        if is_one_register::<S>() { self.whole(simd, inputs) } else { self.halves(simd, inputs) }
+    }
+
+    /// All inputs in registers, of which there are 32. The window is symmetric: adding what has the same weight first takes 5 additions and 6
+    /// multiplications, on separate units, in place of 11 of the latter.
+    #[inline(always)]
+    fn whole(&self, simd: S, inputs: impl Inputs<S>) -> [V<S>; GROUP] {
+        let inputs = each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14] j => inputs.whole(simd, j));
+        let mut sums = [V::splat(simd, 0.0); GROUP];
+        for k in (1..=RADIUS).rev() {
             let pairs = each!([0, 1, 2, 3, 4] i => inputs[i + RADIUS - k] + inputs[i + RADIUS + k]);
-            sums = each!([0, 1, 2, 3, 4] i => pairs[i].mul_add(self.0[k], sums[i]));
+            sums = each!([0, 1, 2, 3, 4] i => pairs[i].mul_add(self.whole[k], sums[i]));
         }
+        each!([0, 1, 2, 3, 4] i => inputs[i + RADIUS].mul_add(self.whole[0], sums[i]))
+    }
+
+    #[inline(always)]
+    fn halves(&self, simd: S, inputs: impl Inputs<S>) -> [V<S>; GROUP] {
+        let halves = each!([0, 1] half => self.half(simd, inputs, half));
+        each!([0, 1, 2, 3, 4] i => V::from_halves(halves[0][i], halves[1][i]))
+    }
+
+    /// One input after the other, as 16 registers of half a vector hold no more than the weights and a group's sums.
+    #[inline(always)]
+    fn half(&self, simd: S, inputs: impl Inputs<S>, half: usize) -> [Half<S>; GROUP] {
+        let mut sums = [Half::splat(simd, 0.0); GROUP];
+        each!([0, 14, 1, 13, 2, 12, 3, 11, 4, 10, 5, 9, 6, 8, 7] j => {
+            let input = inputs.half(simd, j, half);
+            each!([0, 1, 2, 3, 4] i => {
+                if (i..i + TAPS).contains(&j) {
+                    sums[i] = input.mul_add(self.half[j.abs_diff(i + RADIUS)], sums[i]);
+                }
+            });
+        });
         sums
     }
-
-    /// Convolves a row's group of vectors `step` apart in memory, whose inputs are the first of `row`.
-    #[inline(always)]
-    pub(super) fn row_group(&self, simd: S, row: &[Lanes], step: usize) -> [V<S>; GROUP] {
-        let row = &row[..(GROUP_INPUTS - 1) * step + 1];
-        self.group(&each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14] i => V::load(simd, &row[i * step])))
-    }
-
-    /// As [`Self::row_group`], a single result.
-    #[inline(always)]
-    pub(super) fn row_single(&self, simd: S, row: &[Lanes], step: usize) -> V<S> {
-        let row = &row[..(TAPS - 1) * step + 1];
-        self.at(&each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10] i => V::load(simd, &row[i * step])), RADIUS)
-    }
-
-    /// Convolves the group of a column whose inputs are three stacks of rows.
-    #[inline(always)]
-    pub(super) fn column_group(&self, simd: S, [above, at, below]: [&Stack; 3]) -> [V<S>; GROUP] {
-        let mut inputs = [V::splat(simd, 0.0); GROUP_INPUTS];
-        for i in 0..GROUP {
-            inputs[i] = V::load(simd, &above[i]);
-            inputs[GROUP + i] = V::load(simd, &at[i]);
-            inputs[2 * GROUP + i] = V::load(simd, &below[i]);
-        }
-        self.group(&inputs)
-    }
 }
-
-// A group's inputs are three stacks.
-const _: () = assert!(GROUP_INPUTS == 3 * GROUP);

@@ -7,13 +7,15 @@
 //! A pixel of weight w takes `w x + (1 - w) y` of its prediction x and target y under the curve for the prediction, in L1 and squares (means over weights) and
 //! in the windows: one of weight 0 takes no part, one of weight 1 is as if there were no weights, to the bit.
 //!
-//! One sweep over bands of rows, each within a core's cache: [`values`], then [`band`] per channel. Rows are laid out in [`strips`], so that
-//! windows along rows and down columns are the same code, [`convolution`], on whole vectors. The mu-law is vector code; a response is looked up
-//! pixel by pixel.
+//! One [`sweep`] down the image: [`values`], their [`similarity`] and the [`gradient`], a group of rows at a time, so that what is in use stays in a
+//! core's cache. Rows are laid out in [`strips`], so that windows along rows and down columns are the same code, [`convolution`], on whole vectors.
+//! The mu-law is vector code; a response is looked up pixel by pixel.
 
-mod band;
 mod convolution;
+mod gradient;
+mod similarity;
 mod strips;
+mod sweep;
 mod values;
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -22,13 +24,12 @@ use fearless_simd::Level;
 use luxel_core::{Knots, LossConfig, RESPONSE_KNOTS, Response, SQUARED_KNEE, ToneCurve, View};
 use rayon::prelude::*;
 
-use self::band::{BAND_PX, Band, BandScratch, differentiate_band, store_band};
 use self::convolution::{Weights, weights};
 use self::strips::strip_px;
-use self::values::{Differences, ValueScratch, load_band};
+use self::sweep::{BAND_PX, Sweep, differentiate_band};
+use self::values::Differences;
 use super::rasterize::TilePixels;
 use super::rasterize_backward::BlockGradient;
-use crate::lanes::with_simd;
 use crate::view::{BLOCK_PX, ScreenCamera, TILE_BLOCKS};
 
 /// Buffers of the pass, kept between steps.
@@ -37,16 +38,9 @@ pub(crate) struct LossBuffers {
     /// Of each band.
     sums: Vec<BandSums>,
     /// Per thread: what it works on stays in its core's cache. Nobody else locks it.
-    scratch: Vec<Mutex<Scratch>>,
+    sweeps: Vec<Mutex<Sweep>>,
     /// Gradient by the pixels' radiance, row by row of blocks, whole tiles across and down.
     pub(crate) gradient: Vec<BlockGradient>,
-}
-
-/// Buffers of a thread.
-#[derive(Default)]
-struct Scratch {
-    values: ValueScratch,
-    band: BandScratch,
 }
 
 /// What the pass found.
@@ -164,23 +158,14 @@ impl LossBuffers {
         self.sums.resize(bands, BandSums::ZERO);
         let (blocks_across, band_blocks) = (across * TILE_BLOCKS, BAND_PX / BLOCK_PX);
         self.gradient.resize(blocks_across * (down * TILE_BLOCKS).max(bands * band_blocks), BlockGradient::default());
-        self.scratch.resize_with(rayon::current_num_threads(), Mutex::default);
+        self.sweeps.resize_with(rayon::current_num_threads(), Mutex::default);
+        self.sweeps.iter().for_each(|sweep| own(sweep).begin());
 
-        let scratch = &self.scratch;
+        let sweeps = &self.sweeps;
         let bands = self.gradient.par_chunks_exact_mut(blocks_across * band_blocks).zip(&mut self.sums).enumerate();
         bands.with_max_len(1).for_each(|(band, (blocks, sums))| {
-            let Scratch { values, band: scratch } = &mut *own(scratch);
-            let start = band * BAND_PX;
-            let rows = (height - start).min(BAND_PX);
-            let band = Band { start, rows, channel: 0 };
-            let differences = with_simd!(level, simd => load_band(simd, &plan, (pixels, view), band, values));
-            *sums = BandSums { differences, ..BandSums::ZERO };
-            for channel in 0..3 {
-                let band = Band { channel, ..band };
-                let by_knots = &mut sums.by_knots[channel];
-                sums.ssim += with_simd!(level, simd => differentiate_band(simd, &plan, &values.values, band, (scratch, by_knots)));
-            }
-            store_band(&plan, rows, scratch, blocks);
+            let sweep = &mut *own(&sweeps[rayon::current_thread_index().unwrap_or(0)]);
+            *sums = differentiate_band(level, &plan, (pixels, view), band, sweep, blocks);
         });
         let by_knots = (plan.planes == Planes::Response).then(|| self.by_knots());
         let sum = |of: fn(&BandSums) -> f64| self.sums.iter().map(of).sum::<f64>();
@@ -200,9 +185,9 @@ impl LossBuffers {
     }
 }
 
-/// The calling thread's scratch.
-fn own(scratch: &[Mutex<Scratch>]) -> MutexGuard<'_, Scratch> {
-    scratch[rayon::current_thread_index().unwrap_or(0)].lock().unwrap_or_else(PoisonError::into_inner)
+/// A thread's own: nobody else waits for it.
+fn own(sweep: &Mutex<Sweep>) -> MutexGuard<'_, Sweep> {
+    sweep.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl Plan {

@@ -5,13 +5,18 @@
 //! whole, aligned vectors just as a window down the columns does. Only at the strips' ends is a pixel's neighbour in the next lane:
 //! [`pad`] puts those vectors on either side of the row.
 
-use fearless_simd::Simd;
+use fearless_simd::prelude::*;
+use fearless_simd::{Simd, f32x4, f64x2};
+use luxel_core::each;
 
-use crate::lanes::{LANES, Lanes, V};
+use crate::lanes::{LANES, Lanes, V, is_one_register};
 use crate::passes::loss::convolution::RADIUS;
 use crate::passes::rasterize::TilePixels;
 use crate::passes::rasterize_backward::BlockGradient;
 use crate::view::{BLOCK_PX, TILE_BLOCKS};
+
+/// Lanes of a short register.
+const QUAD: usize = 4;
 
 /// Pixels of a strip.
 pub(super) fn strip_px(width_px: usize) -> usize {
@@ -50,66 +55,122 @@ pub(super) fn write_blocks(blocks: &mut [BlockGradient], values: &[f32], stride:
     }
 }
 
-/// First vectors of the transpositions that cover a strip: the last begins early rather than reach into the next strip, where there are
-/// enough vectors for that.
-fn blocks(strip: usize) -> impl Iterator<Item = usize> {
-    (0..strip.div_ceil(LANES)).map(move |block| (block * LANES).min(strip.saturating_sub(LANES)))
+/// Starts of the transpositions of `step` pixels that cover a strip: the last begins early rather than reach into the next strip, where there are
+/// enough pixels for that.
+fn starts(strip: usize, step: usize) -> impl Iterator<Item = usize> {
+    (0..strip.div_ceil(step)).map(move |n| (n * step).min(strip.saturating_sub(step)))
 }
 
 /// Linear row (of [`linear_len`]) to strips.
 #[inline(always)]
 pub(super) fn to_strips<S: Simd>(simd: S, linear: &[f32], strip: usize, out: &mut [Lanes]) {
-    for start in blocks(strip) {
-        let mut rows = [V::splat(simd, 0.0); LANES];
-        for (lane, row) in rows.iter_mut().enumerate() {
-            *row = V::load_slice(simd, &linear[lane * strip + start..]);
+    let out = &mut out[..strip];
+    if is_one_register::<S>() {
+        for start in starts(strip, LANES) {
+            to_vectors(simd, &linear[start..], strip, &mut out[start..]);
         }
-        let columns = V::transpose(rows);
-        let out = &mut out[start..strip];
-        if let Some(out) = out.first_chunk_mut::<LANES>() {
-            for i in 0..LANES {
-                columns[i].store(&mut out[i]);
-            }
-        } else {
-            for (column, out) in columns.iter().zip(out) {
-                column.store(out);
-            }
+    } else {
+        for start in starts(strip, QUAD) {
+            to_quads(simd, &linear[start..], strip, &mut out[start..]);
         }
     }
 }
 
-/// Strips to linear row (of [`linear_len`]).
+/// Strips to linear row (of [`linear_len`]). In strips shorter than a transposition, what a row writes beyond its strip is overwritten by the next.
 #[inline(always)]
 pub(super) fn from_strips<S: Simd>(simd: S, strips: &[Lanes], strip: usize, linear: &mut [f32]) {
-    for start in blocks(strip) {
-        let mut columns = [V::splat(simd, 0.0); LANES];
-        let strips = &strips[start..strip];
-        if let Some(strips) = strips.first_chunk::<LANES>() {
-            for i in 0..LANES {
-                columns[i] = V::load(simd, &strips[i]);
-            }
-        } else {
-            for (column, values) in columns.iter_mut().zip(strips) {
-                *column = V::load(simd, values);
-            }
+    let strips = &strips[..strip];
+    if is_one_register::<S>() {
+        for start in starts(strip, LANES) {
+            from_vectors(simd, &strips[start..], strip, &mut linear[start..]);
         }
-        // In strips shorter than a vector, what a row writes beyond its strip is overwritten by the next.
-        let rows = V::transpose(columns);
-        for lane in 0..LANES {
-            rows[lane].store_slice(&mut linear[lane * strip + start..]);
+    } else {
+        for start in starts(strip, QUAD) {
+            from_quads(simd, &strips[start..], strip, &mut linear[start..]);
         }
     }
 }
 
-/// Fills the [`RADIUS`] pixels' vectors on either side of a padded row, or of `width` rows whose vectors stand together: the neighbouring
-/// strips' pixels, zeros beyond the row.
+/// The first pixels of all strips, as many as a vector has lanes, where rows are that many registers.
 #[inline(always)]
-pub(super) fn pad<S: Simd>(simd: S, row: &mut [Lanes], strip: usize, width: usize) {
+fn to_vectors<S: Simd>(simd: S, linear: &[f32], strip: usize, out: &mut [Lanes]) {
+    let columns =
+        V::transpose(each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15] lane => V::load_slice(simd, &linear[lane * strip..])));
+    if let Some(out) = out.first_chunk_mut::<LANES>() {
+        for i in 0..LANES {
+            columns[i].store(&mut out[i]);
+        }
+    } else {
+        for (column, out) in columns.iter().zip(out) {
+            column.store(out);
+        }
+    }
+}
+
+/// The counterpart of [`to_vectors`].
+#[inline(always)]
+fn from_vectors<S: Simd>(simd: S, strips: &[Lanes], strip: usize, linear: &mut [f32]) {
+    let mut columns = [V::splat(simd, 0.0); LANES];
+    if let Some(strips) = strips.first_chunk::<LANES>() {
+        for i in 0..LANES {
+            columns[i] = V::load(simd, &strips[i]);
+        }
+    } else {
+        for (column, values) in columns.iter_mut().zip(strips) {
+            *column = V::load(simd, values);
+        }
+    }
+    let rows = V::transpose(columns);
+    for lane in 0..LANES {
+        rows[lane].store_slice(&mut linear[lane * strip..]);
+    }
+}
+
+/// The first [`QUAD`] pixels of all strips, four lanes at a time.
+#[inline(always)]
+fn to_quads<S: Simd>(simd: S, linear: &[f32], strip: usize, out: &mut [Lanes]) {
+    for lane in (0..LANES).step_by(QUAD) {
+        let columns = transpose_quad(each!([0, 1, 2, 3] i => f32x4::from_slice(simd, &linear[(lane + i) * strip..][..QUAD])));
+        for (column, out) in columns.iter().zip(&mut *out) {
+            column.store_slice(&mut out.0[lane..lane + QUAD]);
+        }
+    }
+}
+
+/// The counterpart of [`to_quads`].
+#[inline(always)]
+fn from_quads<S: Simd>(simd: S, strips: &[Lanes], strip: usize, linear: &mut [f32]) {
+    for lane in (0..LANES).step_by(QUAD) {
+        let mut columns = [f32x4::splat(simd, 0.0); QUAD];
+        for (column, values) in columns.iter_mut().zip(strips) {
+            *column = f32x4::from_slice(simd, &values.0[lane..lane + QUAD]);
+        }
+        let rows = transpose_quad(columns);
+        for i in 0..QUAD {
+            rows[i].store_slice(&mut linear[(lane + i) * strip..][..QUAD]);
+        }
+    }
+}
+
+/// Rows for columns, in registers of four: a whole vector's, where it is several registers, do not fit into those that there are.
+#[inline(always)]
+fn transpose_quad<S: Simd>(rows: [f32x4<S>; QUAD]) -> [f32x4<S>; QUAD] {
+    let (ab_low, ab_high) = rows[0].interleave(rows[1]);
+    let (cd_low, cd_high) = rows[2].interleave(rows[3]);
+    // Pairs move as one 64-bit number.
+    let [ab_low, ab_high, cd_low, cd_high]: [f64x2<S>; 4] = [ab_low.bitcast(), ab_high.bitcast(), cd_low.bitcast(), cd_high.bitcast()];
+    let ((first, second), (third, fourth)) = (ab_low.interleave(cd_low), ab_high.interleave(cd_high));
+    [first.bitcast(), second.bitcast(), third.bitcast(), fourth.bitcast()]
+}
+
+/// Fills the [`RADIUS`] pixels' vectors on either side of a padded row: the neighbouring strips' pixels, zeros beyond the row.
+#[inline(always)]
+pub(super) fn pad<S: Simd>(simd: S, row: &mut [Lanes], strip: usize) {
     // Outwards, so that strips shorter than the radius find their neighbours' neighbours.
-    for k in 0..RADIUS * width {
-        let left = (RADIUS - 1 - k / width) * width + k % width;
-        V::load(simd, &row[left + strip * width]).lanes_up().store(&mut row[left]);
-        let right = (RADIUS + strip) * width + k;
-        V::load(simd, &row[right - strip * width]).lanes_down().store(&mut row[right]);
+    for k in 0..RADIUS {
+        let left = RADIUS - 1 - k;
+        V::load(simd, &row[left + strip]).lanes_up().store(&mut row[left]);
+        let right = RADIUS + strip + k;
+        V::load(simd, &row[right - strip]).lanes_down().store(&mut row[right]);
     }
 }

@@ -3,13 +3,13 @@
 use fearless_simd::Simd;
 use luxel_core::{Real, Response, View, each};
 
-use super::band::{Band, MOMENT_ROWS};
-use super::convolution::RADIUS;
+use super::convolution::{GROUP, Stack};
 use super::strips::{linear_len, read_blocks, to_strips};
+use super::sweep::Group;
 use super::{Curve, Plan, Planes};
 use crate::lanes::{Lanes, V};
 use crate::passes::rasterize::TilePixels;
-use crate::view::{BLOCK_PX, TILE_BLOCKS};
+use crate::view::{BLOCK_PX, TILE_BLOCKS, TILE_PX};
 
 /// Rows on their way into strips, kept between steps.
 #[derive(Default)]
@@ -25,37 +25,38 @@ pub(super) struct ValueScratch {
     weight_strips: Vec<Lanes>,
     /// One linear row of the planes of a channel under a response: `[5, linear]`.
     recorded: Vec<f32>,
-    /// Planes in strips: `[MOMENT_ROWS, 3, planes, strip]`.
-    pub(super) values: Vec<Lanes>,
+    /// Row of blocks that `prediction` holds.
+    block_row: Option<usize>,
 }
 
 /// Sums over pixels and channels of their differences' absolute values and squares.
-#[derive(Clone)]
+#[derive(Clone, Copy, Default)]
 pub(super) struct Differences {
     pub(super) absolute: f64,
     pub(super) squared: f64,
 }
 
-/// Values of the rows within the image whose moments `band` needs, into `scratch.values`; the sums of differences over the band's own rows.
+/// Values of a group of rows, `[3, strip, planes]`, zero beyond the image; returns the sums of their differences.
 #[inline(always)]
-pub(super) fn load_band<S: Simd>(
+pub(super) fn load_values<S: Simd>(
     simd: S,
     plan: &Plan,
     (pixels, view): (&[TilePixels], &View),
-    band: Band,
-    scratch: &mut ValueScratch,
+    group: Group,
+    (scratch, out): (&mut ValueScratch, &mut [Stack]),
 ) -> Differences {
     let (width, strip) = (plan.width, plan.strip);
-    scratch.resize(strip, plan.planes);
     let linear = linear_len(strip);
-    let mut total = Differences { absolute: 0.0, squared: 0.0 };
-    let mut block_row = usize::MAX;
-    for row in band.inside(plan, 2 * RADIUS, MOMENT_ROWS) {
-        let y = band.start + row - 2 * RADIUS;
-        if block_row != y / BLOCK_PX {
-            block_row = y / BLOCK_PX;
-            let tiles = &pixels[block_row / TILE_BLOCKS * plan.across..][..plan.across];
-            read_blocks(tiles, block_row % TILE_BLOCKS, &mut scratch.prediction, linear);
+    let mut total = Differences::default();
+    for j in 0..GROUP {
+        let Some(y) = group.row(plan, j) else {
+            out.iter_mut().for_each(|stack| stack[j] = Lanes::ZERO);
+            continue;
+        };
+        if scratch.block_row != Some(y / BLOCK_PX) {
+            scratch.block_row = Some(y / BLOCK_PX);
+            let (tile_row, block_row) = (y / TILE_PX, y / BLOCK_PX % TILE_BLOCKS);
+            read_blocks(&pixels[tile_row * plan.across..][..plan.across], block_row, &mut scratch.prediction, linear);
         }
         let pixels = y * width..(y + 1) * width;
         // The image's pixels are interleaved: as one row of three times the width, its strips hold the channels in turn.
@@ -71,9 +72,7 @@ pub(super) fn load_band<S: Simd>(
             to_strips(simd, &scratch.weights, strip, &mut scratch.weight_strips);
         }
         let mut sums = [V::splat(simd, 0.0); 2];
-        let planes = plan.planes.count() * strip;
-        let out = &mut scratch.values[row * 3 * planes..][..3 * planes];
-        for (channel, out) in out.chunks_exact_mut(planes).enumerate() {
+        for (channel, out) in out.chunks_exact_mut(plan.planes.count() * strip).enumerate() {
             let prediction = &mut scratch.prediction[(channel * BLOCK_PX + y % BLOCK_PX) * linear..][..linear];
             prediction[width..].fill(0.0);
             match &plan.curve {
@@ -82,33 +81,39 @@ pub(super) fn load_band<S: Simd>(
                     let (prediction, target) = (&scratch.prediction_strips, &scratch.target_strips);
                     let row = Row { prediction, target, channel, target_scale: plan.target_scale[channel] };
                     let weights = (plan.planes == Planes::Weighted).then_some((scratch.weight_strips.as_slice(), *log2_1p_mu));
-                    mu_law_row(simd, [*mu, *scale], &row, weights, (out, &mut sums));
+                    mu_law_row(simd, [*mu, *scale], &row, weights, ((out, j), &mut sums));
                 }
                 Curve::Response(response) => {
                     let pixels = (&prediction[..width], &scratch.target[channel..], scratch.weights.as_slice());
                     record_row(response, (channel, plan.target_scale[channel]), pixels, &mut scratch.recorded);
-                    let planes = scratch.recorded.chunks_exact(linear).zip(out.chunks_exact_mut(strip));
-                    planes.for_each(|(linear, out)| to_strips(simd, linear, strip, out));
-                    add_differences(simd, out.split_at(strip), &mut sums);
+                    for (plane, linear) in scratch.recorded.chunks_exact(linear).enumerate() {
+                        to_strips(simd, linear, strip, &mut scratch.prediction_strips);
+                        let out = out[plane..].iter_mut().step_by(plan.planes.count());
+                        out.zip(&scratch.prediction_strips).for_each(|(out, v)| out[j] = *v);
+                    }
+                    add_differences(simd, (out, j), &mut sums);
                 }
             }
         }
-        if (2 * RADIUS..2 * RADIUS + band.rows).contains(&row) {
-            let [absolute, squared] = each!([0, 1] k => sums[k].lanes().iter().map(|v| f64::from(*v)).sum::<f64>());
-            total.absolute += absolute;
-            total.squared += squared;
-        }
+        let [absolute, squared] = each!([0, 1] k => sums[k].lanes().iter().map(|v| f64::from(*v)).sum::<f64>());
+        total.absolute += absolute;
+        total.squared += squared;
     }
     total
 }
 
 impl ValueScratch {
-    fn resize(&mut self, strip: usize, planes: Planes) {
+    /// Before another band than the one below: no row has been read.
+    pub(super) fn begin(&mut self) {
+        self.block_row = None;
+    }
+
+    pub(super) fn resize(&mut self, plan: &Plan) {
+        let (strip, planes) = (plan.strip, plan.planes);
         self.prediction.resize(3 * BLOCK_PX * linear_len(strip), 0.0);
         self.prediction_strips.resize(strip, Lanes::ZERO);
         self.target.resize(linear_len(3 * strip), 0.0);
         self.target_strips.resize(3 * strip, Lanes::ZERO);
-        self.values.resize(MOMENT_ROWS * 3 * planes.count() * strip, Lanes::ZERO);
         if planes != Planes::Values {
             self.weight_strips.resize(strip, Lanes::ZERO);
             // Zero beyond the image, whatever one of another width has left there.
@@ -129,7 +134,7 @@ struct Row<'a> {
     target_scale: f32,
 }
 
-/// A channel of a row under the mu-law of [mu, 1 / ln(1 + mu)], and its differences, added to `sums`. With weights (and log2(1 + mu)) the
+/// A channel of a row under the mu-law of [mu, 1 / ln(1 + mu)], into place `j` of its stacks, and its differences, added to `sums`. With weights (and log2(1 + mu)) the
 /// prediction goes towards the target by what its pixel lacks of weight 1, and its slope relative to that at 0 times the weight is kept.
 #[inline(always)]
 fn mu_law_row<S: Simd>(
@@ -137,23 +142,21 @@ fn mu_law_row<S: Simd>(
     curve: [f32; 2],
     row: &Row<'_>,
     weights: Option<(&[Lanes], f32)>,
-    (out, sums): (&mut [Lanes], &mut [V<S>; 2]),
+    ((out, j), sums): ((&mut [Stack], usize), &mut [V<S>; 2]),
 ) {
-    let strip = row.prediction.len();
-    let (x_out, rest) = out.split_at_mut(strip);
-    let (y_out, slope_out) = rest.split_at_mut(strip);
+    let planes = out.len() / row.prediction.len();
     let pixels = row.prediction.iter().zip(row.target.chunks_exact(3));
-    for (i, ((x_out, y_out), (x, y))) in x_out.iter_mut().zip(y_out).zip(pixels).enumerate() {
+    for (i, (out, (x, y))) in out.chunks_exact_mut(planes).zip(pixels).enumerate() {
         let mut x = mu_law(V::load(simd, x), curve);
         let y = mu_law(V::load(simd, &y[row.channel]) * row.target_scale, curve);
         if let Some((weights, log2_1p_mu)) = weights {
             let (zero, w) = (V::splat(simd, 0.0), V::load(simd, &weights[i]));
             // Exact for weights of 0 and 1; and nothing of a prediction that does not count comes through, not even a NaN.
-            w.if_positive((x * -log2_1p_mu).exp2() * w, zero).store(&mut slope_out[i]);
+            w.if_positive((x * -log2_1p_mu).exp2() * w, zero).store(&mut out[2][j]);
             x = w.if_positive(w.mul_add(x, (V::splat(simd, 1.0) - w) * y), y);
         }
-        x.store(x_out);
-        y.store(y_out);
+        x.store(&mut out[0][j]);
+        y.store(&mut out[1][j]);
         add_difference(x - y, sums);
     }
 }
@@ -194,10 +197,10 @@ fn record_row(
     }
 }
 
-/// Adds the differences of a row's first two planes.
+/// Adds the differences of row `j` of the first two planes.
 #[inline(always)]
-fn add_differences<S: Simd>(simd: S, (x, rest): (&[Lanes], &[Lanes]), sums: &mut [V<S>; 2]) {
-    for (x, y) in x.iter().zip(rest) {
-        add_difference(V::load(simd, x) - V::load(simd, y), sums);
+fn add_differences<S: Simd>(simd: S, (planes, j): (&[Stack], usize), sums: &mut [V<S>; 2]) {
+    for planes in planes.chunks_exact(Planes::Response.count()) {
+        add_difference(V::load(simd, &planes[0][j]) - V::load(simd, &planes[1][j]), sums);
     }
 }
