@@ -163,6 +163,7 @@ impl<S: Simd> V<S> {
         Self(e.mul_add(c(std::f32::consts::LN_2), p))
     }
 
+    /// The first and the last eight numbers.
     #[inline(always)]
     pub(crate) fn from_halves(low: Half<S>, high: Half<S>) -> Self {
         Self(low.0.combine(high.0))

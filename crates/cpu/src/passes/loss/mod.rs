@@ -37,7 +37,7 @@ use crate::view::{BLOCK_PX, ScreenCamera, TILE_BLOCKS};
 pub(crate) struct LossBuffers {
     /// Of each band.
     sums: Vec<BandSums>,
-    /// Per thread: what it works on stays in its core's cache. Nobody else locks it.
+    /// Per thread: what it works on stays in its core's cache. Nobody waits for another's.
     sweeps: Vec<Mutex<Sweep>>,
     /// Gradient by the pixels' radiance, row by row of blocks, whole tiles across and down.
     pub(crate) gradient: Vec<BlockGradient>,
@@ -185,7 +185,7 @@ impl LossBuffers {
     }
 }
 
-/// A thread's own: nobody else waits for it.
+/// Locks what no two threads use at once.
 fn own(sweep: &Mutex<Sweep>) -> MutexGuard<'_, Sweep> {
     sweep.lock().unwrap_or_else(PoisonError::into_inner)
 }

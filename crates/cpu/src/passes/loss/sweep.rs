@@ -140,6 +140,7 @@ pub(super) fn differentiate_band(
     if sweep.next != Some(first) {
         sweep.resize(plan);
         sweep.loading.begin();
+        // The band's first gradient hangs on the group above, whose windows reach one further.
         sweep.load(level, plan, source, Group(first.0 - 2));
         sweep.load(level, plan, source, Group(first.0 - 1));
         sweep.advance(level, plan, source, Group(first.0 - 1));

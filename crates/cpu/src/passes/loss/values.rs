@@ -16,6 +16,7 @@ use crate::view::{BLOCK_PX, TILE_BLOCKS, TILE_PX};
 pub(super) struct ValueScratch {
     /// Linear rows of the prediction: `[3, BLOCK_PX, linear]`.
     prediction: Vec<f32>,
+    /// One row of a channel's prediction in strips, or of a plane under a response.
     prediction_strips: Vec<Lanes>,
     /// One linear row of the target's channels in turn.
     target: Vec<f32>,
@@ -134,8 +135,8 @@ struct Row<'a> {
     target_scale: f32,
 }
 
-/// A channel of a row under the mu-law of [mu, 1 / ln(1 + mu)], into place `j` of its stacks, and its differences, added to `sums`. With weights (and log2(1 + mu)) the
-/// prediction goes towards the target by what its pixel lacks of weight 1, and its slope relative to that at 0 times the weight is kept.
+/// A channel of a row under the mu-law of [mu, 1 / ln(1 + mu)], into place `j` of its stacks, and its differences, added to `sums`. With weights
+/// (and log2(1 + mu)) the prediction goes towards the target by what its pixel lacks of weight 1, and its slope relative to that at 0 times the weight is kept.
 #[inline(always)]
 fn mu_law_row<S: Simd>(
     simd: S,
