@@ -1,0 +1,1 @@
+//! Luxel for programs: data sets, training, rendering, editing and export of scenes in scene-linear radiance.
