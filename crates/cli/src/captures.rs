@@ -52,7 +52,7 @@ impl Captures {
         if self.gains_ev.is_empty() && self.response.is_none() {
             return Ok(());
         }
-        files::write_json(&folder.captures(), self)
+        Ok(files::write_json(&folder.captures(), self)?)
     }
 
     /// Reads the file; nothing was found in a run without one.

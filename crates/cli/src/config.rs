@@ -93,7 +93,7 @@ impl RunConfig {
     /// Writes it atomically.
     pub(crate) fn write(&self, path: &Path) -> Result<()> {
         let content = self.to_toml().with_context(|| format!("{}: cannot encode", path.display()))?;
-        files::write_text(path, &(HEAD.to_owned() + &content))
+        Ok(files::write_text(path, &(HEAD.to_owned() + &content))?)
     }
 
     /// As TOML.

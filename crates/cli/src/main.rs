@@ -12,10 +12,7 @@ mod editing;
 mod engine;
 mod evaluation;
 mod facts;
-mod files;
 mod interrupt;
-mod machine;
-mod memory;
 mod preview;
 mod report;
 mod reporting;
@@ -24,13 +21,14 @@ mod run_log;
 mod run_state;
 mod scene_source;
 mod session;
-mod text;
 mod values;
 
 use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::FromArgMatches;
+
+use luxel::{files, machine, memory, text};
 
 use crate::cli::{Cli, Command};
 use crate::session::Outcome;

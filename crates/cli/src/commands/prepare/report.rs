@@ -52,7 +52,7 @@ pub(super) fn range_stops(views: &[ViewRecord]) -> f32 {
 /// Writes both files.
 pub(super) fn write(folders: &Folders, report: &PrepareReport) -> Result<()> {
     write_json(&folders.output.join("prepare.json"), report)?;
-    write_text(&folders.output.join("prepare.html"), &page(report))
+    Ok(write_text(&folders.output.join("prepare.html"), &page(report))?)
 }
 
 fn page(report: &PrepareReport) -> String {

@@ -103,7 +103,7 @@ impl State {
 
     pub(super) fn save(&mut self) -> Result<()> {
         self.saved = Some(Instant::now());
-        write_json(&self.path, self)
+        Ok(write_json(&self.path, self)?)
     }
 }
 

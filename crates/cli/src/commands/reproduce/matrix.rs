@@ -154,7 +154,7 @@ impl Matrix {
 
     /// Marks the folder.
     pub(super) fn claim(&self) -> Result<()> {
-        crate::files::write_text(&self.root.join(MARK), &format!("{HEAD}{}", self.toml()?))
+        Ok(crate::files::write_text(&self.root.join(MARK), &format!("{HEAD}{}", self.toml()?))?)
     }
 
     /// What was asked for, for people and for keeping.

@@ -88,7 +88,7 @@ pub(super) fn measure(
         let name = cell.name(matrix);
         let measured = of_source(&mut dataset, cell, console)
             .and_then(|dataset| wanted.measure(cell, dataset, engine.as_mut(), &computed_by, console))
-            .and_then(|measured| files::write_json(&cell.folder.measured(), &measured).map(|()| measured));
+            .and_then(|measured| Ok(files::write_json(&cell.folder.measured(), &measured).map(|()| measured)?));
         match measured {
             Ok(Measured { frames_per_second: Some(fps), .. }) => console.note(&format!("{name}: {fps:.1} frames per second")),
             Ok(_) => console.note(&format!("{name}: no test views to measure")),

@@ -112,7 +112,7 @@ fn write(matrix: &Matrix, results: &[CellResult], failures: &[Failure], edited: 
         profiles: &profiles,
         editing: editing::section(matrix, edited)?,
     };
-    files::write_text(&root.join("report.html"), &page::page(&content)?)
+    Ok(files::write_text(&root.join("report.html"), &page::page(&content)?)?)
 }
 
 /// Data set, method and error by luminance, the pixels of all seeds together.

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 /// `1,234,567`.
-pub(crate) fn count(n: usize) -> String {
+pub fn count(n: usize) -> String {
     let digits = n.to_string();
     let mut out = String::with_capacity(digits.len() + digits.len() / 3);
     for (i, digit) in digits.chars().enumerate() {
@@ -16,12 +16,12 @@ pub(crate) fn count(n: usize) -> String {
 }
 
 /// `1 image`, `2 images`.
-pub(crate) fn plural(n: usize, noun: &str) -> String {
+pub fn plural(n: usize, noun: &str) -> String {
     format!("{} {noun}{}", count(n), if n == 1 { "" } else { "s" })
 }
 
 /// `512 B`, `3.4 MiB`.
-pub(crate) fn bytes(n: u64) -> String {
+pub fn bytes(n: u64) -> String {
     const UNITS: [&str; 4] = ["KiB", "MiB", "GiB", "TiB"];
     if n < 1024 {
         return format!("{n} B");
@@ -36,7 +36,7 @@ pub(crate) fn bytes(n: u64) -> String {
 }
 
 /// `42 s`, `3 min 05 s`, `2 h 07 min`.
-pub(crate) fn duration(d: Duration) -> String {
+pub fn duration(d: Duration) -> String {
     let s = d.as_secs();
     match s {
         0..60 => format!("{s} s"),
@@ -46,7 +46,7 @@ pub(crate) fn duration(d: Duration) -> String {
 }
 
 /// Three to four significant digits, plain where that is short.
-pub(crate) fn number(v: f64) -> String {
+pub fn number(v: f64) -> String {
     let a = v.abs();
     if v == 0.0 {
         "0".into()
@@ -62,7 +62,7 @@ pub(crate) fn number(v: f64) -> String {
 }
 
 /// Range of a decade of luminance (see [`luxel_core::metrics::DecadeError`]): `0.1 to 1`.
-pub(crate) fn decade(decade: i32) -> String {
+pub fn decade(decade: i32) -> String {
     let edge = |power: i32| if (-3..=3).contains(&power) { format!("{}", 10f64.powi(power)) } else { format!("1e{power}") };
     match decade {
         ..=-5 => "below 1e-4".into(),

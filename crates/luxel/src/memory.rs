@@ -1,12 +1,12 @@
 //! Memory of this process, bytes, as Linux tells it; `None` elsewhere.
 
 /// Resident now (`VmRSS`).
-pub(crate) fn resident_bytes() -> Option<u64> {
+pub fn resident_bytes() -> Option<u64> {
     status_bytes("VmRSS:")
 }
 
 /// Most ever resident (`VmHWM`).
-pub(crate) fn peak_resident_bytes() -> Option<u64> {
+pub fn peak_resident_bytes() -> Option<u64> {
     status_bytes("VmHWM:")
 }
 

@@ -1,7 +1,7 @@
 //! What the machine is, as far as it tells without rights.
 
 /// Name and value, for people.
-pub(crate) fn facts(cores: usize) -> Vec<(&'static str, String)> {
+pub fn facts(cores: usize) -> Vec<(&'static str, String)> {
     let mut facts = Vec::new();
     if let Some(model) = processor() {
         facts.push(("processor", model));
@@ -15,7 +15,7 @@ pub(crate) fn facts(cores: usize) -> Vec<(&'static str, String)> {
 }
 
 /// Name of the processor.
-pub(crate) fn processor() -> Option<String> {
+pub fn processor() -> Option<String> {
     processor_of(&read("/proc/cpuinfo"))
 }
 

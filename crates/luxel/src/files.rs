@@ -2,17 +2,18 @@
 
 use std::path::Path;
 
-use anyhow::{Context, Result, bail};
+use crate::error::{Context, bail};
+use crate::Result;
 use serde::Serialize;
 
 /// Writes a file atomically.
-pub(crate) fn write_bytes(path: &Path, content: &[u8]) -> Result<()> {
+pub fn write_bytes(path: &Path, content: &[u8]) -> Result<()> {
     luxel_io::write_atomically(path, |out| out.write_all(content).map_err(|e| luxel_io::IoError::system(path, "write", &e)))?;
     Ok(())
 }
 
 /// Refuses to write over a file that is there, unless that is asked for.
-pub(crate) fn check_free(path: &Path, overwrite: bool) -> Result<()> {
+pub fn check_free(path: &Path, overwrite: bool) -> Result<()> {
     if path.is_dir() {
         bail!("{}: is a folder, expected a name for a file", path.display());
     }
@@ -23,7 +24,7 @@ pub(crate) fn check_free(path: &Path, overwrite: bool) -> Result<()> {
 }
 
 /// Whether both are one file or folder, by whatever way, be it there or not.
-pub(crate) fn is_same(a: &Path, b: &Path) -> bool {
+pub fn is_same(a: &Path, b: &Path) -> bool {
     let real = |path: &Path| {
         let absolute = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
         let by_its_folder = || Some(std::fs::canonicalize(absolute.parent()?).ok()?.join(absolute.file_name()?));
@@ -33,7 +34,7 @@ pub(crate) fn is_same(a: &Path, b: &Path) -> bool {
 }
 
 /// Refuses to write over one of `inputs`, whatever it is called.
-pub(crate) fn check_no_input<'a>(path: &Path, inputs: impl IntoIterator<Item = &'a Path>) -> Result<()> {
+pub fn check_no_input<'a>(path: &Path, inputs: impl IntoIterator<Item = &'a Path>) -> Result<()> {
     let Ok(real) = std::fs::canonicalize(path) else { return Ok(()) };
     if inputs.into_iter().any(|input| std::fs::canonicalize(input).is_ok_and(|input| input == real)) {
         bail!("{}: is read by this command, so it is not written over; give another name", path.display());
@@ -42,7 +43,7 @@ pub(crate) fn check_no_input<'a>(path: &Path, inputs: impl IntoIterator<Item = &
 }
 
 /// Removes a file; that there is none is as well.
-pub(crate) fn remove_if_there(path: &Path) -> Result<()> {
+pub fn remove_if_there(path: &Path) -> Result<()> {
     match std::fs::remove_file(path) {
         Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
             Err(error).with_context(|| format!("{}: cannot remove", path.display()))
@@ -52,18 +53,18 @@ pub(crate) fn remove_if_there(path: &Path) -> Result<()> {
 }
 
 /// Writes a text file atomically.
-pub(crate) fn write_text(path: &Path, content: &str) -> Result<()> {
+pub fn write_text(path: &Path, content: &str) -> Result<()> {
     write_bytes(path, content.as_bytes())
 }
 
 /// Writes a JSON file atomically.
-pub(crate) fn write_json(path: &Path, value: &impl Serialize) -> Result<()> {
+pub fn write_json(path: &Path, value: &impl Serialize) -> Result<()> {
     let content = serde_json::to_string_pretty(value).with_context(|| format!("{}: cannot encode", path.display()))?;
     write_text(path, &(content + "\n"))
 }
 
 /// Reads a text file of at most `limit` bytes.
-pub(crate) fn read_text(path: &Path, limit: u64) -> Result<String> {
+pub fn read_text(path: &Path, limit: u64) -> Result<String> {
     use std::io::Read;
     let file = std::fs::File::open(path).with_context(|| format!("{}: cannot open", path.display()))?;
     let mut content = String::new();

@@ -1,0 +1,107 @@
+//! What a long task reports while it works: events for an observer, in place of a terminal.
+//!
+//! A task takes `&dyn Observer` and calls it from the thread it works in; a call must not block for long, as the task waits for it.
+//! Events are owned values, so that an observer may send them through a channel.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Something that happened during a task.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum Event {
+    /// Something good to know.
+    Note(String),
+    /// Something that may need attention: the task goes on.
+    Warning(String),
+    /// Steps begin: `done` of `total` are made already.
+    StepsBegin {
+        /// Steps made by earlier parts of the task.
+        done: u32,
+        /// Steps in all.
+        total: u32,
+    },
+    /// A step was made: `done` so far.
+    Step {
+        /// Steps made so far.
+        done: u32,
+    },
+    /// Steps have ended, all of them or not.
+    StepsEnd,
+    /// A file was written.
+    Saved {
+        /// The file.
+        path: PathBuf,
+    },
+}
+
+/// Receives the events of a task.
+///
+/// Closures are observers:
+///
+/// ```
+/// use luxel::{Event, Observer};
+///
+/// let (sender, receiver) = std::sync::mpsc::channel();
+/// let observer = move |event: Event| sender.send(event).unwrap();
+/// observer.warn("8-bit images are not HDR");
+/// drop(observer);
+/// assert_eq!(receiver.recv().unwrap(), Event::Warning("8-bit images are not HDR".into()));
+/// ```
+pub trait Observer {
+    /// Takes note of an event.
+    fn event(&self, event: Event);
+
+    /// Reports [`Event::Note`].
+    fn note(&self, message: &str) {
+        self.event(Event::Note(message.to_owned()));
+    }
+
+    /// Reports [`Event::Warning`].
+    fn warn(&self, message: &str) {
+        self.event(Event::Warning(message.to_owned()));
+    }
+}
+
+impl<F: Fn(Event)> Observer for F {
+    fn event(&self, event: Event) {
+        self(event);
+    }
+}
+
+/// An observer that ignores every event.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Silent;
+
+impl Observer for Silent {
+    fn event(&self, _: Event) {}
+}
+
+/// Asks a task to stop at the next place where it can save its state. Clones share the request.
+///
+/// ```
+/// let stop = luxel::StopFlag::new();
+/// let handle = stop.clone();
+/// std::thread::spawn(move || handle.request()).join().unwrap();
+/// assert!(stop.is_requested());
+/// ```
+#[derive(Clone, Debug, Default)]
+pub struct StopFlag(Arc<AtomicBool>);
+
+impl StopFlag {
+    /// Returns a flag that is not set.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Sets the flag; returns whether it was set before.
+    pub fn request(&self) -> bool {
+        self.0.swap(true, Ordering::SeqCst)
+    }
+
+    /// Returns whether the flag is set.
+    pub fn is_requested(&self) -> bool {
+        self.0.load(Ordering::SeqCst)
+    }
+}
