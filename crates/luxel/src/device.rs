@@ -1,92 +1,203 @@
-//! The engine that `--device` and `--threads` ask for.
+//! The choice of what computes: the processor's cores or a GPU.
+//!
+//! In: a [`Device`] and a number of threads; out: an engine without a scene, and words for where it runs. `Auto` takes a real GPU if
+//! there is one that works, and the CPU otherwise; captured LDR images are trained on the CPU, whose engine alone finds a camera's
+//! response.
 
-use anyhow::{Context, Result};
+use std::fmt;
+use std::str::FromStr;
+
 use luxel_core::Engine;
 use luxel_cpu::{CpuEngine, InstructionSet};
+use serde::{Deserialize, Serialize};
 
-use crate::cli::DeviceArgs;
-use crate::config::RunConfig;
-use crate::values::{DeviceArg, SupervisionArg};
+use crate::error::{Context, ensure};
+use crate::{Error, Result, machine, text};
+
+/// What computes.
+///
+/// The text form is `auto`, `cpu`, `gpu` or `gpu:NAME`:
+///
+/// ```
+/// use luxel::Device;
+///
+/// assert_eq!("gpu:H200".parse(), Ok(Device::Named("H200".into())));
+/// assert_eq!(Device::default().to_string(), "auto");
+/// assert!("cuda".parse::<Device>().is_err());
+/// ```
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub enum Device {
+    /// A GPU if there is a real one, else the CPU.
+    #[default]
+    Auto,
+    /// The processor's cores.
+    Cpu,
+    /// The best GPU; none is an error.
+    Gpu,
+    /// The GPU whose name contains this text, a software renderer too.
+    Named(String),
+}
+
+impl Device {
+    /// Returns this device with a number of threads in place of all cores.
+    pub fn with_threads(self, threads: u32) -> DeviceOptions {
+        DeviceOptions { device: self, threads: Some(threads) }
+    }
+
+    /// Returns whether this asks for a GPU and nothing else.
+    pub fn is_gpu(&self) -> bool {
+        matches!(self, Self::Gpu | Self::Named(_))
+    }
+}
+
+impl FromStr for Device {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "auto" => Ok(Self::Auto),
+            "cpu" => Ok(Self::Cpu),
+            "gpu" => Ok(Self::Gpu),
+            _ => match text.strip_prefix("gpu:") {
+                Some(name) if !name.is_empty() => Ok(Self::Named(name.into())),
+                _ => Err(format!("unknown device \"{text}\", expected auto, cpu, gpu or gpu:NAME with a part of the GPU's name")),
+            },
+        }
+    }
+}
+
+impl fmt::Display for Device {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Auto => f.write_str("auto"),
+            Self::Cpu => f.write_str("cpu"),
+            Self::Gpu => f.write_str("gpu"),
+            Self::Named(name) => write!(f, "gpu:{name}"),
+        }
+    }
+}
+
+impl TryFrom<String> for Device {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        text.parse()
+    }
+}
+
+impl From<Device> for String {
+    fn from(device: Device) -> Self {
+        device.to_string()
+    }
+}
+
+/// A device and the threads beside it. The result is the same for any number of threads; CPU and GPU agree to rounding.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DeviceOptions {
+    /// What computes.
+    pub device: Device,
+    /// Threads of the processor; `None` for all cores.
+    pub threads: Option<u32>,
+}
+
+impl From<Device> for DeviceOptions {
+    fn from(device: Device) -> Self {
+        Self { device, threads: None }
+    }
+}
 
 /// An engine without a scene, and where it runs.
-pub(crate) struct Chosen {
+pub struct SelectedEngine {
     /// The engine.
-    pub(crate) engine: Box<dyn Engine>,
+    pub engine: Box<dyn Engine>,
     /// Threads for everything that the processor does.
-    pub(crate) threads: usize,
-    /// For people: `2 threads`, `NVIDIA H200 (vulkan)`, and why it is not a GPU if there seems to be one.
-    pub(crate) machine: String,
+    pub threads: usize,
+    /// Where it runs, for people: `2 threads`, `NVIDIA H200 (vulkan)`, and why it is not a GPU if there seems to be one.
+    pub machine: String,
     /// The same for comparisons: `2 threads of AMD EPYC 9B14`, `NVIDIA H200 (vulkan)`. Times of equal ones compare.
-    pub(crate) computed_by: String,
+    pub computed_by: String,
     /// Name of the GPU.
-    pub(crate) gpu: Option<String>,
+    pub gpu: Option<String>,
     /// The processor's instruction set, if it is the engine.
-    pub(crate) instruction_set: Option<String>,
+    pub instruction_set: Option<String>,
 }
 
-/// The engine for a command.
-pub(crate) fn engine(args: &DeviceArgs) -> Result<Chosen> {
-    engine_with(args, InstructionSet::Best)
-}
-
-/// The engine for training: of the GPU's and the CPU's the latter alone learns a camera's response, so that it is the best there is for recordings.
-pub(crate) fn training_engine(config: &RunConfig) -> Result<Chosen> {
-    let learns_response = config.load.supervision == SupervisionArg::Ldr;
-    if learns_response && config.device.device == DeviceArg::Auto {
-        return cpu(threads(&config.device), InstructionSet::Best, None);
+impl SelectedEngine {
+    /// Opens the engine for rendering, measuring and editing.
+    ///
+    /// # Errors
+    /// A GPU that was asked for and is not there or does not work.
+    pub fn open(options: &DeviceOptions) -> Result<Self> {
+        Self::open_with(options, InstructionSet::Best)
     }
-    engine(&config.device)
+
+    /// Opens the engine for training. `learns_response` tells that a camera's response is found beside the scene, which the CPU
+    /// engine alone does.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn for_training(options: &DeviceOptions, learns_response: bool) -> Result<Self> {
+        if learns_response && options.device == Device::Auto {
+            return cpu(threads(options), InstructionSet::Best, None);
+        }
+        Self::open(options)
+    }
+
+    /// Opens the engine with a choice among the processor's instruction sets.
+    ///
+    /// # Errors
+    /// As [`Self::open`]; a GPU together with an instruction set; an instruction set that the processor lacks.
+    pub fn open_with(options: &DeviceOptions, set: InstructionSet) -> Result<Self> {
+        let threads = threads(options);
+        if set != InstructionSet::Best {
+            ensure!(!options.device.is_gpu(), "an instruction set is the processor's, and the device is a GPU");
+            return cpu(threads, set, None);
+        }
+        match &options.device {
+            Device::Cpu => cpu(threads, set, None),
+            Device::Auto => match gpu::best(threads) {
+                Ok(selected) => Ok(selected),
+                Err(reason) => cpu(threads, set, reason),
+            },
+            Device::Gpu => gpu::open(threads, None).with_context(|| format!("device {}", options.device)),
+            Device::Named(name) => gpu::open(threads, Some(name)).with_context(|| format!("device {}", options.device)),
+        }
+    }
 }
 
-/// [`engine`] for those who want to choose among the processor's instruction sets.
-pub(crate) fn engine_with(args: &DeviceArgs, set: InstructionSet) -> Result<Chosen> {
-    let threads = threads(args);
-    if set != InstructionSet::Best {
-        anyhow::ensure!(!matches!(args.device, DeviceArg::Gpu(_)), "--instruction-set is the processor's; use --device cpu");
-        return cpu(threads, set, None);
-    }
-    match &args.device {
-        DeviceArg::Cpu => cpu(threads, set, None),
-        DeviceArg::Auto => match gpu::best(threads) {
-            Ok(chosen) => Ok(chosen),
-            Err(reason) => cpu(threads, set, reason),
-        },
-        DeviceArg::Gpu(name) => gpu::open(threads, name.as_deref()).with_context(|| format!("--device {}", args.device)),
-    }
-}
-
-/// The CPU engine; `reason` says why it is not the GPU's.
-fn cpu(threads: usize, set: InstructionSet, reason: Option<String>) -> Result<Chosen> {
+/// Opens the CPU engine; `reason` says why it is not the GPU's.
+fn cpu(threads: usize, set: InstructionSet, reason: Option<String>) -> Result<SelectedEngine> {
     let mut engine = CpuEngine::new(threads).context("cannot start the CPU engine")?;
-    engine.set_instruction_set(set).context("--instruction-set")?;
+    engine.set_instruction_set(set).context("cannot use this instruction set")?;
     let instruction_set = Some(engine.instruction_set());
-    let mut machine = crate::text::plural(threads, "thread");
-    let computed_by = format!("{machine} of {}", crate::machine::processor().unwrap_or_else(|| "the CPU".into()));
+    let mut place = text::plural(threads, "thread");
+    let computed_by = format!("{place} of {}", machine::processor().unwrap_or_else(|| "the CPU".into()));
     if let Some(reason) = reason {
-        machine += &format!(" ({reason})");
+        place += &format!(" ({reason})");
     }
-    Ok(Chosen { engine: Box::new(engine), threads, machine, computed_by, gpu: None, instruction_set })
+    Ok(SelectedEngine { engine: Box::new(engine), threads, machine: place, computed_by, gpu: None, instruction_set })
 }
 
 #[cfg(feature = "gpu")]
 mod gpu {
-    use anyhow::Result;
     use luxel_gpu::{AdapterKind, DeviceChoice, Gpu, GpuEngine, adapters};
 
-    use super::Chosen;
+    use super::{Result, SelectedEngine};
 
-    pub(super) fn open(threads: usize, name: Option<&str>) -> Result<Chosen> {
+    pub(super) fn open(threads: usize, name: Option<&str>) -> Result<SelectedEngine> {
         let choice = name.map_or(DeviceChoice::Best, |name| DeviceChoice::Named(name.to_owned()));
         let gpu = Gpu::open(&choice)?;
         let engine = GpuEngine::new(&gpu)?;
         let facts = gpu.facts();
         let machine = format!("{} ({})", facts.name, facts.backend);
         let computed_by = machine.clone();
-        Ok(Chosen { engine: Box::new(engine), threads, machine, computed_by, gpu: Some(facts.name.clone()), instruction_set: None })
+        Ok(SelectedEngine { engine: Box::new(engine), threads, machine, computed_by, gpu: Some(facts.name.clone()), instruction_set: None })
     }
 
-    /// The best real GPU. Without one there is nothing to say; one that cannot be used is told of.
-    pub(super) fn best(threads: usize) -> Result<Chosen, Option<String>> {
+    /// Opens the best real GPU. Without one there is nothing to report; one that cannot be used is reported.
+    pub(super) fn best(threads: usize) -> Result<SelectedEngine, Option<String>> {
         open(threads, None).map_err(|error| {
             let is_there = adapters().iter().any(|facts| facts.kind != AdapterKind::Software);
             is_there.then(|| format!("{error:#}"))
@@ -96,26 +207,40 @@ mod gpu {
 
 #[cfg(not(feature = "gpu"))]
 mod gpu {
-    use anyhow::{Result, bail};
+    use super::{Error, Result, SelectedEngine};
 
-    use super::Chosen;
-
-    pub(super) fn open(_: usize, _: Option<&str>) -> Result<Chosen> {
-        bail!("this build of luxel has no GPU engine (cargo feature gpu); use --device cpu")
+    pub(super) fn open(_: usize, _: Option<&str>) -> Result<SelectedEngine> {
+        Err(Error::new("this build of luxel has no GPU engine (cargo feature gpu)"))
     }
 
-    pub(super) fn best(_: usize) -> Result<Chosen, Option<String>> {
+    pub(super) fn best(_: usize) -> Result<SelectedEngine, Option<String>> {
         Err(None)
     }
 }
 
-/// Threads for this command: as many as asked for, else all cores. Also bounds what reading files uses.
-fn threads(args: &DeviceArgs) -> usize {
-    let threads = match args.threads {
+/// Returns the threads to use: as many as asked for, else all cores. Also bounds what reading files uses.
+fn threads(options: &DeviceOptions) -> usize {
+    let threads = match options.threads {
         Some(threads) => threads as usize,
         None => std::thread::available_parallelism().map_or(1, usize::from),
     };
     // Only the first call of a process can set it; those after it ask for the same number.
     let _ = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
     threads
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn devices_parse_back() {
+        for device in [Device::Auto, Device::Cpu, Device::Gpu, Device::Named("H200 NVL".into())] {
+            assert_eq!(device.to_string().parse(), Ok(device));
+        }
+        for text in ["", "gpu:", "GPU", "cuda", "gpu h200"] {
+            let error = text.parse::<Device>().unwrap_err();
+            assert!(error.contains(&format!("\"{text}\"")) && error.contains("gpu:NAME"), "{error}");
+        }
+    }
 }

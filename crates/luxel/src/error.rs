@@ -161,16 +161,15 @@ macro_rules! bail {
 }
 
 /// Returns from the function with an [`Error`] of a formatted message unless the condition holds.
-#[allow(unused_macros, reason = "for modules on their way here")]
 macro_rules! ensure {
     ($condition:expr, $($message:tt)+) => {
         if !$condition {
-            bail!($($message)+);
+            $crate::error::bail!($($message)+);
         }
     };
 }
 
-pub(crate) use bail;
+pub(crate) use {bail, ensure};
 
 #[cfg(test)]
 mod tests {

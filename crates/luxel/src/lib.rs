@@ -4,13 +4,28 @@
 //! and errors carry a message, their causes and a remedy.
 
 mod dataset;
+mod device;
 mod error;
 mod events;
 pub mod files;
 pub mod machine;
 pub mod memory;
+mod radiance;
+mod renderer;
+mod scene;
+pub mod synthetic;
 pub mod text;
+mod training;
 
 pub use dataset::Dataset;
+pub use device::{Device, DeviceOptions, SelectedEngine};
 pub use error::{Error, Result};
 pub use events::{Event, Observer, Silent, StopFlag};
+pub use luxel_core::tone::Tonemap;
+pub use luxel_core::{Camera, ColorSpace, Edit, View};
+pub use luxel_cpu::InstructionSet;
+pub use luxel_train::{Method, Preset, SplitMetrics, TrainConfig};
+pub use radiance::Radiance;
+pub use renderer::Renderer;
+pub use scene::Scene;
+pub use training::{Progress, Training, TrainingBuilder};

@@ -1,0 +1,95 @@
+//! An image in the units of the data set. Images in normalised units stay inside of this crate.
+//!
+//! In: renders in normalised units with the scene's radiance scale; out: linear radiance `[H,W,3]` that knows its colour space, and
+//! files of it. Values are not clamped; where half floats cannot hold one, the file has 32 bits a channel.
+
+use std::path::Path;
+
+use luxel_core::tone::{Tonemap, display_rgb8, rec709_of};
+use luxel_core::{Camera, ColorSpace, Conversion, Image};
+use luxel_io::{ExrOptions, ExrSample, HALF_MAX};
+
+use crate::Result;
+use crate::error::Context;
+
+/// Linear RGB radiance in the units of the data set.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Radiance {
+    image: Image,
+    color_space: ColorSpace,
+    radiance_scale: f32,
+    camera: Option<Camera>,
+}
+
+impl Radiance {
+    /// Takes a render out of normalised units.
+    pub(crate) fn new(mut image: Image, radiance_scale: f32, color_space: ColorSpace, camera: &Camera) -> Self {
+        image.scale(radiance_scale);
+        Self { image, color_space, radiance_scale, camera: Some(camera.clone()) }
+    }
+
+    /// Returns the width in pixels.
+    pub fn width(&self) -> usize {
+        self.image.width
+    }
+
+    /// Returns the height in pixels.
+    pub fn height(&self) -> usize {
+        self.image.height
+    }
+
+    /// Returns the pixels `[H*W]`, row by row from the top.
+    pub fn pixels(&self) -> &[[f32; 3]] {
+        &self.image.pixels
+    }
+
+    /// Returns the pixel in column `x` of row `y`; `None` outside of the image.
+    pub fn pixel(&self, x: usize, y: usize) -> Option<[f32; 3]> {
+        (x < self.width()).then(|| self.image.pixels.get(y * self.width() + x).copied()).flatten()
+    }
+
+    /// Returns the colour space of the pixels.
+    pub fn color_space(&self) -> ColorSpace {
+        self.color_space
+    }
+
+    /// Returns the image converted to another colour space; radiance outside of its gamut becomes negative.
+    #[must_use]
+    pub fn to_color_space(mut self, color_space: ColorSpace) -> Self {
+        let conversion = Conversion::between(self.color_space, color_space);
+        for pixel in &mut self.image.pixels {
+            *pixel = conversion.apply(*pixel);
+        }
+        Self { color_space, ..self }
+    }
+
+    /// Writes an OpenEXR file with the chromaticities and the camera: half floats, or 32 bits where a value exceeds 65504.
+    ///
+    /// # Errors
+    /// The file system's refusal.
+    pub fn save_exr(&self, path: impl AsRef<Path>) -> Result<()> {
+        let is_large = self.image.pixels.as_flattened().iter().any(|value| *value > HALF_MAX);
+        let options = ExrOptions {
+            sample: if is_large { ExrSample::Float } else { ExrSample::Half },
+            color_space: self.color_space,
+            numbers: vec![("luxel:radiance_scale".into(), self.radiance_scale)],
+            camera: self.camera.clone(),
+            ..ExrOptions::default()
+        };
+        luxel_io::write_exr(path.as_ref(), &self.image, &options).context("cannot write an image")?;
+        Ok(())
+    }
+
+    /// Writes an 8-bit tone-mapped preview as PNG. `exposure_ev` is in stops; 0 shows the scene's radiance scale as 1.
+    ///
+    /// # Errors
+    /// The file system's refusal.
+    pub fn save_preview(&self, path: impl AsRef<Path>, tonemap: Tonemap, exposure_ev: f32) -> Result<()> {
+        let encode = |rgb: &[f32; 3]| {
+            let normalised = rgb.map(|value| value / self.radiance_scale);
+            display_rgb8(tonemap, exposure_ev, rec709_of(self.color_space, normalised))
+        };
+        let rgb8: Vec<[u8; 3]> = self.image.pixels.iter().map(encode).collect();
+        luxel_io::write_png(path.as_ref(), self.width(), self.height(), rgb8.as_flattened()).context("cannot write a preview")
+    }
+}

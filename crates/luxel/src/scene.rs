@@ -1,0 +1,61 @@
+//! A scene: splats of radiance, and all that is needed to render them as they were trained.
+
+use std::ops::Deref;
+use std::path::Path;
+
+use crate::Result;
+use crate::error::Context;
+
+/// A scene. Dereferences to [`luxel_core::Scene`], whose splats are in normalised units.
+///
+/// ```
+/// use luxel::{Scene, synthetic};
+///
+/// # fn main() -> luxel::Result<()> {
+/// let folder = tempfile::tempdir().unwrap();
+/// let path = folder.path().join("room.ply");
+/// let scene = synthetic::room(100, 1);
+/// scene.save(&path)?;
+/// assert_eq!(Scene::open(&path)?, scene);
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scene(luxel_core::Scene);
+
+impl Scene {
+    /// Reads a scene file: PLY of this program, plain and compressed 3DGS PLY, USD text, GLB or SPZ, recognised by content.
+    ///
+    /// # Errors
+    /// A file that cannot be read, is damaged, or is of a format or version that is not supported.
+    pub fn open(path: impl AsRef<Path>) -> Result<Self> {
+        luxel_io::read_scene(path.as_ref()).map(Self).context("cannot read the scene")
+    }
+
+    /// Writes the scene as PLY, whole or not at all: the exact model, and a tone-mapped preview that any 3DGS viewer shows.
+    ///
+    /// # Errors
+    /// A scene that is not valid; the file system's refusal.
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
+        luxel_io::write_scene_ply(path.as_ref(), &self.0).context("cannot write the scene")
+    }
+
+    /// Returns the scene as the engines and file writers take it.
+    pub fn into_core(self) -> luxel_core::Scene {
+        self.0
+    }
+}
+
+impl From<luxel_core::Scene> for Scene {
+    fn from(scene: luxel_core::Scene) -> Self {
+        Self(scene)
+    }
+}
+
+impl Deref for Scene {
+    type Target = luxel_core::Scene;
+
+    fn deref(&self) -> &luxel_core::Scene {
+        &self.0
+    }
+}
