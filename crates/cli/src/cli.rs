@@ -13,6 +13,7 @@ use std::path::PathBuf;
 use anyhow::{Result, bail};
 use clap::error::ErrorKind;
 use clap::{Arg, Args, CommandFactory, Parser, Subcommand};
+use luxel::{Device, DeviceOptions};
 use luxel_core::metrics::FieldOptions;
 use luxel_train::{Method, TrainConfig};
 use serde::{Deserialize, Serialize};
@@ -26,7 +27,7 @@ pub(crate) use self::render::RenderArgs;
 pub(crate) use self::reproduce::ReproduceArgs;
 use crate::console::LogFormat;
 use crate::values::{
-    ColorSpaceArg, DeviceArg, ExposuresArg, FormatArg, MasksArg, MetricsArg, SupervisionArg, TransferArg, parse_downscale, parse_positive,
+    ColorSpaceArg, ExposuresArg, FormatArg, MasksArg, MetricsArg, SupervisionArg, TransferArg, parse_downscale, parse_positive,
 };
 
 /// High dynamic range 3D Gaussian splatting: posed HDR photographs in, a scene of linear radiance out.
@@ -156,10 +157,17 @@ pub(crate) struct DeviceArgs {
     /// What computes: auto takes a GPU if there is a real one, else the CPU; gpu insists on one; gpu:NAME takes the GPU whose name
     /// contains NAME, a software renderer too. luxel info --devices lists them.
     #[arg(long, default_value_t, value_name = "auto|cpu|gpu|gpu:NAME", help_heading = "Machine")]
-    pub(crate) device: DeviceArg,
+    pub(crate) device: Device,
     /// Threads [default: all cores]. The result does not depend on it.
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=4096), value_name = "N", help_heading = "Machine")]
     pub(crate) threads: Option<u32>,
+}
+
+impl DeviceArgs {
+    /// Returns the library's form of these options.
+    pub(crate) fn options(&self) -> DeviceOptions {
+        DeviceOptions { device: self.device.clone(), threads: self.threads }
+    }
 }
 
 /// What is saved and evaluated during training.

@@ -3,9 +3,6 @@
 mod captures;
 mod world;
 
-use std::fmt;
-use std::str::FromStr;
-
 use clap::ValueEnum;
 use luxel_core::metrics::FlipChoice;
 use luxel_core::tone::Tonemap;
@@ -116,60 +113,6 @@ impl From<SpaceArg> for ColorSpace {
             SpaceArg::Aces2065 => Self::Aces2065,
             SpaceArg::AcesCg => Self::AcesCg,
         }
-    }
-}
-
-/// `--device`.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(try_from = "String", into = "String")]
-pub(crate) enum DeviceArg {
-    /// A GPU if there is a real one, else the CPU.
-    #[default]
-    Auto,
-    /// The processor's cores.
-    Cpu,
-    /// A GPU, by a part of its name if there is one.
-    Gpu(Option<String>),
-}
-
-impl FromStr for DeviceArg {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        match text {
-            "auto" => Ok(Self::Auto),
-            "cpu" => Ok(Self::Cpu),
-            "gpu" => Ok(Self::Gpu(None)),
-            _ => match text.strip_prefix("gpu:") {
-                Some(name) if !name.is_empty() => Ok(Self::Gpu(Some(name.into()))),
-                _ => Err(format!("unknown device \"{text}\", expected auto, cpu, gpu or gpu:NAME with a part of the GPU's name")),
-            },
-        }
-    }
-}
-
-impl fmt::Display for DeviceArg {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Auto => f.write_str("auto"),
-            Self::Cpu => f.write_str("cpu"),
-            Self::Gpu(None) => f.write_str("gpu"),
-            Self::Gpu(Some(name)) => write!(f, "gpu:{name}"),
-        }
-    }
-}
-
-impl TryFrom<String> for DeviceArg {
-    type Error = String;
-
-    fn try_from(text: String) -> Result<Self, String> {
-        text.parse()
-    }
-}
-
-impl From<DeviceArg> for String {
-    fn from(device: DeviceArg) -> Self {
-        device.to_string()
     }
 }
 
@@ -362,17 +305,6 @@ impl Frames {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn devices_parse_back() {
-        for device in [DeviceArg::Auto, DeviceArg::Cpu, DeviceArg::Gpu(None), DeviceArg::Gpu(Some("H200 NVL".into()))] {
-            assert_eq!(device.to_string().parse(), Ok(device));
-        }
-        for text in ["", "gpu:", "GPU", "cuda", "gpu h200"] {
-            let error = text.parse::<DeviceArg>().unwrap_err();
-            assert!(error.contains(&format!("\"{text}\"")) && error.contains("gpu:NAME"), "{error}");
-        }
-    }
 
     #[test]
     fn frames_are_an_inclusive_range() {

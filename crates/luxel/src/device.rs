@@ -12,7 +12,7 @@ use luxel_cpu::{CpuEngine, InstructionSet};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Context, ensure};
-use crate::{Error, Result, machine, text};
+use crate::{Result, machine, text};
 
 /// What computes.
 ///
@@ -161,8 +161,8 @@ impl SelectedEngine {
                 Ok(selected) => Ok(selected),
                 Err(reason) => cpu(threads, set, reason),
             },
-            Device::Gpu => gpu::open(threads, None).with_context(|| format!("device {}", options.device)),
-            Device::Named(name) => gpu::open(threads, Some(name)).with_context(|| format!("device {}", options.device)),
+            Device::Gpu => gpu::open(threads, None),
+            Device::Named(name) => gpu::open(threads, Some(name)),
         }
     }
 }
@@ -207,7 +207,8 @@ mod gpu {
 
 #[cfg(not(feature = "gpu"))]
 mod gpu {
-    use super::{Error, Result, SelectedEngine};
+    use super::{Result, SelectedEngine};
+    use crate::Error;
 
     pub(super) fn open(_: usize, _: Option<&str>) -> Result<SelectedEngine> {
         Err(Error::new("this build of luxel has no GPU engine (cargo feature gpu)"))

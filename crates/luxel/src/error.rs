@@ -207,12 +207,10 @@ mod tests {
             }
             Some(n).filter(|n| *n == 2).context("not two")
         }
-        assert_eq!([1, 2, 3, 4].map(|n| checked(n).map_or_else(|e| e.to_string(), |n| n.to_string())), [
-            "1 is too small",
-            "2",
-            "not two",
-            "4 is too large"
-        ]);
+        assert_eq!(
+            [1, 2, 3, 4].map(|n| checked(n).map_or_else(|e| e.to_string(), |n| n.to_string())),
+            ["1 is too small", "2", "not two", "4 is too large"]
+        );
     }
 
     #[test]

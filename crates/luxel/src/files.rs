@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use crate::error::{Context, bail};
 use crate::Result;
+use crate::error::{Context, bail};
 use serde::Serialize;
 
 /// Writes a file atomically.

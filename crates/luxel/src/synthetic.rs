@@ -107,7 +107,8 @@ pub fn write_dataset(folder: impl AsRef<Path>, options: BallsOptions) -> Result<
         frames.push(json!({ "file_path": name, "transform_matrix": pose.matrix() }));
     }
     let (focal_px, center_px) = (FOCAL * side as f64, side as f64 / 2.0);
-    let transforms = json!({ "w": side, "h": side, "fl_x": focal_px, "fl_y": focal_px, "cx": center_px, "cy": center_px, "frames": frames });
+    let transforms =
+        json!({ "w": side, "h": side, "fl_x": focal_px, "fl_y": focal_px, "cx": center_px, "cy": center_px, "frames": frames });
     files::write_text(&folder.join("transforms.json"), &transforms.to_string())
 }
 

@@ -115,8 +115,7 @@ impl TrainingBuilder<'_> {
         let path = checkpoint.as_ref();
         let snapshot = luxel_io::read_checkpoint(path).context("cannot read the checkpoint")?;
         let engine = open_engine(self.dataset, &self.device)?;
-        let mut trainer =
-            Trainer::resume(self.dataset, snapshot, engine).with_context(|| format!("{}: cannot resume", path.display()))?;
+        let mut trainer = Trainer::resume(self.dataset, snapshot, engine).with_context(|| format!("{}: cannot resume", path.display()))?;
         if let Some(steps) = self.steps {
             let made = trainer.iteration();
             crate::error::ensure!(steps >= made, "{steps} steps: {made} are made already; give at least as many");

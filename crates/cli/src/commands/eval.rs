@@ -1,13 +1,13 @@
 //! `luxel eval`: figures of a run's newest scene.
 
 use anyhow::{Context, Result, bail};
+use luxel::SelectedEngine;
 use luxel_core::RenderOptions;
 use luxel_train::GainFit;
 
 use crate::captures::Captures;
 use crate::cli::EvalArgs;
 use crate::console::{self, Console, LogFormat};
-use crate::engine::Chosen;
 use crate::evaluation::{self, Metrics, Rendering};
 use crate::run_folder::RunFolder;
 use crate::scene_source::DataRequest;
@@ -20,7 +20,7 @@ pub(crate) fn run(args: &EvalArgs, said: &[String]) -> Result<()> {
     // Beside training at work, figures of an older step would take the place of its own.
     let _lock = folder.lock()?;
     let lpips = evaluation::read_lpips(args.lpips_weights.as_deref())?;
-    let Chosen { mut engine, threads, computed_by, .. } = engine::engine(&args.device)?;
+    let SelectedEngine { mut engine, threads, computed_by, .. } = engine::engine(&args.device)?;
     let request = DataRequest { data: args.data.as_deref(), load: &args.load, said };
     let (path, load) = request.of_run(&folder, &config);
     let dataset = data::load(&path, &load, &console)?;

@@ -5,6 +5,7 @@ mod video;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
+use luxel::Device;
 use luxel_core::{Camera, Conversion, Dataset, Engine, Layers, RasterConfig, RenderOptions, Scene};
 use luxel_io::ExrOptions;
 
@@ -13,7 +14,7 @@ use crate::console::Console;
 use crate::evaluation::unique_stems;
 use crate::preview::{self, Look};
 use crate::scene_source::{DataRequest, SceneSource};
-use crate::values::{DeviceArg, SplitArg};
+use crate::values::SplitArg;
 use crate::{editing, engine, files, text};
 
 /// A camera and the name of its image.
@@ -81,8 +82,8 @@ pub(crate) fn run(args: &RenderArgs, said: &[String]) -> Result<()> {
 /// What computes: coverage and depth are the CPU engine's, so that is what `auto` comes to.
 fn device(args: &RenderArgs) -> DeviceArgs {
     let mut device = args.device.clone();
-    if (args.alpha || args.depth) && device.device == DeviceArg::Auto {
-        device.device = DeviceArg::Cpu;
+    if (args.alpha || args.depth) && device.device == Device::Auto {
+        device.device = Device::Cpu;
     }
     device
 }

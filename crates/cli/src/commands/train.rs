@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
+use luxel::SelectedEngine;
 use luxel_core::{Dataset, Pass};
 use luxel_train::Trainer;
 use serde_json::json;
@@ -12,7 +13,6 @@ use super::demo;
 use crate::cli::TrainArgs;
 use crate::config::{MadeBy, RunConfig};
 use crate::console::Console;
-use crate::engine::Chosen;
 use crate::run_folder::{Occupant, RunFolder, RunLock};
 use crate::session::{Outcome, Session};
 use crate::{data, engine, interrupt, run_state, text};
@@ -166,12 +166,12 @@ fn lock_free(folder: &RunFolder) -> Result<RunLock> {
 /// A run from its first step. `make_room` is called once the data set has been read and the settings are accepted.
 pub(crate) fn fresh(
     config: RunConfig,
-    chosen: Chosen,
+    chosen: SelectedEngine,
     folder: &RunFolder,
     console: &mut Console,
     make_room: impl FnOnce(&Dataset, &Console) -> Result<RunLock>,
 ) -> Result<TrainedRun> {
-    let Chosen { engine, threads, machine, computed_by, .. } = chosen;
+    let SelectedEngine { engine, threads, machine, computed_by, .. } = chosen;
     // What has no text form must not cost the run that is to be replaced.
     config.to_toml().with_context(|| format!("{}: config.toml cannot hold these settings", config.dataset.display()))?;
     let dataset = data::load(&config.dataset_path(folder.root()), &config.load, console)?;
@@ -184,7 +184,7 @@ pub(crate) fn fresh(
 /// A run from its newest checkpoint, under the folder's lock.
 fn resume(config: RunConfig, folder: &RunFolder, console: &mut Console, lock: Option<RunLock>) -> Result<TrainedRun> {
     let lock = lock.map_or_else(|| folder.lock(), Ok)?;
-    let Chosen { engine, threads, machine, computed_by, .. } = engine::training_engine(&config)?;
+    let SelectedEngine { engine, threads, machine, computed_by, .. } = engine::training_engine(&config)?;
     let dataset = data::load(&config.dataset_path(folder.root()), &config.load, console)?;
     let trainer = match run_state::take_checkpoint(folder, console)? {
         Some((path, snapshot)) => {

@@ -6,9 +6,9 @@ mod workload;
 
 use anyhow::Result;
 use clap::ValueEnum;
+use luxel::SelectedEngine;
 
 use crate::cli::BenchArgs;
-use crate::engine::Chosen;
 use crate::{console, engine, memory};
 use measure::{Protocol, measure};
 use report::{Report, Spread};
@@ -19,7 +19,7 @@ pub(crate) fn run(args: &BenchArgs) -> Result<()> {
     if let Some(path) = &args.save {
         return workload::save(args, path);
     }
-    let Chosen { mut engine, threads, gpu, instruction_set, .. } = engine::engine_with(&args.device, args.instruction_set.into())?;
+    let SelectedEngine { mut engine, threads, gpu, instruction_set, .. } = engine::engine_with(&args.device, args.instruction_set.into())?;
     let workload = Workload::prepare(args, engine.as_mut())?;
     let protocol = Protocol { render: workload.render, mu: args.mu, warmup: args.warmup, steps: args.steps };
     let measured = measure(engine.as_mut(), &workload.view, &protocol)?;

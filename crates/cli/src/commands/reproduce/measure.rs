@@ -76,7 +76,7 @@ pub(super) fn measure(
     device: &DeviceArgs,
     console: &Console,
 ) -> Result<Vec<Failure>> {
-    let engine::Chosen { mut engine, computed_by, .. } = engine::engine(device)?;
+    let luxel::SelectedEngine { mut engine, computed_by, .. } = engine::engine(device)?;
     let is_open = |cell: &Cell| read(cell).is_none_or(|measured| !wanted.is_in(&measured) || measured.computed_by != computed_by);
     let cells = finished.iter().filter_map(|&i| Some((i, matrix.cells.get(i)?)));
     let mut todo: Vec<(usize, &Cell)> = cells.filter(|(_, cell)| is_open(cell)).collect();
