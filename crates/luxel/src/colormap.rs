@@ -17,12 +17,12 @@ const MAGMA: [[u8; 3]; 11] = [
 ];
 
 /// Magma's colour of `share`.
-pub(crate) fn magma(share: f32) -> [u8; 3] {
+pub fn magma(share: f32) -> [u8; 3] {
     ramp(&MAGMA, share)
 }
 
 /// Between evenly spaced colours; outside of 0 to 1, and for NaN, the nearer end.
-pub(crate) fn ramp<const N: usize>(colors: &[[u8; 3]; N], share: f32) -> [u8; 3] {
+pub fn ramp<const N: usize>(colors: &[[u8; 3]; N], share: f32) -> [u8; 3] {
     let place = if share > 0.0 { share.min(1.0) * (N - 1) as f32 } else { 0.0 };
     let i = (place as usize).min(N - 2);
     let t = place - i as f32;

@@ -3,10 +3,14 @@
 use std::ops::Deref;
 use std::path::Path;
 
+use luxel_core::BadPixels;
 use luxel_io::LoadOptions;
 
-use crate::Result;
 use crate::error::Context;
+use crate::{Observer, Result, text};
+
+/// Files with bad pixels that are listed one by one.
+const LISTED_FILES: usize = 5;
 
 /// A data set in memory. Dereferences to [`luxel_core::Dataset`], which has the views, points and colour space.
 #[derive(Clone, Debug)]
@@ -29,6 +33,33 @@ impl Dataset {
         luxel_io::load_dataset(path.as_ref(), options).map(Self).context("cannot read the data set")
     }
 
+    /// Reads the data set at `path`, and reports its warnings, masked pixels and size.
+    ///
+    /// # Errors
+    /// As [`Self::open_with`].
+    pub fn open_reporting(path: impl AsRef<Path>, options: &LoadOptions, observer: &dyn Observer) -> Result<Self> {
+        let (path, dataset) = (path.as_ref(), Self::open_with(path.as_ref(), options)?);
+        for warning in dataset.warnings.iter().cloned().chain(bad_pixel_lines(&dataset)) {
+            observer.warn(&warning);
+        }
+        let size = dataset.train.iter().chain(&dataset.test).next().map(|view| view.camera.size_px);
+        observer.note(&format!(
+            "{}: {}, {} to train on, {} to test, {}{}",
+            path.display(),
+            dataset.format,
+            text::plural(dataset.train.len(), "view"),
+            text::count(dataset.test.len()),
+            text::plural(dataset.points.len(), "point"),
+            size.map_or(String::new(), |[w, h]| format!(", {w}x{h}")),
+        ));
+        Ok(dataset)
+    }
+
+    /// Returns the data set as the trainer and the readers have it.
+    pub fn into_core(self) -> luxel_core::Dataset {
+        self.0
+    }
+
     /// Returns what a user should know about the data set, such as 8-bit images.
     pub fn warnings(&self) -> &[String] {
         &self.0.warnings
@@ -47,4 +78,20 @@ impl Deref for Dataset {
     fn deref(&self) -> &luxel_core::Dataset {
         &self.0
     }
+}
+
+/// Returns what was masked out, file by file; a long list is cut.
+pub fn bad_pixel_lines(dataset: &luxel_core::Dataset) -> Vec<String> {
+    let line = |bad: &BadPixels| {
+        let kinds = [(bad.nan, "NaN"), (bad.infinite, "infinite"), (bad.negative, "negative")];
+        let kinds: Vec<String> = kinds.into_iter().filter(|(n, _)| *n > 0).map(|(n, kind)| format!("{} {kind}", text::count(n))).collect();
+        format!("{}: masked pixels: {}", bad.name, kinds.join(", "))
+    };
+    let mut lines: Vec<String> = dataset.bad_pixels.iter().take(LISTED_FILES).map(line).collect();
+    if dataset.bad_pixels.len() > LISTED_FILES {
+        let rest = &dataset.bad_pixels[LISTED_FILES..];
+        let pixels = rest.iter().map(|bad| bad.nan + bad.infinite + bad.negative).sum();
+        lines.push(format!("{} more with {} masked", text::plural(rest.len(), "image"), text::plural(pixels, "pixel")));
+    }
+    lines
 }

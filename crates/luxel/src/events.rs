@@ -5,7 +5,11 @@
 
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+
+use luxel_core::metrics::ViewMetrics;
+
+use crate::run::LogRecord;
 
 /// Something that happened during a task.
 #[derive(Clone, Debug, PartialEq)]
@@ -26,6 +30,24 @@ pub enum Event {
     Step {
         /// Steps made so far.
         done: u32,
+    },
+    /// The numbers of the last steps, which are in the run's log too.
+    Progress {
+        /// A line of the log.
+        record: LogRecord,
+        /// Steps in all.
+        total: u32,
+    },
+    /// Views were measured.
+    Evaluation {
+        /// Steps made.
+        step: u32,
+        /// Name of the split: `test`, `train`.
+        split: String,
+        /// Means over the views.
+        mean: ViewMetrics,
+        /// Number of views.
+        views: usize,
     },
     /// Steps have ended, all of them or not.
     StepsEnd,
@@ -87,7 +109,13 @@ impl Observer for Silent {
 /// assert!(stop.is_requested());
 /// ```
 #[derive(Clone, Debug, Default)]
-pub struct StopFlag(Arc<AtomicBool>);
+pub struct StopFlag(Arc<StopState>);
+
+#[derive(Debug, Default)]
+struct StopState {
+    requested: AtomicBool,
+    listeners: AtomicUsize,
+}
 
 impl StopFlag {
     /// Returns a flag that is not set.
@@ -97,11 +125,32 @@ impl StopFlag {
 
     /// Sets the flag; returns whether it was set before.
     pub fn request(&self) -> bool {
-        self.0.swap(true, Ordering::SeqCst)
+        self.0.requested.swap(true, Ordering::SeqCst)
     }
 
     /// Returns whether the flag is set.
     pub fn is_requested(&self) -> bool {
-        self.0.load(Ordering::SeqCst)
+        self.0.requested.load(Ordering::SeqCst)
+    }
+
+    /// Marks, until the returned value is dropped, that a task looks at the flag and has something to save.
+    pub fn listen(&self) -> Listening {
+        self.0.listeners.fetch_add(1, Ordering::SeqCst);
+        Listening(self.clone())
+    }
+
+    /// Returns whether a task looks at the flag. Where none does, nothing is lost by ending the process at once.
+    pub fn has_listener(&self) -> bool {
+        self.0.listeners.load(Ordering::SeqCst) > 0
+    }
+}
+
+/// The mark of a task that looks at a [`StopFlag`].
+#[derive(Debug)]
+pub struct Listening(StopFlag);
+
+impl Drop for Listening {
+    fn drop(&mut self) {
+        self.0.0.listeners.fetch_sub(1, Ordering::SeqCst);
     }
 }

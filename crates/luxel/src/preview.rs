@@ -2,21 +2,22 @@
 
 use std::path::Path;
 
-use anyhow::{Context, Result};
+use crate::Result;
+use crate::error::Context;
 use luxel_core::tone::{Tonemap, display_rgb8, rec709_of};
 use luxel_core::{ColorSpace, Image};
 
 /// A tone curve and an exposure.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Look {
+pub struct Look {
     /// Curve.
-    pub(crate) tonemap: Tonemap,
+    pub tonemap: Tonemap,
     /// Stops: radiance is multiplied by 2^EV.
-    pub(crate) exposure_ev: f32,
+    pub exposure_ev: f32,
 }
 
 /// Writes a PNG of an image in normalised units, whose primaries are those of `color_space`.
-pub(crate) fn write(path: &Path, image: &Image, color_space: ColorSpace, look: Look) -> Result<()> {
+pub fn write(path: &Path, image: &Image, color_space: ColorSpace, look: Look) -> Result<()> {
     let encode = |&rgb: &[f32; 3]| display_rgb8(look.tonemap, look.exposure_ev, rec709_of(color_space, rgb));
     let rgb8: Vec<[u8; 3]> = image.pixels.iter().map(encode).collect();
     luxel_io::write_png(path, image.width, image.height, rgb8.as_flattened()).context("cannot write a preview")

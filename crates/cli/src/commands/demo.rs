@@ -5,19 +5,18 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use include_dir::{Dir, include_dir};
+use luxel::preview::{self, Look};
+use luxel::run::{Launch, MadeBy, Occupant, Outcome, RunConfig, RunFolder, RunLock, RunOptions, TrainedRun, fresh};
+use luxel::{LoadOptions, files};
 use luxel_core::tone::Tonemap;
 use luxel_core::{Dataset, View, luminance_rec709};
 use luxel_train::{TrainConfig, Trainer};
 use serde_json::json;
 
-use super::train::{self, TrainedRun};
-use crate::cli::{DemoArgs, LoadArgs, RunArgs};
-use crate::config::{MadeBy, RunConfig};
-use crate::console::Console;
-use crate::preview::{self, Look};
-use crate::run_folder::{Occupant, RunFolder, RunLock};
-use crate::session::Outcome;
-use crate::{engine, files};
+use crate::args::DemoArgs;
+use crate::inputs::engine::training_engine;
+use crate::interrupt;
+use crate::output::console::Console;
 
 /// 35 half-float EXR images of 200x200, poses, points, licences: 3.6 MB.
 static DATASET: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/../../data/desk-lamp-200");
@@ -27,11 +26,6 @@ const DATASET_FOLDER: &str = "dataset";
 
 /// Folder within the results for the pictures.
 const PICTURES_FOLDER: &str = "pictures";
-
-/// Steps. Aim: at most 3 minutes on two cores, with everything around them. Measured on a server's two cores with AVX-512, which other work shared:
-/// the whole demo takes 51 s, 49 s of processor time (40,000 splats, 37.34 dB on the test views by `scene`; docs/performance.md); a laptop may be
-/// three times slower.
-pub(crate) const ITERATIONS: u32 = 3000;
 
 /// Folder within the data set for its images.
 const IMAGES_FOLDER: &str = "images";
@@ -44,18 +38,19 @@ const PICTURE_ENDINGS: [[&str; 2]; 2] = [["shadows", "shadows_photograph"], ["hi
 
 /// Trains, evaluates, renders, tells.
 pub(crate) fn run(args: &DemoArgs) -> Result<Outcome> {
-    let mut console = Console::new(args.console.log_format, args.console.quiet);
+    let console = Console::new(args.console.log_format, args.console.quiet);
     let folder = RunFolder::at(&args.output);
     may_replace(&folder)?;
     let config = config(args);
     // A device that is not there must not cost the demo that is.
-    let chosen = engine::training_engine(&config)?;
+    let engine = training_engine(&config)?;
     let lock = make_room(&folder)?;
     // The mark first: should the unpacking be interrupted, the next demo may still replace it.
     folder.write_config(&config)?;
     unpack(&DATASET, &folder.root().join(DATASET_FOLDER))?;
     console.note("training on a desk at night: 18 HDR photographs of 200x200 pixels, from a lit bulb to the shadows under the table");
-    let TrainedRun { outcome, mut trainer, dataset, .. } = train::fresh(config, chosen, &folder, &mut console, |_, _| Ok(lock))?;
+    let launch = Launch { folder: &folder, observer: &console, stop: interrupt::stop() };
+    let TrainedRun { outcome, mut trainer, dataset, .. } = fresh(config, engine, launch, |_| Ok(lock))?;
     if outcome == Outcome::Interrupted {
         console.note(&format!("saved; continue with: luxel train --resume -o {}", folder.root().display()));
         return Ok(outcome);
@@ -77,10 +72,10 @@ fn make_room(folder: &RunFolder) -> Result<RunLock> {
 }
 
 /// Removes what [`pictures`] writes, and nothing else that lies there.
-pub(super) fn remove_pictures(folder: &RunFolder) -> Result<()> {
+pub(super) fn remove_pictures(folder: &RunFolder) -> luxel::Result<()> {
     let place = folder.root().join(PICTURES_FOLDER);
     for image in DATASET.get_dir(IMAGES_FOLDER).into_iter().flat_map(Dir::files) {
-        let stem = image.path().file_stem().context("an embedded image has no name")?.to_string_lossy();
+        let Some(stem) = image.path().file_stem().map(|stem| stem.to_string_lossy()) else { continue };
         for ending in PICTURE_ENDINGS.as_flattened() {
             files::remove_if_there(&place.join(format!("{stem}_{ending}.png")))?;
         }
@@ -103,12 +98,12 @@ fn may_replace(folder: &RunFolder) -> Result<()> {
 
 fn config(args: &DemoArgs) -> RunConfig {
     RunConfig {
-        luxel_version: env!("CARGO_PKG_VERSION").into(),
+        luxel_version: luxel::VERSION.into(),
         made_by: MadeBy::Demo,
         dataset: DATASET_FOLDER.into(),
-        load: LoadArgs::of_radiance(),
-        device: args.device.clone(),
-        run: RunArgs { checkpoint_every: 0, keep_checkpoints: 1, eval_at: Vec::new(), eval_every: None },
+        load: LoadOptions::default(),
+        device: args.device.options(),
+        run: RunOptions { checkpoint_every: 0, keep_checkpoints: 1, eval_at: Vec::new(), eval_every: None },
         train: TrainConfig { iterations: args.iterations, method: args.method, ..TrainConfig::default() },
     }
 }
@@ -133,12 +128,12 @@ fn pictures(folder: &RunFolder, dataset: &Dataset, trainer: &mut Trainer) -> Res
     let mut paths = Vec::new();
     for view in chosen {
         let render = trainer.engine().render(&view.camera, &options).with_context(|| format!("cannot render {}", view.name))?;
-        let mut truth = view.image.as_ref().clone();
-        truth.scale(1.0 / scale);
+        let mut ground_truth = view.image.as_ref().clone();
+        ground_truth.scale(1.0 / scale);
         let (shadows_ev, highlights_ev) = exposures(view, scale);
         for (endings, exposure_ev) in PICTURE_ENDINGS.into_iter().zip([shadows_ev, highlights_ev]) {
             let look = Look { tonemap: Tonemap::Agx, exposure_ev };
-            for (ending, image) in endings.into_iter().zip([&render, &truth]) {
+            for (ending, image) in endings.into_iter().zip([&render, &ground_truth]) {
                 let path = folder.root().join(PICTURES_FOLDER).join(format!("{}_{ending}.png", view.stem()));
                 preview::write(&path, image, dataset.color_space, look)?;
                 paths.push(path);

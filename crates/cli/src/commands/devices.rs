@@ -2,13 +2,13 @@
 
 use luxel_cpu::CpuEngine;
 
-use crate::facts::Facts;
+use crate::output::tree::Tree;
 
 /// The processor and the GPUs, each with whether it is taken and why not.
-pub(crate) fn describe() -> Facts {
-    let mut facts = Facts::default();
+pub(crate) fn describe() -> Tree {
+    let mut facts = Tree::default();
     let taken = gpus(&mut facts);
-    let mut cpu = Facts::default();
+    let mut cpu = Tree::default();
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     cpu.set("threads", threads);
     if let Ok(engine) = CpuEngine::new(1) {
@@ -21,7 +21,7 @@ pub(crate) fn describe() -> Facts {
 
 /// Adds the GPUs; tells whether one is taken.
 #[cfg(feature = "gpu")]
-fn gpus(facts: &mut Facts) -> bool {
+fn gpus(facts: &mut Tree) -> bool {
     let mut taken = false;
     for (n, adapter) in luxel_gpu::adapters().into_iter().enumerate() {
         let reason = adapter.reason_against(&luxel_gpu::DeviceChoice::Best);
@@ -32,7 +32,7 @@ fn gpus(facts: &mut Facts) -> bool {
         };
         taken |= reason.is_none();
         let [from, to] = adapter.subgroup_size;
-        let mut gpu = Facts::default();
+        let mut gpu = Tree::default();
         gpu.set("name", adapter.name).set("kind", adapter.kind.to_string()).set("backend", adapter.backend).set("driver", adapter.driver);
         gpu.set("binding_bytes", adapter.binding_bytes).set("subgroup_size", format!("{from} to {to}"));
         gpu.set("timestamps", adapter.timestamps).set("auto", auto);
@@ -42,7 +42,7 @@ fn gpus(facts: &mut Facts) -> bool {
 }
 
 #[cfg(not(feature = "gpu"))]
-fn gpus(facts: &mut Facts) -> bool {
+fn gpus(facts: &mut Tree) -> bool {
     facts.set("gpus", "none looked for: this build has no GPU engine (cargo feature gpu)");
     false
 }

@@ -1,30 +1,30 @@
 //! `luxel eval`: figures of a run's newest scene.
 
 use anyhow::{Context, Result, bail};
-use luxel::SelectedEngine;
+use luxel::run::evaluation::read_lpips;
+use luxel::run::{Captures, ExplicitArgs, Metrics, Rendering, RunFolder, log, report, state};
+use luxel::{files, memory};
 use luxel_core::RenderOptions;
 use luxel_train::GainFit;
 
-use crate::captures::Captures;
-use crate::cli::EvalArgs;
-use crate::console::{self, Console, LogFormat};
-use crate::evaluation::{self, Metrics, Rendering};
-use crate::run_folder::RunFolder;
-use crate::scene_source::DataRequest;
-use crate::{data, engine, files, memory, reporting, run_log, run_state};
+use crate::args::EvalArgs;
+use crate::inputs::scene_source::DataRequest;
+use crate::inputs::{data, engine};
+use crate::output::console::{self, Console, LogFormat};
+use crate::output::metrics_table;
 
-/// Evaluates and reports; `said` are the ids of the options on the command line.
-pub(crate) fn run(args: &EvalArgs, said: &[String]) -> Result<()> {
+/// Evaluates and reports; `explicit` names the options that were given.
+pub(crate) fn run(args: &EvalArgs, explicit: &ExplicitArgs) -> Result<()> {
     let console = Console::new(LogFormat::Text, false);
     let (folder, config) = RunFolder::open(&args.run)?;
     // Beside training at work, figures of an older step would take the place of its own.
     let _lock = folder.lock()?;
-    let lpips = evaluation::read_lpips(args.lpips_weights.as_deref())?;
-    let SelectedEngine { mut engine, threads, computed_by, .. } = engine::engine(&args.device)?;
-    let request = DataRequest { data: args.data.as_deref(), load: &args.load, said };
+    let lpips = read_lpips(args.lpips_weights.as_deref())?;
+    let luxel::SelectedEngine { mut engine, threads, computed_by, .. } = engine::engine(&args.device)?;
+    let request = DataRequest { data: args.data.as_deref(), load: &args.load, explicit };
     let (path, load) = request.of_run(&folder, &config);
     let dataset = data::load(&path, &load, &console)?;
-    let (iteration, scene) = run_state::newest_scene(&folder, &console)?;
+    let (iteration, scene) = state::newest_scene(&folder, &console)?;
     if dataset.color_space != scene.color_space {
         bail!(
             "{}: images are in {}, the scene is in {}: figures need one colour space; convert the images",
@@ -44,7 +44,7 @@ pub(crate) fn run(args: &EvalArgs, said: &[String]) -> Result<()> {
         peak_luminance: args.peak_luminance,
         flip: args.metrics.into(),
         lpips: lpips.as_ref(),
-        response: run_state::response(&folder, &config, iteration)?,
+        response: state::response(&folder, &config, iteration)?,
         log_gains: Captures::read(&folder)?.log_gains_at(iteration),
     };
     // What training wrote is of the run's own data as the run read it, and other programs go by it.
@@ -55,12 +55,12 @@ pub(crate) fn run(args: &EvalArgs, said: &[String]) -> Result<()> {
         named.extend(rendering.evaluate(views, images, GainFit::None)?.map(|split| (name, split)));
     }
     named.extend(rendering.evaluate_fitted(&config, &dataset.test)?);
-    let tables: Vec<String> = named.iter().map(|(name, split)| evaluation::table(name, split)).collect();
+    let tables: Vec<String> = named.iter().map(|(name, split)| metrics_table::table(name, split)).collect();
     let splits = named.into_iter().map(|(name, split)| (name.to_owned(), split)).collect();
-    let log = run_log::read(&folder.log())?;
+    let log = log::read(&folder.log())?;
     let spent = log.iter().rev().find(|record| record.iteration <= iteration);
     let metrics = Metrics {
-        method: evaluation::method_name(&config),
+        method: config.method_name(),
         iterations: iteration,
         splats: scene.splats.len(),
         train_seconds: spent.map_or(0.0, |record| record.elapsed_s),
@@ -70,13 +70,13 @@ pub(crate) fn run(args: &EvalArgs, said: &[String]) -> Result<()> {
         seed: config.train.seed,
         threads,
         computed_by,
-        luxel_version: env!("CARGO_PKG_VERSION").into(),
+        luxel_version: luxel::VERSION.into(),
         dataset: path.display().to_string(),
         splits,
     };
     // Not beside the images: figures there say that training has evaluated this step.
     files::write_json(&folder.metrics(), &metrics)?;
-    reporting::write(&folder, &config, &dataset, (&metrics, &images))?;
+    report::write(&folder, &config, &dataset, (&metrics, &images))?;
     // Last: a reader that leaves early costs no figures.
     for table in &tables {
         console::print(table)?;

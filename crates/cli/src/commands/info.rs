@@ -3,25 +3,26 @@
 use std::path::Path;
 
 use anyhow::{Context, Result};
+use luxel::run::ExplicitArgs;
 use luxel_core::tone::rec709_of;
 use luxel_core::{ColorModel, ColorSpace, Dataset, Image, Scene, Splats, View, luminance_rec709, sigmoid};
 use luxel_io::{ReadOptions, SampleDepth};
 
-use crate::cli::{InfoArgs, LoadArgs};
+use crate::args::{InfoArgs, LoadArgs};
 use crate::commands::devices;
-use crate::console::{self, Console, LogFormat};
-use crate::evaluation::Metrics;
-use crate::facts::Facts;
-use crate::run_folder::RunFolder;
-use crate::{data, run_state};
+use crate::output::console::{self, Console, LogFormat};
+use crate::output::tree::Tree;
+use luxel::run::RunFolder;
+use luxel::run::evaluation::Metrics;
+use luxel::run::state;
 
 /// Percentiles that ranges are described by.
 pub(crate) const PERCENTILES: [u8; 7] = [0, 1, 25, 50, 75, 99, 100];
 
-/// Describes `args.path`, or the devices; `said` are the ids of the options on the command line.
-pub(crate) fn run(args: &InfoArgs, said: &[String]) -> Result<()> {
+/// Describes `args.path`, or the devices; `explicit` names the options that were given.
+pub(crate) fn run(args: &InfoArgs, explicit: &ExplicitArgs) -> Result<()> {
     let facts = match &args.path {
-        Some(path) => describe(path, args, said)?,
+        Some(path) => describe(path, args, explicit)?,
         None => devices::describe(),
     };
     if args.json { console::print(&format!("{:#}", facts.json())) } else { console::print(facts.text().trim_end()) }
@@ -30,11 +31,11 @@ pub(crate) fn run(args: &InfoArgs, said: &[String]) -> Result<()> {
 /// Options that say how images are read, of a data set or not.
 const OF_IMAGES: [&str; 2] = ["transfer", "color_space"];
 
-fn describe(path: &Path, args: &InfoArgs, said: &[String]) -> Result<Facts> {
+fn describe(path: &Path, args: &InfoArgs, explicit: &ExplicitArgs) -> Result<Tree> {
     let metadata = std::fs::metadata(path).with_context(|| format!("{}: cannot open", path.display()))?;
     if metadata.is_dir() {
         if RunFolder::is_run(path) {
-            refuse(said, &[], path, "a run")?;
+            refuse(explicit, &[], path, "a run")?;
             return of_run(path);
         }
         return of_dataset(path, args);
@@ -42,16 +43,16 @@ fn describe(path: &Path, args: &InfoArgs, said: &[String]) -> Result<Facts> {
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
     let mut facts = match extension.as_str() {
         "ply" | "usda" | "usd" | "glb" | "spz" => {
-            refuse(said, &[], path, "a scene")?;
+            refuse(explicit, &[], path, "a scene")?;
             of_scene_file(path)?
         }
         "safetensors" => {
-            refuse(said, &[], path, "a checkpoint")?;
+            refuse(explicit, &[], path, "a checkpoint")?;
             of_checkpoint(path)?
         }
         "json" => return of_dataset(path, args),
         _ => {
-            refuse(said, &OF_IMAGES, path, "an image")?;
+            refuse(explicit, &OF_IMAGES, path, "an image")?;
             of_image(path, args)?
         }
     };
@@ -60,21 +61,21 @@ fn describe(path: &Path, args: &InfoArgs, said: &[String]) -> Result<Facts> {
 }
 
 /// Refuses options of reading data sets, but for those `used`, where there is `what` instead.
-fn refuse(said: &[String], used: &[&str], path: &Path, what: &str) -> Result<()> {
-    LoadArgs::refuse(said, used, &format!("and {} is {what}; leave it out", path.display()))
+fn refuse(explicit: &ExplicitArgs, used: &[&str], path: &Path, what: &str) -> Result<()> {
+    LoadArgs::refuse(explicit, used, &format!("and {} is {what}; leave it out", path.display()))
 }
 
-fn of_scene_file(path: &Path) -> Result<Facts> {
-    let scene = run_state::read_scene(path)?;
-    let mut facts = Facts::default();
+fn of_scene_file(path: &Path) -> Result<Tree> {
+    let scene = luxel::Scene::open(path)?;
+    let mut facts = Tree::default();
     facts.set("kind", "scene");
     add_scene(&mut facts, &scene);
     Ok(facts)
 }
 
-fn of_checkpoint(path: &Path) -> Result<Facts> {
+fn of_checkpoint(path: &Path) -> Result<Tree> {
     let snapshot = luxel_io::read_checkpoint(path).context("cannot read the checkpoint")?;
-    let mut facts = Facts::default();
+    let mut facts = Tree::default();
     facts.set("kind", "checkpoint");
     add_scene(&mut facts, &snapshot.scene);
     // The trainer's own state, for those who know it.
@@ -88,19 +89,19 @@ fn of_checkpoint(path: &Path) -> Result<Facts> {
     Ok(facts)
 }
 
-fn of_run(path: &Path) -> Result<Facts> {
+fn of_run(path: &Path) -> Result<Tree> {
     let (folder, config) = RunFolder::open(path)?;
-    let mut facts = Facts::default();
+    let mut facts = Tree::default();
     facts.set("kind", "run");
     facts.set("dataset", config.dataset_path(folder.root()).display().to_string());
-    facts.set("method", crate::evaluation::method_name(&config));
+    facts.set("method", config.method_name());
     facts.set("iterations", config.train.iterations);
     facts.set("seed", config.train.seed);
     facts.set("luxel_version", config.luxel_version.clone());
     let console = Console::new(LogFormat::Text, false);
-    match run_state::newest_scene(&folder, &console) {
+    match state::newest_scene(&folder, &console) {
         Ok((iteration, scene)) => {
-            let mut newest = Facts::default();
+            let mut newest = Tree::default();
             newest.set("iteration", iteration);
             add_scene(&mut newest, &scene);
             facts.group("scene", newest);
@@ -111,11 +112,11 @@ fn of_run(path: &Path) -> Result<Facts> {
     }
     let metrics = std::fs::read(folder.metrics()).ok().and_then(|bytes| serde_json::from_slice::<Metrics>(&bytes).ok());
     if let Some(metrics) = metrics {
-        let mut figures = Facts::default();
+        let mut figures = Tree::default();
         figures.set("iterations", metrics.iterations).set("train_seconds", metrics.train_seconds);
         figures.set("peak_rss_bytes", metrics.peak_rss_bytes);
         for (name, split) in &metrics.splits {
-            let mut mean = Facts::default();
+            let mut mean = Tree::default();
             for (name, value) in split.mean.named() {
                 mean.set(name, value);
             }
@@ -126,13 +127,13 @@ fn of_run(path: &Path) -> Result<Facts> {
     Ok(facts)
 }
 
-fn of_dataset(path: &Path, args: &InfoArgs) -> Result<Facts> {
-    let dataset = luxel_io::load_dataset(path, &data::options(&args.load)).context("cannot read the data set")?;
+fn of_dataset(path: &Path, args: &InfoArgs) -> Result<Tree> {
+    let dataset = luxel_io::load_dataset(path, &args.load.options()).context("cannot read the data set")?;
     Ok(dataset_facts(&dataset))
 }
 
-fn dataset_facts(dataset: &Dataset) -> Facts {
-    let mut facts = Facts::default();
+fn dataset_facts(dataset: &Dataset) -> Tree {
+    let mut facts = Tree::default();
     facts.set("kind", "data set").set("format", dataset.format.clone());
     facts.set("train_views", dataset.train.len()).set("test_views", dataset.test.len());
     let mut sizes: Vec<[u32; 2]> = dataset.train.iter().chain(&dataset.test).map(|view| view.camera.size_px).collect();
@@ -148,13 +149,13 @@ fn dataset_facts(dataset: &Dataset) -> Facts {
     add_luminance(&mut facts, luminance);
     let decoded = views().map(|view| view.image.pixels.len() * size_of::<[f32; 3]>()).sum::<usize>();
     facts.set("decoded_bytes", decoded);
-    let mut bad = Facts::default();
+    let mut bad = Tree::default();
     bad.set("images", dataset.bad_pixels.len());
     bad.set("nan", dataset.bad_pixels.iter().map(|bad| bad.nan).sum::<usize>());
     bad.set("infinite", dataset.bad_pixels.iter().map(|bad| bad.infinite).sum::<usize>());
     bad.set("negative", dataset.bad_pixels.iter().map(|bad| bad.negative).sum::<usize>());
     facts.group("masked_pixels", bad);
-    let warnings: Vec<String> = dataset.warnings.iter().cloned().chain(data::bad_pixel_lines(dataset)).collect();
+    let warnings: Vec<String> = dataset.warnings.iter().cloned().chain(luxel::bad_pixel_lines(dataset)).collect();
     if !warnings.is_empty() {
         facts.set("warnings", warnings);
     }
@@ -171,36 +172,36 @@ fn valid_luminance(view: &View, color_space: ColorSpace) -> impl Iterator<Item =
     valid.map(move |(_, &rgb)| luminance(color_space, rgb))
 }
 
-fn of_image(path: &Path, args: &InfoArgs) -> Result<Facts> {
+fn of_image(path: &Path, args: &InfoArgs) -> Result<Tree> {
     let options = ReadOptions { transfer: args.load.transfer.map(Into::into) };
     let decoded = luxel_io::read_image(path, &options).context("cannot read the image")?;
     let image: &Image = &decoded.image;
-    let mut facts = Facts::default();
+    let mut facts = Tree::default();
     let depth = match decoded.depth {
         SampleDepth::Float => "floating point",
         SampleDepth::Integer16 => "16-bit integer",
         SampleDepth::Integer8 => "8-bit integer, not HDR",
     };
-    let said = args.load.color_space.map(ColorSpace::from);
-    let color_space = decoded.color_space.or(said).map_or("not stated, taken for linear-rec709", ColorSpace::name);
+    let assumed = args.load.color_space.map(ColorSpace::from);
+    let color_space = decoded.color_space.or(assumed).map_or("not stated, taken for linear-rec709", ColorSpace::name);
     facts.set("kind", "image").set("samples", depth).set("width", image.width).set("height", image.height);
     facts.set("color_space", color_space).set("alpha", decoded.alpha.is_some());
     if !decoded.warnings.is_empty() {
         facts.set("warnings", decoded.warnings.clone());
     }
     let values = || image.pixels.iter();
-    let mut bad = Facts::default();
+    let mut bad = Tree::default();
     bad.set("nan", values().filter(|p| p.iter().any(|v| v.is_nan())).count());
     bad.set("infinite", values().filter(|p| p.iter().any(|v| v.is_infinite()) && !p.iter().any(|v| v.is_nan())).count());
     bad.set("negative", values().filter(|p| p.iter().any(|v| *v < 0.0) && p.iter().all(|v| v.is_finite())).count());
     facts.group("bad_pixels", bad);
     let good = values().filter(|p| p.iter().all(|v| v.is_finite() && *v >= 0.0));
-    let color_space = decoded.color_space.or(said).unwrap_or_default();
+    let color_space = decoded.color_space.or(assumed).unwrap_or_default();
     add_luminance(&mut facts, good.map(|&p| luminance(color_space, p)).collect());
     Ok(facts)
 }
 
-fn add_scene(facts: &mut Facts, scene: &Scene) {
+fn add_scene(facts: &mut Tree, scene: &Scene) {
     let splats = &scene.splats;
     facts.set("splats", splats.len()).set("color_model", splats.color_model.name());
     if let ColorModel::Lcd { activation, .. } = splats.color_model {
@@ -217,13 +218,13 @@ fn add_scene(facts: &mut Facts, scene: &Scene) {
     if splats.is_empty() {
         return;
     }
-    let mut bounds = Facts::default();
+    let mut bounds = Tree::default();
     for (name, pick) in [("min", f32::min as fn(f32, f32) -> f32), ("max", f32::max)] {
         let corner = splats.position.iter().copied().reduce(|a, b| std::array::from_fn(|i| pick(a[i], b[i])));
         bounds.set_f32s(name, &corner.unwrap_or_default());
     }
     facts.group("bounds", bounds);
-    let mut percentiles = Facts::default();
+    let mut percentiles = Tree::default();
     percentiles.set("at_percent", PERCENTILES.to_vec());
     percentiles.set_f32s("scale", &quantiles(splats.log_scale.as_flattened().iter().map(|s| s.exp()).collect()));
     percentiles.set_f32s("opacity", &quantiles(splats.opacity_logit.iter().map(|&o| sigmoid(o)).collect()));
@@ -243,12 +244,12 @@ fn parameter_bytes(splats: &Splats) -> usize {
 }
 
 /// Percentiles and dynamic range of luminance in the units of the data set.
-fn add_luminance(facts: &mut Facts, luminance: Vec<f32>) {
+fn add_luminance(facts: &mut Tree, luminance: Vec<f32>) {
     if luminance.is_empty() {
         return;
     }
     let values = quantiles(luminance);
-    let mut group = Facts::default();
+    let mut group = Tree::default();
     group.set("at_percent", PERCENTILES.to_vec()).set_f32s("luminance", &values);
     // Above the 1st percentile: a single black pixel would make the range infinite.
     if let (Some(&low), Some(&high)) = (values.get(1), values.last())

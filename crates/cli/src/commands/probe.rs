@@ -2,24 +2,27 @@
 
 use anyhow::{Context, Result};
 use glam::DVec3;
+use luxel::run::ExplicitArgs;
 use luxel_core::environment::{MapSize, Projection, Rig, Summary};
 use luxel_core::{Conversion, Dataset, Engine, Image, RenderOptions, Scene};
 use luxel_io::ExrOptions;
 
-use crate::cli::ProbeArgs;
+use crate::args::ProbeArgs;
 use crate::commands::export::{Target, file_from_world};
-use crate::console::Console;
-use crate::facts::Facts;
-use crate::scene_source::{DataRequest, SceneSource};
-use crate::{engine, files, text};
+use crate::inputs::engine;
+use crate::inputs::scene_source::{DataRequest, SceneSource};
+use crate::output::console::Console;
+use crate::output::tree::Tree;
+use luxel::files;
+use luxel::text;
 
-/// `said` are the ids of the options on the command line.
-pub(crate) fn run(args: &ProbeArgs, said: &[String]) -> Result<()> {
+/// `explicit` names the options that were given.
+pub(crate) fn run(args: &ProbeArgs, explicit: &ExplicitArgs) -> Result<()> {
     let console = Console::new(args.console.log_format, args.console.quiet);
     files::check_free(&args.output, args.overwrite)?;
     let source = SceneSource::open(&args.scene, &console)?;
     // What is up, and how large a pixel was in training.
-    let dataset = source.dataset(DataRequest { data: args.data.as_deref(), load: &args.load, said }, &console)?;
+    let dataset = source.dataset(DataRequest { data: args.data.as_deref(), load: &args.load, explicit }, &console)?;
     let environment_from_world = file_from_world(args.up, Target::PlusY, dataset.as_ref(), 1.0)?.rotation();
     let focal_px = dataset.as_ref().and_then(median_focal_px);
     if focal_px.is_none() {
@@ -83,15 +86,15 @@ fn renders(rig: &Rig, scene: &Scene, background: [f32; 3], engine: &mut dyn Engi
     rig.cameras.iter().map(|camera| engine.render(camera, &options).context("cannot render the probe")).collect()
 }
 
-fn facts(args: &ProbeArgs, image: &Image, color_space: &str, summary: &Summary) -> Facts {
+fn facts(args: &ProbeArgs, image: &Image, color_space: &str, summary: &Summary) -> Tree {
     let singles = |values: [f64; 3]| values.map(|v| v as f32);
-    let mut facts = Facts::default();
+    let mut facts = Tree::default();
     facts.set("file", args.output.display().to_string()).set("size_px", format!("{}x{}", image.width, image.height));
     facts.set("color_space", color_space);
     facts.set_f32s("mean_radiance", &singles(summary.mean_radiance));
     facts.set_f32("peak_radiance", summary.peak_radiance);
     facts.set_f32s("peak_direction", &singles(summary.peak_direction));
-    let mut irradiance = Facts::default();
+    let mut irradiance = Tree::default();
     for (name, value) in ["+x", "-x", "+y", "-y", "+z", "-z"].into_iter().zip(summary.irradiance) {
         irradiance.set_f32s(name, &singles(value));
     }

@@ -6,16 +6,20 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use luxel::Device;
+use luxel::run::ExplicitArgs;
 use luxel_core::{Camera, Conversion, Dataset, Engine, Layers, RasterConfig, RenderOptions, Scene};
 use luxel_io::ExrOptions;
 
-use crate::cli::{DeviceArgs, EditText, LoadArgs, RenderArgs};
-use crate::console::Console;
-use crate::evaluation::unique_stems;
-use crate::preview::{self, Look};
-use crate::scene_source::{DataRequest, SceneSource};
-use crate::values::SplitArg;
-use crate::{editing, engine, files, text};
+use crate::args::values::SplitArg;
+use crate::args::{DeviceArgs, EditText, LoadArgs, RenderArgs};
+use crate::editing;
+use crate::inputs::engine;
+use crate::inputs::scene_source::{DataRequest, SceneSource};
+use crate::output::console::Console;
+use luxel::files;
+use luxel::preview::{self, Look};
+use luxel::run::evaluation::unique_stems;
+use luxel::text;
 
 /// A camera and the name of its image.
 struct Shot {
@@ -30,14 +34,14 @@ struct Job {
     png: Option<PathBuf>,
 }
 
-/// Renders what is not there yet; `said` are the ids of the options on the command line.
-pub(crate) fn run(args: &RenderArgs, said: &[String]) -> Result<()> {
+/// Renders what is not there yet; `explicit` names the options that were given.
+pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
     let console = Console::new(args.console.log_format, args.console.quiet);
     if let Some(path) = &args.video {
         files::check_free(path, args.overwrite)?;
     }
     let mut source = SceneSource::open(&args.scene, &console)?;
-    let request = DataRequest { data: args.data.as_deref(), load: &args.load, said };
+    let request = DataRequest { data: args.data.as_deref(), load: &args.load, explicit };
     let shots = shots(args, request, &source, &console)?;
     if args.video.is_some() && args.tonemap.is_none() && args.hdr10.is_none() {
         bail!("--video needs --tonemap CURVE for SDR, or --hdr10");
@@ -100,7 +104,7 @@ fn render(args: &RenderArgs, engine: &mut dyn Engine, camera: &Camera, options: 
 fn shots(args: &RenderArgs, request: DataRequest<'_>, source: &SceneSource, console: &Console) -> Result<Vec<Shot>> {
     let dataset = || source.dataset(request, console);
     if let Some(file) = &args.cameras {
-        return camera_file(file, args.data.is_some(), dataset, || check_unread(args, file, request.said));
+        return camera_file(file, args.data.is_some(), dataset, || check_unread(args, file, request.explicit));
     }
     let Some(dataset) = dataset()? else {
         bail!("{}: a scene file has no cameras; give --data DATASET or --cameras FILE", args.scene.display())
@@ -113,12 +117,12 @@ fn shots(args: &RenderArgs, request: DataRequest<'_>, source: &SceneSource, cons
 }
 
 /// Refuses options of reading a data set where neither cameras nor masks need one.
-fn check_unread(args: &RenderArgs, file: &Path, said: &[String]) -> Result<()> {
+fn check_unread(args: &RenderArgs, file: &Path, explicit: &ExplicitArgs) -> Result<()> {
     let has_masks = args.edit.iter().flat_map(|EditText(edits)| edits).any(|edit| !edit.selection.masks().is_empty());
     if has_masks {
         return Ok(());
     }
-    LoadArgs::refuse(said, &[], &format!("and {} says all of its cameras without one; leave it out", file.display()))
+    LoadArgs::refuse(explicit, &[], &format!("and {} says all of its cameras without one; leave it out", file.display()))
 }
 
 /// Cameras of a file. The data set, for what the file leaves out, is read only if asked for or needed; else `unread` is called.

@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use luxel_core::Mask;
+use serde::{Deserialize, Serialize};
 
 use super::files::{IMAGE_EXTENSIONS, Substitute, find_image};
 use super::source::Frame;
@@ -20,7 +21,8 @@ use crate::image::decode_codes;
 const MAX_LISTED: usize = 3;
 
 /// Where masks come from.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(into = "String", try_from = "String")]
 pub enum MaskSource {
     /// `mask_path` of a `transforms.json`, or the folder `masks` beside the images, where they are there.
     #[default]
@@ -44,6 +46,20 @@ impl FromStr for MaskSource {
             "" => Err("names no folder, expected auto, off, alpha or a folder of masks".to_owned()),
             folder => Ok(Self::Folder(folder.into())),
         }
+    }
+}
+
+impl From<MaskSource> for String {
+    fn from(source: MaskSource) -> Self {
+        source.to_string()
+    }
+}
+
+impl TryFrom<String> for MaskSource {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        text.parse()
     }
 }
 

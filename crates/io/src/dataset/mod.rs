@@ -35,6 +35,7 @@ use std::path::Path;
 use std::str::FromStr;
 
 use luxel_core::{ColorSpace, Dataset};
+use serde::{Deserialize, Serialize};
 
 use crate::IoError;
 use crate::image::Transfer;
@@ -50,7 +51,8 @@ pub use transforms::{Transforms, TransformsFrame, parse_transforms};
 const DOWNSCALES: [u32; 4] = [1, 2, 4, 8];
 
 /// A layout of files.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum DatasetFormat {
     /// `transforms.json` of nerfstudio, instant-ngp or Blender, or `transforms_train.json` with `transforms_test.json`.
     Transforms,
@@ -63,6 +65,7 @@ pub enum DatasetFormat {
     /// HDR-GS's repack of the synthetic ones: COLMAP with `exr/0.exr`.
     HdrGs,
     /// GaussHDR's repack: COLMAP with `images_hdr/train_hdr_000.exr`.
+    #[serde(rename = "gausshdr")]
     GaussHdr,
 }
 
@@ -103,7 +106,8 @@ impl FromStr for DatasetFormat {
 }
 
 /// How a data set is read.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct LoadOptions {
     /// `None`: recognised by [`detect_format`].
     pub format: Option<DatasetFormat>,
@@ -114,10 +118,13 @@ pub struct LoadOptions {
     /// Reduction of the images by area average: 1, 2, 4 or 8.
     pub downscale: u32,
     /// Which images are trained on: radiance, or what a camera recorded.
+    #[serde(default)]
     pub supervision: Supervision,
     /// Which exposures of each bracket are trained on, under [`Supervision::Ldr`].
+    #[serde(default)]
     pub exposures: Exposures,
     /// Where the weights of pixels come from.
+    #[serde(default)]
     pub masks: MaskSource,
 }
 

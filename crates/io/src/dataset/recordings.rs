@@ -5,6 +5,7 @@ use std::fmt;
 use std::path::Path;
 use std::str::FromStr;
 
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::files::{Substitute, find_image, view_name, without_extension};
@@ -17,7 +18,8 @@ use crate::regular::read_file;
 const HDR_GS_EXPOSURES: [f32; 5] = [0.125, 0.5, 2.0, 8.0, 32.0];
 
 /// Which images are trained on.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Supervision {
     /// Radiance.
     #[default]
@@ -27,7 +29,8 @@ pub enum Supervision {
 }
 
 /// Which recordings of each pose are trained on, counted from the shortest exposure.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(into = "String", try_from = "String")]
 pub enum Exposures {
     /// All.
     #[default]
@@ -59,6 +62,20 @@ impl fmt::Display for Exposures {
             Self::Single => f.write_str("single"),
             Self::Of(list) => f.write_str(&list.iter().map(usize::to_string).collect::<Vec<_>>().join(",")),
         }
+    }
+}
+
+impl From<Exposures> for String {
+    fn from(exposures: Exposures) -> Self {
+        exposures.to_string()
+    }
+}
+
+impl TryFrom<String> for Exposures {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        text.parse()
     }
 }
 

@@ -2,7 +2,7 @@
 
 /// `text` such that it is text in element content and in quoted attributes, whatever it holds. Control characters that HTML forbids
 /// are dropped.
-pub(crate) fn escape(text: &str) -> String {
+pub fn escape(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
         match c {
@@ -20,7 +20,7 @@ pub(crate) fn escape(text: &str) -> String {
 }
 
 /// A page of its own: `title` and `subtitle` are text, `body` is HTML.
-pub(crate) fn document(title: &str, subtitle: &str, body: &str) -> String {
+pub fn document(title: &str, subtitle: &str, body: &str) -> String {
     let title = escape(title);
     format!(
         "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\

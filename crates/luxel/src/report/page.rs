@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::time::Duration;
 
-use anyhow::Result;
+use crate::Result;
 use luxel_core::metrics::{MAX_PSNR_DB, ViewMetrics};
 
 use super::html::{document, escape};

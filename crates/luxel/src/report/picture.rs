@@ -6,7 +6,8 @@
 
 use std::io::Cursor;
 
-use anyhow::{Context as _, Result};
+use crate::Result;
+use crate::error::Context as _;
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
@@ -34,23 +35,29 @@ const MASKED: [u8; 3] = [0x60, 0x68, 0x70];
 
 /// How radiance is shown.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Display {
-    pub(crate) tonemap: Tonemap,
-    pub(crate) exposure_ev: f32,
-    pub(crate) color_space: ColorSpace,
+pub struct Display {
+    /// Curve from radiance to display values.
+    pub tonemap: Tonemap,
+    /// Stops: radiance is multiplied by 2^EV.
+    pub exposure_ev: f32,
+    /// Colour space of the radiance.
+    pub color_space: ColorSpace,
     /// Longer sides are reduced to at most this, pixels.
-    pub(crate) max_side_px: usize,
+    pub max_side_px: usize,
 }
 
 /// A picture ready for the page.
-pub(crate) struct Picture {
-    pub(crate) uri: String,
-    pub(crate) width: usize,
-    pub(crate) height: usize,
+pub struct Picture {
+    /// The PNG as a data URI.
+    pub uri: String,
+    /// Pixels.
+    pub width: usize,
+    /// Pixels.
+    pub height: usize,
 }
 
 /// Radiance as a picture.
-pub(crate) fn radiance(image: &Image, display: &Display) -> Result<Picture> {
+pub fn radiance(image: &Image, display: &Display) -> Result<Picture> {
     let small = reduce(image, reduction(image, display.max_side_px));
     let pixels = small.pixels.iter().map(|&p| {
         // Outside of Rec.709 a channel is negative: the curves take it as 0.
@@ -77,7 +84,7 @@ pub(super) fn error_map(
 }
 
 /// The first channel on [`INFERNO`] from 0 to `full_scale`, of pixels whose second is 1; those where it is 0 are masked. Both average as they should.
-pub(crate) fn values(image: &Image, full_scale: f32, max_side_px: usize) -> Result<Picture> {
+pub fn values(image: &Image, full_scale: f32, max_side_px: usize) -> Result<Picture> {
     let small = reduce(image, reduction(image, max_side_px));
     let colors = small.pixels.iter().map(|&[value, valid, _]| if valid > 0.0 { inferno(value / valid / full_scale) } else { MASKED });
     encode(small.width, small.height, colors.collect())
@@ -134,12 +141,12 @@ fn encode(width: usize, height: usize, pixels: Vec<[u8; 3]>) -> Result<Picture> 
 }
 
 /// Stops: `+4`, `−6`.
-pub(crate) fn signed(ev: f32) -> String {
+pub fn signed(ev: f32) -> String {
     if ev < 0.0 { format!("−{}", -ev) } else { format!("+{ev}") }
 }
 
 /// An image element; `alt` is HTML.
-pub(crate) fn img(picture: &Picture, class: &str, alt: &str) -> String {
+pub fn img(picture: &Picture, class: &str, alt: &str) -> String {
     let class = if class.is_empty() { String::new() } else { format!(" class=\"{class}\"") };
     format!(
         "<img{class} src=\"{}\" width=\"{}\" height=\"{}\" alt=\"{alt}\" decoding=\"async\">",
@@ -148,24 +155,24 @@ pub(crate) fn img(picture: &Picture, class: &str, alt: &str) -> String {
 }
 
 /// An image with a caption; both are HTML.
-pub(crate) fn figure(picture: &Picture, what: &str, how: &str) -> String {
+pub fn figure(picture: &Picture, what: &str, how: &str) -> String {
     format!("<figure>{}<figcaption><b>{what}</b> {how}</figcaption></figure>", img(picture, "", &format!("{what}, {how}")))
 }
 
 /// What is chosen from all targets together.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Exposures {
+pub struct Exposures {
     /// Brings the darkest quarter to a little below middle grey.
-    pub(crate) shadows_ev: f32,
+    pub shadows_ev: f32,
     /// Brings the log-average to an evening's grey: how the scene looks.
-    pub(crate) overview_ev: f32,
+    pub overview_ev: f32,
     /// Brings the brightest half per mille below white.
-    pub(crate) lamps_ev: f32,
+    pub lamps_ev: f32,
 }
 
 impl Exposures {
     /// Whole stops within +-16, from luminances in normalised units (any order).
-    pub(crate) fn of(mut luminances: Vec<f32>) -> Self {
+    pub fn of(mut luminances: Vec<f32>) -> Self {
         luminances.retain(|l| l.is_finite() && *l > 0.0);
         luminances.sort_by(f32::total_cmp);
         let quantile =
@@ -181,7 +188,7 @@ impl Exposures {
 }
 
 /// At most a quarter of a million luminances, evenly from all images.
-pub(crate) fn sample_luminances<'a>(images: impl Iterator<Item = &'a Image> + Clone) -> Vec<f32> {
+pub fn sample_luminances<'a>(images: impl Iterator<Item = &'a Image> + Clone) -> Vec<f32> {
     let total: usize = images.clone().map(|image| image.pixels.len()).sum();
     let stride = total.div_ceil(1 << 18).max(1);
     images.flat_map(|image| image.pixels.iter()).step_by(stride).map(|&p| luminance_rec709(p)).collect()

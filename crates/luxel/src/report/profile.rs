@@ -11,16 +11,17 @@ use super::plot::{Axis, Mark, Plot, Scale, Series};
 const OPEN_BIN: f64 = 1.78;
 
 /// A profile and how it is told apart.
-pub(crate) struct Profiled<'a> {
+pub struct Profiled<'a> {
     /// For the legend; empty for none.
-    pub(crate) label: &'a str,
+    pub label: &'a str,
     /// From 1: which of the page's colours.
-    pub(crate) color: usize,
-    pub(crate) profile: &'a LuminanceProfile,
+    pub color: usize,
+    /// Error by luminance.
+    pub profile: &'a LuminanceProfile,
 }
 
 /// Both figures; empty where there are no pixels.
-pub(crate) fn plots(profiles: &[Profiled<'_>]) -> String {
+pub fn plots(profiles: &[Profiled<'_>]) -> String {
     // All are of the same photographs, so the first says how many pixels there are.
     let Some(first) = profiles.iter().map(|of| of.profile).find(|profile| profile.count() > 0) else { return String::new() };
     let bars = bars(first);

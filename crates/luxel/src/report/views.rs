@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use anyhow::Result;
+use crate::Result;
 use luxel_core::Image;
 use luxel_core::metrics::ViewMetrics;
 use luxel_core::tone::Tonemap;

@@ -2,21 +2,22 @@
 
 use std::collections::BTreeMap;
 
-use anyhow::{Context, Result};
+use crate::Result;
+use crate::error::Context;
 use luxel_core::response::exposure_of_knot;
 use luxel_core::{Knots, RESPONSE_KNOTS, View};
 use luxel_train::Trainer;
 use serde::{Deserialize, Serialize};
 
+use super::RunFolder;
 use crate::files;
-use crate::run_folder::RunFolder;
 
 /// The file is some kilobytes, and a line an image.
 const LIMIT_BYTES: u64 = 64 << 20;
 
 /// Content of the file.
 #[derive(Debug, Default, Serialize, Deserialize)]
-pub(crate) struct Captures {
+pub struct Captures {
     /// Steps after which this was so.
     #[serde(default)]
     iteration: u32,
@@ -39,7 +40,7 @@ struct ResponseTable {
 
 impl Captures {
     /// Of a trainer, which was trained on `train`.
-    pub(crate) fn of(trainer: &Trainer, train: &[View]) -> Self {
+    pub fn of(trainer: &Trainer, train: &[View]) -> Self {
         let logs = trainer.log_gains().unwrap_or_default();
         let stops = |log: &[f32; 3]| log.map(|log| log / std::f32::consts::LN_2);
         let gains_ev = train.iter().zip(logs).map(|(view, log)| (view.name.clone(), stops(log))).collect();
@@ -48,7 +49,7 @@ impl Captures {
     }
 
     /// Writes the file, if anything was found.
-    pub(crate) fn write(&self, folder: &RunFolder) -> Result<()> {
+    pub fn write(&self, folder: &RunFolder) -> Result<()> {
         if self.gains_ev.is_empty() && self.response.is_none() {
             return Ok(());
         }
@@ -56,7 +57,7 @@ impl Captures {
     }
 
     /// Reads the file; nothing was found in a run without one.
-    pub(crate) fn read(folder: &RunFolder) -> Result<Self> {
+    pub fn read(folder: &RunFolder) -> Result<Self> {
         let path = folder.captures();
         if !path.is_file() {
             return Ok(Self::default());
@@ -67,14 +68,14 @@ impl Captures {
     }
 
     /// ln gains of the training images after `iteration` steps, by name; empty if they are those of another step, or were not compensated.
-    pub(crate) fn log_gains_at(&self, iteration: u32) -> BTreeMap<String, [f32; 3]> {
+    pub fn log_gains_at(&self, iteration: u32) -> BTreeMap<String, [f32; 3]> {
         let is_of_step = self.iteration == iteration;
         let gains = self.gains_ev.iter().filter(|_| is_of_step);
         gains.map(|(name, stops)| (name.clone(), stops.map(|stops| stops * std::f32::consts::LN_2))).collect()
     }
 
     /// The response's knots after `iteration` steps; `None` if they are those of another step.
-    pub(crate) fn response_at(&self, iteration: u32) -> Option<Knots> {
+    pub fn response_at(&self, iteration: u32) -> Option<Knots> {
         self.response.as_ref().filter(|_| self.iteration == iteration).map(|response| response.recorded)
     }
 }

@@ -3,25 +3,25 @@
 use std::time::{Duration, Instant};
 
 /// A stopwatch.
-pub(crate) struct Clock {
+pub(super) struct Clock {
     before: Duration,
     since: Option<Instant>,
 }
 
 impl Clock {
     /// Running, with the seconds spent before.
-    pub(crate) fn resumed(seconds_before: f64) -> Self {
+    pub(super) fn resumed(seconds_before: f64) -> Self {
         let before = Duration::try_from_secs_f64(seconds_before).unwrap_or_default();
         Self { before, since: Some(Instant::now()) }
     }
 
     /// Seconds so far.
-    pub(crate) fn seconds(&self) -> f64 {
+    pub(super) fn seconds(&self) -> f64 {
         (self.before + self.since.map_or(Duration::ZERO, |since| since.elapsed())).as_secs_f64()
     }
 
     /// Does `work` while the clock stands still.
-    pub(crate) fn paused<T>(&mut self, work: impl FnOnce() -> T) -> T {
+    pub(super) fn paused<T>(&mut self, work: impl FnOnce() -> T) -> T {
         self.before += self.since.take().map_or(Duration::ZERO, |since| since.elapsed());
         let result = work();
         self.since = Some(Instant::now());

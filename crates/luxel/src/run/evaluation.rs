@@ -4,77 +4,75 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use anyhow::{Context, Result};
-use clap::ValueEnum;
-use luxel_core::metrics::{FieldMetrics, FieldOptions, FlipChoice};
+use luxel_core::metrics::{FieldOptions, FlipChoice};
 use luxel_core::{ColorSpace, Engine, Image, Knots, PixelValues, RenderOptions, View};
-use luxel_io::{ExrOptions, ExrSample, HALF_MAX};
+use luxel_io::{ExrOptions, ExrSample, HALF_MAX, Supervision};
 use luxel_train::{ExposureCompensation, GainFit, Lpips, Measures, SplitMetrics};
 use serde::{Deserialize, Serialize};
 
-use crate::config::RunConfig;
-use crate::text;
-use crate::values::SupervisionArg;
+use super::RunConfig;
+use crate::Result;
+use crate::error::Context;
 
 /// `metrics.json`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub(crate) struct Metrics {
+pub struct Metrics {
     /// Name of the colour model's preset.
-    pub(crate) method: String,
+    pub method: String,
     /// Steps of training.
-    pub(crate) iterations: u32,
+    pub iterations: u32,
     /// Splats.
-    pub(crate) splats: usize,
+    pub splats: usize,
     /// Seconds of training, evaluation left out, over all resumed parts.
-    pub(crate) train_seconds: f64,
+    pub train_seconds: f64,
     /// Most resident memory; `null` where the system does not tell.
-    pub(crate) peak_rss_bytes: Option<u64>,
+    pub peak_rss_bytes: Option<u64>,
     /// Radiance of the data set that is 1 in protocol `scene`.
-    pub(crate) radiance_scale: f32,
+    pub radiance_scale: f32,
     /// mu of the mu-law.
-    pub(crate) mu: f32,
+    pub mu: f32,
     /// Seed.
-    pub(crate) seed: u64,
+    pub seed: u64,
     /// Threads.
-    pub(crate) threads: usize,
+    pub threads: usize,
     /// Where the engine ran: threads of a processor, or a GPU.
     #[serde(default)]
-    pub(crate) computed_by: String,
+    pub computed_by: String,
     /// Version of the program.
-    pub(crate) luxel_version: String,
+    pub luxel_version: String,
     /// Folder of the data set.
-    pub(crate) dataset: String,
+    pub dataset: String,
     /// `test`, and at the end of training `train`; where a capture leaves gains open, `test_gain_common` or `test_gain_per_view` too.
-    pub(crate) splits: BTreeMap<String, SplitMetrics>,
+    pub splits: BTreeMap<String, SplitMetrics>,
 }
 
 /// How a loaded scene is rendered and compared.
-pub(crate) struct Rendering<'a> {
+pub struct Rendering<'a> {
     /// Holds the scene.
-    pub(crate) engine: &'a mut dyn Engine,
+    pub engine: &'a mut dyn Engine,
     /// As in training.
-    pub(crate) options: RenderOptions,
+    pub options: RenderOptions,
     /// Data-set radiance of one normalised unit.
-    pub(crate) radiance_scale: f32,
+    pub radiance_scale: f32,
     /// mu of the mu-law.
-    pub(crate) mu: f32,
+    pub mu: f32,
     /// Of the data set.
-    pub(crate) color_space: ColorSpace,
+    pub color_space: ColorSpace,
     /// Luminance at which the display of PU21 shows one normalised unit, cd/m2.
-    pub(crate) peak_luminance: f32,
+    pub peak_luminance: f32,
     /// HDR-FLIP or not.
-    pub(crate) flip: FlipChoice,
+    pub flip: FlipChoice,
     /// The network of the user's weights, if there is one.
-    pub(crate) lpips: Option<&'a Lpips>,
+    pub lpips: Option<&'a Lpips>,
     /// The response of the camera that recorded the views of recorded values.
-    pub(crate) response: Option<Knots>,
+    pub response: Option<Knots>,
     /// ln gains that training found of its images, by name: their figures are after the removal of them.
-    pub(crate) log_gains: BTreeMap<String, [f32; 3]>,
+    pub log_gains: BTreeMap<String, [f32; 3]>,
 }
 
 impl Rendering<'_> {
     /// PSNR of one view by protocol `scene`, dB; `None` if all of it is masked.
-    pub(crate) fn probe(&mut self, view: &View) -> Result<Option<f64>> {
+    pub fn probe(&mut self, view: &View) -> Result<Option<f64>> {
         let log_gain = self.log_gain(view);
         let measures = Measures { response: self.response.as_ref(), ..Measures::new(self.radiance_scale, self.mu) };
         Ok(luxel_train::probe(self.engine, &self.options, &measures, (view, log_gain))?)
@@ -86,11 +84,11 @@ impl Rendering<'_> {
     }
 
     /// Figures of the test views once more, after gains are taken out of the renders that a capture leaves open: by name of the split.
-    pub(crate) fn evaluate_fitted(&mut self, config: &RunConfig, views: &[View]) -> Result<Vec<(&'static str, SplitMetrics)>> {
+    pub fn evaluate_fitted(&mut self, config: &RunConfig, views: &[View]) -> Result<Vec<(&'static str, SplitMetrics)>> {
         let is_radiance = views.iter().all(|view| view.values == PixelValues::Radiance);
         let drifts = config.train.exposure_compensation != ExposureCompensation::Off;
         let fits = [
-            ("test_gain_common", GainFit::Common, config.load.supervision == SupervisionArg::Ldr),
+            ("test_gain_common", GainFit::Common, config.load.supervision == Supervision::Ldr),
             ("test_gain_per_view", GainFit::PerView, drifts),
         ];
         let mut splits = Vec::new();
@@ -102,7 +100,7 @@ impl Rendering<'_> {
 
     /// Figures of a split, `None` if no view of it has a valid pixel; after the removal of gains that training found, unless others are to be fitted. With a
     /// folder, `renders/` and `gt/` get the images in the units of the data set, or as recorded.
-    pub(crate) fn evaluate(&mut self, views: &[View], images: Option<&Path>, gain_fit: GainFit<'_>) -> Result<Option<SplitMetrics>> {
+    pub fn evaluate(&mut self, views: &[View], images: Option<&Path>, gain_fit: GainFit<'_>) -> Result<Option<SplitMetrics>> {
         let (scale, color_space) = (self.radiance_scale, self.color_space);
         let known: Vec<[f32; 3]> = views.iter().map(|view| self.log_gain(view)).collect();
         let gain_fit = match gain_fit {
@@ -134,7 +132,7 @@ impl Rendering<'_> {
 }
 
 /// The network of `--lpips-weights`.
-pub(crate) fn read_lpips(weights: Option<&Path>) -> Result<Option<Lpips>> {
+pub fn read_lpips(weights: Option<&Path>) -> Result<Option<Lpips>> {
     let Some(path) = weights else { return Ok(None) };
     let tensors = luxel_io::read_tensors(path).context("cannot read the weights")?;
     Lpips::from_tensors(&tensors).map(Some).with_context(|| format!("{}: cannot be used for LPIPS", path.display()))
@@ -155,7 +153,7 @@ fn max_value(image: &Image) -> f32 {
 
 /// File stems of views: the last part of each name; where that is not unique, the whole name with `_` between its parts, and a
 /// number where even that is taken.
-pub(crate) fn unique_stems<'a>(names: impl Iterator<Item = &'a str> + Clone) -> Vec<String> {
+pub fn unique_stems<'a>(names: impl Iterator<Item = &'a str> + Clone) -> Vec<String> {
     let last = |name: &'a str| name.rsplit('/').next().unwrap_or(name);
     let mut uses: BTreeMap<&str, usize> = BTreeMap::new();
     for name in names.clone() {
@@ -174,58 +172,6 @@ pub(crate) fn unique_stems<'a>(names: impl Iterator<Item = &'a str> + Clone) -> 
         stems.push(unique);
     }
     stems
-}
-
-/// Name of the colour model's preset: `lcd`, `sh3`.
-pub(crate) fn method_name(config: &RunConfig) -> String {
-    config.train.method.to_possible_value().map_or(String::new(), |value| value.get_name().to_owned())
-}
-
-/// One line of a split's means.
-pub(crate) fn mean_line(split: &SplitMetrics) -> String {
-    let m = &split.mean;
-    format!(
-        "psnr {:.2} dB scene, {:.2} gtmax, {:.2} selfmax; ssim {:.4} scene, {:.4} gtmax; mean of {}",
-        m.psnr_scene,
-        m.psnr_gtmax,
-        m.psnr_selfmax,
-        m.ssim_scene,
-        m.ssim_gtmax,
-        text::plural(split.views.len(), "view"),
-    )
-}
-
-/// A table of every view and the mean.
-pub(crate) fn table(name: &str, split: &SplitMetrics) -> String {
-    let width = split.views.iter().map(|view| view.name.len()).max().unwrap_or(0).max(4);
-    let peak = split.mean_field.as_ref().map_or(0.0, |field| field.pu21_peak_luminance);
-    let distance = |field: &FieldMetrics| field.lpips_alex.or(field.lpips_vgg);
-    let network = split.mean_field.as_ref().map_or("", |field| match (field.lpips_alex, field.lpips_vgg) {
-        (Some(_), _) => "    alex",
-        (None, Some(_)) => "     vgg",
-        (None, None) => "",
-    });
-    let lpips = if network.is_empty() { "" } else { "   lpips" };
-    let pu21 = format!("pu21, {peak} cd/m2");
-    let mut out = format!(
-        "{name:width$}  ------- psnr, dB --------  --------- ssim ---------  black  {pu21:<15}     hdr-     log-{lpips}\n\
-         {:width$}    scene   gtmax  selfmax    scene   gtmax  selfmax  scene      dB    ssim      flip     rmse{network}\n",
-        ""
-    );
-    let rows = split.views.iter().map(|view| (view.name.as_str(), &view.metrics, &view.field));
-    for (name, m, field) in rows.chain([("mean", &split.mean, &split.mean_field)]) {
-        out += &format!(
-            "{name:width$}  {:7.2} {:7.2} {:8.2}  {:7.4} {:7.4} {:8.4} {:6.2}",
-            m.psnr_scene, m.psnr_gtmax, m.psnr_selfmax, m.ssim_scene, m.ssim_gtmax, m.ssim_selfmax, m.psnr_black_scene
-        );
-        if let Some(f) = field {
-            let flip = f.hdr_flip.map_or_else(|| "-".into(), |flip| format!("{flip:.4}"));
-            out += &format!(" {:7.2}  {:.4}   {flip:>7}  {:7.4}", f.pu21_psnr, f.pu21_ssim, f.log_rmse);
-            out += &distance(f).map_or_else(String::new, |distance| format!("  {distance:.4}"));
-        }
-        out.push('\n');
-    }
-    out
 }
 
 #[cfg(test)]

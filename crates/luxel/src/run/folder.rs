@@ -13,10 +13,12 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail};
+use crate::Result;
+use crate::error::{Context, bail};
 
-use crate::cli::LoadArgs;
-use crate::config::RunConfig;
+use luxel_io::LoadOptions;
+
+use super::RunConfig;
 use crate::files;
 
 const CONFIG: &str = "config.toml";
@@ -25,7 +27,7 @@ const CONFIG: &str = "config.toml";
 const SOURCE: &str = "source.toml";
 
 /// Locked while a process works in the folder. The file itself says nothing and stays.
-pub(crate) const LOCK: &str = ".lock";
+pub const LOCK: &str = ".lock";
 
 /// Everything training puts into a run folder besides [`CONFIG`]; all that `--overwrite` deletes.
 const CONTENTS: [&str; 8] =
@@ -33,19 +35,19 @@ const CONTENTS: [&str; 8] =
 
 /// A run's place on disk.
 #[derive(Clone, Debug)]
-pub(crate) struct RunFolder {
+pub struct RunFolder {
     root: PathBuf,
 }
 
 /// Keeps other processes from working in a folder; the system lets go of it when the process ends, however it ends.
 #[derive(Debug)]
-pub(crate) struct RunLock {
+pub struct RunLock {
     _file: std::fs::File,
 }
 
 /// What is at an output path.
 #[derive(Debug)]
-pub(crate) enum Occupant {
+pub enum Occupant {
     /// Nothing, or an empty folder.
     Nothing,
     /// A run.
@@ -56,24 +58,24 @@ pub(crate) enum Occupant {
 
 impl RunFolder {
     /// The folder at `root`, whatever is there.
-    pub(crate) fn at(root: &Path) -> Self {
+    pub fn at(root: &Path) -> Self {
         Self { root: root.into() }
     }
 
     /// A folder that must be a run.
-    pub(crate) fn open(root: &Path) -> Result<(Self, RunConfig)> {
+    pub fn open(root: &Path) -> Result<(Self, RunConfig)> {
         let folder = Self::at(root);
         let config = folder.read_config()?;
         Ok((folder, config))
     }
 
     /// Whether `root` has the mark of a run.
-    pub(crate) fn is_run(root: &Path) -> bool {
+    pub fn is_run(root: &Path) -> bool {
         root.join(CONFIG).is_file()
     }
 
     /// What is there now. A run whose configuration cannot be read is an error, not [`Occupant::Foreign`].
-    pub(crate) fn occupant(&self) -> Result<Occupant> {
+    pub fn occupant(&self) -> Result<Occupant> {
         if Self::is_run(&self.root) {
             return Ok(Occupant::Run(Box::new(self.read_config()?)));
         }
@@ -91,7 +93,7 @@ impl RunFolder {
     }
 
     /// Makes the folder if need be and locks it for this process.
-    pub(crate) fn lock(&self) -> Result<RunLock> {
+    pub fn lock(&self) -> Result<RunLock> {
         std::fs::create_dir_all(&self.root).with_context(|| format!("{}: cannot create the output folder", self.root.display()))?;
         let path = self.root.join(LOCK);
         let opened = std::fs::File::options().create(true).truncate(false).write(true).open(&path);
@@ -105,7 +107,7 @@ impl RunFolder {
 
     /// Deletes what a run consists of, and leaves everything else in the folder. The mark goes last, so that an interrupted
     /// deletion can be repeated.
-    pub(crate) fn clear(&self) -> Result<()> {
+    pub fn clear(&self) -> Result<()> {
         for name in CONTENTS.iter().chain([&CONFIG]) {
             let path = self.root.join(name);
             let removed = match std::fs::symlink_metadata(&path) {
@@ -122,34 +124,34 @@ impl RunFolder {
     fn read_config(&self) -> Result<RunConfig> {
         let path = self.root.join(CONFIG);
         if !path.is_file() {
-            bail!("{}: no {CONFIG}, so this is not a folder that luxel train made", self.root.display());
+            bail!("{}: no {CONFIG}, so this is not the folder of a training run", self.root.display());
         }
         RunConfig::read(&path)
     }
 
     /// Writes the configuration: from here on the folder is a run.
-    pub(crate) fn write_config(&self, config: &RunConfig) -> Result<()> {
+    pub fn write_config(&self, config: &RunConfig) -> Result<()> {
         config.write(&self.root.join(CONFIG))
     }
 
     /// The folder itself.
-    pub(crate) fn root(&self) -> &Path {
+    pub fn root(&self) -> &Path {
         &self.root
     }
 
     /// The scene after `iteration` steps.
-    pub(crate) fn scene(&self, iteration: u32) -> PathBuf {
+    pub fn scene(&self, iteration: u32) -> PathBuf {
         self.root.join("point_cloud").join(format!("iteration_{iteration}")).join("point_cloud.ply")
     }
 
     /// Evaluation after `iteration` steps.
-    pub(crate) fn evaluation(&self, iteration: u32) -> PathBuf {
+    pub fn evaluation(&self, iteration: u32) -> PathBuf {
         self.root.join("eval").join(format!("step_{iteration}"))
     }
 
     /// Makes the folder of the same on other data than the run's own, or on that read otherwise, and writes into it which: `data`, read by `load`. The data
     /// set's name is told apart by a digest where another one of this name was there first.
-    pub(crate) fn claim_evaluation_of(&self, iteration: u32, data: &Path, load: &LoadArgs) -> Result<PathBuf> {
+    pub fn claim_evaluation_of(&self, iteration: u32, data: &Path, load: &LoadOptions) -> Result<PathBuf> {
         let name = std::path::absolute(data).ok().and_then(|path| Some(path.file_name()?.to_string_lossy().into_owned()));
         let real = std::fs::canonicalize(data).unwrap_or_else(|_| data.into());
         let entries = [("dataset", real.to_string_lossy().as_ref().into()), ("load", toml::Value::try_from(load)?)];
@@ -168,39 +170,39 @@ impl RunFolder {
     }
 
     /// Figures of the newest evaluation.
-    pub(crate) fn metrics(&self) -> PathBuf {
+    pub fn metrics(&self) -> PathBuf {
         self.root.join("metrics.json")
     }
 
     /// What was found of the training images.
-    pub(crate) fn captures(&self) -> PathBuf {
+    pub fn captures(&self) -> PathBuf {
         self.root.join("captures.json")
     }
 
     /// Training curves.
-    pub(crate) fn log(&self) -> PathBuf {
+    pub fn log(&self) -> PathBuf {
         self.root.join("log.jsonl")
     }
 
     /// What was measured of the run as part of a matrix.
-    pub(crate) fn measured(&self) -> PathBuf {
+    pub fn measured(&self) -> PathBuf {
         self.root.join("measured.json")
     }
 
     /// The report.
-    pub(crate) fn report(&self) -> PathBuf {
+    pub fn report(&self) -> PathBuf {
         self.root.join("report.html")
     }
 
     /// Iterations of which a scene was written, newest first.
-    pub(crate) fn scene_iterations(&self) -> Vec<u32> {
+    pub fn scene_iterations(&self) -> Vec<u32> {
         let mut found = numbered(&self.root.join("point_cloud"), "iteration_");
         found.retain(|&n| self.scene(n).is_file());
         found
     }
 
     /// Iterations that training evaluated to the end, newest first.
-    pub(crate) fn evaluated_iterations(&self) -> Vec<u32> {
+    pub fn evaluated_iterations(&self) -> Vec<u32> {
         let mut found = numbered(&self.root.join("eval"), "step_");
         found.retain(|&n| self.evaluation(n).join("metrics.json").is_file());
         found
@@ -262,8 +264,8 @@ mod tests {
     fn evaluations_on_other_data_of_one_name_have_a_folder_each() {
         let folder = tempfile::tempdir().unwrap();
         let run = RunFolder::at(&folder.path().join("run"));
-        let at_full_size = LoadArgs::of_radiance();
-        let halved = LoadArgs { downscale: 2, ..LoadArgs::of_radiance() };
+        let at_full_size = LoadOptions::default();
+        let halved = LoadOptions { downscale: 2, ..LoadOptions::default() };
         let claim = |data: &str, load| {
             let data = folder.path().join(data);
             std::fs::create_dir_all(&data).unwrap();

@@ -7,58 +7,59 @@ use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use crate::error::Context;
+use crate::{Result, files};
 use serde::{Deserialize, Serialize};
 
 /// Steps between lines: 300 points on a curve of 30000 steps.
-pub(crate) const LOG_EVERY: u32 = 100;
+pub const LOG_EVERY: u32 = 100;
 
 /// One line. Losses are means over the steps since the line before.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(crate) struct LogRecord {
+pub struct LogRecord {
     /// Steps made.
-    pub(crate) iteration: u32,
+    pub iteration: u32,
     /// Training loss.
-    pub(crate) loss: f64,
+    pub loss: f64,
     /// Mean absolute difference under the mu-law.
-    pub(crate) l1: f64,
+    pub l1: f64,
     /// Mean SSIM under the mu-law.
-    pub(crate) ssim: f64,
+    pub ssim: f64,
     /// PSNR of one training view, protocol `scene`, dB.
-    pub(crate) psnr_train: Option<f64>,
+    pub psnr_train: Option<f64>,
     /// Mean PSNR of the test views at the last evaluation, protocol `scene`, dB.
-    pub(crate) psnr_test: Option<f64>,
+    pub psnr_test: Option<f64>,
     /// Splats.
-    pub(crate) splats: usize,
+    pub splats: usize,
     /// Splats that touched the last image.
-    pub(crate) visible: u32,
+    pub visible: u32,
     /// Speed since the line before.
-    pub(crate) iterations_per_second: f64,
+    pub iterations_per_second: f64,
     /// Seconds spent training, evaluation left out, over all resumed parts.
-    pub(crate) elapsed_s: f64,
+    pub elapsed_s: f64,
     /// Resident memory.
-    pub(crate) rss_bytes: Option<u64>,
+    pub rss_bytes: Option<u64>,
     /// Most resident memory, over all resumed parts.
-    pub(crate) peak_rss_bytes: Option<u64>,
+    pub peak_rss_bytes: Option<u64>,
 }
 
 impl LogRecord {
     /// Seconds until step `total` at the present speed.
-    pub(crate) fn seconds_left(&self, total: u32) -> Option<f64> {
+    pub fn seconds_left(&self, total: u32) -> Option<f64> {
         let left = f64::from(total.saturating_sub(self.iteration));
         (self.iterations_per_second > 0.0).then(|| left / self.iterations_per_second)
     }
 }
 
 /// The open file.
-pub(crate) struct RunLog {
+pub struct RunLog {
     path: PathBuf,
     file: File,
 }
 
 impl RunLog {
     /// Keeps the lines up to `iteration` and appends after them; returns the last line kept.
-    pub(crate) fn open(path: &Path, iteration: u32) -> Result<(Self, Option<LogRecord>)> {
+    pub fn open(path: &Path, iteration: u32) -> Result<(Self, Option<LogRecord>)> {
         let mut kept = read(path)?;
         kept.retain(|record| record.iteration <= iteration);
         let mut content = String::new();
@@ -66,25 +67,25 @@ impl RunLog {
             content.push_str(&serde_json::to_string(record)?);
             content.push('\n');
         }
-        crate::files::write_text(path, &content)?;
+        files::write_text(path, &content)?;
         let file = File::options().append(true).open(path).with_context(|| format!("{}: cannot open", path.display()))?;
         Ok((Self { path: path.into(), file }, kept.pop()))
     }
 
     /// Appends a line, whole in one write.
-    pub(crate) fn append(&mut self, record: &LogRecord) -> Result<()> {
+    pub fn append(&mut self, record: &LogRecord) -> Result<()> {
         let line = serde_json::to_string(record)? + "\n";
         self.file.write_all(line.as_bytes()).with_context(|| format!("{}: cannot write", self.path.display()))
     }
 
     /// Waits until all lines are on disk: before a checkpoint, not at every line, as a disk may take as long as some steps.
-    pub(crate) fn sync(&mut self) -> Result<()> {
+    pub fn sync(&mut self) -> Result<()> {
         self.file.sync_data().with_context(|| format!("{}: cannot write", self.path.display()))
     }
 }
 
 /// The lines of a log; lines that are not records, as a killed process may leave one, are passed over. No file: none.
-pub(crate) fn read(path: &Path) -> Result<Vec<LogRecord>> {
+pub fn read(path: &Path) -> Result<Vec<LogRecord>> {
     let content = match std::fs::read(path) {
         Ok(content) => content,
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),

@@ -2,16 +2,19 @@
 
 use std::path::Path;
 
-use anyhow::{Context, Result};
+use crate::Result;
+use crate::error::Context;
 use luxel_core::metrics::LuminanceProfile;
 use luxel_core::{Dataset, Image, PixelValues, View};
 use luxel_train::SplitMetrics;
 
-use crate::config::RunConfig;
-use crate::evaluation::{Metrics, unique_stems};
+use super::RunConfig;
+use super::RunFolder;
+use super::evaluation::{Metrics, unique_stems};
+use super::log;
+use crate::dataset::bad_pixel_lines;
 use crate::report::{self, CurveSample, ReportInput, ReportSplit, ReportView};
-use crate::run_folder::RunFolder;
-use crate::{data, run_log, text};
+use crate::{files, text};
 
 /// Decoded images held for the page, bytes: the page shows them small, so that no more than a machine's spare memory is worth it.
 const IMAGES_LIMIT_BYTES: usize = 512 << 20;
@@ -20,7 +23,7 @@ const IMAGES_LIMIT_BYTES: usize = 512 << 20;
 const CREDITS_LIMIT_BYTES: u64 = 16 << 10;
 
 /// Writes the report about `metrics` and the images that lie in `images`.
-pub(crate) fn write(folder: &RunFolder, config: &RunConfig, dataset: &Dataset, (metrics, images): (&Metrics, &Path)) -> Result<()> {
+pub fn write(folder: &RunFolder, config: &RunConfig, dataset: &Dataset, (metrics, images): (&Metrics, &Path)) -> Result<()> {
     let input = ReportInput {
         title: title(config, folder),
         subtitle: format!(
@@ -30,7 +33,7 @@ pub(crate) fn write(folder: &RunFolder, config: &RunConfig, dataset: &Dataset, (
             text::plural(metrics.splats, "splat")
         ),
         facts: facts(metrics, dataset),
-        warnings: dataset.warnings.iter().cloned().chain(data::bad_pixel_lines(dataset)).collect(),
+        warnings: dataset.warnings.iter().cloned().chain(bad_pixel_lines(dataset)).collect(),
         splits: splits(metrics),
         curve: curve(folder)?,
         views: views(images, dataset, metrics)?,
@@ -48,8 +51,8 @@ fn title(config: &RunConfig, folder: &RunFolder) -> String {
     let path = config.dataset_path(folder.root());
     let name = |path: &Path| path.file_name().map(|name| name.to_string_lossy().into_owned());
     match config.made_by {
-        crate::config::MadeBy::Demo => "Desk lamp".into(),
-        crate::config::MadeBy::Train => name(&path).unwrap_or_else(|| path.display().to_string()),
+        super::MadeBy::Demo => "Desk lamp".into(),
+        super::MadeBy::Train => name(&path).unwrap_or_else(|| path.display().to_string()),
     }
 }
 
@@ -83,7 +86,7 @@ fn splits(metrics: &Metrics) -> Vec<ReportSplit> {
 }
 
 fn curve(folder: &RunFolder) -> Result<Vec<CurveSample>> {
-    let sample = |record: run_log::LogRecord| CurveSample {
+    let sample = |record: log::LogRecord| CurveSample {
         iteration: record.iteration,
         loss: record.loss,
         l1: record.l1,
@@ -93,7 +96,7 @@ fn curve(folder: &RunFolder) -> Result<Vec<CurveSample>> {
         psnr_train: record.psnr_train,
         psnr_test: record.psnr_test,
     };
-    Ok(run_log::read(&folder.log())?.into_iter().map(sample).collect())
+    Ok(log::read(&folder.log())?.into_iter().map(sample).collect())
 }
 
 /// Renders of test views beside their images, evenly chosen if they are too many for memory.
@@ -123,6 +126,6 @@ fn views(images: &Path, dataset: &Dataset, metrics: &Metrics) -> Result<Vec<Repo
 /// The licence text that lies in a data set, if there is one.
 fn credits(dataset: &Path) -> Vec<String> {
     let names = ["LICENSES.txt", "LICENSE.txt", "LICENSE"];
-    let text = names.iter().find_map(|name| crate::files::read_text(&dataset.join(name), CREDITS_LIMIT_BYTES).ok());
+    let text = names.iter().find_map(|name| files::read_text(&dataset.join(name), CREDITS_LIMIT_BYTES).ok());
     text.map_or_else(Vec::new, |text| text.lines().map(str::trim).filter(|line| !line.is_empty()).map(Into::into).collect())
 }

@@ -6,25 +6,26 @@
 
 use std::collections::BTreeMap;
 
-use anyhow::{Context, Result, anyhow};
+use crate::error::Context;
+use crate::{Error, Result};
 use luxel_core::metrics::{FieldOptions, FlipChoice};
 use luxel_core::{Dataset, StepReport};
 use luxel_io::IoErrorKind;
 use luxel_train::{GainFit, Trainer};
-use serde_json::json;
 
-use crate::captures::Captures;
-use crate::clock::Clock;
-use crate::config::RunConfig;
-use crate::console::Console;
-use crate::evaluation::{self, Metrics, Rendering};
-use crate::run_folder::RunFolder;
-use crate::run_log::{LOG_EVERY, LogRecord, RunLog};
-use crate::{files, interrupt, memory, reporting, run_state};
+use super::Captures;
+use super::RunConfig;
+use super::RunFolder;
+use super::clock::Clock;
+use super::evaluation::{Metrics, Rendering};
+use super::log::{LOG_EVERY, LogRecord, RunLog};
+use super::{report, state};
+use crate::Observer;
+use crate::{Event, StopFlag, files, memory};
 
 /// How training ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Outcome {
+pub enum Outcome {
     /// All steps are made.
     Finished,
     /// The user asked to stop; the state is saved.
@@ -32,21 +33,23 @@ pub(crate) enum Outcome {
 }
 
 /// A run in progress.
-pub(crate) struct Session<'a> {
+pub struct Session<'a> {
     /// What is trained on.
-    pub(crate) dataset: &'a Dataset,
+    pub dataset: &'a Dataset,
     /// Where it goes.
-    pub(crate) folder: &'a RunFolder,
+    pub folder: &'a RunFolder,
     /// How.
-    pub(crate) config: &'a RunConfig,
+    pub config: &'a RunConfig,
     /// Threads in use.
-    pub(crate) threads: usize,
+    pub threads: usize,
     /// Where the engine runs.
-    pub(crate) computed_by: String,
+    pub computed_by: String,
     /// Who is told.
-    pub(crate) console: &'a mut Console,
+    pub observer: &'a dyn Observer,
+    /// Asks the run to save its state and end.
+    pub stop: &'a StopFlag,
     /// The method.
-    pub(crate) trainer: Trainer,
+    pub trainer: Trainer,
 }
 
 /// What the loop carries besides the trainer.
@@ -72,7 +75,7 @@ struct SinceLine {
 
 impl Session<'_> {
     /// Trains to the end, or until the user interrupts.
-    pub(crate) fn run(mut self) -> Result<(Outcome, Trainer)> {
+    pub fn run(mut self) -> Result<(Outcome, Trainer)> {
         let start = self.trainer.iteration();
         let (log, last) = RunLog::open(&self.folder.log(), start)?;
         let mut state = Loop {
@@ -83,11 +86,11 @@ impl Session<'_> {
             psnr_test: last.and_then(|record| record.psnr_test),
             since_line: SinceLine::default(),
         };
-        let guard = interrupt::SaveOnInterrupt::begin();
-        self.console.begin_steps(start, self.config.train.iterations);
+        let listening = self.stop.listen();
+        self.observer.event(Event::StepsBegin { done: start, total: self.config.train.iterations });
         let outcome = self.train(&mut state);
-        self.console.end_steps();
-        drop(guard);
+        self.observer.event(Event::StepsEnd);
+        drop(listening);
         Ok((outcome?, self.trainer))
     }
 
@@ -106,9 +109,9 @@ impl Session<'_> {
         while !self.trainer.is_finished() {
             if self.trainer.downscale() != downscale {
                 downscale = self.trainer.downscale();
-                self.tell_resolution(downscale);
+                self.report_resolution(downscale);
             }
-            if interrupt::requested() {
+            if self.stop.is_requested() {
                 self.log(state)?;
                 self.save(state)?;
                 return Ok(Outcome::Interrupted);
@@ -117,7 +120,7 @@ impl Session<'_> {
             let report = self.trainer.step().with_context(|| format!("training step {}", self.trainer.iteration() + 1))?;
             state.since_line.add(&report, state.clock.seconds() - before);
             let iteration = self.trainer.iteration();
-            self.console.step(iteration);
+            self.observer.event(Event::Step { done: iteration });
 
             let (save, evaluate) = (self.checkpoint_is_due(), self.evaluation_is_due());
             if save || evaluate || iteration.is_multiple_of(LOG_EVERY) {
@@ -134,10 +137,10 @@ impl Session<'_> {
     }
 
     /// Losses before and after are not of the same images, and speeds not of the same work.
-    fn tell_resolution(&self, downscale: u32) {
+    fn report_resolution(&self, downscale: u32) {
         let (iteration, size) = (self.trainer.iteration(), self.dataset.train.first().map(|view| view.camera.size_px));
         let [width, height] = size.map_or([0; 2], |size| size.map(|side| side / downscale));
-        self.console.note(&format!("step {iteration}: training on {width}x{height} pixels from here on"));
+        self.observer.note(&format!("step {iteration}: training on {width}x{height} pixels from here on"));
     }
 
     fn checkpoint_is_due(&self) -> bool {
@@ -177,7 +180,7 @@ impl Session<'_> {
             rss_bytes: memory::resident_bytes(),
             peak_rss_bytes: state.peak_rss(),
         };
-        self.console.progress(&record, self.config.train.iterations);
+        self.observer.event(Event::Progress { record: record.clone(), total: self.config.train.iterations });
         let appended = state.log.append(&record);
         self.report_log(appended, state);
         Ok(())
@@ -188,7 +191,7 @@ impl Session<'_> {
         if let Err(error) = result
             && !std::mem::replace(&mut state.log_failed, true)
         {
-            self.console.warn(&format!("{error:#}; training goes on without the log"));
+            self.observer.warn(&format!("{error:#}; training goes on without the log"));
         }
     }
 
@@ -215,12 +218,12 @@ impl Session<'_> {
             written = luxel_io::write_checkpoint(&path, &snapshot);
         }
         if let Err(error) = written {
-            let newest = run_state::newest_checkpoint(self.folder);
+            let newest = state::newest_checkpoint(self.folder);
             let kept = match newest {
                 Some(path) => format!("the last good checkpoint is {}", path.display()),
                 None => "there is no earlier checkpoint".into(),
             };
-            return Err(anyhow!(error).context(format!("cannot save the state of step {iteration}; {kept}")));
+            return Err(Error::from(error).context(format!("cannot save the state of step {iteration}; {kept}")));
         }
         luxel_io::prune_checkpoints(folder, keep)?;
         Ok(())
@@ -255,7 +258,7 @@ impl Session<'_> {
             }
         }
         let metrics = Metrics {
-            method: evaluation::method_name(self.config),
+            method: self.config.method_name(),
             iterations: iteration,
             splats: self.trainer.splats_len(),
             train_seconds,
@@ -265,21 +268,21 @@ impl Session<'_> {
             seed: self.config.train.seed,
             threads: self.threads,
             computed_by: self.computed_by.clone(),
-            luxel_version: env!("CARGO_PKG_VERSION").into(),
+            luxel_version: crate::VERSION.into(),
             dataset: self.config.dataset_path(self.folder.root()).display().to_string(),
             splits,
         };
         files::write_json(&self.folder.metrics(), &metrics)?;
         if finished {
-            reporting::write(self.folder, self.config, self.dataset, (&metrics, &images))?;
+            report::write(self.folder, self.config, self.dataset, (&metrics, &images))?;
         }
         let psnr = metrics.splits.get("test").map(|split| split.mean.psnr_scene);
         // Last: it says that the evaluation is complete.
         files::write_json(&images.join("metrics.json"), &metrics)?;
         for (name, split) in &metrics.splits {
-            let text = format!("step {iteration}: {name} {}", evaluation::mean_line(split));
-            let event = json!({ "event": "evaluation", "iteration": iteration, "split": name, "mean": split.mean });
-            self.console.event(&event, &text);
+            let mean = split.mean;
+            let (split, views) = (name.clone(), split.views.len());
+            self.observer.event(Event::Evaluation { step: iteration, split, mean, views });
         }
         Ok(psnr)
     }

@@ -2,21 +2,22 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail};
+use crate::Result;
+use crate::error::{Context, bail};
 use luxel_core::{Knots, Scene, Snapshot};
+use luxel_io::Supervision;
 
-use crate::captures::Captures;
-use crate::config::RunConfig;
-use crate::console::Console;
-use crate::run_folder::RunFolder;
-use crate::values::SupervisionArg;
+use super::Captures;
+use super::RunConfig;
+use super::RunFolder;
+use crate::Observer;
 
 /// The newest checkpoint that can be read, to continue from; `None` if the run ended before its first. Damaged newer ones are reported
 /// and set aside under another name: they must not count as the newest when old ones are deleted.
-pub(crate) fn take_checkpoint(folder: &RunFolder, console: &Console) -> Result<Option<(PathBuf, Snapshot)>> {
+pub fn take_checkpoint(folder: &RunFolder, observer: &dyn Observer) -> Result<Option<(PathBuf, Snapshot)>> {
     let latest = luxel_io::latest_checkpoint(folder.root())?;
     for error in &latest.damaged {
-        console.warn(&format!("passing over a damaged checkpoint: {error}"));
+        observer.warn(&format!("passing over a damaged checkpoint: {error}"));
     }
     let Some((file, snapshot)) = latest.newest else {
         match latest.damaged.len() {
@@ -33,12 +34,12 @@ pub(crate) fn take_checkpoint(folder: &RunFolder, console: &Console) -> Result<O
 }
 
 /// The newest checkpoint's path, for messages.
-pub(crate) fn newest_checkpoint(folder: &RunFolder) -> Option<PathBuf> {
+pub fn newest_checkpoint(folder: &RunFolder) -> Option<PathBuf> {
     luxel_io::list_checkpoints(folder.root()).ok()?.into_iter().next().map(|file| file.path)
 }
 
 /// A run's newest scene that can be read, with its step: from `point_cloud/`, or from a newer checkpoint.
-pub(crate) fn newest_scene(folder: &RunFolder, console: &Console) -> Result<(u32, Scene)> {
+pub fn newest_scene(folder: &RunFolder, observer: &dyn Observer) -> Result<(u32, Scene)> {
     enum Source {
         Scene(PathBuf),
         Checkpoint(PathBuf),
@@ -55,7 +56,7 @@ pub(crate) fn newest_scene(folder: &RunFolder, console: &Console) -> Result<(u32
         };
         match scene {
             Ok(scene) => return Ok((u32::try_from(iteration)?, scene)),
-            Err(error) => console.warn(&format!("passing over a damaged file: {error}")),
+            Err(error) => observer.warn(&format!("passing over a damaged file: {error}")),
         }
     }
     bail!("{0}: the run has no readable scene yet; go on with luxel train --resume -o {0}", folder.root().display())
@@ -63,8 +64,8 @@ pub(crate) fn newest_scene(folder: &RunFolder, console: &Console) -> Result<(u32
 
 /// The response of the camera that goes with a run's scene of `iteration` steps: what an evaluation wrote of that step, or its checkpoint, which an
 /// interrupted run alone has. `None` of a run on radiance.
-pub(crate) fn response(folder: &RunFolder, config: &RunConfig, iteration: u32) -> Result<Option<Knots>> {
-    if config.load.supervision != SupervisionArg::Ldr {
+pub fn response(folder: &RunFolder, config: &RunConfig, iteration: u32) -> Result<Option<Knots>> {
+    if config.load.supervision != Supervision::Ldr {
         return Ok(None);
     }
     if let Some(response) = Captures::read(folder)?.response_at(iteration) {
@@ -82,6 +83,6 @@ pub(crate) fn response(folder: &RunFolder, config: &RunConfig, iteration: u32) -
 }
 
 /// A scene file.
-pub(crate) fn read_scene(path: &Path) -> Result<Scene> {
+pub fn read_scene(path: &Path) -> Result<Scene> {
     luxel_io::read_scene(path).context("cannot read the scene")
 }

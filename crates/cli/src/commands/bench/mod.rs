@@ -8,8 +8,10 @@ use anyhow::Result;
 use clap::ValueEnum;
 use luxel::SelectedEngine;
 
-use crate::cli::BenchArgs;
-use crate::{console, engine, memory};
+use crate::args::BenchArgs;
+use crate::inputs::engine;
+use crate::output::console;
+use luxel::memory;
 use measure::{Protocol, measure};
 use report::{Report, Spread};
 use workload::Workload;
@@ -47,7 +49,7 @@ pub(crate) fn run(args: &BenchArgs) -> Result<()> {
         passes_ms: measured.passes_ms.iter().map(|(pass, ms)| (*pass, Spread::of(ms).median)).collect(),
         peak_rss_bytes: memory::peak_resident_bytes(),
         first_loss: measured.first.loss,
-        luxel_version: env!("CARGO_PKG_VERSION"),
+        luxel_version: luxel::VERSION,
     };
     console::print(&if args.json { report.json()? } else { report.table() })
 }

@@ -3,8 +3,8 @@
 use luxel_core::{Evaluations, Pass};
 use serde::{Serialize, Serializer};
 
-use crate::text;
-use crate::values::OrderArg;
+use crate::args::values::OrderArg;
+use luxel::text;
 
 /// The result of a measurement; field names are those of the JSON.
 #[derive(Debug, Serialize)]
@@ -84,7 +84,7 @@ impl Report {
         }
     }
 
-    /// Facts, then times.
+    /// Tree, then times.
     pub(super) fn table(&self) -> String {
         let order = match self.order {
             OrderArg::Spatial => "spatial (Z-order, as training keeps it)",

@@ -11,9 +11,9 @@ use luxel_core::{
 use luxel_io::ReadOptions;
 use luxel_train::{Method, TrainConfig};
 
-use crate::cli::BenchArgs;
-use crate::values::OrderArg;
-use crate::{files, run_state};
+use crate::args::BenchArgs;
+use crate::args::values::OrderArg;
+use luxel::files;
 
 /// Size of the room's image where none is asked for.
 const DEFAULT_SIZE_PX: [u32; 2] = [400, 400];
@@ -21,7 +21,7 @@ const DEFAULT_SIZE_PX: [u32; 2] = [400, 400];
 /// Near plane of both presets, so that they see the same splats: that of [`Cutoffs::HDR`].
 const NEAR: f32 = Cutoffs::HDR.near;
 
-/// Facts about what was loaded into the engine, and how to look at it.
+/// Tree about what was loaded into the engine, and how to look at it.
 pub(super) struct Workload {
     /// The file or the room.
     pub(super) name: String,
@@ -83,7 +83,7 @@ fn camera(args: &BenchArgs) -> Result<Camera> {
 fn source(args: &BenchArgs) -> Result<Source> {
     match (&args.workload, args.generate) {
         (Some(path), _) => {
-            let scene = run_state::read_scene(path)?;
+            let scene = luxel::Scene::open(path)?.into_core();
             if scene.splats.is_empty() {
                 bail!("{}: no splats, expected a scene with some to measure on", path.display());
             }

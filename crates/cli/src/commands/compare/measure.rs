@@ -11,9 +11,9 @@ use luxel_train::Lpips;
 use serde::Serialize;
 
 use super::pairs::{Pair, Pairs};
-use crate::cli::CompareArgs;
-use crate::colormap::magma;
-use crate::evaluation;
+use crate::args::CompareArgs;
+use luxel::colormap::magma;
+use luxel::run::evaluation;
 
 /// Part of the references' pixels that are darker than what the display shows as its peak, unless a scale is given.
 const SCALE_PERCENTILE: f64 = 0.999;

@@ -7,9 +7,9 @@ mod report;
 use anyhow::{Context, Result, bail};
 use rayon::prelude::*;
 
-use crate::cli::CompareArgs;
-use crate::console::{self, Console, LogFormat};
-use crate::files;
+use crate::args::CompareArgs;
+use crate::output::console::{self, Console, LogFormat};
+use luxel::files;
 use measure::{Compared, Settings};
 use pairs::{Pairs, Sources};
 

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 
-use crate::cli::CompareArgs;
-use crate::text;
+use crate::args::CompareArgs;
+use luxel::text;
 
 /// Names of image files end in one of these.
 const EXTENSIONS: [&str; 9] = ["exr", "hdr", "pic", "tif", "tiff", "png", "jpg", "jpeg", "npy"];

@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::measure::{Compared, Settings};
 use super::pairs::{Pairs, Sources};
-use crate::text;
+use luxel::text;
 
 /// The result of the command; as JSON, its schema.
 #[derive(Debug, Serialize)]

@@ -15,14 +15,16 @@ use luxel_core::tone::Tonemap;
 use luxel_core::{Dataset, Edit, Engine, Image, Map, MapChain, RenderOptions, Scene, Selection, View};
 use luxel_io::{ExrOptions, ExrSample};
 
-use crate::cli::EditArgs;
-use crate::colormap::magma;
-use crate::console::Console;
-use crate::evaluation::unique_stems;
-use crate::facts::Facts;
-use crate::preview::{self, Look};
-use crate::scene_source::{DataRequest, SceneSource};
-use crate::{engine, files, text};
+use crate::args::EditArgs;
+use crate::inputs::engine;
+use crate::inputs::scene_source::{DataRequest, SceneSource};
+use crate::output::console::Console;
+use crate::output::tree::Tree;
+use luxel::colormap::magma;
+use luxel::files;
+use luxel::preview::{self, Look};
+use luxel::run::evaluation::unique_stems;
+use luxel::text;
 
 /// Chromaticity error of the brightest colour in its pictures.
 const FULL_SCALE: f64 = 0.2;
@@ -63,7 +65,7 @@ pub(super) fn run(args: &EditArgs, other: &Path, request: DataRequest<'_>, conso
     let stems = unique_stems(views.iter().map(|view| view.name.as_str()));
     let trial = Trial { edits: &edits, views, stems: &stems, folder };
     let mut engines = Engines { before: engine::engine(&args.device)?.engine, after: engine::engine(&args.device)?.engine };
-    let mut facts = Facts::default();
+    let mut facts = Tree::default();
     facts.set("edits", edits.iter().map(ToString::to_string).collect::<Vec<_>>()).set("views", views.len());
     facts.set("error_picture_full_scale", FULL_SCALE);
     let mut rows = Vec::new();
@@ -166,7 +168,7 @@ impl Trial<'_> {
         luxel_io::write_exr(&path("exr"), image, &options).context("cannot write an image")?;
         let mut normalized = image.clone();
         normalized.scale(1.0 / candidate.scene.radiance_scale);
-        preview::write(&path("png"), &normalized, color_space, Look { tonemap: Tonemap::Mulaw, exposure_ev: 0.0 })
+        Ok(preview::write(&path("png"), &normalized, color_space, Look { tonemap: Tonemap::Mulaw, exposure_ev: 0.0 })?)
     }
 }
 
@@ -178,8 +180,8 @@ fn render(scene: &Scene, view: &View, engine: &mut dyn Engine) -> Result<Image> 
     Ok(image)
 }
 
-fn facts_of(figures: &Fidelity) -> Facts {
-    let mut facts = Facts::default();
+fn facts_of(figures: &Fidelity) -> Tree {
+    let mut facts = Tree::default();
     facts.set("chromaticity_error", figures.chromaticity).set("chromaticity_error_p95", figures.chromaticity_p95);
     facts.set("chromaticity_error_by_light", figures.chromaticity_by_light);
     facts.set("luminance_error_stops", figures.luminance_stops).set("pixels", figures.pixels);

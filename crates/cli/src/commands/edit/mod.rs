@@ -6,20 +6,24 @@ mod overlay;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
+use luxel::run::ExplicitArgs;
 use luxel_core::Scene;
 use luxel_core::edit::{Applied, MaskName, MaskShares, SelectionSummary};
 
-use crate::cli::{EditArgs, LoadArgs};
+use crate::args::{EditArgs, LoadArgs};
 use crate::commands::info::{PERCENTILES, quantiles};
-use crate::console::Console;
-use crate::facts::Facts;
-use crate::scene_source::{DataRequest, SceneSource};
-use crate::{editing, engine, files, text};
+use crate::editing;
+use crate::inputs::engine;
+use crate::inputs::scene_source::{DataRequest, SceneSource};
+use crate::output::console::Console;
+use crate::output::tree::Tree;
+use luxel::files;
+use luxel::text;
 
-/// `said` are the ids of the options on the command line.
-pub(crate) fn run(args: &EditArgs, said: &[String]) -> Result<()> {
+/// `explicit` names the options that were given.
+pub(crate) fn run(args: &EditArgs, explicit: &ExplicitArgs) -> Result<()> {
     let console = Console::new(args.console.log_format, args.console.quiet);
-    let request = DataRequest { data: args.data.as_deref(), load: &args.load, said };
+    let request = DataRequest { data: args.data.as_deref(), load: &args.load, explicit };
     let edits = &args.edits.0;
     if edits.is_empty() {
         bail!("nothing to do: give a map such as --stops 1 or --power 0.8 (luxel edit --help lists them)");
@@ -28,7 +32,7 @@ pub(crate) fn run(args: &EditArgs, said: &[String]) -> Result<()> {
     if let (Some(edit), false) = (idle, args.dry_run) {
         bail!("--where \"{}\" has no map behind it; add one, or --dry-run to see what it selects", edit.selection);
     }
-    check_data(args, said)?;
+    check_data(args, explicit)?;
     if let Some(other) = &args.against {
         return against::run(args, other, request, &console);
     }
@@ -57,7 +61,7 @@ pub(crate) fn run(args: &EditArgs, said: &[String]) -> Result<()> {
 }
 
 /// Refuses a data set, and options of reading one, where nothing looks at it.
-fn check_data(args: &EditArgs, said: &[String]) -> Result<()> {
+fn check_data(args: &EditArgs, explicit: &ExplicitArgs) -> Result<()> {
     let has_masks = args.edits.0.iter().any(|edit| !edit.selection.masks().is_empty());
     if has_masks || args.overlay.is_some() || args.against.is_some() {
         return Ok(());
@@ -66,7 +70,7 @@ fn check_data(args: &EditArgs, said: &[String]) -> Result<()> {
     if args.data.is_some() {
         bail!("--data is the data set that views are taken from, {why}");
     }
-    LoadArgs::refuse(said, &[], why)
+    LoadArgs::refuse(explicit, &[], why)
 }
 
 /// Where the scene goes; `None` for a dry run.
@@ -103,15 +107,15 @@ fn masks(args: &EditArgs, source: &SceneSource, request: DataRequest<'_>, consol
 }
 
 /// What each edit selects and does, in the units of the data set.
-fn report(scene: &Scene, done: &[(Applied, SelectionSummary)]) -> Facts {
-    let mut facts = Facts::default();
+fn report(scene: &Scene, done: &[(Applied, SelectionSummary)]) -> Tree {
+    let mut facts = Tree::default();
     facts.set("splats", scene.splats.len()).set("color_model", scene.splats.color_model.name());
-    let mut percentiles = Facts::default();
+    let mut percentiles = Tree::default();
     percentiles.set("at_percent", PERCENTILES.to_vec());
     percentiles.set_f32s("luminance", &quantiles((0..scene.splats.len()).map(|i| scene.luminance(i)).collect()));
     facts.group("percentiles", percentiles);
     for (i, (applied, summary)) in done.iter().enumerate() {
-        let mut group = Facts::default();
+        let mut group = Tree::default();
         group.set("edit", applied.edit.to_string());
         group.set("selected", summary.count).set("partly_selected", summary.partial);
         group.set("share_of_light", summary.light_share);

@@ -10,7 +10,7 @@ use luxel_core::tone::{MU, mu_law, rec709_of};
 use luxel_core::{Conversion, Dataset, Engine, Image, RenderOptions, Scene, metrics};
 use luxel_io::{Appearance, Baked};
 
-use crate::facts::Facts;
+use crate::output::tree::Tree;
 
 /// Sums over pixels and channels.
 #[derive(Default)]
@@ -22,7 +22,7 @@ struct Sums {
 }
 
 /// Renders both on black.
-pub(super) fn measure(scene: &Scene, baked: &Baked, dataset: &Dataset, engine: &mut dyn Engine) -> Result<Facts> {
+pub(super) fn measure(scene: &Scene, baked: &Baked, dataset: &Dataset, engine: &mut dyn Engine) -> Result<Tree> {
     let views = if dataset.test.is_empty() { &dataset.train } else { &dataset.test };
     let mut right = Vec::with_capacity(views.len());
     engine.load(&scene.splats, None).context("cannot load the scene")?;
@@ -52,7 +52,7 @@ pub(super) fn measure(scene: &Scene, baked: &Baked, dataset: &Dataset, engine: &
             sums.count += 1.0;
         }
     }
-    let mut facts = Facts::default();
+    let mut facts = Tree::default();
     facts.set("views", views.len());
     let psnr = metrics::psnr_of_mse(sums.squared / sums.count.max(1.0));
     match baked.appearance {

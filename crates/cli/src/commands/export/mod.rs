@@ -13,14 +13,17 @@ mod world;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
+use luxel::run::ExplicitArgs;
 use luxel_core::{Dataset, Engine, Scene};
 use luxel_io::{Appearance, BakeOptions, Baked};
 
-use crate::cli::{BakeArg, ExportArgs};
-use crate::console::Console;
-use crate::facts::Facts;
-use crate::scene_source::{DataRequest, SceneSource};
-use crate::{engine, files, text};
+use crate::args::{BakeArg, ExportArgs};
+use crate::inputs::engine;
+use crate::inputs::scene_source::{DataRequest, SceneSource};
+use crate::output::console::Console;
+use crate::output::tree::Tree;
+use luxel::files;
+use luxel::text;
 
 pub(crate) use world::{Target, file_from_world};
 
@@ -99,16 +102,16 @@ fn plan(args: &ExportArgs, scene: &Scene) -> Result<Plan> {
     Ok(Plan { format, options, is_exact: bake == BakeArg::Exact })
 }
 
-/// `said` are the ids of the options on the command line.
-pub(crate) fn run(args: &ExportArgs, said: &[String]) -> Result<()> {
+/// `explicit` names the options that were given.
+pub(crate) fn run(args: &ExportArgs, explicit: &ExplicitArgs) -> Result<()> {
     let console = Console::new(args.console.log_format, args.console.quiet);
     files::check_free(&args.output, args.overwrite)?;
-    if Format::of(&args.output)? != Format::Spz && said.iter().any(|id| id == "spz_version") {
+    if Format::of(&args.output)? != Format::Spz && explicit.contains("spz_version") {
         bail!("{}: --spz-version is of .spz files; leave it out, or write .spz", args.output.display());
     }
     let source = SceneSource::open(&args.scene, &console)?;
     let mut plan = plan(args, &source.scene)?;
-    let dataset = source.dataset(DataRequest { data: args.data.as_deref(), load: &args.load, said }, &console)?;
+    let dataset = source.dataset(DataRequest { data: args.data.as_deref(), load: &args.load, explicit }, &console)?;
     let mut engine = engine::engine(&args.device)?.engine;
     let mut scene = source.scene;
     let before = scene.splats.len();
@@ -138,7 +141,7 @@ fn finish(
     (mut scene, mut baked): (Scene, Baked),
     dataset: Option<&Dataset>,
     engine: &mut dyn Engine,
-) -> Result<Facts> {
+) -> Result<Tree> {
     let error = dataset.map(|dataset| error::measure(&scene, &baked, dataset, engine)).transpose()?;
     let similarity = file_from_world(args.up, plan.format.target(), dataset, args.scale)?;
     baked.transform(&similarity);
@@ -155,7 +158,7 @@ fn finish(
         Format::Spz => luxel_io::write_spz(path, &baked, args.spz_version.into()),
     };
     written.context("cannot write the scene")?;
-    let mut facts = Facts::default();
+    let mut facts = Tree::default();
     facts.set("file", path.display().to_string()).set("splats", scene.splats.len());
     facts.set("file_bytes", std::fs::metadata(path).map_or(0, |m| m.len()));
     facts.set("bake", baked.description());

@@ -4,9 +4,9 @@ use anyhow::{Context, Result};
 use luxel_core::{Dataset, Engine, RenderOptions, Scene, sigmoid};
 use luxel_train::add_contribution;
 
-use crate::console::Console;
-use crate::text;
-use crate::values::Crop;
+use crate::args::values::Crop;
+use crate::output::console::Console;
+use luxel::text;
 
 /// Leaves the splats whose centre is in the box.
 pub(super) fn crop(scene: &mut Scene, bounds: Option<Crop>) {

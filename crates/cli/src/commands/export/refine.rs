@@ -19,8 +19,8 @@ use luxel_io::Baked;
 
 use super::error::wanted;
 use super::gain::{Gains, exposed};
-use crate::console::Console;
-use crate::text;
+use crate::output::console::Console;
+use luxel::text;
 
 /// Sum of the rates over all steps: 1 of display value is 3.5 of the constant term.
 const REACH: f32 = 10.0;

@@ -4,7 +4,7 @@ use anyhow::{Context, Result};
 use glam::{DMat3, DVec3};
 use luxel_core::{Dataset, Similarity};
 
-use crate::values::UpArg;
+use crate::args::values::UpArg;
 
 /// Which way is up in a format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -18,9 +18,9 @@ use serde_json::json;
 use super::develop::{Folders, proxy_name};
 use super::plan::PlannedCamera;
 use super::state::ViewRecord;
-use crate::cli::{CameraModelArg, MatchingArg};
-use crate::console::Console;
-use crate::files::write_text;
+use crate::args::{CameraModelArg, MatchingArg};
+use crate::output::console::Console;
+use luxel::files::write_text;
 
 /// Views up to which each is matched with each.
 const EXHAUSTIVE_VIEWS: usize = 200;

@@ -18,8 +18,8 @@ use serde_json::json;
 
 use super::develop::{Folders, exr_options, proxy_name};
 use super::state::ViewRecord;
-use crate::console::Console;
-use crate::files::{remove_if_there, write_bytes};
+use crate::output::console::Console;
+use luxel::files::{remove_if_there, write_bytes};
 
 /// What structure from motion came to.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

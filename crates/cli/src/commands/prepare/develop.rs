@@ -22,8 +22,8 @@ use super::pixels::{Tables, developed_frame, raw_frame};
 use super::plan::{Plan, PlannedView};
 use super::scan::{LeftOut, PhotoFile};
 use super::state::{State, ViewRecord, key};
-use crate::files::{remove_if_there, write_bytes};
-use crate::run_folder::LOCK;
+use luxel::files::{remove_if_there, write_bytes};
+use luxel::run::LOCK;
 
 /// COLMAP reduces larger pictures itself.
 const PROXY_SIDE_PX: usize = 3200;

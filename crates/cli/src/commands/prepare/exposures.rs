@@ -6,8 +6,8 @@ use anyhow::{Result, anyhow, bail};
 use luxel_capture::{Exposure, parse_exposure_list};
 
 use super::scan::PhotoFile;
-use crate::files::read_text;
-use crate::text::plural;
+use luxel::files::read_text;
+use luxel::text::plural;
 
 /// A list of a million photographs.
 const MAX_BYTES: u64 = 64 << 20;

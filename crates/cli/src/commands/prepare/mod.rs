@@ -31,11 +31,11 @@ use self::develop::{Developer, Folders};
 use self::plan::Plan;
 use self::report::PrepareReport;
 use self::state::{State, ViewRecord, key};
-use crate::cli::{PrepareArgs, SfmArg};
-use crate::console::Console;
-use crate::files::write_text;
-use crate::run_folder::RunFolder;
-use crate::text::plural;
+use crate::args::{PrepareArgs, SfmArg};
+use crate::output::console::Console;
+use luxel::files::write_text;
+use luxel::run::RunFolder;
+use luxel::text::plural;
 
 /// Changes when pixels are made differently, so that views of an older version are made anew.
 const PIXELS_VERSION: &str = "2";
@@ -118,7 +118,7 @@ pub(crate) fn run(args: &PrepareArgs) -> Result<()> {
     let (registration, how) = motion.run(installed.as_ref(), &records, &mut state, &mut console)?;
     let is_whole = registration.is_some();
     let report = PrepareReport {
-        luxel: env!("CARGO_PKG_VERSION"),
+        luxel: luxel::VERSION,
         photos: args.photos.display().to_string(),
         photographs,
         color_space: space.name(),
@@ -138,7 +138,7 @@ pub(crate) fn run(args: &PrepareArgs) -> Result<()> {
         left_out: scan.left_out,
         registration,
         views: records,
-        peak_memory_bytes: crate::memory::peak_resident_bytes(),
+        peak_memory_bytes: luxel::memory::peak_resident_bytes(),
         seconds: started.elapsed().as_secs_f64(),
     };
     report::write(&folders, &report)?;

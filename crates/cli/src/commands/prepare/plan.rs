@@ -12,8 +12,8 @@ use luxel_core::{Chromaticities, ColorSpace};
 use luxel_io::{PhotoKind, RawInfo};
 
 use super::scan::{PhotoFile, Scan};
-use crate::cli::{PrepareArgs, ResponseArg, WhiteBalanceArg};
-use crate::text::plural;
+use crate::args::{PrepareArgs, ResponseArg, WhiteBalanceArg};
+use luxel::text::plural;
 
 /// A view to be made.
 #[derive(Clone, Debug)]

@@ -9,9 +9,9 @@ use super::dataset::Registration;
 use super::develop::Folders;
 use super::scan::LeftOut;
 use super::state::ViewRecord;
-use crate::files::{write_json, write_text};
-use crate::report::html::{document, escape};
-use crate::text;
+use luxel::files::{write_json, write_text};
+use luxel::report::html::{document, escape};
+use luxel::text;
 
 /// Everything that is told.
 #[derive(Clone, Debug, Serialize)]

@@ -11,8 +11,8 @@ use rayon::prelude::*;
 use super::pixels::{Tables, developed_frame, thinned};
 use super::plan::Plan;
 use super::scan::PhotoFile;
-use crate::cli::ResponseArg;
-use crate::text::plural;
+use crate::args::ResponseArg;
+use luxel::text::plural;
 
 /// Views that a curve is recovered from, spread over the set.
 const VIEWS: usize = 6;

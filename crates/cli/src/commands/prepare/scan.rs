@@ -12,7 +12,7 @@ use luxel_io::{PhotoInfo, PhotoKind, is_photo_name, photo_info};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::text::plural;
+use luxel::text::plural;
 
 /// A photograph by its headers.
 #[derive(Clone, Debug)]

@@ -11,7 +11,7 @@ use luxel_capture::Figures;
 use serde::{Deserialize, Serialize};
 
 use super::scan::LeftOut;
-use crate::files::{read_text, write_json};
+use luxel::files::{read_text, write_json};
 
 /// State files of a hundred thousand views.
 const MAX_BYTES: u64 = 1 << 30;

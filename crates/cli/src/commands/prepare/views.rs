@@ -13,7 +13,7 @@ use super::develop::{Developer, is_refused};
 use super::plan::PlannedView;
 use super::scan::LeftOut;
 use super::state::{State, ViewRecord};
-use crate::console::Console;
+use crate::output::console::Console;
 
 /// Makes all views that are not there yet. What the system refuses ends it, and is no reason to leave a view out.
 pub(super) fn develop_all(

@@ -16,9 +16,9 @@ use luxel_core::{ColorSpace, Conversion, Image};
 use luxel_io::ReadOptions;
 use rayon::prelude::*;
 
-use crate::cli::RenderArgs;
-use crate::console::Console;
-use crate::text;
+use crate::args::RenderArgs;
+use crate::output::console::Console;
+use luxel::text;
 
 /// Luminance of reference white, cd/m2.
 const WHITE_NITS: f32 = 203.0;

@@ -14,10 +14,10 @@ use luxel_core::{ColorSpace, Image, luminance_rec709};
 
 use super::matrix::Matrix;
 use super::results::CellResult;
-use crate::evaluation::unique_stems;
-use crate::report::html::escape;
-use crate::report::picture::{self, Display, Exposures, img, radiance, signed};
-use crate::run_folder::RunFolder;
+use luxel::report::html::escape;
+use luxel::report::picture::{self, Display, Exposures, img, radiance, signed};
+use luxel::run::RunFolder;
+use luxel::run::evaluation::unique_stems;
 
 /// Views of each data set.
 const VIEWS: usize = 2;

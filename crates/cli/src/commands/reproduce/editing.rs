@@ -14,11 +14,13 @@ use luxel_core::{ColorModel, ColorSpace, Edit, Engine, Image, Map, RenderOptions
 
 use super::matrix::{Cell, Matrix};
 use super::paper;
-use crate::cli::DeviceArgs;
-use crate::console::Console;
-use crate::report::html::escape;
-use crate::report::picture::{self, Display, figure, radiance};
-use crate::{data, engine, run_state, text};
+use crate::args::DeviceArgs;
+use crate::inputs::engine;
+use crate::output::console::Console;
+use luxel::report::html::escape;
+use luxel::report::picture::{self, Display, figure, radiance};
+use luxel::run::state;
+use luxel::text;
 
 /// The paper's L^1.2.
 pub(super) const EXPONENT: f32 = 1.2;
@@ -68,8 +70,7 @@ pub(super) fn edit(matrix: &Matrix, finished: &[usize], device: &DeviceArgs, con
     for source in 0..matrix.sources.len() {
         let candidates = candidates(matrix, finished, source, console)?;
         let (Some(first), Some(last)) = (candidates.first(), candidates.last()) else { continue };
-        let dataset = luxel_io::load_dataset(&first.cell.config.dataset, &data::options(&first.cell.config.load))
-            .context("cannot read the data set")?;
+        let dataset = luxel_io::load_dataset(&first.cell.config.dataset, &first.cell.config.load).context("cannot read the data set")?;
         if dataset.test.is_empty() {
             continue;
         }
@@ -97,7 +98,7 @@ fn candidates<'a>(matrix: &'a Matrix, finished: &[usize], source: usize, console
     let candidate = |separates: bool| {
         let ways: &[_] =
             if separates { &[("", ShMap::Luminance)] } else { &[("by luminance", ShMap::Luminance), ("by channels", ShMap::Channels)] };
-        let read = |cell: &'a Cell| Ok(Candidate { cell, scene: run_state::newest_scene(&cell.folder, console)?.1, ways });
+        let read = |cell: &'a Cell| Ok(Candidate { cell, scene: state::newest_scene(&cell.folder, console)?.1, ways });
         chosen(separates).map(read)
     };
     [false, true].into_iter().filter_map(candidate).collect()

@@ -8,7 +8,7 @@ use super::method;
 use super::paper::{self, PaperTable};
 use super::results::CellResult;
 use super::table::{Entry, Mark, Stat, Table, printed};
-use crate::report::html::escape;
+use luxel::report::html::escape;
 
 /// A table of ours.
 pub(super) fn ours(matrix: &Matrix, table: &Table) -> String {

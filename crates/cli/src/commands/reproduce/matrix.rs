@@ -8,13 +8,16 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
+use luxel::run::ExplicitArgs;
 use luxel_core::ColorModel;
 use luxel_train::TrainConfig;
 
 use super::method::{self, with_method};
-use crate::cli::{DeviceArgs, ReproduceArgs, RunArgs};
-use crate::config::{MadeBy, RunConfig};
-use crate::run_folder::{Occupant, RunFolder};
+use crate::args::ReproduceArgs;
+use crate::args::run_config::difference_line;
+use luxel::DeviceOptions;
+use luxel::run::{MadeBy, RunConfig, RunOptions};
+use luxel::run::{Occupant, RunFolder};
 
 /// Folder of the cells within the output folder.
 const RUNS: &str = "runs";
@@ -76,7 +79,7 @@ pub(super) struct Matrix {
 
 impl Matrix {
     /// What the command line asks for, with the options that were `said`; touches nothing.
-    pub(super) fn plan(args: &ReproduceArgs, said: &[String]) -> Result<Self> {
+    pub(super) fn plan(args: &ReproduceArgs, explicit: &ExplicitArgs) -> Result<Self> {
         let root = std::path::absolute(&args.output).with_context(|| format!("{}: not a path", args.output.display()))?;
         let sources = sources(args)?;
         let (methods, seeds) = (args.methods.clone(), args.seeds.clone());
@@ -90,7 +93,7 @@ impl Matrix {
         let jobs = args.jobs as usize;
         let threads = args.device.threads.map_or_else(|| (cores / jobs).max(1), |threads| threads as usize);
         let mut matrix = Self { root, sources, methods, seeds, cells: Vec::new(), jobs, threads };
-        let common = args.train.clone().with_preset(|id| said.iter().any(|said| said == id));
+        let common = args.train.clone().with_preset(|id| explicit.contains(id));
         for seed in matrix.seeds.clone() {
             for (source, method) in
                 (0..matrix.sources.len()).flat_map(|source| (0..matrix.methods.len()).map(move |method| (source, method)))
@@ -108,12 +111,12 @@ impl Matrix {
         let place = Path::new(RUNS).join(&of.name).join(model.name()).join(format!("seed_{seed}"));
         train.validate().with_context(|| format!("method {}", model.name()))?;
         let config = RunConfig {
-            luxel_version: env!("CARGO_PKG_VERSION").into(),
+            luxel_version: luxel::VERSION.into(),
             made_by: MadeBy::Train,
             dataset: of.path.clone(),
-            load: args.load.clone(),
-            device: DeviceArgs { threads: Some(u32::try_from(self.threads)?), ..args.device.clone() },
-            run: RunArgs { checkpoint_every: args.checkpoint_every, keep_checkpoints: 1, eval_at: Vec::new(), eval_every: None },
+            load: args.load.options(),
+            device: DeviceOptions { threads: Some(u32::try_from(self.threads)?), ..args.device.options() },
+            run: RunOptions { checkpoint_every: args.checkpoint_every, keep_checkpoints: 1, eval_at: Vec::new(), eval_every: None },
             train,
         };
         Ok(Cell { source, method, seed, folder: RunFolder::at(&self.root.join(&place)), place, config })
@@ -154,14 +157,14 @@ impl Matrix {
 
     /// Marks the folder.
     pub(super) fn claim(&self) -> Result<()> {
-        Ok(crate::files::write_text(&self.root.join(MARK), &format!("{HEAD}{}", self.toml()?))?)
+        Ok(luxel::files::write_text(&self.root.join(MARK), &format!("{HEAD}{}", self.toml()?))?)
     }
 
     /// What was asked for, for people and for keeping.
     pub(super) fn toml(&self) -> Result<String> {
         let mut table = toml::Table::new();
         let strings = |values: Vec<String>| toml::Value::Array(values.into_iter().map(toml::Value::String).collect());
-        table.insert("luxel_version".into(), env!("CARGO_PKG_VERSION").into());
+        table.insert("luxel_version".into(), luxel::VERSION.into());
         table.insert("datasets".into(), strings(self.sources.iter().map(|source| source.path.display().to_string()).collect()));
         table.insert("methods".into(), strings(self.methods.iter().map(|method| method.name()).collect()));
         // As text: TOML's integers have a sign.
@@ -196,7 +199,8 @@ impl Cell {
             Occupant::Run(stored) => {
                 let differences = stored.differences(&self.config)?;
                 if !differences.is_empty() {
-                    unfit.push(format!("{place}: {}", differences.join("; ")));
+                    let lines: Vec<String> = differences.iter().map(difference_line).collect();
+                    unfit.push(format!("{place}: {}", lines.join("; ")));
                 }
                 let is_finished = self.folder.evaluated_iterations().contains(&self.config.train.iterations);
                 Ok(if is_finished { CellState::Finished } else { CellState::Open })

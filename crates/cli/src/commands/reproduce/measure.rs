@@ -17,10 +17,13 @@ use serde::{Deserialize, Serialize};
 
 use super::matrix::{Cell, Matrix};
 use super::training::Failure;
-use crate::cli::{DeviceArgs, ReproduceArgs};
-use crate::console::Console;
-use crate::evaluation::{self, Rendering};
-use crate::{data, engine, files, run_state};
+use crate::args::{DeviceArgs, ReproduceArgs};
+use crate::inputs::data;
+use crate::inputs::engine;
+use crate::output::console::Console;
+use luxel::files;
+use luxel::run::evaluation::{self, Rendering};
+use luxel::run::state;
 
 /// Time after which no further pass over the views is made.
 const ENOUGH: Duration = Duration::from_secs(3);
@@ -140,7 +143,7 @@ impl Wanted {
 
     fn measure(&self, cell: &Cell, dataset: &Dataset, engine: &mut dyn Engine, computed_by: &str, console: &Console) -> Result<Measured> {
         let iterations = cell.config.train.iterations;
-        let (found, scene) = run_state::newest_scene(&cell.folder, console)?;
+        let (found, scene) = state::newest_scene(&cell.folder, console)?;
         if found != iterations {
             bail!(
                 "{}: its newest readable scene is of step {found}, expected {iterations}; delete the folder to train it anew",
@@ -163,7 +166,7 @@ impl Wanted {
                 peak_luminance: FieldOptions::DEFAULT_PEAK_LUMINANCE,
                 flip: self.flip,
                 lpips: self.lpips.as_ref().map(|(lpips, _)| lpips),
-                response: run_state::response(&cell.folder, &cell.config, iterations)?,
+                response: state::response(&cell.folder, &cell.config, iterations)?,
                 // Test views have none.
                 log_gains: BTreeMap::new(),
             };

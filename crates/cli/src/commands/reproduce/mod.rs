@@ -28,26 +28,27 @@ mod training;
 mod worker;
 
 use anyhow::{Result, bail};
+use luxel::run::ExplicitArgs;
 use luxel_core::metrics::LuminanceProfile;
 use serde_json::json;
 
-use crate::cli::ReproduceArgs;
-use crate::console::Console;
-use crate::files;
-use crate::run_folder::RunFolder;
-use crate::session::Outcome;
+use crate::args::ReproduceArgs;
+use crate::output::console::Console;
 use editing::Edited;
+use luxel::files;
+use luxel::run::Outcome;
+use luxel::run::RunFolder;
 use matrix::{CellState, Matrix};
 use page::Content;
 use results::CellResult;
 use table::Table;
 use training::Failure;
 
-/// Trains what is open, measures, reports; `said` are the ids of the options on the command line.
-pub(crate) fn run(args: &ReproduceArgs, said: &[String]) -> Result<Outcome> {
+/// Trains what is open, measures, reports; `explicit` names the options that were given.
+pub(crate) fn run(args: &ReproduceArgs, explicit: &ExplicitArgs) -> Result<Outcome> {
     let mut console = Console::new(args.console.log_format, args.console.quiet);
-    let matrix = Matrix::plan(args, said)?;
-    // All that can be wrong with what was asked for is said before hours of training.
+    let matrix = Matrix::plan(args, explicit)?;
+    // All that can be wrong with what was asked for is explicit before hours of training.
     let wanted = measure::Wanted::of(args)?;
     matrix.check_root()?;
     let _lock = RunFolder::at(&matrix.root).lock()?;
@@ -137,7 +138,7 @@ fn tex(matrix: &Matrix, average: Option<&Table>, tables: &[Table], activations: 
          ground truth), selfmax (each image's own maximum). Best bold, second best underlined.",
         matrix.seeds.len()
     );
-    let mut out = format!("% Made by luxel reproduce {}. Needs \\usepackage{{booktabs}}.\n\n", env!("CARGO_PKG_VERSION"));
+    let mut out = format!("% Made by luxel reproduce {}. Needs \\usepackage{{booktabs}}.\n\n", luxel::VERSION);
     if let Some(table) = average {
         out += &latex::table(matrix, table, &format!("Mean of all data sets. {protocol}"), "mean-of-data-sets");
     }

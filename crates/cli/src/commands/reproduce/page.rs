@@ -11,9 +11,10 @@ use super::results::CellResult;
 use super::table::Table;
 use super::training::Failure;
 use super::{crops, html_table, paper};
-use crate::report::html::{document, escape};
-use crate::report::profile::{self, Profiled};
-use crate::{machine, text};
+use luxel::machine;
+use luxel::report::html::{document, escape};
+use luxel::report::profile::{self, Profiled};
+use luxel::text;
 
 /// Everything the page is made of.
 pub(super) struct Content<'a> {
@@ -174,7 +175,7 @@ fn epilogue(content: &Content<'_>) -> Result<String> {
     for (i, source) in matrix.sources.iter().enumerate() {
         facts.push((format!("data set {}", source.name), data_set(content, i)));
     }
-    facts.push(("luxel".into(), env!("CARGO_PKG_VERSION").into()));
+    facts.push(("luxel".into(), luxel::VERSION.into()));
     let rows = facts.iter().fold(String::new(), |out, (name, value)| {
         out + &format!("<tr><th scope=\"row\">{}</th><td class=\"wrap\">{}</td></tr>", escape(name), escape(value))
     });

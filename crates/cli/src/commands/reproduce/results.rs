@@ -8,8 +8,9 @@ use luxel_train::SplitMetrics;
 
 use super::matrix::{Cell, Matrix};
 use super::measure::{self, Measured};
-use crate::evaluation::Metrics;
-use crate::{files, run_log};
+use luxel::files;
+use luxel::run::evaluation::Metrics;
+use luxel::run::log;
 
 /// A metrics.json has a few kilobytes a view.
 const LIMIT_BYTES: u64 = 256 << 20;
@@ -35,7 +36,7 @@ impl CellResult {
         let path = cell.folder.evaluation(cell.config.train.iterations).join("metrics.json");
         let metrics: Metrics = serde_json::from_str(&files::read_text(&path, LIMIT_BYTES)?)
             .with_context(|| format!("{}: not the figures of a run", path.display()))?;
-        let log = run_log::read(&cell.folder.log())?;
+        let log = log::read(&cell.folder.log())?;
         let peak_bytes = log.last().and_then(|record| record.peak_rss_bytes).or(metrics.peak_rss_bytes);
         let (place, measured) = (cell.place.clone(), measure::read(cell));
         Ok(Self { source: cell.source, method: cell.method, seed: cell.seed, place, metrics, measured, peak_bytes })

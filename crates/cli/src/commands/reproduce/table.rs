@@ -2,7 +2,7 @@
 
 use super::columns::{Better, COLUMNS, Column, Shown};
 use super::results::CellResult;
-use crate::text;
+use luxel::text;
 
 /// Mean over seeds.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -11,10 +11,11 @@ use serde_json::json;
 
 use super::matrix::{Cell, CellState, Matrix};
 use super::worker::{Ended, Told, Worker};
-use crate::console::Console;
-use crate::run_log::LOG_EVERY;
-use crate::session::Outcome;
-use crate::{interrupt, text};
+use crate::interrupt;
+use crate::output::console::Console;
+use luxel::run::Outcome;
+use luxel::run::log::LOG_EVERY;
+use luxel::text;
 
 /// How soon an interruption is passed on.
 const PATIENCE: Duration = Duration::from_millis(50);
@@ -48,7 +49,7 @@ pub(super) fn train(matrix: &Matrix, states: &[CellState], console: &mut Console
         return Ok((Outcome::Finished, Vec::new()));
     }
     let program = std::env::current_exe().context("cannot find the program's own file, which trains the cells")?;
-    let guard = interrupt::SaveOnInterrupt::begin();
+    let guard = interrupt::stop().listen();
     let shared = Mutex::new(Shared { waiting: open.iter().rev().copied().collect(), inputs: Vec::new() });
     let (sender, receiver) = channel();
     let work = |sender: Sender<Message>| {
@@ -82,14 +83,14 @@ fn start(program: &std::path::Path, matrix: &Matrix, cell: usize, shared: &Mutex
     let mut shared = lock(shared);
     let (worker, input) = Worker::start(program, &matrix.cells[cell])?;
     // Where an interruption came first, the input ends at once.
-    if !interrupt::requested() {
+    if !interrupt::stop().is_requested() {
         shared.inputs.push((cell, input));
     }
     Ok(worker)
 }
 
 fn next(shared: &Mutex<Shared>) -> Option<usize> {
-    if interrupt::requested() { None } else { lock(shared).waiting.pop() }
+    if interrupt::stop().is_requested() { None } else { lock(shared).waiting.pop() }
 }
 
 /// What a thread left when it panicked is as good as any.
@@ -150,7 +151,7 @@ impl<'a> Progress<'a> {
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => return,
             }
-            if interrupt::requested() {
+            if interrupt::stop().is_requested() {
                 self.interrupted = true;
                 lock(shared).inputs.clear();
             }

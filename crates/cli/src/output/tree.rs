@@ -2,22 +2,22 @@
 
 use serde_json::{Map, Value};
 
-use crate::text;
+use luxel::text;
 
 /// An ordered tree of named values. Names are those of the JSON; text shows them with spaces for underscores. A name that ends in
 /// `_bytes` is shown as a file size.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Facts {
+pub(crate) struct Tree {
     entries: Vec<(String, Fact)>,
 }
 
 #[derive(Clone, Debug)]
 enum Fact {
     Value(Value),
-    Group(Facts),
+    Group(Tree),
 }
 
-impl Facts {
+impl Tree {
     /// Adds a value.
     pub(crate) fn set(&mut self, name: &str, value: impl Into<Value>) -> &mut Self {
         self.entries.push((name.to_owned(), Fact::Value(value.into())));
@@ -35,7 +35,7 @@ impl Facts {
     }
 
     /// Adds a group.
-    pub(crate) fn group(&mut self, name: &str, facts: Facts) -> &mut Self {
+    pub(crate) fn group(&mut self, name: &str, facts: Tree) -> &mut Self {
         self.entries.push((name.to_owned(), Fact::Group(facts)));
         self
     }
@@ -115,10 +115,10 @@ fn shown(name: &str, value: &Value) -> String {
 mod tests {
     use super::*;
 
-    fn facts() -> Facts {
-        let mut bounds = Facts::default();
+    fn facts() -> Tree {
+        let mut bounds = Tree::default();
         bounds.set_f32s("min", &[-1.0, 0.1, 2.5]);
-        let mut facts = Facts::default();
+        let mut facts = Tree::default();
         facts.set("kind", "scene").set("file_bytes", 2048).set("splats", 45210).set_f32("scale", 0.1).group("bounds", bounds);
         facts.set("warnings", vec!["odd"]);
         facts

@@ -7,7 +7,7 @@ use luxel_train::parse_rgb;
 
 use super::edit::parse_edits;
 use super::{ConsoleArgs, DeviceArgs, EditText, LoadArgs, ShMapArg};
-use crate::values::{ExrTypeArg, Frames, Shard, SpaceArg, SplitArg, TonemapArg, parse_finite, parse_frames, parse_shard};
+use crate::args::values::{ExrTypeArg, Frames, Shard, SpaceArg, SplitArg, TonemapArg, parse_finite, parse_frames, parse_shard};
 
 /// `luxel render`.
 #[derive(Debug, Args)]

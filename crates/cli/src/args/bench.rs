@@ -6,7 +6,7 @@ use clap::Args;
 use luxel_train::{CutoffPreset, Method};
 
 use super::DeviceArgs;
-use crate::values::{InstructionSetArg, OrderArg, TransferArg, parse_positive, parse_size};
+use crate::args::values::{InstructionSetArg, OrderArg, TransferArg, parse_positive, parse_size};
 
 /// What --save, which measures nothing, has no use for. --overwrite names it once more: clap does not insist on an option that another one excludes.
 const OF_MEASURING: [&str; 13] =

@@ -6,7 +6,7 @@ use clap::{Args, ValueEnum};
 use luxel_io::SpzVersion;
 
 use super::{ConsoleArgs, DeviceArgs, LoadArgs};
-use crate::values::{Crop, SpaceArg, TonemapArg, UpArg, parse_crop, parse_finite, parse_positive};
+use crate::args::values::{Crop, SpaceArg, TonemapArg, UpArg, parse_crop, parse_finite, parse_positive};
 
 /// `luxel export`.
 #[derive(Debug, Args)]

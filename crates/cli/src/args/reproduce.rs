@@ -3,12 +3,13 @@
 use std::path::PathBuf;
 
 use clap::{Arg, Args};
+use luxel::run::ExplicitArgs;
 use luxel_core::ColorModel;
 use luxel_train::{MAX_SEED, TrainConfig};
 
 use super::{ConsoleArgs, DeviceArgs, LoadArgs};
+use crate::args::values::MetricsArg;
 use crate::commands::reproduce::method::{self, parse_method};
-use crate::values::MetricsArg;
 
 /// `luxel reproduce`.
 #[derive(Debug, Args)]
@@ -94,8 +95,8 @@ fn with_its_defaults(preset: Arg) -> Arg {
 }
 
 /// Refuses options that have others in their place.
-pub(super) fn check(said: &[String]) -> Result<(), String> {
-    let Some(id) = said.iter().find(|id| is_of_the_matrix(id)) else { return Ok(()) };
+pub(super) fn check(explicit: &ExplicitArgs) -> Result<(), String> {
+    let Some(id) = explicit.iter().find(|id| is_of_the_matrix(id)) else { return Ok(()) };
     let instead = if id == "seed" { "--seeds" } else { "--methods" };
     Err(format!("--{} differs from run to run; say {instead}", id.replace('_', "-")))
 }

@@ -1,20 +1,20 @@
 //! What the user sees while a command works. Text: a progress bar on a terminal, a plain line every few seconds elsewhere, both
 //! on stderr; results go to stdout. JSON: one object a line on stdout, told apart by `event`.
 
+use std::cell::{Cell, RefCell};
 use std::io::{IsTerminal, Write};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use serde::{Deserialize, Serialize};
+use luxel::run::LogRecord;
+use luxel::{Event, Observer, text};
 use serde_json::json;
 
-use crate::run_log::LogRecord;
-use crate::text;
+use super::metrics_table::mean_line;
 
-/// How progress is told.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+/// How progress is reported.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub(crate) enum LogFormat {
     /// For people.
     #[default]
@@ -23,16 +23,16 @@ pub(crate) enum LogFormat {
     Json,
 }
 
-/// Plain progress lines come this far apart: a person sees life, a log file of an overnight run stays readable.
+/// Time between plain progress lines: short enough to see progress, long enough for a readable log of a night.
 const LINE_INTERVAL: Duration = Duration::from_secs(5);
-/// Lines about many runs together, which take hours.
+/// Time between lines about many runs together, which take hours.
 const OVERALL_INTERVAL: Duration = Duration::from_secs(30);
 
-/// The one place that talks to the user.
+/// The one place that writes to the terminal.
 pub(crate) struct Console {
     style: Style,
-    bar: Option<ProgressBar>,
-    last_line: Option<Instant>,
+    bar: RefCell<Option<ProgressBar>>,
+    last_line: Cell<Option<Instant>>,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -44,7 +44,7 @@ enum Style {
 }
 
 impl Console {
-    /// `quiet` leaves warnings, errors and results.
+    /// Returns a console; `quiet` leaves warnings, errors and results.
     pub(crate) fn new(format: LogFormat, quiet: bool) -> Self {
         let style = match (format, quiet) {
             (LogFormat::Json, _) => Style::Json,
@@ -52,10 +52,10 @@ impl Console {
             (LogFormat::Text, false) if std::io::stderr().is_terminal() => Style::Bar,
             (LogFormat::Text, false) => Style::Lines,
         };
-        Self { style, bar: None, last_line: None }
+        Self { style, bar: RefCell::default(), last_line: Cell::default() }
     }
 
-    /// Something good to know.
+    /// Reports something good to know.
     pub(crate) fn note(&self, message: &str) {
         match self.style {
             Style::Json => emit(&json!({ "event": "note", "message": message })),
@@ -64,7 +64,7 @@ impl Console {
         }
     }
 
-    /// Something that may need the user's attention.
+    /// Reports something that may need attention.
     pub(crate) fn warn(&self, message: &str) {
         match self.style {
             Style::Json => emit(&json!({ "event": "warning", "message": message })),
@@ -72,7 +72,7 @@ impl Console {
         }
     }
 
-    /// An event for programs, with its text for people; `event` must be an object.
+    /// Reports an event: an object for programs, text for people.
     pub(crate) fn event(&self, event: &serde_json::Value, text: &str) {
         match self.style {
             Style::Json => emit(event),
@@ -81,7 +81,7 @@ impl Console {
         }
     }
 
-    /// The result of the command, on stdout: an event for programs, text for people.
+    /// Prints the result of the command on stdout: an event for programs, text for people.
     pub(crate) fn result(&self, event: &serde_json::Value, text: &str) -> Result<()> {
         match self.style {
             Style::Json => print(&event.to_string()),
@@ -90,14 +90,14 @@ impl Console {
     }
 
     fn line(&self, message: &str) {
-        match &self.bar {
+        match &*self.bar.borrow() {
             Some(bar) => bar.suspend(|| stderr_line(message)),
             None => stderr_line(message),
         }
     }
 
     /// Starts the bar of `total` steps at `step`.
-    pub(crate) fn begin_steps(&mut self, step: u32, total: u32) {
+    pub(crate) fn begin_steps(&self, step: u32, total: u32) {
         if self.style != Style::Bar {
             return;
         }
@@ -107,18 +107,18 @@ impl Console {
             bar.set_style(style);
         }
         bar.set_position(step.into());
-        self.bar = Some(bar);
+        *self.bar.borrow_mut() = Some(bar);
     }
 
-    /// A step was made.
+    /// Moves the bar to `step`.
     pub(crate) fn step(&self, step: u32) {
-        if let Some(bar) = &self.bar {
+        if let Some(bar) = &*self.bar.borrow() {
             bar.set_position(step.into());
         }
     }
 
-    /// The figures of the last steps.
-    pub(crate) fn progress(&mut self, record: &LogRecord, total: u32) {
+    /// Reports the numbers of the last steps.
+    pub(crate) fn progress(&self, record: &LogRecord, total: u32) {
         match self.style {
             Style::Json => {
                 let mut event = json!({ "event": "progress", "iterations": total, "seconds_left": record.seconds_left(total) });
@@ -128,33 +128,33 @@ impl Console {
                 emit(&event);
             }
             Style::Bar => {
-                if let Some(bar) = &self.bar {
-                    bar.set_message(figures(record, total));
+                if let Some(bar) = &*self.bar.borrow() {
+                    bar.set_message(numbers(record, total));
                 }
             }
             Style::Lines => {
-                if self.last_line.is_none_or(|at| at.elapsed() >= LINE_INTERVAL) || record.iteration == total {
-                    self.last_line = Some(Instant::now());
+                if self.last_line.get().is_none_or(|at| at.elapsed() >= LINE_INTERVAL) || record.iteration == total {
+                    self.last_line.set(Some(Instant::now()));
                     let percent = 100.0 * f64::from(record.iteration) / f64::from(total.max(1));
-                    stderr_line(&format!("step {}/{total} ({percent:.0} %)  {}", record.iteration, figures(record, total)));
+                    stderr_line(&format!("step {}/{total} ({percent:.0} %)  {}", record.iteration, numbers(record, total)));
                 }
             }
             Style::Quiet => {}
         }
     }
 
-    /// How far several runs are together.
-    pub(crate) fn overall(&mut self, event: &serde_json::Value, text: &str) {
+    /// Reports how far several runs are together.
+    pub(crate) fn overall(&self, event: &serde_json::Value, text: &str) {
         match self.style {
             Style::Json => emit(event),
             Style::Bar => {
-                if let Some(bar) = &self.bar {
+                if let Some(bar) = &*self.bar.borrow() {
                     bar.set_message(text.to_owned());
                 }
             }
             Style::Lines => {
-                if self.last_line.is_none_or(|at| at.elapsed() >= OVERALL_INTERVAL) {
-                    self.last_line = Some(Instant::now());
+                if self.last_line.get().is_none_or(|at| at.elapsed() >= OVERALL_INTERVAL) {
+                    self.last_line.set(Some(Instant::now()));
                     stderr_line(text);
                 }
             }
@@ -162,16 +162,35 @@ impl Console {
         }
     }
 
-    /// Takes the bar away.
-    pub(crate) fn end_steps(&mut self) {
-        if let Some(bar) = self.bar.take() {
+    /// Removes the bar.
+    pub(crate) fn end_steps(&self) {
+        if let Some(bar) = self.bar.borrow_mut().take() {
             bar.finish_and_clear();
         }
     }
 }
 
+impl Observer for Console {
+    fn event(&self, event: Event) {
+        match event {
+            Event::Note(message) => self.note(&message),
+            Event::Warning(message) => self.warn(&message),
+            Event::StepsBegin { done, total } => self.begin_steps(done, total),
+            Event::Step { done } => self.step(done),
+            Event::StepsEnd => self.end_steps(),
+            Event::Progress { record, total } => self.progress(&record, total),
+            Event::Evaluation { step, split, mean, views } => {
+                let event = json!({ "event": "evaluation", "iteration": step, "split": split, "mean": mean });
+                self.event(&event, &format!("step {step}: {split} {}", mean_line(&mean, views)));
+            }
+            Event::Saved { path } => self.note(&path.display().to_string()),
+            _ => {}
+        }
+    }
+}
+
 /// `12.3 it/s  39 min 12 s left  loss 0.0412  psnr 31.2 train 29.9 test  45,210 splats  812.0 MiB`.
-fn figures(record: &LogRecord, total: u32) -> String {
+fn numbers(record: &LogRecord, total: u32) -> String {
     let left = record.seconds_left(total).and_then(|s| Duration::try_from_secs_f64(s).ok());
     let left = left.map_or(String::new(), |left| format!("  {} left", text::duration(left)));
     let train = record.psnr_train.map(|v| format!("{v:.2} train"));
@@ -184,24 +203,24 @@ fn figures(record: &LogRecord, total: u32) -> String {
     format!("{:.1} it/s{left}  loss {:.4}{psnr}  {} splats{memory}", record.iterations_per_second, record.loss, text::count(record.splats))
 }
 
-/// A line of a result, on stdout. Fails when the reader has gone, which `main` takes for a quiet end.
+/// Prints a line of a result on stdout. Fails when the reader has left, which `main` takes for a quiet end.
 pub(crate) fn print(text: &str) -> Result<()> {
     let mut out = std::io::stdout().lock();
     writeln!(out, "{text}").and_then(|()| out.flush()).context("cannot write to standard output")
 }
 
-/// One JSON object on stdout; a reader that has gone does not end a training run.
+/// Prints one JSON object on stdout; a reader that has left does not end a training run.
 fn emit(event: &serde_json::Value) {
     let mut out = std::io::stdout().lock();
     let _ = writeln!(out, "{event}").and_then(|()| out.flush());
 }
 
-/// A line on stderr; nobody listening is no reason to stop.
+/// Prints a line on stderr; a closed stderr is no reason to stop.
 pub(crate) fn stderr_line(message: &str) {
     let _ = writeln!(std::io::stderr().lock(), "{message}");
 }
 
-/// A line on stderr from the interrupt handler's thread, below whatever the bar shows.
+/// Prints a line on stderr from the interrupt handler's thread, below the bar.
 pub(crate) fn note_from_handler(message: &str) {
     let _ = writeln!(std::io::stderr(), "\n{message}");
 }

@@ -176,11 +176,11 @@ mod tests {
     use clap::Parser;
 
     use super::*;
-    use crate::cli::Cli;
+    use crate::args::Cli;
 
     fn edits(args: &[&str]) -> Result<String, clap::Error> {
         let cli = Cli::try_parse_from(["luxel", "edit", "scene.ply", "-o", "out.ply"].iter().chain(args))?;
-        let crate::cli::Command::Edit(args) = cli.command else { unreachable!("edit was said") };
+        let crate::args::Command::Edit(args) = cli.command else { unreachable!("edit was said") };
         Ok(args.edits.0.iter().map(ToString::to_string).collect::<Vec<_>>().join(" | "))
     }
 

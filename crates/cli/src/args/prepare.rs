@@ -6,7 +6,7 @@ use std::str::FromStr;
 use clap::{Args, ValueEnum};
 
 use super::ConsoleArgs;
-use crate::values::{ColorSpaceArg, SpaceArg, parse_downscale};
+use crate::args::values::{ColorSpaceArg, SpaceArg, parse_downscale};
 
 /// `luxel prepare`.
 #[derive(Debug, Args)]

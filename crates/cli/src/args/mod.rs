@@ -1,4 +1,4 @@
-//! The command line as text: what may be said. What it comes to is [`crate::config`]'s and each command's business.
+//! The arguments of the program: one struct a command, shared groups of options, and the values they take.
 
 mod bench;
 mod edit;
@@ -7,16 +7,19 @@ mod prepare;
 mod probe;
 mod render;
 mod reproduce;
+pub(crate) mod run_config;
+pub(crate) mod values;
 
 use std::path::PathBuf;
 
 use anyhow::{Result, bail};
 use clap::error::ErrorKind;
 use clap::{Arg, Args, CommandFactory, Parser, Subcommand};
-use luxel::{Device, DeviceOptions};
+use luxel::run::{ExplicitArgs, RunOptions};
+use luxel::{Device, DeviceOptions, LoadOptions};
 use luxel_core::metrics::FieldOptions;
+use luxel_io::{Exposures, MaskSource};
 use luxel_train::{Method, TrainConfig};
-use serde::{Deserialize, Serialize};
 
 pub(crate) use self::bench::BenchArgs;
 pub(crate) use self::edit::{EditArgs, EditText, ShMapArg};
@@ -25,10 +28,13 @@ pub(crate) use self::prepare::{CameraModelArg, MatchingArg, PrepareArgs, Respons
 pub(crate) use self::probe::ProbeArgs;
 pub(crate) use self::render::RenderArgs;
 pub(crate) use self::reproduce::ReproduceArgs;
-use crate::console::LogFormat;
-use crate::values::{
-    ColorSpaceArg, ExposuresArg, FormatArg, MasksArg, MetricsArg, SupervisionArg, TransferArg, parse_downscale, parse_positive,
-};
+use self::values::{ColorSpaceArg, FormatArg, MetricsArg, SupervisionArg, TransferArg, parse_downscale, parse_masks, parse_positive};
+use crate::output::console::LogFormat;
+
+/// Returns an option as it is typed: `--max-splats` for `max_splats`.
+pub(crate) fn flag(option: &str) -> String {
+    format!("--{}", option.replace('_', "-"))
+}
 
 /// High dynamic range 3D Gaussian splatting: posed HDR photographs in, a scene of linear radiance out.
 #[derive(Debug, Parser)]
@@ -51,12 +57,12 @@ fn with_negative_numbers(arg: Arg) -> Arg {
     if is_with_value { arg.allow_negative_numbers(true) } else { arg }
 }
 
-/// What the arguments' own rules cannot say; `said` are the ids of the options on the command line.
-pub(crate) fn check(cli: &Cli, said: &[String]) -> Result<(), clap::Error> {
+/// Checks what the arguments' own rules cannot express; `explicit` names the options that were given.
+pub(crate) fn check(cli: &Cli, explicit: &ExplicitArgs) -> Result<(), clap::Error> {
     let checked = match &cli.command {
-        Command::Reproduce(_) => reproduce::check(said),
+        Command::Reproduce(_) => reproduce::check(explicit),
         Command::Info(args) if args.devices => {
-            LoadArgs::refuse(said, &[], "and --devices reads none; leave it out").map_err(|error| error.to_string())
+            LoadArgs::refuse(explicit, &[], "and --devices reads none; leave it out").map_err(|error| error.to_string())
         }
         _ => Ok(()),
     };
@@ -93,72 +99,67 @@ pub(crate) enum Command {
 }
 
 /// How the files of a data set are read.
-#[derive(Clone, Debug, PartialEq, Eq, Args, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Debug, Args)]
 pub(crate) struct LoadArgs {
-    /// Layout of the data set [default: recognised by looking].
+    /// Layout of the data set [default: recognised].
     #[arg(long, value_enum, value_name = "FORMAT", help_heading = "Data set")]
     pub(crate) format: Option<FormatArg>,
-    /// Transfer function of integer images, where the file does not say it.
+    /// Transfer function of integer images that do not state theirs.
     #[arg(long, value_enum, value_name = "CURVE", help_heading = "Data set")]
     pub(crate) transfer: Option<TransferArg>,
     /// Primaries of images that do not state theirs [default: linear-rec709].
     #[arg(long, value_enum, value_name = "SPACE", help_heading = "Data set")]
     pub(crate) color_space: Option<ColorSpaceArg>,
-    /// Reduce images this many times a side, by area average in linear light.
+    /// Reduce images by this factor along each side, by area average in linear light.
     #[arg(long, default_value = "1", value_parser = parse_downscale, value_name = "1|2|4|8", help_heading = "Data set")]
     pub(crate) downscale: u32,
-    /// What is trained on: radiance, or what a camera recorded of it in brackets or single exposures.
+    /// Train on radiance, or on captured LDR images with their exposures.
     #[arg(long, value_enum, default_value_t, value_name = "KIND", help_heading = "Data set")]
-    #[serde(default)]
     pub(crate) supervision: SupervisionArg,
-    /// Which recordings of each pose are trained on under --supervision ldr: all, single (one a pose, in turn), or numbers counted from the shortest
-    /// exposure, such as 0,2,4.
+    /// Exposures of each pose to train on with --supervision ldr: all, single (one a pose, in turn), or numbers counted from the
+    /// shortest, such as 0,2,4.
     #[arg(long, default_value_t, value_name = "WHICH", help_heading = "Data set")]
-    #[serde(default)]
-    pub(crate) exposures: ExposuresArg,
-    /// Masks, white where pixels count and black where they do not: auto (mask_path of transforms.json, or masks/IMAGE.png beside the data set), off,
-    /// alpha (of the images), or a folder of masks named like the images.
-    #[arg(long, default_value_t, value_name = "SOURCE", help_heading = "Data set")]
-    #[serde(default)]
-    pub(crate) masks: MasksArg,
+    pub(crate) exposures: Exposures,
+    /// Masks, white where pixels count and black where they do not: auto (mask_path of transforms.json, or masks/IMAGE.png beside the
+    /// data set), off, alpha (of the images), or a folder of masks named like the images.
+    #[arg(long, default_value_t, value_parser = parse_masks, value_name = "SOURCE", help_heading = "Data set")]
+    pub(crate) masks: MaskSource,
 }
 
 impl LoadArgs {
-    /// Images of radiance at full size, in whatever layout.
-    pub(crate) fn of_radiance() -> Self {
-        Self {
-            format: None,
-            transfer: None,
-            color_space: None,
-            downscale: 1,
-            supervision: SupervisionArg::Hdr,
-            exposures: ExposuresArg::default(),
-            masks: MasksArg::default(),
+    /// Returns the library's form of these options.
+    pub(crate) fn options(&self) -> LoadOptions {
+        LoadOptions {
+            format: self.format.map(Into::into),
+            transfer: self.transfer.map(Into::into),
+            color_space: self.color_space.map(Into::into),
+            downscale: self.downscale,
+            supervision: self.supervision.into(),
+            exposures: self.exposures.clone(),
+            masks: self.masks.clone(),
         }
     }
 
-    /// Refuses those of the `said` options (by id) that are of how a data set is read, but for the ones that are `used` all the same. `why` goes on with
+    /// Refuses explicit options of reading a data set, but for those that are `used` all the same. `why` continues the sentence with
     /// the reason and the remedy.
-    pub(crate) fn refuse(said: &[String], used: &[&str], why: &str) -> Result<()> {
+    pub(crate) fn refuse(explicit: &ExplicitArgs, used: &[&str], why: &str) -> Result<()> {
         let options = Self::augment_args(clap::Command::new("load"));
         let is_refused = |id: &str| !used.contains(&id) && options.get_arguments().any(|arg| arg.get_id() == id);
-        match said.iter().find(|id| is_refused(id)) {
-            Some(id) => bail!("--{} is of how a data set is read, {why}", id.replace('_', "-")),
+        match explicit.iter().find(|id| is_refused(id)) {
+            Some(id) => bail!("{} sets how a data set is read, {why}", flag(id)),
             None => Ok(()),
         }
     }
 }
 
-/// Where and how the work is done. The result is the same for any number of threads; the CPU and a GPU agree to rounding.
-#[derive(Clone, Debug, PartialEq, Eq, Args, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+/// What computes. The result is the same for any number of threads; the CPU and a GPU agree to rounding.
+#[derive(Clone, Debug, Args)]
 pub(crate) struct DeviceArgs {
-    /// What computes: auto takes a GPU if there is a real one, else the CPU; gpu insists on one; gpu:NAME takes the GPU whose name
+    /// Device that computes: auto takes a real GPU if there is one, else the CPU; gpu requires one; gpu:NAME takes the GPU whose name
     /// contains NAME, a software renderer too. luxel info --devices lists them.
     #[arg(long, default_value_t, value_name = "auto|cpu|gpu|gpu:NAME", help_heading = "Machine")]
     pub(crate) device: Device,
-    /// Threads [default: all cores]. The result does not depend on it.
+    /// Number of threads, 1 to 4096 [default: all cores]. The result does not depend on it.
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=4096), value_name = "N", help_heading = "Machine")]
     pub(crate) threads: Option<u32>,
 }
@@ -171,21 +172,32 @@ impl DeviceArgs {
 }
 
 /// What is saved and evaluated during training.
-#[derive(Clone, Debug, PartialEq, Eq, Args, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Debug, Args)]
 pub(crate) struct RunArgs {
-    /// Save the training state every N steps, 0 for the end only.
+    /// Save a checkpoint every N steps; 0 saves one at the end only.
     #[arg(long, default_value_t = 5000, value_name = "N", help_heading = "Run")]
     pub(crate) checkpoint_every: u32,
-    /// Keep the newest K checkpoints.
+    /// Number of newest checkpoints to keep, at least 1.
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..), value_name = "K", help_heading = "Run")]
     pub(crate) keep_checkpoints: u32,
-    /// Evaluate the test views and write the scene after these steps; the last step always is.
+    /// Steps after which to evaluate the test views and write the scene; the last step always is.
     #[arg(long, value_delimiter = ',', default_values_t = [7000, 30000], value_name = "STEPS", help_heading = "Run")]
     pub(crate) eval_at: Vec<u32>,
-    /// Evaluate every N steps instead.
+    /// Evaluate every N steps in place of --eval-at, at least 1.
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..), value_name = "N", conflicts_with = "eval_at", help_heading = "Run")]
     pub(crate) eval_every: Option<u32>,
+}
+
+impl RunArgs {
+    /// Returns the library's form of these options.
+    pub(crate) fn options(&self) -> RunOptions {
+        RunOptions {
+            checkpoint_every: self.checkpoint_every,
+            keep_checkpoints: self.keep_checkpoints,
+            eval_at: self.eval_at.clone(),
+            eval_every: self.eval_every,
+        }
+    }
 }
 
 /// How a command talks.
@@ -336,6 +348,9 @@ pub(crate) struct InfoArgs {
     pub(crate) load: LoadArgs,
 }
 
+/// Steps of the demo: minutes on two cores with everything around them.
+const DEMO_ITERATIONS: u32 = 3000;
+
 /// `luxel demo`.
 #[derive(Debug, Args)]
 pub(crate) struct DemoArgs {
@@ -343,7 +358,7 @@ pub(crate) struct DemoArgs {
     #[arg(long, short, default_value = "luxel-demo", value_name = "DIR")]
     pub(crate) output: PathBuf,
     /// Steps of training.
-    #[arg(long, default_value_t = crate::commands::demo::ITERATIONS, value_parser = clap::value_parser!(u32).range(1..), value_name = "N")]
+    #[arg(long, default_value_t = DEMO_ITERATIONS, value_parser = clap::value_parser!(u32).range(1..), value_name = "N")]
     pub(crate) iterations: u32,
     /// Colour model.
     #[arg(long, value_enum, default_value_t)]

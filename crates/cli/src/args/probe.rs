@@ -6,7 +6,7 @@ use clap::{Args, ValueEnum};
 use luxel_core::environment::Projection;
 
 use super::{ConsoleArgs, DeviceArgs, LoadArgs};
-use crate::values::{ExrTypeArg, SpaceArg, UpArg, parse_point, parse_positive};
+use crate::args::values::{ExrTypeArg, SpaceArg, UpArg, parse_point, parse_positive};
 
 /// `luxel probe`.
 #[derive(Debug, Args)]

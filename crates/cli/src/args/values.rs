@@ -9,14 +9,13 @@ use luxel_core::tone::Tonemap;
 use luxel_core::{ColorSpace, MAX_SIDE_PX};
 use luxel_cpu::InstructionSet;
 use luxel_io::{DatasetFormat, ExrSample, Transfer};
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
-pub(crate) use self::captures::{ExposuresArg, MasksArg, SupervisionArg};
+pub(crate) use self::captures::{SupervisionArg, parse_masks};
 pub(crate) use self::world::{Crop, UpArg, parse_crop, parse_point};
 
 /// `--format`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum FormatArg {
     /// transforms.json of nerfstudio, instant-ngp or Blender.
     Transforms,
@@ -30,7 +29,6 @@ pub(crate) enum FormatArg {
     HdrGs,
     /// GaussHDR's repack of them.
     #[value(name = "gausshdr")]
-    #[serde(rename = "gausshdr")]
     GaussHdr,
 }
 
@@ -48,8 +46,7 @@ impl From<FormatArg> for DatasetFormat {
 }
 
 /// `--transfer`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum TransferArg {
     /// Values are proportional to light.
     Linear,
@@ -67,14 +64,12 @@ impl From<TransferArg> for Transfer {
 }
 
 /// `--color-space`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum ColorSpaceArg {
     /// Linear light, Rec.709 primaries.
     LinearRec709,
     /// Linear light, AP1 primaries.
     #[value(name = "acescg")]
-    #[serde(rename = "acescg")]
     AcesCg,
 }
 

@@ -1,0 +1,32 @@
+//! Opens what `--device` and `--threads` ask for; errors name the options.
+
+use anyhow::{Context, Result, ensure};
+use luxel::run::RunConfig;
+use luxel::{DeviceOptions, InstructionSet, SelectedEngine, Supervision};
+
+use crate::args::DeviceArgs;
+
+/// Opens the engine for a command.
+pub(crate) fn engine(args: &DeviceArgs) -> Result<SelectedEngine> {
+    let options = args.options();
+    worded(&options, SelectedEngine::open(&options))
+}
+
+/// Opens the engine for training.
+pub(crate) fn training_engine(config: &RunConfig) -> Result<SelectedEngine> {
+    let learns_response = config.load.supervision == Supervision::Ldr;
+    worded(&config.device, SelectedEngine::for_training(&config.device, learns_response))
+}
+
+/// Opens the engine with a choice among the processor's instruction sets.
+pub(crate) fn engine_with(args: &DeviceArgs, set: InstructionSet) -> Result<SelectedEngine> {
+    let is_best = set == InstructionSet::Best;
+    ensure!(is_best || !args.device.is_gpu(), "--instruction-set is for the processor; use --device cpu");
+    let options = args.options();
+    let opened = SelectedEngine::open_with(&options, set);
+    if is_best { worded(&options, opened) } else { opened.context("--instruction-set") }
+}
+
+fn worded(options: &DeviceOptions, opened: luxel::Result<SelectedEngine>) -> Result<SelectedEngine> {
+    if options.device.is_gpu() { opened.with_context(|| format!("--device {}", options.device)) } else { Ok(opened?) }
+}

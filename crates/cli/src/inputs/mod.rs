@@ -1,0 +1,5 @@
+//! From arguments to what commands work on: scenes, data sets, engines.
+
+pub(crate) mod data;
+pub(crate) mod engine;
+pub(crate) mod scene_source;

@@ -1,0 +1,92 @@
+//! The scene named on the command line, a run's newest or a file, and the data set that goes with it.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Result;
+use luxel::run::{ExplicitArgs, RunConfig, RunFolder, state};
+use luxel::{LoadOptions, text};
+use luxel_core::{Dataset, Scene};
+
+use super::data;
+use crate::args::LoadArgs;
+use crate::output::console::Console;
+
+/// A scene and the run it comes from.
+pub(crate) struct SceneSource {
+    /// The scene.
+    pub(crate) scene: Scene,
+    /// `None` for a file.
+    pub(crate) run: Option<(RunFolder, RunConfig)>,
+}
+
+/// How a data set is asked for.
+#[derive(Clone, Copy)]
+pub(crate) struct DataRequest<'a> {
+    /// `--data`.
+    pub(crate) data: Option<&'a Path>,
+    /// How it is read.
+    pub(crate) load: &'a LoadArgs,
+    /// The options that were given.
+    pub(crate) explicit: &'a ExplicitArgs,
+}
+
+impl DataRequest<'_> {
+    /// Returns the data set asked for and how it is read; without one that of a run, read as the run did but for explicit options.
+    pub(crate) fn of_run(&self, folder: &RunFolder, config: &RunConfig) -> (PathBuf, LoadOptions) {
+        match self.data {
+            Some(path) => (path.into(), self.load.options()),
+            None => (config.dataset_path(folder.root()), load_options(self.load, self.explicit, &config.load)),
+        }
+    }
+}
+
+impl SceneSource {
+    /// Reads the scene at `path`.
+    pub(crate) fn open(path: &Path, console: &Console) -> Result<Self> {
+        if path.is_dir() {
+            let (folder, config) = RunFolder::open(path)?;
+            let (iteration, scene) = state::newest_scene(&folder, console)?;
+            console.note(&format!("scene of step {iteration}: {}", text::plural(scene.splats.len(), "splat")));
+            return Ok(Self { scene, run: Some((folder, config)) });
+        }
+        Ok(Self { scene: luxel::Scene::open(path)?.into_core(), run: None })
+    }
+
+    /// Reads the data set asked for, or the run's own; `None` if there is neither.
+    pub(crate) fn dataset(&self, request: DataRequest<'_>, console: &Console) -> Result<Option<Dataset>> {
+        match (request.data, &self.run) {
+            (_, Some((folder, config))) => {
+                let (path, load) = request.of_run(folder, config);
+                Ok(Some(data::load(&path, &load, console)?))
+            }
+            (Some(path), None) => Ok(Some(data::load(path, &request.load.options(), console)?)),
+            (None, None) => {
+                LoadArgs::refuse(request.explicit, &[], "and a scene file comes without one; give --data DATASET, or leave it out")?;
+                Ok(None)
+            }
+        }
+    }
+
+    /// Returns the radiance behind everything in normalised units: as asked (units of the data set), else as in training, else black.
+    pub(crate) fn background(&self, asked: Option<[f32; 3]>) -> [f32; 3] {
+        match (asked, &self.run) {
+            (Some(rgb), _) => rgb.map(|v| v / self.scene.radiance_scale),
+            (None, Some((_, config))) => config.background(self.scene.radiance_scale),
+            (None, None) => [0.0; 3],
+        }
+    }
+}
+
+/// Returns how a run's own data set is read: as the run did, but for explicit options.
+fn load_options(now: &LoadArgs, explicit: &ExplicitArgs, run: &LoadOptions) -> LoadOptions {
+    let now = now.options();
+    LoadOptions {
+        format: now.format.or(run.format),
+        transfer: now.transfer.or(run.transfer),
+        color_space: now.color_space.or(run.color_space),
+        downscale: if explicit.contains("downscale") { now.downscale } else { run.downscale },
+        supervision: if explicit.contains("supervision") { now.supervision } else { run.supervision },
+        exposures: if explicit.contains("exposures") { now.exposures } else { run.exposures.clone() },
+        masks: if explicit.contains("masks") { now.masks } else { run.masks.clone() },
+    }
+}

@@ -1,0 +1,6 @@
+//! What the program writes to the terminal: progress, tables, trees of facts.
+
+pub(crate) mod console;
+pub(crate) mod metrics_table;
+pub(crate) mod profile;
+pub(crate) mod tree;

@@ -1,0 +1,121 @@
+//! Starting and resuming a run.
+//!
+//! In: a [`RunConfig`], an engine, a [`RunFolder`]; out: a trained scene, in the folder and in memory. The data set is read and the
+//! settings are checked before anything in the folder is touched.
+
+use luxel_core::Dataset as CoreDataset;
+use luxel_train::Trainer;
+
+use super::{Outcome, RunConfig, RunFolder, RunLock, Session, state};
+use crate::error::{Context, bail};
+use crate::{Dataset, Observer, Result, SelectedEngine, StopFlag, text};
+
+/// Where a run takes place and who hears of it.
+#[derive(Clone, Copy)]
+pub struct Launch<'a> {
+    /// Folder of the run.
+    pub folder: &'a RunFolder,
+    /// Receives notes, warnings, progress and evaluations.
+    pub observer: &'a dyn Observer,
+    /// Asks the run to save its state and end.
+    pub stop: &'a StopFlag,
+}
+
+/// What is left when a run ends.
+pub struct TrainedRun {
+    /// Whether all steps are made.
+    pub outcome: Outcome,
+    /// How it was made.
+    pub config: RunConfig,
+    /// Holds the scene.
+    pub trainer: Trainer,
+    /// What it was trained on.
+    pub dataset: Dataset,
+    /// Steps made by this call.
+    pub steps: u32,
+}
+
+/// A run that is ready for its loop.
+struct ReadyRun {
+    dataset: Dataset,
+    trainer: Trainer,
+    threads: usize,
+    /// Where the engine runs, for people.
+    machine: String,
+    /// The same without the reason why it is not elsewhere.
+    computed_by: String,
+    lock: RunLock,
+}
+
+/// Runs from the first step. `make_room` is called once the data set has been read and the settings are accepted, and returns the
+/// folder's lock.
+///
+/// # Errors
+/// Settings, data or a folder that cannot be used; a step or a file that fails.
+pub fn fresh(
+    config: RunConfig,
+    selected: SelectedEngine,
+    launch: Launch<'_>,
+    make_room: impl FnOnce(&CoreDataset) -> Result<RunLock>,
+) -> Result<TrainedRun> {
+    let SelectedEngine { engine, threads, machine, computed_by, .. } = selected;
+    // Settings without a text form must not cost the run that is to be replaced.
+    config.to_toml().with_context(|| format!("{}: config.toml cannot hold these settings", config.dataset.display()))?;
+    let dataset = Dataset::open_reporting(config.dataset_path(launch.folder.root()), &config.load, launch.observer)?;
+    let trainer = Trainer::new(&dataset, config.train.clone(), engine).context("cannot start training")?;
+    let lock = make_room(&dataset)?;
+    launch.folder.write_config(&config)?;
+    train(config, launch, ReadyRun { dataset, trainer, threads, machine, computed_by, lock })
+}
+
+/// Runs on from the newest checkpoint, under the folder's lock.
+///
+/// # Errors
+/// As [`fresh`]; a folder without a checkpoint that can be read; a checkpoint of other settings than those of `config`.
+pub fn resume(config: RunConfig, selected: SelectedEngine, launch: Launch<'_>, lock: RunLock) -> Result<TrainedRun> {
+    let SelectedEngine { engine, threads, machine, computed_by, .. } = selected;
+    let (folder, observer) = (launch.folder, launch.observer);
+    let dataset = Dataset::open_reporting(config.dataset_path(folder.root()), &config.load, observer)?;
+    let trainer = match state::take_checkpoint(folder, observer)? {
+        Some((path, snapshot)) => {
+            let mut trainer = Trainer::resume(&dataset, snapshot, engine).with_context(|| format!("{}: cannot resume", path.display()))?;
+            continue_with(&config, &mut trainer)?;
+            observer.note(&format!("resuming after step {} from {}", trainer.iteration(), path.display()));
+            trainer
+        }
+        None if folder.scene_iterations().is_empty() => {
+            observer.note("the run ended before its first checkpoint; starting from the first step");
+            Trainer::new(&dataset, config.train.clone(), engine).context("cannot start training")?
+        }
+        None => bail!(
+            "{}: has scenes, but no checkpoint in checkpoints/ to continue from; put that folder back, or start the run anew",
+            folder.root().display()
+        ),
+    };
+    folder.write_config(&config)?;
+    train(config, launch, ReadyRun { dataset, trainer, threads, machine, computed_by, lock })
+}
+
+/// Gives a resumed trainer the number of steps of `config`; everything else must be as the checkpoint has it.
+fn continue_with(config: &RunConfig, trainer: &mut Trainer) -> Result<()> {
+    let (wanted, made) = (config.train.iterations, trainer.iteration());
+    if wanted < made {
+        bail!("iterations {wanted}: the run has made {made} steps already; give at least as many");
+    }
+    trainer.set_iterations(wanted);
+    if *trainer.config() != config.train {
+        bail!("config.toml has other training options than the checkpoint; undo the change, or start a new run from it in another folder");
+    }
+    Ok(())
+}
+
+fn train(config: RunConfig, launch: Launch<'_>, ready: ReadyRun) -> Result<TrainedRun> {
+    let ReadyRun { dataset, trainer, threads, machine, computed_by, lock: _lock } = ready;
+    let Launch { folder, observer, stop } = launch;
+    observer.note(&format!("starting with {} on {}", text::plural(trainer.splats_len(), "splat"), machine));
+    let first = trainer.iteration();
+    let session = Session { dataset: &dataset, folder, config: &config, threads, computed_by, observer, stop, trainer };
+    let (outcome, trainer) = session.run()?;
+    let steps = trainer.iteration().saturating_sub(first);
+    Ok(TrainedRun { outcome, config, trainer, dataset, steps })
+}
