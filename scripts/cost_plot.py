@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""Measures the cost of a training step over splats and image sizes, and draws docs/images/cost.svg.
+"""Measures the cost of a training step over splats and image sizes, and draws docs/src/images/cost.svg.
 
     cargo build --release
     scripts/cost_plot.py target/release/luxel measure cost.json      # minutes; leave the machine idle
-    scripts/cost_plot.py draw cost.json docs/images/cost.svg
+    scripts/cost_plot.py draw cost.json docs/src/images/cost.svg
 
-`measure` runs `luxel bench --generate` over the grid. `draw` also prints the table for docs/performance.md: milliseconds of a step, and what is left of
+`measure` runs `luxel bench --generate` over the grid. `draw` also prints the table for docs/src/notebook/performance-cost.md: milliseconds of a step, and what is left of
 them after the least-squares fit of  a + b splats + c evaluations  (all three at least 0).
 """
 

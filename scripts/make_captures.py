@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Makes captures as a photographer would bring them from a data set of radiance, for docs/capture-training.md.
+"""Makes captures as a photographer would bring them from a data set of radiance, for docs/src/notebook/captured-images.md.
 
     scripts/make_captures.py brackets data/desk-lamp-200 brackets      # recordings of 5 exposures a view, for --supervision ldr
     scripts/make_captures.py drift data/desk-lamp-200 drift --ev 0.3 --balance-ev 0.15

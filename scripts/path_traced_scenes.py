@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Path-traces two HDR data sets of our own, which docs/experiments.md tries the recipe on that other scenes have decided.
+"""Path-traces two HDR data sets of our own, which docs/src/notebook/loft-and-yard.md tries the recipe on that other scenes have decided.
 
     scripts/path_traced_scenes.py loft out/loft             # a room with a window, bulbs, a mirror, glass: 120 + 20 views from within, minutes
     scripts/path_traced_scenes.py yard out/yard             # a yard under sun and sky: 60 + 12 views from around

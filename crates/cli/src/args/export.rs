@@ -75,7 +75,7 @@ const EXAMPLES: &str = "\
   luxel export run -o set.ply --bake linear                    radiance for V-Ray (raw)
   luxel export run -o set.spz --refine 300 --max-splats 200000 a picture for the web
   luxel export run -o set.glb                                  a picture for glTF viewers, and the radiance model beside it
-The error of the bake is measured on the data set's held-out views. docs/formats.md has recipes by program.";
+The error of the bake is measured on the data set's held-out views. docs/src/guide/delivery.md has recipes by program.";
 
 /// `--bake`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]

@@ -281,7 +281,7 @@ pub(crate) struct EvalArgs {
 
 /// `luxel compare`.
 #[derive(Debug, Args)]
-#[command(after_help = "Images of two folders are matched by their names without extension. What the figures mean: docs/metrics.md.\n\n\
+#[command(after_help = "Images of two folders are matched by their names without extension. What the figures mean: docs/src/reference/metrics.md.\n\n\
     luxel compare truth.exr render.exr --heatmap flip.png\n\
     luxel compare run/eval/step_9000/gt run/eval/step_9000/renders --json")]
 pub(crate) struct CompareArgs {

@@ -11,7 +11,7 @@ use crate::args::values::{ColorSpaceArg, SpaceArg, parse_downscale};
 /// `luxel prepare`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Stop it whenever you like: the same command goes on where it was. What it does and what it needs: docs/capture.md."
+    after_help = "Stop it whenever you like: the same command goes on where it was. What it does and what it needs: docs/src/guide/brackets-and-raw.md."
 )]
 pub(crate) struct PrepareArgs {
     /// Folder of photographs: DNG, JPEG, PNG, TIFF, or OpenEXR and Radiance HDR.

@@ -285,7 +285,7 @@ fn engine_statistics_are_the_oracles() {
     }
 }
 
-/// Writes the tables of `docs/gradients.md`.
+/// Writes the tables of `docs/src/reference/generated/gradients.md`.
 #[test]
 #[ignore = "a tool: cargo test --release -p luxel-cpu --test engine gradient_report -- --ignored"]
 fn gradient_report() {
@@ -309,23 +309,26 @@ fn gradient_report() {
         writeln!(report, "| **worst** | {:.1e} / {:.1e} |{}", worst.relative, worst.element, " |".repeat(ARRAYS.len() - 1)).unwrap();
     }
     print!("{report}");
-    std::fs::write(concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/gradients.md"), report).unwrap();
+    std::fs::write(concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/src/reference/generated/gradients.md"), report).unwrap();
 }
 
 const REPORT_HEAD: &str = "\
 # Gradients
 
-How far the gradients of the training objective are from the truth, for every parameter of every colour model. Written by
-`cargo test --release -p luxel-cpu --test engine gradient_report -- --ignored`; the tests `oracle_gradient_is_that_of_central_differences` and
-`engine_gradient_is_the_oracles` hold every figure below a bound.
+The errors of the training objective's gradients, for every parameter of every colour model. Written by
+`cargo test --release -p luxel-cpu --test engine gradient_report -- --ignored`. The tests
+`oracle_gradient_is_that_of_central_differences` and `engine_gradient_is_the_oracles` hold every
+number below a bound.
 
-The oracle is a second implementation in f64 without tiles, differentiated exactly by a tape. Each case is a scene of 16 splats on 21x13 pixels
-with everything a splat can be: behind the camera, beside the frustum with a clamped Jacobian, opaque one behind the other (alpha capped, pixels
-finished early), with dead chromaticity channels, smaller than a pixel, with an unnormalised quaternion; background and regularisers are not
-zero, radiance spans four decades. `parity` and `hdr` are the presets of cut-offs, `pixel` is anti-aliasing by a pixel's own filter, `mip` that
-and the 3D filter, `mask` an image with masked pixels,
-`2x2 samples` several samples a pixel.
+The oracle is a second implementation in f64 without tiles, differentiated exactly by a tape. Each
+case is a scene of 16 splats on 21x13 pixels with everything that a splat can be: behind the camera,
+beside the frustum with a clamped Jacobian, opaque ones behind each other (alpha capped, pixels
+finished early), with clipped chromaticity channels, smaller than a pixel, with an unnormalised
+quaternion. Background and regularisers are not zero, and radiance spans four decades. `parity` and
+`hdr` are the presets of cut-offs, `pixel` is the pixel filter, `mip` that and the 3D filter, `mask`
+an image with masked pixels, `2x2 samples` supersampling.
 
-Each cell has two figures: the largest difference in the array relative to the largest gradient of the array, and the largest difference
-relative to the gradient itself among gradients above 1/1000 of the largest. An empty cell: the model has no such parameter.
+Each cell has two numbers: the largest difference in the array relative to the largest gradient of
+the array, and the largest difference relative to the gradient itself among gradients above 1/1000
+of the largest. An empty cell: the model has no such parameter.
 ";

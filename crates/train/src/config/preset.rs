@@ -2,7 +2,7 @@
 //!
 //! A preset comes before the options given beside it and after the file of `--config`: what it sets is set whatever that file says, so
 //! that one preset can take another's place. Every preset sets the same options. What the values of `fast` rest on is measured in
-//! `docs/experiments.md`.
+//! the notebook, `docs/src/notebook/index.md`.
 
 use clap::ValueEnum;
 use luxel_core::Antialias;
