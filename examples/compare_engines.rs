@@ -1,7 +1,7 @@
 //! Trains the same scene on the CPU and on a GPU, step by step, and draws both losses over each other.
 //!
 //! ```text
-//! cargo run --release --example compare_engines -- data/desk-lamp-200 2 300 llvmpipe loss.svg
+//! cargo run --release -p luxel --example compare_engines -- data/desk-lamp-200 2 300 llvmpipe loss.svg
 //! ```
 //!
 //! Arguments: data set, how many times its images are reduced, steps, a part of the GPU's name, drawing to write.

@@ -1,51 +1,54 @@
-//! Trains a scene from a data set, measures it on the held-out views and writes it, with the library alone.
+//! Trains a scene from a data set, measures it on the held-out views and writes it.
 //!
 //! ```text
-//! cargo run --release --example train_from_library -- data/desk-lamp-200 desk-lamp.ply 1000
+//! cargo run --release -p luxel --example train_from_library -- data/desk-lamp-200 desk-lamp.ply 1000
 //! ```
 //!
 //! Arguments: data set (any that `luxel train` reads), scene to write, steps.
 
-use std::error::Error;
-use std::path::{Path, PathBuf};
+use luxel::{Dataset, Device, Error, Renderer, Result, Training};
 
-use luxel_cpu::CpuEngine;
-use luxel_io::{LoadOptions, load_dataset, write_scene_ply};
-use luxel_train::{Measures, TrainConfig, Trainer, evaluate};
-
-fn main() -> Result<(), Box<dyn Error>> {
+fn main() -> Result<()> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [dataset, scene, steps] = arguments.as_slice() else {
-        return Err("usage: train_from_library DATASET SCENE.ply STEPS".into());
+        return Err(Error::new("usage: train_from_library DATASET SCENE.ply STEPS"));
     };
-    train(Path::new(dataset), &PathBuf::from(scene), steps.parse()?)
+    let steps = steps.parse().map_err(|_| Error::new(format!("{steps}: expected a number of steps")))?;
+    train(dataset, scene, steps)
 }
 
-fn train(dataset: &Path, scene: &Path, iterations: u32) -> Result<(), Box<dyn Error>> {
-    let dataset = load_dataset(dataset, &LoadOptions::default())?;
-    for warning in &dataset.warnings {
+fn train(dataset: &str, path: &str, steps: u32) -> Result<()> {
+    let dataset = Dataset::open(dataset)?;
+    for warning in dataset.warnings() {
         eprintln!("{warning}");
     }
     println!("{}: {} views to train on, {} to test", dataset.format, dataset.train.len(), dataset.test.len());
 
-    // Defaults are the command line's: the method lcd, seed 42, windows in proportion to the steps.
-    let config = TrainConfig { iterations, ..TrainConfig::default() };
-    let threads = std::thread::available_parallelism().map_or(1, usize::from);
-    let mut trainer = Trainer::new(&dataset, config, Box::new(CpuEngine::new(threads)?))?;
-    while !trainer.is_finished() {
-        let report = trainer.step()?;
-        if trainer.iteration().is_multiple_of(100) {
-            println!("step {:>6}  loss {:.4}  {} splats", trainer.iteration(), report.loss, trainer.splats_len());
+    // Defaults are the command line's: the method lcd, seed 42, schedules in proportion to the steps.
+    let mut training = Training::builder(&dataset).steps(steps).device(Device::Auto).start()?;
+    for step in training.by_ref() {
+        let step = step?;
+        if step.number % 100 == 0 {
+            println!("step {:>6}  loss {:.4}  {} splats", step.number, step.loss, step.splats);
         }
     }
 
-    let (options, scale, mu) = (trainer.render_options(), trainer.radiance_scale(), trainer.config().mu);
-    let figures = evaluate(trainer.engine(), &options, &Measures::new(scale, mu), &dataset.test, &mut |view, _render, metrics| {
-        println!("{}  {:.2} dB by protocol scene, {:.2} by gtmax", view.name, metrics.psnr_scene, metrics.psnr_gtmax);
-    })?;
-    println!("mean of {}: {:.2} dB by protocol scene", figures.views.len(), figures.mean.psnr_scene);
+    let metrics = training.evaluate(&dataset.test)?;
+    for view in &metrics.views {
+        println!("{}  {:.2} dB (scene), {:.2} dB (gtmax)", view.name, view.metrics.psnr_scene, view.metrics.psnr_gtmax);
+    }
+    println!("mean of {}: {:.2} dB (scene)", metrics.views.len(), metrics.mean.psnr_scene);
 
-    write_scene_ply(scene, &trainer.scene()?)?;
-    println!("{}", scene.display());
+    let scene = training.into_scene()?;
+    scene.save(path)?;
+    println!("{path}");
+
+    // What the scene file renders to, in the units of the data set.
+    if let Some(view) = dataset.test.first() {
+        let image = Renderer::new(&scene, Device::Auto)?.render(&view.camera)?;
+        let name = format!("{}.exr", view.stem());
+        image.save_exr(&name)?;
+        println!("{name}");
+    }
     Ok(())
 }

@@ -354,7 +354,7 @@ pub enum EngineError {
 }
 
 /// A renderer and trainer of splats. Blocking, object-safe, coarse.
-pub trait Engine {
+pub trait Engine: Send {
     /// Takes over a scene; moments start at zero if absent. Statistics start anew.
     ///
     /// # Errors

@@ -27,6 +27,20 @@ impl Dataset {
 
     /// Reads the data set at `path` as `options` ask.
     ///
+    /// ```
+    /// use luxel::{Dataset, LoadOptions, synthetic};
+    ///
+    /// # fn main() -> luxel::Result<()> {
+    /// # let folder = tempfile::tempdir().unwrap();
+    /// # synthetic::write_dataset(folder.path(), synthetic::BallsOptions::default())?;
+    /// let halved = LoadOptions { downscale: 2, ..LoadOptions::default() };
+    /// let dataset = Dataset::open_with(folder.path(), &halved)?;
+    /// assert_eq!(dataset.train[0].camera.size_px, [12, 12]);
+    /// assert!(dataset.warnings().is_empty());
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
     /// # Errors
     /// An error if a file is missing, damaged or not of the format asked for.
     pub fn open_with(path: impl AsRef<Path>, options: &LoadOptions) -> Result<Self> {

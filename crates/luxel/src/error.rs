@@ -120,6 +120,7 @@ wrapped!(
     toml::de::Error,
     luxel_core::EngineError,
     luxel_core::EditError,
+    luxel_core::edit::EditTextError,
     luxel_io::IoError,
     luxel_train::TrainError,
 );

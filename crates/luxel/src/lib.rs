@@ -1,7 +1,45 @@
 //! Luxel for programs: data sets, training, rendering, editing and export of scenes in scene-linear radiance.
 //!
-//! This crate does what the program `luxel` does. It prints nothing and parses no arguments: long tasks report to an [`Observer`],
-//! and errors carry a message, their causes and a remedy.
+//! This crate does what the program `luxel` does. It prints nothing and parses no arguments: long tasks report to an [`Observer`], and
+//! errors carry a message and their causes.
+//!
+//! - [`Dataset`] reads posed images.
+//! - [`Training`] makes a [`Scene`] of them, step by step, in memory; [`run`] does it in a folder with checkpoints, metrics and a report.
+//! - [`Renderer`] turns a scene and a camera into [`Radiance`], an image in the units of the data set.
+//! - [`Device`] chooses what computes: the processor or a GPU.
+//!
+//! Two mistakes are impossible: a scene renders with its own raster settings, and images in normalised units stay inside of the crate.
+//!
+//! ```standalone_crate
+//! use luxel::{Dataset, Device, Edit, Preset, Renderer, Result, Training, synthetic};
+//!
+//! fn main() -> Result<()> {
+//! #   let folder = tempfile::tempdir().unwrap();
+//! #   std::env::set_current_dir(folder.path()).unwrap();
+//!     synthetic::write_dataset("my-images", synthetic::BallsOptions::default())?; // any data set of yours
+//!     let dataset = Dataset::open("my-images")?; // the layout is recognised
+//!
+//!     let mut training = Training::builder(&dataset).preset(Preset::Fast).steps(20).device(Device::Cpu).start()?;
+//!     for step in training.by_ref() {
+//!         let step = step?;
+//!         if step.number % 10 == 0 {
+//!             println!("{:>6}  loss {:.4}  {} splats", step.number, step.loss, step.splats);
+//!         }
+//!     }
+//!     let metrics = training.evaluate(&dataset.test)?;
+//!     println!("{:.2} dB (scene), {:.2} dB (gtmax)", metrics.mean.psnr_scene, metrics.mean.psnr_gtmax);
+//!
+//!     let mut scene = training.into_scene()?;
+//!     scene.edit(&"where L > p95 ~2; compress-above 2:4".parse::<Edit>()?)?;
+//!     scene.save("balls.ply")?;
+//!
+//!     let mut renderer = Renderer::new(&scene, Device::Cpu)?;
+//!     for view in &dataset.test {
+//!         renderer.render(&view.camera)?.save_exr(format!("{}.exr", view.stem()))?;
+//!     }
+//!     Ok(())
+//! }
+//! ```
 
 pub mod colormap;
 mod dataset;
@@ -28,11 +66,11 @@ pub use events::{Event, Listening, Observer, Silent, StopFlag};
 pub use luxel_core::tone::Tonemap;
 pub use luxel_core::{Camera, ColorSpace, Edit, View};
 pub use luxel_cpu::InstructionSet;
-pub use luxel_io::{LoadOptions, Supervision};
+pub use luxel_io::{LoadOptions, PathCamera, Supervision};
 pub use luxel_train::{Method, Preset, SplitMetrics, TrainConfig};
 pub use radiance::Radiance;
 pub use renderer::Renderer;
-pub use scene::Scene;
+pub use scene::{Scene, read_cameras};
 pub use training::{Progress, Training, TrainingBuilder};
 
 /// Version of this crate, which run folders and metrics note.

@@ -13,6 +13,23 @@ use crate::Result;
 use crate::error::Context;
 
 /// Linear RGB radiance in the units of the data set.
+///
+/// ```
+/// use luxel::{ColorSpace, Device, Renderer, Tonemap, synthetic};
+///
+/// # fn main() -> luxel::Result<()> {
+/// # let folder = tempfile::tempdir().unwrap();
+/// let camera = synthetic::room_camera([16, 12]);
+/// let image = Renderer::new(&synthetic::room(100, 1), Device::Cpu)?.render(&camera)?;
+/// image.save_preview(folder.path().join("room.png"), Tonemap::Agx, 0.0)?;
+///
+/// let image = image.to_color_space(ColorSpace::AcesCg);
+/// assert_eq!(image.color_space(), ColorSpace::AcesCg);
+/// assert_eq!((image.pixels().len(), image.pixel(16, 0)), (16 * 12, None));
+/// image.save_exr(folder.path().join("room.exr"))?;
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Radiance {
     image: Image,

@@ -3,6 +3,10 @@
 use std::ops::Deref;
 use std::path::Path;
 
+use luxel_core::Edit;
+use luxel_core::edit::{Applied, MaskShares, ShMap};
+use luxel_io::PathCamera;
+
 use crate::Result;
 use crate::error::Context;
 
@@ -40,6 +44,29 @@ impl Scene {
         luxel_io::write_scene_ply(path.as_ref(), &self.0).context("cannot write the scene")
     }
 
+    /// Changes the light of the scene, and adds the edit to its record.
+    ///
+    /// Selections of painted masks need their projection onto the splats, and are an error here.
+    ///
+    /// ```
+    /// use luxel::{Edit, synthetic};
+    ///
+    /// # fn main() -> luxel::Result<()> {
+    /// let mut scene = synthetic::room(100, 1);
+    /// let edit: Edit = "where L > p95 ~1; gain 0.5".parse()?;
+    /// let applied = scene.edit(&edit)?;
+    /// assert!(applied.weights.iter().any(|weight| *weight > 0.0));
+    /// assert_eq!(scene.edits.len(), 1);
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// An edit that does not go with the scene; the scene is unchanged then.
+    pub fn edit(&mut self, edit: &Edit) -> Result<Applied> {
+        edit.apply(&mut self.0, &MaskShares::new(), ShMap::default()).with_context(|| format!("cannot apply \"{edit}\""))
+    }
+
     /// Returns the scene as the engines and file writers take it.
     pub fn into_core(self) -> luxel_core::Scene {
         self.0
@@ -58,4 +85,12 @@ impl Deref for Scene {
     fn deref(&self) -> &luxel_core::Scene {
         &self.0
     }
+}
+
+/// Reads the cameras of a file: a `transforms.json`, whose images are not needed, or a camera path of nerfstudio.
+///
+/// # Errors
+/// A file that cannot be read, or that leaves out the size of the images or the lens.
+pub fn read_cameras(path: impl AsRef<Path>) -> Result<Vec<PathCamera>> {
+    luxel_io::read_camera_path(path.as_ref(), None).context("cannot read the cameras")
 }

@@ -61,6 +61,20 @@ impl Statement {
     }
 }
 
+impl FromStr for Edit {
+    type Err = EditTextError;
+
+    /// Reads the text form of one edit: one selection and the maps behind it.
+    fn from_str(text: &str) -> Result<Self, EditTextError> {
+        let edits = Self::parse_all(text)?;
+        let count = edits.len();
+        match <[Self; 1]>::try_from(edits) {
+            Ok([edit]) => Ok(edit),
+            Err(_) => Err(EditTextError { column: 1, message: format!("{count} edits, expected one") }),
+        }
+    }
+}
+
 impl Edit {
     /// Reads the text form.
     ///

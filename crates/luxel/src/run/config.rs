@@ -52,6 +52,20 @@ impl Default for RunOptions {
 }
 
 /// Everything that was decided for a run.
+///
+/// ```
+/// use luxel::TrainConfig;
+/// use luxel::run::{ExplicitArgs, RunConfig};
+///
+/// # fn main() -> luxel::Result<()> {
+/// let stored = RunConfig::new("my-images", TrainConfig { seed: 7, ..TrainConfig::default() });
+/// let given = RunConfig::new("my-images", TrainConfig { iterations: 500, ..TrainConfig::default() });
+/// let explicit: ExplicitArgs = ["iterations"].into_iter().collect();
+/// let resumed = stored.resumed(&given, &explicit)?;
+/// assert_eq!((resumed.train.iterations, resumed.train.seed), (500, 7));
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RunConfig {

@@ -50,6 +50,15 @@ struct Group {
 
 impl RunConfig {
     /// Returns the first explicit option that changes nothing.
+    ///
+    /// ```
+    /// use luxel::TrainConfig;
+    /// use luxel::run::RunConfig;
+    ///
+    /// let config = RunConfig::new("my-images", TrainConfig::default());
+    /// let found = config.inapplicable(&["seed", "mcmc_noise"].into_iter().collect()).unwrap();
+    /// assert_eq!(found.to_string(), "mcmc_noise: goes with strategy mcmc only");
+    /// ```
     pub fn inapplicable(&self, explicit: &ExplicitArgs) -> Option<Inapplicable> {
         self.groups().into_iter().filter(|group| !group.is_made).find_map(|group| {
             let option = group.options.iter().copied().find(|option| explicit.contains(option))?;

@@ -1,6 +1,34 @@
 //! Training with a folder: what is saved when, how a run is resumed, and what it measured.
 //!
-//! [`launch`] starts or resumes a run, [`Session`] is its loop, [`RunFolder`] says what lies where, [`RunConfig`] is its `config.toml`.
+//! [`fresh`] and [`resume`] start a run, [`Session`] is its loop, [`RunFolder`] knows where its files are, [`RunConfig`] is its
+//! `config.toml`.
+//!
+//! ```
+//! use luxel::run::{self, Launch, Outcome, RunConfig, RunFolder};
+//! use luxel::{Device, Event, SelectedEngine, StopFlag, TrainConfig, synthetic};
+//!
+//! # fn main() -> luxel::Result<()> {
+//! # let place = tempfile::tempdir().unwrap();
+//! # let (my_images, my_run) = (place.path().join("data"), place.path().join("run"));
+//! # synthetic::write_dataset(&my_images, synthetic::BallsOptions { side_px: 16, views: 4 })?;
+//! let method = TrainConfig { iterations: 5, init_points: 50, ..TrainConfig::default() };
+//! let config = RunConfig { device: Device::Cpu.into(), ..RunConfig::new(&my_images, method) };
+//! let engine = SelectedEngine::for_training(&config.device, false)?;
+//!
+//! let folder = RunFolder::at(&my_run);
+//! let observer = |event: Event| {
+//!     if let Event::Evaluation { split, mean, .. } = event {
+//!         println!("{split}: {:.2} dB", mean.psnr_scene);
+//!     }
+//! };
+//! let launch = Launch { folder: &folder, observer: &observer, stop: &StopFlag::new() };
+//! let trained = run::fresh(config, engine, launch, |_| folder.lock())?;
+//!
+//! assert_eq!(trained.outcome, Outcome::Finished);
+//! assert!(folder.report().is_file() && folder.scene(5).is_file());
+//! # Ok(())
+//! # }
+//! ```
 
 mod captures;
 mod clock;
