@@ -1,10 +1,12 @@
-//! Trains the same scene on the CPU and on a GPU, step by step, and draws both losses over each other.
+//! Trains the same scene on the CPU and on a GPU, step by step, and draws both losses over each
+//! other.
 //!
 //! ```text
 //! cargo run --release -p luxel --example compare_engines -- data/desk-lamp-200 2 300 llvmpipe loss.svg
 //! ```
 //!
-//! Arguments: data set, how many times its images are reduced, steps, a part of the GPU's name, drawing to write.
+//! Arguments: data set, how many times its images are reduced, steps, a part of the GPU's name,
+//! drawing to write.
 
 use std::error::Error;
 use std::fmt::Write;
@@ -63,7 +65,8 @@ const WIDTH: f32 = 640.0;
 const HEIGHT: f32 = 320.0;
 const MARGIN: f32 = 48.0;
 
-/// Curves over each other: the first broad and light, the second fine, so that both are seen where they agree.
+/// Curves over each other: the first broad and light, the second fine, so that both are seen where
+/// they agree.
 fn svg(steps: u32, curves: &[(&str, &str, &[f32])]) -> String {
     let values = curves.iter().flat_map(|(_, _, values)| values.iter());
     let top = values.fold(f32::MIN_POSITIVE, |top, value| top.max(*value)) * 1.05;

@@ -4,8 +4,9 @@
 //! cargo run --release -p luxel --example render_ply -- SCENE.ply CAMERAS.json FOLDER
 //! ```
 //!
-//! SCENE.ply: a scene of `luxel train`, or any 3D Gaussian splatting file. CAMERAS.json: a `transforms.json` (its images are not
-//! needed) or a camera path of nerfstudio, with image size and focal length. FOLDER gets an OpenEXR file per camera.
+//! SCENE.ply: a scene of `luxel train`, or any 3D Gaussian splatting file. CAMERAS.json: a
+//! `transforms.json` (its images are not needed) or a camera path of nerfstudio, with image size
+//! and focal length. FOLDER gets an OpenEXR file per camera.
 
 use std::path::PathBuf;
 
@@ -19,7 +20,8 @@ fn main() -> Result<()> {
     let scene = Scene::open(scene)?;
     let mut renderer = Renderer::new(&scene, Device::Auto)?;
     for named in read_cameras(cameras)? {
-        // The scene brings its raster settings, its scale and its colour space: the file is in the units of the photographs.
+        // The scene brings its raster settings, its scale and its colour space: the file is in the
+        // units of the photographs.
         let path = folder.join(format!("{}.exr", named.name));
         renderer.render(&named.camera)?.save_exr(&path)?;
         println!("{}", path.display());

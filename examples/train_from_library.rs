@@ -24,7 +24,8 @@ fn train(dataset: &str, path: &str, steps: u32) -> Result<()> {
     }
     println!("{}: {} views to train on, {} to test", dataset.format, dataset.train.len(), dataset.test.len());
 
-    // Defaults are the command line's: the method lcd, seed 42, schedules in proportion to the steps.
+    // Defaults are the command line's: the method lcd, seed 42, schedules in proportion to the
+    // steps.
     let mut training = Training::builder(&dataset).steps(steps).device(Device::Auto).start()?;
     for step in training.by_ref() {
         let step = step?;

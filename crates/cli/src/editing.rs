@@ -1,4 +1,5 @@
-//! Edits of light on their way from the command line to a scene: painted masks found and projected, changes told.
+//! Edits of light on their way from the command line to a scene: painted masks found and projected,
+//! changes told.
 
 use std::path::Path;
 
@@ -10,7 +11,8 @@ use crate::inputs::scene_source::{DataRequest, SceneSource};
 use crate::output::console::Console;
 use luxel::text;
 
-/// Shares of all masks that the edits look at, for the scene as it is. Reads the data set only if there are any.
+/// Shares of all masks that the edits look at, for the scene as it is. Reads the data set only if
+/// there are any.
 pub(crate) fn mask_shares(
     edits: &[Edit],
     source: &SceneSource,
@@ -64,8 +66,8 @@ pub(crate) fn view<'d>(dataset: &'d Dataset, name: &str) -> Result<&'d View> {
     }
 }
 
-/// `[H*W]` of the view's size, 0 to 1: the brightest channel as it is stored, times opacity where that is not in it. NaN is 0. Larger pictures
-/// by whole factors are averaged.
+/// `[H*W]` of the view's size, 0 to 1: the brightest channel as it is stored, times opacity where
+/// that is not in it. NaN is 0. Larger pictures by whole factors are averaged.
 fn read_mask(path: &Path, view: &View) -> Result<Vec<f32>> {
     let decoded = luxel_io::read_codes(path).context("cannot read a mask")?;
     let alpha = decoded.alpha.filter(|_| !decoded.is_premultiplied);

@@ -1,5 +1,6 @@
-//! Ctrl-C and SIGTERM. First: training finishes its step, saves and exits with 130. Second: the process exits at once. Outside of
-//! training there is nothing to save, and the first one ends the process.
+//! Ctrl-C and SIGTERM. First: training finishes its step, saves and exits with 130. Second: the
+//! process exits at once. Outside of training there is nothing to save, and the first one ends the
+//! process.
 
 use std::sync::LazyLock;
 
@@ -30,8 +31,8 @@ pub(crate) fn install() -> Result<()> {
     .context("cannot install the handler of Ctrl-C")
 }
 
-/// Counts the end of standard input as one interruption, from a thread of its own: a program that starts this one and holds its
-/// input open stops it by closing the input, also by ending.
+/// Counts the end of standard input as one interruption, from a thread of its own: a program that
+/// starts this one and holds its input open stops it by closing the input, also by ending.
 pub(crate) fn at_end_of_input() {
     std::thread::spawn(|| {
         // The input's content has no meaning.

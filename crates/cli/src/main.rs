@@ -59,7 +59,8 @@ fn start_logging() {
     tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).with_target(false).without_time().init();
 }
 
-/// Returns whether the reader of standard output has left: `luxel info scene.ply | head -1` is no failure.
+/// Returns whether the reader of standard output has left: `luxel info scene.ply | head -1` is no
+/// failure.
 fn reader_has_left(error: &anyhow::Error) -> bool {
     error.chain().filter_map(|cause| cause.downcast_ref::<std::io::Error>()).any(|e| e.kind() == std::io::ErrorKind::BrokenPipe)
 }

@@ -161,7 +161,7 @@ fn options_out_of_range_are_refused() {
         place.error(&args, &[option]);
     }
     place.error(&["train", "data", "-o", "run", "--method", "sh3", "--activation", "exp"], &["--activation"]);
-    place.error(&["train", "data", "-o", "run", "--mcmc-noise", "1"], &["--mcmc-noise: goes with --strategy mcmc only"]);
+    place.error(&["train", "data", "-o", "run", "--mcmc-noise", "1"], &["--mcmc-noise: has an effect with --strategy mcmc only"]);
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! Colours of error maps: shares from 0 to 1 to 8-bit sRGB.
 
-/// matplotlib's magma at eleven even places: perceptually even, dark to bright, readable without colour vision; the map that FLIP's
-/// authors show errors with.
+/// matplotlib's magma at eleven even places: perceptually even, dark to bright, readable without
+/// colour vision; the map that FLIP's authors show errors with.
 const MAGMA: [[u8; 3]; 11] = [
     [0, 0, 4],
     [20, 14, 54],

@@ -12,7 +12,8 @@ use crate::{Observer, Result, text};
 /// Files with bad pixels that are listed one by one.
 const LISTED_FILES: usize = 5;
 
-/// A data set in memory. Dereferences to [`luxel_core::Dataset`], which has the views, points and colour space.
+/// A data set in memory. Dereferences to [`luxel_core::Dataset`], which has the views, points and
+/// colour space.
 #[derive(Clone, Debug)]
 pub struct Dataset(luxel_core::Dataset);
 

@@ -1,8 +1,8 @@
 //! The choice of what computes: the processor's cores or a GPU.
 //!
-//! In: a [`Device`] and a number of threads; out: an engine without a scene, and words for where it runs. `Auto` takes a real GPU if
-//! there is one that works, and the CPU otherwise; captured LDR images are trained on the CPU, whose engine alone finds a camera's
-//! response.
+//! In: a [`Device`] and a number of threads; out: an engine without a scene, and words for where it
+//! runs. `Auto` takes a real GPU if there is one that works, and the CPU otherwise; captured LDR
+//! images are trained on the CPU, the only engine that finds a camera's response.
 
 use std::fmt;
 use std::str::FromStr;
@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::{Context, ensure};
 use crate::{Result, machine, text};
 
-/// What computes.
+/// A choice of what computes: the processor or a GPU.
 ///
 /// The text form is `auto`, `cpu`, `gpu` or `gpu:NAME`:
 ///
@@ -92,11 +92,12 @@ impl From<Device> for String {
     }
 }
 
-/// A device and the threads beside it. The result is the same for any number of threads; CPU and GPU agree to rounding.
+/// A device and the threads beside it. The result is the same for any number of threads; CPU and
+/// GPU agree to rounding.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DeviceOptions {
-    /// What computes.
+    /// The device.
     pub device: Device,
     /// Threads of the processor; `None` for all cores.
     pub threads: Option<u32>,
@@ -114,9 +115,11 @@ pub struct SelectedEngine {
     pub engine: Box<dyn Engine>,
     /// Threads for everything that the processor does.
     pub threads: usize,
-    /// Where it runs, for people: `2 threads`, `NVIDIA H200 (vulkan)`, and why it is not a GPU if there seems to be one.
+    /// Place where it runs, for people: `2 threads`, `NVIDIA H200 (vulkan)`; with the reason where
+    /// there seems to be a GPU that is not used.
     pub machine: String,
-    /// The same for comparisons: `2 threads of AMD EPYC 9B14`, `NVIDIA H200 (vulkan)`. Times of equal ones compare.
+    /// The same for comparisons: `2 threads of AMD EPYC 9B14`, `NVIDIA H200 (vulkan)`. Times of
+    /// equal ones compare.
     pub computed_by: String,
     /// Name of the GPU.
     pub gpu: Option<String>,
@@ -133,8 +136,8 @@ impl SelectedEngine {
         Self::open_with(options, InstructionSet::Best)
     }
 
-    /// Opens the engine for training. `learns_response` tells that a camera's response is found beside the scene, which the CPU
-    /// engine alone does.
+    /// Opens the engine for training. `learns_response` is set where a camera's response is found
+    /// beside the scene, which only the CPU engine does.
     ///
     /// # Errors
     /// As [`Self::open`].
@@ -148,7 +151,8 @@ impl SelectedEngine {
     /// Opens the engine with a choice among the processor's instruction sets.
     ///
     /// # Errors
-    /// As [`Self::open`]; a GPU together with an instruction set; an instruction set that the processor lacks.
+    /// As [`Self::open`]; a GPU together with an instruction set; an instruction set that the
+    /// processor lacks.
     pub fn open_with(options: &DeviceOptions, set: InstructionSet) -> Result<Self> {
         let threads = threads(options);
         if set != InstructionSet::Best {
@@ -196,7 +200,8 @@ mod gpu {
         Ok(SelectedEngine { engine: Box::new(engine), threads, machine, computed_by, gpu: Some(facts.name.clone()), instruction_set: None })
     }
 
-    /// Opens the best real GPU. Without one there is nothing to report; one that cannot be used is reported.
+    /// Opens the best real GPU. Without one there is nothing to report; one that cannot be used is
+    /// reported.
     pub(super) fn best(threads: usize) -> Result<SelectedEngine, Option<String>> {
         open(threads, None).map_err(|error| {
             let is_there = adapters().iter().any(|facts| facts.kind != AdapterKind::Software);
@@ -219,7 +224,8 @@ mod gpu {
     }
 }
 
-/// Returns the threads to use: as many as asked for, else all cores. Also bounds what reading files uses.
+/// Returns the threads to use: as many as asked for, else all cores. Also bounds what reading files
+/// uses.
 fn threads(options: &DeviceOptions) -> usize {
     let threads = match options.threads {
         Some(threads) => threads as usize,

@@ -1,7 +1,8 @@
 //! The one error of this crate: a message, what caused it, and what to do about it.
 //!
-//! In: errors of the libraries below, or a message; out: [`Error`], whose text names file, place, expected and found, and no
-//! command-line flag. [`Error::remedy`] is structured, so that a front end words it in its own terms.
+//! In: errors of the libraries below, or a message; out: [`Error`], whose text names file, place,
+//! expected and found, and no command-line flag. [`Error::remedy`] is structured, so that a front
+//! end words it in its own terms.
 
 use std::error::Error as StdError;
 use std::fmt;
@@ -13,8 +14,8 @@ type Boxed = Box<dyn StdError + Send + Sync + 'static>;
 
 /// Explains why something could not be done.
 ///
-/// `{}` displays the message alone, `{:#}` the message and its causes in one line. [`std::error::Error::source`] leads from cause to
-/// cause.
+/// `{}` displays the message alone, `{:#}` the message and its causes in one line.
+/// [`std::error::Error::source`] leads from cause to cause.
 ///
 /// ```
 /// let error = luxel::Dataset::open("no/such/folder").unwrap_err();

@@ -1,7 +1,8 @@
-//! What a long task reports while it works: events for an observer, in place of a terminal.
+//! Events that a long task reports to an observer while it works.
 //!
-//! A task takes `&dyn Observer` and calls it from the thread it works in; a call must not block for long, as the task waits for it.
-//! Events are owned values, so that an observer may send them through a channel.
+//! A task takes `&dyn Observer` and calls it from the thread it works in; a call must not block for
+//! long, as the task waits for it. Events are owned values, so that an observer may send them
+//! through a channel.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -17,7 +18,7 @@ use crate::run::LogRecord;
 pub enum Event {
     /// Something good to know.
     Note(String),
-    /// Something that may need attention: the task goes on.
+    /// Something that may need attention; the task continues.
     Warning(String),
     /// Steps begin: `done` of `total` are made already.
     StepsBegin {
@@ -133,13 +134,15 @@ impl StopFlag {
         self.0.requested.load(Ordering::SeqCst)
     }
 
-    /// Marks, until the returned value is dropped, that a task looks at the flag and has something to save.
+    /// Marks, until the returned value is dropped, that a task looks at the flag and has something
+    /// to save.
     pub fn listen(&self) -> Listening {
         self.0.listeners.fetch_add(1, Ordering::SeqCst);
         Listening(self.clone())
     }
 
-    /// Returns whether a task looks at the flag. Where none does, nothing is lost by ending the process at once.
+    /// Returns whether a task looks at the flag. Where none does, nothing is lost by ending the
+    /// process at once.
     pub fn has_listener(&self) -> bool {
         self.0.listeners.load(Ordering::SeqCst) > 0
     }

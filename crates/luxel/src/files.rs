@@ -1,4 +1,4 @@
-//! Small files of the program's own, written whole or not at all.
+//! Small files, written whole or not at all, and checks of paths before writing.
 
 use std::path::Path;
 
@@ -12,7 +12,7 @@ pub fn write_bytes(path: &Path, content: &[u8]) -> Result<()> {
     Ok(())
 }
 
-/// Refuses to write over a file that is there, unless that is asked for.
+/// Refuses an output path that is a folder, or an existing file unless `overwrite` is set.
 pub fn check_free(path: &Path, overwrite: bool) -> Result<()> {
     if path.is_dir() {
         bail!("{}: is a folder, expected a name for a file", path.display());
@@ -23,7 +23,7 @@ pub fn check_free(path: &Path, overwrite: bool) -> Result<()> {
     Ok(())
 }
 
-/// Whether both are one file or folder, by whatever way, be it there or not.
+/// Returns whether both paths lead to one file or folder, existing or not.
 pub fn is_same(a: &Path, b: &Path) -> bool {
     let real = |path: &Path| {
         let absolute = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
@@ -33,7 +33,7 @@ pub fn is_same(a: &Path, b: &Path) -> bool {
     real(a) == real(b)
 }
 
-/// Refuses to write over one of `inputs`, whatever it is called.
+/// Refuses an output path that leads to one of `inputs`.
 pub fn check_no_input<'a>(path: &Path, inputs: impl IntoIterator<Item = &'a Path>) -> Result<()> {
     let Ok(real) = std::fs::canonicalize(path) else { return Ok(()) };
     if inputs.into_iter().any(|input| std::fs::canonicalize(input).is_ok_and(|input| input == real)) {
@@ -42,7 +42,7 @@ pub fn check_no_input<'a>(path: &Path, inputs: impl IntoIterator<Item = &'a Path
     Ok(())
 }
 
-/// Removes a file; that there is none is as well.
+/// Removes a file if it exists.
 pub fn remove_if_there(path: &Path) -> Result<()> {
     match std::fs::remove_file(path) {
         Err(error) if error.kind() != std::io::ErrorKind::NotFound => {

@@ -1,14 +1,18 @@
-//! Luxel for programs: data sets, training, rendering, editing and export of scenes in scene-linear radiance.
+//! Luxel for programs: data sets, training, rendering, editing and export of scenes in scene-linear
+//! radiance.
 //!
-//! This crate does what the program `luxel` does. It prints nothing and parses no arguments: long tasks report to an [`Observer`], and
-//! errors carry a message and their causes.
+//! This crate does what the program `luxel` does. It prints nothing and parses no arguments: long
+//! tasks report to an [`Observer`], and errors carry a message and their causes.
 //!
 //! - [`Dataset`] reads posed images.
-//! - [`Training`] makes a [`Scene`] of them, step by step, in memory; [`run`] does it in a folder with checkpoints, metrics and a report.
-//! - [`Renderer`] turns a scene and a camera into [`Radiance`], an image in the units of the data set.
+//! - [`Training`] makes a [`Scene`] of them, step by step, in memory; [`run`] does it in a folder
+//!   with checkpoints, metrics and a report.
+//! - [`Renderer`] turns a scene and a camera into [`Radiance`], an image in the units of the data
+//!   set.
 //! - [`Device`] chooses what computes: the processor or a GPU.
 //!
-//! Two mistakes are impossible: a scene renders with its own raster settings, and images in normalised units stay inside of the crate.
+//! Two mistakes are impossible: a scene renders with its own raster settings, and images in
+//! normalised units stay inside of the crate.
 //!
 //! ```standalone_crate
 //! use luxel::{Dataset, Device, Edit, Preset, Renderer, Result, Training, synthetic};
@@ -16,10 +20,15 @@
 //! fn main() -> Result<()> {
 //! #   let folder = tempfile::tempdir().unwrap();
 //! #   std::env::set_current_dir(folder.path()).unwrap();
-//!     synthetic::write_dataset("my-images", synthetic::BallsOptions::default())?; // any data set of yours
+//!     // In place of a data set of yours.
+//!     synthetic::write_dataset("my-images", synthetic::BallsOptions::default())?;
 //!     let dataset = Dataset::open("my-images")?; // the layout is recognised
 //!
-//!     let mut training = Training::builder(&dataset).preset(Preset::Fast).steps(20).device(Device::Cpu).start()?;
+//!     let mut training = Training::builder(&dataset)
+//!         .preset(Preset::Fast)
+//!         .steps(20)
+//!         .device(Device::Cpu)
+//!         .start()?;
 //!     for step in training.by_ref() {
 //!         let step = step?;
 //!         if step.number % 10 == 0 {
@@ -27,7 +36,7 @@
 //!         }
 //!     }
 //!     let metrics = training.evaluate(&dataset.test)?;
-//!     println!("{:.2} dB (scene), {:.2} dB (gtmax)", metrics.mean.psnr_scene, metrics.mean.psnr_gtmax);
+//!     println!("{:.2} dB (scene)", metrics.mean.psnr_scene);
 //!
 //!     let mut scene = training.into_scene()?;
 //!     scene.edit(&"where L > p95 ~2; compress-above 2:4".parse::<Edit>()?)?;

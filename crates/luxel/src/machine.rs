@@ -1,6 +1,6 @@
-//! What the machine is, as far as it tells without rights.
+//! Facts about this machine that need no privileges to read.
 
-/// Name and value, for people.
+/// Returns names and values for people.
 pub fn facts(cores: usize) -> Vec<(&'static str, String)> {
     let mut facts = Vec::new();
     if let Some(model) = processor() {
@@ -14,12 +14,12 @@ pub fn facts(cores: usize) -> Vec<(&'static str, String)> {
     facts
 }
 
-/// Name of the processor.
+/// Returns the name of the processor.
 pub fn processor() -> Option<String> {
     processor_of(&read("/proc/cpuinfo"))
 }
 
-/// Text of a file of the system; empty where there is none.
+/// Returns the text of a file of the system; empty where there is none.
 fn read(path: &str) -> String {
     std::fs::read_to_string(path).unwrap_or_default()
 }

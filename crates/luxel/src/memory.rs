@@ -1,11 +1,11 @@
-//! Memory of this process, bytes, as Linux tells it; `None` elsewhere.
+//! Memory of this process in bytes, on Linux; `None` elsewhere.
 
-/// Resident now (`VmRSS`).
+/// Returns the resident memory (`VmRSS`).
 pub fn resident_bytes() -> Option<u64> {
     status_bytes("VmRSS:")
 }
 
-/// Most ever resident (`VmHWM`).
+/// Returns the peak of resident memory (`VmHWM`).
 pub fn peak_resident_bytes() -> Option<u64> {
     status_bytes("VmHWM:")
 }

@@ -1,7 +1,8 @@
 //! An image in the units of the data set. Images in normalised units stay inside of this crate.
 //!
-//! In: renders in normalised units with the scene's radiance scale; out: linear radiance `[H,W,3]` that knows its colour space, and
-//! files of it. Values are not clamped; where half floats cannot hold one, the file has 32 bits a channel.
+//! In: renders in normalised units with the scene's radiance scale; out: linear radiance `[H,W,3]`
+//! that knows its colour space, and files of it. Values are not clamped; where half floats cannot
+//! hold one, the file has 32 bits a channel.
 
 use std::path::Path;
 
@@ -70,7 +71,8 @@ impl Radiance {
         self.color_space
     }
 
-    /// Returns the image converted to another colour space; radiance outside of its gamut becomes negative.
+    /// Returns the image converted to another colour space; radiance outside of its gamut becomes
+    /// negative.
     #[must_use]
     pub fn to_color_space(mut self, color_space: ColorSpace) -> Self {
         let conversion = Conversion::between(self.color_space, color_space);
@@ -80,7 +82,8 @@ impl Radiance {
         Self { color_space, ..self }
     }
 
-    /// Writes an OpenEXR file with the chromaticities and the camera: half floats, or 32 bits where a value exceeds 65504.
+    /// Writes an OpenEXR file with the chromaticities and the camera: half floats, or 32 bits where
+    /// a value exceeds 65504.
     ///
     /// # Errors
     /// The file system's refusal.
@@ -97,7 +100,8 @@ impl Radiance {
         Ok(())
     }
 
-    /// Writes an 8-bit tone-mapped preview as PNG. `exposure_ev` is in stops; 0 shows the scene's radiance scale as 1.
+    /// Writes an 8-bit tone-mapped preview as PNG. `exposure_ev` is in stops; 0 shows the scene's
+    /// radiance scale as 1.
     ///
     /// # Errors
     /// The file system's refusal.

@@ -1,4 +1,5 @@
-//! Rendering of a scene: always with the scene's own raster settings, always into the units of the data set.
+//! Rendering of a scene: always with the scene's own raster settings, always into the units of the
+//! data set.
 
 use luxel_core::{Camera, ColorSpace, Engine, RenderOptions};
 
@@ -30,7 +31,8 @@ impl Renderer {
     /// Opens a device and loads the scene.
     ///
     /// # Errors
-    /// A device that is not there; a scene that is not valid or does not fit into the device's memory.
+    /// A device that is not there; a scene that is not valid or does not fit into the device's
+    /// memory.
     pub fn new(scene: &Scene, device: impl Into<DeviceOptions>) -> Result<Self> {
         let mut engine = SelectedEngine::open(&device.into())?.engine;
         engine.load(&scene.splats, None).context("cannot load the scene")?;

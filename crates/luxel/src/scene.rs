@@ -28,7 +28,8 @@ use crate::error::Context;
 pub struct Scene(luxel_core::Scene);
 
 impl Scene {
-    /// Reads a scene file: PLY of this program, plain and compressed 3DGS PLY, USD text, GLB or SPZ, recognised by content.
+    /// Reads a scene file: PLY of this program, plain and compressed 3DGS PLY, USD text, GLB or
+    /// SPZ, recognised by content.
     ///
     /// # Errors
     /// A file that cannot be read, is damaged, or is of a format or version that is not supported.
@@ -36,7 +37,8 @@ impl Scene {
         luxel_io::read_scene(path.as_ref()).map(Self).context("cannot read the scene")
     }
 
-    /// Writes the scene as PLY, whole or not at all: the exact model, and a tone-mapped preview that any 3DGS viewer shows.
+    /// Writes the scene as PLY, whole or not at all: the exact model, and a tone-mapped preview
+    /// that any 3DGS viewer shows.
     ///
     /// # Errors
     /// A scene that is not valid; the file system's refusal.
@@ -87,7 +89,8 @@ impl Deref for Scene {
     }
 }
 
-/// Reads the cameras of a file: a `transforms.json`, whose images are not needed, or a camera path of nerfstudio.
+/// Reads the cameras of a file: a `transforms.json`, whose images are not needed, or a camera path
+/// of nerfstudio.
 ///
 /// # Errors
 /// A file that cannot be read, or that leaves out the size of the images or the lens.

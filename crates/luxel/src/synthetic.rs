@@ -11,7 +11,8 @@ pub use luxel_core::synthetic::room_camera;
 use crate::error::Context;
 use crate::{Result, Scene, files};
 
-/// Returns a room of `count` splats of spherical harmonics; equal seeds give equal scenes. [`room_camera`] stands in its middle.
+/// Returns a room of `count` splats of spherical harmonics; equal seeds give equal scenes.
+/// [`room_camera`] stands in its middle.
 pub fn room(count: usize, seed: u64) -> Scene {
     let splats = luxel_core::synthetic::room(count, seed);
     let (color_space, raster) = (ColorSpace::default(), RasterConfig::default());
@@ -79,8 +80,8 @@ impl Pose {
     }
 }
 
-/// Writes a tiny HDR data set into `folder`: three balls of light, one of them a lamp, as OpenEXR images of 32 bits with a
-/// `transforms.json`.
+/// Writes a tiny HDR data set into `folder`: three balls of light, one of them a lamp, as OpenEXR
+/// images of 32 bits with a `transforms.json`.
 ///
 /// ```
 /// use luxel::{Dataset, synthetic};

@@ -1,8 +1,8 @@
-//! Numbers as people read them.
+//! Numbers in text for people.
 
 use std::time::Duration;
 
-/// `1,234,567`.
+/// Returns a count with separators of thousands: `1,234,567`.
 pub fn count(n: usize) -> String {
     let digits = n.to_string();
     let mut out = String::with_capacity(digits.len() + digits.len() / 3);
@@ -15,12 +15,12 @@ pub fn count(n: usize) -> String {
     out
 }
 
-/// `1 image`, `2 images`.
+/// Returns a count with its noun: `1 image`, `2 images`.
 pub fn plural(n: usize, noun: &str) -> String {
     format!("{} {noun}{}", count(n), if n == 1 { "" } else { "s" })
 }
 
-/// `512 B`, `3.4 MiB`.
+/// Returns a size of memory: `512 B`, `3.4 MiB`.
 pub fn bytes(n: u64) -> String {
     const UNITS: [&str; 4] = ["KiB", "MiB", "GiB", "TiB"];
     if n < 1024 {
@@ -35,7 +35,7 @@ pub fn bytes(n: u64) -> String {
     format!("{value:.1} {}", UNITS[unit])
 }
 
-/// `42 s`, `3 min 05 s`, `2 h 07 min`.
+/// Returns a duration: `42 s`, `3 min 05 s`, `2 h 07 min`.
 pub fn duration(d: Duration) -> String {
     let s = d.as_secs();
     match s {
@@ -45,7 +45,7 @@ pub fn duration(d: Duration) -> String {
     }
 }
 
-/// Three to four significant digits, plain where that is short.
+/// Returns a number with three to four significant digits, without an exponent where that is short.
 pub fn number(v: f64) -> String {
     let a = v.abs();
     if v == 0.0 {
@@ -61,7 +61,8 @@ pub fn number(v: f64) -> String {
     }
 }
 
-/// Range of a decade of luminance (see [`luxel_core::metrics::DecadeError`]): `0.1 to 1`.
+/// Returns the range of a decade of luminance (see [`luxel_core::metrics::DecadeError`]): `0.1 to
+/// 1`.
 pub fn decade(decade: i32) -> String {
     let edge = |power: i32| if (-3..=3).contains(&power) { format!("{}", 10f64.powi(power)) } else { format!("1e{power}") };
     match decade {

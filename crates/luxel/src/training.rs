@@ -1,7 +1,9 @@
-//! Training as an iterator of steps, in memory: no run folder, no files unless a checkpoint is asked for.
+//! Training as an iterator of steps, in memory: no run folder, no files unless a checkpoint is
+//! asked for.
 //!
-//! In: a [`Dataset`] and settings; out: [`Progress`] step by step, metrics, and a [`Scene`]. A run pauses when iteration pauses. A
-//! checkpoint holds everything: a resumed training gives the same bits as an unbroken one. [`crate::run`] has training with a folder.
+//! In: a [`Dataset`] and settings; out: [`Progress`] step by step, metrics, and a [`Scene`]. A run
+//! pauses when iteration pauses. A checkpoint holds everything: a resumed training gives the same
+//! bits as an unbroken one. [`crate::run`] has training with a folder.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -32,7 +34,8 @@ pub struct Progress {
 
 /// Settings of a training that has not started.
 ///
-/// Settings have, in this order of precedence: the value given here, that of the preset, that of [`Self::config`], the default.
+/// Settings have, in this order of precedence: the value given here, that of the preset, that of
+/// [`Self::config`], the default.
 #[derive(Clone, Debug)]
 pub struct TrainingBuilder<'a> {
     dataset: &'a Dataset,
@@ -46,7 +49,8 @@ pub struct TrainingBuilder<'a> {
 }
 
 impl TrainingBuilder<'_> {
-    /// Sets every option of the method. The others of this builder take precedence, in any order of calls.
+    /// Sets every option of the method. The others of this builder take precedence, in any order of
+    /// calls.
     #[must_use]
     pub fn config(mut self, config: TrainConfig) -> Self {
         self.config = config;
@@ -106,8 +110,8 @@ impl TrainingBuilder<'_> {
         Ok(Training::new(trainer, self.dataset))
     }
 
-    /// Continues from a checkpoint of the same data set. Of the settings, the device alone is taken from here, and the number of
-    /// steps if it was set.
+    /// Continues from a checkpoint of the same data set. Of the settings, the device alone is taken
+    /// from here, and the number of steps if it was set.
     ///
     /// # Errors
     /// A checkpoint that is damaged or of another data set; fewer steps than are made already.
@@ -207,7 +211,8 @@ impl Training {
     /// Makes one step.
     ///
     /// # Errors
-    /// A loss that is not finite, a device that gave up. The training cannot go on; resume it from a checkpoint.
+    /// A loss that is not finite, a device that gave up. The training cannot go on; resume it from
+    /// a checkpoint.
     pub fn step(&mut self) -> Result<Progress> {
         let number = self.trainer.iteration() + 1;
         let report = self.trainer.step().with_context(|| format!("training step {number}"))?;
@@ -220,8 +225,8 @@ impl Training {
         })
     }
 
-    /// Measures the scene as it stands against views, with the radiance scale, mu, raster settings, gains and camera response of
-    /// this training.
+    /// Measures the scene as it stands against views, with the radiance scale, mu, raster settings,
+    /// gains and camera response of this training.
     ///
     /// # Errors
     /// A render that is not finite, a device that gave up.

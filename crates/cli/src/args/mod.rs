@@ -1,4 +1,5 @@
-//! The arguments of the program: one struct a command, shared groups of options, and the values they take.
+//! The arguments of the program: one struct a command, shared groups of options, and the values
+//! they take.
 
 mod bench;
 mod edit;
@@ -36,28 +37,30 @@ pub(crate) fn flag(option: &str) -> String {
     format!("--{}", option.replace('_', "-"))
 }
 
-/// High dynamic range 3D Gaussian splatting: posed HDR photographs in, a scene of linear radiance out.
+/// High dynamic range 3D Gaussian splatting: posed HDR images in, a scene of linear radiance out.
 #[derive(Debug, Parser)]
 #[command(name = "luxel", version, propagate_version = true, max_term_width = 120, after_help = "New here? Type: luxel demo")]
 pub(crate) struct Cli {
-    /// What to do.
+    /// The command.
     #[command(subcommand)]
     pub(crate) command: Command,
 }
 
-/// The program's arguments.
+/// Returns the program's arguments.
 pub(crate) fn command() -> clap::Command {
     let command = Cli::command().mut_subcommand("reproduce", |reproduce| reproduce.mut_args(reproduce::adapted));
     command.mut_subcommands(|subcommand| subcommand.mut_args(with_negative_numbers))
 }
 
-/// An option that takes -1 for its value: what is wrong with it is then told of the value, not that there is no option of this name.
+/// Lets an option take -1 for its value, so that an error is about the value and not about an
+/// unknown option `-1`.
 fn with_negative_numbers(arg: Arg) -> Arg {
     let is_with_value = !arg.is_positional() && arg.get_action().takes_values();
     if is_with_value { arg.allow_negative_numbers(true) } else { arg }
 }
 
-/// Checks what the arguments' own rules cannot express; `explicit` names the options that were given.
+/// Checks what the arguments' own rules cannot express; `explicit` names the options that were
+/// given.
 pub(crate) fn check(cli: &Cli, explicit: &ExplicitArgs) -> Result<(), clap::Error> {
     let checked = match &cli.command {
         Command::Reproduce(_) => reproduce::check(explicit),
@@ -69,36 +72,40 @@ pub(crate) fn check(cli: &Cli, explicit: &ExplicitArgs) -> Result<(), clap::Erro
     checked.map_err(|message| command().error(ErrorKind::ArgumentConflict, message))
 }
 
-/// What to do.
+/// The commands of the program.
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
-    /// Train, evaluate and render a small HDR scene that comes with the program: no files, no network, minutes.
+    /// Train, evaluate and render a small HDR scene that comes with the program: no files, no
+    /// network, minutes.
     Demo(DemoArgs),
-    /// Make a data set of a folder of photographs: RAW, exposure brackets or OpenEXR to posed radiance.
+    /// Make a data set from a folder of photographs: RAW, exposure brackets or OpenEXR to posed
+    /// radiance.
     Prepare(Box<PrepareArgs>),
     /// Reconstruct a scene from posed HDR images.
     Train(Box<TrainArgs>),
-    /// Compare a run's scene with its images: a table, metrics.json and report.html.
+    /// Measure a run's scene against its images: a table, metrics.json and report.html.
     Eval(EvalArgs),
-    /// Compare two images, or two folders of images, by every metric there is.
+    /// Compare two images, or two folders of images, by every metric.
     Compare(CompareArgs),
     /// Render a scene to OpenEXR images in the units of the data set.
     Render(RenderArgs),
-    /// Change the light of a scene: maps on the luminance of all or selected splats, colours kept.
+    /// Change the light of a scene: map the luminance of all or selected splats and keep their
+    /// colours.
     Edit(Box<EditArgs>),
-    /// Write a scene for other programs: PLY, USD, glTF, SPZ; radiance or a picture of it.
+    /// Write a scene for other programs: PLY, USD, glTF, SPZ; as radiance or as a display bake.
     Export(Box<ExportArgs>),
-    /// Take the light that arrives at a point of the scene as an environment map.
+    /// Render the light that arrives at a point of the scene as an environment map.
     Probe(Box<ProbeArgs>),
-    /// Describe a scene, run, checkpoint, data set or image, or what can compute.
+    /// Describe a scene, run, checkpoint, data set or image, or list the devices.
     Info(InfoArgs),
-    /// Measure rendering and training steps on a scene, pass by pass.
+    /// Measure the time of rendering and of training steps on a scene, pass by pass.
     Bench(Box<BenchArgs>),
-    /// Train methods side by side on data sets and seeds, and make the paper's tables and figures of them.
+    /// Train methods side by side on data sets and seeds, and write the paper's tables and
+    /// pictures.
     Reproduce(Box<ReproduceArgs>),
 }
 
-/// How the files of a data set are read.
+/// Options of reading a data set.
 #[derive(Clone, Debug, Args)]
 pub(crate) struct LoadArgs {
     /// Layout of the data set [default: recognised].
@@ -116,12 +123,13 @@ pub(crate) struct LoadArgs {
     /// Train on radiance, or on captured LDR images with their exposures.
     #[arg(long, value_enum, default_value_t, value_name = "KIND", help_heading = "Data set")]
     pub(crate) supervision: SupervisionArg,
-    /// Exposures of each pose to train on with --supervision ldr: all, single (one a pose, in turn), or numbers counted from the
-    /// shortest, such as 0,2,4.
+    /// Exposures of each pose to train on with --supervision ldr: all, single (one a pose, in
+    /// turn), or numbers counted from the shortest, such as 0,2,4.
     #[arg(long, default_value_t, value_name = "WHICH", help_heading = "Data set")]
     pub(crate) exposures: Exposures,
-    /// Masks, white where pixels count and black where they do not: auto (mask_path of transforms.json, or masks/IMAGE.png beside the
-    /// data set), off, alpha (of the images), or a folder of masks named like the images.
+    /// Masks, white where pixels count and black where they do not: auto (mask_path of
+    /// transforms.json, or masks/IMAGE.png beside the data set), off, alpha (of the images), or a
+    /// folder of masks named like the images.
     #[arg(long, default_value_t, value_parser = parse_masks, value_name = "SOURCE", help_heading = "Data set")]
     pub(crate) masks: MaskSource,
 }
@@ -140,8 +148,8 @@ impl LoadArgs {
         }
     }
 
-    /// Refuses explicit options of reading a data set, but for those that are `used` all the same. `why` continues the sentence with
-    /// the reason and the remedy.
+    /// Refuses explicit options of reading a data set, but for those that are `used` all the same.
+    /// `why` continues the sentence with the reason and the remedy.
     pub(crate) fn refuse(explicit: &ExplicitArgs, used: &[&str], why: &str) -> Result<()> {
         let options = Self::augment_args(clap::Command::new("load"));
         let is_refused = |id: &str| !used.contains(&id) && options.get_arguments().any(|arg| arg.get_id() == id);
@@ -152,11 +160,13 @@ impl LoadArgs {
     }
 }
 
-/// What computes. The result is the same for any number of threads; the CPU and a GPU agree to rounding.
+/// Options of the device. The result is the same for any number of threads; the CPU and a GPU
+/// agree to rounding.
 #[derive(Clone, Debug, Args)]
 pub(crate) struct DeviceArgs {
-    /// Device that computes: auto takes a real GPU if there is one, else the CPU; gpu requires one; gpu:NAME takes the GPU whose name
-    /// contains NAME, a software renderer too. luxel info --devices lists them.
+    /// Device that computes: auto takes a real GPU if there is one, else the CPU; gpu requires one;
+    /// gpu:NAME takes the GPU whose name contains NAME, a software renderer too. luxel info
+    /// --devices lists them.
     #[arg(long, default_value_t, value_name = "auto|cpu|gpu|gpu:NAME", help_heading = "Machine")]
     pub(crate) device: Device,
     /// Number of threads, 1 to 4096 [default: all cores]. The result does not depend on it.
@@ -171,7 +181,7 @@ impl DeviceArgs {
     }
 }
 
-/// What is saved and evaluated during training.
+/// Options of saving and evaluating during training.
 #[derive(Clone, Debug, Args)]
 pub(crate) struct RunArgs {
     /// Save a checkpoint every N steps; 0 saves one at the end only.
@@ -200,53 +210,54 @@ impl RunArgs {
     }
 }
 
-/// How a command talks.
+/// Options of terminal output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Args)]
 pub(crate) struct ConsoleArgs {
-    /// How progress is told: to people on stderr, or to programs as one JSON object a line on stdout.
+    /// Report progress as text on stderr, or for programs as one JSON object a line on stdout.
     #[arg(long, value_enum, default_value_t, value_name = "FORMAT", help_heading = "Output")]
     pub(crate) log_format: LogFormat,
-    /// Say nothing but warnings, errors and results.
+    /// Print warnings, errors and results only.
     #[arg(long, short, conflicts_with = "log_format", help_heading = "Output")]
     pub(crate) quiet: bool,
 }
 
 /// `luxel train`.
 #[derive(Debug, Args)]
-#[command(after_help = "Ctrl-C saves the state and exits with code 130; --resume goes on from there, bit for bit.")]
+#[command(after_help = "Ctrl-C saves the state and exits with code 130; --resume continues from there, bit for bit.")]
 pub(crate) struct TrainArgs {
-    /// Folder of the data set (with transforms.json, sparse/0 or as HDR-NeRF, HDR-GS and GaussHDR have it). With --resume or
-    /// --config: the one of the configuration, if left out.
+    /// Folder of the data set: transforms.json, COLMAP's sparse/0, or the layouts of HDR-NeRF,
+    /// HDR-GS and GaussHDR. Optional with --resume and --config, which name one.
     #[arg(required_unless_present_any = ["resume", "config"])]
     pub(crate) dataset: Option<PathBuf>,
     /// Folder of the run.
     #[arg(long, short, value_name = "RUN")]
     pub(crate) output: PathBuf,
-    /// Start from the settings of a run's config.toml; options given here take precedence.
+    /// Take settings from a run's config.toml; options given here take precedence.
     #[arg(long, value_name = "FILE", conflicts_with = "resume")]
     pub(crate) config: Option<PathBuf>,
-    /// Delete the run that is in the output folder, and start anew.
+    /// Delete the run in the output folder and start anew.
     #[arg(long, conflicts_with = "resume")]
     pub(crate) overwrite: bool,
     /// Continue the run in the output folder from its newest readable checkpoint.
     #[arg(long)]
     pub(crate) resume: bool,
-    /// Stop as at Ctrl-C when standard input ends: for programs that start this one and hold its input open.
+    /// Stop as at Ctrl-C when standard input ends, for programs that start this one and hold its
+    /// input open.
     #[arg(long, help_heading = "Run")]
     pub(crate) stop_at_end_of_input: bool,
     /// Print the time spent in each pass at the end.
     #[arg(long, help_heading = "Output")]
     pub(crate) profile: bool,
-    /// How the command talks.
+    /// Terminal output.
     #[command(flatten)]
     pub(crate) console: ConsoleArgs,
-    /// How the data set is read.
+    /// Reading the data set.
     #[command(flatten)]
     pub(crate) load: LoadArgs,
-    /// Where the work is done.
+    /// Device.
     #[command(flatten)]
     pub(crate) device: DeviceArgs,
-    /// What is saved.
+    /// Saving and evaluating.
     #[command(flatten)]
     pub(crate) run: RunArgs,
     /// The method.
@@ -259,74 +270,78 @@ pub(crate) struct TrainArgs {
 pub(crate) struct EvalArgs {
     /// Folder of the run.
     pub(crate) run: PathBuf,
-    /// Data set to compare with, read as is said here [default: the one the run was trained on, read as it was but for what is said here].
+    /// Data set to measure against [default: that of the run, read as the run did but for options
+    /// given here].
     #[arg(long, value_name = "DATASET")]
     pub(crate) data: Option<PathBuf>,
-    /// What is computed.
+    /// Metrics to compute.
     #[arg(long, value_enum, default_value_t = MetricsArg::Fast)]
     pub(crate) metrics: MetricsArg,
-    /// Luminance in cd/m2 at which PU21's display shows the scene's radiance scale.
+    /// Luminance in cd/m2 at which the display of PU21 shows the scene's radiance scale, above 0.
     #[arg(long, default_value_t = FieldOptions::DEFAULT_PEAK_LUMINANCE, value_parser = parse_positive, value_name = "CD/M2")]
     pub(crate) peak_luminance: f32,
-    /// Weights for LPIPS: the state dict of lpips.LPIPS(net='alex' or 'vgg') as a safetensors file.
+    /// Weights of LPIPS: the state dict of lpips.LPIPS(net='alex' or 'vgg') as a safetensors file.
     #[arg(long, value_name = "FILE")]
     pub(crate) lpips_weights: Option<PathBuf>,
-    /// How the data set is read.
+    /// Reading the data set.
     #[command(flatten)]
     pub(crate) load: LoadArgs,
-    /// Where the work is done.
+    /// Device.
     #[command(flatten)]
     pub(crate) device: DeviceArgs,
 }
 
 /// `luxel compare`.
 #[derive(Debug, Args)]
-#[command(after_help = "Images of two folders are matched by their names without extension. What the figures mean: docs/src/reference/metrics.md.\n\n\
-    luxel compare truth.exr render.exr --heatmap flip.png\n\
-    luxel compare run/eval/step_9000/gt run/eval/step_9000/renders --json")]
+#[command(
+    after_help = "Images of two folders are matched by their names without extension. What the metrics mean: docs/src/reference/metrics.md.\n\n\
+    luxel compare reference.exr render.exr --heatmap flip.png\n\
+    luxel compare run/eval/step_9000/gt run/eval/step_9000/renders --json"
+)]
 pub(crate) struct CompareArgs {
-    /// The reference, an image or a folder of images; with --reference, the test.
+    /// Reference, an image or a folder of images; with --reference, the test.
     #[arg(value_name = "REFERENCE")]
     pub(crate) first: PathBuf,
-    /// The test: like the reference, an image or a folder.
+    /// Test, an image or a folder like the reference.
     #[arg(value_name = "TEST", required_unless_present = "reference", conflicts_with = "reference")]
     pub(crate) second: Option<PathBuf>,
-    /// The reference, if it is not to be the first of two.
+    /// Reference, in place of the first of two paths.
     #[arg(long, value_name = "PATH")]
     pub(crate) reference: Option<PathBuf>,
-    /// Radiance that is 1 in protocol scene, in the decades, and for the display of PU21 [default: the 99.9th percentile of the
-    /// luminance of all references].
+    /// Radiance that is 1 in protocol scene, in the decades and on the display of PU21, above 0
+    /// [default: the 99.9th percentile of the luminance of all references].
     #[arg(long, value_parser = parse_positive, value_name = "RADIANCE")]
     pub(crate) scale: Option<f32>,
-    /// Luminance in cd/m2 at which PU21's display shows that radiance.
+    /// Luminance in cd/m2 at which the display of PU21 shows that radiance, above 0.
     #[arg(long, default_value_t = FieldOptions::DEFAULT_PEAK_LUMINANCE, value_parser = parse_positive, value_name = "CD/M2")]
     pub(crate) peak_luminance: f32,
-    /// mu of the mu-law.
+    /// mu of the mu-law, above 0.
     #[arg(long, default_value_t = luxel_core::tone::MU, value_parser = parse_positive)]
     pub(crate) mu: f32,
-    /// What is computed.
+    /// Metrics to compute.
     #[arg(long, value_enum, default_value_t = MetricsArg::All)]
     pub(crate) metrics: MetricsArg,
-    /// Weights for LPIPS: the state dict of lpips.LPIPS(net='alex' or 'vgg') as a safetensors file.
+    /// Weights of LPIPS: the state dict of lpips.LPIPS(net='alex' or 'vgg') as a safetensors file.
     #[arg(long, value_name = "FILE")]
     pub(crate) lpips_weights: Option<PathBuf>,
-    /// Image that is black where pixels are left out; with folders one for all, or a folder of masks with the names of the references. What it has
-    /// no mask of is compared whole, and told.
+    /// Mask, black where pixels are left out; with folders one for all, or a folder of masks named
+    /// like the references. Images without a mask are compared whole and reported.
     #[arg(long, value_name = "PATH", help_heading = "Images")]
     pub(crate) mask: Option<PathBuf>,
-    /// Transfer function of integer images, where the file does not say it.
+    /// Transfer function of integer images that do not state theirs.
     #[arg(long, value_enum, value_name = "CURVE", help_heading = "Images")]
     pub(crate) transfer: Option<TransferArg>,
     /// Primaries of images that do not state theirs [default: linear-rec709].
     #[arg(long, value_enum, value_name = "SPACE", help_heading = "Images")]
     pub(crate) color_space: Option<ColorSpaceArg>,
-    /// Write HDR-FLIP of every pixel, black for 0 to yellow for 1 (magma): a PNG, with folders a folder of them.
+    /// Write an error map of HDR-FLIP, black for 0 to yellow for 1 (magma): a PNG; with folders, a
+    /// folder of them.
     #[arg(long, value_name = "PATH", help_heading = "Output")]
     pub(crate) heatmap: Option<PathBuf>,
     /// Replace error maps that are there.
     #[arg(long, requires = "heatmap", help_heading = "Output")]
     pub(crate) overwrite: bool,
-    /// One JSON object on stdout instead of a table.
+    /// Print one JSON object on stdout in place of a table.
     #[arg(long, help_heading = "Output")]
     pub(crate) json: bool,
 }
@@ -334,16 +349,17 @@ pub(crate) struct CompareArgs {
 /// `luxel info`.
 #[derive(Debug, Args)]
 pub(crate) struct InfoArgs {
-    /// Scene (.ply, .usda, .usd, .glb, .spz), run, checkpoint, data set (its folder or transforms.json) or image.
+    /// Scene (.ply, .usda, .usd, .glb, .spz), run, checkpoint, data set (its folder or
+    /// transforms.json) or image.
     #[arg(required_unless_present = "devices")]
     pub(crate) path: Option<PathBuf>,
-    /// List what can compute instead, and what --device auto takes.
+    /// List the devices, and which of them --device auto takes.
     #[arg(long, conflicts_with = "path")]
     pub(crate) devices: bool,
-    /// As JSON.
+    /// Print JSON.
     #[arg(long)]
     pub(crate) json: bool,
-    /// How a data set is read; of an image, --transfer and --color-space.
+    /// Reading a data set; for an image, --transfer and --color-space.
     #[command(flatten)]
     pub(crate) load: LoadArgs,
 }
@@ -357,16 +373,16 @@ pub(crate) struct DemoArgs {
     /// Folder for the results.
     #[arg(long, short, default_value = "luxel-demo", value_name = "DIR")]
     pub(crate) output: PathBuf,
-    /// Steps of training.
+    /// Steps of training, at least 1.
     #[arg(long, default_value_t = DEMO_ITERATIONS, value_parser = clap::value_parser!(u32).range(1..), value_name = "N")]
     pub(crate) iterations: u32,
     /// Colour model.
     #[arg(long, value_enum, default_value_t)]
     pub(crate) method: Method,
-    /// Where the work is done.
+    /// Device.
     #[command(flatten)]
     pub(crate) device: DeviceArgs,
-    /// How the command talks.
+    /// Terminal output.
     #[command(flatten)]
     pub(crate) console: ConsoleArgs,
 }

@@ -1,4 +1,5 @@
-//! The configuration of a run as the arguments of `luxel train` give it, and words for what contradicts or changes nothing.
+//! The configuration of a run from the arguments of `luxel train`, and the wording of options that
+//! contradict it or have no effect.
 
 use std::path::PathBuf;
 
@@ -15,7 +16,8 @@ pub(crate) fn explicit_args(matches: &ArgMatches) -> ExplicitArgs {
     matches.ids().filter(is_explicit).map(|id| id.as_str().to_owned()).collect()
 }
 
-/// Returns the configuration of a new run by the command line alone: explicit options over the preset over the defaults.
+/// Returns the configuration of a new run by the command line alone: explicit options over the
+/// preset over the defaults.
 pub(crate) fn from_args(args: &TrainArgs, dataset: PathBuf, explicit: &ExplicitArgs) -> RunConfig {
     RunConfig {
         luxel_version: luxel::VERSION.into(),
@@ -45,7 +47,7 @@ pub(crate) fn resumed(stored: &RunConfig, given: &RunConfig, explicit: &Explicit
 pub(crate) fn reject_inapplicable(config: &RunConfig, explicit: &ExplicitArgs) -> Result<()> {
     match config.inapplicable(explicit) {
         Some(Inapplicable { option, choice }) => {
-            bail!("{}: goes with {} only; give that too, or leave this out", flag(option), choice_as_typed(choice))
+            bail!("{}: has an effect with {} only; give that too, or leave this out", flag(option), choice_as_typed(choice))
         }
         None => Ok(()),
     }
@@ -72,7 +74,7 @@ mod tests {
     use super::*;
     use crate::args::{Cli, Command};
 
-    /// Options of `train` that are not part of a configuration; tests of the program show what each does.
+    /// Options of `train` that are not part of a configuration; tests of the program cover each.
     const BEHAVIOUR: [&str; 11] =
         ["dataset", "output", "config", "overwrite", "resume", "stop_at_end_of_input", "profile", "log_format", "quiet", "help", "version"];
 
@@ -273,7 +275,7 @@ mod tests {
             let error = check(&format!("{option} {other}")).unwrap_err().to_string();
             let name = option.split(' ').next().unwrap();
             let choice_name = if choice == "--samples 2" { "--samples above 1" } else { choice };
-            assert!(error.starts_with(&format!("{name}: goes with {choice_name} only")), "{error}");
+            assert!(error.starts_with(&format!("{name}: has an effect with {choice_name} only")), "{error}");
             check(&format!("{option} {choice}")).unwrap();
         }
     }

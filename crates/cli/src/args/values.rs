@@ -1,4 +1,4 @@
-//! Values of options: their names on the command line and in config.toml, and the ranges they must lie in.
+//! Values of options: their names on the command line, and their ranges.
 
 mod captures;
 mod world;
@@ -82,7 +82,7 @@ impl From<ColorSpaceArg> for ColorSpace {
     }
 }
 
-/// `--colorspace`: of what is written.
+/// `--colorspace`: the colour space of the files written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum SpaceArg {
     /// Rec.709 primaries, those of sRGB; D65.
@@ -147,7 +147,7 @@ impl From<ExrTypeArg> for ExrSample {
 pub(crate) enum TonemapArg {
     /// Clipped at 1, sRGB-encoded.
     None,
-    /// The mu-law value as display value, as papers print their figures.
+    /// The mu-law value as display value, as papers print their pictures.
     Mulaw,
     /// Y / (1 + Y) on the luminance.
     Reinhard,
@@ -174,7 +174,7 @@ impl From<TonemapArg> for Tonemap {
 pub(crate) enum MetricsArg {
     /// All but HDR-FLIP.
     Fast,
-    /// HDR-FLIP too, which takes several times as long as the others together.
+    /// All metrics; HDR-FLIP takes several times as long as the others together.
     All,
 }
 
@@ -194,19 +194,19 @@ pub(crate) enum OrderArg {
     /// Neighbours in space are neighbours in memory, as training keeps them.
     #[default]
     Spatial,
-    /// As in the file; the synthetic room's is random.
+    /// The order of the file; that of the synthetic room is random.
     File,
 }
 
 /// `--instruction-set`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub(crate) enum InstructionSetArg {
-    /// The best the processor has.
+    /// The best that the processor has.
     #[default]
     Best,
     /// AVX2 with FMA, also on a processor that has AVX-512.
     Avx2,
-    /// What every processor of this kind has: SSE2, NEON.
+    /// Instructions that every processor of this kind has: SSE2, NEON.
     Baseline,
 }
 
@@ -238,7 +238,7 @@ pub(crate) struct Shard {
     pub(crate) count: usize,
 }
 
-/// `A-B` or `A`.
+/// Parses `A-B` or `A`.
 pub(crate) fn parse_frames(text: &str) -> Result<Frames, String> {
     let expected = || format!("expected two frame numbers such as 0-99, got \"{text}\"");
     let (first, last) = text.split_once('-').unwrap_or((text, text));
@@ -250,7 +250,7 @@ pub(crate) fn parse_frames(text: &str) -> Result<Frames, String> {
     Ok(Frames { first, last })
 }
 
-/// `I/N`.
+/// Parses `I/N`.
 pub(crate) fn parse_shard(text: &str) -> Result<Shard, String> {
     let expected = || format!("expected index/count such as 0/4, got \"{text}\"");
     let (index, count) = text.split_once('/').ok_or_else(expected)?;
@@ -262,7 +262,7 @@ pub(crate) fn parse_shard(text: &str) -> Result<Shard, String> {
     Ok(Shard { index, count })
 }
 
-/// 1, 2, 4 or 8.
+/// Parses 1, 2, 4 or 8.
 pub(crate) fn parse_downscale(text: &str) -> Result<u32, String> {
     match text {
         "1" => Ok(1),
@@ -273,17 +273,17 @@ pub(crate) fn parse_downscale(text: &str) -> Result<u32, String> {
     }
 }
 
-/// Neither NaN nor infinite.
+/// Parses a finite number.
 pub(crate) fn parse_finite(text: &str) -> Result<f32, String> {
     text.parse().ok().filter(|v: &f32| v.is_finite()).ok_or_else(|| format!("expected a finite number, got \"{text}\""))
 }
 
-/// A finite number above 0.
+/// Parses a finite number above 0.
 pub(crate) fn parse_positive(text: &str) -> Result<f32, String> {
     text.parse().ok().filter(|v: &f32| v.is_normal() && *v > 0.0).ok_or_else(|| format!("expected a number above 0, got \"{text}\""))
 }
 
-/// `WxH`, pixels.
+/// Parses `WxH`, pixels.
 pub(crate) fn parse_size(text: &str) -> Result<[u32; 2], String> {
     let side = |text: &str| text.parse().ok().filter(|side| (1..=MAX_SIDE_PX).contains(side));
     let sides = text.split_once('x').and_then(|(width, height)| Some([side(width)?, side(height)?]));
@@ -291,7 +291,7 @@ pub(crate) fn parse_size(text: &str) -> Result<[u32; 2], String> {
 }
 
 impl Frames {
-    /// Whether frame `i` is among them.
+    /// Returns whether frame `i` is among them.
     pub(crate) fn contains(self, i: usize) -> bool {
         (self.first..=self.last).contains(&i)
     }

@@ -1,5 +1,5 @@
-//! `luxel demo`: the whole of Luxel on a small scene that is part of the program. The data set is unpacked into the results, so
-//! that everything can be tried on it afterwards.
+//! `luxel demo`: the whole of Luxel on a small scene that is part of the program. The data set is
+//! unpacked into the results, so that everything can be tried on it afterwards.
 
 use std::path::{Path, PathBuf};
 
@@ -33,7 +33,8 @@ const IMAGES_FOLDER: &str = "images";
 /// Test views that pictures are made of.
 const PICTURES: usize = 3;
 
-/// How names of pictures end: render and photograph, exposed for the shadows and for the highlights.
+/// How names of pictures end: render and photograph, exposed for the shadows and for the
+/// highlights.
 const PICTURE_ENDINGS: [[&str; 2]; 2] = [["shadows", "shadows_photograph"], ["highlights", "highlights_photograph"]];
 
 /// Trains, evaluates, renders, tells.
@@ -120,7 +121,8 @@ fn unpack(from: &Dir<'_>, to: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Display pictures of some test views, exposed for the shadows and for the highlights, with the ground truth beside.
+/// Display pictures of some test views, exposed for the shadows and for the highlights, with the
+/// ground truth beside.
 fn pictures(folder: &RunFolder, dataset: &Dataset, trainer: &mut Trainer) -> Result<Vec<PathBuf>> {
     let (options, scale) = (trainer.render_options(), trainer.radiance_scale());
     let count = dataset.test.len();

@@ -125,7 +125,8 @@ fn check_unread(args: &RenderArgs, file: &Path, explicit: &ExplicitArgs) -> Resu
     LoadArgs::refuse(explicit, &[], &format!("and {} says all of its cameras without one; leave it out", file.display()))
 }
 
-/// Cameras of a file. The data set, for what the file leaves out, is read only if asked for or needed; else `unread` is called.
+/// Cameras of a file. The data set, for what the file leaves out, is read only if asked for or
+/// needed; else `unread` is called.
 fn camera_file(
     file: &Path,
     asked: bool,
@@ -159,12 +160,14 @@ fn views(dataset: &Dataset, split: SplitArg) -> Vec<Shot> {
         SplitArg::All => (&dataset.train, &dataset.test),
     };
     let mut shots: Vec<Shot> = train.iter().chain(test).map(|view| Shot { name: view.name.clone(), camera: view.camera.clone() }).collect();
-    // Both lists are sorted; together they are put in order again, so that frame numbers follow the capture.
+    // Both lists are sorted; together they are put in order again, so that frame numbers follow the
+    // capture.
     shots.sort_by(|a, b| a.name.cmp(&b.name));
     shots
 }
 
-/// File names, then the frames and the shard asked for: names don't depend on the part that is rendered.
+/// File names, then the frames and the shard asked for: names don't depend on the part that is
+/// rendered.
 fn jobs(args: &RenderArgs, shots: Vec<Shot>) -> Result<Vec<Job>> {
     let count = shots.len();
     let stems = unique_stems(shots.iter().map(|shot| shot.name.as_str()));

@@ -133,7 +133,8 @@ fn absolute(dataset: &Path) -> Result<PathBuf> {
     std::fs::canonicalize(dataset).with_context(|| format!("{}: cannot open the data set", dataset.display()))
 }
 
-/// Warns of an option that only the data set shows to be unused: points in it leave no splats to make up.
+/// Warns of an option that only the data set shows to be unused: points in it leave no splats to
+/// make up.
 fn warn_of_unused_points(dataset: &Dataset, explicit: &ExplicitArgs, console: &Console) {
     if explicit.contains("init_points") && !dataset.points.is_empty() {
         let points = text::plural(dataset.points.len(), "point");
@@ -141,7 +142,8 @@ fn warn_of_unused_points(dataset: &Dataset, explicit: &ExplicitArgs, console: &C
     }
 }
 
-/// Locks a folder in which nothing was found: another luxel may have put a run there while the data set was read.
+/// Locks a folder in which nothing was found: another luxel may have put a run there while the data
+/// set was read.
 fn lock_free(folder: &RunFolder) -> luxel::Result<RunLock> {
     let lock = folder.lock()?;
     match folder.occupant()? {

@@ -1,4 +1,5 @@
-//! The scene named on the command line, a run's newest or a file, and the data set that goes with it.
+//! The scene named on the command line, a run's newest or a file, and the data set that goes with
+//! it.
 
 use std::path::{Path, PathBuf};
 
@@ -19,19 +20,20 @@ pub(crate) struct SceneSource {
     pub(crate) run: Option<(RunFolder, RunConfig)>,
 }
 
-/// How a data set is asked for.
+/// The data set that a command line asks for.
 #[derive(Clone, Copy)]
 pub(crate) struct DataRequest<'a> {
     /// `--data`.
     pub(crate) data: Option<&'a Path>,
-    /// How it is read.
+    /// Options of reading it.
     pub(crate) load: &'a LoadArgs,
     /// The options that were given.
     pub(crate) explicit: &'a ExplicitArgs,
 }
 
 impl DataRequest<'_> {
-    /// Returns the data set asked for and how it is read; without one that of a run, read as the run did but for explicit options.
+    /// Returns the data set asked for and how it is read; without one that of a run, read as the
+    /// run did but for explicit options.
     pub(crate) fn of_run(&self, folder: &RunFolder, config: &RunConfig) -> (PathBuf, LoadOptions) {
         match self.data {
             Some(path) => (path.into(), self.load.options()),
@@ -67,7 +69,8 @@ impl SceneSource {
         }
     }
 
-    /// Returns the radiance behind everything in normalised units: as asked (units of the data set), else as in training, else black.
+    /// Returns the radiance behind everything in normalised units: as asked (units of the data
+    /// set), else as in training, else black.
     pub(crate) fn background(&self, asked: Option<[f32; 3]>) -> [f32; 3] {
         match (asked, &self.run) {
             (Some(rgb), _) => rgb.map(|v| v / self.scene.radiance_scale),

@@ -1,5 +1,7 @@
-//! What the user sees while a command works. Text: a progress bar on a terminal, a plain line every few seconds elsewhere, both
-//! on stderr; results go to stdout. JSON: one object a line on stdout, told apart by `event`.
+//! Progress, notes and results of a command.
+//!
+//! Text: a progress bar on a terminal, a plain line every few seconds elsewhere, both on stderr;
+//! results on stdout. JSON: one object a line on stdout, whose `event` names its kind.
 
 use std::cell::{Cell, RefCell};
 use std::io::{IsTerminal, Write};
@@ -13,7 +15,7 @@ use serde_json::json;
 
 use super::metrics_table::mean_line;
 
-/// How progress is reported.
+/// Form of progress reports.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub(crate) enum LogFormat {
     /// For people.
@@ -23,7 +25,8 @@ pub(crate) enum LogFormat {
     Json,
 }
 
-/// Time between plain progress lines: short enough to see progress, long enough for a readable log of a night.
+/// Time between plain progress lines: short enough to see progress, long enough for a readable log
+/// of a night.
 const LINE_INTERVAL: Duration = Duration::from_secs(5);
 /// Time between lines about many runs together, which take hours.
 const OVERALL_INTERVAL: Duration = Duration::from_secs(30);
@@ -203,7 +206,8 @@ fn numbers(record: &LogRecord, total: u32) -> String {
     format!("{:.1} it/s{left}  loss {:.4}{psnr}  {} splats{memory}", record.iterations_per_second, record.loss, text::count(record.splats))
 }
 
-/// Prints a line of a result on stdout. Fails when the reader has left, which `main` takes for a quiet end.
+/// Prints a line of a result on stdout. Fails when the reader has left, which `main` takes for a
+/// quiet end.
 pub(crate) fn print(text: &str) -> Result<()> {
     let mut out = std::io::stdout().lock();
     writeln!(out, "{text}").and_then(|()| out.flush()).context("cannot write to standard output")

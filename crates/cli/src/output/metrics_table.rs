@@ -1,4 +1,5 @@
-//! Metrics of a split for people. A PSNR or SSIM never stands without its protocol (see [`luxel_core::metrics`]).
+//! Metrics of a split for people. A PSNR or SSIM never stands without its protocol (see
+//! [`luxel_core::metrics`]).
 
 use luxel::{SplitMetrics, text};
 use luxel_core::metrics::{FieldMetrics, ViewMetrics};

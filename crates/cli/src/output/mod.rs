@@ -1,4 +1,4 @@
-//! What the program writes to the terminal: progress, tables, trees of facts.
+//! Output to the terminal: progress, tables, trees of facts.
 
 pub(crate) mod console;
 pub(crate) mod metrics_table;

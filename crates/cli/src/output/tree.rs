@@ -1,11 +1,11 @@
-//! What `info` found out: named values in order, as text for people or as JSON for programs.
+//! Named values in order, as aligned text for people or as JSON for programs.
 
 use serde_json::{Map, Value};
 
 use luxel::text;
 
-/// An ordered tree of named values. Names are those of the JSON; text shows them with spaces for underscores. A name that ends in
-/// `_bytes` is shown as a file size.
+/// An ordered tree of named values. Names are those of the JSON; text shows them with spaces for
+/// underscores. A name that ends in `_bytes` is printed as a file size.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Tree {
     entries: Vec<(String, Fact)>,
@@ -40,7 +40,7 @@ impl Tree {
         self
     }
 
-    /// As JSON.
+    /// Returns the tree as JSON.
     pub(crate) fn json(&self) -> Value {
         let entries = self.entries.iter().map(|(name, fact)| {
             let value = match fact {
@@ -52,7 +52,7 @@ impl Tree {
         Value::Object(entries.collect::<Map<_, _>>())
     }
 
-    /// As an event for programs.
+    /// Returns the tree as an event for programs.
     pub(crate) fn event(&self, name: &str) -> Value {
         let mut event = Map::from_iter([("event".to_owned(), name.into())]);
         if let Value::Object(entries) = self.json() {
@@ -61,7 +61,7 @@ impl Tree {
         Value::Object(event)
     }
 
-    /// As aligned lines.
+    /// Returns the tree as aligned lines.
     pub(crate) fn text(&self) -> String {
         let mut out = String::new();
         self.write_text(&mut out, 0);
@@ -77,10 +77,10 @@ impl Tree {
                 Fact::Value(Value::Array(items)) if items.iter().any(Value::is_string) => {
                     *out += &format!("{:indent$}{label}\n", "");
                     for item in items {
-                        *out += &format!("{:indent$}  - {}\n", "", shown(name, item));
+                        *out += &format!("{:indent$}  - {}\n", "", value_text(name, item));
                     }
                 }
-                Fact::Value(value) => *out += &format!("{:indent$}{label:width$}  {}\n", "", shown(name, value)),
+                Fact::Value(value) => *out += &format!("{:indent$}{label:width$}  {}\n", "", value_text(name, value)),
                 Fact::Group(facts) => {
                     *out += &format!("{:indent$}{label}\n", "");
                     facts.write_text(out, indent + 2);
@@ -95,7 +95,7 @@ fn single(value: f32) -> Value {
     value.to_string().parse::<f64>().ok().and_then(serde_json::Number::from_f64).map_or(Value::Null, Value::Number)
 }
 
-fn shown(name: &str, value: &Value) -> String {
+fn value_text(name: &str, value: &Value) -> String {
     match value {
         Value::String(text) => text.clone(),
         Value::Bool(true) => "yes".into(),
@@ -106,7 +106,7 @@ fn shown(name: &str, value: &Value) -> String {
             (None, Some(v)) => text::number(v),
             (None, None) => number.to_string(),
         },
-        Value::Array(items) => items.iter().map(|item| shown(name, item)).collect::<Vec<_>>().join("  "),
+        Value::Array(items) => items.iter().map(|item| value_text(name, item)).collect::<Vec<_>>().join("  "),
         Value::Null | Value::Object(_) => value.to_string(),
     }
 }

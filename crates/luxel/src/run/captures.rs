@@ -1,4 +1,5 @@
-//! `captures.json` of the run folder: what was found of the training images beside the scene, gains and the camera's response.
+//! `captures.json` of the run folder: the gains of the training images and the camera's response
+//! that training found.
 
 use std::collections::BTreeMap;
 
@@ -18,7 +19,7 @@ const LIMIT_BYTES: u64 = 64 << 20;
 /// Content of the file.
 #[derive(Debug, Default, Serialize, Deserialize)]
 pub struct Captures {
-    /// Steps after which this was so.
+    /// Steps after which they were found.
     #[serde(default)]
     iteration: u32,
     /// Gains of the training images, stops by channel: what each was divided by. Their mean is 0.
@@ -34,12 +35,12 @@ pub struct Captures {
 struct ResponseTable {
     /// Radiance times seconds.
     exposure: [f64; RESPONSE_KNOTS],
-    /// What is recorded of it, red, green and blue.
+    /// Recorded values for it, red, green and blue.
     recorded: Knots,
 }
 
 impl Captures {
-    /// Of a trainer, which was trained on `train`.
+    /// Returns the gains and the response of a trainer, which was trained on `train`.
     pub fn of(trainer: &Trainer, train: &[View]) -> Self {
         let logs = trainer.log_gains().unwrap_or_default();
         let stops = |log: &[f32; 3]| log.map(|log| log / std::f32::consts::LN_2);
@@ -48,7 +49,10 @@ impl Captures {
         Self { iteration: trainer.iteration(), gains_ev, response: trainer.response().map(table) }
     }
 
-    /// Writes the file, if anything was found.
+    /// Writes the file, if there is anything to write.
+    ///
+    /// # Errors
+    /// The file system's refusal.
     pub fn write(&self, folder: &RunFolder) -> Result<()> {
         if self.gains_ev.is_empty() && self.response.is_none() {
             return Ok(());
@@ -56,7 +60,10 @@ impl Captures {
         Ok(files::write_json(&folder.captures(), self)?)
     }
 
-    /// Reads the file; nothing was found in a run without one.
+    /// Reads the file; a run without one has neither gains nor a response.
+    ///
+    /// # Errors
+    /// A file that cannot be read or has another content.
     pub fn read(folder: &RunFolder) -> Result<Self> {
         let path = folder.captures();
         if !path.is_file() {
@@ -64,17 +71,18 @@ impl Captures {
         }
         let text = files::read_text(&path, LIMIT_BYTES)?;
         serde_json::from_str(&text)
-            .with_context(|| format!("{}: not what luxel writes there; continue the run with --resume", path.display()))
+            .with_context(|| format!("{}: not a file of gains and responses; resume the run to write it anew", path.display()))
     }
 
-    /// ln gains of the training images after `iteration` steps, by name; empty if they are those of another step, or were not compensated.
+    /// Returns the ln gains of the training images after `iteration` steps, by name; empty if the
+    /// file is of another step, or without gains.
     pub fn log_gains_at(&self, iteration: u32) -> BTreeMap<String, [f32; 3]> {
-        let is_of_step = self.iteration == iteration;
-        let gains = self.gains_ev.iter().filter(|_| is_of_step);
+        let is_current = self.iteration == iteration;
+        let gains = self.gains_ev.iter().filter(|_| is_current);
         gains.map(|(name, stops)| (name.clone(), stops.map(|stops| stops * std::f32::consts::LN_2))).collect()
     }
 
-    /// The response's knots after `iteration` steps; `None` if they are those of another step.
+    /// Returns the response's knots after `iteration` steps; `None` if the file is of another step.
     pub fn response_at(&self, iteration: u32) -> Option<Knots> {
         self.response.as_ref().filter(|_| self.iteration == iteration).map(|response| response.recorded)
     }

@@ -1,8 +1,10 @@
-//! The settings of a run, resolved: `config.toml` of the run folder, and how new settings combine with stored ones.
+//! The settings of a run, resolved: `config.toml` of the run folder, and how new settings combine
+//! with stored ones.
 //!
-//! In: settings and the names of the options that were given explicitly; out: one [`RunConfig`]. An option takes its value from the
-//! first of: the explicit value; the preset, if one was given explicitly; the file; the file's preset; the default. A resumed run
-//! keeps its settings but for those that leave the steps already made as they are.
+//! In: settings and the names of the options that were given explicitly; out: one [`RunConfig`]. An
+//! option takes its value from the first of: the explicit value; the preset, if one was given
+//! explicitly; the file; the file's preset; the default. A resumed run keeps its settings but for
+//! those that leave the steps already made as they are.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -21,7 +23,7 @@ const HEAD: &str = "# A Luxel training run. This file marks the folder as one; -
 /// A config.toml is a few kilobytes.
 const LIMIT_BYTES: u64 = 1 << 20;
 
-/// What made a run.
+/// The command that made a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum MadeBy {
@@ -31,7 +33,7 @@ pub enum MadeBy {
     Demo,
 }
 
-/// What is saved and evaluated during a run.
+/// Options of saving and evaluating during a run.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RunOptions {
@@ -39,7 +41,8 @@ pub struct RunOptions {
     pub checkpoint_every: u32,
     /// Newest checkpoints to keep, at least 1.
     pub keep_checkpoints: u32,
-    /// Steps after which the test views are evaluated and the scene is written; the last step always is.
+    /// Steps after which the test views are evaluated and the scene is written; the last step
+    /// always is.
     pub eval_at: Vec<u32>,
     /// Steps between two evaluations, in place of [`Self::eval_at`].
     pub eval_every: Option<u32>,
@@ -59,7 +62,8 @@ impl Default for RunOptions {
 ///
 /// # fn main() -> luxel::Result<()> {
 /// let stored = RunConfig::new("my-images", TrainConfig { seed: 7, ..TrainConfig::default() });
-/// let given = RunConfig::new("my-images", TrainConfig { iterations: 500, ..TrainConfig::default() });
+/// let longer = TrainConfig { iterations: 500, ..TrainConfig::default() };
+/// let given = RunConfig::new("my-images", longer);
 /// let explicit: ExplicitArgs = ["iterations"].into_iter().collect();
 /// let resumed = stored.resumed(&given, &explicit)?;
 /// assert_eq!((resumed.train.iterations, resumed.train.seed), (500, 7));
@@ -71,21 +75,22 @@ impl Default for RunOptions {
 pub struct RunConfig {
     /// Version of Luxel that wrote it.
     pub luxel_version: String,
-    /// What made the run.
+    /// The command that made the run.
     pub made_by: MadeBy,
     /// Folder of the data set; relative to the run folder if not absolute.
     pub dataset: PathBuf,
-    /// How the data set is read.
+    /// Options of reading the data set.
     pub load: LoadOptions,
-    /// What computes.
+    /// The device.
     pub device: DeviceOptions,
-    /// What is saved and evaluated.
+    /// Options of saving and evaluating.
     pub run: RunOptions,
     /// The method.
     pub train: TrainConfig,
 }
 
-/// An option that differs between two configurations, with the values as TOML; `None` where it is unset.
+/// An option that differs between two configurations, with the values as TOML; `None` where it is
+/// unset.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Difference {
     /// Name of the option, such as `max_splats`; `dataset` for the data set.
@@ -130,7 +135,8 @@ const RESULT_SECTIONS: [&str; 2] = ["load", TRAIN];
 const PRESET: &str = "preset";
 
 impl RunConfig {
-    /// Returns the configuration of a run of `train` on `dataset`, with defaults for everything else.
+    /// Returns the configuration of a run of `train` on `dataset`, with defaults for everything
+    /// else.
     pub fn new(dataset: impl Into<PathBuf>, train: TrainConfig) -> Self {
         Self {
             luxel_version: crate::VERSION.into(),
@@ -171,7 +177,8 @@ impl RunConfig {
         Ok(toml::to_string_pretty(self)?)
     }
 
-    /// Returns this configuration with the explicit options, and those of an explicit preset, replaced by those of `given`.
+    /// Returns this configuration with the explicit options, and those of an explicit preset,
+    /// replaced by those of `given`.
     ///
     /// # Errors
     /// Values that TOML cannot hold.
@@ -193,7 +200,8 @@ impl RunConfig {
             }
         }
         let merged = Self::from_table(&base)?;
-        // A value in the file that goes with a choice which is now another one is dropped, unless it was given again.
+        // A stored value that depends on a choice is dropped where that choice changes, unless it
+        // was given again.
         let is_chosen = |id: &str| explicit.contains(id) || of_preset.contains(&id);
         let dropped: Vec<String> =
             merged.train.misplaced().into_iter().filter(|(_, choice)| is_chosen(choice)).map(|(id, _)| id.replace('-', "_")).collect();
@@ -203,13 +211,15 @@ impl RunConfig {
         if dropped.is_empty() { Ok(merged) } else { Self::from_table(&base) }
     }
 
-    /// Reads a table. An option that a preset leaves unset has no line in it, and must not get its default.
+    /// Reads a table. An option that a preset leaves unset has no line in it, and must not get its
+    /// default.
     fn from_table(table: &toml::Table) -> Result<Self> {
         let config: Self = table.clone().try_into()?;
         Ok(Self { train: config.train.with_preset(|id| value(table, TRAIN, id).is_some()), ..config })
     }
 
-    /// Returns this configuration, of an interrupted run, with the explicit options that a resumed run may change.
+    /// Returns this configuration, of an interrupted run, with the explicit options that a resumed
+    /// run may change.
     ///
     /// # Errors
     /// Explicit options that a resumed run may not change; [`Self::contradictions`] lists them.
@@ -219,11 +229,13 @@ impl RunConfig {
             let list: Vec<String> = contradictions.iter().map(ToString::to_string).collect();
             crate::error::bail!("a resumed run keeps its settings: {}", list.join("; "));
         }
-        // An explicit preset is the run's own, whose values may since have been changed one by one: they stay.
+        // An explicit preset is the run's own, whose values may since have been changed one by one:
+        // they stay.
         self.overlaid(given, &explicit.without(PRESET))
     }
 
-    /// Returns the explicit options that differ from this configuration, of an interrupted run, and decide its result.
+    /// Returns the explicit options that differ from this configuration, of an interrupted run, and
+    /// decide its result.
     ///
     /// # Errors
     /// Values that TOML cannot hold.
@@ -233,7 +245,8 @@ impl RunConfig {
         Ok(fixed.filter_map(|(section, id)| difference(&base, &other, section, id)).collect())
     }
 
-    /// Returns how `wanted` differs in the data set, how it is read, or the method: in what decides a run's result.
+    /// Returns how `wanted` differs in the data set, how it is read, or the method: in what decides
+    /// a run's result.
     ///
     /// # Errors
     /// Values that TOML cannot hold.

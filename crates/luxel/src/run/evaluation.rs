@@ -1,5 +1,5 @@
-//! Figures of a split, the images they are made from, `metrics.json`, and tables for people. A figure never stands without its
-//! protocol (see [`luxel_core::metrics`]).
+//! Metrics of a split, the images they are made from, and `metrics.json`. PSNR and SSIM are always
+//! named with their protocol (see [`luxel_core::metrics`]).
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -25,7 +25,7 @@ pub struct Metrics {
     pub splats: usize,
     /// Seconds of training, evaluation left out, over all resumed parts.
     pub train_seconds: f64,
-    /// Most resident memory; `null` where the system does not tell.
+    /// Peak of resident memory; `null` where the system does not report it.
     pub peak_rss_bytes: Option<u64>,
     /// Radiance of the data set that is 1 in protocol `scene`.
     pub radiance_scale: f32,
@@ -35,55 +35,64 @@ pub struct Metrics {
     pub seed: u64,
     /// Threads.
     pub threads: usize,
-    /// Where the engine ran: threads of a processor, or a GPU.
+    /// Place where the engine ran: threads of a processor, or a GPU.
     #[serde(default)]
     pub computed_by: String,
     /// Version of the program.
     pub luxel_version: String,
     /// Folder of the data set.
     pub dataset: String,
-    /// `test`, and at the end of training `train`; where a capture leaves gains open, `test_gain_common` or `test_gain_per_view` too.
+    /// `test`, and at the end of training `train`; where a capture leaves gains open,
+    /// `test_gain_common` or `test_gain_per_view` too.
     pub splits: BTreeMap<String, SplitMetrics>,
 }
 
-/// How a loaded scene is rendered and compared.
+/// A loaded scene with the settings of rendering and measuring it.
 pub struct Rendering<'a> {
-    /// Holds the scene.
+    /// The engine, which holds the scene.
     pub engine: &'a mut dyn Engine,
-    /// As in training.
+    /// Settings of rendering, those of training.
     pub options: RenderOptions,
     /// Data-set radiance of one normalised unit.
     pub radiance_scale: f32,
     /// mu of the mu-law.
     pub mu: f32,
-    /// Of the data set.
+    /// Colour space of the data set.
     pub color_space: ColorSpace,
     /// Luminance at which the display of PU21 shows one normalised unit, cd/m2.
     pub peak_luminance: f32,
-    /// HDR-FLIP or not.
+    /// Whether HDR-FLIP is computed.
     pub flip: FlipChoice,
     /// The network of the user's weights, if there is one.
     pub lpips: Option<&'a Lpips>,
     /// The response of the camera that recorded the views of recorded values.
     pub response: Option<Knots>,
-    /// ln gains that training found of its images, by name: their figures are after the removal of them.
+    /// ln gains of the training images, by name: their metrics are computed after the gains are
+    /// removed.
     pub log_gains: BTreeMap<String, [f32; 3]>,
 }
 
 impl Rendering<'_> {
-    /// PSNR of one view by protocol `scene`, dB; `None` if all of it is masked.
+    /// Returns the PSNR of one view by protocol `scene` in dB; `None` if all of it is masked.
+    ///
+    /// # Errors
+    /// A device that gave up; a render that is not finite.
     pub fn probe(&mut self, view: &View) -> Result<Option<f64>> {
         let log_gain = self.log_gain(view);
         let measures = Measures { response: self.response.as_ref(), ..Measures::new(self.radiance_scale, self.mu) };
         Ok(luxel_train::probe(self.engine, &self.options, &measures, (view, log_gain))?)
     }
 
-    /// Of a view that was not trained on, 0.
+    /// Returns the ln gain of a view: 0 unless it was trained on.
     fn log_gain(&self, view: &View) -> [f32; 3] {
         self.log_gains.get(&view.name).copied().unwrap_or_default()
     }
 
-    /// Figures of the test views once more, after gains are taken out of the renders that a capture leaves open: by name of the split.
+    /// Measures the test views again, after the removal of gains that a capture does not determine.
+    /// Returns the metrics by name of the split.
+    ///
+    /// # Errors
+    /// As [`Self::evaluate`].
     pub fn evaluate_fitted(&mut self, config: &RunConfig, views: &[View]) -> Result<Vec<(&'static str, SplitMetrics)>> {
         let is_radiance = views.iter().all(|view| view.values == PixelValues::Radiance);
         let drifts = config.train.exposure_compensation != ExposureCompensation::Off;
@@ -98,8 +107,12 @@ impl Rendering<'_> {
         Ok(splits)
     }
 
-    /// Figures of a split, `None` if no view of it has a valid pixel; after the removal of gains that training found, unless others are to be fitted. With a
-    /// folder, `renders/` and `gt/` get the images in the units of the data set, or as recorded.
+    /// Measures a split, after the removal of the gains that training found, or of those that
+    /// `gain_fit` fits. Returns `None` if no view has a valid pixel. With a folder, writes the
+    /// images into `renders/` and `gt/`, in the units of the data set or as recorded.
+    ///
+    /// # Errors
+    /// A device that gave up; a render that is not finite; an image that cannot be written.
     pub fn evaluate(&mut self, views: &[View], images: Option<&Path>, gain_fit: GainFit<'_>) -> Result<Option<SplitMetrics>> {
         let (scale, color_space) = (self.radiance_scale, self.color_space);
         let known: Vec<[f32; 3]> = views.iter().map(|view| self.log_gain(view)).collect();
@@ -126,19 +139,22 @@ impl Rendering<'_> {
             Measures { radiance_scale: scale, mu: self.mu, field, lpips: self.lpips, response: self.response.as_ref(), gain_fit };
         let metrics = luxel_train::evaluate(self.engine, &self.options, &measures, views, &mut each)?;
         failed?;
-        // Means of no views are no figures.
+        // Without views there are no means.
         Ok((!metrics.views.is_empty()).then_some(metrics))
     }
 }
 
-/// The network of `--lpips-weights`.
+/// Reads the network of LPIPS from a file of weights; `None` without one.
+///
+/// # Errors
+/// A file that cannot be read, or whose weights are of another network.
 pub fn read_lpips(weights: Option<&Path>) -> Result<Option<Lpips>> {
     let Some(path) = weights else { return Ok(None) };
     let tensors = luxel_io::read_tensors(path).context("cannot read the weights")?;
     Lpips::from_tensors(&tensors).map(Some).with_context(|| format!("{}: cannot be used for LPIPS", path.display()))
 }
 
-/// Half floats, unless a value needs more.
+/// Writes half floats, unless a value needs more.
 fn write_exr(path: &Path, image: &Image, color_space: ColorSpace) -> Result<()> {
     let sample = if max_value(image) > HALF_MAX { ExrSample::Float } else { ExrSample::Half };
     luxel_io::write_exr(path, image, &ExrOptions { sample, color_space, ..ExrOptions::default() })
@@ -146,13 +162,13 @@ fn write_exr(path: &Path, image: &Image, color_space: ColorSpace) -> Result<()> 
     Ok(())
 }
 
-/// Greatest channel.
+/// Returns the greatest channel.
 fn max_value(image: &Image) -> f32 {
     image.pixels.as_flattened().iter().copied().fold(0.0, f32::max)
 }
 
-/// File stems of views: the last part of each name; where that is not unique, the whole name with `_` between its parts, and a
-/// number where even that is taken.
+/// Returns file stems of views: the last part of each name; where that is not unique, the whole
+/// name with `_` between its parts; and a number where even that is taken.
 pub fn unique_stems<'a>(names: impl Iterator<Item = &'a str> + Clone) -> Vec<String> {
     let last = |name: &'a str| name.rsplit('/').next().unwrap_or(name);
     let mut uses: BTreeMap<&str, usize> = BTreeMap::new();
@@ -183,7 +199,7 @@ mod tests {
 
     use super::*;
 
-    /// A scene of 30 splats before two cameras that are told apart by name, and what they see of it.
+    /// Measures a scene of 30 splats against its own render.
     fn measured(mask: Option<Mask>, gain: f32, log_gains: BTreeMap<String, [f32; 3]>) -> (Option<SplitMetrics>, Option<f64>) {
         let mut engine = CpuEngine::new(1).unwrap();
         engine.load(&synthetic::room(30, 1), None).unwrap();
@@ -209,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn a_split_of_masked_views_has_no_figures() {
+    fn a_split_of_masked_views_has_no_metrics() {
         assert!(measured(None, 1.0, BTreeMap::new()).0.is_some_and(|split| split.views.len() == 1));
         assert_eq!(measured(Some(Mask::of_valid(vec![false; 16 * 12])), 1.0, BTreeMap::new()), (None, None));
     }

@@ -1,6 +1,7 @@
-//! The options that a user gave, told apart from defaults.
+//! The options that a user gave, as distinct from defaults.
 
-/// Names of the options that were given explicitly, in the order of giving: `max_splats`, `eval_every`.
+/// Names of the options that were given explicitly, in the order of giving: `max_splats`,
+/// `eval_every`.
 ///
 /// ```
 /// let explicit: luxel::run::ExplicitArgs = ["seed", "downscale"].into_iter().collect();

@@ -1,13 +1,16 @@
-//! The folder of a training run: what lies where, whether a folder is one, and what may be deleted.
+//! The folder of a training run: where its files are, whether a folder is one, and what may be
+//! deleted.
 //!
 //! ```text
-//! config.toml                                  resolved configuration; marks the folder as a run
-//! checkpoints/                                 state to resume from
-//! point_cloud/iteration_N/point_cloud.ply      the scene, where other tools look for it
-//! eval/step_N/{renders,gt}/*.exr, metrics.json test views in the units of the data set, figures of that step by training
-//! eval/step_N_on_DATA/                         test views of luxel eval on other data, or on the run's own read otherwise; source.toml says which
-//! metrics.json  log.jsonl  report.html
-//! measured.json                                what luxel reproduce measured of its runs
+//! config.toml                              settings; marks the folder as a run
+//! checkpoints/                             state to resume from
+//! point_cloud/iteration_N/point_cloud.ply  the scene, where other tools look for it
+//! eval/step_N/{renders,gt}/*.exr           test views in the units of the data set
+//! eval/step_N/metrics.json                 their metrics; marks the evaluation as complete
+//! eval/step_N_on_DATA/                     test views of other data, named in source.toml
+//! metrics.json  log.jsonl  report.html     newest metrics, training curves, report
+//! captures.json                            gains and camera response that training found
+//! measured.json                            measurements of the run as part of a study
 //! ```
 
 use std::collections::BTreeMap;
@@ -23,13 +26,13 @@ use crate::files;
 
 const CONFIG: &str = "config.toml";
 
-/// What an evaluation on other data is of.
+/// Names the data of an evaluation on other data.
 const SOURCE: &str = "source.toml";
 
-/// Locked while a process works in the folder. The file itself says nothing and stays.
+/// Locked while a process works in the folder. The file is empty and stays.
 pub const LOCK: &str = ".lock";
 
-/// Everything training puts into a run folder besides [`CONFIG`]; all that `--overwrite` deletes.
+/// Everything training puts into a run folder besides [`CONFIG`]; all that [`RunFolder::clear`] deletes.
 const CONTENTS: [&str; 8] =
     ["checkpoints", "point_cloud", "eval", "metrics.json", "captures.json", "log.jsonl", "report.html", "measured.json"];
 
@@ -39,13 +42,14 @@ pub struct RunFolder {
     root: PathBuf,
 }
 
-/// Keeps other processes from working in a folder; the system lets go of it when the process ends, however it ends.
+/// Keeps other processes from working in a folder. The system releases it when the process ends in
+/// any way.
 #[derive(Debug)]
 pub struct RunLock {
     _file: std::fs::File,
 }
 
-/// What is at an output path.
+/// The content of an output path.
 #[derive(Debug)]
 pub enum Occupant {
     /// Nothing, or an empty folder.
@@ -57,24 +61,28 @@ pub enum Occupant {
 }
 
 impl RunFolder {
-    /// The folder at `root`, whatever is there.
+    /// Returns the folder at `root`, whatever its content.
     pub fn at(root: &Path) -> Self {
         Self { root: root.into() }
     }
 
-    /// A folder that must be a run.
+    /// Opens a folder that must be a run.
     pub fn open(root: &Path) -> Result<(Self, RunConfig)> {
         let folder = Self::at(root);
         let config = folder.read_config()?;
         Ok((folder, config))
     }
 
-    /// Whether `root` has the mark of a run.
+    /// Returns whether `root` has the mark of a run, its config.toml.
     pub fn is_run(root: &Path) -> bool {
         root.join(CONFIG).is_file()
     }
 
-    /// What is there now. A run whose configuration cannot be read is an error, not [`Occupant::Foreign`].
+    /// Returns the folder's content. A run whose configuration cannot be read is an error, not
+    /// [`Occupant::Foreign`].
+    ///
+    /// # Errors
+    /// A folder or configuration that cannot be read.
     pub fn occupant(&self) -> Result<Occupant> {
         if Self::is_run(&self.root) {
             return Ok(Occupant::Run(Box::new(self.read_config()?)));
@@ -92,7 +100,10 @@ impl RunFolder {
         }
     }
 
-    /// Makes the folder if need be and locks it for this process.
+    /// Makes the folder if needed and locks it for this process.
+    ///
+    /// # Errors
+    /// A folder that cannot be written, or that another process works in.
     pub fn lock(&self) -> Result<RunLock> {
         std::fs::create_dir_all(&self.root).with_context(|| format!("{}: cannot create the output folder", self.root.display()))?;
         let path = self.root.join(LOCK);
@@ -105,8 +116,11 @@ impl RunFolder {
         Ok(RunLock { _file: file })
     }
 
-    /// Deletes what a run consists of, and leaves everything else in the folder. The mark goes last, so that an interrupted
-    /// deletion can be repeated.
+    /// Deletes the files of a run, and leaves everything else in the folder. The mark is deleted
+    /// last, so that an interrupted deletion can be repeated.
+    ///
+    /// # Errors
+    /// A file that cannot be deleted.
     pub fn clear(&self) -> Result<()> {
         for name in CONTENTS.iter().chain([&CONFIG]) {
             let path = self.root.join(name);
@@ -129,28 +143,35 @@ impl RunFolder {
         RunConfig::read(&path)
     }
 
-    /// Writes the configuration: from here on the folder is a run.
+    /// Writes the configuration, which makes the folder a run.
+    ///
+    /// # Errors
+    /// The file system's refusal.
     pub fn write_config(&self, config: &RunConfig) -> Result<()> {
         config.write(&self.root.join(CONFIG))
     }
 
-    /// The folder itself.
+    /// Returns the folder's path.
     pub fn root(&self) -> &Path {
         &self.root
     }
 
-    /// The scene after `iteration` steps.
+    /// Returns the path of the scene after `iteration` steps.
     pub fn scene(&self, iteration: u32) -> PathBuf {
         self.root.join("point_cloud").join(format!("iteration_{iteration}")).join("point_cloud.ply")
     }
 
-    /// Evaluation after `iteration` steps.
+    /// Returns the folder of the evaluation after `iteration` steps.
     pub fn evaluation(&self, iteration: u32) -> PathBuf {
         self.root.join("eval").join(format!("step_{iteration}"))
     }
 
-    /// Makes the folder of the same on other data than the run's own, or on that read otherwise, and writes into it which: `data`, read by `load`. The data
-    /// set's name is told apart by a digest where another one of this name was there first.
+    /// Makes the folder of an evaluation on other data than the run's own, or on its own read with
+    /// other options, and notes in it which: `data`, read by `load`. A digest distinguishes data
+    /// sets of one name.
+    ///
+    /// # Errors
+    /// The file system's refusal.
     pub fn claim_evaluation_of(&self, iteration: u32, data: &Path, load: &LoadOptions) -> Result<PathBuf> {
         let name = std::path::absolute(data).ok().and_then(|path| Some(path.file_name()?.to_string_lossy().into_owned()));
         let real = std::fs::canonicalize(data).unwrap_or_else(|_| data.into());
@@ -169,39 +190,39 @@ impl RunFolder {
         Ok(folder)
     }
 
-    /// Figures of the newest evaluation.
+    /// Returns the path of the metrics of the newest evaluation.
     pub fn metrics(&self) -> PathBuf {
         self.root.join("metrics.json")
     }
 
-    /// What was found of the training images.
+    /// Returns the path of the gains and the camera response that training found.
     pub fn captures(&self) -> PathBuf {
         self.root.join("captures.json")
     }
 
-    /// Training curves.
+    /// Returns the path of the log.
     pub fn log(&self) -> PathBuf {
         self.root.join("log.jsonl")
     }
 
-    /// What was measured of the run as part of a matrix.
+    /// Returns the path of the measurements of the run as part of a study.
     pub fn measured(&self) -> PathBuf {
         self.root.join("measured.json")
     }
 
-    /// The report.
+    /// Returns the path of the report.
     pub fn report(&self) -> PathBuf {
         self.root.join("report.html")
     }
 
-    /// Iterations of which a scene was written, newest first.
+    /// Returns the iterations with a scene, newest first.
     pub fn scene_iterations(&self) -> Vec<u32> {
         let mut found = numbered(&self.root.join("point_cloud"), "iteration_");
         found.retain(|&n| self.scene(n).is_file());
         found
     }
 
-    /// Iterations that training evaluated to the end, newest first.
+    /// Returns the iterations with a complete evaluation by training, newest first.
     pub fn evaluated_iterations(&self) -> Vec<u32> {
         let mut found = numbered(&self.root.join("eval"), "step_");
         found.retain(|&n| self.evaluation(n).join("metrics.json").is_file());
@@ -209,7 +230,8 @@ impl RunFolder {
     }
 }
 
-/// Numbers of the entries `prefix` and number, greatest first; an unreadable folder has none.
+/// Returns the numbers of the entries named `prefix` and a number, greatest first; none for an
+/// unreadable folder.
 fn numbered(folder: &Path, prefix: &str) -> Vec<u32> {
     let Ok(entries) = std::fs::read_dir(folder) else { return Vec::new() };
     let number = |entry: std::fs::DirEntry| entry.file_name().to_str()?.strip_prefix(prefix)?.parse().ok();

@@ -1,7 +1,7 @@
-//! Explicit options that change nothing, as they go with a choice that was not made.
+//! Explicit options that change nothing, because they depend on a choice that was not made.
 //!
-//! A value alone does not count as explicit: options have defaults, and a file holds them all. What has no default is judged by its
-//! value ([`luxel_train::TrainConfig::misplaced`]).
+//! A value alone does not count as explicit: options have defaults, and a file holds them all. What
+//! has no default is judged by its value ([`luxel_train::TrainConfig::misplaced`]).
 
 use std::fmt;
 
@@ -10,7 +10,7 @@ use luxel_train::{Method, Strategy};
 
 use super::{ExplicitArgs, RunConfig};
 
-/// A choice that other options go with.
+/// A choice that other options depend on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Choice {
     /// Name of the option that makes it.
@@ -24,7 +24,7 @@ pub struct Choice {
 pub struct Inapplicable {
     /// Name of the option.
     pub option: &'static str,
-    /// The choice that it goes with.
+    /// The choice that it depends on.
     pub choice: Choice,
 }
 
@@ -37,11 +37,11 @@ impl fmt::Display for Choice {
 
 impl fmt::Display for Inapplicable {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: goes with {} only", self.option, self.choice)
+        write!(f, "{}: has an effect with {} only", self.option, self.choice)
     }
 }
 
-/// Options that go with a choice, and whether it is made.
+/// Options that depend on a choice, and whether it is made.
 struct Group {
     choice: Choice,
     is_made: bool,
@@ -57,7 +57,7 @@ impl RunConfig {
     ///
     /// let config = RunConfig::new("my-images", TrainConfig::default());
     /// let found = config.inapplicable(&["seed", "mcmc_noise"].into_iter().collect()).unwrap();
-    /// assert_eq!(found.to_string(), "mcmc_noise: goes with strategy mcmc only");
+    /// assert_eq!(found.to_string(), "mcmc_noise: has an effect with strategy mcmc only");
     /// ```
     pub fn inapplicable(&self, explicit: &ExplicitArgs) -> Option<Inapplicable> {
         self.groups().into_iter().filter(|group| !group.is_made).find_map(|group| {
@@ -66,7 +66,7 @@ impl RunConfig {
         })
     }
 
-    /// Returns every option that goes with a choice, whether that is made or not.
+    /// Returns every option that depends on a choice, whether that is made or not.
     pub fn dependent_options(&self) -> Vec<Inapplicable> {
         let of_group = |group: Group| group.options.iter().map(move |option| Inapplicable { option, choice: group.choice });
         self.groups().into_iter().flat_map(of_group).collect()

@@ -1,7 +1,8 @@
 //! Starting and resuming a run.
 //!
-//! In: a [`RunConfig`], an engine, a [`RunFolder`]; out: a trained scene, in the folder and in memory. The data set is read and the
-//! settings are checked before anything in the folder is touched.
+//! In: a [`RunConfig`], an engine, a [`RunFolder`]; out: a trained scene, in the folder and in
+//! memory. The data set is read and the settings are checked before anything in the folder is
+//! touched.
 
 use luxel_core::Dataset as CoreDataset;
 use luxel_train::Trainer;
@@ -10,7 +11,7 @@ use super::{Outcome, RunConfig, RunFolder, RunLock, Session, state};
 use crate::error::{Context, bail};
 use crate::{Dataset, Observer, Result, SelectedEngine, StopFlag, text};
 
-/// Where a run takes place and who hears of it.
+/// The place of a run, its observer and its stop flag.
 #[derive(Clone, Copy)]
 pub struct Launch<'a> {
     /// Folder of the run.
@@ -21,15 +22,15 @@ pub struct Launch<'a> {
     pub stop: &'a StopFlag,
 }
 
-/// What is left when a run ends.
+/// The result of a run.
 pub struct TrainedRun {
-    /// Whether all steps are made.
+    /// Finished or interrupted.
     pub outcome: Outcome,
-    /// How it was made.
+    /// The settings of the run.
     pub config: RunConfig,
-    /// Holds the scene.
+    /// The trainer, which holds the scene.
     pub trainer: Trainer,
-    /// What it was trained on.
+    /// The training and test views.
     pub dataset: Dataset,
     /// Steps made by this call.
     pub steps: u32,
@@ -40,15 +41,15 @@ struct ReadyRun {
     dataset: Dataset,
     trainer: Trainer,
     threads: usize,
-    /// Where the engine runs, for people.
+    /// Place where the engine runs, for people.
     machine: String,
-    /// The same without the reason why it is not elsewhere.
+    /// The same without a reason, for comparisons.
     computed_by: String,
     lock: RunLock,
 }
 
-/// Runs from the first step. `make_room` is called once the data set has been read and the settings are accepted, and returns the
-/// folder's lock.
+/// Runs from the first step. `make_room` is called once the data set has been read and the settings
+/// are accepted, and returns the folder's lock.
 ///
 /// # Errors
 /// Settings, data or a folder that cannot be used; a step or a file that fails.
@@ -68,10 +69,11 @@ pub fn fresh(
     train(config, launch, ReadyRun { dataset, trainer, threads, machine, computed_by, lock })
 }
 
-/// Runs on from the newest checkpoint, under the folder's lock.
+/// Continues a run from its newest checkpoint, under the folder's lock.
 ///
 /// # Errors
-/// As [`fresh`]; a folder without a checkpoint that can be read; a checkpoint of other settings than those of `config`.
+/// As [`fresh`]; a folder without a checkpoint that can be read; a checkpoint of other settings
+/// than those of `config`.
 pub fn resume(config: RunConfig, selected: SelectedEngine, launch: Launch<'_>, lock: RunLock) -> Result<TrainedRun> {
     let SelectedEngine { engine, threads, machine, computed_by, .. } = selected;
     let (folder, observer) = (launch.folder, launch.observer);
@@ -96,7 +98,8 @@ pub fn resume(config: RunConfig, selected: SelectedEngine, launch: Launch<'_>, l
     train(config, launch, ReadyRun { dataset, trainer, threads, machine, computed_by, lock })
 }
 
-/// Gives a resumed trainer the number of steps of `config`; everything else must be as the checkpoint has it.
+/// Gives a resumed trainer the number of steps of `config`; everything else must be as the
+/// checkpoint has it.
 fn continue_with(config: &RunConfig, trainer: &mut Trainer) -> Result<()> {
     let (wanted, made) = (config.train.iterations, trainer.iteration());
     if wanted < made {

@@ -1,7 +1,9 @@
-//! `log.jsonl` of a run: one JSON object a line, every [`LOG_EVERY`] steps and before every checkpoint.
+//! `log.jsonl` of a run: one JSON object a line, every [`LOG_EVERY`] steps and before every
+//! checkpoint.
 //!
-//! A line for step k is on disk before the checkpoint of step k, so that a resumed run finds the training time spent so far.
-//! Resuming at k drops the lines after k and a line that a killed process left unfinished.
+//! A line for step k is on disk before the checkpoint of step k, so that a resumed run finds the
+//! training time spent so far. Resuming at k drops the lines after k and a line that a killed
+//! process left unfinished.
 
 use std::fs::File;
 use std::io::Write;
@@ -14,7 +16,7 @@ use serde::{Deserialize, Serialize};
 /// Steps between lines: 300 points on a curve of 30000 steps.
 pub const LOG_EVERY: u32 = 100;
 
-/// One line. Losses are means over the steps since the line before.
+/// A line of the log. Losses are means over the steps since the line before.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LogRecord {
     /// Steps made.
@@ -44,14 +46,14 @@ pub struct LogRecord {
 }
 
 impl LogRecord {
-    /// Seconds until step `total` at the present speed.
+    /// Returns the seconds until step `total` at the present speed.
     pub fn seconds_left(&self, total: u32) -> Option<f64> {
         let left = f64::from(total.saturating_sub(self.iteration));
         (self.iterations_per_second > 0.0).then(|| left / self.iterations_per_second)
     }
 }
 
-/// The open file.
+/// An open log.
 pub struct RunLog {
     path: PathBuf,
     file: File,
@@ -59,6 +61,9 @@ pub struct RunLog {
 
 impl RunLog {
     /// Keeps the lines up to `iteration` and appends after them; returns the last line kept.
+    ///
+    /// # Errors
+    /// A file that cannot be read or written.
     pub fn open(path: &Path, iteration: u32) -> Result<(Self, Option<LogRecord>)> {
         let mut kept = read(path)?;
         kept.retain(|record| record.iteration <= iteration);
@@ -72,19 +77,30 @@ impl RunLog {
         Ok((Self { path: path.into(), file }, kept.pop()))
     }
 
-    /// Appends a line, whole in one write.
+    /// Appends a line in one write.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
     pub fn append(&mut self, record: &LogRecord) -> Result<()> {
         let line = serde_json::to_string(record)? + "\n";
         self.file.write_all(line.as_bytes()).with_context(|| format!("{}: cannot write", self.path.display()))
     }
 
-    /// Waits until all lines are on disk: before a checkpoint, not at every line, as a disk may take as long as some steps.
+    /// Waits until all lines are on disk. For use before a checkpoint: at every line it might take
+    /// longer than the steps.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
     pub fn sync(&mut self) -> Result<()> {
         self.file.sync_data().with_context(|| format!("{}: cannot write", self.path.display()))
     }
 }
 
-/// The lines of a log; lines that are not records, as a killed process may leave one, are passed over. No file: none.
+/// Reads the lines of a log; skips lines that are not records, such as one that a killed process
+/// left unfinished. A missing file has none.
+///
+/// # Errors
+/// A file that cannot be read.
 pub fn read(path: &Path) -> Result<Vec<LogRecord>> {
     let content = match std::fs::read(path) {
         Ok(content) => content,

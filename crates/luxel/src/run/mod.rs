@@ -1,7 +1,7 @@
 //! Training with a folder: what is saved when, how a run is resumed, and what it measured.
 //!
-//! [`fresh`] and [`resume`] start a run, [`Session`] is its loop, [`RunFolder`] knows where its files are, [`RunConfig`] is its
-//! `config.toml`.
+//! [`fresh`] and [`resume`] start a run, [`Session`] is its loop, [`RunFolder`] knows where its
+//! files are, [`RunConfig`] is its `config.toml`.
 //!
 //! ```
 //! use luxel::run::{self, Launch, Outcome, RunConfig, RunFolder};

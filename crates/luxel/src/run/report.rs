@@ -1,4 +1,5 @@
-//! `report.html` of a run, from what lies in its folder: figures, log, configuration and the newest evaluation's images.
+//! `report.html` of a run, from the files in its folder: metrics, log, configuration and the newest
+//! evaluation's images.
 
 use std::path::Path;
 
@@ -16,13 +17,17 @@ use crate::dataset::bad_pixel_lines;
 use crate::report::{self, CurveSample, ReportInput, ReportSplit, ReportView};
 use crate::{files, text};
 
-/// Decoded images held for the page, bytes: the page shows them small, so that no more than a machine's spare memory is worth it.
+/// Bytes of decoded images to hold for the page, which shows them small: a part of any machine's
+/// memory.
 const IMAGES_LIMIT_BYTES: usize = 512 << 20;
 
 /// Length of a licence text that is quoted, bytes.
 const CREDITS_LIMIT_BYTES: u64 = 16 << 10;
 
-/// Writes the report about `metrics` and the images that lie in `images`.
+/// Writes the report about `metrics` and the images in the folder `images`.
+///
+/// # Errors
+/// A file that cannot be read or written.
 pub fn write(folder: &RunFolder, config: &RunConfig, dataset: &Dataset, (metrics, images): (&Metrics, &Path)) -> Result<()> {
     let input = ReportInput {
         title: title(config, folder),
@@ -99,7 +104,8 @@ fn curve(folder: &RunFolder) -> Result<Vec<CurveSample>> {
     Ok(log::read(&folder.log())?.into_iter().map(sample).collect())
 }
 
-/// Renders of test views beside their images, evenly chosen if they are too many for memory.
+/// Returns renders of test views beside their images, evenly chosen if they are too many for
+/// memory.
 fn views(images: &Path, dataset: &Dataset, metrics: &Metrics) -> Result<Vec<ReportView>> {
     let Some(split) = metrics.splits.get("test") else { return Ok(Vec::new()) };
     let stems = unique_stems(dataset.test.iter().map(|view| view.name.as_str()));
@@ -109,7 +115,7 @@ fn views(images: &Path, dataset: &Dataset, metrics: &Metrics) -> Result<Vec<Repo
     let every = total.div_ceil(IMAGES_LIMIT_BYTES).max(1);
     let mut views = Vec::new();
     for (view, stem) in dataset.test.iter().zip(&stems).step_by(every) {
-        let Some(of_view) = split.views.iter().find(|metrics| metrics.name == view.name) else { continue };
+        let Some(measured) = split.views.iter().find(|metrics| metrics.name == view.name) else { continue };
         let path = renders.join(format!("{stem}.exr"));
         let mut prediction = luxel_io::read_image(&path, &Default::default()).context("cannot read an evaluation image")?.image;
         let mut target: Image = view.image.as_ref().clone();
@@ -118,12 +124,12 @@ fn views(images: &Path, dataset: &Dataset, metrics: &Metrics) -> Result<Vec<Repo
             target.scale(1.0 / metrics.radiance_scale);
         }
         let (name, mask) = (view.name.clone(), view.mask.clone());
-        views.push(ReportView { name, prediction, target, mask, metrics: of_view.metrics });
+        views.push(ReportView { name, prediction, target, mask, metrics: measured.metrics });
     }
     Ok(views)
 }
 
-/// The licence text that lies in a data set, if there is one.
+/// Returns the licence text in a data set's folder, if there is one.
 fn credits(dataset: &Path) -> Vec<String> {
     let names = ["LICENSES.txt", "LICENSE.txt", "LICENSE"];
     let text = names.iter().find_map(|name| files::read_text(&dataset.join(name), CREDITS_LIMIT_BYTES).ok());

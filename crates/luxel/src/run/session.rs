@@ -1,8 +1,10 @@
-//! A training run from its first (or next) step to its report: the loop around [`Trainer`], with what is saved when.
+//! The loop of a run, from its first (or next) step to its report: steps, log, checkpoints and
+//! evaluations.
 //!
-//! Order at a step that is evaluated: log line, checkpoint, scene, images, figures. So a process that dies during the evaluation
-//! finds the state at that very step when it is resumed, and evaluates then; [`RunFolder::evaluated_iterations`] says what is done, by
-//! figures that nothing but the session writes there.
+//! Order at a step that is evaluated: log line, checkpoint, scene, images, metrics. A process that
+//! dies during the evaluation is thus resumed at that very step, and evaluates then.
+//! [`RunFolder::evaluated_iterations`] lists complete evaluations by the metrics that only the
+//! session writes there.
 
 use std::collections::BTreeMap;
 
@@ -23,48 +25,48 @@ use super::{report, state};
 use crate::Observer;
 use crate::{Event, StopFlag, files, memory};
 
-/// How training ended.
+/// The end of a training.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
     /// All steps are made.
     Finished,
-    /// The user asked to stop; the state is saved.
+    /// A stop was requested; the state is saved.
     Interrupted,
 }
 
 /// A run in progress.
 pub struct Session<'a> {
-    /// What is trained on.
+    /// The views.
     pub dataset: &'a Dataset,
-    /// Where it goes.
+    /// The folder of the run.
     pub folder: &'a RunFolder,
-    /// How.
+    /// The settings.
     pub config: &'a RunConfig,
     /// Threads in use.
     pub threads: usize,
-    /// Where the engine runs.
+    /// Place where the engine runs.
     pub computed_by: String,
-    /// Who is told.
+    /// Receives the events.
     pub observer: &'a dyn Observer,
     /// Asks the run to save its state and end.
     pub stop: &'a StopFlag,
-    /// The method.
+    /// The trainer.
     pub trainer: Trainer,
 }
 
-/// What the loop carries besides the trainer.
-struct Loop {
+/// The state of the loop besides the trainer.
+struct LoopState {
     log: RunLog,
     log_failed: bool,
     clock: Clock,
     peak_before: Option<u64>,
     psnr_test: Option<f64>,
-    since_line: SinceLine,
+    sums: LogSums,
 }
 
 /// Sums since the last line of the log.
 #[derive(Default)]
-struct SinceLine {
+struct LogSums {
     steps: u32,
     seconds: f64,
     loss: f64,
@@ -74,17 +76,20 @@ struct SinceLine {
 }
 
 impl Session<'_> {
-    /// Trains to the end, or until the user interrupts.
+    /// Trains to the end, or until a stop is requested.
+    ///
+    /// # Errors
+    /// A step that fails; a checkpoint, scene or image that cannot be written.
     pub fn run(mut self) -> Result<(Outcome, Trainer)> {
         let start = self.trainer.iteration();
         let (log, last) = RunLog::open(&self.folder.log(), start)?;
-        let mut state = Loop {
+        let mut state = LoopState {
             log,
             log_failed: false,
             clock: Clock::resumed(last.as_ref().map_or(0.0, |record| record.elapsed_s)),
             peak_before: last.as_ref().and_then(|record| record.peak_rss_bytes),
             psnr_test: last.and_then(|record| record.psnr_test),
-            since_line: SinceLine::default(),
+            sums: LogSums::default(),
         };
         let listening = self.stop.listen();
         self.observer.event(Event::StepsBegin { done: start, total: self.config.train.iterations });
@@ -94,14 +99,16 @@ impl Session<'_> {
         Ok((outcome?, self.trainer))
     }
 
-    fn train(&mut self, state: &mut Loop) -> Result<Outcome> {
-        // A run that is ended where it stands ends with the mean of what was averaged so far.
-        let is_settled = self.trainer.settle()?;
-        if is_settled {
+    fn train(&mut self, state: &mut LoopState) -> Result<Outcome> {
+        // A resumed run that has all its steps ends with the mean of the parameters averaged so
+        // far.
+        let is_averaged = self.trainer.settle()?;
+        if is_averaged {
             self.save(state)?;
         }
-        // A run that died between a checkpoint and the end of its evaluation does the evaluation first.
-        let is_stale = is_settled || !self.folder.evaluated_iterations().contains(&self.trainer.iteration());
+        // A run that died between a checkpoint and the end of its evaluation does the evaluation
+        // first.
+        let is_stale = is_averaged || !self.folder.evaluated_iterations().contains(&self.trainer.iteration());
         if is_stale && self.evaluation_is_due() {
             self.evaluate(state)?;
         }
@@ -118,7 +125,7 @@ impl Session<'_> {
             }
             let before = state.clock.seconds();
             let report = self.trainer.step().with_context(|| format!("training step {}", self.trainer.iteration() + 1))?;
-            state.since_line.add(&report, state.clock.seconds() - before);
+            state.sums.add(&report, state.clock.seconds() - before);
             let iteration = self.trainer.iteration();
             self.observer.event(Event::Step { done: iteration });
 
@@ -136,7 +143,8 @@ impl Session<'_> {
         Ok(Outcome::Finished)
     }
 
-    /// Losses before and after are not of the same images, and speeds not of the same work.
+    /// Reports a change of resolution, from which losses and speeds do not compare with those
+    /// before.
     fn report_resolution(&self, downscale: u32) {
         let (iteration, size) = (self.trainer.iteration(), self.dataset.train.first().map(|view| view.camera.size_px));
         let [width, height] = size.map_or([0; 2], |size| size.map(|side| side / downscale));
@@ -157,14 +165,15 @@ impl Session<'_> {
             }
     }
 
-    /// A line for the log and the user. A log that cannot be written costs a warning, not the run.
-    fn log(&mut self, state: &mut Loop) -> Result<()> {
-        if state.since_line.steps == 0 {
+    /// Writes a line of the log and reports it. A log that cannot be written costs a warning, not
+    /// the run.
+    fn log(&mut self, state: &mut LoopState) -> Result<()> {
+        if state.sums.steps == 0 {
             return Ok(());
         }
         let psnr_train = state.clock.paused(|| self.probe())?;
         let iteration = self.trainer.iteration();
-        let sums = std::mem::take(&mut state.since_line);
+        let sums = std::mem::take(&mut state.sums);
         let mean = |sum: f64| sum / f64::from(sums.steps);
         let record = LogRecord {
             iteration,
@@ -186,24 +195,25 @@ impl Session<'_> {
         Ok(())
     }
 
-    /// A log that cannot be written costs one warning.
-    fn report_log(&self, result: Result<()>, state: &mut Loop) {
+    /// Warns once of a log that cannot be written.
+    fn report_log(&self, result: Result<()>, state: &mut LoopState) {
         if let Err(error) = result
             && !std::mem::replace(&mut state.log_failed, true)
         {
-            self.observer.warn(&format!("{error:#}; training goes on without the log"));
+            self.observer.warn(&format!("{error:#}; training continues without the log"));
         }
     }
 
-    /// PSNR of one training view, in turn: a sign of progress between evaluations.
+    /// Returns the PSNR of one training view, in turn: a sign of progress between evaluations.
     fn probe(&mut self) -> Result<Option<f64>> {
         let turn = (self.trainer.iteration() / LOG_EVERY) as usize % self.dataset.train.len().max(1);
         let Some(view) = self.dataset.train.get(turn) else { return Ok(None) };
         self.rendering().probe(view)
     }
 
-    /// Writes a checkpoint, after the log's lines up to it. If there is no room, older ones make way, but never the newest.
-    fn save(&mut self, state: &mut Loop) -> Result<()> {
+    /// Writes a checkpoint, after the log's lines up to it. If the disk is full, older ones are
+    /// removed, but never the newest.
+    fn save(&mut self, state: &mut LoopState) -> Result<()> {
         let synced = state.log.sync();
         self.report_log(synced, state);
         let iteration = self.trainer.iteration();
@@ -213,7 +223,7 @@ impl Session<'_> {
         let keep = self.config.run.keep_checkpoints as usize;
         let mut written = luxel_io::write_checkpoint(&path, &snapshot);
         let lacks_room = written.as_ref().is_err_and(|error| error.kind == IoErrorKind::NoRoom);
-        // Where these cannot be deleted either, it is the first error that says why.
+        // Where those cannot be deleted either, the first error has the reason.
         if lacks_room && keep > 1 && luxel_io::prune_checkpoints(folder, 1).is_ok() {
             written = luxel_io::write_checkpoint(&path, &snapshot);
         }
@@ -229,8 +239,8 @@ impl Session<'_> {
         Ok(())
     }
 
-    /// Scene, images, figures and report of this step. The clock stands still.
-    fn evaluate(&mut self, state: &mut Loop) -> Result<()> {
+    /// Writes scene, images, metrics and report of this step, with the clock stopped.
+    fn evaluate(&mut self, state: &mut LoopState) -> Result<()> {
         let seconds = state.clock.seconds();
         let peak = state.peak_rss();
         let psnr = state.clock.paused(|| self.evaluate_at(seconds, peak))?;
@@ -277,7 +287,7 @@ impl Session<'_> {
             report::write(self.folder, self.config, self.dataset, (&metrics, &images))?;
         }
         let psnr = metrics.splits.get("test").map(|split| split.mean.psnr_scene);
-        // Last: it says that the evaluation is complete.
+        // Last: it marks the evaluation as complete.
         files::write_json(&images.join("metrics.json"), &metrics)?;
         for (name, split) in &metrics.splits {
             let mean = split.mean;
@@ -305,13 +315,13 @@ impl Session<'_> {
     }
 }
 
-impl Loop {
+impl LoopState {
     fn peak_rss(&self) -> Option<u64> {
         memory::peak_resident_bytes().max(self.peak_before)
     }
 }
 
-impl SinceLine {
+impl LogSums {
     fn add(&mut self, report: &StepReport, seconds: f64) {
         self.steps += 1;
         self.seconds += seconds;

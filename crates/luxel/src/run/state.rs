@@ -1,6 +1,6 @@
 //! The newest readable state of a run: checkpoints to resume from, and scenes to render.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use crate::Result;
 use crate::error::{Context, bail};
@@ -12,17 +12,21 @@ use super::RunConfig;
 use super::RunFolder;
 use crate::Observer;
 
-/// The newest checkpoint that can be read, to continue from; `None` if the run ended before its first. Damaged newer ones are reported
-/// and set aside under another name: they must not count as the newest when old ones are deleted.
+/// Returns the newest checkpoint that can be read, to continue from; `None` if the run ended before
+/// its first. Damaged newer ones are reported and renamed: they must not count as the newest when
+/// old ones are deleted.
+///
+/// # Errors
+/// Checkpoints of which none can be read; a folder that cannot be read.
 pub fn take_checkpoint(folder: &RunFolder, observer: &dyn Observer) -> Result<Option<(PathBuf, Snapshot)>> {
     let latest = luxel_io::latest_checkpoint(folder.root())?;
     for error in &latest.damaged {
-        observer.warn(&format!("passing over a damaged checkpoint: {error}"));
+        observer.warn(&format!("skipping a damaged checkpoint: {error}"));
     }
     let Some((file, snapshot)) = latest.newest else {
         match latest.damaged.len() {
             0 => return Ok(None),
-            n => bail!("{}: none of the {n} checkpoints can be read; start anew with --overwrite", folder.root().display()),
+            n => bail!("{}: none of the {n} checkpoints can be read; start the run anew", folder.root().display()),
         }
     };
     for error in &latest.damaged {
@@ -33,12 +37,16 @@ pub fn take_checkpoint(folder: &RunFolder, observer: &dyn Observer) -> Result<Op
     Ok(Some((file.path, snapshot)))
 }
 
-/// The newest checkpoint's path, for messages.
+/// Returns the newest checkpoint's path, for messages.
 pub fn newest_checkpoint(folder: &RunFolder) -> Option<PathBuf> {
     luxel_io::list_checkpoints(folder.root()).ok()?.into_iter().next().map(|file| file.path)
 }
 
-/// A run's newest scene that can be read, with its step: from `point_cloud/`, or from a newer checkpoint.
+/// Returns a run's newest scene that can be read, with its step: from `point_cloud/`, or from a
+/// newer checkpoint.
+///
+/// # Errors
+/// A run without a readable scene.
 pub fn newest_scene(folder: &RunFolder, observer: &dyn Observer) -> Result<(u32, Scene)> {
     enum Source {
         Scene(PathBuf),
@@ -56,14 +64,18 @@ pub fn newest_scene(folder: &RunFolder, observer: &dyn Observer) -> Result<(u32,
         };
         match scene {
             Ok(scene) => return Ok((u32::try_from(iteration)?, scene)),
-            Err(error) => observer.warn(&format!("passing over a damaged file: {error}")),
+            Err(error) => observer.warn(&format!("skipping a damaged file: {error}")),
         }
     }
-    bail!("{0}: the run has no readable scene yet; go on with luxel train --resume -o {0}", folder.root().display())
+    bail!("{0}: the run has no readable scene yet; resume it", folder.root().display())
 }
 
-/// The response of the camera that goes with a run's scene of `iteration` steps: what an evaluation wrote of that step, or its checkpoint, which an
-/// interrupted run alone has. `None` of a run on radiance.
+/// Returns the camera response that belongs to a run's scene of `iteration` steps, from the
+/// evaluation of that step, or from its checkpoint, which only an interrupted run has. `None` for a
+/// run on radiance.
+///
+/// # Errors
+/// A run on captured LDR images that has neither.
 pub fn response(folder: &RunFolder, config: &RunConfig, iteration: u32) -> Result<Option<Knots>> {
     if config.load.supervision != Supervision::Ldr {
         return Ok(None);
@@ -74,15 +86,10 @@ pub fn response(folder: &RunFolder, config: &RunConfig, iteration: u32) -> Resul
     let states = luxel_io::list_checkpoints(folder.root())?;
     let Some(file) = states.iter().find(|file| file.iteration == u64::from(iteration)) else {
         bail!(
-            "{0}: neither captures.json nor a checkpoint has the camera's response of step {iteration}; go on with luxel train --resume -o {0}",
+            "{0}: neither captures.json nor a checkpoint has the camera's response of step {iteration}; resume the run",
             folder.root().display()
         );
     };
     let snapshot = luxel_io::read_checkpoint(&file.path)?;
     luxel_train::snapshot_response(&snapshot).with_context(|| format!("{}: no response of a camera", file.path.display()))
-}
-
-/// A scene file.
-pub fn read_scene(path: &Path) -> Result<Scene> {
-    luxel_io::read_scene(path).context("cannot read the scene")
 }

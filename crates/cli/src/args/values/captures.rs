@@ -9,7 +9,8 @@ pub(crate) enum SupervisionArg {
     /// Radiance.
     #[default]
     Hdr,
-    /// Captured LDR images (JPEG, PNG, TIFF) with their exposures; the camera's response is learned beside the scene.
+    /// Captured LDR images (JPEG, PNG, TIFF) with their exposures; the camera's response is learned
+    /// beside the scene.
     Ldr,
 }
 

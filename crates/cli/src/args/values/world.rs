@@ -26,7 +26,7 @@ pub(crate) enum UpArg {
 }
 
 impl UpArg {
-    /// The direction, unit; `None` for [`Self::AsIs`].
+    /// Returns the direction, of unit length; `None` for [`Self::AsIs`].
     pub(crate) fn direction(self) -> Option<DVec3> {
         Some(match self {
             Self::X => DVec3::X,
@@ -48,14 +48,14 @@ pub(crate) struct Crop {
 }
 
 impl Crop {
-    /// Whether a point is within.
+    /// Returns whether a point is inside.
     pub(crate) fn contains(self, point: [f32; 3]) -> bool {
         let [low, high] = self.corners;
         (0..3).all(|axis| low[axis] <= point[axis] && point[axis] <= high[axis])
     }
 }
 
-/// Six numbers: one corner and the opposite one.
+/// Parses six numbers: one corner and the opposite one.
 pub(crate) fn parse_crop(text: &str) -> Result<Crop, String> {
     let numbers: Option<Vec<f32>> = text.split(',').map(|word| word.trim().parse().ok().filter(|v: &f32| v.is_finite())).collect();
     let Some(&[x0, y0, z0, x1, y1, z1]) = numbers.as_deref() else {
@@ -65,7 +65,7 @@ pub(crate) fn parse_crop(text: &str) -> Result<Crop, String> {
     Ok(Crop { corners: [[0, 1, 2].map(|i| f32::min(a[i], b[i])), [0, 1, 2].map(|i| f32::max(a[i], b[i]))] })
 }
 
-/// Three numbers.
+/// Parses three numbers.
 pub(crate) fn parse_point(text: &str) -> Result<[f64; 3], String> {
     let numbers: Option<Vec<f64>> = text.split(',').map(|word| word.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
     let point = numbers.and_then(|numbers| <[f64; 3]>::try_from(numbers).ok());

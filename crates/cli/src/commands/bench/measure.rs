@@ -1,4 +1,5 @@
-//! The measurement itself: renders and training steps in turn, so that noise of the machine hits both alike.
+//! The measurement itself: renders and training steps in turn, so that noise of the machine hits
+//! both alike.
 
 use std::time::{Duration, Instant};
 
@@ -7,7 +8,8 @@ use luxel_core::{
     Engine, Evaluations, LearningRates, LossConfig, Pass, RenderOptions, StatsCollection, StepConfig, StepReport, ToneCurve, View,
 };
 
-/// So small that the scene stays where it is, over any number of steps; Adam's work is the same at any rate.
+/// So small that the scene stays where it is, over any number of steps; Adam's work is the same at
+/// any rate.
 const LEARNING_RATE: f32 = 1e-9;
 
 /// What is measured.

@@ -30,8 +30,9 @@ pub(super) struct Report {
     pub(super) steps: u32,
     pub(super) forward_ms: Spread,
     pub(super) step_ms: Spread,
-    /// Mean over steps that were handed in without waiting for any but the last, as in training: a GPU works ahead of the host, and the CPU engine
-    /// joins a step's update to the next one's projection.
+    /// Mean over steps that were handed in without waiting for any but the last, as in training: a
+    /// GPU works ahead of the host, and the CPU engine joins a step's update to the next one's
+    /// projection.
     pub(super) step_in_a_row_ms: f64,
     /// Medians over the steps.
     #[serde(serialize_with = "by_name")]

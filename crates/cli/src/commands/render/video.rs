@@ -2,8 +2,9 @@
 //!
 //! In: OpenEXR frames in the units of the data set. Out: an .mp4 in one of two forms:
 //! - SDR: the tone curve's display values, 8 bits, H.264, Rec.709 primaries with sRGB's curve;
-//! - HDR10: Rec.2020, perceptual quantizer (SMPTE ST 2084), 10 bits, H.265, with the mastering display (Rec.2020, 0.0001 cd/m2 to the peak; SMPTE
-//!   ST 2086) and the content's light levels (CTA-861.3), which a first sweep over the frames measures. 1 of the scene's scale times the
+//! - HDR10: Rec.2020, perceptual quantizer (SMPTE ST 2084), 10 bits, H.265, with the mastering
+//!   display (Rec.2020, 0.0001 cd/m2 to the peak; SMPTE ST 2086) and the content's light levels
+//!   (CTA-861.3), which a first sweep over the frames measures. 1 of the scene's scale times the
 //!   exposure is reference white, 203 cd/m2 (ITU-R BT.2408).
 
 use std::io::Write;
@@ -59,7 +60,8 @@ pub(super) fn encode(args: &RenderArgs, path: &Path, frames: &[&Path], radiance_
                 let (w, h) = (image.width, image.height);
                 bail!("{}: {w} x {h} pixels, expected {} x {} as the first frame", frame.display(), size[0], size[1]);
             }
-            // As text: a broken pipe in the chain of causes means to the program that its own reader has gone.
+            // As text: a broken pipe in the chain of causes means to the program that its own
+            // reader has gone.
             pipe.write_all(&samples(&image, space, gain, &look)).map_err(|e| anyhow!("ffmpeg stopped reading: {e}"))?;
         }
         Ok(())
@@ -108,7 +110,8 @@ fn samples(image: &Image, space: ColorSpace, gain: f32, look: &Look) -> Vec<u8> 
     }
 }
 
-/// Display light of a radiance, cd/m2: the largest channel rolls off above the knee towards the peak, hue kept.
+/// Display light of a radiance, cd/m2: the largest channel rolls off above the knee towards the
+/// peak, hue kept.
 fn nits(conversion: &Conversion, radiance: [f32; 3], gain: f32, peak: f32) -> [f32; 3] {
     let rgb = conversion.apply(radiance).map(|c| if c > 0.0 { (c * gain * WHITE_NITS).min(1e9) } else { 0.0 });
     let largest = rgb.into_iter().fold(0.0, f32::max);
@@ -122,7 +125,8 @@ fn nits(conversion: &Conversion, radiance: [f32; 3], gain: f32, peak: f32) -> [f
     rgb.map(|c| c * rolled / largest)
 }
 
-/// MaxCLL and MaxFALL, cd/m2: the brightest channel of any pixel, and of the frames' means over pixels of it.
+/// MaxCLL and MaxFALL, cd/m2: the brightest channel of any pixel, and of the frames' means over
+/// pixels of it.
 fn light_levels(frames: &[&Path], gain: f32, peak: f32) -> Result<[u32; 2]> {
     let (mut brightest, mut average) = (0f32, 0f64);
     for frame in frames {
@@ -143,7 +147,8 @@ fn input_options(look: &Look, [width, height]: [usize; 2], fps: u32) -> Vec<Stri
     ["-pix_fmt", pixels, "-s", &format!("{width}x{height}"), "-r", &fps.to_string(), "-i", "-"].map(str::to_owned).to_vec()
 }
 
-/// Codec, colour and metadata: colour is set on the frames, which is where the encoders look. Odd sizes get a black row or column, as chroma is halved.
+/// Codec, colour and metadata: colour is set on the frames, which is where the encoders look. Odd
+/// sizes get a black row or column, as chroma is halved.
 fn output_options(look: &Look, [max_cll, max_fall]: [u32; 2]) -> Vec<String> {
     let even = "pad=ceil(iw/2)*2:ceil(ih/2)*2";
     let words = |options: &[&str]| options.iter().map(|word| (*word).to_owned()).collect();
