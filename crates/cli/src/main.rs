@@ -6,6 +6,7 @@ mod editing;
 mod inputs;
 mod interrupt;
 mod output;
+mod remedy;
 
 use std::process::ExitCode;
 
@@ -30,6 +31,9 @@ fn main() -> ExitCode {
             console::stderr_line(&format!("error: {error}"));
             for cause in error.chain().skip(1) {
                 console::stderr_line(&format!("  caused by: {cause}"));
+            }
+            if let Some(remedy) = remedy::of_error(&error) {
+                console::stderr_line(&format!("  remedy: {}", remedy::word(remedy)));
             }
             ExitCode::FAILURE
         }

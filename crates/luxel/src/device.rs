@@ -213,10 +213,11 @@ mod gpu {
 #[cfg(not(feature = "gpu"))]
 mod gpu {
     use super::{Result, SelectedEngine};
-    use crate::Error;
+    use crate::{Error, Remedy};
 
     pub(super) fn open(_: usize, _: Option<&str>) -> Result<SelectedEngine> {
-        Err(Error::new("this build of luxel has no GPU engine (cargo feature gpu)"))
+        let remedy = Remedy::set("device", "cpu");
+        Err(Error::new("this build of luxel has no GPU engine (cargo feature gpu)").with_remedy(remedy))
     }
 
     pub(super) fn best(_: usize) -> Result<SelectedEngine, Option<String>> {

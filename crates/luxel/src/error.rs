@@ -7,6 +7,8 @@
 use std::error::Error as StdError;
 use std::fmt;
 
+use luxel_core::Remedy;
+
 /// The result of a fallible call of this crate.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
@@ -26,7 +28,12 @@ pub struct Error {
     content: Box<Content>,
 }
 
-enum Content {
+struct Content {
+    kind: Kind,
+    remedy: Option<Remedy>,
+}
+
+enum Kind {
     /// A message of this crate, and its cause.
     Message { text: String, source: Option<Boxed> },
     /// An error of a library below, as it is.
@@ -36,13 +43,32 @@ enum Content {
 impl Error {
     /// Returns an error with a message and no cause.
     pub fn new(message: impl Into<String>) -> Self {
-        Self::with(Content::Message { text: message.into(), source: None })
+        Self::with(Kind::Message { text: message.into(), source: None })
     }
 
     /// Returns this error as the cause of a new one with `message`.
     #[must_use]
     pub fn context(self, message: impl Into<String>) -> Self {
-        Self::with(Content::Message { text: message.into(), source: Some(self.into()) })
+        Self::with(Kind::Message { text: message.into(), source: Some(self.into()) })
+    }
+
+    /// Returns this error with what to do about it.
+    #[must_use]
+    pub fn with_remedy(mut self, remedy: Remedy) -> Self {
+        self.content.remedy = Some(remedy);
+        self
+    }
+
+    /// Returns what to do about the error, by the outermost of its causes that has a remedy.
+    ///
+    /// ```
+    /// use luxel::{Error, Remedy};
+    ///
+    /// let error = Error::new("a.ply: exists already").with_remedy(Remedy::advice("give another name"));
+    /// assert_eq!(error.context("cannot export").remedy(), Some(&Remedy::advice("give another name")));
+    /// ```
+    pub fn remedy(&self) -> Option<&Remedy> {
+        self.chain().find_map(|error| error.downcast_ref::<Self>()?.content.remedy.as_ref())
     }
 
     /// Returns the error itself and its causes, outermost first.
@@ -53,29 +79,29 @@ impl Error {
     /// Returns the outermost error of type `E` in the chain.
     pub fn find<E: StdError + 'static>(&self) -> Option<&E> {
         self.chain().find_map(|error| match error.downcast_ref::<Self>() {
-            Some(Self { content }) => match &**content {
-                Content::Other(other) => other.downcast_ref(),
-                Content::Message { .. } => None,
+            Some(Self { content }) => match &content.kind {
+                Kind::Other(other) => other.downcast_ref(),
+                Kind::Message { .. } => None,
             },
             None => error.downcast_ref(),
         })
     }
 
-    fn with(content: Content) -> Self {
-        Self { content: Box::new(content) }
+    fn with(kind: Kind) -> Self {
+        Self { content: Box::new(Content { kind, remedy: None }) }
     }
 
     /// Wraps an error of a library below, whose message becomes that of this one.
     pub(crate) fn wrap(error: impl Into<Boxed>) -> Self {
-        Self::with(Content::Other(error.into()))
+        Self::with(Kind::Other(error.into()))
     }
 }
 
 impl fmt::Display for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match &*self.content {
-            Content::Message { text, .. } => f.write_str(text)?,
-            Content::Other(error) => write!(f, "{error}")?,
+        match &self.content.kind {
+            Kind::Message { text, .. } => f.write_str(text)?,
+            Kind::Other(error) => write!(f, "{error}")?,
         }
         if f.alternate() {
             for cause in self.chain().skip(1) {
@@ -95,9 +121,9 @@ impl fmt::Debug for Error {
 
 impl StdError for Error {
     fn source(&self) -> Option<&(dyn StdError + 'static)> {
-        match &*self.content {
-            Content::Message { source, .. } => source.as_ref().map(|source| &**source as &(dyn StdError + 'static)),
-            Content::Other(error) => error.source(),
+        match &self.content.kind {
+            Kind::Message { source, .. } => source.as_ref().map(|source| &**source as &(dyn StdError + 'static)),
+            Kind::Other(error) => error.source(),
         }
     }
 }
@@ -141,7 +167,7 @@ impl<T, E: Into<Boxed>> Context<T> for Result<T, E> {
     }
 
     fn with_context<M: Into<String>>(self, message: impl FnOnce() -> M) -> Result<T> {
-        self.map_err(|source| Error::with(Content::Message { text: message().into(), source: Some(source.into()) }))
+        self.map_err(|source| Error::with(Kind::Message { text: message().into(), source: Some(source.into()) }))
     }
 }
 

@@ -2,8 +2,9 @@
 
 use std::path::Path;
 
-use crate::Result;
 use crate::error::{Context, bail};
+use crate::{Error, Result};
+use luxel_core::Remedy;
 use serde::Serialize;
 
 /// Writes a file atomically.
@@ -18,7 +19,8 @@ pub fn check_free(path: &Path, overwrite: bool) -> Result<()> {
         bail!("{}: is a folder, expected a name for a file", path.display());
     }
     if path.exists() && !overwrite {
-        bail!("{}: exists already; give another name, or --overwrite", path.display());
+        let remedy = Remedy::advice("give another name").or(Remedy::set("overwrite", "true"));
+        return Err(Error::new(format!("{}: exists already", path.display())).with_remedy(remedy));
     }
     Ok(())
 }

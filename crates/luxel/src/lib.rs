@@ -73,7 +73,7 @@ pub use device::{Device, DeviceOptions, SelectedEngine};
 pub use error::{Error, Result};
 pub use events::{Event, Listening, Observer, Silent, StopFlag};
 pub use luxel_core::tone::Tonemap;
-pub use luxel_core::{Camera, ColorSpace, Edit, View};
+pub use luxel_core::{Camera, ColorSpace, Edit, Remedy, View};
 pub use luxel_cpu::InstructionSet;
 pub use luxel_io::{LoadOptions, PathCamera, Supervision};
 pub use luxel_train::{Method, Preset, SplitMetrics, TrainConfig};

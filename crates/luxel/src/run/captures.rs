@@ -71,7 +71,8 @@ impl Captures {
         }
         let text = files::read_text(&path, LIMIT_BYTES)?;
         serde_json::from_str(&text)
-            .with_context(|| format!("{}: not a file of gains and responses; resume the run to write it anew", path.display()))
+            .with_context(|| format!("{}: not a file of gains and responses", path.display()))
+            .map_err(|error| error.with_remedy(super::state::continue_run()))
     }
 
     /// Returns the ln gains of the training images after `iteration` steps, by name; empty if the

@@ -32,7 +32,8 @@ const SOURCE: &str = "source.toml";
 /// Locked while a process works in the folder. The file is empty and stays.
 pub const LOCK: &str = ".lock";
 
-/// Everything training puts into a run folder besides [`CONFIG`]; all that [`RunFolder::clear`] deletes.
+/// Everything training puts into a run folder besides [`CONFIG`]; all that [`RunFolder::clear`]
+/// deletes.
 const CONTENTS: [&str; 8] =
     ["checkpoints", "point_cloud", "eval", "metrics.json", "captures.json", "log.jsonl", "report.html", "measured.json"];
 

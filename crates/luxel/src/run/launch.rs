@@ -4,12 +4,12 @@
 //! memory. The data set is read and the settings are checked before anything in the folder is
 //! touched.
 
-use luxel_core::Dataset as CoreDataset;
+use luxel_core::{Dataset as CoreDataset, Remedy};
 use luxel_train::Trainer;
 
 use super::{Outcome, RunConfig, RunFolder, RunLock, Session, state};
 use crate::error::{Context, bail};
-use crate::{Dataset, Observer, Result, SelectedEngine, StopFlag, text};
+use crate::{Dataset, Error, Observer, Result, SelectedEngine, StopFlag, text};
 
 /// The place of a run, its observer and its stop flag.
 #[derive(Clone, Copy)]
@@ -89,10 +89,11 @@ pub fn resume(config: RunConfig, selected: SelectedEngine, launch: Launch<'_>, l
             observer.note("the run ended before its first checkpoint; starting from the first step");
             Trainer::new(&dataset, config.train.clone(), engine).context("cannot start training")?
         }
-        None => bail!(
-            "{}: has scenes, but no checkpoint in checkpoints/ to continue from; put that folder back, or start the run anew",
-            folder.root().display()
-        ),
+        None => {
+            let message = format!("{}: has scenes, but no checkpoint in checkpoints/ to continue from", folder.root().display());
+            let remedy = Remedy::advice("put that folder back").or(state::start_anew());
+            return Err(Error::new(message).with_remedy(remedy));
+        }
     };
     folder.write_config(&config)?;
     train(config, launch, ReadyRun { dataset, trainer, threads, machine, computed_by, lock })
@@ -103,11 +104,12 @@ pub fn resume(config: RunConfig, selected: SelectedEngine, launch: Launch<'_>, l
 fn continue_with(config: &RunConfig, trainer: &mut Trainer) -> Result<()> {
     let (wanted, made) = (config.train.iterations, trainer.iteration());
     if wanted < made {
-        bail!("iterations {wanted}: the run has made {made} steps already; give at least as many");
+        let message = format!("{wanted} iterations: the run has made {made} steps already");
+        return Err(Error::new(message).with_remedy(Remedy::set("iterations", made.to_string())));
     }
     trainer.set_iterations(wanted);
     if *trainer.config() != config.train {
-        bail!("config.toml has other training options than the checkpoint; undo the change, or start a new run from it in another folder");
+        bail!("config.toml has other training options than the checkpoint; undo the change, or start a new run with it in another folder");
     }
     Ok(())
 }

@@ -2,15 +2,12 @@
 
 use std::path::PathBuf;
 
-use crate::Result;
-use crate::error::{Context, bail};
-use luxel_core::{Knots, Scene, Snapshot};
+use luxel_core::{Knots, Remedy, Scene, Snapshot};
 use luxel_io::Supervision;
 
-use super::Captures;
-use super::RunConfig;
-use super::RunFolder;
-use crate::Observer;
+use super::{Captures, RunConfig, RunFolder};
+use crate::error::Context;
+use crate::{Error, Observer, Result};
 
 /// Returns the newest checkpoint that can be read, to continue from; `None` if the run ended before
 /// its first. Damaged newer ones are reported and renamed: they must not count as the newest when
@@ -26,7 +23,10 @@ pub fn take_checkpoint(folder: &RunFolder, observer: &dyn Observer) -> Result<Op
     let Some((file, snapshot)) = latest.newest else {
         match latest.damaged.len() {
             0 => return Ok(None),
-            n => bail!("{}: none of the {n} checkpoints can be read; start the run anew", folder.root().display()),
+            n => {
+                let error = Error::new(format!("{}: none of the {n} checkpoints can be read", folder.root().display()));
+                return Err(error.with_remedy(start_anew()));
+            }
         }
     };
     for error in &latest.damaged {
@@ -67,7 +67,7 @@ pub fn newest_scene(folder: &RunFolder, observer: &dyn Observer) -> Result<(u32,
             Err(error) => observer.warn(&format!("skipping a damaged file: {error}")),
         }
     }
-    bail!("{0}: the run has no readable scene yet; resume it", folder.root().display())
+    Err(Error::new(format!("{}: the run has no readable scene yet", folder.root().display())).with_remedy(continue_run()))
 }
 
 /// Returns the camera response that belongs to a run's scene of `iteration` steps, from the
@@ -85,11 +85,20 @@ pub fn response(folder: &RunFolder, config: &RunConfig, iteration: u32) -> Resul
     }
     let states = luxel_io::list_checkpoints(folder.root())?;
     let Some(file) = states.iter().find(|file| file.iteration == u64::from(iteration)) else {
-        bail!(
-            "{0}: neither captures.json nor a checkpoint has the camera's response of step {iteration}; resume the run",
-            folder.root().display()
-        );
+        let message =
+            format!("{}: neither captures.json nor a checkpoint has the camera's response of step {iteration}", folder.root().display());
+        return Err(Error::new(message).with_remedy(continue_run()));
     };
     let snapshot = luxel_io::read_checkpoint(&file.path)?;
     luxel_train::snapshot_response(&snapshot).with_context(|| format!("{}: no response of a camera", file.path.display()))
+}
+
+/// Returns the remedy for a run that has not come far enough.
+pub(super) fn continue_run() -> Remedy {
+    Remedy::set("resume", "true")
+}
+
+/// Returns the remedy for a run that cannot continue.
+pub(super) fn start_anew() -> Remedy {
+    Remedy::set("overwrite", "true")
 }
