@@ -4,12 +4,12 @@
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
+use luxel::text;
 use luxel_core::edit::{Applied, MaskName, MaskShares, SelectionSummary, ShMap};
 use luxel_core::{Dataset, Edit, Engine, Image, RenderOptions, Scene, View};
 
 use crate::inputs::scene_source::{DataRequest, SceneSource};
 use crate::output::console::Console;
-use luxel::text;
 
 /// Shares of all masks that the edits look at, for the scene as it is. Reads the data set only if
 /// there are any.

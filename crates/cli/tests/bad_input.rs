@@ -126,7 +126,7 @@ fn scenes_and_runs_that_are_none_are_refused() {
         place.error(&["render", "bad.ply", "--data", "data", "-o", "x"], &["bad.ply"]);
     }
     place.error(&["render", "none.ply", "--data", "data", "-o", "x"], &["none.ply"]);
-    place.error(&["eval", "data"], &["data", "luxel train"]);
+    place.error(&["eval", "data"], &["data", "not the folder of a training run"]);
     place.error(&["eval", "nothing"], &["nothing"]);
     place.error(&["info", "data/split.exr"], &["split.exr"]);
 

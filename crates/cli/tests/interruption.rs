@@ -133,11 +133,11 @@ fn a_resumed_run_keeps_its_settings() {
     let place = Workplace::new();
     place.train("run", &["--seed", "5"]);
     place.error(&["train", "--resume", "-o", "run", "--seed", "6", "--method", "sh3"], &["--seed is 5 in the run, 6 now", "--method"]);
-    // What was said and is the same is no contradiction, nor what leaves the result alone.
+    // An explicit option with the stored value is no contradiction, nor is one that leaves the result as it is.
     place.ok(&["train", "data", "--resume", "-o", "run", "--seed", "5", "--threads", "1", "--keep-checkpoints", "4"]);
     assert_eq!(place.json("run/metrics.json")["seed"], 5);
-    // More steps go on from the last; fewer than there are is a contradiction.
-    place.error(&["train", "--resume", "-o", "run", "--iterations", "10"], &["--iterations 10", "40 steps"]);
+    // More steps continue from the last; fewer than were made are a contradiction.
+    place.error(&["train", "--resume", "-o", "run", "--iterations", "10"], &["10 iterations", "40 steps", "--iterations 40"]);
     place.ok(&["train", "--resume", "-o", "run", "--iterations", "50"]);
     assert_eq!(place.json("run/metrics.json")["iterations"], 50);
     // An evaluation that a killed process left unfinished is made up for.

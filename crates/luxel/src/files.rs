@@ -2,10 +2,11 @@
 
 use std::path::Path;
 
-use crate::error::{Context, bail};
-use crate::{Error, Result};
 use luxel_core::Remedy;
 use serde::Serialize;
+
+use crate::error::{Context, bail};
+use crate::{Error, Result};
 
 /// Writes a file atomically.
 pub fn write_bytes(path: &Path, content: &[u8]) -> Result<()> {

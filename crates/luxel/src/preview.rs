@@ -2,10 +2,11 @@
 
 use std::path::Path;
 
-use crate::Result;
-use crate::error::Context;
 use luxel_core::tone::{Tonemap, display_rgb8, rec709_of};
 use luxel_core::{ColorSpace, Image};
+
+use crate::Result;
+use crate::error::Context;
 
 /// A tone curve and an exposure.
 #[derive(Clone, Copy, Debug)]

@@ -1,5 +1,5 @@
-//! `luxel demo`: the whole of Luxel on a small scene that is part of the program. The data set is
-//! unpacked into the results, so that everything can be tried on it afterwards.
+//! `luxel demo`: training, evaluation and rendering of a small scene that is part of the program.
+//! The data set is unpacked into the results, so that other commands can be tried on it afterwards.
 
 use std::path::{Path, PathBuf};
 
@@ -30,26 +30,26 @@ const PICTURES_FOLDER: &str = "pictures";
 /// Folder within the data set for its images.
 const IMAGES_FOLDER: &str = "images";
 
-/// Test views that pictures are made of.
+/// Number of test views to make pictures of.
 const PICTURES: usize = 3;
 
-/// How names of pictures end: render and photograph, exposed for the shadows and for the
+/// Ends of the pictures' names: render and ground truth, exposed for the shadows and for the
 /// highlights.
 const PICTURE_ENDINGS: [[&str; 2]; 2] = [["shadows", "shadows_photograph"], ["highlights", "highlights_photograph"]];
 
-/// Trains, evaluates, renders, tells.
+/// Trains, evaluates, renders, and reports where the results are.
 pub(crate) fn run(args: &DemoArgs) -> Result<Outcome> {
     let console = Console::new(args.console.log_format, args.console.quiet);
     let folder = RunFolder::at(&args.output);
     may_replace(&folder)?;
     let config = config(args);
-    // A device that is not there must not cost the demo that is.
+    // A missing device must not cost the results of an earlier demo.
     let engine = training_engine(&config)?;
     let lock = make_room(&folder)?;
     // The mark first: should the unpacking be interrupted, the next demo may still replace it.
     folder.write_config(&config)?;
     unpack(&DATASET, &folder.root().join(DATASET_FOLDER))?;
-    console.note("training on a desk at night: 18 HDR photographs of 200x200 pixels, from a lit bulb to the shadows under the table");
+    console.note("training on a desk at night: 18 HDR images of 200x200 pixels, from a lit bulb to the shadows under the table");
     let launch = Launch { folder: &folder, observer: &console, stop: interrupt::stop() };
     let TrainedRun { outcome, mut trainer, dataset, .. } = fresh(config, engine, launch, |_| Ok(lock))?;
     if outcome == Outcome::Interrupted {
@@ -57,22 +57,22 @@ pub(crate) fn run(args: &DemoArgs) -> Result<Outcome> {
         return Ok(outcome);
     }
     let pictures = pictures(&folder, &dataset, &mut trainer)?;
-    tell(args, &folder, &pictures, &console)?;
+    report_results(args, &folder, &pictures, &console)?;
     Ok(outcome)
 }
 
 /// Locks the folder and removes what an earlier demo left.
 fn make_room(folder: &RunFolder) -> Result<RunLock> {
     let lock = folder.lock()?;
-    // Once more: what another luxel has made there meanwhile may be no demo.
+    // Again: another luxel may have put something else there in the meantime.
     may_replace(folder)?;
-    // The data set's files are written over.
+    // The data set's files are replaced.
     remove_pictures(folder)?;
     folder.clear()?;
     Ok(lock)
 }
 
-/// Removes what [`pictures`] writes, and nothing else that lies there.
+/// Removes the files that [`pictures`] writes, and no others.
 pub(super) fn remove_pictures(folder: &RunFolder) -> luxel::Result<()> {
     let place = folder.root().join(PICTURES_FOLDER);
     for image in DATASET.get_dir(IMAGES_FOLDER).into_iter().flat_map(Dir::files) {
@@ -86,7 +86,7 @@ pub(super) fn remove_pictures(folder: &RunFolder) -> luxel::Result<()> {
     Ok(())
 }
 
-/// Only what an earlier demo left is replaced.
+/// Refuses to replace anything but the results of an earlier demo.
 fn may_replace(folder: &RunFolder) -> Result<()> {
     let path = folder.root().display();
     match folder.occupant()? {
@@ -121,8 +121,8 @@ fn unpack(from: &Dir<'_>, to: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Display pictures of some test views, exposed for the shadows and for the highlights, with the
-/// ground truth beside.
+/// Writes tone-mapped pictures of some test views and of their ground truth, exposed for the
+/// shadows and for the highlights.
 fn pictures(folder: &RunFolder, dataset: &Dataset, trainer: &mut Trainer) -> Result<Vec<PathBuf>> {
     let (options, scale) = (trainer.render_options(), trainer.radiance_scale());
     let count = dataset.test.len();
@@ -145,7 +145,8 @@ fn pictures(folder: &RunFolder, dataset: &Dataset, trainer: &mut Trainer) -> Res
     Ok(paths)
 }
 
-/// Stops that bring a view's median to middle grey, and its 99.9th percentile to 1.
+/// Returns the exposures in stops that bring a view's median to middle grey, and its 99.9th
+/// percentile to 1.
 fn exposures(view: &View, scale: f32) -> (f32, f32) {
     let mut luminance: Vec<f32> = view.image.pixels.iter().map(|&p| luminance_rec709(p) / scale).collect();
     luminance.sort_unstable_by(f32::total_cmp);
@@ -154,8 +155,8 @@ fn exposures(view: &View, scale: f32) -> (f32, f32) {
     (stops(at(0.5), 0.18), stops(at(0.999), 1.0))
 }
 
-/// Where everything is, and what to try next.
-fn tell(args: &DemoArgs, folder: &RunFolder, pictures: &[PathBuf], console: &Console) -> Result<()> {
+/// Reports where the results are, and commands to try next.
+fn report_results(args: &DemoArgs, folder: &RunFolder, pictures: &[PathBuf], console: &Console) -> Result<()> {
     let root = folder.root().display();
     let images = folder.evaluation(args.iterations).join("renders");
     let picture = pictures.first().map_or(String::new(), |path| path.display().to_string());

@@ -1,10 +1,10 @@
-//! `luxel info --devices`: what can compute, and what `--device auto` takes.
+//! `luxel info --devices`: the devices, and which of them `--device auto` takes.
 
 use luxel_cpu::CpuEngine;
 
 use crate::output::tree::Tree;
 
-/// The processor and the GPUs, each with whether it is taken and why not.
+/// Describes the processor and the GPUs, each with whether auto takes it, or the reason why not.
 pub(crate) fn describe() -> Tree {
     let mut facts = Tree::default();
     let taken = gpus(&mut facts);
@@ -19,7 +19,7 @@ pub(crate) fn describe() -> Tree {
     facts
 }
 
-/// Adds the GPUs; tells whether one is taken.
+/// Adds the GPUs; returns whether one is taken.
 #[cfg(feature = "gpu")]
 fn gpus(facts: &mut Tree) -> bool {
     let mut taken = false;

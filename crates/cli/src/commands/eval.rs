@@ -1,4 +1,4 @@
-//! `luxel eval`: figures of a run's newest scene.
+//! `luxel eval`: metrics of a run's newest scene.
 
 use anyhow::{Context, Result, bail};
 use luxel::run::evaluation::read_lpips;
@@ -17,7 +17,7 @@ use crate::output::metrics_table;
 pub(crate) fn run(args: &EvalArgs, explicit: &ExplicitArgs) -> Result<()> {
     let console = Console::new(LogFormat::Text, false);
     let (folder, config) = RunFolder::open(&args.run)?;
-    // Beside training at work, figures of an older step would take the place of its own.
+    // While a training works in the folder, metrics of an older step would replace its own.
     let _lock = folder.lock()?;
     let lpips = read_lpips(args.lpips_weights.as_deref())?;
     let luxel::SelectedEngine { mut engine, threads, computed_by, .. } = engine::engine(&args.device)?;
@@ -27,7 +27,7 @@ pub(crate) fn run(args: &EvalArgs, explicit: &ExplicitArgs) -> Result<()> {
     let (iteration, scene) = state::newest_scene(&folder, &console)?;
     if dataset.color_space != scene.color_space {
         bail!(
-            "{}: images are in {}, the scene is in {}: figures need one colour space; convert the images",
+            "{}: images are in {}, the scene is in {}: metrics need one colour space; convert the images",
             path.display(),
             dataset.color_space.name(),
             scene.color_space.name()
@@ -47,7 +47,8 @@ pub(crate) fn run(args: &EvalArgs, explicit: &ExplicitArgs) -> Result<()> {
         response: state::response(&folder, &config, iteration)?,
         log_gains: Captures::read(&folder)?.log_gains_at(iteration),
     };
-    // What training wrote is of the run's own data as the run read it, and other programs go by it.
+    // The folder of a step's evaluation is for the run's own data as the run read it: other
+    // programs rely on it.
     let is_own = files::is_same(&path, &config.dataset_path(folder.root())) && load == config.load;
     let images = if is_own { folder.evaluation(iteration) } else { folder.claim_evaluation_of(iteration, &path, &load)? };
     let mut named = Vec::new();
@@ -74,13 +75,13 @@ pub(crate) fn run(args: &EvalArgs, explicit: &ExplicitArgs) -> Result<()> {
         dataset: path.display().to_string(),
         splits,
     };
-    // Not beside the images: figures there say that training has evaluated this step.
+    // Not beside the images: metrics there mark an evaluation by training.
     files::write_json(&folder.metrics(), &metrics)?;
     report::write(&folder, &config, &dataset, (&metrics, &images))?;
-    // Last: a reader that leaves early costs no figures.
+    // Last: a reader that leaves early costs no metrics.
     for table in &tables {
         console::print(table)?;
     }
-    console.note(&format!("figures {}\nreport  {}", folder.metrics().display(), folder.report().display()));
+    console.note(&format!("metrics {}\nreport  {}", folder.metrics().display(), folder.report().display()));
     Ok(())
 }

@@ -1,9 +1,10 @@
-//! `luxel info`: what a file or folder holds.
+//! `luxel info`: the content of a file or folder.
 
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use luxel::run::ExplicitArgs;
+use luxel::run::evaluation::Metrics;
+use luxel::run::{ExplicitArgs, RunFolder, state};
 use luxel_core::tone::rec709_of;
 use luxel_core::{ColorModel, ColorSpace, Dataset, Image, Scene, Splats, View, luminance_rec709, sigmoid};
 use luxel_io::{ReadOptions, SampleDepth};
@@ -12,11 +13,8 @@ use crate::args::{InfoArgs, LoadArgs};
 use crate::commands::devices;
 use crate::output::console::{self, Console, LogFormat};
 use crate::output::tree::Tree;
-use luxel::run::RunFolder;
-use luxel::run::evaluation::Metrics;
-use luxel::run::state;
 
-/// Percentiles that ranges are described by.
+/// Percentiles that describe ranges.
 pub(crate) const PERCENTILES: [u8; 7] = [0, 1, 25, 50, 75, 99, 100];
 
 /// Describes `args.path`, or the devices; `explicit` names the options that were given.
@@ -28,44 +26,44 @@ pub(crate) fn run(args: &InfoArgs, explicit: &ExplicitArgs) -> Result<()> {
     if args.json { console::print(&format!("{:#}", facts.json())) } else { console::print(facts.text().trim_end()) }
 }
 
-/// Options that say how images are read, of a data set or not.
-const OF_IMAGES: [&str; 2] = ["transfer", "color_space"];
+/// Options of reading images, in a data set or not.
+const IMAGE_OPTIONS: [&str; 2] = ["transfer", "color_space"];
 
 fn describe(path: &Path, args: &InfoArgs, explicit: &ExplicitArgs) -> Result<Tree> {
     let metadata = std::fs::metadata(path).with_context(|| format!("{}: cannot open", path.display()))?;
     if metadata.is_dir() {
         if RunFolder::is_run(path) {
             refuse(explicit, &[], path, "a run")?;
-            return of_run(path);
+            return describe_run(path);
         }
-        return of_dataset(path, args);
+        return describe_dataset(path, args);
     }
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
     let mut facts = match extension.as_str() {
         "ply" | "usda" | "usd" | "glb" | "spz" => {
             refuse(explicit, &[], path, "a scene")?;
-            of_scene_file(path)?
+            describe_scene_file(path)?
         }
         "safetensors" => {
             refuse(explicit, &[], path, "a checkpoint")?;
-            of_checkpoint(path)?
+            describe_checkpoint(path)?
         }
-        "json" => return of_dataset(path, args),
+        "json" => return describe_dataset(path, args),
         _ => {
-            refuse(explicit, &OF_IMAGES, path, "an image")?;
-            of_image(path, args)?
+            refuse(explicit, &IMAGE_OPTIONS, path, "an image")?;
+            describe_image(path, args)?
         }
     };
     facts.set("file_bytes", metadata.len());
     Ok(facts)
 }
 
-/// Refuses options of reading data sets, but for those `used`, where there is `what` instead.
+/// Refuses options of reading data sets, except those `used`, where the path is `what`.
 fn refuse(explicit: &ExplicitArgs, used: &[&str], path: &Path, what: &str) -> Result<()> {
     LoadArgs::refuse(explicit, used, &format!("and {} is {what}; leave it out", path.display()))
 }
 
-fn of_scene_file(path: &Path) -> Result<Tree> {
+fn describe_scene_file(path: &Path) -> Result<Tree> {
     let scene = luxel::Scene::open(path)?;
     let mut facts = Tree::default();
     facts.set("kind", "scene");
@@ -73,12 +71,12 @@ fn of_scene_file(path: &Path) -> Result<Tree> {
     Ok(facts)
 }
 
-fn of_checkpoint(path: &Path) -> Result<Tree> {
+fn describe_checkpoint(path: &Path) -> Result<Tree> {
     let snapshot = luxel_io::read_checkpoint(path).context("cannot read the checkpoint")?;
     let mut facts = Tree::default();
     facts.set("kind", "checkpoint");
     add_scene(&mut facts, &snapshot.scene);
-    // The trainer's own state, for those who know it.
+    // Some of the trainer's own state.
     if let Ok(state) = serde_json::from_str::<serde_json::Value>(&snapshot.state_json) {
         for name in ["step", "iteration", "fingerprint"] {
             if let Some(value) = state.get(name) {
@@ -89,7 +87,7 @@ fn of_checkpoint(path: &Path) -> Result<Tree> {
     Ok(facts)
 }
 
-fn of_run(path: &Path) -> Result<Tree> {
+fn describe_run(path: &Path) -> Result<Tree> {
     let (folder, config) = RunFolder::open(path)?;
     let mut facts = Tree::default();
     facts.set("kind", "run");
@@ -112,22 +110,22 @@ fn of_run(path: &Path) -> Result<Tree> {
     }
     let metrics = std::fs::read(folder.metrics()).ok().and_then(|bytes| serde_json::from_slice::<Metrics>(&bytes).ok());
     if let Some(metrics) = metrics {
-        let mut figures = Tree::default();
-        figures.set("iterations", metrics.iterations).set("train_seconds", metrics.train_seconds);
-        figures.set("peak_rss_bytes", metrics.peak_rss_bytes);
+        let mut metrics_tree = Tree::default();
+        metrics_tree.set("iterations", metrics.iterations).set("train_seconds", metrics.train_seconds);
+        metrics_tree.set("peak_rss_bytes", metrics.peak_rss_bytes);
         for (name, split) in &metrics.splits {
             let mut mean = Tree::default();
             for (name, value) in split.mean.named() {
                 mean.set(name, value);
             }
-            figures.group(name, mean);
+            metrics_tree.group(name, mean);
         }
-        facts.group("figures", figures);
+        facts.group("figures", metrics_tree);
     }
     Ok(facts)
 }
 
-fn of_dataset(path: &Path, args: &InfoArgs) -> Result<Tree> {
+fn describe_dataset(path: &Path, args: &InfoArgs) -> Result<Tree> {
     let dataset = luxel_io::load_dataset(path, &args.load.options()).context("cannot read the data set")?;
     Ok(dataset_facts(&dataset))
 }
@@ -172,7 +170,7 @@ fn valid_luminance(view: &View, color_space: ColorSpace) -> impl Iterator<Item =
     valid.map(move |(_, &rgb)| luminance(color_space, rgb))
 }
 
-fn of_image(path: &Path, args: &InfoArgs) -> Result<Tree> {
+fn describe_image(path: &Path, args: &InfoArgs) -> Result<Tree> {
     let options = ReadOptions { transfer: args.load.transfer.map(Into::into) };
     let decoded = luxel_io::read_image(path, &options).context("cannot read the image")?;
     let image: &Image = &decoded.image;
@@ -232,7 +230,7 @@ fn add_scene(facts: &mut Tree, scene: &Scene) {
     facts.group("percentiles", percentiles);
 }
 
-/// Luminance Y of each splat seen along +z, in the units of the data set.
+/// Returns the luminance Y of each splat as seen along +z, in the units of the data set.
 fn scene_luminance(scene: &Scene) -> Vec<f32> {
     let radiance = |i| scene.splats.radiance(i, [0.0, 0.0, 1.0]);
     (0..scene.splats.len()).map(|i| scene.radiance_scale * luminance(scene.color_space, radiance(i))).collect()
@@ -243,7 +241,7 @@ fn parameter_bytes(splats: &Splats) -> usize {
     floats * size_of::<f32>()
 }
 
-/// Percentiles and dynamic range of luminance in the units of the data set.
+/// Adds percentiles and dynamic range of luminance in the units of the data set.
 fn add_luminance(facts: &mut Tree, luminance: Vec<f32>) {
     if luminance.is_empty() {
         return;
@@ -261,7 +259,7 @@ fn add_luminance(facts: &mut Tree, luminance: Vec<f32>) {
     facts.group("percentiles", group);
 }
 
-/// Values at [`PERCENTILES`], nearest rank; none of none.
+/// Returns the values at [`PERCENTILES`] by nearest rank; none for no values.
 pub(crate) fn quantiles(mut values: Vec<f32>) -> Vec<f32> {
     values.sort_unstable_by(f32::total_cmp);
     let Some(last) = values.len().checked_sub(1) else { return Vec::new() };
@@ -273,7 +271,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn quantiles_are_of_the_nearest_rank() {
+    fn quantiles_have_the_nearest_rank() {
         assert_eq!(quantiles((0..=100).rev().map(|v| v as f32).collect()), [0.0, 1.0, 25.0, 50.0, 75.0, 99.0, 100.0]);
         assert_eq!(quantiles(vec![2.0]), [2.0; 7]);
         assert!(quantiles(Vec::new()).is_empty());

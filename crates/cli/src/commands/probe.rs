@@ -3,6 +3,7 @@
 use anyhow::{Context, Result};
 use glam::DVec3;
 use luxel::run::ExplicitArgs;
+use luxel::{files, text};
 use luxel_core::environment::{MapSize, Projection, Rig, Summary};
 use luxel_core::{Conversion, Dataset, Engine, Image, RenderOptions, Scene};
 use luxel_io::ExrOptions;
@@ -13,8 +14,6 @@ use crate::inputs::engine;
 use crate::inputs::scene_source::{DataRequest, SceneSource};
 use crate::output::console::Console;
 use crate::output::tree::Tree;
-use luxel::files;
-use luxel::text;
 
 /// `explicit` names the options that were given.
 pub(crate) fn run(args: &ProbeArgs, explicit: &ExplicitArgs) -> Result<()> {

@@ -5,8 +5,10 @@ mod video;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use luxel::Device;
+use luxel::preview::{self, Look};
 use luxel::run::ExplicitArgs;
+use luxel::run::evaluation::unique_stems;
+use luxel::{Device, files, text};
 use luxel_core::{Camera, Conversion, Dataset, Engine, Layers, RasterConfig, RenderOptions, Scene};
 use luxel_io::ExrOptions;
 
@@ -16,10 +18,6 @@ use crate::editing;
 use crate::inputs::engine;
 use crate::inputs::scene_source::{DataRequest, SceneSource};
 use crate::output::console::Console;
-use luxel::files;
-use luxel::preview::{self, Look};
-use luxel::run::evaluation::unique_stems;
-use luxel::text;
 
 /// A camera and the name of its image.
 struct Shot {
@@ -27,14 +25,14 @@ struct Shot {
     camera: Camera,
 }
 
-/// One image to make.
+/// One image to render.
 struct Job {
     camera: Camera,
     exr: PathBuf,
     png: Option<PathBuf>,
 }
 
-/// Renders what is not there yet; `explicit` names the options that were given.
+/// Renders the images that do not exist yet; `explicit` names the options that were given.
 pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
     let console = Console::new(args.console.log_format, args.console.quiet);
     if let Some(path) = &args.video {
@@ -51,7 +49,7 @@ pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
     let missing = |job: &&Job| !job.exr.is_file() || job.png.as_ref().is_some_and(|png| !png.is_file());
     let jobs: Vec<&Job> = all.iter().filter(missing).collect();
     if jobs.len() < total {
-        console.note(&format!("{} exist already and are left as they are", text::plural(total - jobs.len(), "image")));
+        console.note(&format!("{} exist already and are kept", text::plural(total - jobs.len(), "image")));
     }
     let mut engine = engine::engine(&device(args))?.engine;
     if let Some(EditText(edits)) = &args.edit {
@@ -83,7 +81,8 @@ pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
     Ok(())
 }
 
-/// What computes: coverage and depth are the CPU engine's, so that is what `auto` comes to.
+/// Returns the device: for coverage and depth, which only the CPU engine renders, `auto` means the
+/// CPU.
 fn device(args: &RenderArgs) -> DeviceArgs {
     let mut device = args.device.clone();
     if (args.alpha || args.depth) && device.device == Device::Auto {
@@ -92,7 +91,7 @@ fn device(args: &RenderArgs) -> DeviceArgs {
     device
 }
 
-/// The image, with coverage and depth if they are asked for.
+/// Renders the image, with coverage and depth if they are asked for.
 fn render(args: &RenderArgs, engine: &mut dyn Engine, camera: &Camera, options: &RenderOptions) -> Result<Layers> {
     if args.alpha || args.depth {
         return Ok(engine.render_layers(camera, options)?);
@@ -100,7 +99,7 @@ fn render(args: &RenderArgs, engine: &mut dyn Engine, camera: &Camera, options: 
     Ok(Layers { image: engine.render(camera, options)?, ..Layers::default() })
 }
 
-/// All cameras that the options name, in order, before `--frames` and `--shard`.
+/// Returns all cameras that the options name, in order, before `--frames` and `--shard`.
 fn shots(args: &RenderArgs, request: DataRequest<'_>, source: &SceneSource, console: &Console) -> Result<Vec<Shot>> {
     let dataset = || source.dataset(request, console);
     if let Some(file) = &args.cameras {
@@ -122,11 +121,11 @@ fn check_unread(args: &RenderArgs, file: &Path, explicit: &ExplicitArgs) -> Resu
     if has_masks {
         return Ok(());
     }
-    LoadArgs::refuse(explicit, &[], &format!("and {} says all of its cameras without one; leave it out", file.display()))
+    LoadArgs::refuse(explicit, &[], &format!("and {} describes its cameras without one; leave it out", file.display()))
 }
 
-/// Cameras of a file. The data set, for what the file leaves out, is read only if asked for or
-/// needed; else `unread` is called.
+/// Reads the cameras of a file. The data set completes what the file leaves out; it is read only if
+/// asked for or needed, and `unread` is called otherwise.
 fn camera_file(
     file: &Path,
     asked: bool,
@@ -160,14 +159,14 @@ fn views(dataset: &Dataset, split: SplitArg) -> Vec<Shot> {
         SplitArg::All => (&dataset.train, &dataset.test),
     };
     let mut shots: Vec<Shot> = train.iter().chain(test).map(|view| Shot { name: view.name.clone(), camera: view.camera.clone() }).collect();
-    // Both lists are sorted; together they are put in order again, so that frame numbers follow the
+    // Both lists are sorted; together they are sorted again, so that frame numbers follow the
     // capture.
     shots.sort_by(|a, b| a.name.cmp(&b.name));
     shots
 }
 
-/// File names, then the frames and the shard asked for: names don't depend on the part that is
-/// rendered.
+/// Returns file names and cameras of the frames and the shard asked for. Names do not depend on the
+/// part that is rendered.
 fn jobs(args: &RenderArgs, shots: Vec<Shot>) -> Result<Vec<Job>> {
     let count = shots.len();
     let stems = unique_stems(shots.iter().map(|shot| shot.name.as_str()));
@@ -186,10 +185,10 @@ fn jobs(args: &RenderArgs, shots: Vec<Shot>) -> Result<Vec<Job>> {
     Ok(in_shard.map(|(_, (_, named))| job(named)).collect())
 }
 
-/// Depth of nothing, as Blender has it.
+/// Depth where there is nothing, as in Blender.
 const FAR: f32 = 1e10;
 
-/// Writes what is missing of a job; true if half floats could not hold it.
+/// Writes the missing files of a job; returns whether half floats could not hold the image.
 fn write(args: &RenderArgs, scene: &Scene, job: &Job, layers: Layers) -> Result<bool> {
     let Layers { mut image, alpha, depth } = layers;
     if let (Some(png), Some(tonemap)) = (&job.png, args.tonemap)

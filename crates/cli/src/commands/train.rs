@@ -15,12 +15,12 @@ use crate::interrupt;
 use crate::output::console::Console;
 use crate::output::profile;
 
-/// What to do about the content of the output folder.
+/// The treatment of the output folder's content.
 #[derive(Debug)]
 enum Start {
     /// Nothing is there.
     Fresh(RunConfig),
-    /// A run is there, to be deleted: what made it.
+    /// A run is there, to be deleted; with the command that made it.
     Replace(RunConfig, MadeBy),
     /// A run is there, to be continued.
     Resume(RunConfig),
@@ -165,7 +165,7 @@ fn finish(outcome: Outcome, folder: &RunFolder, config: &RunConfig, console: &Co
     let event = json!({ "event": "finished", "scene": scene, "metrics": folder.metrics(), "report": folder.report() });
     console.event(
         &event,
-        &format!("scene   {}\nfigures {}\nreport  {}", scene.display(), folder.metrics().display(), folder.report().display()),
+        &format!("scene   {}\nmetrics {}\nreport  {}", scene.display(), folder.metrics().display(), folder.report().display()),
     );
     Ok(())
 }

@@ -1,8 +1,7 @@
 //! Named values in order, as aligned text for people or as JSON for programs.
 
-use serde_json::{Map, Value};
-
 use luxel::text;
+use serde_json::{Map, Value};
 
 /// An ordered tree of named values. Names are those of the JSON; text shows them with spaces for
 /// underscores. A name that ends in `_bytes` is printed as a file size.

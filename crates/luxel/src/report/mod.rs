@@ -14,10 +14,11 @@ mod views;
 use std::path::Path;
 use std::sync::Arc;
 
-use crate::Result;
 use luxel_core::metrics::{FieldMetrics, LuminanceProfile, ViewMetrics};
 use luxel_core::{ColorSpace, Image, Mask};
 use luxel_io::{IoError, write_atomically};
+
+use crate::Result;
 
 /// Everything the page shows.
 #[derive(Clone, Debug, Default)]

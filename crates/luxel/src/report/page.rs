@@ -3,14 +3,13 @@
 use std::fmt::Write as _;
 use std::time::Duration;
 
-use crate::Result;
 use luxel_core::metrics::{MAX_PSNR_DB, ViewMetrics};
 
 use super::html::{document, escape};
 use super::plot::{Axis, Mark, Plot, Scale, Series};
 use super::profile::{self, Profiled};
 use super::{CurveSample, ReportInput, ReportSplit, views};
-use crate::text;
+use crate::{Result, text};
 
 /// More points than this do not show on a plot of this width.
 const MOST_POINTS: usize = 400;

@@ -6,14 +6,15 @@
 
 use std::io::Cursor;
 
-use crate::Result;
-use crate::error::Context as _;
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder as _};
 use luxel_core::tone::{Tonemap, display_rgb8, mu_law, rec709_of};
 use luxel_core::{ColorSpace, Image, Mask, luminance_rec709};
+
+use crate::Result;
+use crate::error::Context as _;
 
 /// matplotlib's inferno at eleven even places: perceptually even, dark to bright, readable without colour vision.
 pub(super) const INFERNO: [[u8; 3]; 11] = [

@@ -2,7 +2,6 @@
 
 use std::fmt::Write as _;
 
-use crate::Result;
 use luxel_core::Image;
 use luxel_core::metrics::ViewMetrics;
 use luxel_core::tone::Tonemap;
@@ -10,6 +9,7 @@ use luxel_core::tone::Tonemap;
 use super::html::escape;
 use super::picture::{self, Display, Exposures, INFERNO, Picture, error_map, figure, img, is_valid, mu_error, radiance, signed};
 use super::{ReportInput, ReportView};
+use crate::Result;
 
 /// Views shown with exposure pairs: the best, the worst and those in between.
 const FEATURED: usize = 4;

@@ -3,15 +3,14 @@
 
 use std::collections::BTreeMap;
 
-use crate::Result;
-use crate::error::Context;
 use luxel_core::response::exposure_of_knot;
 use luxel_core::{Knots, RESPONSE_KNOTS, View};
 use luxel_train::Trainer;
 use serde::{Deserialize, Serialize};
 
 use super::RunFolder;
-use crate::files;
+use crate::error::Context;
+use crate::{Result, files};
 
 /// The file is some kilobytes, and a line an image.
 const LIMIT_BYTES: u64 = 64 << 20;

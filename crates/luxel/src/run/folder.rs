@@ -16,13 +16,11 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use crate::Result;
-use crate::error::{Context, bail};
-
 use luxel_io::LoadOptions;
 
 use super::RunConfig;
-use crate::files;
+use crate::error::{Context, bail};
+use crate::{Result, files};
 
 const CONFIG: &str = "config.toml";
 

@@ -9,9 +9,10 @@ use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use serde::{Deserialize, Serialize};
+
 use crate::error::Context;
 use crate::{Result, files};
-use serde::{Deserialize, Serialize};
 
 /// Steps between lines: 300 points on a curve of 30000 steps.
 pub const LOG_EVERY: u32 = 100;

@@ -3,19 +3,16 @@
 
 use std::path::Path;
 
-use crate::Result;
-use crate::error::Context;
 use luxel_core::metrics::LuminanceProfile;
 use luxel_core::{Dataset, Image, PixelValues, View};
 use luxel_train::SplitMetrics;
 
-use super::RunConfig;
-use super::RunFolder;
 use super::evaluation::{Metrics, unique_stems};
-use super::log;
+use super::{RunConfig, RunFolder, log};
 use crate::dataset::bad_pixel_lines;
+use crate::error::Context;
 use crate::report::{self, CurveSample, ReportInput, ReportSplit, ReportView};
-use crate::{files, text};
+use crate::{Result, files, text};
 
 /// Bytes of decoded images to hold for the page, which shows them small: a part of any machine's
 /// memory.

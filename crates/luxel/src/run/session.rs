@@ -8,22 +8,17 @@
 
 use std::collections::BTreeMap;
 
-use crate::error::Context;
-use crate::{Error, Result};
 use luxel_core::metrics::{FieldOptions, FlipChoice};
 use luxel_core::{Dataset, StepReport};
 use luxel_io::IoErrorKind;
 use luxel_train::{GainFit, Trainer};
 
-use super::Captures;
-use super::RunConfig;
-use super::RunFolder;
 use super::clock::Clock;
 use super::evaluation::{Metrics, Rendering};
 use super::log::{LOG_EVERY, LogRecord, RunLog};
-use super::{report, state};
-use crate::Observer;
-use crate::{Event, StopFlag, files, memory};
+use super::{Captures, RunConfig, RunFolder, report, state};
+use crate::error::Context;
+use crate::{Error, Event, Observer, Result, StopFlag, files, memory};
 
 /// The end of a training.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

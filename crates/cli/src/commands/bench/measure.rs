@@ -1,5 +1,5 @@
-//! The measurement itself: renders and training steps in turn, so that noise of the machine hits
-//! both alike.
+//! The measurement: renders and training steps in turn, so that noise of the machine affects both
+//! alike.
 
 use std::time::{Duration, Instant};
 
@@ -8,13 +8,13 @@ use luxel_core::{
     Engine, Evaluations, LearningRates, LossConfig, Pass, RenderOptions, StatsCollection, StepConfig, StepReport, ToneCurve, View,
 };
 
-/// So small that the scene stays where it is, over any number of steps; Adam's work is the same at
-/// any rate.
+/// Learning rate so small that the scene does not change over any number of steps; Adam's work is
+/// the same at any rate.
 const LEARNING_RATE: f32 = 1e-9;
 
-/// What is measured.
+/// Settings of the measurement.
 pub(super) struct Protocol {
-    /// How splats become pixels.
+    /// Settings of rendering.
     pub(super) render: RenderOptions,
     /// mu of the loss.
     pub(super) mu: f32,
@@ -26,9 +26,9 @@ pub(super) struct Protocol {
 
 /// Milliseconds, one entry per step.
 pub(super) struct Measured {
-    /// What the very first step found.
+    /// Report of the first step.
     pub(super) first: StepReport,
-    /// What there is to blend, if the engine counts it.
+    /// Counts of blending, if the engine counts.
     pub(super) evaluations: Option<Evaluations>,
     /// Renders.
     pub(super) forward_ms: Vec<f64>,
@@ -36,7 +36,7 @@ pub(super) struct Measured {
     pub(super) step_ms: Vec<f64>,
     /// Mean of steps without waiting in between, as training makes them.
     pub(super) step_in_a_row_ms: f64,
-    /// The passes of those steps that the engine tells apart, in their order.
+    /// The passes of those steps that the engine measures, in their order.
     pub(super) passes_ms: Vec<(Pass, Vec<f64>)>,
 }
 

@@ -1,4 +1,4 @@
-//! `luxel bench`: how long a render and a training step take on a scene, pass by pass.
+//! `luxel bench`: the time of a render and of a training step on a scene, pass by pass.
 
 mod measure;
 mod report;
@@ -6,15 +6,14 @@ mod workload;
 
 use anyhow::Result;
 use clap::ValueEnum;
-use luxel::SelectedEngine;
+use luxel::{SelectedEngine, memory};
+use measure::{Protocol, measure};
+use report::{Report, Spread};
+use workload::Workload;
 
 use crate::args::BenchArgs;
 use crate::inputs::engine;
 use crate::output::console;
-use luxel::memory;
-use measure::{Protocol, measure};
-use report::{Report, Spread};
-use workload::Workload;
 
 /// Measures and prints.
 pub(crate) fn run(args: &BenchArgs) -> Result<()> {
@@ -43,10 +42,10 @@ pub(crate) fn run(args: &BenchArgs) -> Result<()> {
         target: workload.target,
         warmup: args.warmup,
         steps: args.steps,
-        forward_ms: Spread::of(&measured.forward_ms),
-        step_ms: Spread::of(&measured.step_ms),
+        forward_ms: Spread::from_times(&measured.forward_ms),
+        step_ms: Spread::from_times(&measured.step_ms),
         step_in_a_row_ms: measured.step_in_a_row_ms,
-        passes_ms: measured.passes_ms.iter().map(|(pass, ms)| (*pass, Spread::of(ms).median)).collect(),
+        passes_ms: measured.passes_ms.iter().map(|(pass, ms)| (*pass, Spread::from_times(ms).median)).collect(),
         peak_rss_bytes: memory::peak_resident_bytes(),
         first_loss: measured.first.loss,
         luxel_version: luxel::VERSION,

@@ -1,10 +1,10 @@
-//! What was measured, as JSON for programs and as a table for people.
+//! The measurement as JSON for programs and as a table for people.
 
+use luxel::text;
 use luxel_core::{Evaluations, Pass};
 use serde::{Serialize, Serializer};
 
 use crate::args::values::OrderArg;
-use luxel::text;
 
 /// The result of a measurement; field names are those of the JSON.
 #[derive(Debug, Serialize)]
@@ -42,7 +42,7 @@ pub(super) struct Report {
     pub(super) luxel_version: &'static str,
 }
 
-/// Where times lie, milliseconds.
+/// The spread of times in milliseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub(super) struct Spread {
     pub(super) median: f64,
@@ -52,8 +52,9 @@ pub(super) struct Spread {
 }
 
 impl Spread {
-    /// Of one or more times; quantiles between two of them are interpolated linearly.
-    pub(super) fn of(times: &[f64]) -> Self {
+    /// Returns the spread of one or more times; quantiles between two of them are interpolated
+    /// linearly.
+    pub(super) fn from_times(times: &[f64]) -> Self {
         let mut sorted = times.to_vec();
         sorted.sort_unstable_by(f64::total_cmp);
         let at = |part: f64| {
@@ -85,7 +86,7 @@ impl Report {
         }
     }
 
-    /// Tree, then times.
+    /// Returns the facts, then the times, as a table.
     pub(super) fn table(&self) -> String {
         let order = match self.order {
             OrderArg::Spatial => "spatial (Z-order, as training keeps it)",
@@ -131,9 +132,9 @@ mod tests {
 
     #[test]
     fn quartiles_lie_between_the_times() {
-        let spread = Spread::of(&[4.0, 1.0, 3.0, 2.0, 5.0]);
+        let spread = Spread::from_times(&[4.0, 1.0, 3.0, 2.0, 5.0]);
         assert_eq!(spread, Spread { median: 3.0, min: 1.0, q1: 2.0, q3: 4.0 });
-        assert_eq!(Spread::of(&[1.0, 2.0]), Spread { median: 1.5, min: 1.0, q1: 1.25, q3: 1.75 });
-        assert_eq!(Spread::of(&[7.0]), Spread { median: 7.0, min: 7.0, q1: 7.0, q3: 7.0 });
+        assert_eq!(Spread::from_times(&[1.0, 2.0]), Spread { median: 1.5, min: 1.0, q1: 1.25, q3: 1.75 });
+        assert_eq!(Spread::from_times(&[7.0]), Spread { median: 7.0, min: 7.0, q1: 7.0, q3: 7.0 });
     }
 }

@@ -1,9 +1,10 @@
-//! What is measured on: a scene in the engine, and a view of it.
+//! The workload: a scene in the engine, and a view of it.
 
 use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::{Context, Result, bail};
+use luxel::files;
 use luxel_core::{
     Camera, ColorModel, ColorSpace, Cutoffs, Engine, Image, PixelValues, RasterConfig, RenderOptions, Scene, Splats, View, spatial_order,
     synthetic,
@@ -13,15 +14,14 @@ use luxel_train::{Method, TrainConfig};
 
 use crate::args::BenchArgs;
 use crate::args::values::OrderArg;
-use luxel::files;
 
-/// Size of the room's image where none is asked for.
+/// Size of the room's image by default.
 const DEFAULT_SIZE_PX: [u32; 2] = [400, 400];
 
 /// Near plane of both presets, so that they see the same splats: that of [`Cutoffs::HDR`].
 const NEAR: f32 = Cutoffs::HDR.near;
 
-/// Tree about what was loaded into the engine, and how to look at it.
+/// Facts about the scene loaded into the engine, and its view.
 pub(super) struct Workload {
     /// The file or the room.
     pub(super) name: String,
@@ -29,11 +29,11 @@ pub(super) struct Workload {
     pub(super) method: String,
     /// Splats in the scene.
     pub(super) splats: usize,
-    /// What the loss compares with.
+    /// The target of the loss.
     pub(super) target: String,
     /// Camera and target, normalised units.
     pub(super) view: View,
-    /// How splats become pixels.
+    /// Settings of rendering.
     pub(super) render: RenderOptions,
 }
 
@@ -59,10 +59,10 @@ impl Workload {
                 engine.load(&splats, None).context("cannot load the workload")?;
                 let image = engine.render(&camera, &render).context("cannot render the workload")?;
                 synthetic::perturb(&mut splats, args.seed);
-                ("render of the workload before its parameters were shaken".to_owned(), image)
+                ("render of the workload before its parameters were perturbed".to_owned(), image)
             }
         };
-        // Last, so that either order is one of the same splats.
+        // Last, so that both orders are of the same splats.
         if args.order == OrderArg::Spatial {
             splats = splats.select(spatial_order(&splats.position));
         }
@@ -115,7 +115,7 @@ pub(super) fn save(args: &BenchArgs, path: &Path) -> Result<()> {
     luxel_io::write_scene_ply(path, &scene).context("cannot write the room")
 }
 
-/// The scene in the colour model asked for.
+/// Returns the splats in the colour model asked for.
 fn in_method(splats: Splats, method: Option<Method>, name: &str) -> Result<Splats> {
     let Some(method) = method else { return Ok(splats) };
     let model: ColorModel = TrainConfig { method, ..TrainConfig::default() }.color_model();
@@ -129,7 +129,7 @@ fn in_method(splats: Splats, method: Option<Method>, name: &str) -> Result<Splat
     Ok(splats)
 }
 
-/// An image of the camera's size, in normalised units.
+/// Reads an image of the camera's size into normalised units.
 fn read_target(path: &Path, args: &BenchArgs, camera: &Camera, radiance_scale: f32) -> Result<Image> {
     let options = ReadOptions { transfer: args.transfer.map(Into::into) };
     let mut image = luxel_io::read_image(path, &options).context("cannot read the target")?.image;

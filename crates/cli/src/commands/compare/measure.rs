@@ -3,6 +3,8 @@
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
+use luxel::colormap::magma;
+use luxel::run::evaluation;
 use luxel_core::metrics::{FieldMetrics, FieldOptions, FlipChoice, FlipMap, ViewMetrics, field_metrics, hdr_flip, view_metrics};
 use luxel_core::tone::rec709_of;
 use luxel_core::{ColorSpace, Image, Mask, luminance_rec709};
@@ -12,8 +14,6 @@ use serde::Serialize;
 
 use super::pairs::{Pair, Pairs};
 use crate::args::CompareArgs;
-use luxel::colormap::magma;
-use luxel::run::evaluation;
 
 /// Part of the references' pixels that are darker than what the display shows as its peak, unless a scale is given.
 const SCALE_PERCENTILE: f64 = 0.999;

@@ -5,13 +5,13 @@ mod pairs;
 mod report;
 
 use anyhow::{Context, Result, bail};
+use luxel::files;
+use measure::{Compared, Settings};
+use pairs::{Pairs, Sources};
 use rayon::prelude::*;
 
 use crate::args::CompareArgs;
 use crate::output::console::{self, Console, LogFormat};
-use luxel::files;
-use measure::{Compared, Settings};
-use pairs::{Pairs, Sources};
 
 /// Compares and prints.
 pub(crate) fn run(args: &CompareArgs) -> Result<()> {

@@ -4,9 +4,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
+use luxel::text;
 
 use crate::args::CompareArgs;
-use luxel::text;
 
 /// Names of image files end in one of these.
 const EXTENSIONS: [&str; 9] = ["exr", "hdr", "pic", "tif", "tiff", "png", "jpg", "jpeg", "npy"];

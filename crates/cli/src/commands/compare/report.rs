@@ -3,12 +3,12 @@
 use std::fmt::Write as _;
 
 use anyhow::{Context, Result};
+use luxel::text;
 use luxel_core::metrics::{DecadeError, FLIP_PIXELS_PER_DEGREE, FieldMetrics, ViewMetrics};
 use serde::Serialize;
 
 use super::measure::{Compared, Settings};
 use super::pairs::{Pairs, Sources};
-use luxel::text;
 
 /// The result of the command; as JSON, its schema.
 #[derive(Debug, Serialize)]

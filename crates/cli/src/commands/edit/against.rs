@@ -10,6 +10,10 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
+use luxel::colormap::magma;
+use luxel::preview::{self, Look};
+use luxel::run::evaluation::unique_stems;
+use luxel::{files, text};
 use luxel_core::edit::{Fidelity, FidelityMeter, MaskShares, ShMap, chromaticity_distance, ideally_edited};
 use luxel_core::tone::Tonemap;
 use luxel_core::{Dataset, Edit, Engine, Image, Map, MapChain, RenderOptions, Scene, Selection, View};
@@ -20,11 +24,6 @@ use crate::inputs::engine;
 use crate::inputs::scene_source::{DataRequest, SceneSource};
 use crate::output::console::Console;
 use crate::output::tree::Tree;
-use luxel::colormap::magma;
-use luxel::files;
-use luxel::preview::{self, Look};
-use luxel::run::evaluation::unique_stems;
-use luxel::text;
 
 /// Chromaticity error of the brightest colour in its pictures.
 const FULL_SCALE: f64 = 0.2;

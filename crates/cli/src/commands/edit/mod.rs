@@ -7,6 +7,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
 use luxel::run::ExplicitArgs;
+use luxel::{files, text};
 use luxel_core::Scene;
 use luxel_core::edit::{Applied, MaskName, MaskShares, SelectionSummary};
 
@@ -17,8 +18,6 @@ use crate::inputs::engine;
 use crate::inputs::scene_source::{DataRequest, SceneSource};
 use crate::output::console::Console;
 use crate::output::tree::Tree;
-use luxel::files;
-use luxel::text;
 
 /// `explicit` names the options that were given.
 pub(crate) fn run(args: &EditArgs, explicit: &ExplicitArgs) -> Result<()> {

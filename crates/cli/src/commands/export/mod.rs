@@ -14,6 +14,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result, bail};
 use luxel::run::ExplicitArgs;
+use luxel::{files, text};
 use luxel_core::{Dataset, Engine, Scene};
 use luxel_io::{Appearance, BakeOptions, Baked};
 
@@ -22,8 +23,6 @@ use crate::inputs::engine;
 use crate::inputs::scene_source::{DataRequest, SceneSource};
 use crate::output::console::Console;
 use crate::output::tree::Tree;
-use luxel::files;
-use luxel::text;
 
 pub(crate) use world::{Target, file_from_world};
 

@@ -1,12 +1,12 @@
 //! Which splats come into a file: those in a box, and of those the ones that the views see most of.
 
 use anyhow::{Context, Result};
+use luxel::text;
 use luxel_core::{Dataset, Engine, RenderOptions, Scene, sigmoid};
 use luxel_train::add_contribution;
 
 use crate::args::values::Crop;
 use crate::output::console::Console;
-use luxel::text;
 
 /// Leaves the splats whose centre is in the box.
 pub(super) fn crop(scene: &mut Scene, bounds: Option<Crop>) {

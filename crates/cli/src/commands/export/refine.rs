@@ -12,6 +12,7 @@
 use std::sync::Arc;
 
 use anyhow::{Context, Result};
+use luxel::text;
 use luxel_core::{
     Dataset, Engine, LearningRates, LossConfig, PixelValues, RenderOptions, Scene, StatsCollection, StepConfig, ToneCurve, View,
 };
@@ -20,7 +21,6 @@ use luxel_io::Baked;
 use super::error::wanted;
 use super::gain::{Gains, exposed};
 use crate::output::console::Console;
-use luxel::text;
 
 /// Sum of the rates over all steps: 1 of display value is 3.5 of the constant term.
 const REACH: f32 = 10.0;

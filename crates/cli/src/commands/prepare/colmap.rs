@@ -12,6 +12,7 @@ use std::process::{Command, Stdio};
 use std::sync::mpsc;
 
 use anyhow::{Context, Result, bail};
+use luxel::files::write_text;
 use luxel_io::colmap::{ColmapModel, read_colmap_model};
 use serde_json::json;
 
@@ -20,7 +21,6 @@ use super::plan::PlannedCamera;
 use super::state::ViewRecord;
 use crate::args::{CameraModelArg, MatchingArg};
 use crate::output::console::Console;
-use luxel::files::write_text;
 
 /// Views up to which each is matched with each.
 const EXHAUSTIVE_VIEWS: usize = 200;

@@ -10,6 +10,7 @@ use std::collections::{BTreeMap, HashMap};
 
 use anyhow::{Result, anyhow, bail};
 use glam::DVec2;
+use luxel::files::{remove_if_there, write_bytes};
 use luxel_core::{Camera, ColorSpace, Distortion};
 use luxel_io::colmap::{ColmapModel, ColmapPoint, read_colmap_model, write_text};
 use luxel_io::{ExrOptions, ReadOptions, Transfer, encode_png, pinhole_within, read_image, undistort_into, write_exr};
@@ -19,7 +20,6 @@ use serde_json::json;
 use super::develop::{Folders, exr_options, proxy_name};
 use super::state::ViewRecord;
 use crate::output::console::Console;
-use luxel::files::{remove_if_there, write_bytes};
 
 /// What structure from motion came to.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

@@ -10,6 +10,8 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
+use luxel::files::{remove_if_there, write_bytes};
+use luxel::run::LOCK;
 use luxel_capture::{Developed, Frame, ProxyOptions, figures, frame_offset, merge, proxy};
 use luxel_core::{Chromaticities, ColorSpace, Conversion, Image};
 use luxel_io::{
@@ -22,8 +24,6 @@ use super::pixels::{Tables, developed_frame, raw_frame};
 use super::plan::{Plan, PlannedView};
 use super::scan::{LeftOut, PhotoFile};
 use super::state::{State, ViewRecord, key};
-use luxel::files::{remove_if_there, write_bytes};
-use luxel::run::LOCK;
 
 /// COLMAP reduces larger pictures itself.
 const PROXY_SIDE_PX: usize = 3200;
@@ -282,7 +282,12 @@ fn read(path: &Path) -> Result<Vec<u8>> {
 /// Whether the system refused what may go well another time; else the content of a file is to blame.
 pub(super) fn is_refused(error: &anyhow::Error) -> bool {
     let is_system = |e: &IoError| matches!(e.kind, IoErrorKind::System | IoErrorKind::NoRoom);
-    error.chain().any(|cause| cause.is::<std::io::Error>() || cause.downcast_ref::<IoError>().is_some_and(is_system))
+    let is_refused_below = |error: &luxel::Error| error.find::<IoError>().is_some_and(is_system);
+    error.chain().any(|cause| {
+        cause.is::<std::io::Error>()
+            || cause.downcast_ref::<IoError>().is_some_and(is_system)
+            || cause.downcast_ref::<luxel::Error>().is_some_and(is_refused_below)
+    })
 }
 
 /// Float, with its space and units.

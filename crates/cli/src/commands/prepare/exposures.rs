@@ -3,11 +3,11 @@
 use std::path::Path;
 
 use anyhow::{Result, anyhow, bail};
+use luxel::files::read_text;
+use luxel::text::plural;
 use luxel_capture::{Exposure, parse_exposure_list};
 
 use super::scan::PhotoFile;
-use luxel::files::read_text;
-use luxel::text::plural;
 
 /// A list of a million photographs.
 const MAX_BYTES: u64 = 64 << 20;

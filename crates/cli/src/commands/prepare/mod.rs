@@ -20,6 +20,9 @@ use std::collections::BTreeMap;
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
+use luxel::files::write_text;
+use luxel::run::RunFolder;
+use luxel::text::plural;
 use luxel_core::ColorSpace;
 use luxel_io::{OcioSpace, PhotoKind};
 use serde_json::json;
@@ -33,9 +36,6 @@ use self::report::PrepareReport;
 use self::state::{State, ViewRecord, key};
 use crate::args::{PrepareArgs, SfmArg};
 use crate::output::console::Console;
-use luxel::files::write_text;
-use luxel::run::RunFolder;
-use luxel::text::plural;
 
 /// Changes when pixels are made differently, so that views of an older version are made anew.
 const PIXELS_VERSION: &str = "2";

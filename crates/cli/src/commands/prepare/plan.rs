@@ -7,13 +7,13 @@ use std::collections::BTreeMap;
 
 use anyhow::{Result, bail};
 use glam::DMat3;
+use luxel::text::plural;
 use luxel_capture::{BracketNote, BracketRule, Brackets, CameraColor, Exposure, Shot, find_brackets, median_neutral};
 use luxel_core::{Chromaticities, ColorSpace};
 use luxel_io::{PhotoKind, RawInfo};
 
 use super::scan::{PhotoFile, Scan};
 use crate::args::{PrepareArgs, ResponseArg, WhiteBalanceArg};
-use luxel::text::plural;
 
 /// A view to be made.
 #[derive(Clone, Debug)]

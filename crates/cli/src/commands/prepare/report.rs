@@ -3,15 +3,15 @@
 use std::fmt::Write as _;
 
 use anyhow::Result;
+use luxel::files::{write_json, write_text};
+use luxel::report::html::{document, escape};
+use luxel::text;
 use serde::Serialize;
 
 use super::dataset::Registration;
 use super::develop::Folders;
 use super::scan::LeftOut;
 use super::state::ViewRecord;
-use luxel::files::{write_json, write_text};
-use luxel::report::html::{document, escape};
-use luxel::text;
 
 /// Everything that is told.
 #[derive(Clone, Debug, Serialize)]

@@ -4,6 +4,7 @@
 //! and keeps a thinned copy of each.
 
 use anyhow::{Result, bail};
+use luxel::text::plural;
 use luxel_capture::{Frame, Response, recover_response};
 use luxel_io::{Photo, PhotoKind, decode_photo};
 use rayon::prelude::*;
@@ -12,7 +13,6 @@ use super::pixels::{Tables, developed_frame, thinned};
 use super::plan::Plan;
 use super::scan::PhotoFile;
 use crate::args::ResponseArg;
-use luxel::text::plural;
 
 /// Views that a curve is recovered from, spread over the set.
 const VIEWS: usize = 6;

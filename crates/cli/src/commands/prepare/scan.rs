@@ -7,12 +7,11 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
+use luxel::text::plural;
 use luxel_capture::Exposure;
 use luxel_io::{PhotoInfo, PhotoKind, is_photo_name, photo_info};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-
-use luxel::text::plural;
 
 /// A photograph by its headers.
 #[derive(Clone, Debug)]

@@ -7,11 +7,11 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use anyhow::Result;
+use luxel::files::{read_text, write_json};
 use luxel_capture::Figures;
 use serde::{Deserialize, Serialize};
 
 use super::scan::LeftOut;
-use luxel::files::{read_text, write_json};
 
 /// State files of a hundred thousand views.
 const MAX_BYTES: u64 = 1 << 30;

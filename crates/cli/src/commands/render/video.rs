@@ -12,6 +12,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use anyhow::{Context, Result, anyhow, bail};
+use luxel::text;
 use luxel_core::tone::{Tonemap, display_rgb8, pq_encode, rec709_of};
 use luxel_core::{ColorSpace, Conversion, Image};
 use luxel_io::ReadOptions;
@@ -19,20 +20,19 @@ use rayon::prelude::*;
 
 use crate::args::RenderArgs;
 use crate::output::console::Console;
-use luxel::text;
 
 /// Luminance of reference white, cd/m2.
 const WHITE_NITS: f32 = 203.0;
 /// Highlights keep their values up to this part of the peak.
 const KNEE: f32 = 0.5;
 
-/// What is made of radiance.
+/// The form of the video.
 enum Look {
     Sdr(Tonemap),
     Hdr10 { peak: f32 },
 }
 
-/// Encodes `frames` in order; `radiance_scale` is what becomes 1.
+/// Encodes `frames` in order; `radiance_scale` becomes 1.
 pub(super) fn encode(args: &RenderArgs, path: &Path, frames: &[&Path], radiance_scale: f32, console: &Console) -> Result<()> {
     let look = match (args.hdr10, args.tonemap) {
         (Some(peak), _) => Look::Hdr10 { peak: peak as f32 },
@@ -60,15 +60,15 @@ pub(super) fn encode(args: &RenderArgs, path: &Path, frames: &[&Path], radiance_
                 let (w, h) = (image.width, image.height);
                 bail!("{}: {w} x {h} pixels, expected {} x {} as the first frame", frame.display(), size[0], size[1]);
             }
-            // As text: a broken pipe in the chain of causes means to the program that its own
-            // reader has gone.
+            // As text: a broken pipe in the chain of causes means that the reader of standard
+            // output has left.
             pipe.write_all(&samples(&image, space, gain, &look)).map_err(|e| anyhow!("ffmpeg stopped reading: {e}"))?;
         }
         Ok(())
     });
     let status = child.wait().context("cannot wait for ffmpeg")?;
     if !status.success() {
-        bail!("{}: ffmpeg failed ({status}); its message stands above", path.display());
+        bail!("{}: ffmpeg failed ({status}); see its message above", path.display());
     }
     piped?;
     std::fs::rename(&partial.0, path).with_context(|| format!("{}: cannot give the video its name", path.display()))?;
@@ -76,7 +76,7 @@ pub(super) fn encode(args: &RenderArgs, path: &Path, frames: &[&Path], radiance_
     Ok(())
 }
 
-/// The video while it is made; removed unless it became one.
+/// The unfinished video; removed unless it was finished.
 struct Partial(PathBuf);
 
 impl Drop for Partial {
@@ -85,7 +85,7 @@ impl Drop for Partial {
     }
 }
 
-/// Beside the video, with its ending, by which ffmpeg knows the container.
+/// Returns a path beside the video with its extension, by which ffmpeg chooses the container.
 fn partial(path: &Path) -> Partial {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     Partial(path.with_file_name(format!(".luxel-{}-{name}", std::process::id())))
@@ -96,7 +96,7 @@ fn read(path: &Path) -> Result<(Image, ColorSpace)> {
     Ok((decoded.image, decoded.color_space.unwrap_or_default()))
 }
 
-/// Bytes of a frame as ffmpeg gets them.
+/// Returns the bytes of a frame for ffmpeg.
 fn samples(image: &Image, space: ColorSpace, gain: f32, look: &Look) -> Vec<u8> {
     match look {
         Look::Sdr(tonemap) => {
@@ -110,8 +110,8 @@ fn samples(image: &Image, space: ColorSpace, gain: f32, look: &Look) -> Vec<u8> 
     }
 }
 
-/// Display light of a radiance, cd/m2: the largest channel rolls off above the knee towards the
-/// peak, hue kept.
+/// Returns the display light of a radiance in cd/m2: the largest channel rolls off above the knee
+/// towards the peak, and hue is kept.
 fn nits(conversion: &Conversion, radiance: [f32; 3], gain: f32, peak: f32) -> [f32; 3] {
     let rgb = conversion.apply(radiance).map(|c| if c > 0.0 { (c * gain * WHITE_NITS).min(1e9) } else { 0.0 });
     let largest = rgb.into_iter().fold(0.0, f32::max);
@@ -119,14 +119,14 @@ fn nits(conversion: &Conversion, radiance: [f32; 3], gain: f32, peak: f32) -> [f
     if largest <= knee {
         return rgb;
     }
-    // x / (1 + x) of what is above: continuous in value and slope.
+    // x / (1 + x) above the knee: continuous in value and slope.
     let x = (largest - knee) / (peak - knee);
     let rolled = knee + (peak - knee) * x / (1.0 + x);
     rgb.map(|c| c * rolled / largest)
 }
 
-/// MaxCLL and MaxFALL, cd/m2: the brightest channel of any pixel, and of the frames' means over
-/// pixels of it.
+/// Returns MaxCLL and MaxFALL in cd/m2: the brightest channel of any pixel, and the greatest mean
+/// of it over the pixels of a frame.
 fn light_levels(frames: &[&Path], gain: f32, peak: f32) -> Result<[u32; 2]> {
     let (mut brightest, mut average) = (0f32, 0f64);
     for frame in frames {
@@ -147,8 +147,8 @@ fn input_options(look: &Look, [width, height]: [usize; 2], fps: u32) -> Vec<Stri
     ["-pix_fmt", pixels, "-s", &format!("{width}x{height}"), "-r", &fps.to_string(), "-i", "-"].map(str::to_owned).to_vec()
 }
 
-/// Codec, colour and metadata: colour is set on the frames, which is where the encoders look. Odd
-/// sizes get a black row or column, as chroma is halved.
+/// Returns codec, colour and metadata: colour is set on the frames, where the encoders look for it.
+/// Odd sizes get a black row or column, as chroma is halved.
 fn output_options(look: &Look, [max_cll, max_fall]: [u32; 2]) -> Vec<String> {
     let even = "pad=ceil(iw/2)*2:ceil(ih/2)*2";
     let words = |options: &[&str]| options.iter().map(|word| (*word).to_owned()).collect();

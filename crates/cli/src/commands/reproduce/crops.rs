@@ -8,16 +8,16 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use anyhow::{Context, Result};
+use luxel::report::html::escape;
+use luxel::report::picture::{self, Display, Exposures, img, radiance, signed};
+use luxel::run::RunFolder;
+use luxel::run::evaluation::unique_stems;
 use luxel_core::metrics::LOG_FLOOR;
 use luxel_core::tone::Tonemap;
 use luxel_core::{ColorSpace, Image, luminance_rec709};
 
 use super::matrix::Matrix;
 use super::results::CellResult;
-use luxel::report::html::escape;
-use luxel::report::picture::{self, Display, Exposures, img, radiance, signed};
-use luxel::run::RunFolder;
-use luxel::run::evaluation::unique_stems;
 
 /// Views of each data set.
 const VIEWS: usize = 2;

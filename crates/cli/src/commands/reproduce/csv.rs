@@ -1,11 +1,12 @@
 //! The figures as CSV, unrounded: every run, means and spreads of the tables, the error by luminance, and luminance editing.
 
+use luxel_core::metrics::LuminanceProfile;
+
 use super::columns::COLUMNS;
 use super::editing::{EXPONENT, Edited};
 use super::matrix::Matrix;
 use super::results::CellResult;
 use super::table::Stat;
-use luxel_core::metrics::LuminanceProfile;
 
 /// A text as a field: in quotes where it must be.
 fn field(text: &str) -> String {

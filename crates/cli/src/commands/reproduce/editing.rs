@@ -8,6 +8,10 @@
 use std::fmt::Write as _;
 
 use anyhow::{Context, Result};
+use luxel::report::html::escape;
+use luxel::report::picture::{self, Display, figure, radiance};
+use luxel::run::state;
+use luxel::text;
 use luxel_core::edit::{Fidelity, FidelityMeter, MaskShares, ShMap, chromaticity_distance, ideally_edited};
 use luxel_core::tone::Tonemap;
 use luxel_core::{ColorModel, ColorSpace, Edit, Engine, Image, Map, RenderOptions, Scene, Selection, View};
@@ -17,10 +21,6 @@ use super::paper;
 use crate::args::DeviceArgs;
 use crate::inputs::engine;
 use crate::output::console::Console;
-use luxel::report::html::escape;
-use luxel::report::picture::{self, Display, figure, radiance};
-use luxel::run::state;
-use luxel::text;
 
 /// The paper's L^1.2.
 pub(super) const EXPONENT: f32 = 1.2;

@@ -2,13 +2,14 @@
 
 use std::fmt::Write as _;
 
+use luxel::report::html::escape;
+
 use super::columns::{Better, Column, by_key, groups};
 use super::matrix::Matrix;
 use super::method;
 use super::paper::{self, PaperTable};
 use super::results::CellResult;
 use super::table::{Entry, Mark, Stat, Table, printed};
-use luxel::report::html::escape;
 
 /// A table of ours.
 pub(super) fn ours(matrix: &Matrix, table: &Table) -> String {

@@ -8,16 +8,14 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use luxel::run::ExplicitArgs;
+use luxel::DeviceOptions;
+use luxel::run::{ExplicitArgs, MadeBy, Occupant, RunConfig, RunFolder, RunOptions};
 use luxel_core::ColorModel;
 use luxel_train::TrainConfig;
 
 use super::method::{self, with_method};
 use crate::args::ReproduceArgs;
 use crate::args::run_config::difference_line;
-use luxel::DeviceOptions;
-use luxel::run::{MadeBy, RunConfig, RunOptions};
-use luxel::run::{Occupant, RunFolder};
 
 /// Folder of the cells within the output folder.
 const RUNS: &str = "runs";

@@ -10,6 +10,9 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
+use luxel::files;
+use luxel::run::evaluation::{self, Rendering};
+use luxel::run::state;
 use luxel_core::metrics::{FieldOptions, FlipChoice};
 use luxel_core::{Dataset, Engine, RenderOptions, View};
 use luxel_train::{GainFit, Lpips};
@@ -21,9 +24,6 @@ use crate::args::{DeviceArgs, ReproduceArgs};
 use crate::inputs::data;
 use crate::inputs::engine;
 use crate::output::console::Console;
-use luxel::files;
-use luxel::run::evaluation::{self, Rendering};
-use luxel::run::state;
 
 /// Time after which no further pass over the views is made.
 const ENOUGH: Duration = Duration::from_secs(3);

@@ -28,21 +28,19 @@ mod training;
 mod worker;
 
 use anyhow::{Result, bail};
-use luxel::run::ExplicitArgs;
-use luxel_core::metrics::LuminanceProfile;
-use serde_json::json;
-
-use crate::args::ReproduceArgs;
-use crate::output::console::Console;
 use editing::Edited;
 use luxel::files;
-use luxel::run::Outcome;
-use luxel::run::RunFolder;
+use luxel::run::{ExplicitArgs, Outcome, RunFolder};
+use luxel_core::metrics::LuminanceProfile;
 use matrix::{CellState, Matrix};
 use page::Content;
 use results::CellResult;
+use serde_json::json;
 use table::Table;
 use training::Failure;
+
+use crate::args::ReproduceArgs;
+use crate::output::console::Console;
 
 /// Trains what is open, measures, reports; `explicit` names the options that were given.
 pub(crate) fn run(args: &ReproduceArgs, explicit: &ExplicitArgs) -> Result<Outcome> {

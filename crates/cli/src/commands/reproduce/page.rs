@@ -4,6 +4,9 @@ use std::collections::BTreeSet;
 use std::fmt::Write as _;
 
 use anyhow::Result;
+use luxel::report::html::{document, escape};
+use luxel::report::profile::{self, Profiled};
+use luxel::{machine, text};
 use luxel_core::metrics::LuminanceProfile;
 
 use super::matrix::Matrix;
@@ -11,10 +14,6 @@ use super::results::CellResult;
 use super::table::Table;
 use super::training::Failure;
 use super::{crops, html_table, paper};
-use luxel::machine;
-use luxel::report::html::{document, escape};
-use luxel::report::profile::{self, Profiled};
-use luxel::text;
 
 /// Everything the page is made of.
 pub(super) struct Content<'a> {

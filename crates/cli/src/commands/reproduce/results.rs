@@ -3,14 +3,14 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
+use luxel::files;
+use luxel::run::evaluation::Metrics;
+use luxel::run::log;
 use luxel_core::metrics::{FieldMetrics, LuminanceProfile, ViewMetrics};
 use luxel_train::SplitMetrics;
 
 use super::matrix::{Cell, Matrix};
 use super::measure::{self, Measured};
-use luxel::files;
-use luxel::run::evaluation::Metrics;
-use luxel::run::log;
 
 /// A metrics.json has a few kilobytes a view.
 const LIMIT_BYTES: u64 = 256 << 20;

@@ -1,8 +1,9 @@
 //! Tables: a row a method, means and spreads over seeds, the best and the second best of each column marked.
 
+use luxel::text;
+
 use super::columns::{Better, COLUMNS, Column, Shown};
 use super::results::CellResult;
-use luxel::text;
 
 /// Mean over seeds.
 #[derive(Clone, Copy, Debug, PartialEq)]

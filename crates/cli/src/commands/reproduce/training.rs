@@ -7,15 +7,15 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
+use luxel::run::Outcome;
+use luxel::run::log::LOG_EVERY;
+use luxel::text;
 use serde_json::json;
 
 use super::matrix::{Cell, CellState, Matrix};
 use super::worker::{Ended, Told, Worker};
 use crate::interrupt;
 use crate::output::console::Console;
-use luxel::run::Outcome;
-use luxel::run::log::LOG_EVERY;
-use luxel::text;
 
 /// How soon an interruption is passed on.
 const PATIENCE: Duration = Duration::from_millis(50);
