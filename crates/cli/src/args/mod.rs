@@ -2,6 +2,7 @@
 //! they take.
 
 mod bench;
+mod compare;
 mod edit;
 mod export;
 mod prepare;
@@ -9,28 +10,28 @@ mod probe;
 mod render;
 mod reproduce;
 pub(crate) mod run_config;
+mod shared;
 pub(crate) mod values;
 
 use std::path::PathBuf;
 
-use anyhow::{Result, bail};
+use anyhow::Result;
 use clap::error::ErrorKind;
 use clap::{Arg, Args, CommandFactory, Parser, Subcommand};
-use luxel::run::{ExplicitArgs, RunOptions};
-use luxel::{Device, DeviceOptions, LoadOptions};
+use luxel::run::ExplicitArgs;
 use luxel_core::metrics::FieldOptions;
-use luxel_io::{Exposures, MaskSource};
 use luxel_train::{Method, TrainConfig};
 
 pub(crate) use self::bench::BenchArgs;
+pub(crate) use self::compare::CompareArgs;
 pub(crate) use self::edit::{EditArgs, EditText, ShMapArg};
 pub(crate) use self::export::{BakeArg, ExportArgs};
 pub(crate) use self::prepare::{CameraModelArg, MatchingArg, PrepareArgs, ResponseArg, SfmArg, WhiteBalanceArg};
 pub(crate) use self::probe::ProbeArgs;
 pub(crate) use self::render::RenderArgs;
 pub(crate) use self::reproduce::ReproduceArgs;
-use self::values::{ColorSpaceArg, FormatArg, MetricsArg, SupervisionArg, TransferArg, parse_downscale, parse_masks, parse_positive};
-use crate::output::console::LogFormat;
+pub(crate) use self::shared::{ConsoleArgs, DeviceArgs, LoadArgs, RunArgs};
+use self::values::{MetricsArg, parse_positive};
 
 /// Returns an option as it is typed: `--max-splats` for `max_splats`.
 pub(crate) fn flag(option: &str) -> String {
@@ -105,122 +106,6 @@ pub(crate) enum Command {
     Reproduce(Box<ReproduceArgs>),
 }
 
-/// Options of reading a data set.
-#[derive(Clone, Debug, Args)]
-pub(crate) struct LoadArgs {
-    /// Layout of the data set [default: recognised].
-    #[arg(long, value_enum, value_name = "FORMAT", help_heading = "Data set")]
-    pub(crate) format: Option<FormatArg>,
-    /// Transfer function of integer images that do not state theirs.
-    #[arg(long, value_enum, value_name = "CURVE", help_heading = "Data set")]
-    pub(crate) transfer: Option<TransferArg>,
-    /// Primaries of images that do not state theirs [default: linear-rec709].
-    #[arg(long, value_enum, value_name = "SPACE", help_heading = "Data set")]
-    pub(crate) color_space: Option<ColorSpaceArg>,
-    /// Reduce images by this factor along each side, by area average in linear light.
-    #[arg(long, default_value = "1", value_parser = parse_downscale, value_name = "1|2|4|8", help_heading = "Data set")]
-    pub(crate) downscale: u32,
-    /// Train on radiance, or on captured LDR images with their exposures.
-    #[arg(long, value_enum, default_value_t, value_name = "KIND", help_heading = "Data set")]
-    pub(crate) supervision: SupervisionArg,
-    /// Exposures of each pose to train on with --supervision ldr: all, single (one a pose, in
-    /// turn), or numbers counted from the shortest, such as 0,2,4.
-    #[arg(long, default_value_t, value_name = "WHICH", help_heading = "Data set")]
-    pub(crate) exposures: Exposures,
-    /// Masks, white where pixels count and black where they do not: auto (mask_path of
-    /// transforms.json, or masks/IMAGE.png beside the data set), off, alpha (of the images), or a
-    /// folder of masks named like the images.
-    #[arg(long, default_value_t, value_parser = parse_masks, value_name = "SOURCE", help_heading = "Data set")]
-    pub(crate) masks: MaskSource,
-}
-
-impl LoadArgs {
-    /// Returns the library's form of these options.
-    pub(crate) fn options(&self) -> LoadOptions {
-        LoadOptions {
-            format: self.format.map(Into::into),
-            transfer: self.transfer.map(Into::into),
-            color_space: self.color_space.map(Into::into),
-            downscale: self.downscale,
-            supervision: self.supervision.into(),
-            exposures: self.exposures.clone(),
-            masks: self.masks.clone(),
-        }
-    }
-
-    /// Refuses explicit options of reading a data set, but for those that are `used` all the same.
-    /// `why` continues the sentence with the reason and the remedy.
-    pub(crate) fn refuse(explicit: &ExplicitArgs, used: &[&str], why: &str) -> Result<()> {
-        let options = Self::augment_args(clap::Command::new("load"));
-        let is_refused = |id: &str| !used.contains(&id) && options.get_arguments().any(|arg| arg.get_id() == id);
-        match explicit.iter().find(|id| is_refused(id)) {
-            Some(id) => bail!("{} sets how a data set is read, {why}", flag(id)),
-            None => Ok(()),
-        }
-    }
-}
-
-/// Options of the device. The result is the same for any number of threads; the CPU and a GPU
-/// agree to rounding.
-#[derive(Clone, Debug, Args)]
-pub(crate) struct DeviceArgs {
-    /// Device that computes: auto takes a real GPU if there is one, else the CPU; gpu requires one;
-    /// gpu:NAME takes the GPU whose name contains NAME, a software renderer too. luxel info
-    /// --devices lists them.
-    #[arg(long, default_value_t, value_name = "auto|cpu|gpu|gpu:NAME", help_heading = "Machine")]
-    pub(crate) device: Device,
-    /// Number of threads, 1 to 4096 [default: all cores]. The result does not depend on it.
-    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=4096), value_name = "N", help_heading = "Machine")]
-    pub(crate) threads: Option<u32>,
-}
-
-impl DeviceArgs {
-    /// Returns the library's form of these options.
-    pub(crate) fn options(&self) -> DeviceOptions {
-        DeviceOptions { device: self.device.clone(), threads: self.threads }
-    }
-}
-
-/// Options of saving and evaluating during training.
-#[derive(Clone, Debug, Args)]
-pub(crate) struct RunArgs {
-    /// Save a checkpoint every N steps; 0 saves one at the end only.
-    #[arg(long, default_value_t = 5000, value_name = "N", help_heading = "Run")]
-    pub(crate) checkpoint_every: u32,
-    /// Number of newest checkpoints to keep, at least 1.
-    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..), value_name = "K", help_heading = "Run")]
-    pub(crate) keep_checkpoints: u32,
-    /// Steps after which to evaluate the test views and write the scene; the last step always is.
-    #[arg(long, value_delimiter = ',', default_values_t = [7000, 30000], value_name = "STEPS", help_heading = "Run")]
-    pub(crate) eval_at: Vec<u32>,
-    /// Evaluate every N steps in place of --eval-at, at least 1.
-    #[arg(long, value_parser = clap::value_parser!(u32).range(1..), value_name = "N", conflicts_with = "eval_at", help_heading = "Run")]
-    pub(crate) eval_every: Option<u32>,
-}
-
-impl RunArgs {
-    /// Returns the library's form of these options.
-    pub(crate) fn options(&self) -> RunOptions {
-        RunOptions {
-            checkpoint_every: self.checkpoint_every,
-            keep_checkpoints: self.keep_checkpoints,
-            eval_at: self.eval_at.clone(),
-            eval_every: self.eval_every,
-        }
-    }
-}
-
-/// Options of terminal output.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Args)]
-pub(crate) struct ConsoleArgs {
-    /// Report progress as text on stderr, or for programs as one JSON object a line on stdout.
-    #[arg(long, value_enum, default_value_t, value_name = "FORMAT", help_heading = "Output")]
-    pub(crate) log_format: LogFormat,
-    /// Print warnings, errors and results only.
-    #[arg(long, short, conflicts_with = "log_format", help_heading = "Output")]
-    pub(crate) quiet: bool,
-}
-
 /// `luxel train`.
 #[derive(Debug, Args)]
 #[command(after_help = "Ctrl-C saves the state and exits with code 130; --resume continues from there, bit for bit.")]
@@ -289,61 +174,6 @@ pub(crate) struct EvalArgs {
     /// Device.
     #[command(flatten)]
     pub(crate) device: DeviceArgs,
-}
-
-/// `luxel compare`.
-#[derive(Debug, Args)]
-#[command(
-    after_help = "Images of two folders are matched by their names without extension. What the metrics mean: docs/src/reference/metrics.md.\n\n\
-    luxel compare reference.exr render.exr --heatmap flip.png\n\
-    luxel compare run/eval/step_9000/gt run/eval/step_9000/renders --json"
-)]
-pub(crate) struct CompareArgs {
-    /// Reference, an image or a folder of images; with --reference, the test.
-    #[arg(value_name = "REFERENCE")]
-    pub(crate) first: PathBuf,
-    /// Test, an image or a folder like the reference.
-    #[arg(value_name = "TEST", required_unless_present = "reference", conflicts_with = "reference")]
-    pub(crate) second: Option<PathBuf>,
-    /// Reference, in place of the first of two paths.
-    #[arg(long, value_name = "PATH")]
-    pub(crate) reference: Option<PathBuf>,
-    /// Radiance that is 1 in protocol scene, in the decades and on the display of PU21, above 0
-    /// [default: the 99.9th percentile of the luminance of all references].
-    #[arg(long, value_parser = parse_positive, value_name = "RADIANCE")]
-    pub(crate) scale: Option<f32>,
-    /// Luminance in cd/m2 at which the display of PU21 shows that radiance, above 0.
-    #[arg(long, default_value_t = FieldOptions::DEFAULT_PEAK_LUMINANCE, value_parser = parse_positive, value_name = "CD/M2")]
-    pub(crate) peak_luminance: f32,
-    /// mu of the mu-law, above 0.
-    #[arg(long, default_value_t = luxel_core::tone::MU, value_parser = parse_positive)]
-    pub(crate) mu: f32,
-    /// Metrics to compute.
-    #[arg(long, value_enum, default_value_t = MetricsArg::All)]
-    pub(crate) metrics: MetricsArg,
-    /// Weights of LPIPS: the state dict of lpips.LPIPS(net='alex' or 'vgg') as a safetensors file.
-    #[arg(long, value_name = "FILE")]
-    pub(crate) lpips_weights: Option<PathBuf>,
-    /// Mask, black where pixels are left out; with folders one for all, or a folder of masks named
-    /// like the references. Images without a mask are compared whole and reported.
-    #[arg(long, value_name = "PATH", help_heading = "Images")]
-    pub(crate) mask: Option<PathBuf>,
-    /// Transfer function of integer images that do not state theirs.
-    #[arg(long, value_enum, value_name = "CURVE", help_heading = "Images")]
-    pub(crate) transfer: Option<TransferArg>,
-    /// Primaries of images that do not state theirs [default: linear-rec709].
-    #[arg(long, value_enum, value_name = "SPACE", help_heading = "Images")]
-    pub(crate) color_space: Option<ColorSpaceArg>,
-    /// Write an error map of HDR-FLIP, black for 0 to yellow for 1 (magma): a PNG; with folders, a
-    /// folder of them.
-    #[arg(long, value_name = "PATH", help_heading = "Output")]
-    pub(crate) heatmap: Option<PathBuf>,
-    /// Replace error maps that are there.
-    #[arg(long, requires = "heatmap", help_heading = "Output")]
-    pub(crate) overwrite: bool,
-    /// Print one JSON object on stdout in place of a table.
-    #[arg(long, help_heading = "Output")]
-    pub(crate) json: bool,
 }
 
 /// `luxel info`.

@@ -77,7 +77,7 @@ pub(crate) fn run(args: &EvalArgs, explicit: &ExplicitArgs) -> Result<()> {
     };
     // Not beside the images: metrics there mark an evaluation by training.
     files::write_json(&folder.metrics(), &metrics)?;
-    report::write(&folder, &config, &dataset, (&metrics, &images))?;
+    report::write(&folder, &config, &dataset, report::Evaluated { metrics: &metrics, images: &images })?;
     // Last: a reader that leaves early costs no metrics.
     for table in &tables {
         console::print(table)?;

@@ -21,11 +21,21 @@ const IMAGES_LIMIT_BYTES: usize = 512 << 20;
 /// Length of a licence text that is quoted, bytes.
 const CREDITS_LIMIT_BYTES: u64 = 16 << 10;
 
-/// Writes the report about `metrics` and the images in the folder `images`.
+/// A complete evaluation.
+#[derive(Clone, Copy)]
+pub struct Evaluated<'a> {
+    /// Metrics of all splits.
+    pub metrics: &'a Metrics,
+    /// Folder of the images.
+    pub images: &'a Path,
+}
+
+/// Writes the report about an evaluation.
 ///
 /// # Errors
 /// A file that cannot be read or written.
-pub fn write(folder: &RunFolder, config: &RunConfig, dataset: &Dataset, (metrics, images): (&Metrics, &Path)) -> Result<()> {
+pub fn write(folder: &RunFolder, config: &RunConfig, dataset: &Dataset, evaluated: Evaluated<'_>) -> Result<()> {
+    let Evaluated { metrics, images } = evaluated;
     let input = ReportInput {
         title: title(config, folder),
         subtitle: format!(

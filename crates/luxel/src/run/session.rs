@@ -279,7 +279,7 @@ impl Session<'_> {
         };
         files::write_json(&self.folder.metrics(), &metrics)?;
         if finished {
-            report::write(self.folder, self.config, self.dataset, (&metrics, &images))?;
+            report::write(self.folder, self.config, self.dataset, report::Evaluated { metrics: &metrics, images: &images })?;
         }
         let psnr = metrics.splits.get("test").map(|split| split.mean.psnr_scene);
         // Last: it marks the evaluation as complete.

@@ -1,0 +1,63 @@
+//! Arguments of `luxel compare`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use luxel_core::metrics::FieldOptions;
+
+use super::values::{ColorSpaceArg, MetricsArg, TransferArg, parse_positive};
+
+/// `luxel compare`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Images of two folders are matched by their names without extension. What the metrics mean: docs/src/reference/metrics.md.\n\n\
+    luxel compare reference.exr render.exr --heatmap flip.png\n\
+    luxel compare run/eval/step_9000/gt run/eval/step_9000/renders --json"
+)]
+pub(crate) struct CompareArgs {
+    /// Reference, an image or a folder of images; with --reference, the test.
+    #[arg(value_name = "REFERENCE")]
+    pub(crate) first: PathBuf,
+    /// Test, an image or a folder like the reference.
+    #[arg(value_name = "TEST", required_unless_present = "reference", conflicts_with = "reference")]
+    pub(crate) second: Option<PathBuf>,
+    /// Reference, in place of the first of two paths.
+    #[arg(long, value_name = "PATH")]
+    pub(crate) reference: Option<PathBuf>,
+    /// Radiance that is 1 in protocol scene, in the decades and on the display of PU21, above 0
+    /// [default: the 99.9th percentile of the luminance of all references].
+    #[arg(long, value_parser = parse_positive, value_name = "RADIANCE")]
+    pub(crate) scale: Option<f32>,
+    /// Luminance in cd/m2 at which the display of PU21 shows that radiance, above 0.
+    #[arg(long, default_value_t = FieldOptions::DEFAULT_PEAK_LUMINANCE, value_parser = parse_positive, value_name = "CD/M2")]
+    pub(crate) peak_luminance: f32,
+    /// mu of the mu-law, above 0.
+    #[arg(long, default_value_t = luxel_core::tone::MU, value_parser = parse_positive)]
+    pub(crate) mu: f32,
+    /// Metrics to compute.
+    #[arg(long, value_enum, default_value_t = MetricsArg::All)]
+    pub(crate) metrics: MetricsArg,
+    /// Weights of LPIPS: the state dict of lpips.LPIPS(net='alex' or 'vgg') as a safetensors file.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) lpips_weights: Option<PathBuf>,
+    /// Mask, black where pixels are left out; with folders one for all, or a folder of masks named
+    /// like the references. Images without a mask are compared whole and reported.
+    #[arg(long, value_name = "PATH", help_heading = "Images")]
+    pub(crate) mask: Option<PathBuf>,
+    /// Transfer function of integer images that do not state theirs.
+    #[arg(long, value_enum, value_name = "CURVE", help_heading = "Images")]
+    pub(crate) transfer: Option<TransferArg>,
+    /// Primaries of images that do not state theirs [default: linear-rec709].
+    #[arg(long, value_enum, value_name = "SPACE", help_heading = "Images")]
+    pub(crate) color_space: Option<ColorSpaceArg>,
+    /// Write an error map of HDR-FLIP, black for 0 to yellow for 1 (magma): a PNG; with folders, a
+    /// folder of them.
+    #[arg(long, value_name = "PATH", help_heading = "Output")]
+    pub(crate) heatmap: Option<PathBuf>,
+    /// Replace error maps that are there.
+    #[arg(long, requires = "heatmap", help_heading = "Output")]
+    pub(crate) overwrite: bool,
+    /// Print one JSON object on stdout in place of a table.
+    #[arg(long, help_heading = "Output")]
+    pub(crate) json: bool,
+}
