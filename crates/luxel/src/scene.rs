@@ -7,8 +7,9 @@ use luxel_core::Edit;
 use luxel_core::edit::{Applied, MaskShares, ShMap};
 use luxel_io::PathCamera;
 
-use crate::Result;
 use crate::error::Context;
+use crate::export::{Exported, export};
+use crate::{Bake, Device, ExportOptions, Result, SelectedEngine, Silent};
 
 /// A scene. Dereferences to [`luxel_core::Scene`], whose splats are in normalised units.
 ///
@@ -67,6 +68,30 @@ impl Scene {
     /// An edit that does not go with the scene; the scene is unchanged then.
     pub fn edit(&mut self, edit: &Edit) -> Result<Applied> {
         edit.apply(&mut self.0, &MaskShares::new(), ShMap::default()).with_context(|| format!("cannot apply \"{edit}\""))
+    }
+
+    /// Exports the scene for other programs, in the format of the path's extension. The bake is
+    /// neither measured nor refined, as both need views; [`crate::export::export`] takes them.
+    ///
+    /// ```
+    /// use luxel::{Bake, ColorSpace, synthetic};
+    ///
+    /// # fn main() -> luxel::Result<()> {
+    /// # let folder = tempfile::tempdir().unwrap();
+    /// # let path = folder.path().join("room.usda");
+    /// let exported = synthetic::room(100, 1).export(&path, Bake::linear(ColorSpace::AcesCg))?;
+    /// assert_eq!((exported.splats, exported.color_space), (100, Some(ColorSpace::AcesCg)));
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// A bake that the format cannot hold; the file system's refusal.
+    pub fn export(&self, path: impl AsRef<Path>, bake: Bake) -> Result<Exported> {
+        let options = ExportOptions { bake, ..ExportOptions::default() };
+        // Without views the engine has nothing to do; the processor's is always there.
+        let mut engine = SelectedEngine::open(&Device::Cpu.into())?.engine;
+        export(self.0.clone(), path.as_ref(), &options, None, engine.as_mut(), &Silent)
     }
 
     /// Returns the scene as the engines and file writers take it.

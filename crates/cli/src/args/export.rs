@@ -3,10 +3,12 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
+use luxel::Bake;
+use luxel::export::{BakeKind, CropBox, ExportOptions};
 use luxel_io::SpzVersion;
 
 use super::{ConsoleArgs, DeviceArgs, LoadArgs};
-use crate::args::values::{Crop, SpaceArg, TonemapArg, UpArg, parse_crop, parse_finite, parse_positive};
+use crate::args::values::{SpaceArg, TonemapArg, UpArg, parse_crop, parse_finite, parse_positive};
 
 /// `luxel export`.
 #[derive(Debug, Args)]
@@ -27,7 +29,8 @@ pub(crate) struct ExportArgs {
     /// Colour space of a linear bake [default: the scene's; linear-rec709 for .glb].
     #[arg(long, value_enum, value_name = "SPACE", help_heading = "Colour")]
     pub(crate) colorspace: Option<SpaceArg>,
-    /// Stops: of a linear or exact one, on radiance in the units of the data set; of a display bake, on top of its own exposure.
+    /// Stops: of a linear or exact one, on radiance in the units of the data set; of a display
+    /// bake, on top of its own exposure.
     #[arg(long, default_value_t = 0.0, value_name = "EV", allow_negative_numbers = true, value_parser = parse_finite, help_heading = "Colour")]
     pub(crate) exposure: f32,
     /// Curve of the display bake [default: agx].
@@ -36,18 +39,20 @@ pub(crate) struct ExportArgs {
     /// Highest degree of the baked harmonics.
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u8).range(0..=3), value_name = "DEGREE", help_heading = "Colour")]
     pub(crate) degree: u8,
-    /// Improve a display bake for N steps of training against tone-mapped renders of the data set's training views: its colours,
-    /// opacities and sizes. An exact model beside it stays as it is.
+    /// Improve a display bake for N steps of training against tone-mapped renders of the data set's
+    /// training views: its colours, opacities and sizes. An exact model beside it stays as it is.
     #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u32).range(..=1_000_000), value_name = "N", help_heading = "Colour")]
     pub(crate) refine: u32,
     /// Only splats whose centre is in this box, world units of the scene: x0,y0,z0,x1,y1,z1.
     #[arg(long, value_name = "BOX", allow_hyphen_values = true, value_parser = parse_crop, help_heading = "Splats")]
-    pub(crate) crop: Option<Crop>,
-    /// Only the N splats that contribute most to the data set's views (without a data set: by opacity and size).
+    pub(crate) crop: Option<CropBox>,
+    /// Only the N splats that contribute most to the data set's views (without a data set: by
+    /// opacity and size).
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..), value_name = "N", help_heading = "Splats")]
     pub(crate) max_splats: Option<u64>,
-    /// Direction of the scene that is up; the file is turned so that its format's up axis is there [default: .ply and .spz as they are, others
-    /// by the data set's cameras; without a data set -y].
+    /// Direction of the scene that is up; the file is turned so that its format's up axis is there
+    /// [default: .ply and .spz as they are, others by the data set's cameras; without a data set
+    /// -y].
     #[arg(long, value_enum, value_name = "AXIS", allow_hyphen_values = true, help_heading = "World")]
     pub(crate) up: Option<UpArg>,
     /// Lengths are multiplied by this: metres of one unit of the scene.
@@ -56,7 +61,8 @@ pub(crate) struct ExportArgs {
     /// Version of the file; .spz only.
     #[arg(long, value_enum, default_value_t, value_name = "VERSION", help_heading = "World")]
     pub(crate) spz_version: SpzVersionArg,
-    /// Data set whose views measure, refine and prune [default for a run: the one it was trained on].
+    /// Data set whose views measure, refine and prune [default for a run: the one it was trained
+    /// on].
     #[arg(long, value_name = "DATASET", help_heading = "Data set")]
     pub(crate) data: Option<PathBuf>,
     /// How the data set is read.
@@ -68,6 +74,28 @@ pub(crate) struct ExportArgs {
     /// How the command talks.
     #[command(flatten)]
     pub(crate) console: ConsoleArgs,
+}
+
+impl ExportArgs {
+    /// Returns the library's form of these options.
+    pub(crate) fn options(&self) -> ExportOptions {
+        let bake = Bake {
+            kind: self.bake.map(Into::into),
+            color_space: self.colorspace.map(Into::into),
+            tonemap: self.tonemap.map(Into::into),
+            exposure_ev: self.exposure,
+            max_degree: self.degree,
+            refine_steps: self.refine,
+        };
+        ExportOptions {
+            bake,
+            crop: self.crop,
+            max_splats: self.max_splats,
+            up: UpArg::up(self.up),
+            scale: self.scale,
+            spz_version: self.spz_version.into(),
+        }
+    }
 }
 
 const EXAMPLES: &str = "\
@@ -86,6 +114,16 @@ pub(crate) enum BakeArg {
     Linear,
     /// A display bake, and the radiance model beside it.
     Exact,
+}
+
+impl From<BakeArg> for BakeKind {
+    fn from(arg: BakeArg) -> Self {
+        match arg {
+            BakeArg::Display => Self::Display,
+            BakeArg::Linear => Self::Linear,
+            BakeArg::Exact => Self::Exact,
+        }
+    }
 }
 
 /// `--spz-version`.

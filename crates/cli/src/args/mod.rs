@@ -25,7 +25,7 @@ use luxel_train::{Method, TrainConfig};
 pub(crate) use self::bench::BenchArgs;
 pub(crate) use self::compare::CompareArgs;
 pub(crate) use self::edit::{EditArgs, EditText, ShMapArg};
-pub(crate) use self::export::{BakeArg, ExportArgs};
+pub(crate) use self::export::ExportArgs;
 pub(crate) use self::prepare::{CameraModelArg, MatchingArg, PrepareArgs, ResponseArg, SfmArg, WhiteBalanceArg};
 pub(crate) use self::probe::ProbeArgs;
 pub(crate) use self::render::RenderArgs;

@@ -12,7 +12,7 @@ use luxel_io::{DatasetFormat, ExrSample, Transfer};
 use serde::Serialize;
 
 pub(crate) use self::captures::{SupervisionArg, parse_masks};
-pub(crate) use self::world::{Crop, UpArg, parse_crop, parse_point};
+pub(crate) use self::world::{UpArg, parse_crop, parse_point};
 
 /// `--format`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]

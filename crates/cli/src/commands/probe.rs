@@ -2,6 +2,7 @@
 
 use anyhow::{Context, Result};
 use glam::DVec3;
+use luxel::export::{UpAxis, file_from_world};
 use luxel::run::ExplicitArgs;
 use luxel::{files, text};
 use luxel_core::environment::{MapSize, Projection, Rig, Summary};
@@ -9,7 +10,7 @@ use luxel_core::{Conversion, Dataset, Engine, Image, RenderOptions, Scene};
 use luxel_io::ExrOptions;
 
 use crate::args::ProbeArgs;
-use crate::commands::export::{Target, file_from_world};
+use crate::args::values::UpArg;
 use crate::inputs::engine;
 use crate::inputs::scene_source::{DataRequest, SceneSource};
 use crate::output::console::Console;
@@ -22,7 +23,7 @@ pub(crate) fn run(args: &ProbeArgs, explicit: &ExplicitArgs) -> Result<()> {
     let source = SceneSource::open(&args.scene, &console)?;
     // What is up, and how large a pixel was in training.
     let dataset = source.dataset(DataRequest { data: args.data.as_deref(), load: &args.load, explicit }, &console)?;
-    let environment_from_world = file_from_world(args.up, Target::PlusY, dataset.as_ref(), 1.0)?.rotation();
+    let environment_from_world = file_from_world(UpArg::up(args.up), UpAxis::PlusY, dataset.as_ref(), 1.0)?.rotation();
     let focal_px = dataset.as_ref().and_then(median_focal_px);
     if focal_px.is_none() {
         console.note("no data set: rendered at the resolution of the map; give --data for that of training, at which light is right");

@@ -2,6 +2,7 @@
 
 use clap::ValueEnum;
 use glam::DVec3;
+use luxel::export::{CropBox, Up};
 
 /// `--up`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -26,8 +27,17 @@ pub(crate) enum UpArg {
 }
 
 impl UpArg {
+    /// Returns the library's form of the option.
+    pub(crate) fn up(arg: Option<Self>) -> Up {
+        match arg.map(Self::direction) {
+            None => Up::Default,
+            Some(None) => Up::AsIs,
+            Some(Some(axis)) => Up::Axis(axis),
+        }
+    }
+
     /// Returns the direction, of unit length; `None` for [`Self::AsIs`].
-    pub(crate) fn direction(self) -> Option<DVec3> {
+    fn direction(self) -> Option<DVec3> {
         Some(match self {
             Self::X => DVec3::X,
             Self::Y => DVec3::Y,
@@ -40,29 +50,13 @@ impl UpArg {
     }
 }
 
-/// `--crop`: corners included.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Crop {
-    /// Lower and upper, world.
-    corners: [[f32; 3]; 2],
-}
-
-impl Crop {
-    /// Returns whether a point is inside.
-    pub(crate) fn contains(self, point: [f32; 3]) -> bool {
-        let [low, high] = self.corners;
-        (0..3).all(|axis| low[axis] <= point[axis] && point[axis] <= high[axis])
-    }
-}
-
 /// Parses six numbers: one corner and the opposite one.
-pub(crate) fn parse_crop(text: &str) -> Result<Crop, String> {
+pub(crate) fn parse_crop(text: &str) -> Result<CropBox, String> {
     let numbers: Option<Vec<f32>> = text.split(',').map(|word| word.trim().parse().ok().filter(|v: &f32| v.is_finite())).collect();
     let Some(&[x0, y0, z0, x1, y1, z1]) = numbers.as_deref() else {
         return Err(format!("expected six numbers x0,y0,z0,x1,y1,z1, got \"{text}\""));
     };
-    let (a, b) = ([x0, y0, z0], [x1, y1, z1]);
-    Ok(Crop { corners: [[0, 1, 2].map(|i| f32::min(a[i], b[i])), [0, 1, 2].map(|i| f32::max(a[i], b[i]))] })
+    Ok(CropBox::between([x0, y0, z0], [x1, y1, z1]))
 }
 
 /// Parses three numbers.

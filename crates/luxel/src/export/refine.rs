@@ -1,40 +1,44 @@
-//! A display bake improved against tone-mapped renders.
+//! Refinement of a display bake against tone-mapped renders.
 //!
-//! Tone mapping per splat does not commute with blending: where bright and dark splats make up a pixel, the bake's pixel is darker or flatter
-//! than the tone-mapped one. And such viewers blow up what is smaller than a pixel, where the scene may be made for rasterisers that do not
-//! ([`luxel_core::Antialias`]). So the bake's harmonics, opacities and scales are made anew from the renders of the radiance scene: at first
-//! each splat's radiance times the curve's gain where it is seen ([`super::gain`]), and then for some steps by training with these renders,
-//! tone-mapped, as targets: 0.8 L1 + 0.2 (1 - SSIM) on display values, by Adam. Its steps are about as long as its rate: that of harmonics is
-//! such that a constant term can come [`REACH`] far in whatever number of steps, and falls to a tenth; higher terms move a twentieth as far,
-//! as in training. Views come in a fixed shuffled order, so that equal inputs give equal files. At the end harmonics are drawn towards their
-//! mean where they would be negative.
+//! Tone mapping per splat does not commute with blending: where bright and dark splats make up a
+//! pixel, the bake's pixel is darker or flatter than the tone-mapped one. Viewers of display bakes
+//! also enlarge splats smaller than a pixel, while the scene may be made for rasterisers that do
+//! not ([`luxel_core::Antialias`]). The bake's harmonics, opacities and scales are therefore fitted
+//! to the renders of the radiance scene: at first each splat's radiance times the curve's gain
+//! where it is visible ([`super::gain`]), and then for some steps by training with these renders,
+//! tone-mapped, as targets: 0.8 L1 + 0.2 (1 - SSIM) on display values, by Adam. Its steps are about
+//! as long as its rate: that of harmonics lets a constant term move by [`REACH`] in any number of
+//! steps, and falls to a tenth; higher terms move a twentieth as far, as in training. Views come in
+//! a fixed shuffled order, so that equal inputs give equal files. At the end, harmonics are drawn
+//! towards their mean where they would be negative.
 
 use std::sync::Arc;
 
-use anyhow::{Context, Result};
-use luxel::text;
 use luxel_core::{
     Dataset, Engine, LearningRates, LossConfig, PixelValues, RenderOptions, Scene, StatsCollection, StepConfig, ToneCurve, View,
 };
 use luxel_io::Baked;
 
-use super::error::wanted;
-use super::gain::{Gains, exposed};
-use crate::output::console::Console;
+use super::error::reference;
+use super::gain::{GainView, Gains, exposed};
+use crate::error::Context;
+use crate::{Observer, Result, text};
 
 /// Sum of the rates over all steps: 1 of display value is 3.5 of the constant term.
 const REACH: f32 = 10.0;
-/// Rates of the constant term at the first step: those between which Adam neither crawls nor overshoots.
+/// Rates of the constant term at the first step: those between which Adam neither crawls nor
+/// overshoots.
 const DC_RATES: [f32; 2] = [2.5e-3, 5e-2];
 /// Higher terms' part of that.
 const REST: f32 = 1.0 / 20.0;
-/// Rates of opacity logits and of scales' logarithms at the first step, as in training; they fall as the others do.
+/// Rates of opacity logits and of scales' logarithms at the first step, as in training; they fall
+/// as the others do.
 const OPACITY_RATE: f32 = 0.05;
 const SCALE_RATE: f32 = 0.005;
 /// Rates at the last step are this part of the first one's: on average, 0.39 of them.
 const LAST: f32 = 0.1;
 const MEAN: f32 = 0.39;
-/// mu of a mu-law that is as good as linear: display values are compared as they are.
+/// mu of a mu-law that is almost linear: display values are compared as they are.
 const LINEAR_MU: f32 = 1e-3;
 
 /// Trains the bake's harmonics, opacities and scales for `steps`.
@@ -43,7 +47,8 @@ pub(super) fn refine(
     scene: &Scene,
     dataset: &Dataset,
     steps: u32,
-    (engine, console): (&mut dyn Engine, &Console),
+    engine: &mut dyn Engine,
+    observer: &dyn Observer,
 ) -> Result<()> {
     let views = if dataset.train.is_empty() { &dataset.test } else { &dataset.train };
     let (targets, gains) = targets(baked, scene, views, engine)?;
@@ -79,16 +84,16 @@ pub(super) fn refine(
         last += if step + n > steps { report.l1 } else { 0.0 };
     }
     let rounds = (targets.len() as u32).min(steps).max(1) as f32;
-    let (trained, _) = engine.save().context("cannot take the bake back")?;
+    let (trained, _) = engine.save().context("cannot read the bake back")?;
     let splats = &mut baked.scene.splats;
     (splats.sh, splats.log_scale, splats.opacity_logit) = (trained.sh, trained.log_scale, trained.opacity_logit);
     baked.lift_negative();
     let (first, last) = (f64::from(first / rounds), f64::from(last / rounds));
-    console.note(&format!("refined: mean error of training views {} before, {} after", text::number(first), text::number(last)));
+    observer.note(&format!("refined: mean error of training views {} before, {} after", text::number(first), text::number(last)));
     Ok(())
 }
 
-/// Views whose images are what the bake should show, and the gains that make them of radiance.
+/// Returns views with the target images of the bake, and the gains from radiance to them.
 fn targets(baked: &Baked, scene: &Scene, views: &[View], engine: &mut dyn Engine) -> Result<(Vec<View>, Gains)> {
     engine.load(&scene.splats, None).context("cannot load the scene")?;
     let options = RenderOptions { raster: scene.raster, ..RenderOptions::default() };
@@ -97,15 +102,16 @@ fn targets(baked: &Baked, scene: &Scene, views: &[View], engine: &mut dyn Engine
     for view in views {
         let image = engine.render(&view.camera, &options).context("cannot render a view")?;
         let exposed = exposed(scene, baked, &image);
-        let shown = wanted(scene, baked, image);
-        gains.add((&view.camera, &options), (&exposed, &shown), engine)?;
-        let image = Arc::new(shown);
+        let displayed = reference(scene, baked, image);
+        gains.add(&GainView { camera: &view.camera, options: &options, exposed: &exposed, displayed: &displayed }, engine)?;
+        let image = Arc::new(displayed);
         targets.push(View { image, values: PixelValues::Radiance, noise: None, mask: None, ..view.clone() });
     }
     Ok((targets, gains))
 }
 
-/// Index of the view at `step`: every view once a round, in strides that are coprime to their number.
+/// Returns the index of the view at `step`: every view once a round, in strides that are coprime to
+/// their number.
 fn shuffled(step: usize, count: usize) -> usize {
     let is_coprime = |stride: &usize| {
         let (mut a, mut b) = (*stride, count);

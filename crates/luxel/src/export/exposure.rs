@@ -1,22 +1,24 @@
-//! The exposure of a display bake, from what is seen: the log-average luminance of the data set's views comes to middle grey (Reinhard et al.
-//! 2002).
+//! The exposure of a display bake from views: their log-average luminance becomes middle grey
+//! (Reinhard et al. 2002). Splats alone do not determine how bright a scene looks: a surface may be
+//! a dark opaque splat under bright faint ones.
 //!
-//! Splats alone do not tell how bright a scene looks: a surface may be a dark opaque splat under bright faint ones.
-//!
-//! In: a scene, views. Out: a factor on normalised radiance; none where views see nothing.
+//! In: a scene, views. Out: a factor on normalised radiance; none where all views are black.
 
-use anyhow::{Context, Result};
 use luxel_core::tone::rec709_of;
 use luxel_core::{Dataset, Engine, RenderOptions, Scene, luminance_rec709};
 use luxel_io::MIDDLE_GREY;
 
-/// Views that are looked at, spread evenly.
+use crate::Result;
+use crate::error::Context;
+
+/// Number of views to measure, spread evenly.
 const VIEWS: usize = 16;
-/// Luminance below this part of the mean counts as this much, so that black pixels do not pull the average to 0.
+/// Luminance below this part of the mean counts as this much, so that black pixels do not pull the
+/// average to 0.
 const DARKEST: f64 = 1e-3;
 
-/// The factor.
-pub(super) fn of_views(scene: &Scene, dataset: &Dataset, engine: &mut dyn Engine) -> Result<Option<f32>> {
+/// Returns the factor.
+pub(super) fn from_views(scene: &Scene, dataset: &Dataset, engine: &mut dyn Engine) -> Result<Option<f32>> {
     let views = if dataset.train.is_empty() { &dataset.test } else { &dataset.train };
     engine.load(&scene.splats, None).context("cannot load the scene")?;
     let options = RenderOptions { raster: scene.raster, ..RenderOptions::default() };

@@ -1,44 +1,44 @@
-//! Which splats come into a file: those in a box, and of those the ones that the views see most of.
+//! The choice of the splats to export: those in a box, and of those the ones that contribute most
+//! to the views.
 
-use anyhow::{Context, Result};
-use luxel::text;
 use luxel_core::{Dataset, Engine, RenderOptions, Scene, sigmoid};
 use luxel_train::add_contribution;
 
-use crate::args::values::Crop;
-use crate::output::console::Console;
+use super::CropBox;
+use crate::error::Context;
+use crate::{Observer, Result, text};
 
-/// Leaves the splats whose centre is in the box.
-pub(super) fn crop(scene: &mut Scene, bounds: Option<Crop>) {
+/// Keeps the splats whose centre is in the box.
+pub(super) fn crop(scene: &mut Scene, bounds: Option<CropBox>) {
     let Some(bounds) = bounds else { return };
     let kept: Vec<u32> = (0..scene.splats.len() as u32).filter(|i| bounds.contains(scene.splats.position[*i as usize])).collect();
     scene.splats = scene.splats.select(kept);
 }
 
-/// Leaves the `most` splats that contribute most, in their order.
+/// Keeps the `most` splats that contribute most, in their order.
 pub(super) fn limit(
     scene: &mut Scene,
     most: Option<u64>,
     dataset: Option<&Dataset>,
     engine: &mut dyn Engine,
-    console: &Console,
+    observer: &dyn Observer,
 ) -> Result<()> {
     let Some(most) = most.and_then(|most| usize::try_from(most).ok()).filter(|most| *most < scene.splats.len()) else { return Ok(()) };
     let contribution = match dataset {
-        Some(dataset) => in_views(scene, dataset, engine)?,
+        Some(dataset) => contributions_to_views(scene, dataset, engine)?,
         None => {
-            console.note("no data set: splats are pruned by opacity and size, not by what views see of them");
-            (0..scene.splats.len()).map(|i| by_size(scene, i)).collect()
+            observer.note("no data set: splats are pruned by opacity and size, not by their contribution to views");
+            (0..scene.splats.len()).map(|i| estimated_contribution(scene, i)).collect()
         }
     };
     let total: f64 = contribution.iter().sum();
     let mut order: Vec<u32> = (0..scene.splats.len() as u32).collect();
-    // Stable: of equal splats the first stay.
+    // Stable: of equal splats the first are kept.
     order.sort_by(|a, b| contribution[*b as usize].total_cmp(&contribution[*a as usize]));
     order.truncate(most);
     let kept: f64 = order.iter().map(|i| contribution[*i as usize]).sum();
     order.sort_unstable();
-    console.note(&format!(
+    observer.note(&format!(
         "{} of {} kept, with {} % of their contribution",
         text::count(most),
         text::plural(scene.splats.len(), "splat"),
@@ -48,20 +48,20 @@ pub(super) fn limit(
     Ok(())
 }
 
-/// What the training views see of each splat.
-fn in_views(scene: &Scene, dataset: &Dataset, engine: &mut dyn Engine) -> Result<Vec<f64>> {
+/// Returns each splat's contribution to the training views.
+fn contributions_to_views(scene: &Scene, dataset: &Dataset, engine: &mut dyn Engine) -> Result<Vec<f64>> {
     engine.load(&scene.splats, None).context("cannot load the scene")?;
     let options = RenderOptions { raster: scene.raster, ..RenderOptions::default() };
     let mut sums = vec![0.0; scene.splats.len()];
     let views = if dataset.train.is_empty() { &dataset.test } else { &dataset.train };
     for view in views {
-        add_contribution(engine, view, &options, &mut sums).context("cannot see what the splats contribute")?;
+        add_contribution(engine, view, &options, &mut sums).context("cannot measure the splats' contributions")?;
     }
     Ok(sums.into_iter().map(f64::from).collect())
 }
 
-/// Opacity times the area of the larger cross-section.
-fn by_size(scene: &Scene, i: usize) -> f64 {
+/// Returns opacity times the area of the larger cross-section.
+fn estimated_contribution(scene: &Scene, i: usize) -> f64 {
     let log_scale = scene.splats.log_scale[i].map(f64::from);
     let smallest = log_scale.iter().copied().fold(f64::INFINITY, f64::min);
     f64::from(sigmoid(scene.splats.opacity_logit[i])) * (log_scale.iter().sum::<f64>() - smallest).clamp(-300.0, 300.0).exp()

@@ -1,36 +1,52 @@
 //! From the world of the data set to that of a file.
 
-use anyhow::{Context, Result};
 use glam::{DMat3, DVec3};
 use luxel_core::{Dataset, Similarity};
 
-use crate::args::values::UpArg;
+use crate::Result;
+use crate::error::Context;
 
-/// Which way is up in a format.
+/// The direction of the scene that is up.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Up {
+    /// The axis nearest to the cameras' up direction, -y without a data set; formats whose axes are
+    /// those of 3D Gaussian splatting are not rotated.
+    #[default]
+    Default,
+    /// The axes stay as they are.
+    AsIs,
+    /// This axis: a unit vector along x, y or z.
+    Axis(DVec3),
+}
+
+/// The up axis of a format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Target {
-    /// PLY as 3D Gaussian splatting writes it, and what SPZ is made from: right, down, forward.
+pub enum UpAxis {
+    /// PLY as 3D Gaussian splatting writes it, and SPZ: right, down, forward.
     MinusY,
     /// USD as written here, glTF, environment maps: right, up, back.
     PlusY,
 }
 
-/// The turn that brings the scene's up axis to the format's, and the factor of lengths.
-pub(crate) fn file_from_world(up: Option<UpArg>, target: Target, dataset: Option<&Dataset>, scale: f32) -> Result<Similarity> {
+/// Returns the rotation that takes the scene's up axis to the format's, and the factor of lengths.
+///
+/// # Errors
+/// A factor that is not a positive finite number.
+pub fn file_from_world(up: Up, target: UpAxis, dataset: Option<&Dataset>, scale: f32) -> Result<Similarity> {
     let up = match (up, target) {
-        (Some(up), _) => up.direction(),
-        (None, Target::MinusY) => None,
-        (None, Target::PlusY) => Some(dataset.and_then(up_of_cameras).unwrap_or(DVec3::NEG_Y)),
+        (Up::Axis(axis), _) => Some(axis),
+        (Up::AsIs, _) | (Up::Default, UpAxis::MinusY) => None,
+        (Up::Default, UpAxis::PlusY) => Some(dataset.and_then(up_of_cameras).unwrap_or(DVec3::NEG_Y)),
     };
     let to = match target {
-        Target::MinusY => DVec3::NEG_Y,
-        Target::PlusY => DVec3::Y,
+        UpAxis::MinusY => DVec3::NEG_Y,
+        UpAxis::PlusY => DVec3::Y,
     };
     let rotation = up.map_or(DMat3::IDENTITY, |up| quarter_turn(up, to));
-    Similarity::new(rotation, f64::from(scale), DVec3::ZERO).context("--scale is out of range")
+    Similarity::new(rotation, f64::from(scale), DVec3::ZERO).context("the factor of lengths is out of range")
 }
 
-/// The axis nearest to where the cameras' images have their top, on average.
+/// Returns the axis nearest to the mean up direction of the cameras.
 fn up_of_cameras(dataset: &Dataset) -> Option<DVec3> {
     let views = dataset.train.iter().chain(&dataset.test);
     let mean: DVec3 = views.map(|view| -view.camera.camera_from_world.matrix3.row(1)).sum();
@@ -39,7 +55,8 @@ fn up_of_cameras(dataset: &Dataset) -> Option<DVec3> {
     (mean.length() > 1e-6).then(|| sign * DVec3::AXES[axis])
 }
 
-/// The shortest turn from one axis to another, in numbers of -1, 0 and 1; half turns go about x (about z if x itself turns over).
+/// Returns the shortest rotation from one axis to another, in numbers of -1, 0 and 1; half turns
+/// are about x (about z for x itself).
 fn quarter_turn(from: DVec3, to: DVec3) -> DMat3 {
     if from == to {
         return DMat3::IDENTITY;
@@ -48,7 +65,8 @@ fn quarter_turn(from: DVec3, to: DVec3) -> DMat3 {
         let about_x = DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
         return if from.x == 0.0 { about_x } else { DMat3::from_diagonal(DVec3::new(-1.0, -1.0, 1.0)) };
     }
-    // R = [to, side, to x side] [from, side, from x side]^T takes `from` to `to` about their common normal.
+    // R = [to, side, to x side] [from, side, from x side]^T takes `from` to `to` about their common
+    // normal.
     let side = from.cross(to);
     let frame = |first: DVec3| DMat3::from_cols(first, side, first.cross(side));
     frame(to) * frame(from).transpose()

@@ -1,0 +1,61 @@
+//! `luxel export`: a scene as a file for other programs.
+
+use anyhow::{Result, bail};
+use luxel::export::{BakeError, BakeErrorValues, Exported, Format, export};
+use luxel::files;
+use luxel::run::ExplicitArgs;
+
+use crate::args::ExportArgs;
+use crate::inputs::engine;
+use crate::inputs::scene_source::{DataRequest, SceneSource};
+use crate::output::console::Console;
+use crate::output::tree::Tree;
+
+/// Exports the scene; `explicit` names the options that were given.
+pub(crate) fn run(args: &ExportArgs, explicit: &ExplicitArgs) -> Result<()> {
+    let console = Console::new(args.console.log_format, args.console.quiet);
+    files::check_free(&args.output, args.overwrite)?;
+    if Format::from_path(&args.output)? != Format::Spz && explicit.contains("spz_version") {
+        bail!("{}: --spz-version is for .spz files; leave it out, or write .spz", args.output.display());
+    }
+    let source = SceneSource::open(&args.scene, &console)?;
+    let options = args.options();
+    options.bake.check_for(&args.output)?;
+    let dataset = source.dataset(DataRequest { data: args.data.as_deref(), load: &args.load, explicit }, &console)?;
+    let mut engine = engine::engine(&args.device)?.engine;
+    let exported = export(source.scene, &args.output, &options, dataset.as_ref(), engine.as_mut(), &console)?;
+    let tree = describe(args, &exported);
+    console.result(&tree.event("finished"), tree.text().trim_end())
+}
+
+fn describe(args: &ExportArgs, exported: &Exported) -> Tree {
+    let mut tree = Tree::default();
+    tree.set("file", args.output.display().to_string()).set("splats", exported.splats);
+    tree.set("file_bytes", exported.file_bytes).set("bake", exported.bake.clone());
+    tree.set("color_space", exported.color_space.map_or("sRGB, for a display", |space| space.name()));
+    if let Some((model, space)) = &exported.exact_model {
+        tree.set("exact_model", format!("{model}, {}", space.name()));
+    }
+    if exported.sizes_out_of_range > 0 {
+        tree.set("sizes_out_of_range", exported.sizes_out_of_range);
+    }
+    match &exported.error {
+        Some(error) => tree.group("bake_error", describe_error(error)),
+        None => tree.set("bake_error", "not measured: give --data DATASET for views to measure it on"),
+    };
+    tree
+}
+
+fn describe_error(error: &BakeError) -> Tree {
+    let mut tree = Tree::default();
+    tree.set("views", error.views);
+    match error.values {
+        BakeErrorValues::Display { psnr_db, mean_absolute_error_of_255 } => {
+            tree.set("psnr_display_db", psnr_db).set("mean_absolute_error_of_255", mean_absolute_error_of_255)
+        }
+        BakeErrorValues::Linear { psnr_mu_law_db, relative_error_of_radiance } => {
+            tree.set("psnr_mu_law_db", psnr_mu_law_db).set("relative_error_of_radiance", relative_error_of_radiance)
+        }
+    };
+    tree
+}

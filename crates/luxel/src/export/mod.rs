@@ -1,0 +1,327 @@
+//! Export of a scene as a file for other programs.
+//!
+//! In: a scene, and views of a data set if there are any. Splats are chosen, exposed for a display,
+//! baked, refined if asked for, and measured in the world of the data set. Out: a file in the world
+//! of its format, and an [`Exported`] that describes it.
+
+mod error;
+mod exposure;
+mod gain;
+mod prune;
+mod refine;
+mod world;
+
+use std::path::Path;
+
+use luxel_core::tone::Tonemap;
+use luxel_core::{ColorSpace, Dataset, Engine, Scene};
+use luxel_io::{Appearance, BakeOptions, Baked, SpzVersion};
+
+pub use self::error::{BakeError, BakeErrorValues};
+pub use self::world::{Up, UpAxis, file_from_world};
+use crate::error::{Context, bail};
+use crate::{Error, Observer, Remedy, Result, text};
+
+/// A format of scene files, by the extension.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// `.ply`
+    Ply,
+    /// `.usda` or `.usd`, text.
+    Usda,
+    /// `.glb`
+    Glb,
+    /// `.spz`
+    Spz,
+}
+
+impl Format {
+    /// Returns the format of a path.
+    ///
+    /// # Errors
+    /// An extension of another format.
+    pub fn from_path(path: &Path) -> Result<Self> {
+        let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
+        Ok(match extension.as_str() {
+            "ply" => Self::Ply,
+            "usda" | "usd" => Self::Usda,
+            "glb" => Self::Glb,
+            "spz" => Self::Spz,
+            "usdc" | "usdz" => bail!("{}: binary USD is not written; write .usda, which usdcat converts", path.display()),
+            "gltf" => bail!("{}: glTF is written as one file; write .glb", path.display()),
+            _ => bail!("{}: unknown extension, expected .ply, .usda, .usd, .glb or .spz", path.display()),
+        })
+    }
+
+    fn up_axis(self) -> UpAxis {
+        match self {
+            Self::Ply | Self::Spz => UpAxis::MinusY,
+            Self::Usda | Self::Glb => UpAxis::PlusY,
+        }
+    }
+}
+
+/// The kind of colours in a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BakeKind {
+    /// Tone-mapped colours for a screen.
+    Display,
+    /// Scene-linear radiance as spherical harmonics.
+    Linear,
+    /// A display bake, and the radiance model beside it.
+    Exact,
+}
+
+/// The colours of a file.
+///
+/// ```
+/// use luxel::{Bake, ColorSpace};
+///
+/// let bake = Bake { exposure_ev: 1.0, ..Bake::linear(ColorSpace::AcesCg) };
+/// assert_eq!(bake.color_space, Some(ColorSpace::AcesCg));
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bake {
+    /// Kind of colours; `None` for exact in PLY and GLB, linear in USD, display in SPZ.
+    pub kind: Option<BakeKind>,
+    /// Colour space of a linear bake; `None` for that of the scene, in GLB linear Rec.709.
+    pub color_space: Option<ColorSpace>,
+    /// Curve of a display bake; `None` for AgX.
+    pub tonemap: Option<Tonemap>,
+    /// Stops: on radiance in the units of the data set for linear and exact bakes, on top of its
+    /// own exposure for a display bake.
+    pub exposure_ev: f32,
+    /// Highest degree of the baked harmonics, 0 to 3.
+    pub max_degree: u8,
+    /// Steps of training a display bake against tone-mapped renders of the data set's views.
+    pub refine_steps: u32,
+}
+
+impl Default for Bake {
+    fn default() -> Self {
+        Self { kind: None, color_space: None, tonemap: None, exposure_ev: 0.0, max_degree: 3, refine_steps: 0 }
+    }
+}
+
+impl Bake {
+    /// Returns a bake of scene-linear radiance in a colour space.
+    pub fn linear(color_space: ColorSpace) -> Self {
+        Self { kind: Some(BakeKind::Linear), color_space: Some(color_space), ..Self::default() }
+    }
+
+    /// Returns a bake of tone-mapped colours.
+    pub fn display(tonemap: Tonemap) -> Self {
+        Self { kind: Some(BakeKind::Display), tonemap: Some(tonemap), ..Self::default() }
+    }
+
+    /// Returns a tone-mapped bake with the exact radiance model beside it.
+    pub fn exact() -> Self {
+        Self { kind: Some(BakeKind::Exact), ..Self::default() }
+    }
+
+    /// Checks whether the options go together in a file at `path`. [`export`] does so, too.
+    ///
+    /// # Errors
+    /// Options that contradict each other or the format.
+    pub fn check_for(&self, path: &Path) -> Result<()> {
+        let format = Format::from_path(path)?;
+        self.check(path, format, self.kind_in(format))
+    }
+
+    fn kind_in(&self, format: Format) -> BakeKind {
+        self.kind.unwrap_or(match format {
+            Format::Ply | Format::Glb => BakeKind::Exact,
+            Format::Usda => BakeKind::Linear,
+            Format::Spz => BakeKind::Display,
+        })
+    }
+
+    /// Resolves what is left open for a format.
+    fn plan(&self, path: &Path, scene: &Scene) -> Result<Plan> {
+        let format = Format::from_path(path)?;
+        let kind = self.kind_in(format);
+        self.check(path, format, kind)?;
+        let appearance = match kind {
+            BakeKind::Linear => {
+                let default = if format == Format::Glb { ColorSpace::LinearRec709 } else { scene.color_space };
+                Appearance::Linear { color_space: self.color_space.unwrap_or(default), exposure_ev: self.exposure_ev }
+            }
+            BakeKind::Display | BakeKind::Exact => {
+                Appearance::Display { tonemap: self.tonemap.unwrap_or_default(), exposure_ev: self.exposure_ev }
+            }
+        };
+        let options = BakeOptions { appearance, max_degree: self.max_degree };
+        Ok(Plan { format, options, is_exact: kind == BakeKind::Exact })
+    }
+
+    fn check(&self, path: &Path, format: Format, kind: BakeKind) -> Result<()> {
+        let name = path.display();
+        let bake = |kind: &'static str| Remedy::set("bake", kind);
+        match (format, kind) {
+            (Format::Spz, BakeKind::Linear | BakeKind::Exact) => {
+                let error = Error::new(format!("{name}: SPZ has 8 bits a colour, for display bakes only"));
+                return Err(error.with_remedy(bake("display").or(Remedy::advice("write .usda, .ply or .glb"))));
+            }
+            (Format::Usda, BakeKind::Exact) => {
+                let error = Error::new(format!("{name}: USD holds harmonics only, not the exact model"));
+                return Err(error.with_remedy(bake("linear").or(Remedy::advice("write .ply or .glb"))));
+            }
+            _ => {}
+        }
+        if kind != BakeKind::Linear && self.color_space.is_some() {
+            let message = "a colour space is for linear bakes: display bakes are sRGB, and the exact model keeps its space";
+            return Err(Error::new(message).with_remedy(bake("linear").or(Remedy::leave_out("colorspace"))));
+        }
+        if kind == BakeKind::Linear && (self.tonemap.is_some() || self.refine_steps > 0) {
+            let remedy = bake("display").or(Remedy::leave_out("tonemap")).or(Remedy::leave_out("refine"));
+            return Err(Error::new("tone curves and refinement are for display bakes").with_remedy(remedy));
+        }
+        Ok(())
+    }
+}
+
+/// A bake whose options are resolved for a format.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Plan {
+    format: Format,
+    options: BakeOptions,
+    /// Whether the radiance model is beside it.
+    is_exact: bool,
+}
+
+/// A box along the axes, corners included.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CropBox {
+    /// Lower corner, world.
+    pub low: [f32; 3],
+    /// Upper corner, world.
+    pub high: [f32; 3],
+}
+
+impl CropBox {
+    /// Returns the box between two opposite corners.
+    pub fn between(a: [f32; 3], b: [f32; 3]) -> Self {
+        Self { low: [0, 1, 2].map(|i| f32::min(a[i], b[i])), high: [0, 1, 2].map(|i| f32::max(a[i], b[i])) }
+    }
+
+    /// Returns whether a point is inside.
+    pub fn contains(self, point: [f32; 3]) -> bool {
+        (0..3).all(|axis| self.low[axis] <= point[axis] && point[axis] <= self.high[axis])
+    }
+}
+
+/// Options of an export.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ExportOptions {
+    /// Colours.
+    pub bake: Bake,
+    /// Only splats whose centre is in this box, world of the scene.
+    pub crop: Option<CropBox>,
+    /// Only this many splats: those that contribute most to the views, or without views by opacity
+    /// and size.
+    pub max_splats: Option<u64>,
+    /// Direction of the scene that is up.
+    pub up: Up,
+    /// Factor of lengths, above 0: metres of one unit of the scene.
+    pub scale: f32,
+    /// Version of an SPZ file.
+    pub spz_version: SpzVersion,
+}
+
+impl Default for ExportOptions {
+    fn default() -> Self {
+        let (bake, up) = (Bake::default(), Up::default());
+        Self { bake, crop: None, max_splats: None, up, scale: 1.0, spz_version: SpzVersion::default() }
+    }
+}
+
+/// Description of an exported file.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct Exported {
+    /// Number of splats.
+    pub splats: usize,
+    /// Size of the file.
+    pub file_bytes: u64,
+    /// The bake in words.
+    pub bake: String,
+    /// Colour space of a linear bake; `None` for sRGB of a display.
+    pub color_space: Option<ColorSpace>,
+    /// Name of the exact model beside the bake and its colour space.
+    pub exact_model: Option<(String, ColorSpace)>,
+    /// Number of splats whose size an SPZ file cannot hold.
+    pub sizes_out_of_range: usize,
+    /// Error of the bake on the views; `None` without a data set.
+    pub error: Option<BakeError>,
+}
+
+/// Exports `scene` to `path`. The data set's views measure the bake, and refine and prune it if
+/// asked for.
+///
+/// # Errors
+/// Options that contradict each other or the format; a box without splats; a device that gave up;
+/// the file system's refusal.
+pub fn export(
+    mut scene: Scene,
+    path: &Path,
+    options: &ExportOptions,
+    dataset: Option<&Dataset>,
+    engine: &mut dyn Engine,
+    observer: &dyn Observer,
+) -> Result<Exported> {
+    let mut plan = options.bake.plan(path, &scene)?;
+    let before = scene.splats.len();
+    prune::crop(&mut scene, options.crop);
+    prune::limit(&mut scene, options.max_splats, dataset, engine, observer)?;
+    if scene.splats.is_empty() {
+        let error = Error::new(format!("no splats are left of {}", text::plural(before, "splat")));
+        return Err(error.with_remedy(Remedy::advice("take a larger box").or(Remedy::leave_out("crop"))));
+    }
+    if let (Appearance::Display { exposure_ev, .. }, Some(dataset)) = (&mut plan.options.appearance, dataset)
+        && let Some(found) = exposure::from_views(&scene, dataset, engine)?
+    {
+        *exposure_ev += (found / luxel_io::display_exposure(&scene)).log2();
+    }
+    let mut baked = Baked::new(&scene, &plan.options);
+    if options.bake.refine_steps > 0 {
+        let Some(dataset) = dataset else {
+            return Err(Error::new("refinement needs views to compare with").with_remedy(Remedy::give("data")));
+        };
+        refine::refine(&mut baked, &scene, dataset, options.bake.refine_steps, engine, observer)?;
+    }
+    let error = dataset.map(|dataset| error::measure(&scene, &baked, dataset, engine)).transpose()?;
+    let similarity = file_from_world(options.up, plan.format.up_axis(), dataset, options.scale)?;
+    baked.transform(&similarity);
+    if plan.is_exact {
+        similarity.apply(&mut scene.splats);
+        scene.radiance_scale *= options.bake.exposure_ev.exp2();
+    }
+    write(path, &plan, &scene, &baked, options.spz_version)?;
+    Ok(describe(path, &plan, &scene, &baked, error))
+}
+
+fn write(path: &Path, plan: &Plan, scene: &Scene, baked: &Baked, spz_version: SpzVersion) -> Result<()> {
+    let written = match plan.format {
+        Format::Ply if plan.is_exact => luxel_io::write_exact_ply(path, scene, baked),
+        Format::Ply => luxel_io::write_baked_ply(path, baked),
+        Format::Usda => luxel_io::write_usda(path, baked),
+        Format::Glb => luxel_io::write_glb(path, baked, plan.is_exact.then_some(scene)),
+        Format::Spz => luxel_io::write_spz(path, baked, spz_version),
+    };
+    written.context("cannot write the scene")
+}
+
+fn describe(path: &Path, plan: &Plan, scene: &Scene, baked: &Baked, error: Option<BakeError>) -> Exported {
+    Exported {
+        splats: scene.splats.len(),
+        file_bytes: std::fs::metadata(path).map_or(0, |m| m.len()),
+        bake: baked.description(),
+        color_space: match plan.options.appearance {
+            Appearance::Linear { color_space, .. } => Some(color_space),
+            Appearance::Display { .. } => None,
+        },
+        exact_model: plan.is_exact.then(|| (scene.splats.color_model.name(), scene.color_space)),
+        sizes_out_of_range: if plan.format == Format::Spz { luxel_io::spz_out_of_range(baked) } else { 0 },
+        error,
+    }
+}
