@@ -86,3 +86,8 @@ pub use training::{Progress, Training, TrainingBuilder};
 
 /// Version of this crate, which run folders and metrics note.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
+
+/// The example of the README, compiled as a doc test.
+#[cfg(doctest)]
+#[doc = include_str!("../../../README.md")]
+struct ReadmeExample;

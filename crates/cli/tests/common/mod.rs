@@ -10,11 +10,6 @@ use luxel_io::{ExrOptions, ExrSample};
 /// Pixels a side.
 pub const SIDE: usize = 24;
 pub const VIEWS: usize = 9;
-pub const FOCAL_PX: f64 = 30.0;
-
-/// Balls of light: place, radius and radiance; the last is a lamp a thousand times brighter than the first.
-const BALLS: [([f64; 3], f64, [f32; 3]); 3] =
-    [([0.0, 0.0, 0.0], 0.6, [0.02, 0.03, 0.05]), ([0.7, 0.3, 0.2], 0.3, [0.4, 0.1, 0.05]), ([-0.5, 0.5, 0.4], 0.15, [40.0, 36.0, 25.0])];
 
 /// A folder that goes away with it.
 pub struct Workplace {
@@ -106,62 +101,12 @@ impl Workplace {
 /// Options of the shortest run that means something.
 pub const QUICK: [&str; 6] = ["--iterations", "40", "--init-points", "300", "--threads", "2"];
 
-/// Cameras on an arc, looking at the origin, and what they see.
+/// Three balls of light from an arc of cameras.
 pub fn write_dataset(folder: &Path) {
-    let mut frames = Vec::new();
-    for view in 0..VIEWS {
-        let angle = (view as f64 / VIEWS as f64 - 0.5) * 1.6;
-        let (sin, cos) = angle.sin_cos();
-        let eye = [3.0 * sin, 0.4, 3.0 * cos];
-        let back = normalized(eye);
-        let right = normalized([back[2], 0.0, -back[0]]);
-        let up = cross(back, right);
-        let image = render(eye, right, up, back);
-        let name = format!("images/{view:03}.exr");
-        write_image(&folder.join(&name), &image);
-        let row = |i: usize| [right[i], up[i], back[i], eye[i]];
-        frames.push(serde_json::json!({ "file_path": name, "transform_matrix": [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]] }));
-    }
-    let half = SIDE as f64 / 2.0;
-    let transforms = serde_json::json!({
-        "w": SIDE, "h": SIDE, "fl_x": FOCAL_PX, "fl_y": FOCAL_PX, "cx": half, "cy": half, "frames": frames
-    });
-    std::fs::write(folder.join("transforms.json"), transforms.to_string()).unwrap();
+    luxel::synthetic::write_dataset(folder, luxel::synthetic::BallsOptions { side_px: SIDE, views: VIEWS }).unwrap();
 }
 
 /// A float EXR.
 pub fn write_image(path: &Path, image: &Image) {
     luxel_io::write_exr(path, image, &ExrOptions { sample: ExrSample::Float, ..ExrOptions::default() }).unwrap();
-}
-
-fn render(eye: [f64; 3], right: [f64; 3], up: [f64; 3], back: [f64; 3]) -> Image {
-    let half = SIDE as f64 / 2.0;
-    let mut image = Image::filled(SIDE, SIDE, [0.001; 3]);
-    for (i, pixel) in image.pixels.iter_mut().enumerate() {
-        let (x, y) = (((i % SIDE) as f64 + 0.5 - half) / FOCAL_PX, (half - (i / SIDE) as f64 - 0.5) / FOCAL_PX);
-        let direction = normalized(std::array::from_fn(|k| x * right[k] + y * up[k] - back[k]));
-        let mut nearest = f64::INFINITY;
-        for (center, radius, radiance) in BALLS {
-            let to: [f64; 3] = std::array::from_fn(|k| center[k] - eye[k]);
-            let along = dot(to, direction);
-            let miss2 = dot(to, to) - along * along;
-            if miss2 < radius * radius && along < nearest {
-                (nearest, *pixel) = (along, radiance);
-            }
-        }
-    }
-    image
-}
-
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
-fn normalized(v: [f64; 3]) -> [f64; 3] {
-    let length = dot(v, v).sqrt();
-    v.map(|c| c / length)
 }
