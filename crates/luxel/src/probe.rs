@@ -1,68 +1,125 @@
-//! `luxel probe`: the light that arrives at a point, as an environment map.
+//! A light probe: the radiance that arrives at a point of a scene, as an environment map.
+//!
+//! In: a scene, a point, and the data set for the up direction and the resolution of training. Out:
+//! a map in the units of the data set, with its light summed up. Axes are those of OpenEXR: +y is
+//! up, and a latitude-longitude map looks along +z in its middle. Degenerate: without a data set
+//! the map's own resolution is rendered, at which small lights may be off.
 
-use anyhow::{Context, Result};
+use std::path::Path;
+
 use glam::DVec3;
-use luxel::export::{UpAxis, file_from_world};
-use luxel::run::ExplicitArgs;
-use luxel::{files, text};
 use luxel_core::environment::{MapSize, Projection, Rig, Summary};
-use luxel_core::{Conversion, Dataset, Engine, Image, RenderOptions, Scene};
-use luxel_io::ExrOptions;
+use luxel_core::{ColorSpace, Conversion, Dataset, Engine, Image, RenderOptions, Scene};
+use luxel_io::{ExrOptions, ExrSample};
 
-use crate::args::ProbeArgs;
-use crate::args::values::UpArg;
-use crate::inputs::engine;
-use crate::inputs::scene_source::{DataRequest, SceneSource};
-use crate::output::console::Console;
-use crate::output::tree::Tree;
+use crate::Result;
+use crate::error::Context;
+use crate::export::{Up, UpAxis, file_from_world};
 
-/// `explicit` names the options that were given.
-pub(crate) fn run(args: &ProbeArgs, explicit: &ExplicitArgs) -> Result<()> {
-    let console = Console::new(args.console.log_format, args.console.quiet);
-    files::check_free(&args.output, args.overwrite)?;
-    let source = SceneSource::open(&args.scene, &console)?;
-    // What is up, and how large a pixel was in training.
-    let dataset = source.dataset(DataRequest { data: args.data.as_deref(), load: &args.load, explicit }, &console)?;
-    let environment_from_world = file_from_world(UpArg::up(args.up), UpAxis::PlusY, dataset.as_ref(), 1.0)?.rotation();
-    let focal_px = dataset.as_ref().and_then(median_focal_px);
-    if focal_px.is_none() {
-        console.note("no data set: rendered at the resolution of the map; give --data for that of training, at which light is right");
+/// Options of a probe.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ProbeOptions {
+    /// The point, world units of the scene.
+    pub at: [f64; 3],
+    /// Kind of map.
+    pub projection: Projection,
+    /// Width of a latitude-longitude map, or of a face of a cube; pixels.
+    pub width_px: usize,
+    /// Splats whose centre is nearer to the point than this are left out, world units.
+    pub near: Option<f32>,
+    /// Direction of the scene that is up.
+    pub up: Up,
+    /// Colour space of the map; `None` for that of the scene.
+    pub color_space: Option<ColorSpace>,
+    /// Radiance of the background in normalised units.
+    pub background: [f32; 3],
+}
+
+impl ProbeOptions {
+    /// Returns a latitude-longitude map of 2048 pixels at a point, with a black background.
+    pub fn at(at: [f64; 3]) -> Self {
+        let (projection, up) = (Projection::LatitudeLongitude, Up::Default);
+        Self { at, projection, width_px: 2048, near: None, up, color_space: None, background: [0.0; 3] }
     }
-    drop(dataset);
-    let background = source.background(None);
-    let mut scene = source.scene;
-    let left_out = leave_out_near(&mut scene, args);
-    let (projection, width) = (Projection::from(args.projection), args.size as usize);
-    let rig = Rig::new(DVec3::from_array(args.at), environment_from_world, MapSize { projection, width }, focal_px);
-    let mut engine = engine::engine(&args.device)?.engine;
-    let renders = renders(&rig, &scene, background, engine.as_mut())?;
-    let mut image = rig.assemble(&renders);
-    let color_space = args.colorspace.map_or(scene.color_space, Into::into);
+}
+
+/// An environment map in the units of the data set.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Probe {
+    /// The map.
+    image: Image,
+    at: [f64; 3],
+    projection: Projection,
+    color_space: ColorSpace,
+    /// Its light: means, peak, irradiance.
+    pub summary: Summary,
+    /// Number of splats left out near the point.
+    pub left_out: usize,
+    /// Whether the map was rendered at the resolution of training.
+    pub has_training_resolution: bool,
+}
+
+impl Probe {
+    /// Returns the width in pixels.
+    pub fn width(&self) -> usize {
+        self.image.width
+    }
+
+    /// Returns the height in pixels.
+    pub fn height(&self) -> usize {
+        self.image.height
+    }
+
+    /// Returns the pixels `[H*W]`, row by row from the top.
+    pub fn pixels(&self) -> &[[f32; 3]] {
+        &self.image.pixels
+    }
+
+    /// Returns the colour space of the pixels.
+    pub fn color_space(&self) -> ColorSpace {
+        self.color_space
+    }
+
+    /// Writes an OpenEXR file that names its projection, colour space and point. Returns how many
+    /// values exceed the range of the samples.
+    ///
+    /// # Errors
+    /// The file system's refusal.
+    pub fn save_exr(&self, path: impl AsRef<Path>, sample: ExrSample) -> Result<usize> {
+        let [x, y, z] = self.at;
+        let options = ExrOptions {
+            sample,
+            color_space: self.color_space,
+            environment: Some(self.projection),
+            attributes: vec![("luxel:at".into(), format!("{x}, {y}, {z}"))],
+            ..ExrOptions::default()
+        };
+        luxel_io::write_exr(path.as_ref(), &self.image, &options).context("cannot write the probe")
+    }
+}
+
+/// Renders the probe of a scene.
+///
+/// # Errors
+/// A device that gave up; a point at which nothing can be rendered.
+pub fn probe(mut scene: Scene, options: &ProbeOptions, dataset: Option<&Dataset>, engine: &mut dyn Engine) -> Result<Probe> {
+    let environment_from_world = file_from_world(options.up, UpAxis::PlusY, dataset, 1.0)?.rotation();
+    let focal_px = dataset.and_then(median_focal_px);
+    let left_out = leave_out_near(&mut scene, options);
+    let (projection, width) = (options.projection, options.width_px);
+    let rig = Rig::new(DVec3::from_array(options.at), environment_from_world, MapSize { projection, width }, focal_px);
+    let mut image = rig.assemble(&renders(&rig, &scene, options.background, engine)?);
+    let color_space = options.color_space.unwrap_or(scene.color_space);
     let conversion = Conversion::between(scene.color_space, color_space);
     for pixel in &mut image.pixels {
         *pixel = conversion.apply(pixel.map(|c| c * scene.radiance_scale));
     }
     let summary = Summary::of(&image, projection);
-    let [x, y, z] = args.at;
-    let options = ExrOptions {
-        sample: args.exr_type.into(),
-        color_space,
-        environment: Some(projection),
-        attributes: vec![("luxel:at".into(), format!("{x}, {y}, {z}"))],
-        ..ExrOptions::default()
-    };
-    let too_bright = luxel_io::write_exr(&args.output, &image, &options).context("cannot write the probe")?;
-    if too_bright > 0 {
-        console.warn("values exceed 65504, the largest half float, and are cut there; write again with --exr-type float");
-    }
-    if left_out > 0 {
-        console.note(&format!("{} nearer than --near left out", text::plural(left_out, "splat")));
-    }
-    let facts = facts(args, &image, color_space.name(), &summary);
-    console.result(&facts.event("finished"), facts.text().trim_end())
+    let has_training_resolution = focal_px.is_some();
+    Ok(Probe { image, at: options.at, projection, color_space, summary, left_out, has_training_resolution })
 }
 
-/// Of the training views, pixels.
+/// Returns the median focal length of the training views in pixels.
 fn median_focal_px(dataset: &Dataset) -> Option<f64> {
     let mut focal: Vec<f64> = dataset.train.iter().map(|view| view.camera.focal_px.x).collect();
     focal.sort_unstable_by(f64::total_cmp);
@@ -70,9 +127,9 @@ fn median_focal_px(dataset: &Dataset) -> Option<f64> {
 }
 
 /// Removes splats whose centre is near, and counts them.
-fn leave_out_near(scene: &mut Scene, args: &ProbeArgs) -> usize {
-    let Some(radius) = args.near else { return 0 };
-    let at = DVec3::from_array(args.at);
+fn leave_out_near(scene: &mut Scene, options: &ProbeOptions) -> usize {
+    let Some(radius) = options.near else { return 0 };
+    let at = DVec3::from_array(options.at);
     let is_far = |p: [f32; 3]| DVec3::from_array(p.map(f64::from)).distance(at) >= f64::from(radius);
     let before = scene.splats.len();
     let kept: Vec<u32> = (0..before as u32).filter(|i| is_far(scene.splats.position[*i as usize])).collect();
@@ -84,20 +141,4 @@ fn renders(rig: &Rig, scene: &Scene, background: [f32; 3], engine: &mut dyn Engi
     engine.load(&scene.splats, None).context("cannot load the scene")?;
     let options = RenderOptions { raster: scene.raster, background, ..RenderOptions::default() };
     rig.cameras.iter().map(|camera| engine.render(camera, &options).context("cannot render the probe")).collect()
-}
-
-fn facts(args: &ProbeArgs, image: &Image, color_space: &str, summary: &Summary) -> Tree {
-    let singles = |values: [f64; 3]| values.map(|v| v as f32);
-    let mut facts = Tree::default();
-    facts.set("file", args.output.display().to_string()).set("size_px", format!("{}x{}", image.width, image.height));
-    facts.set("color_space", color_space);
-    facts.set_f32s("mean_radiance", &singles(summary.mean_radiance));
-    facts.set_f32("peak_radiance", summary.peak_radiance);
-    facts.set_f32s("peak_direction", &singles(summary.peak_direction));
-    let mut irradiance = Tree::default();
-    for (name, value) in ["+x", "-x", "+y", "-y", "+z", "-z"].into_iter().zip(summary.irradiance) {
-        irradiance.set_f32s(name, &singles(value));
-    }
-    facts.group("irradiance", irradiance);
-    facts
 }

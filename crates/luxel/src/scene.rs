@@ -9,7 +9,8 @@ use luxel_io::PathCamera;
 
 use crate::error::Context;
 use crate::export::{Exported, export};
-use crate::{Bake, Device, ExportOptions, Result, SelectedEngine, Silent};
+use crate::probe::probe;
+use crate::{Bake, Device, DeviceOptions, ExportOptions, Probe, ProbeOptions, Result, SelectedEngine, Silent};
 
 /// A scene. Dereferences to [`luxel_core::Scene`], whose splats are in normalised units.
 ///
@@ -92,6 +93,28 @@ impl Scene {
         // Without views the engine has nothing to do; the processor's is always there.
         let mut engine = SelectedEngine::open(&Device::Cpu.into())?.engine;
         export(self.0.clone(), path.as_ref(), &options, None, engine.as_mut(), &Silent)
+    }
+
+    /// Renders the light that arrives at a point as an environment map. The up direction and the
+    /// resolution are those of no data set; [`crate::probe::probe`] takes one.
+    ///
+    /// ```
+    /// use luxel::{Device, ProbeOptions, synthetic};
+    ///
+    /// # fn main() -> luxel::Result<()> {
+    /// let options = ProbeOptions { width_px: 16, ..ProbeOptions::at([0.0; 3]) };
+    /// let probe = synthetic::room(200, 1).probe(&options, Device::Cpu)?;
+    /// assert_eq!((probe.width(), probe.height()), (16, 8));
+    /// assert!(probe.summary.peak_radiance > 0.0);
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// A device that is not there or gave up.
+    pub fn probe(&self, options: &ProbeOptions, device: impl Into<DeviceOptions>) -> Result<Probe> {
+        let mut engine = SelectedEngine::open(&device.into())?.engine;
+        probe(self.0.clone(), options, None, engine.as_mut())
     }
 
     /// Returns the scene as the engines and file writers take it.

@@ -13,7 +13,8 @@ use super::{ConsoleArgs, DeviceArgs, LoadArgs};
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct EditArgs {
-    /// Folder of a run (its newest scene), or a scene file: PLY (plain and compressed 3DGS files too), USD text, GLB, SPZ.
+    /// Folder of a run (its newest scene), or a scene file: PLY (plain and compressed 3DGS files
+    /// too), USD text, GLB, SPZ.
     #[arg(value_name = "RUN|SCENE.ply")]
     pub(crate) scene: PathBuf,
     /// Scene to write; with --against, folder for the comparison.
@@ -28,7 +29,8 @@ pub(crate) struct EditArgs {
     /// What maps are applied to in scenes of spherical harmonics, which are then fitted again.
     #[arg(long, value_enum, default_value_t, value_name = "WHAT", help_heading = "Edits")]
     pub(crate) sh_map: ShMapArg,
-    /// Write no scene: report what is selected (splats, share of the scene's light, box around them) and what maps would do.
+    /// Write no scene: report what is selected (splats, share of the scene's light, box around
+    /// them) and what maps would do.
     #[arg(long, help_heading = "Report")]
     pub(crate) dry_run: bool,
     /// Picture of what is selected, laid over a render.
@@ -37,14 +39,16 @@ pub(crate) struct EditArgs {
     /// View of the data set for the overlay [default: the first mask's; else the first test view].
     #[arg(long, value_name = "VIEW", requires = "overlay", conflicts_with = "against", help_heading = "Report")]
     pub(crate) view: Option<String>,
-    /// Compare instead: apply the maps to this scene, too, and measure how far each one's chromaticity is from the ideally edited renders
-    /// (the maps on each pixel's luminance, its chromaticity kept). Harmonics are mapped both ways of --sh-map.
+    /// Compare instead: apply the maps to this scene, too, and measure how far each one's
+    /// chromaticity is from the ideally edited renders (the maps on each pixel's luminance, its
+    /// chromaticity kept). Harmonics are mapped both ways of --sh-map.
     #[arg(long, value_name = "RUN|SCENE.ply", conflicts_with_all = ["dry_run", "overwrite", "sh_map"], help_heading = "Report")]
     pub(crate) against: Option<PathBuf>,
     /// The report as one JSON object.
     #[arg(long, help_heading = "Report")]
     pub(crate) json: bool,
-    /// Data set that masks, overlays and comparisons, and nothing else, take their views from [default for a run: the one it was trained on].
+    /// Data set that masks, overlays and comparisons, and nothing else, take their views from
+    /// [default for a run: the one it was trained on].
     #[arg(long, value_name = "DATASET", help_heading = "Data set")]
     pub(crate) data: Option<PathBuf>,
     /// How the data set is read.
@@ -158,7 +162,8 @@ pub(crate) enum ShMapArg {
     /// The luminance of the colour in each direction: hues shift only by what harmonics can't say.
     #[default]
     Luminance,
-    /// Red, green and blue each by itself, as RGB values are usually mapped: hues shift by definition.
+    /// Red, green and blue each by itself, as RGB values are usually mapped: hues shift by
+    /// definition.
     Channels,
 }
 

@@ -1,4 +1,4 @@
-//! `luxel export` as text.
+//! Arguments of `luxel export`.
 
 use std::path::PathBuf;
 
@@ -20,10 +20,10 @@ pub(crate) struct ExportArgs {
     /// File to write: .ply, .usda or .usd (text), .glb, .spz.
     #[arg(long, short, value_name = "FILE")]
     pub(crate) output: PathBuf,
-    /// Replace the file that is there.
+    /// Replace an existing file.
     #[arg(long)]
     pub(crate) overwrite: bool,
-    /// What the colours are [default: exact for .ply and .glb, linear for .usd, display for .spz].
+    /// Kind of colours [default: exact for .ply and .glb, linear for .usd, display for .spz].
     #[arg(long, value_enum, value_name = "WHAT", help_heading = "Colour")]
     pub(crate) bake: Option<BakeArg>,
     /// Colour space of a linear bake [default: the scene's; linear-rec709 for .glb].
@@ -36,7 +36,7 @@ pub(crate) struct ExportArgs {
     /// Curve of the display bake [default: agx].
     #[arg(long, value_enum, value_name = "CURVE", help_heading = "Colour")]
     pub(crate) tonemap: Option<TonemapArg>,
-    /// Highest degree of the baked harmonics.
+    /// Highest degree of the baked harmonics, 0 to 3.
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u8).range(0..=3), value_name = "DEGREE", help_heading = "Colour")]
     pub(crate) degree: u8,
     /// Improve a display bake for N steps of training against tone-mapped renders of the data set's
@@ -58,20 +58,20 @@ pub(crate) struct ExportArgs {
     /// Lengths are multiplied by this: metres of one unit of the scene.
     #[arg(long, default_value_t = 1.0, value_parser = parse_positive, value_name = "FACTOR", help_heading = "World")]
     pub(crate) scale: f32,
-    /// Version of the file; .spz only.
+    /// Version of an .spz file.
     #[arg(long, value_enum, default_value_t, value_name = "VERSION", help_heading = "World")]
     pub(crate) spz_version: SpzVersionArg,
     /// Data set whose views measure, refine and prune [default for a run: the one it was trained
     /// on].
     #[arg(long, value_name = "DATASET", help_heading = "Data set")]
     pub(crate) data: Option<PathBuf>,
-    /// How the data set is read.
+    /// Reading the data set.
     #[command(flatten)]
     pub(crate) load: LoadArgs,
-    /// Where the work is done.
+    /// Device.
     #[command(flatten)]
     pub(crate) device: DeviceArgs,
-    /// How the command talks.
+    /// Terminal output.
     #[command(flatten)]
     pub(crate) console: ConsoleArgs,
 }
@@ -101,14 +101,14 @@ impl ExportArgs {
 const EXAMPLES: &str = "\
   luxel export run -o set.usda --colorspace acescg             radiance for Nuke and Houdini
   luxel export run -o set.ply --bake linear                    radiance for V-Ray (raw)
-  luxel export run -o set.spz --refine 300 --max-splats 200000 a picture for the web
-  luxel export run -o set.glb                                  a picture for glTF viewers, and the radiance model beside it
+  luxel export run -o set.spz --refine 300 --max-splats 200000 a display bake for the web
+  luxel export run -o set.glb                                  a display bake for glTF viewers, and the radiance model beside it
 The error of the bake is measured on the data set's held-out views. docs/src/guide/delivery.md has recipes by program.";
 
 /// `--bake`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum BakeArg {
-    /// Colours for a screen, tone-mapped: what viewers show as it is.
+    /// Tone-mapped colours for a screen, which viewers show unchanged.
     Display,
     /// Scene-linear radiance as harmonics.
     Linear,

@@ -20,18 +20,21 @@ pub(crate) struct PrepareArgs {
     /// Folder for the data set.
     #[arg(long, short, value_name = "DATASET")]
     pub(crate) output: PathBuf,
-    /// Which photographs are exposures of one view: auto (by name, else by time and exposure), off, names, or how many in a row.
+    /// Which photographs are exposures of one view: auto (by name, else by time and exposure), off,
+    /// names, or how many in a row.
     #[arg(long, default_value = "auto", value_name = "auto|off|names|N", help_heading = "Exposure")]
     pub(crate) brackets: BracketsArg,
-    /// Exposures that EXIF lacks or has wrong: a text file with a line for each photograph, name, seconds, ISO (optional), f-number
-    /// (optional), separated by spaces. What is left out stays that of EXIF.
+    /// Exposures that EXIF lacks or has wrong: a text file with a line for each photograph, name,
+    /// seconds, ISO (optional), f-number (optional), separated by spaces. What is left out stays
+    /// that of EXIF.
     #[arg(long, value_name = "FILE", help_heading = "Exposure")]
     pub(crate) exposures: Option<PathBuf>,
     /// Curve of developed pictures (JPEG, PNG, integer TIFF).
     #[arg(long, value_enum, default_value_t, help_heading = "Exposure")]
     pub(crate) response: ResponseArg,
-    /// White balance of RAW files, one for the whole set: as-shot (the median of what the camera chose), the name of a photograph whose
-    /// choice is taken, or the camera's red,green,blue of white.
+    /// White balance of RAW files, one for the whole set: as-shot (the median of what the camera
+    /// chose), the name of a photograph whose choice is taken, or the camera's red,green,blue of
+    /// white.
     #[arg(long, default_value = "as-shot", value_name = "as-shot|NAME|R,G,B", help_heading = "Colour")]
     pub(crate) white_balance: WhiteBalanceArg,
     /// Space of the images of the data set.
@@ -61,7 +64,8 @@ pub(crate) struct PrepareArgs {
     /// Which views are matched with each other.
     #[arg(long, value_enum, default_value_t, help_heading = "Structure from motion")]
     pub(crate) matching: MatchingArg,
-    /// Memory that views under way may take together, GiB; one view is worked on however large it is.
+    /// Memory that views under way may take together, GiB; one view is worked on however large it
+    /// is.
     #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=4096), value_name = "GIB", help_heading = "Machine")]
     pub(crate) memory: u32,
     /// Threads [default: all cores].

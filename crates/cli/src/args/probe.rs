@@ -1,8 +1,9 @@
-//! `luxel probe` as text.
+//! Arguments of `luxel probe`.
 
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
+use luxel::probe::ProbeOptions;
 use luxel_core::environment::Projection;
 
 use super::{ConsoleArgs, DeviceArgs, LoadArgs};
@@ -19,25 +20,27 @@ pub(crate) struct ProbeArgs {
     /// Folder of a run (its newest scene), or a scene file.
     #[arg(value_name = "RUN|SCENE")]
     pub(crate) scene: PathBuf,
-    /// The point, world units of the scene: x,y,z.
+    /// Point of the probe, world units of the scene: x,y,z.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = parse_point)]
     pub(crate) at: [f64; 3],
     /// OpenEXR file to write.
     #[arg(long, short, value_name = "FILE.exr")]
     pub(crate) output: PathBuf,
-    /// Replace the file that is there.
+    /// Replace an existing file.
     #[arg(long)]
     pub(crate) overwrite: bool,
-    /// Width of the map, of a face of a cube; pixels.
+    /// Width of the map, or of a face of a cube, in pixels, 4 to 16384.
     #[arg(long, default_value_t = 2048, value_parser = clap::value_parser!(u32).range(4..=16384), value_name = "PX", help_heading = "Map")]
     pub(crate) size: u32,
-    /// How directions lie on the map.
+    /// Projection of directions onto the map.
     #[arg(long, value_enum, default_value_t, value_name = "KIND", help_heading = "Map")]
     pub(crate) projection: ProjectionArg,
-    /// Leave out splats whose centre is nearer to the point than this, world units: what stands where the probe is.
+    /// Leave out splats whose centre is nearer to the point than this, world units, above 0:
+    /// objects in the place of the probe.
     #[arg(long, value_parser = parse_positive, value_name = "RADIUS", help_heading = "Map")]
     pub(crate) near: Option<f32>,
-    /// Direction of the scene that is up [default: by the data set's cameras; without a data set -y].
+    /// Direction of the scene that is up [default: by the data set's cameras; without a data set
+    /// -y].
     #[arg(long, value_enum, value_name = "AXIS", allow_hyphen_values = true, help_heading = "Map")]
     pub(crate) up: Option<UpArg>,
     /// Colour space of the map [default: the scene's].
@@ -46,18 +49,34 @@ pub(crate) struct ProbeArgs {
     /// Number format of the file.
     #[arg(long, value_enum, default_value_t, help_heading = "Map")]
     pub(crate) exr_type: ExrTypeArg,
-    /// Data set whose cameras tell what is up, and at which resolution to render [default for a run: the one it was trained on].
+    /// Data set whose cameras give the up direction and the resolution of rendering [default for a
+    /// run: its own].
     #[arg(long, value_name = "DATASET", help_heading = "Data set")]
     pub(crate) data: Option<PathBuf>,
-    /// How the data set is read.
+    /// Reading the data set.
     #[command(flatten)]
     pub(crate) load: LoadArgs,
-    /// Where the work is done.
+    /// Device.
     #[command(flatten)]
     pub(crate) device: DeviceArgs,
-    /// How the command talks.
+    /// Terminal output.
     #[command(flatten)]
     pub(crate) console: ConsoleArgs,
+}
+
+impl ProbeArgs {
+    /// Returns the library's form of these options, with a background in normalised units.
+    pub(crate) fn options(&self, background: [f32; 3]) -> ProbeOptions {
+        ProbeOptions {
+            at: self.at,
+            projection: self.projection.into(),
+            width_px: self.size as usize,
+            near: self.near,
+            up: UpArg::up(self.up),
+            color_space: self.colorspace.map(Into::into),
+            background,
+        }
+    }
 }
 
 /// `--projection`.

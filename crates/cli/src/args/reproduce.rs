@@ -48,7 +48,8 @@ pub(crate) struct ReproduceArgs {
         help_heading = "Matrix"
     )]
     pub(crate) seeds: Vec<u64>,
-    /// Runs side by side, each with its part of the cores or with --threads; times depend on it, other figures do not.
+    /// Runs side by side, each with its part of the cores or with --threads; times depend on it,
+    /// other figures do not.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1024), value_name = "N", help_heading = "Matrix")]
     pub(crate) jobs: u32,
     /// Save the training state of each run every N steps, 0 for the end only.
@@ -79,7 +80,8 @@ fn is_of_the_matrix(id: &str) -> bool {
     id == "seed" || method::OPTIONS.contains(&id)
 }
 
-/// An option of training as it is here: what [`check`] refuses is not in the help, and the recipe is the published one.
+/// An option of training as it is here: what [`check`] refuses is not in the help, and the recipe
+/// is the published one.
 pub(super) fn adapted(arg: Arg) -> Arg {
     match arg.get_id().as_str() {
         id if is_of_the_matrix(id) => arg.hide(true),

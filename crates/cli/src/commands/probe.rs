@@ -1,0 +1,51 @@
+//! `luxel probe`: the light that arrives at a point, as an environment map.
+
+use anyhow::Result;
+use luxel::probe::{Probe, probe};
+use luxel::run::ExplicitArgs;
+use luxel::{files, text};
+
+use crate::args::ProbeArgs;
+use crate::inputs::engine;
+use crate::inputs::scene_source::{DataRequest, SceneSource};
+use crate::output::console::Console;
+use crate::output::tree::Tree;
+
+/// Renders and writes the probe; `explicit` names the options that were given.
+pub(crate) fn run(args: &ProbeArgs, explicit: &ExplicitArgs) -> Result<()> {
+    let console = Console::new(args.console.log_format, args.console.quiet);
+    files::check_free(&args.output, args.overwrite)?;
+    let source = SceneSource::open(&args.scene, &console)?;
+    // For the up direction, and the size of a pixel in training.
+    let dataset = source.dataset(DataRequest { data: args.data.as_deref(), load: &args.load, explicit }, &console)?;
+    if dataset.as_ref().is_none_or(|dataset| dataset.train.is_empty()) {
+        console.note("no data set: rendered at the resolution of the map; give --data for that of training, at which light is right");
+    }
+    let options = args.options(source.background(None));
+    let mut engine = engine::engine(&args.device)?.engine;
+    let probe = probe(source.scene, &options, dataset.as_ref(), engine.as_mut())?;
+    if probe.save_exr(&args.output, args.exr_type.into())? > 0 {
+        console.warn("values exceed 65504, the largest half float, and are cut there; write again with --exr-type float");
+    }
+    if probe.left_out > 0 {
+        console.note(&format!("{} nearer than --near left out", text::plural(probe.left_out, "splat")));
+    }
+    let tree = describe(args, &probe);
+    console.result(&tree.event("finished"), tree.text().trim_end())
+}
+
+fn describe(args: &ProbeArgs, probe: &Probe) -> Tree {
+    let singles = |values: [f64; 3]| values.map(|v| v as f32);
+    let mut tree = Tree::default();
+    tree.set("file", args.output.display().to_string()).set("size_px", format!("{}x{}", probe.width(), probe.height()));
+    tree.set("color_space", probe.color_space().name());
+    tree.set_f32s("mean_radiance", &singles(probe.summary.mean_radiance));
+    tree.set_f32("peak_radiance", probe.summary.peak_radiance);
+    tree.set_f32s("peak_direction", &singles(probe.summary.peak_direction));
+    let mut irradiance = Tree::default();
+    for (name, value) in ["+x", "-x", "+y", "-y", "+z", "-z"].into_iter().zip(probe.summary.irradiance) {
+        irradiance.set_f32s(name, &singles(value));
+    }
+    tree.group("irradiance", irradiance);
+    tree
+}
