@@ -52,7 +52,7 @@ pub enum Event {
     },
     /// Steps have ended, all of them or not.
     StepsEnd,
-    /// A file was written.
+    /// A checkpoint or a scene was written.
     Saved {
         /// The file.
         path: PathBuf,

@@ -50,6 +50,7 @@
 //! }
 //! ```
 
+pub mod bench;
 pub mod colormap;
 mod dataset;
 mod device;

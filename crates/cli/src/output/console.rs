@@ -186,7 +186,7 @@ impl Observer for Console {
                 let event = json!({ "event": "evaluation", "iteration": step, "split": split, "mean": mean });
                 self.event(&event, &format!("step {step}: {split} {}", mean_line(&mean, views)));
             }
-            Event::Saved { path } => self.note(&path.display().to_string()),
+            // Saved files are named at the end.
             _ => {}
         }
     }

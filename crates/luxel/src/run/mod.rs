@@ -33,6 +33,7 @@
 mod captures;
 mod clock;
 mod config;
+mod evaluate;
 pub mod evaluation;
 mod explicit;
 mod folder;
@@ -45,6 +46,7 @@ pub mod state;
 
 pub use captures::Captures;
 pub use config::{Difference, MadeBy, RunConfig, RunOptions};
+pub use evaluate::{EvaluationData, MetricsOptions, evaluate_run};
 pub use evaluation::{Metrics, Rendering};
 pub use explicit::ExplicitArgs;
 pub use folder::{LOCK, Occupant, RunFolder, RunLock};

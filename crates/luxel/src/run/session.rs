@@ -231,6 +231,7 @@ impl Session<'_> {
             return Err(Error::from(error).context(format!("cannot save the state of step {iteration}; {kept}")));
         }
         luxel_io::prune_checkpoints(folder, keep)?;
+        self.observer.event(Event::Saved { path });
         Ok(())
     }
 
@@ -245,7 +246,9 @@ impl Session<'_> {
 
     fn evaluate_at(&mut self, train_seconds: f64, peak_rss_bytes: Option<u64>) -> Result<Option<f64>> {
         let iteration = self.trainer.iteration();
-        luxel_io::write_scene_ply(&self.folder.scene(iteration), &self.trainer.scene()?)?;
+        let path = self.folder.scene(iteration);
+        luxel_io::write_scene_ply(&path, &self.trainer.scene()?)?;
+        self.observer.event(Event::Saved { path });
         let images = self.folder.evaluation(iteration);
         let (dataset, finished) = (self.dataset, self.trainer.is_finished());
         let config = self.config;

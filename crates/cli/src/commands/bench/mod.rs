@@ -1,13 +1,12 @@
 //! `luxel bench`: the time of a render and of a training step on a scene, pass by pass.
 
-mod measure;
 mod report;
 mod workload;
 
 use anyhow::Result;
 use clap::ValueEnum;
+use luxel::bench::{Protocol, measure};
 use luxel::{SelectedEngine, memory};
-use measure::{Protocol, measure};
 use report::{Report, Spread};
 use workload::Workload;
 

@@ -1,47 +1,54 @@
-//! The measurement: renders and training steps in turn, so that noise of the machine affects both
-//! alike.
+//! Times of rendering and of training steps, pass by pass. Renders and steps are measured in turn,
+//! so that noise of the machine affects both alike.
 
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result};
 use luxel_core::{
     Engine, Evaluations, LearningRates, LossConfig, Pass, RenderOptions, StatsCollection, StepConfig, StepReport, ToneCurve, View,
 };
+
+use crate::Result;
+use crate::error::Context;
 
 /// Learning rate so small that the scene does not change over any number of steps; Adam's work is
 /// the same at any rate.
 const LEARNING_RATE: f32 = 1e-9;
 
 /// Settings of the measurement.
-pub(super) struct Protocol {
+#[derive(Clone, Copy, Debug)]
+pub struct Protocol {
     /// Settings of rendering.
-    pub(super) render: RenderOptions,
+    pub render: RenderOptions,
     /// mu of the loss.
-    pub(super) mu: f32,
+    pub mu: f32,
     /// Renders and steps before the measured ones.
-    pub(super) warmup: u32,
+    pub warmup: u32,
     /// Renders and steps measured.
-    pub(super) steps: u32,
+    pub steps: u32,
 }
 
-/// Milliseconds, one entry per step.
-pub(super) struct Measured {
+/// Times in milliseconds, one entry per step.
+#[derive(Clone, Debug)]
+pub struct Measured {
     /// Report of the first step.
-    pub(super) first: StepReport,
+    pub first: StepReport,
     /// Counts of blending, if the engine counts.
-    pub(super) evaluations: Option<Evaluations>,
+    pub evaluations: Option<Evaluations>,
     /// Renders.
-    pub(super) forward_ms: Vec<f64>,
+    pub forward_ms: Vec<f64>,
     /// Whole steps.
-    pub(super) step_ms: Vec<f64>,
+    pub step_ms: Vec<f64>,
     /// Mean of steps without waiting in between, as training makes them.
-    pub(super) step_in_a_row_ms: f64,
+    pub step_in_a_row_ms: f64,
     /// The passes of those steps that the engine measures, in their order.
-    pub(super) passes_ms: Vec<(Pass, Vec<f64>)>,
+    pub passes_ms: Vec<(Pass, Vec<f64>)>,
 }
 
-/// Measures the scene that is loaded.
-pub(super) fn measure(engine: &mut dyn Engine, view: &View, protocol: &Protocol) -> Result<Measured> {
+/// Measures the scene that the engine holds.
+///
+/// # Errors
+/// A camera that cannot be rendered; a device that gave up.
+pub fn measure(engine: &mut dyn Engine, view: &View, protocol: &Protocol) -> Result<Measured> {
     let evaluations = engine.evaluations(&view.camera, &protocol.render).context("cannot render")?;
     let mut first = None;
     let mut forward_ms = Vec::new();
@@ -72,7 +79,7 @@ pub(super) fn measure(engine: &mut dyn Engine, view: &View, protocol: &Protocol)
     Ok(Measured { first: first.unwrap_or_default(), evaluations, forward_ms, step_ms, step_in_a_row_ms, passes_ms })
 }
 
-/// Milliseconds of a step, of as many as were measured one by one.
+/// Returns the milliseconds of a step over as many as were measured one by one.
 fn in_a_row(engine: &mut dyn Engine, view: &View, protocol: &Protocol) -> Result<f64> {
     let start = Instant::now();
     let first = protocol.warmup.saturating_add(protocol.steps).saturating_add(1);

@@ -1,0 +1,122 @@
+//! Evaluation of a finished or interrupted run: metrics of its newest scene, on its own data set or
+//! another.
+//!
+//! In: a run folder, a data set, an engine. Out: `metrics.json`, the images of the test views, the
+//! report, and the metrics themselves. The folder of a step's evaluation is for the run's own data
+//! as the run read it; other data get a folder of their own.
+
+use std::path::Path;
+
+use luxel_core::metrics::{FieldOptions, FlipChoice};
+use luxel_core::{Dataset, RenderOptions, Scene};
+use luxel_io::LoadOptions;
+use luxel_train::{GainFit, Lpips, SplitMetrics};
+
+use super::report::Evaluated;
+use super::{Captures, Metrics, Rendering, RunConfig, RunFolder, log, report, state};
+use crate::error::{Context, bail};
+use crate::{Observer, Result, SelectedEngine, files, memory};
+
+/// Choice of the metrics of an evaluation.
+#[derive(Clone, Copy, Debug)]
+pub struct MetricsOptions<'a> {
+    /// Luminance at which the display of PU21 shows the scene's radiance scale, cd/m2.
+    pub peak_luminance: f32,
+    /// Whether HDR-FLIP is computed.
+    pub flip: FlipChoice,
+    /// The network of LPIPS, if it is computed.
+    pub lpips: Option<&'a Lpips>,
+}
+
+impl Default for MetricsOptions<'_> {
+    /// The metrics of training: neither HDR-FLIP nor LPIPS.
+    fn default() -> Self {
+        Self { peak_luminance: FieldOptions::DEFAULT_PEAK_LUMINANCE, flip: FlipChoice::Skip, lpips: None }
+    }
+}
+
+/// A data set to measure a run against.
+#[derive(Clone, Copy, Debug)]
+pub struct EvaluationData<'a> {
+    /// Where it was read.
+    pub path: &'a Path,
+    /// How it was read.
+    pub load: &'a LoadOptions,
+    /// Its views.
+    pub dataset: &'a Dataset,
+}
+
+/// Measures a run's newest scene, and writes `metrics.json`, images and report into its folder,
+/// whose lock the caller holds. Returns the metrics by split, test before train.
+///
+/// # Errors
+/// A run without a readable scene; images in another colour space than the scene; a device that
+/// gave up; a file that cannot be written.
+pub fn evaluate_run(
+    folder: &RunFolder,
+    config: &RunConfig,
+    data: EvaluationData<'_>,
+    metrics: MetricsOptions<'_>,
+    selected: SelectedEngine,
+    observer: &dyn Observer,
+) -> Result<Vec<(&'static str, SplitMetrics)>> {
+    let SelectedEngine { mut engine, threads, computed_by, .. } = selected;
+    let EvaluationData { path, load, dataset } = data;
+    let (iteration, scene) = state::newest_scene(folder, observer)?;
+    check_color_space(path, dataset, &scene)?;
+    engine.load(&scene.splats, None).context("cannot load the scene")?;
+    let options = RenderOptions { raster: scene.raster, background: config.background(scene.radiance_scale), ..RenderOptions::default() };
+    let mut rendering = Rendering {
+        engine: engine.as_mut(),
+        options,
+        radiance_scale: scene.radiance_scale,
+        mu: config.train.mu,
+        color_space: dataset.color_space,
+        peak_luminance: metrics.peak_luminance,
+        flip: metrics.flip,
+        lpips: metrics.lpips,
+        response: state::response(folder, config, iteration)?,
+        log_gains: Captures::read(folder)?.log_gains_at(iteration),
+    };
+    let is_own = files::is_same(path, &config.dataset_path(folder.root())) && *load == config.load;
+    let images = if is_own { folder.evaluation(iteration) } else { folder.claim_evaluation_of(iteration, path, load)? };
+    let mut named = Vec::new();
+    for (name, views, images) in [("test", &dataset.test, Some(images.as_path())), ("train", &dataset.train, None)] {
+        named.extend(rendering.evaluate(views, images, GainFit::None)?.map(|split| (name, split)));
+    }
+    named.extend(rendering.evaluate_fitted(config, &dataset.test)?);
+    let splits = named.iter().map(|(name, split)| ((*name).to_owned(), split.clone())).collect();
+    let log = log::read(&folder.log())?;
+    let spent = log.iter().rev().find(|record| record.iteration <= iteration);
+    let metrics = Metrics {
+        method: config.method_name(),
+        iterations: iteration,
+        splats: scene.splats.len(),
+        train_seconds: spent.map_or(0.0, |record| record.elapsed_s),
+        peak_rss_bytes: spent.and_then(|record| record.peak_rss_bytes).max(memory::peak_resident_bytes()),
+        radiance_scale: scene.radiance_scale,
+        mu: config.train.mu,
+        seed: config.train.seed,
+        threads,
+        computed_by,
+        luxel_version: crate::VERSION.into(),
+        dataset: path.display().to_string(),
+        splits,
+    };
+    // Not beside the images: metrics there mark an evaluation by training.
+    files::write_json(&folder.metrics(), &metrics)?;
+    report::write(folder, config, dataset, Evaluated { metrics: &metrics, images: &images })?;
+    Ok(named)
+}
+
+fn check_color_space(path: &Path, dataset: &Dataset, scene: &Scene) -> Result<()> {
+    if dataset.color_space != scene.color_space {
+        bail!(
+            "{}: images are in {}, the scene is in {}: metrics need one colour space; convert the images",
+            path.display(),
+            dataset.color_space.name(),
+            scene.color_space.name()
+        );
+    }
+    Ok(())
+}
