@@ -7,7 +7,7 @@ use crate::args::flag;
 
 /// Returns the remedy of the outermost error in the chain that has one.
 pub(crate) fn of_error(error: &Error) -> Option<&Remedy> {
-    error.chain().find_map(|cause| cause.downcast_ref::<luxel::Error>()?.remedy())
+    error.chain().find_map(luxel::remedy_of)
 }
 
 /// Words a remedy: `give --device cpu, or lower --threads`.

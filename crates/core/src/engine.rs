@@ -5,7 +5,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use crate::edit::Contributions;
-use crate::{Camera, Image, Knots, LossConfig, Moments, Splats, View};
+use crate::{Camera, Image, Knots, LossConfig, Moments, Remedy, Splats, View};
 
 /// The passes of a training step, in order. Names of files, timings, benches and tests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -346,11 +346,58 @@ pub enum EngineError {
     #[error("splats: {0}")]
     Splats(#[from] crate::SplatsError),
     /// Input outside of the contract.
-    #[error("{0}")]
-    Invalid(String),
-    /// The device gave up: out of memory, lost, hung. Names pass, resource, limit and remedy.
-    #[error("{0}")]
-    Device(String),
+    #[error("{message}")]
+    Invalid {
+        /// Place, expected and found.
+        message: String,
+        /// What to do about it, where there is something beside mending the input.
+        remedy: Option<Remedy>,
+    },
+    /// A device that failed: out of memory, lost, hung.
+    #[error("{message}")]
+    Device {
+        /// Pass, resource and limit.
+        message: String,
+        /// What to do about it.
+        remedy: Option<Remedy>,
+    },
+}
+
+impl EngineError {
+    /// Returns the error of input outside of the contract.
+    pub fn invalid(message: impl Into<String>) -> Self {
+        Self::Invalid { message: message.into(), remedy: None }
+    }
+
+    /// Returns the error of a device that failed.
+    pub fn device(message: impl Into<String>) -> Self {
+        Self::Device { message: message.into(), remedy: None }
+    }
+
+    /// Returns this error with what to do about it; errors of cameras and splats have no remedy but
+    /// mending the input.
+    #[must_use]
+    pub fn with_remedy(mut self, new: Remedy) -> Self {
+        if let Self::Invalid { remedy, .. } | Self::Device { remedy, .. } = &mut self {
+            *remedy = Some(new);
+        }
+        self
+    }
+
+    /// Returns what to do about the error.
+    ///
+    /// ```
+    /// use luxel_core::{EngineError, Remedy};
+    ///
+    /// let error = EngineError::device("gpu: out of memory").with_remedy(Remedy::lower("max_splats"));
+    /// assert_eq!(error.remedy().map(Remedy::to_string).as_deref(), Some("lower max_splats"));
+    /// ```
+    pub fn remedy(&self) -> Option<&Remedy> {
+        match self {
+            Self::Invalid { remedy, .. } | Self::Device { remedy, .. } => remedy.as_ref(),
+            Self::Camera(_) | Self::Splats(_) => None,
+        }
+    }
 }
 
 /// A renderer and trainer of splats. Blocking, object-safe, coarse.
@@ -379,7 +426,7 @@ pub trait Engine: Send {
     /// # Errors
     /// As [`Engine::render`]; [`EngineError::Invalid`] from an engine that has no depth.
     fn render_layers(&mut self, _camera: &Camera, _options: &RenderOptions) -> Result<Layers, EngineError> {
-        Err(EngineError::Invalid("this engine renders no depth and alpha; use --device cpu".into()))
+        Err(EngineError::invalid("this engine renders no depth and alpha").with_remedy(Remedy::set("device", "cpu")))
     }
 
     /// What each splat gives to the image that [`Engine::render`] makes, and how much of that lies in `mask` (`[H*W]`, row-major, 0 to 1): which

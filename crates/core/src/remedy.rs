@@ -1,4 +1,4 @@
-//! What to do about an error, in a form that every front end words in its own terms.
+//! Remedies: structured advice on an error, which every front end words in its own terms.
 //!
 //! A library's error text names file, place, expected and found. It names no command-line flag: a
 //! program that links the library has none. What helps is a [`Remedy`] beside the text. It names

@@ -218,7 +218,7 @@ impl Moments {
         for part in [&self.first, &self.second] {
             part.validate()?;
             if part.len() != splats.len() || part.color_model != splats.color_model {
-                return Err(EngineError::Invalid(format!(
+                return Err(EngineError::invalid(format!(
                     "moments are of {} {} splats, the scene has {} {}",
                     part.len(),
                     part.color_model.name(),

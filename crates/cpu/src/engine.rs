@@ -8,8 +8,8 @@ use std::time::Duration;
 use fearless_simd::Level;
 use luxel_core::edit::Contributions;
 use luxel_core::{
-    Camera, DensifyPlan, DensifyStats, Engine, EngineError, Evaluations, Geometry, Image, Layers, Moments, Pass, RenderOptions, Splats,
-    StepConfig, StepReport, View,
+    Camera, DensifyPlan, DensifyStats, Engine, EngineError, Evaluations, Geometry, Image, Layers, Moments, Pass, Remedy, RenderOptions,
+    Splats, StepConfig, StepReport, View,
 };
 
 use self::state::State;
@@ -27,11 +27,10 @@ impl CpuEngine {
     /// # Errors
     /// [`EngineError::Device`] if the threads can't be started.
     pub fn new(threads: usize) -> Result<Self, EngineError> {
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
-            .thread_name(|i| format!("luxel-cpu-{i}"))
-            .build()
-            .map_err(|e| EngineError::Device(format!("cpu: cannot start {threads} threads: {e}; lower --threads")))?;
+        let pool =
+            rayon::ThreadPoolBuilder::new().num_threads(threads).thread_name(|i| format!("luxel-cpu-{i}")).build().map_err(|e| {
+                EngineError::device(format!("cpu: cannot start {threads} threads: {e}")).with_remedy(Remedy::lower("threads"))
+            })?;
         Ok(Self { pool, state: State::new() })
     }
 
@@ -57,9 +56,8 @@ impl CpuEngine {
         };
         self.state.level = level.ok_or_else(|| {
             let best = self.instruction_set();
-            EngineError::Device(format!(
-                "cpu: instruction set avx2 is not to be had, the engine runs on {best}; use the best or the baseline"
-            ))
+            EngineError::device(format!("cpu: the processor has no instruction set avx2, the engine runs on {best}"))
+                .with_remedy(Remedy::set("instruction_set", "best").or(Remedy::set("instruction_set", "baseline")))
         })?;
         Ok(())
     }
@@ -98,7 +96,7 @@ fn avx2() -> Option<Level> {
 
 fn checked_camera(camera: &Camera, options: &RenderOptions) -> Result<ScreenCamera, EngineError> {
     if !camera.distortion.is_none() {
-        return Err(EngineError::Invalid("camera: has lens distortion; undistort its image first".into()));
+        return Err(EngineError::invalid("camera: has lens distortion; undistort its image first"));
     }
     Ok(ScreenCamera::new(camera, options)?)
 }
@@ -108,24 +106,24 @@ fn checked_view(view: &View, step: &StepConfig) -> Result<ScreenCamera, EngineEr
     let camera = checked_camera(&view.camera, &step.render)?;
     let size_px = camera.shown().size_px;
     if [view.image.width, view.image.height] != size_px {
-        return Err(EngineError::Invalid(format!(
+        return Err(EngineError::invalid(format!(
             "view {}: image is {} x {}, the camera expects {} x {}",
             view.name, view.image.width, view.image.height, size_px[0], size_px[1]
         )));
     }
     let pixels = size_px[0] * size_px[1];
     if view.image.pixels.len() != pixels {
-        return Err(EngineError::Invalid(format!(
+        return Err(EngineError::invalid(format!(
             "view {}: image holds {} pixels, its size says {pixels}",
             view.name,
             view.image.pixels.len()
         )));
     }
     if let Some(found) = view.mask.as_ref().map(|mask| mask.weights.len()).filter(|found| *found != pixels) {
-        return Err(EngineError::Invalid(format!("view {}: mask holds {found} pixels, the image {pixels}", view.name)));
+        return Err(EngineError::invalid(format!("view {}: mask holds {found} pixels, the image {pixels}", view.name)));
     }
     if view.mask.as_ref().is_some_and(|mask| mask.total().is_none()) {
-        return Err(EngineError::Invalid(format!("view {}: mask: a weight is not a number from 0 to 1", view.name)));
+        return Err(EngineError::invalid(format!("view {}: mask: a weight is not a number from 0 to 1", view.name)));
     }
     Ok(camera)
 }
@@ -158,7 +156,7 @@ impl Engine for CpuEngine {
         let camera = checked_camera(camera, options)?;
         let pixels = camera.shown().size_px.iter().product::<usize>();
         if mask.len() != pixels {
-            return Err(EngineError::Invalid(format!("mask holds {} pixels, the camera's image {pixels}", mask.len())));
+            return Err(EngineError::invalid(format!("mask holds {} pixels, the camera's image {pixels}", mask.len())));
         }
         Ok(self.pool.install(|| self.state.contributions(&camera, mask)))
     }
@@ -185,7 +183,7 @@ impl Engine for CpuEngine {
     fn set_densify_stats(&mut self, stats: &DensifyStats) -> Result<(), EngineError> {
         let count = self.len();
         if [stats.gradient.len(), stats.abs_gradient.len(), stats.views.len()] != [count; 3] {
-            return Err(EngineError::Invalid(format!("statistics of {} splats, the scene has {count}", stats.views.len())));
+            return Err(EngineError::invalid(format!("statistics of {} splats, the scene has {count}", stats.views.len())));
         }
         self.pool.install(|| self.state.stats().clone_from(stats));
         Ok(())

@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::task::{Context, Poll, Waker};
 use std::time::Duration;
 
-use luxel_core::EngineError;
+use luxel_core::{EngineError, Remedy};
 
 use crate::adapter::{AdapterFacts, BUFFER_STEP, DeviceChoice, found};
 use crate::kernels::{Kernel, KernelId};
@@ -48,7 +48,7 @@ pub struct Gpu {
     kernels: Mutex<HashMap<KernelId, Arc<Kernel>>>,
     next_buffer: AtomicU64,
     /// The first error that came in, for people.
-    fault: Arc<Mutex<Option<String>>>,
+    fault: Arc<Mutex<Option<Fault>>>,
 }
 
 impl fmt::Debug for Gpu {
@@ -83,7 +83,7 @@ impl Gpu {
         } else {
             refused.join("; ")
         };
-        Err(EngineError::Device(format!("gpu: {wanted} can be used: {list}; or use --device cpu")))
+        Err(EngineError::device(format!("gpu: {wanted} can be used: {list}")).with_remedy(use_cpu()))
     }
 
     fn of(facts: AdapterFacts, adapter: &wgpu::Adapter) -> Result<Arc<Self>, EngineError> {
@@ -99,7 +99,8 @@ impl Gpu {
         let (device, queue) = ready(adapter.request_device(&descriptor)).map_err(|error| {
             let reason = error.to_string();
             let reason = reason.trim_end_matches('.');
-            EngineError::Device(format!("gpu: {}: cannot be opened: {reason}; update its driver, or use --device cpu", facts.name))
+            EngineError::device(format!("gpu: {}: cannot be opened: {reason}", facts.name))
+                .with_remedy(Remedy::advice("update its driver").or(use_cpu()))
         })?;
         let fault = Arc::new(Mutex::new(None));
         let (of_error, of_loss, name) = (Arc::clone(&fault), Arc::clone(&fault), facts.name.clone());
@@ -108,10 +109,8 @@ impl Gpu {
         }));
         device.set_device_lost_callback(move |_, message| {
             let message = if message.is_empty() { "no reason given" } else { message.as_str() };
-            *locked(&of_loss) = Some(format!(
-                "{name} was lost ({message}); the last checkpoint is intact: go on with --resume, if it happens again with another driver or \
-                 --device cpu"
-            ));
+            let message = format!("{name} was lost ({message}); the last checkpoint is intact");
+            *locked(&of_loss) = Some(Fault { message, remedy: resume_elsewhere() });
         });
         tracing::debug!(name = facts.name, driver = facts.driver, "opened GPU");
         let (next_buffer, binding_bytes) = (AtomicU64::new(0), facts.binding_bytes);
@@ -132,7 +131,7 @@ impl Gpu {
     pub(crate) fn check(&self) -> Result<(), EngineError> {
         match locked(&self.fault).as_ref() {
             None => Ok(()),
-            Some(fault) => Err(EngineError::Device(format!("gpu: {fault}"))),
+            Some(fault) => Err(EngineError::device(format!("gpu: {}", fault.message)).with_remedy(fault.remedy.clone())),
         }
     }
 
@@ -152,23 +151,17 @@ impl Gpu {
         let scope = self.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
         let raw = self.device.create_buffer(&wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false });
         if ready(scope.pop()).is_some() {
-            return Err(EngineError::Device(format!(
-                "gpu: {}: out of memory: buffer {label} needs {}; lower --max-splats or the resolution, or close other programs",
-                self.facts.name,
-                megabytes(size)
-            )));
+            let message = format!("gpu: {}: out of memory: buffer {label} needs {}", self.facts.name, megabytes(size));
+            return Err(EngineError::device(message).with_remedy(use_less_memory()));
         }
         self.check()?;
         Ok(Buffer { id: self.next_buffer.fetch_add(1, Ordering::Relaxed), raw })
     }
 
     fn too_large(&self, label: &str, size: u64) -> EngineError {
-        EngineError::Device(format!(
-            "gpu: {}: buffer {label} needs {}, the adapter allows {} a binding; lower --max-splats or the resolution, or use --device cpu",
-            self.facts.name,
-            megabytes(size),
-            megabytes(self.binding_bytes)
-        ))
+        let (needed, limit) = (megabytes(size), megabytes(self.binding_bytes));
+        let message = format!("gpu: {}: buffer {label} needs {needed}, the adapter allows {limit} a binding", self.facts.name);
+        EngineError::device(message).with_remedy(render_less().or(use_cpu()))
     }
 
     /// A storage buffer that can be copied from and to.
@@ -198,13 +191,12 @@ impl Gpu {
         self.check()?;
         match polled {
             Ok(_) => Ok(()),
-            Err(wgpu::PollError::Timeout) => Err(EngineError::Device(format!(
-                "gpu: {} has not answered for {} s and seems to hang; the last checkpoint is intact: go on with --resume, if it happens again \
-                 with another driver or --device cpu",
-                self.facts.name,
-                PATIENCE.as_secs()
-            ))),
-            Err(error) => Err(EngineError::Device(format!("gpu: {}: {error}; go on with --resume", self.facts.name))),
+            Err(wgpu::PollError::Timeout) => {
+                let (name, seconds) = (&self.facts.name, PATIENCE.as_secs());
+                let message = format!("gpu: {name} has not answered for {seconds} s and seems to hang; the last checkpoint is intact");
+                Err(EngineError::device(message).with_remedy(resume_elsewhere()))
+            }
+            Err(error) => Err(EngineError::device(format!("gpu: {}: {error}", self.facts.name)).with_remedy(resume())),
         }
     }
 
@@ -238,23 +230,55 @@ pub(crate) fn mapped(buffer: &wgpu::Buffer, gpu: &Gpu) -> Result<Vec<u8>, Engine
     let view = buffer
         .slice(..)
         .get_mapped_range()
-        .map_err(|error| EngineError::Device(format!("gpu: {}: cannot read back: {error}; go on with --resume", gpu.facts.name)))?;
+        .map_err(|error| EngineError::device(format!("gpu: {}: cannot read back: {error}", gpu.facts.name)).with_remedy(resume()))?;
     let bytes = view.to_vec();
     drop(view);
     buffer.unmap();
     Ok(bytes)
 }
 
-fn describe(error: &wgpu::Error) -> String {
+fn describe(error: &wgpu::Error) -> Fault {
     match error {
-        wgpu::Error::OutOfMemory { .. } => "out of memory; lower --max-splats or the resolution, or close other programs".into(),
+        wgpu::Error::OutOfMemory { .. } => Fault { message: "out of memory".into(), remedy: use_less_memory() },
         wgpu::Error::Validation { description, .. } => {
-            format!("the driver's interface refused a call: {}; this is a bug of luxel, --device cpu avoids it", one_line(description))
+            let message = format!("the driver's interface refused a call, which is a bug of luxel: {}", one_line(description));
+            Fault { message, remedy: use_cpu() }
         }
         wgpu::Error::Internal { description, .. } => {
-            format!("the driver failed: {}; update it, or use --device cpu", one_line(description))
+            let message = format!("the driver failed: {}", one_line(description));
+            Fault { message, remedy: Remedy::advice("update the driver").or(use_cpu()) }
         }
     }
+}
+
+/// A failure of the device, reported by a callback and kept until somebody asks.
+#[derive(Debug)]
+struct Fault {
+    message: String,
+    remedy: Remedy,
+}
+
+/// Returns the remedy of computing without the GPU.
+pub(crate) fn use_cpu() -> Remedy {
+    Remedy::set("device", "cpu")
+}
+
+/// Returns the remedy of continuing from the last checkpoint.
+pub(crate) fn resume() -> Remedy {
+    Remedy::set("resume", "true")
+}
+
+/// Returns the remedy of fewer splats or pixels.
+pub(crate) fn render_less() -> Remedy {
+    Remedy::lower("max_splats").or(Remedy::advice("lower the resolution"))
+}
+
+fn use_less_memory() -> Remedy {
+    render_less().or(Remedy::advice("close other programs"))
+}
+
+fn resume_elsewhere() -> Remedy {
+    resume().or(Remedy::advice("if it happens again, update the driver")).or(use_cpu())
 }
 
 fn one_line(text: &str) -> String {

@@ -9,11 +9,13 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Duration;
 
-use luxel_core::{Camera, ColorModel, EngineError, Pass, RenderOptions, Splats, StatsCollection, StepConfig, StepReport, ToneCurve, View};
+use luxel_core::{
+    Camera, ColorModel, EngineError, Pass, Remedy, RenderOptions, Splats, StatsCollection, StepConfig, StepReport, ToneCurve, View,
+};
 
 use crate::adapter::usable_binding;
 use crate::commands::{Commands, Timer};
-use crate::device::{Buffer, Gpu};
+use crate::device::{Buffer, Gpu, render_less, resume, use_cpu};
 use crate::frame::{Frame, Sizes, expected_entries, most_entries};
 use crate::layout::{HALT_NONE, HALT_NOT_FINITE, HALT_OVERFLOW, Rows, State};
 use crate::pending::{Pending, Report, Slots};
@@ -148,9 +150,8 @@ impl GpuEngine {
         self.settle_all()?;
         match self.diverged {
             None => Ok(()),
-            Some(step) => Err(EngineError::Invalid(format!(
-                "the loss of step {step} is not finite; lower the learning rates, or go on from the last checkpoint with --resume"
-            ))),
+            Some(step) => Err(EngineError::invalid(format!("the loss of step {step} is not finite"))
+                .with_remedy(Remedy::advice("lower the learning rates").or(resume()))),
         }
     }
 
@@ -208,12 +209,9 @@ impl GpuEngine {
         let most = self.most_entries(sizes);
         let needed = u64::from(state.needed);
         if needed > most {
-            return Err(EngineError::Device(format!(
-                "gpu: {}: {needed} pairs of splats and tiles in one view, bindings of {} MiB hold {most}; lower --max-splats or the \
-                 resolution, or use --device cpu",
-                self.gpu.facts().name,
-                self.binding_bytes >> 20
-            )));
+            let (name, limit) = (&self.gpu.facts().name, self.binding_bytes >> 20);
+            let message = format!("gpu: {name}: {needed} pairs of splats and tiles in one view, bindings of {limit} MiB hold {most}");
+            return Err(EngineError::device(message).with_remedy(render_less().or(use_cpu())));
         }
         // A quarter more, so that a growing scene does not overflow at every step.
         let entries = (needed + needed / 4).min(most);
@@ -380,22 +378,22 @@ fn check_view(view: &View) -> Result<(), EngineError> {
     let [width, height] = view.camera.size_px.map(|side| side as usize);
     let (image, name) = (&view.image, &view.name);
     if [image.width, image.height] != [width, height] {
-        return Err(EngineError::Invalid(format!(
+        return Err(EngineError::invalid(format!(
             "view {name}: image is {} x {}, the camera expects {width} x {height}",
             image.width, image.height
         )));
     }
     let pixels = width * height;
     if image.pixels.len() != pixels {
-        return Err(EngineError::Invalid(format!("view {name}: image holds {} pixels, its size says {pixels}", image.pixels.len())));
+        return Err(EngineError::invalid(format!("view {name}: image holds {} pixels, its size says {pixels}", image.pixels.len())));
     }
     let Some(mask) = &view.mask else { return Ok(()) };
     if mask.weights.len() != pixels {
         let found = mask.weights.len();
-        return Err(EngineError::Invalid(format!("view {name}: mask holds {found} pixels, the image {pixels}")));
+        return Err(EngineError::invalid(format!("view {name}: mask holds {found} pixels, the image {pixels}")));
     }
     match mask.total() {
-        None => Err(EngineError::Invalid(format!("view {name}: mask: a weight is not a number from 0 to 1"))),
+        None => Err(EngineError::invalid(format!("view {name}: mask: a weight is not a number from 0 to 1"))),
         Some(_) => Ok(()),
     }
 }
@@ -405,8 +403,8 @@ fn mu_of(step: &StepConfig) -> Result<f32, EngineError> {
     match step.loss.curve {
         ToneCurve::MuLaw { mu } => Ok(mu),
         ToneCurve::Response(_) => {
-            let what = "gpu: pass loss: learning a camera's response from recordings is not in this engine";
-            Err(EngineError::Invalid(format!("{what}; use --device cpu")))
+            let message = "gpu: pass loss: this engine cannot learn a camera's response from captured LDR images";
+            Err(EngineError::invalid(message).with_remedy(use_cpu()))
         }
     }
 }

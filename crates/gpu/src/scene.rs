@@ -3,7 +3,7 @@
 //! A shard is a run of splats whose parameters fit into one binding, `[rows, stride]` with the rows of [`Rows`]: neighbouring threads read
 //! neighbouring numbers. On adapters that bind gigabytes there is one; where a binding ends at 128 MiB, one per half a million splats.
 
-use luxel_core::{ColorModel, DensifyStats, EngineError, Geometry, Moments, Splats};
+use luxel_core::{ColorModel, DensifyStats, EngineError, Geometry, Moments, Remedy, Splats};
 
 use crate::device::{Buffer, Gpu};
 use crate::layout::{Rows, STATS_ROWS, ShardUniform};
@@ -44,7 +44,8 @@ impl Scene {
     /// Room for `count` splats in shards of at most `shard_len`, everything zero.
     pub(crate) fn zeros(gpu: &Gpu, rows: Rows, count: usize, shard_len: usize) -> Result<Self, EngineError> {
         if count >= 1 << 31 {
-            return Err(EngineError::Invalid(format!("gpu: {count} splats, at most {} are supported; lower --max-splats", 1u32 << 31)));
+            return Err(EngineError::invalid(format!("gpu: {count} splats, at most {} are supported", 1u32 << 31))
+                .with_remedy(Remedy::lower("max_splats")));
         }
         let mut shards = Vec::new();
         for base in (0..count).step_by(shard_len) {

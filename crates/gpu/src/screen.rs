@@ -27,7 +27,7 @@ pub(crate) fn tiles(size_px: [u32; 2]) -> [u32; 2] {
 /// Checks a camera.
 pub(crate) fn check(camera: &Camera) -> Result<(), EngineError> {
     if !camera.distortion.is_none() {
-        return Err(EngineError::Invalid("camera: has lens distortion; undistort its image first".into()));
+        return Err(EngineError::invalid("camera: has lens distortion; undistort its image first"));
     }
     Ok(camera.validate()?)
 }

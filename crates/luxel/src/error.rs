@@ -68,7 +68,7 @@ impl Error {
     /// assert_eq!(error.context("cannot export").remedy(), Some(&Remedy::advice("give another name")));
     /// ```
     pub fn remedy(&self) -> Option<&Remedy> {
-        self.chain().find_map(|error| error.downcast_ref::<Self>()?.content.remedy.as_ref())
+        self.chain().find_map(remedy_of)
     }
 
     /// Returns the error itself and its causes, outermost first.
@@ -95,6 +95,26 @@ impl Error {
     pub(crate) fn wrap(error: impl Into<Boxed>) -> Self {
         Self::with(Kind::Other(error.into()))
     }
+}
+
+/// Returns the remedy that one error of a chain carries, be it of this crate or of a library below.
+///
+/// ```
+/// use luxel::{Remedy, remedy_of};
+///
+/// let error = luxel_core::EngineError::device("gpu: out of memory").with_remedy(Remedy::lower("max_splats"));
+/// assert_eq!(remedy_of(&error), Some(&Remedy::lower("max_splats")));
+/// ```
+pub fn remedy_of<'a>(error: &'a (dyn StdError + 'static)) -> Option<&'a Remedy> {
+    if let Some(Error { content }) = error.downcast_ref() {
+        let below = match &content.kind {
+            Kind::Other(below) => remedy_of(&**below),
+            Kind::Message { .. } => None,
+        };
+        return content.remedy.as_ref().or(below);
+    }
+    let engine = error.downcast_ref::<luxel_core::EngineError>().and_then(luxel_core::EngineError::remedy);
+    engine.or_else(|| error.downcast_ref::<luxel_train::TrainError>()?.remedy())
 }
 
 impl fmt::Display for Error {

@@ -73,7 +73,7 @@ mod training;
 
 pub use dataset::{Dataset, bad_pixel_lines};
 pub use device::{Device, DeviceOptions, SelectedEngine};
-pub use error::{Error, Result};
+pub use error::{Error, Result, remedy_of};
 pub use events::{Event, Listening, Observer, Silent, StopFlag};
 pub use export::{Bake, ExportOptions};
 pub use luxel_core::tone::Tonemap;

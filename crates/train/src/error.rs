@@ -1,6 +1,6 @@
 //! What can go wrong between a data set and a trained scene.
 
-use luxel_core::{EngineError, SplatsError};
+use luxel_core::{EngineError, Remedy, SplatsError};
 
 /// Why training cannot start or go on.
 #[derive(Debug, thiserror::Error)]
@@ -146,6 +146,14 @@ pub enum TrainError {
 }
 
 impl TrainError {
+    /// Returns what to do about the error.
+    pub fn remedy(&self) -> Option<&Remedy> {
+        match self {
+            Self::Engine(error) => error.remedy(),
+            _ => None,
+        }
+    }
+
     pub(crate) fn config(option: &'static str, reason: impl Into<String>) -> Self {
         Self::Config { option, reason: reason.into() }
     }

@@ -14,11 +14,11 @@ use crate::store::{Layout, Store, blocks};
 pub(crate) fn check(plan: &DensifyPlan, count: usize) -> Result<(), EngineError> {
     if let Some((row, found)) = plan.rows.iter().enumerate().find(|(_, r)| r.source as usize >= count) {
         let source = found.source;
-        return Err(EngineError::Invalid(format!("densify plan: row {row} names splat {source}, the scene has {count}")));
+        return Err(EngineError::invalid(format!("densify plan: row {row} names splat {source}, the scene has {count}")));
     }
     match &plan.smoothing {
         Some(smoothing) if smoothing.len() != plan.rows.len() => {
-            Err(EngineError::Invalid(format!("densify plan: {} smoothing values for {} rows", smoothing.len(), plan.rows.len())))
+            Err(EngineError::invalid(format!("densify plan: {} smoothing values for {} rows", smoothing.len(), plan.rows.len())))
         }
         _ => Ok(()),
     }

@@ -180,5 +180,5 @@ fn weights_that_are_none_are_refused() {
     let mut engine = CpuEngine::new(1).unwrap();
     engine.load(&case.splats, None).unwrap();
     let error = engine.gradients(&case.view, &fixture::step(1, case.options)).unwrap_err();
-    assert!(matches!(&error, EngineError::Invalid(text) if text.contains("weight")), "{error}");
+    assert!(matches!(&error, EngineError::Invalid { message: text, .. } if text.contains("weight")), "{error}");
 }

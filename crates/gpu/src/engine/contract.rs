@@ -10,6 +10,7 @@ use luxel_core::{
 
 use super::{GpuEngine, Work, check_view};
 use crate::densify;
+use crate::device::resume;
 use crate::pending::LAG;
 use crate::scene::Scene;
 use crate::screen::{check, of_samples};
@@ -55,7 +56,7 @@ impl Engine for GpuEngine {
         check(camera)?;
         let pixels = camera.size_px[0] as usize * camera.size_px[1] as usize;
         if mask.len() != pixels {
-            return Err(EngineError::Invalid(format!("mask holds {} pixels, the camera's image {pixels}", mask.len())));
+            return Err(EngineError::invalid(format!("mask holds {} pixels, the camera's image {pixels}", mask.len())));
         }
         self.settled()?;
         let bytes = 16 * self.scene.count as u64;
@@ -81,7 +82,7 @@ impl Engine for GpuEngine {
         while self.latest.is_none() && !self.pending.is_empty() {
             self.settle()?;
         }
-        self.latest.ok_or_else(|| EngineError::Device("gpu: a step left no report; go on with --resume".into()))
+        self.latest.ok_or_else(|| EngineError::device("gpu: a step left no report").with_remedy(resume()))
     }
 
     fn finish(&mut self) -> Result<(), EngineError> {
@@ -97,7 +98,7 @@ impl Engine for GpuEngine {
         self.settle_all()?;
         let count = self.scene.count;
         if [stats.gradient.len(), stats.abs_gradient.len(), stats.views.len()] != [count; 3] {
-            return Err(EngineError::Invalid(format!("statistics of {} splats, the scene has {count}", stats.views.len())));
+            return Err(EngineError::invalid(format!("statistics of {} splats, the scene has {count}", stats.views.len())));
         }
         self.scene.set_stats(&self.gpu, stats)
     }
