@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
 """Makes captures as a photographer would bring them from a data set of radiance, for docs/src/notebook/captured-images.md.
 
-    scripts/make_captures.py brackets data/desk-lamp-200 brackets      # recordings of 5 exposures a view, for --supervision ldr
-    scripts/make_captures.py drift data/desk-lamp-200 drift --ev 0.3 --balance-ev 0.15
-    scripts/make_captures.py stranger data/desk-lamp-200 stranger      # an object before some of the views, with masks/
-    scripts/make_captures.py noise data/desk-lamp-200 noise --white 2 --electrons 200
-    scripts/make_captures.py radiance data/desk-lamp-200 radiance      # the images as they are, in the same layout
+    scripts/make_captures.py brackets crates/cli/data/desk-lamp-200 brackets      # recordings of 5 exposures a view, for --supervision ldr
+    scripts/make_captures.py drift crates/cli/data/desk-lamp-200 drift --ev 0.3 --balance-ev 0.15
+    scripts/make_captures.py stranger crates/cli/data/desk-lamp-200 stranger      # an object before some of the views, with masks/
+    scripts/make_captures.py noise crates/cli/data/desk-lamp-200 noise --white 2 --electrons 200
+    scripts/make_captures.py radiance crates/cli/data/desk-lamp-200 radiance      # the images as they are, in the same layout
 
 Faults go into the training images; the test images stay true. Every folder has a transforms.json, a split.json and the points as points.ply, so that
 trainings differ in the images alone. Needs numpy, OpenEXR and Pillow.

@@ -29,3 +29,8 @@ pub use frame::{Cell, Frame, FrameError, Layout, Noise, Samples, Transfer};
 pub use merge::{Developed, Merged, merge};
 pub use proxy::{Proxy, ProxyOptions, proxy};
 pub use response::{Response, ResponseError, recover_response};
+
+/// The example of the crate's README, compiled as a doc test.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct CrateReadmeExample;

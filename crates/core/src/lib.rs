@@ -46,3 +46,8 @@ pub use response::{Knots, RESPONSE_KNOTS, Response, ToneCurve};
 pub use scene::{Scene, Snapshot};
 pub use similarity::{BandRotation, Similarity};
 pub use splats::{Moments, Splat, Splats, SplatsError, logit, sigmoid};
+
+/// The example of the crate's README, compiled as a doc test.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct CrateReadmeExample;

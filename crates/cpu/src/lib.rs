@@ -9,3 +9,8 @@ mod store;
 mod view;
 
 pub use engine::{CpuEngine, InstructionSet};
+
+/// The example of the crate's README, compiled as a doc test.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct CrateReadmeExample;

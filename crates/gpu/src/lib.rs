@@ -25,3 +25,8 @@ pub use device::Gpu;
 pub use engine::{GpuEngine, Traffic};
 pub use inspect::ForwardPasses;
 pub use layout::Footprint;
+
+/// The example of the crate's README, compiled as a doc test.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct CrateReadmeExample;

@@ -55,3 +55,8 @@ pub use scene_file::{SceneFormat, read_scene};
 pub use spz::{SpzVersion, decode_spz, encode_spz, read_spz, spz_out_of_range, write_spz};
 pub use tensors::{Tensors, decode_tensors, read_tensors};
 pub use usd::{decode_usda, encode_usda, read_usda, write_usda};
+
+/// The example of the crate's README, compiled as a doc test.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct CrateReadmeExample;

@@ -19,7 +19,7 @@ use crate::interrupt;
 use crate::output::console::Console;
 
 /// 35 half-float EXR images of 200x200, poses, points, licences: 3.6 MB.
-static DATASET: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/../../data/desk-lamp-200");
+static DATASET: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/data/desk-lamp-200");
 
 /// Folder within the results that the data set is unpacked to.
 const DATASET_FOLDER: &str = "dataset";
