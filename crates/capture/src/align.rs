@@ -1,23 +1,23 @@
 //! By how much two exposures of one view are shifted against each other: a hint, nothing is moved.
 //!
-//! In: two frames of one size. Out: [`Offset`] in pixels of the frames. Median threshold bitmaps (Ward 2003) of the green channel at half
+//! In: two frames of one size. Out: [`FrameOffset`] in pixels of the frames. Median threshold bitmaps (Ward 2003) of the green channel at half
 //! resolution: the median is the same place of the scene at every exposure. A pyramid finds the shift coarse to fine. Pixels near the median
 //! are left out as noise. Where too few are left (a flat or saturated frame) there is no answer.
 
 use serde::{Deserialize, Serialize};
 
-use crate::Frame;
+use crate::CapturedFrame;
 
 /// Shift of a frame against another.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Offset {
+pub struct FrameOffset {
     /// Pixels to the right.
     pub x_px: i32,
     /// Pixels down.
     pub y_px: i32,
 }
 
-impl Offset {
+impl FrameOffset {
     /// Pixels.
     pub fn length_px(&self) -> f64 {
         f64::from(self.x_px).hypot(f64::from(self.y_px))
@@ -32,7 +32,7 @@ const COARSEST_SIDE: usize = 24;
 const ENOUGH: f64 = 0.2;
 
 /// The shift that best lays `frame` on `reference`; `None` where they cannot be compared.
-pub fn frame_offset(reference: &Frame, frame: &Frame) -> Option<Offset> {
+pub fn frame_offset(reference: &CapturedFrame, frame: &CapturedFrame) -> Option<FrameOffset> {
     if (reference.width, reference.height) != (frame.width, frame.height) {
         return None;
     }
@@ -61,7 +61,7 @@ pub fn frame_offset(reference: &Frame, frame: &Frame) -> Option<Offset> {
         }
         best = found.1;
     }
-    Some(Offset { x_px: best.0 * scale, y_px: best.1 * scale })
+    Some(FrameOffset { x_px: best.0 * scale, y_px: best.1 * scale })
 }
 
 struct Level {
@@ -71,7 +71,7 @@ struct Level {
 }
 
 impl Level {
-    fn of(frame: &Frame) -> Self {
+    fn of(frame: &CapturedFrame) -> Self {
         let (width, height, signal) = frame.half_green();
         Self { width, height, signal }
     }
@@ -138,7 +138,7 @@ mod tests {
     use crate::testing::linear_frame;
 
     /// Blobs at 256 x 192, moved and exposed.
-    fn frame(shift: [f32; 2], exposure: f32) -> Frame {
+    fn frame(shift: [f32; 2], exposure: f32) -> CapturedFrame {
         let signals: Vec<f32> = (0..256 * 192)
             .flat_map(|i| {
                 let (x, y) = ((i % 256) as f32 - shift[0], (i / 256) as f32 - shift[1]);

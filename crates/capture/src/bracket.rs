@@ -84,7 +84,7 @@ pub enum BracketNote {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum BracketError {
     /// Not a multiple.
-    #[error("{shots} photographs are no brackets of {count}: expected a multiple; say --brackets auto or leave the odd ones out")]
+    #[error("{shots} photographs are not brackets of {count}: expected a multiple")]
     Count {
         /// Photographs.
         shots: usize,

@@ -1,51 +1,12 @@
 //! A frame as decoded: samples, the table that makes signals of them, noise.
 //!
 //! Signals are linear, 0 at black and 1 where the sensor or the file saturates; noise may bring them below 0. Samples are `[H*W*C]`, row-major,
-//! C = 3 for [`Layout::Rgb`] and 1 for [`Layout::Mosaic`]. A sample's phase says which table is its own: the channel, or the place in the
+//! C = 3 for [`SampleLayout::Rgb`] and 1 for [`SampleLayout::Mosaic`]. A sample's phase says which table is its own: the channel, or the place in the
 //! mosaic's 2x2 cell.
 
 use std::sync::Arc;
 
-/// Samples as files have them.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Samples {
-    /// Up to 8 bits.
-    U8(Vec<u8>),
-    /// Up to 16 bits.
-    U16(Vec<u16>),
-}
-
-impl Samples {
-    /// Number of samples.
-    pub fn len(&self) -> usize {
-        match self {
-            Self::U8(v) => v.len(),
-            Self::U16(v) => v.len(),
-        }
-    }
-
-    /// Whether there are none.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-
-    /// Code of sample `i`; 0 out of range.
-    #[inline]
-    pub fn code(&self, i: usize) -> usize {
-        match self {
-            Self::U8(v) => v.get(i).map_or(0, |&c| usize::from(c)),
-            Self::U16(v) => v.get(i).map_or(0, |&c| usize::from(c)),
-        }
-    }
-
-    /// Codes that a sample may have.
-    pub fn codes(&self) -> usize {
-        match self {
-            Self::U8(_) => 1 << 8,
-            Self::U16(_) => 1 << 16,
-        }
-    }
-}
+use luxel_core::photo::Codes;
 
 /// Colours of the 2x2 cell of a mosaic, row by row: 0 red, 1 green, 2 blue.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -66,14 +27,14 @@ impl Cell {
 
 /// What a sample is of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Layout {
+pub enum SampleLayout {
     /// Three samples a pixel.
     Rgb,
     /// One sample a pixel.
     Mosaic(Cell),
 }
 
-impl Layout {
+impl SampleLayout {
     /// Samples of a pixel.
     pub fn samples_per_pixel(self) -> usize {
         match self {
@@ -93,7 +54,7 @@ impl Layout {
 
 /// Signal by code.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Transfer {
+pub struct CodeTransfer {
     /// Signal, rising, one per code.
     signal: Vec<f32>,
     /// Variance that comes of rounding to a code.
@@ -104,7 +65,7 @@ pub struct Transfer {
     dark_code: usize,
 }
 
-impl Transfer {
+impl CodeTransfer {
     /// `signal` by code (rising). From `clip_code` on a sample is saturated, up to `dark_code` it is black; `code_sigma` is the uncertainty of
     /// a code in codes, 0.29 (1/sqrt(12)) where it is rounded and nothing else.
     pub fn new(signal: Vec<f32>, dark_code: usize, clip_code: usize, code_sigma: f32) -> Self {
@@ -149,14 +110,14 @@ impl Transfer {
 
 /// Variance of a signal s: shot * s + read^2.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Noise {
+pub struct SignalNoise {
     /// Variance per signal: photons.
     pub shot: f32,
     /// Standard deviation without light.
     pub read: f32,
 }
 
-impl Noise {
+impl SignalNoise {
     /// Of a middling sensor at this ISO speed: 20,000 electrons at saturation and 4 of read noise at ISO 100. Only the ratio of the two
     /// weighs in merging.
     pub fn typical(iso: f64) -> Self {
@@ -173,21 +134,21 @@ impl Noise {
 
 /// One photograph.
 #[derive(Clone, Debug)]
-pub struct Frame {
+pub struct CapturedFrame {
     /// Pixels.
     pub width: usize,
     /// Pixels.
     pub height: usize,
     /// What a sample is of.
-    pub layout: Layout,
+    pub layout: SampleLayout,
     /// `[H*W*C]`.
-    pub samples: Samples,
-    /// One per phase, see [`Layout::phases`].
-    pub transfers: Arc<[Transfer]>,
+    pub samples: Codes,
+    /// One per phase, see [`SampleLayout::phases`].
+    pub transfers: Arc<[CodeTransfer]>,
     /// Signal of a radiance of 1, above 0.
     pub signal_per_radiance: f32,
     /// Noise of the signal.
-    pub noise: Noise,
+    pub noise: SignalNoise,
 }
 
 /// A frame that is none, or does not go with the others.
@@ -216,7 +177,7 @@ pub enum FrameError {
     Mixed(usize, usize, usize, usize),
 }
 
-impl Frame {
+impl CapturedFrame {
     /// Checks a frame by itself.
     ///
     /// # Errors
@@ -236,8 +197,8 @@ impl Frame {
     #[inline]
     pub(crate) fn phase(&self, i: usize, y: usize) -> usize {
         match self.layout {
-            Layout::Rgb => i % 3,
-            Layout::Mosaic(_) => (y % 2) * 2 + (i - y * self.width) % 2,
+            SampleLayout::Rgb => i % 3,
+            SampleLayout::Mosaic(_) => (y % 2) * 2 + (i - y * self.width) % 2,
         }
     }
 
@@ -253,9 +214,9 @@ impl Frame {
                 for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
                     let (px, py) = (2 * x + dx, 2 * y + dy);
                     let channel = match self.layout {
-                        Layout::Rgb => 1,
-                        Layout::Mosaic(cell) if cell.color(px, py) == 1 => 0,
-                        Layout::Mosaic(_) => continue,
+                        SampleLayout::Rgb => 1,
+                        SampleLayout::Mosaic(cell) if cell.color(px, py) == 1 => 0,
+                        SampleLayout::Mosaic(_) => continue,
                     };
                     let i = (py * self.width + px) * phases + channel;
                     if let Some(transfer) = self.transfers.get(self.phase(i, py)) {
@@ -282,17 +243,17 @@ mod tests {
 
     #[test]
     fn codes_out_of_the_table_are_saturated_and_no_panic() {
-        let transfer = Transfer::new(vec![0.0, 0.5, 1.0], 0, 2, 0.29);
+        let transfer = CodeTransfer::new(vec![0.0, 0.5, 1.0], 0, 2, 0.29);
         assert_eq!(transfer.signal(70_000), 1.0);
         assert!(transfer.is_clipped(70_000) && transfer.is_dark(0) && !transfer.is_dark(1));
-        assert_eq!(Transfer::new(Vec::new(), 0, 1, 0.29).clip_signal(), 1.0);
+        assert_eq!(CodeTransfer::new(Vec::new(), 0, 1, 0.29).clip_signal(), 1.0);
     }
 
     #[test]
     fn a_frame_that_contradicts_itself_is_refused() {
         let good = crate::testing::linear_frame(2, 2, &[0.1; 12], 1.0);
         assert_eq!(good.validate(), Ok(()));
-        assert!(Frame { width: 3, ..good.clone() }.validate().is_err());
-        assert!(Frame { signal_per_radiance: 0.0, ..good }.validate().is_err());
+        assert!(CapturedFrame { width: 3, ..good.clone() }.validate().is_err());
+        assert!(CapturedFrame { signal_per_radiance: 0.0, ..good }.validate().is_err());
     }
 }

@@ -13,22 +13,24 @@ mod exposure_list;
 mod figures;
 mod frame;
 mod merge;
+pub mod prepare;
 mod proxy;
 mod response;
 #[cfg(test)]
 mod testing;
 
-pub use align::{Offset, frame_offset};
+pub use align::{FrameOffset, frame_offset};
 pub use bracket::{BracketError, BracketNote, BracketRule, Brackets, Shot, find_brackets};
 pub use camera_color::{CameraColor, CameraColorError, median_neutral};
 pub use demosaic::demosaic;
 pub use exposure::Exposure;
 pub use exposure_list::{ExposureListError, parse_exposure_list};
 pub use figures::{Figures, figures, sharpness};
-pub use frame::{Cell, Frame, FrameError, Layout, Noise, Samples, Transfer};
+pub use frame::{CapturedFrame, Cell, CodeTransfer, FrameError, SampleLayout, SignalNoise};
+pub use luxel_core::photo::Codes;
 pub use merge::{Developed, Merged, merge};
 pub use proxy::{Proxy, ProxyOptions, proxy};
-pub use response::{Response, ResponseError, recover_response};
+pub use response::{ResponseCurve, ResponseError, recover_response};
 
 /// The example of the crate's README, compiled as a doc test.
 #[cfg(doctest)]

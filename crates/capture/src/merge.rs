@@ -1,6 +1,6 @@
 //! One or more frames of one view to radiance, each sample weighted by how little noise it has.
 //!
-//! In: [`Frame`]s of one size and layout with their exposures and noise. Out: [`Merged`], radiance `[H*W*C]` in camera colours. The estimate is
+//! In: [`CapturedFrame`]s of one size and layout with their exposures and noise. Out: [`Merged`], radiance `[H*W*C]` in camera colours. The estimate is
 //! the maximum-likelihood one of a normal noise whose variance is that of the expected signal and not of the noisy sample (Hasinoff et al.
 //! 2010, Aguerrebere et al. 2014): a first estimate weights by exposure squared, a second by exposure squared over variance. A mosaic is merged
 //! as it is, so that noise is known, and made to an image afterwards.
@@ -14,7 +14,7 @@ use glam::{DMat3, DVec3};
 use luxel_core::Image;
 use rayon::prelude::*;
 
-use crate::{Frame, FrameError, Layout, demosaic};
+use crate::{CapturedFrame, FrameError, SampleLayout, demosaic};
 
 /// Share of the saturation signal from which on a sample's weight fades.
 const FADE_FROM: f32 = 0.85;
@@ -35,7 +35,7 @@ pub struct Merged {
     /// Pixels.
     pub height: usize,
     /// What a sample is of.
-    pub layout: Layout,
+    pub layout: SampleLayout,
     /// `[H*W*C]`; noise may bring it below 0.
     pub radiance: Vec<f32>,
     /// Saturated in every frame, so that radiance is a lower bound. `[H*W*C]`.
@@ -57,7 +57,7 @@ struct Row {
 ///
 /// # Errors
 /// There are none, one contradicts itself, or they differ in size or layout.
-pub fn merge(frames: &[Frame]) -> Result<Merged, FrameError> {
+pub fn merge(frames: &[CapturedFrame]) -> Result<Merged, FrameError> {
     let first = frames.first().ok_or(FrameError::None)?;
     for frame in frames {
         frame.validate()?;
@@ -98,7 +98,7 @@ struct Word {
     clip: f32,
 }
 
-fn merge_row(frames: &[Frame], y: usize, start: usize, radiance: &mut [f32], saturated: &mut [bool]) -> Row {
+fn merge_row(frames: &[CapturedFrame], y: usize, start: usize, radiance: &mut [f32], saturated: &mut [bool]) -> Row {
     let mut row = Row::default();
     let mut words = Vec::with_capacity(frames.len());
     for (x, (radiance, saturated)) in radiance.iter_mut().zip(saturated).enumerate() {
@@ -137,7 +137,7 @@ fn silence_saturated(words: &mut [Word]) -> bool {
 }
 
 /// Radiance, and whether it is a lower bound.
-fn estimate(words: &[Word], frames: &[Frame]) -> (f32, bool) {
+fn estimate(words: &[Word], frames: &[CapturedFrame]) -> (f32, bool) {
     let (mut sum, mut weights) = (0.0f32, 0.0f32);
     for word in words {
         sum += word.trust * word.exposure * word.signal;
@@ -163,7 +163,7 @@ fn estimate(words: &[Word], frames: &[Frame]) -> (f32, bool) {
 }
 
 /// Whether a frame that should know better says something else.
-fn disagrees(words: &[Word], frames: &[Frame], radiance: f32) -> bool {
+fn disagrees(words: &[Word], frames: &[CapturedFrame], radiance: f32) -> bool {
     words.len() > 1
         && words.iter().zip(frames).any(|(word, frame)| {
             let expected = radiance * word.exposure;
@@ -191,11 +191,11 @@ impl Merged {
     pub fn develop(self, balance: [f32; 3], scene_from_balanced: &DMat3) -> Developed {
         let (width, height) = (self.width, self.height);
         let (mut pixels, marks) = match self.layout {
-            Layout::Rgb => {
+            SampleLayout::Rgb => {
                 let marks: Vec<u8> = self.saturated.chunks_exact(3).map(|s| (0..3).map(|c| u8::from(s[c]) << c).sum()).collect();
                 (self.radiance.chunks_exact(3).map(|p| [p[0], p[1], p[2]]).collect(), marks)
             }
-            Layout::Mosaic(cell) => {
+            SampleLayout::Mosaic(cell) => {
                 let marks = (0..width * height).into_par_iter().map(|i| self.saturated_around(cell, i)).collect();
                 (demosaic(width, height, cell, &self.radiance), marks)
             }
@@ -240,12 +240,12 @@ mod tests {
 
     use super::*;
     use crate::testing::linear_frame;
-    use crate::{Cell, Noise, Samples};
+    use crate::{Cell, Codes, SignalNoise};
 
     /// A bracket of a ramp over decades, with photon and read noise.
-    fn bracket(radiance: &[f32], exposures: &[f32], seed: u64) -> Vec<Frame> {
+    fn bracket(radiance: &[f32], exposures: &[f32], seed: u64) -> Vec<CapturedFrame> {
         let mut rng = rand_pcg::Pcg64::seed_from_u64(seed);
-        let noise = Noise::typical(100.0);
+        let noise = SignalNoise::typical(100.0);
         let frame = |exposure: &f32| {
             let signals: Vec<f32> = radiance
                 .iter()
@@ -321,7 +321,7 @@ mod tests {
     #[test]
     fn something_that_moved_is_noticed() {
         let mut frames = bracket(&vec![0.1; 3000], &[1.0, 4.0], 3);
-        if let Samples::U16(codes) = &mut frames[1].samples {
+        if let Codes::U16(codes) = &mut frames[1].samples {
             codes[..300].fill(1000);
         }
         let merged = merge(&frames).unwrap();
@@ -335,6 +335,6 @@ mod tests {
         assert_eq!(merge(&[a.clone(), b]).unwrap_err(), FrameError::Mixed(1, 2, 2, 1));
         assert_eq!(merge(&[]).unwrap_err(), FrameError::None);
         let cell = Cell::bayer([0, 1, 1, 2]).unwrap();
-        assert!(merge(&[Frame { layout: Layout::Mosaic(cell), ..a }]).is_err());
+        assert!(merge(&[CapturedFrame { layout: SampleLayout::Mosaic(cell), ..a }]).is_err());
     }
 }

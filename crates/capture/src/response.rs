@@ -1,6 +1,6 @@
 //! Response curves: what a camera's developer made of light, undone.
 //!
-//! [`Response`] is a curve from code (0 to 1) to signal (1 at the largest code). [`recover_response`] finds it from brackets (Debevec and Malik
+//! [`ResponseCurve`] is a curve from code (0 to 1) to signal (1 at the largest code). [`recover_response`] finds it from brackets (Debevec and Malik
 //! 1997): codes z of pixel i in frame j with exposure t give g(z) = ln E_i + ln t_j, solved for g at 256 codes and all E in least squares with
 //! hat weights and a smooth g. The E are eliminated one by one, which leaves 256 unknowns. The curve is per channel; each is fixed by the
 //! code in the middle, so that a neutral there stays neutral. What moved between two exposures contradicts the rest: where there is such a thing, the fit is repeated
@@ -9,7 +9,7 @@
 //!
 //! Degenerate: fewer than two exposures, or codes that cover too little of the range, have no curve.
 
-use crate::{Frame, Layout, Transfer};
+use crate::{CapturedFrame, CodeTransfer, SampleLayout};
 
 /// Codes a recovered curve has.
 const CODES: usize = 256;
@@ -42,7 +42,7 @@ const CODE_SIGMA: f32 = 0.8;
 
 /// From code to signal.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Response {
+pub enum ResponseCurve {
     /// Codes are proportional to light.
     Linear,
     /// IEC 61966-2-1.
@@ -70,16 +70,16 @@ pub enum ResponseError {
     Contradiction(usize),
 }
 
-impl Response {
+impl ResponseCurve {
     /// Tables of an RGB frame whose samples have this many codes.
-    pub fn transfers(&self, codes: usize) -> Vec<Transfer> {
+    pub fn transfers(&self, codes: usize) -> Vec<CodeTransfer> {
         let last = codes.saturating_sub(1).max(1);
         let scale = last as f32 / 255.0;
         // Codes of more than 8 bits are rounded finer than a developer's curve is known.
         let sigma = CODE_SIGMA * scale.sqrt();
         let clip = (CLIP_CODE as f32 * scale) as usize;
         let of = |channel: usize| (0..codes).map(|code| self.signal(channel, code as f32 / last as f32)).collect();
-        (0..3).map(|channel| Transfer::new(of(channel), DARK_CODE, clip, sigma)).collect()
+        (0..3).map(|channel| CodeTransfer::new(of(channel), DARK_CODE, clip, sigma)).collect()
     }
 
     /// Signal of a code in 0 to 1.
@@ -101,15 +101,15 @@ impl Response {
 ///
 /// # Errors
 /// See [`ResponseError`].
-pub fn recover_response(brackets: &[Vec<Frame>]) -> Result<Response, ResponseError> {
-    let spread = |frames: &[Frame]| {
+pub fn recover_response(brackets: &[Vec<CapturedFrame>]) -> Result<ResponseCurve, ResponseError> {
+    let spread = |frames: &[CapturedFrame]| {
         let stops = frames.iter().map(|f| f.signal_per_radiance.log2());
         stops.clone().fold(f32::MIN, f32::max) - stops.fold(f32::MAX, f32::min)
     };
-    let usable: Vec<&Vec<Frame>> = brackets
+    let usable: Vec<&Vec<CapturedFrame>> = brackets
         .iter()
         .filter(|frames| {
-            frames.len() > 1 && spread(frames) >= 0.9 && frames.iter().all(|f| f.layout == Layout::Rgb && f.validate().is_ok())
+            frames.len() > 1 && spread(frames) >= 0.9 && frames.iter().all(|f| f.layout == SampleLayout::Rgb && f.validate().is_ok())
         })
         .collect();
     if usable.is_empty() {
@@ -119,13 +119,13 @@ pub fn recover_response(brackets: &[Vec<Frame>]) -> Result<Response, ResponseErr
     for (channel, curve) in curves.iter_mut().enumerate() {
         *curve = recover_channel(&usable, channel)?;
     }
-    Ok(Response::Curve(curves))
+    Ok(ResponseCurve::Curve(curves))
 }
 
 /// Codes of a pixel with the logarithms of the exposures.
 type Sightings = Vec<(usize, f64)>;
 
-fn recover_channel(brackets: &[&Vec<Frame>], channel: usize) -> Result<[f32; CODES], ResponseError> {
+fn recover_channel(brackets: &[&Vec<CapturedFrame>], channel: usize) -> Result<[f32; CODES], ResponseError> {
     let pixels: Vec<Sightings> = brackets.iter().flat_map(|frames| sample_pixels(frames, channel)).collect();
     let mut is_covered = [false; CODES];
     for &(code, _) in pixels.iter().flatten() {
@@ -161,15 +161,17 @@ fn nearest(code: usize, last: usize) -> usize {
 }
 
 /// Pixels on a grid, those that say something.
-fn sample_pixels(frames: &[Frame], channel: usize) -> Vec<Sightings> {
+fn sample_pixels(frames: &[CapturedFrame], channel: usize) -> Vec<Sightings> {
     let Some(first) = frames.first() else { return Vec::new() };
     let step = ((first.width * first.height) as f64 / PIXELS_PER_BRACKET as f64).sqrt().max(1.0) as usize;
     let mut pixels = Vec::new();
     for y in (step / 2..first.height).step_by(step) {
         for x in (step / 2..first.width).step_by(step) {
             let i = (y * first.width + x) * 3 + channel;
-            let sightings: Sightings =
-                frames.iter().map(|f| (nearest(f.samples.code(i), f.samples.codes() - 1), f64::from(f.signal_per_radiance).ln())).collect();
+            let sightings: Sightings = frames
+                .iter()
+                .map(|f| (nearest(f.samples.code(i), f.samples.levels() - 1), f64::from(f.signal_per_radiance).ln()))
+                .collect();
             if sightings.iter().filter(|(code, _)| hat(*code) > 0.0).count() > 1 {
                 pixels.push(sightings);
             }
@@ -301,7 +303,7 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::{Noise, Samples, merge};
+    use crate::{Codes, SignalNoise, merge};
 
     /// A camera's curve: a gamma with a shoulder, not sRGB.
     fn camera_code(signal: f32, channel: usize) -> f32 {
@@ -310,21 +312,21 @@ mod tests {
         light.clamp(0.0, 1.0).powf(1.0 / 2.0)
     }
 
-    fn bracket(exposures: &[f32], phase: f32) -> Vec<Frame> {
-        bracket_of(exposures, phase, &|codes| Samples::U8(codes.iter().map(|code| (255.0 * code).round() as u8).collect()), camera_code)
+    fn bracket(exposures: &[f32], phase: f32) -> Vec<CapturedFrame> {
+        bracket_of(exposures, phase, &|codes| Codes::U8(codes.iter().map(|code| (255.0 * code).round() as u8).collect()), camera_code)
     }
 
     /// Through a curve from signal and channel to code in 0 to 1.
-    fn bracket_of(exposures: &[f32], phase: f32, samples: &dyn Fn(&[f32]) -> Samples, curve: fn(f32, usize) -> f32) -> Vec<Frame> {
+    fn bracket_of(exposures: &[f32], phase: f32, samples: &dyn Fn(&[f32]) -> Codes, curve: fn(f32, usize) -> f32) -> Vec<CapturedFrame> {
         let radiance = |i: usize| 10f32.powf(-2.0 + 3.5 * ((i as f32 * 0.017 + phase).sin() * 0.5 + 0.5));
-        let frame = |&exposure: &f32| Frame {
+        let frame = |&exposure: &f32| CapturedFrame {
             width: 80,
             height: 60,
-            layout: Layout::Rgb,
+            layout: SampleLayout::Rgb,
             samples: samples(&(0..80 * 60 * 3).map(|i| curve(radiance(i / 3) * exposure, i % 3)).collect::<Vec<_>>()),
-            transfers: Arc::from(Response::Srgb.transfers(256)),
+            transfers: Arc::from(ResponseCurve::Srgb.transfers(256)),
             signal_per_radiance: exposure,
-            noise: Noise::typical(100.0),
+            noise: SignalNoise::typical(100.0),
         };
         exposures.iter().map(frame).collect()
     }
@@ -353,7 +355,7 @@ mod tests {
         let mut moved = brackets.clone();
         // One view's middle exposure is another picture, and somebody stands in a third of another one's.
         moved[1][2] = bracket(&exposures, 3.0).swap_remove(2);
-        if let Samples::U8(codes) = &mut moved[2][3].samples {
+        if let Codes::U8(codes) = &mut moved[2][3].samples {
             codes.iter_mut().skip(80 * 20 * 3).take(80 * 20 * 3).for_each(|code| *code = 90);
         }
         let found = recover_response(&moved).unwrap();
@@ -368,8 +370,8 @@ mod tests {
     #[test]
     fn sixteen_bits_have_the_curve_of_eight() {
         let exposures = [0.02, 0.08, 0.32, 1.28, 5.12];
-        let deep = |codes: &[f32]| Samples::U16(codes.iter().map(|code| (65535.0 * code).round() as u16).collect());
-        let of = |bracket: &dyn Fn(f32) -> Vec<Frame>| recover_response(&[bracket(0.0), bracket(2.0)]).unwrap();
+        let deep = |codes: &[f32]| Codes::U16(codes.iter().map(|code| (65535.0 * code).round() as u16).collect());
+        let of = |bracket: &dyn Fn(f32) -> Vec<CapturedFrame>| recover_response(&[bracket(0.0), bracket(2.0)]).unwrap();
         let found = of(&|phase| bracket_of(&exposures, phase, &deep, camera_code));
         let expected = of(&|phase| bracket(&exposures, phase));
         for channel in 0..3 {
@@ -389,7 +391,7 @@ mod tests {
                 255 if i % 3 == i / 3 % 3 => 244 + (i / 3 * 7 % 9) as u8,
                 code => code,
             };
-            Samples::U8(codes.iter().enumerate().map(code).collect())
+            Codes::U8(codes.iter().enumerate().map(code).collect())
         };
         let srgb = |signal: f32, _| luxel_core::tone::srgb_encode(signal.min(1.0));
         let brackets: Vec<_> = (0..4).map(|phase| bracket_of(&[0.08, 0.32, 1.28], phase as f32, &ringing, srgb)).collect();
@@ -397,7 +399,7 @@ mod tests {
         for channel in 0..3 {
             for code in [96, 160, 200, 230, 240, 250, 255] {
                 let code = code as f32 / 255.0;
-                let ratio = response.signal(channel, code) / Response::Srgb.signal(channel, code);
+                let ratio = response.signal(channel, code) / ResponseCurve::Srgb.signal(channel, code);
                 // What is beyond the codes that are trusted is told from their slope.
                 let bound = if code < 0.93 { 0.05 } else { 0.12 };
                 assert!((ratio - 1.0).abs() < bound, "channel {channel}, code {}: {ratio}", 255.0 * code);
@@ -427,23 +429,23 @@ mod tests {
         assert_eq!(recover_response(&[]).unwrap_err(), ResponseError::NoBracket);
         let mut black = bracket(&[0.1, 1.0], 0.0);
         for frame in &mut black {
-            frame.samples = Samples::U8(vec![0; 80 * 60 * 3]);
+            frame.samples = Codes::U8(vec![0; 80 * 60 * 3]);
         }
         assert!(matches!(recover_response(&[black]).unwrap_err(), ResponseError::TooFewCodes { .. }));
     }
 
     #[test]
     fn named_curves_are_themselves() {
-        let transfers = Response::Srgb.transfers(256);
+        let transfers = ResponseCurve::Srgb.transfers(256);
         assert!((transfers[0].signal(188) - 0.5).abs() < 0.01 && transfers[1].is_clipped(250) && transfers[2].is_dark(3));
-        let linear = Response::Linear.transfers(65536);
+        let linear = ResponseCurve::Linear.transfers(65536);
         assert!((linear[0].signal(32768) - 0.5).abs() < 1e-4 && linear[0].is_clipped(64_300));
     }
 
     #[test]
     fn what_is_dark_in_8_bits_is_sound_in_16() {
         // Code 300 of 65535 is rounded to a third of a per cent.
-        for response in [Response::Linear, Response::Srgb] {
+        for response in [ResponseCurve::Linear, ResponseCurve::Srgb] {
             let transfers = response.transfers(65536);
             assert!(transfers[0].is_dark(3) && !transfers[0].is_dark(300));
         }

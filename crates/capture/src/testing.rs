@@ -2,22 +2,22 @@
 
 use std::sync::Arc;
 
-use crate::{Frame, Layout, Noise, Samples, Transfer};
+use crate::{CapturedFrame, CodeTransfer, Codes, SampleLayout, SignalNoise};
 
 /// Twelve linear bits of RGB signals, rounded and clipped.
-pub(crate) fn linear_frame(width: usize, height: usize, signals: &[f32], signal_per_radiance: f32) -> Frame {
+pub(crate) fn linear_frame(width: usize, height: usize, signals: &[f32], signal_per_radiance: f32) -> CapturedFrame {
     let codes = signals.iter().map(|s| (s * 4095.0).round().clamp(0.0, 4095.0) as u16).collect();
-    Frame {
+    CapturedFrame {
         width,
         height,
-        layout: Layout::Rgb,
-        samples: Samples::U16(codes),
+        layout: SampleLayout::Rgb,
+        samples: Codes::U16(codes),
         transfers: Arc::from(vec![linear_12_bits(); 3]),
         signal_per_radiance,
-        noise: Noise::typical(100.0),
+        noise: SignalNoise::typical(100.0),
     }
 }
 
-pub(crate) fn linear_12_bits() -> Transfer {
-    Transfer::new((0..4096).map(|code| code as f32 / 4095.0).collect(), 0, 4050, 0.29)
+pub(crate) fn linear_12_bits() -> CodeTransfer {
+    CodeTransfer::new((0..4096).map(|code| code as f32 / 4095.0).collect(), 0, 4050, 0.29)
 }

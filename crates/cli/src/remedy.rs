@@ -25,6 +25,11 @@ pub(crate) fn word(remedy: &Remedy) -> String {
     }
 }
 
+/// Returns a text with its remedy behind it.
+pub(crate) fn with_remedy(text: &str, remedy: Option<&Remedy>) -> String {
+    remedy.map_or_else(|| text.to_owned(), |remedy| format!("{text}; {}", word(remedy)))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -34,6 +39,19 @@ mod tests {
         let remedy = Remedy::advice("give another name").or(Remedy::set("overwrite", "true")).or(Remedy::lower("max_splats"));
         assert_eq!(word(&remedy), "give another name, or give --overwrite, or lower --max-splats");
         assert_eq!(word(&Remedy::set("device", "cpu")), "give --device cpu");
+    }
+
+    #[test]
+    fn a_text_without_a_remedy_stays_as_it_is() {
+        assert_eq!(with_remedy("too many", None), "too many");
+        assert_eq!(with_remedy("too many", Some(&Remedy::leave_out("masks"))), "too many; leave --masks out");
+    }
+
+    #[test]
+    fn the_remedy_of_a_file_is_found() {
+        let below = luxel_io::IoError::invalid("a.png", "no curve").with_remedy(Remedy::give("transfer"));
+        let error = Error::new(below).context("cannot read the data set");
+        assert_eq!(of_error(&error), Some(&Remedy::give("transfer")));
     }
 
     #[test]

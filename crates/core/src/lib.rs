@@ -15,6 +15,7 @@ mod loss;
 pub mod metrics;
 pub mod noise;
 mod order;
+pub mod photo;
 mod real;
 mod recolor;
 mod remedy;
@@ -24,6 +25,7 @@ pub mod sh;
 mod similarity;
 mod splats;
 pub mod synthetic;
+pub mod text;
 pub mod tone;
 
 pub use camera::{Camera, CameraError, Distortion, MAX_SIDE_PX};

@@ -11,9 +11,9 @@ use std::path::Path;
 use luxel_core::{Camera, Distortion, MAX_SIDE_PX};
 use serde_json::{Map, Value, json};
 
+use crate::IoError;
 use crate::dataset::{TransformsFrame, parse_transforms};
-use crate::regular::read_file;
-use crate::{IoError, IoErrorKind};
+use crate::read_file::read_file;
 
 /// Where `transforms.json` has a lens.
 const FOCAL_KEYS: [&str; 4] = ["fl_x", "fl_y", "camera_angle_x", "camera_angle_y"];
@@ -177,11 +177,10 @@ impl File<'_> {
         match object.get("camera_type") {
             None => Ok(()),
             Some(Value::String(kind)) if kind.eq_ignore_ascii_case("perspective") => Ok(()),
-            Some(other) => Err(IoError {
-                path: self.path.into(),
-                kind: IoErrorKind::Unsupported,
-                message: format!("{place}: \"camera_type\" is {other}, expected \"perspective\""),
-            }),
+            Some(other) => {
+                let message = format!("{place}: \"camera_type\" is {other}, expected \"perspective\"");
+                Err(IoError::unsupported(self.path, message))
+            }
         }
     }
 }
@@ -225,6 +224,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::IoErrorKind;
 
     fn decode(json: &str, default: Option<&Camera>) -> Result<Vec<PathCamera>, IoError> {
         decode_camera_path(Path::new("path.json"), json.as_bytes(), default)

@@ -1,21 +1,26 @@
-//! The one error of all readers and writers: where, what, and what to do.
+//! The one error of all readers and writers: file, place, expected, found, and a remedy.
 
 use std::fmt;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-/// Why a file could not be read or written. Displays as `path: place: message`.
+use luxel_core::Remedy;
+
+/// Explains why a file could not be read or written. Displays as `path: place: message`.
 #[derive(Debug)]
 pub struct IoError {
     /// File or folder.
     pub path: PathBuf,
-    /// Whose fault it is.
+    /// Kind of fault.
     pub kind: IoErrorKind,
-    /// Place within the file and what is wrong there: expected, found, remedy. Lower case, no full stop.
+    /// Place within the file and what is wrong there: expected and found, and what to do about the
+    /// file. Lower case, no full stop, no command-line flag.
     pub message: String,
+    /// What to do about it where an option helps. `Display` leaves it out: a front end words it.
+    pub remedy: Option<Remedy>,
 }
 
-/// Whose fault it is.
+/// The kind of fault, which tells who can mend it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum IoErrorKind {
     /// The operating system refused (missing, permissions, a broken disk).
@@ -29,23 +34,39 @@ pub enum IoErrorKind {
 }
 
 impl IoError {
-    /// The content is wrong: `message` names place, expected and found.
+    /// Returns an error about wrong content: `message` names place, expected and found.
     pub fn invalid(path: impl AsRef<Path>, message: impl fmt::Display) -> Self {
-        Self { path: path.as_ref().into(), kind: IoErrorKind::Invalid, message: message.to_string() }
+        Self { path: path.as_ref().into(), kind: IoErrorKind::Invalid, message: message.to_string(), remedy: None }
     }
 
-    /// The content may be right but is not supported: `message` names what and the remedy.
+    /// Returns an error about content that may be right but is not supported: `message` names what and
+    /// the remedy.
     pub fn unsupported(path: impl AsRef<Path>, message: impl fmt::Display) -> Self {
-        Self { path: path.as_ref().into(), kind: IoErrorKind::Unsupported, message: message.to_string() }
+        Self { path: path.as_ref().into(), kind: IoErrorKind::Unsupported, message: message.to_string(), remedy: None }
     }
 
-    /// The operating system refused to `action` ("read", "write", "create folder").
+    /// Returns an error about what the operating system refused: to `action` ("read", "write", "create folder").
     pub fn system(path: impl AsRef<Path>, action: &str, error: &std::io::Error) -> Self {
         let kind = match error.kind() {
             ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge => IoErrorKind::NoRoom,
             _ => IoErrorKind::System,
         };
-        Self { path: path.as_ref().into(), kind, message: format!("cannot {action}: {error}") }
+        Self { path: path.as_ref().into(), kind, message: format!("cannot {action}: {error}"), remedy: None }
+    }
+
+    /// Returns the error with a remedy, an option that helps.
+    ///
+    /// ```
+    /// use luxel_core::Remedy;
+    /// use luxel_io::IoError;
+    ///
+    /// let error = IoError::unsupported("a.png", "no transfer curve").with_remedy(Remedy::give("transfer"));
+    /// assert_eq!(error.to_string(), "a.png: no transfer curve");
+    /// assert_eq!(error.remedy, Some(Remedy::give("transfer")));
+    /// ```
+    #[must_use]
+    pub fn with_remedy(self, remedy: Remedy) -> Self {
+        Self { remedy: Some(remedy), ..self }
     }
 }
 

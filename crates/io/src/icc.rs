@@ -7,18 +7,10 @@ use std::io::Read;
 
 use flate2::read::ZlibDecoder;
 use glam::DVec3;
+use luxel_core::photo::IccProfile;
 use luxel_core::{ColorSpace, Conversion};
 
 use crate::tags::Tags;
-
-/// An ICC profile, as far as it matters for linear light.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct IccProfile {
-    /// For people.
-    pub name: String,
-    /// The space of its primaries, if it is a known one.
-    pub space: Option<ColorSpace>,
-}
 
 /// Profiles of pictures are a few kilobytes; ones of tables a few megabytes.
 const MAX_BYTES: usize = 8 << 20;

@@ -17,13 +17,13 @@ mod ocio_space;
 mod photo;
 mod pinhole;
 mod ply;
-mod regular;
+mod read_file;
 mod scene_file;
-mod sound;
 mod spz;
 mod tags;
 mod tensors;
 mod usd;
+mod validity;
 
 pub use atomic::{WriteSeek, remove_unfinished, write_atomically};
 pub use bake::{Appearance, BakeOptions, Baked, MIDDLE_GREY, display_exposure};
@@ -43,9 +43,10 @@ pub use image::{
     downscale_masked, encode_exr, encode_jpeg, encode_png, image_size, pinhole_within, read_codes, read_image, undistort, undistort_into,
     write_exr, write_png,
 };
+pub use luxel_core::photo::{Codes, Exif, IccProfile, PhotoInfo, PhotoKind, RawInfo, RawPixels};
 #[cfg(feature = "ocio")]
 pub use ocio_space::OcioSpace;
-pub use photo::{Codes, Exif, IccProfile, Photo, PhotoInfo, PhotoKind, RawInfo, RawPixels, decode_photo, is_photo_name, photo_info};
+pub use photo::{Photo, decode_photo, is_photo_name, photo_info};
 pub use pinhole::{decode_pinhole_camera, read_pinhole_camera};
 pub use ply::{
     PlyPoint, decode_points_ply, decode_scene_ply, encode_baked_ply, encode_scene_ply, read_points_ply, read_scene_ply, write_baked_ply,

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 
 use crate::IoError;
 use crate::image::guard::contain;
-use crate::regular::read_file;
+use crate::read_file::read_file;
 
 /// What leads to ACES2065-1.
 const INTERCHANGE: [&str; 2] = ["aces_interchange", "ACES2065-1"];

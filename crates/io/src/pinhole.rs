@@ -11,7 +11,7 @@ use luxel_core::{Camera, Distortion, MAX_SIDE_PX};
 use serde_json::{Map, Value};
 
 use crate::IoError;
-use crate::regular::read_file;
+use crate::read_file::read_file;
 
 /// Reads a camera file.
 ///

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use luxel_core::Scene;
 
-use crate::regular::regular_file;
+use crate::read_file::regular_file;
 use crate::{IoError, read_glb, read_scene_ply, read_spz, read_usda};
 
 /// Formats that scenes are read from.

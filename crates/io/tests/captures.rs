@@ -7,7 +7,7 @@ mod common;
 use std::io::Cursor;
 
 use common::{SIZE, Scene};
-use luxel_core::{NoiseModel, PixelValues, View};
+use luxel_core::{NoiseModel, PixelValues, Remedy, View};
 use luxel_io::{DatasetFormat, Exposures, LoadOptions, MaskSource, Supervision, Transfer, detect_format, load_dataset};
 use tiff::encoder::TiffValue;
 use tiff::encoder::colortype::{ColorType, RGB16, RGB32Float, RGBA16, RGBA32Float};
@@ -350,7 +350,8 @@ fn hdr_nerf_real_scenes_are_brackets_of_a_table() {
     let camera = &data.train[2].camera;
     assert_eq!((camera.eye().to_array(), camera.size_px), ([2.0, 0.0, 4.0], [16, 8]));
     assert!(camera.project(glam::DVec3::new(2.0, 1.0, 0.0)).unwrap().0.y < 4.0);
-    assert!(scene.error(&LoadOptions::default()).contains("--supervision ldr"));
+    let error = scene.read(&LoadOptions::default()).unwrap_err();
+    assert_eq!(error.remedy, Some(Remedy::set("supervision", "ldr")), "{error}");
     scene.write("poses_bounds_exps.npy", npy(&rows[1..]));
     assert!(scene.error(&ldr(Exposures::All)).contains("expected a row an image"));
     scene.write("poses_bounds_exps.npy", &npy(&rows)[..400]);

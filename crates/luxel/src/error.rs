@@ -7,6 +7,7 @@
 use std::error::Error as StdError;
 use std::fmt;
 
+use luxel_capture::prepare::PrepareError;
 use luxel_core::Remedy;
 
 /// The result of a fallible call of this crate.
@@ -114,7 +115,10 @@ pub fn remedy_of<'a>(error: &'a (dyn StdError + 'static)) -> Option<&'a Remedy> 
         return content.remedy.as_ref().or(below);
     }
     let engine = error.downcast_ref::<luxel_core::EngineError>().and_then(luxel_core::EngineError::remedy);
-    engine.or_else(|| error.downcast_ref::<luxel_train::TrainError>()?.remedy())
+    engine
+        .or_else(|| error.downcast_ref::<luxel_train::TrainError>()?.remedy())
+        .or_else(|| error.downcast_ref::<luxel_io::IoError>()?.remedy.as_ref())
+        .or_else(|| error.downcast_ref::<PrepareError>()?.remedy.as_ref())
 }
 
 impl fmt::Display for Error {
@@ -169,6 +173,7 @@ wrapped!(
     luxel_core::EditError,
     luxel_core::edit::EditTextError,
     luxel_io::IoError,
+    PrepareError,
     luxel_train::TrainError,
 );
 
@@ -244,6 +249,12 @@ mod tests {
         let error = Error::from(below);
         assert_eq!((error.to_string(), error.chain().count()), (text, 1));
         assert!(error.find::<luxel_io::IoError>().is_some());
+    }
+
+    #[test]
+    fn an_error_from_below_keeps_its_remedy() {
+        let below = luxel_io::IoError::unsupported("a.png", "no transfer curve").with_remedy(Remedy::give("transfer"));
+        assert_eq!(Error::from(below).context("cannot read").remedy(), Some(&Remedy::give("transfer")));
     }
 
     #[test]

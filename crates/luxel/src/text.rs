@@ -2,23 +2,7 @@
 
 use std::time::Duration;
 
-/// Returns a count with separators of thousands: `1,234,567`.
-pub fn count(n: usize) -> String {
-    let digits = n.to_string();
-    let mut out = String::with_capacity(digits.len() + digits.len() / 3);
-    for (i, digit) in digits.chars().enumerate() {
-        if i > 0 && (digits.len() - i).is_multiple_of(3) {
-            out.push(',');
-        }
-        out.push(digit);
-    }
-    out
-}
-
-/// Returns a count with its noun: `1 image`, `2 images`.
-pub fn plural(n: usize, noun: &str) -> String {
-    format!("{} {noun}{}", count(n), if n == 1 { "" } else { "s" })
-}
+pub use luxel_core::text::{count, plural};
 
 /// Returns a size of memory: `512 B`, `3.4 MiB`.
 pub fn bytes(n: u64) -> String {
@@ -75,12 +59,6 @@ pub fn decade(decade: i32) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn counts_have_separators_of_thousands() {
-        assert_eq!([0, 999, 1000, 1234567].map(count), ["0", "999", "1,000", "1,234,567"]);
-        assert_eq!((plural(1, "view"), plural(17, "view")), ("1 view".into(), "17 views".into()));
-    }
 
     #[test]
     fn bytes_and_durations_have_the_unit_that_keeps_them_short() {

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use clap::{Args, ValueEnum};
+use luxel_capture::prepare::{ResponseChoice, WhiteBalance};
 
 use super::ConsoleArgs;
 use crate::args::values::{ColorSpaceArg, SpaceArg, parse_downscale};
@@ -111,6 +112,17 @@ pub(crate) enum ResponseArg {
     Recover,
 }
 
+impl From<ResponseArg> for ResponseChoice {
+    fn from(arg: ResponseArg) -> Self {
+        match arg {
+            ResponseArg::Auto => Self::Auto,
+            ResponseArg::Linear => Self::Linear,
+            ResponseArg::Srgb => Self::Srgb,
+            ResponseArg::Recover => Self::Recover,
+        }
+    }
+}
+
 /// `--white-balance`.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum WhiteBalanceArg {
@@ -120,6 +132,16 @@ pub(crate) enum WhiteBalanceArg {
     Photo(String),
     /// The camera's colours of white.
     Neutral([f64; 3]),
+}
+
+impl From<WhiteBalanceArg> for WhiteBalance {
+    fn from(arg: WhiteBalanceArg) -> Self {
+        match arg {
+            WhiteBalanceArg::AsShot => Self::AsShot,
+            WhiteBalanceArg::Photo(name) => Self::Photo(name),
+            WhiteBalanceArg::Neutral(neutral) => Self::Neutral(neutral),
+        }
+    }
 }
 
 impl FromStr for WhiteBalanceArg {

@@ -17,7 +17,7 @@ const LARGEST: f64 = 16.0;
 pub fn display_exposure(scene: &Scene) -> f32 {
     let splats = &scene.splats;
     let views = sh::lattice(6);
-    let to_luminance = |rgb: [f32; 3]| f64::from(luminance_rec709(rgb.map(super::fit::bounded)));
+    let to_luminance = |rgb: [f32; 3]| f64::from(luminance_rec709(rgb.map(super::bounded)));
     let luminance_of = |i: usize| views.iter().map(|v| to_luminance(splats.radiance(i, *v))).sum::<f64>() / views.len() as f64;
     let luminance: Vec<f64> = (0..splats.len()).into_par_iter().map(luminance_of).collect();
     let area: Vec<f64> = splats.log_scale.iter().map(|s| cross_section(*s)).collect();

@@ -9,7 +9,7 @@ use luxel_core::tone::{Tonemap, rec709_of};
 use luxel_core::{ColorBasis, ColorModel, ColorSpace, Conversion, SH_OFFSET, Scene, Splats, sh};
 
 use super::exposure::{MIDDLE_GREY, display_exposure};
-use super::{Appearance, BakeOptions};
+use super::{Appearance, BakeOptions, bounded};
 
 /// Directions that the fit is made over: four for each harmonic of degree 3.
 const DIRECTIONS: usize = 64;
@@ -164,11 +164,6 @@ impl Bake {
             Look::Linear { conversion } => conversion.apply(exposed),
         }
     }
-}
-
-/// A radiance of which sums are finite; NaN, which a sum of infinities of both signs gives, counts as 0.
-pub(super) fn bounded(radiance: f32) -> f32 {
-    if radiance > 0.0 { radiance.min(f32::MAX / 16.0) } else { 0.0 }
 }
 
 fn low_basis(direction: [f32; 3]) -> [f32; MAX_BAKED] {

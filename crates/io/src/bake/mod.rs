@@ -23,6 +23,12 @@ pub use exposure::{MIDDLE_GREY, display_exposure};
 pub(crate) use fit::{Bake, MAX_BAKED};
 pub(crate) use record::{BakeRecord, RECORD_KEY, WorldRecord};
 
+/// Returns a radiance of which sums are finite; NaN, which a sum of infinities of both signs gives,
+/// counts as 0.
+fn bounded(radiance: f32) -> f32 {
+    if radiance > 0.0 { radiance.min(f32::MAX / 16.0) } else { 0.0 }
+}
+
 /// What a bake looks like.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Appearance {

@@ -7,7 +7,7 @@ use luxel_core::{ColorSpace, RasterConfig, Scene, Similarity, Splats};
 use serde::{Deserialize, Serialize};
 
 use super::{Appearance, Baked};
-use crate::sound::is_usable;
+use crate::validity::is_usable;
 
 /// Key of the record.
 pub(crate) const RECORD_KEY: &str = "luxel";

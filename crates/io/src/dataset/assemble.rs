@@ -8,9 +8,9 @@ use rayon::prelude::*;
 
 use super::fingerprint::Fingerprint;
 use super::load::{LoadedView, load_view};
+use super::observations::{Target, map_points};
 use super::source::{Frame, Source};
 use super::split::{Part, assign};
-use super::track::{Target, map_points};
 use super::{LoadOptions, Supervision, masks, recordings};
 use crate::IoError;
 

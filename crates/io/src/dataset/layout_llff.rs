@@ -7,7 +7,7 @@
 use std::path::{Path, PathBuf};
 
 use glam::{DAffine3, DMat3, DVec2, DVec3};
-use luxel_core::{Camera, Distortion};
+use luxel_core::{Camera, Distortion, Remedy};
 
 use super::Supervision;
 use super::files::{is_image, view_name};
@@ -15,7 +15,7 @@ use super::intrinsics::{Focal, Intrinsics};
 use super::source::{Frame, Origin, Recording, Source, split_beside};
 use crate::IoError;
 use crate::image::npy::decode_table;
-use crate::regular::read_file;
+use crate::read_file::read_file;
 
 const TABLE: &str = "poses_bounds_exps.npy";
 const IMAGES: &str = "input_images";
@@ -44,7 +44,8 @@ pub(super) fn is_one(folder: &Path) -> bool {
 pub(super) fn llff_source(folder: &Path, supervision: Supervision) -> Result<Source, IoError> {
     let path = folder.join(TABLE);
     if supervision == Supervision::Hdr {
-        return Err(IoError::invalid(folder, "holds recordings and no radiance to train on; give --supervision ldr"));
+        let error = IoError::invalid(folder, "holds captured LDR images and no radiance to train on");
+        return Err(error.with_remedy(Remedy::set("supervision", "ldr")));
     }
     let table = parse_recorded_poses(&path, &read_file(&path)?)?;
     let images = images(&folder.join(IMAGES))?;

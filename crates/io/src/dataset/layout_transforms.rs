@@ -16,7 +16,7 @@ use super::source::{Frame, Origin, Source, SourcePoint, split_beside};
 use super::split::{NameIndex, Part, SplitLists, SplitRule};
 use super::transforms::{Transforms, TransformsFrame, parse_transforms};
 use super::{Supervision, recordings};
-use crate::regular::read_file;
+use crate::read_file::read_file;
 use crate::{IoError, read_points_ply};
 
 /// Largest disagreement of the camera positions of `transforms.json` and of the COLMAP model beside it, as a fraction of the distance

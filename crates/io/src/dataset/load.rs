@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use luxel_core::{BadPixels, Camera, ColorSpace, Conversion, Image, Mask, PixelValues, View};
+use luxel_core::{BadPixels, Camera, ColorSpace, Conversion, Image, Mask, PixelValues, Remedy, View};
 
 use super::masks::decode_mask;
 use super::source::Frame;
@@ -11,7 +11,7 @@ use super::{LoadOptions, MaskSource, Supervision};
 use crate::IoError;
 use crate::image::colorimetry::convert;
 use crate::image::{DecodedImage, ReadOptions, SampleDepth, decode_codes, decode_image, downscale, downscale_masked, undistort};
-use crate::regular::read_file;
+use crate::read_file::read_file;
 
 /// A view with what is known about its file.
 pub(super) struct LoadedView {
@@ -78,9 +78,8 @@ fn decode(frame: &Frame, bytes: &[u8], options: &LoadOptions) -> Result<(Decoded
     match (decoded.depth, frame.exposure_s, frame.part) {
         (SampleDepth::Float, _, Some(Part::Train)) => {
             let found = frame.image.display();
-            Err(frame
-                .origin
-                .error(format!("{found} holds radiance, expected a recording (PNG, JPEG, TIFF) to train on under --supervision ldr")))
+            let message = format!("{found} holds radiance, expected a captured LDR image (PNG, JPEG, TIFF) to train on");
+            Err(frame.origin.error(message).with_remedy(Remedy::set("supervision", "hdr")))
         }
         (SampleDepth::Float, ..) => Ok((decoded, PixelValues::Radiance)),
         (_, Some(exposure_s), _) => {
@@ -88,7 +87,7 @@ fn decode(frame: &Frame, bytes: &[u8], options: &LoadOptions) -> Result<(Decoded
             decoded.warnings.clear();
             Ok((decoded, PixelValues::Recorded { exposure_s }))
         }
-        (_, None, _) => Err(frame.origin.error("the recording has no \"exposure\", expected seconds for --supervision ldr")),
+        (_, None, _) => Err(frame.origin.error("the captured LDR image has no \"exposure\", expected seconds")),
     }
 }
 
@@ -154,7 +153,8 @@ fn both(mask: Option<Mask>, other: Mask) -> Mask {
 /// The alpha channel as weights; colours that were multiplied by it are divided.
 fn take_opacity(decoded: &mut DecodedImage, frame: &Frame) -> Result<Mask, IoError> {
     let Some(alpha) = decoded.alpha.take() else {
-        return Err(frame.origin.error(format!("{} has no alpha channel, expected one for --masks alpha", frame.image.display())));
+        let message = format!("{} has no alpha channel, expected one to mask by", frame.image.display());
+        return Err(frame.origin.error(message).with_remedy(Remedy::leave_out("masks")));
     };
     let weights: Vec<f32> = alpha.iter().map(|a| if *a > 0.0 { a.min(1.0) } else { 0.0 }).collect();
     if decoded.is_premultiplied {

@@ -24,10 +24,10 @@ mod layout_llff;
 mod layout_transforms;
 mod load;
 mod masks;
+mod observations;
 mod recordings;
 mod source;
 mod split;
-mod track;
 mod transforms;
 
 use std::fmt;

@@ -12,7 +12,7 @@ use super::files::{Substitute, find_image, view_name, without_extension};
 use super::source::{Frame, Recording};
 use super::transforms::{kind_of, parse_json};
 use crate::IoError;
-use crate::regular::read_file;
+use crate::read_file::read_file;
 
 /// Exposures of HDR-GS's images `<i>_0.png` to `<i>_4.png`, seconds: its repack leaves HDR-NeRF's list out.
 const HDR_GS_EXPOSURES: [f32; 5] = [0.125, 0.5, 2.0, 8.0, 32.0];

@@ -8,7 +8,7 @@ use luxel_core::NoiseModel;
 use super::intrinsics::Intrinsics;
 use super::split::{Part, SplitRule, parse_split};
 use crate::IoError;
-use crate::regular::read_file;
+use crate::read_file::read_file;
 
 /// A data set without its pixels.
 #[derive(Debug)]

@@ -11,8 +11,8 @@ use super::document::{Document, Node, Primitive};
 use super::{CHUNK_BIN, CHUNK_JSON, EXTENSION, GLB_MAGIC, KHR, accessor};
 use crate::IoError;
 use crate::bake::{BakeRecord, RECORD_KEY, WorldRecord};
-use crate::regular::read_file;
-use crate::sound::{is_normalizable, is_usable};
+use crate::read_file::read_file;
+use crate::validity::{is_normalizable, is_usable};
 
 /// Deepest nesting of nodes.
 const MAX_DEPTH: usize = 64;

@@ -4,13 +4,13 @@ use std::io::Write;
 use std::path::Path;
 
 use luxel_core::tone::srgb_decode;
-use luxel_core::{ColorSpace, SH_OFFSET, Scene, Splats, sh, sigmoid};
+use luxel_core::{ColorSpace, Remedy, SH_OFFSET, Scene, Splats, sh, sigmoid};
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 
 use super::{CHUNK_BIN, CHUNK_JSON, EXTENSION, FLOAT, GLB_MAGIC, KHR};
 use crate::bake::{Appearance, BakeRecord, Baked, RECORD_KEY, WorldRecord};
-use crate::sound::check_lengths;
+use crate::validity::check_lengths;
 use crate::{IoError, write_atomically};
 
 /// Splats of a block.
@@ -102,8 +102,9 @@ impl<'a> Layout<'a> {
         let bin: u64 = attributes.iter().map(|a| (a.row_bytes * count) as u64).sum();
         let file = 12 + 8 + json.len() as u64 + 8 + bin;
         let (Ok(bin_bytes), Ok(file_bytes)) = (u32::try_from(bin), u32::try_from(file)) else {
-            let message = format!("{file} bytes, of which binary glTF holds 4 GiB; lower --max-splats, or leave the exact model out");
-            return Err(IoError::unsupported(name, message));
+            let message = format!("{file} bytes, of which binary glTF holds 4 GiB");
+            let remedy = Remedy::lower("max_splats").or(Remedy::advice("leave the exact model out"));
+            return Err(IoError::unsupported(name, message).with_remedy(remedy));
         };
         Ok(Self { count, json, attributes, bin_bytes, file_bytes })
     }

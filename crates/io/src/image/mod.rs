@@ -32,7 +32,7 @@ use luxel_core::{Chromaticities, ColorSpace, Image};
 use serde::{Deserialize, Serialize};
 
 use crate::IoError;
-use crate::regular::{read_file, regular_file};
+use crate::read_file::{read_file, regular_file};
 
 pub use resample::{downscale, downscale_masked, pinhole_within, undistort, undistort_into};
 pub use write::{ExrOptions, ExrSample, HALF_MAX, encode_exr, encode_jpeg, encode_png, write_exr, write_png};

@@ -9,7 +9,7 @@ use std::path::Path;
 
 use image::codecs::png::PngDecoder;
 use image::{ColorType, ImageDecoder, ImageError, Limits};
-use luxel_core::{Chromaticities, ColorSpace};
+use luxel_core::{Chromaticities, ColorSpace, Remedy};
 
 use super::colorimetry::{conversion_to_rec709, settle_profile, settle_space};
 use super::guard::{check_size, zeroed};
@@ -69,7 +69,7 @@ fn decode_samples(name: &Path, bytes: &[u8], info: &Info, options: &ReadOptions)
         ColorType::L16 | ColorType::La16 | ColorType::Rgb16 | ColorType::Rgba16 => (SampleDepth::Integer16, color.channel_count()),
         _ => return Err(IoError::unsupported(name, format!("PNG: colour type {color:?}; export it as RGB"))),
     };
-    let curve = Curve::settle(name, options, info.curve(name, options)?, depth)?;
+    let curve = Curve::choose(name, options, info.curve(name, options)?, depth)?;
     let (width, height) = (info.size[0] as usize, info.size[1] as usize);
     let layout = Layout { width, height, channels: channels.into() };
     let samples = width * height * usize::from(channels);
@@ -168,12 +168,11 @@ impl Info {
             return match transfer {
                 8 => Ok(Some(Curve::Named(Transfer::Linear))),
                 13 => Ok(Some(Curve::Named(Transfer::Srgb))),
-                other => Err(IoError::unsupported(
-                    name,
-                    format!(
-                        "PNG: chunk cICP names transfer function {other}, expected 8 (linear) or 13 (sRGB); convert it, or overrule it by --transfer"
-                    ),
-                )),
+                other => {
+                    let message = format!("PNG: chunk cICP names transfer function {other}, expected 8 (linear) or 13 (sRGB)");
+                    let remedy = Remedy::advice("convert the image").or(Remedy::give("transfer"));
+                    Err(IoError::unsupported(name, message).with_remedy(remedy))
+                }
             };
         }
         Ok(match self.gamma {
@@ -245,7 +244,7 @@ mod tests {
     fn unknown_code_points_are_refused() {
         let info = Info { cicp: Some([9, 16]), ..Info::default() };
         let error = info.curve(Path::new("a.png"), &ReadOptions::default()).unwrap_err();
-        assert!(error.message.contains("--transfer"), "{error}");
+        assert!(error.remedy.is_some_and(|remedy| remedy.options().eq(["transfer"])));
         assert!(Info { cicp: Some([22, 8]), ..info.clone() }.chromaticities(Path::new("a.png")).is_err());
         // Unspecified is as if it were not said.
         let silent = Info { cicp: Some([2, 13]), ..info };

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use luxel_core::Image;
+use luxel_core::{Image, Remedy};
 
 use super::{ReadOptions, SampleDepth, Transfer};
 use crate::IoError;
@@ -30,14 +30,14 @@ impl Curve {
         light as f32
     }
 
-    /// The user's word, else `stated` by the file, else an error that asks for it.
-    pub(super) fn settle(name: &Path, options: &ReadOptions, stated: Option<Self>, depth: SampleDepth) -> Result<Self, IoError> {
+    /// Returns the curve that the options give, else the one that the file states, else an error that asks
+    /// for it.
+    pub(super) fn choose(name: &Path, options: &ReadOptions, stated: Option<Self>, depth: SampleDepth) -> Result<Self, IoError> {
         options.transfer.map(Self::Named).or(stated).ok_or_else(|| {
             let bits = if depth == SampleDepth::Integer8 { 8 } else { 16 };
-            let message = format!(
-                "{bits}-bit integer samples, and the file does not say their transfer curve; pass --transfer linear or --transfer srgb"
-            );
-            IoError::unsupported(name, message)
+            let message = format!("{bits}-bit integer samples, and the file does not state their transfer curve");
+            let remedy = Remedy::set("transfer", "linear").or(Remedy::set("transfer", "srgb"));
+            IoError::unsupported(name, message).with_remedy(remedy)
         })
     }
 }
@@ -119,8 +119,9 @@ mod tests {
 
     #[test]
     fn missing_curve_names_the_remedy() {
-        let error = Curve::settle(Path::new("a.png"), &ReadOptions::default(), None, SampleDepth::Integer16).unwrap_err();
-        assert!(error.message.contains("--transfer linear") && error.message.contains("16-bit"), "{error}");
+        let error = Curve::choose(Path::new("a.png"), &ReadOptions::default(), None, SampleDepth::Integer16).unwrap_err();
+        assert!(error.message.contains("16-bit"), "{error}");
+        assert_eq!(error.remedy.unwrap().to_string(), "set transfer to linear, or set transfer to srgb");
     }
 
     #[test]

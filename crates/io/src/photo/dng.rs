@@ -9,10 +9,11 @@
 
 use std::path::Path;
 
+use luxel_core::photo::{Exif, RawPixels};
 use rayon::prelude::*;
 
 use super::dng_tags as tag;
-use super::exif::{Exif, exif_of_tags};
+use super::exif::exif_of_tags;
 use super::{jpeg_xl, lossless_jpeg};
 use crate::IoError;
 use crate::image::guard::{check_block, check_size, contain, zeroed};
@@ -20,23 +21,6 @@ use crate::tags::{Ifd, Tags};
 
 /// Directories that are looked through.
 const MAX_IFDS: usize = 32;
-
-/// Samples of a RAW file.
-#[derive(Clone, Debug, PartialEq)]
-pub struct RawPixels {
-    /// Pixels.
-    pub width: usize,
-    /// Pixels.
-    pub height: usize,
-    /// Colours of the mosaic's 2x2 cell, row by row (0 red, 1 green, 2 blue); `None`: three samples a pixel.
-    pub cell: Option<[u8; 4]>,
-    /// `[H*W]` or `[H*W*3]`.
-    pub codes: Vec<u16>,
-    /// Code of no light, by place in the cell or by channel.
-    pub black: [f32; 4],
-    /// Code of saturation.
-    pub white: f32,
-}
 
 /// A file whose tags were read.
 pub(super) struct Dng<'a> {

@@ -3,25 +3,10 @@
 //! In: a file whose tags were read. Out: [`RawInfo`]; what makes no sense is left out. What the file asks for and is not done is listed in
 //! [`RawInfo::not_applied`]: gain maps and opcode lists, profiles, black that varies by row.
 
+use luxel_core::photo::RawInfo;
+
 use super::dng::Dng;
 use super::dng_tags as tag;
-
-/// What a RAW file says about its colours and levels.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct RawInfo {
-    /// The camera's colours of white as shot.
-    pub as_shot_neutral: Option<[f64; 3]>,
-    /// Temperature of the illuminant in kelvin, and camera colours from XYZ, row by row.
-    pub camera_from_xyz: Vec<(f64, [f64; 9])>,
-    /// XYZ at D50 from balanced camera colours, row by row; as many as above or none.
-    pub d50_from_balanced: Vec<[f64; 9]>,
-    /// Stops by which the camera exposed less than its ISO speed says.
-    pub baseline_exposure_ev: f64,
-    /// Variance of a signal s by [shot, read^2]: shot * s + read^2.
-    pub noise: Option<[f64; 2]>,
-    /// What the file asks for and is not done.
-    pub not_applied: Vec<String>,
-}
 
 impl Dng<'_> {
     /// What the tags say.

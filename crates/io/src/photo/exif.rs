@@ -2,45 +2,9 @@
 //!
 //! In: the tags of a TIFF or DNG, or the Exif block of a JPEG or PNG. Out: [`Exif`]; what is missing or makes no sense is `None`.
 
+use luxel_core::photo::Exif;
+
 use crate::tags::{Ifd, Tags};
-
-/// Facts about a photograph.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Exif {
-    /// Who made the camera.
-    pub make: Option<String>,
-    /// Which camera.
-    pub model: Option<String>,
-    /// Number of the camera's body.
-    pub serial: Option<String>,
-    /// Which lens.
-    pub lens: Option<String>,
-    /// Shutter time.
-    pub seconds: Option<f64>,
-    /// ISO speed.
-    pub iso: Option<f64>,
-    /// Aperture.
-    pub f_number: Option<f64>,
-    /// Seconds since 1970 by the camera's clock, with fractions if it writes them.
-    pub time_s: Option<f64>,
-    /// Whether the camera chose the white balance for this frame.
-    pub is_white_balance_automatic: Option<bool>,
-    /// How the camera was held, 1 to 8.
-    pub orientation: Option<u16>,
-    /// Focal length of the lens, millimetres.
-    pub focal_mm: Option<f64>,
-    /// Focal length that has the same angle of view on 36 x 24 mm.
-    pub focal_35mm: Option<f64>,
-}
-
-impl Exif {
-    /// Camera and lens, for people and for telling them apart.
-    pub fn camera_name(&self) -> Option<String> {
-        let model = self.model.clone()?;
-        let make = self.make.as_deref().filter(|make| !model.to_lowercase().starts_with(&make.to_lowercase()));
-        Some(make.map_or(model.clone(), |make| format!("{make} {model}")))
-    }
-}
 
 /// Exif of a whole image file of any kind; empty if there is none.
 pub(crate) fn exif_of_file(bytes: &[u8]) -> Exif {

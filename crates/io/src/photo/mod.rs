@@ -15,55 +15,14 @@ mod tests;
 
 use std::path::Path;
 
-use luxel_core::{Chromaticities, ColorSpace};
+use luxel_core::ColorSpace;
+use luxel_core::photo::{Codes, PhotoInfo, PhotoKind, RawPixels};
 
 use crate::IoError;
 use crate::icc::profile_of_file;
 use crate::image::guard::contain;
 use crate::image::{self, DecodedImage, SampleDepth, decode_codes, image_size_of, stated_primaries};
 use crate::tags::Tags;
-
-pub use crate::icc::IccProfile;
-pub use dng::RawPixels;
-pub use dng_info::RawInfo;
-pub use exif::Exif;
-
-/// What a file holds, by its kind.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum PhotoKind {
-    /// Sensor data.
-    Raw,
-    /// Integer codes of a developed picture.
-    Developed,
-    /// Scene-linear floats.
-    Radiance,
-}
-
-/// What headers say.
-#[derive(Clone, Debug, PartialEq)]
-pub struct PhotoInfo {
-    /// What the file holds.
-    pub kind: PhotoKind,
-    /// Pixels as stored.
-    pub size_px: [u32; 2],
-    /// What the camera wrote.
-    pub exif: Exif,
-    /// Of RAW files.
-    pub raw: Option<RawInfo>,
-    /// Of developed pictures.
-    pub profile: Option<IccProfile>,
-    /// CIE xy of red, green, blue and white that a developed picture states: by PNG's chunks, or by a profile of a known space.
-    pub primaries: Option<Chromaticities>,
-}
-
-/// Samples of a developed picture.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Codes {
-    /// 8 bits.
-    U8(Vec<u8>),
-    /// 16 bits.
-    U16(Vec<u16>),
-}
 
 /// A photograph with its pixels.
 #[derive(Clone, Debug)]

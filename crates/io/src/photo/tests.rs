@@ -3,6 +3,9 @@ use std::path::Path;
 use proptest::prelude::*;
 
 use super::lossless_jpeg::tests::encode as encode_lossless_jpeg;
+use luxel_core::Chromaticities;
+use luxel_core::photo::*;
+
 use super::*;
 use crate::IoErrorKind;
 use crate::icc::tests::display_p3;

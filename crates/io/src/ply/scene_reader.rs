@@ -12,7 +12,7 @@ use crate::ply::rows::{check_count, read_rows, seek_element};
 use crate::ply::scene_writer::{EXACT_OPACITY, EXACT_SCALE, sh_prefix};
 use crate::ply::source::Source;
 use crate::ply::{COMMENT_TAG, FORMAT_VERSION, compressed, record};
-use crate::sound::{is_normalizable, is_usable};
+use crate::validity::{is_normalizable, is_usable};
 
 /// Reads a scene.
 ///

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use crate::bake::{Appearance, Bake, BakeOptions, Baked, MAX_BAKED, WorldRecord, smoothed};
 use crate::ply::{COMMENT_TAG, FORMAT_VERSION, record};
-use crate::sound::{is_normalizable, is_usable};
+use crate::validity::{is_normalizable, is_usable};
 use crate::{IoError, write_atomically};
 
 /// Rows made at a time.

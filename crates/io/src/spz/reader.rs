@@ -11,7 +11,7 @@ use super::layout::{
     unpack_opacity, unpack_rotation_first_three, unpack_rotation_smallest_three,
 };
 use crate::IoError;
-use crate::regular::read_file;
+use crate::read_file::read_file;
 
 /// Bytes of splats that a byte of file may stand for.
 const MAX_RATIO: u64 = 4096;

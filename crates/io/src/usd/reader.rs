@@ -9,8 +9,8 @@ use super::lexer::{Lexer, Token};
 use super::{DISPLAY_SPACE, PRIM_TYPE, usd_name};
 use crate::IoError;
 use crate::bake::{BakeRecord, RECORD_KEY};
-use crate::regular::regular_file;
-use crate::sound::is_normalizable;
+use crate::read_file::regular_file;
+use crate::validity::is_normalizable;
 
 /// Deepest nesting of prims.
 const MAX_PRIMS: usize = 64;

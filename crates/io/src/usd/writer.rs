@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::{DISPLAY_SPACE, PRIM_TYPE, usd_name};
 use crate::bake::{Appearance, BakeRecord, Baked, RECORD_KEY};
-use crate::sound::check_lengths;
+use crate::validity::check_lengths;
 use crate::{IoError, write_atomically};
 
 /// Splats of a block.

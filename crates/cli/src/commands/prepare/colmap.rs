@@ -13,12 +13,11 @@ use std::sync::mpsc;
 
 use anyhow::{Context, Result, bail};
 use luxel::files::write_text;
+use luxel_capture::prepare::{PlannedCamera, ViewRecord};
 use luxel_io::colmap::{ColmapModel, read_colmap_model};
 use serde_json::json;
 
 use super::develop::{Folders, proxy_name};
-use super::plan::PlannedCamera;
-use super::state::ViewRecord;
 use crate::args::{CameraModelArg, MatchingArg};
 use crate::output::console::Console;
 

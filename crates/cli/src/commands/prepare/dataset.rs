@@ -6,47 +6,19 @@
 //!
 //! A view's radiance is removed from `work` once its image stands; what is left there are views without a pose.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::HashMap;
 
 use anyhow::{Result, anyhow, bail};
 use glam::DVec2;
 use luxel::files::{remove_if_there, write_bytes};
+use luxel_capture::prepare::{RegisteredView, Registration, ViewRecord};
 use luxel_core::{Camera, ColorSpace, Distortion};
 use luxel_io::colmap::{ColmapModel, ColmapPoint, read_colmap_model, write_text};
 use luxel_io::{ExrOptions, ReadOptions, Transfer, encode_png, pinhole_within, read_image, undistort_into, write_exr};
-use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use super::develop::{Folders, exr_options, proxy_name};
-use super::state::ViewRecord;
 use crate::output::console::Console;
-
-/// What structure from motion came to.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(super) struct Registration {
-    /// By view that has a pose.
-    pub(super) views: BTreeMap<String, RegisteredView>,
-    pub(super) points: usize,
-    /// Mean distance between where points are seen and where they lie by the cameras, pixels of the proxies.
-    pub(super) mean_error_px: f64,
-    /// Mean number of views that see a point.
-    pub(super) mean_track: f64,
-    /// Models that COLMAP made; views of all but the largest have no pose.
-    pub(super) models: usize,
-}
-
-/// Of one view.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(super) struct RegisteredView {
-    /// Points it sees.
-    pub(super) points: usize,
-    /// Mean error of theirs, pixels of the proxy.
-    pub(super) error_px: f64,
-    /// Focal length of the written image, pixels.
-    pub(super) focal_px: f64,
-    /// How much of the photograph's width is left after undistortion.
-    pub(super) kept: f64,
-}
 
 /// A resampled pixel of a mask counts if no masked pixel has more than a rounding's part in it.
 const FULLY: f32 = 0.999;

@@ -12,18 +12,18 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use luxel::files::{remove_if_there, write_bytes};
 use luxel::run::LOCK;
-use luxel_capture::{Developed, Frame, ProxyOptions, figures, frame_offset, merge, proxy};
-use luxel_core::{Chromaticities, ColorSpace, Conversion, Image};
+use luxel_capture::prepare::{
+    CurveTables, LeftOut, Photograph, Plan, PlannedView, ViewRecord, conversion_from, developed_frame, raw_frame,
+};
+use luxel_capture::{CapturedFrame, Developed, ProxyOptions, figures, frame_offset, merge, proxy};
+use luxel_core::{ColorSpace, Conversion, Image};
 use luxel_io::{
     DecodedImage, ExrOptions, ExrSample, IoError, IoErrorKind, OcioSpace, Photo, PhotoKind, decode_photo, downscale, encode_jpeg,
     encode_png, write_exr,
 };
 use rayon::prelude::*;
 
-use super::pixels::{Tables, developed_frame, raw_frame};
-use super::plan::{Plan, PlannedView};
-use super::scan::{LeftOut, PhotoFile};
-use super::state::{State, ViewRecord, key};
+use super::state::{State, key};
 
 /// COLMAP reduces larger pictures itself.
 const PROXY_SIDE_PX: usize = 3200;
@@ -98,9 +98,9 @@ pub(super) fn proxy_name(view: &str) -> String {
 /// What all views share.
 pub(super) struct Developer<'a> {
     pub(super) plan: &'a Plan,
-    pub(super) photos: &'a [PhotoFile],
+    pub(super) photos: &'a [Photograph],
     pub(super) folders: &'a Folders,
-    pub(super) tables: Option<&'a Tables>,
+    pub(super) tables: Option<&'a CurveTables>,
     pub(super) space: ColorSpace,
     pub(super) input_space: ColorSpace,
     /// Space of files of radiance, whatever they state.
@@ -147,12 +147,12 @@ impl Developer<'_> {
     /// Makes a view.
     pub(super) fn develop(&self, view: &PlannedView) -> Result<ViewRecord> {
         let mut notes = Vec::new();
-        let photos: Vec<&PhotoFile> = view.frames.iter().filter_map(|i| self.photos.get(*i)).collect();
+        let photos: Vec<&Photograph> = view.frames.iter().filter_map(|i| self.photos.get(*i)).collect();
         let Light { image, saturated, negative, dark, disagreeing, offset_px, left_out } = match self.plan.kind {
             PhotoKind::Radiance => self.radiance(&photos, &mut notes)?,
             PhotoKind::Raw | PhotoKind::Developed => self.merged(view, &photos)?,
         };
-        let used: Vec<&PhotoFile> = photos.into_iter().filter(|p| !left_out.iter().any(|l| l.file == p.file_name())).collect();
+        let used: Vec<&Photograph> = photos.into_iter().filter(|p| !left_out.iter().any(|l| l.file == p.file_name())).collect();
         let pixels = image.pixels.len().max(1) as f64;
         let share = |n: usize| n as f64 / pixels;
         let saturated_share = share(saturated.iter().filter(|s| **s).count());
@@ -203,7 +203,7 @@ impl Developer<'_> {
     }
 
     /// A file of floats, in the scene's space.
-    fn radiance(&self, photos: &[&PhotoFile], notes: &mut Vec<String>) -> Result<Light> {
+    fn radiance(&self, photos: &[&Photograph], notes: &mut Vec<String>) -> Result<Light> {
         let [photo] = photos else { bail!("{} files of radiance in one view, expected one", photos.len()) };
         let bytes = read(&photo.path)?;
         let Photo::Radiance(DecodedImage { mut image, color_space, warnings, .. }) = decode_photo(&photo.path, &bytes)? else {
@@ -222,8 +222,8 @@ impl Developer<'_> {
     }
 
     /// Frames merged, in the scene's space.
-    fn merged(&self, view: &PlannedView, photos: &[&PhotoFile]) -> Result<Light> {
-        let decoded: Vec<Result<Frame>> = photos.par_iter().map(|photo| self.frame(photo)).collect();
+    fn merged(&self, view: &PlannedView, photos: &[&Photograph]) -> Result<Light> {
+        let decoded: Vec<Result<CapturedFrame>> = photos.par_iter().map(|photo| self.frame(photo)).collect();
         let (mut frames, mut left_out) = (Vec::new(), Vec::new());
         for (photo, frame) in photos.iter().zip(decoded) {
             match frame {
@@ -245,7 +245,7 @@ impl Developer<'_> {
             Some(color) => color,
             None => {
                 let stated = photos.first().and_then(|p| p.info.primaries);
-                let rows = conversion_of(stated, self.input_space, self.space).rows();
+                let rows = conversion_from(stated, self.input_space, self.space).rows();
                 ([1.0; 3], glam::DMat3::from_cols_array_2d(&rows).transpose())
             }
         };
@@ -254,22 +254,19 @@ impl Developer<'_> {
         Ok(Light { image, saturated, negative, dark, disagreeing, offset_px, left_out })
     }
 
-    fn frame(&self, photo: &PhotoFile) -> Result<Frame> {
+    fn frame(&self, photo: &Photograph) -> Result<CapturedFrame> {
         let bytes = read(&photo.path)?;
         let name = Path::new(photo.path.file_name().unwrap_or_default());
         let Some(exposure) = photo.exposure else { bail!("it has no exposure") };
         match (decode_photo(name, &bytes).map_err(|e| anyhow::anyhow!(e.message))?, self.tables) {
             (Photo::Raw(pixels), _) => {
                 let info = photo.info.raw.clone().unwrap_or_default();
-                match raw_frame(pixels, &info, exposure.signal_per_radiance(), exposure.iso) {
+                match raw_frame(pixels, &info, &exposure) {
                     Some(frame) => Ok(frame),
                     None => bail!("its mosaic is no Bayer cell; develop it to OpenEXR"),
                 }
             }
-            (Photo::Developed { width, height, codes }, Some(tables)) => {
-                let transfers = std::sync::Arc::clone(tables.of(&codes));
-                Ok(developed_frame([width, height], codes, &transfers, exposure.signal_per_radiance(), exposure.iso))
-            }
+            (Photo::Developed { width, height, codes }, Some(tables)) => Ok(developed_frame([width, height], codes, tables, &exposure)),
             _ => bail!("changed while it was read"),
         }
     }
@@ -297,34 +294,9 @@ pub(super) fn exr_options(space: ColorSpace, is_absolute: bool) -> ExrOptions {
     ExrOptions { sample: ExrSample::Float, color_space: space, attributes, ..ExrOptions::default() }
 }
 
-/// To the scene's space from the primaries that a picture states, or else from the input space.
-fn conversion_of(stated: Option<Chromaticities>, input: ColorSpace, scene: ColorSpace) -> Conversion {
-    // Those of a space with a name are rounded in files.
-    let named = stated.and_then(|found| ColorSpace::of_chromaticities(&found));
-    let own = stated.filter(|_| named.is_none()).and_then(|found| Conversion::of_chromaticities(&found, &scene.chromaticities()));
-    own.unwrap_or_else(|| Conversion::between(named.unwrap_or(input), scene))
-}
-
 fn convert(image: &mut Image, from: ColorSpace, to: ColorSpace) {
     let conversion = Conversion::between(from, to);
     if !conversion.is_identity() {
         image.pixels.par_iter_mut().for_each(|p| *p = conversion.apply(*p));
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn stated_primaries_go_before_the_input_space() {
-        let (input, scene) = (ColorSpace::LinearRec2020, ColorSpace::LinearRec709);
-        assert_eq!(conversion_of(None, input, scene), Conversion::between(input, scene));
-        // Rounded as files do.
-        let p3 = [[0.68, 0.32], [0.265, 0.69], [0.15, 0.06], [0.313, 0.329]];
-        assert_eq!(conversion_of(Some(p3), input, scene), Conversion::between(ColorSpace::LinearDisplayP3, scene));
-        let dci_p3 = [[0.68, 0.32], [0.265, 0.69], [0.15, 0.06], [0.314, 0.351]];
-        let found = conversion_of(Some(dci_p3), input, scene);
-        assert!(found != Conversion::between(input, scene) && found.apply([1.0; 3]).iter().all(|v| (v - 1.0).abs() < 1e-5), "{found:?}");
     }
 }

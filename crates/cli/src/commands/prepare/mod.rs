@@ -3,13 +3,10 @@
 //! scan (headers) → plan (cameras, exposures, brackets, white balance, response) → develop (radiance and proxies, view by view) → structure from
 //! motion (COLMAP) → data set (undistorted images, pinhole cameras, points) → report. Each step finds what an earlier run finished.
 
-mod advice;
 mod colmap;
 mod dataset;
 mod develop;
 mod exposures;
-mod pixels;
-mod plan;
 mod report;
 mod response;
 mod scan;
@@ -23,19 +20,20 @@ use anyhow::{Context, Result, bail};
 use luxel::files::write_text;
 use luxel::run::RunFolder;
 use luxel::text::plural;
+use luxel_capture::prepare::{
+    AdviceInput, Plan, PlanOptions, PrepareNote, Registration, ViewRecord, advice, check_options, choose_response, plan, range_stops,
+};
 use luxel_core::ColorSpace;
 use luxel_io::{OcioSpace, PhotoKind};
 use serde_json::json;
 
-use self::advice::{Known, advice};
 use self::colmap::Colmap;
-use self::dataset::Registration;
 use self::develop::{Developer, Folders};
-use self::plan::Plan;
 use self::report::PrepareReport;
-use self::state::{State, ViewRecord, key};
+use self::state::{State, key};
 use crate::args::{PrepareArgs, SfmArg};
 use crate::output::console::Console;
+use crate::remedy::with_remedy;
 
 /// Changes when pixels are made differently, so that views of an older version are made anew.
 const PIXELS_VERSION: &str = "2";
@@ -60,7 +58,8 @@ pub(crate) fn run(args: &PrepareArgs) -> Result<()> {
     let folders = Folders::new(&args.output);
     folders.check(&args.photos)?;
     let mut scan = scan::scan(&args.photos)?;
-    plan::check_options(args, &scan.photos)?;
+    let options = plan_options(args);
+    check_options(&options, &scan.photos)?;
     let _lock = RunFolder::at(&folders.output).lock()?;
     // Once more: another luxel may have been at work there while this one looked at the photographs.
     folders.check(&args.photos)?;
@@ -72,12 +71,11 @@ pub(crate) fn run(args: &PrepareArgs) -> Result<()> {
         console.warn(&format!("{} is left out: {}", left_out.file, left_out.reason));
     }
     let odd_list = args.exposures.as_ref().map(|list| exposures::apply(list, &mut scan.photos)).transpose()?.flatten();
-    let mut plan = plan::plan(&mut scan, args)?;
-    plan.notes.extend(odd_list);
-    let curve = response::settle(&mut plan, &scan.photos, args.response)?;
-    for note in &plan.notes {
-        console.note(note);
-    }
+    let mut plan = plan(&mut scan.photos, &options)?;
+    plan.notes.extend(odd_list.map(PrepareNote::new));
+    let curve = choose_response(&mut plan, options.response, |views| response::thinned_brackets(views, &scan.photos))?;
+    let notes: Vec<String> = plan.notes.iter().map(word_note).collect();
+    notes.iter().for_each(|note| console.note(note));
     let photographs = scan.photos.len();
     console.note(&format!("{} in {}: {}", plural(photographs, "photograph"), plural(plan.views.len(), "view"), plan.brackets));
 
@@ -127,14 +125,17 @@ pub(crate) fn run(args: &PrepareArgs) -> Result<()> {
         response: curve.as_ref().map(|curve| curve.name.clone()),
         white_balance: plan.cameras.iter().filter_map(|c| Some((c.name.clone(), c.color?.0))).collect(),
         structure_from_motion: how,
-        range_stops: report::range_stops(&records),
-        advice: advice(&Known {
+        range_stops: range_stops(&records),
+        advice: advice(&AdviceInput {
             records: &records,
             registration: registration.as_ref(),
             curve: curve.as_ref().map(|curve| curve.origin),
             downscale: args.downscale,
-        }),
-        notes: plan.notes.iter().cloned().chain(view_notes(&records)).collect(),
+        })
+        .iter()
+        .map(word_note)
+        .collect(),
+        notes: notes.into_iter().chain(view_notes(&records)).collect(),
         left_out: scan.left_out,
         registration,
         views: records,
@@ -148,6 +149,22 @@ pub(crate) fn run(args: &PrepareArgs) -> Result<()> {
         state.save()?;
     }
     tell(args, &report, &console)
+}
+
+/// Returns the options of the plan from the command line's.
+fn plan_options(args: &PrepareArgs) -> PlanOptions {
+    PlanOptions {
+        brackets: args.brackets.0,
+        has_exposure_list: args.exposures.is_some(),
+        response: args.response.into(),
+        white_balance: args.white_balance.clone().into(),
+        color_space: args.color_space.into(),
+        input_space: args.input_space.into(),
+    }
+}
+
+fn word_note(note: &PrepareNote) -> String {
+    with_remedy(&note.text, note.remedy.as_ref())
 }
 
 fn view_notes(records: &[ViewRecord]) -> Vec<String> {

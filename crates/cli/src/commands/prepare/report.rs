@@ -6,12 +6,10 @@ use anyhow::Result;
 use luxel::files::{write_json, write_text};
 use luxel::report::html::{document, escape};
 use luxel::text;
+use luxel_capture::prepare::{LeftOut, Registration, ViewRecord};
 use serde::Serialize;
 
-use super::dataset::Registration;
 use super::develop::Folders;
-use super::scan::LeftOut;
-use super::state::ViewRecord;
 
 /// Everything that is told.
 #[derive(Clone, Debug, Serialize)]
@@ -40,13 +38,6 @@ pub(super) struct PrepareReport {
     /// Most memory that was resident, bytes.
     pub(super) peak_memory_bytes: Option<u64>,
     pub(super) seconds: f64,
-}
-
-/// Stops from the darkest thousandth of any view to the brightest.
-pub(super) fn range_stops(views: &[ViewRecord]) -> f32 {
-    let dark = views.iter().map(|v| v.figures.dark_luminance).filter(|l| *l > 0.0).fold(f32::INFINITY, f32::min);
-    let bright = views.iter().map(|v| v.figures.bright_luminance).fold(0.0, f32::max);
-    if bright > dark { (bright / dark).log2() } else { 0.0 }
 }
 
 /// Writes both files.

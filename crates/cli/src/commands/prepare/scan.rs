@@ -1,51 +1,16 @@
 //! The folder of photographs: what is there, what each file says of itself, what is left out and why.
 //!
-//! In: a folder. Out: [`Scan`], files sorted by name. A file that cannot be read is left out with its error, and so is the second of two equal
+//! In: a folder. Out: [`Selection`], files sorted by name. A file that cannot be read is left out with its error, and so is the second of two equal
 //! files and the picture beside a RAW file of its name; the rest goes on. A folder without a photograph is an error.
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use luxel::text::plural;
 use luxel_capture::Exposure;
-use luxel_io::{PhotoInfo, PhotoKind, is_photo_name, photo_info};
+use luxel_capture::prepare::{LeftOut, Photograph, Selection, select};
+use luxel_io::{is_photo_name, photo_info};
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
-
-/// A photograph by its headers.
-#[derive(Clone, Debug)]
-pub(super) struct PhotoFile {
-    pub(super) path: PathBuf,
-    /// File name without extension.
-    pub(super) stem: String,
-    /// Digest of its bytes.
-    pub(super) digest: String,
-    pub(super) info: PhotoInfo,
-    /// From EXIF, or from the list given.
-    pub(super) exposure: Option<Exposure>,
-}
-
-impl PhotoFile {
-    /// With extension.
-    pub(super) fn file_name(&self) -> String {
-        file_name(&self.path)
-    }
-}
-
-/// A file that takes no part.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub(super) struct LeftOut {
-    pub(super) file: String,
-    pub(super) reason: String,
-}
-
-/// What was found.
-#[derive(Debug, Default)]
-pub(super) struct Scan {
-    pub(super) photos: Vec<PhotoFile>,
-    pub(super) left_out: Vec<LeftOut>,
-}
 
 fn file_name(path: &Path) -> String {
     path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default()
@@ -84,14 +49,14 @@ fn list(folder: &Path) -> Result<(Vec<PathBuf>, Option<PathBuf>)> {
 }
 
 /// Reads the headers of all photographs of `folder`.
-pub(super) fn scan(folder: &Path) -> Result<Scan> {
+pub(super) fn scan(folder: &Path) -> Result<Selection> {
     let (paths, below) = list(folder)?;
     if paths.is_empty() {
         let remedy = below.map(|below| format!("; there are some in {}: give that folder", below.display())).unwrap_or_default();
         bail!("{}: no photographs in it, expected DNG, JPEG, PNG, TIFF, OpenEXR or Radiance HDR files{remedy}", folder.display());
     }
-    let read: Vec<Result<PhotoFile, LeftOut>> = paths.par_iter().map(|path| read_headers(path)).collect();
-    let mut scan = Scan::default();
+    let read: Vec<Result<Photograph, LeftOut>> = paths.par_iter().map(|path| read_headers(path)).collect();
+    let mut scan = Selection::default();
     scan.left_out.extend(below.map(|below| LeftOut {
         file: format!("{}/", file_name(&below)),
         reason: "a folder in the folder; what is in it is no part of the set".to_owned(),
@@ -102,17 +67,16 @@ pub(super) fn scan(folder: &Path) -> Result<Scan> {
             Err(left_out) => scan.left_out.push(left_out),
         }
     }
-    leave_out_duplicates(&mut scan);
-    leave_out_pictures_beside_raw(&mut scan);
+    let one_kind = select(&mut scan);
     if scan.photos.is_empty() {
         let first = scan.left_out.first().map(|l| format!("{}: {}", l.file, l.reason)).unwrap_or_default();
         bail!("{}: none of {} can be read; {first}", folder.display(), plural(paths.len(), "photograph"));
     }
-    one_kind_of_light(folder, &scan.photos)?;
+    one_kind.map_err(|e| anyhow!("{}: {e}", folder.display()))?;
     Ok(scan)
 }
 
-fn read_headers(path: &Path) -> Result<PhotoFile, LeftOut> {
+fn read_headers(path: &Path) -> Result<Photograph, LeftOut> {
     let name = Path::new(path.file_name().unwrap_or(path.as_os_str()));
     let left_out = |reason: String| LeftOut { file: file_name(path), reason };
     if !path.is_file() {
@@ -126,52 +90,5 @@ fn read_headers(path: &Path) -> Result<PhotoFile, LeftOut> {
     let exif = &info.exif;
     let exposure = exif.seconds.map(|seconds| Exposure { seconds, iso: exif.iso, f_number: exif.f_number }).filter(Exposure::is_valid);
     let stem = path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
-    Ok(PhotoFile { path: path.to_owned(), stem, digest: blake3::hash(&bytes).to_hex().to_string(), info, exposure })
-}
-
-fn leave_out_duplicates(scan: &mut Scan) {
-    let mut first: BTreeMap<String, String> = BTreeMap::new();
-    let Scan { photos, left_out } = scan;
-    photos.retain(|photo| match first.get(&photo.digest) {
-        Some(other) => {
-            left_out.push(LeftOut { file: photo.file_name(), reason: format!("the same file as {other}, byte by byte") });
-            false
-        }
-        None => {
-            first.insert(photo.digest.clone(), photo.file_name());
-            true
-        }
-    });
-}
-
-/// Of two files of one name the RAW one is taken, else the first.
-fn leave_out_pictures_beside_raw(scan: &mut Scan) {
-    let mut best: BTreeMap<String, (bool, String)> = BTreeMap::new();
-    for photo in &scan.photos {
-        let is_raw = photo.info.kind == PhotoKind::Raw;
-        let slot = best.entry(photo.stem.clone()).or_insert_with(|| (is_raw, photo.file_name()));
-        if is_raw && !slot.0 {
-            *slot = (true, photo.file_name());
-        }
-    }
-    let Scan { photos, left_out } = scan;
-    photos.retain(|photo| {
-        let chosen = best.get(&photo.stem).map(|(_, name)| name.clone()).unwrap_or_default();
-        let is_chosen = chosen == photo.file_name();
-        if !is_chosen {
-            left_out.push(LeftOut { file: photo.file_name(), reason: format!("{chosen} of the same name is taken") });
-        }
-        is_chosen
-    });
-}
-
-/// Radiance has a scale of its own, and a developer's curve is none of a sensor.
-fn one_kind_of_light(folder: &Path, photos: &[PhotoFile]) -> Result<()> {
-    let of = |kind| photos.iter().filter(|p| p.info.kind == kind).count();
-    let counts = [(PhotoKind::Raw, "RAW"), (PhotoKind::Developed, "JPEG, PNG or TIFF"), (PhotoKind::Radiance, "OpenEXR or HDR")];
-    let found: Vec<String> = counts.iter().filter(|(kind, _)| of(*kind) > 0).map(|(kind, name)| format!("{} {name}", of(*kind))).collect();
-    if found.len() > 1 {
-        bail!("{}: {} files, expected one kind: they have no common scale; leave the others out", folder.display(), found.join(" and "));
-    }
-    Ok(())
+    Ok(Photograph { path: path.to_owned(), stem, digest: blake3::hash(&bytes).to_hex().to_string(), info, exposure })
 }

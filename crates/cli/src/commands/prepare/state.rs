@@ -8,48 +8,12 @@ use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use luxel::files::{read_text, write_json};
-use luxel_capture::Figures;
+use luxel_capture::prepare::ViewRecord;
 use serde::{Deserialize, Serialize};
-
-use super::scan::LeftOut;
 
 /// State files of a hundred thousand views.
 const MAX_BYTES: u64 = 1 << 30;
 const INTERVAL: Duration = Duration::from_secs(2);
-
-/// A view that is done.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct ViewRecord {
-    pub(super) name: String,
-    /// Of inputs and settings.
-    pub(super) key: String,
-    /// Files it was made of, shortest exposure first.
-    pub(super) files: Vec<String>,
-    /// Their exposures, stops of signal per cd/m2.
-    pub(super) stops: Vec<f64>,
-    pub(super) camera: usize,
-    /// Pixels of the radiance image.
-    pub(super) size_px: [usize; 2],
-    /// Pixels of the picture for structure from motion.
-    pub(super) proxy_px: [usize; 2],
-    /// How many times a side the picture is smaller.
-    pub(super) proxy_reduction: usize,
-    /// Share of pixels that are saturated in every frame.
-    pub(super) saturated: f64,
-    /// Share of samples that are black in every frame.
-    pub(super) dark: f64,
-    /// Share of pixels of which a channel was below 0 and was set to it.
-    pub(super) negative: f64,
-    /// Share of samples in which frames disagree beyond noise.
-    pub(super) disagreeing: f64,
-    /// Largest shift between neighbouring exposures, pixels of the photographs.
-    pub(super) offset_px: Option<f64>,
-    pub(super) figures: Figures,
-    /// Those of its files that could not be decoded.
-    pub(super) left_out: Vec<LeftOut>,
-    /// What its files say.
-    pub(super) notes: Vec<String>,
-}
 
 /// The file's content.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]

@@ -7,12 +7,11 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;
 
 use anyhow::Result;
+use luxel_capture::prepare::{LeftOut, PlannedView, ViewRecord};
 use serde_json::json;
 
 use super::develop::{Developer, is_refused};
-use super::plan::PlannedView;
-use super::scan::LeftOut;
-use super::state::{State, ViewRecord};
+use super::state::State;
 use crate::output::console::Console;
 
 /// Makes all views that are not there yet. What the system refuses ends it, and is no reason to leave a view out.

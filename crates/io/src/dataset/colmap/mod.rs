@@ -14,7 +14,7 @@ use luxel_core::{Camera, Distortion, MAX_SIDE_PX};
 
 use super::intrinsics::{Focal, Intrinsics};
 use crate::IoError;
-use crate::regular::read_file;
+use crate::read_file::read_file;
 
 pub use binary::parse_binary;
 pub use text::parse_text;

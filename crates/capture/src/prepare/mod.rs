@@ -1,0 +1,32 @@
+//! Decisions about a folder of photographs that is to become a data set, without its files.
+//!
+//! [`select`] drops duplicates, [`apply_exposure_list`] adds listed exposures, [`plan`] decides
+//! cameras, exposures, brackets and white balance from headers, [`choose_response`] finds the response
+//! curve of developed pictures, [`raw_frame`] and [`developed_frame`] make [`CapturedFrame`]s of
+//! decoded samples, and [`advice`] says what to photograph again. Whoever reads and writes files calls
+//! these in between.
+//!
+//! [`CapturedFrame`]: crate::CapturedFrame
+
+mod advice;
+mod cameras;
+mod error;
+mod exposures;
+mod frames;
+mod notes;
+mod photograph;
+mod plan;
+mod primaries;
+mod records;
+mod response;
+
+pub use advice::{AdviceInput, advice};
+pub use cameras::PlannedCamera;
+pub use error::{PrepareError, PrepareNote};
+pub use exposures::apply_exposure_list;
+pub use frames::{CurveTables, developed_frame, raw_frame, thinned};
+pub use photograph::{LeftOut, Photograph, Selection, select};
+pub use plan::{Plan, PlanOptions, PlannedView, WhiteBalance, check_options, plan};
+pub use primaries::conversion_from;
+pub use records::{RegisteredView, Registration, ViewRecord, range_stops};
+pub use response::{CurveOrigin, ResponseChoice, SetCurve, choose_response, views_for_response};

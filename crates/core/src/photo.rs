@@ -1,0 +1,166 @@
+//! What a photograph's headers say, and its samples as they are stored: what readers of photographs
+//! hand to whatever develops them.
+//!
+//! Codes are as stored, not linear. Matrices are row by row. What a file does not say is `None`.
+
+use crate::{Chromaticities, ColorSpace};
+
+/// The kind of content of a photograph's file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PhotoKind {
+    /// Sensor data.
+    Raw,
+    /// Integer codes of a developed picture.
+    Developed,
+    /// Scene-linear floats.
+    Radiance,
+}
+
+/// The facts that a photograph's headers state.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PhotoInfo {
+    /// Kind of the file's content.
+    pub kind: PhotoKind,
+    /// Width and height as stored, pixels.
+    pub size_px: [u32; 2],
+    /// Facts that the camera wrote.
+    pub exif: Exif,
+    /// Colours and levels of a RAW file.
+    pub raw: Option<RawInfo>,
+    /// ICC profile of a developed picture.
+    pub profile: Option<IccProfile>,
+    /// CIE xy of red, green, blue and white that a developed picture states: by PNG's chunks, or by a
+    /// profile of a known space.
+    pub primaries: Option<Chromaticities>,
+}
+
+/// The facts that a camera wrote about a photograph (Exif).
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Exif {
+    /// Maker of the camera.
+    pub make: Option<String>,
+    /// Model of the camera.
+    pub model: Option<String>,
+    /// Serial number of the camera's body.
+    pub serial: Option<String>,
+    /// Name of the lens.
+    pub lens: Option<String>,
+    /// Shutter time, seconds.
+    pub seconds: Option<f64>,
+    /// ISO speed.
+    pub iso: Option<f64>,
+    /// Aperture, as the f-number.
+    pub f_number: Option<f64>,
+    /// Seconds since 1970 by the camera's clock, with fractions if it writes them.
+    pub time_s: Option<f64>,
+    /// Whether the camera chose the white balance for this frame.
+    pub is_white_balance_automatic: Option<bool>,
+    /// Orientation of the camera, 1 to 8.
+    pub orientation: Option<u16>,
+    /// Focal length of the lens, millimetres.
+    pub focal_mm: Option<f64>,
+    /// Focal length that has the same angle of view on 36 x 24 mm, millimetres.
+    pub focal_35mm: Option<f64>,
+}
+
+impl Exif {
+    /// Returns maker and model, which name the camera and tell it from others.
+    ///
+    /// ```
+    /// use luxel_core::photo::Exif;
+    ///
+    /// let exif = Exif { make: Some("Nikon".into()), model: Some("Z 8".into()), ..Exif::default() };
+    /// assert_eq!(exif.camera_name().as_deref(), Some("Nikon Z 8"));
+    /// assert_eq!(Exif::default().camera_name(), None);
+    /// ```
+    pub fn camera_name(&self) -> Option<String> {
+        let model = self.model.clone()?;
+        let make = self.make.as_deref().filter(|make| !model.to_lowercase().starts_with(&make.to_lowercase()));
+        Some(make.map_or(model.clone(), |make| format!("{make} {model}")))
+    }
+}
+
+/// The colours and levels that a RAW file states.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct RawInfo {
+    /// White as shot, in the camera's colours.
+    pub as_shot_neutral: Option<[f64; 3]>,
+    /// Temperature of the illuminant in kelvin, and camera colours from XYZ, row by row.
+    pub camera_from_xyz: Vec<(f64, [f64; 9])>,
+    /// XYZ at D50 from balanced camera colours, row by row; as many as above or none.
+    pub d50_from_balanced: Vec<[f64; 9]>,
+    /// Stops by which the camera exposed less than its ISO speed says.
+    pub baseline_exposure_ev: f64,
+    /// Variance of a signal s by [shot, read^2]: shot * s + read^2.
+    pub noise: Option<[f64; 2]>,
+    /// Corrections that the file asks for and that are not applied.
+    pub not_applied: Vec<String>,
+}
+
+/// An ICC profile, as far as it matters for linear light.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct IccProfile {
+    /// Name for people.
+    pub name: String,
+    /// Space of its primaries, if it is a known one.
+    pub space: Option<ColorSpace>,
+}
+
+/// The samples of a RAW file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RawPixels {
+    /// Width, pixels.
+    pub width: usize,
+    /// Height, pixels.
+    pub height: usize,
+    /// Colours of the mosaic's 2x2 cell, row by row (0 red, 1 green, 2 blue); `None`: three samples per
+    /// pixel.
+    pub cell: Option<[u8; 4]>,
+    /// Codes, `[H*W]` or `[H*W*3]`.
+    pub codes: Vec<u16>,
+    /// Code of no light, by place in the cell or by channel.
+    pub black: [f32; 4],
+    /// Code of saturation.
+    pub white: f32,
+}
+
+/// Integer samples as a file stores them.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Codes {
+    /// 8 bits.
+    U8(Vec<u8>),
+    /// 16 bits.
+    U16(Vec<u16>),
+}
+
+impl Codes {
+    /// Returns the number of samples.
+    pub fn len(&self) -> usize {
+        match self {
+            Self::U8(v) => v.len(),
+            Self::U16(v) => v.len(),
+        }
+    }
+
+    /// Returns whether there are no samples.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Returns the code of sample `i`; 0 out of range.
+    #[inline]
+    pub fn code(&self, i: usize) -> usize {
+        match self {
+            Self::U8(v) => v.get(i).map_or(0, |&c| usize::from(c)),
+            Self::U16(v) => v.get(i).map_or(0, |&c| usize::from(c)),
+        }
+    }
+
+    /// Returns the number of codes that a sample may have.
+    pub fn levels(&self) -> usize {
+        match self {
+            Self::U8(_) => 1 << 8,
+            Self::U16(_) => 1 << 16,
+        }
+    }
+}
