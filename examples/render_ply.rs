@@ -21,7 +21,7 @@ fn main() -> Result<()> {
     let mut renderer = Renderer::new(&scene, Device::Auto)?;
     for named in read_cameras(cameras)? {
         // The scene brings its raster settings, its scale and its colour space: the file is in the
-        // units of the photographs.
+        // units of the images.
         let path = folder.join(format!("{}.exr", named.name));
         renderer.render(&named.camera)?.save_exr(&path)?;
         println!("{}", path.display());

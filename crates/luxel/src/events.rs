@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use luxel_core::metrics::ViewMetrics;
 
-use crate::run::LogRecord;
+use crate::log_record::LogRecord;
 
 /// Something that happened during a task.
 #[derive(Clone, Debug, PartialEq)]

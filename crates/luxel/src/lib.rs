@@ -58,6 +58,7 @@ mod error;
 mod events;
 pub mod export;
 pub mod files;
+mod log_record;
 pub mod machine;
 pub mod memory;
 pub mod preview;

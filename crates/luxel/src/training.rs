@@ -160,7 +160,7 @@ fn open_engine(dataset: &Dataset, device: &DeviceOptions) -> Result<Box<dyn luxe
 /// for step in training.by_ref().take(4) {
 ///     assert!(step?.loss.is_finite());
 /// }
-/// // Paused after four steps. A checkpoint goes on from here, bit for bit.
+/// // Paused after four steps. A checkpoint continues from here, bit for bit.
 /// let checkpoint = folder.path().join("paused.safetensors");
 /// training.checkpoint(&checkpoint)?;
 /// let resumed = Training::builder(&dataset).device(Device::Cpu).resume(&checkpoint)?;
@@ -211,7 +211,7 @@ impl Training {
     /// Makes one step.
     ///
     /// # Errors
-    /// A loss that is not finite, a device that gave up. The training cannot go on; resume it from
+    /// A loss that is not finite, a device that gave up. The training cannot continue; resume it from
     /// a checkpoint.
     pub fn step(&mut self) -> Result<Progress> {
         let number = self.trainer.iteration() + 1;

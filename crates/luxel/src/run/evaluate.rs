@@ -38,9 +38,9 @@ impl Default for MetricsOptions<'_> {
 /// A data set to measure a run against.
 #[derive(Clone, Copy, Debug)]
 pub struct EvaluationData<'a> {
-    /// Where it was read.
+    /// Path it was read from.
     pub path: &'a Path,
-    /// How it was read.
+    /// Options it was read with.
     pub load: &'a LoadOptions,
     /// Its views.
     pub dataset: &'a Dataset,

@@ -9,50 +9,12 @@ use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use serde::{Deserialize, Serialize};
-
 use crate::error::Context;
+pub use crate::log_record::LogRecord;
 use crate::{Result, files};
 
 /// Steps between lines: 300 points on a curve of 30000 steps.
 pub const LOG_EVERY: u32 = 100;
-
-/// A line of the log. Losses are means over the steps since the line before.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct LogRecord {
-    /// Steps made.
-    pub iteration: u32,
-    /// Training loss.
-    pub loss: f64,
-    /// Mean absolute difference under the mu-law.
-    pub l1: f64,
-    /// Mean SSIM under the mu-law.
-    pub ssim: f64,
-    /// PSNR of one training view, protocol `scene`, dB.
-    pub psnr_train: Option<f64>,
-    /// Mean PSNR of the test views at the last evaluation, protocol `scene`, dB.
-    pub psnr_test: Option<f64>,
-    /// Splats.
-    pub splats: usize,
-    /// Splats that touched the last image.
-    pub visible: u32,
-    /// Speed since the line before.
-    pub iterations_per_second: f64,
-    /// Seconds spent training, evaluation left out, over all resumed parts.
-    pub elapsed_s: f64,
-    /// Resident memory.
-    pub rss_bytes: Option<u64>,
-    /// Most resident memory, over all resumed parts.
-    pub peak_rss_bytes: Option<u64>,
-}
-
-impl LogRecord {
-    /// Returns the seconds until step `total` at the present speed.
-    pub fn seconds_left(&self, total: u32) -> Option<f64> {
-        let left = f64::from(total.saturating_sub(self.iteration));
-        (self.iterations_per_second > 0.0).then(|| left / self.iterations_per_second)
-    }
-}
 
 /// An open log.
 pub struct RunLog {
@@ -147,11 +109,5 @@ mod tests {
         assert_eq!(last, Some(record(200)));
         log.append(&record(250)).unwrap();
         assert_eq!(read(&path).unwrap(), [record(100), record(200), record(250)]);
-    }
-
-    #[test]
-    fn time_left_follows_from_the_speed() {
-        assert_eq!(record(100).seconds_left(300), Some(10.0));
-        assert_eq!(LogRecord { iterations_per_second: 0.0, ..record(100) }.seconds_left(300), None);
     }
 }

@@ -1,0 +1,65 @@
+//! The numbers of a training at a step: a line of a run's log, and the content of a progress event.
+
+use serde::{Deserialize, Serialize};
+
+/// A line of the log. Losses are means over the steps since the line before.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LogRecord {
+    /// Steps made.
+    pub iteration: u32,
+    /// Training loss.
+    pub loss: f64,
+    /// Mean absolute difference under the mu-law.
+    pub l1: f64,
+    /// Mean SSIM under the mu-law.
+    pub ssim: f64,
+    /// PSNR of one training view, protocol `scene`, dB.
+    pub psnr_train: Option<f64>,
+    /// Mean PSNR of the test views at the last evaluation, protocol `scene`, dB.
+    pub psnr_test: Option<f64>,
+    /// Splats.
+    pub splats: usize,
+    /// Splats that touched the last image.
+    pub visible: u32,
+    /// Speed since the line before.
+    pub iterations_per_second: f64,
+    /// Seconds spent training, evaluation left out, over all resumed parts.
+    pub elapsed_s: f64,
+    /// Resident memory.
+    pub rss_bytes: Option<u64>,
+    /// Most resident memory, over all resumed parts.
+    pub peak_rss_bytes: Option<u64>,
+}
+
+impl LogRecord {
+    /// Returns the seconds until step `total` at the present speed.
+    pub fn seconds_left(&self, total: u32) -> Option<f64> {
+        let left = f64::from(total.saturating_sub(self.iteration));
+        (self.iterations_per_second > 0.0).then(|| left / self.iterations_per_second)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn time_left_follows_from_the_speed() {
+        let record = LogRecord {
+            iteration: 100,
+            loss: 0.1,
+            l1: 0.05,
+            ssim: 0.9,
+            psnr_train: None,
+            psnr_test: None,
+            splats: 10,
+            visible: 5,
+            iterations_per_second: 20.0,
+            elapsed_s: 5.0,
+            rss_bytes: None,
+            peak_rss_bytes: None,
+        };
+        assert_eq!(record.seconds_left(300), Some(10.0));
+        assert_eq!(LogRecord { iterations_per_second: 0.0, ..record }.seconds_left(300), None);
+    }
+}
