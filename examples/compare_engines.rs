@@ -16,7 +16,8 @@ use luxel_core::{Dataset, Engine};
 use luxel_cpu::CpuEngine;
 use luxel_gpu::{DeviceChoice, Gpu, GpuEngine};
 use luxel_io::{LoadOptions, load_dataset};
-use luxel_train::{Measures, TrainConfig, Trainer, evaluate};
+use luxel_metrics::{Measures, evaluate};
+use luxel_train::{TrainConfig, Trainer};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();

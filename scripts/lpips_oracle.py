@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Expected LPIPS distances of networks with made-up weights, by the reference package.
 
-Writes crates/train/tests/oracles/lpips.json, which the test lpips_oracle holds the library against. Weights and images are made here and there by the
+Writes crates/metrics/tests/oracles/lpips.json, which the test lpips_oracle holds the library against. Weights and images are made here and there by the
 same arithmetic, so that none is stored or loaded. Needed: torch, torchvision, numpy and `pip install --no-deps lpips`.
 
 With --export DIR it writes the networks as safetensors files too (needs safetensors), to try `luxel compare --lpips-weights`.
@@ -15,7 +15,7 @@ import warnings
 
 import numpy as np
 
-OUTPUT = pathlib.Path(__file__).parent.parent / "crates/train/tests/oracles/lpips.json"
+OUTPUT = pathlib.Path(__file__).parent.parent / "crates/metrics/tests/oracles/lpips.json"
 SIZES = {"alex": (61, 48), "vgg": (37, 33)}
 
 

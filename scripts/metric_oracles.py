@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Expected values of Luxel's metrics, by independent implementations.
 
-Writes crates/core/tests/oracles/metrics.json, which the test metric_oracles holds the library against. Images are made here and in the
+Writes crates/metrics/tests/oracles/metrics.json, which the test metric_oracles holds the library against. Images are made here and in the
 test by the same arithmetic, so that none is stored. Needed, for instance in a virtual environment:
 
     pip install numpy scikit-image flip-evaluator && pip install --no-deps cvvdp
@@ -22,7 +22,7 @@ import flip_evaluator
 import numpy as np
 from skimage.metrics import structural_similarity
 
-OUTPUT = pathlib.Path(__file__).parent.parent / "crates/core/tests/oracles/metrics.json"
+OUTPUT = pathlib.Path(__file__).parent.parent / "crates/metrics/tests/oracles/metrics.json"
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 LOG_FLOOR = 1e-5
 RADIUS = 5

@@ -1,4 +1,4 @@
-//! What a scene is: splats, colour model, camera, image, tone curves, loss, metrics, and the contract that engines fulfil.
+//! What a scene is: splats, colour model, camera, image, tone curves, loss, and the contract that engines fulfil.
 //!
 //! No file, thread, SIMD lane or GPU is known here.
 
@@ -12,7 +12,6 @@ mod engine;
 pub mod environment;
 mod image;
 mod loss;
-pub mod metrics;
 pub mod noise;
 mod order;
 pub mod photo;
@@ -24,6 +23,7 @@ mod scene;
 pub mod sh;
 mod similarity;
 mod splats;
+mod ssim;
 pub mod synthetic;
 pub mod text;
 pub mod tone;
@@ -48,6 +48,7 @@ pub use response::{Knots, RESPONSE_KNOTS, Response, ToneCurve};
 pub use scene::{Scene, Snapshot};
 pub use similarity::{BandRotation, Similarity};
 pub use splats::{Moments, Splat, Splats, SplatsError, logit, sigmoid};
+pub use ssim::{SSIM_C1, SSIM_C2, SSIM_RADIUS, SSIM_SIGMA_PX, SSIM_TAPS, ssim_window};
 
 /// The example of the crate's README, compiled as a doc test.
 #[cfg(doctest)]

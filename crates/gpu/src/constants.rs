@@ -2,10 +2,10 @@
 
 use std::fmt::Write;
 
-use luxel_core::metrics::{SSIM_C1, SSIM_C2, SSIM_RADIUS, ssim_window};
 use luxel_core::{
     ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON, Activation, ColorModel, DEAD_CHROMA_FLOOR, MAX_EXP_ARGUMENT, MIN_AREA_RATIO, SH_OFFSET, sh,
 };
+use luxel_core::{SSIM_C1, SSIM_C2, SSIM_RADIUS, ssim_window};
 
 use crate::layout::{
     BUCKET, CULLED_KEY, DENSIFY_CAP, DENSIFY_SMOOTHING, DIGITS, FLAG_ABSOLUTE, FLAG_COMPENSATION, FLAG_MIN_CONTRIBUTION, FLAG_SMOOTHING,

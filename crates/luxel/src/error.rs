@@ -117,6 +117,7 @@ pub fn remedy_of<'a>(error: &'a (dyn StdError + 'static)) -> Option<&'a Remedy> 
     let engine = error.downcast_ref::<luxel_core::EngineError>().and_then(luxel_core::EngineError::remedy);
     engine
         .or_else(|| error.downcast_ref::<luxel_train::TrainError>()?.remedy())
+        .or_else(|| error.downcast_ref::<luxel_metrics::EvaluationError>()?.remedy())
         .or_else(|| error.downcast_ref::<luxel_io::IoError>()?.remedy.as_ref())
         .or_else(|| error.downcast_ref::<PrepareError>()?.remedy.as_ref())
 }
@@ -173,6 +174,7 @@ wrapped!(
     luxel_core::EditError,
     luxel_core::edit::EditTextError,
     luxel_io::IoError,
+    luxel_metrics::EvaluationError,
     PrepareError,
     luxel_train::TrainError,
 );

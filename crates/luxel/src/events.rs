@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-use luxel_core::metrics::ViewMetrics;
+use luxel_metrics::ViewMetrics;
 
 use crate::log_record::LogRecord;
 

@@ -45,7 +45,7 @@ pub fn number(v: f64) -> String {
     }
 }
 
-/// Returns the range of a decade of luminance (see [`luxel_core::metrics::DecadeError`]): `0.1 to
+/// Returns the range of a decade of luminance (see [`luxel_metrics::DecadeError`]): `0.1 to
 /// 1`.
 pub fn decade(decade: i32) -> String {
     let edge = |power: i32| if (-3..=3).contains(&power) { format!("{}", 10f64.powi(power)) } else { format!("1e{power}") };

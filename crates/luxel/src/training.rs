@@ -8,9 +8,10 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use luxel_core::metrics::FieldOptions;
 use luxel_core::{Camera, ColorSpace, View};
-use luxel_train::{GainFit, Measures, Method, Preset, SplitMetrics, TrainConfig, Trainer};
+use luxel_metrics::FieldOptions;
+use luxel_metrics::{GainFit, Measures, SplitMetrics};
+use luxel_train::{Method, Preset, TrainConfig, Trainer};
 
 use crate::device::SelectedEngine;
 use crate::error::Context;
@@ -242,7 +243,7 @@ impl Training {
             gain_fit: GainFit::Known(&known),
             ..Measures::new(scale, mu)
         };
-        Ok(luxel_train::evaluate(self.trainer.engine(), &options, &measures, views, &mut |_, _, _| {})?)
+        Ok(luxel_metrics::evaluate(self.trainer.engine(), &options, &measures, views, &mut |_, _, _| {})?)
     }
 
     /// Renders the scene as it stands.

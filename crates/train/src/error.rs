@@ -56,22 +56,6 @@ pub enum TrainError {
         /// What is wrong with it.
         source: luxel_core::CameraError,
     },
-    /// A network cannot look at a view.
-    #[error("view {view}: {source}")]
-    Lpips {
-        /// Name of the view.
-        view: String,
-        /// Why.
-        source: crate::LpipsError,
-    },
-    /// A view cannot be compared with its render.
-    #[error("view {view}: {source}")]
-    Metrics {
-        /// Name of the view.
-        view: String,
-        /// Why not.
-        source: luxel_core::metrics::MetricsError,
-    },
     /// Some training images are radiance, some recorded values.
     #[error(
         "view {radiance} is of radiance, view {recorded} of recorded values; train on one kind: choose by --supervision, or move the others out"
@@ -89,14 +73,6 @@ pub enum TrainError {
         view: String,
         /// Seconds.
         exposure_s: f32,
-    },
-    /// A view of recorded values, and no response to compare them through.
-    #[error(
-        "view {view}: its values are recorded ones, and there is no response of the camera to compare them through; compare with radiance"
-    )]
-    NoResponse {
-        /// Name of the view.
-        view: String,
     },
     /// The optimisation diverged.
     #[error(

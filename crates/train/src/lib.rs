@@ -1,4 +1,4 @@
-//! The method: initialisation, schedule, densification, the training loop and evaluation.
+//! The method: initialisation, schedule, densification and the training loop.
 //!
 //! A [`Trainer`] takes a data set, a [`TrainConfig`] and any [`luxel_core::Engine`], and turns one into a scene step by step. Everything
 //! random comes from one seed, so that equal inputs give equal scenes on an engine that is deterministic, and a [`luxel_core::Snapshot`]
@@ -10,10 +10,8 @@ mod config;
 mod contribution;
 pub mod densify;
 mod error;
-mod evaluate;
 mod gains;
 mod init;
-mod lpips;
 mod noise;
 mod recorded;
 mod resolution;
@@ -31,9 +29,7 @@ pub use config::{
 };
 pub use contribution::add_contribution;
 pub use error::TrainError;
-pub use evaluate::{GainFit, Measures, NamedMetrics, SplitMetrics, evaluate, probe};
 pub use init::initialise;
-pub use lpips::{Lpips, LpipsError, LpipsNetwork, Tensors};
 pub use noise::NoiseChoice;
 pub use resolution::{ResolutionSchedule, Stage};
 pub use scale::choose_radiance_scale;

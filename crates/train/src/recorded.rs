@@ -55,15 +55,10 @@ pub(crate) fn as_radiance(dataset: &Dataset, knots: &Knots) -> Dataset {
     Dataset { train: dataset.train.par_iter().map(convert).collect(), ..dataset.clone() }
 }
 
-/// What a camera of this response records of a render in normalised units, 0 to 1.
-pub(crate) fn record(render: &Image, response: &Response) -> Image {
-    let value = |c: usize, p: f32| response.of(c, p).value.clamp(0.0, 1.0);
-    let pixels = render.pixels.par_iter().map(|pixel| [value(0, pixel[0]), value(1, pixel[1]), value(2, pixel[2])]).collect();
-    Image { width: render.width, height: render.height, pixels }
-}
-
 #[cfg(test)]
 mod tests {
+    use luxel_metrics::render_as_captured;
+
     use super::*;
     use crate::camera_response::CameraResponse;
     use crate::testing::{camera_at, dataset_of, view_of};
@@ -89,10 +84,10 @@ mod tests {
         let knots = CameraResponse::new(0.5, &[]).knots();
         let view = exposed(0.5, vec![[0.1; 3]]);
         let Some(ToneCurve::Response(response)) = curve(&view, &knots, 2.0, [1.0, 2.0, 1.0]) else { panic!("of a recorded view") };
-        let found = record(&Image::filled(1, 1, [1.0; 3]), &response).pixels[0];
+        let found = render_as_captured(&Image::filled(1, 1, [1.0; 3]), &response).pixels[0];
         // Radiance 1 in units of 2 for half a second is the unit exposure.
         assert!((found[0] - 0.5).abs() < 1e-4 && found[1] > 0.6, "{found:?}");
-        assert_eq!(record(&Image::filled(1, 1, [1e9; 3]), &response).pixels[0], [1.0; 3]);
+        assert_eq!(render_as_captured(&Image::filled(1, 1, [1e9; 3]), &response).pixels[0], [1.0; 3]);
     }
 
     #[test]

@@ -12,13 +12,14 @@ use luxel_core::{
     Antialias, ColorSpace, Dataset, DensifyPlan, Engine, Knots, Moments, PlanRow, PositionNoise, RasterConfig, RenderOptions, Scene,
     Snapshot, StatsCollection, StepConfig, StepReport, View, logit, spatial_order,
 };
+use luxel_metrics::{log_gain, log_gain_of_view};
 
 use crate::average::Average;
 use crate::camera_response::{CameraResponse, exposure_of};
 use crate::config::Strategy;
 use crate::contribution::{are_seen, contribution};
 use crate::densify::{adc::Adc, mcmc::Mcmc};
-use crate::gains::{Gains, log_ratio, log_ratio_of_view};
+use crate::gains::Gains;
 use crate::noise::Seen;
 use crate::recorded::{as_radiance, curve, is_recorded, radiance_of};
 use crate::state::{Start, State};
@@ -234,7 +235,8 @@ impl Trainer {
         if self.schedule.is_recovering(step) {
             return Ok(());
         }
-        let (kind, options, gain) = (self.state.config.exposure_compensation, self.render_options_of(step), self.gain(index));
+        let Some(channels) = self.state.config.exposure_compensation.gain_channels() else { return Ok(()) };
+        let (options, gain) = (self.render_options_of(step), self.gain(index));
         let Some(gains) = self.state.gains.as_mut().filter(|gains| gains.measures_after(step)) else { return Ok(()) };
         let Some((view, target_scale)) = self.views.at(step, index, gain) else { return Ok(()) };
         let render = self.engine.render(&view.camera, &options)?;
@@ -245,9 +247,9 @@ impl Trainer {
                     let value = view.image.pixels.get(i).filter(|_| view.is_valid(i))?[c];
                     Some(radiance_of(value, c, &knots, exposure_s)? / (scale * gain[c]))
                 };
-                log_ratio(&render, radiance, kind)
+                log_gain(&render, radiance, channels)
             }
-            _ => log_ratio_of_view(&render, (view, target_scale), kind),
+            _ => log_gain_of_view(&render, view, target_scale, channels),
         };
         if let Some(found) = found {
             gains.shift(index, found);

@@ -9,7 +9,8 @@ use std::sync::Arc;
 use common::{config, dataset, engine};
 use luxel_core::response::exposure_of_knot;
 use luxel_core::{Dataset, Image, Mask, NoiseModel, PixelValues, View};
-use luxel_train::{ExposureCompensation, GainFit, Measures, NoiseChoice, SplitMetrics, TrainConfig, TrainError, Trainer, evaluate, probe};
+use luxel_metrics::{EvaluationError, GainFit, Measures, SplitMetrics, evaluate, probe};
+use luxel_train::{ExposureCompensation, NoiseChoice, TrainConfig, TrainError, Trainer};
 
 fn run(trainer: &mut Trainer, steps: u32) {
     for _ in 0..steps {
@@ -141,7 +142,7 @@ fn radiance_and_response_are_learnt_from_recordings() {
     assert!(psnr(&mut trainer, &views, GainFit::None) > 24.0);
     let measures = Measures::new(1.0, 5000.0);
     let error = evaluate(trainer.engine(), &Default::default(), &measures, &views.test, &mut |_, _, _| ()).unwrap_err();
-    assert!(matches!(error, TrainError::NoResponse { .. }), "{error}");
+    assert!(matches!(error, EvaluationError::NoResponse { .. }), "{error}");
 }
 
 #[test]

@@ -6,7 +6,8 @@ mod common;
 
 use common::{config, dataset, engine};
 use luxel_core::{Antialias, Dataset, Point, Snapshot};
-use luxel_train::{Method, Preset, Strategy, TrainConfig, Trainer, evaluate};
+use luxel_metrics::evaluate;
+use luxel_train::{Method, Preset, Strategy, TrainConfig, Trainer};
 
 fn run(trainer: &mut Trainer, steps: u32) {
     for _ in 0..steps {
@@ -17,7 +18,7 @@ fn run(trainer: &mut Trainer, steps: u32) {
 fn test_psnr(trainer: &mut Trainer, data: &Dataset) -> f64 {
     let (options, scale, mu) = (trainer.render_options(), trainer.radiance_scale(), trainer.config().mu);
     let mut seen = 0;
-    let split = evaluate(trainer.engine(), &options, &luxel_train::Measures::new(scale, mu), &data.test, &mut |_, image, _| {
+    let split = evaluate(trainer.engine(), &options, &luxel_metrics::Measures::new(scale, mu), &data.test, &mut |_, image, _| {
         seen += image.pixels.len()
     })
     .unwrap();
@@ -299,7 +300,7 @@ fn one_view_without_points_or_tests_can_be_trained_on() {
     run(&mut trainer, 19);
     assert!(trainer.step().unwrap().loss < first.loss);
     let none =
-        evaluate(trainer.engine(), &Default::default(), &luxel_train::Measures::new(1.0, 5000.0), &data.test, &mut |_, _, _| ()).unwrap();
+        evaluate(trainer.engine(), &Default::default(), &luxel_metrics::Measures::new(1.0, 5000.0), &data.test, &mut |_, _, _| ()).unwrap();
     assert!(none.views.is_empty());
 }
 

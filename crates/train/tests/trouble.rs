@@ -121,10 +121,10 @@ fn a_view_without_valid_pixels_among_others_does_no_harm() {
     for _ in 0..12 {
         assert!(trainer.step().unwrap().loss.is_finite());
     }
-    let split = luxel_train::evaluate(
+    let split = luxel_metrics::evaluate(
         trainer.engine(),
         &RenderOptions::default(),
-        &luxel_train::Measures::new(1.0, 5000.0),
+        &luxel_metrics::Measures::new(1.0, 5000.0),
         &data.train,
         &mut |_, _, _| (),
     )

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use luxel_core::metrics::FieldOptions;
+use luxel_metrics::FieldOptions;
 
 use super::values::{ColorSpaceArg, MetricsArg, TransferArg, parse_positive};
 

@@ -19,7 +19,7 @@ use anyhow::Result;
 use clap::error::ErrorKind;
 use clap::{Arg, Args, CommandFactory, Parser, Subcommand};
 use luxel::run::ExplicitArgs;
-use luxel_core::metrics::FieldOptions;
+use luxel_metrics::FieldOptions;
 use luxel_train::{Method, TrainConfig};
 
 pub(crate) use self::bench::BenchArgs;

@@ -4,11 +4,11 @@ mod captures;
 mod world;
 
 use clap::ValueEnum;
-use luxel_core::metrics::FlipChoice;
 use luxel_core::tone::Tonemap;
 use luxel_core::{ColorSpace, MAX_SIDE_PX};
 use luxel_cpu::InstructionSet;
 use luxel_io::{DatasetFormat, ExrSample, Transfer};
+use luxel_metrics::FlipChoice;
 use serde::Serialize;
 
 pub(crate) use self::captures::{SupervisionArg, parse_masks};

@@ -1,8 +1,8 @@
 //! Metrics of a split for people. A PSNR or SSIM never stands without its protocol (see
-//! [`luxel_core::metrics`]).
+//! [`luxel_metrics`]).
 
 use luxel::{SplitMetrics, text};
-use luxel_core::metrics::{FieldMetrics, ViewMetrics};
+use luxel_metrics::{FieldMetrics, ViewMetrics};
 
 /// Returns the means over `views` views in one line.
 pub(crate) fn mean_line(m: &ViewMetrics, views: usize) -> String {

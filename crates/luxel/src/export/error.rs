@@ -8,7 +8,7 @@
 //!   with the scene's scale as 1, and the sum of absolute errors over the sum of radiance.
 
 use luxel_core::tone::{MU, mu_law, rec709_of};
-use luxel_core::{Conversion, Dataset, Engine, Image, RenderOptions, Scene, metrics};
+use luxel_core::{Conversion, Dataset, Engine, Image, RenderOptions, Scene};
 use luxel_io::{Appearance, Baked};
 
 use crate::Result;
@@ -82,7 +82,7 @@ pub(super) fn measure(scene: &Scene, baked: &Baked, dataset: &Dataset, engine: &
             sums.count += 1.0;
         }
     }
-    let psnr_db = metrics::psnr_of_mse(sums.squared / sums.count.max(1.0));
+    let psnr_db = luxel_metrics::psnr_of_mse(sums.squared / sums.count.max(1.0));
     let values = match baked.appearance {
         Appearance::Display { .. } => {
             BakeErrorValues::Display { psnr_db, mean_absolute_error_of_255: 255.0 * sums.absolute / sums.count.max(1.0) }

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use luxel_core::metrics::{DecadeError, FLIP_PIXELS_PER_DEGREE, FieldMetrics};
+use luxel_metrics::{DecadeError, FLIP_PIXELS_PER_DEGREE, FieldMetrics};
 
 use super::ReportSplit;
 use super::html::escape;

@@ -14,9 +14,9 @@ mod views;
 use std::path::Path;
 use std::sync::Arc;
 
-use luxel_core::metrics::{FieldMetrics, LuminanceProfile, ViewMetrics};
 use luxel_core::{ColorSpace, Image, Mask};
 use luxel_io::{IoError, write_atomically};
+use luxel_metrics::{FieldMetrics, LuminanceProfile, ViewMetrics};
 
 use crate::Result;
 

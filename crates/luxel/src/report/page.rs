@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::time::Duration;
 
-use luxel_core::metrics::{MAX_PSNR_DB, ViewMetrics};
+use luxel_metrics::{MAX_PSNR_DB, ViewMetrics};
 
 use super::html::{document, escape};
 use super::plot::{Axis, Mark, Plot, Scale, Series};

@@ -3,7 +3,7 @@
 //! In: profiles over the same pixels, which each method has its own errors on. Out: two figures, mean absolute error and error in stops. Empty bins have
 //! no point; of profiles without pixels nothing is drawn.
 
-use luxel_core::metrics::{LuminanceProfile, ProfileBin};
+use luxel_metrics::{LuminanceProfile, ProfileBin};
 
 use super::plot::{Axis, Mark, Plot, Scale, Series};
 

@@ -1,4 +1,4 @@
-use luxel_core::metrics::DecadeError;
+use luxel_metrics::DecadeError;
 
 use super::*;
 
@@ -20,7 +20,7 @@ fn view(name: &str, width: usize, height: usize, error: f32) -> ReportView {
     for (i, pixel) in prediction.pixels.iter_mut().enumerate() {
         *pixel = pixel.map(|v| v * (1.0 + error * (i as f32 * 0.37).sin()));
     }
-    let metrics = luxel_core::metrics::view_metrics(&prediction, &target, None, 5000.0).unwrap();
+    let metrics = luxel_metrics::view_metrics(&prediction, &target, None, 5000.0).unwrap();
     ReportView { name: name.into(), prediction, target, mask: None, metrics }
 }
 

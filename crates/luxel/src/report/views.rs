@@ -3,8 +3,8 @@
 use std::fmt::Write as _;
 
 use luxel_core::Image;
-use luxel_core::metrics::ViewMetrics;
 use luxel_core::tone::Tonemap;
+use luxel_metrics::ViewMetrics;
 
 use super::html::escape;
 use super::picture::{self, Display, Exposures, INFERNO, Picture, error_map, figure, img, is_valid, mu_error, radiance, signed};

@@ -7,10 +7,10 @@
 
 use std::path::Path;
 
-use luxel_core::metrics::{FieldOptions, FlipChoice};
 use luxel_core::{Dataset, RenderOptions, Scene};
 use luxel_io::LoadOptions;
-use luxel_train::{GainFit, Lpips, SplitMetrics};
+use luxel_metrics::{FieldOptions, FlipChoice};
+use luxel_metrics::{GainFit, Lpips, SplitMetrics};
 
 use super::report::Evaluated;
 use super::{Captures, Metrics, Rendering, RunConfig, RunFolder, log, report, state};

@@ -1,13 +1,14 @@
 //! Metrics of a split, the images they are made from, and `metrics.json`. PSNR and SSIM are always
-//! named with their protocol (see [`luxel_core::metrics`]).
+//! named with their protocol (see [`luxel_metrics`]).
 
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use luxel_core::metrics::{FieldOptions, FlipChoice};
 use luxel_core::{ColorSpace, Engine, Image, Knots, PixelValues, RenderOptions, View};
 use luxel_io::{ExrOptions, ExrSample, HALF_MAX, Supervision};
-use luxel_train::{ExposureCompensation, GainFit, Lpips, Measures, SplitMetrics};
+use luxel_metrics::{FieldOptions, FlipChoice};
+use luxel_metrics::{GainFit, Lpips, Measures, SplitMetrics};
+use luxel_train::ExposureCompensation;
 use serde::{Deserialize, Serialize};
 
 use super::RunConfig;
@@ -80,7 +81,7 @@ impl Rendering<'_> {
     pub fn probe(&mut self, view: &View) -> Result<Option<f64>> {
         let log_gain = self.log_gain(view);
         let measures = Measures { response: self.response.as_ref(), ..Measures::new(self.radiance_scale, self.mu) };
-        Ok(luxel_train::probe(self.engine, &self.options, &measures, (view, log_gain))?)
+        Ok(luxel_metrics::probe(self.engine, &self.options, &measures, (view, log_gain))?)
     }
 
     /// Returns the ln gain of a view: 0 unless it was trained on.
@@ -137,7 +138,7 @@ impl Rendering<'_> {
         let field = FieldOptions { peak_luminance: self.peak_luminance, color_space, flip: self.flip };
         let measures =
             Measures { radiance_scale: scale, mu: self.mu, field, lpips: self.lpips, response: self.response.as_ref(), gain_fit };
-        let metrics = luxel_train::evaluate(self.engine, &self.options, &measures, views, &mut each)?;
+        let metrics = luxel_metrics::evaluate(self.engine, &self.options, &measures, views, &mut each)?;
         failed?;
         // Without views there are no means.
         Ok((!metrics.views.is_empty()).then_some(metrics))

@@ -3,9 +3,9 @@
 
 use std::path::Path;
 
-use luxel_core::metrics::LuminanceProfile;
 use luxel_core::{Dataset, Image, PixelValues, View};
-use luxel_train::SplitMetrics;
+use luxel_metrics::LuminanceProfile;
+use luxel_metrics::SplitMetrics;
 
 use super::evaluation::{Metrics, unique_stems};
 use super::{RunConfig, RunFolder, log};

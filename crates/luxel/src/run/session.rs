@@ -8,10 +8,11 @@
 
 use std::collections::BTreeMap;
 
-use luxel_core::metrics::{FieldOptions, FlipChoice};
 use luxel_core::{Dataset, StepReport};
 use luxel_io::IoErrorKind;
-use luxel_train::{GainFit, Trainer};
+use luxel_metrics::GainFit;
+use luxel_metrics::{FieldOptions, FlipChoice};
+use luxel_train::Trainer;
 
 use super::clock::Clock;
 use super::evaluation::{Metrics, Rendering};

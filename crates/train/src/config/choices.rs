@@ -1,6 +1,7 @@
 //! Named choices among the options.
 
 use clap::ValueEnum;
+use luxel_metrics::GainChannels;
 use serde::{Deserialize, Serialize};
 
 /// Colour models by name.
@@ -57,6 +58,17 @@ pub enum ExposureCompensation {
     Exposure,
     /// A gain an image and channel: exposure and white balance
     Color,
+}
+
+impl ExposureCompensation {
+    /// Returns the channels that share a gain, or `None` if there are no gains.
+    pub(crate) fn gain_channels(self) -> Option<GainChannels> {
+        match self {
+            Self::Off => None,
+            Self::Exposure => Some(GainChannels::Shared),
+            Self::Color => Some(GainChannels::Separate),
+        }
+    }
 }
 
 /// How the radiance of one normalised unit is chosen from the training views.

@@ -5,11 +5,11 @@ use std::path::Path;
 use anyhow::{Context, Result, bail};
 use luxel::colormap::magma;
 use luxel::run::evaluation;
-use luxel_core::metrics::{FieldMetrics, FieldOptions, FlipChoice, FlipMap, ViewMetrics, field_metrics, hdr_flip, view_metrics};
 use luxel_core::tone::rec709_of;
 use luxel_core::{ColorSpace, Image, Mask, luminance_rec709};
 use luxel_io::{ReadOptions, Transfer};
-use luxel_train::Lpips;
+use luxel_metrics::Lpips;
+use luxel_metrics::{FieldMetrics, FieldOptions, FlipChoice, FlipMap, ViewMetrics, field_metrics, hdr_flip, view_metrics};
 use serde::Serialize;
 
 use super::pairs::{Pair, Pairs};

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use anyhow::{Context, Result};
 use luxel::text;
-use luxel_core::metrics::{DecadeError, FLIP_PIXELS_PER_DEGREE, FieldMetrics, ViewMetrics};
+use luxel_metrics::{DecadeError, FLIP_PIXELS_PER_DEGREE, FieldMetrics, ViewMetrics};
 use serde::Serialize;
 
 use super::measure::{Compared, Settings};

@@ -12,9 +12,9 @@ use luxel::report::html::escape;
 use luxel::report::picture::{self, Display, Exposures, img, radiance, signed};
 use luxel::run::RunFolder;
 use luxel::run::evaluation::unique_stems;
-use luxel_core::metrics::LOG_FLOOR;
 use luxel_core::tone::Tonemap;
 use luxel_core::{ColorSpace, Image, luminance_rec709};
+use luxel_metrics::LOG_FLOOR;
 
 use super::matrix::Matrix;
 use super::results::CellResult;

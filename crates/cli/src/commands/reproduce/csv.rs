@@ -1,6 +1,6 @@
 //! The figures as CSV, unrounded: every run, means and spreads of the tables, the error by luminance, and luminance editing.
 
-use luxel_core::metrics::LuminanceProfile;
+use luxel_metrics::LuminanceProfile;
 
 use super::columns::COLUMNS;
 use super::editing::{EXPONENT, Edited};

@@ -13,9 +13,9 @@ use anyhow::{Context, Result, bail};
 use luxel::files;
 use luxel::run::evaluation::{self, Rendering};
 use luxel::run::state;
-use luxel_core::metrics::{FieldOptions, FlipChoice};
 use luxel_core::{Dataset, Engine, RenderOptions, View};
-use luxel_train::{GainFit, Lpips};
+use luxel_metrics::{FieldOptions, FlipChoice};
+use luxel_metrics::{GainFit, Lpips};
 use serde::{Deserialize, Serialize};
 
 use super::matrix::{Cell, Matrix};

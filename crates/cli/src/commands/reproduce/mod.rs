@@ -31,7 +31,7 @@ use anyhow::{Result, bail};
 use editing::Edited;
 use luxel::files;
 use luxel::run::{ExplicitArgs, Outcome, RunFolder};
-use luxel_core::metrics::LuminanceProfile;
+use luxel_metrics::LuminanceProfile;
 use matrix::{CellState, Matrix};
 use page::Content;
 use results::CellResult;

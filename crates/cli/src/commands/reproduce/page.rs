@@ -7,7 +7,7 @@ use anyhow::Result;
 use luxel::report::html::{document, escape};
 use luxel::report::profile::{self, Profiled};
 use luxel::{machine, text};
-use luxel_core::metrics::LuminanceProfile;
+use luxel_metrics::LuminanceProfile;
 
 use super::matrix::Matrix;
 use super::results::CellResult;

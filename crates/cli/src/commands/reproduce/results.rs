@@ -6,8 +6,8 @@ use anyhow::{Context, Result};
 use luxel::files;
 use luxel::run::evaluation::Metrics;
 use luxel::run::log;
-use luxel_core::metrics::{FieldMetrics, LuminanceProfile, ViewMetrics};
-use luxel_train::SplitMetrics;
+use luxel_metrics::SplitMetrics;
+use luxel_metrics::{FieldMetrics, LuminanceProfile, ViewMetrics};
 
 use super::matrix::{Cell, Matrix};
 use super::measure::{self, Measured};

@@ -1,8 +1,8 @@
 //! The window of SSIM along one axis, several results at a time.
 
 use fearless_simd::Simd;
-use luxel_core::metrics::{SSIM_RADIUS, ssim_window};
 use luxel_core::{Real, each};
+use luxel_core::{SSIM_RADIUS, ssim_window};
 
 use crate::lanes::{Half, Lanes, V, is_one_register};
 

@@ -3,8 +3,8 @@
 //! Moments of the window are convolved down the columns, then along the rows.
 
 use fearless_simd::Simd;
-use luxel_core::metrics::{SSIM_C1, SSIM_C2};
 use luxel_core::{Real, each};
+use luxel_core::{SSIM_C1, SSIM_C2};
 
 use super::Plan;
 use super::convolution::{Column, GROUP, Products, RADIUS, Row, Squares, Stack, Window};

@@ -6,33 +6,12 @@
 //! [`ssim_interior`] leaves out the pixels whose window reaches beyond the border (scikit-image's), [`ssim_replicated`] continues the border's pixels
 //! outwards (MATLAB's). Values may be f32 or f64; sums are f64: in f32 the variance of a bright, smooth area is lost to cancellation.
 
+use luxel_core::{SSIM_C1, SSIM_C2, SSIM_RADIUS, SSIM_TAPS as TAPS, ssim_window};
+
 use super::MetricsError;
 
-/// Pixels on either side of the window's centre.
-pub const SSIM_RADIUS: usize = 5;
-/// Standard deviation of the window, pixels.
-pub const SSIM_SIGMA_PX: f64 = 1.5;
-/// (0.01 peak)^2, peak 1: keeps the luminance term finite in the dark.
-pub const SSIM_C1: f64 = 1e-4;
-/// (0.03 peak)^2, peak 1: keeps the contrast term finite in flat areas.
-pub const SSIM_C2: f64 = 9e-4;
-
-const TAPS: usize = 2 * SSIM_RADIUS + 1;
 /// Blurred quantities: p, t, p^2 + t^2 and p t. The formula needs the variances only as their sum.
 const QUANTITIES: usize = 4;
-
-/// The window along one axis; sums to 1. The window is the product of two of these.
-pub fn ssim_window() -> [f64; TAPS] {
-    let mut window = std::array::from_fn(|i| {
-        let x = i as f64 - SSIM_RADIUS as f64;
-        (-x * x / (2.0 * SSIM_SIGMA_PX * SSIM_SIGMA_PX)).exp()
-    });
-    let sum: f64 = window.iter().sum();
-    for value in &mut window {
-        *value /= sum;
-    }
-    window
-}
 
 /// Mean structural similarity of one channel, row-major.
 ///

@@ -2,11 +2,11 @@
 //! values are in `oracles/metrics.json`, made by `scripts/metric_oracles.py` on the images that are made here by the same arithmetic.
 #![allow(clippy::unwrap_used)]
 
-use luxel_core::metrics::{
+use luxel_core::{ColorSpace, Image};
+use luxel_metrics::{
     DecadeError, FieldMetrics, FieldOptions, FlipChoice, FlipMap, MetricsError, field_metrics, hdr_flip, ldr_flip, ssim, ssim_interior,
     ssim_replicated,
 };
-use luxel_core::{ColorSpace, Image};
 use serde_json::Value;
 
 /// Of the error maps in the file.

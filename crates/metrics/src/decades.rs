@@ -7,7 +7,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::Pair;
-use crate::luminance_rec709;
+use luxel_core::luminance_rec709;
 
 /// Radiance below which ratios say nothing, normalised units: five decades below 1, as in the luminance-error profile.
 pub const LOG_FLOOR: f32 = 1e-5;
@@ -83,7 +83,7 @@ fn bin_of(luminance: f32) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Image;
+    use luxel_core::Image;
 
     fn pair<'a>(prediction: &'a Image, target: &'a Image) -> Pair<'a> {
         Pair::new(prediction, target, None).unwrap()

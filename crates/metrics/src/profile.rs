@@ -7,8 +7,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::{LOG_FLOOR, MetricsError, Pair};
-use crate::tone::rec709_of;
-use crate::{ColorSpace, Image, Mask, luminance_rec709};
+use luxel_core::tone::rec709_of;
+use luxel_core::{ColorSpace, Image, Mask, luminance_rec709};
 
 /// Bins per factor of ten.
 pub const PROFILE_BINS_PER_DECADE: usize = 4;
@@ -125,7 +125,7 @@ impl LuminanceProfile {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Conversion;
+    use luxel_core::Conversion;
 
     #[test]
     fn every_luminance_falls_between_the_edges_of_its_bin() {

@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used)]
 
 use luxel_core::{ColorSpace, Image, Mask};
-use luxel_train::{Lpips, LpipsError, LpipsNetwork, Tensors};
+use luxel_metrics::{Lpips, LpipsError, LpipsNetwork, Tensors};
 use serde_json::Value;
 
 /// A hash of index and seed as fractions of 24 bits.

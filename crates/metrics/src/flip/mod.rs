@@ -14,10 +14,10 @@ mod filter;
 mod hdr;
 
 use super::{MetricsError, Pair};
-use crate::tone::{rec709_of, srgb_decode};
-use crate::{ColorSpace, Image, Mask};
 use color::{HuntLab, YCxCz, hunt_lab, largest_color_difference, linear_of_ycxcz, ycxcz_of_linear};
 use filter::{ContrastSensitivity, FeatureFilters, Plane};
+use luxel_core::tone::{rec709_of, srgb_decode};
+use luxel_core::{ColorSpace, Image, Mask};
 
 pub use hdr::{FlipExposures, MEDIAN_FLOOR};
 

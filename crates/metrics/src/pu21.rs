@@ -7,7 +7,7 @@
 //! Radiance has no unit of its own here: what 1 is shown as, in cd/m2, belongs to every figure.
 
 use super::{MetricsError, Pair, psnr_of_mse, ssim_replicated};
-use crate::luminance_rec709;
+use luxel_core::luminance_rec709;
 
 /// Peak signal of [`pu21_encode`]d values in PSNR and SSIM: about V of 100 cd/m2, the white of the displays that 8-bit metrics were made for.
 pub const PU21_PEAK: f64 = 256.0;

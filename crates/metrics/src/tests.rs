@@ -1,7 +1,7 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::tone::{MU, mu_law, mu_law_inverse};
+use luxel_core::tone::{MU, mu_law, mu_law_inverse};
 
 fn image(width: usize, height: usize, value: impl Fn(usize) -> f32) -> Image {
     let pixels = (0..width * height).map(|i| [value(3 * i), value(3 * i + 1), value(3 * i + 2)]).collect();
@@ -81,7 +81,7 @@ fn masked_pixels_do_not_count() {
     prediction.pixels[77] = [f32::NAN; 3];
     let second = view_metrics(&prediction, &target, Some(&mask), MU).unwrap();
     assert_eq!(first, second);
-    let profile = LuminanceProfile::of(&prediction, &target, Some(&mask), crate::ColorSpace::LinearRec709).unwrap();
+    let profile = LuminanceProfile::of(&prediction, &target, Some(&mask), luxel_core::ColorSpace::LinearRec709).unwrap();
     assert_eq!(profile.count(), 16 * 12 - 2);
 }
 

@@ -1,8 +1,8 @@
 //! Exposures at which HDR-FLIP looks, and the curve under which it does.
 
 use super::Pair;
-use crate::tone::rec709_of;
-use crate::{ColorSpace, luminance_rec709};
+use luxel_core::tone::rec709_of;
+use luxel_core::{ColorSpace, luminance_rec709};
 
 /// The least that the median and maximum of the reference's luminance count as: half of all pixels may be black.
 pub const MEDIAN_FLOOR: f32 = f32::EPSILON;

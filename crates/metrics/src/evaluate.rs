@@ -8,18 +8,58 @@
 //! radiance are left out of them. Where images and scene differ by a gain that is nobody's fault ([`GainFit`]), figures after its removal stand beside
 //! those as it is; gains that training found belong to its images, whose figures are after their removal alone.
 
-use luxel_core::metrics::{FieldMetrics, FieldOptions, LuminanceProfile, ViewMetrics, field_metrics, psnr_scene, view_metrics};
-use luxel_core::{Engine, Image, Knots, PixelValues, RenderOptions, Response, View};
+use luxel_core::{Engine, EngineError, Image, Knots, PixelValues, Remedy, RenderOptions, Response, View};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::config::ExposureCompensation;
-use crate::gains::log_ratio_of_view;
-use crate::recorded::record;
-use crate::{Lpips, TrainError};
+use crate::{
+    FieldMetrics, FieldOptions, GainChannels, Lpips, LpipsError, LuminanceProfile, MetricsError, ViewMetrics, field_metrics,
+    log_gain_of_view, psnr_scene, render_as_captured, view_metrics,
+};
 
 /// mu of a mu-law that is a straight line to the last digit: recorded values are compared as they are.
 const LINEAR_MU: f32 = 1e-6;
+
+/// Why views cannot be evaluated.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum EvaluationError {
+    /// The engine cannot render a view.
+    #[error(transparent)]
+    Engine(#[from] EngineError),
+    /// A view cannot be compared with its render.
+    #[error("view {view}: {source}")]
+    Metrics {
+        /// Name of the view.
+        view: String,
+        /// The reason.
+        source: MetricsError,
+    },
+    /// The LPIPS network cannot compare a view.
+    #[error("view {view}: {source}")]
+    Lpips {
+        /// Name of the view.
+        view: String,
+        /// The reason.
+        source: LpipsError,
+    },
+    /// A view holds captured values, and no camera response is known to compare them through.
+    #[error("view {view}: it holds captured values, and no camera response is known to compare them through; compare with radiance")]
+    NoResponse {
+        /// Name of the view.
+        view: String,
+    },
+}
+
+impl EvaluationError {
+    /// Returns what to do about the error, where it is known.
+    pub fn remedy(&self) -> Option<&Remedy> {
+        match self {
+            Self::Engine(error) => error.remedy(),
+            Self::Metrics { .. } | Self::Lpips { .. } | Self::NoResponse { .. } => None,
+        }
+    }
+}
 
 /// What is taken out of predictions before they are measured: gains by channel, medians of image over render unless they are known.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -31,7 +71,7 @@ pub enum GainFit<'a> {
     Common,
     /// A gain of each view: exposure and white balance that drift.
     PerView,
-    /// ln gain of each view by channel, in the order of the views, as [`crate::Trainer::log_gains`] has them; of views beyond, nothing.
+    /// ln gain of each view by channel, in the order of the views, as `luxel_train::Trainer::log_gains` has them; of views beyond, nothing.
     Known(&'a [[f32; 3]]),
 }
 
@@ -123,7 +163,7 @@ impl From<SplitMetrics> for SplitFile {
 /// out, with a warning; of no views the means are 0.
 ///
 /// # Errors
-/// [`TrainError::Engine`] if a view cannot be rendered, [`TrainError::Metrics`] if a render is not finite, [`TrainError::NoResponse`] for a view of
+/// [`EvaluationError::Engine`] if a view cannot be rendered, [`EvaluationError::Metrics`] if a render is not finite, [`EvaluationError::NoResponse`] for a view of
 /// recorded values without a response.
 pub fn evaluate(
     engine: &mut dyn Engine,
@@ -131,7 +171,7 @@ pub fn evaluate(
     measures: &Measures<'_>,
     views: &[View],
     each: &mut dyn FnMut(&View, &Image, &ViewMetrics),
-) -> Result<SplitMetrics, TrainError> {
+) -> Result<SplitMetrics, EvaluationError> {
     let mut named = Vec::with_capacity(views.len());
     let mut profile = LuminanceProfile::default();
     let measured: Vec<(usize, &View)> = views.iter().enumerate().filter(|(_, view)| has_valid_pixel(view)).collect();
@@ -175,7 +215,7 @@ fn log_gain(render: &Image, view: &View, radiance_scale: f32) -> Option<[f32; 3]
     if view.values != PixelValues::Radiance {
         return None;
     }
-    log_ratio_of_view(render, (view, [1.0 / radiance_scale; 3]), ExposureCompensation::Color)
+    log_gain_of_view(render, view, [1.0 / radiance_scale; 3], GainChannels::Separate)
 }
 
 /// ln of the one gain of all views over their renders: the mean of theirs.
@@ -184,7 +224,7 @@ fn common_gain(
     options: &RenderOptions,
     radiance_scale: f32,
     views: &[(usize, &View)],
-) -> Result<[f32; 3], TrainError> {
+) -> Result<[f32; 3], EvaluationError> {
     let (mut sum, mut count) = ([0.0f64; 3], 0usize);
     for (_, view) in views {
         if let Some(log) = log_gain(&engine.render(&view.camera, options)?, view, radiance_scale) {
@@ -203,13 +243,13 @@ fn multiply(image: &mut Image, log_gain: [f32; 3]) {
 }
 
 /// A render in normalised units as the view's image has it: radiance, or what is recorded of it.
-fn seen_by(view: &View, render: Image, radiance_scale: f32, response: Option<&Knots>) -> Result<Image, TrainError> {
+fn seen_by(view: &View, render: Image, radiance_scale: f32, response: Option<&Knots>) -> Result<Image, EvaluationError> {
     match (view.values, response) {
         (PixelValues::Radiance, _) => Ok(render),
         (PixelValues::Recorded { exposure_s }, Some(knots)) => {
-            Ok(record(&render, &Response { knots: *knots, exposure: [radiance_scale * exposure_s; 3] }))
+            Ok(render_as_captured(&render, &Response { knots: *knots, exposure: [radiance_scale * exposure_s; 3] }))
         }
-        (PixelValues::Recorded { .. }, None) => Err(TrainError::NoResponse { view: view.name.clone() }),
+        (PixelValues::Recorded { .. }, None) => Err(EvaluationError::NoResponse { view: view.name.clone() }),
     }
 }
 
@@ -222,7 +262,7 @@ pub fn probe(
     options: &RenderOptions,
     measures: &Measures<'_>,
     (view, log_gain): (&View, [f32; 3]),
-) -> Result<Option<f64>, TrainError> {
+) -> Result<Option<f64>, EvaluationError> {
     if !(0..view.image.pixels.len()).any(|i| view.is_valid(i)) {
         return Ok(None);
     }
@@ -243,7 +283,7 @@ fn mu_of(view: &View, measures: &Measures<'_>) -> f32 {
 
 type Figures = (ViewMetrics, Option<FieldMetrics>, LuminanceProfile);
 
-fn measure(view: &View, prediction: &Image, measures: &Measures<'_>) -> Result<Figures, TrainError> {
+fn measure(view: &View, prediction: &Image, measures: &Measures<'_>) -> Result<Figures, EvaluationError> {
     let (target, mask) = (normalised(view, measures.radiance_scale), view.mask.as_deref());
     let metrics = view_metrics(prediction, &target, mask, mu_of(view, measures)).map_err(|source| failed(view, source))?;
     if view.values != PixelValues::Radiance {
@@ -253,7 +293,7 @@ fn measure(view: &View, prediction: &Image, measures: &Measures<'_>) -> Result<F
     let profile = LuminanceProfile::of(prediction, &target, mask, measures.field.color_space).map_err(|source| failed(view, source))?;
     if let Some(lpips) = measures.lpips {
         let distance = lpips.of_radiance(prediction, &target, mask, measures.mu, measures.field.color_space);
-        lpips.record(distance.map_err(|source| TrainError::Lpips { view: view.name.clone(), source })?, &mut field);
+        lpips.record(distance.map_err(|source| EvaluationError::Lpips { view: view.name.clone(), source })?, &mut field);
     }
     Ok((metrics, Some(field), profile))
 }
@@ -274,8 +314,8 @@ fn has_valid_pixel(view: &View) -> bool {
     has_one
 }
 
-fn failed(view: &View, source: luxel_core::metrics::MetricsError) -> TrainError {
-    TrainError::Metrics { view: view.name.clone(), source }
+fn failed(view: &View, source: MetricsError) -> EvaluationError {
+    EvaluationError::Metrics { view: view.name.clone(), source }
 }
 
 #[cfg(test)]

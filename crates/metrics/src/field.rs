@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 use super::decades::{log_rmse, relative_error_by_decade};
 use super::pu21::pu21_psnr_ssim;
 use super::{DecadeError, MetricsError, Pair, hdr_flip};
-use crate::tone::rec709_of;
-use crate::{ColorSpace, Image, Mask};
+use luxel_core::tone::rec709_of;
+use luxel_core::{ColorSpace, Image, Mask};
 
 /// Whether HDR-FLIP is computed: it takes many times as long as everything else.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -129,7 +129,7 @@ pub fn field_metrics(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::metrics::MAX_PSNR_DB;
+    use crate::MAX_PSNR_DB;
 
     const ALL: FieldOptions = FieldOptions { peak_luminance: 100.0, color_space: ColorSpace::LinearRec709, flip: FlipChoice::Compute };
 

@@ -12,10 +12,10 @@ mod layers;
 
 use std::collections::BTreeMap;
 
-use luxel_core::metrics::{FieldMetrics, MetricsError};
 use luxel_core::tone::{MuLaw, rec709_of};
 use luxel_core::{ColorSpace, Image, Mask};
 
+use crate::{FieldMetrics, MetricsError};
 use layers::{Convolution, Features, Layer};
 
 /// Shape and values of tensors by name.

@@ -14,24 +14,32 @@
 //! What needs no mu-law is in [`FieldMetrics`]: PU21, HDR-FLIP, the error of the logarithm, relative errors by decade; and in
 //! [`LuminanceProfile`].
 
+mod captured;
 mod decades;
+mod evaluate;
 mod field;
 mod flip;
+mod gain;
+mod lpips;
 mod profile;
 mod pu21;
 mod ssim;
 
 use serde::{Deserialize, Serialize};
 
-use crate::tone::MuLaw;
-use crate::{Image, Mask};
+use luxel_core::tone::MuLaw;
+use luxel_core::{Image, Mask};
 
+pub use captured::render_as_captured;
 pub use decades::{DecadeError, LOG_FLOOR};
+pub use evaluate::{EvaluationError, GainFit, Measures, NamedMetrics, SplitMetrics, evaluate, probe};
 pub use field::{FieldMetrics, FieldOptions, FlipChoice, field_metrics};
 pub use flip::{FLIP_PIXELS_PER_DEGREE, FlipExposures, FlipMap, MEDIAN_FLOOR, hdr_flip, ldr_flip};
+pub use gain::{GainChannels, log_gain, log_gain_of_view};
+pub use lpips::{Lpips, LpipsError, LpipsNetwork, Tensors};
 pub use profile::{LuminanceProfile, PROFILE_BINS_PER_DECADE, ProfileBin};
 pub use pu21::{PU21_PEAK, PU21_RANGE_CD_M2, pu21_encode};
-pub use ssim::{SSIM_C1, SSIM_C2, SSIM_RADIUS, SSIM_SIGMA_PX, ssim, ssim_interior, ssim_replicated, ssim_window};
+pub use ssim::{ssim, ssim_interior, ssim_replicated};
 
 /// PSNR of equal images, dB: reported instead of infinity, which JSON can't hold. f32 rounding alone is worth more than 130 dB.
 pub const MAX_PSNR_DB: f64 = 100.0;
@@ -291,6 +299,11 @@ impl<'a> Pair<'a> {
         Ok(Comparison { mse: squares / count, mse_black: squares_black / count, l1: absolute / count, ssim: similarity / 3.0 })
     }
 }
+
+/// The example of the crate's README, compiled as a doc test.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct CrateReadmeExample;
 
 #[cfg(test)]
 mod tests;
