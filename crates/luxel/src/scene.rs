@@ -10,6 +10,7 @@ use luxel_io::PathCamera;
 use crate::error::Context;
 use crate::export::{Exported, export};
 use crate::probe::probe;
+use crate::run::{RunFolder, state};
 use crate::{Bake, Device, DeviceOptions, ExportOptions, Probe, ProbeOptions, Result, SelectedEngine, Silent};
 
 /// A scene. Dereferences to [`luxel_core::Scene`], whose splats are in normalised units.
@@ -30,13 +31,19 @@ use crate::{Bake, Device, DeviceOptions, ExportOptions, Probe, ProbeOptions, Res
 pub struct Scene(luxel_core::Scene);
 
 impl Scene {
-    /// Reads a scene file: PLY of this program, plain and compressed 3DGS PLY, USD text, GLB or
-    /// SPZ, recognised by content.
+    /// Reads a scene file, or the newest scene of a run folder. Formats are PLY of this program, plain
+    /// and compressed 3DGS PLY, USD text, GLB and SPZ, recognised by content.
     ///
     /// # Errors
-    /// A file that cannot be read, is damaged, or is of a format or version that is not supported.
+    /// A file that cannot be read, is damaged, or is of a format or version that is not supported; a
+    /// folder that is not a run, or has no scene yet.
     pub fn open(path: impl AsRef<Path>) -> Result<Self> {
-        luxel_io::read_scene(path.as_ref()).map(Self).context("cannot read the scene")
+        let path = path.as_ref();
+        if path.is_dir() {
+            let (folder, _) = RunFolder::open(path)?;
+            return Ok(Self(state::newest_scene(&folder, &Silent)?.1));
+        }
+        luxel_io::read_scene(path).map(Self).context("cannot read the scene")
     }
 
     /// Writes the scene as PLY, whole or not at all: the exact model, and a tone-mapped preview

@@ -22,10 +22,11 @@
 //!     }
 //! };
 //! let launch = Launch { folder: &folder, observer: &observer, stop: &StopFlag::new() };
-//! let trained = run::fresh(config, engine, launch, |_| folder.lock())?;
+//! let mut trained = run::fresh(config, engine, launch, |_| folder.lock())?;
 //!
 //! assert_eq!(trained.outcome, Outcome::Finished);
 //! assert!(folder.report().is_file() && folder.scene(5).is_file());
+//! assert_eq!(luxel::Scene::open(&my_run)?, trained.trainer.scene()?.into());
 //! # Ok(())
 //! # }
 //! ```
