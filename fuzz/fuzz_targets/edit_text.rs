@@ -3,7 +3,7 @@
 
 use libfuzzer_sys::fuzz_target;
 use luxel_core::edit::{MaskShares, ShMap, Statement};
-use luxel_core::{Activation, ColorModel, ColorSpace, Edit, EditError, RasterConfig, Scene, Selection, Splat, Splats};
+use luxel_core::{RadianceScale, Activation, ColorModel, ColorSpace, Edit, EditError, RasterConfig, Scene, Selection, Splat, Splats};
 
 /// Splats of luminance 1/16 to 16, of three hues, along a line.
 fn scene(color_model: ColorModel) -> Scene {
@@ -26,7 +26,7 @@ fn scene(color_model: ColorModel) -> Scene {
         });
     }
     let raster = RasterConfig::default();
-    Scene { splats, radiance_scale: 2.0, color_space: ColorSpace::LinearRec709, raster, edits: Vec::new() }
+    Scene { splats, radiance_scale: RadianceScale::new(2.0).unwrap(), color_space: ColorSpace::LinearRec709, raster, edits: Vec::new() }
 }
 
 fn apply(edits: &[Edit], color_model: ColorModel, sh_map: ShMap) {

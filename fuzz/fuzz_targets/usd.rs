@@ -8,6 +8,6 @@ use libfuzzer_sys::fuzz_target;
 fuzz_target!(|data: &[u8]| {
     if let Ok(scene) = luxel_io::decode_usda(Path::new("scene.usda"), data) {
         assert_eq!(scene.splats.validate(), Ok(()));
-        assert!(scene.radiance_scale.is_finite() && scene.radiance_scale > 0.0);
+        assert!(scene.radiance_scale.get().is_finite() && scene.radiance_scale.get() > 0.0);
     }
 });

@@ -6,7 +6,7 @@ use std::path::Path;
 use anyhow::{Context, Result, bail};
 use luxel::text;
 use luxel_core::edit::{Applied, MaskName, MaskShares, SelectionSummary, ShMap};
-use luxel_core::{Dataset, Edit, Engine, Image, RenderOptions, Scene, View};
+use luxel_core::{Dataset, Edit, Engine, Image, Scene, View};
 
 use crate::inputs::scene_source::{DataRequest, SceneSource};
 use crate::output::console::Console;
@@ -37,7 +37,7 @@ pub(crate) fn project_masks(names: &[&MaskName], scene: &Scene, dataset: &Datase
         return Ok(shares);
     }
     engine.load(&scene.splats, None).context("cannot load the scene")?;
-    let options = RenderOptions { raster: scene.raster, ..RenderOptions::default() };
+    let options = scene.render_options();
     for name in names {
         let view = view(dataset, &name.view)?;
         let mask = read_mask(Path::new(&name.file), view)?;

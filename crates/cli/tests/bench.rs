@@ -4,7 +4,7 @@
 mod common;
 
 use common::Workplace;
-use luxel_core::{Cutoffs, RasterConfig, Scene, synthetic};
+use luxel_core::{Cutoffs, RadianceScale, RasterConfig, Scene, synthetic};
 use serde_json::{Value, json};
 
 const SIDE: usize = 32;
@@ -18,7 +18,7 @@ fn workplace() -> Workplace {
     let place = Workplace::empty();
     let raster = RasterConfig { cutoffs: Cutoffs::PARITY, ..RasterConfig::default() };
     let splats = synthetic::room(SPLATS, 1);
-    let scene = Scene { splats, radiance_scale: 1.0, color_space: Default::default(), raster, edits: Vec::new() };
+    let scene = Scene { splats, radiance_scale: RadianceScale::ONE, color_space: Default::default(), raster, edits: Vec::new() };
     luxel_io::write_scene_ply(&place.path("room.ply"), &scene).unwrap();
     write_camera(&place, |_| {});
     std::fs::write(place.path("target.npy"), npy(SIDE, SIDE, 0.25)).unwrap();
@@ -170,7 +170,8 @@ fn scenes_that_cannot_be_measured_as_asked_are_named() {
     let raster = RasterConfig::default();
     let lcd = in_lcd(&synthetic::room(50, 1));
     let write = |name: &str, splats| {
-        let scene = Scene { splats, radiance_scale: 2.0, color_space: Default::default(), raster, edits: Vec::new() };
+        let scene =
+            Scene { splats, radiance_scale: RadianceScale::new(2.0).unwrap(), color_space: Default::default(), raster, edits: Vec::new() };
         luxel_io::write_scene_ply(&place.path(name), &scene).unwrap();
     };
     write("lcd.ply", lcd.clone());

@@ -4,7 +4,9 @@
 mod common;
 
 use common::{SIDE, Workplace};
-use luxel_core::{Activation, Antialias, ColorModel, ColorSpace, Cutoffs, Image, RasterConfig, Scene, Splat, Splats, luminance_sum};
+use luxel_core::{
+    Activation, Antialias, ColorModel, ColorSpace, Cutoffs, Image, RadianceScale, RasterConfig, Scene, Splat, Splats, luminance_sum,
+};
 
 const PLY: &str = "run/point_cloud/iteration_40/point_cloud.ply";
 
@@ -150,7 +152,7 @@ fn balls(color_model: ColorModel) -> Scene {
         });
     }
     let raster = RasterConfig { cutoffs: Cutoffs::PARITY, antialias: Antialias::Off, ..RasterConfig::default() };
-    Scene { splats, radiance_scale: 1.0, color_space: ColorSpace::LinearRec709, raster, edits: Vec::new() }
+    Scene { splats, radiance_scale: RadianceScale::ONE, color_space: ColorSpace::LinearRec709, raster, edits: Vec::new() }
 }
 
 #[test]

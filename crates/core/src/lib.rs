@@ -15,6 +15,7 @@ mod loss;
 pub mod noise;
 mod order;
 pub mod photo;
+mod radiance_scale;
 mod real;
 mod recolor;
 mod remedy;
@@ -42,6 +43,7 @@ pub use engine::{
 pub use image::{Image, luminance_rec709, luminance_sum};
 pub use loss::{LossConfig, SQUARED_KNEE};
 pub use order::spatial_order;
+pub use radiance_scale::{RadianceScale, RadianceScaleError};
 pub use real::Real;
 pub use remedy::Remedy;
 pub use response::{Knots, RESPONSE_KNOTS, Response, ToneCurve};

@@ -11,7 +11,7 @@ use std::fs::File;
 use std::io::{BufReader, Read, Write};
 use std::path::Path;
 
-use luxel_core::{ColorModel, ColorSpace, DensifyStats, Moments, RasterConfig, Scene, Snapshot, Splats};
+use luxel_core::{ColorModel, ColorSpace, DensifyStats, Moments, RadianceScale, RasterConfig, Scene, Snapshot, Splats};
 use safetensors::tensor::{Dtype, Metadata, TensorInfo};
 use serde::Serialize;
 
@@ -88,10 +88,6 @@ pub fn decode_checkpoint(name: &Path, bytes: &[u8]) -> Result<Snapshot, IoError>
 fn check(snapshot: &Snapshot) -> Result<(), String> {
     let splats = &snapshot.scene.splats;
     splats.validate().map_err(|e| e.to_string())?;
-    let scale = snapshot.scene.radiance_scale;
-    if !(scale.is_finite() && scale > 0.0) {
-        return Err(format!("radiance scale {scale}, expected a positive number"));
-    }
     let (first, second) = (&snapshot.moments.first, &snapshot.moments.second);
     let average = snapshot.average.iter().map(|average| ("the average is", average));
     for (name, found) in [("first moments are", first), ("second moments are", second)].into_iter().chain(average) {
@@ -218,7 +214,7 @@ fn read<R: Read>(path: &Path, mut reader: R, length: u64) -> Result<Snapshot, Io
         return Err(wrong("color_model", "degrees in range"));
     }
     let color_space = ColorSpace::from_name(value("color_space")?).ok_or_else(|| wrong("color_space", ColorSpace::NAMES))?;
-    let scale = value("radiance_scale")?.parse().ok().filter(|s: &f32| s.is_finite() && *s > 0.0);
+    let scale = value("radiance_scale")?.parse().ok().and_then(RadianceScale::new);
     let radiance_scale = scale.ok_or_else(|| wrong("radiance_scale", "a positive number"))?;
     let raster: RasterConfig = serde_json::from_str(value("raster")?).map_err(|_| wrong("raster", "cut-offs and antialias"))?;
     let state_json = value("state")?.clone();

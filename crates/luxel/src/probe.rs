@@ -112,7 +112,7 @@ pub fn probe(mut scene: Scene, options: &ProbeOptions, dataset: Option<&Dataset>
     let color_space = options.color_space.unwrap_or(scene.color_space);
     let conversion = Conversion::between(scene.color_space, color_space);
     for pixel in &mut image.pixels {
-        *pixel = conversion.apply(pixel.map(|c| c * scene.radiance_scale));
+        *pixel = conversion.apply(scene.radiance_scale.restored(*pixel));
     }
     let summary = Summary::of(&image, projection);
     let has_training_resolution = focal_px.is_some();
@@ -139,6 +139,6 @@ fn leave_out_near(scene: &mut Scene, options: &ProbeOptions) -> usize {
 
 fn renders(rig: &Rig, scene: &Scene, background: [f32; 3], engine: &mut dyn Engine) -> Result<Vec<Image>> {
     engine.load(&scene.splats, None).context("cannot load the scene")?;
-    let options = RenderOptions { raster: scene.raster, background, ..RenderOptions::default() };
+    let options = RenderOptions { background, ..scene.render_options() };
     rig.cameras.iter().map(|camera| engine.render(camera, &options).context("cannot render the probe")).collect()
 }

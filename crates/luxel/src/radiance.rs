@@ -7,7 +7,7 @@
 use std::path::Path;
 
 use luxel_core::tone::{Tonemap, display_rgb8, rec709_of};
-use luxel_core::{Camera, ColorSpace, Conversion, Image};
+use luxel_core::{Camera, ColorSpace, Conversion, Image, RadianceScale};
 use luxel_io::{ExrOptions, ExrSample, HALF_MAX};
 
 use crate::Result;
@@ -35,14 +35,14 @@ use crate::error::Context;
 pub struct Radiance {
     image: Image,
     color_space: ColorSpace,
-    radiance_scale: f32,
+    radiance_scale: RadianceScale,
     camera: Option<Camera>,
 }
 
 impl Radiance {
     /// Takes a render out of normalised units.
-    pub(crate) fn new(mut image: Image, radiance_scale: f32, color_space: ColorSpace, camera: &Camera) -> Self {
-        image.scale(radiance_scale);
+    pub(crate) fn new(mut image: Image, radiance_scale: RadianceScale, color_space: ColorSpace, camera: &Camera) -> Self {
+        radiance_scale.restore(&mut image);
         Self { image, color_space, radiance_scale, camera: Some(camera.clone()) }
     }
 
@@ -92,7 +92,7 @@ impl Radiance {
         let options = ExrOptions {
             sample: if is_large { ExrSample::Float } else { ExrSample::Half },
             color_space: self.color_space,
-            numbers: vec![("luxel:radiance_scale".into(), self.radiance_scale)],
+            numbers: vec![("luxel:radiance_scale".into(), self.radiance_scale.get())],
             camera: self.camera.clone(),
             ..ExrOptions::default()
         };
@@ -107,7 +107,7 @@ impl Radiance {
     /// The file system's refusal.
     pub fn save_preview(&self, path: impl AsRef<Path>, tonemap: Tonemap, exposure_ev: f32) -> Result<()> {
         let encode = |rgb: &[f32; 3]| {
-            let normalised = rgb.map(|value| value / self.radiance_scale);
+            let normalised = self.radiance_scale.normalised(*rgb);
             display_rgb8(tonemap, exposure_ev, rec709_of(self.color_space, normalised))
         };
         let rgb8: Vec<[u8; 3]> = self.image.pixels.iter().map(encode).collect();

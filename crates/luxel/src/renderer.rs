@@ -1,7 +1,7 @@
 //! Rendering of a scene: always with the scene's own raster settings, always into the units of the
 //! data set.
 
-use luxel_core::{Camera, ColorSpace, Engine, RenderOptions};
+use luxel_core::{Camera, ColorSpace, Engine, RadianceScale, RenderOptions};
 
 use crate::device::SelectedEngine;
 use crate::error::{Context, ensure};
@@ -22,7 +22,7 @@ use crate::{DeviceOptions, Radiance, Result, Scene};
 /// ```
 pub struct Renderer {
     engine: Box<dyn Engine>,
-    radiance_scale: f32,
+    radiance_scale: RadianceScale,
     color_space: ColorSpace,
     options: RenderOptions,
 }
@@ -36,13 +36,13 @@ impl Renderer {
     pub fn new(scene: &Scene, device: impl Into<DeviceOptions>) -> Result<Self> {
         let mut engine = SelectedEngine::open(&device.into())?.engine;
         engine.load(&scene.splats, None).context("cannot load the scene")?;
-        let options = RenderOptions { raster: scene.raster, ..RenderOptions::default() };
+        let options = scene.render_options();
         Ok(Self { engine, radiance_scale: scene.radiance_scale, color_space: scene.color_space, options })
     }
 
     /// Sets the radiance behind everything, in the units of the data set. It is black at first.
     pub fn set_background(&mut self, radiance: [f32; 3]) {
-        self.options.background = radiance.map(|value| value / self.radiance_scale);
+        self.options.background = self.radiance_scale.normalised(radiance);
     }
 
     /// Sets the samples along a pixel's side, 1 to 4: a pixel is the mean of their square.

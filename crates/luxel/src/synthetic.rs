@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use luxel_core::{ColorSpace, Image, RasterConfig};
+use luxel_core::{ColorSpace, Image, RadianceScale, RasterConfig};
 use luxel_io::{ExrOptions, ExrSample};
 use serde_json::json;
 
@@ -16,7 +16,7 @@ use crate::{Result, Scene, files};
 pub fn room(count: usize, seed: u64) -> Scene {
     let splats = luxel_core::synthetic::room(count, seed);
     let (color_space, raster) = (ColorSpace::default(), RasterConfig::default());
-    Scene::from(luxel_core::Scene { splats, radiance_scale: 1.0, color_space, raster, edits: Vec::new() })
+    Scene::from(luxel_core::Scene { splats, radiance_scale: RadianceScale::ONE, color_space, raster, edits: Vec::new() })
 }
 
 /// Size and number of the images of [`write_dataset`].

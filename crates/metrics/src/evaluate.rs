@@ -8,7 +8,7 @@
 //! radiance are left out of them. Where images and scene differ by a gain that is nobody's fault ([`GainFit`]), figures after its removal stand beside
 //! those as it is; gains that training found belong to its images, whose figures are after their removal alone.
 
-use luxel_core::{Engine, EngineError, Image, Knots, PixelValues, Remedy, RenderOptions, Response, View};
+use luxel_core::{Engine, EngineError, Image, Knots, PixelValues, RadianceScale, Remedy, RenderOptions, Response, View};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -79,7 +79,7 @@ pub enum GainFit<'a> {
 #[derive(Clone, Copy, Debug)]
 pub struct Measures<'a> {
     /// Data-set radiance of one normalised unit.
-    pub radiance_scale: f32,
+    pub radiance_scale: RadianceScale,
     /// mu of the mu-law.
     pub mu: f32,
     /// Of the figures that need no mu-law.
@@ -94,7 +94,7 @@ pub struct Measures<'a> {
 
 impl Measures<'_> {
     /// With the default display, without HDR-FLIP and LPIPS, of images in linear Rec.709.
-    pub fn new(radiance_scale: f32, mu: f32) -> Self {
+    pub fn new(radiance_scale: RadianceScale, mu: f32) -> Self {
         Self { radiance_scale, mu, field: FieldOptions::default(), lpips: None, response: None, gain_fit: GainFit::None }
     }
 
@@ -211,18 +211,18 @@ pub fn evaluate(
 }
 
 /// ln of the gain of a view's image over its render, by channel; `None` of recorded values, or of too few pixels to tell.
-fn log_gain(render: &Image, view: &View, radiance_scale: f32) -> Option<[f32; 3]> {
+fn log_gain(render: &Image, view: &View, radiance_scale: RadianceScale) -> Option<[f32; 3]> {
     if view.values != PixelValues::Radiance {
         return None;
     }
-    log_gain_of_view(render, view, [1.0 / radiance_scale; 3], GainChannels::Separate)
+    log_gain_of_view(render, view, radiance_scale.target_scale([1.0; 3]), GainChannels::Separate)
 }
 
 /// ln of the one gain of all views over their renders: the mean of theirs.
 fn common_gain(
     engine: &mut dyn Engine,
     options: &RenderOptions,
-    radiance_scale: f32,
+    radiance_scale: RadianceScale,
     views: &[(usize, &View)],
 ) -> Result<[f32; 3], EvaluationError> {
     let (mut sum, mut count) = ([0.0f64; 3], 0usize);
@@ -243,11 +243,11 @@ fn multiply(image: &mut Image, log_gain: [f32; 3]) {
 }
 
 /// A render in normalised units as the view's image has it: radiance, or what is recorded of it.
-fn seen_by(view: &View, render: Image, radiance_scale: f32, response: Option<&Knots>) -> Result<Image, EvaluationError> {
+fn seen_by(view: &View, render: Image, radiance_scale: RadianceScale, response: Option<&Knots>) -> Result<Image, EvaluationError> {
     match (view.values, response) {
         (PixelValues::Radiance, _) => Ok(render),
         (PixelValues::Recorded { exposure_s }, Some(knots)) => {
-            Ok(render_as_captured(&render, &Response { knots: *knots, exposure: [radiance_scale * exposure_s; 3] }))
+            Ok(render_as_captured(&render, &Response { knots: *knots, exposure: radiance_scale.exposure(exposure_s, [1.0; 3]) }))
         }
         (PixelValues::Recorded { .. }, None) => Err(EvaluationError::NoResponse { view: view.name.clone() }),
     }
@@ -298,10 +298,10 @@ fn measure(view: &View, prediction: &Image, measures: &Measures<'_>) -> Result<F
     Ok((metrics, Some(field), profile))
 }
 
-fn normalised(view: &View, radiance_scale: f32) -> Image {
+fn normalised(view: &View, radiance_scale: RadianceScale) -> Image {
     let mut target = Image::clone(&view.image);
     if view.values == PixelValues::Radiance {
-        target.scale(1.0 / radiance_scale);
+        radiance_scale.normalise(&mut target);
     }
     target
 }

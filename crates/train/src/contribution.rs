@@ -80,7 +80,7 @@ fn counts_of(view: &View) -> Vec<f32> {
 mod tests {
     use std::sync::Arc;
 
-    use luxel_core::{ColorModel, Image, Mask, Splat, Splats, View, logit};
+    use luxel_core::{ColorModel, Image, Mask, RadianceScale, Splat, Splats, View, logit};
     use luxel_cpu::CpuEngine;
 
     use super::*;
@@ -108,7 +108,7 @@ mod tests {
     fn found(train: &[View], round: u32) -> Vec<f32> {
         let mut engine = CpuEngine::new(1).unwrap();
         engine.load(&splats(), None).unwrap();
-        let mut views = TrainingViews::new(train, Vec::new(), NoiseChoice::Auto, Seen { radiance_scale: 1.0, mu: 5000.0 });
+        let mut views = TrainingViews::new(train, Vec::new(), NoiseChoice::Auto, Seen { radiance_scale: RadianceScale::ONE, mu: 5000.0 });
         contribution(&mut engine, &mut views, (100, round), &RenderOptions::default()).unwrap()
     }
 
@@ -155,7 +155,8 @@ mod tests {
         let seen_of = |train: &[View], part: f32| {
             let mut engine = CpuEngine::new(1).unwrap();
             engine.load(&splats, None).unwrap();
-            let mut views = TrainingViews::new(train, Vec::new(), NoiseChoice::Auto, Seen { radiance_scale: 1.0, mu: 5000.0 });
+            let mut views =
+                TrainingViews::new(train, Vec::new(), NoiseChoice::Auto, Seen { radiance_scale: RadianceScale::ONE, mu: 5000.0 });
             are_seen(&mut engine, &mut views, (100, part), &RenderOptions::default()).unwrap()
         };
         let train = [view(None), view(Some(0.5))];

@@ -8,7 +8,7 @@
 //! The radiance that noise is reckoned from is the mean of the pixel's neighbourhood: the pixel's own would favour those that noise made brighter,
 //! and so brighten the dark.
 
-use luxel_core::{Image, Mask, NoiseModel, View, luminance_sum};
+use luxel_core::{Image, Mask, NoiseModel, RadianceScale, View, luminance_sum};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -85,7 +85,7 @@ impl NoiseChoice {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Seen {
     /// Data-set radiance of one normalised unit.
-    pub(crate) radiance_scale: f32,
+    pub(crate) radiance_scale: RadianceScale,
     /// mu of the mu-law.
     pub(crate) mu: f32,
 }
@@ -102,8 +102,9 @@ pub(crate) fn weighted(view: &View, model: NoiseModel, seen: Seen) -> Mask {
 
 /// Weight of a pixel whose channels have radiance `signal` on average.
 fn weight_of(signal: f32, model: NoiseModel, seen: Seen) -> f32 {
-    let slope = seen.mu / ((1.0 + seen.mu * signal / seen.radiance_scale) * seen.mu.ln_1p());
-    let noise = slope * model.variance(signal).sqrt() / seen.radiance_scale / TOLERANCE;
+    let scale = seen.radiance_scale;
+    let slope = seen.mu / ((1.0 + scale.normalised_value(seen.mu * signal)) * seen.mu.ln_1p());
+    let noise = scale.normalised_value(slope * model.variance(signal).sqrt()) / TOLERANCE;
     (1.0 + noise * noise).sqrt().recip()
 }
 
@@ -128,7 +129,7 @@ mod tests {
     use super::*;
     use crate::testing::{camera_at, view_of};
 
-    const SEEN: Seen = Seen { radiance_scale: 2.0, mu: 5000.0 };
+    const SEEN: Seen = Seen { radiance_scale: RadianceScale::new(2.0).unwrap(), mu: 5000.0 };
 
     #[test]
     fn a_weight_follows_the_noise_under_the_mu_law() {

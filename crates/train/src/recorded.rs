@@ -6,7 +6,7 @@
 use std::sync::Arc;
 
 use luxel_core::response::{BLACK, SATURATED};
-use luxel_core::{Dataset, Image, Knots, Mask, PixelValues, Response, ToneCurve, View};
+use luxel_core::{Dataset, Image, Knots, Mask, PixelValues, RadianceScale, Response, ToneCurve, View};
 use rayon::prelude::*;
 
 use crate::TrainError;
@@ -27,9 +27,9 @@ pub(crate) fn is_recorded(train: &[View]) -> Result<bool, TrainError> {
 }
 
 /// The curve through which the loss sees `view` of gain `gain`.
-pub(crate) fn curve(view: &View, knots: &Knots, radiance_scale: f32, gain: [f32; 3]) -> Option<ToneCurve> {
+pub(crate) fn curve(view: &View, knots: &Knots, radiance_scale: RadianceScale, gain: [f32; 3]) -> Option<ToneCurve> {
     let exposure_s = exposure_of(view)?;
-    Some(ToneCurve::Response(Response { knots: *knots, exposure: gain.map(|gain| radiance_scale * exposure_s * gain) }))
+    Some(ToneCurve::Response(Response { knots: *knots, exposure: radiance_scale.exposure(exposure_s, gain) }))
 }
 
 /// Radiance of a recorded pixel and channel by `knots`; `None` of a black or saturated one.
@@ -83,7 +83,9 @@ mod tests {
     fn what_is_recorded_of_a_render_is_what_the_loss_compares() {
         let knots = CameraResponse::new(0.5, &[]).knots();
         let view = exposed(0.5, vec![[0.1; 3]]);
-        let Some(ToneCurve::Response(response)) = curve(&view, &knots, 2.0, [1.0, 2.0, 1.0]) else { panic!("of a recorded view") };
+        let Some(ToneCurve::Response(response)) = curve(&view, &knots, RadianceScale::new(2.0).unwrap(), [1.0, 2.0, 1.0]) else {
+            panic!("of a recorded view")
+        };
         let found = render_as_captured(&Image::filled(1, 1, [1.0; 3]), &response).pixels[0];
         // Radiance 1 in units of 2 for half a second is the unit exposure.
         assert!((found[0] - 0.5).abs() < 1e-4 && found[1] > 0.6, "{found:?}");

@@ -4,7 +4,7 @@
 //! training. The mu-law of the loss is where this matters: it is linear below 1/mu and logarithmic above, so a typical pixel has
 //! to lie well above 2e-4 for the dark to be seen, and near 1 at most for published figures to compare. All pixels black: an error.
 
-use luxel_core::View;
+use luxel_core::{RadianceScale, View};
 
 use crate::TrainError;
 use crate::config::ScaleRule;
@@ -19,7 +19,7 @@ const MAX_SAMPLES: usize = 1 << 21;
 ///
 /// # Errors
 /// [`TrainError::NoTrainViews`], [`TrainError::NoPixels`] or [`TrainError::AllBlack`].
-pub fn choose_radiance_scale(train: &[View], rule: ScaleRule) -> Result<f32, TrainError> {
+pub fn choose_radiance_scale(train: &[View], rule: ScaleRule) -> Result<RadianceScale, TrainError> {
     let scale = match rule {
         ScaleRule::Raw => 1.0,
         ScaleRule::Max => brightest_channel(train)?,
@@ -27,7 +27,7 @@ pub fn choose_radiance_scale(train: &[View], rule: ScaleRule) -> Result<f32, Tra
         ScaleRule::Median20 => percentile(positive_luminances(train)?, 0.5) / MEDIAN_TARGET,
     };
     // Denormal radiance would make 1 / scale infinite.
-    Ok(scale.clamp(f32::MIN_POSITIVE * 16.0, f32::MAX / 16.0))
+    RadianceScale::new(scale.clamp(f32::MIN_POSITIVE * 16.0, f32::MAX / 16.0)).ok_or(TrainError::NoPixels)
 }
 
 /// The middle (R + G + B) / 3 of the training views' pixels, data-set units; black pixels (a mask in disguise) are left out.
@@ -97,17 +97,17 @@ mod tests {
     fn rules_put_the_typical_pixel_where_they_say() {
         let views = ramp();
         // The black pixel is left out: the median of 1..=100 by nearest rank is 51.
-        assert!((choose_radiance_scale(&views, ScaleRule::Median20).unwrap() * 0.05 - 51.0).abs() < 1e-3);
-        assert!((choose_radiance_scale(&views, ScaleRule::P99).unwrap() - 99.0).abs() < 1e-3);
-        assert_eq!(choose_radiance_scale(&views, ScaleRule::Max).unwrap(), 100.0);
-        assert_eq!(choose_radiance_scale(&views, ScaleRule::Raw).unwrap(), 1.0);
+        assert!((choose_radiance_scale(&views, ScaleRule::Median20).unwrap().get() * 0.05 - 51.0).abs() < 1e-3);
+        assert!((choose_radiance_scale(&views, ScaleRule::P99).unwrap().get() - 99.0).abs() < 1e-3);
+        assert_eq!(choose_radiance_scale(&views, ScaleRule::Max).unwrap().get(), 100.0);
+        assert_eq!(choose_radiance_scale(&views, ScaleRule::Raw).unwrap(), RadianceScale::ONE);
     }
 
     #[test]
     fn masked_pixels_are_left_out() {
         let mut views = ramp();
         views[0].mask = Some(Arc::new(Mask::of_valid((0..101).map(|i| i <= 10))));
-        assert_eq!(choose_radiance_scale(&views, ScaleRule::Max).unwrap(), 10.0);
+        assert_eq!(choose_radiance_scale(&views, ScaleRule::Max).unwrap().get(), 10.0);
         views[0].mask = Some(Arc::new(Mask::of_valid(vec![false; 101])));
         assert!(matches!(choose_radiance_scale(&views, ScaleRule::Max), Err(TrainError::NoPixels)));
     }

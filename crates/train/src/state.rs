@@ -1,6 +1,6 @@
 //! What a run needs besides arrays to go on bit for bit, as JSON in [`luxel_core::Snapshot::state_json`].
 
-use luxel_core::{Dataset, Knots, Snapshot};
+use luxel_core::{Dataset, Knots, RadianceScale, Snapshot};
 use rand::seq::SliceRandom;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -26,7 +26,7 @@ pub(crate) struct State {
     /// Steps done.
     pub(crate) iteration: u32,
     pub(crate) extent: f32,
-    pub(crate) radiance_scale: f32,
+    pub(crate) radiance_scale: RadianceScale,
     pub(crate) fingerprint: String,
     pub(crate) rng: Pcg64Mcg,
     /// States that the snapshot's average is the mean of; 0: there is none yet.
@@ -47,7 +47,7 @@ pub(crate) struct State {
 pub(crate) struct Start {
     pub(crate) config: TrainConfig,
     pub(crate) extent: f32,
-    pub(crate) radiance_scale: f32,
+    pub(crate) radiance_scale: RadianceScale,
     pub(crate) response: Option<CameraResponse>,
 }
 
@@ -137,10 +137,8 @@ impl State {
         }
         let state: Self = serde_json::from_str(json).map_err(|error| TrainError::State(error.to_string()))?;
         state.config.validate()?;
-        for (name, value) in [("extent", state.extent), ("radiance_scale", state.radiance_scale)] {
-            if !(value.is_finite() && value > 0.0) {
-                return Err(TrainError::State(format!("{name} is {value}, expected a number above 0")));
-            }
+        if !(state.extent.is_finite() && state.extent > 0.0) {
+            return Err(TrainError::State(format!("extent is {}, expected a number above 0", state.extent)));
         }
         Ok(state)
     }

@@ -9,8 +9,8 @@
 use std::collections::VecDeque;
 
 use luxel_core::{
-    Antialias, ColorSpace, Dataset, DensifyPlan, Engine, Knots, Moments, PlanRow, PositionNoise, RasterConfig, RenderOptions, Scene,
-    Snapshot, StatsCollection, StepConfig, StepReport, View, logit, spatial_order,
+    Antialias, ColorSpace, Dataset, DensifyPlan, Engine, Knots, Moments, PlanRow, PositionNoise, RadianceScale, RasterConfig,
+    RenderOptions, Scene, Snapshot, StatsCollection, StepConfig, StepReport, View, logit, spatial_order,
 };
 use luxel_metrics::{log_gain, log_gain_of_view};
 
@@ -60,7 +60,7 @@ impl Trainer {
         let radiance = response.as_ref().map(|response| as_radiance(dataset, &response.knots()));
         let start = radiance.as_ref().unwrap_or(dataset);
         let radiance_scale = match config.radiance_scale {
-            Some(scale) => scale,
+            Some(scale) => RadianceScale::try_from(scale).map_err(|e| TrainError::config("radiance-scale", e.to_string()))?,
             None => choose_radiance_scale(&start.train, config.scale_rule)?,
         };
         let initial = initialise(start, &config, radiance_scale)?;
@@ -68,7 +68,13 @@ impl Trainer {
         let splats = initial.select(spatial_order(&initial.position));
         let extent = scene_extent(&dataset.train, &splats.position);
         engine.load(&splats, None)?;
-        tracing::info!(splats = splats.len(), radiance_scale, extent, model = config.color_model().name(), "initialised");
+        tracing::info!(
+            splats = splats.len(),
+            radiance_scale = radiance_scale.get(),
+            extent,
+            model = config.color_model().name(),
+            "initialised"
+        );
         let state = State::new(dataset, Start { config, extent, radiance_scale, response });
         let mut trainer = Self::assemble(dataset, (state, None), engine);
         trainer.warn_of_average();
@@ -140,7 +146,7 @@ impl Trainer {
     }
 
     /// Data-set radiance of one normalised unit.
-    pub fn radiance_scale(&self) -> f32 {
+    pub fn radiance_scale(&self) -> RadianceScale {
         self.state.radiance_scale
     }
 
@@ -158,7 +164,7 @@ impl Trainer {
         let config = &self.state.config;
         RenderOptions {
             raster: RasterConfig { samples: self.schedule.samples(step), ..config.raster() },
-            background: config.background.map(|c| c / self.state.radiance_scale),
+            background: self.state.radiance_scale.normalised(config.background),
             active_degree: self.schedule.active_degree(step, config.color_model().max_degree()),
         }
     }
@@ -242,10 +248,11 @@ impl Trainer {
         let render = self.engine.render(&view.camera, &options)?;
         let found = match (&self.state.response, exposure_of(view)) {
             (Some(response), Some(exposure_s)) => {
-                let (knots, scale) = (response.knots(), self.state.radiance_scale);
+                let knots = response.knots();
+                let exposure = self.state.radiance_scale.exposure(1.0, gain);
                 let radiance = |i: usize, c: usize| {
                     let value = view.image.pixels.get(i).filter(|_| view.is_valid(i))?[c];
-                    Some(radiance_of(value, c, &knots, exposure_s)? / (scale * gain[c]))
+                    Some(radiance_of(value, c, &knots, exposure_s)? / exposure[c])
                 };
                 log_gain(&render, radiance, channels)
             }

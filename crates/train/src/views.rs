@@ -83,7 +83,7 @@ impl TrainingViews {
     pub(crate) fn at(&mut self, step: u32, index: usize, gain: [f32; 3]) -> Option<(&View, [f32; 3])> {
         let factor = self.factor(step);
         let scale = match self.full.get(index)?.values {
-            PixelValues::Radiance => gain.map(|gain| 1.0 / self.seen.radiance_scale / gain),
+            PixelValues::Radiance => self.seen.radiance_scale.target_scale(gain),
             PixelValues::Recorded { .. } => [1.0; 3],
         };
         if factor == 1 {
@@ -121,7 +121,7 @@ fn weighted_by_noise(view: View, seen: Seen) -> View {
 
 #[cfg(test)]
 mod tests {
-    use luxel_core::Image;
+    use luxel_core::{Image, RadianceScale};
 
     use super::*;
     use crate::testing::{camera_at, view_of};
@@ -130,7 +130,12 @@ mod tests {
         let image = |shade: f32| Image::from_pixels(32, 32, (0..32 * 32).map(|i| [shade, i as f32, 2.0]).collect()).unwrap();
         let train = [view_of("a", camera_at([0.0; 3], [32, 32]), image(4.0)), view_of("b", camera_at([1.0; 3], [32, 32]), image(8.0))];
         let schedule: crate::ResolutionSchedule = stages.parse().unwrap();
-        TrainingViews::new(&train, schedule.stages(100, 10, 32), NoiseChoice::Auto, Seen { radiance_scale: 2.0, mu: 5000.0 })
+        TrainingViews::new(
+            &train,
+            schedule.stages(100, 10, 32),
+            NoiseChoice::Auto,
+            Seen { radiance_scale: RadianceScale::new(2.0).unwrap(), mu: 5000.0 },
+        )
     }
 
     #[test]

@@ -140,7 +140,7 @@ fn radiance_and_response_are_learnt_from_recordings() {
     // A view of recorded values is compared as it is recorded.
     let views = Dataset { test: vec![recorded().train[4].clone()], ..data };
     assert!(psnr(&mut trainer, &views, GainFit::None) > 24.0);
-    let measures = Measures::new(1.0, 5000.0);
+    let measures = Measures::new(luxel_core::RadianceScale::ONE, 5000.0);
     let error = evaluate(trainer.engine(), &Default::default(), &measures, &views.test, &mut |_, _, _| ()).unwrap_err();
     assert!(matches!(error, EvaluationError::NoResponse { .. }), "{error}");
 }

@@ -299,8 +299,14 @@ fn one_view_without_points_or_tests_can_be_trained_on() {
     let first = trainer.step().unwrap();
     run(&mut trainer, 19);
     assert!(trainer.step().unwrap().loss < first.loss);
-    let none =
-        evaluate(trainer.engine(), &Default::default(), &luxel_metrics::Measures::new(1.0, 5000.0), &data.test, &mut |_, _, _| ()).unwrap();
+    let none = evaluate(
+        trainer.engine(),
+        &Default::default(),
+        &luxel_metrics::Measures::new(luxel_core::RadianceScale::ONE, 5000.0),
+        &data.test,
+        &mut |_, _, _| (),
+    )
+    .unwrap();
     assert!(none.views.is_empty());
 }
 

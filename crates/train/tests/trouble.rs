@@ -124,7 +124,7 @@ fn a_view_without_valid_pixels_among_others_does_no_harm() {
     let split = luxel_metrics::evaluate(
         trainer.engine(),
         &RenderOptions::default(),
-        &luxel_metrics::Measures::new(1.0, 5000.0),
+        &luxel_metrics::Measures::new(luxel_core::RadianceScale::ONE, 5000.0),
         &data.train,
         &mut |_, _, _| (),
     )

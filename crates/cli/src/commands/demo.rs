@@ -9,7 +9,7 @@ use luxel::preview::{self, Look};
 use luxel::run::{Launch, MadeBy, Occupant, Outcome, RunConfig, RunFolder, RunLock, RunOptions, TrainedRun, fresh};
 use luxel::{LoadOptions, files};
 use luxel_core::tone::Tonemap;
-use luxel_core::{Dataset, View, luminance_rec709};
+use luxel_core::{Dataset, RadianceScale, View, luminance_rec709};
 use luxel_train::{TrainConfig, Trainer};
 use serde_json::json;
 
@@ -131,7 +131,7 @@ fn pictures(folder: &RunFolder, dataset: &Dataset, trainer: &mut Trainer) -> Res
     for view in chosen {
         let render = trainer.engine().render(&view.camera, &options).with_context(|| format!("cannot render {}", view.name))?;
         let mut ground_truth = view.image.as_ref().clone();
-        ground_truth.scale(1.0 / scale);
+        scale.normalise(&mut ground_truth);
         let (shadows_ev, highlights_ev) = exposures(view, scale);
         for (endings, exposure_ev) in PICTURE_ENDINGS.into_iter().zip([shadows_ev, highlights_ev]) {
             let look = Look { tonemap: Tonemap::Agx, exposure_ev };
@@ -147,8 +147,8 @@ fn pictures(folder: &RunFolder, dataset: &Dataset, trainer: &mut Trainer) -> Res
 
 /// Returns the exposures in stops that bring a view's median to middle grey, and its 99.9th
 /// percentile to 1.
-fn exposures(view: &View, scale: f32) -> (f32, f32) {
-    let mut luminance: Vec<f32> = view.image.pixels.iter().map(|&p| luminance_rec709(p) / scale).collect();
+fn exposures(view: &View, scale: RadianceScale) -> (f32, f32) {
+    let mut luminance: Vec<f32> = view.image.pixels.iter().map(|&p| scale.normalised_value(luminance_rec709(p))).collect();
     luminance.sort_unstable_by(f32::total_cmp);
     let at = |part: f64| luminance.get((part * luminance.len().saturating_sub(1) as f64) as usize).copied().unwrap_or(1.0);
     let stops = |from: f32, to: f32| (to / from.max(1e-6)).log2();

@@ -206,7 +206,7 @@ fn add_scene(facts: &mut Tree, scene: &Scene) {
         facts.set("activation", format!("{activation:?}").to_lowercase());
     }
     facts.set("color_space", scene.color_space.name());
-    facts.set_f32("radiance_scale", scene.radiance_scale);
+    facts.set_f32("radiance_scale", scene.radiance_scale.get());
     facts.set("antialias", format!("{:?}", scene.raster.antialias).to_lowercase());
     facts.set("samples", scene.raster.samples);
     facts.set("parameters_bytes", parameter_bytes(splats));
@@ -233,7 +233,7 @@ fn add_scene(facts: &mut Tree, scene: &Scene) {
 /// Returns the luminance Y of each splat as seen along +z, in the units of the data set.
 fn scene_luminance(scene: &Scene) -> Vec<f32> {
     let radiance = |i| scene.splats.radiance(i, [0.0, 0.0, 1.0]);
-    (0..scene.splats.len()).map(|i| scene.radiance_scale * luminance(scene.color_space, radiance(i))).collect()
+    (0..scene.splats.len()).map(|i| scene.radiance_scale.restored_value(luminance(scene.color_space, radiance(i)))).collect()
 }
 
 fn parameter_bytes(splats: &Splats) -> usize {

@@ -60,7 +60,7 @@ pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
     let scene = &source.scene;
     engine.load(&scene.splats, None).context("cannot load the scene")?;
     let raster = RasterConfig { samples: args.samples.unwrap_or(scene.raster.samples), ..scene.raster };
-    let options = RenderOptions { raster, background, ..RenderOptions::default() };
+    let options = RenderOptions { raster, background, ..scene.render_options() };
     let mut too_bright = 0usize;
     for job in &jobs {
         let layers =
@@ -202,12 +202,12 @@ fn write(args: &RenderArgs, scene: &Scene, job: &Job, layers: Layers) -> Result<
     let color_space = args.colorspace.map_or(scene.color_space, Into::into);
     let conversion = Conversion::between(scene.color_space, color_space);
     for pixel in &mut image.pixels {
-        *pixel = conversion.apply(pixel.map(|c| c * scene.radiance_scale));
+        *pixel = conversion.apply(scene.radiance_scale.restored(*pixel));
     }
     let options = ExrOptions {
         sample: args.exr_type.into(),
         color_space,
-        numbers: vec![("luxel:radiance_scale".into(), scene.radiance_scale), ("luxel:preview_exposure_ev".into(), args.exposure)],
+        numbers: vec![("luxel:radiance_scale".into(), scene.radiance_scale.get()), ("luxel:preview_exposure_ev".into(), args.exposure)],
         camera: Some(job.camera.clone()),
         alpha: args.alpha.then_some(alpha),
         depth: args.depth.then(|| depth.into_iter().map(|z| z.min(FAR)).collect()),

@@ -73,7 +73,7 @@ impl SceneSource {
     /// set), else as in training, else black.
     pub(crate) fn background(&self, asked: Option<[f32; 3]>) -> [f32; 3] {
         match (asked, &self.run) {
-            (Some(rgb), _) => rgb.map(|v| v / self.scene.radiance_scale),
+            (Some(rgb), _) => self.scene.radiance_scale.normalised(rgb),
             (None, Some((_, config))) => config.background(self.scene.radiance_scale),
             (None, None) => [0.0; 3],
         }

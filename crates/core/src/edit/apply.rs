@@ -81,7 +81,7 @@ fn recolored(scene: &Scene, chain: &MapChain<'_>, weights: &[f32], sh_map: ShMap
         match (&refit, factor) {
             (Some(refit), factor) => {
                 let base_factor = factor.unwrap_or(1.0);
-                let map = SplatMap { chain, kind: sh_map, weight: *weight, scale: scene.radiance_scale, base_factor };
+                let map = SplatMap { chain, kind: sh_map, weight: *weight, scale: scene.radiance_scale.get(), base_factor };
                 moved += scene.light(i) * refit.apply(sh, &map);
                 light += scene.light(i);
             }

@@ -6,7 +6,7 @@ use crate::{Scene, luminance_sum};
 impl Scene {
     /// Luminance (R + G + B) of splat `i` by its degree-0 term, in the units of the data set.
     pub fn luminance(&self, i: usize) -> f32 {
-        self.splats.base_luminance(i) * self.radiance_scale
+        self.radiance_scale.restored_value(self.splats.base_luminance(i))
     }
 
     /// Median of [`Self::luminance`] over the splats that are not black; 1 where all are.
@@ -23,7 +23,9 @@ impl Scene {
         let smallest = log_scale.into_iter().fold(f64::INFINITY, f64::min);
         // Within what neither vanishes nor overflows in sums.
         let area = (log_scale.iter().sum::<f64>() - smallest).clamp(-200.0, 200.0).exp();
-        f64::from(luminance_sum(splats.base_radiance(i)) * self.radiance_scale) * f64::from(crate::sigmoid(splats.opacity_logit[i])) * area
+        f64::from(self.radiance_scale.restored_value(luminance_sum(splats.base_radiance(i))))
+            * f64::from(crate::sigmoid(splats.opacity_logit[i]))
+            * area
     }
 }
 

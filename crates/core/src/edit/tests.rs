@@ -1,7 +1,7 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::{Activation, Antialias, ColorModel, ColorSpace, Cutoffs, RasterConfig, Scene, Splat, Splats};
+use crate::{Activation, Antialias, ColorModel, ColorSpace, Cutoffs, RadianceScale, RasterConfig, Scene, Splat, Splats};
 
 fn lcd(luminance_degree: u8, activation: Activation) -> ColorModel {
     ColorModel::Lcd { chroma_degree: 3, luminance_degree, activation }
@@ -37,7 +37,7 @@ fn scene(model: ColorModel, evs: &[f32], wobble: f32) -> Scene {
         splats.push(&Splat { position, rotation, log_scale: [0.0; 3], opacity_logit: 0.0, sh: &sh, raw_luminance: &raw });
     }
     let raster = RasterConfig { cutoffs: Cutoffs::PARITY, antialias: Antialias::Off, ..RasterConfig::default() };
-    Scene { splats, radiance_scale: SCALE, color_space: ColorSpace::LinearRec709, raster, edits: Vec::new() }
+    Scene { splats, radiance_scale: RadianceScale::new(SCALE).unwrap(), color_space: ColorSpace::LinearRec709, raster, edits: Vec::new() }
 }
 
 fn apply(scene: &mut Scene, text: &str) -> Result<Applied, EditError> {
@@ -155,7 +155,7 @@ proptest! {
             apply(&mut after, &format!("where L > 0.5 ~{feather} or L < 0.2; {map}")).unwrap();
             let restored = Splats { raw_luminance: before.splats.raw_luminance.clone(), ..after.splats };
             prop_assert_eq!(&restored, &before.splats);
-            prop_assert_eq!((after.radiance_scale, after.raster, after.edits.len()), (SCALE, before.raster, 1));
+            prop_assert_eq!((after.radiance_scale.get(), after.raster, after.edits.len()), (SCALE, before.raster, 1));
         }
     }
 

@@ -2,8 +2,8 @@
 
 use luxel_core::edit::{MaskShares, ShMap};
 use luxel_core::{
-    Activation, Antialias, Camera, ColorModel, ColorSpace, Cutoffs, Edit, Engine, Image, RasterConfig, RenderOptions, Scene, Splats,
-    luminance_sum,
+    Activation, Antialias, Camera, ColorModel, ColorSpace, Cutoffs, Edit, Engine, Image, RadianceScale, RasterConfig, RenderOptions, Scene,
+    Splats, luminance_sum,
 };
 use luxel_cpu::CpuEngine;
 
@@ -15,7 +15,7 @@ fn lcd(activation: Activation) -> ColorModel {
 
 fn scene(splats: Splats, cutoffs: Cutoffs) -> Scene {
     let raster = RasterConfig { cutoffs, antialias: Antialias::Off, ..RasterConfig::default() };
-    Scene { splats, radiance_scale: 3.0, color_space: ColorSpace::LinearRec709, raster, edits: Vec::new() }
+    Scene { splats, radiance_scale: RadianceScale::new(3.0).unwrap(), color_space: ColorSpace::LinearRec709, raster, edits: Vec::new() }
 }
 
 fn edited(scene: &Scene, text: &str) -> Scene {

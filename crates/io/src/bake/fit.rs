@@ -85,7 +85,7 @@ impl Bake {
             }
             Appearance::Linear { color_space, exposure_ev } => {
                 let conversion = Conversion::between(scene.color_space, color_space);
-                (scene.radiance_scale * exposure_ev.exp2(), Look::Linear { conversion })
+                (scene.radiance_scale.get() * exposure_ev.exp2(), Look::Linear { conversion })
             }
         };
         // The smallest and largest exposures are those of scenes that can be read, times 2^EV: neither 0 nor infinity may come of it.

@@ -16,7 +16,7 @@ mod fit;
 mod record;
 
 use luxel_core::tone::Tonemap;
-use luxel_core::{Antialias, ColorModel, ColorSpace, Cutoffs, RasterConfig, Scene, Similarity, Splats, sigmoid};
+use luxel_core::{Antialias, ColorModel, ColorSpace, Cutoffs, RadianceScale, RasterConfig, Scene, Similarity, Splats, sigmoid};
 use rayon::prelude::*;
 
 pub use exposure::{MIDDLE_GREY, display_exposure};
@@ -112,7 +112,7 @@ impl Baked {
             }
         };
         Self {
-            scene: Scene { splats, radiance_scale: 1.0, color_space, raster, edits: Vec::new() },
+            scene: Scene { splats, radiance_scale: RadianceScale::ONE, color_space, raster, edits: Vec::new() },
             appearance: options.appearance,
             exposure: bake.exposure(),
             file_from_world: Similarity::IDENTITY,

@@ -3,7 +3,7 @@
 
 use glam::DMat3;
 use luxel_core::tone::Tonemap;
-use luxel_core::{ColorSpace, RasterConfig, Scene, Similarity, Splats};
+use luxel_core::{ColorSpace, RadianceScale, RasterConfig, Scene, Similarity, Splats};
 use serde::{Deserialize, Serialize};
 
 use super::{Appearance, Baked};
@@ -118,6 +118,6 @@ impl BakeRecord {
         if let Some(world) = self.file_from_world {
             world.undo(&mut splats)?;
         }
-        Ok(Scene { splats, radiance_scale: 1.0, color_space: self.color_space, raster: self.raster, edits: Vec::new() })
+        Ok(Scene { splats, radiance_scale: RadianceScale::ONE, color_space: self.color_space, raster: self.raster, edits: Vec::new() })
     }
 }

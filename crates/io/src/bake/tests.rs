@@ -1,11 +1,11 @@
-use luxel_core::{Activation, Conversion, synthetic};
+use luxel_core::{Activation, Conversion, RadianceScale, synthetic};
 use proptest::prelude::*;
 
 use super::*;
 
 fn scene(model: ColorModel, color_space: ColorSpace) -> Scene {
     let splats = synthetic::room(40, 3).with_color_model(model).unwrap();
-    Scene { splats, radiance_scale: 2.5, color_space, raster: RasterConfig::default(), edits: Vec::new() }
+    Scene { splats, radiance_scale: RadianceScale::new(2.5).unwrap(), color_space, raster: RasterConfig::default(), edits: Vec::new() }
 }
 
 const LCD: ColorModel = ColorModel::Lcd { chroma_degree: 3, luminance_degree: 0, activation: Activation::Softplus };

@@ -4,7 +4,7 @@ use std::collections::HashSet;
 use std::path::Path;
 
 use glam::{DMat3, DMat4, DQuat, DVec3};
-use luxel_core::{ColorModel, ColorSpace, Cutoffs, RasterConfig, Scene, Similarity, Splats, logit, sh};
+use luxel_core::{ColorModel, ColorSpace, Cutoffs, RadianceScale, RasterConfig, Scene, Similarity, Splats, logit, sh};
 use serde::Deserialize;
 
 use super::document::{Document, Node, Primitive};
@@ -208,7 +208,7 @@ fn read_primitive(
                 Some(record) => record.scene(splats)?,
                 None => Scene {
                     splats,
-                    radiance_scale: 1.0,
+                    radiance_scale: RadianceScale::ONE,
                     color_space: ColorSpace::LinearRec709,
                     raster: RasterConfig { cutoffs: Cutoffs::PARITY, ..RasterConfig::default() },
                     edits: Vec::new(),
@@ -256,9 +256,8 @@ fn read_exact(document: &Document, bin: &[u8], mut splats: Splats, moved: &Simil
     if !exact.color_model.is_valid() {
         return Err(invalid("colour model is out of range"));
     }
-    if !(exact.radiance_scale.is_finite() && exact.radiance_scale > 0.0 && is_usable(&exact.raster)) {
-        return Err(invalid("radiance scale or cut-offs are out of range"));
-    }
+    let radiance_scale = RadianceScale::new(exact.radiance_scale).filter(|_| is_usable(&exact.raster));
+    let radiance_scale = radiance_scale.ok_or_else(|| invalid("radiance scale or cut-offs are out of range"))?;
     crate::ply::check_edits(&exact.edits).map_err(|e| invalid(&e))?;
     let count = splats.len();
     let optional =
@@ -291,7 +290,7 @@ fn read_exact(document: &Document, bin: &[u8], mut splats: Splats, moved: &Simil
     if let Some(world) = exact.file_from_world {
         world.undo(&mut splats).map_err(|e| invalid(&e))?;
     }
-    let Exact { color_space, radiance_scale, raster, edits, .. } = exact;
+    let Exact { color_space, raster, edits, .. } = exact;
     Ok(Scene { splats, radiance_scale, color_space, raster, edits })
 }
 

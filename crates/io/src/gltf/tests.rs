@@ -1,6 +1,6 @@
 use std::path::Path;
 
-use luxel_core::{Activation, ColorModel, ColorSpace, RasterConfig, Scene, Similarity, synthetic};
+use luxel_core::{Activation, ColorModel, ColorSpace, RadianceScale, RasterConfig, Scene, Similarity, synthetic};
 use proptest::prelude::*;
 
 use super::*;
@@ -17,7 +17,13 @@ fn scene(is_smoothed: bool) -> Scene {
     if is_smoothed {
         splats.smoothing = vec![0.01; splats.len()];
     }
-    Scene { splats, radiance_scale: 300.0, color_space: ColorSpace::AcesCg, raster: RasterConfig::default(), edits: Vec::new() }
+    Scene {
+        splats,
+        radiance_scale: RadianceScale::new(300.0).unwrap(),
+        color_space: ColorSpace::AcesCg,
+        raster: RasterConfig::default(),
+        edits: Vec::new(),
+    }
 }
 
 fn baked(scene: &Scene, appearance: Appearance) -> Baked {

@@ -9,7 +9,7 @@
 
 use std::io::BufRead;
 
-use luxel_core::{Antialias, ColorModel, ColorSpace, Cutoffs, RasterConfig, SH_OFFSET, Scene, Splats, logit, sh};
+use luxel_core::{Antialias, ColorModel, ColorSpace, Cutoffs, RadianceScale, RasterConfig, SH_OFFSET, Scene, Splats, logit, sh};
 
 use crate::IoError;
 use crate::ply::header::{Element, Header};
@@ -67,7 +67,7 @@ pub(super) fn read<R: BufRead>(source: &mut Source<'_, R>, header: &Header) -> R
     let splats = splats.ok_or_else(|| source.invalid("header", "no element \"vertex\""))?;
     Ok(Scene {
         splats,
-        radiance_scale: 1.0,
+        radiance_scale: RadianceScale::ONE,
         color_space: ColorSpace::LinearRec709,
         raster: RasterConfig { cutoffs: Cutoffs::PARITY, antialias: Antialias::Off, ..RasterConfig::default() },
         edits: Vec::new(),

@@ -3,7 +3,7 @@
 use std::io::BufRead;
 use std::path::Path;
 
-use luxel_core::{Antialias, ColorModel, ColorSpace, Cutoffs, RasterConfig, Scene, Splats, sh};
+use luxel_core::{Antialias, ColorModel, ColorSpace, Cutoffs, RadianceScale, RasterConfig, Scene, Splats, sh};
 
 use crate::IoError;
 use crate::bake::{BakeRecord, WorldRecord};
@@ -142,7 +142,7 @@ fn plain<R: BufRead>(source: &Source<'_, R>, element: &Element) -> Result<(Scene
     let antialias = if smoothing.is_some() { Antialias::Mip } else { Antialias::Off };
     let scene = Scene {
         splats: Splats::empty(ColorModel::Sh { degree: degree as u8 }),
-        radiance_scale: 1.0,
+        radiance_scale: RadianceScale::ONE,
         color_space: ColorSpace::LinearRec709,
         raster: RasterConfig { cutoffs: Cutoffs::PARITY, antialias, ..RasterConfig::default() },
         edits: Vec::new(),
@@ -234,7 +234,7 @@ impl<'h> Comments<'h> {
         let color_space = self.parse("color_space", ColorSpace::NAMES, ColorSpace::from_name)?;
         let model_of = |v: &str| serde_json::from_str::<ColorModel>(v).ok().filter(|m| m.is_valid());
         let color_model = self.parse("color_model", "a colour model with degrees in range", model_of)?;
-        let scale_of = |v: &str| v.parse().ok().filter(|s: &f32| s.is_finite() && *s > 0.0);
+        let scale_of = |v: &str| RadianceScale::new(v.parse().ok()?);
         let radiance_scale = self.parse("radiance_scale", "a positive number", scale_of)?;
         let raster_of = |v: &str| serde_json::from_str::<RasterConfig>(v).ok().filter(is_usable);
         let raster = self.parse("raster", "cut-offs of 0 or more and antialias", raster_of)?;

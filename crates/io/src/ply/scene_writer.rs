@@ -134,9 +134,6 @@ pub(crate) fn check(path: &Path, scene: &Scene) -> Result<(), IoError> {
     if let Some(i) = splats.smoothing.iter().position(|s| *s < 0.0) {
         return invalid(format!("smoothing of splat {i} is {}, expected 0 or more", splats.smoothing[i]));
     }
-    if !(scene.radiance_scale.is_finite() && scene.radiance_scale > 0.0) {
-        return invalid(format!("radiance scale {}, expected a positive number", scene.radiance_scale));
-    }
     if !is_usable(&scene.raster) {
         return invalid(format!("raster configuration {:?}, expected cut-offs of 0 to 1", scene.raster));
     }

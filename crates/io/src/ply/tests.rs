@@ -3,7 +3,9 @@
 use std::collections::HashMap;
 use std::path::Path;
 
-use luxel_core::{Activation, Antialias, ColorModel, ColorSpace, Cutoffs, RasterConfig, SH_OFFSET, Scene, Splats, noise, sh, sigmoid};
+use luxel_core::{
+    Activation, Antialias, ColorModel, ColorSpace, Cutoffs, RadianceScale, RasterConfig, SH_OFFSET, Scene, Splats, noise, sh, sigmoid,
+};
 use proptest::prelude::*;
 
 use super::*;
@@ -37,7 +39,7 @@ fn scene(color_model: ColorModel, count: usize, is_smoothed: bool, seed: u64) ->
     }
     let antialias = if is_smoothed { Antialias::Mip } else { Antialias::Off };
     let raster = RasterConfig { cutoffs: Cutoffs::HDR, antialias, ..RasterConfig::default() };
-    Scene { splats, radiance_scale: 12.345_679, color_space: ColorSpace::AcesCg, raster, edits: Vec::new() }
+    Scene { splats, radiance_scale: RadianceScale::new(12.345_679).unwrap(), color_space: ColorSpace::AcesCg, raster, edits: Vec::new() }
 }
 
 const LCD: ColorModel = ColorModel::Lcd { chroma_degree: 3, luminance_degree: 0, activation: Activation::Softplus };
@@ -69,7 +71,7 @@ fn bits(scene: &Scene) -> (Vec<u32>, String) {
         &s.sh,
         &s.raw_luminance,
         &s.smoothing,
-        &[scene.radiance_scale],
+        &[scene.radiance_scale.get()],
     ];
     (arrays.concat().iter().map(|v| v.to_bits()).collect(), format!("{:?} {:?} {:?}", s.color_model, scene.color_space, scene.raster))
 }
@@ -92,7 +94,7 @@ proptest! {
     #[test]
     fn every_model_is_read_back_bit_for_bit(model in any_model(), count in 0usize..20, is_smoothed: bool, seed: u64, scale in 1e-6f32..1e6) {
         let mut scene = scene(model, count, is_smoothed, seed);
-        scene.radiance_scale = scale;
+        scene.radiance_scale = RadianceScale::new(scale).unwrap();
         if seed.is_multiple_of(2) {
             scene.raster.cutoffs = Cutoffs::PARITY;
             scene.color_space = ColorSpace::LinearRec709;
@@ -298,7 +300,7 @@ fn plain_files_of_all_formats_orders_and_types_are_read_alike() {
         let read = decode_scene_ply(name(), &plain_file(format)).unwrap_or_else(|e| panic!("{format}: {e}"));
         assert_eq!(
             (read.radiance_scale, read.raster),
-            (1.0, RasterConfig { cutoffs: Cutoffs::PARITY, antialias: Antialias::Off, ..RasterConfig::default() })
+            (RadianceScale::ONE, RasterConfig { cutoffs: Cutoffs::PARITY, antialias: Antialias::Off, ..RasterConfig::default() })
         );
         let s = &read.splats;
         assert_eq!((s.color_model, s.len()), (ColorModel::Sh { degree: 1 }, 2));
@@ -408,11 +410,10 @@ fn scenes_that_could_not_be_read_back_are_not_written() {
     let path = folder.path().join("point_cloud/iteration_7/point_cloud.ply");
     let good = scene(LCD, 3, false, 1);
     write_scene_ply(&path, &good).unwrap();
-    let broken: [fn(&mut Scene); 6] = [
+    let broken: [fn(&mut Scene); 5] = [
         |s| s.splats.rotation[1] = [0.0; 4],
         |s| s.splats.sh[5] = f32::NAN,
         |s| s.splats.opacity_logit.truncate(2),
-        |s| s.radiance_scale = 0.0,
         |s| s.splats.smoothing = vec![-1.0; 3],
         |s| s.raster.cutoffs.near = f32::NAN,
     ];

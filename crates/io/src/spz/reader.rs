@@ -4,7 +4,7 @@ use std::io::Read;
 use std::path::Path;
 
 use flate2::read::GzDecoder;
-use luxel_core::{Antialias, ColorModel, ColorSpace, Cutoffs, RasterConfig, Scene, Splats, logit};
+use luxel_core::{Antialias, ColorModel, ColorSpace, Cutoffs, RadianceScale, RasterConfig, Scene, Splats, logit};
 
 use super::layout::{
     FLAG_ANTIALIASED, HEADER, LEGACY_HEADER, MAGIC, axes, block_bytes, unpack_color, unpack_coordinate, unpack_harmonic, unpack_log_scale,
@@ -35,7 +35,7 @@ pub fn decode_spz(name: &Path, bytes: &[u8]) -> Result<Scene, IoError> {
     let antialias = if head.flags & FLAG_ANTIALIASED == 0 { Antialias::Off } else { Antialias::Mip };
     Ok(Scene {
         splats,
-        radiance_scale: 1.0,
+        radiance_scale: RadianceScale::ONE,
         color_space: ColorSpace::LinearRec709,
         raster: RasterConfig { cutoffs: Cutoffs::PARITY, antialias, ..RasterConfig::default() },
         edits: Vec::new(),

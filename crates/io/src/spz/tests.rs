@@ -1,6 +1,6 @@
 use std::path::Path;
 
-use luxel_core::{RasterConfig, Scene, sigmoid, synthetic};
+use luxel_core::{RadianceScale, RasterConfig, Scene, sigmoid, synthetic};
 use proptest::prelude::*;
 
 use super::layout::*;
@@ -13,7 +13,13 @@ fn name() -> &'static Path {
 
 fn baked(max_degree: u8) -> Baked {
     let splats = synthetic::room(50, 9);
-    let scene = Scene { splats, radiance_scale: 1.0, color_space: Default::default(), raster: RasterConfig::default(), edits: Vec::new() };
+    let scene = Scene {
+        splats,
+        radiance_scale: RadianceScale::ONE,
+        color_space: Default::default(),
+        raster: RasterConfig::default(),
+        edits: Vec::new(),
+    };
     Baked::new(&scene, &BakeOptions { appearance: Appearance::PREVIEW, max_degree })
 }
 

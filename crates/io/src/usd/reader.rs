@@ -3,7 +3,7 @@
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 
-use luxel_core::{ColorModel, ColorSpace, RasterConfig, Scene, Splats, logit, sh};
+use luxel_core::{ColorModel, ColorSpace, RadianceScale, RasterConfig, Scene, Splats, logit, sh};
 
 use super::lexer::{Lexer, Token};
 use super::{DISPLAY_SPACE, PRIM_TYPE, usd_name};
@@ -53,7 +53,7 @@ fn read<R: BufRead>(path: &Path, mut reader: R) -> Result<Scene, IoError> {
     let splats = field.splats().map_err(|e| IoError::invalid(path, e))?;
     Ok(match record {
         Some(record) => record.scene(splats).map_err(|e| IoError::invalid(path, e))?,
-        None => Scene { splats, radiance_scale: 1.0, color_space, raster: RasterConfig::default(), edits: Vec::new() },
+        None => Scene { splats, radiance_scale: RadianceScale::ONE, color_space, raster: RasterConfig::default(), edits: Vec::new() },
     })
 }
 

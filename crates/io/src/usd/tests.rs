@@ -1,6 +1,6 @@
 use std::path::Path;
 
-use luxel_core::{RasterConfig, Scene, Similarity, synthetic};
+use luxel_core::{RadianceScale, RasterConfig, Scene, Similarity, synthetic};
 use proptest::prelude::*;
 
 use super::*;
@@ -13,7 +13,7 @@ fn name() -> &'static Path {
 fn baked(color_space: ColorSpace) -> Baked {
     let scene = Scene {
         splats: synthetic::room(30, 9),
-        radiance_scale: 300.0,
+        radiance_scale: RadianceScale::new(300.0).unwrap(),
         color_space: ColorSpace::LinearRec709,
         raster: RasterConfig::default(),
         edits: Vec::new(),
@@ -27,7 +27,7 @@ fn radiance_reads_back_to_the_bit() {
         let baked = baked(space);
         let bytes = encode_usda(name(), &baked).unwrap();
         let back = decode_usda(name(), &bytes).unwrap();
-        assert_eq!((back.color_space, back.raster, back.radiance_scale), (space, baked.scene.raster, 1.0));
+        assert_eq!((back.color_space, back.raster, back.radiance_scale), (space, baked.scene.raster, RadianceScale::ONE));
         assert_eq!((&back.splats.sh, &back.splats.position), (&baked.scene.splats.sh, &baked.scene.splats.position));
         for (a, b) in back.splats.log_scale.as_flattened().iter().zip(baked.scene.splats.log_scale.as_flattened()) {
             assert!((a - b).abs() < 1e-5);

@@ -8,7 +8,7 @@
 //!   with the scene's scale as 1, and the sum of absolute errors over the sum of radiance.
 
 use luxel_core::tone::{MU, mu_law, rec709_of};
-use luxel_core::{Conversion, Dataset, Engine, Image, RenderOptions, Scene};
+use luxel_core::{Conversion, Dataset, Engine, Image, Scene};
 use luxel_io::{Appearance, Baked};
 
 use crate::Result;
@@ -57,7 +57,7 @@ pub(super) fn measure(scene: &Scene, baked: &Baked, dataset: &Dataset, engine: &
     let mut references = Vec::with_capacity(views.len());
     engine.load(&scene.splats, None).context("cannot load the scene")?;
     for view in views {
-        let options = RenderOptions { raster: scene.raster, ..RenderOptions::default() };
+        let options = scene.render_options();
         references.push(reference(scene, baked, engine.render(&view.camera, &options).context("cannot render a view")?));
     }
     engine.load(&baked.scene.splats, None).context("cannot load the bake")?;
@@ -65,7 +65,7 @@ pub(super) fn measure(scene: &Scene, baked: &Baked, dataset: &Dataset, engine: &
     // A scale of 1 in the file's units: what the bake's exposure made of the scene's own.
     let unit = baked.exposure;
     for (view, reference) in views.iter().zip(&references) {
-        let options = RenderOptions { raster: baked.scene.raster, ..RenderOptions::default() };
+        let options = baked.scene.render_options();
         let found = engine.render(&view.camera, &options).context("cannot render a view of the bake")?;
         for (found, right) in found.pixels.as_flattened().iter().zip(reference.pixels.as_flattened()) {
             let (found, right) = match baked.appearance {

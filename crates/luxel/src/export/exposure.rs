@@ -5,7 +5,7 @@
 //! In: a scene, views. Out: a factor on normalised radiance; none where all views are black.
 
 use luxel_core::tone::rec709_of;
-use luxel_core::{Dataset, Engine, RenderOptions, Scene, luminance_rec709};
+use luxel_core::{Dataset, Engine, Scene, luminance_rec709};
 use luxel_io::MIDDLE_GREY;
 
 use crate::Result;
@@ -21,7 +21,7 @@ const DARKEST: f64 = 1e-3;
 pub(super) fn from_views(scene: &Scene, dataset: &Dataset, engine: &mut dyn Engine) -> Result<Option<f32>> {
     let views = if dataset.train.is_empty() { &dataset.test } else { &dataset.train };
     engine.load(&scene.splats, None).context("cannot load the scene")?;
-    let options = RenderOptions { raster: scene.raster, ..RenderOptions::default() };
+    let options = scene.render_options();
     let mut luminance = Vec::new();
     for view in views.iter().step_by(views.len().div_ceil(VIEWS).max(1)) {
         let image = engine.render(&view.camera, &options).context("cannot render a view")?;

@@ -71,7 +71,7 @@ impl Gains {
     /// Sets the colours of the bake of `scene`.
     pub(super) fn apply(&self, baked: &mut Baked, scene: &Scene) {
         let degree = baked.scene.splats.color_model.sh_degree() as u8;
-        let exposure_ev = (baked.exposure / scene.radiance_scale).log2();
+        let exposure_ev = (scene.radiance_scale.normalised_value(baked.exposure)).log2();
         let appearance = Appearance::Linear { color_space: ColorSpace::LinearRec709, exposure_ev };
         let linear = Baked::new(scene, &BakeOptions { appearance, max_degree: degree });
         let row = 3 * sh::coefficients(degree.into());

@@ -294,7 +294,8 @@ pub fn export(
     baked.transform(&similarity);
     if plan.is_exact {
         similarity.apply(&mut scene.splats);
-        scene.radiance_scale *= options.bake.exposure_ev.exp2();
+        let shifted = scene.radiance_scale.times(options.bake.exposure_ev.exp2());
+        scene.radiance_scale = shifted.ok_or_else(|| Error::new("the exposure leaves no radiance scale that f32 holds"))?;
     }
     write(path, &plan, &scene, &baked, options.spz_version)?;
     Ok(describe(path, &plan, &scene, &baked, error))

@@ -1,7 +1,7 @@
 //! The choice of the splats to export: those in a box, and of those the ones that contribute most
 //! to the views.
 
-use luxel_core::{Dataset, Engine, RenderOptions, Scene, sigmoid};
+use luxel_core::{Dataset, Engine, Scene, sigmoid};
 use luxel_train::add_contribution;
 
 use super::CropBox;
@@ -51,7 +51,7 @@ pub(super) fn limit(
 /// Returns each splat's contribution to the training views.
 fn contributions_to_views(scene: &Scene, dataset: &Dataset, engine: &mut dyn Engine) -> Result<Vec<f64>> {
     engine.load(&scene.splats, None).context("cannot load the scene")?;
-    let options = RenderOptions { raster: scene.raster, ..RenderOptions::default() };
+    let options = scene.render_options();
     let mut sums = vec![0.0; scene.splats.len()];
     let views = if dataset.train.is_empty() { &dataset.test } else { &dataset.train };
     for view in views {

@@ -14,9 +14,7 @@
 
 use std::sync::Arc;
 
-use luxel_core::{
-    Dataset, Engine, LearningRates, LossConfig, PixelValues, RenderOptions, Scene, StatsCollection, StepConfig, ToneCurve, View,
-};
+use luxel_core::{Dataset, Engine, LearningRates, LossConfig, PixelValues, Scene, StatsCollection, StepConfig, ToneCurve, View};
 use luxel_io::Baked;
 
 use super::error::reference;
@@ -54,7 +52,7 @@ pub(super) fn refine(
     let (targets, gains) = targets(baked, scene, views, engine)?;
     gains.apply(baked, scene);
     engine.load(&baked.scene.splats, None).context("cannot load the bake")?;
-    let render = RenderOptions { raster: baked.scene.raster, ..RenderOptions::default() };
+    let render = baked.scene.render_options();
     let loss = LossConfig { curve: ToneCurve::MuLaw { mu: LINEAR_MU }, ..LossConfig::default() };
     let dc_rate = (REACH / (MEAN * steps as f32)).clamp(DC_RATES[0], DC_RATES[1]);
     let (mut first, mut last) = (0.0, 0.0);
@@ -96,7 +94,7 @@ pub(super) fn refine(
 /// Returns views with the target images of the bake, and the gains from radiance to them.
 fn targets(baked: &Baked, scene: &Scene, views: &[View], engine: &mut dyn Engine) -> Result<(Vec<View>, Gains)> {
     engine.load(&scene.splats, None).context("cannot load the scene")?;
-    let options = RenderOptions { raster: scene.raster, ..RenderOptions::default() };
+    let options = scene.render_options();
     let mut gains = Gains::new(scene.splats.len());
     let mut targets = Vec::with_capacity(views.len());
     for view in views {

@@ -14,7 +14,7 @@ mod views;
 use std::path::Path;
 use std::sync::Arc;
 
-use luxel_core::{ColorSpace, Image, Mask};
+use luxel_core::{ColorSpace, Image, Mask, RadianceScale};
 use luxel_io::{IoError, write_atomically};
 use luxel_metrics::{FieldMetrics, LuminanceProfile, ViewMetrics};
 
@@ -46,7 +46,7 @@ pub struct ReportInput {
     /// mu of the mu-law.
     pub mu: f32,
     /// Data-set radiance of one normalised unit.
-    pub radiance_scale: f32,
+    pub radiance_scale: RadianceScale,
     /// Primaries of the images.
     pub color_space: ColorSpace,
 }

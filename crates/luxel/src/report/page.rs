@@ -114,7 +114,7 @@ fn figures(input: &ReportInput) -> String {
     for split in &input.splits {
         out += &row(&format!("{}, {}", split.name, text::plural(split.views.len(), "view")), &split.mean);
     }
-    let scale = text::number(input.radiance_scale.into());
+    let scale = text::number(input.radiance_scale.get().into());
     let mu = input.mu;
     let _ = writeln!(
         out,
@@ -220,7 +220,7 @@ fn error_by_luminance(input: &ReportInput) -> String {
          there are; dashed lines are relative errors. One normalised unit is {} in the units of the data set.</p>\
          <div class=\"plots\">{plots}</div></section>\n",
         escape(split),
-        text::number(input.radiance_scale.into()),
+        text::number(input.radiance_scale.get().into()),
     )
 }
 

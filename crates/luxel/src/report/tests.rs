@@ -1,3 +1,4 @@
+use luxel_core::RadianceScale;
 use luxel_metrics::DecadeError;
 
 use super::*;
@@ -62,7 +63,7 @@ fn input(views: Vec<ReportView>) -> ReportInput {
         config_toml: "iterations = 3000\n".into(),
         credits: vec!["scene by somebody".into()],
         mu: 5000.0,
-        radiance_scale: 2.5,
+        radiance_scale: RadianceScale::new(2.5).unwrap(),
         color_space: ColorSpace::LinearRec709,
     }
 }

@@ -9,6 +9,7 @@
 use std::fmt;
 use std::path::{Path, PathBuf};
 
+use luxel_core::RadianceScale;
 use luxel_io::LoadOptions;
 use luxel_train::{Preset, TrainConfig};
 use serde::{Deserialize, Serialize};
@@ -269,8 +270,8 @@ impl RunConfig {
     }
 
     /// Returns the radiance behind everything, in normalised units.
-    pub fn background(&self, radiance_scale: f32) -> [f32; 3] {
-        self.train.background.map(|v| v / radiance_scale)
+    pub fn background(&self, radiance_scale: RadianceScale) -> [f32; 3] {
+        radiance_scale.normalised(self.train.background)
     }
 
     /// Returns where the data set is, for a run in `folder`.

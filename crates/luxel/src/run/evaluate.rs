@@ -7,7 +7,7 @@
 
 use std::path::Path;
 
-use luxel_core::{Dataset, RenderOptions, Scene};
+use luxel_core::{Dataset, Scene};
 use luxel_io::LoadOptions;
 use luxel_metrics::{FieldOptions, FlipChoice};
 use luxel_metrics::{GainFit, Lpips, SplitMetrics};
@@ -65,7 +65,7 @@ pub fn evaluate_run(
     let (iteration, scene) = state::newest_scene(folder, observer)?;
     check_color_space(path, dataset, &scene)?;
     engine.load(&scene.splats, None).context("cannot load the scene")?;
-    let options = RenderOptions { raster: scene.raster, background: config.background(scene.radiance_scale), ..RenderOptions::default() };
+    let options = scene.render_options_before(config.train.background);
     let mut rendering = Rendering {
         engine: engine.as_mut(),
         options,

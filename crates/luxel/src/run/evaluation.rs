@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use luxel_core::{ColorSpace, Engine, Image, Knots, PixelValues, RenderOptions, View};
+use luxel_core::{ColorSpace, Engine, Image, Knots, PixelValues, RadianceScale, RenderOptions, View};
 use luxel_io::{ExrOptions, ExrSample, HALF_MAX, Supervision};
 use luxel_metrics::{FieldOptions, FlipChoice};
 use luxel_metrics::{GainFit, Lpips, Measures, SplitMetrics};
@@ -29,7 +29,7 @@ pub struct Metrics {
     /// Peak of resident memory; `null` where the system does not report it.
     pub peak_rss_bytes: Option<u64>,
     /// Radiance of the data set that is 1 in protocol `scene`.
-    pub radiance_scale: f32,
+    pub radiance_scale: RadianceScale,
     /// mu of the mu-law.
     pub mu: f32,
     /// Seed.
@@ -55,7 +55,7 @@ pub struct Rendering<'a> {
     /// Settings of rendering, those of training.
     pub options: RenderOptions,
     /// Data-set radiance of one normalised unit.
-    pub radiance_scale: f32,
+    pub radiance_scale: RadianceScale,
     /// mu of the mu-law.
     pub mu: f32,
     /// Colour space of the data set.
@@ -129,7 +129,7 @@ impl Rendering<'_> {
             if failed.is_ok() {
                 let mut render = prediction.clone();
                 if view.values == PixelValues::Radiance {
-                    render.scale(scale);
+                    scale.restore(&mut render);
                 }
                 failed = write_exr(&folder.join("renders").join(format!("{stem}.exr")), &render, color_space)
                     .and_then(|()| write_exr(&folder.join("gt").join(format!("{stem}.exr")), &view.image, color_space));
@@ -212,7 +212,7 @@ mod tests {
         let mut rendering = Rendering {
             engine: &mut engine,
             options,
-            radiance_scale: 1.0,
+            radiance_scale: RadianceScale::ONE,
             mu: 5000.0,
             color_space: ColorSpace::default(),
             peak_luminance: FieldOptions::DEFAULT_PEAK_LUMINANCE,

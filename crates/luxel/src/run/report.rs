@@ -75,7 +75,7 @@ fn facts(metrics: &Metrics, dataset: &Dataset) -> Vec<(String, String)> {
         ("training time", text::duration(seconds)),
         ("computed by", metrics.computed_by.clone()),
         ("peak memory", metrics.peak_rss_bytes.map_or("unknown".into(), text::bytes)),
-        ("radiance scale", text::number(metrics.radiance_scale.into())),
+        ("radiance scale", text::number(metrics.radiance_scale.get().into())),
         ("seed", metrics.seed.to_string()),
         ("data set", format!("{} ({})", metrics.dataset, dataset.format)),
         ("views", format!("{} to train on, {} to test", dataset.train.len(), dataset.test.len())),
@@ -127,8 +127,8 @@ fn views(images: &Path, dataset: &Dataset, metrics: &Metrics) -> Result<Vec<Repo
         let mut prediction = luxel_io::read_image(&path, &Default::default()).context("cannot read an evaluation image")?.image;
         let mut target: Image = view.image.as_ref().clone();
         if view.values == PixelValues::Radiance {
-            prediction.scale(1.0 / metrics.radiance_scale);
-            target.scale(1.0 / metrics.radiance_scale);
+            metrics.radiance_scale.normalise(&mut prediction);
+            metrics.radiance_scale.normalise(&mut target);
         }
         let (name, mask) = (view.name.clone(), view.mask.clone());
         views.push(ReportView { name, prediction, target, mask, metrics: measured.metrics });

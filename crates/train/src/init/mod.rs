@@ -10,7 +10,7 @@ mod color;
 mod neighbours;
 mod volume;
 
-use luxel_core::{ColorModel, Dataset, Point, Splat, Splats, luminance_sum};
+use luxel_core::{ColorModel, Dataset, Point, RadianceScale, Splat, Splats, luminance_sum};
 use rand::SeedableRng;
 use rand::seq::index::sample;
 use rand_pcg::Pcg64Mcg;
@@ -34,7 +34,7 @@ const INIT_STREAM: u64 = 0x6c75_7865_6c01;
 ///
 /// # Errors
 /// [`TrainError::NoTrainViews`]; [`TrainError::NoSplats`] where no camera sees a common volume.
-pub fn initialise(dataset: &Dataset, config: &TrainConfig, radiance_scale: f32) -> Result<Splats, TrainError> {
+pub fn initialise(dataset: &Dataset, config: &TrainConfig, radiance_scale: RadianceScale) -> Result<Splats, TrainError> {
     if dataset.train.is_empty() {
         return Err(TrainError::NoTrainViews);
     }
@@ -62,7 +62,7 @@ pub fn initialise(dataset: &Dataset, config: &TrainConfig, radiance_scale: f32) 
     splats_at(&points, dataset, config, radiance_scale)
 }
 
-fn splats_at(points: &[Point], dataset: &Dataset, config: &TrainConfig, radiance_scale: f32) -> Result<Splats, TrainError> {
+fn splats_at(points: &[Point], dataset: &Dataset, config: &TrainConfig, radiance_scale: RadianceScale) -> Result<Splats, TrainError> {
     let color_model = config.color_model();
     // Images that are black throughout leave no typical luminance; the floor below then holds for all splats.
     let typical = scale::median_luminance(&dataset.train).unwrap_or(0.0);
@@ -70,7 +70,7 @@ fn splats_at(points: &[Point], dataset: &Dataset, config: &TrainConfig, radiance
     let colors: Vec<[f32; 3]> = points
         .par_iter()
         .map(|point| color::of_point(point, &dataset.train).unwrap_or_else(|| fallback.of_point(point)))
-        .map(|rgb| at_least(MIN_LUMINANCE, rgb.map(|c| c / radiance_scale)))
+        .map(|rgb| at_least(MIN_LUMINANCE, radiance_scale.normalised(rgb)))
         .collect();
     let positions: Vec<[f32; 3]> = points.iter().map(|point| point.position).collect();
     let (opacity, shrink) = (config.initial_opacity(), config.initial_scale());
@@ -141,7 +141,7 @@ mod tests {
         data.points[0].observations = vec![Observation { view: 0, pixel_px: [10.0, 10.0] }];
         for method in [Method::Lcd, Method::Sh3] {
             let config = TrainConfig { method, ..TrainConfig::default() };
-            let splats = initialise(&data, &config, 10.0).unwrap();
+            let splats = initialise(&data, &config, RadianceScale::new(10.0).unwrap()).unwrap();
             splats.validate().unwrap();
             for (i, expected) in [[0.02, 0.01, 0.01], [20.0, 40.0, 10.0]].into_iter().enumerate() {
                 let rgb = splats.radiance(i, [0.0, 0.0, 1.0]);
@@ -156,7 +156,7 @@ mod tests {
     fn point_outside_of_all_views_takes_its_files_colour_at_a_typical_luminance() {
         let mut data = wall();
         data.points = vec![Point { rgb8: Some([255, 0, 0]), ..point([0.0, 0.0, -4.0]) }, point([0.0, 0.0, -5.0])];
-        let splats = initialise(&data, &TrainConfig::default(), 1.0).unwrap();
+        let splats = initialise(&data, &TrainConfig::default(), RadianceScale::ONE).unwrap();
         let typical = scale::median_luminance(&data.train).unwrap();
         let red = splats.radiance(0, [0.0, 0.0, 1.0]);
         assert!((luminance_sum(red) / (3.0 * typical) - 1.0).abs() < 1e-3 && red[1] < 0.01 * red[0], "{red:?}");
@@ -169,14 +169,14 @@ mod tests {
         let mut data = wall();
         data.points.clear();
         let config = TrainConfig { init_points: 500, ..TrainConfig::default() };
-        let splats = initialise(&data, &config, 1.0).unwrap();
+        let splats = initialise(&data, &config, RadianceScale::ONE).unwrap();
         assert_eq!(splats.len(), 500);
         for position in &splats.position {
             let at = glam::DVec3::new(position[0].into(), position[1].into(), position[2].into());
             assert!(data.train.iter().all(|view| view.camera.project(at).is_some()), "{position:?} is behind a camera");
         }
-        assert_eq!(splats, initialise(&data, &config, 1.0).unwrap());
-        assert_ne!(splats, initialise(&data, &TrainConfig { seed: 1, ..config }, 1.0).unwrap());
+        assert_eq!(splats, initialise(&data, &config, RadianceScale::ONE).unwrap());
+        assert_ne!(splats, initialise(&data, &TrainConfig { seed: 1, ..config }, RadianceScale::ONE).unwrap());
     }
 
     #[test]
@@ -184,7 +184,7 @@ mod tests {
         let mut data = wall();
         data.points = (0..50).map(|i| point([i as f32 * 0.01, 0.0, 4.0])).collect();
         let config = TrainConfig { max_splats: Some(20), ..TrainConfig::default() };
-        assert_eq!(initialise(&data, &config, 1.0).unwrap().len(), 20);
+        assert_eq!(initialise(&data, &config, RadianceScale::ONE).unwrap().len(), 20);
     }
 
     #[test]
@@ -206,7 +206,7 @@ mod tests {
         data.points[5].observations = vec![Observation { view: 77, pixel_px: [f32::NAN, 3.0] }];
         for strategy in [Strategy::Adc, Strategy::Mcmc] {
             let config = TrainConfig { strategy, ..TrainConfig::default() };
-            let splats = initialise(&data, &config, 1.0).unwrap();
+            let splats = initialise(&data, &config, RadianceScale::ONE).unwrap();
             splats.validate().unwrap();
             assert_eq!(splats.len(), 41);
         }

@@ -6,8 +6,8 @@ use std::sync::Arc;
 use anyhow::{Context, Result, bail};
 use luxel::files;
 use luxel_core::{
-    Camera, ColorModel, ColorSpace, Cutoffs, Engine, Image, PixelValues, RasterConfig, RenderOptions, Scene, Splats, View, spatial_order,
-    synthetic,
+    Camera, ColorModel, ColorSpace, Cutoffs, Engine, Image, PixelValues, RadianceScale, RasterConfig, RenderOptions, Scene, Splats, View,
+    spatial_order, synthetic,
 };
 use luxel_io::ReadOptions;
 use luxel_train::{Method, TrainConfig};
@@ -41,7 +41,7 @@ pub(super) struct Workload {
 struct Source {
     name: String,
     splats: Splats,
-    radiance_scale: f32,
+    radiance_scale: RadianceScale,
     raster: RasterConfig,
 }
 
@@ -97,7 +97,7 @@ fn source(args: &BenchArgs) -> Result<Source> {
         (None, Some(count)) => Ok(Source {
             name: format!("room of {count} splats, seed {}", args.seed),
             splats: synthetic::room(count as usize, args.seed),
-            radiance_scale: 1.0,
+            radiance_scale: RadianceScale::ONE,
             raster: RasterConfig::default(),
         }),
         (None, None) => bail!("nothing to measure on; give --workload SCENE.ply or --generate N"),
@@ -130,7 +130,7 @@ fn in_method(splats: Splats, method: Option<Method>, name: &str) -> Result<Splat
 }
 
 /// Reads an image of the camera's size into normalised units.
-fn read_target(path: &Path, args: &BenchArgs, camera: &Camera, radiance_scale: f32) -> Result<Image> {
+fn read_target(path: &Path, args: &BenchArgs, camera: &Camera, radiance_scale: RadianceScale) -> Result<Image> {
     let options = ReadOptions { transfer: args.transfer.map(Into::into) };
     let mut image = luxel_io::read_image(path, &options).context("cannot read the target")?.image;
     let [width, height] = camera.size_px.map(|side| side as usize);
@@ -150,6 +150,6 @@ fn read_target(path: &Path, args: &BenchArgs, camera: &Camera, radiance_scale: f
             at / width
         );
     }
-    image.scale(1.0 / radiance_scale);
+    radiance_scale.normalise(&mut image);
     Ok(image)
 }

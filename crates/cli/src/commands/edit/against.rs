@@ -16,7 +16,7 @@ use luxel::run::evaluation::unique_stems;
 use luxel::{files, text};
 use luxel_core::edit::{Fidelity, FidelityMeter, MaskShares, ShMap, chromaticity_distance, ideally_edited};
 use luxel_core::tone::Tonemap;
-use luxel_core::{Dataset, Edit, Engine, Image, Map, MapChain, RenderOptions, Scene, Selection, View};
+use luxel_core::{Dataset, Edit, Engine, Image, Map, MapChain, Scene, Selection, View};
 use luxel_io::{ExrOptions, ExrSample};
 
 use crate::args::EditArgs;
@@ -166,16 +166,16 @@ impl Trial<'_> {
         let options = ExrOptions { sample: ExrSample::Float, color_space, ..ExrOptions::default() };
         luxel_io::write_exr(&path("exr"), image, &options).context("cannot write an image")?;
         let mut normalized = image.clone();
-        normalized.scale(1.0 / candidate.scene.radiance_scale);
+        candidate.scene.radiance_scale.normalise(&mut normalized);
         Ok(preview::write(&path("png"), &normalized, color_space, Look { tonemap: Tonemap::Mulaw, exposure_ev: 0.0 })?)
     }
 }
 
 /// A view of a loaded scene, on black, in the units of the data set.
 fn render(scene: &Scene, view: &View, engine: &mut dyn Engine) -> Result<Image> {
-    let options = RenderOptions { raster: scene.raster, ..RenderOptions::default() };
+    let options = scene.render_options();
     let mut image = engine.render(&view.camera, &options).with_context(|| format!("cannot render view {}", view.name))?;
-    image.scale(scene.radiance_scale);
+    scene.radiance_scale.restore(&mut image);
     Ok(image)
 }
 

@@ -30,7 +30,7 @@ pub(super) fn draw(
     weights: &[f32],
     (engine, camera, background): (&mut dyn Engine, &Camera, [f32; 3]),
 ) -> Result<()> {
-    let options = RenderOptions { raster: scene.raster, background, ..RenderOptions::default() };
+    let options = RenderOptions { background, ..scene.render_options() };
     engine.load(&scene.splats, None).context("cannot load the scene")?;
     let render = engine.render(camera, &options).context("cannot render the view")?;
     engine.load(&shining(&scene.splats, weights), None).context("cannot load the selection")?;

@@ -14,7 +14,7 @@ use std::process::{Command, Stdio};
 use anyhow::{Context, Result, anyhow, bail};
 use luxel::text;
 use luxel_core::tone::{Tonemap, display_rgb8, pq_encode, rec709_of};
-use luxel_core::{ColorSpace, Conversion, Image};
+use luxel_core::{ColorSpace, Conversion, Image, RadianceScale};
 use luxel_io::ReadOptions;
 use rayon::prelude::*;
 
@@ -33,13 +33,13 @@ enum Look {
 }
 
 /// Encodes `frames` in order; `radiance_scale` becomes 1.
-pub(super) fn encode(args: &RenderArgs, path: &Path, frames: &[&Path], radiance_scale: f32, console: &Console) -> Result<()> {
+pub(super) fn encode(args: &RenderArgs, path: &Path, frames: &[&Path], radiance_scale: RadianceScale, console: &Console) -> Result<()> {
     let look = match (args.hdr10, args.tonemap) {
         (Some(peak), _) => Look::Hdr10 { peak: peak as f32 },
         (None, Some(tonemap)) => Look::Sdr(tonemap.into()),
         (None, None) => bail!("--video needs --tonemap CURVE for SDR, or --hdr10"),
     };
-    let gain = args.exposure.exp2() / radiance_scale;
+    let gain = radiance_scale.normalised_value(args.exposure.exp2());
     let levels = match look {
         Look::Hdr10 { peak } => light_levels(frames, gain, peak)?,
         Look::Sdr(_) => [0; 2],

@@ -123,7 +123,7 @@ fn read(matrix: &Matrix, cell: &CellResult, kind: &str, stem: &str) -> Result<Sh
     let path = folder.evaluation(cell.metrics.iterations).join(kind).join(Path::new(&format!("{stem}.exr")));
     let decoded = luxel_io::read_image(&path, &Default::default()).context("cannot read an evaluation image")?;
     let mut image = decoded.image;
-    image.scale(1.0 / cell.metrics.radiance_scale);
+    cell.metrics.radiance_scale.normalise(&mut image);
     Ok(Shot { image, color_space: decoded.color_space.unwrap_or_default() })
 }
 

@@ -14,7 +14,7 @@ use luxel::run::state;
 use luxel::text;
 use luxel_core::edit::{Fidelity, FidelityMeter, MaskShares, ShMap, chromaticity_distance, ideally_edited};
 use luxel_core::tone::Tonemap;
-use luxel_core::{ColorModel, ColorSpace, Edit, Engine, Image, Map, RenderOptions, Scene, Selection, View};
+use luxel_core::{ColorModel, ColorSpace, Edit, Engine, Image, Map, Scene, Selection, View};
 
 use super::matrix::{Cell, Matrix};
 use super::paper;
@@ -113,20 +113,20 @@ impl Engines {
             engine.load(&scene.splats, None).context("cannot load the scene")?;
         }
         // On black: the background is no splat, and would not be edited.
-        let options = RenderOptions { raster: scene.raster, ..RenderOptions::default() };
+        let options = scene.render_options();
         let scale = scene.radiance_scale;
         let (chain, mut meter, mut shown) = (edit.chain(), FidelityMeter::default(), None);
         for (i, view) in views.iter().enumerate() {
             let render = |engine: &mut dyn Engine| {
                 let mut image = engine.render(&view.camera, &options).with_context(|| format!("cannot render {}", view.name))?;
-                image.scale(scale);
+                scale.restore(&mut image);
                 anyhow::Ok(image)
             };
             let (mut before, mut after) = (render(self.before.as_mut())?, render(self.after.as_mut())?);
             let mut ideal = ideally_edited(&before, &chain);
             meter.add(&after, &ideal);
             if i == views.len() / 2 {
-                [&mut before, &mut after, &mut ideal].into_iter().for_each(|image| image.scale(1.0 / scale));
+                [&mut before, &mut after, &mut ideal].into_iter().for_each(|image| scale.normalise(image));
                 shown = Some(Shown { name: view.name.clone(), before, after, ideal, color_space: scene.color_space });
             }
         }

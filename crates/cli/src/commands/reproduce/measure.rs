@@ -151,8 +151,7 @@ impl Wanted {
             );
         }
         engine.load(&scene.splats, None).context("cannot load the scene")?;
-        let options =
-            RenderOptions { raster: scene.raster, background: cell.config.background(scene.radiance_scale), ..RenderOptions::default() };
+        let options = scene.render_options_before(cell.config.train.background);
         let frames_per_second = frames_per_second(engine, &dataset.test, &options)?;
         let before = read(cell);
         let (mut hdr_flip, mut of_lpips) = before.map_or((None, None), |before| (before.hdr_flip, before.lpips));

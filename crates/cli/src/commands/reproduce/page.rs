@@ -195,7 +195,7 @@ fn data_set(content: &Content<'_>, source: usize) -> String {
         "{} to train on, {} to test{size}; radiance scale {}",
         text::plural(views("train"), "view"),
         views("test"),
-        text::number(result.metrics.radiance_scale.into())
+        text::number(result.metrics.radiance_scale.get().into())
     )
 }
 
