@@ -54,6 +54,8 @@ fn dispatch(command: Command, explicit: &ExplicitArgs) -> Result<Outcome> {
         Command::Info(args) => commands::info::run(&args, explicit).map(|()| Outcome::Finished),
         Command::Bench(args) => commands::bench::run(&args).map(|()| Outcome::Finished),
         Command::Reproduce(args) => commands::reproduce::run(&args, explicit),
+        Command::Completions(args) => commands::completions::completions(&args, args::command()).map(|()| Outcome::Finished),
+        Command::Man(args) => commands::completions::man(&args, args::command()).map(|()| Outcome::Finished),
     }
 }
 

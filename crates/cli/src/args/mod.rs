@@ -32,6 +32,7 @@ pub(crate) use self::render::RenderArgs;
 pub(crate) use self::reproduce::ReproduceArgs;
 pub(crate) use self::shared::{ConsoleArgs, DeviceArgs, LoadArgs, RunArgs};
 use self::values::{MetricsArg, parse_positive};
+use crate::commands::completions::{CompletionsArgs, ManArgs};
 
 /// Returns an option as it is typed: `--max-splats` for `max_splats`.
 pub(crate) fn flag(option: &str) -> String {
@@ -104,6 +105,10 @@ pub(crate) enum Command {
     /// Train methods side by side on data sets and seeds, and write the paper's tables and
     /// pictures.
     Reproduce(Box<ReproduceArgs>),
+    /// Print the completion script for a shell.
+    Completions(CompletionsArgs),
+    /// Write the man pages of the program and of each command.
+    Man(ManArgs),
 }
 
 /// `luxel train`.

@@ -1,0 +1,47 @@
+//! `luxel completions` and `luxel man`: what shells and `man` know of the program, generated from its
+//! arguments.
+//!
+//! In: the definition of the arguments. Out: a script on standard output, or a page per command in
+//! a folder.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use anyhow::{Context, Result};
+use clap::Args;
+use clap_complete::Shell;
+
+/// `luxel completions`.
+#[derive(Debug, Args)]
+#[command(after_help = "bash: luxel completions bash > ~/.local/share/bash-completion/completions/luxel\n\
+                        zsh:  luxel completions zsh > ~/.zfunc/_luxel\n\
+                        fish: luxel completions fish > ~/.config/fish/completions/luxel.fish")]
+pub(crate) struct CompletionsArgs {
+    /// Shell to complete for.
+    #[arg(value_enum)]
+    shell: Shell,
+}
+
+/// `luxel man`.
+#[derive(Debug, Args)]
+pub(crate) struct ManArgs {
+    /// Folder for the pages; it is created if it is missing.
+    #[arg(value_name = "DIR")]
+    folder: PathBuf,
+}
+
+/// Prints the completion script of a shell for `command`.
+pub(crate) fn completions(args: &CompletionsArgs, mut command: clap::Command) -> Result<()> {
+    // In memory first: clap_complete panics if it cannot write.
+    let mut script = Vec::new();
+    clap_complete::generate(args.shell, &mut command, "luxel", &mut script);
+    std::io::stdout().write_all(&script)?;
+    Ok(())
+}
+
+/// Writes a man page for `command` and one for each of its subcommands.
+pub(crate) fn man(args: &ManArgs, command: clap::Command) -> Result<()> {
+    let folder = args.folder.display();
+    std::fs::create_dir_all(&args.folder).with_context(|| format!("{folder}: cannot create the folder"))?;
+    clap_mangen::generate_to(command, &args.folder).with_context(|| format!("{folder}: cannot write the pages"))
+}
