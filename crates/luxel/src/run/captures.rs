@@ -56,7 +56,7 @@ impl Captures {
         if self.gains_ev.is_empty() && self.response.is_none() {
             return Ok(());
         }
-        Ok(files::write_json(&folder.captures(), self)?)
+        files::write_json(&folder.captures(), self)
     }
 
     /// Reads the file; a run without one has neither gains nor a response.
