@@ -176,6 +176,7 @@ wrapped!(
     luxel_io::IoError,
     luxel_metrics::EvaluationError,
     PrepareError,
+    luxel_capture::FrameError,
     luxel_train::TrainError,
 );
 

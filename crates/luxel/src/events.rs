@@ -50,6 +50,17 @@ pub enum Event {
         /// Number of views.
         views: usize,
     },
+    /// One of several things of a kind is done.
+    Item {
+        /// The kind.
+        kind: ItemKind,
+        /// The name of the thing, or of the stage that it went through.
+        name: String,
+        /// Things done so far.
+        done: u32,
+        /// Things in all.
+        total: u32,
+    },
     /// Steps have ended, all of them or not.
     StepsEnd,
     /// A checkpoint or a scene was written.
@@ -57,6 +68,18 @@ pub enum Event {
         /// The file.
         path: PathBuf,
     },
+}
+
+/// The kind of an [`Event::Item`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum ItemKind {
+    /// A view's radiance and proxy.
+    View,
+    /// A view's undistorted image.
+    UndistortedImage,
+    /// A view in a stage of structure from motion, which the item is named by.
+    StructureFromMotion,
 }
 
 /// Receives the events of a task.

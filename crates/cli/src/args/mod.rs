@@ -26,7 +26,7 @@ pub(crate) use self::bench::BenchArgs;
 pub(crate) use self::compare::CompareArgs;
 pub(crate) use self::edit::{EditArgs, EditText, ShMapArg};
 pub(crate) use self::export::ExportArgs;
-pub(crate) use self::prepare::{CameraModelArg, MatchingArg, PrepareArgs, SfmArg};
+pub(crate) use self::prepare::PrepareArgs;
 pub(crate) use self::probe::ProbeArgs;
 pub(crate) use self::render::RenderArgs;
 pub(crate) use self::reproduce::ReproduceArgs;

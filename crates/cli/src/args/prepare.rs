@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use clap::{Args, ValueEnum};
-use luxel_capture::prepare::{ResponseChoice, WhiteBalance};
+use luxel::prepare::{CameraModel, Matching, OcioChoice, PrepareOptions, ResponseChoice, StructureFromMotion, WhiteBalance};
 
 use super::ConsoleArgs;
 use crate::args::values::{ColorSpaceArg, SpaceArg, parse_downscale};
@@ -12,7 +12,7 @@ use crate::args::values::{ColorSpaceArg, SpaceArg, parse_downscale};
 /// `luxel prepare`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Stop it whenever you like: the same command goes on where it was. What it does and what it needs: docs/src/guide/brackets-and-raw.md."
+    after_help = "You can stop it at any time; the same command continues. The guide explains each step: docs/src/guide/brackets-and-raw.md."
 )]
 pub(crate) struct PrepareArgs {
     /// Folder of photographs: DNG, JPEG, PNG, TIFF, or OpenEXR and Radiance HDR.
@@ -21,58 +21,57 @@ pub(crate) struct PrepareArgs {
     /// Folder for the data set.
     #[arg(long, short, value_name = "DATASET")]
     pub(crate) output: PathBuf,
-    /// Which photographs are exposures of one view: auto (by name, else by time and exposure), off,
-    /// names, or how many in a row.
+    /// Photographs that are exposures of one view: auto (by name, else by time and exposure), off,
+    /// names, or a number in a row, at least 2.
     #[arg(long, default_value = "auto", value_name = "auto|off|names|N", help_heading = "Exposure")]
     pub(crate) brackets: BracketsArg,
-    /// Exposures that EXIF lacks or has wrong: a text file with a line for each photograph, name,
-    /// seconds, ISO (optional), f-number (optional), separated by spaces. What is left out stays
-    /// that of EXIF.
+    /// Text file of exposures that EXIF lacks or has wrong: one line per photograph with name,
+    /// seconds, and optionally ISO and f-number, separated by spaces. Values left out are taken
+    /// from EXIF.
     #[arg(long, value_name = "FILE", help_heading = "Exposure")]
     pub(crate) exposures: Option<PathBuf>,
-    /// Curve of developed pictures (JPEG, PNG, integer TIFF).
+    /// Response curve of developed pictures (JPEG, PNG, integer TIFF).
     #[arg(long, value_enum, default_value_t, help_heading = "Exposure")]
     pub(crate) response: ResponseArg,
-    /// White balance of RAW files, one for the whole set: as-shot (the median of what the camera
-    /// chose), the name of a photograph whose choice is taken, or the camera's red,green,blue of
-    /// white.
+    /// White balance of all RAW files: as-shot (the median of the camera's choices), the name of a
+    /// photograph to take it from, or the camera's red,green,blue of white.
     #[arg(long, default_value = "as-shot", value_name = "as-shot|NAME|R,G,B", help_heading = "Colour")]
     pub(crate) white_balance: WhiteBalanceArg,
-    /// Space of the images of the data set.
+    /// Colour space of the data set's images.
     #[arg(long, value_enum, default_value_t = ColorSpaceArg::LinearRec709, value_name = "SPACE", help_heading = "Colour")]
     pub(crate) color_space: ColorSpaceArg,
     /// Primaries of files that do not state theirs.
     #[arg(long, value_enum, default_value_t = SpaceArg::LinearRec709, value_name = "SPACE", help_heading = "Colour")]
     pub(crate) input_space: SpaceArg,
-    /// OpenColorIO configuration that has the space of OpenEXR, HDR and float TIFF files.
+    /// OpenColorIO configuration with the colour space of OpenEXR, HDR and float TIFF files.
     #[arg(long, value_name = "CONFIG", requires = "ocio_space", help_heading = "Colour")]
     pub(crate) ocio: Option<PathBuf>,
-    /// The space of the configuration that these files are in, whatever they state.
+    /// Colour space of these files in the configuration; overrides what the files state.
     #[arg(long, value_name = "NAME", requires = "ocio", help_heading = "Colour")]
     pub(crate) ocio_space: Option<String>,
     /// Reduce images this many times a side, by area average in linear light.
     #[arg(long, default_value = "1", value_parser = parse_downscale, value_name = "1|2|4|8", help_heading = "Images")]
     pub(crate) downscale: u32,
-    /// Whether poses are found with COLMAP.
+    /// Whether COLMAP finds the poses.
     #[arg(long, value_enum, default_value_t, help_heading = "Structure from motion")]
     pub(crate) sfm: SfmArg,
-    /// COLMAP's program.
+    /// Path of the COLMAP program.
     #[arg(long, default_value = "colmap", value_name = "PROGRAM", help_heading = "Structure from motion")]
     pub(crate) colmap: PathBuf,
     /// Lens model; one camera for all photographs of the same camera, lens and size.
     #[arg(long, value_enum, default_value_t, help_heading = "Structure from motion")]
     pub(crate) camera_model: CameraModelArg,
-    /// Which views are matched with each other.
+    /// Which views COLMAP matches with each other.
     #[arg(long, value_enum, default_value_t, help_heading = "Structure from motion")]
     pub(crate) matching: MatchingArg,
-    /// Memory that views under way may take together, GiB; one view is worked on however large it
-    /// is.
+    /// Memory for views that are processed at the same time, GiB; one view is processed in any
+    /// case, however large it is.
     #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=4096), value_name = "GIB", help_heading = "Machine")]
     pub(crate) memory: u32,
     /// Threads [default: all cores].
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=4096), value_name = "N", help_heading = "Machine")]
     pub(crate) threads: Option<u32>,
-    /// How the command talks.
+    /// Output.
     #[command(flatten)]
     pub(crate) console: ConsoleArgs,
 }
@@ -101,14 +100,14 @@ impl FromStr for BracketsArg {
 /// `--response`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub(crate) enum ResponseArg {
-    /// Found from brackets, if there are any, else sRGB.
+    /// Recovered from brackets if there are any, else sRGB.
     #[default]
     Auto,
-    /// Codes are proportional to light.
+    /// Values are proportional to light.
     Linear,
     /// The curve of sRGB.
     Srgb,
-    /// Found from brackets, or an error.
+    /// Recovered from brackets; an error without them.
     Recover,
 }
 
@@ -164,12 +163,12 @@ impl FromStr for WhiteBalanceArg {
 /// `--sfm`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub(crate) enum SfmArg {
-    /// If COLMAP is installed.
+    /// COLMAP is used if it is installed.
     #[default]
     Auto,
-    /// With COLMAP, or an error.
+    /// COLMAP is used; an error without it.
     Colmap,
-    /// No: radiance and pictures for structure from motion, and the commands to run.
+    /// Writes radiance, proxies and the commands to run, without poses.
     Off,
 }
 
@@ -190,27 +189,14 @@ pub(crate) enum CameraModelArg {
     OpenCv,
 }
 
-impl CameraModelArg {
-    /// COLMAP's name.
-    pub(crate) fn name(self) -> &'static str {
-        match self {
-            Self::SimplePinhole => "SIMPLE_PINHOLE",
-            Self::Pinhole => "PINHOLE",
-            Self::SimpleRadial => "SIMPLE_RADIAL",
-            Self::Radial => "RADIAL",
-            Self::OpenCv => "OPENCV",
-        }
-    }
-
-    /// COLMAP's parameters of a lens without distortion.
-    pub(crate) fn params(self, focal_px: f64, center_px: [f64; 2]) -> String {
-        let (f, [x, y]) = (focal_px, center_px);
-        match self {
-            Self::SimplePinhole => format!("{f},{x},{y}"),
-            Self::Pinhole => format!("{f},{f},{x},{y}"),
-            Self::SimpleRadial => format!("{f},{x},{y},0"),
-            Self::Radial => format!("{f},{x},{y},0,0"),
-            Self::OpenCv => format!("{f},{f},{x},{y},0,0,0,0"),
+impl From<CameraModelArg> for CameraModel {
+    fn from(arg: CameraModelArg) -> Self {
+        match arg {
+            CameraModelArg::SimplePinhole => Self::SimplePinhole,
+            CameraModelArg::Pinhole => Self::Pinhole,
+            CameraModelArg::SimpleRadial => Self::SimpleRadial,
+            CameraModelArg::Radial => Self::Radial,
+            CameraModelArg::OpenCv => Self::OpenCv,
         }
     }
 }
@@ -221,10 +207,53 @@ pub(crate) enum MatchingArg {
     /// Exhaustive up to 200 views, else sequential.
     #[default]
     Auto,
-    /// Each with each.
+    /// Each view with each.
     Exhaustive,
-    /// Each with the next ones by name.
+    /// Each view with the next ones by name.
     Sequential,
+}
+
+impl From<MatchingArg> for Matching {
+    fn from(arg: MatchingArg) -> Self {
+        match arg {
+            MatchingArg::Auto => Self::Auto,
+            MatchingArg::Exhaustive => Self::Exhaustive,
+            MatchingArg::Sequential => Self::Sequential,
+        }
+    }
+}
+
+impl From<SfmArg> for StructureFromMotion {
+    fn from(arg: SfmArg) -> Self {
+        match arg {
+            SfmArg::Auto => Self::Auto,
+            SfmArg::Colmap => Self::Colmap,
+            SfmArg::Off => Self::Off,
+        }
+    }
+}
+
+impl PrepareArgs {
+    /// Returns the library's options.
+    pub(crate) fn options(&self) -> PrepareOptions {
+        let ocio = self.ocio.clone().zip(self.ocio_space.clone()).map(|(config, space)| OcioChoice { config, space });
+        PrepareOptions {
+            brackets: self.brackets.0,
+            exposures: self.exposures.clone(),
+            response: self.response.into(),
+            white_balance: self.white_balance.clone().into(),
+            color_space: self.color_space.into(),
+            input_space: self.input_space.into(),
+            ocio,
+            downscale: self.downscale,
+            structure_from_motion: self.sfm.into(),
+            colmap: self.colmap.clone(),
+            camera_model: self.camera_model.into(),
+            matching: self.matching.into(),
+            memory_bytes: u64::from(self.memory) << 30,
+            ..PrepareOptions::new(&self.photos, &self.output)
+        }
+    }
 }
 
 #[cfg(test)]

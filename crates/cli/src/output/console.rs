@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use luxel::run::LogRecord;
-use luxel::{Event, Observer, text};
+use luxel::{Event, ItemKind, Observer, text};
 use serde_json::json;
 
 use super::metrics_table::mean_line;
@@ -165,6 +165,20 @@ impl Console {
         }
     }
 
+    /// Reports that one of several things of a kind is done.
+    fn item(&self, kind: ItemKind, name: &str, [done, total]: [u32; 2]) {
+        let (event, text) = match kind {
+            ItemKind::View => (json!({ "event": "view", "name": name }), format!("view {done}/{total}  {name}")),
+            ItemKind::UndistortedImage => (json!({ "event": "image", "name": name }), format!("undistorted {done}/{total}")),
+            ItemKind::StructureFromMotion => (json!({ "event": "sfm", "step": name }), format!("{name}: {done} of {total}")),
+            _ => return,
+        };
+        let mut event = event;
+        event["done"] = done.into();
+        event["views"] = total.into();
+        self.overall(&event, &text);
+    }
+
     /// Removes the bar.
     pub(crate) fn end_steps(&self) {
         if let Some(bar) = self.bar.borrow_mut().take() {
@@ -186,6 +200,7 @@ impl Observer for Console {
                 let event = json!({ "event": "evaluation", "iteration": step, "split": split, "mean": mean });
                 self.event(&event, &format!("step {step}: {split} {}", mean_line(&mean, views)));
             }
+            Event::Item { kind, name, done, total } => self.item(kind, &name, [done, total]),
             // Saved files are named at the end.
             _ => {}
         }

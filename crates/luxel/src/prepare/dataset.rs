@@ -8,17 +8,16 @@
 
 use std::collections::HashMap;
 
-use anyhow::{Result, anyhow, bail};
+use crate::files::{remove_if_there, write_bytes};
 use glam::DVec2;
-use luxel::files::{remove_if_there, write_bytes};
 use luxel_capture::prepare::{RegisteredView, Registration, ViewRecord};
 use luxel_core::{Camera, ColorSpace, Distortion};
 use luxel_io::colmap::{ColmapModel, ColmapPoint, read_colmap_model, write_text};
 use luxel_io::{ExrOptions, ReadOptions, Transfer, encode_png, pinhole_within, read_image, undistort_into, write_exr};
-use serde_json::json;
 
-use super::develop::{Folders, exr_options, proxy_name};
-use crate::output::console::Console;
+use super::folders::{Folders, exr_options, proxy_name};
+use crate::error::bail;
+use crate::{Error, Event, ItemKind, Observer, Result};
 
 /// A resampled pixel of a mask counts if no masked pixel has more than a rounding's part in it.
 const FULLY: f32 = 0.999;
@@ -49,21 +48,21 @@ pub(super) fn write(
     records: &[ViewRecord],
     (model, models): (&ColmapModel, usize),
     (space, is_absolute): (ColorSpace, bool),
-    console: &mut Console,
+    observer: &dyn Observer,
 ) -> Result<Registration> {
     let posed = posed_views(folders, records, model)?;
     if posed.is_empty() {
         bail!("COLMAP's model has none of the views; remove {} and start again", folders.work.display());
     }
-    console.begin_steps(0, posed.len() as u32);
+    observer.event(Event::StepsBegin { done: 0, total: posed.len() as u32 });
     for (done, view) in (1u32..).zip(&posed) {
         write_image(folders, view, space, is_absolute)?;
         write_mask(folders, view)?;
-        console.step(done);
-        let text = format!("undistorted {done}/{}", posed.len());
-        console.overall(&json!({ "event": "image", "name": view.record.name, "done": done, "views": posed.len() }), &text);
+        observer.event(Event::Step { done: done });
+        let name = view.record.name.clone();
+        observer.event(Event::Item { kind: ItemKind::UndistortedImage, name, done, total: posed.len() as u32 });
     }
-    console.end_steps();
+    observer.event(Event::StepsEnd);
     let errors = point_errors(&posed, model);
     let registration = registration(&posed, model, &errors, models);
     write_model(folders, &posed, model, &errors)?;
@@ -81,7 +80,7 @@ fn posed_views<'a>(folders: &Folders, records: &'a [ViewRecord], model: &ColmapM
     let mut posed = Vec::new();
     for (index, image) in model.images.iter().enumerate() {
         let Some(record) = by_name.get(&image.name) else { continue };
-        let seen = image.camera().map_err(|e| anyhow!("COLMAP's camera of {}: {e}", image.name))?;
+        let seen = image.camera().map_err(|e| Error::new(format!("COLMAP's camera of {}: {e}", image.name)))?;
         let expected = record.proxy_px.map(|s| s as u32);
         if seen.size_px != expected {
             bail!(
@@ -109,12 +108,12 @@ fn posed_views<'a>(folders: &Folders, records: &'a [ViewRecord], model: &ColmapM
             Some((_, pinhole)) => pinhole.clone(),
             None => {
                 let pinhole = pinhole_within(&lens).ok_or_else(|| {
-                    anyhow!(
+                    Error::new(format!(
                         "the lens of {} that COLMAP found (k1 {:.3}, k2 {:.3}) leaves no pinhole image: say a simpler --camera-model, such as simple-radial",
                         image.name,
                         lens.distortion.k1,
                         lens.distortion.k2
-                    )
+                    ))
                 })?;
                 pinholes.push((lens.clone(), pinhole.clone()));
                 pinhole

@@ -6,20 +6,18 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;
 
-use anyhow::Result;
 use luxel_capture::prepare::{LeftOut, PlannedView, ViewRecord};
-use serde_json::json;
 
 use super::develop::{Developer, is_refused};
 use super::state::State;
-use crate::output::console::Console;
+use crate::{Event, ItemKind, Observer, Result};
 
 /// Makes all views that are not there yet. What the system refuses ends it, and is no reason to leave a view out.
 pub(super) fn develop_all(
     developer: &Developer<'_>,
     state: &mut State,
     memory_bytes: u64,
-    console: &mut Console,
+    observer: &dyn Observer,
 ) -> Result<(Vec<ViewRecord>, Vec<LeftOut>)> {
     let views = &developer.plan.views;
     let total = views.len();
@@ -33,14 +31,14 @@ pub(super) fn develop_all(
         }
     }
     if !done.is_empty() && !todo.is_empty() {
-        console.note(&format!("{} of {total} views are there from an earlier run", done.len()));
+        observer.note(&format!("{} of {total} views are there from an earlier run", done.len()));
     }
     state.forget(todo.iter().map(|view| view.name.as_str()))?;
     let largest = todo.iter().map(|view| developer.bytes_of(view)).max().unwrap_or(1).max(1);
     let fitting = usize::try_from(memory_bytes / largest).unwrap_or(usize::MAX);
     let workers = rayon::current_num_threads().min(fitting).min(todo.len()).max(1);
     let mut left_out = Vec::new();
-    console.begin_steps(done.len() as u32, total as u32);
+    observer.event(Event::StepsBegin { done: done.len() as u32, total: total as u32 });
     let next = AtomicUsize::new(0);
     let (sender, receiver) = mpsc::channel();
     let result = std::thread::scope(|scope| {
@@ -60,7 +58,7 @@ pub(super) fn develop_all(
             match made {
                 Ok(record) => {
                     for left_out in &record.left_out {
-                        console.warn(&format!("view {name}: {} is left out: {}", left_out.file, left_out.reason));
+                        observer.warn(&format!("view {name}: {} is left out: {}", left_out.file, left_out.reason));
                     }
                     state.insert(record.clone())?;
                     done.push(record);
@@ -69,18 +67,17 @@ pub(super) fn develop_all(
                     return Err(error.context(format!("view {name}: cannot be made; the same command goes on where it was")));
                 }
                 Err(error) => {
-                    console.warn(&format!("view {name}: {error:#}"));
+                    observer.warn(&format!("view {name}: {error:#}"));
                     left_out.push(LeftOut { file: name.clone(), reason: format!("{error:#}") });
                 }
             }
             let made = done.len() + left_out.len();
-            console.step(made as u32);
-            console
-                .overall(&json!({ "event": "view", "name": name, "done": made, "views": total }), &format!("view {made}/{total}  {name}"));
+            observer.event(Event::Step { done: made as u32 });
+            observer.event(Event::Item { kind: ItemKind::View, name, done: made as u32, total: total as u32 });
         }
         Ok(())
     });
-    console.end_steps();
+    observer.event(Event::StepsEnd);
     // What is done is noted, whatever ended it.
     result.and(state.save())?;
     done.sort_by(|a, b| a.name.cmp(&b.name));

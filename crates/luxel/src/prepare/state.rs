@@ -6,8 +6,8 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use anyhow::Result;
-use luxel::files::{read_text, write_json};
+use crate::Result;
+use crate::files::{read_text, write_json};
 use luxel_capture::prepare::ViewRecord;
 use serde::{Deserialize, Serialize};
 

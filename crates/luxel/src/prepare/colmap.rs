@@ -11,15 +11,14 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::mpsc;
 
-use anyhow::{Context, Result, bail};
-use luxel::files::write_text;
+use crate::error::{Context, bail};
+use crate::files::write_text;
 use luxel_capture::prepare::{PlannedCamera, ViewRecord};
 use luxel_io::colmap::{ColmapModel, read_colmap_model};
-use serde_json::json;
 
-use super::develop::{Folders, proxy_name};
-use crate::args::{CameraModelArg, MatchingArg};
-use crate::output::console::Console;
+use super::folders::{Folders, proxy_name};
+use super::{Matching, MotionOptions};
+use crate::{Event, ItemKind, Observer, Result};
 
 /// Views up to which each is matched with each.
 const EXHAUSTIVE_VIEWS: usize = 200;
@@ -66,9 +65,9 @@ impl Colmap {
         folders: &Folders,
         views: &[ViewRecord],
         cameras: &[PlannedCamera],
-        options: (CameraModelArg, MatchingArg),
+        options: MotionOptions,
     ) -> Result<Vec<Step>> {
-        let (model, matching) = options;
+        let MotionOptions { camera_model: model, matching } = options;
         let (extraction, matches) =
             if self.has_feature_options { ("--FeatureExtraction", "--FeatureMatching") } else { ("--SiftExtraction", "--SiftMatching") };
         let database = folders.work.join("database.db");
@@ -83,20 +82,20 @@ impl Colmap {
             write_text(&list, &(views.iter().map(|v| proxy_name(&v.name)).collect::<Vec<_>>().join("\n") + "\n"))?;
             let mut arguments =
                 paths("feature_extractor", &[("--database_path", &database), ("--image_path", &pictures), ("--image_list_path", &list)]);
-            let mut say = |name: &str, value: &str| arguments.extend([name.into(), value.into()]);
-            say("--ImageReader.single_camera", "1");
-            say("--ImageReader.camera_model", model.name());
+            let mut give = |name: &str, value: &str| arguments.extend([name.into(), value.into()]);
+            give("--ImageReader.single_camera", "1");
+            give("--ImageReader.camera_model", model.name());
             if let Some(focal) = cameras.get(*camera).and_then(|c| c.focal_per_side) {
                 let (w, h) = (*width as f64, *height as f64);
-                say("--ImageReader.camera_params", &model.params(focal * w.max(h), [0.5 * w, 0.5 * h]));
+                give("--ImageReader.camera_params", &model.params(focal * w.max(h), [0.5 * w, 0.5 * h]));
             }
-            say(&format!("{extraction}.use_gpu"), "0");
+            give(&format!("{extraction}.use_gpu"), "0");
             steps.push(Step { what: "features", arguments });
         }
         let is_exhaustive = match matching {
-            MatchingArg::Auto => views.len() <= EXHAUSTIVE_VIEWS,
-            MatchingArg::Exhaustive => true,
-            MatchingArg::Sequential => false,
+            Matching::Auto => views.len() <= EXHAUSTIVE_VIEWS,
+            Matching::Exhaustive => true,
+            Matching::Sequential => false,
         };
         let mut arguments =
             paths(if is_exhaustive { "exhaustive_matcher" } else { "sequential_matcher" }, &[("--database_path", &database)]);
@@ -135,7 +134,7 @@ impl Colmap {
     }
 
     /// Runs the commands on a fresh database.
-    pub(super) fn run(&self, steps: &[Step], folders: &Folders, views: usize, console: &mut Console) -> Result<()> {
+    pub(super) fn run(&self, steps: &[Step], folders: &Folders, views: usize, observer: &dyn Observer) -> Result<()> {
         let sparse = folders.work.join("sparse");
         for path in [folders.work.join("database.db"), folders.work.join("database.db-wal"), folders.work.join("database.db-shm")] {
             if path.exists() {
@@ -149,13 +148,13 @@ impl Colmap {
         let log_path = folders.work.join("colmap.log");
         let mut log = std::fs::File::create(&log_path).with_context(|| format!("{}: cannot write", log_path.display()))?;
         for step in steps {
-            console.note(&format!("COLMAP: {}", step.what));
-            self.run_step(step, views, &mut log, &log_path, console)?;
+            observer.note(&format!("COLMAP: {}", step.what));
+            self.run_step(step, views, &mut log, &log_path, observer)?;
         }
         Ok(())
     }
 
-    fn run_step(&self, step: &Step, views: usize, log: &mut std::fs::File, log_path: &Path, console: &mut Console) -> Result<()> {
+    fn run_step(&self, step: &Step, views: usize, log: &mut std::fs::File, log_path: &Path, observer: &dyn Observer) -> Result<()> {
         let mut child = Command::new(&self.program)
             .args(&step.arguments)
             .env("QT_QPA_PLATFORM", "offscreen")
@@ -179,14 +178,14 @@ impl Colmap {
         }
         drop(sender);
         let mut last: Vec<String> = Vec::new();
-        console.begin_steps(0, views as u32);
+        observer.event(Event::StepsBegin { done: 0, total: views as u32 });
         for line in lines {
             // A log that cannot be written is no reason to stop.
             let _ = writeln!(log, "{line}");
             if let Some(done) = progress(&line) {
-                console.step(done);
-                let text = format!("{}: {done} of {views}", step.what);
-                console.overall(&json!({ "event": "sfm", "step": step.what, "done": done, "views": views }), &text);
+                observer.event(Event::Step { done: done });
+                let name = step.what.to_owned();
+                observer.event(Event::Item { kind: ItemKind::StructureFromMotion, name, done, total: views as u32 });
             }
             if !line.trim().is_empty() {
                 last.push(line.trim().to_owned());
@@ -195,7 +194,7 @@ impl Colmap {
                 }
             }
         }
-        console.end_steps();
+        observer.event(Event::StepsEnd);
         let status = child.wait().context("cannot wait for COLMAP")?;
         if !status.success() {
             bail!("COLMAP failed in its step \"{}\" ({status}): {}; all it said is in {}", step.what, last.join(" | "), log_path.display());

@@ -1,43 +1,53 @@
-//! `prepare.json` for programs and `prepare.html` for eyes: what was done with the photographs and what came of it.
+//! The report of a preparation: `prepare.json` for programs, `prepare.html` for people.
 
 use std::fmt::Write as _;
 
-use anyhow::Result;
-use luxel::files::{write_json, write_text};
-use luxel::report::html::{document, escape};
-use luxel::text;
+use crate::files::{write_json, write_text};
+use crate::report::html::{document, escape};
+use crate::text;
 use luxel_capture::prepare::{LeftOut, Registration, ViewRecord};
 use serde::Serialize;
 
-use super::develop::Folders;
+use super::folders::Folders;
+use crate::Result;
 
-/// Everything that is told.
+/// The content of `prepare.json`: what was done with the photographs, and the outcome.
 #[derive(Clone, Debug, Serialize)]
-pub(super) struct PrepareReport {
-    pub(super) luxel: &'static str,
-    pub(super) photos: String,
-    pub(super) photographs: usize,
-    /// Space of the images.
-    pub(super) color_space: &'static str,
-    /// Of the images.
-    pub(super) units: &'static str,
+pub struct PrepareReport {
+    /// Version of the program.
+    pub luxel: &'static str,
+    /// The folder of photographs.
+    pub photos: String,
+    /// Photographs used.
+    pub photographs: usize,
+    /// Colour space of the images.
+    pub color_space: &'static str,
+    /// Units of the images.
+    pub units: &'static str,
     /// How brackets were found.
-    pub(super) brackets: String,
-    /// Curve of developed pictures.
-    pub(super) response: Option<String>,
+    pub brackets: String,
+    /// Response curve of developed pictures.
+    pub response: Option<String>,
     /// Gains of red, green and blue, by camera.
-    pub(super) white_balance: Vec<(String, [f32; 3])>,
-    pub(super) structure_from_motion: String,
+    pub white_balance: Vec<(String, [f32; 3])>,
+    /// Where the poses come from.
+    pub structure_from_motion: String,
     /// Stops from the darkest view's thousandth to the brightest's.
-    pub(super) range_stops: f32,
-    pub(super) advice: Vec<String>,
-    pub(super) notes: Vec<String>,
-    pub(super) left_out: Vec<LeftOut>,
-    pub(super) registration: Option<Registration>,
-    pub(super) views: Vec<ViewRecord>,
-    /// Most memory that was resident, bytes.
-    pub(super) peak_memory_bytes: Option<u64>,
-    pub(super) seconds: f64,
+    pub range_stops: f32,
+    /// What to photograph again, and why.
+    pub advice: Vec<String>,
+    /// What is good to know.
+    pub notes: Vec<String>,
+    /// Files that are left out, with reasons.
+    pub left_out: Vec<LeftOut>,
+    /// Outcome of structure from motion.
+    pub registration: Option<Registration>,
+    /// One per view.
+    pub views: Vec<ViewRecord>,
+    /// Most resident memory, bytes.
+    pub peak_memory_bytes: Option<u64>,
+    /// Duration of the call that wrote the report.
+    pub seconds: f64,
 }
 
 /// Writes both files.

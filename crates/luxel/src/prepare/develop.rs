@@ -5,95 +5,28 @@
 //! [`ViewRecord`]. A frame that cannot be decoded is left out with a note; a view of which none can be is an error of its own, and the others
 //! go on. What the system refuses, to read or to write, is no fault of a photograph ([`is_refused`]): nothing goes on.
 
-use std::fs::DirEntry;
-use std::io::ErrorKind;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use anyhow::{Context, Result, bail};
-use luxel::files::{remove_if_there, write_bytes};
-use luxel::run::LOCK;
+use crate::error::{Context, bail};
+use crate::files::{remove_if_there, write_bytes};
 use luxel_capture::prepare::{
     CurveTables, LeftOut, Photograph, Plan, PlannedView, ViewRecord, conversion_from, developed_frame, raw_frame,
 };
 use luxel_capture::{CapturedFrame, Developed, ProxyOptions, figures, frame_offset, merge, proxy};
 use luxel_core::{ColorSpace, Conversion, Image};
 use luxel_io::{
-    DecodedImage, ExrOptions, ExrSample, IoError, IoErrorKind, OcioSpace, Photo, PhotoKind, decode_photo, downscale, encode_jpeg,
-    encode_png, write_exr,
+    DecodedImage, IoError, IoErrorKind, OcioSpace, Photo, PhotoKind, decode_photo, downscale, encode_jpeg, encode_png, write_exr,
 };
 use rayon::prelude::*;
 
-use super::state::{State, key};
+use super::folders::{Folders, exr_options};
+use super::state::key;
+use crate::{Error, Result};
 
 /// COLMAP reduces larger pictures itself.
 const PROXY_SIDE_PX: usize = 3200;
 /// Quality of proxies: artefacts stay below what features react to.
 const PROXY_QUALITY: u8 = 95;
-
-/// Folders in the output that files are written into.
-const WRITTEN: [&str; 5] = ["images", "proxies", "saturation", "sparse", "work"];
-
-/// Where things lie.
-#[derive(Clone, Debug)]
-pub(super) struct Folders {
-    pub(super) output: PathBuf,
-    pub(super) work: PathBuf,
-}
-
-impl Folders {
-    pub(super) fn new(output: &Path) -> Self {
-        Self { output: output.to_owned(), work: output.join("work") }
-    }
-
-    /// Refuses an output folder in which something of others would be written over: the photographs themselves, or another program's data set.
-    pub(super) fn check(&self, photos: &Path) -> Result<()> {
-        let output = self.output.display();
-        if let Ok(photos) = std::fs::canonicalize(photos)
-            && let Some(name) =
-                WRITTEN.into_iter().find(|name| std::fs::canonicalize(self.output.join(name)).is_ok_and(|own| photos.starts_with(own)))
-        {
-            bail!("{output}: the photographs lie in its folder {name}, where this command writes; choose another output folder");
-        }
-        let entries = match std::fs::read_dir(&self.output) {
-            Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
-            entries => entries.with_context(|| format!("{output}: cannot look into the output folder"))?,
-        };
-        let is_empty = |folder: &Path| std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_none());
-        // What is there when an earlier time ended before it began.
-        let is_left_over = |entry: &DirEntry| entry.file_name() == LOCK || entry.path() == self.work && is_empty(&self.work);
-        if !State::is_in(&self.work) && !entries.flatten().all(|entry| is_left_over(&entry)) {
-            bail!("{output}: is not empty and not a data set of luxel prepare; choose another output folder");
-        }
-        Ok(())
-    }
-
-    pub(super) fn radiance(&self, view: &str) -> PathBuf {
-        self.work.join("radiance").join(format!("{view}.exr"))
-    }
-
-    pub(super) fn proxy(&self, view: &str) -> PathBuf {
-        self.output.join("proxies").join(proxy_name(view))
-    }
-
-    /// Mask of what was saturated, as the lens saw it.
-    pub(super) fn saturation(&self, view: &str) -> PathBuf {
-        self.work.join("saturation").join(format!("{view}.png"))
-    }
-
-    /// The same for the undistorted image.
-    pub(super) fn mask(&self, view: &str) -> PathBuf {
-        self.output.join("saturation").join(format!("{view}.png"))
-    }
-
-    pub(super) fn image(&self, view: &str) -> PathBuf {
-        self.output.join("images").join(format!("{view}.exr"))
-    }
-}
-
-/// The name by which COLMAP knows a view.
-pub(super) fn proxy_name(view: &str) -> String {
-    format!("{view}.jpg")
-}
 
 /// What all views share.
 pub(super) struct Developer<'a> {
@@ -258,7 +191,7 @@ impl Developer<'_> {
         let bytes = read(&photo.path)?;
         let name = Path::new(photo.path.file_name().unwrap_or_default());
         let Some(exposure) = photo.exposure else { bail!("it has no exposure") };
-        match (decode_photo(name, &bytes).map_err(|e| anyhow::anyhow!(e.message))?, self.tables) {
+        match (decode_photo(name, &bytes).map_err(|e| Error::new(e.message))?, self.tables) {
             (Photo::Raw(pixels), _) => {
                 let info = photo.info.raw.clone().unwrap_or_default();
                 match raw_frame(pixels, &info, &exposure) {
@@ -277,21 +210,9 @@ fn read(path: &Path) -> Result<Vec<u8>> {
 }
 
 /// Whether the system refused what may go well another time; else the content of a file is to blame.
-pub(super) fn is_refused(error: &anyhow::Error) -> bool {
+pub(super) fn is_refused(error: &Error) -> bool {
     let is_system = |e: &IoError| matches!(e.kind, IoErrorKind::System | IoErrorKind::NoRoom);
-    let is_refused_below = |error: &luxel::Error| error.find::<IoError>().is_some_and(is_system);
-    error.chain().any(|cause| {
-        cause.is::<std::io::Error>()
-            || cause.downcast_ref::<IoError>().is_some_and(is_system)
-            || cause.downcast_ref::<luxel::Error>().is_some_and(is_refused_below)
-    })
-}
-
-/// Float, with its space and units.
-pub(super) fn exr_options(space: ColorSpace, is_absolute: bool) -> ExrOptions {
-    let units = if is_absolute { "cd/m2 by EXIF and ISO 12232" } else { "of the capture" };
-    let attributes = vec![("luxel:color_space".to_owned(), space.name().to_owned()), ("luxel:units".to_owned(), units.to_owned())];
-    ExrOptions { sample: ExrSample::Float, color_space: space, attributes, ..ExrOptions::default() }
+    error.find::<std::io::Error>().is_some() || error.find::<IoError>().is_some_and(is_system)
 }
 
 fn convert(image: &mut Image, from: ColorSpace, to: ColorSpace) {

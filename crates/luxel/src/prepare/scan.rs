@@ -5,8 +5,9 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, anyhow, bail};
-use luxel::text::plural;
+use crate::error::{Context, bail};
+use crate::text::plural;
+use crate::{Error, Result};
 use luxel_capture::Exposure;
 use luxel_capture::prepare::{LeftOut, Photograph, Selection, select};
 use luxel_io::{is_photo_name, photo_info};
@@ -72,7 +73,7 @@ pub(super) fn scan(folder: &Path) -> Result<Selection> {
         let first = scan.left_out.first().map(|l| format!("{}: {}", l.file, l.reason)).unwrap_or_default();
         bail!("{}: none of {} can be read; {first}", folder.display(), plural(paths.len(), "photograph"));
     }
-    one_kind.map_err(|e| anyhow!("{}: {e}", folder.display()))?;
+    one_kind.map_err(|e| Error::new(format!("{}: {e}", folder.display())))?;
     Ok(scan)
 }
 

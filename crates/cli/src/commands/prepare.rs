@@ -1,0 +1,59 @@
+//! `luxel prepare`: a folder of photographs to a data set.
+
+use anyhow::{Context, Result};
+use luxel::prepare::{PrepareOptions, PrepareReport, Prepared, prepare};
+use luxel::text::plural;
+use luxel_capture::prepare::PrepareNote;
+use serde_json::json;
+
+use crate::args::PrepareArgs;
+use crate::output::console::Console;
+use crate::remedy::with_remedy;
+
+/// Runs the command.
+pub(crate) fn run(args: &PrepareArgs) -> Result<()> {
+    if let Some(threads) = args.threads {
+        rayon::ThreadPoolBuilder::new().num_threads(threads as usize).build_global().context("cannot start the threads")?;
+    }
+    let console = Console::new(args.console.log_format, args.console.quiet);
+    let options = PrepareOptions { word_note, ..args.options() };
+    match prepare(&options, &console)? {
+        Prepared::UpToDate => {
+            let event = json!({ "event": "finished", "output": args.output });
+            console.result(&event, &format!("{} is up to date", args.output.display()))
+        }
+        Prepared::Written { report } => report_result(args, &report, &console),
+    }
+}
+
+fn word_note(note: &PrepareNote) -> String {
+    with_remedy(&note.text, note.remedy.as_ref())
+}
+
+/// Prints the result for people and programs.
+fn report_result(args: &PrepareArgs, report: &PrepareReport, console: &Console) -> Result<()> {
+    let output = args.output.display();
+    let mut text = match &report.registration {
+        Some(found) => format!(
+            "{} of {} have poses; {:.1} stops; mean error {:.2} px\ntrain with: luxel train {output} -o run",
+            found.views.len(),
+            plural(report.views.len(), "view"),
+            report.range_stops,
+            found.mean_error_px
+        ),
+        None => format!(
+            "radiance of {} in {output}/work/radiance, pictures for structure from motion in {output}/proxies\n\
+             poses: run sh {output}/colmap.sh (Debian: apt-get install colmap), then the same luxel prepare again",
+            plural(report.views.len(), "view")
+        ),
+    };
+    for line in &report.advice {
+        text += &format!("\nre-shoot: {line}");
+    }
+    text += &format!("\nreport: {output}/prepare.html");
+    let registered = report.registration.as_ref().map(|r| r.views.len());
+    let event = json!({
+        "event": "finished", "output": args.output, "views": report.views.len(), "registered": registered, "advice": report.advice,
+    });
+    console.result(&event, &text)
+}

@@ -1,0 +1,220 @@
+//! A folder of photographs to a data set.
+//!
+//! scan (headers) → plan (cameras, exposures, brackets, white balance, response) → develop
+//! (radiance and proxies, view by view) → structure from motion (COLMAP) → data set (undistorted
+//! images, pinhole cameras, points) → report. Each step finds what an earlier call finished.
+
+mod colmap;
+mod dataset;
+mod develop;
+mod exposures;
+mod folders;
+mod motion;
+mod options;
+mod report;
+mod response;
+mod scan;
+mod state;
+mod views;
+
+use std::time::Instant;
+
+use luxel_capture::prepare::{
+    AdviceInput, Plan, PrepareNote, Registration, Selection, SetCurve, ViewRecord, advice, check_options, choose_response, plan,
+    range_stops,
+};
+use luxel_io::{OcioSpace, PhotoKind};
+
+use self::colmap::Colmap;
+use self::develop::Developer;
+use self::folders::Folders;
+use self::motion::{Motion, motion_key};
+use self::options::MotionOptions;
+pub use self::options::{CameraModel, Matching, OcioChoice, PrepareOptions, StructureFromMotion};
+pub use self::report::PrepareReport;
+use self::state::{State, key};
+use crate::error::{Context, bail};
+use crate::run::RunFolder;
+use crate::text::plural;
+use crate::{Error, Observer, Remedy, Result};
+
+pub use luxel_capture::BracketRule;
+pub use luxel_capture::prepare::{ResponseChoice, WhiteBalance};
+
+/// The version of the way in which pixels are made; views of another version are made anew.
+const PIXELS_VERSION: &str = "2";
+
+/// The outcome of [`prepare`].
+#[derive(Clone, Debug)]
+pub enum Prepared {
+    /// Nothing was left to do.
+    UpToDate,
+    /// The data set was written, as far as `report` says.
+    Written {
+        /// The content of `prepare.json`.
+        report: Box<PrepareReport>,
+    },
+}
+
+/// Prepares a data set from a folder of photographs. Stopped at any time, the same call continues.
+///
+/// In: photographs as DNG, JPEG, PNG, TIFF, or OpenEXR and Radiance HDR. Out, in the output folder:
+/// `images/`, `sparse/0`, `prepare.json`, `prepare.html`; `proxies/` and `work/` are for COLMAP and
+/// for later calls. Without COLMAP, `colmap.sh` has the commands to run instead of `images/`.
+///
+/// # Errors
+/// No photographs, options that do not fit them, an output folder that holds something else, a
+/// COLMAP that fails or finds no poses, and what the system refuses.
+pub fn prepare(options: &PrepareOptions, observer: &dyn Observer) -> Result<Prepared> {
+    let started = Instant::now();
+    let colmap = find_colmap(options)?;
+    let folders = Folders::new(&options.output);
+    folders.check(&options.photos)?;
+    let mut scan = scan::scan(&options.photos)?;
+    check_options(&options.plan(), &scan.photos)?;
+    let _lock = RunFolder::at(&folders.output).lock()?;
+    let mut state = begin(options, &folders)?;
+    for left_out in &scan.left_out {
+        observer.warn(&format!("{} is left out: {}", left_out.file, left_out.reason));
+    }
+    let (plan, curve) = make_plan(options, &mut scan)?;
+    let notes: Vec<String> = plan.notes.iter().map(options.word_note).collect();
+    notes.iter().for_each(|note| observer.note(note));
+    let photographs = scan.photos.len();
+    observer.note(&format!("{} in {}: {}", plural(photographs, "photograph"), plural(plan.views.len(), "view"), plan.brackets));
+
+    let ocio = ocio_space(options, plan.kind)?;
+    let developer = Developer {
+        plan: &plan,
+        photos: &scan.photos,
+        folders: &folders,
+        tables: curve.as_ref().map(|curve| &curve.tables),
+        space: options.color_space,
+        input_space: options.input_space,
+        ocio: ocio.as_ref(),
+        downscale: options.downscale,
+        settings_key: settings_key(options, &plan, curve.as_ref(), ocio.as_ref()),
+    };
+    let everything = everything_key(options, &developer, colmap.as_ref());
+    if state.finished_key.as_ref() == Some(&everything) && dataset::is_whole(&folders) {
+        return Ok(Prepared::UpToDate);
+    }
+    // Before a file is overwritten: a call that is stopped leaves a mixed set.
+    state.finished_key = None;
+    state.save()?;
+    let (records, failed) = views::develop_all(&developer, &mut state, options.memory_bytes, observer)?;
+    let mut left_out = std::mem::take(&mut scan.left_out);
+    left_out.extend(failed);
+    left_out.extend(records.iter().flat_map(|record| record.left_out.iter().cloned()));
+    if records.is_empty() {
+        bail!("no view could be made of {}", plural(photographs, "photograph"));
+    }
+    let motion = Motion { options, developer: &developer };
+    let (registration, poses) = motion.run(colmap.as_ref(), &records, &mut state, observer)?;
+    let is_whole = registration.is_some();
+    let report = PrepareReport {
+        luxel: crate::VERSION,
+        photos: options.photos.display().to_string(),
+        photographs,
+        color_space: options.color_space.name(),
+        units: if plan.is_absolute { "cd/m2 as far as EXIF and ISO 12232 tell it" } else { "relative" },
+        brackets: plan.brackets.to_owned(),
+        response: curve.as_ref().map(|curve| curve.name.clone()),
+        white_balance: plan.cameras.iter().filter_map(|c| Some((c.name.clone(), c.color?.0))).collect(),
+        structure_from_motion: poses,
+        range_stops: range_stops(&records),
+        advice: worded_advice(options, &records, registration.as_ref(), curve.as_ref()),
+        notes: notes.into_iter().chain(view_notes(&records)).collect(),
+        left_out,
+        registration,
+        views: records,
+        peak_memory_bytes: crate::memory::peak_resident_bytes(),
+        seconds: started.elapsed().as_secs_f64(),
+    };
+    report::write(&folders, &report)?;
+    // Last: it says that nothing is left to do.
+    if is_whole {
+        state.finished_key = Some(everything);
+        state.save()?;
+    }
+    Ok(Prepared::Written { report: Box::new(report) })
+}
+
+/// Returns the COLMAP to use, if any.
+fn find_colmap(options: &PrepareOptions) -> Result<Option<Colmap>> {
+    let installed = match options.structure_from_motion {
+        StructureFromMotion::Off => None,
+        StructureFromMotion::Auto | StructureFromMotion::Colmap => Colmap::find(&options.colmap),
+    };
+    if installed.is_none() && options.structure_from_motion == StructureFromMotion::Colmap {
+        let remedy = Remedy::advice("install COLMAP (Debian: apt-get install colmap)").or(Remedy::give("colmap"));
+        return Err(Error::new(format!("{}: no such program", options.colmap.display())).with_remedy(remedy));
+    }
+    Ok(installed)
+}
+
+/// Takes the locked output folder into use and returns the state that an earlier call left.
+fn begin(options: &PrepareOptions, folders: &Folders) -> Result<State> {
+    // Another process may have worked there while this one looked at the photographs.
+    folders.check(&options.photos)?;
+    std::fs::create_dir_all(&folders.work).with_context(|| format!("{}: cannot create", folders.work.display()))?;
+    let mut state = State::open(&folders.work);
+    // A saved state marks the folder as a data set in preparation.
+    state.save()?;
+    Ok(state)
+}
+
+/// Plans the views and chooses the response curve of developed pictures.
+fn make_plan(options: &PrepareOptions, scan: &mut Selection) -> Result<(Plan, Option<SetCurve>)> {
+    let odd_list = options.exposures.as_ref().map(|list| exposures::apply(list, &mut scan.photos)).transpose()?.flatten();
+    let mut plan = plan(&mut scan.photos, &options.plan())?;
+    plan.notes.extend(odd_list.map(PrepareNote::new));
+    let curve = choose_response(&mut plan, options.response, |views| response::thinned_brackets(views, &scan.photos))?;
+    Ok((plan, curve))
+}
+
+/// Opens the OpenColorIO space of radiance files, if one is chosen.
+fn ocio_space(options: &PrepareOptions, kind: PhotoKind) -> Result<Option<OcioSpace>> {
+    match &options.ocio {
+        Some(choice) if kind == PhotoKind::Radiance => Ok(Some(OcioSpace::open(&choice.config, &choice.space)?)),
+        Some(choice) => Err(Error::new(format!(
+            "the OpenColorIO space {} is for OpenEXR, HDR and float TIFF files; photographs have their colours from the camera",
+            choice.space
+        ))
+        .with_remedy(Remedy::leave_out("ocio_space"))),
+        None => Ok(None),
+    }
+}
+
+/// Returns the digest of all that pixels depend on besides their files.
+fn settings_key(options: &PrepareOptions, plan: &Plan, curve: Option<&SetCurve>, ocio: Option<&OcioSpace>) -> String {
+    let colors: Vec<String> = plan.cameras.iter().map(|c| format!("{:?}", c.color)).collect();
+    let given = format!("{:?} {:?} {}", options.color_space, options.input_space, options.downscale);
+    let tables = curve.map(|curve| format!("{:?}", curve.tables)).unwrap_or_default();
+    let ocio = ocio.map_or("", OcioSpace::digest);
+    let own = [PIXELS_VERSION, &given, &tables, ocio, &plan.is_absolute.to_string()];
+    key(own.into_iter().chain(colors.iter().map(String::as_str)))
+}
+
+/// Returns the digest of all views and of the options of structure from motion.
+fn everything_key(options: &PrepareOptions, developer: &Developer<'_>, colmap: Option<&Colmap>) -> String {
+    let views = developer.plan.views.iter().map(|view| developer.key(view));
+    let parts: Vec<String> = views.chain([motion_key(options, colmap)]).collect();
+    key(parts.iter().map(String::as_str))
+}
+
+/// Returns the advice on what to photograph again.
+fn worded_advice(
+    options: &PrepareOptions,
+    records: &[ViewRecord],
+    registration: Option<&Registration>,
+    curve: Option<&SetCurve>,
+) -> Vec<String> {
+    let input = AdviceInput { records, registration, curve: curve.map(|curve| curve.origin), downscale: options.downscale };
+    advice(&input).iter().map(options.word_note).collect()
+}
+
+/// Returns the notes on single views.
+fn view_notes(records: &[ViewRecord]) -> Vec<String> {
+    records.iter().flat_map(|r| r.notes.iter().map(move |note| format!("view {}: {note}", r.name))).collect()
+}

@@ -1,0 +1,176 @@
+//! Options of [`prepare`](super::prepare).
+
+use std::path::PathBuf;
+
+use luxel_capture::BracketRule;
+use luxel_capture::prepare::{PlanOptions, PrepareNote, ResponseChoice, WhiteBalance};
+use luxel_core::ColorSpace;
+
+/// Options of [`prepare`](super::prepare).
+///
+/// ```
+/// use luxel::prepare::{PrepareOptions, StructureFromMotion};
+///
+/// let options = PrepareOptions {
+///     structure_from_motion: StructureFromMotion::Off,
+///     ..PrepareOptions::new("photographs", "my-images")
+/// };
+/// assert_eq!(options.downscale, 1);
+/// ```
+#[derive(Clone, Debug)]
+pub struct PrepareOptions {
+    /// The folder of photographs.
+    pub photos: PathBuf,
+    /// The folder of the data set.
+    pub output: PathBuf,
+    /// Which photographs are exposures of one view.
+    pub brackets: BracketRule,
+    /// A list of exposures that EXIF lacks or has wrong.
+    pub exposures: Option<PathBuf>,
+    /// The response curve of developed pictures.
+    pub response: ResponseChoice,
+    /// The white balance of RAW files.
+    pub white_balance: WhiteBalance,
+    /// The colour space of the data set's images.
+    pub color_space: ColorSpace,
+    /// The primaries of files that do not state theirs.
+    pub input_space: ColorSpace,
+    /// The space of radiance files by an OpenColorIO configuration.
+    pub ocio: Option<OcioChoice>,
+    /// Reduction of images, times a side: 1, 2, 4 or 8.
+    pub downscale: u32,
+    /// Whether COLMAP finds the poses.
+    pub structure_from_motion: StructureFromMotion,
+    /// COLMAP's program.
+    pub colmap: PathBuf,
+    /// The lens model that COLMAP fits.
+    pub camera_model: CameraModel,
+    /// Which views COLMAP matches with each other.
+    pub matching: Matching,
+    /// Memory that views under way may take together, bytes. One view is worked on in any case.
+    pub memory_bytes: u64,
+    /// Words a note with its remedy for the report and the observer.
+    pub word_note: fn(&PrepareNote) -> String,
+}
+
+impl PrepareOptions {
+    /// Returns the defaults for a folder of photographs and a folder for the data set.
+    pub fn new(photos: impl Into<PathBuf>, output: impl Into<PathBuf>) -> Self {
+        Self {
+            photos: photos.into(),
+            output: output.into(),
+            brackets: BracketRule::Auto,
+            exposures: None,
+            response: ResponseChoice::Auto,
+            white_balance: WhiteBalance::AsShot,
+            color_space: ColorSpace::LinearRec709,
+            input_space: ColorSpace::LinearRec709,
+            ocio: None,
+            downscale: 1,
+            structure_from_motion: StructureFromMotion::Auto,
+            colmap: "colmap".into(),
+            camera_model: CameraModel::default(),
+            matching: Matching::default(),
+            memory_bytes: 4 << 30,
+            word_note,
+        }
+    }
+
+    /// Returns the options of the plan.
+    pub(super) fn plan(&self) -> PlanOptions {
+        PlanOptions {
+            brackets: self.brackets,
+            has_exposure_list: self.exposures.is_some(),
+            response: self.response,
+            white_balance: self.white_balance.clone(),
+            color_space: self.color_space,
+            input_space: self.input_space,
+        }
+    }
+}
+
+/// Words a note in neutral terms.
+fn word_note(note: &PrepareNote) -> String {
+    note.remedy.as_ref().map_or_else(|| note.text.clone(), |remedy| format!("{}; {remedy}", note.text))
+}
+
+/// A colour space of an OpenColorIO configuration.
+#[derive(Clone, Debug)]
+pub struct OcioChoice {
+    /// The configuration file.
+    pub config: PathBuf,
+    /// The name of the space in it.
+    pub space: String,
+}
+
+/// Whether COLMAP finds the poses.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum StructureFromMotion {
+    /// COLMAP finds them if it is installed.
+    #[default]
+    Auto,
+    /// COLMAP finds them; without it this is an error.
+    Colmap,
+    /// Nothing finds them: radiance, proxies and the commands to run are written.
+    Off,
+}
+
+/// A lens model of COLMAP.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum CameraModel {
+    /// One focal length.
+    SimplePinhole,
+    /// Two focal lengths.
+    Pinhole,
+    /// One focal length, one radial term.
+    SimpleRadial,
+    /// One focal length, two radial terms.
+    #[default]
+    Radial,
+    /// Two focal lengths, two radial and two tangential terms.
+    OpenCv,
+}
+
+impl CameraModel {
+    /// Returns COLMAP's name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::SimplePinhole => "SIMPLE_PINHOLE",
+            Self::Pinhole => "PINHOLE",
+            Self::SimpleRadial => "SIMPLE_RADIAL",
+            Self::Radial => "RADIAL",
+            Self::OpenCv => "OPENCV",
+        }
+    }
+
+    /// Returns COLMAP's parameters of a lens without distortion.
+    pub(super) fn params(self, focal_px: f64, center_px: [f64; 2]) -> String {
+        let (f, [x, y]) = (focal_px, center_px);
+        match self {
+            Self::SimplePinhole => format!("{f},{x},{y}"),
+            Self::Pinhole => format!("{f},{f},{x},{y}"),
+            Self::SimpleRadial => format!("{f},{x},{y},0"),
+            Self::Radial => format!("{f},{x},{y},0,0"),
+            Self::OpenCv => format!("{f},{f},{x},{y},0,0,0,0"),
+        }
+    }
+}
+
+/// Which views COLMAP matches with each other.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Matching {
+    /// Exhaustive up to 200 views, else sequential.
+    #[default]
+    Auto,
+    /// Each view with each.
+    Exhaustive,
+    /// Each view with the next ones by name.
+    Sequential,
+}
+
+/// What COLMAP is asked for.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct MotionOptions {
+    pub(super) camera_model: CameraModel,
+    pub(super) matching: Matching,
+}
