@@ -67,7 +67,7 @@ pub fn radiance(image: &Image, display: &Display) -> Result<Picture> {
     encode(small.width, small.height, pixels.collect())
 }
 
-/// |T(prediction) - T(target)|, mean of the channels, nothing clipped, on [`INFERNO`] from 0 to `full_scale`.
+/// |T(prediction) - T(target)|, mean of the channels, nothing clipped, on `INFERNO` from 0 to `full_scale`.
 pub(super) fn error_map(
     prediction: &Image,
     target: &Image,
@@ -84,7 +84,7 @@ pub(super) fn error_map(
     values(&error, full_scale, max_side_px)
 }
 
-/// The first channel on [`INFERNO`] from 0 to `full_scale`, of pixels whose second is 1; those where it is 0 are masked. Both average as they should.
+/// The first channel on `INFERNO` from 0 to `full_scale`, of pixels whose second is 1; those where it is 0 are masked. Both average as they should.
 pub fn values(image: &Image, full_scale: f32, max_side_px: usize) -> Result<Picture> {
     let small = reduce(image, reduction(image, max_side_px));
     let colors = small.pixels.iter().map(|&[value, valid, _]| if valid > 0.0 { inferno(value / valid / full_scale) } else { MASKED });
