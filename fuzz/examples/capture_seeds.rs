@@ -1,5 +1,5 @@
-//! Writes small valid files of captures to the corpora: masks, recordings, exposures, names of photographs, colour configurations and tables.
-//! `cargo run --release --example capture_seeds`.
+//! Writes small valid files of captures to the corpora: masks, recordings, exposures, names of
+//! photographs, colour configurations and tables. `cargo run --release --example capture_seeds`.
 
 use std::path::PathBuf;
 
@@ -31,7 +31,7 @@ fn write(target: &str, file: &str, bytes: &[u8]) -> std::io::Result<()> {
     std::fs::write(folder.join(file), bytes)
 }
 
-/// Two rows of `poses_bounds_exps.npy`.
+/// Returns two rows of `poses_bounds_exps.npy`.
 fn poses() -> Vec<u8> {
     let row = |seconds: f64| [0.0, 1.0, 0.0, 0.5, 8.0, -1.0, 0.0, 0.0, 0.0, 16.0, 0.0, 0.0, 1.0, 4.0, 20.0, 1.0, 9.0, seconds];
     let header = format!("{:<117}\n", "{'descr': '<f8', 'fortran_order': False, 'shape': (2, 18), }");

@@ -117,7 +117,7 @@ fn raster_seeds(bytes: &[u8]) -> Outcome {
     Ok(())
 }
 
-/// Mosaics and LinearRaw: uncompressed, and lossless JPEG of zeros.
+/// Returns the mosaics and LinearRaw: uncompressed, and lossless JPEG of zeros.
 fn dng_seeds(bytes: &[u8]) -> Outcome {
     // Two components of half the width, one code of one bit for "no difference", 22 such codes.
     let lossless = [

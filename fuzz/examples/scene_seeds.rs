@@ -1,4 +1,5 @@
-//! Writes small valid scenes of every format as seeds of the corpora: `cargo run --release --example scene_seeds`.
+//! Writes small valid scenes of every format as seeds of the corpora: `cargo run --release
+//! --example scene_seeds`.
 
 use std::error::Error;
 use std::path::{Path, PathBuf};
@@ -33,7 +34,7 @@ fn write(target: &str, file: &str, bytes: &[u8]) -> std::io::Result<()> {
     std::fs::write(folder.join(file), bytes)
 }
 
-/// As PlayCanvas packs splats, in text.
+/// Splats as PlayCanvas packs them, in text.
 const COMPRESSED: &str = "ply
 format ascii 1.0
 element chunk 1

@@ -1,6 +1,8 @@
-//! Which photographs are exposures of one view, by names, times and exposures: each photograph is in one view, whatever it is called.
+//! Which photographs are exposures of one view, by names, times and exposures: each photograph is
+//! in one view, whatever it is called.
 //!
-//! A line is a photograph: camera, time, stops and seconds as a byte each (255: not known), then its name.
+//! A line is a photograph: camera, time, stops and seconds as a byte each (255: not known), then
+//! its name.
 
 #![no_main]
 

@@ -1,4 +1,5 @@
-//! Camera paths: reading does not panic, with and without a default camera, and the cameras that are read can be used.
+//! Camera paths: reading does not panic, with and without a default camera, and the cameras that
+//! are read can be used.
 #![no_main]
 
 use std::path::Path;

@@ -1,6 +1,8 @@
-//! Checkpoints: reading neither panics nor allocates beyond its input, and what is read is written and read back alike.
+//! Checkpoints: reading neither panics nor allocates beyond its input, and what is read is written
+//! and read back alike.
 //!
-//! Everything but the finiteness of the splats is parsed before the digest is compared, so damaged inputs reach nearly all of the reader.
+//! Everything but the finiteness of the splats is parsed before the digest is compared, so damaged
+//! inputs reach nearly all of the reader.
 #![no_main]
 
 use std::path::Path;

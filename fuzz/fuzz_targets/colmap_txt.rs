@@ -1,5 +1,5 @@
-//! COLMAP's text model: neither panics nor allocates beyond its input, and indices of tracks are in range. The three files are
-//! separated by `SEPARATOR`.
+//! COLMAP's text model: neither panics nor allocates beyond its input, and indices of tracks are in
+//! range. The three files are separated by `SEPARATOR`.
 #![no_main]
 
 use std::path::PathBuf;

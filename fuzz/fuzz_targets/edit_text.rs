@@ -1,11 +1,12 @@
-//! Edits as text: reading neither panics nor hangs, what is read is written and read back alike, and does to a scene what an edit may do.
+//! Edits as text: reading neither panics nor hangs, what is read is written and read back alike,
+//! and does to a scene what an edit may do.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
 use luxel_core::edit::{MaskShares, ShMap, Statement};
 use luxel_core::{RadianceScale, Activation, ColorModel, ColorSpace, Edit, EditError, RasterConfig, Scene, Selection, Splat, Splats};
 
-/// Splats of luminance 1/16 to 16, of three hues, along a line.
+/// Returns the splats of luminance 1/16 to 16, of three hues, along a line.
 fn scene(color_model: ColorModel) -> Scene {
     let mut splats = Splats::empty(color_model);
     for n in 0..5u8 {

@@ -1,4 +1,4 @@
-//! `exposure.json` of recordings: seconds above 0, or an error.
+//! `exposure.json` of captured LDR images: seconds above 0, or an error.
 
 #![no_main]
 

@@ -10,7 +10,7 @@ use luxel_io::{ReadOptions, decode_image, decode_mask};
 fuzz_target!(|bytes: &[u8]| {
     let name = Path::new("mask");
     let size = decode_image(name, bytes, &ReadOptions::default()).map_or([9, 5], |decoded| [decoded.image.width, decoded.image.height]);
-    // A few bytes may stand for 16 megapixels: once is enough.
+    // A few bytes may encode 16 megapixels: once is enough.
     if size[0] * size[1] > 1 << 18 {
         return;
     }

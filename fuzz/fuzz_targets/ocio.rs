@@ -1,7 +1,7 @@
 //! OpenColorIO configurations, and the tables that they name: a conversion of radiance or an error.
 //!
-//! Input that begins with the name of a table (`lut.cube` and others) and a new line is that table, under a configuration that names it; other input is the
-//! configuration.
+//! Input that begins with the name of a table (`lut.cube` and others) and a new line is that table,
+//! under a configuration that names it; other input is the configuration.
 
 #![no_main]
 

@@ -1,4 +1,4 @@
-//! Camera RAW as DNG: sensor data or an error, and what its tags say.
+//! Camera RAW as DNG: sensor data or an error, and the facts of its tags.
 
 #![no_main]
 

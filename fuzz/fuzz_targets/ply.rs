@@ -1,4 +1,5 @@
-//! PLY: reading scenes and points neither panics nor allocates beyond its input, and a scene that is read is written and read back alike.
+//! PLY: reading scenes and points neither panics nor allocates beyond its input, and a scene that
+//! is read is written and read back alike.
 #![no_main]
 
 use std::path::Path;

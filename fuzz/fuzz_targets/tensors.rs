@@ -1,4 +1,5 @@
-//! Weights of networks: reading neither panics nor allocates beyond its input, and every tensor has as many values as its shape says.
+//! Weights of networks: reading neither panics nor allocates beyond its input, and every tensor has
+//! as many values as its shape calls for.
 #![no_main]
 
 use std::path::Path;

@@ -1,4 +1,5 @@
-//! `transforms.json`: parsing and making cameras neither panics nor hangs, and cameras that are made are valid.
+//! `transforms.json`: parsing and making cameras neither panics nor hangs, and cameras that are
+//! made are valid.
 #![no_main]
 
 use std::path::Path;

@@ -1,8 +1,9 @@
 //! By how much two exposures of one view are shifted against each other: a hint, nothing is moved.
 //!
-//! In: two frames of one size. Out: [`FrameOffset`] in pixels of the frames. Median threshold bitmaps (Ward 2003) of the green channel at half
-//! resolution: the median is the same place of the scene at every exposure. A pyramid finds the shift coarse to fine. Pixels near the median
-//! are left out as noise. Where too few are left (a flat or saturated frame) there is no answer.
+//! In: two frames of one size. Out: [`FrameOffset`] in pixels of the frames. Median threshold
+//! bitmaps (Ward 2003) of the green channel at half resolution: the median is the same place of the
+//! scene at every exposure. A pyramid finds the shift coarse to fine. Pixels near the median are
+//! left out as noise. Where too few are left (a flat or saturated frame) there is no answer.
 
 use serde::{Deserialize, Serialize};
 
@@ -18,25 +19,25 @@ pub struct FrameOffset {
 }
 
 impl FrameOffset {
-    /// Pixels.
+    /// Returns the length of the shift, pixels.
     pub fn length_px(&self) -> f64 {
         f64::from(self.x_px).hypot(f64::from(self.y_px))
     }
 }
 
-/// Longest side of the finest level: beyond, a shift of a pixel says little.
+/// Longest side of the finest level: beyond, a shift of a pixel has no meaning.
 const FINEST_SIDE: usize = 2000;
 /// Shortest side of the coarsest level.
 const COARSEST_SIDE: usize = 24;
-/// Share of pixels that must be told from the median.
+/// Share of pixels that must differ from the median.
 const ENOUGH: f64 = 0.2;
 
-/// The shift that best lays `frame` on `reference`; `None` where they cannot be compared.
+/// Returns the shift that best lays `frame` on `reference`; `None` where they cannot be compared.
 pub fn frame_offset(reference: &CapturedFrame, frame: &CapturedFrame) -> Option<FrameOffset> {
     if (reference.width, reference.height) != (frame.width, frame.height) {
         return None;
     }
-    let (a, b) = (Level::of(reference), Level::of(frame));
+    let (a, b) = (Level::from_frame(reference), Level::from_frame(frame));
     let (mut a, mut b, mut scale) = (a, b, 2);
     while a.width.max(a.height) > FINEST_SIDE {
         (a, b, scale) = (a.halved(), b.halved(), scale * 2);
@@ -46,22 +47,22 @@ pub fn frame_offset(reference: &CapturedFrame, frame: &CapturedFrame) -> Option<
         let next = (a.halved(), b.halved());
         pyramid.push(next);
     }
-    let mut best = (0i32, 0i32);
+    let mut best = FrameOffset { x_px: 0, y_px: 0 };
     for (a, b) in pyramid.iter().rev() {
-        let (a, b) = (Bitmap::of(a)?, Bitmap::of(b)?);
-        best = (2 * best.0, 2 * best.1);
+        let (a, b) = (Bitmap::from_level(a)?, Bitmap::from_level(b)?);
+        best = FrameOffset { x_px: 2 * best.x_px, y_px: 2 * best.y_px };
         let candidates = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy)));
         // The middle goes first among equals.
         let mut found = (a.difference(&b, best)?, best);
         for (dx, dy) in candidates {
-            let at = (best.0 + dx, best.1 + dy);
+            let at = FrameOffset { x_px: best.x_px + dx, y_px: best.y_px + dy };
             if let Some(difference) = a.difference(&b, at).filter(|d| *d < found.0) {
                 found = (difference, at);
             }
         }
         best = found.1;
     }
-    Some(FrameOffset { x_px: best.0 * scale, y_px: best.1 * scale })
+    Some(FrameOffset { x_px: best.x_px * scale, y_px: best.y_px * scale })
 }
 
 struct Level {
@@ -71,7 +72,7 @@ struct Level {
 }
 
 impl Level {
-    fn of(frame: &CapturedFrame) -> Self {
+    fn from_frame(frame: &CapturedFrame) -> Self {
         let (width, height, signal) = frame.half_green();
         Self { width, height, signal }
     }
@@ -95,7 +96,7 @@ struct Bitmap {
 }
 
 impl Bitmap {
-    fn of(level: &Level) -> Option<Self> {
+    fn from_level(level: &Level) -> Option<Self> {
         let mut sorted = level.signal.clone();
         let middle = sorted.len() / 2;
         if sorted.is_empty() {
@@ -107,16 +108,16 @@ impl Bitmap {
         Some(Self { width: level.width, height: level.height, bits: level.signal.iter().map(bit).collect() })
     }
 
-    /// Share of differing pixels with `other` shifted back by `shift`.
-    fn difference(&self, other: &Self, (dx, dy): (i32, i32)) -> Option<f64> {
+    /// Returns the share of differing pixels with `other` shifted back by `shift`.
+    fn difference(&self, other: &Self, shift: FrameOffset) -> Option<f64> {
         let (mut compared, mut differing) = (0usize, 0usize);
         for y in 0..self.height as i32 {
-            let from_y = y + dy;
+            let from_y = y + shift.y_px;
             if from_y < 0 || from_y >= self.height as i32 {
                 continue;
             }
             for x in 0..self.width as i32 {
-                let from_x = x + dx;
+                let from_x = x + shift.x_px;
                 if from_x < 0 || from_x >= self.width as i32 {
                     continue;
                 }
@@ -137,7 +138,7 @@ mod tests {
     use super::*;
     use crate::testing::linear_frame;
 
-    /// Blobs at 256 x 192, moved and exposed.
+    /// Returns blobs at 256 x 192, moved and exposed.
     fn frame(shift: [f32; 2], exposure: f32) -> CapturedFrame {
         let signals: Vec<f32> = (0..256 * 192)
             .flat_map(|i| {

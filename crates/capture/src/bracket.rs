@@ -1,11 +1,16 @@
 //! Which photographs are exposures of one view.
 //!
-//! In: [`Shot`]s with name, time and exposure. Out: groups of indices, each sorted by exposure, in the order of their first names; and what is
-//! odd about them. Rules, in this order unless one is asked for:
-//! - names: `desk_1`, `desk_2` and so on, where all that share what is before the last separator differ in exposure. Unless asked for, believed only if
-//!   most of these groups, and two at least, repeat a pattern of exposures, or if names state exposures (`desk_ev-2`): cameras count views as well;
-//! - sequence: by camera, time and name; a group ends where an exposure comes again or time stands still for long. Believed only if most photographs are
-//!   in groups that repeat the same exposures, two at least: photographs taken with automatic exposure differ as well, but not by a pattern.
+//! In: [`Shot`]s with name, time and exposure. Out: groups of indices, each sorted by exposure, in
+//! the order of their first names; and what is odd about them. Rules, in this order unless one is
+//! given:
+//! - names: `desk_1`, `desk_2` and so on, where all that share what is before the last separator
+//!   differ in exposure. Unless given, believed only if most of these groups, and two at least,
+//!   repeat a pattern of exposures, or if names state exposures (`desk_ev-2`): cameras count views
+//!   as well;
+//! - sequence: by camera, time and name; a group ends where an exposure comes again or time stands
+//!   still for long. Believed only if most photographs are in groups that repeat the same
+//!   exposures, two at least: photographs taken with automatic exposure differ as well, but not by
+//!   a pattern.
 //!
 //! Degenerate: without exposures all are views of their own.
 
@@ -51,7 +56,7 @@ pub struct Brackets {
     pub views: Vec<Vec<usize>>,
     /// How they were found, for people.
     pub found_by: &'static str,
-    /// What is odd.
+    /// Remarks on what is odd.
     pub notes: Vec<BracketNote>,
 }
 
@@ -80,7 +85,7 @@ pub enum BracketNote {
     },
 }
 
-/// The rule that was asked for does not fit.
+/// Explains why the rule that was given does not fit.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum BracketError {
     /// Not a multiple.
@@ -103,10 +108,27 @@ const PAUSE_S: f64 = 3.0;
 /// Share of photographs whose groups must repeat the commonest exposures.
 const PATTERN: f64 = 0.6;
 
-/// Groups `shots`.
+/// Groups shots into brackets, the exposures of one view.
+///
+/// ```
+/// use luxel_capture::{BracketRule, Shot, find_brackets};
+///
+/// let shot = |name: &str, seconds: f64| Shot {
+///     name: name.into(),
+///     camera: 0,
+///     time_s: None,
+///     stops: Some(seconds.log2()),
+///     seconds: Some(seconds),
+/// };
+/// let shots = [shot("a_1", 0.08), shot("a_2", 0.01), shot("b_1", 0.08), shot("b_2", 0.01)];
+/// let brackets = find_brackets(&shots, BracketRule::Names)?;
+/// // Shortest exposure first.
+/// assert_eq!(brackets.views, [[1, 0], [3, 2]]);
+/// # Ok::<(), luxel_capture::BracketError>(())
+/// ```
 ///
 /// # Errors
-/// A rule was asked for that does not fit.
+/// A rule that does not fit the photographs.
 pub fn find_brackets(shots: &[Shot], rule: BracketRule) -> Result<Brackets, BracketError> {
     let singles = || finish(shots, (0..shots.len()).map(|i| vec![i]).collect(), "each photograph is a view");
     match rule {
@@ -132,7 +154,7 @@ pub fn find_brackets(shots: &[Shot], rule: BracketRule) -> Result<Brackets, Brac
     }
 }
 
-/// Text and numbers in turn, so that 10 comes after 9.
+/// Splits a name into text and numbers, so that 10 comes after 9.
 fn natural(name: &str) -> Vec<(String, u64)> {
     let mut parts = Vec::new();
     let mut rest = name;
@@ -185,14 +207,14 @@ fn by_sequence(shots: &[Shot]) -> Option<Vec<Vec<usize>>> {
     (pattern.len() > 1 && repeating > 1 && (repeating * pattern.len()) as f64 >= PATTERN * shots.len() as f64).then_some(groups)
 }
 
-/// Exposures of a group in units of [`SAME_STOPS`], sorted.
+/// Returns the exposures of a group in units of [`SAME_STOPS`], sorted.
 fn steps_of(shots: &[Shot], group: &[usize]) -> Option<Vec<i64>> {
     let mut steps: Vec<i64> = group.iter().map(|&i| shots[i].stops.map(|s| (s / SAME_STOPS).round() as i64)).collect::<Option<_>>()?;
     steps.sort_unstable();
     Some(steps)
 }
 
-/// The exposures that most groups have; of equally many the longest.
+/// Returns the exposures that most groups have; of equally many the longest.
 fn commonest(shots: &[Shot], groups: &[Vec<usize>]) -> Option<Vec<i64>> {
     let mut counts: BTreeMap<Vec<i64>, usize> = BTreeMap::new();
     for group in groups {
@@ -214,7 +236,7 @@ fn finish(shots: &[Shot], mut views: Vec<Vec<usize>>, found_by: &'static str) ->
     Brackets { views, found_by, notes }
 }
 
-/// What most brackets of a camera are like.
+/// The bracket that most views of a camera have.
 struct Usual {
     count: usize,
     /// Exposures of one that is like most.
@@ -265,7 +287,7 @@ mod tests {
         Shot { name: name.into(), camera: 0, time_s: Some(time_s), stops: Some(stops), seconds: Some(stops.exp2()) }
     }
 
-    /// Three exposures every ten seconds.
+    /// Returns three exposures every ten seconds.
     fn sequence(views: usize) -> Vec<Shot> {
         (0..3 * views)
             .map(|i| shot(&format!("IMG_{:04}", 9998 + i), 10.0 * (i / 3) as f64 + 0.5 * (i % 3) as f64, [0.0, -2.0, 2.0][i % 3] - 5.0))

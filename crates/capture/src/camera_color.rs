@@ -1,9 +1,11 @@
 //! Camera colours to the scene's space, by the matrices of a DNG.
 //!
-//! In: one or two matrices from XYZ to camera colours, each with the temperature of its illuminant, maybe forward matrices (balanced camera
-//! colours to XYZ at D50), and a neutral: the camera's colours of white. Out: the gains that balance, and the matrix from balanced camera colours
-//! to linear RGB of a space, which maps white to white (DNG 1.7, chapter 6). Between two illuminants matrices are mixed by inverse
-//! temperature, at the temperature that the neutral has by them. Adaptation is Bradford's.
+//! In: one or two matrices from XYZ to camera colours, each with the temperature of its illuminant,
+//! maybe forward matrices (balanced camera colours to XYZ at D50), and a neutral: the camera's
+//! colours of white. Out: the gains that balance, and the matrix from balanced camera colours to
+//! linear RGB of a space, which maps white to white (DNG 1.7, chapter 6). Between two illuminants
+//! matrices are mixed by inverse temperature, at the temperature that the neutral has by them.
+//! Adaptation is Bradford's.
 //!
 //! Degenerate: matrices without an inverse and neutrals that are not above 0 are refused.
 
@@ -13,7 +15,8 @@ use luxel_core::{ColorSpace, Conversion};
 /// Matrices of a camera.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CameraColor {
-    /// Temperature of the illuminant in kelvin, and camera colours from XYZ; one or two, in any order.
+    /// Temperature of the illuminant in kelvin, and camera colours from XYZ; one or two, in any
+    /// order.
     pub camera_from_xyz: Vec<(f64, DMat3)>,
     /// XYZ at D50 from balanced camera colours; as many as above, or none.
     pub d50_from_balanced: Vec<DMat3>,
@@ -39,7 +42,15 @@ const D50: DVec3 = DVec3::new(0.9642, 1.0, 0.8249);
 const TEMPERATURES: [f64; 2] = [1500.0, 25_000.0];
 
 impl CameraColor {
-    /// Gains that make `neutral` white, green's being 1.
+    /// Returns the gains that make `neutral` white, green's being 1.
+    ///
+    /// ```
+    /// use luxel_capture::CameraColor;
+    ///
+    /// assert_eq!(CameraColor::balance([0.5, 1.0, 0.8])?, [2.0, 1.0, 1.25]);
+    /// assert!(CameraColor::balance([0.0, 1.0, 0.8]).is_err());
+    /// # Ok::<(), luxel_capture::CameraColorError>(())
+    /// ```
     ///
     /// # Errors
     /// A neutral that is not above 0.
@@ -50,7 +61,7 @@ impl CameraColor {
         Ok(neutral.map(|n| (neutral[1] / n) as f32))
     }
 
-    /// From balanced camera colours to `space`.
+    /// Returns the matrix from balanced camera colours to `space`.
     ///
     /// # Errors
     /// Matrices without an inverse, or a neutral that is not above 0.
@@ -67,7 +78,8 @@ impl CameraColor {
             let white = xyz_from_camera * neutral;
             rgb_from_xyz(white / white.y, space)? * xyz_from_camera * DMat3::from_diagonal(neutral)
         };
-        // White is white by construction, but for the rounding of forward matrices and a factor: now it is exactly.
+        // White is white by construction, but for the rounding of forward matrices and a factor:
+        // now it is exactly.
         let white = matrix * DVec3::ONE;
         if !(white.is_finite() && white.min_element() > 1e-6) {
             return Err(CameraColorError::Singular);
@@ -75,10 +87,11 @@ impl CameraColor {
         Ok(DMat3::from_diagonal(white.recip()) * matrix)
     }
 
-    /// Temperature of the light whose white has these camera colours, kelvin.
+    /// Returns the temperature of the light whose white has these camera colours, kelvin.
     pub fn temperature(&self, neutral: DVec3) -> Result<f64, CameraColorError> {
         let mut kelvin = 5000.0;
-        // Converges in a few rounds; a camera for which it swings is left in the middle of the swing.
+        // Converges in a few rounds; a camera for which it swings is left in the middle of the
+        // swing.
         for _ in 0..30 {
             let xyz = inverse(mix(&self.camera_from_xyz, kelvin)?)? * neutral;
             let next = correlated_temperature(xyz).unwrap_or(kelvin);
@@ -91,7 +104,7 @@ impl CameraColor {
     }
 }
 
-/// Mixed by inverse temperature; outside of the two it is the nearer one.
+/// Mixes two matrices by inverse temperature; outside of the two it is the nearer one.
 fn mix(matrices: &[(f64, DMat3)], kelvin: f64) -> Result<DMat3, CameraColorError> {
     match matrices {
         [] => Err(CameraColorError::None),
@@ -104,7 +117,7 @@ fn mix(matrices: &[(f64, DMat3)], kelvin: f64) -> Result<DMat3, CameraColorError
     }
 }
 
-/// McCamy's formula (1992).
+/// Computes the correlated colour temperature by McCamy's formula (1992).
 fn correlated_temperature(xyz: DVec3) -> Option<f64> {
     let sum = xyz.element_sum();
     let (x, y) = (xyz.x / sum, xyz.y / sum);
@@ -122,7 +135,7 @@ fn inverse(matrix: DMat3) -> Result<DMat3, CameraColorError> {
     if determinant.is_finite() && determinant.abs() > 1e-9 { Ok(matrix.inverse()) } else { Err(CameraColorError::Singular) }
 }
 
-/// The median of each ratio to green, for one balance of a whole set; `None` of none.
+/// Returns the median of each ratio to green, for one balance of a whole set; `None` of none.
 pub fn median_neutral(neutrals: &[[f64; 3]]) -> Option<[f64; 3]> {
     let median = |channel: usize| {
         let mut ratios: Vec<f64> = neutrals.iter().map(|n| n[channel] / n[1]).filter(|r| r.is_finite()).collect();
@@ -138,7 +151,8 @@ pub fn median_neutral(neutrals: &[[f64; 3]]) -> Option<[f64; 3]> {
 mod tests {
     use super::*;
 
-    /// A camera whose colours are linear Rec.709 of the scene: its matrix is the standard's.
+    /// Returns a camera whose colours are linear Rec.709 of the scene: its matrix is the
+    /// standard's.
     fn rec709_camera() -> CameraColor {
         let d65 = DVec3::new(0.3127 / 0.3290, 1.0, (1.0 - 0.3127 - 0.3290) / 0.3290);
         let rgb_from_xyz = Conversion::from_xyz(d65, ColorSpace::LinearRec709).unwrap();
@@ -167,7 +181,7 @@ mod tests {
 
     #[test]
     fn forward_matrices_go_before_colour_matrices() {
-        // A forward matrix that says balanced camera colours are linear Rec.709.
+        // A forward matrix by which balanced camera colours are linear Rec.709.
         let d50_from_rec709 = Conversion::from_xyz(D50, ColorSpace::LinearRec709).unwrap().inverse();
         let camera = CameraColor { d50_from_balanced: vec![d50_from_rec709], ..rec709_camera() };
         let matrix = camera.scene_from_balanced([0.5, 1.0, 0.7], ColorSpace::LinearRec709).unwrap();

@@ -1,13 +1,14 @@
 //! A Bayer mosaic to RGB by gradient-corrected linear interpolation (Malvar, He and Cutler 2004).
 //!
-//! In: `[H*W]` linear samples and the cell. Out: `[H*W]` RGB. Linear in the samples, so that radiance scales through. At the border the mosaic is
-//! mirrored about its outermost pixels, which keeps colours in their places. Below 2 pixels a side every channel is the nearest sample.
+//! In: `[H*W]` linear samples and the cell. Out: `[H*W]` RGB. Linear in the samples, so that
+//! radiance scales through. At the border the mosaic is mirrored about its outermost pixels, which
+//! keeps colours in their places. Below 2 pixels a side every channel is the nearest sample.
 
 use rayon::prelude::*;
 
 use crate::Cell;
 
-/// Colours of every pixel. Samples that are missing count as 0.
+/// Returns the colours of every pixel. Samples that are missing count as 0.
 pub fn demosaic(width: usize, height: usize, cell: Cell, mosaic: &[f32]) -> Vec<[f32; 3]> {
     let mut pixels = vec![[0.0f32; 3]; width * height];
     if width == 0 {
@@ -22,7 +23,7 @@ pub fn demosaic(width: usize, height: usize, cell: Cell, mosaic: &[f32]) -> Vec<
     pixels
 }
 
-/// Index `i + offset` mirrored about 0 and `side - 1`.
+/// Returns the index `i + offset` mirrored about 0 and `side - 1`.
 fn mirrored(i: usize, offset: isize, side: usize) -> usize {
     let last = side as isize - 1;
     let at = (i as isize + offset).abs();

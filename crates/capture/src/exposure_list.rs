@@ -1,14 +1,15 @@
-//! Exposures as text, for photographs that do not say theirs.
+//! Exposures as text, for photographs that do not state theirs.
 //!
-//! In: a line for each photograph: name (with or without extension), seconds (`0.01` or `1/100`), ISO and f-number if known, separated by spaces, tabs,
-//! commas or semicolons; a name with such characters in quotation marks. Lines that begin with # are notes. Out: exposures by name. A line that is
-//! none, and a name that comes twice with two exposures, is an error with its number.
+//! In: a line for each photograph: name (with or without extension), seconds (`0.01` or `1/100`),
+//! ISO and f-number if known, separated by spaces, tabs, commas or semicolons; a name with such
+//! characters in quotation marks. Lines that begin with # are notes. Out: exposures by name. A line
+//! that is none, and a name that comes twice with two exposures, is an error with its number.
 
 use std::collections::BTreeMap;
 
 use crate::Exposure;
 
-/// What is wrong with a list, and in which line, counted from 1.
+/// Explains what is wrong with a list, and in which line.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("line {line}: {message}")]
 pub struct ExposureListError {
@@ -18,13 +19,21 @@ pub struct ExposureListError {
     pub message: String,
 }
 
-/// What separates words.
+/// The characters that separate words.
 const SEPARATORS: [char; 4] = [' ', '\t', ',', ';'];
 
-/// Reads a list.
+/// Reads a list of exposures.
+///
+/// ```
+/// let list = luxel_capture::parse_exposure_list("# name, seconds, ISO, f-number\ndesk_1 1/100 100 8\n")?;
+/// assert_eq!(list["desk_1"].seconds, 0.01);
+/// let error = luxel_capture::parse_exposure_list("desk_1 fast").unwrap_err();
+/// assert_eq!(error.line, 1);
+/// # Ok::<(), luxel_capture::ExposureListError>(())
+/// ```
 ///
 /// # Errors
-/// A line that is no name with an exposure.
+/// A line that is not a name with an exposure.
 pub fn parse_exposure_list(text: &str) -> Result<BTreeMap<String, Exposure>, ExposureListError> {
     let mut out: BTreeMap<String, Exposure> = BTreeMap::new();
     // Editors of one system begin a file with a mark of its encoding.
@@ -42,7 +51,7 @@ pub fn parse_exposure_list(text: &str) -> Result<BTreeMap<String, Exposure>, Exp
             )));
         };
         if out.insert(name.to_owned(), exposure).is_some_and(|before| before != exposure) {
-            return Err(error(format!("\"{name}\" comes a second time with another exposure, expected one for each photograph")));
+            return Err(error(format!("\"{name}\" occurs twice with different exposures, expected one for each photograph")));
         }
     }
     Ok(out)

@@ -1,14 +1,14 @@
-//! What can be said about a view before anything is reconstructed: range, level, sharpness.
+//! Metrics of a view before anything is reconstructed: range, level, sharpness.
 //!
-//! In: radiance, or an 8-bit proxy for sharpness. Out: [`Figures`]. Degenerate: a view without light has no range, one of a single colour no
-//! sharpness (0).
+//! In: radiance, or an 8-bit proxy for sharpness. Out: [`Figures`]. Degenerate: a view without
+//! light has no range, one of a single colour no sharpness (0).
 
 use luxel_core::{Image, luminance_rec709};
 use serde::{Deserialize, Serialize};
 
 use crate::Proxy;
 
-/// Of one view.
+/// The metrics of one view.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Figures {
     /// Luminance that a thousandth of the lit pixels is below.
@@ -24,13 +24,13 @@ pub struct Figures {
 }
 
 impl Figures {
-    /// Stops between a thousandth from below and from above.
+    /// Returns the stops between a thousandth from below and from above.
     pub fn range_stops(&self) -> f32 {
         if self.dark_luminance > 0.0 { (self.bright_luminance / self.dark_luminance).log2() } else { 0.0 }
     }
 }
 
-/// Of a view and its proxy.
+/// Computes the metrics of a view and its proxy.
 pub fn figures(image: &Image, proxy: &Proxy) -> Figures {
     let mut lit: Vec<f32> = image.pixels.iter().map(|p| luminance_rec709(*p)).filter(|l| *l > 0.0 && l.is_finite()).collect();
     let Some(last) = lit.len().checked_sub(1) else { return Figures::default() };
@@ -47,8 +47,8 @@ pub fn figures(image: &Image, proxy: &Proxy) -> Figures {
     }
 }
 
-/// Mean absolute Laplacian over mean absolute gradient of green, over pixels with texture. Both grow alike with contrast, so that content
-/// weighs less than focus does.
+/// Computes the sharpness: mean absolute Laplacian over mean absolute gradient of green, over
+/// pixels with texture. Both grow alike with contrast, so that content weighs less than focus does.
 pub fn sharpness(proxy: &Proxy) -> f32 {
     let (width, height) = (proxy.width, proxy.height);
     let at = |x: usize, y: usize| f32::from(proxy.rgb8.get((y * width + x) * 3 + 1).copied().unwrap_or(0));

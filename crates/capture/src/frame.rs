@@ -1,8 +1,9 @@
 //! A frame as decoded: samples, the table that makes signals of them, noise.
 //!
-//! Signals are linear, 0 at black and 1 where the sensor or the file saturates; noise may bring them below 0. Samples are `[H*W*C]`, row-major,
-//! C = 3 for [`SampleLayout::Rgb`] and 1 for [`SampleLayout::Mosaic`]. A sample's phase says which table is its own: the channel, or the place in the
-//! mosaic's 2x2 cell.
+//! Signals are linear, 0 at black and 1 where the sensor or the file saturates; noise may bring
+//! them below 0. Samples are `[H*W*C]`, row-major, C = 3 for [`SampleLayout::Rgb`] and 1 for
+//! [`SampleLayout::Mosaic`]. A sample's phase selects its table: the channel, or the
+//! place in the mosaic's 2x2 cell.
 
 use std::sync::Arc;
 
@@ -13,29 +14,29 @@ use luxel_core::photo::Codes;
 pub struct Cell([u8; 4]);
 
 impl Cell {
-    /// A Bayer cell: two greens on a diagonal, one red, one blue. `None` otherwise.
+    /// Returns a Bayer cell: two greens on a diagonal, one red, one blue. `None` otherwise.
     pub fn bayer(colors: [u8; 4]) -> Option<Self> {
         matches!(colors, [0, 1, 1, 2] | [2, 1, 1, 0] | [1, 0, 2, 1] | [1, 2, 0, 1]).then_some(Self(colors))
     }
 
-    /// Colour of the pixel in column `x` of row `y`.
+    /// Returns the colour of the pixel in column `x` of row `y`.
     #[inline]
     pub fn color(self, x: usize, y: usize) -> usize {
         usize::from(self.0[(y % 2) * 2 + x % 2])
     }
 }
 
-/// What a sample is of.
+/// The arrangement of samples in a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SampleLayout {
-    /// Three samples a pixel.
+    /// Three samples per pixel.
     Rgb,
-    /// One sample a pixel.
+    /// One sample per pixel.
     Mosaic(Cell),
 }
 
 impl SampleLayout {
-    /// Samples of a pixel.
+    /// Returns the number of samples per pixel.
     pub fn samples_per_pixel(self) -> usize {
         match self {
             Self::Rgb => 3,
@@ -43,7 +44,7 @@ impl SampleLayout {
         }
     }
 
-    /// Tables that a frame of this layout has.
+    /// Returns the number of tables that a frame of this layout has.
     pub fn phases(self) -> usize {
         match self {
             Self::Rgb => 3,
@@ -57,17 +58,18 @@ impl SampleLayout {
 pub struct CodeTransfer {
     /// Signal, rising, one per code.
     signal: Vec<f32>,
-    /// Variance that comes of rounding to a code.
+    /// Variance due to rounding to a code.
     rounding: Vec<f32>,
-    /// First code that says no more than "at least".
+    /// First code that means "at least".
     clip_code: usize,
-    /// Last code that says no more than "at most".
+    /// Last code that means "at most".
     dark_code: usize,
 }
 
 impl CodeTransfer {
-    /// `signal` by code (rising). From `clip_code` on a sample is saturated, up to `dark_code` it is black; `code_sigma` is the uncertainty of
-    /// a code in codes, 0.29 (1/sqrt(12)) where it is rounded and nothing else.
+    /// Returns the table of `signal` by code (rising). From `clip_code` on a sample is saturated,
+    /// up to `dark_code` it is black; `code_sigma` is the uncertainty of a code in codes, 0.29
+    /// (1/sqrt(12)) where it is rounded and nothing else.
     pub fn new(signal: Vec<f32>, dark_code: usize, clip_code: usize, code_sigma: f32) -> Self {
         let at = |i: usize| signal.get(i).copied().unwrap_or(0.0);
         let last = signal.len().saturating_sub(1);
@@ -79,7 +81,7 @@ impl CodeTransfer {
         Self { signal, rounding, clip_code, dark_code }
     }
 
-    /// Signal of a code.
+    /// Returns the signal of a code.
     #[inline]
     pub fn signal(&self, code: usize) -> f32 {
         self.signal.get(code).copied().unwrap_or(1.0)
@@ -90,19 +92,19 @@ impl CodeTransfer {
         self.rounding.get(code).copied().unwrap_or(0.0)
     }
 
-    /// Whether the code says no more than "at least".
+    /// Returns whether the code means "at least".
     #[inline]
     pub fn is_clipped(&self, code: usize) -> bool {
         code >= self.clip_code
     }
 
-    /// Whether the code says no more than "at most".
+    /// Returns whether the code means "at most".
     #[inline]
     pub fn is_dark(&self, code: usize) -> bool {
         code <= self.dark_code
     }
 
-    /// The smallest signal that is saturated.
+    /// Returns the smallest signal that is saturated.
     pub fn clip_signal(&self) -> f32 {
         self.signal(self.clip_code.min(self.signal.len().saturating_sub(1)))
     }
@@ -118,14 +120,14 @@ pub struct SignalNoise {
 }
 
 impl SignalNoise {
-    /// Of a middling sensor at this ISO speed: 20,000 electrons at saturation and 4 of read noise at ISO 100. Only the ratio of the two
-    /// weighs in merging.
+    /// Returns the noise of a typical sensor at this ISO speed: 20,000 electrons at saturation and
+    /// 4 of read noise at ISO 100. Only the ratio of the two weighs in merging.
     pub fn typical(iso: f64) -> Self {
         let gain = (iso / 100.0).clamp(0.1, 1e4) as f32;
         Self { shot: gain / 20_000.0, read: 4.0 * gain.sqrt() / 20_000.0 }
     }
 
-    /// Variance of a signal.
+    /// Returns the variance of a signal.
     #[inline]
     pub fn variance(&self, signal: f32) -> f32 {
         self.shot * signal.max(0.0) + self.read * self.read
@@ -139,7 +141,7 @@ pub struct CapturedFrame {
     pub width: usize,
     /// Pixels.
     pub height: usize,
-    /// What a sample is of.
+    /// Arrangement of the samples.
     pub layout: SampleLayout,
     /// `[H*W*C]`.
     pub samples: Codes,
@@ -151,7 +153,7 @@ pub struct CapturedFrame {
     pub noise: SignalNoise,
 }
 
-/// A frame that is none, or does not go with the others.
+/// Explains why a frame cannot be used, or does not fit the others.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum FrameError {
     /// Nothing to merge.
@@ -160,9 +162,9 @@ pub enum FrameError {
     /// Samples and size.
     #[error("{found} samples, expected {expected} for {width} x {height} pixels")]
     Samples {
-        /// As counted.
+        /// Number found.
         found: usize,
-        /// By size and layout.
+        /// Number that size and layout call for.
         expected: usize,
         /// Pixels.
         width: usize,
@@ -193,7 +195,8 @@ impl CapturedFrame {
         Ok(())
     }
 
-    /// Phase of sample `i` in row `y`: the row's first sample is `y * width * samples_per_pixel`.
+    /// Returns the phase of sample `i` in row `y`: the row's first sample is `y * width *
+    /// samples_per_pixel`.
     #[inline]
     pub(crate) fn phase(&self, i: usize, y: usize) -> usize {
         match self.layout {
@@ -202,7 +205,8 @@ impl CapturedFrame {
         }
     }
 
-    /// Signals of the green channel, `[H/2, W/2]`, each from a block of 2x2 pixels: what alignment and motion are judged by.
+    /// Returns the signals of the green channel, `[H/2, W/2]`, each from a block of 2x2 pixels:
+    /// alignment and motion are judged by them.
     pub(crate) fn half_green(&self) -> (usize, usize, Vec<f32>) {
         let (width, height) = (self.width / 2, self.height / 2);
         let mut out = Vec::with_capacity(width * height);

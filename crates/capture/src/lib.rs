@@ -1,8 +1,9 @@
-//! From what a camera recorded to radiance: exposure, white balance, camera matrices, response curves, brackets, merging, and what can be
-//! said about a capture before anything is reconstructed from it.
+//! From captured samples to radiance: exposure, white balance, camera matrices, response curves,
+//! brackets, merging, and the decisions that prepare a capture ([`prepare`]).
 //!
-//! Frames come as decoded samples with what their files say; no file is known here. Radiance leaves as [`luxel_core::Image`]. Units: a signal
-//! of 1 is where a sensor saturates; radiance is luminance in cd/m2 as far as exposure tells it ([`Exposure`]).
+//! In: [`CapturedFrame`]s, decoded samples with the facts from their headers. Out: radiance as
+//! [`luxel_core::Image`]. This crate opens no file. Units: a signal of 1 is where a sensor
+//! saturates; radiance is luminance in cd/m2 as far as the exposure is known ([`Exposure`]).
 
 mod align;
 mod bracket;

@@ -1,14 +1,18 @@
 //! One or more frames of one view to radiance, each sample weighted by how little noise it has.
 //!
-//! In: [`CapturedFrame`]s of one size and layout with their exposures and noise. Out: [`Merged`], radiance `[H*W*C]` in camera colours. The estimate is
-//! the maximum-likelihood one of a normal noise whose variance is that of the expected signal and not of the noisy sample (Hasinoff et al.
-//! 2010, Aguerrebere et al. 2014): a first estimate weights by exposure squared, a second by exposure squared over variance. A mosaic is merged
-//! as it is, so that noise is known, and made to an image afterwards.
+//! In: [`CapturedFrame`]s of one size and layout with their exposures and noise. Out: [`Merged`],
+//! radiance `[H*W*C]` in camera colours. The estimate is the maximum-likelihood one of a normal
+//! noise whose variance is that of the expected signal and not of the noisy sample (Hasinoff et al.
+//! 2010, Aguerrebere et al. 2014): a first estimate weights by exposure squared, a second by
+//! exposure squared over variance. A mosaic is merged as it is, so that noise is known, and made to
+//! an image afterwards.
 //!
-//! Both ends: a saturated sample has no weight, and weight fades out below saturation, so that no edge shows where a frame leaves. A sample that
-//! is saturated in every frame has the shortest frame's radiance, a lower bound, and is marked. What a shorter exposure shows to be far beyond saturation is
-//! saturated, whatever its code says: compression leaves codes a little below white beside edges there. Samples at black keep their weight (their
-//! signal is small, and so is the error), and are counted where every frame is black.
+//! Both ends: a saturated sample has no weight, and weight fades out below saturation, so that no
+//! edge shows where a frame leaves. A sample that is saturated in every frame has the shortest
+//! frame's radiance, a lower bound, and is marked. What a shorter exposure shows to be far beyond
+//! saturation is saturated, whatever its code: compression leaves codes a little below white
+//! beside edges there. Samples at black keep their weight (their signal is small, and so is the
+//! error), and are counted where every frame is black.
 
 use glam::{DMat3, DVec3};
 use luxel_core::Image;
@@ -18,11 +22,12 @@ use crate::{CapturedFrame, FrameError, SampleLayout, demosaic};
 
 /// Share of the saturation signal from which on a sample's weight fades.
 const FADE_FROM: f32 = 0.85;
-/// A frame disagrees with the estimate beyond this many standard deviations plus [`MOTION_RELATIVE`].
+/// A frame disagrees with the estimate beyond this many standard deviations plus
+/// [`MOTION_RELATIVE`].
 const MOTION_SIGMAS: f32 = 5.0;
 /// A sample is saturated if another frame expects this many times its saturation of it...
 const CERTAINLY_SATURATED: f32 = 1.5;
-/// ...by a signal of more than this share of saturation, which is no noise.
+/// ...by a signal of more than this share of saturation, which is more than noise.
 const CERTAIN_SIGNAL: f32 = 0.1;
 /// Relative disagreement that exposure times and response curves account for.
 const MOTION_RELATIVE: f32 = 0.2;
@@ -34,7 +39,7 @@ pub struct Merged {
     pub width: usize,
     /// Pixels.
     pub height: usize,
-    /// What a sample is of.
+    /// Arrangement of the samples.
     pub layout: SampleLayout,
     /// `[H*W*C]`; noise may bring it below 0.
     pub radiance: Vec<f32>,
@@ -46,17 +51,34 @@ pub struct Merged {
     pub disagreeing: usize,
 }
 
-/// What one row came to.
+/// The result of one row.
 #[derive(Default)]
-struct Row {
+struct MergedRow {
     dark: usize,
     disagreeing: usize,
 }
 
-/// Merges `frames`.
+/// Merges the exposures of one view to radiance.
+///
+/// ```
+/// use luxel_capture::prepare::{CurveTables, developed_frame};
+/// use luxel_capture::{Codes, Exposure, ResponseCurve, merge};
+///
+/// // A pixel that the longer exposure saturates, and its neighbour, which the shorter one barely sees.
+/// let tables = CurveTables::new(&ResponseCurve::Linear);
+/// let frame = |seconds: f64, codes: [u8; 2]| {
+///     let exposure = Exposure { seconds, iso: Some(100.0), f_number: Some(8.0) };
+///     developed_frame([2, 1], Codes::U8(codes.iter().flat_map(|c| [*c; 3]).collect()), &tables, &exposure)
+/// };
+/// let merged = merge(&[frame(0.01, [200, 10]), frame(0.1, [255, 100])])?;
+/// assert!(!merged.saturated[0]);
+/// let ratio = merged.radiance[0] / merged.radiance[3];
+/// assert!((ratio - 20.0).abs() < 0.5, "{ratio}");
+/// # Ok::<(), luxel_capture::FrameError>(())
+/// ```
 ///
 /// # Errors
-/// There are none, one contradicts itself, or they differ in size or layout.
+/// No frames, a frame that contradicts itself, or frames that differ in size or layout.
 pub fn merge(frames: &[CapturedFrame]) -> Result<Merged, FrameError> {
     let first = frames.first().ok_or(FrameError::None)?;
     for frame in frames {
@@ -68,7 +90,7 @@ pub fn merge(frames: &[CapturedFrame]) -> Result<Merged, FrameError> {
     let per_row = first.width * first.layout.samples_per_pixel();
     let mut radiance = vec![0.0f32; per_row * first.height];
     let mut saturated = vec![false; radiance.len()];
-    let rows: Vec<Row> = radiance
+    let rows: Vec<MergedRow> = radiance
         .par_chunks_mut(per_row)
         .zip(saturated.par_chunks_mut(per_row))
         .enumerate()
@@ -98,8 +120,8 @@ struct Word {
     clip: f32,
 }
 
-fn merge_row(frames: &[CapturedFrame], y: usize, start: usize, radiance: &mut [f32], saturated: &mut [bool]) -> Row {
-    let mut row = Row::default();
+fn merge_row(frames: &[CapturedFrame], y: usize, start: usize, radiance: &mut [f32], saturated: &mut [bool]) -> MergedRow {
+    let mut row = MergedRow::default();
     let mut words = Vec::with_capacity(frames.len());
     for (x, (radiance, saturated)) in radiance.iter_mut().zip(saturated).enumerate() {
         words.clear();
@@ -124,7 +146,8 @@ fn merge_row(frames: &[CapturedFrame], y: usize, start: usize, radiance: &mut [f
     row
 }
 
-/// Takes the trust from frames that must be saturated by what a shorter exposure shows. Whether one of them says clearly that it is not: something moved.
+/// Takes the trust from frames that must be saturated by what a shorter exposure shows. Whether one
+/// of them measures clearly that it is not: something moved.
 fn silence_saturated(words: &mut [Word]) -> bool {
     let is_certain = |word: &&Word| word.signal > CERTAIN_SIGNAL * word.clip;
     let seen = words.iter().filter(is_certain).map(|word| word.signal / word.exposure).fold(0.0, f32::max);
@@ -136,7 +159,7 @@ fn silence_saturated(words: &mut [Word]) -> bool {
     is_contradicted
 }
 
-/// Radiance, and whether it is a lower bound.
+/// Returns the radiance, and whether it is a lower bound.
 fn estimate(words: &[Word], frames: &[CapturedFrame]) -> (f32, bool) {
     let (mut sum, mut weights) = (0.0f32, 0.0f32);
     for word in words {
@@ -162,7 +185,7 @@ fn estimate(words: &[Word], frames: &[CapturedFrame]) -> (f32, bool) {
     ((sum / weights) as f32, false)
 }
 
-/// Whether a frame that should know better says something else.
+/// Returns whether a frame that measures better contradicts the result.
 fn disagrees(words: &[Word], frames: &[CapturedFrame], radiance: f32) -> bool {
     words.len() > 1
         && words.iter().zip(frames).any(|(word, frame)| {
@@ -184,10 +207,12 @@ pub struct Developed {
 }
 
 impl Merged {
-    /// The image in another space: camera colours times `balance`, highlights mended, times `scene_from_balanced`.
+    /// Returns the image in another space: camera colours times `balance`, highlights mended, times
+    /// `scene_from_balanced`.
     ///
-    /// Where a channel is saturated the others go on rising, and balanced colours run to magenta: a saturated channel is set to the largest of
-    /// the pixel's channels, if that is more, so that light beyond the sensor is neutral and no darker than what was seen of it.
+    /// Where a channel is saturated the others go on rising, and balanced colours run to magenta: a
+    /// saturated channel is set to the largest of the pixel's channels, if that is more, so that
+    /// light beyond the sensor is neutral and no darker than what was seen of it.
     pub fn develop(self, balance: [f32; 3], scene_from_balanced: &DMat3) -> Developed {
         let (width, height) = (self.width, self.height);
         let (mut pixels, marks) = match self.layout {
@@ -218,7 +243,8 @@ impl Merged {
         Developed { image: Image { width, height, pixels }, saturated, negative }
     }
 
-    /// Bits of the colours that are saturated in the 3x3 samples around a mosaic's sample.
+    /// Returns the bits of the colours that are saturated in the 3x3 samples around a mosaic's
+    /// sample.
     fn saturated_around(&self, cell: crate::Cell, i: usize) -> u8 {
         let (x, y) = (i % self.width, i / self.width);
         let mut marks = 0;
@@ -242,7 +268,7 @@ mod tests {
     use crate::testing::linear_frame;
     use crate::{Cell, Codes, SignalNoise};
 
-    /// A bracket of a ramp over decades, with photon and read noise.
+    /// Returns a bracket of a ramp over decades, with photon and read noise.
     fn bracket(radiance: &[f32], exposures: &[f32], seed: u64) -> Vec<CapturedFrame> {
         let mut rng = rand_pcg::Pcg64::seed_from_u64(seed);
         let noise = SignalNoise::typical(100.0);

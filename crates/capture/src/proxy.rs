@@ -1,8 +1,10 @@
 //! 8-bit pictures for structure from motion, in which dark and bright regions both have features.
 //!
-//! In: scene-linear radiance. Out: sRGB bytes at an integer reduction. The logarithm of luminance is split by a guided filter (He et al. 2010,
-//! self-guided) into a base that changes at edges and a detail; the base is compressed to a few stops around middle grey, the detail is kept.
-//! Every view is normalised by its own range: the pictures do not depend on exposure. Noise far below the median is not amplified.
+//! In: scene-linear radiance. Out: sRGB bytes at an integer reduction. The logarithm of luminance
+//! is split by a guided filter (He et al. 2010, self-guided) into a base that changes at edges and
+//! a detail; the base is compressed to a few stops around middle grey, the detail is kept. Every
+//! view is normalised by its own range: the pictures do not depend on exposure. Noise far below the
+//! median is not amplified.
 //!
 //! Degenerate: black views are black; pixels that are no numbers count as black.
 
@@ -25,13 +27,15 @@ pub struct Proxy {
     pub height: usize,
     /// `[H*W*3]`, sRGB.
     pub rgb8: Vec<u8>,
-    /// How many times a side the view was reduced; blocks that are incomplete at the right and bottom border are left out.
+    /// How many times a side the view was reduced; blocks that are incomplete at the right and
+    /// bottom border are left out.
     pub reduction: usize,
 }
 
 /// Stops that the base may span, from its 1st to its 99th percentile.
 const BASE_STOPS: f32 = 3.0;
-/// Darkness that is taken for noise: below a quarter of the 5th percentile, or this many stops below the median.
+/// Darkness that counts as noise: below a quarter of the 5th percentile, or this many stops
+/// below the median.
 const FLOOR_STOPS: f32 = 12.0;
 /// Strength of an edge that stays in the base, squared stops.
 const EDGE: f32 = 0.5;
@@ -40,7 +44,7 @@ const RADIUS_SHARE: usize = 40;
 /// Middle grey.
 const GREY: f32 = 0.18;
 
-/// The picture of a view.
+/// Returns the proxy of a view.
 pub fn proxy(image: &Image, options: &ProxyOptions) -> Proxy {
     let reduction = image.width.max(image.height).div_ceil(options.max_side_px.max(1)).max(1);
     let (width, height) = (image.width / reduction, image.height / reduction);
@@ -78,7 +82,8 @@ fn percentile(values: &[f32], share: f64, counts: impl Fn(f32) -> bool) -> Optio
     Some(*sorted.select_nth_unstable_by(at.min(last), f32::total_cmp).1)
 }
 
-/// a * value + b with a and b from the mean and variance of boxes, averaged over boxes again.
+/// Computes a * value + b with a and b from the mean and variance of boxes, averaged over boxes
+/// again.
 fn guided_filter(values: &[f32], width: usize, height: usize, radius: usize, edge: f32) -> Vec<f32> {
     let mean = box_mean(values, width, height, radius);
     let squares: Vec<f32> = values.par_iter().map(|v| v * v).collect();
@@ -97,7 +102,7 @@ fn guided_filter(values: &[f32], width: usize, height: usize, radius: usize, edg
     values.par_iter().zip(slope.par_iter().zip(&offset)).map(|(v, (a, b))| a * v + b).collect()
 }
 
-/// Mean over the part of a square of side 2 radius + 1 that lies in the image.
+/// Returns the mean over the part of a square of side 2 radius + 1 that lies in the image.
 fn box_mean(values: &[f32], width: usize, height: usize, radius: usize) -> Vec<f32> {
     if width == 0 || height == 0 {
         return Vec::new();
@@ -143,7 +148,8 @@ fn sliding_mean(length: usize, radius: usize, value: impl Fn(usize) -> f64, mut 
 mod tests {
     use super::*;
 
-    /// Left half dark, right half ten stops brighter, both with the same texture.
+    /// Returns an image with the left half dark, the right half ten stops brighter, both with the
+    /// same texture.
     fn two_lights(scale: f32) -> Image {
         let pixel = |i: usize| {
             let (x, y) = (i % 128, i / 128);

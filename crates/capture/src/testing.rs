@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use crate::{CapturedFrame, CodeTransfer, Codes, SampleLayout, SignalNoise};
 
-/// Twelve linear bits of RGB signals, rounded and clipped.
+/// Returns a frame of twelve linear bits of RGB signals, rounded and clipped.
 pub(crate) fn linear_frame(width: usize, height: usize, signals: &[f32], signal_per_radiance: f32) -> CapturedFrame {
     let codes = signals.iter().map(|s| (s * 4095.0).round().clamp(0.0, 4095.0) as u16).collect();
     CapturedFrame {

@@ -6,12 +6,29 @@ use std::sync::{Mutex, PoisonError};
 
 use crate::IoError;
 
-/// Writes `path` through `write`. On any error nothing is left behind and an older file of the name stays as it was; else the new one has its
-/// permissions. Where the name is a link, the file that it leads to is written. Missing folders are created.
+/// Writes `path` through `write`. On any error nothing is left behind and an older file of the name
+/// stays as it was; else the new one has its permissions. Where the name is a link, the file that
+/// it leads to is written. Missing folders are created.
+///
+/// ```
+/// use luxel_io::{IoError, write_atomically};
+///
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("reports/run.txt");
+/// write_atomically(&path, |file| file.write_all(b"done").map_err(|e| IoError::system(&path, "write", &e)))?;
+/// assert_eq!(std::fs::read(&path)?, b"done");
+///
+/// // A failed write leaves the older file as it was.
+/// let failed = write_atomically(&path, |_| Err(IoError::invalid(&path, "nothing to write")));
+/// assert!(failed.is_err());
+/// assert_eq!(std::fs::read(&path)?, b"done");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// # Errors
-/// `write`'s error, [`crate::IoErrorKind::System`] or [`crate::IoErrorKind::NoRoom`]; [`crate::IoErrorKind::Invalid`] where the name is a device's, a
-/// pipe's or a link's that leads nowhere.
+/// `write`'s error, [`crate::IoErrorKind::System`] or [`crate::IoErrorKind::NoRoom`];
+/// [`crate::IoErrorKind::Invalid`] where the name is a device's, a pipe's or a link's that leads
+/// nowhere.
 pub fn write_atomically(path: &Path, write: impl FnOnce(&mut (dyn WriteSeek + '_)) -> Result<(), IoError>) -> Result<(), IoError> {
     let place = place_of(path)?;
     let folder = place.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -27,19 +44,20 @@ pub fn write_atomically(path: &Path, write: impl FnOnce(&mut (dyn WriteSeek + '_
     let file = buffer.into_inner().map_err(|e| system(e.error()))?;
     file.as_file().sync_all().map_err(|e| system(&e))?;
     file.persist(&place).map_err(|e| system(&e.error))?;
-    // The rename itself is durable once the folder is; where folders can't be synced (Windows) the rename is already ordered.
+    // The rename itself is durable once the folder is; where folders can't be synced (Windows) the
+    // rename is already ordered.
     if let Ok(handle) = std::fs::File::open(folder) {
         let _ = handle.sync_all();
     }
     Ok(())
 }
 
-/// Where a file of this name is to be written: behind links, if there is one.
+/// Returns the path that a file of this name is written to: the target of links, if there are any.
 fn place_of(path: &Path) -> Result<PathBuf, IoError> {
     let Ok(found) = std::fs::symlink_metadata(path) else { return Ok(path.to_owned()) };
     let place = match found.is_symlink() {
         true => {
-            std::fs::canonicalize(path).map_err(|_| IoError::invalid(path, "is a link that leads nowhere, expected a file; remove it"))?
+            std::fs::canonicalize(path).map_err(|_| IoError::invalid(path, "is a link to a missing file, expected a file; remove it"))?
         }
         false => path.to_owned(),
     };
@@ -70,7 +88,8 @@ impl Drop for Unfinished {
     }
 }
 
-/// Removes what [`write_atomically`] has not finished on any thread: for a process that ends now, without running destructors.
+/// Removes what [`write_atomically`] has not finished on any thread: for a process that ends now,
+/// without running destructors.
 pub fn remove_unfinished() {
     for path in UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner).drain(..) {
         // The process ends either way, and what has its name already is not here any more.
@@ -82,7 +101,8 @@ pub fn remove_unfinished() {
 pub trait WriteSeek: Write + std::io::Seek {}
 impl<T: Write + std::io::Seek> WriteSeek for T {}
 
-/// A file with the permissions of an ordinary new one, where temporary files would be private: the system takes the user's mask off.
+/// Returns a file with the permissions of an ordinary new one, where temporary files would be
+/// private: the system takes the user's mask off.
 fn temporary_in(folder: &Path) -> std::io::Result<tempfile::NamedTempFile> {
     let mut builder = tempfile::Builder::new();
     builder.prefix(".luxel-").suffix(".tmp");
@@ -114,7 +134,7 @@ mod tests {
         assert_eq!(std::fs::read_to_string(&real).unwrap(), "new");
         assert_eq!(std::fs::metadata(&real).unwrap().permissions().mode() & 0o777, 0o600);
         std::fs::remove_file(&real).unwrap();
-        assert!(write_text(&link, "new").unwrap_err().message.contains("leads nowhere"));
+        assert!(write_text(&link, "new").unwrap_err().message.contains("a missing file"));
     }
 
     #[test]

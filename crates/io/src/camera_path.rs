@@ -1,9 +1,12 @@
-//! Cameras to render from: a `transforms.json` whose images need not exist, or nerfstudio's camera path.
+//! Cameras to render from: a `transforms.json` whose images need not exist, or nerfstudio's camera
+//! path.
 //!
-//! Out: undistorted cameras (renders have no lens distortion: that of the file is left out) with names for their files. Poses of both
-//! formats are camera-to-world in OpenGL axes, world units of the scene. What a file leaves out comes from a default camera: the size,
-//! and in a `transforms.json` without any focal length the whole lens, scaled to the file's height if it has one.
-//! nerfstudio's `fov` is the full vertical angle in degrees, its pixels are square; `aspect` matters only where the width is not given.
+//! Out: undistorted cameras (renders have no lens distortion: that of the file is left out) with
+//! names for their files. Poses of both formats are camera-to-world in OpenGL axes, world units of
+//! the scene. What a file leaves out comes from a default camera: the size, and in a
+//! `transforms.json` without any focal length the whole lens, scaled to the file's height if it has
+//! one. nerfstudio's `fov` is the full vertical angle in degrees, its pixels are square; `aspect`
+//! matters only where the width is not given.
 
 use std::collections::HashSet;
 use std::path::Path;
@@ -15,13 +18,14 @@ use crate::IoError;
 use crate::dataset::{TransformsFrame, parse_transforms};
 use crate::read_file::read_file;
 
-/// Where `transforms.json` has a lens.
+/// Keys of a lens in `transforms.json`.
 const FOCAL_KEYS: [&str; 4] = ["fl_x", "fl_y", "camera_angle_x", "camera_angle_y"];
 
 /// A camera to render from.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PathCamera {
-    /// Unique within the file, without folders: the image's stem, or `frame_00000` where there is none.
+    /// Unique within the file, without folders: the image's stem, or `frame_00000` where there is
+    /// none.
     pub name: String,
     /// Valid and undistorted.
     pub camera: Camera,
@@ -30,16 +34,16 @@ pub struct PathCamera {
 /// Reads the cameras of a file; `default` gives what the file leaves out.
 ///
 /// # Errors
-/// A missing or damaged file, no cameras, a camera that cannot be used (the message names the frame), or one that is not a
-/// perspective camera.
+/// A missing or damaged file, no cameras, a camera that cannot be used (the message names the
+/// frame), or one that is not a perspective camera.
 pub fn read_camera_path(path: &Path, default: Option<&Camera>) -> Result<Vec<PathCamera>, IoError> {
     decode_camera_path(path, &read_file(path)?, default)
 }
 
-/// [`read_camera_path`] of a file's bytes; `name` is for errors.
+/// Decodes a file's bytes as [`read_camera_path`] does; `name` is for errors.
 ///
 /// # Errors
-/// As [`read_camera_path`].
+/// The same as [`read_camera_path`].
 pub fn decode_camera_path(name: &Path, bytes: &[u8], default: Option<&Camera>) -> Result<Vec<PathCamera>, IoError> {
     let file = File { path: name, default };
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
@@ -91,7 +95,7 @@ impl File<'_> {
         self.parse(&Value::Object(root))
     }
 
-    /// Cameras of a complete `transforms.json`.
+    /// Returns the cameras of a complete `transforms.json`.
     fn parse(&self, transforms: &Value) -> Result<Vec<PathCamera>, IoError> {
         let bytes = serde_json::to_vec(transforms).map_err(|e| self.invalid("not JSON", e))?;
         let frames = parse_transforms(self.path, &bytes)?.frames;
@@ -110,7 +114,7 @@ impl File<'_> {
         frames.iter().zip(names).enumerate().map(camera).collect()
     }
 
-    /// A camera path, by way of the equivalent `transforms.json`.
+    /// Returns a camera path, by way of the equivalent `transforms.json`.
     fn nerfstudio(&self, root: &Map<String, Value>) -> Result<Vec<PathCamera>, IoError> {
         self.check_type("header", root)?;
         let Some(cameras) = root.get("camera_path").and_then(Value::as_array) else {
@@ -151,7 +155,8 @@ impl File<'_> {
         Ok(json!({ "file_path": name, "transform_matrix": rows, "camera_angle_y": fov.to_radians(), "w": w, "h": h }))
     }
 
-    /// The size that the file says; the height alone with the camera's aspect; the default camera's.
+    /// Returns the size that the file states; the height alone with the camera's aspect; the
+    /// default camera's.
     fn render_size(&self, place: &str, camera: &Map<String, Value>, size_px: [Option<u32>; 2]) -> Result<[u32; 2], IoError> {
         if let [Some(w), Some(h)] = size_px {
             return Ok([w, h]);
@@ -185,7 +190,8 @@ impl File<'_> {
     }
 }
 
-/// Gives a frame the default camera's lens, scaled to the height that the frame or the file says; the principal point only with the size.
+/// Gives a frame the default camera's lens, scaled to the height that the frame or the file states;
+/// the principal point only with the size.
 fn add_lens(frame: &mut Map<String, Value>, shared_height: Option<&Value>, default: &Camera) {
     let [w, h] = default.size_px.map(f64::from);
     let height = frame.get("h").or(shared_height);
@@ -203,7 +209,7 @@ fn frame_name(index: usize) -> String {
     format!("frame_{index:05}")
 }
 
-/// Stems of the images; the frames' numbers where stems are not unique or not names.
+/// Returns the stems of the images; the frames' numbers where stems are not unique or not names.
 fn names(frames: &[TransformsFrame]) -> Vec<String> {
     let stems: Vec<String> = frames.iter().map(|frame| stem(&frame.file_path)).collect();
     let mut seen = HashSet::new();
@@ -211,7 +217,8 @@ fn names(frames: &[TransformsFrame]) -> Vec<String> {
     if are_usable { stems } else { (0..frames.len()).map(frame_name).collect() }
 }
 
-/// Last part of a path without its extension; characters that are not for file names become `_`.
+/// Returns the last part of a path without its extension; characters that are not for file names
+/// become `_`.
 fn stem(file_path: &str) -> String {
     let last = file_path.rsplit(['/', '\\']).next().unwrap_or_default();
     let stem = Path::new(last).file_stem().and_then(|s| s.to_str()).unwrap_or_default();

@@ -1,10 +1,13 @@
 //! Checkpoints: the complete state of a training run in one safetensors file.
 //!
-//! Tensors, f32 unless said: `splats.{position [N,3], rotation [N,4], log_scale [N,3], opacity_logit [N], sh [N,K,3], raw_luminance
-//! [N,M], smoothing [N or 0]}`, the same under `moments.first` and `moments.second`, and `stats.{gradient, abs_gradient, views (u32)}`
-//! [N or 0]; last, where the run averages its parameters and has begun to, `average` with the arrays of `splats`. Everything else is in the metadata, in JSON where it is not a single word. A BLAKE3 digest over metadata, names, shapes
-//! and values tells a damaged file from a good one. Files are written whole or not at all, and equal snapshots give equal bytes. Values are moved in small pieces:
-//! neither writing nor reading holds a second copy of the snapshot.
+//! Tensors, f32 unless stated: `splats.{position [N,3], rotation [N,4], log_scale [N,3],
+//! opacity_logit [N], sh [N,K,3], raw_luminance [N,M], smoothing [N or 0]}`, the same under
+//! `moments.first` and `moments.second`, and `stats.{gradient, abs_gradient, views (u32)}` [N or
+//! 0]; last, where the run averages its parameters and has begun to, `average` with the arrays of
+//! `splats`. Everything else is in the metadata, in JSON where it is not a single word. A BLAKE3
+//! digest over metadata, names, shapes and values detects a damaged file. Files are
+//! written whole or not at all, and equal snapshots give equal bytes. Values are moved in small
+//! pieces: neither writing nor reading holds a second copy of the snapshot.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -45,16 +48,17 @@ struct Head<'a> {
 /// Writes a checkpoint, whole or not at all and synced to the disk; folders are made as needed.
 ///
 /// # Errors
-/// Arrays of wrong lengths, splats that are not finite, or the file system's refusal; older files are untouched.
+/// Arrays of wrong lengths, splats that are not finite, or the file system's refusal; older files
+/// are untouched.
 pub fn write_checkpoint(path: &Path, snapshot: &Snapshot) -> Result<(), IoError> {
     check(snapshot).map_err(|message| IoError::invalid(path, format_args!("checkpoint to write: {message}")))?;
     write_atomically(path, |file| write(snapshot, file).map_err(|e| IoError::system(path, "write", &e)))
 }
 
-/// The bytes that [`write_checkpoint`] writes; `name` is for errors.
+/// Encodes the bytes that [`write_checkpoint`] writes; `name` is for errors.
 ///
 /// # Errors
-/// As [`write_checkpoint`].
+/// The same as [`write_checkpoint`].
 pub fn encode_checkpoint(name: &Path, snapshot: &Snapshot) -> Result<Vec<u8>, IoError> {
     check(snapshot).map_err(|message| IoError::invalid(name, format_args!("checkpoint to write: {message}")))?;
     let mut bytes = Vec::new();
@@ -76,15 +80,15 @@ pub fn read_checkpoint(path: &Path) -> Result<Snapshot, IoError> {
     read(path, BufReader::with_capacity(1 << 20, file), metadata.len())
 }
 
-/// [`read_checkpoint`] of a file's bytes; `name` is for errors.
+/// Decodes a file's bytes as [`read_checkpoint`] does; `name` is for errors.
 ///
 /// # Errors
-/// As [`read_checkpoint`].
+/// The same as [`read_checkpoint`].
 pub fn decode_checkpoint(name: &Path, bytes: &[u8]) -> Result<Snapshot, IoError> {
     read(name, bytes, bytes.len() as u64)
 }
 
-/// Whether the snapshot can be read back.
+/// Checks that the snapshot can be read back.
 fn check(snapshot: &Snapshot) -> Result<(), String> {
     let splats = &snapshot.scene.splats;
     splats.validate().map_err(|e| e.to_string())?;
@@ -265,7 +269,8 @@ fn fill<R: Read>(path: &Path, reader: &mut R, buffer: &mut [u8], what: &str) -> 
 }
 
 impl<R: Read> Reader<'_, R> {
-    /// Tensors are read in the order of the file, which is that of [`tensors_of`]. Whether there is an average.
+    /// Reads the tensors in the order of the file, which is that of [`tensors_of`]; returns whether
+    /// there is an average.
     fn check_tensors(&self) -> Result<bool, IoError> {
         let mut found = self.head.offset_keys();
         let is_averaged = found.iter().any(|name| name.strip_prefix(tensors::AVERAGE).is_some_and(|rest| rest.starts_with('.')));
@@ -328,7 +333,7 @@ impl<R: Read> Reader<'_, R> {
         Ok(floats)
     }
 
-    /// A tensor of `n` values or none.
+    /// Returns a tensor of `n` values or none.
     fn optional(&mut self, name: &str, n: usize) -> Result<Vec<f32>, IoError> {
         let shape = self.optional_shape(name, n);
         self.floats(name, &shape)
@@ -339,8 +344,8 @@ impl<R: Read> Reader<'_, R> {
         [if is_absent { 0 } else { n }]
     }
 
-    /// Hands the next tensor of the file to `take(number of values in all, bytes of some whole rows)`. Its length is what the header
-    /// claims, which was held against that of the file.
+    /// Passes the next tensor of the file to `take(number of values in all, bytes of some whole
+    /// rows)`. Its length is what the header claims, which was checked against that of the file.
     fn values(&mut self, name: &str, shape: &[usize], dtype: Dtype, mut take: impl FnMut(usize, &[u8])) -> Result<(), IoError> {
         let invalid = |message: String| IoError::invalid(self.path, format_args!("tensor {name}: {message}"));
         let info = self.head.info(name).ok_or_else(|| invalid("missing".to_owned()))?;

@@ -16,11 +16,11 @@ pub struct IoError {
     /// Place within the file and what is wrong there: expected and found, and what to do about the
     /// file. Lower case, no full stop, no command-line flag.
     pub message: String,
-    /// What to do about it where an option helps. `Display` leaves it out: a front end words it.
+    /// Remedy where an option helps. `Display` leaves it out: a front end words it.
     pub remedy: Option<Remedy>,
 }
 
-/// The kind of fault, which tells who can mend it.
+/// The kind of fault: the file's, the system's, or a limit of this crate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum IoErrorKind {
     /// The operating system refused (missing, permissions, a broken disk).
@@ -39,13 +39,14 @@ impl IoError {
         Self { path: path.as_ref().into(), kind: IoErrorKind::Invalid, message: message.to_string(), remedy: None }
     }
 
-    /// Returns an error about content that may be right but is not supported: `message` names what and
-    /// the remedy.
+    /// Returns an error about content that may be right but is not supported: `message` names what
+    /// and the remedy.
     pub fn unsupported(path: impl AsRef<Path>, message: impl fmt::Display) -> Self {
         Self { path: path.as_ref().into(), kind: IoErrorKind::Unsupported, message: message.to_string(), remedy: None }
     }
 
-    /// Returns an error about what the operating system refused: to `action` ("read", "write", "create folder").
+    /// Returns an error about what the operating system refused: to `action` ("read", "write",
+    /// "create folder").
     pub fn system(path: impl AsRef<Path>, action: &str, error: &std::io::Error) -> Self {
         let kind = match error.kind() {
             ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge => IoErrorKind::NoRoom,

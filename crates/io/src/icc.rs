@@ -1,7 +1,8 @@
-//! What an ICC profile says about a picture's primaries (ICC.1:2022).
+//! A picture's primaries by its ICC profile (ICC.1:2022).
 //!
-//! In: the profile of a JPEG (segments APP2), a PNG (chunk iCCP) or a TIFF (tag 34675). Out: [`IccProfile`]: its name, and the space whose primaries are
-//! its colorants. Profiles of tables, or of colours other than RGB, have none; what is no profile is none.
+//! In: the profile of a JPEG (segments APP2), a PNG (chunk iCCP) or a TIFF (tag 34675). Out:
+//! [`IccProfile`]: its name, and the space whose primaries are its colorants. Profiles of tables,
+//! or of colours other than RGB, have none, and neither has data that is not a profile.
 
 use std::io::Read;
 
@@ -18,10 +19,10 @@ const MAX_BYTES: usize = 8 << 20;
 const D50: DVec3 = DVec3::new(0.9642, 1.0, 0.8249);
 /// How far a primary may be off: profiles round, and are made with other whites' digits.
 const TOLERANCE: f64 = 0.02;
-/// Longest name that is told.
+/// Longest name that is reported.
 const MAX_NAME: usize = 60;
 
-/// The profile of a whole image file of any kind.
+/// Returns the profile of a whole image file of any kind.
 pub(crate) fn profile_of_file(bytes: &[u8]) -> Option<IccProfile> {
     if bytes.starts_with(&[0xff, 0xd8]) {
         return parse(&jpeg_profile(bytes)?);
@@ -46,7 +47,7 @@ fn parse(profile: &[u8]) -> Option<IccProfile> {
     Some(IccProfile { name, space })
 }
 
-/// Whether a space's primaries under D50 are these.
+/// Returns whether a space's primaries under D50 are these.
 fn is_of(space: ColorSpace, colorants: [DVec3; 3]) -> bool {
     let Some(rgb_from_xyz) = Conversion::from_xyz(D50, space) else { return false };
     let expected = [DVec3::X, DVec3::Y, DVec3::Z];
@@ -57,7 +58,7 @@ fn word(bytes: &[u8], at: usize) -> Option<u32> {
     bytes.get(at..)?.first_chunk().map(|b| u32::from_be_bytes(*b))
 }
 
-/// The content of a tag; the list of them begins behind the header of 128 bytes.
+/// Returns the content of a tag; the list of them begins behind the header of 128 bytes.
 fn tag<'a>(profile: &'a [u8], name: &[u8; 4]) -> Option<&'a [u8]> {
     let count = word(profile, 128)? as usize;
     let entry = profile.get(132..)?.as_chunks::<12>().0.iter().take(count).find(|entry| entry.starts_with(name))?;
@@ -65,7 +66,7 @@ fn tag<'a>(profile: &'a [u8], name: &[u8; 4]) -> Option<&'a [u8]> {
     profile.get(offset..offset.checked_add(length)?)
 }
 
-/// Three numbers of 16 bits before and after the point.
+/// Reads three numbers of 16 bits before and after the point.
 fn xyz(content: &[u8]) -> Option<DVec3> {
     let number = |at: usize| Some(f64::from(word(content, at)?.cast_signed()) / 65536.0);
     if content.get(..4)? != b"XYZ " {
@@ -74,7 +75,7 @@ fn xyz(content: &[u8]) -> Option<DVec3> {
     Some(DVec3::new(number(8)?, number(12)?, number(16)?))
 }
 
-/// Text of version 2 (ASCII) or of version 4 (UTF-16, the first language).
+/// Returns the text of version 2 (ASCII) or of version 4 (UTF-16, the first language).
 fn description(content: &[u8]) -> Option<String> {
     let text = match content.get(..4)? {
         b"desc" => String::from_utf8_lossy(content.get(12..12usize.checked_add(word(content, 8)? as usize)?)?).into_owned(),
@@ -90,7 +91,7 @@ fn description(content: &[u8]) -> Option<String> {
     (!text.is_empty()).then(|| text.to_owned())
 }
 
-/// The parts in the segments APP2, in their order.
+/// Returns the parts in the segments APP2, in their order.
 fn jpeg_profile(bytes: &[u8]) -> Option<Vec<u8>> {
     let mut parts: Vec<(u8, &[u8])> = Vec::new();
     let mut rest = bytes.get(2..)?;
@@ -115,7 +116,7 @@ fn jpeg_profile(bytes: &[u8]) -> Option<Vec<u8>> {
     (!profile.is_empty()).then_some(profile)
 }
 
-/// The content of the chunk iCCP: a name, a zero, the method 0, and the profile deflated.
+/// Returns the content of the chunk iCCP: a name, a zero, the method 0, and the profile deflated.
 fn png_profile(bytes: &[u8]) -> Option<Vec<u8>> {
     let mut rest = bytes.get(8..)?;
     loop {
@@ -138,7 +139,7 @@ fn png_profile(bytes: &[u8]) -> Option<Vec<u8>> {
 pub(crate) mod tests {
     use super::*;
 
-    /// Version 4, with the colorants that Display P3's profile has.
+    /// Returns a profile of version 4 with the colorants that Display P3's profile has.
     pub(crate) fn display_p3(red_x: f64) -> Vec<u8> {
         let text: Vec<u8> = "Display P3".encode_utf16().flat_map(u16::to_be_bytes).collect();
         let mluc = [&b"mluc\0\0\0\0\0\0\0\x01\0\0\0\x0cenUS"[..], &[0, 0, 0, text.len() as u8, 0, 0, 0, 28], &text].concat();

@@ -1,7 +1,7 @@
-//! Files in, files out: images, data sets, scenes, checkpoints.
+//! Reads and writes files: images, data sets, scenes, checkpoints.
 //!
-//! Every file read is hostile: truncated, huge, cyclic, NaN. The answer is an [`IoError`] that names file, place, expectation and
-//! remedy; no panic, no unbounded allocation.
+//! Every file is treated as hostile: truncated, huge, cyclic, NaN. The answer is an [`IoError`]
+//! that names file, place, expected and found; no panic, no unbounded allocation.
 
 mod atomic;
 mod bake;

@@ -1,8 +1,11 @@
-//! Colour spaces of an OpenColorIO configuration: radiance in one of them comes to ACES2065-1, and from there to the scene's space.
+//! Colour spaces of an OpenColorIO configuration: radiance in one of them comes to ACES2065-1, and
+//! from there to the scene's space.
 //!
-//! In: a configuration (`.ocio`, or `ocio://NAME` for one that is built in) and the name of a space in it. Out: [`OcioSpace`]. The way to ACES2065-1 is
-//! the configuration's role `aces_interchange`, or its space of that name. A configuration is a stranger's file, and so are the tables that it names:
-//! panics of the library are errors; archives, and YAML that says little and means much, are refused.
+//! In: a configuration (`.ocio`, or `ocio://NAME` for one that is built in) and the name of a space
+//! in it. Out: [`OcioSpace`]. The way to ACES2065-1 is the configuration's role `aces_interchange`,
+//! or its space of that name. A configuration is a stranger's file, and so are the tables that it
+//! names: panics of the library are errors; archives, and YAML that expands to much more than its
+//! size, are refused.
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -16,13 +19,14 @@ use crate::IoError;
 use crate::image::guard::contain;
 use crate::read_file::read_file;
 
-/// What leads to ACES2065-1.
+/// The names that lead to ACES2065-1.
 const INTERCHANGE: [&str; 2] = ["aces_interchange", "ACES2065-1"];
 /// Begins the names of configurations that are built in.
 const BUILT_IN: &str = "ocio://";
 /// Pixels that are converted at a time.
 const CHUNK: usize = 1 << 14;
-/// Repetitions by YAML's aliases: each may repeat others, so that few more could ask for all memory. Programs write none.
+/// Repetitions by YAML's aliases: each may repeat others, so that few more could ask for all
+/// memory. Programs write none.
 const MAX_ALIASES: usize = 8;
 /// Largest configuration: those in use have a few hundred kilobytes.
 const MAX_BYTES: usize = 32 << 20;
@@ -50,7 +54,8 @@ impl OcioSpace {
             let parsed = Config::create_from_file(path).map_err(|e| invalid(e.to_string()))?;
             let interchange = INTERCHANGE.into_iter().find(|name| parsed.has_role(name) || parsed.get_color_space(name).is_some());
             let Some(interchange) = interchange else {
-                let message = "no role aces_interchange and no space ACES2065-1, expected one of them to know what its colours are";
+                let message =
+                    "no role aces_interchange and no space ACES2065-1, expected one of them, which tell the meaning of its colours";
                 return Err(invalid(message.to_owned()));
             };
             if parsed.get_color_space(space).is_none() {
@@ -63,7 +68,7 @@ impl OcioSpace {
         Ok(Self { config: config.to_owned(), aces_from_input, digest: format!("{} {space}", blake3::hash(&content).to_hex()) })
     }
 
-    /// Of configuration and space, for keys of what was made with them.
+    /// Returns the digest of configuration and space, for keys of images that were made with them.
     pub fn digest(&self) -> &str {
         &self.digest
     }
@@ -101,7 +106,7 @@ fn check(name: &Path, content: &[u8]) -> Result<(), IoError> {
     Ok(())
 }
 
-/// How often `*name` stands where a value may, of names that are anchors, `&name`.
+/// Returns how often `*name` occurs where a value may, of names that are anchors, `&name`.
 fn aliases(text: &str) -> usize {
     let words = |mark: char| {
         let separators = |c: char| c.is_whitespace() || "[]{},:".contains(c);

@@ -1,8 +1,9 @@
 //! One pinhole camera from a JSON object, as workloads for measuring have it.
 //!
-//! In: `width` and `height` (pixels), `fx`, `fy`, `cx`, `cy` (pixels, the centre from the image's top left corner, pixel centres at +0.5),
-//! `world_to_camera` (four rows of four numbers, OpenCV axes: x right, y down, z forward). Other keys are notes of the program that wrote
-//! the file and are left out. Out: a valid camera without distortion.
+//! In: `width` and `height` (pixels), `fx`, `fy`, `cx`, `cy` (pixels, the centre from the image's
+//! top left corner, pixel centres at +0.5), `world_to_camera` (four rows of four numbers, OpenCV
+//! axes: x right, y down, z forward). Other keys are notes of the program that wrote the file and
+//! are left out. Out: a valid camera without distortion.
 
 use std::path::Path;
 
@@ -16,15 +17,16 @@ use crate::read_file::read_file;
 /// Reads a camera file.
 ///
 /// # Errors
-/// A missing or damaged file, a number that is missing or out of range, a pose that is not a rigid motion.
+/// A missing or damaged file, a number that is missing or out of range, a pose that is not a rigid
+/// motion.
 pub fn read_pinhole_camera(path: &Path) -> Result<Camera, IoError> {
     decode_pinhole_camera(path, &read_file(path)?)
 }
 
-/// [`read_pinhole_camera`] of a file's bytes; `name` is for errors.
+/// Decodes a file's bytes as [`read_pinhole_camera`] does; `name` is for errors.
 ///
 /// # Errors
-/// As [`read_pinhole_camera`].
+/// The same as [`read_pinhole_camera`].
 pub fn decode_pinhole_camera(name: &Path, bytes: &[u8]) -> Result<Camera, IoError> {
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let root = serde_json::from_slice(bytes).map_err(|e| IoError::invalid(name, format_args!("not JSON: {e}")))?;
@@ -62,7 +64,7 @@ struct File<'a> {
 }
 
 impl File<'_> {
-    /// A finite number that is as `expected`.
+    /// Returns a finite number that is as `expected`.
     fn number(&self, key: &str, expected: &str, is_expected: impl Fn(f64) -> bool) -> Result<f64, IoError> {
         let value = self.root.get(key);
         let number = value.and_then(Value::as_f64).filter(|v| v.is_finite() && is_expected(*v));
@@ -98,7 +100,7 @@ impl File<'_> {
     }
 }
 
-/// A value as an error message shows it.
+/// Returns a value as an error message shows it.
 fn told(value: Option<&Value>) -> String {
     match value {
         None => "missing".into(),

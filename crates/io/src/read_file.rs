@@ -8,13 +8,13 @@ use crate::IoError;
 /// Largest file that is read whole: far above real ones, and a guard against runaway files.
 const MAX_BYTES: u64 = 16 << 30;
 
-/// What the system says about a file that must be a regular one.
+/// Returns the metadata of a file that must be a regular one.
 pub(crate) fn regular_file(path: &Path) -> Result<std::fs::Metadata, IoError> {
     let metadata = std::fs::metadata(path).map_err(|e| IoError::system(path, "read", &e))?;
     if metadata.is_file() { Ok(metadata) } else { Err(IoError::invalid(path, "not a regular file, expected one")) }
 }
 
-/// Content of a regular file.
+/// Reads a regular file.
 pub(crate) fn read_file(path: &Path) -> Result<Vec<u8>, IoError> {
     let length = regular_file(path)?.len();
     if length > MAX_BYTES {

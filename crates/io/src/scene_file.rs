@@ -22,7 +22,7 @@ pub enum SceneFormat {
 }
 
 impl SceneFormat {
-    /// By the first bytes of a file; `None` if they are those of no scene.
+    /// Recognises the format by the first bytes of a file; `None` if they are those of no scene.
     pub fn of_bytes(head: &[u8]) -> Option<Self> {
         const MAGIC: [(&[u8], SceneFormat); 6] = [
             (b"ply\n", SceneFormat::Ply),
@@ -42,7 +42,8 @@ const HEAD_BYTES: u64 = 16;
 /// Reads a scene file.
 ///
 /// # Errors
-/// The file can't be read, is damaged, or is of a format or version that is not supported; the message names the remedy.
+/// The file can't be read, is damaged, or is of a format or version that is not supported; the
+/// message names the remedy.
 pub fn read_scene(path: &Path) -> Result<Scene, IoError> {
     regular_file(path)?;
     let mut head = Vec::new();

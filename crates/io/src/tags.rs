@@ -1,10 +1,11 @@
 //! Tags of TIFF files and of what is built like them: DNG, and the Exif blocks of JPEG and PNG.
 //!
-//! In: bytes. Out: [`Ifd`]s, entries by tag, whose values are slices of the file: nothing is allocated by what a file claims. A library of TIFF
-//! images stands beside (`tiff`); it stops at DNG's photometric interpretations, before any tag can be read.
+//! In: bytes. Out: [`Ifd`]s, entries by tag, whose values are slices of the file: nothing is
+//! allocated by what a file claims. The library for TIFF images (`tiff`) is not used here: it stops
+//! at DNG's photometric interpretations, before any tag can be read.
 //!
-//! Degenerate: entries that point outside of the file are left out, as if they were missing. Cycles end, because readers ask for IFDs by a
-//! bounded number of offsets.
+//! Degenerate: entries that point outside of the file are left out, as if they were missing. Cycles
+//! end, because readers ask for IFDs by a bounded number of offsets.
 
 /// A file of tags.
 #[derive(Clone, Copy, Debug)]
@@ -48,7 +49,7 @@ enum Kind {
 }
 
 impl Kind {
-    fn of(code: u16) -> Option<Self> {
+    fn from_code(code: u16) -> Option<Self> {
         Some(match code {
             1 => Self::Byte,
             2 => Self::Ascii,
@@ -77,7 +78,7 @@ impl Kind {
 }
 
 impl<'a> Tags<'a> {
-    /// Recognises a file by its first bytes; `None` if it is no TIFF, or a BigTIFF.
+    /// Recognises a file by its first bytes; `None` if it is not a TIFF, or is a BigTIFF.
     pub(crate) fn new(bytes: &'a [u8]) -> Option<Self> {
         let is_big_endian = match bytes.get(..4)? {
             b"II*\0" => false,
@@ -89,12 +90,12 @@ impl<'a> Tags<'a> {
         Some(tags)
     }
 
-    /// The first directory.
+    /// Returns the first directory.
     pub(crate) fn first(&self) -> Option<Ifd<'a>> {
         self.ifd(self.first_ifd)
     }
 
-    /// The directory at an offset.
+    /// Returns the directory at an offset.
     pub(crate) fn ifd(&self, offset: usize) -> Option<Ifd<'a>> {
         let count = usize::from(self.u16_at(offset)?);
         let start = offset.checked_add(2)?;
@@ -103,7 +104,7 @@ impl<'a> Tags<'a> {
         Some(Ifd { entries, next })
     }
 
-    /// Bytes of a part of the file.
+    /// Returns the bytes of a part of the file.
     pub(crate) fn slice(&self, offset: usize, length: usize) -> Option<&'a [u8]> {
         self.bytes.get(offset..offset.checked_add(length)?)
     }
@@ -112,11 +113,11 @@ impl<'a> Tags<'a> {
         self.is_big_endian
     }
 
-    /// `None` at the end of the file, `Some(None)` where the entry makes no sense.
+    /// Reads an entry: `None` at the end of the file, `Some(None)` where the entry makes no sense.
     fn entry(&self, at: usize) -> Option<Option<Entry<'a>>> {
         let (tag, kind, count) = (self.u16_at(at)?, self.u16_at(at + 2)?, self.u32_at(at + 4)? as usize);
         let entry = || {
-            let kind = Kind::of(kind)?;
+            let kind = Kind::from_code(kind)?;
             let length = count.checked_mul(kind.bytes())?;
             let offset = if length <= 4 { at + 8 } else { self.u32_at(at + 8)? as usize };
             Some(Entry { tag, kind, is_big_endian: self.is_big_endian, value: self.slice(offset, length)? })
@@ -140,39 +141,39 @@ impl<'a> Ifd<'a> {
         self.entries.iter().find(|entry| entry.tag == tag)
     }
 
-    /// Whether a tag is there and not empty.
+    /// Returns whether a tag is there and not empty.
     pub(crate) fn has(&self, tag: u16) -> bool {
         self.find(tag).is_some_and(|entry| !entry.value.is_empty())
     }
 
-    /// Its bytes as they are.
+    /// Returns the bytes of a tag as they are.
     pub(crate) fn bytes(&self, tag: u16) -> Option<&'a [u8]> {
         self.find(tag).map(|entry| entry.value)
     }
 
-    /// All numbers of a tag, of whatever type.
+    /// Returns all numbers of a tag, of whatever type.
     pub(crate) fn numbers(&self, tag: u16) -> Option<Vec<f64>> {
         let entry = self.find(tag)?;
         Some(entry.value.chunks_exact(entry.kind.bytes()).map(|bytes| entry.number(bytes)).collect())
     }
 
-    /// The first number of a tag, if it is finite.
+    /// Returns the first number of a tag, if it is finite.
     pub(crate) fn number(&self, tag: u16) -> Option<f64> {
         let entry = self.find(tag)?;
         entry.value.chunks_exact(entry.kind.bytes()).next().map(|bytes| entry.number(bytes)).filter(|v| v.is_finite())
     }
 
-    /// The first number of a tag as an index or size.
+    /// Returns the first number of a tag as an index or size.
     pub(crate) fn unsigned(&self, tag: u16) -> Option<usize> {
         self.number(tag).filter(|v| *v >= 0.0 && v.fract() == 0.0).map(|v| v as usize)
     }
 
-    /// All numbers of a tag as offsets or sizes; those that are none are 0.
+    /// Returns all numbers of a tag as offsets or sizes; others are 0.
     pub(crate) fn unsigneds(&self, tag: u16) -> Option<Vec<usize>> {
         Some(self.numbers(tag)?.into_iter().map(|v| v.max(0.0) as usize).collect())
     }
 
-    /// A text without what surrounds it; `None` if it is empty.
+    /// Returns a text without what surrounds it; `None` if it is empty.
     pub(crate) fn text(&self, tag: u16) -> Option<String> {
         let value = self.find(tag)?.value;
         let end = value.iter().position(|b| *b == 0).unwrap_or(value.len());
@@ -182,7 +183,7 @@ impl<'a> Ifd<'a> {
 }
 
 impl Entry<'_> {
-    /// A number from exactly the bytes of one.
+    /// Returns a number from exactly the bytes of one.
     fn number(&self, bytes: &[u8]) -> f64 {
         let u16_of = |b: [u8; 2]| if self.is_big_endian { u16::from_be_bytes(b) } else { u16::from_le_bytes(b) };
         let u32_of = |b: [u8; 4]| if self.is_big_endian { u32::from_be_bytes(b) } else { u32::from_le_bytes(b) };

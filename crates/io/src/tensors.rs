@@ -1,7 +1,8 @@
 //! Tensors of a safetensors file that some other program has written: weights of a network.
 //!
-//! In: a file. Out: shape and values by name, single precision. Every length is checked against the file's by the format's library; tensors of other
-//! types than f32 are refused, as nothing says what their rounding is worth.
+//! In: a file. Out: shape and values by name, single precision. Every length is checked against the
+//! file's by the format's library; tensors of other types than f32 are refused, as nothing states
+//! what their rounding is worth.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -14,18 +15,18 @@ use crate::read_file::read_file;
 /// Shape and values by name.
 pub type Tensors = BTreeMap<String, (Vec<usize>, Vec<f32>)>;
 
-/// All tensors of a file.
+/// Reads all tensors of a file.
 ///
 /// # Errors
-/// The file cannot be read, is no safetensors file, or holds anything else than f32.
+/// A file that cannot be read, is not a safetensors file, or contains anything else than f32.
 pub fn read_tensors(path: &Path) -> Result<Tensors, IoError> {
     decode_tensors(path, &read_file(path)?)
 }
 
-/// As [`read_tensors`], from memory; `name` is for messages only.
+/// Decodes what [`read_tensors`] reads, from memory; `name` is for messages only.
 ///
 /// # Errors
-/// As [`read_tensors`].
+/// The same as [`read_tensors`].
 pub fn decode_tensors(name: &Path, bytes: &[u8]) -> Result<Tensors, IoError> {
     let file = SafeTensors::deserialize(bytes).map_err(|error| {
         IoError::invalid(name, format!("not a safetensors file: {error}; convert a PyTorch state dict with safetensors.torch.save_file"))

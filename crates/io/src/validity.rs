@@ -1,8 +1,9 @@
-//! What every reader of scenes holds values against before an engine sees them.
+//! Checks that every reader of scenes makes before an engine gets the values.
 
 use luxel_core::{MAX_SAMPLES, RasterConfig, Splats};
 
-/// Whether a quaternion can be normalised in f32: neither zero (or so short that its square is) nor too long.
+/// Returns whether a quaternion can be normalised in f32: neither zero (or so short that its square
+/// is) nor too long.
 pub(crate) fn is_normalizable(rotation: [f32; 4]) -> bool {
     rotation.iter().map(|q| q * q).sum::<f32>().is_normal()
 }
@@ -18,7 +19,7 @@ pub(crate) fn check_lengths(splats: &Splats) -> Result<(), String> {
     }
 }
 
-/// Whether an engine can work with it. Only `min_contribution` may be infinite.
+/// Returns whether an engine can work with these settings. Only `min_contribution` may be infinite.
 pub(crate) fn is_usable(raster: &RasterConfig) -> bool {
     let c = raster.cutoffs;
     [c.min_alpha, c.alpha_floor, c.min_transmittance, c.max_alpha].iter().all(|v| (0.0..=1.0).contains(v))

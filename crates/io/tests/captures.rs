@@ -1,4 +1,5 @@
-//! Masks, noise and recordings of data sets: each layout written to a temporary folder and read back.
+//! Masks, noise and recordings of data sets: each layout written to a temporary folder and read
+//! back.
 
 #![allow(clippy::unwrap_used)] // Helpers of tests are no tests to clippy.
 
@@ -6,7 +7,7 @@ mod common;
 
 use std::io::Cursor;
 
-use common::{SIZE, Scene};
+use common::{SIZE, TestScene};
 use luxel_core::{NoiseModel, PixelValues, Remedy, View};
 use luxel_io::{DatasetFormat, Exposures, LoadOptions, MaskSource, Supervision, Transfer, detect_format, load_dataset};
 use tiff::encoder::TiffValue;
@@ -15,7 +16,7 @@ use tiff::tags::ExtraSamples;
 
 const LENS: &str = r#""fl_x": 20, "fl_y": 20, "cx": 8, "cy": 4, "w": 16, "h": 8"#;
 
-impl Scene {
+impl TestScene {
     fn flat(&self, name: &str, value: f32) {
         self.exr(name, |_, _| [value; 3]);
     }
@@ -29,7 +30,7 @@ impl Scene {
     }
 }
 
-/// A transforms.json of frames: file, place along x, more keys.
+/// Returns a transforms.json of frames: file, place along x, more keys.
 fn transforms(frames: &[(&str, f64, &str)]) -> String {
     let frame = |(file, x, more): &(&str, f64, &str)| {
         format!(r#"{{"file_path": {file:?}, "transform_matrix": [[1,0,0,{x}],[0,1,0,0],[0,0,1,4],[0,0,0,1]]{more}}}"#)
@@ -37,7 +38,7 @@ fn transforms(frames: &[(&str, f64, &str)]) -> String {
     format!("{{{LENS}, \"frames\": [{}]}}", frames.iter().map(frame).collect::<Vec<_>>().join(", "))
 }
 
-fn split(scene: &Scene, train: &[&str], test: &[&str]) {
+fn split(scene: &TestScene, train: &[&str], test: &[&str]) {
     let list = |names: &[&str]| names.iter().map(|name| format!("{name:?}")).collect::<Vec<_>>().join(", ");
     scene.write("split.json", format!("{{\"train\": [{}], \"test\": [{}]}}", list(train), list(test)));
 }
@@ -61,9 +62,9 @@ fn names(views: &[View]) -> Vec<&str> {
     views.iter().map(|view| view.name.as_str()).collect()
 }
 
-/// Two images, the left half of whose masks is black.
-fn two_with_masks(folder: &str) -> Scene {
-    let scene = Scene::new();
+/// Returns two images, the left half of whose masks is black.
+fn two_with_masks(folder: &str) -> TestScene {
+    let scene = TestScene::new();
     scene.flat("images/a.exr", 1.0);
     scene.flat("images/b.exr", 2.0);
     scene.write("transforms.json", transforms(&[("images/a.exr", 0.0, ""), ("images/b.exr", 1.0, "")]));
@@ -113,7 +114,7 @@ fn a_mask_is_of_its_images_size_and_follows_it_through_a_reduction() {
 
 #[test]
 fn grey_masks_and_alpha_are_weights() {
-    let scene = Scene::new();
+    let scene = TestScene::new();
     scene.png("images/a.png", |x, _| [200, 200, 200, if x < 8 { 51 } else { 255 }]);
     scene.write("transforms.json", transforms(&[("images/a.png", 0.0, ", \"mask_path\": \"m/0.png\"")]));
     scene.png("m/0.png", |_, y| if y < 4 { [102, 102, 102, 255] } else { [255, 255, 255, 255] });
@@ -136,7 +137,7 @@ fn grey_masks_and_alpha_are_weights() {
 /// Opacity of the TIFF files.
 const ALPHA: f32 = 0.25;
 
-/// An image of one pixel over and over.
+/// Returns an image of one pixel over and over.
 fn tiff_of<C: ColorType>(pixel: [C::Inner; 4], alpha: Option<ExtraSamples>) -> Vec<u8>
 where
     C::Inner: Copy,
@@ -152,9 +153,9 @@ where
     out.into_inner()
 }
 
-/// What is trained on of the image, and its first weight.
+/// Returns the pixels of the image that are trained on, and its first weight.
 fn trained_on(tiff: &[u8], transfer: Transfer, masks: MaskSource) -> (f32, f32) {
-    let scene = Scene::new();
+    let scene = TestScene::new();
     scene.write("a.tif", tiff);
     scene.write("transforms.json", transforms(&[("a.tif", 0.0, "")]));
     let data = scene.read(&LoadOptions { transfer: Some(transfer), ..masked(masks) }).unwrap();
@@ -195,7 +196,7 @@ fn floats_are_multiplied_once() {
 
 #[test]
 fn noise_is_as_the_frames_state_it() {
-    let scene = Scene::new();
+    let scene = TestScene::new();
     for name in ["a", "b", "c"] {
         scene.flat(&format!("images/{name}.exr"), 1.0);
     }
@@ -216,9 +217,9 @@ fn noise_is_as_the_frames_state_it() {
     }
 }
 
-/// Two poses of three exposures and one held-out pose of radiance.
-fn bracketed() -> Scene {
-    let scene = Scene::new();
+/// Returns two poses of three exposures and one held-out pose of radiance.
+fn bracketed() -> TestScene {
+    let scene = TestScene::new();
     let mut frames = Vec::new();
     let files: Vec<(String, f64, String)> = (0..2)
         .flat_map(|pose| {
@@ -251,7 +252,7 @@ fn recordings_are_read_as_they_are_with_their_exposures() {
 
 #[test]
 fn recordings_are_reduced_without_blocks_that_are_saturated_in_part() {
-    let scene = Scene::new();
+    let scene = TestScene::new();
     scene.png("a.png", |x, _| if x < 5 { [255, 255, 255, 255] } else { [200, 0, 90, 255] });
     scene.write("transforms.json", transforms(&[("a.png", 0.0, ", \"exposure\": 1")]));
     let data = scene.read(&LoadOptions { downscale: 2, ..ldr(Exposures::All) }).unwrap();
@@ -284,7 +285,7 @@ fn recordings_without_exposure_and_radiance_to_train_on_are_refused() {
     assert!(scene.error(&ldr(Exposures::All)).contains("has no \"exposure\""));
 }
 
-fn pair(scene: &Scene) {
+fn pair(scene: &TestScene) {
     let frame = |file: &str, x: f64| transforms(&[(file, x, "")]).replace(LENS, "\"camera_angle_x\": 0.8");
     scene.write("transforms_train.json", frame("train/r_0", 0.0));
     scene.write("transforms_test.json", frame("test/r_0", 1.0));
@@ -299,7 +300,7 @@ fn pair(scene: &Scene) {
 
 #[test]
 fn hdr_nerf_scenes_give_recordings_with_and_without_ground_truth() {
-    let scene = Scene::new();
+    let scene = TestScene::new();
     pair(&scene);
     let data = scene.read(&ldr(Exposures::All)).unwrap();
     assert_eq!((names(&data.train), data.test.len()), (vec!["train/r_0_0", "train/r_0_1", "train/r_0_2"], 3));
@@ -327,14 +328,14 @@ fn npy(rows: &[[f64; 18]]) -> Vec<u8> {
     bytes
 }
 
-/// A row of LLFF's table: a camera at (x, 0, 4) that looks along -z; down is -y.
+/// Returns a row of LLFF's table: a camera at (x, 0, 4) that looks along -z; down is -y.
 fn row(x: f64, exposure_s: f64) -> [f64; 18] {
     [0.0, 1.0, 0.0, x, 8.0, -1.0, 0.0, 0.0, 0.0, 16.0, 0.0, 0.0, 1.0, 4.0, 20.0, 1.0, 9.0, exposure_s]
 }
 
 #[test]
 fn hdr_nerf_real_scenes_are_brackets_of_a_table() {
-    let scene = Scene::new();
+    let scene = TestScene::new();
     let rows: Vec<_> = (0..9).flat_map(|i| [0.125, 2.0].map(|t| row(f64::from(i), t))).collect();
     for i in 0..9 {
         for k in 0..2 {
@@ -353,13 +354,13 @@ fn hdr_nerf_real_scenes_are_brackets_of_a_table() {
     let error = scene.read(&LoadOptions::default()).unwrap_err();
     assert_eq!(error.remedy, Some(Remedy::set("supervision", "ldr")), "{error}");
     scene.write("poses_bounds_exps.npy", npy(&rows[1..]));
-    assert!(scene.error(&ldr(Exposures::All)).contains("expected a row an image"));
+    assert!(scene.error(&ldr(Exposures::All)).contains("expected one row per image"));
     scene.write("poses_bounds_exps.npy", &npy(&rows)[..400]);
     assert!(scene.error(&ldr(Exposures::All)).contains("damaged"));
 }
 
-/// A COLMAP model as text, of images side by side.
-fn model(scene: &Scene, images: &[String]) {
+/// Writes a COLMAP model as text, of images side by side.
+fn model(scene: &TestScene, images: &[String]) {
     scene.write("sparse/0/cameras.txt", "1 PINHOLE 16 8 20 20 8 4\n");
     let line = |(i, name): (usize, &String)| format!("{} 1 0 0 0 {} 0 0 1 {name}\n\n", i + 1, i / 2);
     scene.write("sparse/0/images.txt", images.iter().enumerate().map(line).collect::<String>());
@@ -379,7 +380,7 @@ fn masks_are_found_where_the_model_itself_is_named() {
 
 #[test]
 fn repacked_scenes_give_recordings_with_and_without_ground_truth() {
-    let scene = Scene::new();
+    let scene = TestScene::new();
     let images: Vec<String> = ["train_ldr_000", "test_ldr_000"].iter().flat_map(|v| (0..2).map(move |k| format!("{v}_{k}.png"))).collect();
     images.iter().for_each(|name| scene.grey(&format!("images/{name}"), 99));
     model(&scene, &images);
@@ -393,7 +394,7 @@ fn repacked_scenes_give_recordings_with_and_without_ground_truth() {
     scene.flat("images_hdr/test_hdr_000.exr", 3.0);
     assert_eq!(names(&scene.read(&ldr(Exposures::All)).unwrap().test), ["images_hdr/test_hdr_000"]);
 
-    let scene = Scene::new();
+    let scene = TestScene::new();
     let images: Vec<String> = (0..2).flat_map(|view| (0..2).map(move |k| format!("{view}_{k}.png"))).collect();
     images.iter().for_each(|name| scene.grey(&format!("images/{name}"), 99));
     model(&scene, &images);

@@ -7,14 +7,14 @@ mod common;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use common::Scene;
+use common::TestScene;
 use glam::{DVec2, DVec3};
 use luxel_core::{BadPixels, ColorSpace, Dataset, Distortion};
 use luxel_io::{DatasetFormat, IoErrorKind, LoadOptions, Transfer, detect_format, load_dataset, parse_split, parse_transforms};
 use proptest::prelude::*;
 
-impl Scene {
-    /// Images of one colour each.
+impl TestScene {
+    /// Writes images of one colour each.
     fn exrs<S: AsRef<str>>(&self, names: impl IntoIterator<Item = S>) {
         for (i, name) in names.into_iter().enumerate() {
             self.exr(name.as_ref(), |_, _| [i as f32 + 0.5; 3]);
@@ -30,22 +30,22 @@ impl Scene {
     }
 }
 
-/// Rows of a camera-to-world matrix that looks along -z from (x, 0, 4).
+/// Returns the rows of a camera-to-world matrix that looks along -z from (x, 0, 4).
 fn pose(x: f64) -> String {
     format!("[[1,0,0,{x}],[0,1,0,0],[0,0,1,4],[0,0,0,1]]")
 }
 
 const LENS: &str = r#""fl_x": 20, "fl_y": 20, "cx": 8, "cy": 4, "w": 16, "h": 8"#;
 
-/// A transforms.json with these file paths, one unit apart.
+/// Returns a transforms.json with these file paths, one unit apart.
 fn transforms<S: AsRef<str>>(lens: &str, file_paths: &[S]) -> String {
     let frame = |(i, file): (usize, &S)| format!(r#"{{"file_path": {:?}, "transform_matrix": {}}}"#, file.as_ref(), pose(i as f64));
     let frames: Vec<String> = file_paths.iter().enumerate().map(frame).collect();
     format!("{{{lens}, \"frames\": [{}]}}", frames.join(", "))
 }
 
-/// A COLMAP text model of the same cameras: `points` see each point in every image.
-fn colmap(scene: &Scene, folder: &str, camera: &str, lens: Distortion, names: &[&str], points: &[DVec3]) {
+/// Writes a COLMAP text model of the same cameras: `points` see each point in every image.
+fn colmap(scene: &TestScene, folder: &str, camera: &str, lens: Distortion, names: &[&str], points: &[DVec3]) {
     scene.write(&format!("{folder}/cameras.txt"), camera);
     let (mut images, mut tracks) = (String::new(), vec![String::new(); points.len()]);
     for (i, name) in names.iter().enumerate() {
@@ -69,7 +69,8 @@ fn names(views: &[luxel_core::View]) -> Vec<&str> {
     views.iter().map(|view| view.name.as_str()).collect()
 }
 
-/// Largest distance of an observation from where its point projects, and how many there are.
+/// Returns the largest distance of an observation from where its point projects, and how many there
+/// are.
 fn reprojection(data: &Dataset) -> (f64, usize) {
     let (mut worst, mut count) = (0.0f64, 0);
     for point in &data.points {
@@ -85,7 +86,7 @@ fn reprojection(data: &Dataset) -> (f64, usize) {
 
 #[test]
 fn frames_are_sorted_by_name_and_every_eighth_is_held_out() {
-    let scene = Scene::new();
+    let scene = TestScene::new();
     let files: Vec<String> = (0..10).rev().map(|i| format!("images/{i}.exr")).collect();
     scene.exrs(&files);
     let json = scene.write("transforms.json", transforms(LENS, &files));
@@ -102,7 +103,7 @@ fn frames_are_sorted_by_name_and_every_eighth_is_held_out() {
 
 #[test]
 fn train_and_test_files_go_before_transforms_json() {
-    let scene = Scene::new();
+    let scene = TestScene::new();
     scene.exrs(["train/r_0.exr", "train/r_1.exr", "test/r_0.exr"]);
     let lens = r#""camera_angle_x": 0.9"#;
     scene.write("transforms_train.json", transforms(lens, &["./train/r_1", "./train/r_0"]));
@@ -121,14 +122,14 @@ fn train_and_test_files_go_before_transforms_json() {
 
 #[test]
 fn split_json_and_filenames_are_followed() {
-    let scene = Scene::new();
+    let scene = TestScene::new();
     let files = ["images/a.exr", "images/b.exr", "images/c.exr"];
     scene.exrs(files);
     scene.write("transforms.json", transforms(LENS, &files));
     scene.write("split.json", r#"{"train": ["images/c.exr"], "test": ["b"], "train_indices": [2]}"#);
     let data = scene.load();
     assert_eq!((names(&data.train), names(&data.test)), (vec!["images/c"], vec!["images/b"]));
-    assert_eq!(data.warnings, ["left out, being neither in train nor in test: image images/a"]);
+    assert_eq!(data.warnings, ["left out, neither in train nor in test: image images/a"]);
     let own = format!(r#"{LENS}, "train_filenames": ["images/a.exr"], "val_filenames": ["images/b.exr"]"#);
     scene.write("transforms.json", transforms(&own, &files));
     let data = scene.load();
@@ -141,7 +142,7 @@ fn observations_follow_undistortion_and_reduction() {
     let points = [DVec3::new(0.5, 0.2, 0.0), DVec3::new(-0.3, -0.4, 1.0), DVec3::new(0.0, 0.0, -2.0)];
     let files = ["a.exr", "b.exr", "c.exr"];
     for (camera, distortion) in [(PINHOLE, Distortion::default()), ("1 OPENCV 16 8 20 20 8 4 -0.2 0.05 0.002 -0.001", lens)] {
-        let scene = Scene::new();
+        let scene = TestScene::new();
         for file in files {
             // Every pixel holds its own coordinates.
             scene.exr(&format!("images/{file}"), |x, y| [x as f32 + 0.5, y as f32 + 0.5, 0.0]);
@@ -176,7 +177,7 @@ fn observations_follow_undistortion_and_reduction() {
 
 #[test]
 fn colmap_points_beside_transforms_share_the_cameras_frame() {
-    let scene = Scene::new();
+    let scene = TestScene::new();
     let files = ["images/a.exr", "images/b.exr"];
     scene.exrs(files);
     scene.write("split.json", r#"{"train": ["a", "b"], "test": []}"#);
@@ -202,7 +203,7 @@ fn colmap_points_beside_transforms_share_the_cameras_frame() {
 
 #[test]
 fn ply_points_are_read() {
-    let scene = Scene::new();
+    let scene = TestScene::new();
     scene.exrs(["a.exr"]);
     let ply = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n1 2 3 4 5 6\n7 8 9 10 11 12\n";
     scene.write("cloud.ply", ply);
@@ -218,31 +219,31 @@ fn ply_points_are_read() {
 
 #[test]
 fn one_image_is_trained_on_and_said() {
-    let scene = Scene::new();
+    let scene = TestScene::new();
     scene.exrs(["a.exr"]);
     scene.write("transforms.json", transforms(LENS, &["a.exr"]));
     let data = scene.load();
     assert_eq!((data.train.len(), data.test.len()), (1, 0));
-    assert_eq!(data.warnings, ["no test views: nothing is held out to measure quality with"]);
+    assert_eq!(data.warnings, ["no test views: no image is held out to measure quality with"]);
 }
 
 #[test]
 fn no_images_are_an_error() {
-    let scene = Scene::new();
+    let scene = TestScene::new();
     scene.write("transforms.json", transforms::<&str>(LENS, &[]));
     assert!(scene.error().contains("no images"));
     scene.exrs(["a.exr"]);
     scene.write("transforms.json", transforms(LENS, &["a.exr"]));
     scene.write("split.json", r#"{"train": [], "test": ["a"]}"#);
     assert!(scene.error().contains("no training images among 1"));
-    let scene = Scene::new();
+    let scene = TestScene::new();
     colmap(&scene, "sparse", PINHOLE, Distortion::default(), &[], &[]);
     assert!(scene.error().contains("no registered images"));
 }
 
 #[test]
 fn folders_that_are_no_data_set_say_what_was_looked_for_and_found() {
-    let scene = Scene::new();
+    let scene = TestScene::new();
     assert!(scene.error().ends_with("found an empty folder"));
     scene.write("notes.txt", "x");
     let error = scene.error();
@@ -260,7 +261,7 @@ fn folders_that_are_no_data_set_say_what_was_looked_for_and_found() {
 
 #[test]
 fn missing_and_damaged_images_are_named_with_their_frame() {
-    let scene = Scene::new();
+    let scene = TestScene::new();
     scene.exrs(["a.exr"]);
     let json = scene.write("transforms.json", transforms(LENS, &["a.exr", "b.exr"]));
     let missing = scene.path().join("b.exr");
@@ -274,7 +275,7 @@ fn missing_and_damaged_images_are_named_with_their_frame() {
 
 #[test]
 fn of_several_damaged_images_the_first_by_name_is_reported() {
-    let scene = Scene::new();
+    let scene = TestScene::new();
     // Sorted, the first is held out, and so read behind the training views.
     let files = ["a.exr", "b.exr", "c.exr", "d.exr"];
     scene.exrs(files);
@@ -292,7 +293,7 @@ fn of_several_damaged_images_the_first_by_name_is_reported() {
 
 #[test]
 fn truncated_split_and_text_model_are_errors_that_name_the_file_or_a_smaller_model() {
-    let scene = Scene::new();
+    let scene = TestScene::new();
     scene.exrs(["images/a.exr", "images/b.exr"]);
     let points = [DVec3::ZERO, DVec3::new(0.5, 0.1, 0.2)];
     colmap(&scene, "sparse/0", PINHOLE, Distortion::default(), &["a.exr", "b.exr"], &points);
@@ -322,7 +323,7 @@ fn truncated_split_and_text_model_are_errors_that_name_the_file_or_a_smaller_mod
 #[test]
 fn written_files_have_the_permissions_of_ordinary_ones() {
     use std::os::unix::fs::PermissionsExt as _;
-    let scene = Scene::new();
+    let scene = TestScene::new();
     let mode = |path: PathBuf| std::fs::metadata(path).unwrap().permissions().mode();
     let path = scene.path().join("out/atomic.txt");
     luxel_io::write_atomically(&path, |out| out.write_all(b"x").map_err(|e| luxel_io::IoError::system(&path, "write", &e))).unwrap();
@@ -332,7 +333,7 @@ fn written_files_have_the_permissions_of_ordinary_ones() {
 
 #[test]
 fn cameras_that_are_none_are_named_with_their_frame() {
-    let scene = Scene::new();
+    let scene = TestScene::new();
     scene.exrs(["a.exr", "b.exr"]);
     let good = transforms(LENS, &["a.exr", "b.exr"]);
     let with = |from: &str, to: &str| {
@@ -340,7 +341,7 @@ fn cameras_that_are_none_are_named_with_their_frame() {
         scene.error()
     };
     assert!(with("[1,0,0,1]", "[0,0,0,1]").contains("frame 1 (\"b.exr\"): \"transform_matrix\" is not a rotation"));
-    assert!(with("[1,0,0,1]", "[NaN,0,0,1]").contains("NaN and Infinity are no JSON numbers"));
+    assert!(with("[1,0,0,1]", "[NaN,0,0,1]").contains("NaN and Infinity are not JSON numbers"));
     assert!(with("[1,0,0,1]", "[1e999,0,0,1]").contains("not JSON"));
     assert!(with("[1,0,0,1]", "[null,0,0,1]").contains("row 0 column 0 is null"));
     assert!(with(",[0,0,0,1]]", "]").contains("\"transform_matrix\" has 3 rows, expected 4"));
@@ -348,7 +349,7 @@ fn cameras_that_are_none_are_named_with_their_frame() {
     assert!(with("\"fl_x\": 20", "\"fl_x\": -1").contains("focal length -1"));
     assert!(with("\"w\": 16", "\"w\": 20").contains("the image is 16 x 8 pixels, its camera 20 x 8"));
     for camera in ["1 PINHOLE 16 8 0 20 8 4", "1 PINHOLE 16 8 20 nan 8 4"] {
-        let scene = Scene::new();
+        let scene = TestScene::new();
         scene.exrs(["images/a.exr"]);
         colmap(&scene, "sparse/0", camera, Distortion::default(), &["a.exr"], &[]);
         assert!(scene.error().contains("image 1 (\"a.exr\"): focal length"), "{}", scene.error());
@@ -357,7 +358,7 @@ fn cameras_that_are_none_are_named_with_their_frame() {
 
 #[test]
 fn smaller_copies_of_the_images_scale_their_cameras() {
-    let scene = Scene::new();
+    let scene = TestScene::new();
     scene.exrs(["a.exr"]);
     let lens = LENS.replace("16", "32").replace("\"h\": 8", "\"h\": 16");
     scene.write("transforms.json", transforms(&lens, &["a.exr"]));
@@ -367,7 +368,7 @@ fn smaller_copies_of_the_images_scale_their_cameras() {
 
 #[test]
 fn duplicate_names_are_an_error() {
-    let scene = Scene::new();
+    let scene = TestScene::new();
     scene.exrs(["a.exr"]);
     scene.write("transforms.json", transforms(LENS, &["a.exr", "./a.exr"]));
     assert!(scene.error().contains("frame 1 (\"./a.exr\"): the image is named \"a\" like that of"), "{}", scene.error());
@@ -379,7 +380,7 @@ fn duplicate_names_are_an_error() {
 
 #[test]
 fn bad_pixels_are_counted_zeroed_and_masked() {
-    let scene = Scene::new();
+    let scene = TestScene::new();
     let bad = |x, y| match (x, y) {
         (0, 0) => [f32::NAN, -1.0, f32::INFINITY],
         (1, 0) => [1.0, f32::INFINITY, -1.0],
@@ -395,7 +396,8 @@ fn bad_pixels_are_counted_zeroed_and_masked() {
     assert_eq!((data.train[0].is_valid(3), data.train[0].is_valid(4)), (false, true));
     assert_eq!((data.train[0].image.at(0, 0), data.train[0].image.at(4, 0)), ([0.0; 3], [2.0; 3]));
     assert!(data.train[1].mask.is_none());
-    // Reduced, a block with a bad pixel is never darker than its good ones: it is either masked or their average.
+    // Reduced, a block with a bad pixel is never darker than its good ones: it is either masked or
+    // their average.
     let data = load_dataset(scene.path(), &LoadOptions { downscale: 2, ..LoadOptions::default() }).unwrap();
     let view = &data.train[0];
     for i in 0..view.image.pixels.len() {
@@ -405,7 +407,7 @@ fn bad_pixels_are_counted_zeroed_and_masked() {
 
 #[test]
 fn eight_bit_images_need_a_transfer_and_warn_once() {
-    let scene = Scene::new();
+    let scene = TestScene::new();
     for name in ["a.png", "b.png", "c.png"] {
         scene.png(name, |_, _| [255, 51, 0, 51]);
     }
@@ -421,7 +423,7 @@ fn eight_bit_images_need_a_transfer_and_warn_once() {
 
 #[test]
 fn images_of_different_colour_spaces_are_refused() {
-    let scene = Scene::new();
+    let scene = TestScene::new();
     scene.exrs(["a.exr", "b.exr"]);
     let path = scene.path().join("b.exr");
     let mut image = exr::prelude::read_first_flat_layer_from_file(&path).unwrap();
@@ -438,7 +440,7 @@ fn images_of_different_colour_spaces_are_refused() {
 
 #[test]
 fn wide_spaces_are_converted_to_the_one_scenes_are_trained_in() {
-    let scene = Scene::new();
+    let scene = TestScene::new();
     scene.exrs(["a.exr"]);
     scene.write("transforms.json", transforms(LENS, &["a.exr"]));
     let before = load_dataset(scene.path(), &LoadOptions::default()).unwrap().train[0].image.clone();
@@ -459,7 +461,7 @@ fn wide_spaces_are_converted_to_the_one_scenes_are_trained_in() {
 
 #[test]
 fn fingerprint_follows_content_split_and_options() {
-    let scene = Scene::new();
+    let scene = TestScene::new();
     scene.exrs(["a.exr", "b.exr", "c.exr"]);
     scene.write("transforms.json", transforms(LENS, &["a.exr", "b.exr", "c.exr"]));
     let first = scene.load().fingerprint;
@@ -475,7 +477,7 @@ fn fingerprint_follows_content_split_and_options() {
 
 #[test]
 fn colmap_model_may_be_named_itself_and_images_replace_its_copies() {
-    let scene = Scene::new();
+    let scene = TestScene::new();
     scene.exrs(["images/a b.exr", "images/sub/c.exr"]);
     colmap(&scene, "sparse", PINHOLE, Distortion::default(), &["a b.png", "sub/c.png"], &[]);
     let data = scene.load();
@@ -489,7 +491,7 @@ fn colmap_model_may_be_named_itself_and_images_replace_its_copies() {
 
 #[test]
 fn absurd_counts_and_missing_files_of_a_model_are_errors() {
-    let scene = Scene::new();
+    let scene = TestScene::new();
     scene.exrs(["images/a.exr"]);
     for (name, count) in [("cameras", 0u64), ("images", 0), ("points3D", 1 << 40)] {
         scene.write(&format!("sparse/0/{name}.bin"), count.to_le_bytes());
@@ -501,7 +503,7 @@ fn absurd_counts_and_missing_files_of_a_model_are_errors() {
 
 #[test]
 fn hdr_nerf_frames_of_one_pose_are_one_view() {
-    let scene = Scene::new();
+    let scene = TestScene::new();
     scene.exrs(["train_hdr/hdr_000.exr", "train_hdr/hdr_001.exr", "test_hdr/hdr_000.exr"]);
     let lens = r#""camera_angle_x": 0.9"#;
     let exposures = transforms(lens, &["./train/r_0_0", "./train/r_0_1", "./train/r_1_0"]);
@@ -519,7 +521,7 @@ fn hdr_nerf_frames_of_one_pose_are_one_view() {
 
 #[test]
 fn hdr_gs_holds_out_every_other_view_in_the_order_of_text() {
-    let scene = Scene::new();
+    let scene = TestScene::new();
     scene.exrs((0..35).map(|i| format!("exr/{i}.exr")));
     let images: Vec<String> = (0..35).map(|i| format!("{i}_1.png")).collect();
     let images: Vec<&str> = images.iter().map(String::as_str).collect();
@@ -536,7 +538,7 @@ fn hdr_gs_holds_out_every_other_view_in_the_order_of_text() {
 
 #[test]
 fn gauss_hdr_splits_by_name() {
-    let scene = Scene::new();
+    let scene = TestScene::new();
     scene.exrs(["images_hdr/train_hdr_000.exr", "images_hdr/train_hdr_001.exr", "images_hdr/test_hdr_000.exr"]);
     let images = ["train_ldr_001_0.png", "train_ldr_000_2.png", "train_ldr_000_0.png", "test_ldr_000_0.png"];
     colmap(&scene, "sparse/0", PINHOLE, Distortion::default(), &images, &[]);

@@ -22,7 +22,7 @@ fn decode(bytes: &[u8], options: &ReadOptions) -> std::result::Result<DecodedIma
     decode_image(Path::new("test image"), bytes, options)
 }
 
-/// Values that half holds exactly, across the range, and smooth enough for lossy codecs.
+/// Returns values that half holds exactly, across the range, and smooth enough for lossy codecs.
 fn radiance(width: usize, height: usize) -> Radiance {
     let pixel = |i: usize| {
         let (x, y) = (i % width, i / width);
@@ -491,7 +491,7 @@ fn png_bytes(size: (u32, u32), data: &[u8], color: image::ExtendedColorType) -> 
     out
 }
 
-/// `png` with a chunk behind its header.
+/// Returns `png` with a chunk behind its header.
 fn with_chunk(png: &[u8], kind: &[u8; 4], data: &[u8]) -> Vec<u8> {
     let body = [kind, data].concat();
     let crc = body

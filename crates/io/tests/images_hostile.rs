@@ -1,4 +1,5 @@
-//! Damaged, truncated and lying image files: an error that says what is wrong, never a panic, never memory on a claim.
+//! Damaged, truncated and lying image files: an error that says what is wrong, never a panic, never
+//! memory on a claim.
 
 // Helpers of tests may fail as tests do.
 #![allow(clippy::unwrap_used)]
@@ -13,7 +14,7 @@ use proptest::prelude::*;
 
 const LINEAR: ReadOptions = ReadOptions { transfer: Some(Transfer::Linear) };
 
-/// A whole file of each kind, by name.
+/// Returns a whole file of each kind, by name.
 fn files() -> &'static [(&'static str, Vec<u8>)] {
     static FILES: OnceLock<Vec<(&str, Vec<u8>)>> = OnceLock::new();
     FILES.get_or_init(make_files)

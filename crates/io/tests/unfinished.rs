@@ -1,5 +1,5 @@
-//! What a process that ends in the middle of writing leaves behind. In a test program of its own, as it is about all files of a process; where an open file
-//! can be removed.
+//! Files that a process leaves behind if it ends in the middle of writing. In a test program of its
+//! own, as it is about all files of a process; where an open file can be removed.
 
 #[cfg(unix)]
 use luxel_io::{remove_unfinished, write_atomically};

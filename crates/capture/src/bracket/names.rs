@@ -4,13 +4,15 @@ use std::collections::BTreeMap;
 
 use super::{PATTERN, SAME_STOPS, Shot, all_differ};
 
-/// What separates a view's name from the number of its exposure.
+/// The characters that separate a view's name from the number of its exposure.
 const SEPARATORS: [char; 3] = ['_', '-', ' '];
-/// A pause of more than this, beside the shutter times, ends a bracket, seconds: names hold it together, and a hand may have turned the dial.
+/// A pause of more than this, beside the shutter times, ends a bracket, seconds: names hold it
+/// together, and a hand may have turned the dial.
 const NAMED_PAUSE_S: f64 = 30.0;
 
-/// `desk` of `desk_-2`, `desk_3`, `desk-ev1`, `desk_ev-2`: what is before the last separator, if what follows is short; and whether that is an
-/// exposure value, by a sign or by its unit.
+/// Returns `desk` for `desk_-2`, `desk_3`, `desk-ev1` and `desk_ev-2`: the part before the last
+/// separator, if what follows is short; and whether that is an exposure value, by a sign or by its
+/// unit.
 fn prefix(name: &str) -> Option<(&str, bool)> {
     let at = name.rfind(SEPARATORS)?;
     let (before, after) = (name.get(..at)?, name.get(at + 1..)?);
@@ -69,13 +71,14 @@ pub(super) fn believed(shots: &[Shot], named: Named) -> Option<Vec<Vec<usize>>> 
     (alike.len() > 1 && share >= PATTERN).then_some(groups)
 }
 
-/// Whether exposures are those of a pattern, or some of them. One of three or more may lie anywhere; two differ by a given step too often.
+/// Returns whether exposures are those of a pattern, or some of them. One of three or more may lie
+/// anywhere; two differ by a given step too often.
 fn is_part_of(stops: &[f64], pattern: &[f64]) -> bool {
     let has = |shift: f64| stops.iter().all(|s| pattern.iter().any(|p| (s - shift - p).abs() <= 1.5 * SAME_STOPS));
     if pattern.len() > 2 { pattern.iter().any(|p| has(stops[0] - p)) } else { has(0.0) }
 }
 
-/// A group cut where time stands still for long, if all times are known.
+/// Returns a group cut at long pauses, if all times are known.
 fn without_pauses(shots: &[Shot], group: &[usize]) -> Vec<Vec<usize>> {
     let Some(mut timed) = group.iter().map(|&i| Some((shots[i].time_s?, i))).collect::<Option<Vec<_>>>() else {
         return vec![group.to_vec()];
@@ -88,7 +91,7 @@ fn without_pauses(shots: &[Shot], group: &[usize]) -> Vec<Vec<usize>> {
     timed.chunk_by(goes_on).map(|part| part.iter().map(|(_, i)| *i).collect()).collect()
 }
 
-/// Exposures of a group that has them.
+/// Returns the exposures of a group that has them.
 fn sorted_stops(shots: &[Shot], group: &[usize]) -> Vec<f64> {
     let mut stops: Vec<f64> = group.iter().filter_map(|&i| shots[i].stops).collect();
     stops.sort_by(f64::total_cmp);
@@ -101,7 +104,7 @@ mod tests {
     use crate::bracket::tests::shot;
     use crate::{BracketError, BracketRule, Brackets, find_brackets};
 
-    /// Brackets of names without times.
+    /// Returns the brackets of names without times.
     fn named(names: &[&str], stops: &[f64]) -> Brackets {
         let shots: Vec<Shot> = names.iter().zip(stops).map(|(name, stops)| Shot { time_s: None, ..shot(name, 0.0, *stops) }).collect();
         find_brackets(&shots, BracketRule::Auto).unwrap()

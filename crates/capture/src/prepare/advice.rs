@@ -2,7 +2,7 @@
 //! structure from motion.
 //!
 //! In: [`AdviceInput`]. Out: notes, each beginning with what it is about. Degenerate: without a
-//! registration nothing is said about poses; a set of good views has no advice.
+//! registration there is no advice on poses; a set of good views has no advice.
 
 use luxel_core::Remedy;
 
@@ -12,7 +12,7 @@ use super::{CurveOrigin, PrepareNote, Registration, ViewRecord};
 const SATURATED: f64 = 0.01;
 /// Share of black samples that is worth a longer one.
 const DARK: f64 = 0.10;
-/// Share of disagreeing samples that is taken for motion.
+/// Share of disagreeing samples that counts as motion.
 const MOTION: f64 = 0.02;
 /// Shift within a bracket that is worth a tripod, share of the photograph's longest side.
 const SHIFT: f64 = 1.0 / 500.0;
@@ -181,7 +181,7 @@ mod tests {
         assert!(found.last().unwrap().text.contains("2 parts"));
         let (wide, small) = (ViewRecord { offset_px: Some(4.0), ..record("a") }, [record("a"), record("b")]);
         assert!(advice(&input(&small, 1)).is_empty());
-        // Four pixels of 600 are a shift; of 4800, reduced to 600, they are none.
+        // Four pixels of 600 are a shift; of 4800, reduced to 600, they are not.
         assert_eq!([1, 8].map(|downscale| advice(&input(std::slice::from_ref(&wide), downscale)).len()), [1, 0]);
         let mut all: Vec<ViewRecord> = ["a", "b"].map(record).into();
         all.iter_mut().for_each(|r| r.disagreeing = 0.1);

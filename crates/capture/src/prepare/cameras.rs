@@ -1,7 +1,9 @@
-//! The cameras of a set: who shares a lens, and the white balance and colour matrix of RAW files.
+//! The cameras of a set: which photographs share a lens, and the white balance and colour matrix of
+//! RAW files.
 //!
-//! In: photographs by their headers. Out: [`PlannedCamera`]s and, for each photograph, the index of its
-//! camera. Degenerate: RAW files without a colour matrix keep the camera's colours, with a note.
+//! In: photographs by their headers. Out: [`PlannedCamera`]s and, for each photograph, the index of
+//! its camera. Degenerate: RAW files without a colour matrix keep the camera's colours, with a
+//! note.
 
 use std::collections::BTreeMap;
 
@@ -25,8 +27,8 @@ pub struct PlannedCamera {
     pub size_px: [u32; 2],
     /// Focal length over the longest side, if EXIF has it.
     pub focal_per_side: Option<f64>,
-    /// White balance gains, and the matrix from balanced camera colours to the scene's space, of RAW
-    /// files.
+    /// White balance gains, and the matrix from balanced camera colours to the scene's space, of
+    /// RAW files.
     pub color: Option<([f32; 3], DMat3)>,
 }
 
@@ -45,7 +47,8 @@ pub(super) fn group_by_camera(photos: &[Photograph]) -> (Vec<usize>, Vec<Planned
             }
             let key = format!("{name}|{:?}|{:?}|{width}x{height}", exif.serial, exif.lens);
             let camera = *index.entry(key).or_insert_with(|| {
-                // 36 mm is the longer side of the format that the equivalent focal length is given for.
+                // 36 mm is the longer side of the format that the equivalent focal length is given
+                // for.
                 let focal_per_side = exif.focal_35mm.map(|f| f / 36.0).filter(|f| (0.1..20.0).contains(f));
                 cameras.push(PlannedCamera { name, photos: 0, size_px: [width, height], focal_per_side, color: None });
                 cameras.len() - 1
@@ -98,8 +101,8 @@ pub(super) fn note_cameras(photos: &[Photograph], cameras: &[PlannedCamera], not
     }
 }
 
-/// Gives the cameras of a RAW set one white balance, each with its own matrix, because each body has
-/// colours of its own.
+/// Gives the cameras of a RAW set one white balance, each with its own matrix, because each body
+/// has colours of its own.
 pub(super) fn balance(
     photos: &[Photograph],
     camera_of: &[usize],
@@ -119,7 +122,7 @@ pub(super) fn balance(
         let neutral = match chosen.or_else(|| median_neutral(&as_shot)) {
             Some(neutral) => neutral,
             None => {
-                let text = format!("{}: no white balance in the files; taken as shot in the light its matrix is for", camera.name);
+                let text = format!("{}: no white balance in the files; assumed as shot in the light its matrix is for", camera.name);
                 notes.push(PrepareNote::new(text));
                 [1.0; 3]
             }
@@ -129,7 +132,7 @@ pub(super) fn balance(
             PrepareError::new(format!("{}: {error}", photos[first].file_name())).with_remedy(remedy)
         })?;
         if color.is_none() {
-            let text = format!("{}: no colour matrix in the files: camera colours are taken for {}", camera.name, space.name());
+            let text = format!("{}: no colour matrix in the files: camera colours are treated as {}", camera.name, space.name());
             notes.push(PrepareNote::new(text));
         }
         let gains = CameraColor::balance(neutral).map_err(PrepareError::new)?;
@@ -159,7 +162,8 @@ fn chosen_neutral(photos: &[Photograph], choice: &WhiteBalance) -> Result<Option
     }
 }
 
-/// Returns the matrix from balanced camera colours to `space`, or `None` without matrices in the file.
+/// Returns the matrix from balanced camera colours to `space`, or `None` without matrices in the
+/// file.
 fn matrix_from_raw(raw: Option<&RawInfo>, neutral: [f64; 3], space: ColorSpace) -> Result<Option<DMat3>, CameraColorError> {
     let Some(raw) = raw.filter(|raw| !raw.camera_from_xyz.is_empty()) else { return Ok(None) };
     let rows = |m: &[f64; 9]| DMat3::from_cols_array(m).transpose();

@@ -9,7 +9,7 @@ use luxel_core::Remedy;
 pub struct PrepareError {
     /// Place, expected and found; lower case, no full stop.
     pub message: String,
-    /// What to do about it.
+    /// Remedy, if an option or a change to the capture helps.
     pub remedy: Option<Remedy>,
 }
 
@@ -37,9 +37,9 @@ impl std::error::Error for PrepareError {}
 /// A remark for the user about a capture, which stops nothing.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PrepareNote {
-    /// What was found.
+    /// Finding, in a form for people.
     pub text: String,
-    /// What to do about it.
+    /// Remedy, if an option or a change to the capture helps.
     pub remedy: Option<Remedy>,
 }
 

@@ -1,4 +1,4 @@
-//! Listed exposures in the place of what EXIF says; what a line leaves out stays EXIF's.
+//! Exposures from a list in place of those in EXIF; values that a line leaves out stay EXIF's.
 
 use std::collections::BTreeMap;
 
@@ -10,8 +10,8 @@ use crate::Exposure;
 /// Names that a message lists.
 const MAX_LISTED: usize = 3;
 
-/// Gives photographs the exposures that a list has for their names, with or without extension. Returns
-/// a note on lines without a photograph.
+/// Gives photographs the exposures that a list has for their names, with or without extension.
+/// Returns a note on lines without a photograph.
 ///
 /// # Errors
 /// A list that names no photograph.

@@ -1,7 +1,7 @@
 //! Frames from decoded photographs: tables from black, white and response curves.
 //!
-//! In: samples as stored with what their headers say. Out: [`CapturedFrame`]. Degenerate: a mosaic that
-//! is not a Bayer cell makes no frame.
+//! In: samples as stored with the facts from their headers. Out: [`CapturedFrame`]. Degenerate: a
+//! mosaic that is not a Bayer cell makes no frame.
 
 use std::sync::Arc;
 
@@ -9,8 +9,8 @@ use luxel_core::photo::{Codes, RawInfo, RawPixels};
 
 use crate::{CapturedFrame, Cell, CodeTransfer, Exposure, ResponseCurve, SampleLayout, SignalNoise};
 
-/// Share of the range below white from which on a RAW sample counts as saturated: sensors bend before
-/// they stop.
+/// Share of the range below white from which on a RAW sample counts as saturated: sensors bend
+/// before they stop.
 const RAW_CLIP: f32 = 0.985;
 /// Uncertainty of a rounded code, in codes.
 const ROUNDING: f32 = 0.29;
@@ -25,7 +25,7 @@ pub fn raw_frame(pixels: RawPixels, info: &RawInfo, exposure: &Exposure) -> Opti
         None => SampleLayout::Rgb,
     };
     let transfers = (0..layout.phases()).map(|phase| raw_transfer(black[phase], white)).collect();
-    // A camera that exposes less than its ISO speed says has that much less signal.
+    // A camera that exposes less than its ISO speed implies has that much less signal.
     let signal_per_radiance = exposure.signal_per_radiance() * (-info.baseline_exposure_ev).exp2();
     let noise = match info.noise {
         Some([shot, offset]) => SignalNoise { shot: shot as f32, read: offset.sqrt() as f32 },
@@ -40,7 +40,7 @@ fn raw_transfer(black: f32, white: f32) -> CodeTransfer {
     let codes = (white.max(0.0) as usize + 1).min(1 << 16);
     let signal = (0..codes).map(|code| (code as f32 - black) / range).collect();
     let clip = (black + RAW_CLIP * range) as usize;
-    // Noise at black is both above and below it: only what lies a code under it says "at most".
+    // Noise at black is both above and below it: only codes under it mean "at most".
     CodeTransfer::new(signal, (black - 1.0).max(0.0) as usize, clip, ROUNDING)
 }
 
@@ -79,8 +79,8 @@ impl CurveTables {
     }
 }
 
-/// Keeps every n-th pixel of every n-th row of an RGB frame, about 40,000 in all: enough to recover a
-/// response curve from.
+/// Keeps every n-th pixel of every n-th row of an RGB frame, about 40,000 in all: enough to recover
+/// a response curve from.
 pub fn thinned(frame: &CapturedFrame) -> CapturedFrame {
     let step = ((frame.width * frame.height) as f64 / THINNED_PIXELS as f64).sqrt().max(1.0) as usize;
     thinned_by(frame, step)

@@ -1,10 +1,10 @@
 //! Decisions about a folder of photographs that is to become a data set, without its files.
 //!
 //! [`select`] drops duplicates, [`apply_exposure_list`] adds listed exposures, [`plan`] decides
-//! cameras, exposures, brackets and white balance from headers, [`choose_response`] finds the response
-//! curve of developed pictures, [`raw_frame`] and [`developed_frame`] make [`CapturedFrame`]s of
-//! decoded samples, and [`advice`] says what to photograph again. Whoever reads and writes files calls
-//! these in between.
+//! cameras, exposures, brackets and white balance from headers, [`choose_response`] finds the
+//! response curve of developed pictures, [`raw_frame`] and [`developed_frame`] make
+//! [`CapturedFrame`]s of decoded samples, and [`advice`] lists what to photograph again. The
+//! program that reads and writes files calls these in between.
 //!
 //! [`CapturedFrame`]: crate::CapturedFrame
 

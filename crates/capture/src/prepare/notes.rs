@@ -1,5 +1,5 @@
-//! Notes about what is odd in a set of photographs: primaries, incomplete brackets, corrections that
-//! files ask for.
+//! Notes about what is odd in a set of photographs: primaries, incomplete brackets, corrections
+//! that files ask for.
 
 use std::collections::BTreeMap;
 
@@ -24,7 +24,7 @@ pub(super) fn note_primaries(photos: &[Photograph], input_space: ColorSpace, not
     for ((profile, primaries), n) in counts {
         let pictures = plural(n, "picture");
         let note = match (profile, primaries) {
-            // The default is no news.
+            // The default needs no note.
             (None, None) => continue,
             (_, Some(primaries)) if primaries == ColorSpace::LinearRec709.name() => continue,
             (Some(name), Some(primaries)) => {
@@ -32,7 +32,7 @@ pub(super) fn note_primaries(photos: &[Photograph], input_space: ColorSpace, not
             }
             (None, Some(primaries)) => PrepareNote::new(format!("{pictures} with primaries of their own: colours are those of {primaries}")),
             (Some(name), None) => PrepareNote::new(format!(
-                "not applied, but carried by {pictures}: the ICC profile \"{name}\", whose primaries are none of {}; colours are taken for {}",
+                "not applied, but carried by {pictures}: the ICC profile \"{name}\", whose primaries are none of {}; colours are treated as {}",
                 ColorSpace::NAMES,
                 input_space.name()
             ))
@@ -77,6 +77,6 @@ pub(super) fn note_corrections_not_applied(photos: &[Photograph], notes: &mut Ve
         *counts.entry(what).or_default() += 1;
     }
     for (what, n) in counts {
-        notes.push(PrepareNote::new(format!("not applied, but asked for by {}: {what}", plural(n, "file"))));
+        notes.push(PrepareNote::new(format!("not applied, but requested by {}: {what}", plural(n, "file"))));
     }
 }

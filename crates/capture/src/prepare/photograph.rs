@@ -1,8 +1,8 @@
 //! Photographs by their headers, and which of them take part.
 //!
-//! In: [`Photograph`]s of one folder, sorted by name. Out: [`Selection`]: the second of two equal files
-//! and the picture beside a RAW file of its name are left out, with the reason. Degenerate: files of
-//! more than one kind have no common scale and are an error.
+//! In: [`Photograph`]s of one folder, sorted by name. Out: [`Selection`]: the second of two equal
+//! files and the picture beside a RAW file of its name are left out, with the reason. Degenerate:
+//! files of more than one kind have no common scale and are an error.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -53,7 +53,8 @@ pub struct Selection {
     pub left_out: Vec<LeftOut>,
 }
 
-/// Leaves out duplicates and pictures beside a RAW file, and appends them to those left out already.
+/// Leaves out duplicates and pictures beside a RAW file, and appends them to those left out
+/// already.
 ///
 /// # Errors
 /// Photographs of more than one kind.
@@ -93,13 +94,13 @@ fn leave_out_pictures_beside_raw(selection: &mut Selection) {
         let chosen = best.get(&photo.stem).map(|(_, name)| name.clone()).unwrap_or_default();
         let is_chosen = chosen == photo.file_name();
         if !is_chosen {
-            left_out.push(LeftOut { file: photo.file_name(), reason: format!("{chosen} of the same name is taken") });
+            left_out.push(LeftOut { file: photo.file_name(), reason: format!("{chosen} of the same name is used") });
         }
         is_chosen
     });
 }
 
-/// Refuses mixed kinds: radiance has a scale of its own, and a developer's curve is no sensor's.
+/// Refuses mixed kinds: radiance has a scale of its own, and a developer's curve is not a sensor's.
 fn check_one_kind(photos: &[Photograph]) -> Result<(), PrepareError> {
     let count = |kind| photos.iter().filter(|p| p.info.kind == kind).count();
     let kinds = [(PhotoKind::Raw, "RAW"), (PhotoKind::Developed, "JPEG, PNG or TIFF"), (PhotoKind::Radiance, "OpenEXR or HDR")];

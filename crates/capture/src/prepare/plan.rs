@@ -1,9 +1,9 @@
-//! What is done with the photographs, decided from their headers: cameras, exposures, brackets, white
-//! balance.
+//! The plan for a set of photographs, decided from their headers: cameras, exposures, brackets,
+//! white balance.
 //!
-//! In: [`Photograph`]s and [`PlanOptions`]. Out: [`Plan`]: views with the indices of their frames, and
-//! notes about what is odd. Degenerate: photographs of which none states its exposure are treated as
-//! exposed alike; if only some do, that is an error.
+//! In: [`Photograph`]s and [`PlanOptions`]. Out: [`Plan`]: views with the indices of their frames,
+//! and notes about what is odd. Degenerate: photographs of which none states its exposure are
+//! treated as exposed alike; if only some do, that is an error.
 
 use luxel_core::photo::PhotoKind;
 use luxel_core::text::plural;
@@ -74,8 +74,8 @@ pub struct PlanOptions {
 /// Refuses options that photographs of this kind have no use for.
 ///
 /// # Errors
-/// A list of exposures for radiance, a response curve for linear files, a white balance for files that
-/// have theirs already.
+/// A list of exposures for radiance, a response curve for linear files, a white balance for files
+/// that have theirs already.
 pub fn check_options(options: &PlanOptions, photos: &[Photograph]) -> Result<(), PrepareError> {
     let kind = kind_of(photos);
     let refuse = |option, message: &str| Err(PrepareError::new(message).with_remedy(Remedy::leave_out(option)));
@@ -94,7 +94,8 @@ pub fn check_options(options: &PlanOptions, photos: &[Photograph]) -> Result<(),
     Ok(())
 }
 
-/// Decides what is done with the photographs. Those without an exposure get one where that is sound.
+/// Decides what is done with the photographs. Those without an exposure get one where that is
+/// sound.
 ///
 /// ```
 /// use luxel_capture::Exposure;
@@ -128,8 +129,8 @@ pub fn check_options(options: &PlanOptions, photos: &[Photograph]) -> Result<(),
 /// ```
 ///
 /// # Errors
-/// Exposures that only some photographs have, brackets that do not fit the rule, and a white balance
-/// that cannot be found.
+/// Exposures that only some photographs have, brackets that do not fit the rule, and a white
+/// balance that cannot be found.
 pub fn plan(photos: &mut [Photograph], options: &PlanOptions) -> Result<Plan, PrepareError> {
     let mut notes = Vec::new();
     let kind = kind_of(photos);
@@ -197,7 +198,7 @@ fn complete_exposures(
             let message = "no photograph has its exposure in EXIF, and brackets need it";
             return Err(PrepareError::new(message).with_remedy(Remedy::give("exposures")));
         }
-        let text = "no photograph has its exposure in EXIF: all are taken as exposed alike, which may be wrong";
+        let text = "no photograph has its exposure in EXIF: all are treated as exposed alike, which may be wrong";
         notes.push(PrepareNote::new(text).with_remedy(Remedy::give("exposures")));
         for photo in photos.iter_mut() {
             photo.exposure = Some(Exposure { seconds: 1.0, iso: None, f_number: None });
@@ -223,7 +224,7 @@ fn complete_exposures(
         let without = has.iter().filter(|h| !**h).count();
         if without == has.len() {
             is_absolute = false;
-            let text = format!("no photograph has its {what} in EXIF: all are taken to have the same, and radiance is not in cd/m2");
+            let text = format!("no photograph has its {what} in EXIF: all are assumed to have the same, and radiance is not in cd/m2");
             notes.push(PrepareNote::new(text));
         } else if without > 0 {
             let name = photos.iter().zip(&has).find(|(_, h)| !**h).map(|(p, _)| p.file_name()).unwrap_or_default();

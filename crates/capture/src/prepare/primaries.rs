@@ -2,7 +2,8 @@
 
 use luxel_core::{Chromaticities, ColorSpace, Conversion};
 
-/// Returns the conversion to `scene` from the primaries that a picture states, or else from `input`.
+/// Returns the conversion to `scene` from the primaries that a picture states, or else from
+/// `input`.
 pub fn conversion_from(stated: Option<Chromaticities>, input: ColorSpace, scene: ColorSpace) -> Conversion {
     // Primaries of a named space are rounded in files.
     let named = stated.and_then(|found| ColorSpace::of_chromaticities(&found));

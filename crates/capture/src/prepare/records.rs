@@ -1,4 +1,4 @@
-//! What is recorded of each finished view, and what structure from motion found.
+//! Records of finished views, and the result of structure from motion.
 
 use std::collections::BTreeMap;
 
@@ -51,8 +51,8 @@ pub struct Registration {
     pub views: BTreeMap<String, RegisteredView>,
     /// Number of points.
     pub points: usize,
-    /// Mean distance between where points are seen and where the cameras project them, pixels of the
-    /// proxies.
+    /// Mean distance between where points are seen and where the cameras project them, pixels of
+    /// the proxies.
     pub mean_error_px: f64,
     /// Mean number of views that see a point.
     pub mean_track: f64,
@@ -73,7 +73,8 @@ pub struct RegisteredView {
     pub kept: f64,
 }
 
-/// Returns the stops from the darkest thousandth of any view to the brightest; 0 where there is no light.
+/// Returns the stops from the darkest thousandth of any view to the brightest; 0 where there is no
+/// light.
 pub fn range_stops(views: &[ViewRecord]) -> f32 {
     let dark = views.iter().map(|v| v.figures.dark_luminance).filter(|l| *l > 0.0).fold(f32::INFINITY, f32::min);
     let bright = views.iter().map(|v| v.figures.bright_luminance).fold(0.0, f32::max);

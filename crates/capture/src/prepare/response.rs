@@ -1,7 +1,7 @@
 //! The response curve of a set of developed pictures.
 //!
-//! In: the plan, the user's choice, and thinned frames of a few brackets. Out: [`SetCurve`], and a note
-//! in the plan about what was assumed. Degenerate: RAW files and radiance need no curve.
+//! In: the plan, the user's choice, and thinned frames of a few brackets. Out: [`SetCurve`], and a
+//! note in the plan about what was assumed. Degenerate: RAW files and radiance need no curve.
 
 use luxel_core::Remedy;
 use luxel_core::photo::PhotoKind;
@@ -54,8 +54,8 @@ pub fn views_for_response(plan: &Plan) -> Vec<&PlannedView> {
     bracketed.into_iter().step_by(step).collect()
 }
 
-/// Chooses the curve, or returns `None` where none is needed. `read_brackets` decodes the brackets of
-/// [`views_for_response`], thinned; it is called only if the curve is to be recovered.
+/// Chooses the curve, or returns `None` where none is needed. `read_brackets` decodes the brackets
+/// of [`views_for_response`], thinned; it is called only if the curve is to be recovered.
 ///
 /// # Errors
 /// A curve that has to be recovered and cannot be.

@@ -249,7 +249,7 @@ fn photographs_without_exposure_are_an_error_with_a_remedy() {
     // None at all has any: taken as exposed alike, which is said.
     write(&photos, "a_1.jpg", &Shot { seconds: None, view: 3, ..SHOT });
     let run = prepare(&photos, &folder.path().join("other"), &[]);
-    assert!(run.status.success() && said(&run).contains("all are taken as exposed alike"), "{}", said(&run));
+    assert!(run.status.success() && said(&run).contains("all are treated as exposed alike"), "{}", said(&run));
 }
 
 #[test]

@@ -1,5 +1,5 @@
-//! The exposure of a display bake: the log-average luminance of the splats, weighted by opacity and size, comes to middle grey (Reinhard et
-//! al. 2002).
+//! The exposure of a display bake: the log-average luminance of the splats, weighted by opacity and
+//! size, comes to middle grey (Reinhard et al. 2002).
 //!
 //! In: a scene. Out: a factor on its normalised radiance; 1 for a black or empty scene.
 
@@ -8,12 +8,15 @@ use rayon::prelude::*;
 
 /// The linear display value that an average scene is exposed to.
 pub const MIDDLE_GREY: f64 = 0.18;
-/// Luminance below this part of the weighted median counts as this much, so that black splats do not pull the average to 0.
+/// Luminance below this part of the weighted median counts as this much, so that black splats do
+/// not pull the average to 0.
 const DARKEST: f64 = 1e-3;
-/// Area above this many times the median counts as this much: a few huge splats (sky, backdrop) do not set the exposure.
+/// Area above this many times the median counts as this much: a few huge splats (sky, backdrop) do
+/// not set the exposure.
 const LARGEST: f64 = 16.0;
 
-/// The exposure of a display bake that no views are known for: a factor on normalised radiance, 1 for a black or empty scene.
+/// Returns the exposure of a display bake without views to measure it by: a factor on normalised
+/// radiance, 1 for a black or empty scene.
 pub fn display_exposure(scene: &Scene) -> f32 {
     let splats = &scene.splats;
     let views = sh::lattice(6);
@@ -30,14 +33,14 @@ pub fn display_exposure(scene: &Scene) -> f32 {
     if darkest > 0.0 && exposure.is_normal() { exposure } else { 1.0 }
 }
 
-/// Product of the two larger standard deviations.
+/// Returns the product of the two larger standard deviations.
 fn cross_section(log_scale: [f32; 3]) -> f64 {
     let smallest = log_scale.into_iter().fold(f32::INFINITY, f32::min);
     let larger = log_scale.iter().map(|s| f64::from(*s)).sum::<f64>() - f64::from(smallest);
     larger.clamp(-200.0, 200.0).exp()
 }
 
-/// Value at half the total weight, of (value, weight); 0 for none.
+/// Returns the value at half the total weight, of (value, weight); 0 for none.
 fn median(mut values: Vec<(f64, f64)>) -> f64 {
     values.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
     let half = 0.5 * values.iter().map(|v| v.1).sum::<f64>();

@@ -1,9 +1,11 @@
 //! Harmonics of a splat's baked colour.
 //!
-//! In: a scene, and what its bake shall look like. Out, per splat: harmonics [K,3] of a colour d(v) = 1/2 + sum_m k_m Y_m(v). d is the splat's
-//! radiance times one exposure, in the bake's colour space, under a curve if it is for a display, fitted by least squares over
-//! [`DIRECTIONS`] viewing directions to harmonics of degree min(3, the model's). Radiance harmonics in a linear bake need no fit: what
-//! is done to them is linear. Where a fit undershoots, it is drawn towards its mean until it does not.
+//! In: a scene, and what its bake shall look like. Out, per splat: harmonics [K,3] of a colour d(v)
+//! = 1/2 + sum_m k_m Y_m(v). d is the splat's radiance times one exposure, in the bake's colour
+//! space, under a curve if it is for a display, fitted by least squares over [`DIRECTIONS`] viewing
+//! directions to harmonics of degree min(3, the model's). Radiance harmonics in a linear bake need
+//! no fit: what is done to them is linear. Where a fit undershoots, it is drawn towards its mean
+//! until it does not.
 
 use luxel_core::tone::{Tonemap, rec709_of};
 use luxel_core::{ColorBasis, ColorModel, ColorSpace, Conversion, SH_OFFSET, Scene, Splats, sh};
@@ -15,13 +17,14 @@ use super::{Appearance, BakeOptions, bounded};
 const DIRECTIONS: usize = 64;
 /// Directions in which the result is held to be >= 0.
 const CHECKED_DIRECTIONS: usize = 256;
-/// No direction is further than h = 0.13 from a checked one, and near its minimum a harmonic sum of degree 3 and depth A rises by at most about
-/// A l (l + 1) / 4 h^2 = 0.05 A over that distance: the true minimum is at most this many times as deep as the checked one.
+/// No direction is further than h = 0.13 from a checked one, and near its minimum a harmonic sum of
+/// degree 3 and depth A rises by at most about A l (l + 1) / 4 h^2 = 0.05 A over that distance: the
+/// true minimum is at most this many times as deep as the checked one.
 const BETWEEN_CHECKS: f32 = 1.05;
 /// Harmonics of a channel at the highest degree that ordinary viewers read.
 pub(crate) const MAX_BAKED: usize = sh::coefficients(3);
 
-/// What becomes of a radiance.
+/// The treatment of a radiance.
 enum Look {
     Display { tonemap: Tonemap, color_space: ColorSpace },
     Linear { conversion: Conversion },
@@ -88,26 +91,27 @@ impl Bake {
                 (scene.radiance_scale.get() * exposure_ev.exp2(), Look::Linear { conversion })
             }
         };
-        // The smallest and largest exposures are those of scenes that can be read, times 2^EV: neither 0 nor infinity may come of it.
+        // The smallest and largest exposures are those of scenes that can be read, times 2^EV:
+        // the result may be neither 0 nor infinity.
         Self { degree, exposure: exposure.clamp(f32::MIN_POSITIVE, f32::MAX), look, views, fit, lift: Lift::new(degree) }
     }
 
-    /// Degree of the result.
+    /// Returns the degree of the result.
     pub(crate) fn degree(&self) -> usize {
         self.degree
     }
 
-    /// K of the result.
+    /// Returns the number of coefficients K of the result.
     pub(crate) fn coefficients(&self) -> usize {
         sh::coefficients(self.degree)
     }
 
-    /// Factor from normalised radiance to what is baked, before any curve.
+    /// Returns the factor from normalised radiance to what is baked, before any curve.
     pub(crate) fn exposure(&self) -> f32 {
         self.exposure
     }
 
-    /// What was done, for the file's header.
+    /// Describes the bake, for the file's header.
     pub(crate) fn description(&self) -> String {
         match &self.look {
             Look::Display { tonemap, .. } => format!(
@@ -119,7 +123,7 @@ impl Bake {
         }
     }
 
-    /// Harmonics of splat `i`'s colour, by channel; entries from K on are 0.
+    /// Returns the harmonics of splat `i`'s colour, by channel; entries from K on are 0.
     pub(crate) fn splat(&self, splats: &Splats, i: usize) -> [[f32; MAX_BAKED]; 3] {
         if let (Look::Linear { conversion }, ColorModel::Sh { .. }) = (&self.look, splats.color_model) {
             return self.linear_harmonics(splats.sh_of(i), conversion);
@@ -138,7 +142,7 @@ impl Bake {
         channels
     }
 
-    /// k' = f M k, and the offset of 1/2 moves into the DC: no fit, no lift.
+    /// Computes k' = f M k, and moves the offset of 1/2 into the DC: no fit, no lift.
     fn linear_harmonics(&self, from: &[f32], conversion: &Conversion) -> [[f32; MAX_BAKED]; 3] {
         let mut sh = [0f32; 3 * MAX_BAKED];
         let kept = 3 * self.coefficients();
@@ -156,7 +160,7 @@ impl Bake {
         channels
     }
 
-    /// Baked colour of a radiance.
+    /// Returns the baked colour of a radiance.
     fn color(&self, radiance: [f32; 3]) -> [f32; 3] {
         let exposed = radiance.map(|c| bounded(c * self.exposure));
         match &self.look {
@@ -174,8 +178,9 @@ fn low_basis(direction: [f32; 3]) -> [f32; MAX_BAKED] {
     low
 }
 
-/// Transpose of (A^T A)^-1 A^T of the basis values A [DIRECTIONS, count], by Gauss-Jordan elimination: A^T A is nearly a multiple of the identity,
-/// as the directions are nearly even, and needs no pivoting.
+/// Computes the transpose of (A^T A)^-1 A^T of the basis values A [DIRECTIONS, count], by
+/// Gauss-Jordan elimination: A^T A is nearly a multiple of the identity, as the directions are
+/// nearly even, and needs no pivoting.
 fn pseudo_inverse(directions: &[[f32; 3]], count: usize) -> Vec<[f32; MAX_BAKED]> {
     let a: Vec<[f64; MAX_BAKED]> = directions.iter().map(|v| low_basis(*v).map(f64::from)).collect();
     let mut gram = [[0f64; MAX_BAKED]; MAX_BAKED];

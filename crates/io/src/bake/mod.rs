@@ -1,15 +1,19 @@
 //! Bakes: a radiance scene as plain harmonics, which files of other programs can hold.
 //!
-//! In: a scene of any colour model. Out: [`Baked`], a scene of [`ColorModel::Sh`] of degree <= 3 in one of two appearances:
-//! - [`Appearance::Linear`]: radiance in the units of the data set times an exposure, in a colour space of choice, unbounded. Harmonics stay
-//!   harmonics, exactly (matrix and exposure are linear); luminance times chromaticity is fitted by least squares.
-//! - [`Appearance::Display`]: colours 0..1 for an sRGB screen, under a tone curve. Tone mapping per splat does not commute with blending: it
-//!   is a preview, and may be refined against tone-mapped renders.
+//! In: a scene of any colour model. Out: [`Baked`], a scene of [`ColorModel::Sh`] of degree <= 3 in
+//! one of two appearances:
+//! - [`Appearance::Linear`]: radiance in the units of the data set times an exposure, in a colour
+//!   space of choice, unbounded. Harmonics stay harmonics, exactly (matrix and exposure are
+//!   linear); luminance times chromaticity is fitted by least squares.
+//! - [`Appearance::Display`]: colours 0..1 for an sRGB screen, under a tone curve. Tone mapping per
+//!   splat does not commute with blending: it is a preview, and may be refined against tone-mapped
+//!   renders.
 //!
-//! In both, a 3D smoothing filter is applied to scales and opacities, as other programs do not know it.
+//! In both, a 3D smoothing filter is applied to scales and opacities, as other programs do not know
+//! it.
 //!
-//! Degenerate: where a fit undershoots 0 its view dependence is drawn towards the mean until it does not: viewers that do not clamp show
-//! negative colours as rainbow speckle.
+//! Degenerate: where a fit undershoots 0 its view dependence is drawn towards the mean until it
+//! does not: viewers that do not clamp show negative colours as rainbow speckle.
 
 mod exposure;
 mod fit;
@@ -29,7 +33,7 @@ fn bounded(radiance: f32) -> f32 {
     if radiance > 0.0 { radiance.min(f32::MAX / 16.0) } else { 0.0 }
 }
 
-/// What a bake looks like.
+/// The appearance of a bake.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Appearance {
     /// For a screen: tone-mapped and sRGB-encoded.
@@ -41,7 +45,7 @@ pub enum Appearance {
     },
     /// Scene-linear radiance in the units of the data set.
     Linear {
-        /// Of the harmonics' colours.
+        /// Space of the harmonics' colours.
         color_space: ColorSpace,
         /// Stops.
         exposure_ev: f32,
@@ -49,14 +53,14 @@ pub enum Appearance {
 }
 
 impl Appearance {
-    /// What the scene file's own display layer is.
+    /// The appearance of the scene file's own display layer.
     pub const PREVIEW: Self = Self::Display { tonemap: Tonemap::Agx, exposure_ev: 0.0 };
 }
 
 /// How to bake.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BakeOptions {
-    /// What it looks like.
+    /// Appearance.
     pub appearance: Appearance,
     /// Highest degree of the harmonics, 0 to 3; never above the model's.
     pub max_degree: u8,
@@ -65,9 +69,10 @@ pub struct BakeOptions {
 /// A baked scene.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Baked {
-    /// Harmonics of display colours or of radiance, `radiance_scale` 1, to be rendered with its own `raster`.
+    /// Harmonics of display colours or of radiance, `radiance_scale` 1, to be rendered with its own
+    /// `raster`.
     pub scene: Scene,
-    /// What was asked for.
+    /// Appearance that was requested.
     pub appearance: Appearance,
     /// Factor from the scene's normalised radiance to what was baked, before any curve.
     pub exposure: f32,
@@ -105,7 +110,7 @@ impl Baked {
                 (ColorSpace::LinearRec709, RasterConfig { cutoffs: Cutoffs::PARITY, antialias: Antialias::Off, ..RasterConfig::default() })
             }
             Appearance::Linear { color_space, .. } => {
-                // What is skipped is said in units of radiance: they change with it.
+                // Thresholds for skipping are in units of radiance and scale with it.
                 let cutoffs = scene.raster.cutoffs;
                 let cutoffs = Cutoffs { min_contribution: cutoffs.min_contribution * bake.exposure(), ..cutoffs };
                 (color_space, RasterConfig { cutoffs, ..scene.raster })
@@ -119,7 +124,7 @@ impl Baked {
         }
     }
 
-    /// What was done, in words.
+    /// Describes the bake in words.
     pub fn description(&self) -> String {
         let degree = self.scene.splats.color_model.sh_degree();
         match self.appearance {
@@ -133,7 +138,8 @@ impl Baked {
         }
     }
 
-    /// Draws view dependence towards the mean where a channel would be negative: after harmonics were changed.
+    /// Draws view dependence towards the mean where a channel would be negative: after harmonics
+    /// were changed.
     pub fn lift_negative(&mut self) {
         let splats = &mut self.scene.splats;
         let lift = fit::Lift::new(splats.color_model.sh_degree());
@@ -156,8 +162,8 @@ impl Baked {
     }
 }
 
-/// Log scale and opacity logit with the 3D smoothing filter of `deviation` applied: variances add, and the opacity shrinks by the ratio
-/// of volumes (Yu et al. 2024, eq. 9).
+/// Returns the log scale and opacity logit with the 3D smoothing filter of `deviation` applied:
+/// variances add, and the opacity shrinks by the ratio of volumes (Yu et al. 2024, eq. 9).
 pub(crate) fn smoothed(log_scale: [f32; 3], opacity_logit: f32, deviation: f32) -> ([f32; 3], f32) {
     // The range within which a variance neither vanishes nor overflows.
     let variance = |log_scale: f32| (2.0 * f64::from(log_scale).clamp(-100.0, 100.0)).exp();

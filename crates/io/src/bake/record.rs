@@ -1,5 +1,6 @@
-//! What a file says about its bake, so that it is read back as what it is: one JSON object under the key `luxel`, wherever the format has a
-//! place for it (PLY: a comment; USD: custom layer data; glTF: the asset's extras).
+//! The record of a bake in its file, so that it is read back as what it is: one JSON object under
+//! the key `luxel`, wherever the format has a place for it (PLY: a comment; USD: custom layer data;
+//! glTF: the asset's extras).
 
 use glam::DMat3;
 use luxel_core::tone::Tonemap;
@@ -18,16 +19,16 @@ const VERSION: u32 = 1;
 /// A bake in words.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct BakeRecord {
-    /// Of this record.
+    /// Version of this record.
     version: u32,
     /// `linear` or `display`.
     bake: Kind,
-    /// Of a display bake.
+    /// Tone curve of a display bake.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     tonemap: Option<Tonemap>,
     /// Factor on the scene's normalised radiance.
     exposure: f32,
-    /// Of the harmonics' colours; a display bake is sRGB.
+    /// Space of the harmonics' colours; a display bake is sRGB.
     color_space: ColorSpace,
     /// How to rasterise.
     raster: RasterConfig,
@@ -52,14 +53,15 @@ pub(crate) struct WorldRecord {
 }
 
 impl WorldRecord {
-    /// `None` for the identity.
-    pub(crate) fn of(similarity: &Similarity) -> Option<Self> {
+    /// Returns the record of a similarity; `None` for the identity.
+    pub(crate) fn from_similarity(similarity: &Similarity) -> Option<Self> {
         let rotation = similarity.rotation();
         let record = Self { rotation: [0, 1, 2].map(|row| rotation.row(row).to_array()), scale: similarity.scale() };
         (!similarity.is_identity()).then_some(record)
     }
 
-    /// The similarity; `None` if it is none, or of a scale that no length in f32 has.
+    /// Returns the similarity; `None` if the record describes none, or of a scale that no length in
+    /// f32 has.
     pub(crate) fn similarity(&self) -> Option<Similarity> {
         if !(self.scale as f32).is_normal() {
             return None;
@@ -67,17 +69,18 @@ impl WorldRecord {
         Similarity::new(DMat3::from_cols_array_2d(&self.rotation).transpose(), self.scale, glam::DVec3::ZERO)
     }
 
-    /// Brings a file's splats to the world of the data set; `Err` says which of them is not finite there.
+    /// Moves a file's splats to the world of the data set; the error names the splat that is not
+    /// finite there.
     pub(crate) fn undo(&self, splats: &mut Splats) -> Result<(), String> {
-        let similarity = self.similarity().ok_or("the file's world is not that of a rotation and a positive scale")?;
+        let similarity = self.similarity().ok_or("the file's world is not a rotation and a positive scale of the data set's")?;
         similarity.inverse().apply(splats);
         splats.validate().map_err(|e| format!("in the world of the data set, of which the file's is {} times the size: {e}", self.scale))
     }
 }
 
 impl BakeRecord {
-    /// Of a bake.
-    pub(crate) fn of(baked: &Baked) -> Self {
+    /// Returns the record of a bake.
+    pub(crate) fn from_bake(baked: &Baked) -> Self {
         let (bake, tonemap) = match baked.appearance {
             Appearance::Linear { .. } => (Kind::Linear, None),
             Appearance::Display { tonemap, .. } => (Kind::Display, Some(tonemap)),
@@ -89,16 +92,16 @@ impl BakeRecord {
             exposure: baked.exposure,
             color_space: baked.scene.color_space,
             raster: baked.scene.raster,
-            file_from_world: WorldRecord::of(&baked.file_from_world),
+            file_from_world: WorldRecord::from_similarity(&baked.file_from_world),
         }
     }
 
-    /// As JSON on one line.
+    /// Returns the record as JSON on one line.
     pub(crate) fn json(&self) -> serde_json::Result<String> {
         serde_json::to_string(self)
     }
 
-    /// From JSON; `Err` says what is wrong.
+    /// Parses a record from JSON; the error explains what is wrong.
     pub(crate) fn parse(json: &str) -> Result<Self, String> {
         let record: Self = serde_json::from_str(json).map_err(|e| format!("record of the bake: {e}"))?;
         if record.version != VERSION {
@@ -113,7 +116,8 @@ impl BakeRecord {
         Ok(record)
     }
 
-    /// The scene of a file's splats, in the world of the data set; `Err` says which of them is not finite there.
+    /// Returns the scene of a file's splats, in the world of the data set; the error names the
+    /// splat that is not finite there.
     pub(crate) fn scene(&self, mut splats: Splats) -> Result<Scene, String> {
         if let Some(world) = self.file_from_world {
             world.undo(&mut splats)?;

@@ -68,7 +68,7 @@ fn a_record_brings_a_scene_back_to_its_world() {
     let turn = glam::DMat3::from_cols(glam::DVec3::X, glam::DVec3::NEG_Y, glam::DVec3::NEG_Z);
     baked.transform(&Similarity::turn(turn).unwrap());
     assert_ne!(baked.scene.splats.position, before.splats.position);
-    let record = BakeRecord::parse(&BakeRecord::of(&baked).json().unwrap()).unwrap();
+    let record = BakeRecord::parse(&BakeRecord::from_bake(&baked).json().unwrap()).unwrap();
     let back = record.scene(baked.scene.splats.clone()).unwrap();
     assert_eq!((back.color_space, back.raster, &back.splats.position), (before.color_space, before.raster, &before.splats.position));
     for v in DIRECTIONS {
@@ -83,7 +83,7 @@ fn splats_that_leave_the_numbers_of_their_world_are_refused() {
     baked.scene.splats.position[3] = [9.0; 3];
     let small = Similarity::new(glam::DMat3::IDENTITY, 1.2e-38, glam::DVec3::ZERO).unwrap();
     baked.file_from_world = small;
-    let json = BakeRecord::of(&baked).json().unwrap();
+    let json = BakeRecord::from_bake(&baked).json().unwrap();
     let error = BakeRecord::parse(&json).unwrap().scene(baked.scene.splats).unwrap_err();
     assert!(error.contains("position") && error.contains("the size"), "{error}");
     let smaller = json.replace("1.2e-38", "1e-300");
@@ -97,7 +97,7 @@ fn damaged_records_are_refused() {
     assert_eq!(baked.scene.splats.color_model, ColorModel::Sh { degree: 1 });
     let turn = glam::DMat3::from_cols(glam::DVec3::X, glam::DVec3::NEG_Y, glam::DVec3::NEG_Z);
     baked.transform(&Similarity::turn(turn).unwrap());
-    let json = BakeRecord::of(&baked).json().unwrap();
+    let json = BakeRecord::from_bake(&baked).json().unwrap();
     assert!(BakeRecord::parse(&json).is_ok());
     for (from, to) in [("\"version\":1", "\"version\":2"), ("linear-rec709", "cmyk"), ("\"scale\":1.0", "\"scale\":0.0"), ("-1.0", "-2.0")]
     {

@@ -20,21 +20,21 @@ pub struct CheckpointFile {
     pub path: PathBuf,
 }
 
-/// Where a run can be continued from.
+/// The checkpoint that a run can be continued from.
 #[derive(Debug)]
 pub struct LatestCheckpoint {
-    /// The newest checkpoint that can be read, and what it holds; `None` if there is none.
+    /// The newest checkpoint that can be read, and its content; `None` if there is none.
     pub newest: Option<(CheckpointFile, Snapshot)>,
     /// Why newer ones could not be read, newest first.
     pub damaged: Vec<IoError>,
 }
 
-/// Path of the checkpoint after `iteration` steps of the run in `run_dir`.
+/// Returns the path of the checkpoint after `iteration` steps of the run in `run_dir`.
 pub fn checkpoint_path(run_dir: &Path, iteration: u64) -> PathBuf {
     run_dir.join(FOLDER).join(format!("{PREFIX}{iteration:09}{SUFFIX}"))
 }
 
-/// The run's checkpoints by name, newest first; none if the run has no such folder yet.
+/// Returns the run's checkpoints by name, newest first; none if the run has no such folder yet.
 ///
 /// # Errors
 /// A folder that cannot be read.
@@ -54,7 +54,8 @@ pub fn list_checkpoints(run_dir: &Path) -> Result<Vec<CheckpointFile>, IoError> 
 /// Reads the newest checkpoint that is whole.
 ///
 /// # Errors
-/// A folder that cannot be read; files that cannot are told in [`LatestCheckpoint::damaged`].
+/// A folder that cannot be read; files that cannot be read are listed in
+/// [`LatestCheckpoint::damaged`].
 pub fn latest_checkpoint(run_dir: &Path) -> Result<LatestCheckpoint, IoError> {
     let mut damaged = Vec::new();
     for file in list_checkpoints(run_dir)? {
@@ -66,8 +67,8 @@ pub fn latest_checkpoint(run_dir: &Path) -> Result<LatestCheckpoint, IoError> {
     Ok(LatestCheckpoint { newest: None, damaged })
 }
 
-/// Removes all but the newest `keep` checkpoints (at least one is kept), and what a killed process left half-written. For the process
-/// that writes them, after it has written one.
+/// Removes all but the newest `keep` checkpoints (at least one is kept), and what a killed process
+/// left half-written. For the process that writes them, after it has written one.
 ///
 /// # Errors
 /// A folder that cannot be read or a file that cannot be removed.
@@ -83,7 +84,7 @@ pub fn prune_checkpoints(run_dir: &Path, keep: usize) -> Result<(), IoError> {
     Ok(())
 }
 
-/// Files of the checkpoint folder, in no order.
+/// Returns the files of the checkpoint folder, in no order.
 fn entries(run_dir: &Path) -> Result<Vec<PathBuf>, IoError> {
     let folder = run_dir.join(FOLDER);
     let system = |e: std::io::Error| IoError::system(&folder, "read folder", &e);

@@ -31,7 +31,7 @@ impl Values<'_> {
         }
     }
 
-    /// The values' bytes, least significant first, piece by piece.
+    /// Visits the values' bytes, least significant first, piece by piece.
     pub(super) fn for_each_piece(&self, mut each: impl FnMut(&[u8]) -> std::io::Result<()>) -> std::io::Result<()> {
         fn pieces<T: Copy>(
             values: &[T],
@@ -78,7 +78,7 @@ pub(super) fn names(is_averaged: bool) -> Vec<String> {
     GROUPS.into_iter().flat_map(group).chain(STATS.map(str::to_owned)).chain(average).collect()
 }
 
-/// All tensors of a snapshot.
+/// Returns all tensors of a snapshot.
 pub(super) fn tensors_of(snapshot: &Snapshot) -> Vec<Tensor<'_>> {
     let (splats, moments, stats) = (&snapshot.scene.splats, &snapshot.moments, &snapshot.stats);
     let n = splats.len();
@@ -93,7 +93,7 @@ pub(super) fn tensors_of(snapshot: &Snapshot) -> Vec<Tensor<'_>> {
         .collect()
 }
 
-/// Shape, whether it may be empty instead, and values, in the order of [`SPLATS`].
+/// Returns the shape, whether it may be empty instead, and values, in the order of [`SPLATS`].
 fn arrays(splats: &Splats, n: usize) -> [(Vec<usize>, bool, Values<'_>); 7] {
     let (k, m) = (splats.color_model.sh_coefficients(), splats.color_model.luminance_coefficients());
     [

@@ -62,7 +62,8 @@ proptest! {
         let bytes = encode_checkpoint(name(), &snapshot).unwrap();
         let read = decode_checkpoint(name(), &bytes).unwrap();
         prop_assert_eq!(&read, &snapshot);
-        // Equal floats of unequal bits (zeros of both signs) would show here: equal snapshots give equal files.
+        // Equal floats of unequal bits (zeros of both signs) would show here: equal snapshots give
+        // equal files.
         prop_assert_eq!(encode_checkpoint(name(), &read).unwrap(), bytes);
     }
 
@@ -120,7 +121,7 @@ fn files_cut_anywhere_are_refused() {
     assert!(decode_checkpoint(name(), &longer).is_err());
 }
 
-/// The file with its header's text changed and the header's length put right.
+/// Returns the file with its header's text changed and the header's length put right.
 fn with_header(bytes: &[u8], change: impl Fn(String) -> String) -> Vec<u8> {
     let length = u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
     let header = change(String::from_utf8(bytes[8..8 + length].to_vec()).unwrap());

@@ -1,4 +1,5 @@
-//! From frames to a data set: names checked, split applied, images loaded in parallel, points mapped, digest taken.
+//! From frames to a data set: names checked, split applied, images loaded in parallel, points
+//! mapped, digest taken.
 
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -8,8 +9,8 @@ use rayon::prelude::*;
 
 use super::fingerprint::Fingerprint;
 use super::load::{LoadedView, load_view};
-use super::observations::{Target, map_points};
-use super::source::{Frame, Source};
+use super::observations::{ObservedView, map_points};
+use super::source::{DatasetSource, SourceFrame};
 use super::split::{Part, assign};
 use super::{LoadOptions, Supervision, masks, recordings};
 use crate::IoError;
@@ -17,14 +18,14 @@ use crate::IoError;
 /// Names that a warning lists.
 const MAX_LISTED: usize = 3;
 
-pub(super) fn assemble(path: &Path, source: Source, options: &LoadOptions) -> Result<Dataset, IoError> {
-    let Source { format, folder, frames, split, points, mut warnings } = source;
+pub(super) fn assemble(path: &Path, source: DatasetSource, options: &LoadOptions) -> Result<Dataset, IoError> {
+    let DatasetSource { format, folder, frames, split, points, mut warnings } = source;
     if frames.is_empty() {
         return Err(IoError::invalid(path, "no images, expected at least one"));
     }
     let mut order: Vec<usize> = (0..frames.len()).collect();
     order.sort_by(|a, b| frames[*a].name.cmp(&frames[*b].name));
-    let sorted: Vec<&Frame> = order.iter().map(|i| &frames[*i]).collect();
+    let sorted: Vec<&SourceFrame> = order.iter().map(|i| &frames[*i]).collect();
     check_names(&sorted)?;
 
     let names: Vec<&str> = sorted.iter().map(|frame| frame.name.as_str()).collect();
@@ -37,10 +38,10 @@ pub(super) fn assemble(path: &Path, source: Source, options: &LoadOptions) -> Re
     }
     if !left_out.is_empty() {
         let names: Vec<&str> = left_out.iter().map(|i| names[*i]).collect();
-        warnings.push(format!("left out, being neither in train nor in test: {}", count_and_names(&names)));
+        warnings.push(format!("left out, neither in train nor in test: {}", count_and_names(&names)));
     }
     if test.is_empty() {
-        warnings.push("no test views: nothing is held out to measure quality with".to_owned());
+        warnings.push("no test views: no image is held out to measure quality with".to_owned());
     }
 
     let mut used = Vec::new();
@@ -48,9 +49,9 @@ pub(super) fn assemble(path: &Path, source: Source, options: &LoadOptions) -> Re
         let expanded = indices.into_iter().flat_map(|i| {
             let frames = recordings::expanded(sorted[i], part == Part::Test).into_iter();
             let source = order[i];
-            frames.map(move |frame| Used { frame: Frame { part: Some(part), ..frame }, source, part })
+            frames.map(move |frame| SelectedFrame { frame: SourceFrame { part: Some(part), ..frame }, source, part })
         });
-        let mut views: Vec<Used> = expanded.collect();
+        let mut views: Vec<SelectedFrame> = expanded.collect();
         if options.supervision == Supervision::Ldr && part == Part::Train {
             views = recordings::choose(views, |used| &used.frame, &options.exposures);
             if views.is_empty() {
@@ -64,9 +65,9 @@ pub(super) fn assemble(path: &Path, source: Source, options: &LoadOptions) -> Re
     let loaded = load_views(&used, options)?;
     warnings.extend(grouped_warnings(&loaded));
 
-    let mut targets: Vec<Vec<Target<'_>>> = frames.iter().map(|_| Vec::new()).collect();
+    let mut targets: Vec<Vec<ObservedView<'_>>> = frames.iter().map(|_| Vec::new()).collect();
     for (index, (used, l)) in (0u32..).zip(used.iter().zip(&loaded)).filter(|(_, (used, _))| used.part == Part::Train) {
-        targets[used.source].push(Target { index, photographed: &l.photographed, view: &l.view });
+        targets[used.source].push(ObservedView { index, photographed: &l.photographed, view: &l.view });
     }
     let points = map_points(points, &targets);
     let color_space = common_color_space(&used, &loaded, options)?;
@@ -87,22 +88,22 @@ pub(super) fn assemble(path: &Path, source: Source, options: &LoadOptions) -> Re
 }
 
 /// A view to be read.
-struct Used {
-    frame: Frame,
+struct SelectedFrame {
+    frame: SourceFrame,
     /// Index into the source's frames.
     source: usize,
     part: Part,
 }
 
-/// The views in the order of `used`. Of several that cannot be read, the first by name is reported, whichever thread came upon one first; once
-/// one failed, no view behind it is begun.
-fn load_views(used: &[Used], options: &LoadOptions) -> Result<Vec<LoadedView>, IoError> {
+/// Returns the views in the order of `used`. Of several that cannot be read, the first by name is
+/// reported, whichever thread came upon one first; once one failed, no view behind it is begun.
+fn load_views(used: &[SelectedFrame], options: &LoadOptions) -> Result<Vec<LoadedView>, IoError> {
     let mut by_name: Vec<usize> = (0..used.len()).collect();
     by_name.sort_by(|a, b| used[*a].frame.name.cmp(&used[*b].frame.name));
     let mut rank = vec![0; used.len()];
     by_name.iter().enumerate().for_each(|(place, i)| rank[*i] = place);
     let first_bad = AtomicUsize::new(usize::MAX);
-    let load = |(used, &rank): (&Used, &usize)| {
+    let load = |(used, &rank): (&SelectedFrame, &usize)| {
         if rank > first_bad.load(Ordering::Relaxed) {
             return None;
         }
@@ -126,7 +127,7 @@ fn load_views(used: &[Used], options: &LoadOptions) -> Result<Vec<LoadedView>, I
 }
 
 /// Names are unique and not empty.
-fn check_names(sorted: &[&Frame]) -> Result<(), IoError> {
+fn check_names(sorted: &[&SourceFrame]) -> Result<(), IoError> {
     if let Some(nameless) = sorted.iter().find(|frame| frame.name.is_empty()) {
         return Err(nameless.origin.error("the image has no name"));
     }
@@ -139,7 +140,7 @@ fn check_names(sorted: &[&Frame]) -> Result<(), IoError> {
     }
 }
 
-/// "image a" or "35 images (a, b, c, ...)".
+/// Returns `image a` or "35 images (a, b, c, ...)".
 fn count_and_names(names: &[&str]) -> String {
     match names {
         [one] => format!("image {one}"),
@@ -151,7 +152,7 @@ fn count_and_names(names: &[&str]) -> String {
     }
 }
 
-/// Each warning once, with the images it is about.
+/// Returns each warning once, with the images it is about.
 fn grouped_warnings(loaded: &[LoadedView]) -> Vec<String> {
     let mut groups: Vec<(&str, Vec<&str>)> = Vec::new();
     for l in loaded {
@@ -169,8 +170,8 @@ fn grouped_warnings(loaded: &[LoadedView]) -> Vec<String> {
     groups.into_iter().map(line).collect()
 }
 
-/// The one colour space.
-fn common_color_space(used: &[Used], loaded: &[LoadedView], options: &LoadOptions) -> Result<ColorSpace, IoError> {
+/// Returns the one colour space.
+fn common_color_space(used: &[SelectedFrame], loaded: &[LoadedView], options: &LoadOptions) -> Result<ColorSpace, IoError> {
     let space = |l: &LoadedView| l.color_space.or(options.color_space).unwrap_or_default();
     let Some(first) = loaded.first() else { return Ok(ColorSpace::default()) };
     match loaded.iter().zip(used).find(|(l, _)| space(l) != space(first)) {

@@ -9,20 +9,23 @@ use super::layout_transforms::TransformsFiles;
 use super::{DatasetFormat, layout_llff};
 use crate::IoError;
 
-/// What is looked for, for messages.
+/// The files that identify a data set, for messages.
 const LOOKED_FOR: &str = "transforms.json, transforms_train.json, a COLMAP model (cameras.bin or cameras.txt in sparse/0, in sparse or here), or poses_bounds_exps.npy with input_images";
 
 /// Entries of a folder that an error lists.
 const MAX_LISTED: usize = 12;
 
-/// The format of the data set at `path`, a folder or a `transforms.json`, by looking at names only.
+/// Returns the format of the data set at `path`, a folder or a `transforms.json`, by looking at
+/// names only.
 ///
-/// HDR-NeRF: `transforms_train.json` and `train_hdr/` or, of recordings alone, `exposure_train.json`. GaussHDR: a COLMAP model and
-/// `images_hdr/*_hdr_*.exr` or, of recordings alone, `exposure.json` and `images/*_ldr_*_*`. Else JSON files go before a COLMAP model, and a model with
-/// `exr/` is HDR-GS.
+/// HDR-NeRF: `transforms_train.json` and `train_hdr/` or, with captured LDR images alone,
+/// `exposure_train.json`. GaussHDR: a COLMAP model and `images_hdr/*_hdr_*.exr` or, with captured
+/// images alone, `exposure.json` and `images/*_ldr_*_*`. Else JSON files go before a COLMAP model,
+/// and a model with `exr/` is HDR-GS.
 ///
 /// # Errors
-/// Nothing is there, or nothing known; the message says what was looked for and what was found.
+/// A folder that is missing, or has no known layout; the message lists the files expected and
+/// found.
 pub fn detect_format(path: &Path) -> Result<DatasetFormat, IoError> {
     let meta = std::fs::metadata(path).map_err(|e| IoError::system(path, "read", &e))?;
     if meta.is_file() {
@@ -60,17 +63,17 @@ pub fn detect_format(path: &Path) -> Result<DatasetFormat, IoError> {
     }
 }
 
-/// Whether the folder has a file of such a name.
+/// Returns whether the folder has a file of such a name.
 fn has_file(folder: &Path, is_one: impl Fn(&str) -> bool) -> bool {
     std::fs::read_dir(folder).is_ok_and(|entries| entries.flatten().any(|entry| is_one(&entry.file_name().to_string_lossy())))
 }
 
-/// Whether a name ends in the mark and a number.
+/// Returns whether a name ends in the mark and a number.
 fn is_numbered(stem: &str, mark: &str) -> bool {
     stem.rsplit_once(mark).is_some_and(|(_, number)| number.parse::<u32>().is_ok())
 }
 
-/// The folder's entries, sorted, for messages.
+/// Returns the folder's entries, sorted, for messages.
 fn listing(folder: &Path) -> String {
     let Ok(entries) = std::fs::read_dir(folder) else { return "a folder that cannot be listed".to_owned() };
     let mut names: Vec<String> = entries.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();

@@ -2,48 +2,52 @@
 
 use std::path::{Path, PathBuf};
 
-/// Image extensions in the order they are tried where a name comes without one: radiance before display values.
+/// Image extensions in the order they are tried where a name comes without one: radiance before
+/// display values.
 pub(super) const IMAGE_EXTENSIONS: [&str; 7] = ["exr", "hdr", "tif", "tiff", "png", "jpg", "jpeg"];
 
 /// How many of them are of formats that hold radiance alone.
 const RADIANCE_EXTENSIONS: usize = 2;
 
-/// Whether the name ends in an extension of an image format.
+/// Returns whether the name ends in an extension of an image format.
 fn image_extension(name: &str) -> Option<&str> {
     let (stem, extension) = name.rsplit_once('.')?;
     let known = IMAGE_EXTENSIONS.iter().any(|e| e.eq_ignore_ascii_case(extension));
     (known && !stem.is_empty() && !stem.ends_with('/')).then_some(extension)
 }
 
-/// Whether a file of this name is an image.
+/// Returns whether a file of this name is an image.
 pub(super) fn is_image(name: &str) -> bool {
     image_extension(name).is_some()
 }
 
-/// The name without an image extension; other dots belong to the name (`r_0.5`).
+/// Returns the name without an image extension; other dots belong to the name (`r_0.5`).
 pub(super) fn without_extension(name: &str) -> &str {
     image_extension(name).map_or(name, |extension| &name[..name.len() - extension.len() - 1])
 }
 
-/// Name of a view: folders and stem of `file_path`, `/`-separated, without `.`, `..` and the image extension.
+/// Returns the name of a view: folders and stem of `file_path`, `/`-separated, without `.`, `..`
+/// and the image extension.
 pub(super) fn view_name(file_path: &str) -> String {
     let slashed = file_path.replace('\\', "/");
     let parts: Vec<&str> = slashed.split('/').filter(|part| !matches!(*part, "" | "." | "..")).collect();
     without_extension(&parts.join("/")).to_owned()
 }
 
-/// Whether an image of the same stem but another format may stand in for the named one.
+/// The rule for images of the same stem but another format than the named one.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Substitute {
-    /// Where the named one is missing: a mask may be in any format.
+    /// A file of another format may stand in for a missing one: masks.
     Allowed,
-    /// Radiance goes before the named one, other formats only where it is missing: COLMAP reads no HDR, it ran on 8-bit copies of the images.
+    /// Radiance takes precedence over the named one, other formats only where it is missing: COLMAP
+    /// reads no HDR, it ran on 8-bit copies of the images.
     Radiance,
     /// The description names the image itself.
     No,
 }
 
-/// The image that `file_path` (with or without extension, relative to `folder`) names, if there is one.
+/// Returns the image that `file_path` (with or without extension, relative to `folder`) names, if
+/// there is one.
 pub(super) fn find_image(folder: &Path, file_path: &str, substitute: Substitute) -> Option<PathBuf> {
     let slashed = file_path.replace('\\', "/");
     let exact = || Some(folder.join(&slashed)).filter(|path| path.is_file());

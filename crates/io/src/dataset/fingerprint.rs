@@ -4,7 +4,8 @@ use luxel_core::{PixelValues, Point, View};
 
 use super::{LoadOptions, MaskSource};
 
-/// Collects what a data set is made of. Every text and list is preceded by its length, so that no two inputs run together.
+/// Collects what a data set is made of. Every text and list is preceded by its length, so that no
+/// two inputs run together.
 pub(super) struct Fingerprint(blake3::Hasher);
 
 impl Fingerprint {
@@ -12,7 +13,8 @@ impl Fingerprint {
         let mut this = Self(blake3::Hasher::new());
         this.text(format);
         this.text(&format!("{:?} {:?} {}", options.transfer, options.color_space, options.downscale));
-        // Masks of files count by their bytes; of other data sets nothing is added, so that they keep the digests they have always had.
+        // Masks of files count by their bytes; of other data sets nothing is added, so that they
+        // keep the digests they have always had.
         if options.masks == MaskSource::Alpha {
             this.text("masks of alpha");
         }
@@ -28,7 +30,7 @@ impl Fingerprint {
         self.0.update(text.as_bytes());
     }
 
-    /// The view with the digest of its files.
+    /// Adds the view with the digest of its files.
     pub(super) fn view(&mut self, view: &View, files: &blake3::Hash) {
         let camera = &view.camera;
         self.text(&view.name);
@@ -41,7 +43,8 @@ impl Fingerprint {
         }
         camera.size_px.iter().for_each(|side| self.number((*side).into()));
         self.0.update(files.as_bytes());
-        // Of radiance without known noise nothing is added: such data sets keep the digests they have always had.
+        // Of radiance without known noise nothing is added: such data sets keep the digests they
+        // have always had.
         if let PixelValues::Recorded { exposure_s } = view.values {
             self.text("recorded");
             self.number(exposure_s.to_bits().into());

@@ -1,9 +1,11 @@
-//! Intrinsics as files give them: in pixels of a stated size, or as an angle of view; and the camera they make with an image.
+//! Intrinsics as files give them: in pixels of a stated size, or as an angle of view; and the
+//! camera they make with an image.
 
 use glam::{DAffine3, DVec2};
 use luxel_core::{Camera, Distortion};
 
-/// Reductions of the image against its camera that are taken for a smaller copy of the same photograph (`images_2`, `images_4`).
+/// Reductions of the image against its camera that count as a smaller copy of the same
+/// photograph (`images_2`, `images_4`).
 const REDUCTIONS: [u32; 3] = [2, 4, 8];
 
 /// Focal length.
@@ -20,7 +22,7 @@ pub(super) enum Focal {
     },
 }
 
-/// A lens, apart from where it stands.
+/// The lens of an image, without a pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Intrinsics {
     /// Size of the image that the lengths refer to; `None`: of whatever image there is.
@@ -34,7 +36,8 @@ pub(super) struct Intrinsics {
 }
 
 impl Intrinsics {
-    /// The camera of an image of `image_px` pixels, checked. Errors say what is wrong, not where.
+    /// Returns the camera of an image of `image_px` pixels, checked. Errors explain what is wrong,
+    /// not where.
     pub(super) fn camera(&self, camera_from_world: DAffine3, image_px: [u32; 2]) -> Result<Camera, String> {
         let size_px = self.size_px.unwrap_or(image_px);
         let [w, h] = size_px.map(f64::from);
@@ -64,7 +67,7 @@ impl Intrinsics {
     }
 }
 
-/// Whether `small` is `full` divided by 2, 4 or 8, rounded either way.
+/// Returns whether `small` is `full` divided by 2, 4 or 8, rounded either way.
 fn is_reduction(full: [u32; 2], small: [u32; 2]) -> bool {
     REDUCTIONS.iter().any(|&factor| full.iter().zip(small).all(|(f, s)| s == f / factor || s == f.div_ceil(factor)))
 }

@@ -1,15 +1,17 @@
-//! COLMAP folders, and the HDR-GS and GaussHDR repacks of HDR-NeRF's scenes, which are COLMAP folders with HDR images apart.
+//! COLMAP folders, and the HDR-GS and GaussHDR repacks of HDR-NeRF's scenes, which are COLMAP
+//! folders with HDR images apart.
 //!
-//! HDR-GS: COLMAP names `<i>_<k>.png`, the HDR image is `exr/<i>.exr`; sorted as text by `<i>_`, every other one is held out.
-//! GaussHDR: COLMAP names `<train|test>_ldr_<i>_<k>.png`, the HDR image is `images_hdr/<train|test>_hdr_<i>.exr`; the name says the split.
-//! Where several exposures of a pose are registered, the first by name gives pose and features.
+//! HDR-GS: COLMAP names `<i>_<k>.png`, the HDR image is `exr/<i>.exr`; sorted as text by `<i>_`,
+//! every other one is held out. GaussHDR: COLMAP names `<train|test>_ldr_<i>_<k>.png`, the HDR
+//! image is `images_hdr/<train|test>_hdr_<i>.exr`; the name states the split. Where several
+//! exposures of a pose are registered, the first by name gives pose and features.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use super::colmap::{ColmapFiles, ColmapImage, ColmapModel, ColmapPoint, find_model, read_model};
 use super::files::{Substitute, find_image, view_name, without_extension};
-use super::source::{Frame, Origin, Recording, Sighting, Source, SourcePoint, split_beside};
+use super::source::{DatasetSource, Origin, Recording, Sighting, SourceFrame, SourcePoint, split_beside};
 use super::split::{Part, SplitRule};
 use super::{Supervision, recordings};
 use crate::IoError;
@@ -38,7 +40,7 @@ struct Chosen<'a> {
 }
 
 /// Reads the model and finds the images.
-pub(super) fn colmap_source(folder: &Path, layout: ColmapLayout, supervision: Supervision) -> Result<Source, IoError> {
+pub(super) fn colmap_source(folder: &Path, layout: ColmapLayout, supervision: Supervision) -> Result<DatasetSource, IoError> {
     let Some(model_folder) = find_model(folder) else {
         return Err(IoError::invalid(
             folder,
@@ -50,16 +52,18 @@ pub(super) fn colmap_source(folder: &Path, layout: ColmapLayout, supervision: Su
         return Err(IoError::invalid(&files.images, "no registered images, expected at least one"));
     }
     let scene = scene_folder(folder);
+    let model_scene = ModelScene { files: &files, folder: &scene, supervision };
     let mut warnings = Vec::new();
     let chosen = match layout {
-        ColmapLayout::Plain => plain_images(&model, &files, (&scene, supervision), &mut warnings)?,
-        ColmapLayout::HdrGs => hdr_gs_images(&model, &files, (&scene, supervision))?,
-        ColmapLayout::GaussHdr => gauss_hdr_images(&model, &files, (&scene, supervision))?,
+        ColmapLayout::Plain => plain_images(&model, &model_scene, &mut warnings)?,
+        ColmapLayout::HdrGs => hdr_gs_images(&model, &model_scene)?,
+        ColmapLayout::GaussHdr => gauss_hdr_images(&model, &model_scene)?,
     };
     let beside = split_beside(&scene)?;
     let own_split = chosen.iter().any(|c| c.part.is_some());
     let split = match (layout, &beside) {
-        // HDR-GS's split is a habit of its code, and a file beside it is a choice; GaussHDR's is written in the names.
+        // HDR-GS's split is a habit of its code, and a file beside it is a choice; GaussHDR's is
+        // written in the names.
         (ColmapLayout::HdrGs, SplitRule::Lists(_)) | (ColmapLayout::Plain, _) => beside,
         _ if own_split => SplitRule::Frames,
         _ => beside,
@@ -68,7 +72,7 @@ pub(super) fn colmap_source(folder: &Path, layout: ColmapLayout, supervision: Su
     let mut frames = Vec::with_capacity(chosen.len());
     for c in chosen {
         frame_of_image[c.index] = Some(frames.len());
-        frames.push(Frame {
+        frames.push(SourceFrame {
             name: view_name(&c.file_path),
             image: c.path,
             camera_from_world: c.image.camera_from_world,
@@ -87,10 +91,11 @@ pub(super) fn colmap_source(folder: &Path, layout: ColmapLayout, supervision: Su
         ColmapLayout::HdrGs => "HDR-GS (COLMAP with exr/)",
         ColmapLayout::GaussHdr => "GaussHDR (COLMAP with images_hdr/)",
     };
-    Ok(Source { format: format.to_owned(), folder: scene, frames, split, points, warnings })
+    Ok(DatasetSource { format: format.to_owned(), folder: scene, frames, split, points, warnings })
 }
 
-/// Points of the model whose position, mapped by `position`, is finite; sightings in images that are no frame are dropped.
+/// Returns the points of the model whose position, mapped by `position`, is finite; sightings in
+/// images without a frame are dropped.
 pub(super) fn points_with_sightings(
     model: &ColmapModel,
     frame_of_image: &[Option<usize>],
@@ -124,32 +129,35 @@ fn origin(files: &ColmapFiles<PathBuf>, image: &ColmapImage) -> Origin {
     Origin { path: files.images.clone(), place: format!("image {} ({:?})", image.id, image.name) }
 }
 
-/// The scene's folder, where the folder of the model itself was named: the nearest with images.
+/// Returns the scene's folder, where the folder of the model itself was named: the nearest with
+/// images.
 pub(super) fn scene_folder(folder: &Path) -> PathBuf {
     let up = [folder.to_path_buf(), folder.join(".."), folder.join("../..")];
     up.into_iter().find(|f| ["images", "exr", "images_hdr"].iter().any(|i| f.join(i).is_dir())).unwrap_or_else(|| folder.into())
 }
 
-fn plain_images<'a>(
-    model: &'a ColmapModel,
-    files: &ColmapFiles<PathBuf>,
-    (scene, supervision): (&Path, Supervision),
-    warnings: &mut Vec<String>,
-) -> Result<Vec<Chosen<'a>>, IoError> {
+/// The scene of a model: its files, its folder, and the kind of images to read.
+struct ModelScene<'a> {
+    files: &'a ColmapFiles<PathBuf>,
+    folder: &'a Path,
+    supervision: Supervision,
+}
+
+fn plain_images<'a>(model: &'a ColmapModel, scene: &ModelScene<'_>, warnings: &mut Vec<String>) -> Result<Vec<Chosen<'a>>, IoError> {
     let mut chosen = Vec::with_capacity(model.images.len());
     let mut substituted = Vec::new();
-    let substitute = match supervision {
+    let substitute = match scene.supervision {
         Supervision::Hdr => Substitute::Radiance,
         Supervision::Ldr => Substitute::Allowed,
     };
     for (index, image) in model.images.iter().enumerate() {
         let found = ["images", ""].iter().find_map(|sub| {
-            let path = find_image(&scene.join(sub), &image.name, substitute)?;
+            let path = find_image(&scene.folder.join(sub), &image.name, substitute)?;
             Some((path, format!("{sub}/{}", image.name)))
         });
         let Some((path, file_path)) = found else {
-            let tried = scene.join("images").join(&image.name);
-            return Err(origin(files, image).error(format!("image {} does not exist", tried.display())));
+            let tried = scene.folder.join("images").join(&image.name);
+            return Err(origin(scene.files, image).error(format!("image {} does not exist", tried.display())));
         };
         if path.extension() != Path::new(&image.name).extension() {
             substituted.push((&image.name, path.clone()));
@@ -163,21 +171,21 @@ fn plain_images<'a>(
     Ok(chosen)
 }
 
-/// For each HDR image the first registered image by name. `hdr_of`: key to group and sort by, path below the scene, side of the split. Where
-/// recordings are read, the HDR images may be missing.
+/// Returns for each HDR image the first registered image by name. `hdr_of`: key to group and sort
+/// by, path below the scene, side of the split. Where captured images are read, the HDR images may
+/// be missing.
 fn grouped_images<'a>(
     model: &'a ColmapModel,
-    files: &ColmapFiles<PathBuf>,
-    (scene, supervision): (&Path, Supervision),
+    scene: &ModelScene<'_>,
     hdr_of: impl Fn(&str) -> Result<(String, String, Option<Part>), String>,
 ) -> Result<Vec<Chosen<'a>>, IoError> {
     let mut groups: BTreeMap<String, Chosen<'a>> = BTreeMap::new();
     for (index, image) in model.images.iter().enumerate() {
         let base = image.name.rsplit(['/', '\\']).next().unwrap_or(&image.name);
-        let (key, file_path, part) = hdr_of(without_extension(base)).map_err(|e| origin(files, image).error(e))?;
-        let path = scene.join(&file_path);
-        if supervision == Supervision::Hdr && !path.is_file() {
-            return Err(origin(files, image).error(format!("its HDR image {} does not exist", path.display())));
+        let (key, file_path, part) = hdr_of(without_extension(base)).map_err(|e| origin(scene.files, image).error(e))?;
+        let path = scene.folder.join(&file_path);
+        if scene.supervision == Supervision::Hdr && !path.is_file() {
+            return Err(origin(scene.files, image).error(format!("its HDR image {} does not exist", path.display())));
         }
         let candidate = Chosen { index, image, file_path, path, part, recordings: Vec::new() };
         match groups.get_mut(&key) {
@@ -189,32 +197,24 @@ fn grouped_images<'a>(
     Ok(groups.into_values().collect())
 }
 
-fn hdr_gs_images<'a>(
-    model: &'a ColmapModel,
-    files: &ColmapFiles<PathBuf>,
-    (scene, supervision): (&Path, Supervision),
-) -> Result<Vec<Chosen<'a>>, IoError> {
-    let mut chosen = grouped_images(model, files, (scene, supervision), |stem| {
+fn hdr_gs_images<'a>(model: &'a ColmapModel, scene: &ModelScene<'_>) -> Result<Vec<Chosen<'a>>, IoError> {
+    let mut chosen = grouped_images(model, scene, |stem| {
         let view = stem.split('_').next().unwrap_or(stem);
         // The order of the names with their `_`: 0_, 10_, 11_, ..., 1_, 20_, ...
         Ok((format!("{view}_"), format!("exr/{view}.exr"), None))
     })?;
     for (i, c) in chosen.iter_mut().enumerate() {
         c.part = Some(if i % 2 == 0 { Part::Train } else { Part::Test });
-        if supervision == Supervision::Ldr {
+        if scene.supervision == Supervision::Ldr {
             let view = view_name(&c.file_path);
-            c.recordings = recordings::hdr_gs(scene, view.rsplit('/').next().unwrap_or(&view));
+            c.recordings = recordings::hdr_gs(scene.folder, view.rsplit('/').next().unwrap_or(&view));
         }
     }
     Ok(chosen)
 }
 
-fn gauss_hdr_images<'a>(
-    model: &'a ColmapModel,
-    files: &ColmapFiles<PathBuf>,
-    (scene, supervision): (&Path, Supervision),
-) -> Result<Vec<Chosen<'a>>, IoError> {
-    let mut chosen = grouped_images(model, files, (scene, supervision), |stem| {
+fn gauss_hdr_images<'a>(model: &'a ColmapModel, scene: &ModelScene<'_>) -> Result<Vec<Chosen<'a>>, IoError> {
+    let mut chosen = grouped_images(model, scene, |stem| {
         let parts: Vec<&str> = stem.split('_').collect();
         let number = match parts.as_slice() {
             [_, .., number, _exposure] => number.parse::<u32>().ok(),
@@ -231,12 +231,12 @@ fn gauss_hdr_images<'a>(
         };
         Ok((file.clone(), format!("images_hdr/{file}.exr"), part))
     })?;
-    if supervision == Supervision::Ldr {
-        let exposures = recordings::read_exposures(&scene.join("exposure.json"))?;
+    if scene.supervision == Supervision::Ldr {
+        let exposures = recordings::read_exposures(&scene.folder.join("exposure.json"))?;
         for c in &mut chosen {
             let stem = view_name(&c.file_path);
             let stem = stem.rsplit('/').next().unwrap_or(&stem).replacen("_hdr_", "_ldr_", 1);
-            c.recordings = recordings::listed(&scene.join("images"), "images", &stem, &exposures);
+            c.recordings = recordings::listed(&scene.folder.join("images"), "images", &stem, &exposures);
         }
     }
     Ok(chosen)

@@ -1,8 +1,11 @@
-//! HDR-NeRF's real scenes: `poses_bounds_exps.npy` with `input_images/<pose>_<k>.jpg`, recordings without ground truth.
+//! HDR-NeRF's real scenes: `poses_bounds_exps.npy` with `input_images/<pose>_<k>.jpg`, captured
+//! images without radiance as ground truth.
 //!
-//! A row of the table is an image, in the order of the images' names: 3 rows of 5 numbers (the camera's axes down, right and backwards in the world,
-//! its place, and height, width and focal length in pixels), nearest and farthest depth, exposure in seconds (LLFF with one more column). Images of
-//! one pose are a bracket. The size is of the images as they were photographed; a copy at 1/2, 1/4 or 1/8 is recognised.
+//! A row of the table is an image, in the order of the images' names: 3 rows of 5 numbers (the
+//! camera's axes down, right and backwards in the world, its place, and height, width and focal
+//! length in pixels), nearest and farthest depth, exposure in seconds (LLFF with one more column).
+//! Images of one pose are a bracket. The size is of the images as they were photographed; a copy at
+//! 1/2, 1/4 or 1/8 is recognised.
 
 use std::path::{Path, PathBuf};
 
@@ -12,7 +15,7 @@ use luxel_core::{Camera, Distortion, Remedy};
 use super::Supervision;
 use super::files::{is_image, view_name};
 use super::intrinsics::{Focal, Intrinsics};
-use super::source::{Frame, Origin, Recording, Source, split_beside};
+use super::source::{DatasetSource, Origin, Recording, SourceFrame, split_beside};
 use crate::IoError;
 use crate::image::npy::decode_table;
 use crate::read_file::read_file;
@@ -22,26 +25,26 @@ const IMAGES: &str = "input_images";
 /// Numbers of a row: 15 of the pose, 2 bounds, 1 exposure.
 const COLUMNS: usize = 18;
 
-/// Where an image was recorded from, and how: a row of the table.
+/// The pose, lens and exposure of an image: a row of the table.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RecordedPose {
     /// Pose.
     pub camera_from_world: DAffine3,
-    /// Of the images as they were photographed.
+    /// Size of the images as they were photographed, pixels.
     pub size_px: [u32; 2],
-    /// Of both axes, pixels.
+    /// Focal length of both axes, pixels.
     pub focal_px: f64,
     /// Exposure, seconds.
     pub exposure_s: f32,
 }
 
-/// Whether the folder has this layout, by names only.
+/// Returns whether the folder has this layout, by names only.
 pub(super) fn is_one(folder: &Path) -> bool {
     folder.join(TABLE).is_file() && folder.join(IMAGES).is_dir()
 }
 
 /// Reads the table and finds the images.
-pub(super) fn llff_source(folder: &Path, supervision: Supervision) -> Result<Source, IoError> {
+pub(super) fn llff_source(folder: &Path, supervision: Supervision) -> Result<DatasetSource, IoError> {
     let path = folder.join(TABLE);
     if supervision == Supervision::Hdr {
         let error = IoError::invalid(folder, "holds captured LDR images and no radiance to train on");
@@ -51,9 +54,12 @@ pub(super) fn llff_source(folder: &Path, supervision: Supervision) -> Result<Sou
     let images = images(&folder.join(IMAGES))?;
     if images.len() != table.len() {
         let found = images.len();
-        return Err(IoError::invalid(&path, format!("{} rows, but {IMAGES} holds {found} images: expected a row an image", table.len())));
+        return Err(IoError::invalid(
+            &path,
+            format!("{} rows, but {IMAGES} holds {found} images: expected one row per image", table.len()),
+        ));
     }
-    let mut frames: Vec<Frame> = Vec::new();
+    let mut frames: Vec<SourceFrame> = Vec::new();
     for (row, (recorded, image)) in table.iter().zip(images).enumerate() {
         let file = image.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
         let origin = Origin { path: path.clone(), place: format!("row {row} ({file:?})") };
@@ -67,10 +73,10 @@ pub(super) fn llff_source(folder: &Path, supervision: Supervision) -> Result<Sou
     }
     let split = split_beside(folder)?;
     let (format, folder) = ("HDR-NeRF real".to_owned(), folder.to_path_buf());
-    Ok(Source { format, folder, frames, split, points: Vec::new(), warnings: Vec::new() })
+    Ok(DatasetSource { format, folder, frames, split, points: Vec::new(), warnings: Vec::new() })
 }
 
-/// Images of the folder, sorted by name.
+/// Returns images of the folder, sorted by name.
 fn images(folder: &Path) -> Result<Vec<PathBuf>, IoError> {
     let system = |e: std::io::Error| IoError::system(folder, "read folder", &e);
     let mut images = Vec::new();
@@ -84,10 +90,11 @@ fn images(folder: &Path) -> Result<Vec<PathBuf>, IoError> {
     Ok(images)
 }
 
-/// Parses `poses_bounds_exps.npy`: a row an image.
+/// Parses `poses_bounds_exps.npy`: one row per image.
 ///
 /// # Errors
-/// No table of 18 columns, or a row that holds no pose, size, focal length or exposure; rows are counted from 0.
+/// No table of 18 columns, or a row that holds no pose, size, focal length or exposure; rows are
+/// counted from 0.
 pub fn parse_recorded_poses(path: &Path, bytes: &[u8]) -> Result<Vec<RecordedPose>, IoError> {
     let table = decode_table::<COLUMNS>(path, bytes)?;
     let row = |(row, numbers): (usize, &[f64; COLUMNS])| {
@@ -124,14 +131,14 @@ fn recorded_pose(numbers: &[f64; COLUMNS]) -> Result<RecordedPose, String> {
     Ok(RecordedPose { camera_from_world: camera.camera_from_world, size_px: camera.size_px, focal_px: lens.z, exposure_s })
 }
 
-fn frame(recorded: &RecordedPose, name: String, folder: &Path, recording: Recording, origin: Origin) -> Frame {
+fn frame(recorded: &RecordedPose, name: String, folder: &Path, recording: Recording, origin: Origin) -> SourceFrame {
     let intrinsics = Intrinsics {
         size_px: Some(recorded.size_px),
         focal: Focal::Pixels(DVec2::splat(recorded.focal_px)),
         center_px: [None; 2],
         distortion: Distortion::default(),
     };
-    Frame {
+    SourceFrame {
         // No radiance was measured there.
         image: folder.join(format!("{name}.exr")),
         name,

@@ -1,8 +1,9 @@
-//! Folders with `transforms.json`, or `transforms_train.json` and `transforms_test.json`; and HDR-NeRF's synthetic scenes, which have the
-//! latter and their HDR images in `train_hdr/` and `test_hdr/`.
+//! Folders with `transforms.json`, or `transforms_train.json` and `transforms_test.json`; and
+//! HDR-NeRF's synthetic scenes, which have the latter and their HDR images in `train_hdr/` and
+//! `test_hdr/`.
 //!
-//! HDR-NeRF: a frame names a pose, `<folder>/<anything>_<i>`, or an exposure of it, `..._<i>_<k>`; its HDR image is
-//! `{train,test}_hdr/hdr_<i>.exr`. Frames of one pose are one view.
+//! HDR-NeRF: a frame names a pose, `<folder>/<anything>_<i>`, or an exposure of it, `..._<i>_<k>`;
+//! its HDR image is `{train,test}_hdr/hdr_<i>.exr`. Frames of one pose are one view.
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
@@ -12,15 +13,15 @@ use glam::{DAffine3, DVec3};
 use super::colmap::{ColmapModel, ColmapPoint, find_model, read_model};
 use super::files::{Substitute, find_image, view_name, without_extension};
 use super::layout_colmap::points_with_sightings;
-use super::source::{Frame, Origin, Source, SourcePoint, split_beside};
+use super::source::{DatasetSource, Origin, SourceFrame, SourcePoint, split_beside};
 use super::split::{NameIndex, Part, SplitLists, SplitRule};
 use super::transforms::{Transforms, TransformsFrame, parse_transforms};
 use super::{Supervision, recordings};
 use crate::read_file::read_file;
 use crate::{IoError, read_points_ply};
 
-/// Largest disagreement of the camera positions of `transforms.json` and of the COLMAP model beside it, as a fraction of the distance
-/// between cameras, at which both are taken to share a frame.
+/// Largest disagreement of the camera positions of `transforms.json` and of the COLMAP model beside
+/// it, as a fraction of the distance between cameras, at which both are taken to share a frame.
 const SAME_FRAME_TOLERANCE: f64 = 0.01;
 
 /// The descriptions in a folder.
@@ -38,7 +39,8 @@ pub(super) enum TransformsFiles {
 }
 
 impl TransformsFiles {
-    /// What `path`, a folder or a JSON file, holds; the pair goes before the single file.
+    /// Finds the files of the layout at `path`, a folder or a JSON file; the pair takes precedence
+    /// over the single file.
     pub(super) fn find(path: &Path) -> Option<Self> {
         let pair = |folder: &Path| {
             let [train, test] = ["train", "test"].map(|part| folder.join(format!("transforms_{part}.json")));
@@ -87,7 +89,7 @@ impl Described {
 }
 
 /// Reads the files, finds the images and the points.
-pub(super) fn transforms_source(files: &TransformsFiles) -> Result<Source, IoError> {
+pub(super) fn transforms_source(files: &TransformsFiles) -> Result<DatasetSource, IoError> {
     let folder = files.folder();
     let described = files.read()?;
     let mut frames = Vec::new();
@@ -101,7 +103,7 @@ pub(super) fn transforms_source(files: &TransformsFiles) -> Result<Source, IoErr
             if let Some(missing) = mask.as_ref().filter(|mask| !mask.is_file()) {
                 return Err(origin.error(format!("its mask {} does not exist", missing.display())));
             }
-            frames.push(Frame { mask, ..new_frame(view_name(&frame.file_path), image, frame, origin, file.part) });
+            frames.push(SourceFrame { mask, ..new_frame(view_name(&frame.file_path), image, frame, origin, file.part) });
         }
     }
     let split = match files {
@@ -121,14 +123,14 @@ pub(super) fn transforms_source(files: &TransformsFiles) -> Result<Source, IoErr
     finish(&folder, &described, frames, split, format)
 }
 
-/// HDR-NeRF's synthetic scenes.
-pub(super) fn hdr_nerf_source(files: &TransformsFiles, supervision: Supervision) -> Result<Source, IoError> {
+/// Reads HDR-NeRF's synthetic scenes.
+pub(super) fn hdr_nerf_source(files: &TransformsFiles, supervision: Supervision) -> Result<DatasetSource, IoError> {
     let folder = files.folder();
     if !matches!(files, TransformsFiles::Pair { .. }) {
         return Err(IoError::invalid(folder, "no transforms_train.json, expected one with HDR-NeRF's layout"));
     }
     let described = files.read()?;
-    let mut frames: Vec<Frame> = Vec::new();
+    let mut frames: Vec<SourceFrame> = Vec::new();
     let mut by_name: HashMap<String, usize> = HashMap::new();
     for file in &described {
         let (part, side) = if file.part == Some(Part::Test) { ("test", "test_hdr") } else { ("train", "train_hdr") };
@@ -155,13 +157,14 @@ pub(super) fn hdr_nerf_source(files: &TransformsFiles, supervision: Supervision)
             }
             by_name.insert(name.clone(), frames.len());
             let recordings = recordings::hdr_nerf(&folder, &frame.file_path, number, &exposures);
-            frames.push(Frame { recordings, ..new_frame(name, image, frame, origin, file.part) });
+            frames.push(SourceFrame { recordings, ..new_frame(name, image, frame, origin, file.part) });
         }
     }
     finish(&folder, &described, frames, SplitRule::Frames, "HDR-NeRF synthetic")
 }
 
-/// `7` of `train/r_7`, `train/007` and `train/007_2.png`: of two numbers at the end the second is the exposure's.
+/// Returns `7` for `train/r_7`, `train/007` and `train/007_2.png`: of two numbers at the end the
+/// second is the exposure's.
 fn pose_number(file_path: &str) -> Option<u32> {
     let stem = without_extension(file_path.rsplit(['/', '\\']).next()?);
     let mut parts = stem.rsplit('_').map(|part| part.parse::<u32>().ok());
@@ -169,25 +172,31 @@ fn pose_number(file_path: &str) -> Option<u32> {
     Some(parts.next().flatten().unwrap_or(last))
 }
 
-fn new_frame(name: String, image: PathBuf, frame: &TransformsFrame, origin: Origin, part: Option<Part>) -> Frame {
+fn new_frame(name: String, image: PathBuf, frame: &TransformsFrame, origin: Origin, part: Option<Part>) -> SourceFrame {
     let TransformsFrame { camera_from_world, intrinsics, exposure_s, noise, .. } = *frame;
-    Frame { name, image, recordings: Vec::new(), exposure_s, noise, mask: None, camera_from_world, intrinsics, origin, part }
+    SourceFrame { name, image, recordings: Vec::new(), exposure_s, noise, mask: None, camera_from_world, intrinsics, origin, part }
 }
 
 /// Adds points and warnings.
-fn finish(folder: &Path, described: &[Described], frames: Vec<Frame>, split: SplitRule, format: &str) -> Result<Source, IoError> {
+fn finish(
+    folder: &Path,
+    described: &[Described],
+    frames: Vec<SourceFrame>,
+    split: SplitRule,
+    format: &str,
+) -> Result<DatasetSource, IoError> {
     let mut warnings = Vec::new();
     if matches!(split, SplitRule::Frames) && folder.join("transforms_val.json").is_file() {
         warnings.push("transforms_val.json is not used: its views are neither trained on nor tested".to_owned());
     }
     let points = points(folder, described, &frames, &mut warnings)?;
     let (format, folder) = (format.to_owned(), folder.to_path_buf());
-    Ok(Source { format, folder, frames, split, points, warnings })
+    Ok(DatasetSource { format, folder, frames, split, points, warnings })
 }
 
-/// The points of `ply_file_path`, or of the COLMAP model beside the file. A PLY of as many points as the model is the same cloud, taken
-/// from the model for its tracks.
-fn points(folder: &Path, described: &[Described], frames: &[Frame], warnings: &mut Vec<String>) -> Result<Vec<SourcePoint>, IoError> {
+/// Returns the points of `ply_file_path`, or of the COLMAP model beside the file. A PLY of as many
+/// points as the model is the same cloud, taken from the model for its tracks.
+fn points(folder: &Path, described: &[Described], frames: &[SourceFrame], warnings: &mut Vec<String>) -> Result<Vec<SourcePoint>, IoError> {
     let ply = described.iter().find_map(|d| d.transforms.ply_file_path.as_ref());
     let cloud = ply.map(|ply| read_points_ply(&folder.join(ply.replace('\\', "/")))).transpose()?;
     let model_folder = [folder.to_path_buf(), folder.join("colmap")].iter().find_map(|f| find_model(f));
@@ -210,8 +219,9 @@ fn points(folder: &Path, described: &[Described], frames: &[Frame], warnings: &m
     Ok(cloud.unwrap_or_default().into_iter().map(point).collect())
 }
 
-/// The frame of each image of the model; an error, in words, where model and frames do not share a world.
-fn frames_of_images(model: &ColmapModel, world_from_model: DAffine3, frames: &[Frame]) -> Result<Vec<Option<usize>>, String> {
+/// Returns the frame of each image of the model; an error, in words, where model and frames do not
+/// share a world.
+fn frames_of_images(model: &ColmapModel, world_from_model: DAffine3, frames: &[SourceFrame]) -> Result<Vec<Option<usize>>, String> {
     let index = NameIndex::new(frames.iter().map(|f| f.name.as_str()));
     let found: Vec<Option<usize>> = model.images.iter().map(|image| index.find(&image.name).flatten()).collect();
     let eye = |pose: &DAffine3| -(pose.matrix3.transpose() * pose.translation);
@@ -225,7 +235,7 @@ fn frames_of_images(model: &ColmapModel, world_from_model: DAffine3, frames: &[F
         })
         .collect();
     let Some((_, origin)) = pairs.first() else {
-        return Err("none of the COLMAP images is a frame, so that nothing tells whether they share a coordinate frame".to_owned());
+        return Err("none of the COLMAP images is a frame, so that it is unknown whether they share a coordinate frame".to_owned());
     };
     let extent = pairs.iter().map(|(_, eye)| eye.distance(*origin)).fold(0.1 * origin.length(), f64::max);
     let worst = pairs.iter().map(|(model, eye)| model.distance(*eye)).fold(0.0, f64::max);

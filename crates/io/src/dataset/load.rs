@@ -1,11 +1,12 @@
-//! One view: file -> linear radiance or recorded values, bad pixels and masks, undistorted, reduced.
+//! One view: file -> linear radiance or recorded values, bad pixels and masks, undistorted,
+//! reduced.
 
 use std::sync::Arc;
 
 use luxel_core::{BadPixels, Camera, ColorSpace, Conversion, Image, Mask, PixelValues, Remedy, View};
 
 use super::masks::decode_mask;
-use super::source::Frame;
+use super::source::SourceFrame;
 use super::split::Part;
 use super::{LoadOptions, MaskSource, Supervision};
 use crate::IoError;
@@ -21,15 +22,15 @@ pub(super) struct LoadedView {
     pub(super) photographed: Camera,
     /// Present if any pixel is masked for its value.
     pub(super) bad: Option<BadPixels>,
-    /// As the file states it, or as it was converted to.
+    /// Space that the file states, or that it was converted to.
     pub(super) color_space: Option<ColorSpace>,
-    /// Of this image, without its name.
+    /// Warnings about this image, without its name.
     pub(super) warnings: Vec<String>,
-    /// Of the bytes of the image and its mask.
+    /// Digest of the bytes of the image and its mask.
     pub(super) digest: blake3::Hash,
 }
 
-pub(super) fn load_view(frame: &Frame, options: &LoadOptions) -> Result<LoadedView, IoError> {
+pub(super) fn load_view(frame: &SourceFrame, options: &LoadOptions) -> Result<LoadedView, IoError> {
     let bytes = read_file(&frame.image)?;
     let mut digest = blake3::Hasher::new();
     digest.update(&bytes);
@@ -67,8 +68,9 @@ pub(super) fn load_view(frame: &Frame, options: &LoadOptions) -> Result<LoadedVi
     Ok(LoadedView { view, photographed, bad, color_space, warnings: decoded.warnings, digest: digest.finalize() })
 }
 
-/// The image, and what its numbers are: a float format holds radiance; where recordings are read, an integer format holds what was recorded.
-fn decode(frame: &Frame, bytes: &[u8], options: &LoadOptions) -> Result<(DecodedImage, PixelValues), IoError> {
+/// Returns the image, and what its numbers are: a float format holds radiance; where captured
+/// images are read, an integer format holds what was recorded.
+fn decode(frame: &SourceFrame, bytes: &[u8], options: &LoadOptions) -> Result<(DecodedImage, PixelValues), IoError> {
     if options.supervision == Supervision::Hdr {
         let decoded = decode_image(&frame.image, bytes, &ReadOptions { transfer: options.transfer })?;
         return Ok((decoded, PixelValues::Radiance));
@@ -83,7 +85,7 @@ fn decode(frame: &Frame, bytes: &[u8], options: &LoadOptions) -> Result<(Decoded
         }
         (SampleDepth::Float, ..) => Ok((decoded, PixelValues::Radiance)),
         (_, Some(exposure_s), _) => {
-            // What is said of a display image that is read as radiance.
+            // These warnings concern a display image that is read as radiance.
             decoded.warnings.clear();
             Ok((decoded, PixelValues::Recorded { exposure_s }))
         }
@@ -91,8 +93,9 @@ fn decode(frame: &Frame, bytes: &[u8], options: &LoadOptions) -> Result<(Decoded
     }
 }
 
-/// Removes lens distortion and reduces, in linear light. Pixels that recorded values make together with bounds are left out.
-fn resample(view: &mut View, mut image: Image, mut mask: Option<Mask>, frame: &Frame, factor: u32) -> Result<(), IoError> {
+/// Removes lens distortion and reduces, in linear light. Pixels that recorded values make together
+/// with bounds are left out.
+fn resample(view: &mut View, mut image: Image, mut mask: Option<Mask>, frame: &SourceFrame, factor: u32) -> Result<(), IoError> {
     let is_resampled = !view.camera.distortion.is_none() || factor > 1;
     let mut bounds = is_resampled.then(|| view.values.bounds(&image)).flatten();
     if is_resampled {
@@ -136,13 +139,14 @@ fn resample(view: &mut View, mut image: Image, mut mask: Option<Mask>, frame: &F
     Ok(())
 }
 
-/// Takes the weight of pixels of recorded values whose resampled `bounds` say that some of what they are made of was black or saturated, and some not.
+/// Takes the weight of pixels of recorded values whose resampled `bounds` show that some of what
+/// they are made of was black or saturated, and some not.
 fn leave_out_mixtures(bounds: &Image, mask: &mut Mask) {
     let mixed = mask.weights.iter_mut().zip(&bounds.pixels).filter(|(_, levels)| PixelValues::is_mixture(**levels));
     mixed.for_each(|(weight, _)| *weight = 0.0);
 }
 
-/// Pixels that count in both.
+/// Returns the product of two masks: pixels that count in both.
 fn both(mask: Option<Mask>, other: Mask) -> Mask {
     match mask {
         None => other,
@@ -150,8 +154,8 @@ fn both(mask: Option<Mask>, other: Mask) -> Mask {
     }
 }
 
-/// The alpha channel as weights; colours that were multiplied by it are divided.
-fn take_opacity(decoded: &mut DecodedImage, frame: &Frame) -> Result<Mask, IoError> {
+/// Returns the alpha channel as weights; colours that were multiplied by it are divided.
+fn take_opacity(decoded: &mut DecodedImage, frame: &SourceFrame) -> Result<Mask, IoError> {
     let Some(alpha) = decoded.alpha.take() else {
         let message = format!("{} has no alpha channel, expected one to mask by", frame.image.display());
         return Err(frame.origin.error(message).with_remedy(Remedy::leave_out("masks")));
@@ -176,8 +180,9 @@ fn composite_over_black(decoded: &mut DecodedImage) {
     }
 }
 
-/// The space that a scene is trained in: linear Rec.709 and ACEScg stay, other spaces that the file states are converted to linear Rec.709.
-/// A wider space for its own sake costs quality: chromaticities crowd in the middle of it.
+/// Returns the space that a scene is trained in: linear Rec.709 and ACEScg stay, other spaces that
+/// the file states are converted to linear Rec.709. A wider space for its own sake costs quality:
+/// chromaticities crowd in the middle of it.
 fn settle_working_space(decoded: &mut DecodedImage) -> Option<ColorSpace> {
     let stated = decoded.color_space?;
     if matches!(stated, ColorSpace::LinearRec709 | ColorSpace::AcesCg) {
@@ -188,7 +193,7 @@ fn settle_working_space(decoded: &mut DecodedImage) -> Option<ColorSpace> {
     Some(working)
 }
 
-/// Sets pixels that are no radiance to 0 and masks them. `None` where there are none.
+/// Sets pixels that are not radiance to 0 and masks them. `None` where there are none.
 fn mask_bad_pixels(image: &mut Image, name: &str) -> (Option<Mask>, Option<BadPixels>) {
     let mut bad = BadPixels { name: name.to_owned(), nan: 0, infinite: 0, negative: 0 };
     let mut valid = Vec::new();

@@ -1,8 +1,10 @@
-//! Masks: images whose brightness says how much each pixel counts, white fully, black not at all.
+//! Masks: images whose brightness is the weight of each pixel, white 1, black 0.
 //!
-//! In a folder of masks an image's is named like it: `<stem>.png` (or another image format, or with an image's extension before, its own or another: `000.exr.png`),
-//! below the same folders, without the first of them, or without any where no two images share a last name. Next to a data set the folder is
-//! `masks/`; a merge of exposures leaves another, of the pixels that all of them saturate, to be named.
+//! In a folder of masks an image's is named like it: `<stem>.png` (or another image format, or with
+//! an image's extension before, its own or another: `000.exr.png`), below the same folders, without
+//! the first of them, or without any where no two images share a last name. Next to a data set the
+//! folder is `masks/`; a merge of exposures leaves another, of the pixels that all of them
+//! saturate, to be named.
 
 use std::collections::HashMap;
 use std::fmt;
@@ -13,18 +15,19 @@ use luxel_core::Mask;
 use serde::{Deserialize, Serialize};
 
 use super::files::{IMAGE_EXTENSIONS, Substitute, find_image};
-use super::source::Frame;
+use super::source::SourceFrame;
 use crate::IoError;
 use crate::image::decode_codes;
 
 /// Names that a warning lists.
 const MAX_LISTED: usize = 3;
 
-/// Where masks come from.
+/// The source of masks.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(into = "String", try_from = "String")]
 pub enum MaskSource {
-    /// `mask_path` of a `transforms.json`, or the folder `masks` beside the images, where they are there.
+    /// `mask_path` of a `transforms.json`, or the folder `masks` beside the images, where they are
+    /// there.
     #[default]
     Auto,
     /// No masks.
@@ -75,8 +78,12 @@ impl fmt::Display for MaskSource {
 }
 
 /// Gives the frames of the data set in the folder `scene` their masks; warnings for people.
-pub(super) fn attach<'a>(scene: &Path, frames: impl Iterator<Item = &'a mut Frame>, source: &MaskSource) -> Result<Vec<String>, IoError> {
-    let mut frames: Vec<&mut Frame> = frames.collect();
+pub(super) fn attach<'a>(
+    scene: &Path,
+    frames: impl Iterator<Item = &'a mut SourceFrame>,
+    source: &MaskSource,
+) -> Result<Vec<String>, IoError> {
+    let mut frames: Vec<&mut SourceFrame> = frames.collect();
     let folder = match source {
         MaskSource::Off | MaskSource::Alpha => {
             frames.iter_mut().for_each(|frame| frame.mask = None);
@@ -91,7 +98,9 @@ pub(super) fn attach<'a>(scene: &Path, frames: impl Iterator<Item = &'a mut Fram
             beside
         }
         MaskSource::Folder(folder) if folder.is_dir() => folder.clone(),
-        MaskSource::Folder(folder) => return Err(IoError::invalid(folder, "is no folder, expected one with masks named like the images")),
+        MaskSource::Folder(folder) => {
+            return Err(IoError::invalid(folder, "is not a folder, expected one with masks named like the images"));
+        }
     };
     let mut last_names: HashMap<String, usize> = HashMap::new();
     for frame in &frames {
@@ -125,7 +134,7 @@ fn last_name(name: &str) -> &str {
     name.rsplit('/').next().unwrap_or(name)
 }
 
-fn mask_of(folder: &Path, frame: &Frame, is_last_name_unique: bool) -> Option<PathBuf> {
+fn mask_of(folder: &Path, frame: &SourceFrame, is_last_name_unique: bool) -> Option<PathBuf> {
     let below_first = frame.name.split_once('/').map(|(_, rest)| rest);
     let last = is_last_name_unique.then(|| last_name(&frame.name));
     let extension = frame.image.extension().map(|e| e.to_string_lossy().into_owned()).unwrap_or_default();
@@ -137,7 +146,8 @@ fn mask_of(folder: &Path, frame: &Frame, is_last_name_unique: bool) -> Option<Pa
     })
 }
 
-/// Weights of an image of `size_px` from the file's content: the largest channel, 0 to 1.
+/// Decodes the weights of an image of `size_px` from the file's content: the largest channel, 0 to
+/// 1.
 ///
 /// # Errors
 /// A damaged file, or one of another size.

@@ -1,17 +1,25 @@
 //! Data sets in: posed images, their split, and points.
 //!
-//! In: a folder (or a `transforms.json`). Out: [`Dataset`] with linear radiance, undistorted and reduced cameras, bad pixels masked.
-//! Layouts: [`DatasetFormat`]; recognised by [`detect_format`]. Nothing is guessed in silence: what is left out is among the warnings.
+//! In: a folder (or a `transforms.json`). Out: [`Dataset`] with linear radiance, undistorted and
+//! reduced cameras, bad pixels masked. Layouts: [`DatasetFormat`]; recognised by [`detect_format`].
+//! Nothing is guessed in silence: what is left out is among the warnings.
 //!
-//! - Split: the frames' own (files, names); else `split.json` with lists "train" and "test"; else every 8th of the sorted names is test.
-//! - Names: the image's path with its folders and without its extension. Views are sorted by name, byte by byte.
-//! - Sizes: an image is of its camera's size, or a copy at 1/2, 1/4 or 1/8 of it (rounded either way), whose camera is scaled.
-//! - Alpha: images are composited over black. Premultiplied colour (EXR) stays as it is, straight colour (PNG) is multiplied; TIFF says which it holds.
-//! - Pixels that are NaN, infinite or negative become 0 and are masked, before anything is resampled.
+//! - Split: the frames' own (files, names); else `split.json` with lists "train" and "test"; else
+//!   every 8th of the sorted names is test.
+//! - Names: the image's path with its folders and without its extension. Views are sorted by name,
+//!   byte by byte.
+//! - Sizes: an image is of its camera's size, or a copy at 1/2, 1/4 or 1/8 of it (rounded either
+//!   way), whose camera is scaled.
+//! - Alpha: images are composited over black. Premultiplied colour (EXR) stays as it is, straight
+//!   colour (PNG) is multiplied; TIFF states which it has.
+//! - Pixels that are NaN, infinite or negative become 0 and are masked, before anything is
+//!   resampled.
 //! - Masks: [`MaskSource`]; white counts, black does not.
-//! - Recordings ([`Supervision::Ldr`]): what cameras recorded of brackets or single exposures is trained on as it is, each image with its exposure in
-//!   seconds; held-out views are radiance where there is any.
-//! - Lens distortion is removed, then the image is reduced, both in linear light; observations of points follow.
+//! - Recordings ([`Supervision::Ldr`]): what cameras recorded of brackets or single exposures is
+//!   trained on as it is, each image with its exposure in seconds; held-out views are radiance
+//!   where there is any.
+//! - Lens distortion is removed, then the image is reduced, both in linear light; observations of
+//!   points follow.
 
 mod assemble;
 pub mod colmap;
@@ -19,6 +27,7 @@ mod detect;
 mod files;
 mod fingerprint;
 mod intrinsics;
+mod json_fields;
 mod layout_colmap;
 mod layout_llff;
 mod layout_transforms;
@@ -54,13 +63,16 @@ const DOWNSCALES: [u32; 4] = [1, 2, 4, 8];
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DatasetFormat {
-    /// `transforms.json` of nerfstudio, instant-ngp or Blender, or `transforms_train.json` with `transforms_test.json`.
+    /// `transforms.json` of nerfstudio, instant-ngp or Blender, or `transforms_train.json` with
+    /// `transforms_test.json`.
     Transforms,
     /// COLMAP model in `sparse/0`, `sparse` or the folder itself, images in `images/`.
     Colmap,
-    /// HDR-NeRF's synthetic scenes: `transforms_{train,test}.json` with `{train,test}_hdr/hdr_000.exr`.
+    /// HDR-NeRF's synthetic scenes: `transforms_{train,test}.json` with
+    /// `{train,test}_hdr/hdr_000.exr`.
     HdrNerf,
-    /// HDR-NeRF's real scenes: `poses_bounds_exps.npy` with `input_images/000_0.jpg`, recordings alone.
+    /// HDR-NeRF's real scenes: `poses_bounds_exps.npy` with `input_images/000_0.jpg`, captured
+    /// images alone.
     HdrNerfReal,
     /// HDR-GS's repack of the synthetic ones: COLMAP with `exr/0.exr`.
     HdrGs,
@@ -73,7 +85,7 @@ impl DatasetFormat {
     /// All of them.
     pub const ALL: [Self; 6] = [Self::Transforms, Self::Colmap, Self::HdrNerf, Self::HdrNerfReal, Self::HdrGs, Self::GaussHdr];
 
-    /// Name on the command line.
+    /// Returns the name of this source.
     pub fn name(self) -> &'static str {
         match self {
             Self::Transforms => "transforms",
@@ -123,7 +135,7 @@ pub struct LoadOptions {
     /// Which exposures of each bracket are trained on, under [`Supervision::Ldr`].
     #[serde(default)]
     pub exposures: Exposures,
-    /// Where the weights of pixels come from.
+    /// Source of the weights of pixels.
     #[serde(default)]
     pub masks: MaskSource,
 }
@@ -143,6 +155,29 @@ impl Default for LoadOptions {
 }
 
 /// Reads a data set. `path` is a folder or a `transforms.json`.
+///
+/// ```
+/// use luxel_core::Image;
+/// use luxel_io::{ExrOptions, LoadOptions, load_dataset, write_exr};
+///
+/// let folder = tempfile::tempdir()?;
+/// let mut frames = Vec::new();
+/// for i in 0..9 {
+///     let image = Image::filled(8, 6, [i as f32; 3]);
+///     write_exr(&folder.path().join(format!("images/{i:03}.exr")), &image, &ExrOptions::default())?;
+///     frames.push(format!(
+///         r#"{{"file_path": "images/{i:03}.exr", "transform_matrix":
+///         [[1, 0, 0, {i}], [0, 1, 0, 0], [0, 0, 1, 4], [0, 0, 0, 1]]}}"#
+///     ));
+/// }
+/// let json = format!(r#"{{"fl_x": 10, "frames": [{}]}}"#, frames.join(", "));
+/// std::fs::write(folder.path().join("transforms.json"), json)?;
+///
+/// let dataset = load_dataset(folder.path(), &LoadOptions::default())?;
+/// // Without a split in the files, every eighth view is held out.
+/// assert_eq!((dataset.train.len(), dataset.test.len()), (7, 2));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// # Errors
 /// Whatever is wrong with the files: each error names file, place, expectation and remedy.

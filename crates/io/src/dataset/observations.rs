@@ -10,8 +10,8 @@ const MAX_STEPS: usize = 30;
 /// Residual on normalised coordinates: a thousandth of a pixel at a focal length of 10,000.
 const TOLERANCE: f64 = 1e-7;
 
-/// Where a frame's observations go.
-pub(super) struct Target<'a> {
+/// The view that receives a frame's observations.
+pub(super) struct ObservedView<'a> {
     /// Index into the data set's training views.
     pub(super) index: u32,
     /// The camera of the image as it was read.
@@ -20,11 +20,12 @@ pub(super) struct Target<'a> {
     pub(super) view: &'a View,
 }
 
-/// Points of the data set. `targets`: of each frame of the source; none for those that are not trained on. Observations outside of
-/// their view or on a masked pixel are dropped: there is no radiance to be read there.
-pub(super) fn map_points(points: Vec<SourcePoint>, targets: &[Vec<Target<'_>>]) -> Vec<Point> {
+/// Returns the points of the data set. `targets`: of each frame of the source; none for those that
+/// are not trained on. Observations outside of their view or on a masked pixel are dropped: there
+/// is no radiance to be read there.
+pub(super) fn map_points(points: Vec<SourcePoint>, targets: &[Vec<ObservedView<'_>>]) -> Vec<Point> {
     let map = |point: SourcePoint| {
-        let observation = |target: &Target<'_>, sighting: &Sighting| {
+        let observation = |target: &ObservedView<'_>, sighting: &Sighting| {
             let [w, h] = target.photographed.size_px.map(f64::from);
             let photographed_px = DVec2::new(f64::from(sighting.at[0]) * w, f64::from(sighting.at[1]) * h);
             let px = map_pixel(photographed_px, target.photographed, &target.view.camera)?;
@@ -49,13 +50,14 @@ fn is_seen(view: &View, px: Vec2) -> bool {
     x < view.image.width && y < view.image.height && view.is_valid(y * view.image.width + x)
 }
 
-/// Pixel coordinates in the view of a pixel of the image as it was read.
+/// Returns the pixel coordinates in the view of a pixel of the image as it was read.
 fn map_pixel(px: DVec2, from: &Camera, to: &Camera) -> Option<DVec2> {
     let normalised = undistort((px - from.center_px) / from.focal_px, &from.distortion)?;
     Some(normalised * to.focal_px + to.center_px)
 }
 
-/// The undistorted normalised coordinates of distorted ones, by Newton's method; `None` where it does not converge.
+/// Returns the undistorted normalised coordinates of distorted ones, by Newton's method; `None`
+/// where it does not converge.
 fn undistort(distorted: DVec2, lens: &Distortion) -> Option<DVec2> {
     if lens.is_none() {
         return distorted.is_finite().then_some(distorted);

@@ -1,4 +1,5 @@
-//! What cameras recorded: display-referred images with their exposures, as data sets for HDR from LDR have them beside or in place of radiance.
+//! Captured LDR images: display-referred images with their exposures, as data sets for HDR from LDR
+//! have them beside or in place of radiance.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -9,12 +10,13 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::files::{Substitute, find_image, view_name, without_extension};
-use super::source::{Frame, Recording};
-use super::transforms::{kind_of, parse_json};
+use super::json_fields::{kind_of, parse_json};
+use super::source::{Recording, SourceFrame};
 use crate::IoError;
 use crate::read_file::read_file;
 
-/// Exposures of HDR-GS's images `<i>_0.png` to `<i>_4.png`, seconds: its repack leaves HDR-NeRF's list out.
+/// Exposures of HDR-GS's images `<i>_0.png` to `<i>_4.png`, seconds: its repack leaves HDR-NeRF's
+/// list out.
 const HDR_GS_EXPOSURES: [f32; 5] = [0.125, 0.5, 2.0, 8.0, 32.0];
 
 /// Which images are trained on.
@@ -24,11 +26,12 @@ pub enum Supervision {
     /// Radiance.
     #[default]
     Hdr,
-    /// What a camera recorded, with the exposures.
+    /// Captured LDR images with their exposures.
     Ldr,
 }
 
-/// Which recordings of each pose are trained on, counted from the shortest exposure.
+/// The choice of captured images of each pose that are trained on, counted from the shortest
+/// exposure.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(into = "String", try_from = "String")]
 pub enum Exposures {
@@ -84,10 +87,11 @@ pub(super) fn read_exposures(path: &Path) -> Result<BTreeMap<String, f32>, IoErr
     parse_exposures(path, &read_file(path)?)
 }
 
-/// Parses an `exposure.json`, image names and seconds: seconds by the last part of the name, without the image's extension.
+/// Parses an `exposure.json`, image names and seconds: seconds by the last part of the name,
+/// without the image's extension.
 ///
 /// # Errors
-/// No JSON, no object, or a value that is no number above 0.
+/// Text that is not JSON or not an object, or a value that is not a number above 0.
 pub fn parse_exposures(path: &Path, bytes: &[u8]) -> Result<BTreeMap<String, f32>, IoError> {
     let root = parse_json(path, bytes)?;
     let Value::Object(root) = root else {
@@ -105,7 +109,8 @@ pub fn parse_exposures(path: &Path, bytes: &[u8]) -> Result<BTreeMap<String, f32
     Ok(exposures)
 }
 
-/// Images `<stem>_<k>` in `folder` that have an exposure; views of them are named with `prefix`.
+/// Returns images `<stem>_<k>` in `folder` that have an exposure; views of them are named with
+/// `prefix`.
 pub(super) fn listed(folder: &Path, prefix: &str, stem: &str, exposures: &BTreeMap<String, f32>) -> Vec<Recording> {
     let of_stem = exposures.range(format!("{stem}_")..).take_while(|(name, _)| name.starts_with(&format!("{stem}_")));
     of_stem
@@ -117,7 +122,8 @@ pub(super) fn listed(folder: &Path, prefix: &str, stem: &str, exposures: &BTreeM
         .collect()
 }
 
-/// Recordings of the pose of an HDR-NeRF frame: of `train/r_7` or `train/r_7_2` the images `train/r_7_<k>`.
+/// Returns the captured images of the pose of an HDR-NeRF frame: of `train/r_7` or `train/r_7_2`
+/// the images `train/r_7_<k>`.
 pub(super) fn hdr_nerf(folder: &Path, file_path: &str, number: u32, exposures: &BTreeMap<String, f32>) -> Vec<Recording> {
     let slashed = file_path.replace('\\', "/");
     let (parent, base) = slashed.rsplit_once('/').unwrap_or((".", &slashed));
@@ -128,7 +134,7 @@ pub(super) fn hdr_nerf(folder: &Path, file_path: &str, number: u32, exposures: &
     listed(&folder.join(parent), parent, stem.unwrap_or(base), exposures)
 }
 
-/// Recordings `images/<view>_<k>` of HDR-GS's repack.
+/// Returns the captured images `images/<view>_<k>` of HDR-GS's repack.
 pub(super) fn hdr_gs(scene: &Path, view: &str) -> Vec<Recording> {
     let image = |(k, exposure_s): (usize, &f32)| {
         let name = format!("{view}_{k}");
@@ -138,12 +144,13 @@ pub(super) fn hdr_gs(scene: &Path, view: &str) -> Vec<Recording> {
     HDR_GS_EXPOSURES.iter().enumerate().filter_map(image).collect()
 }
 
-/// The frames that `frame` stands for: where recordings are read, those of a training pose, or of a held-out one without radiance.
-pub(super) fn expanded(frame: &Frame, is_held_out: bool) -> Vec<Frame> {
+/// Returns the frames that `frame` represents: where captured images are read, those of a training
+/// pose, or of a held-out one without radiance.
+pub(super) fn expanded(frame: &SourceFrame, is_held_out: bool) -> Vec<SourceFrame> {
     if frame.recordings.is_empty() || (is_held_out && frame.image.is_file()) {
         return vec![frame.clone()];
     }
-    let recording = |recording: &Recording| Frame {
+    let recording = |recording: &Recording| SourceFrame {
         name: recording.name.clone(),
         image: recording.image.clone(),
         exposure_s: Some(recording.exposure_s),
@@ -153,12 +160,13 @@ pub(super) fn expanded(frame: &Frame, is_held_out: bool) -> Vec<Frame> {
     frame.recordings.iter().map(recording).collect()
 }
 
-/// Of the recordings of each pose those that `exposures` names; frames of equal pose are of one bracket. In the order given.
-pub(super) fn choose<T>(frames: Vec<T>, of: impl Fn(&T) -> &Frame, exposures: &Exposures) -> Vec<T> {
+/// Keeps the captured images of each pose that `exposures` names, in the order given; frames of
+/// equal pose form one bracket.
+pub(super) fn choose<T>(frames: Vec<T>, of: impl Fn(&T) -> &SourceFrame, exposures: &Exposures) -> Vec<T> {
     if *exposures == Exposures::All {
         return frames;
     }
-    let pose = |frame: &Frame| frame.camera_from_world.to_cols_array().map(f64::to_bits);
+    let pose = |frame: &SourceFrame| frame.camera_from_world.to_cols_array().map(f64::to_bits);
     let mut brackets: Vec<([u64; 12], Vec<usize>)> = Vec::new();
     for (i, frame) in frames.iter().enumerate() {
         let pose = pose(of(frame));

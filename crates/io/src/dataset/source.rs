@@ -1,4 +1,5 @@
-//! What every layout is turned into before any pixel is read: frames with images, poses and lenses; a split; points.
+//! The form that every layout is brought to before any pixel is read: frames with images, poses and
+//! lenses; a split; points.
 
 use std::path::{Path, PathBuf};
 
@@ -12,13 +13,13 @@ use crate::read_file::read_file;
 
 /// A data set without its pixels.
 #[derive(Debug)]
-pub(super) struct Source {
+pub(super) struct DatasetSource {
     /// For people.
     pub(super) format: String,
     /// Folder of the scene: what lies beside the images, such as masks, lies in it.
     pub(super) folder: PathBuf,
     /// In any order.
-    pub(super) frames: Vec<Frame>,
+    pub(super) frames: Vec<SourceFrame>,
     /// Train and test.
     pub(super) split: SplitRule,
     /// May be empty.
@@ -29,14 +30,14 @@ pub(super) struct Source {
 
 /// An image to be read.
 #[derive(Clone, Debug)]
-pub(super) struct Frame {
+pub(super) struct SourceFrame {
     /// View name.
     pub(super) name: String,
-    /// Existing file; where recordings are read, it may be missing beside them.
+    /// Existing file; where captured LDR images are read, it may be missing beside them.
     pub(super) image: PathBuf,
-    /// What a camera recorded from this pose; only where recordings are read.
+    /// Captured LDR images from this pose; only where these are read.
     pub(super) recordings: Vec<Recording>,
-    /// Exposure of the image if it is a recording, seconds.
+    /// Exposure of the image if it is a captured LDR image, seconds.
     pub(super) exposure_s: Option<f32>,
     /// Noise of the image, if the frame states it.
     pub(super) noise: Option<NoiseModel>,
@@ -46,9 +47,9 @@ pub(super) struct Frame {
     pub(super) camera_from_world: DAffine3,
     /// Lens.
     pub(super) intrinsics: Intrinsics,
-    /// Where it is described.
+    /// Place that describes it.
     pub(super) origin: Origin,
-    /// Side of the split, if the frame says so itself.
+    /// Side of the split, if the frame states it itself.
     pub(super) part: Option<Part>,
 }
 
@@ -89,16 +90,18 @@ pub(super) struct SourcePoint {
     pub(super) sightings: Vec<Sighting>,
 }
 
-/// Where a point was seen.
+/// A place where a point was seen.
 #[derive(Debug)]
 pub(super) struct Sighting {
-    /// Index into [`Source::frames`].
+    /// Index into [`DatasetSource::frames`].
     pub(super) frame: usize,
-    /// Position in the distorted image as a fraction of its width and height: holds for every size of the image.
+    /// Position in the distorted image as a fraction of its width and height: holds for every size
+    /// of the image.
     pub(super) at: [f32; 2],
 }
 
-/// The split of a data set whose layout has none of its own: `split.json` beside it, or every 8th.
+/// Returns the split of a data set whose layout has none of its own: `split.json` beside it, or
+/// every 8th.
 pub(super) fn split_beside(folder: &Path) -> Result<SplitRule, IoError> {
     let path = folder.join("split.json");
     if path.is_file() { Ok(SplitRule::Lists(parse_split(&path, &read_file(&path)?)?)) } else { Ok(SplitRule::EveryEighth) }

@@ -6,10 +6,11 @@ use std::path::{Path, PathBuf};
 use serde_json::Value;
 
 use super::files::{view_name, without_extension};
-use super::transforms::{kind_of, parse_json, string_list};
+use super::json_fields::{kind_of, parse_json, string_list};
 use crate::IoError;
 
-/// Every so many-th of the sorted views is held out where the data set says nothing (3D Gaussian splatting's habit).
+/// Every so many-th of the sorted views is held out where the data set states no split (3D Gaussian
+/// splatting's habit).
 const HOLD_OUT_EVERY: usize = 8;
 
 /// Side of the split.
@@ -35,7 +36,7 @@ pub struct SplitLists {
 /// How views are split.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum SplitRule {
-    /// Every frame says itself; those that do not are left out.
+    /// Each frame states its side; those that do not are left out.
     Frames,
     /// By lists of names.
     Lists(SplitLists),
@@ -43,7 +44,20 @@ pub(super) enum SplitRule {
     EveryEighth,
 }
 
-/// Parses the content of a `split.json`: an object with lists "train" and "test"; other keys are ignored. `path` is for messages.
+/// Parses the content of a `split.json`: an object with lists "train" and "test"; other keys are
+/// ignored. `path` is for messages.
+///
+/// ```
+/// use std::path::Path;
+///
+/// let json = br#"{"train": ["000", "001"], "test": ["002"]}"#;
+/// let split = luxel_io::parse_split(Path::new("split.json"), json)?;
+/// assert_eq!((split.train.len(), split.test.len()), (2, 1));
+///
+/// let error = luxel_io::parse_split(Path::new("split.json"), b"[]").unwrap_err();
+/// assert!(error.to_string().starts_with("split.json: "));
+/// # Ok::<(), luxel_io::IoError>(())
+/// ```
 ///
 /// # Errors
 /// [`crate::IoErrorKind::Invalid`].
@@ -60,7 +74,8 @@ pub fn parse_split(path: &Path, bytes: &[u8]) -> Result<SplitLists, IoError> {
     Ok(SplitLists { path: path.into(), train: list("train")?, test: list("test")? })
 }
 
-/// The side of each of the sorted `names`; `None` is left out. `frames` are the sides that the frames state themselves.
+/// Returns the side of each of the sorted `names`; `None` is left out. `frames` are the sides that
+/// the frames state themselves.
 pub(super) fn assign(rule: &SplitRule, names: &[&str], frames: &[Option<Part>]) -> Result<Vec<Option<Part>>, IoError> {
     match rule {
         SplitRule::Frames => Ok(frames.to_vec()),
@@ -89,12 +104,12 @@ impl NameIndex {
                 by_end.entry(name[slash + 1..].to_owned()).and_modify(|e| *e = None).or_insert(Some(i));
             }
         }
-        // A full name goes before the end of another.
+        // A full name takes precedence over the end of another.
         by_end.extend(full.into_iter().map(|(name, i)| (name, Some(i))));
         Self { by_end }
     }
 
-    /// `None`: no view is meant; `Some(None)`: several are.
+    /// Finds the view that a name means. `None`: no view; `Some(None)`: several.
     pub(super) fn find(&self, name: &str) -> Option<Option<usize>> {
         let exact = view_name(name);
         self.by_end.get(&exact).or_else(|| self.by_end.get(without_extension(&exact))).copied()
@@ -107,7 +122,7 @@ fn by_lists(lists: &SplitLists, names: &[&str]) -> Result<Vec<Option<Part>>, IoE
     for (list, part, key) in [(&lists.train, Part::Train, "train"), (&lists.test, Part::Test, "test")] {
         for name in list {
             let error = |message: String| IoError::invalid(&lists.path, format!("\"{key}\": {name:?} {message}"));
-            let found = index.find(name).ok_or_else(|| error("is no image of the data set".to_owned()))?;
+            let found = index.find(name).ok_or_else(|| error("is not an image of the data set".to_owned()))?;
             let Some(slot) = found.and_then(|found| parts.get_mut(found)) else {
                 return Err(error("names several images, expected their folder with it".to_owned()));
             };
@@ -145,7 +160,7 @@ mod tests {
             "split.json: \"train\": \"a\" names several images, expected their folder with it"
         );
         assert_eq!(split(&["x/a"], &["x/a.exr"], &names).unwrap_err(), "split.json: \"test\": \"x/a.exr\" is in both lists, expected one");
-        assert_eq!(split(&["q"], &[], &names).unwrap_err(), "split.json: \"train\": \"q\" is no image of the data set");
+        assert_eq!(split(&["q"], &[], &names).unwrap_err(), "split.json: \"train\": \"q\" is not an image of the data set");
     }
 
     #[test]

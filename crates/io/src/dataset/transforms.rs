@@ -1,17 +1,22 @@
-//! Parser of `transforms.json` (nerfstudio, instant-ngp, Blender): bytes -> frames with poses and lenses. Opens no image.
+//! Parser of `transforms.json` (nerfstudio, instant-ngp, Blender): bytes -> frames with poses and
+//! lenses. Opens no image.
 //!
-//! Poses are camera-to-world matrices in OpenGL axes. Lens parameters of a frame go before the file's, group by group: focal lengths and angles of view;
-//! the centre, which a frame of another size has of its own; distortion. Understood: `fl_x fl_y cx cy w h`,
-//! `camera_angle_x camera_angle_y`, `k1 k2 p1 p2`, `ply_file_path`, `applied_transform`, `applied_scale`, `train_filenames`,
-//! `val_filenames`, `test_filenames`, `mask_path`; `exposure` (seconds) of recorded images, `noise` or `iso` and `white` of noisy ones. Lenses beyond OPENCV's four coefficients are refused.
+//! Poses are camera-to-world matrices in OpenGL axes. Lens parameters of a frame go before the
+//! file's, group by group: focal lengths and angles of view; the centre, which a frame of another
+//! size has of its own; distortion. Understood: `fl_x fl_y cx cy w h`, `camera_angle_x
+//! camera_angle_y`, `k1 k2 p1 p2`, `ply_file_path`, `applied_transform`, `applied_scale`,
+//! `train_filenames`, `val_filenames`, `test_filenames`, `mask_path`; `exposure` (seconds) of
+//! recorded images, `noise` or `iso` and `white` of noisy ones. Lenses beyond OPENCV's four
+//! coefficients are refused.
 
 use std::path::Path;
 
 use glam::{DAffine3, DMat3, DVec2, DVec3};
-use luxel_core::{Camera, Distortion, MAX_SIDE_PX, NoiseModel};
-use serde_json::{Map, Value};
+use luxel_core::{Camera, Distortion, NoiseModel};
+use serde_json::Value;
 
 use super::intrinsics::{Focal, Intrinsics};
+use super::json_fields::{Fields, kind_of, parse_json, string_list};
 use crate::IoError;
 
 /// Camera models whose lens is pinhole with k1 k2 p1 p2.
@@ -29,7 +34,8 @@ pub struct Transforms {
     pub frames: Vec<TransformsFrame>,
     /// Point cloud in the cameras' frame, relative to the file.
     pub(super) ply_file_path: Option<String>,
-    /// From the frame of the reconstruction (COLMAP's points beside the file) to the cameras' frame.
+    /// From the frame of the reconstruction (COLMAP's points beside the file) to the cameras'
+    /// frame.
     pub(super) world_from_reconstruction: DAffine3,
     /// `train_filenames`, `val_filenames`, `test_filenames`.
     pub(super) split: Option<[Vec<String>; 3]>,
@@ -53,21 +59,35 @@ pub struct TransformsFrame {
 }
 
 impl TransformsFrame {
-    /// Image size that the frame states.
+    /// Returns the image size that the frame states.
     pub fn size_px(&self) -> Option<[u32; 2]> {
         self.intrinsics.size_px
     }
 
-    /// The frame's camera for an image of `image_px` pixels (the stated size or 1/2, 1/4, 1/8 of it), lens distortion included.
+    /// Returns the frame's camera for an image of `image_px` pixels (the stated size or 1/2, 1/4,
+    /// 1/8 of it), lens distortion included.
     ///
     /// # Errors
-    /// What is wrong with the pose, the lens or the size.
+    /// An explanation of what is wrong with the pose, the lens or the size.
     pub fn camera(&self, image_px: [u32; 2]) -> Result<Camera, String> {
         self.intrinsics.camera(self.camera_from_world, image_px)
     }
 }
 
 /// Parses the content of a `transforms.json`; `path` is for error messages.
+///
+/// ```
+/// use std::path::Path;
+///
+/// let json = br#"{"camera_angle_x": 1.0, "frames": [{
+///     "file_path": "images/000.exr",
+///     "transform_matrix": [[1, 0, 0, 2], [0, 1, 0, 0], [0, 0, 1, 4], [0, 0, 0, 1]]
+/// }]}"#;
+/// let transforms = luxel_io::parse_transforms(Path::new("transforms.json"), json)?;
+/// let camera = transforms.frames[0].camera([400, 300])?;
+/// assert_eq!(camera.eye().to_array(), [2.0, 0.0, 4.0]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// # Errors
 /// [`crate::IoErrorKind::Invalid`] and [`crate::IoErrorKind::Unsupported`], naming frame and key.
@@ -89,131 +109,6 @@ pub fn parse_transforms(path: &Path, bytes: &[u8]) -> Result<Transforms, IoError
         world_from_reconstruction: applied_transform(&file)?,
         split: filenames(&file)?,
     })
-}
-
-/// JSON of any shape; numbers that JSON does not have get a remedy.
-pub(super) fn parse_json(path: &Path, bytes: &[u8]) -> Result<Value, IoError> {
-    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
-    serde_json::from_slice(bytes).map_err(|e| {
-        let has = |token: &[u8]| bytes.windows(token.len()).any(|window| window == token);
-        let hint = if has(b"NaN") || has(b"Infinity") { "; NaN and Infinity are no JSON numbers" } else { "" };
-        IoError::invalid(path, format!("not JSON: {e}{hint}"))
-    })
-}
-
-/// "a list", "null", ...: what a value is, for people.
-pub(super) fn kind_of(value: &Value) -> &'static str {
-    match value {
-        Value::Null => "null",
-        Value::Bool(_) => "a truth value",
-        Value::Number(_) => "a number",
-        Value::String(_) => "a string",
-        Value::Array(_) => "a list",
-        Value::Object(_) => "an object",
-    }
-}
-
-/// An object of the file, with the place it stands at and the object that gives its defaults.
-struct Fields<'a> {
-    path: &'a Path,
-    /// Empty, or `frame 3: `.
-    place: String,
-    own: &'a Map<String, Value>,
-    shared: Option<&'a Map<String, Value>>,
-}
-
-impl Fields<'_> {
-    fn error(&self, message: impl std::fmt::Display) -> IoError {
-        IoError::invalid(self.path, format!("{}{message}", self.place))
-    }
-
-    fn unsupported(&self, message: impl std::fmt::Display) -> IoError {
-        IoError::unsupported(self.path, format!("{}{message}", self.place))
-    }
-
-    fn get(&self, key: &str) -> Option<&Value> {
-        self.own.get(key).or_else(|| self.shared.and_then(|shared| shared.get(key)))
-    }
-
-    /// The frame's own fields, where it has one of these keys: numbers that make a lens together are never mixed with the file's.
-    fn group(&self, keys: &[&str]) -> Self {
-        let has_own = keys.iter().any(|key| self.own.contains_key(*key));
-        Self { path: self.path, place: self.place.clone(), own: self.own, shared: self.shared.filter(|_| !has_own) }
-    }
-
-    /// A finite number, if the key is there.
-    fn number(&self, key: &str) -> Result<Option<f64>, IoError> {
-        let Some(value) = self.get(key) else { return Ok(None) };
-        match value.as_f64() {
-            Some(number) if number.is_finite() => Ok(Some(number)),
-            _ => Err(self.error(format!("\"{key}\" is {}, expected a finite number", kind_of(value)))),
-        }
-    }
-
-    /// A number above 0, if the key is there.
-    fn positive(&self, key: &str) -> Result<Option<f64>, IoError> {
-        match self.number(key)? {
-            // What f32 cannot hold is no exposure, sensitivity or radiance of a photograph.
-            Some(number) if !(number as f32).is_normal() || number < 0.0 => {
-                Err(self.error(format!("\"{key}\" is {number}, expected a number above 0")))
-            }
-            number => Ok(number),
-        }
-    }
-
-    fn string(&self, key: &str) -> Result<Option<String>, IoError> {
-        match self.get(key) {
-            None => Ok(None),
-            Some(Value::String(text)) => Ok(Some(text.clone())),
-            Some(other) => Err(self.error(format!("\"{key}\" is {}, expected a string", kind_of(other)))),
-        }
-    }
-
-    /// Image side, if the key is there: a whole number, also when written as 400.0.
-    fn side(&self, key: &str) -> Result<Option<u32>, IoError> {
-        let Some(number) = self.number(key)? else { return Ok(None) };
-        if number.fract() != 0.0 || !(1.0..=f64::from(MAX_SIDE_PX)).contains(&number) {
-            return Err(self.error(format!("\"{key}\" is {number}, expected a whole number of pixels from 1 to {MAX_SIDE_PX}")));
-        }
-        Ok(Some(number as u32))
-    }
-
-    /// Angle of view, if the key is there.
-    fn angle(&self, key: &str) -> Result<Option<f64>, IoError> {
-        let angle = self.number(key)?;
-        match angle {
-            Some(angle) if angle <= 0.0 || angle >= std::f64::consts::PI => {
-                Err(self.error(format!("\"{key}\" is {angle}, expected radians between 0 and pi")))
-            }
-            _ => Ok(angle),
-        }
-    }
-
-    /// Matrix of `R` rows of 4 finite numbers.
-    fn matrix<const R: usize>(&self, key: &str, value: &Value) -> Result<[[f64; 4]; R], IoError> {
-        let Value::Array(rows) = value else {
-            return Err(self.error(format!("\"{key}\" is {}, expected {R} rows of 4 numbers", kind_of(value))));
-        };
-        if rows.len() != R {
-            return Err(self.error(format!("\"{key}\" has {} rows, expected {R}", rows.len())));
-        }
-        let mut matrix = [[0.0; 4]; R];
-        for (r, (row, out)) in rows.iter().zip(&mut matrix).enumerate() {
-            let Value::Array(row) = row else {
-                return Err(self.error(format!("\"{key}\" row {r} is {}, expected 4 numbers", kind_of(row))));
-            };
-            if row.len() != 4 {
-                return Err(self.error(format!("\"{key}\" row {r} has {} numbers, expected 4", row.len())));
-            }
-            for (c, (value, out)) in row.iter().zip(out).enumerate() {
-                *out = value
-                    .as_f64()
-                    .filter(|v| v.is_finite())
-                    .ok_or_else(|| self.error(format!("\"{key}\" row {r} column {c} is {}, expected a finite number", kind_of(value))))?;
-            }
-        }
-        Ok(matrix)
-    }
 }
 
 fn parse_frame(file: &Fields<'_>, index: usize, frame: &Value) -> Result<TransformsFrame, IoError> {
@@ -243,8 +138,8 @@ fn parse_frame(file: &Fields<'_>, index: usize, frame: &Value) -> Result<Transfo
     })
 }
 
-/// Noise as `"noise": [read, shot]` states it, or as a typical sensor has it at `"iso"`, where a pixel of radiance `"white"` (1 if left out) is
-/// saturated.
+/// Reads the noise as `"noise": [read, shot]` states it, or as a typical sensor has it at `"iso"`,
+/// where a pixel of radiance `"white"` (1 if left out) is saturated.
 fn noise(fields: &Fields<'_>) -> Result<Option<NoiseModel>, IoError> {
     let is_usable = |v: f64| (0.0..=MAX_NOISE).contains(&v);
     if let Some(value) = fields.get("noise") {
@@ -275,7 +170,8 @@ fn pose(fields: &Fields<'_>, matrix: &Value) -> Result<DAffine3, IoError> {
     let mut pose = Camera::pose_from_opengl(rotation, eye);
     let deviation = (pose.matrix3 * pose.matrix3.transpose() - DMat3::IDENTITY).to_cols_array();
     if deviation.iter().all(|v| v.abs() <= 1e-3) && pose.matrix3.determinant() > 0.0 {
-        // One Newton step towards the nearest rotation removes the rounding of matrices written with few digits. The eye stays.
+        // One Newton step towards the nearest rotation removes the rounding of matrices written
+        // with few digits. The eye stays.
         let r = pose.matrix3;
         pose.matrix3 = r * ((DMat3::IDENTITY * 3.0 - r.transpose() * r) * 0.5);
         pose.translation = -(pose.matrix3 * eye);
@@ -331,7 +227,7 @@ fn intrinsics(fields: &Fields<'_>) -> Result<Intrinsics, IoError> {
     })
 }
 
-/// The image's size, if it is stated.
+/// Returns the image's size, if it is stated.
 fn size(fields: &Fields<'_>) -> Result<Option<[u32; 2]>, IoError> {
     let fields = fields.group(&["w", "h"]);
     match (fields.side("w")?, fields.side("h")?) {
@@ -348,7 +244,8 @@ fn angle_of_view(fields: &Fields<'_>) -> Result<Focal, IoError> {
     }
 }
 
-/// `applied_scale * applied_transform`: what was done to the reconstruction before its poses were written here.
+/// Reads `applied_scale * applied_transform`: the transform of the reconstruction before its poses
+/// were written here.
 fn applied_transform(file: &Fields<'_>) -> Result<DAffine3, IoError> {
     const KEY: &str = "applied_transform";
     let scale = file.number("applied_scale")?.unwrap_or(1.0);
@@ -372,17 +269,8 @@ fn filenames(file: &Fields<'_>) -> Result<Option<[Vec<String>; 3]>, IoError> {
         Some(value) => string_list(value).map(Some).map_err(|found| file.error(format!("\"{key}\" {found}"))),
     };
     let lists = [list("train_filenames")?, list("val_filenames")?, list("test_filenames")?];
-    // Without a training list the others say nothing about what to train on.
+    // Without a training list the others do not state what to train on.
     Ok(lists[0].is_some().then(|| lists.map(Option::unwrap_or_default)))
-}
-
-/// A list of strings; else what was found.
-pub(super) fn string_list(value: &Value) -> Result<Vec<String>, String> {
-    let Value::Array(items) = value else { return Err(format!("is {}, expected a list of names", kind_of(value))) };
-    let name = |(i, item): (usize, &Value)| {
-        item.as_str().map(str::to_owned).ok_or_else(|| format!("item {i} is {}, expected a name", kind_of(item)))
-    };
-    items.iter().enumerate().map(name).collect()
 }
 
 #[cfg(test)]
@@ -457,7 +345,7 @@ mod tests {
         assert!(message(frame("[[0,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]")).contains("determinant 0.0000"));
         assert!(message(frame("[[-1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]")).contains("mirroring"));
         assert!(message(frame("[[1,0,0,1e999],[0,1,0,0],[0,0,1,0],[0,0,0,1]]")).contains("not JSON"));
-        assert!(message(frame("[[NaN,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]")).contains("NaN and Infinity are no JSON numbers"));
+        assert!(message(frame("[[NaN,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]")).contains("NaN and Infinity are not JSON numbers"));
         assert!(message(parse("[]")).contains("a list, expected an object"));
         assert!(message(parse("{}")).contains("\"frames\" is missing"));
         assert!(message(parse(r#"{"frames": [3]}"#)).contains("frame 0: a number, expected an object"));

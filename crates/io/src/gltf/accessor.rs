@@ -2,7 +2,7 @@
 
 use super::document::Document;
 
-/// Bytes of an accessor's component.
+/// Returns the bytes of an accessor's component.
 fn component_bytes(kind: u32) -> Option<usize> {
     match kind {
         5120 | 5121 => Some(1),
@@ -12,7 +12,7 @@ fn component_bytes(kind: u32) -> Option<usize> {
     }
 }
 
-/// One component; integers are normalised if `normalized`.
+/// Decodes one component; integers are normalised if `normalized`.
 fn component(bytes: &[u8], kind: u32, normalized: bool) -> f32 {
     let (value, most) = match (kind, bytes) {
         (5120, [a, ..]) => (f32::from(*a as i8), 127.0),
@@ -25,7 +25,8 @@ fn component(bytes: &[u8], kind: u32, normalized: bool) -> f32 {
     if normalized { (value / most).max(-1.0) } else { value }
 }
 
-/// All rows of accessor `index`, `width` numbers each, flattened, every one finite; `Err` says what is wrong.
+/// Returns all rows of accessor `index`, `width` numbers each, flattened, every one finite; the
+/// error explains what is wrong.
 pub(super) fn read(document: &Document, bin: &[u8], index: usize, width: usize) -> Result<Vec<f32>, String> {
     let accessor = document.accessors.get(index).ok_or_else(|| format!("accessor {index} does not exist"))?;
     let invalid = |message: String| format!("accessor {index}: {message}");

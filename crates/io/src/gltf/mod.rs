@@ -1,15 +1,20 @@
 //! glTF: splats by KHR_gaussian_splatting, in one binary file (.glb).
 //!
-//! A primitive of points with attributes `POSITION`, `KHR_gaussian_splatting:ROTATION` (x y z w), `:SCALE` (standard deviations), `:OPACITY` (0..1),
-//! `:SH_DEGREE_l_COEF_n` (3D Gaussian splatting's order and offset of 1/2), and `COLOR_0` for viewers without splats; +Y is up. The extension
-//! knows two colour spaces: `srgb_rec709_display`, a display bake, and `lin_rec709_display`, which a linear bake in linear Rec.709 is written as.
+//! A primitive of points with attributes `POSITION`, `KHR_gaussian_splatting:ROTATION` (x y z w),
+//! `:SCALE` (standard deviations), `:OPACITY` (0..1), `:SH_DEGREE_l_COEF_n` (3D Gaussian
+//! splatting's order and offset of 1/2), and `COLOR_0` for viewers without splats; +Y is up. The
+//! extension knows two colour spaces: `srgb_rec709_display`, a display bake, and
+//! `lin_rec709_display`, which a linear bake in linear Rec.709 is written as.
 //!
-//! [`EXTENSION`] within that extension holds the radiance model exactly: `colorModel`, `colorSpace`, `radianceScale`, `raster` as in the PLY's
-//! comments, and `attributes`, accessors of f32 that viewers do not load: `SH_n` (VEC3, n from 0 to K - 1: chromaticity or radiance
-//! harmonics), `RAW_LUMINANCE_n` (SCALAR), and where a smoothing filter makes them differ, `FILTER`, `OPACITY_LOGIT` (SCALAR) and `LOG_SCALE` (VEC3).
+//! [`EXTENSION`] within that extension holds the radiance model exactly: `colorModel`,
+//! `colorSpace`, `radianceScale`, `raster` as in the PLY's comments, and `attributes`, accessors of
+//! f32 that viewers do not load: `SH_n` (VEC3, n from 0 to K - 1: chromaticity or radiance
+//! harmonics), `RAW_LUMINANCE_n` (SCALAR), and where a smoothing filter makes them differ,
+//! `FILTER`, `OPACITY_LOGIT` (SCALAR) and `LOG_SCALE` (VEC3).
 //!
-//! Reading: every primitive of splats in the scene, transformed by its nodes (turns, uniform scales, translations); floats or normalised
-//! integers. The exact model goes before the display bake. External buffers, sparse accessors and compression extensions are refused.
+//! Reading: every primitive of splats in the scene, transformed by its nodes (turns, uniform
+//! scales, translations); floats or normalised integers. The exact model takes precedence over the
+//! display bake. External buffers, sparse accessors and compression extensions are refused.
 
 mod accessor;
 mod document;

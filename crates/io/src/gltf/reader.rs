@@ -22,33 +22,34 @@ const MAX_VISITS: usize = 10_000;
 const ROTATION_TOLERANCE: f64 = 0.01;
 /// The same of a matrix' numbers.
 const MATRIX_TOLERANCE: f64 = 1e-3;
-/// Most primitives of splats: one reached by many ways is read as often, and takes memory each time.
+/// Most primitives of splats: one reached by many ways is read as often, and takes memory each
+/// time.
 const MAX_PRIMITIVES: usize = 64;
 
 /// Reads all splats of the file's scene.
 ///
 /// # Errors
-/// A missing, truncated or otherwise damaged file, no splats, or what is not supported: external buffers, compression, shearing.
+/// A missing, truncated or otherwise damaged file, no splats, or what is not supported: external
+/// buffers, compression, shearing.
 pub fn read_glb(path: &Path) -> Result<Scene, IoError> {
     decode_glb(path, &read_file(path)?)
 }
 
-/// [`read_glb`] of a file's bytes; `name` is for errors.
+/// Decodes a file's bytes as [`read_glb`] does; `name` is for errors.
 ///
 /// # Errors
-/// As [`read_glb`].
+/// The same as [`read_glb`].
 pub fn decode_glb(name: &Path, bytes: &[u8]) -> Result<Scene, IoError> {
     let invalid = |message: String| IoError::invalid(name, message);
     let (json, bin) = chunks(bytes).map_err(invalid)?;
     let document: Document = serde_json::from_slice(json).map_err(|e| invalid(format!("JSON: {e}")))?;
-    let mut found = Vec::new();
-    let mut visits = 0;
+    let mut visited = Visited::default();
     for node in roots(&document).map_err(invalid)? {
-        visit(&document, node, DMat4::IDENTITY, &mut (&mut found, &mut visits), 0).map_err(invalid)?;
+        visit(&document, node, DMat4::IDENTITY, &mut visited, 0).map_err(invalid)?;
     }
     let record = document.asset.extras.get(RECORD_KEY).and_then(|v| v.as_str()).map(BakeRecord::parse).transpose().map_err(invalid)?;
-    let mut scenes = Vec::with_capacity(found.len());
-    for (primitive, matrix) in found {
+    let mut scenes = Vec::with_capacity(visited.primitives.len());
+    for (primitive, matrix) in visited.primitives {
         let similarity = similarity(matrix).map_err(|message| IoError::unsupported(name, message))?;
         let scene = read_primitive(&document, bin, primitive, &similarity, record.as_ref()).map_err(invalid)?;
         scene.splats.validate().map_err(|e| invalid(e.to_string()))?;
@@ -57,7 +58,7 @@ pub fn decode_glb(name: &Path, bytes: &[u8]) -> Result<Scene, IoError> {
     join(scenes).map_err(|message| IoError::unsupported(name, message))
 }
 
-/// JSON and the binary buffer of a .glb.
+/// Returns the JSON and the binary buffer of a .glb.
 fn chunks(bytes: &[u8]) -> Result<(&[u8], &[u8]), String> {
     let word = |at: usize| bytes.get(at..at + 4).and_then(|b| b.try_into().ok()).map(u32::from_le_bytes);
     if word(0) != Some(GLB_MAGIC) {
@@ -84,7 +85,8 @@ fn chunks(bytes: &[u8]) -> Result<(&[u8], &[u8]), String> {
     Ok((json, bin.unwrap_or_default()))
 }
 
-/// Nodes that the scene begins with; where there is no scene, those that are in no other.
+/// Returns the nodes that the scene begins with; where there is no scene, those that are in no
+/// other.
 fn roots(document: &Document) -> Result<Vec<usize>, String> {
     let index = document.scene.unwrap_or(0);
     match document.scenes.get(index) {
@@ -97,7 +99,7 @@ fn roots(document: &Document) -> Result<Vec<usize>, String> {
     }
 }
 
-/// `Err` says what is wrong with the node's rotation.
+/// Returns the node's local matrix; the error explains what is wrong with its rotation.
 fn local_matrix(node: &Node) -> Result<DMat4, String> {
     if let Some(matrix) = &node.matrix {
         return Ok(DMat4::from_cols_array(matrix));
@@ -112,17 +114,18 @@ fn local_matrix(node: &Node) -> Result<DMat4, String> {
     Ok(DMat4::from_scale_rotation_translation(scale, rotation.normalize(), translation))
 }
 
+/// The primitives of splats found so far, with their matrices, and the number of nodes visited.
+#[derive(Default)]
+struct Visited<'d> {
+    primitives: Vec<(&'d Primitive, DMat4)>,
+    nodes: usize,
+}
+
 /// Collects primitives of splats below a node.
-fn visit<'d>(
-    document: &'d Document,
-    index: usize,
-    parent: DMat4,
-    out: &mut (&mut Vec<(&'d Primitive, DMat4)>, &mut usize),
-    depth: usize,
-) -> Result<(), String> {
+fn visit<'d>(document: &'d Document, index: usize, parent: DMat4, out: &mut Visited<'d>, depth: usize) -> Result<(), String> {
     let node = document.nodes.get(index).ok_or_else(|| format!("node {index} does not exist"))?;
-    *out.1 += 1;
-    if depth > MAX_DEPTH || *out.1 > MAX_VISITS {
+    out.nodes += 1;
+    if depth > MAX_DEPTH || out.nodes > MAX_VISITS {
         return Err(format!(
             "node {index}: more than {MAX_DEPTH} nodes within one another, or {MAX_VISITS} in all: they may go in circles"
         ));
@@ -130,8 +133,8 @@ fn visit<'d>(
     let matrix = parent * local_matrix(node).map_err(|e| format!("node {index}: {e}"))?;
     if let Some(mesh) = node.mesh {
         let mesh = document.meshes.get(mesh).ok_or_else(|| format!("node {index}: mesh {mesh} does not exist"))?;
-        out.0.extend(mesh.primitives.iter().filter(|p| p.extensions.contains_key(KHR)).map(|p| (p, matrix)));
-        if out.0.len() > MAX_PRIMITIVES {
+        out.primitives.extend(mesh.primitives.iter().filter(|p| p.extensions.contains_key(KHR)).map(|p| (p, matrix)));
+        if out.primitives.len() > MAX_PRIMITIVES {
             return Err(format!("node {index}: more than {MAX_PRIMITIVES} primitives of splats, expected fewer; join them first"));
         }
     }
@@ -168,7 +171,8 @@ struct Exact {
     file_from_world: Option<WorldRecord>,
 }
 
-/// The splats of a primitive whose node moves it by `moved`: in the file's world, which the data set's may not be.
+/// Returns the splats of a primitive whose node moves it by `moved`: in the file's world, which the
+/// data set's may not be.
 fn read_primitive(
     document: &Document,
     bin: &[u8],
@@ -218,7 +222,7 @@ fn read_primitive(
     }
 }
 
-/// Harmonics of as many degrees as there are.
+/// Reads harmonics of as many degrees as there are.
 fn read_harmonics(splats: &mut Splats, read: impl Fn(&str, usize) -> Option<Result<Vec<f32>, String>>) -> Result<(), String> {
     let mut planes = Vec::new();
     for degree in 0..=sh::MAX_DEGREE {
@@ -238,7 +242,7 @@ fn read_harmonics(splats: &mut Splats, read: impl Fn(&str, usize) -> Option<Resu
     Ok(())
 }
 
-/// Planes `[N, width]` to rows `[N, planes, width]`.
+/// Converts planes `[N, width]` to rows `[N, planes, width]`.
 fn interleaved(planes: &[Vec<f32>], width: usize, count: usize) -> Result<Vec<f32>, String> {
     if planes.iter().any(|plane| plane.len() != width * count) {
         return Err(format!("attributes of different lengths for {count} splats"));
@@ -250,7 +254,7 @@ fn interleaved(planes: &[Vec<f32>], width: usize, count: usize) -> Result<Vec<f3
     Ok(rows)
 }
 
-/// The radiance model over the geometry of the display layer.
+/// Returns the radiance model with the geometry of the display layer.
 fn read_exact(document: &Document, bin: &[u8], mut splats: Splats, moved: &Similarity, exact: Exact) -> Result<Scene, String> {
     let invalid = |message: &str| format!("{EXTENSION}: {message}");
     if !exact.color_model.is_valid() {
@@ -294,7 +298,7 @@ fn read_exact(document: &Document, bin: &[u8], mut splats: Splats, moved: &Simil
     Ok(Scene { splats, radiance_scale, color_space, raster, edits })
 }
 
-/// One scene of several that have their model in common.
+/// Joins scenes that have their model in common.
 fn join(scenes: Vec<Scene>) -> Result<Scene, String> {
     let mut scenes = scenes.into_iter();
     let mut all = scenes.next().ok_or_else(|| format!("no primitive with {KHR}: no splats in this file's scene"))?;

@@ -60,7 +60,7 @@ fn bakes_read_back_as_what_they_are() {
     assert!(encode_glb(name(), &baked(&scene, acescg), None).unwrap_err().message.contains("expected linear-rec709"));
 }
 
-/// `scene` in a file whose world is turned: as a picture, and with the exact model.
+/// Writes `scene` to files whose world is turned: as a display bake, and with the exact model.
 fn turned_files(scene: &Scene, turn: glam::DMat3) -> [Vec<u8>; 2] {
     let turn = Similarity::turn(turn).unwrap();
     let (mut moved, mut baked) = (scene.clone(), baked(scene, Appearance::PREVIEW));
@@ -111,7 +111,7 @@ fn with_json(bytes: &[u8], change: impl Fn(String) -> String) -> Vec<u8> {
     out
 }
 
-/// `scene` in a file whose node has `members` instead of its mesh, read back.
+/// Reads `scene` back from a file whose node has `members` instead of its mesh.
 fn with_node(scene: &Scene, members: &str) -> Result<Scene, IoError> {
     let bytes = encode_glb(name(), &baked(scene, LINEAR), None).unwrap();
     decode_glb(name(), &with_json(&bytes, |json| json.replace("\"mesh\":0", members)))

@@ -1,4 +1,5 @@
-//! A bake, and the radiance model beside it, to binary glTF; buffers are written attribute by attribute, in blocks.
+//! A bake, and the radiance model beside it, to binary glTF; buffers are written attribute by
+//! attribute, in blocks.
 
 use std::io::Write;
 use std::path::Path;
@@ -21,20 +22,20 @@ const ARRAY_BUFFER: u32 = 34962;
 /// Writes a bake, with `exact` the radiance model, too (of the same splats, in the same world).
 ///
 /// # Errors
-/// A scene that could not be read back, a linear bake in other than linear Rec.709, more than the 4 GiB that the format holds, or the file
-/// system's refusal.
+/// A scene that could not be read back, a linear bake in other than linear Rec.709, more than the 4
+/// GiB that the format holds, or the file system's refusal.
 pub fn write_glb(path: &Path, baked: &Baked, exact: Option<&Scene>) -> Result<(), IoError> {
-    let layout = Layout::new(path, baked, exact)?;
+    let layout = GlbLayout::new(path, baked, exact)?;
     write_atomically(path, |file| layout.write(file).map_err(|e| IoError::system(path, "write", &e)))
 }
 
-/// The bytes that [`write_glb`] writes; `name` is for errors.
+/// Encodes the bytes that [`write_glb`] writes; `name` is for errors.
 ///
 /// # Errors
-/// As [`write_glb`].
+/// The same as [`write_glb`].
 pub fn encode_glb(name: &Path, baked: &Baked, exact: Option<&Scene>) -> Result<Vec<u8>, IoError> {
     let mut bytes = Vec::new();
-    Layout::new(name, baked, exact)?.write(&mut bytes).map_err(|e| IoError::system(name, "write", &e))?;
+    GlbLayout::new(name, baked, exact)?.write(&mut bytes).map_err(|e| IoError::system(name, "write", &e))?;
     Ok(bytes)
 }
 
@@ -62,7 +63,7 @@ impl<'a> Attribute<'a> {
     }
 }
 
-struct Layout<'a> {
+struct GlbLayout<'a> {
     count: usize,
     json: Vec<u8>,
     attributes: Vec<Attribute<'a>>,
@@ -70,7 +71,7 @@ struct Layout<'a> {
     file_bytes: u32,
 }
 
-impl<'a> Layout<'a> {
+impl<'a> GlbLayout<'a> {
     fn new(name: &Path, baked: &'a Baked, exact: Option<&'a Scene>) -> Result<Self, IoError> {
         crate::ply::check(name, &baked.scene)?;
         check_lengths(&baked.scene.splats).map_err(|e| IoError::invalid(name, format_args!("scene to write: {e}")))?;
@@ -83,7 +84,7 @@ impl<'a> Layout<'a> {
             IoError::unsupported(name, message)
         })?;
         if splats.is_empty() {
-            return Err(IoError::unsupported(name, "no splats, of which glTF needs one at least"));
+            return Err(IoError::unsupported(name, "no splats, glTF needs at least one"));
         }
         let mut attributes = display_attributes(baked);
         let shown = attributes.len();
@@ -132,7 +133,7 @@ impl<'a> Layout<'a> {
     }
 }
 
-/// The extension's name of the bake's colour space.
+/// Returns the extension's name of the bake's colour space.
 fn color_space(baked: &Baked) -> Option<&'static str> {
     match baked.appearance {
         Appearance::Display { .. } => Some("srgb_rec709_display"),
@@ -195,7 +196,7 @@ fn exact_attributes(scene: &Scene) -> Vec<Attribute<'_>> {
     attributes
 }
 
-/// The JSON. The first `shown` attributes are the primitive's own.
+/// Returns the JSON. The first `shown` attributes are the primitive's own.
 fn document(baked: &Baked, exact: Option<&Scene>, attributes: &[Attribute<'_>], shown: usize, space: &str) -> serde_json::Result<Value> {
     let count = baked.scene.splats.len();
     let (mut views, mut accessors, mut offset) = (Vec::new(), Vec::new(), 0usize);
@@ -230,13 +231,13 @@ fn document(baked: &Baked, exact: Option<&Scene>, attributes: &[Attribute<'_>], 
             "edits": scene.edits,
             "attributes": references,
         } });
-        if let Some(world) = WorldRecord::of(&baked.file_from_world) {
+        if let Some(world) = WorldRecord::from_similarity(&baked.file_from_world) {
             khr["extensions"][EXTENSION]["fileFromWorld"] = serde_json::to_value(world)?;
         }
     }
     let own: Map<String, Value> = attributes.iter().take(shown).enumerate().map(index).collect();
     Ok(json!({
-        "asset": { "version": "2.0", "generator": "Luxel", "extras": { RECORD_KEY: BakeRecord::of(baked).json()? } },
+        "asset": { "version": "2.0", "generator": "Luxel", "extras": { RECORD_KEY: BakeRecord::from_bake(baked).json()? } },
         "extensionsUsed": used,
         "scene": 0,
         "scenes": [{ "nodes": [0] }],

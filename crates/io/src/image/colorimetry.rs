@@ -1,12 +1,13 @@
-//! What a file's chromaticities, or its ICC profile, make of its pixels: a space with a name, or a conversion to one.
+//! Pixels by a file's chromaticities or its ICC profile: a space with a name, or a conversion to
+//! one.
 
 use luxel_core::{Chromaticities, ColorSpace, Conversion, Image};
 
 use super::DecodedImage;
 use crate::icc::profile_of_file;
 
-/// Names the space of `image`, converting it to linear Rec.709 (with a warning) if it is not a known one. `Err` says what is wrong
-/// with the chromaticities.
+/// Names the space of `image`, converting it to linear Rec.709 (with a warning) if it is not a
+/// known one. the error explains what is wrong with the chromaticities.
 pub(super) fn settle_space(image: &mut Image, chromaticities: &Chromaticities, warnings: &mut Vec<String>) -> Result<ColorSpace, String> {
     if let Some(space) = ColorSpace::of_chromaticities(chromaticities) {
         return Ok(space);
@@ -17,26 +18,28 @@ pub(super) fn settle_space(image: &mut Image, chromaticities: &Chromaticities, w
     Ok(ColorSpace::LinearRec709)
 }
 
-/// What an ICC profile in the file makes of an image whose file says nothing else of its primaries: their space, if it is a known one. Curves of profiles
-/// are not evaluated.
+/// Sets the space of an image from the ICC profile in its file, if the file states nothing else
+/// about its primaries and the profile's space is known. Curves of profiles are not evaluated.
 pub(super) fn settle_profile(decoded: &mut DecodedImage, bytes: &[u8]) {
     let Some(profile) = profile_of_file(bytes) else { return };
     match profile.space {
         Some(space) => (decoded.color_space, decoded.chromaticities) = (Some(space), Some(space.chromaticities())),
-        None => {
-            decoded.warnings.push(format!("its ICC profile ({}) is not applied: its primaries are of no space that is known", profile.name))
-        }
+        None => decoded
+            .warnings
+            .push(format!("its ICC profile ({}) is not applied: its primaries are not those of a known space", profile.name)),
     }
 }
 
-/// The conversion to linear Rec.709; `Err` says what is wrong with the chromaticities.
+/// Returns the conversion to linear Rec.709; the error explains what is wrong with the
+/// chromaticities.
 pub(super) fn conversion_to_rec709(chromaticities: &Chromaticities) -> Result<Conversion, String> {
     Conversion::of_chromaticities(chromaticities, &ColorSpace::LinearRec709.chromaticities())
         .ok_or_else(|| format!("chromaticities {chromaticities:?} are not a colour space, expected CIE xy of red, green, blue and white"))
 }
 
-/// Converts radiance to linear Rec.709 from `source`. Channels that only the matrix makes negative become 0: the nearest radiance there is, where a
-/// negative one would count as damage. What was negative before stays, for the caller to judge.
+/// Converts radiance to linear Rec.709 from `source`. Channels that only the matrix makes negative
+/// become 0: the nearest radiance there is, where a negative one would count as damage. What was
+/// negative before stays, for the caller to judge.
 pub(crate) fn convert(image: &mut Image, conversion: &Conversion, source: &str, warnings: &mut Vec<String>) {
     let mut is_cut = false;
     for pixel in &mut image.pixels {

@@ -1,9 +1,11 @@
 //! The attributes of a written OpenEXR file, put in order.
 //!
-//! The library that writes holds further attributes in a hash map and writes them in its order, which differs from one process to the next: equal
-//! images would be unequal files. So the header of a finished file is sorted by name. Its length stays, and with it every offset in the file.
+//! The library that writes holds further attributes in a hash map and writes them in its order,
+//! which differs from one process to the next: equal images would be unequal files. So the header
+//! of a finished file is sorted by name. Its length stays, and with it every offset in the file.
 //!
-//! In: bytes of a single-part file. Out: the same bytes, attributes by name. A header that is not understood is left as it is.
+//! In: bytes of a single-part file. Out: the same bytes, attributes by name. A header that is not
+//! understood is left as it is.
 
 /// Bytes before the first attribute: magic number and version.
 const START: usize = 8;
@@ -18,7 +20,8 @@ pub(super) fn sort_attributes(file: &mut [u8]) {
     }
 }
 
-/// Each attribute's bytes: name, 0, type, 0, length of the value, value. An empty name ends them.
+/// Returns each attribute's bytes: name, 0, type, 0, length of the value, value. An empty name ends
+/// them.
 fn attributes(file: &[u8]) -> Option<Vec<&[u8]>> {
     let mut rest = file.get(START..)?;
     let mut found = Vec::new();
@@ -33,7 +36,7 @@ fn attributes(file: &[u8]) -> Option<Vec<&[u8]>> {
     Some(found)
 }
 
-/// Length of a text with the 0 that ends it.
+/// Returns the length of a text with the 0 that ends it.
 fn text_bytes(bytes: &[u8]) -> Option<usize> {
     bytes.iter().position(|byte| *byte == 0).map(|end| end + 1)
 }

@@ -1,4 +1,5 @@
-//! What keeps hostile files in check: plausible sizes, fallible allocation, contained panics of decoders.
+//! Guards against hostile files: plausible sizes, fallible allocation, contained panics of
+//! decoders.
 
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -9,21 +10,23 @@ use luxel_core::MAX_SIDE_PX;
 
 use crate::IoError;
 
-/// Pixels that any file may claim, however short: a black 4096 x 4096 image in DWAB is a few kilobytes.
+/// Pixels that any file may claim, however short: a black 4096 x 4096 image in DWAB is a few
+/// kilobytes.
 const FREE_PIXELS: u64 = 1 << 24;
 
-/// Pixels that a byte of file may stand for beyond that. Deflate reaches 1032 bytes a byte, of at least one byte a pixel; the rest is
-/// margin for compressors that store flat blocks in less.
+/// Pixels that a byte of file may encode beyond that. Deflate reaches 1032 bytes per byte, of at
+/// least one byte per pixel; the rest is margin for compressors that store flat blocks in less.
 const PIXELS_PER_BYTE: u64 = 2000;
 
 /// Memory for one block of a compressed file, by the same reasoning.
 const FREE_BLOCK_BYTES: u64 = 64 << 20;
 
-/// Refuses empty images, sides above [`MAX_SIDE_PX`] and more pixels than a file of `file_bytes` can plausibly hold.
+/// Refuses empty images, sides above [`MAX_SIDE_PX`] and more pixels than a file of `file_bytes`
+/// can plausibly hold.
 pub(crate) fn check_size(name: &Path, [width, height]: [u64; 2], file_bytes: u64) -> Result<(), IoError> {
     let side = u64::from(MAX_SIDE_PX);
     if width == 0 || height == 0 || width > side || height > side {
-        return Err(IoError::invalid(name, format!("header: size {width} x {height}, expected 1 to {side} pixels a side")));
+        return Err(IoError::invalid(name, format!("header: size {width} x {height}, expected 1 to {side} pixels per side")));
     }
     if width * height > FREE_PIXELS.saturating_add(file_bytes.saturating_mul(PIXELS_PER_BYTE)) {
         let message = format!(
@@ -34,7 +37,8 @@ pub(crate) fn check_size(name: &Path, [width, height]: [u64; 2], file_bytes: u64
     Ok(())
 }
 
-/// Refuses blocks (tiles, groups of lines) that would decompress to more than a file of `file_bytes` can plausibly hold.
+/// Refuses blocks (tiles, groups of lines) that would decompress to more than a file of
+/// `file_bytes` can plausibly hold.
 pub(crate) fn check_block(name: &Path, block_bytes: u64, file_bytes: u64) -> Result<(), IoError> {
     if block_bytes > FREE_BLOCK_BYTES.saturating_add(file_bytes.saturating_mul(PIXELS_PER_BYTE)) {
         let message =
@@ -44,12 +48,13 @@ pub(crate) fn check_block(name: &Path, block_bytes: u64, file_bytes: u64) -> Res
     Ok(())
 }
 
-/// `count` zeros, or an error where memory is short. Large requests are served by untouched pages of the system.
+/// Allocates `count` zeros, or returns an error where memory is short. Large requests are served by
+/// untouched pages of the system.
 pub(crate) fn zeroed<T: Clone + Default>(name: &Path, count: usize) -> Result<Vec<T>, IoError> {
     zeros(count).map_err(|message| IoError::unsupported(name, message))
 }
 
-/// [`zeroed`] for decoders that know no name.
+/// Allocates as [`zeroed`] does, for decoders that know no name.
 pub(crate) fn zeros<T: Clone + Default>(count: usize) -> Result<Vec<T>, String> {
     let mut probe = Vec::<T>::new();
     if probe.try_reserve_exact(count).is_err() {
@@ -65,7 +70,8 @@ thread_local! {
     static CONTAINED: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Runs a decoder; its panic becomes an error and is not printed. Decoders run on the calling thread only.
+/// Runs a decoder; its panic becomes an error and is not printed. Decoders run on the calling
+/// thread only.
 pub(crate) fn contain<T>(name: &Path, decode: impl FnOnce() -> Result<T, IoError>) -> Result<T, IoError> {
     static QUIET: Once = Once::new();
     QUIET.call_once(|| {
@@ -77,7 +83,8 @@ pub(crate) fn contain<T>(name: &Path, decode: impl FnOnce() -> Result<T, IoError
         }));
     });
     let outer = CONTAINED.replace(true);
-    // The closure owns or only reads what it touches; a half-written result is dropped with the panic.
+    // The closure owns or only reads what it touches; a half-written result is dropped with the
+    // panic.
     let result = catch_unwind(AssertUnwindSafe(decode));
     CONTAINED.set(outer);
     result.unwrap_or_else(|panic| {

@@ -1,7 +1,9 @@
-//! JPEG in: 8 bits, grey, RGB, YCbCr or CMYK. Read as of sRGB's curve, which is what JFIF and Exif say a JPEG without a profile is; primaries are an ICC
-//! profile's, if they are a known space's.
+//! JPEG in: 8 bits, grey, RGB, YCbCr or CMYK. Read as of sRGB's curve, which is what JFIF and Exif
+//! require of a JPEG without a profile; primaries are an ICC profile's, if they are a known
+//! space's.
 //!
-//! The decoder fills up what is missing at a file's end; that a file is whole is therefore checked by its markers.
+//! The decoder fills up what is missing at a file's end; that a file is whole is therefore checked
+//! by its markers.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -11,12 +13,12 @@ use image::{ColorType, ImageDecoder, ImageError};
 
 use super::colorimetry::settle_profile;
 use super::guard::{check_size, zeroed};
-use super::samples::{Curve, Layout, NOT_HDR};
+use super::samples::{Curve, NOT_HDR, SampleGrid};
 use super::{DecodedImage, ReadOptions, SampleDepth, Transfer};
 use crate::IoError;
 
-/// Samples as they are.
-fn samples(name: &Path, bytes: &[u8]) -> Result<(Layout, Vec<u8>), IoError> {
+/// Returns the samples as they are.
+fn samples(name: &Path, bytes: &[u8]) -> Result<(SampleGrid, Vec<u8>), IoError> {
     let markers = Markers::read(bytes);
     let size = markers.size.ok_or_else(|| damaged(name, "no frame header with a size"))?;
     check_size(name, size.map(u64::from), bytes.len() as u64)?;
@@ -33,13 +35,13 @@ fn samples(name: &Path, bytes: &[u8]) -> Result<(Layout, Vec<u8>), IoError> {
         ColorType::L8 | ColorType::Rgb8 => color.channel_count(),
         _ => return Err(IoError::unsupported(name, format!("JPEG: colour type {color:?}; export it as 8-bit RGB"))),
     };
-    let layout = Layout { width: width as usize, height: height as usize, channels: channels.into() };
+    let layout = SampleGrid { width: width as usize, height: height as usize, channels: channels.into() };
     let mut samples = zeroed::<u8>(name, layout.width * layout.height * layout.channels)?;
     decoder.read_image(&mut samples).map_err(|e| explain(name, &e))?;
     Ok((layout, samples))
 }
 
-/// Width, height and codes of red, green and blue.
+/// Returns the width, height and codes of red, green and blue.
 pub(super) fn codes(name: &Path, bytes: &[u8]) -> Result<(usize, usize, Vec<u8>), IoError> {
     let (layout, samples) = samples(name, bytes)?;
     let rgb = if layout.channels == 1 { samples.iter().flat_map(|v| [*v; 3]).collect() } else { samples };
@@ -68,7 +70,7 @@ pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result
     Ok(decoded)
 }
 
-/// Size from the frame header.
+/// Returns the size from the frame header.
 pub(super) fn size(name: &Path, bytes: &[u8]) -> Result<[u32; 2], IoError> {
     Markers::read(bytes).size.ok_or_else(|| damaged(name, "no frame header with a size"))
 }
@@ -84,7 +86,7 @@ fn explain(name: &Path, error: &ImageError) -> IoError {
     }
 }
 
-/// What the markers of ITU-T T.81 (annex B) say.
+/// The content of the markers of ITU-T T.81 (annex B).
 #[derive(Clone, Debug, Default, PartialEq)]
 struct Markers {
     size: Option<[u32; 2]>,
@@ -111,7 +113,8 @@ impl Markers {
             }
             let Some((segment, after)) = segment(rest) else { break };
             match (marker, segment) {
-                // Frame headers are C0 to CF without the tables among them: precision, height, width.
+                // Frame headers are C0 to CF without the tables among them: precision, height,
+                // width.
                 (0xc0..=0xcf, &[_, h1, h0, w1, w0, ..]) if !matches!(marker, 0xc4 | 0xc8 | 0xcc) => {
                     let [height, width] = [[h1, h0], [w1, w0]].map(|side| u32::from(u16::from_be_bytes(side)));
                     markers.size = markers.size.or(Some([width, height]));
@@ -124,7 +127,8 @@ impl Markers {
     }
 }
 
-/// The next marker's code, skipping entropy-coded data (where FF is followed by 00) and fill bytes.
+/// Returns the next marker's code, skipping entropy-coded data (where FF is followed by 00) and
+/// fill bytes.
 fn next_marker(bytes: &[u8]) -> Option<(u8, &[u8])> {
     let mut rest = bytes;
     loop {
@@ -138,7 +142,7 @@ fn next_marker(bytes: &[u8]) -> Option<(u8, &[u8])> {
     }
 }
 
-/// A marker's segment (its length counts itself) and what follows.
+/// Returns a marker's segment (its length counts itself) and what follows.
 fn segment(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
     let (length, rest) = bytes.split_first_chunk::<2>()?;
     rest.split_at_checked(usize::from(u16::from_be_bytes(*length)).checked_sub(2)?)

@@ -1,14 +1,16 @@
 //! Image files: bytes in, linear f32 radiance [H,W,3] out, and back.
 //!
-//! In: OpenEXR, Radiance HDR, TIFF, PNG, JPEG, NumPy arrays, recognised by their first bytes. Out: [`DecodedImage`], scene-linear, unclamped; NaN,
-//! infinite and negative samples stay as they are (the data set masks them). Rows and columns are as stored: orientation tags are
-//! not applied, since structure from motion does not apply them either.
+//! In: OpenEXR, Radiance HDR, TIFF, PNG, JPEG, NumPy arrays, recognised by their first bytes. Out:
+//! [`DecodedImage`], scene-linear, unclamped; NaN, infinite and negative samples stay as they are
+//! (the data set masks them). Rows and columns are as stored: orientation tags are not applied,
+//! since structure from motion does not apply them either.
 //!
-//! Integer samples need a transfer curve: said by [`ReadOptions`], by the file, or by the format's standard (JPEG), never guessed.
-//! Floating-point samples are linear by definition of their formats.
+//! Integer samples need a transfer curve: given by [`ReadOptions`], the file, or the format's
+//! standard (JPEG), never guessed. Floating-point samples are linear by definition of their
+//! formats.
 //!
-//! A damaged file is an error, also where a decoder would panic or where its header claims more pixels than a file of its length
-//! can hold.
+//! A damaged file is an error, also where a decoder would panic or where its header claims more
+//! pixels than a file of its length can hold.
 
 pub(crate) mod colorimetry;
 mod exr_header;
@@ -42,17 +44,20 @@ pub use write::{ExrOptions, ExrSample, HALF_MAX, encode_exr, encode_jpeg, encode
 pub struct DecodedImage {
     /// Linear radiance, of the display window's size.
     pub image: Image,
-    /// Opacity `[H*W]` if the file has it, linear, as stored (colours are not divided or multiplied by it).
+    /// Opacity `[H*W]` if the file has it, linear, as stored (colours are not divided or multiplied
+    /// by it).
     pub alpha: Option<Vec<f32>>,
-    /// Whether colours are multiplied by `alpha` as they are stored: OpenEXR's are, PNG's are not, TIFF says so.
+    /// Whether colours are multiplied by `alpha` as they are stored: OpenEXR's are, PNG's are not,
+    /// TIFF says so.
     pub is_premultiplied: bool,
-    /// Space of `image` if the file says; `None`: the file is silent, linear Rec.709 is the convention.
+    /// Space of `image` if the file states it; `None`: it does not, linear Rec.709 is the
+    /// convention.
     pub color_space: Option<ColorSpace>,
     /// CIE xy of red, green, blue and white as the file has them.
     pub chromaticities: Option<[[f32; 2]; 4]>,
     /// Precision in the file.
     pub depth: SampleDepth,
-    /// What a user should know, without the file's name.
+    /// Remarks that a user should read, without the file's name.
     pub warnings: Vec<String>,
 }
 
@@ -98,10 +103,11 @@ impl fmt::Display for Transfer {
     }
 }
 
-/// How to read what a file does not say.
+/// Options for what a file does not state.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ReadOptions {
-    /// Curve of integer samples; goes before what the file says. Floating-point samples are linear and not touched by it.
+    /// Curve of integer samples; takes precedence over the file's. Floating-point samples are
+    /// linear and not touched by it.
     pub transfer: Option<Transfer>,
 }
 
@@ -117,7 +123,7 @@ enum Format {
 }
 
 impl Format {
-    fn of(name: &Path, head: &[u8]) -> Result<Self, IoError> {
+    fn detect(name: &Path, head: &[u8]) -> Result<Self, IoError> {
         const MAGIC: [(&[u8], Format); 10] = [
             (&[0x76, 0x2f, 0x31, 0x01], Format::OpenExr),
             (b"#?RADIANCE", Format::Radiance),
@@ -149,7 +155,8 @@ impl Format {
 /// Reads an image file.
 ///
 /// # Errors
-/// The file can't be read, is damaged, or is of a kind that is not supported; the message names the remedy.
+/// The file can't be read, is damaged, or is of a kind that is not supported; the message names the
+/// remedy.
 pub fn read_image(path: &Path, options: &ReadOptions) -> Result<DecodedImage, IoError> {
     decode_image(path, &read_file(path)?, options)
 }
@@ -157,9 +164,9 @@ pub fn read_image(path: &Path, options: &ReadOptions) -> Result<DecodedImage, Io
 /// Reads an image from memory; `name` is for messages only.
 ///
 /// # Errors
-/// As [`read_image`].
+/// The same as [`read_image`].
 pub fn decode_image(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<DecodedImage, IoError> {
-    let format = Format::of(name, bytes)?;
+    let format = Format::detect(name, bytes)?;
     guard::contain(name, || match format {
         Format::OpenExr => openexr::decode(name, bytes),
         Format::Radiance => radiance::decode(name, bytes),
@@ -173,34 +180,36 @@ pub fn decode_image(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<
 /// Reads an image file as [`decode_codes`].
 ///
 /// # Errors
-/// As [`read_image`].
+/// The same as [`read_image`].
 pub fn read_codes(path: &Path) -> Result<DecodedImage, IoError> {
     decode_codes(path, &read_file(path)?)
 }
 
-/// Integer samples as they are, over the largest one, whatever curve and primaries they have: masks, and what has a curve that is to be found.
-/// Floating-point samples are light, as [`decode_image`] reads them.
+/// Decodes integer samples as they are, divided by the largest code, whatever curve and primaries
+/// they have: for masks, and for images with a curve that is to be recovered. Floating-point
+/// samples are light, as [`decode_image`] reads them.
 ///
 /// # Errors
-/// As [`read_image`].
+/// The same as [`read_image`].
 pub fn decode_codes(name: &Path, bytes: &[u8]) -> Result<DecodedImage, IoError> {
-    match Format::of(name, bytes)? {
+    match Format::detect(name, bytes)? {
         Format::Png => guard::contain(name, || png::decode_codes(name, bytes)),
         Format::Tiff => guard::contain(name, || tiff::decode_codes(name, bytes)),
         _ => decode_image(name, bytes, &ReadOptions { transfer: Some(Transfer::Linear) }),
     }
 }
 
-/// Width and height of an image file, pixels, from its header alone (a JPEG is read whole, its size comes late).
+/// Returns the width and height of an image file, pixels, from its header alone (a JPEG is read
+/// whole, its size comes late).
 ///
 /// # Errors
-/// As [`read_image`], as far as the header shows it.
+/// The same as [`read_image`], as far as the header shows it.
 pub fn image_size(path: &Path) -> Result<[u32; 2], IoError> {
     let length = regular_file(path)?.len();
     let open = || std::fs::File::open(path).map_err(|e| IoError::system(path, "open", &e));
     let mut head = Vec::new();
     open()?.take(HEAD_BYTES).read_to_end(&mut head).map_err(|e| IoError::system(path, "read", &e))?;
-    let format = Format::of(path, &head)?;
+    let format = Format::detect(path, &head)?;
     let size = guard::contain(path, || match format {
         Format::Png => png::size(path, &head),
         Format::Jpeg => jpeg::size(path, &read_file(path)?),
@@ -210,9 +219,9 @@ pub fn image_size(path: &Path) -> Result<[u32; 2], IoError> {
     Ok(size)
 }
 
-/// [`image_size`] of a file in memory.
+/// Returns the [`image_size`] of a file in memory.
 pub(crate) fn image_size_of(name: &Path, bytes: &[u8]) -> Result<[u32; 2], IoError> {
-    let format = Format::of(name, bytes)?;
+    let format = Format::detect(name, bytes)?;
     let size = match format {
         Format::Png => png::size(name, bytes)?,
         Format::Jpeg => jpeg::size(name, bytes)?,
@@ -232,17 +241,19 @@ fn stream_size(name: &Path, format: Format, file: impl Read + Seek) -> Result<[u
     }
 }
 
-/// Width, height and codes of red, green and blue of a JPEG; `None` if the file is none.
+/// Returns the width, height and codes of red, green and blue of a JPEG; `None` if the file is
+/// none.
 pub(crate) fn jpeg_codes(name: &Path, bytes: &[u8]) -> Result<Option<(usize, usize, Vec<u8>)>, IoError> {
-    if Format::of(name, bytes)? != Format::Jpeg {
+    if Format::detect(name, bytes)? != Format::Jpeg {
         return Ok(None);
     }
     guard::contain(name, || jpeg::codes(name, bytes)).map(Some)
 }
 
-/// CIE xy of red, green, blue and white that an integer picture states, itself or by its ICC profile.
+/// Returns the CIE xy of red, green, blue and white that an integer picture states, itself or by
+/// its ICC profile.
 pub(crate) fn stated_primaries(name: &Path, bytes: &[u8], of_profile: Option<Chromaticities>) -> Result<Option<Chromaticities>, IoError> {
-    match Format::of(name, bytes)? {
+    match Format::detect(name, bytes)? {
         Format::Png => png::primaries(name, bytes, of_profile),
         Format::Tiff => Ok(of_profile.or_else(|| tiff::primaries(bytes))),
         _ => Ok(of_profile),

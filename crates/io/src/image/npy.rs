@@ -1,8 +1,9 @@
-//! NumPy's .npy in: one array `[H,W,3]` of little-endian float32 in C order, linear RGB, rows from the top; or a table `[rows, columns]` of
-//! float64.
+//! NumPy's .npy in: one array `[H,W,3]` of little-endian float32 in C order, linear RGB, rows from
+//! the top; or a table `[rows, columns]` of float64.
 //!
-//! Format: a magic string, a version, the length of a header, the header (a Python dictionary of type, order and shape, in ASCII), the
-//! samples (NumPy enhancement proposal 1). Other types, orders and shapes are refused with the line of NumPy that makes the right one.
+//! Format: a magic string, a version, the length of a header, the header (a Python dictionary of
+//! type, order and shape, in ASCII), the samples (NumPy enhancement proposal 1). Other types,
+//! orders and shapes are refused with the line of NumPy that makes the right one.
 
 use std::fmt::Display;
 use std::io::{Read, Seek};
@@ -26,9 +27,9 @@ const MAX_START_BYTES: u64 = MAX_HEADER_BYTES as u64 + 12;
 /// How to write what is expected.
 const REMEDY: &str = "save it with numpy.save(file, numpy.ascontiguousarray(image, dtype=\"<f4\"))";
 
-/// What an array has to be.
+/// The array that is expected.
 struct Expected {
-    /// As the header says it.
+    /// Number type, as the header states it.
     descr: &'static str,
     /// For messages.
     kind: &'static str,
@@ -45,7 +46,7 @@ const TABLE: Expected = Expected {
     remedy: "save it with numpy.save(file, numpy.ascontiguousarray(table, dtype=\"<f8\"))",
 };
 
-/// Rows of a table of float64, each of `columns` finite numbers.
+/// Returns the rows of a table of float64, each of `columns` finite numbers.
 pub(crate) fn decode_table<const COLUMNS: usize>(name: &Path, bytes: &[u8]) -> Result<Vec<[f64; COLUMNS]>, IoError> {
     let (shape, samples) = start(name, bytes, &TABLE)?;
     let [rows, columns] = shape.as_slice() else {
@@ -96,14 +97,14 @@ pub(super) fn decode(name: &Path, bytes: &[u8]) -> Result<DecodedImage, IoError>
     })
 }
 
-/// Size from the header.
+/// Returns the size from the header.
 pub(super) fn size(name: &Path, file: impl Read + Seek) -> Result<[u32; 2], IoError> {
     let mut bytes = Vec::new();
     file.take(MAX_START_BYTES).read_to_end(&mut bytes).map_err(|e| IoError::system(name, "read", &e))?;
     Ok(image_start(name, &bytes)?.0)
 }
 
-/// Width and height, and what follows the header.
+/// Returns the width and height, and what follows the header.
 fn image_start<'a>(name: &Path, bytes: &'a [u8]) -> Result<([u32; 2], &'a [u8]), IoError> {
     let (shape, samples) = start(name, bytes, &IMAGE)?;
     match shape.as_slice() {
@@ -112,13 +113,13 @@ fn image_start<'a>(name: &Path, bytes: &'a [u8]) -> Result<([u32; 2], &'a [u8]),
     }
 }
 
-/// `(400, 300)`.
+/// Formats a shape: `(400, 300)`.
 fn tuple(shape: &[u32]) -> String {
     let sides: Vec<String> = shape.iter().map(u32::to_string).collect();
     if sides.len() == 1 { format!("({},)", sides.join(", ")) } else { format!("({})", sides.join(", ")) }
 }
 
-/// The shape, and what follows the header.
+/// Returns the shape, and what follows the header.
 fn start<'a>(name: &Path, bytes: &'a [u8], expected: &Expected) -> Result<(Vec<u32>, &'a [u8]), IoError> {
     let remedy = expected.remedy;
     let cut_short = || IoError::invalid(name, "header: the file ends within it; the file is damaged, save it again");
@@ -139,7 +140,8 @@ fn start<'a>(name: &Path, bytes: &'a [u8], expected: &Expected) -> Result<(Vec<u
     Ok((shape(name, header, expected)?, samples))
 }
 
-/// Shape of a header such as `{'descr': '<f4', 'fortran_order': False, 'shape': (400, 300, 3), }`.
+/// Returns the shape of a header such as `{'descr': '<f4', 'fortran_order': False, 'shape': (400,
+/// 300, 3), }`.
 fn shape(name: &Path, header: &str, wanted: &Expected) -> Result<Vec<u32>, IoError> {
     let value = |key: &str| {
         let (_, rest) = header.split_once(&format!("'{key}':"))?;

@@ -1,10 +1,13 @@
-//! OpenEXR in: half, float and uint channels, scan lines or tiles, every compression of the `exr` crate.
+//! OpenEXR in: half, float and uint channels, scan lines or tiles, every compression of the `exr`
+//! crate.
 //!
-//! Out: the display window; pixels outside of the data window are 0. Colour is the first part's that has R, G, B without a layer's name, or with one
-//! if a single layer has them; where no part has, the same of luminance Y. Y beside X or Z is a vector's. Of mip maps the full resolution. Chromaticities are honoured; absent, the
-//! standard's default is Rec.709.
+//! Out: the display window; pixels outside of the data window are 0. Colour is the first part's
+//! that has R, G, B without a layer's name, or with one if a single layer has them; where no part
+//! has, the same of luminance Y. Y beside X or Z is a vector's. Of mip maps the full resolution.
+//! Chromaticities are honoured; absent, the standard's default is Rec.709.
 //!
-//! Blocks are decompressed on the calling thread: panics can be contained there, and data sets decode images in parallel anyway.
+//! Blocks are decompressed on the calling thread: panics can be contained there, and data sets
+//! decode images in parallel anyway.
 
 use std::collections::HashSet;
 use std::io::{BufReader, Cursor, Read, Seek};
@@ -35,7 +38,8 @@ pub(super) fn decode(name: &Path, bytes: &[u8]) -> Result<DecodedImage, IoError>
     let (part, color) = find_color(name, reader.headers())?;
     let header = reader.headers().get(part).ok_or_else(|| IoError::invalid(name, "header: no parts"))?.clone();
 
-    // Chunk tables are read here and bound the number of blocks by the file's length: only now is memory for pixels asked for.
+    // Chunk tables are read here and bound the number of blocks by the file's length: only now is
+    // memory for pixels is requested.
     let full_resolution = |_: &MetaData, tile: TileCoordinates, block: BlockIndex| block.layer == part && tile.level_index == Vec2(0, 0);
     let chunks = reader.filter_chunks(false, full_resolution).map_err(failed)?;
     let mut canvas = Canvas::new(name, &header, color)?;
@@ -55,7 +59,7 @@ pub(super) fn decode(name: &Path, bytes: &[u8]) -> Result<DecodedImage, IoError>
     canvas.finish(name, header.shared_attributes.chromaticities)
 }
 
-/// Size of the display window, from the header.
+/// Returns the size of the display window, from the header.
 pub(super) fn size(name: &Path, file: impl Read + Seek) -> Result<[u32; 2], IoError> {
     let meta = MetaData::read_from_buffered(BufReader::new(file), false).map_err(|error| explain(name, &error))?;
     let header = meta.headers.first().ok_or_else(|| IoError::invalid(name, "header: no parts"))?;
@@ -101,14 +105,14 @@ struct ColorChannels {
     alpha: Option<usize>,
 }
 
-/// What a picture may be made of, the better first.
+/// The channels that a picture may consist of, the better first.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Kind {
     Rgb,
     Luminance,
 }
 
-/// The first part with colour, and its channels there.
+/// Returns the first part with colour, and its channels there.
 fn find_color(name: &Path, headers: &[Header]) -> Result<(usize, ColorChannels), IoError> {
     let parts: Vec<Vec<String>> =
         headers.iter().map(|header| header.channels.list.iter().map(|channel| channel.name.to_string()).collect()).collect();
@@ -134,13 +138,15 @@ fn find_color(name: &Path, headers: &[Header]) -> Result<(usize, ColorChannels),
     Err(IoError::unsupported(name, message))
 }
 
-/// Colour among a part's channels: of no layer, else of the only layer that has it. `Err` lists the layers where it is not the only one.
+/// Returns the colour among a part's channels: of no layer, else of the only layer that has it.
+/// `Err` lists the layers where it is not the only one.
 fn color_of(channels: &[String], kind: Kind) -> Result<Option<ColorChannels>, Vec<String>> {
     let index_of = |layer: &str, channel: &str| channels.iter().position(|name| *name == format!("{layer}{channel}"));
     let in_layer = |layer: &str| {
         let rgb = match kind {
             Kind::Rgb => [index_of(layer, "R")?, index_of(layer, "G")?, index_of(layer, "B")?],
-            // Beside RY and BY it is the luminance of a colour image, beside X or Z a number of a vector: a grey picture would be wrong.
+            // Beside RY and BY it is the luminance of a colour image, beside X or Z a number of a
+            // vector: a grey picture would be wrong.
             Kind::Luminance if ["RY", "BY", "X", "Z"].iter().any(|other| index_of(layer, other).is_some()) => return None,
             Kind::Luminance => [index_of(layer, "Y")?; 3],
         };

@@ -1,8 +1,10 @@
 //! PNG in: 1 to 16 bits, grey, palette or RGB, with or without alpha.
 //!
-//! The transfer curve is the options', else cICP's, else sRGB's, else gAMA's (PNG, third edition, 4.3); that of an ICC profile is not evaluated: with
-//! nothing but one, the curve must be said. Primaries are cICP's, else an ICC profile's, if they are a known space's, else sRGB's, else cHRM's. Samples read as codes keep the primaries they have, stated or not: a matrix
-//! is for light.
+//! The transfer curve is the options', else cICP's, else sRGB's, else gAMA's (PNG, third edition,
+//! 4.3); that of an ICC profile is not evaluated: with nothing but one, the curve must be given.
+//! Primaries are cICP's, else an ICC profile's, if they are a known space's, else sRGB's, else
+//! cHRM's. Samples read as codes keep the primaries they have, stated or not: a matrix is for
+//! light.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -13,7 +15,7 @@ use luxel_core::{Chromaticities, ColorSpace, Remedy};
 
 use super::colorimetry::{conversion_to_rec709, settle_profile, settle_space};
 use super::guard::{check_size, zeroed};
-use super::samples::{Curve, Layout, depth_warnings};
+use super::samples::{Curve, SampleGrid, depth_warnings};
 use super::{DecodedImage, ReadOptions, SampleDepth, Transfer};
 use crate::IoError;
 
@@ -41,7 +43,8 @@ pub(super) fn decode_codes(name: &Path, bytes: &[u8]) -> Result<DecodedImage, Io
     decode_samples(name, bytes, &Info::read(name, bytes)?, &ReadOptions { transfer: Some(Transfer::Linear) })
 }
 
-/// What a file states of its primaries, by chunks or by an ICC profile of known ones (PNG, third edition, 4.3).
+/// Reads the primaries that a file states, by chunks or by an ICC profile of known ones (PNG, third
+/// edition, 4.3).
 pub(super) fn primaries(name: &Path, bytes: &[u8], of_profile: Option<Chromaticities>) -> Result<Option<Chromaticities>, IoError> {
     let info = Info::read(name, bytes)?;
     let stated = match of_profile {
@@ -54,12 +57,13 @@ pub(super) fn primaries(name: &Path, bytes: &[u8], of_profile: Option<Chromatici
     Ok(stated)
 }
 
-/// Samples through their curve, in the file's primaries.
+/// Returns the samples through their curve, in the file's primaries.
 fn decode_samples(name: &Path, bytes: &[u8], info: &Info, options: &ReadOptions) -> Result<DecodedImage, IoError> {
     check_size(name, info.size.map(u64::from), bytes.len() as u64)?;
     let failed = |error: ImageError| explain(name, &error);
     let mut limits = Limits::no_limits();
-    // The decoder's own buffers: a few rows, and metadata that can't exceed the file by much more than Deflate's ratio.
+    // The decoder's own buffers: a few rows, and metadata that can't exceed the file by much more
+    // than Deflate's ratio.
     let pixels = u64::from(info.size[0]) * u64::from(info.size[1]);
     limits.max_alloc = Some((64 << 20) + pixels.saturating_mul(8) + bytes.len() as u64);
     let decoder = PngDecoder::with_limits(Cursor::new(bytes), limits).map_err(failed)?;
@@ -71,7 +75,7 @@ fn decode_samples(name: &Path, bytes: &[u8], info: &Info, options: &ReadOptions)
     };
     let curve = Curve::choose(name, options, info.curve(name, options)?, depth)?;
     let (width, height) = (info.size[0] as usize, info.size[1] as usize);
-    let layout = Layout { width, height, channels: channels.into() };
+    let layout = SampleGrid { width, height, channels: channels.into() };
     let samples = width * height * usize::from(channels);
     let (image, alpha) = match depth {
         SampleDepth::Integer8 => {
@@ -89,11 +93,11 @@ fn decode_samples(name: &Path, bytes: &[u8], info: &Info, options: &ReadOptions)
     Ok(DecodedImage { image, alpha, is_premultiplied: false, color_space: None, chromaticities: None, depth, warnings })
 }
 
-/// Size from the first bytes.
+/// Returns the size from the first bytes.
 pub(super) fn size(name: &Path, head: &[u8]) -> Result<[u32; 2], IoError> {
     match head.get(SIGNATURE.len()..).and_then(next_chunk) {
         Some((b"IHDR", data, _)) => header_size(name, data),
-        _ => Err(cut_short(name, "expected chunk IHDR at the begin")),
+        _ => Err(cut_short(name, "expected chunk IHDR at the beginning")),
     }
 }
 
@@ -115,7 +119,8 @@ fn explain(name: &Path, error: &ImageError) -> IoError {
     }
 }
 
-/// Kind, content and what follows of the chunk that `bytes` begin with; its checksum is left to the decoder.
+/// Returns the kind, content and what follows of the chunk that `bytes` begin with; its checksum is
+/// left to the decoder.
 fn next_chunk(bytes: &[u8]) -> Option<(&[u8; 4], &[u8], &[u8])> {
     let (length, rest) = bytes.split_first_chunk::<4>()?;
     let (kind, rest) = rest.split_first_chunk::<4>()?;
@@ -124,7 +129,7 @@ fn next_chunk(bytes: &[u8]) -> Option<(&[u8; 4], &[u8], &[u8])> {
     Some((kind, data, rest))
 }
 
-/// What the chunks before the pixels say, as far as it concerns colour.
+/// The chunks before the pixels, as far as they concern colour.
 #[derive(Clone, Debug, Default, PartialEq)]
 struct Info {
     size: [u32; 2],
@@ -157,9 +162,10 @@ impl Info {
         }
     }
 
-    /// The curve that the file states, unless the options overrule it.
+    /// Returns the curve that the file states, unless the options overrule it.
     fn curve(&self, name: &Path, options: &ReadOptions) -> Result<Option<Curve>, IoError> {
-        /// gAMA of 1 / 2.2: what writers that mean sRGB put where they write no sRGB chunk (PNG, third edition, 11.3.2.2).
+        /// gAMA of 1 / 2.2: what writers that mean sRGB put where they write no sRGB chunk (PNG,
+        /// third edition, 11.3.2.2).
         const SRGB_GAMMA: u32 = 45455;
         if options.transfer.is_some() {
             return Ok(None);
@@ -185,14 +191,14 @@ impl Info {
         })
     }
 
-    /// Primaries that cICP names, if it names any.
+    /// Returns the primaries that cICP names, if it names any.
     fn named_primaries(&self) -> Option<u8> {
         /// "Unspecified" of ITU-T H.273.
         const UNSPECIFIED: u8 = 2;
         self.cicp.map(|[primaries, _]| primaries).filter(|primaries| *primaries != UNSPECIFIED)
     }
 
-    /// Red, green, blue and white, where the file states them.
+    /// Returns the red, green, blue and white, where the file states them.
     fn chromaticities(&self, name: &Path) -> Result<Option<Chromaticities>, IoError> {
         let d65 = [0.3127, 0.3290];
         if let Some(primaries) = self.named_primaries() {
@@ -246,7 +252,7 @@ mod tests {
         let error = info.curve(Path::new("a.png"), &ReadOptions::default()).unwrap_err();
         assert!(error.remedy.is_some_and(|remedy| remedy.options().eq(["transfer"])));
         assert!(Info { cicp: Some([22, 8]), ..info.clone() }.chromaticities(Path::new("a.png")).is_err());
-        // Unspecified is as if it were not said.
+        // Unspecified counts as not stated.
         let silent = Info { cicp: Some([2, 13]), ..info };
         assert_eq!(silent.chromaticities(Path::new("a.png")).unwrap(), None);
         let rec709 = ColorSpace::LinearRec709.chromaticities();

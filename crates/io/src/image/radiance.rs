@@ -1,7 +1,7 @@
 //! Radiance HDR in: RGBE, run-length encoded or flat, rows from the top.
 //!
-//! EXPOSURE= and COLORCORR= divide, as they say what the pixels were multiplied with. PRIMARIES= is honoured; absent, Rec.709 is the
-//! convention. XYZE and turned images are refused.
+//! EXPOSURE= and COLORCORR= divide, as they are the factors that the pixels were multiplied by.
+//! PRIMARIES= is honoured; absent, Rec.709 is the convention. XYZE and turned images are refused.
 
 use std::io::{BufReader, Read, Seek};
 use std::path::Path;
@@ -45,13 +45,13 @@ pub(super) fn decode(name: &Path, bytes: &[u8]) -> Result<DecodedImage, IoError>
     Ok(DecodedImage { image, alpha: None, is_premultiplied: false, color_space, chromaticities, depth: SampleDepth::Float, warnings })
 }
 
-/// Size from the header.
+/// Returns the size from the header.
 pub(super) fn size(name: &Path, file: impl Read + Seek) -> Result<[u32; 2], IoError> {
     let header = open(name, BufReader::new(file.take(MAX_HEADER_BYTES)))?.metadata();
     Ok([header.width, header.height])
 }
 
-/// The crate knows one of the two signatures in use; the other one is swapped for it.
+/// Replaces the signature that the decoder does not know, one of two in use, by the one it knows.
 fn open<R: Read>(name: &Path, mut reader: R) -> Result<HdrDecoder<impl Read>, IoError> {
     const KNOWN: &[u8] = b"#?RADIANCE";
     const OTHER: &[u8] = b"#?RGBE";
@@ -83,7 +83,7 @@ fn explain(name: &Path, error: &ImageError) -> IoError {
     }
 }
 
-/// What the pixels were multiplied with, by channel.
+/// Returns the factors that the pixels were multiplied by, per channel.
 fn gain(name: &Path, header: &HdrMetadata) -> Result<[f32; 3], IoError> {
     let exposure = header.exposure.unwrap_or(1.0);
     let (r, g, b) = header.color_correction.unwrap_or((1.0, 1.0, 1.0));
@@ -95,7 +95,7 @@ fn gain(name: &Path, header: &HdrMetadata) -> Result<[f32; 3], IoError> {
     }
 }
 
-/// CIE xy of red, green, blue and white.
+/// Returns the CIE xy of red, green, blue and white.
 fn primaries(name: &Path, header: &HdrMetadata) -> Result<Option<[[f32; 2]; 4]>, IoError> {
     let Some((_, text)) = header.custom_attributes.iter().rfind(|(key, _)| key == "PRIMARIES") else { return Ok(None) };
     let numbers: Vec<f32> = text.split_whitespace().map_while(|word| word.parse().ok()).collect();

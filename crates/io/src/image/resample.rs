@@ -1,16 +1,26 @@
-//! Resampling in linear light: area average, and undistortion into a pinhole camera. Pixel centres at +0.5.
+//! Resampling in linear light: area average, and undistortion into a pinhole camera. Pixel centres
+//! at +0.5.
 
 use glam::DVec2;
 use luxel_core::{Camera, Distortion, Image, Mask};
 use rayon::prelude::*;
 
-/// Area average of `factor` x `factor` blocks; incomplete blocks at the right and bottom border are left out. A factor of 0 is taken
-/// as 1; an image smaller than a block becomes empty.
+/// Returns the area average of `factor` x `factor` blocks; incomplete blocks at the right and
+/// bottom border are left out. A factor of 0 is taken as 1; an image smaller than a block becomes
+/// empty.
+///
+/// ```
+/// use luxel_core::Image;
+///
+/// let image = Image { width: 2, height: 2, pixels: vec![[0.0; 3], [4.0; 3], [8.0; 3], [4.0; 3]] };
+/// assert_eq!(luxel_io::downscale(&image, 2).pixels, [[4.0; 3]]);
+/// ```
 pub fn downscale(image: &Image, factor: usize) -> Image {
     reduce(image, None, factor).0
 }
 
-/// [`downscale`] over valid pixels only, each block with the mean weight of its valid pixels; a block without any is invalid and 0.
+/// Reduces as [`downscale`] does, over valid pixels only, each block with the mean weight of its
+/// valid pixels; a block without any is invalid and 0.
 pub fn downscale_masked(image: &Image, mask: &Mask, factor: usize) -> (Image, Mask) {
     let (image, weights) = reduce(image, Some(mask), factor);
     (image, Mask { weights })
@@ -38,8 +48,10 @@ fn reduce(image: &Image, mask: Option<&Mask>, factor: usize) -> (Image, Vec<f32>
     (Image { width, height, pixels }, weights)
 }
 
-/// Resamples a distorted image into the same camera without distortion, bilinearly. Pixels whose ray falls outside of the image, or
-/// that touch an invalid pixel, are invalid and 0; the others weigh what the least of the pixels does that they are made of. `camera` is the image's, of its size.
+/// Resamples a distorted image into the same camera without distortion, bilinearly. Pixels whose
+/// ray falls outside of the image, or that touch an invalid pixel, are invalid and 0; the others
+/// weigh what the least of the pixels does that they are made of. `camera` is the image's, of its
+/// size.
 pub fn undistort(image: &Image, mask: Option<&Mask>, camera: &Camera) -> (Image, Mask, Camera) {
     let lens = camera.distortion;
     let limit = fold_radius2(&lens);
@@ -58,8 +70,9 @@ pub fn undistort(image: &Image, mask: Option<&Mask>, camera: &Camera) -> (Image,
     (Image { width, height, pixels }, Mask { weights }, pinhole)
 }
 
-/// The largest part of what `camera` sees that is a pinhole image without empty pixels: the same size and principal point, focal lengths
-/// longer by the smallest factor for which every pixel lies in the distorted image. `None` where no factor up to 4 does.
+/// Returns the largest part of what `camera` sees that is a pinhole image without empty pixels: the
+/// same size and principal point, focal lengths longer by the smallest factor for which every pixel
+/// lies in the distorted image. `None` where no factor up to 4 does.
 pub fn pinhole_within(camera: &Camera) -> Option<Camera> {
     let [width, height] = camera.size_px.map(f64::from);
     let limit = fold_radius2(&camera.distortion);
@@ -74,7 +87,8 @@ pub fn pinhole_within(camera: &Camera) -> Option<Camera> {
             })
         })
     };
-    // A lens that pulls in keeps its centre sharper when nothing is thrown away: below 1 there is nothing to win.
+    // A lens that pulls in keeps its centre sharper when nothing is thrown away: below 1 there is
+    // nothing to win.
     let (mut low, mut high) = (0.999, 4.0);
     if !holds(high) {
         return None;
@@ -86,7 +100,8 @@ pub fn pinhole_within(camera: &Camera) -> Option<Camera> {
     Some(Camera { focal_px: camera.focal_px * high.max(1.0), distortion: Distortion::default(), ..camera.clone() })
 }
 
-/// Resamples an image of `camera` for a pinhole camera in the same place, bilinearly; with how many pixels had to be taken from the border.
+/// Resamples an image of `camera` for a pinhole camera in the same place, bilinearly; with how many
+/// pixels had to be taken from the border.
 pub fn undistort_into(image: &Image, camera: &Camera, pinhole: &Camera) -> (Image, usize) {
     let [width, height] = pinhole.size_px.map(|side| side as usize);
     let size = DVec2::new(image.width as f64, image.height as f64);
@@ -101,21 +116,24 @@ pub fn undistort_into(image: &Image, camera: &Camera, pinhole: &Camera) -> (Imag
     (Image { width, height, pixels }, outside.into_iter().sum())
 }
 
-/// Squared radius from which on the radial polynomial turns back: rays beyond it would show parts of the image a second time.
-/// Smallest positive root s of d/dr [r (1 + k1 r^2 + k2 r^4)] = 1 + 3 k1 s + 5 k2 s^2, s = r^2; infinite if there is none.
+/// Returns the squared radius from which on the radial polynomial turns back: rays beyond it would
+/// show parts of the image a second time. Smallest positive root s of d/dr [r (1 + k1 r^2 + k2
+/// r^4)] = 1 + 3 k1 s + 5 k2 s^2, s = r^2; infinite if there is none.
 fn fold_radius2(lens: &Distortion) -> f64 {
     let (a, b) = (5.0 * lens.k2, 3.0 * lens.k1);
     let discriminant = b * b - 4.0 * a;
     if discriminant < 0.0 {
         return f64::INFINITY;
     }
-    // The form that neither cancels nor divides by a vanishing k2: roots are 2 / (-b -+ sqrt(b^2 - 4 a)).
+    // The form that neither cancels nor divides by a vanishing k2: roots are 2 / (-b -+ sqrt(b^2 -
+    // 4 a)).
     let root = discriminant.sqrt();
     [2.0 / (-b - root), 2.0 / (-b + root)].into_iter().filter(|s| *s > 0.0).fold(f64::INFINITY, f64::min)
 }
 
-/// Bilinear value at `position` in pixels, and the least weight of the pixels in it; the outer half of border pixels is constant. `None`
-/// outside, or if a pixel that counts is invalid.
+/// Returns the bilinear value at `position` in pixels, and the least weight of the pixels in it;
+/// the outer half of border pixels is constant. `None` outside, or if a pixel that counts is
+/// invalid.
 fn sample(image: &Image, mask: Option<&Mask>, position: DVec2) -> Option<([f32; 3], f32)> {
     let (width, height) = (image.width as f64, image.height as f64);
     // Also refuses NaN.
@@ -152,7 +170,7 @@ mod tests {
         Camera { camera_from_world: DAffine3::IDENTITY, focal_px, center_px, size_px: [64, 48], distortion }
     }
 
-    /// Bilinear resampling is exact on it.
+    /// Returns a ramp, on which bilinear resampling is exact.
     fn ramp(x: f64, y: f64) -> [f32; 3] {
         [x as f32, y as f32, (100.0 + x - 2.0 * y) as f32]
     }
@@ -232,7 +250,8 @@ mod tests {
 
     #[test]
     fn rays_beyond_the_lens_fold_are_invalid() {
-        // r (1 - r^2 / 3 * 3) turns back at r = 1 / sqrt(3): pixels beyond would show the centre again.
+        // r (1 - r^2 / 3 * 3) turns back at r = 1 / sqrt(3): pixels beyond would show the centre
+        // again.
         let fold = Distortion { k1: -1.0, ..Distortion::default() };
         assert!((fold_radius2(&fold) - 1.0 / 3.0).abs() < 1e-12);
         assert_eq!(fold_radius2(&Distortion::default()), f64::INFINITY);

@@ -18,7 +18,7 @@ pub(super) enum Curve {
 }
 
 impl Curve {
-    /// Light of a sample in 0..=1.
+    /// Returns the light of a sample in 0..=1.
     pub(super) fn decode(self, sample: f64) -> f32 {
         let light = match self {
             Self::Named(Transfer::Linear) => sample,
@@ -30,8 +30,8 @@ impl Curve {
         light as f32
     }
 
-    /// Returns the curve that the options give, else the one that the file states, else an error that asks
-    /// for it.
+    /// Returns the curve that the options give, else the one that the file states, else an error
+    /// that asks for it.
     pub(super) fn choose(name: &Path, options: &ReadOptions, stated: Option<Self>, depth: SampleDepth) -> Result<Self, IoError> {
         options.transfer.map(Self::Named).or(stated).ok_or_else(|| {
             let bits = if depth == SampleDepth::Integer8 { 8 } else { 16 };
@@ -45,21 +45,21 @@ impl Curve {
 /// Said about every image of up to 8 bits.
 pub(super) const NOT_HDR: &str = "8 bits: not HDR";
 
-/// Warnings that follow from the precision.
+/// Returns the warnings that follow from the precision.
 pub(super) fn depth_warnings(depth: SampleDepth) -> Vec<String> {
     if depth == SampleDepth::Integer8 { vec![NOT_HDR.to_string()] } else { Vec::new() }
 }
 
 /// Size and channels of interleaved samples: 1 grey, 2 grey and alpha, 3 RGB, 4 RGB and alpha.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Layout {
+pub(super) struct SampleGrid {
     pub(super) width: usize,
     pub(super) height: usize,
     pub(super) channels: usize,
 }
 
-impl Layout {
-    /// Image and alpha of `samples`, through `color` and `alpha` by channel.
+impl SampleGrid {
+    /// Returns the image and alpha of `samples`, through `color` and `alpha` by channel.
     pub(super) fn assemble<T: Copy>(
         self,
         name: &Path,
@@ -89,13 +89,13 @@ impl Layout {
         Ok((Image { width, height, pixels }, opacity))
     }
 
-    /// [`Self::assemble`] of 8-bit samples.
+    /// Assembles 8-bit samples, see [`Self::assemble`].
     pub(super) fn assemble8(self, name: &Path, samples: &[u8], curve: Curve) -> Result<(Image, Option<Vec<f32>>), IoError> {
         let table: Vec<f32> = (0..=u8::MAX).map(|v| curve.decode(f64::from(v) / 255.0)).collect();
         self.assemble(name, samples, |v| table.get(usize::from(v)).copied().unwrap_or(f32::NAN), |v| f32::from(v) / 255.0)
     }
 
-    /// [`Self::assemble`] of 16-bit samples.
+    /// Assembles 16-bit samples, see [`Self::assemble`].
     pub(super) fn assemble16(self, name: &Path, samples: &[u16], curve: Curve) -> Result<(Image, Option<Vec<f32>>), IoError> {
         let table: Vec<f32> = (0..=u16::MAX).map(|v| curve.decode(f64::from(v) / 65535.0)).collect();
         self.assemble(name, samples, |v| table.get(usize::from(v)).copied().unwrap_or(f32::NAN), |v| f32::from(v) / 65535.0)
@@ -126,8 +126,8 @@ mod tests {
 
     #[test]
     fn channels_that_do_not_fit_are_an_error() {
-        let layout = Layout { width: 2, height: 2, channels: 3 };
+        let layout = SampleGrid { width: 2, height: 2, channels: 3 };
         assert!(layout.assemble8(Path::new("a"), &[0; 11], Curve::Power(1.0)).is_err());
-        assert!(Layout { channels: 5, ..layout }.assemble8(Path::new("a"), &[0; 20], Curve::Power(1.0)).is_err());
+        assert!(SampleGrid { channels: 5, ..layout }.assemble8(Path::new("a"), &[0; 20], Curve::Power(1.0)).is_err());
     }
 }

@@ -1,12 +1,16 @@
-//! TIFF and BigTIFF in: 8- and 16-bit integers, half, single and double floats; grey or RGB, with or without alpha; first image.
+//! TIFF and BigTIFF in: 8- and 16-bit integers, half, single and double floats; grey or RGB, with
+//! or without alpha; first image.
 //!
-//! Whether colours are multiplied by alpha is ExtraSamples' word (TIFF 6.0, page 31); where it says neither, as elsewhere: floats are, integers are not.
-//! Integers were multiplied as codes: they are divided before their curve, and multiplied again as light.
+//! Whether colours are multiplied by alpha is stated by ExtraSamples (TIFF 6.0, page 31); where it
+//! says neither, as elsewhere: floats are, integers are not. Integers were multiplied as codes:
+//! they are divided before their curve, and multiplied again as light.
 //!
-//! Primaries are those of PrimaryChromaticities and WhitePoint (page 83); where these make no colour space, a warning says so. Without them an ICC
-//! profile's are, if they are a known space's; its curve is not evaluated.
+//! Primaries are those of PrimaryChromaticities and WhitePoint (page 83); where these make no
+//! colour space, a warning says so. Without them an ICC profile's are, if they are a known space's;
+//! its curve is not evaluated.
 //!
-//! Camera RAW files are TIFF as well: their first image is a thumbnail, which is refused rather than read in silence.
+//! Camera RAW files are TIFF as well: their first image is a thumbnail, which is refused rather
+//! than read in silence.
 
 use std::io::{BufReader, Cursor, Read, Seek};
 use std::path::Path;
@@ -19,7 +23,7 @@ use luxel_core::Chromaticities;
 
 use super::colorimetry::{conversion_to_rec709, settle_profile, settle_space};
 use super::guard::check_size;
-use super::samples::{Curve, Layout, depth_warnings};
+use super::samples::{Curve, SampleGrid, depth_warnings};
 use super::{DecodedImage, ReadOptions, SampleDepth, Transfer};
 use crate::IoError;
 
@@ -29,7 +33,7 @@ const MAX_PIXEL_BYTES: usize = 32;
 /// Values of ExtraSamples.
 const ASSOCIATED_ALPHA: u16 = 1;
 const UNASSOCIATED_ALPHA: u16 = 2;
-/// White where none is said.
+/// White where none is stated.
 const D65: [f32; 2] = [0.3127, 0.3290];
 /// Codes as they are.
 const LINEAR: Curve = Curve::Named(Transfer::Linear);
@@ -43,7 +47,7 @@ pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result
     };
     match settle_space(&mut decoded.image, &found, &mut decoded.warnings) {
         Ok(space) => (decoded.chromaticities, decoded.color_space) = (Some(found), Some(space)),
-        Err(reason) => decoded.warnings.push(format!("TIFF: {reason}; they are passed over")),
+        Err(reason) => decoded.warnings.push(format!("TIFF: {reason}; they are ignored")),
     }
     Ok(decoded)
 }
@@ -53,12 +57,14 @@ pub(super) fn decode_codes(name: &Path, bytes: &[u8]) -> Result<DecodedImage, Io
     decode_samples(name, bytes, &ReadOptions { transfer: Some(Transfer::Linear) })
 }
 
-/// CIE xy of red, green, blue and white that the first image states, if they make a colour space.
+/// Returns the CIE xy of red, green, blue and white that the first image states, if they make a
+/// colour space.
 pub(super) fn primaries(bytes: &[u8]) -> Option<Chromaticities> {
     stated(bytes).filter(|found| conversion_to_rec709(found).is_ok())
 }
 
-/// What the tags of an image of colours say, whether they make a colour space or not.
+/// Reads the chromaticities that the tags of an image of colours state, whether they make a colour
+/// space or not.
 fn stated(bytes: &[u8]) -> Option<Chromaticities> {
     const WHITE_POINT: Tag = Tag::Unknown(318);
     const PRIMARY_CHROMATICITIES: Tag = Tag::Unknown(319);
@@ -73,7 +79,7 @@ fn stated(bytes: &[u8]) -> Option<Chromaticities> {
     (!is_grey).then_some([[xr, yr], [xg, yg], [xb, yb], white])
 }
 
-/// A number of a kind that fractions are written as.
+/// Returns a number of a kind that fractions are written as.
 fn number(value: &Value) -> Option<f32> {
     match *value {
         Value::Rational(n, d) => Some((f64::from(n) / f64::from(d)) as f32),
@@ -83,7 +89,7 @@ fn number(value: &Value) -> Option<f32> {
     }
 }
 
-/// Samples through their curve, in the file's primaries.
+/// Returns the samples through their curve, in the file's primaries.
 fn decode_samples(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<DecodedImage, IoError> {
     let failed = |error: TiffError| explain(name, &error);
     let mut decoder = Decoder::new(Cursor::new(bytes)).map_err(failed)?;
@@ -98,7 +104,7 @@ fn decode_samples(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<De
         ColorType::RGBA(_) => 4,
         _ => return Err(IoError::unsupported(name, format!("TIFF: colour type {color:?}; export it as RGB"))),
     };
-    let layout = Layout { width: width as usize, height: height as usize, channels };
+    let layout = SampleGrid { width: width as usize, height: height as usize, channels };
     let extra = decoder.find_tag_unsigned_vec::<u16>(Tag::ExtraSamples).map_err(failed)?.unwrap_or_default();
 
     let mut limits = Limits::default();
@@ -119,10 +125,10 @@ fn decode_samples(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<De
     convert(name, layout, &samples, is_premultiplied, options)
 }
 
-/// Linear light of the samples; `is_premultiplied` as far as the file says.
+/// Returns the linear light of the samples; `is_premultiplied` as far as the file states.
 fn convert(
     name: &Path,
-    layout: Layout,
+    layout: SampleGrid,
     samples: &DecodingResult,
     is_premultiplied: Option<bool>,
     options: &ReadOptions,
@@ -160,7 +166,7 @@ fn convert(
     Ok(DecodedImage { image, alpha, is_premultiplied, color_space: None, chromaticities: None, depth, warnings })
 }
 
-/// Size of the first image.
+/// Returns the size of the first image.
 pub(super) fn size(name: &Path, file: impl Read + Seek) -> Result<[u32; 2], IoError> {
     let mut decoder = Decoder::new(BufReader::new(file)).map_err(|error| explain(name, &error))?;
     let (width, height) = decoder.dimensions().map_err(|error| explain(name, &error))?;

@@ -39,9 +39,10 @@ pub struct ExrOptions {
     pub attributes: Vec<(String, String)>,
     /// Further attributes that are numbers: name and value.
     pub numbers: Vec<(String, f32)>,
-    /// Where the image was seen from: `worldToCamera` (axes right, up, back) and the lens in `luxel:focal_px` and `luxel:center_px`.
+    /// Camera of the image: `worldToCamera` (axes right, up, back) and the lens in `luxel:focal_px`
+    /// and `luxel:center_px`.
     pub camera: Option<Camera>,
-    /// What the image is a map of directions in.
+    /// Projection of an image that is a map of directions.
     pub environment: Option<Projection>,
     /// Channel A, `[H*W]`: linear opacity; colours should be premultiplied by it.
     pub alpha: Option<Vec<f32>>,
@@ -52,8 +53,22 @@ pub struct ExrOptions {
 /// Largest finite number of [`ExrSample::Half`].
 pub const HALF_MAX: f32 = 65504.0;
 
-/// Writes R, G, B (and A and Z if there are any) with ZIP compression in blocks of 16 lines. Returns how many values were above the range of
-/// [`ExrSample::Half`] and are written as its largest number.
+/// Writes R, G, B (and A and Z if there are any) with ZIP compression in blocks of 16 lines.
+/// Returns how many values were above the range of [`ExrSample::Half`] and are written as its
+/// largest number.
+///
+/// ```
+/// use luxel_core::Image;
+/// use luxel_io::{ExrOptions, ReadOptions, read_image, write_exr};
+///
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("lamp.exr");
+/// // Radiance is not clamped: 300 stays 300.
+/// let image = Image::filled(4, 2, [300.0, 0.25, 0.0]);
+/// write_exr(&path, &image, &ExrOptions::default())?;
+/// assert_eq!(read_image(&path, &ReadOptions::default())?.image, image);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// # Errors
 /// The system's, or the image is empty or an attribute's name is empty or longer than 255 bytes.
@@ -63,10 +78,11 @@ pub fn write_exr(path: &Path, image: &Image, options: &ExrOptions) -> Result<usi
     Ok(out_of_range(image, options.sample))
 }
 
-/// [`write_exr`] into memory; `name` is for messages only. Equal images and options give equal bytes.
+/// Encodes an image as [`write_exr`] writes it, into memory; `name` is for messages only. Equal
+/// images and options give equal bytes.
 ///
 /// # Errors
-/// As [`write_exr`].
+/// The same as [`write_exr`].
 pub fn encode_exr(name: &Path, image: &Image, options: &ExrOptions) -> Result<Vec<u8>, IoError> {
     let (width, height) = (image.width, image.height);
     if width == 0 || height == 0 || image.pixels.len() != width * height {
@@ -112,7 +128,7 @@ fn out_of_range(image: &Image, sample: ExrSample) -> usize {
     }
 }
 
-/// Everything but the pixels.
+/// Returns everything but the pixels.
 fn attributes(name: &Path, options: &ExrOptions) -> Result<LayerAttributes, IoError> {
     let mut attributes = LayerAttributes { software_name: Some(Text::from("Luxel")), ..LayerAttributes::default() };
     let wrong = || IoError::invalid(name, "attribute names need 1 to 255 bytes, names and values Latin letters");
@@ -136,7 +152,7 @@ fn attributes(name: &Path, options: &ExrOptions) -> Result<LayerAttributes, IoEr
     Ok(attributes)
 }
 
-/// OpenEXR's matrices take row vectors; its cameras look along -z, y up.
+/// Returns the camera matrix: OpenEXR's matrices take row vectors; its cameras look along -z, y up.
 fn world_to_camera(camera: &Camera) -> [f32; 16] {
     let flip = DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
     let pose = camera.camera_from_world;
@@ -148,12 +164,13 @@ fn world_to_camera(camera: &Camera) -> [f32; 16] {
 /// Pixels from which on compression is worth a pool of threads.
 const PARALLEL_PIXELS: usize = 1 << 20;
 
-/// Nearest half; what is out of range becomes the largest one, so that no infinity comes about.
+/// Returns the nearest half; what is out of range becomes the largest one, so that no infinity
+/// comes about.
 fn to_half(value: f32) -> f16 {
     f16::from_f32(if value.is_nan() { value } else { value.clamp(-HALF_MAX, HALF_MAX) })
 }
 
-/// A JPEG of `width * height` sRGB pixels, row-major, of a quality from 1 to 100.
+/// Returns a JPEG of `width * height` sRGB pixels, row-major, of a quality from 1 to 100.
 ///
 /// # Errors
 /// The number of bytes is not `3 * width * height`, or a side is above 65535 pixels.
@@ -161,7 +178,7 @@ pub fn encode_jpeg(width: usize, height: usize, rgb8: &[u8], quality: u8) -> Res
     let name = Path::new("preview.jpg");
     let expected = width.checked_mul(height).and_then(|n| n.checked_mul(3));
     let (Ok(width16), Ok(height16), true) = (u16::try_from(width), u16::try_from(height), expected == Some(rgb8.len())) else {
-        return Err(IoError::invalid(name, format!("{} bytes for {width} x {height} pixels, expected 3 a pixel", rgb8.len())));
+        return Err(IoError::invalid(name, format!("{} bytes for {width} x {height} pixels, expected 3 per pixel", rgb8.len())));
     };
     let mut bytes = Vec::new();
     JpegEncoder::new_with_quality(&mut bytes, quality)
@@ -179,20 +196,33 @@ pub fn write_png(path: &Path, width: usize, height: usize, rgb8: &[u8]) -> Resul
     write_atomically(path, |out| out.write_all(&bytes).map_err(|e| IoError::system(path, "write", &e)))
 }
 
-/// [`write_png`] into memory.
+/// Encodes an image as [`write_png`] writes it, into memory.
+///
+/// ```
+/// use std::path::Path;
+///
+/// use luxel_io::{ReadOptions, Transfer, decode_image, encode_png};
+///
+/// let png = encode_png(1, 1, &[255, 0, 255])?;
+/// // Integer samples need a transfer curve if the file states none.
+/// let options = ReadOptions { transfer: Some(Transfer::Srgb) };
+/// assert_eq!(decode_image(Path::new("a.png"), &png, &options)?.image.pixels, [[1.0, 0.0, 1.0]]);
+/// # Ok::<(), luxel_io::IoError>(())
+/// ```
 ///
 /// # Errors
-/// As [`write_png`].
+/// The same as [`write_png`].
 pub fn encode_png(width: usize, height: usize, rgb8: &[u8]) -> Result<Vec<u8>, IoError> {
-    /// Where the header chunk ends: signature 8, length 4, kind 4, content 13, checksum 4.
+    /// The end of the header chunk: signature 8, length 4, kind 4, content 13, checksum 4.
     const AFTER_HEADER: usize = 33;
-    /// Length, kind, rendering intent "perceptual", checksum: so that viewers do not guess the curve.
+    /// Length, kind, rendering intent "perceptual", checksum: so that viewers do not guess the
+    /// curve.
     const SRGB_CHUNK: [u8; 13] = *b"\x00\x00\x00\x01sRGB\x00\xae\xce\x1c\xe9";
     let name = Path::new("preview.png");
     let size = (u32::try_from(width).ok(), u32::try_from(height).ok());
     let expected = width.checked_mul(height).and_then(|n| n.checked_mul(3));
     let (Some(width32), Some(height32), true) = (size.0, size.1, expected == Some(rgb8.len())) else {
-        return Err(IoError::invalid(name, format!("{} bytes for {width} x {height} pixels, expected 3 a pixel", rgb8.len())));
+        return Err(IoError::invalid(name, format!("{} bytes for {width} x {height} pixels, expected 3 per pixel", rgb8.len())));
     };
     let mut bytes = Vec::new();
     PngEncoder::new(&mut bytes)

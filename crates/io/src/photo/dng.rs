@@ -1,11 +1,12 @@
 //! DNG (Adobe's specification 1.7): Bayer mosaics and LinearRaw, among them Apple ProRAW.
 //!
-//! In: bytes. Out: [`RawPixels`]; what the tags say of colours is [`super::dng_info`]'s. Codes are as stored, cropped to the default crop, after the
-//! linearisation table if there is one; black and white come beside them. Uncompressed samples of 8 to 16 bits, lossless JPEG and JPEG XL,
-//! in strips or tiles; rows and columns that are stored in fields are put where they belong.
+//! In: bytes. Out: [`RawPixels`]; colours by the tags are in [`super::dng_info`]. Codes are
+//! as stored, cropped to the default crop, after the linearisation table if there is one; black and
+//! white come beside them. Uncompressed samples of 8 to 16 bits, lossless JPEG and JPEG XL, in
+//! strips or tiles; rows and columns that are stored in fields are put where they belong.
 //!
-//! JPEG XL of more than 8 bits comes on the scale of 16 bits, whatever its depth: levels and the table of such files are on that scale, as Adobe's SDK
-//! decodes them.
+//! JPEG XL of more than 8 bits comes on the scale of 16 bits, whatever its depth: levels and the
+//! table of such files are on that scale, as Adobe's SDK decodes them.
 
 use std::path::Path;
 
@@ -42,7 +43,7 @@ const LOSSY_JPEG: usize = 34892;
 const JPEG_XL: usize = 52546;
 
 impl<'a> Dng<'a> {
-    /// `None` if the file is no DNG.
+    /// Opens a file; `None` if it is not a DNG.
     pub(super) fn open(name: &'a Path, bytes: &'a [u8]) -> Option<Result<Self, IoError>> {
         let tags = Tags::new(bytes)?;
         let first = tags.first().filter(|ifd| ifd.has(tag::DNG_VERSION))?;
@@ -56,7 +57,7 @@ impl<'a> Dng<'a> {
         exif_of_tags(&self.tags, &self.first)
     }
 
-    /// Size of the default crop.
+    /// Returns the size of the default crop.
     pub(super) fn size(&self) -> Result<[u32; 2], IoError> {
         let crop = self.crop()?;
         Ok([crop.width as u32, crop.height as u32])
@@ -76,7 +77,7 @@ impl<'a> Dng<'a> {
         Ok([width, height])
     }
 
-    /// Default crop within the active area, in stored pixels.
+    /// Returns the default crop within the active area, in stored pixels.
     fn crop(&self) -> Result<Crop, IoError> {
         let [width, height] = self.stored_size()?;
         let area = self.image.unsigneds(tag::ACTIVE_AREA).and_then(|v| <[usize; 4]>::try_from(v).ok());
@@ -101,14 +102,14 @@ impl<'a> Dng<'a> {
         let per_pixel = image.unsigned(tag::SAMPLES_PER_PIXEL).unwrap_or(1);
         let is_mosaic = image.unsigned(tag::PHOTOMETRIC) == Some(CFA);
         if per_pixel != if is_mosaic { 1 } else { 3 } || image.unsigned(tag::PLANAR).unwrap_or(1) != 1 {
-            return Err(self.unsupported(format_args!("{per_pixel} samples a pixel, or in separate planes")));
+            return Err(self.unsupported(format_args!("{per_pixel} samples per pixel, or in separate planes")));
         }
         if image.unsigned(tag::SAMPLE_FORMAT).unwrap_or(1) != 1 {
             return Err(self.unsupported("floating-point samples"));
         }
         let bits = image.unsigned(tag::BITS).unwrap_or(16);
         if !(8..=16).contains(&bits) {
-            return Err(self.unsupported(format_args!("{bits} bits a sample, expected 8 to 16")));
+            return Err(self.unsupported(format_args!("{bits} bits per sample, expected 8 to 16")));
         }
         self.refuse_orders()?;
         let stored_cell = if is_mosaic { Some(self.cell()?) } else { None };
@@ -124,7 +125,8 @@ impl<'a> Dng<'a> {
             let last = table.last().copied().unwrap_or(0);
             codes.iter_mut().for_each(|c| *c = table.get(usize::from(*c)).copied().unwrap_or(last).min(65535) as u16);
         }
-        // Black is given from the active area's corner on, the cell too, and both turn with the crop's.
+        // Black is given from the active area's corner on, the cell too, and both turn with the
+        // crop's.
         let turn = |cell: [u8; 4], by: [usize; 2]| [0, 1, 2, 3].map(|i| cell[((i / 2 + by[1]) % 2) * 2 + (i % 2 + by[0]) % 2]);
         let shift = [crop.left - crop.area[0], crop.top - crop.area[1]];
         let order = turn([0, 1, 2, 3], if is_mosaic { shift } else { [0, 0] });
@@ -156,8 +158,8 @@ impl<'a> Dng<'a> {
         Ok(())
     }
 
-    /// Rows and columns that are stored in fields (all first rows of a cell, then all second ones), as a mosaic's colours are for JPEG XL, in
-    /// the image's order.
+    /// Restores the order of rows and columns that are stored in fields (all first rows of a cell,
+    /// then all second ones), as a mosaic's colours are for JPEG XL, in the image's order.
     fn without_fields(&self, stored: Vec<u16>, [width, height]: [usize; 2], per_pixel: usize) -> Result<Vec<u16>, IoError> {
         let fields = |tag, length| Some(self.image.unsigned(tag).unwrap_or(1)).filter(|n| (1..length).contains(n)).unwrap_or(1);
         let (rows, columns) = (fields(tag::ROW_INTERLEAVE, height), fields(tag::COLUMN_INTERLEAVE, width));
@@ -176,7 +178,7 @@ impl<'a> Dng<'a> {
         Ok(out)
     }
 
-    /// Colours of the 2x2 cell at the active area's corner.
+    /// Returns the colours of the 2x2 cell at the active area's corner.
     fn cell(&self) -> Result<[u8; 4], IoError> {
         let repeat = self.image.unsigneds(tag::CFA_REPEAT).unwrap_or_else(|| vec![2, 2]);
         let pattern = self.image.bytes(tag::CFA_PATTERN).unwrap_or_default();
@@ -189,7 +191,7 @@ impl<'a> Dng<'a> {
         }
     }
 
-    /// By place in the cell, or by channel.
+    /// Returns the black levels, by place in the cell or by channel.
     fn black(&self, per_pixel: usize) -> [f32; 4] {
         let values: Vec<f32> = self.image.numbers(tag::BLACK).unwrap_or_default().iter().map(|v| *v as f32).collect();
         let repeat = self.image.unsigneds(tag::BLACK_REPEAT).unwrap_or_else(|| vec![1, 1]);
@@ -200,7 +202,7 @@ impl<'a> Dng<'a> {
         })
     }
 
-    /// All samples as stored.
+    /// Reads all samples as stored.
     fn read_chunks(&self, [width, height]: [usize; 2], per_pixel: usize, bits: usize) -> Result<Vec<u16>, IoError> {
         let image = &self.image;
         let is_tiled = image.has(tag::TILE_OFFSETS);
@@ -209,7 +211,8 @@ impl<'a> Dng<'a> {
         } else {
             (width, image.unsigned(tag::ROWS_PER_STRIP).unwrap_or(height).min(height))
         };
-        // A tile may be larger than the image, but not larger than what its file can plausibly hold.
+        // A tile may be larger than the image, but not larger than what its file can plausibly
+        // hold.
         let [tile_width, tile_height] = [chunk_width as u64, chunk_height as u64];
         let tile_bytes = tile_width.saturating_mul(tile_height).saturating_mul((per_pixel * size_of::<u16>()) as u64);
         let size_of_tile = check_size(self.name, [tile_width, tile_height], self.file_bytes);
@@ -246,7 +249,7 @@ impl<'a> Dng<'a> {
         Ok(out)
     }
 
-    /// Samples of a strip or tile; of `rows` rows at least.
+    /// Returns the samples of a strip or tile; of `rows` rows at least.
     fn decode_chunk(&self, i: usize, bytes: &[u8], chunk: Chunk, rows: usize) -> Result<Vec<u16>, IoError> {
         let row = chunk.width * chunk.per_pixel;
         match self.compression() {
@@ -305,14 +308,16 @@ fn largest_raw_image<'a>(tags: &Tags<'a>, first: &Ifd<'a>) -> Option<Ifd<'a>> {
     candidates.into_iter().filter(is_raw).max_by_key(area)
 }
 
-/// Where element `i` of `length` lies among `fields` fields, one behind the other; the first ones are longer by one where they are not of one length
-/// (DNG 1.7.1, RowInterleaveFactor and ColumnInterleaveFactor).
+/// Returns where element `i` of `length` lies among `fields` fields, one behind the other; the
+/// first ones are longer by one where they are not of one length (DNG 1.7.1, RowInterleaveFactor
+/// and ColumnInterleaveFactor).
 fn place_in_fields(i: usize, fields: usize, length: usize) -> usize {
     let field = i % fields;
     field * (length / fields) + field.min(length % fields) + i / fields
 }
 
-/// Rows of packed samples, each row from a full byte on; 16-bit samples in the file's byte order.
+/// Returns the rows of packed samples, each row from a full byte on; 16-bit samples in the file's
+/// byte order.
 fn unpack(bytes: &[u8], row: usize, rows: usize, bits: usize, is_big_endian: bool) -> Option<Vec<u16>> {
     let row_bytes = (row * bits).div_ceil(8);
     let bytes = bytes.get(..row_bytes.checked_mul(rows)?)?;

@@ -1,7 +1,8 @@
-//! What the tags of a DNG say about its colours, levels and noise.
+//! Colours, levels and noise by the tags of a DNG.
 //!
-//! In: a file whose tags were read. Out: [`RawInfo`]; what makes no sense is left out. What the file asks for and is not done is listed in
-//! [`RawInfo::not_applied`]: gain maps and opcode lists, profiles, black that varies by row.
+//! In: a file whose tags were read. Out: [`RawInfo`]; what makes no sense is left out. What the
+//! file asks for and is not done is listed in [`RawInfo::not_applied`]: gain maps and opcode lists,
+//! profiles, black that varies by row.
 
 use luxel_core::photo::RawInfo;
 
@@ -9,7 +10,7 @@ use super::dng::Dng;
 use super::dng_tags as tag;
 
 impl Dng<'_> {
-    /// What the tags say.
+    /// Reads colours, levels and noise from the tags.
     pub(super) fn info(&self) -> RawInfo {
         let triple = |tag| self.first.numbers(tag).and_then(|v| <[f64; 3]>::try_from(v).ok());
         let matrix = |tag| self.first.numbers(tag).and_then(|v| <[f64; 9]>::try_from(v).ok()).filter(|m| m.iter().all(|v| v.is_finite()));
@@ -64,7 +65,7 @@ impl Dng<'_> {
     }
 }
 
-/// Temperature of Exif's light sources, kelvin.
+/// Returns the temperature of Exif's light sources, kelvin.
 fn illuminant_kelvin(code: Option<usize>) -> f64 {
     match code {
         Some(17 | 3) => 2856.0,
@@ -82,7 +83,7 @@ fn illuminant_kelvin(code: Option<usize>) -> f64 {
     }
 }
 
-/// Mean over the colours of [scale, offset].
+/// Returns the mean over the colours of [scale, offset].
 fn noise_of(numbers: &[f64]) -> Option<[f64; 2]> {
     let pairs = numbers.as_chunks::<2>().0;
     let mean = |i: usize| pairs.iter().map(|p| p[i]).sum::<f64>() / pairs.len() as f64;
@@ -90,7 +91,8 @@ fn noise_of(numbers: &[f64]) -> Option<[f64; 2]> {
     (noise[0].is_finite() && noise[1].is_finite() && noise[0] > 0.0).then_some(noise)
 }
 
-/// Names of the operations in an opcode list: a count, then id, version, flags and length of each, big endian.
+/// Names of the operations in an opcode list: a count, then id, version, flags and length of each,
+/// big endian.
 fn opcode_names(bytes: &[u8]) -> Vec<String> {
     let word = |at: usize| bytes.get(at..at + 4).and_then(|b| b.first_chunk()).map(|b| u32::from_be_bytes(*b));
     let count = word(0).unwrap_or(0).min(64);

@@ -1,4 +1,5 @@
-//! Tags of DNG (Adobe's specification 1.7) and of TIFF 6.0 and TIFF/EP that it builds on, by their numbers.
+//! Tags of DNG (Adobe's specification 1.7) and of TIFF 6.0 and TIFF/EP that it builds on, by their
+//! numbers.
 
 pub(super) const NEW_SUBFILE_TYPE: u16 = 254;
 pub(super) const WIDTH: u16 = 256;

@@ -1,12 +1,13 @@
-//! What a camera wrote about a photograph (Exif 3.0): exposure, time, lens, how it was held.
+//! The facts that a camera writes about a photograph (Exif 3.0): exposure, time, lens, orientation.
 //!
-//! In: the tags of a TIFF or DNG, or the Exif block of a JPEG or PNG. Out: [`Exif`]; what is missing or makes no sense is `None`.
+//! In: the tags of a TIFF or DNG, or the Exif block of a JPEG or PNG. Out: [`Exif`]; what is
+//! missing or makes no sense is `None`.
 
 use luxel_core::photo::Exif;
 
 use crate::tags::{Ifd, Tags};
 
-/// Exif of a whole image file of any kind; empty if there is none.
+/// Returns the Exif of a whole image file of any kind; empty if there is none.
 pub(crate) fn exif_of_file(bytes: &[u8]) -> Exif {
     let block = if bytes.starts_with(&[0xff, 0xd8]) {
         jpeg_block(bytes)
@@ -18,7 +19,7 @@ pub(crate) fn exif_of_file(bytes: &[u8]) -> Exif {
     block.and_then(Tags::new).and_then(|tags| Some(exif_of_tags(&tags, &tags.first()?))).unwrap_or_default()
 }
 
-/// Exif of a directory and of the one it points to.
+/// Returns the Exif of a directory and of the one it points to.
 pub(crate) fn exif_of_tags(tags: &Tags<'_>, first: &Ifd<'_>) -> Exif {
     let exif = first.unsigned(0x8769).and_then(|at| tags.ifd(at)).unwrap_or_default();
     let positive = |tag: u16| exif.number(tag).or_else(|| first.number(tag)).filter(|v| *v > 0.0);
@@ -43,7 +44,7 @@ pub(crate) fn exif_of_tags(tags: &Tags<'_>, first: &Ifd<'_>) -> Exif {
     }
 }
 
-/// `2026:05:17 14:03:59`.
+/// Parses a time such as `2026:05:17 14:03:59`.
 fn seconds_since_1970(text: &str) -> Option<f64> {
     let mut numbers = text
         .split([':', ' ', '-', 'T'])
@@ -64,7 +65,7 @@ fn seconds_since_1970(text: &str) -> Option<f64> {
     Some((((days * 24 + hour) * 60 + minute) * 60 + second) as f64)
 }
 
-/// The TIFF inside of the first Exif segment.
+/// Returns the TIFF inside of the first Exif segment.
 fn jpeg_block(bytes: &[u8]) -> Option<&[u8]> {
     let mut rest = bytes.get(2..)?;
     loop {
@@ -85,7 +86,7 @@ fn jpeg_block(bytes: &[u8]) -> Option<&[u8]> {
     }
 }
 
-/// The content of PNG's eXIf chunk.
+/// Returns the content of PNG's eXIf chunk.
 fn png_block(bytes: &[u8]) -> Option<&[u8]> {
     let mut rest = bytes.get(8..)?;
     loop {

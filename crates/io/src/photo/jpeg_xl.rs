@@ -1,22 +1,23 @@
-//! JPEG XL tiles of a DNG, by `jxl-oxide`. Out: integer samples on the scale of 8 bits, or of 16 where the tile has more. Threads are the caller's
-//! business.
+//! JPEG XL tiles of a DNG, by `jxl-oxide`. Out: integer samples on the scale of 8 bits, or of 16
+//! where the tile has more. Threads are the caller's business.
 
 use jxl_oxide::{AllocTracker, JxlImage, JxlThreadPool};
 
 use crate::image::guard::zeros;
 
-/// Memory that decoding a tile may take beside a fixed share, bytes a pixel.
+/// Memory that decoding a tile may take beside a fixed share, bytes per pixel.
 const BYTES_PER_PIXEL: usize = 256;
 /// The fixed share.
 const FREE_BYTES: usize = 64 << 20;
 
-/// The code of 1.0 in tiles of `bits` bits. Adobe's SDK asks its decoder for 8 or for 16 bits, whatever the depth, and who writes JPEG XL into a DNG states
-/// its levels on that scale.
+/// Returns the code of 1.0 in tiles of `bits` bits. Adobe's SDK asks its decoder for 8 or for 16
+/// bits, whatever the depth, and programs that write JPEG XL into a DNG
+/// state its levels on that scale.
 pub(super) fn largest_code(bits: usize) -> u32 {
     if bits <= 8 { u8::MAX.into() } else { u16::MAX.into() }
 }
 
-/// Samples `[H * W * per_pixel]` of a tile of `size` pixels.
+/// Returns the samples `[H * W * per_pixel]` of a tile of `size` pixels.
 pub(super) fn decode(bytes: &[u8], size: [usize; 2], per_pixel: usize) -> Result<Vec<u16>, String> {
     let [width, height] = size;
     let limit = (width * height).saturating_mul(BYTES_PER_PIXEL).saturating_add(FREE_BYTES);
@@ -30,7 +31,7 @@ pub(super) fn decode(bytes: &[u8], size: [usize; 2], per_pixel: usize) -> Result
     let channels = if image.pixel_format().is_grayscale() { 1 } else { 3 };
     if found != size || channels != per_pixel || !(1..=16).contains(&bits) {
         return Err(format!(
-            "JPEG XL of {} x {} pixels, {channels} samples a pixel and {bits} bits; expected {width} x {height}, {per_pixel} and up to 16",
+            "JPEG XL of {} x {} pixels, {channels} samples per pixel and {bits} bits; expected {width} x {height}, {per_pixel} and up to 16",
             found[0], found[1]
         ));
     }

@@ -1,9 +1,11 @@
-//! Lossless JPEG (ITU-T T.81, annex H) as DNG holds it: 2 to 16 bits, one to four interleaved components, all seven predictors.
+//! Lossless JPEG (ITU-T T.81, annex H) as DNG holds it: 2 to 16 bits, one to four interleaved
+//! components, all seven predictors.
 //!
-//! In: the bytes of one tile or strip. Out: samples `[H * W * components]`, u16. Bayer tiles come as two or four components of half the width,
-//! which libraries for pictures refuse.
+//! In: the bytes of one tile or strip. Out: samples `[H * W * components]`, u16. Bayer tiles come
+//! as two or four components of half the width, which libraries for pictures refuse.
 //!
-//! Degenerate: data that ends early, codes that no table has, or more samples than asked for are errors.
+//! Degenerate: data that ends early, codes that no table has, or more samples than expected are
+//! errors.
 
 use crate::image::guard::zeros;
 
@@ -18,7 +20,7 @@ pub(super) struct LosslessJpeg {
     pub(super) samples: Vec<u16>,
 }
 
-struct Frame {
+struct JpegFrame {
     precision: u32,
     rows: usize,
     columns: usize,
@@ -37,7 +39,7 @@ struct Scan {
 pub(super) fn decode(bytes: &[u8], max_samples: usize) -> Result<LosslessJpeg, String> {
     let mut rest = bytes.strip_prefix(&[0xff, 0xd8]).ok_or("no start-of-image marker")?;
     let mut tables: [Option<Huffman>; 4] = [None, None, None, None];
-    let mut frame: Option<Frame> = None;
+    let mut frame: Option<JpegFrame> = None;
     let mut restart_interval = 0usize;
     loop {
         let [0xff, marker, high, low] = *rest.first_chunk::<4>().ok_or("cut short before its data")? else {
@@ -65,7 +67,7 @@ pub(super) fn decode(bytes: &[u8], max_samples: usize) -> Result<LosslessJpeg, S
     }
 }
 
-fn read_frame(segment: &[u8], max_samples: usize) -> Result<Frame, String> {
+fn read_frame(segment: &[u8], max_samples: usize) -> Result<JpegFrame, String> {
     let [precision, h1, h0, w1, w0, count] = *segment.first_chunk::<6>().ok_or("the frame header is cut short")?;
     let (rows, columns) = (usize::from(u16::from_be_bytes([h1, h0])), usize::from(u16::from_be_bytes([w1, w0])));
     let count = usize::from(count);
@@ -77,10 +79,10 @@ fn read_frame(segment: &[u8], max_samples: usize) -> Result<Frame, String> {
         return Err("subsampled components".into());
     }
     let components = specs.chunks_exact(3).filter_map(|spec| spec.first().copied()).collect();
-    Ok(Frame { precision: precision.into(), rows, columns, components })
+    Ok(JpegFrame { precision: precision.into(), rows, columns, components })
 }
 
-fn read_scan(segment: &[u8], frame: &Frame) -> Result<Scan, String> {
+fn read_scan(segment: &[u8], frame: &JpegFrame) -> Result<Scan, String> {
     let count = frame.components.len();
     let (&found, specs) = segment.split_first().ok_or("the scan header is empty")?;
     let (Some(specs), Some(&[predictor, _, transform])) = (specs.get(..2 * count), specs.get(2 * count..2 * count + 3)) else {
@@ -116,9 +118,11 @@ const LOOKUP_BITS: u32 = 9;
 
 /// A canonical code.
 struct Huffman {
-    /// By the next [`LOOKUP_BITS`] bits: length of the code and its value, length 0 if it is longer.
+    /// By the next [`LOOKUP_BITS`] bits: length of the code and its value, length 0 if it is
+    /// longer.
     lookup: Vec<(u8, u8)>,
-    /// By length: first code behind those of the length, left-aligned to 16 bits, and where its values end.
+    /// By length: first code behind those of the length, left-aligned to 16 bits, and where its
+    /// values end.
     limits: [(u32, usize); 17],
     values: Vec<u8>,
 }
@@ -132,7 +136,7 @@ impl Huffman {
             for _ in 0..count {
                 let value = values.get(next).copied().unwrap_or(0);
                 if value > 16 || code >= 1 << length {
-                    return Err("a Huffman table is no code of lossless JPEG".into());
+                    return Err("a Huffman table is not a code of lossless JPEG".into());
                 }
                 if length <= LOOKUP_BITS {
                     let first = (code << (LOOKUP_BITS - length)) as usize;
@@ -210,7 +214,7 @@ impl<'a> Bits<'a> {
         if self.beyond > self.count { Err("its data is cut short".into()) } else { Ok(()) }
     }
 
-    /// The difference of a category (T.81, table H.2).
+    /// Returns the difference of a category (T.81, table H.2).
     fn difference(&mut self, category: u32) -> Result<i32, String> {
         match category {
             0 => Ok(0),
@@ -223,7 +227,7 @@ impl<'a> Bits<'a> {
         }
     }
 
-    /// Behind the next restart marker.
+    /// Continues behind the next restart marker.
     fn restart(&mut self) -> Result<(), String> {
         match *self.rest {
             [0xff, 0xd0..=0xd7, ref after @ ..] => {
@@ -237,7 +241,7 @@ impl<'a> Bits<'a> {
 
 fn decode_scan(
     data: &[u8],
-    frame: &Frame,
+    frame: &JpegFrame,
     scan: &Scan,
     tables: &[Option<Huffman>; 4],
     restart_interval: usize,
@@ -284,7 +288,7 @@ fn decode_scan(
     Ok(LosslessJpeg { row, rows: frame.rows, samples })
 }
 
-/// T.81, table H.1.
+/// Predicts a sample (T.81, table H.1).
 fn predict(predictor: u8, a: i32, b: i32, c: i32) -> i32 {
     match predictor {
         1 => a,
@@ -301,7 +305,7 @@ fn predict(predictor: u8, a: i32, b: i32, c: i32) -> i32 {
 pub(super) mod tests {
     use super::*;
 
-    /// A lossless JPEG of any samples, for tests: each category has a code of five bits.
+    /// Returns a lossless JPEG of any samples, for tests: each category has a code of five bits.
     pub(in crate::photo) fn encode(samples: &[u16], columns: usize, components: usize, predictor: u8) -> Vec<u8> {
         let rows = samples.len() / (columns * components);
         let mut out = vec![0xff, 0xd8, 0xff, 0xc3, 0, 8 + 3 * components as u8, 16];

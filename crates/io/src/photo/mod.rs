@@ -1,8 +1,9 @@
-//! Photographs in: what a camera recorded, with what it wrote about it. Camera RAW as DNG, JPEG, PNG and TIFF as codes; OpenEXR, Radiance HDR and
-//! floating-point TIFF as radiance.
+//! Photographs: samples as the camera recorded them, and the facts it wrote about them. Camera RAW
+//! as DNG, JPEG, PNG and TIFF as codes; OpenEXR, Radiance HDR and floating-point TIFF as radiance.
 //!
-//! In: bytes. Out: [`PhotoInfo`] from headers alone, [`Photo`] with pixels. Codes are as stored, not linear: what curve they have is for the caller to
-//! know or to find. Orientation tags are not applied: structure from motion wants pixels as the lens saw them.
+//! In: bytes. Out: [`PhotoInfo`] from headers alone, [`Photo`] with pixels. Codes are as stored,
+//! not linear: what curve they have is for the caller to know or to find. Orientation tags are not
+//! applied: structure from motion wants pixels as the lens saw them.
 
 mod dng;
 mod dng_info;
@@ -48,7 +49,7 @@ const MAKERS_RAW: [&str; 22] = [
     "erf", "kdc", "dcr",
 ];
 
-/// Whether a file of this name is taken for a photograph.
+/// Returns whether a file of this name counts as a photograph.
 pub fn is_photo_name(path: &Path) -> bool {
     let ending = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_lowercase();
     ["dng", "jpg", "jpeg", "png", "tif", "tiff", "exr", "hdr", "pic"].contains(&ending.as_str()) || MAKERS_RAW.contains(&ending.as_str())
@@ -67,7 +68,8 @@ fn refuse_makers_raw(name: &Path) -> Result<(), IoError> {
     Ok(())
 }
 
-/// What the headers of a photograph say; `name` is for messages, and its ending tells camera makers' own formats.
+/// Reads the headers of a photograph; `name` is for messages, and its ending tells camera makers'
+/// own formats.
 ///
 /// # Errors
 /// A damaged or unknown file.
@@ -114,7 +116,8 @@ pub fn decode_photo(name: &Path, bytes: &[u8]) -> Result<Photo, IoError> {
     Ok(Photo::Developed { width: decoded.image.width, height: decoded.image.height, codes })
 }
 
-/// Kind of a file that is no RAW, by its first bytes and, of TIFF, by its sample format.
+/// Returns the kind of a file that is not RAW, by its first bytes and, of TIFF, by its sample
+/// format.
 fn kind_of(name: &Path, bytes: &[u8]) -> Result<PhotoKind, IoError> {
     const SAMPLE_FORMAT: u16 = 339;
     if bytes.starts_with(&[0xff, 0xd8]) || bytes.starts_with(b"\x89PNG") {
@@ -122,7 +125,8 @@ fn kind_of(name: &Path, bytes: &[u8]) -> Result<PhotoKind, IoError> {
     }
     let is_float = match Tags::new(bytes).and_then(|tags| tags.first()) {
         Some(ifd) => ifd.unsigned(SAMPLE_FORMAT) == Some(3),
-        // Without tags of 32 bits it is a BigTIFF, which has to be decoded to be told, or a format of floats.
+        // Without tags of 32 bits it is a BigTIFF, which has to be decoded to be recognised, or a
+        // format of floats.
         None if bytes.starts_with(b"II+\0") || bytes.starts_with(b"MM\0+") => decode_codes(name, bytes)?.depth == SampleDepth::Float,
         None => true,
     };

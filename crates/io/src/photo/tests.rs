@@ -11,7 +11,8 @@ use crate::IoErrorKind;
 use crate::icc::tests::display_p3;
 use crate::image::{ReadOptions, Transfer, decode_image};
 
-/// A TIFF's first directory, for tests: entries of (tag, type, count, bytes), values that do not fit behind it, then data.
+/// Returns a TIFF's first directory, for tests: entries of (tag, type, count, bytes), values that
+/// do not fit behind it, then data.
 fn tiff(entries: &[(u16, u16, u32, Vec<u8>)], data: &[u8]) -> Vec<u8> {
     let mut sorted = entries.to_vec();
     sorted.sort_by_key(|e| e.0);
@@ -139,7 +140,7 @@ fn lossless_jpeg_holds_bayer_tiles_as_two_components() {
     assert_eq!(decode(&Dng::new(8, 6, 3, 12, 7, encode_lossless_jpeg(&rgb, 8, 3, 7)).bytes()).unwrap().codes, rgb);
 }
 
-/// A DNG of one of [`JPEG_XL`]'s tiles.
+/// Returns a DNG of one of [`JPEG_XL`]'s tiles.
 fn jpeg_xl_dng(bits: u16, hex: &str) -> Dng {
     let data: Vec<u8> = (0..hex.len() / 2).map(|i| u8::from_str_radix(&hex[2 * i..2 * i + 2], 16).unwrap()).collect();
     let mut dng = Dng::new(8, 8, 3, bits, 52546, data);
@@ -156,7 +157,7 @@ fn jpeg_xl_tiles_of_any_depth_come_on_the_scale_of_16_bits() {
             .flat_map(|y| (0..8u32).flat_map(move |x| (0..3u32).map(move |c| x * 37 + y * 101 + c * 211 + x * y * 7)))
             .map(|v| v % (1 << bits));
         let expected: Vec<u16> = stored.map(|v| (f64::from(v) / f64::from(largest) * 65535.0).round() as u16).collect();
-        // Their white level is on that scale too, said or not.
+        // Their white level is on that scale too, stated or not.
         for white in [None, Some(65535), Some(60000)] {
             let mut dng = jpeg_xl_dng(bits, hex);
             if let Some(white) = white {
@@ -172,7 +173,8 @@ fn jpeg_xl_tiles_of_any_depth_come_on_the_scale_of_16_bits() {
 fn rows_and_columns_in_fields_are_put_in_order() {
     for (width, height, rows, columns) in [(8usize, 6usize, 2usize, 2usize), (7, 5, 2, 2), (7, 5, 3, 2), (6, 4, 1, 2), (6, 4, 4, 1)] {
         let expected = codes(width * height, 65535);
-        // All rows that begin a cell, then all second ones; columns likewise. As many fields as there are rows are none.
+        // All rows that begin a cell, then all second ones; columns likewise. As many fields as
+        // there are rows are refused.
         let of = |fields: usize, length: usize| -> Vec<usize> {
             let fields = if fields < length { fields } else { 1 };
             (0..fields).flat_map(|field| (field..length).step_by(fields)).collect()
@@ -204,7 +206,8 @@ fn the_crop_turns_the_mosaic_with_it() {
     dng.set(50829, longs(&[1, 0, 6, 8])).set(50719, longs(&[1, 0])).set(50720, longs(&[4, 4]));
     dng.set(50713, shorts(&[2, 2])).set(50714, shorts(&[1, 2, 3, 4]));
     let pixels = decode(&dng.bytes()).unwrap();
-    // The active area begins in row 1, the crop a column further: the cell, which counts from the area, begins with its second column.
+    // The active area begins in row 1, the crop a column further: the cell, which counts from the
+    // area, begins with its second column.
     assert_eq!((pixels.width, pixels.height, pixels.cell), (4, 4, Some([1, 0, 2, 1])));
     assert_eq!(pixels.black, [2.0, 1.0, 4.0, 3.0]);
     assert_eq!(pixels.codes[..4], stored[9..13]);
@@ -236,7 +239,7 @@ fn what_the_file_asks_for_and_is_not_done_is_listed() {
 
 #[test]
 fn what_cannot_be_read_is_named() {
-    // Tags with their values, and what is said about a file that has them.
+    // Tags with their values, and the note about a file that has them.
     let cases = [
         (259, shorts(&[34892]), "lossy JPEG", IoErrorKind::Unsupported),
         (259, shorts(&[8]), "compression 8", IoErrorKind::Unsupported),
@@ -277,7 +280,7 @@ fn codes_of_pictures_come_back() {
     }
 }
 
-/// `png` with a chunk behind its header.
+/// Returns `png` with a chunk behind its header.
 fn with_chunk(png: &[u8], kind: &[u8; 4], data: &[u8]) -> Vec<u8> {
     let body = [kind, data].concat();
     let mut crc = flate2::Crc::new();
@@ -313,7 +316,7 @@ fn codes_of_a_png_stay_and_its_primaries_are_told() {
             other => panic!("{other:?}"),
         }
     }
-    // Primaries that are none concern light alone.
+    // Invalid primaries concern light alone.
     for bytes in [with_chunk(&png, b"cICP", &[22, 13, 0, 1]), with_chunk(&png, b"cHRM", &[0; 32])] {
         assert!(decode_photo(Path::new("a.png"), &bytes).is_ok() && photo_info(Path::new("a.png"), &bytes).is_err());
     }
@@ -342,7 +345,7 @@ fn images_of_a_data_set_have_the_primaries_of_their_profile() {
     let unknown = read(&with_profile(0.61));
     assert_eq!(unknown.color_space, None);
     assert!(unknown.warnings.iter().any(|w| w.contains("ICC profile (Display P3) is not applied")), "{:?}", unknown.warnings);
-    // cICP goes before.
+    // cICP takes precedence.
     let named = read(&with_chunk(&with_profile(0.5151), b"cICP", &[9, 13, 0, 1]));
     assert_eq!(named.color_space, Some(ColorSpace::LinearRec2020));
 }

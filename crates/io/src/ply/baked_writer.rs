@@ -1,4 +1,5 @@
-//! A bake alone to PLY: what every 3D Gaussian splatting program reads, and one comment that says what the numbers are.
+//! A bake alone to PLY: what every 3D Gaussian splatting program reads, and one comment that states
+//! what the numbers are.
 
 use std::io::Write;
 use std::path::Path;
@@ -17,10 +18,10 @@ pub fn write_baked_ply(path: &Path, baked: &Baked) -> Result<(), IoError> {
     write_atomically(path, |file| write(baked, file).map_err(|e| IoError::system(path, "write", &e)))
 }
 
-/// The bytes that [`write_baked_ply`] writes; `name` is for errors.
+/// Encodes the bytes that [`write_baked_ply`] writes; `name` is for errors.
 ///
 /// # Errors
-/// As [`write_baked_ply`].
+/// The same as [`write_baked_ply`].
 pub fn encode_baked_ply(name: &Path, baked: &Baked) -> Result<Vec<u8>, IoError> {
     check(name, &baked.scene)?;
     let mut bytes = Vec::new();
@@ -33,7 +34,7 @@ fn write<W: Write + ?Sized>(baked: &Baked, out: &mut W) -> std::io::Result<()> {
     let coefficients = splats.color_model.sh_coefficients();
     let properties = standard_properties(coefficients);
     writeln!(out, "ply\nformat binary_little_endian 1.0")?;
-    writeln!(out, "comment {COMMENT_TAG} baked {}", BakeRecord::of(baked).json()?)?;
+    writeln!(out, "comment {COMMENT_TAG} baked {}", BakeRecord::from_bake(baked).json()?)?;
     writeln!(out, "comment {}", baked.description())?;
     writeln!(out, "element vertex {}", splats.len())?;
     for name in &properties {

@@ -1,9 +1,11 @@
 //! PlayCanvas' compressed PLY, as SuperSplat and splat-transform write it, to a scene of harmonics.
 //!
-//! In: element `chunk`, one row for each 256 splats, floats `min_x` to `max_scale_z` and perhaps `min_r` to `max_b`; element `vertex` with
-//! `packed_position` and `packed_scale` (11, 10 and 11 bits between the chunk's bounds), `packed_rotation` (2 bits for the largest
-//! component, three of 10 bits between -1/sqrt 2 and 1/sqrt 2), `packed_color` (4 of 8 bits: colour between the bounds or 0..1, opacity 0..1);
-//! perhaps element `sh` with 9, 24 or 45 bytes `f_rest_*` of -4..4. Out: [`ColorModel::Sh`] of display colours, cut-offs of 3D Gaussian splatting.
+//! In: element `chunk`, one row for each 256 splats, floats `min_x` to `max_scale_z` and perhaps
+//! `min_r` to `max_b`; element `vertex` with `packed_position` and `packed_scale` (11, 10 and 11
+//! bits between the chunk's bounds), `packed_rotation` (2 bits for the largest component, three of
+//! 10 bits between -1/sqrt 2 and 1/sqrt 2), `packed_color` (4 of 8 bits: colour between the bounds
+//! or 0..1, opacity 0..1); perhaps element `sh` with 9, 24 or 45 bytes `f_rest_*` of -4..4. Out:
+//! [`ColorModel::Sh`] of display colours, cut-offs of 3D Gaussian splatting.
 //!
 //! Degenerate: opacities of 0 and 1 are kept 1e-6 away from them.
 
@@ -14,7 +16,7 @@ use luxel_core::{Antialias, ColorModel, ColorSpace, Cutoffs, RadianceScale, Rast
 use crate::IoError;
 use crate::ply::header::{Element, Header};
 use crate::ply::rows::{Whole, check_count, read_rows, read_whole_rows};
-use crate::ply::source::Source;
+use crate::ply::source::PlySource;
 
 /// Splats of a chunk.
 const CHUNK: usize = 256;
@@ -37,13 +39,13 @@ const BOUNDS: [&str; 12] = [
 const COLOR_BOUNDS: [&str; 6] = ["min_r", "min_g", "min_b", "max_r", "max_g", "max_b"];
 const PACKED: [&str; 4] = ["packed_position", "packed_rotation", "packed_scale", "packed_color"];
 
-/// Whether a header is that of a compressed PLY.
+/// Returns whether a header is that of a compressed PLY.
 pub(super) fn is_compressed(header: &Header) -> bool {
     header.elements.iter().any(|e| e.name == "vertex" && e.position("packed_position").is_some())
 }
 
 /// Reads the rows behind `header`.
-pub(super) fn read<R: BufRead>(source: &mut Source<'_, R>, header: &Header) -> Result<Scene, IoError> {
+pub(super) fn read<R: BufRead>(source: &mut PlySource<'_, R>, header: &Header) -> Result<Scene, IoError> {
     let mut bounds: Option<Vec<Bounds>> = None;
     let mut splats: Option<Splats> = None;
     for element in &header.elements {
@@ -51,17 +53,17 @@ pub(super) fn read<R: BufRead>(source: &mut Source<'_, R>, header: &Header) -> R
             "chunk" => bounds = Some(read_bounds(source, header, element)?),
             "vertex" => {
                 let Some(bounds) = &bounds else {
-                    return Err(source.invalid("header", "element \"vertex\" stands before \"chunk\", expected the chunks first"));
+                    return Err(source.invalid("header", "element \"vertex\" comes before \"chunk\", expected the chunks first"));
                 };
                 splats = Some(read_vertices(source, header, element, bounds)?);
             }
             "sh" => match &mut splats {
                 Some(splats) => read_harmonics(source, header, element, splats)?,
-                None => return Err(source.invalid("header", "element \"sh\" stands before \"vertex\", expected it behind")),
+                None => return Err(source.invalid("header", "element \"sh\" comes before \"vertex\", expected it after")),
             },
             // Whatever else a program adds behind the splats is its own.
             _ if splats.is_some() => break,
-            other => return Err(source.invalid("header", format_args!("element {other:?} stands before the splats, expected \"chunk\""))),
+            other => return Err(source.invalid("header", format_args!("element {other:?} comes before the splats, expected \"chunk\""))),
         }
     }
     let splats = splats.ok_or_else(|| source.invalid("header", "no element \"vertex\""))?;
@@ -74,19 +76,19 @@ pub(super) fn read<R: BufRead>(source: &mut Source<'_, R>, header: &Header) -> R
     })
 }
 
-/// Of a chunk: lower and upper, for position, log scale and colour.
+/// The bounds of a chunk: lower and upper, for position, log scale and colour.
 struct Bounds {
     position: [[f32; 3]; 2],
     log_scale: [[f32; 3]; 2],
     color: [[f32; 3]; 2],
 }
 
-fn columns<R: BufRead>(source: &Source<'_, R>, element: &Element, names: &[&str]) -> Result<Vec<usize>, IoError> {
+fn columns<R: BufRead>(source: &PlySource<'_, R>, element: &Element, names: &[&str]) -> Result<Vec<usize>, IoError> {
     let missing = |name: &str| source.invalid("header", format_args!("element {:?} has no property {name:?}", element.name));
     names.iter().map(|name| element.position(name).ok_or_else(|| missing(name))).collect()
 }
 
-fn read_bounds<R: BufRead>(source: &mut Source<'_, R>, header: &Header, element: &Element) -> Result<Vec<Bounds>, IoError> {
+fn read_bounds<R: BufRead>(source: &mut PlySource<'_, R>, header: &Header, element: &Element) -> Result<Vec<Bounds>, IoError> {
     let mut columns = columns(source, element, &BOUNDS)?;
     if let Ok(colors) = self::columns(source, element, &COLOR_BOUNDS) {
         columns.extend(colors);
@@ -101,7 +103,7 @@ fn read_bounds<R: BufRead>(source: &mut Source<'_, R>, header: &Header, element:
     Ok(bounds)
 }
 
-/// The lowest `bits` of a word, 0 to 1.
+/// Returns the lowest `bits` of a word, 0 to 1.
 fn unit(word: u32, bits: u32) -> f32 {
     let most = (1u32 << bits) - 1;
     (word & most) as f32 / most as f32
@@ -115,7 +117,7 @@ fn unpack_11_10_11(word: u32) -> [f32; 3] {
     [unit(word >> 21, 11), unit(word >> 11, 10), unit(word, 11)]
 }
 
-/// w x y z.
+/// Unpacks a quaternion as w x y z.
 fn unpack_rotation(word: u32) -> [f32; 4] {
     let part = |shift: u32| (unit(word >> shift, 10) - 0.5) * std::f32::consts::SQRT_2;
     let small = [part(20), part(10), part(0)];
@@ -129,7 +131,12 @@ fn unpack_rotation(word: u32) -> [f32; 4] {
     }
 }
 
-fn read_vertices<R: BufRead>(source: &mut Source<'_, R>, header: &Header, element: &Element, bounds: &[Bounds]) -> Result<Splats, IoError> {
+fn read_vertices<R: BufRead>(
+    source: &mut PlySource<'_, R>,
+    header: &Header,
+    element: &Element,
+    bounds: &[Bounds],
+) -> Result<Splats, IoError> {
     let columns = columns(source, element, &PACKED)?;
     let count = check_count(source, element, header.format)?;
     if bounds.len() < count.div_ceil(CHUNK) {
@@ -163,7 +170,12 @@ fn read_vertices<R: BufRead>(source: &mut Source<'_, R>, header: &Header, elemen
 }
 
 /// Adds the higher harmonics.
-fn read_harmonics<R: BufRead>(source: &mut Source<'_, R>, header: &Header, element: &Element, splats: &mut Splats) -> Result<(), IoError> {
+fn read_harmonics<R: BufRead>(
+    source: &mut PlySource<'_, R>,
+    header: &Header,
+    element: &Element,
+    splats: &mut Splats,
+) -> Result<(), IoError> {
     let rest = element.properties.iter().filter(|p| p.name.starts_with("f_rest_")).count();
     let Some(degree) = (1..=3).find(|&degree| 3 * (sh::coefficients(degree) - 1) == rest) else {
         return Err(source.invalid("header", format_args!("{rest} properties f_rest_* in element \"sh\", expected 9, 24 or 45")));
@@ -179,7 +191,8 @@ fn read_harmonics<R: BufRead>(source: &mut Source<'_, R>, header: &Header, eleme
     read_whole_rows(source, element, header.format, &columns, Whole::U8, |row, values| {
         let dc = 3 * row as usize;
         sh.extend(constant.get(dc..dc + 3).unwrap_or_default());
-        // Channel-major in the file, coefficient-major here. The outermost buckets are their ends, the others their middles.
+        // Channel-major in the file, coefficient-major here. The outermost buckets are their ends,
+        // the others their middles.
         for m in 0..higher {
             sh.extend([0, 1, 2].map(|c| match values.get(c * higher + m).copied().unwrap_or(128) {
                 0 => -4.0,

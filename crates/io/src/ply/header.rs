@@ -3,7 +3,7 @@
 use std::io::BufRead;
 
 use crate::IoError;
-use crate::ply::source::Source;
+use crate::ply::source::PlySource;
 
 /// Longest header that is believed to be one, bytes.
 const MAX_HEADER: u64 = 1 << 20;
@@ -44,7 +44,7 @@ impl Scalar {
         })
     }
 
-    /// Bytes.
+    /// Returns the size in bytes.
     pub(super) fn size(self) -> usize {
         match self {
             Self::I8 | Self::U8 => 1,
@@ -55,7 +55,7 @@ impl Scalar {
     }
 }
 
-/// What a property holds in each row.
+/// The content of a property in each row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
     Scalar(Scalar),
@@ -77,7 +77,7 @@ pub(super) struct Element {
 }
 
 impl Element {
-    /// Index of a property.
+    /// Returns the index of a property.
     pub(super) fn position(&self, name: &str) -> Option<usize> {
         self.properties.iter().position(|p| p.name == name)
     }
@@ -93,7 +93,7 @@ pub(super) struct Header {
 
 impl Header {
     /// Reads up to and including `end_header`.
-    pub(super) fn read<R: BufRead>(source: &mut Source<'_, R>) -> Result<Self, IoError> {
+    pub(super) fn read<R: BufRead>(source: &mut PlySource<'_, R>) -> Result<Self, IoError> {
         let mut buffer = Vec::new();
         if source.line(&mut buffer)? != Some(b"ply".as_slice()) {
             return Err(source.invalid("line 1", "expected \"ply\": this is not a PLY file"));
@@ -135,7 +135,7 @@ impl Header {
         };
         let count = count.parse().map_err(|_| format!("element {name:?} has count {count:?}, expected a whole number"))?;
         if self.elements.iter().any(|e| e.name == name) {
-            return Err(format!("element {name:?} stands twice"));
+            return Err(format!("element {name:?} occurs twice"));
         }
         self.elements.push(Element { name: name.to_owned(), count, properties: Vec::new() });
         Ok(())
@@ -156,7 +156,7 @@ impl Header {
             [kind, name] => (Kind::Scalar(scalar(kind)?), name),
             _ => return Err(format!("property {rest:?}, expected a type and a name")),
         };
-        let element = self.elements.last_mut().ok_or_else(|| format!("property {name:?} stands before any element"))?;
+        let element = self.elements.last_mut().ok_or_else(|| format!("property {name:?} comes before any element"))?;
         element.properties.push(Property { name: name.to_owned(), kind });
         Ok(())
     }

@@ -1,21 +1,26 @@
 //! PLY: scenes that any 3D Gaussian splatting viewer opens, and point clouds.
 //!
-//! A scene written here is binary little endian with one element `vertex`, N rows of f32. Two layers share a row:
-//! - The standard properties of 3D Gaussian splatting (`x y z nx ny nz f_dc_* f_rest_* opacity scale_* rot_*`, `f_rest_*`
-//!   channel-major) hold a display bake: tone-mapped, sRGB-encoded, fitted to harmonics of degree <= 3, any 3D smoothing filter applied
-//!   to scale and opacity. See [`crate::bake`].
-//! - `lcd_*` properties hold the model exactly: `lcd_l_m` raw luminance, `lcd_c_{3m+channel}` chromaticity harmonics (`lcd_s_*`
-//!   radiance harmonics for `ColorModel::Sh`), the deviation of a smoothing filter `lcd_filter`, and where that or a refined bake makes the
-//!   standard ones differ, `lcd_opacity`, `lcd_log_scale_*`. Their names keep away from `f_rest_`, `scale_` and `rot`, which the original
-//!   reader counts by prefix.
+//! A scene written here is binary little endian with one element `vertex`, N rows of f32. Two
+//! layers share a row:
+//! - The standard properties of 3D Gaussian splatting (`x y z nx ny nz f_dc_* f_rest_* opacity
+//!   scale_* rot_*`, `f_rest_*` channel-major) hold a display bake: tone-mapped, sRGB-encoded,
+//!   fitted to harmonics of degree <= 3, any 3D smoothing filter applied to scale and opacity. See
+//!   [`crate::bake`].
+//! - `lcd_*` properties hold the model exactly: `lcd_l_m` raw luminance, `lcd_c_{3m+channel}`
+//!   chromaticity harmonics (`lcd_s_*` radiance harmonics for `ColorModel::Sh`), the deviation of a
+//!   smoothing filter `lcd_filter`, and where that or a refined bake makes the standard ones
+//!   differ, `lcd_opacity`, `lcd_log_scale_*`. Their names keep away from `f_rest_`, `scale_` and
+//!   `rot`, which the original reader counts by prefix.
 //!
-//! Comments `luxel KEY VALUE` of the header hold version, colour space, colour model, radiance scale and raster configuration, and
-//! one `edit` for each edit of light made since training; all numbers are read back to the bit. Any other 3D Gaussian splatting PLY
-//! (ASCII, little or big endian, any order and type of properties) is read as `ColorModel::Sh` with the cut-offs of its renderer;
-//! Mip-splatting's `filter_3D` is honoured.
+//! Comments `luxel KEY VALUE` of the header hold version, colour space, colour model, radiance
+//! scale and raster configuration, and one `edit` for each edit of light made since training; all
+//! numbers are read back to the bit. Any other 3D Gaussian splatting PLY (ASCII, little or big
+//! endian, any order and type of properties) is read as `ColorModel::Sh` with the cut-offs of its
+//! renderer; Mip-splatting's `filter_3D` is honoured.
 //!
-//! A bake alone (`luxel export`) has the standard properties, and a comment `luxel baked {...}` that says what its numbers are; without it they
-//! are display colours. PlayCanvas' compressed PLY (elements `chunk`, `vertex` with `packed_*`, `sh`) is read, too: see [`compressed`].
+//! A bake alone (`luxel export`) has the standard properties, and a comment `luxel baked {...}`
+//! that states what its numbers are; without it they are display colours. PlayCanvas' compressed
+//! PLY (elements `chunk`, `vertex` with `packed_*`, `sh`) is read, too: see [`compressed`].
 
 mod baked_writer;
 mod compressed;

@@ -6,7 +6,7 @@ use std::path::Path;
 use crate::IoError;
 use crate::ply::header::{Element, Header, Kind, Scalar};
 use crate::ply::rows::{check_count, read_rows, seek_element};
-use crate::ply::source::Source;
+use crate::ply::source::PlySource;
 
 /// Names under which colours are found.
 const COLOR_NAMES: [[&str; 3]; 3] = [["red", "green", "blue"], ["diffuse_red", "diffuse_green", "diffuse_blue"], ["r", "g", "b"]];
@@ -14,24 +14,24 @@ const COLOR_NAMES: [[&str; 3]; 3] = [["red", "green", "blue"], ["diffuse_red", "
 /// World position, and display colour 0..=255 where the file has one.
 pub type PlyPoint = ([f32; 3], Option<[u8; 3]>);
 
-/// World position and display colour 0..=255 of every vertex; colours of other types (16 bits, or floats of 0 to 1) are brought to 8
-/// bits.
+/// Returns the world position and display colour 0..=255 of every vertex; colours of other types
+/// (16 bits, or floats of 0 to 1) are brought to 8 bits.
 ///
 /// # Errors
 /// A missing or damaged file, or a vertex without a finite position.
 pub fn read_points_ply(path: &Path) -> Result<Vec<PlyPoint>, IoError> {
-    decode(Source::open(path)?)
+    decode(PlySource::open(path)?)
 }
 
-/// [`read_points_ply`] of a file's bytes; `name` is for errors.
+/// Decodes a file's bytes as [`read_points_ply`] does; `name` is for errors.
 ///
 /// # Errors
-/// As [`read_points_ply`].
+/// The same as [`read_points_ply`].
 pub fn decode_points_ply(name: &Path, bytes: &[u8]) -> Result<Vec<PlyPoint>, IoError> {
-    decode(Source::of_bytes(name, bytes))
+    decode(PlySource::of_bytes(name, bytes))
 }
 
-fn decode<R: BufRead>(mut source: Source<'_, R>) -> Result<Vec<PlyPoint>, IoError> {
+fn decode<R: BufRead>(mut source: PlySource<'_, R>) -> Result<Vec<PlyPoint>, IoError> {
     let header = Header::read(&mut source)?;
     let element = seek_element(&mut source, &header, "vertex")?;
     let mut columns = Vec::new();
@@ -54,7 +54,7 @@ fn decode<R: BufRead>(mut source: Source<'_, R>) -> Result<Vec<PlyPoint>, IoErro
     Ok(points)
 }
 
-/// Columns of red, green and blue, and the factor that brings their type to 0..=255.
+/// Returns the columns of red, green and blue, and the factor that brings their type to 0..=255.
 fn color_columns(element: &Element) -> Option<([usize; 3], f32)> {
     COLOR_NAMES.iter().find_map(|names| {
         let [r, g, b] = names.map(|name| element.position(name));

@@ -1,14 +1,14 @@
 //! Records of edits as comments of a header.
 //!
-//! Headers are ASCII: readers of other programs stop at anything else. So a backslash is written as two, and what is not ASCII as
-//! `\u{HEX}`. Records are single lines without control characters.
+//! Headers are ASCII: readers of other programs stop at anything else. So a backslash is written as
+//! two, and what is not ASCII as `\u{HEX}`. Records are single lines without control characters.
 
 /// Bytes that the records of a scene may take: well below the longest header that is read.
 const MAX_BYTES: usize = 1 << 19;
 /// Bytes of the rest of their lines.
 const LINE_BYTES: usize = 32;
 
-/// Whether all of `edits` can be written and read back.
+/// Checks that all of `edits` can be written and read back.
 pub(crate) fn check(edits: &[String]) -> Result<(), String> {
     let is_line = |text: &str| !text.is_empty() && text.trim() == text && !text.contains(char::is_control);
     if let Some(edit) = edits.iter().find(|text| !is_line(text)) {
@@ -17,15 +17,12 @@ pub(crate) fn check(edits: &[String]) -> Result<(), String> {
     let bytes: usize = edits.iter().map(|edit| escaped(edit).len() + LINE_BYTES).sum();
     if bytes > MAX_BYTES {
         let (found, limit) = (bytes.div_ceil(1024), MAX_BYTES / 1024);
-        return Err(format!(
-            "records of {} edits take {found} KiB, expected {limit} at most; say it in fewer or shorter ones",
-            edits.len()
-        ));
+        return Err(format!("records of {} edits take {found} KiB, expected {limit} at most; use fewer or shorter edits", edits.len()));
     }
     Ok(())
 }
 
-/// As ASCII.
+/// Returns a text as ASCII.
 pub(super) fn escaped(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {

@@ -1,18 +1,20 @@
-//! The rows of an element: chosen properties of every row as f32, whatever type and format they are written in.
+//! The rows of an element: chosen properties of every row as f32, whatever type and format they are
+//! written in.
 //!
-//! Row counts are claims: they are held against the length of the file before anything is allocated or read.
+//! Row counts are claims: they are checked against the length of the file before anything is
+//! allocated or read.
 
 use std::io::BufRead;
 
 use crate::IoError;
 use crate::ply::header::{Element, Format, Header, Kind, Scalar};
-use crate::ply::source::Source;
+use crate::ply::source::PlySource;
 
 /// Bytes read at a time.
 const BLOCK: usize = 1 << 20;
 
-/// Reads on to the end of the elements that stand before `name`, and returns that element.
-pub(super) fn seek_element<'h, R: BufRead>(source: &mut Source<'_, R>, header: &'h Header, name: &str) -> Result<&'h Element, IoError> {
+/// Reads on to the end of the elements before `name`, and returns that element.
+pub(super) fn seek_element<'h, R: BufRead>(source: &mut PlySource<'_, R>, header: &'h Header, name: &str) -> Result<&'h Element, IoError> {
     for element in &header.elements {
         if element.name == name {
             return Ok(element);
@@ -22,10 +24,10 @@ pub(super) fn seek_element<'h, R: BufRead>(source: &mut Source<'_, R>, header: &
     Err(source.invalid("header", format_args!("no element {name:?}, expected one with the property x")))
 }
 
-/// Calls `each(row, values)` for every row of `element`, the values in the order of `columns` (indices of properties), all finite
-/// (an infinite `opacity` is bounded).
+/// Calls `each(row, values)` for every row of `element`, the values in the order of `columns`
+/// (indices of properties), all finite (an infinite `opacity` is bounded).
 pub(super) fn read_rows<R: BufRead>(
-    source: &mut Source<'_, R>,
+    source: &mut PlySource<'_, R>,
     element: &Element,
     format: Format,
     columns: &[usize],
@@ -34,7 +36,7 @@ pub(super) fn read_rows<R: BufRead>(
     let scalars = scalars(source, element)?;
     let mut values = vec![0f32; columns.len()];
     let opacity = columns.iter().position(|&c| element.properties[c].name == "opacity");
-    let finite = |source: &Source<'_, R>, row: u64, values: &[f32]| match values.iter().position(|v| !v.is_finite()) {
+    let finite = |source: &PlySource<'_, R>, row: u64, values: &[f32]| match values.iter().position(|v| !v.is_finite()) {
         None => Ok(()),
         Some(at) => {
             let name = &element.properties[columns[at]].name;
@@ -82,7 +84,8 @@ pub(super) fn read_rows<R: BufRead>(
     Ok(())
 }
 
-/// Logits of opacities of 0 and 1 are infinite, and programs that unpack bytes write them so: those nearest to them that an engine takes.
+/// Limits logits of opacities of 0 and 1, which are infinite and written so by programs that unpack
+/// bytes, to the nearest ones that an engine accepts.
 fn bound_opacity(values: &mut [f32], opacity: Option<usize>) {
     if let Some(value) = opacity.and_then(|at| values.get_mut(at)).filter(|v| v.is_infinite()) {
         *value = luxel_core::logit(if *value > 0.0 { 1.0 } else { 0.0 });
@@ -96,9 +99,10 @@ pub(super) enum Whole {
     U32,
 }
 
-/// [`read_rows`] of whole numbers, to the bit; all of `columns` must be of the type.
+/// Reads rows of whole numbers as [`read_rows`] does, to the bit; all of `columns` must be of the
+/// type.
 pub(super) fn read_whole_rows<R: BufRead>(
-    source: &mut Source<'_, R>,
+    source: &mut PlySource<'_, R>,
     element: &Element,
     format: Format,
     columns: &[usize],
@@ -141,8 +145,9 @@ pub(super) fn read_whole_rows<R: BufRead>(
     Ok(())
 }
 
-/// Types of an element's properties, once its count has been held against the rest of the file.
-fn scalars<R: BufRead>(source: &Source<'_, R>, element: &Element) -> Result<Vec<Scalar>, IoError> {
+/// Returns the types of an element's properties, once its count has been checked against the rest
+/// of the file.
+fn scalars<R: BufRead>(source: &PlySource<'_, R>, element: &Element) -> Result<Vec<Scalar>, IoError> {
     element
         .properties
         .iter()
@@ -156,8 +161,9 @@ fn scalars<R: BufRead>(source: &Source<'_, R>, element: &Element) -> Result<Vec<
         .collect()
 }
 
-/// Holds the number of rows an element claims against the bytes that are left, and returns it as a size for reserving memory.
-pub(super) fn check_count<R: BufRead>(source: &Source<'_, R>, element: &Element, format: Format) -> Result<usize, IoError> {
+/// Checks the number of rows an element claims against the bytes that are left, and returns it as a
+/// size for reserving memory.
+pub(super) fn check_count<R: BufRead>(source: &PlySource<'_, R>, element: &Element, format: Format) -> Result<usize, IoError> {
     let scalars = scalars(source, element)?;
     // In text a number takes two bytes at least, but for the very last one.
     let (stride, slack) = match format {
@@ -179,7 +185,7 @@ pub(super) fn check_count<R: BufRead>(source: &Source<'_, R>, element: &Element,
         .map_err(|_| source.invalid("header", format_args!("{} rows are too many for this machine", element.count)))
 }
 
-fn skip_element<R: BufRead>(source: &mut Source<'_, R>, element: &Element, format: Format) -> Result<(), IoError> {
+fn skip_element<R: BufRead>(source: &mut PlySource<'_, R>, element: &Element, format: Format) -> Result<(), IoError> {
     if element.properties.is_empty() {
         return Ok(());
     }
@@ -217,9 +223,9 @@ fn skip_element<R: BufRead>(source: &mut Source<'_, R>, element: &Element, forma
     Ok(())
 }
 
-/// The next line that is not blank.
+/// Returns the next line that is not blank.
 fn text_row<'b, R: BufRead>(
-    source: &mut Source<'_, R>,
+    source: &mut PlySource<'_, R>,
     element: &Element,
     row: u64,
     buffer: &'b mut Vec<u8>,
@@ -237,7 +243,7 @@ fn text_row<'b, R: BufRead>(
 }
 
 fn parse_word<R: BufRead, T: std::str::FromStr>(
-    source: &Source<'_, R>,
+    source: &PlySource<'_, R>,
     element: &Element,
     row: u64,
     column: usize,
@@ -250,7 +256,7 @@ fn parse_word<R: BufRead, T: std::str::FromStr>(
     })
 }
 
-/// The first `N` bytes, least significant first.
+/// Returns the first `N` bytes, least significant first.
 fn little<const N: usize>(bytes: &[u8], format: Format) -> [u8; N] {
     let mut out = [0u8; N];
     for (to, from) in out.iter_mut().zip(bytes) {

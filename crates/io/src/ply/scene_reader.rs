@@ -1,4 +1,5 @@
-//! PLY to scene: the exact model of a file written here, or a plain 3D Gaussian splatting file as `ColorModel::Sh`.
+//! PLY to scene: the exact model of a file written here, or a plain 3D Gaussian splatting file as
+//! `ColorModel::Sh`.
 
 use std::io::BufRead;
 use std::path::Path;
@@ -10,29 +11,29 @@ use crate::bake::{BakeRecord, WorldRecord};
 use crate::ply::header::{Element, Header};
 use crate::ply::rows::{check_count, read_rows, seek_element};
 use crate::ply::scene_writer::{EXACT_OPACITY, EXACT_SCALE, sh_prefix};
-use crate::ply::source::Source;
+use crate::ply::source::PlySource;
 use crate::ply::{COMMENT_TAG, FORMAT_VERSION, compressed, record};
 use crate::validity::{is_normalizable, is_usable};
 
 /// Reads a scene.
 ///
 /// # Errors
-/// A missing, truncated or otherwise damaged file, a value that is NaN or infinite, a rotation of length zero, or a version of the
-/// format that is not known.
+/// A missing, truncated or otherwise damaged file, a value that is NaN or infinite, a rotation of
+/// length zero, or a version of the format that is not known.
 pub fn read_scene_ply(path: &Path) -> Result<Scene, IoError> {
-    decode(Source::open(path)?)
+    decode(PlySource::open(path)?)
 }
 
-/// [`read_scene_ply`] of a file's bytes; `name` is for errors.
+/// Decodes a file's bytes as [`read_scene_ply`] does; `name` is for errors.
 ///
 /// # Errors
-/// As [`read_scene_ply`].
+/// The same as [`read_scene_ply`].
 pub fn decode_scene_ply(name: &Path, bytes: &[u8]) -> Result<Scene, IoError> {
-    decode(Source::of_bytes(name, bytes))
+    decode(PlySource::of_bytes(name, bytes))
 }
 
 /// Names of the properties that hold the model.
-struct Layout {
+struct SceneColumns {
     log_scale: [&'static str; 3],
     opacity: &'static str,
     smoothing: Option<&'static str>,
@@ -43,13 +44,13 @@ struct Layout {
 
 const STANDARD_SCALE: [&str; 3] = ["scale_0", "scale_1", "scale_2"];
 
-fn decode<R: BufRead>(mut source: Source<'_, R>) -> Result<Scene, IoError> {
+fn decode<R: BufRead>(mut source: PlySource<'_, R>) -> Result<Scene, IoError> {
     let header = Header::read(&mut source)?;
     if compressed::is_compressed(&header) {
         return compressed::read(&mut source, &header);
     }
     let element = seek_element(&mut source, &header, "vertex")?;
-    let comments = Comments::of(&header);
+    let comments = Comments::new(&header);
     let record = comments.baked().map_err(|e| e.into_error(&source))?;
     let world = comments.world().map_err(|e| e.into_error(&source))?;
     let (mut scene, layout) = match record {
@@ -67,10 +68,10 @@ fn decode<R: BufRead>(mut source: Source<'_, R>) -> Result<Scene, IoError> {
 }
 
 fn read_splats<R: BufRead>(
-    source: &mut Source<'_, R>,
+    source: &mut PlySource<'_, R>,
     header: &Header,
     element: &Element,
-    layout: &Layout,
+    layout: &SceneColumns,
     splats: &mut Splats,
 ) -> Result<(), IoError> {
     let geometry = ["x", "y", "z", "rot_0", "rot_1", "rot_2", "rot_3"].into_iter().chain(layout.log_scale).chain([layout.opacity]);
@@ -119,8 +120,9 @@ fn read_splats<R: BufRead>(
     })
 }
 
-/// A file of some other program: radiance harmonics, and the renderer they were trained with.
-fn plain<R: BufRead>(source: &Source<'_, R>, element: &Element) -> Result<(Scene, Layout), IoError> {
+/// Returns a file of some other program: radiance harmonics, and the renderer they were trained
+/// with.
+fn plain<R: BufRead>(source: &PlySource<'_, R>, element: &Element) -> Result<(Scene, SceneColumns), IoError> {
     if let Some(extra) = element.properties.iter().find(|p| p.name.starts_with("lcd_")) {
         let message = format!(
             "property {:?} belongs to a radiance model, but the comments \"{COMMENT_TAG} ...\" that describe it are missing: a tool dropped \
@@ -147,19 +149,24 @@ fn plain<R: BufRead>(source: &Source<'_, R>, element: &Element) -> Result<(Scene
         raster: RasterConfig { cutoffs: Cutoffs::PARITY, antialias, ..RasterConfig::default() },
         edits: Vec::new(),
     };
-    let layout =
-        Layout { log_scale: STANDARD_SCALE, opacity: "opacity", smoothing, sh: dc.chain(others).collect(), raw_luminance: Vec::new() };
+    let layout = SceneColumns {
+        log_scale: STANDARD_SCALE,
+        opacity: "opacity",
+        smoothing,
+        sh: dc.chain(others).collect(),
+        raw_luminance: Vec::new(),
+    };
     Ok((scene, layout))
 }
 
-/// What is wrong with the comments.
+/// Explains what is wrong with the comments.
 enum CommentError {
     Invalid(String),
     Unsupported(String),
 }
 
 impl CommentError {
-    fn into_error<R>(self, source: &Source<'_, R>) -> IoError {
+    fn into_error<R>(self, source: &PlySource<'_, R>) -> IoError {
         match self {
             Self::Invalid(message) => IoError::invalid(source.path, format_args!("header: {message}")),
             Self::Unsupported(message) => IoError::unsupported(source.path, format_args!("header: {message}")),
@@ -173,7 +180,7 @@ struct Comments<'h> {
 }
 
 impl<'h> Comments<'h> {
-    fn of(header: &'h Header) -> Self {
+    fn new(header: &'h Header) -> Self {
         let ours = header.comments.iter().filter_map(|c| c.strip_prefix(COMMENT_TAG)?.strip_prefix(' '));
         Self { lines: ours.filter_map(|line| line.split_once(' ')).collect() }
     }
@@ -185,7 +192,7 @@ impl<'h> Comments<'h> {
             (None, _) => {
                 Err(CommentError::Invalid(format!("no comment \"{COMMENT_TAG} {key} ...\"; a tool dropped it, use the original file")))
             }
-            _ => Err(CommentError::Invalid(format!("comment \"{COMMENT_TAG} {key}\" stands twice"))),
+            _ => Err(CommentError::Invalid(format!("comment \"{COMMENT_TAG} {key}\" occurs twice"))),
         }
     }
 
@@ -194,7 +201,7 @@ impl<'h> Comments<'h> {
         parse(value).ok_or_else(|| CommentError::Invalid(format!("comment \"{COMMENT_TAG} {key}\" is {value:?}, expected {expected}")))
     }
 
-    /// Records of edits, in order.
+    /// Returns the records of edits, in order.
     fn edits(&self) -> Result<Vec<String>, CommentError> {
         let read = |text: &str| {
             let message = || format!("comment \"{COMMENT_TAG} edit\" is {text:?}, which is not escaped as it was written");
@@ -205,7 +212,7 @@ impl<'h> Comments<'h> {
         Ok(edits)
     }
 
-    /// What a bake alone says about itself.
+    /// Returns the record that only a bake has.
     fn baked(&self) -> Result<Option<BakeRecord>, CommentError> {
         if !self.lines.iter().any(|(key, _)| *key == "baked") {
             return Ok(None);
@@ -213,7 +220,7 @@ impl<'h> Comments<'h> {
         BakeRecord::parse(self.value("baked")?).map(Some).map_err(CommentError::Invalid)
     }
 
-    /// How the file's world came from that of the data set, where they differ.
+    /// Returns how the file's world came from that of the data set, where they differ.
     fn world(&self) -> Result<Option<WorldRecord>, CommentError> {
         if !self.lines.iter().any(|(key, _)| *key == "file_from_world") {
             return Ok(None);
@@ -223,8 +230,9 @@ impl<'h> Comments<'h> {
         self.parse("file_from_world", "a rotation and a positive scale", world).map(Some)
     }
 
-    /// An empty scene of the model that the comments describe, and where its values stand.
-    fn exact(&self, element: &Element) -> Result<(Scene, Layout), CommentError> {
+    /// Returns an empty scene of the model that the comments describe, and the columns of its
+    /// values.
+    fn exact(&self, element: &Element) -> Result<(Scene, SceneColumns), CommentError> {
         let version: u32 = self.parse("scene", "a version number", |v| v.parse().ok())?;
         if version != FORMAT_VERSION {
             let message =
@@ -244,13 +252,13 @@ impl<'h> Comments<'h> {
     }
 }
 
-fn exact_layout(color_model: ColorModel, element: &Element) -> Layout {
+fn exact_layout(color_model: ColorModel, element: &Element) -> SceneColumns {
     let prefix = sh_prefix(color_model);
     let has = |name: &str| element.position(name).is_some();
     let is_smoothed = has("lcd_filter");
     // One of them asks for all.
     let has_geometry = is_smoothed || has(EXACT_OPACITY) || EXACT_SCALE.into_iter().any(has);
-    Layout {
+    SceneColumns {
         log_scale: if has_geometry { EXACT_SCALE } else { STANDARD_SCALE },
         opacity: if has_geometry { EXACT_OPACITY } else { "opacity" },
         smoothing: is_smoothed.then_some("lcd_filter"),

@@ -14,11 +14,11 @@ use crate::{IoError, write_atomically};
 /// Rows made at a time.
 const BLOCK_ROWS: usize = 4096;
 
-/// Opacity logit and log scale of the model, where what is shown has others.
+/// Opacity logit and log scale of the model, where the display layer has others.
 pub(super) const EXACT_OPACITY: &str = "lcd_opacity";
 pub(super) const EXACT_SCALE: [&str; 3] = ["lcd_log_scale_0", "lcd_log_scale_1", "lcd_log_scale_2"];
 
-/// Prefix of the properties that hold `Splats::sh`.
+/// Returns the prefix of the properties that hold `Splats::sh`.
 pub(super) fn sh_prefix(color_model: ColorModel) -> &'static str {
     match color_model {
         ColorModel::Sh { .. } => "lcd_s_",
@@ -26,7 +26,7 @@ pub(super) fn sh_prefix(color_model: ColorModel) -> &'static str {
     }
 }
 
-/// Where the display layer's harmonics come from.
+/// The source of the display layer's harmonics.
 enum Layer<'a> {
     /// Baked row by row.
     Streamed(Box<Bake>),
@@ -39,7 +39,7 @@ impl Layer<'_> {
         Self::Streamed(Box::new(Bake::new(scene, &BakeOptions { appearance: Appearance::PREVIEW, max_degree: 3 })))
     }
 
-    /// K.
+    /// Returns the number of coefficients K.
     fn coefficients(&self) -> usize {
         match self {
             Self::Streamed(bake) => bake.coefficients(),
@@ -54,7 +54,7 @@ impl Layer<'_> {
         }
     }
 
-    /// By channel; entries from K on are 0.
+    /// Returns a splat's harmonics by channel; entries from K on are 0.
     fn splat(&self, splats: &Splats, i: usize) -> [[f32; MAX_BAKED]; 3] {
         match self {
             Self::Streamed(bake) => bake.splat(splats, i),
@@ -68,7 +68,7 @@ impl Layer<'_> {
         }
     }
 
-    /// Log scale and opacity logit of a splat as it is shown.
+    /// Returns the log scale and opacity logit of a splat in the display layer.
     fn geometry(&self, splats: &Splats, i: usize) -> ([f32; 3], f32) {
         match (self, splats.smoothing.get(i)) {
             (Self::Baked(baked), _) => (baked.scene.splats.log_scale[i], baked.scene.splats.opacity_logit[i]),
@@ -77,7 +77,7 @@ impl Layer<'_> {
         }
     }
 
-    /// Whether what is shown has the scene's own log scales and opacities, all of them.
+    /// Returns whether the display layer has the scene's own log scales and opacities, all of them.
     fn shares_geometry(&self, splats: &Splats) -> bool {
         let shown = match self {
             Self::Streamed(_) => splats,
@@ -87,10 +87,11 @@ impl Layer<'_> {
     }
 }
 
-/// [`write_scene_ply`] with a display layer of choice; both in the world of the file.
+/// Writes a file as [`write_scene_ply`] does, with a display layer of choice; both in the world of
+/// the file.
 ///
 /// # Errors
-/// As [`write_scene_ply`], or the bake is not of this scene.
+/// The same as [`write_scene_ply`], or the bake is not of this scene.
 pub fn write_exact_ply(path: &Path, scene: &Scene, baked: &Baked) -> Result<(), IoError> {
     check(path, scene)?;
     check(path, &baked.scene)?;
@@ -103,18 +104,37 @@ pub fn write_exact_ply(path: &Path, scene: &Scene, baked: &Baked) -> Result<(), 
 
 /// Writes a scene, whole or not at all; folders are made as needed.
 ///
+/// ```
+/// use luxel_core::{ColorSpace, RadianceScale, RasterConfig, Scene, synthetic};
+/// use luxel_io::{read_scene, write_scene_ply};
+///
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("room.ply");
+/// let scene = Scene {
+///     splats: synthetic::room(50, 1),
+///     radiance_scale: RadianceScale::ONE,
+///     color_space: ColorSpace::LinearRec709,
+///     raster: RasterConfig::default(),
+///     edits: Vec::new(),
+/// };
+/// write_scene_ply(&path, &scene)?;
+/// // The file holds the scene to the bit.
+/// assert_eq!(read_scene(&path)?, scene);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
 /// # Errors
-/// A scene that could not be read back (wrong lengths, NaN, a rotation of length zero, a radiance scale that is not positive), or
-/// the file system's refusal.
+/// A scene that could not be read back (wrong lengths, NaN, a rotation of length zero, a radiance
+/// scale that is not positive), or the file system's refusal.
 pub fn write_scene_ply(path: &Path, scene: &Scene) -> Result<(), IoError> {
     check(path, scene)?;
     write_atomically(path, |file| write(scene, &Layer::preview(scene), file).map_err(|e| IoError::system(path, "write", &e)))
 }
 
-/// The bytes that [`write_scene_ply`] writes; `name` is for errors.
+/// Encodes the bytes that [`write_scene_ply`] writes; `name` is for errors.
 ///
 /// # Errors
-/// As [`write_scene_ply`].
+/// The same as [`write_scene_ply`].
 pub fn encode_scene_ply(name: &Path, scene: &Scene) -> Result<Vec<u8>, IoError> {
     check(name, scene)?;
     let mut bytes = Vec::new();
@@ -143,8 +163,8 @@ pub(crate) fn check(path: &Path, scene: &Scene) -> Result<(), IoError> {
 fn write<W: Write + ?Sized>(scene: &Scene, layer: &Layer<'_>, out: &mut W) -> std::io::Result<()> {
     let properties = properties(&scene.splats, layer);
     write_header(scene, layer, &properties, out)?;
-    let shares_geometry = layer.shares_geometry(&scene.splats);
-    write_rows(scene.splats.len(), properties.len(), out, |i, values| fill_row(&scene.splats, i, (layer, shares_geometry), values))
+    let layer = RowLayer { layer, shares_geometry: layer.shares_geometry(&scene.splats) };
+    write_rows(scene.splats.len(), properties.len(), out, |i, values| fill_row(&scene.splats, i, &layer, values))
 }
 
 /// Writes `count` rows of `width` numbers that `fill` makes.
@@ -187,7 +207,7 @@ fn write_header<W: Write + ?Sized>(scene: &Scene, layer: &Layer<'_>, properties:
         writeln!(out, "comment {COMMENT_TAG} edit {}", record::escaped(edit))?;
     }
     if let Layer::Baked(baked) = layer
-        && let Some(world) = WorldRecord::of(&baked.file_from_world)
+        && let Some(world) = WorldRecord::from_similarity(&baked.file_from_world)
     {
         writeln!(out, "comment {COMMENT_TAG} file_from_world {}", serde_json::to_string(&world)?)?;
     }
@@ -224,8 +244,15 @@ pub(super) fn standard_properties(coefficients: usize) -> Vec<String> {
     names
 }
 
-/// Values of splat `i` in the order of [`properties`].
-fn fill_row(splats: &Splats, i: usize, (layer, shares_geometry): (&Layer<'_>, bool), values: &mut Vec<f32>) {
+/// A display layer, and whether it shares the scene's geometry, found once for all rows.
+struct RowLayer<'a> {
+    layer: &'a Layer<'a>,
+    shares_geometry: bool,
+}
+
+/// Fills a row with the values of splat `i` in the order of [`properties`].
+fn fill_row(splats: &Splats, i: usize, row: &RowLayer<'_>, values: &mut Vec<f32>) {
+    let layer = row.layer;
     let baked = layer.splat(splats, i);
     let (log_scale, opacity_logit) = layer.geometry(splats, i);
     values.extend(splats.position[i]);
@@ -240,7 +267,7 @@ fn fill_row(splats: &Splats, i: usize, (layer, shares_geometry): (&Layer<'_>, bo
     values.extend_from_slice(splats.raw_luminance_of(i));
     values.extend_from_slice(splats.sh_of(i));
     values.extend(splats.smoothing.get(i));
-    if !shares_geometry {
+    if !row.shares_geometry {
         values.push(splats.opacity_logit[i]);
         values.extend(splats.log_scale[i]);
     }

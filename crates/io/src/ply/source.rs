@@ -1,4 +1,5 @@
-//! A file's bytes with their position, so that errors can say where, and with their length, so that claims can be held against it.
+//! A file's bytes with their position, so that errors can name the place, and with their length, so
+//! that claims can be checked against it.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
@@ -10,7 +11,7 @@ use crate::IoError;
 pub(super) const MAX_LINE: u64 = 1 << 20;
 
 /// Bytes of the file `path`, read from the front.
-pub(super) struct Source<'a, R> {
+pub(super) struct PlySource<'a, R> {
     reader: R,
     /// For errors.
     pub(super) path: &'a Path,
@@ -20,7 +21,7 @@ pub(super) struct Source<'a, R> {
     pub(super) length: u64,
 }
 
-impl<'a> Source<'a, BufReader<File>> {
+impl<'a> PlySource<'a, BufReader<File>> {
     pub(super) fn open(path: &'a Path) -> Result<Self, IoError> {
         let system = |e: &std::io::Error| IoError::system(path, "read", e);
         let file = File::open(path).map_err(|e| system(&e))?;
@@ -32,24 +33,24 @@ impl<'a> Source<'a, BufReader<File>> {
     }
 }
 
-impl<'a> Source<'a, &'a [u8]> {
+impl<'a> PlySource<'a, &'a [u8]> {
     pub(super) fn of_bytes(path: &'a Path, bytes: &'a [u8]) -> Self {
         Self { reader: bytes, path, position: 0, length: bytes.len() as u64 }
     }
 }
 
-impl<R: BufRead> Source<'_, R> {
-    /// Bytes not read yet.
+impl<R: BufRead> PlySource<'_, R> {
+    /// Returns the number of bytes not read yet.
     pub(super) fn remaining(&self) -> u64 {
         self.length.saturating_sub(self.position)
     }
 
-    /// The content is wrong at `place`.
+    /// Returns the error that the content is wrong at `place`.
     pub(super) fn invalid(&self, place: impl std::fmt::Display, message: impl std::fmt::Display) -> IoError {
         IoError::invalid(self.path, format_args!("{place}: {message}"))
     }
 
-    /// The next line without its end (`\n` or `\r\n`); `None` at the end of the file.
+    /// Returns the next line without its end (`\n` or `\r\n`); `None` at the end of the file.
     pub(super) fn line<'b>(&mut self, buffer: &'b mut Vec<u8>) -> Result<Option<&'b [u8]>, IoError> {
         buffer.clear();
         let read = self.reader.by_ref().take(MAX_LINE).read_until(b'\n', buffer);

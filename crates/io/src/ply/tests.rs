@@ -16,7 +16,7 @@ fn name() -> &'static Path {
     Path::new("scene.ply")
 }
 
-/// A scene of `count` splats with pseudo-random values of ordinary size.
+/// Returns a scene of `count` splats with pseudo-random values of ordinary size.
 fn scene(color_model: ColorModel, count: usize, is_smoothed: bool, seed: u64) -> Scene {
     let mut counter = 0;
     let mut normal = |deviation: f32| {
@@ -44,7 +44,8 @@ fn scene(color_model: ColorModel, count: usize, is_smoothed: bool, seed: u64) ->
 
 const LCD: ColorModel = ColorModel::Lcd { chroma_degree: 3, luminance_degree: 0, activation: Activation::Softplus };
 
-/// The file as a plain reader sees it: property names and rows of f32. Written apart from the reader under test.
+/// Returns the file as a plain reader sees it: property names and rows of f32. Written apart from
+/// the reader under test.
 fn plain_view(bytes: &[u8]) -> (Vec<String>, Vec<Vec<f32>>) {
     let end = b"end_header\n";
     let at = bytes.windows(end.len()).position(|w| w == end).unwrap() + end.len();
@@ -55,7 +56,7 @@ fn plain_view(bytes: &[u8]) -> (Vec<String>, Vec<Vec<f32>>) {
     (names, rows.collect())
 }
 
-/// Row as name -> value.
+/// Returns a row as name -> value.
 fn row_of(bytes: &[u8], row: usize) -> HashMap<String, f32> {
     let (names, rows) = plain_view(bytes);
     names.into_iter().zip(rows[row].iter().copied()).collect()
@@ -141,8 +142,8 @@ fn standard_properties_come_first_in_the_order_of_3dgs() {
     }
 }
 
-/// Display colour of a row towards `direction`, as a viewer computes it but unclamped.
-fn shown(row: &HashMap<String, f32>, direction: [f32; 3]) -> [f32; 3] {
+/// Returns the display colour of a row towards `direction`, as a viewer computes it but unclamped.
+fn display_color(row: &HashMap<String, f32>, direction: [f32; 3]) -> [f32; 3] {
     let rest = row.keys().filter(|k| k.starts_with("f_rest_")).count() / 3;
     let mut y = [0.0; sh::MAX_COEFFICIENTS];
     sh::basis(3, direction, &mut y);
@@ -166,7 +167,7 @@ fn baked_colours_are_never_negative() {
         for splat in 0..40 {
             let row = row_of(&bytes, splat);
             for i in 0..1000 {
-                let color = shown(&row, unit(13, i));
+                let color = display_color(&row, unit(13, i));
                 assert!(color.iter().all(|c| *c > -1e-5), "splat {splat} of {}: {color:?}", model.name());
             }
         }
@@ -185,7 +186,7 @@ fn bake_of_a_constant_grey_scene_is_middle_grey_whatever_its_radiance() {
         }
         scene.splats.raw_luminance.fill(raw);
         let row = row_of(&encode_scene_ply(name(), &scene).unwrap(), 4);
-        let color = shown(&row, [0.0, 0.6, 0.8]);
+        let color = display_color(&row, [0.0, 0.6, 0.8]);
         // AgX has its pivot there: half of the encoded range.
         assert!(color.iter().all(|c| (c - 0.5).abs() < 0.005), "{radiance}: {color:?}");
     }
@@ -193,7 +194,8 @@ fn bake_of_a_constant_grey_scene_is_middle_grey_whatever_its_radiance() {
 
 #[test]
 fn bake_follows_the_tone_mapped_radiance() {
-    // Smooth view dependence (degree 1 in both parts) survives the fit of degree 1 under the curve within a few 8-bit steps.
+    // Smooth view dependence (degree 1 in both parts) survives the fit of degree 1 under the curve
+    // within a few 8-bit steps.
     let model = ColorModel::Lcd { chroma_degree: 1, luminance_degree: 1, activation: Activation::Softplus };
     let mut scene = scene(model, 30, false, 21);
     scene.color_space = ColorSpace::LinearRec709;
@@ -208,7 +210,7 @@ fn bake_follows_the_tone_mapped_radiance() {
         let row = row_of(&bytes, i);
         for d in 0..50 {
             let direction = unit(3, d);
-            let (radiance, color) = (scene.splats.radiance(i, direction), shown(&row, direction));
+            let (radiance, color) = (scene.splats.radiance(i, direction), display_color(&row, direction));
             if radiance[1] > brightest[0] {
                 brightest = [radiance[1], color[1]];
             }
@@ -255,7 +257,8 @@ fn a_bake_of_other_geometry_is_what_is_shown_and_the_model_stays() {
     }
 }
 
-/// A plain 3D Gaussian splatting file of degree 1 in an unusual order, with values that f32 holds exactly.
+/// Returns a plain 3D Gaussian splatting file of degree 1 in an unusual order, with values that f32
+/// holds exactly.
 fn plain_file(format: &str) -> Vec<u8> {
     let mut properties: Vec<(String, String)> = vec![("uchar".into(), "flag".into()), ("double".into(), "rot_3".into())];
     let names = ["opacity", "scale_2", "scale_1", "scale_0", "f_dc_2", "f_dc_1", "f_dc_0", "rot_0", "rot_1", "rot_2", "z", "y", "x"];
@@ -307,7 +310,8 @@ fn plain_files_of_all_formats_orders_and_types_are_read_alike() {
         assert_eq!(s.position, [[14.0, 13.0, 12.0], [114.0, 113.0, 112.0]], "{format}");
         assert_eq!(s.rotation[0], [9.0, 10.0, 11.0, 1.0]);
         assert_eq!((s.log_scale[1], s.opacity_logit[1]), ([105.0, 104.0, 103.0], 102.0));
-        // f_rest_i is 23 - i; the file is channel-major: channel c's coefficient m is f_rest_{3 c + m - 1}.
+        // f_rest_i is 23 - i; the file is channel-major: channel c's coefficient m is f_rest_{3 c +
+        // m - 1}.
         assert_eq!(s.sh_of(0), [8.0, 7.0, 6.0, 23.0, 20.0, 17.0, 22.0, 19.0, 16.0, 21.0, 18.0, 15.0]);
         assert_eq!(s.validate(), Ok(()));
     }

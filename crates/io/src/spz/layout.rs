@@ -1,4 +1,4 @@
-//! The numbers of SPZ: what a byte stands for, both ways.
+//! The numbers of SPZ: conversion from bytes and to bytes.
 
 use glam::{DMat3, DVec3};
 use luxel_core::{Similarity, sh};
@@ -16,12 +16,14 @@ const COLOR_SCALE: f32 = 0.15;
 /// Magnitude of 1 / sqrt 2 in a rotation's component.
 const ROTATION_STEPS: f32 = 511.0;
 
-/// Right, up, back of right, down, forward, and the reverse.
+/// Returns the change of axes between right, up, back and right, down, forward, which is its own
+/// inverse.
 pub(super) fn axes() -> Similarity {
     Similarity::turn(DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0))).unwrap_or(Similarity::IDENTITY)
 }
 
-/// Bytes per splat of each block, in the file's order: positions, opacities, colours, scales, rotations, harmonics.
+/// Returns the bytes per splat of each block, in the file's order: positions, opacities, colours,
+/// scales, rotations, harmonics.
 pub(super) fn block_bytes(version: u32, degree: usize) -> [usize; 6] {
     [9, 1, 3, 3, if version >= 3 { 4 } else { 3 }, 3 * (sh::coefficients(degree) - 1)]
 }
@@ -31,7 +33,7 @@ fn to_byte(value: f32) -> u8 {
     value.round() as u8
 }
 
-/// Bits behind the point that the largest coordinate leaves of 23, at most 20.
+/// Returns the bits behind the point that the largest coordinate leaves of 23, at most 20.
 pub(super) fn fractional_bits(largest: f32) -> u8 {
     let fits = |bits: &u8| largest * ((1u32 << bits) as f32) < 8_388_607.0;
     (0..=20).rev().find(fits).unwrap_or(0)
@@ -73,7 +75,8 @@ pub(super) fn unpack_log_scale(byte: u8) -> f32 {
     f32::from(byte) / 16.0 - 10.0
 }
 
-/// Harmonics of degree 1 keep 5 bits, others 4, rounded to the middle of their bucket, as the reference does by default: what compresses well.
+/// Packs a harmonic: degree 1 keeps 5 bits, others 4, rounded to the middle of their bucket, as the
+/// reference does by default: what compresses well.
 pub(super) fn pack_harmonic(value: f32, degree: usize) -> u8 {
     let bucket = if degree == 1 { 8 } else { 16 };
     let fine = (value * 128.0).round() as i32 + 128;
@@ -84,7 +87,7 @@ pub(super) fn unpack_harmonic(byte: u8) -> f32 {
     (f32::from(byte) - 128.0) / 128.0
 }
 
-/// x y z w, of length 1, w >= 0.
+/// Packs a quaternion x y z w, of length 1, w >= 0.
 pub(super) fn pack_rotation_first_three(q: [f32; 4]) -> [u8; 3] {
     let sign = if q[3] < 0.0 { -1.0 } else { 1.0 };
     [0, 1, 2].map(|i| to_byte(sign * q[i] * 127.5 + 127.5))
@@ -95,7 +98,7 @@ pub(super) fn unpack_rotation_first_three(bytes: [u8; 3]) -> [f32; 4] {
     [x, y, z, (1.0 - (x * x + y * y + z * z)).max(0.0).sqrt()]
 }
 
-/// x y z w, of length 1.
+/// Packs a quaternion x y z w, of length 1.
 pub(super) fn pack_rotation_smallest_three(q: [f32; 4]) -> [u8; 4] {
     let largest = (1..4).fold(0, |best, i| if q[i].abs() > q[best].abs() { i } else { best });
     let mut word = largest as u32;

@@ -13,7 +13,7 @@ use super::layout::{
 use crate::IoError;
 use crate::read_file::read_file;
 
-/// Bytes of splats that a byte of file may stand for.
+/// Bytes of splats that a byte of file may encode.
 const MAX_RATIO: u64 = 4096;
 
 /// Reads a scene. Its axes become those of 3D Gaussian splatting's PLY.
@@ -24,10 +24,10 @@ pub fn read_spz(path: &Path) -> Result<Scene, IoError> {
     decode_spz(path, &read_file(path)?)
 }
 
-/// [`read_spz`] of a file's bytes; `name` is for errors.
+/// Decodes a file's bytes as [`read_spz`] does; `name` is for errors.
 ///
 /// # Errors
-/// As [`read_spz`].
+/// The same as [`read_spz`].
 pub fn decode_spz(name: &Path, bytes: &[u8]) -> Result<Scene, IoError> {
     let (head, blocks) = if bytes.starts_with(&MAGIC.to_le_bytes()) { zstd_blocks(name, bytes)? } else { gzip_blocks(name, bytes)? };
     let mut splats = splats(&head, &blocks);
@@ -42,7 +42,7 @@ pub fn decode_spz(name: &Path, bytes: &[u8]) -> Result<Scene, IoError> {
     })
 }
 
-/// What is said ahead of the blocks.
+/// The header ahead of the blocks.
 struct Head {
     version: u32,
     count: usize,
@@ -77,8 +77,8 @@ impl Head {
         Ok(Self { version, count: count as usize, degree: degree.into(), bits, flags, streams })
     }
 
-    /// Refuses more splats than a file of `file_bytes` can plausibly hold: deflate reaches 1032 bytes a byte, and zstd little more but on
-    /// one and the same splat.
+    /// Refuses more splats than a file of `file_bytes` can plausibly hold: deflate reaches 1032
+    /// bytes a byte, and zstd little more but on one and the same splat.
     fn check_count(&self, name: &Path, file_bytes: usize) -> Result<(), IoError> {
         let claimed: u64 = self.sizes().iter().sum();
         if claimed > (file_bytes as u64).saturating_mul(MAX_RATIO) {
@@ -88,7 +88,7 @@ impl Head {
         Ok(())
     }
 
-    /// Bytes of each block.
+    /// Returns the bytes of each block.
     fn sizes(&self) -> [u64; 6] {
         block_bytes(self.version, self.degree).map(|bytes| bytes as u64 * self.count as u64)
     }
@@ -98,7 +98,7 @@ fn truncated(name: &Path, expected: u64, found: usize) -> IoError {
     IoError::invalid(name, format_args!("{found} bytes of splats, expected {expected}; the file is truncated or its header wrong"))
 }
 
-/// Versions 2 and 3.
+/// Reads the blocks of versions 2 and 3.
 fn gzip_blocks(name: &Path, bytes: &[u8]) -> Result<(Head, Vec<Vec<u8>>), IoError> {
     let damaged = |e: std::io::Error| IoError::invalid(name, format_args!("gzip: {e}; the file is damaged or cut short"));
     let mut decoder = GzDecoder::new(bytes);
@@ -122,7 +122,7 @@ fn gzip_blocks(name: &Path, bytes: &[u8]) -> Result<(Head, Vec<Vec<u8>>), IoErro
     Ok((head, blocks))
 }
 
-/// Version 4.
+/// Reads the blocks of version 4.
 fn zstd_blocks(name: &Path, bytes: &[u8]) -> Result<(Head, Vec<Vec<u8>>), IoError> {
     let head = Head::parse(name, bytes)?;
     let invalid = |message: String| IoError::invalid(name, format_args!("header: {message}"));
@@ -168,7 +168,8 @@ fn decompress(name: &Path, stream: &[u8], size: u64) -> Result<Vec<u8>, IoError>
     if block.len() as u64 == size { Ok(block) } else { Err(truncated(name, size, block.len())) }
 }
 
-/// Blocks of the right sizes to splats in the file's axes. Every byte stands for a number: nothing can be wrong any more.
+/// Decodes blocks of the right sizes to splats in the file's axes. Every byte encodes a number:
+/// nothing can be wrong any more.
 fn splats(head: &Head, blocks: &[Vec<u8>]) -> Splats {
     let [positions, opacities, colors, scales, rotations, harmonics] = blocks else {
         return Splats::empty(ColorModel::Sh { degree: 0 });

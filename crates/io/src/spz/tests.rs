@@ -42,7 +42,8 @@ fn every_version_and_degree_reads_back_within_its_steps() {
                 assert!((sigmoid(back.opacity_logit[i]) - sigmoid(splats.opacity_logit[i])).abs() < 0.003);
                 let dot: f32 = (0..4).map(|c| back.rotation[i][c] * splats.rotation[i][c]).sum();
                 let length = splats.rotation[i].iter().map(|q| q * q).sum::<f32>().sqrt();
-                // Version 2 leaves the real part to be found from the others, which a small one is not well.
+                // Version 2 leaves the real part to be found from the others, which a small one is
+                // not well.
                 let least = if version == SpzVersion::V2 { 0.99 } else { 0.999 };
                 assert!(dot.abs() / length > least, "{version:?} {:?} {:?}", back.rotation[i], splats.rotation[i]);
                 assert!((back.radiance(i, [0.0, 0.6, 0.8])[1] - splats.radiance(i, [0.0, 0.6, 0.8])[1]).abs() < 0.2);
@@ -97,7 +98,8 @@ fn axes_are_right_up_back() {
 
 #[test]
 fn bytes_are_the_references() {
-    // Worked by hand from the description: 24-bit two's complement, (log scale + 10) 16, dc 0.15 255 + 127.5, buckets of 8 and 16.
+    // Worked by hand from the description: 24-bit two's complement, (log scale + 10) 16, dc 0.15
+    // 255 + 127.5, buckets of 8 and 16.
     assert_eq!(pack_coordinate(-1.0, 12), [0x00, 0xf0, 0xff]);
     assert_eq!(unpack_coordinate([0x00, 0xf0, 0xff], 12), -1.0);
     assert_eq!((pack_log_scale(-3.5), pack_color(0.0), pack_opacity(0.5)), (104, 128, 128));

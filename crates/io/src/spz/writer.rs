@@ -49,23 +49,24 @@ pub fn write_spz(path: &Path, baked: &Baked, version: SpzVersion) -> Result<(), 
     write_atomically(path, |file| file.write_all(&bytes).map_err(|e| IoError::system(path, "write", &e)))
 }
 
-/// How many splats are larger or smaller than the format holds, from e^-10 to e^5.9 units: they are written at its ends.
+/// Returns how many splats are larger or smaller than the format holds, from e^-10 to e^5.9 units:
+/// they are written at its ends.
 pub fn spz_out_of_range(baked: &Baked) -> usize {
     let held = unpack_log_scale(0)..=unpack_log_scale(u8::MAX);
     baked.scene.splats.log_scale.iter().filter(|s| s.iter().any(|s| !held.contains(s))).count()
 }
 
-/// The bytes that [`write_spz`] writes; `name` is for errors.
+/// Encodes the bytes that [`write_spz`] writes; `name` is for errors.
 ///
 /// # Errors
-/// As [`write_spz`].
+/// The same as [`write_spz`].
 pub fn encode_spz(name: &Path, baked: &Baked, version: SpzVersion) -> Result<Vec<u8>, IoError> {
     if let Appearance::Linear { .. } = baked.appearance {
-        return Err(IoError::unsupported(name, "SPZ has 8 bits a colour, which end at 1.44: radiance does not fit, bake for a display"));
+        return Err(IoError::unsupported(name, "SPZ has 8 bits per colour, which end at 1.44: radiance does not fit, bake for a display"));
     }
     crate::ply::check(name, &baked.scene)?;
     if baked.scene.splats.is_empty() {
-        return Err(IoError::unsupported(name, "no splats, of which SPZ needs one at least"));
+        return Err(IoError::unsupported(name, "no splats, SPZ needs at least one"));
     }
     let count = u32::try_from(baked.scene.splats.len()).ok().filter(|n| *n <= i32::MAX as u32);
     let Some(count) = count else {
@@ -92,7 +93,8 @@ struct Head {
 }
 
 impl Head {
-    /// What all versions begin with; the last byte is version 4's number of streams.
+    /// Returns the header that all versions begin with; the last byte is version 4's number of
+    /// streams.
     fn bytes(&self, streams: u8) -> [u8; LEGACY_HEADER] {
         let mut bytes = [0; LEGACY_HEADER];
         bytes[..4].copy_from_slice(&MAGIC.to_le_bytes());
@@ -104,7 +106,7 @@ impl Head {
     }
 }
 
-/// Attribute blocks in the order of the file.
+/// Returns the attribute blocks in the order of the file.
 fn blocks(splats: &Splats, version: u32, bits: u8) -> Vec<Vec<u8>> {
     let degree = splats.color_model.sh_degree();
     let [_, _, _, _, rotation_bytes, sh_bytes] = block_bytes(version, degree);

@@ -1,4 +1,4 @@
-//! The words of OpenUSD text, read as a stream: arrays of numbers never stand in memory as text.
+//! The words of OpenUSD text, read as a stream: arrays of numbers are never in memory as text.
 
 use std::io::BufRead;
 use std::path::Path;
@@ -13,7 +13,7 @@ const MAX_DEPTH: usize = 256;
 /// One word.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Token {
-    /// Names, numbers, keywords: what stands between spaces and punctuation.
+    /// Names, numbers, keywords: the text between spaces and punctuation.
     Word(String),
     /// Without its quotes, escapes undone.
     Text(String),
@@ -39,7 +39,7 @@ impl<'a, R: BufRead> Lexer<'a, R> {
         Self { reader, path, line: 1 }
     }
 
-    /// The content is wrong here.
+    /// Returns the error that the content is wrong here.
     pub(super) fn invalid(&self, message: impl std::fmt::Display) -> IoError {
         IoError::invalid(self.path, format_args!("line {}: {message}", self.line))
     }
@@ -58,7 +58,7 @@ impl<'a, R: BufRead> Lexer<'a, R> {
         self.reader.consume(1);
     }
 
-    /// The next word; spaces and comments are passed over.
+    /// Reads the next word; spaces and comments are skipped.
     pub(super) fn next(&mut self) -> Result<Token, IoError> {
         loop {
             let Some(byte) = self.peek()? else { return Ok(Token::End) };
@@ -88,7 +88,7 @@ impl<'a, R: BufRead> Lexer<'a, R> {
         Ok(())
     }
 
-    /// Passes over everything up to and including `end`.
+    /// Skips everything up to and including `end`.
     fn until(&mut self, end: u8) -> Result<(), IoError> {
         while let Some(byte) = self.peek()? {
             self.bump(byte);
@@ -99,7 +99,7 @@ impl<'a, R: BufRead> Lexer<'a, R> {
         Err(self.invalid(format_args!("file ends, expected {:?}; the file is truncated", char::from(end))))
     }
 
-    /// `@path@` or `@@@path@@@`.
+    /// Reads `@path@` or `@@@path@@@`.
     fn asset(&mut self) -> Result<Token, IoError> {
         let ticks = self.repeated(b'@', 3)?;
         let mut seen = 0;
@@ -112,7 +112,7 @@ impl<'a, R: BufRead> Lexer<'a, R> {
         Ok(Token::Reference)
     }
 
-    /// Passes over up to `most` of `byte`, and counts them.
+    /// Skips up to `most` of `byte`, and counts them.
     fn repeated(&mut self, byte: u8, most: usize) -> Result<usize, IoError> {
         let mut count = 0;
         while count < most && self.peek()? == Some(byte) {
@@ -122,7 +122,7 @@ impl<'a, R: BufRead> Lexer<'a, R> {
         Ok(count)
     }
 
-    /// A string in one or three quotes.
+    /// Reads a string in one or three quotes.
     fn text(&mut self, quote: u8) -> Result<Token, IoError> {
         let quotes = self.repeated(quote, 3)?;
         if quotes == 2 {
@@ -167,7 +167,7 @@ impl<'a, R: BufRead> Lexer<'a, R> {
         Ok(Token::Word(String::from_utf8_lossy(&bytes).into_owned()))
     }
 
-    /// The next word that is no end of a line.
+    /// Reads the next word that is not an end of a line.
     pub(super) fn next_on(&mut self) -> Result<Token, IoError> {
         loop {
             match self.next()? {
@@ -177,7 +177,7 @@ impl<'a, R: BufRead> Lexer<'a, R> {
         }
     }
 
-    /// Passes over a bracketed part whose opening mark has been read.
+    /// Skips a bracketed part whose opening mark has been read.
     pub(super) fn skip_brackets(&mut self) -> Result<(), IoError> {
         let mut depth = 1usize;
         while depth > 0 {
@@ -194,7 +194,7 @@ impl<'a, R: BufRead> Lexer<'a, R> {
         Ok(())
     }
 
-    /// Passes over a value.
+    /// Skips a value.
     pub(super) fn skip_value(&mut self) -> Result<(), IoError> {
         match self.next_on()? {
             Token::Mark(b'(' | b'[' | b'{') => self.skip_brackets(),
@@ -204,7 +204,7 @@ impl<'a, R: BufRead> Lexer<'a, R> {
         }
     }
 
-    /// All numbers of an array, tuples in a row; `None` for `None`.
+    /// Reads all numbers of an array, tuples in a row; `None` for `None`.
     pub(super) fn numbers(&mut self, name: &str) -> Result<Vec<f32>, IoError> {
         match self.next_on()? {
             Token::Mark(b'[') => {}

@@ -1,12 +1,16 @@
-//! OpenUSD: splats as a `ParticleField3DGaussianSplat` of usdVol (OpenUSD 26.03 and later), as text.
+//! OpenUSD: splats as a `ParticleField3DGaussianSplat` of usdVol (OpenUSD 26.03 and later), as
+//! text.
 //!
-//! Attributes: `point3f[] positions`, `float3[] scales` (standard deviations), `quatf[] orientations` (w x y z), `float[] opacities` (0..1),
-//! `int radiance:sphericalHarmonicsDegree`, `float3[] radiance:sphericalHarmonicsCoefficients` (of each splat in turn, 3D Gaussian splatting's
-//! order and offset of 1/2). All floats are written so that they are read back to the bit. The colour space stands in `colorSpace:name`
-//! (ColorSpaceAPI), the up axis is Y, and `customLayerData` holds what Luxel needs to read the bake back as what it is.
+//! Attributes: `point3f[] positions`, `float3[] scales` (standard deviations), `quatf[]
+//! orientations` (w x y z), `float[] opacities` (0..1), `int radiance:sphericalHarmonicsDegree`,
+//! `float3[] radiance:sphericalHarmonicsCoefficients` (of each splat in turn, 3D Gaussian
+//! splatting's order and offset of 1/2). All floats are written so that they are read back to the
+//! bit. The colour space is in `colorSpace:name` (ColorSpaceAPI), the up axis is Y, and
+//! `customLayerData` holds what Luxel needs to read the bake back as what it is.
 //!
-//! Reading: the first such prim of a text layer; positions and the rest may be their half-float twins (`positionsh`, ...). Nothing is composed:
-//! references, variants and transforms of prims are other programs' business (`usdcat --flatten`); a transform is an error, not ignored.
+//! Reading: the first such prim of a text layer; positions and the rest may be their half-float
+//! twins (`positionsh`, ...). Nothing is composed: references, variants and transforms of prims are
+//! other programs' business (`usdcat --flatten`); a transform is an error, not ignored.
 
 mod lexer;
 mod reader;
@@ -20,7 +24,7 @@ pub use writer::{encode_usda, write_usda};
 /// The schema.
 const PRIM_TYPE: &str = "ParticleField3DGaussianSplat";
 
-/// Name of a colour space in OpenUSD (the interoperability forum's).
+/// Returns the name of a colour space in OpenUSD (the interoperability forum's).
 fn usd_name(space: ColorSpace) -> &'static str {
     match space {
         ColorSpace::LinearRec709 => "lin_rec709_scene",

@@ -18,18 +18,19 @@ const MAX_PRIMS: usize = 64;
 /// Reads the particle field of splats.
 ///
 /// # Errors
-/// A missing, truncated or otherwise damaged file, no splats, arrays that do not go together, or what is not supported: a transform of the field or of
-/// a prim around it, several fields, values over time, a colour space without a name here.
+/// A missing, truncated or otherwise damaged file, no splats, arrays that do not go together, or
+/// what is not supported: a transform of the field or of a prim around it, several fields, values
+/// over time, a colour space without a name here.
 pub fn read_usda(path: &Path) -> Result<Scene, IoError> {
     regular_file(path)?;
     let file = std::fs::File::open(path).map_err(|e| IoError::system(path, "read", &e))?;
     read(path, BufReader::with_capacity(1 << 20, file))
 }
 
-/// [`read_usda`] of a file's bytes; `name` is for errors.
+/// Decodes a file's bytes as [`read_usda`] does; `name` is for errors.
 ///
 /// # Errors
-/// As [`read_usda`].
+/// The same as [`read_usda`].
 pub fn decode_usda(name: &Path, bytes: &[u8]) -> Result<Scene, IoError> {
     read(name, bytes)
 }
@@ -57,7 +58,7 @@ fn read<R: BufRead>(path: &Path, mut reader: R) -> Result<Scene, IoError> {
     })
 }
 
-/// What a property makes of its prim's place.
+/// The effect of a property on its prim's place.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Placed {
     AsItIs,
@@ -69,14 +70,14 @@ struct Layer<'a, R> {
     lexer: Lexer<'a, R>,
     record: Option<String>,
     field: Option<Field>,
-    /// Depth of the innermost open prim's body that the field stands in.
+    /// Depth of the innermost open prim's body that contains the field.
     field_within: Option<usize>,
     /// Depth of the outermost open body whose prim is transformed, and with it what is in it.
     transformed_at: Option<usize>,
 }
 
 impl<R: BufRead> Layer<'_, R> {
-    /// Statements up to the end of the file or of the prim around them.
+    /// Reads statements up to the end of the file or of the prim around them.
     fn prims(&mut self, depth: usize) -> Result<(), IoError> {
         loop {
             match self.lexer.next_on()? {
@@ -125,7 +126,7 @@ impl<R: BufRead> Layer<'_, R> {
         Ok(())
     }
 
-    /// A prim behind its `def`.
+    /// Reads a prim behind its `def`.
     fn prim(&mut self, depth: usize) -> Result<(), IoError> {
         if depth >= MAX_PRIMS {
             return Err(self.lexer.invalid(format_args!("more than {MAX_PRIMS} prims within one another")));
@@ -156,7 +157,7 @@ impl<R: BufRead> Layer<'_, R> {
         self.prims(depth + 1)
     }
 
-    /// The body of the particle field.
+    /// Reads the body of the particle field.
     fn field_body(&mut self, field: &mut Field, depth: usize) -> Result<(), IoError> {
         loop {
             match self.lexer.next_on()? {
@@ -175,7 +176,8 @@ impl<R: BufRead> Layer<'_, R> {
         }
     }
 
-    /// A property from its first word on: words, then perhaps `= value`, then perhaps metadata.
+    /// Reads a property from its first word on: words, then perhaps `= value`, then perhaps
+    /// metadata.
     fn property(&mut self, mut words: Vec<String>, field: Option<&mut Field>) -> Result<Placed, IoError> {
         loop {
             match self.lexer.next()? {
@@ -202,7 +204,7 @@ impl<R: BufRead> Layer<'_, R> {
         Ok(Placed::AsItIs)
     }
 
-    /// An order of transforms that is not empty moves the prim and what is in it.
+    /// Reads an order of transforms; one that is not empty moves the prim and its content.
     fn transform_order(&mut self) -> Result<Placed, IoError> {
         let opening = self.lexer.next_on()?;
         match (opening, self.lexer.next_on()?) {
@@ -235,7 +237,7 @@ impl<R: BufRead> Layer<'_, R> {
                     return Err(self.lexer.invalid("expected the name of a colour space"));
                 };
                 let known = ColorSpace::ALL.into_iter().find(|space| usd_name(*space) == text);
-                // What our display bakes are in; their record says the rest.
+                // What our display bakes are in; their record has the rest.
                 let known = known.or_else(|| (text == DISPLAY_SPACE).then(ColorSpace::default));
                 field.color_space = known.ok_or_else(|| {
                     let names = ColorSpace::ALL.map(usd_name).join(", ");
@@ -251,7 +253,7 @@ impl<R: BufRead> Layer<'_, R> {
             _ => return self.lexer.skip_value(),
         };
         let values = self.lexer.numbers(name)?;
-        // The float array goes before its half-float twin, as the schema says.
+        // The float array takes precedence over its half-float twin, as the schema requires.
         if array.is_empty() || !name.ends_with('h') {
             *array = values;
         }
@@ -259,13 +261,13 @@ impl<R: BufRead> Layer<'_, R> {
     }
 }
 
-/// Whether a property of the field's prim is read.
+/// Returns whether a property of the field's prim is read.
 fn is_read(name: &str) -> bool {
     let arrays = ["positions", "orientations", "scales", "opacities", "radiance:sphericalHarmonicsCoefficients"];
     arrays.contains(&name.strip_suffix('h').unwrap_or(name))
 }
 
-/// Arrays as they stand in the file.
+/// The arrays of the file.
 struct Field {
     positions: Vec<f32>,
     orientations: Vec<f32>,
@@ -277,7 +279,7 @@ struct Field {
 }
 
 impl Default for Field {
-    /// As the schema's fallbacks.
+    /// Returns the schema's fallbacks.
     fn default() -> Self {
         Self {
             positions: Vec::new(),
@@ -292,7 +294,7 @@ impl Default for Field {
 }
 
 impl Field {
-    /// `Err` says which array is wrong.
+    /// Returns the splats; the error names the array that is wrong.
     fn splats(self) -> Result<Splats, String> {
         let count = self.positions.len() / 3;
         let k = 3 * sh::coefficients(self.degree);

@@ -55,7 +55,7 @@ fn sizes_that_cannot_be_read_back_are_refused() {
     assert!(encode_usda(name(), &baked).unwrap_err().message.contains("log scale of splat 7"));
 }
 
-/// As other programs write it: nested, half floats, metadata, comments.
+/// A file as other programs write it: nested, half floats, metadata, comments.
 const FOREIGN: &str = r#"#usda 1.0
 (
     doc = """Two

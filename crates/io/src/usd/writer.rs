@@ -1,4 +1,5 @@
-//! A bake to OpenUSD text, in blocks made in parallel: what is held in memory does not grow with the scene.
+//! A bake to OpenUSD text, in blocks made in parallel: what is held in memory does not grow with
+//! the scene.
 
 use std::io::Write;
 use std::path::Path;
@@ -28,10 +29,10 @@ pub fn write_usda(path: &Path, baked: &Baked) -> Result<(), IoError> {
     write_atomically(path, |file| write(baked, file).map_err(|e| IoError::system(path, "write", &e)))
 }
 
-/// The bytes that [`write_usda`] writes; `name` is for errors.
+/// Encodes the bytes that [`write_usda`] writes; `name` is for errors.
 ///
 /// # Errors
-/// As [`write_usda`].
+/// The same as [`write_usda`].
 pub fn encode_usda(name: &Path, baked: &Baked) -> Result<Vec<u8>, IoError> {
     check(name, baked)?;
     let mut bytes = Vec::new();
@@ -47,7 +48,7 @@ fn check(path: &Path, baked: &Baked) -> Result<(), IoError> {
 fn write<W: Write + ?Sized>(baked: &Baked, out: &mut W) -> std::io::Result<()> {
     let splats = &baked.scene.splats;
     // JSON within quotes: its own quotes and backslashes are escaped.
-    let record = BakeRecord::of(baked).json()?.replace('\\', "\\\\").replace('"', "\\\"");
+    let record = BakeRecord::from_bake(baked).json()?.replace('\\', "\\\\").replace('"', "\\\"");
     let space = match baked.appearance {
         Appearance::Linear { .. } => usd_name(baked.scene.color_space),
         Appearance::Display { .. } => DISPLAY_SPACE,
@@ -121,7 +122,7 @@ fn tuple(text: &mut Vec<u8>, values: &[f32]) {
     text.push(b')');
 }
 
-/// The shortest decimal that is read back as this number.
+/// Appends the shortest decimal that is read back as this number.
 fn number(text: &mut Vec<u8>, value: f32) {
     let magnitude = value.abs();
     let is_plain = value == 0.0 || (1e-4..1e9).contains(&magnitude);
@@ -129,7 +130,7 @@ fn number(text: &mut Vec<u8>, value: f32) {
     let _ = if is_plain { write!(text, "{value}") } else { write!(text, "{value:e}") };
 }
 
-/// Lower and upper corner of what the splats reach.
+/// Returns the lower and upper corner of the splats' extent.
 fn extent(splats: &Splats) -> [[f32; 3]; 2] {
     let bounds = |i: usize| {
         let [w, x, y, z] = splats.rotation[i].map(f64::from);

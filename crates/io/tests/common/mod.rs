@@ -1,4 +1,4 @@
-//! What tests of data sets share: a folder, and images in it.
+//! The folder that tests of data sets share, and images in it.
 
 use std::path::{Path, PathBuf};
 
@@ -10,9 +10,9 @@ use tempfile::TempDir;
 pub(crate) const SIZE: [usize; 2] = [16, 8];
 
 /// A folder that is removed at the end of the test.
-pub(crate) struct Scene(TempDir);
+pub(crate) struct TestScene(TempDir);
 
-impl Scene {
+impl TestScene {
     pub(crate) fn new() -> Self {
         Self(tempfile::tempdir().unwrap())
     }

@@ -1,4 +1,5 @@
-//! COLMAP's binary model: little-endian, every list preceded by its length. Lengths are believed only as far as the file reaches.
+//! COLMAP's binary model: little-endian, every list preceded by its length. Lengths are believed
+//! only as far as the file reaches.
 
 use std::path::{Path, PathBuf};
 
@@ -23,7 +24,7 @@ pub fn parse_binary(paths: &ColmapFiles<PathBuf>, bytes: &ColmapFiles<Vec<u8>>) 
 struct Cursor<'a> {
     path: &'a Path,
     rest: &'a [u8],
-    /// What is being read, for messages: `image 3 of 35`.
+    /// Place that is being read, for messages: `image 3 of 35`.
     place: String,
 }
 
@@ -60,7 +61,7 @@ impl<'a> Cursor<'a> {
         Ok(values)
     }
 
-    /// A list's length, whose entries take at least `entry_bytes` each.
+    /// Returns a list's length, whose entries take at least `entry_bytes` each.
     fn count(&mut self, what: &str, entry_bytes: usize) -> Result<usize, IoError> {
         let count = self.u64()?;
         let room = self.rest.len() / entry_bytes;
@@ -72,7 +73,7 @@ impl<'a> Cursor<'a> {
         })
     }
 
-    /// Text up to a zero byte.
+    /// Returns the text up to a zero byte.
     fn name(&mut self) -> Result<String, IoError> {
         let Some(end) = self.rest.iter().position(|b| *b == 0) else {
             return Err(self.error("the name is not ended by a zero byte: the file is truncated or damaged"));
@@ -128,7 +129,7 @@ fn images(out: &mut Collected, cursor: &mut Cursor<'_>) -> Result<(), IoError> {
         let mut features_px = Vec::with_capacity(features);
         for _ in 0..features {
             let [x, y] = cursor.f64s()?;
-            // The point that the feature belongs to is told by the points' tracks, too.
+            // The point that the feature belongs to is in the points' tracks, too.
             cursor.u64()?;
             features_px.push([x as f32, y as f32]);
         }

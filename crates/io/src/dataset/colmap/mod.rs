@@ -1,7 +1,9 @@
-//! COLMAP models: cameras, posed images with their features, and points with tracks; binary or text.
+//! COLMAP models: cameras, posed images with their features, and points with tracks; binary or
+//! text.
 //!
 //! [`parse_binary`] and [`parse_text`] turn the three files' bytes into the same [`ColmapModel`].
-//! Lenses: SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV. Feature coordinates have pixel centres at +0.5, as here.
+//! Lenses: SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV. Feature coordinates have pixel
+//! centres at +0.5, as here.
 
 mod binary;
 mod text;
@@ -45,10 +47,10 @@ pub struct ColmapImage {
 }
 
 impl ColmapImage {
-    /// Pose and lens, of the image that COLMAP saw.
+    /// Returns the pose and lens, of the image that COLMAP saw.
     ///
     /// # Errors
-    /// What is wrong with them, without a place.
+    /// An explanation of what is wrong with them, without a place.
     pub fn camera(&self) -> Result<Camera, String> {
         self.intrinsics.camera(self.camera_from_world, self.intrinsics.size_px.unwrap_or([0, 0]))
     }
@@ -82,7 +84,7 @@ impl<T> ColmapFiles<T> {
     }
 }
 
-/// Folder of the model in or at `folder`: `sparse/0`, `sparse`, or itself.
+/// Returns the folder of the model in or at `folder`: `sparse/0`, `sparse`, or itself.
 pub(super) fn find_model(folder: &Path) -> Option<PathBuf> {
     let has_model = |dir: &PathBuf| ["bin", "txt"].iter().any(|e| dir.join(format!("cameras.{e}")).is_file());
     [folder.join("sparse/0"), folder.join("sparse"), folder.to_path_buf()].into_iter().find(has_model)
@@ -107,7 +109,8 @@ pub(super) fn read_model(folder: &Path) -> Result<(ColmapModel, ColmapFiles<Path
     Ok((model, paths))
 }
 
-/// Names of COLMAP's camera models in the order of their numbers, and how many parameters the supported ones have.
+/// Names of COLMAP's camera models in the order of their numbers, and how many parameters the
+/// supported ones have.
 const CAMERA_MODELS: [(&str, Option<usize>); 14] = [
     ("SIMPLE_PINHOLE", Some(3)),
     ("PINHOLE", Some(4)),
@@ -133,12 +136,12 @@ fn unsupported_model(path: &Path, camera: u32, model: &str) -> IoError {
     )
 }
 
-/// A lens from its model's parameters, whose number the caller has checked.
+/// Returns the lens from its model's parameters, whose number the caller has checked.
 fn lens(path: &Path, camera: u32, model: &str, size: [u64; 2], params: &[f64]) -> Result<Intrinsics, IoError> {
     let side = |v: u64| u32::try_from(v).ok().filter(|v| (1..=MAX_SIDE_PX).contains(v));
     let (Some(w), Some(h)) = (side(size[0]), side(size[1])) else {
         let [w, h] = size;
-        return Err(IoError::invalid(path, format!("camera {camera}: image size {w} x {h}, expected 1 to {MAX_SIDE_PX} pixels a side")));
+        return Err(IoError::invalid(path, format!("camera {camera}: image size {w} x {h}, expected 1 to {MAX_SIDE_PX} pixels per side")));
     };
     let (focal, center, [k1, k2, p1, p2]) = match (model, params) {
         ("SIMPLE_PINHOLE", &[f, cx, cy]) => ([f, f], [cx, cy], [0.0; 4]),
@@ -156,21 +159,22 @@ fn lens(path: &Path, camera: u32, model: &str, size: [u64; 2], params: &[f64]) -
     })
 }
 
-/// Pose from COLMAP's quaternion (w x y z, camera from world) and translation. Errors say what is wrong, not where.
+/// Returns the pose from COLMAP's quaternion (w x y z, camera from world) and translation. Errors
+/// explain what is wrong, not where.
 fn pose(quaternion: [f64; 4], translation: [f64; 3]) -> Result<DAffine3, String> {
     let [w, x, y, z] = quaternion;
     let q = DQuat::from_xyzw(x, y, z, w);
     if !(q.is_finite() && DVec3::from(translation).is_finite()) {
         return Err("pose is not finite".to_owned());
     }
-    // COLMAP writes unit quaternions; far from that the bytes are not what they are taken for.
+    // COLMAP writes unit quaternions; far from that the bytes are something else.
     if !(0.5..=2.0).contains(&q.length()) {
         return Err(format!("rotation quaternion has length {}, expected 1", q.length()));
     }
     Ok(DAffine3 { matrix3: DMat3::from_quat(q.normalize()), translation: DVec3::from(translation) })
 }
 
-/// What the parsers collect before ids are resolved.
+/// The content of a model before ids are resolved.
 #[derive(Default)]
 struct Collected {
     cameras: Vec<(u32, Intrinsics)>,
@@ -195,13 +199,13 @@ impl Collected {
         self.images.sort_by_key(|image| image.id);
         self.points.sort_by_key(|(id, _)| *id);
         if let Some(twice) = self.cameras.windows(2).find(|pair| pair[0].0 == pair[1].0) {
-            return Err(IoError::invalid(&paths.cameras, format!("camera {} is there twice", twice[0].0)));
+            return Err(IoError::invalid(&paths.cameras, format!("camera {} occurs twice", twice[0].0)));
         }
         if let Some(twice) = self.images.windows(2).find(|pair| pair[0].id == pair[1].id) {
-            return Err(IoError::invalid(&paths.images, format!("image {} is there twice", twice[0].id)));
+            return Err(IoError::invalid(&paths.images, format!("image {} occurs twice", twice[0].id)));
         }
         if let Some(twice) = self.points.windows(2).find(|pair| pair[0].0 == pair[1].0) {
-            return Err(IoError::invalid(&paths.points, format!("point {} is there twice", twice[0].0)));
+            return Err(IoError::invalid(&paths.points, format!("point {} occurs twice", twice[0].0)));
         }
         let mut images = Vec::with_capacity(self.images.len());
         for image in self.images {

@@ -1,4 +1,5 @@
-//! COLMAP's text model: one camera or point a line, two lines an image (pose, features); `#` starts a comment line.
+//! COLMAP's text model: one camera or point a line, two lines an image (pose, features); `#` starts
+//! a comment line.
 
 use std::path::{Path, PathBuf};
 use std::str::{FromStr, SplitAsciiWhitespace};
@@ -37,13 +38,13 @@ impl<'a> Lines<'a> {
         Fields { path: self.path, line: index + 1, words: line.split_ascii_whitespace(), text: line }
     }
 
-    /// The next line, whatever it holds.
+    /// Returns the next line, whatever it holds.
     fn following(&mut self) -> Option<Fields<'a>> {
         let (index, line) = self.lines.next()?;
         Some(self.fields(index, line))
     }
 
-    /// The next line that is neither empty nor a comment.
+    /// Returns the next line that is neither empty nor a comment.
     fn next_entry(&mut self) -> Option<Fields<'a>> {
         loop {
             let (index, line) = self.lines.next()?;
@@ -114,7 +115,8 @@ fn images(out: &mut Collected, mut lines: Lines<'_>) -> Result<(), IoError> {
         let camera = fields.value("a camera number")?;
         let name = nth_word_to_end(fields.text, 9).ok_or_else(|| fields.error("the line ends, expected the image's name"))?.to_owned();
         let camera_from_world = pose(quaternion, translation).map_err(|e| fields.error(e))?;
-        // The last image's features may be missing where there are none and the file's last newline was trimmed.
+        // The last image's features may be missing where there are none and the file's last newline
+        // was trimmed.
         let mut features_px = Vec::new();
         if let Some(mut fields) = lines.following() {
             while !fields.is_at_end() {
@@ -128,7 +130,8 @@ fn images(out: &mut Collected, mut lines: Lines<'_>) -> Result<(), IoError> {
     Ok(())
 }
 
-/// The text from word `n` (from 0) on, without surrounding white space: names may hold spaces.
+/// Returns the text from word `n` (from 0) on, without surrounding white space: names may hold
+/// spaces.
 fn nth_word_to_end(text: &str, n: usize) -> Option<&str> {
     let mut rest = text.trim_ascii();
     for _ in 0..n {
@@ -172,7 +175,7 @@ mod tests {
         assert!(message("1 0 0 0 300 0 0 0").contains("\"300\", expected red 0 to 255"));
         assert!(message("1 0 0 0 0 0 0 0 5 0").contains("image 5, which does not exist"));
         assert!(message("1 0 0 0 0 0 0 0 1 9").contains("feature 9 of image 1, which has 2"));
-        assert!(message("1 0 0 0 0 0 0 0\n1 0 0 0 0 0 0 0").contains("point 1 is there twice"));
+        assert!(message("1 0 0 0 0 0 0 0\n1 0 0 0 0 0 0 0").contains("point 1 occurs twice"));
         let singular = ColmapFiles { images: b"1 0 0 0 0 0 0 0 1 a.exr\n\n".to_vec(), ..text_model() };
         assert!(parse_text(&paths("txt"), &singular).unwrap_err().message.contains("quaternion has length 0"));
     }

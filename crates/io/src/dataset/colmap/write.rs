@@ -1,7 +1,8 @@
 //! COLMAP models out, as text: pinhole cameras, one per lens.
 //!
-//! In: images with their undistorted cameras and features, and points whose tracks are indices into them. Out: `cameras.txt`, `images.txt`,
-//! `points3D.txt` in a folder. Ids count from 1. Numbers are written such that they are read back to the bit.
+//! In: images with their undistorted cameras and features, and points whose tracks are indices into
+//! them. Out: `cameras.txt`, `images.txt`, `points3D.txt` in a folder. Ids count from 1. Numbers
+//! are written such that they are read back to the bit.
 
 use std::fmt::Write;
 use std::path::Path;
@@ -12,7 +13,8 @@ use luxel_core::Camera;
 use super::ColmapPoint;
 use crate::{IoError, write_atomically};
 
-/// Writes a model: name, camera and features `[x, y]` in pixels of each image; points with the mean error of their reprojection in pixels.
+/// Writes a model: name, camera and features `[x, y]` in pixels of each image; points with the mean
+/// error of their reprojection in pixels.
 ///
 /// # Errors
 /// The system's, or a track that points to no image or feature, or a name with a line break.

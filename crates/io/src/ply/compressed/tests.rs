@@ -11,7 +11,7 @@ fn name() -> &'static Path {
     Path::new("scene.ply")
 }
 
-/// Two splats as PlayCanvas packs them, in text; `more` goes behind the vertices' element.
+/// Returns two splats as PlayCanvas packs them, in text; `more` goes behind the vertices' element.
 fn compressed(more: &str, rows: &str) -> String {
     let bounds = ["min_x", "min_y", "min_z", "max_x", "max_y", "max_z"].map(str::to_owned);
     let scales = ["min", "max"].iter().flat_map(|e| ["x", "y", "z"].map(|a| format!("{e}_scale_{a}")));
@@ -24,7 +24,8 @@ fn compressed(more: &str, rows: &str) -> String {
     )
 }
 
-/// All bits: the upper ends, the rotation's last component largest; none: the lower ends, its first.
+/// All bits: the upper ends, the rotation's last component largest; none: the lower ends, its
+/// first.
 const PACKED_ROWS: &str = "4294967295 3757571583 4294967295 4294967295\n0 537395712 0 0\n";
 
 #[test]
@@ -58,7 +59,7 @@ fn damaged_compressed_files_are_refused() {
         ("property float max_scale_z\n", "", "no property \"max_scale_z\""),
         ("element chunk 1", "element chunk 0", "0 chunks for 2 splats"),
         ("element vertex 2", "element vertex 3", "file ends"),
-        ("element chunk 1", "element other 1", "stands before the splats"),
+        ("element chunk 1", "element other 1", "comes before the splats"),
         ("4294967295 3757571583", "x 3757571583", "expected a number"),
     ] {
         assert_ne!(whole.replace(from, to), whole, "{from}");
