@@ -1,7 +1,7 @@
 //! Trains a scene from a data set, measures it on the held-out views and writes it.
 //!
 //! ```text
-//! cargo run --release -p luxel --example train_from_library -- crates/cli/data/desk-lamp-200 desk-lamp.ply 1000
+//! cargo run --release -p luxel --example train_from_library -- my-images scene.ply 1000
 //! ```
 //!
 //! Arguments: data set (any that `luxel train` reads), scene to write, steps.

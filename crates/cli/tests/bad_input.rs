@@ -130,7 +130,7 @@ fn scenes_and_runs_that_are_none_are_refused() {
     place.error(&["eval", "nothing"], &["nothing"]);
     place.error(&["info", "data/split.exr"], &["split.exr"]);
 
-    // Without its newest scene a run falls back on its checkpoint; without both it says so.
+    // Without its newest scene a run falls back on its checkpoint; without both that is an error.
     std::fs::write(&ply, &bytes[..100]).unwrap();
     place.ok(&["eval", "run"]);
     std::fs::remove_dir_all(place.path("run/checkpoints")).unwrap();
@@ -181,7 +181,8 @@ fn what_integer_images_do_not_state_must_be_said() {
     std::fs::write(place.path("data/transforms.json"), transforms.to_string()).unwrap();
     refused(&place, &[".png", "--transfer"]);
 
-    // Said, both options count: another curve is other radiance, and the scene's primaries are those of the images.
+    // Given explicitly, both options count: another curve is other radiance, and the scene's
+    // primaries are those of the images.
     let info = |options: &[&str]| -> Value {
         let args: Vec<&str> = ["info", "data", "--json"].iter().chain(options).copied().collect();
         serde_json::from_str(&place.ok(&args)).unwrap()

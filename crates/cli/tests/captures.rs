@@ -1,4 +1,4 @@
-//! Runs on captures from outside: recordings, gains, masks, and what is written about them.
+//! Runs on captured LDR images, with gains and masks, and the files about them.
 #![allow(clippy::unwrap_used)]
 
 mod common;
@@ -10,7 +10,7 @@ fn image_of(place: &Workplace, view: usize) -> Image {
     luxel_io::read_image(&place.path(&format!("data/images/{view:03}.exr")), &Default::default()).unwrap().image
 }
 
-/// Two recordings of every training view, beside the radiance of the held-out ones.
+/// Writes two captured images of every training view, beside the radiance of the held-out ones.
 fn record(place: &Workplace) {
     let mut transforms = place.json("data/transforms.json");
     let frames = transforms["frames"].as_array().unwrap().clone();
@@ -54,10 +54,10 @@ fn a_run_on_recordings_tells_the_response_and_figures_with_and_without_its_scale
         assert!(splits[split]["mean"]["psnr_scene"].as_f64().unwrap() > 0.0, "{split}");
         assert!(splits[split]["mean"]["pu21_psnr"].is_number(), "{split}");
     }
-    // Of recorded values there are no figures that need radiance.
+    // Recorded values have no metrics that need radiance.
     assert_eq!(splits["train"]["views"].as_array().unwrap().len(), 2 * (VIEWS - 2));
     assert!(splits["train"]["mean"]["psnr_scene"].is_number() && splits["train"]["mean"]["pu21_psnr"].is_null());
-    // The same figures from the files alone, and a run that goes on.
+    // The same metrics from the files alone, and a run that is resumed.
     let before = splits["train"]["mean"]["psnr_scene"].clone();
     place.ok(&["eval", "run", "--threads", "2"]);
     assert_eq!(place.json("run/metrics.json")["splits"]["train"]["mean"]["psnr_scene"], before);
@@ -70,7 +70,8 @@ fn an_interrupted_run_is_evaluated_with_the_response_of_its_state() {
     let place = Workplace::new();
     record(&place);
     place.train("run", &["--supervision", "ldr", "--checkpoint-every", "20", "--keep-checkpoints", "3"]);
-    // As it is when a run of more steps is stopped after the first evaluation: the newest scene is a checkpoint's.
+    // As in a run of more steps that is stopped after the first evaluation: the newest scene is
+    // that of a checkpoint.
     for entry in ["checkpoints/step_000000040.safetensors", "point_cloud/iteration_40/point_cloud.ply", "eval/step_40/metrics.json"] {
         std::fs::remove_file(place.path("run").join(entry)).unwrap();
     }
@@ -89,7 +90,7 @@ fn an_interrupted_run_is_evaluated_with_the_response_of_its_state() {
     let beside_another = figures();
     std::fs::remove_file(place.path("run/captures.json")).unwrap();
     assert_eq!(beside_another, figures());
-    // Where none of that step is left, that is said.
+    // Where none of that step is left, that is an error.
     std::fs::create_dir_all(place.path("run/point_cloud/iteration_20")).unwrap();
     place.ok(&["edit", "run", "--gain", "1", "-o", "run/point_cloud/iteration_20/point_cloud.ply"]);
     std::fs::remove_dir_all(place.path("run/checkpoints")).unwrap();
@@ -132,7 +133,7 @@ fn recordings_need_their_kind_of_data() {
     let mut args = vec!["train", "data", "-o", "run", "--supervision", "ldr", "--exposures", "3"];
     args.extend(QUICK);
     place.error(&args, &["no bracket has exposures 3"]);
-    // One exposure for all tells no response, which is said.
+    // One exposure for all does not determine a response, which is reported.
     let mut args = vec!["train", "data", "-o", "run", "--supervision", "ldr", "--exposures", "0"];
     args.extend(QUICK);
     let output = place.luxel(&args).output().unwrap();

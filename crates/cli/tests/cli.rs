@@ -76,7 +76,7 @@ fn eval_prints_a_table_and_rewrites_the_figures() {
     // The scene went through its file: single precision both times.
     assert!((psnr(&before) - psnr(&after)).abs() < 1e-3, "{} {}", psnr(&before), psnr(&after));
     assert!(place.path("run/report.html").is_file());
-    // Another copy of the data set gives the same figures, and its images do not take the place of the run's.
+    // Another copy of the data set gives the same metrics, and its images do not replace the run's.
     common::write_dataset(&place.path("elsewhere"));
     let of_training =
         || ["metrics.json", "renders/000.exr", "gt/000.exr"].map(|name| std::fs::read(place.path("run/eval/step_40").join(name)).unwrap());
@@ -87,7 +87,8 @@ fn eval_prints_a_table_and_rewrites_the_figures() {
     common::write_dataset(&place.path("elsewhere"));
     place.ok(&["eval", "run", "--data", "elsewhere"]);
     assert!((psnr(&place.json("run/metrics.json")) - psnr(&after)).abs() < 1e-9);
-    // As said: other data of another size, and the run's own, which leaves the images of training alone.
+    // With explicit options: other data of another size, and the run's own, which keeps the images
+    // of training.
     for (data, folder) in [(&["--data", "elsewhere"][..], "eval/step_40_on_elsewhere_"), (&[], "eval/step_40_on_data")] {
         place.ok(&[&["eval", "run", "--downscale", "2"], data].concat());
         let folders = std::fs::read_dir(place.path("run/eval")).unwrap().map(|entry| entry.unwrap().path());
@@ -128,7 +129,7 @@ fn options_of_a_data_set_are_refused_where_none_is_read() {
         }
     }
     place.fails(2, &["info", "--devices", "--downscale", "2"]);
-    // An image's primaries are said where the file does not state them.
+    // An image's primaries are given where the file does not state them.
     image::RgbImage::from_raw(2, 1, vec![255, 0, 0, 0, 255, 0]).unwrap().save(place.path("plain.png")).unwrap();
     let stated = |options: &[&str]| -> serde_json::Value {
         serde_json::from_str(&place.ok(&[&["info", "plain.png", "--transfer", "srgb", "--json"], options].concat())).unwrap()
@@ -230,7 +231,7 @@ fn render_options_change_the_images() {
         previews.insert(std::fs::read(place.path(&format!("{folder}/000.png"))).unwrap());
     }
     assert_eq!(previews.len(), 6);
-    // Radiance beyond half floats is told.
+    // Radiance beyond half floats is reported.
     let output = place.luxel(&["render", "run", "-o", "bright", "--background", "1e9,1e9,1e9"]).output().unwrap();
     assert!(String::from_utf8_lossy(&output.stderr).contains("--exr-type float"));
 }

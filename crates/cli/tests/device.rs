@@ -1,5 +1,6 @@
-//! The program on a GPU, whatever adapter there is; software renderers too. Without an adapter the tests are reported as ignored; where
-//! `LUXEL_REQUIRE_GPU=1` that is a failure. `LUXEL_TEST_GPU` is a part of the name of the adapter to take.
+//! The program on a GPU: any adapter, software renderers too. Without an adapter the tests are
+//! reported as ignored; where `LUXEL_REQUIRE_GPU=1` that is a failure. `LUXEL_TEST_GPU` is a part
+//! of the name of the adapter to take.
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail the test")]
 
 mod common;
@@ -27,7 +28,8 @@ fn train_in_parts(place: &Workplace, run: &str, devices: [&str; 3]) {
     }
 }
 
-/// Checkpoints go from one engine to the other and back, and the run ends where it would have on the CPU alone.
+/// Checkpoints go from one engine to the other and back, and the run ends where it would have on
+/// the CPU alone.
 fn a_run_moves_between_cpu_and_gpu(gpu: &str) {
     let place = Workplace::new();
     train_in_parts(&place, "stays", ["cpu"; 3]);
@@ -44,7 +46,8 @@ fn a_run_moves_between_cpu_and_gpu(gpu: &str) {
     }
 }
 
-/// Rounds at the bound ask the engine what the views see of each splat, while steps may be on their way.
+/// Rounds at the bound ask the engine what the views see of each splat, while steps may be on their
+/// way.
 fn at_the_bound_splats_change_hands_alike(gpu: &str) {
     let place = Workplace::new();
     let figures = |device: &str, run: &str, turnover: &str| {

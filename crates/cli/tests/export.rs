@@ -36,7 +36,8 @@ fn every_file_that_is_written_is_read_rendered_and_edited() {
         assert!(info.contains("scene") && info.contains("color space"), "{file}: {info}");
         let scene = read_scene(&place.path(file)).unwrap();
         assert_eq!(scene.splats.len(), original.splats.len(), "{file}");
-        // However the file's world is turned and scaled, its splats come back to where the cameras are.
+        // However the file's world is turned and scaled, its splats come back to where the cameras
+        // are.
         for (a, b) in scene.splats.position.iter().zip(&original.splats.position) {
             assert!((0..3).all(|c| (a[c] - b[c]).abs() < 1e-4), "{file}: {a:?} {b:?}");
         }
@@ -90,7 +91,8 @@ fn pruning_and_refining_do_what_they_say() {
     };
     let (plain, refined) = (error("plain.ply", &[]), error("refined.ply", &["--refine", "150"]));
     assert!(refined < plain, "{refined} {plain}");
-    // A picture's splats differ in size from those of the radiance; where one file holds both, each has its own.
+    // A picture's splats differ in size from those of the radiance; where one file holds both, each
+    // has its own.
     let splats = |file: &str| read_scene(&place.path(file)).unwrap().splats;
     let (plain, refined) = (splats("plain.ply"), splats("refined.ply"));
     assert_ne!(refined.log_scale, plain.log_scale);

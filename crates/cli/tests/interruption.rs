@@ -100,7 +100,7 @@ fn a_killed_run_ends_with_the_bits_of_an_unbroken_one() {
         log.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap()["iteration"].as_u64().unwrap()).collect()
     };
     assert_eq!(iterations("unbroken"), iterations("killed"));
-    // A finished run has nothing left to do, and says its figures again.
+    // A finished run has nothing left to do, and reports its metrics again.
     place.ok(&["train", "--resume", "-o", "killed"]);
 }
 
@@ -133,7 +133,8 @@ fn a_resumed_run_keeps_its_settings() {
     let place = Workplace::new();
     place.train("run", &["--seed", "5"]);
     place.error(&["train", "--resume", "-o", "run", "--seed", "6", "--method", "sh3"], &["--seed is 5 in the run, 6 now", "--method"]);
-    // An explicit option with the stored value is no contradiction, nor is one that leaves the result as it is.
+    // An explicit option with the stored value is no contradiction, nor is one that leaves the
+    // result as it is.
     place.ok(&["train", "data", "--resume", "-o", "run", "--seed", "5", "--threads", "1", "--keep-checkpoints", "4"]);
     assert_eq!(place.json("run/metrics.json")["seed"], 5);
     // More steps continue from the last; fewer than were made are a contradiction.
@@ -187,7 +188,8 @@ fn a_full_disk_ends_the_run_and_keeps_its_checkpoint() {
     let saved = checkpoints(&place, "run");
     let before = std::fs::read(&saved[0]).unwrap();
     std::fs::remove_file(&saved[1]).unwrap();
-    // A limit on file sizes, with its signal ignored, refuses writes in the middle as a full disk does.
+    // A limit on file sizes, with its signal ignored, refuses writes in the middle as a full disk
+    // does.
     let limit_kib = before.len() / 1024 / 2;
     let script = format!("trap '' XFSZ; ulimit -f {limit_kib}; exec \"$0\" train --resume -o run --checkpoint-every 5");
     let output = Command::new("bash").current_dir(place.path("")).args(["-c", &script, env!("CARGO_BIN_EXE_luxel")]).output().unwrap();

@@ -65,8 +65,9 @@ impl Error {
     /// ```
     /// use luxel::{Error, Remedy};
     ///
-    /// let error = Error::new("a.ply: exists already").with_remedy(Remedy::advice("give another name"));
-    /// assert_eq!(error.context("cannot export").remedy(), Some(&Remedy::advice("give another name")));
+    /// let remedy = Remedy::advice("give another name");
+    /// let error = Error::new("a.ply: exists already").with_remedy(remedy.clone());
+    /// assert_eq!(error.context("cannot export").remedy(), Some(&remedy));
     /// ```
     pub fn remedy(&self) -> Option<&Remedy> {
         self.chain().find_map(remedy_of)
@@ -103,7 +104,8 @@ impl Error {
 /// ```
 /// use luxel::{Remedy, remedy_of};
 ///
-/// let error = luxel_core::EngineError::device("gpu: out of memory").with_remedy(Remedy::lower("max_splats"));
+/// let error = luxel_core::EngineError::device("gpu: out of memory");
+/// let error = error.with_remedy(Remedy::lower("max_splats"));
 /// assert_eq!(remedy_of(&error), Some(&Remedy::lower("max_splats")));
 /// ```
 pub fn remedy_of<'a>(error: &'a (dyn StdError + 'static)) -> Option<&'a Remedy> {

@@ -31,12 +31,12 @@ use crate::{Bake, Device, DeviceOptions, ExportOptions, Probe, ProbeOptions, Res
 pub struct Scene(luxel_core::Scene);
 
 impl Scene {
-    /// Reads a scene file, or the newest scene of a run folder. Formats are PLY of this program, plain
-    /// and compressed 3DGS PLY, USD text, GLB and SPZ, recognised by content.
+    /// Reads a scene file, or the newest scene of a run folder. Formats are PLY of this program,
+    /// plain and compressed 3DGS PLY, USD text, GLB and SPZ, recognised by content.
     ///
     /// # Errors
-    /// A file that cannot be read, is damaged, or is of a format or version that is not supported; a
-    /// folder that is not a run, or has no scene yet.
+    /// A file that cannot be read, is damaged, or is of a format or version that is not supported;
+    /// a folder that is not a run, or has no scene yet.
     pub fn open(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
         if path.is_dir() {

@@ -212,8 +212,8 @@ impl Training {
     /// Makes one step.
     ///
     /// # Errors
-    /// A loss that is not finite, a device that gave up. The training cannot continue; resume it from
-    /// a checkpoint.
+    /// A loss that is not finite, a device that gave up. The training cannot continue; resume it
+    /// from a checkpoint.
     pub fn step(&mut self) -> Result<Progress> {
         let number = self.trainer.iteration() + 1;
         let report = self.trainer.step().with_context(|| format!("training step {number}"))?;

@@ -1,4 +1,4 @@
-//! Trainings, renderers and engines move to other threads: a window or a server trains beside its main loop.
+//! Trainings, renderers and engines move to other threads, such as beside the loop of a window.
 #![allow(clippy::unwrap_used)]
 
 use luxel::{Dataset, Device, Error, Event, Renderer, Scene, SelectedEngine, StopFlag, Training, synthetic};

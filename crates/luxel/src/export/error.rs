@@ -35,14 +35,14 @@ pub struct BakeError {
 /// The values of a [`BakeError`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum BakeErrorValues {
-    /// Of a display bake.
+    /// A display bake.
     Display {
         /// PSNR of display values 0..1, dB.
         psnr_db: f64,
         /// Mean absolute error in 8-bit steps.
         mean_absolute_error_of_255: f64,
     },
-    /// Of a linear bake.
+    /// A linear bake.
     Linear {
         /// PSNR after the mu-law with the scene's scale as 1, dB.
         psnr_mu_law_db: f64,
