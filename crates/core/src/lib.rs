@@ -8,7 +8,7 @@ mod color;
 mod colorspace;
 mod dataset;
 pub mod edit;
-mod engine;
+pub mod engine;
 pub mod environment;
 mod image;
 mod loss;
@@ -35,11 +35,7 @@ pub use color::{Activation, ColorBasis, ColorModel, DEAD_CHROMA_FLOOR, MAX_EXP_A
 pub use colorspace::{Chromaticities, ColorSpace, Conversion};
 pub use dataset::{BadPixels, Dataset, Mask, Observation, Point, View};
 pub use edit::{Edit, EditError, Map, MapChain, Selection};
-pub use engine::{
-    ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON, Antialias, Cutoffs, DensifyPlan, DensifyStats, Engine, EngineError, Evaluations, Geometry,
-    JACOBIAN_MARGIN, Layers, LearningRates, MAX_SAMPLES, MIN_AREA_RATIO, Pass, PlanRow, PositionNoise, RasterConfig, RenderOptions,
-    StatsCollection, StepConfig, StepReport,
-};
+pub use engine::{Antialias, Cutoffs, Engine, EngineError, Layers, MAX_SAMPLES, Pass, RasterConfig, RenderOptions, StepReport};
 pub use image::{Image, luminance_rec709, luminance_sum};
 pub use loss::{LossConfig, SQUARED_KNEE};
 pub use order::spatial_order;

@@ -1,6 +1,7 @@
 //! A trained scene and the complete state of a training run.
 
-use crate::{ColorSpace, DensifyStats, Moments, RadianceScale, RasterConfig, RenderOptions, Splats};
+use crate::engine::DensifyStats;
+use crate::{ColorSpace, Moments, RadianceScale, RasterConfig, RenderOptions, Splats};
 
 /// What a scene file holds: everything needed to render it in the data set's radiance.
 #[derive(Clone, Debug, PartialEq)]

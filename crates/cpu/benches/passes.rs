@@ -12,9 +12,10 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use criterion::{Criterion, SamplingMode, criterion_group, criterion_main};
+use luxel_core::engine::{LearningRates, StatsCollection, StepConfig};
 use luxel_core::{
-    Activation, Antialias, ColorModel, Cutoffs, Engine, LearningRates, LossConfig, Pass, PixelValues, RasterConfig, RenderOptions,
-    StatsCollection, StepConfig, View, spatial_order, synthetic,
+    Activation, Antialias, ColorModel, Cutoffs, Engine, LossConfig, Pass, PixelValues, RasterConfig, RenderOptions, View, spatial_order,
+    synthetic,
 };
 use luxel_cpu::CpuEngine;
 

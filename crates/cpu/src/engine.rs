@@ -7,10 +7,8 @@ use std::time::Duration;
 
 use fearless_simd::Level;
 use luxel_core::edit::Contributions;
-use luxel_core::{
-    Camera, DensifyPlan, DensifyStats, Engine, EngineError, Evaluations, Geometry, Image, Layers, Moments, Pass, Remedy, RenderOptions,
-    Splats, StepConfig, StepReport, View,
-};
+use luxel_core::engine::{DensifyPlan, DensifyStats, Evaluations, Geometry, StepConfig};
+use luxel_core::{Camera, Engine, EngineError, Image, Layers, Moments, Pass, Remedy, RenderOptions, Splats, StepReport, View};
 
 use self::state::State;
 use crate::view::ScreenCamera;
@@ -181,10 +179,7 @@ impl Engine for CpuEngine {
     }
 
     fn set_densify_stats(&mut self, stats: &DensifyStats) -> Result<(), EngineError> {
-        let count = self.len();
-        if [stats.gradient.len(), stats.abs_gradient.len(), stats.views.len()] != [count; 3] {
-            return Err(EngineError::invalid(format!("statistics of {} splats, the scene has {count}", stats.views.len())));
-        }
+        stats.check(self.len())?;
         self.pool.install(|| self.state.stats().clone_from(stats));
         Ok(())
     }

@@ -1,6 +1,7 @@
 //! What the passes need of a camera, in f32.
 
-use luxel_core::{Antialias, Camera, CameraError, Cutoffs, JACOBIAN_MARGIN, MAX_SAMPLES, RenderOptions};
+use luxel_core::engine::JACOBIAN_MARGIN;
+use luxel_core::{Antialias, Camera, CameraError, Cutoffs, MAX_SAMPLES, RenderOptions};
 
 /// Side of a block, pixels: its 16 pixels are a vector of [`crate::lanes::LANES`], row-major.
 pub(crate) const BLOCK_PX: usize = 4;

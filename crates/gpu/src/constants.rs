@@ -2,15 +2,15 @@
 
 use std::fmt::Write;
 
-use luxel_core::{
-    ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON, Activation, ColorModel, DEAD_CHROMA_FLOOR, MAX_EXP_ARGUMENT, MIN_AREA_RATIO, SH_OFFSET, sh,
-};
+use luxel_core::engine::ParameterRows;
+use luxel_core::engine::{ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON, MIN_AREA_RATIO};
+use luxel_core::{Activation, ColorModel, DEAD_CHROMA_FLOOR, MAX_EXP_ARGUMENT, SH_OFFSET, sh};
 use luxel_core::{SSIM_C1, SSIM_C2, SSIM_RADIUS, ssim_window};
 
 use crate::layout::{
     BUCKET, CULLED_KEY, DENSIFY_CAP, DENSIFY_SMOOTHING, DIGITS, FLAG_ABSOLUTE, FLAG_COMPENSATION, FLAG_MIN_CONTRIBUTION, FLAG_SMOOTHING,
     FLAG_TRAINING, GATHER_ALONE, HALT_NONE, HALT_NOT_FINITE, HALT_OVERFLOW, MARGIN_PX, MAX_GROUPS, PLAN_KEEP_MOMENTS, PLAN_NEW_OPACITY,
-    Rows, SORT_BLOCK, SORT_ENTRIES, SORT_IDENTITY, TILE_PX, Update,
+    SORT_BLOCK, SORT_ENTRIES, SORT_IDENTITY, TILE_PX, Update,
 };
 
 /// Constants in front of every shader.
@@ -41,11 +41,11 @@ pub(crate) fn constants() -> String {
         ("DENSIFY_SMOOTHING", DENSIFY_SMOOTHING),
         ("SSIM_RADIUS", SSIM_RADIUS as u32),
         ("SSIM_TAPS", 2 * SSIM_RADIUS as u32 + 1),
-        ("ROW_POSITION", Rows::POSITION as u32),
-        ("ROW_ROTATION", Rows::ROTATION as u32),
-        ("ROW_LOG_SCALE", Rows::LOG_SCALE as u32),
-        ("ROW_OPACITY", Rows::OPACITY as u32),
-        ("ROW_SH", Rows::SH as u32),
+        ("ROW_POSITION", ParameterRows::POSITION as u32),
+        ("ROW_ROTATION", ParameterRows::ROTATION as u32),
+        ("ROW_LOG_SCALE", ParameterRows::LOG_SCALE as u32),
+        ("ROW_OPACITY", ParameterRows::OPACITY as u32),
+        ("ROW_SH", ParameterRows::SH as u32),
         ("ACTIVATION_SOFTPLUS", 0),
         ("ACTIVATION_EXP", 1),
         ("ACTIVATION_RELU", 2),
@@ -87,7 +87,7 @@ pub(crate) fn constants() -> String {
 
 /// Constants that follow from the colour model.
 pub(crate) fn model_constants(model: ColorModel, update: Update) -> String {
-    let rows = Rows { color_model: model };
+    let rows = ParameterRows { color_model: model };
     let (luminance_degree, activation) = match model {
         ColorModel::Sh { .. } => (0, Activation::Softplus),
         ColorModel::Lcd { luminance_degree, activation, .. } => (u32::from(luminance_degree), activation),
@@ -105,8 +105,8 @@ pub(crate) fn model_constants(model: ColorModel, update: Update) -> String {
         ("SH_COEFFICIENTS", model.sh_coefficients() as u32),
         ("LUMINANCE_COEFFICIENTS", model.luminance_coefficients() as u32),
         ("ROW_LUMINANCE", rows.luminance() as u32),
-        ("ROW_SMOOTHING", rows.parameters() as u32),
-        ("ROWS", rows.parameters() as u32),
+        ("ROW_SMOOTHING", rows.count() as u32),
+        ("ROWS", rows.count() as u32),
     ];
     for (name, value) in integers {
         declare(&mut text, name, "u32", &format!("{value}u"));

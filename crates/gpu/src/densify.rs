@@ -1,6 +1,7 @@
 //! Pass `densify`: hands a plan to the device, which rebuilds the scene from it. The shader is passes/densify.wgsl.
 
-use luxel_core::{DensifyPlan, EngineError, Pass, PlanRow};
+use luxel_core::engine::{DensifyPlan, PlanRow};
+use luxel_core::{EngineError, Pass};
 
 use crate::commands::{Commands, Groups};
 use crate::device::Gpu;
@@ -10,20 +11,6 @@ use crate::scene::{Scene, Shard};
 
 /// Rows per workgroup.
 const ROWS: u64 = 256;
-
-/// Checks that a plan fits a scene of `count` splats.
-pub(crate) fn check(plan: &DensifyPlan, count: usize) -> Result<(), EngineError> {
-    if let Some((row, found)) = plan.rows.iter().enumerate().find(|(_, r)| r.source as usize >= count) {
-        let source = found.source;
-        return Err(EngineError::invalid(format!("densify plan: row {row} names splat {source}, the scene has {count}")));
-    }
-    match &plan.smoothing {
-        Some(smoothing) if smoothing.len() != plan.rows.len() => {
-            Err(EngineError::invalid(format!("densify plan: {} smoothing values for {} rows", smoothing.len(), plan.rows.len())))
-        }
-        _ => Ok(()),
-    }
-}
 
 /// Rows of the plan as the shader reads them.
 fn rows(plan: &DensifyPlan, shard: &Shard) -> Vec<PlanRowData> {

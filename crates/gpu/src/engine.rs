@@ -9,15 +9,14 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Duration;
 
-use luxel_core::{
-    Camera, ColorModel, EngineError, Pass, Remedy, RenderOptions, Splats, StatsCollection, StepConfig, StepReport, ToneCurve, View,
-};
+use luxel_core::engine::{ParameterRows, StatsCollection, StepConfig};
+use luxel_core::{Camera, ColorModel, EngineError, Pass, Remedy, RenderOptions, Splats, StepReport, ToneCurve, View};
 
 use crate::adapter::usable_binding;
 use crate::commands::{Commands, Timer};
 use crate::device::{Buffer, Gpu, render_less, resume, use_cpu};
 use crate::frame::{Frame, Sizes, expected_entries, most_entries};
-use crate::layout::{HALT_NONE, HALT_NOT_FINITE, HALT_OVERFLOW, Rows, State};
+use crate::layout::{HALT_NONE, HALT_NOT_FINITE, HALT_OVERFLOW, State};
 use crate::pending::{Pending, Report, Slots};
 use crate::scene::{Scene, shard_len};
 use crate::screen::{Purpose, camera_uniform, check, loss_uniform, of_samples, optimizer_uniform, tiles};
@@ -349,7 +348,7 @@ impl GpuEngine {
     }
 
     fn shard_len_of(&self, color_model: ColorModel) -> usize {
-        shard_len(Rows { color_model }, self.binding_bytes).min(self.shard_limit)
+        shard_len(ParameterRows { color_model }, self.binding_bytes).min(self.shard_limit)
     }
 
     fn replace_scene(&mut self, scene: Scene) {

@@ -4,7 +4,6 @@
 //! compared with the shaders' by naga in this module's tests.
 
 use bytemuck::{Pod, Zeroable};
-use luxel_core::ColorModel;
 
 /// Side of a tile, pixels: its pixels are a workgroup's threads.
 pub(crate) const TILE_PX: u32 = 16;
@@ -50,30 +49,6 @@ pub(crate) const PLAN_NEW_OPACITY: u32 = 2;
 /// [`DensifyUniform::flags`].
 pub(crate) const DENSIFY_CAP: u32 = 1;
 pub(crate) const DENSIFY_SMOOTHING: u32 = 2;
-
-/// Rows of a shard's parameters, `[rows, stride]`: position 3, rotation 4, log scale 3, opacity logit, harmonics 3K, raw luminance M; behind
-/// them the 3D filter, which is no parameter.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(crate) struct Rows {
-    pub(crate) color_model: ColorModel,
-}
-
-impl Rows {
-    pub(crate) const POSITION: usize = 0;
-    pub(crate) const ROTATION: usize = 3;
-    pub(crate) const LOG_SCALE: usize = 7;
-    pub(crate) const OPACITY: usize = 10;
-    pub(crate) const SH: usize = 11;
-
-    pub(crate) fn luminance(self) -> usize {
-        Self::SH + 3 * self.color_model.sh_coefficients()
-    }
-
-    /// Parameters of a splat; the row of the 3D filter.
-    pub(crate) fn parameters(self) -> usize {
-        self.luminance() + self.color_model.luminance_coefficients()
-    }
-}
 
 /// Camera and options. Twin: `Camera` in common.wgsl.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
@@ -267,6 +242,8 @@ pub(crate) enum Update {
 
 #[cfg(test)]
 mod tests {
+    use luxel_core::ColorModel;
+
     use super::*;
     use crate::kernels::{KernelId, source};
 

@@ -5,7 +5,8 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use luxel_core::{EngineError, Pass, StepConfig, View};
+use luxel_core::engine::StepConfig;
+use luxel_core::{EngineError, Pass, View};
 
 use crate::commands::Timer;
 use crate::device::{Buffer, Gpu, mapped};

@@ -1,12 +1,13 @@
 //! The scene on the device: parameters, moments and statistics, in shards.
 //!
-//! A shard is a run of splats whose parameters fit into one binding, `[rows, stride]` with the rows of [`Rows`]: neighbouring threads read
+//! A shard is a run of splats whose parameters fit into one binding, `[rows, stride]` with the rows of [`ParameterRows`]: neighbouring threads read
 //! neighbouring numbers. On adapters that bind gigabytes there is one; where a binding ends at 128 MiB, one per half a million splats.
 
-use luxel_core::{ColorModel, DensifyStats, EngineError, Geometry, Moments, Remedy, Splats};
+use luxel_core::engine::{DensifyStats, Geometry, ParameterRows};
+use luxel_core::{ColorModel, EngineError, Moments, Remedy, Splats};
 
 use crate::device::{Buffer, Gpu};
-use crate::layout::{Rows, STATS_ROWS, ShardUniform};
+use crate::layout::{STATS_ROWS, ShardUniform};
 
 /// Splats whose buffers are bound together.
 pub(crate) struct Shard {
@@ -21,14 +22,14 @@ pub(crate) struct Shard {
 }
 
 /// Splats whose parameters fit into a binding.
-pub(crate) fn shard_len(rows: Rows, binding_bytes: u64) -> usize {
-    let splat_bytes = 4 * (rows.parameters() as u64 + 1);
+pub(crate) fn shard_len(rows: ParameterRows, binding_bytes: u64) -> usize {
+    let splat_bytes = 4 * (rows.count() as u64 + 1);
     usize::try_from(binding_bytes / splat_bytes / 64 * 64).unwrap_or(usize::MAX).max(64)
 }
 
 /// All splats.
 pub(crate) struct Scene {
-    pub(crate) rows: Rows,
+    pub(crate) rows: ParameterRows,
     pub(crate) count: usize,
     pub(crate) has_smoothing: bool,
     pub(crate) shards: Vec<Shard>,
@@ -37,12 +38,12 @@ pub(crate) struct Scene {
 impl Scene {
     /// No splats.
     pub(crate) fn empty() -> Self {
-        let rows = Rows { color_model: ColorModel::Sh { degree: 0 } };
+        let rows = ParameterRows { color_model: ColorModel::Sh { degree: 0 } };
         Self { rows, count: 0, has_smoothing: false, shards: Vec::new() }
     }
 
     /// Room for `count` splats in shards of at most `shard_len`, everything zero.
-    pub(crate) fn zeros(gpu: &Gpu, rows: Rows, count: usize, shard_len: usize) -> Result<Self, EngineError> {
+    pub(crate) fn zeros(gpu: &Gpu, rows: ParameterRows, count: usize, shard_len: usize) -> Result<Self, EngineError> {
         if count >= 1 << 31 {
             return Err(EngineError::invalid(format!("gpu: {count} splats, at most {} are supported", 1u32 << 31))
                 .with_remedy(Remedy::lower("max_splats")));
@@ -59,9 +60,9 @@ impl Scene {
                 len,
                 stride,
                 uniform: gpu.uniform("shard", &uniform)?,
-                parameters: gpu.storage("parameters", numbers * (rows.parameters() as u64 + 1))?,
-                first: gpu.storage("first moments", numbers * rows.parameters() as u64)?,
-                second: gpu.storage("second moments", numbers * rows.parameters() as u64)?,
+                parameters: gpu.storage("parameters", numbers * (rows.count() as u64 + 1))?,
+                first: gpu.storage("first moments", numbers * rows.count() as u64)?,
+                second: gpu.storage("second moments", numbers * rows.count() as u64)?,
                 stats: gpu.storage("statistics", numbers * STATS_ROWS as u64)?,
             });
         }
@@ -70,16 +71,16 @@ impl Scene {
 
     /// Copies splats, and moments if there are any, to the device.
     pub(crate) fn upload(gpu: &Gpu, splats: &Splats, moments: Option<&Moments>, shard_len: usize) -> Result<Self, EngineError> {
-        let mut scene = Self::zeros(gpu, Rows { color_model: splats.color_model }, splats.len(), shard_len)?;
+        let mut scene = Self::zeros(gpu, ParameterRows { color_model: splats.color_model }, splats.len(), shard_len)?;
         scene.has_smoothing = !splats.smoothing.is_empty();
         for shard in &scene.shards {
             let write = |buffer: &Buffer, values: &Splats, rows: usize| {
                 gpu.queue.write_buffer(&buffer.raw, 0, bytemuck::cast_slice(&shard.rows_of(scene.rows, values, rows)));
             };
-            write(&shard.parameters, splats, scene.rows.parameters() + 1);
+            write(&shard.parameters, splats, scene.rows.count() + 1);
             if let Some(moments) = moments {
-                write(&shard.first, &moments.first, scene.rows.parameters());
-                write(&shard.second, &moments.second, scene.rows.parameters());
+                write(&shard.first, &moments.first, scene.rows.count());
+                write(&shard.second, &moments.second, scene.rows.count());
             }
         }
         gpu.check()?;
@@ -90,7 +91,7 @@ impl Scene {
     pub(crate) fn download<'a>(&'a self, gpu: &Gpu, pick: impl Fn(usize, &'a Shard) -> &'a Buffer) -> Result<Splats, EngineError> {
         let mut splats = Moments::zeros(self.rows.color_model, self.count).first;
         for (n, shard) in self.shards.iter().enumerate() {
-            let bytes = 4 * (shard.stride * self.rows.parameters()) as u64;
+            let bytes = 4 * (shard.stride * self.rows.count()) as u64;
             shard.store_rows(self.rows, &floats(&gpu.read(pick(n, shard), bytes)?), &mut splats);
         }
         Ok(splats)
@@ -101,7 +102,7 @@ impl Scene {
         let mut smoothing = Vec::new();
         for shard in self.shards.iter().filter(|_| self.has_smoothing) {
             let values = floats(&gpu.read(&shard.parameters, shard.parameters.raw.size())?);
-            smoothing.extend_from_slice(&values[self.rows.parameters() * shard.stride..][..shard.len]);
+            smoothing.extend_from_slice(&values[self.rows.count() * shard.stride..][..shard.len]);
         }
         Ok(smoothing)
     }
@@ -110,12 +111,12 @@ impl Scene {
     pub(crate) fn geometry(&self, gpu: &Gpu) -> Result<Geometry, EngineError> {
         let mut geometry = Geometry::default();
         for shard in &self.shards {
-            let values = floats(&gpu.read(&shard.parameters, 4 * (shard.stride * Rows::SH) as u64)?);
+            let values = floats(&gpu.read(&shard.parameters, 4 * (shard.stride * ParameterRows::SH) as u64)?);
             let at = |row: usize, i: usize| values[row * shard.stride + i];
             for i in 0..shard.len {
-                geometry.position.push([0, 1, 2].map(|c| at(Rows::POSITION + c, i)));
-                geometry.log_scale.push([0, 1, 2].map(|c| at(Rows::LOG_SCALE + c, i)));
-                geometry.opacity_logit.push(at(Rows::OPACITY, i));
+                geometry.position.push([0, 1, 2].map(|c| at(ParameterRows::POSITION + c, i)));
+                geometry.log_scale.push([0, 1, 2].map(|c| at(ParameterRows::LOG_SCALE + c, i)));
+                geometry.opacity_logit.push(at(ParameterRows::OPACITY, i));
             }
         }
         Ok(geometry)
@@ -152,7 +153,7 @@ impl Scene {
 
 impl Shard {
     /// The shard's part of `splats` in `rows` rows.
-    fn rows_of(&self, layout: Rows, splats: &Splats, rows: usize) -> Vec<f32> {
+    fn rows_of(&self, layout: ParameterRows, splats: &Splats, rows: usize) -> Vec<f32> {
         let mut out = vec![0.0; rows * self.stride];
         for i in 0..self.len {
             let splat = self.base + i;
@@ -166,25 +167,25 @@ impl Shard {
             for (row, value) in parameters.enumerate() {
                 out[row * self.stride + i] = *value;
             }
-            if let Some(value) = splats.smoothing.get(splat).filter(|_| rows > layout.parameters()) {
-                out[layout.parameters() * self.stride + i] = *value;
+            if let Some(value) = splats.smoothing.get(splat).filter(|_| rows > layout.count()) {
+                out[layout.count() * self.stride + i] = *value;
             }
         }
         out
     }
 
     /// The reverse of [`Self::rows_of`], without the 3D filter.
-    fn store_rows(&self, layout: Rows, rows: &[f32], splats: &mut Splats) {
+    fn store_rows(&self, layout: ParameterRows, rows: &[f32], splats: &mut Splats) {
         let (k, m) = (3 * layout.color_model.sh_coefficients(), layout.color_model.luminance_coefficients());
         for i in 0..self.len {
             let splat = self.base + i;
             let at = |row: usize| rows[row * self.stride + i];
-            splats.position[splat] = std::array::from_fn(|c| at(Rows::POSITION + c));
-            splats.rotation[splat] = std::array::from_fn(|c| at(Rows::ROTATION + c));
-            splats.log_scale[splat] = std::array::from_fn(|c| at(Rows::LOG_SCALE + c));
-            splats.opacity_logit[splat] = at(Rows::OPACITY);
+            splats.position[splat] = std::array::from_fn(|c| at(ParameterRows::POSITION + c));
+            splats.rotation[splat] = std::array::from_fn(|c| at(ParameterRows::ROTATION + c));
+            splats.log_scale[splat] = std::array::from_fn(|c| at(ParameterRows::LOG_SCALE + c));
+            splats.opacity_logit[splat] = at(ParameterRows::OPACITY);
             for (c, value) in splats.sh[splat * k..(splat + 1) * k].iter_mut().enumerate() {
-                *value = at(Rows::SH + c);
+                *value = at(ParameterRows::SH + c);
             }
             for (c, value) in splats.raw_luminance[splat * m..(splat + 1) * m].iter_mut().enumerate() {
                 *value = at(layout.luminance() + c);

@@ -1,9 +1,7 @@
 //! What the shaders need of a camera, a loss and an optimiser, worked out once per step.
 
-use luxel_core::{
-    ADAM_BETA1, ADAM_BETA2, Antialias, Camera, EngineError, JACOBIAN_MARGIN, LossConfig, MAX_SAMPLES, RenderOptions, SQUARED_KNEE,
-    StatsCollection, StepConfig,
-};
+use luxel_core::engine::{ADAM_BETA1, ADAM_BETA2, JACOBIAN_MARGIN, StatsCollection, StepConfig};
+use luxel_core::{Antialias, Camera, EngineError, LossConfig, MAX_SAMPLES, RenderOptions, SQUARED_KNEE};
 
 use crate::layout::{
     CameraUniform, FLAG_ABSOLUTE, FLAG_COMPENSATION, FLAG_MIN_CONTRIBUTION, FLAG_SMOOTHING, FLAG_TRAINING, LossUniform, OptimizerUniform,

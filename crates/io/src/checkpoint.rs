@@ -14,7 +14,8 @@ use std::fs::File;
 use std::io::{BufReader, Read, Write};
 use std::path::Path;
 
-use luxel_core::{ColorModel, ColorSpace, DensifyStats, Moments, RadianceScale, RasterConfig, Scene, Snapshot, Splats};
+use luxel_core::engine::DensifyStats;
+use luxel_core::{ColorModel, ColorSpace, Moments, RadianceScale, RasterConfig, Scene, Snapshot, Splats};
 use safetensors::tensor::{Dtype, Metadata, TensorInfo};
 use serde::Serialize;
 

@@ -3,9 +3,8 @@
 
 use std::time::{Duration, Instant};
 
-use luxel_core::{
-    Engine, Evaluations, LearningRates, LossConfig, Pass, RenderOptions, StatsCollection, StepConfig, StepReport, ToneCurve, View,
-};
+use luxel_core::engine::{Evaluations, LearningRates, StatsCollection, StepConfig};
+use luxel_core::{Engine, LossConfig, Pass, RenderOptions, StepReport, ToneCurve, View};
 
 use crate::Result;
 use crate::error::Context;

@@ -10,8 +10,9 @@
 //!
 //! The curve is held while the scene comes into being ([`WARM_UP`]), as the grey of the first steps would be taken for a response.
 
+use luxel_core::engine::{ADAM_BETA1, ADAM_BETA2};
 use luxel_core::response::{UNIT_KNOT, exposure_of_knot};
-use luxel_core::{ADAM_BETA1, ADAM_BETA2, Knots, PixelValues, RESPONSE_KNOTS, View};
+use luxel_core::{Knots, PixelValues, RESPONSE_KNOTS, View};
 use serde::{Deserialize, Serialize};
 
 use crate::TrainError;

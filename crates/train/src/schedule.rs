@@ -10,7 +10,7 @@
 //! opacities need as many steps to grow back whatever the run's length: a run of 10000 has one, at 3000, instead of four. The last
 //! one must leave its splats time to be found needless: 3DGS's has a whole interval of rounds behind it, here it is a third or none.
 
-use luxel_core::LearningRates;
+use luxel_core::engine::LearningRates;
 
 use crate::config::{Strategy, TrainConfig};
 

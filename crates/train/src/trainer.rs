@@ -8,9 +8,10 @@
 
 use std::collections::VecDeque;
 
+use luxel_core::engine::{DensifyPlan, PlanRow, PositionNoise, StatsCollection, StepConfig};
 use luxel_core::{
-    Antialias, ColorSpace, Dataset, DensifyPlan, Engine, Knots, Moments, PlanRow, PositionNoise, RadianceScale, RasterConfig,
-    RenderOptions, Scene, Snapshot, StatsCollection, StepConfig, StepReport, View, logit, spatial_order,
+    Antialias, ColorSpace, Dataset, Engine, Knots, Moments, RadianceScale, RasterConfig, RenderOptions, Scene, Snapshot, StepReport, View,
+    logit, spatial_order,
 };
 use luxel_metrics::{log_gain, log_gain_of_view};
 

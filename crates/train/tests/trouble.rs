@@ -9,10 +9,8 @@ use std::time::Duration;
 
 use common::{black, config, dataset, engine};
 use luxel_core::edit::Contributions;
-use luxel_core::{
-    Camera, DensifyPlan, DensifyStats, Engine, EngineError, Geometry, Image, Mask, Moments, Pass, RenderOptions, Snapshot, Splats,
-    StepConfig, StepReport, View,
-};
+use luxel_core::engine::{DensifyPlan, DensifyStats, Geometry, StepConfig};
+use luxel_core::{Camera, Engine, EngineError, Image, Mask, Moments, Pass, RenderOptions, Snapshot, Splats, StepReport, View};
 use luxel_train::{Method, TrainConfig, TrainError, Trainer, snapshot_response};
 
 /// An engine whose steps change nothing and report a loss that was put into it.

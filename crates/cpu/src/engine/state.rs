@@ -4,10 +4,8 @@ use std::time::Duration;
 
 use fearless_simd::Level;
 use luxel_core::edit::Contributions;
-use luxel_core::{
-    DensifyPlan, DensifyStats, EngineError, Evaluations, Geometry, Image, Layers, Moments, Pass, Splats, StatsCollection, StepConfig,
-    StepReport, View,
-};
+use luxel_core::engine::{DensifyPlan, DensifyStats, Evaluations, Geometry, ParameterRows, StatsCollection, StepConfig};
+use luxel_core::{EngineError, Image, Layers, Moments, Pass, Splats, StepReport, View};
 
 use super::clock::{Clock, Timings};
 use crate::lanes::{LANES, Lanes};
@@ -28,7 +26,7 @@ use crate::passes::samples::{resolve, spread};
 use crate::passes::sort::TileList;
 use crate::passes::sums::EntryGradient;
 use crate::passes::update::{Scratch, backward_and_adam, gradients};
-use crate::store::{Layout, Store};
+use crate::store::Store;
 use crate::view::ScreenCamera;
 
 /// A scene under way.
@@ -79,7 +77,7 @@ fn shown<'a>(camera: &ScreenCamera, pixels: &'a [TilePixels], resolved: &'a [Til
 impl State {
     /// No splats.
     pub(super) fn new() -> Self {
-        let layout = Layout { color_model: luxel_core::ColorModel::Sh { degree: 0 } };
+        let layout = ParameterRows { color_model: luxel_core::ColorModel::Sh { degree: 0 } };
         let empty = || Store::zeros(layout, 0);
         Self {
             level: Level::new(),
@@ -127,9 +125,9 @@ impl State {
         let at = |row: usize, i: usize| self.parameters.at(row, i);
         let triples = |row: usize| (0..self.parameters.count).map(|i| [0, 1, 2].map(|c| at(row + c, i))).collect();
         Geometry {
-            position: triples(Layout::POSITION),
-            log_scale: triples(Layout::LOG_SCALE),
-            opacity_logit: (0..self.parameters.count).map(|i| at(Layout::OPACITY, i)).collect(),
+            position: triples(ParameterRows::POSITION),
+            log_scale: triples(ParameterRows::LOG_SCALE),
+            opacity_logit: (0..self.parameters.count).map(|i| at(ParameterRows::OPACITY, i)).collect(),
         }
     }
 
@@ -271,7 +269,7 @@ impl State {
     }
 
     pub(super) fn densify(&mut self, plan: &DensifyPlan) -> Result<(), EngineError> {
-        densify::check(plan, self.parameters.count)?;
+        plan.check(self.parameters.count)?;
         self.finish();
         let Self { parameters, first, second, spare, smoothing, stats, timings, .. } = self;
         let mut clock = Clock::new(timings);

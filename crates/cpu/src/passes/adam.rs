@@ -4,11 +4,12 @@
 //! rates. In, out: parameters, moments.
 
 use fearless_simd::Simd;
-use luxel_core::{ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON, LearningRates, PositionNoise, Real, StepConfig, each, noise};
+use luxel_core::engine::{ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON, LearningRates, ParameterRows, PositionNoise, StepConfig};
+use luxel_core::{Real, each, noise};
 
 use super::project::rotation_matrix;
 use crate::lanes::{LANES, Lanes, V};
-use crate::store::{Layout, Store};
+use crate::store::Store;
 
 /// Adam's state: running means of the gradient and of its square, in the parameters' layout.
 pub(crate) struct Optimizer<'a> {
@@ -28,14 +29,14 @@ pub(crate) struct Step {
 }
 
 /// Learning rate of each row.
-fn row_rates(layout: Layout, rates: &LearningRates) -> Vec<f32> {
-    (0..layout.rows())
+fn row_rates(layout: ParameterRows, rates: &LearningRates) -> Vec<f32> {
+    (0..layout.count())
         .map(|row| match row {
-            Layout::POSITION..Layout::ROTATION => rates.position,
-            Layout::ROTATION..Layout::LOG_SCALE => rates.rotation,
-            Layout::LOG_SCALE..Layout::OPACITY => rates.log_scale,
-            Layout::OPACITY => rates.opacity_logit,
-            row if row < Layout::SH + 3 => rates.sh_dc,
+            ParameterRows::POSITION..ParameterRows::ROTATION => rates.position,
+            ParameterRows::ROTATION..ParameterRows::LOG_SCALE => rates.rotation,
+            ParameterRows::LOG_SCALE..ParameterRows::OPACITY => rates.log_scale,
+            ParameterRows::OPACITY => rates.opacity_logit,
+            row if row < ParameterRows::SH + 3 => rates.sh_dc,
             row if row < layout.luminance() => rates.sh_rest,
             row if row == layout.luminance() => rates.luminance_dc,
             _ => rates.luminance_rest,
@@ -44,7 +45,7 @@ fn row_rates(layout: Layout, rates: &LearningRates) -> Vec<f32> {
 }
 
 impl Step {
-    pub(crate) fn new(layout: Layout, count: usize, config: &StepConfig) -> Self {
+    pub(crate) fn new(layout: ParameterRows, count: usize, config: &StepConfig) -> Self {
         let power = |beta: f32| (1.0 / (1.0 - f64::from(beta).powi(config.step.max(1).min(i32::MAX as u32) as i32))) as f32;
         let correction1 = power(ADAM_BETA1);
         Self {
@@ -132,17 +133,17 @@ fn add_noise<S: Simd>(simd: S, step: &Step, noise: PositionNoise, block: usize, 
     }
     let load = |row: usize| V::load(simd, &parameters[row]);
     let one = V::splat(simd, 1.0);
-    let raw: [V<S>; 4] = each!([0, 1, 2, 3] i => load(Layout::ROTATION + i));
+    let raw: [V<S>; 4] = each!([0, 1, 2, 3] i => load(ParameterRows::ROTATION + i));
     let length2 = raw[0] * raw[0] + raw[1] * raw[1] + raw[2] * raw[2] + raw[3] * raw[3];
     let inverse = one / length2.max(one.lift(1e-30)).sqrt();
     let axes = rotation_matrix(each!([0, 1, 2, 3] i => { let v = raw[i]; v * inverse }));
-    let variance = each!([0, 1, 2] i => (load(Layout::LOG_SCALE + i) * 2.0).exp());
-    let opacity = one / (one + (-load(Layout::OPACITY)).exp());
+    let variance = each!([0, 1, 2] i => (load(ParameterRows::LOG_SCALE + i) * 2.0).exp());
+    let opacity = one / (one + (-load(ParameterRows::OPACITY)).exp());
     let gate = one / (one + ((opacity - 0.005) * 100.0).exp()) * noise.scale;
     let n = each!([0, 1, 2] i => { let lanes = &normal[i]; V::load(simd, lanes) });
     // R diag(variance) R^T n.
     let local = each!([0, 1, 2] k => (axes[0][k] * n[0] + axes[1][k] * n[1] + axes[2][k] * n[2]) * variance[k]);
-    for (row, axis) in parameters[Layout::POSITION..].iter_mut().zip(axes) {
+    for (row, axis) in parameters[ParameterRows::POSITION..].iter_mut().zip(axes) {
         let moved = axis[0] * local[0] + axis[1] * local[1] + axis[2] * local[2];
         moved.mul_add(gate, V::load(simd, row)).store(row);
     }

@@ -5,19 +5,19 @@
 
 use fearless_simd::Simd;
 use luxel_core::ColorBasis;
+use luxel_core::engine::ParameterRows;
 
 use crate::lanes::{Lanes, V};
-use crate::store::Layout;
 use crate::view::ScreenCamera;
 
 use super::project::view_direction;
 
 /// Radiance of a block's splats.
 #[inline(always)]
-pub(crate) fn color<S: Simd>(simd: S, camera: &ScreenCamera, layout: Layout, rows: &[Lanes]) -> [V<S>; 3] {
+pub(crate) fn color<S: Simd>(simd: S, camera: &ScreenCamera, layout: ParameterRows, rows: &[Lanes]) -> [V<S>; 3] {
     let (direction, _) = view_direction(simd, camera, rows);
     let model = layout.color_model;
     let basis = ColorBasis::new(camera.active_degree.min(model.max_degree()), direction);
     let luminance = layout.luminance();
-    model.radiance(&basis, |m, c| V::load(simd, &rows[Layout::SH + 3 * m + c]), |m| V::load(simd, &rows[luminance + m]))
+    model.radiance(&basis, |m, c| V::load(simd, &rows[ParameterRows::SH + 3 * m + c]), |m| V::load(simd, &rows[luminance + m]))
 }

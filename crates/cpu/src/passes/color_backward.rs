@@ -7,10 +7,10 @@
 use fearless_simd::Simd;
 use luxel_core::ColorBasis;
 use luxel_core::each;
+use luxel_core::engine::ParameterRows;
 
 use super::project::view_direction;
 use crate::lanes::{Lanes, V};
-use crate::store::Layout;
 use crate::view::ScreenCamera;
 
 /// Differentiates a block's colours; returns the gradient by the position.
@@ -18,7 +18,7 @@ use crate::view::ScreenCamera;
 pub(crate) fn color_backward<S: Simd>(
     simd: S,
     camera: &ScreenCamera,
-    layout: Layout,
+    layout: ParameterRows,
     rows: &[Lanes],
     d_radiance: [V<S>; 3],
     out: &mut [Lanes],
@@ -30,10 +30,10 @@ pub(crate) fn color_backward<S: Simd>(
     let (sh_rows, luminance_rows) = out.split_at_mut(luminance);
     let d_direction = model.backward(
         &basis,
-        |m, c| V::load(simd, &rows[Layout::SH + 3 * m + c]),
+        |m, c| V::load(simd, &rows[ParameterRows::SH + 3 * m + c]),
         |m| V::load(simd, &rows[luminance + m]),
         d_radiance,
-        |m, c, gradient| gradient.store(&mut sh_rows[Layout::SH + 3 * m + c]),
+        |m, c, gradient| gradient.store(&mut sh_rows[ParameterRows::SH + 3 * m + c]),
         |m, gradient| gradient.store(&mut luminance_rows[m]),
     );
     each!([0, 1, 2] i => { let d = d_direction[i]; d * inverse_distance })

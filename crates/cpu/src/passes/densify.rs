@@ -3,31 +3,17 @@
 //! In: parameters, moments, smoothing, [`DensifyPlan`]. Out: the same with one splat per row of the plan. Which splats split or die
 //! is decided elsewhere; here rows are only copied, displaced and scaled.
 
-use luxel_core::{DensifyPlan, EngineError, PlanRow};
+use luxel_core::engine::{DensifyPlan, ParameterRows, PlanRow};
 use rayon::prelude::*;
 
 use crate::lanes::{LANES, Lanes};
 use crate::memory::Buffer;
-use crate::store::{Layout, Store, blocks};
-
-/// Checks that a plan fits a scene of `count` splats.
-pub(crate) fn check(plan: &DensifyPlan, count: usize) -> Result<(), EngineError> {
-    if let Some((row, found)) = plan.rows.iter().enumerate().find(|(_, r)| r.source as usize >= count) {
-        let source = found.source;
-        return Err(EngineError::invalid(format!("densify plan: row {row} names splat {source}, the scene has {count}")));
-    }
-    match &plan.smoothing {
-        Some(smoothing) if smoothing.len() != plan.rows.len() => {
-            Err(EngineError::invalid(format!("densify plan: {} smoothing values for {} rows", smoothing.len(), plan.rows.len())))
-        }
-        _ => Ok(()),
-    }
-}
+use crate::store::{Store, blocks};
 
 /// Makes `parameters` those of the plan's rows. `spare` is any memory, and has that of the old ones afterwards.
 pub(crate) fn apply(parameters: &mut Store, plan: &DensifyPlan, spare: &mut Buffer) {
     gather(parameters, plan, spare, |_| true);
-    let rows = parameters.layout.rows();
+    let rows = parameters.layout.count();
     parameters.lanes.par_chunks_mut(rows).zip(plan.rows.par_chunks(LANES)).for_each(|(block, rows)| {
         for (lane, row) in rows.iter().enumerate() {
             change(block, lane, row);
@@ -35,7 +21,7 @@ pub(crate) fn apply(parameters: &mut Store, plan: &DensifyPlan, spare: &mut Buff
     });
     if let Some(cap) = plan.opacity_logit_cap {
         for block in parameters.lanes.chunks_mut(rows) {
-            for value in &mut block[Layout::OPACITY].0 {
+            for value in &mut block[ParameterRows::OPACITY].0 {
                 *value = value.min(cap);
             }
         }
@@ -46,11 +32,11 @@ pub(crate) fn apply(parameters: &mut Store, plan: &DensifyPlan, spare: &mut Buff
 pub(crate) fn apply_to_moments(moments: &mut Store, parameters: &Store, plan: &DensifyPlan, spare: &mut Buffer) {
     gather(moments, plan, spare, |row| row.keep_moments);
     if let Some(cap) = plan.opacity_logit_cap {
-        let rows = moments.layout.rows();
+        let rows = moments.layout.count();
         for (i, row) in plan.rows.iter().enumerate() {
-            let before = row.opacity_logit.unwrap_or_else(|| parameters.at(Layout::OPACITY, row.source as usize));
+            let before = row.opacity_logit.unwrap_or_else(|| parameters.at(ParameterRows::OPACITY, row.source as usize));
             if before > cap {
-                moments.lanes[i / LANES * rows + Layout::OPACITY].0[i % LANES] = 0.0;
+                moments.lanes[i / LANES * rows + ParameterRows::OPACITY].0[i % LANES] = 0.0;
             }
         }
     }
@@ -58,7 +44,7 @@ pub(crate) fn apply_to_moments(moments: &mut Store, parameters: &Store, plan: &D
 
 /// Copies the sources of the rows that `wanted` accepts into `spare`, zero for the others, and exchanges it for the store's memory.
 fn gather(store: &mut Store, plan: &DensifyPlan, spare: &mut Buffer, wanted: impl Fn(&PlanRow) -> bool + Sync) {
-    let rows = store.layout.rows();
+    let rows = store.layout.count();
     spare.resize(blocks(plan.rows.len()) * rows);
     let old: &[Lanes] = &store.lanes;
     spare.par_chunks_mut(rows).zip(plan.rows.par_chunks(LANES)).for_each(|(block, plan_rows)| {
@@ -79,19 +65,24 @@ fn gather(store: &mut Store, plan: &DensifyPlan, spare: &mut Buffer, wanted: imp
 fn change(block: &mut [Lanes], lane: usize, row: &PlanRow) {
     let at = |r: usize| block[r].0[lane];
     if row.offset_sigma != [0.0; 3] {
-        let q = glam::Quat::from_xyzw(at(Layout::ROTATION + 1), at(Layout::ROTATION + 2), at(Layout::ROTATION + 3), at(Layout::ROTATION));
+        let q = glam::Quat::from_xyzw(
+            at(ParameterRows::ROTATION + 1),
+            at(ParameterRows::ROTATION + 2),
+            at(ParameterRows::ROTATION + 3),
+            at(ParameterRows::ROTATION),
+        );
         // As in `project`: what has no length to speak of turns nothing.
         let q = if q.length_squared() > 1e-30 { q.normalize() } else { glam::Quat::IDENTITY };
-        let sigma = glam::Vec3::from_array(std::array::from_fn(|i| at(Layout::LOG_SCALE + i).exp()));
+        let sigma = glam::Vec3::from_array(std::array::from_fn(|i| at(ParameterRows::LOG_SCALE + i).exp()));
         let offset = q * (sigma * glam::Vec3::from_array(row.offset_sigma));
         for (i, d) in offset.to_array().into_iter().enumerate() {
-            block[Layout::POSITION + i].0[lane] += d;
+            block[ParameterRows::POSITION + i].0[lane] += d;
         }
     }
     for i in 0..3 {
-        block[Layout::LOG_SCALE + i].0[lane] += row.log_scale_shift;
+        block[ParameterRows::LOG_SCALE + i].0[lane] += row.log_scale_shift;
     }
     if let Some(logit) = row.opacity_logit {
-        block[Layout::OPACITY].0[lane] = logit;
+        block[ParameterRows::OPACITY].0[lane] = logit;
     }
 }

@@ -4,7 +4,7 @@
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd};
-use luxel_core::Evaluations;
+use luxel_core::engine::Evaluations;
 use rayon::prelude::*;
 
 use super::sort::{Entry, TileList};

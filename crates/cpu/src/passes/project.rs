@@ -8,12 +8,14 @@
 use bytemuck::{Pod, Zeroable};
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd};
-use luxel_core::{Antialias, MIN_AREA_RATIO, Real, each};
+use luxel_core::engine::MIN_AREA_RATIO;
+use luxel_core::engine::ParameterRows;
+use luxel_core::{Antialias, Real, each};
 use rayon::prelude::*;
 
 use crate::lanes::{LANES, Lanes, M, V, with_simd};
 use crate::prefetch::{AHEAD, prefetch_rows};
-use crate::store::{Layout, Store};
+use crate::store::Store;
 use crate::view::{ScreenCamera, TILE_PX};
 
 /// sqrt(log2(e) / 2): takes a root of the inverse covariance to exponents of base 2.
@@ -90,7 +92,7 @@ impl<S: Simd> Projection<S> {
         let load = |row: usize| V::load(simd, &rows[row]);
         let c = |value: f32| V::splat(simd, value);
         let one = c(1.0);
-        let position: [V<S>; 3] = each!([0, 1, 2] i => load(Layout::POSITION + i));
+        let position: [V<S>; 3] = each!([0, 1, 2] i => load(ParameterRows::POSITION + i));
         let rotation = each!([0, 1, 2] i => { let row = camera.rotation[i]; each!([0, 1, 2] i => c(row[i])) });
         let point = each!([0, 1, 2] i => dot(rotation[i], position) + camera.translation[i]);
         // Depth zero would divide by zero; such splats are culled, so any finite stand-in will do.
@@ -98,13 +100,13 @@ impl<S: Simd> Projection<S> {
         let inverse_z = one / z;
         let slope = each!([0, 1] i => (point[i] * inverse_z).max(c(camera.slope_min[i])).min(c(camera.slope_max[i])));
 
-        let raw: [V<S>; 4] = each!([0, 1, 2, 3] i => load(Layout::ROTATION + i));
+        let raw: [V<S>; 4] = each!([0, 1, 2, 3] i => load(ParameterRows::ROTATION + i));
         let length2 = raw[0].mul_add(raw[0], raw[1].mul_add(raw[1], raw[2].mul_add(raw[2], raw[3] * raw[3])));
         let inverse_length = one / length2.max(c(1e-30)).sqrt();
         let quaternion = each!([0, 1, 2, 3] i => { let v = raw[i]; v * inverse_length });
         let axes = rotation_matrix(quaternion);
 
-        let raw_sigma: [V<S>; 3] = each!([0, 1, 2] i => load(Layout::LOG_SCALE + i).exp());
+        let raw_sigma: [V<S>; 3] = each!([0, 1, 2] i => load(ParameterRows::LOG_SCALE + i).exp());
         let (sigma, filter_factor) = match smoothing.filter(|_| camera.antialias == Antialias::Mip) {
             None => (raw_sigma, one),
             Some(lanes) => {
@@ -138,7 +140,7 @@ impl<S: Simd> Projection<S> {
             false => one,
             true => (determinant_before / determinant).max(c(MIN_AREA_RATIO)).sqrt(),
         };
-        let opacity = one / (one + (-load(Layout::OPACITY)).exp());
+        let opacity = one / (one + (-load(ParameterRows::OPACITY)).exp());
         Self {
             point: [point[0], point[1], z],
             slope,
@@ -186,14 +188,14 @@ pub(crate) fn rotation_matrix<S: Simd>([w, x, y, z]: [V<S>; 4]) -> [[V<S>; 3]; 3
 /// Unit vectors from the camera to the splats and the reciprocals of the distances.
 #[inline(always)]
 pub(crate) fn view_direction<S: Simd>(simd: S, camera: &ScreenCamera, rows: &[Lanes]) -> ([V<S>; 3], V<S>) {
-    let offset = each!([0, 1, 2] i => V::load(simd, &rows[Layout::POSITION + i]) - camera.eye[i]);
+    let offset = each!([0, 1, 2] i => V::load(simd, &rows[ParameterRows::POSITION + i]) - camera.eye[i]);
     let inverse_distance = V::splat(simd, 1.0) / dot(offset, offset).max(V::splat(simd, 1e-30)).sqrt();
     (each!([0, 1, 2] i => { let v = offset[i]; v * inverse_distance }), inverse_distance)
 }
 
 /// Projects all splats.
 pub(crate) fn project(level: Level, camera: &ScreenCamera, store: &Store, smoothing: &[Lanes], out: &mut Vec<Footprint>) {
-    let rows = store.layout.rows();
+    let rows = store.layout.count();
     let scene = (store.layout, store.count);
     resize_for(store, out);
     out.par_chunks_mut(LANES).zip(store.lanes.par_chunks(rows)).enumerate().with_min_len(64).for_each(|(block, (out, rows))| {
@@ -204,7 +206,7 @@ pub(crate) fn project(level: Level, camera: &ScreenCamera, store: &Store, smooth
 
 /// Makes room for the footprints of a store's splats.
 pub(crate) fn resize_for(store: &Store, footprints: &mut Vec<Footprint>) {
-    footprints.resize(store.lanes.len() / store.layout.rows() * LANES, Footprint::zeroed());
+    footprints.resize(store.lanes.len() / store.layout.count() * LANES, Footprint::zeroed());
 }
 
 /// Projects block number `block` of `count` splats, its parameters `rows`; `smoothing` is that of all blocks.
@@ -212,7 +214,7 @@ pub(crate) fn resize_for(store: &Store, footprints: &mut Vec<Footprint>) {
 pub(crate) fn project_block<S: Simd>(
     simd: S,
     camera: &ScreenCamera,
-    (layout, count): (Layout, usize),
+    (layout, count): (ParameterRows, usize),
     (block, rows): (usize, &[Lanes]),
     smoothing: &[Lanes],
     out: &mut [Footprint],
@@ -226,9 +228,9 @@ pub(crate) fn project_block<S: Simd>(
     let mean = each!([0, 1] i => (p.point[i] * inverse_z).mul_add(c(camera.focal_px[i]), c(camera.center_px[i])));
 
     // Nothing above the largest possible footprint touches the image: skip colour and the rest for blocks that are out altogether.
-    let depth = V::load(simd, &rows[Layout::POSITION]) * camera.rotation[2][0]
-        + V::load(simd, &rows[Layout::POSITION + 1]) * camera.rotation[2][1]
-        + V::load(simd, &rows[Layout::POSITION + 2]) * camera.rotation[2][2]
+    let depth = V::load(simd, &rows[ParameterRows::POSITION]) * camera.rotation[2][0]
+        + V::load(simd, &rows[ParameterRows::POSITION + 1]) * camera.rotation[2][1]
+        + V::load(simd, &rows[ParameterRows::POSITION + 2]) * camera.rotation[2][2]
         + camera.translation[2];
     let floor = c(camera.cutoffs.alpha_floor.min(camera.cutoffs.min_alpha));
     let widest = (opacity / floor).max(one).ln() * 2.0;

@@ -7,19 +7,21 @@
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x4};
-use luxel_core::{LossConfig, MIN_AREA_RATIO, Real, each};
+use luxel_core::engine::MIN_AREA_RATIO;
+use luxel_core::engine::ParameterRows;
+use luxel_core::{LossConfig, Real, each};
 
 use super::bin::Bins;
 use super::color_backward::color_backward;
 use super::project::{Projection, SQRT_HALF_LOG2_E, dot};
 use super::sums::{ENTRY_LEN, EntryGradient};
 use crate::lanes::{LANES, Lanes, V};
-use crate::store::{Layout, Store};
+use crate::store::Store;
 use crate::view::ScreenCamera;
 
 /// What the pass reads.
 pub(crate) struct Inputs<'a> {
-    pub(crate) layout: Layout,
+    pub(crate) layout: ParameterRows,
     /// Number of splats.
     pub(crate) count: usize,
     pub(crate) smoothing: &'a [Lanes],
@@ -174,24 +176,24 @@ fn block_backward<S: Simd>(
         let share = ratio * ratio;
         let mut d_log_scale = finite((d_sigma * p.sigma[k]).mul_add(share, d_log_alpha * (c(1.0) - share)));
         d_log_scale = p.raw_sigma[k].mul_add(c(inputs.loss.scale_weight / (3 * inputs.count) as f32), d_log_scale);
-        d_log_scale.store(&mut out[Layout::LOG_SCALE + k]);
+        d_log_scale.store(&mut out[ParameterRows::LOG_SCALE + k]);
     }
     let d_opacity_logit = (c(1.0) - p.opacity) * p.opacity.mul_add(c(inputs.loss.opacity_weight / inputs.count as f32), d_log_alpha);
-    d_opacity_logit.store(&mut out[Layout::OPACITY]);
+    d_opacity_logit.store(&mut out[ParameterRows::OPACITY]);
     let d_screen_axes = each!([0, 1] i => { let row = d_root[i]; each!([0, 1, 2] k => row[k] * p.sigma[k]) });
     // screen_axes = jacobian axes.
     let d_axes: [[V<S>; 3]; 3] = each!([0, 1, 2] j => {
         each!([0, 1, 2] k => p.jacobian[0][j].mul_add(d_screen_axes[0][k], p.jacobian[1][j] * d_screen_axes[1][k]))
     });
     for (i, d) in rotation_backward(&p, &d_axes).into_iter().enumerate() {
-        finite(d).store(&mut out[Layout::ROTATION + i]);
+        finite(d).store(&mut out[ParameterRows::ROTATION + i]);
     }
     let d_jacobian = each!([0, 1] i => { let row = d_screen_axes[i]; each!([0, 1, 2] j => dot(row, p.axes[j])) });
     let d_point = point_backward(simd, camera, &p, d_jacobian, d_mean);
     for (i, d) in d_position.iter_mut().enumerate() {
         let column = each!([0, 1, 2] row => c(camera.rotation[row][i]));
         *d = *d + dot(column, d_point);
-        finite(*d).store(&mut out[Layout::POSITION + i]);
+        finite(*d).store(&mut out[ParameterRows::POSITION + i]);
     }
 
     // NDC spans 2 over the image's side. Absolute sums carry the rasteriser's constant twice: in u and v, and in its root.

@@ -9,7 +9,7 @@ use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 use fearless_simd::Level;
-use luxel_core::{DensifyStats, StatsCollection, StepConfig};
+use luxel_core::engine::{DensifyStats, StatsCollection, StepConfig};
 use rayon::prelude::*;
 
 use super::adam::{Optimizer, Step, update};
@@ -69,7 +69,7 @@ pub(crate) fn backward_and_adam(
     config: &StepConfig,
     (stats, scratch, next): (&mut DensifyStats, &mut Scratch, Option<Next<'_>>),
 ) -> [Duration; 3] {
-    let rows = inputs.layout.rows();
+    let rows = inputs.layout.count();
     let step = Step::new(inputs.layout, inputs.count, config);
     let collect = config.stats != StatsCollection::Off;
     scratch.gradients.resize_with(rayon::current_num_threads(), Mutex::default);
@@ -135,7 +135,7 @@ pub(crate) fn gradients(
     (inputs, parameters): (&Inputs<'_>, &[Lanes]),
     stats: Option<&mut DensifyStats>,
 ) -> Buffer {
-    let rows = inputs.layout.rows();
+    let rows = inputs.layout.count();
     let mut gradients = Buffer::zeros(parameters.len());
     let mut unused = DensifyStats::zeros(inputs.count);
     let collect = stats.is_some();

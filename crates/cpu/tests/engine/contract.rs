@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
+use luxel_core::engine::{DensifyPlan, DensifyStats, PlanRow, PositionNoise, StatsCollection, StepConfig};
 use luxel_core::{
-    Activation, Antialias, ColorModel, Cutoffs, DensifyPlan, DensifyStats, Distortion, Engine, EngineError, Image, Mask, Moments, PlanRow,
-    PositionNoise, Splats, StatsCollection, StepConfig, StepReport, View,
+    Activation, Antialias, ColorModel, Cutoffs, Distortion, Engine, EngineError, Image, Mask, Moments, Splats, StepReport, View,
 };
 use luxel_cpu::{CpuEngine, InstructionSet};
 

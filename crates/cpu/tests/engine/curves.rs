@@ -144,7 +144,7 @@ fn gradient_by_knots_is_the_same_bits_for_any_number_of_threads() {
     let base = recorded(plain(false, 38), 7);
     let splats = fixture::splats(lcd(2, 1, Activation::Softplus), 200, &camera, 9);
     let view = luxel_core::View { values: PixelValues::Recorded { exposure_s: 1.0 }, ..fixture::view(&camera, false, 10) };
-    let step = luxel_core::StepConfig { loss: base.loss, ..fixture::step(1, base.options) };
+    let step = luxel_core::engine::StepConfig { loss: base.loss, ..fixture::step(1, base.options) };
     let by_knots = |threads: usize| {
         let mut engine = CpuEngine::new(threads).unwrap();
         engine.load(&splats, None).unwrap();

@@ -3,9 +3,10 @@
 use std::sync::Arc;
 
 use glam::{DAffine3, DQuat, DVec2, DVec3};
+use luxel_core::engine::{LearningRates, StatsCollection, StepConfig};
 use luxel_core::{
-    Antialias, Camera, ColorModel, Cutoffs, Distortion, Image, LearningRates, LossConfig, Mask, PixelValues, RasterConfig, RenderOptions,
-    SH_OFFSET, Splat, Splats, StatsCollection, StepConfig, View, noise, sh,
+    Antialias, Camera, ColorModel, Cutoffs, Distortion, Image, LossConfig, Mask, PixelValues, RasterConfig, RenderOptions, SH_OFFSET,
+    Splat, Splats, View, noise, sh,
 };
 
 /// Counter-based random numbers.

@@ -1,9 +1,8 @@
 //! Gradients of every parameter of every colour model: the oracle's exact ones against central differences in f64, and the engine's f32
 //! ones against the oracle's.
 
-use luxel_core::{
-    Activation, Antialias, ColorModel, Cutoffs, DensifyStats, Engine, LossConfig, RenderOptions, Splats, StepConfig, StepReport, View,
-};
+use luxel_core::engine::{DensifyStats, StepConfig};
+use luxel_core::{Activation, Antialias, ColorModel, Cutoffs, Engine, LossConfig, RenderOptions, Splats, StepReport, View};
 use luxel_cpu::CpuEngine;
 
 use crate::fixture;

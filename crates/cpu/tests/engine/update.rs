@@ -1,10 +1,8 @@
 //! What moves parameters: Adam, the noise of MCMC, and densification plans, against plain host computations.
 
 use glam::{DMat3, DQuat, DVec3};
-use luxel_core::{
-    ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON, Activation, Antialias, ColorModel, Cutoffs, DensifyPlan, DensifyStats, Engine, Moments, PlanRow,
-    PositionNoise, Splats, StepConfig, noise,
-};
+use luxel_core::engine::{ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON, DensifyPlan, DensifyStats, PlanRow, PositionNoise, StepConfig};
+use luxel_core::{Activation, Antialias, ColorModel, Cutoffs, Engine, Moments, Splats, noise};
 use luxel_cpu::CpuEngine;
 
 use crate::fixture::{self, LEARNING_RATES};

@@ -3,10 +3,8 @@
 use std::time::{Duration, Instant};
 
 use luxel_core::edit::Contributions;
-use luxel_core::{
-    Camera, DensifyPlan, DensifyStats, Engine, EngineError, Geometry, Image, Moments, Pass, RenderOptions, Splats, StepConfig, StepReport,
-    View,
-};
+use luxel_core::engine::{DensifyPlan, DensifyStats, Geometry, StepConfig};
+use luxel_core::{Camera, Engine, EngineError, Image, Moments, Pass, RenderOptions, Splats, StepReport, View};
 
 use super::{GpuEngine, Work, check_view};
 use crate::densify;
@@ -96,10 +94,7 @@ impl Engine for GpuEngine {
 
     fn set_densify_stats(&mut self, stats: &DensifyStats) -> Result<(), EngineError> {
         self.settle_all()?;
-        let count = self.scene.count;
-        if [stats.gradient.len(), stats.abs_gradient.len(), stats.views.len()] != [count; 3] {
-            return Err(EngineError::invalid(format!("statistics of {} splats, the scene has {count}", stats.views.len())));
-        }
+        stats.check(self.scene.count)?;
         self.scene.set_stats(&self.gpu, stats)
     }
 
@@ -109,7 +104,7 @@ impl Engine for GpuEngine {
     }
 
     fn densify(&mut self, plan: &DensifyPlan) -> Result<(), EngineError> {
-        densify::check(plan, self.scene.count)?;
+        plan.check(self.scene.count)?;
         self.settled()?;
         let start = Instant::now();
         let shard_len = self.shard_len();

@@ -1,6 +1,7 @@
 //! A step in which `project` counts more tiles than `bin_emit` finds, as where a compiler rounds the two differently: for a test.
 
-use luxel_core::{EngineError, RasterConfig, RenderOptions, Splats, StepConfig, View};
+use luxel_core::engine::StepConfig;
+use luxel_core::{EngineError, RasterConfig, RenderOptions, Splats, View};
 
 use super::{GpuEngine, Work, check_view};
 use crate::device::Buffer;

@@ -2,7 +2,8 @@
 
 use std::sync::Arc;
 
-use luxel_core::{Antialias, Camera, Cutoffs, DensifyStats, Engine, EngineError, Moments, Splats, StatsCollection, StepConfig, View};
+use luxel_core::engine::{DensifyStats, StatsCollection, StepConfig};
+use luxel_core::{Antialias, Camera, Cutoffs, Engine, EngineError, Moments, Splats, View};
 use luxel_cpu::CpuEngine;
 use luxel_gpu::{DeviceChoice, Gpu, GpuEngine, Traffic};
 
@@ -344,7 +345,7 @@ fn bad_input_is_refused(gpu: &Arc<Gpu>) {
     let moments = Moments::zeros(models()[0], 29);
     assert!(engine.load(&splats(models()[0], 30, &camera, 2), Some(&moments)).unwrap_err().to_string().contains("moments are of 29"));
     assert!(engine.set_densify_stats(&DensifyStats::zeros(4)).unwrap_err().to_string().contains("the scene has 30"));
-    let plan = luxel_core::DensifyPlan { rows: vec![luxel_core::PlanRow::keep(30)], ..Default::default() };
+    let plan = luxel_core::engine::DensifyPlan { rows: vec![luxel_core::engine::PlanRow::keep(30)], ..Default::default() };
     assert!(engine.densify(&plan).unwrap_err().to_string().contains("names splat 30"));
     let response = luxel_core::Response { knots: [[0.5; luxel_core::RESPONSE_KNOTS]; 3], exposure: [1.0; 3] };
     let mut recorded = training(1);

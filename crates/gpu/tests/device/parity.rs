@@ -2,10 +2,8 @@
 
 use std::sync::Arc;
 
-use luxel_core::{
-    Activation, Antialias, ColorModel, Cutoffs, DensifyPlan, Engine, PlanRow, PositionNoise, RenderOptions, Splats, StatsCollection,
-    StepConfig,
-};
+use luxel_core::engine::{DensifyPlan, PlanRow, PositionNoise, StatsCollection, StepConfig};
+use luxel_core::{Activation, Antialias, ColorModel, Cutoffs, Engine, RenderOptions, Splats};
 use luxel_cpu::CpuEngine;
 use luxel_gpu::{Gpu, GpuEngine};
 

@@ -14,7 +14,8 @@
 
 use std::sync::Arc;
 
-use luxel_core::{Dataset, Engine, LearningRates, LossConfig, PixelValues, Scene, StatsCollection, StepConfig, ToneCurve, View};
+use luxel_core::engine::{LearningRates, StatsCollection, StepConfig};
+use luxel_core::{Dataset, Engine, LossConfig, PixelValues, Scene, ToneCurve, View};
 use luxel_io::Baked;
 
 use super::error::reference;

@@ -8,7 +8,8 @@
 //! every round that asks for more than there is room for: those that the views see least of go, as in the budgets of Mini-Splatting (Fang and Wang
 //! 2024) and Taming 3DGS (Mallick et al. 2024), and the largest gradients have their places.
 
-use luxel_core::{DensifyStats, Geometry, PlanRow, sigmoid};
+use luxel_core::engine::{DensifyStats, Geometry, PlanRow};
+use luxel_core::sigmoid;
 use rand::Rng;
 use rand_distr::{Distribution, StandardNormal};
 

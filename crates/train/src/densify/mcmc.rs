@@ -5,7 +5,8 @@
 //! splat that stands N times after a round gets opacity o' = 1 - (1 - o)^(1/N) and the scale that keeps its render (eq. 9);
 //! its moments start anew, at the source too. No living splat: nothing moves.
 
-use luxel_core::{Geometry, PlanRow, logit, sigmoid};
+use luxel_core::engine::{Geometry, PlanRow};
+use luxel_core::{logit, sigmoid};
 use rand::Rng;
 
 /// Copies beyond which the formula's terms say nothing new (the original's table ends here).

@@ -1,7 +1,8 @@
 //! The measurement as JSON for programs and as a table for people.
 
 use luxel::text;
-use luxel_core::{Evaluations, Pass};
+use luxel_core::Pass;
+use luxel_core::engine::Evaluations;
 use serde::{Serialize, Serializer};
 
 use crate::args::values::OrderArg;

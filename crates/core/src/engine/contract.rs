@@ -1,0 +1,178 @@
+//! The trait that every engine implements, and its error.
+
+use std::time::Duration;
+
+use super::{DensifyPlan, DensifyStats, Evaluations, Geometry, Layers, Pass, RenderOptions, StepConfig, StepReport};
+use crate::edit::Contributions;
+use crate::{Camera, Image, Moments, Remedy, Splats, View};
+
+/// Explains why an engine cannot do something.
+#[derive(Debug, thiserror::Error)]
+pub enum EngineError {
+    /// The camera cannot be rendered.
+    #[error("camera: {0}")]
+    Camera(#[from] crate::CameraError),
+    /// The arrays do not make up a scene.
+    #[error("splats: {0}")]
+    Splats(#[from] crate::SplatsError),
+    /// The input is outside of the contract.
+    #[error("{message}")]
+    Invalid {
+        /// Place, expected and found.
+        message: String,
+        /// What to do about it, where there is something beside mending the input.
+        remedy: Option<Remedy>,
+    },
+    /// The device failed: out of memory, lost, hung.
+    #[error("{message}")]
+    Device {
+        /// Pass, resource and limit.
+        message: String,
+        /// What to do about it.
+        remedy: Option<Remedy>,
+    },
+}
+
+impl EngineError {
+    /// Returns the error of input outside of the contract.
+    pub fn invalid(message: impl Into<String>) -> Self {
+        Self::Invalid { message: message.into(), remedy: None }
+    }
+
+    /// Returns the error of a device that failed.
+    pub fn device(message: impl Into<String>) -> Self {
+        Self::Device { message: message.into(), remedy: None }
+    }
+
+    /// Returns this error with what to do about it; errors of cameras and splats have no remedy but
+    /// mending the input.
+    #[must_use]
+    pub fn with_remedy(mut self, new: Remedy) -> Self {
+        if let Self::Invalid { remedy, .. } | Self::Device { remedy, .. } = &mut self {
+            *remedy = Some(new);
+        }
+        self
+    }
+
+    /// Returns what to do about the error.
+    ///
+    /// ```
+    /// use luxel_core::{EngineError, Remedy};
+    ///
+    /// let error = EngineError::device("gpu: out of memory").with_remedy(Remedy::lower("max_splats"));
+    /// assert_eq!(error.remedy().map(Remedy::to_string).as_deref(), Some("lower max_splats"));
+    /// ```
+    pub fn remedy(&self) -> Option<&Remedy> {
+        match self {
+            Self::Invalid { remedy, .. } | Self::Device { remedy, .. } => remedy.as_ref(),
+            Self::Camera(_) | Self::Splats(_) => None,
+        }
+    }
+}
+
+/// A renderer and trainer of splats: blocking, object-safe, coarse.
+pub trait Engine: Send {
+    /// Replaces the scene; moments start at zero if absent. Statistics start anew.
+    ///
+    /// # Errors
+    /// [`EngineError::Splats`] for invalid arrays, of moments too; [`EngineError::Invalid`] for
+    /// moments of other splats. The engine then keeps the scene it has. [`EngineError::Device`].
+    fn load(&mut self, splats: &Splats, moments: Option<&Moments>) -> Result<(), EngineError>;
+
+    /// Returns the current scene and moments.
+    ///
+    /// # Errors
+    /// [`EngineError::Device`].
+    fn save(&mut self) -> Result<(Splats, Moments), EngineError>;
+
+    /// Renders radiance in normalised units as seen by `camera`, which must be undistorted.
+    ///
+    /// # Errors
+    /// [`EngineError::Camera`], [`EngineError::Device`].
+    fn render(&mut self, camera: &Camera, options: &RenderOptions) -> Result<Image, EngineError>;
+
+    /// Renders like [`Engine::render`], with each pixel's coverage and depth.
+    ///
+    /// # Errors
+    /// Those of [`Engine::render`]; [`EngineError::Invalid`] from an engine without depth.
+    fn render_layers(&mut self, _camera: &Camera, _options: &RenderOptions) -> Result<Layers, EngineError> {
+        Err(EngineError::invalid("this engine renders no depth and alpha").with_remedy(Remedy::set("device", "cpu")))
+    }
+
+    /// Returns what each splat contributes to the image that [`Engine::render`] makes, and how much
+    /// of that lies in `mask` (`[H*W]`, row-major, 0 to 1): the splats that a painted mask selects.
+    ///
+    /// # Errors
+    /// [`EngineError::Camera`], [`EngineError::Invalid`] if the mask is not of the camera's size,
+    /// [`EngineError::Device`].
+    fn contributions(&mut self, camera: &Camera, options: &RenderOptions, mask: &[f32]) -> Result<Contributions, EngineError>;
+
+    /// Counts how often blending evaluates a splat at a pixel for the image that [`Engine::render`]
+    /// makes; `None` from an engine that does not count.
+    ///
+    /// # Errors
+    /// Those of [`Engine::render`].
+    fn evaluations(&mut self, _camera: &Camera, _options: &RenderOptions) -> Result<Option<Evaluations>, EngineError> {
+        Ok(None)
+    }
+
+    /// Makes one training step towards `view`, whose image times [`LossConfig::target_scale`] is in
+    /// normalised units, or holds recorded values if the loss has a response curve. Views that share
+    /// an image's allocation have the same image: an engine may keep what it derives from it.
+    ///
+    /// An engine may work ahead. The report is then about an earlier step, the newest one known, and
+    /// every other call waits for the steps in flight. If a loss is not finite, such an engine
+    /// changes nothing from that step on, reports the loss at one of the next calls, and refuses to
+    /// return the scene.
+    ///
+    /// # Errors
+    /// [`EngineError::Camera`]; [`EngineError::Invalid`] if the image or its mask is not of the
+    /// camera's size, or the engine does not have the curve; [`EngineError::Device`].
+    ///
+    /// [`LossConfig::target_scale`]: crate::LossConfig::target_scale
+    fn train_step(&mut self, view: &View, step: &StepConfig) -> Result<StepReport, EngineError>;
+
+    /// Waits for all steps in flight: to measure, or before a pause.
+    ///
+    /// # Errors
+    /// [`EngineError::Device`].
+    fn finish(&mut self) -> Result<(), EngineError> {
+        Ok(())
+    }
+
+    /// Returns the statistics since the last [`Engine::densify`], [`Engine::load`] or
+    /// [`Engine::set_densify_stats`].
+    ///
+    /// # Errors
+    /// [`EngineError::Device`].
+    fn densify_stats(&mut self) -> Result<DensifyStats, EngineError>;
+
+    /// Restores statistics when a run is resumed.
+    ///
+    /// # Errors
+    /// [`EngineError::Invalid`] if lengths differ from the scene's.
+    fn set_densify_stats(&mut self, stats: &DensifyStats) -> Result<(), EngineError>;
+
+    /// Returns position, log scale and opacity, which densification policies look at.
+    ///
+    /// # Errors
+    /// [`EngineError::Device`].
+    fn geometry(&mut self) -> Result<Geometry, EngineError>;
+
+    /// Applies a plan.
+    ///
+    /// # Errors
+    /// [`EngineError::Invalid`] if a source does not exist or lengths differ.
+    fn densify(&mut self, plan: &DensifyPlan) -> Result<(), EngineError>;
+
+    /// Returns the number of splats.
+    fn len(&self) -> usize;
+
+    /// Returns whether there are no splats.
+    fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Returns the time spent in each pass since the engine was created, in the order of [`Pass::ALL`].
+    fn timings(&self) -> &[(Pass, Duration)];
+}

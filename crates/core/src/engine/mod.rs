@@ -1,0 +1,19 @@
+//! The contract between training and an engine, and what authors of engines need to keep it.
+//!
+//! In: scenes, cameras, views and plans. Out: images, reports and scenes. [`Engine`] is coarse,
+//! blocking and object-safe; behind it lie the eleven passes of [`Pass`]. What programs that use an
+//! engine need is at the root of the crate; the rest is here.
+
+mod contract;
+mod densify;
+mod parameter_rows;
+mod pass;
+mod raster;
+mod step;
+
+pub use contract::{Engine, EngineError};
+pub use densify::{DensifyPlan, DensifyStats, Geometry, PlanRow};
+pub use parameter_rows::ParameterRows;
+pub use pass::Pass;
+pub use raster::{Antialias, Cutoffs, Evaluations, JACOBIAN_MARGIN, Layers, MAX_SAMPLES, MIN_AREA_RATIO, RasterConfig, RenderOptions};
+pub use step::{ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON, LearningRates, PositionNoise, StatsCollection, StepConfig, StepReport};

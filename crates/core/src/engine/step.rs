@@ -1,0 +1,92 @@
+//! The configuration of one training step, and what the step reports.
+
+use serde::{Deserialize, Serialize};
+
+use super::RenderOptions;
+use crate::{Knots, LossConfig};
+
+/// Adam's learning rates at one step.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LearningRates {
+    /// Rate of the position, world units.
+    pub position: f32,
+    /// Rate of the quaternion's components.
+    pub rotation: f32,
+    /// Rate of the log scale.
+    pub log_scale: f32,
+    /// Rate of the opacity logit.
+    pub opacity_logit: f32,
+    /// Rate of the harmonics of degree 0.
+    pub sh_dc: f32,
+    /// Rate of the harmonics above degree 0.
+    pub sh_rest: f32,
+    /// Rate of the raw luminance of degree 0.
+    pub luminance_dc: f32,
+    /// Rate of the raw luminance above degree 0.
+    pub luminance_rest: f32,
+}
+
+/// Adam's beta_1.
+pub const ADAM_BETA1: f32 = 0.9;
+/// Adam's beta_2.
+pub const ADAM_BETA2: f32 = 0.999;
+/// Adam's epsilon.
+pub const ADAM_EPSILON: f32 = 1e-15;
+
+/// Noise on positions after the update (3DGS-MCMC): `Sigma n sigmoid(100 (0.005 - opacity)) scale`,
+/// n standard normal.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PositionNoise {
+    /// Factor of the noise; 5e5 times the position's learning rate in the original.
+    pub scale: f32,
+    /// Seed of this step's noise: n of splat i is a hash of (seed, i), see
+    /// [`crate::noise::standard_normal`].
+    pub seed: u64,
+}
+
+/// Configuration of one training step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StepConfig {
+    /// Number of the step, 1 for the first: Adam's bias correction depends on it.
+    pub step: u32,
+    /// Render options.
+    pub render: RenderOptions,
+    /// Loss.
+    pub loss: LossConfig,
+    /// Learning rates.
+    pub learning_rates: LearningRates,
+    /// Noise after the update.
+    pub position_noise: Option<PositionNoise>,
+    /// Statistics that the step adds to [`super::DensifyStats`].
+    pub stats: StatsCollection,
+}
+
+/// The densification statistics that a step collects.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum StatsCollection {
+    /// None.
+    #[default]
+    Off,
+    /// Gradients and views; `abs_gradient` stays unchanged.
+    Gradients,
+    /// AbsGS's sums of absolute gradients as well, which cost a few operations per pixel and splat.
+    GradientsAndAbsolute,
+}
+
+/// The results of a step.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct StepReport {
+    /// Number of the step that the report is about ([`StepConfig::step`]).
+    pub step: u32,
+    /// Total loss, without the regularisers.
+    pub loss: f32,
+    /// Mean absolute difference under the tone curve.
+    pub l1: f32,
+    /// Mean structural similarity under the tone curve.
+    pub ssim: f32,
+    /// Number of splats in front of the camera that touch the image.
+    pub visible: u32,
+    /// Gradient of the loss by the knots of the [`crate::Response`], if the loss uses one; the same
+    /// bits for any number of threads.
+    pub by_knots: Option<Knots>,
+}
