@@ -6,11 +6,9 @@ use std::sync::LazyLock;
 
 use anyhow::{Context, Result};
 use luxel::StopFlag;
+pub(crate) use luxel::run::EXIT_INTERRUPTED;
 
 use crate::output::console;
-
-/// Exit code of an interrupted program: 128 + SIGINT.
-pub(crate) const EXIT_INTERRUPTED: u8 = 130;
 
 static STOP: LazyLock<StopFlag> = LazyLock::new(StopFlag::new);
 

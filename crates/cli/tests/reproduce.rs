@@ -180,8 +180,8 @@ fn what_cannot_be_a_matrix_is_said() {
     common::write_dataset(&place.path("more/data"));
     place.error(&[&args(&[])[..], &["more/data"]].concat(), &["have one folder name"]);
     place.error(&[&args(&[])[..], &["nowhere"]].concat(), &["nowhere: cannot open the data set"]);
-    place.error(&args(&[["--methods", "lcd,lcd-l0"]]), &["--methods names lcd twice"]);
-    place.error(&args(&[["--seeds", "1,2,1"]]), &["--seeds names 1 twice"]);
+    place.error(&args(&[["--methods", "lcd,lcd-l0"]]), &["method lcd is given twice"]);
+    place.error(&args(&[["--seeds", "1,2,1"]]), &["seed 1 is given twice"]);
     place.error(&args(&[["--mu", "0"]]), &["mu"]);
     place.error(&args(&[["--lpips-weights", "data/transforms.json"]]), &["safetensors"]);
     assert!(!place.path("matrix").exists());

@@ -61,6 +61,33 @@ pub enum Event {
         /// Things in all.
         total: u32,
     },
+    /// Training of a run of a study began.
+    RunStarted {
+        /// Name of the run.
+        run: String,
+    },
+    /// A run of a study finished.
+    RunFinished {
+        /// Name of the run.
+        run: String,
+        /// Runs finished by this call.
+        finished: usize,
+        /// Runs that this call trains.
+        total: usize,
+    },
+    /// Steps of a study's runs were made.
+    StudyProgress {
+        /// Steps made, by earlier calls too.
+        steps: u32,
+        /// Steps in all.
+        total_steps: u32,
+        /// Runs finished by this call.
+        runs_finished: usize,
+        /// Runs that this call trains.
+        runs: usize,
+        /// Estimate of the time that training still takes.
+        seconds_left: Option<f64>,
+    },
     /// Steps have ended, all of them or not.
     StepsEnd,
     /// A checkpoint or a scene was written.

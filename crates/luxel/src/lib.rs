@@ -69,6 +69,7 @@ mod renderer;
 pub mod report;
 pub mod run;
 mod scene;
+pub mod study;
 pub mod synthetic;
 pub mod text;
 mod training;

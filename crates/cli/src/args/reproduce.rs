@@ -4,12 +4,12 @@ use std::path::PathBuf;
 
 use clap::{Arg, Args};
 use luxel::run::ExplicitArgs;
+use luxel::study::{METHOD_OPTIONS, parse_method};
 use luxel_core::ColorModel;
 use luxel_train::{MAX_SEED, TrainConfig};
 
 use super::{ConsoleArgs, DeviceArgs, LoadArgs};
 use crate::args::values::MetricsArg;
-use crate::commands::reproduce::method::{self, parse_method};
 
 /// `luxel reproduce`.
 #[derive(Debug, Args)]
@@ -77,7 +77,7 @@ pub(crate) struct ReproduceArgs {
 
 /// Options of training that are decided for each run, by id.
 fn is_of_the_matrix(id: &str) -> bool {
-    id == "seed" || method::OPTIONS.contains(&id)
+    id == "seed" || METHOD_OPTIONS.contains(&id)
 }
 
 /// An option of training as it is here: what [`check`] refuses is not in the help, and the recipe

@@ -195,6 +195,20 @@ impl Observer for Console {
             Event::StepsBegin { done, total } => self.begin_steps(done, total),
             Event::Step { done } => self.step(done),
             Event::StepsEnd => self.end_steps(),
+            Event::RunStarted { run } => self.event(&json!({ "event": "run_started", "run": run }), &format!("{run}: training")),
+            Event::RunFinished { run, finished, total } => {
+                let event = json!({ "event": "run_finished", "run": run, "runs_finished": finished, "runs": total });
+                self.event(&event, &format!("{run}: finished, {finished} of {}", text::plural(total, "run")));
+            }
+            Event::StudyProgress { steps, total_steps, runs_finished, runs, seconds_left } => {
+                let event = json!({ "event": "matrix_progress", "steps": steps, "total_steps": total_steps,
+                    "runs_finished": runs_finished, "runs": runs, "seconds_left": seconds_left });
+                let left = seconds_left.and_then(|s| Duration::try_from_secs_f64(s).ok());
+                let left = left.map_or_else(String::new, |left| format!(", about {} left", text::duration(left)));
+                let percent = 100.0 * f64::from(steps) / f64::from(total_steps.max(1));
+                let runs = text::plural(runs, "run");
+                self.overall(&event, &format!("{percent:.0} % of all steps, {runs_finished} of {runs} finished{left}"));
+            }
             Event::Progress { record, total } => self.progress(&record, total),
             Event::Evaluation { step, split, mean, views } => {
                 let event = json!({ "event": "evaluation", "iteration": step, "split": split, "mean": mean });

@@ -54,4 +54,4 @@ pub use folder::{LOCK, Occupant, RunFolder, RunLock};
 pub use inapplicable::{Choice, Inapplicable};
 pub use launch::{Launch, TrainedRun, fresh, resume};
 pub use log::LogRecord;
-pub use session::{Outcome, Session};
+pub use session::{EXIT_INTERRUPTED, Outcome, Session};

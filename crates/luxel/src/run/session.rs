@@ -21,6 +21,9 @@ use super::{Captures, RunConfig, RunFolder, report, state};
 use crate::error::Context;
 use crate::{Error, Event, Observer, Result, StopFlag, files, memory};
 
+/// Exit code of the program when an interruption ended it: 128 + SIGINT.
+pub const EXIT_INTERRUPTED: u8 = 130;
+
 /// The end of a training.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {

@@ -2,10 +2,11 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context, Result};
-use luxel::files;
-use luxel::run::evaluation::Metrics;
-use luxel::run::log;
+use crate::Result;
+use crate::error::Context;
+use crate::files;
+use crate::run::evaluation::Metrics;
+use crate::run::log;
 use luxel_metrics::SplitMetrics;
 use luxel_metrics::{FieldMetrics, LuminanceProfile, ViewMetrics};
 

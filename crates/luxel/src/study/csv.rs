@@ -2,6 +2,7 @@
 
 use luxel_metrics::LuminanceProfile;
 
+use super::MethodProfile;
 use super::columns::COLUMNS;
 use super::editing::{EXPONENT, Edited};
 use super::matrix::Matrix;
@@ -77,10 +78,10 @@ pub(super) fn means(matrix: &Matrix, results: &[CellResult]) -> String {
 }
 
 /// Error by the ground truth's luminance over the test views of all seeds, a line for each bin that has pixels.
-pub(super) fn profiles(matrix: &Matrix, profiles: &[(usize, usize, LuminanceProfile)]) -> String {
+pub(super) fn profiles(matrix: &Matrix, profiles: &[MethodProfile]) -> String {
     let names = ["dataset", "method", "luminance_from", "luminance_to", "pixels", "mean_luminance", "mean_absolute_error", "rms_stops"];
     let mut out = line(names.map(String::from));
-    for (source, method, profile) in profiles {
+    for MethodProfile { source, method, profile } in profiles {
         for (i, bin) in profile.bins.iter().enumerate().filter(|(_, bin)| bin.count > 0) {
             let (from, to) = LuminanceProfile::edges(i);
             let values = [bin.mean_luminance(), bin.mean_absolute_error(), bin.rms_stops()].map(number);

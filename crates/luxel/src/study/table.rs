@@ -1,6 +1,6 @@
 //! Tables: a row a method, means and spreads over seeds, the best and the second best of each column marked.
 
-use luxel::text;
+use crate::text;
 
 use super::columns::{Better, COLUMNS, Column, Shown};
 use super::results::CellResult;

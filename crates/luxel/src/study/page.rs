@@ -3,16 +3,16 @@
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 
-use anyhow::Result;
-use luxel::report::html::{document, escape};
-use luxel::report::profile::{self, Profiled};
-use luxel::{machine, text};
+use crate::Result;
+use crate::report::html::{document, escape};
+use crate::report::profile::{self, Profiled};
+use crate::{machine, text};
 use luxel_metrics::LuminanceProfile;
 
 use super::matrix::Matrix;
 use super::results::CellResult;
-use super::table::Table;
-use super::training::Failure;
+use super::tables::Tables;
+use super::{Failure, MethodProfile};
 use super::{crops, html_table, paper};
 
 /// Everything the page is made of.
@@ -20,14 +20,9 @@ pub(super) struct Content<'a> {
     pub(super) matrix: &'a Matrix,
     pub(super) results: &'a [CellResult],
     pub(super) failures: &'a [Failure],
-    /// Over the data sets; only of more than one.
-    pub(super) average: Option<&'a Table>,
-    /// One a data set.
-    pub(super) tables: &'a [Table],
-    /// Of activations alone, one a data set; only if there are several.
-    pub(super) activations: &'a [Table],
-    /// Data set, method and error by luminance over the test views of all seeds.
-    pub(super) profiles: &'a [(usize, usize, LuminanceProfile)],
+    pub(super) tables: &'a Tables,
+    /// Error by luminance.
+    pub(super) profiles: &'a [MethodProfile],
     /// Luminance editing.
     pub(super) editing: String,
 }
@@ -57,11 +52,9 @@ pub(super) fn page(content: &Content<'_>) -> Result<String> {
 
 /// What the reader must know before the figures.
 fn notes(content: &Content<'_>) -> String {
-    let matrix = content.matrix;
     let mut notes: Vec<String> = Vec::new();
     for failure in content.failures {
-        let name = matrix.cells.get(failure.cell).map_or_else(String::new, |cell| cell.name(matrix));
-        notes.push(format!("{name} failed: {:#}", failure.error));
+        notes.push(format!("{} failed: {:#}", failure.run, failure.error));
     }
     let mut versions: Vec<&str> = content.results.iter().map(|result| result.metrics.luxel_version.as_str()).collect();
     versions.sort_unstable();
@@ -85,15 +78,16 @@ fn tables(content: &Content<'_>) -> String {
         text::plural(matrix.seeds.len(), "seed"),
         if matrix.seeds.len() > 1 { ", with the standard deviation of a run (n − 1) below" } else { "" },
     );
-    if let Some(average) = content.average {
+    let average = content.tables.average.as_ref().filter(|table| table.has_values());
+    if let Some(average) = average {
         let _ = write!(out, "<h3>All data sets</h3>{}", html_table::ours(matrix, average));
     }
-    for (source, table) in matrix.sources.iter().zip(content.tables) {
+    for (source, table) in matrix.sources.iter().zip(&content.tables.results) {
         let _ = write!(out, "<h3>{}</h3>{}", escape(&source.name), html_table::ours(matrix, table));
     }
     out += "<h3>Beside the paper</h3><p>The figures of LCD-GS as published: on <b>other data</b>, on one RTX 4090, under a protocol that is not stated. \
             Differences between methods compare, numbers do not.</p>";
-    match (content.average, matrix.sources.first().zip(content.tables.first())) {
+    match (average, matrix.sources.first().zip(content.tables.results.first())) {
         (Some(average), _) => out += &html_table::gains(matrix, average, "mean of the data sets"),
         (None, Some((source, table))) => out += &html_table::gains(matrix, table, &source.name),
         (None, None) => {}
@@ -105,13 +99,13 @@ fn tables(content: &Content<'_>) -> String {
 }
 
 fn activations(content: &Content<'_>) -> String {
-    if content.activations.is_empty() {
+    if content.tables.activations.is_empty() {
         return String::new();
     }
     let mut out = String::from(
         "<section><h2>Activation of the luminance</h2><p>The paper's ablation: softplus, exponential and ReLU, nothing else changed.</p>",
     );
-    for (source, table) in content.matrix.sources.iter().zip(content.activations) {
+    for (source, table) in content.matrix.sources.iter().zip(&content.tables.activations) {
         let _ = write!(out, "<h3>{}</h3>{}", escape(&source.name), html_table::ours(content.matrix, table));
     }
     out += "<p class=\"note\">The paper's, on other data:</p>";
@@ -125,9 +119,9 @@ fn profiles(content: &Content<'_>) -> String {
     let matrix = content.matrix;
     let mut out = String::new();
     for (i, source) in matrix.sources.iter().enumerate() {
-        let of_source = content.profiles.iter().filter(|(source, ..)| *source == i);
+        let of_source = content.profiles.iter().filter(|of_method| of_method.source == i);
         let names: Vec<(usize, String, &LuminanceProfile)> =
-            of_source.map(|(_, method, profile)| (*method, matrix.methods[*method].name(), profile)).collect();
+            of_source.map(|p| (p.method, matrix.methods[p.method].name(), &p.profile)).collect();
         let series: Vec<Profiled<'_>> =
             names.iter().map(|(method, name, profile)| Profiled { label: name, color: method + 1, profile }).collect();
         let plots = profile::plots(&series);
@@ -174,7 +168,7 @@ fn epilogue(content: &Content<'_>) -> Result<String> {
     for (i, source) in matrix.sources.iter().enumerate() {
         facts.push((format!("data set {}", source.name), data_set(content, i)));
     }
-    facts.push(("luxel".into(), luxel::VERSION.into()));
+    facts.push(("luxel".into(), crate::VERSION.into()));
     let rows = facts.iter().fold(String::new(), |out, (name, value)| {
         out + &format!("<tr><th scope=\"row\">{}</th><td class=\"wrap\">{}</td></tr>", escape(name), escape(value))
     });

@@ -1,37 +1,26 @@
 //! All open cells, some side by side, with what the user is told meanwhile. Which run where and when changes no result, but their times.
 
 use std::collections::BTreeSet;
+use std::path::Path;
 use std::process::ChildStdin;
 use std::sync::Mutex;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result};
-use luxel::run::Outcome;
-use luxel::run::log::LOG_EVERY;
-use luxel::text;
-use serde_json::json;
-
+use super::Failure;
 use super::matrix::{Cell, CellState, Matrix};
-use super::worker::{Ended, Told, Worker};
-use crate::interrupt;
-use crate::output::console::Console;
+use super::worker::{Ended, Worker, WorkerEvent};
+use crate::run::Outcome;
+use crate::run::log::LOG_EVERY;
+use crate::{Event, Observer, Result, StopFlag, text};
 
 /// How soon an interruption is passed on.
 const PATIENCE: Duration = Duration::from_millis(50);
 
-/// A cell that did not come to its end.
-#[derive(Debug)]
-pub(super) struct Failure {
-    /// Index into [`Matrix::cells`].
-    pub(super) cell: usize,
-    pub(super) error: anyhow::Error,
-}
-
 /// What comes from the threads that wait for children.
 enum Message {
     Started(usize),
-    Told(usize, Told),
+    FromWorker(usize, WorkerEvent),
     Ended(usize, Result<Ended>),
 }
 
@@ -40,32 +29,38 @@ struct Shared {
     /// Last first.
     waiting: Vec<usize>,
     inputs: Vec<(usize, ChildStdin)>,
+    stop: StopFlag,
 }
 
 /// Trains every open cell. A cell that fails does not stop the others.
-pub(super) fn train(matrix: &Matrix, states: &[CellState], console: &mut Console) -> Result<(Outcome, Vec<Failure>)> {
+pub(super) fn train(
+    matrix: &Matrix,
+    states: &[CellState],
+    program: &Path,
+    observer: &dyn Observer,
+    stop: &StopFlag,
+) -> Result<(Outcome, Vec<Failure>)> {
     let open: Vec<usize> = (0..matrix.cells.len()).filter(|&i| states.get(i) == Some(&CellState::Open)).collect();
     if open.is_empty() {
         return Ok((Outcome::Finished, Vec::new()));
     }
-    let program = std::env::current_exe().context("cannot find the program's own file, which trains the cells")?;
-    let guard = interrupt::stop().listen();
-    let shared = Mutex::new(Shared { waiting: open.iter().rev().copied().collect(), inputs: Vec::new() });
+    let guard = stop.listen();
+    let shared = Mutex::new(Shared { waiting: open.iter().rev().copied().collect(), inputs: Vec::new(), stop: stop.clone() });
     let (sender, receiver) = channel();
     let work = |sender: Sender<Message>| {
         while let Some(cell) = next(&shared) {
             let _ = sender.send(Message::Started(cell));
-            let ended = start(&program, matrix, cell, &shared).and_then(|worker| {
-                worker.wait(|told| {
+            let ended = start(program, matrix, cell, &shared).and_then(|worker| {
+                worker.wait(|event| {
                     // Nobody listens when the main thread has ended, which it does last.
-                    let _ = sender.send(Message::Told(cell, told));
+                    let _ = sender.send(Message::FromWorker(cell, event));
                 })
             });
             lock(&shared).inputs.retain(|(of, _)| *of != cell);
             let _ = sender.send(Message::Ended(cell, ended));
         }
     };
-    let mut progress = Progress::new(matrix, &open, console);
+    let mut progress = Progress::new(matrix, &open, observer);
     std::thread::scope(|scope| {
         for _ in 0..matrix.jobs.min(open.len()) {
             let (work, sender) = (&work, sender.clone());
@@ -79,18 +74,19 @@ pub(super) fn train(matrix: &Matrix, states: &[CellState], console: &mut Console
     Ok((outcome, failures))
 }
 
-fn start(program: &std::path::Path, matrix: &Matrix, cell: usize, shared: &Mutex<Shared>) -> Result<Worker> {
+fn start(program: &Path, matrix: &Matrix, cell: usize, shared: &Mutex<Shared>) -> Result<Worker> {
     let mut shared = lock(shared);
     let (worker, input) = Worker::start(program, &matrix.cells[cell])?;
     // Where an interruption came first, the input ends at once.
-    if !interrupt::stop().is_requested() {
+    if !shared.stop.is_requested() {
         shared.inputs.push((cell, input));
     }
     Ok(worker)
 }
 
 fn next(shared: &Mutex<Shared>) -> Option<usize> {
-    if interrupt::stop().is_requested() { None } else { lock(shared).waiting.pop() }
+    let mut shared = lock(shared);
+    if shared.stop.is_requested() { None } else { shared.waiting.pop() }
 }
 
 /// What a thread left when it panicked is as good as any.
@@ -101,7 +97,7 @@ fn lock(shared: &Mutex<Shared>) -> std::sync::MutexGuard<'_, Shared> {
 /// What the user sees.
 struct Progress<'a> {
     matrix: &'a Matrix,
-    console: &'a mut Console,
+    observer: &'a dyn Observer,
     /// Steps made in each cell, those of earlier times included.
     steps: Vec<u32>,
     /// Steps that were made before this time, by cell.
@@ -117,20 +113,20 @@ struct Progress<'a> {
 }
 
 impl<'a> Progress<'a> {
-    fn new(matrix: &'a Matrix, open: &[usize], console: &'a mut Console) -> Self {
+    fn new(matrix: &'a Matrix, open: &[usize], observer: &'a dyn Observer) -> Self {
         let steps = |&i: &usize| matrix.cells.get(i).map_or(0, |cell| cell.config.train.iterations);
         let total_steps = open.iter().map(steps).fold(0, u32::saturating_add);
-        console.note(&format!(
+        observer.note(&format!(
             "training {} of {}, {} at a time with {} each; finished ones are kept",
             text::plural(open.len(), "run"),
             text::count(matrix.cells.len()),
             matrix.jobs.min(open.len()),
             text::plural(matrix.threads, "thread"),
         ));
-        console.begin_steps(0, total_steps);
+        observer.event(Event::StepsBegin { done: 0, total: total_steps });
         Self {
             matrix,
-            console,
+            observer,
             steps: vec![0; matrix.cells.len()],
             steps_before: vec![None; matrix.cells.len()],
             open: open.len(),
@@ -151,9 +147,10 @@ impl<'a> Progress<'a> {
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => return,
             }
-            if interrupt::stop().is_requested() {
+            let mut shared = lock(shared);
+            if shared.stop.is_requested() {
                 self.interrupted = true;
-                lock(shared).inputs.clear();
+                shared.inputs.clear();
             }
         }
     }
@@ -161,51 +158,48 @@ impl<'a> Progress<'a> {
     fn take(&mut self, message: Message) {
         match message {
             Message::Started(cell) => {
-                let name = self.name(cell);
-                self.console.event(&json!({ "event": "run_started", "run": name }), &format!("{name}: training"));
+                self.observer.event(Event::RunStarted { run: self.name(cell) });
             }
-            Message::Told(cell, Told::Progress { iteration }) => {
+            Message::FromWorker(cell, WorkerEvent::Progress { iteration }) => {
                 self.set_steps(cell, iteration);
-                self.tell_progress();
+                self.report_progress();
             }
-            Message::Told(_, Told::Warning { message }) => {
+            Message::FromWorker(_, WorkerEvent::Warning { message }) => {
                 if self.warned.insert(message.clone()) {
-                    self.console.warn(&message);
+                    self.observer.warn(&message);
                 }
             }
-            Message::Told(_, Told::Other) => {}
+            Message::FromWorker(_, WorkerEvent::Other) => {}
             Message::Ended(cell, Ok(Ended::Finished)) => {
                 self.set_steps(cell, self.matrix.cells[cell].config.train.iterations);
                 self.done += 1;
-                self.tell_finished(cell);
+                self.report_finished(cell);
             }
             Message::Ended(_, Ok(Ended::Interrupted)) => self.interrupted = true,
             Message::Ended(cell, Err(error)) => {
-                self.console.warn(&format!("{}: {error:#}; the other runs go on", self.name(cell)));
-                self.failures.push(Failure { cell, error });
+                self.observer.warn(&format!("{}: {error:#}; the other runs continue", self.name(cell)));
+                self.failures.push(Failure { run: self.name(cell), error });
             }
         }
     }
 
-    fn tell_finished(&mut self, cell: usize) {
-        let name = self.name(cell);
-        let event = json!({ "event": "run_finished", "run": name, "runs_finished": self.done, "runs": self.open });
-        self.console.event(&event, &format!("{name}: finished, {} of {}", self.done, text::plural(self.open, "run")));
+    fn report_finished(&mut self, cell: usize) {
+        self.observer.event(Event::RunFinished { run: self.name(cell), finished: self.done, total: self.open });
     }
 
-    fn tell_progress(&mut self) {
+    fn report_progress(&mut self) {
         let sum = |steps: &mut dyn Iterator<Item = u32>| steps.fold(0, u32::saturating_add);
         let steps = sum(&mut self.steps.iter().copied());
         let made_now = steps.saturating_sub(sum(&mut self.steps_before.iter().flatten().copied()));
         let left = self.total_steps.saturating_sub(steps);
         let seconds_left = (made_now > 0).then(|| self.started.elapsed().as_secs_f64() * f64::from(left) / f64::from(made_now));
-        let event = json!({ "event": "matrix_progress", "steps": steps, "total_steps": self.total_steps, "runs_finished": self.done,
-            "runs": self.open, "seconds_left": seconds_left });
-        let time = seconds_left.and_then(|s| Duration::try_from_secs_f64(s).ok());
-        let time = time.map_or_else(String::new, |time| format!(", about {} left", text::duration(time)));
-        let percent = 100.0 * f64::from(steps) / f64::from(self.total_steps.max(1));
-        self.console
-            .overall(&event, &format!("{percent:.0} % of all steps, {} of {} finished{time}", self.done, text::plural(self.open, "run")));
+        self.observer.event(Event::StudyProgress {
+            steps,
+            total_steps: self.total_steps,
+            runs_finished: self.done,
+            runs: self.open,
+            seconds_left,
+        });
     }
 
     fn set_steps(&mut self, cell: usize, steps: u32) {
@@ -214,7 +208,7 @@ impl<'a> Progress<'a> {
             before.get_or_insert(steps.saturating_sub(LOG_EVERY));
             *of_cell = steps;
         }
-        self.console.step(self.steps.iter().fold(0, |sum, steps| sum.saturating_add(*steps)));
+        self.observer.event(Event::Step { done: self.steps.iter().fold(0, |sum, steps| sum.saturating_add(*steps)) });
     }
 
     fn name(&self, cell: usize) -> String {
@@ -222,7 +216,7 @@ impl<'a> Progress<'a> {
     }
 
     fn finish(self) -> (Outcome, Vec<Failure>) {
-        self.console.end_steps();
+        self.observer.event(Event::StepsEnd);
         let outcome = if self.interrupted { Outcome::Interrupted } else { Outcome::Finished };
         (outcome, self.failures)
     }

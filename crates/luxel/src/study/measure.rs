@@ -9,21 +9,21 @@ use std::hash::{DefaultHasher, Hasher};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, bail};
-use luxel::files;
-use luxel::run::evaluation::{self, Rendering};
-use luxel::run::state;
+use crate::Result;
+use crate::error::{Context, bail};
+use crate::files;
+use crate::run::evaluation::{self, Rendering};
+use crate::run::state;
 use luxel_core::{Dataset, Engine, RenderOptions, View};
 use luxel_metrics::{FieldOptions, FlipChoice};
 use luxel_metrics::{GainFit, Lpips};
 use serde::{Deserialize, Serialize};
 
+use super::Failure;
 use super::matrix::{Cell, Matrix};
-use super::training::Failure;
-use crate::args::{DeviceArgs, ReproduceArgs};
-use crate::inputs::data;
-use crate::inputs::engine;
-use crate::output::console::Console;
+use super::options::StudyOptions;
+use crate::Observer;
+use crate::SelectedEngine;
 
 /// Time after which no further pass over the views is made.
 const ENOUGH: Duration = Duration::from_secs(3);
@@ -66,7 +66,7 @@ pub(super) struct MeasuredLpips {
 }
 
 /// What is asked for besides frames per second.
-pub(super) struct Wanted {
+pub(super) struct MeasureOptions {
     flip: FlipChoice,
     lpips: Option<(Lpips, String)>,
 }
@@ -75,30 +75,30 @@ pub(super) struct Wanted {
 pub(super) fn measure(
     matrix: &Matrix,
     finished: &[usize],
-    wanted: &Wanted,
-    device: &DeviceArgs,
-    console: &Console,
+    options: &MeasureOptions,
+    device: &crate::DeviceOptions,
+    observer: &dyn Observer,
 ) -> Result<Vec<Failure>> {
-    let luxel::SelectedEngine { mut engine, computed_by, .. } = engine::engine(device)?;
-    let is_open = |cell: &Cell| read(cell).is_none_or(|measured| !wanted.is_in(&measured) || measured.computed_by != computed_by);
-    let cells = finished.iter().filter_map(|&i| Some((i, matrix.cells.get(i)?)));
-    let mut todo: Vec<(usize, &Cell)> = cells.filter(|(_, cell)| is_open(cell)).collect();
+    let SelectedEngine { mut engine, computed_by, .. } = SelectedEngine::open(device)?;
+    let is_open = |cell: &Cell| read(cell).is_none_or(|measured| !options.are_covered_by(&measured) || measured.computed_by != computed_by);
+    let cells = finished.iter().filter_map(|&i| matrix.cells.get(i));
+    let mut todo: Vec<&Cell> = cells.filter(|cell| is_open(cell)).collect();
     // One data set after another, so that each is read once and one is held.
-    todo.sort_by_key(|(_, cell)| cell.source);
+    todo.sort_by_key(|cell| cell.source);
     let mut dataset: Option<(usize, Dataset)> = None;
     let mut failures = Vec::new();
-    for (i, cell) in todo {
+    for cell in todo {
         let name = cell.name(matrix);
-        let measured = of_source(&mut dataset, cell, console)
-            .and_then(|dataset| wanted.measure(cell, dataset, engine.as_mut(), &computed_by, console))
-            .and_then(|measured| Ok(files::write_json(&cell.folder.measured(), &measured).map(|()| measured)?));
+        let measured = of_source(&mut dataset, cell, observer)
+            .and_then(|dataset| options.measure(cell, dataset, engine.as_mut(), &computed_by, observer))
+            .and_then(|measured| files::write_json(&cell.folder.measured(), &measured).map(|()| measured));
         match measured {
-            Ok(Measured { frames_per_second: Some(fps), .. }) => console.note(&format!("{name}: {fps:.1} frames per second")),
-            Ok(_) => console.note(&format!("{name}: no test views to measure")),
+            Ok(Measured { frames_per_second: Some(fps), .. }) => observer.note(&format!("{name}: {fps:.1} frames per second")),
+            Ok(_) => observer.note(&format!("{name}: no test views to measure")),
             Err(error) => {
                 let error = error.context("cannot measure");
-                console.warn(&format!("{name}: {error:#}"));
-                failures.push(Failure { cell: i, error });
+                observer.warn(&format!("{name}: {error:#}"));
+                failures.push(Failure { run: name, error });
             }
         }
     }
@@ -106,10 +106,10 @@ pub(super) fn measure(
 }
 
 /// The data set of a cell, read if it is not the one that is held.
-fn of_source<'d>(held: &'d mut Option<(usize, Dataset)>, cell: &Cell, console: &Console) -> Result<&'d Dataset> {
+fn of_source<'d>(held: &'d mut Option<(usize, Dataset)>, cell: &Cell, observer: &dyn Observer) -> Result<&'d Dataset> {
     if held.as_ref().is_none_or(|(source, _)| *source != cell.source) {
         *held = None;
-        *held = Some((cell.source, data::load(&cell.config.dataset, &cell.config.load, console)?));
+        *held = Some((cell.source, crate::Dataset::open_reporting(&cell.config.dataset, &cell.config.load, observer)?.into_core()));
     }
     held.as_ref().map(|(_, dataset)| dataset).context("no data set")
 }
@@ -120,18 +120,18 @@ pub(super) fn read(cell: &Cell) -> Option<Measured> {
     (measured.iterations == cell.config.train.iterations).then_some(measured)
 }
 
-impl Wanted {
+impl MeasureOptions {
     /// Reads the weights.
-    pub(super) fn of(args: &ReproduceArgs) -> Result<Self> {
-        let lpips = match (&args.lpips_weights, evaluation::read_lpips(args.lpips_weights.as_deref())?) {
+    pub(super) fn read(options: &StudyOptions) -> Result<Self> {
+        let lpips = match (&options.lpips_weights, evaluation::read_lpips(options.lpips_weights.as_deref())?) {
             (Some(path), Some(lpips)) => Some((lpips, digest(path)?)),
             _ => None,
         };
-        Ok(Self { flip: args.metrics.into(), lpips })
+        Ok(Self { flip: options.flip, lpips })
     }
 
     /// Whether everything that is wanted has been measured.
-    fn is_in(&self, measured: &Measured) -> bool {
+    fn are_covered_by(&self, measured: &Measured) -> bool {
         if measured.views == 0 {
             return true;
         }
@@ -141,9 +141,16 @@ impl Wanted {
         has_lpips && (self.flip == FlipChoice::Skip || measured.hdr_flip.is_some())
     }
 
-    fn measure(&self, cell: &Cell, dataset: &Dataset, engine: &mut dyn Engine, computed_by: &str, console: &Console) -> Result<Measured> {
+    fn measure(
+        &self,
+        cell: &Cell,
+        dataset: &Dataset,
+        engine: &mut dyn Engine,
+        computed_by: &str,
+        observer: &dyn Observer,
+    ) -> Result<Measured> {
         let iterations = cell.config.train.iterations;
-        let (found, scene) = state::newest_scene(&cell.folder, console)?;
+        let (found, scene) = state::newest_scene(&cell.folder, observer)?;
         if found != iterations {
             bail!(
                 "{}: its newest readable scene is of step {found}, expected {iterations}; delete the folder to train it anew",
@@ -231,10 +238,10 @@ mod tests {
             hdr_flip: None,
             lpips: None,
         };
-        let wanted = |flip| Wanted { flip, lpips: None };
-        assert!(wanted(FlipChoice::Skip).is_in(&measured));
-        assert!(!wanted(FlipChoice::Compute).is_in(&measured));
-        assert!(wanted(FlipChoice::Compute).is_in(&Measured { hdr_flip: Some(0.1), ..measured.clone() }));
-        assert!(wanted(FlipChoice::Compute).is_in(&Measured { views: 0, ..measured }));
+        let options = |flip| MeasureOptions { flip, lpips: None };
+        assert!(options(FlipChoice::Skip).are_covered_by(&measured));
+        assert!(!options(FlipChoice::Compute).are_covered_by(&measured));
+        assert!(options(FlipChoice::Compute).are_covered_by(&Measured { hdr_flip: Some(0.1), ..measured.clone() }));
+        assert!(options(FlipChoice::Compute).are_covered_by(&Measured { views: 0, ..measured }));
     }
 }

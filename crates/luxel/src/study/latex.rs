@@ -8,6 +8,7 @@ use super::matrix::Matrix;
 use super::method;
 use super::paper::{self, PaperTable};
 use super::table::{Entry, Mark, Table, printed};
+use super::tables::Tables;
 
 /// Text that LaTeX prints as it is. Control characters are dropped.
 pub(super) fn escape(text: &str) -> String {
@@ -29,6 +30,34 @@ pub(super) fn escape(text: &str) -> String {
             c if c.is_control() => out.push(' '),
             c => out.push(c),
         }
+    }
+    out
+}
+
+/// Returns the tables of results, activations and the paper.
+pub(super) fn document(matrix: &Matrix, tables: &Tables) -> String {
+    let iterations = matrix.cells.first().map_or(0, |cell| cell.config.train.iterations);
+    let protocol = format!(
+        "Test views, {iterations} iterations, {} seed(s). PSNR and SSIM under the mu-law by protocol: scene (one constant per scene), gtmax (maximum of the \
+         ground truth), selfmax (each image's own maximum). Best bold, second best underlined.",
+        matrix.seeds.len()
+    );
+    let mut out = format!("% Made by luxel reproduce {}. Needs \\usepackage{{booktabs}}.\n\n", crate::VERSION);
+    if let Some(average) = &tables.average {
+        out += &table(matrix, average, &format!("Mean of all data sets. {protocol}"), "mean-of-data-sets");
+    }
+    for (source, results) in matrix.sources.iter().zip(&tables.results) {
+        out += &table(matrix, results, &format!("Results on {}. {protocol}", source.name), &format!("results-{}", source.name));
+    }
+    for (source, activations) in matrix.sources.iter().zip(&tables.activations) {
+        let label = format!("activation-{}", source.name);
+        out += &table(matrix, activations, &format!("Activation of the luminance on {}. {protocol}", source.name), &label);
+    }
+    for table in &paper::RESULTS {
+        out += &papers(table, "Results", &format!("paper-{}", table.dataset));
+    }
+    for table in &paper::ACTIVATIONS {
+        out += &papers(table, "Activation of the luminance", &format!("paper-activation-{}", table.dataset));
     }
     out
 }

@@ -82,6 +82,9 @@ pub(super) const ACTIVATIONS: [PaperTable; 2] = [
 /// The paper's baseline, from which gains are counted.
 pub(super) const BASELINE: ColorModel = ColorModel::Sh { degree: 3 };
 
+/// The paper's method.
+pub(super) const LCD_GS: ColorModel = ColorModel::Lcd { chroma_degree: 3, luminance_degree: 0, activation: Activation::Softplus };
+
 /// What the paper calls a model in its tables of results.
 pub(super) fn name_in_results(model: ColorModel) -> Option<&'static str> {
     match model {

@@ -7,17 +7,26 @@
 use luxel_core::{Activation, ColorModel};
 use luxel_train::{Method, TrainConfig};
 
-/// Options of training that a method's name stands for, by field name.
-pub(crate) const OPTIONS: [&str; 4] = ["method", "activation", "chroma_degree", "luminance_degree"];
+/// Names of the training options that a method's name stands for.
+pub const METHOD_OPTIONS: [&str; 4] = ["method", "activation", "chroma_degree", "luminance_degree"];
 
 /// Degree of chromaticity that the paper has.
 const CHROMA_DEGREE: u8 = 3;
 
-/// For the command line.
+/// Reads the colour model that a method's name stands for.
+///
+/// ```
+/// use luxel::study::parse_method;
+///
+/// assert_eq!(parse_method("sh3")?.name(), "sh3");
+/// assert_eq!(parse_method("lcd-c2-l1")?.parameters(), 1 + 3 + 3 * 8 + 3);
+/// assert!(parse_method("nerf").is_err());
+/// # Ok::<(), String>(())
+/// ```
 ///
 /// # Errors
-/// What is wrong with the name, for people.
-pub(crate) fn parse_method(text: &str) -> Result<ColorModel, String> {
+/// Text for people: the unknown name, and the expected ones.
+pub fn parse_method(text: &str) -> Result<ColorModel, String> {
     let degree = || text.strip_prefix("sh").filter(|degree| degree.len() == 1)?.parse().ok();
     let model = match degree() {
         Some(degree) => Some(ColorModel::Sh { degree }),
@@ -57,7 +66,7 @@ fn lcd(text: &str) -> Option<ColorModel> {
 }
 
 /// `options` with the colour model.
-pub(crate) fn with_method(options: &TrainConfig, model: ColorModel) -> TrainConfig {
+pub(super) fn with_method(options: &TrainConfig, model: ColorModel) -> TrainConfig {
     let (method, activation, chroma_degree, luminance_degree) = match model {
         ColorModel::Sh { degree } => (sh(degree), None, None, None),
         ColorModel::Lcd { chroma_degree, luminance_degree, activation } => {
@@ -68,7 +77,7 @@ pub(crate) fn with_method(options: &TrainConfig, model: ColorModel) -> TrainConf
 }
 
 /// What it is, in a few words.
-pub(crate) fn description(model: ColorModel) -> String {
+pub(super) fn description(model: ColorModel) -> String {
     let ColorModel::Lcd { chroma_degree, luminance_degree, activation } = model else {
         let degree = model.sh_degree();
         return if degree == 3 { "3DGS".into() } else { format!("3DGS, degree {degree}") };

@@ -7,11 +7,12 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use anyhow::{Context, Result};
-use luxel::report::html::escape;
-use luxel::report::picture::{self, Display, Exposures, img, radiance, signed};
-use luxel::run::RunFolder;
-use luxel::run::evaluation::unique_stems;
+use crate::Result;
+use crate::error::Context;
+use crate::report::html::escape;
+use crate::report::picture::{self, Display, Exposures, img, radiance, signed};
+use crate::run::RunFolder;
+use crate::run::evaluation::unique_stems;
 use luxel_core::tone::Tonemap;
 use luxel_core::{ColorSpace, Image, luminance_rec709};
 use luxel_metrics::LOG_FLOOR;

@@ -7,15 +7,15 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail};
-use luxel::DeviceOptions;
-use luxel::run::{ExplicitArgs, MadeBy, Occupant, RunConfig, RunFolder, RunOptions};
-use luxel_core::ColorModel;
+use crate::Result;
+use crate::error::{Context, bail};
+use crate::run::{Difference, MadeBy, Occupant, RunConfig, RunFolder, RunOptions};
+use crate::{DeviceOptions, Error};
+use luxel_core::{ColorModel, Remedy};
 use luxel_train::TrainConfig;
 
 use super::method::{self, with_method};
-use crate::args::ReproduceArgs;
-use crate::args::run_config::difference_line;
+use super::options::StudyOptions;
 
 /// Folder of the cells within the output folder.
 const RUNS: &str = "runs";
@@ -23,8 +23,8 @@ const RUNS: &str = "runs";
 /// Marks the output folder; says what was asked for last.
 const MARK: &str = "matrix.toml";
 
-/// First line of the mark.
-const HEAD: &str = "# A matrix of Luxel training runs, as luxel reproduce was last asked for it. This file marks the folder as one.\n";
+/// First line of the file that marks the folder.
+const HEAD: &str = "# A matrix of Luxel training runs, as it was last asked for. This file marks the folder as one.\n";
 
 /// Cells whose differences are told one by one.
 const TOLD_CELLS: usize = 5;
@@ -76,56 +76,58 @@ pub(super) struct Matrix {
 }
 
 impl Matrix {
-    /// What the command line asks for, with the options that were `said`; touches nothing.
-    pub(super) fn plan(args: &ReproduceArgs, explicit: &ExplicitArgs) -> Result<Self> {
-        let root = std::path::absolute(&args.output).with_context(|| format!("{}: not a path", args.output.display()))?;
-        let sources = sources(args)?;
-        let (methods, seeds) = (args.methods.clone(), args.seeds.clone());
+    /// Returns the matrix that the options ask for; reads and writes nothing.
+    pub(super) fn plan(options: &StudyOptions) -> Result<Self> {
+        let root = std::path::absolute(&options.output).with_context(|| format!("{}: not a path", options.output.display()))?;
+        let sources = sources(options)?;
+        let (methods, seeds) = (options.methods.clone(), options.seeds.clone());
         if let Some(method) = repeated(&methods) {
-            bail!("--methods names {} twice; name it once", method.name());
+            bail!("method {} is given twice, expected each once", method.name());
         }
         if let Some(seed) = repeated(&seeds) {
-            bail!("--seeds names {seed} twice; name it once");
+            bail!("seed {seed} is given twice, expected each once");
         }
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
-        let jobs = args.jobs as usize;
-        let threads = args.device.threads.map_or_else(|| (cores / jobs).max(1), |threads| threads as usize);
+        let jobs = options.jobs.max(1);
+        let threads = options.device.threads.map_or_else(|| (cores / jobs).max(1), |threads| threads as usize);
         let mut matrix = Self { root, sources, methods, seeds, cells: Vec::new(), jobs, threads };
-        let common = args.train.clone().with_preset(|id| explicit.contains(id));
         for seed in matrix.seeds.clone() {
             for (source, method) in
                 (0..matrix.sources.len()).flat_map(|source| (0..matrix.methods.len()).map(move |method| (source, method)))
             {
-                let train = TrainConfig { seed, ..with_method(&common, matrix.methods[method]) };
-                matrix.cells.push(matrix.cell(args, [source, method], train)?);
+                let train = TrainConfig { seed, ..with_method(&options.train, matrix.methods[method]) };
+                matrix.cells.push(matrix.cell(options, [source, method], train)?);
             }
         }
         Ok(matrix)
     }
 
-    fn cell(&self, args: &ReproduceArgs, [source, method]: [usize; 2], train: TrainConfig) -> Result<Cell> {
+    fn cell(&self, options: &StudyOptions, [source, method]: [usize; 2], train: TrainConfig) -> Result<Cell> {
         let (of, model) = (&self.sources[source], self.methods[method]);
         let seed = train.seed;
         let place = Path::new(RUNS).join(&of.name).join(model.name()).join(format!("seed_{seed}"));
         train.validate().with_context(|| format!("method {}", model.name()))?;
         let config = RunConfig {
-            luxel_version: luxel::VERSION.into(),
+            luxel_version: crate::VERSION.into(),
             made_by: MadeBy::Train,
             dataset: of.path.clone(),
-            load: args.load.options(),
-            device: DeviceOptions { threads: Some(u32::try_from(self.threads)?), ..args.device.options() },
-            run: RunOptions { checkpoint_every: args.checkpoint_every, keep_checkpoints: 1, eval_at: Vec::new(), eval_every: None },
+            load: options.load.clone(),
+            device: DeviceOptions { threads: Some(u32::try_from(self.threads)?), ..options.device.clone() },
+            run: RunOptions { checkpoint_every: options.checkpoint_every, keep_checkpoints: 1, eval_at: Vec::new(), eval_every: None },
             train,
         };
         Ok(Cell { source, method, seed, folder: RunFolder::at(&self.root.join(&place)), place, config })
     }
 
-    /// What is there of each cell, in order. Says what does not fit.
-    pub(super) fn states(&self) -> Result<Vec<CellState>> {
+    /// Returns the state of each cell, in order.
+    ///
+    /// # Errors
+    /// Cells with another configuration, with the differences in the words of `word`.
+    pub(super) fn states(&self, word: fn(&Difference) -> String) -> Result<Vec<CellState>> {
         let mut states = Vec::with_capacity(self.cells.len());
         let mut unfit = Vec::new();
         for cell in &self.cells {
-            states.push(cell.state(&mut unfit)?);
+            states.push(cell.state(&mut unfit, word)?);
         }
         if unfit.is_empty() {
             return Ok(states);
@@ -137,10 +139,11 @@ impl Matrix {
         if unfit.len() > TOLD_CELLS {
             let _ = write!(message, "\n  and {} more", unfit.len() - TOLD_CELLS);
         }
-        bail!("{message}\ngive the options that they were made with, delete them, or choose another folder with -o")
+        message += "\ngive the options that they were made with, delete them, or choose another folder";
+        Err(Error::new(message).with_remedy(Remedy::give("output")))
     }
 
-    /// Refuses folders of others.
+    /// Refuses a folder that holds something else.
     pub(super) fn check_root(&self) -> Result<()> {
         let root = self.root.display();
         if self.root.join(MARK).is_file() {
@@ -148,28 +151,28 @@ impl Matrix {
         }
         match RunFolder::at(&self.root).occupant()? {
             Occupant::Nothing => Ok(()),
-            Occupant::Run(_) => bail!("{root}: holds a training run; choose another folder with -o"),
-            Occupant::Foreign => bail!("{root}: is not empty and not a matrix of luxel reproduce; choose another folder with -o"),
+            Occupant::Run(_) => Err(other_folder(format!("{root}: holds a training run"))),
+            Occupant::Foreign => Err(other_folder(format!("{root}: is not empty and not a matrix of runs"))),
         }
     }
 
     /// Marks the folder.
     pub(super) fn claim(&self) -> Result<()> {
-        Ok(luxel::files::write_text(&self.root.join(MARK), &format!("{HEAD}{}", self.toml()?))?)
+        crate::files::write_text(&self.root.join(MARK), &format!("{HEAD}{}", self.toml()?))
     }
 
     /// What was asked for, for people and for keeping.
     pub(super) fn toml(&self) -> Result<String> {
         let mut table = toml::Table::new();
         let strings = |values: Vec<String>| toml::Value::Array(values.into_iter().map(toml::Value::String).collect());
-        table.insert("luxel_version".into(), luxel::VERSION.into());
+        table.insert("luxel_version".into(), crate::VERSION.into());
         table.insert("datasets".into(), strings(self.sources.iter().map(|source| source.path.display().to_string()).collect()));
         table.insert("methods".into(), strings(self.methods.iter().map(|method| method.name()).collect()));
         // As text: TOML's integers have a sign.
         table.insert("seeds".into(), strings(self.seeds.iter().map(u64::to_string).collect()));
         if let Some(cell) = self.cells.first() {
             let mut train = toml::Table::try_from(&cell.config.train)?;
-            for id in method::OPTIONS.iter().chain(&["seed"]) {
+            for id in method::METHOD_OPTIONS.iter().chain(&["seed"]) {
                 train.remove(*id);
             }
             table.insert("load".into(), toml::Value::try_from(&cell.config.load)?);
@@ -179,6 +182,11 @@ impl Matrix {
     }
 }
 
+/// Returns an error that another folder remedies.
+fn other_folder(message: String) -> Error {
+    Error::new(message).with_remedy(Remedy::advice("choose another folder").or(Remedy::give("output")))
+}
+
 impl Cell {
     /// `desk-lamp lcd seed 42`.
     pub(super) fn name(&self, matrix: &Matrix) -> String {
@@ -186,7 +194,8 @@ impl Cell {
         format!("{} {} seed {}", source.name, method.name(), self.seed)
     }
 
-    fn state(&self, unfit: &mut Vec<String>) -> Result<CellState> {
+    /// Returns the state of the cell's folder, and adds what does not fit.
+    fn state(&self, unfit: &mut Vec<String>, word: fn(&Difference) -> String) -> Result<CellState> {
         let place = self.place.display();
         match self.folder.occupant()? {
             Occupant::Nothing => Ok(CellState::Open),
@@ -197,7 +206,7 @@ impl Cell {
             Occupant::Run(stored) => {
                 let differences = stored.differences(&self.config)?;
                 if !differences.is_empty() {
-                    let lines: Vec<String> = differences.iter().map(difference_line).collect();
+                    let lines: Vec<String> = differences.iter().map(word).collect();
                     unfit.push(format!("{place}: {}", lines.join("; ")));
                 }
                 let is_finished = self.folder.evaluated_iterations().contains(&self.config.train.iterations);
@@ -207,16 +216,17 @@ impl Cell {
     }
 }
 
+/// Returns the first value that occurs twice.
 fn repeated<T: PartialEq + Copy>(values: &[T]) -> Option<T> {
     values.iter().enumerate().find(|(i, value)| values[..*i].contains(value)).map(|(_, value)| *value)
 }
 
-/// The data sets, each with a name of its own.
-fn sources(args: &ReproduceArgs) -> Result<Vec<Source>> {
+/// Returns the data sets, whose names differ.
+fn sources(options: &StudyOptions) -> Result<Vec<Source>> {
     let mut sources: Vec<Source> = Vec::new();
-    for given in &args.datasets {
+    for given in &options.datasets {
         let path = std::fs::canonicalize(given).with_context(|| format!("{}: cannot open the data set", given.display()))?;
-        if args.load.format.is_none() {
+        if options.load.format.is_none() {
             luxel_io::detect_format(&path).context("cannot read the data set")?;
         }
         // Of `.` and `..` the name is that of the folder they lead to.

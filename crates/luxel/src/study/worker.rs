@@ -7,11 +7,13 @@ use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 use std::process::{Child, ChildStdin, Command, Stdio};
 
-use anyhow::{Context, Result, anyhow, bail};
+use crate::error::Context;
+use crate::{Error, Result};
+use luxel_core::Remedy;
 use serde::Deserialize;
 
 use super::matrix::Cell;
-use crate::interrupt::EXIT_INTERRUPTED;
+use crate::run::EXIT_INTERRUPTED;
 
 /// What is kept of a child's stderr, bytes: errors are at the end.
 const STDERR_TAIL_BYTES: usize = 16 << 10;
@@ -27,7 +29,7 @@ pub(super) enum Ended {
 /// What a child tells.
 #[derive(Debug, PartialEq, Deserialize)]
 #[serde(tag = "event", rename_all = "lowercase")]
-pub(super) enum Told {
+pub(super) enum WorkerEvent {
     Progress {
         iteration: u32,
     },
@@ -60,13 +62,13 @@ impl Worker {
     }
 
     /// Follows the child to its end.
-    pub(super) fn wait(mut self, mut told: impl FnMut(Told)) -> Result<Ended> {
+    pub(super) fn wait(mut self, mut on_event: impl FnMut(WorkerEvent)) -> Result<Ended> {
         let (stdout, stderr) = (self.child.stdout.take(), self.child.stderr.take());
         let errors = std::thread::spawn(move || stderr.map_or_else(String::new, tail));
         for line in stdout.into_iter().flat_map(|stdout| BufReader::new(stdout).lines()) {
             let Ok(line) = line else { break };
             if let Ok(event) = serde_json::from_str(&line) {
-                told(event);
+                on_event(event);
             }
         }
         let status = self.child.wait().context("cannot wait for a child")?;
@@ -75,7 +77,10 @@ impl Worker {
             Some(0) => Ok(Ended::Finished),
             Some(code) if code == i32::from(EXIT_INTERRUPTED) => Ok(Ended::Interrupted),
             Some(_) => Err(error_of(&errors)),
-            None => bail!("the process was ended from outside ({status}); too little memory is the usual reason: run fewer --jobs"),
+            None => {
+                let text = format!("the process was killed ({status}), usually for lack of memory");
+                Err(Error::new(text).with_remedy(Remedy::lower("jobs")))
+            }
         }
     }
 }
@@ -92,15 +97,15 @@ fn tail(mut stream: impl Read) -> String {
 }
 
 /// The error that a child has printed, with its causes.
-fn error_of(stderr: &str) -> anyhow::Error {
+fn error_of(stderr: &str) -> Error {
     let lines: Vec<&str> = stderr.lines().collect();
     let Some(at) = lines.iter().rposition(|line| line.starts_with("error: ")) else {
-        return anyhow!("the process failed without a word: {}", lines.last().copied().unwrap_or("nothing on stderr"));
+        return Error::new(format!("the process failed without a message: {}", lines.last().copied().unwrap_or("nothing on stderr")));
     };
     let causes = lines[at + 1..].iter().filter_map(|line| line.trim_start().strip_prefix("caused by: "));
     let mut parts: Vec<&str> = causes.collect();
     parts.insert(0, lines[at].trim_start_matches("error: "));
-    anyhow!("{}", parts.join(": "))
+    Error::new(parts.join(": "))
 }
 
 #[cfg(test)]
@@ -109,11 +114,11 @@ mod tests {
 
     #[test]
     fn events_are_known_by_name_and_others_pass() {
-        let told = |line: &str| serde_json::from_str::<Told>(line).ok();
+        let told = |line: &str| serde_json::from_str::<WorkerEvent>(line).ok();
         let progress = told(r#"{"event":"progress","iteration":300,"iterations_per_second":12.5,"loss":0.1}"#);
-        assert_eq!(progress, Some(Told::Progress { iteration: 300 }));
-        assert_eq!(told(r#"{"event":"warning","message":"8 bits"}"#), Some(Told::Warning { message: "8 bits".into() }));
-        assert_eq!(told(r#"{"event":"evaluation","mean":{}}"#), Some(Told::Other));
+        assert_eq!(progress, Some(WorkerEvent::Progress { iteration: 300 }));
+        assert_eq!(told(r#"{"event":"warning","message":"8 bits"}"#), Some(WorkerEvent::Warning { message: "8 bits".into() }));
+        assert_eq!(told(r#"{"event":"evaluation","mean":{}}"#), Some(WorkerEvent::Other));
         assert_eq!(told("no JSON"), None);
     }
 
@@ -121,7 +126,7 @@ mod tests {
     fn an_error_comes_with_its_causes_and_without_what_was_before() {
         let stderr = "warning: odd\nerror: cannot read the data set\n  caused by: images/000.exr: truncated\n";
         assert_eq!(error_of(stderr).to_string(), "cannot read the data set: images/000.exr: truncated");
-        assert_eq!(error_of("Killed\n").to_string(), "the process failed without a word: Killed");
+        assert_eq!(error_of("Killed\n").to_string(), "the process failed without a message: Killed");
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use luxel::report::html::escape;
+use crate::report::html::escape;
 
 use super::columns::{Better, Column, by_key, groups};
 use super::matrix::Matrix;

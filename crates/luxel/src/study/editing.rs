@@ -7,20 +7,21 @@
 
 use std::fmt::Write as _;
 
-use anyhow::{Context, Result};
-use luxel::report::html::escape;
-use luxel::report::picture::{self, Display, figure, radiance};
-use luxel::run::state;
-use luxel::text;
+use crate::Result;
+use crate::error::Context;
+use crate::report::html::escape;
+use crate::report::picture::{self, Display, figure, radiance};
+use crate::run::state;
+use crate::text;
 use luxel_core::edit::{Fidelity, FidelityMeter, MaskShares, ShMap, chromaticity_distance, ideally_edited};
 use luxel_core::tone::Tonemap;
 use luxel_core::{ColorModel, ColorSpace, Edit, Engine, Image, Map, Scene, Selection, View};
 
 use super::matrix::{Cell, Matrix};
 use super::paper;
-use crate::args::DeviceArgs;
-use crate::inputs::engine;
-use crate::output::console::Console;
+use crate::DeviceOptions;
+use crate::Observer;
+use crate::SelectedEngine;
 
 /// The paper's L^1.2.
 pub(super) const EXPONENT: f32 = 1.2;
@@ -64,11 +65,11 @@ struct Engines {
 }
 
 /// Edits and measures; `finished` are the cells that have scenes.
-pub(super) fn edit(matrix: &Matrix, finished: &[usize], device: &DeviceArgs, console: &Console) -> Result<Vec<Edited>> {
-    let mut engines = Engines { before: engine::engine(device)?.engine, after: engine::engine(device)?.engine };
+pub(super) fn edit(matrix: &Matrix, finished: &[usize], device: &DeviceOptions, observer: &dyn Observer) -> Result<Vec<Edited>> {
+    let mut engines = Engines { before: SelectedEngine::open(device)?.engine, after: SelectedEngine::open(device)?.engine };
     let mut edited = Vec::new();
     for source in 0..matrix.sources.len() {
-        let candidates = candidates(matrix, finished, source, console)?;
+        let candidates = candidates(matrix, finished, source, observer)?;
         let (Some(first), Some(last)) = (candidates.first(), candidates.last()) else { continue };
         let dataset = luxel_io::load_dataset(&first.cell.config.dataset, &first.cell.config.load).context("cannot read the data set")?;
         if dataset.test.is_empty() {
@@ -87,7 +88,7 @@ pub(super) fn edit(matrix: &Matrix, finished: &[usize], device: &DeviceArgs, con
 }
 
 /// Harmonics of radiance, then luminance apart from colour; of each kind the paper's method if it is there.
-fn candidates<'a>(matrix: &'a Matrix, finished: &[usize], source: usize, console: &Console) -> Result<Vec<Candidate<'a>>> {
+fn candidates<'a>(matrix: &'a Matrix, finished: &[usize], source: usize, observer: &dyn Observer) -> Result<Vec<Candidate<'a>>> {
     let cells = || finished.iter().filter_map(|&i| matrix.cells.get(i)).filter(|cell| cell.source == source);
     let model = |cell: &&Cell| matrix.methods[cell.method];
     let chosen = |separates: bool| {
@@ -98,7 +99,7 @@ fn candidates<'a>(matrix: &'a Matrix, finished: &[usize], source: usize, console
     let candidate = |separates: bool| {
         let ways: &[_] =
             if separates { &[("", ShMap::Luminance)] } else { &[("by luminance", ShMap::Luminance), ("by channels", ShMap::Channels)] };
-        let read = |cell: &'a Cell| Ok(Candidate { cell, scene: state::newest_scene(&cell.folder, console)?.1, ways });
+        let read = |cell: &'a Cell| Ok(Candidate { cell, scene: state::newest_scene(&cell.folder, observer)?.1, ways });
         chosen(separates).map(read)
     };
     [false, true].into_iter().filter_map(candidate).collect()
@@ -117,10 +118,10 @@ impl Engines {
         let scale = scene.radiance_scale;
         let (chain, mut meter, mut shown) = (edit.chain(), FidelityMeter::default(), None);
         for (i, view) in views.iter().enumerate() {
-            let render = |engine: &mut dyn Engine| {
+            let render = |engine: &mut dyn Engine| -> Result<Image> {
                 let mut image = engine.render(&view.camera, &options).with_context(|| format!("cannot render {}", view.name))?;
                 scale.restore(&mut image);
-                anyhow::Ok(image)
+                Ok(image)
             };
             let (mut before, mut after) = (render(self.before.as_mut())?, render(self.after.as_mut())?);
             let mut ideal = ideally_edited(&before, &chain);

@@ -1,0 +1,59 @@
+//! `luxel reproduce`: methods, data sets and seeds, trained, measured and set side by side.
+
+use anyhow::{Context, Result, bail};
+use luxel::run::{ExplicitArgs, Outcome};
+use luxel::study::{Study, StudyFiles, StudyOptions, run as run_study};
+use serde_json::json;
+
+use crate::args::ReproduceArgs;
+use crate::args::run_config::difference_line;
+use crate::interrupt;
+use crate::output::console::Console;
+
+/// Runs the command; `explicit` names the options that were given.
+pub(crate) fn run(args: &ReproduceArgs, explicit: &ExplicitArgs) -> Result<Outcome> {
+    let console = Console::new(args.console.log_format, args.console.quiet);
+    match run_study(&options(args, explicit)?, &console, interrupt::stop())? {
+        Study::Interrupted => {
+            console.note("saved; the same command continues from here");
+            Ok(Outcome::Interrupted)
+        }
+        Study::Reported { files, mut failures } => {
+            print_files(&files, &console)?;
+            if failures.is_empty() {
+                return Ok(Outcome::Finished);
+            }
+            let first = failures.remove(0);
+            let others = if failures.is_empty() { String::new() } else { format!(" (and {} more)", failures.len()) };
+            bail!("{}: {:#}{others}; the report is without it, and the same command tries it again", first.run, first.error)
+        }
+    }
+}
+
+/// Returns the library's options.
+fn options(args: &ReproduceArgs, explicit: &ExplicitArgs) -> Result<StudyOptions> {
+    let program = std::env::current_exe().context("cannot find the file of this program, which trains the runs")?;
+    Ok(StudyOptions {
+        methods: args.methods.clone(),
+        seeds: args.seeds.clone(),
+        jobs: args.jobs as usize,
+        checkpoint_every: args.checkpoint_every,
+        load: args.load.options(),
+        device: args.device.options(),
+        train: args.train.clone().with_preset(|id| explicit.contains(id)),
+        flip: args.metrics.into(),
+        lpips_weights: args.lpips_weights.clone(),
+        word_difference: difference_line,
+        ..StudyOptions::new(args.datasets.iter().cloned(), &args.output, program)
+    })
+}
+
+/// Prints where the report is.
+fn print_files(files: &StudyFiles, console: &Console) -> Result<()> {
+    let [report, tables, runs, means, profiles] =
+        [&files.report, &files.tables, &files.runs, &files.means, &files.profiles].map(|path| path.display().to_string());
+    let event = json!({ "event": "finished", "report": report, "tables": tables, "runs": runs, "means": means, "profiles": profiles });
+    let text =
+        format!("report  {report}   <- open this in a browser\ntables  {tables}\nmetrics {runs}\n        {means}\n        {profiles}");
+    console.result(&event, &text)
+}
