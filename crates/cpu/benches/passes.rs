@@ -1,10 +1,13 @@
-//! Every pass of a training step, whole steps and renders, on the synthetic room: `room_20k/lcd/rasterize`.
+//! Every pass of a training step, whole steps and renders, on the synthetic room:
+//! `room_20k/lcd/rasterize`.
 //!
-//! Passes are private to the engine, so a pass's time is the difference of [`Engine::timings`] over whole steps. `color` and
-//! `color_backward` run within `project` and `project_backward`; `densify` is no part of a step. Splats lie in Z-order and the target
-//! is the room before its parameters were perturbed, as `luxel bench --generate` has it; cut-offs are 3DGS's.
+//! Passes are private to the engine, so a pass's time is the difference of [`Engine::timings`] over
+//! whole steps. `color` and `color_backward` run within `project` and `project_backward`; `densify`
+//! is no part of a step. Splats lie in Z-order and the target is the room before its parameters
+//! were perturbed, as `luxel bench --generate` has it; cut-offs are 3DGS's.
 //!
-//! `cargo bench -p luxel-cpu -- room_20k/lcd` measures a part; `-- --save-baseline NAME` and `-- --baseline NAME` compare.
+//! `cargo bench -p luxel-cpu -- room_20k/lcd` measures a part; `-- --save-baseline NAME` and `--
+//! --baseline NAME` compare.
 #![allow(missing_docs, clippy::unwrap_used)]
 
 use std::hint::black_box;

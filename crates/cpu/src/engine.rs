@@ -1,4 +1,7 @@
-//! [`CpuEngine`]: checks what it is given, and runs the passes over rayon's threads.
+//! [`CpuEngine`]: checks its arguments, and runs the passes on rayon's threads.
+//!
+//! In and out: see [`Engine`]. Degenerate: invalid splats, views and plans are errors, and leave
+//! the engine unchanged.
 
 mod clock;
 mod state;
@@ -13,14 +16,14 @@ use luxel_core::{Camera, Engine, EngineError, Image, Layers, Moments, Pass, Reme
 use self::state::State;
 use crate::view::ScreenCamera;
 
-/// The native engine. Its results are the same bits for any number of threads.
+/// The CPU engine. Its results are the same bits for any number of threads.
 pub struct CpuEngine {
     pool: rayon::ThreadPool,
     state: State,
 }
 
 impl CpuEngine {
-    /// An engine on `threads` threads; 0 takes one per core.
+    /// Makes an engine on `threads` threads; 0 means one per core.
     ///
     /// # Errors
     /// [`EngineError::Device`] if the threads can't be started.
@@ -32,20 +35,21 @@ impl CpuEngine {
         Ok(Self { pool, state: State::new() })
     }
 
-    /// Threads the engine works on.
+    /// Returns the number of threads.
     pub fn threads(&self) -> usize {
         self.pool.current_num_threads()
     }
 
-    /// The instruction set in use, for people.
+    /// Returns the name of the instruction set in use, for display.
     pub fn instruction_set(&self) -> String {
         format!("{:?}", self.state.level).split(['(', ' ', '{']).next().unwrap_or_default().to_lowercase()
     }
 
-    /// Restricts the engine to a lesser instruction set: to test that results do not hang on it, and to measure what it brings.
+    /// Restricts the engine to a smaller instruction set, to test that results do not depend on it
+    /// and to measure what it gains.
     ///
     /// # Errors
-    /// [`EngineError::Device`] if the processor does not have it; the engine stays as it was.
+    /// [`EngineError::Device`] if the processor does not have it; the engine is then unchanged.
     pub fn set_instruction_set(&mut self, set: InstructionSet) -> Result<(), EngineError> {
         let level = match set {
             InstructionSet::Best => Some(Level::new()),
@@ -60,25 +64,26 @@ impl CpuEngine {
         Ok(())
     }
 
-    /// Forward and backward without the update: the seam at which data-parallel training reduces gradients. Gradients in the layout of the
-    /// splats; `smoothing` is empty.
+    /// Runs the forward and backward passes without the update, and returns the gradients in the
+    /// layout of the splats; `smoothing` is empty. Data-parallel training would reduce gradients
+    /// here.
     ///
     /// # Errors
-    /// As [`Engine::train_step`].
+    /// The errors of [`Engine::train_step`].
     pub fn gradients(&mut self, view: &View, step: &StepConfig) -> Result<(StepReport, Splats), EngineError> {
         let camera = checked_view(view, step)?;
         Ok(self.pool.install(|| self.state.gradients(&camera, view, step)))
     }
 }
 
-/// Instruction sets an engine can be held to.
+/// An instruction set that an engine can be restricted to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum InstructionSet {
-    /// The best the processor has.
+    /// The best that the processor has.
     Best,
-    /// AVX2 with FMA (x86-64-v3), also on a processor that has AVX-512.
+    /// AVX2 with FMA (x86-64-v3), even if the processor has AVX-512.
     Avx2,
-    /// What every processor of the target has (SSE2 on x86-64, NEON on aarch64).
+    /// The set that every processor of the target has (SSE2 on x86-64, NEON on aarch64).
     Baseline,
 }
 
@@ -92,6 +97,7 @@ fn avx2() -> Option<Level> {
     None
 }
 
+/// Returns the camera for the passes, after checking it.
 fn checked_camera(camera: &Camera, options: &RenderOptions) -> Result<ScreenCamera, EngineError> {
     if !camera.distortion.is_none() {
         return Err(EngineError::invalid("camera: has lens distortion; undistort its image first"));
@@ -99,10 +105,10 @@ fn checked_camera(camera: &Camera, options: &RenderOptions) -> Result<ScreenCame
     Ok(ScreenCamera::new(camera, options)?)
 }
 
-/// The camera of a view whose image and mask are of its size.
+/// Returns the camera of a view, after checking that image and mask have its size.
 fn checked_view(view: &View, step: &StepConfig) -> Result<ScreenCamera, EngineError> {
     let camera = checked_camera(&view.camera, &step.render)?;
-    let size_px = camera.shown().size_px;
+    let size_px = camera.without_supersampling().size_px;
     if [view.image.width, view.image.height] != size_px {
         return Err(EngineError::invalid(format!(
             "view {}: image is {} x {}, the camera expects {} x {}",
@@ -152,7 +158,7 @@ impl Engine for CpuEngine {
 
     fn contributions(&mut self, camera: &Camera, options: &RenderOptions, mask: &[f32]) -> Result<Contributions, EngineError> {
         let camera = checked_camera(camera, options)?;
-        let pixels = camera.shown().size_px.iter().product::<usize>();
+        let pixels = camera.without_supersampling().size_px.iter().product::<usize>();
         if mask.len() != pixels {
             return Err(EngineError::invalid(format!("mask holds {} pixels, the camera's image {pixels}", mask.len())));
         }

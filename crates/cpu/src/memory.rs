@@ -1,7 +1,9 @@
-//! Memory for the parameters of all splats: zeroed at first, in huge pages where the system grants them.
+//! Memory for the parameters of all splats: zeroed at first, in huge pages where the system
+//! provides them.
 //!
-//! A step goes through hundreds of megabytes of parameters and moments once, front to back, and the processor's prediction of what comes next ends
-//! at each page: in pages of 4 KiB it begins anew at every block of splats.
+//! A step reads all parameters and moments once, front to back, and the processor's prefetching
+//! stops at the end of each page: with pages of 4 KiB it would start again at every block of
+//! splats. Degenerate: small buffers, and systems that refuse pages, use the allocator.
 
 use std::ops::{Deref, DerefMut};
 
@@ -9,10 +11,10 @@ use memmap2::MmapMut;
 
 use crate::lanes::Lanes;
 
-/// Size of a huge page on x86-64 and most of aarch64; a buffer that would not fill one is an ordinary one.
+/// Size of a huge page on x86-64 and most of aarch64. A smaller buffer is allocated as usual.
 const HUGE_PAGE: usize = 2 << 20;
 
-/// `[rows, 16]`, with room for more rows.
+/// A buffer `[rows, 16]`, with room for more rows.
 pub(crate) struct Buffer {
     memory: Memory,
     rows: usize,
@@ -20,7 +22,7 @@ pub(crate) struct Buffer {
 
 enum Memory {
     Heap(Vec<Lanes>),
-    /// Anonymous pages. Those that were never written to take no memory.
+    /// Anonymous pages. Pages that were never written take no memory.
     Pages(MmapMut),
 }
 
@@ -29,12 +31,13 @@ impl Buffer {
         Self { memory: Memory::zeros(rows), rows }
     }
 
-    /// Makes it `rows` long. What it holds then is of no use: zeros, or anything that was in its memory before. Memory is taken anew, with room for
-    /// an eighth more, only where it does not suffice or is more than twice too large.
+    /// Changes the length to `rows`. Afterwards the contents are arbitrary: zeros, or old values.
+    /// Memory is allocated anew, with room for an eighth more, only if it is too small or more than
+    /// twice too large.
     pub(crate) fn resize(&mut self, rows: usize) {
         let room = self.memory.rows().len();
         if rows > room || rows < room / 2 {
-            // The old goes before the new comes.
+            // The old memory is freed before the new is allocated.
             self.memory = Memory::Heap(Vec::new());
             self.memory = Memory::zeros(rows + rows / 8);
         }
@@ -48,11 +51,11 @@ impl Memory {
         match pages {
             Some(pages) => {
                 #[cfg(target_os = "linux")]
-                // Only a wish: without huge pages everything is as it should be, but slower.
+                // Only a hint: without huge pages everything works, but slower.
                 let _ = pages.advise(memmap2::Advice::HugePage);
                 Self::Pages(pages)
             }
-            // Too small, or refused: the allocator knows how to end a program that is out of memory.
+            // Too small, or refused: the allocator reports a lack of memory.
             None => Self::Heap(vec![Lanes::ZERO; rows]),
         }
     }

@@ -1,27 +1,31 @@
-//! Getting memory ahead of its use, where the processor does not foresee it.
+//! Reads memory ahead of its use, where the processor does not predict it.
 //!
-//! Its prediction of what comes next goes line by line and begins anew with each stretch of memory; a block of splats has sixty lines, after which
-//! hundreds of cycles of arithmetic follow, in which nothing would be on its way. Two ways help: asking for a few lines and going on, which
-//! too many questions hold up, and reading a long stretch at once.
+//! The processor predicts accesses line by line, and starts again with each stretch of memory. A
+//! block of splats takes tens of lines, followed by hundreds of cycles of arithmetic during which
+//! no memory would be read. Two methods help: requesting a few lines without waiting for them
+//! ([`prefetch`]), which stalls when there are too many requests, and reading a long stretch at
+//! once ([`fetch`]).
 
 use bytemuck::Pod;
 
 use crate::lanes::Lanes;
 
-/// Sixteens of splats between those that are asked for and those in work.
+/// Distance, in blocks of sixteen splats, between the splats that are requested and those being
+/// processed.
 pub(crate) const AHEAD: usize = 2;
 
-/// Bytes of a cache line; where it has more the reading is of no harm.
+/// Bytes of a cache line. Where lines are longer, the additional reads do no harm.
 const LINE: usize = 64;
 
-/// Reads values in a row, at the pace of memory, so that they are in the core's cache for who needs them here and there.
+/// Reads consecutive values at the speed of memory, so that they are in the core's cache for later
+/// access in random order.
 pub(crate) fn fetch<T: Pod>(values: &[T]) {
     let bytes: &[u8] = bytemuck::cast_slice(values);
     std::hint::black_box(bytes.chunks(LINE).fold(0, |sum, line| sum ^ line[0]));
 }
 
-/// Asks for what is at `first` and the `count - 1` numbers behind it, as far as there are so many. Does nothing where the processor has no such
-/// instruction that the standard library knows.
+/// Requests `count` rows from `first` on, as far as they exist. Does nothing on processors without
+/// a prefetch instruction in the standard library.
 #[inline(always)]
 pub(crate) fn prefetch_rows(all: &[Lanes], first: usize, count: usize) {
     if let Some(rows) = all.get(first..) {
@@ -29,12 +33,13 @@ pub(crate) fn prefetch_rows(all: &[Lanes], first: usize, count: usize) {
     }
 }
 
-/// Asks for the cache line of a value.
+/// Requests the cache line of a value.
 #[inline(always)]
 pub(crate) fn prefetch<T>(value: &T) {
     #[cfg(target_arch = "x86_64")]
-    #[allow(unsafe_code)]
-    // SAFETY: the instruction is part of every x86-64 processor, changes nothing but caches, and the address is that of a value that is there.
+    #[expect(unsafe_code, reason = "the standard library has no safe prefetch")]
+    // SAFETY: the instruction is part of every x86-64 processor, affects nothing but caches, and
+    // the address is that of a live reference.
     unsafe {
         use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
         _mm_prefetch::<_MM_HINT_T0>(std::ptr::from_ref(value).cast());

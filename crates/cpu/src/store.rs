@@ -1,18 +1,37 @@
-//! The engine's parameters: sixteen splats side by side, so that every pass reads whole vectors.
+//! The engine's parameters in memory: sixteen splats side by side, so that every pass reads whole
+//! vectors.
 //!
-//! A block holds 16 splats; a row of a block is one parameter of all 16 ([`crate::lanes::Lanes`]).
-//! Rows are in the order of [`ParameterRows`]. Lanes beyond the last splat mean nothing and are
-//! never read as splats.
+//! A block holds 16 splats; a row of a block is one parameter of all 16 ([`Lanes`]). Rows, in
+//! order: position 3, rotation 4, log scale 3, opacity logit 1, harmonics 3K (m-major, then
+//! channel), raw luminance M. Lanes beyond the last splat hold arbitrary values and are never read
+//! as splats.
 
 use luxel_core::engine::ParameterRows;
 use luxel_core::{Moments, Splats};
 
-use crate::lanes::LANES;
+use crate::lanes::{LANES, Lanes};
 use crate::memory::Buffer;
 
-/// Number of blocks that hold `count` splats.
+/// Returns the number of blocks that hold `count` splats.
 pub(crate) fn blocks(count: usize) -> usize {
     count.div_ceil(LANES)
+}
+
+/// The layout and the number of splats of a [`Store`].
+#[derive(Clone, Copy)]
+pub(crate) struct StoreShape {
+    pub(crate) layout: ParameterRows,
+    /// Number of splats.
+    pub(crate) count: usize,
+}
+
+/// A block of a [`Store`]: sixteen splats.
+#[derive(Clone, Copy)]
+pub(crate) struct Block<'a> {
+    /// Number of the block within the store.
+    pub(crate) index: usize,
+    /// Parameters, `[rows, 16]`.
+    pub(crate) rows: &'a [Lanes],
 }
 
 /// Splats (or their moments, or gradients) in blocks: `[blocks, rows, 16]`.
@@ -23,10 +42,12 @@ pub(crate) struct Store {
 }
 
 impl Store {
+    /// Makes a store of `count` splats whose values are all zero.
     pub(crate) fn zeros(layout: ParameterRows, count: usize) -> Self {
         Self { layout, count, lanes: Buffer::zeros(blocks(count) * layout.count()) }
     }
 
+    /// Copies splats into blocks.
     pub(crate) fn from_splats(splats: &Splats) -> Self {
         let layout = ParameterRows { color_model: splats.color_model };
         let mut store = Self::zeros(layout, splats.len());
@@ -48,6 +69,7 @@ impl Store {
         store
     }
 
+    /// Copies the blocks back to splats, without the 3D filter.
     pub(crate) fn to_splats(&self) -> Splats {
         let mut splats = Moments::zeros(self.layout.color_model, self.count).first;
         let rows = self.layout.count();
@@ -71,7 +93,12 @@ impl Store {
         splats
     }
 
-    /// Parameter `row` of splat `i`.
+    /// Returns the layout and the number of splats.
+    pub(crate) fn shape(&self) -> StoreShape {
+        StoreShape { layout: self.layout, count: self.count }
+    }
+
+    /// Returns parameter `row` of splat `i`.
     pub(crate) fn at(&self, row: usize, i: usize) -> f32 {
         self.lanes[i / LANES * self.layout.count() + row].0[i % LANES]
     }

@@ -1,7 +1,13 @@
-//! What the passes need of a camera, in f32.
+//! The camera as the passes use it, in f32; tiles and blocks of pixels.
+//!
+//! In: [`Camera`], [`RenderOptions`]. Out: [`ScreenCamera`]. Degenerate: an invalid camera is an
+//! error, and the number of samples is clamped to the range that core allows.
 
-use luxel_core::engine::JACOBIAN_MARGIN;
-use luxel_core::{Antialias, Camera, CameraError, Cutoffs, MAX_SAMPLES, RenderOptions};
+use fearless_simd::Simd;
+use luxel_core::engine::{JACOBIAN_MARGIN, ParameterRows};
+use luxel_core::{Antialias, Camera, CameraError, Cutoffs, MAX_SAMPLES, Real, RenderOptions, each};
+
+use crate::lanes::{Lanes, V, dot};
 
 /// Side of a block, pixels: its 16 pixels are a vector of [`crate::lanes::LANES`], row-major.
 pub(crate) const BLOCK_PX: usize = 4;
@@ -12,7 +18,7 @@ pub(crate) const TILE_PX: usize = BLOCK_PX * TILE_BLOCKS;
 /// Blocks of a tile, row-major.
 pub(crate) const BLOCKS: usize = TILE_BLOCKS * TILE_BLOCKS;
 
-/// A camera and the options it renders with. With several samples a pixel it is that of the samples.
+/// A camera with its render options. With supersampling, its pixels are the samples.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ScreenCamera {
     /// Rows of the rotation of camera_from_world.
@@ -22,7 +28,7 @@ pub(crate) struct ScreenCamera {
     pub(crate) focal_px: [f32; 2],
     pub(crate) center_px: [f32; 2],
     pub(crate) size_px: [usize; 2],
-    /// Of these along the side of a pixel of the image.
+    /// Samples along the side of an image pixel.
     pub(crate) samples: usize,
     /// Range of x/z (and y/z) in which the Jacobian is evaluated.
     pub(crate) slope_min: [f32; 2],
@@ -61,17 +67,18 @@ impl ScreenCamera {
         })
     }
 
-    /// Of the image, for what looks at nothing but its size.
-    pub(crate) fn shown(&self) -> Self {
+    /// Returns the camera of the image's own pixels. Only its size may be used: the other fields
+    /// still belong to the samples.
+    pub(crate) fn without_supersampling(&self) -> Self {
         Self { size_px: self.size_px.map(|s| s / self.samples), samples: 1, ..*self }
     }
 
-    /// Tiles across and down.
+    /// Returns the number of tiles across and down.
     pub(crate) fn tiles(&self) -> [usize; 2] {
         self.size_px.map(|s| s.div_ceil(TILE_PX))
     }
 
-    /// Top left pixel of a tile.
+    /// Returns the top left pixel of a tile.
     #[inline(always)]
     pub(crate) fn tile_origin_px(&self, tile: usize) -> [usize; 2] {
         let across = self.tiles()[0];
@@ -79,11 +86,38 @@ impl ScreenCamera {
     }
 }
 
-/// Block (of a tile) and lane (of the block) of a tile's pixel.
+/// Returns the block (of a tile) and the lane (of the block) of a tile's pixel.
 #[inline(always)]
 pub(crate) fn block_of(x: usize, y: usize) -> (usize, usize) {
     (y / BLOCK_PX * TILE_BLOCKS + x / BLOCK_PX, y % BLOCK_PX * BLOCK_PX + x % BLOCK_PX)
 }
 
-// The pixels of a block are a vector.
+/// A block of a tile, by number, with its place on the screen.
+#[derive(Clone, Copy)]
+pub(crate) struct ScreenBlock {
+    /// Top left pixel of the tile.
+    pub(crate) origin_px: [usize; 2],
+    /// Number of the block within the tile.
+    pub(crate) index: usize,
+}
+
+/// Directions from the camera to the splats of a block.
+pub(crate) struct ViewDirection<S: Simd> {
+    /// Unit vectors.
+    pub(crate) unit: [V<S>; 3],
+    /// Reciprocals of the distances.
+    pub(crate) inverse_distance: V<S>,
+}
+
+impl<S: Simd> ViewDirection<S> {
+    /// Computes the directions from the position rows of a block.
+    #[inline(always)]
+    pub(crate) fn new(simd: S, camera: &ScreenCamera, rows: &[Lanes]) -> Self {
+        let offset = each!([0, 1, 2] i => V::load(simd, &rows[ParameterRows::POSITION + i]) - camera.eye[i]);
+        let inverse_distance = V::splat(simd, 1.0) / dot(offset, offset).max(V::splat(simd, 1e-30)).sqrt();
+        Self { unit: each!([0, 1, 2] i => { let v = offset[i]; v * inverse_distance }), inverse_distance }
+    }
+}
+
+// The pixels of a block fill a vector.
 const _: () = assert!(BLOCK_PX * BLOCK_PX == crate::lanes::LANES);

@@ -1,4 +1,5 @@
-//! [`State`]: what an engine holds, and its passes in their order. It works on the threads of the pool that it is called in.
+//! [`State`]: the data of an engine, and its passes in their order. It uses the threads of the
+//! rayon pool in which it is called.
 
 use std::time::Duration;
 
@@ -11,8 +12,7 @@ use super::clock::{Clock, Timings};
 use crate::lanes::{LANES, Lanes};
 use crate::memory::Buffer;
 use crate::passes::adam::Optimizer;
-use crate::passes::bin::Bins;
-use crate::passes::blend::sort_and_rasterize;
+use crate::passes::bin::{Bins, ScreenSplats};
 use crate::passes::changes::Changes;
 use crate::passes::contribute::contribute;
 use crate::passes::densify;
@@ -21,38 +21,50 @@ use crate::passes::loss::{LossBuffers, LossSums};
 use crate::passes::project::{Footprint, project, resize_for};
 use crate::passes::project_backward::Inputs;
 use crate::passes::rasterize::{TilePixels, to_alpha, to_image};
-use crate::passes::rasterize_backward::{AbsoluteSums, BlockGradient, rasterize_backward};
+use crate::passes::rasterize_backward::{AbsoluteSums, BlockGradient, RasterizedTiles, rasterize_backward};
 use crate::passes::samples::{resolve, spread};
 use crate::passes::sort::TileList;
+use crate::passes::sort_and_rasterize::{TileBuffers, sort_and_rasterize};
 use crate::passes::sums::EntryGradient;
-use crate::passes::update::{Scratch, backward_and_adam, gradients};
+use crate::passes::update::{NextView, Scratch, UpdateBuffers, backward_and_adam, gradients};
 use crate::store::Store;
 use crate::view::ScreenCamera;
 
-/// A scene under way.
+/// A scene in training, with the buffers of its passes.
 pub(super) struct State {
     pub(super) level: Level,
     parameters: Store,
     first: Store,
     second: Store,
-    /// Memory that the next densification builds into: as much as one of the three has, while there are statistics for one.
+    /// Memory into which the next densification builds a store. It is released in steps that
+    /// collect no statistics.
     spare: Buffer,
-    /// 3D filter by block; empty when the scene has none.
+    /// 3D filter by block; empty if the scene has none.
     smoothing: Vec<Lanes>,
     stats: DensifyStats,
     frame: Frame,
-    /// What the last step still has to change. It waits for the next view, whose projection it makes while the parameters are in the cache.
+    /// The update of the last step, deferred until the next view is known: then the update and the
+    /// next projection run together, while the parameters are in the cache.
     pending: Option<Update>,
     pub(super) timings: Timings,
 }
 
-/// A step whose gradients by the screen are in [`Frame`], and what they are to be used up with.
+/// A deferred update. Its gradients by the screen are in [`Frame`].
 struct Update {
     camera: ScreenCamera,
     step: StepConfig,
 }
 
-/// Buffers of a step, kept between steps.
+/// Whether a forward pass records what changed the pixels.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Recording {
+    /// Records nothing: the image is all that is wanted.
+    Nothing,
+    /// Records changes, for the backward pass.
+    Changes,
+}
+
+/// The buffers of a step, kept between steps.
 #[derive(Default)]
 struct Frame {
     footprints: Vec<Footprint>,
@@ -60,22 +72,22 @@ struct Frame {
     lists: Vec<TileList>,
     pixels: Vec<TilePixels>,
     changes: Vec<Changes>,
-    /// With several samples a pixel `pixels` are samples, and these the image's.
+    /// With supersampling, `pixels` holds the samples, and this the pixels of the image.
     resolved: Vec<TilePixels>,
     loss: LossBuffers,
-    /// Gradient by the samples' radiance, where there are several a pixel.
+    /// With supersampling, the gradient by the samples' radiance.
     sample_gradient: Vec<BlockGradient>,
     entries: Vec<Vec<EntryGradient>>,
     scratch: Scratch,
 }
 
-/// Pixels of the image, of those that were rasterised and those that their samples were averaged to.
-fn shown<'a>(camera: &ScreenCamera, pixels: &'a [TilePixels], resolved: &'a [TilePixels]) -> &'a [TilePixels] {
+/// Returns the pixels of the image: the rasterised ones, or with supersampling their means.
+fn final_pixels<'a>(camera: &ScreenCamera, pixels: &'a [TilePixels], resolved: &'a [TilePixels]) -> &'a [TilePixels] {
     if camera.samples == 1 { pixels } else { resolved }
 }
 
 impl State {
-    /// No splats.
+    /// Makes a state without splats.
     pub(super) fn new() -> Self {
         let layout = ParameterRows { color_model: luxel_core::ColorModel::Sh { degree: 0 } };
         let empty = || Store::zeros(layout, 0);
@@ -93,13 +105,14 @@ impl State {
         }
     }
 
+    /// Returns the number of splats.
     pub(super) fn len(&self) -> usize {
         self.parameters.count
     }
 
-    /// Takes over a valid scene.
+    /// Loads a valid scene.
     pub(super) fn load(&mut self, splats: &Splats, moments: Option<&Moments>) {
-        // What a last step had to change is gone.
+        // A deferred update of the old scene is dropped.
         self.pending = None;
         self.parameters = Store::from_splats(splats);
         let zeros = || Store::zeros(self.parameters.layout, splats.len());
@@ -111,6 +124,7 @@ impl State {
         self.stats = DensifyStats::zeros(splats.len());
     }
 
+    /// Copies the scene and its moments.
     pub(super) fn save(&mut self) -> (Splats, Moments) {
         self.finish();
         let mut splats = self.parameters.to_splats();
@@ -120,6 +134,7 @@ impl State {
         (splats, Moments { first: self.first.to_splats(), second: self.second.to_splats() })
     }
 
+    /// Copies what densification policy looks at.
     pub(super) fn geometry(&mut self) -> Geometry {
         self.finish();
         let at = |row: usize, i: usize| self.parameters.at(row, i);
@@ -131,33 +146,33 @@ impl State {
         }
     }
 
-    /// Statistics as they stand.
+    /// Returns the current statistics.
     pub(super) fn stats(&mut self) -> &mut DensifyStats {
         self.finish();
         &mut self.stats
     }
 
-    /// Does what the last step has left to do.
+    /// Applies a deferred update.
     pub(super) fn finish(&mut self) {
         if let Some(update) = self.pending.take() {
             self.update(&update, None);
         }
     }
 
-    /// Uses up a step's gradients, and projects the splats for the next view, if there is one.
+    /// Applies a step's gradients, and projects the splats for the next view, if it is known.
     fn update(&mut self, Update { camera, step }: &Update, next: Option<&ScreenCamera>) {
         let Self { level, parameters, first, second, smoothing, stats, frame, timings, .. } = self;
         let Frame { bins, entries, scratch, footprints, .. } = frame;
         let mut clock = Clock::new(timings);
         resize_for(parameters, footprints);
-        let next = next.map(|camera| (camera, footprints.as_mut_slice()));
-        let inputs = Inputs::new(parameters, smoothing, (bins, entries), &step.loss);
+        let next = next.map(|camera| NextView { camera, footprints });
+        let inputs = Inputs::new(parameters, smoothing, bins, entries, &step.loss);
         let optimizer = Optimizer { parameters, first, second };
-        let [backward, adam, project] = backward_and_adam(*level, camera, &inputs, optimizer, step, (stats, scratch, next));
+        let [backward, adam, project] = backward_and_adam(*level, camera, &inputs, optimizer, step, UpdateBuffers { stats, scratch, next });
         clock.lap_shared(&[(Pass::ProjectBackward, backward), (Pass::Adam, adam), (Pass::Project, project)]);
     }
 
-    /// Projects the splats, with what the last step has still to change.
+    /// Projects the splats, together with a deferred update if there is one.
     fn project(&mut self, camera: &ScreenCamera) {
         if let Some(update) = self.pending.take() {
             return self.update(&update, Some(camera));
@@ -167,15 +182,16 @@ impl State {
         clock.lap(Pass::Project);
     }
 
-    /// Passes up to the image. `noted`: whether somebody wants to know what changed its pixels.
-    fn forward(&mut self, camera: &ScreenCamera, noted: bool) {
+    /// Runs the passes up to the image.
+    fn forward(&mut self, camera: &ScreenCamera, recording: Recording) {
         self.project(camera);
         let Self { level, frame, timings, .. } = self;
         let mut clock = Clock::new(timings);
         frame.bins.fill(camera, &frame.footprints);
         clock.lap(Pass::Bin);
-        let changes = noted.then_some(&mut frame.changes);
-        let (splats, tiles) = ((&frame.bins, frame.footprints.as_slice()), (&mut frame.lists, &mut frame.pixels, changes));
+        let changes = (recording == Recording::Changes).then_some(&mut frame.changes);
+        let splats = ScreenSplats { bins: &frame.bins, footprints: &frame.footprints };
+        let tiles = TileBuffers { lists: &mut frame.lists, pixels: &mut frame.pixels, changes };
         let [sort, rasterize] = sort_and_rasterize(*level, camera, splats, tiles);
         clock.lap_shared(&[(Pass::Sort, sort), (Pass::Rasterize, rasterize)]);
         if camera.samples > 1 {
@@ -184,50 +200,56 @@ impl State {
         }
     }
 
+    /// Renders the image.
     pub(super) fn render(&mut self, camera: &ScreenCamera) -> Image {
-        self.forward(camera, false);
-        to_image(shown(camera, &self.frame.pixels, &self.frame.resolved), &camera.shown())
+        self.forward(camera, Recording::Nothing);
+        to_image(final_pixels(camera, &self.frame.pixels, &self.frame.resolved), &camera.without_supersampling())
     }
 
+    /// Renders the image, alpha and depth.
     pub(super) fn render_layers(&mut self, camera: &ScreenCamera) -> Layers {
-        self.forward(camera, false);
+        self.forward(camera, Recording::Nothing);
         let Self { level, frame, .. } = self;
-        let image_camera = camera.shown();
-        let pixels = shown(camera, &frame.pixels, &frame.resolved);
+        let image_camera = camera.without_supersampling();
+        let pixels = final_pixels(camera, &frame.pixels, &frame.resolved);
         let image = to_image(pixels, &image_camera);
         let alpha = to_alpha(pixels, &image_camera);
-        // The same lists, thresholds and all, blended once more with distances for colours.
+        // The same lists with the same thresholds, blended once more with distances in place of
+        // colours.
         let on_nothing = ScreenCamera { background: [0.0; 3], ..*camera };
         frame.footprints.iter_mut().for_each(|footprint| footprint.radiance = [footprint.depth, 0.0, 0.0]);
-        let (splats, tiles) = ((&frame.bins, frame.footprints.as_slice()), (&mut frame.lists, &mut frame.pixels, None));
+        let splats = ScreenSplats { bins: &frame.bins, footprints: &frame.footprints };
+        let tiles = TileBuffers { lists: &mut frame.lists, pixels: &mut frame.pixels, changes: None };
         sort_and_rasterize(*level, &on_nothing, splats, tiles);
         if camera.samples > 1 {
             resolve(&on_nothing, &frame.pixels, &mut frame.resolved);
         }
-        let blended = to_image(shown(camera, &frame.pixels, &frame.resolved), &image_camera);
+        let blended = to_image(final_pixels(camera, &frame.pixels, &frame.resolved), &image_camera);
         let depth = |(pixel, alpha): (&[f32; 3], &f32)| if *alpha > 0.0 { pixel[0] / alpha } else { f32::INFINITY };
         let depth = blended.pixels.iter().zip(&alpha).map(depth).collect();
         Layers { image, alpha, depth }
     }
 
-    /// `mask` is of the camera's size.
+    /// Computes each splat's contributions. `mask` has the size of the image.
     pub(super) fn contributions(&mut self, camera: &ScreenCamera, mask: &[f32]) -> Contributions {
-        self.forward(camera, false);
-        contribute(self.level, camera, (&self.frame.bins, &self.frame.lists), mask, self.parameters.count)
+        self.forward(camera, Recording::Nothing);
+        contribute(self.level, camera, &self.frame.bins, &self.frame.lists, mask, self.parameters.count)
     }
 
+    /// Counts evaluations of splats at pixels.
     pub(super) fn evaluations(&mut self, camera: &ScreenCamera) -> Evaluations {
-        self.forward(camera, false);
+        self.forward(camera, Recording::Nothing);
         evaluations(self.level, camera, &self.frame.lists)
     }
 
-    /// Passes up to the gradients of the tiles' entries. The view is of the camera's size.
+    /// Runs the passes up to the gradients of the tiles' entries. The view has the size of the
+    /// image.
     fn forward_backward(&mut self, camera: &ScreenCamera, view: &View, step: &StepConfig) -> StepReport {
-        self.forward(camera, true);
+        self.forward(camera, Recording::Changes);
         let Self { level, frame, timings, .. } = self;
         let mut clock = Clock::new(timings);
-        let pixels = shown(camera, &frame.pixels, &frame.resolved);
-        let LossSums { l1, l2, ssim, by_knots } = frame.loss.loss(*level, &camera.shown(), pixels, view, &step.loss);
+        let pixels = final_pixels(camera, &frame.pixels, &frame.resolved);
+        let LossSums { l1, l2, ssim, by_knots } = frame.loss.loss(*level, &camera.without_supersampling(), pixels, view, &step.loss);
         let gradient = if camera.samples == 1 {
             &frame.loss.gradient
         } else {
@@ -239,14 +261,14 @@ impl State {
             StatsCollection::GradientsAndAbsolute => AbsoluteSums::Collect,
             StatsCollection::Off | StatsCollection::Gradients => AbsoluteSums::Skip,
         };
-        let pixels = (frame.pixels.as_slice(), gradient.as_slice());
-        rasterize_backward(*level, camera, (&frame.lists, &frame.changes), pixels, absolute, &mut frame.entries);
+        let tiles = RasterizedTiles { lists: &frame.lists, changes: &frame.changes, pixels: &frame.pixels };
+        rasterize_backward(*level, camera, tiles, gradient, absolute, &mut frame.entries);
         clock.lap(Pass::RasterizeBackward);
         let loss = step.loss.total(l1, l2, ssim);
         StepReport { step: step.step, loss, l1, ssim, visible: frame.bins.visible(), by_knots }
     }
 
-    /// The view is of the camera's size.
+    /// Runs a training step, up to its deferred update. The view has the size of the image.
     pub(super) fn train_step(&mut self, camera: &ScreenCamera, view: &View, step: &StepConfig) -> StepReport {
         let report = self.forward_backward(camera, view, step);
         if step.stats == StatsCollection::Off {
@@ -256,18 +278,19 @@ impl State {
         report
     }
 
-    /// A step's gradients without its update. The view is of the camera's size.
+    /// Computes a step's gradients without its update. The view has the size of the image.
     pub(super) fn gradients(&mut self, camera: &ScreenCamera, view: &View, step: &StepConfig) -> (StepReport, Splats) {
         let report = self.forward_backward(camera, view, step);
         let Self { level, parameters, smoothing, stats, frame, timings, .. } = self;
-        let inputs = Inputs::new(parameters, smoothing, (&frame.bins, &frame.entries), &step.loss);
+        let inputs = Inputs::new(parameters, smoothing, &frame.bins, &frame.entries, &step.loss);
         let stats = (step.stats != StatsCollection::Off).then_some(stats);
         let mut clock = Clock::new(timings);
-        let lanes = gradients(*level, camera, (&inputs, &parameters.lanes), stats);
+        let lanes = gradients(*level, camera, &inputs, &parameters.lanes, stats);
         clock.lap(Pass::ProjectBackward);
         (report, Store { lanes, ..Store::zeros(parameters.layout, parameters.count) }.to_splats())
     }
 
+    /// Rebuilds the scene from a plan.
     pub(super) fn densify(&mut self, plan: &DensifyPlan) -> Result<(), EngineError> {
         plan.check(self.parameters.count)?;
         self.finish();
@@ -290,7 +313,7 @@ impl State {
     }
 }
 
-/// The 3D filter by blocks.
+/// Converts the 3D filter to blocks.
 fn smoothing_lanes(values: &[f32]) -> Vec<Lanes> {
     values
         .chunks(LANES)

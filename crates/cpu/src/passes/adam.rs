@@ -1,7 +1,8 @@
-//! Pass `adam`: moves every parameter (Kingma and Ba 2015), then adds 3DGS-MCMC's noise to positions.
+//! Pass `adam`: updates every parameter (Kingma and Ba 2015), then adds 3DGS-MCMC's noise to
+//! positions.
 //!
-//! In: gradient `[rows, 16]` of a block of splats, if it has one (else it is zero, and the moments decay all the same, as in 3DGS), learning
-//! rates. In, out: parameters, moments.
+//! In: gradient `[rows, 16]` of a block of splats, learning rates. Degenerate: without a gradient
+//! it counts as zero, and the moments decay all the same, as in 3DGS. In, out: parameters, moments.
 
 use fearless_simd::Simd;
 use luxel_core::engine::{ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON, LearningRates, ParameterRows, PositionNoise, StepConfig};
@@ -9,7 +10,7 @@ use luxel_core::{Real, each, noise};
 
 use super::project::rotation_matrix;
 use crate::lanes::{LANES, Lanes, V};
-use crate::store::Store;
+use crate::store::{Store, StoreShape};
 
 /// Adam's state: running means of the gradient and of its square, in the parameters' layout.
 pub(crate) struct Optimizer<'a> {
@@ -18,7 +19,20 @@ pub(crate) struct Optimizer<'a> {
     pub(crate) second: &'a mut Store,
 }
 
-/// Factors of a step, the same for all parameters.
+/// Rows of the moments of a block, `[rows, 16]` each.
+pub(crate) struct MomentRows<'a> {
+    pub(crate) first: &'a mut [Lanes],
+    pub(crate) second: &'a mut [Lanes],
+}
+
+/// A parameter row of a block and its moments.
+struct AdamRow<'a> {
+    parameter: &'a mut Lanes,
+    first: &'a mut Lanes,
+    second: &'a mut Lanes,
+}
+
+/// The factors of a step, for all parameters.
 pub(crate) struct Step {
     /// Learning rates over 1 - beta1^t.
     rates: Vec<f32>,
@@ -28,7 +42,7 @@ pub(crate) struct Step {
     count: usize,
 }
 
-/// Learning rate of each row.
+/// Returns the learning rate of each row.
 fn row_rates(layout: ParameterRows, rates: &LearningRates) -> Vec<f32> {
     (0..layout.count())
         .map(|row| match row {
@@ -45,7 +59,8 @@ fn row_rates(layout: ParameterRows, rates: &LearningRates) -> Vec<f32> {
 }
 
 impl Step {
-    pub(crate) fn new(layout: ParameterRows, count: usize, config: &StepConfig) -> Self {
+    /// Computes the factors from the step's configuration.
+    pub(crate) fn new(StoreShape { layout, count }: StoreShape, config: &StepConfig) -> Self {
         let power = |beta: f32| (1.0 / (1.0 - f64::from(beta).powi(config.step.max(1).min(i32::MAX as u32) as i32))) as f32;
         let correction1 = power(ADAM_BETA1);
         Self {
@@ -57,14 +72,14 @@ impl Step {
     }
 }
 
-/// Updates the parameters of block number `block`.
+/// Updates the parameters and moments of block number `block`.
 #[inline(always)]
 pub(crate) fn update<S: Simd>(
     simd: S,
     step: &Step,
     block: usize,
     parameters: &mut [Lanes],
-    moments: (&mut [Lanes], &mut [Lanes]),
+    moments: MomentRows<'_>,
     gradient: Option<&[Lanes]>,
 ) {
     move_parameters(simd, step, parameters, moments, gradient);
@@ -73,12 +88,13 @@ pub(crate) fn update<S: Simd>(
     }
 }
 
+/// Moves the parameters of a block against the gradient.
 #[inline(always)]
 fn move_parameters<S: Simd>(
     simd: S,
     step: &Step,
     parameters: &mut [Lanes],
-    (first, second): (&mut [Lanes], &mut [Lanes]),
+    MomentRows { first, second }: MomentRows<'_>,
     gradient: Option<&[Lanes]>,
 ) {
     // sqrt(v correction2) = sqrt(v) sqrt(correction2).
@@ -87,27 +103,23 @@ fn move_parameters<S: Simd>(
     match gradient {
         Some(gradient) => {
             for ((((parameter, first), second), rate), gradient) in rows.zip(gradient) {
-                move_row(simd, (*rate, root2), parameter, (first, second), Some(gradient));
+                move_row(simd, *rate, root2, AdamRow { parameter, first, second }, Some(gradient));
             }
         }
         None => {
             for (((parameter, first), second), rate) in rows {
-                move_row(simd, (*rate, root2), parameter, (first, second), None);
+                move_row(simd, *rate, root2, AdamRow { parameter, first, second }, None);
             }
         }
     }
 }
 
+/// Moves one row. `root2` is the root of the second moment's correction.
 #[inline(always)]
-fn move_row<S: Simd>(
-    simd: S,
-    (rate, root2): (f32, V<S>),
-    parameter: &mut Lanes,
-    (first, second): (&mut Lanes, &mut Lanes),
-    gradient: Option<&Lanes>,
-) {
+fn move_row<S: Simd>(simd: S, rate: f32, root2: V<S>, AdamRow { parameter, first, second }: AdamRow<'_>, gradient: Option<&Lanes>) {
     let c = |value: f32| V::splat(simd, value);
-    // All loads before the stores: the three rows lie at equal places of their pages, which makes the processor suspect that one was just stored to.
+    // All loads before the stores: the three rows lie at equal offsets of their pages, so the
+    // processor would take each load for one that depends on the store before it.
     let before = V::load(simd, parameter);
     let (mut m, mut v) = (V::load(simd, first) * ADAM_BETA1, V::load(simd, second) * ADAM_BETA2);
     if let Some(gradient) = gradient {
@@ -121,7 +133,8 @@ fn move_row<S: Simd>(
     after.store(parameter);
 }
 
-/// Sigma n sigmoid(100 (0.005 - opacity)) scale, for n standard normal (Kheradmand et al. 2024, eq. 9).
+/// Adds Sigma n sigmoid(100 (0.005 - opacity)) scale to the positions, with Sigma the covariance
+/// and n standard normal (Kheradmand et al. 2024, eq. 9).
 #[inline(always)]
 fn add_noise<S: Simd>(simd: S, step: &Step, noise: PositionNoise, block: usize, parameters: &mut [Lanes]) {
     let mut normal = [Lanes::ZERO; 3];

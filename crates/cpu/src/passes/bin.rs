@@ -1,12 +1,14 @@
-//! Pass `bin`: which splats touch which tile.
+//! Pass `bin`: finds which splats touch which tile.
 //!
-//! In: footprints `[N]`. Out, in [`Bins`]: for each tile a list of splats by ascending index; for each splat the
-//! places of its list entries, so that its gradients can be gathered in a fixed order. Splats lie along a curve through space, so that those
-//! of a tile are neighbours in memory, and so are the places of neighbours.
+//! In: footprints `[N]`. Out, in [`Bins`]: for each tile a list of splats by ascending index; for
+//! each splat the places of its list entries, so that its gradients can be gathered in a fixed
+//! order. Splats are stored along a curve through space, so the splats of a tile lie near each
+//! other in memory, and so do the places of neighbouring splats.
 //!
-//! A tile is touched if the splat's ellipse at its alpha threshold contains a pixel centre's column range in one of the tile's
-//! rows: exact for the continuous band of the tile's rows, and with a margin of `MARGIN_PX` for rounding, as the rasteriser
-//! decides each pixel itself.
+//! A tile is touched if the splat's ellipse at its alpha threshold contains a pixel centre's column
+//! range in one of the tile's rows: exact for the continuous band of the tile's rows, and with a
+//! margin of `MARGIN_PX` for rounding, because the rasteriser tests each pixel again. Degenerate:
+//! culled footprints touch no tile.
 
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -15,34 +17,43 @@ use rayon::prelude::*;
 use super::project::{Footprint, MARGIN_PX};
 use crate::view::{ScreenCamera, TILE_PX};
 
-/// Splats a chunk of the work holds, at least: a power of two, so that no block is in two chunks. A share of the splats, never of the
-/// threads: no result depends on those.
+/// Least number of splats in a chunk of work: a power of two, so that no block is in two chunks.
+/// Chunks follow from the number of splats, never from the number of threads, on which no result
+/// depends.
 const MIN_CHUNK: usize = 2048;
-/// Chunks at most: each keeps a number for every tile.
+/// Greatest number of chunks: each keeps a number for every tile.
 const MAX_CHUNKS: usize = 256;
-/// Chunks that a thread takes up at once, so that no thread waits long for another at the end.
+/// Chunks that a thread takes at once. Few, so that no thread waits long for another at the end.
 const CHUNKS_AT_A_TIME: usize = 4;
 
-/// Lists of all tiles.
+/// The lists of all tiles.
 #[derive(Default)]
 pub(crate) struct Bins {
     /// Tile t has entries `tile_start[t]..tile_start[t + 1]`.
     tile_start: Vec<u32>,
-    /// Splat of each entry, by tile. Atomic because chunks write side by side; each writes entries of its own.
+    /// Splat of each entry, by tile. Atomic because chunks write at the same time; each writes its
+    /// own entries.
     splat: Vec<AtomicU32>,
     chunk_len: usize,
     chunks: Vec<Chunk>,
 }
 
-/// One entry of a tile's list.
+/// The place of one entry in a tile's list.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Place {
     pub(crate) tile: u32,
-    /// Within the tile's list.
+    /// Index within the tile's list.
     pub(crate) index: u32,
 }
 
-/// Tiles of a run of splats.
+/// Splats on the screen, binned by tile.
+#[derive(Clone, Copy)]
+pub(crate) struct ScreenSplats<'a> {
+    pub(crate) bins: &'a Bins,
+    pub(crate) footprints: &'a [Footprint],
+}
+
+/// The tiles of a run of splats.
 #[derive(Default)]
 struct Chunk {
     /// Places of the run's entries, by splat; splat n of the run has `start[n]..start[n + 1]`.
@@ -54,18 +65,19 @@ struct Chunk {
 }
 
 impl Bins {
-    /// Splats of a tile's list, ascending.
+    /// Returns the splats of a tile's list, in ascending order.
     pub(crate) fn tile(&self, tile: usize) -> impl Iterator<Item = u32> {
         let range = self.tile_start[tile] as usize..self.tile_start[tile + 1] as usize;
         self.splat[range].iter().map(|splat| splat.load(Ordering::Relaxed))
     }
 
-    /// Number of splats that touch a tile.
+    /// Returns the number of splats that touch a tile.
     pub(crate) fn visible(&self) -> u32 {
         self.chunks.iter().map(|chunk| chunk.visible).sum()
     }
 
-    /// Places of the entries of each of `count` splats from `first` on, which are a block or less.
+    /// Returns the places of the entries of each of `count` splats, from splat `first` on; they
+    /// must lie within one block.
     #[inline(always)]
     pub(crate) fn places(&self, first: usize, count: usize) -> impl Iterator<Item = &[Place]> {
         let chunk = &self.chunks[first / self.chunk_len];
@@ -82,7 +94,7 @@ impl Bins {
         let chunks = self.chunks.par_iter_mut().zip(footprints.par_chunks(self.chunk_len)).with_max_len(CHUNKS_AT_A_TIME);
         chunks.for_each(|(chunk, footprints)| chunk.collect(tiles, footprints));
 
-        // Where each tile starts, and within it each chunk.
+        // The start of each tile's list, and within it of each chunk.
         self.tile_start.clear();
         let mut next = 0u32;
         for tile in 0..tile_count {
@@ -102,6 +114,7 @@ impl Bins {
 }
 
 impl Chunk {
+    /// Collects the tiles that the chunk's footprints touch.
     fn collect(&mut self, tiles: [usize; 2], footprints: &[Footprint]) {
         self.places.clear();
         self.start.clear();
@@ -120,6 +133,7 @@ impl Chunk {
         self.start.push(self.places.len() as u32);
     }
 
+    /// Writes the chunk's splats to the lists of their tiles.
     fn scatter(&mut self, first_splat: usize, tile_start: &[u32], splat: &[AtomicU32]) {
         for (n, range) in self.start.windows(2).enumerate() {
             for place in &mut self.places[range[0] as usize..range[1] as usize] {
@@ -155,7 +169,8 @@ fn touched_tiles(f: &Footprint, across: usize, mut touch: impl FnMut(usize)) {
             continue;
         }
         let [left, right] = ellipse.columns(top, bottom);
-        // Pixel centres from left to right, as `project` counts them; casts floor what is not negative, and saturate.
+        // Pixel centres from left to right, as `project` counts them; casts floor what is not
+        // negative, and saturate.
         let (first, last) = ((mean_x + left - MARGIN_PX + 0.5).max(0.0), mean_x + right + MARGIN_PX - 0.5);
         if last >= 0.0 && last as usize >= first as usize {
             for column in (first as usize / TILE_PX).max(columns.start)..(last as usize / TILE_PX + 1).min(columns.end) {
@@ -165,7 +180,8 @@ fn touched_tiles(f: &Footprint, across: usize, mut touch: impl FnMut(usize)) {
     }
 }
 
-/// A footprint's outline u^2 + v^2 = radius2, solved for dx: centre `slope` dy, half width sqrt(radius2 - v^2) / root[0].
+/// A footprint's outline u^2 + v^2 = radius2, solved for dx: centre `slope` dy, half width
+/// sqrt(radius2 - v^2) / root[0].
 struct Ellipse {
     radius2: f32,
     slope: f32,
@@ -175,6 +191,7 @@ struct Ellipse {
 }
 
 impl Ellipse {
+    /// Solves a footprint's outline.
     fn new(f: &Footprint) -> Self {
         let inverse_root = 1.0 / f.root[0];
         Self {
@@ -186,8 +203,9 @@ impl Ellipse {
         }
     }
 
-    /// Range of dx within the band of dy from `top` to `bottom`. The ellipse is convex: its rightmost point within the band is its
-    /// rightmost point, or on the nearer edge of the band.
+    /// Returns the range of dx within the band of dy from `top` to `bottom`. The ellipse is convex:
+    /// its rightmost point within the band is its rightmost point, or on the nearer edge of the
+    /// band.
     fn columns(&self, top: f32, bottom: f32) -> [f32; 2] {
         let half = |dy: f32| {
             let v = self.root_y * dy;

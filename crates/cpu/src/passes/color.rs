@@ -1,21 +1,21 @@
-//! Pass `color`: radiance of each splat towards the camera. Evaluated within `project`, for the blocks that can be seen.
+//! Pass `color`: computes the radiance of each splat towards the camera. It runs within `project`,
+//! for visible blocks.
 //!
-//! In: harmonics and raw luminance rows of a block, world positions, eye. Out: linear RGB radiance `[3]` x 16, >= 0. The formula is core's
-//! [`luxel_core::ColorModel::radiance`], on sixteen splats at once.
+//! In: harmonics and raw luminance rows of a block, world positions, eye. Out: linear RGB radiance
+//! `[3]` x 16, >= 0. The formula is core's [`luxel_core::ColorModel::radiance`], on sixteen splats
+//! at once.
 
 use fearless_simd::Simd;
 use luxel_core::ColorBasis;
 use luxel_core::engine::ParameterRows;
 
 use crate::lanes::{Lanes, V};
-use crate::view::ScreenCamera;
+use crate::view::{ScreenCamera, ViewDirection};
 
-use super::project::view_direction;
-
-/// Radiance of a block's splats.
+/// Returns the radiance of a block's splats.
 #[inline(always)]
 pub(crate) fn color<S: Simd>(simd: S, camera: &ScreenCamera, layout: ParameterRows, rows: &[Lanes]) -> [V<S>; 3] {
-    let (direction, _) = view_direction(simd, camera, rows);
+    let direction = ViewDirection::new(simd, camera, rows).unit;
     let model = layout.color_model;
     let basis = ColorBasis::new(camera.active_degree.min(model.max_degree()), direction);
     let luminance = layout.luminance();

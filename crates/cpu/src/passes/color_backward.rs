@@ -1,19 +1,19 @@
-//! Pass `color_backward`: gradient by the colour model's coefficients and by the viewing direction.
+//! Pass `color_backward`: computes the gradient by the colour model's coefficients and by the
+//! viewing direction.
 //!
-//! In: rows of a block, gradient by its radiance `[3]` x 16. Out: gradient rows of harmonics and raw luminance (up to the active
-//! degree; the rest stays as it was), and the direction's pull on the position: (I - v v^T) dE/dv / |position - eye|. The formula
-//! is core's [`luxel_core::ColorModel::backward`].
+//! In: rows of a block, gradient by its radiance `[3]` x 16. Out: gradient rows of harmonics and
+//! raw luminance (up to the active degree; the rest is unchanged), and the gradient by the position
+//! through the direction: (I - v v^T) dE/dv / |position - eye|. The formula is core's
+//! [`luxel_core::ColorModel::backward`].
 
 use fearless_simd::Simd;
-use luxel_core::ColorBasis;
-use luxel_core::each;
 use luxel_core::engine::ParameterRows;
+use luxel_core::{ColorBasis, each};
 
-use super::project::view_direction;
 use crate::lanes::{Lanes, V};
-use crate::view::ScreenCamera;
+use crate::view::{ScreenCamera, ViewDirection};
 
-/// Differentiates a block's colours; returns the gradient by the position.
+/// Differentiates a block's colours, and returns the gradient by the position.
 #[inline(always)]
 pub(crate) fn color_backward<S: Simd>(
     simd: S,
@@ -23,7 +23,7 @@ pub(crate) fn color_backward<S: Simd>(
     d_radiance: [V<S>; 3],
     out: &mut [Lanes],
 ) -> [V<S>; 3] {
-    let (direction, inverse_distance) = view_direction(simd, camera, rows);
+    let ViewDirection { unit: direction, inverse_distance } = ViewDirection::new(simd, camera, rows);
     let model = layout.color_model;
     let basis = ColorBasis::new(camera.active_degree.min(model.max_degree()), direction);
     let luminance = layout.luminance();

@@ -1,9 +1,11 @@
-//! What each splat gives to an image: a sibling of `rasterize`, outside of training.
+//! Pass `contribute`: computes what each splat contributes to an image. It is not part of training.
 //!
-//! In: the tiles' sorted lists, a mask `[H*W]`. Out, per splat (see [`luxel_core::edit::Contributions`]): sums over the image's pixels of its
-//! blending weight times the mask, of its blending weight, of its alpha, and of the masked weight times its brightest channel. Weights are those
-//! that `rasterize` blends with, under the same thresholds; alphas are summed behind finished pixels, too. Tiles are summed each by itself and then
-//! in order: the result does not depend on threads.
+//! In: the tiles' sorted lists, a mask `[H*W]`. Out, per splat (see
+//! [`luxel_core::edit::Contributions`]): sums over the image's pixels of its blending weight times
+//! the mask, of its blending weight, of its alpha, and of the masked weight times its brightest
+//! channel. The weights are those of `rasterize`, with the same thresholds; alphas are summed
+//! behind finished pixels, too. Each tile is summed by itself, and the tiles are then added in
+//! order: the result does not depend on threads.
 
 use fearless_simd::{Level, Simd};
 use luxel_core::Real;
@@ -12,34 +14,35 @@ use rayon::prelude::*;
 
 use super::bin::Bins;
 use super::sort::{Entry, TileList};
-use super::walk::{Met, Visitor, walk_block};
+use super::visit_block::{Hit, Visitor, visit_block};
 use crate::lanes::{Lanes, V, with_simd};
-use crate::view::{BLOCKS, ScreenCamera, TILE_PX, block_of};
+use crate::view::{BLOCKS, ScreenBlock, ScreenCamera, TILE_PX, block_of};
 
-/// Sums of one entry of a tile: masked, blended, unoccluded, light.
+/// The sums of one entry of a tile: masked, blended, unoccluded, light.
 type EntrySums = [f32; 4];
 
-/// Sums over all tiles for `count` splats.
+/// Computes the contributions of `count` splats, over all tiles.
 pub(crate) fn contribute(
     level: Level,
     camera: &ScreenCamera,
-    (bins, lists): (&Bins, &[TileList]),
+    bins: &Bins,
+    lists: &[TileList],
     mask: &[f32],
     count: usize,
 ) -> Contributions {
-    let of_tile = |(tile, list): (usize, &TileList)| -> Vec<EntrySums> {
+    let sum_tile = |(tile, list): (usize, &TileList)| -> Vec<EntrySums> {
         let mut sums = vec![EntrySums::default(); list.entries.len()];
         let painted = tile_mask(camera, tile, mask);
-        let origin = camera.tile_origin_px(tile);
+        let origin_px = camera.tile_origin_px(tile);
         with_simd!(level, simd => {
-            for (block, painted) in painted.iter().enumerate() {
+            for (index, painted) in painted.iter().enumerate() {
                 let mut adder = Adder { painted: V::load(simd, painted), sums: &mut sums };
-                walk_block(simd, camera, origin, (list, block), &mut adder);
+                visit_block(simd, camera, list, ScreenBlock { origin_px, index }, &mut adder);
             }
         });
         sums
     };
-    let tiles: Vec<Vec<EntrySums>> = lists.par_iter().enumerate().map(of_tile).collect();
+    let tiles: Vec<Vec<EntrySums>> = lists.par_iter().enumerate().map(sum_tile).collect();
     let zeros = || vec![0.0; count];
     let share = 1.0 / (camera.samples * camera.samples) as f32;
     let mut total = Contributions { masked: zeros(), blended: zeros(), unoccluded: zeros(), light: zeros() };
@@ -54,7 +57,7 @@ pub(crate) fn contribute(
     total
 }
 
-/// The mask in the order of a tile's blocks; 0 beyond the image.
+/// Returns the mask in the order of a tile's blocks; 0 beyond the image.
 fn tile_mask(camera: &ScreenCamera, tile: usize, mask: &[f32]) -> [Lanes; BLOCKS] {
     let ([left, top], [width, height]) = (camera.tile_origin_px(tile), camera.size_px);
     let samples = camera.samples;
@@ -68,7 +71,7 @@ fn tile_mask(camera: &ScreenCamera, tile: usize, mask: &[f32]) -> [Lanes; BLOCKS
     painted
 }
 
-/// Adds up what a block's splats give.
+/// A visitor that adds up the contributions of a block's splats.
 struct Adder<'a, S: Simd> {
     painted: V<S>,
     sums: &'a mut [EntrySums],
@@ -76,10 +79,10 @@ struct Adder<'a, S: Simd> {
 
 impl<S: Simd> Visitor<S> for Adder<'_, S> {
     #[inline(always)]
-    fn meet(&mut self, entry: &Entry, met: &Met<S>) {
-        let unoccluded = V::select(met.touched, met.alpha, met.alpha.lift(0.0));
+    fn visit(&mut self, entry: &Entry, hit: &Hit<S>) {
+        let unoccluded = V::select(hit.touched, hit.alpha, hit.alpha.lift(0.0));
         let [masked, blended, unoccluded] =
-            [met.weight * self.painted, met.weight, unoccluded].map(|value| value.lanes().iter().sum::<f32>());
+            [hit.weight * self.painted, hit.weight, unoccluded].map(|value| value.lanes().iter().sum::<f32>());
         let brightest = entry.radiance.into_iter().fold(0.0, f32::max);
         let sums = &mut self.sums[entry.place as usize];
         for (sum, value) in sums.iter_mut().zip([masked, blended, unoccluded, masked * brightest]) {

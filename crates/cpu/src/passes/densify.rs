@@ -1,7 +1,8 @@
 //! Pass `densify`: rebuilds the scene from a plan.
 //!
-//! In: parameters, moments, smoothing, [`DensifyPlan`]. Out: the same with one splat per row of the plan. Which splats split or die
-//! is decided elsewhere; here rows are only copied, displaced and scaled.
+//! In: parameters, moments, smoothing, [`DensifyPlan`]. Out: the same with one splat per row of the
+//! plan. The plan decides which splats are split or removed; this pass only copies, displaces and
+//! scales rows. Degenerate: a plan that does not fit the scene is an error.
 
 use luxel_core::engine::{DensifyPlan, ParameterRows, PlanRow};
 use rayon::prelude::*;
@@ -10,7 +11,8 @@ use crate::lanes::{LANES, Lanes};
 use crate::memory::Buffer;
 use crate::store::{Store, blocks};
 
-/// Makes `parameters` those of the plan's rows. `spare` is any memory, and has that of the old ones afterwards.
+/// Replaces `parameters` by the plan's rows. `spare` may be any buffer; afterwards it holds the
+/// memory of the old parameters.
 pub(crate) fn apply(parameters: &mut Store, plan: &DensifyPlan, spare: &mut Buffer) {
     gather(parameters, plan, spare, |_| true);
     let rows = parameters.layout.count();
@@ -28,7 +30,8 @@ pub(crate) fn apply(parameters: &mut Store, plan: &DensifyPlan, spare: &mut Buff
     }
 }
 
-/// Makes `moments` those of the plan's rows. `parameters` are those before the plan: where the cap lowers an opacity, its moment is zero.
+/// Replaces `moments` by those of the plan's rows. `parameters` are those from before the plan:
+/// where the cap lowers an opacity, its moment becomes zero.
 pub(crate) fn apply_to_moments(moments: &mut Store, parameters: &Store, plan: &DensifyPlan, spare: &mut Buffer) {
     gather(moments, plan, spare, |row| row.keep_moments);
     if let Some(cap) = plan.opacity_logit_cap {
@@ -42,7 +45,8 @@ pub(crate) fn apply_to_moments(moments: &mut Store, parameters: &Store, plan: &D
     }
 }
 
-/// Copies the sources of the rows that `wanted` accepts into `spare`, zero for the others, and exchanges it for the store's memory.
+/// Copies the sources of the rows that `wanted` accepts into `spare`, with zeros for the others,
+/// and swaps it with the store's memory.
 fn gather(store: &mut Store, plan: &DensifyPlan, spare: &mut Buffer, wanted: impl Fn(&PlanRow) -> bool + Sync) {
     let rows = store.layout.count();
     spare.resize(blocks(plan.rows.len()) * rows);
@@ -71,7 +75,7 @@ fn change(block: &mut [Lanes], lane: usize, row: &PlanRow) {
             at(ParameterRows::ROTATION + 3),
             at(ParameterRows::ROTATION),
         );
-        // As in `project`: what has no length to speak of turns nothing.
+        // As in `project`: a quaternion of nearly no length rotates nothing.
         let q = if q.length_squared() > 1e-30 { q.normalize() } else { glam::Quat::IDENTITY };
         let sigma = glam::Vec3::from_array(std::array::from_fn(|i| at(ParameterRows::LOG_SCALE + i).exp()));
         let offset = q * (sigma * glam::Vec3::from_array(row.offset_sigma));

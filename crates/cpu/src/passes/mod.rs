@@ -1,11 +1,16 @@
-//! The passes of a training step, one file each. `color` runs within `project`, `color_backward` within `project_backward`: their
-//! time is counted there. Two are none of a step's: `contribute` tells which splats a painted mask means, `evaluations` what there is to blend;
-//! both `walk` through a block as `rasterize` does. `picks` is what `rasterize` finds a block's splats with, `changes`
-//! what it leaves for `rasterize_backward`, `sums` how that adds up over a block's pixels.
+//! The passes of a training step, one file each, and their helpers.
+//!
+//! `color` runs within `project`, and `color_backward` within `project_backward`; their time is
+//! counted there. Two passes are not part of a step: `contribute` measures which splats a painted
+//! mask selects, and `evaluations` counts how many splats are blended. Both go through a block's
+//! splats with `visit_block`, in the order of `rasterize`.
+//!
+//! Helpers: `picks` finds the splats of a block for `rasterize`; `changes` records which splats
+//! changed which pixels, for `rasterize_backward`; `sums` adds gradients up over the pixels of a
+//! block; `samples` averages supersamples; `pass_times` measures passes that run together.
 
 pub(crate) mod adam;
 pub(crate) mod bin;
-pub(crate) mod blend;
 pub(crate) mod changes;
 pub(crate) mod color;
 pub(crate) mod color_backward;
@@ -13,14 +18,15 @@ pub(crate) mod contribute;
 pub(crate) mod densify;
 pub(crate) mod evaluations;
 pub(crate) mod loss;
+pub(crate) mod pass_times;
 pub(crate) mod picks;
 pub(crate) mod project;
 pub(crate) mod project_backward;
 pub(crate) mod rasterize;
 pub(crate) mod rasterize_backward;
 pub(crate) mod samples;
-pub(crate) mod shares;
 pub(crate) mod sort;
+pub(crate) mod sort_and_rasterize;
 pub(crate) mod sums;
 pub(crate) mod update;
-pub(crate) mod walk;
+pub(crate) mod visit_block;

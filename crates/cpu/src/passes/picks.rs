@@ -1,8 +1,11 @@
-//! Entries of a tile that touch a block, picked from words of bits.
+//! The entries of a tile that touch a block, extracted from words of bits.
 //!
-//! `rasterize` goes over picks in stages, a loop each that does one thing for all of them, and so does `rasterize_backward` over what they changed.
-//! Splats do not hang on each other there, and the processor overlaps them; a loop that did everything for one splat would be longer than what it
-//! looks ahead.
+//! In: words of 64 bits, one bit per entry. Out: [`Picked`], numbers of entries in ascending order.
+//!
+//! `rasterize` processes picks in stages: each loop does one thing for all picks.
+//! `rasterize_backward` does the same over changes. Within a stage the splats do not depend on each
+//! other, so the processor overlaps them; one loop over everything would be longer than its
+//! out-of-order window.
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, mask8x64, u8x64};
@@ -10,14 +13,42 @@ use fearless_simd::{Simd, mask8x64, u8x64};
 use super::sort::WORD;
 use crate::lanes::{LANES, is_one_register};
 
-/// From this many on picks are worth going over.
+/// Number of picks from which on they are worth processing.
 const ENOUGH: usize = 16;
-/// Picked in one go by [`Picks::count_off`], wanted or not: how many there are is guessed wrong too often to ask before each. Few words have more bits.
+/// Bits that [`Picks::push_bitwise`] extracts between two checks whether any are left: a check for
+/// each bit is mispredicted too often. Few words have more bits.
 const STRIDE: usize = 8;
-/// Room for picks, in whole vectors. Most that there are: one less than enough, and a word.
+/// Capacity for picks, in whole vectors. There are at most one less than [`ENOUGH`], and a word.
 pub(crate) const MOST_PICKS: usize = (ENOUGH - 1 + WORD).next_multiple_of(LANES);
 
-/// Numbers of entries, in ascending order.
+/// Picks that were taken from [`Picks`].
+#[derive(Clone, Copy)]
+pub(crate) struct Picked<'a> {
+    /// Numbers of entries; those beyond the last are arbitrary.
+    room: &'a [u32; MOST_PICKS],
+    len: usize,
+}
+
+impl<'a> Picked<'a> {
+    #[cfg(test)]
+    pub(crate) fn new(room: &'a [u32; MOST_PICKS], len: usize) -> Self {
+        Self { room, len }
+    }
+
+    /// Returns the numbers of the entries, in ascending order.
+    #[inline(always)]
+    pub(crate) fn entries(self) -> &'a [u32] {
+        &self.room[..self.len]
+    }
+
+    /// Returns the numbers of the entries, with arbitrary ones behind them up to whole vectors.
+    #[inline(always)]
+    pub(crate) fn whole_vectors(self) -> &'a [u32] {
+        &self.room[..self.len.next_multiple_of(LANES)]
+    }
+}
+
+/// A buffer of numbers of entries, in ascending order.
 pub(crate) struct Picks {
     entries: [u32; MOST_PICKS],
     len: usize,
@@ -26,35 +57,37 @@ pub(crate) struct Picks {
 impl Picks {
     pub(crate) const NONE: Self = Self { entries: [0; MOST_PICKS], len: 0 };
 
+    /// Reports whether there are enough picks to process.
     #[inline(always)]
     pub(crate) fn is_enough(&self) -> bool {
         self.len >= ENOUGH
     }
 
-    /// Picks the bits of a word, which are entries from `start` on. There must not be enough picks yet.
+    /// Appends the bits of a word, which stand for the entries from `start` on. There must not be
+    /// enough picks yet.
     #[inline(always)]
-    pub(crate) fn pick<S: Simd>(&mut self, simd: S, start: u32, bits: u64) {
+    pub(crate) fn push_word<S: Simd>(&mut self, simd: S, start: u32, bits: u64) {
         if is_one_register::<S>() {
-            self.squeeze(simd, start, bits);
+            self.push_compressed(simd, start, bits);
         } else {
-            self.count_off(start, bits);
+            self.push_bitwise(start, bits);
         }
     }
 
-    /// Hands the picks over, with how many there are; there are none then. What follows the last does not matter.
+    /// Takes the picks; none are left.
     #[inline(always)]
-    pub(crate) fn take(&mut self) -> (&[u32; MOST_PICKS], usize) {
-        (&self.entries, std::mem::take(&mut self.len))
+    pub(crate) fn take(&mut self) -> Picked<'_> {
+        Picked { room: &self.entries, len: std::mem::take(&mut self.len) }
     }
 
-    /// Bit by bit.
+    /// Appends the set bits one by one.
     #[inline(always)]
-    fn count_off(&mut self, start: u32, mut bits: u64) {
+    fn push_bitwise(&mut self, start: u32, mut bits: u64) {
         let mut next = self.len;
         self.len += bits.count_ones() as usize;
         while next < self.len {
             for slot in &mut self.entries[next..][..STRIDE] {
-                // What stands for no bit at all is not kept, whatever it is.
+                // Slots beyond the last bit hold an arbitrary number, which is not kept.
                 *slot = start + bits.trailing_zeros();
                 bits &= bits.wrapping_sub(1);
             }
@@ -62,9 +95,10 @@ impl Picks {
         }
     }
 
-    /// The numbers of all bits, without those that are not set: an instruction, where a register holds all.
+    /// Appends the set bits by compressing the numbers of all bits: one instruction, where a
+    /// register holds them.
     #[inline(always)]
-    fn squeeze<S: Simd>(&mut self, simd: S, start: u32, bits: u64) {
+    fn push_compressed<S: Simd>(&mut self, simd: S, start: u32, bits: u64) {
         const NUMBERS: [u8; WORD] = {
             let mut numbers = [0; WORD];
             let mut n = 0;
@@ -97,26 +131,25 @@ mod tests {
     use crate::lanes::with_simd;
 
     fn taken(picks: &mut Picks) -> &[u32] {
-        let (entries, len) = picks.take();
-        &entries[..len]
+        picks.take().entries()
     }
 
-    /// Picks `bits` after `before` others.
-    fn picked<S: Simd>(simd: S, before: u32, bits: u64, squeeze: bool) -> Vec<u32> {
+    /// Returns the picks after appending `bits` to `before` others.
+    fn picked<S: Simd>(simd: S, before: u32, bits: u64, compressed: bool) -> Vec<u32> {
         let mut picks = Picks::NONE;
-        picks.count_off(0, (1 << before) - 1);
+        picks.push_bitwise(0, (1 << before) - 1);
         assert!(!picks.is_enough());
-        if squeeze {
-            picks.squeeze(simd, 640, bits);
+        if compressed {
+            picks.push_compressed(simd, 640, bits);
         } else {
-            picks.count_off(640, bits);
+            picks.push_bitwise(640, bits);
         }
         assert_eq!(picks.is_enough(), before + bits.count_ones() >= ENOUGH as u32);
         taken(&mut picks).to_vec()
     }
 
     #[test]
-    fn either_way_picks_the_bits_in_order() {
+    fn both_ways_pick_the_bits_in_order() {
         for bits in [0, 1, 1 << 63, 0b1011_0100, 0xffff, u64::MAX, 0x8421_0842_1084_2108] {
             for before in [0, 3, ENOUGH as u32 - 1] {
                 let expected: Vec<u32> = (0..before).chain((0..64).filter(|bit| bits >> bit & 1 == 1).map(|bit| 640 + bit)).collect();
@@ -131,12 +164,12 @@ mod tests {
     }
 
     #[test]
-    fn picks_are_handed_over_once() {
+    fn picks_are_taken_once() {
         let mut picks = Picks::NONE;
-        picks.count_off(0, 0b101);
+        picks.push_bitwise(0, 0b101);
         assert_eq!(taken(&mut picks), [0, 2]);
         assert!(taken(&mut picks).is_empty());
-        picks.count_off(64, 0b10);
+        picks.push_bitwise(64, 0b10);
         assert_eq!(taken(&mut picks), [65]);
     }
 }

@@ -1,24 +1,25 @@
-//! Pass `project`: splats to ellipses on the screen; calls pass `color` for those that can be seen.
+//! Pass `project`: projects splats to ellipses on the screen, and calls pass `color` for visible
+//! blocks.
 //!
-//! In: parameters `[blocks, rows, 16]`, camera. Out: one [`Footprint`] per splat (N rounded up to whole blocks).
-//! Source: EWA splatting (Zwicker et al. 2001) as in 3DGS (Kerbl et al. 2023), the Jacobian's clamp as in gsplat; opacity compensation
-//! and 3D filter from Mip-splatting (Yu et al. 2024). A splat is culled (threshold above its opacity) if it is nearer than `near`, nowhere
-//! above its alpha threshold, off the image, or not finite.
+//! In: parameters `[blocks, rows, 16]`, camera. Out: one [`Footprint`] per splat (N rounded up to
+//! whole blocks). Source: EWA splatting (Zwicker et al. 2001) as in 3DGS (Kerbl et al. 2023), the
+//! Jacobian's clamp as in gsplat; opacity compensation and 3D filter from Mip-splatting (Yu et al.
+//! 2024). Degenerate: a splat is culled (its threshold is above its opacity) if it is nearer than
+//! `near`, nowhere above its alpha threshold, off the image, or not finite.
 
 use bytemuck::{Pod, Zeroable};
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd};
-use luxel_core::engine::MIN_AREA_RATIO;
-use luxel_core::engine::ParameterRows;
+use luxel_core::engine::{MIN_AREA_RATIO, ParameterRows};
 use luxel_core::{Antialias, Real, each};
 use rayon::prelude::*;
 
-use crate::lanes::{LANES, Lanes, M, V, with_simd};
+use crate::lanes::{LANES, Lanes, M, V, dot, with_simd};
 use crate::prefetch::{AHEAD, prefetch_rows};
-use crate::store::Store;
+use crate::store::{Block, Store, StoreShape};
 use crate::view::{ScreenCamera, TILE_PX};
 
-/// sqrt(log2(e) / 2): takes a root of the inverse covariance to exponents of base 2.
+/// sqrt(log2(e) / 2): scales a root of the inverse covariance for exponents of base 2.
 pub(crate) const SQRT_HALF_LOG2_E: f32 = 0.849_321_8;
 
 /// Enlarges footprints against rounding, pixels.
@@ -30,8 +31,9 @@ pub(crate) const MARGIN_PX: f32 = 0.01;
 pub(crate) struct Footprint {
     /// Centre.
     pub(crate) mean_px: [f32; 2],
-    /// Triangular root of the inverse covariance, times sqrt(log2(e) / 2): alpha = 2^(log2_opacity - u^2 - v^2) at u = root[0] dx +
-    /// root[1] dy and v = root[2] dy. As a sum of squares the exponent of a needle does not cancel.
+    /// Triangular root of the inverse covariance, times sqrt(log2(e) / 2): alpha = 2^(log2_opacity
+    /// - u^2 - v^2) at u = root[0] dx + root[1] dy and v = root[2] dy. Written as a sum of squares,
+    ///   the exponent suffers no cancellation for thin ellipses.
     pub(crate) root: [f32; 3],
     /// log2 of the opacity (after compensation).
     pub(crate) log2_opacity: f32,
@@ -45,12 +47,14 @@ pub(crate) struct Footprint {
     pub(crate) depth: f32,
     /// dy at the ellipse's rightmost point.
     pub(crate) right_dy_px: f32,
-    /// Tiles with a pixel centre in the ellipse's bounding box, columns and rows: first, and one beyond the last. None if culled.
+    /// Tiles with a pixel centre in the ellipse's bounding box, columns and rows: first, and one
+    /// beyond the last. None if culled.
     pub(crate) tiles: [[u16; 2]; 2],
     pub(crate) padding: f32,
 }
 
-/// Geometry of 16 splats up to the screen, with what the backward pass needs again.
+/// The geometry of 16 splats up to the screen, with the intermediate values that the backward pass
+/// needs.
 pub(crate) struct Projection<S: Simd> {
     /// Position in camera space.
     pub(crate) point: [V<S>; 3],
@@ -68,25 +72,22 @@ pub(crate) struct Projection<S: Simd> {
     pub(crate) jacobian: [[V<S>; 3]; 2],
     /// Jacobian times axes: `[2,3]`.
     pub(crate) screen_axes: [[V<S>; 3]; 2],
-    /// `screen_axes` scaled by sigma; the covariance before dilation is its product with its transpose.
+    /// `screen_axes` scaled by sigma; the covariance before dilation is its product with its
+    /// transpose.
     pub(crate) root: [[V<S>; 3]; 2],
     /// Dilated covariance xx, xy, yy and its determinant; determinant before dilation.
     pub(crate) covariance: [V<S>; 3],
     pub(crate) determinant: V<S>,
     pub(crate) determinant_before: V<S>,
-    /// Opacity of the parameters, and factors from the 2D compensation and the 3D filter.
+    /// Opacity from the parameters, and factors from the 2D compensation and the 3D filter.
     pub(crate) opacity: V<S>,
     pub(crate) compensation: V<S>,
     pub(crate) filter_factor: V<S>,
 }
 
-#[inline(always)]
-pub(crate) fn dot<S: Simd>(a: [V<S>; 3], b: [V<S>; 3]) -> V<S> {
-    a[0].mul_add(b[0], a[1].mul_add(b[1], a[2] * b[2]))
-}
-
 impl<S: Simd> Projection<S> {
-    /// Projects a block of parameters. `smoothing` is the 3D filter of the block, if the scene has one.
+    /// Projects a block of parameters. `smoothing` is the 3D filter of the block, if the scene has
+    /// one.
     #[inline(always)]
     pub(crate) fn new(simd: S, camera: &ScreenCamera, rows: &[Lanes], smoothing: Option<&Lanes>) -> Self {
         let load = |row: usize| V::load(simd, &rows[row]);
@@ -95,7 +96,7 @@ impl<S: Simd> Projection<S> {
         let position: [V<S>; 3] = each!([0, 1, 2] i => load(ParameterRows::POSITION + i));
         let rotation = each!([0, 1, 2] i => { let row = camera.rotation[i]; each!([0, 1, 2] i => c(row[i])) });
         let point = each!([0, 1, 2] i => dot(rotation[i], position) + camera.translation[i]);
-        // Depth zero would divide by zero; such splats are culled, so any finite stand-in will do.
+        // Depth zero would divide by zero; such splats are culled, so any finite value will do.
         let z = V::select(point[2].gt(c(camera.cutoffs.near * 0.5)), point[2], one);
         let inverse_z = one / z;
         let slope = each!([0, 1] i => (point[i] * inverse_z).max(c(camera.slope_min[i])).min(c(camera.slope_max[i])));
@@ -128,7 +129,7 @@ impl<S: Simd> Projection<S> {
 
         let dilation = camera.antialias.dilation_px2();
         let before = [dot(root[0], root[0]), dot(root[0], root[1]), dot(root[1], root[1])];
-        // |a|^2 |b|^2 - (a.b)^2 = |a x b|^2 (Lagrange): no cancellation for needles.
+        // |a|^2 |b|^2 - (a.b)^2 = |a x b|^2 (Lagrange): no cancellation for thin ellipses.
         let cross = each!([0, 1, 2] k => {
             let (i, j) = ((k + 1) % 3, (k + 2) % 3);
             root[0][i] * root[1][j] - root[0][j] * root[1][i]
@@ -161,7 +162,8 @@ impl<S: Simd> Projection<S> {
         }
     }
 
-    /// The triangular root M of the inverse covariance: M = [[m0, m1], [0, m2]], M^T M = covariance^-1.
+    /// Returns the triangular root M of the inverse covariance: M = [[m0, m1], [0, m2]], M^T M =
+    /// covariance^-1.
     #[inline(always)]
     pub(crate) fn inverse_root(&self) -> [V<S>; 3] {
         let [_, xy, yy] = self.covariance;
@@ -171,7 +173,7 @@ impl<S: Simd> Projection<S> {
     }
 }
 
-/// Rows of the rotation matrix of unit quaternions w x y z.
+/// Returns the rows of the rotation matrix of unit quaternions (w, x, y, z).
 #[inline(always)]
 pub(crate) fn rotation_matrix<S: Simd>([w, x, y, z]: [V<S>; 4]) -> [[V<S>; 3]; 3] {
     let one = w.lift(1.0);
@@ -185,49 +187,42 @@ pub(crate) fn rotation_matrix<S: Simd>([w, x, y, z]: [V<S>; 4]) -> [[V<S>; 3]; 3
     ]
 }
 
-/// Unit vectors from the camera to the splats and the reciprocals of the distances.
-#[inline(always)]
-pub(crate) fn view_direction<S: Simd>(simd: S, camera: &ScreenCamera, rows: &[Lanes]) -> ([V<S>; 3], V<S>) {
-    let offset = each!([0, 1, 2] i => V::load(simd, &rows[ParameterRows::POSITION + i]) - camera.eye[i]);
-    let inverse_distance = V::splat(simd, 1.0) / dot(offset, offset).max(V::splat(simd, 1e-30)).sqrt();
-    (each!([0, 1, 2] i => { let v = offset[i]; v * inverse_distance }), inverse_distance)
-}
-
 /// Projects all splats.
 pub(crate) fn project(level: Level, camera: &ScreenCamera, store: &Store, smoothing: &[Lanes], out: &mut Vec<Footprint>) {
     let rows = store.layout.count();
-    let scene = (store.layout, store.count);
+    let shape = store.shape();
     resize_for(store, out);
-    out.par_chunks_mut(LANES).zip(store.lanes.par_chunks(rows)).enumerate().with_min_len(64).for_each(|(block, (out, rows))| {
-        prefetch_rows(&store.lanes, (block + AHEAD) * rows.len(), rows.len());
-        with_simd!(level, simd => project_block(simd, camera, scene, (block, rows), smoothing, out));
+    out.par_chunks_mut(LANES).zip(store.lanes.par_chunks(rows)).enumerate().with_min_len(64).for_each(|(index, (out, rows))| {
+        prefetch_rows(&store.lanes, (index + AHEAD) * rows.len(), rows.len());
+        with_simd!(level, simd => project_block(simd, camera, shape, Block { index, rows }, smoothing, out));
     });
 }
 
-/// Makes room for the footprints of a store's splats.
+/// Resizes `footprints` to the splats of a store, rounded up to whole blocks.
 pub(crate) fn resize_for(store: &Store, footprints: &mut Vec<Footprint>) {
     footprints.resize(store.lanes.len() / store.layout.count() * LANES, Footprint::zeroed());
 }
 
-/// Projects block number `block` of `count` splats, its parameters `rows`; `smoothing` is that of all blocks.
+/// Projects a block of a store of the given shape. `smoothing` holds the 3D filter of all blocks,
+/// or is empty.
 #[inline(always)]
 pub(crate) fn project_block<S: Simd>(
     simd: S,
     camera: &ScreenCamera,
-    (layout, count): (ParameterRows, usize),
-    (block, rows): (usize, &[Lanes]),
+    StoreShape { layout, count }: StoreShape,
+    Block { index, rows }: Block<'_>,
     smoothing: &[Lanes],
     out: &mut [Footprint],
 ) {
     let c = |value: f32| V::splat(simd, value);
     let one = c(1.0);
-    let alive = count - (block * LANES).min(count);
-    let p = Projection::new(simd, camera, rows, smoothing.get(block));
+    let alive = count - (index * LANES).min(count);
+    let p = Projection::new(simd, camera, rows, smoothing.get(index));
     let opacity = p.opacity * p.compensation * p.filter_factor;
     let inverse_z = one / p.point[2];
     let mean = each!([0, 1] i => (p.point[i] * inverse_z).mul_add(c(camera.focal_px[i]), c(camera.center_px[i])));
 
-    // Nothing above the largest possible footprint touches the image: skip colour and the rest for blocks that are out altogether.
+    // Blocks whose largest possible footprints all miss the image skip colour and the rest.
     let depth = V::load(simd, &rows[ParameterRows::POSITION]) * camera.rotation[2][0]
         + V::load(simd, &rows[ParameterRows::POSITION + 1]) * camera.rotation[2][1]
         + V::load(simd, &rows[ParameterRows::POSITION + 2]) * camera.rotation[2][2]
@@ -260,11 +255,12 @@ pub(crate) fn project_block<S: Simd>(
     }
     let root = p.inverse_root();
     let root = each!([0, 1, 2] i => root[i] * SQRT_HALF_LOG2_E);
-    // Comparisons with NaN are false, so of the values used above only the root can still be anything but finite.
+    // Comparisons with NaN are false, so of the values used above only the root can still be
+    // infinite or NaN.
     let finite = root[0].lt(c(f32::MAX)) & root[1].abs().lt(c(f32::MAX)) & root[2].lt(c(f32::MAX));
     mask = mask & finite & root[0].gt(c(0.0)) & root[2].gt(c(0.0)) & (extent[0] + extent[1]).lt(c(1e9)) & brightest.lt(c(f32::MAX));
     let right_dy = extent[0] * p.covariance[1] / p.covariance[0];
-    let tiles = each!([0, 1] i => tile_range(camera, i, (mean[i], extent[i]), mask));
+    let tiles = each!([0, 1] i => tile_range(camera, i, Interval { center: mean[i], half_length: extent[i] }, mask));
 
     let fields = [
         mean[0],
@@ -289,14 +285,26 @@ pub(crate) fn project_block<S: Simd>(
     }
 }
 
-/// Range of tiles along one axis with pixel centres within `extent` and a margin of `mean`, its two numbers as the bits of one; empty if there
-/// are none, or outside of `mask`.
+/// An interval along one axis of the screen, pixels.
+struct Interval<S: Simd> {
+    center: V<S>,
+    half_length: V<S>,
+}
+
+/// Returns the range of tiles along one axis with pixel centres within the interval and a margin:
+/// first tile and one beyond the last, packed into the bits of one number. It is empty where there
+/// are no such pixels, and outside `mask`.
 #[inline(always)]
-fn tile_range<S: Simd>(camera: &ScreenCamera, axis: usize, (mean, extent): (V<S>, V<S>), mask: M<S>) -> V<S> {
+fn tile_range<S: Simd>(
+    camera: &ScreenCamera,
+    axis: usize,
+    Interval { center: mean, half_length: extent }: Interval<S>,
+    mask: M<S>,
+) -> V<S> {
     let zero = mean.lift(0.0);
     let reach = extent + MARGIN_PX;
-    // Pixel centres between low and high: from floor(low + 1/2) to floor(high - 1/2). A centre at low itself is left out, which the margin
-    // makes up for.
+    // Pixel centres between low and high: from floor(low + 1/2) to floor(high - 1/2). A centre
+    // exactly at low is left out; the margin compensates for that.
     let (first, last) = ((mean - reach + 0.5).max(zero).floor(), (mean + reach - 0.5).floor());
     let count = mean.lift(camera.tiles()[axis] as f32);
     let tile = |pixel: V<S>| (pixel * (1.0 / TILE_PX as f32)).floor();

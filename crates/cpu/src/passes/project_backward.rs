@@ -1,68 +1,69 @@
-//! Pass `project_backward`: gradient by position, rotation, scale and opacity; calls pass `color_backward` for the rest.
+//! Pass `project_backward`: computes the gradient by position, rotation, scale and opacity, and
+//! calls pass `color_backward` for the rest.
 //!
-//! In: a block's parameters, per-entry gradients of `rasterize_backward`, bins. Out: the block's gradient rows `[rows, 16]`, if one of its
-//! splats is visible (or there are regularisers), densification statistics. A splat's entries are summed in the order of its tiles: the
-//! same bits for any number of threads. Derivation: reverse mode through `project`; with M^T M the inverse covariance and S the second
-//! moments of the offsets whitened by M, dE/dcovariance = M^T S M / 2. [`super::update`] goes over the blocks.
+//! In: a block's parameters, per-entry gradients of `rasterize_backward`, bins. Out: the block's
+//! gradient rows `[rows, 16]`, if one of its splats is visible (or there are regularisers),
+//! densification statistics. A splat's entries are summed in the order of its tiles: the same bits
+//! for any number of threads. Derivation: reverse mode through `project`; with M^T M the inverse
+//! covariance and S the second moments of the offsets whitened by M, dE/dcovariance = M^T S M / 2.
+//! [`super::update`] iterates over the blocks. Degenerate: gradients that overflow become zero.
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x4};
-use luxel_core::engine::MIN_AREA_RATIO;
-use luxel_core::engine::ParameterRows;
+use luxel_core::engine::{MIN_AREA_RATIO, ParameterRows};
 use luxel_core::{LossConfig, Real, each};
 
 use super::bin::Bins;
 use super::color_backward::color_backward;
-use super::project::{Projection, SQRT_HALF_LOG2_E, dot};
+use super::project::{Projection, SQRT_HALF_LOG2_E};
 use super::sums::{ENTRY_LEN, EntryGradient};
-use crate::lanes::{LANES, Lanes, V};
-use crate::store::Store;
+use crate::lanes::{LANES, Lanes, V, dot};
+use crate::store::{Block, Store, StoreShape};
 use crate::view::ScreenCamera;
 
-/// What the pass reads.
+/// The data that the pass reads.
 pub(crate) struct Inputs<'a> {
-    pub(crate) layout: ParameterRows,
-    /// Number of splats.
-    pub(crate) count: usize,
+    pub(crate) shape: StoreShape,
     pub(crate) smoothing: &'a [Lanes],
     pub(crate) bins: &'a Bins,
-    /// By tile, in the order of its bin.
+    /// Gradients of the entries of each tile, in the order of its bin.
     pub(crate) entries: &'a [Vec<EntryGradient>],
     pub(crate) loss: &'a LossConfig,
 }
 
 impl<'a> Inputs<'a> {
-    /// For the splats of `store`, which stays free to be updated.
+    /// Collects the inputs for the splats of `store`, which is not borrowed and can be updated.
     pub(crate) fn new(
         store: &Store,
         smoothing: &'a [Lanes],
-        (bins, entries): (&'a Bins, &'a [Vec<EntryGradient>]),
+        bins: &'a Bins,
+        entries: &'a [Vec<EntryGradient>],
         loss: &'a LossConfig,
     ) -> Self {
-        Self { layout: store.layout, count: store.count, smoothing, bins, entries, loss }
+        Self { shape: store.shape(), smoothing, bins, entries, loss }
     }
 
-    /// Whether every splat has a gradient, visible or not.
+    /// Reports whether every splat has a gradient, visible or not.
     pub(crate) fn is_regularised(&self) -> bool {
         self.loss.opacity_weight != 0.0 || self.loss.scale_weight != 0.0
     }
 }
 
-/// Statistics of a block's splats, to add to.
+/// The statistics of a block's splats, to which a step is added.
 pub(crate) struct BlockStats<'a> {
     pub(crate) norm: &'a mut [f32],
     pub(crate) absolute: &'a mut [f32],
     pub(crate) views: &'a mut [u32],
 }
 
-/// Differentiates block number `block` of the parameters, `rows`, from the sums of its splats; false, with `gradient` as it was, if it has
-/// no gradient.
+/// Differentiates a block of parameters, given the sums of its splats. Returns false, with
+/// `gradient` unchanged, if the block has no gradient.
 #[inline(always)]
 pub(crate) fn project_backward<S: Simd>(
     simd: S,
     camera: &ScreenCamera,
     inputs: &Inputs<'_>,
-    (block, rows): (usize, &[Lanes]),
+    block: Block<'_>,
     BlockSums { rows: sums, visible }: &BlockSums,
     gradient: &mut [Lanes],
     stats: Option<BlockStats<'_>>,
@@ -70,13 +71,13 @@ pub(crate) fn project_backward<S: Simd>(
     let written = visible.contains(&true) || inputs.is_regularised();
     if written {
         // Otherwise every row is written.
-        if camera.active_degree < inputs.layout.color_model.max_degree() {
+        if camera.active_degree < inputs.shape.layout.color_model.max_degree() {
             gradient.fill(Lanes::ZERO);
         }
         let sums = V::transpose(
             each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15] lane => { let row = &sums[lane]; V::load(simd, row) }),
         );
-        let statistics = block_backward(simd, camera, inputs, (block, rows), &sums, gradient);
+        let statistics = block_backward(simd, camera, inputs, block, &sums, gradient);
         if let Some(stats) = stats {
             for lane in (0..stats.views.len()).filter(|lane| visible[*lane]) {
                 stats.norm[lane] += statistics[0][lane];
@@ -88,7 +89,8 @@ pub(crate) fn project_backward<S: Simd>(
     written
 }
 
-/// Sums of a block's splats over their tiles: of each splat the fields of an entry, and zeros.
+/// The sums of a block's splats over their tiles: for each splat the fields of an
+/// [`EntryGradient`], then zeros.
 pub(crate) struct BlockSums {
     rows: [Lanes; LANES],
     /// Which splats have any entry.
@@ -101,7 +103,7 @@ impl BlockSums {
     /// Gathers the sums of block number `block`.
     #[inline(always)]
     pub(crate) fn gather<S: Simd>(&mut self, simd: S, inputs: &Inputs<'_>, block: usize) {
-        let alive = LANES.min(inputs.count - block * LANES);
+        let alive = LANES.min(inputs.shape.count - block * LANES);
         let splats = self.rows.iter_mut().zip(&mut self.visible).zip(inputs.bins.places(block * LANES, alive));
         for ((row, visible), places) in splats {
             *visible = !places.is_empty();
@@ -119,33 +121,37 @@ impl BlockSums {
     }
 }
 
-/// Gradient of a block, and its splats' norms of the gradient by the centre: of its sum and of the sums of its absolute parts.
+/// The gradient by the ellipses of 16 splats.
+struct EllipseGradient<S: Simd> {
+    /// Gradient by the centre.
+    d_mean: [V<S>; 2],
+    /// Gradient by the dilated covariance: xx, xy, yy. The off-diagonal number stands for both
+    /// entries.
+    d_covariance: [V<S>; 3],
+}
+
+/// Computes the gradient by the ellipses from the sums over pixels. `root` is
+/// [`Projection::inverse_root`].
 #[inline(always)]
-fn block_backward<S: Simd>(
+fn ellipse_backward<S: Simd>(
     simd: S,
     camera: &ScreenCamera,
-    inputs: &Inputs<'_>,
-    (block, rows): (usize, &[Lanes]),
-    sums: &[V<S>; LANES],
-    out: &mut [Lanes],
-) -> [[f32; LANES]; 2] {
+    p: &Projection<S>,
+    root: [V<S>; 3],
+    [d_log_alpha, gu, gv, guu, guv, gvv, ..]: &[V<S>; LANES],
+) -> EllipseGradient<S> {
     let c = |value: f32| V::splat(simd, value);
-    let [d_log_alpha, gu, gv, guu, guv, gvv, dr, dg, db, abs_u, abs_y, ..] = *sums;
-    let p = Projection::new(simd, camera, rows, inputs.smoothing.get(block));
-    let mut d_position = color_backward(simd, camera, inputs.layout, rows, [dr, dg, db], out);
-
-    // covariance^-1 = M^T M. With offsets whitened by M: by the centre M^T times the first moments; by the covariance half of M^T times the
-    // second moments times M. The rasteriser's (u, v) are M's times a constant.
-    let root = p.inverse_root();
+    // covariance^-1 = M^T M. With offsets whitened by M, the gradient by the centre is M^T times
+    // the first moments, and the gradient by the covariance is half of M^T times the second moments
+    // times M. The rasteriser's (u, v) are M's times a constant.
     let unit = 1.0 / (SQRT_HALF_LOG2_E * SQRT_HALF_LOG2_E);
-    let (gu, gv) = (gu * (1.0 / SQRT_HALF_LOG2_E), gv * (1.0 / SQRT_HALF_LOG2_E));
+    let (gu, gv) = (*gu * (1.0 / SQRT_HALF_LOG2_E), *gv * (1.0 / SQRT_HALF_LOG2_E));
     let d_mean = [root[0] * gu, root[1].mul_add(gu, root[2] * gv)];
-    let moments = [guu * unit, guv * unit, gvv * unit];
+    let moments = [*guu * unit, *guv * unit, *gvv * unit];
     let half = c(0.5);
     let by_root =
         [moments[0] * root[0], moments[0].mul_add(root[1], moments[1] * root[2]), moments[1].mul_add(root[1], moments[2] * root[2])];
     let mut d_xx = half * by_root[0] * root[0];
-    // The off-diagonal number stands for both entries.
     let mut d_xy = root[0] * by_root[1];
     let mut d_yy = half * root[1].mul_add(by_root[1], root[2] * by_root[2]);
     let inverse_det = c(1.0) / p.determinant;
@@ -153,7 +159,7 @@ fn block_backward<S: Simd>(
     if camera.antialias.compensates_opacity() {
         // compensation = sqrt(before / after): d ln(compensation) = (d ln before - d ln after) / 2.
         let ratio = p.determinant_before * inverse_det;
-        let d_ratio = (ratio - MIN_AREA_RATIO).if_positive(half * d_log_alpha, c(0.0));
+        let d_ratio = (ratio - MIN_AREA_RATIO).if_positive(half * *d_log_alpha, c(0.0));
         let dilation = camera.antialias.dilation_px2();
         let by_before = d_ratio / p.determinant_before.max(c(1e-30));
         let by_after = d_ratio * inverse_det;
@@ -161,6 +167,27 @@ fn block_backward<S: Simd>(
         d_yy = d_yy + by_before * (p.covariance[0] - dilation) - by_after * p.covariance[0];
         d_xy = d_xy - (by_before - by_after) * (p.covariance[1] + p.covariance[1]);
     }
+    EllipseGradient { d_mean, d_covariance: [d_xx, d_xy, d_yy] }
+}
+
+/// Computes the gradient of a block. Returns for each splat the norms of two gradients by the
+/// centre: of the summed gradient, and of the sums of absolute values.
+#[inline(always)]
+fn block_backward<S: Simd>(
+    simd: S,
+    camera: &ScreenCamera,
+    inputs: &Inputs<'_>,
+    Block { index, rows }: Block<'_>,
+    sums: &[V<S>; LANES],
+    out: &mut [Lanes],
+) -> [[f32; LANES]; 2] {
+    let c = |value: f32| V::splat(simd, value);
+    let [d_log_alpha, _, _, _, _, _, dr, dg, db, abs_u, abs_y, ..] = *sums;
+    let p = Projection::new(simd, camera, rows, inputs.smoothing.get(index));
+    let mut d_position = color_backward(simd, camera, inputs.shape.layout, rows, [dr, dg, db], out);
+
+    let root = p.inverse_root();
+    let EllipseGradient { d_mean, d_covariance: [d_xx, d_xy, d_yy] } = ellipse_backward(simd, camera, &p, root, sums);
 
     // covariance = root root^T.
     let d_root = [
@@ -170,15 +197,16 @@ fn block_backward<S: Simd>(
     // root = screen_axes diag(sigma).
     for k in 0..3 {
         let d_sigma = d_root[0][k].mul_add(p.screen_axes[0][k], d_root[1][k] * p.screen_axes[1][k]);
-        // Without a filter sigma = raw and this is d_sigma sigma; with it sigma^2 = raw^2 + f^2, and the opacity's factor prod raw / sigma.
-        // Squares of the tiniest deviations vanish in f32, their ratio does not.
+        // Without a filter sigma = raw, and this is d_sigma sigma; with it sigma^2 = raw^2 + f^2,
+        // and the opacity's factor prod raw / sigma. Squares of the tiniest deviations vanish in
+        // f32, their ratio does not.
         let ratio = p.raw_sigma[k] / p.sigma[k];
         let share = ratio * ratio;
         let mut d_log_scale = finite((d_sigma * p.sigma[k]).mul_add(share, d_log_alpha * (c(1.0) - share)));
-        d_log_scale = p.raw_sigma[k].mul_add(c(inputs.loss.scale_weight / (3 * inputs.count) as f32), d_log_scale);
+        d_log_scale = p.raw_sigma[k].mul_add(c(inputs.loss.scale_weight / (3 * inputs.shape.count) as f32), d_log_scale);
         d_log_scale.store(&mut out[ParameterRows::LOG_SCALE + k]);
     }
-    let d_opacity_logit = (c(1.0) - p.opacity) * p.opacity.mul_add(c(inputs.loss.opacity_weight / inputs.count as f32), d_log_alpha);
+    let d_opacity_logit = (c(1.0) - p.opacity) * p.opacity.mul_add(c(inputs.loss.opacity_weight / inputs.shape.count as f32), d_log_alpha);
     d_opacity_logit.store(&mut out[ParameterRows::OPACITY]);
     let d_screen_axes = each!([0, 1] i => { let row = d_root[i]; each!([0, 1, 2] k => row[k] * p.sigma[k]) });
     // screen_axes = jacobian axes.
@@ -196,23 +224,24 @@ fn block_backward<S: Simd>(
         finite(*d).store(&mut out[ParameterRows::POSITION + i]);
     }
 
-    // NDC spans 2 over the image's side. Absolute sums carry the rasteriser's constant twice: in u and v, and in its root.
+    // NDC spans 2 over the image's side. Absolute sums carry the rasteriser's constant twice: in u
+    // and v, and in its root.
     let ndc = each!([0, 1] i => 0.5 * camera.size_px[i] as f32);
-    let by_center = [d_mean, [root[0] * abs_u * (1.0 / SQRT_HALF_LOG2_E), abs_y * unit]];
+    let by_center = [d_mean, [root[0] * abs_u * (1.0 / SQRT_HALF_LOG2_E), abs_y * (1.0 / (SQRT_HALF_LOG2_E * SQRT_HALF_LOG2_E))]];
     each!([0, 1] i => {
         let (x, y) = (by_center[i][0] * ndc[0], by_center[i][1] * ndc[1]);
         (x * x + y * y).sqrt().lanes()
     })
 }
 
-/// Zero in place of what is not finite: a splat that is culled for overflow has zero for every incoming gradient, but zero times
-/// infinity is not.
+/// Replaces numbers that are not finite by zero: a splat that is culled for overflow has zero
+/// incoming gradients, but zero times infinity is NaN.
 #[inline(always)]
 fn finite<S: Simd>(v: V<S>) -> V<S> {
     V::select(v.abs().lt(v.lift(f32::INFINITY)), v, v.lift(0.0))
 }
 
-/// Gradient by the raw quaternion.
+/// Returns the gradient by the raw quaternion.
 #[inline(always)]
 fn rotation_backward<S: Simd>(p: &Projection<S>, d: &[[V<S>; 3]; 3]) -> [V<S>; 4] {
     let [w, x, y, z] = p.quaternion;
@@ -222,13 +251,13 @@ fn rotation_backward<S: Simd>(p: &Projection<S>, d: &[[V<S>; 3]; 3]) -> [V<S>; 4
     let d_x = twice(y * (d[0][1] + d[1][0]) + z * (d[0][2] + d[2][0]) + w * (d[2][1] - d[1][2]) - twice(x * (d[1][1] + d[2][2])));
     let d_y = twice(x * (d[0][1] + d[1][0]) + z * (d[1][2] + d[2][1]) + w * (d[0][2] - d[2][0]) - twice(y * (d[0][0] + d[2][2])));
     let d_z = twice(x * (d[0][2] + d[2][0]) + y * (d[1][2] + d[2][1]) + w * (d[1][0] - d[0][1]) - twice(z * (d[0][0] + d[1][1])));
-    // Normalisation: only the part across the quaternion moves it.
+    // Normalisation: only the part orthogonal to the quaternion has an effect.
     let along = w * d_w + x * d_x + y * d_y + z * d_z;
     let unit = [d_w, d_x, d_y, d_z];
     each!([0, 1, 2, 3] i => (unit[i] - along * p.quaternion[i]) * p.inverse_length)
 }
 
-/// Gradient by the point in camera space, through the centre and the Jacobian.
+/// Returns the gradient by the point in camera space, through the centre and the Jacobian.
 #[inline(always)]
 fn point_backward<S: Simd>(simd: S, camera: &ScreenCamera, p: &Projection<S>, d_jacobian: [[V<S>; 3]; 2], d_mean: [V<S>; 2]) -> [V<S>; 3] {
     let c = |value: f32| V::splat(simd, value);
@@ -241,7 +270,7 @@ fn point_backward<S: Simd>(simd: S, camera: &ScreenCamera, p: &Projection<S>, d_
         let by_depth = dot(d_jacobian[i], each!([0, 1, 2] i => c(camera.rotation[2][i])));
         let d_slope = -(scale * by_depth);
         let true_slope = p.point[i] * inverse_z;
-        // Where the slope is clamped it does not move.
+        // Where the slope is clamped it is constant.
         let free = (true_slope - p.slope[i]).abs();
         let d_slope = free.if_positive(c(0.0), d_slope);
         d_point[i] = d_mean[i].mul_add(scale, d_slope * inverse_z);

@@ -1,8 +1,11 @@
-//! Pass `rasterize`: front-to-back blending of each block's splats.
+//! Pass `rasterize`: blends each block's splats front to back.
 //!
-//! In: the tiles' sorted lists. Out: [`TilePixels`]: per tile and 4x4 block the radiance `[3]` and the transmittance left; and [`Changes`], the
-//! entries that changed a pixel, if they are wanted. Source: 3DGS (Kerbl et al. 2023) eq. 3 with the thresholds of [`luxel_core::Cutoffs`]. A pixel stops before
-//! the splat that would take its transmittance below `min_transmittance`; the background shines through what is left.
+//! In: the tiles' sorted lists. Out: [`TilePixels`]: per tile and 4x4 block the radiance `[3]` and
+//! the remaining transmittance; and [`Changes`], the entries that changed a pixel, if they are
+//! wanted. Source: 3DGS (Kerbl et al. 2023) eq. 3 with the thresholds of [`luxel_core::Cutoffs`]. A
+//! pixel stops before the splat that would lower its transmittance below `min_transmittance`; the
+//! background is weighted by the remaining transmittance. Degenerate: pixels beyond the image are
+//! finished from the start.
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd};
@@ -10,19 +13,19 @@ use luxel_core::{Image, Real, each};
 use rayon::prelude::*;
 
 use super::changes::Changes;
-use super::picks::{MOST_PICKS, Picks};
-use super::sort::{Entry, TileList, WORD};
+use super::picks::{MOST_PICKS, Picked, Picks};
+use super::sort::{Entry, Tile, TileList, WORD};
 use crate::lanes::{LANES, LOG2_OF_ZERO, Lanes, V, with_simd};
-use crate::view::{BLOCK_PX, BLOCKS, ScreenCamera, TILE_BLOCKS, TILE_PX, block_of};
+use crate::view::{BLOCK_PX, BLOCKS, ScreenBlock, ScreenCamera, TILE_BLOCKS, TILE_PX, block_of};
 
-/// Pixels of a block, in registers' order: row-major within 4x4.
+/// The pixels of a block, in the order of a vector's lanes: row-major within 4x4.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct BlockPixels {
     pub(crate) radiance: [Lanes; 3],
     pub(crate) transmittance: Lanes,
 }
 
-/// Pixels of a tile.
+/// The pixels of a tile.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct TilePixels(pub(crate) [BlockPixels; BLOCKS]);
 
@@ -32,7 +35,7 @@ impl Default for TilePixels {
     }
 }
 
-/// The radiance as an image (pixels of the last tiles beyond the image are left out).
+/// Converts the radiance to an image (pixels of the last tiles beyond the image are left out).
 pub(crate) fn to_image(tiles: &[TilePixels], camera: &ScreenCamera) -> Image {
     let [width, height] = camera.size_px;
     let mut image = Image::filled(width, height, [0.0; 3]);
@@ -52,7 +55,7 @@ pub(crate) fn to_image(tiles: &[TilePixels], camera: &ScreenCamera) -> Image {
     image
 }
 
-/// One minus the transmittance left, `[H*W]`.
+/// Converts the pixels to alpha, one minus the remaining transmittance: `[H*W]`.
 pub(crate) fn to_alpha(tiles: &[TilePixels], camera: &ScreenCamera) -> Vec<f32> {
     let [width, height] = camera.size_px;
     let across = camera.tiles()[0];
@@ -64,46 +67,43 @@ pub(crate) fn to_alpha(tiles: &[TilePixels], camera: &ScreenCamera) -> Vec<f32> 
     (0..width * height).into_par_iter().map(alpha).collect()
 }
 
-/// Blends a tile. What changes its pixels is noted for who asks for it, which takes a quarter of the time.
-pub(crate) fn rasterize(
-    level: Level,
-    camera: &ScreenCamera,
-    (list, tile): (&TileList, usize),
-    (pixels, changes): (&mut TilePixels, Option<&mut Changes>),
-) {
-    let origin = camera.tile_origin_px(tile);
+/// Blends a tile, and records what changed its pixels if `changes` is given; recording takes a good
+/// part of the time.
+pub(crate) fn rasterize(level: Level, camera: &ScreenCamera, tile: Tile<'_>, pixels: &mut TilePixels, changes: Option<&mut Changes>) {
     with_simd!(level, simd => match changes {
-        Some(changes) => rasterize_blocks::<_, true>(simd, camera, origin, list, (pixels, changes)),
-        None => rasterize_blocks::<_, false>(simd, camera, origin, list, (pixels, &mut Changes::default())),
+        Some(changes) => rasterize_blocks::<_, true>(simd, camera, tile, pixels, changes),
+        None => rasterize_blocks::<_, false>(simd, camera, tile, pixels, &mut Changes::default()),
     });
 }
 
-/// Blends a tile's blocks, and notes their changes if `NOTED`.
+/// Blends a tile's blocks, and records their changes if `RECORD_CHANGES`.
 #[inline(always)]
-fn rasterize_blocks<S: Simd, const NOTED: bool>(
+fn rasterize_blocks<S: Simd, const RECORD_CHANGES: bool>(
     simd: S,
     camera: &ScreenCamera,
-    origin: [usize; 2],
-    list: &TileList,
-    (pixels, changes): (&mut TilePixels, &mut Changes),
+    Tile { index, list }: Tile<'_>,
+    pixels: &mut TilePixels,
+    changes: &mut Changes,
 ) {
-    let (mut picks, mut alphas) = (Picks::NONE, [Lanes::ZERO; MOST_PICKS]);
+    let origin_px = camera.tile_origin_px(index);
+    let mut scratch = BlendScratch { picks: Picks::NONE, alphas: [Lanes::ZERO; MOST_PICKS] };
     changes.clear();
-    for (block, pixels) in pixels.0.iter_mut().enumerate() {
-        rasterize_block::<_, NOTED>(simd, camera, origin, (list, block), (&mut picks, &mut alphas), (pixels, changes));
-        if NOTED {
+    for (index, pixels) in pixels.0.iter_mut().enumerate() {
+        let block = ScreenBlock { origin_px, index };
+        rasterize_block::<_, RECORD_CHANGES>(simd, camera, list, block, &mut scratch, pixels, changes);
+        if RECORD_CHANGES {
             changes.end_block();
         }
     }
 }
 
-/// Centre of the top left pixel of a block, relative to its tile's origin.
+/// Returns the centre of the top left pixel of a block, relative to its tile's origin.
 #[inline(always)]
 pub(crate) fn first_pixel_center(block: usize) -> [f32; 2] {
     [(block % TILE_BLOCKS * BLOCK_PX) as f32 + 0.5, (block / TILE_BLOCKS * BLOCK_PX) as f32 + 0.5]
 }
 
-/// Centres of a block's pixels relative to the tile's origin.
+/// Returns the centres of a block's pixels, relative to the tile's origin.
 #[inline(always)]
 pub(crate) fn pixel_centers<S: Simd>(simd: S, block: usize) -> [V<S>; 2] {
     let [x, y] = first_pixel_center(block);
@@ -112,9 +112,9 @@ pub(crate) fn pixel_centers<S: Simd>(simd: S, block: usize) -> [V<S>; 2] {
     [V::load(simd, &Lanes(COLUMN)) + x, V::load(simd, &Lanes(ROW)) + y]
 }
 
-/// A splat as the pixels of a block see it.
+/// A splat evaluated at the pixels of a block.
 #[derive(Clone, Copy)]
-pub(crate) struct Seen<S: Simd> {
+pub(crate) struct SplatAtPixels<S: Simd> {
     /// Offsets from the centre, whitened: see [`super::project::Footprint::root`].
     pub(crate) u: V<S>,
     pub(crate) v: V<S>,
@@ -122,7 +122,8 @@ pub(crate) struct Seen<S: Simd> {
     pub(crate) log2_alpha: V<S>,
 }
 
-impl<S: Simd> Seen<S> {
+impl<S: Simd> SplatAtPixels<S> {
+    /// Evaluates an entry at pixel centres relative to its tile's origin.
     #[inline(always)]
     pub(crate) fn new(simd: S, entry: &Entry, centers: [V<S>; 2]) -> Self {
         let c = |value: f32| V::splat(simd, value);
@@ -134,37 +135,47 @@ impl<S: Simd> Seen<S> {
     }
 }
 
-/// A transmittance that no splat brings above the least again. Products that went on below it could become too small to be normal numbers,
-/// which some processors multiply at a hundredth of the pace.
+/// The transmittance of a finished pixel: negative, so that no splat raises it above the minimum
+/// again. If finished pixels kept their tiny products, those could become subnormal, which some
+/// processors multiply very slowly.
 const FINISHED: f32 = -1.0;
 
-/// What blending a block's splats goes on with from one to the next behind.
+/// The state of blending a block, carried from each splat to the one behind it.
 struct Blending<S: Simd> {
     centers: [V<S>; 2],
     radiance: [V<S>; 3],
-    /// Up to where the pixel stops.
+    /// Transmittance up to the splat at which the pixel stops.
     transmittance: V<S>,
-    /// As if no pixel ever stopped, so that a splat waits for no comparison with the one in front. Once below the least it stays there, which is
-    /// how finished pixels are told: [`FINISHED`] at the latest with the next picks.
+    /// Transmittance as if no pixel ever stopped, so that a splat does not wait for the comparison
+    /// of the one in front. Once below the minimum it stays there, which marks the pixel as
+    /// finished; at the latest with the next picks it becomes [`FINISHED`].
     unstopped: V<S>,
     max_alpha: V<S>,
     min_transmittance: V<S>,
 }
 
-/// Blends a block. There are no picks before and after; what is in `alphas` does not matter.
+/// Buffers for blending a block.
+struct BlendScratch {
+    picks: Picks,
+    /// Alphas of the picks.
+    alphas: [Lanes; MOST_PICKS],
+}
+
+/// Blends a block. The scratch has no picks before and after; its alphas may hold anything.
 #[inline(always)]
-fn rasterize_block<S: Simd, const NOTED: bool>(
+fn rasterize_block<S: Simd, const RECORD_CHANGES: bool>(
     simd: S,
     camera: &ScreenCamera,
-    origin: [usize; 2],
-    (list, block): (&TileList, usize),
-    (picks, alphas): (&mut Picks, &mut [Lanes; MOST_PICKS]),
-    (out, changes): (&mut BlockPixels, &mut Changes),
+    list: &TileList,
+    block: ScreenBlock,
+    BlendScratch { picks, alphas }: &mut BlendScratch,
+    out: &mut BlockPixels,
+    changes: &mut Changes,
 ) {
     let c = |value: f32| V::splat(simd, value);
-    let centers = pixel_centers(simd, block);
+    let centers = pixel_centers(simd, block.index);
     // Pixels beyond the image are finished from the start.
-    let limit = each!([0, 1] i => c(camera.size_px[i] as f32 - origin[i] as f32));
+    let limit = each!([0, 1] i => c(camera.size_px[i] as f32 - block.origin_px[i] as f32));
     let inside = centers[0].lt(limit[0]) & centers[1].lt(limit[1]);
     let mut blending = Blending {
         centers,
@@ -175,9 +186,9 @@ fn rasterize_block<S: Simd, const NOTED: bool>(
         min_transmittance: c(camera.cutoffs.min_transmittance),
     };
     for n in 0..list.words() {
-        picks.pick(simd, (n * WORD) as u32, list.word(n, block));
+        picks.push_word(simd, (n * WORD) as u32, list.word(n, block.index));
         if picks.is_enough() {
-            blend::<_, NOTED>(simd, &mut blending, &list.entries, picks.take(), (alphas, changes));
+            blend::<_, RECORD_CHANGES>(simd, &mut blending, &list.entries, picks.take(), alphas, changes);
             let live = blending.unstopped.ge(blending.min_transmittance);
             if !live.any_true() {
                 break;
@@ -185,7 +196,7 @@ fn rasterize_block<S: Simd, const NOTED: bool>(
             blending.unstopped = V::select(live, blending.unstopped, c(FINISHED));
         }
     }
-    blend::<_, NOTED>(simd, &mut blending, &list.entries, picks.take(), (alphas, changes));
+    blend::<_, RECORD_CHANGES>(simd, &mut blending, &list.entries, picks.take(), alphas, changes);
     let Blending { radiance, transmittance, .. } = blending;
     for ((out, sum), background) in out.radiance.iter_mut().zip(radiance).zip(camera.background) {
         transmittance.mul_add(c(background), sum).store(out);
@@ -193,20 +204,21 @@ fn rasterize_block<S: Simd, const NOTED: bool>(
     transmittance.store(&mut out.transmittance);
 }
 
-/// Blends the picks among a tile's entries behind what has been blended.
+/// Blends picked entries of a tile behind those that are already blended.
 #[inline(always)]
-fn blend<S: Simd, const NOTED: bool>(
+fn blend<S: Simd, const RECORD_CHANGES: bool>(
     simd: S,
     state: &mut Blending<S>,
     entries: &[Entry],
-    (room, len): (&[u32; MOST_PICKS], usize),
-    (alphas, changes): (&mut [Lanes; MOST_PICKS], &mut Changes),
+    picked: Picked<'_>,
+    alphas: &mut [Lanes; MOST_PICKS],
+    changes: &mut Changes,
 ) {
     let c = |value: f32| V::splat(simd, value);
-    let picks = &room[..len];
+    let picks = picked.entries();
     for (index, alpha) in picks.iter().zip(alphas.iter_mut()) {
         let entry = &entries[*index as usize];
-        let log2_alpha = Seen::new(simd, entry, state.centers).log2_alpha;
+        let log2_alpha = SplatAtPixels::new(simd, entry, state.centers).log2_alpha;
         V::select(log2_alpha.ge(c(entry.log2_threshold)), log2_alpha, c(LOG2_OF_ZERO)).store(alpha);
     }
     for alpha in &mut alphas[..picks.len()] {
@@ -216,7 +228,7 @@ fn blend<S: Simd, const NOTED: bool>(
     for ((index, alpha), changed) in picks.iter().zip(alphas).zip(&mut changed) {
         let entry = &entries[*index as usize];
         let alpha = V::load(simd, alpha);
-        // Where the splat is not seen nothing is taken, so that the pixel stays as it is.
+        // Where the splat is below its threshold alpha is zero, so the pixel does not change.
         let left = (-alpha).mul_add(state.unstopped, state.unstopped);
         let live = left.ge(state.min_transmittance);
         let weight = V::select(live, alpha * state.unstopped, c(0.0));
@@ -225,11 +237,11 @@ fn blend<S: Simd, const NOTED: bool>(
         }
         state.transmittance = V::select(live, left, state.transmittance);
         state.unstopped = left;
-        if NOTED {
+        if RECORD_CHANGES {
             *changed = weight.gt(c(0.0)).to_bitmask() as u16;
         }
     }
-    if NOTED {
-        changes.note(simd, (room, len), &changed);
+    if RECORD_CHANGES {
+        changes.record(simd, picked, &changed);
     }
 }

@@ -1,4 +1,5 @@
-//! Weights of pixels and the response of a camera in the loss: against the oracle, differences, and what there was before them.
+//! Weights of pixels and the response of a camera in the loss: against the oracle, differences, and
+//! what there was before them.
 
 use std::sync::Arc;
 
@@ -25,7 +26,8 @@ fn weighted(mut case: Case, seed: u64) -> Case {
     case
 }
 
-/// A view of what a camera of another curve in each channel recorded, with saturated and black pixels among the others.
+/// A view of what a camera of another curve in each channel recorded, with saturated and black
+/// pixels among the others.
 fn recorded(mut case: Case, seed: u64) -> Case {
     let knots: Knots = [0.8, 1.0, 1.3].map(|power| std::array::from_fn(|k| (0.55 * exposure_of_knot(k).powf(power / 2.2)) as f32 - 0.01));
     let response = Response { knots, exposure: [0.7, 1.1, 3.0] };

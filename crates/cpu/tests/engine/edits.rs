@@ -95,11 +95,13 @@ fn any_map_moves_a_pixel_along_the_colours_of_its_splats() {
 struct Given {
     /// Masked, blended and unoccluded weights of every splat, and its light.
     sums: [Vec<f64>; 4],
-    /// For each splat how far a pixel that is nearly decided the other way (alpha or transmittance within 1e-4 of its threshold) could move them.
+    /// For each splat how far a pixel that is nearly decided the other way (alpha or transmittance
+    /// within 1e-4 of its threshold) could move them.
     open: Vec<f64>,
     /// Largest channel of every splat's radiance, 0 of those that are not on the screen.
     brightest: Vec<f64>,
-    /// Pairs of a splat and a pixel: above the threshold, blended, and nearly decided the other way.
+    /// Pairs of a splat and a pixel: above the threshold, blended, and nearly decided the other
+    /// way.
     touched: u64,
     alive: u64,
     undecided: u64,
@@ -155,7 +157,8 @@ fn contributions_are_those_of_the_oracle() {
         (models[1], Cutoffs::HDR, Antialias::Mip),
         (models[0], Cutoffs::PARITY, Antialias::Mip),
     ] {
-        // Several tiles, the last ones cut; splats that are opaque, hidden, beside the image and behind the camera.
+        // Several tiles, the last ones cut; splats that are opaque, hidden, beside the image and
+        // behind the camera.
         let camera = fixture::camera(75, 41);
         let mut splats = fixture::splats_with_special_cases(model, &camera, 21);
         splats.smoothing = fixture::smoothing(splats.len());
@@ -193,7 +196,8 @@ fn contributions_are_those_of_the_oracle() {
             counted.touched.is_multiple_of(16) && counted.touched + undecided >= touched,
             "{label}: {counted:?}, above the threshold {touched}"
         );
-        // The test means something: few pixels are open, and of the splats some are seen, some hidden, some not there.
+        // The test means something: few pixels are open, and of the splats some are seen, some
+        // hidden, some not there.
         assert!(open.iter().sum::<f64>() < 0.01 * expected[1].iter().sum::<f64>(), "{label}");
         let hidden = (0..splats.len()).filter(|i| expected[1][*i] < 0.05 * expected[2][*i]).count();
         let absent = expected[2].iter().filter(|sum| **sum == 0.0).count();

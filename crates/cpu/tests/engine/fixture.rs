@@ -24,7 +24,8 @@ impl Rng {
         self.index += 1;
         noise::standard_normal(self.seed, self.index)[0]
     }
-    /// Uniform in `low..high`: the normal's distribution function, approximated by a logistic, is uniform enough for a scene.
+    /// Uniform in `low..high`: the normal's distribution function, approximated by a logistic, is
+    /// uniform enough for a scene.
     pub fn uniform(&mut self, low: f32, high: f32) -> f32 {
         low + (high - low) / (1.0 + (-1.702 * self.normal()).exp())
     }
@@ -66,7 +67,8 @@ fn color(model: ColorModel, rgb: [f32; 3], variation: f32, rng: &mut Rng) -> (Ve
     (harmonics, luminance)
 }
 
-/// `count` splats before `camera`: depths 2 to 6, a few pixels across, brightness over four decades.
+/// `count` splats before `camera`: depths 2 to 6, a few pixels across, brightness over four
+/// decades.
 pub fn splats(model: ColorModel, count: usize, camera: &Camera, seed: u64) -> Splats {
     let mut rng = Rng::new(seed);
     let mut splats = Splats::empty(model);
@@ -117,7 +119,8 @@ pub fn splats_with_special_cases(model: ColorModel, camera: &Camera, seed: u64) 
     splats
 }
 
-/// A view of `camera`'s size with smooth, noisy radiance over four decades; `masked` takes a block and some single pixels out.
+/// A view of `camera`'s size with smooth, noisy radiance over four decades; `masked` takes a block
+/// and some single pixels out.
 pub fn view(camera: &Camera, masked: bool, seed: u64) -> View {
     let mut rng = Rng::new(seed);
     let [width, height] = camera.size_px.map(|s| s as usize);

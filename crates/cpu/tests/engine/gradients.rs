@@ -1,5 +1,5 @@
-//! Gradients of every parameter of every colour model: the oracle's exact ones against central differences in f64, and the engine's f32
-//! ones against the oracle's.
+//! Gradients of every parameter of every colour model: the oracle's exact ones against central
+//! differences in f64, and the engine's f32 ones against the oracle's.
 
 use luxel_core::engine::{DensifyStats, StepConfig};
 use luxel_core::{Activation, Antialias, ColorModel, Cutoffs, Engine, LossConfig, RenderOptions, Splats, StepReport, View};
@@ -94,11 +94,12 @@ fn cases() -> Vec<Case> {
     cases
 }
 
-/// Gradients smaller than this part of their array's largest count by their difference from it alone.
+/// Gradients smaller than this part of their array's largest count by their difference from it
+/// alone.
 const SIZEABLE: f64 = 1e-3;
 
-/// Largest difference within an array, relative to the array's largest gradient, and where; and the largest relative to the gradient itself
-/// among the sizeable ones.
+/// Largest difference within an array, relative to the array's largest gradient, and where; and the
+/// largest relative to the gradient itself among the sizeable ones.
 #[derive(Clone, Copy, Default)]
 pub struct Worst {
     relative: f64,
@@ -108,7 +109,8 @@ pub struct Worst {
     expected: f64,
 }
 
-/// By array of [`ARRAYS`]; `None` for arrays that the model lacks. `found` may be `None` where it could not be measured.
+/// By array of [`ARRAYS`]; `None` for arrays that the model lacks. `found` may be `None` where it
+/// could not be measured.
 fn compare(splats: &Splats, found: &[Option<f64>], expected: &[f64]) -> [Option<Worst>; ARRAYS.len()] {
     let arrays = oracle::array_of_parameters(splats);
     let mut largest = [0f64; ARRAYS.len()];
@@ -151,12 +153,14 @@ pub fn check(case: &Case, worst: &[Option<Worst>; ARRAYS.len()], tolerance: f64,
     }
 }
 
-/// Central differences with h = 1e-5 leave h^2 of truncation, times third derivatives (large for rotations of thin splats), and
-/// 1e-16 / h of rounding, against arrays whose largest gradient is about 1e-4.
+/// Central differences with h = 1e-5 leave h^2 of truncation, times third derivatives (large for
+/// rotations of thin splats), and 1e-16 / h of rounding, against arrays whose largest gradient is
+/// about 1e-4.
 pub const DIFFERENCES_TOLERANCE: f64 = 1e-6;
 
-/// f32 carries 6e-8; an exponent of alpha of up to 17 and SSIM's variances (differences of squares of order 1 against C2 = 9e-4) cost up to
-/// two digits each. Relative to an array's largest gradient; sizeable gradients themselves may be off by 30 times as much.
+/// f32 carries 6e-8; an exponent of alpha of up to 17 and SSIM's variances (differences of squares
+/// of order 1 against C2 = 9e-4) cost up to two digits each. Relative to an array's largest
+/// gradient; sizeable gradients themselves may be off by 30 times as much.
 pub const ENGINE_TOLERANCE: f64 = 2e-5;
 
 pub fn engine_gradient(case: &Case) -> (StepReport, Splats, DensifyStats) {
@@ -213,7 +217,8 @@ fn engine_gradient_is_the_oracles() {
     }
 }
 
-/// Images of a pixel, of a row, of a whole block and tile, and of a bit more; the special cases scale with the image.
+/// Images of a pixel, of a row, of a whole block and tile, and of a bit more; the special cases
+/// scale with the image.
 fn cases_of_sizes() -> Vec<Case> {
     [[1, 1], [1, 40], [40, 1], [4, 4], [32, 32], [17, 9], [33, 16], [65, 37]]
         .into_iter()
@@ -234,7 +239,8 @@ fn engine_gradient_is_the_oracles_at_any_size() {
     }
 }
 
-/// More splats behind each pixel than the engine takes at a time in any of its loops, on both sides of a tile's edge.
+/// More splats behind each pixel than the engine takes at a time in any of its loops, on both sides
+/// of a tile's edge.
 #[test]
 fn engine_gradient_is_the_oracles_where_many_splats_meet() {
     const COUNT: usize = 180;

@@ -1,4 +1,5 @@
-//! What the engine renders: the oracle's image, and properties that any renderer of radiance must have.
+//! What the engine renders: the oracle's image, and properties that any renderer of radiance must
+//! have.
 
 use luxel_core::{Activation, Antialias, Camera, ColorModel, Cutoffs, Engine, Image, RenderOptions, Splats, luminance_sum};
 use luxel_cpu::{CpuEngine, InstructionSet};
@@ -20,10 +21,12 @@ fn on_black(cutoffs: Cutoffs) -> RenderOptions {
 
 /// Relative rounding of a pixel: exponents of alpha up to 17 in f32, summed over splats.
 const ROUNDING: f64 = 2e-5;
-/// A pixel whose alpha or transmittance is this near (relatively) to a threshold may fall on either side of it.
+/// A pixel whose alpha or transmittance is this near (relatively) to a threshold may fall on either
+/// side of it.
 const BAND: f64 = 1e-4;
 
-/// Holds `image` against the oracle: tight where decisions are clear; where one is not, off by no more than what the decision can change.
+/// Holds `image` against the oracle: tight where decisions are clear; where one is not, off by no
+/// more than what the decision can change.
 fn assert_is_oracles(image: &Image, splats: &Splats, camera: &Camera, options: &RenderOptions, name: &str) {
     let expected = oracle::image(splats, camera, options);
     assert_eq!(image.pixels.len(), expected.pixels.len());
@@ -90,7 +93,8 @@ fn harmonics_above_the_active_degree_are_not_seen() {
 
 #[test]
 fn image_of_scaled_luminance_is_the_scaled_image_on_black() {
-    // The thresholds of the parity preset do not depend on radiance, so the property is exact up to rounding.
+    // The thresholds of the parity preset do not depend on radiance, so the property is exact up to
+    // rounding.
     let camera = fixture::camera(40, 30);
     for (activation, luminance_degree) in [(Activation::Softplus, 0), (Activation::Exp, 3), (Activation::Relu, 3)] {
         let model = ColorModel::Lcd { chroma_degree: 3, luminance_degree, activation };
@@ -109,7 +113,8 @@ fn image_of_scaled_luminance_is_the_scaled_image_on_black() {
             let image = render(&scaled, &camera, &on_black(Cutoffs::PARITY));
             for (i, (found, pixel)) in image.pixels.as_flattened().iter().zip(reference.pixels.as_flattened()).enumerate() {
                 let expected = factor * pixel;
-                // The inverse of an activation in f32: 1e-7 of a raw luminance of up to 10, and of softplus' far tail.
+                // The inverse of an activation in f32: 1e-7 of a raw luminance of up to 10, and of
+                // softplus' far tail.
                 assert!(
                     (found - expected).abs() <= 1e-5 * expected + 1e-7,
                     "{activation:?} x {factor} value {i}: {found:e}, expected {expected:e}"

@@ -1,4 +1,5 @@
-//! The engine against an f64 oracle, against itself, and against the contract of `luxel_core::Engine`.
+//! The engine against an f64 oracle, against itself, and against the contract of
+//! `luxel_core::Engine`.
 
 // A test binary has no outside to be reached from.
 #![allow(unreachable_pub)]

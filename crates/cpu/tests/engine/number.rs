@@ -1,7 +1,9 @@
-//! Numbers that the oracle is evaluated on: `f64`, and [`Var`], an `f64` that remembers how it was made.
+//! Numbers that the oracle is evaluated on: `f64`, and [`Var`], an `f64` that remembers how it was
+//! made.
 //!
-//! `Var` writes every operation on a tape (one per thread); [`gradient`] walks it backwards. Derivatives are those of the branch that
-//! was taken: at a threshold the oracle, like the engine, differentiates the side it is on.
+//! `Var` writes every operation on a tape (one per thread); [`gradient`] walks it backwards.
+//! Derivatives are those of the branch that was taken: at a threshold the oracle, like the engine,
+//! differentiates the side it is on.
 
 use std::cell::RefCell;
 use std::ops::{Add, Div, Mul, Neg, Sub};

@@ -1,10 +1,12 @@
-//! The oracle: the image, the loss and its gradient written straight from the mathematics, in f64, without tiles: every pixel looks at
-//! every splat, sorted by depth. Slow and plain on purpose; shares no formula with the engine (only the spherical harmonics of core, which
-//! core proves orthonormal).
+//! The oracle: the image, the loss and its gradient written straight from the mathematics, in f64,
+//! without tiles: every pixel looks at every splat, sorted by depth. Slow and plain on purpose;
+//! shares no formula with the engine (only the spherical harmonics of core, which core proves
+//! orthonormal).
 //!
-//! Generic over [`Number`]: on `f64` it gives values and, by [`central_differences`], numerical derivatives; on the tape it gives exact
-//! ones. Every decision (skip, cap, stop, clamp, rectifier, sign, order) goes into [`Trace`]: two evaluations with equal traces lie on
-//! one smooth piece of the function, and only between such are differences taken.
+//! Generic over [`Number`]: on `f64` it gives values and, by [`central_differences`], numerical
+//! derivatives; on the tape it gives exact ones. Every decision (skip, cap, stop, clamp, rectifier,
+//! sign, order) goes into [`Trace`]: two evaluations with equal traces lie on one smooth piece of
+//! the function, and only between such are differences taken.
 
 use luxel_core::{
     Activation, Antialias, Camera, ColorModel, DEAD_CHROMA_FLOOR, LossConfig, RESPONSE_KNOTS, RenderOptions, SH_OFFSET, Splats, ToneCurve,
@@ -224,10 +226,12 @@ pub struct Rendered<N> {
     pub pixels: Vec<[N; 3]>,
     /// Splats on the screen in front-to-back order.
     pub ellipses: Vec<Ellipse<N>>,
-    /// Splat and offset from its mean for every evaluation that was blended: for per-pixel gradients.
+    /// Splat and offset from its mean for every evaluation that was blended: for per-pixel
+    /// gradients.
     pub offsets: Vec<(usize, [N; 2])>,
     pub trace: Trace,
-    /// [H*W] how near a decision of the pixel is to the other side: relative distance of an alpha or a transmittance to its threshold.
+    /// [H*W] how near a decision of the pixel is to the other side: relative distance of an alpha
+    /// or a transmittance to its threshold.
     pub margin: Vec<f64>,
 }
 
@@ -470,8 +474,8 @@ pub fn differentiate_by_knots(splats: &Splats, view: &View, options: &RenderOpti
     knots.iter().map(|&knot| gradient.by(knot)).collect()
 }
 
-/// Derivatives of the objective by central differences, in the order of [`flatten`]; `None` where a decision changes within the
-/// smallest step.
+/// Derivatives of the objective by central differences, in the order of [`flatten`]; `None` where a
+/// decision changes within the smallest step.
 pub fn central_differences(splats: &Splats, view: &View, options: &RenderOptions, config: &LossConfig) -> Vec<Option<f64>> {
     let mut p = Parameters { splats: splats.clone(), flat: flatten(splats) };
     let mut evaluate = |i: usize, value: f64| {
@@ -483,7 +487,8 @@ pub fn central_differences(splats: &Splats, view: &View, options: &RenderOptions
     let start = flatten(splats);
     (0..start.len())
         .map(|i| {
-            // The best step balances h^2 against 1e-16 / h; smaller ones are for parameters next to a decision.
+            // The best step balances h^2 against 1e-16 / h; smaller ones are for parameters next to
+            // a decision.
             [1e-5, 1e-6].iter().find_map(|h| {
                 let h = h * start[i].abs().max(1.0);
                 let ((above, above_trace), (below, below_trace)) = (evaluate(i, start[i] + h), evaluate(i, start[i] - h));

@@ -13,7 +13,8 @@ const FOCAL_PX: f64 = 60.0;
 /// Across the image of which one pixel is a ray: odd.
 const RAY_IMAGE_PX: u32 = 21;
 
-/// Radiance along one direction: the middle pixel of an image that looks along it, so that no splat is seen off the axis.
+/// Radiance along one direction: the middle pixel of an image that looks along it, so that no splat
+/// is seen off the axis.
 fn along(engine: &mut CpuEngine, at: DVec3, direction: DVec3) -> [f32; 3] {
     let side = direction.any_orthonormal_vector();
     let matrix3 = DMat3::from_cols(side, direction.cross(side), direction).transpose();
@@ -57,7 +58,8 @@ fn irradiance_of_a_probe_is_that_of_rays_one_by_one() {
             }
         }
     }
-    // Splats are blown up by a part of a pixel, and off the axis a pixel is less of the sphere: maps are a little darker than rays.
+    // Splats are blown up by a part of a pixel, and off the axis a pixel is less of the sphere:
+    // maps are a little darker than rays.
     for map in &maps {
         for c in 0..3 {
             assert!((map.mean_radiance[c] / mean[c] - 1.0).abs() < 0.04, "mean {:?} {mean:?}", map.mean_radiance);

@@ -1,4 +1,5 @@
-//! What moves parameters: Adam, the noise of MCMC, and densification plans, against plain host computations.
+//! What moves parameters: Adam, the noise of MCMC, and densification plans, against plain host
+//! computations.
 
 use glam::{DMat3, DQuat, DVec3};
 use luxel_core::engine::{ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON, DensifyPlan, DensifyStats, PlanRow, PositionNoise, StepConfig};
@@ -40,7 +41,8 @@ fn adam_is_that_of_a_scalar_reference() {
                 second[i] = beta2 * second[i] + (1.0 - beta2) * gradient[i] * gradient[i];
                 let corrected = [(first[i], beta1), (second[i], beta2)].map(|(m, beta)| m / (1.0 - beta.powi(number as i32)));
                 let expected = before[i] - rates[arrays[i]] * corrected[0] / (corrected[1].sqrt() + epsilon);
-                // The step is the rate times a number of order 1, in f32; the parameter is rounded to f32.
+                // The step is the rate times a number of order 1, in f32; the parameter is rounded
+                // to f32.
                 let tolerance = 2e-5 * rates[arrays[i]] + 1.2e-7 * expected.abs();
                 let found = after[i];
                 assert!((found - expected).abs() <= tolerance, "step {number}, parameter {i}: {found:e}, expected {expected:e}");

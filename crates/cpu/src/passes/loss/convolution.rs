@@ -1,4 +1,6 @@
-//! The window of SSIM along one axis, several results at a time.
+//! Convolution with the window of SSIM along one axis, several results at a time.
+//!
+//! In: fifteen vectors, a pixel apart. Out: the five results in their middle.
 
 use fearless_simd::Simd;
 use luxel_core::{Real, each};
@@ -8,20 +10,20 @@ use crate::lanes::{Half, Lanes, V, is_one_register};
 
 /// Vectors on either side of a result.
 pub(super) const RADIUS: usize = SSIM_RADIUS;
-/// Results at a time: they share their inputs in registers.
+/// Results that are computed together: they share their inputs in registers.
 pub(super) const GROUP: usize = 5;
-/// Inputs of a group.
+/// Inputs of a group of results.
 const GROUP_INPUTS: usize = GROUP + 2 * RADIUS;
 /// Inputs of one result.
 const TAPS: usize = 2 * RADIUS + 1;
 
-/// The vectors of as many rows as a group has, one below the other.
-pub(super) type Stack = [Lanes; GROUP];
+/// The vectors of a group of rows, one below the other.
+pub(super) type RowStack = [Lanes; GROUP];
 
-/// Weights of the window from its centre outwards.
+/// The weights of the window, from its centre outwards.
 pub(super) type Weights = [f32; RADIUS + 1];
 
-/// The window's weights.
+/// Returns the window's weights.
 pub(super) fn weights() -> Weights {
     let window = ssim_window();
     std::array::from_fn(|k| window[RADIUS + k] as f32)
@@ -34,25 +36,27 @@ pub(super) struct Window<S: Simd> {
     half: [Half<S>; RADIUS + 1],
 }
 
-/// The vectors that a group's results are sums of, a pixel apart.
+/// The inputs of a group of results: vectors, a pixel apart.
 pub(super) trait Inputs<S: Simd>: Copy {
+    /// Returns input `j`.
     fn whole(self, simd: S, j: usize) -> V<S>;
+    /// Returns half number `half` of input `j`.
     fn half(self, simd: S, j: usize, half: usize) -> Half<S>;
 }
 
-/// Vectors of three stacks, one below the other.
+/// The vectors of three stacks, one below the other.
 #[derive(Clone, Copy)]
-pub(super) struct Column<'a>(pub(super) [&'a Stack; 3]);
+pub(super) struct Column<'a>(pub(super) [&'a RowStack; 3]);
 
-/// Vectors of a row.
+/// The vectors of a row.
 #[derive(Clone, Copy)]
 pub(super) struct Row<'a>(&'a [Lanes; GROUP_INPUTS]);
 
-/// x^2 + y^2.
+/// The values x^2 + y^2.
 #[derive(Clone, Copy)]
 pub(super) struct Squares<'a>(pub(super) Column<'a>, pub(super) Column<'a>);
 
-/// x y.
+/// The products x y.
 #[derive(Clone, Copy)]
 pub(super) struct Products<'a>(pub(super) Column<'a>, pub(super) Column<'a>);
 
@@ -67,7 +71,7 @@ impl Column<'_> {
 }
 
 impl<'a> Row<'a> {
-    /// The group's whose first inputs are those of `row`.
+    /// Returns the inputs at the start of `row`.
     #[inline(always)]
     pub(super) fn at(row: &'a [Lanes]) -> Self {
         Self(row[..GROUP_INPUTS].try_into().expect("as long as that"))
@@ -129,15 +133,17 @@ impl<S: Simd> Window<S> {
         }
     }
 
-    /// Convolves a group, its results side by side: a sum waits for its last term, the next result's does not. Terms come from the window's ends inwards,
-    /// small ones first, which rounds less.
+    /// Convolves a group. The sums of its results are interleaved, because each sum waits for its
+    /// last term while the others do not. Terms are added from the window's ends inwards, small
+    /// ones first, which rounds less.
     #[inline(always)]
     pub(super) fn convolve(&self, simd: S, inputs: impl Inputs<S>) -> [V<S>; GROUP] {
         if is_one_register::<S>() { self.whole(simd, inputs) } else { self.halves(simd, inputs) }
     }
 
-    /// All inputs in registers, of which there are 32. The window is symmetric: adding what has the same weight first takes 5 additions and 6
-    /// multiplications, on separate units, in place of 11 of the latter.
+    /// Convolves with all inputs in registers, of which there are 32. The window is symmetric:
+    /// adding the two inputs of equal weight first takes 5 additions and 6 multiplications, on
+    /// separate units, in place of 11 multiplications.
     #[inline(always)]
     fn whole(&self, simd: S, inputs: impl Inputs<S>) -> [V<S>; GROUP] {
         let inputs = each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14] j => inputs.whole(simd, j));
@@ -149,13 +155,15 @@ impl<S: Simd> Window<S> {
         each!([0, 1, 2, 3, 4] i => inputs[i + RADIUS].mul_add(self.whole[0], sums[i]))
     }
 
+    /// Convolves the two halves of the vectors one after the other.
     #[inline(always)]
     fn halves(&self, simd: S, inputs: impl Inputs<S>) -> [V<S>; GROUP] {
         let halves = each!([0, 1] half => self.half(simd, inputs, half));
         each!([0, 1, 2, 3, 4] i => V::from_halves(halves[0][i], halves[1][i]))
     }
 
-    /// One input after the other, as 16 registers of half a vector hold no more than the weights and a group's sums.
+    /// Convolves one half, one input after the other: 16 registers hold no more than the weights
+    /// and the sums.
     #[inline(always)]
     fn half(&self, simd: S, inputs: impl Inputs<S>, half: usize) -> [Half<S>; GROUP] {
         let mut sums = [Half::splat(simd, 0.0); GROUP];

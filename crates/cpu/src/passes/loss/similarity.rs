@@ -1,23 +1,26 @@
 //! SSIM of a channel's group of rows, and its derivatives convolved along the rows.
 //!
+//! In: values under the curve. Out: the sum of SSIM, and derivatives that [`super::gradient`]
+//! convolves down the columns.
+//!
 //! Moments of the window are convolved down the columns, then along the rows.
 
 use fearless_simd::Simd;
 use luxel_core::{Real, each};
 use luxel_core::{SSIM_C1, SSIM_C2};
 
-use super::Plan;
-use super::convolution::{Column, GROUP, Products, RADIUS, Row, Squares, Stack, Window};
+use super::convolution::{Column, GROUP, Products, RADIUS, Row, RowStack, Squares, Window};
+use super::plan::LossPlan;
+use super::rows::RowGroup;
 use super::strips::pad;
-use super::sweep::Group;
 use crate::lanes::{Lanes, M, V};
 
-/// Moments that SSIM needs: x, y, x^2 + y^2, xy. It takes the variances only as their sum.
+/// Moments that SSIM needs: x, y, x^2 + y^2, xy. Only the sum of the variances occurs in it.
 const MOMENTS: usize = 4;
 /// Derivatives of SSIM: by the means of x, x^2, xy.
 pub(super) const DERIVATIVES: usize = 3;
 
-/// Buffers of a thread.
+/// The buffers of a thread.
 #[derive(Default)]
 pub(super) struct SimilarityScratch {
     /// Moments convolved down the columns, [`padded`]: `[GROUP, MOMENTS, padded]`.
@@ -27,26 +30,29 @@ pub(super) struct SimilarityScratch {
 }
 
 impl SimilarityScratch {
-    pub(super) fn resize(&mut self, plan: &Plan) {
+    /// Resizes the buffers for a plan.
+    pub(super) fn resize(&mut self, plan: &LossPlan) {
         self.moments.resize(GROUP * MOMENTS * padded(plan), Lanes::ZERO);
         self.derivatives.resize(DERIVATIVES * padded(plan), Lanes::ZERO);
     }
 }
 
-/// Vectors of a padded row, whole groups of results.
-fn padded(plan: &Plan) -> usize {
+/// Returns the number of vectors of a padded row, with whole groups of results.
+fn padded(plan: &LossPlan) -> usize {
     plan.strip.next_multiple_of(GROUP) + 2 * RADIUS
 }
 
-/// Derivatives of a channel's `group` of rows, `[strip, DERIVATIVES]`, from the values of the group above, its own and those of the one below, `[strip, planes]`.
-/// Returns the sum of SSIM.
+/// Computes the derivatives of a channel's group of rows, `[strip, DERIVATIVES]`, from the values
+/// of the group above, of the group and of the group below, `[strip, planes]`. Returns the sum of
+/// SSIM.
 #[inline(always)]
 pub(super) fn differentiate_similarity<S: Simd>(
     simd: S,
-    plan: &Plan,
-    (values, group): ([&[Stack]; 3], Group),
+    plan: &LossPlan,
+    values: [&[RowStack]; 3],
+    group: RowGroup,
     scratch: &mut SimilarityScratch,
-    out: &mut [Stack],
+    out: &mut [RowStack],
 ) -> f64 {
     let window = &Window::new(simd, &plan.window);
     vertical_moments(simd, plan, values, window, &mut scratch.moments);
@@ -60,14 +66,14 @@ pub(super) fn differentiate_similarity<S: Simd>(
             pad(simd, moment, plan.strip);
         }
         total += differentiate_row(simd, plan, moments, window, &mut scratch.derivatives);
-        horizontal_derivatives(simd, plan, &mut scratch.derivatives, window, (out, j));
+        horizontal_derivatives(simd, plan, &mut scratch.derivatives, window, out, j);
     }
     total
 }
 
 /// Convolves the moments down the columns.
 #[inline(always)]
-fn vertical_moments<S: Simd>(simd: S, plan: &Plan, values: [&[Stack]; 3], window: &Window<S>, out: &mut [Lanes]) {
+fn vertical_moments<S: Simd>(simd: S, plan: &LossPlan, values: [&[RowStack]; 3], window: &Window<S>, out: &mut [Lanes]) {
     let (planes, padded) = (plan.planes.count(), padded(plan));
     for i in 0..plan.strip {
         let [x, y] = each!([0, 1] plane => Column(each!([0, 1, 2] n => &values[n][i * planes + plane])));
@@ -87,7 +93,7 @@ fn vertical_moments<S: Simd>(simd: S, plan: &Plan, values: [&[Stack]; 3], window
 
 /// Convolves a row's moments along it and differentiates SSIM. Returns its sum.
 #[inline(always)]
-fn differentiate_row<S: Simd>(simd: S, plan: &Plan, moments: &[Lanes], window: &Window<S>, out: &mut [Lanes]) -> f64 {
+fn differentiate_row<S: Simd>(simd: S, plan: &LossPlan, moments: &[Lanes], window: &Window<S>, out: &mut [Lanes]) -> f64 {
     let (strip, padded) = (plan.strip, padded(plan));
     let mut total = V::splat(simd, 0.0);
     for first in (0..strip).step_by(GROUP) {
@@ -110,9 +116,9 @@ fn differentiate_row<S: Simd>(simd: S, plan: &Plan, moments: &[Lanes], window: &
     total.lanes().iter().map(|v| f64::from(*v)).sum()
 }
 
-/// Convolves a row's derivatives along it, into place `j` of their stacks.
+/// Convolves a row's derivatives along it, and writes them to row `j` of their stacks.
 #[inline(always)]
-fn horizontal_derivatives<S: Simd>(simd: S, plan: &Plan, rows: &mut [Lanes], window: &Window<S>, (out, j): (&mut [Stack], usize)) {
+fn horizontal_derivatives<S: Simd>(simd: S, plan: &LossPlan, rows: &mut [Lanes], window: &Window<S>, out: &mut [RowStack], j: usize) {
     for (k, row) in rows.chunks_exact_mut(padded(plan)).enumerate() {
         pad(simd, row, plan.strip);
         for first in (0..plan.strip).step_by(GROUP) {
@@ -125,7 +131,8 @@ fn horizontal_derivatives<S: Simd>(simd: S, plan: &Plan, rows: &mut [Lanes], win
     }
 }
 
-/// SSIM and half of its derivatives by the means of x (at constant variances' sum), x^2 and xy; zero outside of the image.
+/// Returns SSIM, and half of its derivatives by the means of x (at a constant sum of variances),
+/// x^2 and xy; zero outside the image.
 #[inline(always)]
 fn similarity<S: Simd>(simd: S, [mx, my, squares, exy]: [V<S>; MOMENTS], inside: M<S>) -> (V<S>, [V<S>; DERIVATIVES]) {
     let c = |value: f32| V::splat(simd, value);
@@ -143,8 +150,8 @@ fn similarity<S: Simd>(simd: S, [mx, my, squares, exy]: [V<S>; MOMENTS], inside:
     (ssim, [by_mx, by_exx, by_exy])
 }
 
-/// Lanes of vector `i` of a row that are within the image.
+/// Returns the lanes of vector `i` of a row that are within the image.
 #[inline(always)]
-fn inside_mask<S: Simd>(simd: S, plan: &Plan, i: usize) -> M<S> {
+fn inside_mask<S: Simd>(simd: S, plan: &LossPlan, i: usize) -> M<S> {
     (V::lane_numbers(simd) * plan.strip as f32 + i as f32).lt(V::splat(simd, plan.width as f32))
 }

@@ -1,9 +1,12 @@
-//! Rows in strips, and how they come from the tiles' blocks and return to blocks.
+//! Conversion of rows between blocks, linear rows and strips.
 //!
-//! A row of W pixels is cut into as many strips as a vector has lanes, of S = W / 16 pixels (rounded up): lane l of vector i is pixel
-//! l S + i, `[S]` vectors a row, zero beyond the image. Vectors one apart are pixels one apart in every lane, so a window along the row reads
-//! whole, aligned vectors just as a window down the columns does. Only at the strips' ends is a pixel's neighbour in the next lane:
-//! [`pad`] puts those vectors on either side of the row.
+//! In, out: pixels of tiles, linear rows, rows in strips.
+//!
+//! A row of W pixels is cut into as many strips as a vector has lanes, of S = W / 16 pixels
+//! (rounded up): lane l of vector i is pixel l S + i, with `[S]` vectors per row, zero beyond the
+//! image. Vectors one apart are pixels one apart in every lane, so a window along the row reads
+//! whole, aligned vectors just as a window down the columns does. Only at the strips' ends is a
+//! pixel's neighbour in the next lane: [`pad`] puts those vectors on either side of the row.
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x4, f64x2};
@@ -18,19 +21,22 @@ use crate::view::{BLOCK_PX, TILE_BLOCKS};
 /// Lanes of a short register.
 const QUAD: usize = 4;
 
-/// Pixels of a strip.
+/// Returns the number of pixels of a strip.
 pub(super) fn strip_px(width_px: usize) -> usize {
     width_px.div_ceil(LANES)
 }
 
-/// Numbers that a linear row of strips of length `strip` has to hold: transposition reads a whole vector from the last strip's last pixel.
+/// Returns how many numbers a linear row of strips of length `strip` must hold: the transposition
+/// reads a whole vector from the last strip's last pixel.
 pub(super) fn linear_len(strip: usize) -> usize {
     (strip + 1) * LANES
 }
 
-/// Radiance of a row of blocks: row number `block_row` of each of a row of tiles. Out: linear rows of length `stride`, `[3, BLOCK_PX, stride]`.
+/// Reads the radiance of a row of blocks: row number `block_row` of each tile of a row. Out: linear
+/// rows of length `stride`, `[3, BLOCK_PX, stride]`.
 ///
-/// Blocks are read, and written by [`write_blocks`], all channels at a time: in the order of memory, which the hardware fetches ahead.
+/// All channels of a block are read together (and written by [`write_blocks`]): this is the order
+/// of memory, which the hardware prefetches.
 #[inline(always)]
 pub(super) fn read_blocks(tiles: &[TilePixels], block_row: usize, out: &mut [f32], stride: usize) {
     let blocks = tiles.iter().flat_map(|tile| &tile.0[block_row * TILE_BLOCKS..][..TILE_BLOCKS]);
@@ -43,7 +49,8 @@ pub(super) fn read_blocks(tiles: &[TilePixels], block_row: usize, out: &mut [f32
     }
 }
 
-/// Writes a row of blocks: the counterpart of [`read_blocks`]. Row `row` of channel `channel` is number `row + channel * channel_stride`.
+/// Writes a row of blocks: the inverse of [`read_blocks`]. Row `row` of channel `channel` is number
+/// `row + channel * channel_stride`.
 #[inline(always)]
 pub(super) fn write_blocks(blocks: &mut [BlockGradient], values: &[f32], stride: usize, channel_stride: usize) {
     for (column, gradient) in blocks.iter_mut().enumerate() {
@@ -55,13 +62,13 @@ pub(super) fn write_blocks(blocks: &mut [BlockGradient], values: &[f32], stride:
     }
 }
 
-/// Starts of the transpositions of `step` pixels that cover a strip: the last begins early rather than reach into the next strip, where there are
-/// enough pixels for that.
+/// Returns the starts of the transpositions of `step` pixels that cover a strip. If the strip is
+/// long enough, the last one begins early, so that it does not reach into the next strip.
 fn starts(strip: usize, step: usize) -> impl Iterator<Item = usize> {
     (0..strip.div_ceil(step)).map(move |n| (n * step).min(strip.saturating_sub(step)))
 }
 
-/// Linear row (of [`linear_len`]) to strips.
+/// Converts a linear row (of [`linear_len`]) to strips.
 #[inline(always)]
 pub(super) fn to_strips<S: Simd>(simd: S, linear: &[f32], strip: usize, out: &mut [Lanes]) {
     let out = &mut out[..strip];
@@ -76,7 +83,8 @@ pub(super) fn to_strips<S: Simd>(simd: S, linear: &[f32], strip: usize, out: &mu
     }
 }
 
-/// Strips to linear row (of [`linear_len`]). In strips shorter than a transposition, what a row writes beyond its strip is overwritten by the next.
+/// Converts strips to a linear row (of [`linear_len`]). If strips are shorter than a transposition,
+/// each writes beyond its end, and the next one overwrites that.
 #[inline(always)]
 pub(super) fn from_strips<S: Simd>(simd: S, strips: &[Lanes], strip: usize, linear: &mut [f32]) {
     let strips = &strips[..strip];
@@ -91,7 +99,7 @@ pub(super) fn from_strips<S: Simd>(simd: S, strips: &[Lanes], strip: usize, line
     }
 }
 
-/// The first pixels of all strips, as many as a vector has lanes, where rows are that many registers.
+/// Converts the first pixels of all strips, as many as a vector has lanes.
 #[inline(always)]
 fn to_vectors<S: Simd>(simd: S, linear: &[f32], strip: usize, out: &mut [Lanes]) {
     let columns =
@@ -107,7 +115,7 @@ fn to_vectors<S: Simd>(simd: S, linear: &[f32], strip: usize, out: &mut [Lanes])
     }
 }
 
-/// The counterpart of [`to_vectors`].
+/// The inverse of [`to_vectors`].
 #[inline(always)]
 fn from_vectors<S: Simd>(simd: S, strips: &[Lanes], strip: usize, linear: &mut [f32]) {
     let mut columns = [V::splat(simd, 0.0); LANES];
@@ -126,7 +134,7 @@ fn from_vectors<S: Simd>(simd: S, strips: &[Lanes], strip: usize, linear: &mut [
     }
 }
 
-/// The first [`QUAD`] pixels of all strips, four lanes at a time.
+/// Converts the first [`QUAD`] pixels of all strips, four lanes at a time.
 #[inline(always)]
 fn to_quads<S: Simd>(simd: S, linear: &[f32], strip: usize, out: &mut [Lanes]) {
     for lane in (0..LANES).step_by(QUAD) {
@@ -137,7 +145,7 @@ fn to_quads<S: Simd>(simd: S, linear: &[f32], strip: usize, out: &mut [Lanes]) {
     }
 }
 
-/// The counterpart of [`to_quads`].
+/// The inverse of [`to_quads`].
 #[inline(always)]
 fn from_quads<S: Simd>(simd: S, strips: &[Lanes], strip: usize, linear: &mut [f32]) {
     for lane in (0..LANES).step_by(QUAD) {
@@ -152,21 +160,23 @@ fn from_quads<S: Simd>(simd: S, strips: &[Lanes], strip: usize, linear: &mut [f3
     }
 }
 
-/// Rows for columns, in registers of four: a whole vector's, where it is several registers, do not fit into those that there are.
+/// Transposes in registers of four numbers: where a vector takes several registers, a transposition
+/// of whole vectors would run out of them.
 #[inline(always)]
 fn transpose_quad<S: Simd>(rows: [f32x4<S>; QUAD]) -> [f32x4<S>; QUAD] {
     let (ab_low, ab_high) = rows[0].interleave(rows[1]);
     let (cd_low, cd_high) = rows[2].interleave(rows[3]);
-    // Pairs move as one 64-bit number.
+    // Each pair moves as one 64-bit number.
     let [ab_low, ab_high, cd_low, cd_high]: [f64x2<S>; 4] = [ab_low.bitcast(), ab_high.bitcast(), cd_low.bitcast(), cd_high.bitcast()];
     let ((first, second), (third, fourth)) = (ab_low.interleave(cd_low), ab_high.interleave(cd_high));
     [first.bitcast(), second.bitcast(), third.bitcast(), fourth.bitcast()]
 }
 
-/// Fills the [`RADIUS`] pixels' vectors on either side of a padded row: the neighbouring strips' pixels, zeros beyond the row.
+/// Fills the vectors of [`RADIUS`] pixels on either side of a padded row: pixels of the
+/// neighbouring strips, and zeros beyond the row.
 #[inline(always)]
 pub(super) fn pad<S: Simd>(simd: S, row: &mut [Lanes], strip: usize) {
-    // Outwards, so that strips shorter than the radius find their neighbours' neighbours.
+    // Outwards, so that strips shorter than the radius read their neighbours' neighbours.
     for k in 0..RADIUS {
         let left = RADIUS - 1 - k;
         V::load(simd, &row[left + strip]).lanes_up().store(&mut row[left]);

@@ -1,24 +1,27 @@
-//! Prediction and target under the tone curve in strips, what their gradient needs besides, and the sums of their differences, absolute and squared.
+//! Values of the loss: prediction and target under the tone curve, in strips, with what their
+//! gradient needs besides.
+//!
+//! In: [`LossInputs`]. Out: planes of a group of rows, and the sums of absolute and squared
+//! differences. Degenerate: rows and pixels beyond the image are zero.
 
 use fearless_simd::Simd;
-use luxel_core::{Real, Response, View, each};
+use luxel_core::{Real, Response, each};
 
-use super::convolution::{GROUP, Stack};
+use super::convolution::{GROUP, RowStack};
+use super::plan::{Curve, LossInputs, LossPlan, Planes};
+use super::rows::RowGroup;
 use super::strips::{linear_len, read_blocks, to_strips};
-use super::sweep::Group;
-use super::{Curve, Plan, Planes};
 use crate::lanes::{Lanes, V};
-use crate::passes::rasterize::TilePixels;
 use crate::view::{BLOCK_PX, TILE_BLOCKS, TILE_PX};
 
-/// Rows on their way into strips, kept between steps.
+/// Buffers for converting rows to strips, kept between steps.
 #[derive(Default)]
 pub(super) struct ValueScratch {
     /// Linear rows of the prediction: `[3, BLOCK_PX, linear]`.
     prediction: Vec<f32>,
     /// One row of a channel's prediction in strips, or of a plane under a response.
     prediction_strips: Vec<Lanes>,
-    /// One linear row of the target's channels in turn.
+    /// One linear row of the target, channels interleaved.
     target: Vec<f32>,
     target_strips: Vec<Lanes>,
     /// One linear row of the weights.
@@ -26,25 +29,27 @@ pub(super) struct ValueScratch {
     weight_strips: Vec<Lanes>,
     /// One linear row of the planes of a channel under a response: `[5, linear]`.
     recorded: Vec<f32>,
-    /// Row of blocks that `prediction` holds.
+    /// Row of blocks in `prediction`.
     block_row: Option<usize>,
 }
 
-/// Sums over pixels and channels of their differences' absolute values and squares.
+/// The sums over pixels and channels of absolute and squared differences.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Differences {
     pub(super) absolute: f64,
     pub(super) squared: f64,
 }
 
-/// Values of a group of rows, `[3, strip, planes]`, zero beyond the image; returns the sums of their differences.
+/// Loads the values of a group of rows, `[3, strip, planes]`, zero beyond the image. Returns the
+/// sums of their differences.
 #[inline(always)]
 pub(super) fn load_values<S: Simd>(
     simd: S,
-    plan: &Plan,
-    (pixels, view): (&[TilePixels], &View),
-    group: Group,
-    (scratch, out): (&mut ValueScratch, &mut [Stack]),
+    plan: &LossPlan,
+    LossInputs { pixels, view }: LossInputs<'_>,
+    group: RowGroup,
+    scratch: &mut ValueScratch,
+    out: &mut [RowStack],
 ) -> Differences {
     let (width, strip) = (plan.width, plan.strip);
     let linear = linear_len(strip);
@@ -60,7 +65,8 @@ pub(super) fn load_values<S: Simd>(
             read_blocks(&pixels[tile_row * plan.across..][..plan.across], block_row, &mut scratch.prediction, linear);
         }
         let pixels = y * width..(y + 1) * width;
-        // The image's pixels are interleaved: as one row of three times the width, its strips hold the channels in turn.
+        // The image's channels are interleaved: treated as one row of three times the width, its
+        // strips hold them in turn.
         scratch.target[..3 * width].copy_from_slice(view.image.pixels[pixels.clone()].as_flattened());
         scratch.target[3 * width..].fill(0.0);
         to_strips(simd, &scratch.target, 3 * strip, &mut scratch.target_strips);
@@ -80,19 +86,26 @@ pub(super) fn load_values<S: Simd>(
                 Curve::MuLaw { mu, scale, log2_1p_mu } => {
                     to_strips(simd, prediction, strip, &mut scratch.prediction_strips);
                     let (prediction, target) = (&scratch.prediction_strips, &scratch.target_strips);
-                    let row = Row { prediction, target, channel, target_scale: plan.target_scale[channel] };
-                    let weights = (plan.planes == Planes::Weighted).then_some((scratch.weight_strips.as_slice(), *log2_1p_mu));
-                    mu_law_row(simd, [*mu, *scale], &row, weights, ((out, j), &mut sums));
+                    let row = StripRow { prediction, target, channel, target_scale: plan.target_scale[channel] };
+                    let weights = (plan.planes == Planes::Weighted)
+                        .then_some(RowWeights { weights: &scratch.weight_strips, log2_1p_mu: *log2_1p_mu });
+                    mu_law_row(simd, [*mu, *scale], &row, weights, out, j, &mut sums);
                 }
                 Curve::Response(response) => {
-                    let pixels = (&prediction[..width], &scratch.target[channel..], scratch.weights.as_slice());
-                    record_row(response, (channel, plan.target_scale[channel]), pixels, &mut scratch.recorded);
+                    let row = LinearRow {
+                        channel,
+                        target_scale: plan.target_scale[channel],
+                        radiance: &prediction[..width],
+                        target: &scratch.target[channel..],
+                        weights: &scratch.weights,
+                    };
+                    response_row(response, &row, &mut scratch.recorded);
                     for (plane, linear) in scratch.recorded.chunks_exact(linear).enumerate() {
                         to_strips(simd, linear, strip, &mut scratch.prediction_strips);
                         let out = out[plane..].iter_mut().step_by(plan.planes.count());
                         out.zip(&scratch.prediction_strips).for_each(|(out, v)| out[j] = *v);
                     }
-                    add_differences(simd, (out, j), &mut sums);
+                    add_differences(simd, out, j, &mut sums);
                 }
             }
         }
@@ -104,12 +117,13 @@ pub(super) fn load_values<S: Simd>(
 }
 
 impl ValueScratch {
-    /// Before another band than the one below: no row has been read.
+    /// Begins a band that does not follow the last one: no row has been read.
     pub(super) fn begin(&mut self) {
         self.block_row = None;
     }
 
-    pub(super) fn resize(&mut self, plan: &Plan) {
+    /// Resizes the buffers for a plan.
+    pub(super) fn resize(&mut self, plan: &LossPlan) {
         let (strip, planes) = (plan.strip, plan.planes);
         self.prediction.resize(3 * BLOCK_PX * linear_len(strip), 0.0);
         self.prediction_strips.resize(strip, Lanes::ZERO);
@@ -117,7 +131,7 @@ impl ValueScratch {
         self.target_strips.resize(3 * strip, Lanes::ZERO);
         if planes != Planes::Values {
             self.weight_strips.resize(strip, Lanes::ZERO);
-            // Zero beyond the image, whatever one of another width has left there.
+            // Zero beyond the image: a view of another width may have left values there.
             for (linear, rows) in [(&mut self.weights, 1), (&mut self.recorded, planes.count())] {
                 linear.clear();
                 linear.resize(rows * linear_len(strip), 0.0);
@@ -126,33 +140,55 @@ impl ValueScratch {
     }
 }
 
-/// One row's radiance in strips.
-struct Row<'a> {
+/// The radiance of one row, in strips.
+struct StripRow<'a> {
     prediction: &'a [Lanes],
-    /// Channels in turn.
+    /// Channels interleaved.
     target: &'a [Lanes],
     channel: usize,
     target_scale: f32,
 }
 
-/// A channel of a row under the mu-law of [mu, 1 / ln(1 + mu)], into place `j` of its stacks, and its differences, added to `sums`. With weights
-/// (and log2(1 + mu)) the prediction goes towards the target by what its pixel lacks of weight 1, and its slope relative to that at 0 times the weight is kept.
+/// The weights of one row.
+#[derive(Clone, Copy)]
+struct RowWeights<'a> {
+    /// Weights in strips.
+    weights: &'a [Lanes],
+    log2_1p_mu: f32,
+}
+
+/// One channel of a linear row.
+struct LinearRow<'a> {
+    channel: usize,
+    target_scale: f32,
+    radiance: &'a [f32],
+    /// Every third number is the channel's.
+    target: &'a [f32],
+    weights: &'a [f32],
+}
+
+/// Evaluates a channel of a row under the mu-law of `[mu, 1 / ln(1 + mu)]`, writes it to row `j` of
+/// its stacks, and adds its differences to `sums`. With weights, the prediction is mixed with the
+/// target, and the slope (relative to that at 0) times the weight is written, too.
 #[inline(always)]
 fn mu_law_row<S: Simd>(
     simd: S,
     curve: [f32; 2],
-    row: &Row<'_>,
-    weights: Option<(&[Lanes], f32)>,
-    ((out, j), sums): ((&mut [Stack], usize), &mut [V<S>; 2]),
+    row: &StripRow<'_>,
+    weights: Option<RowWeights<'_>>,
+    out: &mut [RowStack],
+    j: usize,
+    sums: &mut [V<S>; 2],
 ) {
     let planes = out.len() / row.prediction.len();
     let pixels = row.prediction.iter().zip(row.target.chunks_exact(3));
     for (i, (out, (x, y))) in out.chunks_exact_mut(planes).zip(pixels).enumerate() {
         let mut x = mu_law(V::load(simd, x), curve);
         let y = mu_law(V::load(simd, &y[row.channel]) * row.target_scale, curve);
-        if let Some((weights, log2_1p_mu)) = weights {
+        if let Some(RowWeights { weights, log2_1p_mu }) = weights {
             let (zero, w) = (V::splat(simd, 0.0), V::load(simd, &weights[i]));
-            // Exact for weights of 0 and 1; and nothing of a prediction that does not count comes through, not even a NaN.
+            // Exact for weights of 0 and 1. A prediction of weight 0 has no effect, even if it is
+            // NaN.
             w.if_positive((x * -log2_1p_mu).exp2() * w, zero).store(&mut out[2][j]);
             x = w.if_positive(w.mul_add(x, (V::splat(simd, 1.0) - w) * y), y);
         }
@@ -162,25 +198,22 @@ fn mu_law_row<S: Simd>(
     }
 }
 
+/// Adds the absolute and the squared difference.
 #[inline(always)]
 fn add_difference<S: Simd>(difference: V<S>, [absolute, squared]: &mut [V<S>; 2]) {
     *absolute = *absolute + difference.abs();
     *squared = difference.mul_add(difference, *squared);
 }
 
-/// ln(1 + mu max(p, 0)) / ln(1 + mu).
+/// Returns ln(1 + mu max(p, 0)) / ln(1 + mu).
 #[inline(always)]
 fn mu_law<S: Simd>(radiance: V<S>, [mu, scale]: [f32; 2]) -> V<S> {
     (radiance.max(radiance.lift(0.0)) * mu).ln_1p() * scale
 }
 
-/// A channel of a row under a response: the five planes, linear. Targets are those of every third number, times `target_scale`.
-fn record_row(
-    response: &Response,
-    (channel, target_scale): (usize, f32),
-    (radiance, target, weights): (&[f32], &[f32], &[f32]),
-    out: &mut [f32],
-) {
+/// Evaluates a channel of a row under a response: its five planes, linear.
+fn response_row(response: &Response, row: &LinearRow<'_>, out: &mut [f32]) {
+    let LinearRow { channel, target_scale, radiance, target, weights } = *row;
     let length = out.len() / Planes::Response.count();
     let (x_out, rest) = out.split_at_mut(length);
     let (y_out, rest) = rest.split_at_mut(length);
@@ -200,7 +233,7 @@ fn record_row(
 
 /// Adds the differences of row `j` of the first two planes.
 #[inline(always)]
-fn add_differences<S: Simd>(simd: S, (planes, j): (&[Stack], usize), sums: &mut [V<S>; 2]) {
+fn add_differences<S: Simd>(simd: S, planes: &[RowStack], j: usize, sums: &mut [V<S>; 2]) {
     for planes in planes.chunks_exact(Planes::Response.count()) {
         add_difference(V::load(simd, &planes[0][j]) - V::load(simd, &planes[1][j]), sums);
     }

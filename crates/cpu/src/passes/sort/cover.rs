@@ -1,8 +1,9 @@
-//! Which blocks of a tile an ellipse touches: bits by splat, then bits by block.
+//! The blocks of a tile that ellipses touch: bits by splat, then bits by block.
 //!
-//! In: [`Outlines`] of 16 splats relative to the tile. Out: [`SplatBits`], 64 bits of each splat; of 256 entries in their order, [`Cover`], the same
-//! bits as words of 64 entries for each block. A block is touched if the band of its rows' pixel centres cuts the ellipse in its
-//! columns' range, with a margin of `MARGIN_PX` for rounding.
+//! In: [`Outlines`] of 16 splats relative to the tile. Out: [`SplatBits`], 64 bits of each splat;
+//! of 256 entries in their order, [`Cover`], the same bits as words of 64 entries for each block. A
+//! block is touched if the band of its rows' pixel centres cuts the ellipse in its columns' range,
+//! with a margin of `MARGIN_PX` for rounding.
 
 use bytemuck::{Pod, Zeroable};
 use fearless_simd::prelude::*;
@@ -15,21 +16,21 @@ use crate::view::{BLOCK_PX, TILE_BLOCKS};
 
 /// Entries whose bits share a word.
 pub(crate) const WORD: usize = 64;
-/// Entries that change sides together: 16 matrices of 32 x 32 bits, one a lane.
+/// Entries that are transposed together: 16 matrices of 32 x 32 bits, one in each lane.
 pub(super) const GROUP: usize = 256;
 
-/// A row of blocks has eight bits; half of a tile's rows share a number.
+/// Rows of blocks that share a number: a row has eight bits, and half of a tile's rows fill 32.
 const HALF_ROWS: usize = TILE_BLOCKS / 2;
-/// Rows and columns of a lane's matrix: the bits of a number.
+/// Rows and columns of a lane's matrix: the number of bits of a number.
 const SIDE: usize = u32::BITS as usize;
-/// Matrices of each half of the blocks.
+/// Matrices for each half of the blocks.
 const MATRICES: usize = GROUP / SIDE;
 
-/// Ellipses of 16 splats.
+/// The ellipses of 16 splats.
 pub(super) struct Outlines<S: Simd> {
     /// Centre relative to the tile's top left corner.
     pub(super) mean_px: [V<S>; 2],
-    /// As a footprint's, which see.
+    /// See [`Footprint::root`](super::super::project::Footprint::root).
     pub(super) root: [V<S>; 3],
     /// u^2 + v^2 at the outline.
     pub(super) radius2: V<S>,
@@ -39,14 +40,14 @@ pub(super) struct Outlines<S: Simd> {
     pub(super) right_dy_px: V<S>,
 }
 
-/// Blocks that each of 16 splats touches: bit n of half h for block 32 h + n.
+/// The blocks that each of 16 splats touches: bit n of half h for block 32 h + n.
 #[derive(Clone, Copy)]
 pub(super) struct SplatBits([[i32; LANES]; 2]);
 
 impl SplatBits {
-    /// Both halves of a splat's.
+    /// Returns both halves of a splat's bits.
     #[inline(always)]
-    pub(super) fn of(&self, lane: usize) -> [u32; 2] {
+    pub(super) fn halves(&self, lane: usize) -> [u32; 2] {
         each!([0, 1] half => self.0[half][lane].cast_unsigned())
     }
 }
@@ -78,7 +79,8 @@ pub(super) fn touched_blocks<S: Simd>(simd: S, outlines: &Outlines<S>) -> SplatB
         });
         let left = slope.mul_add(left_dy, mean_x) - half_left - MARGIN_PX;
         let right = slope.mul_add(right_dy, mean_x) + half_right + MARGIN_PX;
-        // From the first block whose last column is not left of it to the last whose first column is not right of it.
+        // From the first block whose last column is not left of it to the last whose first column
+        // is not right of it.
         let [first, end] = each!([0, 1] side => {
             let px = [left + (BLOCK_PX as f32 - last_px), right + (BLOCK_PX as f32 - first_px)][side];
             (px * (1.0 / BLOCK_PX as f32)).floor().max(c(0.0)).min(c(TILE_BLOCKS as f32))
@@ -95,14 +97,15 @@ pub(super) fn touched_blocks<S: Simd>(simd: S, outlines: &Outlines<S>) -> SplatB
     bits
 }
 
-/// Bits of 256 entries. Before the transposition, number n of half h of row r holds the blocks 32 h.. that entry 32 n + r touches; after it,
-/// the entries 32 n.. that touch block 32 h + r: two numbers in a row are a word.
+/// The bits of 256 entries. Before the transposition, number n of half h of row r holds the blocks
+/// 32 h.. that entry 32 n + r touches; after it, the entries 32 n.. that touch block 32 h + r: two
+/// numbers in a row are a word.
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C, align(64))]
 pub(super) struct Cover([[[u32; MATRICES]; 2]; SIDE]);
 
 impl Cover {
-    /// Enters the blocks of an entry of the group.
+    /// Sets the blocks of an entry of the group.
     #[inline(always)]
     pub(super) fn set(&mut self, entry: usize, halves: [u32; 2]) {
         for (half, bits) in self.0[entry % SIDE].iter_mut().zip(halves) {
@@ -110,14 +113,15 @@ impl Cover {
         }
     }
 
-    /// The entries from 64 `word` on, of the group, that touch a block.
+    /// Returns the entries of the group, from 64 `word` on, that touch a block.
     #[inline(always)]
     pub(super) fn word(&self, word: usize, block: usize) -> u64 {
         let numbers = &self.0[block % SIDE][block / SIDE];
         u64::from(numbers[2 * word]) | u64::from(numbers[2 * word + 1]) << SIDE
     }
 
-    /// Turns bits by entry into bits by block: 16 matrices at once, quarters of halving size (Warren, Hacker's Delight, 7-3).
+    /// Transposes bits by entry to bits by block: 16 matrices at once, by swapping quarters of
+    /// halving size (Warren, Hacker's Delight, 7-3).
     #[inline(always)]
     pub(super) fn transpose<S: Simd>(&mut self, simd: S) {
         let rows: &mut [[u32; LANES]; SIDE] = bytemuck::cast_mut(&mut self.0);
@@ -144,7 +148,7 @@ mod tests {
     use crate::lanes::{Lanes, with_simd};
     use crate::view::BLOCKS;
 
-    /// Numbers in [0, 1).
+    /// Returns a generator of numbers in [0, 1).
     fn noise() -> impl FnMut() -> f32 {
         let mut state = 1u32;
         move || {
@@ -170,7 +174,7 @@ mod tests {
         }
     }
 
-    /// Centre, root and radius of 16 ellipses, round and needles, on the tile and beside it.
+    /// Centre, root and radius of 16 ellipses, round and thin, on the tile and beside it.
     struct Ellipses {
         mean_px: [Lanes; 2],
         root: [Lanes; 3],
@@ -206,8 +210,9 @@ mod tests {
             })
         }
 
-        /// Whether a point of a grid over the block's pixel centres, `step` apart, is within the ellipse enlarged by what may lie between points.
-        fn meets(&self, i: usize, block: usize, step: f32) -> bool {
+        /// Reports whether a point of a grid over the block's pixel centres, `step` apart, is
+        /// within the ellipse, which is enlarged by what may lie between points.
+        fn overlaps(&self, i: usize, block: usize, step: f32) -> bool {
             let [m0, m1, m2] = [0, 1, 2].map(|k| self.root[k].0[i]);
             let corner = [block % TILE_BLOCKS, block / TILE_BLOCKS].map(|n| (n * BLOCK_PX) as f32 + 0.5);
             let slack = if step < 1.0 { 1.2 * step * (m0 + m1.abs() + m2) } else { 0.0 };
@@ -223,16 +228,16 @@ mod tests {
     }
 
     #[test]
-    fn touched_blocks_are_those_that_the_ellipse_meets() {
+    fn touched_blocks_are_those_that_the_ellipse_overlaps() {
         let mut noise = noise();
         for round in 0..60 {
             let ellipses = Ellipses::new(&mut noise);
             for level in [Level::new(), Level::baseline()] {
                 let bits = ellipses.touched(level);
                 for (i, block) in (0..LANES).flat_map(|i| (0..BLOCKS).map(move |block| (i, block))) {
-                    let touched = bits.of(i)[block / SIDE] >> (block % SIDE) & 1 == 1;
-                    assert!(touched || !ellipses.meets(i, block, 1.0), "round {round}, ellipse {i}: block {block} has a pixel of it");
-                    assert!(!touched || ellipses.meets(i, block, 0.25), "round {round}, ellipse {i}: block {block} is off it");
+                    let touched = bits.halves(i)[block / SIDE] >> (block % SIDE) & 1 == 1;
+                    assert!(touched || !ellipses.overlaps(i, block, 1.0), "round {round}, ellipse {i}: block {block} has a pixel of it");
+                    assert!(!touched || ellipses.overlaps(i, block, 0.25), "round {round}, ellipse {i}: block {block} is off it");
                 }
             }
         }

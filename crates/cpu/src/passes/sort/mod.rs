@@ -1,11 +1,13 @@
-//! Pass `sort`: a tile's splats from front to back, and which of its blocks they cover.
+//! Pass `sort`: orders a tile's splats front to back, and finds which of its blocks they cover.
 //!
-//! In: bins, footprints. Out: the tile's [`TileList`]: its [`Entry`]s by ascending depth, equal depths by ascending index of the splat,
-//! and for each of its 64 blocks a bit per entry that says whether the entry's ellipse touches the block (exact for the
-//! continuous band of a block's rows, with a margin for rounding). The rasteriser walks the bits of a block.
+//! In: bins, footprints. Out: the tile's [`TileList`]: its [`Entry`]s by ascending depth, equal
+//! depths by ascending index of the splat, and for each of its 64 blocks a bit per entry that tells
+//! whether the entry's ellipse touches the block (exact for the continuous band of a block's rows,
+//! with a margin for rounding). The rasteriser iterates over the bits of a block.
 //!
-//! Splats are looked at in the order of the bin, where neighbours in a vector are neighbours in memory and on the screen: [`cover`] tells the
-//! blocks of each. Then [`order`] sorts, and entries and bits are brought into that order.
+//! Splats are first read in the order of the bin, where neighbours in a vector are neighbours in
+//! memory and on the screen, and [`cover`] finds the blocks of each. Then [`order`] sorts, and
+//! entries and bits are put into that order.
 
 mod cover;
 mod order;
@@ -16,7 +18,7 @@ use luxel_core::each;
 
 use self::cover::{Cover, GROUP, Outlines, SplatBits, touched_blocks};
 use self::order::{Order, place};
-use super::bin::Bins;
+use super::bin::ScreenSplats;
 use super::project::{Footprint, MARGIN_PX};
 use crate::lanes::{LANES, Lanes, V, with_simd};
 use crate::prefetch::{AHEAD, prefetch};
@@ -24,23 +26,24 @@ use crate::view::ScreenCamera;
 
 pub(crate) use self::cover::WORD;
 
-/// A splat in a tile's list: what blending needs of its footprint, in the footprint's order.
+/// A splat in a tile's list: the fields of its footprint that blending needs, in the footprint's
+/// order.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C, align(16))]
 pub(crate) struct Entry {
     /// Centre relative to the tile's top left corner.
     pub(crate) mean_px: [f32; 2],
-    /// As [`Footprint::root`].
+    /// See [`Footprint::root`].
     pub(crate) root: [f32; 3],
     pub(crate) log2_opacity: f32,
     pub(crate) radiance: [f32; 3],
     pub(crate) log2_threshold: f32,
-    /// Place in the tile's bin, where its gradient goes.
+    /// Place in the tile's bin, where its gradient is stored.
     pub(crate) place: u32,
     padding: u32,
 }
 
-/// A tile's splats.
+/// The splats of a tile.
 #[derive(Default)]
 pub(crate) struct TileList {
     /// Front to back.
@@ -48,20 +51,28 @@ pub(crate) struct TileList {
     cover: Vec<Cover>,
     /// Splat of each place.
     splats: Vec<u32>,
-    /// Depth of each place, 16 by 16.
+    /// Depth of each place, in blocks of 16.
     depths: Vec<Lanes>,
-    /// Blocks of each place, 16 by 16.
+    /// Touched blocks of each place, in blocks of 16.
     blocks: Vec<SplatBits>,
     order: Order,
 }
 
+/// A tile: its number and its sorted splats.
+#[derive(Clone, Copy)]
+pub(crate) struct Tile<'a> {
+    pub(crate) index: usize,
+    pub(crate) list: &'a TileList,
+}
+
 impl TileList {
     /// Makes the list of a tile from its bin.
-    pub(crate) fn sort(&mut self, level: Level, camera: &ScreenCamera, (bins, tile): (&Bins, usize), footprints: &[Footprint]) {
+    pub(crate) fn sort(&mut self, level: Level, camera: &ScreenCamera, splats: ScreenSplats<'_>, tile: usize) {
+        let ScreenSplats { bins, footprints } = splats;
         let origin_px = camera.tile_origin_px(tile).map(|v| v as f32);
         self.splats.clear();
         self.splats.extend(bins.tile(tile));
-        with_simd!(level, simd => self.look(simd, footprints, origin_px));
+        with_simd!(level, simd => self.find_blocks(simd, footprints, origin_px));
         let depths: &[u32] = &bytemuck::cast_slice(&self.depths)[..self.splats.len()];
         let order = self.order.ascending(depths);
         self.entries.clear();
@@ -72,35 +83,35 @@ impl TileList {
             for (i, key) in keys.iter().enumerate() {
                 let place = place(*key);
                 self.entries.push(Entry::new(&footprints[self.splats[place] as usize], origin_px, place));
-                cover.set(i, self.blocks[place / LANES].of(place % LANES));
+                cover.set(i, self.blocks[place / LANES].halves(place % LANES));
             }
             with_simd!(level, simd => cover.transpose(simd));
             self.cover.push(cover);
         }
     }
 
-    /// Words of 64 entries that a block's bits are in.
+    /// Returns the number of words of 64 entries that hold a block's bits.
     #[inline(always)]
     pub(crate) fn words(&self) -> usize {
         self.entries.len().div_ceil(WORD)
     }
 
-    /// Which of the entries from 64 `word` on touch a block of the tile.
+    /// Returns which of the entries from 64 `word` on touch a block of the tile.
     #[inline(always)]
     pub(crate) fn word(&self, word: usize, block: usize) -> u64 {
         self.cover[word / (GROUP / WORD)].word(word % (GROUP / WORD), block)
     }
 
-    /// Finds depths and blocks, in the order of the bin.
+    /// Finds the depths and the touched blocks, in the order of the bin.
     #[inline(always)]
-    fn look<S: Simd>(&mut self, simd: S, footprints: &[Footprint], origin_px: [f32; 2]) {
+    fn find_blocks<S: Simd>(&mut self, simd: S, footprints: &[Footprint], origin_px: [f32; 2]) {
         self.depths.clear();
         self.blocks.clear();
         for (n, splats) in self.splats.chunks(LANES).enumerate() {
             for splat in self.splats.iter().skip((n + AHEAD) * LANES).take(LANES) {
                 prefetch(&footprints[*splat as usize]);
             }
-            // Places beyond the last splat are its copies, and are never asked for.
+            // Places beyond the last splat are copies of it, which are never read.
             let [mean_x, mean_y, root_0, root_1, root_2, log2_opacity, _, _, _, log2_threshold, extent_y, depth, right_dy, ..] =
                 V::transpose(each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15] lane => {
                     V::load(simd, bytemuck::cast_ref(&footprints[splats[splats.len().min(lane + 1) - 1] as usize]))

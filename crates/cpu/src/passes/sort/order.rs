@@ -1,33 +1,35 @@
-//! The order of a tile's splats: places of a bin by ascending depth, equal depths by ascending place.
+//! The order of a tile's splats: sorts places of a bin by ascending depth, equal depths by
+//! ascending place.
 //!
-//! In: the depths' bits, which for positive numbers are in the order of the numbers. Out: keys that hold the places. A radix sort of the bits
-//! that differ within the tile, in three rounds at most, each of which counts for the next. Short lists go to the standard library, as
-//! clearing counters would cost more.
+//! In: the depths' bits, which for positive numbers are ordered as the numbers are. Out: keys that
+//! hold the places. The method is a radix sort of the bits that differ within the tile, in at most
+//! three rounds, each of which counts the digits of the next. Short lists are sorted by the
+//! standard library, as clearing counters would cost more. Degenerate: equal depths need no round.
 
-/// Bits of a digit, at most: its counters stay in the nearest cache.
+/// Greatest number of bits in a digit: its counters stay in the nearest cache.
 const MAX_DIGIT: u32 = 11;
-/// Below this the standard library is as fast.
+/// Length below which the standard library is as fast.
 const MIN_RADIX: usize = 512;
 
 /// Buffers of a sort, kept between steps.
 #[derive(Default)]
 pub(super) struct Order {
-    /// Depth's bits and place.
+    /// Bits of the depth, then the place.
     keys: Vec<u64>,
     swap: Vec<u64>,
-    /// Of each digit, how many keys have it; then where the next of them goes.
+    /// For each digit the number of keys that have it; then the position of the next one.
     starts: Vec<u32>,
     next_starts: Vec<u32>,
 }
 
-/// Place of a key.
+/// Returns the place of a key.
 #[inline(always)]
 pub(super) fn place(key: u64) -> usize {
     key as u32 as usize
 }
 
 impl Order {
-    /// Keys of the places, in ascending order of `depths`.
+    /// Returns the keys of the places, in ascending order of `depths`.
     pub(super) fn ascending(&mut self, depths: &[u32]) -> &[u64] {
         self.keys.clear();
         self.keys.extend(depths.iter().zip(0u64..).map(|(depth, place)| u64::from(*depth) << 32 | place));
@@ -61,7 +63,7 @@ impl Order {
             for count in &mut self.starts {
                 start += std::mem::replace(count, start);
             }
-            // The last round counts the first digit again, which nobody asks for.
+            // The last round counts the first digit again; that count is not used.
             let next = (round + 1) % rounds;
             for key in &self.keys {
                 let start = &mut self.starts[digit(*key, round)];

@@ -1,24 +1,30 @@
-//! Sums over a block's pixels of what `rasterize_backward` found for some splats, added to the gradients of their entries.
+//! Sums over a block's pixels of the gradients that `rasterize_backward` computes for some splats,
+//! added to the gradients of their entries.
 //!
-//! Two ways to the same sums, which way depending on the registers. [`fold`] adds up a splat's sixteen numbers by halves: eleven sums that end in
-//! vectors of four are sixty operations on short registers for each splat. [`turn`] turns sixteen splats by sixteen pixels around, so that each number of a
-//! vector is another splat's and nothing is added across; turning takes 32 exchanges of two registers where a register holds sixteen numbers, and
-//! four times as many where it holds eight.
+//! In: up to sixteen [`Staged`] splats of a block. Out: [`EntryGradient`]s.
+//!
+//! There are two implementations, chosen by the size of the registers. [`folded`] adds up the
+//! sixteen numbers of one splat by halving vectors, which takes many operations on short registers
+//! for each splat. [`transposed`] first transposes sixteen splats by sixteen pixels, so that each
+//! lane is a different splat and nothing is added across lanes; the transposition takes 32
+//! exchanges of two registers where a register holds sixteen numbers, and four times as many where
+//! it holds eight.
 
-mod fold;
-mod turn;
+mod folded;
+mod transposed;
 
 use bytemuck::{Pod, Zeroable};
 use fearless_simd::Simd;
 
-use fold::fold;
-use turn::turn;
+use folded::add_folded;
+use transposed::add_transposed;
 
-use super::rasterize::Seen;
+use super::rasterize::SplatAtPixels;
 use super::sort::Entry;
 use crate::lanes::{LANES, Lanes, is_one_register};
 
-/// Sums over the pixels of a tile of one splat; g is the gradient by ln(alpha), (u, v) the whitened offset of the pixel from the centre.
+/// The sums over the pixels of a tile for one splat; g is the gradient by ln(alpha), (u, v) the
+/// whitened offset of the pixel from the centre.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C, align(16))]
 pub(crate) struct EntryGradient {
@@ -28,26 +34,26 @@ pub(crate) struct EntryGradient {
     pub(crate) first: [f32; 2],
     /// g u^2, g u v, g v^2.
     pub(crate) second: [f32; 3],
-    /// By the radiance.
+    /// Gradient by the radiance.
     pub(crate) radiance: [f32; 3],
     /// |g u|, |g (root[1] u + root[2] v)|: AbsGS.
     pub(crate) absolute: [f32; 2],
     padding: f32,
 }
 
-/// Numbers in an [`EntryGradient`], and in an [`Entry`].
+/// Numbers in an [`EntryGradient`] and in an [`Entry`].
 pub(crate) const ENTRY_LEN: usize = 12;
-/// Of these, the ones in use.
+/// Numbers of an [`EntryGradient`] that are in use.
 const SUMS: usize = 11;
 
-/// What is known of up to sixteen splats at a block's pixels.
+/// Up to sixteen splats at a block's pixels, staged for summation.
 pub(crate) struct Staged {
-    /// For [`fold`]: offsets from the centre, whitened.
+    /// For [`folded`]: whitened offsets from the centre.
     u: [Lanes; LANES],
     v: [Lanes; LANES],
-    /// For [`turn`]: the first eight fields of each entry, from which offsets follow.
+    /// For [`transposed`]: the first eight fields of each entry, from which the offsets follow.
     fields: [Lanes; LANES / 2],
-    /// log2(alpha), then alpha / (1 - alpha), at last g.
+    /// In turn: log2(alpha), alpha / (1 - alpha), g.
     pub(crate) share: [Lanes; LANES],
     /// alpha times transmittance.
     pub(crate) weight: [Lanes; LANES],
@@ -62,13 +68,13 @@ impl Staged {
         weight: [Lanes::ZERO; LANES],
     };
 
-    /// Keeps of pick number `i` what its sums need of the entry.
+    /// Stores what the sums need of pick number `i`.
     #[inline(always)]
-    pub(crate) fn see<S: Simd>(&mut self, i: usize, entry: &Entry, seen: &Seen<S>) {
+    pub(crate) fn stage<S: Simd>(&mut self, i: usize, entry: &Entry, splat: &SplatAtPixels<S>) {
         if is_one_register::<S>() {
             self.keep_fields(i, entry);
         } else {
-            self.keep_offsets(i, seen);
+            self.keep_offsets(i, splat);
         }
     }
 
@@ -79,24 +85,31 @@ impl Staged {
     }
 
     #[inline(always)]
-    fn keep_offsets<S: Simd>(&mut self, i: usize, seen: &Seen<S>) {
-        seen.u.store(&mut self.u[i]);
-        seen.v.store(&mut self.v[i]);
+    fn keep_offsets<S: Simd>(&mut self, i: usize, splat: &SplatAtPixels<S>) {
+        splat.u.store(&mut self.u[i]);
+        splat.v.store(&mut self.v[i]);
     }
 }
 
-/// Adds the sums of `picks` among a tile's entries to their gradients. `colors` is the gradient by the radiance of the block's pixels.
+/// The splats whose sums are added up, and the block over whose pixels.
+pub(crate) struct SummedSplats<'a> {
+    /// Entries of the tile.
+    pub(crate) entries: &'a [Entry],
+    /// Numbers of the splats among the entries.
+    pub(crate) picks: &'a [u32],
+    /// Number of the block within the tile.
+    pub(crate) block: usize,
+    /// Gradient by the radiance of the block's pixels.
+    pub(crate) colors: &'a [Lanes; 3],
+}
+
+/// Adds the sums of staged splats to their entries' gradients, `out`.
 #[inline(always)]
-pub(crate) fn add_sums<S: Simd, const ABSOLUTE: bool>(
-    simd: S,
-    (entries, picks): (&[Entry], &[u32]),
-    (block, staged, colors): (usize, &Staged, &[Lanes; 3]),
-    out: &mut [EntryGradient],
-) {
+pub(crate) fn add_sums<S: Simd, const ABSOLUTE: bool>(simd: S, splats: &SummedSplats<'_>, staged: &Staged, out: &mut [EntryGradient]) {
     if is_one_register::<S>() {
-        turn::<_, ABSOLUTE>(simd, (entries, picks), (block, staged, colors), out);
+        add_transposed::<_, ABSOLUTE>(simd, splats, staged, out);
     } else {
-        fold::<_, ABSOLUTE>(simd, (entries, picks), (staged, colors), out);
+        add_folded::<_, ABSOLUTE>(simd, splats, staged, out);
     }
 }
 
@@ -109,7 +122,7 @@ mod tests {
     use crate::passes::rasterize::pixel_centers;
 
     #[test]
-    fn both_ways_agree() {
+    fn both_implementations_agree() {
         let mut state = 1u32;
         let mut noise = move || {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -132,22 +145,26 @@ mod tests {
             let before: Vec<EntryGradient> =
                 (0..40).map(|_| bytemuck::cast::<[f32; ENTRY_LEN], _>(std::array::from_fn(|_| noise()))).collect();
             for level in [Level::new(), Level::baseline()] {
-                let (mut folded, mut turned) = (before.clone(), before.clone());
+                let (mut folded, mut transposed) = (before.clone(), before.clone());
                 with_simd!(level, simd => {
                     for (i, index) in picks.iter().enumerate() {
                         let entry = &entries[*index as usize];
                         staged.keep_fields(i, entry);
-                        staged.keep_offsets(i, &Seen::new(simd, entry, pixel_centers(simd, block)));
+                        staged.keep_offsets(i, &SplatAtPixels::new(simd, entry, pixel_centers(simd, block)));
                     }
-                    fold::<_, true>(simd, (&entries, &picks), (&staged, &colors), &mut folded);
-                    turn::<_, true>(simd, (&entries, &picks), (block, &staged, &colors), &mut turned);
+                    let splats = SummedSplats { entries: &entries, picks: &picks, block, colors: &colors };
+                    add_folded::<_, true>(simd, &splats, &staged, &mut folded);
+                    add_transposed::<_, true>(simd, &splats, &staged, &mut transposed);
                 });
                 assert_ne!(folded, before);
-                for (folded, turned) in folded.iter().zip(&turned) {
-                    let [folded, turned]: [[f32; ENTRY_LEN]; 2] = [folded, turned].map(|gradient| bytemuck::cast(*gradient));
+                for (folded, transposed) in folded.iter().zip(&transposed) {
+                    let [folded, transposed]: [[f32; ENTRY_LEN]; 2] = [folded, transposed].map(|gradient| bytemuck::cast(*gradient));
                     let scale = folded.iter().fold(1.0, |largest: f32, number| largest.max(number.abs()));
-                    for (folded, turned) in folded.iter().zip(turned) {
-                        assert!((folded - turned).abs() <= 4e-6 * scale, "block {block}, {count} splats: {folded} and {turned} of {scale}");
+                    for (folded, transposed) in folded.iter().zip(transposed) {
+                        assert!(
+                            (folded - transposed).abs() <= 4e-6 * scale,
+                            "block {block}, {count} splats: {folded} and {transposed} of {scale}"
+                        );
                     }
                 }
             }

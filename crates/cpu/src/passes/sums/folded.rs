@@ -1,20 +1,22 @@
-//! Sums over pixels by halves of vectors, splat by splat.
+//! Sums over pixels, splat by splat, by halving vectors.
+//!
+//! In: staged splats of a block. Out: their sums, added to the entries' gradients.
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x4, f32x8, f64x2};
 use luxel_core::each;
 
-use super::{ENTRY_LEN, EntryGradient, SUMS, Staged};
+use super::{ENTRY_LEN, EntryGradient, SUMS, Staged, SummedSplats};
 use crate::lanes::{Lanes, V};
-use crate::passes::sort::Entry;
 
-/// A vector's halves, which sums over its lanes begin with: products go on as half a vector.
+/// The two halves of a vector. Sums over lanes begin by adding them, so later products take half a
+/// vector.
 #[derive(Clone, Copy)]
 struct Halves<S: Simd>([f32x8<S>; 2]);
 
 impl<S: Simd> Halves<S> {
     #[inline(always)]
-    fn of(v: V<S>) -> Self {
+    fn new(v: V<S>) -> Self {
         let (low, high) = v.0.split();
         Self([low, high])
     }
@@ -29,22 +31,22 @@ impl<S: Simd> Halves<S> {
         self.0[0] + self.0[1]
     }
 
-    /// Half of the way to the sum of the products.
+    /// Returns the product, with the two halves added.
     #[inline(always)]
     fn dot(self, other: Self) -> f32x8<S> {
         self.0[1].mul_add(other.0[1], self.0[0] * other.0[0])
     }
 }
 
-/// Adds each splat's numbers up by halves.
+/// Adds the sums of each splat to its entry's gradient.
 #[inline(always)]
-pub(super) fn fold<S: Simd, const ABSOLUTE: bool>(
+pub(super) fn add_folded<S: Simd, const ABSOLUTE: bool>(
     simd: S,
-    (entries, picks): (&[Entry], &[u32]),
-    (Staged { u, v, share, weight, .. }, colors): (&Staged, &[Lanes; 3]),
+    &SummedSplats { entries, picks, colors, .. }: &SummedSplats<'_>,
+    Staged { u, v, share, weight, .. }: &Staged,
     out: &mut [EntryGradient],
 ) {
-    let load = |lanes: &Lanes| Halves::of(V::load(simd, lanes));
+    let load = |lanes: &Lanes| Halves::new(V::load(simd, lanes));
     let colors = each!([0, 1, 2] i => { let color = &colors[i]; load(color) });
     for ((((index, u), v), share), weight) in picks.iter().zip(u).zip(v).zip(share).zip(weight) {
         let entry = &entries[*index as usize];
@@ -71,11 +73,11 @@ fn add_halves<S: Simd>(simd: S, sums: [f32x8<S>; SUMS], out: &mut EntryGradient)
         low + high
     };
     let zero = f32x4::splat(simd, 0.0);
-    // A 4x4 transposition with the sums in between: ((0+2) + (1+3)) of each vector.
+    // A 4x4 transposition with additions in between: ((0+2) + (1+3)) of each vector.
     let four = |a: f32x4<S>, b: f32x4<S>, c: f32x4<S>, d: f32x4<S>| -> f32x4<S> {
         let ab = a.zip_low(b) + a.zip_high(b);
         let cd = c.zip_low(d) + c.zip_high(d);
-        // ab = [a02, b02, a13, b13]: pairs move as one 64-bit number.
+        // ab = [a02, b02, a13, b13]: each pair moves as one 64-bit number.
         let (ab, cd): (f64x2<S>, f64x2<S>) = (ab.bitcast(), cd.bitcast());
         let (low, high): (f32x4<S>, f32x4<S>) = (ab.zip_low(cd).bitcast(), ab.zip_high(cd).bitcast());
         low + high

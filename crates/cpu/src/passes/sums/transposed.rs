@@ -1,30 +1,33 @@
-//! Sums over pixels of sixteen splats at once.
+//! Sums over pixels of sixteen splats at once, by transposing splats and pixels.
+//!
+//! In: staged splats of a block. Out: their sums, added to the entries' gradients.
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x4, f32x8};
 use luxel_core::{Real, each};
 
-use super::{ENTRY_LEN, EntryGradient, Staged};
+use super::{ENTRY_LEN, EntryGradient, Staged, SummedSplats};
 use crate::lanes::{LANES, Lanes, V};
 use crate::passes::rasterize::first_pixel_center;
-use crate::passes::sort::Entry;
 use crate::view::BLOCK_PX;
 
-/// Turns splats by pixels around and adds up vectors of splats.
+/// Adds the sums of the splats to their entries' gradients.
 #[inline(always)]
-pub(super) fn turn<S: Simd, const ABSOLUTE: bool>(
+pub(super) fn add_transposed<S: Simd, const ABSOLUTE: bool>(
     simd: S,
-    (entries, picks): (&[Entry], &[u32]),
-    (block, Staged { fields, share, weight, .. }, colors): (usize, &Staged, &[Lanes; 3]),
+    &SummedSplats { entries, picks, block, colors }: &SummedSplats<'_>,
+    Staged { fields, share, weight, .. }: &Staged,
     out: &mut [EntryGradient],
 ) {
-    let place = Place::new(simd, fields, block);
-    let pixels = turned(simd, share);
-    let [g, gu, gv, guu, guv, gvv] = place.moments(&pixels);
-    let [absolute_x, absolute_y] = if ABSOLUTE { place.absolute(&pixels) } else { [V::splat(simd, 0.0); 2] };
-    let weight = turned(simd, weight);
+    let placement = BlockPlacement::new(simd, fields, block);
+    let pixels = splats_by_pixels(simd, share);
+    let [g, gu, gv, guu, guv, gvv] = placement.moments(&pixels);
+    let [absolute_x, absolute_y] = if ABSOLUTE { placement.absolute(&pixels) } else { [V::splat(simd, 0.0); 2] };
+    let weight = splats_by_pixels(simd, weight);
     let [red, green, blue] = each!([0, 1, 2] i => sum_of_products(&weight, &colors[i]));
-    // Back to splats, the bits of their numbers taken from the lane to the row: eight fields of two splats in a row, and four fields of four.
+    // Back to one splat after the other: each round moves a bit of the splat's number from the lane
+    // to the row. The result is eight fields of two splats in a row, and four fields of four
+    // splats.
     let mut eight = [g, gu, gv, guu, guv, gvv, red, green];
     for _ in 0..3 {
         eight = V::interleaved(eight);
@@ -42,14 +45,16 @@ pub(super) fn turn<S: Simd, const ABSOLUTE: bool>(
     }
 }
 
-/// Sixteen splats by a block's pixels: of each pixel, the splats' numbers. Where there are fewer splats, numbers beyond the last mean nothing.
+/// Transposes rows of splats: returns for each pixel the numbers of sixteen splats. Those beyond
+/// the last splat are arbitrary.
 #[inline(always)]
-fn turned<S: Simd>(simd: S, rows: &[Lanes; LANES]) -> [V<S>; LANES] {
+fn splats_by_pixels<S: Simd>(simd: S, rows: &[Lanes; LANES]) -> [V<S>; LANES] {
     V::transpose(each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15] i => { let row = &rows[i]; V::load(simd, row) }))
 }
 
-/// Where a block is as seen from sixteen splats: a pixel X and Y half pixels from its centre lies at (u + along_x[0] X + along_y[0] Y, v + along_y[1] Y).
-struct Place<S: Simd> {
+/// The placement of a block relative to sixteen splats: a pixel X and Y half pixels from its centre
+/// lies at (u + along_x[0] X + along_y[0] Y, v + along_y[1] Y).
+struct BlockPlacement<S: Simd> {
     u: V<S>,
     v: V<S>,
     along_x: V<S>,
@@ -57,11 +62,12 @@ struct Place<S: Simd> {
     root: [V<S>; 3],
 }
 
-impl<S: Simd> Place<S> {
+impl<S: Simd> BlockPlacement<S> {
     #[inline(always)]
     fn new(simd: S, fields: &[Lanes; LANES / 2], block: usize) -> Self {
         let mut fields = each!([0, 1, 2, 3, 4, 5, 6, 7] n => { let row = &fields[n]; V::load(simd, row) });
-        // Two entries a row: four rounds take the bits of the field's number from the lane to the row.
+        // A row holds two entries: four rounds move the bits of the field's number from the lane to
+        // the row.
         for _ in 0..4 {
             fields = V::interleaved(fields);
         }
@@ -78,15 +84,16 @@ impl<S: Simd> Place<S> {
         }
     }
 
-    /// Sums over the pixels of g, g u, g v, g u^2, g u v, g v^2, from those over X and Y: what is far from a splat is the block, which is
-    /// put in once, and numbers of nearly equal size are never subtracted.
+    /// Returns the sums over the pixels of g, g u, g v, g u^2, g u v, g v^2, from sums over X and
+    /// Y. The distance of the block from the splat enters once, so numbers of nearly equal size are
+    /// never subtracted.
     #[inline(always)]
     fn moments(&self, g: &[V<S>; LANES]) -> [V<S>; 6] {
         let rows = each!([0, 1, 2, 3] row => { let g = &g; along(each!([0, 1, 2, 3] column => g[BLOCK_PX * row + column])) });
         let [sum, y, yy] = along(each!([0, 1, 2, 3] row => rows[row][0]));
         let [x, xy, _] = along(each!([0, 1, 2, 3] row => rows[row][1]));
         let [xx, ..] = along(each!([0, 1, 2, 3] row => rows[row][2]));
-        // By what a pixel's u and v differ from the block's, du and dv.
+        // Sums with the offsets du and dv of a pixel's u and v from the block's.
         let du = self.along_x.mul_add(x, self.along_y[0] * y);
         let dv = self.along_y[1] * y;
         let x_du = self.along_x.mul_add(xx, self.along_y[0] * xy);
@@ -101,7 +108,7 @@ impl<S: Simd> Place<S> {
         [sum, gu, gv, guu, guv, gvv]
     }
 
-    /// AbsGS's sums.
+    /// Returns AbsGS's sums.
     #[inline(always)]
     fn absolute(&self, g: &[V<S>; LANES]) -> [V<S>; 2] {
         let mut sums = [g[0].lift(0.0); 2];
@@ -120,7 +127,8 @@ impl<S: Simd> Place<S> {
     }
 }
 
-/// Sums of four numbers in a line, of them times X and times X^2, where X is -3, -1, 1, 3.
+/// Returns the sums of four numbers in a line, of the numbers times X, and of the numbers times
+/// X^2, where X is -3, -1, 1, 3.
 #[inline(always)]
 fn along<S: Simd>(line: [V<S>; BLOCK_PX]) -> [V<S>; 3] {
     let [first, second, third, fourth] = line;
@@ -128,7 +136,7 @@ fn along<S: Simd>(line: [V<S>; BLOCK_PX]) -> [V<S>; 3] {
     [outer + inner, (fourth - first).mul_add(first.lift(3.0), third - second), outer.mul_add(first.lift(9.0), inner)]
 }
 
-/// Sums over the pixels of the splats' weights times a number of each pixel.
+/// Returns the sums over the pixels of the splats' weights times a number of each pixel.
 #[inline(always)]
 fn sum_of_products<S: Simd>(weight: &[V<S>; LANES], color: &Lanes) -> V<S> {
     let columns = each!([0, 1, 2, 3] column => {
