@@ -52,6 +52,7 @@
 
 pub mod bench;
 pub mod colormap;
+pub mod compare;
 mod dataset;
 mod device;
 mod error;

@@ -1,36 +1,21 @@
-//! Which images are compared with which.
+//! The pairs of images that are compared.
+//!
+//! In: two images or two folders. Out: [`Pairs`], by name. Degenerate: images of folders without a
+//! partner are listed; two images of one name without extension in a folder are an error.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail};
-use luxel::text;
+use super::CompareOptions;
+use crate::error::{Context, bail};
+use crate::{Result, text};
 
-use crate::args::CompareArgs;
-
-/// Names of image files end in one of these.
+/// Extensions of image files.
 const EXTENSIONS: [&str; 9] = ["exr", "hdr", "pic", "tif", "tiff", "png", "jpg", "jpeg", "npy"];
-
-/// What the command line names.
-pub(super) struct Sources {
-    pub(super) reference: PathBuf,
-    pub(super) test: PathBuf,
-}
-
-impl Sources {
-    pub(super) fn of(args: &CompareArgs) -> Result<Self> {
-        let (reference, test) = match (&args.reference, &args.second) {
-            (Some(reference), _) => (reference, &args.first),
-            (None, Some(test)) => (&args.first, test),
-            (None, None) => bail!("expected two paths, reference and test, got one"),
-        };
-        Ok(Self { reference: reference.clone(), test: test.clone() })
-    }
-}
 
 /// Two images.
 pub(super) struct Pair {
-    /// Stem; of two images that of the test.
+    /// Name without folder and extension; for two images that of the test.
     pub(super) name: String,
     pub(super) reference: PathBuf,
     pub(super) test: PathBuf,
@@ -39,13 +24,13 @@ pub(super) struct Pair {
 }
 
 impl Pair {
-    /// Files that are read.
+    /// Returns the files that are read.
     pub(super) fn inputs(&self) -> impl Iterator<Item = &Path> {
         [Some(&self.reference), Some(&self.test), self.mask.as_ref()].into_iter().flatten().map(PathBuf::as_path)
     }
 }
 
-/// All pairs, by name, and what has no partner.
+/// All pairs, by name, and images without a partner.
 pub(super) struct Pairs {
     pub(super) are_folders: bool,
     pub(super) pairs: Vec<Pair>,
@@ -58,37 +43,38 @@ pub(super) struct Pairs {
 }
 
 impl Pairs {
-    pub(super) fn find(sources: &Sources, args: &CompareArgs) -> Result<Self> {
-        match (is_folder(&sources.reference)?, is_folder(&sources.test)?) {
-            (true, true) => Self::of_folders(sources, args),
-            (false, false) => Ok(Self::of_images(sources, args)),
-            (reference_is, _) => {
+    /// Finds the pairs of two images or two folders.
+    pub(super) fn find(reference: &Path, test: &Path, options: &CompareOptions) -> Result<Self> {
+        match (is_folder(reference)?, is_folder(test)?) {
+            (true, true) => Self::in_folders(reference, test, options),
+            (false, false) => Ok(Self::two_images(reference, test, options)),
+            (is_reference_folder, _) => {
                 let kind = |is_folder| if is_folder { "a folder" } else { "a file" };
                 bail!(
                     "{} is {}, {} is {}: expected two images or two folders",
-                    sources.reference.display(),
-                    kind(reference_is),
-                    sources.test.display(),
-                    kind(!reference_is)
+                    reference.display(),
+                    kind(is_reference_folder),
+                    test.display(),
+                    kind(!is_reference_folder)
                 )
             }
         }
     }
 
-    fn of_images(sources: &Sources, args: &CompareArgs) -> Self {
+    fn two_images(reference: &Path, test: &Path, options: &CompareOptions) -> Self {
         let pair = Pair {
-            name: stem(&sources.test),
-            reference: sources.reference.clone(),
-            test: sources.test.clone(),
-            mask: args.mask.clone(),
-            heatmap: args.heatmap.clone(),
+            name: stem(test),
+            reference: reference.to_owned(),
+            test: test.to_owned(),
+            mask: options.mask.clone(),
+            heatmap: options.heatmap.clone(),
         };
         Self { are_folders: false, pairs: vec![pair], only_reference: Vec::new(), only_test: Vec::new(), unmasked: Vec::new() }
     }
 
-    fn of_folders(sources: &Sources, args: &CompareArgs) -> Result<Self> {
-        let (references, tests) = (images(&sources.reference)?, images(&sources.test)?);
-        let masks = match &args.mask {
+    fn in_folders(reference: &Path, test: &Path, options: &CompareOptions) -> Result<Self> {
+        let (references, tests) = (images(reference)?, images(test)?);
+        let masks = match &options.mask {
             Some(path) if is_folder(path)? => Some(images(path)?),
             _ => None,
         };
@@ -102,18 +88,18 @@ impl Pairs {
                     reference: reference.clone(),
                     test: test.clone(),
                     mask: match &masks {
-                        // What the folder has no mask of is compared whole.
+                        // Images without a mask are compared whole.
                         Some(masks) => masks.get(name).cloned(),
-                        None => args.mask.clone(),
+                        None => options.mask.clone(),
                     },
-                    heatmap: args.heatmap.as_ref().map(|folder| folder.join(format!("{name}.png"))),
+                    heatmap: options.heatmap.as_ref().map(|folder| folder.join(format!("{name}.png"))),
                 }),
                 (Some(reference), None) => found.only_reference.push(reference.clone()),
                 (None, Some(test)) => found.only_test.push(test.clone()),
                 (None, None) => {}
             }
         }
-        if let (Some(path), Some(masks)) = (&args.mask, &masks) {
+        if let (Some(path), Some(masks)) = (&options.mask, &masks) {
             let is_unmasked = |pair: &&Pair| pair.mask.is_none();
             found.unmasked = found.pairs.iter().filter(is_unmasked).map(|pair| pair.reference.clone()).collect();
             if !found.pairs.is_empty() && found.unmasked.len() == found.pairs.len() {
@@ -127,7 +113,7 @@ impl Pairs {
         Ok(found)
     }
 
-    /// A line for every image that has no partner, or no mask where others do.
+    /// Returns a line for every image that has no partner, or no mask where others do.
     pub(super) fn missing_lines(&self) -> Vec<String> {
         let line = |path: &PathBuf, other: &str, what: &str| format!("{}: no {other} of this name, {what}", path.display());
         let references = self.only_reference.iter().map(|path| line(path, "test", "left out"));
@@ -135,13 +121,13 @@ impl Pairs {
         references.chain(tests).chain(self.unmasked.iter().map(|path| line(path, "mask", "compared whole"))).collect()
     }
 
-    /// Why there is nothing to compare.
-    pub(super) fn nothing_matches(&self, sources: &Sources) -> String {
+    /// Returns the error text of folders without a pair.
+    pub(super) fn nothing_matches(&self, reference: &Path, test: &Path) -> String {
         format!(
             "{} has {}, {} has {}, and none have the same name without extension: rename them, or name two files",
-            sources.reference.display(),
+            reference.display(),
             text::plural(self.only_reference.len(), "image"),
-            sources.test.display(),
+            test.display(),
             text::plural(self.only_test.len(), "image")
         )
     }
@@ -152,11 +138,12 @@ fn is_folder(path: &Path) -> Result<bool> {
     Ok(metadata.is_dir())
 }
 
+/// Returns a file's name without extension.
 fn stem(path: &Path) -> String {
     path.file_stem().map_or_else(|| path.display().to_string(), |stem| stem.to_string_lossy().into_owned())
 }
 
-/// Images of a folder by stem; those of its folders are not looked at.
+/// Returns the images of a folder by name without extension; folders in it are ignored.
 fn images(folder: &Path) -> Result<BTreeMap<String, PathBuf>> {
     let cannot = || format!("{}: cannot list the folder", folder.display());
     let mut images: BTreeMap<String, PathBuf> = BTreeMap::new();

@@ -1,34 +1,37 @@
-//! The figures of a pair of images.
+//! The metrics of a pair of images.
+//!
+//! In: a [`Pair`] and [`Settings`]. Out: [`ImageMetrics`], and the error map if it is asked for.
+//! Degenerate: pixels of the reference that are not finite are left out with a warning; those of
+//! the test are an error. Black references have the scale 1.
 
 use std::path::Path;
 
-use anyhow::{Context, Result, bail};
-use luxel::colormap::magma;
-use luxel::run::evaluation;
 use luxel_core::tone::rec709_of;
 use luxel_core::{ColorSpace, Image, Mask, luminance_rec709};
 use luxel_io::{ReadOptions, Transfer};
-use luxel_metrics::Lpips;
-use luxel_metrics::{FieldMetrics, FieldOptions, FlipChoice, FlipMap, ViewMetrics, field_metrics, hdr_flip, view_metrics};
-use serde::Serialize;
+use luxel_metrics::{FieldOptions, FlipChoice, FlipMap, Lpips, field_metrics, hdr_flip, view_metrics};
 
 use super::pairs::{Pair, Pairs};
-use crate::args::CompareArgs;
+use super::{CompareOptions, ImageMetrics};
+use crate::Result;
+use crate::colormap::magma;
+use crate::error::{Context, bail};
+use crate::run::evaluation;
 
-/// Part of the references' pixels that are darker than what the display shows as its peak, unless a scale is given.
+/// Share of the references' pixels that are darker than the scale, unless one is given.
 const SCALE_PERCENTILE: f64 = 0.999;
 
-/// Luminances that a percentile is taken of; more would not move it.
+/// Number of luminances that a percentile is taken of; more would not move it.
 const MAX_SAMPLES: usize = 1 << 22;
 
-/// Masked pixels of an error map.
+/// Colour of masked pixels in an error map.
 const MASKED: [u8; 3] = [0x60, 0x68, 0x70];
 
-/// What holds for all pairs.
+/// The settings that all pairs share.
 pub(super) struct Settings {
     /// Radiance of one normalised unit.
     pub(super) scale: f32,
-    /// Where it comes from.
+    /// How it was found, for people.
     pub(super) scale_rule: &'static str,
     pub(super) mu: f32,
     pub(super) peak_luminance: f32,
@@ -38,45 +41,22 @@ pub(super) struct Settings {
     color_space: ColorSpace,
 }
 
-/// Figures of a pair.
-#[derive(Debug, Serialize)]
-pub(super) struct Compared {
-    /// Without folder and extension.
-    pub(super) name: String,
-    pub(super) reference: String,
-    pub(super) test: String,
-    pub(super) width: usize,
-    pub(super) height: usize,
-    /// Primaries in which the protocols compare.
-    pub(super) color_space: ColorSpace,
-    /// Pixels left out.
-    pub(super) masked_pixels: usize,
-    #[serde(flatten)]
-    pub(super) mu_law: ViewMetrics,
-    #[serde(flatten)]
-    pub(super) field: FieldMetrics,
-    /// First and last exposure of HDR-FLIP, stops.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(super) hdr_flip_exposures_ev: Option<[f32; 2]>,
-    #[serde(skip)]
-    pub(super) warning: Option<String>,
-}
-
 impl Settings {
-    pub(super) fn new(args: &CompareArgs, pairs: &Pairs) -> Result<Self> {
-        // A map has to be computed to be written.
-        let flip = if args.heatmap.is_some() { FlipChoice::Compute } else { args.metrics.into() };
+    /// Reads the weights of LPIPS, and finds the scale if it is not given.
+    pub(super) fn new(options: &CompareOptions, pairs: &Pairs) -> Result<Self> {
+        // Error maps are those of HDR-FLIP.
+        let flip = if options.heatmap.is_some() { FlipChoice::Compute } else { options.flip };
         let mut settings = Self {
             scale: 1.0,
             scale_rule: "given",
-            mu: args.mu,
-            peak_luminance: args.peak_luminance,
+            mu: options.mu,
+            peak_luminance: options.peak_luminance,
             flip,
-            lpips: evaluation::read_lpips(args.lpips_weights.as_deref())?,
-            transfer: args.transfer.map(Into::into),
-            color_space: args.color_space.map(Into::into).unwrap_or_default(),
+            lpips: evaluation::read_lpips(options.lpips_weights.as_deref())?,
+            transfer: options.transfer,
+            color_space: options.color_space,
         };
-        match args.scale {
+        match options.scale {
             Some(scale) => settings.scale = scale,
             None => {
                 settings.scale = scale_of_references(pairs, &settings)?;
@@ -86,7 +66,8 @@ impl Settings {
         Ok(settings)
     }
 
-    /// Pairs that are measured side by side. A network is parallel in itself, and its features of one image may fill gigabytes.
+    /// Returns how many pairs are measured side by side. A network is parallel by itself, and its
+    /// features of one image may fill gigabytes.
     pub(super) fn batch(&self) -> usize {
         if self.lpips.is_some() { 1 } else { rayon::current_num_threads().max(1) }
     }
@@ -97,7 +78,7 @@ impl Settings {
     }
 }
 
-/// 1 if all references are black.
+/// Returns the radiance of 1 by the references' luminance; 1 if all references are black.
 fn scale_of_references(pairs: &Pairs, settings: &Settings) -> Result<f32> {
     let mut luminances: Vec<f32> = Vec::new();
     for pair in &pairs.pairs {
@@ -121,8 +102,8 @@ fn scale_of_references(pairs: &Pairs, settings: &Settings) -> Result<f32> {
     Ok(if scale > 0.0 { scale.clamp(f32::MIN_POSITIVE * 16.0, f32::MAX / 16.0) } else { 1.0 })
 }
 
-/// Figures of `pair`; writes its error map if that is asked for.
-pub(super) fn compare(pair: &Pair, settings: &Settings) -> Result<Compared> {
+/// Returns the metrics of a pair; writes its error map if that is asked for.
+pub(super) fn measure(pair: &Pair, settings: &Settings) -> Result<ImageMetrics> {
     let ((mut reference, of_reference), (mut test, of_test)) = (settings.read(&pair.reference)?, settings.read(&pair.test)?);
     check_sizes(pair, &reference, &test)?;
     let color_space = common_space([(&mut reference, of_reference), (&mut test, of_test)]);
@@ -150,7 +131,7 @@ pub(super) fn compare(pair: &Pair, settings: &Settings) -> Result<Compared> {
             write_heatmap(path, &map, mask.as_ref())?;
         }
     }
-    Ok(Compared {
+    Ok(ImageMetrics {
         name: pair.name.clone(),
         reference: pair.reference.display().to_string(),
         test: pair.test.display().to_string(),
@@ -180,7 +161,7 @@ fn check_sizes(pair: &Pair, reference: &Image, test: &Image) -> Result<()> {
     Ok(())
 }
 
-/// That of both; where they differ, both are converted to linear Rec.709.
+/// Returns the colour space of both; where they differ, converts both to linear Rec.709.
 fn common_space(images: [(&mut Image, ColorSpace); 2]) -> ColorSpace {
     let [(_, first), (_, second)] = images;
     if first == second {
@@ -194,7 +175,7 @@ fn common_space(images: [(&mut Image, ColorSpace); 2]) -> ColorSpace {
     ColorSpace::LinearRec709
 }
 
-/// The pair's mask, of the size of `image`.
+/// Reads the pair's mask, which has the size of `image`.
 fn mask(pair: &Pair, image: &Image) -> Result<Option<Mask>> {
     let Some(path) = &pair.mask else { return Ok(None) };
     // Any transfer curve keeps black black.
@@ -213,7 +194,8 @@ fn mask(pair: &Pair, image: &Image) -> Result<Option<Mask>> {
     Ok(Some(Mask::of_valid(found.pixels.iter().map(|p| p.iter().any(|v| *v > 0.0)))))
 }
 
-/// Pixels of the reference that are no numbers are nobody's fault but its own; those of the test are an error.
+/// Returns the mask without pixels of the reference that are not finite. Those of the test are an
+/// error.
 fn without_bad_pixels(mask: Option<Mask>, reference: &Image) -> Option<Mask> {
     let finite = |i: usize| reference.pixels[i].iter().all(|v| v.is_finite());
     if (0..reference.pixels.len()).all(finite) {

@@ -1,0 +1,139 @@
+//! `luxel compare`: metrics of two images, or of two folders of them. None stands without its
+//! protocol.
+
+use std::fmt::Write as _;
+
+use anyhow::{Context, Result, bail};
+use luxel::compare::{CompareOptions, Comparison, ImageMetrics, compare};
+use luxel::text;
+use luxel_metrics::{DecadeError, FLIP_PIXELS_PER_DEGREE};
+
+use crate::args::CompareArgs;
+use crate::output::console::{self, Console, LogFormat};
+
+/// Compares and prints.
+pub(crate) fn run(args: &CompareArgs) -> Result<()> {
+    let console = Console::new(LogFormat::Text, false);
+    let (reference, test) = match (&args.reference, &args.second) {
+        (Some(reference), _) => (reference, &args.first),
+        (None, Some(test)) => (&args.first, test),
+        (None, None) => bail!("expected two paths, reference and test, got one"),
+    };
+    let options = CompareOptions {
+        scale: args.scale,
+        peak_luminance: args.peak_luminance,
+        mu: args.mu,
+        flip: args.metrics.into(),
+        lpips_weights: args.lpips_weights.clone(),
+        mask: args.mask.clone(),
+        transfer: args.transfer.map(Into::into),
+        color_space: args.color_space.map(Into::into).unwrap_or_default(),
+        heatmap: args.heatmap.clone(),
+        overwrite: args.overwrite,
+    };
+    let found = compare(reference, test, &options, &console)?;
+    if args.json {
+        console::print(&serde_json::to_string_pretty(&found).context("cannot encode the metrics")?)
+    } else {
+        console::print(table(&found).trim_end())
+    }
+}
+
+/// Returns the metrics as a table.
+fn table(found: &Comparison) -> String {
+    let mut out = format!("reference  {}\ntest       {}\n", found.reference, found.test);
+    let _ = writeln!(
+        out,
+        "scale      {} ({}): 1 in protocol scene and in the decades, {} cd/m2 for PU21",
+        text::number(found.scale.into()),
+        found.scale_rule,
+        found.peak_luminance
+    );
+    match found.images.as_slice() {
+        [image] if !found.are_folders => out += &one_pair(found, image),
+        _ => out += &many_pairs(found),
+    }
+    out + &decades(&found.mean.field.relative_error_by_decade)
+}
+
+/// Returns every metric of one pair.
+fn one_pair(found: &Comparison, image: &ImageMetrics) -> String {
+    let mut out = format!("size       {}x{}, {}", image.width, image.height, image.color_space.name());
+    if image.masked_pixels > 0 {
+        let _ = write!(out, ", {} left out", text::plural(image.masked_pixels, "pixel"));
+    }
+    let (m, f) = (&image.mu_law, &image.field);
+    let _ = write!(
+        out,
+        "\n\nmu-law, mu = {}        scene     gtmax   selfmax\n  psnr, dB            {:8.2}  {:8.2}  {:8.2}\n  \
+         ssim                {:8.4}  {:8.4}  {:8.4}\n  l1                  {:8.5}\n  \
+         black image, dB     {:8.2}  {:8.2}\n\n",
+        found.mu,
+        m.psnr_scene,
+        m.psnr_gtmax,
+        m.psnr_selfmax,
+        m.ssim_scene,
+        m.ssim_gtmax,
+        m.ssim_selfmax,
+        m.l1_scene,
+        m.psnr_black_scene,
+        m.psnr_black_gtmax,
+    );
+    let _ = writeln!(out, "pu21 psnr, dB         {:8.2}  scale displayed at {} cd/m2", f.pu21_psnr, f.pu21_peak_luminance);
+    let _ = writeln!(out, "pu21 ssim             {:8.4}  of luminance", f.pu21_ssim);
+    if let (Some(flip), Some([start, stop])) = (f.hdr_flip, image.hdr_flip_exposures_ev) {
+        let _ = writeln!(
+            out,
+            "hdr-flip              {flip:8.4}  mean; 0 is equal, 1 the most; {FLIP_PIXELS_PER_DEGREE:.0} pixels per degree, exposures {start:.1} to {stop:.1} EV"
+        );
+    }
+    for (name, distance) in [("AlexNet", f.lpips_alex), ("VGG16", f.lpips_vgg)] {
+        if let Some(distance) = distance {
+            let _ = writeln!(out, "lpips                 {distance:8.4}  {name}, mu-law images by gtmax as [-1, 1]");
+        }
+    }
+    let _ = writeln!(out, "log-rmse, decades     {:8.4}  of log10 of the channels", f.log_rmse);
+    out
+}
+
+/// Returns a row per pair, and the means.
+fn many_pairs(found: &Comparison) -> String {
+    let width = found.images.iter().map(|image| image.name.chars().count()).max().unwrap_or(0).max(4);
+    let (lpips, network) = match (found.mean.field.lpips_alex, found.mean.field.lpips_vgg) {
+        (Some(_), _) => ("  lpips,", "    alex"),
+        (None, Some(_)) => ("  lpips,", "     vgg"),
+        (None, None) => ("", ""),
+    };
+    let mut out = format!(
+        "\n{:width$}  -- psnr, dB, mu = {:<6} --  ------- ssim, mu-law ------  ----- pu21 ----     hdr-      log-{lpips}\n\
+         {:width$}    scene   gtmax  selfmax     scene   gtmax  selfmax      dB    ssim     flip      rmse{network}\n",
+        "", found.mu, ""
+    );
+    let rows = found.images.iter().map(|image| (image.name.as_str(), &image.mu_law, &image.field));
+    for (name, m, f) in rows.chain([("mean", &found.mean.mu_law, &found.mean.field)]) {
+        let flip = f.hdr_flip.map_or_else(|| "-".into(), |flip| format!("{flip:.4}"));
+        let lpips = f.lpips_alex.or(f.lpips_vgg).map_or_else(String::new, |distance| format!("  {distance:.4}"));
+        let _ = writeln!(
+            out,
+            "{name:width$}  {:7.2} {:7.2}  {:7.2}   {:7.4} {:7.4}  {:7.4} {:7.2} {:7.4}  {flip:>7} {:9.4}{lpips}",
+            m.psnr_scene, m.psnr_gtmax, m.psnr_selfmax, m.ssim_scene, m.ssim_gtmax, m.ssim_selfmax, f.pu21_psnr, f.pu21_ssim, f.log_rmse
+        );
+    }
+    out
+}
+
+/// Returns relative errors, one line per decade.
+fn decades(errors: &[DecadeError]) -> String {
+    let mut out = String::from("\nluminance of reference / scale    pixels  relative error    bias\n");
+    for error in errors {
+        let _ = writeln!(
+            out,
+            "  {:24} {:>14}  {:>13.2}% {:>+6.2}%",
+            text::decade(error.decade),
+            text::count(usize::try_from(error.count).unwrap_or(usize::MAX)),
+            100.0 * error.relative_error,
+            100.0 * error.bias
+        );
+    }
+    out
+}
