@@ -2,39 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::{Camera, ColorSpace, Image, NoiseModel, PixelValues};
-
-/// How much each pixel counts in the loss: 0 not at all, 1 fully. Row-major, `[H*W]`. Metrics count every pixel above 0 fully.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Mask {
-    /// One per pixel, 0 to 1.
-    pub weights: Vec<f32>,
-}
-
-impl Mask {
-    /// Pixels that count and pixels that do not.
-    pub fn of_valid(valid: impl IntoIterator<Item = bool>) -> Self {
-        Self { weights: valid.into_iter().map(|valid| f32::from(u8::from(valid))).collect() }
-    }
-
-    /// Whether pixel `i` counts at all; those outside of the mask do not.
-    #[inline]
-    pub fn is_valid(&self, i: usize) -> bool {
-        self.weights.get(i).is_some_and(|weight| *weight > 0.0)
-    }
-
-    /// Sum of the weights; `None` if one is not a number from 0 to 1.
-    pub fn total(&self) -> Option<f64> {
-        let mut total = 0.0;
-        for weight in &self.weights {
-            if !(0.0..=1.0).contains(weight) {
-                return None;
-            }
-            total += f64::from(*weight);
-        }
-        Some(total)
-    }
-}
+use crate::{Camera, ColorSpace, Image, Mask, NoiseModel, PixelValues, ViewError, mask};
 
 /// A posed image.
 #[derive(Clone, Debug)]
@@ -54,19 +22,49 @@ pub struct View {
 }
 
 impl View {
-    /// The last part of the name: `000` for `images/000`.
+    /// Returns the last part of the name: `000` for `images/000`.
     pub fn stem(&self) -> &str {
         self.name.rsplit('/').next().unwrap_or(&self.name)
     }
 
-    /// Whether pixel `i` (row-major) takes part in loss and metrics.
+    /// Returns whether pixel `i` (row-major) takes part in loss and metrics.
     pub fn is_valid(&self, i: usize) -> bool {
-        self.mask.as_ref().is_none_or(|mask| mask.is_valid(i))
+        mask::is_valid(self.mask.as_deref(), i)
     }
 
-    /// The same view in an image reduced `factor` times a side by area average over valid pixels, in linear light. A pixel is valid if at
-    /// least `min_valid` (0 to 1) of its area is, and some of it, and of recorded values none or all are saturated or black; it weighs what its valid pixels do on average. Incomplete blocks at the right and bottom border are left out, so that the
-    /// camera is scaled exactly. The factor is lowered to what leaves one pixel a side.
+    /// Checks that the camera can be used and is undistorted, and that image and mask are of its
+    /// size.
+    ///
+    /// # Errors
+    /// The first violation found.
+    pub fn validate(&self) -> Result<(), ViewError> {
+        let view = || self.name.clone();
+        if !self.camera.distortion.is_none() {
+            return Err(ViewError::Distorted { view: view() });
+        }
+        self.camera.validate().map_err(|source| ViewError::Camera { view: view(), source })?;
+        let (image, camera) = ([self.image.width, self.image.height], self.camera.size_px.map(|side| side as usize));
+        if image != camera {
+            return Err(ViewError::ImageSize { view: view(), image, camera });
+        }
+        let expected = camera[0] * camera[1];
+        if self.image.pixels.len() != expected {
+            return Err(ViewError::PixelCount { view: view(), found: self.image.pixels.len(), expected });
+        }
+        let Some(mask) = &self.mask else { return Ok(()) };
+        if mask.weights.len() != expected {
+            return Err(ViewError::MaskSize { view: view(), found: mask.weights.len(), expected });
+        }
+        mask.total().map(|_| ()).ok_or_else(|| ViewError::MaskWeight { view: view() })
+    }
+
+    /// Returns the view with its image reduced `factor` times a side by area average over valid
+    /// pixels, in linear light.
+    ///
+    /// A pixel is valid if at least `min_valid` (0 to 1) of its area is, and some of it, and of
+    /// recorded values none or all are saturated or black; it has the mean weight of its valid
+    /// pixels. Incomplete blocks at the right and bottom border are left out, so that the camera is
+    /// scaled exactly. The factor is lowered to what leaves one pixel a side.
     pub fn downscaled(&self, factor: u32, min_valid: f64) -> Self {
         let [width, height] = self.camera.size_px;
         let factor = factor.min(width).min(height).max(1);
@@ -83,11 +81,12 @@ impl View {
         for y in 0..height {
             for x in 0..width {
                 let corner = [x * factor, y * factor];
-                let (mean, count) = light.block_mean(corner, factor, |at| self.is_valid(at));
-                let is_mixture = |bounds: &Image| PixelValues::is_mixture(bounds.block_mean(corner, factor, |at| self.is_valid(at)).0);
-                let is_valid = count as f64 >= enough && !bounds.as_ref().is_some_and(is_mixture);
-                pixels.push(if is_valid { mean } else { [0.0; 3] });
-                weights.push(if is_valid { self.block_weight(corner, factor, count) } else { 0.0 });
+                let mask = self.mask.as_deref();
+                let block = light.reduce_block(mask, corner, factor);
+                let is_mixture = |bounds: &Image| PixelValues::is_mixture(bounds.reduce_block(mask, corner, factor).mean);
+                let is_valid = block.valid as f64 >= enough && !bounds.as_ref().is_some_and(is_mixture);
+                pixels.push(if is_valid { block.mean } else { [0.0; 3] });
+                weights.push(if is_valid { block.weight } else { 0.0 });
             }
         }
         let mut image = Image { width, height, pixels };
@@ -95,13 +94,6 @@ impl View {
         let mask = weights.iter().any(|weight| *weight < 1.0).then(|| Arc::new(Mask { weights }));
         let noise = self.noise.map(|model| model.averaged(factor * factor));
         Self { name: self.name.clone(), camera, image: Arc::new(image), values: self.values, noise, mask }
-    }
-
-    /// Mean weight of the `count` valid pixels of a block.
-    fn block_weight(&self, [left, top]: [usize; 2], factor: usize, count: usize) -> f32 {
-        let Some(mask) = &self.mask else { return 1.0 };
-        let rows = (top..top + factor).filter_map(|y| mask.weights.get(y * self.image.width + left..)?.get(..factor));
-        (rows.flatten().map(|weight| f64::from(*weight)).sum::<f64>() / count.max(1) as f64) as f32
     }
 }
 
@@ -194,6 +186,25 @@ mod tests {
         let reduced = full.downscaled(2, 0.5);
         assert_eq!([0, 1, 2].map(|i| reduced.is_valid(i)), [true, true, false]);
         assert_eq!(reduced.image.pixels[1], [1.0; 3]);
+    }
+
+    #[test]
+    fn a_view_is_refused_where_camera_image_and_mask_disagree() {
+        let good = view(4, 3, Some(vec![true; 12]));
+        assert_eq!(good.validate(), Ok(()));
+        let broken: [(fn(&mut View), &str); 6] = [
+            (|v| v.camera.focal_px.x = -1.0, "view ramp: camera: focal length -1 x 60 px, expected positive numbers"),
+            (|v| v.camera.distortion.k1 = 0.1, "view ramp: camera: has lens distortion; undistort its image first"),
+            (|v| v.camera.size_px = [5, 3], "view ramp: image is 4 x 3, the camera expects 5 x 3"),
+            (|v| Arc::make_mut(&mut v.image).pixels.truncate(7), "view ramp: image holds 7 pixels, its size says 12"),
+            (|v| v.mask = Some(Arc::new(Mask { weights: vec![1.0; 11] })), "view ramp: mask holds 11 pixels, the image 12"),
+            (|v| v.mask = Some(Arc::new(Mask { weights: vec![f32::NAN; 12] })), "view ramp: mask: a weight is not a number from 0 to 1"),
+        ];
+        for (break_it, message) in broken {
+            let mut view = good.clone();
+            break_it(&mut view);
+            assert_eq!(view.validate().unwrap_err().to_string(), message);
+        }
     }
 
     #[test]

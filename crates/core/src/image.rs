@@ -1,5 +1,7 @@
 //! Linear floating-point images.
 
+use crate::{Mask, mask};
+
 /// Linear RGB radiance, `[H,W,3]`, rows from the top.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Image {
@@ -45,6 +47,16 @@ impl Image {
         (if count == 0 { [0.0; 3] } else { sum.map(|s| (s / count as f64) as f32) }, count)
     }
 
+    /// Reduces the `factor` x `factor` block whose top left pixel is `corner` to one pixel: the step
+    /// of every reduction of a masked image.
+    pub fn reduce_block(&self, mask: Option<&Mask>, corner: [usize; 2], factor: usize) -> ReducedBlock {
+        let (mean, valid) = self.block_mean(corner, factor, |at| mask::is_valid(mask, at));
+        let [left, top] = corner;
+        let pixels = (top..top + factor).flat_map(|y| (left..left + factor).map(move |x| y * self.width + x));
+        let total: f64 = pixels.map(|at| f64::from(mask::weight(mask, at))).sum();
+        ReducedBlock { mean, valid, weight: (total / valid.max(1) as f64) as f32 }
+    }
+
     /// Mean of each whole `factor` x `factor` block of pixels.
     #[must_use]
     pub fn block_means(&self, factor: usize) -> Self {
@@ -59,6 +71,17 @@ impl Image {
             *value *= factor;
         }
     }
+}
+
+/// A block of pixels reduced to one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReducedBlock {
+    /// Mean of the valid pixels; of none it is black.
+    pub mean: [f32; 3],
+    /// Number of valid pixels.
+    pub valid: usize,
+    /// Mean weight of the valid pixels, 0 to 1.
+    pub weight: f32,
 }
 
 /// Luminance of the paper: R + G + B (LCD-GS eq. 4: the chromaticity sums to 1).

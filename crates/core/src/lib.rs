@@ -11,7 +11,9 @@ pub mod edit;
 pub mod engine;
 pub mod environment;
 mod image;
+pub mod least_squares;
 mod loss;
+pub mod mask;
 pub mod noise;
 mod order;
 pub mod photo;
@@ -28,16 +30,18 @@ mod ssim;
 pub mod synthetic;
 pub mod text;
 pub mod tone;
+mod view_error;
 
 pub use camera::{Camera, CameraError, Distortion, MAX_SIDE_PX};
 pub use capture::{NoiseModel, PixelValues};
 pub use color::{Activation, ColorBasis, ColorModel, DEAD_CHROMA_FLOOR, MAX_EXP_ARGUMENT, SH_OFFSET};
 pub use colorspace::{Chromaticities, ColorSpace, Conversion};
-pub use dataset::{BadPixels, Dataset, Mask, Observation, Point, View};
+pub use dataset::{BadPixels, Dataset, Observation, Point, View};
 pub use edit::{Edit, EditError, Map, MapChain, Selection};
 pub use engine::{Antialias, Cutoffs, Engine, EngineError, Layers, MAX_SAMPLES, Pass, RasterConfig, RenderOptions, StepReport};
-pub use image::{Image, luminance_rec709, luminance_sum};
+pub use image::{Image, ReducedBlock, luminance_rec709, luminance_sum};
 pub use loss::{LossConfig, SQUARED_KNEE};
+pub use mask::Mask;
 pub use order::spatial_order;
 pub use radiance_scale::{RadianceScale, RadianceScaleError};
 pub use real::Real;
@@ -47,6 +51,7 @@ pub use scene::{Scene, Snapshot};
 pub use similarity::{BandRotation, Similarity};
 pub use splats::{Moments, Splat, Splats, SplatsError, logit, sigmoid};
 pub use ssim::{SSIM_C1, SSIM_C2, SSIM_RADIUS, SSIM_SIGMA_PX, SSIM_TAPS, ssim_window};
+pub use view_error::ViewError;
 
 /// The example of the crate's README, compiled as a doc test.
 #[cfg(doctest)]

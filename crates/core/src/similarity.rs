@@ -9,7 +9,7 @@
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
 use crate::sh::{self, MAX_COEFFICIENTS};
-use crate::{Camera, Splats};
+use crate::{Camera, Splats, least_squares};
 
 /// p' = scale rotation p + translation.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -143,25 +143,13 @@ impl BandRotation {
     }
 }
 
-/// (B^T B)^-1 B^T C of the basis values B at the directions and C at the turned back ones, by Gauss-Jordan elimination; B^T B is nearly a
-/// multiple of the identity, as the directions are nearly even, and needs no pivoting.
+/// Returns (B^T B)^-1 B^T C of the basis values B at the directions and C at those turned back.
 fn fit_band(band: usize, pairs: &[[[f64; MAX_COEFFICIENTS]; 2]]) -> Vec<f64> {
     let (first, size) = (sh::coefficients(band - 1), 2 * band + 1);
     let sum = |i: usize, j: usize, of: usize| pairs.iter().map(|pair| pair[0][first + i] * pair[of][first + j]).sum::<f64>();
     // Rows of [B^T B | B^T C].
     let row = |i: usize| (0..size).map(|j| sum(i, j, 0)).chain((0..size).map(|j| sum(i, j, 1))).collect();
-    let mut rows: Vec<Vec<f64>> = (0..size).map(row).collect();
-    for pivot in 0..size {
-        let inverse = 1.0 / rows[pivot][pivot];
-        rows[pivot].iter_mut().for_each(|v| *v *= inverse);
-        let pivot_row = rows[pivot].clone();
-        for (i, row) in rows.iter_mut().enumerate().filter(|(i, _)| *i != pivot) {
-            debug_assert_ne!(i, pivot);
-            let factor = row[pivot];
-            row.iter_mut().zip(&pivot_row).for_each(|(v, p)| *v -= factor * p);
-        }
-    }
-    rows.into_iter().flat_map(|row| row.into_iter().skip(size)).collect()
+    least_squares::solve((0..size).map(row).collect()).concat()
 }
 
 #[cfg(test)]

@@ -107,29 +107,8 @@ fn checked_camera(camera: &Camera, options: &RenderOptions) -> Result<ScreenCame
 
 /// Returns the camera of a view, after checking that image and mask have its size.
 fn checked_view(view: &View, step: &StepConfig) -> Result<ScreenCamera, EngineError> {
-    let camera = checked_camera(&view.camera, &step.render)?;
-    let size_px = camera.without_supersampling().size_px;
-    if [view.image.width, view.image.height] != size_px {
-        return Err(EngineError::invalid(format!(
-            "view {}: image is {} x {}, the camera expects {} x {}",
-            view.name, view.image.width, view.image.height, size_px[0], size_px[1]
-        )));
-    }
-    let pixels = size_px[0] * size_px[1];
-    if view.image.pixels.len() != pixels {
-        return Err(EngineError::invalid(format!(
-            "view {}: image holds {} pixels, its size says {pixels}",
-            view.name,
-            view.image.pixels.len()
-        )));
-    }
-    if let Some(found) = view.mask.as_ref().map(|mask| mask.weights.len()).filter(|found| *found != pixels) {
-        return Err(EngineError::invalid(format!("view {}: mask holds {found} pixels, the image {pixels}", view.name)));
-    }
-    if view.mask.as_ref().is_some_and(|mask| mask.total().is_none()) {
-        return Err(EngineError::invalid(format!("view {}: mask: a weight is not a number from 0 to 1", view.name)));
-    }
-    Ok(camera)
+    view.validate()?;
+    checked_camera(&view.camera, &step.render)
 }
 
 impl Engine for CpuEngine {

@@ -126,7 +126,7 @@ impl GpuEngine {
     /// As [`train_step`](luxel_core::Engine::train_step).
     pub fn gradients(&mut self, view: &View, step: &StepConfig) -> Result<(StepReport, Splats), EngineError> {
         self.settled()?;
-        check_view(view)?;
+        view.validate()?;
         let scratch = Scene::zeros(&self.gpu, self.scene.rows, self.scene.count, self.shard_len())?;
         let out: Vec<Buffer> = scratch.shards.into_iter().map(|shard| shard.first).collect();
         let state = self.run(&Work::Gradients { view, step, out: &out })?;
@@ -369,32 +369,6 @@ fn sizes_of(camera: &Camera, splats: usize, training: bool) -> Sizes {
 
 fn report_of(state: &State, step: u32) -> StepReport {
     StepReport { step, loss: state.loss, l1: state.l1, ssim: state.ssim, visible: state.visible, by_knots: None }
-}
-
-/// Checks that a view is what it says.
-fn check_view(view: &View) -> Result<(), EngineError> {
-    check(&view.camera)?;
-    let [width, height] = view.camera.size_px.map(|side| side as usize);
-    let (image, name) = (&view.image, &view.name);
-    if [image.width, image.height] != [width, height] {
-        return Err(EngineError::invalid(format!(
-            "view {name}: image is {} x {}, the camera expects {width} x {height}",
-            image.width, image.height
-        )));
-    }
-    let pixels = width * height;
-    if image.pixels.len() != pixels {
-        return Err(EngineError::invalid(format!("view {name}: image holds {} pixels, its size says {pixels}", image.pixels.len())));
-    }
-    let Some(mask) = &view.mask else { return Ok(()) };
-    if mask.weights.len() != pixels {
-        let found = mask.weights.len();
-        return Err(EngineError::invalid(format!("view {name}: mask holds {found} pixels, the image {pixels}")));
-    }
-    match mask.total() {
-        None => Err(EngineError::invalid(format!("view {name}: mask: a weight is not a number from 0 to 1"))),
-        Some(_) => Ok(()),
-    }
 }
 
 /// mu of the mu-law of a step's loss: the one curve this engine has.

@@ -1,6 +1,6 @@
 //! What can go wrong between a data set and a trained scene.
 
-use luxel_core::{EngineError, Remedy, SplatsError};
+use luxel_core::{EngineError, Remedy, SplatsError, ViewError};
 
 /// Why training cannot start or go on.
 #[derive(Debug, thiserror::Error)]
@@ -24,38 +24,15 @@ pub enum TrainError {
         "all training images are black, so there is no radiance to learn; check the images, or give --radiance-scale if that is intended"
     )]
     AllBlack,
-    /// An image is not of its camera's size.
-    #[error(
-        "view {view}: image is {image_width} x {image_height}, its mask has {mask} pixels, its camera expects {camera_width} x {camera_height}"
-    )]
-    ImageSize {
-        /// Name of the view.
-        view: String,
-        /// Pixels.
-        image_width: usize,
-        /// Pixels.
-        image_height: usize,
-        /// Entries of the mask, or pixels of the image where there is none.
-        mask: usize,
-        /// Pixels.
-        camera_width: u32,
-        /// Pixels.
-        camera_height: u32,
-    },
+    /// A view's camera, image and mask do not agree.
+    #[error(transparent)]
+    View(#[from] ViewError),
     /// No splat to start from.
     #[error("no splat to start from: {0}")]
     NoSplats(&'static str),
     /// The engine refused or failed.
     #[error(transparent)]
     Engine(#[from] EngineError),
-    /// A view's camera is unusable.
-    #[error("view {view}: camera: {source}")]
-    Camera {
-        /// Name of the view.
-        view: String,
-        /// What is wrong with it.
-        source: luxel_core::CameraError,
-    },
     /// Some training images are radiance, some recorded values.
     #[error(
         "view {radiance} is of radiance, view {recorded} of recorded values; train on one kind: choose by --supervision, or move the others out"

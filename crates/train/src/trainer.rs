@@ -448,23 +448,7 @@ fn check_views(dataset: &Dataset) -> Result<(), TrainError> {
     if dataset.train.is_empty() {
         return Err(TrainError::NoTrainViews);
     }
-    for view in &dataset.train {
-        view.camera.validate().map_err(|source| TrainError::Camera { view: view.name.clone(), source })?;
-        let (image, [camera_width, camera_height]) = (&view.image, view.camera.size_px);
-        let mask = view.mask.as_ref().map_or(image.pixels.len(), |mask| mask.weights.len());
-        let expected = camera_width as usize * camera_height as usize;
-        let sizes = [image.width, image.height, image.pixels.len(), mask];
-        if sizes != [camera_width as usize, camera_height as usize, expected, expected] {
-            return Err(TrainError::ImageSize {
-                view: view.name.clone(),
-                image_width: image.width,
-                image_height: image.height,
-                mask,
-                camera_width,
-                camera_height,
-            });
-        }
-    }
+    dataset.train.iter().try_for_each(View::validate)?;
     Ok(())
 }
 

@@ -9,7 +9,7 @@
 
 use super::MapChain;
 use crate::sh::{self, MAX_COEFFICIENTS};
-use crate::{SH_OFFSET, luminance_sum};
+use crate::{SH_OFFSET, least_squares, luminance_sum};
 
 /// Four for each harmonic of the highest degree.
 const DIRECTIONS: usize = 4 * MAX_COEFFICIENTS;
@@ -114,27 +114,13 @@ impl Refit {
     }
 }
 
-/// Transpose of (A^T A)^-1 A^T of the basis values A [DIRECTIONS, count], by Gauss-Jordan elimination: A^T A is nearly a multiple of the
-/// identity, as the directions are nearly even, and needs no pivoting.
+/// Returns the transpose of (A^T A)^-1 A^T of the basis values A `[DIRECTIONS, count]`.
 fn pseudo_inverse(a: &[[f64; MAX_COEFFICIENTS]], count: usize) -> Vec<[f64; MAX_COEFFICIENTS]> {
-    let mut gram = [[0f64; MAX_COEFFICIENTS]; MAX_COEFFICIENTS];
+    let gram = |i: usize| (0..count).map(move |j| a.iter().map(|y| y[i] * y[j]).sum::<f64>());
+    let identity = |i: usize| (0..count).map(move |j| if i == j { 1.0 } else { 0.0 });
     let mut inverse = [[0f64; MAX_COEFFICIENTS]; MAX_COEFFICIENTS];
-    for i in 0..count {
-        for j in 0..count {
-            gram[i][j] = a.iter().map(|y| y[i] * y[j]).sum();
-        }
-        inverse[i][i] = 1.0;
-    }
-    for pivot in 0..count {
-        let reciprocal = 1.0 / gram[pivot][pivot];
-        gram[pivot].iter_mut().for_each(|v| *v *= reciprocal);
-        inverse[pivot].iter_mut().for_each(|v| *v *= reciprocal);
-        let (pivot_gram, pivot_inverse) = (gram[pivot], inverse[pivot]);
-        for i in (0..count).filter(|i| *i != pivot) {
-            let factor = gram[i][pivot];
-            gram[i].iter_mut().zip(pivot_gram).for_each(|(v, p)| *v -= factor * p);
-            inverse[i].iter_mut().zip(pivot_inverse).for_each(|(v, p)| *v -= factor * p);
-        }
+    for (to, from) in inverse.iter_mut().zip(least_squares::solve((0..count).map(|i| gram(i).chain(identity(i)).collect()).collect())) {
+        to.iter_mut().zip(from).for_each(|(to, from)| *to = from);
     }
     let product = |y: &[f64; MAX_COEFFICIENTS]| inverse.map(|row| row.iter().zip(y).map(|(i, y)| i * y).sum());
     a.iter().map(product).collect()

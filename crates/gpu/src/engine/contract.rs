@@ -6,7 +6,7 @@ use luxel_core::edit::Contributions;
 use luxel_core::engine::{DensifyPlan, DensifyStats, Geometry, StepConfig};
 use luxel_core::{Camera, Engine, EngineError, Image, Moments, Pass, RenderOptions, Splats, StepReport, View};
 
-use super::{GpuEngine, Work, check_view};
+use super::{GpuEngine, Work};
 use crate::densify;
 use crate::device::resume;
 use crate::pending::LAG;
@@ -68,7 +68,7 @@ impl Engine for GpuEngine {
     }
 
     fn train_step(&mut self, view: &View, step: &StepConfig) -> Result<StepReport, EngineError> {
-        check_view(view)?;
+        view.validate()?;
         if let Some(report) = self.latest.filter(|_| self.diverged.is_some()) {
             return Ok(report);
         }

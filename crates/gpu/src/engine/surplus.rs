@@ -3,7 +3,7 @@
 use luxel_core::engine::StepConfig;
 use luxel_core::{EngineError, RasterConfig, RenderOptions, Splats, View};
 
-use super::{GpuEngine, Work, check_view};
+use super::{GpuEngine, Work};
 use crate::device::Buffer;
 use crate::scene::Scene;
 use crate::step::Recorder;
@@ -15,7 +15,7 @@ impl GpuEngine {
     /// # Errors
     /// As [`Self::gradients`].
     pub fn gradients_with_surplus(&mut self, view: &View, step: &StepConfig, surplus: u32) -> Result<Splats, EngineError> {
-        check_view(view)?;
+        view.validate()?;
         let step =
             &StepConfig { render: RenderOptions { raster: RasterConfig { samples: 1, ..step.render.raster }, ..step.render }, ..*step };
         let scratch = Scene::zeros(&self.gpu, self.scene.rows, self.scene.count, self.shard_len())?;

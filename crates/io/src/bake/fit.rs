@@ -8,7 +8,7 @@
 //! until it does not.
 
 use luxel_core::tone::{Tonemap, rec709_of};
-use luxel_core::{ColorBasis, ColorModel, ColorSpace, Conversion, SH_OFFSET, Scene, Splats, sh};
+use luxel_core::{ColorBasis, ColorModel, ColorSpace, Conversion, SH_OFFSET, Scene, Splats, least_squares, sh};
 
 use super::exposure::{MIDDLE_GREY, display_exposure};
 use super::{Appearance, BakeOptions, bounded};
@@ -178,34 +178,14 @@ fn low_basis(direction: [f32; 3]) -> [f32; MAX_BAKED] {
     low
 }
 
-/// Computes the transpose of (A^T A)^-1 A^T of the basis values A [DIRECTIONS, count], by
-/// Gauss-Jordan elimination: A^T A is nearly a multiple of the identity, as the directions are
-/// nearly even, and needs no pivoting.
+/// Returns the transpose of (A^T A)^-1 A^T of the basis values A `[DIRECTIONS, count]`.
 fn pseudo_inverse(directions: &[[f32; 3]], count: usize) -> Vec<[f32; MAX_BAKED]> {
     let a: Vec<[f64; MAX_BAKED]> = directions.iter().map(|v| low_basis(*v).map(f64::from)).collect();
-    let mut gram = [[0f64; MAX_BAKED]; MAX_BAKED];
-    let mut rows = vec![[0f64; DIRECTIONS]; count];
-    for i in 0..count {
-        for j in 0..count {
-            gram[i][j] = a.iter().map(|y| y[i] * y[j]).sum();
-        }
-        for (to, y) in rows[i].iter_mut().zip(&a) {
-            *to = y[i];
-        }
-    }
-    for pivot in 0..count {
-        let inverse = 1.0 / gram[pivot][pivot];
-        gram[pivot].iter_mut().for_each(|v| *v *= inverse);
-        rows[pivot].iter_mut().for_each(|v| *v *= inverse);
-        let (pivot_gram, pivot_row) = (gram[pivot], rows[pivot]);
-        for i in (0..count).filter(|i| *i != pivot) {
-            let factor = gram[i][pivot];
-            gram[i].iter_mut().zip(pivot_gram).for_each(|(v, p)| *v -= factor * p);
-            rows[i].iter_mut().zip(pivot_row).for_each(|(v, p)| *v -= factor * p);
-        }
-    }
+    let a = a.as_slice();
+    let gram = |i: usize| (0..count).map(move |j| a.iter().map(|y| y[i] * y[j]).sum::<f64>());
+    let rows = (0..count).map(|i| gram(i).chain(a.iter().map(|y| y[i])).collect()).collect();
     let mut columns = vec![[0f32; MAX_BAKED]; DIRECTIONS];
-    for (i, row) in rows.iter().enumerate() {
+    for (i, row) in least_squares::solve(rows).iter().enumerate() {
         columns.iter_mut().zip(row).for_each(|(column, v)| column[i] = *v as f32);
     }
     columns

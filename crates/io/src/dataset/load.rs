@@ -56,15 +56,15 @@ pub(super) fn load_view(frame: &SourceFrame, options: &LoadOptions) -> Result<Lo
     if let Some(opacity) = opacity {
         mask = Some(both(mask, opacity));
     }
-    let mut view = View {
+    let view = View {
         name: frame.name.clone(),
         camera: photographed.clone(),
-        image: Arc::new(Image::default()),
+        image: Arc::new(image),
         values,
         noise: frame.noise.filter(|_| values == PixelValues::Radiance),
-        mask: None,
+        mask: mask.map(Arc::new),
     };
-    resample(&mut view, image, mask, frame, options.downscale)?;
+    let view = resample(view, frame, options.downscale)?;
     Ok(LoadedView { view, photographed, bad, color_space, warnings: decoded.warnings, digest: digest.finalize() })
 }
 
@@ -95,22 +95,24 @@ fn decode(frame: &SourceFrame, bytes: &[u8], options: &LoadOptions) -> Result<(D
 
 /// Removes lens distortion and reduces, in linear light. Pixels that recorded values make together
 /// with bounds are left out.
-fn resample(view: &mut View, mut image: Image, mut mask: Option<Mask>, frame: &SourceFrame, factor: u32) -> Result<(), IoError> {
-    let is_resampled = !view.camera.distortion.is_none() || factor > 1;
-    let mut bounds = is_resampled.then(|| view.values.bounds(&image)).flatten();
+fn resample(view: View, frame: &SourceFrame, factor: u32) -> Result<View, IoError> {
+    let View { name, mut camera, image, values, mut noise, mask } = view;
+    let (mut image, mut mask) = (Arc::unwrap_or_clone(image), mask.map(Arc::unwrap_or_clone));
+    let is_resampled = !camera.distortion.is_none() || factor > 1;
+    let mut bounds = is_resampled.then(|| values.bounds(&image)).flatten();
     if is_resampled {
-        view.values.to_light(&mut image);
+        values.to_light(&mut image);
     }
-    if !view.camera.distortion.is_none() {
-        let (straight, mut seen, pinhole) = undistort(&image, mask.as_ref(), &view.camera);
+    if !camera.distortion.is_none() {
+        let (straight, mut seen, pinhole) = undistort(&image, mask.as_ref(), &camera);
         if let Some(bounds) = &mut bounds {
-            *bounds = undistort(bounds, mask.as_ref(), &view.camera).0;
+            *bounds = undistort(bounds, mask.as_ref(), &camera).0;
             leave_out_mixtures(bounds, &mut seen);
         }
-        (image, mask, view.camera) = (straight, Some(seen), pinhole);
+        (image, mask, camera) = (straight, Some(seen), pinhole);
     }
     if factor > 1 {
-        let [w, h] = view.camera.size_px;
+        let [w, h] = camera.size_px;
         if w < factor || h < factor {
             return Err(frame
                 .origin
@@ -128,15 +130,14 @@ fn resample(view: &mut View, mut image: Image, mut mask: Option<Mask>, frame: &S
             }
             None => image = downscale(&image, factor_px),
         }
-        view.camera = view.camera.downscaled(factor);
-        view.noise = view.noise.map(|model| model.averaged((factor * factor) as usize));
+        camera = camera.downscaled(factor);
+        noise = noise.map(|model| model.averaged((factor * factor) as usize));
     }
     if is_resampled {
-        view.values.from_light(&mut image);
+        values.from_light(&mut image);
     }
-    view.mask = mask.filter(|mask| mask.weights.iter().any(|weight| *weight < 1.0)).map(Arc::new);
-    view.image = Arc::new(image);
-    Ok(())
+    let mask = mask.filter(|mask| mask.weights.iter().any(|weight| *weight < 1.0)).map(Arc::new);
+    Ok(View { name, camera, image: Arc::new(image), values, noise, mask })
 }
 
 /// Takes the weight of pixels of recorded values whose resampled `bounds` show that some of what

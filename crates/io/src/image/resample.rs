@@ -2,7 +2,7 @@
 //! at +0.5.
 
 use glam::DVec2;
-use luxel_core::{Camera, Distortion, Image, Mask};
+use luxel_core::{Camera, Distortion, Image, Mask, mask};
 use rayon::prelude::*;
 
 /// Returns the area average of `factor` x `factor` blocks; incomplete blocks at the right and
@@ -26,23 +26,13 @@ pub fn downscale_masked(image: &Image, mask: &Mask, factor: usize) -> (Image, Ma
     (image, Mask { weights })
 }
 
-fn is_valid(mask: Option<&Mask>, pixel: usize) -> bool {
-    mask.is_none_or(|mask| mask.is_valid(pixel))
-}
-
-fn weight(mask: Option<&Mask>, pixel: usize) -> f32 {
-    mask.map_or(1.0, |mask| mask.weights.get(pixel).copied().unwrap_or(0.0))
-}
-
 fn reduce(image: &Image, mask: Option<&Mask>, factor: usize) -> (Image, Vec<f32>) {
     let factor = factor.max(1);
     let (width, height) = (image.width / factor, image.height / factor);
     let block = |index: usize| {
         let corner = [index % width * factor, index / width * factor];
-        let (mean, count) = image.block_mean(corner, factor, |at| is_valid(mask, at));
-        let of_row = |y: usize| (corner[0]..corner[0] + factor).map(move |x| y * image.width + x);
-        let total: f64 = (corner[1]..corner[1] + factor).flat_map(of_row).map(|at| f64::from(weight(mask, at))).sum();
-        (mean, (total / count.max(1) as f64) as f32)
+        let block = image.reduce_block(mask, corner, factor);
+        (block.mean, block.weight)
     };
     let (pixels, weights) = (0..width * height).into_par_iter().map(block).unzip();
     (Image { width, height, pixels }, weights)
@@ -152,9 +142,9 @@ fn sample(image: &Image, mask: Option<&Mask>, position: DVec2) -> Option<([f32; 
     let (mut sum, mut least) = ([0.0f64; 3], 1.0f32);
     for (dx, dy, part) in taps.into_iter().filter(|(_, _, part)| *part > 0.0) {
         let at = (top + dy) * image.width + left + dx;
-        let pixel = image.pixels.get(at).filter(|_| is_valid(mask, at))?;
+        let pixel = image.pixels.get(at).filter(|_| mask::is_valid(mask, at))?;
         sum = [0, 1, 2].map(|c| sum[c] + part * f64::from(pixel[c]));
-        least = least.min(weight(mask, at));
+        least = least.min(mask::weight(mask, at));
     }
     Some((sum.map(|s| s as f32), least))
 }

@@ -11,7 +11,7 @@ use base64::prelude::BASE64_STANDARD;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder as _};
 use luxel_core::tone::{Tonemap, display_rgb8, mu_law, rec709_of};
-use luxel_core::{ColorSpace, Image, Mask, luminance_rec709};
+use luxel_core::{ColorSpace, Image, Mask, luminance_rec709, mask};
 
 use crate::Result;
 use crate::error::Context as _;
@@ -77,7 +77,7 @@ pub(super) fn error_map(
     max_side_px: usize,
 ) -> Result<Picture> {
     let pixels = (prediction.pixels.iter().zip(&target.pixels).enumerate()).map(|(i, (&p, &t))| {
-        let valid = is_valid(mask, i);
+        let valid = mask::is_valid(mask, i);
         [if valid { mu_error(p, t, mu) } else { 0.0 }, f32::from(u8::from(valid)), 0.0]
     });
     let error = Image::from_pixels(target.width, target.height, pixels.collect()).context("prediction and target differ in size")?;
@@ -94,10 +94,6 @@ pub fn values(image: &Image, full_scale: f32, max_side_px: usize) -> Result<Pict
 /// Mean over channels of the absolute difference under the mu-law.
 pub(super) fn mu_error(prediction: [f32; 3], target: [f32; 3], mu: f32) -> f32 {
     (0..3).map(|c| (mu_law(prediction[c].max(0.0), mu) - mu_law(target[c].max(0.0), mu)).abs()).sum::<f32>() / 3.0
-}
-
-pub(super) fn is_valid(mask: Option<&Mask>, i: usize) -> bool {
-    mask.is_none_or(|mask| mask.is_valid(i))
 }
 
 /// Colour of `share` 0 to 1; outside, and for NaN, the nearer end.

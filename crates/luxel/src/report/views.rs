@@ -7,7 +7,7 @@ use luxel_core::tone::Tonemap;
 use luxel_metrics::ViewMetrics;
 
 use super::html::escape;
-use super::picture::{self, Display, Exposures, INFERNO, Picture, error_map, figure, img, is_valid, mu_error, radiance, signed};
+use super::picture::{self, Display, Exposures, INFERNO, Picture, error_map, figure, img, mu_error, radiance, signed};
 use super::{ReportInput, ReportView};
 use crate::Result;
 
@@ -96,7 +96,7 @@ fn error_scale(input: &ReportInput) -> f32 {
     let mut errors = Vec::new();
     for view in &input.views {
         let pairs = view.prediction.pixels.iter().zip(&view.target.pixels).enumerate().step_by(stride);
-        let valid = pairs.filter(|(i, _)| is_valid(view.mask.as_deref(), *i));
+        let valid = pairs.filter(|(i, _)| luxel_core::mask::is_valid(view.mask.as_deref(), *i));
         errors.extend(valid.map(|(_, (&p, &t))| mu_error(p, t, input.mu)).filter(|e| e.is_finite()));
     }
     errors.sort_by(f32::total_cmp);

@@ -1,0 +1,68 @@
+//! Why a view cannot be trained on or measured.
+
+use crate::{CameraError, EngineError};
+
+/// Explains why a view breaks its promises: an undistorted camera, and an image and a mask of its
+/// size.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum ViewError {
+    /// The camera cannot be used.
+    #[error("view {view}: camera: {source}")]
+    Camera {
+        /// Name of the view.
+        view: String,
+        /// Reason.
+        source: CameraError,
+    },
+    /// The camera has lens distortion.
+    #[error("view {view}: camera: has lens distortion; undistort its image first")]
+    Distorted {
+        /// Name of the view.
+        view: String,
+    },
+    /// The image is not of the camera's size.
+    #[error("view {view}: image is {} x {}, the camera expects {} x {}", image[0], image[1], camera[0], camera[1])]
+    ImageSize {
+        /// Name of the view.
+        view: String,
+        /// Width and height of the image, pixels.
+        image: [usize; 2],
+        /// Width and height that the camera expects, pixels.
+        camera: [usize; 2],
+    },
+    /// The image holds more or fewer pixels than its size says.
+    #[error("view {view}: image holds {found} pixels, its size says {expected}")]
+    PixelCount {
+        /// Name of the view.
+        view: String,
+        /// Pixels that it holds.
+        found: usize,
+        /// Pixels of its size.
+        expected: usize,
+    },
+    /// The mask is not of the image's size.
+    #[error("view {view}: mask holds {found} pixels, the image {expected}")]
+    MaskSize {
+        /// Name of the view.
+        view: String,
+        /// Pixels of the mask.
+        found: usize,
+        /// Pixels of the image.
+        expected: usize,
+    },
+    /// The mask holds a weight that is out of range.
+    #[error("view {view}: mask: a weight is not a number from 0 to 1")]
+    MaskWeight {
+        /// Name of the view.
+        view: String,
+    },
+}
+
+impl From<ViewError> for EngineError {
+    fn from(error: ViewError) -> Self {
+        match error {
+            ViewError::Camera { source, .. } => Self::Camera(source),
+            other => Self::invalid(other.to_string()),
+        }
+    }
+}
