@@ -2,7 +2,6 @@
 
 mod args;
 mod commands;
-mod editing;
 mod inputs;
 mod interrupt;
 mod output;

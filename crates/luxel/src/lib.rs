@@ -55,6 +55,7 @@ pub mod colormap;
 pub mod compare;
 mod dataset;
 mod device;
+pub mod edit;
 mod error;
 mod events;
 pub mod export;

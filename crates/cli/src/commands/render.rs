@@ -14,8 +14,8 @@ use luxel_io::ExrOptions;
 
 use crate::args::values::SplitArg;
 use crate::args::{DeviceArgs, EditText, LoadArgs, RenderArgs};
-use crate::editing;
 use crate::inputs::engine;
+use crate::inputs::masks;
 use crate::inputs::scene_source::{DataRequest, SceneSource};
 use crate::output::console::Console;
 
@@ -53,8 +53,8 @@ pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
     }
     let mut engine = engine::engine(&device(args))?.engine;
     if let Some(EditText(edits)) = &args.edit {
-        let shares = editing::mask_shares(edits, &source, request, engine.as_mut(), &console)?;
-        editing::apply(edits, &mut source.scene, &shares, args.sh_map.into(), &console)?;
+        let shares = masks::mask_shares(edits, &source, request, engine.as_mut(), &console)?;
+        luxel::edit::apply(edits, &mut source.scene, &shares, args.sh_map.into(), &console)?;
     }
     let background = source.background(args.background);
     let scene = &source.scene;

@@ -2,4 +2,5 @@
 
 pub(crate) mod data;
 pub(crate) mod engine;
+pub(crate) mod masks;
 pub(crate) mod scene_source;

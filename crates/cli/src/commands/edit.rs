@@ -1,0 +1,196 @@
+//! `luxel edit`: a scene with other light, a report of what would change, or a comparison of two
+//! scenes under the same edit.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use luxel::edit::{
+    self, Against, AppliedEdit, EditFidelity, FULL_SCALE_ERROR, Overlay, compare_edits, find_view, mask_names, project_masks,
+};
+use luxel::run::ExplicitArgs;
+use luxel::{files, text};
+use luxel_core::edit::{Fidelity, MaskShares};
+use luxel_core::{Dataset, Scene, Selection, View};
+
+use crate::args::{EditArgs, LoadArgs};
+use crate::commands::info::{PERCENTILES, quantiles};
+use crate::inputs::scene_source::{DataRequest, SceneSource};
+use crate::inputs::{engine, masks};
+use crate::output::console::Console;
+use crate::output::tree::Tree;
+
+/// Runs the command; `explicit` names the options that were given.
+pub(crate) fn run(args: &EditArgs, explicit: &ExplicitArgs) -> Result<()> {
+    let console = Console::new(args.console.log_format, args.console.quiet);
+    let request = DataRequest { data: args.data.as_deref(), load: &args.load, explicit };
+    let edits = &args.edits.0;
+    if edits.is_empty() {
+        bail!("nothing to do: give a map such as --stops 1 or --power 0.8 (luxel edit --help lists them)");
+    }
+    let idle = edits.iter().find(|edit| edit.maps.is_empty());
+    if let (Some(edit), false) = (idle, args.dry_run) {
+        bail!("--where \"{}\" has no map behind it; add one, or --dry-run to see what it selects", edit.selection);
+    }
+    check_data(args, explicit)?;
+    if let Some(other) = &args.against {
+        return compare(args, other, request, &console);
+    }
+    let output = output(args)?;
+    if let Some(path) = &args.overlay {
+        files::check_free(path, args.overwrite)?;
+        if output.as_ref().is_some_and(|output| files::is_same(path, output)) {
+            bail!("{}: cannot be both the scene (-o) and the overlay (--overlay); give the overlay another name", path.display());
+        }
+    }
+    let source = SceneSource::open(&args.scene, &console)?;
+    let mut scene = source.scene.clone();
+    let masks = project(args, &source, request, &console)?;
+    let done = edit::apply(edits, &mut scene, &masks, args.sh_map.into(), &console)?;
+    if let Some(path) = output {
+        luxel_io::write_scene_ply(&path, &scene).context("cannot write the scene")?;
+        console.note(&format!("{}: {}", path.display(), text::plural(scene.splats.len(), "splat")));
+    }
+    // Last: a reader that leaves early costs no scene.
+    if args.json || args.dry_run {
+        let report = report(&source.scene, &done);
+        let text = if args.json { format!("{:#}", report.json()) } else { report.text().trim_end().to_owned() };
+        console.result(&report.event("report"), &text)?;
+    }
+    Ok(())
+}
+
+/// Refuses a data set, and options of reading one, that nothing would use.
+fn check_data(args: &EditArgs, explicit: &ExplicitArgs) -> Result<()> {
+    let has_masks = args.edits.0.iter().any(|edit| !edit.selection.masks().is_empty());
+    if has_masks || args.overlay.is_some() || args.against.is_some() {
+        return Ok(());
+    }
+    let why = "and without a mask, --overlay or --against none is; leave it out";
+    if args.data.is_some() {
+        bail!("--data is the data set that views are taken from, {why}");
+    }
+    LoadArgs::refuse(explicit, &[], why)
+}
+
+/// Returns the place of the edited scene; `None` for a dry run.
+fn output(args: &EditArgs) -> Result<Option<PathBuf>> {
+    let Some(path) = args.output.as_ref().filter(|_| !args.dry_run) else { return Ok(None) };
+    if path.is_dir() {
+        bail!("{}: is a folder, expected the scene file to write, such as {}", path.display(), path.join("edited.ply").display());
+    }
+    files::check_free(path, args.overwrite)?;
+    Ok(Some(path.clone()))
+}
+
+/// Projects the masks and draws the overlay: the parts that need a data set.
+fn project(args: &EditArgs, source: &SceneSource, request: DataRequest<'_>, console: &Console) -> Result<MaskShares> {
+    let edits = &args.edits.0;
+    let names = mask_names(edits);
+    let mut engine = engine::engine(&args.device)?.engine;
+    let Some(picture) = &args.overlay else {
+        return masks::mask_shares(edits, source, request, engine.as_mut(), console);
+    };
+    let Some(dataset) = source.dataset(request, console)? else {
+        bail!("{}: a scene file has no views to draw an overlay on; give --data DATASET", args.scene.display());
+    };
+    let masks = project_masks(&names, &source.scene, &dataset, engine.as_mut())?;
+    let view = match args.view.as_deref().or(names.first().map(|name| name.view.as_str())) {
+        Some(name) => find_view(&dataset, name)?,
+        None => dataset.test.first().or(dataset.train.first()).context("the data set has no views")?,
+    };
+    let weights = edit::selection_weights(edits, &source.scene, &masks, args.sh_map.into())?;
+    let overlay = Overlay { scene: &source.scene, weights: &weights, camera: &view.camera, background: source.background(None) };
+    edit::draw_overlay(picture, overlay, engine.as_mut())?;
+    console.note(&format!("{}: the selection over view {}", picture.display(), view.name));
+    Ok(masks)
+}
+
+/// Returns the facts about each edit, in the units of the data set.
+fn report(scene: &Scene, done: &[AppliedEdit]) -> Tree {
+    let mut facts = Tree::default();
+    facts.set("splats", scene.splats.len()).set("color_model", scene.splats.color_model.name());
+    let mut percentiles = Tree::default();
+    percentiles.set("at_percent", PERCENTILES.to_vec());
+    percentiles.set_f32s("luminance", &quantiles((0..scene.splats.len()).map(|i| scene.luminance(i)).collect()));
+    facts.group("percentiles", percentiles);
+    for (i, AppliedEdit { applied, selection }) in done.iter().enumerate() {
+        let mut group = Tree::default();
+        group.set("edit", applied.edit.to_string());
+        group.set("selected", selection.count).set("partly_selected", selection.partial);
+        group.set("share_of_light", selection.light_share);
+        if let Some([min, max]) = selection.bounds {
+            group.set_f32s("min", &min).set_f32s("max", &max);
+        }
+        if let Some(shift) = applied.hue_shift {
+            group.set("hue_shift", shift);
+        }
+        facts.group(&format!("edit_{}", i + 1), group);
+    }
+    facts
+}
+
+/// Compares the scene with the one at `other` under the same edits.
+fn compare(args: &EditArgs, other: &Path, request: DataRequest<'_>, console: &Console) -> Result<()> {
+    let Some(folder) = &args.output else { bail!("--against: give a folder for the comparison with -o") };
+    check_new(folder)?;
+    if let Some(edit) = args.edits.0.iter().find(|edit| edit.selection != Selection::All) {
+        bail!("--where \"{}\": an ideal edit of pixels knows no splats; compare maps of the whole scene", edit.selection);
+    }
+    let sources = [SceneSource::open(&args.scene, console)?, SceneSource::open(other, console)?];
+    let with_data = sources.iter().find(|source| source.run.is_some()).unwrap_or(&sources[0]);
+    let dataset = with_data.dataset(request, console)?.context("scene files have no views; give --data DATASET")?;
+    let views = test_views(&dataset)?;
+    let input = Against { scenes: [&sources[0].scene, &sources[1].scene], edits: &args.edits.0, views, folder };
+    let found = compare_edits(input, &args.device.options(), console)?;
+    let mut facts = Tree::default();
+    facts.set("edits", found.edits.iter().map(ToString::to_string).collect::<Vec<_>>()).set("views", views.len());
+    facts.set("error_picture_full_scale", FULL_SCALE_ERROR);
+    for row in &found.rows {
+        facts.group(&row.label, fidelity_facts(&row.fidelity));
+    }
+    files::write_json(&folder.join("comparison.json"), &facts.json())?;
+    let text = if args.json { format!("{:#}", facts.json()) } else { fidelity_table(&found.rows) };
+    console.result(&facts.event("comparison"), &text)
+}
+
+/// Refuses a folder that has content: results go to a folder of their own.
+fn check_new(folder: &Path) -> Result<()> {
+    let has_entries = || std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_some());
+    if folder.is_file() || has_entries() {
+        bail!("{}: exists already; give the name of a new folder", folder.display());
+    }
+    Ok(())
+}
+
+/// Returns the test views; without any, the training views.
+fn test_views(dataset: &Dataset) -> Result<&[View]> {
+    match (dataset.test.as_slice(), dataset.train.as_slice()) {
+        ([], []) => bail!("the data set has no views"),
+        ([], train) => Ok(train),
+        (test, _) => Ok(test),
+    }
+}
+
+fn fidelity_facts(fidelity: &Fidelity) -> Tree {
+    let mut facts = Tree::default();
+    facts.set("chromaticity_error", fidelity.chromaticity).set("chromaticity_error_p95", fidelity.chromaticity_p95);
+    facts.set("chromaticity_error_by_light", fidelity.chromaticity_by_light);
+    facts.set("luminance_error_stops", fidelity.luminance_stops).set("pixels", fidelity.pixels);
+    facts
+}
+
+fn fidelity_table(rows: &[EditFidelity]) -> String {
+    let width = rows.iter().map(|row| row.label.len()).max().unwrap_or(0).max(5);
+    let mut out = format!(
+        "chromaticity: sum of the channels' absolute differences to the ideally edited render, 0 to 2\n\
+         {:width$}  -------- chromaticity --------  luminance\n{:width$}      mean       p95  by light      stops\n",
+        "scene", ""
+    );
+    for EditFidelity { label, fidelity: f } in rows {
+        out += &format!(
+            "{label:width$}  {:8.5}  {:8.5}  {:8.5}  {:9.4}\n",
+            f.chromaticity, f.chromaticity_p95, f.chromaticity_by_light, f.luminance_stops
+        );
+    }
+    out.trim_end().to_owned()
+}
