@@ -3,7 +3,7 @@
 //!
 //! Passes are private to the engine, so a pass's time is the difference of [`Engine::timings`] over
 //! whole steps. `color` and `color_backward` run within `project` and `project_backward`; `densify`
-//! is no part of a step. Splats lie in Z-order and the target is the room before its parameters
+//! is not part of a step. Splats lie in Z-order and the target is the room before its parameters
 //! were perturbed, as `luxel bench --generate` has it; cut-offs are 3DGS's.
 //!
 //! `cargo bench -p luxel-cpu -- room_20k/lcd` measures a part; `-- --save-baseline NAME` and `--
@@ -27,11 +27,11 @@ const METHODS: [ColorModel; 2] =
     [ColorModel::Sh { degree: 3 }, ColorModel::Lcd { chroma_degree: 3, luminance_degree: 0, activation: Activation::Softplus }];
 const SIZE_PX: [u32; 2] = [400, 400];
 const SEED: u64 = 42;
-/// The passes that the engine times apart.
+/// The passes that the engine times separately.
 const PASSES: [Pass; 8] =
     [Pass::Project, Pass::Sort, Pass::Bin, Pass::Rasterize, Pass::Loss, Pass::RasterizeBackward, Pass::ProjectBackward, Pass::Adam];
 
-/// An engine with a scene, and what it is trained towards.
+/// An engine with a scene and its target.
 struct Session {
     engine: CpuEngine,
     view: View,
@@ -63,7 +63,7 @@ impl Session {
         black_box(self.engine.render(&self.view.camera, &self.render).unwrap());
     }
 
-    /// A training step at rates so small that the scene stays where it is.
+    /// A training step at rates so small that the scene does not change.
     fn step(&mut self) {
         self.step += 1;
         let rate = 1e-9;
@@ -87,7 +87,7 @@ impl Session {
         black_box(self.engine.train_step(&self.view, &config).unwrap());
     }
 
-    /// Time spent in `pass` so far.
+    /// Returns the time spent in `pass` so far.
     fn spent(&self, pass: Pass) -> Duration {
         self.engine.timings().iter().filter(|(timed, _)| *timed == pass).map(|(_, spent)| *spent).sum()
     }

@@ -1,52 +1,56 @@
-//! Which GPUs there are, what each can do, and which one is taken.
+//! The available GPUs, their capabilities, and the choice of one.
 //!
-//! `auto` and `gpu` take a real GPU, discrete before integrated before virtual; a software renderer is only ever taken by a part of its name.
+//! In: [`DeviceChoice`]. Out: adapters, best first: discrete before integrated before virtual GPUs.
+//! Degenerate: a software renderer is used only if a part of its name is given; an adapter without
+//! the required features is never used.
 
 use std::fmt;
 
-use crate::device::ready;
+use crate::block_on::block_on;
 use crate::layout::MAX_GROUPS;
 
-/// Backends this build speaks.
+/// The graphics interfaces that this build uses.
 const BACKENDS: wgpu::Backends = wgpu::Backends::VULKAN.union(wgpu::Backends::METAL).union(wgpu::Backends::DX12);
 
-/// Bytes of workgroup memory, storage buffers and threads of a workgroup that the shaders take, which is what WebGPU asks of every adapter; a test
-/// holds them to it.
+/// Bytes of workgroup memory, number of storage buffers and threads per workgroup that the shaders
+/// need. WebGPU guarantees them on every adapter; a test checks the shaders against them.
 pub(crate) const WORKGROUP_BYTES: u32 = 16_384;
 pub(crate) const STORAGE_BUFFERS: u32 = 8;
 pub(crate) const WORKGROUP_THREADS: u32 = 256;
 
-/// Bytes of a binding at most, whatever the adapter says: shaders count them in 32 bits with a sign on Vulkan and Direct3D 12, and the checks of
-/// bounds on Metal, which may say more, in 32 bits.
+/// Greatest size of a binding that is used, whatever the adapter reports, bytes: on Vulkan and
+/// Direct3D 12 shaders address bytes with signed 32-bit numbers, and Metal's bounds checks use 32
+/// bits although it may report more.
 pub(crate) const MOST_BINDING_BYTES: u64 = (1 << 31) - BUFFER_STEP;
 
 /// Sizes of buffers are multiples of this, bytes.
 pub(crate) const BUFFER_STEP: u64 = 16;
 
-/// A binding that an adapter gives, as far as it can be used: whole steps, so that a buffer which fills it is not rounded up beyond it.
+/// Returns the usable part of a binding of `bytes`: whole steps, so that a buffer of that size is
+/// not rounded up beyond it.
 pub(crate) fn usable_binding(bytes: u64) -> u64 {
     bytes.min(MOST_BINDING_BYTES) / BUFFER_STEP * BUFFER_STEP
 }
 
-/// Which GPU is wanted.
+/// The choice of a GPU.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum DeviceChoice {
-    /// The best real one.
+    /// The best real GPU.
     Best,
-    /// The best whose name contains this, upper or lower case; software renderers too.
+    /// The best GPU whose name contains this text, ignoring case; software renderers, too.
     Named(String),
 }
 
-/// What an adapter is.
+/// The kind of an adapter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum AdapterKind {
-    /// A card of its own.
+    /// A separate card.
     Discrete,
     /// Part of the processor.
     Integrated,
     /// A share of a GPU in a virtual machine.
     Virtual,
-    /// The driver does not say.
+    /// The driver does not report the kind.
     Unknown,
     /// A renderer on the processor.
     Software,
@@ -67,26 +71,26 @@ impl fmt::Display for AdapterKind {
 /// A GPU as its driver describes it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AdapterFacts {
-    /// As the driver has it.
+    /// Name, as the driver reports it.
     pub name: String,
-    /// `vulkan`, `metal`, `dx12`.
+    /// Graphics interface: `vulkan`, `metal` or `dx12`.
     pub backend: String,
     /// Driver and version.
     pub driver: String,
-    /// What it is.
+    /// Kind of the adapter.
     pub kind: AdapterKind,
-    /// Bytes of a buffer that a shader can see at once.
+    /// Greatest size of a buffer that a shader can access, bytes.
     pub binding_bytes: u64,
-    /// Threads of a subgroup, from and to.
+    /// Least and greatest number of threads in a subgroup.
     pub subgroup_size: [u32; 2],
     /// Whether passes can be timed.
     pub timestamps: bool,
-    /// What the engine needs and the adapter lacks, with what there is.
+    /// Requirements of the engine that the adapter does not meet, with the values found.
     pub lacks: Vec<String>,
 }
 
 impl AdapterFacts {
-    fn of(adapter: &wgpu::Adapter) -> Self {
+    fn new(adapter: &wgpu::Adapter) -> Self {
         let (info, limits) = (adapter.get_info(), adapter.limits());
         let mut lacks = Vec::new();
         let mut need = |what: &str, least: u64, found: u64| {
@@ -124,7 +128,7 @@ impl AdapterFacts {
         }
     }
 
-    /// Why the adapter is not taken for `choice`, for people; `None` if it may be.
+    /// Returns the reason why `choice` excludes the adapter, for display; `None` if it does not.
     pub fn reason_against(&self, choice: &DeviceChoice) -> Option<String> {
         if !self.lacks.is_empty() {
             return Some(format!("lacks {}", self.lacks.join(", ")));
@@ -138,21 +142,22 @@ impl AdapterFacts {
     }
 }
 
-/// All adapters that a driver offers, the best first.
+/// Returns all adapters that a driver offers, the best first.
 pub fn adapters() -> Vec<AdapterFacts> {
     found().into_iter().map(|(facts, _)| facts).collect()
 }
 
-/// [`adapters`], open to be taken.
+/// Returns all adapters with their facts, the best first.
 pub(crate) fn found() -> Vec<(AdapterFacts, wgpu::Adapter)> {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
     descriptor.backends = BACKENDS;
-    // Without validation layers and the check of indirect dispatches, whose numbers come from our own shaders and are folded to the limits. No
-    // shader asks for the number of workgroups, which Direct3D 12 does not tell without that check.
+    // No validation layers, and no check of indirect dispatches: their sizes come from our own
+    // shaders and are folded to the limits. No shader reads the number of workgroups, which
+    // Direct3D 12 does not provide without that check.
     descriptor.flags = wgpu::InstanceFlags::empty();
     let instance = wgpu::Instance::new(descriptor);
-    let adapters = ready(instance.enumerate_adapters(BACKENDS));
-    let mut adapters: Vec<_> = adapters.into_iter().map(|adapter| (AdapterFacts::of(&adapter), adapter)).collect();
+    let adapters = block_on(instance.enumerate_adapters(BACKENDS));
+    let mut adapters: Vec<_> = adapters.into_iter().map(|adapter| (AdapterFacts::new(&adapter), adapter)).collect();
     adapters.sort_by_key(|(facts, _)| facts.kind);
     adapters
 }

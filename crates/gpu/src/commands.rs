@@ -1,4 +1,8 @@
-//! A submission: kernels with their bindings in order, and the timestamps between passes.
+//! The commands of a submission: kernels with their bindings in order, and timestamps between
+//! passes.
+//!
+//! In: kernels and buffers. Out: an encoded submission; times of passes. Degenerate: without
+//! timestamps, passes are not timed.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -10,19 +14,19 @@ use crate::device::{Buffer, Gpu};
 use crate::kernels::{Kernel, KernelId};
 use crate::layout::MAX_GROUPS;
 
-/// Runs of one pass in a submission, at most.
+/// Greatest number of runs of passes in a submission.
 const MAX_SEGMENTS: u32 = 16;
-/// Bytes of a pair of timestamps.
+/// The size of a pair of timestamps, bytes.
 const PAIR_BYTES: u64 = 16;
 
-/// How many workgroups.
+/// The number of workgroups of a dispatch.
 #[derive(Clone, Copy)]
 pub(crate) enum Groups<'a> {
-    /// This many, in one line.
+    /// A number of workgroups along one dimension.
     Line(u64),
     /// Columns and rows.
     Grid([u32; 2]),
-    /// As the device finds at a place in a buffer.
+    /// A number that the device has written at an offset of a buffer.
     Indirect(&'a Buffer, usize),
 }
 
@@ -38,16 +42,16 @@ struct Command {
     dispatch: Dispatch,
 }
 
-/// Kernels to run, in order.
+/// The kernels to run, in order.
 #[derive(Default)]
 pub(crate) struct Commands {
     list: Vec<Command>,
-    /// Bindings that were made before, by kernel and buffers.
+    /// Cached bindings, by kernel and buffers.
     bindings: HashMap<(KernelId, Vec<u64>), wgpu::BindGroup>,
 }
 
 impl Commands {
-    /// Forgets bindings, and kernels that wait: buffers were replaced.
+    /// Drops cached bindings and waiting kernels, because buffers were replaced.
     pub(crate) fn forget(&mut self) {
         self.list.clear();
         self.bindings.clear();
@@ -73,12 +77,12 @@ impl Commands {
         self.list.push(Command { pass, kernel, bindings: bindings.clone(), dispatch });
     }
 
-    /// Number of dispatches that wait.
+    /// Returns the number of waiting dispatches.
     pub(crate) fn len(&self) -> usize {
         self.list.len()
     }
 
-    /// Writes the kernels down and forgets them; returns the pass of each pair of timestamps.
+    /// Encodes and removes the waiting kernels. Returns the pass of each pair of timestamps.
     pub(crate) fn encode(&mut self, encoder: &mut wgpu::CommandEncoder, timer: Option<&Timer>) -> Vec<Pass> {
         let mut segments = Vec::new();
         for run in self.list.chunk_by(|a, b| a.pass == b.pass) {
@@ -106,23 +110,24 @@ impl Commands {
     }
 }
 
-/// Folds a number of workgroups into rows of [`MAX_GROUPS`], as `group_index` in common.wgsl takes them; kernels pass over what is too much.
+/// Folds a number of workgroups into rows of [`MAX_GROUPS`], as `group_index` in common.wgsl
+/// expects; kernels ignore surplus workgroups.
 fn fold(groups: u64) -> [u32; 2] {
     let most = u64::from(MAX_GROUPS);
-    // Sizes of buffers bound both numbers far below 2^32.
+    // The sizes of buffers keep both numbers far below 2^32.
     [groups.min(most) as u32, groups.div_ceil(most) as u32]
 }
 
-/// Timestamps of a submission.
+/// The timestamps of a submission.
 pub(crate) struct Timer {
     queries: wgpu::QuerySet,
     resolved: Buffer,
-    /// Nanoseconds of a tick.
+    /// Nanoseconds per tick.
     period: f64,
 }
 
 impl Timer {
-    /// `None` if the adapter has no timestamps.
+    /// Makes a timer; `None` if the adapter has no timestamps.
     pub(crate) fn new(gpu: &Gpu) -> Result<Option<Self>, EngineError> {
         if !gpu.facts().timestamps {
             return Ok(None);
@@ -137,10 +142,10 @@ impl Timer {
         Ok(Some(Self { queries, resolved, period: gpu.queue.get_timestamp_period().into() }))
     }
 
-    /// Bytes of the most timestamps.
+    /// The size of the greatest number of timestamps, bytes.
     pub(crate) const BYTES: u64 = PAIR_BYTES * MAX_SEGMENTS as u64;
 
-    /// Copies the timestamps of `segments` passes to a place in `out`.
+    /// Copies the timestamps of `segments` passes to an offset of `out`.
     pub(crate) fn resolve(&self, encoder: &mut wgpu::CommandEncoder, segments: usize, out: &wgpu::Buffer, offset: u64) -> u64 {
         let bytes = PAIR_BYTES * segments as u64;
         if segments > 0 {
@@ -150,7 +155,7 @@ impl Timer {
         bytes
     }
 
-    /// Adds what the timestamps say to the passes' times.
+    /// Adds the times between the timestamps to the times of the passes.
     pub(crate) fn add(&self, segments: &[Pass], bytes: &[u8], timings: &mut [(Pass, Duration)]) {
         let ticks: Vec<u64> = bytemuck::pod_collect_to_vec(bytes);
         for (pass, pair) in segments.iter().zip(ticks.chunks_exact(2)) {

@@ -1,4 +1,6 @@
-//! Constants in front of every shader, as WGSL: core's, and those of `layout.rs`. None is written in a shader a second time.
+//! The constants in front of every shader, as WGSL.
+//!
+//! In: core's constants, and those of `layout.rs`. Out: WGSL text. No shader repeats a constant.
 
 use std::fmt::Write;
 
@@ -13,7 +15,7 @@ use crate::layout::{
     SORT_BLOCK, SORT_ENTRIES, SORT_IDENTITY, TILE_PX, Update,
 };
 
-/// Constants in front of every shader.
+/// Returns the constants in front of every shader.
 pub(crate) fn constants() -> String {
     let mut text = String::new();
     let integers = [
@@ -85,7 +87,7 @@ pub(crate) fn constants() -> String {
     text
 }
 
-/// Constants that follow from the colour model.
+/// Returns the constants that follow from the colour model.
 pub(crate) fn model_constants(model: ColorModel, update: Update) -> String {
     let rows = ParameterRows { color_model: model };
     let (luminance_degree, activation) = match model {
@@ -122,7 +124,7 @@ fn declare(text: &mut String, name: &str, kind: &str, value: &str) {
     let _ = writeln!(text, "const {name}: {kind} = {value};");
 }
 
-/// The shortest decimal that reads back as `value`.
+/// Formats the shortest decimal that reads back as `value`.
 fn number(value: f32) -> String {
     format!("{value:?}f")
 }

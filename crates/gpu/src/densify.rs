@@ -1,4 +1,7 @@
-//! Pass `densify`: hands a plan to the device, which rebuilds the scene from it. The shader is passes/densify.wgsl.
+//! Pass `densify`: uploads a plan to the device, which rebuilds the scene from it.
+//!
+//! In: scene, [`DensifyPlan`]. Out: a new scene. The shader is passes/densify.wgsl. Degenerate: a
+//! plan that does not fit the scene is an error.
 
 use luxel_core::engine::{DensifyPlan, PlanRow};
 use luxel_core::{EngineError, Pass};
@@ -7,12 +10,12 @@ use crate::commands::{Commands, Groups};
 use crate::device::Gpu;
 use crate::kernels::KernelId;
 use crate::layout::{DENSIFY_CAP, DENSIFY_SMOOTHING, DensifyUniform, PLAN_KEEP_MOMENTS, PLAN_NEW_OPACITY, PlanRowData};
-use crate::scene::{Scene, Shard};
+use crate::scene::{GpuScene, Shard};
 
 /// Rows per workgroup.
 const ROWS: u64 = 256;
 
-/// Rows of the plan as the shader reads them.
+/// Converts the rows of the plan to the shader's structure.
 fn rows(plan: &DensifyPlan, shard: &Shard) -> Vec<PlanRowData> {
     let row = |(i, row): (usize, &PlanRow)| PlanRowData {
         source: row.source,
@@ -25,9 +28,15 @@ fn rows(plan: &DensifyPlan, shard: &Shard) -> Vec<PlanRowData> {
     plan.rows.iter().enumerate().skip(shard.base).take(shard.len).map(row).collect()
 }
 
-/// The scene that `plan` makes of `old`. Statistics start anew.
-pub(crate) fn apply(gpu: &Gpu, commands: &mut Commands, old: &Scene, plan: &DensifyPlan, shard_len: usize) -> Result<Scene, EngineError> {
-    let mut scene = Scene::zeros(gpu, old.rows, plan.rows.len(), shard_len)?;
+/// Builds the scene that `plan` makes of `old`. Its statistics are zero.
+pub(crate) fn apply(
+    gpu: &Gpu,
+    commands: &mut Commands,
+    old: &GpuScene,
+    plan: &DensifyPlan,
+    shard_len: usize,
+) -> Result<GpuScene, EngineError> {
+    let mut scene = GpuScene::zeros(gpu, old.rows, plan.rows.len(), shard_len)?;
     scene.has_smoothing = old.has_smoothing || plan.smoothing.is_some();
     let cap = plan.opacity_logit_cap;
     for shard in &scene.shards {
@@ -41,7 +50,7 @@ pub(crate) fn apply(gpu: &Gpu, commands: &mut Commands, old: &Scene, plan: &Dens
                     source_base: source.base as u32,
                     source_len: source.len as u32,
                     source_stride: source.stride as u32,
-                    // The rows of the shard alone were uploaded.
+                    // Only the rows of this shard were uploaded.
                     base: 0,
                     len: shard.len as u32,
                     stride: shard.stride as u32,
@@ -67,7 +76,7 @@ pub(crate) fn apply(gpu: &Gpu, commands: &mut Commands, old: &Scene, plan: &Dens
     commands.encode(&mut encoder, None);
     let submission = gpu.queue.submit([encoder.finish()]);
     commands.forget();
-    // Both scenes are in memory until this is done.
+    // Both scenes are in memory until the device has finished.
     gpu.wait(submission)?;
     Ok(scene)
 }

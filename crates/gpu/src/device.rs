@@ -1,37 +1,25 @@
-//! An open GPU: its kernels and buffers, waiting for it, and what went wrong with it.
+//! An open GPU: its kernels and buffers, waiting for it, and its errors.
 //!
-//! Errors of the device are collected as they come in and handed out by [`Gpu::check`], with a remedy.
+//! In: [`DeviceChoice`]. Out: [`Gpu`]. Degenerate: errors of the device are collected as they
+//! occur; [`Gpu::check`] returns them with a remedy.
 
 use std::collections::HashMap;
 use std::fmt;
-use std::pin::pin;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::task::{Context, Poll, Waker};
 use std::time::Duration;
 
 use luxel_core::{EngineError, Remedy};
 
 use crate::adapter::{AdapterFacts, BUFFER_STEP, DeviceChoice, found};
+use crate::block_on::block_on;
 use crate::kernels::{Kernel, KernelId};
 
-/// How long the device may take for one submission before it is taken to hang. Drivers of desktop systems give up after a few seconds
-/// themselves; a software renderer may need minutes.
+/// Time after which a submission is considered to hang. Drivers of desktop systems give up after a
+/// few seconds; a software renderer may need minutes.
 const PATIENCE: Duration = Duration::from_secs(600);
 
-/// Result of a future of wgpu's native backends, which are ready at once or after a moment.
-pub(crate) fn ready<F: Future>(future: F) -> F::Output {
-    let mut future = pin!(future);
-    let mut context = Context::from_waker(Waker::noop());
-    loop {
-        match future.as_mut().poll(&mut context) {
-            Poll::Ready(output) => return output,
-            Poll::Pending => std::thread::yield_now(),
-        }
-    }
-}
-
-/// A device buffer with a number of its own, by which bindings are remembered.
+/// A device buffer with a unique number, by which bindings are cached.
 #[derive(Debug)]
 pub(crate) struct Buffer {
     pub(crate) id: u64,
@@ -43,11 +31,11 @@ pub struct Gpu {
     facts: AdapterFacts,
     pub(crate) device: wgpu::Device,
     pub(crate) queue: wgpu::Queue,
-    /// Bytes of a buffer that a shader may see at once.
+    /// Greatest size of a buffer that a shader can access, bytes.
     pub(crate) binding_bytes: u64,
     kernels: Mutex<HashMap<KernelId, Arc<Kernel>>>,
     next_buffer: AtomicU64,
-    /// The first error that came in, for people.
+    /// The first error that occurred.
     fault: Arc<Mutex<Option<Fault>>>,
 }
 
@@ -65,13 +53,14 @@ impl Gpu {
     /// Opens the best adapter that `choice` allows.
     ///
     /// # Errors
-    /// [`EngineError::Device`] that lists what was found and why it was not taken, or what its driver says.
+    /// [`EngineError::Device`] that lists the GPUs that were found with the reasons against them,
+    /// or has the driver's message.
     pub fn open(choice: &DeviceChoice) -> Result<Arc<Self>, EngineError> {
         let mut refused = Vec::new();
         for (facts, adapter) in found() {
             match facts.reason_against(choice) {
                 Some(reason) => refused.push(format!("{} ({}): {reason}", facts.name, facts.backend)),
-                None => return Self::of(facts, &adapter),
+                None => return Self::open_adapter(facts, &adapter),
             }
         }
         let wanted = match choice {
@@ -86,17 +75,17 @@ impl Gpu {
         Err(EngineError::device(format!("gpu: {wanted} can be used: {list}")).with_remedy(use_cpu()))
     }
 
-    fn of(facts: AdapterFacts, adapter: &wgpu::Adapter) -> Result<Arc<Self>, EngineError> {
+    fn open_adapter(facts: AdapterFacts, adapter: &wgpu::Adapter) -> Result<Arc<Self>, EngineError> {
         let timestamps = if facts.timestamps { wgpu::Features::TIMESTAMP_QUERY } else { wgpu::Features::empty() };
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("luxel"),
             required_features: timestamps,
-            // All that the adapter has: large scenes need large buffers.
+            // All limits of the adapter: large scenes need large buffers.
             required_limits: adapter.limits(),
             memory_hints: wgpu::MemoryHints::Performance,
             ..Default::default()
         };
-        let (device, queue) = ready(adapter.request_device(&descriptor)).map_err(|error| {
+        let (device, queue) = block_on(adapter.request_device(&descriptor)).map_err(|error| {
             let reason = error.to_string();
             let reason = reason.trim_end_matches('.');
             EngineError::device(format!("gpu: {}: cannot be opened: {reason}", facts.name))
@@ -117,17 +106,17 @@ impl Gpu {
         Ok(Arc::new(Self { facts, device, queue, binding_bytes, kernels: Mutex::default(), next_buffer, fault }))
     }
 
-    /// What the adapter is.
+    /// Returns the facts about the adapter.
     pub fn facts(&self) -> &AdapterFacts {
         &self.facts
     }
 
-    /// Gives the device up for good, as a driver does that fails. For tests.
+    /// Destroys the device, as if its driver had failed. For tests.
     pub fn lose(&self) {
         self.device.destroy();
     }
 
-    /// An error, if the device has had one.
+    /// Returns the first error of the device, if there was one.
     pub(crate) fn check(&self) -> Result<(), EngineError> {
         match locked(&self.fault).as_ref() {
             None => Ok(()),
@@ -135,22 +124,22 @@ impl Gpu {
         }
     }
 
-    /// A kernel, compiled if it has not been.
+    /// Returns a kernel, and compiles it at first use.
     pub(crate) fn kernel(&self, id: KernelId) -> Arc<Kernel> {
         let mut kernels = locked(&self.kernels);
         Arc::clone(kernels.entry(id).or_insert_with(|| Arc::new(Kernel::compile(&self.device, id))))
     }
 
-    /// A buffer of at least `bytes`.
+    /// Makes a buffer of at least `bytes`.
     pub(crate) fn buffer(&self, label: &'static str, bytes: u64, usage: wgpu::BufferUsages) -> Result<Buffer, EngineError> {
-        // Never empty, nor smaller than any structure in it: bindings must not be.
+        // Never empty or smaller than a structure in it: bindings must not be.
         let size = bytes.max(256).next_multiple_of(BUFFER_STEP);
         if usage.contains(wgpu::BufferUsages::STORAGE) && size > self.binding_bytes {
             return Err(self.too_large(label, size));
         }
         let scope = self.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
         let raw = self.device.create_buffer(&wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false });
-        if ready(scope.pop()).is_some() {
+        if block_on(scope.pop()).is_some() {
             let message = format!("gpu: {}: out of memory: buffer {label} needs {}", self.facts.name, megabytes(size));
             return Err(EngineError::device(message).with_remedy(use_less_memory()));
         }
@@ -164,12 +153,12 @@ impl Gpu {
         EngineError::device(message).with_remedy(render_less().or(use_cpu()))
     }
 
-    /// A storage buffer that can be copied from and to.
+    /// Makes a storage buffer that can be copied from and to.
     pub(crate) fn storage(&self, label: &'static str, bytes: u64) -> Result<Buffer, EngineError> {
         self.buffer(label, bytes, wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC)
     }
 
-    /// A uniform buffer that holds `value`.
+    /// Makes a uniform buffer that holds `value`.
     pub(crate) fn uniform<T: bytemuck::Pod>(&self, label: &'static str, value: &T) -> Result<Buffer, EngineError> {
         let buffer = self.buffer(label, size_of::<T>() as u64, wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST)?;
         self.queue.write_buffer(&buffer.raw, 0, bytemuck::bytes_of(value));
@@ -181,7 +170,7 @@ impl Gpu {
         self.wait_until(Some(submission))
     }
 
-    /// Waits until all that was handed in is done: what nobody holds any more is then free.
+    /// Waits until all submissions are done, which frees unused buffers.
     pub(crate) fn wait_for_all(&self) -> Result<(), EngineError> {
         self.wait_until(None)
     }
@@ -200,14 +189,14 @@ impl Gpu {
         }
     }
 
-    /// Lets callbacks of what is done run, without waiting.
+    /// Runs the callbacks of finished work, without waiting.
     pub(crate) fn poll(&self) -> Result<(), EngineError> {
-        // What a poll finds out about a lost device comes by its callback.
+        // A lost device is reported by its callback.
         let _ = self.device.poll(wgpu::PollType::Poll);
         self.check()
     }
 
-    /// The whole contents of a buffer's first `bytes`.
+    /// Reads the first `bytes` of a buffer.
     pub(crate) fn read(&self, buffer: &Buffer, bytes: u64) -> Result<Vec<u8>, EngineError> {
         if bytes == 0 {
             return Ok(Vec::new());
@@ -225,7 +214,7 @@ impl Gpu {
     }
 }
 
-/// Contents of a buffer that was mapped for reading; unmaps it.
+/// Returns the contents of a buffer that was mapped for reading, and unmaps it.
 pub(crate) fn mapped(buffer: &wgpu::Buffer, gpu: &Gpu) -> Result<Vec<u8>, EngineError> {
     let view = buffer
         .slice(..)
@@ -251,7 +240,7 @@ fn describe(error: &wgpu::Error) -> Fault {
     }
 }
 
-/// A failure of the device, reported by a callback and kept until somebody asks.
+/// A failure of the device, reported by a callback and kept until [`Gpu::check`].
 #[derive(Debug)]
 struct Fault {
     message: String,
@@ -285,7 +274,7 @@ fn one_line(text: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// `128 MiB`.
+/// Formats a number of bytes, as in `128 MiB`.
 fn megabytes(bytes: u64) -> String {
     format!("{} MiB", bytes.div_ceil(1 << 20))
 }

@@ -1,7 +1,10 @@
-//! Buffers of a step, kept between steps and grown when a step needs more.
+//! The buffers of a step, kept between steps and enlarged when a step needs more.
 //!
-//! Sizes follow from splats, pixels and entries (pairs of a splat and a tile). The number of entries is the device's to find: buffers have a
-//! capacity, and a step that needs more changes nothing and says so (see `engine.rs`).
+//! In: [`Sizes`]. Out: [`StepBuffers`].
+//!
+//! Sizes follow from splats, pixels and entries (pairs of a splat and a tile). The device finds the
+//! number of entries: buffers have a capacity, and a step that needs more changes nothing and
+//! reports it (see `engine.rs`).
 
 use luxel_core::EngineError;
 use wgpu::BufferUsages;
@@ -12,34 +15,35 @@ use crate::layout::{
     ENTRY_GRADIENT_BYTES, Footprint, LossUniform, OptimizerUniform, SORT_BLOCK, SORT_ENTRIES, SORT_IDENTITY, SortUniform, State,
 };
 
-/// Digits of a tile's number, at most: 2^27 tiles.
+/// Greatest number of digits in a tile's number: 2^27 tiles.
 const TILE_DIGITS: u32 = 3;
-/// Entries that there is room for at first.
+/// Initial capacity for entries.
 const FIRST_ENTRIES: u64 = 1 << 16;
-/// Entries of a splat that are expected.
+/// Expected number of entries per splat.
 const EXPECTED_TILES: u64 = 6;
 
-/// What buffers have to hold.
+/// The sizes that buffers must hold.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Sizes {
     pub(crate) splats: u64,
     pub(crate) tiles: u64,
     pub(crate) pixels: u64,
     pub(crate) entries: u64,
-    /// Tiles and pixels of frames with a backward pass, which wants more of each than an image does; 0 without one.
+    /// Tiles and pixels of frames with a backward pass, which needs more memory for each than an
+    /// image does; 0 without one.
     pub(crate) training_tiles: u64,
     pub(crate) training_pixels: u64,
 }
 
-/// All buffers of a step but the scene and the target.
-pub(crate) struct Frame {
+/// All buffers of a step except the scene and the target.
+pub(crate) struct StepBuffers {
     pub(crate) sizes: Sizes,
     pub(crate) camera: Buffer,
     pub(crate) loss: Buffer,
     pub(crate) optimizer: Buffer,
     pub(crate) state: Buffer,
     pub(crate) dispatches: Buffer,
-    /// A digit each.
+    /// Uniforms, one for each digit.
     pub(crate) depth_sorts: Vec<Buffer>,
     pub(crate) tile_sorts: Vec<Buffer>,
     pub(crate) digit_totals: Buffer,
@@ -49,7 +53,7 @@ pub(crate) struct Frame {
     pub(crate) digit_counts: Buffer,
 }
 
-/// By splat.
+/// Buffers with elements for each splat.
 pub(crate) struct SplatBuffers {
     pub(crate) footprints: Buffer,
     pub(crate) depth_keys: [Buffer; 2],
@@ -58,7 +62,7 @@ pub(crate) struct SplatBuffers {
     pub(crate) block_sums: Buffer,
 }
 
-/// By entry, and by bucket of entries.
+/// Buffers with elements for each entry or bucket of entries.
 pub(crate) struct EntryBuffers {
     pub(crate) tiles: [Buffer; 2],
     pub(crate) order: [Buffer; 2],
@@ -68,7 +72,7 @@ pub(crate) struct EntryBuffers {
     pub(crate) bucket_pixels: Buffer,
 }
 
-/// By pixel, and by tile of pixels.
+/// Buffers with elements for each pixel or tile.
 pub(crate) struct PixelBuffers {
     pub(crate) ranges: Buffer,
     pub(crate) image: Buffer,
@@ -78,12 +82,13 @@ pub(crate) struct PixelBuffers {
     pub(crate) group_sums: Buffer,
 }
 
-/// Slots of buckets: each tile's last may be in part empty, and that of the tile behind the last (see bin.wgsl).
+/// Returns the number of slots for buckets: the last bucket of each tile may be partly empty,
+/// including that of the tile behind the last (see bin.wgsl).
 fn slots(entries: u64, tiles: u64) -> u64 {
     entries / u64::from(BUCKET) + tiles + 1
 }
 
-/// Entries that bindings of `bytes` can hold.
+/// Returns how many entries bindings of `bytes` can hold.
 pub(crate) fn most_entries(bytes: u64, training_tiles: u64) -> u64 {
     let by_order = bytes / 4;
     if training_tiles == 0 {
@@ -94,7 +99,7 @@ pub(crate) fn most_entries(bytes: u64, training_tiles: u64) -> u64 {
     by_order.min(by_gradients).min(slots * u64::from(BUCKET))
 }
 
-/// Entries to begin with.
+/// Returns the number of entries to begin with.
 pub(crate) fn expected_entries(splats: u64) -> u64 {
     (splats * EXPECTED_TILES).max(FIRST_ENTRIES)
 }
@@ -146,8 +151,8 @@ fn digit_counts(gpu: &Gpu, sizes: Sizes) -> Result<Buffer, EngineError> {
     gpu.storage("digit counts", 4 * u64::from(DIGITS) * blocks)
 }
 
-impl Frame {
-    /// Buffers for nothing yet.
+impl StepBuffers {
+    /// Makes buffers of the least sizes.
     pub(crate) fn new(gpu: &Gpu) -> Result<Self, EngineError> {
         let sizes = Sizes::default();
         let uniform = |label, bytes| gpu.buffer(label, bytes as u64, BufferUsages::UNIFORM | BufferUsages::COPY_DST);
@@ -177,26 +182,27 @@ impl Frame {
         })
     }
 
-    /// Sizes of buffers that are as large as they are and as `wanted`, with at most `most_entries` entries.
+    /// Returns sizes that are at least the present ones and at least `wanted`, with at most
+    /// `most_entries` entries.
     pub(crate) fn grown(&self, wanted: Sizes, most_entries: u64) -> Sizes {
         let have = self.sizes;
         Sizes {
             splats: have.splats.max(wanted.splats),
             tiles: have.tiles.max(wanted.tiles),
             pixels: have.pixels.max(wanted.pixels),
-            // What a render was given may be more than training has room for.
+            // A render may have used more than training has room for.
             entries: have.entries.max(wanted.entries).min(most_entries.max(1)),
             training_tiles: have.training_tiles.max(wanted.training_tiles),
             training_pixels: have.training_pixels.max(wanted.training_pixels),
         }
     }
 
-    /// Makes buffers of the [`Self::grown`] `sizes`. The old ones go before the new ones come, as far as nobody else holds them; what the device is at work
-    /// on it keeps until it is done.
+    /// Makes buffers of the [`Self::grown`] `sizes`. The old ones are freed first, unless bindings
+    /// refer to them or the device still uses them.
     pub(crate) fn grow(&mut self, gpu: &Gpu, sizes: Sizes) -> Result<(), EngineError> {
         let have = self.sizes;
         let grown = |pick: fn(Sizes) -> u64| pick(sizes) != pick(have);
-        // Where there is too little memory, sizes say what is there.
+        // If there is too little memory, the sizes still describe the existing buffers.
         if grown(|s| s.splats) {
             self.sizes.splats = 0;
             self.splats = SplatBuffers::new(gpu, Sizes::default())?;
@@ -217,7 +223,7 @@ impl Frame {
         Ok(())
     }
 
-    /// Tells the sort by depth how many splats there are.
+    /// Sets the number of splats for the sort by depth.
     pub(crate) fn set_count(&self, gpu: &Gpu, count: u32) {
         for sort in &self.depth_sorts {
             gpu.queue.write_buffer(&sort.raw, std::mem::offset_of!(SortUniform, count) as u64, bytemuck::bytes_of(&count));
@@ -225,7 +231,7 @@ impl Frame {
     }
 }
 
-/// Digits that hold the tiles' numbers and one beyond.
+/// Returns the number of digits for the numbers of tiles, and one beyond.
 pub(crate) fn tile_digits(tiles: u32) -> usize {
     (32 - tiles.leading_zeros()).div_ceil(DIGIT_BITS).max(1) as usize
 }

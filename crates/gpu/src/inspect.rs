@@ -1,4 +1,6 @@
-//! What the passes up to the image left in memory: for tests that compare pass by pass.
+//! The results of the passes up to the image, for tests that compare them pass by pass.
+//!
+//! In: camera, options. Out: [`ForwardPasses`].
 
 use luxel_core::{Camera, Engine, EngineError, RenderOptions};
 
@@ -7,14 +9,15 @@ use crate::frame::tile_digits;
 use crate::layout::{DEPTH_DIGITS, Footprint, State, TILE_PX};
 use crate::screen::tiles;
 
-/// Results of the passes of a render.
+/// The results of the passes of a render.
 #[derive(Clone, Debug, Default)]
 pub struct ForwardPasses {
-    /// `project` and `color`, by splat: `None` where the splat touches no tile.
+    /// `project` and `color`, by splat: `None` if the splat touches no tile.
     pub footprints: Vec<Option<Footprint>>,
-    /// `sort` by depth: splats, those that are not seen last.
+    /// `sort` by depth: splats front to back, culled ones last.
     pub depth_order: Vec<u32>,
-    /// `bin` and `sort` by tile: each tile's splats, front to back. Rows of tiles one after the other.
+    /// `bin` and `sort` by tile: each tile's splats, front to back. Rows of tiles one after the
+    /// other.
     pub tile_splats: Vec<Vec<u32>>,
     /// Tiles across and down.
     pub tiles: [u32; 2],
@@ -26,10 +29,10 @@ impl ForwardPasses {
 }
 
 impl GpuEngine {
-    /// Renders, and reads back what each pass left.
+    /// Renders, and reads back the results of each pass.
     ///
     /// # Errors
-    /// As [`Engine::render`].
+    /// The errors of [`Engine::render`].
     pub fn forward_passes(&mut self, camera: &Camera, options: &RenderOptions) -> Result<ForwardPasses, EngineError> {
         self.render(camera, options)?;
         let (gpu, frame, count) = (self.gpu(), self.frame(), self.len() as u64);

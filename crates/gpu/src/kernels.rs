@@ -1,13 +1,17 @@
-//! The shaders: which files make up which kernel, and their pipelines, compiled when first needed and kept.
+//! The shaders: the files of each kernel, and their pipelines, which are compiled at first use and
+//! kept.
 //!
-//! A kernel is an entry point of the constants (`layout.rs`) and some of the files in `passes/`, one after the other.
+//! In: [`KernelId`]. Out: [`Kernel`].
+//!
+//! The text of a kernel is the constants (`constants.rs`) followed by some of the files in
+//! `passes/`; the kernel is one of its entry points.
 
 use luxel_core::ColorModel;
 
 use crate::constants::{constants, model_constants};
 use crate::layout::Update;
 
-/// A compute shader.
+/// The identity of a compute shader.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum KernelId {
     Project(ColorModel),
@@ -46,7 +50,7 @@ const BIN: &[&str] = &[COMMON, FOOTPRINT, file!("bin")];
 const LOSS: &[&str] = &[COMMON, file!("loss")];
 
 impl KernelId {
-    /// Entry point.
+    /// Returns the entry point.
     pub(crate) fn name(self) -> &'static str {
         match self {
             Self::Project(_) => "project",
@@ -89,7 +93,7 @@ impl KernelId {
     }
 }
 
-/// The whole text of a kernel.
+/// Returns the whole text of a kernel.
 pub(crate) fn source(kernel: KernelId) -> String {
     let mut text = constants();
     match kernel {
@@ -122,7 +126,8 @@ impl Kernel {
             module: &module,
             entry_point: Some(kernel.name()),
             compilation_options: wgpu::PipelineCompilationOptions {
-                // Every shader writes its workgroup memory before it reads it.
+                // Zeroing is not needed: every shader writes its workgroup memory before it reads
+                // it.
                 zero_initialize_workgroup_memory: false,
                 ..Default::default()
             },
@@ -141,7 +146,7 @@ mod tests {
     use super::*;
     use crate::adapter::{STORAGE_BUFFERS, WORKGROUP_BYTES, WORKGROUP_THREADS};
 
-    /// Every kernel, for every kind of colour model.
+    /// Returns every kernel, for every kind of colour model.
     fn all() -> Vec<KernelId> {
         let lcd = |chroma_degree, luminance_degree, activation| ColorModel::Lcd { chroma_degree, luminance_degree, activation };
         let mut models: Vec<ColorModel> = (0..=5).map(|degree| ColorModel::Sh { degree }).collect();
@@ -184,7 +189,7 @@ mod tests {
             let info = info.unwrap_or_else(|e| panic!("{kernel:?}: {}", e.emit_to_string(&text)));
             let index = module.entry_points.iter().position(|e| e.name == kernel.name()).unwrap_or_else(|| panic!("{kernel:?}"));
             let entry = info.get_entry_point(index);
-            // Direct3D 12 tells none of them in an indirect dispatch.
+            // Direct3D 12 provides none of them in an indirect dispatch.
             let asks_for_groups = module.entry_points[index]
                 .function
                 .arguments

@@ -1,27 +1,29 @@
-//! What host and shaders share: constants, and structures byte by byte.
+//! Constants and structures that host and shaders share.
 //!
-//! Constants of the method come from core; those of this engine stand here, once, and are put in front of every shader. Structures are
-//! compared with the shaders' by naga in this module's tests.
+//! Constants of the method come from core. Those of this engine are defined here, once, and are put
+//! in front of every shader (`constants.rs`). Structures have the shaders' layout byte by byte;
+//! this module's tests compare them by naga.
 
 use bytemuck::{Pod, Zeroable};
 
-/// Side of a tile, pixels: its pixels are a workgroup's threads.
+/// Side of a tile, pixels: each pixel of a tile is a thread of a workgroup.
 pub(crate) const TILE_PX: u32 = 16;
-/// Splats that a workgroup of the backward pass differentiates, a thread each: a subgroup on most hardware, so that its barriers cost nothing.
+/// Splats per workgroup of the backward pass, one for each thread: a subgroup on most hardware, so
+/// that its barriers cost nothing.
 pub(crate) const BUCKET: u32 = 32;
 /// Pairs that a workgroup of the sort counts and scatters.
 pub(crate) const SORT_BLOCK: u32 = 1024;
 /// Bits of a digit of the sort: three digits hold a depth, one or two a tile.
 pub(crate) const DIGIT_BITS: u32 = 9;
-/// Values of a digit.
+/// Number of values of a digit.
 pub(crate) const DIGITS: u32 = 1 << DIGIT_BITS;
-/// Digits of a depth's key.
+/// Digits in the key of a depth.
 pub(crate) const DEPTH_DIGITS: u32 = 3;
-/// Key of a splat that is not seen: behind all others.
+/// Key of a splat that is not visible: behind all others.
 pub(crate) const CULLED_KEY: u32 = (1 << (DIGIT_BITS * DEPTH_DIGITS)) - 1;
-/// Entries of a splat that one thread sums.
+/// Greatest number of entries of a splat that one thread sums.
 pub(crate) const GATHER_ALONE: u32 = 32;
-/// Workgroups along one dimension of a dispatch, at most: what every adapter allows.
+/// Greatest number of workgroups along one dimension of a dispatch that every adapter allows.
 pub(crate) const MAX_GROUPS: u32 = 65_535;
 /// Enlarges footprints against rounding, pixels.
 pub(crate) const MARGIN_PX: f32 = 0.01;
@@ -50,7 +52,7 @@ pub(crate) const PLAN_NEW_OPACITY: u32 = 2;
 pub(crate) const DENSIFY_CAP: u32 = 1;
 pub(crate) const DENSIFY_SMOOTHING: u32 = 2;
 
-/// Camera and options. Twin: `Camera` in common.wgsl.
+/// The camera with its options. Twin: `Camera` in common.wgsl.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct CameraUniform {
@@ -231,154 +233,14 @@ pub(crate) const BUCKET_PIXELS_BYTES: u64 = 16 * (TILE_PX * TILE_PX) as u64;
 /// Rows of a shard's statistics: gradient, absolute gradient, views.
 pub(crate) const STATS_ROWS: usize = 3;
 
-/// Whether the update moves parameters or shows its gradients.
+/// Whether the update moves parameters or only returns their gradients.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Update {
     /// Adam.
     Parameters,
-    /// Gradients in place of the first moments.
+    /// Gradients are stored in place of the first moments.
     OnlyGradients,
 }
 
 #[cfg(test)]
-mod tests {
-    use luxel_core::ColorModel;
-
-    use super::*;
-    use crate::kernels::{KernelId, source};
-
-    /// A structure's name, size, and its fields' names and offsets as the shader has them.
-    fn shader_struct(kernel: KernelId, name: &str) -> (u32, Vec<(String, u32)>) {
-        let module = naga::front::wgsl::parse_str(&source(kernel)).unwrap();
-        module
-            .types
-            .iter()
-            .find_map(|(_, ty)| match &ty.inner {
-                naga::TypeInner::Struct { members, span } if ty.name.as_deref() == Some(name) => {
-                    Some((*span, members.iter().map(|m| (m.name.clone().unwrap(), m.offset)).collect()))
-                }
-                _ => None,
-            })
-            .unwrap_or_else(|| panic!("{kernel:?} has no struct {name}"))
-    }
-
-    macro_rules! check {
-        ($kernel:expr, $name:literal, $twin:ty, [$($field:ident),+ $(,)?]) => {{
-            let (size, fields) = shader_struct($kernel, $name);
-            assert_eq!(size as usize, size_of::<$twin>(), "size of {}", $name);
-            let expected = [$((stringify!($field).to_owned(), std::mem::offset_of!($twin, $field) as u32)),+];
-            assert_eq!(fields, expected, "fields of {}", $name);
-        }};
-    }
-
-    const MODEL: ColorModel = ColorModel::Sh { degree: 3 };
-
-    #[test]
-    fn structures_lie_in_memory_as_the_shaders_expect() {
-        let update = KernelId::ProjectBackward(MODEL, Update::Parameters);
-        check!(
-            update,
-            "Camera",
-            CameraUniform,
-            [
-                row_x,
-                row_y,
-                row_z,
-                eye,
-                background,
-                focal_px,
-                center_px,
-                slope_min,
-                slope_max,
-                size_px,
-                tiles,
-                min_alpha,
-                min_contribution,
-                alpha_floor,
-                min_transmittance,
-                max_alpha,
-                near,
-                dilation_px2,
-                active_degree,
-                flags,
-                count,
-                entry_capacity,
-                samples
-            ]
-        );
-        check!(update, "Shard", ShardUniform, [base, len, stride, padding]);
-        check!(update, "State", State, [entries, halted, needed, visible, l1, ssim, loss, padding]);
-        check!(
-            update,
-            "Optimizer",
-            OptimizerUniform,
-            [
-                position,
-                rotation,
-                log_scale,
-                opacity_logit,
-                sh_dc,
-                sh_rest,
-                luminance_dc,
-                luminance_rest,
-                root_correction_2,
-                opacity_weight,
-                scale_weight,
-                noise_scale,
-                seed_low,
-                seed_high,
-                stats,
-                padding
-            ]
-        );
-        check!(KernelId::SortCount, "Sort", SortUniform, [shift, count, flags, padding]);
-        check!(
-            KernelId::LossSsim,
-            "Loss",
-            LossUniform,
-            [
-                mu,
-                scale,
-                ssim_weight,
-                l1_weight,
-                l2_weight,
-                l1_factor,
-                l2_factor,
-                ssim_factor,
-                l1_mean,
-                ssim_mean,
-                is_masked,
-                padding,
-                target_scale
-            ]
-        );
-        let densify = KernelId::Densify(MODEL);
-        check!(densify, "Densify", DensifyUniform, [source_base, source_len, source_stride, base, len, stride, flags, opacity_logit_cap]);
-        check!(densify, "PlanRow", PlanRowData, [source, flags, opacity_logit, log_scale_shift, offset_sigma, smoothing]);
-        check!(KernelId::BinScan, "Dispatches", Dispatches, [sort, padding, buckets, padding_2]);
-        for kernel in [KernelId::BinRanges, KernelId::RasterizeBackward] {
-            check!(kernel, "Bucket", Bucket, [tile, first, len, before]);
-            let (_, fields) = shader_struct(kernel, "Buckets");
-            assert_eq!(fields.last(), Some(&("slots".to_owned(), BUCKETS_HEAD_BYTES as u32)));
-        }
-        // The shader has no arrays of three here: they would be strewn over 16 bytes a number.
-        let (size, fields) = shader_struct(KernelId::Rasterize, "Footprint");
-        assert_eq!(size as usize, size_of::<Footprint>());
-        let offset = |name: &str| fields.iter().find(|(field, _)| field == name).map(|(_, offset)| *offset as usize).unwrap();
-        for (name, expected) in [
-            ("mean_px", std::mem::offset_of!(Footprint, mean_px)),
-            ("root_x", std::mem::offset_of!(Footprint, root)),
-            ("root_xy", std::mem::offset_of!(Footprint, root) + 4),
-            ("root_y", std::mem::offset_of!(Footprint, root) + 8),
-            ("log2_opacity", std::mem::offset_of!(Footprint, log2_opacity)),
-            ("log2_threshold", std::mem::offset_of!(Footprint, log2_threshold)),
-            ("red", std::mem::offset_of!(Footprint, radiance)),
-            ("green", std::mem::offset_of!(Footprint, radiance) + 4),
-            ("blue", std::mem::offset_of!(Footprint, radiance) + 8),
-            ("extent_y_px", std::mem::offset_of!(Footprint, extent_y_px)),
-            ("right_dy_px", std::mem::offset_of!(Footprint, right_dy_px)),
-        ] {
-            assert_eq!(offset(name), expected, "{name}");
-        }
-    }
-}
+mod tests;

@@ -1,10 +1,26 @@
-//! The GPU engine: the passes as WGSL compute shaders, through wgpu on Vulkan, Metal and DirectX 12. The CPU engine is its oracle.
+//! The GPU engine: the passes as WGSL compute shaders, through wgpu on Vulkan, Metal and DirectX
+//! 12. Its results are tested against those of the CPU engine.
 //!
-//! [`adapters`] lists what there is, [`Gpu::open`] takes one of them, [`GpuEngine`] works on it. Everything from the images' upload to the update of
-//! the parameters and the application of densification plans runs on the device; a step hands back 32 bytes and its timestamps, some steps
-//! later. Sums are made in fixed orders and no two threads add to one number, so equal inputs give equal bits on one adapter.
+//! [`adapters`] lists the GPUs, [`Gpu::open`] opens one, and [`GpuEngine`] runs on it. Everything
+//! from the upload of images to the update of the parameters and the application of densification
+//! plans runs on the device; a step returns 32 bytes and its timestamps, some steps later. Sums
+//! have fixed orders, and no two threads add to the same number, so equal inputs give equal bits on
+//! one adapter.
+//!
+//! ```no_run
+//! use luxel_core::{Engine, RenderOptions, synthetic};
+//! use luxel_gpu::{DeviceChoice, Gpu, GpuEngine};
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let gpu = Gpu::open(&DeviceChoice::Best)?;
+//! let mut engine = GpuEngine::new(&gpu)?;
+//! engine.load(&synthetic::room(10_000, 1), None)?;
+//! let image = engine.render(&synthetic::room_camera([640, 480]), &RenderOptions::default())?;
+//! # Ok(())
+//! # }
+//! ```
 
 mod adapter;
+mod block_on;
 mod commands;
 mod constants;
 mod densify;

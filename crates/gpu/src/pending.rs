@@ -1,6 +1,7 @@
-//! Steps that the device has been given and the host has not yet heard of.
+//! Steps in progress: submitted to the device, but not yet reported to the host.
 //!
-//! A step's report and timestamps are copied into a buffer that is mapped when the step is done. The host hands in the next steps meanwhile.
+//! In: recorded commands. Out: reports. A step's report and timestamps are copied into a buffer
+//! that is mapped when the step is done; the host submits the next steps meanwhile.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -12,32 +13,32 @@ use crate::commands::Timer;
 use crate::device::{Buffer, Gpu, mapped};
 use crate::layout::State;
 
-/// Steps that may be on their way at a time. Each is a fraction of a millisecond or more; two would do to keep the device busy.
+/// Greatest number of steps in progress. Two would be enough to keep the device busy.
 pub(crate) const LAG: usize = 3;
 
-/// A step on its way.
+/// A step in progress.
 pub(crate) struct Pending {
     pub(crate) view: View,
     pub(crate) step: StepConfig,
     pub(crate) report: Report,
 }
 
-/// A report on its way.
+/// The report of a step in progress.
 pub(crate) struct Report {
     slot: Slot,
     submission: wgpu::SubmissionIndex,
     segments: Vec<Pass>,
-    /// Bytes that were copied.
+    /// Bytes that the host will read.
     pub(crate) bytes: u64,
 }
 
-/// A buffer that reports are read from.
+/// A buffer from which a report is read.
 pub(crate) struct Slot {
     buffer: Buffer,
     is_mapped: Arc<AtomicBool>,
 }
 
-/// Bytes of a [`State`].
+/// The size of a [`State`], bytes.
 const STATE_BYTES: u64 = size_of::<State>() as u64;
 
 /// Buffers for reports, used in turn.
@@ -47,7 +48,7 @@ pub(crate) struct Slots {
 }
 
 impl Slots {
-    /// A free one.
+    /// Takes a free buffer, or makes one.
     pub(crate) fn take(&mut self, gpu: &Gpu) -> Result<Slot, EngineError> {
         if let Some(slot) = self.free.pop() {
             return Ok(slot);
@@ -63,13 +64,14 @@ impl Slots {
 }
 
 impl Slot {
-    /// Copies state and timestamps behind the kernels in `encoder`, and hands all of it in.
+    /// Appends copies of state and timestamps to `encoder`, and submits it.
     pub(crate) fn submit(
         self,
         gpu: &Gpu,
         mut encoder: wgpu::CommandEncoder,
         state: &Buffer,
-        (timer, segments): (Option<&Timer>, Vec<Pass>),
+        timer: Option<&Timer>,
+        segments: Vec<Pass>,
     ) -> Report {
         encoder.copy_buffer_to_buffer(&state.raw, 0, &self.buffer.raw, 0, STATE_BYTES);
         let mut bytes = STATE_BYTES;
@@ -79,7 +81,7 @@ impl Slot {
         let submission = gpu.queue.submit([encoder.finish()]);
         let is_mapped = Arc::clone(&self.is_mapped);
         self.buffer.raw.slice(..).map_async(wgpu::MapMode::Read, move |result| {
-            // An error comes up again when the buffer is read.
+            // An error appears again when the buffer is read.
             is_mapped.store(result.is_ok(), Ordering::Release);
         });
         Report { slot: self, submission, segments, bytes }
@@ -87,12 +89,12 @@ impl Slot {
 }
 
 impl Report {
-    /// Whether it is there.
+    /// Reports whether the step is done.
     pub(crate) fn is_done(&self) -> bool {
         self.slot.is_mapped.load(Ordering::Acquire)
     }
 
-    /// Waits for it; timestamps by their passes.
+    /// Waits for the step. Returns its state, and the timestamps with their passes.
     pub(crate) fn receive(self, gpu: &Gpu, slots: &mut Slots) -> Result<(State, Vec<Pass>, Vec<u8>), EngineError> {
         if !self.is_done() {
             gpu.wait(self.submission)?;

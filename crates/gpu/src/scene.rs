@@ -1,7 +1,11 @@
 //! The scene on the device: parameters, moments and statistics, in shards.
 //!
-//! A shard is a run of splats whose parameters fit into one binding, `[rows, stride]` with the rows of [`ParameterRows`]: neighbouring threads read
-//! neighbouring numbers. On adapters that bind gigabytes there is one; where a binding ends at 128 MiB, one per half a million splats.
+//! In, out: [`Splats`], [`Moments`], [`DensifyStats`].
+//!
+//! A shard is a run of splats whose parameters fit into one binding, `[rows, stride]` with the rows
+//! of [`ParameterRows`]: neighbouring threads read neighbouring numbers. Adapters with large
+//! bindings need one shard; where a binding is at most 128 MiB, a shard holds about half a million
+//! splats.
 
 use luxel_core::engine::{DensifyStats, Geometry, ParameterRows};
 use luxel_core::{ColorModel, EngineError, Moments, Remedy, Splats};
@@ -9,7 +13,7 @@ use luxel_core::{ColorModel, EngineError, Moments, Remedy, Splats};
 use crate::device::{Buffer, Gpu};
 use crate::layout::{STATS_ROWS, ShardUniform};
 
-/// Splats whose buffers are bound together.
+/// A run of splats whose buffers are bound together.
 pub(crate) struct Shard {
     pub(crate) base: usize,
     pub(crate) len: usize,
@@ -21,28 +25,28 @@ pub(crate) struct Shard {
     pub(crate) stats: Buffer,
 }
 
-/// Splats whose parameters fit into a binding.
+/// Returns how many splats' parameters fit into a binding.
 pub(crate) fn shard_len(rows: ParameterRows, binding_bytes: u64) -> usize {
     let splat_bytes = 4 * (rows.count() as u64 + 1);
     usize::try_from(binding_bytes / splat_bytes / 64 * 64).unwrap_or(usize::MAX).max(64)
 }
 
-/// All splats.
-pub(crate) struct Scene {
+/// The scene: all its splats.
+pub(crate) struct GpuScene {
     pub(crate) rows: ParameterRows,
     pub(crate) count: usize,
     pub(crate) has_smoothing: bool,
     pub(crate) shards: Vec<Shard>,
 }
 
-impl Scene {
-    /// No splats.
+impl GpuScene {
+    /// Makes a scene without splats.
     pub(crate) fn empty() -> Self {
         let rows = ParameterRows { color_model: ColorModel::Sh { degree: 0 } };
         Self { rows, count: 0, has_smoothing: false, shards: Vec::new() }
     }
 
-    /// Room for `count` splats in shards of at most `shard_len`, everything zero.
+    /// Makes a scene of `count` splats in shards of at most `shard_len`, with all values zero.
     pub(crate) fn zeros(gpu: &Gpu, rows: ParameterRows, count: usize, shard_len: usize) -> Result<Self, EngineError> {
         if count >= 1 << 31 {
             return Err(EngineError::invalid(format!("gpu: {count} splats, at most {} are supported", 1u32 << 31))
@@ -51,7 +55,7 @@ impl Scene {
         let mut shards = Vec::new();
         for base in (0..count).step_by(shard_len) {
             let len = shard_len.min(count - base);
-            // Rows begin at multiples of 256 bytes: a subgroup's loads are whole.
+            // Rows begin at multiples of 256 bytes, so that a subgroup's loads are aligned.
             let stride = len.next_multiple_of(64);
             let numbers = stride as u64 * 4;
             let uniform = ShardUniform { base: base as u32, len: len as u32, stride: stride as u32, padding: 0 };
@@ -87,7 +91,8 @@ impl Scene {
         Ok(scene)
     }
 
-    /// The parameters, or what `pick` of each shard has in their layout.
+    /// Downloads the parameters, or the buffer of each shard that `pick` chooses, which must have
+    /// their layout.
     pub(crate) fn download<'a>(&'a self, gpu: &Gpu, pick: impl Fn(usize, &'a Shard) -> &'a Buffer) -> Result<Splats, EngineError> {
         let mut splats = Moments::zeros(self.rows.color_model, self.count).first;
         for (n, shard) in self.shards.iter().enumerate() {
@@ -97,7 +102,7 @@ impl Scene {
         Ok(splats)
     }
 
-    /// The 3D filter; empty if the scene has none.
+    /// Downloads the 3D filter; empty if the scene has none.
     pub(crate) fn smoothing(&self, gpu: &Gpu) -> Result<Vec<f32>, EngineError> {
         let mut smoothing = Vec::new();
         for shard in self.shards.iter().filter(|_| self.has_smoothing) {
@@ -107,7 +112,7 @@ impl Scene {
         Ok(smoothing)
     }
 
-    /// Position, log scale and opacity alone.
+    /// Downloads position, log scale and opacity only.
     pub(crate) fn geometry(&self, gpu: &Gpu) -> Result<Geometry, EngineError> {
         let mut geometry = Geometry::default();
         for shard in &self.shards {
@@ -129,13 +134,13 @@ impl Scene {
             let row = |n: usize| &values[n * shard.stride..][..shard.len];
             stats.gradient.extend_from_slice(row(0));
             stats.abs_gradient.extend_from_slice(row(1));
-            // Numbers of views are whole and far below 2^24.
+            // Numbers of views are whole numbers far below 2^24.
             stats.views.extend(row(2).iter().map(|views| *views as u32));
         }
         Ok(stats)
     }
 
-    /// Writes statistics of as many splats as there are.
+    /// Uploads statistics, which must match the number of splats.
     pub(crate) fn set_stats(&self, gpu: &Gpu, stats: &DensifyStats) -> Result<(), EngineError> {
         for shard in &self.shards {
             let own = shard.base..shard.base + shard.len;
@@ -152,7 +157,7 @@ impl Scene {
 }
 
 impl Shard {
-    /// The shard's part of `splats` in `rows` rows.
+    /// Converts the shard's part of `splats` to `rows` rows.
     fn rows_of(&self, layout: ParameterRows, splats: &Splats, rows: usize) -> Vec<f32> {
         let mut out = vec![0.0; rows * self.stride];
         for i in 0..self.len {
@@ -174,7 +179,7 @@ impl Shard {
         out
     }
 
-    /// The reverse of [`Self::rows_of`], without the 3D filter.
+    /// The inverse of [`Self::rows_of`], without the 3D filter.
     fn store_rows(&self, layout: ParameterRows, rows: &[f32], splats: &mut Splats) {
         let (k, m) = (3 * layout.color_model.sh_coefficients(), layout.color_model.luminance_coefficients());
         for i in 0..self.len {
@@ -194,7 +199,7 @@ impl Shard {
     }
 }
 
-/// Bytes as numbers, whatever their alignment.
+/// Converts bytes of any alignment to numbers.
 pub(crate) fn floats(bytes: &[u8]) -> Vec<f32> {
     bytemuck::pod_collect_to_vec(bytes)
 }

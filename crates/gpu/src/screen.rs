@@ -1,4 +1,7 @@
-//! What the shaders need of a camera, a loss and an optimiser, worked out once per step.
+//! The uniforms of camera, loss and optimiser, computed once per step.
+//!
+//! In: camera, options, step. Out: structures that the shaders read. Degenerate: lens distortion
+//! and invalid cameras are errors.
 
 use luxel_core::engine::{ADAM_BETA1, ADAM_BETA2, JACOBIAN_MARGIN, StatsCollection, StepConfig};
 use luxel_core::{Antialias, Camera, EngineError, LossConfig, MAX_SAMPLES, RenderOptions, SQUARED_KNEE};
@@ -8,7 +11,7 @@ use crate::layout::{
     TILE_PX,
 };
 
-/// Why a frame is made: what it leaves behind.
+/// The purpose of a frame, which decides what it computes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Purpose {
     /// The image.
@@ -17,7 +20,7 @@ pub(crate) enum Purpose {
     Training(StatsCollection),
 }
 
-/// Tiles across and down.
+/// Returns the number of tiles across and down.
 pub(crate) fn tiles(size_px: [u32; 2]) -> [u32; 2] {
     size_px.map(|side| side.div_ceil(TILE_PX))
 }
@@ -30,18 +33,28 @@ pub(crate) fn check(camera: &Camera) -> Result<(), EngineError> {
     Ok(camera.validate()?)
 }
 
-/// The camera of the samples that options ask for of each pixel of `camera`.
-pub(crate) fn of_samples(camera: &Camera, options: &RenderOptions) -> (Camera, u32) {
+/// Returns the camera of the samples, and the number of samples along the side of a pixel.
+pub(crate) fn supersampled(camera: &Camera, options: &RenderOptions) -> (Camera, u32) {
     let samples = options.raster.samples.clamp(1, MAX_SAMPLES).into();
     (camera.upscaled(samples), samples)
 }
 
-/// The camera, of samples (see [`of_samples`]), and its options; `count` splats with or without a 3D filter, room for `entry_capacity` entries.
+/// The facts about the scene that shaders need.
+#[derive(Clone, Copy)]
+pub(crate) struct SceneFacts {
+    /// Number of splats.
+    pub(crate) count: u32,
+    /// Whether the scene has a 3D filter.
+    pub(crate) has_smoothing: bool,
+}
+
+/// Returns the uniform of the camera (of samples, see [`supersampled`]) with its options. The
+/// buffers have room for `entry_capacity` entries.
 pub(crate) fn camera_uniform(
     camera: &Camera,
     options: &RenderOptions,
     purpose: Purpose,
-    (count, has_smoothing): (u32, bool),
+    SceneFacts { count, has_smoothing }: SceneFacts,
     entry_capacity: u32,
 ) -> CameraUniform {
     let pose = camera.camera_from_world;
@@ -89,14 +102,14 @@ pub(crate) fn camera_uniform(
     }
 }
 
-/// The loss under the mu-law of `mu`; means are over pixels whose weights sum to `total` for L1, over all for SSIM. `size_px` is the
-/// image's.
-pub(crate) fn loss_uniform((config, mu): (&LossConfig, f32), size_px: [u32; 2], total: f64, is_masked: bool) -> LossUniform {
+/// Returns the uniform of the loss under the mu-law with parameter `mu`. L1 is averaged over pixels
+/// whose weights sum to `total`, SSIM over all pixels of the image, whose size is `size_px`.
+pub(crate) fn loss_uniform(config: &LossConfig, mu: f32, size_px: [u32; 2], total: f64, is_masked: bool) -> LossUniform {
     let log = f64::from(mu).ln_1p();
     // The derivative of the mu-law at radiance 0.
     let slope = f64::from(mu) / log;
     let (weight, squared) = (f64::from(config.ssim_weight), f64::from(config.squared_share));
-    // Of no pixel at all the mean is 0.
+    // The mean over no pixels is 0.
     let l1_mean = 1.0 / (3.0 * if total > 0.0 { total } else { 1.0 });
     let ssim_mean = 1.0 / (3.0 * f64::from(size_px[0]) * f64::from(size_px[1]));
     LossUniform {
@@ -117,7 +130,7 @@ pub(crate) fn loss_uniform((config, mu): (&LossConfig, f32), size_px: [u32; 2], 
     }
 }
 
-/// The optimiser, for `count` splats.
+/// Returns the uniform of the optimiser for `count` splats.
 pub(crate) fn optimizer_uniform(step: &StepConfig, count: usize) -> OptimizerUniform {
     let correction = |beta: f32| 1.0 / (1.0 - f64::from(beta).powi(step.step.clamp(1, i32::MAX as u32) as i32));
     let first = correction(ADAM_BETA1) as f32;

@@ -1,13 +1,15 @@
-//! Which kernels make up a frame and a step, with which buffers: the order of work, nothing else.
+//! The order of kernels in a frame and in a step, with their buffers.
+//!
+//! In: buffers, scene. Out: recorded commands.
 
 use luxel_core::Pass;
 
 use crate::commands::{Commands, Groups};
 use crate::device::{Buffer, Gpu};
-use crate::frame::{Frame, tile_digits};
+use crate::frame::{StepBuffers, tile_digits};
 use crate::kernels::KernelId;
 use crate::layout::{DEPTH_DIGITS, DIGITS, Dispatches, SORT_BLOCK, Update};
-use crate::scene::Scene;
+use crate::scene::GpuScene;
 use crate::screen::tiles;
 use crate::targets::Target;
 
@@ -18,15 +20,15 @@ const SPLATS_BACKWARD: u64 = 128;
 /// Tiles per workgroup of `bin_ranges`.
 const TILES: u64 = 64;
 
-/// What the kernels of a frame are recorded with.
+/// A recorder of the kernels of a frame.
 pub(crate) struct Recorder<'a> {
     pub(crate) gpu: &'a Gpu,
     pub(crate) commands: &'a mut Commands,
-    pub(crate) frame: &'a Frame,
-    pub(crate) scene: &'a Scene,
-    /// Of the camera: of samples, where a pixel has several.
+    pub(crate) frame: &'a StepBuffers,
+    pub(crate) scene: &'a GpuScene,
+    /// Size of the camera; with supersampling, in samples.
     pub(crate) size_px: [u32; 2],
-    /// Along a pixel's side.
+    /// Samples along the side of a pixel.
     pub(crate) samples: u32,
 }
 
@@ -35,14 +37,15 @@ impl Recorder<'_> {
         self.commands.add(self.gpu, pass, id, buffers, groups);
     }
 
-    /// Up to the image.
+    /// Records the passes up to the image.
     pub(crate) fn forward(&mut self) {
         self.project();
         self.sort_by_depth();
         self.forward_from_bin();
     }
 
-    /// Up to the image, of splats that are projected and in the order of their depths.
+    /// Records the passes up to the image, for splats that are already projected and sorted by
+    /// depth.
     pub(crate) fn forward_from_bin(&mut self) {
         self.bin();
         self.sort_by_tile();
@@ -54,7 +57,7 @@ impl Recorder<'_> {
         across * down
     }
 
-    /// Entries in the order of their tiles and depths.
+    /// Records the sort of entries by tile, which keeps the order of depths.
     fn sorted_entries(&self) -> usize {
         tile_digits(self.tile_count()) % 2
     }
@@ -75,7 +78,7 @@ impl Recorder<'_> {
         }
     }
 
-    /// One digit: from buffers number `from` to the other ones.
+    /// Records one digit of a sort: from buffers number `from` to the other buffers.
     fn sort_digit(&mut self, config: &Buffer, keys: &[Buffer; 2], values: &[Buffer; 2], from: usize, groups: Groups<'_>) {
         let (frame, to) = (self.frame, 1 - from);
         let counts = [(0, config), (1, &frame.state), (2, &keys[from]), (6, &frame.digit_counts)];
@@ -137,7 +140,7 @@ impl Recorder<'_> {
             (10, &frame.pixels.ranges),
             (11, &frame.entries.buckets),
         ];
-        // One beyond the last tile: what bin.wgsl says of rounding.
+        // One beyond the last tile: see the remark on rounding in bin.wgsl.
         self.add(Pass::Sort, KernelId::BinRanges, &ranges, Groups::Line((u64::from(self.tile_count()) + 1).div_ceil(TILES)));
     }
 
@@ -156,7 +159,7 @@ impl Recorder<'_> {
         self.add(Pass::Rasterize, KernelId::Rasterize, &buffers, Groups::Line(self.tile_count().into()));
     }
 
-    /// From the image to the entries' gradients.
+    /// Records the passes from the image to the entries' gradients.
     pub(crate) fn backward(&mut self, target: &Target) {
         self.loss(target);
         let frame = self.frame;
@@ -178,7 +181,7 @@ impl Recorder<'_> {
     fn loss(&mut self, target: &Target) {
         let frame = self.frame;
         let grid = Groups::Grid(tiles(self.size_px.map(|side| side / self.samples)));
-        // Without a mask nobody reads the binding.
+        // Without a mask the binding is not read.
         let mask = target.weights.as_deref().unwrap_or(&target.pixels);
         let inputs = [(0, &frame.camera), (1, &frame.loss), (2, &frame.pixels.image), (3, &*target.pixels), (4, mask)];
         let derivatives = (5, &frame.pixels.derivatives);
@@ -191,7 +194,7 @@ impl Recorder<'_> {
         self.add(Pass::Loss, KernelId::LossGradient, &gradient, grid);
     }
 
-    /// From the image to the splats' shares in it, under a mask.
+    /// Records the computation of each splat's contribution to the image, under a mask.
     pub(crate) fn contribute(&mut self, mask: &Buffer, out: &Buffer) {
         let frame = self.frame;
         let buffers = [
@@ -211,7 +214,8 @@ impl Recorder<'_> {
         self.add(Pass::Rasterize, KernelId::ContributeSum, &sum, Groups::Line((self.scene.count as u64).div_ceil(SPLATS)));
     }
 
-    /// From the entries' gradients to parameters and moments; or to gradients, one buffer a shard, in place of first moments.
+    /// Records the update from the entries' gradients to parameters and moments, or to gradients in
+    /// the place of first moments, one buffer per shard.
     pub(crate) fn update(&mut self, gradients: Option<&[Buffer]>) {
         let (frame, scene) = (self.frame, self.scene);
         let gather = [(0, &frame.camera), (1, &frame.state), (2, &frame.splats.places), (3, &frame.entries.gradients)];

@@ -1,7 +1,10 @@
-//! Target images on the device, kept from step to step: training goes through the same views again and again.
+//! A cache of target images on the device, because training uses the same views again and again.
 //!
-//! A view is recognised by its image's and mask's allocations, which weak references keep from being given to others. The least recently used
-//! make way when the cache is full, and all of them where anything else would not fit.
+//! In: views. Out: their images as buffers. Degenerate: if memory runs out, the cache is emptied.
+//!
+//! A view is identified by the allocations of its image and mask, which weak references keep from
+//! being reused. The least recently used images are removed when the cache is full, and all of them
+//! if other buffers would not fit.
 
 use std::sync::{Arc, Weak};
 
@@ -9,10 +12,10 @@ use luxel_core::{EngineError, Image, Mask, View};
 
 use crate::device::{Buffer, Gpu};
 
-/// Bytes of images that are kept.
+/// Capacity of the cache, bytes.
 const BUDGET_BYTES: u64 = 2 << 30;
 
-/// A view's image.
+/// The image of a view.
 pub(crate) struct Target {
     image: Weak<Image>,
     mask: Option<Weak<Mask>>,
@@ -20,13 +23,13 @@ pub(crate) struct Target {
     last_used: u64,
     /// `[H*W,3]`.
     pub(crate) pixels: Arc<Buffer>,
-    /// One number a pixel, if the view is masked.
+    /// One weight per pixel, if the view has a mask.
     pub(crate) weights: Option<Arc<Buffer>>,
     /// Sum of the weights.
     pub(crate) total: f64,
 }
 
-/// Images that are on the device.
+/// The cache of images on the device.
 #[derive(Default)]
 pub(crate) struct Targets {
     kept: Vec<Target>,
@@ -40,7 +43,7 @@ fn is_same<T>(kept: &Weak<T>, wanted: &Arc<T>) -> bool {
 }
 
 impl Targets {
-    /// The view's image, uploaded if it is not there.
+    /// Returns the image of a view, and uploads it if it is not cached.
     pub(crate) fn get(&mut self, gpu: &Gpu, view: &View) -> Result<&Target, EngineError> {
         self.clock += 1;
         let at = self.kept.iter().position(|target| {
@@ -66,7 +69,7 @@ impl Targets {
     }
 
     fn make_room(&mut self, bytes: u64) {
-        // Images that nobody has any more can't be asked for again.
+        // Images whose views no longer exist cannot be requested again.
         let before = self.kept.len();
         self.kept.retain(|target| target.image.strong_count() > 0);
         while self.kept.iter().map(|target| target.bytes).sum::<u64>() + bytes > BUDGET_BYTES {
@@ -79,24 +82,25 @@ impl Targets {
         self.dropped |= self.kept.len() < before;
     }
 
-    /// Bytes uploaded since this was asked last.
+    /// Returns the number of bytes uploaded since the last call.
     pub(crate) fn take_uploaded(&mut self) -> u64 {
         std::mem::take(&mut self.uploaded_bytes)
     }
 
-    /// Gives all images up.
+    /// Removes all images.
     pub(crate) fn clear(&mut self) {
         self.dropped |= !self.kept.is_empty();
         self.kept.clear();
     }
 
-    /// Whether images went since this was asked last: bindings that still hold them are to be forgotten.
+    /// Reports whether images were removed since the last call. Cached bindings that refer to them
+    /// must then be dropped.
     pub(crate) fn take_dropped(&mut self) -> bool {
         std::mem::take(&mut self.dropped)
     }
 }
 
-/// Room of an image and its weights.
+/// Returns the size of an image with its weights, bytes.
 fn bytes_of(view: &View) -> u64 {
     12 * view.image.pixels.len() as u64 + view.mask.as_ref().map_or(0, |mask| 4 * mask.weights.len() as u64)
 }

@@ -25,7 +25,7 @@ fn engine(threads: usize, splats: &Splats) -> CpuEngine {
     engine
 }
 
-/// A plan that keeps, drops, clones and splits.
+/// Returns a plan that keeps, removes, clones and splits splats.
 fn plan(count: u32) -> DensifyPlan {
     let mut rows = Vec::new();
     for source in 0..count {
@@ -46,7 +46,7 @@ fn plan(count: u32) -> DensifyPlan {
     DensifyPlan { rows, opacity_logit_cap: Some(1.5), smoothing: None }
 }
 
-/// Everything an engine holds, and what it reported.
+/// The complete state of an engine, and its reports.
 #[derive(Debug, PartialEq)]
 struct State {
     splats: Splats,
@@ -60,7 +60,7 @@ fn state(engine: &mut CpuEngine, reports: Vec<StepReport>) -> State {
     State { splats, moments, stats: engine.densify_stats().unwrap(), reports }
 }
 
-/// First array that differs, for people.
+/// Returns the name of the first array that differs, for display.
 fn assert_same_bits(found: &State, expected: &State, what: &str) {
     let pairs = [
         ("splats", &found.splats, &expected.splats),
@@ -112,7 +112,7 @@ fn any_number_of_threads_gives_the_same_bits() {
 fn order_of_splats_does_not_matter_to_gradients() {
     let camera = fixture::camera(83, 61);
     let mut splats = fixture::splats(LCD, 5000, &camera, 33);
-    // No two at one depth: those would be blended by their index.
+    // No two splats have the same depth: those would be ordered by their index.
     let mut rng = fixture::Rng::new(34);
     for (i, position) in splats.position.iter_mut().enumerate() {
         let px = [rng.uniform(0.0, 83.0), rng.uniform(0.0, 61.0)].map(f64::from);
@@ -154,10 +154,10 @@ fn a_saved_and_loaded_scene_trains_on_with_the_same_bits() {
     }
 }
 
-/// What an engine is asked, and its answer as text.
+/// A request to an engine, and its answer as text.
 type Question = (&'static str, fn(&mut CpuEngine, &View) -> String);
 
-/// A step that sees the 3D filter.
+/// Returns a step that uses the 3D filter.
 fn filtered(number: u32) -> StepConfig {
     StepConfig { render: fixture::options(Cutoffs::HDR, Antialias::Mip), ..step(number) }
 }
@@ -167,7 +167,7 @@ fn whoever_asks_finds_steps_done() {
     let camera = fixture::camera(47, 33);
     let mut splats = fixture::splats(LCD, 300, &camera, 51);
     splats.smoothing = fixture::smoothing(300);
-    // What comes next is of another size, and sees the scene from elsewhere.
+    // The next view has another size and another camera.
     let mut moved = fixture::camera(70, 40);
     moved.camera_from_world.translation.x += 0.3;
     let (view, next) = (fixture::view(&camera, false, 52), fixture::view(&moved, true, 53));
@@ -345,7 +345,7 @@ fn a_view_without_valid_pixels_moves_nothing() {
     let (report, gradient) = engine(1, &splats).gradients(&view, &config).unwrap();
     assert_eq!(report.l1, 0.0);
     assert!((report.ssim - 1.0).abs() < 1e-6, "{report:?}");
-    // Of SSIM's derivative at its maximum only rounding is left, and that is masked too.
+    // At SSIM's maximum its derivative is only rounding, which is masked, too.
     assert_eq!(flatten(&gradient).iter().position(|g| *g != 0.0), None);
 }
 
@@ -375,7 +375,7 @@ fn instruction_sets_agree_on_gradients() {
         let best = engine.instruction_set();
         match engine.set_instruction_set(set) {
             Ok(()) => Some(flatten(&engine.gradients(&view, &step(1)).unwrap().1)),
-            // A processor without it says so and keeps what it has.
+            // A processor without it returns an error, and the engine is unchanged.
             Err(error) => {
                 assert!(set == InstructionSet::Avx2 && error.to_string().contains(&best) && engine.instruction_set() == best, "{error}");
                 None

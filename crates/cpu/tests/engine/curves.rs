@@ -1,5 +1,5 @@
-//! Weights of pixels and the response of a camera in the loss: against the oracle, differences, and
-//! what there was before them.
+//! Weights of pixels and camera responses in the loss, compared with the oracle, with differences,
+//! and with the loss without them.
 
 use std::sync::Arc;
 
@@ -19,15 +19,15 @@ fn plain(masked: bool, seed: u64) -> Case {
     case(lcd(2, 1, Activation::Softplus), antialias, ("hdr", Cutoffs::HDR), masked, seed)
 }
 
-/// Pixels of weights 0, between and 1.
+/// Returns a mask with weights 0, 1 and between.
 fn weighted(mut case: Case, seed: u64) -> Case {
     case.view = fixture::with_weights(case.view, seed);
     case.name += " weights";
     case
 }
 
-/// A view of what a camera of another curve in each channel recorded, with saturated and black
-/// pixels among the others.
+/// Returns a view recorded by a camera with a different curve in each channel, with saturated and
+/// black pixels among the others.
 fn recorded(mut case: Case, seed: u64) -> Case {
     let knots: Knots = [0.8, 1.0, 1.3].map(|power| std::array::from_fn(|k| (0.55 * exposure_of_knot(k).powf(power / 2.2)) as f32 - 0.01));
     let response = Response { knots, exposure: [0.7, 1.1, 3.0] };
@@ -134,7 +134,7 @@ fn a_pixel_of_no_weight_may_hold_anything() {
     for (i, pixel) in image.pixels.iter_mut().enumerate().filter(|(i, _)| !case.view.is_valid(*i)) {
         *pixel = [1e6, 0.3 * i as f32, 0.0];
     }
-    // In the windows, prediction and target are equal there; what they are equal to still counts.
+    // In the windows, prediction and target are equal there, but their value still has an effect.
     let moved = Case { view: other, name: case.name.clone(), splats: case.splats.clone(), ..case };
     check(&moved, &against_oracle(&moved), ENGINE_TOLERANCE, "by the engine");
     assert_eq!(engine_gradient(&moved).0.l1, engine_gradient(&case).0.l1);
@@ -161,7 +161,7 @@ fn gradient_by_knots_is_the_same_bits_for_any_number_of_threads() {
 fn saturated_pixels_do_not_pull_what_is_brighter() {
     let mut case = recorded(plain(false, 39), 8);
     let ToneCurve::Response(response) = &mut case.loss.curve else { panic!("{}", case.name) };
-    // So long an exposure that all of the image is far beyond white, and recorded so.
+    // An exposure so long that the whole image is far beyond white, and is recorded so.
     response.exposure = [1e6; 3];
     let image = Image::filled(case.view.image.width, case.view.image.height, [1.0; 3]);
     case.view.image = Arc::new(image);

@@ -1,4 +1,4 @@
-//! Edits of light as the engine shows them, and which splats a mask means.
+//! Edits of light as the engine renders them, and the splats that a mask selects.
 
 use luxel_core::edit::{MaskShares, ShMap};
 use luxel_core::{
@@ -44,11 +44,11 @@ fn each_value(model: ColorModel, cutoffs: Cutoffs, gain: f32, check: impl Fn(f32
 
 #[test]
 fn gain_multiplies_every_pixel_on_black() {
-    // Nothing but exponents change: to the bit.
+    // Only exponents change, so the bits agree.
     for gain in [0.25, 8.0] {
         each_value(lcd(Activation::Relu), Cutoffs::PARITY, gain, |b, a| assert_eq!(a, gain * b));
     }
-    // To the rounding of the activation's inverse, and of the offset of 1/2.
+    // Up to the rounding of the activation's inverse, and of the offset of 1/2.
     for gain in [0.03, 0.7, 3.0, 100.0] {
         for model in [lcd(Activation::Softplus), lcd(Activation::Exp), lcd(Activation::Relu), ColorModel::Sh { degree: 3 }] {
             each_value(model, Cutoffs::PARITY, gain, |b, a| {
@@ -91,14 +91,14 @@ fn any_map_moves_a_pixel_along_the_colours_of_its_splats() {
     }
 }
 
-/// What splats give to an image, in f64 over all pixels.
+/// The contributions of splats to an image, in f64 over all pixels.
 struct Given {
     /// Masked, blended and unoccluded weights of every splat, and its light.
     sums: [Vec<f64>; 4],
     /// For each splat how far a pixel that is nearly decided the other way (alpha or transmittance
     /// within 1e-4 of its threshold) could move them.
     open: Vec<f64>,
-    /// Largest channel of every splat's radiance, 0 of those that are not on the screen.
+    /// Largest channel of every splat's radiance, 0 for those that are not on the screen.
     brightest: Vec<f64>,
     /// Pairs of a splat and a pixel: above the threshold, blended, and nearly decided the other
     /// way.
@@ -184,7 +184,7 @@ fn contributions_are_those_of_the_oracle() {
         ] {
             assert_eq!(found.len(), splats.len());
             for (i, (found, expected)) in found.iter().zip(expected).enumerate() {
-                // How much a unit of weight is.
+                // The light of a unit of weight.
                 let unit = if name == "light" { brightest[i] } else { 1.0 };
                 let tolerance = 1e-4 * expected + (1e-5 + open[i]) * unit;
                 assert!((f64::from(*found) - expected).abs() <= tolerance, "{label}: {name} of splat {i} is {found}, expected {expected}");
@@ -196,8 +196,8 @@ fn contributions_are_those_of_the_oracle() {
             counted.touched.is_multiple_of(16) && counted.touched + undecided >= touched,
             "{label}: {counted:?}, above the threshold {touched}"
         );
-        // The test means something: few pixels are open, and of the splats some are seen, some
-        // hidden, some not there.
+        // The scene has all cases: few pixels are undecided; some splats are visible, some hidden,
+        // some off the screen.
         assert!(open.iter().sum::<f64>() < 0.01 * expected[1].iter().sum::<f64>(), "{label}");
         let hidden = (0..splats.len()).filter(|i| expected[1][*i] < 0.05 * expected[2][*i]).count();
         let absent = expected[2].iter().filter(|sum| **sum == 0.0).count();

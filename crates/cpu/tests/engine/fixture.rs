@@ -19,13 +19,13 @@ impl Rng {
     pub fn new(seed: u64) -> Self {
         Self { seed, index: 0 }
     }
-    /// Standard normal.
+    /// Returns a standard normal number.
     pub fn normal(&mut self) -> f32 {
         self.index += 1;
         noise::standard_normal(self.seed, self.index)[0]
     }
-    /// Uniform in `low..high`: the normal's distribution function, approximated by a logistic, is
-    /// uniform enough for a scene.
+    /// Returns a number uniform in `low..high`: the normal's distribution function, approximated by
+    /// a logistic, is uniform enough for a scene.
     pub fn uniform(&mut self, low: f32, high: f32) -> f32 {
         low + (high - low) / (1.0 + (-1.702 * self.normal()).exp())
     }
@@ -34,7 +34,7 @@ impl Rng {
     }
 }
 
-/// A camera that looks askew, with unequal focal lengths and its centre off the image's.
+/// Returns a tilted camera with unequal focal lengths, whose centre is not the image's.
 pub fn camera(width: u32, height: u32) -> Camera {
     let rotation = DQuat::from_euler(glam::EulerRot::XYZ, 0.3, -0.4, 0.2);
     let eye = DVec3::new(0.7, -0.4, -1.1);
@@ -47,13 +47,13 @@ pub fn camera(width: u32, height: u32) -> Camera {
     }
 }
 
-/// World position of a point in pixels and depth.
+/// Returns the world position of a point given in pixels and depth.
 pub fn unproject(camera: &Camera, px: [f64; 2], depth: f64) -> [f32; 3] {
     let at = DVec3::new((px[0] - camera.center_px.x) / camera.focal_px.x, (px[1] - camera.center_px.y) / camera.focal_px.y, 1.0) * depth;
     camera.camera_from_world.inverse().transform_point3(at).as_vec3().to_array()
 }
 
-/// Coefficients of a splat with random harmonics around `rgb`.
+/// Returns the coefficients of a splat with random harmonics around `rgb`.
 fn color(model: ColorModel, rgb: [f32; 3], variation: f32, rng: &mut Rng) -> (Vec<f32>, Vec<f32>) {
     let (dc, raw) = model.constant(rgb);
     let mut harmonics = dc.to_vec();
@@ -67,8 +67,8 @@ fn color(model: ColorModel, rgb: [f32; 3], variation: f32, rng: &mut Rng) -> (Ve
     (harmonics, luminance)
 }
 
-/// `count` splats before `camera`: depths 2 to 6, a few pixels across, brightness over four
-/// decades.
+/// Returns `count` splats in front of `camera`: depths 2 to 6, a few pixels across, brightness over
+/// four decades.
 pub fn splats(model: ColorModel, count: usize, camera: &Camera, seed: u64) -> Splats {
     let mut rng = Rng::new(seed);
     let mut splats = Splats::empty(model);
@@ -90,7 +90,7 @@ pub fn splats(model: ColorModel, count: usize, camera: &Camera, seed: u64) -> Sp
     splats
 }
 
-/// [`splats`] with every special case a splat can be, in random depth order among them.
+/// Returns [`splats`] with every special case of a splat, in random depth order among them.
 pub fn splats_with_special_cases(model: ColorModel, camera: &Camera, seed: u64) -> Splats {
     let mut splats = splats(model, 16, camera, seed);
     let size = camera.size_px.map(f64::from);
@@ -107,7 +107,7 @@ pub fn splats_with_special_cases(model: ColorModel, camera: &Camera, seed: u64) 
         splats.log_scale[i] = [-1.2, -1.0, -1.4];
         splats.opacity_logit[i] = 9.0;
     }
-    // A chromaticity with dead channels (of Sh: black ones), and one dead altogether.
+    // A chromaticity with dead channels (for Sh: black ones), and one with only dead channels.
     let k = 3 * model.sh_coefficients();
     splats.sh[6 * k] = -4.0;
     splats.sh[7 * k..7 * k + 3].fill(-4.0);
@@ -119,8 +119,8 @@ pub fn splats_with_special_cases(model: ColorModel, camera: &Camera, seed: u64) 
     splats
 }
 
-/// A view of `camera`'s size with smooth, noisy radiance over four decades; `masked` takes a block
-/// and some single pixels out.
+/// Returns a view of `camera`'s size with smooth, noisy radiance over four decades; `masked` masks
+/// a block and some single pixels.
 pub fn view(camera: &Camera, masked: bool, seed: u64) -> View {
     let mut rng = Rng::new(seed);
     let [width, height] = camera.size_px.map(|s| s as usize);
@@ -147,14 +147,14 @@ pub fn view(camera: &Camera, masked: bool, seed: u64) -> View {
     }
 }
 
-/// The view with weights of 0, between and 1 in place of its mask.
+/// Returns the view with weights 0, 1 and between in place of its mask.
 pub fn with_weights(view: View, seed: u64) -> View {
     let mut rng = Rng::new(seed);
     let weights = view.image.pixels.iter().map(|_| rng.uniform(-0.4, 1.4).clamp(0.0, 1.0)).collect();
     View { mask: Some(Arc::new(Mask { weights })), ..view }
 }
 
-/// Render options with a background that is not black.
+/// Returns render options with a background that is not black.
 pub fn options(cutoffs: Cutoffs, antialias: Antialias) -> RenderOptions {
     RenderOptions {
         raster: RasterConfig { cutoffs, antialias, ..RasterConfig::default() },
@@ -163,7 +163,7 @@ pub fn options(cutoffs: Cutoffs, antialias: Antialias) -> RenderOptions {
     }
 }
 
-/// Learning rates as different from one another as in training.
+/// Returns learning rates as different from one another as in training.
 pub const LEARNING_RATES: LearningRates = LearningRates {
     position: 1.6e-3,
     rotation: 1e-3,
@@ -175,10 +175,10 @@ pub const LEARNING_RATES: LearningRates = LearningRates {
     luminance_rest: 7e-3,
 };
 
-/// What the steps' targets are multiplied by.
+/// The factors of the steps' targets.
 const TARGET_SCALE: [f32; 3] = [0.75, 1.0, 1.5];
 
-/// A step of training.
+/// Returns a training step.
 pub fn step(step: u32, render: RenderOptions) -> StepConfig {
     StepConfig {
         step,
@@ -196,7 +196,7 @@ pub fn step(step: u32, render: RenderOptions) -> StepConfig {
     }
 }
 
-/// The smoothing filter of a splat `i`, world units.
+/// Returns the 3D filter of splat `i`, world units.
 pub fn smoothing(count: usize) -> Vec<f32> {
     (0..count).map(|i| 0.02 + 0.01 * (i % 5) as f32).collect()
 }

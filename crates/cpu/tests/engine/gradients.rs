@@ -60,14 +60,15 @@ fn case_of_size(
     Case { name, splats, view: fixture::view(&camera, masked, seed + 1000), options, loss }
 }
 
-/// The case with several samples along a pixel's side.
+/// Returns the case with supersampling.
 fn sampled(mut case: Case, samples: u8) -> Case {
     case.options.raster.samples = samples;
     case.name += &format!(" {samples}x{samples} samples");
     case
 }
 
-/// All colour models; cut-offs, anti-aliasing and mask alternate so that each meets each.
+/// Returns cases of all colour models; cut-offs, anti-aliasing and mask alternate so that all
+/// combinations occur.
 fn cases() -> Vec<Case> {
     let (hdr, parity) = (("hdr", Cutoffs::HDR), ("parity", Cutoffs::PARITY));
     let (off, pixel, mip) = (Antialias::Off, Antialias::Pixel, Antialias::Mip);
@@ -94,12 +95,12 @@ fn cases() -> Vec<Case> {
     cases
 }
 
-/// Gradients smaller than this part of their array's largest count by their difference from it
-/// alone.
+/// Gradients smaller than this share of their array's largest are compared by their absolute
+/// difference only.
 const SIZEABLE: f64 = 1e-3;
 
-/// Largest difference within an array, relative to the array's largest gradient, and where; and the
-/// largest relative to the gradient itself among the sizeable ones.
+/// The largest difference within an array, relative to the array's largest gradient, and where; and
+/// the largest relative to the gradient itself among the sizeable ones.
 #[derive(Clone, Copy, Default)]
 pub struct Worst {
     relative: f64,
@@ -109,8 +110,8 @@ pub struct Worst {
     expected: f64,
 }
 
-/// By array of [`ARRAYS`]; `None` for arrays that the model lacks. `found` may be `None` where it
-/// could not be measured.
+/// Compares each array of [`ARRAYS`]; `None` for arrays that the model does not have. `found` may
+/// be `None` where it could not be measured.
 fn compare(splats: &Splats, found: &[Option<f64>], expected: &[f64]) -> [Option<Worst>; ARRAYS.len()] {
     let arrays = oracle::array_of_parameters(splats);
     let mut largest = [0f64; ARRAYS.len()];
@@ -175,7 +176,7 @@ pub fn against_differences(case: &Case) -> [Option<Worst>; ARRAYS.len()] {
     let exact = oracle::differentiate(&case.splats, &case.view, &case.options, &case.loss);
     let numeric = oracle::central_differences(&case.splats, &case.view, &case.options, &case.loss);
     let measured = numeric.iter().flatten().count();
-    // A parameter next to a decision (a pixel's threshold) cannot be measured; few are.
+    // A parameter next to a decision (a pixel's threshold) cannot be measured; there are few.
     assert!(50 * measured >= 49 * numeric.len(), "{}: only {measured} of {} measured", case.name, numeric.len());
     compare(&case.splats, &numeric, &exact.gradient)
 }
@@ -203,22 +204,22 @@ fn oracle_gradient_is_that_of_central_differences() {
 
 #[test]
 fn engine_gradient_is_the_oracles() {
-    for case in cases() {
-        let worst = against_oracle(&case);
-        for (a, w) in ARRAYS.iter().zip(&worst) {
+    let cases: Vec<_> = cases().into_iter().map(|case| (against_oracle(&case), case)).collect();
+    for (worst, case) in &cases {
+        for (a, w) in ARRAYS.iter().zip(worst) {
             if let Some(w) = w {
                 print!("{a} {:.1e}@{} ", w.relative, w.index);
             }
         }
         println!("{} ", case.name);
     }
-    for case in cases() {
-        check(&case, &against_oracle(&case), ENGINE_TOLERANCE, "by the engine");
+    for (worst, case) in &cases {
+        check(case, worst, ENGINE_TOLERANCE, "by the engine");
     }
 }
 
-/// Images of a pixel, of a row, of a whole block and tile, and of a bit more; the special cases
-/// scale with the image.
+/// Returns cases with images of a pixel, of a row, of a whole block and tile, and of a bit more;
+/// the special cases scale with the image.
 fn cases_of_sizes() -> Vec<Case> {
     [[1, 1], [1, 40], [40, 1], [4, 4], [32, 32], [17, 9], [33, 16], [65, 37]]
         .into_iter()
@@ -239,8 +240,8 @@ fn engine_gradient_is_the_oracles_at_any_size() {
     }
 }
 
-/// More splats behind each pixel than the engine takes at a time in any of its loops, on both sides
-/// of a tile's edge.
+/// Tests more splats behind each pixel than the engine processes at once in any of its loops, on
+/// both sides of a tile's edge.
 #[test]
 fn engine_gradient_is_the_oracles_where_many_splats_meet() {
     const COUNT: usize = 180;

@@ -1,5 +1,5 @@
-//! What the engine renders: the oracle's image, and properties that any renderer of radiance must
-//! have.
+//! The engine's images: compared with the oracle's, and properties that any renderer of radiance
+//! must have.
 
 use luxel_core::{Activation, Antialias, Camera, ColorModel, Cutoffs, Engine, Image, RenderOptions, Splats, luminance_sum};
 use luxel_cpu::{CpuEngine, InstructionSet};
@@ -25,8 +25,8 @@ const ROUNDING: f64 = 2e-5;
 /// side of it.
 const BAND: f64 = 1e-4;
 
-/// Holds `image` against the oracle: tight where decisions are clear; where one is not, off by no
-/// more than what the decision can change.
+/// Compares `image` with the oracle's: tightly where decisions are clear; elsewhere by no more than
+/// the decision can change.
 fn assert_is_oracles(image: &Image, splats: &Splats, camera: &Camera, options: &RenderOptions, name: &str) {
     let expected = oracle::image(splats, camera, options);
     assert_eq!(image.pixels.len(), expected.pixels.len());
@@ -46,7 +46,7 @@ fn assert_is_oracles(image: &Image, splats: &Splats, camera: &Camera, options: &
             );
         }
     }
-    // The band must not be a way out.
+    // Few pixels may be in the band.
     let unclear = expected.margin.iter().filter(|m| **m < BAND).count();
     assert!(unclear * 20 <= image.pixels.len(), "{name}: {unclear} of {} pixels are at a threshold", image.pixels.len());
 }
@@ -173,7 +173,7 @@ fn empty_scene_is_the_background() {
     let options = fixture::options(Cutoffs::HDR, Antialias::Off);
     let image = render(&Splats::empty(LCD), &camera, &options);
     assert_eq!(image, Image::filled(19, 11, options.background));
-    // So is that of an engine that was never given one.
+    // The image of an engine that never loaded a scene is the background, too.
     assert_eq!(CpuEngine::new(1).unwrap().render(&camera, &options).unwrap(), image);
 }
 

@@ -1,4 +1,4 @@
-//! Coverage and depth beside the image.
+//! Alpha and depth, rendered with the image.
 
 use luxel_core::{Antialias, ColorModel, Cutoffs, Engine, RasterConfig, RenderOptions, Similarity, Splat, Splats};
 use luxel_cpu::CpuEngine;
@@ -49,7 +49,7 @@ fn layers_and_shares_of_samples_are_means_of_finer_ones() {
         assert!(near(layers.alpha[i], alpha), "{i}");
         assert!(alpha == 0.0 || (layers.depth[i] - depth / alpha).abs() < 1e-4 * layers.depth[i], "{i}");
     }
-    // A mask of the image's pixels; what a sample gives is its share of a pixel.
+    // A mask of the image's pixels; a sample counts as its share of a pixel.
     let mask: Vec<f32> = (0..37 * 50).map(|i| (i % 3) as f32).collect();
     let fine_mask: Vec<f32> = (0..74 * 100).map(|i| mask[i / 74 / 2 * 37 + i % 74 / 2]).collect();
     let (shares, fine) =
@@ -63,7 +63,7 @@ fn layers_and_shares_of_samples_are_means_of_finer_ones() {
 fn depth_is_the_blended_mean_of_distances() {
     let camera = fixture::camera(33, 33);
     let mut splats = Splats::empty(ColorModel::Sh { degree: 0 });
-    // One in front of the other, on the axis, half opaque.
+    // Two half-opaque splats on the axis, one in front of the other.
     let world_from_camera = camera.camera_from_world.inverse();
     for depth in [2.0, 3.0] {
         splats.push(&Splat {

@@ -1,7 +1,7 @@
-//! The engine against an f64 oracle, against itself, and against the contract of
+//! Tests of the engine: compared with an f64 oracle, with itself, and with the contract of
 //! `luxel_core::Engine`.
 
-// A test binary has no outside to be reached from.
+// A test binary exports nothing.
 #![allow(unreachable_pub)]
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail the test")]
 

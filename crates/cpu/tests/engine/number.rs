@@ -1,5 +1,4 @@
-//! Numbers that the oracle is evaluated on: `f64`, and [`Var`], an `f64` that remembers how it was
-//! made.
+//! Number types of the oracle: `f64`, and [`Var`], an `f64` that records its operations.
 //!
 //! `Var` writes every operation on a tape (one per thread); [`gradient`] walks it backwards.
 //! Derivatives are those of the branch that was taken: at a threshold the oracle, like the engine,
@@ -10,11 +9,11 @@ use std::ops::{Add, Div, Mul, Neg, Sub};
 
 use luxel_core::Real;
 
-/// What the oracle computes with.
+/// A number type of the oracle.
 pub trait Number: Real {
-    /// A constant.
+    /// Makes a constant.
     fn of(value: f64) -> Self;
-    /// Its value, for decisions.
+    /// Returns the value, for decisions.
     fn value(self) -> f64;
 }
 
@@ -27,7 +26,7 @@ impl Number for f64 {
     }
 }
 
-/// Up to two operands and the derivatives by them.
+/// A node of the tape: up to two operands and the derivatives by them.
 #[derive(Clone, Copy)]
 struct Node {
     operand: [u32; 2],
@@ -62,10 +61,10 @@ pub fn variables(values: &[f64]) -> Vec<Var> {
     })
 }
 
-/// Derivatives of one number by every number of the tape.
+/// The derivatives of one number by every number of the tape.
 pub struct Gradient(Vec<f64>);
 
-/// Derivatives of `of` by everything it was made from.
+/// Computes the derivatives of `of` by all its inputs.
 pub fn gradient(of: Var) -> Gradient {
     TAPE.with_borrow(|tape| {
         let mut adjoint = vec![0.0; tape.len()];
@@ -84,7 +83,7 @@ pub fn gradient(of: Var) -> Gradient {
 }
 
 impl Gradient {
-    /// By `var`.
+    /// Returns the derivative by `var`.
     pub fn by(&self, var: Var) -> f64 {
         if var.node == NONE { 0.0 } else { self.0[var.node as usize] }
     }

@@ -1,7 +1,7 @@
-//! The oracle: the image, the loss and its gradient written straight from the mathematics, in f64,
-//! without tiles: every pixel looks at every splat, sorted by depth. Slow and plain on purpose;
-//! shares no formula with the engine (only the spherical harmonics of core, which core proves
-//! orthonormal).
+//! The oracle: the image, the loss and its gradient, written directly from the mathematics in f64
+//! and without tiles: every pixel evaluates every splat, sorted by depth. It is deliberately slow
+//! and simple, and shares no formula with the engine (only the spherical harmonics of core, which
+//! core proves orthonormal).
 //!
 //! Generic over [`Number`]: on `f64` it gives values and, by [`central_differences`], numerical
 //! derivatives; on the tape it gives exact ones. Every decision (skip, cap, stop, clamp, rectifier,
@@ -33,7 +33,7 @@ impl Trace {
 /// Guard of Mip-splatting's opacity compensation: the ratio of areas is taken to be at least this.
 const MIN_AREA_RATIO: f64 = 1e-6;
 
-/// The scene's parameters one after the other, in the order of [`ARRAYS`].
+/// The scene's parameters, one after the other, in the order of [`ARRAYS`].
 pub struct Parameters<N> {
     pub splats: Splats,
     pub flat: Vec<N>,
@@ -125,7 +125,7 @@ fn dot<N: Number>(a: [N; 3], b: [N; 3]) -> N {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// Radiance of splat `i` from `direction`.
+/// Returns the radiance of splat `i` from `direction`.
 fn radiance<N: Number>(p: &Parameters<N>, i: usize, direction: [N; 3], active_degree: usize, trace: &mut Trace) -> [N; 3] {
     let zero = N::of(0.0);
     let degree = p.splats.color_model.max_degree();
@@ -152,7 +152,7 @@ fn radiance<N: Number>(p: &Parameters<N>, i: usize, direction: [N; 3], active_de
     }
 }
 
-/// Splat `i` as `camera` sees it; `None` if culled.
+/// Projects splat `i`; `None` if it is culled.
 fn project<N: Number>(p: &Parameters<N>, i: usize, camera: &Camera, options: &RenderOptions, trace: &mut Trace) -> Option<Ellipse<N>> {
     let cutoffs = options.raster.cutoffs;
     let (c, t) = (camera.camera_from_world.matrix3, camera.camera_from_world.translation);
@@ -220,7 +220,7 @@ fn project<N: Number>(p: &Parameters<N>, i: usize, camera: &Camera, options: &Re
     })
 }
 
-/// What came of a rendering.
+/// The result of a rendering.
 pub struct Rendered<N> {
     /// [H*W], row-major.
     pub pixels: Vec<[N; 3]>,
@@ -235,7 +235,7 @@ pub struct Rendered<N> {
     pub margin: Vec<f64>,
 }
 
-/// The image: of each pixel the mean of its samples.
+/// Renders the image: each pixel is the mean of its samples.
 pub fn render<N: Number>(p: &Parameters<N>, camera: &Camera, options: &RenderOptions) -> Rendered<N> {
     let samples = usize::from(options.raster.samples);
     let rendered = render_samples(p, &camera.upscaled(samples as u32), options);
@@ -252,7 +252,7 @@ pub fn render<N: Number>(p: &Parameters<N>, camera: &Camera, options: &RenderOpt
     Rendered { pixels, margin: margins, ..rendered }
 }
 
-/// The image of one sample a pixel.
+/// Renders the image without supersampling.
 fn render_samples<N: Number>(p: &Parameters<N>, camera: &Camera, options: &RenderOptions) -> Rendered<N> {
     let mut trace = Trace::default();
     let mut ellipses: Vec<_> = (0..p.splats.len()).filter_map(|i| project(p, i, camera, options, &mut trace)).collect();
@@ -296,7 +296,7 @@ fn render_samples<N: Number>(p: &Parameters<N>, camera: &Camera, options: &Rende
     Rendered { pixels, ellipses, offsets, trace, margin: margins }
 }
 
-/// Loss and its parts.
+/// The loss and its parts.
 #[derive(Clone, Copy)]
 pub struct Loss<N> {
     pub total: N,
@@ -304,7 +304,7 @@ pub struct Loss<N> {
     pub ssim: N,
 }
 
-/// The tone curve of a loss, its knots as numbers.
+/// The tone curve of a loss, with its knots as numbers.
 pub enum Curve<N> {
     MuLaw(f64),
     Response { knots: [Vec<N>; 3], exposure: [f32; 3] },
@@ -320,7 +320,7 @@ impl<N: Number> Curve<N> {
         }
     }
 
-    /// Values of a predicted and a recorded number in channel `c`.
+    /// Returns the values of a predicted and a recorded number in channel `c`.
     fn apply(&self, c: usize, p: N, recorded: f32, trace: &mut Trace) -> [N; 2] {
         match self {
             Self::MuLaw(mu) => [p, N::of(recorded.into())]
@@ -341,7 +341,7 @@ impl<N: Number> Curve<N> {
     }
 }
 
-/// Loss of an image against `view`.
+/// Computes the loss of an image compared with `view`.
 pub fn loss<N: Number>(pixels: &[[N; 3]], view: &View, curve: &Curve<N>, config: &LossConfig, trace: &mut Trace) -> Loss<N> {
     let weight = |i: usize| view.mask.as_ref().map_or(1.0, |mask| f64::from(mask.weights[i]));
     let mut predicted = vec![Vec::new(); 3];
@@ -366,7 +366,7 @@ pub fn loss<N: Number>(pixels: &[[N; 3]], view: &View, curve: &Curve<N>, config:
     let [l1, l2] = [sum, squares].map(|sum| if total == 0.0 { N::of(0.0) } else { sum / N::of(total) });
     let ssim = (0..3).fold(N::of(0.0), |sum, c| sum + mean_ssim(&predicted[c], &target[c], view.image.width)) / N::of(3.0);
     let (weight, squared) = (f64::from(config.ssim_weight), f64::from(config.squared_share));
-    // As steep as L1 where the difference is 0.03.
+    // The same slope as L1 where the difference is 0.03.
     let difference = N::of(1.0 - squared) * l1 + N::of(squared / 0.06) * l2;
     Loss { total: N::of(1.0 - weight) * difference + N::of(weight) * (N::of(1.0) - ssim), l1, ssim }
 }

@@ -1,4 +1,4 @@
-//! Environment maps against rays one by one.
+//! Environment maps, compared with single rays.
 
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 use luxel_core::environment::{MapSize, Projection, Rig, Summary};
@@ -7,14 +7,14 @@ use luxel_cpu::CpuEngine;
 
 /// Width of the map.
 const WIDTH: usize = 192;
-/// Of all renders: a splat smaller than a pixel shines with one's area.
+/// The size of all renders: a splat smaller than a pixel covers a pixel's area.
 const FOCAL_PX: f64 = 60.0;
 
-/// Across the image of which one pixel is a ray: odd.
+/// The odd width of the image whose middle pixel is a ray.
 const RAY_IMAGE_PX: u32 = 21;
 
-/// Radiance along one direction: the middle pixel of an image that looks along it, so that no splat
-/// is seen off the axis.
+/// Returns the radiance along one direction: the middle pixel of an image that looks along it, so
+/// no splat is off the axis.
 fn along(engine: &mut CpuEngine, at: DVec3, direction: DVec3) -> [f32; 3] {
     let side = direction.any_orthonormal_vector();
     let matrix3 = DMat3::from_cols(side, direction.cross(side), direction).transpose();
@@ -32,7 +32,7 @@ fn along(engine: &mut CpuEngine, at: DVec3, direction: DVec3) -> [f32; 3] {
 fn irradiance_of_a_probe_is_that_of_rays_one_by_one() {
     let at = DVec3::new(0.3, -0.2, 2.6);
     let mut engine = CpuEngine::new(2).unwrap();
-    // Large splats are seen otherwise off the axis than on it: not what is asked here.
+    // Large splats look different off the axis, which is not tested here.
     let mut room = synthetic::room(3000, 5);
     room.log_scale.as_flattened_mut().iter_mut().for_each(|s| *s -= 1.2);
     engine.load(&room, None).unwrap();

@@ -1,4 +1,4 @@
-//! What moves parameters: Adam, the noise of MCMC, and densification plans, against plain host
+//! The updates of parameters: Adam, the noise of MCMC, and densification plans, against plain host
 //! computations.
 
 use glam::{DMat3, DQuat, DVec3};
@@ -63,7 +63,7 @@ fn training_lowers_the_loss() {
     assert!(losses[59] < 0.7 * losses[0], "from {} to {}", losses[0], losses[59]);
 }
 
-/// Positions after one step with `noise` less those without it.
+/// Returns the positions after one step with `noise` minus those without it.
 fn displacements(splats: &Splats, noise: PositionNoise) -> Vec<DVec3> {
     let camera = fixture::camera(30, 20);
     let view = fixture::view(&camera, false, 4);
@@ -98,7 +98,7 @@ fn noise_moves_faint_splats_along_their_shape() {
         let variance = DVec3::from(updated.log_scale[i].map(|s| (2.0 * f64::from(s)).exp()));
         let covariance = rotation * DMat3::from_diagonal(variance) * rotation.transpose();
         let opacity = 1.0 / (1.0 + (-f64::from(updated.opacity_logit[i])).exp());
-        // 3DGS-MCMC: sigmoid(100 ((1 - o) - 0.995)): only what is nearly transparent wanders.
+        // 3DGS-MCMC: sigmoid(100 ((1 - o) - 0.995)): only nearly transparent splats move.
         let gate = 1.0 / (1.0 + (-100.0 * ((1.0 - opacity) - 0.995)).exp());
         let normal = DVec3::from(noise::standard_normal(noise.seed, i as u64).map(f64::from));
         let expected = covariance * normal * gate * f64::from(noise.scale);
@@ -118,7 +118,7 @@ fn noise_depends_on_its_seed_alone() {
     assert_ne!(displacements(&splats, noise), displacements(&splats, PositionNoise { seed: 10, ..noise }));
 }
 
-/// A plan applied on the host.
+/// Applies a plan on the host.
 fn applied(splats: &Splats, moments: &Moments, plan: &DensifyPlan) -> (Splats, Moments) {
     let pick = |from: &Splats, row: &PlanRow, into: &mut Splats, keep: bool| {
         let i = row.source as usize;
@@ -162,7 +162,7 @@ fn applied(splats: &Splats, moments: &Moments, plan: &DensifyPlan) -> (Splats, M
     (out, out_moments)
 }
 
-/// Rows of every kind, from 41 sources to 47 splats.
+/// Returns rows of every kind, from 41 sources to 47 splats.
 fn rows() -> Vec<PlanRow> {
     (0..47u32)
         .map(|i| PlanRow {

@@ -1,4 +1,6 @@
-//! What training asks of an engine, by [`GpuEngine`].
+//! The contract of `luxel_core::Engine`, implemented by [`GpuEngine`].
+//!
+//! In and out: see [`Engine`]. Degenerate: bad input is an error, and leaves the engine unchanged.
 
 use std::time::{Duration, Instant};
 
@@ -6,12 +8,12 @@ use luxel_core::edit::Contributions;
 use luxel_core::engine::{DensifyPlan, DensifyStats, Geometry, StepConfig};
 use luxel_core::{Camera, Engine, EngineError, Image, Moments, Pass, RenderOptions, Splats, StepReport, View};
 
-use super::{GpuEngine, Work};
+use super::{GpuEngine, Submission};
 use crate::densify;
 use crate::device::resume;
 use crate::pending::LAG;
-use crate::scene::Scene;
-use crate::screen::{check, of_samples};
+use crate::scene::GpuScene;
+use crate::screen::{check, supersampled};
 
 impl Engine for GpuEngine {
     fn load(&mut self, splats: &Splats, moments: Option<&Moments>) -> Result<(), EngineError> {
@@ -19,19 +21,19 @@ impl Engine for GpuEngine {
         if let Some(moments) = moments {
             moments.validate_for(splats)?;
         }
-        self.settle_all()?;
-        // Memory for two scenes at a time is not needed here.
-        self.replace_scene(Scene::empty());
-        let shard_len = self.shard_len_of(splats.color_model);
-        let scene = self.with_room(|engine| Scene::upload(&engine.gpu, splats, moments, shard_len))?;
+        self.wait_idle()?;
+        // The old scene is freed first, so that two scenes are never in memory at once.
+        self.replace_scene(GpuScene::empty());
+        let shard_len = self.shard_len_for(splats.color_model);
+        let scene = self.with_room(|engine| GpuScene::upload(&engine.gpu, splats, moments, shard_len))?;
         self.replace_scene(scene);
         (self.latest, self.diverged) = (None, None);
-        self.go_on();
+        self.clear_halt();
         Ok(())
     }
 
     fn save(&mut self) -> Result<(Splats, Moments), EngineError> {
-        self.settled()?;
+        self.wait_idle_checked()?;
         let mut splats = self.scene.download(&self.gpu, |_, shard| &shard.parameters)?;
         splats.smoothing = self.scene.smoothing(&self.gpu)?;
         let first = self.scene.download(&self.gpu, |_, shard| &shard.first)?;
@@ -41,9 +43,9 @@ impl Engine for GpuEngine {
 
     fn render(&mut self, camera: &Camera, options: &RenderOptions) -> Result<Image, EngineError> {
         check(camera)?;
-        self.settled()?;
-        self.run(&Work::Render { camera, options })?;
-        let (sampled, samples) = of_samples(camera, options);
+        self.wait_idle_checked()?;
+        self.run(&Submission::Render { camera, options })?;
+        let (sampled, samples) = supersampled(camera, options);
         let [width, height] = sampled.size_px.map(|side| side as usize);
         let bytes = self.gpu.read(&self.frame.pixels.image, 12 * (width * height) as u64)?;
         let image = Image { width, height, pixels: bytemuck::pod_collect_to_vec(&bytes) };
@@ -56,11 +58,11 @@ impl Engine for GpuEngine {
         if mask.len() != pixels {
             return Err(EngineError::invalid(format!("mask holds {} pixels, the camera's image {pixels}", mask.len())));
         }
-        self.settled()?;
+        self.wait_idle_checked()?;
         let bytes = 16 * self.scene.count as u64;
         let (mask, out) = (self.upload_mask(mask)?, self.gpu.storage("contributions", bytes)?);
-        self.run(&Work::Contributions { camera, options, mask: &mask, out: &out })?;
-        // The bindings would keep the buffers for good.
+        self.run(&Submission::Contributions { camera, options, mask: &mask, out: &out })?;
+        // Cached bindings would keep the buffers alive.
         self.commands.forget();
         let sums: Vec<[f32; 4]> = bytemuck::pod_collect_to_vec(&self.gpu.read(&out, bytes)?);
         let row = |k: usize| sums.iter().map(|sums| sums[k]).collect();
@@ -72,40 +74,40 @@ impl Engine for GpuEngine {
         if let Some(report) = self.latest.filter(|_| self.diverged.is_some()) {
             return Ok(report);
         }
-        self.hand_in(view.clone(), *step)?;
+        self.enqueue(view.clone(), *step)?;
         self.gpu.poll()?;
         while self.pending.front().is_some_and(|pending| pending.report.is_done()) || self.pending.len() > LAG {
-            self.settle()?;
+            self.retire_oldest()?;
         }
         while self.latest.is_none() && !self.pending.is_empty() {
-            self.settle()?;
+            self.retire_oldest()?;
         }
         self.latest.ok_or_else(|| EngineError::device("gpu: a step left no report").with_remedy(resume()))
     }
 
     fn finish(&mut self) -> Result<(), EngineError> {
-        self.settle_all()
+        self.wait_idle()
     }
 
     fn densify_stats(&mut self) -> Result<DensifyStats, EngineError> {
-        self.settled()?;
+        self.wait_idle_checked()?;
         self.scene.stats(&self.gpu)
     }
 
     fn set_densify_stats(&mut self, stats: &DensifyStats) -> Result<(), EngineError> {
-        self.settle_all()?;
+        self.wait_idle()?;
         stats.check(self.scene.count)?;
         self.scene.set_stats(&self.gpu, stats)
     }
 
     fn geometry(&mut self) -> Result<Geometry, EngineError> {
-        self.settled()?;
+        self.wait_idle_checked()?;
         self.scene.geometry(&self.gpu)
     }
 
     fn densify(&mut self, plan: &DensifyPlan) -> Result<(), EngineError> {
         plan.check(self.scene.count)?;
-        self.settled()?;
+        self.wait_idle_checked()?;
         let start = Instant::now();
         let shard_len = self.shard_len();
         let scene = self.with_room(|engine| densify::apply(&engine.gpu, &mut engine.commands, &engine.scene, plan, shard_len))?;

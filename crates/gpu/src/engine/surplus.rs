@@ -1,27 +1,28 @@
-//! A step in which `project` counts more tiles than `bin_emit` finds, as where a compiler rounds the two differently: for a test.
+//! A test hook: a step in which `project` counts more tiles than `bin_emit` finds, as if a compiler
+//! rounded the two differently. Only with the feature `testing`.
 
 use luxel_core::engine::StepConfig;
 use luxel_core::{EngineError, RasterConfig, RenderOptions, Splats, View};
 
-use super::{GpuEngine, Work};
+use super::{GpuEngine, Submission};
 use crate::device::Buffer;
-use crate::scene::Scene;
+use crate::scene::GpuScene;
 use crate::step::Recorder;
 
 impl GpuEngine {
-    /// [`Self::gradients`], with `surplus` tiles too many counted of each splat that is seen, and nothing but NaN in the memory of the entries'
-    /// gradients. One sample a pixel.
+    /// Computes [`Self::gradients`] with `surplus` tiles too many for each visible splat, and with
+    /// NaN in all memory of the entries' gradients. Without supersampling.
     ///
     /// # Errors
-    /// As [`Self::gradients`].
+    /// The errors of [`Self::gradients`].
     pub fn gradients_with_surplus(&mut self, view: &View, step: &StepConfig, surplus: u32) -> Result<Splats, EngineError> {
         view.validate()?;
         let step =
             &StepConfig { render: RenderOptions { raster: RasterConfig { samples: 1, ..step.render.raster }, ..step.render }, ..*step };
-        let scratch = Scene::zeros(&self.gpu, self.scene.rows, self.scene.count, self.shard_len())?;
+        let scratch = GpuScene::zeros(&self.gpu, self.scene.rows, self.scene.count, self.shard_len())?;
         let out: Vec<Buffer> = scratch.shards.into_iter().map(|shard| shard.first).collect();
-        // Leaves footprints, places and the order of depths.
-        self.run(&Work::Gradients { view, step, out: &out })?;
+        // This leaves footprints, places and the order of depths.
+        self.run(&Submission::Gradients { view, step, out: &out })?;
         let Self { gpu, scene, frame, commands, targets, slots, .. } = self;
         let bytes = gpu.read(&frame.splats.places, 8 * scene.count as u64)?;
         let mut places: Vec<[u32; 2]> = bytemuck::pod_collect_to_vec(&bytes);
@@ -38,7 +39,7 @@ impl GpuEngine {
         recorder.update(Some(&out));
         let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         let segments = commands.encode(&mut encoder, None);
-        let report = slots.take(gpu)?.submit(gpu, encoder, &frame.state, (None, segments));
+        let report = slots.take(gpu)?.submit(gpu, encoder, &frame.state, None, segments);
         report.receive(gpu, slots)?;
         self.commands.forget();
         self.scene.download(&self.gpu, |n, shard| out.get(n).unwrap_or(&shard.first))

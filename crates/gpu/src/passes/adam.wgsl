@@ -1,5 +1,6 @@
-// Pass `adam`: moves a parameter (Kingma and Ba 2015). Twin: cpu/passes/adam.rs. Runs within `project_backward`, as soon as a parameter's gradient
-// is known and the parameter is no longer needed: gradients never go to memory.
+// Pass `adam`: moves a parameter (Kingma and Ba 2015). Twin: cpu/passes/adam.rs. It runs within
+// `project_backward`, as soon as a parameter's gradient is known and the parameter is no longer
+// needed, so gradients are never stored.
 
 struct Optimizer {
     position: f32,
@@ -10,12 +11,12 @@ struct Optimizer {
     sh_rest: f32,
     luminance_dc: f32,
     luminance_rest: f32,
-    // Rates are multiplied by 1 / (1 - beta_1^t) beforehand; this is sqrt(1 / (1 - beta_2^t)).
+    // sqrt(1 / (1 - beta_2^t)). The host multiplies rates by 1 / (1 - beta_1^t).
     root_correction_2: f32,
-    // Weights of the regularisers over the number of values they are means of.
+    // Weights of the regularisers, divided by the number of values that they average.
     opacity_weight: f32,
     scale_weight: f32,
-    // Of the positions' noise; 0 for none.
+    // Scale of the positions' noise; 0 for none.
     noise_scale: f32,
     seed_low: u32,
     seed_high: u32,
@@ -24,7 +25,7 @@ struct Optimizer {
     padding: u32,
 }
 
-// ONLY_GRADIENTS: gradients are stored in place of the first moments, and nothing else is changed, for who wants to look at them.
+// ONLY_GRADIENTS: gradients are stored in place of the first moments, and nothing else changes.
 fn update_parameter(row: u32, i: u32, gradient: f32, rate: f32) {
     let at = row * shard.stride + i;
     if (ONLY_GRADIENTS) {

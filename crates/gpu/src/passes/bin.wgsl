@@ -1,28 +1,34 @@
-// Pass `bin`: pairs of splats and the tiles they touch, splats front to back. Twin: cpu/passes/bin.rs.
+// Pass `bin`: makes the pairs of splats and the tiles that they touch, splats front to back. Twin:
+// cpu/passes/bin.rs.
 //
-// `bin_sum`: tiles and visible splats of each block of 256 splats in depth order. `bin_scan`: where each block's entries begin, how many there are, and
-// how large the dispatches behind have to be; it halts the engine if the buffers are too small. `bin_emit`: the entries, their number shared
-// evenly by a block's threads. `bin_ranges`, after the sort by tile: each tile's run of entries, cut into buckets.
+// `bin_sum` counts the tiles and visible splats of each block of 256 splats in depth order.
+// `bin_scan` finds the start of each block's entries, their number, and the sizes of the later
+// dispatches; it halts the engine if the buffers are too small. `bin_emit` writes the entries,
+// divided evenly between a block's threads. `bin_ranges`, after the sort by tile, finds each tile's
+// run of entries and divides it into buckets.
 //
-// Two kernels ask how many tiles a splat touches, and a compiler may round them differently. If `bin_emit` finds fewer than `project` counted, the
-// surplus goes to a tile behind the last. It has buckets as any other, and no pixels: so its entries' sums are zero, not what was there before.
+// Two kernels compute how many tiles a splat touches, and a compiler may round them differently. If
+// `bin_emit` finds fewer than `project` counted, the surplus entries are given to a tile behind the
+// last. That tile has buckets like any other but no pixels, so the sums of its entries are zero
+// instead of old values.
 
 struct Bucket {
     tile: u32,
-    // Its first entry, their number (0: the slot is unused), and how many of the tile's are in front of it.
+    // The bucket's first entry, its number of entries (0: the slot is unused), and the number of
+    // the tile's entries in front of it.
     first: u32,
     len: u32,
     before: u32,
 }
 
 struct Buckets {
-    // Slots, used and unused; a folded dispatch may have more workgroups.
+    // Number of slots, used and unused; a folded dispatch may have more workgroups.
     count: u32,
     padding: array<u32, 3>,
     slots: array<Bucket>,
 }
 
-// Arguments of dispatches whose size the device decides.
+// Arguments of the dispatches whose sizes the device computes.
 struct Dispatches {
     sort: vec3u,
     padding: u32,
@@ -48,7 +54,8 @@ const MOST_ENTRIES = 0x40000000u;
 
 var<workgroup> pair_sums: array<vec2u, 256>;
 
-// Inclusive sums over the workgroup's values, which stop at MOST_ENTRIES: two of them fit into 32 bits, hundreds do not.
+// Inclusive sums over the workgroup's values, saturating at MOST_ENTRIES: the sum of two such
+// values fits into 32 bits, the sum of hundreds does not.
 fn scan_pairs(local: u32, value: vec2u) -> vec2u {
     pair_sums[local] = value;
     workgroupBarrier();
@@ -138,7 +145,7 @@ fn bin_emit(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_i
         places[splat] = vec2u(emit_base + inclusive - touched, touched);
     }
     for (var n = local; n < total; n += 256u) {
-        // The splat whose entries reach beyond n first.
+        // The first splat whose entries reach beyond n.
         var low = 0u;
         var high = 255u;
         while (low < high) {
@@ -155,7 +162,8 @@ fn bin_emit(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_i
         if (low > 0u) {
             left -= pair_sums[low - 1u].x;
         }
-        // Where rounding makes fewer tiles here than `project` counted, the entry goes behind the last one.
+        // If rounding gives fewer tiles here than `project` counted, the entry is given to the tile
+        // behind the last.
         var tile = camera.tiles.x * camera.tiles.y;
         let rows = touched_rows(f, camera.tiles);
         for (var row = rows.x; row < rows.y; row++) {
@@ -191,13 +199,14 @@ fn lower_bound(tile: u32) -> u32 {
 fn bin_ranges(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_index) local: u32) {
     let tile = group_index(workgroup) * 64u + local;
     let tiles = camera.tiles.x * camera.tiles.y;
-    // And the one behind the last.
+    // The tile behind the last as well.
     if (tile > tiles) {
         return;
     }
     let first = lower_bound(tile);
     let end = lower_bound(tile + 1u);
-    // A tile's slots begin where no earlier tile's can reach: a tile of n entries has at most n / BUCKET + 1 of them.
+    // A tile's slots begin where no slot of an earlier tile can be: a tile of n entries has at most
+    // n / BUCKET + 1 of them.
     let slots = first / BUCKET + tile;
     let slots_end = end / BUCKET + tile + 1u;
     if (tile < tiles) {

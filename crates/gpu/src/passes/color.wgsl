@@ -1,5 +1,6 @@
-// Pass `color`: radiance of a splat towards the camera. Twins: core/color.rs and core/sh.rs (the formulas), cpu/passes/color.rs. Evaluated
-// within `project` for the splats that can be seen, and again within `project_backward`.
+// Pass `color`: computes the radiance of a splat towards the camera. Twins: core/color.rs and
+// core/sh.rs (the formulas), cpu/passes/color.rs. It runs within `project` for visible splats, and
+// again within `project_backward`.
 
 // Values of the harmonics up to `degree` at the unit vector v.
 fn sh_basis(degree: u32, v: vec3f) -> array<f32, 36> {
@@ -87,7 +88,7 @@ fn coefficients(degree: u32) -> u32 {
 fn activate(raw: f32) -> f32 {
     if (ACTIVATION == ACTIVATION_SOFTPLUS) {
         let e = exp(-abs(raw));
-        // ln(1 + e) loses what is small in e to the rounding of 1 + e: its series does not.
+        // ln(1 + e) loses the small digits of e by rounding 1 + e; its series keeps them.
         return max(raw, 0.0) + select(log(1.0 + e), e * (1.0 - e * (0.5 - e * (1.0 / 3.0 - e * 0.25))), e < 0.02);
     }
     if (ACTIVATION == ACTIVATION_EXP) {
@@ -116,7 +117,7 @@ fn response(basis: ptr<function, array<f32, 36>>, i: u32) -> vec4f {
     }
     var raw = 0.0;
     if (IS_LCD) {
-        // The constant term stands without its basis value.
+        // The constant term is stored without its basis value.
         raw = parameter(ROW_LUMINANCE, i);
         let used_luminance = coefficients(min(camera.active_degree, LUMINANCE_DEGREE));
         for (var m = 1u; m < used_luminance; m++) {

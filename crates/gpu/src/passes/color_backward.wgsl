@@ -1,7 +1,9 @@
-// Pass `color_backward`: gradient by the colour model's coefficients and by the viewing direction. Twins: core/color.rs and core/sh.rs (the
-// formulas), cpu/passes/color_backward.rs. Runs within `project_backward`.
+// Pass `color_backward`: computes the gradient by the colour model's coefficients and by the
+// viewing direction. Twins: core/color.rs and core/sh.rs (the formulas),
+// cpu/passes/color_backward.rs. It runs within `project_backward`.
 
-// Gradient by direction of a sum over the basis: sum over m of w[m] grad Y_m(v), of the polynomials of `sh_basis`.
+// Gradient by direction of a sum over the basis: sum over m of w[m] grad Y_m(v), of the polynomials
+// of `sh_basis`.
 fn sh_basis_gradient(degree: u32, v: vec3f, w: ptr<function, array<f32, 36>>) -> vec3f {
     if (degree < 1u) {
         return vec3f(0.0);
@@ -79,8 +81,9 @@ fn sh_basis_gradient(degree: u32, v: vec3f, w: ptr<function, array<f32, 36>>) ->
     return g;
 }
 
-// Differentiates and updates the colour's coefficients; returns the gradient by the position: (I - v v^T) dE/dv / |position - eye|. Of a
-// splat that is not seen they have no gradient, but their moments decay.
+// Differentiates and updates the colour's coefficients; returns the gradient by the position: (I -
+// v v^T) dE/dv / |position - eye|. A splat that is not visible has no gradient, but its moments
+// decay.
 fn color_backward(i: u32, is_visible: bool, d_radiance: vec3f) -> vec3f {
     let degree = min(camera.active_degree, MAX_MODEL_DEGREE);
     var direction = vec4f(0.0);

@@ -1,5 +1,5 @@
-// What every pass knows: the camera, the splats at hand, where work is counted. Twins in Rust: layout.rs; constants are injected from there
-// and from core.
+// Declarations for every pass: the camera, the current shard of splats, the state of a step. Twins
+// in Rust: layout.rs; constants are inserted from there and from core.
 
 struct Camera {
     // Rows of camera_from_world; w is the translation.
@@ -10,7 +10,7 @@ struct Camera {
     background: vec4f,
     focal_px: vec2f,
     center_px: vec2f,
-    // Range of x/z and y/z in which the projection's Jacobian is evaluated where it is.
+    // Range of x/z and y/z to which the projection's Jacobian is clamped.
     slope_min: vec2f,
     slope_max: vec2f,
     size_px: vec2u,
@@ -24,31 +24,31 @@ struct Camera {
     dilation_px2: f32,
     active_degree: u32,
     flags: u32,
-    // All splats, of all shards.
+    // Number of splats in all shards.
     count: u32,
-    // Entries that the buffers hold.
+    // Capacity of the buffers for entries.
     entry_capacity: u32,
-    // Along the side of a pixel of the image: what is called pixels here are samples of them, but for the loss.
+    // Samples along the side of an image pixel. In all passes but the loss, "pixel" means a sample.
     samples: u32,
 }
 
 // The splats of one shard: a run of the scene's splats whose parameters share buffers.
 struct Shard {
-    // Its first splat in the scene.
+    // First splat of the shard in the scene.
     base: u32,
     len: u32,
-    // Splats that the shard's buffers have room for: a row's length.
+    // Length of a row: the number of splats for which the shard's buffers have room.
     stride: u32,
     padding: u32,
 }
 
-// What a step leaves for the host, and for the passes behind.
+// The results of a step for the host and for later passes.
 struct State {
-    // Pairs of a splat and a tile.
+    // Number of entries: pairs of a splat and a tile.
     entries: u32,
-    // Why nothing is changed any more: see HALT_.
+    // Reason why later passes change nothing: see HALT_.
     halted: u32,
-    // Entries that there would be with larger buffers.
+    // Number of entries that larger buffers would hold.
     needed: u32,
     visible: u32,
     l1: f32,
@@ -57,8 +57,9 @@ struct State {
     padding: u32,
 }
 
-// Linear number of a workgroup of a dispatch that may be folded into rows of MAX_GROUPS. The row's length is no question to the device: Direct3D 12
-// does not tell the number of workgroups where the device itself decided it.
+// Linear number of a workgroup of a dispatch that may be folded into rows of MAX_GROUPS. The length
+// of a row is a constant, because Direct3D 12 does not provide the number of workgroups of an
+// indirect dispatch.
 fn group_index(workgroup: vec3u) -> u32 {
     return workgroup.y * MAX_GROUPS + workgroup.x;
 }

@@ -1,8 +1,10 @@
-// What each splat gives to an image: a sibling of `rasterize_backward`, outside of training. Twin: cpu/passes/contribute.rs.
+// Pass `contribute`: computes what each splat contributes to an image. It is not part of training.
+// Twin: cpu/passes/contribute.rs.
 //
-// In: as `rasterize_backward`, and a mask [H*W]. Out, by entry: sums over its tile's pixels of its blending weight times the mask, of its
-// blending weight, of its alpha, behind finished pixels too, and of the masked weight times its brightest channel. `contribute_sum` adds up
-// each splat's entries.
+// In: the inputs of `rasterize_backward`, and a mask [H*W]. Out, by entry: sums over its tile's
+// pixels of its blending weight times the mask, of its blending weight, of its alpha, behind
+// finished pixels too, and of the masked weight times its brightest channel. `contribute_sum` adds
+// up each splat's entries.
 
 @group(0) @binding(6) var<storage, read> last_entries: array<u32>;
 @group(0) @binding(7) var<storage, read> mask: array<f32>;
@@ -23,7 +25,8 @@ fn contribute(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation
     let origin = vec2u(bucket.tile % camera.tiles.x, bucket.tile / camera.tiles.x) * TILE_PX;
     for (var n = local; n < TILE_PIXELS; n += BUCKET) {
         let at = origin + tile_pixel(n);
-        // One more than the number, so that pixels beyond the image are told from those that nothing changed.
+        // One more than the number, to distinguish pixels beyond the image from pixels that no
+        // entry changed.
         var last = 0u;
         if (all(at < camera.size_px)) {
             let pixel = at.y * camera.size_px.x + at.x;

@@ -1,4 +1,4 @@
-// Sums of a splat's entries, in the order of its tiles: the second part of `contribute`.
+// Adds up a splat's entries, in the order of its tiles: the second part of `contribute`.
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(1) var<storage, read> state: State;
@@ -19,6 +19,6 @@ fn contribute_sum(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invoca
             sum += entry_sums[entry];
         }
     }
-    // A sample is its share of a pixel.
+    // Each sample counts as its share of a pixel.
     splat_sums[splat] = sum / f32(camera.samples * camera.samples);
 }

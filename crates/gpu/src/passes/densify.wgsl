@@ -1,8 +1,9 @@
 // Pass `densify`: rebuilds the scene from a plan. Twin: cpu/passes/densify.rs.
 //
-// One thread a row of the plan. Runs for every pair of a shard of the old scene and one of the new: rows whose source lies in another old shard are
-// left to its own run. In: plan, old parameters and moments. Out: the new ones, their first splats' `stats` are cleared elsewhere. The old
-// scene's smoothing comes along, to be replaced by the plan's own if it has one.
+// One thread per row of the plan. It runs for every pair of a shard of the old scene and one of the
+// new: rows whose source lies in another old shard are skipped. In: plan, old parameters and
+// moments. Out: the new ones; statistics are cleared elsewhere. The old scene's 3D filter is
+// copied, or replaced by the plan's if it has one.
 
 struct PlanRow {
     source: u32,
@@ -15,11 +16,11 @@ struct PlanRow {
 }
 
 struct Densify {
-    // Where the old shard begins and how many it has; strides of both.
+    // Start and length of the old shard; strides of both shards.
     source_base: u32,
     source_len: u32,
     source_stride: u32,
-    // Rows of the new shard; the first in the plan.
+    // Number of rows of the new shard; its first row in the plan.
     base: u32,
     len: u32,
     stride: u32,

@@ -1,7 +1,8 @@
-// Sums of the entries of splats that have many of them: the first part of pass `project_backward`.
+// Adds up the entries of splats that have many of them: the first part of pass `project_backward`.
 //
-// A thread sums a splat's entries by itself if they are at most GATHER_ALONE. Of a splat with more, a whole workgroup sums them here, in an order
-// that the number of entries alone decides, into the splat's first entry.
+// A thread sums a splat's entries by itself if they are at most GATHER_ALONE. The entries of a
+// splat with more are summed here by a whole workgroup, in an order that depends only on their
+// number, and the sum is stored in the splat's first entry.
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(1) var<storage, read> state: State;

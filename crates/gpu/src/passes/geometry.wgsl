@@ -1,5 +1,6 @@
-// Geometry of a splat up to the screen, with what the backward pass needs again. Twin: cpu/passes/project.rs. Needs `camera`, `shard` and
-// `parameters`, rows of parameters in the order of layout.rs.
+// The geometry of a splat up to the screen, with the intermediate values that the backward pass
+// needs. Twin: cpu/passes/project.rs. It uses `camera`, `shard` and `parameters`, with rows in the
+// order of layout.rs.
 
 fn parameter(row: u32, i: u32) -> f32 {
     return parameters[row * shard.stride + i];
@@ -10,7 +11,7 @@ fn parameter3(row: u32, i: u32) -> vec3f {
 }
 
 struct Projection {
-    // Position in camera space; z of what is culled for its depth is 1.
+    // Position in camera space; z is 1 for splats that are culled by depth.
     point: vec3f,
     depth: f32,
     slope: vec2f,
@@ -83,7 +84,7 @@ fn project_splat(i: u32) -> Projection {
 
     let dilation = camera.dilation_px2;
     let before = vec3f(dot(p.root_x, p.root_x), dot(p.root_x, p.root_y), dot(p.root_y, p.root_y));
-    // |a|^2 |b|^2 - (a.b)^2 = |a x b|^2 (Lagrange): no cancellation for needles.
+    // |a|^2 |b|^2 - (a.b)^2 = |a x b|^2 (Lagrange): no cancellation for thin ellipses.
     let area = cross(p.root_x, p.root_y);
     p.determinant_before = dot(area, area);
     p.determinant = (before.x + before.z) * dilation + (p.determinant_before + dilation * dilation);

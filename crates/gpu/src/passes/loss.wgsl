@@ -1,31 +1,37 @@
-// Pass `loss`: (1 - w) D + w (1 - SSIM) of mu-law images, D their L1, partly squared, and its gradient by the pixels' radiance. Twin: cpu/passes/loss.
+// Pass `loss`: (1 - w) D + w (1 - SSIM) of mu-law images, where D is their L1, partly squared, and
+// its gradient by the pixels' radiance. Twin: cpu/passes/loss.
 //
-// A workgroup is 16x16 pixels, one channel after the other. `loss_ssim`: values with a halo into workgroup memory, the window of SSIM along
-// rows, then down columns; sums of |difference|, SSIM and difference^2 per workgroup, and SSIM's derivatives by the means of x, x^2 and xy. `loss_gradient`: the
-// derivatives through the same window (it is symmetric, and the padding zero, so it is its own adjoint), and the gradient by radiance.
-// `loss_report`: the sums of all workgroups, in a fixed order; it halts the engine if the loss is not finite, before anything has been changed.
-// A pixel of weight w takes w x + (1 - w) y of its prediction x and target y under the mu-law for the prediction: none at 0, all at 1.
-// A pixel's radiance is the mean of its samples', and each of these has its share of the gradient.
+// A workgroup is 16x16 pixels, one channel after the other. `loss_ssim` loads values with a halo
+// into workgroup memory and applies the window of SSIM along rows, then down columns; out: sums of
+// |difference|, SSIM and difference^2 per workgroup, and SSIM's derivatives by the means of x, x^2
+// and xy. `loss_gradient` convolves the derivatives with the same window (it is symmetric, and the
+// padding is zero, so it is its own adjoint) and computes the gradient by radiance. `loss_report`
+// adds up the sums of all workgroups in a fixed order; it halts the engine if the loss is not
+// finite, before anything has changed. With x a pixel's prediction under the mu-law, y its target
+// and w its weight, w x + (1 - w) y takes the place of the prediction. The radiance of a pixel is
+// the mean of its samples, and each sample gets its share of the gradient.
 
 struct Loss {
     mu: f32,
     // 1 / ln(1 + mu)
     scale: f32,
     ssim_weight: f32,
-    // Part of L1 that is not squared.
+    // Share of L1 that is not squared.
     l1_weight: f32,
-    // Part of L1 that is squared, over twice the difference where both are equally steep.
+    // Share of L1 that is squared, divided by twice the difference at which both have the same
+    // slope.
     l2_weight: f32,
-    // Gradients by the mu-law value at radiance 0: of L1, by the difference, and of half the derivative of the sum of SSIM.
+    // Gradients by the mu-law value at radiance 0: of L1, by the difference, and of half the
+    // derivative of the sum of SSIM.
     l1_factor: f32,
     l2_factor: f32,
     ssim_factor: f32,
-    // 1 / number of values that the means are over.
+    // 1 / the number of averaged values.
     l1_mean: f32,
     ssim_mean: f32,
     is_masked: u32,
     padding: u32,
-    // What a channel of the target is multiplied by.
+    // Factor of each channel of the target.
     target_scale: vec3f,
 }
 
@@ -33,7 +39,7 @@ struct Loss {
 @group(0) @binding(1) var<uniform> config: Loss;
 @group(0) @binding(2) var<storage, read> image: array<f32>;
 @group(0) @binding(3) var<storage, read> target_image: array<f32>;
-// Weights, one a pixel.
+// One weight per pixel.
 @group(0) @binding(4) var<storage, read> mask: array<f32>;
 // By the means of x, x^2, xy: [3 channels * 3, H*W].
 @group(0) @binding(5) var<storage, read_write> derivatives: array<f32>;
@@ -54,18 +60,18 @@ fn weight_of(pixel: u32) -> f32 {
     return mask[pixel];
 }
 
-// The mu-law value of a prediction, on its way to the target's as far as its weight is less than 1.
+// The mu-law value of a prediction, mixed with the target's if its weight is less than 1.
 fn weighted(x: f32, y: f32, weight: f32) -> f32 {
     return select(weight * x + (1.0 - weight) * y, x, weight == 1.0);
 }
 
 fn mu_law(radiance: f32) -> f32 {
     let x = config.mu * max(radiance, 0.0);
-    // ln(1 + x), whose series does not lose what is small in x to the rounding of 1 + x.
+    // ln(1 + x), by a series that keeps the small digits of x.
     return config.scale * select(log(1.0 + x), x * (1.0 - x * (0.5 - x * (1.0 / 3.0 - x * 0.25))), x < 0.02);
 }
 
-// Where in the image a place of the halo is, from which row and column on.
+// Position in the image of a place in the halo.
 fn halo_pixel(group: vec2u, n: u32) -> vec2i {
     return vec2i(group * SIDE) + vec2i(i32(n % HALO_SIDE), i32(n / HALO_SIDE)) - i32(SSIM_RADIUS);
 }
@@ -117,7 +123,7 @@ fn loss_ssim(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_
                 y = mu_law(target_image[3u * source + channel] * config.target_scale[channel]);
                 x = y;
                 let weight = weight_of(source);
-                // Nothing of a prediction that does not count comes through, not even a NaN.
+                // A prediction of weight 0 has no effect, even if it is NaN.
                 if (weight > 0.0) {
                     x = weighted(mu_law(radiance_at(vec2u(from_px), channel)), y, weight);
                 }
@@ -150,7 +156,8 @@ fn loss_ssim(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_
             let e = m.z - mean_squares + SSIM_C2;
             let inverse = 1.0 / (d * e);
             let ssim = a * b * inverse;
-            // Half of the derivatives: by the mean of x at constant sums of variances, of x^2, of xy.
+            // Half of the derivatives: by the mean of x at constant sums of variances, of x^2, of
+            // xy.
             derivatives[3u * channel * pixels + pixel] = (m.y * (b - a) + m.x * ssim * (d - e)) * inverse;
             derivatives[(3u * channel + 1u) * pixels + pixel] = -(ssim * (d * inverse));
             derivatives[(3u * channel + 2u) * pixels + pixel] = a * inverse;
@@ -173,7 +180,7 @@ fn loss_ssim(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_
     }
 }
 
-// As numbers: a vec3f takes the room of four.
+// Separate numbers: a vec3f would take the space of four.
 var<workgroup> halo_derivatives: array<array<f32, 3>, HALO>;
 var<workgroup> row_derivatives: array<array<f32, 3>, STRIP>;
 
@@ -223,14 +230,15 @@ fn loss_gradient(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocat
             // T'(p) = mu / ((1 + mu p) ln(1 + mu)); the factors hold all but 1 / (1 + mu p).
             let by_difference = sign(x - y) * config.l1_factor + (x - y) * config.l2_factor;
             let by_value = by_ssim * config.ssim_factor + by_difference;
-            // No store by a number that is not known: there are compilers that refuse it in a loop with barriers.
+            // No store with a dynamic index: some compilers refuse it in a loop with barriers.
             let value = weight * by_value / (1.0 + config.mu * radiance);
             gradient = select(gradient, vec3f(value), vec3u(0u, 1u, 2u) == vec3u(channel));
         }
         workgroupBarrier();
     }
     if (inside) {
-        // Pixels of no weight entered the windows as the target's values, which do not move with the prediction.
+        // Pixels of weight 0 entered the windows with the target's values, which do not depend on
+        // the prediction.
         let moved = select(vec3f(0.0), gradient, weight_of(pixel) > 0.0);
         let count = camera.samples * camera.samples;
         for (var n = 0u; n < count; n++) {

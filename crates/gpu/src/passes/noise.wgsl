@@ -1,5 +1,5 @@
-// Noise on positions after the update (Kheradmand et al. 2024, eq. 9): the same hash of seed and splat as core/noise.rs, in 32-bit halves
-// (x low, y high).
+// Noise on positions after the update (Kheradmand et al. 2024, eq. 9), from the same hash of seed
+// and splat as core/noise.rs, in 32-bit halves (x low, y high).
 
 fn add64(a: vec2u, b: vec2u) -> vec2u {
     let low = a.x + b.x;
@@ -38,7 +38,8 @@ fn unit_of(bits: u32) -> f32 {
 fn standard_normal(seed: vec2u, index: u32) -> vec3f {
     let h = mix64(seed ^ mix64(vec2u(index, 0u)));
     let g = mix64(h);
-    // WGSL lets the logarithm of a number near 1 be off by 2^-21, to above 0 too.
+    // WGSL allows an error of 2^-21 in the logarithm of a number near 1, so the result may be above
+    // 0.
     let radius = sqrt(max(-2.0 * log(vec2f(unit_of(h.x), unit_of(g.x))), vec2f(0.0)));
     let angle = TAU * vec2f(unit_of(shift_right64(h, 24u).x), unit_of(shift_right64(g, 24u).x));
     return vec3f(radius.x * cos(angle.x), radius.x * sin(angle.x), radius.y * cos(angle.y));

@@ -1,7 +1,9 @@
-// Pass `project`: splats to ellipses on the screen, with pass `color` for those that can be seen. Twin: cpu/passes/project.rs.
+// Pass `project`: projects splats to ellipses on the screen, with pass `color` for visible splats.
+// Twin: cpu/passes/project.rs.
 //
-// One thread a splat of the shard. In: parameters [rows, stride], camera. Out, by the splat's number in the scene: `footprints`; `depth_keys`,
-// ascending with depth, CULLED_KEY if it is not seen; `places`: (unset, number of tiles touched). A splat is culled if it is nearer than
+// One thread per splat of the shard. In: parameters [rows, stride], camera. Out, by the splat's
+// number in the scene: `footprints`; `depth_keys`, ascending with depth, CULLED_KEY if it is
+// culled; `places`: (unset, number of tiles touched). A splat is culled if it is nearer than
 // `near`, nowhere above its alpha threshold, off the image, or not finite.
 
 @group(0) @binding(0) var<uniform> camera: Camera;
@@ -11,8 +13,9 @@
 @group(0) @binding(4) var<storage, read_write> depth_keys: array<u32>;
 @group(0) @binding(5) var<storage, read_write> places: array<vec2u>;
 
-// Bits of positive floats are in the order of the numbers. Counted from the near plane, and halved, 27 of them reach 32 octaves beyond it. A near
-// plane closer than 2^-16 would leave none for depths as they occur: then the octaves are those around 1, and what is nearer has one key.
+// The bits of positive floats have the order of the numbers. Counted from the near plane, and
+// halved, 27 of them reach 32 octaves beyond it. A near plane closer than 2^-16 would leave none
+// for common depths: then the octaves are those around 1, and all nearer depths share one key.
 fn depth_key(depth: f32) -> u32 {
     let bits = bitcast<u32>(depth);
     let near = bitcast<u32>(max(camera.near, 1.52587890625e-5));
@@ -32,7 +35,7 @@ fn project(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_in
     let p = project_splat(i);
     let opacity = p.opacity * p.compensation * p.filter_factor;
     let mean = p.point.xy / p.point.z * camera.focal_px + camera.center_px;
-    // Nothing above the largest possible footprint touches the image: skip colour and the rest.
+    // A splat whose largest possible footprint misses the image skips colour and the rest.
     let floor_alpha = min(camera.alpha_floor, camera.min_alpha);
     let size = vec2f(camera.size_px);
     let widest = log(max(opacity / floor_alpha, 1.0)) * 2.0;

@@ -1,10 +1,12 @@
-// Pass `project_backward`: gradient by position, rotation, scale and opacity, with `color_backward` for the rest and `adam` for all.
-// Twin: cpu/passes/project_backward.rs.
+// Pass `project_backward`: computes the gradient by position, rotation, scale and opacity, with
+// `color_backward` for the other parameters and `adam` for all. Twin:
+// cpu/passes/project_backward.rs.
 //
-// One thread a splat of the shard. In: the sums over each entry's pixels: g, g u, g v, g u^2 · g u v, g v^2, red, green · blue, |g u|,
+// One thread per splat of the shard. In: the sums over each entry's pixels: g, g u, g v, g u^2 · g
+// u v, g v^2, red, green · blue, |g u|,
 // |g (root_xy u + root_y v)|, with g the gradient by ln(alpha). A splat's entries are summed in the order of its tiles. In, out: parameters,
-// moments, densification statistics. With M^T M the inverse covariance and S the second moments of the offsets whitened by M,
-// dE/dcovariance = M^T S M / 2.
+// moments, densification statistics. With M^T M the inverse covariance and S the second moments of
+// the offsets whitened by M, dE/dcovariance = M^T S M / 2.
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(1) var<uniform> shard: Shard;
@@ -31,7 +33,7 @@ fn gather_sums(splat: u32) -> Sums {
     var a = vec4f(0.0);
     var b = vec4f(0.0);
     var c = vec4f(0.0);
-    // Of many entries, `gather` left the sum in the first.
+    // For many entries, `gather` has stored their sum in the first.
     let len = select(place.y, 1u, place.y > GATHER_ALONE);
     for (var n = 0u; n < len; n++) {
         let entry = 3u * (place.x + n);
@@ -42,8 +44,8 @@ fn gather_sums(splat: u32) -> Sums {
     return Sums(a.x, a.yz, vec3f(a.w, b.xy), vec3f(b.zw, c.x), c.yz);
 }
 
-// Zero in place of what is not finite: a splat that is culled for overflow has zero for every incoming gradient, but zero times infinity is
-// not.
+// Replaces numbers that are not finite by zero: a splat that is culled for overflow has zero
+// incoming gradients, but zero times infinity is NaN.
 fn finite(value: f32) -> f32 {
     return select(0.0, value, is_finite(value));
 }
@@ -60,7 +62,7 @@ fn rotation_backward(p: Projection, d_0: vec3f, d_1: vec3f, d_2: vec3f) -> vec4f
         2.0 * (x * (d_0.y + d_1.x) + z * (d_1.z + d_2.y) + w * (d_0.z - d_2.x) - 2.0 * y * (d_0.x + d_2.z)),
         2.0 * (x * (d_0.z + d_2.x) + y * (d_1.z + d_2.y) + w * (d_1.x - d_0.y) - 2.0 * z * (d_0.x + d_1.y)),
     );
-    // Normalisation: only the part across the quaternion moves it.
+    // Normalisation: only the part orthogonal to the quaternion has an effect.
     return (d - dot(d, p.quaternion) * p.quaternion) * p.inverse_length;
 }
 
@@ -72,7 +74,7 @@ fn point_backward(p: Projection, d_jacobian_x: vec3f, d_jacobian_y: vec3f, d_mea
     let by_direct = vec2f(dot(d_jacobian_x, camera.row_x.xyz), dot(d_jacobian_y, camera.row_y.xyz));
     let by_depth = vec2f(dot(d_jacobian_x, camera.row_z.xyz), dot(d_jacobian_y, camera.row_z.xyz));
     let true_slope = p.point.xy * inverse_z;
-    // Where the slope is clamped it does not move.
+    // Where the slope is clamped it is constant.
     let d_slope = select(-(scale * by_depth), vec2f(0.0), true_slope != p.slope);
     let d_xy = d_mean * scale + d_slope * inverse_z;
     let by_scale = by_direct - p.slope * by_depth + d_mean * p.point.xy;
@@ -85,7 +87,8 @@ struct Geometry {
     rotation: vec4f,
     log_scale: vec3f,
     opacity_logit: f32,
-    // Norms of the gradient by the centre, NDC units: of its sum, and of the sums of its absolute parts.
+    // Norms of the gradient by the centre, NDC units: of its sum, and of the sums of its absolute
+    // parts.
     norms: vec2f,
 }
 
@@ -136,7 +139,8 @@ fn geometry_backward(i: u32, sums: Sums) -> Geometry {
     let d_point = point_backward(p, d_jacobian_x, d_jacobian_y, d_mean);
     let d = d_point.x * camera.row_x.xyz + d_point.y * camera.row_y.xyz + d_point.z * camera.row_z.xyz;
     out.position = vec3f(finite(d.x), finite(d.y), finite(d.z));
-    // NDC spans 2 over the image's side. Absolute sums carry the rasteriser's constant twice: in u and v, and in its root.
+    // NDC spans 2 over the image's side. Absolute sums carry the rasteriser's constant twice: in u
+    // and v, and in its root.
     let ndc = 0.5 * vec2f(camera.size_px);
     let absolute = vec2f(root.x * sums.absolute.x / SQRT_HALF_LOG2_E, sums.absolute.y * unit);
     out.norms = vec2f(length(d_mean * ndc), length(absolute * ndc));
@@ -164,7 +168,7 @@ fn project_backward(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invo
             stats[2u * shard.stride + i] += 1.0;
         }
     }
-    // Colours see the position as it was, so it is moved after them.
+    // The position is updated last, because colours depend on the old one.
     let d_position = geometry.position + color_backward(i, is_visible, sums.radiance);
     for (var k = 0u; k < 3u; k++) {
         update_parameter(ROW_POSITION + k, i, finite(d_position[k]), optimizer.position);

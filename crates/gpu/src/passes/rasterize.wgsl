@@ -1,8 +1,10 @@
-// Pass `rasterize`: front-to-back blending. Twin: cpu/passes/rasterize.rs.
+// Pass `rasterize`: blends splats front to back. Twin: cpu/passes/rasterize.rs.
 //
-// A workgroup of 256 threads a tile of 16x16 pixels, a thread a pixel; entries come 256 at a time through workgroup memory. In: each tile's
-// entries front to back. Out: radiance [H*W,3] with the background; per pixel the number of its tile's entries up to and including the last that
-// changed it; and, for training, transmittance and radiance of each pixel before every bucket but its tile's first.
+// A workgroup of 256 threads is a tile of 16x16 pixels, with one thread per pixel; entries are
+// loaded 256 at a time into workgroup memory. In: each tile's entries front to back. Out: radiance
+// [H*W,3] with the background; per pixel the number of its tile's entries up to and including the
+// last that changed it; and, for training, transmittance and radiance of each pixel before every
+// bucket but its tile's first.
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(1) var<storage, read> footprints: array<Footprint>;

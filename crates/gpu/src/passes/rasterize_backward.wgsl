@@ -1,11 +1,15 @@
-// Pass `rasterize_backward`: gradients of each entry, a sum over its tile's pixels. Twin: cpu/passes/rasterize_backward.rs.
+// Pass `rasterize_backward`: computes the gradients of each entry, sums over its tile's pixels.
+// Twin: cpu/passes/rasterize_backward.rs.
 //
-// In: buckets and the pixels' state before each of them, the image, `pixel_gradients`: gradient of the loss by radiance and (w) the number of
-// entries up to the last that changed the pixel. Out, by entry as `bin_emit` numbered it (a splat's entries are neighbours): three vec4f, see
-// `project_backward.wgsl`. Source of the order of work: Mallick et al. 2024, "Taming 3DGS", section on backpropagation by splats.
+// In: buckets and the pixels' state before each of them, the image, `pixel_gradients`: gradient of
+// the loss by radiance and (w) the number of entries up to the last that changed the pixel. Out, by
+// entry as `bin_emit` numbered it (a splat's entries are neighbours): three vec4f, see
+// `project_backward.wgsl`. Source of the division of work: Mallick et al. 2024, "Taming 3DGS",
+// section on backpropagation by splats.
 //
-// With w_i = T_i alpha_i and S_i = sum over j > i of w_j c_j (background last), d alpha_i = T_i c_i - S_i / (1 - alpha_i), dotted with the
-// pixel's gradient. S comes from the front: the whole of the pixel less what has been passed.
+// With w_i = T_i alpha_i and S_i = sum over j > i of w_j c_j (background last), d alpha_i = T_i c_i
+// - S_i / (1 - alpha_i), dotted with the pixel's gradient. S is computed from the front: the
+// pixel's radiance minus what lies in front.
 
 @group(0) @binding(6) var<storage, read> image: array<f32>;
 @group(0) @binding(7) var<storage, read> pixel_gradients: array<vec4f>;
@@ -37,7 +41,8 @@ fn rasterize_backward(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_in
         if (all(at < camera.size_px)) {
             let pixel = at.y * camera.size_px.x + at.x;
             let gradient = pixel_gradients[pixel];
-            // Nothing of a pixel without a gradient comes through, not even what is not finite; so masked tiles cost nothing.
+            // A pixel without a gradient has no effect, even if its values are not finite; masked
+            // tiles cost nothing.
             let last = select(0u, u32(gradient.w), any(gradient.xyz != vec3f(0.0)));
             var state = vec4f(0.0, 0.0, 0.0, 1.0);
             if (last > bucket.before) {

@@ -1,6 +1,6 @@
-// Rotations by unit quaternions w x y z.
+// Rotations by unit quaternions (w, x, y, z).
 
-// Rows of the rotation matrix.
+// Returns the rows of the rotation matrix.
 fn rotation_rows(q: vec4f) -> array<vec3f, 3> {
     let w = q.x;
     let x = q.y;

@@ -1,13 +1,17 @@
-// Pass `sort`: one digit of a stable least-significant-digit radix sort of (key, value) pairs, in three dispatches. Runs over splats by depth,
-// then over entries by tile, so that each tile's entries are front to back. Twin: cpu/passes/sort.rs (a list per tile, sorted each by itself).
+// Pass `sort`: one digit of a stable least-significant-digit radix sort of (key, value) pairs, in
+// three dispatches. It runs over splats by depth, then over entries by tile, so that each tile's
+// entries are front to back. Twin: cpu/passes/sort.rs (which sorts the list of each tile by
+// itself).
 //
-// A block is SORT_BLOCK pairs. `sort_count`: how often each digit occurs in each block, [digits, blocks]. `sort_scan`: those numbers summed along
-// the blocks, a workgroup a digit. `sort_scatter`: pairs to their places. A pair's place within its block follows from bit masks, one bit
-// a pair, that each digit's pairs set for 128 pairs at a time: no order of threads shows in the result, and no subgroup is needed.
+// A block is SORT_BLOCK pairs. `sort_count` counts how often each digit occurs in each block,
+// [digits, blocks]. `sort_scan` sums these counts along the blocks, one workgroup per digit.
+// `sort_scatter` moves pairs to their places. The place of a pair within its block follows from bit
+// masks, with one bit per pair, which each digit's pairs set for 128 pairs at a time. So the result
+// does not depend on the order of threads, and no subgroup operations are needed.
 
 struct Sort {
     shift: u32,
-    // Pairs, if SORT_ENTRIES is not set in flags.
+    // Number of pairs, if SORT_ENTRIES is not set in flags.
     count: u32,
     flags: u32,
     padding: u32,
@@ -112,7 +116,8 @@ fn sort_scatter(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocati
         return;
     }
     let count = pair_count();
-    // Where each digit's pairs of this block begin: all smaller digits, then the digit's earlier blocks.
+    // Start of each digit's pairs of this block: all smaller digits, then the digit's earlier
+    // blocks.
     const PER_THREAD = DIGITS / 128u;
     var own = 0u;
     for (var k = 0u; k < PER_THREAD; k++) {

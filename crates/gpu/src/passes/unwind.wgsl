@@ -1,8 +1,11 @@
-// How a bucket's splats meet their tile's pixels one after another, without a sum over threads: shared by `rasterize_backward` and `contribute`.
+// Iteration of a bucket's splats over their tile's pixels, without sums over threads: shared by
+// `rasterize_backward` and `contribute`.
 //
-// A workgroup is a bucket, a thread one of its splats. Pixels pass along the threads like wagons along loaders: in step s, thread t works on
-// pair number s - t of the tile's pixels, which thread t - 1, the splat in front, left in workgroup memory one step before. So every
-// pixel meets the bucket's splats front to back, each thread sums up its own splat, and no two threads add to one number.
+// A workgroup is a bucket, and each thread one of its splats. Pixels move along the threads as in a
+// pipeline: in step s, thread t works on pair number s - t of the tile's pixels, which thread t -
+// 1, the splat in front, stored in workgroup memory one step before. So every pixel is processed by
+// the bucket's splats front to back, each thread sums up its own splat, and no two threads add to
+// the same number.
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(1) var<storage, read> footprints: array<Footprint>;
@@ -24,10 +27,11 @@ struct Buckets {
     slots: array<Bucket>,
 }
 
-// Pixels that a thread works on between two barriers.
+// Pixels that a thread processes between two barriers.
 const WAGON = 2u;
 const STEPS = TILE_PIXELS / WAGON + BUCKET - 1u;
 
 var<workgroup> transmittances: array<f32, TILE_PIXELS>;
-// The tile's entries up to and including the last that changed the pixel; 0 beyond the image.
+// Number of the tile's entries up to and including the last that changed the pixel; 0 beyond the
+// image.
 var<workgroup> lasts: array<u32, TILE_PIXELS>;

@@ -1,20 +1,21 @@
-//! How far two results are apart, and how that is told: by failing, and in the parity table.
+//! Comparison of two results, with failures and the parity table.
 
 use std::sync::{Mutex, PoisonError};
 
-/// Worst differences between two series.
+/// The worst differences between two series.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Worst {
     /// Largest difference.
     pub absolute: f64,
     /// Largest difference over the largest value of the series.
     pub relative: f64,
-    /// Where, and both values: found, expected.
+    /// Index, and both values: found, expected.
     pub at: usize,
     pub values: [f64; 2],
 }
 
-/// Compares; NaN on either side is an infinite difference, unless both are the same bits.
+/// Compares two series; NaN on either side is an infinite difference, unless both are the same
+/// bits.
 pub fn worst(found: &[f32], expected: &[f32]) -> Worst {
     assert_eq!(found.len(), expected.len(), "lengths differ");
     let largest = expected.iter().fold(0f64, |m, v| m.max(f64::from(v.abs())));
@@ -37,10 +38,10 @@ pub fn worst(found: &[f32], expected: &[f32]) -> Worst {
     out
 }
 
-/// Worst differences by row of the parity table, in the order of the tests.
+/// The worst differences by row of the parity table, in the order of the tests.
 static TABLE: Mutex<Vec<(String, Worst)>> = Mutex::new(Vec::new());
 
-/// Takes a difference into the table; its row is what stands before the colon.
+/// Adds a difference to the table; its row is the text before the colon.
 fn note(what: &str, worst: Worst) {
     let name = what.split(':').next().unwrap_or(what);
     let mut table = TABLE.lock().unwrap_or_else(PoisonError::into_inner);
@@ -53,7 +54,7 @@ fn note(what: &str, worst: Worst) {
     }
 }
 
-/// The parity table of the tests that have run.
+/// Prints the parity table of the tests that have run.
 pub fn print_table() {
     println!("| pass | absolute, relative |\n|---|---|");
     for (name, Worst { absolute, relative, .. }) in TABLE.lock().unwrap_or_else(PoisonError::into_inner).iter() {
@@ -74,7 +75,8 @@ pub fn assert_close(what: &str, found: &[f32], expected: &[f32], relative: f64) 
     );
 }
 
-/// Fails unless all but `most` values are within `relative` of the largest, and those within `band`: for what jumps at thresholds.
+/// Fails unless all but `most` values are within `relative` of the largest, and those within
+/// `band`: for values that jump at thresholds.
 pub fn assert_close_but_few(what: &str, found: &[f32], expected: &[f32], relative: f64, (most, band): (usize, f64)) {
     let largest = expected.iter().fold(f64::MIN_POSITIVE, |m, v| m.max(f64::from(v.abs())));
     let is_beyond = |(a, b): (&f32, &f32), limit: f64| {

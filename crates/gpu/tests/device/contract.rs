@@ -1,4 +1,4 @@
-//! The engine's own promises: determinism, shards, halting and going on, errors.
+//! The engine's own guarantees: determinism, shards, halts and repeated steps, errors.
 
 use std::sync::Arc;
 
@@ -37,7 +37,7 @@ fn training(number: u32) -> StepConfig {
     StepConfig { stats: StatsCollection::GradientsAndAbsolute, ..step(number, options(Cutoffs::HDR, Antialias::Off)) }
 }
 
-/// Images and gradients of a scene on both engines.
+/// Compares images and gradients of a scene on both engines.
 fn compare(gpu: &Arc<Gpu>, what: &str, scene: &Splats, camera: &Camera) {
     let (mut cpu, mut engine) = engines(gpu, scene);
     let render = options(Cutoffs::HDR, Antialias::Off);
@@ -59,7 +59,7 @@ fn compare(gpu: &Arc<Gpu>, what: &str, scene: &Splats, camera: &Camera) {
     assert_close(&format!("crowded tiles and large splats, statistics: {what}"), &found.abs_gradient, &expected.abs_gradient, 2e-4);
 }
 
-/// Several buckets and batches a tile.
+/// Tests several buckets and batches per tile.
 fn crowded_tiles_match_the_cpu(gpu: &Arc<Gpu>) {
     let camera = camera(45, 38);
     let mut scene = splats(models()[3], 700, &camera, 31);
@@ -67,14 +67,14 @@ fn crowded_tiles_match_the_cpu(gpu: &Arc<Gpu>) {
         *logit -= 2.5;
     }
     compare(gpu, "crowded", &scene, &camera);
-    // And opaque ones, where pixels finish long before the tile's end.
+    // Opaque splats, too, where pixels finish long before the tile's end.
     for logit in &mut scene.opacity_logit {
         *logit += 4.0;
     }
     compare(gpu, "opaque", &scene, &camera);
 }
 
-/// More entries than one thread sums.
+/// Tests more entries than one thread sums.
 fn splats_over_many_tiles_match_the_cpu(gpu: &Arc<Gpu>) {
     let camera = camera(150, 130);
     let mut scene = splats(models()[1], 40, &camera, 32);
@@ -85,7 +85,7 @@ fn splats_over_many_tiles_match_the_cpu(gpu: &Arc<Gpu>) {
     compare(gpu, "large splats", &scene, &camera);
 }
 
-/// As where `project` rounds otherwise than `bin_emit`.
+/// Simulates a compiler that rounds `project` and `bin_emit` differently.
 fn tiles_counted_and_not_found_do_not_show(gpu: &Arc<Gpu>) {
     let camera = camera(60, 50);
     let scene = splats(models()[1], 120, &camera, 42);
@@ -101,7 +101,7 @@ fn tiles_counted_and_not_found_do_not_show(gpu: &Arc<Gpu>) {
     }
 }
 
-/// Before an infinite background every pixel is infinite, and none counts.
+/// Tests an infinite background: every pixel is infinite, and has weight 0.
 fn pixels_that_do_not_count_leave_nothing(gpu: &Arc<Gpu>) {
     let camera = camera(45, 38);
     let mut view = view(&camera, false, 4);
@@ -131,7 +131,7 @@ fn what_is_saved_is_what_was_loaded(gpu: &Arc<Gpu>) {
     }
 }
 
-/// The scene after some steps.
+/// Returns the scene after some steps.
 fn trained(engine: &mut GpuEngine, scene: &Splats, views: &[View], steps: u32) -> (Splats, Moments, DensifyStats) {
     engine.load(scene, None).unwrap();
     for number in 1..=steps {
@@ -163,7 +163,7 @@ fn shards_do_not_show(gpu: &Arc<Gpu>) {
     assert!(whole == sharded, "shards of 128 splats show");
 }
 
-/// 300 splats over all of 16 x 16 tiles: more entries than there is room for at first.
+/// Tests 300 splats over all of 16 x 16 tiles: more entries than the initial capacity.
 fn too_small_buffers_do_not_show(gpu: &Arc<Gpu>) {
     let camera = camera(256, 256);
     let mut scene = splats(models()[0], 300, &camera, 38);
@@ -175,7 +175,7 @@ fn too_small_buffers_do_not_show(gpu: &Arc<Gpu>) {
     let views = [view(&camera, false, 1)];
     let mut engine = GpuEngine::new(gpu).unwrap();
     let grown = trained(&mut engine, &scene, &views, 3);
-    // Now there is room from the first step on.
+    // The buffers are now large enough from the first step on.
     let roomy = trained(&mut engine, &scene, &views, 3);
     assert!(grown == roomy, "growing buffers show");
     let mut cpu = CpuEngine::new(1).unwrap();
@@ -197,13 +197,14 @@ fn a_view_beyond_the_limits_is_refused_and_changes_nothing(gpu: &Arc<Gpu>) {
     let error = engine.train_step(&view(&camera, false, 1), &training(1)).unwrap_err().to_string();
     assert!(error.contains("pairs of splats and tiles") && error.contains("--max-splats"), "{error}");
     assert_eq!(engine.save().unwrap().0, scene);
-    // Less is possible still.
+    // Smaller views still work.
     let small = crate::fixture::camera(20, 20);
     engine.train_step(&view(&small, false, 1), &training(1)).unwrap();
     engine.finish().unwrap();
 }
 
-/// Of 3.9 million pixels, whose derivatives of SSIM would not fit into bindings of 128 MiB.
+/// Tests a render of 3.9 million pixels, whose derivatives of SSIM would not fit into bindings of
+/// 128 MiB.
 fn a_large_render_after_a_small_step_wants_an_images_room_alone(gpu: &Arc<Gpu>) {
     let (small, large) = (camera(40, 38), camera(2000, 1950));
     let scene = splats(models()[0], 20, &large, 7);
@@ -255,7 +256,7 @@ fn a_loss_that_is_not_finite_stops_the_engine(gpu: &Arc<Gpu>) {
     assert_eq!(first.step, 2);
     let error = engine.save().unwrap_err();
     assert!(matches!(&error, EngineError::Invalid { message, .. } if message.contains("step 2")), "{error}");
-    // It takes up another scene.
+    // The engine accepts another scene.
     engine.load(&before.0, Some(&before.1)).unwrap();
     assert_eq!(engine.save().unwrap(), before);
     assert!(engine.train_step(&good, &training(2)).unwrap().loss.is_finite());
@@ -302,14 +303,16 @@ fn a_report_is_of_a_step_not_long_ago(gpu: &Arc<Gpu>) {
 fn a_step_is_one_submission_that_reads_little_back(gpu: &Arc<Gpu>) {
     let mut engine = GpuEngine::new(gpu).unwrap();
     let scene = splats(models()[3], 30, &camera(45, 38), 1);
-    // A report; and where there are timestamps a pair of 8 bytes for each run of a pass: project, sort, bin, sort and on to project_backward.
+    // A report; and where there are timestamps a pair of 8 bytes for each run of a pass: project,
+    // sort, bin, sort and on to project_backward.
     let bytes_read = if gpu.facts().timestamps { 32 + 8 * 16 } else { 32 };
-    // 512 tiles need another digit to sort by, and a shard its own part of the two passes over parameters.
+    // 512 tiles need another digit to sort by, and a shard its own part of the two passes over
+    // parameters.
     for (size, shards, dispatches) in [([45, 38], 1, 24), ([512, 256], 1, 27), ([45, 38], 2, 26)] {
         engine.split_shards(30 / shards);
         engine.load(&scene, None).unwrap();
         let view = view(&camera(size[0], size[1]), false, 1);
-        // Once there, an image stays, whatever scale it is seen at.
+        // An uploaded image stays cached, at any scale of the target.
         for (number, image_bytes) in [(1, 12 * u64::from(size[0] * size[1])), (2, 0)] {
             let mut step = training(number);
             step.loss.target_scale = [1.0 / number as f32; 3];
@@ -355,7 +358,7 @@ fn bad_input_is_refused(gpu: &Arc<Gpu>) {
     assert_eq!(engine.save().unwrap().0, scene);
 }
 
-/// The CPU's, and of white splats before black the image.
+/// Compares with the CPU, and with the image of white splats on black.
 fn contributions_match_the_cpu(gpu: &Arc<Gpu>) {
     let camera = camera(45, 38);
     let mut scene = splats(models()[0], 300, &camera, 41);
@@ -379,7 +382,7 @@ fn contributions_match_the_cpu(gpu: &Arc<Gpu>) {
     assert!(engine.contributions(&camera, &render, &mask[1..]).unwrap_err().to_string().contains("mask holds"));
 }
 
-/// On a device of its own: the others still need theirs.
+/// Uses a device of its own, because the other tests need theirs.
 fn a_lost_device_is_an_error_with_a_remedy(gpu: &Arc<Gpu>) {
     let lost = Gpu::open(&DeviceChoice::Named(gpu.facts().name.clone())).unwrap();
     let camera = camera(20, 20);

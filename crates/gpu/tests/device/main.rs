@@ -1,9 +1,20 @@
-//! The GPU engine against the CPU's, pass by pass and end to end, on whatever adapter there is; software renderers too.
+//! Compares the GPU engine with the CPU engine, pass by pass and end to end, on whatever adapter
+//! there is, software renderers included.
 //!
-//! Without an adapter the tests are reported as ignored; where `LUXEL_REQUIRE_GPU=1` that is a failure. `LUXEL_TEST_GPU` names another adapter
-//! than the best. They run one after the other: they share a device. `LUXEL_PARITY=1` prints the worst differences that they found.
+//! Environment variables:
+//!
+//! - `LUXEL_REQUIRE_GPU=1` fails without an adapter; otherwise the tests are then reported as
+//!   ignored.
+//! - `LUXEL_TEST_GPU` names an adapter other than the best.
+//! - `LUXEL_GPU_TESTS=threads` runs only the tests in [`THREAD_ORDER`], whose kernels exchange data
+//!   between the threads of a workgroup. Only they can depend on the size of a subgroup, so where
+//!   all tests have run at one size, these are enough at another. The default, `all`, runs every
+//!   test.
+//! - `LUXEL_PARITY=1` prints the worst differences that were found.
+//!
+//! The tests share a device, so they run one after the other.
 
-// A test binary has no outside to be reached from.
+// A test binary exports nothing.
 #![allow(unreachable_pub)]
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail the test")]
 
@@ -20,10 +31,40 @@ use std::sync::Arc;
 use libtest_mimic::{Arguments, Failed, Trial};
 use luxel_gpu::{DeviceChoice, Gpu};
 
-/// A test.
+/// Tests of kernels that exchange data between threads: prefix sums, sorts, masks and the pipeline
+/// of the backward pass. Shaders use no subgroup operations; a missing barrier shows only at some
+/// sizes.
+const THREAD_ORDER: &[&str] = &[
+    "tiles_hold_every_splat_that_can_be_seen_in_them",
+    "tiles_are_sorted_by_depth_then_index",
+    "many_splats_are_sorted_over_several_blocks",
+    "gpu_images_match_cpu",
+    "gpu_losses_match_cpu",
+    "gpu_gradients_match_cpu",
+    "crowded_tiles_match_the_cpu",
+    "splats_over_many_tiles_match_the_cpu",
+    "equal_inputs_give_equal_bits",
+    "contributions_match_the_cpu",
+];
+
+/// Returns the tests that `LUXEL_GPU_TESTS` selects.
+fn selected() -> Vec<(&'static str, Body)> {
+    let all = [passes::ALL, parity::ALL, contract::ALL].concat();
+    for name in THREAD_ORDER {
+        assert!(all.iter().any(|(found, _)| found == name), "THREAD_ORDER: there is no test {name}");
+    }
+    match std::env::var("LUXEL_GPU_TESTS").as_deref() {
+        Err(_) | Ok("all") => all,
+        Ok("threads") => all.into_iter().filter(|(name, _)| THREAD_ORDER.contains(name)).collect(),
+        Ok(other) => panic!("LUXEL_GPU_TESTS: found \"{other}\", expected \"all\" or \"threads\""),
+    }
+}
+
+/// The function of a test.
 type Body = fn(&Arc<Gpu>);
 
-fn trial(gpu: Option<&Arc<Gpu>>, (name, body): (&'static str, Body)) -> Trial {
+/// Makes a test, which is ignored without a GPU.
+fn trial(gpu: Option<&Arc<Gpu>>, name: &'static str, body: Body) -> Trial {
     let Some(gpu) = gpu.map(Arc::clone) else {
         return Trial::test(name, || Ok(())).with_ignored_flag(true);
     };
@@ -39,8 +80,7 @@ fn main() {
     let name = std::env::var("LUXEL_TEST_GPU").unwrap_or_default();
     let gpu = Gpu::open(&DeviceChoice::Named(name));
     let is_required = std::env::var("LUXEL_REQUIRE_GPU").is_ok_and(|v| v == "1");
-    let mut trials: Vec<Trial> =
-        [passes::ALL, parity::ALL, contract::ALL].concat().into_iter().map(|test| trial(gpu.as_ref().ok(), test)).collect();
+    let mut trials: Vec<Trial> = selected().into_iter().map(|(name, body)| trial(gpu.as_ref().ok(), name, body)).collect();
     match gpu {
         Ok(gpu) => {
             let facts = gpu.facts();

@@ -1,4 +1,5 @@
-//! Both engines, end to end: images, losses, gradients by parameter, steps of training, densification.
+//! Parity of both engines, end to end: images, losses, gradients by parameter, steps of training,
+//! densification.
 
 use std::sync::Arc;
 
@@ -23,7 +24,7 @@ pub const ALL: &[(&str, Body)] = &[
     ("a_short_training_reaches_the_cpus_loss", a_short_training_reaches_the_cpus_loss),
 ];
 
-/// Every kind of colour model.
+/// Returns every kind of colour model.
 pub fn models() -> Vec<ColorModel> {
     let lcd = |chroma_degree, luminance_degree, activation| ColorModel::Lcd { chroma_degree, luminance_degree, activation };
     vec![
@@ -36,7 +37,7 @@ pub fn models() -> Vec<ColorModel> {
     ]
 }
 
-/// Both engines with the same scene.
+/// Returns both engines with the same scene.
 pub fn engines(gpu: &Arc<Gpu>, splats: &Splats) -> (CpuEngine, GpuEngine) {
     let (mut cpu, mut engine) = (CpuEngine::new(1).unwrap(), GpuEngine::new(gpu).unwrap());
     cpu.load(splats, None).unwrap();
@@ -44,7 +45,7 @@ pub fn engines(gpu: &Arc<Gpu>, splats: &Splats) -> (CpuEngine, GpuEngine) {
     (cpu, engine)
 }
 
-/// Both presets of cut-offs, every kind of anti-aliasing, one sample a pixel and several.
+/// Returns both presets of cut-offs, every kind of anti-aliasing, with and without supersampling.
 fn rasters() -> [(String, RenderOptions); 6] {
     let (hdr, parity) = (Cutoffs::HDR, Cutoffs::PARITY);
     let (off, pixel, mip) = (Antialias::Off, Antialias::Pixel, Antialias::Mip);
@@ -69,7 +70,8 @@ fn gpu_images_match_cpu(gpu: &Arc<Gpu>) {
             let (mut cpu, mut engine) = engines(gpu, &scene);
             let [expected, found] = [cpu.render(&camera, &options), engine.render(&camera, &options)].map(|image| image.unwrap().pixels);
             let what = format!("rasterize, image: {} {name}", model.name());
-            // A pixel at a splat's threshold may fall on either side; what jumps there is below the threshold's contribution.
+            // A pixel at a splat's threshold may fall on either side; the jump there is below the
+            // threshold's contribution.
             assert_close_but_few(&what, found.as_flattened(), expected.as_flattened(), 2e-5, (6, 4e-3));
         }
     }
@@ -99,7 +101,7 @@ fn gpu_losses_match_cpu(gpu: &Arc<Gpu>) {
     }
 }
 
-/// Parameters by kind.
+/// Returns the parameters by kind.
 pub fn groups(splats: &Splats) -> [(&'static str, &[f32]); 6] {
     [
         ("position", splats.position.as_flattened()),
@@ -111,7 +113,7 @@ pub fn groups(splats: &Splats) -> [(&'static str, &[f32]); 6] {
     ]
 }
 
-/// The pass that ends with a parameter's gradient.
+/// Returns the pass that computes a parameter's gradient.
 fn differentiates(parameter: &str) -> &'static str {
     if ["harmonics", "luminance"].contains(&parameter) { "color_backward" } else { "project_backward" }
 }
@@ -136,7 +138,7 @@ fn gpu_gradients_match_cpu(gpu: &Arc<Gpu>) {
     }
 }
 
-/// As training has it until all degrees are switched on.
+/// Tests the state of training before all degrees are active.
 fn harmonics_above_the_active_degree_take_no_part(gpu: &Arc<Gpu>) {
     let camera = camera(45, 38);
     for model in [models()[1], models()[4]] {
@@ -204,7 +206,7 @@ fn gpu_statistics_match_cpu(gpu: &Arc<Gpu>) {
 fn gpu_noise_matches_cpu(gpu: &Arc<Gpu>) {
     let camera = camera(20, 20);
     let mut scene = splats(models()[0], 40, &camera, 11);
-    // Faint ones move, opaque ones do not.
+    // Faint splats move, opaque ones do not.
     for (i, logit) in scene.opacity_logit.iter_mut().enumerate() {
         *logit = -9.0 + 0.3 * i as f32;
     }
@@ -257,7 +259,8 @@ fn split_of(source: u32) -> PlanRow {
     PlanRow { source, offset_sigma: [0.0, 0.0, 1.0], log_scale_shift: 0.1, opacity_logit: None, keep_moments: true }
 }
 
-/// Sixty steps from a shaken scene back to its own image: losses stay within 1 % of each other, and fall.
+/// Trains a perturbed scene towards its own image for sixty steps: losses stay within 1 % of each
+/// other, and fall.
 fn a_short_training_reaches_the_cpus_loss(gpu: &Arc<Gpu>) {
     let camera = camera(40, 32);
     let truth = splats(models()[3], 60, &camera, 51);

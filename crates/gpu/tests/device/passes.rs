@@ -1,4 +1,4 @@
-//! The passes up to the image, each against the formulas it stands for.
+//! The passes up to the image, each compared with its formulas.
 
 use std::sync::Arc;
 
@@ -20,14 +20,14 @@ pub const ALL: &[(&str, Body)] = &[
     ("many_splats_are_sorted_over_several_blocks", many_splats_are_sorted_over_several_blocks),
 ];
 
-/// A scene of many splats, and what the passes made of it.
+/// Runs the passes on a scene of many splats.
 fn forward(gpu: &Arc<Gpu>, scene: &Splats, camera: &Camera) -> ForwardPasses {
     let mut engine = GpuEngine::new(gpu).unwrap();
     engine.load(scene, None).unwrap();
     engine.forward_passes(camera, &options(Cutoffs::HDR, Antialias::Off)).unwrap()
 }
 
-/// Covariance on the screen by the definition: J R S S^T R^T J^T, dilated.
+/// Computes the covariance on the screen by its definition: J R S S^T R^T J^T, dilated.
 fn covariance(scene: &Splats, i: usize, camera: &Camera) -> (DVec2, [f64; 3]) {
     let position = DVec3::from_array(scene.position[i].map(f64::from));
     let p = camera.camera_from_world.transform_point3(position);
@@ -53,7 +53,7 @@ fn projected_splats_are_where_the_formula_says(gpu: &Arc<Gpu>) {
     let (mut found, mut expected) = (Vec::new(), Vec::new());
     for (i, footprint) in passes.footprints.iter().enumerate() {
         let Some(f) = footprint else { continue };
-        // Beyond the margin of the field of view the Jacobian is another.
+        // Beyond the margin of the field of view the Jacobian is clamped.
         let (mean, [xx, xy, yy]) = covariance(&scene, i, &camera);
         if mean.x < -10.0 || mean.y < -8.0 || mean.x > 100.0 || mean.y > 78.0 {
             continue;
@@ -89,7 +89,8 @@ fn colors_are_those_of_the_color_model(gpu: &Arc<Gpu>) {
     }
 }
 
-/// Whether a splat reaches its threshold at a pixel's centre, by more (or by less) than rounding.
+/// Reports whether a splat reaches its threshold at a pixel's centre, by more (or by less) than
+/// rounding.
 fn reaches(f: &Footprint, pixel: [u32; 2], by: f32) -> bool {
     let (dx, dy) = (pixel[0] as f32 + 0.5 - f.mean_px[0], pixel[1] as f32 + 0.5 - f.mean_px[1]);
     let (u, v) = (f.root[0] * dx + f.root[1] * dy, f.root[2] * dy);
@@ -128,7 +129,7 @@ fn depths(scene: &Splats, camera: &Camera) -> Vec<f32> {
 fn assert_sorted(list: &[u32], depths: &[f32]) {
     for pair in list.windows(2) {
         let [a, b] = [depths[pair[0] as usize], depths[pair[1] as usize]];
-        // Depths that rounding can't tell apart may stand either way.
+        // Depths that differ only by rounding may have either order.
         assert!(a <= b * (1.0 + 1e-6), "splat {} at {a} stands before {} at {b}", pair[0], pair[1]);
         assert!(a != b || pair[0] < pair[1], "splats {pair:?} of one depth");
     }
@@ -137,7 +138,7 @@ fn assert_sorted(list: &[u32], depths: &[f32]) {
 fn tiles_are_sorted_by_depth_then_index(gpu: &Arc<Gpu>) {
     let camera = camera(83, 59);
     let mut scene = splats(models()[0], 300, &camera, 24);
-    // Some stand at the same place.
+    // Some splats have the same position.
     for i in 0..20 {
         scene.position[100 + 7 * i] = scene.position[i];
     }
@@ -151,7 +152,8 @@ fn tiles_are_sorted_by_depth_then_index(gpu: &Arc<Gpu>) {
     assert!(listed > 300);
 }
 
-/// Keys count octaves from the near plane on: from one at 0 they would reach no depth that occurs.
+/// Tests a near plane at 0: keys count octaves from the near plane on, and from 0 they would reach
+/// no common depth.
 fn a_near_plane_at_the_camera_leaves_the_order(gpu: &Arc<Gpu>) {
     let camera = camera(83, 59);
     let scene = splats(models()[0], 300, &camera, 26);
