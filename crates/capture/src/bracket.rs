@@ -1,14 +1,14 @@
-//! Which photographs are exposures of one view.
+//! Brackets: the photographs that are exposures of one view.
 //!
 //! In: [`Shot`]s with name, time and exposure. Out: groups of indices, each sorted by exposure, in
 //! the order of their first names; and what is odd about them. Rules, in this order unless one is
 //! given:
-//! - names: `desk_1`, `desk_2` and so on, where all that share what is before the last separator
+//! - names: `desk_1`, `desk_2` and so on, where all that share the part before the last separator
 //!   differ in exposure. Unless given, believed only if most of these groups, and two at least,
 //!   repeat a pattern of exposures, or if names state exposures (`desk_ev-2`): cameras count views
 //!   as well;
-//! - sequence: by camera, time and name; a group ends where an exposure comes again or time stands
-//!   still for long. Believed only if most photographs are in groups that repeat the same
+//! - sequence: by camera, time and name; a group ends where an exposure repeats, or after a long
+//!   pause. Believed only if most photographs are in groups that repeat the same
 //!   exposures, two at least: photographs taken with automatic exposure differ as well, but not by
 //!   a pattern.
 //!
@@ -20,7 +20,7 @@ use std::collections::BTreeMap;
 
 use names::{believed, by_names};
 
-/// A photograph as grouping sees it.
+/// A photograph, with the facts that grouping needs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Shot {
     /// File name without extension.
@@ -93,7 +93,7 @@ pub enum BracketError {
     Count {
         /// Photographs.
         shots: usize,
-        /// Asked for.
+        /// Number per bracket that the rule gives.
         count: usize,
     },
     /// Names show no pattern.

@@ -6,12 +6,12 @@
 //! L t S / (120 N^2). Cameras differ from it by up to half a stop, all frames of one camera by the
 //! same factor.
 //!
-//! What a file leaves out is taken as ISO 100 and f/4: frames stay on one scale as long as all of
+//! Missing values count as ISO 100 and f/4: frames stay on one scale as long as all of
 //! them leave it out.
 
 use serde::{Deserialize, Serialize};
 
-/// How a frame was exposed.
+/// The exposure of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Exposure {
     /// Shutter time, above 0.

@@ -25,7 +25,8 @@ const SEPARATORS: [char; 4] = [' ', '\t', ',', ';'];
 /// Reads a list of exposures.
 ///
 /// ```
-/// let list = luxel_capture::parse_exposure_list("# name, seconds, ISO, f-number\ndesk_1 1/100 100 8\n")?;
+/// let text = "# name, seconds, ISO, f-number\ndesk_1 1/100 100 8\n";
+/// let list = luxel_capture::parse_exposure_list(text)?;
 /// assert_eq!(list["desk_1"].seconds, 0.01);
 /// let error = luxel_capture::parse_exposure_list("desk_1 fast").unwrap_err();
 /// assert_eq!(error.line, 1);

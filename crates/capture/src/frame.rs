@@ -137,9 +137,9 @@ impl SignalNoise {
 /// One photograph.
 #[derive(Clone, Debug)]
 pub struct CapturedFrame {
-    /// Pixels.
+    /// Width, pixels.
     pub width: usize,
-    /// Pixels.
+    /// Height, pixels.
     pub height: usize,
     /// Arrangement of the samples.
     pub layout: SampleLayout,
@@ -166,9 +166,9 @@ pub enum FrameError {
         found: usize,
         /// Number that size and layout call for.
         expected: usize,
-        /// Pixels.
+        /// Width, pixels.
         width: usize,
-        /// Pixels.
+        /// Height, pixels.
         height: usize,
     },
     /// Exposure.

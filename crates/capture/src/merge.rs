@@ -9,8 +9,8 @@
 //!
 //! Both ends: a saturated sample has no weight, and weight fades out below saturation, so that no
 //! edge shows where a frame leaves. A sample that is saturated in every frame has the shortest
-//! frame's radiance, a lower bound, and is marked. What a shorter exposure shows to be far beyond
-//! saturation is saturated, whatever its code: compression leaves codes a little below white
+//! frame's radiance, a lower bound, and is marked. A sample that is far beyond saturation by a
+//! shorter exposure is saturated, whatever its code: compression leaves codes a little below white
 //! beside edges there. Samples at black keep their weight (their signal is small, and so is the
 //! error), and are counted where every frame is black.
 
@@ -35,9 +35,9 @@ const MOTION_RELATIVE: f32 = 0.2;
 /// Radiance of a view in camera colours.
 #[derive(Clone, Debug)]
 pub struct Merged {
-    /// Pixels.
+    /// Width, pixels.
     pub width: usize,
-    /// Pixels.
+    /// Height, pixels.
     pub height: usize,
     /// Arrangement of the samples.
     pub layout: SampleLayout,
@@ -64,11 +64,12 @@ struct MergedRow {
 /// use luxel_capture::prepare::{CurveTables, developed_frame};
 /// use luxel_capture::{Codes, Exposure, ResponseCurve, merge};
 ///
-/// // A pixel that the longer exposure saturates, and its neighbour, which the shorter one barely sees.
+/// // A pixel that the longer exposure saturates, and a neighbour that the shorter one barely sees.
 /// let tables = CurveTables::new(&ResponseCurve::Linear);
 /// let frame = |seconds: f64, codes: [u8; 2]| {
 ///     let exposure = Exposure { seconds, iso: Some(100.0), f_number: Some(8.0) };
-///     developed_frame([2, 1], Codes::U8(codes.iter().flat_map(|c| [*c; 3]).collect()), &tables, &exposure)
+///     let codes = Codes::U8(codes.iter().flat_map(|c| [*c; 3]).collect());
+///     developed_frame([2, 1], codes, &tables, &exposure)
 /// };
 /// let merged = merge(&[frame(0.01, [200, 10]), frame(0.1, [255, 100])])?;
 /// assert!(!merged.saturated[0]);
@@ -107,7 +108,7 @@ pub fn merge(frames: &[CapturedFrame]) -> Result<Merged, FrameError> {
     })
 }
 
-/// A frame's word on a sample.
+/// A frame's measurement of a sample.
 #[derive(Clone, Copy)]
 struct Word {
     signal: f32,
@@ -146,7 +147,7 @@ fn merge_row(frames: &[CapturedFrame], y: usize, start: usize, radiance: &mut [f
     row
 }
 
-/// Takes the trust from frames that must be saturated by what a shorter exposure shows. Whether one
+/// Distrusts frames that must be saturated, according to a shorter exposure. Whether one
 /// of them measures clearly that it is not: something moved.
 fn silence_saturated(words: &mut [Word]) -> bool {
     let is_certain = |word: &&Word| word.signal > CERTAIN_SIGNAL * word.clip;
@@ -212,7 +213,7 @@ impl Merged {
     ///
     /// Where a channel is saturated the others go on rising, and balanced colours run to magenta: a
     /// saturated channel is set to the largest of the pixel's channels, if that is more, so that
-    /// light beyond the sensor is neutral and no darker than what was seen of it.
+    /// light beyond the sensor is neutral and no darker than its measured part.
     pub fn develop(self, balance: [f32; 3], scene_from_balanced: &DMat3) -> Developed {
         let (width, height) = (self.width, self.height);
         let (mut pixels, marks) = match self.layout {
@@ -323,7 +324,7 @@ mod tests {
 
     #[test]
     fn a_code_below_white_where_a_shorter_exposure_is_saturated_has_no_say() {
-        // As compression leaves them: 0.96 where the sensor got a hundred times what it holds.
+        // As compression leaves them: 0.96 where the sensor got a hundred times its capacity.
         let frames = [linear_frame(1, 1, &[1.0, 0.5, 0.97], 0.1), linear_frame(1, 1, &[0.96, 0.96, 0.96], 10.0)];
         let merged = merge(&frames).unwrap();
         assert_eq!((merged.saturated.as_slice(), merged.disagreeing), (&[true, false, false][..], 0));

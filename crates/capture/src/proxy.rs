@@ -21,9 +21,9 @@ pub struct ProxyOptions {
 /// An 8-bit picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Proxy {
-    /// Pixels.
+    /// Width, pixels.
     pub width: usize,
-    /// Pixels.
+    /// Height, pixels.
     pub height: usize,
     /// `[H*W*3]`, sRGB.
     pub rgb8: Vec<u8>,

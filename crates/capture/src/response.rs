@@ -5,11 +5,11 @@
 //! frame j with exposure t give g(z) = ln E_i + ln t_j, solved for g at 256 codes and all E in
 //! least squares with hat weights and a smooth g. The E are eliminated one by one, which leaves 256
 //! unknowns. The curve is per channel; each is fixed by the code in the middle, so that a neutral
-//! there stays neutral. What moved between two exposures contradicts the rest: where there is such
-//! a thing, the fit is repeated with less weight for what is off by more than most (Geman and
-//! McClure's weights), so that a shifted bracket or a passer-by does not bend the curve. Where
-//! there is not, the first fit stays: such weights favour what agrees with the curve before, right
-//! or wrong.
+//! there stays neutral. Things that moved between two exposures contradict the rest: where there
+//! are any, the fit is repeated with less weight for samples that are off by more than most (Geman
+//! and McClure's weights), so that a shifted bracket or a passer-by does not bend the curve. Where
+//! there is not, the first fit stays: such weights favour samples that agree with the previous
+//! curve, right or wrong.
 //!
 //! Degenerate: fewer than two exposures, or codes that cover too little of the range, have no
 //! curve.
@@ -26,8 +26,8 @@ const CODES: usize = 256;
 const MIN_COVERED: usize = 96;
 /// From this of 256 codes on, a sample may be saturated: developers roll off.
 const CLIP_CODE: usize = 250;
-/// Up to this code a sample may be crushed to black, of however many codes: what has more of them
-/// is not a finished picture.
+/// Up to this code a sample may be crushed to black, of however many codes: an image with
+/// more of them is not a finished picture.
 const DARK_CODE: usize = 3;
 /// Uncertainty of a JPEG's code: rounding, quantisation of its blocks, and sharpening.
 const CODE_SIGMA: f32 = 0.8;

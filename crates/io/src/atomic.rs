@@ -15,7 +15,9 @@ use crate::IoError;
 ///
 /// let folder = tempfile::tempdir()?;
 /// let path = folder.path().join("reports/run.txt");
-/// write_atomically(&path, |file| file.write_all(b"done").map_err(|e| IoError::system(&path, "write", &e)))?;
+/// write_atomically(&path, |file| {
+///     file.write_all(b"done").map_err(|e| IoError::system(&path, "write", &e))
+/// })?;
 /// assert_eq!(std::fs::read(&path)?, b"done");
 ///
 /// // A failed write leaves the older file as it was.
@@ -27,8 +29,8 @@ use crate::IoError;
 ///
 /// # Errors
 /// `write`'s error, [`crate::IoErrorKind::System`] or [`crate::IoErrorKind::NoRoom`];
-/// [`crate::IoErrorKind::Invalid`] where the name is a device's, a pipe's or a link's that leads
-/// nowhere.
+/// [`crate::IoErrorKind::Invalid`] where the name is a device, a pipe, or a link to a missing
+/// file.
 pub fn write_atomically(path: &Path, write: impl FnOnce(&mut (dyn WriteSeek + '_)) -> Result<(), IoError>) -> Result<(), IoError> {
     let place = place_of(path)?;
     let folder = place.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -92,7 +94,7 @@ impl Drop for Unfinished {
 /// without running destructors.
 pub fn remove_unfinished() {
     for path in UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner).drain(..) {
-        // The process ends either way, and what has its name already is not here any more.
+        // The process ends either way, and finished files are not in the list any more.
         let _ = std::fs::remove_file(path);
     }
 }

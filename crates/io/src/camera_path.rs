@@ -31,7 +31,7 @@ pub struct PathCamera {
     pub camera: Camera,
 }
 
-/// Reads the cameras of a file; `default` gives what the file leaves out.
+/// Reads the cameras of a file; `default` gives values that the file leaves out.
 ///
 /// # Errors
 /// A missing or damaged file, no cameras, a camera that cannot be used (the message names the
@@ -75,7 +75,7 @@ impl File<'_> {
         IoError::invalid(self.path, format_args!("{place}: {message}"))
     }
 
-    /// Fills in what the file leaves to the default camera and to its frames' numbers.
+    /// Fills in values that the file leaves to the default camera and to its frames' numbers.
     fn transforms(&self, mut root: Map<String, Value>) -> Result<Vec<PathCamera>, IoError> {
         let has_focal = |object: &Map<String, Value>| FOCAL_KEYS.iter().any(|key| object.contains_key(*key));
         let frames = root.get("frames").and_then(Value::as_array);

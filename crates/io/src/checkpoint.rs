@@ -242,7 +242,7 @@ fn read<R: Read>(path: &Path, mut reader: R, length: u64) -> Result<Snapshot, Io
     Ok(Snapshot { scene: Scene { splats, radiance_scale, color_space, raster, edits: Vec::new() }, moments, stats, average, state_json })
 }
 
-/// Reads the header and holds what it claims against the length of the file.
+/// Reads the header and checks its claims against the length of the file.
 fn read_head<R: Read>(path: &Path, reader: &mut R, length: u64) -> Result<Metadata, IoError> {
     let mut prefix = [0u8; LENGTH_BYTES as usize];
     fill(path, reader, &mut prefix, "the header's length")?;

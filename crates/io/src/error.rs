@@ -61,7 +61,8 @@ impl IoError {
     /// use luxel_core::Remedy;
     /// use luxel_io::IoError;
     ///
-    /// let error = IoError::unsupported("a.png", "no transfer curve").with_remedy(Remedy::give("transfer"));
+    /// let error = IoError::unsupported("a.png", "no transfer curve");
+    /// let error = error.with_remedy(Remedy::give("transfer"));
     /// assert_eq!(error.to_string(), "a.png: no transfer curve");
     /// assert_eq!(error.remedy, Some(Remedy::give("transfer")));
     /// ```

@@ -50,7 +50,7 @@ pub fn decode_pinhole_camera(name: &Path, bytes: &[u8]) -> Result<Camera, IoErro
         camera_from_world: file.pose()?,
         distortion: Distortion::default(),
     };
-    // Numbers were checked one by one: what is left is the pose.
+    // Numbers were checked one by one; the pose remains.
     camera.validate().map_err(|e| IoError::invalid(name, format_args!("\"{POSE}\": {e}")))?;
     Ok(camera)
 }

@@ -1,4 +1,4 @@
-//! Tags of TIFF files and of what is built like them: DNG, and the Exif blocks of JPEG and PNG.
+//! Tags of TIFF files and of formats built like them: DNG, and the Exif blocks of JPEG and PNG.
 //!
 //! In: bytes. Out: [`Ifd`]s, entries by tag, whose values are slices of the file: nothing is
 //! allocated by what a file claims. The library for TIFF images (`tiff`) is not used here: it stops

@@ -23,7 +23,7 @@ pub fn read_tensors(path: &Path) -> Result<Tensors, IoError> {
     decode_tensors(path, &read_file(path)?)
 }
 
-/// Decodes what [`read_tensors`] reads, from memory; `name` is for messages only.
+/// Decodes a file's bytes as [`read_tensors`] does; `name` is for messages only.
 ///
 /// # Errors
 /// The same as [`read_tensors`].

@@ -17,7 +17,7 @@ fn prefix(name: &str) -> Option<(&str, bool)> {
     let at = name.rfind(SEPARATORS)?;
     let (before, after) = (name.get(..at)?, name.get(at + 1..)?);
     let number = after.trim_start_matches(|c: char| "evEV+".contains(c));
-    // A sign belongs to the number, and so does what it is a number of: desk_-2, desk_ev-2.
+    // A sign belongs to the number, and so does its unit: desk_-2, desk_ev-2.
     let unsigned = before.strip_suffix(SEPARATORS).unwrap_or(before);
     let is_signed = name[at..].starts_with('-') && unsigned.len() < before.len();
     let before = ["ev", "EV"].iter().find_map(|ev| unsigned.strip_suffix(ev)?.strip_suffix(SEPARATORS)).unwrap_or(unsigned);

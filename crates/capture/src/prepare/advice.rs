@@ -78,10 +78,10 @@ pub fn advice(input: &AdviceInput<'_>) -> Vec<PrepareNote> {
     let mut out = AdviceLines { records, lines: Vec::new() };
     out.add_where(|r| r.saturated > SATURATED, "saturated in every exposure in more than 1 % of the picture; add a shorter exposure");
     out.add_where(|r| r.dark > DARK, "black in every exposure in more than 10 % of the picture; add a longer exposure");
-    let mut sharpness: Vec<f32> = records.iter().map(|r| r.figures.sharpness).collect();
+    let mut sharpness: Vec<f32> = records.iter().map(|r| r.metrics.sharpness).collect();
     sharpness.sort_by(f32::total_cmp);
     let median = sharpness.get(sharpness.len() / 2).copied().unwrap_or(0.0);
-    out.add_where(|r| r.figures.sharpness < SOFT * median, "softer than the others; out of focus or shaken, photograph again");
+    out.add_where(|r| r.metrics.sharpness < SOFT * median, "softer than the others; out of focus or shaken, photograph again");
     // Shifts are measured in the photographs.
     let side = |r: &ViewRecord| f64::from(input.downscale) * r.size_px[0].max(r.size_px[1]) as f64;
     out.add_where(
@@ -95,7 +95,8 @@ pub fn advice(input: &AdviceInput<'_>) -> Vec<PrepareNote> {
     out.lines
 }
 
-/// Adds lines about exposures that disagree: something moved, or what is known of the set is wrong.
+/// Adds lines about exposures that disagree: something moved, or the exposures or the curve are
+/// wrong.
 fn advise_on_motion(out: &mut AdviceLines<'_>, curve: Option<CurveOrigin>) {
     let moving = out.select(|r| r.disagreeing > MOTION);
     if 2 * moving.len() <= out.records.len() || moving.len() <= 1 {
@@ -136,7 +137,7 @@ fn advise_on_poses(out: &mut AdviceLines<'_>, registration: &Registration) {
 mod tests {
     use super::super::RegisteredView;
     use super::*;
-    use crate::Figures;
+    use crate::CaptureMetrics;
 
     fn record(name: &str) -> ViewRecord {
         ViewRecord {
@@ -153,7 +154,7 @@ mod tests {
             negative: 0.0,
             disagreeing: 0.0,
             offset_px: None,
-            figures: Figures { sharpness: 1.0, ..Figures::default() },
+            metrics: CaptureMetrics { sharpness: 1.0, ..CaptureMetrics::default() },
             left_out: Vec::new(),
             notes: Vec::new(),
         }
@@ -163,7 +164,7 @@ mod tests {
     fn each_fault_has_its_advice_and_its_views() {
         let mut records: Vec<ViewRecord> = ["a", "b", "c", "d", "e", "f"].map(record).into();
         records[0].saturated = 0.02;
-        records[1].figures.sharpness = 0.4;
+        records[1].metrics.sharpness = 0.4;
         records[2].offset_px = Some(12.0);
         records[3].disagreeing = 0.05;
         records[4].dark = 0.3;

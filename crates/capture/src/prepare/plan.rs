@@ -45,7 +45,7 @@ pub struct Plan {
 /// The user's choice of white balance for RAW files.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum WhiteBalance {
-    /// The median of what the camera chose.
+    /// The median of the camera's choices.
     #[default]
     AsShot,
     /// The choice of one photograph, by its name with or without extension.
@@ -98,8 +98,8 @@ pub fn check_options(options: &PlanOptions, photos: &[Photograph]) -> Result<(),
 /// sound.
 ///
 /// ```
-/// use luxel_capture::Exposure;
 /// use luxel_capture::prepare::{Photograph, PlanOptions, plan};
+/// use luxel_capture::{BracketRule, Exposure};
 /// use luxel_core::photo::{Exif, PhotoInfo, PhotoKind};
 ///
 /// let mut photos: Vec<Photograph> = [0.01, 0.08]
@@ -120,7 +120,7 @@ pub fn check_options(options: &PlanOptions, photos: &[Photograph]) -> Result<(),
 ///         exposure: Some(Exposure { seconds, iso: Some(100.0), f_number: Some(8.0) }),
 ///     })
 ///     .collect();
-/// let options = PlanOptions { brackets: luxel_capture::BracketRule::Count(2), ..PlanOptions::default() };
+/// let options = PlanOptions { brackets: BracketRule::Count(2), ..PlanOptions::default() };
 /// let plan = plan(&mut photos, &options)?;
 /// assert_eq!(plan.views.len(), 1);
 /// assert_eq!(plan.views[0].frames, [0, 1]);

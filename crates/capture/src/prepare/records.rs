@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::LeftOut;
-use crate::Figures;
+use crate::CaptureMetrics;
 
 /// A view that is finished.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -37,7 +37,8 @@ pub struct ViewRecord {
     /// Largest shift between neighbouring exposures, pixels of the photographs.
     pub offset_px: Option<f64>,
     /// Range and sharpness.
-    pub figures: Figures,
+    #[serde(rename = "figures")]
+    pub metrics: CaptureMetrics,
     /// Those of its files that could not be decoded.
     pub left_out: Vec<LeftOut>,
     /// Remarks from its files.
@@ -76,7 +77,7 @@ pub struct RegisteredView {
 /// Returns the stops from the darkest thousandth of any view to the brightest; 0 where there is no
 /// light.
 pub fn range_stops(views: &[ViewRecord]) -> f32 {
-    let dark = views.iter().map(|v| v.figures.dark_luminance).filter(|l| *l > 0.0).fold(f32::INFINITY, f32::min);
-    let bright = views.iter().map(|v| v.figures.bright_luminance).fold(0.0, f32::max);
+    let dark = views.iter().map(|v| v.metrics.dark_luminance).filter(|l| *l > 0.0).fold(f32::INFINITY, f32::min);
+    let bright = views.iter().map(|v| v.metrics.bright_luminance).fold(0.0, f32::max);
     if bright > dark { (bright / dark).log2() } else { 0.0 }
 }

@@ -1,7 +1,7 @@
 //! The response curve of a set of developed pictures.
 //!
 //! In: the plan, the user's choice, and thinned frames of a few brackets. Out: [`SetCurve`], and a
-//! note in the plan about what was assumed. Degenerate: RAW files and radiance need no curve.
+//! note in the plan about assumptions. Degenerate: RAW files and radiance need no curve.
 
 use luxel_core::Remedy;
 use luxel_core::photo::PhotoKind;

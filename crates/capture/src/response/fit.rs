@@ -130,7 +130,7 @@ fn solve(pixels: &[Sightings], weights: &[Vec<f64>]) -> Option<[f64; CODES]> {
     let mut matrix = vec![[0.0f64; CODES]; CODES];
     let mut right = [0.0f64; CODES];
     for (sightings, weights) in pixels.iter().zip(weights) {
-        // sum_j w_j (g_j - e - t_j)^2 with the best e = sum w (g - t) / sum w: what is left is a
+        // sum_j w_j (g_j - e - t_j)^2 with the best e = sum w (g - t) / sum w: the rest is a
         // quadratic form in g alone.
         let weighted: Vec<(usize, f64, f64)> =
             sightings.iter().zip(weights).map(|(&(code, t), w)| (code, t, *w)).filter(|(_, _, w)| *w > 0.0).collect();
@@ -197,8 +197,8 @@ fn to_curve(log_signal: &[f64; CODES]) -> [f32; CODES] {
         let at = log_signal[code.clamp(first, last)].exp() * middle;
         *out = match code {
             _ if code < first => at * code as f64 / first as f64,
-            // Beyond what is trusted the curve goes on straight in stops: shoulders, which rise
-            // ever faster, are met better than by a tangent.
+            // Beyond the trusted codes the curve continues straight in stops: shoulders, which rise
+            // ever faster, are approximated better than by a tangent.
             _ if code > last => at * (log_slope * (code - last) as f64).exp(),
             _ => at,
         } as f32;

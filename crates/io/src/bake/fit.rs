@@ -4,7 +4,7 @@
 //! = 1/2 + sum_m k_m Y_m(v). d is the splat's radiance times one exposure, in the bake's colour
 //! space, under a curve if it is for a display, fitted by least squares over [`DIRECTIONS`] viewing
 //! directions to harmonics of degree min(3, the model's). Radiance harmonics in a linear bake need
-//! no fit: what is done to them is linear. Where a fit undershoots, it is drawn towards its mean
+//! no fit: all operations on them are linear. Where a fit undershoots, it is drawn towards its mean
 //! until it does not.
 
 use luxel_core::tone::{Tonemap, rec709_of};
@@ -106,7 +106,7 @@ impl Bake {
         sh::coefficients(self.degree)
     }
 
-    /// Returns the factor from normalised radiance to what is baked, before any curve.
+    /// Returns the factor from normalised radiance to baked values, before any curve.
     pub(crate) fn exposure(&self) -> f32 {
         self.exposure
     }

@@ -74,7 +74,7 @@ pub struct Baked {
     pub scene: Scene,
     /// Appearance that was requested.
     pub appearance: Appearance,
-    /// Factor from the scene's normalised radiance to what was baked, before any curve.
+    /// Factor from the scene's normalised radiance to baked values, before any curve.
     pub exposure: f32,
     /// How the world of `scene` came from that of the data set.
     pub file_from_world: Similarity,

@@ -1,4 +1,4 @@
-//! The record of a bake in its file, so that it is read back as what it is: one JSON object under
+//! The record of a bake in its file, so that it is read back as a bake: one JSON object under
 //! the key `luxel`, wherever the format has a place for it (PLY: a comment; USD: custom layer data;
 //! glTF: the asset's extras).
 

@@ -67,8 +67,8 @@ pub fn latest_checkpoint(run_dir: &Path) -> Result<LatestCheckpoint, IoError> {
     Ok(LatestCheckpoint { newest: None, damaged })
 }
 
-/// Removes all but the newest `keep` checkpoints (at least one is kept), and what a killed process
-/// left half-written. For the process that writes them, after it has written one.
+/// Removes all but the newest `keep` checkpoints (at least one is kept), and files that a killed
+/// process left half-written. For the process that writes them, after it has written one.
 ///
 /// # Errors
 /// A folder that cannot be read or a file that cannot be removed.

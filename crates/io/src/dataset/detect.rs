@@ -20,8 +20,8 @@ const MAX_LISTED: usize = 12;
 ///
 /// HDR-NeRF: `transforms_train.json` and `train_hdr/` or, with captured LDR images alone,
 /// `exposure_train.json`. GaussHDR: a COLMAP model and `images_hdr/*_hdr_*.exr` or, with captured
-/// images alone, `exposure.json` and `images/*_ldr_*_*`. Else JSON files go before a COLMAP model,
-/// and a model with `exr/` is HDR-GS.
+/// images alone, `exposure.json` and `images/*_ldr_*_*`. Otherwise JSON files take precedence over
+/// a COLMAP model, and a model with `exr/` is HDR-GS.
 ///
 /// # Errors
 /// A folder that is missing, or has no known layout; the message lists the files expected and

@@ -4,7 +4,7 @@ use luxel_core::{PixelValues, Point, View};
 
 use super::{LoadOptions, MaskSource};
 
-/// Collects what a data set is made of. Every text and list is preceded by its length, so that no
+/// Collects the content of a data set. Every text and list is preceded by its length, so that no
 /// two inputs run together.
 pub(super) struct Fingerprint(blake3::Hasher);
 

@@ -136,7 +136,7 @@ impl Fields<'_> {
     }
 }
 
-/// Returns a list of strings; else what was found.
+/// Returns a list of strings, or an error that describes what was found.
 pub(super) fn string_list(value: &Value) -> Result<Vec<String>, String> {
     let Value::Array(items) = value else { return Err(format!("is {}, expected a list of names", kind_of(value))) };
     let name = |(i, item): (usize, &Value)| {

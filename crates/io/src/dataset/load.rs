@@ -14,7 +14,7 @@ use crate::image::colorimetry::convert;
 use crate::image::{DecodedImage, ReadOptions, SampleDepth, decode_codes, decode_image, downscale, downscale_masked, undistort};
 use crate::read_file::read_file;
 
-/// A view with what is known about its file.
+/// A view with facts about its file.
 pub(super) struct LoadedView {
     /// The view.
     pub(super) view: View,
@@ -69,13 +69,13 @@ pub(super) fn load_view(frame: &SourceFrame, options: &LoadOptions) -> Result<Lo
 }
 
 /// Returns the image, and what its numbers are: a float format holds radiance; where captured
-/// images are read, an integer format holds what was recorded.
+/// images are read, an integer format holds recorded values.
 fn decode(frame: &SourceFrame, bytes: &[u8], options: &LoadOptions) -> Result<(DecodedImage, PixelValues), IoError> {
     if options.supervision == Supervision::Hdr {
         let decoded = decode_image(&frame.image, bytes, &ReadOptions { transfer: options.transfer })?;
         return Ok((decoded, PixelValues::Radiance));
     }
-    // The samples as they are, over their maximum: which curve made them is what is to be found.
+    // The samples as they are, over their maximum: the curve that made them is to be recovered.
     let mut decoded = decode_codes(&frame.image, bytes)?;
     match (decoded.depth, frame.exposure_s, frame.part) {
         (SampleDepth::Float, _, Some(Part::Train)) => {

@@ -2,7 +2,7 @@
 //!
 //! In: a folder (or a `transforms.json`). Out: [`Dataset`] with linear radiance, undistorted and
 //! reduced cameras, bad pixels masked. Layouts: [`DatasetFormat`]; recognised by [`detect_format`].
-//! Nothing is guessed in silence: what is left out is among the warnings.
+//! Nothing is guessed silently: everything that is left out is among the warnings.
 //!
 //! - Split: the frames' own (files, names); else `split.json` with lists "train" and "test"; else
 //!   every 8th of the sorted names is test.
@@ -15,9 +15,9 @@
 //! - Pixels that are NaN, infinite or negative become 0 and are masked, before anything is
 //!   resampled.
 //! - Masks: [`MaskSource`]; white counts, black does not.
-//! - Recordings ([`Supervision::Ldr`]): what cameras recorded of brackets or single exposures is
-//!   trained on as it is, each image with its exposure in seconds; held-out views are radiance
-//!   where there is any.
+//! - Captured LDR images ([`Supervision::Ldr`]): brackets or single exposures are trained on as
+//!   they are, each image with its exposure in seconds; held-out views are radiance where there is
+//!   any.
 //! - Lens distortion is removed, then the image is reduced, both in linear light; observations of
 //!   points follow.
 
@@ -129,7 +129,7 @@ pub struct LoadOptions {
     pub color_space: Option<ColorSpace>,
     /// Reduction of the images by area average: 1, 2, 4 or 8.
     pub downscale: u32,
-    /// Which images are trained on: radiance, or what a camera recorded.
+    /// Kind of images that are trained on: radiance, or captured LDR images.
     #[serde(default)]
     pub supervision: Supervision,
     /// Which exposures of each bracket are trained on, under [`Supervision::Ldr`].
@@ -164,7 +164,8 @@ impl Default for LoadOptions {
 /// let mut frames = Vec::new();
 /// for i in 0..9 {
 ///     let image = Image::filled(8, 6, [i as f32; 3]);
-///     write_exr(&folder.path().join(format!("images/{i:03}.exr")), &image, &ExrOptions::default())?;
+///     let path = folder.path().join(format!("images/{i:03}.exr"));
+///     write_exr(&path, &image, &ExrOptions::default())?;
 ///     frames.push(format!(
 ///         r#"{{"file_path": "images/{i:03}.exr", "transform_matrix":
 ///         [[1, 0, 0, {i}], [0, 1, 0, 0], [0, 0, 1, 4], [0, 0, 0, 1]]}}"#

@@ -1,4 +1,4 @@
-//! Which views are trained on and which are held out.
+//! The split of views: those that are trained on and those that are held out.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -9,8 +9,8 @@ use super::files::{view_name, without_extension};
 use super::json_fields::{kind_of, parse_json, string_list};
 use crate::IoError;
 
-/// Every so many-th of the sorted views is held out where the data set states no split (3D Gaussian
-/// splatting's habit).
+/// Interval of held-out views among the sorted ones, where the data set states no split (3D
+/// Gaussian splatting's habit).
 const HOLD_OUT_EVERY: usize = 8;
 
 /// Side of the split.

@@ -1,9 +1,9 @@
 //! Parser of `transforms.json` (nerfstudio, instant-ngp, Blender): bytes -> frames with poses and
 //! lenses. Opens no image.
 //!
-//! Poses are camera-to-world matrices in OpenGL axes. Lens parameters of a frame go before the
-//! file's, group by group: focal lengths and angles of view; the centre, which a frame of another
-//! size has of its own; distortion. Understood: `fl_x fl_y cx cy w h`, `camera_angle_x
+//! Poses are camera-to-world matrices in OpenGL axes. Lens parameters of a frame take precedence
+//! over the file's, group by group: focal lengths and angles of view; the centre, which a frame of
+//! another size has of its own; distortion. Understood: `fl_x fl_y cx cy w h`, `camera_angle_x
 //! camera_angle_y`, `k1 k2 p1 p2`, `ply_file_path`, `applied_transform`, `applied_scale`,
 //! `train_filenames`, `val_filenames`, `test_filenames`, `mask_path`; `exposure` (seconds) of
 //! recorded images, `noise` or `iso` and `white` of noisy ones. Lenses beyond OPENCV's four

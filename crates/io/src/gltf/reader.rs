@@ -29,7 +29,7 @@ const MAX_PRIMITIVES: usize = 64;
 /// Reads all splats of the file's scene.
 ///
 /// # Errors
-/// A missing, truncated or otherwise damaged file, no splats, or what is not supported: external
+/// A missing, truncated or otherwise damaged file, no splats, or an unsupported feature: external
 /// buffers, compression, shearing.
 pub fn read_glb(path: &Path) -> Result<Scene, IoError> {
     decode_glb(path, &read_file(path)?)

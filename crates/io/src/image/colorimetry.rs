@@ -7,7 +7,7 @@ use super::DecodedImage;
 use crate::icc::profile_of_file;
 
 /// Names the space of `image`, converting it to linear Rec.709 (with a warning) if it is not a
-/// known one. the error explains what is wrong with the chromaticities.
+/// known one. The error explains what is wrong with the chromaticities.
 pub(super) fn settle_space(image: &mut Image, chromaticities: &Chromaticities, warnings: &mut Vec<String>) -> Result<ColorSpace, String> {
     if let Some(space) = ColorSpace::of_chromaticities(chromaticities) {
         return Ok(space);

@@ -83,7 +83,7 @@ pub(crate) fn contain<T>(name: &Path, decode: impl FnOnce() -> Result<T, IoError
         }));
     });
     let outer = CONTAINED.replace(true);
-    // The closure owns or only reads what it touches; a half-written result is dropped with the
+    // The closure owns or only reads its data; a half-written result is dropped with the
     // panic.
     let result = catch_unwind(AssertUnwindSafe(decode));
     CONTAINED.set(outer);

@@ -2,7 +2,7 @@
 //! require of a JPEG without a profile; primaries are an ICC profile's, if they are a known
 //! space's.
 //!
-//! The decoder fills up what is missing at a file's end; that a file is whole is therefore checked
+//! The decoder pads a truncated file; that a file is complete is therefore checked
 //! by its markers.
 
 use std::io::Cursor;

@@ -103,7 +103,7 @@ impl fmt::Display for Transfer {
     }
 }
 
-/// Options for what a file does not state.
+/// Options for properties that a file does not state.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ReadOptions {
     /// Curve of integer samples; takes precedence over the file's. Floating-point samples are

@@ -24,7 +24,7 @@ const MAX_HEADER_BYTES: usize = 10_000;
 /// Longest start of a file: signature, version, a four-byte length, header.
 const MAX_START_BYTES: u64 = MAX_HEADER_BYTES as u64 + 12;
 
-/// How to write what is expected.
+/// Advice on how to write an image that is read.
 const REMEDY: &str = "save it with numpy.save(file, numpy.ascontiguousarray(image, dtype=\"<f4\"))";
 
 /// The array that is expected.

@@ -6,7 +6,7 @@ use luxel_core::{Camera, Distortion, Image, Mask, mask};
 use rayon::prelude::*;
 
 /// Returns the area average of `factor` x `factor` blocks; incomplete blocks at the right and
-/// bottom border are left out. A factor of 0 is taken as 1; an image smaller than a block becomes
+/// bottom border are left out. A factor of 0 counts as 1; an image smaller than a block becomes
 /// empty.
 ///
 /// ```
@@ -40,7 +40,7 @@ fn reduce(image: &Image, mask: Option<&Mask>, factor: usize) -> (Image, Vec<f32>
 
 /// Resamples a distorted image into the same camera without distortion, bilinearly. Pixels whose
 /// ray falls outside of the image, or that touch an invalid pixel, are invalid and 0; the others
-/// weigh what the least of the pixels does that they are made of. `camera` is the image's, of its
+/// weigh as much as the least of the pixels that they are made of. `camera` is the image's, of its
 /// size.
 pub fn undistort(image: &Image, mask: Option<&Mask>, camera: &Camera) -> (Image, Mask, Camera) {
     let lens = camera.distortion;

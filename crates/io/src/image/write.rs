@@ -164,7 +164,7 @@ fn world_to_camera(camera: &Camera) -> [f32; 16] {
 /// Pixels from which on compression is worth a pool of threads.
 const PARALLEL_PIXELS: usize = 1 << 20;
 
-/// Returns the nearest half; what is out of range becomes the largest one, so that no infinity
+/// Returns the nearest half; values out of range become the largest one, so that no infinity
 /// comes about.
 fn to_half(value: f32) -> f16 {
     f16::from_f32(if value.is_nan() { value } else { value.clamp(-HALF_MAX, HALF_MAX) })

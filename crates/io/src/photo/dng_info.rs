@@ -1,6 +1,6 @@
 //! Colours, levels and noise by the tags of a DNG.
 //!
-//! In: a file whose tags were read. Out: [`RawInfo`]; what makes no sense is left out. What the
+//! In: a file whose tags were read. Out: [`RawInfo`]; implausible values are left out. What the
 //! file asks for and is not done is listed in [`RawInfo::not_applied`]: gain maps and opcode lists,
 //! profiles, black that varies by row.
 

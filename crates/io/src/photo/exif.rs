@@ -1,7 +1,7 @@
 //! The facts that a camera writes about a photograph (Exif 3.0): exposure, time, lens, orientation.
 //!
-//! In: the tags of a TIFF or DNG, or the Exif block of a JPEG or PNG. Out: [`Exif`]; what is
-//! missing or makes no sense is `None`.
+//! In: the tags of a TIFF or DNG, or the Exif block of a JPEG or PNG. Out: [`Exif`]; facts
+//! that are missing or implausible are `None`.
 
 use luxel_core::photo::Exif;
 

@@ -32,9 +32,9 @@ pub enum Photo {
     Raw(RawPixels),
     /// Integer codes of red, green and blue.
     Developed {
-        /// Pixels.
+        /// Width, pixels.
         width: usize,
-        /// Pixels.
+        /// Height, pixels.
         height: usize,
         /// `[H*W*3]`.
         codes: Codes,

@@ -1,5 +1,5 @@
-//! A bake alone to PLY: what every 3D Gaussian splatting program reads, and one comment that states
-//! what the numbers are.
+//! A bake alone to PLY: the properties that every 3D Gaussian splatting program reads, and one
+//! comment that states the meaning of the numbers.
 
 use std::io::Write;
 use std::path::Path;

@@ -19,8 +19,9 @@
 //! renderer; Mip-splatting's `filter_3D` is honoured.
 //!
 //! A bake alone (`luxel export`) has the standard properties, and a comment `luxel baked {...}`
-//! that states what its numbers are; without it they are display colours. PlayCanvas' compressed
-//! PLY (elements `chunk`, `vertex` with `packed_*`, `sh`) is read, too: see [`compressed`].
+//! that states the meaning of its numbers; without it they are display colours. PlayCanvas'
+//! compressed PLY (elements `chunk`, `vertex` with `packed_*`, `sh`) is read, too: see
+//! [`compressed`].
 
 mod baked_writer;
 mod compressed;

@@ -1,7 +1,8 @@
 //! Records of edits as comments of a header.
 //!
 //! Headers are ASCII: readers of other programs stop at anything else. So a backslash is written as
-//! two, and what is not ASCII as `\u{HEX}`. Records are single lines without control characters.
+//! two, and characters beyond ASCII as `\u{HEX}`. Records are single lines without control
+//! characters.
 
 /// Bytes that the records of a scene may take: well below the longest header that is read.
 const MAX_BYTES: usize = 1 << 19;
@@ -35,7 +36,7 @@ pub(super) fn escaped(text: &str) -> String {
     out
 }
 
-/// Undoes [`escaped`]; `None` of what it does not write.
+/// Undoes [`escaped`]; `None` for text that it does not write.
 pub(super) fn unescaped(mut text: &str) -> Option<String> {
     let mut out = String::with_capacity(text.len());
     while let Some((before, escape)) = text.split_once('\\') {

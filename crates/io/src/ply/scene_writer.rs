@@ -1,4 +1,4 @@
-//! Scene to PLY, in blocks of rows: what is held in memory does not grow with the scene.
+//! Scene to PLY, in blocks of rows: memory does not grow with the scene.
 
 use std::io::Write;
 use std::path::Path;

@@ -29,7 +29,7 @@ pub(super) fn block_bytes(version: u32, degree: usize) -> [usize; 6] {
 }
 
 fn to_byte(value: f32) -> u8 {
-    // NaN and what is below 0 become 0, what is above 255 becomes 255.
+    // NaN and values below 0 become 0, values above 255 become 255.
     value.round() as u8
 }
 

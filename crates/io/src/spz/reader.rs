@@ -112,7 +112,7 @@ fn gzip_blocks(name: &Path, bytes: &[u8]) -> Result<(Head, Vec<Vec<u8>>), IoErro
     let mut blocks = Vec::with_capacity(6);
     for size in head.sizes() {
         let mut block = Vec::new();
-        // Grows with what is there, never with what is claimed.
+        // Grows with the data, never with the claim.
         decoder.by_ref().take(size).read_to_end(&mut block).map_err(damaged)?;
         if block.len() as u64 != size {
             return Err(truncated(name, size, block.len()));
@@ -163,7 +163,7 @@ fn zstd_blocks(name: &Path, bytes: &[u8]) -> Result<(Head, Vec<Vec<u8>>), IoErro
 fn decompress(name: &Path, stream: &[u8], size: u64) -> Result<Vec<u8>, IoError> {
     let damaged = |e: std::io::Error| IoError::invalid(name, format_args!("zstd: {e}; the file is damaged or cut short"));
     let mut block = Vec::new();
-    // Grows with what is there, never with what is claimed.
+    // Grows with the data, never with the claim.
     ::zstd::stream::read::Decoder::new(stream).map_err(damaged)?.take(size).read_to_end(&mut block).map_err(damaged)?;
     if block.len() as u64 == size { Ok(block) } else { Err(truncated(name, size, block.len())) }
 }

@@ -22,7 +22,7 @@ pub enum SpzVersion {
     V2,
     /// gzip, rotations of 32 bits.
     V3,
-    /// zstd, block by block: what the reference writes.
+    /// zstd, block by block, as the reference writes.
     #[default]
     V4,
 }

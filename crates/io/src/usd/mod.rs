@@ -6,7 +6,7 @@
 //! `float3[] radiance:sphericalHarmonicsCoefficients` (of each splat in turn, 3D Gaussian
 //! splatting's order and offset of 1/2). All floats are written so that they are read back to the
 //! bit. The colour space is in `colorSpace:name` (ColorSpaceAPI), the up axis is Y, and
-//! `customLayerData` holds what Luxel needs to read the bake back as what it is.
+//! `customLayerData` has the record that Luxel needs to restore the bake.
 //!
 //! Reading: the first such prim of a text layer; positions and the rest may be their half-float
 //! twins (`positionsh`, ...). Nothing is composed: references, variants and transforms of prims are

@@ -72,7 +72,7 @@ struct Layer<'a, R> {
     field: Option<Field>,
     /// Depth of the innermost open prim's body that contains the field.
     field_within: Option<usize>,
-    /// Depth of the outermost open body whose prim is transformed, and with it what is in it.
+    /// Depth of the outermost open body whose prim is transformed, and with it its content.
     transformed_at: Option<usize>,
 }
 

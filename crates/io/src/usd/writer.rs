@@ -1,4 +1,4 @@
-//! A bake to OpenUSD text, in blocks made in parallel: what is held in memory does not grow with
+//! A bake to OpenUSD text, in blocks made in parallel: memory does not grow with
 //! the scene.
 
 use std::io::Write;

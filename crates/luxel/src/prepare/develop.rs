@@ -1,4 +1,4 @@
-//! One view: photographs to radiance, its picture for structure from motion, and its figures.
+//! One view: photographs to radiance, its picture for structure from motion, and its metrics.
 //!
 //! In: a [`PlannedView`]. Out: `work/radiance/NAME.exr` (float, in the scene's space), `proxies/NAME.jpg`,
 //! `work/saturation/NAME.png` (a mask, black where a channel is saturated in every exposure; only where there are such pixels), and a
@@ -12,7 +12,7 @@ use crate::files::{remove_if_there, write_bytes};
 use luxel_capture::prepare::{
     CurveTables, LeftOut, Photograph, Plan, PlannedView, ViewRecord, conversion_from, developed_frame, raw_frame,
 };
-use luxel_capture::{CapturedFrame, Developed, ProxyOptions, figures, frame_offset, merge, proxy};
+use luxel_capture::{CapturedFrame, Developed, ProxyOptions, capture_metrics, frame_offset, merge, proxy};
 use luxel_core::{ColorSpace, Conversion, Image};
 use luxel_io::{
     DecodedImage, IoError, IoErrorKind, OcioSpace, Photo, PhotoKind, decode_photo, downscale, encode_jpeg, encode_png, write_exr,
@@ -91,7 +91,7 @@ impl Developer<'_> {
         let saturated_share = share(saturated.iter().filter(|s| **s).count());
         let (image, saturated) = self.reduced(image, saturated);
         let picture = proxy(&image, &ProxyOptions { max_side_px: PROXY_SIDE_PX });
-        let figures = figures(&image, &picture);
+        let metrics = capture_metrics(&image, &picture);
         write_bytes(&self.folders.proxy(&view.name), &encode_jpeg(picture.width, picture.height, &picture.rgb8, PROXY_QUALITY)?)?;
         let mask = self.folders.saturation(&view.name);
         if saturated_share > 0.0 {
@@ -115,7 +115,7 @@ impl Developer<'_> {
             negative: share(negative),
             disagreeing,
             offset_px,
-            figures,
+            metrics,
             left_out,
             notes,
         })

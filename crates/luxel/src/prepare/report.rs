@@ -128,8 +128,8 @@ fn table(report: &PrepareReport) -> String {
             percent(view.saturated),
             percent(view.dark),
             percent(view.disagreeing),
-            view.figures.range_stops(),
-            view.figures.sharpness,
+            view.metrics.range_stops(),
+            view.metrics.sharpness,
         );
     }
     out + "</tbody></table></div>"

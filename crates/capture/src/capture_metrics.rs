@@ -1,6 +1,6 @@
 //! Metrics of a view before anything is reconstructed: range, level, sharpness.
 //!
-//! In: radiance, or an 8-bit proxy for sharpness. Out: [`Figures`]. Degenerate: a view without
+//! In: radiance, or an 8-bit proxy for sharpness. Out: [`CaptureMetrics`]. Degenerate: a view without
 //! light has no range, one of a single colour no sharpness (0).
 
 use luxel_core::{Image, luminance_rec709};
@@ -10,7 +10,7 @@ use crate::Proxy;
 
 /// The metrics of one view.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Figures {
+pub struct CaptureMetrics {
     /// Luminance that a thousandth of the lit pixels is below.
     pub dark_luminance: f32,
     /// Median luminance of the lit pixels.
@@ -23,7 +23,7 @@ pub struct Figures {
     pub sharpness: f32,
 }
 
-impl Figures {
+impl CaptureMetrics {
     /// Returns the stops between a thousandth from below and from above.
     pub fn range_stops(&self) -> f32 {
         if self.dark_luminance > 0.0 { (self.bright_luminance / self.dark_luminance).log2() } else { 0.0 }
@@ -31,14 +31,14 @@ impl Figures {
 }
 
 /// Computes the metrics of a view and its proxy.
-pub fn figures(image: &Image, proxy: &Proxy) -> Figures {
+pub fn capture_metrics(image: &Image, proxy: &Proxy) -> CaptureMetrics {
     let mut lit: Vec<f32> = image.pixels.iter().map(|p| luminance_rec709(*p)).filter(|l| *l > 0.0 && l.is_finite()).collect();
-    let Some(last) = lit.len().checked_sub(1) else { return Figures::default() };
+    let Some(last) = lit.len().checked_sub(1) else { return CaptureMetrics::default() };
     let mut at = |share: f64| {
         let index = ((share * last as f64).round() as usize).min(last);
         *lit.select_nth_unstable_by(index, f32::total_cmp).1
     };
-    Figures {
+    CaptureMetrics {
         dark_luminance: at(0.001),
         median_luminance: at(0.5),
         bright_luminance: at(0.999),
@@ -92,10 +92,10 @@ mod tests {
     #[test]
     fn range_is_between_thousandths() {
         let image = Image { width: 100, height: 100, pixels: (0..10_000).map(|i| [(i as f32 * 1e-3 - 5.0).exp2(); 3]).collect() };
-        let found = figures(&image, &proxy(&image, &ProxyOptions { max_side_px: 100 }));
+        let found = capture_metrics(&image, &proxy(&image, &ProxyOptions { max_side_px: 100 }));
         assert!((found.range_stops() - 10.0 * 0.998).abs() < 0.05, "{}", found.range_stops());
         assert!((found.median_luminance - 1.0).abs() < 0.01);
         let black = Image::filled(4, 4, [0.0; 3]);
-        assert_eq!(figures(&black, &proxy(&black, &ProxyOptions { max_side_px: 10 })).range_stops(), 0.0);
+        assert_eq!(capture_metrics(&black, &proxy(&black, &ProxyOptions { max_side_px: 10 })).range_stops(), 0.0);
     }
 }
