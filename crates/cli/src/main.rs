@@ -27,9 +27,9 @@ fn main() -> ExitCode {
         Ok(Outcome::Interrupted) => ExitCode::from(interrupt::EXIT_INTERRUPTED),
         Err(error) if reader_has_left(&error) => ExitCode::SUCCESS,
         Err(error) => {
-            console::stderr_line(&format!("error: {error}"));
+            console::stderr_line(&format!("error: {}", remedy::text_of(error.as_ref())));
             for cause in error.chain().skip(1) {
-                console::stderr_line(&format!("  caused by: {cause}"));
+                console::stderr_line(&format!("  caused by: {}", remedy::text_of(cause)));
             }
             if let Some(remedy) = remedy::of_error(&error) {
                 console::stderr_line(&format!("  remedy: {}", remedy::word(remedy)));

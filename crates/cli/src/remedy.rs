@@ -1,13 +1,31 @@
 //! Remedies of the libraries' errors, worded with the options of the command line.
 
+use std::error::Error as StdError;
+
 use anyhow::Error;
 use luxel::Remedy;
+use luxel_train::TrainError;
 
 use crate::args::flag;
 
 /// Returns the remedy of the outermost error in the chain that has one.
 pub(crate) fn of_error(error: &Error) -> Option<&Remedy> {
     error.chain().find_map(luxel::remedy_of)
+}
+
+/// Returns the text of one error in a chain, with the flag where it is about an option of training.
+pub(crate) fn text_of(error: &(dyn StdError + 'static)) -> String {
+    let text = error.to_string();
+    let wrapped = || error.downcast_ref::<luxel::Error>()?.find::<TrainError>();
+    // An error of the library that adds a message has that message for its text.
+    match error.downcast_ref::<TrainError>().or_else(wrapped).filter(|below| below.to_string() == text) {
+        Some(TrainError::Config { option, reason }) => format!("{}: {reason}", flag(option)),
+        Some(TrainError::Misplaced { option, condition, .. }) => {
+            let choice = format!("{} {}", flag(condition.option()), condition.value());
+            format!("{}: has an effect with {} only", flag(option), choice.trim_end())
+        }
+        _ => text,
+    }
 }
 
 /// Words a remedy: `give --device cpu, or lower --threads`.
@@ -32,6 +50,8 @@ pub(crate) fn with_remedy(text: &str, remedy: Option<&Remedy>) -> String {
 
 #[cfg(test)]
 mod tests {
+    use luxel_train::{Strategy, TrainConfig};
+
     use super::*;
 
     #[test]
@@ -52,6 +72,17 @@ mod tests {
         let below = luxel_io::IoError::invalid("a.png", "no curve").with_remedy(Remedy::give("transfer"));
         let error = Error::new(below).context("cannot read the data set");
         assert_eq!(of_error(&error), Some(&Remedy::give("transfer")));
+    }
+
+    #[test]
+    fn an_option_of_training_is_named_by_its_flag() {
+        let text = |config: TrainConfig| {
+            let error = Error::from(luxel::Error::from(config.validate().unwrap_err()));
+            text_of(error.chain().next().unwrap())
+        };
+        assert_eq!(text(TrainConfig { turnover: 2.0, ..TrainConfig::default() }), "--turnover: found 2, expected 0 to 1");
+        let misplaced = TrainConfig { strategy: Strategy::Mcmc, absgrad: true, ..TrainConfig::default() };
+        assert_eq!(text(misplaced), "--absgrad: has an effect with --strategy adc only");
     }
 
     #[test]

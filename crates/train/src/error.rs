@@ -1,17 +1,31 @@
 //! What can go wrong between a data set and a trained scene.
 
+use std::sync::LazyLock;
+
 use luxel_core::{EngineError, Remedy, SplatsError, ViewError};
+
+use crate::{Condition, Misplaced};
 
 /// Why training cannot start or go on.
 #[derive(Debug, thiserror::Error)]
 pub enum TrainError {
-    /// An option's value is out of range or does not go with another.
-    #[error("--{option}: {reason}")]
+    /// An option's value is out of range.
+    #[error("{option}: {reason}")]
     Config {
-        /// Its long name, without dashes.
+        /// Name of the option, as in [`crate::OPTIONS`].
         option: &'static str,
-        /// What was found, what is expected.
+        /// What was found and what is expected.
         reason: String,
+    },
+    /// An option is set although a choice that it depends on was not made.
+    #[error("{option}: has an effect with {} {} only", condition.option(), condition.value())]
+    Misplaced {
+        /// Name of the option, as in [`crate::OPTIONS`].
+        option: &'static str,
+        /// The choice.
+        condition: Condition,
+        /// Make the choice, or leave the option out.
+        remedy: Remedy,
     },
     /// The data set has nothing to train on.
     #[error("the data set has no training views; check its split")]
@@ -20,9 +34,7 @@ pub enum TrainError {
     #[error("no training view has a valid pixel; all are masked, by their masks or as NaN, infinite or negative")]
     NoPixels,
     /// All training pixels are zero.
-    #[error(
-        "all training images are black, so there is no radiance to learn; check the images, or give --radiance-scale if that is intended"
-    )]
+    #[error("all training images are black, so there is no radiance to learn")]
     AllBlack,
     /// A view's camera, image and mask do not agree.
     #[error(transparent)]
@@ -34,9 +46,7 @@ pub enum TrainError {
     #[error(transparent)]
     Engine(#[from] EngineError),
     /// Some training images are radiance, some recorded values.
-    #[error(
-        "view {radiance} is of radiance, view {recorded} of recorded values; train on one kind: choose by --supervision, or move the others out"
-    )]
+    #[error("view {radiance} holds radiance, view {recorded} captured values; expected one kind")]
     MixedValues {
         /// Name of a view of radiance.
         radiance: String,
@@ -52,9 +62,7 @@ pub enum TrainError {
         exposure_s: f32,
     },
     /// The optimisation diverged.
-    #[error(
-        "step {step}: the loss on view {view} is not finite; resume from the last checkpoint, or start anew with lower learning rates (--luminance-lr, --sh-lr) or another --radiance-scale"
-    )]
+    #[error("step {step}: the loss on view {view} is not finite")]
     NotFinite {
         /// 1 for the first.
         step: u32,
@@ -62,7 +70,7 @@ pub enum TrainError {
         view: String,
     },
     /// Pruning left nothing.
-    #[error("step {step}: every splat was pruned; lower --prune-opacity, or check the cameras and the radiance scale")]
+    #[error("step {step}: every splat was pruned")]
     AllPruned {
         /// 1 for the first.
         step: u32,
@@ -103,11 +111,41 @@ impl TrainError {
     pub fn remedy(&self) -> Option<&Remedy> {
         match self {
             Self::Engine(error) => error.remedy(),
+            Self::Misplaced { remedy, .. } => Some(remedy),
+            Self::AllBlack => Some(&ALL_BLACK),
+            Self::MixedValues { .. } => Some(&MIXED_VALUES),
+            Self::NotFinite { .. } => Some(&NOT_FINITE),
+            Self::AllPruned { .. } => Some(&ALL_PRUNED),
             _ => None,
         }
+    }
+
+    /// Returns the name of the option that the error is about, as in [`crate::OPTIONS`].
+    pub fn option(&self) -> Option<&'static str> {
+        match self {
+            Self::Config { option, .. } | Self::Misplaced { option, .. } => Some(option),
+            _ => None,
+        }
+    }
+
+    pub(crate) fn misplaced(Misplaced { option, condition }: Misplaced) -> Self {
+        let remedy = Remedy::set(condition.option(), condition.value()).or(Remedy::leave_out(option.name));
+        Self::Misplaced { option: option.name, condition, remedy }
     }
 
     pub(crate) fn config(option: &'static str, reason: impl Into<String>) -> Self {
         Self::Config { option, reason: reason.into() }
     }
 }
+
+static ALL_BLACK: LazyLock<Remedy> = LazyLock::new(|| Remedy::advice("check the images").or(Remedy::give("radiance_scale")));
+static MIXED_VALUES: LazyLock<Remedy> =
+    LazyLock::new(|| Remedy::give("supervision").or(Remedy::advice("move the images of the other kind out of the data set")));
+static NOT_FINITE: LazyLock<Remedy> = LazyLock::new(|| {
+    Remedy::advice("continue from the last checkpoint")
+        .or(Remedy::lower("luminance_lr"))
+        .or(Remedy::lower("sh_lr"))
+        .or(Remedy::give("radiance_scale"))
+});
+static ALL_PRUNED: LazyLock<Remedy> =
+    LazyLock::new(|| Remedy::lower("prune_opacity").or(Remedy::advice("check the cameras and the radiance scale")));

@@ -25,7 +25,8 @@ mod trainer;
 mod views;
 
 pub use config::{
-    CutoffPreset, ExposureCompensation, MAX_SEED, MCMC_DEFAULT_MAX_SPLATS, Method, Preset, ScaleRule, Strategy, TrainConfig, parse_rgb,
+    Condition, CutoffPreset, ExposureCompensation, MAX_SEED, MCMC_DEFAULT_MAX_SPLATS, Method, Misplaced, NamedChoice, OPTIONS, OptionSpec,
+    Preset, Range, ScaleRule, Strategy, TrainConfig, ValueHelp, parse_rgb,
 };
 pub use contribution::add_contribution;
 pub use error::TrainError;

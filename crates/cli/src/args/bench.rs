@@ -3,7 +3,9 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use luxel_train::{CutoffPreset, Method};
+use luxel_train::{CutoffPreset, Method, NamedChoice};
+
+use super::train_options::choice_parser;
 
 use super::DeviceArgs;
 use crate::args::values::{InstructionSetArg, OrderArg, TransferArg, parse_positive, parse_size};
@@ -67,10 +69,10 @@ pub(crate) struct BenchArgs {
     pub(crate) seed: u64,
     /// Colour model to convert the workload's harmonics to [default: the workload's own; sh3 for
     /// --generate].
-    #[arg(long, value_enum, help_heading = "Method")]
+    #[arg(long, value_parser = choice_parser::<Method>(), help_heading = "Method")]
     pub(crate) method: Option<Method>,
     /// Cut-offs of the rasteriser; both presets have the near plane at 0.01.
-    #[arg(long, value_enum, default_value_t = CutoffPreset::Parity, help_heading = "Method")]
+    #[arg(long, value_parser = choice_parser::<CutoffPreset>(), default_value = CutoffPreset::Parity.name(), help_heading = "Method")]
     pub(crate) cutoffs: CutoffPreset,
     /// mu of the mu-law in the loss, above 0; 1e-3 makes the loss linear.
     #[arg(long, default_value_t = luxel_core::tone::MU, value_parser = parse_positive, help_heading = "Method")]

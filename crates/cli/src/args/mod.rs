@@ -11,6 +11,7 @@ mod render;
 mod reproduce;
 pub(crate) mod run_config;
 mod shared;
+pub(crate) mod train_options;
 pub(crate) mod values;
 
 use std::path::PathBuf;
@@ -20,7 +21,7 @@ use clap::error::ErrorKind;
 use clap::{Arg, Args, CommandFactory, Parser, Subcommand};
 use luxel::run::ExplicitArgs;
 use luxel_metrics::FieldOptions;
-use luxel_train::{Method, TrainConfig};
+use luxel_train::{Method, NamedChoice};
 
 pub(crate) use self::bench::BenchArgs;
 pub(crate) use self::compare::CompareArgs;
@@ -31,6 +32,7 @@ pub(crate) use self::probe::ProbeArgs;
 pub(crate) use self::render::RenderArgs;
 pub(crate) use self::reproduce::ReproduceArgs;
 pub(crate) use self::shared::{ConsoleArgs, DeviceArgs, LoadArgs, RunArgs};
+use self::train_options::TrainOptions;
 use self::values::{MetricsArg, parse_positive};
 use crate::commands::completions::{CompletionsArgs, ManArgs};
 
@@ -152,7 +154,7 @@ pub(crate) struct TrainArgs {
     pub(crate) run: RunArgs,
     /// The method.
     #[command(flatten)]
-    pub(crate) train: TrainConfig,
+    pub(crate) train: TrainOptions,
 }
 
 /// `luxel eval`.
@@ -212,7 +214,7 @@ pub(crate) struct DemoArgs {
     #[arg(long, default_value_t = DEMO_ITERATIONS, value_parser = clap::value_parser!(u32).range(1..), value_name = "N")]
     pub(crate) iterations: u32,
     /// Colour model.
-    #[arg(long, value_enum, default_value_t)]
+    #[arg(long, value_parser = train_options::choice_parser::<Method>(), default_value = Method::default().name())]
     pub(crate) method: Method,
     /// Device.
     #[command(flatten)]

@@ -6,8 +6,9 @@ use clap::{Arg, Args};
 use luxel::run::ExplicitArgs;
 use luxel::study::{METHOD_OPTIONS, parse_method};
 use luxel_core::ColorModel;
-use luxel_train::{MAX_SEED, TrainConfig};
+use luxel_train::MAX_SEED;
 
+use super::train_options::TrainOptions;
 use super::{ConsoleArgs, DeviceArgs, LoadArgs};
 use crate::args::values::MetricsArg;
 
@@ -72,7 +73,7 @@ pub(crate) struct ReproduceArgs {
     pub(crate) console: ConsoleArgs,
     /// Options of training for all runs.
     #[command(flatten)]
-    pub(crate) train: TrainConfig,
+    pub(crate) train: TrainOptions,
 }
 
 /// Options of training that are decided for each run, by id.

@@ -26,7 +26,7 @@ pub(crate) fn from_args(args: &TrainArgs, dataset: PathBuf, explicit: &ExplicitA
         load: args.load.options(),
         device: args.device.options(),
         run: args.run.options(),
-        train: args.train.clone().with_preset(|id| explicit.contains(id)),
+        train: args.train.config.clone().with_preset(|id| explicit.contains(id)),
     }
 }
 
@@ -155,7 +155,7 @@ mod tests {
         assert_eq!(merged, kept);
         // An explicit option beside it is refused, and so is a file that contradicts itself.
         let (line, explicit) = parsed(&words("--method sh3 --activation relu")).unwrap();
-        assert!(file.overlaid(&line, &explicit).unwrap().train.validate().unwrap_err().to_string().starts_with("--activation"));
+        assert!(file.overlaid(&line, &explicit).unwrap().train.validate().unwrap_err().to_string().starts_with("activation"));
         let odd = RunConfig { train: TrainConfig { method: luxel_train::Method::Sh3, ..file.train }, ..file };
         let (line, explicit) = parsed(&words("--seed 3")).unwrap();
         assert!(odd.overlaid(&line, &explicit).unwrap().train.validate().is_err());

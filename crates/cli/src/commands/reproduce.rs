@@ -40,7 +40,7 @@ fn options(args: &ReproduceArgs, explicit: &ExplicitArgs) -> Result<StudyOptions
         checkpoint_every: args.checkpoint_every,
         load: args.load.options(),
         device: args.device.options(),
-        train: args.train.clone().with_preset(|id| explicit.contains(id)),
+        train: args.train.config.clone().with_preset(|id| explicit.contains(id)),
         flip: args.metrics.into(),
         lpips_weights: args.lpips_weights.clone(),
         word_difference: difference_line,

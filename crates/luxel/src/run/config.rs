@@ -204,10 +204,10 @@ impl RunConfig {
         // A stored value that depends on a choice is dropped where that choice changes, unless it
         // was given again.
         let is_chosen = |id: &str| explicit.contains(id) || of_preset.contains(&id);
-        let dropped: Vec<String> =
-            merged.train.misplaced().into_iter().filter(|(_, choice)| is_chosen(choice)).map(|(id, _)| id.replace('-', "_")).collect();
+        let dropped: Vec<&str> =
+            merged.train.misplaced().into_iter().filter(|m| is_chosen(m.condition.option())).map(|m| m.option.name).collect();
         if let Some(train) = base.get_mut(TRAIN).and_then(toml::Value::as_table_mut) {
-            train.retain(|id, _| explicit.contains(id) || !dropped.iter().any(|dropped| dropped == id));
+            train.retain(|id, _| explicit.contains(id) || !dropped.iter().any(|dropped| *dropped == id));
         }
         if dropped.is_empty() { Ok(merged) } else { Self::from_table(&base) }
     }

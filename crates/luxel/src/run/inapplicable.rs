@@ -1,12 +1,12 @@
 //! Explicit options that change nothing, because they depend on a choice that was not made.
 //!
-//! A value alone does not count as explicit: options have defaults, and a file holds them all. What
-//! has no default is judged by its value ([`luxel_train::TrainConfig::misplaced`]).
+//! A value alone does not count as explicit: options have defaults, and a file holds them all. Options
+//! without a default are checked by their values, too ([`luxel_train::TrainConfig::misplaced`]).
 
 use std::fmt;
 
 use luxel_io::Supervision;
-use luxel_train::{Method, Strategy};
+use luxel_train::{Condition, OPTIONS};
 
 use super::{ExplicitArgs, RunConfig};
 
@@ -41,11 +41,14 @@ impl fmt::Display for Inapplicable {
     }
 }
 
+/// Options of reading a data set that captured LDR images alone have.
+const CAPTURED_LOAD_OPTIONS: &[&str] = &["exposures"];
+
 /// Options that depend on a choice, and whether it is made.
 struct Group {
     choice: Choice,
     is_made: bool,
-    options: &'static [&'static str],
+    options: Vec<&'static str>,
 }
 
 impl RunConfig {
@@ -68,39 +71,22 @@ impl RunConfig {
 
     /// Returns every option that depends on a choice, whether that is made or not.
     pub fn dependent_options(&self) -> Vec<Inapplicable> {
-        let of_group = |group: Group| group.options.iter().map(move |option| Inapplicable { option, choice: group.choice });
+        let of_group = |group: Group| group.options.into_iter().map(move |option| Inapplicable { option, choice: group.choice });
         self.groups().into_iter().flat_map(of_group).collect()
     }
 
-    fn groups(&self) -> [Group; 7] {
-        let (train, supervision) = (&self.train, self.load.supervision);
-        let group = |option, value, is_made, options| Group { choice: Choice { option, value }, is_made, options };
-        [
-            group("method", "lcd", train.method == Method::Lcd, &["luminance_lr"]),
-            group(
-                "strategy",
-                "adc",
-                train.strategy == Strategy::Adc,
-                &[
-                    "turnover",
-                    "densify_threshold",
-                    "absgrad_threshold",
-                    "percent_dense",
-                    "prune_scale",
-                    "prune_unseen",
-                    "opacity_reset_interval",
-                ],
-            ),
-            group(
-                "strategy",
-                "mcmc",
-                train.strategy == Strategy::Mcmc,
-                &["mcmc_growth", "mcmc_noise", "mcmc_opacity_weight", "mcmc_scale_weight"],
-            ),
-            group("absgrad", "", train.absgrad, &["absgrad_threshold"]),
-            group("samples", "above 1", train.samples > 1, &["samples_share"]),
-            group("supervision", "hdr", supervision == Supervision::Hdr, &["noise_model"]),
-            group("supervision", "ldr", supervision == Supervision::Ldr, &["unit_exposure", "exposures"]),
-        ]
+    fn groups(&self) -> Vec<Group> {
+        Condition::ALL.into_iter().map(|condition| self.group(condition)).collect()
+    }
+
+    fn group(&self, condition: Condition) -> Group {
+        let of_train = OPTIONS.iter().filter(|option| option.conditions.contains(&condition)).map(|option| option.name);
+        let of_load = if condition == Condition::CapturedImages { CAPTURED_LOAD_OPTIONS } else { &[] };
+        let is_made = condition.is_met(&self.train).unwrap_or(match self.load.supervision {
+            Supervision::Hdr => condition == Condition::RadianceImages,
+            Supervision::Ldr => condition == Condition::CapturedImages,
+        });
+        let choice = Choice { option: condition.option(), value: condition.value() };
+        Group { choice, is_made, options: of_train.chain(of_load.iter().copied()).collect() }
     }
 }

@@ -1,63 +1,174 @@
-//! Named choices among the options.
+//! Options whose values have names.
 
-use clap::ValueEnum;
+use luxel_core::{Activation, Antialias};
 use luxel_metrics::GainChannels;
 use serde::{Deserialize, Serialize};
 
-/// Colour models by name.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Method {
-    /// Luminance and chromaticity apart (LCD-GS)
-    #[default]
-    Lcd,
-    /// Spherical harmonics of RGB radiance, degree 0
-    Sh0,
-    /// Spherical harmonics of RGB radiance, degree 1
-    Sh1,
-    /// Spherical harmonics of RGB radiance, degree 2
-    Sh2,
-    /// Spherical harmonics of RGB radiance, degree 3: 3D Gaussian splatting
-    Sh3,
-    /// Spherical harmonics of RGB radiance, degree 4
-    Sh4,
-    /// Spherical harmonics of RGB radiance, degree 5
-    Sh5,
+use super::spec::{OptionValue, ValueHelp};
+
+/// A type whose values have names.
+///
+/// ```
+/// use luxel_train::{Method, NamedChoice};
+///
+/// assert_eq!(Method::from_name("sh3"), Some(Method::Sh3));
+/// assert_eq!(Method::Lcd.name(), "lcd");
+/// assert_eq!(Method::VALUES.len(), 7);
+/// ```
+pub trait NamedChoice: Copy + PartialEq + 'static {
+    /// The values with names and helps, in the order of listing.
+    const VALUES: &'static [(Self, ValueHelp)];
+
+    /// Returns the value of this name.
+    fn from_name(name: &str) -> Option<Self> {
+        Self::VALUES.iter().find(|(_, value)| value.name == name).map(|(choice, _)| *choice)
+    }
+
+    /// Returns the name of the value.
+    fn name(self) -> &'static str {
+        Self::VALUES.iter().find(|(choice, _)| *choice == self).map_or("", |(_, value)| value.name)
+    }
 }
 
-/// How the number of splats grows.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Strategy {
-    /// Clone, split, prune and reset by screen-space gradients (Kerbl et al. 2023)
-    #[default]
-    Adc,
-    /// Relocation, growth to --max-splats and noise (3DGS-MCMC, Kheradmand et al. 2024)
-    Mcmc,
+/// Makes options of types whose values have names.
+macro_rules! choice_options {
+    ($($type:ty),+ $(,)?) => {
+        $(impl OptionValue for $type {
+            fn parse(text: &str) -> Result<Self, String> {
+                let names = || Self::VALUES.iter().map(|(_, value)| value.name).collect::<Vec<_>>().join(", ");
+                Self::from_name(text).ok_or_else(|| format!("found \"{text}\", expected one of {}", names()))
+            }
+
+            fn format(&self) -> Option<String> {
+                Some(self.name().to_owned())
+            }
+
+            fn values() -> Vec<ValueHelp> {
+                Self::VALUES.iter().map(|(_, value)| *value).collect()
+            }
+        })+
+    };
 }
 
-/// Presets of the rasteriser's cut-offs.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum CutoffPreset {
-    /// Derived for radiance
-    #[default]
-    Hdr,
-    /// The values of 3D Gaussian splatting, derived for 8-bit output
-    Parity,
+/// Writes an enumeration whose values have names: the doc comments are the helps.
+macro_rules! choices {
+    ($($(#[doc = $doc:literal])+ pub enum $type:ident = $default:ident { $($(#[doc = $help:literal])+ $value:ident: $name:literal,)+ })+) => {
+        $(
+            $(#[doc = $doc])+
+            #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+            pub enum $type {
+                $($(#[doc = $help])+ #[serde(rename = $name)] $value,)+
+            }
+
+            impl Default for $type {
+                fn default() -> Self {
+                    Self::$default
+                }
+            }
+
+            impl NamedChoice for $type {
+                const VALUES: &'static [(Self, ValueHelp)] =
+                    &[$((Self::$value, ValueHelp { name: $name, help: concat!($($help),+).trim_ascii() })),+];
+            }
+        )+
+
+        choice_options!($($type),+);
+    };
 }
 
-/// What is found beside the scene of each training image, whose exposure or white balance drifts.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum ExposureCompensation {
-    /// Nothing: images are taken at their word
-    #[default]
-    Off,
-    /// One gain an image
-    Exposure,
-    /// A gain an image and channel: exposure and white balance
-    Color,
+choices! {
+    /// Values of options that go together.
+    pub enum Preset = Fast {
+        /// 9000 steps, and no more splats than the images can tell apart
+        Fast: "fast",
+        /// The same in 30000 steps
+        Full: "full",
+        /// The published method: 30000 steps, 0.2 L1 + 0.8 (1 - SSIM), no bound on the number of
+        /// splats, learning rates and cut-offs of 3DGS (Kerbl et al. 2023)
+        Paper: "paper",
+    }
+
+    /// Colour models by name.
+    pub enum Method = Lcd {
+        /// Luminance and chromaticity apart (LCD-GS)
+        Lcd: "lcd",
+        /// Spherical harmonics of RGB radiance, degree 0
+        Sh0: "sh0",
+        /// Spherical harmonics of RGB radiance, degree 1
+        Sh1: "sh1",
+        /// Spherical harmonics of RGB radiance, degree 2
+        Sh2: "sh2",
+        /// Spherical harmonics of RGB radiance, degree 3: 3D Gaussian splatting
+        Sh3: "sh3",
+        /// Spherical harmonics of RGB radiance, degree 4
+        Sh4: "sh4",
+        /// Spherical harmonics of RGB radiance, degree 5
+        Sh5: "sh5",
+    }
+
+    /// The way in which the number of splats grows.
+    pub enum Strategy = Adc {
+        /// Clone, split, prune and reset by screen-space gradients (Kerbl et al. 2023)
+        Adc: "adc",
+        /// Relocation, growth to `max_splats`, and noise (3DGS-MCMC, Kheradmand et al. 2024)
+        Mcmc: "mcmc",
+    }
+
+    /// Presets of the rasteriser's cut-offs.
+    pub enum CutoffPreset = Hdr {
+        /// Derived for radiance
+        Hdr: "hdr",
+        /// The values of 3D Gaussian splatting, derived for 8-bit output
+        Parity: "parity",
+    }
+
+    /// The gains that are optimised with the scene, for images whose exposure or white balance
+    /// drifts.
+    pub enum ExposureCompensation = Off {
+        /// None: the images are exact
+        Off: "off",
+        /// One gain per image
+        Exposure: "exposure",
+        /// A gain per image and channel: exposure and white balance
+        Color: "color",
+    }
+
+    /// The rule by which the radiance of one normalised unit is chosen from the training views.
+    pub enum ScaleRule = P99 {
+        /// The median of (R + G + B) / 3 becomes 0.05, the middle of the mu-law's range
+        Median20: "median20",
+        /// The 99th percentile of (R + G + B) / 3 becomes 1: all but lamps and highlights lie in
+        /// the mu-law's range
+        P99: "p99",
+        /// The largest channel value becomes 1
+        Max: "max",
+        /// Radiance stays as it is in the images
+        Raw: "raw",
+    }
+}
+
+choice_options!(Activation, Antialias);
+
+impl NamedChoice for Activation {
+    const VALUES: &'static [(Self, ValueHelp)] = &[
+        (Self::Softplus, ValueHelp { name: "softplus", help: "" }),
+        (Self::Exp, ValueHelp { name: "exp", help: "" }),
+        (Self::Relu, ValueHelp { name: "relu", help: "" }),
+    ];
+}
+
+impl NamedChoice for Antialias {
+    const VALUES: &'static [(Self, ValueHelp)] = &[
+        (
+            Self::Off,
+            ValueHelp { name: "off", help: "3DGS's dilation by 0.3 px^2: splats smaller than a pixel are enlarged and gain light" },
+        ),
+        (Self::Pixel, ValueHelp { name: "pixel", help: "A pixel's own filter: splats smaller than a pixel keep their light" }),
+        (
+            Self::Mip,
+            ValueHelp { name: "mip", help: "Mip-splatting's filters: the pixel's, and no detail finer than the training images sample" },
+        ),
+    ];
 }
 
 impl ExposureCompensation {
@@ -69,19 +180,4 @@ impl ExposureCompensation {
             Self::Color => Some(GainChannels::Separate),
         }
     }
-}
-
-/// How the radiance of one normalised unit is chosen from the training views.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum ScaleRule {
-    /// The median of (R + G + B) / 3 becomes 0.05, the middle of the mu-law's range
-    Median20,
-    /// The 99th percentile of (R + G + B) / 3 becomes 1: all but lamps and highlights lie in the mu-law's range
-    #[default]
-    P99,
-    /// The largest channel value becomes 1
-    Max,
-    /// Radiance as it is in the images
-    Raw,
 }

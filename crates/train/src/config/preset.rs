@@ -4,25 +4,10 @@
 //! that one preset can take another's place. Every preset sets the same options. What the values of `fast` rest on is measured in
 //! the notebook, `docs/src/notebook/index.md`.
 
-use clap::ValueEnum;
 use luxel_core::Antialias;
-use serde::{Deserialize, Serialize};
 
-use super::{CutoffPreset, Strategy, TrainConfig};
+use super::{CutoffPreset, Preset, Strategy, TrainConfig};
 use crate::ResolutionSchedule;
-
-/// A recipe.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Preset {
-    /// 9000 steps, and no more splats than the images can tell apart
-    #[default]
-    Fast,
-    /// The same in 30000 steps: no better on scenes of 18 views of 400x400 pixels, and not measured on larger images
-    Full,
-    /// The published recipe: 30000 steps, 0.2 L1 + 0.8 (1 - SSIM), as many splats as the gradients ask for, rates and cut-offs of 3DGS (Kerbl et al. 2023). With --densify-threshold 2e-4 --prune-unseen 0 growth is 3DGS's, too, which takes twice as long and is no better
-    Paper,
-}
 
 /// Writes the table's accessors: one line an option, with the value of each preset.
 macro_rules! presets {
@@ -84,6 +69,7 @@ presets! {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::NamedChoice;
 
     fn json(config: &TrainConfig) -> serde_json::Map<String, serde_json::Value> {
         serde_json::to_value(config).unwrap().as_object().unwrap().clone()
@@ -91,16 +77,13 @@ mod tests {
 
     #[test]
     fn the_default_is_what_the_options_defaults_say() {
-        use clap::{Args, Command, FromArgMatches};
-        let matches = TrainConfig::augment_args(Command::new("train").no_binary_name(true)).get_matches_from(std::iter::empty::<&str>());
-        let defaults = TrainConfig::from_arg_matches(&matches).unwrap();
         let preset = Preset::default();
-        assert_eq!(TrainConfig::of_preset(preset), TrainConfig { preset, ..defaults });
+        assert_eq!(TrainConfig::of_preset(preset), TrainConfig { preset, ..TrainConfig::base() });
     }
 
     #[test]
     fn presets_are_valid_and_set_the_options_they_name() {
-        for preset in Preset::value_variants() {
+        for (preset, _) in Preset::VALUES {
             let config = TrainConfig::of_preset(*preset);
             config.validate().unwrap();
             let (set, default) = (json(&config), json(&TrainConfig::default()));

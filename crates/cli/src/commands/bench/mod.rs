@@ -4,9 +4,9 @@ mod report;
 mod workload;
 
 use anyhow::Result;
-use clap::ValueEnum;
 use luxel::bench::{Protocol, measure};
 use luxel::{SelectedEngine, memory};
+use luxel_train::NamedChoice;
 use report::{Report, Spread};
 use workload::Workload;
 
@@ -23,7 +23,7 @@ pub(crate) fn run(args: &BenchArgs) -> Result<()> {
     let workload = Workload::prepare(args, engine.as_mut())?;
     let protocol = Protocol { render: workload.render, mu: args.mu, warmup: args.warmup, steps: args.steps };
     let measured = measure(engine.as_mut(), &workload.view, &protocol)?;
-    let cutoffs = args.cutoffs.to_possible_value().map_or(String::new(), |value| value.get_name().to_owned());
+    let cutoffs = args.cutoffs.name().to_owned();
     let report = Report {
         workload: workload.name,
         method: workload.method,

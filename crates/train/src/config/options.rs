@@ -1,0 +1,217 @@
+//! The table of options: for each its help, type, default, name of the value, range and conditions.
+//!
+//! Everything else follows from the table: the fields of [`TrainConfig`] and of `config.toml`, the
+//! defaults, the checks, and [`OPTIONS`], from which a command line builds its arguments. To add an
+//! option, add a row here and use the field; if presets differ in it, add a row to the table of
+//! [`super::preset`], too. The doc comment is the help: what the option does, in one sentence without
+//! a full stop; names of options stand in backticks. Range and default are added to it.
+
+use luxel_core::{Activation, Antialias, MAX_SAMPLES};
+use serde::{Deserialize, Serialize};
+
+use super::spec::{Access, Condition, OptionSpec, OptionValue, Range, check_in, parse_in};
+use super::{CutoffPreset, ExposureCompensation, MAX_SEED, Method, Preset, ScaleRule, Strategy};
+use crate::{NoiseChoice, ResolutionSchedule};
+
+/// Writes the struct, its defaults and the list of options.
+macro_rules! options {
+    ($($heading:literal {
+        $($(#[doc = $help:literal])+
+        $name:ident: $type:ty = $default:expr, $value_name:literal, $range:expr
+            $(, unset: $note:literal)? $(, needs: [$($condition:ident),+])?;)+
+    })+) => {
+        /// Options of training. Each has a row in [`OPTIONS`].
+        ///
+        /// ```
+        /// use luxel_train::{Preset, TrainConfig};
+        ///
+        /// let config = TrainConfig { iterations: 500, ..TrainConfig::of_preset(Preset::Paper) };
+        /// assert_eq!((config.iterations, config.ssim_weight), (500, 0.8));
+        /// config.validate().unwrap();
+        /// ```
+        #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+        #[serde(deny_unknown_fields, default)]
+        pub struct TrainConfig {
+            $($($(#[doc = $help])+ pub $name: $type,)+)+
+        }
+
+        impl TrainConfig {
+            /// Returns the defaults of the table.
+            pub(super) fn base() -> Self {
+                Self { $($($name: $default,)+)+ }
+            }
+        }
+
+        /// Every option of training, in the order of `config.toml`.
+        pub static OPTIONS: &[OptionSpec] = &[$($(
+            OptionSpec {
+                name: stringify!($name),
+                heading: $heading,
+                value_name: $value_name,
+                range: $range,
+                default_note: options!(@note $($note)?),
+                conditions: &[$($(Condition::$condition),+)?],
+                help: concat!($($help),+),
+                access: Access {
+                    is_switch: <$type as OptionValue>::IS_SWITCH,
+                    values: <$type as OptionValue>::values,
+                    set: |config, text, range| {
+                        config.$name = parse_in(text, range)?;
+                        Ok(())
+                    },
+                    get: |config| config.$name.format(),
+                    is_set: |config| config.$name.is_set(),
+                    check: |config, range| check_in(&config.$name, range),
+                },
+            },
+        )+)+];
+    };
+    (@note) => { None };
+    (@note $note:literal) => { Some($note) };
+}
+
+options! {
+    "Training" {
+        /// Preset of values for the options below; explicit options take precedence, and the preset
+        /// replaces the values of a configuration file
+        preset: Preset = Preset::Fast, "PRESET", Range::Any;
+        /// Number of training steps, one view each
+        iterations: u32 = 9_000, "N", Range::AtLeast(1);
+        /// Seed of all random numbers
+        seed: u64 = 42, "N", Range::Limits { min: 0, max: MAX_SEED };
+        /// Train on reduced images first: off, auto, or FACTOR@STEP pairs such as
+        /// 4@0,2@1500,1@4000, which divide the sides by FACTOR from STEP on
+        resolution_schedule: ResolutionSchedule = ResolutionSchedule::Off, "SCHEDULE", Range::Any;
+        /// Fraction of the steps, at the end and after densification, over which the parameters are
+        /// averaged to the final scene; 0 turns it off
+        average_share: f32 = 0.15, "FRACTION", Range::ShareBelowOne;
+    }
+    "Colour model" {
+        /// Colour model
+        method: Method = Method::Lcd, "METHOD", Range::Any;
+        /// Map from the raw luminance to luminance
+        activation: Option<Activation> = None, "ACTIVATION", Range::Any, unset: "softplus", needs: [Lcd];
+        /// Degree of the chromaticity's spherical harmonics
+        chroma_degree: Option<u8> = None, "DEGREE", Range::UpTo(5), unset: "3", needs: [Lcd];
+        /// Degree of the luminance's spherical harmonics; above 0, brightness varies with the view
+        luminance_degree: Option<u8> = None, "DEGREE", Range::UpTo(3), unset: "0", needs: [Lcd];
+        /// Number of steps between two increases of the degree of the spherical harmonics in use
+        sh_interval: Option<u32> = None, "N", Range::AtLeast(1), unset: "1000, in runs below 10000 steps a tenth of them";
+    }
+    "Radiance and loss" {
+        /// Rule that chooses the radiance of one normalised unit from the training views
+        scale_rule: ScaleRule = ScaleRule::P99, "SCALE_RULE", Range::Any;
+        /// Radiance of one normalised unit, in the units of the images; overrides `scale_rule`
+        radiance_scale: Option<f32> = None, "RADIANCE", Range::Positive;
+        /// Radiance of the background, in the units of the images: red,green,blue or one number for
+        /// grey
+        background: [f32; 3] = [0.0; 3], "R,G,B", Range::AtLeast(0);
+        /// mu of the mu-law through which the loss compares prediction and image
+        mu: f32 = luxel_core::tone::MU, "MU", Range::AtLeast(1);
+        /// Weight of 1 - SSIM in the loss; L1 has the rest
+        ssim_weight: f32 = 0.2, "WEIGHT", Range::Share;
+        /// Fraction of L1 that is replaced by d^2 / 0.06, where d is a pixel's difference under the
+        /// mu-law, so that large errors count more
+        squared_share: f32 = 0.5, "FRACTION", Range::Share;
+    }
+    "Captures" {
+        /// Optimise gains of the training images with the scene, for exposure or white balance that
+        /// drifts; their mean over the images stays 1
+        exposure_compensation: ExposureCompensation = ExposureCompensation::Off, "EXPOSURE_COMPENSATION", Range::Any;
+        /// Weight pixels by their noise: auto (as the data set states it), off, or READ,SHOT for a
+        /// variance of READ^2 + SHOT p at radiance p of the images as they are read
+        noise_model: NoiseChoice = NoiseChoice::Auto, "MODEL", Range::Any, needs: [RadianceImages];
+        /// Value that a camera records at the unit exposure (radiance times seconds = 1), which
+        /// fixes the scale of radiance
+        unit_exposure: f32 = 0.5, "VALUE", Range::Between, needs: [CapturedImages];
+    }
+    "Rasteriser" {
+        /// Treatment of splats smaller than a pixel
+        antialias: Antialias = Antialias::Pixel, "ANTIALIAS", Range::Any;
+        /// Supersampling: number of samples along a pixel's side
+        samples: u8 = 1, "N", Range::Limits { min: 1, max: MAX_SAMPLES as u64 };
+        /// Fraction of the steps, at the end, that use supersampling
+        samples_share: f32 = 0.25, "FRACTION", Range::Share, needs: [Supersampling];
+        /// Cut-offs of the rasteriser
+        cutoffs: CutoffPreset = CutoffPreset::Hdr, "CUTOFFS", Range::Any;
+    }
+    "Splats" {
+        /// Number of initial splats where the data set has no points
+        init_points: u32 = 100_000, "N", Range::AtLeast(1);
+        /// Initial opacity
+        init_opacity: Option<f32> = None, "OPACITY", Range::Between, unset: "0.1 for adc, 0.5 for mcmc";
+        /// Initial scale, as a multiple of the root mean squared distance to the 3 nearest
+        /// neighbours
+        init_scale: Option<f32> = None, "FACTOR", Range::Positive, unset: "1 for adc, 0.3 for mcmc, 0.1 for mcmc without anti-aliasing";
+        /// Strategy by which the number of splats grows
+        strategy: Strategy = Strategy::Adc, "STRATEGY", Range::Any;
+        /// Largest number of splats
+        max_splats: Option<u32> = None, "N", Range::AtLeast(1), unset: "by `pixels_per_splat`; without that none for adc, 100000 for mcmc";
+        /// Limit the number of splats to the pixels of all training images divided by this number,
+        /// but to no fewer than 40000; `max_splats` takes precedence
+        pixels_per_splat: Option<u32> = Some(72), "PIXELS", Range::AtLeast(1);
+        /// Fraction of the largest number of splats that a round may relocate once that number is
+        /// reached
+        turnover: f32 = 0.1, "FRACTION", Range::Share, needs: [Adc];
+        /// Split splats by sums of absolute pixel gradients (AbsGS)
+        absgrad: bool = false, "", Range::Any, needs: [Adc];
+        /// Step after which densification begins
+        densify_from: Option<u32> = None, "STEP", Range::Any, unset: "500, in runs below 10000 steps a twentieth of them";
+        /// Step before which densification ends
+        densify_until: Option<u32> = None, "STEP", Range::Any, unset: "half of the steps for adc, five sixths for mcmc";
+        /// Number of steps between two rounds of densification
+        densify_interval: u32 = 100, "N", Range::AtLeast(1);
+        /// Mean screen-space gradient (NDC units) above which a splat is cloned or split
+        densify_threshold: f32 = 2e-4, "GRADIENT", Range::Positive, needs: [Adc];
+        /// Mean absolute gradient (NDC units) above which a splat is split
+        absgrad_threshold: f32 = 4e-4, "GRADIENT", Range::Positive, needs: [Adc, Absgrad];
+        /// Scale, as a fraction of the scene's extent, up to which splats are cloned and above
+        /// which they are split
+        percent_dense: Option<f32> = None, "FRACTION", Range::Positive, unset: "0.01, with `absgrad` 0.001", needs: [Adc];
+        /// Opacity below which a splat is pruned (adc) or relocated (mcmc)
+        prune_opacity: f32 = 0.005, "OPACITY", Range::Share;
+        /// Scale, as a fraction of the scene's extent, above which splats are pruned after the
+        /// first opacity reset; 0 turns it off
+        prune_scale: f32 = 0.0, "FRACTION", Range::AtLeast(0), needs: [Adc];
+        /// Prune, after densification, the splats that contribute least to the training views and
+        /// together make up this fraction of the images; 0 turns it off
+        prune_unseen: f32 = 0.0, "FRACTION", Range::Share, needs: [Adc];
+        /// Number of steps between two resets of all opacities to at most 0.01 during
+        /// densification; 0 turns them off
+        opacity_reset_interval: u32 = 3000, "N", Range::Any, needs: [Adc];
+        /// Growth of the number of splats per round
+        mcmc_growth: f32 = 0.05, "FRACTION", Range::Share, needs: [Mcmc];
+        /// Strength of the noise on positions, as a multiple of the position's learning rate
+        mcmc_noise: f32 = 5e5, "FACTOR", Range::AtLeast(0), needs: [Mcmc];
+        /// Weight of the mean opacity in the loss
+        mcmc_opacity_weight: f32 = 0.01, "WEIGHT", Range::AtLeast(0), needs: [Mcmc];
+        /// Weight of the mean scale in the loss
+        mcmc_scale_weight: f32 = 0.01, "WEIGHT", Range::AtLeast(0), needs: [Mcmc];
+    }
+    "Learning rates" {
+        /// Initial learning rate of positions, times the scene's extent
+        position_lr: f32 = 4e-4, "RATE", Range::Positive;
+        /// Final learning rate of positions, times the scene's extent
+        position_lr_final: f32 = 4e-6, "RATE", Range::Positive;
+        /// Learning rate of the constant terms of the spherical harmonics; the other terms have a
+        /// twentieth
+        sh_lr: f32 = 2.5e-3, "RATE", Range::AtLeast(0);
+        /// Final learning rate of the constant terms of the spherical harmonics, approached
+        /// log-linearly; the other terms have a twentieth
+        sh_lr_final: Option<f32> = None, "RATE", Range::Positive, unset: "the initial one";
+        /// Learning rate of the raw luminance; its spherical harmonics have a twentieth
+        luminance_lr: f32 = 0.05, "RATE", Range::AtLeast(0), needs: [Lcd];
+        /// Final learning rate of the raw luminance, approached log-linearly
+        luminance_lr_final: Option<f32> = None, "RATE", Range::Positive, unset: "the initial one", needs: [Lcd];
+        /// Learning rate of the opacity's logit
+        opacity_lr: f32 = 0.05, "RATE", Range::AtLeast(0);
+        /// Final learning rate of the opacity's logit, approached log-linearly
+        opacity_lr_final: Option<f32> = None, "RATE", Range::Positive, unset: "the initial one";
+        /// Learning rate of the scale's logarithm
+        scale_lr: f32 = 5e-3, "RATE", Range::AtLeast(0);
+        /// Final learning rate of the scale's logarithm, approached log-linearly
+        scale_lr_final: Option<f32> = None, "RATE", Range::Positive, unset: "the initial one";
+        /// Learning rate of rotations
+        rotation_lr: f32 = 1e-3, "RATE", Range::AtLeast(0);
+    }
+}

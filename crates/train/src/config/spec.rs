@@ -1,0 +1,402 @@
+//! The description of an option: its names, help, range and conditions, and how text becomes its
+//! value.
+//!
+//! In: text, as a command line or another front end has it; out: values of [`TrainConfig`]. Ranges
+//! are checked by [`TrainConfig::validate`], whatever the values came from; names of choices, the
+//! form of numbers and [`Range::Limits`] are checked when text is parsed.
+
+use std::fmt;
+
+use super::{Method, Strategy, TrainConfig};
+
+/// An option of training. [`super::OPTIONS`] lists them all.
+///
+/// ```
+/// use luxel_train::{OptionSpec, TrainConfig};
+///
+/// let turnover = OptionSpec::find("turnover").unwrap();
+/// assert_eq!(turnover.default_text().as_deref(), Some("0.1"));
+/// assert_eq!(turnover.range.to_string(), "0 to 1");
+///
+/// let mut config = TrainConfig::default();
+/// turnover.set(&mut config, "0.25").unwrap();
+/// assert_eq!(config.turnover, 0.25);
+/// assert_eq!(turnover.get(&config).as_deref(), Some("0.25"));
+/// ```
+#[derive(Debug)]
+pub struct OptionSpec {
+    /// Name of the option, which is that of the field of [`TrainConfig`].
+    pub name: &'static str,
+    /// Group of options that it is listed with.
+    pub heading: &'static str,
+    /// Name of its value, such as `N`; empty for a switch.
+    pub value_name: &'static str,
+    /// Range of its numbers.
+    pub range: Range,
+    /// Default in words, where the option is unset by default and another value follows from that.
+    pub default_note: Option<&'static str>,
+    /// Conditions under which it has an effect; all have to hold.
+    pub conditions: &'static [Condition],
+    pub(super) help: &'static str,
+    pub(super) access: Access,
+}
+
+/// How an option is read and written.
+#[derive(Debug)]
+pub(super) struct Access {
+    pub(super) is_switch: bool,
+    pub(super) values: fn() -> Vec<ValueHelp>,
+    pub(super) set: fn(&mut TrainConfig, &str, Range) -> Result<(), String>,
+    pub(super) get: fn(&TrainConfig) -> Option<String>,
+    pub(super) is_set: fn(&TrainConfig) -> Option<bool>,
+    pub(super) check: fn(&TrainConfig, Range) -> Result<(), String>,
+}
+
+/// A named value and its help.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ValueHelp {
+    /// Name of the value.
+    pub name: &'static str,
+    /// Help, in one sentence without a full stop.
+    pub help: &'static str,
+}
+
+impl OptionSpec {
+    /// Finds an option by its name.
+    pub fn find(name: &str) -> Option<&'static Self> {
+        super::OPTIONS.iter().find(|option| option.name == name)
+    }
+
+    /// Returns what the option does, in one sentence. Names of options stand in backticks.
+    pub fn help(&self) -> &'static str {
+        self.help.trim()
+    }
+
+    /// Returns whether the option is a switch, which has no value on a command line.
+    pub fn is_switch(&self) -> bool {
+        self.access.is_switch
+    }
+
+    /// Returns the values by name; empty if the option takes other values.
+    pub fn values(&self) -> Vec<ValueHelp> {
+        (self.access.values)()
+    }
+
+    /// Returns the default as text, or `None` if the option is unset by default.
+    pub fn default_text(&self) -> Option<String> {
+        (self.access.get)(&TrainConfig::base())
+    }
+
+    /// Sets the option to the value that `text` gives.
+    ///
+    /// # Errors
+    /// The reason why the text is no value of the option. The range of other numbers than
+    /// [`Range::Limits`] is checked by [`TrainConfig::validate`].
+    pub fn set(&self, config: &mut TrainConfig, text: &str) -> Result<(), String> {
+        (self.access.set)(config, text, self.range)
+    }
+
+    /// Returns the option's value as text, or `None` if it is unset.
+    pub fn get(&self, config: &TrainConfig) -> Option<String> {
+        (self.access.get)(config)
+    }
+
+    /// Checks the option's numbers against its range.
+    pub(super) fn check(&self, config: &TrainConfig) -> Result<(), String> {
+        (self.access.check)(config, self.range)
+    }
+
+    /// Returns the first condition of the configuration that does not hold although the option is
+    /// set. An option that always has a value is never set in this sense.
+    pub(super) fn unmet_although_set(&self, config: &TrainConfig) -> Option<Condition> {
+        let is_set = (self.access.is_set)(config).unwrap_or(false);
+        self.conditions.iter().copied().find(|condition| is_set && condition.is_met(config) == Some(false))
+    }
+}
+
+/// A choice that an option depends on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Condition {
+    /// The colour model is LCD.
+    Lcd,
+    /// Splats are added by adaptive density control.
+    Adc,
+    /// Splats are added by MCMC.
+    Mcmc,
+    /// Splats are split by absolute gradients.
+    Absgrad,
+    /// Pixels are supersampled.
+    Supersampling,
+    /// The training images are radiance.
+    RadianceImages,
+    /// The training images are captured LDR images.
+    CapturedImages,
+}
+
+impl Condition {
+    /// All conditions.
+    pub const ALL: [Self; 7] =
+        [Self::Lcd, Self::Adc, Self::Mcmc, Self::Absgrad, Self::Supersampling, Self::RadianceImages, Self::CapturedImages];
+
+    /// Returns the name of the option that makes the choice.
+    pub fn option(self) -> &'static str {
+        match self {
+            Self::Lcd => "method",
+            Self::Adc | Self::Mcmc => "strategy",
+            Self::Absgrad => "absgrad",
+            Self::Supersampling => "samples",
+            Self::RadianceImages | Self::CapturedImages => "supervision",
+        }
+    }
+
+    /// Returns the value that makes the choice, for people; empty for a switch.
+    pub fn value(self) -> &'static str {
+        match self {
+            Self::Lcd => "lcd",
+            Self::Adc => "adc",
+            Self::Mcmc => "mcmc",
+            Self::Absgrad => "",
+            Self::Supersampling => "above 1",
+            Self::RadianceImages => "hdr",
+            Self::CapturedImages => "ldr",
+        }
+    }
+
+    /// Returns whether the condition holds, or `None` if that depends on the data set.
+    pub fn is_met(self, config: &TrainConfig) -> Option<bool> {
+        match self {
+            Self::Lcd => Some(config.method == Method::Lcd),
+            Self::Adc => Some(config.strategy == Strategy::Adc),
+            Self::Mcmc => Some(config.strategy == Strategy::Mcmc),
+            Self::Absgrad => Some(config.absgrad),
+            Self::Supersampling => Some(config.samples > 1),
+            Self::RadianceImages | Self::CapturedImages => None,
+        }
+    }
+}
+
+/// The range of an option's numbers. `Display` words it: `at least 1`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Range {
+    /// No bound, or not a number.
+    Any,
+    /// Integers from `min` to `max`. Text beyond them is refused when parsed.
+    Limits {
+        /// The least.
+        min: u64,
+        /// The largest.
+        max: u64,
+    },
+    /// Integers from 0 to this one.
+    UpTo(u64),
+    /// Finite numbers of at least this one.
+    AtLeast(u16),
+    /// Normal numbers above 0.
+    Positive,
+    /// Numbers from 0 to 1.
+    Share,
+    /// Numbers of at least 0 and below 1.
+    ShareBelowOne,
+    /// Numbers above 0 and below 1.
+    Between,
+}
+
+impl Range {
+    /// Checks a number.
+    fn check(self, number: Number) -> Result<(), String> {
+        let is_in = match (self, number) {
+            (Self::Any, _) => true,
+            (Self::Limits { min, max }, Number::Integer(n)) => (min..=max).contains(&n),
+            (Self::UpTo(max), Number::Integer(n)) => n <= max,
+            (Self::AtLeast(min), Number::Integer(n)) => n >= u64::from(min),
+            (Self::Positive, Number::Integer(n)) => n > 0,
+            (Self::AtLeast(min), Number::Real(v)) => v.is_finite() && v >= f32::from(min),
+            (Self::Positive, Number::Real(v)) => v.is_normal() && v > 0.0,
+            (Self::Share, Number::Real(v)) => (0.0..=1.0).contains(&v),
+            (Self::ShareBelowOne, Number::Real(v)) => (0.0..1.0).contains(&v),
+            (Self::Between, Number::Real(v)) => v > 0.0 && v < 1.0,
+            (Self::Limits { .. } | Self::UpTo(_), Number::Real(_)) => false,
+            (Self::Share | Self::ShareBelowOne | Self::Between, Number::Integer(_)) => false,
+        };
+        if is_in { Ok(()) } else { Err(format!("found {number}, expected {}", self.expected(number))) }
+    }
+
+    fn expected(self, number: Number) -> String {
+        let is_listed = matches!(self, Self::Share | Self::UpTo(_) | Self::Limits { .. });
+        if is_listed || matches!(number, Number::Integer(_)) { self.to_string() } else { format!("a number {}", self.of_number()) }
+    }
+
+    /// Returns the range as it follows "a number".
+    fn of_number(self) -> String {
+        match self {
+            Self::AtLeast(min) => format!("of at least {min}"),
+            Self::ShareBelowOne => "of at least 0 and below 1".to_owned(),
+            other => other.to_string(),
+        }
+    }
+}
+
+impl fmt::Display for Range {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Any => Ok(()),
+            Self::Limits { min: 0, max } if *max == super::MAX_SEED => write!(f, "at most {max}"),
+            Self::Limits { min, max } => write!(f, "{min} to {max}"),
+            Self::UpTo(max) => write!(f, "0 to {max}"),
+            Self::AtLeast(min) => write!(f, "at least {min}"),
+            Self::Positive => f.write_str("above 0"),
+            Self::Share => f.write_str("0 to 1"),
+            Self::ShareBelowOne => f.write_str("at least 0 and below 1"),
+            Self::Between => f.write_str("above 0 and below 1"),
+        }
+    }
+}
+
+/// A number that a range is about.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Number {
+    Integer(u64),
+    Real(f32),
+}
+
+impl fmt::Display for Number {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Integer(n) => n.fmt(f),
+            Self::Real(v) => v.fmt(f),
+        }
+    }
+}
+
+/// A type of option values.
+pub(super) trait OptionValue: Sized {
+    const IS_SWITCH: bool = false;
+
+    fn parse(text: &str) -> Result<Self, String>;
+
+    /// Returns the value as text, or `None` if it is unset.
+    fn format(&self) -> Option<String>;
+
+    /// Returns the numbers that the option's range is about.
+    fn numbers(&self) -> Vec<Number> {
+        Vec::new()
+    }
+
+    /// Returns whether the option is set, or `None` if it always is.
+    fn is_set(&self) -> Option<bool> {
+        None
+    }
+
+    fn values() -> Vec<ValueHelp> {
+        Vec::new()
+    }
+}
+
+/// Parses a value and checks what is checked before the whole configuration is there.
+pub(super) fn parse_in<T: OptionValue>(text: &str, range: Range) -> Result<T, String> {
+    let value = T::parse(text)?;
+    if matches!(range, Range::Limits { .. }) {
+        check_in(&value, range)?;
+    }
+    Ok(value)
+}
+
+/// Checks a value against a range.
+pub(super) fn check_in<T: OptionValue>(value: &T, range: Range) -> Result<(), String> {
+    value.numbers().into_iter().try_for_each(|number| range.check(number))
+}
+
+macro_rules! number_options {
+    ($($type:ty => $number:expr;)+) => {
+        $(impl OptionValue for $type {
+            fn parse(text: &str) -> Result<Self, String> {
+                text.parse().map_err(|error| format!("{error}"))
+            }
+
+            fn format(&self) -> Option<String> {
+                Some(self.to_string())
+            }
+
+            fn numbers(&self) -> Vec<Number> {
+                vec![$number(*self)]
+            }
+        })+
+    };
+}
+
+number_options! {
+    u8 => |n| Number::Integer(u64::from(n));
+    u32 => |n| Number::Integer(u64::from(n));
+    u64 => Number::Integer;
+    f32 => Number::Real;
+}
+
+impl OptionValue for bool {
+    const IS_SWITCH: bool = true;
+
+    fn parse(text: &str) -> Result<Self, String> {
+        text.parse().map_err(|_| format!("\"{text}\": expected true or false"))
+    }
+
+    fn format(&self) -> Option<String> {
+        Some(self.to_string())
+    }
+
+    fn is_set(&self) -> Option<bool> {
+        Some(*self)
+    }
+}
+
+impl<T: OptionValue> OptionValue for Option<T> {
+    fn parse(text: &str) -> Result<Self, String> {
+        T::parse(text).map(Some)
+    }
+
+    fn format(&self) -> Option<String> {
+        self.as_ref().and_then(T::format)
+    }
+
+    fn numbers(&self) -> Vec<Number> {
+        self.as_ref().map(T::numbers).unwrap_or_default()
+    }
+
+    fn is_set(&self) -> Option<bool> {
+        Some(self.is_some())
+    }
+
+    fn values() -> Vec<ValueHelp> {
+        T::values()
+    }
+}
+
+/// A colour of radiance.
+impl OptionValue for [f32; 3] {
+    fn parse(text: &str) -> Result<Self, String> {
+        super::parse_rgb(text)
+    }
+
+    fn format(&self) -> Option<String> {
+        let [r, g, b] = self;
+        Some(format!("{r},{g},{b}"))
+    }
+
+    fn numbers(&self) -> Vec<Number> {
+        self.map(Number::Real).to_vec()
+    }
+}
+
+macro_rules! text_options {
+    ($($type:ty),+) => {
+        $(impl OptionValue for $type {
+            fn parse(text: &str) -> Result<Self, String> {
+                text.parse()
+            }
+
+            fn format(&self) -> Option<String> {
+                Some(self.to_string())
+            }
+        })+
+    };
+}
+
+text_options!(crate::ResolutionSchedule, crate::NoiseChoice);
