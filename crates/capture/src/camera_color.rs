@@ -88,6 +88,9 @@ impl CameraColor {
     }
 
     /// Returns the temperature of the light whose white has these camera colours, kelvin.
+    ///
+    /// # Errors
+    /// A matrix cannot be inverted.
     pub fn temperature(&self, neutral: DVec3) -> Result<f64, CameraColorError> {
         let mut kelvin = 5000.0;
         // Converges in a few rounds; a camera for which it swings is left in the middle of the

@@ -1,5 +1,5 @@
 //! Input that is wrong: exit code 1, and a message that says where and what to do.
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail the test")]
 
 mod common;
 

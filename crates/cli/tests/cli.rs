@@ -1,5 +1,5 @@
 //! The program from outside: commands, files, messages, exit codes.
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail the test")]
 
 mod common;
 

@@ -1,5 +1,5 @@
 //! Scenes for other programs, and back: export, probe, and renders with layers.
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail the test")]
 
 mod common;
 

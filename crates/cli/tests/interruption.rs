@@ -1,6 +1,6 @@
 //! Stopping and going on: signals, kills, resuming, damaged checkpoints, disks that are full.
 #![cfg(unix)]
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail the test")]
 
 mod common;
 

@@ -8,7 +8,7 @@
 //!
 //! `cargo bench -p luxel-cpu -- room_20k/lcd` measures a part; `-- --save-baseline NAME` and `--
 //! --baseline NAME` compare.
-#![allow(missing_docs, clippy::unwrap_used)]
+#![allow(missing_docs, clippy::unwrap_used, reason = "a bench is no interface, and may panic")]
 
 use std::hint::black_box;
 use std::sync::Arc;

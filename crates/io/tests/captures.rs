@@ -1,7 +1,7 @@
 //! Masks, noise and recordings of data sets: each layout written to a temporary folder and read
 //! back.
 
-#![allow(clippy::unwrap_used)] // Helpers of tests are no tests to clippy.
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail the test")]
 
 mod common;
 

@@ -1,6 +1,6 @@
 //! Data sets of every layout, good and bad, written to a temporary folder and read back.
 
-#![allow(clippy::unwrap_used)] // Helpers of tests are no tests to clippy.
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail the test")]
 
 mod common;
 

@@ -2,7 +2,7 @@
 //! memory on a claim.
 
 // Helpers of tests may fail as tests do.
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail the test")]
 
 use std::io::Cursor;
 use std::path::Path;
@@ -79,7 +79,7 @@ fn truncated_files_are_errors_at_every_place() {
         for length in (0..whole.len().min(400)).chain(middle).chain(whole.len().saturating_sub(100)..whole.len()) {
             match decode_image(Path::new(kind), &whole[..length], &LINEAR) {
                 Err(error) => {
-                    assert!(!error.message.contains("decoder failed"), "{kind} cut to {length} of {} panics: {error}", whole.len())
+                    assert!(!error.message.contains("decoder failed"), "{kind} cut to {length} of {} panics: {error}", whole.len());
                 }
                 // What is cut off may be padding: then nothing may be missing.
                 Ok(decoded) => assert_eq!(decoded.image, full, "{kind} cut to {length} of {} is read in part", whole.len()),

@@ -1,5 +1,5 @@
 //! Trainings, renderers and engines move to other threads, such as beside the loop of a window.
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail the test")]
 
 use luxel::{Dataset, Device, Error, Event, Renderer, Scene, SelectedEngine, StopFlag, Training, synthetic};
 

@@ -19,7 +19,7 @@ fn test_psnr(trainer: &mut Trainer, data: &Dataset) -> f64 {
     let (options, scale, mu) = (trainer.render_options(), trainer.radiance_scale(), trainer.config().mu);
     let mut seen = 0;
     let split = evaluate(trainer.engine(), &options, &luxel_metrics::Measures::new(scale, mu), &data.test, &mut |_, image, _| {
-        seen += image.pixels.len()
+        seen += image.pixels.len();
     })
     .unwrap();
     assert_eq!(seen, 48 * 48);

@@ -1,5 +1,11 @@
 //! A tiny data set and a way to run the program.
-#![allow(missing_docs, dead_code, unreachable_pub, clippy::unwrap_used)]
+#![allow(
+    missing_docs,
+    dead_code,
+    unreachable_pub,
+    clippy::unwrap_used,
+    reason = "each test uses some of these helpers, which fail the test"
+)]
 
 use std::path::{Path, PathBuf};
 

@@ -2,7 +2,7 @@
 //! `luxel_core::Engine`.
 
 // A test binary exports nothing.
-#![allow(unreachable_pub)]
+#![allow(unreachable_pub, reason = "modules of a test share their items")]
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail the test")]
 
 mod contract;

@@ -15,7 +15,7 @@
 //! The tests share a device, so they run one after the other.
 
 // A test binary exports nothing.
-#![allow(unreachable_pub)]
+#![allow(unreachable_pub, reason = "modules of a test share their items")]
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail the test")]
 
 mod compare;

@@ -66,7 +66,7 @@ fn write<W: Write + ?Sized>(baked: &Baked, out: &mut W) -> std::io::Result<()> {
     write_array(out, "quatf[] orientations", splats.len(), |i, text| {
         let q = splats.rotation[i];
         let length = q.iter().map(|v| v * v).sum::<f32>().sqrt();
-        tuple(text, &q.map(|v| v / length))
+        tuple(text, &q.map(|v| v / length));
     })?;
     write_array(out, "float[] opacities", splats.len(), |i, text| number(text, sigmoid(splats.opacity_logit[i])))?;
     writeln!(out, "    uniform token projectionModeHint = \"perspective\"")?;

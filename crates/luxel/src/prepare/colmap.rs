@@ -183,7 +183,7 @@ impl Colmap {
             // A log that cannot be written is no reason to stop.
             let _ = writeln!(log, "{line}");
             if let Some(done) = progress(&line) {
-                observer.event(Event::Step { done: done });
+                observer.event(Event::Step { done });
                 let name = step.what.to_owned();
                 observer.event(Event::Item { kind: ItemKind::StructureFromMotion, name, done, total: views as u32 });
             }

@@ -58,7 +58,7 @@ pub(super) fn write(
     for (done, view) in (1u32..).zip(&posed) {
         write_image(folders, view, space, is_absolute)?;
         write_mask(folders, view)?;
-        observer.event(Event::Step { done: done });
+        observer.event(Event::Step { done });
         let name = view.record.name.clone();
         observer.event(Event::Item { kind: ItemKind::UndistortedImage, name, done, total: posed.len() as u32 });
     }
@@ -145,12 +145,12 @@ fn write_image(folders: &Folders, view: &Posed<'_>, space: ColorSpace, is_absolu
 fn write_mask(folders: &Folders, view: &Posed<'_>) -> Result<()> {
     let (from, to) = (folders.saturation(&view.record.name), folders.mask(&view.record.name));
     if !from.exists() {
-        return Ok(remove_if_there(&to)?);
+        return remove_if_there(&to);
     }
     let options = ReadOptions { transfer: Some(Transfer::Linear) };
     let (mask, _) = undistort_into(&read_image(&from, &options)?.image, &view.lens, &view.pinhole);
     let rgb8: Vec<u8> = mask.pixels.iter().flat_map(|[counts, ..]| [if *counts < FULLY { 0 } else { u8::MAX }; 3]).collect();
-    Ok(write_bytes(&to, &encode_png(mask.width, mask.height, &rgb8)?)?)
+    write_bytes(&to, &encode_png(mask.width, mask.height, &rgb8)?)
 }
 
 /// Mean reprojection error of each point, and the error of each sighting, pixels of the proxies.

@@ -53,7 +53,7 @@ pub struct PrepareReport {
 /// Writes both files.
 pub(super) fn write(folders: &Folders, report: &PrepareReport) -> Result<()> {
     write_json(&folders.output.join("prepare.json"), report)?;
-    Ok(write_text(&folders.output.join("prepare.html"), &page(report))?)
+    write_text(&folders.output.join("prepare.html"), &page(report))
 }
 
 fn page(report: &PrepareReport) -> String {

@@ -67,7 +67,7 @@ impl State {
 
     pub(super) fn save(&mut self) -> Result<()> {
         self.saved = Some(Instant::now());
-        Ok(write_json(&self.path, self)?)
+        write_json(&self.path, self)
     }
 }
 

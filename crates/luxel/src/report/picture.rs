@@ -58,6 +58,9 @@ pub struct Picture {
 }
 
 /// Radiance as a picture.
+///
+/// # Errors
+/// The image cannot be encoded.
 pub fn radiance(image: &Image, display: &Display) -> Result<Picture> {
     let small = reduce(image, reduction(image, display.max_side_px));
     let pixels = small.pixels.iter().map(|&p| {
@@ -85,6 +88,9 @@ pub(super) fn error_map(
 }
 
 /// The first channel on `INFERNO` from 0 to `full_scale`, of pixels whose second is 1; those where it is 0 are masked. Both average as they should.
+///
+/// # Errors
+/// The image cannot be encoded.
 pub fn values(image: &Image, full_scale: f32, max_side_px: usize) -> Result<Picture> {
     let small = reduce(image, reduction(image, max_side_px));
     let colors = small.pixels.iter().map(|&[value, valid, _]| if valid > 0.0 { inferno(value / valid / full_scale) } else { MASKED });

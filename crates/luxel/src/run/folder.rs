@@ -66,6 +66,9 @@ impl RunFolder {
     }
 
     /// Opens a folder that must be a run.
+    ///
+    /// # Errors
+    /// The folder is no run, or its configuration cannot be read.
     pub fn open(root: &Path) -> Result<(Self, RunConfig)> {
         let folder = Self::at(root);
         let config = folder.read_config()?;

@@ -187,9 +187,9 @@ fn link(result: &CellResult) -> String {
         bytes.iter().fold(String::new(), |mut out, &byte| {
             let plain = byte.is_ascii_alphanumeric() || b"-._~".contains(&byte);
             if plain {
-                out.push(char::from(byte))
+                out.push(char::from(byte));
             } else {
-                out += &format!("%{byte:02X}")
+                out += &format!("%{byte:02X}");
             }
             out
         })
