@@ -12,6 +12,8 @@ mod error;
 mod gltf;
 mod icc;
 mod image;
+#[cfg(not(feature = "ocio"))]
+mod ocio_absent;
 #[cfg(feature = "ocio")]
 mod ocio_space;
 mod photo;
@@ -44,6 +46,8 @@ pub use image::{
     write_exr, write_png,
 };
 pub use luxel_core::photo::{Codes, Exif, IccProfile, PhotoInfo, PhotoKind, RawInfo, RawPixels};
+#[cfg(not(feature = "ocio"))]
+pub use ocio_absent::OcioSpace;
 #[cfg(feature = "ocio")]
 pub use ocio_space::OcioSpace;
 pub use photo::{Photo, decode_photo, is_photo_name, photo_info};

@@ -18,6 +18,9 @@ pub struct Look {
 }
 
 /// Writes a PNG of an image in normalised units, whose primaries are those of `color_space`.
+///
+/// # Errors
+/// The file cannot be written.
 pub fn write(path: &Path, image: &Image, color_space: ColorSpace, look: Look) -> Result<()> {
     let encode = |&rgb: &[f32; 3]| display_rgb8(look.tonemap, look.exposure_ev, rec709_of(color_space, rgb));
     let rgb8: Vec<[u8; 3]> = image.pixels.iter().map(encode).collect();
