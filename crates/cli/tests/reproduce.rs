@@ -201,7 +201,7 @@ fn what_cannot_be_a_matrix_is_said() {
         let stderr = place.fails(2, &args(&[bad]));
         assert!(!stderr.contains("panicked"), "{stderr}");
     }
-    assert!(place.fails(2, &args(&[["--seed", "3"]])).contains("say --seeds"));
+    assert!(place.fails(2, &args(&[["--seed", "3"]])).contains("give --seeds"));
     let help = place.ok(&["reproduce", "--help"]);
     assert!(
         help.contains("--max-splats") && help.contains("--methods") && !help.contains("--method <") && !help.contains("--seed <"),

@@ -17,55 +17,54 @@ pub(crate) struct EditArgs {
     /// too), USD text, GLB, SPZ.
     #[arg(value_name = "RUN|SCENE.ply")]
     pub(crate) scene: PathBuf,
-    /// Scene to write; with --against, folder for the comparison.
+    /// Scene file to write; with --against, a new folder for the comparison.
     #[arg(long, short, value_name = "SCENE.ply|DIR", required_unless_present = "dry_run")]
     pub(crate) output: Option<PathBuf>,
-    /// Replace the scene file and the overlay that are there.
+    /// Replace a scene file and an overlay that exist.
     #[arg(long)]
     pub(crate) overwrite: bool,
     /// Maps and selections.
     #[command(flatten)]
     pub(crate) edits: EditOptions,
-    /// What maps are applied to in scenes of spherical harmonics, which are then fitted again.
+    /// Quantity that is mapped in scenes of spherical harmonics, which are then fitted again.
     #[arg(long, value_enum, default_value_t, value_name = "WHAT", help_heading = "Edits")]
     pub(crate) sh_map: ShMapArg,
-    /// Write no scene: report what is selected (splats, share of the scene's light, box around
-    /// them) and what maps would do.
+    /// Write no scene; report the selected splats, their share of the scene's light, the box around
+    /// them, and the effect of the maps.
     #[arg(long, help_heading = "Report")]
     pub(crate) dry_run: bool,
-    /// Picture of what is selected, laid over a render.
+    /// Write a picture of the selection over a render.
     #[arg(long, value_name = "FILE.png", conflicts_with = "against", help_heading = "Report")]
     pub(crate) overlay: Option<PathBuf>,
-    /// View of the data set for the overlay [default: the first mask's; else the first test view].
+    /// View of the overlay [default: the first mask's; without masks, the first test view].
     #[arg(long, value_name = "VIEW", requires = "overlay", conflicts_with = "against", help_heading = "Report")]
     pub(crate) view: Option<String>,
-    /// Compare instead: apply the maps to this scene, too, and measure how far each one's
-    /// chromaticity is from the ideally edited renders (the maps on each pixel's luminance, its
-    /// chromaticity kept). Harmonics are mapped both ways of --sh-map.
+    /// Compare with this scene: apply the maps to both, and measure the chromaticity error against
+    /// ideally edited renders (the maps on each pixel's luminance). Spherical harmonics are mapped
+    /// in both ways of --sh-map.
     #[arg(long, value_name = "RUN|SCENE.ply", conflicts_with_all = ["dry_run", "overwrite", "sh_map"], help_heading = "Report")]
     pub(crate) against: Option<PathBuf>,
-    /// The report as one JSON object.
+    /// Print the report as one JSON object.
     #[arg(long, help_heading = "Report")]
     pub(crate) json: bool,
-    /// Data set that masks, overlays and comparisons, and nothing else, take their views from
-    /// [default for a run: the one it was trained on].
+    /// Data set with the views of masks, overlays and comparisons [default for a run: its own].
     #[arg(long, value_name = "DATASET", help_heading = "Data set")]
     pub(crate) data: Option<PathBuf>,
-    /// How the data set is read.
+    /// Options of reading the data set.
     #[command(flatten)]
     pub(crate) load: LoadArgs,
-    /// Where the work is done.
+    /// Options of the device.
     #[command(flatten)]
     pub(crate) device: DeviceArgs,
-    /// How the command talks.
+    /// Options of output.
     #[command(flatten)]
     pub(crate) console: ConsoleArgs,
 }
 
 const EXAMPLES: &str = "\
 Luminance is R + G + B in the units of the data set, of a splat's colour at degree 0. Options act in the order given; a
---where holds for the maps behind it, up to the next --where. Chromaticity, opacity and shape of the splats keep their
-bits. In scenes of spherical harmonics hues shift under anything but a gain; a warning tells how far.
+--where applies to the maps behind it, up to the next --where. Chromaticity, opacity and shape of the splats do not
+change. In scenes of spherical harmonics hues shift under every map but a gain; a warning says how far.
 
 Selections:
   L < 0.05   L >= p90   L in 0.1..2       luminance, or a percentile of the splats
@@ -76,7 +75,7 @@ Selections:
 
 Examples:
   luxel edit run --stops 1 -o brighter.ply
-  luxel edit run --where \"L < 0.05\" --gain 4 -o shadows.ply
+  luxel edit run --where \"L < 0.05 ~2\" --gain 4 -o shadows.ply
   luxel edit run --compress-above 10:3 --lift-below 0.02 -o graded.ply
   luxel edit run --where \"mask(lamp.png, 004) and L > p95 ~2\" --stops -2 --dry-run --overlay lamp-selected.png
   luxel edit run --power 0.8 --pivot 0.5 --where \"hue in 200..260 ~20\" --gain 0.5 -o evening.ply
@@ -88,23 +87,19 @@ pub(crate) struct EditOptions(pub(crate) Vec<Edit>);
 
 /// Name, value and help of each statement.
 const STATEMENTS: [[&str; 3]; 9] = [
-    ["where", "SELECTION", "Splats that the maps behind it apply to [default: all]; see below"],
+    ["where", "SELECTION", "Select the splats that the following maps apply to [default: all]; see below"],
     ["gain", "FACTOR", "Multiply luminance; 0 or more"],
     ["stops", "N", "Multiply luminance by 2^N"],
     ["power", "BETA", "L' = pivot (L / pivot)^BETA: below 1 less contrast, above 1 more"],
-    ["pivot", "L", "Luminance that the --power before it leaves alone [default: the scene's median]"],
+    ["pivot", "L", "Luminance that the preceding --power does not change [default: the scene's median]"],
     [
         "curve",
         "X:Y,X:Y,...",
-        "Monotone cubic through points, luminance before : after, on logarithmic axes; beyond the ends their gain goes on",
+        "Monotone cubic through points, luminance before : after, on logarithmic axes; the gain continues beyond the ends",
     ],
-    ["clamp-max", "L", "Nothing is brighter than this"],
-    ["compress-above", "L[:RATIO]", "Of RATIO stops above this luminance make one [default ratio: 4]"],
-    [
-        "lift-below",
-        "L[:AMOUNT]",
-        "Take away this part of the distance, in stops, of all that is below this luminance [default amount: 0.5]",
-    ],
+    ["clamp-max", "L", "Limit luminance to this"],
+    ["compress-above", "L[:RATIO]", "Compress RATIO stops above this luminance to one [default ratio: 4]"],
+    ["lift-below", "L[:AMOUNT]", "Reduce the distance in stops of everything below this luminance by this share [default amount: 0.5]"],
 ];
 
 impl Args for EditOptions {
@@ -123,14 +118,14 @@ impl Args for EditOptions {
 
 impl FromArgMatches for EditOptions {
     fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
-        let mut said: Vec<(usize, &Statement)> = Vec::new();
+        let mut given: Vec<(usize, &Statement)> = Vec::new();
         for [name, ..] in STATEMENTS {
             if let (Some(values), Some(indices)) = (matches.get_many::<Statement>(name), matches.indices_of(name)) {
-                said.extend(indices.zip(values));
+                given.extend(indices.zip(values));
             }
         }
-        said.sort_by_key(|(index, _)| *index);
-        let edits = Edit::sequence(said.into_iter().map(|(_, statement)| statement));
+        given.sort_by_key(|(index, _)| *index);
+        let edits = Edit::sequence(given.into_iter().map(|(_, statement)| statement));
         edits.map(Self).map_err(|(_, message)| clap::Error::raw(ErrorKind::ArgumentConflict, format!("--pivot: {message}\n")))
     }
 
@@ -159,11 +154,10 @@ pub(crate) fn parse_edits(text: &str) -> Result<EditText, String> {
 /// `--sh-map`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub(crate) enum ShMapArg {
-    /// The luminance of the colour in each direction: hues shift only by what harmonics can't say.
+    /// The luminance of the colour in each direction: hues shift only by the error of the fit.
     #[default]
     Luminance,
-    /// Red, green and blue each by itself, as RGB values are usually mapped: hues shift by
-    /// definition.
+    /// Red, green and blue separately, as RGB values are usually mapped: hues shift.
     Channels,
 }
 
@@ -185,7 +179,7 @@ mod tests {
 
     fn edits(args: &[&str]) -> Result<String, clap::Error> {
         let cli = Cli::try_parse_from(["luxel", "edit", "scene.ply", "-o", "out.ply"].iter().chain(args))?;
-        let crate::args::Command::Edit(args) = cli.command else { unreachable!("edit was said") };
+        let crate::args::Command::Edit(args) = cli.command else { unreachable!("edit was given") };
         Ok(args.edits.0.iter().map(ToString::to_string).collect::<Vec<_>>().join(" | "))
     }
 

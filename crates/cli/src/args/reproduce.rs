@@ -15,10 +15,10 @@ use crate::args::values::MetricsArg;
 /// `luxel reproduce`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Methods: sh0 to sh5 (spherical harmonics of RGB radiance; sh3 is 3D Gaussian splatting), lcd (LCD-GS), and with it -exp or -relu \
+    after_help = "Methods: sh0 to sh5 (spherical harmonics of RGB radiance; sh3 is 3D Gaussian splatting), lcd (LCD-GS); after lcd, -exp or -relu \
     for the activation of the luminance, -l1 to -l3 for a luminance that varies with the view, -c0 to -c5 for the degree of chromaticity: lcd-c2-l1.\n\n\
-    Every run is a folder below DIR/runs. Finished runs are kept, interrupted ones go on; the same command again makes the report anew. \
-    Further methods, data sets and seeds can be added; other options need another folder. Ctrl-C saves all runs and exits with code 130.\n\n\
+    Every run is a folder below DIR/runs. Finished runs are kept, interrupted ones are continued; the same command again writes the report anew. \
+    Methods, data sets and seeds can be added; other options need another folder. Ctrl-C saves all runs and exits with code 130.\n\n\
     luxel reproduce desk-lamp bathroom -o paper --iterations 7000\n\
     luxel reproduce my-scene -o ablation --methods sh3,lcd,lcd-l1 --seeds 1,2 --jobs 2 --downscale 2"
 )]
@@ -39,7 +39,7 @@ pub(crate) struct ReproduceArgs {
         help_heading = "Matrix"
     )]
     pub(crate) methods: Vec<ColorModel>,
-    /// Seeds: as many runs of each method on each data set.
+    /// Seeds; each method is trained once per seed on each data set.
     #[arg(
         long,
         value_delimiter = ',',
@@ -49,26 +49,26 @@ pub(crate) struct ReproduceArgs {
         help_heading = "Matrix"
     )]
     pub(crate) seeds: Vec<u64>,
-    /// Runs side by side, each with its part of the cores or with --threads; times depend on it,
-    /// other figures do not.
+    /// Number of runs side by side, 1 to 1024, each with its share of the cores or with --threads;
+    /// only times depend on it.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1024), value_name = "N", help_heading = "Matrix")]
     pub(crate) jobs: u32,
-    /// Save the training state of each run every N steps, 0 for the end only.
+    /// Steps between checkpoints of each run; 0 for the end only.
     #[arg(long, default_value_t = 1000, value_name = "N", help_heading = "Matrix")]
     pub(crate) checkpoint_every: u32,
-    /// What is computed.
-    #[arg(long, value_enum, default_value_t = MetricsArg::Fast, help_heading = "Figures")]
+    /// Metrics to compute.
+    #[arg(long, value_enum, default_value_t = MetricsArg::Fast, help_heading = "Metrics")]
     pub(crate) metrics: MetricsArg,
-    /// Weights for LPIPS: the state dict of lpips.LPIPS(net='alex' or 'vgg') as a safetensors file.
-    #[arg(long, value_name = "FILE", help_heading = "Figures")]
+    /// Weights of LPIPS: the state dict of lpips.LPIPS(net='alex' or 'vgg') as a safetensors file.
+    #[arg(long, value_name = "FILE", help_heading = "Metrics")]
     pub(crate) lpips_weights: Option<PathBuf>,
-    /// How data sets are read.
+    /// Options of reading data sets.
     #[command(flatten)]
     pub(crate) load: LoadArgs,
-    /// Where the work is done.
+    /// Options of the device.
     #[command(flatten)]
     pub(crate) device: DeviceArgs,
-    /// How the command talks.
+    /// Options of output.
     #[command(flatten)]
     pub(crate) console: ConsoleArgs,
     /// Options of training for all runs.
@@ -76,13 +76,13 @@ pub(crate) struct ReproduceArgs {
     pub(crate) train: TrainOptions,
 }
 
-/// Options of training that are decided for each run, by id.
+/// Returns whether an option of training is decided for each run.
 fn is_of_the_matrix(id: &str) -> bool {
     id == "seed" || METHOD_OPTIONS.contains(&id)
 }
 
-/// An option of training as it is here: what [`check`] refuses is not in the help, and the recipe
-/// is the published one.
+/// Returns an option of training as this command has it: options that [`check`] refuses are hidden,
+/// and the preset is the published one.
 pub(super) fn adapted(arg: Arg) -> Arg {
     match arg.get_id().as_str() {
         id if is_of_the_matrix(id) => arg.hide(true),
@@ -91,15 +91,15 @@ pub(super) fn adapted(arg: Arg) -> Arg {
     }
 }
 
-/// The help of other options is that of `luxel train`, where the preset is another.
+/// Notes that the help of other options is that of `luxel train`, which has another preset.
 fn with_its_defaults(preset: Arg) -> Arg {
     let help = preset.get_help().map_or_else(String::new, ToString::to_string);
-    preset.help(help + ". The defaults that the help of other options names are those of fast")
+    preset.help(help + ". The defaults in the help of other options are those of fast")
 }
 
-/// Refuses options that have others in their place.
+/// Refuses options that this command replaces with others.
 pub(super) fn check(explicit: &ExplicitArgs) -> Result<(), String> {
     let Some(id) = explicit.iter().find(|id| is_of_the_matrix(id)) else { return Ok(()) };
     let instead = if id == "seed" { "--seeds" } else { "--methods" };
-    Err(format!("--{} differs from run to run; say {instead}", id.replace('_', "-")))
+    Err(format!("--{} differs from run to run; give {instead}", id.replace('_', "-")))
 }

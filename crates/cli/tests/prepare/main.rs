@@ -210,7 +210,7 @@ fn each_fault_of_a_folder_has_its_message() {
         "IMG_0001.JPG is left out: the same file as IMG_0001 copy.JPG, byte by byte",
         "IMG_0100.JPG is left out: not an image of a known format",
         "IMG_0200.NEF is left out: a camera maker's own RAW format",
-        "IMG_0300.HEIC is left out: a kind of picture that is not read; export it as JPEG",
+        "IMG_0300.HEIC is left out: not a supported kind of picture; export it as JPEG",
         "second day/ is left out: a folder in the folder",
         "warning: view IMG_0007: IMG_0009.JPG is left out: JPEG: ",
         "mixed cameras, lenses or sizes",
@@ -406,7 +406,7 @@ fn what_others_made_is_not_written_over() {
     std::fs::create_dir_all(set.join("sparse/0")).unwrap();
     std::fs::write(set.join("sparse/0/images.bin"), "of COLMAP").unwrap();
     let run = prepare(&photos, &set, &["--response", "srgb"]);
-    assert!(run.status.code() == Some(1) && said(&run).contains("not a data set of luxel prepare"), "{}", said(&run));
+    assert!(run.status.code() == Some(1) && said(&run).contains("not a data set that luxel prepared"), "{}", said(&run));
     std::fs::remove_dir_all(set.join("sparse")).unwrap();
     assert!(contents(&set) == before);
     // What was made of photographs is none of them.

@@ -85,7 +85,8 @@ fn scale_of_references(pairs: &Pairs, settings: &Settings) -> Result<f32> {
         let (image, space) = settings.read(&pair.reference)?;
         let mask = mask(pair, &image)?;
         let valid = |i: &usize| mask.as_ref().is_none_or(|mask| mask.is_valid(*i));
-        // An odd stride does not fall in step with even image widths; every image takes part equally.
+        // An odd stride does not fall in step with even image widths; every image takes part
+        // equally.
         let stride = (image.pixels.len().saturating_mul(pairs.pairs.len()) / MAX_SAMPLES + 1) | 1;
         let found = (0..image.pixels.len()).step_by(stride).filter(valid);
         let found = found.filter_map(|i| Some(luminance_rec709(rec709_of(space, *image.pixels.get(i)?))));

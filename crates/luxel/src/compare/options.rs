@@ -9,8 +9,8 @@ use luxel_metrics::{FieldOptions, FlipChoice};
 /// Options of [`compare`](super::compare).
 #[derive(Clone, Debug)]
 pub struct CompareOptions {
-    /// Radiance that is 1 in protocol `scene`, in the decades and on the display of PU21; `None` for
-    /// the 99.9th percentile of the luminance of all references.
+    /// Radiance that is 1 in protocol `scene`, in the decades and on the display of PU21; `None`
+    /// for the 99.9th percentile of the luminance of all references.
     pub scale: Option<f32>,
     /// Luminance at which the display of PU21 has that radiance, cd/m2.
     pub peak_luminance: f32,

@@ -7,8 +7,8 @@
 //! Each scene is rendered unedited and edited, on black. The ideal is the unedited render with the
 //! maps applied to each pixel's luminance, chromaticity kept; the edited render is compared with
 //! that of its own scene. A scene of spherical harmonics is edited twice: by the luminance of its
-//! colours in each direction, which is the best it can do, and by channels, as RGB values are usually
-//! mapped. Pivots that are not given are the first scene's median for both. Pictures of the
+//! colours in each direction, which is the best it can do, and by channels, as RGB values are
+//! usually mapped. Pivots that are not given are the first scene's median for both. Pictures of the
 //! chromaticity error go from black for 0 to yellow for [`FULL_SCALE_ERROR`].
 
 use std::path::{Path, PathBuf};

@@ -1,8 +1,8 @@
 //! Painted masks: images that are white where a view is selected, projected onto the splats.
 //!
 //! In: names of masks in edits, a data set, and an engine. Out: for each mask the share of each
-//! splat's contribution that lies in it. Degenerate: no masks, no shares. A mask has the size of its
-//! view or a whole multiple, which is averaged.
+//! splat's contribution that lies in it. Degenerate: no masks, no shares. A mask has the size of
+//! its view or a whole multiple, which is averaged.
 
 use std::path::Path;
 
@@ -24,8 +24,8 @@ pub fn mask_names(edits: &[Edit]) -> Vec<&MaskName> {
 /// view that lies in the white part of a mask, `[N]` per mask, 0 to 1.
 ///
 /// # Errors
-/// A view that is not in the data set, a mask that cannot be read or has another size, a device that
-/// gave up.
+/// A view that is not in the data set, a mask that cannot be read or has another size, a device
+/// that gave up.
 pub fn project_masks(names: &[&MaskName], scene: &luxel_core::Scene, dataset: &Dataset, engine: &mut dyn Engine) -> Result<MaskShares> {
     let mut shares = MaskShares::new();
     if names.is_empty() {

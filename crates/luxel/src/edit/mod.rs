@@ -1,8 +1,9 @@
 //! Edits of light on a scene: painted masks projected onto the splats, edits applied and reported,
 //! the selection drawn over a view, and two scenes compared under the same edit.
 //!
-//! In: [`Edit`]s, a scene, and for masks and pictures the views of a data set. Out: the edited scene,
-//! and a summary of each edit. Degenerate: a selection without splats is a warning, not an error.
+//! In: [`Edit`]s, a scene, and for masks and pictures the views of a data set. Out: the edited
+//! scene, and a summary of each edit. Degenerate: a selection without splats is a warning, not an
+//! error.
 
 mod against;
 mod masks;
@@ -26,8 +27,8 @@ pub struct AppliedEdit {
     pub selection: SelectionSummary,
 }
 
-/// Applies edits in order, and reports what each selected and whether hues shifted. `masks` come from
-/// [`project_masks`]; none are needed for edits without masks.
+/// Applies edits in order, and reports what each selected and whether hues shifted. `masks` come
+/// from [`project_masks`]; none are needed for edits without masks.
 ///
 /// ```
 /// use luxel::{Silent, edit, synthetic};

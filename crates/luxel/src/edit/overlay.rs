@@ -17,8 +17,8 @@ const SELECTION_RGB: [f32; 3] = [255.0, 96.0, 0.0];
 /// Opacity of that colour in a pixel of selected splats alone.
 const OPACITY: f32 = 0.7;
 
-/// Returns the strongest of the edits' selections for each splat, 0 to 1. Each edit sees the scene as
-/// the edits before it leave it.
+/// Returns the strongest of the edits' selections for each splat, 0 to 1. Each edit sees the scene
+/// as the edits before it leave it.
 ///
 /// # Errors
 /// An edit that does not go with the scene.

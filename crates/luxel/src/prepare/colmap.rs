@@ -1,49 +1,50 @@
-//! Structure from motion by COLMAP, a program of its own: commands, progress, what came of it.
+//! Structure from motion by COLMAP, a separate program: its commands, progress and result.
 //!
-//! In: proxies in a folder, with the camera of each. Out: models in `work/sparse`, of which the largest is read. SIFT runs on the processor. One
-//! lens is shared by all proxies of one camera: features are extracted camera by camera into one database. What COLMAP says goes to
-//! `work/colmap.log`.
+//! In: proxies in a folder, with the camera of each. Out: models in `work/sparse`, of which the
+//! largest is read. SIFT runs on the processor. All proxies of one camera share a lens: features
+//! are extracted camera by camera into one database. COLMAP's output goes to `work/colmap.log`.
 
 use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::sync::mpsc;
 
-use crate::error::{Context, bail};
-use crate::files::write_text;
 use luxel_capture::prepare::{PlannedCamera, ViewRecord};
 use luxel_io::colmap::{ColmapModel, read_colmap_model};
 
 use super::folders::{Folders, proxy_name};
 use super::{Matching, MotionOptions};
+use crate::error::{Context, bail};
+use crate::files::{remove_if_there, write_text};
 use crate::{Event, ItemKind, Observer, Result};
 
-/// Views up to which each is matched with each.
+/// Number of views up to which every pair is matched.
 const EXHAUSTIVE_VIEWS: usize = 200;
-/// Lines of COLMAP that an error shows.
+/// Number of COLMAP's last lines that an error has.
 const LAST_LINES: usize = 6;
 
 /// An installed COLMAP.
 #[derive(Clone, Debug)]
 pub(super) struct Colmap {
     program: PathBuf,
-    /// `COLMAP 3.8`.
+    /// Its name and version: `COLMAP 3.8`.
     pub(super) version: String,
-    /// Since 3.12 options of features and matches begin with these instead of SiftExtraction and SiftMatching.
+    /// Whether options begin with FeatureExtraction and FeatureMatching, as since 3.12, in place of
+    /// SiftExtraction and SiftMatching.
     has_feature_options: bool,
 }
 
-/// One of the commands to be run.
+/// A command to be run.
 pub(super) struct Step {
-    /// For people.
-    what: &'static str,
+    /// Its purpose, for people.
+    purpose: &'static str,
     arguments: Vec<OsString>,
 }
 
 impl Colmap {
-    /// `None` if there is no such program.
+    /// Asks a program for its version and options. Returns `None` if there is no such program.
     pub(super) fn find(program: &Path) -> Option<Self> {
         let help = |arguments: &[&str]| {
             let output = Command::new(program).args(arguments).env("QT_QPA_PLATFORM", "offscreen").stdin(Stdio::null()).output().ok()?;
@@ -54,12 +55,12 @@ impl Colmap {
         Some(Self { program: program.to_owned(), version, has_feature_options })
     }
 
-    /// As the current release has it, for commands that are only shown.
+    /// Returns a COLMAP that is not installed, for commands that are only written down.
     pub(super) fn unknown(program: &Path) -> Self {
         Self { program: program.to_owned(), version: String::new(), has_feature_options: false }
     }
 
-    /// The commands, in order. Writes the lists of images by camera.
+    /// Returns the commands, in order. Writes the lists of images by camera.
     pub(super) fn steps(
         &self,
         folders: &Folders,
@@ -67,7 +68,6 @@ impl Colmap {
         cameras: &[PlannedCamera],
         options: MotionOptions,
     ) -> Result<Vec<Step>> {
-        let MotionOptions { camera_model: model, matching } = options;
         let (extraction, matches) =
             if self.has_feature_options { ("--FeatureExtraction", "--FeatureMatching") } else { ("--SiftExtraction", "--SiftMatching") };
         let database = folders.work.join("database.db");
@@ -82,17 +82,17 @@ impl Colmap {
             write_text(&list, &(views.iter().map(|v| proxy_name(&v.name)).collect::<Vec<_>>().join("\n") + "\n"))?;
             let mut arguments =
                 paths("feature_extractor", &[("--database_path", &database), ("--image_path", &pictures), ("--image_list_path", &list)]);
-            let mut give = |name: &str, value: &str| arguments.extend([name.into(), value.into()]);
-            give("--ImageReader.single_camera", "1");
-            give("--ImageReader.camera_model", model.name());
+            let mut add = |name: &str, value: &str| arguments.extend([name.into(), value.into()]);
+            add("--ImageReader.single_camera", "1");
+            add("--ImageReader.camera_model", options.camera_model.name());
             if let Some(focal) = cameras.get(*camera).and_then(|c| c.focal_per_side) {
                 let (w, h) = (*width as f64, *height as f64);
-                give("--ImageReader.camera_params", &model.params(focal * w.max(h), [0.5 * w, 0.5 * h]));
+                add("--ImageReader.camera_params", &options.camera_model.params(focal * w.max(h), [0.5 * w, 0.5 * h]));
             }
-            give(&format!("{extraction}.use_gpu"), "0");
-            steps.push(Step { what: "features", arguments });
+            add(&format!("{extraction}.use_gpu"), "0");
+            steps.push(Step { purpose: "features", arguments });
         }
-        let is_exhaustive = match matching {
+        let is_exhaustive = match options.matching {
             Matching::Auto => views.len() <= EXHAUSTIVE_VIEWS,
             Matching::Exhaustive => true,
             Matching::Sequential => false,
@@ -100,22 +100,23 @@ impl Colmap {
         let mut arguments =
             paths(if is_exhaustive { "exhaustive_matcher" } else { "sequential_matcher" }, &[("--database_path", &database)]);
         arguments.extend([format!("{matches}.use_gpu").into(), "0".into()]);
-        steps.push(Step { what: "matches", arguments });
+        steps.push(Step { purpose: "matches", arguments });
         let sparse = folders.work.join("sparse");
         let arguments = paths("mapper", &[("--database_path", &database), ("--image_path", &pictures), ("--output_path", &sparse)]);
-        steps.push(Step { what: "poses", arguments });
+        steps.push(Step { purpose: "poses", arguments });
         Ok(steps)
     }
 
-    /// The commands as a script, for those who run them elsewhere: paths are those below the data set, and options are those of the release that
-    /// is there.
+    /// Returns the commands as a script, to be run elsewhere: paths are relative to the data set,
+    /// and options are those of the release that is installed there.
     pub(super) fn script(&self, steps: &[Step], folders: &Folders) -> String {
         let program = quoted(&self.program.to_string_lossy());
         let mut out = String::from(
             "#!/bin/sh\n# Poses of the pictures in proxies/, by COLMAP, into work/sparse.\nset -e\ncd \"$(dirname \"$0\")\"\n",
         );
-        out += "# What an earlier time left is of other pictures.\n";
-        out += "rm -rf work/sparse work/database.db work/database.db-wal work/database.db-shm\nmkdir -p work/sparse\n# Since COLMAP 3.12 two groups of options have other names.\nextraction=SiftExtraction matching=SiftMatching\n";
+        out += "# Files of an earlier run are of other pictures.\n";
+        out += "rm -rf work/sparse work/database.db work/database.db-wal work/database.db-shm\nmkdir -p work/sparse\n";
+        out += "# Since COLMAP 3.12 two groups of options have other names.\nextraction=SiftExtraction matching=SiftMatching\n";
         out += &format!("if {program} feature_extractor -h 2>&1 | grep -q FeatureExtraction.use_gpu; then\n");
         out += "  extraction=FeatureExtraction matching=FeatureMatching\nfi\n";
         for step in steps {
@@ -136,25 +137,24 @@ impl Colmap {
     /// Runs the commands on a fresh database.
     pub(super) fn run(&self, steps: &[Step], folders: &Folders, views: usize, observer: &dyn Observer) -> Result<()> {
         let sparse = folders.work.join("sparse");
-        for path in [folders.work.join("database.db"), folders.work.join("database.db-wal"), folders.work.join("database.db-shm")] {
-            if path.exists() {
-                std::fs::remove_file(&path).with_context(|| format!("{}: cannot remove", path.display()))?;
-            }
+        for name in ["database.db", "database.db-wal", "database.db-shm"] {
+            remove_if_there(&folders.work.join(name))?;
         }
         if sparse.exists() {
             std::fs::remove_dir_all(&sparse).with_context(|| format!("{}: cannot remove", sparse.display()))?;
         }
         std::fs::create_dir_all(&sparse).with_context(|| format!("{}: cannot create", sparse.display()))?;
         let log_path = folders.work.join("colmap.log");
-        let mut log = std::fs::File::create(&log_path).with_context(|| format!("{}: cannot write", log_path.display()))?;
+        let file = std::fs::File::create(&log_path).with_context(|| format!("{}: cannot write", log_path.display()))?;
+        let mut log = Log { path: log_path, file };
         for step in steps {
-            observer.note(&format!("COLMAP: {}", step.what));
-            self.run_step(step, views, &mut log, &log_path, observer)?;
+            observer.note(&format!("COLMAP: {}", step.purpose));
+            self.run_step(step, views, &mut log, observer)?;
         }
         Ok(())
     }
 
-    fn run_step(&self, step: &Step, views: usize, log: &mut std::fs::File, log_path: &Path, observer: &dyn Observer) -> Result<()> {
+    fn run_step(&self, step: &Step, views: usize, log: &mut Log, observer: &dyn Observer) -> Result<()> {
         let mut child = Command::new(&self.program)
             .args(&step.arguments)
             .env("QT_QPA_PLATFORM", "offscreen")
@@ -163,29 +163,15 @@ impl Colmap {
             .stderr(Stdio::piped())
             .spawn()
             .with_context(|| format!("{}: cannot start", self.program.display()))?;
-        let (sender, lines) = mpsc::channel();
-        let streams: [Option<Box<dyn Read + Send>>; 2] =
-            [child.stdout.take().map(|s| Box::new(s) as Box<dyn Read + Send>), child.stderr.take().map(|s| Box::new(s) as _)];
-        for stream in streams.into_iter().flatten() {
-            let sender = sender.clone();
-            std::thread::spawn(move || {
-                for line in BufReader::new(stream).split(b'\n').map_while(Result::ok) {
-                    if sender.send(String::from_utf8_lossy(&line).into_owned()).is_err() {
-                        break;
-                    }
-                }
-            });
-        }
-        drop(sender);
+        let total = views as u32;
         let mut last: Vec<String> = Vec::new();
-        observer.event(Event::StepsBegin { done: 0, total: views as u32 });
-        for line in lines {
+        observer.event(Event::StepsBegin { done: 0, total });
+        for line in lines_of(&mut child) {
             // A log that cannot be written is no reason to stop.
-            let _ = writeln!(log, "{line}");
+            let _ = writeln!(log.file, "{line}");
             if let Some(done) = progress(&line) {
                 observer.event(Event::Step { done });
-                let name = step.what.to_owned();
-                observer.event(Event::Item { kind: ItemKind::StructureFromMotion, name, done, total: views as u32 });
+                observer.event(Event::Item { kind: ItemKind::StructureFromMotion, name: step.purpose.to_owned(), done, total });
             }
             if !line.trim().is_empty() {
                 last.push(line.trim().to_owned());
@@ -197,13 +183,39 @@ impl Colmap {
         observer.event(Event::StepsEnd);
         let status = child.wait().context("cannot wait for COLMAP")?;
         if !status.success() {
-            bail!("COLMAP failed in its step \"{}\" ({status}): {}; all it said is in {}", step.what, last.join(" | "), log_path.display());
+            let (purpose, log) = (step.purpose, log.path.display());
+            bail!("COLMAP failed in its step \"{purpose}\" ({status}): {}; its output is in {log}", last.join(" | "));
         }
         Ok(())
     }
 }
 
-/// How many views a line of COLMAP says are done: `Processed file [12/35]`, `Registering image #5 (7)`.
+/// The file that COLMAP's output goes to.
+struct Log {
+    path: PathBuf,
+    file: std::fs::File,
+}
+
+/// Returns the lines that a program writes to standard output and standard error, as they come.
+fn lines_of(child: &mut Child) -> mpsc::Receiver<String> {
+    let (sender, lines) = mpsc::channel();
+    let streams: [Option<Box<dyn Read + Send>>; 2] =
+        [child.stdout.take().map(|s| Box::new(s) as Box<dyn Read + Send>), child.stderr.take().map(|s| Box::new(s) as _)];
+    for stream in streams.into_iter().flatten() {
+        let sender = sender.clone();
+        std::thread::spawn(move || {
+            for line in BufReader::new(stream).split(b'\n').map_while(std::result::Result::ok) {
+                if sender.send(String::from_utf8_lossy(&line).into_owned()).is_err() {
+                    break;
+                }
+            }
+        });
+    }
+    lines
+}
+
+/// Returns how many views are done by a line of COLMAP: `Processed file [12/35]`, `Registering
+/// image #5 (7)`.
 fn progress(line: &str) -> Option<u32> {
     let after = |mark: &str| line.split_once(mark).map(|(_, rest)| rest);
     let number = |text: &str| text.trim_start().split(|c: char| !c.is_ascii_digit()).next().and_then(|n| n.parse().ok());
@@ -213,6 +225,7 @@ fn progress(line: &str) -> Option<u32> {
     after("Registering image #").and_then(|rest| rest.split_once('(')).and_then(|(_, rest)| number(rest))
 }
 
+/// Returns a command of COLMAP with options that have paths.
 fn paths(command: &str, options: &[(&str, &PathBuf)]) -> Vec<OsString> {
     let mut out = vec![OsString::from(command)];
     for (name, path) in options {
@@ -221,13 +234,13 @@ fn paths(command: &str, options: &[(&str, &PathBuf)]) -> Vec<OsString> {
     out
 }
 
-/// For a shell.
+/// Returns a word quoted for a shell.
 fn quoted(word: &str) -> String {
     let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,:".contains(c);
     if !word.is_empty() && word.chars().all(is_plain) { word.to_owned() } else { format!("'{}'", word.replace('\'', "'\\''")) }
 }
 
-/// Puts a model that is of other pictures out of the way. Returns where it is.
+/// Moves a model of other pictures out of the way. Returns its new place.
 pub(super) fn set_aside(sparse: &Path) -> Result<PathBuf> {
     let aside = sparse.with_extension("old");
     if aside.exists() {
@@ -237,8 +250,15 @@ pub(super) fn set_aside(sparse: &Path) -> Result<PathBuf> {
     Ok(aside)
 }
 
-/// The model with the most images, and how many models there are.
-pub(super) fn largest_model(folders: &Folders) -> Result<(ColmapModel, usize)> {
+/// The largest of the models that COLMAP made.
+pub(super) struct LargestModel {
+    pub(super) model: ColmapModel,
+    /// Number of models in all.
+    pub(super) models: usize,
+}
+
+/// Reads the model with the most images.
+pub(super) fn largest_model(folders: &Folders) -> Result<LargestModel> {
     let sparse = folders.work.join("sparse");
     let entries = std::fs::read_dir(&sparse).with_context(|| format!("{}: cannot list", sparse.display()))?;
     let mut models = Vec::new();
@@ -247,9 +267,9 @@ pub(super) fn largest_model(folders: &Folders) -> Result<(ColmapModel, usize)> {
     }
     let count = models.len();
     match models.into_iter().max_by_key(|model| model.images.len()) {
-        Some(model) => Ok((model, count)),
+        Some(model) => Ok(LargestModel { model, models: count }),
         None => bail!(
-            "COLMAP found no poses: views need more overlap or more to see; the pictures it saw are in {}, what it said in {}",
+            "COLMAP found no poses: views need more overlap or more detail; its pictures are in {}, its output is in {}",
             folders.output.join("proxies").display(),
             folders.work.join("colmap.log").display()
         ),

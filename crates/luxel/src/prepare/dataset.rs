@@ -1,42 +1,64 @@
-//! The data set in COLMAP's layout: undistorted radiance in `images/`, pinhole cameras and points in `sparse/0`.
+//! The data set in COLMAP's layout: undistorted radiance in `images/`, pinhole cameras and points
+//! in `sparse/0`.
 //!
-//! In: the model of the proxies and the radiance of the views. Out: images without empty pixels (the lens's focal length is lengthened until none
-//! is), the model as text with features moved accordingly, and [`Registration`]. Features that belong to no point are left out. Radiance is resampled
-//! once, in linear light, in full float; masks of saturated pixels likewise, black wherever a saturated pixel has a part.
+//! In: the model of the proxies and the radiance of the views. Out: images without empty pixels
+//! (the focal length is raised until there are none), the model as text with features moved
+//! accordingly, and [`Registration`]. Features that belong to no point are left out. Radiance is
+//! resampled once, in linear light and full float; masks of saturated pixels likewise, black
+//! wherever a saturated pixel has a part.
 //!
-//! A view's radiance is removed from `work` once its image stands; what is left there are views without a pose.
+//! A view's radiance is removed from `work` once its image is written; what remains there are views
+//! without a pose.
 
 use std::collections::HashMap;
 
-use crate::files::{remove_if_there, write_bytes};
 use glam::DVec2;
 use luxel_capture::prepare::{RegisteredView, Registration, ViewRecord};
-use luxel_core::{Camera, ColorSpace, Distortion};
+use luxel_core::{Camera, ColorSpace, Distortion, Remedy};
 use luxel_io::colmap::{ColmapModel, ColmapPoint, read_colmap_model, write_text};
-use luxel_io::{ExrOptions, ReadOptions, Transfer, encode_png, pinhole_within, read_image, undistort_into, write_exr};
+use luxel_io::{ExrOptions, ExrSample, ReadOptions, Transfer, encode_png, pinhole_within, read_image, undistort_into, write_exr};
 
-use super::folders::{Folders, exr_options, proxy_name};
+use super::colmap::LargestModel;
+use super::folders::{Folders, proxy_name};
 use crate::error::bail;
+use crate::files::{remove_if_there, write_bytes};
 use crate::{Error, Event, ItemKind, Observer, Result};
 
-/// A resampled pixel of a mask counts if no masked pixel has more than a rounding's part in it.
-const FULLY: f32 = 0.999;
+/// Least share of valid pixels in a valid pixel of a resampled mask: all, but for rounding.
+const MIN_VALID_SHARE: f32 = 0.999;
 
-/// A view on its way into the data set.
+/// Colour space and unit of pixels.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Pixels {
+    pub(super) space: ColorSpace,
+    /// Whether radiance is in cd/m2.
+    pub(super) is_absolute: bool,
+}
+
+impl Pixels {
+    /// Returns options of OpenEXR files: float, with space and unit.
+    pub(super) fn exr_options(self) -> ExrOptions {
+        let units = if self.is_absolute { "cd/m2 by EXIF and ISO 12232" } else { "of the capture" };
+        let attributes = vec![("luxel:color_space".to_owned(), self.space.name().to_owned()), ("luxel:units".to_owned(), units.to_owned())];
+        ExrOptions { sample: ExrSample::Float, color_space: self.space, attributes, ..ExrOptions::default() }
+    }
+}
+
+/// A view with a pose.
 struct Posed<'a> {
     record: &'a ViewRecord,
     /// Index in the model.
     index: usize,
-    /// Of the proxy.
+    /// Camera of the proxy.
     seen: Camera,
-    /// Of the full image, with its distortion.
+    /// Camera of the full image, with its distortion.
     lens: Camera,
-    /// Of the image written.
+    /// Camera of the undistorted image.
     pinhole: Camera,
 }
 
-/// Whether the data set's model is there, with each image that it names.
-pub(super) fn is_whole(folders: &Folders) -> bool {
+/// Returns whether the data set's model is there, with every image that it names.
+pub(super) fn is_complete(folders: &Folders) -> bool {
     let images = folders.output.join("images");
     let has_all = |model: ColmapModel| model.images.iter().all(|image| images.join(&image.name).is_file());
     read_colmap_model(&folders.output.join("sparse/0")).is_ok_and(has_all)
@@ -46,25 +68,26 @@ pub(super) fn is_whole(folders: &Folders) -> bool {
 pub(super) fn write(
     folders: &Folders,
     records: &[ViewRecord],
-    (model, models): (&ColmapModel, usize),
-    (space, is_absolute): (ColorSpace, bool),
+    LargestModel { model, models }: &LargestModel,
+    pixels: Pixels,
     observer: &dyn Observer,
 ) -> Result<Registration> {
     let posed = posed_views(folders, records, model)?;
     if posed.is_empty() {
         bail!("COLMAP's model has none of the views; remove {} and start again", folders.work.display());
     }
-    observer.event(Event::StepsBegin { done: 0, total: posed.len() as u32 });
+    let total = posed.len() as u32;
+    observer.event(Event::StepsBegin { done: 0, total });
     for (done, view) in (1u32..).zip(&posed) {
-        write_image(folders, view, space, is_absolute)?;
+        write_image(folders, view, pixels)?;
         write_mask(folders, view)?;
         observer.event(Event::Step { done });
         let name = view.record.name.clone();
-        observer.event(Event::Item { kind: ItemKind::UndistortedImage, name, done, total: posed.len() as u32 });
+        observer.event(Event::Item { kind: ItemKind::UndistortedImage, name, done, total });
     }
     observer.event(Event::StepsEnd);
     let errors = point_errors(&posed, model);
-    let registration = registration(&posed, model, &errors, models);
+    let registration = registration(&posed, model, &errors, *models);
     write_model(folders, &posed, model, &errors)?;
     for view in &posed {
         // A file that is left over does no harm.
@@ -81,18 +104,7 @@ fn posed_views<'a>(folders: &Folders, records: &'a [ViewRecord], model: &ColmapM
     for (index, image) in model.images.iter().enumerate() {
         let Some(record) = by_name.get(&image.name) else { continue };
         let seen = image.camera().map_err(|e| Error::new(format!("COLMAP's camera of {}: {e}", image.name)))?;
-        let expected = record.proxy_px.map(|s| s as u32);
-        if seen.size_px != expected {
-            bail!(
-                "{}: {} has {} x {} pixels in the model, expected {} x {} as in proxies/: the model is of other pictures; make it of these, or remove it",
-                folders.work.join("sparse").display(),
-                image.name,
-                seen.size_px[0],
-                seen.size_px[1],
-                expected[0],
-                expected[1]
-            );
-        }
+        check_size(folders, &image.name, &seen, record)?;
         let factor = record.proxy_reduction as f64;
         let lens = Camera {
             focal_px: seen.focal_px * factor,
@@ -107,14 +119,7 @@ fn posed_views<'a>(folders: &Folders, records: &'a [ViewRecord], model: &ColmapM
         let within = match pinholes.iter().find(|(of, _)| is_same(of)) {
             Some((_, pinhole)) => pinhole.clone(),
             None => {
-                let pinhole = pinhole_within(&lens).ok_or_else(|| {
-                    Error::new(format!(
-                        "the lens of {} that COLMAP found (k1 {:.3}, k2 {:.3}) leaves no pinhole image: say a simpler --camera-model, such as simple-radial",
-                        image.name,
-                        lens.distortion.k1,
-                        lens.distortion.k2
-                    ))
-                })?;
+                let pinhole = pinhole_within(&lens).ok_or_else(|| no_pinhole(&image.name, &lens.distortion))?;
                 pinholes.push((lens.clone(), pinhole.clone()));
                 pinhole
             }
@@ -126,7 +131,29 @@ fn posed_views<'a>(folders: &Folders, records: &'a [ViewRecord], model: &ColmapM
     Ok(posed)
 }
 
-fn write_image(folders: &Folders, view: &Posed<'_>, space: ColorSpace, is_absolute: bool) -> Result<()> {
+/// Refuses a model of pictures that differ in size from the proxies.
+fn check_size(folders: &Folders, name: &str, seen: &Camera, record: &ViewRecord) -> Result<()> {
+    let ([width, height], expected) = (seen.size_px, record.proxy_px.map(|s| s as u32));
+    if seen.size_px != expected {
+        bail!(
+            "{}: {name} has {width} x {height} pixels in the model, expected {} x {} as in proxies/: the model is of other pictures; make \
+             it from these, or remove it",
+            folders.work.join("sparse").display(),
+            expected[0],
+            expected[1]
+        );
+    }
+    Ok(())
+}
+
+/// Returns the error of a lens that no pinhole camera replaces.
+fn no_pinhole(name: &str, lens: &Distortion) -> Error {
+    let (k1, k2) = (lens.k1, lens.k2);
+    let text = format!("the lens of {name} that COLMAP found (k1 {k1:.3}, k2 {k2:.3}) leaves no pinhole image: it needs a simpler model");
+    Error::new(text).with_remedy(Remedy::set("camera_model", "simple-radial"))
+}
+
+fn write_image(folders: &Folders, view: &Posed<'_>, pixels: Pixels) -> Result<()> {
     let from = folders.radiance(&view.record.name);
     let decoded = read_image(&from, &ReadOptions::default())?;
     let size = [decoded.image.width, decoded.image.height];
@@ -136,12 +163,12 @@ fn write_image(folders: &Folders, view: &Posed<'_>, space: ColorSpace, is_absolu
     // A lens without distortion changes nothing, to the bit.
     let is_straight = view.lens.distortion.is_none() && view.lens.focal_px == view.pinhole.focal_px;
     let image = if is_straight { decoded.image } else { undistort_into(&decoded.image, &view.lens, &view.pinhole).0 };
-    let options = ExrOptions { camera: Some(view.pinhole.clone()), ..exr_options(space, is_absolute) };
+    let options = ExrOptions { camera: Some(view.pinhole.clone()), ..pixels.exr_options() };
     write_exr(&folders.image(&view.record.name), &image, &options)?;
     Ok(())
 }
 
-/// `saturation/NAME.png` of a view that has saturated pixels.
+/// Writes `saturation/NAME.png` of a view that has saturated pixels.
 fn write_mask(folders: &Folders, view: &Posed<'_>) -> Result<()> {
     let (from, to) = (folders.saturation(&view.record.name), folders.mask(&view.record.name));
     if !from.exists() {
@@ -149,11 +176,11 @@ fn write_mask(folders: &Folders, view: &Posed<'_>) -> Result<()> {
     }
     let options = ReadOptions { transfer: Some(Transfer::Linear) };
     let (mask, _) = undistort_into(&read_image(&from, &options)?.image, &view.lens, &view.pinhole);
-    let rgb8: Vec<u8> = mask.pixels.iter().flat_map(|[counts, ..]| [if *counts < FULLY { 0 } else { u8::MAX }; 3]).collect();
+    let rgb8: Vec<u8> = mask.pixels.iter().flat_map(|[valid, ..]| [if *valid < MIN_VALID_SHARE { 0 } else { u8::MAX }; 3]).collect();
     write_bytes(&to, &encode_png(mask.width, mask.height, &rgb8)?)
 }
 
-/// Mean reprojection error of each point, and the error of each sighting, pixels of the proxies.
+/// Returns the reprojection error of each point in each view of its track, pixels of the proxies.
 fn point_errors(posed: &[Posed<'_>], model: &ColmapModel) -> Vec<Vec<Option<f64>>> {
     let by_index: HashMap<usize, &Posed<'_>> = posed.iter().map(|view| (view.index, view)).collect();
     let error = |point: &ColmapPoint, [image, feature]: [u32; 2]| {
@@ -208,7 +235,7 @@ fn write_model(folders: &Folders, posed: &[Posed<'_>], model: &ColmapModel, erro
             let straight = undistorted((DVec2::new(x.into(), y.into()) - view.seen.center_px) / view.seen.focal_px, &view.lens.distortion);
             let moved = straight * view.pinhole.focal_px + view.pinhole.center_px;
             let [width, height] = view.pinhole.size_px.map(f64::from);
-            // What lies in the part that undistortion cut off is seen no more.
+            // Features in the part that undistortion cut off are lost.
             if let Some((_, _, features)) =
                 images.get_mut(at).filter(|_| moved.x >= 0.0 && moved.y >= 0.0 && moved.x < width && moved.y < height)
             {
@@ -226,7 +253,8 @@ fn write_model(folders: &Folders, posed: &[Posed<'_>], model: &ColmapModel, erro
     Ok(())
 }
 
-/// Coordinates without distortion, by fixed-point iteration; within the part of the lens that does not fold it converges.
+/// Returns coordinates without distortion, by fixed-point iteration. It converges within the part
+/// of the lens that does not fold.
 fn undistorted(distorted: DVec2, lens: &Distortion) -> DVec2 {
     let mut p = distorted;
     for _ in 0..40 {

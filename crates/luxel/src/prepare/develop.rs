@@ -1,14 +1,14 @@
-//! One view: photographs to radiance, its picture for structure from motion, and its metrics.
+//! One view: from photographs to radiance, its proxy for structure from motion, and its metrics.
 //!
-//! In: a [`PlannedView`]. Out: `work/radiance/NAME.exr` (float, in the scene's space), `proxies/NAME.jpg`,
-//! `work/saturation/NAME.png` (a mask, black where a channel is saturated in every exposure; only where there are such pixels), and a
-//! [`ViewRecord`]. A frame that cannot be decoded is left out with a note; a view of which none can be is an error of its own, and the others
-//! go on. What the system refuses, to read or to write, is no fault of a photograph ([`is_refused`]): nothing goes on.
+//! In: a [`PlannedView`]. Out: `work/radiance/NAME.exr` (float, in the data set's space),
+//! `proxies/NAME.jpg`, `work/saturation/NAME.png` (a mask, black where a channel is saturated in
+//! every exposure; only where there are such pixels), and a [`ViewRecord`]. Degenerate: a frame
+//! that cannot be decoded is left out with a reason; a view without any frame is an error, and the
+//! other views continue. A refusal of the system to read or write is not a photograph's fault
+//! ([`is_system_error`]): nothing continues.
 
 use std::path::Path;
 
-use crate::error::{Context, bail};
-use crate::files::{remove_if_there, write_bytes};
 use luxel_capture::prepare::{
     CurveTables, LeftOut, Photograph, Plan, PlannedView, ViewRecord, conversion_from, developed_frame, raw_frame,
 };
@@ -19,16 +19,19 @@ use luxel_io::{
 };
 use rayon::prelude::*;
 
-use super::folders::{Folders, exr_options};
+use super::dataset::Pixels;
+use super::folders::Folders;
 use super::state::key;
+use crate::error::{Context, bail};
+use crate::files::{remove_if_there, write_bytes};
 use crate::{Error, Result};
 
-/// COLMAP reduces larger pictures itself.
+/// Longest side of proxies. COLMAP reduces larger pictures itself.
 const PROXY_SIDE_PX: usize = 3200;
-/// Quality of proxies: artefacts stay below what features react to.
+/// JPEG quality of proxies: artefacts stay below what features react to.
 const PROXY_QUALITY: u8 = 95;
 
-/// What all views share.
+/// The settings that all views share.
 pub(super) struct Developer<'a> {
     pub(super) plan: &'a Plan,
     pub(super) photos: &'a [Photograph],
@@ -36,14 +39,14 @@ pub(super) struct Developer<'a> {
     pub(super) tables: Option<&'a CurveTables>,
     pub(super) space: ColorSpace,
     pub(super) input_space: ColorSpace,
-    /// Space of files of radiance, whatever they state.
+    /// Space of radiance files, whatever they state.
     pub(super) ocio: Option<&'a OcioSpace>,
     pub(super) downscale: u32,
     /// Digest of all settings that pixels depend on.
     pub(super) settings_key: String,
 }
 
-/// Pixels of a view with what is known of them.
+/// Pixels of a view, and statistics about them.
 struct Light {
     image: Image,
     saturated: Vec<bool>,
@@ -55,20 +58,22 @@ struct Light {
 }
 
 impl Developer<'_> {
-    /// Of inputs and settings.
+    /// Returns the key of a view: a digest of its inputs and settings.
     pub(super) fn key(&self, view: &PlannedView) -> String {
         let digests = view.frames.iter().filter_map(|i| self.photos.get(*i)).flat_map(|p| [p.stem.as_str(), p.digest.as_str()]);
         let exposures: Vec<String> = view.frames.iter().map(|i| format!("{:?}", self.photos.get(*i).and_then(|p| p.exposure))).collect();
         key(digests.chain(exposures.iter().map(String::as_str)).chain([self.settings_key.as_str()]))
     }
 
-    /// Of what a picture for structure from motion shows: its photographs and its size, however it is developed.
+    /// Returns the key of a proxy: a digest of its photographs and its size, but not of how it is
+    /// developed.
     pub(super) fn picture_key(&self, view: &PlannedView, record: &ViewRecord) -> String {
         let digests = view.frames.iter().filter_map(|i| self.photos.get(*i)).map(|p| p.digest.as_str());
         key(digests.chain([format!("{:?}", record.proxy_px).as_str()]))
     }
 
-    /// Memory that a view takes while it is made, bytes: codes of its frames, then floats of a few stages.
+    /// Returns the memory that a view takes while it is developed, bytes: codes of its frames, then
+    /// floats of a few stages.
     pub(super) fn bytes_of(&self, view: &PlannedView) -> u64 {
         let pixels = view.frames.first().and_then(|i| self.photos.get(*i)).map_or(0, |p| {
             let [width, height] = p.info.size_px.map(u64::from);
@@ -77,7 +82,7 @@ impl Developer<'_> {
         pixels * (9 * view.frames.len() as u64 + 56)
     }
 
-    /// Makes a view.
+    /// Develops a view and writes its files.
     pub(super) fn develop(&self, view: &PlannedView) -> Result<ViewRecord> {
         let mut notes = Vec::new();
         let photos: Vec<&Photograph> = view.frames.iter().filter_map(|i| self.photos.get(*i)).collect();
@@ -100,7 +105,7 @@ impl Developer<'_> {
         } else {
             remove_if_there(&mask)?;
         }
-        write_exr(&self.folders.radiance(&view.name), &image, &exr_options(self.space, self.plan.is_absolute))?;
+        write_exr(&self.folders.radiance(&view.name), &image, &self.pixels().exr_options())?;
         Ok(ViewRecord {
             name: view.name.clone(),
             key: self.key(view),
@@ -121,6 +126,11 @@ impl Developer<'_> {
         })
     }
 
+    fn pixels(&self) -> Pixels {
+        Pixels { space: self.space, is_absolute: self.plan.is_absolute }
+    }
+
+    /// Reduces image and mask by area average; a pixel of the mask is set if any of its parts is.
     fn reduced(&self, image: Image, saturated: Vec<bool>) -> (Image, Vec<bool>) {
         let factor = self.downscale as usize;
         if factor <= 1 {
@@ -135,9 +145,9 @@ impl Developer<'_> {
         (small, saturated)
     }
 
-    /// A file of floats, in the scene's space.
+    /// Reads a radiance file, and converts it to the data set's space.
     fn radiance(&self, photos: &[&Photograph], notes: &mut Vec<String>) -> Result<Light> {
-        let [photo] = photos else { bail!("{} files of radiance in one view, expected one", photos.len()) };
+        let [photo] = photos else { bail!("{} radiance files in one view, expected one", photos.len()) };
         let bytes = read(&photo.path)?;
         let Photo::Radiance(DecodedImage { mut image, color_space, warnings, .. }) = decode_photo(&photo.path, &bytes)? else {
             bail!("{}: changed while it was read", photo.path.display());
@@ -148,20 +158,20 @@ impl Developer<'_> {
             None => convert(&mut image, color_space.unwrap_or(self.input_space), self.space),
         }
         let negative = image.pixels.iter().filter(|p| p.iter().any(|v| *v < 0.0)).count();
-        // What is no number stays: training masks and reports it.
+        // NaN stays: training masks and reports it.
         image.pixels.par_iter_mut().for_each(|p| *p = p.map(|v| if v < 0.0 { 0.0 } else { v }));
         let saturated = vec![false; image.pixels.len()];
         Ok(Light { image, saturated, negative, dark: 0.0, disagreeing: 0.0, offset_px: None, left_out: Vec::new() })
     }
 
-    /// Frames merged, in the scene's space.
+    /// Merges frames to radiance in the data set's space.
     fn merged(&self, view: &PlannedView, photos: &[&Photograph]) -> Result<Light> {
         let decoded: Vec<Result<CapturedFrame>> = photos.par_iter().map(|photo| self.frame(photo)).collect();
         let (mut frames, mut left_out) = (Vec::new(), Vec::new());
         for (photo, frame) in photos.iter().zip(decoded) {
             match frame {
                 Ok(frame) => frames.push(frame),
-                Err(error) if is_refused(&error) => return Err(error),
+                Err(error) if is_system_error(&error) => return Err(error),
                 Err(error) => left_out.push(LeftOut { file: photo.file_name(), reason: error.to_string() }),
             }
         }
@@ -187,6 +197,7 @@ impl Developer<'_> {
         Ok(Light { image, saturated, negative, dark, disagreeing, offset_px, left_out })
     }
 
+    /// Decodes a photograph to a frame of sensor samples with their exposure.
     fn frame(&self, photo: &Photograph) -> Result<CapturedFrame> {
         let bytes = read(&photo.path)?;
         let name = Path::new(photo.path.file_name().unwrap_or_default());
@@ -209,12 +220,14 @@ fn read(path: &Path) -> Result<Vec<u8>> {
     std::fs::read(path).with_context(|| format!("{}: cannot read", path.display()))
 }
 
-/// Whether the system refused what may go well another time; else the content of a file is to blame.
-pub(super) fn is_refused(error: &Error) -> bool {
-    let is_system = |e: &IoError| matches!(e.kind, IoErrorKind::System | IoErrorKind::NoRoom);
-    error.find::<std::io::Error>().is_some() || error.find::<IoError>().is_some_and(is_system)
+/// Returns whether the system refused something that may succeed another time. Otherwise the
+/// content of a file is to blame.
+pub(super) fn is_system_error(error: &Error) -> bool {
+    let is_refused = |error: &IoError| matches!(error.kind, IoErrorKind::System | IoErrorKind::NoRoom);
+    error.find::<std::io::Error>().is_some() || error.find::<IoError>().is_some_and(is_refused)
 }
 
+/// Converts an image between colour spaces in place.
 fn convert(image: &mut Image, from: ColorSpace, to: ColorSpace) {
     let conversion = Conversion::between(from, to);
     if !conversion.is_identity() {

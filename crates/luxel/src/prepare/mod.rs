@@ -1,8 +1,13 @@
-//! A folder of photographs to a data set.
+//! From a folder of photographs to a data set that training reads.
 //!
-//! scan (headers) → plan (cameras, exposures, brackets, white balance, response) → develop
-//! (radiance and proxies, view by view) → structure from motion (COLMAP) → data set (undistorted
-//! images, pinhole cameras, points) → report. Each step finds what an earlier call finished.
+//! In: [`PrepareOptions`]: a folder of DNG, JPEG, PNG, TIFF, OpenEXR or Radiance HDR files. Out: a
+//! data set in COLMAP's layout with images in scene-linear radiance, `prepare.json` and
+//! `prepare.html`. Degenerate: without COLMAP, radiance, pictures for structure from motion, and a
+//! script with COLMAP's commands.
+//!
+//! The steps are: scan headers; plan cameras, exposures, brackets, white balance and response
+//! curve; develop each view to radiance and a proxy; find poses with COLMAP; write undistorted
+//! images, pinhole cameras and points; report. Each step takes over what an earlier call finished.
 
 mod colmap;
 mod dataset;
@@ -28,7 +33,7 @@ use luxel_io::{OcioSpace, PhotoKind};
 use self::colmap::Colmap;
 use self::develop::Developer;
 use self::folders::Folders;
-use self::motion::{Motion, motion_key};
+use self::motion::{Motion, Poses};
 use self::options::MotionOptions;
 pub use self::options::{CameraModel, Matching, OcioChoice, PrepareOptions, StructureFromMotion};
 pub use self::report::PrepareReport;
@@ -49,7 +54,7 @@ const PIXELS_VERSION: &str = "2";
 pub enum Prepared {
     /// Nothing was left to do.
     UpToDate,
-    /// The data set was written, as far as `report` says.
+    /// The data set was written, or as much of it as is possible without poses.
     Written {
         /// The content of `prepare.json`.
         report: Box<PrepareReport>,
@@ -95,8 +100,9 @@ pub fn prepare(options: &PrepareOptions, observer: &dyn Observer) -> Result<Prep
         downscale: options.downscale,
         settings_key: settings_key(options, &plan, curve.as_ref(), ocio.as_ref()),
     };
-    let everything = everything_key(options, &developer, colmap.as_ref());
-    if state.finished_key.as_ref() == Some(&everything) && dataset::is_whole(&folders) {
+    let motion = Motion { options, installed: colmap.as_ref(), developer: &developer };
+    let finished_key = finished_key(&developer, &motion);
+    if state.finished_key.as_ref() == Some(&finished_key) && dataset::is_complete(&folders) {
         return Ok(Prepared::UpToDate);
     }
     // Before a file is overwritten: a call that is stopped leaves a mixed set.
@@ -109,9 +115,8 @@ pub fn prepare(options: &PrepareOptions, observer: &dyn Observer) -> Result<Prep
     if records.is_empty() {
         bail!("no view could be made of {}", plural(photographs, "photograph"));
     }
-    let motion = Motion { options, developer: &developer };
-    let (registration, poses) = motion.run(colmap.as_ref(), &records, &mut state, observer)?;
-    let is_whole = registration.is_some();
+    let Poses { registration, origin } = motion.run(&records, &mut state, observer)?;
+    let is_complete = registration.is_some();
     let report = PrepareReport {
         luxel: crate::VERSION,
         photos: options.photos.display().to_string(),
@@ -121,7 +126,7 @@ pub fn prepare(options: &PrepareOptions, observer: &dyn Observer) -> Result<Prep
         brackets: plan.brackets.to_owned(),
         response: curve.as_ref().map(|curve| curve.name.clone()),
         white_balance: plan.cameras.iter().filter_map(|c| Some((c.name.clone(), c.color?.0))).collect(),
-        structure_from_motion: poses,
+        structure_from_motion: origin,
         range_stops: range_stops(&records),
         advice: worded_advice(options, &records, registration.as_ref(), curve.as_ref()),
         notes: notes.into_iter().chain(view_notes(&records)).collect(),
@@ -133,8 +138,8 @@ pub fn prepare(options: &PrepareOptions, observer: &dyn Observer) -> Result<Prep
     };
     report::write(&folders, &report)?;
     // Last: it says that nothing is left to do.
-    if is_whole {
-        state.finished_key = Some(everything);
+    if is_complete {
+        state.finished_key = Some(finished_key);
         state.save()?;
     }
     Ok(Prepared::Written { report: Box::new(report) })
@@ -166,9 +171,9 @@ fn begin(options: &PrepareOptions, folders: &Folders) -> Result<State> {
 
 /// Plans the views and chooses the response curve of developed pictures.
 fn make_plan(options: &PrepareOptions, scan: &mut Selection) -> Result<(Plan, Option<SetCurve>)> {
-    let odd_list = options.exposures.as_ref().map(|list| exposures::apply(list, &mut scan.photos)).transpose()?.flatten();
+    let unused_lines = options.exposures.as_ref().map(|list| exposures::apply(list, &mut scan.photos)).transpose()?.flatten();
     let mut plan = plan(&mut scan.photos, &options.plan())?;
-    plan.notes.extend(odd_list.map(PrepareNote::new));
+    plan.notes.extend(unused_lines.map(PrepareNote::new));
     let curve = choose_response(&mut plan, options.response, |views| response::thinned_brackets(views, &scan.photos))?;
     Ok((plan, curve))
 }
@@ -197,9 +202,9 @@ fn settings_key(options: &PrepareOptions, plan: &Plan, curve: Option<&SetCurve>,
 }
 
 /// Returns the digest of all views and of the options of structure from motion.
-fn everything_key(options: &PrepareOptions, developer: &Developer<'_>, colmap: Option<&Colmap>) -> String {
+fn finished_key(developer: &Developer<'_>, motion: &Motion<'_>) -> String {
     let views = developer.plan.views.iter().map(|view| developer.key(view));
-    let parts: Vec<String> = views.chain([motion_key(options, colmap)]).collect();
+    let parts: Vec<String> = views.chain([motion.settings()]).collect();
     key(parts.iter().map(String::as_str))
 }
 

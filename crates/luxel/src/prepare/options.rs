@@ -23,9 +23,9 @@ pub struct PrepareOptions {
     pub photos: PathBuf,
     /// The folder of the data set.
     pub output: PathBuf,
-    /// Which photographs are exposures of one view.
+    /// How photographs are grouped into brackets.
     pub brackets: BracketRule,
-    /// A list of exposures that EXIF lacks or has wrong.
+    /// List of exposures that replace those of EXIF.
     pub exposures: Option<PathBuf>,
     /// The response curve of developed pictures.
     pub response: ResponseChoice,
@@ -37,7 +37,7 @@ pub struct PrepareOptions {
     pub input_space: ColorSpace,
     /// The space of radiance files by an OpenColorIO configuration.
     pub ocio: Option<OcioChoice>,
-    /// Reduction of images, times a side: 1, 2, 4 or 8.
+    /// Factor by which each side of the images is reduced: 1, 2, 4 or 8.
     pub downscale: u32,
     /// Whether COLMAP finds the poses.
     pub structure_from_motion: StructureFromMotion,
@@ -45,9 +45,9 @@ pub struct PrepareOptions {
     pub colmap: PathBuf,
     /// The lens model that COLMAP fits.
     pub camera_model: CameraModel,
-    /// Which views COLMAP matches with each other.
+    /// Pairs of views that COLMAP matches.
     pub matching: Matching,
-    /// Memory that views under way may take together, bytes. One view is worked on in any case.
+    /// Memory for the views in progress together, bytes. One view is developed whatever its size.
     pub memory_bytes: u64,
     /// Words a note with its remedy for the report and the observer.
     pub word_note: fn(&PrepareNote) -> String,
@@ -156,19 +156,19 @@ impl CameraModel {
     }
 }
 
-/// Which views COLMAP matches with each other.
+/// The pairs of views that COLMAP matches.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Matching {
-    /// Exhaustive up to 200 views, else sequential.
+    /// Exhaustive up to 200 views, sequential above.
     #[default]
     Auto,
-    /// Each view with each.
+    /// Every pair.
     Exhaustive,
     /// Each view with the next ones by name.
     Sequential,
 }
 
-/// What COLMAP is asked for.
+/// Options of COLMAP.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct MotionOptions {
     pub(super) camera_model: CameraModel,

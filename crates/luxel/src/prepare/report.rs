@@ -24,27 +24,27 @@ pub struct PrepareReport {
     pub color_space: &'static str,
     /// Units of the images.
     pub units: &'static str,
-    /// How brackets were found.
+    /// Description of how brackets were found.
     pub brackets: String,
     /// Response curve of developed pictures.
     pub response: Option<String>,
     /// Gains of red, green and blue, by camera.
     pub white_balance: Vec<(String, [f32; 3])>,
-    /// Where the poses come from.
+    /// Origin of the poses.
     pub structure_from_motion: String,
-    /// Stops from the darkest view's thousandth to the brightest's.
+    /// Range of the set, stops: from the darkest thousandth of any view to the brightest.
     pub range_stops: f32,
-    /// What to photograph again, and why.
+    /// Advice on what to photograph again, and why.
     pub advice: Vec<String>,
-    /// What is good to know.
+    /// Notes on what is odd.
     pub notes: Vec<String>,
     /// Files that are left out, with reasons.
     pub left_out: Vec<LeftOut>,
     /// Outcome of structure from motion.
     pub registration: Option<Registration>,
-    /// One per view.
+    /// Records of the views.
     pub views: Vec<ViewRecord>,
-    /// Most resident memory, bytes.
+    /// Peak of resident memory, bytes.
     pub peak_memory_bytes: Option<u64>,
     /// Duration of the call that wrote the report.
     pub seconds: f64,
@@ -63,7 +63,7 @@ fn page(report: &PrepareReport) -> String {
     }
     body += "</tbody></table></div>";
     let left_out: Vec<String> = report.left_out.iter().map(|l| format!("{}: {}", l.file, l.reason)).collect();
-    for (title, lines) in [("What to photograph again", &report.advice), ("Good to know", &report.notes), ("Left out", &left_out)] {
+    for (title, lines) in [("What to photograph again", &report.advice), ("Notes", &report.notes), ("Left out", &left_out)] {
         if !lines.is_empty() {
             let items: String = lines.iter().map(|line| format!("<li>{}</li>", escape(line))).collect();
             let _ = write!(body, "<h2>{title}</h2><ul>{items}</ul>");
@@ -89,7 +89,7 @@ fn facts(report: &PrepareReport) -> Vec<(String, String)> {
         facts.push((
             "poses".to_owned(),
             format!(
-                "{} of {}; {} points, each seen in {:.1} views, mean error {:.2} px",
+                "{} of {}; {} points, each in {:.1} views, mean error {:.2} px",
                 found.views.len(),
                 text::plural(report.views.len(), "view"),
                 text::count(found.points),
@@ -104,8 +104,8 @@ fn facts(report: &PrepareReport) -> Vec<(String, String)> {
 
 fn table(report: &PrepareReport) -> String {
     let mut out = String::from(
-        "<h2>Views</h2><p class=\"note\">Exposures in stops against the first view's shortest. Saturated: pixels that every exposure clips. \
-         Black: samples that are black in every exposure. Disagreeing: samples in which exposures differ beyond noise. Range: between the darkest and \
+        "<h2>Views</h2><p class=\"note\">Exposures: stops relative to the first view's shortest. Saturated: pixels that are clipped in every exposure. \
+         Black: samples that are black in every exposure. Disagreeing: samples in which exposures differ beyond noise. Range: stops between the darkest and \
          the brightest thousandth.</p><div class=\"scroll\"><table><thead><tr><th>view</th><th>exposures</th><th>saturated</th><th>black</th>\
          <th>disagreeing</th><th>shift</th><th>range</th><th>sharpness</th><th>points</th><th>error</th></tr></thead><tbody>",
     );

@@ -7,8 +7,8 @@ use luxel_capture::{CapturedFrame, ResponseCurve};
 use luxel_io::{Photo, decode_photo};
 use rayon::prelude::*;
 
-/// Decodes and thins the frames of some views. Two bodies have two curves: the most used one decides,
-/// and the note on mixed cameras says so.
+/// Decodes and thins the frames of some views. Two bodies have two curves: the most used one
+/// decides, and the note on mixed cameras says so.
 pub(super) fn thinned_brackets(views: &[&PlannedView], photos: &[Photograph]) -> Vec<Vec<CapturedFrame>> {
     let placeholder = CurveTables::new(&ResponseCurve::Srgb);
     views

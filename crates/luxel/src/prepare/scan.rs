@@ -1,7 +1,8 @@
-//! The folder of photographs: what is there, what each file says of itself, what is left out and why.
+//! The folder of photographs: its files, their headers, and which of them are left out.
 //!
-//! In: a folder. Out: [`Selection`], files sorted by name. A file that cannot be read is left out with its error, and so is the second of two equal
-//! files and the picture beside a RAW file of its name; the rest goes on. A folder without a photograph is an error.
+//! In: a folder. Out: [`Selection`], files sorted by name. Degenerate: a file that cannot be read
+//! is left out with its error, and so are the second of two equal files and the picture beside a
+//! RAW file of the same name; the rest is taken. A folder without a photograph is an error.
 
 use std::path::{Path, PathBuf};
 
@@ -9,7 +10,7 @@ use crate::error::{Context, bail};
 use crate::text::plural;
 use crate::{Error, Result};
 use luxel_capture::Exposure;
-use luxel_capture::prepare::{LeftOut, Photograph, Selection, select};
+use luxel_capture::prepare::{LeftOut, Photograph, PrepareError, Selection, select};
 use luxel_io::{is_photo_name, photo_info};
 use rayon::prelude::*;
 
@@ -17,16 +18,16 @@ fn file_name(path: &Path) -> String {
     path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default()
 }
 
-/// Endings of pictures that are not read.
+/// Extensions of pictures that are not supported.
 const UNREAD: [&str; 9] = ["heic", "heif", "hif", "avif", "webp", "jxl", "jp2", "gif", "bmp"];
 
-/// Whether a file is a photograph by its name, of a kind that is read or of one that is not.
+/// Returns whether a file is a photograph by its name, supported or not.
 fn is_picture(path: &Path) -> bool {
     let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
     is_photo_name(path) || UNREAD.contains(&ending.as_str())
 }
 
-/// The photographs of a folder, without those of folders in it, and the first of these that has some.
+/// Lists the photographs of a folder, and the first folder in it that has photographs of its own.
 fn list(folder: &Path) -> Result<(Vec<PathBuf>, Option<PathBuf>)> {
     if folder.is_file() {
         bail!("{}: is a file, expected the folder of photographs that it lies in", folder.display());
@@ -60,7 +61,7 @@ pub(super) fn scan(folder: &Path) -> Result<Selection> {
     let mut scan = Selection::default();
     scan.left_out.extend(below.map(|below| LeftOut {
         file: format!("{}/", file_name(&below)),
-        reason: "a folder in the folder; what is in it is no part of the set".to_owned(),
+        reason: "a folder in the folder; its files are not part of the set".to_owned(),
     }));
     for result in read {
         match result {
@@ -73,18 +74,28 @@ pub(super) fn scan(folder: &Path) -> Result<Selection> {
         let first = scan.left_out.first().map(|l| format!("{}: {}", l.file, l.reason)).unwrap_or_default();
         bail!("{}: none of {} can be read; {first}", folder.display(), plural(paths.len(), "photograph"));
     }
-    one_kind.map_err(|e| Error::new(format!("{}: {e}", folder.display())))?;
+    one_kind.map_err(|e| in_folder(folder, e))?;
     Ok(scan)
 }
 
+/// Returns an error that begins with the folder, with the remedy of the error below.
+fn in_folder(folder: &Path, error: PrepareError) -> Error {
+    let whole = Error::new(format!("{}: {error}", folder.display()));
+    match error.remedy {
+        Some(remedy) => whole.with_remedy(remedy),
+        None => whole,
+    }
+}
+
+/// Reads a photograph's headers, or says why it is left out.
 fn read_headers(path: &Path) -> Result<Photograph, LeftOut> {
     let name = Path::new(path.file_name().unwrap_or(path.as_os_str()));
     let left_out = |reason: String| LeftOut { file: file_name(path), reason };
     if !path.is_file() {
-        return Err(left_out("no regular file".to_owned()));
+        return Err(left_out("not a regular file".to_owned()));
     }
     if !is_photo_name(path) {
-        return Err(left_out("a kind of picture that is not read; export it as JPEG, PNG or TIFF, or RAW as DNG".to_owned()));
+        return Err(left_out("not a supported kind of picture; export it as JPEG, PNG or TIFF, or RAW as DNG".to_owned()));
     }
     let bytes = std::fs::read(path).map_err(|e| left_out(format!("cannot read: {e}")))?;
     let info = photo_info(name, &bytes).map_err(|e| left_out(e.message))?;

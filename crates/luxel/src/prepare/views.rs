@@ -1,18 +1,21 @@
-//! All views, several at a time as far as memory goes; what an earlier run finished is taken over.
+//! All views, several at a time as far as memory allows.
 //!
-//! In: a [`Developer`] and a budget. Out: records of the views that could be made, and what was left out. Views are taken from one list by as many
-//! workers as their memory fits into the budget, at least one; within a view all cores work.
+//! In: a [`Developer`] and a memory budget. Out: records of the views that could be developed, and
+//! what was left out. Views that an earlier call finished are taken over. Views are taken from one
+//! list by as many workers as their memory fits into the budget, at least one; within a view all
+//! cores work.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;
 
+use crate::{Event, ItemKind, Observer, Result};
 use luxel_capture::prepare::{LeftOut, PlannedView, ViewRecord};
 
-use super::develop::{Developer, is_refused};
+use super::develop::{Developer, is_system_error};
 use super::state::State;
-use crate::{Event, ItemKind, Observer, Result};
 
-/// Makes all views that are not there yet. What the system refuses ends it, and is no reason to leave a view out.
+/// Develops all views that are not there yet. A refusal of the system ends it, and is no reason to
+/// leave a view out.
 pub(super) fn develop_all(
     developer: &Developer<'_>,
     state: &mut State,
@@ -63,8 +66,8 @@ pub(super) fn develop_all(
                     state.insert(record.clone())?;
                     done.push(record);
                 }
-                Err(error) if is_refused(&error) => {
-                    return Err(error.context(format!("view {name}: cannot be made; the same command goes on where it was")));
+                Err(error) if is_system_error(&error) => {
+                    return Err(error.context(format!("view {name}: cannot be made; the same call continues where it was")));
                 }
                 Err(error) => {
                     observer.warn(&format!("view {name}: {error:#}"));
@@ -78,13 +81,13 @@ pub(super) fn develop_all(
         Ok(())
     });
     observer.event(Event::StepsEnd);
-    // What is done is noted, whatever ended it.
+    // Finished views are recorded, whatever ended the others.
     result.and(state.save())?;
     done.sort_by(|a, b| a.name.cmp(&b.name));
     Ok((done, left_out))
 }
 
-/// Whether the files of a view are there.
+/// Returns whether the files of a view are there.
 fn is_there(developer: &Developer<'_>, view: &PlannedView) -> bool {
     let folders = developer.folders;
     folders.radiance(&view.name).is_file() && folders.proxy(&view.name).is_file()

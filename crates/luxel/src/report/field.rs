@@ -1,4 +1,5 @@
-//! Figures of the field that need no mu-law: a table of means and one of every view, and relative errors by luminance.
+//! Metrics without a mu-law: a table of means and one of every view, and relative
+//! errors by luminance.
 
 use std::fmt::Write as _;
 
@@ -8,13 +9,13 @@ use super::ReportSplit;
 use super::html::escape;
 use crate::text;
 
-/// A figure that not every run has.
+/// A metric that not every run has.
 type Optional = fn(&FieldMetrics) -> Option<f64>;
 
 const OPTIONAL: [(&str, Optional); 3] =
     [("HDR-FLIP", |f| f.hdr_flip), ("LPIPS (AlexNet)", |f| f.lpips_alex), ("LPIPS (VGG16)", |f| f.lpips_vgg)];
 
-/// The section; empty where nothing was measured.
+/// Returns the section; empty where nothing was measured.
 pub(super) fn section(splits: &[ReportSplit]) -> String {
     let measured: Vec<(&ReportSplit, &FieldMetrics)> =
         splits.iter().filter_map(|split| Some((split, split.mean_field.as_ref()?))).collect();
@@ -33,7 +34,7 @@ pub(super) fn section(splits: &[ReportSplit]) -> String {
         }
         row + "</tr>"
     };
-    let mut out = format!("<section><h2>Figures without a mu-law</h2><div class=\"scroll\"><table>{}<tbody>", head("mean of"));
+    let mut out = format!("<section><h2>Metrics without a mu-law</h2><div class=\"scroll\"><table>{}<tbody>", head("mean of"));
     for (split, mean) in &measured {
         out += &row(&format!("{}, {}", split.name, text::plural(split.fields.len(), "view")), mean);
     }
@@ -58,7 +59,7 @@ pub(super) fn section(splits: &[ReportSplit]) -> String {
 
 fn explanation(first: &FieldMetrics, present: &[(&str, Optional)]) -> String {
     let mut out = format!(
-        "<dl><dt>PU21</dt><dd>PSNR and SSIM of what a display would show whose luminance is {} cd/m² where radiance is the scene's scale, on a perceptually \
+        "<dl><dt>PU21</dt><dd>PSNR and SSIM of the images on a display with {} cd/m² where radiance equals the scene's scale, on a perceptually \
          uniform scale from 0.005 to 10000 cd/m² (Mantiuk &amp; Azimi 2021).</dd>\
          <dt>log-RMSE</dt><dd>Root mean squared error of log10 of the channels: 0.301 is a factor of two.</dd>",
         first.pu21_peak_luminance
@@ -66,18 +67,18 @@ fn explanation(first: &FieldMetrics, present: &[(&str, Optional)]) -> String {
     for (name, _) in present {
         out += &match *name {
             "HDR-FLIP" => format!(
-                "<dt>HDR-FLIP</dt><dd>How visible the difference is when flipping between both, 0 to 1, the worst of all exposures between the brightest pixel's \
+                "<dt>HDR-FLIP</dt><dd>Visibility of the difference when flipping between the images, 0 to 1, at the worst exposure between the brightest pixel's \
                  and the median's, at {FLIP_PIXELS_PER_DEGREE:.0} pixels per degree (Andersson et al. 2021).</dd>"
             ),
             name => format!(
-                "<dt>{name}</dt><dd>Distance of the network's features, mu-law images by protocol gtmax; the weights are the user's.</dd>"
+                "<dt>{name}</dt><dd>Distance of the network's features, mu-law images by protocol gtmax; with the given weights.</dd>"
             ),
         };
     }
     out + "</dl>"
 }
 
-/// Relative errors of the first split.
+/// Returns the relative errors of the first split.
 fn decades(split: &str, errors: &[DecadeError]) -> String {
     let mut out = format!(
         "<div class=\"scroll\"><table><thead><tr><th>luminance, {} split</th><th>pixels</th><th>relative error</th><th>bias</th></tr></thead><tbody>",

@@ -1,7 +1,6 @@
 //! Text into HTML, and the frame that all pages share.
 
-/// `text` such that it is text in element content and in quoted attributes, whatever it holds. Control characters that HTML forbids
-/// are dropped.
+/// Returns text that is safe in element content and in quoted attributes. Control characters that HTML forbids are dropped.
 pub fn escape(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
@@ -19,7 +18,7 @@ pub fn escape(text: &str) -> String {
     out
 }
 
-/// A page of its own: `title` and `subtitle` are text, `body` is HTML.
+/// Returns a self-contained page: `title` and `subtitle` are text, `body` is HTML.
 pub fn document(title: &str, subtitle: &str, body: &str) -> String {
     let title = escape(title);
     format!(

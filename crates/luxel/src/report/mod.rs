@@ -1,7 +1,8 @@
-//! `report.html`: one self-contained page about a run, for eyes and for keeping.
+//! `report.html`: one self-contained page about a run.
 //!
-//! In: [`ReportInput`], images in normalised units. Out: HTML with pictures and plots inlined: nothing is loaded from anywhere. All text
-//! is escaped. Without test views the page says so and shows the rest. Pictures shrink until the page stays within a few megabytes.
+//! In: [`ReportInput`], images in normalised units. Out: HTML with pictures and plots inlined:
+//! nothing is loaded from anywhere. All text is escaped. Degenerate: without test views the page
+//! says so and has the other sections. Pictures are reduced until the page has a few megabytes.
 
 mod field;
 pub mod html;
@@ -20,18 +21,18 @@ use luxel_metrics::{FieldMetrics, LuminanceProfile, ViewMetrics};
 
 use crate::Result;
 
-/// Everything the page shows.
+/// The content of the page.
 #[derive(Clone, Debug, Default)]
 pub struct ReportInput {
-    /// Headline: the data set's name.
+    /// Headline, the data set's name.
     pub title: String,
-    /// One line below it: method, iterations, device.
+    /// Line below the headline: method, iterations, device.
     pub subtitle: String,
-    /// Name and value: splats, seconds, memory, scale, versions.
+    /// Facts with name and value: splats, seconds, memory, scale, versions.
     pub facts: Vec<(String, String)>,
     /// Things the reader should know, such as 8-bit input.
     pub warnings: Vec<String>,
-    /// Figures; the first split is the headline's (`test` before `train`). May be empty.
+    /// Metrics; the first split is the headline's (`test` before `train`). May be empty.
     pub splits: Vec<ReportSplit>,
     /// Training curves, by iteration. May be empty.
     pub curve: Vec<CurveSample>,
@@ -41,7 +42,7 @@ pub struct ReportInput {
     pub profile: LuminanceProfile,
     /// Resolved configuration.
     pub config_toml: String,
-    /// Licences and authors of what the pictures show.
+    /// Licences and authors of the data set.
     pub credits: Vec<String>,
     /// mu of the mu-law.
     pub mu: f32,
@@ -51,22 +52,22 @@ pub struct ReportInput {
     pub color_space: ColorSpace,
 }
 
-/// Figures of one split.
+/// The metrics of one split.
 #[derive(Clone, Debug)]
 pub struct ReportSplit {
-    /// `test`.
+    /// Name: `test`.
     pub name: String,
     /// Means over the views.
     pub mean: ViewMetrics,
-    /// Name and figures of each view.
+    /// Name and metrics of each view.
     pub views: Vec<(String, ViewMetrics)>,
-    /// Means of what needs no mu-law.
+    /// Means of metrics without a mu-law.
     pub mean_field: Option<FieldMetrics>,
-    /// Name and figures without a mu-law of each view that has them.
+    /// Name and metrics without a mu-law of each view that has them.
     pub fields: Vec<(String, FieldMetrics)>,
 }
 
-/// One point of the training curves.
+/// A point of the training curves.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CurveSample {
     /// Steps made.
@@ -77,7 +78,7 @@ pub struct CurveSample {
     pub l1: f64,
     /// Mean SSIM under the mu-law.
     pub ssim: f64,
-    /// Splats.
+    /// Number of splats.
     pub splats: usize,
     /// Seconds of training.
     pub elapsed_s: f64,
@@ -90,22 +91,22 @@ pub struct CurveSample {
 /// A test view.
 #[derive(Clone, Debug)]
 pub struct ReportView {
-    /// Of the view.
+    /// Name of the view.
     pub name: String,
-    /// Normalised units.
+    /// Render, normalised units.
     pub prediction: Image,
-    /// Normalised units.
+    /// Ground truth, normalised units.
     pub target: Image,
-    /// `None`: all pixels are valid.
+    /// Mask; `None` if all pixels are valid.
     pub mask: Option<Arc<Mask>>,
-    /// Figures.
+    /// Metrics of the view.
     pub metrics: ViewMetrics,
 }
 
 /// Writes the page, whole or not at all.
 ///
 /// # Errors
-/// If a prediction and its target differ in size, or the file can't be written.
+/// A prediction and a target that differ in size; the file system's refusal.
 pub fn write_report(path: &Path, input: &ReportInput) -> Result<()> {
     let page = page::page(input)?;
     write_atomically(path, |out| out.write_all(page.as_bytes()).map_err(|e| IoError::system(path, "write", &e)))?;

@@ -11,10 +11,10 @@ use super::profile::{self, Profiled};
 use super::{CurveSample, ReportInput, ReportSplit, views};
 use crate::{Result, text};
 
-/// More points than this do not show on a plot of this width.
+/// Limit of points in a curve; more are not visible on a plot of this width.
 const MOST_POINTS: usize = 400;
 
-/// The whole document.
+/// Returns the whole document.
 pub(super) fn page(input: &ReportInput) -> Result<String> {
     let pictures = views::Pictures::new(input)?;
     let mut page = String::new();
@@ -39,7 +39,7 @@ fn decibels(value: f64) -> String {
     if value >= MAX_PSNR_DB { format!("≥ {MAX_PSNR_DB:.0}") } else { format!("{value:.2}") }
 }
 
-/// The figures one looks for first.
+/// Returns the most important metrics, large.
 fn cards(input: &ReportInput) -> String {
     let mut cards: Vec<(String, &str, String)> = Vec::new();
     if let Some(split) = input.splits.first() {
@@ -84,7 +84,7 @@ fn facts(input: &ReportInput) -> String {
     out + "</table></div></details>\n"
 }
 
-/// Head of a table of figures, whose first column is `what`.
+/// Returns the head of a table of metrics, whose first column is `what`.
 fn head(what: &str) -> String {
     let group = |name, span| format!("<th class=\"group\" colspan=\"{span}\">{name}</th>");
     let cells = ["scene", "gtmax", "selfmax", "scene", "gtmax", "selfmax", "scene", "scene", "gtmax"]
@@ -103,11 +103,11 @@ fn row(name: &str, m: &ViewMetrics) -> String {
     format!("<tr><td>{}</td>{cells}</tr>", escape(name))
 }
 
-/// Means of each split, and what the protocols are.
+/// Returns the means of each split, and the protocols.
 fn figures(input: &ReportInput) -> String {
-    let mut out = String::from("<section><h2>Figures</h2>");
+    let mut out = String::from("<section><h2>Metrics</h2>");
     if input.splits.is_empty() {
-        out += "<p>No view was held out and none was evaluated, so there are no figures.</p></section>\n";
+        out += "<p>No view was held out and none was evaluated, so there are no metrics.</p></section>\n";
         return out;
     }
     let _ = write!(out, "<div class=\"scroll\"><table>{}<tbody>", head("mean of"));
@@ -118,7 +118,7 @@ fn figures(input: &ReportInput) -> String {
     let mu = input.mu;
     let _ = writeln!(
         out,
-        "</tbody></table></div><p class=\"note\">PSNR in decibels. Every figure compares images under the mu-law, \
+        "</tbody></table></div><p class=\"note\">PSNR in decibels. Every metric compares images under the mu-law, \
          T(p) = ln(1 + {mu} p) / ln(1 + {mu}), with p in 0 to 1; a PSNR means nothing without knowing what p is:</p><dl>\
          <dt>scene</dt><dd>p is radiance / {scale}, one constant for the whole scene, the same as in training; \
          what is brighter counts as 1.</dd>\
@@ -133,7 +133,7 @@ fn figures(input: &ReportInput) -> String {
     out
 }
 
-/// Figures of every view.
+/// Returns the metrics of every view.
 fn per_view(splits: &[ReportSplit]) -> String {
     let mut out = String::new();
     for (i, split) in splits.iter().enumerate().filter(|(_, split)| !split.views.is_empty()) {
@@ -154,7 +154,7 @@ fn per_view(splits: &[ReportSplit]) -> String {
     out
 }
 
-/// Loss, PSNR and splats over iterations.
+/// Returns plots of loss, PSNR and splats over iterations.
 fn curves(curve: &[CurveSample]) -> String {
     let series = |label: &str, color, mark, of: &dyn Fn(&CurveSample) -> Option<f64>| {
         let points = curve.iter().filter_map(|s| of(s).map(|v| (f64::from(s.iteration), v))).collect();
@@ -178,7 +178,7 @@ fn curves(curve: &[CurveSample]) -> String {
     let plots = [
         figure("PSNR, protocol scene", axis("dB", Scale::Linear), vec![train, test]),
         figure("Training loss", axis("loss", Scale::Log), vec![Series { points: thinned(loss.points), ..loss }, smooth]),
-        figure("Its parts, on training views", axis("mu-law units", Scale::Log), parts),
+        figure("Parts of the loss, on training views", axis("mu-law units", Scale::Log), parts),
         figure("Splats", axis("count", Scale::Linear), vec![Series { points: thinned(splats.points), ..splats }]),
     ];
     let plots: Vec<String> = plots.into_iter().flatten().collect();
@@ -188,7 +188,7 @@ fn curves(curve: &[CurveSample]) -> String {
     format!("<section><h2>Training</h2><div class=\"plots\">{}</div></section>\n", plots.concat())
 }
 
-/// A running mean that lags by a fiftieth of the curve, at most [`MOST_POINTS`] of it.
+/// Returns a running mean that lags by a fiftieth of the curve, at most [`MOST_POINTS`] points.
 fn smoothed(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let share = 1.0 / (points.len() as f64 / 50.0).max(1.0);
     let mut mean = None;
@@ -200,14 +200,14 @@ fn smoothed(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     thinned(running.collect())
 }
 
-/// Every n-th point and the last.
+/// Returns every n-th point and the last.
 fn thinned(points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
     let stride = points.len().div_ceil(MOST_POINTS).max(1);
     let last = points.len().saturating_sub(1);
     points.into_iter().enumerate().filter(|(i, _)| i % stride == 0 || *i == last).map(|(_, point)| point).collect()
 }
 
-/// Error against the ground truth's luminance.
+/// Returns the error by the ground truth's luminance.
 fn error_by_luminance(input: &ReportInput) -> String {
     let plots = profile::plots(&[Profiled { label: "", color: 1, profile: &input.profile }]);
     if plots.is_empty() {

@@ -1,8 +1,9 @@
 //! Pictures of the report: radiance to 8-bit PNG in a data URI.
 //!
-//! In: images in normalised units. Out: `data:image/png;base64,...`. Images are averaged down by a whole factor in linear light first,
-//! error maps in units of the error. The exposures and the error scale are chosen from all views together, so that pictures
-//! can be compared with one another.
+//! In: images in normalised units. Out: `data:image/png;base64,...`. Images are averaged down by a
+//! whole factor in linear light first, error maps in units of the error. The exposures and the
+//! error scale are chosen from all views together, so that pictures can be compared with one
+//! another.
 
 use std::io::Cursor;
 
@@ -16,7 +17,8 @@ use luxel_core::{ColorSpace, Image, Mask, luminance_rec709, mask};
 use crate::Result;
 use crate::error::Context as _;
 
-/// matplotlib's inferno at eleven even places: perceptually even, dark to bright, readable without colour vision.
+/// matplotlib's inferno at eleven even places: perceptually even, dark to bright, readable without
+/// colour vision.
 pub(super) const INFERNO: [[u8; 3]; 11] = [
     [0x00, 0x00, 0x04],
     [0x16, 0x0b, 0x39],
@@ -31,10 +33,10 @@ pub(super) const INFERNO: [[u8; 3]; 11] = [
     [0xfc, 0xff, 0xa4],
 ];
 
-/// Masked pixels of an error map.
+/// Colour of masked pixels in an error map.
 const MASKED: [u8; 3] = [0x60, 0x68, 0x70];
 
-/// How radiance is shown.
+/// The conversion of radiance for display.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Display {
     /// Curve from radiance to display values.
@@ -51,13 +53,13 @@ pub struct Display {
 pub struct Picture {
     /// The PNG as a data URI.
     pub uri: String,
-    /// Pixels.
+    /// Side, pixels.
     pub width: usize,
-    /// Pixels.
+    /// Side, pixels.
     pub height: usize,
 }
 
-/// Radiance as a picture.
+/// Returns radiance as a picture.
 ///
 /// # Errors
 /// The image cannot be encoded.
@@ -70,7 +72,8 @@ pub fn radiance(image: &Image, display: &Display) -> Result<Picture> {
     encode(small.width, small.height, pixels.collect())
 }
 
-/// |T(prediction) - T(target)|, mean of the channels, nothing clipped, on `INFERNO` from 0 to `full_scale`.
+/// Returns |T(prediction) - T(target)|, mean of the channels, nothing clipped, on `INFERNO` from 0 to
+/// `full_scale`.
 pub(super) fn error_map(
     prediction: &Image,
     target: &Image,
@@ -87,7 +90,8 @@ pub(super) fn error_map(
     values(&error, full_scale, max_side_px)
 }
 
-/// The first channel on `INFERNO` from 0 to `full_scale`, of pixels whose second is 1; those where it is 0 are masked. Both average as they should.
+/// Returns the first channel on `INFERNO` from 0 to `full_scale`. Pixels are masked where the second
+/// channel is 0; where it is 1 they count in averages.
 ///
 /// # Errors
 /// The image cannot be encoded.
@@ -97,22 +101,22 @@ pub fn values(image: &Image, full_scale: f32, max_side_px: usize) -> Result<Pict
     encode(small.width, small.height, colors.collect())
 }
 
-/// Mean over channels of the absolute difference under the mu-law.
+/// Returns the mean over channels of the absolute difference under the mu-law.
 pub(super) fn mu_error(prediction: [f32; 3], target: [f32; 3], mu: f32) -> f32 {
     (0..3).map(|c| (mu_law(prediction[c].max(0.0), mu) - mu_law(target[c].max(0.0), mu)).abs()).sum::<f32>() / 3.0
 }
 
-/// Colour of `share` 0 to 1; outside, and for NaN, the nearer end.
+/// Returns the colour of `share` 0 to 1; outside, and for NaN, the nearer end.
 pub(super) fn inferno(share: f32) -> [u8; 3] {
     crate::colormap::ramp(&INFERNO, share)
 }
 
-/// The whole factor that brings the longer side to `max_side_px` or below.
+/// Returns the integer factor that brings the longer side to `max_side_px` or below.
 fn reduction(image: &Image, max_side_px: usize) -> usize {
     image.width.max(image.height).div_ceil(max_side_px.max(1)).max(1)
 }
 
-/// Means over blocks of `factor` x `factor` pixels, smaller ones at the right and lower edge.
+/// Returns means over blocks of `factor` x `factor` pixels, smaller ones at the right and lower edge.
 fn reduce(image: &Image, factor: usize) -> Image {
     if factor == 1 {
         return image.clone();
@@ -143,12 +147,12 @@ fn encode(width: usize, height: usize, pixels: Vec<[u8; 3]>) -> Result<Picture> 
     Ok(Picture { uri: format!("data:image/png;base64,{}", BASE64_STANDARD.encode(png.into_inner())), width, height })
 }
 
-/// Stops: `+4`, `−6`.
+/// Returns stops with their sign: `+4`, `−6`.
 pub fn signed(ev: f32) -> String {
     if ev < 0.0 { format!("−{}", -ev) } else { format!("+{ev}") }
 }
 
-/// An image element; `alt` is HTML.
+/// Returns an image element; `alt` is HTML.
 pub fn img(picture: &Picture, class: &str, alt: &str) -> String {
     let class = if class.is_empty() { String::new() } else { format!(" class=\"{class}\"") };
     format!(
@@ -157,12 +161,12 @@ pub fn img(picture: &Picture, class: &str, alt: &str) -> String {
     )
 }
 
-/// An image with a caption; both are HTML.
+/// Returns an image with a caption; both are HTML.
 pub fn figure(picture: &Picture, what: &str, how: &str) -> String {
     format!("<figure>{}<figcaption><b>{what}</b> {how}</figcaption></figure>", img(picture, "", &format!("{what}, {how}")))
 }
 
-/// What is chosen from all targets together.
+/// The exposures that are chosen from all targets together.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Exposures {
     /// Brings the darkest quarter to a little below middle grey.
@@ -174,7 +178,7 @@ pub struct Exposures {
 }
 
 impl Exposures {
-    /// Whole stops within +-16, from luminances in normalised units (any order).
+    /// Returns whole stops within +-16, from luminances in normalised units (any order).
     pub fn of(mut luminances: Vec<f32>) -> Self {
         luminances.retain(|l| l.is_finite() && *l > 0.0);
         luminances.sort_by(f32::total_cmp);
@@ -190,7 +194,7 @@ impl Exposures {
     }
 }
 
-/// At most a quarter of a million luminances, evenly from all images.
+/// Returns at most a quarter of a million luminances, evenly from all images.
 pub fn sample_luminances<'a>(images: impl Iterator<Item = &'a Image> + Clone) -> Vec<f32> {
     let total: usize = images.clone().map(|image| image.pixels.len()).sum();
     let stride = total.div_ceil(1 << 18).max(1);

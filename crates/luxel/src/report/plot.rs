@@ -1,7 +1,9 @@
-//! Line plots as inline SVG. Colours are classes of the page's style sheet, so plots follow the reader's light or dark theme.
+//! Line plots as inline SVG. Colours are classes of the page's style sheet, so plots follow the
+//! reader's light or dark theme.
 //!
-//! In: series of points in data units. Out: one `svg` element, or nothing if no series has a point that can be shown. Points that are
-//! not finite, or not positive on a logarithmic axis, are left out.
+//! In: series of points in data units. Out: one `svg` element, or nothing if no series has a point
+//! that can be shown. Points that are not finite, or not positive on a logarithmic axis, are left
+//! out.
 
 use std::fmt::Write as _;
 
@@ -14,24 +16,24 @@ const RIGHT: f64 = 14.0;
 const TOP: f64 = 12.0;
 const BOTTOM: f64 = 42.0;
 
-/// Colours that the style sheet has.
+/// Number of colours in the style sheet.
 const COLORS: usize = 8;
 
-/// How values become places.
+/// The scale of an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Scale {
     Linear,
     Log,
 }
 
-/// One axis.
+/// An axis.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Axis<'a> {
     pub(super) label: &'a str,
     pub(super) scale: Scale,
 }
 
-/// How a series is drawn.
+/// The style of a series.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Mark {
     /// A line.
@@ -47,7 +49,7 @@ pub(super) enum Mark {
 /// Points of one colour.
 #[derive(Clone, Debug)]
 pub(super) struct Series {
-    /// For the legend; empty for none.
+    /// Text in the legend; empty for none.
     pub(super) label: String,
     /// From 1: which of the page's [`COLORS`], again and dashed beyond them. Guides have their own.
     pub(super) color: usize,
@@ -67,7 +69,7 @@ pub(super) struct Plot<'a> {
 }
 
 impl Plot<'_> {
-    /// A `figure`; `None` if there is nothing to draw.
+    /// Returns a `figure` element; `None` if there is nothing to draw.
     pub(super) fn figure(&self) -> Option<String> {
         let frame = Frame::new(self)?;
         let mut svg = format!("<svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{}\">", escape(self.title));
@@ -87,7 +89,7 @@ impl Plot<'_> {
     }
 }
 
-/// Classes of the style sheet.
+/// Returns the classes of a colour in the style sheet.
 fn color_class(color: usize) -> String {
     let i = color.saturating_sub(1);
     format!("c{}{}", i % COLORS + 1, if i < COLORS { "" } else { " again" })
@@ -114,7 +116,7 @@ impl Span {
         (low <= high).then_some(Self { scale, low, high })
     }
 
-    /// With room around, and never of length 0.
+    /// Adds room on both sides; the length is never 0.
     fn padded(self, share: f64) -> Self {
         let room = (self.high - self.low) * share;
         let room = if room > 0.0 {
@@ -127,12 +129,12 @@ impl Span {
         Self { low: self.low - room, high: self.high + room, ..self }
     }
 
-    /// 0 at the lower limit, 1 at the upper; `None` if the value has no place on the axis.
+    /// Returns 0 at the lower limit, 1 at the upper; `None` if the value has no place on the axis.
     fn share(self, value: f64) -> Option<f64> {
         place(self.scale, value).map(|v| (v - self.low) / (self.high - self.low))
     }
 
-    /// Values with a tick, and their texts.
+    /// Returns values with a tick, and their texts.
     fn ticks(self, most: usize) -> Vec<(f64, String)> {
         match self.scale {
             Scale::Linear => linear_ticks(self.low, self.high, most),
@@ -146,7 +148,7 @@ fn place(scale: Scale, value: f64) -> Option<f64> {
     placed.is_finite().then_some(placed)
 }
 
-/// Multiples of 1, 2 or 5 times a power of ten.
+/// Returns multiples of 1, 2 or 5 times a power of ten.
 fn linear_ticks(low: f64, high: f64, most: usize) -> Vec<(f64, String)> {
     let raw = (high - low) / most as f64;
     let decade = 10f64.powf(raw.log10().floor());
@@ -155,7 +157,8 @@ fn linear_ticks(low: f64, high: f64, most: usize) -> Vec<(f64, String)> {
     (first..).map(|i| i as f64 * step).take_while(|&v| v <= high).take(2 * most + 2).map(|v| (v, short(v, step))).collect()
 }
 
-/// Powers of ten, every second or third where there are many; 1, 2 and 5 where there is hardly one.
+/// Returns powers of ten, every second or third where there are many; 1, 2 and 5 where there is
+/// hardly one.
 fn log_ticks(low: f64, high: f64, most: usize) -> Vec<(f64, String)> {
     let decades: Vec<i32> = ((low.ceil() as i32)..=(high.floor() as i32)).collect();
     if decades.len() < 2 {
@@ -186,7 +189,7 @@ fn power_of_ten(exponent: i32) -> String {
     }
 }
 
-/// A tick's text: no more decimals than `step` needs, thousands as k.
+/// Returns a tick's text: no more decimals than `step` needs, thousands as k.
 fn short(value: f64, step: f64) -> String {
     let (value, step, unit) = match value.abs().max(step) {
         v if v >= 1e6 => (value / 1e6, step / 1e6, "M"),
@@ -278,7 +281,8 @@ impl Frame {
         }
     }
 
-    /// A straight line from the first to the last point, cut at the frame, with its label at the upper end.
+    /// Draws a straight line from the first to the last point, cut at the frame, with its label at the
+    /// upper end.
     fn guide(&self, svg: &mut String, series: &Series, points: &[(f64, f64)]) {
         let (Some(&(x0, y0)), Some(&(x1, y1))) = (points.first(), points.last()) else { return };
         let (top, bottom) = (TOP, HEIGHT - BOTTOM);

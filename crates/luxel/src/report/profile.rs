@@ -1,7 +1,8 @@
 //! The luminance-error profile as plots: of one run, or of several in one figure.
 //!
-//! In: profiles over the same pixels, which each method has its own errors on. Out: two figures, mean absolute error and error in stops. Empty bins have
-//! no point; of profiles without pixels nothing is drawn.
+//! In: profiles over the same pixels, which each method has its own errors on. Out: two figures,
+//! mean absolute error and error in stops. Empty bins have no point; of profiles without pixels
+//! nothing is drawn.
 
 use luxel_metrics::{LuminanceProfile, ProfileBin};
 
@@ -10,17 +11,17 @@ use super::plot::{Axis, Mark, Plot, Scale, Series};
 /// Width of the open bins at either end as they are drawn: a quarter decade, as a factor.
 const OPEN_BIN: f64 = 1.78;
 
-/// A profile and how it is told apart.
+/// A profile with its label and colour.
 pub struct Profiled<'a> {
-    /// For the legend; empty for none.
+    /// Text in the legend; empty for none.
     pub label: &'a str,
-    /// From 1: which of the page's colours.
+    /// Number of a colour of the page, from 1.
     pub color: usize,
     /// Error by luminance.
     pub profile: &'a LuminanceProfile,
 }
 
-/// Both figures; empty where there are no pixels.
+/// Returns both plots; empty where there are no pixels.
 pub fn plots(profiles: &[Profiled<'_>]) -> String {
     // All are of the same photographs, so the first says how many pixels there are.
     let Some(first) = profiles.iter().map(|of| of.profile).find(|profile| profile.count() > 0) else { return String::new() };

@@ -101,7 +101,8 @@ fn without_pictures(page: &str) -> String {
     parts.fold(first, |out, part| out + part.split_once('"').map_or("", |(_, rest)| rest))
 }
 
-/// Checks that every element is closed in order, quotes close and no text holds a bare `<`; returns the number of elements.
+/// Checks that every element is closed in order, quotes close and no text holds a bare `<`; returns
+/// the number of elements.
 fn check_tags(page: &str) -> usize {
     const VOID: [&str; 3] = ["meta", "img", "input"];
     let (mut open, mut count, mut rest) = (Vec::new(), 0, page);
@@ -134,7 +135,7 @@ fn check_tags(page: &str) -> usize {
 fn the_page_is_well_formed_and_holds_every_section() {
     let page = page::page(&input((0..6).map(|i| view(&format!("images/{i:03}"), 40, 30, 0.02 * (i + 1) as f32)).collect())).unwrap();
     assert!(check_tags(&page) > 200);
-    for heading in ["Figures", "Training", "Error by luminance", "Views", "All other views", "Every view", "Configuration"] {
+    for heading in ["Metrics", "Training", "Error by luminance", "Views", "All other views", "Every view", "Configuration"] {
         assert!(page.contains(&format!("<h2>{heading}</h2>")), "{heading}");
     }
     // Four featured views with seven pictures, two small ones with three, two at the top.

@@ -11,29 +11,29 @@ use super::picture::{self, Display, Exposures, INFERNO, Picture, error_map, figu
 use super::{ReportInput, ReportView};
 use crate::Result;
 
-/// Views shown with exposure pairs: the best, the worst and those in between.
+/// Number of views with exposure pairs: the best, the worst and those in between.
 const FEATURED: usize = 4;
-/// PNG bytes that all featured pictures together may take, and all small ones.
+/// Budgets of PNG bytes for all featured pictures, and for all small ones.
 const FEATURED_BUDGET_BYTES: usize = 4_500_000;
 const SMALL_BUDGET_BYTES: usize = 1_800_000;
 /// Pictures of a featured view and of a small one.
 const FEATURED_PICTURES: usize = 7;
 const SMALL_PICTURES: usize = 3;
-/// No side is made longer or shorter than this to meet a budget, pixels.
+/// Limits of a picture's side when it is fitted to a budget, pixels.
 const FEATURED_SIDES_PX: (usize, usize) = (128, 640);
 const SMALL_SIDES_PX: (usize, usize) = (48, 160);
-/// Bytes of PNG a pixel takes, measured on path-traced interiors: between 1.4 (flat) and 2.3 (noise).
+/// Estimate of PNG bytes per pixel, between those of flat and of noisy interiors.
 const BYTES_PER_PIXEL: f64 = 2.0;
 /// Full scales of the error map, from which the smallest is taken that holds 99.5 % of the pixels.
 const ERROR_SCALES: [f32; 7] = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0];
 
-/// HTML of all pictures.
+/// The HTML of all pictures.
 pub(super) struct Pictures {
     hero: String,
     sections: String,
 }
 
-/// What all pictures share.
+/// The settings that all pictures share.
 struct Gallery<'a> {
     input: &'a ReportInput,
     exposures: Exposures,
@@ -72,7 +72,7 @@ impl Pictures {
     }
 }
 
-/// Up to `count` of `order` with their rank, evenly from the first to the last.
+/// Returns up to `count` of `order` with their rank, evenly from the first to the last.
 fn spread<'a>(order: &[&'a ReportView], count: usize) -> Vec<(usize, &'a ReportView)> {
     let (n, count) = (order.len(), order.len().min(count));
     (0..count)
@@ -83,7 +83,7 @@ fn spread<'a>(order: &[&'a ReportView], count: usize) -> Vec<(usize, &'a ReportV
         .collect()
 }
 
-/// The longest side such that `pictures` of this shape stay within `budget` bytes.
+/// Returns the longest side such that `pictures` of this shape stay within `budget` bytes.
 fn side_px(image: &Image, pictures: usize, budget: usize, (least, most): (usize, usize)) -> usize {
     let pixels = budget as f64 / BYTES_PER_PIXEL / pictures.max(1) as f64;
     let (long, short) = (image.width.max(image.height).max(1) as f64, image.width.min(image.height).max(1) as f64);
@@ -117,7 +117,7 @@ impl Gallery<'_> {
         Ok(format!(
             "<div class=\"wipe\">{}{}<input type=\"range\" min=\"0\" max=\"100\" step=\"0.5\" value=\"50\" aria-label=\"wipe between render and ground truth\" \
              oninput=\"this.parentNode.style.setProperty('--x',this.value+'%')\"><div class=\"edge\"></div><span class=\"left\">render</span>\
-             <span class=\"right\">ground truth</span></div><p class=\"note under\">View {name}, unseen in training, under AgX at {} EV. Drag to compare.</p>\n",
+             <span class=\"right\">ground truth</span></div><p class=\"note under\">View {name}, not used in training, tone-mapped with AgX at {} EV. Drag to compare.</p>\n",
             img(&render, "", &format!("render of {name}")),
             img(&target, "over", &format!("ground truth of {name}")),
             signed(ev),
@@ -126,7 +126,7 @@ impl Gallery<'_> {
 
     fn featured(&self, featured: &[(usize, &ReportView)]) -> Result<String> {
         let mut out = format!(
-            "<section><h2>Views</h2><p>{} Under the mu-law, as papers print them; then at two exposures in plain sRGB: {} EV for the shadows, {} EV \
+            "<section><h2>Views</h2><p>{} Under the mu-law, as in papers; then at two exposures in sRGB without a tone curve: {} EV for the shadows, {} EV \
              for the lamps. A scene in high dynamic range has to hold at both.</p>",
             if self.input.views.len() > featured.len() { "From the worst to the best." } else { "" },
             signed(self.exposures.shadows_ev),
@@ -140,7 +140,7 @@ impl Gallery<'_> {
         Ok(out + "</section>\n")
     }
 
-    /// What a view's place among all means.
+    /// Returns a remark on a view's rank.
     fn rank(&self, rank: usize) -> &'static str {
         match (rank, self.input.views.len()) {
             (_, 1) => "",
@@ -199,7 +199,8 @@ impl Gallery<'_> {
         error_map(&view.prediction, &view.target, view.mask.as_deref(), self.input.mu, self.error_scale, side)
     }
 
-    /// The error map's colours. Well above 1/mu, a difference d of the mu-law is a ratio of (1 + mu)^d.
+    /// Returns the legend of the error map. Well above 1/mu, a difference d of the mu-law is a ratio of (1 +
+    /// mu)^d.
     fn legend(&self) -> String {
         let colors = INFERNO.map(|[r, g, b]| format!("#{r:02x}{g:02x}{b:02x}")).join(",");
         let stops_per_unit = (1.0 + f64::from(self.input.mu)).log2();

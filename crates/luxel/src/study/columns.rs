@@ -1,41 +1,41 @@
-//! The figures of a cell by name: one list for tables, CSV and LaTeX.
+//! The metrics of a cell by name: one list for tables, CSV and LaTeX.
 
 use super::results::CellResult;
 
-/// Which values are the better ones.
+/// The direction in which a metric improves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Better {
     Lower,
     Higher,
-    /// A fact, not a merit.
+    /// A fact, neither good nor bad.
     Neither,
 }
 
-/// Where a column is shown besides the CSV.
+/// The outputs that have a column besides the CSV.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Shown {
+pub(super) enum Placement {
     /// In every table.
     Always,
-    /// In tables of those who have it.
+    /// In tables that have a value of it.
     IfThere,
     /// In the CSV only.
     InCsv,
 }
 
-/// A figure.
+/// A metric, or a fact about a run.
 #[derive(Clone, Copy)]
 pub(super) struct Column {
-    /// Name in the CSV; units are in it.
+    /// Name in the CSV, with its unit.
     pub(super) key: &'static str,
-    /// Head of the columns that belong together.
+    /// Heading of the columns that belong together.
     pub(super) group: &'static str,
-    /// Head of this one.
+    /// Heading of this one.
     pub(super) head: &'static str,
-    /// In tables.
+    /// Decimals in tables.
     pub(super) decimals: usize,
     pub(super) better: Better,
-    pub(super) shown: Shown,
-    pub(super) of: fn(&CellResult) -> Option<f64>,
+    pub(super) placement: Placement,
+    pub(super) value: fn(&CellResult) -> Option<f64>,
 }
 
 const fn column(
@@ -43,14 +43,14 @@ const fn column(
     [group, head]: [&'static str; 2],
     decimals: usize,
     better: Better,
-    of: fn(&CellResult) -> Option<f64>,
+    value: fn(&CellResult) -> Option<f64>,
 ) -> Column {
-    Column { key, group, head, decimals, better, shown: Shown::Always, of }
+    Column { key, group, head, decimals, better, placement: Placement::Always, value }
 }
 
 impl Column {
-    const fn shown(self, shown: Shown) -> Self {
-        Self { shown, ..self }
+    const fn placed(self, placement: Placement) -> Self {
+        Self { placement, ..self }
     }
 }
 
@@ -60,7 +60,7 @@ const BYTES_PER_MB: f64 = 1e6;
 
 use Better::{Higher, Lower, Neither};
 
-/// Every figure, in the order of the tables.
+/// Every column, in the order of the tables.
 pub(super) const COLUMNS: [Column; 19] = [
     column("train_minutes", ["training", "min"], 2, Lower, |r| Some(r.metrics.train_seconds / 60.0)),
     column("peak_memory_mb", ["training", "MB"], 0, Lower, |r| r.peak_bytes.map(|bytes| bytes as f64 / BYTES_PER_MB)),
@@ -70,17 +70,17 @@ pub(super) const COLUMNS: [Column; 19] = [
     column("psnr_selfmax", [TEST_PSNR, "selfmax"], 2, Higher, |r| Some(r.test()?.psnr_selfmax)),
     column("ssim_scene", [TEST_SSIM, "scene"], 4, Higher, |r| Some(r.test()?.ssim_scene)),
     column("ssim_gtmax", [TEST_SSIM, "gtmax"], 4, Higher, |r| Some(r.test()?.ssim_gtmax)),
-    column("ssim_selfmax", [TEST_SSIM, "selfmax"], 4, Higher, |r| Some(r.test()?.ssim_selfmax)).shown(Shown::InCsv),
+    column("ssim_selfmax", [TEST_SSIM, "selfmax"], 4, Higher, |r| Some(r.test()?.ssim_selfmax)).placed(Placement::InCsv),
     column("pu21_psnr", ["PU21", "PSNR, dB"], 2, Higher, |r| Some(r.field()?.pu21_psnr)),
-    column("pu21_ssim", ["PU21", "SSIM"], 4, Higher, |r| Some(r.field()?.pu21_ssim)).shown(Shown::InCsv),
-    column("log_rmse", ["log-", "RMSE"], 4, Lower, |r| Some(r.field()?.log_rmse)).shown(Shown::InCsv),
-    column("hdr_flip", ["HDR-", "FLIP"], 4, Lower, |r| r.measured.as_ref()?.hdr_flip).shown(Shown::IfThere),
-    column("lpips_alex", ["LPIPS", "AlexNet"], 4, Lower, |r| lpips(r, "alex")).shown(Shown::IfThere),
-    column("lpips_vgg", ["LPIPS", "VGG16"], 4, Lower, |r| lpips(r, "vgg")).shown(Shown::IfThere),
+    column("pu21_ssim", ["PU21", "SSIM"], 4, Higher, |r| Some(r.field()?.pu21_ssim)).placed(Placement::InCsv),
+    column("log_rmse", ["log-", "RMSE"], 4, Lower, |r| Some(r.field()?.log_rmse)).placed(Placement::InCsv),
+    column("hdr_flip", ["HDR-", "FLIP"], 4, Lower, |r| r.measured.as_ref()?.hdr_flip).placed(Placement::IfThere),
+    column("lpips_alex", ["LPIPS", "AlexNet"], 4, Lower, |r| lpips(r, "alex")).placed(Placement::IfThere),
+    column("lpips_vgg", ["LPIPS", "VGG16"], 4, Lower, |r| lpips(r, "vgg")).placed(Placement::IfThere),
     column("frames_per_second", ["", "fps"], 1, Higher, |r| r.measured.as_ref()?.frames_per_second),
     column("train_psnr_scene", ["train views", "PSNR scene"], 2, Neither, |r| Some(r.train()?.psnr_scene)),
-    column("train_psnr_gtmax", ["train views", "PSNR gtmax"], 2, Neither, |r| Some(r.train()?.psnr_gtmax)).shown(Shown::InCsv),
-    column("black_psnr_scene", ["black image", "PSNR scene"], 2, Neither, |r| Some(r.test()?.psnr_black_scene)).shown(Shown::InCsv),
+    column("train_psnr_gtmax", ["train views", "PSNR gtmax"], 2, Neither, |r| Some(r.train()?.psnr_gtmax)).placed(Placement::InCsv),
+    column("black_psnr_scene", ["black image", "PSNR scene"], 2, Neither, |r| Some(r.test()?.psnr_black_scene)).placed(Placement::InCsv),
 ];
 
 fn lpips(result: &CellResult, network: &str) -> Option<f64> {
@@ -88,12 +88,12 @@ fn lpips(result: &CellResult, network: &str) -> Option<f64> {
     (lpips.network == network).then_some(lpips.distance)
 }
 
-/// The column of a key; the first if there is none.
+/// Returns the column of a key; the first if there is none.
 pub(super) fn by_key(key: &str) -> &'static Column {
     COLUMNS.iter().find(|column| column.key == key).unwrap_or(&COLUMNS[0])
 }
 
-/// Groups of neighbouring columns with one head: the head and how many they are.
+/// Returns the groups of neighbouring columns with one heading: the heading and their number.
 pub(super) fn groups(columns: &[&Column]) -> Vec<(&'static str, usize)> {
     let mut groups: Vec<(&'static str, usize)> = Vec::new();
     for column in columns {

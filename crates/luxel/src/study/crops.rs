@@ -1,8 +1,10 @@
-//! Side-by-side crops: the same window of a test view by every method and as it was captured, at two exposures.
+//! Side-by-side crops: the same window of a test view by every method and of the ground truth, at
+//! two exposures.
 //!
-//! Windows are chosen by the ground truth alone, not by what the methods make of it: of two test views, at a quarter and three quarters of the list,
-//! the window a third as long as the shorter side in which the logarithm of luminance varies most, where dark and bright meet. Renders are those of
-//! the first seed.
+//! In: results of a data set. Out: HTML. Windows are chosen by the ground truth alone, not by the
+//! renders: of two test views, at a quarter and three quarters of the list, the window a third as
+//! long as the shorter side in which the logarithm of luminance varies most, where dark and bright
+//! meet. Renders are those of the first seed. Degenerate: no test views, no section.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -20,16 +22,16 @@ use luxel_metrics::LOG_FLOOR;
 use super::matrix::Matrix;
 use super::results::CellResult;
 
-/// Views of each data set.
+/// Number of views per data set.
 const VIEWS: usize = 2;
-/// Window to image, of the shorter side.
+/// Ratio of the image's shorter side to the window's.
 const WINDOW_SHARE: usize = 3;
-/// Windows begin at multiples of the window's side over this.
+/// Windows begin at multiples of their side divided by this.
 const STRIDES: usize = 4;
-/// Pixels a side of a picture in the page.
+/// Longest side of a picture in the page, pixels.
 const MOST_PX: usize = 280;
 
-/// Part of an image, pixels.
+/// A square part of an image, pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Window {
     x: usize,
@@ -43,7 +45,7 @@ struct Shot {
     color_space: ColorSpace,
 }
 
-/// The figures of a data set; empty without test views.
+/// Returns the crops of a data set; empty without test views.
 pub(super) fn section(matrix: &Matrix, results: &[CellResult], source: usize) -> Result<String> {
     let by_method: Vec<&CellResult> =
         (0..matrix.methods.len()).filter_map(|method| results.iter().find(|cell| cell.source == source && cell.method == method)).collect();
@@ -60,7 +62,8 @@ pub(super) fn section(matrix: &Matrix, results: &[CellResult], source: usize) ->
     Ok(out)
 }
 
-/// One view: where the window is, and the window at two exposures.
+/// Returns the crops of one view: its overview with the window marked, and the window at two
+/// exposures.
 fn view(matrix: &Matrix, cells: &[&CellResult], name: &str, stem: &str) -> Result<String> {
     let Some(first) = cells.first() else { return Ok(String::new()) };
     let truth = read(matrix, first, "gt", stem)?;
@@ -99,14 +102,15 @@ fn view(matrix: &Matrix, cells: &[&CellResult], name: &str, stem: &str) -> Resul
     }
     let _ = writeln!(
         out,
-        "</div><p class=\"note\">Above {} EV, below {} EV, plain sRGB. Decibels are of the whole view, protocol scene.</p>",
+        "</div><p class=\"note\">Top row {} EV, bottom row {} EV, sRGB without a tone curve. Decibels are of the whole view, protocol scene.</p>",
         signed(exposures_ev[0]),
         signed(exposures_ev[1])
     );
     Ok(out)
 }
 
-/// Whole stops that bring a window's darkest quarter to a little below middle grey, and all but its brightest hundredth below white.
+/// Returns two exposures in whole stops: one brings a window's darkest quarter to a little below
+/// middle grey, the other all but its brightest hundredth below white.
 fn exposures_ev(window: &Image) -> [f32; 2] {
     let mut luminances = picture::sample_luminances(std::iter::once(window));
     luminances.retain(|luminance| *luminance > 0.0 && luminance.is_finite());
@@ -114,11 +118,11 @@ fn exposures_ev(window: &Image) -> [f32; 2] {
     let quantile = |share: f32| luminances.get((share * luminances.len() as f32) as usize).or(luminances.last()).copied().unwrap_or(1.0);
     let stops = |to: f32, from: f32| (to / from).log2().clamp(-16.0, 16.0);
     let dark = stops(0.12, quantile(0.25)).round();
-    // Two pictures are to differ where there is little contrast.
+    // The pictures shall differ where there is little contrast, too.
     [dark, stops(0.8, quantile(0.99)).floor().min(dark - 2.0)]
 }
 
-/// An image of a cell's last evaluation.
+/// Reads an image of a cell's last evaluation.
 fn read(matrix: &Matrix, cell: &CellResult, kind: &str, stem: &str) -> Result<Shot> {
     let folder = RunFolder::at(&matrix.root.join(&cell.place));
     let path = folder.evaluation(cell.metrics.iterations).join(kind).join(Path::new(&format!("{stem}.exr")));
@@ -128,7 +132,8 @@ fn read(matrix: &Matrix, cell: &CellResult, kind: &str, stem: &str) -> Result<Sh
     Ok(Shot { image, color_space: decoded.color_space.unwrap_or_default() })
 }
 
-/// The window in which the logarithm of luminance has the greatest variance; the first of equals.
+/// Returns the window in which the logarithm of luminance has the greatest variance; the first of
+/// equals.
 fn most_contrast(image: &Image) -> Window {
     let side = (image.width.min(image.height) / WINDOW_SHARE).max(1);
     let stride = (side / STRIDES).max(1);

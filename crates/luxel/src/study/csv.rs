@@ -1,4 +1,8 @@
-//! The figures as CSV, unrounded: every run, means and spreads of the tables, the error by luminance, and luminance editing.
+//! The metrics as CSV, unrounded: every run, means and deviations, the error by luminance, and
+//! luminance editing.
+//!
+//! In: results. Out: text with a line of names first. Degenerate: values that are missing are
+//! empty.
 
 use luxel_metrics::LuminanceProfile;
 
@@ -9,12 +13,12 @@ use super::matrix::Matrix;
 use super::results::CellResult;
 use super::table::Stat;
 
-/// A text as a field: in quotes where it must be.
+/// Returns a text as a field, in quotes where it needs them.
 fn field(text: &str) -> String {
     if text.contains([',', '"', '\n', '\r']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.into() }
 }
 
-/// The shortest text that is this number; empty for none.
+/// Returns the shortest text of a number; empty for none.
 fn number(value: Option<f64>) -> String {
     value.filter(|v| v.is_finite()).map_or_else(String::new, |v| v.to_string())
 }
@@ -23,7 +27,7 @@ fn line(fields: impl IntoIterator<Item = String>) -> String {
     fields.into_iter().collect::<Vec<_>>().join(",") + "\n"
 }
 
-/// One line a run.
+/// Returns a line per run.
 pub(super) fn runs(matrix: &Matrix, results: &[CellResult]) -> String {
     let names = [
         "dataset",
@@ -54,12 +58,13 @@ pub(super) fn runs(matrix: &Matrix, results: &[CellResult]) -> String {
             field(&metrics.luxel_version),
             field(&result.place.display().to_string()),
         ];
-        out += &line(facts.into_iter().chain(COLUMNS.iter().map(|column| number((column.of)(result)))));
+        out += &line(facts.into_iter().chain(COLUMNS.iter().map(|column| number((column.value)(result)))));
     }
     out
 }
 
-/// Mean, standard deviation and number of seeds of every figure, a line for each data set and method.
+/// Returns mean, standard deviation and number of seeds of every metric, a line per data set and
+/// method.
 pub(super) fn means(matrix: &Matrix, results: &[CellResult]) -> String {
     let of_column = |key: &str| [key.to_owned(), format!("{key}_sd")];
     let names = ["dataset", "method", "seeds"].map(String::from);
@@ -68,7 +73,7 @@ pub(super) fn means(matrix: &Matrix, results: &[CellResult]) -> String {
         for (method, model) in matrix.methods.iter().enumerate() {
             let cells: Vec<&CellResult> = results.iter().filter(|cell| cell.source == source && cell.method == method).collect();
             let stats = COLUMNS.iter().flat_map(|column| {
-                let stat = Stat::of(&cells.iter().filter_map(|cell| (column.of)(cell)).collect::<Vec<_>>());
+                let stat = Stat::from_values(&cells.iter().filter_map(|cell| (column.value)(cell)).collect::<Vec<_>>());
                 [number(stat.map(|stat| stat.mean)), number(stat.and_then(|stat| stat.deviation))]
             });
             out += &line([field(&of_source.name), model.name(), cells.len().to_string()].into_iter().chain(stats));
@@ -77,7 +82,8 @@ pub(super) fn means(matrix: &Matrix, results: &[CellResult]) -> String {
     out
 }
 
-/// Error by the ground truth's luminance over the test views of all seeds, a line for each bin that has pixels.
+/// Returns the error by the ground truth's luminance over the test views of all seeds, a line per
+/// bin that has pixels.
 pub(super) fn profiles(matrix: &Matrix, profiles: &[MethodProfile]) -> String {
     let names = ["dataset", "method", "luminance_from", "luminance_to", "pixels", "mean_luminance", "mean_absolute_error", "rms_stops"];
     let mut out = line(names.map(String::from));
@@ -98,7 +104,7 @@ pub(super) fn profiles(matrix: &Matrix, profiles: &[MethodProfile]) -> String {
     out
 }
 
-/// Luminance editing, a line for each way to edit a scene.
+/// Returns the errors of luminance editing, a line per way to edit a scene.
 pub(super) fn editing(matrix: &Matrix, edited: &[Edited]) -> String {
     let names = [
         "dataset",
@@ -113,7 +119,7 @@ pub(super) fn editing(matrix: &Matrix, edited: &[Edited]) -> String {
     ];
     let mut out = line(names.map(String::from));
     for edited in edited {
-        let figures = &edited.figures;
+        let fidelity = &edited.fidelity;
         let of = if edited.how.is_empty() { "luminance" } else { edited.how };
         let facts = [
             field(&matrix.sources[edited.source].name),
@@ -121,8 +127,8 @@ pub(super) fn editing(matrix: &Matrix, edited: &[Edited]) -> String {
             of.trim_start_matches("by ").into(),
             EXPONENT.to_string(),
         ];
-        let errors = [figures.chromaticity, figures.chromaticity_p95, figures.chromaticity_by_light, figures.luminance_stops];
-        out += &line(facts.into_iter().chain(errors.map(|error| number(Some(error)))).chain([figures.pixels.to_string()]));
+        let errors = [fidelity.chromaticity, fidelity.chromaticity_p95, fidelity.chromaticity_by_light, fidelity.luminance_stops];
+        out += &line(facts.into_iter().chain(errors.map(|error| number(Some(error)))).chain([fidelity.pixels.to_string()]));
     }
     out
 }

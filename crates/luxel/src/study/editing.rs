@@ -1,9 +1,13 @@
-//! Editing figures: luminance raised to a power, by a method that holds it apart from colour and by one that does not.
+//! Luminance editing: luminance raised to a power, by a method that separates it from colour and by
+//! one that does not.
 //!
-//! Of each data set the first method of either kind, 3DGS and LCD-GS before others, first seed: the whole scene under
-//! L' = p (L / p)^[`EXPONENT`], p the median of the last one's splats. A scene of spherical harmonics is edited twice, by the luminance of its colours and by
-//! channels, as RGB values usually are. Ideal is the unedited render with the map on each pixel's luminance; figures are of all test views ([`Fidelity`]),
-//! pictures of the one in the middle.
+//! In: finished cells. Out: errors and pictures. On each data set the first method of either kind
+//! is edited, 3DGS and LCD-GS before others, with the first seed: the whole scene under `L' = p (L
+//! / p)^e` with e = [`EXPONENT`] and p the median of the last scene's splats. A scene of spherical
+//! harmonics is edited twice, by the luminance of its colours and by channels, as RGB values
+//! usually are. The ideal is the unedited render with the map on each pixel's luminance; errors are
+//! of all test views ([`Fidelity`]), pictures of the one in the middle. Degenerate: data sets
+//! without test views are left out.
 
 use std::fmt::Write as _;
 
@@ -23,27 +27,27 @@ use crate::DeviceOptions;
 use crate::Observer;
 use crate::SelectedEngine;
 
-/// The paper's L^1.2.
+/// Exponent of the map, the paper's.
 pub(super) const EXPONENT: f32 = 1.2;
-/// Chromaticity error of the brightest colour in its pictures.
+/// Chromaticity error of the brightest colour in the pictures of it.
 const FULL_SCALE: f32 = 0.2;
-/// Pixels a side of a picture in the page.
+/// Longest side of a picture in the page, pixels.
 const MOST_PX: usize = 400;
 
-/// One way to edit one scene, and what came of it.
+/// The result of one way to edit one scene.
 pub(super) struct Edited {
     /// Index into [`Matrix::sources`].
     pub(super) source: usize,
     /// Index into [`Matrix::methods`].
     pub(super) method: usize,
-    /// What the map was applied to, where there is a choice.
+    /// The quantity that was mapped, where there is a choice.
     pub(super) how: &'static str,
-    pub(super) figures: Fidelity,
-    shown: Shown,
+    pub(super) fidelity: Fidelity,
+    example: ExampleView,
 }
 
 /// A view in normalised units.
-struct Shown {
+struct ExampleView {
     name: String,
     before: Image,
     after: Image,
@@ -58,13 +62,13 @@ struct Candidate<'a> {
     ways: &'static [(&'static str, ShMap)],
 }
 
-/// One for a scene as it is, one for it edited: views are rendered by both, one view at a time.
+/// An engine for a scene as it is and one for it edited: each view is rendered by both.
 struct Engines {
     before: Box<dyn Engine>,
     after: Box<dyn Engine>,
 }
 
-/// Edits and measures; `finished` are the cells that have scenes.
+/// Edits scenes and measures them; `finished` are the cells that have one.
 pub(super) fn edit(matrix: &Matrix, finished: &[usize], device: &DeviceOptions, observer: &dyn Observer) -> Result<Vec<Edited>> {
     let mut engines = Engines { before: SelectedEngine::open(device)?.engine, after: SelectedEngine::open(device)?.engine };
     let mut edited = Vec::new();
@@ -79,15 +83,16 @@ pub(super) fn edit(matrix: &Matrix, finished: &[usize], device: &DeviceOptions, 
         let edit = Edit { selection: Selection::All, maps: vec![map] };
         for candidate in &candidates {
             for (how, sh_map) in candidate.ways {
-                let (figures, shown) = engines.compare(candidate, &edit, *sh_map, &dataset.test)?;
-                edited.push(Edited { source, method: candidate.cell.method, how, figures, shown });
+                let (fidelity, example) = engines.compare(candidate, &edit, *sh_map, &dataset.test)?;
+                edited.push(Edited { source, method: candidate.cell.method, how, fidelity, example });
             }
         }
     }
     Ok(edited)
 }
 
-/// Harmonics of radiance, then luminance apart from colour; of each kind the paper's method if it is there.
+/// Returns a scene of either kind: harmonics of radiance, then luminance separate from colour; of
+/// each kind the paper's method if it is there.
 fn candidates<'a>(matrix: &'a Matrix, finished: &[usize], source: usize, observer: &dyn Observer) -> Result<Vec<Candidate<'a>>> {
     let cells = || finished.iter().filter_map(|&i| matrix.cells.get(i)).filter(|cell| cell.source == source);
     let model = |cell: &&Cell| matrix.methods[cell.method];
@@ -106,17 +111,17 @@ fn candidates<'a>(matrix: &'a Matrix, finished: &[usize], source: usize, observe
 }
 
 impl Engines {
-    fn compare(&mut self, candidate: &Candidate<'_>, edit: &Edit, sh_map: ShMap, views: &[View]) -> Result<(Fidelity, Shown)> {
+    fn compare(&mut self, candidate: &Candidate<'_>, edit: &Edit, sh_map: ShMap, views: &[View]) -> Result<(Fidelity, ExampleView)> {
         let Candidate { cell, scene, .. } = candidate;
         let mut edited = scene.clone();
         edit.apply(&mut edited, &MaskShares::new(), sh_map).with_context(|| format!("cannot apply \"{edit}\""))?;
         for (engine, scene) in [(&mut self.before, scene), (&mut self.after, &edited)] {
             engine.load(&scene.splats, None).context("cannot load the scene")?;
         }
-        // On black: the background is no splat, and would not be edited.
+        // On black: a background is not made of splats and would not be edited.
         let options = scene.render_options();
         let scale = scene.radiance_scale;
-        let (chain, mut meter, mut shown) = (edit.chain(), FidelityMeter::default(), None);
+        let (chain, mut meter, mut example) = (edit.chain(), FidelityMeter::default(), None);
         for (i, view) in views.iter().enumerate() {
             let render = |engine: &mut dyn Engine| -> Result<Image> {
                 let mut image = engine.render(&view.camera, &options).with_context(|| format!("cannot render {}", view.name))?;
@@ -128,11 +133,11 @@ impl Engines {
             meter.add(&after, &ideal);
             if i == views.len() / 2 {
                 [&mut before, &mut after, &mut ideal].into_iter().for_each(|image| scale.normalise(image));
-                shown = Some(Shown { name: view.name.clone(), before, after, ideal, color_space: scene.color_space });
+                example = Some(ExampleView { name: view.name.clone(), before, after, ideal, color_space: scene.color_space });
             }
         }
-        let figures = meter.figures().with_context(|| format!("{}: all pixels are black, before or after", cell.place.display()))?;
-        Ok((figures, shown.context("no view to show")?))
+        let fidelity = meter.figures().with_context(|| format!("{}: all pixels are black, before or after", cell.place.display()))?;
+        Ok((fidelity, example.context("no view to show")?))
     }
 }
 
@@ -143,7 +148,7 @@ impl Edited {
     }
 }
 
-/// The section of the page; empty without edits.
+/// Returns the section of the page; empty without edits.
 pub(super) fn section(matrix: &Matrix, edited: &[Edited]) -> Result<String> {
     let mut out = String::new();
     for (i, source) in matrix.sources.iter().enumerate() {
@@ -160,9 +165,9 @@ pub(super) fn section(matrix: &Matrix, edited: &[Edited]) -> Result<String> {
         return Ok(out);
     }
     Ok(format!(
-        "<section><h2>Luminance editing</h2><p>Every splat's luminance to the power {EXPONENT}, about the median of the scene's splats: where luminance is a \
-         parameter of its own, chromaticity stays; where it is one set of numbers with colour, it is mapped by the luminance of the colour in each direction and \
-         fitted again, or channel by channel. Ideal is the unedited render with the same map on each pixel's luminance. The chromaticity error of a pixel is the \
+        "<section><h2>Luminance editing</h2><p>Every splat's luminance to the power {EXPONENT}, about the median of the scene's splats. Where luminance is a \
+         separate parameter, chromaticity is kept. Spherical harmonics of radiance are mapped by the luminance of the colour in each direction and \
+         fitted again, or channel by channel. The ideal is the unedited render with the same map on each pixel's luminance. The chromaticity error of a pixel is the \
          sum of the absolute differences of the channels' shares, 0 to 2; luminance differs where bright and dark splats share a pixel.</p>{out}</section>\n"
     ))
 }
@@ -173,7 +178,7 @@ fn table(matrix: &Matrix, edited: &[&Edited]) -> String {
          <tr><th>mean</th><th>95 %</th><th>by light</th><th>mean, EV</th></tr></thead><tbody>",
     );
     for edited in edited {
-        let Fidelity { chromaticity, chromaticity_p95, chromaticity_by_light, luminance_stops, .. } = edited.figures;
+        let Fidelity { chromaticity, chromaticity_p95, chromaticity_by_light, luminance_stops, .. } = edited.fidelity;
         let _ = write!(
             out,
             "<tr><td><b>{}</b></td><td>{chromaticity:.5}</td><td>{chromaticity_p95:.5}</td><td>{chromaticity_by_light:.5}</td><td>{luminance_stops:.4}</td></tr>",
@@ -184,14 +189,14 @@ fn table(matrix: &Matrix, edited: &[&Edited]) -> String {
 }
 
 fn pictures(matrix: &Matrix, edited: &Edited) -> Result<String> {
-    let Shown { name, before, after, ideal, color_space } = &edited.shown;
+    let ExampleView { name, before, after, ideal, color_space } = &edited.example;
     let display = Display { tonemap: Tonemap::Mulaw, exposure_ev: 0.0, color_space: *color_space, max_side_px: MOST_PX };
     // Black pixels have no chromaticity.
     let distance =
         |(after, ideal): (&[f32; 3], &[f32; 3])| chromaticity_distance(*after, *ideal).map_or([0.0; 3], |d| [d as f32, 1.0, 0.0]);
     let pixels = after.pixels.iter().zip(&ideal.pixels).map(distance).collect();
     let errors = Image { width: after.width, height: after.height, pixels };
-    let mean = text::number(edited.figures.chromaticity);
+    let mean = text::number(edited.fidelity.chromaticity);
     Ok(format!(
         "<h3>{} <span class=\"soft\">view {}</span></h3><div class=\"row four\">{}{}{}{}</div>\n",
         escape(&edited.name(matrix)),

@@ -11,7 +11,7 @@ use super::paper::{self, PaperTable};
 use super::results::CellResult;
 use super::table::{Entry, Mark, Stat, Table, printed};
 
-/// A table of ours.
+/// Returns a table of the study.
 pub(super) fn ours(matrix: &Matrix, table: &Table) -> String {
     let mut out = head("method", &table.columns);
     for row in &table.rows {
@@ -25,7 +25,7 @@ pub(super) fn ours(matrix: &Matrix, table: &Table) -> String {
     out + "</tbody></table></div>"
 }
 
-/// Beginning of a table, up to its rows.
+/// Returns the beginning of a table, up to its rows.
 fn head(what: &str, columns: &[&Column]) -> String {
     let mut out = format!("<div class=\"scroll\"><table class=\"wide\"><thead><tr><th rowspan=\"2\">{what}</th>");
     for (name, count) in groups(columns) {
@@ -46,7 +46,7 @@ fn arrow(better: Better) -> &'static str {
     }
 }
 
-/// Mean, spread, and the number of seeds where some are missing.
+/// Returns mean, deviation, and the number of seeds where some are missing.
 fn value(entry: &Entry, column: &Column, seeds: usize) -> String {
     let Entry { stat, mark } = entry;
     let mut out = marked(&printed(stat.mean, column.decimals), *mark);
@@ -59,7 +59,7 @@ fn value(entry: &Entry, column: &Column, seeds: usize) -> String {
     out
 }
 
-/// A table of the paper's, best and second best marked as there.
+/// Returns a table of the paper, best and second best marked as there.
 pub(super) fn papers(table: &PaperTable) -> String {
     let mut out = format!("<div class=\"scroll\"><table class=\"theirs\"><thead><tr><th>the paper, {}</th>", table.dataset);
     for column in &PAPER_COLUMNS {
@@ -69,8 +69,8 @@ pub(super) fn papers(table: &PaperTable) -> String {
     for row in table.rows {
         let _ = write!(out, "<tr><td>{}</td>", row.method);
         for column in &PAPER_COLUMNS {
-            let value = (column.of)(row);
-            // Speeds are whole but for those below 1.
+            let value = (column.value)(row);
+            // Speeds are integers except for those below 1.
             let decimals = if value.fract() == 0.0 { 0 } else { column.decimals };
             let _ = write!(out, "<td>{}</td>", marked(&printed(value, decimals), column.mark(table, value)));
         }
@@ -84,23 +84,23 @@ struct PaperColumn {
     head: &'static str,
     decimals: usize,
     better: Better,
-    of: fn(&paper::PaperRow) -> f64,
+    value: fn(&paper::PaperRow) -> f64,
 }
 
 const PAPER_COLUMNS: [PaperColumn; 6] = [
-    PaperColumn { head: "min", decimals: 0, better: Better::Lower, of: |row| row.minutes },
-    PaperColumn { head: "MB", decimals: 0, better: Better::Lower, of: |row| row.memory_mb },
-    PaperColumn { head: "PSNR", decimals: 2, better: Better::Higher, of: |row| row.psnr },
-    PaperColumn { head: "SSIM", decimals: 3, better: Better::Higher, of: |row| row.ssim },
-    PaperColumn { head: "LPIPS", decimals: 3, better: Better::Lower, of: |row| row.lpips },
-    PaperColumn { head: "fps", decimals: 2, better: Better::Higher, of: |row| row.fps },
+    PaperColumn { head: "min", decimals: 0, better: Better::Lower, value: |row| row.minutes },
+    PaperColumn { head: "MB", decimals: 0, better: Better::Lower, value: |row| row.memory_mb },
+    PaperColumn { head: "PSNR", decimals: 2, better: Better::Higher, value: |row| row.psnr },
+    PaperColumn { head: "SSIM", decimals: 3, better: Better::Higher, value: |row| row.ssim },
+    PaperColumn { head: "LPIPS", decimals: 3, better: Better::Lower, value: |row| row.lpips },
+    PaperColumn { head: "fps", decimals: 2, better: Better::Higher, value: |row| row.fps },
 ];
 
 impl PaperColumn {
-    /// By how many different values of the table are better.
+    /// Returns the mark by the number of different values in the table that are better.
     fn mark(&self, table: &PaperTable, value: f64) -> Mark {
         let is_better = |other: &f64| if self.better == Better::Higher { *other > value } else { *other < value };
-        let mut better: Vec<f64> = table.rows.iter().map(self.of).filter(is_better).collect();
+        let mut better: Vec<f64> = table.rows.iter().map(self.value).filter(is_better).collect();
         better.sort_unstable_by(f64::total_cmp);
         better.dedup();
         match better.len() {
@@ -119,15 +119,16 @@ fn marked(text: &str, mark: Mark) -> String {
     }
 }
 
-/// Gains in PSNR over the baseline, ours on `data` beside the paper's: what can be compared over other data. Empty without the baseline.
+/// Returns the gains in PSNR over the baseline, those on `data` beside the paper's: gains can be
+/// compared across data. Empty without the baseline.
 pub(super) fn gains(matrix: &Matrix, table: &Table, data: &str) -> String {
     let column = |key: &str| table.columns.iter().position(|column| column.key == key);
     let Some(baseline) = table.rows.iter().find(|row| matrix.methods[row.method] == paper::BASELINE) else { return String::new() };
     let protocols = ["psnr_scene", "psnr_gtmax", "psnr_selfmax"].map(column);
     let mean = |row: &super::table::Row, at: Option<usize>| Some(row.entries.get(at?)?.as_ref()?.stat.mean);
     let mut out = format!(
-        "<div class=\"scroll\"><table><thead><tr><th rowspan=\"2\">PSNR over sh3, dB</th><th class=\"group\" colspan=\"3\">ours, {}</th>\
-         <th class=\"group\" colspan=\"2\">the paper's, other data</th></tr><tr><th>scene</th><th>gtmax</th><th>selfmax</th>",
+        "<div class=\"scroll\"><table><thead><tr><th rowspan=\"2\">PSNR over sh3, dB</th><th class=\"group\" colspan=\"3\">this study, {}</th>\
+         <th class=\"group\" colspan=\"2\">the paper, other data</th></tr><tr><th>scene</th><th>gtmax</th><th>selfmax</th>",
         escape(data)
     );
     out += &paper::RESULTS.map(|table| format!("<th>{}</th>", table.dataset)).concat();
@@ -153,7 +154,7 @@ fn gain_cell(gain: Option<f64>) -> String {
     gain.map_or_else(|| "<td>–</td>".into(), |gain| format!("<td>{gain:+.2}</td>").replace('-', "−"))
 }
 
-/// Every run, with a link to its own report.
+/// Returns every run, with a link to its own report.
 pub(super) fn runs(matrix: &Matrix, results: &[CellResult]) -> String {
     let keys = [
         "train_minutes",
@@ -172,7 +173,7 @@ pub(super) fn runs(matrix: &Matrix, results: &[CellResult]) -> String {
         let name = format!("{} · {} · seed {}", matrix.sources[result.source].name, matrix.methods[result.method].name(), result.seed);
         let _ = write!(out, "<tr><td><a href=\"{}/report.html\">{}</a></td>", escape(&link(result)), escape(&name));
         for column in columns {
-            let value = (column.of)(result).and_then(|value| Stat::of(&[value]));
+            let value = (column.value)(result).and_then(|value| Stat::from_values(&[value]));
             let _ = write!(out, "<td>{}</td>", value.map_or_else(|| "–".into(), |stat| printed(stat.mean, column.decimals)));
         }
         out += "</tr>";
@@ -180,7 +181,7 @@ pub(super) fn runs(matrix: &Matrix, results: &[CellResult]) -> String {
     out + "</tbody></table></div>"
 }
 
-/// The folder as a relative address: everything but letters, digits and `-._~` is encoded.
+/// Returns the folder as a relative address: everything but letters, digits and `-._~` is encoded.
 fn link(result: &CellResult) -> String {
     let part = |part: std::path::Component<'_>| {
         let bytes = part.as_os_str().to_string_lossy().into_owned().into_bytes();

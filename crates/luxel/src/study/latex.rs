@@ -1,4 +1,7 @@
-//! The tables for LaTeX (package booktabs), to be `\input` into a paper: ours, and the paper's as such.
+//! The tables for LaTeX (package booktabs), to be `\input` into a paper: the study's, and those of
+//! the paper.
+//!
+//! In: [`Tables`]. Out: text in which names are escaped. Degenerate: missing values are dashes.
 
 use std::fmt::Write as _;
 
@@ -10,7 +13,7 @@ use super::paper::{self, PaperTable};
 use super::table::{Entry, Mark, Table, printed};
 use super::tables::Tables;
 
-/// Text that LaTeX prints as it is. Control characters are dropped.
+/// Returns text that LaTeX prints as it is. Control characters are dropped.
 pub(super) fn escape(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
@@ -62,7 +65,7 @@ pub(super) fn document(matrix: &Matrix, tables: &Tables) -> String {
     out
 }
 
-/// A table of ours. `caption` and `label` are plain text.
+/// Returns a table of the study. `caption` and `label` are plain text.
 pub(super) fn table(matrix: &Matrix, table: &Table, caption: &str, label: &str) -> String {
     let mut out = head(caption, &format!("l{}", "r".repeat(table.columns.len())));
     let mut first_line = String::new();
@@ -85,7 +88,7 @@ pub(super) fn table(matrix: &Matrix, table: &Table, caption: &str, label: &str) 
     out + &foot(label)
 }
 
-/// A table of the paper's.
+/// Returns a table of the paper.
 pub(super) fn papers(table: &PaperTable, what: &str, label: &str) -> String {
     let caption = format!("{what} as published by LCD-GS on {}: other data, one RTX 4090, not comparable number by number.", table.dataset);
     let mut out = head(&caption, "lrrrrrr");
@@ -97,7 +100,7 @@ pub(super) fn papers(table: &PaperTable, what: &str, label: &str) -> String {
     out + &foot(label)
 }
 
-/// Luminance editing; empty without.
+/// Returns the table of luminance editing; empty without edits.
 pub(super) fn editing(matrix: &Matrix, edited: &[Edited]) -> String {
     if edited.is_empty() {
         return String::new();
@@ -109,7 +112,7 @@ pub(super) fn editing(matrix: &Matrix, edited: &[Edited]) -> String {
     let mut out = head(&caption, "llrrrr");
     out += " & & \\multicolumn{3}{c}{chromaticity error} & luminance error \\\\\ndata & scene & mean & 95 \\% & by light & mean, EV \\\\\n\\midrule\n";
     for edited in edited {
-        let (source, f) = (escape(&matrix.sources[edited.source].name), &edited.figures);
+        let (source, f) = (escape(&matrix.sources[edited.source].name), &edited.fidelity);
         let errors = [f.chromaticity, f.chromaticity_p95, f.chromaticity_by_light, f.luminance_stops].map(|error| format!("{error:.4}"));
         let _ = writeln!(out, "{source} & {} & {} \\\\", escape(&edited.name(matrix)), errors.join(" & "));
     }

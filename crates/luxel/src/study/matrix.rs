@@ -1,8 +1,9 @@
 //! The matrix: methods x data sets x seeds, each cell a run folder.
 //!
-//! In: the command line. Out: [`Matrix`], its cells in the order in which they are trained: one seed of everything before the next, so that an
-//! interrupted matrix has something of every method. Cells that are there already must have the configuration that they would get now: what differs is
-//! named, cell by cell, and nothing is trained.
+//! In: [`StudyOptions`]. Out: [`Matrix`], its cells in the order in which they are trained: one
+//! seed of everything before the next, so that an interrupted matrix has something of every method.
+//! Degenerate: stored cells with another configuration are an error that names each difference, and
+//! nothing is trained.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -20,34 +21,34 @@ use super::options::StudyOptions;
 /// Folder of the cells within the output folder.
 const RUNS: &str = "runs";
 
-/// Marks the output folder; says what was asked for last.
+/// Name of the file that marks the output folder and holds the latest options.
 const MARK: &str = "matrix.toml";
 
 /// First line of the file that marks the folder.
 const HEAD: &str = "# A matrix of Luxel training runs, as it was last asked for. This file marks the folder as one.\n";
 
-/// Cells whose differences are told one by one.
-const TOLD_CELLS: usize = 5;
+/// Number of cells with differences that an error lists.
+const LISTED_CELLS: usize = 5;
 
 /// A data set.
 #[derive(Clone, Debug)]
 pub(super) struct Source {
-    /// The folder's name, which names the cells' folder too.
+    /// Name of its folder, which names the cells' folder too.
     pub(super) name: String,
-    /// Absolute.
+    /// Absolute path.
     pub(super) path: PathBuf,
 }
 
-/// What is there of a cell.
+/// The state of a cell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum CellState {
-    /// To be trained from the first step or from its newest checkpoint.
+    /// It is to be trained from the first step or from its newest checkpoint.
     Open,
-    /// Trained and evaluated.
+    /// It is trained and evaluated.
     Finished,
 }
 
-/// A run.
+/// A run of the matrix.
 #[derive(Clone, Debug)]
 pub(super) struct Cell {
     /// Index into [`Matrix::sources`].
@@ -55,13 +56,13 @@ pub(super) struct Cell {
     /// Index into [`Matrix::methods`].
     pub(super) method: usize,
     pub(super) seed: u64,
-    /// Below the output folder: `runs/desk-lamp/lcd/seed_42`.
+    /// Place in the output folder: `runs/desk-lamp/lcd/seed_42`.
     pub(super) place: PathBuf,
     pub(super) folder: RunFolder,
     pub(super) config: RunConfig,
 }
 
-/// All cells.
+/// The cells of a study, and what they share.
 #[derive(Debug)]
 pub(super) struct Matrix {
     pub(super) root: PathBuf,
@@ -69,9 +70,9 @@ pub(super) struct Matrix {
     pub(super) methods: Vec<ColorModel>,
     pub(super) seeds: Vec<u64>,
     pub(super) cells: Vec<Cell>,
-    /// Cells that are trained side by side.
+    /// Number of cells that are trained side by side.
     pub(super) jobs: usize,
-    /// Threads of each.
+    /// Threads per cell.
     pub(super) threads: usize,
 }
 
@@ -103,14 +104,14 @@ impl Matrix {
     }
 
     fn cell(&self, options: &StudyOptions, [source, method]: [usize; 2], train: TrainConfig) -> Result<Cell> {
-        let (of, model) = (&self.sources[source], self.methods[method]);
+        let (dataset, model) = (&self.sources[source], self.methods[method]);
         let seed = train.seed;
-        let place = Path::new(RUNS).join(&of.name).join(model.name()).join(format!("seed_{seed}"));
+        let place = Path::new(RUNS).join(&dataset.name).join(model.name()).join(format!("seed_{seed}"));
         train.validate().with_context(|| format!("method {}", model.name()))?;
         let config = RunConfig {
             luxel_version: crate::VERSION.into(),
             made_by: MadeBy::Train,
-            dataset: of.path.clone(),
+            dataset: dataset.path.clone(),
             load: options.load.clone(),
             device: DeviceOptions { threads: Some(u32::try_from(self.threads)?), ..options.device.clone() },
             run: RunOptions { checkpoint_every: options.checkpoint_every, keep_checkpoints: 1, eval_at: Vec::new(), eval_every: None },
@@ -133,11 +134,11 @@ impl Matrix {
             return Ok(states);
         }
         let mut message = format!("{}: holds runs that are not of this matrix", self.root.display());
-        for line in unfit.iter().take(TOLD_CELLS) {
+        for line in unfit.iter().take(LISTED_CELLS) {
             let _ = write!(message, "\n  {line}");
         }
-        if unfit.len() > TOLD_CELLS {
-            let _ = write!(message, "\n  and {} more", unfit.len() - TOLD_CELLS);
+        if unfit.len() > LISTED_CELLS {
+            let _ = write!(message, "\n  and {} more", unfit.len() - LISTED_CELLS);
         }
         message += "\ngive the options that they were made with, delete them, or choose another folder";
         Err(Error::new(message).with_remedy(Remedy::give("output")))
@@ -156,12 +157,12 @@ impl Matrix {
         }
     }
 
-    /// Marks the folder.
+    /// Writes the file that marks the folder.
     pub(super) fn claim(&self) -> Result<()> {
         crate::files::write_text(&self.root.join(MARK), &format!("{HEAD}{}", self.toml()?))
     }
 
-    /// What was asked for, for people and for keeping.
+    /// Returns the options as TOML, for people and for the record.
     pub(super) fn toml(&self) -> Result<String> {
         let mut table = toml::Table::new();
         let strings = |values: Vec<String>| toml::Value::Array(values.into_iter().map(toml::Value::String).collect());
@@ -188,7 +189,7 @@ fn other_folder(message: String) -> Error {
 }
 
 impl Cell {
-    /// `desk-lamp lcd seed 42`.
+    /// Returns the name of the cell: `desk-lamp lcd seed 42`.
     pub(super) fn name(&self, matrix: &Matrix) -> String {
         let (source, method) = (&matrix.sources[self.source], matrix.methods[self.method]);
         format!("{} {} seed {}", source.name, method.name(), self.seed)
@@ -229,10 +230,14 @@ fn sources(options: &StudyOptions) -> Result<Vec<Source>> {
         if options.load.format.is_none() {
             luxel_io::detect_format(&path).context("cannot read the data set")?;
         }
-        // Of `.` and `..` the name is that of the folder they lead to.
+        // `.` and `..` have the name of the folder that they lead to.
         let name = given.file_name().or(path.file_name()).map_or_else(|| "dataset".into(), |name| name.to_string_lossy().into_owned());
         if let Some(other) = sources.iter().find(|source| source.name == name) {
-            bail!("{} and {} have one folder name, which names their runs; rename one of them", other.path.display(), path.display());
+            bail!(
+                "{} and {} have one folder name, which names their runs; rename one of the folders",
+                other.path.display(),
+                path.display()
+            );
         }
         sources.push(Source { name, path });
     }

@@ -1,8 +1,10 @@
-//! What is measured after training, of one cell at a time: frames per second, and figures that training leaves out.
+//! Measurements after training, one cell at a time: frames per second, and metrics that training
+//! leaves out.
 //!
-//! Frames per second: all test views one after another, first once unmeasured, then until [`ENOUGH`] or [`MOST_PASSES`]; views over the median time of a pass.
-//! Images come out as radiance in memory; nothing is written or shown. Results are kept in the cell, and measured again only when
-//! asked for otherwise.
+//! In: finished cells. Out: [`Measured`], stored in the cell and measured again only when more is
+//! asked for. Frames per second: all test views are rendered in turn, once unmeasured, then until
+//! [`ENOUGH`] or [`MOST_PASSES`]; the result is the number of views over the median time of a pass.
+//! Images stay in memory. Degenerate: without test views there is no number.
 
 use std::collections::BTreeMap;
 use std::hash::{DefaultHasher, Hasher};
@@ -25,14 +27,14 @@ use super::options::StudyOptions;
 use crate::Observer;
 use crate::SelectedEngine;
 
-/// Time after which no further pass over the views is made.
+/// Duration after which no further pass over the views is made.
 const ENOUGH: Duration = Duration::from_secs(3);
-/// Passes that are made even if they take longer.
+/// Number of passes that are made even if they take longer.
 const LEAST_PASSES: usize = 3;
-/// Passes that are enough in any case.
+/// Number of passes that are enough in any case.
 const MOST_PASSES: usize = 20;
 
-/// A measured.json is a few hundred bytes.
+/// Limit of the size of measured.json, which has a few hundred bytes.
 const LIMIT_BYTES: u64 = 1 << 20;
 
 /// Contents of `measured.json`.
@@ -43,12 +45,12 @@ pub(super) struct Measured {
     pub(super) splats: usize,
     /// `None` without test views.
     pub(super) frames_per_second: Option<f64>,
-    /// What rendered: threads of a processor, or a GPU.
+    /// Device that rendered: threads of a processor, or a GPU.
     #[serde(default)]
     pub(super) computed_by: String,
-    /// Views a pass.
+    /// Number of views in a pass.
     pub(super) views: usize,
-    /// Of the first view, pixels.
+    /// Size of the first view, pixels.
     pub(super) size_px: [u32; 2],
     /// Mean over the test views.
     pub(super) hdr_flip: Option<f64>,
@@ -61,17 +63,18 @@ pub(super) struct MeasuredLpips {
     /// `alex` or `vgg`.
     pub(super) network: String,
     pub(super) distance: f64,
-    /// Digest of the file of weights: other weights make other distances.
+    /// Digest of the weights: other weights give other distances.
     pub(super) weights: String,
 }
 
-/// What is asked for besides frames per second.
+/// The metrics that are measured besides frames per second.
 pub(super) struct MeasureOptions {
     flip: FlipChoice,
     lpips: Option<(Lpips, String)>,
 }
 
-/// Measures the cells that are finished, where that has not been done. What cannot be measured does not stop the others.
+/// Measures the finished cells that have not been measured. A cell that cannot be measured does not
+/// stop the others.
 pub(super) fn measure(
     matrix: &Matrix,
     finished: &[usize],
@@ -89,7 +92,7 @@ pub(super) fn measure(
     let mut failures = Vec::new();
     for cell in todo {
         let name = cell.name(matrix);
-        let measured = of_source(&mut dataset, cell, observer)
+        let measured = dataset_of(&mut dataset, cell, observer)
             .and_then(|dataset| options.measure(cell, dataset, engine.as_mut(), &computed_by, observer))
             .and_then(|measured| files::write_json(&cell.folder.measured(), &measured).map(|()| measured));
         match measured {
@@ -105,8 +108,8 @@ pub(super) fn measure(
     Ok(failures)
 }
 
-/// The data set of a cell, read if it is not the one that is held.
-fn of_source<'d>(held: &'d mut Option<(usize, Dataset)>, cell: &Cell, observer: &dyn Observer) -> Result<&'d Dataset> {
+/// Returns the data set of a cell, and reads it if it is not the one in memory.
+fn dataset_of<'d>(held: &'d mut Option<(usize, Dataset)>, cell: &Cell, observer: &dyn Observer) -> Result<&'d Dataset> {
     if held.as_ref().is_none_or(|(source, _)| *source != cell.source) {
         *held = None;
         *held = Some((cell.source, crate::Dataset::open_reporting(&cell.config.dataset, &cell.config.load, observer)?.into_core()));
@@ -114,14 +117,14 @@ fn of_source<'d>(held: &'d mut Option<(usize, Dataset)>, cell: &Cell, observer: 
     held.as_ref().map(|(_, dataset)| dataset).context("no data set")
 }
 
-/// What was measured of a cell; `None` if nothing that can be read was, or of an earlier state.
+/// Reads the measurements of a cell; `None` if there are none, or they are of an earlier state.
 pub(super) fn read(cell: &Cell) -> Option<Measured> {
     let measured: Measured = serde_json::from_str(&files::read_text(&cell.folder.measured(), LIMIT_BYTES).ok()?).ok()?;
     (measured.iterations == cell.config.train.iterations).then_some(measured)
 }
 
 impl MeasureOptions {
-    /// Reads the weights.
+    /// Takes the options, and reads the weights of LPIPS.
     pub(super) fn read(options: &StudyOptions) -> Result<Self> {
         let lpips = match (&options.lpips_weights, evaluation::read_lpips(options.lpips_weights.as_deref())?) {
             (Some(path), Some(lpips)) => Some((lpips, digest(path)?)),
@@ -130,7 +133,7 @@ impl MeasureOptions {
         Ok(Self { flip: options.flip, lpips })
     }
 
-    /// Whether everything that is wanted has been measured.
+    /// Returns whether everything has been measured.
     fn are_covered_by(&self, measured: &Measured) -> bool {
         if measured.views == 0 {
             return true;
@@ -161,7 +164,7 @@ impl MeasureOptions {
         let options = scene.render_options_before(cell.config.train.background);
         let frames_per_second = frames_per_second(engine, &dataset.test, &options)?;
         let before = read(cell);
-        let (mut hdr_flip, mut of_lpips) = before.map_or((None, None), |before| (before.hdr_flip, before.lpips));
+        let (mut hdr_flip, mut measured_lpips) = before.map_or((None, None), |before| (before.hdr_flip, before.lpips));
         if self.flip == FlipChoice::Compute || self.lpips.is_some() {
             let mut rendering = Rendering {
                 engine,
@@ -180,14 +183,23 @@ impl MeasureOptions {
             if let Some(field) = field {
                 hdr_flip = field.hdr_flip.or(hdr_flip);
                 if let (Some((lpips, weights)), Some(distance)) = (&self.lpips, field.lpips_alex.or(field.lpips_vgg)) {
-                    of_lpips = Some(MeasuredLpips { network: lpips.network().name().into(), distance, weights: weights.clone() });
+                    measured_lpips = Some(MeasuredLpips { network: lpips.network().name().into(), distance, weights: weights.clone() });
                 }
             }
         }
         let size_px = dataset.test.first().map_or([0; 2], |view| view.camera.size_px);
         let splats = scene.splats.len();
         let computed_by = computed_by.to_owned();
-        Ok(Measured { iterations, splats, frames_per_second, computed_by, views: dataset.test.len(), size_px, hdr_flip, lpips: of_lpips })
+        Ok(Measured {
+            iterations,
+            splats,
+            frames_per_second,
+            computed_by,
+            views: dataset.test.len(),
+            size_px,
+            hdr_flip,
+            lpips: measured_lpips,
+        })
     }
 }
 
@@ -202,7 +214,7 @@ fn frames_per_second(engine: &mut dyn Engine, views: &[View], options: &RenderOp
         for view in views {
             engine.render(&view.camera, options).with_context(|| format!("cannot render {}", view.name))?;
         }
-        // The first brings everything into memory.
+        // The first round brings everything into memory.
         if round > 0 {
             passes.push(before.elapsed().as_secs_f64());
         }
@@ -227,7 +239,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_wanted_in_addition_is_measured_again() {
+    fn additional_metrics_are_measured_again() {
         let measured = Measured {
             iterations: 10,
             splats: 5,

@@ -1,8 +1,10 @@
 //! Methods by name: the columns of the matrix.
 //!
-//! In: `sh0` to `sh5`; `lcd`, with parts after it in any order: `-exp` or `-relu` for the activation (softplus without), `-lN` for the degree to which
-//! luminance varies with the view (0 without), `-cN` for the degree of chromaticity (3 without). Out: the colour model, which has one name
-//! ([`ColorModel::name`]), and options of training. A name says everything about the model: `lcd` is the paper's whatever the defaults of training are.
+//! In: `sh0` to `sh5`; `lcd` with parts behind it in any order: `-exp` or `-relu` for the
+//! activation (softplus without), `-lN` for the degree to which luminance varies with the view (0
+//! without), `-cN` for the degree of chromaticity (3 without). Out: the colour model, which has one
+//! name ([`ColorModel::name`]), and options of training. A name determines the whole model: `lcd`
+//! is the paper's whatever the defaults of training are.
 
 use luxel_core::{Activation, ColorModel};
 use luxel_train::{Method, TrainConfig};
@@ -46,7 +48,7 @@ fn lcd(text: &str) -> Option<ColorModel> {
     }
     let (mut activation, mut luminance_degree, mut chroma_degree) = (None, None, None);
     for part in parts {
-        // Each may be said once: no two names for one thing but by the order of the parts.
+        // Each part may occur once: names of one model differ in the order of parts only.
         let is_new = match part.split_at_checked(1) {
             Some(("l", degree)) => luminance_degree.replace(degree.parse::<u8>().ok()?).is_none(),
             Some(("c", degree)) => chroma_degree.replace(degree.parse::<u8>().ok()?).is_none(),
@@ -65,7 +67,7 @@ fn lcd(text: &str) -> Option<ColorModel> {
     })
 }
 
-/// `options` with the colour model.
+/// Returns the options with a colour model.
 pub(super) fn with_method(options: &TrainConfig, model: ColorModel) -> TrainConfig {
     let (method, activation, chroma_degree, luminance_degree) = match model {
         ColorModel::Sh { degree } => (sh(degree), None, None, None),
@@ -76,7 +78,7 @@ pub(super) fn with_method(options: &TrainConfig, model: ColorModel) -> TrainConf
     TrainConfig { method, activation, chroma_degree, luminance_degree, ..options.clone() }
 }
 
-/// What it is, in a few words.
+/// Returns a description in a few words.
 pub(super) fn description(model: ColorModel) -> String {
     let ColorModel::Lcd { chroma_degree, luminance_degree, activation } = model else {
         let degree = model.sh_degree();
@@ -131,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn other_names_are_refused_with_what_may_be_said() {
+    fn other_names_are_refused_with_the_expected_ones() {
         for name in [
             "",
             "sh",

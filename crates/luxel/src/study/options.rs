@@ -16,7 +16,8 @@ use crate::run::Difference;
 /// use luxel::study::{StudyOptions, parse_method};
 ///
 /// let methods = vec![parse_method("sh3")?, parse_method("lcd-l1")?];
-/// let options = StudyOptions { methods, seeds: vec![1, 2], ..StudyOptions::new(["desk-lamp"], "ablation", "/usr/bin/luxel") };
+/// let options = StudyOptions::new(["desk-lamp"], "ablation", "/usr/bin/luxel");
+/// let options = StudyOptions { methods, seeds: vec![1, 2], ..options };
 /// assert_eq!(options.jobs, 1);
 /// # Ok::<(), String>(())
 /// ```

@@ -15,7 +15,7 @@ use super::tables::Tables;
 use super::{Failure, MethodProfile};
 use super::{crops, html_table, paper};
 
-/// Everything the page is made of.
+/// The content of the page.
 pub(super) struct Content<'a> {
     pub(super) matrix: &'a Matrix,
     pub(super) results: &'a [CellResult],
@@ -27,7 +27,7 @@ pub(super) struct Content<'a> {
     pub(super) editing: String,
 }
 
-/// The document.
+/// Returns the document.
 pub(super) fn page(content: &Content<'_>) -> Result<String> {
     let matrix = content.matrix;
     let iterations = matrix.cells.first().map_or(0, |cell| cell.config.train.iterations) as usize;
@@ -50,7 +50,7 @@ pub(super) fn page(content: &Content<'_>) -> Result<String> {
     Ok(document(&names.join(", "), &subtitle, &body))
 }
 
-/// What the reader must know before the figures.
+/// Returns what the reader must know before the numbers.
 fn notes(content: &Content<'_>) -> String {
     let mut notes: Vec<String> = Vec::new();
     for failure in content.failures {
@@ -63,7 +63,7 @@ fn notes(content: &Content<'_>) -> String {
         notes.push(format!("runs were made by different versions of Luxel: {}", versions.join(", ")));
     }
     if content.results.iter().all(|result| result.test().is_none()) {
-        notes.push("no view is held out in any data set, so there are no figures of image quality".into());
+        notes.push("no view is held out in any data set, so there are no metrics of image quality".into());
     }
     notes.iter().map(|note| format!("<p class=\"note\"><b>Note:</b> {}</p>", escape(note))).collect()
 }
@@ -73,8 +73,8 @@ fn tables(content: &Content<'_>) -> String {
     let mut out = String::from("<section><h2>Results</h2>");
     let _ = write!(
         out,
-        "<p>Means over {}{}. In each column the best is bold and the second best underlined. A PSNR means nothing without its protocol: what \
-         scene, gtmax and selfmax are is said <a href=\"#protocol\">below</a>.</p>",
+        "<p>Means over {}{}. In each column the best is bold and the second best underlined. A PSNR depends on its protocol: \
+         scene, gtmax and selfmax are explained <a href=\"#protocol\">below</a>.</p>",
         text::plural(matrix.seeds.len(), "seed"),
         if matrix.seeds.len() > 1 { ", with the standard deviation of a run (n − 1) below" } else { "" },
     );
@@ -85,8 +85,8 @@ fn tables(content: &Content<'_>) -> String {
     for (source, table) in matrix.sources.iter().zip(&content.tables.results) {
         let _ = write!(out, "<h3>{}</h3>{}", escape(&source.name), html_table::ours(matrix, table));
     }
-    out += "<h3>Beside the paper</h3><p>The figures of LCD-GS as published: on <b>other data</b>, on one RTX 4090, under a protocol that is not stated. \
-            Differences between methods compare, numbers do not.</p>";
+    out += "<h3>Beside the paper</h3><p>The results of LCD-GS as published, on <b>other data</b>, on one RTX 4090, under a protocol that is not stated. \
+            Compare the differences between methods, not the numbers.</p>";
     match (average, matrix.sources.first().zip(content.tables.results.first())) {
         (Some(average), _) => out += &html_table::gains(matrix, average, "mean of the data sets"),
         (None, Some((source, table))) => out += &html_table::gains(matrix, table, &source.name),
@@ -108,7 +108,7 @@ fn activations(content: &Content<'_>) -> String {
     for (source, table) in content.matrix.sources.iter().zip(&content.tables.activations) {
         let _ = write!(out, "<h3>{}</h3>{}", escape(&source.name), html_table::ours(content.matrix, table));
     }
-    out += "<p class=\"note\">The paper's, on other data:</p>";
+    out += "<p class=\"note\">The paper's results, on other data:</p>";
     for table in &paper::ACTIVATIONS {
         out += &html_table::papers(table);
     }
@@ -134,7 +134,7 @@ fn profiles(content: &Content<'_>) -> String {
     }
     format!(
         "<section><h2>Error by luminance</h2><p>From the shadows to the lamps: pixels of all test views and seeds, in bins of a quarter decade of the \
-         ground truth's luminance, nothing clipped. The bars in the background say how many pixels there are; dashed lines are relative errors.</p>{out}</section>\n"
+         ground truth's luminance, nothing clipped. Bars in the background are numbers of pixels; dashed lines are relative errors.</p>{out}</section>\n"
     )
 }
 
@@ -142,7 +142,7 @@ fn all_crops(content: &Content<'_>) -> String {
     let mut out = String::new();
     for (source, of) in content.matrix.sources.iter().enumerate() {
         let crops = crops::section(content.matrix, content.results, source);
-        // Images may have been deleted to make room; figures need none.
+        // Images may have been deleted to make room; the tables need none.
         let crops = crops.unwrap_or_else(|error| format!("<p class=\"note\">Left out: {}</p>", escape(&format!("{error:#}"))));
         if !crops.is_empty() {
             let _ = write!(out, "<h3>{}</h3>{crops}", escape(&of.name));
@@ -157,7 +157,7 @@ fn all_crops(content: &Content<'_>) -> String {
     )
 }
 
-/// Machine, iterations, seeds, protocol.
+/// Returns machine, iterations, seeds and protocol.
 fn epilogue(content: &Content<'_>) -> Result<String> {
     let matrix = content.matrix;
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
@@ -174,7 +174,7 @@ fn epilogue(content: &Content<'_>) -> Result<String> {
     });
     Ok(format!(
         "<section id=\"protocol\"><h2>Machine and protocol</h2><div class=\"scroll facts\"><table>{rows}</table></div>{}\
-         <details><summary>Every option that all runs share</summary><pre>{}</pre></details></section>\n",
+         <details><summary>Options that all runs share</summary><pre>{}</pre></details></section>\n",
         protocol(content),
         escape(matrix.toml()?.trim_end())
     ))
@@ -193,7 +193,7 @@ fn data_set(content: &Content<'_>, source: usize) -> String {
     )
 }
 
-/// Where something was computed, each place once.
+/// Returns the places where something was computed, each once.
 fn named<'a>(places: impl Iterator<Item = &'a str>) -> String {
     let places: BTreeSet<&str> = places.filter(|place| !place.is_empty()).collect();
     if places.is_empty() { "an unknown machine".into() } else { places.into_iter().collect::<Vec<_>>().join(" or ") }
@@ -208,23 +208,22 @@ fn protocol(content: &Content<'_>) -> String {
         "<dl><dt>PSNR, SSIM</dt><dd>Means over the test views, in decibels, of images under the mu-law T(p) = ln(1 + {mu} p) / ln(1 + {mu}), p in 0 to 1. <b>scene</b>: \
          p is radiance over the data set's radiance scale, one constant, as in training. <b>gtmax</b>: both images over the maximum of the view's ground truth \
          (HDR-NeRF). <b>selfmax</b>: each image over its own maximum (HDR-GS). SSIM has an 11 x 11 Gaussian window and is the mean of the channels.</dd>\
-         <dt>min</dt><dd>Wall-clock minutes of training, loading and evaluation left out, on {training}; {} at a time, as asked for last. Runs side by side \
-         slow each other down: times compare within one matrix.</dd>\
-         <dt>MB</dt><dd>10^6 bytes: the most resident memory of the process that trained, images included. The paper's is memory of a GPU.</dd>\
+         <dt>min</dt><dd>Wall-clock minutes of training, loading and evaluation left out, on {training}; {} at a time in the latest call. Runs side by side \
+         slow each other down: compare times within one study only.</dd>\
+         <dt>MB</dt><dd>10^6 bytes: peak of resident memory of the training process, images included. In the paper it is GPU memory.</dd>\
          <dt>fps</dt><dd>Frames per second of the test views at their size, one run at a time after all training, on {rendering}: the median of repeated passes \
          over all views, radiance in memory.</dd>",
         text::plural(content.matrix.jobs, "run"),
     );
     if let Some(peak) = peak {
-        let _ =
-            write!(out, "<dt>PU21</dt><dd>PSNR as a display shows it whose luminance is {peak} cd/m² where radiance is the scale.</dd>");
+        let _ = write!(out, "<dt>PU21</dt><dd>PSNR of the images on a display with {peak} cd/m² where radiance equals the scale.</dd>");
     }
-    let has = |key: &str| content.results.iter().any(|result| (super::columns::by_key(key).of)(result).is_some());
+    let has = |key: &str| content.results.iter().any(|result| (super::columns::by_key(key).value)(result).is_some());
     if has("hdr_flip") {
-        out += "<dt>HDR-FLIP</dt><dd>How visible the difference is when flipping, 0 to 1, the worst of all exposures.</dd>";
+        out += "<dt>HDR-FLIP</dt><dd>Visibility of the difference when flipping between the images, 0 to 1, at the worst exposure.</dd>";
     }
     if has("lpips_alex") || has("lpips_vgg") {
-        out += "<dt>LPIPS</dt><dd>Of mu-law images by gtmax as [-1, 1], with the weights that were given.</dd>";
+        out += "<dt>LPIPS</dt><dd>On mu-law images by gtmax as [-1, 1], with the given weights.</dd>";
     }
-    out + "<dt>train views</dt><dd>The same PSNR on the views that were trained on: what lies above the test views' is overfitting.</dd></dl>"
+    out + "<dt>train views</dt><dd>The same PSNR on the training views: the difference to the test views is overfitting.</dd></dl>"
 }

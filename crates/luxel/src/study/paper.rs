@@ -1,7 +1,9 @@
-//! The figures of "High Dynamic Range 3D Gaussian Splatting via Luminance-Chromaticity Decomposition" (LCD-GS), as printed there.
+//! The results of "High Dynamic Range 3D Gaussian Splatting via Luminance-Chromaticity
+//! Decomposition" (LCD-GS), as printed there.
 //!
-//! Other data (HDR-Syn-8S at 400x400, iHDR-4S at 2016x1512), another machine (one RTX 4090; memory is the GPU's) and a protocol that is not stated: they stand
-//! beside ours for their differences from row to row, not to be compared number by number.
+//! They are of other data (HDR-Syn-8S at 400x400, iHDR-4S at 2016x1512), another machine (one RTX
+//! 4090; memory is the GPU's) and a protocol that is not stated: they are reported for their
+//! differences from row to row, not to be compared number by number.
 
 use luxel_core::{Activation, ColorModel};
 
@@ -17,7 +19,7 @@ pub(super) struct PaperRow {
     pub(super) fps: f64,
 }
 
-/// A data set of the paper's.
+/// A table of the paper, on one data set.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PaperTable {
     pub(super) dataset: &'static str,
@@ -28,7 +30,7 @@ const fn row(method: &'static str, [minutes, memory_mb, psnr, ssim, lpips, fps]:
     PaperRow { method, minutes, memory_mb, psnr, ssim, lpips, fps }
 }
 
-/// Tables of results. Methods of other kinds of input or representation are among them.
+/// Tables of results. Methods with other kinds of input or representation are among them.
 pub(super) const RESULTS: [PaperTable; 2] = [
     PaperTable {
         dataset: "HDR-Syn-8S",
@@ -85,7 +87,7 @@ pub(super) const BASELINE: ColorModel = ColorModel::Sh { degree: 3 };
 /// The paper's method.
 pub(super) const LCD_GS: ColorModel = ColorModel::Lcd { chroma_degree: 3, luminance_degree: 0, activation: Activation::Softplus };
 
-/// What the paper calls a model in its tables of results.
+/// Returns the paper's name of a model in its tables of results.
 pub(super) fn name_in_results(model: ColorModel) -> Option<&'static str> {
     match model {
         ColorModel::Sh { degree: 3 } => Some("3DGS"),
@@ -96,7 +98,7 @@ pub(super) fn name_in_results(model: ColorModel) -> Option<&'static str> {
     }
 }
 
-/// What the paper calls a model in its tables of activations.
+/// Returns the paper's name of a model in its tables of activations.
 pub(super) fn name_of_activation(model: ColorModel) -> Option<&'static str> {
     match model {
         ColorModel::Lcd { chroma_degree: 3, luminance_degree: 0, activation } => Some(match activation {
@@ -109,7 +111,7 @@ pub(super) fn name_of_activation(model: ColorModel) -> Option<&'static str> {
 }
 
 impl PaperTable {
-    /// The row of a name.
+    /// Returns the row of a method.
     pub(super) fn row(&self, method: &str) -> Option<&PaperRow> {
         self.rows.iter().find(|row| row.method == method)
     }

@@ -1,4 +1,7 @@
-//! What the cells came to: read from their folders, one [`CellResult`] each.
+//! The results of the cells: read from their folders, one [`CellResult`] each.
+//!
+//! In: finished cells. Out: results in the matrix's order. Degenerate: a folder that cannot be read
+//! is an error.
 
 use std::path::PathBuf;
 
@@ -13,7 +16,7 @@ use luxel_metrics::{FieldMetrics, LuminanceProfile, ViewMetrics};
 use super::matrix::{Cell, Matrix};
 use super::measure::{self, Measured};
 
-/// A metrics.json has a few kilobytes a view.
+/// Limit of the size of metrics.json, which has a few kilobytes per view.
 const LIMIT_BYTES: u64 = 256 << 20;
 
 /// A finished cell.
@@ -23,12 +26,12 @@ pub(super) struct CellResult {
     /// Index into [`Matrix::methods`].
     pub(super) method: usize,
     pub(super) seed: u64,
-    /// Below the output folder.
+    /// Place in the output folder.
     pub(super) place: PathBuf,
-    /// Of the last step.
+    /// Metrics of the last step.
     pub(super) metrics: Metrics,
     pub(super) measured: Option<Measured>,
-    /// Most resident memory of the process while it trained, before the last evaluation.
+    /// Peak of resident memory while the process trained, before the last evaluation, bytes.
     pub(super) peak_bytes: Option<u64>,
 }
 
@@ -36,29 +39,29 @@ impl CellResult {
     fn read(cell: &Cell) -> Result<Self> {
         let path = cell.folder.evaluation(cell.config.train.iterations).join("metrics.json");
         let metrics: Metrics = serde_json::from_str(&files::read_text(&path, LIMIT_BYTES)?)
-            .with_context(|| format!("{}: not the figures of a run", path.display()))?;
+            .with_context(|| format!("{}: not the metrics of a run", path.display()))?;
         let log = log::read(&cell.folder.log())?;
         let peak_bytes = log.last().and_then(|record| record.peak_rss_bytes).or(metrics.peak_rss_bytes);
         let (place, measured) = (cell.place.clone(), measure::read(cell));
         Ok(Self { source: cell.source, method: cell.method, seed: cell.seed, place, metrics, measured, peak_bytes })
     }
 
-    /// Means over the test views.
+    /// Returns the means over the test views.
     pub(super) fn test(&self) -> Option<&ViewMetrics> {
         self.split("test").map(|split| &split.mean)
     }
 
-    /// Means over the training views.
+    /// Returns the means over the training views.
     pub(super) fn train(&self) -> Option<&ViewMetrics> {
         self.split("train").map(|split| &split.mean)
     }
 
-    /// Means over the test views of what needs no mu-law.
+    /// Returns the means over the test views of metrics without a mu-law.
     pub(super) fn field(&self) -> Option<&FieldMetrics> {
         self.split("test").and_then(|split| split.mean_field.as_ref())
     }
 
-    /// Error by luminance over the test views.
+    /// Returns the error by luminance over the test views.
     pub(super) fn profile(&self) -> Option<&LuminanceProfile> {
         self.split("test").map(|split| &split.profile)
     }
@@ -68,7 +71,7 @@ impl CellResult {
     }
 }
 
-/// All cells that have results, in the matrix's order.
+/// Reads the results of the finished cells, in the matrix's order.
 pub(super) fn read(matrix: &Matrix, finished: &[usize]) -> Result<Vec<CellResult>> {
     let cells = finished.iter().filter_map(|&i| matrix.cells.get(i));
     cells.map(|cell| CellResult::read(cell).with_context(|| format!("cannot read the results of {}", cell.name(matrix)))).collect()

@@ -1,23 +1,27 @@
-//! Tables: a row a method, means and spreads over seeds, the best and the second best of each column marked.
+//! Tables: a row per method, means and deviations over seeds, the best and the second best of each
+//! column marked.
+//!
+//! In: results. Out: [`Table`]. Degenerate: a value that no run has is missing; equal values are
+//! not marked.
 
 use crate::text;
 
-use super::columns::{Better, COLUMNS, Column, Shown};
+use super::columns::{Better, COLUMNS, Column, Placement};
 use super::results::CellResult;
 
-/// Mean over seeds.
+/// A mean over seeds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Stat {
     pub(super) mean: f64,
-    /// Standard deviation of the sample (n - 1); `None` of one.
+    /// Standard deviation of the sample (n - 1); `None` for one seed.
     pub(super) deviation: Option<f64>,
-    /// Seeds.
+    /// Number of seeds.
     pub(super) count: usize,
 }
 
 impl Stat {
-    /// `None` of nothing, and of what is not finite.
-    pub(super) fn of(values: &[f64]) -> Option<Self> {
+    /// Returns `None` for no values, and where one is not finite.
+    pub(super) fn from_values(values: &[f64]) -> Option<Self> {
         let count = values.len();
         if count == 0 || values.iter().any(|v| !v.is_finite()) {
             return None;
@@ -29,7 +33,7 @@ impl Stat {
     }
 }
 
-/// Place within a column.
+/// Rank within a column.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum Mark {
     #[default]
@@ -38,18 +42,18 @@ pub(super) enum Mark {
     Second,
 }
 
-/// A field of a table.
+/// A cell of a table.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Entry {
     pub(super) stat: Stat,
     pub(super) mark: Mark,
 }
 
-/// A method.
+/// The row of a method.
 pub(super) struct Row {
     /// Index into the matrix's methods.
     pub(super) method: usize,
-    /// One a column; `None` where nothing was measured.
+    /// One per column; `None` where nothing was measured.
     pub(super) entries: Vec<Option<Entry>>,
 }
 
@@ -60,38 +64,38 @@ pub(super) struct Table {
 }
 
 impl Table {
-    /// Of one data set.
+    /// Returns the table of one data set.
     pub(super) fn of_source(results: &[CellResult], source: usize, methods: &[usize]) -> Self {
-        let of = |method: usize, column: &Column| {
+        let stat = |method: usize, column: &Column| {
             let cells = results.iter().filter(|cell| cell.source == source && cell.method == method);
-            Stat::of(&cells.filter_map(column.of).collect::<Vec<_>>())
+            Stat::from_values(&cells.filter_map(column.value).collect::<Vec<_>>())
         };
-        Self::new(methods, of)
+        Self::new(methods, stat)
     }
 
-    /// Means over the data sets, of the seeds that all of them have.
+    /// Returns the means over the data sets, of the seeds that all of them have.
     pub(super) fn average(results: &[CellResult], sources: usize, methods: &[usize], seeds: &[u64]) -> Self {
-        let of = |method: usize, column: &Column| {
+        let stat = |method: usize, column: &Column| {
             let of_seed = |seed: &u64| {
                 let cells = results.iter().filter(|cell| cell.method == method && cell.seed == *seed);
-                let values: Vec<f64> = cells.filter_map(column.of).collect();
+                let values: Vec<f64> = cells.filter_map(column.value).collect();
                 (values.len() == sources).then(|| values.iter().sum::<f64>() / sources as f64)
             };
-            Stat::of(&seeds.iter().filter_map(of_seed).collect::<Vec<_>>())
+            Stat::from_values(&seeds.iter().filter_map(of_seed).collect::<Vec<_>>())
         };
-        Self::new(methods, of)
+        Self::new(methods, stat)
     }
 
-    fn new(methods: &[usize], of: impl Fn(usize, &Column) -> Option<Stat>) -> Self {
-        let shown = COLUMNS.iter().filter(|column| match column.shown {
-            Shown::Always => true,
-            Shown::IfThere => methods.iter().any(|&method| of(method, column).is_some()),
-            Shown::InCsv => false,
+    fn new(methods: &[usize], stat: impl Fn(usize, &Column) -> Option<Stat>) -> Self {
+        let placed = COLUMNS.iter().filter(|column| match column.placement {
+            Placement::Always => true,
+            Placement::IfThere => methods.iter().any(|&method| stat(method, column).is_some()),
+            Placement::InCsv => false,
         });
-        let columns: Vec<&'static Column> = shown.collect();
+        let columns: Vec<&'static Column> = placed.collect();
         let mut rows: Vec<Row> = methods.iter().map(|&method| Row { method, entries: Vec::new() }).collect();
         for column in &columns {
-            let stats: Vec<Option<Stat>> = methods.iter().map(|&method| of(method, column)).collect();
+            let stats: Vec<Option<Stat>> = methods.iter().map(|&method| stat(method, column)).collect();
             let marks = marks(column, &stats);
             for ((row, stat), mark) in rows.iter_mut().zip(stats).zip(marks) {
                 row.entries.push(stat.map(|stat| Entry { stat, mark }));
@@ -100,13 +104,13 @@ impl Table {
         Self { columns, rows }
     }
 
-    /// Whether any row has a value.
+    /// Returns whether any row has a value.
     pub(super) fn has_values(&self) -> bool {
         self.rows.iter().any(|row| row.entries.iter().any(Option::is_some))
     }
 }
 
-/// Places by what is printed: equal texts are equally good. A second place takes three rows.
+/// Ranks by printed values: equal texts are equally good. A second place needs three rows.
 fn marks(column: &Column, stats: &[Option<Stat>]) -> Vec<Mark> {
     let unmarked = vec![Mark::None; stats.len()];
     let sign = match column.better {
@@ -119,7 +123,7 @@ fn marks(column: &Column, stats: &[Option<Stat>]) -> Vec<Mark> {
     let rows = merits.len();
     merits.sort_unstable_by(|a, b| b.total_cmp(a));
     merits.dedup();
-    // Where all are equal none is better.
+    // No mark where all are equal.
     let (Some(&best), Some(&second)) = (merits.first(), merits.get(1)) else { return unmarked };
     let mark = |stat: &Option<Stat>| match stat.as_ref().map(merit) {
         Some(merit) if merit == best => Mark::Best,
@@ -134,7 +138,7 @@ fn rounded(value: f64, decimals: usize) -> f64 {
     (value * factor).round() / factor
 }
 
-/// A value of a column as tables print it.
+/// Returns a value of a column as tables print it.
 pub(super) fn printed(value: f64, decimals: usize) -> String {
     let value = rounded(value, decimals);
     if decimals == 0 && value >= 0.0 { text::count(value as usize) } else { format!("{value:.decimals$}") }
@@ -146,7 +150,7 @@ mod tests {
     use super::*;
 
     fn stats(means: &[f64]) -> Vec<Option<Stat>> {
-        means.iter().map(|&mean| Stat::of(&[mean])).collect()
+        means.iter().map(|&mean| Stat::from_values(&[mean])).collect()
     }
 
     #[test]
@@ -158,16 +162,19 @@ mod tests {
         assert_eq!(marks(by_key("splats"), &stats(&[1.0, 2.0, 3.0])), [None; 3]);
         assert_eq!(marks(psnr, &stats(&[30.0, 31.0])), [None, Best]);
         assert_eq!(marks(psnr, &stats(&[30.0, 30.001, 30.0])), [None; 3]);
-        assert_eq!(marks(psnr, &[Option::None, Stat::of(&[3.0]), Stat::of(&[2.0]), Stat::of(&[1.0])]), [None, Best, Second, None]);
+        assert_eq!(
+            marks(psnr, &[Option::None, Stat::from_values(&[3.0]), Stat::from_values(&[2.0]), Stat::from_values(&[1.0])]),
+            [None, Best, Second, None]
+        );
         assert_eq!(marks(psnr, &[]), []);
     }
 
     #[test]
     fn spread_is_that_of_a_sample() {
-        let stat = Stat::of(&[1.0, 2.0, 3.0]).unwrap();
+        let stat = Stat::from_values(&[1.0, 2.0, 3.0]).unwrap();
         assert_eq!((stat.mean, stat.deviation, stat.count), (2.0, Some(1.0), 3));
-        assert_eq!(Stat::of(&[5.0]).unwrap().deviation, None);
-        assert_eq!((Stat::of(&[]), Stat::of(&[1.0, f64::NAN])), (None, None));
+        assert_eq!(Stat::from_values(&[5.0]).unwrap().deviation, None);
+        assert_eq!((Stat::from_values(&[]), Stat::from_values(&[1.0, f64::NAN])), (None, None));
     }
 
     #[test]

@@ -1,4 +1,8 @@
-//! All open cells, some side by side, with what the user is told meanwhile. Which run where and when changes no result, but their times.
+//! Training of all open cells, some side by side.
+//!
+//! In: the matrix and the states of its cells. Out: whether it was interrupted, and the cells that
+//! failed. The order of the runs and their number side by side change their times, but no result.
+//! Degenerate: nothing open, nothing started.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -14,19 +18,19 @@ use crate::run::Outcome;
 use crate::run::log::LOG_EVERY;
 use crate::{Event, Observer, Result, StopFlag, text};
 
-/// How soon an interruption is passed on.
-const PATIENCE: Duration = Duration::from_millis(50);
+/// Interval at which a request to stop is looked for.
+const POLL_INTERVAL: Duration = Duration::from_millis(50);
 
-/// What comes from the threads that wait for children.
+/// Messages from the threads that wait for children.
 enum Message {
     Started(usize),
     FromWorker(usize, WorkerEvent),
     Ended(usize, Result<Ended>),
 }
 
-/// Cells to do, and the standard inputs of the children at work.
+/// Cells to train, and the standard inputs of running children.
 struct Shared {
-    /// Last first.
+    /// Indices of cells, last first.
     waiting: Vec<usize>,
     inputs: Vec<(usize, ChildStdin)>,
     stop: StopFlag,
@@ -52,11 +56,11 @@ pub(super) fn train(
             let _ = sender.send(Message::Started(cell));
             let ended = start(program, matrix, cell, &shared).and_then(|worker| {
                 worker.wait(|event| {
-                    // Nobody listens when the main thread has ended, which it does last.
+                    // Sending fails only after the main thread has ended, which it does last.
                     let _ = sender.send(Message::FromWorker(cell, event));
                 })
             });
-            lock(&shared).inputs.retain(|(of, _)| *of != cell);
+            lock(&shared).inputs.retain(|(owner, _)| *owner != cell);
             let _ = sender.send(Message::Ended(cell, ended));
         }
     };
@@ -77,7 +81,7 @@ pub(super) fn train(
 fn start(program: &Path, matrix: &Matrix, cell: usize, shared: &Mutex<Shared>) -> Result<Worker> {
     let mut shared = lock(shared);
     let (worker, input) = Worker::start(program, &matrix.cells[cell])?;
-    // Where an interruption came first, the input ends at once.
+    // After a request to stop, the input ends at once.
     if !shared.stop.is_requested() {
         shared.inputs.push((cell, input));
     }
@@ -89,18 +93,18 @@ fn next(shared: &Mutex<Shared>) -> Option<usize> {
     if shared.stop.is_requested() { None } else { shared.waiting.pop() }
 }
 
-/// What a thread left when it panicked is as good as any.
+/// Locks; the state that a thread left when it panicked is consistent.
 fn lock(shared: &Mutex<Shared>) -> std::sync::MutexGuard<'_, Shared> {
     shared.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
 }
 
-/// What the user sees.
+/// Progress as it is reported.
 struct Progress<'a> {
     matrix: &'a Matrix,
     observer: &'a dyn Observer,
-    /// Steps made in each cell, those of earlier times included.
+    /// Steps made in each cell, by earlier calls too.
     steps: Vec<u32>,
-    /// Steps that were made before this time, by cell.
+    /// Steps that earlier calls made, by cell.
     steps_before: Vec<Option<u32>>,
     open: usize,
     total_steps: u32,
@@ -108,7 +112,7 @@ struct Progress<'a> {
     started: Instant,
     failures: Vec<Failure>,
     interrupted: bool,
-    /// Warnings that were passed on: every cell of a data set has the same.
+    /// Warnings that were reported: every cell of a data set has the same.
     warned: BTreeSet<String>,
 }
 
@@ -117,7 +121,7 @@ impl<'a> Progress<'a> {
         let steps = |&i: &usize| matrix.cells.get(i).map_or(0, |cell| cell.config.train.iterations);
         let total_steps = open.iter().map(steps).fold(0, u32::saturating_add);
         observer.note(&format!(
-            "training {} of {}, {} at a time with {} each; finished ones are kept",
+            "training {} of {}, {} at a time with {} each; finished runs are kept",
             text::plural(open.len(), "run"),
             text::count(matrix.cells.len()),
             matrix.jobs.min(open.len()),
@@ -139,10 +143,11 @@ impl<'a> Progress<'a> {
         }
     }
 
-    /// Until the last child has ended. An interruption ends the children's inputs.
+    /// Handles messages until the last child has ended. A request to stop ends the children's
+    /// inputs.
     fn follow(&mut self, messages: &Receiver<Message>, shared: &Mutex<Shared>) {
         loop {
-            match messages.recv_timeout(PATIENCE) {
+            match messages.recv_timeout(POLL_INTERVAL) {
                 Ok(message) => self.take(message),
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => return,
@@ -204,7 +209,7 @@ impl<'a> Progress<'a> {
 
     fn set_steps(&mut self, cell: usize, steps: u32) {
         if let (Some(of_cell), Some(before)) = (self.steps.get_mut(cell), self.steps_before.get_mut(cell)) {
-            // The first word of a run that goes on is a step or a hundred after it began to.
+            // The first report of a continued run comes up to this many steps after it started.
             before.get_or_insert(steps.saturating_sub(LOG_EVERY));
             *of_cell = steps;
         }

@@ -1,7 +1,9 @@
-//! One cell in a process of its own: `luxel train --resume`, so that its memory is its own and a crash takes nothing else with it.
+//! Training of one cell in a process of its own, `luxel train --resume`: its memory is its own, and
+//! a crash does not affect others.
 //!
-//! The child tells its progress as JSON lines on stdout, and stops, having saved, at the end of its standard input, which this process holds open: it
-//! ends with this process, however that ends.
+//! In: the program and a cell. Out: [`WorkerEvent`]s, then [`Ended`]. The child reports progress as
+//! JSON lines on stdout. It saves and stops at the end of its standard input, which this process
+//! holds open: the child ends with this process, however that ends.
 
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
@@ -15,18 +17,18 @@ use serde::Deserialize;
 use super::matrix::Cell;
 use crate::run::EXIT_INTERRUPTED;
 
-/// What is kept of a child's stderr, bytes: errors are at the end.
+/// Bytes kept of a child's stderr: errors are at the end.
 const STDERR_TAIL_BYTES: usize = 16 << 10;
 
-/// How a cell ended.
+/// The end of a cell's training.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Ended {
     Finished,
-    /// Asked to stop; the state is saved.
+    /// A stop was requested; the state is saved.
     Interrupted,
 }
 
-/// What a child tells.
+/// An event that a child reports.
 #[derive(Debug, PartialEq, Deserialize)]
 #[serde(tag = "event", rename_all = "lowercase")]
 pub(super) enum WorkerEvent {
@@ -40,20 +42,20 @@ pub(super) enum WorkerEvent {
     Other,
 }
 
-/// A child at work.
+/// A running child.
 pub(super) struct Worker {
     child: Child,
 }
 
 impl Worker {
-    /// Starts or continues the cell. Dropping what stands beside the worker stops it.
+    /// Starts or continues the cell. Dropping the returned input stops the worker.
     pub(super) fn start(program: &Path, cell: &Cell) -> Result<(Self, ChildStdin)> {
-        // The mark and the settings first; a run that has made no step is continued from the beginning.
+        // The settings mark the folder; a run without a step is continued from the beginning.
         cell.folder.write_config(&cell.config)?;
         let mut command = Command::new(program);
         command.args(["train", "--resume", "--stop-at-end-of-input", "--log-format", "json", "-o"]).arg(cell.folder.root());
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        // A terminal's Ctrl-C is for this process, which tells its children.
+        // A terminal's Ctrl-C is for this process, which stops its children.
         #[cfg(unix)]
         std::os::unix::process::CommandExt::process_group(&mut command, 0);
         let mut child = command.spawn().with_context(|| format!("{}: cannot start", program.display()))?;
@@ -61,7 +63,7 @@ impl Worker {
         Ok((Self { child }, stdin))
     }
 
-    /// Follows the child to its end.
+    /// Reports the child's events until it ends.
     pub(super) fn wait(mut self, mut on_event: impl FnMut(WorkerEvent)) -> Result<Ended> {
         let (stdout, stderr) = (self.child.stdout.take(), self.child.stderr.take());
         let errors = std::thread::spawn(move || stderr.map_or_else(String::new, tail));
@@ -85,7 +87,7 @@ impl Worker {
     }
 }
 
-/// The last of a stream.
+/// Returns the end of a stream.
 fn tail(mut stream: impl Read) -> String {
     let (mut kept, mut buffer) = (Vec::new(), [0; 4096]);
     while let Ok(count @ 1..) = stream.read(&mut buffer) {
@@ -96,7 +98,7 @@ fn tail(mut stream: impl Read) -> String {
     String::from_utf8_lossy(&kept).into_owned()
 }
 
-/// The error that a child has printed, with its causes.
+/// Returns the error that a child printed, with its causes.
 fn error_of(stderr: &str) -> Error {
     let lines: Vec<&str> = stderr.lines().collect();
     let Some(at) = lines.iter().rposition(|line| line.starts_with("error: ")) else {
@@ -114,16 +116,16 @@ mod tests {
 
     #[test]
     fn events_are_known_by_name_and_others_pass() {
-        let told = |line: &str| serde_json::from_str::<WorkerEvent>(line).ok();
-        let progress = told(r#"{"event":"progress","iteration":300,"iterations_per_second":12.5,"loss":0.1}"#);
+        let event = |line: &str| serde_json::from_str::<WorkerEvent>(line).ok();
+        let progress = event(r#"{"event":"progress","iteration":300,"iterations_per_second":12.5,"loss":0.1}"#);
         assert_eq!(progress, Some(WorkerEvent::Progress { iteration: 300 }));
-        assert_eq!(told(r#"{"event":"warning","message":"8 bits"}"#), Some(WorkerEvent::Warning { message: "8 bits".into() }));
-        assert_eq!(told(r#"{"event":"evaluation","mean":{}}"#), Some(WorkerEvent::Other));
-        assert_eq!(told("no JSON"), None);
+        assert_eq!(event(r#"{"event":"warning","message":"8 bits"}"#), Some(WorkerEvent::Warning { message: "8 bits".into() }));
+        assert_eq!(event(r#"{"event":"evaluation","mean":{}}"#), Some(WorkerEvent::Other));
+        assert_eq!(event("no JSON"), None);
     }
 
     #[test]
-    fn an_error_comes_with_its_causes_and_without_what_was_before() {
+    fn an_error_has_its_causes_and_nothing_before_it() {
         let stderr = "warning: odd\nerror: cannot read the data set\n  caused by: images/000.exr: truncated\n";
         assert_eq!(error_of(stderr).to_string(), "cannot read the data set: images/000.exr: truncated");
         assert_eq!(error_of("Killed\n").to_string(), "the process failed without a message: Killed");
