@@ -24,7 +24,7 @@ use crate::preview::{self, Look};
 use crate::run::evaluation::unique_stems;
 use crate::{DeviceOptions, Observer, Result, SelectedEngine, text};
 
-/// Chromaticity error of the brightest colour in the pictures of it.
+/// Chromaticity error of the brightest colour in the error pictures.
 pub const FULL_SCALE_ERROR: f64 = 0.2;
 
 /// Two scenes to compare under the same edits.

@@ -1,6 +1,7 @@
 //! Text into HTML, and the frame that all pages share.
 
-/// Returns text that is safe in element content and in quoted attributes. Control characters that HTML forbids are dropped.
+/// Returns text that is safe in element content and in quoted attributes. Control characters that
+/// HTML forbids are dropped.
 pub fn escape(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {

@@ -72,8 +72,8 @@ pub fn radiance(image: &Image, display: &Display) -> Result<Picture> {
     encode(small.width, small.height, pixels.collect())
 }
 
-/// Returns |T(prediction) - T(target)|, mean of the channels, nothing clipped, on `INFERNO` from 0 to
-/// `full_scale`.
+/// Returns |T(prediction) - T(target)|, mean of the channels, nothing clipped, on `INFERNO` from 0
+/// to `full_scale`.
 pub(super) fn error_map(
     prediction: &Image,
     target: &Image,
@@ -90,8 +90,8 @@ pub(super) fn error_map(
     values(&error, full_scale, max_side_px)
 }
 
-/// Returns the first channel on `INFERNO` from 0 to `full_scale`. Pixels are masked where the second
-/// channel is 0; where it is 1 they count in averages.
+/// Returns the first channel on `INFERNO` from 0 to `full_scale`. Pixels are masked where the
+/// second channel is 0; where it is 1 they count in averages.
 ///
 /// # Errors
 /// The image cannot be encoded.
@@ -116,7 +116,8 @@ fn reduction(image: &Image, max_side_px: usize) -> usize {
     image.width.max(image.height).div_ceil(max_side_px.max(1)).max(1)
 }
 
-/// Returns means over blocks of `factor` x `factor` pixels, smaller ones at the right and lower edge.
+/// Returns means over blocks of `factor` x `factor` pixels, smaller ones at the right and lower
+/// edge.
 fn reduce(image: &Image, factor: usize) -> Image {
     if factor == 1 {
         return image.clone();

@@ -281,8 +281,8 @@ impl Frame {
         }
     }
 
-    /// Draws a straight line from the first to the last point, cut at the frame, with its label at the
-    /// upper end.
+    /// Draws a straight line from the first to the last point, cut at the frame, with its label at
+    /// the upper end.
     fn guide(&self, svg: &mut String, series: &Series, points: &[(f64, f64)]) {
         let (Some(&(x0, y0)), Some(&(x1, y1))) = (points.first(), points.last()) else { return };
         let (top, bottom) = (TOP, HEIGHT - BOTTOM);

@@ -199,8 +199,8 @@ impl Gallery<'_> {
         error_map(&view.prediction, &view.target, view.mask.as_deref(), self.input.mu, self.error_scale, side)
     }
 
-    /// Returns the legend of the error map. Well above 1/mu, a difference d of the mu-law is a ratio of (1 +
-    /// mu)^d.
+    /// Returns the legend of the error map. Well above 1/mu, a difference d of the mu-law is a
+    /// ratio of (1 + mu)^d.
     fn legend(&self) -> String {
         let colors = INFERNO.map(|[r, g, b]| format!("#{r:02x}{g:02x}{b:02x}")).join(",");
         let stops_per_unit = (1.0 + f64::from(self.input.mu)).log2();

@@ -29,7 +29,7 @@ use crate::SelectedEngine;
 
 /// Exponent of the map, the paper's.
 pub(super) const EXPONENT: f32 = 1.2;
-/// Chromaticity error of the brightest colour in the pictures of it.
+/// Chromaticity error of the brightest colour in the error pictures.
 const FULL_SCALE: f32 = 0.2;
 /// Longest side of a picture in the page, pixels.
 const MOST_PX: usize = 400;

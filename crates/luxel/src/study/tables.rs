@@ -14,7 +14,7 @@ pub(super) struct Tables {
     pub(super) average: Option<Table>,
     /// One per data set.
     pub(super) results: Vec<Table>,
-    /// Of activations of the luminance alone, one per data set; only if there are several.
+    /// Activations of the luminance alone, one per data set; only if there are several.
     pub(super) activations: Vec<Table>,
 }
 
