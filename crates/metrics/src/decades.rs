@@ -1,7 +1,8 @@
-//! Errors that know no display: the error of the logarithm, and the relative error by decade of luminance.
+//! Errors that depend on no display: the error of the logarithm, and relative errors by decade.
 //!
-//! In: a pair of images in linear Rec.709, normalised units. Out: [`log_rmse`] in decades (0.301 is a factor of two) and the [`DecadeError`]s,
-//! binned by the target's luminance (Rec.709 weights). Values below [`LOG_FLOOR`] count as that, in the logarithm and as divisor: black
+//! In: a pair of images in linear Rec.709, normalised units. Out: [`log_rmse`] in decades (0.301 is
+//! a factor of two) and the [`DecadeError`]s, binned by the target's luminance (Rec.709 weights).
+//! Values below [`LOG_FLOOR`] are raised to it, both in the logarithm and as divisor, because black
 //! has neither a logarithm nor a relative error.
 
 use serde::{Deserialize, Serialize};
@@ -9,35 +10,41 @@ use serde::{Deserialize, Serialize};
 use super::Pair;
 use luxel_core::luminance_rec709;
 
-/// Radiance below which ratios say nothing, normalised units: five decades below 1, as in the luminance-error profile.
+/// The radiance below which ratios have no meaning, normalised units: five decades below 1, as in
+/// the luminance-error profile.
 pub const LOG_FLOOR: f32 = 1e-5;
-/// Everything below 1e-4 is in decade -5, everything from 1e4 on in decade 4.
+/// The decades that are reported. Everything below 1e-4 is in decade -5, everything from 1e4 on in
+/// decade 4.
 const DECADES: std::ops::RangeInclusive<i32> = -5..=4;
 
-/// Relative error where the target's luminance lies in `[10^decade, 10^(decade + 1))`; the ends, -5 and 4, are open.
+/// Relative error over the pixels where the target's luminance lies in `[10^decade, 10^(decade +
+/// 1))`. The first decade (-5) has no lower end, the last one (4) no upper end.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct DecadeError {
     /// log10 of the lower edge, normalised units.
     pub decade: i32,
-    /// Pixels.
+    /// Number of pixels.
     pub count: u64,
-    /// Mean over pixels of the absolute error (mean of the channels) over the target's luminance.
+    /// Mean over pixels of the absolute error (mean of the channels) divided by the target's
+    /// luminance.
     pub relative_error: f64,
-    /// Mean over pixels of the luminance's error over the target's luminance: above 0 where the prediction is too bright.
+    /// Mean over pixels of the luminance's signed error divided by the target's luminance: positive
+    /// where the prediction is too bright.
     pub bias: f64,
 }
 
 impl DecadeError {
     fn merge(&mut self, other: &Self) {
         let count = self.count + other.count;
-        // A share of 0 of 0 pixels would be NaN.
+        // Without pixels in either, the share would be 0 / 0, which is NaN.
         let share = if count == 0 { 0.0 } else { other.count as f64 / count as f64 };
         self.relative_error += share * (other.relative_error - self.relative_error);
         self.bias += share * (other.bias - self.bias);
         self.count = count;
     }
 
-    /// Of all pixels of several images: decades that have any, from the darkest.
+    /// Returns the errors over all pixels of several images: the decades that have pixels, from the
+    /// darkest.
     pub fn pooled<'a>(images: impl IntoIterator<Item = &'a [Self]>) -> Vec<Self> {
         let mut pooled = std::collections::BTreeMap::new();
         for error in images.into_iter().flatten() {
@@ -47,14 +54,14 @@ impl DecadeError {
     }
 }
 
-/// Root of the mean over pixels and channels of the squared difference of log10.
+/// Returns the root of the mean over pixels and channels of the squared difference of log10.
 pub(super) fn log_rmse(pair: &Pair) -> f64 {
     let log = |value: f32| f64::from(value.max(LOG_FLOOR)).log10();
     let squares: f64 = pair.valid().map(|(p, t)| (0..3).map(|c| (log(p[c]) - log(t[c])).powi(2)).sum::<f64>()).sum();
     (squares / (3.0 * pair.valid_count as f64)).sqrt()
 }
 
-/// Decades that have pixels, from the darkest.
+/// Returns the errors of the decades that have pixels, from the darkest.
 pub(super) fn relative_error_by_decade(pair: &Pair) -> Vec<DecadeError> {
     let mut sums: Vec<DecadeError> = DECADES.map(|decade| DecadeError { decade, ..DecadeError::default() }).collect();
     for (p, t) in pair.valid() {
@@ -74,7 +81,8 @@ pub(super) fn relative_error_by_decade(pair: &Pair) -> Vec<DecadeError> {
     sums.into_iter().filter(|sum| sum.count > 0).map(mean).collect()
 }
 
-/// Edges are compared, not logarithms: 0.001 lies in the decade that starts with it.
+/// Returns the index of the decade of a luminance. It compares edges instead of logarithms, so that
+/// rounding cannot put 0.001 below the decade that begins with it.
 fn bin_of(luminance: f32) -> usize {
     const EDGES: [f32; 9] = [1e-4, 1e-3, 1e-2, 1e-1, 1.0, 1e1, 1e2, 1e3, 1e4];
     EDGES.iter().take_while(|&&edge| luminance >= edge).count()

@@ -1,12 +1,16 @@
-//! Figures of a scene against views.
+//! Evaluates a scene on views.
 //!
-//! In: an engine with the scene loaded, views in the data set's units, the radiance scale; out: figures per view and their mean, and
-//! the error by luminance over all views. Views are rendered one after another, the engine being parallel in itself, and measured some at a
-//! time, one a thread, with LPIPS one by one; predictions are handed out in the order of the views, and no more than a batch is held.
+//! In: an engine with the scene loaded, views in the data set's units and the radiance scale. Out:
+//! the metrics of each view, their means, and the error by luminance over all views. The engine is
+//! parallel in itself and renders one view after another. A batch of views is then measured in
+//! parallel, one view a thread; with LPIPS, which is parallel in itself, a batch is one view.
+//! Predictions are handed out in the order of the views, and at most one batch is in memory.
 //!
-//! Views of recorded values are compared with what the camera's response makes of the render, in its own values without a mu-law; figures that need
-//! radiance are left out of them. Where images and scene differ by a gain that is nobody's fault ([`GainFit`]), figures after its removal stand beside
-//! those as it is; gains that training found belong to its images, whose figures are after their removal alone.
+//! Captured LDR views are compared in captured values, without a mu-law: the camera's response is
+//! applied to the render first. They have no metrics that need radiance. Images and scene may
+//! differ by a gain that the images do not determine ([`GainFit`]). Metrics can then be computed
+//! after its removal. Gains that training fitted belong to its images, so training views are
+//! measured only after their removal.
 
 use luxel_core::{Engine, EngineError, Image, Knots, PixelValues, RadianceScale, Remedy, RenderOptions, Response, View};
 use rayon::prelude::*;
@@ -17,10 +21,11 @@ use crate::{
     log_gain_of_view, psnr_scene, render_as_captured, view_metrics,
 };
 
-/// mu of a mu-law that is a straight line to the last digit: recorded values are compared as they are.
+/// A mu so small that the mu-law is linear in single precision: captured values are compared as
+/// they are.
 const LINEAR_MU: f32 = 1e-6;
 
-/// Why views cannot be evaluated.
+/// The reasons for which views cannot be evaluated.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum EvaluationError {
@@ -52,7 +57,7 @@ pub enum EvaluationError {
 }
 
 impl EvaluationError {
-    /// Returns what to do about the error, where it is known.
+    /// Returns the remedy for the error, where one is known.
     pub fn remedy(&self) -> Option<&Remedy> {
         match self {
             Self::Engine(error) => error.remedy(),
@@ -61,77 +66,84 @@ impl EvaluationError {
     }
 }
 
-/// What is taken out of predictions before they are measured: gains by channel, medians of image over render unless they are known.
+/// The gains by channel that are removed from predictions before they are measured. Fitted gains
+/// are medians of image over render.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum GainFit<'a> {
-    /// Nothing.
+    /// No gain is removed.
     #[default]
     None,
-    /// One gain for all views: a scale that nothing fixes, as of radiance from recordings.
+    /// One gain is fitted for all views: the scale that a reconstruction from captured LDR images
+    /// leaves undetermined.
     Common,
-    /// A gain of each view: exposure and white balance that drift.
+    /// A gain is fitted for each view: exposure and white balance that drift between views.
     PerView,
-    /// ln gain of each view by channel, in the order of the views, as `luxel_train::Trainer::log_gains` has them; of views beyond, nothing.
+    /// The given ln gain of each view by channel is removed, in the order of the views, as
+    /// `luxel_train::Trainer::log_gains` returns them. Predictions of
+    /// views beyond the end of the slice are left as they are.
     Known(&'a [[f32; 3]]),
 }
 
-/// How views are measured.
+/// Settings of the measurement.
 #[derive(Clone, Copy, Debug)]
 pub struct Measures<'a> {
-    /// Data-set radiance of one normalised unit.
+    /// The data-set radiance of one normalised unit.
     pub radiance_scale: RadianceScale,
-    /// mu of the mu-law.
+    /// The mu of the mu-law.
     pub mu: f32,
-    /// Of the figures that need no mu-law.
+    /// Options of the metrics that need no mu-law.
     pub field: FieldOptions,
-    /// The network of the user's weights, if there is one.
+    /// The LPIPS network, if the user has weights for one.
     pub lpips: Option<&'a Lpips>,
-    /// The response of the camera that recorded the views of recorded values.
+    /// The response of the camera that captured the LDR views.
     pub response: Option<&'a Knots>,
-    /// What is taken out of the predictions.
+    /// The gains that are removed from the predictions.
     pub gain_fit: GainFit<'a>,
 }
 
 impl Measures<'_> {
-    /// With the default display, without HDR-FLIP and LPIPS, of images in linear Rec.709.
+    /// Returns settings for images in linear Rec.709, with the default display, without HDR-FLIP
+    /// and LPIPS.
     pub fn new(radiance_scale: RadianceScale, mu: f32) -> Self {
         Self { radiance_scale, mu, field: FieldOptions::default(), lpips: None, response: None, gain_fit: GainFit::None }
     }
 
-    /// Views that are measured side by side. A network is parallel in itself, and its features of one view may fill gigabytes.
+    /// Returns the number of views that are measured in parallel. A network is parallel in itself,
+    /// and its features of one view can take gigabytes.
     fn batch(&self) -> usize {
         if self.lpips.is_some() { 1 } else { rayon::current_num_threads().max(1) }
     }
 }
 
-/// Figures of one view.
+/// Metrics of one view.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct NamedMetrics {
     /// Name of the view.
     pub name: String,
-    /// Its figures.
+    /// Metrics under the mu-law.
     #[serde(flatten)]
     pub metrics: ViewMetrics,
-    /// Its figures that need no mu-law; `None` in files from before they were measured.
+    /// Metrics that need no mu-law; `None` for captured LDR views and in files that predate these
+    /// metrics.
     #[serde(flatten)]
     pub field: Option<FieldMetrics>,
 }
 
-/// Figures of a split. In files both means are one object.
+/// Metrics of a split. In files both means are one object.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(from = "SplitFile", into = "SplitFile")]
 pub struct SplitMetrics {
     /// Means over the views.
     pub mean: ViewMetrics,
-    /// Means over the views of what needs no mu-law; `None` unless all have it.
+    /// Means over the views of the metrics that need no mu-law; `None` unless all views have them.
     pub mean_field: Option<FieldMetrics>,
-    /// In the order of the views.
+    /// Metrics of each view, in the order of the views.
     pub views: Vec<NamedMetrics>,
     /// Error by luminance, over all views.
     pub profile: LuminanceProfile,
 }
 
-/// [`SplitMetrics`] as they are written.
+/// [`SplitMetrics`] in the form of files.
 #[derive(Serialize, Deserialize)]
 struct SplitFile {
     mean: MeanFile,
@@ -159,12 +171,16 @@ impl From<SplitMetrics> for SplitFile {
     }
 }
 
-/// Renders and measures `views`. `each` gets every view with its prediction in normalised units, or as it is recorded. Views without a valid pixel are left
-/// out, with a warning; of no views the means are 0.
+/// Renders and measures `views`, and calls `each` with every view, its prediction and its metrics.
+///
+/// The prediction is in normalised units, or in captured values for a captured LDR view. Views
+/// without a valid pixel are left out, with a warning. Without any view the means are 0.
 ///
 /// # Errors
-/// [`EvaluationError::Engine`] if a view cannot be rendered, [`EvaluationError::Metrics`] if a render is not finite, [`EvaluationError::NoResponse`] for a view of
-/// recorded values without a response.
+/// [`EvaluationError::Engine`] if a view cannot be rendered, [`EvaluationError::Metrics`] if a
+/// render is not finite or does not match its image, [`EvaluationError::Lpips`] if the network
+/// cannot compare a view, and [`EvaluationError::NoResponse`] for a captured LDR view without a
+/// response.
 pub fn evaluate(
     engine: &mut dyn Engine,
     options: &RenderOptions,
@@ -192,13 +208,14 @@ pub fn evaluate(
                 }
                 GainFit::Known(logs) => multiply(&mut prediction, logs.get(*index).copied().unwrap_or_default()),
             }
-            pairs.push((*view, seen_by(view, prediction, measures.radiance_scale, measures.response)?));
+            pairs.push((*view, to_view_values(view, prediction, measures.radiance_scale, measures.response)?));
         }
-        let figures: Vec<_> = pairs.par_iter().map(|(view, prediction)| measure(view, prediction, measures)).collect();
-        // In the order of the views: sums come out the same for any number of threads, and the first error is reported.
-        for ((view, prediction), figures) in pairs.iter().zip(figures) {
-            let (metrics, field, of_view) = figures?;
-            profile.merge(&of_view);
+        let results: Vec<_> = pairs.par_iter().map(|(view, prediction)| measure(view, prediction, measures)).collect();
+        // Results are taken in the order of the views: sums do not depend on the number of threads,
+        // and the first error is the one reported.
+        for ((view, prediction), result) in pairs.iter().zip(results) {
+            let (metrics, field, view_profile) = result?;
+            profile.merge(&view_profile);
             each(view, prediction, &metrics);
             named.push(NamedMetrics { name: view.name.clone(), metrics, field });
         }
@@ -210,7 +227,8 @@ pub fn evaluate(
     Ok(SplitMetrics { mean, mean_field, views: named, profile })
 }
 
-/// ln of the gain of a view's image over its render, by channel; `None` of recorded values, or of too few pixels to tell.
+/// Returns ln of the gain of a view's image over its render by channel, or `None` for a captured
+/// LDR view or too few reliable pixels.
 fn log_gain(render: &Image, view: &View, radiance_scale: RadianceScale) -> Option<[f32; 3]> {
     if view.values != PixelValues::Radiance {
         return None;
@@ -218,7 +236,7 @@ fn log_gain(render: &Image, view: &View, radiance_scale: RadianceScale) -> Optio
     log_gain_of_view(render, view, radiance_scale.target_scale([1.0; 3]), GainChannels::Separate)
 }
 
-/// ln of the one gain of all views over their renders: the mean of theirs.
+/// Returns ln of the one gain of all views over their renders: the mean of the views' ln gains.
 fn common_gain(
     engine: &mut dyn Engine,
     options: &RenderOptions,
@@ -242,8 +260,9 @@ fn multiply(image: &mut Image, log_gain: [f32; 3]) {
     }
 }
 
-/// A render in normalised units as the view's image has it: radiance, or what is recorded of it.
-fn seen_by(view: &View, render: Image, radiance_scale: RadianceScale, response: Option<&Knots>) -> Result<Image, EvaluationError> {
+/// Converts a render in normalised units to the values of the view's image: radiance or captured
+/// values.
+fn to_view_values(view: &View, render: Image, radiance_scale: RadianceScale, response: Option<&Knots>) -> Result<Image, EvaluationError> {
     match (view.values, response) {
         (PixelValues::Radiance, _) => Ok(render),
         (PixelValues::Recorded { exposure_s }, Some(knots)) => {
@@ -253,10 +272,11 @@ fn seen_by(view: &View, render: Image, radiance_scale: RadianceScale, response: 
     }
 }
 
-/// PSNR of one view of known ln gain by protocol `scene`, dB, for progress; `None` for a view without a valid pixel. No gains are fitted.
+/// Returns the PSNR by protocol `scene` of one view with a given ln gain, dB, for progress reports;
+/// `None` for a view without a valid pixel. No gain is fitted.
 ///
 /// # Errors
-/// As [`evaluate`].
+/// The same as of [`evaluate`].
 pub fn probe(
     engine: &mut dyn Engine,
     options: &RenderOptions,
@@ -268,12 +288,12 @@ pub fn probe(
     }
     let mut prediction = engine.render(&view.camera, options)?;
     multiply(&mut prediction, log_gain);
-    let prediction = seen_by(view, prediction, measures.radiance_scale, measures.response)?;
+    let prediction = to_view_values(view, prediction, measures.radiance_scale, measures.response)?;
     let (target, mu) = (normalised(view, measures.radiance_scale), mu_of(view, measures));
     psnr_scene(&prediction, &target, view.mask.as_deref(), mu).map(Some).map_err(|source| failed(view, source))
 }
 
-/// mu of the mu-law that the view's values are compared under.
+/// Returns the mu with which the view's values are compared.
 fn mu_of(view: &View, measures: &Measures<'_>) -> f32 {
     match view.values {
         PixelValues::Radiance => measures.mu,
@@ -281,9 +301,10 @@ fn mu_of(view: &View, measures: &Measures<'_>) -> f32 {
     }
 }
 
-type Figures = (ViewMetrics, Option<FieldMetrics>, LuminanceProfile);
+/// The metrics of a view, and its error by luminance.
+type ViewResult = (ViewMetrics, Option<FieldMetrics>, LuminanceProfile);
 
-fn measure(view: &View, prediction: &Image, measures: &Measures<'_>) -> Result<Figures, EvaluationError> {
+fn measure(view: &View, prediction: &Image, measures: &Measures<'_>) -> Result<ViewResult, EvaluationError> {
     let (target, mask) = (normalised(view, measures.radiance_scale), view.mask.as_deref());
     let metrics = view_metrics(prediction, &target, mask, mu_of(view, measures)).map_err(|source| failed(view, source))?;
     if view.values != PixelValues::Radiance {
@@ -309,7 +330,7 @@ fn normalised(view: &View, radiance_scale: RadianceScale) -> Image {
 fn has_valid_pixel(view: &View) -> bool {
     let has_one = (0..view.image.pixels.len()).any(|i| view.is_valid(i));
     if !has_one {
-        tracing::warn!(view = view.name, "no valid pixel; left out of the figures");
+        tracing::warn!(view = view.name, "no valid pixel; left out of the metrics");
     }
     has_one
 }
@@ -323,7 +344,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn figures_of_a_split_are_one_object_a_view_and_one_of_means() {
+    fn metrics_of_a_split_are_one_object_a_view_and_one_of_means() {
         let field = FieldMetrics { pu21_psnr: 31.5, hdr_flip: Some(0.125), pu21_peak_luminance: 1000.0, ..FieldMetrics::default() };
         let metrics = ViewMetrics { psnr_scene: 30.25, ..ViewMetrics::default() };
         let view = NamedMetrics { name: "images/000".into(), metrics, field: Some(field.clone()) };
@@ -334,7 +355,7 @@ mod tests {
             assert!(object.get("lpips_alex").is_none());
         }
         assert_eq!(serde_json::from_value::<SplitMetrics>(json.clone()).unwrap(), split);
-        // Files from before there were these figures.
+        // Files that predate these metrics.
         let mut old = json;
         for key in ["pu21_psnr", "pu21_ssim", "pu21_peak_luminance", "log_rmse", "hdr_flip", "relative_error_by_decade"] {
             old["mean"].as_object_mut().unwrap().remove(key);

@@ -1,7 +1,8 @@
-//! The figures of the field that need no mu-law, side by side.
+//! Established HDR metrics that need no mu-law.
 //!
-//! In: prediction and target `[H,W,3]` in normalised units, the primaries, what a display makes of 1. Out: [`FieldMetrics`]. Images are converted to linear
-//! Rec.709 first, where what lies outside of its gamut counts as its border (no light is negative).
+//! In: prediction and target `[H,W,3]` in normalised units, their primaries, and the luminance at
+//! which a display shows 1. Out: [`FieldMetrics`]. Images are converted to linear Rec.709 first.
+//! Colours outside its gamut are clipped to it, because no light is negative.
 
 use serde::{Deserialize, Serialize};
 
@@ -11,29 +12,31 @@ use super::{DecadeError, MetricsError, Pair, hdr_flip};
 use luxel_core::tone::rec709_of;
 use luxel_core::{ColorSpace, Image, Mask};
 
-/// Whether HDR-FLIP is computed: it takes many times as long as everything else.
+/// The choice to compute HDR-FLIP or not: it takes many times as long as all other metrics
+/// together.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum FlipChoice {
-    /// [`FieldMetrics::hdr_flip`] is `None`.
+    /// HDR-FLIP is not computed: [`FieldMetrics::hdr_flip`] is `None`.
     #[default]
     Skip,
-    /// Computed.
+    /// HDR-FLIP is computed.
     Compute,
 }
 
-/// How figures are made.
+/// Options of [`field_metrics`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FieldOptions {
-    /// Luminance at which a display shows white of 1 normalised unit, cd/m2.
+    /// The luminance at which a display shows white of 1 normalised unit, cd/m2.
     pub peak_luminance: f32,
-    /// Primaries of both images.
+    /// The primaries of both images.
     pub color_space: ColorSpace,
-    /// HDR-FLIP or not.
+    /// The choice to compute HDR-FLIP or not.
     pub flip: FlipChoice,
 }
 
 impl FieldOptions {
-    /// cd/m2: a display of the better kind in use today, and what PU21 was fitted to reaches well above.
+    /// The default peak luminance, cd/m2: a good current HDR display, well within the range that
+    /// PU21 was fitted to.
     pub const DEFAULT_PEAK_LUMINANCE: f32 = 1000.0;
 }
 
@@ -43,32 +46,34 @@ impl Default for FieldOptions {
     }
 }
 
-/// Figures of one view, or their means over several.
+/// Metrics of one view, or their means over several views.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct FieldMetrics {
     /// PSNR of PU21-encoded radiance, channels pooled, dB.
     pub pu21_psnr: f64,
     /// SSIM of PU21-encoded luminance.
     pub pu21_ssim: f64,
-    /// What 1 normalised unit was shown as in both, cd/m2.
+    /// The luminance at which a display shows 1 normalised unit of both images, cd/m2.
     pub pu21_peak_luminance: f32,
     /// Root mean squared error of log10 of the channels, decades.
     pub log_rmse: f64,
     /// Mean HDR-FLIP, 0 to 1, at 67 pixels per degree.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub hdr_flip: Option<f64>,
-    /// LPIPS with AlexNet, of whoever has its weights: mu-law images by protocol `gtmax`, as `[-1, 1]`.
+    /// LPIPS with AlexNet on mu-law images by protocol `gtmax`, scaled to `[-1, 1]`; `None` without
+    /// its weights.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lpips_alex: Option<f64>,
-    /// LPIPS with VGG16, otherwise as [`FieldMetrics::lpips_alex`].
+    /// LPIPS with VGG16, otherwise like [`FieldMetrics::lpips_alex`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lpips_vgg: Option<f64>,
-    /// By the target's luminance in normalised units.
+    /// Relative error by decade of the target's luminance in normalised units.
     pub relative_error_by_decade: Vec<DecadeError>,
 }
 
 impl FieldMetrics {
-    /// The mean of every figure; decades are pooled by pixels. `None` of none. What is optional has a mean where all have it.
+    /// Returns the mean of every metric, or `None` without any view. Decades are pooled by pixels.
+    /// An optional metric has a mean only if all views have it.
     pub fn mean(views: &[Self]) -> Option<Self> {
         let mean = |of: fn(&Self) -> f64| views.iter().map(of).sum::<f64>() / views.len() as f64;
         let mean_of_all = |of: fn(&Self) -> Option<f64>| {
@@ -88,10 +93,11 @@ impl FieldMetrics {
     }
 }
 
-/// Every figure of a view: `prediction` against `target`, both in normalised units.
+/// Computes every metric of a view: `prediction` against `target`, both in normalised units.
 ///
 /// # Errors
-/// [`MetricsError`]: sizes differ, no pixel is valid, a valid pixel is NaN or infinite, or the peak luminance is not positive.
+/// [`MetricsError`]: sizes differ, no pixel is valid, a valid pixel is NaN or infinite, or the peak
+/// luminance is not positive.
 pub fn field_metrics(
     prediction: &Image,
     target: &Image,
@@ -101,7 +107,8 @@ pub fn field_metrics(
     if !(options.peak_luminance.is_finite() && options.peak_luminance > 0.0) {
         return Err(MetricsError::PeakLuminance(options.peak_luminance));
     }
-    // What is given is checked, not what becomes of it: the maximum of NaN and 0 is 0.
+    // The images are checked before the conversion, because clipping hides NaN: the maximum of NaN
+    // and 0 is 0.
     Pair::new(prediction, target, mask)?;
     let light = |image: &Image| {
         let pixels = image.pixels.iter().map(|&rgb| rec709_of(options.color_space, rgb).map(|v| v.max(0.0)));

@@ -1,18 +1,18 @@
 //! The gain between a render and an image of the same view.
 //!
-//! In: a render `[H,W,3]` and an image `[H,W,3]`, both in normalised units; out: ln gain by channel,
-//! the weighted median of ln(image / render) over reliable pixels. A pixel is reliable if it is valid
-//! and brighter than a small part of the image's mean in both, where noise and the floor of the render
-//! dominate. Its weight grows with its radiance and levels off. Degenerate: an image with too few
-//! reliable pixels has no gain.
+//! In: a render `[H,W,3]` and an image `[H,W,3]`, both in normalised units. Out: ln gain by
+//! channel, the weighted median of ln(image / render) over reliable pixels. A pixel is reliable if
+//! it is valid and, in both images, brighter than a small part of the image's mean, below which
+//! noise and the floor of the render dominate. Its weight grows with its radiance and levels off.
+//! Degenerate: an image with too few reliable pixels has no gain.
 
 use luxel_core::{Image, View};
 
-/// Least radiance of a reliable pixel, as a part of the image's mean.
+/// The least radiance of a reliable pixel, as a part of the image's mean.
 const RELIABLE_PART: f64 = 0.05;
-/// Reliable pixels that a gain needs at least.
+/// The least number of reliable pixels for a gain.
 const MIN_PIXELS: usize = 64;
-/// Largest number of pixels sampled in a view; more would not move a median.
+/// The largest number of pixels sampled in a view; more would not change the median.
 const MAX_SAMPLES: usize = 1 << 16;
 
 /// The channels that share a gain.
@@ -39,7 +39,7 @@ pub fn log_gain(render: &Image, target: impl Fn(usize, usize) -> Option<f32>, ch
     for (i, pixel) in sampled() {
         for (c, ratios) in ratios.iter_mut().enumerate() {
             let Some(target) = target(i, c).filter(|target| *target > least && pixel[c] > least) else { continue };
-            // Relative differences are noise where light is scarce.
+            // Relative differences of dark pixels are noise.
             let weight = target / (target + 10.0 * least);
             ratios.push(((target / pixel[c]).ln(), weight));
         }
@@ -58,7 +58,7 @@ pub fn log_gain_of_view(render: &Image, view: &View, scale: [f32; 3], channels: 
     log_gain(render, |i, c| view.is_valid(i).then(|| view.image.pixels.get(i).map(|pixel| pixel[c] * scale[c])).flatten(), channels)
 }
 
-/// Returns the value that half of the weight lies below, or `None` for too few values.
+/// Returns the weighted median, or `None` for too few values.
 fn weighted_median(mut values: Vec<(f32, f32)>) -> Option<f32> {
     if values.len() < MIN_PIXELS {
         return None;

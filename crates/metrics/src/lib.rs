@@ -1,18 +1,22 @@
-//! Image metrics on mu-law images, and the protocols that say what is divided by what.
+//! Metrics of HDR view synthesis.
 //!
-//! In: prediction and target `[H,W,3]` in the scene's normalised units, an optional mask. Out: [`ViewMetrics`]. A pixel p becomes T(clip(p / divisor, 0, 1)) with T the mu-law; the divisors are
+//! In: prediction and target `[H,W,3]` in the scene's normalised units, and an optional mask. Out:
+//! [`ViewMetrics`]. Images are compared under the mu-law T: a pixel p becomes T(clip(p / divisor,
+//! 0, 1)). Three protocols differ in the divisors:
 //!
-//! | protocol | target | prediction | whose formula |
+//! | protocol | target | prediction | used by |
 //! |---|---|---|---|
-//! | `scene` | 1 | 1 | one scale per scene, as in training |
+//! | `scene` | 1 | 1 | training: one scale per scene |
 //! | `gtmax` | max(target) | max(target) | HDR-NeRF |
 //! | `selfmax` | max(target) | max(prediction) | HDR-GS |
 //!
-//! PSNR has peak 1 and pools the channels; SSIM is [`ssim`], mean of the channels. Masked pixels are left out of every mean
-//! and maximum; in the SSIM the prediction is set to the target there. A maximum of 0 divides by 1. Sums are f64.
+//! PSNR has peak 1 and pools the channels; SSIM is the mean of [`ssim`] over the channels. Masked
+//! pixels count for no mean and no maximum; SSIM sees the target there in both images. A black
+//! image is divided by 1. Sums are f64.
 //!
-//! What needs no mu-law is in [`FieldMetrics`]: PU21, HDR-FLIP, the error of the logarithm, relative errors by decade; and in
-//! [`LuminanceProfile`].
+//! [`FieldMetrics`] holds the metrics that need no mu-law: PU21, HDR-FLIP, LPIPS, the error of the
+//! logarithm, and relative errors by decade. [`LuminanceProfile`] is the error by luminance, and
+//! [`evaluate()`] measures a scene on views.
 
 mod captured;
 mod decades;
@@ -41,33 +45,34 @@ pub use profile::{LuminanceProfile, PROFILE_BINS_PER_DECADE, ProfileBin};
 pub use pu21::{PU21_PEAK, PU21_RANGE_CD_M2, pu21_encode};
 pub use ssim::{ssim, ssim_interior, ssim_replicated};
 
-/// PSNR of equal images, dB: reported instead of infinity, which JSON can't hold. f32 rounding alone is worth more than 130 dB.
+/// PSNR of equal images, dB. It stands for infinity, which JSON cannot hold; f32
+/// rounding alone would score even higher.
 pub const MAX_PSNR_DB: f64 = 100.0;
 
-/// Why images cannot be compared.
+/// The reasons for which images cannot be compared.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum MetricsError {
-    /// Images of different sizes.
+    /// The images have different sizes.
     #[error("prediction is {}x{}, target {}x{}: metrics need equal sizes", prediction.0, prediction.1, target.0, target.1)]
     Size {
-        /// Width and height.
+        /// Width and height of the prediction.
         prediction: (usize, usize),
-        /// Width and height.
+        /// Width and height of the target.
         target: (usize, usize),
     },
-    /// A plane whose length is not that of the image.
+    /// The length of a plane is not that of the image.
     #[error("planes hold {prediction} and {target} values, expected {width} x {height}")]
     Planes {
         /// Values of the prediction.
         prediction: usize,
         /// Values of the target.
         target: usize,
-        /// Pixels.
+        /// Width of the image, pixels.
         width: usize,
-        /// Pixels.
+        /// Height of the image, pixels.
         height: usize,
     },
-    /// A mask whose length is not that of the image.
+    /// The length of a mask is not that of the image.
     #[error("mask holds {found} pixels, image {expected}")]
     Mask {
         /// Pixels of the mask.
@@ -75,10 +80,10 @@ pub enum MetricsError {
         /// Pixels of the image.
         expected: usize,
     },
-    /// Nothing to compare.
+    /// No pixel is left to compare.
     #[error("no valid pixel: the image is empty or masked entirely")]
     NoValidPixels,
-    /// NaN or infinity.
+    /// A valid pixel is NaN or infinite.
     #[error("{image} is not finite at column {x}, row {y}")]
     NotFinite {
         /// `prediction` or `target`.
@@ -88,41 +93,43 @@ pub enum MetricsError {
         /// Row.
         y: usize,
     },
-    /// A mu-law without a curve.
+    /// The mu-law has no curve for this mu.
     #[error("mu is {0}, expected a finite number above 0")]
     Mu(f32),
-    /// A display that shows nothing.
+    /// A display with this peak luminance shows nothing.
     #[error("peak luminance is {0} cd/m2, expected a finite number above 0")]
     PeakLuminance(f32),
 }
 
-/// Figures of one view, or their means over several. PSNR in dB, at most [`MAX_PSNR_DB`].
+/// Metrics of one view, or their means over several views. PSNR is in dB, at most [`MAX_PSNR_DB`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ViewMetrics {
-    /// PSNR in the scene's scale, clipped at 1.
+    /// PSNR by `scene`: in the scene's scale, clipped at 1.
     pub psnr_scene: f64,
-    /// SSIM in the scene's scale, clipped at 1.
+    /// SSIM by `scene`: in the scene's scale, clipped at 1.
     pub ssim_scene: f64,
-    /// PSNR with both divided by the target's maximum.
+    /// PSNR by `gtmax`: both divided by the target's maximum.
     pub psnr_gtmax: f64,
-    /// SSIM with both divided by the target's maximum.
+    /// SSIM by `gtmax`: both divided by the target's maximum.
     pub ssim_gtmax: f64,
-    /// PSNR with each divided by its own maximum.
+    /// PSNR by `selfmax`: each divided by its own maximum.
     pub psnr_selfmax: f64,
-    /// SSIM with each divided by its own maximum.
+    /// SSIM by `selfmax`: each divided by its own maximum.
     pub ssim_selfmax: f64,
-    /// PSNR of a black image by `scene`: what knowing nothing is worth, and a check of the loader.
+    /// PSNR of a black image by `scene`: the baseline without any knowledge, and a check of the
+    /// loader.
     pub psnr_black_scene: f64,
-    /// PSNR of a black image by `gtmax` (and `selfmax`).
+    /// PSNR of a black image by `gtmax`, which is also that by `selfmax`.
     pub psnr_black_gtmax: f64,
     /// Mean absolute difference under the mu-law by `scene`.
     pub l1_scene: f64,
-    /// Mean absolute difference under the mu-law in the scene's scale, not clipped above: the L1 of the training loss.
+    /// Mean absolute difference under the mu-law in the scene's scale, not clipped above: the L1
+    /// term of the training loss.
     pub mean_abs_mu: f64,
 }
 
 impl ViewMetrics {
-    /// Names and values, in the order of the fields.
+    /// Returns names and values, in the order of the fields.
     pub fn named(&self) -> [(&'static str, f64); 10] {
         [
             ("psnr_scene", self.psnr_scene),
@@ -138,7 +145,8 @@ impl ViewMetrics {
         ]
     }
 
-    /// The mean of every figure (of decibels, as the field does it); `None` of none.
+    /// Returns the mean of every metric, or `None` without any view. PSNR is averaged in dB, as is
+    /// usual.
     pub fn mean(views: &[Self]) -> Option<Self> {
         if views.is_empty() {
             return None;
@@ -159,10 +167,11 @@ impl ViewMetrics {
     }
 }
 
-/// Every figure of a view: `prediction` against `target`, both in normalised units.
+/// Computes every metric of a view: `prediction` against `target`, both in normalised units.
 ///
 /// # Errors
-/// [`MetricsError`]: sizes differ, no pixel is valid, a valid pixel is NaN or infinite, or mu is not positive.
+/// [`MetricsError`]: sizes differ, no pixel is valid, a valid pixel is NaN or infinite, or mu is
+/// not positive.
 pub fn view_metrics(prediction: &Image, target: &Image, mask: Option<&Mask>, mu: f32) -> Result<ViewMetrics, MetricsError> {
     let curve = curve(mu)?;
     let pair = Pair::new(prediction, target, mask)?;
@@ -191,10 +200,10 @@ pub fn view_metrics(prediction: &Image, target: &Image, mask: Option<&Mask>, mu:
     })
 }
 
-/// [`ViewMetrics::psnr_scene`] alone, at a small part of the time of [`view_metrics`].
+/// Computes [`ViewMetrics::psnr_scene`] alone, in a small part of the time of [`view_metrics`].
 ///
 /// # Errors
-/// As [`view_metrics`].
+/// The same as of [`view_metrics`].
 pub fn psnr_scene(prediction: &Image, target: &Image, mask: Option<&Mask>, mu: f32) -> Result<f64, MetricsError> {
     let curve = curve(mu)?;
     let pair = Pair::new(prediction, target, mask)?;
@@ -208,12 +217,13 @@ fn curve(mu: f32) -> Result<MuLaw, MetricsError> {
     if mu.is_finite() && mu > 0.0 { Ok(MuLaw::new(mu)) } else { Err(MetricsError::Mu(mu)) }
 }
 
-/// -10 log10(`mse`), peak 1, at most [`MAX_PSNR_DB`].
+/// Returns the PSNR of a mean squared error, dB: -10 log10(`mse`) with peak 1, at most
+/// [`MAX_PSNR_DB`].
 pub fn psnr_of_mse(mse: f64) -> f64 {
     (-10.0 * mse.log10()).min(MAX_PSNR_DB)
 }
 
-/// Two images and the pixels that count.
+/// A prediction, its target and the mask of the pixels that count.
 struct Pair<'a> {
     prediction: &'a Image,
     target: &'a Image,
@@ -221,7 +231,7 @@ struct Pair<'a> {
     valid_count: usize,
 }
 
-/// A prediction against a target by one protocol.
+/// The comparison of a prediction with its target by one protocol.
 struct Comparison {
     mse: f64,
     mse_black: f64,
@@ -263,7 +273,7 @@ impl<'a> Pair<'a> {
         pairs.filter(|&(i, _)| self.is_valid(i)).map(|(_, (&p, &t))| (p, t))
     }
 
-    /// Largest channel of the prediction and of the target; 1 for a black image.
+    /// Returns the largest channel value of the prediction and of the target; 1 for a black image.
     fn maxima(&self) -> (f32, f32) {
         let largest = |rgb: [f32; 3]| rgb[0].max(rgb[1]).max(rgb[2]);
         let (prediction, target) = self.valid().fold((0f32, 0f32), |(a, b), (p, t)| (a.max(largest(p)), b.max(largest(t))));
@@ -271,13 +281,14 @@ impl<'a> Pair<'a> {
         (or_one(prediction), or_one(target))
     }
 
-    /// The target by channel, divided and under the curve; values that are no numbers, as masked pixels may hold, become 0.
+    /// Returns the target by channel, divided and under the mu-law. NaN and infinity, which masked
+    /// pixels may hold, become 0.
     fn target_planes(&self, divisor: f32, curve: MuLaw) -> [Vec<f32>; 3] {
         let tone = |value: f32| if value.is_finite() { curve.of((value / divisor).clamp(0.0, 1.0)) } else { 0.0 };
         [0, 1, 2].map(|channel| self.target.pixels.iter().map(|pixel| tone(pixel[channel])).collect())
     }
 
-    /// The prediction, divided and under the curve, against the target's planes.
+    /// Compares the prediction, divided and under the mu-law, with the target's planes.
     fn compare(&self, divisor: f32, target: &[Vec<f32>; 3], curve: MuLaw) -> Result<Comparison, MetricsError> {
         let (mut squares, mut squares_black, mut absolute, mut similarity) = (0.0, 0.0, 0.0, 0.0);
         let mut p = vec![0f32; self.target.pixels.len()];

@@ -1,8 +1,9 @@
-//! The luminance-error profile: error against the ground truth's luminance (the figure of LCD-GS).
+//! The luminance-error profile: the error as a function of the ground truth's luminance, as in
+//! LCD-GS.
 //!
-//! Pixels are brought to linear Rec.709 and binned by the ground truth's relative luminance (normalised units) in quarter decades
-//! from 1e-4 to 1e4, with one bin for all below and one for all above. Bins hold sums and counts, so that profiles of several
-//! views add up.
+//! Pixels are converted to linear Rec.709 and binned by the ground truth's relative luminance
+//! (normalised units) in quarter decades from 1e-4 to 1e4, with one bin for everything below and
+//! one for everything above. Bins hold sums and counts, so that profiles of several views add up.
 
 use serde::{Deserialize, Serialize};
 
@@ -16,34 +17,36 @@ pub const PROFILE_BINS_PER_DECADE: usize = 4;
 const LOW_DECADE: f64 = -4.0;
 /// log10 of the highest bin edge.
 const HIGH_DECADE: f64 = 4.0;
-/// Quarter decades, and a bin at either end.
+/// The number of bins: quarter decades, and an open bin at either end.
 const BINS: usize = (HIGH_DECADE - LOW_DECADE) as usize * PROFILE_BINS_PER_DECADE + 2;
 
-/// What one bin has seen.
+/// Sums over the pixels of one bin.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ProfileBin {
-    /// Pixels.
+    /// Number of pixels.
     pub count: u64,
-    /// Sum over pixels of the absolute error, mean of the three channels, normalised units, nothing clipped.
+    /// Sum over pixels of the absolute error (mean of the three channels), normalised units, not
+    /// clipped.
     pub absolute_error: f64,
-    /// Sum over pixels of the squared error of the luminance in stops (log2 of the ratio; luminances below [`LOG_FLOOR`] count as that).
+    /// Sum over pixels of the squared error of the luminance in stops (log2 of the ratio, with
+    /// luminances raised to at least [`LOG_FLOOR`]).
     pub squared_stops: f64,
     /// Sum over pixels of the ground truth's luminance.
     pub luminance: f64,
 }
 
 impl ProfileBin {
-    /// Mean absolute error in normalised units; `None` for an empty bin.
+    /// Returns the mean absolute error in normalised units; `None` for an empty bin.
     pub fn mean_absolute_error(&self) -> Option<f64> {
         (self.count > 0).then(|| self.absolute_error / self.count as f64)
     }
 
-    /// Root mean squared error of the luminance in stops; `None` for an empty bin.
+    /// Returns the root mean squared error of the luminance in stops; `None` for an empty bin.
     pub fn rms_stops(&self) -> Option<f64> {
         (self.count > 0).then(|| (self.squared_stops / self.count as f64).sqrt())
     }
 
-    /// Mean luminance of the ground truth; `None` for an empty bin.
+    /// Returns the mean luminance of the ground truth; `None` for an empty bin.
     pub fn mean_luminance(&self) -> Option<f64> {
         (self.count > 0).then(|| self.luminance / self.count as f64)
     }
@@ -59,7 +62,7 @@ impl ProfileBin {
 /// Error by luminance of one or several views.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LuminanceProfile {
-    /// From the darkest: below 1e-4, quarter decades, 1e4 and above.
+    /// Bins from the darkest: below 1e-4, quarter decades, 1e4 and above.
     pub bins: Vec<ProfileBin>,
 }
 
@@ -70,7 +73,8 @@ impl Default for LuminanceProfile {
 }
 
 impl LuminanceProfile {
-    /// Luminances `[lower, upper)` of bin `i`: 0 is the lower edge of the first, infinity the upper edge of the last.
+    /// Returns the luminances `[lower, upper)` of bin `i`. The first bin begins at 0, and the last
+    /// ends at infinity.
     pub fn edges(i: usize) -> (f64, f64) {
         let edge = |i: usize| match i {
             0 => 0.0,
@@ -80,7 +84,8 @@ impl LuminanceProfile {
         (edge(i), edge(i + 1))
     }
 
-    /// Of `prediction` against `target`, radiance with the primaries of `color_space`, both in normalised units.
+    /// Computes the profile of `prediction` against `target`, radiance with the primaries of
+    /// `color_space`, both in normalised units.
     ///
     /// # Errors
     /// [`MetricsError`]: sizes differ, no pixel is valid, or a valid pixel is NaN or infinite.
@@ -92,7 +97,7 @@ impl LuminanceProfile {
         Ok(profile)
     }
 
-    /// Adds a pixel, linear Rec.709.
+    /// Adds a pixel in linear Rec.709.
     pub fn add(&mut self, prediction: [f32; 3], target: [f32; 3]) {
         let (found, expected) = (luminance_rec709(prediction), luminance_rec709(target));
         let error: f64 = (0..3).map(|c| (f64::from(prediction[c]) - f64::from(target[c])).abs()).sum();
@@ -110,14 +115,14 @@ impl LuminanceProfile {
         }
     }
 
-    /// Pixels in all bins.
+    /// Returns the number of pixels in all bins.
     pub fn count(&self) -> u64 {
         self.bins.iter().map(|bin| bin.count).sum()
     }
 
     fn bin_of(luminance: f32) -> usize {
         let place = (f64::from(luminance).log10() - LOW_DECADE) * PROFILE_BINS_PER_DECADE as f64;
-        // Luminance 0 is at minus infinity and a negative one NaN: both lie below.
+        // Luminance 0 gives minus infinity and a negative one NaN: both belong to the first bin.
         if place >= 0.0 { (place as usize).min(BINS - 2) + 1 } else { 0 }
     }
 }
@@ -130,7 +135,7 @@ mod tests {
     #[test]
     fn every_luminance_falls_between_the_edges_of_its_bin() {
         for step in -120..=120 {
-            // Off the edges themselves, whose side is a matter of rounding.
+            // Edges themselves are avoided: rounding decides which side they fall on.
             let luminance = 10f64.powf(f64::from(step) * 0.05 + 0.011) as f32;
             let (lower, upper) = LuminanceProfile::edges(LuminanceProfile::bin_of(luminance));
             assert!(lower <= luminance.into() && f64::from(luminance) < upper, "{luminance}: {lower} to {upper}");

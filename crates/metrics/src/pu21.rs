@@ -1,30 +1,37 @@
-//! PU21: PSNR and SSIM of luminance as a display would show it, on a perceptually uniform scale.
+//! PU21: PSNR and SSIM of displayed light on a perceptually uniform scale.
 //!
-//! In: luminance Y in cd/m2, clamped to `[0.005, 10000]`. Out: V = c6 (((c0 + c1 Y^c3) / (1 + c2 Y^c3))^c4 - c5), one unit of which is about as visible in
-//! the dark as in the light, and 256 of which are the range of a display of 100 cd/m2, so that figures compare with those of 8-bit images (Mantiuk &
-//! Azimi, "PU21: A novel perceptually uniform encoding for adapting existing quality metrics for HDR", PCS 2021; coefficients `banding_glare`).
-//! Figures follow the authors' `pu21_metric`: PSNR pools the three encoded channels, SSIM is that of the encoded luminance, both with peak 256.
-//! Radiance has no unit of its own here: what 1 is shown as, in cd/m2, belongs to every figure.
+//! In: luminance Y in cd/m2, clamped to `[0.005, 10000]`. Out: V = c6 (((c0 + c1 Y^c3) / (1 + c2
+//! Y^c3))^c4 - c5). One unit of V is about equally visible in the dark and in the light. A display
+//! of 100 cd/m2 covers 256 units, so that metrics are comparable with those of 8-bit images.
+//! Source: Mantiuk & Azimi, "PU21: A novel perceptually uniform encoding for adapting existing
+//! quality metrics for HDR", PCS 2021; coefficients `banding_glare`.
+//!
+//! The metrics follow the authors' `pu21_metric`: PSNR pools the three encoded channels, SSIM is
+//! that of the encoded luminance, both with peak 256. Normalised radiance has no absolute unit, so
+//! every value depends on the luminance at which a display shows 1, cd/m2.
 
 use super::{MetricsError, Pair, psnr_of_mse, ssim_replicated};
 use luxel_core::luminance_rec709;
 
-/// Peak signal of [`pu21_encode`]d values in PSNR and SSIM: about V of 100 cd/m2, the white of the displays that 8-bit metrics were made for.
+/// The peak of [`pu21_encode`]d values in PSNR and SSIM: about V of 100 cd/m2, the white of the
+/// displays that 8-bit metrics were made for.
 pub const PU21_PEAK: f64 = 256.0;
-/// Darkest and brightest luminance that the encoding was fitted to, cd/m2.
+/// The darkest and the brightest luminance that the encoding was fitted to, cd/m2.
 pub const PU21_RANGE_CD_M2: [f64; 2] = [0.005, 10_000.0];
 
-/// Coefficients `banding_glare` of the paper's table 1.
+/// The coefficients `banding_glare` of the paper's table 1.
 const C: [f64; 7] = [0.353_487_901, 0.373_465_862_9, 8.277_049_286e-5, 0.906_256_262_7, 0.091_503_031_66, 0.909_951_720_4, 596.314_814_2];
 
-/// The encoded value of a luminance in cd/m2; what lies outside of [`PU21_RANGE_CD_M2`], and NaN, counts as the nearer end (NaN as the darker).
+/// Encodes a luminance in cd/m2. Luminances outside of [`PU21_RANGE_CD_M2`] count as its nearer
+/// end, and NaN as the darker one.
 pub fn pu21_encode(luminance_cd_m2: f64) -> f64 {
     let [low, high] = PU21_RANGE_CD_M2;
     let power = luminance_cd_m2.max(low).min(high).powf(C[3]);
     C[6] * (((C[0] + C[1] * power) / (1.0 + C[2] * power)).powf(C[4]) - C[5])
 }
 
-/// PSNR, dB, and SSIM of a pair in linear Rec.709 whose 1 is shown as `peak_cd_m2`.
+/// Returns PSNR (dB) and SSIM of a pair in linear Rec.709 in which a display shows 1 at
+/// `peak_cd_m2`.
 pub(super) fn pu21_psnr_ssim(pair: &Pair, peak_cd_m2: f64) -> Result<(f64, f64), MetricsError> {
     let encode = |value: f32| pu21_encode(f64::from(value) * peak_cd_m2);
     let pixels = pair.target.pixels.len();

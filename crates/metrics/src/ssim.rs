@@ -1,31 +1,38 @@
 //! Structural similarity, as 3D Gaussian splatting and its successors compute it.
 //!
-//! In: two planes `[H*W]` in `[0, 1]`. Out: the mean over all pixels of
-//! (2 m_p m_t + C1)(2 s_pt + C2) / ((m_p^2 + m_t^2 + C1)(s_p^2 + s_t^2 + C2)), means, variances and covariance under an 11x11 Gaussian
-//! window of sigma 1.5 that sees zeros outside of the image (Wang et al. 2004; window and padding of Kerbl et al. 2023).
-//! [`ssim_interior`] leaves out the pixels whose window reaches beyond the border (scikit-image's), [`ssim_replicated`] continues the border's pixels
-//! outwards (MATLAB's). Values may be f32 or f64; sums are f64: in f32 the variance of a bright, smooth area is lost to cancellation.
+//! In: two planes `[H*W]` in `[0, 1]`. Out: the mean over all pixels of (2 m_p m_t + C1)(2 s_pt +
+//! C2) / ((m_p^2 + m_t^2 + C1)(s_p^2 + s_t^2 + C2)), with means, variances and covariance under an
+//! 11x11 Gaussian window of sigma 1.5. The image is padded with zeros. Source: Wang et al. 2004;
+//! window and padding of Kerbl et al. 2023.
+//!
+//! [`ssim_interior`] leaves out the pixels with a window that reaches beyond the border, like
+//! scikit-image. [`ssim_replicated`] repeats the border pixels outwards, like MATLAB. Values may be
+//! f32 or f64. Sums are f64, because in f32 the variance of a bright, smooth area is lost to
+//! cancellation.
 
 use luxel_core::{SSIM_C1, SSIM_C2, SSIM_RADIUS, SSIM_TAPS as TAPS, ssim_window};
 
 use super::MetricsError;
 
-/// Blurred quantities: p, t, p^2 + t^2 and p t. The formula needs the variances only as their sum.
+/// The number of blurred quantities: p, t, p^2 + t^2 and p t. The formula needs the variances only
+/// as their sum.
 const QUANTITIES: usize = 4;
 
-/// Mean structural similarity of one channel, row-major.
+/// Computes the mean structural similarity of one channel, row-major.
 ///
 /// # Errors
-/// [`MetricsError::Planes`] if a plane does not hold `width * height` values, [`MetricsError::NoValidPixels`] if that is 0.
+/// [`MetricsError::Planes`] if a plane does not hold `width * height` values,
+/// [`MetricsError::NoValidPixels`] if that is 0.
 pub fn ssim<T: Copy + Into<f64>>(prediction: &[T], target: &[T], width: usize, height: usize) -> Result<f64, MetricsError> {
     check_planes(prediction, target, width, height)?;
     Ok(mean_similarity(prediction, target, width, 0))
 }
 
-/// [`ssim`] over the pixels whose whole window lies inside of the image.
+/// Computes [`ssim`] over the pixels with a window that lies entirely inside the image.
 ///
 /// # Errors
-/// As [`ssim`]; [`MetricsError::NoValidPixels`] also of an image smaller than the window, 11 pixels.
+/// The same as of [`ssim`], and [`MetricsError::NoValidPixels`] for an image smaller than the
+/// window (11 pixels).
 pub fn ssim_interior<T: Copy + Into<f64>>(prediction: &[T], target: &[T], width: usize, height: usize) -> Result<f64, MetricsError> {
     check_planes(prediction, target, width, height)?;
     if width.min(height) < TAPS {
@@ -34,10 +41,10 @@ pub fn ssim_interior<T: Copy + Into<f64>>(prediction: &[T], target: &[T], width:
     Ok(mean_similarity(prediction, target, width, SSIM_RADIUS))
 }
 
-/// [`ssim`] with a window that sees the border's pixels continued outside of the image.
+/// Computes [`ssim`] of an image that is extended by its border pixels instead of zeros.
 ///
 /// # Errors
-/// As [`ssim`].
+/// The same as of [`ssim`].
 pub fn ssim_replicated<T: Copy + Into<f64>>(prediction: &[T], target: &[T], width: usize, height: usize) -> Result<f64, MetricsError> {
     check_planes(prediction, target, width, height)?;
     let nearest = |i: usize, side: usize| i.saturating_sub(SSIM_RADIUS).min(side - 1);
@@ -56,7 +63,8 @@ fn check_planes<T>(prediction: &[T], target: &[T], width: usize, height: usize) 
     if pixels == 0 { Err(MetricsError::NoValidPixels) } else { Ok(()) }
 }
 
-/// Of all pixels but those of a frame as wide as `margin`, of which there must be some.
+/// Returns the mean over all pixels except a frame `margin` pixels wide. The image must be larger
+/// than the frame.
 fn mean_similarity<T: Copy + Into<f64>>(prediction: &[T], target: &[T], width: usize, margin: usize) -> f64 {
     let height = target.len() / width;
     let mut rows = BlurredRows::new(width);
@@ -75,15 +83,15 @@ fn mean_similarity<T: Copy + Into<f64>>(prediction: &[T], target: &[T], width: u
     sum / ((width - 2 * margin) * (height - 2 * margin)) as f64
 }
 
-/// The last [`TAPS`] rows, blurred along x: all that a row of the result depends on.
+/// The last [`TAPS`] rows, blurred along x: everything that a row of the result depends on.
 struct BlurredRows {
     width: usize,
     window: [f64; TAPS],
-    /// [QUANTITIES] rows with [`SSIM_RADIUS`] zeros on either side.
+    /// One row of each of the [`QUANTITIES`], with [`SSIM_RADIUS`] zeros on either side.
     padded: [Vec<f64>; QUANTITIES],
-    /// [TAPS][QUANTITIES * W], row y at y % TAPS.
+    /// Blurred rows `[TAPS][QUANTITIES * W]`, row y at y % TAPS.
     ring: Vec<Vec<f64>>,
-    /// [QUANTITIES * W].
+    /// Sums `[QUANTITIES * W]` of a row of the result.
     blurred: Vec<f64>,
 }
 
@@ -98,7 +106,7 @@ impl BlurredRows {
         }
     }
 
-    /// Row `y` of both planes, blurred along x.
+    /// Blurs row `y` of both planes along x.
     fn push<T: Copy + Into<f64>>(&mut self, y: usize, prediction: &[T], target: &[T]) {
         for (x, (&p, &t)) in prediction.iter().zip(target).enumerate() {
             let (p, t): (f64, f64) = (p.into(), t.into());
@@ -109,14 +117,15 @@ impl BlurredRows {
         let ring = &mut self.ring[y % TAPS];
         for (out, padded) in ring.chunks_exact_mut(self.width).zip(&self.padded) {
             out.fill(0.0);
-            // Tap by tap over the whole row: both slices advance by one, which the compiler turns into vector code.
+            // One tap at a time over the whole row: both slices advance by one, which the compiler
+            // vectorises.
             for (&weight, from) in self.window.iter().zip(0..) {
                 accumulate(out, &padded[from..], weight);
             }
         }
     }
 
-    /// Sum over row `y` of the similarity, `margin` pixels at either end left out.
+    /// Returns the sum of the similarity over row `y`, without `margin` pixels at either end.
     fn similarity(&mut self, y: usize, height: usize, margin: usize) -> f64 {
         self.blurred.fill(0.0);
         for (tap, &weight) in self.window.iter().enumerate() {
@@ -156,7 +165,8 @@ mod tests {
         (0..width * height).map(|i| ((i as f64 + seed) * 0.754_877_666).sin() * 43_758.545).map(|v| v - v.floor()).collect()
     }
 
-    /// The definition: a two-dimensional window around every pixel, central moments taken about the window's mean.
+    /// Computes the SSIM by its definition: a two-dimensional window around every pixel, with
+    /// central moments about the window's mean.
     fn brute_force(p: &[f64], t: &[f64], width: usize, height: usize) -> f64 {
         let w = ssim_window();
         let mut total = 0.0;
@@ -184,7 +194,7 @@ mod tests {
 
     #[test]
     fn ssim_equals_the_two_dimensional_window() {
-        // Smaller than the window, as large, larger, and both ways oblong.
+        // Smaller than the window, as large, larger, wide and tall.
         for (width, height) in [(1, 1), (3, 2), (11, 11), (23, 9), (7, 30)] {
             let (p, t) = (plane(0.3, width, height), plane(7.1, width, height));
             let mixed: Vec<f64> = p.iter().zip(&t).map(|(p, t)| 0.7 * p + 0.3 * t).collect();
@@ -197,7 +207,7 @@ mod tests {
 
     #[test]
     fn borders_differ_by_what_lies_beyond() {
-        // With zeros drawn around the image, its interior is what the window that sees zeros outside saw.
+        // An image with a frame of zeros has the interior that zero padding gives the image itself.
         let (width, height) = (9, 6);
         let (p, t) = (plane(0.3, width, height), plane(7.1, width, height));
         let framed = |plane: &[f64]| {
@@ -210,7 +220,7 @@ mod tests {
         let (inside, zeros) =
             (ssim_interior(&framed(&p), &framed(&t), width + 10, height + 10).unwrap(), ssim(&p, &t, width, height).unwrap());
         assert!((inside - zeros).abs() < 1e-12, "{inside} {zeros}");
-        // One pixel, continued, is a flat image: means alone count.
+        // One pixel, repeated, is a flat image: only the means count.
         let flat = ssim_replicated(&[0.2], &[0.4], 1, 1).unwrap();
         assert!((flat - (2.0 * 0.08 + SSIM_C1) / (0.04 + 0.16 + SSIM_C1)).abs() < 1e-12, "{flat}");
         assert!(matches!(ssim_interior(&p, &t, width, height), Err(MetricsError::NoValidPixels)));

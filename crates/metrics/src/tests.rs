@@ -41,7 +41,8 @@ fn psnr_of_a_constant_difference_under_the_mu_law_is_known() {
     assert!((m.psnr_scene - 20.0).abs() < 1e-4, "{}", m.psnr_scene);
     assert!((m.l1_scene - 0.1).abs() < 1e-6 && (m.mean_abs_mu - 0.1).abs() < 1e-6);
     assert!((m.psnr_black_scene - 6.0206).abs() < 1e-4, "{}", m.psnr_black_scene);
-    // Divided by its maximum the target is white, so black is 0 dB, and any flat prediction is perfect by its own maximum.
+    // Divided by its maximum the target is white: black scores 0 dB, and any flat prediction is
+    // perfect by its own maximum.
     assert!(m.psnr_black_gtmax.abs() < 1e-9);
     assert_eq!(m.psnr_selfmax, MAX_PSNR_DB);
     assert!(m.psnr_gtmax < 30.0);
@@ -49,7 +50,8 @@ fn psnr_of_a_constant_difference_under_the_mu_law_is_known() {
 
 #[test]
 fn selfmax_is_capped_by_the_error_of_the_maximum() {
-    // A relative error x of the brightest pixel alone costs about -20 log10(ln(1 + x) / ln 5001) where mu p >> 1 (5 % -> 44.8 dB).
+    // A relative error x of the brightest pixel alone costs about -20 log10(ln(1 + x) / ln 5001)
+    // where mu p >> 1 (5 % -> 44.8 dB).
     let target = image(40, 40, |i| if i < 3 { 100.0 } else { 50.0 });
     let prediction = image(40, 40, |i| if i < 3 { 105.0 } else { 50.0 });
     let m = metrics(&prediction, &target);
@@ -76,7 +78,7 @@ fn masked_pixels_do_not_count() {
     target.pixels[77] = [0.0; 3];
     let first = view_metrics(&prediction, &target, Some(&mask), MU).unwrap();
     assert!((psnr_scene(&prediction, &target, Some(&mask), MU).unwrap() - first.psnr_scene).abs() < 1e-6);
-    // Whatever is predicted there, be it the maximum or NaN, nothing changes.
+    // Predictions in masked pixels change nothing, not even the maximum or NaN.
     prediction.pixels[5] = [1e6; 3];
     prediction.pixels[77] = [f32::NAN; 3];
     let second = view_metrics(&prediction, &target, Some(&mask), MU).unwrap();
@@ -86,7 +88,7 @@ fn masked_pixels_do_not_count() {
 }
 
 #[test]
-fn a_masked_ssim_sees_the_target_in_place_of_the_prediction() {
+fn a_masked_ssim_uses_the_target_in_place_of_the_prediction() {
     let target = image(16, 12, radiance(1.0));
     let mut prediction = target.clone();
     let mut mask = Mask::of_valid(vec![true; 16 * 12]);
@@ -133,7 +135,7 @@ fn images_that_cannot_be_compared_are_errors() {
 }
 
 #[test]
-fn the_mean_is_that_of_every_figure() {
+fn the_mean_is_that_of_every_metric() {
     let target = image(16, 12, radiance(1.0));
     let views = [metrics(&image(16, 12, radiance(1.1)), &target), metrics(&image(16, 12, radiance(2.0)), &target)];
     let mean = ViewMetrics::mean(&views).unwrap();
@@ -145,7 +147,7 @@ fn the_mean_is_that_of_every_figure() {
 }
 
 #[test]
-fn names_of_figures_are_those_that_are_saved() {
+fn metric_names_are_those_of_the_saved_fields() {
     let json = serde_json::to_value(ViewMetrics::default()).unwrap();
     let saved = json.as_object().unwrap();
     assert_eq!(saved.len(), ViewMetrics::default().named().len());
@@ -157,7 +159,7 @@ fn names_of_figures_are_those_that_are_saved() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
-    /// Both protocols divide the unit away: radiance in other units gives the same figures.
+    /// Both protocols divide the unit away: radiance in other units gives the same metrics.
     #[test]
     fn gtmax_and_selfmax_do_not_depend_on_the_unit(seed in 0f32..50.0, factor in 1e-3f32..1e3) {
         let (mut p, mut t) = (image(13, 9, radiance(seed)), image(13, 9, radiance(seed + 0.2)));
@@ -170,7 +172,7 @@ proptest! {
         prop_assert!((before.psnr_selfmax - after.psnr_selfmax).abs() < 1e-3);
     }
 
-    /// A prediction in another unit is what `selfmax` forgives, and it alone.
+    /// Only `selfmax` ignores the scale of the prediction.
     #[test]
     fn selfmax_does_not_see_a_scaled_prediction(seed in 0f32..50.0, factor in 1e-3f32..1e3) {
         let (mut p, t) = (image(13, 9, radiance(seed)), image(13, 9, radiance(seed + 0.2)));
@@ -181,7 +183,7 @@ proptest! {
     }
 
     #[test]
-    fn figures_are_finite_and_in_range(seed in 0f32..50.0, other in 0f32..50.0) {
+    fn metrics_are_finite_and_in_range(seed in 0f32..50.0, other in 0f32..50.0) {
         let m = metrics(&image(12, 7, radiance(seed)), &image(12, 7, radiance(other)));
         for (name, value) in m.named() {
             prop_assert!(value.is_finite(), "{} = {}", name, value);

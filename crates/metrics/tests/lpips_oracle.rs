@@ -1,12 +1,12 @@
-//! LPIPS against the reference package. Expected values are in `oracles/lpips.json`, made by `scripts/lpips_oracle.py` with the weights and images
-//! that are made here by the same arithmetic.
+//! Tests LPIPS against the reference package. Expected values are in `oracles/lpips.json`, made by
+//! `scripts/lpips_oracle.py` with the same generated weights and images as here.
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail the test")]
 
 use luxel_core::{ColorSpace, Image, Mask};
 use luxel_metrics::{Lpips, LpipsError, LpipsNetwork, Tensors};
 use serde_json::Value;
 
-/// A hash of index and seed as fractions of 24 bits.
+/// Returns a hash of index and seed as a fraction of 24 bits.
 fn fraction(i: usize, seed: usize) -> f64 {
     let mut x = (i as u32).wrapping_mul(0x9E37_79B1).wrapping_add((seed as u32).wrapping_mul(0x0100_0193));
     x ^= x >> 15;
@@ -33,7 +33,7 @@ fn oracle(network: LpipsNetwork) -> Value {
     file[network.name()].clone()
 }
 
-/// The names come from the package: sorted, as the script has them.
+/// Returns tensors with the package's names, sorted as in the script.
 fn tensors(oracle: &Value) -> Tensors {
     let shapes = oracle["tensors"].as_object().unwrap();
     let mut names: Vec<&String> = shapes.keys().collect();
@@ -96,7 +96,7 @@ fn radiance_is_shown_under_the_mu_law_and_masked_pixels_do_not_count() {
 }
 
 #[test]
-fn what_is_no_network_or_no_image_is_said() {
+fn unknown_networks_and_unusable_images_are_errors() {
     let oracle = oracle(LpipsNetwork::Alex);
     let whole = tensors(&oracle);
     assert!(matches!(Lpips::from_tensors(&Tensors::new()), Err(LpipsError::UnknownNetwork { .. })));

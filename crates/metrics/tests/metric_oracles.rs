@@ -1,5 +1,7 @@
-//! Metrics against independent implementations: FLIP's authors' program, scikit-image's SSIM, ColorVideoVDP's PU21 and definitions in NumPy. Expected
-//! values are in `oracles/metrics.json`, made by `scripts/metric_oracles.py` on the images that are made here by the same arithmetic.
+//! Tests metrics against independent implementations: the FLIP authors' program, scikit-image's
+//! SSIM, ColorVideoVDP's PU21, and definitions in NumPy. Expected values are in
+//! `oracles/metrics.json`, made by `scripts/metric_oracles.py` on the same generated images as
+//! here.
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail the test")]
 
 use luxel_core::{ColorSpace, Image};
@@ -9,10 +11,11 @@ use luxel_metrics::{
 };
 use serde_json::Value;
 
-/// Of the error maps in the file.
+/// Stride of the sampled pixels of the error maps in the file.
 const MAP_STRIDE: usize = 13;
 
-/// Numerical Recipes' linear congruential generator; the upper 24 bits of 32 as a fraction.
+/// Numerical Recipes' linear congruential generator. It returns the upper 24 bits of 32 as a
+/// fraction.
 struct Random(u32);
 
 impl Random {
@@ -29,7 +32,7 @@ struct Made {
 }
 
 impl Made {
-    /// `value` of column, row and channel: reference and test.
+    /// Generates a pair of images: `value` gives reference and test by column, row and channel.
     fn new(name: &'static str, size: [i32; 2], mut value: impl FnMut(i32, i32, i32, &mut Random) -> (f64, f64)) -> Self {
         let mut random = Random(1);
         let (mut reference, mut test) = (Vec::new(), Vec::new());
@@ -83,7 +86,7 @@ fn images() -> [Made; 6] {
 fn assert_close(what: &str, found: f64, expected: &Value, tolerance: f64) {
     let expected = expected.as_f64().unwrap_or_else(|| panic!("{what}: no expected value"));
     let difference = (found - expected).abs();
-    // With --nocapture this is the table of the documentation.
+    // With --nocapture this prints the table of the documentation.
     println!("{what}: {found:.7} {expected:.7} off by {difference:.1e}");
     assert!(difference <= tolerance, "{what}: {found}, expected {expected}, off by {difference:.2e}");
 }
@@ -99,7 +102,7 @@ fn images_are_those_of_the_oracles() {
     }
 }
 
-/// One of the three ways at the border.
+/// One of the three treatments of the border.
 type Ssim = fn(&[f64], &[f64], usize, usize) -> Result<f64, MetricsError>;
 
 #[test]
@@ -127,7 +130,8 @@ fn pu21_is_that_of_color_video_vdp_and_scikit_image() {
         for expected in made.oracle()["pu21"].as_array().unwrap() {
             let peak = expected["peak_luminance"].as_f64().unwrap();
             let found = field(&made, peak as f32);
-            // Luminance is f32 here: 1e-7 of a value is 1e-6 dB of a difference of a tenth.
+            // Luminance is f32 here: an error of 1e-7 of a value is 1e-6 dB of a difference of a
+            // tenth.
             assert_close(&format!("{} pu21_psnr at {peak} cd/m2", made.name), found.pu21_psnr, &expected["psnr"], 1e-6);
             assert_close(&format!("{} pu21_ssim at {peak} cd/m2", made.name), found.pu21_ssim, &expected["ssim"], 1e-6);
         }
@@ -149,10 +153,11 @@ fn logarithms_and_decades_are_their_definitions() {
     }
 }
 
-/// Both are single precision with different orders of summation. In flat areas features are rounding noise, and so are colours beside a bright area: the
-/// exponents 0.5 and 0.7 make 1e-3 of 1e-7. Images without such areas agree to 5e-6.
+/// Tolerance of a pixel. Both programs are single precision with different orders of summation. In
+/// flat areas features are rounding noise, and so are colours beside a bright area: the exponents
+/// 0.5 and 0.7 turn 1e-7 into 1e-3.
 const FLIP_PIXEL_TOLERANCE: f64 = 3e-3;
-/// As [`FLIP_PIXEL_TOLERANCE`], averaged.
+/// Tolerance of the mean, where the noise of [`FLIP_PIXEL_TOLERANCE`] is averaged.
 const FLIP_MEAN_TOLERANCE: f64 = 5e-5;
 
 fn assert_flip(what: &str, found: &FlipMap, expected: &Value) {

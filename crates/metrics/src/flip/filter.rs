@@ -1,13 +1,14 @@
-//! FLIP's filters: the eye's contrast sensitivity per opponent channel, and detectors of edges and points.
+//! FLIP's filters: contrast sensitivity per opponent channel, and detectors of edges and points.
 //!
-//! In: planes `[H*W]`, pixels per degree. Out: filtered planes, or the strength of edge and point per pixel. All filters are sums of products of one along x
-//! and one along y; beyond the border lies the border's pixel.
+//! In: planes `[H*W]`, pixels per degree. Out: filtered planes, or the strength of edge and point
+//! per pixel. All filters are sums of separable filters. Planes are extended by their border
+//! pixels.
 
 use std::f32::consts::PI;
 
 use super::color::YCxCz;
 
-/// Size of a plane.
+/// The size of a plane.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Plane {
     pub(super) width: usize,
@@ -15,7 +16,7 @@ pub(super) struct Plane {
 }
 
 impl Plane {
-    /// Rows filtered along x by a kernel of odd length.
+    /// Filters rows along x by a kernel of odd length.
     fn along_x(self, values: &[f32], kernel: &[f32]) -> Vec<f32> {
         let radius = kernel.len() / 2;
         let mut out = vec![0f32; values.len()];
@@ -24,7 +25,8 @@ impl Plane {
             padded[..radius].fill(row[0]);
             padded[radius..radius + self.width].copy_from_slice(row);
             padded[radius + self.width..].fill(row[self.width - 1]);
-            // Tap by tap over the whole row: both slices advance by one, which the compiler turns into vector code.
+            // One tap at a time over the whole row: both slices advance by one, which the compiler
+            // vectorises.
             for (&weight, from) in kernel.iter().zip(0..) {
                 accumulate(out, &padded[from..], weight);
             }
@@ -32,7 +34,8 @@ impl Plane {
         out
     }
 
-    /// Adds columns filtered along y by a kernel of odd length, times `factor`, to `out`.
+    /// Filters columns along y by a kernel of odd length, and adds the result times `factor` to
+    /// `out`.
     fn add_along_y(self, out: &mut [f32], values: &[f32], kernel: &[f32], factor: f32) {
         let radius = kernel.len() / 2;
         for (y, out) in out.chunks_exact_mut(self.width).enumerate() {
@@ -57,19 +60,21 @@ fn accumulate(out: &mut [f32], values: &[f32], weight: f32) {
     }
 }
 
-/// A sum of Gaussians a sqrt(pi / b) exp(-pi^2 x^2 / b), x in degrees: the inverse Fourier transform of a contrast sensitivity curve.
+/// The contrast sensitivity of lightness as pairs (a, b): the filter is the sum of Gaussians a
+/// sqrt(pi / b) exp(-pi^2 x^2 / b), x in degrees, the inverse Fourier transform of the sensitivity
+/// curve.
 const ACHROMATIC: [(f32, f32); 1] = [(1.0, 0.0047)];
-/// As [`ACHROMATIC`].
+/// The contrast sensitivity of red against green, like [`ACHROMATIC`].
 const RED_GREEN: [(f32, f32); 1] = [(1.0, 0.0053)];
-/// As [`ACHROMATIC`].
+/// The contrast sensitivity of blue against yellow, like [`ACHROMATIC`].
 const BLUE_YELLOW: [(f32, f32); 2] = [(34.1, 0.04), (13.5, 0.025)];
-/// The largest b: all three filters have the radius of the widest, three standard deviations.
+/// The largest b. All three filters have the radius of the widest: three standard deviations.
 const WIDEST: f32 = 0.04;
 
-/// Share of a Gaussian, and the Gaussian along an axis, which sums to 1.
+/// A Gaussian's share of its filter, and its kernel along an axis, which sums to 1.
 type Gaussian = (f32, Vec<f32>);
 
-/// Low-pass filters of what the eye does not resolve.
+/// Low-pass filters that remove the detail which the eye does not resolve.
 pub(super) struct ContrastSensitivity {
     achromatic: Vec<Gaussian>,
     red_green: Vec<Gaussian>,
@@ -83,7 +88,7 @@ impl ContrastSensitivity {
             let term = |&(a, b): &(f32, f32)| {
                 let kernel = kernel(radius, |x| (-PI * PI * (x / pixels_per_degree).powi(2) / b).exp());
                 let sum: f32 = kernel.iter().sum();
-                // What the Gaussian weighs in the plane.
+                // The Gaussian's weight in two dimensions.
                 (a * (PI / b).sqrt() * sum * sum, kernel.into_iter().map(|v| v / sum).collect())
             };
             let terms: Vec<Gaussian> = terms.iter().map(term).collect();
@@ -105,10 +110,11 @@ impl ContrastSensitivity {
     }
 }
 
-/// Width of the edge that is seen best, degrees.
+/// The width of the most visible edge, degrees.
 const FEATURE_WIDTH_DEGREES: f32 = 0.082;
 
-/// First and second derivatives of a Gaussian whose positive and negative parts sum to 1 and -1 each.
+/// First and second derivatives of a Gaussian, scaled so that their positive parts sum to 1 and
+/// their negative parts to -1.
 pub(super) struct FeatureFilters {
     gaussian: Vec<f32>,
     edge: Vec<f32>,
@@ -127,8 +133,8 @@ impl FeatureFilters {
         }
     }
 
-    /// `[edge, point]` of every pixel of a plane of YCxCz' y.
-    pub(super) fn of(&self, plane: Plane, y: &[f32]) -> Vec<[f32; 2]> {
+    /// Returns the strengths `[edge, point]` of every pixel of a plane of YCxCz' Y.
+    pub(super) fn strengths(&self, plane: Plane, y: &[f32]) -> Vec<[f32; 2]> {
         let lightness: Vec<f32> = y.iter().map(|y| (y + 16.0) / 116.0).collect();
         let smooth = plane.along_x(&lightness, &self.gaussian);
         let strength = |kernel: &[f32]| {
@@ -144,7 +150,7 @@ fn kernel(radius: usize, value: impl Fn(f32) -> f32) -> Vec<f32> {
     (0..=2 * radius).map(|i| value(i as f32 - radius as f32)).collect()
 }
 
-/// Positive values over their sum, negative ones over the amount of theirs.
+/// Scales positive values to sum to 1, and negative ones to sum to -1.
 fn balanced(kernel: Vec<f32>) -> Vec<f32> {
     let sum = |sign: f32| kernel.iter().map(|v| (sign * v).max(0.0)).sum::<f32>();
     let (positive, negative) = (sum(1.0), sum(-1.0));
@@ -163,17 +169,17 @@ mod tests {
         for value in filtered.y.iter().chain(&filtered.cx).chain(&filtered.cz) {
             assert!((value - 42.0).abs() < 1e-3, "{value}");
         }
-        for [edge, point] in FeatureFilters::new(67.0).of(plane, &flat()) {
+        for [edge, point] in FeatureFilters::new(67.0).strengths(plane, &flat()) {
             assert!(edge < 1e-5 && point < 1e-5, "{edge} {point}");
         }
     }
 
     #[test]
     fn a_step_of_full_contrast_is_an_edge_of_one() {
-        // All of the detector's taps of one sign lie on the bright side, and the tap between weighs nothing.
+        // All taps of one sign lie on the bright side, and the tap between has weight 0.
         let plane = Plane { width: 41, height: 1 };
         let step: Vec<f32> = (0..41).map(|x| if x < 20 { -16.0 } else { 100.0 }).collect();
-        let [edge, _] = FeatureFilters::new(67.0).of(plane, &step)[20];
+        let [edge, _] = FeatureFilters::new(67.0).strengths(plane, &step)[20];
         assert!((edge - 1.0).abs() < 1e-5, "{edge}");
     }
 }

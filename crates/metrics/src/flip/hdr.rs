@@ -1,65 +1,67 @@
-//! Exposures at which HDR-FLIP looks, and the curve under which it does.
+//! The exposures of HDR-FLIP and its tone curve.
 
 use super::Pair;
 use luxel_core::tone::rec709_of;
 use luxel_core::{ColorSpace, luminance_rec709};
 
-/// The least that the median and maximum of the reference's luminance count as: half of all pixels may be black.
+/// The floor of the reference's median and maximum luminance: half of all pixels may be black.
 pub const MEDIAN_FLOOR: f32 = f32::EPSILON;
 
-/// Display value that the brightest pixel has at the first exposure and the median at the last.
+/// The display value of the brightest pixel at the first exposure, and of the median at the last.
 const BRIGHT: f64 = 0.85;
 
-/// Filmic curve (a x^2 + b x) / (c x^2 + d x + e): ACES' fit by K. Narkowicz with 0.6 of the exposure.
+/// The filmic curve (a x^2 + b x) / (c x^2 + d x + e): K. Narkowicz's fit of ACES with 0.6 of the
+/// exposure.
 const CURVE: [f64; 5] = [0.6 * 0.6 * 2.51, 0.6 * 0.03, 0.6 * 0.6 * 2.43, 0.6 * 0.59, 0.14];
 
-/// Exposures in stops, evenly from `start_ev` to `stop_ev`.
+/// Exposures in stops, evenly spaced from `start_ev` to `stop_ev`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FlipExposures {
-    /// At which the reference's brightest pixel is just below white.
+    /// The exposure at which the reference's brightest pixel is just below white.
     pub start_ev: f32,
-    /// At which its median is.
+    /// The exposure at which the reference's median luminance is just below white.
     pub stop_ev: f32,
-    /// At least 2.
+    /// The number of exposures, at least 2.
     pub count: u32,
 }
 
 impl FlipExposures {
-    /// By the luminance of the reference's valid pixels.
-    pub(super) fn of(pair: &Pair, color_space: ColorSpace) -> Self {
+    /// Chooses the exposures from the luminance of the reference's valid pixels.
+    pub(super) fn from_reference(pair: &Pair, color_space: ColorSpace) -> Self {
         let display = |rgb| rec709_of(color_space, rgb).map(|v: f32| v.max(0.0));
         let mut luminances: Vec<f32> = pair.valid().map(|(_, target)| luminance_rec709(display(target))).collect();
         let middle = luminances.len() / 2;
         let (_, median, above) = luminances.select_nth_unstable_by(middle, f32::total_cmp);
         let median = *median;
         let brightest = above.iter().copied().fold(median, f32::max);
-        // What overflows in the conversion counts as the most there is: there are no more exposures than octaves.
+        // A luminance that overflows in the conversion counts as the largest float, which bounds
+        // the number of exposures by that of octaves.
         let exposure = |luminance: f32| (bright_input() / f64::from(luminance.clamp(MEDIAN_FLOOR, f32::MAX))).log2() as f32;
         let (start_ev, stop_ev) = (exposure(brightest), exposure(median));
         Self { start_ev, stop_ev, count: ((stop_ev - start_ev).ceil() as u32).max(2) }
     }
 
-    /// From the darkest picture to the brightest.
+    /// Returns the exposures in stops, from the darkest image to the brightest.
     pub fn each(self) -> impl Iterator<Item = f32> {
         let step = (self.stop_ev - self.start_ev) / (self.count.max(2) - 1) as f32;
-        // Where all pixels are equally bright all exposures are one.
+        // With all pixels equally bright, all exposures are the same.
         let count = if self.stop_ev > self.start_ev { self.count } else { 1 };
         (0..count).map(move |i| self.start_ev + i as f32 * step)
     }
 }
 
-/// Linear display light in `[0, 1]`; negative radiance counts as black.
+/// Converts radiance to linear display light in `[0, 1]`; negative radiance counts as black.
 pub(super) fn expose(rgb: [f32; 3], exposure_ev: f32) -> [f32; 3] {
     let gain = exposure_ev.exp2();
     let [a, b, c, d, e] = CURVE.map(|v| v as f32);
     rgb.map(|v| {
-        // Above this the curve is flat and clipped, and its square would overflow.
+        // Above this limit the curve is flat and clipped, and the square would overflow.
         let x = (v.max(0.0) * gain).min(1e9);
         ((x * (a * x + b)) / (x * (c * x + d) + e)).clamp(0.0, 1.0)
     })
 }
 
-/// The input that the curve maps to [`BRIGHT`].
+/// Returns the input that the curve maps to [`BRIGHT`].
 fn bright_input() -> f64 {
     let [a, b, c, d, e] = CURVE;
     let (quadratic, linear, constant) = (a - BRIGHT * c, b - BRIGHT * d, -BRIGHT * e);

@@ -1,13 +1,22 @@
-//! FLIP: how visible the difference of two images is when one flips between them, for displays and for high dynamic range.
+//! FLIP: the visible difference of two images that a viewer flips between.
 //!
-//! In: reference and test, linear Rec.709, with an optional mask. Out: [`FlipMap`], an error in `[0, 1]` per pixel. LDR-FLIP: what the eye can't resolve at
-//! [`FLIP_PIXELS_PER_DEGREE`] is filtered away per opponent channel, the rest compared as colours, and the error raised where edges and points differ (Andersson et al.,
-//! "FLIP: A Difference Evaluator for Alternating Images", HPG 2020). HDR-FLIP: both images at exposures from where the reference's brightest pixel is
-//! just not white to where its median is, a stop apart, under a filmic curve; the greatest LDR-FLIP of all exposures (Andersson et al., "Visualizing
-//! Errors in Rendered High Dynamic Range Images", Eurographics 2021). Images are extended by their border pixels.
+//! In: reference and test with an optional mask, sRGB-encoded for LDR-FLIP and radiance for HDR-FLIP.
+//! Out: [`FlipMap`], an error in `[0, 1]` per pixel.
 //!
-//! Masked pixels show the reference in both, count for no exposure and for no mean, and are 0 in the map. A black reference is seen at one exposure,
-//! under which [`MEDIAN_FLOOR`] would be bright. Single precision, as in the authors' program, which this agrees with to rounding.
+//! LDR-FLIP filters out the detail that the eye cannot resolve at [`FLIP_PIXELS_PER_DEGREE`], per
+//! opponent channel. It compares the rest as colours, and raises the error where edges and points
+//! differ. Source: Andersson et al., "FLIP: A Difference Evaluator for Alternating Images", HPG
+//! 2020.
+//!
+//! HDR-FLIP is the maximum of LDR-FLIP over several exposures under a filmic curve, about a stop
+//! apart: from the one at which the reference's brightest pixel is just below white to the one at
+//! which its median is. Source: Andersson et al., "Visualizing Errors in Rendered High Dynamic
+//! Range Images", Eurographics 2021.
+//!
+//! Images are extended by their border pixels. Masked pixels have the reference's value in both
+//! images, count neither for exposures nor for the mean, and are 0 in the map. A black reference
+//! gets one exposure, at which [`MEDIAN_FLOOR`] would be bright. Computed in single precision, like
+//! the authors' program, with which it agrees up to rounding.
 
 mod color;
 mod filter;
@@ -21,40 +30,42 @@ use luxel_core::{ColorSpace, Image, Mask};
 
 pub use hdr::{FlipExposures, MEDIAN_FLOOR};
 
-/// Viewing condition: 0.7 m from a display 0.7 m and 3840 pixels wide; pixels per degree of visual angle.
+/// Pixels per degree of visual angle: a display 0.7 m and 3840 pixels wide, seen from 0.7 m.
 pub const FLIP_PIXELS_PER_DEGREE: f32 = 67.020_64;
 
 /// Exponent of colour differences.
 const COLOR_EXPONENT: f32 = 0.7;
-/// Share of the largest colour difference that maps to [`KNEE_ERROR`]: what is above it is hardly told apart.
+/// The share of the largest colour difference that maps to [`KNEE_ERROR`]: larger differences are
+/// hardly distinguishable.
 const KNEE_SHARE: f32 = 0.4;
 /// Error at the knee.
 const KNEE_ERROR: f32 = 0.95;
 /// Exponent of feature differences.
 const FEATURE_EXPONENT: f32 = 0.5;
 
-/// FLIP of every pixel.
+/// FLIP error of every pixel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FlipMap {
-    /// Pixels.
+    /// Width, pixels.
     pub width: usize,
-    /// Pixels.
+    /// Height, pixels.
     pub height: usize,
-    /// `[H*W]`, 0 to 1; 0 where masked.
+    /// Error `[H*W]`, 0 to 1; 0 where masked.
     pub error: Vec<f32>,
     /// Mean over the valid pixels.
     pub mean: f64,
-    /// Exposures of HDR-FLIP; `None` of LDR-FLIP.
+    /// Exposures of HDR-FLIP; `None` for LDR-FLIP.
     pub exposures: Option<FlipExposures>,
 }
 
-/// HDR-FLIP of `test` against `reference`, radiance with the primaries of `color_space`; only ratios to the reference's brightness matter.
+/// Computes HDR-FLIP of `test` against `reference`, radiance with the primaries of `color_space`.
+/// The unit of radiance does not matter.
 ///
 /// # Errors
 /// [`MetricsError`]: sizes differ, no pixel is valid, or a valid pixel is NaN or infinite.
 pub fn hdr_flip(test: &Image, reference: &Image, mask: Option<&Mask>, color_space: ColorSpace) -> Result<FlipMap, MetricsError> {
     let pair = Pair::new(test, reference, mask)?;
-    let exposures = FlipExposures::of(&pair, color_space);
+    let exposures = FlipExposures::from_reference(&pair, color_space);
     let flip = Flip::new(pair.target.width, pair.target.height);
     let mut error = vec![0f32; reference.pixels.len()];
     for exposure_ev in exposures.each() {
@@ -66,10 +77,11 @@ pub fn hdr_flip(test: &Image, reference: &Image, mask: Option<&Mask>, color_spac
     Ok(map(&pair, error, Some(exposures)))
 }
 
-/// LDR-FLIP of two sRGB-encoded images with values in `[0, 1]`, what is outside being clipped.
+/// Computes LDR-FLIP of two sRGB-encoded images with values in `[0, 1]`; values outside are
+/// clipped.
 ///
 /// # Errors
-/// As [`hdr_flip`].
+/// The same as of [`hdr_flip`].
 pub fn ldr_flip(test: &Image, reference: &Image, mask: Option<&Mask>) -> Result<FlipMap, MetricsError> {
     let pair = Pair::new(test, reference, mask)?;
     let flip = Flip::new(pair.target.width, pair.target.height);
@@ -81,7 +93,7 @@ pub fn ldr_flip(test: &Image, reference: &Image, mask: Option<&Mask>) -> Result<
 fn map(pair: &Pair, mut error: Vec<f32>, exposures: Option<FlipExposures>) -> FlipMap {
     let mut sum = 0.0;
     for (i, error) in error.iter_mut().enumerate() {
-        // A feature beside the mask can reach into it.
+        // A feature beside the mask can extend into it.
         if pair.is_valid(i) {
             sum += f64::from(*error);
         } else {
@@ -91,7 +103,7 @@ fn map(pair: &Pair, mut error: Vec<f32>, exposures: Option<FlipExposures>) -> Fl
     FlipMap { width: pair.target.width, height: pair.target.height, error, mean: sum / pair.valid_count as f64, exposures }
 }
 
-/// Reference and test in YCxCz, of displayed linear light in `[0, 1]`.
+/// Returns reference and test in YCxCz, converted from displayed linear light in `[0, 1]`.
 fn planes(pair: &Pair, display: impl Fn([f32; 3]) -> [f32; 3]) -> (YCxCz, YCxCz) {
     let finite = |rgb: [f32; 3]| rgb.map(|v| if v.is_finite() { v } else { 0.0 });
     let mut both = [YCxCz::with_capacity(pair.target.pixels.len()), YCxCz::with_capacity(pair.target.pixels.len())];
@@ -122,23 +134,23 @@ impl Flip {
         }
     }
 
-    /// The error of every pixel.
+    /// Returns the error of every pixel.
     fn compare(&self, reference: &YCxCz, test: &YCxCz) -> Vec<f32> {
-        let (seen_reference, seen_test) = (self.seen(reference), self.seen(test));
-        let (reference, test) = (self.features.of(self.plane, &reference.y), self.features.of(self.plane, &test.y));
-        let colors = seen_reference.iter().zip(&seen_test).map(|(a, b)| self.color_error(a.difference(*b)));
+        let (reference_colors, test_colors) = (self.perceived(reference), self.perceived(test));
+        let (reference, test) = (self.features.strengths(self.plane, &reference.y), self.features.strengths(self.plane, &test.y));
+        let colors = reference_colors.iter().zip(&test_colors).map(|(a, b)| self.color_error(a.difference(*b)));
         let features = reference.iter().zip(&test).map(|(a, b)| feature_error(*a, *b));
         colors.zip(features).map(|(color, feature)| color.powf(1.0 - feature)).collect()
     }
 
-    /// The image as the eye resolves it, as colours.
-    fn seen(&self, image: &YCxCz) -> Vec<HuntLab> {
+    /// Returns the colours of the image as the eye resolves it.
+    fn perceived(&self, image: &YCxCz) -> Vec<HuntLab> {
         let filtered = self.sensitivity.filter(self.plane, image);
         let pixels = filtered.y.iter().zip(&filtered.cx).zip(&filtered.cz);
         pixels.map(|((&y, &cx), &cz)| hunt_lab(linear_of_ycxcz([y, cx, cz]).map(|v| v.clamp(0.0, 1.0)))).collect()
     }
 
-    /// A colour difference on a scale from 0 to 1.
+    /// Maps a colour difference to an error from 0 to 1.
     fn color_error(&self, difference: f32) -> f32 {
         let difference = difference.powf(COLOR_EXPONENT);
         let knee = KNEE_SHARE * self.largest_difference;
@@ -150,7 +162,8 @@ impl Flip {
     }
 }
 
-/// How differently strong the edges and points of a pixel are, 0 to 1: `[edge, point]` of either image.
+/// Returns the difference in strength of the edges and points of a pixel, 0 to 1. Each argument is
+/// `[edge, point]` of one image.
 fn feature_error(reference: [f32; 2], test: [f32; 2]) -> f32 {
     let largest = (reference[0] - test[0]).abs().max((reference[1] - test[1]).abs());
     (largest * std::f32::consts::FRAC_1_SQRT_2).powf(FEATURE_EXPONENT).min(1.0)

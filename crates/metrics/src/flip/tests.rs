@@ -58,7 +58,7 @@ fn masked_pixels_do_not_count() {
 
 #[test]
 fn what_overflows_in_the_conversion_has_a_flip() {
-    // Red of ACEScg is 1.7 times as much in Rec.709.
+    // Pure red of ACEScg has 1.7 times the red in Rec.709.
     let mut reference = image(6, 4, |_| 0.5);
     reference.pixels[3] = [f32::MAX, 0.0, 0.0];
     let map = hdr_flip(&reference, &reference, None, ColorSpace::AcesCg).unwrap();
@@ -68,7 +68,7 @@ fn what_overflows_in_the_conversion_has_a_flip() {
 
 #[test]
 fn aces_primaries_are_converted() {
-    // The same light, said in two spaces.
+    // The same light in two colour spaces.
     let grey = image(12, 8, |i| radiance(0.0)(i / 3));
     let mut brighter = grey.clone();
     brighter.scale(1.3);

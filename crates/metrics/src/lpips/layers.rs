@@ -1,16 +1,17 @@
-//! Layers of a convolutional network: convolution with rectifier, pooling by maximum, and the distance of features.
+//! Layers of a convolutional network: convolution with ReLU, max pooling, and feature distance.
 //!
-//! Features lie `[H][C][W]`: a row of the output depends on a few rows of the input, which stay in the cache while all of its channels are computed, and
-//! rows are computed side by side. The result does not depend on the number of threads.
+//! Features have the layout `[H][C][W]`. A row of the output depends on a few rows of the input,
+//! which stay in the cache while all of its channels are computed. Rows are computed in parallel.
+//! The result does not depend on the number of threads.
 
 use rayon::prelude::*;
 
-/// Pixels of a row that are computed at once, in registers.
+/// Pixels of a row that are computed together, in registers.
 const TILE: usize = 16;
-/// Channels of the output that share what is loaded of the input.
+/// Output channels that share the loaded input values.
 const PAIR: usize = 2;
 
-/// Values `[H][C][W]`.
+/// Features `[H][C][W]`.
 #[derive(Clone, Debug)]
 pub(super) struct Features {
     channels: usize,
@@ -20,19 +21,20 @@ pub(super) struct Features {
 }
 
 impl Features {
-    /// `value` of channel, column and row.
+    /// Returns the features that `value` gives for channel, column and row.
     pub(super) fn from_fn([channels, width, height]: [usize; 3], value: impl Fn(usize, usize, usize) -> f32) -> Self {
         let rows = (0..height).flat_map(|y| (0..channels).map(move |c| (c, y)));
         let values = rows.flat_map(|(c, y)| (0..width).map(move |x| (c, x, y))).map(|(c, x, y)| value(c, x, y)).collect();
         Self { channels, width, height, values }
     }
 
-    /// All channels of a row.
+    /// Returns all channels of a row.
     fn row(&self, y: usize) -> &[f32] {
         &self.values[y * self.channels * self.width..][..self.channels * self.width]
     }
 
-    /// Mean over pixels of the sum over channels of the weighted squared difference of features of unit length.
+    /// Returns the mean over pixels of the sum over channels of the weighted squared difference of
+    /// features that are scaled to unit length.
     pub(super) fn distance(&self, other: &Self, weights: &[f32], length_floor: f64) -> f64 {
         let of_row = |y: usize| {
             let (a, b) = (self.row(y), other.row(y));
@@ -46,12 +48,12 @@ impl Features {
             }
             sum
         };
-        // Collected first: the order of the sum is that of the rows.
+        // Rows are collected first, so that the order of the sum is fixed.
         let rows: Vec<f64> = (0..self.height).into_par_iter().map(of_row).collect();
         rows.iter().sum::<f64>() / (self.width * self.height) as f64
     }
 
-    /// Of each pixel's features.
+    /// Returns the Euclidean length of each pixel's features.
     fn lengths(&self, row: &[f32]) -> Vec<f64> {
         let mut squares = vec![0f64; self.width];
         for channel in row.chunks_exact(self.width) {
@@ -66,14 +68,14 @@ impl Features {
 /// A step of the network.
 #[derive(Clone, Debug)]
 pub(super) enum Layer {
-    /// With a rectifier: what is negative becomes 0.
+    /// A convolution followed by a ReLU.
     Convolve(Convolution),
-    /// The maximum of square windows that lie inside of the image.
+    /// Max pooling over the square windows that lie inside the image.
     Pool { window: usize, stride: usize },
 }
 
 impl Layer {
-    /// The input must be as large as the window or kernel.
+    /// Applies the layer. The input must be at least as large as the window or kernel.
     pub(super) fn apply(&self, input: &Features) -> Features {
         match self {
             Self::Convolve(convolution) => convolution.apply(input),
@@ -97,28 +99,29 @@ fn pool(input: &Features, window: usize, stride: usize) -> Features {
     Features { channels: input.channels, width, height, values }
 }
 
-/// Cross-correlation with zeros beyond the border, as networks have it.
+/// A convolution in the sense of neural networks: cross-correlation, with zeros beyond the border.
 #[derive(Clone, Debug)]
 pub(super) struct Convolution {
-    /// Of input and output.
+    /// Numbers of input and output channels.
     pub(super) channels: [usize; 2],
-    /// Pixels a side.
+    /// Side of the kernel, pixels.
     pub(super) kernel: usize,
     pub(super) stride: usize,
     pub(super) padding: usize,
-    /// [output, input, kernel, kernel].
+    /// Weights `[output, input, kernel, kernel]`.
     pub(super) weights: Vec<f32>,
-    /// [output].
+    /// Bias `[output]`.
     pub(super) bias: Vec<f32>,
 }
 
-/// Rows of the input with zeros around, each split by column modulo the stride, so that a tap reads neighbours for neighbouring outputs.
+/// Input rows with zero padding, each split by column modulo the stride, so that neighbouring
+/// outputs read neighbouring values.
 struct Padded {
-    /// Of one remainder of the stride.
+    /// Columns of one remainder of the stride.
     phase_width: usize,
     channels: usize,
     stride: usize,
-    /// [H][C][stride][phase_width].
+    /// Values `[H][C][stride][phase_width]`.
     values: Vec<f32>,
 }
 
@@ -133,7 +136,7 @@ impl Padded {
             for (from, out) in input.row(y - padding).chunks_exact(input.width).zip(out.chunks_exact_mut(stride * phase_width)) {
                 for (x, &value) in from.iter().enumerate() {
                     let (at, phase) = ((x + padding) / stride, (x + padding) % stride);
-                    // Columns that no output reaches are left out.
+                    // Columns that no output depends on are left out.
                     if at < phase_width {
                         out[phase * phase_width + at] = value;
                     }
@@ -143,7 +146,7 @@ impl Padded {
         Self { phase_width, channels, stride, values }
     }
 
-    /// All remainders of a row of a channel.
+    /// Returns all remainders of a row of a channel.
     fn row(&self, y: usize, channel: usize) -> &[f32] {
         let length = self.stride * self.phase_width;
         &self.values[(y * self.channels + channel) * length..][..length]
@@ -172,7 +175,7 @@ impl Convolution {
         Features { channels: outputs, width, height, values }
     }
 
-    /// Outputs `x` to `x + TILE` of row `y` in two channels.
+    /// Computes outputs `x` to `x + TILE` of row `y` in two channels.
     #[inline]
     fn tile(&self, padded: &Padded, outputs: [usize; PAIR], x: usize, y: usize) -> [[f32; TILE]; PAIR] {
         let mut sums = outputs.map(|output| [self.bias[output]; TILE]);
@@ -206,7 +209,7 @@ mod tests {
         ((i as f32 * 0.754_877).sin() * 43_758.547).fract()
     }
 
-    /// The definition.
+    /// Computes an output by the definition.
     fn brute_force(c: &Convolution, input: &Features, output: usize, x: usize, y: usize) -> f32 {
         let mut sum = f64::from(c.bias[output]);
         for (channel, ky, kx) in

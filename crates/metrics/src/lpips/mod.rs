@@ -1,12 +1,17 @@
-//! LPIPS: distance of two images by the features of a network trained to recognise objects.
+//! LPIPS: the distance of two images in the features of a network trained to recognise objects.
 //!
-//! In: weights by the names of the state dict of the package `lpips` 0.1 (`net.slice1.0.weight`, `lin0.model.1.weight`), which are the user's; two images as a
-//! display shows them, `[0, 1]`. Out: the sum over five layers of the mean over pixels of the weighted squared differences of features of
-//! unit length (Zhang et al., "The Unreasonable Effectiveness of Deep Features as a Perceptual Metric", CVPR 2018). AlexNet and VGG16;
-//! distances of one are not comparable with the other's. Single precision, sums of pixels and lengths in double. Memory: a few planes of
-//! the widest layer, 64 of the image's size for VGG16.
+//! In: weights, which the user provides, by the names of the state dict of the package `lpips` 0.1
+//! (`net.slice1.0.weight`, `lin0.model.1.weight`), and two display images with values in `[0, 1]`.
+//! Out: the sum over five layers of the mean over pixels of the weighted squared difference of
+//! features of unit length. Source: Zhang et al., "The Unreasonable Effectiveness of Deep Features
+//! as a Perceptual Metric", CVPR 2018.
 //!
-//! For radiance ([`Lpips::of_radiance`]) the display is the mu-law by protocol `gtmax`, in linear Rec.709; in masked pixels the target stands for both.
+//! The network is AlexNet or VGG16; distances of the two are not comparable. Features are single
+//! precision, sums over pixels and lengths double precision. Memory: a few times the planes of the
+//! widest layer, which for VGG16 are 64 of the image's size.
+//!
+//! [`Lpips::of_radiance`] first maps radiance to a display by the mu-law and protocol `gtmax`, in
+//! linear Rec.709. In masked pixels both images have the target's value.
 
 mod layers;
 
@@ -18,26 +23,26 @@ use luxel_core::{ColorSpace, Image, Mask};
 use crate::{FieldMetrics, MetricsError};
 use layers::{Convolution, Features, Layer};
 
-/// Shape and values of tensors by name.
+/// Tensors by name, each with shape and values.
 pub type Tensors = BTreeMap<String, (Vec<usize>, Vec<f32>)>;
 
-/// Mean of the images that the networks were trained with, in `[-1, 1]`.
+/// Mean of the images that the networks were trained on, in `[-1, 1]`.
 const SHIFT: [f32; 3] = [-0.030, -0.088, -0.188];
-/// Their standard deviation.
+/// Standard deviation of the images that the networks were trained on.
 const SCALE: [f32; 3] = [0.458, 0.448, 0.450];
-/// Added to lengths, so that features that are all 0 have no direction.
+/// Added to lengths to avoid a division by 0 for features that are all 0.
 const LENGTH_FLOOR: f64 = 1e-10;
 
-/// Whose features are compared.
+/// The network that provides the features.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LpipsNetwork {
-    /// AlexNet: the fast one, and the usual choice for evaluation.
+    /// AlexNet: the faster one, and the usual choice for evaluation.
     Alex,
     /// VGG16, without batch normalisation.
     Vgg,
 }
 
-/// A step of a slice: a convolution with its name and geometry, followed by a rectifier, or a pooling.
+/// A step of a slice: a convolution with its index and geometry, followed by a ReLU, or a pooling.
 enum Step {
     Convolve { index: usize, channels: [usize; 2], kernel: usize, stride: usize, padding: usize },
     Pool { window: usize, stride: usize },
@@ -50,7 +55,7 @@ const fn conv3(index: usize, input: usize, output: usize) -> Step {
 const ALEX_POOL: Step = Step::Pool { window: 3, stride: 2 };
 const VGG_POOL: Step = Step::Pool { window: 2, stride: 2 };
 
-/// Steps between the layers that are compared.
+/// The steps of AlexNet, in slices that end where features are compared.
 const ALEX: [&[Step]; 5] = [
     &[Step::Convolve { index: 0, channels: [3, 64], kernel: 11, stride: 4, padding: 2 }],
     &[ALEX_POOL, Step::Convolve { index: 3, channels: [64, 192], kernel: 5, stride: 1, padding: 2 }],
@@ -58,7 +63,7 @@ const ALEX: [&[Step]; 5] = [
     &[conv3(8, 384, 256)],
     &[conv3(10, 256, 256)],
 ];
-/// As [`ALEX`].
+/// The steps of VGG16, like [`ALEX`].
 const VGG: [&[Step]; 5] = [
     &[conv3(0, 3, 64), conv3(2, 64, 64)],
     &[VGG_POOL, conv3(5, 64, 128), conv3(7, 128, 128)],
@@ -68,7 +73,7 @@ const VGG: [&[Step]; 5] = [
 ];
 
 impl LpipsNetwork {
-    /// `alex`.
+    /// Returns the name, such as `alex`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Alex => "alex",
@@ -76,7 +81,7 @@ impl LpipsNetwork {
         }
     }
 
-    /// Sides of the smallest image that every layer still has a pixel of.
+    /// Returns the side of the smallest image for which every layer has at least one pixel.
     pub fn min_side_px(self) -> usize {
         match self {
             Self::Alex => 31,
@@ -92,40 +97,40 @@ impl LpipsNetwork {
     }
 }
 
-/// Why there is no distance.
+/// The reasons for which there is no distance.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum LpipsError {
-    /// Weights of something else.
+    /// The weights are of another network.
     #[error(
         "no tensor \"net.slice1.0.weight\" of AlexNet's shape [64, 3, 11, 11] or VGG16's [64, 3, 3, 3]; found {found}; expected the state dict of lpips.LPIPS(net='alex' or 'vgg')"
     )]
     UnknownNetwork {
-        /// Its shape, or that there is none.
+        /// Shape of the first tensor, or that it is missing.
         found: String,
     },
-    /// A tensor is missing or of another shape.
+    /// A tensor is missing, has another shape or is not finite.
     #[error("tensor \"{name}\" is {found}, expected the shape {expected:?} and finite values")]
     Tensor {
-        /// Its name.
+        /// Name of the tensor.
         name: String,
-        /// What is there.
+        /// The problem that was found.
         found: String,
-        /// What should be.
+        /// Expected shape.
         expected: Vec<usize>,
     },
-    /// A side is shorter than the network reaches.
+    /// The image is smaller than the network can process.
     #[error("image is {width}x{height}, LPIPS with {network} needs at least {min} pixels a side")]
     TooSmall {
-        /// Pixels.
+        /// Width, pixels.
         width: usize,
-        /// Pixels.
+        /// Height, pixels.
         height: usize,
         /// Name of the network.
         network: &'static str,
-        /// Pixels.
+        /// Least side, pixels.
         min: usize,
     },
-    /// Images that cannot be compared by anything.
+    /// The images cannot be compared by any metric.
     #[error(transparent)]
     Metrics(#[from] MetricsError),
 }
@@ -137,7 +142,7 @@ pub struct Lpips {
     slices: Vec<Slice>,
 }
 
-/// Layers up to a comparison, and the weight of each channel there.
+/// The layers up to a comparison, and the weight of each channel in it.
 #[derive(Clone, Debug)]
 struct Slice {
     layers: Vec<Layer>,
@@ -145,10 +150,10 @@ struct Slice {
 }
 
 impl Lpips {
-    /// The network that the tensors are of; those that it does not know are not looked at.
+    /// Builds the network to which the tensors belong. Tensors that it does not use are ignored.
     ///
     /// # Errors
-    /// [`LpipsError::UnknownNetwork`], [`LpipsError::Tensor`].
+    /// [`LpipsError::UnknownNetwork`] or [`LpipsError::Tensor`].
     pub fn from_tensors(tensors: &Tensors) -> Result<Self, LpipsError> {
         let first = tensors.get("net.slice1.0.weight").map(|(shape, _)| shape.as_slice());
         let network = match first {
@@ -158,16 +163,16 @@ impl Lpips {
                 return Err(LpipsError::UnknownNetwork { found: found.map_or("none".into(), |shape| format!("the shape {shape:?}")) });
             }
         };
-        let slices = network.slices().iter().enumerate().map(|(i, steps)| Slice::of(i, steps, tensors));
+        let slices = network.slices().iter().enumerate().map(|(i, steps)| Slice::from_tensors(i, steps, tensors));
         Ok(Self { network, slices: slices.collect::<Result<_, _>>()? })
     }
 
-    /// Whose features are compared.
+    /// Returns the network that provides the features.
     pub fn network(&self) -> LpipsNetwork {
         self.network
     }
 
-    /// Distance of two images in `[0, 1]`, as a display shows them.
+    /// Computes the distance of two display images with values in `[0, 1]`.
     ///
     /// # Errors
     /// [`LpipsError::TooSmall`], or [`MetricsError::Size`] if the images differ in size.
@@ -189,10 +194,11 @@ impl Lpips {
         Ok(distance)
     }
 
-    /// Distance of radiance in any unit with the primaries of `color_space`, both under the mu-law and divided by the target's maximum.
+    /// Computes the distance of radiance in any unit with the primaries of `color_space`, both
+    /// divided by the target's maximum and under the mu-law.
     ///
     /// # Errors
-    /// As [`Lpips::distance`].
+    /// The same as of [`Lpips::distance`].
     pub fn of_radiance(
         &self,
         prediction: &Image,
@@ -215,22 +221,22 @@ impl Lpips {
 }
 
 impl Lpips {
-    /// Puts a distance where the figures of a view have this network's.
-    pub fn record(&self, distance: f64, figures: &mut FieldMetrics) {
+    /// Stores a distance in the field for this network.
+    pub fn record(&self, distance: f64, metrics: &mut FieldMetrics) {
         match self.network {
-            LpipsNetwork::Alex => figures.lpips_alex = Some(distance),
-            LpipsNetwork::Vgg => figures.lpips_vgg = Some(distance),
+            LpipsNetwork::Alex => metrics.lpips_alex = Some(distance),
+            LpipsNetwork::Vgg => metrics.lpips_vgg = Some(distance),
         }
     }
 }
 
-/// What the network sees of an image.
+/// Returns the network's input for an image.
 fn input(image: &Image) -> Features {
     Features::from_fn([3, image.width, image.height], |c, x, y| (2.0 * image.at(x, y)[c] - 1.0 - SHIFT[c]) / SCALE[c])
 }
 
 impl Slice {
-    fn of(i: usize, steps: &[Step], tensors: &Tensors) -> Result<Self, LpipsError> {
+    fn from_tensors(i: usize, steps: &[Step], tensors: &Tensors) -> Result<Self, LpipsError> {
         let mut layers = Vec::with_capacity(steps.len());
         let mut channels = 0;
         for step in steps {
