@@ -1,8 +1,9 @@
 //! Mean of the parameters over the last steps of a run.
 //!
-//! Adam's steps, of a nearly constant length and one view each, keep parameters moving about the place where they would settle; their mean is nearer
-//! to it than the last of them (Polyak and Juditsky 1992; Izmailov et al. 2018). Every parameter is averaged as it is stored: logarithms, logits
-//! and quaternions, which neither flip nor turn far within these steps.
+//! Adam's steps are of nearly constant length and see one view each, so the parameters keep moving
+//! around the optimum. Their mean is closer to it than the last state (Polyak and Juditsky 1992;
+//! Izmailov et al. 2018). Every parameter is averaged as it is stored: logarithms, logits and
+//! quaternions. The quaternions neither flip nor turn far within these steps.
 
 use luxel_core::Splats;
 
@@ -10,17 +11,18 @@ use luxel_core::Splats;
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Average {
     mean: Splats,
-    /// States that it is the mean of.
+    /// Number of states in the mean.
     count: u32,
 }
 
 impl Average {
-    /// A mean that is under way: `count` states have made `mean`.
+    /// Returns a mean that `count` states have made so far.
     pub(crate) fn new(mean: Splats, count: u32) -> Self {
         Self { mean, count: count.max(1) }
     }
 
-    /// Takes one more state of the same splats into the mean. The smoothing filter, which is no parameter, is the newest state's.
+    /// Adds one more state of the same splats to the mean. The smoothing filter is not a parameter;
+    /// the newest state's is kept.
     pub(crate) fn add(&mut self, splats: Splats) {
         self.count = self.count.saturating_add(1);
         let weight = 1.0 / self.count as f32;
@@ -40,12 +42,12 @@ impl Average {
         mean.smoothing = splats.smoothing;
     }
 
-    /// The mean so far.
+    /// Returns the mean so far.
     pub(crate) fn mean(&self) -> &Splats {
         &self.mean
     }
 
-    /// States that it is the mean of.
+    /// Returns the number of states in the mean.
     pub(crate) fn count(&self) -> u32 {
         self.count
     }
@@ -79,7 +81,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mean_that_was_saved_goes_on() {
+    fn a_saved_mean_continues() {
         let mut whole = Average::new(state(1.0), 1);
         whole.add(state(2.0));
         let mut resumed = Average::new(whole.mean().clone(), whole.count());

@@ -1,14 +1,20 @@
-//! The response of the camera that recorded the training images, learned beside the scene.
+//! The response of the camera that captured the training images, learned with the scene.
 //!
-//! In: the gradient of the loss by the knots of the curve ([`luxel_core::Response`]) at each step; out: knots for the next. One curve a channel for all
-//! images. Each piece rises by `exp(raw)`, so that curves never fall, from a knot that is held at the unit exposure's value: x = 1 records
-//! `unit`, in every channel. Without that any factor on radiance could be undone by the curve, and any cast.
+//! In: the gradient of the loss with respect to the knots of the curve ([`luxel_core::Response`])
+//! at each step. Out: the knots for the next step. All images share one curve per channel. Each
+//! piece rises by `exp(raw)`, so curves never fall. The knot at the unit exposure is fixed: x = 1
+//! gives `unit` in every channel. Otherwise the curve could undo any factor on radiance, and any
+//! colour cast.
 //!
-//! Priors: `raw` is drawn towards a straight line (a power law rises so), and black towards 0. They decide where nothing is recorded, and on noise.
-//! Brackets tell the curve from the scene, as do single images of different exposures: the same radiance is recorded twice. Of a single exposure
-//! for all images nothing does, and the curve stays where it starts: `unit x^(1/2.2)`, what cameras that encode for displays are near.
+//! Priors: `raw` is drawn towards a straight line, as a power law has it, and black towards 0. The
+//! priors decide where no image has data, and where noise does. Exposure brackets separate the
+//! curve from the scene, and so do single images of different exposures, because they capture the
+//! same radiance twice. If all images have the same exposure, nothing separates them, and the curve
+//! stays at its start, `unit x^(1/2.2)`, which is close to the curve of cameras that encode for
+//! displays.
 //!
-//! The curve is held while the scene comes into being ([`WARM_UP`]), as the grey of the first steps would be taken for a response.
+//! The curve is fixed while the scene forms ([`WARM_UP`]); otherwise the grey of the first steps
+//! would be mistaken for a response.
 
 use luxel_core::engine::{ADAM_BETA1, ADAM_BETA2};
 use luxel_core::response::{UNIT_KNOT, exposure_of_knot};
@@ -17,45 +23,46 @@ use serde::{Deserialize, Serialize};
 
 use crate::TrainError;
 
-/// Part of the steps in which the curve is held.
+/// Fraction of the steps in which the curve is fixed.
 const WARM_UP: f64 = 0.03;
-/// Learning rate of the logarithms of the rises at first and at last.
+/// Learning rates of the logarithms of the rises, at the start and at the end.
 const LEARNING_RATES: [f64; 2] = [1e-2, 5e-4];
 /// Weight of the squared second differences of the logarithms.
 const SMOOTHNESS: f64 = 2e-4;
 /// Weight of the squared value of black.
 const BLACK_AT_ZERO: f64 = 1e-2;
-/// Adam's floor: gradients of knots are about 1e-3.
+/// Epsilon of Adam, far below typical gradients of knots.
 const EPSILON: f64 = 1e-9;
-/// Longest exposure over shortest from which the curve can be told from the scene: half a stop.
+/// Smallest ratio of the longest to the shortest exposure from which the curve is learned: half a
+/// stop.
 const LEAST_RATIO: f32 = std::f32::consts::SQRT_2;
-/// Pieces of the curve.
+/// Number of pieces of the curve.
 const PIECES: usize = RESPONSE_KNOTS - 1;
 
-/// The curve, its optimiser's state, and whether it moves.
+/// The curve and the state of its optimiser.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct CameraResponse {
-    /// Value of the unit exposure.
+    /// Value at the unit exposure.
     unit: f32,
-    /// Whether the images' exposures differ enough to tell the curve from the scene.
+    /// Whether the exposures of the images differ enough to separate the curve from the scene.
     is_learned: bool,
-    /// ln of the pieces' rises.
+    /// Logarithms of the pieces' rises.
     raw: [[f32; PIECES]; 3],
     first: [[f32; PIECES]; 3],
     second: [[f32; PIECES]; 3],
-    /// Updates made.
+    /// Number of updates made.
     updates: u32,
 }
 
 impl CameraResponse {
-    /// The curve to start from for these views.
+    /// Returns the initial curve for these views.
     pub(crate) fn new(unit: f32, train: &[View]) -> Self {
         let exposures = || train.iter().filter_map(exposure_of);
         let (shortest, longest) = exposures().fold((f32::INFINITY, 0.0f32), |(a, b), t| (a.min(t), b.max(t)));
         let is_learned = longest >= LEAST_RATIO * shortest;
         if !is_learned {
-            tracing::warn!("all images have the same exposure: nothing tells the camera's response, {unit} x^(1/2.2) is taken");
+            tracing::warn!("all images have the same exposure: the camera's response cannot be learned, {unit} x^(1/2.2) is assumed");
         }
         let value = |k: usize| f64::from(unit) * exposure_of_knot(k).powf(1.0 / 2.2);
         let raw = std::array::from_fn(|k| (value(k + 1) - value(k)).ln() as f32);
@@ -63,7 +70,7 @@ impl CameraResponse {
         Self { unit, is_learned, raw: [raw; 3], first: zeros, second: zeros, updates: 0 }
     }
 
-    /// Values at the knots.
+    /// Returns the values at the knots.
     pub(crate) fn knots(&self) -> Knots {
         self.raw.map(|raw| {
             let rise = raw.map(|raw| f64::from(raw).exp());
@@ -78,7 +85,8 @@ impl CameraResponse {
         })
     }
 
-    /// Follows the gradient of a step; `progress` is the part of the run's steps that are done.
+    /// Updates the curve by the gradient of a step; `progress` is the fraction of the run's steps
+    /// that are done.
     pub(crate) fn update(&mut self, by_knots: &Knots, progress: f64) {
         if !self.is_learned || progress < WARM_UP {
             return;
@@ -102,7 +110,7 @@ impl CameraResponse {
         }
     }
 
-    /// Checks a curve from a file.
+    /// Checks a curve read from a file.
     pub(crate) fn validate(&self) -> Result<(), TrainError> {
         let arrays = [&self.raw, &self.first, &self.second];
         let is_finite = arrays.iter().flat_map(|array| array.as_flattened()).all(|value| value.is_finite());
@@ -113,12 +121,13 @@ impl CameraResponse {
     }
 }
 
-/// Gradient by `raw` of the loss, of which that by the knots is given, and of the priors.
+/// Returns the gradient of the loss and of the priors with respect to `raw`, given the loss's
+/// gradient with respect to the knots.
 fn gradient(raw: &[f32; PIECES], knots: &[f32; RESPONSE_KNOTS], by_knots: &[f32; RESPONSE_KNOTS]) -> [f64; PIECES] {
     let mut by_value = by_knots.map(f64::from);
     by_value[0] += 2.0 * BLACK_AT_ZERO * f64::from(knots[0]);
     let mut gradient = [0.0; PIECES];
-    // A rise moves all knots beyond it as seen from the unit exposure: up above it, down below it.
+    // A rise moves all knots beyond it, seen from the unit exposure: up above it, down below it.
     let mut beyond = 0.0;
     for j in (UNIT_KNOT..PIECES).rev() {
         beyond += by_value[j + 1];
@@ -138,7 +147,7 @@ fn gradient(raw: &[f32; PIECES], knots: &[f32; RESPONSE_KNOTS], by_knots: &[f32;
     gradient
 }
 
-/// Exposure of a view of recorded values, seconds.
+/// Returns the exposure of a view of captured values in seconds, or `None` if the view is radiance.
 pub(crate) fn exposure_of(view: &View) -> Option<f32> {
     match view.values {
         PixelValues::Radiance => None,
@@ -192,7 +201,7 @@ mod tests {
 
     #[test]
     fn a_response_is_found_from_known_exposures() {
-        // What a gradient of the squared error over all exposures leads to, without a scene.
+        // The gradient of the squared error over all exposures, without a scene.
         let truth = |x: f64| (x / (x + 1.0)).powf(1.0 / 2.2);
         let mut response = CameraResponse::new(0.73, &[exposed(1.0), exposed(8.0)]);
         for step in 0..1500u32 {

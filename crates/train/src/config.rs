@@ -1,7 +1,8 @@
 //! The options of training, in one table ([`OPTIONS`]).
 //!
-//! Windows and intervals that are unset follow from the number of iterations ([`crate::Schedule`]),
-//! so that a short run is a short version of the long one. A [`Preset`] sets options that go together.
+//! Windows and intervals that are unset depend on the number of iterations ([`crate::Schedule`]),
+//! so that a short run is a short version of the long one. A [`Preset`] sets options that belong
+//! together.
 
 mod choices;
 mod options;
@@ -15,14 +16,14 @@ pub use spec::{Condition, OptionSpec, Range, ValueHelp};
 pub use validate::Misplaced;
 
 use luxel_core::{Antialias, ColorModel, Cutoffs, LossConfig, RasterConfig, ToneCurve};
-/// Largest seed: integers of `config.toml` have a sign.
+/// Largest seed; integers in `config.toml` are signed.
 pub const MAX_SEED: u64 = i64::MAX as u64;
 
-/// The smallest bound on the number of splats that [`TrainConfig::pixels_per_splat`] makes: fewer
-/// splats would save little, however small the images.
+/// The smallest bound on the number of splats that follows from [`TrainConfig::pixels_per_splat`].
+/// Fewer splats would save little, however small the images.
 const MIN_BOUND_BY_DATA: u32 = 40_000;
 
-/// Largest number of splats of the MCMC strategy where none is given.
+/// Largest number of splats of the MCMC strategy, if none is given.
 pub const MCMC_DEFAULT_MAX_SPLATS: u32 = 100_000;
 
 impl Default for TrainConfig {
@@ -35,8 +36,8 @@ impl Default for TrainConfig {
 /// Parses radiance as options give it: `red,green,blue`, or one number for grey.
 ///
 /// # Errors
-/// The reason, for people: the text is not one or three numbers, or a number is negative or not
-/// finite.
+/// Returns the reason, for people, if the text is not one or three numbers, or if a number is
+/// negative or not finite.
 pub fn parse_rgb(text: &str) -> Result<[f32; 3], String> {
     let values: Result<Vec<f32>, _> = text.split(',').map(|part| part.trim().parse::<f32>()).collect();
     let rgb = match values.as_deref() {
@@ -120,8 +121,8 @@ impl TrainConfig {
     }
 
     /// Returns the initial scale of splats, as a multiple of the root mean squared distance to
-    /// their 3
-    /// nearest neighbours. 3DGS-MCMC's small initial splats are visible because 3DGS enlarges them.
+    /// their 3 nearest neighbours. 3DGS-MCMC's small initial splats are visible only because 3DGS
+    /// enlarges them.
     pub fn initial_scale(&self) -> f32 {
         let default = match (self.strategy, self.antialias) {
             (Strategy::Adc, _) => 1.0,

@@ -1,17 +1,23 @@
-//! What the training views see of each splat: who gives way when there is no room (see [`crate::densify::adc`]).
+//! Contributions of splats to the training views; adaptive density control relocates the smallest
+//! ([`crate::densify::adc`]).
 //!
-//! In: an engine with `N` splats, the views at the resolution of the step. Out: `[N]`, each splat's blending weights summed over the pixels that count, of
-//! all views looked at; what none of them sees has infinity where views were left out, as another may see it, and 0 where they were not.
+//! In: an engine with `N` splats, the views at the resolution of the step. Out: `[N]`, each splat's
+//! blending weights, summed over the unmasked pixels of all views used. A splat that none of these
+//! views sees has infinity if other views were skipped, because one of them may see it, and 0 if no
+//! view was skipped.
 
 use luxel_core::{Engine, EngineError, RenderOptions, View};
 
 use crate::TrainError;
 use crate::views::TrainingViews;
 
-/// Views looked at in one round, at most: a view costs about a third of a step, and there are a hundred steps between two rounds.
+/// Largest number of views used in one round, so that rounds cost little beside the steps between
+/// them.
 const MOST_VIEWS: usize = 24;
 
-/// Contributions in the round of `step`, the `round`th of the run. Where there are more views than are looked at, every so-many-th is, and the next round begins one later.
+/// Returns the contributions for the round of `step`, the `round`th of the run. If there are more
+/// views than are used, they are taken at a constant stride, and each round starts one view later
+/// than the last.
 pub(crate) fn contribution(
     engine: &mut dyn Engine,
     views: &mut TrainingViews,
@@ -30,19 +36,21 @@ pub(crate) fn contribution(
     Ok(sums)
 }
 
-/// Adds to `sums` (`[N]`) what `view` sees of each splat: its blending weights, summed over the pixels by how much they count.
+/// Adds the contribution of each splat to `view` to `sums` (`[N]`): its blending weights, summed
+/// over the pixels with the weights of the mask.
 ///
 /// # Errors
-/// Those of [`Engine::contributions`].
+/// Returns the errors of [`Engine::contributions`].
 pub fn add_contribution(engine: &mut dyn Engine, view: &View, options: &RenderOptions, sums: &mut [f32]) -> Result<(), EngineError> {
-    let found = engine.contributions(&view.camera, options, &counts_of(view))?;
+    let found = engine.contributions(&view.camera, options, &pixel_weights(view))?;
     sums.iter_mut().zip(&found.masked).for_each(|(sum, seen)| *sum += seen);
     Ok(())
 }
 
-/// Whether the views show something of each splat (`[N]`): all but those that see least, which together make up at most `part` of the views' pixels. A splat
-/// that is brighter than 1 (normalised units) counts by its light, as little of a lamp is much light.
-pub(crate) fn are_seen(
+/// Returns whether the views see each splat (`[N]`). Those that contribute least, and together make
+/// up at most `part` of the views' pixels, count as unseen. A splat brighter than 1 (normalised
+/// units) counts by its light, because even a small part of a lamp is much light.
+pub(crate) fn visible_splats(
     engine: &mut dyn Engine,
     views: &mut TrainingViews,
     (step, part): (u32, f32),
@@ -52,7 +60,7 @@ pub(crate) fn are_seen(
     let mut pixels = 0.0f64;
     for index in 0..views.len() {
         let Some((view, _)) = views.at(step, index, [1.0; 3]) else { continue };
-        let found = engine.contributions(&view.camera, options, &counts_of(view))?;
+        let found = engine.contributions(&view.camera, options, &pixel_weights(view))?;
         for (shown, (masked, light)) in shown.iter_mut().zip(found.masked.iter().zip(&found.light)) {
             *shown += masked.max(*light);
             pixels += f64::from(*masked);
@@ -60,19 +68,19 @@ pub(crate) fn are_seen(
     }
     let mut least: Vec<(f32, usize)> = shown.into_iter().zip(0..).collect();
     least.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-    let (mut seen, mut left) = (vec![true; least.len()], f64::from(part) * pixels);
+    let (mut visible, mut left) = (vec![true; least.len()], f64::from(part) * pixels);
     for (shown, i) in least {
         left -= f64::from(shown);
         if left < 0.0 || pixels == 0.0 {
             break;
         }
-        seen[i] = false;
+        visible[i] = false;
     }
-    Ok(seen)
+    Ok(visible)
 }
 
-/// How much each pixel of a view counts.
-fn counts_of(view: &View) -> Vec<f32> {
+/// Returns the weight of each pixel of a view.
+fn pixel_weights(view: &View) -> Vec<f32> {
     view.mask.as_ref().map_or_else(|| vec![1.0; view.image.pixels.len()], |mask| mask.weights.clone())
 }
 
@@ -84,7 +92,7 @@ mod tests {
     use luxel_cpu::CpuEngine;
 
     use super::*;
-    use crate::noise::{NoiseChoice, Seen};
+    use crate::noise::{NoiseChoice, ToneScale};
     use crate::testing::{camera_at, view_of};
 
     /// A splat that all cameras see, one behind them all.
@@ -108,7 +116,8 @@ mod tests {
     fn found(train: &[View], round: u32) -> Vec<f32> {
         let mut engine = CpuEngine::new(1).unwrap();
         engine.load(&splats(), None).unwrap();
-        let mut views = TrainingViews::new(train, Vec::new(), NoiseChoice::Auto, Seen { radiance_scale: RadianceScale::ONE, mu: 5000.0 });
+        let mut views =
+            TrainingViews::new(train, Vec::new(), NoiseChoice::Auto, ToneScale { radiance_scale: RadianceScale::ONE, mu: 5000.0 });
         contribution(&mut engine, &mut views, (100, round), &RenderOptions::default()).unwrap()
     }
 
@@ -125,9 +134,9 @@ mod tests {
     }
 
     #[test]
-    fn of_many_views_every_so_many_th_is_looked_at_and_the_unseen_are_unknown() {
+    fn of_many_views_a_part_is_used_and_unseen_splats_are_unknown() {
         let [one, _] = found(&[view(None)], 0)[..] else { panic!("two splats") };
-        // Every third of 60 views; the splat is seen in those alone that the second round looks at.
+        // Every third of 60 views is used; only the views of the second round see the splat.
         let train: Vec<View> = (0..60).map(|i| view(Some(if i % 3 == 1 { 1.0 } else { 0.0 }))).collect();
         let second = found(&train, 1);
         assert!((second[0] / (20.0 * one) - 1.0).abs() < 1e-5 && second[1] == f32::INFINITY);
@@ -135,11 +144,12 @@ mod tests {
     }
 
     #[test]
-    fn who_makes_up_least_of_the_views_is_not_seen_and_a_lamp_is() {
+    fn splats_that_contribute_least_are_unseen_but_a_lamp_is_visible() {
         let radiances = [0.1, 40.0, 0.1, 0.1];
         let sizes = [1.0f32, 0.1, 0.1, 1.0];
         let mut splats = Splats::empty(ColorModel::Sh { degree: 0 });
-        // Side by side, the last behind the cameras. In pixels the lamp is as little as what is dark and of its size.
+        // The splats lie side by side, except for the last, which is behind the cameras. The lamp
+        // covers as few pixels as the dark splat of its size.
         for (i, (radiance, size)) in radiances.into_iter().zip(sizes).enumerate() {
             let sh = splats.color_model.constant([0.0, radiance, 0.0]).0;
             let splat = Splat {
@@ -156,8 +166,8 @@ mod tests {
             let mut engine = CpuEngine::new(1).unwrap();
             engine.load(&splats, None).unwrap();
             let mut views =
-                TrainingViews::new(train, Vec::new(), NoiseChoice::Auto, Seen { radiance_scale: RadianceScale::ONE, mu: 5000.0 });
-            are_seen(&mut engine, &mut views, (100, part), &RenderOptions::default()).unwrap()
+                TrainingViews::new(train, Vec::new(), NoiseChoice::Auto, ToneScale { radiance_scale: RadianceScale::ONE, mu: 5000.0 });
+            visible_splats(&mut engine, &mut views, (100, part), &RenderOptions::default()).unwrap()
         };
         let train = [view(None), view(Some(0.5))];
         let cases = [(0.0, [true, true, true, false]), (0.1, [true, true, false, false]), (0.9, [true, true, false, false])];

@@ -1,4 +1,4 @@
-//! What can go wrong between a data set and a trained scene.
+//! Errors of training.
 
 use std::sync::LazyLock;
 
@@ -6,7 +6,7 @@ use luxel_core::{EngineError, Remedy, SplatsError, ViewError};
 
 use crate::{Condition, Misplaced};
 
-/// Why training cannot start or go on.
+/// The reason why training cannot start or continue.
 #[derive(Debug, thiserror::Error)]
 pub enum TrainError {
     /// An option's value is out of range.
@@ -14,7 +14,7 @@ pub enum TrainError {
     Config {
         /// Name of the option, as in [`crate::OPTIONS`].
         option: &'static str,
-        /// What was found and what is expected.
+        /// The value found and the values expected.
         reason: String,
     },
     /// An option is set although a choice that it depends on was not made.
@@ -22,9 +22,9 @@ pub enum TrainError {
     Misplaced {
         /// Name of the option, as in [`crate::OPTIONS`].
         option: &'static str,
-        /// The choice.
+        /// The choice that the option depends on.
         condition: Condition,
-        /// Make the choice, or leave the option out.
+        /// The remedy: make the choice, or leave the option out.
         remedy: Remedy,
     },
     /// The data set has nothing to train on.
@@ -45,34 +45,34 @@ pub enum TrainError {
     /// The engine refused or failed.
     #[error(transparent)]
     Engine(#[from] EngineError),
-    /// Some training images are radiance, some recorded values.
+    /// Some training images are radiance, others are captured LDR images.
     #[error("view {radiance} holds radiance, view {recorded} captured values; expected one kind")]
     MixedValues {
         /// Name of a view of radiance.
         radiance: String,
-        /// Name of a view of recorded values.
+        /// Name of a view of captured values.
         recorded: String,
     },
-    /// An exposure that no image has.
+    /// The exposure of a view is not a positive number.
     #[error("view {view}: an exposure of {exposure_s} s, expected a number above 0")]
     Exposure {
         /// Name of the view.
         view: String,
-        /// Seconds.
+        /// The exposure found, in seconds.
         exposure_s: f32,
     },
     /// The optimisation diverged.
     #[error("step {step}: the loss on view {view} is not finite")]
     NotFinite {
-        /// 1 for the first.
+        /// The step, 1 for the first.
         step: u32,
         /// Name of the view.
         view: String,
     },
-    /// Pruning left nothing.
+    /// Pruning removed every splat.
     #[error("step {step}: every splat was pruned")]
     AllPruned {
-        /// 1 for the first.
+        /// The step, 1 for the first.
         step: u32,
     },
     /// The checkpoint's trainer state cannot be read.
@@ -81,9 +81,9 @@ pub enum TrainError {
     /// The checkpoint's arrays do not make up a scene.
     #[error("checkpoint: {what}: {source}")]
     Checkpoint {
-        /// Scene, first or second moments.
+        /// The part of the checkpoint: scene, first moments, second moments or average.
         what: &'static str,
-        /// What is wrong with it.
+        /// The reason why the array is invalid.
         source: SplatsError,
     },
     /// The checkpoint belongs to another data set.
@@ -91,17 +91,17 @@ pub enum TrainError {
         "the checkpoint was trained on data set {checkpoint}, this one is {dataset}; resume with the images, cameras and split it was started with"
     )]
     Fingerprint {
-        /// Of the checkpoint.
+        /// Fingerprint of the checkpoint's data set.
         checkpoint: String,
-        /// Of the data set given.
+        /// Fingerprint of the data set given.
         dataset: String,
     },
-    /// The checkpoint holds another colour model than its configuration says.
+    /// The checkpoint's scene has another colour model than its configuration.
     #[error("the checkpoint's scene is of colour model {scene}, its configuration says {config}")]
     ColorModel {
-        /// Of the splats.
+        /// Colour model of the splats.
         scene: String,
-        /// Of the configuration.
+        /// Colour model of the configuration.
         config: String,
     },
 }

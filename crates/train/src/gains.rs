@@ -1,26 +1,31 @@
-//! Gains of the training images: what drifts from view to view though the scene does not, exposure or white balance.
+//! Gains of the training images, for exposure or white balance that drifts between views of a
+//! static scene.
 //!
-//! In: renders of training views [H,W,3] beside their images, both in normalised units; out: a gain per view and channel that its image is divided
-//! by in training. Scene and gains are found by turns: once in [`VISITS_BETWEEN`] rounds through the views, each view is rendered after
-//! its step, and its gain moves to where the median of ln(image / render) over reliable pixels vanishes.
+//! In: renders of training views [H,W,3] and their images, both in normalised units. Out: a gain
+//! per view and channel, by which the image is divided in training. Scene and gains are optimised
+//! in alternation. Once in [`VISITS_BETWEEN`] epochs, each view is rendered after its step, and its
+//! gain moves so that the median of ln(image / render) over reliable pixels is 0.
 //!
-//! Gauge: a scene twice as bright with gains half as large explains the images as well, and a red scene under blue gains does. The mean of ln gain
-//! over the views is therefore held at 0, per channel, after every update: what all images share stays in the scene, to the last digit.
+//! Gauge: a scene twice as bright with gains half as large explains the images equally well; the
+//! same holds for each channel. Therefore the mean of ln gain over the views is held at 0, per
+//! channel, after every update. Whatever all images share stays in the scene exactly.
 //!
-//! The median is weighted by what pixels are worth: not masked, above the dark where noise and the render's floor dominate, and of recorded values
-//! neither black nor saturated. A view with too few such pixels keeps its gain.
+//! The median is weighted: pixels count unless they are masked, so dark that noise and the render's
+//! floor dominate, or (for captured values) black or saturated. A view with too few such pixels
+//! keeps its gain.
 
 use serde::{Deserialize, Serialize};
 
 use crate::TrainError;
 
-/// Rounds through the views from one measurement to the next: a render costs a third of a step.
+/// Number of epochs from one measurement to the next; measurements are rare because each needs a
+/// render.
 const VISITS_BETWEEN: u32 = 4;
-/// Rounds before the first measurement: the scene has to show what is there.
+/// Number of epochs before the first measurement, so that the scene has formed.
 const FIRST_ROUND: u32 = 3;
-/// Largest |ln gain|: ten stops either way are no drift.
+/// Largest |ln gain|: ten stops either way, far beyond any drift.
 const MAX_LOG_GAIN: f32 = 7.0;
-/// ln gain of every training view, by channel. Sums over the views are 0.
+/// ln gain of every training view, by channel. The sum over the views is 0.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub(crate) struct Gains {
@@ -28,28 +33,29 @@ pub(crate) struct Gains {
 }
 
 impl Gains {
-    /// No gain in any of `count` views.
+    /// Returns gains of 1 for `count` views.
     pub(crate) fn ones(count: usize) -> Self {
         Self { log: vec![[0.0; 3]; count] }
     }
 
-    /// The gain of view `index`.
+    /// Returns the gain of view `index`.
     pub(crate) fn of(&self, index: usize) -> [f32; 3] {
         self.log.get(index).map_or([1.0; 3], |log| log.map(f32::exp))
     }
 
-    /// ln gains, for people.
+    /// Returns ln gain of every view, for display.
     pub(crate) fn logs(&self) -> &[[f32; 3]] {
         &self.log
     }
 
-    /// Whether the views of `step` (1 for the first) are measured after it.
+    /// Returns whether the view of `step` (1 for the first) is measured after it.
     pub(crate) fn measures_after(&self, step: u32) -> bool {
         let round = step.saturating_sub(1) / u32::try_from(self.log.len().max(1)).unwrap_or(u32::MAX);
         round >= FIRST_ROUND && (round - FIRST_ROUND).is_multiple_of(VISITS_BETWEEN)
     }
 
-    /// Moves the gain of view `index` by what was measured, and all back to a mean of 0.
+    /// Changes the gain of view `index` by the measured ratio and shifts all gains back to a mean
+    /// of 0.
     pub(crate) fn shift(&mut self, index: usize, log_ratio: [f32; 3]) {
         let Some(log) = self.log.get_mut(index) else { return };
         for (log, ratio) in log.iter_mut().zip(log_ratio) {

@@ -1,8 +1,9 @@
 //! The method: initialisation, schedule, densification and the training loop.
 //!
-//! A [`Trainer`] takes a data set, a [`TrainConfig`] and any [`luxel_core::Engine`], and turns one into a scene step by step. Everything
-//! random comes from one seed, so that equal inputs give equal scenes on an engine that is deterministic, and a [`luxel_core::Snapshot`]
-//! holds all that is needed to go on bit for bit.
+//! A [`Trainer`] takes a data set, a [`TrainConfig`] and any [`luxel_core::Engine`], and trains a
+//! scene step by step. All random numbers come from one seed, so on a deterministic engine equal
+//! inputs give equal scenes. A [`luxel_core::Snapshot`] holds everything that a run needs to resume
+//! bit for bit.
 
 mod average;
 mod camera_response;

@@ -1,32 +1,35 @@
-//! What pixels are worth by their noise: weights of the loss for captures of known noise.
+//! Weights of pixels by their noise, for captures with a known noise model.
 //!
-//! In: views in the data set's units with masks, a [`NoiseModel`] (variance of a pixel's radiance: read^2 + shot * radiance); out: masks with
-//! weights. The loss compares values under the mu-law T, where noise of standard deviation s has T'(p) s: large in the dark, whose relative error is
-//! what the curve shows. A pixel weighs `1 / sqrt(1 + (T'(p) s / TOLERANCE)^2)`: fully, where its noise is smaller than the error a scene is left with
-//! anyway, and as 1 / noise beyond, which is what an absolute difference of that spread is worth.
+//! In: views in the data set's units with masks, a [`NoiseModel`] (variance of a pixel's radiance:
+//! read^2 + shot * radiance). Out: masks with weights. The loss compares values under the mu-law T,
+//! where noise of standard deviation s becomes T'(p) s, which is large in the dark. The weight of a
+//! pixel is `1 / sqrt(1 + (T'(p) s / TOLERANCE)^2)`. It is 1 if the noise is smaller than the usual
+//! error of a trained scene. For larger noise it approaches 1 / noise, which is the right weight
+//! for an absolute difference with that spread.
 //!
-//! The radiance that noise is reckoned from is the mean of the pixel's neighbourhood: the pixel's own would favour those that noise made brighter,
-//! and so brighten the dark.
+//! The radiance p is the mean of the pixel's neighbourhood. The pixel's own value would favour
+//! pixels that noise made brighter, and would so brighten the dark.
 
 use luxel_core::{Image, Mask, NoiseModel, RadianceScale, View, luminance_sum};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// Noise under the mu-law at which a pixel has lost 30 % of its weight: five 8-bit steps, about what well trained scenes differ by.
+/// Noise under the mu-law at which the weight of a pixel is 1 / sqrt(2): five 8-bit steps, which is
+/// about the error of a well trained scene.
 const TOLERANCE: f32 = 0.02;
-/// Pixels on either side whose mean is taken for the signal.
+/// Radius of the neighbourhood whose mean is taken as the signal, pixels.
 const RADIUS: usize = 2;
 
-/// Where the noise of the training images is known from.
+/// The source of the noise model of the training images.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(into = "String", try_from = "String")]
 pub enum NoiseChoice {
-    /// The data set, where it states it.
+    /// The data set, if it states the noise.
     #[default]
     Auto,
-    /// All pixels weigh the same.
+    /// None: all pixels have the same weight.
     Off,
-    /// The same for all images.
+    /// The given model, for all images.
     Given(NoiseModel),
 }
 
@@ -71,7 +74,7 @@ impl TryFrom<String> for NoiseChoice {
 }
 
 impl NoiseChoice {
-    /// The noise of `view`, if its pixels are to be weighted by it.
+    /// Returns the noise model by which the pixels of `view` are weighted, if there is one.
     pub(crate) fn of(self, view: &View) -> Option<NoiseModel> {
         match self {
             Self::Auto => view.noise,
@@ -81,34 +84,34 @@ impl NoiseChoice {
     }
 }
 
-/// How radiance is seen by the loss.
+/// The scale and curve through which the loss sees radiance.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Seen {
-    /// Data-set radiance of one normalised unit.
+pub(crate) struct ToneScale {
+    /// Radiance of one normalised unit, in the units of the data set.
     pub(crate) radiance_scale: RadianceScale,
-    /// mu of the mu-law.
+    /// The mu of the mu-law.
     pub(crate) mu: f32,
 }
 
-/// The mask of `view` with weights by `model`.
-pub(crate) fn weighted(view: &View, model: NoiseModel, seen: Seen) -> Mask {
+/// Returns the mask of `view` with weights by `model`.
+pub(crate) fn weighted(view: &View, model: NoiseModel, tone: ToneScale) -> Mask {
     let image = &view.image;
     let weight = |i: usize| {
         let worth = view.mask.as_ref().map_or(1.0, |mask| mask.weights.get(i).copied().unwrap_or(0.0));
-        if worth > 0.0 { worth * weight_of(signal(image, view, i), model, seen) } else { 0.0 }
+        if worth > 0.0 { worth * weight_of(signal(image, view, i), model, tone) } else { 0.0 }
     };
     Mask { weights: (0..image.pixels.len()).into_par_iter().map(weight).collect() }
 }
 
-/// Weight of a pixel whose channels have radiance `signal` on average.
-fn weight_of(signal: f32, model: NoiseModel, seen: Seen) -> f32 {
-    let scale = seen.radiance_scale;
-    let slope = seen.mu / ((1.0 + scale.normalised_value(seen.mu * signal)) * seen.mu.ln_1p());
+/// Returns the weight of a pixel with mean radiance `signal` over its channels.
+fn weight_of(signal: f32, model: NoiseModel, tone: ToneScale) -> f32 {
+    let scale = tone.radiance_scale;
+    let slope = tone.mu / ((1.0 + scale.normalised_value(tone.mu * signal)) * tone.mu.ln_1p());
     let noise = scale.normalised_value(slope * model.variance(signal).sqrt()) / TOLERANCE;
     (1.0 + noise * noise).sqrt().recip()
 }
 
-/// Mean radiance of the valid pixels around pixel `i`, which is one.
+/// Returns the mean radiance of the valid pixels around pixel `i`, which must be valid itself.
 fn signal(image: &Image, view: &View, i: usize) -> f32 {
     let (x, y) = (i % image.width, i / image.width);
     let (mut sum, mut count) = (0.0, 0.0);
@@ -129,13 +132,13 @@ mod tests {
     use super::*;
     use crate::testing::{camera_at, view_of};
 
-    const SEEN: Seen = Seen { radiance_scale: RadianceScale::new(2.0).unwrap(), mu: 5000.0 };
+    const TONE: ToneScale = ToneScale { radiance_scale: RadianceScale::new(2.0).unwrap(), mu: 5000.0 };
 
     #[test]
     fn a_weight_follows_the_noise_under_the_mu_law() {
         let model = NoiseModel { read: 1e-3, shot: 1e-4 };
-        let at = |p: f32| weight_of(p, model, SEEN);
-        // By central differences: the spread of T over one standard deviation.
+        let at = |p: f32| weight_of(p, model, TONE);
+        // Checked by central differences: the spread of T over one standard deviation.
         for p in [0.01f32, 0.3, 4.0] {
             let s = (1e-6 + 1e-4 * p).sqrt();
             let of = |v: f32| luxel_core::tone::mu_law(v / 2.0, 5000.0);
@@ -144,9 +147,9 @@ mod tests {
             assert!((at(p) - expected).abs() < 1e-2 * expected, "{p}: {} {expected}", at(p));
         }
         assert!(at(0.0) < at(0.01) && at(0.01) < at(1.0) && at(100.0) > 0.99);
-        // Sixteen pixels in one have a quarter of the noise.
-        assert!(weight_of(0.01, model.averaged(16), SEEN) > at(0.01));
-        assert_eq!(weight_of(0.5, NoiseModel { read: 0.0, shot: 0.0 }, SEEN), 1.0);
+        // The mean of sixteen pixels has a quarter of the noise.
+        assert!(weight_of(0.01, model.averaged(16), TONE) > at(0.01));
+        assert_eq!(weight_of(0.5, NoiseModel { read: 0.0, shot: 0.0 }, TONE), 1.0);
     }
 
     #[test]
@@ -154,9 +157,11 @@ mod tests {
         let pixels = (0..100).map(|i| [if i % 2 == 0 { 0.0 } else { 0.2 }; 3]).collect();
         let mut view = view_of("a", camera_at([0.0; 3], [10, 10]), Image::from_pixels(10, 10, pixels).unwrap());
         view.mask = Some(std::sync::Arc::new(Mask::of_valid((0..100).map(|i| i != 40))));
-        let mask = weighted(&view, NoiseModel { read: 0.01, shot: 0.01 }, SEEN);
+        let mask = weighted(&view, NoiseModel { read: 0.01, shot: 0.01 }, TONE);
         assert_eq!(mask.weights[40], 0.0);
-        // Around a dark pixel 2 columns of 5 are bright, around a bright one 3; by their own values they would be worth 0.05 and 0.55.
+        // In the neighbourhood of a dark pixel, 2 of 5 columns are bright; around a bright one, 3
+        // are. The weights must be close; by the pixels' own values they would differ by a factor
+        // of ten.
         let (dark, bright) = (mask.weights[54], mask.weights[55]);
         assert!(dark > 0.0 && dark < 1.0 && (dark / bright - 1.0).abs() < 0.2, "{dark} {bright}");
         assert!(mask.total().is_some());

@@ -1,7 +1,10 @@
-//! Training on what cameras recorded: which curve a step's loss sees, and the radiance to begin with.
+//! Training on captured LDR images: the curve through which the loss sees a view, and the radiance
+//! to start from.
 //!
-//! In: training views of recorded values (0 to 1, exposures in seconds); out: the [`ToneCurve`] of a step, and views of the radiance that the curve at the
-//! start makes of them, with black and saturated pixels masked: for the scale and the colours of the first splats, never trained on.
+//! In: training views of captured values (0 to 1, exposures in seconds). Out: the [`ToneCurve`] of
+//! a step, and the views as radiance by the initial curve, with black and saturated pixels masked.
+//! That radiance determines the scale and the colours of the first splats; the loss never compares
+//! with it.
 
 use std::sync::Arc;
 
@@ -12,7 +15,7 @@ use rayon::prelude::*;
 use crate::TrainError;
 use crate::camera_response::exposure_of;
 
-/// Whether the training views are of recorded values; all are, or none is.
+/// Returns whether the training views are captured values; either all are, or none is.
 pub(crate) fn is_recorded(train: &[View]) -> Result<bool, TrainError> {
     let (recorded, radiance): (Vec<&View>, Vec<&View>) = train.iter().partition(|view| exposure_of(view).is_some());
     if let (Some(radiance), Some(recorded)) = (radiance.first(), recorded.first()) {
@@ -26,19 +29,22 @@ pub(crate) fn is_recorded(train: &[View]) -> Result<bool, TrainError> {
     Ok(!recorded.is_empty())
 }
 
-/// The curve through which the loss sees `view` of gain `gain`.
+/// Returns the curve through which the loss sees `view` of gain `gain`, or `None` if the view is
+/// radiance.
 pub(crate) fn curve(view: &View, knots: &Knots, radiance_scale: RadianceScale, gain: [f32; 3]) -> Option<ToneCurve> {
     let exposure_s = exposure_of(view)?;
     Some(ToneCurve::Response(Response { knots: *knots, exposure: radiance_scale.exposure(exposure_s, gain) }))
 }
 
-/// Radiance of a recorded pixel and channel by `knots`; `None` of a black or saturated one.
+/// Returns the radiance of a captured value in a channel by `knots`, or `None` if the value is
+/// black or saturated.
 pub(crate) fn radiance_of(value: f32, channel: usize, knots: &Knots, exposure_s: f32) -> Option<f32> {
     let is_between = value > BLACK && value < SATURATED;
     is_between.then(|| (Response::exposure_at(&knots[channel], value) / f64::from(exposure_s)) as f32)
 }
 
-/// The data set with its recorded training views as radiance; pixels that are black or saturated in any channel are masked.
+/// Returns the data set with its captured training views as radiance. Pixels that are black or
+/// saturated in any channel are masked.
 pub(crate) fn as_radiance(dataset: &Dataset, knots: &Knots) -> Dataset {
     let convert = |view: &View| {
         let Some(exposure_s) = exposure_of(view) else { return view.clone() };
@@ -73,7 +79,8 @@ mod tests {
         let knots = CameraResponse::new(0.5, &[]).knots();
         let view = exposed(0.25, vec![[0.5; 3], [0.0, 0.5, 0.5], [0.5, 1.0, 0.5]]);
         let radiance = &as_radiance(&dataset_of(vec![view]), &knots).train[0];
-        // The unit exposure in a quarter of a second.
+        // 0.5 is the value of the unit exposure, which here takes a quarter of a second: radiance
+        // 4.
         assert!(radiance.image.pixels[0].iter().all(|v| (v - 4.0).abs() < 1e-3), "{:?}", radiance.image.pixels[0]);
         assert_eq!(radiance.mask.as_ref().unwrap().weights, [1.0, 0.0, 0.0]);
         assert_eq!(radiance.values, PixelValues::Radiance);
@@ -87,7 +94,7 @@ mod tests {
             panic!("of a recorded view")
         };
         let found = render_as_captured(&Image::filled(1, 1, [1.0; 3]), &response).pixels[0];
-        // Radiance 1 in units of 2 for half a second is the unit exposure.
+        // Radiance 1 in units of 2, for half a second, is the unit exposure.
         assert!((found[0] - 0.5).abs() < 1e-4 && found[1] > 0.6, "{found:?}");
         assert_eq!(render_as_captured(&Image::filled(1, 1, [1e9; 3]), &response).pixels[0], [1.0; 3]);
     }

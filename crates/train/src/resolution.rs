@@ -1,53 +1,61 @@
-//! Which resolution is trained on from which step on.
+//! The schedule of the training resolution.
 //!
-//! In: the option's text, the number of steps the run was planned for, the smallest side of the training images (px); out: stages, each
-//! an area average over factor x factor pixels and the step it comes after. Coarse stages cost a part of a step (per-pixel work falls
-//! with factor squared, per-splat work does not) and let structure settle before detail is there to fit; DashGaussian (Chen et al. 2025)
-//! reports half the time at equal quality. What a reduced image changes in training is told at [`crate::views`].
+//! In: the option's text, the number of steps that the run was planned for, and the smallest side
+//! of the training images (px). Out: stages, each with its first step and a factor; images are
+//! averaged over factor x factor pixels.
+//!
+//! Coarse stages are cheaper, because the work per pixel falls with the square of the factor; the
+//! work per splat stays. They also let structure form before there is detail to fit. Source:
+//! DashGaussian (Chen et al. 2025). [`crate::views`] describes how a reduced resolution affects
+//! training.
 
 use std::fmt;
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
-/// Largest reduction: beyond it a photograph is a thumbnail.
+/// Largest reduction; beyond it, an image is a thumbnail.
 const MAX_FACTOR: u32 = 16;
 
-/// `auto` is at full resolution after this part of the steps: densification (which ends at half of them) has 15 % of the run to add what
-/// only full resolution shows, and two thirds of the run refine it.
+/// Fraction of the steps after which `auto` is at full resolution. Densification ends at half of
+/// the steps, so rounds at full resolution remain to add fine detail, and most of the run refines
+/// it.
 const AUTO_FULL_AFTER: f64 = 0.35;
-/// A stage of `auto` ends at this part of the next finer one's end: its steps are cheaper, but there is less to learn from them.
+/// Ratio of the ends of two successive stages of `auto`. Coarse stages are shorter: their steps are
+/// cheaper, but there is less to learn from them.
 const AUTO_STAGE_RATIO: f64 = 1.0 / 3.0;
-/// Where `auto` starts: the largest of these that leaves [`AUTO_MIN_SIDE`].
+/// The factors of `auto`. It starts with the largest that leaves [`AUTO_MIN_SIDE`].
 const AUTO_FACTORS: [u32; 3] = [8, 4, 2];
-/// Pixels a side below which SSIM's window of 11 sees objects rather than texture.
+/// Smallest side of a reduced image, pixels; below it, SSIM's window of 11 pixels spans objects
+/// rather than texture.
 const AUTO_MIN_SIDE: u32 = 96;
 
-/// Resolution over the run.
+/// The resolution over a run.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum ResolutionSchedule {
     /// Full resolution throughout.
     #[default]
     Off,
-    /// Stages that follow from the number of steps and the size of the images.
+    /// Stages that depend on the number of steps and the size of the images.
     Auto,
-    /// As given: the first after step 0, in order.
+    /// The given stages, in order; the first begins at step 0.
     Stages(Vec<Stage>),
 }
 
 /// A part of the run at one resolution.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stage {
-    /// Images are reduced this many times a side; 1 for full resolution.
+    /// Factor by which the sides of the images are reduced; 1 is full resolution.
     pub factor: u32,
-    /// It begins after this step.
+    /// Step after which the stage begins.
     pub after_step: u32,
 }
 
 impl ResolutionSchedule {
-    /// The stages of a run planned for `iterations` steps. Those of `auto` begin after a round of densification (every `round_interval`
-    /// steps), so that no round's statistics are of two resolutions.
+    /// Returns the stages of a run planned for `iterations` steps. Stages of `auto` begin after a
+    /// round of densification (every `round_interval` steps), so that no round mixes the statistics
+    /// of two resolutions.
     pub fn stages(&self, iterations: u32, round_interval: u32, smallest_side_px: u32) -> Vec<Stage> {
         match self {
             Self::Off => Vec::new(),
@@ -75,7 +83,7 @@ fn auto(iterations: u32, round_interval: u32, smallest_side_px: u32) -> Vec<Stag
     stages
 }
 
-/// The reduction at `step` (1 for the first).
+/// Returns the reduction at `step` (1 for the first).
 pub(crate) fn factor_at(stages: &[Stage], step: u32) -> u32 {
     stages.iter().rev().find(|stage| stage.after_step < step).map_or(1, |stage| stage.factor)
 }
@@ -109,7 +117,7 @@ impl FromStr for ResolutionSchedule {
     }
 }
 
-/// `4@1500`; the first may leave its step out, which is 0.
+/// Parses `4@1500`; the first stage may omit its step, which is 0.
 fn parse_stage(part: &str, is_first: bool) -> Result<Stage, String> {
     let (factor, step) = match part.split_once('@') {
         Some((factor, step)) => (factor.trim(), step.trim()),
@@ -173,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_a_schedule_is_said() {
+    fn invalid_schedules_are_refused_with_the_reason() {
         let cases = [
             ("", "1 to 16"),
             ("on", "1 to 16"),

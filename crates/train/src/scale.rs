@@ -1,24 +1,27 @@
 //! The radiance of one normalised unit.
 //!
-//! In: the training views [H,W,3] in the data set's units, with masks; out: one factor > 0 by which all radiance is divided in
-//! training. The mu-law of the loss is where this matters: it is linear below 1/mu and logarithmic above, so a typical pixel has
-//! to lie well above 2e-4 for the dark to be seen, and near 1 at most for published figures to compare. All pixels black: an error.
+//! In: the training views [H,W,3] in the data set's units, with masks. Out: one factor > 0 by which
+//! all radiance is divided in training. It matters because the mu-law of the loss is linear below
+//! 1/mu and logarithmic above. A typical pixel has to lie well above 1/mu, so that the loss sees
+//! the dark, and at most near 1, so that metrics are comparable with published ones. If all pixels
+//! are black, the result is an error.
 
 use luxel_core::{RadianceScale, View};
 
 use crate::TrainError;
 use crate::config::ScaleRule;
 
-/// Where [`ScaleRule::Median20`] puts the median: the typical pixel of HDR-NeRF's synthetic scenes as they are.
+/// The median radiance after [`ScaleRule::Median20`], which is typical of HDR-NeRF's synthetic
+/// scenes.
 const MEDIAN_TARGET: f32 = 0.05;
 
-/// Pixels that a percentile is taken of; more would not move it.
+/// Largest number of pixels that a percentile is computed from; it is stable with that many.
 const MAX_SAMPLES: usize = 1 << 21;
 
-/// The radiance of one normalised unit by `rule`.
+/// Returns the radiance of one normalised unit by `rule`.
 ///
 /// # Errors
-/// [`TrainError::NoTrainViews`], [`TrainError::NoPixels`] or [`TrainError::AllBlack`].
+/// Returns [`TrainError::NoTrainViews`], [`TrainError::NoPixels`] or [`TrainError::AllBlack`].
 pub fn choose_radiance_scale(train: &[View], rule: ScaleRule) -> Result<RadianceScale, TrainError> {
     let scale = match rule {
         ScaleRule::Raw => 1.0,
@@ -30,7 +33,8 @@ pub fn choose_radiance_scale(train: &[View], rule: ScaleRule) -> Result<Radiance
     RadianceScale::new(scale.clamp(f32::MIN_POSITIVE * 16.0, f32::MAX / 16.0)).ok_or(TrainError::NoPixels)
 }
 
-/// The middle (R + G + B) / 3 of the training views' pixels, data-set units; black pixels (a mask in disguise) are left out.
+/// Returns the median (R + G + B) / 3 of the training views' pixels, data-set units. Black pixels
+/// are left out, because they often stand for a mask.
 pub(crate) fn median_luminance(train: &[View]) -> Result<f32, TrainError> {
     Ok(percentile(positive_luminances(train)?, 0.5))
 }
@@ -72,7 +76,7 @@ fn brightest_channel(train: &[View]) -> Result<f32, TrainError> {
     Ok(pixels.flat_map(|(_, rgb)| rgb).copied().filter(|v| v.is_finite()).fold(0.0, f32::max))
 }
 
-/// The value that `part` of `values` lie below; `values` must not be empty.
+/// Returns the value below which the fraction `part` of `values` lies; `values` must not be empty.
 fn percentile(mut values: Vec<f32>, part: f64) -> f32 {
     let at = ((values.len() - 1) as f64 * part).round() as usize;
     *values.select_nth_unstable_by(at, f32::total_cmp).1

@@ -1,73 +1,82 @@
-//! When what happens, and how fast: everything that depends on the step alone.
+//! The schedule: everything that depends on the step alone.
 //!
-//! In: the configuration, the number of steps the run was started with, and the scene's extent (world units). Out: learning rates,
-//! active degree and densification rounds of a step (1 for the first). Source: Kerbl et al. 2023; 3DGS-MCMC (Kheradmand et al.
-//! 2024). Beyond the planned end all rates stay at their final values. What is averaged lies before the end that is asked for now, which may be
-//! another one than was planned.
+//! In: the configuration, the number of steps that the run was planned for, and the scene's extent
+//! (world units). Out: the learning rates, the active degree and the densification rounds of a step
+//! (1 for the first). Source: Kerbl et al. 2023; 3DGS-MCMC (Kheradmand et al. 2024). Beyond the
+//! planned end all rates keep their final values. The averaged steps lie before the current end,
+//! which may differ from the planned one.
 //!
-//! In a shorter run than the 30000 steps of the source, the end of densification and all decays come in proportion; the beginning of densification and
-//! the degrees of the harmonics do below 10000 steps. Rounds stay 100 steps apart, as a round needs the statistics of as many views, and resets 3000, as
-//! opacities need as many steps to grow back whatever the run's length: a run of 10000 has one, at 3000, instead of four. The last
-//! one must leave its splats time to be found needless: 3DGS's has a whole interval of rounds behind it, here it is a third or none.
+//! Published schedules are for 30000 steps. In shorter runs the end of densification and all decays
+//! scale in proportion; in runs below 10000 steps, the start of densification and the increases of
+//! the degree scale too. Two intervals do not scale. Rounds stay 100 steps apart, because a round
+//! needs the statistics of that many views. Resets stay 3000 steps apart, because opacities need a
+//! fixed number of steps to recover: a run of 10000 steps has one reset, at 3000, instead of four.
+//! After the last reset, splats need time to prove useless. In 3DGS a whole reset interval of
+//! rounds follows it; here at least a third of an interval must follow, or the reset is left out.
 
 use luxel_core::engine::LearningRates;
 
 use crate::config::{Strategy, TrainConfig};
 
-/// Harmonics above degree 0 learn this much slower than the constant term (Kerbl et al. 2023).
+/// Divisor of the learning rate of harmonics above degree 0, relative to the constant term (Kerbl
+/// et al. 2023).
 const REST_LR_DIVISOR: f32 = 20.0;
 
-/// Steps between two reductions of all opacities to [`ABSGRAD_OPACITY_CAP`] (AbsGS).
+/// Number of steps between two reductions of all opacities to [`ABSGRAD_OPACITY_CAP`] (AbsGS).
 const ABSGRAD_CAP_INTERVAL: u32 = 500;
 
-/// Opacity above which AbsGS lowers opacities, so that occluded splats get gradients.
+/// Opacity to which AbsGS lowers all higher opacities, so that occluded splats get gradients.
 pub const ABSGRAD_OPACITY_CAP: f32 = 0.8;
 
-/// Opacity that a reset lowers all others to.
+/// Opacity to which a reset lowers all higher opacities.
 pub const RESET_OPACITY: f32 = 0.01;
 
-/// A reset is made if more than its interval divided by this is left of densification.
+/// Divisor of the reset interval: a reset takes place if more than this part of an interval is left
+/// of densification.
 const RESET_TAIL_DIVISOR: u32 = 3;
 
-/// Steps after a reset in which renders are too faint to be measured against images: a splat's logit, which moves by its rate of 0.05 in a step
-/// that sees it, takes 140 such steps from 0.01 to 0.9, and a view sees some of the splats.
+/// Number of steps after a reset in which renders are too faint to be compared with images. At its
+/// rate of 0.05, a splat's logit takes 140 steps from an opacity of 0.01 to 0.9, and only steps
+/// whose view sees the splat count.
 const RECOVERY_STEPS: u32 = 600;
 
-/// Steps between two updates of the 3D smoothing filter.
+/// Number of steps between two updates of the 3D smoothing filter.
 const SMOOTHING_INTERVAL: u32 = 100;
 
-/// States that the average is taken of, at most: enough to be steady, few enough to cost nothing.
+/// Largest number of states that are averaged: enough for a steady mean, few enough to cost little.
 const AVERAGED_STATES: u32 = 32;
 
 /// The schedule of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Schedule {
-    /// Steps the run was planned for: where the learning rates reach their final values.
+    /// Number of steps the run was planned for, after which learning rates have their final values.
     pub iterations: u32,
-    /// Steps the run ends after, as is asked for now.
+    /// Step after which the run ends now.
     pub end: u32,
-    /// World units; position rates are multiples of it.
+    /// Extent of the scene, world units; learning rates of positions are multiples of it.
     pub extent: f32,
-    /// Steps after which one more degree of the harmonics is active.
+    /// Number of steps after which one more degree of the harmonics becomes active.
     pub sh_interval: u32,
-    /// Step after which splats are added and removed.
+    /// Step after which densification begins.
     pub densify_from: u32,
-    /// Step before which splats are added and removed.
+    /// Step before which densification ends.
     pub densify_until: u32,
-    /// Steps between two rounds.
+    /// Number of steps between two rounds of densification.
     pub densify_interval: u32,
-    /// Steps between two opacity resets; `None` for no resets.
+    /// Number of steps between two opacity resets; `None` for no resets.
     pub reset_interval: Option<u32>,
-    /// AbsGS's opacity reduction takes place.
+    /// Whether opacities are reduced as in AbsGS.
     pub reduces_opacity: bool,
-    /// Samples along a pixel's side, and the step before which there is one.
+    /// Number of samples along a pixel's side, and the step before which there is one.
     pub samples: (u8, u32),
-    /// Steps before `end` that are averaged over, none before densification ends; 0 for none.
+    /// Number of steps before `end` that are averaged, none of them before densification ends; 0
+    /// for none.
     pub averaged_steps: u32,
 }
 
 impl Schedule {
-    /// The schedule of `config` for a run planned for `iterations` steps; those of `config` are where it ends now.
+    /// Returns the schedule of `config` for a run planned for `iterations` steps; the run ends
+    /// after `config.iterations`.
     pub fn new(config: &TrainConfig, iterations: u32, extent: f32) -> Self {
         let is_adc = config.strategy == Strategy::Adc;
         let default_until = if is_adc { iterations / 2 } else { (u64::from(iterations) * 5 / 6) as u32 };
@@ -90,56 +99,57 @@ impl Schedule {
         }
     }
 
-    /// Highest degree of harmonics that takes part in `step`.
+    /// Returns the highest degree of harmonics that is active in `step`.
     pub fn active_degree(&self, step: u32, max_degree: usize) -> usize {
         max_degree.min((step / self.sh_interval) as usize)
     }
 
-    /// Samples along a pixel's side in `step`.
+    /// Returns the number of samples along a pixel's side in `step`.
     pub fn samples(&self, step: u32) -> u8 {
         let (samples, first) = self.samples;
         if step < first { 1 } else { samples }
     }
 
-    /// Whether statistics are needed of `step`.
+    /// Returns whether `step` collects statistics for densification.
     pub fn is_densifying(&self, step: u32) -> bool {
         step < self.densify_until
     }
 
-    /// Whether splats are added and removed after `step`.
+    /// Returns whether a round of densification takes place after `step`.
     pub fn densifies_after(&self, step: u32) -> bool {
         self.is_densifying(step) && step > self.densify_from && step.is_multiple_of(self.densify_interval)
     }
 
-    /// Whether the splats after `step` are the first that no round adds to.
+    /// Returns whether densification ends at `step`, after which unseen splats are pruned once.
     pub fn stops_adding_after(&self, step: u32) -> bool {
         step == self.densify_until
     }
 
-    /// Whether all opacities are reset after `step`.
+    /// Returns whether all opacities are reset after `step`.
     pub fn resets_after(&self, step: u32) -> bool {
         self.reset_interval.is_some_and(|interval| step.is_multiple_of(interval) && self.leaves_time_after_reset(step, interval))
     }
 
-    /// Whether enough rounds follow a reset after `step`.
+    /// Returns whether enough of densification is left after a reset after `step`.
     fn leaves_time_after_reset(&self, step: u32, interval: u32) -> bool {
         self.densify_until.saturating_sub(step) > interval / RESET_TAIL_DIVISOR
     }
 
-    /// Whether opacities are still growing back after a reset before `step`, whose render is too faint to be measured. At most half of an interval, so
-    /// that resets in quick succession leave something to measure.
+    /// Returns whether opacities are still recovering from a reset before `step`, which makes its
+    /// render too faint to be measured. Recovery takes at most half of the reset interval, so that
+    /// frequent resets leave steps to measure.
     pub fn is_recovering(&self, step: u32) -> bool {
         let Some(interval) = self.reset_interval else { return false };
         let since = step % interval;
         step > interval && (1..=RECOVERY_STEPS.min(interval / 2)).contains(&since) && self.resets_after(step - since)
     }
 
-    /// Whether a reset lies before `step`: from then on large splats are pruned.
+    /// Returns whether a reset lies before `step`; from then on large splats are pruned.
     pub fn has_reset_before(&self, step: u32) -> bool {
         self.reset_interval.is_some_and(|interval| step > interval && self.leaves_time_after_reset(interval, interval))
     }
 
-    /// Opacity that all others are lowered to after `step`.
+    /// Returns the opacity to which all higher opacities are lowered after `step`.
     pub fn opacity_cap_after(&self, step: u32) -> Option<f32> {
         if self.resets_after(step) {
             return Some(RESET_OPACITY);
@@ -148,29 +158,30 @@ impl Schedule {
         (is_due && step.is_multiple_of(ABSGRAD_CAP_INTERVAL)).then_some(ABSGRAD_OPACITY_CAP)
     }
 
-    /// Whether the 3D smoothing filter is brought up to date after `step`, densification apart. Within the densification window the
-    /// rounds do it, as an update starts the statistics anew.
+    /// Returns whether the 3D smoothing filter is updated after `step`, apart from densification.
+    /// While splats are added, the rounds update it, because an update starts the statistics anew.
     pub fn smooths_after(&self, step: u32) -> bool {
         (step >= self.densify_until || step <= self.densify_from) && step.is_multiple_of(SMOOTHING_INTERVAL)
     }
 
-    /// Whether `step` is one of those that are averaged over.
+    /// Returns whether `step` is among the steps that are averaged.
     pub fn is_averaging(&self, step: u32) -> bool {
         self.end.checked_sub(step).is_some_and(|left| left < self.averaged_steps)
     }
 
-    /// Whether the parameters after `step` go into the average: the last step's do, and others at equal distances before it.
+    /// Returns whether the parameters after `step` are added to the average: those of the last
+    /// step, and others at equal distances before it.
     pub fn averages_after(&self, step: u32) -> bool {
         let interval = self.averaged_steps.div_ceil(AVERAGED_STATES);
         self.is_averaging(step) && (self.end - step).is_multiple_of(interval)
     }
 
-    /// Whether splats are added and removed up to the end, so that there is nothing to average.
+    /// Returns whether densification lasts to the end, so that there is nothing to average.
     pub fn densifies_to_the_end(&self) -> bool {
         self.densify_until >= self.end
     }
 
-    /// Learning rates of `step`.
+    /// Returns the learning rates of `step`.
     pub fn learning_rates(&self, config: &TrainConfig, step: u32) -> LearningRates {
         let progress = (f64::from(step) / f64::from(self.iterations.max(1))).min(1.0);
         let decayed = |first: f32, last: Option<f32>| last.map_or(first, |last| log_linear(first, last, progress));
@@ -189,7 +200,7 @@ impl Schedule {
     }
 }
 
-/// From `first` to `last` (both > 0), straight in the logarithm.
+/// Interpolates from `first` to `last` (both > 0) linearly in the logarithm.
 fn log_linear(first: f32, last: f32, progress: f64) -> f32 {
     let (first, last) = (f64::from(first).ln(), f64::from(last).ln());
     (first + (last - first) * progress).exp() as f32
@@ -220,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn the_end_of_a_run_takes_several_samples() {
+    fn the_end_of_a_run_is_supersampled() {
         let samples = |share: f32| {
             let config = TrainConfig { samples: 2, samples_share: share, iterations: 1000, ..TrainConfig::default() };
             let schedule = Schedule::new(&config, 1000, 2.0);
@@ -248,7 +259,7 @@ mod tests {
     }
 
     #[test]
-    fn the_average_is_taken_before_the_end_that_is_asked_for_now() {
+    fn the_average_is_taken_before_the_current_end() {
         let of = |planned, end| {
             let config = TrainConfig { average_share: 0.15, iterations: end, ..TrainConfig::default() };
             let s = Schedule::new(&config, planned, 2.0);
@@ -285,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn rates_decay_to_what_they_are_told_and_no_others_do() {
+    fn only_rates_with_a_final_value_decay() {
         let (config, s) = schedule(1000);
         let decaying =
             TrainConfig { sh_lr_final: Some(2.5e-5), opacity_lr_final: Some(5e-4), scale_lr_final: Some(5e-5), ..config.clone() };

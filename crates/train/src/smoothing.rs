@@ -1,21 +1,25 @@
 //! The 3D smoothing filter of Mip-splatting (Yu et al. 2024, eq. 7).
 //!
-//! In: positions [N,3] world, training cameras; out: standard deviation [N] of the filter, world units: sqrt(0.2) times the
-//! smallest depth over focal length of the cameras that see the splat, that is, times the size of a pixel where it is seen closest.
-//! A splat that no camera sees takes the largest filter of the others (as the authors' code does); with none seen at all it is 0.
+//! In: positions [N,3] (world units), training cameras. Out: standard deviation of the filter [N]
+//! (world units). It is sqrt(0.2) times the smallest size of a pixel at the splat's depth (depth
+//! over focal length), over all cameras that see the splat. A splat that no camera sees takes the
+//! largest filter of the others, as in the authors' code. If no splat is seen at all, the filter is
+//! 0.
 
 use glam::DVec3;
 use luxel_core::Camera;
 use rayon::prelude::*;
 
-/// Variance of the filter in squared sampling intervals, the authors' choice.
+/// Variance of the filter in squared sampling intervals, as chosen by the authors.
 const VARIANCE: f32 = 0.2;
-/// A splat is seen up to this part of the image's size outside of it, as its footprint may reach in.
+/// Margin around the image, as a fraction of its size, in which a splat still counts as seen,
+/// because its footprint may reach into the image.
 const MARGIN: f64 = 0.15;
-/// Depth of a splat that no camera sees.
+/// Sampling interval of a splat that no camera sees.
 const NEVER: f32 = f32::INFINITY;
 
-/// The filter of each splat; `near` is the depth below which nothing is drawn, world units.
+/// Computes the filter of each splat. `near` is the depth below which nothing is drawn, world
+/// units.
 pub fn smoothing(positions: &[[f32; 3]], cameras: &[&Camera], near: f32) -> Vec<f32> {
     let nearest = |position: &[f32; 3]| {
         let at = DVec3::new(position[0].into(), position[1].into(), position[2].into());
@@ -29,7 +33,7 @@ pub fn smoothing(positions: &[[f32; 3]], cameras: &[&Camera], near: f32) -> Vec<
     filter
 }
 
-/// Size of a pixel at `position`, world units; `None` where the camera does not see it.
+/// Returns the size of a pixel at `position`, world units, or `None` if the camera does not see it.
 fn sampling_interval(camera: &Camera, position: DVec3, near: f64) -> Option<f32> {
     let (at_px, depth) = camera.project(position)?;
     let [width, height] = camera.size_px.map(f64::from);

@@ -1,4 +1,5 @@
-//! What a run needs besides arrays to go on bit for bit, as JSON in [`luxel_core::Snapshot::state_json`].
+//! The state of a run besides its arrays, as JSON in [`luxel_core::Snapshot::state_json`]; with it,
+//! a run resumes bit for bit.
 
 use luxel_core::{Dataset, Knots, RadianceScale, Snapshot};
 use rand::seq::SliceRandom;
@@ -12,38 +13,39 @@ use crate::gains::Gains;
 use crate::recorded::is_recorded;
 use crate::{TrainConfig, TrainError};
 
-/// Format of [`State`]: another one is refused with a clear message rather than misread.
+/// Version of the format of [`State`]; a state of another version is refused with a clear message.
 const VERSION: u32 = 2;
 
-/// The run, arrays apart.
+/// The state of a run, without its arrays.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct State {
     version: u32,
     pub(crate) config: TrainConfig,
-    /// Steps the schedule is laid out for: those of the first start, whatever `config.iterations` became since.
+    /// Number of steps that the schedule is planned for: that of the first start, even if
+    /// `config.iterations` changed since.
     pub(crate) planned_iterations: u32,
-    /// Steps done.
+    /// Number of steps done.
     pub(crate) iteration: u32,
     pub(crate) extent: f32,
     pub(crate) radiance_scale: RadianceScale,
     pub(crate) fingerprint: String,
     pub(crate) rng: Pcg64Mcg,
-    /// States that the snapshot's average is the mean of; 0: there is none yet.
+    /// Number of states in the snapshot's average; 0 if there is no average yet.
     pub(crate) averaged: u32,
-    /// Of the training images; `None`: not compensated.
+    /// Gains of the training images; `None` if they are not optimised.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) gains: Option<Gains>,
-    /// Of the camera that recorded the images; `None`: they are radiance.
+    /// Response of the camera that captured the images; `None` if they are radiance.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) response: Option<CameraResponse>,
-    /// Permutation of the training views that is being gone through.
+    /// Order of the training views in the current epoch.
     order: Vec<u32>,
-    /// Views of it that have been used.
+    /// Number of views of the epoch that have been used.
     cursor: usize,
 }
 
-/// What a run starts from.
+/// The starting point of a run.
 pub(crate) struct Start {
     pub(crate) config: TrainConfig,
     pub(crate) extent: f32,
@@ -67,13 +69,14 @@ impl State {
             gains,
             response,
             order: (0u32..).take(dataset.train.len()).collect(),
-            // At the end: the first step shuffles.
+            // The epoch is used up, so the first step shuffles.
             cursor: dataset.train.len(),
             config,
         }
     }
 
-    /// Index of the training view of the next step: shuffled, each once before any twice.
+    /// Returns the index of the next step's training view. The order is shuffled, and each view
+    /// comes once per epoch.
     pub(crate) fn next_view(&mut self) -> usize {
         if self.cursor >= self.order.len() {
             self.order.shuffle(&mut self.rng);
@@ -84,7 +87,7 @@ impl State {
         view as usize
     }
 
-    /// Seed of one step's noise: of (seed, step) alone.
+    /// Returns the seed of a step's noise, which depends on the run's seed and the step alone.
     pub(crate) fn noise_seed(&self, step: u32) -> u64 {
         Pcg64Mcg::seed_from_u64(self.config.seed ^ (u64::from(step) << 32)).random()
     }
@@ -93,7 +96,7 @@ impl State {
         serde_json::to_string(self).map_err(|error| TrainError::State(error.to_string()))
     }
 
-    /// The state of a snapshot, checked against the data set it is to go on with.
+    /// Reads the state of a snapshot and checks it against the data set that the run resumes with.
     pub(crate) fn of_snapshot(snapshot: &Snapshot, dataset: &Dataset) -> Result<Self, TrainError> {
         let state = Self::parse(&snapshot.state_json)?;
         if state.fingerprint != dataset.fingerprint {
@@ -125,7 +128,7 @@ impl State {
     }
 
     fn parse(json: &str) -> Result<Self, TrainError> {
-        /// Enough to tell another version from a damaged file.
+        /// The version alone, to tell another version from a damaged file.
         #[derive(Deserialize)]
         struct Header {
             version: u32,
@@ -144,10 +147,10 @@ impl State {
     }
 }
 
-/// The response of the camera as it was when a snapshot was taken; `None` of a run on radiance.
+/// Returns the camera's response in a snapshot, or `None` if the run trains on radiance.
 ///
 /// # Errors
-/// [`TrainError::State`] if it cannot be read.
+/// Returns [`TrainError::State`] if the state cannot be read.
 pub fn snapshot_response(snapshot: &Snapshot) -> Result<Option<Knots>, TrainError> {
     let response = State::parse(&snapshot.state_json)?.response;
     if let Some(response) = &response {

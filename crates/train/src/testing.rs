@@ -10,7 +10,7 @@ pub(crate) fn camera_at(eye: [f64; 3], size_px: [u32; 2]) -> Camera {
     camera_looking_at(DVec3::from_array(eye), DVec3::from_array(eye) + DVec3::Z, size_px)
 }
 
-/// A camera at `eye` whose axis goes through `target`; y is down.
+/// A camera at `eye` with its axis through `target`; y is down.
 pub(crate) fn camera_looking_at(eye: DVec3, target: DVec3, size_px: [u32; 2]) -> Camera {
     let forward = (target - eye).normalize();
     let right = DVec3::Y.cross(forward).normalize();
@@ -28,7 +28,7 @@ pub(crate) fn view_of(name: &str, camera: Camera, image: Image) -> View {
     View { name: name.to_owned(), camera, image: Arc::new(image), values: PixelValues::Radiance, noise: None, mask: None }
 }
 
-/// A data set that trains on `train` and has no points.
+/// A data set with the training views `train` and without points.
 pub(crate) fn dataset_of(train: Vec<View>) -> Dataset {
     Dataset {
         format: "test".to_owned(),

@@ -1,10 +1,12 @@
 //! The training loop, one step at a time.
 //!
-//! In: a data set, a configuration, an engine; out: a scene in normalised units. A step takes the next view of a shuffled round,
-//! updates all parameters, and, where the schedule says so, adds and removes splats; at the end the scene becomes the mean of its last states
-//! ([`crate::average`]). Everything random is drawn from the state's
-//! generator in a fixed order. Beside the scene, where asked for: gains of the images ([`crate::gains`]), the camera's response
-//! ([`crate::camera_response`]).
+//! In: a data set, a configuration, an engine. Out: a scene in normalised units.
+//!
+//! Each step takes the next view of a shuffled epoch and updates all parameters. Where the schedule
+//! asks for it, the step also adds and removes splats. At the end, the scene becomes the mean of
+//! its last states ([`crate::average`]). All random numbers are drawn from the state's generator,
+//! in a fixed order. On request, the trainer also optimises gains of the images ([`crate::gains`])
+//! and the response of the camera ([`crate::camera_response`]).
 
 use std::collections::VecDeque;
 
@@ -18,42 +20,44 @@ use luxel_metrics::{log_gain, log_gain_of_view};
 use crate::average::Average;
 use crate::camera_response::{CameraResponse, exposure_of};
 use crate::config::Strategy;
-use crate::contribution::{are_seen, contribution};
+use crate::contribution::{contribution, visible_splats};
 use crate::densify::{adc::Adc, mcmc::Mcmc};
 use crate::gains::Gains;
-use crate::noise::Seen;
+use crate::noise::ToneScale;
 use crate::recorded::{as_radiance, curve, is_recorded, radiance_of};
 use crate::state::{Start, State};
 use crate::views::TrainingViews;
 use crate::{Schedule, TrainConfig, TrainError, choose_radiance_scale, initialise, smoothing};
 
-/// The extent is this much larger than the greatest distance of a camera to their centroid (Kerbl et al. 2023).
+/// Factor between the greatest distance of a camera from the cameras' centroid and the scene's
+/// extent (Kerbl et al. 2023).
 const EXTENT_MARGIN: f64 = 1.1;
-/// AbsGS's and 3DGS's `percent_dense`.
+/// The default of `percent_dense` with absolute gradients (AbsGS), and below it that of 3DGS.
 const PERCENT_DENSE_ABSGRAD: f32 = 0.001;
 const PERCENT_DENSE: f32 = 0.01;
 
-/// A run of training.
+/// A training run.
 pub struct Trainer {
     engine: Box<dyn Engine>,
     views: TrainingViews,
     color_space: ColorSpace,
     schedule: Schedule,
     state: State,
-    /// Of the parameters, under way.
+    /// The mean of the parameters over the steps so far, while it is being taken.
     average: Option<Average>,
-    /// The last steps and their views' names.
+    /// The latest steps and the names of their views.
     recent: VecDeque<(u32, String)>,
 }
 
-/// Steps whose views are remembered: more than an engine works ahead.
+/// Number of steps whose views are remembered; engines work ahead by fewer steps than that.
 const RECENT: usize = 16;
 
 impl Trainer {
-    /// A run that starts anew.
+    /// Starts a new run.
     ///
     /// # Errors
-    /// [`TrainError`]: options out of range, nothing to train on, or an engine that refuses.
+    /// Returns a [`TrainError`] if an option is out of range, if there is nothing to train on, or
+    /// if the engine refuses the scene.
     pub fn new(dataset: &Dataset, config: TrainConfig, mut engine: Box<dyn Engine>) -> Result<Self, TrainError> {
         config.validate()?;
         check_views(dataset)?;
@@ -85,10 +89,11 @@ impl Trainer {
         Ok(trainer)
     }
 
-    /// A run that goes on where `snapshot` was taken, with its configuration.
+    /// Resumes the run that `snapshot` was taken of, with the configuration of that run.
     ///
     /// # Errors
-    /// [`TrainError`]: the snapshot is of another data set, is damaged, or the engine refuses it.
+    /// Returns a [`TrainError`] if the snapshot belongs to another data set or is damaged, or if
+    /// the engine refuses it.
     pub fn resume(dataset: &Dataset, snapshot: Snapshot, mut engine: Box<dyn Engine>) -> Result<Self, TrainError> {
         check_views(dataset)?;
         let state = State::of_snapshot(&snapshot, dataset)?;
@@ -111,52 +116,53 @@ impl Trainer {
         let schedule = Schedule::new(config, state.planned_iterations, state.extent);
         let side_px = dataset.train.iter().flat_map(|view| view.camera.size_px).min().unwrap_or(1);
         let stages = config.resolution_schedule.stages(state.planned_iterations, config.densify_interval, side_px);
-        let seen = Seen { radiance_scale: state.radiance_scale, mu: config.mu };
-        let views = TrainingViews::new(&dataset.train, stages, config.noise_model, seen);
+        let tone = ToneScale { radiance_scale: state.radiance_scale, mu: config.mu };
+        let views = TrainingViews::new(&dataset.train, stages, config.noise_model, tone);
         Self { engine, views, color_space: dataset.color_space, schedule, state, average, recent: VecDeque::new() }
     }
 
-    /// The configuration in force.
+    /// Returns the configuration in force.
     pub fn config(&self) -> &TrainConfig {
         &self.state.config
     }
 
-    /// When what happens.
+    /// Returns the schedule of the run.
     pub fn schedule(&self) -> &Schedule {
         &self.schedule
     }
 
-    /// Steps done.
+    /// Returns the number of steps done.
     pub fn iteration(&self) -> u32 {
         self.state.iteration
     }
 
-    /// How many times a side the images of the next step are reduced; 1 for full resolution.
+    /// Returns the factor by which the sides of the next step's images are reduced; 1 is full
+    /// resolution.
     pub fn downscale(&self) -> u32 {
         self.views.factor(self.state.iteration.saturating_add(1))
     }
 
-    /// Whether all steps are done.
+    /// Returns whether all steps are done.
     pub fn is_finished(&self) -> bool {
         self.state.iteration >= self.state.config.iterations
     }
 
-    /// Splats there are.
+    /// Returns the number of splats.
     pub fn splats_len(&self) -> usize {
         self.engine.len()
     }
 
-    /// Data-set radiance of one normalised unit.
+    /// Returns the radiance of one normalised unit, in the units of the data set.
     pub fn radiance_scale(&self) -> RadianceScale {
         self.state.radiance_scale
     }
 
-    /// The engine, for renders and timings.
+    /// Returns the engine, for renders and timings.
     pub fn engine(&mut self) -> &mut dyn Engine {
         &mut *self.engine
     }
 
-    /// Options with which the scene as it stands is rendered.
+    /// Returns the options to render the current scene with.
     pub fn render_options(&self) -> RenderOptions {
         self.render_options_of(self.state.iteration)
     }
@@ -170,20 +176,22 @@ impl Trainer {
         }
     }
 
-    /// Sets the number of steps after which the run is finished. The schedule (decay of learning rates, densification, degrees) stays
-    /// as planned at the first start, so that a run which is made longer goes through the same steps first; from the planned end on,
-    /// learning rates stay at their final values. To stretch the schedule itself, start anew.
+    /// Sets the step after which the run ends. The schedule (decay of learning rates,
+    /// densification, degrees) stays as planned at the start, so a run that is made longer goes
+    /// through the same steps first. Beyond the planned end, learning rates keep their final
+    /// values. To stretch the schedule itself, start a new run.
     ///
-    /// The average moves with the end. A mean that was finished is the scene, which a longer run goes on from; one under way goes on where
-    /// the steps that are now to be averaged have begun, and is dropped by the next step where they have not. After an end that is moved to where the
-    /// run stands, [`Self::settle`] makes it the scene.
+    /// The steps that are averaged move with the end. If the mean is already complete, it is the
+    /// scene, and a longer run continues from it. If the mean is still being taken, it continues if
+    /// the next step is among those that are averaged now; otherwise that step drops it. If
+    /// the new end is the current step, call [`Self::settle`] to make the mean the scene.
     pub fn set_iterations(&mut self, iterations: u32) {
         self.state.config.iterations = iterations.max(1);
         self.schedule = Schedule::new(&self.state.config, self.state.planned_iterations, self.schedule.extent);
         self.warn_of_average();
     }
 
-    /// Says where an average is asked for that there is no room for.
+    /// Warns if an average is requested but densification leaves no steps for it.
     fn warn_of_average(&self) {
         let (config, schedule) = (&self.state.config, &self.schedule);
         if config.average_share > 0.0 && schedule.densifies_to_the_end() {
@@ -191,15 +199,16 @@ impl Trainer {
                 densify_until = schedule.densify_until,
                 iterations = schedule.end,
                 average_share = config.average_share,
-                "nothing is averaged: splats are added and removed up to the last step; lower --densify-until, or give --average-share 0"
+                "nothing is averaged: splats are added and removed up to the last step; lower densify_until, or set average_share to 0"
             );
         }
     }
 
-    /// One step of training, with densification when it is due.
+    /// Performs one step of training, with densification when it is due.
     ///
     /// # Errors
-    /// [`TrainError::NotFinite`] if the loss diverged, [`TrainError::AllPruned`] if no splat is left, or an error of the engine.
+    /// Returns [`TrainError::NotFinite`] if the loss diverged, [`TrainError::AllPruned`] if no
+    /// splat is left, or the error of the engine.
     pub fn step(&mut self) -> Result<StepReport, TrainError> {
         let step = self.state.iteration.saturating_add(1);
         let index = self.state.next_view();
@@ -217,7 +226,7 @@ impl Trainer {
         }
         self.recent.push_back((step, view.name.clone()));
         if !report.loss.is_finite() {
-            // The engine may work ahead of what it reports.
+            // The engine may work ahead, so the report can be about an earlier step.
             let of_report = self.recent.iter().find(|(step, _)| *step == report.step).or(self.recent.back());
             let (step, view) = of_report.cloned().unwrap_or((step, String::new()));
             return Err(TrainError::NotFinite { step, view });
@@ -232,12 +241,13 @@ impl Trainer {
         Ok(report)
     }
 
-    /// Gain of training view `index`.
+    /// Returns the gain of training view `index`.
     fn gain(&self, index: usize) -> [f32; 3] {
         self.state.gains.as_ref().map_or([1.0; 3], |gains| gains.of(index))
     }
 
-    /// Moves the gain of view `index`, if it is its turn after `step` and opacities have grown back from their last reset.
+    /// Updates the gain of view `index`, unless it is not due after `step` or opacities are still
+    /// recovering from a reset.
     fn measure_gain(&mut self, step: u32, index: usize) -> Result<(), TrainError> {
         if self.schedule.is_recovering(step) {
             return Ok(());
@@ -265,12 +275,14 @@ impl Trainer {
         Ok(())
     }
 
-    /// ln gain of every training view by channel, in the order of the views; `None` if they are not compensated.
+    /// Returns ln gain of every training view by channel, in the order of the views, or `None` if
+    /// gains are not optimised.
     pub fn log_gains(&self) -> Option<&[[f32; 3]]> {
         self.state.gains.as_ref().map(Gains::logs)
     }
 
-    /// The response of the camera that recorded the training images; `None` if they are radiance.
+    /// Returns the response of the camera that captured the training images, or `None` if the
+    /// images are radiance.
     pub fn response(&self) -> Option<Knots> {
         self.state.response.as_ref().map(CameraResponse::knots)
     }
@@ -300,18 +312,19 @@ impl Trainer {
         }
     }
 
-    /// What is due after `step`: a round of the strategy, a cap on opacities, the smoothing filter.
+    /// Applies everything that is due after `step`: a round of densification, pruning of unseen
+    /// splats, a cap on opacities, the smoothing filter.
     fn densify(&mut self, step: u32) -> Result<(), TrainError> {
         let is_round = self.schedule.densifies_after(step);
         let cap = self.schedule.opacity_cap_after(step);
         let unseen = self.unseen_after(step);
         if is_round || unseen.is_some() || cap.is_some() {
             let before = self.engine.len();
-            let mut rows = if is_round { self.round(step)? } else { all_rows(before) };
+            let mut rows = if is_round { self.plan_round(step)? } else { all_rows(before) };
             if let Some(part) = unseen {
                 let options = self.render_options_of(step);
-                let seen = are_seen(&mut *self.engine, &mut self.views, (step, part), &options)?;
-                rows.retain(|row| seen.get(row.source as usize).is_some_and(|is_seen| *is_seen));
+                let is_visible = visible_splats(&mut *self.engine, &mut self.views, (step, part), &options)?;
+                rows.retain(|row| is_visible.get(row.source as usize).is_some_and(|visible| *visible));
             }
             if rows.is_empty() {
                 return Err(TrainError::AllPruned { step });
@@ -326,16 +339,18 @@ impl Trainer {
         Ok(())
     }
 
-    /// Part of what the views show that is to go after `step`, if it is the step for that.
+    /// Returns the fraction of the views' pixels below which splats are pruned as unseen, if that
+    /// is due after `step`.
     fn unseen_after(&self, step: u32) -> Option<f32> {
         let (part, strategy) = (self.state.config.prune_unseen, self.state.config.strategy);
         (part > 0.0 && strategy == Strategy::Adc && self.schedule.stops_adding_after(step)).then_some(part)
     }
 
-    /// Takes the parameters after `step` into their mean, where they are due, and makes the scene the mean after the last of them.
+    /// Adds the parameters after `step` to their mean where that is due. After the last such step,
+    /// the mean becomes the scene.
     fn average(&mut self, step: u32) -> Result<(), TrainError> {
         if !self.schedule.is_averaging(step) {
-            // Of steps that an end which was moved away has left behind.
+            // These steps are no longer among the last ones, because the end was moved.
             self.average = None;
         }
         if self.schedule.averages_after(step) {
@@ -345,15 +360,16 @@ impl Trainer {
                 None => self.average = Some(Average::new(splats, 1)),
             }
             if step == self.schedule.end {
-                self.become_average(&moments)?;
+                self.load_average(&moments)?;
             }
         }
         self.state.averaged = self.average.as_ref().map_or(0, Average::count);
         Ok(())
     }
 
-    /// Makes the scene the mean that is under way, if there is one. Adam's `moments` stay, so that a run that is made longer goes on from there.
-    fn become_average(&mut self, moments: &Moments) -> Result<(), TrainError> {
+    /// Replaces the scene by the mean, if there is one. Adam's `moments` stay, so that a longer run
+    /// can continue from there.
+    fn load_average(&mut self, moments: &Moments) -> Result<(), TrainError> {
         if let Some(average) = self.average.take() {
             self.engine.load(average.mean(), Some(moments))?;
         }
@@ -361,21 +377,22 @@ impl Trainer {
         Ok(())
     }
 
-    /// Makes the scene the mean that is under way, if the run ends where it stands, as after [`Self::set_iterations`]; whether there was one.
+    /// Replaces the scene by the mean taken so far, if the run ends at the current step, as it can
+    /// after [`Self::set_iterations`]. Returns whether there was such a mean.
     ///
     /// # Errors
-    /// [`TrainError::Engine`].
+    /// Returns [`TrainError::Engine`] if the engine fails.
     pub fn settle(&mut self) -> Result<bool, TrainError> {
         let is_due = self.average.is_some() && self.schedule.is_averaging(self.state.iteration) && self.is_finished();
         if is_due {
             let (_, moments) = self.engine.save()?;
-            self.become_average(&moments)?;
+            self.load_average(&moments)?;
         }
         Ok(is_due)
     }
 
-    /// Rows of the scene after a round of the strategy, neighbours in space beside each other.
-    fn round(&mut self, step: u32) -> Result<Vec<PlanRow>, TrainError> {
+    /// Returns the rows of the scene after a round of densification, in spatial order.
+    fn plan_round(&mut self, step: u32) -> Result<Vec<PlanRow>, TrainError> {
         let geometry = self.engine.geometry()?;
         let config = &self.state.config;
         let max_splats = config.splat_limit(self.views.train_px());
@@ -413,18 +430,18 @@ impl Trainer {
         Ok(self.engine.densify(&plan)?)
     }
 
-    /// The scene as it stands.
+    /// Returns the current scene.
     ///
     /// # Errors
-    /// [`TrainError::Engine`].
+    /// Returns [`TrainError::Engine`] if the engine fails.
     pub fn scene(&mut self) -> Result<Scene, TrainError> {
         Ok(self.scene_and_moments()?.0)
     }
 
-    /// Everything needed to go on from here bit for bit.
+    /// Returns everything needed to resume from here bit for bit.
     ///
     /// # Errors
-    /// [`TrainError::Engine`].
+    /// Returns [`TrainError::Engine`] if the engine fails.
     pub fn snapshot(&mut self) -> Result<Snapshot, TrainError> {
         let (scene, moments) = self.scene_and_moments()?;
         let average = self.average.as_ref().map(|average| average.mean().clone());
@@ -443,7 +460,7 @@ fn all_rows(count: usize) -> Vec<PlanRow> {
     (0u32..).take(count).map(PlanRow::keep).collect()
 }
 
-/// Checks what every step relies on.
+/// Checks the properties of views that every step relies on.
 fn check_views(dataset: &Dataset) -> Result<(), TrainError> {
     if dataset.train.is_empty() {
         return Err(TrainError::NoTrainViews);
@@ -452,9 +469,11 @@ fn check_views(dataset: &Dataset) -> Result<(), TrainError> {
     Ok(())
 }
 
-/// Size of the scene, world units: how far the cameras are apart (Kerbl et al. 2023), or how far the splats typically are from them if that
-/// is more. Cameras around a scene are about as far apart as it is away; of cameras side by side the first number alone is several times too
-/// small, and pruning everything above a tenth of it would take away the walls.
+/// Returns the size of the scene, world units: the spread of the cameras (Kerbl et al. 2023) or the
+/// median distance of the splats from the cameras' centroid, whichever is larger.
+///
+/// Cameras around a scene are about as far apart as they are from it. For cameras side by side,
+/// their spread underestimates the scene, and pruning by it would remove the walls.
 fn scene_extent(train: &[View], positions: &[[f32; 3]]) -> f32 {
     let centroid = train.iter().map(|view| view.camera.eye()).sum::<glam::DVec3>() / train.len().max(1) as f64;
     let radius = train.iter().map(|view| (view.camera.eye() - centroid).length()).fold(0.0, f64::max);

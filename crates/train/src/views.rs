@@ -1,89 +1,100 @@
-//! The training views as steps see them: at the resolution of the step, their pixels weighted by their noise, and what their images are to be multiplied
-//! by: to normalised units, without their gains.
+//! The training views as the steps see them: at the resolution of the step and with pixels weighted
+//! by their noise, each with the scale that takes its image to normalised units and divides it by
+//! its gain.
 //!
-//! In: views in the data set's units, whose images are shared, not copied; out: one view at a time and its scale, which the loss applies, so that images
-//! stay where they are, on a GPU too. Recorded values have no units and are seen as they are. Of a reduced resolution all images are kept, which is at most a quarter of
-//! the first copy: they are made when the first step needs them, and dropped when the stage ends; no two stages are ever held.
+//! In: views in the data set's units, which share their images. Out: one view at a time, and the
+//! scale, which the loss applies; thus images need not be copied, on a GPU either. Captured values
+//! have no units, and their scale is 1. All images of a reduced resolution are kept, which takes at
+//! most a quarter of the memory of the full ones. They are made when the first step needs them and
+//! dropped when their stage ends, so that two reduced stages are never in memory.
 //!
-//! What a reduced resolution changes, and what it does not (`f` is the reduction a side):
-//! - Loss: a mean over pixels, so its size and that of the regularisers beside it stay. Targets are averaged in linear light before the mu-law: a
-//!   lamp smaller than a pixel keeps its energy. SSIM's window of 11 pixels sees `f` times as far.
-//! - Densification: |dL/dmean| in NDC. For a splat of `s` pixels on an image of `S`, the sum of its pixels' gradients goes as s / S^2 and NDC has S / 2
-//!   pixels, so the statistic goes as s / S: of a splat larger than a pixel it does not depend on the resolution, and neither do the
-//!   thresholds. What does change: a residual finer than `f` pixels is averaged away, so it asks for no splats until its stage comes, and
-//!   AbsGS's absolute sums, which count such residuals, fall towards the signed ones. Growth is slower in coarse stages; that is the gain.
-//! - Pruning and resets look at opacity and at scale in world units (there is no limit in pixels), and are the same.
-//! - Dilation is of the pixels rendered, and compensated by area: what is smaller than a coarse pixel keeps its light. 3DGS's (`--antialias off`) is 0.3 px^2,
-//!   `0.3 f^2` of full ones, and not compensated: splats below `0.55 f` full pixels are drawn fatter than they are, which the optimiser answers with
-//!   smaller, fainter ones. When the stage ends they are too thin, and mend within some hundred steps (a scale's logarithm moves by its rate,
-//!   5e-3, a step). A schedule has to leave room for that.
-//! - Mip's 3D filter bounds the frequency that the data set holds. It is computed from the cameras of full resolution in all stages: with a
-//!   stage's own it would be `f` times as wide, and all splats of its size would change shape and opacity in the step the stage ends. The
-//!   coarse image's aliasing is kept off by the 2D filter.
+//! Effects of a reduced resolution (`f` is the reduction of a side):
+//! - Loss: it is a mean over pixels, so its size and that of the regularisers stay the same. Images
+//!   are averaged in linear light, before the mu-law, so a lamp smaller than a pixel keeps its
+//!   energy. SSIM's window of 11 pixels covers `f` times the distance.
+//! - Densification: the statistic is |dL/dmean| in NDC. For a splat of `s` pixels in an image of
+//!   `S`, the sum of its pixels' gradients is proportional to s / S^2. NDC has S / 2 pixels, so the
+//!   statistic is proportional to s / S: for splats larger than a pixel it does not depend on the
+//!   resolution, and the thresholds stay the same. However, residuals finer than `f` pixels are
+//!   averaged away. They cause no growth until their stage, and AbsGS's absolute sums, which count
+//!   them, approach the signed ones. Slower growth in coarse stages is intended.
+//! - Pruning and resets depend on opacity and on scale in world units, not on pixels. They do not
+//!   change.
+//! - Dilation is in rendered pixels. With compensation for area, splats smaller than a coarse pixel
+//!   keep their light. 3DGS's dilation by 0.3 px^2 (`antialias` off) has no compensation and covers
+//!   `0.3 f^2` full pixels squared. Splats below `0.55 f` full pixels are drawn too large, and the
+//!   optimiser makes them smaller and fainter. After the stage they are too thin until they have
+//!   grown back. A schedule has to leave enough steps for that.
+//! - Mip-splatting's 3D filter limits the frequencies to those that the data set samples. It is
+//!   computed from cameras of full resolution in all stages. With a stage's own cameras it would be
+//!   `f` times as wide, and at the end of the stage all splats of its size would suddenly change in
+//!   shape and opacity. The 2D filter prevents aliasing in coarse images.
 
 use std::sync::Arc;
 
 use luxel_core::{Camera, PixelValues, View};
 use rayon::prelude::*;
 
-use crate::noise::{NoiseChoice, Seen, weighted};
+use crate::noise::{NoiseChoice, ToneScale, weighted};
 use crate::resolution::{Stage, factor_at};
 
-/// Part of a reduced pixel's area that must be valid: with less, it says more about its neighbours than about itself.
+/// Smallest valid fraction of a reduced pixel's area. A pixel below it describes its neighbours
+/// rather than itself, and is masked.
 const MIN_VALID: f64 = 0.5;
 
-/// Training views over a run.
+/// The training views over a run.
 pub(crate) struct TrainingViews {
-    /// In the units of the data set, whose images they share.
+    /// The views in the units of the data set, which share its images.
     full: Vec<View>,
-    /// Those with masks by noise, of the views whose noise is known.
+    /// The same views; the masks of those with known noise hold weights.
     weighted: Vec<View>,
     stages: Vec<Stage>,
-    seen: Seen,
-    /// The views of the stage, if it is one of reduced resolution.
+    tone: ToneScale,
+    /// The views of the current stage, if its resolution is reduced.
     reduced: Option<Reduced>,
 }
 
 struct Reduced {
     factor: u32,
-    /// In the units of the data set, weighted.
+    /// Weighted views in the units of the data set.
     views: Vec<View>,
 }
 
 impl TrainingViews {
-    pub(crate) fn new(train: &[View], stages: Vec<Stage>, noise: NoiseChoice, seen: Seen) -> Self {
+    pub(crate) fn new(train: &[View], stages: Vec<Stage>, noise: NoiseChoice, tone: ToneScale) -> Self {
         let with_noise = |view: &View| View { noise: noise.of(view), ..view.clone() };
         let full: Vec<View> = train.iter().map(with_noise).collect();
-        let weighted = full.iter().map(|view| weighted_by_noise(view.clone(), seen)).collect();
-        Self { full, weighted, stages, seen, reduced: None }
+        let weighted = full.iter().map(|view| weighted_by_noise(view.clone(), tone)).collect();
+        Self { full, weighted, stages, tone, reduced: None }
     }
 
-    /// How many there are.
+    /// Returns the number of views.
     pub(crate) fn len(&self) -> usize {
         self.full.len()
     }
 
-    /// Of full resolution.
+    /// Returns the cameras at full resolution.
     pub(crate) fn cameras(&self) -> Vec<&Camera> {
         self.full.iter().map(|view| &view.camera).collect()
     }
 
-    /// Pixels of all views together, at full resolution.
+    /// Returns the number of pixels of all views together, at full resolution.
     pub(crate) fn train_px(&self) -> u64 {
         pixels(&self.full)
     }
 
-    /// Reduction a side at `step`.
+    /// Returns the reduction of a side at `step`.
     pub(crate) fn factor(&self, step: u32) -> u32 {
         factor_at(&self.stages, step)
     }
 
-    /// View `index`, of gain `gain`, as `step` sees it, and what its image is to be multiplied by; `None` if there is none. Recorded values are seen
-    /// without the gain, which is one on the exposure.
+    /// Returns view `index` as `step` sees it, and the factor to multiply its image by if its gain
+    /// is `gain`; `None` if there is no such view. The factor of captured values is 1, because
+    /// their gain applies to the exposure.
     pub(crate) fn at(&mut self, step: u32, index: usize, gain: [f32; 3]) -> Option<(&View, [f32; 3])> {
         let factor = self.factor(step);
         let scale = match self.full.get(index)?.values {
-            PixelValues::Radiance => self.seen.radiance_scale.target_scale(gain),
+            PixelValues::Radiance => self.tone.radiance_scale.target_scale(gain),
             PixelValues::Recorded { .. } => [1.0; 3],
         };
         if factor == 1 {
@@ -92,9 +103,9 @@ impl TrainingViews {
         }
         let is_made = self.reduced.as_ref().is_some_and(|reduced| reduced.factor == factor);
         if !is_made {
-            // The old stage goes before the new one is made.
+            // The old stage is dropped before the new one is made, to save memory.
             self.reduced = None;
-            let views = self.full.par_iter().map(|view| reduce(view, factor, self.seen)).collect();
+            let views = self.full.par_iter().map(|view| reduce(view, factor, self.tone)).collect();
             tracing::info!(step, factor, "training resolution");
             self.reduced = Some(Reduced { factor, views });
         }
@@ -102,19 +113,20 @@ impl TrainingViews {
     }
 }
 
-/// Pixels of the views together.
+/// Returns the number of pixels of all views together.
 pub(crate) fn pixels(views: &[View]) -> u64 {
     views.iter().map(|view| view.camera.size_px.iter().map(|side| u64::from(*side)).product::<u64>()).sum()
 }
 
-fn reduce(view: &View, factor: u32, seen: Seen) -> View {
-    weighted_by_noise(view.downscaled(factor, MIN_VALID), seen)
+fn reduce(view: &View, factor: u32, tone: ToneScale) -> View {
+    weighted_by_noise(view.downscaled(factor, MIN_VALID), tone)
 }
 
-/// The view, its mask with weights by its noise if that is known. Recorded values are not radiance, which noise is reckoned from.
-fn weighted_by_noise(view: View, seen: Seen) -> View {
+/// Returns the view with weights by its noise in its mask, if the noise is known. Captured values
+/// are not weighted, because noise models describe radiance.
+fn weighted_by_noise(view: View, tone: ToneScale) -> View {
     match view.noise.filter(|_| view.values == PixelValues::Radiance) {
-        Some(model) => View { mask: Some(Arc::new(weighted(&view, model, seen))), ..view },
+        Some(model) => View { mask: Some(Arc::new(weighted(&view, model, tone))), ..view },
         None => view,
     }
 }
@@ -134,7 +146,7 @@ mod tests {
             &train,
             schedule.stages(100, 10, 32),
             NoiseChoice::Auto,
-            Seen { radiance_scale: RadianceScale::new(2.0).unwrap(), mu: 5000.0 },
+            ToneScale { radiance_scale: RadianceScale::new(2.0).unwrap(), mu: 5000.0 },
         )
     }
 
@@ -167,7 +179,7 @@ mod tests {
         let model = luxel_core::NoiseModel { read: 0.5, shot: 0.1 };
         let stages = views.stages.clone();
         let train = views.full.clone();
-        views = TrainingViews::new(&train, stages, NoiseChoice::Given(model), views.seen);
+        views = TrainingViews::new(&train, stages, NoiseChoice::Given(model), views.tone);
         let least = |view: &View| view.mask.as_ref().unwrap().weights.iter().copied().fold(1.0, f32::min);
         let coarse = least(views.at(1, 0, [1.0; 3]).unwrap().0);
         let fine = least(views.at(11, 0, [1.0; 3]).unwrap().0);
@@ -200,7 +212,7 @@ mod tests {
             let first = at(&mut views, [1.0; 3]);
             assert_eq!(at(&mut views, [2.0; 3]), first);
         }
-        // That of full resolution is the data set's.
+        // At full resolution, the images are those of the data set.
         assert!(views.full.iter().zip(&views.weighted).all(|(view, weighted)| Arc::ptr_eq(&view.image, &weighted.image)));
     }
 }

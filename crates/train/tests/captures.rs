@@ -1,4 +1,5 @@
-//! What is found of images beside the scene, on the room of `common`: gains, a camera's response, and that both survive a resumed run.
+//! Gains of images and a camera's response, learned from the room of `common`, and their state in a
+//! resumed run.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "helpers of tests may panic as they do")]
 
@@ -22,7 +23,7 @@ fn base(iterations: u32) -> TrainConfig {
     TrainConfig { max_splats: Some(800), densify_interval: 50, ..config(iterations) }
 }
 
-/// The room with images that drift: ln gains by view and channel.
+/// The room with images that drift, and their ln gains by view and channel.
 fn drifted() -> (Dataset, Vec<[f32; 3]>) {
     let mut data = dataset();
     let logs: Vec<[f32; 3]> = (0..6).map(|i| [0.2, -0.1, 0.15].map(|a| a * [1.0, -1.0, 0.5, -1.5, 1.5, -0.5][i])).collect();
@@ -34,10 +35,10 @@ fn drifted() -> (Dataset, Vec<[f32; 3]>) {
 }
 
 fn psnr(trainer: &mut Trainer, data: &Dataset, gain_fit: GainFit<'_>) -> f64 {
-    figures(trainer, &data.test, gain_fit).mean.psnr_scene
+    metrics(trainer, &data.test, gain_fit).mean.psnr_scene
 }
 
-fn figures(trainer: &mut Trainer, views: &[View], gain_fit: GainFit<'_>) -> SplitMetrics {
+fn metrics(trainer: &mut Trainer, views: &[View], gain_fit: GainFit<'_>) -> SplitMetrics {
     let (options, scale, mu) = (trainer.render_options(), trainer.radiance_scale(), trainer.config().mu);
     let knots = trainer.response();
     let measures = Measures { response: knots.as_ref(), gain_fit, ..Measures::new(scale, mu) };
@@ -45,7 +46,7 @@ fn figures(trainer: &mut Trainer, views: &[View], gain_fit: GainFit<'_>) -> Spli
 }
 
 #[test]
-fn gains_of_drifting_images_are_found_and_have_no_mean() {
+fn gains_of_drifting_images_are_found_and_have_mean_zero() {
     let (data, truth) = drifted();
     let of = |exposure_compensation| {
         let mut trainer = Trainer::new(&data, TrainConfig { exposure_compensation, ..base(500) }, engine()).unwrap();
@@ -66,16 +67,16 @@ fn gains_of_drifting_images_are_found_and_have_no_mean() {
 }
 
 #[test]
-fn figures_of_training_images_are_after_the_gains_that_were_found() {
+fn metrics_of_training_images_follow_the_learned_gains() {
     let (mut data, _) = drifted();
-    // A view that is left out of the figures does not move the gains of those behind it.
+    // A view without valid pixels does not move the gains of the views after it.
     data.train[1].mask = Some(Arc::new(Mask::of_valid(vec![false; 48 * 48])));
     let config = TrainConfig { exposure_compensation: ExposureCompensation::Color, ..base(500) };
     let mut trainer = Trainer::new(&data, config, engine()).unwrap();
     run(&mut trainer, 500);
     let gains = trainer.log_gains().unwrap().to_vec();
-    let without = figures(&mut trainer, &data.train, GainFit::None);
-    let with = figures(&mut trainer, &data.train, GainFit::Known(&gains));
+    let without = metrics(&mut trainer, &data.train, GainFit::None);
+    let with = metrics(&mut trainer, &data.train, GainFit::Known(&gains));
     println!("{:.2} dB as they are, {:.2} dB after their gains", without.mean.psnr_scene, with.mean.psnr_scene);
     assert_eq!(with.views.len(), 5);
     assert!(with.mean.psnr_scene > without.mean.psnr_scene + 3.0);
@@ -88,7 +89,8 @@ fn figures_of_training_images_are_after_the_gains_that_were_found() {
 fn no_gain_is_measured_while_opacities_grow_back() {
     let data = dataset();
     let exposure_compensation = ExposureCompensation::Exposure;
-    // Measured after the steps 19 to 24, 43 to 48, 67 to 72, 91 to 96, 115 to 120; the reset after step 66 is felt until step 99.
+    // Gains are measured after the steps 19 to 24, 43 to 48, 67 to 72, 91 to 96 and 115 to 120.
+    // Recovery from the reset after step 66 lasts until step 99.
     let config = TrainConfig { opacity_reset_interval: 66, exposure_compensation, ..config(200) };
     let mut trainer = Trainer::new(&data, config, engine()).unwrap();
     let mut after = |step| {
@@ -107,7 +109,8 @@ fn no_gain_is_measured_while_opacities_grow_back() {
     assert!(later != before && largest(&later) < 0.1, "{later:?}");
 }
 
-/// The room as a camera of this response recorded it, three exposures a view; the test view stays radiance.
+/// The room as captured by a camera with this response, with three exposures per view; the test
+/// view stays radiance.
 fn recorded() -> Dataset {
     let mut data = dataset();
     let record = |view: &View, k: i32| {
@@ -123,7 +126,7 @@ fn recorded() -> Dataset {
 }
 
 #[test]
-fn radiance_and_response_are_learnt_from_recordings() {
+fn radiance_and_response_are_learnt_from_captured_images() {
     let data = recorded();
     let mut trainer = Trainer::new(&data, TrainConfig { unit_exposure: 0.5f32.powf(1.0 / 2.2), ..base(900) }, engine()).unwrap();
     run(&mut trainer, 900);
@@ -131,13 +134,13 @@ fn radiance_and_response_are_learnt_from_recordings() {
     let knots = trainer.response().unwrap();
     println!("{as_is:.2} dB as it is, {fitted:.2} dB after a common gain");
     assert!(fitted > 24.0, "{as_is} {fitted}");
-    // Beyond, the lamp alone is recorded.
+    // Above these exposures, only the lamp has values.
     for k in (6..23).step_by(4) {
         let x = exposure_of_knot(k);
         let expected = (x / (x + 1.0)).powf(1.0 / 2.2);
         assert!((f64::from(knots[1][k]) - expected).abs() < 0.06, "{x}: {} {expected}", knots[1][k]);
     }
-    // A view of recorded values is compared as it is recorded.
+    // A view of captured values is compared as captured.
     let views = Dataset { test: vec![recorded().train[4].clone()], ..data };
     assert!(psnr(&mut trainer, &views, GainFit::None) > 24.0);
     let measures = Measures::new(luxel_core::RadianceScale::ONE, 5000.0);
@@ -157,7 +160,7 @@ fn a_resumed_run_has_the_gains_and_the_response_of_the_unbroken_one() {
     run(&mut resumed, 50);
     assert_eq!(unbroken.snapshot().unwrap(), resumed.snapshot().unwrap());
     assert!(unbroken.log_gains().unwrap().as_flattened().iter().any(|log| *log != 0.0));
-    // A state without what its configuration needs is refused.
+    // A state without the response that its configuration needs is refused.
     let mut snapshot = resumed.snapshot().unwrap();
     assert_eq!(luxel_train::snapshot_response(&snapshot).unwrap(), unbroken.response());
     let state: serde_json::Value = serde_json::from_str(&snapshot.state_json).unwrap();
@@ -167,8 +170,8 @@ fn a_resumed_run_has_the_gains_and_the_response_of_the_unbroken_one() {
     assert!(matches!(Trainer::resume(&data, snapshot, engine()), Err(TrainError::State(_))));
 }
 
-/// The room with a slab before the lens of the two views beside the one that is tested.
-fn with_a_stranger(masked: bool) -> Dataset {
+/// The room with a slab in front of two cameras beside the test view.
+fn with_an_occluder(masked: bool) -> Dataset {
     let mut data = dataset();
     for view in data.train.iter_mut().skip(2).take(2) {
         let inside = |i: usize| (12..30).contains(&(i % 48)) && i / 48 > 10;
@@ -180,9 +183,9 @@ fn with_a_stranger(masked: bool) -> Dataset {
 }
 
 #[test]
-fn a_masked_stranger_leaves_no_trace() {
+fn a_masked_object_leaves_no_trace() {
     let of = |masked| {
-        let data = with_a_stranger(masked);
+        let data = with_an_occluder(masked);
         let config = TrainConfig { radiance_scale: Some(0.2), ..base(300) };
         let mut trainer = Trainer::new(&data, config, engine()).unwrap();
         run(&mut trainer, 300);
@@ -194,7 +197,7 @@ fn a_masked_stranger_leaves_no_trace() {
 }
 
 #[test]
-fn noisy_pixels_are_trained_on_by_what_they_are_worth() {
+fn noisy_pixels_have_less_weight() {
     let data = dataset();
     let config = |noise_model| TrainConfig { noise_model, ..base(30) };
     let scene = |data: &Dataset, noise_model| {
@@ -210,6 +213,6 @@ fn noisy_pixels_are_trained_on_by_what_they_are_worth() {
     let weighted = scene(&data, NoiseChoice::Given(model));
     assert_ne!(plain, weighted);
     assert_eq!(weighted, scene(&stated, NoiseChoice::Auto));
-    // No noise at all is no weight less.
+    // A noise model of zero changes no weight.
     assert_eq!(plain, scene(&data, NoiseChoice::Given(NoiseModel { read: 0.0, shot: 0.0 })));
 }

@@ -1,4 +1,4 @@
-//! Training when something is wrong: the answer is an error that says what, and what to do.
+//! Errors of training: each states what is wrong and how to solve it.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "helpers of tests may panic as they do")]
 
@@ -13,7 +13,7 @@ use luxel_core::engine::{DensifyPlan, DensifyStats, Geometry, StepConfig};
 use luxel_core::{Camera, Engine, EngineError, Image, Mask, Moments, Pass, RenderOptions, Snapshot, Splats, StepReport, View};
 use luxel_train::{Method, TrainConfig, TrainError, Trainer, snapshot_response};
 
-/// An engine whose steps change nothing and report a loss that was put into it.
+/// An engine with steps that change nothing and report a preset loss.
 struct Puppet {
     splats: Splats,
     loss: f32,

@@ -19,7 +19,7 @@ pub trait NamedChoice: Copy + PartialEq + 'static {
     /// The values with names and helps, in the order of listing.
     const VALUES: &'static [(Self, ValueHelp)];
 
-    /// Returns the value of this name.
+    /// Returns the value with this name.
     fn from_name(name: &str) -> Option<Self> {
         Self::VALUES.iter().find(|(_, value)| value.name == name).map(|(choice, _)| *choice)
     }
@@ -30,7 +30,7 @@ pub trait NamedChoice: Copy + PartialEq + 'static {
     }
 }
 
-/// Makes options of types whose values have names.
+/// Implements `OptionValue` for types whose values have names.
 macro_rules! choice_options {
     ($($type:ty),+ $(,)?) => {
         $(impl OptionValue for $type {
@@ -50,7 +50,7 @@ macro_rules! choice_options {
     };
 }
 
-/// Writes an enumeration whose values have names: the doc comments are the helps.
+/// Defines enumerations whose values have names; the doc comments are the helps.
 macro_rules! choices {
     ($($(#[doc = $doc:literal])+ pub enum $type:ident = $default:ident { $($(#[doc = $help:literal])+ $value:ident: $name:literal,)+ })+) => {
         $(
@@ -77,7 +77,7 @@ macro_rules! choices {
 }
 
 choices! {
-    /// Values of options that go together.
+    /// Presets: values of options that belong together.
     pub enum Preset = Fast {
         /// 9000 steps, and no more splats than the images can tell apart
         Fast: "fast",
@@ -88,7 +88,7 @@ choices! {
         Paper: "paper",
     }
 
-    /// Colour models by name.
+    /// Colour models.
     pub enum Method = Lcd {
         /// Luminance and chromaticity apart (LCD-GS)
         Lcd: "lcd",
@@ -106,7 +106,7 @@ choices! {
         Sh5: "sh5",
     }
 
-    /// The way in which the number of splats grows.
+    /// Strategies by which the number of splats grows.
     pub enum Strategy = Adc {
         /// Clone, split, prune and reset by screen-space gradients (Kerbl et al. 2023)
         Adc: "adc",

@@ -3,8 +3,8 @@
 //! Everything else follows from the table: the fields of [`TrainConfig`] and of `config.toml`, the
 //! defaults, the checks, and [`OPTIONS`], from which a command line builds its arguments. To add an
 //! option, add a row here and use the field; if presets differ in it, add a row to the table of
-//! [`super::preset`], too. The doc comment is the help: what the option does, in one sentence without
-//! a full stop; names of options stand in backticks. Range and default are added to it.
+//! [`super::preset`], too. The doc comment is the help: one sentence on what the option does,
+//! without a full stop; names of options stand in backticks. Range and default are added to it.
 
 use luxel_core::{Activation, Antialias, MAX_SAMPLES};
 use serde::{Deserialize, Serialize};

@@ -1,22 +1,22 @@
-//! Recipes by name: values of options that go together, all in one table.
+//! Presets: values of options that belong together, all in one table.
 //!
-//! A preset comes before the options given beside it and after the file of `--config`: what it sets is set whatever that file says, so
-//! that one preset can take another's place. Every preset sets the same options. What the values of `fast` rest on is measured in
-//! the notebook, `docs/src/notebook/index.md`.
+//! A preset takes precedence over the configuration file, and explicit options take precedence over
+//! the preset. Every preset sets the same options, so that one can replace another. The
+//! measurements behind the values are in the notebook, `docs/src/notebook/index.md`.
 
 use luxel_core::Antialias;
 
 use super::{CutoffPreset, Preset, Strategy, TrainConfig};
 use crate::ResolutionSchedule;
 
-/// Writes the table's accessors: one line an option, with the value of each preset.
+/// Writes the accessors of the table: one line per option, with the value of each preset.
 macro_rules! presets {
     ($($(#[doc = $reason:literal])+ $option:ident: $paper:expr, $full:expr, $fast:expr;)+) => {
         impl Preset {
             /// Options (by field name) that every preset sets.
             pub const OPTIONS: &[&str] = &[$(stringify!($option)),+];
 
-            /// Sets them in `config`, except for those that were given.
+            /// Sets the options in `config`, except for those that were given.
             pub(super) fn apply(self, config: &mut TrainConfig, is_given: impl Fn(&str) -> bool) {
                 $(if !is_given(stringify!($option)) {
                     config.$option = match self {
@@ -32,37 +32,48 @@ macro_rules! presets {
 
 presets! {
     // option:               paper,                       full,                        fast
-    /// Paper: Kerbl et al. 2023. Fast: bathroom gains no more than seeds differ by in 30000, a room of 120 views nothing from 10,000 to 20,000.
+    /// Paper: Kerbl et al. 2023. Fast: longer runs gain no more than different seeds differ by.
     iterations:              30_000,                      30_000,                      9_000;
-    /// As published: MCMC was behind at equal splats and steps.
+    /// The published strategy, which is better than MCMC at equal splats and steps.
     strategy:                Strategy::Adc,               Strategy::Adc,               Strategy::Adc;
-    /// The paper names none. 3DGS's 2e-4 goes with 3DGS's weights of the loss; those of the paper make gradients 2.5 times as large, and splats twice as many, which learn by heart.
+    /// Paper: it gives no value. 3DGS's 2e-4 suits 3DGS's loss weights. The paper's weights make
+    /// gradients larger, and 2e-4 would make so many splats that they overfit.
     densify_threshold:       4e-4,                        2e-4,                        2e-4;
-    /// Whoever wants a number gives it.
+    /// Unset: the bound follows from the images.
     max_splats:              None,                        None,                        None;
-    /// Paper: as many as the gradients ask for. Else: beyond this the training images are learned by heart, and the test views lose.
+    /// Paper: no bound. Full and fast: with more splats the training images are overfit, and the
+    /// test views get worse.
     pixels_per_splat:        None,                        Some(72),                    Some(72);
-    /// Not in the paper, which has no bound: without it, growth ends where it stands when the bound is reached.
+    /// Paper: 0, because without a bound nothing is relocated. Full and fast: without relocation,
+    /// growth would end when the bound is reached.
     turnover:                0.0,                         0.1,                         0.1;
-    /// Paper: 3DGS's. Else none: bare walls and ceilings are made of large splats, and lose by it.
+    /// Paper: 3DGS's value. Full and fast: none, because large splats represent bare walls and
+    /// ceilings well.
     prune_scale:             0.1,                         0.0,                         0.0;
-    /// Not in the paper: a third of its splats, which no figure misses and which cost as much as the others. Else: the bound sees to it.
+    /// Paper: an addition to the published method. It removes splats that no metric misses and that
+    /// cost as much as others. Full and fast: off, because the bound has the same effect.
     prune_unseen:            2e-3,                       0.0,                         0.0;
-    /// Full size throughout: a schedule saves little where splats, not pixels, make the cost.
+    /// Full resolution throughout: a schedule saves little if splats, not pixels, dominate the
+    /// cost.
     resolution_schedule:     ResolutionSchedule::Off,     ResolutionSchedule::Off,     ResolutionSchedule::Off;
-    /// Paper: its equation 5 with its lambda of 0.2, to the letter. Else: 3DGS's weights.
+    /// Paper: equation 5 exactly as published, with lambda 0.2. Full and fast: 3DGS's weights.
     ssim_weight:             0.8,                         0.2,                         0.2;
-    /// Not in the paper: large errors, which L1 counts like small ones, are what stays.
+    /// Paper: 0, as published. Full and fast: large errors remain at the end, and L1 alone does not
+    /// weight them more than small ones.
     squared_share:           0.0,                         0.5,                         0.5;
-    /// Not in the paper: settles what Adam keeps moving.
+    /// Paper: 0, as published. Full and fast: the mean removes the movement that Adam's steps
+    /// leave.
     average_share:           0.0,                         0.15,                        0.15;
-    /// Paper: 3DGS's, made for cameras all around; splats that move 2.5 times as far find their places.
+    /// Paper: 3DGS's rate, which suits cameras all around an object. Full and fast: at a higher
+    /// rate, splats reach their places in the room.
     position_lr:             1.6e-4,                      4e-4,                        4e-4;
-    /// A hundredth of the rate at the start.
+    /// A hundredth of the initial rate.
     position_lr_final:       1.6e-6,                      4e-6,                        4e-6;
-    /// Paper: 3DGS's. Else: a pixel's own filter, as what is blown up can paint no edge or lamp that is sharper than that.
+    /// Paper: 3DGS's dilation. Full and fast: a pixel's own filter, because enlarged splats cannot
+    /// represent an edge or a lamp that is sharper than they are.
     antialias:               Antialias::Off,              Antialias::Pixel,            Antialias::Pixel;
-    /// Paper: those of 3DGS, derived for 8 bits. Else ours, so that a lamp's skirt does not end where eight bits would.
+    /// Paper: 3DGS's cut-offs, derived for 8 bits. Full and fast: cut-offs for radiance, so that
+    /// the faint surroundings of a lamp are not cut off.
     cutoffs:                 CutoffPreset::Parity,        CutoffPreset::Hdr,           CutoffPreset::Hdr;
 }
 

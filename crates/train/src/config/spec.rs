@@ -33,15 +33,16 @@ pub struct OptionSpec {
     pub value_name: &'static str,
     /// Range of its numbers.
     pub range: Range,
-    /// Default in words, where the option is unset by default and another value follows from that.
+    /// Default in words, if the option is unset by default and its effective value follows from
+    /// something else.
     pub default_note: Option<&'static str>,
-    /// Conditions under which it has an effect; all have to hold.
+    /// Conditions under which the option has an effect; all have to hold.
     pub conditions: &'static [Condition],
     pub(super) help: &'static str,
     pub(super) access: Access,
 }
 
-/// How an option is read and written.
+/// Functions that read and write the option.
 #[derive(Debug)]
 pub(super) struct Access {
     pub(super) is_switch: bool,
@@ -67,7 +68,7 @@ impl OptionSpec {
         super::OPTIONS.iter().find(|option| option.name == name)
     }
 
-    /// Returns what the option does, in one sentence. Names of options stand in backticks.
+    /// Returns a sentence on what the option does. Names of options stand in backticks.
     pub fn help(&self) -> &'static str {
         self.help.trim()
     }
@@ -90,8 +91,8 @@ impl OptionSpec {
     /// Sets the option to the value that `text` gives.
     ///
     /// # Errors
-    /// The reason why the text is no value of the option. The range of other numbers than
-    /// [`Range::Limits`] is checked by [`TrainConfig::validate`].
+    /// Returns the reason why the text is no value of the option. Only the range [`Range::Limits`]
+    /// is checked here; [`TrainConfig::validate`] checks the others.
     pub fn set(&self, config: &mut TrainConfig, text: &str) -> Result<(), String> {
         (self.access.set)(config, text, self.range)
     }

@@ -30,7 +30,7 @@ fn the_start_follows_strategy_and_filter() {
     assert_eq!(scale(&["--antialias", "off"]), 1.0);
     assert_eq!(scale(&["--strategy", "mcmc"]), 0.3);
     assert_eq!(scale(&["--strategy", "mcmc", "--antialias", "mip"]), 0.3);
-    // 3DGS-MCMC's own.
+    // The value of 3DGS-MCMC.
     assert_eq!(scale(&["--strategy", "mcmc", "--antialias", "off"]), 0.1);
     assert_eq!(scale(&["--strategy", "mcmc", "--init-scale", "0.7"]), 0.7);
 }
@@ -157,7 +157,7 @@ fn nonsense_is_refused_with_the_options_name() {
         let error = parse(arguments).unwrap().validate().unwrap_err().to_string();
         assert!(error.starts_with(option), "{arguments:?}: {error}");
     }
-    // What the command line refuses comes through a file.
+    // Files may hold values that the command line refuses.
     for background in [[-1.0, 0.0, 0.0], [0.0, -1.0, 2.0], [f32::NAN, 0.0, 0.0], [1.0, 2.0, f32::NAN], [f32::INFINITY, 0.0, 0.0]] {
         let error = TrainConfig { background, ..TrainConfig::default() }.validate().unwrap_err().to_string();
         assert!(error.starts_with("background"), "{background:?}: {error}");

@@ -7,9 +7,9 @@ use crate::TrainError;
 /// An option that is set although a choice that it depends on was not made.
 #[derive(Clone, Copy, Debug)]
 pub struct Misplaced {
-    /// The option.
+    /// The option that has no effect.
     pub option: &'static OptionSpec,
-    /// The choice.
+    /// The choice that it depends on.
     pub condition: Condition,
 }
 
@@ -17,7 +17,7 @@ impl TrainConfig {
     /// Checks ranges and combinations.
     ///
     /// # Errors
-    /// [`TrainError::Config`] or [`TrainError::Misplaced`] for the first violation found.
+    /// Returns [`TrainError::Config`] or [`TrainError::Misplaced`] for the first violation found.
     pub fn validate(&self) -> Result<(), TrainError> {
         if let Some(misplaced) = self.misplaced().into_iter().next() {
             return Err(TrainError::misplaced(misplaced));

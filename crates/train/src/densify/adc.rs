@@ -1,48 +1,54 @@
-//! Adaptive density control: clone, split, prune (Kerbl et al. 2023), with AbsGS's thresholds as an option (Ye et al. 2024).
+//! Adaptive density control: clone, split, prune (Kerbl et al. 2023), with AbsGS's thresholds as an
+//! option (Ye et al. 2024).
 //!
-//! In: `stats [N]` since the last round, `geometry [N]`, thresholds; out: rows of the scene to be, in this order: the old splats that
-//! stay, clones, halves of split splats. A splat's gradient is its mean over the views it was visible in, in NDC units; a splat
-//! that was never visible has gradient 0 and stays unless it is transparent.
+//! In: `stats [N]` since the last round, `geometry [N]`, thresholds. Out: the rows of the new
+//! scene, in this order: splats that stay, clones, halves of split splats. The gradient of a splat
+//! is its mean over the views in which it was visible, in NDC units. A splat that was never visible
+//! has gradient 0 and stays unless it is transparent.
 //!
-//! A bound on splats alone would end growth where it stands when the bound is reached, which is early. So a part of the splats changes hands in
-//! every round that asks for more than there is room for: those that the views see least of go, as in the budgets of Mini-Splatting (Fang and Wang
-//! 2024) and Taming 3DGS (Mallick et al. 2024), and the largest gradients have their places.
+//! With a bound on the number of splats alone, growth would end early, as soon as the bound is
+//! reached. Therefore each round that needs more room relocates a fraction of the splats: it prunes
+//! those that contribute least to the views, as the budgets of Mini-Splatting (Fang and Wang 2024)
+//! and Taming 3DGS (Mallick et al. 2024) do, and gives their places to the splats with the largest
+//! gradients.
 
 use luxel_core::engine::{DensifyStats, Geometry, PlanRow};
 use luxel_core::sigmoid;
 use rand::Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-/// Halves of a split splat.
+/// Number of halves of a split splat.
 const SPLIT_SAMPLES: usize = 2;
-/// A half's scale is the splat's divided by this: 0.8 times the number of halves.
+/// Divisor of the scale of a half: 0.8 times the number of halves.
 const SPLIT_SHRINK: f32 = 0.8 * SPLIT_SAMPLES as f32;
 
 /// Thresholds of a round.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Adc {
-    /// Mean gradient from which small splats are cloned (and large ones split, unless `absgrad_threshold` is given).
+    /// Mean gradient from which small splats are cloned; large splats are split from it unless
+    /// `absgrad_threshold` is set.
     pub gradient_threshold: f32,
-    /// AbsGS: mean absolute gradient from which large splats are split.
+    /// Mean absolute gradient from which large splats are split (AbsGS).
     pub absgrad_threshold: Option<f32>,
-    /// Largest scale up to which splats are cloned and above which they are split, world units.
+    /// Scale up to which splats are cloned and above which they are split, world units.
     pub dense_scale: f32,
-    /// Splats less opaque than this are removed.
+    /// Opacity below which splats are pruned.
     pub prune_opacity: f32,
-    /// Splats larger than this are removed, world units; `None`: size does not matter.
+    /// Scale above which splats are pruned, world units; `None` for no limit.
     pub prune_scale: Option<f32>,
-    /// Most splats there may be; those with the largest gradients are densified first.
+    /// Largest number of splats; those with the largest gradients are densified first.
     pub max_splats: usize,
-    /// Most splats that a round removes to make room for others within `max_splats`, least contribution first.
+    /// Largest number of splats that a round prunes to make room for others within `max_splats`,
+    /// least contribution first.
     pub max_replaced: usize,
 }
 
 impl Adc {
-    /// The scene to be. `contribution` says how much the views see of each splat (`[N]`, in any unit) and is asked only if there is not room for all that
-    /// would grow.
+    /// Returns the rows of the new scene. `contribution` returns how much each splat contributes to
+    /// the views (`[N]`, in any unit); it is called only if there is no room for all growth.
     ///
     /// # Errors
-    /// Those of `contribution`.
+    /// Returns the error of `contribution`.
     pub fn plan<E>(
         &self,
         (stats, geometry): (&DensifyStats, &Geometry),
@@ -51,9 +57,9 @@ impl Adc {
     ) -> Result<Vec<PlanRow>, E> {
         let count = geometry.position.len();
         let mut actions: Vec<Action> = (0..count).map(|i| self.action(stats, geometry, i)).collect();
-        let replaced = self.lacking(&actions).min(self.max_replaced);
+        let replaced = self.excess(&actions).min(self.max_replaced);
         if replaced > 0 {
-            // Who finds no place even then stays as it is, and may itself have to go.
+            // A splat without room even then stays as it is, and may itself be pruned.
             keep_within(&mut actions, self.max_splats.saturating_add(replaced));
             make_room(&mut actions, replaced, &contribution()?);
         }
@@ -75,7 +81,7 @@ impl Adc {
         Ok(rows)
     }
 
-    /// What happens to splat `i`, were there no limit.
+    /// Returns the action for splat `i`, regardless of the limit.
     fn action(&self, stats: &DensifyStats, geometry: &Geometry, i: usize) -> Action {
         let scale = geometry.log_scale[i].into_iter().fold(f32::NEG_INFINITY, f32::max).exp();
         let is_too_large = |scale: f32| self.prune_scale.is_some_and(|limit| scale > limit);
@@ -88,7 +94,7 @@ impl Adc {
             Some(threshold) => (abs_gradient, threshold),
             None => (gradient, self.gradient_threshold),
         };
-        // A split comes before the size is looked at, and only its halves have to pass.
+        // A split takes place before the size is checked, and only the halves have to pass.
         let is_split = scale > self.dense_scale && split_gradient >= split_threshold;
         if is_too_large(if is_split { scale / SPLIT_SHRINK } else { scale }) {
             Action::Prune
@@ -101,19 +107,20 @@ impl Adc {
         }
     }
 
-    /// Splats above the limit, if everything that would grow did.
-    fn lacking(&self, actions: &[Action]) -> usize {
+    /// Returns the number of splats beyond the limit if all growth took place.
+    fn excess(&self, actions: &[Action]) -> usize {
         let growing = actions.iter().filter(|action| action.urgency().is_some()).count();
         (survivors(actions) + growing).saturating_sub(self.max_splats)
     }
 }
 
-/// Splats that are left if none grows.
+/// Returns the number of splats that are left if none grows.
 fn survivors(actions: &[Action]) -> usize {
     actions.iter().filter(|action| !matches!(action, Action::Prune)).count()
 }
 
-/// Clones and splits, each one splat more, as far as `limit` allows: largest gradient first, then lowest index.
+/// Limits clones and splits, each of which adds one splat, to `limit` splats: largest gradient
+/// first, then lowest index.
 fn keep_within(actions: &mut [Action], limit: usize) {
     let room = limit.saturating_sub(survivors(actions));
     let mut growing: Vec<(f32, usize)> =
@@ -127,7 +134,8 @@ fn keep_within(actions: &mut [Action], limit: usize) {
     }
 }
 
-/// Removes `count` of the splats that would stay as they are: least contribution first, then lowest index.
+/// Prunes `count` of the splats that would otherwise stay: least contribution first, then lowest
+/// index.
 fn make_room(actions: &mut [Action], count: usize, contribution: &[f32]) {
     let staying = actions.iter().zip(contribution).enumerate().filter(|(_, (action, _))| matches!(action, Action::Keep));
     let mut least: Vec<(f32, usize)> = staying.map(|(i, (_, contribution))| (*contribution, i)).collect();
@@ -137,7 +145,7 @@ fn make_room(actions: &mut [Action], count: usize, contribution: &[f32]) {
     }
 }
 
-/// What becomes of a splat; clones and splits with their gradient as a multiple of the threshold.
+/// The action for a splat; clones and splits hold their gradient as a multiple of the threshold.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Action {
     Keep,
@@ -261,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn at_the_limit_what_is_seen_least_gives_way_to_what_asks_for_more() {
+    fn at_the_limit_the_least_contributions_make_room_for_growth() {
         let splats = [
             (0.005, 0.5, 3e-4, 0.0, 1), // would be cloned
             (0.005, 0.5, 0.0, 0.0, 1),
@@ -269,18 +277,20 @@ mod tests {
             (0.005, 0.5, 0.0, 0.0, 1),
             (0.1, 0.5, 5e-4, 0.0, 1), // would be split, first
         ];
-        // Of 0 and 4, which would grow, the views see least; they stay where their growth has a place.
+        // Splats 0 and 4, which would grow, contribute least; they stay if there is room for their
+        // growth.
         let seen = || Ok(vec![0.1, 3.0, 1.0, 2.0, 0.2]);
         let replacing = |max_replaced, max_splats| sources(&plan_by(&Adc { max_splats, max_replaced, ..POLICY }, &splats, seen).unwrap());
         assert_eq!(replacing(0, 5), [0, 1, 2, 3, 4]);
         assert_eq!(replacing(1, 5), [1, 2, 3, 4, 4]);
         assert_eq!(replacing(2, 5), [0, 1, 0, 4, 4]);
-        // No more than what is asked for.
+        // No more are pruned than growth needs.
         assert_eq!(replacing(9, 5), [0, 1, 0, 4, 4]);
         assert_eq!(replacing(9, 6), [0, 1, 3, 0, 4, 4]);
-        // Above the limit: towards it.
+        // Above the limit, the round moves towards it.
         assert_eq!(replacing(1, 3), [1, 2, 3, 4]);
-        // With room for all nobody is asked; who cannot say ends the round.
+        // If there is room for all, contributions are not requested; an error of theirs ends the
+        // round.
         assert_eq!(sources(&plan(&Adc { max_splats: 7, max_replaced: 9, ..POLICY }, &splats)), [0, 1, 2, 3, 0, 4, 4]);
         let blind = || Err("blind".to_owned());
         assert_eq!(plan_by(&Adc { max_splats: 5, max_replaced: 1, ..POLICY }, &splats, blind), Err("blind".to_owned()));

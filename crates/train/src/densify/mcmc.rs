@@ -1,32 +1,35 @@
-//! Gaussian splatting as Markov chain Monte Carlo (Kheradmand et al. 2024): dead splats move to living ones, and the scene grows to a
-//! fixed size; the noise on positions is the engine's.
+//! Gaussian splatting as Markov chain Monte Carlo (Kheradmand et al. 2024): dead splats are
+//! relocated to living ones, and the scene grows to a fixed size. The noise on positions is the
+//! engine's.
 //!
-//! In: `geometry [N]`; out: rows of the scene to be: the N old places (a dead one holding a copy of its new source), then growth. A
-//! splat that stands N times after a round gets opacity o' = 1 - (1 - o)^(1/N) and the scale that keeps its render (eq. 9);
-//! its moments start anew, at the source too. No living splat: nothing moves.
+//! In: `geometry [N]`. Out: the rows of the new scene: the N old places (a dead splat's place holds
+//! a copy of its new source), then growth. A splat that has N copies after a round gets opacity o'
+//! = 1 - (1 - o)^(1/N) and the scale that preserves its render (eq. 9). Its moments start anew,
+//! those of the source too. Without living splats, nothing is relocated.
 
 use luxel_core::engine::{Geometry, PlanRow};
 use luxel_core::{logit, sigmoid};
 use rand::Rng;
 
-/// Copies beyond which the formula's terms say nothing new (the original's table ends here).
+/// Largest number of copies that the formula is evaluated for, beyond which its terms do not matter
+/// (the original's table ends here).
 const MAX_COPIES: u32 = 51;
-/// Opacities of copies stay below 1 by this (2^-23, as in the original), so that their logit is finite.
+/// Largest opacity of copies: 1 - 2^-23, as in the original, so that the logit is finite.
 const MAX_OPACITY: f64 = 1.0 - f32::EPSILON as f64;
 
 /// Parameters of a round.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mcmc {
-    /// Splats of at most this opacity are dead; copies are at least this opaque.
+    /// Opacity up to which splats are dead; copies are at least this opaque.
     pub dead_opacity: f32,
-    /// Growth per round: 0.05 for 5 %, one splat at least; 0 for none.
+    /// Growth per round: 0.05 for 5 %, but at least one splat; 0 for none.
     pub growth: f32,
-    /// Most splats there may be.
+    /// Largest number of splats.
     pub max_splats: usize,
 }
 
 impl Mcmc {
-    /// The scene to be.
+    /// Returns the rows of the new scene.
     pub fn plan(&self, geometry: &Geometry, rng: &mut impl Rng) -> Vec<PlanRow> {
         let count = geometry.position.len();
         let mut opacity: Vec<f64> = geometry.opacity_logit.iter().map(|l| f64::from(sigmoid(*l))).collect();
@@ -49,7 +52,7 @@ impl Mcmc {
     }
 
     fn grow(&self, rows: &mut Vec<PlanRow>, opacity: &mut Vec<f64>, rng: &mut impl Rng) {
-        // By one at least: a twentieth of fewer than 20 splats is none.
+        // At least one splat is added, because 5 % of fewer than 20 splats rounds to none.
         let least = rows.len() + usize::from(self.growth > 0.0);
         let target = (((1.0 + f64::from(self.growth)) * rows.len() as f64) as usize).max(least).min(self.max_splats);
         let wanted = target.saturating_sub(rows.len());
@@ -62,7 +65,7 @@ impl Mcmc {
         }
     }
 
-    /// Gives the rows that were `drawn` the opacity and scale of one of their copies.
+    /// Shares the opacity and scale of the rows that were `drawn` among their copies.
     fn share(&self, rows: &mut [PlanRow], opacity: &mut [f64], drawn: &[usize]) {
         let mut copies = vec![1u32; rows.len()];
         for source in drawn {
@@ -78,10 +81,11 @@ impl Mcmc {
     }
 }
 
-/// Opacity of each of `copies` that together stand for one splat of `opacity`, and the factor on their scale.
+/// Returns the opacity of each of `copies` that replace one splat of `opacity`, and the factor on
+/// their scale.
 ///
-/// The scale's denominator sum_{i=1..N} sum_{k<i} C(i-1,k) (-1)^k o'^(k+1) / sqrt(k+1) is summed over i first: the sum of C(i-1,k) is
-/// C(N,k+1).
+/// The denominator of the scale, sum_{i=1..N} sum_{k<i} C(i-1,k) (-1)^k o'^(k+1) / sqrt(k+1), is
+/// summed over i first: the sum of C(i-1,k) is C(N,k+1).
 fn share_opacity(opacity: f64, copies: u32) -> (f64, f64) {
     let n = f64::from(copies);
     let shared = -((-opacity.min(MAX_OPACITY)).ln_1p() / n).exp_m1();
@@ -95,14 +99,14 @@ fn share_opacity(opacity: f64, copies: u32) -> (f64, f64) {
     if shrink.is_finite() && shrink > 0.0 { (shared, shrink) } else { (shared, 1.0) }
 }
 
-/// Draws indices with probability in proportion to their opacity.
+/// Draws indices with probability proportional to their opacity.
 struct Sampler {
     indices: Vec<usize>,
     cumulative: Vec<f64>,
 }
 
 impl Sampler {
-    /// `None` if there is nothing to draw.
+    /// Returns `None` if there is nothing to draw.
     fn new(indices: Vec<usize>, opacity: &[f64]) -> Option<Self> {
         let mut sum = 0.0;
         let cumulative: Vec<f64> = indices

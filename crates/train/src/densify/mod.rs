@@ -1,5 +1,5 @@
-//! Policies that add and remove splats. They look at statistics and geometry, and answer with the rows of the scene to be; the
-//! engine's `densify` pass applies them.
+//! Policies that add and remove splats. They map statistics and geometry to the rows of the new
+//! scene; the engine's `densify` pass applies them.
 
 pub mod adc;
 pub mod mcmc;

@@ -1,13 +1,15 @@
 //! Radiance of a point from the HDR pixels that show it.
 //!
-//! In: a point, training views (data-set units); out: linear RGB, data-set units: the median R + G + B of the pixels with the
-//! chromaticity of the medians of the channels. Medians, as some views see the point behind something else or in a highlight.
-//! `None` where no valid pixel shows the point.
+//! In: a point, training views (data-set units). Out: linear RGB (data-set units). Its luminance is
+//! the median R + G + B of the pixels, and its chromaticity that of the medians of the channels.
+//! Medians are robust to views in which the point is occluded or in a highlight. `None` if no valid
+//! pixel shows the point.
 
 use glam::{DVec2, DVec3};
 use luxel_core::{Point, View, luminance_sum};
 
-/// Radiance over the point's track; without one, over the views it projects into.
+/// Returns the radiance over the point's track or, without a track, over the views it projects
+/// into.
 pub(super) fn of_point(point: &Point, train: &[View]) -> Option<[f32; 3]> {
     let track = point.observations.iter().filter_map(|seen| {
         let [x, y] = seen.pixel_px;
@@ -20,11 +22,12 @@ pub(super) fn of_point(point: &Point, train: &[View]) -> Option<[f32; 3]> {
     })
 }
 
-/// Bilinear sample at pixel coordinates (pixel centres at +0.5), of valid pixels alone; `None` outside of the image.
+/// Samples an image bilinearly at pixel coordinates (pixel centres at +0.5), from valid pixels
+/// only. Returns `None` outside the image.
 fn sample(view: &View, at_px: DVec2) -> Option<[f32; 3]> {
     let image = &view.image;
     let (width, height) = (image.width as f64, image.height as f64);
-    // Written so that NaN is outside.
+    // The comparisons are written so that NaN counts as outside.
     if !(at_px.x >= 0.0 && at_px.x <= width && at_px.y >= 0.0 && at_px.y <= height) || image.pixels.is_empty() {
         return None;
     }
@@ -47,7 +50,7 @@ fn sample(view: &View, at_px: DVec2) -> Option<[f32; 3]> {
 }
 
 fn median_color(samples: Vec<[f32; 3]>) -> Option<[f32; 3]> {
-    // In f64, as channels that f32 holds may have a sum that it does not.
+    // The sum is in f64, because the sum of three f32 channels may exceed f32.
     let sum = |rgb: [f64; 3]| rgb.iter().sum::<f64>();
     let luminance = median(samples.iter().map(|rgb| sum(rgb.map(f64::from))).collect())?;
     let mut rgb = [0.0; 3];
@@ -59,7 +62,8 @@ fn median_color(samples: Vec<[f32; 3]>) -> Option<[f32; 3]> {
     Some(color.map(|v| v.min(f32::MAX.into()) as f32))
 }
 
-/// The middle value, for an even count the mean of the two; `None` of nothing.
+/// Returns the median, which for an even count is the mean of the two middle values, or `None`
+/// without values.
 fn median(mut values: Vec<f64>) -> Option<f64> {
     values.sort_unstable_by(f64::total_cmp);
     let upper = *values.get(values.len() / 2)?;
@@ -67,9 +71,10 @@ fn median(mut values: Vec<f64>) -> Option<f64> {
     Some(0.5 * lower + 0.5 * upper)
 }
 
-/// Colour of points that no view shows: the file's display colour, brought to the images' typical luminance.
+/// The colour of points that no view shows: the file's display colour, scaled to the images'
+/// typical luminance.
 pub(super) struct Fallback {
-    /// Data-set radiance (R + G + B) / 3 of a typical pixel.
+    /// Radiance (R + G + B) / 3 of a typical pixel, data-set units.
     typical: f32,
     /// Factor on linearised display colours.
     display_gain: f32,
@@ -90,7 +95,7 @@ impl Fallback {
     }
 }
 
-/// Linear light of an sRGB byte (IEC 61966-2-1).
+/// Returns the linear value of an sRGB byte (IEC 61966-2-1).
 fn srgb_to_linear(byte: u8) -> f32 {
     let v = f32::from(byte) / 255.0;
     if v <= 0.04045 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
@@ -138,7 +143,7 @@ mod tests {
         let huge = [3e38, 1.5e38, 3e38];
         let color = median_color(vec![huge; 3]).unwrap();
         assert!(color.iter().zip(huge).all(|(found, expected)| (found / expected - 1.0).abs() < 1e-6), "{color:?}");
-        // Medians of the channels may sum up to less than the median of the sums.
+        // The medians of the channels may sum to less than the median of the sums.
         let mixed =
             median_color(vec![[3e38, 3e38, 0.0], [3e38, 0.0, 3e38], [0.0, 3e38, 3e38], [3e38, 0.0, 0.0], [1e38, 0.0, 0.0]]).unwrap();
         assert!(mixed.iter().all(|v| v.is_finite()), "{mixed:?}");

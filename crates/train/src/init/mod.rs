@@ -1,10 +1,13 @@
 //! The scene before the first step.
 //!
-//! In: training views (data-set units), points of structure from motion if there are any, the radiance scale; out: splats in
-//! normalised units, isotropic, at the points, or spread over the space that the cameras see. Colours are medians of HDR pixels:
-//! over a point's track, else over the views it projects into. Scale: root mean squared distance to the 3 nearest neighbours
-//! (Kerbl et al. 2023); opacity 0.1, for MCMC 0.5 at 0.3 of the scale, at a tenth of it with 3DGS's dilation (Kheradmand et al.
-//! 2024), unless options say otherwise.
+//! In: training views (data-set units), points of structure from motion if there are any, the
+//! radiance scale. Out: isotropic splats in normalised units, at the points or spread over the
+//! space that the cameras see.
+//!
+//! The colour of a splat is a median of HDR pixels over its point's track, or over the views it
+//! projects into. Unless options set other values, its scale is the root mean squared distance to
+//! the 3 nearest neighbours and its opacity is 0.1 (Kerbl et al. 2023). MCMC has 0.3 of that scale,
+//! a tenth with 3DGS's dilation, and opacity 0.5 (Kheradmand et al. 2024).
 
 mod color;
 mod neighbours;
@@ -20,20 +23,22 @@ use crate::config::TrainConfig;
 use crate::views::pixels;
 use crate::{TrainError, scale};
 
-/// Least R + G + B of a splat at the start, normalised units: half of where the mu-law turns linear. Below, nothing can be told from
-/// black, and an activation's gradient has all but vanished.
+/// Smallest initial R + G + B of a splat, normalised units: half of where the mu-law turns linear.
+/// Lower values look black to the loss, and the gradient of an activation almost vanishes.
 const MIN_LUMINANCE: f32 = 1e-4;
 
-/// Coordinates beyond this are taken for failures of structure from motion: their squares would leave f32.
+/// Largest coordinate of a point; larger ones are failures of structure from motion, and their
+/// squares would exceed f32.
 const MAX_COORDINATE: f32 = 1e9;
 
-/// Random streams that start from the same seed but have nothing in common.
+/// Constant that separates the random stream of the initialisation from others of the same seed.
 const INIT_STREAM: u64 = 0x6c75_7865_6c01;
 
-/// The scene to start from.
+/// Returns the initial scene.
 ///
 /// # Errors
-/// [`TrainError::NoTrainViews`]; [`TrainError::NoSplats`] where no camera sees a common volume.
+/// Returns [`TrainError::NoTrainViews`], or [`TrainError::NoSplats`] if the cameras see no common
+/// volume.
 pub fn initialise(dataset: &Dataset, config: &TrainConfig, radiance_scale: RadianceScale) -> Result<Splats, TrainError> {
     if dataset.train.is_empty() {
         return Err(TrainError::NoTrainViews);
@@ -64,7 +69,8 @@ pub fn initialise(dataset: &Dataset, config: &TrainConfig, radiance_scale: Radia
 
 fn splats_at(points: &[Point], dataset: &Dataset, config: &TrainConfig, radiance_scale: RadianceScale) -> Result<Splats, TrainError> {
     let color_model = config.color_model();
-    // Images that are black throughout leave no typical luminance; the floor below then holds for all splats.
+    // If all images are black, there is no typical luminance, and the floor below applies to all
+    // splats.
     let typical = scale::median_luminance(&dataset.train).unwrap_or(0.0);
     let fallback = color::Fallback::new(points, typical);
     let colors: Vec<[f32; 3]> = points
@@ -101,7 +107,8 @@ fn write_color(color_model: ColorModel, rgb: [f32; 3], sh: &mut [f32], raw_lumin
     }
 }
 
-/// `rgb` with a luminance of `floor` or more, its chromaticity kept; black becomes grey.
+/// Returns `rgb` with a luminance of at least `floor` and the same chromaticity; black becomes
+/// grey.
 fn at_least(floor: f32, rgb: [f32; 3]) -> [f32; 3] {
     let luminance = luminance_sum(rgb);
     if luminance >= floor {
@@ -121,7 +128,7 @@ mod tests {
     use crate::config::{Method, Strategy};
     use crate::testing::{camera_at, dataset_of, view_of};
 
-    /// Two views of a wall at z = 4 whose left half is dark and right half bright.
+    /// Two views of a wall at z = 4, with a dark left half and a bright right half.
     fn wall() -> Dataset {
         let image = || {
             let pixels = (0..64 * 64).map(|i| if i % 64 < 32 { [0.2, 0.1, 0.1] } else { [200.0, 400.0, 100.0] }).collect();

@@ -1,26 +1,28 @@
-//! Spacing of points: what a splat has to cover.
+//! Spacing of points, which determines the initial scale of splats.
 //!
-//! In: positions [N,3], finite; out: root of the mean squared distance to the 3 nearest others (fewer where there are fewer), world
-//! units, at least `MIN_DISTANCE`. Points in the same place have the minimum; a single point is given 1.
+//! In: positions [N,3], finite. Out: root of the mean squared distance to the 3 nearest others (or
+//! to all others, if there are fewer), world units, at least `MIN_DISTANCE`. Points in the same
+//! place have the minimum. A single point has 1.
 
 use std::num::NonZero;
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
-/// Root of 3DGS's floor of 1e-7 on the squared distance.
+/// Smallest distance: the root of 3DGS's floor of 1e-7 on the squared distance.
 const MIN_DISTANCE: f32 = 3.162_277_7e-4;
 
-/// Neighbours that are averaged.
+/// Number of neighbours that are averaged.
 const NEIGHBOURS: usize = 3;
 
-/// Spacing at each of `positions`.
+/// Returns the spacing at each of `positions`.
 pub(super) fn distances(positions: &[[f32; 3]]) -> Vec<f32> {
     if positions.len() < 2 {
         return vec![1.0; positions.len()];
     }
     let Ok(tree) = ImmutableKdTree::<f32, 3>::new_from_slice(positions) else {
-        // The tree refuses more points than it can number only; a common spacing then serves them all.
+        // The tree only refuses more points than it can number; then all points get a common
+        // spacing.
         return vec![common_spacing(positions); positions.len()];
     };
     let count = NonZero::<usize>::MIN.saturating_add(NEIGHBOURS);
@@ -28,7 +30,8 @@ pub(super) fn distances(positions: &[[f32; 3]]) -> Vec<f32> {
         .par_iter()
         .map(|position| {
             let found = tree.query(position).nearest_n::<SquaredEuclidean<f32>>(count).execute();
-            // The nearest is the point itself, or one in the same place: either way a distance of 0.
+            // The nearest result is the point itself, or one in the same place: either way its
+            // distance is 0.
             let others = found.iter().skip(1).map(|item| f64::from(item.distance));
             let mean = others.clone().sum::<f64>() / others.len().max(1) as f64;
             (mean.sqrt() as f32).max(MIN_DISTANCE)
@@ -36,7 +39,7 @@ pub(super) fn distances(positions: &[[f32; 3]]) -> Vec<f32> {
         .collect()
 }
 
-/// Spacing of the same number of points on a grid in the bounding box.
+/// Returns the spacing of the same number of points on a grid in the bounding box.
 fn common_spacing(positions: &[[f32; 3]]) -> f32 {
     let extent = |axis: usize| {
         let values = positions.iter().map(|p| p[axis]);

@@ -1,23 +1,28 @@
-//! Points for a data set that has none: random places in the space that at least two cameras see.
+//! Points for a data set without any: random places in the space that at least two cameras see.
 //!
-//! In: training cameras; out: up to `count` positions, world. The cameras' optical axes have a point they come closest to; depths run
-//! from 0.3 to 3 times its distance, so that what stands before and behind it is covered too. Axes that are parallel, or meet
-//! behind the cameras (a panorama from within), give no such point: depths then run from 1 to 20 times the cameras' spread. One
-//! camera alone, or cameras in one place (see [`LEAST_DISTANCE`]): from 1 to 10, as nothing tells the unit. Positions are even over pixels and depth, so density follows the resolution with
-//! which the cameras see a place.
+//! In: training cameras. Out: up to `count` positions, world units. Depths lie between 0.3 and 3
+//! times the distance of the point that is closest to all optical axes, so that the space before
+//! and behind it is covered too. There is no such point if the axes are parallel or meet behind the
+//! cameras (a panorama from within). Then depths lie between 1 and 20 times the spread of the
+//! cameras. For a single camera, or cameras in one place (see [`LEAST_DISTANCE`]), depths lie
+//! between 1 and 10, because nothing determines the unit. Positions are uniform over pixels and
+//! depth, so their density follows the resolution at which the cameras see a place.
 
 use glam::{DMat3, DVec2, DVec3};
 use luxel_core::{Camera, Point, View};
 use rand::Rng;
 
-/// Tries per wanted point before fewer cameras suffice, and in the end before fewer points do.
+/// Number of tries per point before one camera suffices and, after that, before fewer points
+/// suffice.
 const TRIES_PER_POINT: usize = 40;
 
-/// Distance, as a part of the cameras' largest coordinate, up to which two places are one: programs that write six digits round poses by as much, and
-/// splats, whose positions are `f32`, have some ten places to be in there.
+/// Largest distance of two positions that count as one, relative to the largest coordinate of the
+/// cameras. Programs that write six digits round poses by as much, and at smaller distances `f32`
+/// positions of splats have too few digits.
 const LEAST_DISTANCE: f64 = 1e-6;
 
-/// Up to `count` points in the volume that two cameras see; in that of one, where there is none.
+/// Returns up to `count` points in the volume that two cameras see, filled up with points that one
+/// camera sees.
 pub(super) fn random_points(train: &[View], count: usize, rng: &mut impl Rng) -> Vec<Point> {
     let cameras: Vec<&Camera> = train.iter().map(|view| &view.camera).collect();
     let Some(depths) = DepthRange::of(&cameras) else { return Vec::new() };
@@ -37,7 +42,7 @@ pub(super) fn random_points(train: &[View], count: usize, rng: &mut impl Rng) ->
     points
 }
 
-/// Depths that are populated, one range per camera.
+/// The range of depths of each camera.
 struct DepthRange {
     ranges: Vec<[f64; 2]>,
 }
@@ -67,8 +72,8 @@ impl DepthRange {
     }
 }
 
-/// The point closest to all optical axes in the least-squares sense; `None` if the axes are as good as parallel or it does not lie
-/// before most cameras.
+/// Returns the point closest to all optical axes in the least-squares sense, or `None` if the axes
+/// are almost parallel or the point does not lie before most cameras.
 fn focus(cameras: &[&Camera]) -> Option<DVec3> {
     let (mut across, mut sum) = (DMat3::ZERO, DVec3::ZERO);
     for camera in cameras {
@@ -77,7 +82,8 @@ fn focus(cameras: &[&Camera]) -> Option<DVec3> {
         across += projector;
         sum += projector * camera.eye();
     }
-    // Of axes a degree apart, the mean projector has the eigenvalues 1, 1 and sin^2(0.5 degrees) = 8e-5.
+    // For axes one degree apart, the mean projector has the eigenvalues 1, 1 and sin^2(0.5 degrees)
+    // = 8e-5.
     let count = cameras.len() as f64;
     if across.determinant() < 8e-5 * count.powi(3) {
         return None;
@@ -87,7 +93,7 @@ fn focus(cameras: &[&Camera]) -> Option<DVec3> {
     (focus.is_finite() && 4 * before >= 3 * cameras.len()).then_some(focus)
 }
 
-/// A random place of `camera`'s view at `depth`.
+/// Returns a random position in `camera`'s view at `depth`.
 fn unproject(camera: &Camera, depth: f64, rng: &mut impl Rng) -> DVec3 {
     let [width, height] = camera.size_px.map(f64::from);
     let at_px = DVec2::new(rng.random::<f64>() * width, rng.random::<f64>() * height);
@@ -97,7 +103,7 @@ fn unproject(camera: &Camera, depth: f64, rng: &mut impl Rng) -> DVec3 {
 
 fn sees(camera: &Camera, range: [f64; 2], position: DVec3) -> bool {
     let [width, height] = camera.size_px.map(f64::from);
-    // Depth is drawn within the range, so the rounding of unprojection must not push it out.
+    // Depth is drawn within the range, so rounding must not exclude the bounds.
     let slack = 1e-9 * range[1];
     camera.project(position).is_some_and(|(at_px, depth)| {
         (0.0..=width).contains(&at_px.x) && (0.0..=height).contains(&at_px.y) && depth >= range[0] - slack && depth <= range[1] + slack
@@ -135,7 +141,8 @@ mod tests {
         assert!((focus - DVec3::new(0.5, 0.0, 0.0)).length() < 1e-9, "{focus}");
     }
 
-    /// A panorama from one place: what rounding leaves between its cameras is no distance.
+    /// A panorama from one place: rounding leaves small distances between its cameras, which must
+    /// not count.
     #[test]
     fn cameras_in_one_place_see_from_one_to_ten_wherever_it_is() {
         for eye in [DVec3::ZERO, DVec3::new(1.3, 2.1, 0.7), DVec3::new(-3e4, 0.1, 7.7e5)] {

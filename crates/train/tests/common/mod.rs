@@ -33,7 +33,7 @@ pub(crate) fn camera(eye: DVec3) -> Camera {
     }
 }
 
-/// A room of dark and coloured blobs with a lamp a thousand times brighter among them.
+/// The splats of a room: dark and coloured blobs, and among them a lamp a thousand times brighter.
 fn truth() -> Splats {
     let mut splats = Splats::empty(ColorModel::Sh { degree: 0 });
     for i in 0..216u32 {
@@ -53,7 +53,8 @@ fn truth() -> Splats {
     splats
 }
 
-/// Six training views and one test view of the room, with its points moved a little, as structure from motion would.
+/// Six training views and one test view of the room. Its points are moved a little, like those of
+/// structure from motion.
 pub(crate) fn dataset() -> Dataset {
     let truth = truth();
     let mut engine = engine();
@@ -80,7 +81,8 @@ pub(crate) fn dataset() -> Dataset {
     }
 }
 
-/// Options for a run of `iterations` steps that densifies from the fifth step on, every tenth.
+/// Options for a run of `iterations` steps that densifies every tenth step, starting after the
+/// fifth.
 pub(crate) fn config(iterations: u32) -> TrainConfig {
     TrainConfig {
         iterations,
