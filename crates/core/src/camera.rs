@@ -1,28 +1,31 @@
-//! A camera: pose, intrinsics and lens distortion. OpenCV axes: x right, y down, z forward; pixel centres at +0.5.
+//! Cameras: pose, intrinsics and lens distortion.
+//!
+//! Axes are OpenCV's: x right, y down, z forward. Pixel centres are at +0.5.
 
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 
-/// Lens distortion of OpenCV's model: radial k1, k2 and tangential p1, p2, on normalised image coordinates.
+/// Lens distortion of OpenCV's model: radial k1, k2 and tangential p1, p2, on normalised image
+/// coordinates.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Distortion {
-    /// Radial, r^2.
+    /// Radial coefficient of r^2.
     pub k1: f64,
-    /// Radial, r^4.
+    /// Radial coefficient of r^4.
     pub k2: f64,
-    /// Tangential.
+    /// First tangential coefficient.
     pub p1: f64,
-    /// Tangential.
+    /// Second tangential coefficient.
     pub p2: f64,
 }
 
 impl Distortion {
-    /// Whether all coefficients are zero.
+    /// Returns whether all coefficients are zero.
     pub fn is_none(&self) -> bool {
         *self == Self::default()
     }
 
-    /// Distorted normalised coordinates of the undistorted ones.
+    /// Returns the distorted normalised coordinates of the undistorted point `p`.
     pub fn distort(&self, p: DVec2) -> DVec2 {
         let r2 = p.length_squared();
         let radial = 1.0 + r2 * (self.k1 + r2 * self.k2);
@@ -49,66 +52,71 @@ pub struct Camera {
     pub distortion: Distortion,
 }
 
-/// What makes a camera unusable.
+/// Explains why a camera cannot be used.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum CameraError {
-    /// NaN or infinity.
+    /// A value is NaN or infinite.
     #[error("{0} is not finite")]
     NotFinite(&'static str),
-    /// Not a rotation.
+    /// The pose's matrix is not a rotation.
     #[error("the pose's 3x3 part is not a rotation (determinant {determinant:.4}, expected 1): remove scale, shear and mirroring")]
     NotARotation {
-        /// Its determinant.
+        /// Determinant of the matrix.
         determinant: f64,
     },
-    /// Focal length not positive.
+    /// A focal length is not positive.
     #[error("focal length {x} x {y} px, expected positive numbers")]
     Focal {
-        /// Horizontal.
+        /// Horizontal focal length, pixels.
         x: f64,
-        /// Vertical.
+        /// Vertical focal length, pixels.
         y: f64,
     },
-    /// Empty or absurd image.
+    /// The image is empty or implausibly large.
     #[error("image size {width} x {height}, expected 1 to {MAX_SIDE_PX} pixels a side")]
     Size {
-        /// Pixels.
+        /// Width, pixels.
         width: u32,
-        /// Pixels.
+        /// Height, pixels.
         height: u32,
     },
 }
 
-/// Largest side of an image that is believed to be one.
+/// Largest side of an image that is accepted, pixels; a larger one points to a broken file.
 pub const MAX_SIDE_PX: u32 = 1 << 16;
 
 impl Camera {
-    /// Position in the world.
+    /// Returns the camera's position in the world.
     pub fn eye(&self) -> DVec3 {
         let rotation = self.camera_from_world.matrix3;
         -(rotation.transpose() * self.camera_from_world.translation)
     }
 
-    /// Viewing direction in the world, unit.
+    /// Returns the viewing direction in the world, a unit vector.
     pub fn forward(&self) -> DVec3 {
         self.camera_from_world.matrix3.row(2)
     }
 
-    /// Pose that is given by a camera-to-world matrix in OpenGL axes (x right, y up, z backwards), as in transforms.json.
-    /// The 3x3 part is taken as it is: [`Self::validate`] tells whether it is a rotation.
+    /// Returns the pose given by a camera-to-world matrix in OpenGL axes (x right, y up, z
+    /// backwards), as in transforms.json.
+    ///
+    /// The 3x3 part is not checked here; [`Self::validate`] checks that it is a rotation.
     pub fn pose_from_opengl(world_from_camera_rotation: DMat3, eye: DVec3) -> DAffine3 {
         let flip = DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
         let rotation = (world_from_camera_rotation * flip).transpose();
         DAffine3 { matrix3: rotation, translation: -(rotation * eye) }
     }
 
-    /// Pixel coordinates and depth of a point in the world; `None` behind the camera. Ignores distortion.
+    /// Returns pixel coordinates and depth of a point in the world; `None` behind the camera.
+    /// Ignores distortion.
     pub fn project(&self, point: DVec3) -> Option<(DVec2, f64)> {
         let p = self.camera_from_world.transform_point3(point);
         (p.z > 0.0).then(|| (DVec2::new(p.x / p.z, p.y / p.z) * self.focal_px + self.center_px, p.z))
     }
 
-    /// The same camera for an image reduced `factor` times by area average; sizes are rounded down as whole blocks are averaged.
+    /// Returns the camera of an image reduced `factor` times by area average.
+    ///
+    /// Sizes are rounded down, because only whole blocks are averaged.
     pub fn downscaled(&self, factor: u32) -> Self {
         let f = f64::from(factor);
         Self {
@@ -119,7 +127,7 @@ impl Camera {
         }
     }
 
-    /// The same camera with `factor` times as many pixels a side.
+    /// Returns the same camera with `factor` times as many pixels a side.
     pub fn upscaled(&self, factor: u32) -> Self {
         let f = f64::from(factor);
         Self {

@@ -1,33 +1,36 @@
-//! How an image was taken: what its numbers are, and how noisy.
+//! How an image was captured: the meaning of its pixel values, and their noise.
 
 use serde::{Deserialize, Serialize};
 
 use crate::Image;
 use crate::response::{BLACK, SATURATED};
 
-/// Full well of a typical sensor of a system camera at ISO 100, electrons.
+/// Full-well capacity of a typical sensor of a system camera at ISO 100, electrons.
 const FULL_WELL: f64 = 40_000.0;
-/// Its noise in the dark, electrons.
+/// Read noise of such a sensor, electrons.
 const READ_NOISE: f64 = 3.0;
 
-/// What the numbers of a view's image are.
+/// The meaning of the pixel values of a view's image.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum PixelValues {
     /// Linear radiance.
     #[default]
     Radiance,
-    /// What a camera recorded, 0 to 1, of an exposure of so many seconds: radiance times time through a response that is not known.
+    /// Captured LDR values, 0 to 1, of an exposure of this length: radiance times time through an
+    /// unknown camera response.
     Recorded {
-        /// Above 0.
+        /// Exposure time, seconds; above 0.
         exposure_s: f32,
     },
 }
 
-/// Exponent of what cameras record of light, nearly: good enough to average neighbours by.
+/// Exponent of a typical camera response, close enough for averaging neighbouring pixels.
 const RECORDING_GAMMA: f32 = 2.2;
 
 impl PixelValues {
-    /// Makes values proportional to light, to be averaged or interpolated; of recorded ones that is so to the accuracy of a power law.
+    /// Makes values proportional to light, so that they can be averaged or interpolated.
+    ///
+    /// For captured LDR values the result is as accurate as a power law.
     pub fn to_light(self, image: &mut Image) {
         if let Self::Recorded { .. } = self {
             image.pixels.as_flattened_mut().iter_mut().for_each(|v| *v = v.max(0.0).powf(RECORDING_GAMMA));
@@ -42,14 +45,15 @@ impl PixelValues {
     }
 }
 
-/// Levels of [`PixelValues::bounds`]: no mean of unlike ones is one of them.
+/// Levels of [`PixelValues::bounds`], chosen so that no mean of different levels equals a level.
 const BLACK_LEVEL: f32 = std::f32::consts::FRAC_1_PI;
 const SATURATED_LEVEL: f32 = 1.0;
-/// How far a resampled level may be off.
+/// Largest error of a level after resampling.
 const LEVEL_TOLERANCE: f32 = 1e-4;
 
 impl PixelValues {
-    /// Where recorded values are no more than bounds: black and saturated ones have a level each, by channel, the rest 0. `None` of radiance.
+    /// Returns an image of the pixels that are mere bounds: black and saturated channels have a
+    /// level each, all others 0. `None` for radiance.
     pub fn bounds(self, image: &Image) -> Option<Image> {
         let Self::Recorded { .. } = self else { return None };
         let level = |v: f32| match v {
@@ -61,39 +65,44 @@ impl PixelValues {
         Some(Image { width: image.width, height: image.height, pixels })
     }
 
-    /// Whether a pixel of resampled [`Self::bounds`] is made of values and bounds: what was recorded there is neither, as a mean of saturated and other
-    /// pixels is less than the light that fell on them.
+    /// Returns whether a pixel of resampled [`Self::bounds`] mixes values and bounds.
+    ///
+    /// Such a pixel is neither: the mean of saturated and other pixels is less than the light that
+    /// fell on them.
     pub fn is_mixture(levels: [f32; 3]) -> bool {
         let is_one = |level: f32| [0.0, BLACK_LEVEL, SATURATED_LEVEL].iter().any(|known| (level - known).abs() <= LEVEL_TOLERANCE);
         levels.into_iter().any(|level| !is_one(level))
     }
 }
 
-/// Variance of a pixel's radiance p, in the data set's units: read^2 + shot p.
+/// Noise of a pixel: the variance of radiance p is read^2 + shot p, in the data set's units.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct NoiseModel {
-    /// Standard deviation in the dark.
+    /// Standard deviation without light.
     pub read: f32,
-    /// Variance per radiance.
+    /// Variance per unit of radiance.
     pub shot: f32,
 }
 
 impl NoiseModel {
-    /// Of a typical sensor at `iso`, where `white` is the radiance that saturates a pixel: the higher the sensitivity, the fewer electrons that
-    /// is. A camera's own figures are better.
+    /// Returns the noise of a typical sensor at `iso`, where `white` is the radiance that saturates
+    /// a pixel.
+    ///
+    /// The higher the ISO speed, the fewer electrons saturate a pixel. Prefer measured noise of the
+    /// camera where it is known.
     pub fn of_iso(iso: f64, white: f64) -> Self {
         let white_electrons = FULL_WELL * 100.0 / iso;
         Self { read: (white * READ_NOISE / white_electrons) as f32, shot: (white / white_electrons) as f32 }
     }
 
-    /// Of the mean of `pixels` pixels.
+    /// Returns the noise of the mean of `pixels` pixels.
     #[must_use]
     pub fn averaged(self, pixels: usize) -> Self {
         let pixels = pixels.max(1) as f32;
         Self { read: self.read / pixels.sqrt(), shot: self.shot / pixels }
     }
 
-    /// Variance of radiance `p`.
+    /// Returns the variance of radiance `p`.
     #[inline]
     pub fn variance(self, p: f32) -> f32 {
         self.read.mul_add(self.read, self.shot * p.max(0.0))

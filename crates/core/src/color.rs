@@ -1,11 +1,12 @@
-//! The colour model: how a splat's coefficients become radiance towards a viewer. The only place where methods differ.
+//! The colour model: how a splat's coefficients become radiance towards a viewer. Methods differ in
+//! nothing else.
 //!
-//! In: `sh [K,3]` and `raw_luminance [M]` of one splat, unit direction from the camera to the splat. Out: linear RGB radiance >= 0, in
-//! the scene's normalised units, unbounded above.
+//! In: `sh [K,3]` and `raw_luminance [M]` of one splat, unit direction from the camera to the
+//! splat. Out: linear RGB radiance >= 0, in the scene's normalised units, unbounded above.
 //! - [`ColorModel::Sh`]: max(0, 1/2 + sum_m k_m Y_m(v)) (Kerbl et al. 2023, with its offset).
-//! - [`ColorModel::Lcd`]: L(v) q(v) with q = (r + e) / (sum r + 3 e), r = max(0, sum_m k_m Y_m(v)) (LCD-GS eq. 4) and
-//!   L = g(l_0 + sum_{m>0} l_m Y_m(v)); q sums to 1, so L is the splat's R + G + B. The paper is luminance degree 0. See
-//!   [`DEAD_CHROMA_FLOOR`] for e.
+//! - [`ColorModel::Lcd`]: L(v) q(v) with q = (r + e) / (sum r + 3 e), r = max(0, sum_m k_m Y_m(v))
+//!   (LCD-GS eq. 4) and L = g(l_0 + sum_{m>0} l_m Y_m(v)). q sums to 1, so L is the splat's
+//!   R + G + B. The paper uses luminance degree 0. [`DEAD_CHROMA_FLOOR`] is e.
 
 use serde::{Deserialize, Serialize};
 
@@ -15,18 +16,20 @@ use crate::{Real, each};
 /// Offset of [`ColorModel::Sh`], so that zero coefficients are mid-grey as in 3DGS.
 pub const SH_OFFSET: f32 = 0.5;
 
-/// e in the chromaticity (r + e) / (sum r + 3 e).
+/// Floor e of the chromaticity (r + e) / (sum r + 3 e).
 ///
-/// Where all three responses are <= 0, the paper's L1 normalisation is 0/0 and every gradient of the splat vanishes: it is lost for
-/// good. With the floor such a splat is grey, keeps its luminance's gradient and so its place in the scene. Chromaticities are
-/// initialised with sum 1, so 1e-3 bounds the desaturation at 0.3 %.
+/// If all three responses are <= 0, the paper's L1 normalisation is 0/0 and every gradient of the
+/// splat vanishes: training can never recover it. With the floor such a splat is grey and keeps the
+/// gradient of its luminance. Initial chromaticities sum to 1, so 1e-3 bounds the desaturation at
+/// 0.3 %.
 pub const DEAD_CHROMA_FLOOR: f32 = 1e-3;
 
-/// Map of the raw luminance parameter to a positive luminance (LCD-GS, "g").
+/// Map from the raw luminance parameter to a positive luminance (LCD-GS, "g").
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Activation {
-    /// ln(1 + e^l): multiplicative steps in the dark, additive ones in the bright. The paper's choice.
+    /// ln(1 + e^l), the paper's choice: multiplicative steps for dark splats, additive steps for
+    /// bright ones.
     #[default]
     Softplus,
     /// e^l.
@@ -35,26 +38,29 @@ pub enum Activation {
     Relu,
 }
 
-/// Largest argument of the exponential activation: e^60 = 1.1e26 leaves room for products within f32.
+/// Largest argument of the exponential activation: e^60 = 1.1e26 leaves room for products within
+/// f32.
 pub const MAX_EXP_ARGUMENT: f32 = 60.0;
 
-/// Luminance that stands for black where none is: the logarithm of 0 is no parameter. Far below what any cut-off lets through.
+/// Luminance that represents black, since the logarithm of 0 is not a valid parameter. It is far
+/// below every cut-off.
 const DARKEST: f32 = 1e-8;
 
 impl Activation {
-    /// Luminance of the raw parameter.
+    /// Returns the luminance of the raw parameter.
     #[inline(always)]
     pub fn apply<R: Real>(self, raw: R) -> R {
         let zero = raw.lift(0.0);
         match self {
-            // max(l, 0) + ln(1 + e^-|l|) neither overflows nor loses the small values of very negative l.
+            // max(l, 0) + ln(1 + e^-|l|) neither overflows nor loses the small values of very
+            // negative l.
             Self::Softplus => raw.max(zero) + (-(raw.max(-raw))).exp().ln_1p(),
             Self::Exp => raw.min(raw.lift(MAX_EXP_ARGUMENT)).exp(),
             Self::Relu => raw.max(zero),
         }
     }
 
-    /// Derivative of [`Self::apply`].
+    /// Returns the derivative of [`Self::apply`].
     #[inline(always)]
     pub fn derivative<R: Real>(self, raw: R) -> R {
         let (zero, one) = (raw.lift(0.0), raw.lift(1.0));
@@ -71,7 +77,9 @@ impl Activation {
         }
     }
 
-    /// Raw parameter of a luminance; luminances below 1e-8 are taken as 1e-8 (for [`Self::Relu`] as they are).
+    /// Returns the raw parameter of a luminance.
+    ///
+    /// Luminances below 1e-8 count as 1e-8, except for [`Self::Relu`].
     pub fn inverse(self, luminance: f32) -> f32 {
         let l = luminance.max(DARKEST);
         match self {
@@ -83,7 +91,7 @@ impl Activation {
     }
 }
 
-/// How radiance is represented.
+/// The representation of radiance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "lowercase")]
 pub enum ColorModel {
@@ -103,9 +111,9 @@ pub enum ColorModel {
     },
 }
 
-/// The directions a colour is evaluated with: basis values at the splat's viewing direction.
+/// The harmonic basis evaluated at a splat's viewing direction.
 pub struct ColorBasis<R> {
-    /// Unit vector from the camera to the splat, world.
+    /// Unit vector from the camera to the splat, world axes.
     pub direction: [R; 3],
     /// Basis values up to the active degree.
     pub values: [R; MAX_COEFFICIENTS],
@@ -114,7 +122,7 @@ pub struct ColorBasis<R> {
 }
 
 impl<R: Real> ColorBasis<R> {
-    /// Basis at `direction` up to `active_degree`.
+    /// Evaluates the basis at `direction` up to `active_degree`.
     #[inline(always)]
     pub fn new(active_degree: usize, direction: [R; 3]) -> Self {
         let mut values = [direction[0].lift(0.0); MAX_COEFFICIENTS];
@@ -124,12 +132,12 @@ impl<R: Real> ColorBasis<R> {
 }
 
 impl ColorModel {
-    /// The highest degree of any of the model's harmonics.
+    /// Returns the highest degree of any of the model's harmonics.
     pub fn max_degree(self) -> usize {
         self.sh_degree().max(self.luminance_degree())
     }
 
-    /// Degree of the RGB or chromaticity harmonics.
+    /// Returns the degree of the RGB or chromaticity harmonics.
     pub fn sh_degree(self) -> usize {
         match self {
             Self::Sh { degree } => degree.into(),
@@ -137,7 +145,7 @@ impl ColorModel {
         }
     }
 
-    /// Degree of the luminance's harmonics, 0 where it has none.
+    /// Returns the degree of the luminance's harmonics; 0 for a model without luminance.
     pub fn luminance_degree(self) -> usize {
         match self {
             Self::Sh { .. } => 0,
@@ -145,12 +153,12 @@ impl ColorModel {
         }
     }
 
-    /// K: harmonics per channel of `Splats::sh`.
+    /// Returns K, the number of harmonics per channel of `Splats::sh`.
     pub fn sh_coefficients(self) -> usize {
         sh::coefficients(self.sh_degree())
     }
 
-    /// M: length of `Splats::raw_luminance` per splat (0 for [`Self::Sh`]).
+    /// Returns M, the number of values of `Splats::raw_luminance` per splat (0 for [`Self::Sh`]).
     pub fn luminance_coefficients(self) -> usize {
         match self {
             Self::Sh { .. } => 0,
@@ -158,17 +166,18 @@ impl ColorModel {
         }
     }
 
-    /// Colour parameters per splat.
+    /// Returns the number of colour parameters per splat.
     pub fn parameters(self) -> usize {
         3 * self.sh_coefficients() + self.luminance_coefficients()
     }
 
-    /// Whether degrees are within the supported ranges.
+    /// Returns whether the degrees are within the supported ranges.
     pub fn is_valid(self) -> bool {
         self.sh_degree() <= sh::MAX_DEGREE && self.luminance_degree() <= 3
     }
 
-    /// Short name: `sh3`, `lcd` (chroma degree 3, luminance degree 0, softplus), `lcd-c2-l1-exp`.
+    /// Returns the short name: `sh3`, `lcd` (chroma degree 3, luminance degree 0, softplus),
+    /// `lcd-c2-l1-exp`.
     pub fn name(self) -> String {
         match self {
             Self::Sh { degree } => format!("sh{degree}"),
@@ -186,7 +195,8 @@ impl ColorModel {
         }
     }
 
-    /// Radiance towards a viewer. `sh(m, channel)` and `raw_luminance(m)` fetch the splat's coefficients.
+    /// Returns the radiance towards a viewer. `sh(m, channel)` and `raw_luminance(m)` fetch the
+    /// splat's coefficients.
     #[inline(always)]
     pub fn radiance<R: Real>(self, basis: &ColorBasis<R>, sh: impl Fn(usize, usize) -> R, raw_luminance: impl Fn(usize) -> R) -> [R; 3] {
         let response = self.response(basis, &sh);
@@ -201,8 +211,11 @@ impl ColorModel {
         }
     }
 
-    /// Gradient of [`Self::radiance`]: `d_radiance` in, `add_sh(m, channel, gradient)` and `add_luminance(m, gradient)` out (each entry
-    /// once, up to the active degree), and the gradient by the viewing direction, tangential to the sphere.
+    /// Computes the gradient of [`Self::radiance`] and returns the part by the viewing direction,
+    /// tangential to the sphere.
+    ///
+    /// In: `d_radiance`. Out: `add_sh(m, channel, gradient)` and `add_luminance(m, gradient)`,
+    /// called once for each coefficient up to the active degree.
     #[inline(always)]
     pub fn backward<R: Real>(
         self,
@@ -247,8 +260,10 @@ impl ColorModel {
         each!([0, 1, 2] i => g[i] - radial * v[i])
     }
 
-    /// The coefficients `(sh DC [3], raw luminance)` of a splat that shines with `rgb` in every direction. The chromaticity's DC sums
-    /// to 1 / C0, so that its normaliser starts at 1.
+    /// Returns the coefficients `(sh DC [3], raw luminance)` of a splat that emits `rgb` in every
+    /// direction.
+    ///
+    /// The chromaticity's DC sums to 1 / C0, so that its normaliser starts at 1.
     pub fn constant(self, rgb: [f32; 3]) -> ([f32; 3], f32) {
         match self {
             Self::Sh { .. } => (rgb.map(|c| (c - SH_OFFSET) / sh::C0), 0.0),
@@ -261,7 +276,8 @@ impl ColorModel {
         }
     }
 
-    /// Whether a splat's luminance is a parameter of its own, so that it can change and leave chromaticity alone.
+    /// Returns whether luminance is a separate parameter, which can change without changing
+    /// chromaticity.
     pub fn separates_luminance(self) -> bool {
         match self {
             Self::Sh { .. } => false,
@@ -269,12 +285,12 @@ impl ColorModel {
         }
     }
 
-    /// Radiance of a splat by its degree-0 terms alone: the same from everywhere.
+    /// Returns a splat's radiance from its degree-0 terms alone: the same in every direction.
     pub fn base_radiance(self, sh: &[f32], raw_luminance: &[f32]) -> [f32; 3] {
         self.radiance(&ColorBasis::new(0, [0.0, 0.0, 1.0]), |m, c| sh[3 * m + c], |m| raw_luminance[m])
     }
 
-    /// R + G + B of [`Self::base_radiance`].
+    /// Returns R + G + B of [`Self::base_radiance`].
     pub fn base_luminance(self, sh: &[f32], raw_luminance: &[f32]) -> f32 {
         match self {
             Self::Sh { .. } => self.base_radiance(sh, raw_luminance).iter().sum(),
@@ -282,17 +298,19 @@ impl ColorModel {
         }
     }
 
-    /// Changes `sh [K,3]` and `raw_luminance [M]` of a splat so that its radiance is `factor` times itself in every direction.
+    /// Multiplies a splat's radiance by `factor` in every direction, by changing its `sh [K,3]` and
+    /// `raw_luminance [M]`.
     ///
     /// - [`Self::Sh`]: k' = f k, and the offset of 1/2 moves into the DC. Exact.
-    /// - [`Self::Lcd`]: the raw luminance alone changes; chromaticity coefficients keep their bits. Exact for luminance degree 0 and
-    ///   for every degree with Exp and Relu; with Softplus above degree 0, exact to first order in the view-dependent part.
-    ///   A factor of 0 leaves a luminance of 1e-8, or what there was if that was less (with Relu nothing).
+    /// - [`Self::Lcd`]: only the raw luminance changes; chromaticity coefficients stay
+    ///   bit-identical. Exact for luminance degree 0, and for every degree with Exp and Relu. With
+    ///   Softplus above degree 0, exact to first order in the view-dependent part. A factor of 0
+    ///   leaves a luminance of 1e-8, or the old one if that was smaller (0 with Relu).
     pub fn scale_radiance(self, sh: &mut [f32], raw_luminance: &mut [f32], factor: f32) {
         match self {
             Self::Sh { .. } => {
                 let (dc, rest) = sh.split_at_mut(3);
-                // In f64: the DC of a dark splat is nearly the offset's.
+                // In f64, because the DC of a dark splat nearly cancels the offset.
                 let (factor_exact, offset) = (f64::from(factor), f64::from(SH_OFFSET) / f64::from(sh::C0));
                 dc.iter_mut().for_each(|dc| *dc = (factor_exact * (f64::from(*dc) + offset) - offset) as f32);
                 rest.iter_mut().for_each(|value| *value *= factor);
@@ -323,7 +341,9 @@ impl ColorModel {
         response
     }
 
-    /// l(v) = l_0 + sum over m > 0 of l_m Y_m(v): the constant term stands without its basis value, so that the paper's parameter and
+    /// Returns l(v) = l_0 + sum over m > 0 of l_m Y_m(v).
+    ///
+    /// The constant term is not multiplied by its basis value, so that the paper's parameter and
     /// learning rate keep their meaning.
     #[inline(always)]
     fn raw_luminance<R: Real>(self, basis: &ColorBasis<R>, raw: &impl Fn(usize) -> R) -> R {
@@ -336,7 +356,7 @@ impl ColorModel {
     }
 }
 
-/// Chromaticity and the normaliser it was divided by.
+/// Returns the chromaticity and the normaliser it was divided by.
 #[inline(always)]
 fn chromaticity<R: Real>(response: [R; 3]) -> ([R; 3], R) {
     let floor = response[0].lift(DEAD_CHROMA_FLOOR);
@@ -345,19 +365,19 @@ fn chromaticity<R: Real>(response: [R; 3]) -> ([R; 3], R) {
     (each!([0, 1, 2] i => { let value = r[i]; value / sum }), sum)
 }
 
-/// `raw [M]` such that the activated luminance becomes `factor` times itself.
+/// Changes `raw [M]` so that the activated luminance is multiplied by `factor`.
 fn scale_luminance(activation: Activation, raw: &mut [f32], factor: f32) {
     let Some((constant, rest)) = raw.split_first_mut() else { return };
     let before = *constant;
     let rest_factor;
     (*constant, rest_factor) = match activation {
-        // Homogeneous: the whole of it scales, below zero too.
+        // Homogeneous: all coefficients scale, and so do values below zero.
         Activation::Relu => (before * factor, factor),
-        // Black has no logarithm, and is the same from everywhere.
+        // Black has no logarithm and is the same in every direction.
         _ if factor <= 0.0 => (before.min(activation.inverse(0.0)), 0.0),
-        // What overflows is for the caller to see.
+        // The caller detects the overflow.
         Activation::Exp if (factor * activation.apply(before)).is_infinite() => (f32::INFINITY, 1.0),
-        // A factor is a shift of the constant.
+        // A factor shifts the constant term.
         Activation::Exp => (before.min(MAX_EXP_ARGUMENT) + factor.ln(), 1.0),
         Activation::Softplus => scaled_softplus(before, factor),
     };
@@ -366,8 +386,11 @@ fn scale_luminance(activation: Activation, raw: &mut [f32], factor: f32) {
     }
 }
 
-/// Constant of a softplus that is `factor` times that of `before`, and the factor of what varies about it: g(l') = f g(l) at the constant, and
-/// f g'(l) dl = g'(l') dl' next to it. Where g is below [`DARKEST`] it is e^l to rounding, and so its own derivative.
+/// Returns the constant term of a softplus `factor` times that of `before`, and the factor of the
+/// view-dependent terms.
+///
+/// g(l') = f g(l) at the constant term, and f g'(l) dl = g'(l') dl' near it. Below [`DARKEST`], g
+/// equals e^l to rounding and is its own derivative.
 fn scaled_softplus(before: f32, factor: f32) -> (f32, f32) {
     let softplus = Activation::Softplus;
     let luminance = softplus.apply(before);
@@ -389,7 +412,7 @@ mod tests {
         (ColorModel::Lcd { chroma_degree: 0, luminance_degree: 1, activation }, [constant, lobe, -lobe, 0.5 * lobe])
     }
 
-    /// R + G + B towards some directions.
+    /// Returns R + G + B in some directions.
     fn luminances(model: ColorModel, raw: &[f32]) -> Vec<f64> {
         let towards = |v| model.radiance(&ColorBasis::new(1, v), |_, _| 1.0f32, |m| raw[m]).iter().map(|c| f64::from(*c)).sum();
         [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.6, 0.8], [-0.48, 0.64, -0.6]].map(towards).to_vec()
@@ -411,7 +434,8 @@ mod tests {
                 model.scale_radiance(&mut [1.0; 3], &mut after, factor);
                 for (found, expected) in luminances(model, &after).iter().zip(luminances(model, &before)) {
                     let expected = f64::from(factor) * expected;
-                    // Parameters of 30 are known to 2e-6, and so are their exponentials; numbers below 1e-38 hardly at all.
+                    // f32 resolves parameters of 30, and so their exponentials, to 2e-6 only; it
+                    // hardly resolves numbers below 1e-38.
                     assert!(
                         (found - expected).abs() <= 5e-5 * expected + 1e-37,
                         "{activation:?} {constant} x {factor}: {found} {expected}"

@@ -1,10 +1,12 @@
-//! Colour spaces of scene-linear RGB: their primaries, and the matrix between two.
+//! Colour spaces of scene-linear RGB: their primaries, and the matrix from one to another.
 //!
-//! Matrices map linear RGB to linear RGB through CIE XYZ, with Bradford's adaptation from white to white (ICC.1:2022, annex E). Nothing is
-//! clipped: a colour outside of a space has negative channels there. A matrix is linear, so that it may be applied to harmonics instead of
-//! to the colours they sum to ([`Conversion::apply_to_sh`]).
+//! Matrices map linear RGB to linear RGB through CIE XYZ, with Bradford's adaptation between white
+//! points (ICC.1:2022, annex E). Nothing is clipped: a colour outside a space's gamut has negative
+//! channels. A matrix is linear, so it can be applied to harmonics instead of the colours they sum
+//! to ([`Conversion::apply_to_sh`]).
 //!
-//! Degenerate: chromaticities that are no colour space (collinear primaries, y of 0, NaN) have no matrix.
+//! Degenerate: chromaticities that define no colour space (collinear primaries, y of 0, NaN) have
+//! no matrix.
 
 use std::sync::LazyLock;
 
@@ -13,7 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{SH_OFFSET, sh};
 
-/// Colour space of scene-linear RGB.
+/// A colour space of scene-linear RGB.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ColorSpace {
@@ -24,7 +26,7 @@ pub enum ColorSpace {
     LinearDisplayP3,
     /// Rec.2020 primaries, D65.
     LinearRec2020,
-    /// ACES2065-1: AP0 primaries, ACES white. All colours that can be seen, and many that can't.
+    /// ACES2065-1: AP0 primaries, ACES white. Contains all visible colours, and imaginary ones.
     #[serde(rename = "aces2065-1")]
     Aces2065,
     /// AP1 primaries, ACES white.
@@ -32,20 +34,21 @@ pub enum ColorSpace {
     AcesCg,
 }
 
-/// CIE xy of red, green, blue and white.
+/// CIE xy coordinates of red, green, blue and white.
 pub type Chromaticities = [[f32; 2]; 4];
 
-/// Files round chromaticities to three or four digits; no two spaces in use are nearer to each other than this.
+/// Tolerance of chromaticities: files round them to three or four digits, and no two spaces in use
+/// are closer than this.
 const TOLERANCE: f32 = 1.5e-3;
 
 impl ColorSpace {
-    /// All of them.
+    /// All colour spaces.
     pub const ALL: [Self; 5] = [Self::LinearRec709, Self::LinearDisplayP3, Self::LinearRec2020, Self::Aces2065, Self::AcesCg];
 
-    /// Their names, for messages.
+    /// Names of all colour spaces, for messages.
     pub const NAMES: &str = "linear-rec709, linear-display-p3, linear-rec2020, aces2065-1 or acescg";
 
-    /// Name as written in files.
+    /// Returns the name written in files.
     pub fn name(self) -> &'static str {
         match self {
             Self::LinearRec709 => "linear-rec709",
@@ -56,12 +59,13 @@ impl ColorSpace {
         }
     }
 
-    /// The space of this name.
+    /// Returns the space of this name.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|space| space.name() == name)
     }
 
-    /// Primaries and white (ITU-R BT.709, SMPTE EG 432-1, ITU-R BT.2020, SMPTE ST 2065-1, ACES S-2014-004).
+    /// Returns primaries and white (ITU-R BT.709, SMPTE EG 432-1, ITU-R BT.2020, SMPTE ST 2065-1,
+    /// ACES S-2014-004).
     pub fn chromaticities(self) -> Chromaticities {
         const D65: [f32; 2] = [0.3127, 0.3290];
         const ACES_WHITE: [f32; 2] = [0.32168, 0.33767];
@@ -74,7 +78,7 @@ impl ColorSpace {
         }
     }
 
-    /// The space of these chromaticities, as files round them.
+    /// Returns the space of these chromaticities, within the rounding of files.
     pub fn of_chromaticities(chromaticities: &Chromaticities) -> Option<Self> {
         let near = |space: &Self| {
             let (found, expected) = (chromaticities.as_flattened(), space.chromaticities());
@@ -84,23 +88,25 @@ impl ColorSpace {
     }
 }
 
-/// Matrix from linear RGB of one space to that of another.
+/// A matrix from linear RGB of one space to linear RGB of another.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Conversion {
     matrix: DMat3,
 }
 
 impl Conversion {
-    /// From one named space to another; to itself it is the identity, to the bit.
+    /// Returns the conversion between two named spaces; exactly the identity from a space to
+    /// itself.
     pub fn between(from: ColorSpace, to: ColorSpace) -> Self {
         if from == to {
             return Self { matrix: DMat3::IDENTITY };
         }
-        // Named spaces have primaries: a test walks all pairs.
+        // All named spaces have valid primaries; a test checks every pair.
         Self::of_chromaticities(&from.chromaticities(), &to.chromaticities()).unwrap_or(Self { matrix: DMat3::IDENTITY })
     }
 
-    /// From one set of chromaticities to another; `None` if one of them is no colour space.
+    /// Returns the conversion between two sets of chromaticities; `None` if one of them defines no
+    /// colour space.
     pub fn of_chromaticities(from: &Chromaticities, to: &Chromaticities) -> Option<Self> {
         let (xyz_from_source, source_white) = xyz_from_rgb(from)?;
         let (xyz_from_target, target_white) = xyz_from_rgb(to)?;
@@ -108,24 +114,25 @@ impl Conversion {
         matrix.is_finite().then_some(Self { matrix })
     }
 
-    /// Linear RGB of `to` from CIE XYZ under a white of `white` (XYZ, Y = 1); `None` if that is no white.
+    /// Returns the matrix from CIE XYZ under the white point `white` (XYZ, Y = 1) to linear RGB of
+    /// `to`; `None` if `white` is invalid.
     pub fn from_xyz(white: DVec3, to: ColorSpace) -> Option<DMat3> {
         let (xyz_from_target, target_white) = xyz_from_rgb(&to.chromaticities())?;
         let matrix = inverse(xyz_from_target)? * adaptation(white, target_white)?;
         matrix.is_finite().then_some(matrix)
     }
 
-    /// Whether nothing changes.
+    /// Returns whether the conversion changes nothing.
     pub fn is_identity(&self) -> bool {
         self.matrix == DMat3::IDENTITY
     }
 
-    /// Rows.
+    /// Returns the rows of the matrix.
     pub fn rows(&self) -> [[f64; 3]; 3] {
         [0, 1, 2].map(|row| self.matrix.row(row).to_array())
     }
 
-    /// A colour in the other space.
+    /// Converts a colour.
     #[inline]
     pub fn apply(&self, rgb: [f32; 3]) -> [f32; 3] {
         if self.is_identity() {
@@ -134,8 +141,10 @@ impl Conversion {
         (self.matrix * DVec3::from_array(rgb.map(f64::from))).to_array().map(|c| c as f32)
     }
 
-    /// Harmonics `[K,3]` of [`crate::ColorModel::Sh`] whose colours are in the other space: k' = M k, and the offset of 1/2 moves into
-    /// the DC. Exact wherever no channel is cut at 0, in either space.
+    /// Converts harmonics `[K,3]` of [`crate::ColorModel::Sh`]: k' = M k, and the offset of 1/2
+    /// moves into the DC.
+    ///
+    /// Exact wherever no channel is clipped at 0, in either space.
     pub fn apply_to_sh(&self, sh: &mut [f32]) {
         if self.is_identity() {
             return;
@@ -156,7 +165,8 @@ static TO_REC709: LazyLock<[Conversion; ColorSpace::ALL.len()]> =
     LazyLock::new(|| ColorSpace::ALL.map(|space| Conversion::between(space, ColorSpace::LinearRec709)));
 
 impl ColorSpace {
-    /// Linear Rec.709 of a radiance in this space. Out-of-gamut colours have negative channels.
+    /// Converts radiance in this space to linear Rec.709. Out-of-gamut colours have negative
+    /// channels.
     #[inline]
     pub fn to_rec709(self, rgb: [f32; 3]) -> [f32; 3] {
         match self {
@@ -166,7 +176,7 @@ impl ColorSpace {
     }
 }
 
-/// XYZ of RGB, and XYZ of white (Y = 1).
+/// Returns the matrix from RGB to XYZ, and XYZ of white (Y = 1).
 fn xyz_from_rgb(chromaticities: &Chromaticities) -> Option<(DMat3, DVec3)> {
     let [red, green, blue, white] = chromaticities.map(|xy| {
         let [x, y] = xy.map(f64::from);
@@ -177,7 +187,7 @@ fn xyz_from_rgb(chromaticities: &Chromaticities) -> Option<(DMat3, DVec3)> {
     Some((primaries * DMat3::from_diagonal(amounts), white)).filter(|(m, w)| m.is_finite() && w.is_finite())
 }
 
-/// Bradford's chromatic adaptation of XYZ.
+/// Returns Bradford's chromatic adaptation of XYZ.
 fn adaptation(from_white: DVec3, to_white: DVec3) -> Option<DMat3> {
     let cones_from_xyz = DMat3::from_cols_array(&[0.8951, -0.7502, 0.0389, 0.2664, 1.7135, -0.0685, -0.1614, 0.0367, 1.0296]);
     let gain = (cones_from_xyz * to_white) / (cones_from_xyz * from_white);
@@ -198,7 +208,8 @@ mod tests {
 
     #[test]
     fn matrices_are_the_published_ones() {
-        // OpenColorIO's and colour-science's, with Bradford adaptation; ACES2065-1 and ACEScg by S-2014-004.
+        // Matrices of OpenColorIO and colour-science with Bradford adaptation; ACES2065-1 and
+        // ACEScg by S-2014-004.
         let cases = [
             (
                 ColorSpace::AcesCg,

@@ -1,4 +1,4 @@
-//! A data set: posed images, their split, and the points structure from motion found.
+//! A data set: posed images, their split, and the points found by structure from motion.
 
 use std::sync::Arc;
 
@@ -7,17 +7,19 @@ use crate::{Camera, ColorSpace, Image, Mask, NoiseModel, PixelValues, ViewError,
 /// A posed image.
 #[derive(Clone, Debug)]
 pub struct View {
-    /// Unique within the data set, with the image's folders and without its extension (`images/000`); its last part names outputs.
+    /// Name, unique within the data set: the image's path without its extension (`images/000`). The
+    /// last part names outputs.
     pub name: String,
-    /// Undistorted, of the image's size.
+    /// Undistorted camera; its size is that of the image.
     pub camera: Camera,
-    /// Radiance in the data set's units, or recorded values as [`Self::values`] says; invalid pixels are 0.
+    /// Radiance in the data set's units, or captured LDR values, as [`Self::values`] tells; invalid
+    /// pixels are 0.
     pub image: Arc<Image>,
-    /// What the image's numbers are.
+    /// The meaning of the pixel values.
     pub values: PixelValues,
-    /// Noise of its radiance, if the data set states it.
+    /// Noise of the radiance, if the data set states it.
     pub noise: Option<NoiseModel>,
-    /// `None`: all pixels count fully.
+    /// Mask; `None` if all pixels count fully.
     pub mask: Option<Arc<Mask>>,
 }
 
@@ -61,10 +63,11 @@ impl View {
     /// Returns the view with its image reduced `factor` times a side by area average over valid
     /// pixels, in linear light.
     ///
-    /// A pixel is valid if at least `min_valid` (0 to 1) of its area is, and some of it, and of
-    /// recorded values none or all are saturated or black; it has the mean weight of its valid
+    /// A reduced pixel is valid if at least one of its pixels and at least the part `min_valid` (0
+    /// to 1) of its area are valid. In each channel, captured LDR values must be all saturated, all
+    /// black or all in between. The weight of a reduced pixel is the mean weight of its valid
     /// pixels. Incomplete blocks at the right and bottom border are left out, so that the camera is
-    /// scaled exactly. The factor is lowered to what leaves one pixel a side.
+    /// scaled exactly. The factor is lowered where it would leave less than one pixel a side.
     pub fn downscaled(&self, factor: u32, min_valid: f64) -> Self {
         let [width, height] = self.camera.size_px;
         let factor = factor.min(width).min(height).max(1);
@@ -97,7 +100,7 @@ impl View {
     }
 }
 
-/// Where a 3D point was seen.
+/// An observation of a 3D point in a view.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Observation {
     /// Index into [`Dataset::train`]; observations in test views are dropped by the reader.
@@ -106,21 +109,21 @@ pub struct Observation {
     pub pixel_px: [f32; 2],
 }
 
-/// A point of structure from motion.
+/// A 3D point from structure from motion.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Point {
-    /// World.
+    /// World coordinates.
     pub position: [f32; 3],
-    /// Display colour 0..=255 as the file gave it, if it did.
+    /// Display colour 0..=255, if the file gives one.
     pub rgb8: Option<[u8; 3]>,
-    /// Track; may be empty.
+    /// Observations in training views; may be empty.
     pub observations: Vec<Observation>,
 }
 
 /// Pixels that were masked out of one image.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct BadPixels {
-    /// View name.
+    /// Name of the view.
     pub name: String,
     /// Pixels with a NaN channel.
     pub nan: usize,
@@ -130,24 +133,24 @@ pub struct BadPixels {
     pub negative: usize,
 }
 
-/// Everything training needs.
+/// A complete data set for training.
 #[derive(Clone, Debug)]
 pub struct Dataset {
-    /// What the reader took it for, for people: `nerfstudio transforms.json`.
+    /// Detected format in words, such as `nerfstudio transforms.json`.
     pub format: String,
-    /// Views trained on, sorted by name.
+    /// Training views, sorted by name.
     pub train: Vec<View>,
-    /// Views held out, sorted by name; may be empty.
+    /// Held-out test views, sorted by name; may be empty.
     pub test: Vec<View>,
-    /// May be empty.
+    /// Points from structure from motion; may be empty.
     pub points: Vec<Point>,
-    /// Of all images.
+    /// Colour space of all images.
     pub color_space: ColorSpace,
     /// Images with masked pixels.
     pub bad_pixels: Vec<BadPixels>,
     /// Digest of names, split, cameras and file contents: equal exactly for equal inputs.
     pub fingerprint: String,
-    /// Things a user should know, such as 8-bit input.
+    /// Warnings for the user, such as about 8-bit input.
     pub warnings: Vec<String>,
 }
 
@@ -180,7 +183,7 @@ mod tests {
     fn recordings_are_reduced_without_blocks_that_are_saturated_in_part() {
         let mut full = view(6, 2, None);
         full.values = PixelValues::Recorded { exposure_s: 1.0 };
-        // A block in range, one saturated, one in part.
+        // One block in range, one saturated, one partly saturated.
         let row = [[0.5; 3], [0.4; 3], [1.0; 3], [1.0; 3], [1.0; 3], [0.9; 3]];
         full.image = Arc::new(Image::from_pixels(6, 2, [row, row].concat()).unwrap());
         let reduced = full.downscaled(2, 0.5);
@@ -229,7 +232,7 @@ mod tests {
     fn a_reduced_image_keeps_the_light_of_its_blocks() {
         let reduced = view(4, 4, None).downscaled(2, 0.5);
         assert_eq!(reduced.image.pixels, [[2.5, 5e3, 0.5], [4.5, 5e3, 0.5], [10.5, 5e3, 0.5], [12.5, 5e3, 0.5]]);
-        // As often as one likes: halves of halves are quarters.
+        // Reducing twice by 2 equals reducing once by 4.
         let (twice, once) = (view(8, 8, None).downscaled(2, 0.5).downscaled(2, 0.5), view(8, 8, None).downscaled(4, 0.5));
         assert_eq!((twice.image, twice.camera), (once.image, once.camera));
         let same = view(3, 2, None);
@@ -244,7 +247,7 @@ mod tests {
         let half = view(4, 4, Some(valid));
         let reduced = half.downscaled(2, 0.5);
         assert_eq!(reduced.mask.unwrap().weights, [1.0, 1.0, 0.0, 0.0]);
-        // The mean of pixels 2 and 7 alone; where too few are valid it is black.
+        // The mean of pixels 2 and 7 alone; a block with too few valid pixels is black.
         assert_eq!(reduced.image.pixels[1..], [[4.5, 5e3, 0.5], [0.0; 3], [0.0; 3]]);
         assert_eq!(half.downscaled(2, 0.0).mask.unwrap().weights, [1.0, 1.0, 1.0, 0.0]);
     }

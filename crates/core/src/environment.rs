@@ -1,35 +1,42 @@
-//! Environment maps: radiance by direction round a point, as light probes hold it.
+//! Environment maps: radiance by direction around a point, as light probes store it.
 //!
-//! In: renders of the cameras of [`Rig`] at a point. Out: an [`Image`] in one of the two projections of OpenEXR ([`Projection`]), its light
-//! averaged over each pixel, and [`Summary`], what it would light a surface with.
+//! In: renders of the cameras of [`Rig`] at a point. Out: an [`Image`] in one of OpenEXR's two
+//! projections ([`Projection`]), averaged over each pixel in linear light, and [`Summary`], the
+//! irradiance it gives to surfaces.
 //!
-//! The environment's axes are those of OpenEXR: y is up; the middle of a latitude-longitude map looks along +z, and +x is to the left of it.
+//! The environment's axes are those of OpenEXR: y is up; the middle of a latitude-longitude map
+//! looks along +z, and +x is to the left of it.
 //!
-//! The rig is a cube of which each face is seen by 2x2 cameras, each along its own axis: a splat's ellipse is right near the axis, and its colour
-//! is taken towards the splat's centre, so that narrow cameras show less of either's approximation. Faces are halved by angle; no camera
-//! looks further than 36 degrees from its axis, and all overlap by a pixel, so that interpolation needs no neighbours.
+//! The rig is a cube with 2x2 cameras per face, each aimed along its own axis. Both the ellipse
+//! that approximates a splat and its colour, evaluated towards the splat's centre, are most
+//! accurate near the camera's axis, so narrow cameras reduce both errors. Faces are halved by
+//! angle. No camera looks further than 36 degrees from its axis, and all overlap by a pixel, so
+//! that interpolation needs no neighbours.
 //!
-//! The renders' focal length should be that of the training views, whatever the map's size: without anti-aliasing ([`crate::Antialias::Off`]) a
-//! splat smaller than a pixel is blown up to one, so that a scene seen at half the resolution it was trained at shines some 5 % brighter, at
-//! twice that darker.
+//! Degenerate: a focal length far from that of the training views, without anti-aliasing
+//! ([`crate::Antialias::Off`]). Dilation then widens splats smaller than a pixel, so renders at a
+//! lower resolution than in training are too bright, and at a higher one too dark. [`Rig::new`]
+//! therefore takes the training views' focal length, whatever the map's size.
 
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 
 use crate::{Camera, Distortion, Image};
 
-/// How directions lie on an image.
+/// The projection of directions to an image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Projection {
-    /// Equirectangular, twice as wide as high: latitude from the top, 90 to -90 degrees; longitude from the left, 180 to -180 degrees, of
-    /// which 0 is +z and 90 is +x.
+    /// Equirectangular, twice as wide as high.
+    ///
+    /// Latitude runs from 90 degrees at the top to -90, longitude from 180 degrees at the left to
+    /// -180. Longitude 0 is +z and 90 is +x.
     #[default]
     LatitudeLongitude,
-    /// Faces +x, -x, +y, -y, +z, -z from top to bottom.
+    /// The six faces of a cube: +x, -x, +y, -y, +z, -z from top to bottom.
     Cube,
 }
 
 impl Projection {
-    /// Height of an image of this width.
+    /// Returns the height of an image of this width.
     pub fn height(self, width: usize) -> usize {
         match self {
             Self::LatitudeLongitude => (width / 2).max(1),
@@ -37,7 +44,7 @@ impl Projection {
         }
     }
 
-    /// Direction (of any length) of a point of the image, pixels.
+    /// Returns the direction (of any length) of a point of the image, pixels.
     pub fn direction(self, [x, y]: [f64; 2], width: usize) -> DVec3 {
         use std::f64::consts::PI;
         let w = width as f64;
@@ -56,7 +63,7 @@ impl Projection {
         }
     }
 
-    /// Solid angle of the pixel, steradians.
+    /// Returns the solid angle of a pixel, steradians.
     fn solid_angle(self, [x, y]: [usize; 2], width: usize) -> f64 {
         use std::f64::consts::PI;
         let w = width as f64;
@@ -74,7 +81,7 @@ impl Projection {
     }
 }
 
-/// Forward, right and down of each face of a cube, seen from within.
+/// Forward, right and down axes of each face of a cube, seen from inside.
 const FACES: [[DVec3; 3]; 6] = [
     [DVec3::X, DVec3::Z, DVec3::NEG_Y],
     [DVec3::NEG_X, DVec3::NEG_Z, DVec3::NEG_Y],
@@ -84,43 +91,46 @@ const FACES: [[DVec3; 3]; 6] = [
     [DVec3::NEG_Z, DVec3::X, DVec3::NEG_Y],
 ];
 
-/// Cameras across a face.
+/// Number of cameras across a face.
 const ACROSS: usize = 2;
-/// Samples across a pixel of the map: fewest and most.
+/// Smallest and largest number of samples across a pixel of the map.
 const SAMPLES: [f64; 2] = [3.0, 32.0];
-/// Longest focal length of a rig: its images have some 0.9 times as many pixels a side.
+/// Longest focal length of a rig, pixels; its images have about 0.9 times as many pixels a side.
 const MAX_FOCAL_PX: f64 = 8192.0;
-/// Pixels beyond a camera's part that interpolation may touch.
+/// Margin beyond a camera's part that interpolation may read, pixels.
 const MARGIN_PX: f64 = 1.5;
-/// Where no focal length is known: pixels of the renders in one of the map's.
+/// Render pixels per pixel of the map if no focal length is known.
 const OVERSAMPLING: f64 = 1.5;
 
-/// Cameras that see all directions round a point.
+/// A rig of cameras that together see all directions around a point.
 #[derive(Clone, Debug)]
 pub struct Rig {
-    /// In the world of the scene, in the order that [`Rig::assemble`] expects their renders in.
+    /// Cameras in the scene's world, in the order in which [`Rig::assemble`] expects their renders.
     pub cameras: Vec<Camera>,
     environment_from_world: DMat3,
     projection: Projection,
     width: usize,
-    /// Across a pixel of the map.
+    /// Number of samples across a pixel of the map.
     samples: usize,
 }
 
-/// A map to make.
+/// The projection and size of a map.
 #[derive(Clone, Copy, Debug)]
 pub struct MapSize {
-    /// How directions lie on it.
+    /// Projection of the map.
     pub projection: Projection,
-    /// Pixels; of a face, if it is a cube.
+    /// Width, pixels; for a cube, that of a face.
     pub width: usize,
 }
 
 impl Rig {
-    /// For a map at the point `at` of the world. `environment_from_world` is a rotation; `focal_px` that of the training views, if it is known.
+    /// Returns the rig for a map at the point `at` of the world.
+    ///
+    /// `environment_from_world` is a rotation. `focal_px` is the focal length of the training
+    /// views, if known.
     pub fn new(at: DVec3, environment_from_world: DMat3, map: MapSize, focal_px: Option<f64>) -> Self {
         let MapSize { projection, width } = map;
-        // Pixels per radian in the map's middle, or that of a face.
+        // Pixels per radian in the middle of the map or of a face.
         let density = match projection {
             Projection::LatitudeLongitude => width as f64 / std::f64::consts::TAU,
             Projection::Cube => width as f64 / 2.0,
@@ -138,7 +148,8 @@ impl Rig {
         Self { cameras, environment_from_world, projection, width, samples }
     }
 
-    /// The map, of the renders of [`Rig::cameras`]; a direction that no render shows is black.
+    /// Assembles the map from the renders of [`Rig::cameras`]; directions that no render covers are
+    /// black.
     pub fn assemble(&self, renders: &[Image]) -> Image {
         let Self { projection, width, samples, .. } = *self;
         let height = projection.height(width);
@@ -160,7 +171,7 @@ impl Rig {
         image
     }
 
-    /// Radiance from a direction of the environment, interpolated.
+    /// Returns the interpolated radiance from a direction of the environment.
     fn radiance(&self, renders: &[Image], direction: DVec3) -> [f64; 3] {
         let camera = part_of(direction);
         let (Some(camera), Some(render)) = (self.cameras.get(camera), renders.get(camera)) else { return [0.0; 3] };
@@ -177,20 +188,21 @@ impl Rig {
     }
 }
 
-/// Tangents at the borders of the parts, from one end of a face to the other: halves by angle.
+/// Returns the tangent at border `part` of the parts, from one end of a face to the other: halves
+/// by angle.
 fn border(part: usize) -> f64 {
     let angle = std::f64::consts::FRAC_PI_4 * (2.0 * part as f64 / ACROSS as f64 - 1.0);
     angle.tan()
 }
 
-/// Camera of a part of a face.
+/// Returns the camera of one part of a face.
 fn part_camera(at: DVec3, environment_from_world: DMat3, face: [DVec3; 3], [column, row]: [usize; 2], focal: f64) -> Camera {
     let [front, right, down] = face;
     let middle = |part: usize| (0.5 * (border(part).atan() + border(part + 1).atan())).tan();
     let forward = (front + middle(column) * right + middle(row) * down).normalize();
     let x_axis = (right - right.dot(forward) * forward).normalize();
     let y_axis = forward.cross(x_axis);
-    // What the part's corners and edges reach on the image plane.
+    // Extent of the part's corners and edges on the image plane.
     let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
     for i in 0..=1 {
         for j in 0..=1 {
@@ -212,7 +224,7 @@ fn part_camera(at: DVec3, environment_from_world: DMat3, face: [DVec3; 3], [colu
     }
 }
 
-/// Index of the camera that a direction belongs to.
+/// Returns the index of the camera that covers a direction.
 fn part_of(direction: DVec3) -> usize {
     let axis = direction.abs().max_position();
     let face = 2 * axis + usize::from(direction[axis] < 0.0);
@@ -222,21 +234,22 @@ fn part_of(direction: DVec3) -> usize {
     (face * ACROSS + part(down)) * ACROSS + part(right)
 }
 
-/// What an environment lights with.
+/// A summary of the light of an environment.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Summary {
-    /// Mean over all directions.
+    /// Mean radiance over all directions.
     pub mean_radiance: [f64; 3],
     /// Largest channel of any pixel.
     pub peak_radiance: f32,
-    /// Direction of that pixel, unit, environment axes.
+    /// Direction of that pixel, a unit vector in the environment's axes.
     pub peak_direction: [f64; 3],
-    /// Irradiance of a surface that faces +x, -x, +y, -y, +z, -z: radiance times cosine times solid angle.
+    /// Irradiance of surfaces that face +x, -x, +y, -y, +z, -z: the integral of radiance times
+    /// cosine over solid angle.
     pub irradiance: [[f64; 3]; 6],
 }
 
 impl Summary {
-    /// Of a map in `projection`.
+    /// Returns the summary of a map in `projection`.
     pub fn of(image: &Image, projection: Projection) -> Self {
         let width = image.width;
         let mut sum = [0f64; 3];
@@ -266,7 +279,7 @@ impl Summary {
 mod tests {
     use super::*;
 
-    /// Renders of a world whose radiance is a function of direction.
+    /// Returns renders of a world whose radiance is a function of direction.
     fn renders(rig: &Rig, radiance: impl Fn(DVec3) -> [f32; 3]) -> Vec<Image> {
         let render = |camera: &Camera| {
             let [width, height] = camera.size_px.map(|side| side as usize);
@@ -304,7 +317,7 @@ mod tests {
 
     #[test]
     fn directions_come_out_where_they_belong() {
-        // Radiance is the direction itself, in the world's axes.
+        // Radiance equals the direction, in world axes.
         let smooth = |d: DVec3| [0, 1, 2].map(|c| (2.0 + d[c]) as f32);
         for projection in [Projection::LatitudeLongitude, Projection::Cube] {
             let rig = Rig::new(DVec3::ZERO, TURN, map(projection, 64), None);

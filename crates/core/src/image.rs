@@ -5,36 +5,39 @@ use crate::{Mask, mask};
 /// Linear RGB radiance, `[H,W,3]`, rows from the top.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Image {
-    /// Pixels.
+    /// Width, pixels.
     pub width: usize,
-    /// Pixels.
+    /// Height, pixels.
     pub height: usize,
-    /// `[H*W]`, row-major.
+    /// Pixels `[H*W]`, row-major.
     pub pixels: Vec<[f32; 3]>,
 }
 
 impl Image {
-    /// An image of one colour.
+    /// Returns an image of one colour.
     pub fn filled(width: usize, height: usize, rgb: [f32; 3]) -> Self {
         Self { width, height, pixels: vec![rgb; width * height] }
     }
 
-    /// From `width * height` pixels, row-major; `None` if there are more or fewer.
+    /// Returns the image of `width * height` pixels, row-major; `None` if there are more or fewer.
     pub fn from_pixels(width: usize, height: usize, pixels: Vec<[f32; 3]>) -> Option<Self> {
         (pixels.len() == width.checked_mul(height)?).then_some(Self { width, height, pixels })
     }
 
-    /// Pixel in column `x` of row `y`.
+    /// Returns the pixel in column `x` of row `y`.
     #[inline]
     pub fn at(&self, x: usize, y: usize) -> [f32; 3] {
         self.pixels[y * self.width + x]
     }
 
-    /// Mean of the valid pixels (by row-major index) of the `factor` x `factor` block whose top left pixel is `corner`, and their number; of none
-    /// it is black. Linear light: what a pixel `factor` times as large would have received.
+    /// Returns the mean of the valid pixels (by row-major index) of the `factor` x `factor` block
+    /// whose top left pixel is `corner`, and their number.
+    ///
+    /// The mean is in linear light, as a larger pixel would receive it. It is black if no pixel is
+    /// valid.
     pub fn block_mean(&self, corner: [usize; 2], factor: usize, is_valid: impl Fn(usize) -> bool) -> ([f32; 3], usize) {
         let [left, top] = corner;
-        // Sums in f64: a filament beside darkness must not swallow the darkness.
+        // Sums are in f64, so that a filament does not absorb the dark pixels beside it.
         let (mut sum, mut count) = ([0.0f64; 3], 0usize);
         for y in top..top + factor {
             for at in (left..left + factor).map(|x| y * self.width + x) {
@@ -47,8 +50,9 @@ impl Image {
         (if count == 0 { [0.0; 3] } else { sum.map(|s| (s / count as f64) as f32) }, count)
     }
 
-    /// Reduces the `factor` x `factor` block whose top left pixel is `corner` to one pixel: the step
-    /// of every reduction of a masked image.
+    /// Reduces the `factor` x `factor` block whose top left pixel is `corner` to one pixel.
+    ///
+    /// All reductions of masked images use this step.
     pub fn reduce_block(&self, mask: Option<&Mask>, corner: [usize; 2], factor: usize) -> ReducedBlock {
         let (mean, valid) = self.block_mean(corner, factor, |at| mask::is_valid(mask, at));
         let [left, top] = corner;
@@ -57,7 +61,7 @@ impl Image {
         ReducedBlock { mean, valid, weight: (total / valid.max(1) as f64) as f32 }
     }
 
-    /// Mean of each whole `factor` x `factor` block of pixels.
+    /// Returns the image of the means of all whole `factor` x `factor` blocks of pixels.
     #[must_use]
     pub fn block_means(&self, factor: usize) -> Self {
         let (width, height) = (self.width / factor, self.height / factor);
@@ -65,7 +69,7 @@ impl Image {
         Self { width, height, pixels: (0..width * height).map(mean).collect() }
     }
 
-    /// Every channel of every pixel times `factor`.
+    /// Multiplies every channel of every pixel by `factor`.
     pub fn scale(&mut self, factor: f32) {
         for value in self.pixels.as_flattened_mut() {
             *value *= factor;
@@ -76,7 +80,7 @@ impl Image {
 /// A block of pixels reduced to one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReducedBlock {
-    /// Mean of the valid pixels; of none it is black.
+    /// Mean of the valid pixels; black if there are none.
     pub mean: [f32; 3],
     /// Number of valid pixels.
     pub valid: usize,
@@ -84,13 +88,13 @@ pub struct ReducedBlock {
     pub weight: f32,
 }
 
-/// Luminance of the paper: R + G + B (LCD-GS eq. 4: the chromaticity sums to 1).
+/// Returns the paper's luminance, R + G + B (LCD-GS eq. 4: the chromaticity sums to 1).
 #[inline]
 pub fn luminance_sum(rgb: [f32; 3]) -> f32 {
     rgb[0] + rgb[1] + rgb[2]
 }
 
-/// Relative luminance Y of linear Rec.709 (ITU-R BT.709).
+/// Returns the relative luminance Y of linear Rec.709 (ITU-R BT.709).
 #[inline]
 pub fn luminance_rec709(rgb: [f32; 3]) -> f32 {
     0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]

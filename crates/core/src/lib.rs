@@ -1,6 +1,7 @@
-//! What a scene is: splats, colour model, camera, image, tone curves, loss, and the contract that engines fulfil.
+//! The scene model and its formulas: splats, colour model, cameras, images, tone curves, the loss,
+//! and the contract that engines fulfil.
 //!
-//! No file, thread, SIMD lane or GPU is known here.
+//! This crate uses no files, threads, SIMD or GPU.
 
 mod camera;
 mod capture;

@@ -1,25 +1,31 @@
-//! What a training step minimises, as every engine evaluates it: which differences count, and for how much.
+//! The loss that a training step minimises, the same for every engine.
 //!
-//! In: configuration; engines hand in the means over pixels and channels. Images are seen through a [`ToneCurve`], unclamped above.
+//! In: the configuration, and means over pixels and channels from the engine. Images are compared
+//! under a [`ToneCurve`], not clamped above.
 
 use serde::{Deserialize, Serialize};
 
 use crate::ToneCurve;
 
-/// Difference under the tone curve at which the squared part of the loss is as steep as the absolute one: [`LossConfig::squared_share`].
+/// Difference under the tone curve at which the squared part of the loss is as steep as the
+/// absolute one: see [`LossConfig::squared_share`].
 pub const SQUARED_KNEE: f32 = 0.03;
 
-/// Loss on images seen through a tone curve: `(1 - ssim_weight) D + ssim_weight (1 - SSIM)`, D the mean of |d| over the pixels' differences d
-/// (LCD-GS eq. 5 with lambda = 1 - ssim_weight), or of `(1 - squared_share) |d| + squared_share d^2 / (2 SQUARED_KNEE)`.
+/// Loss of images under a tone curve: `(1 - ssim_weight) D + ssim_weight (1 - SSIM)`.
+///
+/// D is the mean of |d| over the pixels' differences d (LCD-GS eq. 5 with lambda = 1 -
+/// ssim_weight), or of `(1 - squared_share) |d| + squared_share d^2 / (2 SQUARED_KNEE)`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LossConfig {
-    /// What the images are seen through.
+    /// Tone curve under which images are compared.
     pub curve: ToneCurve,
-    /// What a channel of the target is multiplied by before it is compared: from the data set's units to normalised ones, without a gain.
+    /// Factor of the target's channels before the comparison: from the data set's units to
+    /// normalised units without gain.
     pub target_scale: [f32; 3],
     /// Weight of 1 - SSIM, 0 to 1.
     pub ssim_weight: f32,
-    /// Part of the absolute difference that is replaced by its square, 0 to 1: what is far off counts for more.
+    /// Part of the absolute difference that its square replaces, 0 to 1. Squares give large errors
+    /// more weight.
     pub squared_share: f32,
     /// Weight of the mean opacity (3DGS-MCMC), 0 for none.
     pub opacity_weight: f32,
@@ -41,7 +47,8 @@ impl Default for LossConfig {
 }
 
 impl LossConfig {
-    /// The loss of an image whose differences have the mean absolute value `l1` and the mean square `l2`, and whose mean SSIM is `ssim`.
+    /// Returns the loss of an image with mean absolute difference `l1`, mean squared difference
+    /// `l2` and mean SSIM `ssim`.
     pub fn total(&self, l1: f32, l2: f32, ssim: f32) -> f32 {
         let difference = (1.0 - self.squared_share) * l1 + self.squared_share * (l2 / (2.0 * SQUARED_KNEE));
         (1.0 - self.ssim_weight) * difference + self.ssim_weight * (1.0 - ssim)

@@ -1,10 +1,10 @@
 //! Per-pixel weights of an image: how much each pixel counts.
 //!
-//! In: weights `[H*W]`, row-major, 0 to 1; out: which pixels are valid, and by how much. No mask
-//! means that all pixels count fully; pixels outside of a mask do not count.
+//! In: weights `[H*W]`, row-major, 0 to 1. Out: which pixels are valid, and their weights. Without
+//! a mask all pixels count fully; pixels outside a mask do not count.
 
-/// How much each pixel counts in the loss: 0 not at all, 1 fully. Row-major, `[H*W]`. Metrics count
-/// every pixel above 0 fully.
+/// A weight for each pixel in the loss: 0 excludes it, 1 counts it fully. Row-major, `[H*W]`.
+/// Metrics count every pixel above 0 fully.
 ///
 /// ```
 /// use luxel_core::{Mask, mask};
@@ -26,7 +26,7 @@ impl Mask {
         Self { weights: valid.into_iter().map(|valid| f32::from(u8::from(valid))).collect() }
     }
 
-    /// Returns whether pixel `i` counts at all; those outside of the mask do not.
+    /// Returns whether pixel `i` counts; pixels outside the mask do not.
     #[inline]
     pub fn is_valid(&self, i: usize) -> bool {
         self.weights.get(i).is_some_and(|weight| *weight > 0.0)

@@ -1,6 +1,6 @@
 //! Counter-based random numbers: the same on every engine, whatever the order of evaluation.
 
-/// A well-mixed 64-bit hash (finaliser of SplitMix64, Steele et al. 2014).
+/// Returns a well-mixed 64-bit hash (finaliser of SplitMix64, Steele et al. 2014).
 #[inline]
 fn mix(mut z: u64) -> u64 {
     z = z.wrapping_add(0x9e37_79b9_7f4a_7c15);
@@ -9,7 +9,8 @@ fn mix(mut z: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// Three standard normal numbers that belong to `(seed, index)` (Box and Muller 1958).
+/// Returns three standard normal numbers that depend on `(seed, index)` alone (Box and Muller
+/// 1958).
 pub fn standard_normal(seed: u64, index: u64) -> [f32; 3] {
     let h = mix(seed ^ mix(index));
     let g = mix(h);
@@ -22,14 +23,14 @@ pub fn standard_normal(seed: u64, index: u64) -> [f32; 3] {
     [r0 * a0.cos(), r0 * a0.sin(), r1 * a1.cos()]
 }
 
-/// Random numbers one after another, for what is made in one go.
+/// A sequential generator of random numbers, for data that is made in one place.
 pub(crate) struct Stream {
     seed: u64,
     index: u64,
 }
 
 impl Stream {
-    /// Equal seeds give equal numbers.
+    /// Returns the generator of `seed`; equal seeds give equal numbers.
     pub(crate) fn new(seed: u64) -> Self {
         Self { seed, index: 0 }
     }
@@ -39,13 +40,13 @@ impl Stream {
         self.index
     }
 
-    /// Uniform in (0, 1].
+    /// Returns a uniform number in (0, 1].
     pub(crate) fn uniform(&mut self) -> f32 {
         let index = self.next_index();
         ((mix(self.seed ^ mix(index)) >> 40) as f32 + 1.0) / 16_777_216.0
     }
 
-    /// Standard normal.
+    /// Returns standard normal numbers.
     pub(crate) fn normals<const K: usize>(&mut self) -> [f32; K] {
         let mut out = [0.0; K];
         for chunk in out.chunks_mut(3) {

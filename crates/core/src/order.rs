@@ -1,13 +1,16 @@
-//! Splats in an order that keeps neighbours in space neighbours in memory.
+//! Spatial order of splats: neighbours in space become neighbours in memory.
 //!
-//! Passes fetch splats by tile and gradients by splat; on a scene in random order nearly every fetch misses the caches. A Z-order
-//! curve (Morton 1966) through the scene makes most of them hit.
+//! In: positions `[N,3]`. Out: a permutation. Passes fetch splats by tile and gradients by splat.
+//! On a scene in random order nearly every fetch misses the caches; along a Z-order curve (Morton
+//! 1966) most fetches hit.
 
-/// Bits of each axis in a key.
+/// Bits per axis in a key.
 const AXIS_BITS: u32 = 16;
 
-/// The permutation that sorts positions `[N,3]` along a Z-order curve through their bounding box: `result[new] = old`. Ties keep
-/// their order.
+/// Returns the permutation that sorts positions `[N,3]` along a Z-order curve through their
+/// bounding box: `result[new] = old`.
+///
+/// Ties keep their order.
 pub fn spatial_order(position: &[[f32; 3]]) -> Vec<u32> {
     let mut low = [f32::INFINITY; 3];
     let mut high = [f32::NEG_INFINITY; 3];
@@ -29,7 +32,7 @@ pub fn spatial_order(position: &[[f32; 3]]) -> Vec<u32> {
     keyed.into_iter().map(|(_, i)| i).collect()
 }
 
-/// Spreads 16 bits so that two zeros stand between each of them.
+/// Spreads 16 bits so that two zeros separate neighbours.
 fn spread(bits: u64) -> u64 {
     let mut b = bits & 0xffff;
     b = (b | b << 16) & 0x00_ff00_00ff;

@@ -1,7 +1,7 @@
-//! What a photograph's headers say, and its samples as they are stored: what readers of photographs
-//! hand to whatever develops them.
+//! The metadata and stored samples of a photograph: what file readers pass to RAW development.
 //!
-//! Codes are as stored, not linear. Matrices are row by row. What a file does not say is `None`.
+//! Codes are as stored, not linear. Matrices are row by row. Values that a file does not state are
+//! `None`.
 
 use crate::{Chromaticities, ColorSpace};
 
@@ -29,8 +29,8 @@ pub struct PhotoInfo {
     pub raw: Option<RawInfo>,
     /// ICC profile of a developed picture.
     pub profile: Option<IccProfile>,
-    /// CIE xy of red, green, blue and white that a developed picture states: by PNG's chunks, or by a
-    /// profile of a known space.
+    /// CIE xy of red, green, blue and white that a developed picture states: by PNG's chunks, or by
+    /// a profile of a known space.
     pub primaries: Option<Chromaticities>,
 }
 
@@ -69,7 +69,8 @@ impl Exif {
     /// ```
     /// use luxel_core::photo::Exif;
     ///
-    /// let exif = Exif { make: Some("Nikon".into()), model: Some("Z 8".into()), ..Exif::default() };
+    /// let (make, model) = (Some("Nikon".into()), Some("Z 8".into()));
+    /// let exif = Exif { make, model, ..Exif::default() };
     /// assert_eq!(exif.camera_name().as_deref(), Some("Nikon Z 8"));
     /// assert_eq!(Exif::default().camera_name(), None);
     /// ```
@@ -113,8 +114,8 @@ pub struct RawPixels {
     pub width: usize,
     /// Height, pixels.
     pub height: usize,
-    /// Colours of the mosaic's 2x2 cell, row by row (0 red, 1 green, 2 blue); `None`: three samples per
-    /// pixel.
+    /// Colours of the mosaic's 2x2 cell, row by row (0 red, 1 green, 2 blue); `None`: three samples
+    /// per pixel.
     pub cell: Option<[u8; 4]>,
     /// Codes, `[H*W]` or `[H*W*3]`.
     pub codes: Vec<u16>,

@@ -1,34 +1,37 @@
-//! The number a formula is evaluated on: `f32`, `f64`, or a vector of them in an engine.
+//! The number type of formulas: `f32`, `f64`, or an engine's vector of them.
 //!
-//! The colour model and its gradient are written once, over [`Real`]; an engine that works on several splats at a time
-//! implements the trait for its vector type and evaluates the same formula on all of them.
+//! The colour model and its gradient are written once, generic over [`Real`]. An engine that
+//! processes several splats at a time implements the trait for its vector type and evaluates the
+//! same formulas.
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
 /// A real number or a vector of independent ones.
 pub trait Real: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self> + Neg<Output = Self> {
-    /// The constant `value` in the same space as `self`.
+    /// Returns the constant `value` in the type of `self`.
     fn lift(self, value: f32) -> Self;
-    /// `self * factor + term`.
+    /// Returns `self * factor + term`.
     fn mul_add(self, factor: Self, term: Self) -> Self;
-    /// The larger of the two.
+    /// Returns the larger of the two.
     fn max(self, other: Self) -> Self;
-    /// The smaller of the two.
+    /// Returns the smaller of the two.
     fn min(self, other: Self) -> Self;
-    /// Square root.
+    /// Returns the square root.
     fn sqrt(self) -> Self;
-    /// e to the power of `self`.
+    /// Returns e to the power of `self`.
     fn exp(self) -> Self;
-    /// ln(1 + `self`), accurate for small arguments, for `self >= 0`.
+    /// Returns ln(1 + `self`) for `self >= 0`, accurate for small arguments.
     fn ln_1p(self) -> Self;
-    /// `then` where `self > 0`, else `otherwise`.
+    /// Returns `then` where `self > 0`, else `otherwise`.
     fn if_positive(self, then: Self, otherwise: Self) -> Self;
 }
 
-/// The array of an expression's values at the listed indices: `each!([0, 1, 2] i => 2 * i)`.
+/// Evaluates an expression at each listed index and returns the array:
+/// `each!([0, 1, 2] i => 2 * i)`.
 ///
-/// Written out in place. `array::map` would do the same, but it is a function of its own, and code for an instruction set chosen at
-/// run time is only compiled for that set within the functions marked for it.
+/// The macro expands in place. `array::map` would do the same in a function of its own, but code
+/// for an instruction set chosen at run time is compiled for that set only within functions marked
+/// for it.
 #[macro_export]
 macro_rules! each {
     ([$($index:literal),+] $i:ident => $value:expr) => {
@@ -45,7 +48,8 @@ macro_rules! impl_real {
             }
             #[inline(always)]
             fn mul_add(self, factor: Self, term: Self) -> Self {
-                // A fused operation where the machine has none is a library call; these scalar paths do not need it.
+                // Without hardware support a fused operation is a library call, which these scalar
+                // paths do not need.
                 self * factor + term
             }
             #[inline(always)]

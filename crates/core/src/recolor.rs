@@ -1,19 +1,25 @@
-//! A scene in another colour model: geometry as it is, colours as near as the model can say them.
+//! Conversion of a scene to another colour model: geometry stays, colours are approximated.
+//!
+//! In: splats. Out: splats of the new model, of the nearest colours it can represent. Degenerate:
+//! there is no conversion from [`ColorModel::Lcd`] to another model.
 
 use crate::sh::{self, C0};
 use crate::{ColorModel, SH_OFFSET, Splats};
 
-/// Radiance below which a channel of a splat's mean colour is taken to be this, for a chromaticity to be alive in all channels.
+/// Lower bound of the channels of a splat's mean colour, so that the gradient of each channel's
+/// chromaticity stays alive.
 const DARKEST: f32 = 0.01;
 
 impl Splats {
-    /// The same splats in `color_model`; `None` from [`ColorModel::Lcd`] to anything else: products of luminance and chromaticity are no
-    /// harmonics.
+    /// Returns the same splats in `color_model`; `None` from [`ColorModel::Lcd`] to anything else,
+    /// because products of luminance and chromaticity are not harmonics.
     ///
-    /// - [`ColorModel::Sh`] to another degree: coefficients above it are left out, missing ones are zero.
-    /// - [`ColorModel::Sh`] to [`ColorModel::Lcd`]: the luminance is R + G + B of the constant term, in every direction; the chromaticity is
-    ///   that of the harmonics in every direction, up to its degree and the floor [`crate::DEAD_CHROMA_FLOOR`]. Where the constant term
-    ///   has a channel below 0.01, that channel counts as 0.01.
+    /// - [`ColorModel::Sh`] to another degree: higher coefficients are dropped, missing ones are
+    ///   zero.
+    /// - [`ColorModel::Sh`] to [`ColorModel::Lcd`]: the luminance is R + G + B of the constant
+    ///   term, in every direction. The chromaticity is that of the harmonics in every direction, up
+    ///   to its degree and the floor [`crate::DEAD_CHROMA_FLOOR`]. Channels of the constant term
+    ///   below 0.01 count as 0.01.
     pub fn with_color_model(&self, color_model: ColorModel) -> Option<Self> {
         if color_model == self.color_model {
             return Some(self.clone());
@@ -28,7 +34,8 @@ impl Splats {
                 ColorModel::Lcd { .. } => {
                     let rgb = [0, 1, 2].map(|c| (C0 * from[c] + SH_OFFSET).max(DARKEST));
                     let (dc, raw_luminance) = color_model.constant(rgb);
-                    // The response is the harmonics' radiance over the luminance: its normaliser takes the rest out.
+                    // The response is the harmonics' radiance divided by the luminance; the
+                    // normaliser removes the rest.
                     (dc, raw_luminance, 1.0 / rgb.iter().sum::<f32>())
                 }
             };

@@ -5,8 +5,8 @@
 //! options by their library names, which are field names such as `device` or `max_splats`; the
 //! command line turns them into flags, another front end into its own controls.
 //!
-//! To use it, give the error type a field `remedy: Option<Remedy>` and a method that returns it, and
-//! leave the remedy out of the error's `Display`.
+//! To use it, give the error type a field `remedy: Option<Remedy>` and a method that returns it,
+//! and leave the remedy out of the error's `Display`.
 
 use std::borrow::Cow;
 use std::fmt;

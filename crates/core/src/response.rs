@@ -1,83 +1,91 @@
-//! Curves through which the loss sees radiance: the mu-law for radiance itself, a camera's response for the display values it made of it.
+//! Tone curves of the loss: the mu-law for radiance, and camera responses for captured LDR images.
 //!
-//! In: normalised radiance p >= 0 (negative counts as 0); out: the value the loss compares, and its derivatives by p and by the knots.
-//! A response is straight between [`RESPONSE_KNOTS`] knots over `u = ln(1 + 1023 x) / STEP`, x = p times the exposure of the channel: half a
-//! stop apart where x is far above 1/1023, and from x = 0 on, so that black has a finite place and slope. x = 1 is knot [`UNIT_KNOT`] exactly: the
-//! unit-exposure constraint of HDR-NeRF (Huang et al. 2022), which fixes the scale that radiance and curve share, is a value of that knot.
-//! Beyond the last knot the last piece goes on.
+//! In: normalised radiance p >= 0 (negative counts as 0). Out: the value that the loss compares,
+//! and its derivatives by p and by the knots.
 //!
-//! A recorded value at either end of its range says only that there was at least (or at most) so much light. [`Response::against`] lets a
-//! prediction beyond it count as equal: value and derivatives as if the pixel were not there.
+//! A response is piecewise linear between [`RESPONSE_KNOTS`] knots over
+//! `u = ln(1 + 1023 x) / STEP`, where x is p times the exposure of the channel. Knots are half a
+//! stop apart where x is far above 1/1023, and begin at x = 0, so that black has a finite position
+//! and slope. x = 1 is exactly knot [`UNIT_KNOT`]: the unit-exposure constraint of HDR-NeRF (Huang
+//! et al. 2022), which fixes the common scale of radiance and curve, sets the value of that knot.
+//! The last piece continues beyond the last knot.
+//!
+//! A captured value at either end of its range is only a bound: there was at least (or at most) so
+//! much light. [`Response::against`] treats a prediction beyond the bound as equal: value and
+//! derivatives are those of an ignored pixel.
 
 use serde::{Deserialize, Serialize};
 
 use crate::tone::MuLaw;
 
-/// Knots of a response curve: 31 pieces of half a stop, from black to 45 times the unit exposure.
+/// Number of knots of a response curve: 31 pieces of half a stop, from black to 45 times the unit
+/// exposure.
 pub const RESPONSE_KNOTS: usize = 32;
-/// The knot at x = 1.
+/// Index of the knot at x = 1.
 pub const UNIT_KNOT: usize = 20;
-/// ln(1 + 1023 x) has 20 pieces between x = 0 and x = 1.
+/// Constant of the knots' spacing: ln(1 + 1023 x) has 20 pieces between x = 0 and x = 1.
 const RESPONSE_MU: f32 = 1023.0;
-/// Recorded values from here on are saturated: the last of 8 bits' codes.
+/// Smallest captured value that counts as saturated: half a code below the largest of 8 bits.
 pub const SATURATED: f32 = 1.0 - 0.5 / 255.0;
-/// Recorded values up to here are black: the first of 8 bits' codes.
+/// Largest captured value that counts as black: half a code above the smallest of 8 bits.
 pub const BLACK: f32 = 0.5 / 255.0;
 
 /// The values of a response's knots, by channel.
 pub type Knots = [[f32; RESPONSE_KNOTS]; 3];
 
-/// What the loss sees radiance through.
+/// The tone curve under which the loss compares images.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[expect(clippy::large_enum_variant, reason = "400 bytes a step, and a step's description stays free of allocations")]
 pub enum ToneCurve {
-    /// ln(1 + mu p) / ln(1 + mu), of prediction and target; the view's image is radiance.
+    /// The mu-law ln(1 + mu p) / ln(1 + mu) of prediction and target; the view's image is radiance.
     MuLaw {
-        /// Above 0.
+        /// Parameter of the mu-law; above 0.
         mu: f32,
     },
-    /// A camera's response, of the prediction alone; the view's image is what the camera recorded.
+    /// A camera's response, of the prediction alone; the view's image is the captured LDR image.
     Response(Response),
 }
 
 /// A camera's response to the exposure of one view.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Response {
-    /// Recorded values at the knots, not falling along them.
+    /// Captured values at the knots; they never decrease.
     pub knots: Knots,
-    /// x of normalised radiance 1, by channel; above 0.
+    /// Exposure x of normalised radiance 1, by channel; above 0.
     pub exposure: [f32; 3],
 }
 
-/// A value of a [`Response`].
+/// An evaluation of a [`Response`] at one radiance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Recorded {
-    /// The recorded value; not clamped.
+    /// LDR value; not clamped.
     pub value: f32,
-    /// Its derivative by normalised radiance.
+    /// Derivative of the value by normalised radiance.
     pub by_radiance: f32,
-    /// Place on the curve in knots: the value is that of the line through the two knots beside it.
+    /// Position on the curve, in knots: the value lies on the line through the two knots beside it.
     pub position: f32,
-    /// Whether value and derivatives count: 0 where only a bound is known and it holds.
+    /// Weight of value and derivatives: 0 where the captured value is only a bound and the
+    /// prediction satisfies it.
     pub weight: f32,
 }
 
-/// The piece of the curve at `position`: its first knot, and how far along it is (beyond 1 behind the last knot).
+/// Returns the piece of the curve at `position`: its first knot, and the fraction along it (above 1
+/// beyond the last knot).
 #[inline]
 pub fn piece(position: f32) -> (usize, f32) {
     let k = (position as usize).min(RESPONSE_KNOTS - 2);
     (k, position - k as f32)
 }
 
-/// Exposure x of knot `k`.
+/// Returns the exposure x of knot `k`.
 pub fn exposure_of_knot(k: usize) -> f64 {
     let mu = f64::from(RESPONSE_MU);
     (k as f64 / UNIT_KNOT as f64 * mu.ln_1p()).exp_m1() / mu
 }
 
 impl Response {
-    /// The value of radiance `p` in channel `channel`.
+    /// Evaluates the response to radiance `p` in channel `channel`.
     #[inline]
     pub fn of(&self, channel: usize, p: f32) -> Recorded {
         let (knots, exposure) = (&self.knots[channel], self.exposure[channel]);
@@ -90,7 +98,8 @@ impl Response {
         Recorded { value: along.mul_add(rise, knots[k]), by_radiance: by_x * exposure, position, weight: 1.0 }
     }
 
-    /// [`Self::of`], compared with the value that was recorded: beyond a saturated or black one it is that value, with no derivatives.
+    /// Evaluates [`Self::of`] for comparison with a captured value: beyond a saturated or black one
+    /// the value is that one, without derivatives.
     #[inline]
     pub fn against(&self, channel: usize, p: f32, recorded: f32) -> Recorded {
         let found = self.of(channel, p);
@@ -100,7 +109,10 @@ impl Response {
         found
     }
 
-    /// Exposure x at which the curve of `knots` records `value`: of a flat piece its middle; beyond the first or the last knot, that knot's.
+    /// Returns the exposure x at which the curve of `knots` gives `value`.
+    ///
+    /// A flat piece gives its middle; a value beyond the first or last knot gives that knot's
+    /// exposure.
     pub fn exposure_at(knots: &[f32; RESPONSE_KNOTS], value: f32) -> f64 {
         let k = (0..RESPONSE_KNOTS - 2).find(|k| knots[k + 1] >= value).unwrap_or(RESPONSE_KNOTS - 2);
         let rise = knots[k + 1] - knots[k];
@@ -123,7 +135,7 @@ mod tests {
     fn the_unit_exposure_is_a_knot() {
         assert!((exposure_of_knot(UNIT_KNOT) - 1.0).abs() < 1e-12 && exposure_of_knot(0) == 0.0);
         assert!((gamma().of(0, 1.0).value - 0.5).abs() < 1e-6);
-        // What a channel sees is radiance times its exposure.
+        // A channel's exposure is radiance times the factor of the channel.
         assert!((gamma().of(1, 0.5).value - 0.5).abs() < 1e-6 && (gamma().of(2, 4.0).value - 0.5).abs() < 1e-6);
     }
 
@@ -155,7 +167,7 @@ mod tests {
         let response = gamma();
         let bright = response.against(0, 30.0, 1.0);
         assert_eq!((bright.value, bright.by_radiance, bright.weight), (1.0, 0.0, 0.0));
-        // Below white it pulls up; a pixel that is not clipped pulls down from beyond 1.
+        // Below white the gradient pulls up; a pixel that is not clipped pulls down from beyond 1.
         assert!(response.against(0, 0.1, 1.0).by_radiance > 0.0);
         assert!(response.against(0, 30.0, 0.9).by_radiance > 0.0 && response.against(0, 30.0, 0.9).value > 1.0);
         let mut lifted = response;

@@ -1,20 +1,21 @@
-//! A trained scene and the complete state of a training run.
+//! A trained scene, and the complete state of a training run.
 
 use crate::engine::DensifyStats;
 use crate::{ColorSpace, Moments, RadianceScale, RasterConfig, RenderOptions, Splats};
 
-/// What a scene file holds: everything needed to render it in the data set's radiance.
+/// A scene as a scene file stores it: everything needed to render it in the data set's radiance.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scene {
-    /// In normalised units.
+    /// Splats, in normalised units.
     pub splats: Splats,
-    /// Data-set radiance of one normalised unit; it turns renders into the input images' units.
+    /// Data-set radiance of one normalised unit; converts renders to the units of the input images.
     pub radiance_scale: RadianceScale,
-    /// Primaries of the radiance.
+    /// Colour space of the radiance.
     pub color_space: ColorSpace,
-    /// How the scene was rasterised in training, and so should be rendered.
+    /// Raster settings of training; renders should use the same.
     pub raster: RasterConfig,
-    /// Edits of light made since training, oldest first, in the text form of [`crate::Edit`]: a record, not applied again.
+    /// Edits of light since training, oldest first, in the text form of [`crate::Edit`]. They are a
+    /// log: the splats contain them already.
     pub edits: Vec<String>,
 }
 
@@ -38,24 +39,24 @@ impl Scene {
         RenderOptions { raster: self.raster, ..RenderOptions::default() }
     }
 
-    /// Returns the options of [`Self::render_options`] before a background of this data-set
-    /// radiance.
+    /// Returns [`Self::render_options`] with a background of this data-set radiance.
     pub fn render_options_before(&self, background: [f32; 3]) -> RenderOptions {
         RenderOptions { background: self.radiance_scale.normalised(background), ..self.render_options() }
     }
 }
 
-/// State of a training run at the end of a step; enough to continue bit for bit.
+/// The state of a training run at the end of a step; enough to resume bit for bit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Snapshot {
-    /// The scene as it stands.
+    /// Current scene.
     pub scene: Scene,
     /// Adam's moments.
     pub moments: Moments,
     /// Densification statistics since the last densification.
     pub stats: DensifyStats,
-    /// Mean of the parameters so far, where the last steps are averaged and have begun.
+    /// Running mean of the parameters, once the averaging of the last steps has begun.
     pub average: Option<Splats>,
-    /// Everything else (step, random state, schedule, configuration, fingerprint) as the trainer's JSON.
+    /// Everything else as the trainer's JSON: step, random state, schedule, configuration,
+    /// fingerprint.
     pub state_json: String,
 }

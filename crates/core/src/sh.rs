@@ -1,25 +1,28 @@
 //! Real spherical harmonics to degree 5, with the sign convention of 3D Gaussian splatting.
 //!
-//! `basis` writes Y_m(direction) in the order (0,0), (1,-1), (1,0), (1,1), (2,-2), ...; `basis_gradient` its derivatives by x, y and
-//! z, taken of the polynomials below as functions of an unconstrained direction: project the result onto the tangent plane of the
-//! sphere (`I - v v^T`) to get the derivative by a unit vector. Source: Ramamoorthi and Hanrahan 2001 (degrees 0 to 2), Sloan 2008
-//! "Stupid spherical harmonics tricks" (appendix A2); the signs (-1)^m are those of Kerbl et al. 2023.
+//! In: a unit direction. Out: [`basis`] writes Y_m(direction) in the order (0,0), (1,-1), (1,0),
+//! (1,1), (2,-2), ...; [`basis_gradient`] returns derivatives by x, y and z. These are derivatives
+//! of the polynomials below as functions of an unconstrained direction: project the result onto the
+//! tangent plane of the sphere (`I - v v^T`) to get the derivative by a unit vector.
+//!
+//! Source: Ramamoorthi and Hanrahan 2001 (degrees 0 to 2), Sloan 2008 "Stupid spherical harmonics
+//! tricks" (appendix A2); the signs (-1)^m are those of Kerbl et al. 2023.
 
 use crate::Real;
 
 /// Highest supported degree.
 pub const MAX_DEGREE: usize = 5;
-/// Coefficients of one channel at the highest degree.
+/// Number of coefficients of one channel at the highest degree.
 pub const MAX_COEFFICIENTS: usize = coefficients(MAX_DEGREE);
 /// Y of degree 0: 1 / (2 sqrt(pi)).
 pub const C0: f32 = 0.282_094_8;
 
-/// Number of coefficients of one channel at `degree`.
+/// Returns the number of coefficients of one channel at `degree`.
 pub const fn coefficients(degree: usize) -> usize {
     (degree + 1) * (degree + 1)
 }
 
-/// `count` points of the unit sphere, spread evenly: a Fibonacci lattice.
+/// Returns `count` points spread evenly on the unit sphere: a Fibonacci lattice.
 pub fn lattice(count: usize) -> Vec<[f32; 3]> {
     let point = |i: usize| {
         let z = 1.0 - (2.0 * i as f64 + 1.0) / count as f64;
@@ -30,7 +33,8 @@ pub fn lattice(count: usize) -> Vec<[f32; 3]> {
     (0..count).map(point).collect()
 }
 
-// The factors K of the polynomials below, each K = sqrt((2l+1)/(4 pi) (l-m)!/(l+m)!) times the Legendre factor drawn out.
+// The factors K of the polynomials below: K = sqrt((2l+1)/(4 pi) (l-m)!/(l+m)!) times the leading
+// Legendre factor.
 
 /// Factor of degree 1.
 pub const C1: f32 = 0.488_602_5;
@@ -56,7 +60,8 @@ pub const C5: [f32; 11] = [
     -0.656_382_1,
 ];
 
-/// Values of the basis up to `degree` (at most 5) at the unit vector `[x, y, z]`; entries above stay untouched.
+/// Evaluates the basis up to `degree` (at most 5) at the unit vector `[x, y, z]`; higher entries
+/// stay untouched.
 #[inline(always)]
 pub fn basis<R: Real>(degree: usize, [x, y, z]: [R; 3], out: &mut [R; MAX_COEFFICIENTS]) {
     let k = |value: f32| x.lift(value);
@@ -127,7 +132,10 @@ pub fn basis<R: Real>(degree: usize, [x, y, z]: [R; 3], out: &mut [R; MAX_COEFFI
     out[35] = k(C5[10]) * x * c5;
 }
 
-/// Adds a d to a sum. A function: a closure called so often is not inlined, and then not compiled for the caller's instruction set.
+/// Adds a d to a sum.
+///
+/// A function and not a closure: a closure called so often is not inlined, and then not compiled
+/// for the caller's instruction set.
 #[inline(always)]
 fn add<R: Real>(sum: &mut [R; 3], a: R, d: [R; 3]) {
     for (sum, d) in sum.iter_mut().zip(d) {
@@ -135,7 +143,8 @@ fn add<R: Real>(sum: &mut [R; 3], a: R, d: [R; 3]) {
     }
 }
 
-/// Gradient by direction of a sum over the basis: returns `sum_m weight[m] * grad Y_m([x, y, z])`, for the polynomials of [`basis`].
+/// Returns the gradient by direction of a sum over the basis:
+/// `sum_m weight[m] * grad Y_m([x, y, z])`, for the polynomials of [`basis`].
 ///
 /// `weight` holds the gradients by the basis values; entries above `degree` are ignored.
 #[inline(always)]
@@ -216,7 +225,7 @@ pub fn basis_gradient<R: Real>(degree: usize, [x, y, z]: [R; 3], weight: &[R; MA
 mod tests {
     use super::*;
 
-    /// Points of the unit sphere, spread evenly (Fibonacci lattice).
+    /// Returns points spread evenly on the unit sphere (Fibonacci lattice).
     fn directions(count: usize) -> impl Iterator<Item = [f64; 3]> {
         (0..count).map(move |i| {
             let z = 1.0 - (2.0 * i as f64 + 1.0) / count as f64;

@@ -1,17 +1,19 @@
-//! Turning, scaling and moving a scene as a whole: a similarity of the world, and what it does to splats and cameras.
+//! Similarity transforms of a scene: rotation, uniform scale and translation of splats and cameras.
 //!
-//! In: [`Splats`] or a [`Camera`], in place. Out: the same in the new world. Position p' = s R p + t; rotation q' = q_R q; standard deviations
-//! and the 3D filter times s; harmonics are turned band by band, so that a splat seen from the turned direction has the colour it had
-//! ([`BandRotation`]). Turns by quarters about an axis keep positions to the bit.
+//! In: [`Splats`] or a [`Camera`], in place. Out: the same in the new world. Positions are
+//! p' = s R p + t, rotations q' = q_R q; standard deviations and the 3D filter are multiplied by s.
+//! Harmonics are rotated band by band ([`BandRotation`]), so that a splat has the same colour from
+//! the rotated direction as before. Quarter turns about an axis keep positions bit-identical, up to
+//! sign and order.
 //!
-//! Degenerate: a matrix that is no rotation is refused by [`Similarity::new`].
+//! Degenerate: [`Similarity::new`] refuses a matrix that is not a rotation.
 
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
 use crate::sh::{self, MAX_COEFFICIENTS};
 use crate::{Camera, Splats, least_squares};
 
-/// p' = scale rotation p + translation.
+/// The transform p' = scale rotation p + translation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Similarity {
     rotation: DMat3,
@@ -20,49 +22,51 @@ pub struct Similarity {
 }
 
 impl Similarity {
-    /// Nothing changes.
+    /// The transform that changes nothing.
     pub const IDENTITY: Self = Self { rotation: DMat3::IDENTITY, scale: 1.0, translation: DVec3::ZERO };
 
-    /// `None` if `rotation` is not one to 1e-5, `scale` is not positive or anything is not finite.
+    /// Returns the transform; `None` if `rotation` is not a rotation to 1e-5, `scale` is not
+    /// positive or a value is not finite.
     pub fn new(rotation: DMat3, scale: f64, translation: DVec3) -> Option<Self> {
         let is_rotation = (rotation * rotation.transpose()).abs_diff_eq(DMat3::IDENTITY, 1e-5) && rotation.determinant() > 0.0;
         let is_usable = is_rotation && scale.is_normal() && scale > 0.0 && translation.is_finite();
         is_usable.then_some(Self { rotation, scale, translation })
     }
 
-    /// A turn.
+    /// Returns the transform that only rotates; `None` if `rotation` is not a rotation.
     pub fn turn(rotation: DMat3) -> Option<Self> {
         Self::new(rotation, 1.0, DVec3::ZERO)
     }
 
-    /// The rotation's matrix.
+    /// Returns the rotation's matrix.
     pub fn rotation(&self) -> DMat3 {
         self.rotation
     }
 
-    /// The factor of lengths.
+    /// Returns the factor of lengths.
     pub fn scale(&self) -> f64 {
         self.scale
     }
 
-    /// Whether nothing changes.
+    /// Returns whether the transform changes nothing.
     pub fn is_identity(&self) -> bool {
         *self == Self::IDENTITY
     }
 
-    /// What undoes it.
+    /// Returns the inverse transform.
     pub fn inverse(&self) -> Self {
         let rotation = self.rotation.transpose();
         let scale = 1.0 / self.scale;
         Self { rotation, scale, translation: -(scale * (rotation * self.translation)) }
     }
 
-    /// A point in the new world.
+    /// Returns the point `p` in the new world.
     pub fn point(&self, p: DVec3) -> DVec3 {
         self.scale * (self.rotation * p) + self.translation
     }
 
-    /// Moves a camera so that it sees in the new world what it saw in the old one, depths times the scale.
+    /// Moves a camera so that it sees the same in the new world as in the old one, with depths
+    /// multiplied by the scale.
     pub fn apply_to_camera(&self, camera: &mut Camera) {
         let pose = camera.camera_from_world;
         let matrix3 = pose.matrix3 * self.rotation.transpose();
@@ -70,7 +74,7 @@ impl Similarity {
         camera.camera_from_world = DAffine3 { matrix3, translation: -(matrix3 * eye) };
     }
 
-    /// Moves splats.
+    /// Transforms splats.
     pub fn apply(&self, splats: &mut Splats) {
         if self.is_identity() {
             return;
@@ -94,26 +98,26 @@ impl Similarity {
         let bands = BandRotation::new(model.max_degree(), self.rotation);
         let k = model.sh_coefficients();
         splats.sh.chunks_exact_mut(3 * k).for_each(|sh| bands.apply(sh, 3, model.sh_degree()));
-        // Of a model without a luminance of its own there are none.
+        // A model without luminance has M = 0, which is no valid chunk length.
         let m = model.luminance_coefficients().max(1);
         splats.raw_luminance.chunks_exact_mut(m).for_each(|raw| bands.apply(raw, 1, model.luminance_degree()));
     }
 }
 
-/// Matrices that turn the harmonics of each band: f'(v) = f(R^T v) for f = sum k_m Y_m.
+/// Matrices that rotate the harmonics of each band: f'(v) = f(R^T v) for f = sum k_m Y_m.
 ///
-/// By least squares over fixed directions: a band is closed under rotations, so that the fit is exact, and the signs and order of the basis
-/// need not be written down a second time.
+/// They come from a least-squares fit over fixed directions. A band is closed under rotations, so
+/// the fit is exact, and the signs and order of the basis are written down once only.
 pub struct BandRotation {
-    /// `[2 l + 1]` squared, row by row, for each band from 1 on.
+    /// Square matrix of each band l from 1 on, `[2 l + 1, 2 l + 1]`, row by row.
     bands: Vec<Vec<f64>>,
 }
 
-/// Over four times the harmonics of any one band.
+/// Number of directions of the fit: more than four times the harmonics of any one band.
 const DIRECTIONS: usize = 64;
 
 impl BandRotation {
-    /// Up to `degree`.
+    /// Returns the matrices for bands up to `degree`.
     pub fn new(degree: usize, rotation: DMat3) -> Self {
         let inverse = rotation.transpose();
         let values = |v: DVec3| {
@@ -126,7 +130,7 @@ impl BandRotation {
         Self { bands: (1..=degree).map(|band| fit_band(band, &pairs)).collect() }
     }
 
-    /// Turns harmonics `[K, width]` of `degree`; the constant term stays.
+    /// Rotates harmonics `[K, width]` of `degree`; the constant term stays.
     pub fn apply(&self, coefficients: &mut [f32], width: usize, degree: usize) {
         for (band, matrix) in (1..=degree).zip(&self.bands) {
             let size = 2 * band + 1;
@@ -143,7 +147,8 @@ impl BandRotation {
     }
 }
 
-/// Returns (B^T B)^-1 B^T C of the basis values B at the directions and C at those turned back.
+/// Returns (B^T B)^-1 B^T C, where B and C are the basis values at the directions and at those
+/// rotated back.
 fn fit_band(band: usize, pairs: &[[[f64; MAX_COEFFICIENTS]; 2]]) -> Vec<f64> {
     let (first, size) = (sh::coefficients(band - 1), 2 * band + 1);
     let sum = |i: usize, j: usize, of: usize| pairs.iter().map(|pair| pair[0][first + i] * pair[of][first + j]).sum::<f64>();

@@ -1,41 +1,45 @@
-//! A scene: N Gaussian primitives as a structure of arrays.
+//! Gaussian splats as a structure of arrays, and Adam's moments in the same layout.
 
 use crate::{ColorModel, EngineError};
 
-/// N primitives. All arrays are splat-major and hold exactly N entries of their shape.
+/// A set of N Gaussian splats.
 ///
-/// Radiance is in the scene's normalised units: radiance of the data set divided by [`crate::Scene::radiance_scale`].
+/// All arrays are splat-major and hold exactly N entries of their shape.
+///
+/// Radiance is in the scene's normalised units: radiance of the data set divided by
+/// [`crate::Scene::radiance_scale`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Splats {
-    /// How `sh` and `raw_luminance` become radiance.
+    /// Colour model that turns `sh` and `raw_luminance` into radiance.
     pub color_model: ColorModel,
-    /// `[N,3]`, world.
+    /// Positions `[N,3]`, world units.
     pub position: Vec<[f32; 3]>,
-    /// `[N,4]` quaternion w x y z, of any length but zero.
+    /// Rotations `[N,4]`: quaternions w x y z, of any length but zero.
     pub rotation: Vec<[f32; 4]>,
-    /// `[N,3]` natural logarithm of the standard deviations along the principal axes, world units.
+    /// Natural logarithms `[N,3]` of the standard deviations along the principal axes, world units.
     pub log_scale: Vec<[f32; 3]>,
-    /// `[N]` logit of the opacity.
+    /// Logits `[N]` of the opacity.
     pub opacity_logit: Vec<f32>,
-    /// `[N,K,3]` harmonics of radiance or chromaticity; K = `color_model.sh_coefficients()`.
+    /// Harmonics `[N,K,3]` of radiance or chromaticity; K = `color_model.sh_coefficients()`.
     pub sh: Vec<f32>,
-    /// `[N,M]` raw luminance; M = `color_model.luminance_coefficients()`, may be 0.
+    /// Raw luminance `[N,M]`; M = `color_model.luminance_coefficients()`, may be 0.
     pub raw_luminance: Vec<f32>,
-    /// `[N]` standard deviation of the 3D smoothing filter (Mip-splatting), world units; empty when the scene has none.
+    /// Standard deviations `[N]` of the 3D smoothing filter (Mip-splatting), world units; empty
+    /// without the filter.
     pub smoothing: Vec<f32>,
 }
 
-/// Why arrays do not make up a scene.
+/// Explains why arrays do not form valid splats.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SplatsError {
-    /// An array's length does not follow from the number of splats and the colour model.
+    /// The length of an array does not match the number of splats and the colour model.
     #[error("{array} has {found} values, expected {expected}")]
     Length {
         /// Field of [`Splats`].
         array: &'static str,
-        /// Values (not rows) found.
+        /// Number of values (not rows) found.
         found: usize,
-        /// Values expected.
+        /// Number of values expected.
         expected: usize,
     },
     /// The colour model's degrees are out of range.
@@ -52,7 +56,7 @@ pub enum SplatsError {
 }
 
 impl Splats {
-    /// No splats.
+    /// Returns an empty set of splats.
     pub fn empty(color_model: ColorModel) -> Self {
         Self {
             color_model,
@@ -66,23 +70,23 @@ impl Splats {
         }
     }
 
-    /// N.
+    /// Returns N, the number of splats.
     pub fn len(&self) -> usize {
         self.position.len()
     }
 
-    /// N = 0.
+    /// Returns whether there are no splats.
     pub fn is_empty(&self) -> bool {
         self.position.is_empty()
     }
 
-    /// Harmonics of splat `i`: `[K,3]` flattened.
+    /// Returns the harmonics of splat `i`: `[K,3]` flattened.
     pub fn sh_of(&self, i: usize) -> &[f32] {
         let k = 3 * self.color_model.sh_coefficients();
         &self.sh[i * k..(i + 1) * k]
     }
 
-    /// Raw luminance of splat `i`: `[M]`.
+    /// Returns the raw luminance of splat `i`: `[M]`.
     pub fn raw_luminance_of(&self, i: usize) -> &[f32] {
         let m = self.color_model.luminance_coefficients();
         &self.raw_luminance[i * m..(i + 1) * m]
@@ -103,7 +107,7 @@ impl Splats {
         self.raw_luminance.extend_from_slice(splat.raw_luminance);
     }
 
-    /// The splats that `order` names, in its order.
+    /// Returns the splats at the indices of `order`, in its order.
     ///
     /// # Panics
     /// If an index is not below [`Splats::len`].
@@ -123,19 +127,20 @@ impl Splats {
         selected
     }
 
-    /// Radiance of splat `i` towards a viewer in `direction` (unit, from the viewer to the splat), all degrees active.
+    /// Returns the radiance of splat `i` towards a viewer in `direction` (unit, from the viewer to
+    /// the splat), with all degrees active.
     pub fn radiance(&self, i: usize, direction: [f32; 3]) -> [f32; 3] {
         let basis = crate::ColorBasis::new(self.color_model.max_degree(), direction);
         let (sh, raw) = (self.sh_of(i), self.raw_luminance_of(i));
         self.color_model.radiance(&basis, |m, c| sh[3 * m + c], |m| raw[m])
     }
 
-    /// Radiance of splat `i` by its degree-0 terms: the same from everywhere.
+    /// Returns the radiance of splat `i` from its degree-0 terms: the same in every direction.
     pub fn base_radiance(&self, i: usize) -> [f32; 3] {
         self.color_model.base_radiance(self.sh_of(i), self.raw_luminance_of(i))
     }
 
-    /// Luminance (R + G + B, normalised units) of splat `i` by its degree-0 terms.
+    /// Returns the luminance (R + G + B, normalised units) of splat `i` from its degree-0 terms.
     pub fn base_luminance(&self, i: usize) -> f32 {
         self.color_model.base_luminance(self.sh_of(i), self.raw_luminance_of(i))
     }
@@ -183,24 +188,24 @@ impl Splats {
     }
 }
 
-/// One primitive, borrowed; shapes as in [`Splats`].
+/// One splat, borrowed; shapes as in [`Splats`].
 #[derive(Clone, Copy, Debug)]
 pub struct Splat<'a> {
-    /// World.
+    /// Position, world units.
     pub position: [f32; 3],
-    /// w x y z.
+    /// Quaternion w x y z.
     pub rotation: [f32; 4],
     /// Natural logarithm of the standard deviations.
     pub log_scale: [f32; 3],
     /// Logit of the opacity.
     pub opacity_logit: f32,
-    /// `[K,3]`.
+    /// Harmonics `[K,3]`.
     pub sh: &'a [f32],
-    /// `[M]`.
+    /// Raw luminance `[M]`.
     pub raw_luminance: &'a [f32],
 }
 
-/// First and second moments of Adam for every parameter, in the layout of [`Splats`].
+/// Adam's first and second moments of every parameter, in the layout of [`Splats`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Moments {
     /// Running mean of the gradient.
@@ -210,10 +215,12 @@ pub struct Moments {
 }
 
 impl Moments {
-    /// Checks that they are of `splats`: valid arrays of as many splats of the same colour model.
+    /// Checks that the moments belong to `splats`: valid arrays of as many splats of the same
+    /// colour model.
     ///
     /// # Errors
-    /// [`EngineError::Splats`], [`EngineError::Invalid`].
+    /// [`EngineError::Splats`] for invalid arrays, [`EngineError::Invalid`] for moments of other
+    /// splats.
     pub fn validate_for(&self, splats: &Splats) -> Result<(), EngineError> {
         for part in [&self.first, &self.second] {
             part.validate()?;
@@ -230,7 +237,7 @@ impl Moments {
         Ok(())
     }
 
-    /// All zero, for `count` splats.
+    /// Returns moments of zero for `count` splats.
     pub fn zeros(color_model: ColorModel, count: usize) -> Self {
         let zeros = Splats {
             color_model,
@@ -246,13 +253,13 @@ impl Moments {
     }
 }
 
-/// 1 / (1 + e^-x).
+/// Returns the logistic function 1 / (1 + e^-x).
 #[inline]
 pub fn sigmoid(x: f32) -> f32 {
     1.0 / (1.0 + (-x).exp())
 }
 
-/// ln(p / (1 - p)); p is kept 1e-6 away from 0 and 1.
+/// Returns the logit ln(p / (1 - p)); p is kept 1e-6 away from 0 and 1.
 #[inline]
 pub fn logit(p: f32) -> f32 {
     let p = p.clamp(1e-6, 1.0 - 1e-6);

@@ -1,51 +1,57 @@
-//! A scene made of numbers alone, of any size: what speed is measured on, and what tests may look at.
+//! A synthetic scene of any size, for benchmarks and tests.
 //!
-//! [`room`] is a room of 4 x 2.6 x 4.8 m with nine boxes on its floor, seen by [`room_camera`] through its open side. To an engine it
-//! looks like a trained scene: 94 % flat discs that lie on the surfaces, half of them crowded round centres of detail, 6 % floaters;
-//! opacities between 0.05 and 0.99 with a crowd of faint and a crowd of opaque ones; log-normal scales that shrink with the
-//! square root of the number of splats, so that a pixel sees about as many of them whatever their number. The order in memory is random.
+//! In: a number of splats and a seed. Out: [`room`], a room of 4 x 2.6 x 4.8 m with nine boxes on
+//! its floor, seen by [`room_camera`] through its open side.
+//!
+//! To an engine it looks like a trained scene. Most splats are flat discs on the surfaces, half of
+//! them clustered around centres of detail; the rest float. Opacities lie between 0.05 and 0.99 and
+//! cluster at both ends. Scales are log-normal and shrink with the square root of the number of
+//! splats, so that a pixel sees about as many splats at any number. The order in memory is random.
 
 use glam::{DAffine3, DVec2, Mat3, Quat, Vec3};
 
 use crate::noise::Stream;
 use crate::{Camera, ColorModel, Distortion, SH_OFFSET, Splat, Splats, logit, sh};
 
-/// Half of the room's sides, metres; y is down.
+/// Half of the room's sides, metres; y points down.
 const ROOM_HALF: Vec3 = Vec3::new(2.0, 1.3, 2.4);
-/// The room's middle: the camera is at the origin, 0.6 m in front of the open side, and looks along z.
+/// Centre of the room, metres.
+///
+/// The camera is at the origin, 0.6 m in front of the open side, and looks along z.
 const ROOM_CENTER: Vec3 = Vec3::new(0.0, 0.0, 3.0);
-/// Boxes on the floor.
+/// Number of boxes on the floor.
 const BOXES: usize = 9;
-/// Centres of detail on each face.
+/// Number of centres of detail on each face.
 const DETAIL_CENTERS: usize = 12;
-/// Rooms of every seed have the same walls and boxes.
+/// Seed of walls and boxes: rooms of every seed have the same ones.
 const FURNITURE_SEED: u64 = 7;
-/// Part of the splats that float.
+/// Fraction of floating splats.
 const FLOATERS: f32 = 0.06;
-/// Median standard deviation of a splat in a room of 100,000, metres: neighbours overlap, a pixel sees some tens.
+/// Median standard deviation of a splat in a room of 100,000, metres: neighbours overlap, and a
+/// pixel sees some tens of splats.
 const SCALE_OF_100K: f32 = 0.0152;
 
-/// A rectangle to lay splats on.
+/// A rectangle to place splats on.
 struct Face {
     corner: Vec3,
     edges: [Vec3; 2],
     normal: Vec3,
-    /// In units of `edges`.
+    /// Centres of detail, in units of `edges`.
     detail: [[f32; 2]; DETAIL_CENTERS],
-    /// Sum of the weights of this face and those before.
+    /// Sum of the weights of this face and all earlier ones.
     weight_up_to: f32,
 }
 
-/// What the kind of a splat decides.
+/// The properties of a splat that depend on its kind.
 struct Placement {
     position: Vec3,
     normal: Vec3,
-    /// Added to the log scales.
+    /// Offset of the log scales.
     log_scale: [f32; 3],
     opacity: f32,
 }
 
-/// `count` splats of spherical harmonics of degree 3; equal seeds give equal splats.
+/// Returns `count` splats with spherical harmonics of degree 3; equal seeds give equal splats.
 pub fn room(count: usize, seed: u64) -> Splats {
     let faces = faces();
     let mut stream = Stream::new(seed);
@@ -68,7 +74,7 @@ pub fn room(count: usize, seed: u64) -> Splats {
     splats
 }
 
-/// The camera that [`room`] is made for: at the origin, along z, 75 degrees wide, square pixels.
+/// Returns the camera for [`room`]: at the origin, along z, 75 degrees wide, with square pixels.
 pub fn room_camera(size_px: [u32; 2]) -> Camera {
     let size = DVec2::new(size_px[0].into(), size_px[1].into());
     let focal_px = 0.5 * size.x / 37.5f64.to_radians().tan();
@@ -81,9 +87,12 @@ pub fn room_camera(size_px: [u32; 2]) -> Camera {
     }
 }
 
-/// Moves every parameter a little, as far as some hundred steps of training would, so that a render of the scene as it was is
-/// a target with a gradient for every splat that is seen. Scales of the noise: a tenth of a standard deviation in position, 0.1 in
-/// log scale, raw luminance and constant harmonics, 0.05 in rotations of unit length, 0.2 in the opacity's logit, 0.02 in the other harmonics.
+/// Moves every parameter about as far as some hundred training steps would.
+///
+/// A render of the unperturbed scene is then a target that gives every visible splat a gradient.
+/// Standard deviations of the noise: a tenth of a splat's own in position; 0.1 in log scale, raw
+/// luminance and constant harmonics; 0.05 in rotations of unit length; 0.2 in the opacity's logit;
+/// 0.02 in the other harmonics.
 pub fn perturb(splats: &mut Splats, seed: u64) {
     let mut stream = Stream::new(seed);
     let coefficients = splats.color_model.sh_coefficients();
@@ -115,7 +124,7 @@ pub fn perturb(splats: &mut Splats, seed: u64) {
     }
 }
 
-/// The room's five walls, seen from within, and six faces of every box.
+/// Returns the room's five walls, seen from inside, and six faces of every box.
 fn faces() -> Vec<Face> {
     let mut stream = Stream::new(FURNITURE_SEED);
     let mut faces = Vec::new();
@@ -130,7 +139,9 @@ fn faces() -> Vec<Face> {
     faces
 }
 
-/// Faces of a box whose normals point outwards (`facing` 1) or inwards (-1). What stands in a room has twice a wall's detail.
+/// Adds the faces of a box whose normals point outwards (`facing` 1) or inwards (-1).
+///
+/// Boxes that stand in the room have twice the detail of a wall.
 fn add_faces(faces: &mut Vec<Face>, center: Vec3, half: Vec3, facing: f32, is_open: impl Fn(usize, f32) -> bool, stream: &mut Stream) {
     for (axis, sign) in [(0, -1.0), (0, 1.0), (1, -1.0), (1, 1.0), (2, -1.0), (2, 1.0)] {
         if is_open(axis, sign) {
@@ -151,7 +162,7 @@ fn add_faces(faces: &mut Vec<Face>, center: Vec3, half: Vec3, facing: f32, is_op
     }
 }
 
-/// A splat on a surface.
+/// Returns a splat on a surface.
 fn disc(faces: &[Face], stream: &mut Stream) -> Placement {
     let chosen = stream.uniform() * faces.last().map_or(0.0, |face| face.weight_up_to);
     let face = &faces[faces.partition_point(|face| face.weight_up_to < chosen).min(faces.len() - 1)];
@@ -175,7 +186,7 @@ fn disc(faces: &[Face], stream: &mut Stream) -> Placement {
     }
 }
 
-/// A splat anywhere in the room: larger than the others, and mostly faint.
+/// Returns a splat anywhere in the room: larger than the others, and mostly faint.
 fn floater(stream: &mut Stream) -> Placement {
     let at = Vec3::new(stream.uniform(), stream.uniform(), stream.uniform());
     Placement {
@@ -187,7 +198,7 @@ fn floater(stream: &mut Stream) -> Placement {
     }
 }
 
-/// A number of the beta distribution, by Jöhnk's rejection (1964).
+/// Returns a random number of the beta distribution, by Jöhnk's rejection (1964).
 fn beta(a: f32, b: f32, stream: &mut Stream) -> f32 {
     loop {
         let x = stream.uniform().powf(1.0 / a);
@@ -198,7 +209,7 @@ fn beta(a: f32, b: f32, stream: &mut Stream) -> f32 {
     }
 }
 
-/// The quaternion w x y z that turns z to `normal`, at a random angle about it.
+/// Returns the quaternion w x y z that rotates z to `normal`, at a random angle about it.
 fn rotation(normal: Vec3, stream: &mut Stream) -> [f32; 4] {
     let (a, b) = normal.any_orthonormal_pair();
     let (sin, cos) = (std::f32::consts::TAU * stream.uniform()).sin_cos();
@@ -207,12 +218,13 @@ fn rotation(normal: Vec3, stream: &mut Stream) -> [f32; 4] {
     [q.w, q.x, q.y, q.z]
 }
 
-/// Harmonics of radiance 0 to 1 in slow waves through the room, some noise from splat to splat, and a little sheen.
+/// Returns harmonics of radiance 0 to 1 in slow waves through the room, with some noise per splat
+/// and a little sheen.
 fn color(position: Vec3, stream: &mut Stream) -> [f32; 3 * sh::coefficients(3)] {
     let waves = [Vec3::new(3.0, 0.4, 1.4), Vec3::new(-2.1, 2.4, 0.3), Vec3::new(0.2, 2.8, 1.8)];
     let mut sh = stream.normals().map(|v: f32| 0.05 * v);
     for (c, wave) in waves.into_iter().enumerate() {
-        // The first entries are noise of 0.05 already.
+        // The first entries already hold noise of 0.05.
         let rgb = SH_OFFSET + 0.35 * (wave.dot(position) + c as f32).sin() + 1.6 * sh[c];
         sh[c] = (rgb - SH_OFFSET) / sh::C0;
     }

@@ -1,4 +1,4 @@
-//! Numbers as people read them, in messages.
+//! Numbers in messages, formatted for people.
 
 /// Returns a number with separators of thousands.
 ///

@@ -1,6 +1,7 @@
-//! Tone curves: the mu-law of the loss and the metrics, and the display encoder of previews.
+//! Tone curves: the mu-law of loss and metrics, and the display encoder of previews.
 //!
-//! Everything is linear radiance in the scene's normalised units until [`display_rgb8`], the one place where 8 bits exist.
+//! In: linear radiance in the scene's normalised units. Out: floating-point values under a curve;
+//! [`display_rgb8`] is the only place that makes 8-bit values.
 
 use std::fmt;
 use std::str::FromStr;
@@ -12,39 +13,43 @@ use crate::{ColorSpace, luminance_rec709};
 /// mu of the mu-law, as in LCD-GS and its predecessors.
 pub const MU: f32 = 5000.0;
 
-/// ln(1 + mu p) / ln(1 + mu), for p >= 0.
+/// Returns the mu-law ln(1 + mu p) / ln(1 + mu) of p >= 0.
 #[inline]
 pub fn mu_law(p: f32, mu: f32) -> f32 {
     (mu * p).ln_1p() / mu.ln_1p()
 }
 
-/// [`mu_law`] of one mu for many values: the same to within the rounding of f32 (2e-7), at a fraction of the time.
+/// [`mu_law`] with a fixed mu for many values: faster, and equal to within the rounding of f32
+/// (2e-7).
 #[derive(Clone, Copy, Debug)]
 pub struct MuLaw {
     mu: f64,
-    /// 1 / ln(1 + mu).
+    /// Factor 1 / ln(1 + mu).
     scale: f64,
 }
 
 impl MuLaw {
-    /// The curve of `mu`, above 0.
+    /// Returns the curve of `mu`, which is above 0.
     pub fn new(mu: f32) -> Self {
         let mu = f64::from(mu);
         Self { mu, scale: mu.ln_1p().recip() }
     }
 
-    /// The value of `p` >= 0, finite.
+    /// Returns the mu-law of `p`, finite and >= 0.
     #[inline]
     pub fn of(self, p: f32) -> f32 {
         let x = self.mu * f64::from(p);
-        // What the sum 1 + x would lose of a small x comes from the series of ln(1 + x): the first term left out is x^4 / 4.
+        // For small x the sum 1 + x loses digits; the series of ln(1 + x) restores them. Its first
+        // omitted term is x^4 / 4.
         let small = x * (1.0 - x * (0.5 - x / 3.0));
         ((if x < 1e-4 { small } else { ln(1.0 + x) }) * self.scale) as f32
     }
 }
 
-/// Natural logarithm of a normal number above 0, to 1e-10: y = 2^e m with m in [sqrt(1/2), sqrt(2)), ln m = 2 artanh((m - 1) / (m +
-/// 1)) by its series. Branch-free, so that loops over it become vector code.
+/// Returns the natural logarithm of a normal number above 0, to 1e-10.
+///
+/// It sums the series of `ln m = 2 artanh((m - 1) / (m + 1))`, where y = 2^e m and m in
+/// `[sqrt(1/2), sqrt(2))`. It has no branches, so that loops over it can be vectorised.
 #[inline]
 fn ln(y: f64) -> f64 {
     /// Bits of sqrt(1/2).
@@ -54,31 +59,32 @@ fn ln(y: f64) -> f64 {
     let m = f64::from_bits(y.to_bits().wrapping_sub(above & 0xfff0_0000_0000_0000));
     let s = (m - 1.0) / (m + 1.0);
     let z = s * s;
-    // z <= 0.0295: the first term left out is z^6 / 13 = 5e-11.
+    // z <= 0.0295: the first omitted term is z^6 / 13 = 5e-11.
     let series = 1.0 + z * (1.0 / 3.0 + z * (1.0 / 5.0 + z * (1.0 / 7.0 + z * (1.0 / 9.0 + z / 11.0))));
     exponent * std::f64::consts::LN_2 + 2.0 * s * series
 }
 
-/// p of a mu-law value.
+/// Returns the p of a mu-law value: the inverse of [`mu_law`].
 #[inline]
 pub fn mu_law_inverse(t: f32, mu: f32) -> f32 {
     (t * mu.ln_1p()).exp_m1() / mu
 }
 
-/// Curve from scene-linear radiance to a display, for previews. Never applied to data.
+/// A curve from scene-linear radiance to a display, for previews only; data is never changed by it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Tonemap {
     /// Clipped at 1, sRGB-encoded.
     None,
-    /// The mu-law value (mu = 5000) as the display value, the way papers on HDR view synthesis print their figures.
+    /// The mu-law (mu = 5000) as display value, as in the figures of papers on HDR view synthesis.
     Mulaw,
-    /// Y / (1 + Y) on the luminance, hue kept (Reinhard et al. 2002, eq. 3).
+    /// Y / (1 + Y) of the luminance with unchanged hue (Reinhard et al. 2002, eq. 3).
     Reinhard,
-    /// The ACES reference rendering and output transform as fitted by S. Hill (MJP's BakingLab, ACES.hlsl).
+    /// The ACES reference rendering and output transform, in the fit by S. Hill (MJP's BakingLab,
+    /// ACES.hlsl).
     Aces,
-    /// AgX (T. Sobotka), the base look: highlights go to white by way of lighter hues. Fit of the contrast curve by B. Wrensch,
-    /// "Minimal AgX implementation", 2023.
+    /// AgX (T. Sobotka), the base look: highlights fade to white through lighter hues. Fit of the
+    /// contrast curve by B. Wrensch, "Minimal AgX implementation", 2023.
     #[default]
     Agx,
 }
@@ -87,7 +93,7 @@ impl Tonemap {
     /// All curves.
     pub const ALL: [Self; 5] = [Self::None, Self::Mulaw, Self::Reinhard, Self::Aces, Self::Agx];
 
-    /// `agx`.
+    /// Returns the curve's name, such as `agx`.
     pub fn name(self) -> &'static str {
         match self {
             Self::None => "none",
@@ -98,10 +104,12 @@ impl Tonemap {
         }
     }
 
-    /// Display values in `[0, 1]`, encoded (what goes into a PNG before rounding), of linear Rec.709 radiance. NaN and negative values
-    /// count as 0.
+    /// Returns encoded display values in `[0, 1]`, as a PNG stores them before rounding, of linear
+    /// Rec.709 radiance.
+    ///
+    /// NaN and negative values count as 0.
     pub fn encode(self, rgb: [f32; 3]) -> [f32; 3] {
-        // Above this every curve is flat, and below it none overflows.
+        // All curves are flat above this, and none overflows below it.
         let rgb = rgb.map(|v| if v > 0.0 { v.min(1e9) } else { 0.0 });
         let display = match self {
             Self::None => rgb.map(srgb_encode),
@@ -123,7 +131,7 @@ impl fmt::Display for Tonemap {
     }
 }
 
-/// No curve has this name.
+/// Explains that no curve has this name.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("unknown tone curve \"{0}\", expected none, mulaw, reinhard, aces or agx")]
 pub struct UnknownTonemap(String);
@@ -136,29 +144,34 @@ impl FromStr for Tonemap {
     }
 }
 
-/// The display encoder: `radiance` (linear Rec.709, normalised units) times 2^`exposure_ev`, the curve, rounding to 8 bits.
+/// Returns the 8-bit display value of `radiance` (linear Rec.709, normalised units): multiplied by
+/// 2^`exposure_ev`, encoded with the curve, rounded.
 pub fn display_rgb8(tonemap: Tonemap, exposure_ev: f32, radiance: [f32; 3]) -> [u8; 3] {
     let gain = exposure_ev.exp2();
     // The value is in [0, 1], so the sum is below 256 and the cast rounds.
     tonemap.encode(radiance.map(|v| v * gain)).map(|v| (v * 255.0 + 0.5) as u8)
 }
 
-/// sRGB's encoding of a linear value in `[0, 1]` (IEC 61966-2-1); larger values continue the power law, negative ones are 0.
+/// Returns the sRGB encoding of a linear value in `[0, 1]` (IEC 61966-2-1).
+///
+/// Larger values continue the power law; negative ones give 0.
 #[inline]
 pub fn srgb_encode(linear: f32) -> f32 {
     let linear = linear.max(0.0);
     if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
 }
 
-/// Linear value of an sRGB-encoded one: the inverse of [`srgb_encode`].
+/// Returns the linear value of an sRGB-encoded one: the inverse of [`srgb_encode`].
 #[inline]
 pub fn srgb_decode(encoded: f32) -> f32 {
     let encoded = encoded.max(0.0);
     if encoded <= 0.040_45 { encoded / 12.92 } else { ((encoded + 0.055) / 1.055).powf(2.4) }
 }
 
-/// Value in `[0, 1]` of an absolute luminance, cd/m2, by the perceptual quantizer (SMPTE ST 2084): 10,000 is 1; NaN and negative values
-/// are 0.
+/// Returns the perceptual quantizer's value in `[0, 1]` of an absolute luminance, cd/m2 (SMPTE ST
+/// 2084): 10,000 gives 1.
+///
+/// NaN and negative values give 0.
 #[inline]
 pub fn pq_encode(nits: f32) -> f32 {
     const M1: f32 = 2610.0 / 16384.0;
@@ -171,7 +184,8 @@ pub fn pq_encode(nits: f32) -> f32 {
     ((C1 + C2 * p) / (1.0 + C3 * p)).powf(M2)
 }
 
-/// Linear Rec.709 of a radiance in `space`: what the curves and [`display_rgb8`] expect. Out-of-gamut colours have negative channels.
+/// Converts radiance in `space` to linear Rec.709, as the curves and [`display_rgb8`] expect it.
+/// Out-of-gamut colours have negative channels.
 #[inline]
 pub fn rec709_of(space: ColorSpace, rgb: [f32; 3]) -> [f32; 3] {
     space.to_rec709(rgb)
@@ -181,31 +195,33 @@ fn transform(matrix: &[[f32; 3]; 3], v: [f32; 3]) -> [f32; 3] {
     matrix.map(|row| row[0] * v[0] + row[1] * v[1] + row[2] * v[2])
 }
 
-/// Rec.709 to AP1 with the reference rendering transform's desaturation.
+/// Matrix from Rec.709 to AP1 with the reference rendering transform's desaturation.
 const ACES_FROM_REC709: [[f32; 3]; 3] = [[0.59719, 0.35458, 0.04823], [0.07600, 0.90834, 0.01566], [0.02840, 0.13383, 0.83777]];
-/// The output transform's desaturation and AP1 to Rec.709.
+/// Matrix of the output transform's desaturation and from AP1 to Rec.709.
 const REC709_FROM_ACES: [[f32; 3]; 3] = [[1.60475, -0.53108, -0.07367], [-0.10208, 1.10813, -0.00605], [-0.00327, -0.07276, 1.07602]];
 
-/// Linear display light; the caller encodes.
+/// Returns linear display light; the caller encodes it.
 fn aces(rgb: [f32; 3]) -> [f32; 3] {
     let curve = |v: f32| (v * (v + 0.024_578_6) - 0.000_090_537) / (v * (0.983_729 * v + 0.432_951) + 0.238_081);
     transform(&REC709_FROM_ACES, transform(&ACES_FROM_REC709, rgb).map(curve))
 }
 
-/// AgX's inset: primaries moved inwards, so that saturated light reaches all three channels and can go to white.
+/// AgX's inset matrix: moves the primaries inwards, so that saturated light reaches all three
+/// channels and can become white.
 const AGX_INSET: [[f32; 3]; 3] =
     [[0.842_479_06, 0.078_433_6, 0.079_223_745], [0.042_328_242, 0.878_468_64, 0.079_166_13], [0.042_375_655, 0.078_433_6, 0.879_143]];
 /// Inverse of [`AGX_INSET`].
 const AGX_OUTSET: [[f32; 3]; 3] =
     [[1.196_879, -0.098_020_88, -0.099_029_74], [-0.052_896_852, 1.151_903_1, -0.098_961_18], [-0.052_971_636, -0.098_043_45, 1.151_073_7]];
-/// 10 stops below middle grey: log2(0.18) - 10.
+/// Lower end of AgX's range, 10 stops below middle grey: log2(0.18) - 10.
 const AGX_MIN_EV: f32 = -12.473_931;
-/// 6.5 stops above middle grey: log2(0.18) + 6.5.
+/// Upper end of AgX's range, 6.5 stops above middle grey: log2(0.18) + 6.5.
 const AGX_MAX_EV: f32 = 4.026_069;
-/// Contrast curve on `[0, 1]` by ascending powers; mean squared error of the fit 3.7e-6.
+/// Contrast curve on `[0, 1]`: coefficients by ascending powers; mean squared error of the fit
+/// 3.7e-6.
 const AGX_CONTRAST: [f32; 7] = [-0.002_32, 0.119_1, 0.429_8, -6.868, 31.96, -40.14, 15.5];
 
-/// Encoded display values: AgX's curve includes the encoding.
+/// Returns encoded display values: AgX's curve includes the encoding.
 fn agx(rgb: [f32; 3]) -> [f32; 3] {
     let curve = |v: f32| {
         let place = ((v.max(f32::MIN_POSITIVE).log2() - AGX_MIN_EV) / (AGX_MAX_EV - AGX_MIN_EV)).clamp(0.0, 1.0);
@@ -229,7 +245,8 @@ mod tests {
 
     #[test]
     fn srgb_has_its_known_values() {
-        // Middle grey 0.18 is 118 of 255, half of the light 188, and code 10 is the last but one on the linear part.
+        // Middle grey 0.18 is 118 of 255, half of the light is 188, and code 10 is the second to
+        // last on the linear part.
         for (linear, code) in [(0.0, 0), (0.18, 118), (0.5, 188), (1.0, 255), (10.0 / 255.0 / 12.92, 10)] {
             assert_eq!(display_rgb8(Tonemap::None, 0.0, [linear; 3]), [code; 3]);
         }
@@ -237,7 +254,8 @@ mod tests {
 
     #[test]
     fn pq_has_its_published_values() {
-        // ITU-R BT.2100 and BT.2408: 100 cd/m2 is 50.8 %, reference white of 203 is 58.1 %, 1000 is 75.2 %.
+        // ITU-R BT.2100 and BT.2408: 100 cd/m2 is 50.8 %, reference white of 203 is 58.1 %, 1000 is
+        // 75.2 %.
         for (nits, value) in [(0.0, 0.0), (100.0, 0.508), (203.0, 0.581), (1000.0, 0.752), (10_000.0, 1.0), (1e9, 1.0), (f32::NAN, 0.0)] {
             assert!((pq_encode(nits) - value).abs() < 6e-4, "{nits}: {}", pq_encode(nits));
         }
@@ -312,7 +330,8 @@ mod tests {
             prop_assert!((mu_law_inverse(mu_law(p, MU), MU) - p).abs() < 1e-5 * p.max(1e-4));
         }
 
-        /// On greys every curve rises, but for the last bit of f32 and the foot of AgX's fit, which dips by less than an 8-bit step.
+        /// On greys every curve rises, except for rounding in f32 and the foot of AgX's fit, which
+        /// dips by less than an 8-bit step.
         #[test]
         fn curves_of_greys_do_not_fall(ev in -14f32..10.0, step in 0f32..2.0) {
             for tonemap in Tonemap::ALL {

@@ -1,9 +1,9 @@
-//! Why a view cannot be trained on or measured.
+//! The error of a view that cannot be used for training or metrics.
 
 use crate::{CameraError, EngineError};
 
-/// Explains why a view breaks its promises: an undistorted camera, and an image and a mask of its
-/// size.
+/// Explains why a view is invalid: its camera must be undistorted, and its image and mask must have
+/// the camera's size.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ViewError {
     /// The camera cannot be used.
@@ -11,7 +11,7 @@ pub enum ViewError {
     Camera {
         /// Name of the view.
         view: String,
-        /// Reason.
+        /// Cause.
         source: CameraError,
     },
     /// The camera has lens distortion.
@@ -35,9 +35,9 @@ pub enum ViewError {
     PixelCount {
         /// Name of the view.
         view: String,
-        /// Pixels that it holds.
+        /// Number of pixels found.
         found: usize,
-        /// Pixels of its size.
+        /// Number of pixels that its size implies.
         expected: usize,
     },
     /// The mask is not of the image's size.
@@ -45,9 +45,9 @@ pub enum ViewError {
     MaskSize {
         /// Name of the view.
         view: String,
-        /// Pixels of the mask.
+        /// Number of weights of the mask.
         found: usize,
-        /// Pixels of the image.
+        /// Number of pixels of the image.
         expected: usize,
     },
     /// The mask holds a weight that is out of range.

@@ -1,27 +1,31 @@
-//! An edit applied to a scene.
+//! Application of an edit to a scene.
 //!
-//! In: a scene, the shares of painted masks. Out: the same scene with other colour coefficients; geometry, opacity and, where the model
-//! has a luminance of its own, chromaticity keep their bits, as do splats of weight 0 and those that the maps leave alone. See
-//! [`crate::ColorModel::scale_radiance`] and, for harmonics of radiance under maps that are no plain gains, [`super::ShMap`].
+//! In: a scene, and each splat's share of painted masks. Out: the same scene with other colour
+//! coefficients. These stay bit-identical: geometry and opacity; chromaticity, where the model
+//! separates luminance; and all of a splat whose weight is 0 or whose luminance the maps do not
+//! change. See [`crate::ColorModel::scale_radiance`], and [`super::ShMap`] for harmonics of
+//! radiance under maps other than plain gains.
 
 use super::refit::{Refit, SplatMap};
 use super::{Edit, EditError, Map, MapChain, MaskShares, ShMap};
 use crate::{Scene, Splats};
 
-/// What came of an edit.
+/// The result of an edit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Applied {
-    /// The edit with every pivot named.
+    /// The edit, with every pivot explicit.
     pub edit: Edit,
-    /// The selection, `[N]`: see [`super::Selection::weights`].
+    /// Weights of the selection, `[N]`: see [`super::Selection::weights`].
     pub weights: Vec<f32>,
-    /// How far the chromaticity of the selected splats moved, where the colour model can't keep it: the sum of the channels' differences
-    /// (0 to 2), mean over directions, and over splats by their light.
+    /// Mean change of the selected splats' chromaticity, for colour models that cannot keep it.
+    ///
+    /// The sum of the channels' differences (0 to 2), averaged over directions, and over splats by
+    /// their light.
     pub hue_shift: Option<f64>,
 }
 
 impl Edit {
-    /// Whether its parameters are in range.
+    /// Checks that the parameters are in range.
     ///
     /// # Errors
     /// [`EditError::Parameter`].
@@ -30,7 +34,7 @@ impl Edit {
         self.maps.iter().try_for_each(Map::check)
     }
 
-    /// The same with the scene's median luminance for pivots that are not given.
+    /// Returns the edit with the scene's median luminance for pivots that are not given.
     pub fn resolved(&self, scene: &Scene) -> Self {
         let mut edit = self.clone();
         for map in &mut edit.maps {
@@ -41,15 +45,17 @@ impl Edit {
         edit
     }
 
-    /// Its maps as one; pivots that are not given count as 1, so [`Self::resolved`] comes first.
+    /// Returns the maps as one chain. Pivots that are not given count as 1, so call
+    /// [`Self::resolved`] first.
     pub fn chain(&self) -> MapChain<'_> {
         MapChain::new(&self.maps, 1.0)
     }
 
-    /// Applies the edit and adds it to [`Scene::edits`]. An edit without maps selects, and changes nothing.
+    /// Applies the edit and adds it to [`Scene::edits`]. An edit without maps only selects and
+    /// changes nothing.
     ///
     /// # Errors
-    /// [`EditError`]; the scene is unchanged then.
+    /// [`EditError`]; the scene is then unchanged.
     pub fn apply(&self, scene: &mut Scene, masks: &MaskShares, sh_map: ShMap) -> Result<Applied, EditError> {
         self.check()?;
         let edit = self.resolved(scene);
@@ -64,14 +70,14 @@ impl Edit {
     }
 }
 
-/// `sh` and `raw_luminance` after the maps, and the hue shift.
+/// New `sh` and `raw_luminance`, and the hue shift.
 type Recolored = ((Vec<f32>, Vec<f32>), Option<f64>);
 
 fn recolored(scene: &Scene, chain: &MapChain<'_>, weights: &[f32], sh_map: ShMap) -> Result<Recolored, EditError> {
     let Splats { color_model: model, .. } = scene.splats;
     let (k, m) = (3 * model.sh_coefficients(), model.luminance_coefficients());
     let (mut sh, mut raw) = (scene.splats.sh.clone(), scene.splats.raw_luminance.clone());
-    // A gain scales harmonics exactly; any other map makes them something that is no harmonics.
+    // A gain scales harmonics exactly; the result of any other map is not a sum of harmonics.
     let refit = (!model.separates_luminance() && chain.constant_gain().is_none()).then(|| Refit::new(model.sh_degree()));
     let (mut moved, mut light) = (0.0, 0.0);
     for (i, weight) in weights.iter().enumerate().filter(|(_, weight)| **weight > 0.0) {

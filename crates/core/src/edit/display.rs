@@ -1,4 +1,4 @@
-//! Edits as text: the form that [`super::text`] reads.
+//! Conversion of edits to text, in the form that [`super::text`] reads.
 
 use std::fmt;
 
@@ -35,7 +35,7 @@ impl fmt::Display for Selection {
 }
 
 impl Selection {
-    /// As a part of a larger one.
+    /// Returns the text as an operand of a larger selection.
     fn operand(&self) -> String {
         if matches!(self, Self::And(_) | Self::Or(_)) { format!("({self})") } else { self.to_string() }
     }

@@ -1,14 +1,18 @@
-//! How near a render of an edited scene comes to the ideally edited render of the scene as it was.
+//! Fidelity of an edited scene: the difference between its render and the ideally edited render of
+//! the original scene.
 //!
-//! Ideal: the maps on each pixel's luminance (R + G + B), its chromaticity kept. Splats are edited before they are blended, so that even a
-//! perfect edit of splats is not this edit of pixels where bright and dark splats share a pixel: the error of luminance tells how
-//! much. Chromaticity error of a pixel: the sum of the absolute differences of the channels' shares, 0 to 2; pixels that are black on
-//! either side have none.
+//! In: pairs of images. Out: errors of chromaticity and luminance.
+//!
+//! The ideal edit applies the maps to each pixel's luminance (R + G + B) and keeps its
+//! chromaticity. Splats are edited before they are blended, so even a perfect edit of splats
+//! differs from this edit of pixels where bright and dark splats share a pixel; the luminance error
+//! measures by how much. The chromaticity error of a pixel is the sum of the absolute differences
+//! of the channels' shares, 0 to 2; pixels that are black in either image have none.
 
 use super::MapChain;
 use crate::{Image, luminance_sum};
 
-/// `image`, in the units of the data set, with the maps applied to each pixel's luminance.
+/// Returns `image`, in the units of the data set, with the maps applied to each pixel's luminance.
 pub fn ideally_edited(image: &Image, chain: &MapChain<'_>) -> Image {
     let mut edited = image.clone();
     for pixel in &mut edited.pixels {
@@ -18,7 +22,10 @@ pub fn ideally_edited(image: &Image, chain: &MapChain<'_>) -> Image {
     edited
 }
 
-/// Sum of the absolute differences of two colours' chromaticities, channels below 0 counting as 0; `None` if one of them is black.
+/// Returns the sum of the absolute differences of two colours' chromaticities; `None` if one of
+/// them is black.
+///
+/// Channels below 0 count as 0.
 pub fn chromaticity_distance(a: [f32; 3], b: [f32; 3]) -> Option<f64> {
     let chromaticity = |rgb: [f32; 3]| {
         let rgb = rgb.map(|c| f64::from(c.max(0.0)));
@@ -29,15 +36,16 @@ pub fn chromaticity_distance(a: [f32; 3], b: [f32; 3]) -> Option<f64> {
     Some(a.iter().zip(b).map(|(a, b)| (a - b).abs()).sum())
 }
 
-/// Bits of a distance's f32 that its bin leaves out: bins are 2^-10 of their values wide.
+/// Number of low bits of an f32 distance that its bin ignores: a bin is 2^-10 of its value wide.
 const BIN_SHIFT: u32 = f32::MANTISSA_DIGITS - 1 - 10;
-/// Bins up to the largest distance, 2.
+/// Number of bins up to the largest distance, 2.
 const BINS: usize = (2f32.to_bits() >> BIN_SHIFT) as usize + 1;
 
-/// Differences of edited and ideally edited pixels, summed up: of one size for any number of pixels.
+/// A running sum of the differences between edited and ideally edited pixels, of constant size for
+/// any number of pixels.
 #[derive(Clone, Debug)]
 pub struct FidelityMeter {
-    /// Pixels by chromaticity error.
+    /// Number of pixels by chromaticity error.
     histogram: Vec<u64>,
     pixels: u64,
     chromaticity: f64,
@@ -53,23 +61,23 @@ impl Default for FidelityMeter {
     }
 }
 
-/// Figures of a [`FidelityMeter`].
+/// The metrics of a [`FidelityMeter`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fidelity {
     /// Chromaticity error, mean over pixels.
     pub chromaticity: f64,
-    /// Chromaticity error that 95 % of the pixels do not exceed, to a thousandth of itself.
+    /// 95th percentile of the pixels' chromaticity errors, to a thousandth of itself.
     pub chromaticity_p95: f64,
-    /// Chromaticity error, mean over light: pixels by their ideal luminance.
+    /// Chromaticity error, mean over pixels weighted by their ideal luminance.
     pub chromaticity_by_light: f64,
     /// Mean absolute error of luminance, stops.
     pub luminance_stops: f64,
-    /// Pixels that are not black.
+    /// Number of pixels that are not black.
     pub pixels: u64,
 }
 
 impl FidelityMeter {
-    /// Adds the pixels of an image; both of one size and unit.
+    /// Adds the pixels of a pair of images of equal size and unit.
     pub fn add(&mut self, edited: &Image, ideal: &Image) {
         for (edited, ideal) in edited.pixels.iter().zip(&ideal.pixels) {
             if let Some(distance) = chromaticity_distance(*edited, *ideal) {
@@ -85,7 +93,7 @@ impl FidelityMeter {
         }
     }
 
-    /// `None` of no pixels.
+    /// Returns the metrics; `None` if no pixel was counted.
     pub fn figures(&self) -> Option<Fidelity> {
         let pixels = self.pixels as f64;
         let mut reached = 0;
@@ -132,7 +140,8 @@ mod tests {
 
     #[test]
     fn figures_are_those_of_the_distances() {
-        // Chromaticities (1 - d, d, 0) against (1, 0, 0) are 2 d apart; luminance grows with d, and is half of what it should be.
+        // Chromaticities (1 - d, d, 0) and (1, 0, 0) differ by 2 d. Luminance grows with d and is
+        // half of what it should be.
         let pixels = |edited: bool| {
             let pixel = |i: u16| {
                 let (d, l) = (f32::from(i) / 100.0, 1.0 + f32::from(i));

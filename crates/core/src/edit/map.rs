@@ -1,8 +1,9 @@
-//! Maps on luminance, and how several are one.
+//! Maps on luminance, and chains of them.
 //!
-//! In: luminance >= 0 in the units of the data set (R + G + B; only ratios matter to [`Map::Gain`]). Out: luminance >= 0. All maps are
-//! continuous and do not decrease; all but [`Map::ClampMax`], a gain of 0, and level parts of a [`Curve`] can be undone by another. Maps
-//! keep 0 where it is.
+//! In: luminance >= 0 in the units of the data set (R + G + B; [`Map::Gain`] depends on ratios
+//! only). Out: luminance >= 0. All maps are continuous, do not decrease, and keep 0 at 0. All are
+//! invertible by another map, except [`Map::ClampMax`], a gain of 0, and level parts of a
+//! [`Curve`].
 
 use std::fmt;
 
@@ -13,40 +14,42 @@ use super::EditError;
 pub enum Map {
     /// L' = gain L; gain >= 0.
     Gain(f32),
-    /// L' = pivot (L / pivot)^exponent: contrast about `pivot`; an exponent below 1 lifts shadows and tames lamps.
+    /// L' = pivot (L / pivot)^exponent: contrast about `pivot`. An exponent below 1 lifts shadows
+    /// and dims lights.
     Power {
-        /// Above 0; 1 changes nothing.
+        /// Exponent, above 0; 1 changes nothing.
         exponent: f32,
-        /// Luminance that stays as it is, above 0; `None`: the median of the scene's splats.
+        /// Luminance that stays unchanged, above 0; `None`: the median of the scene's splats.
         pivot: Option<f32>,
     },
-    /// Through given points.
+    /// A curve through given points.
     Curve(Curve),
-    /// L' = min(L, max); above 0.
+    /// L' = min(L, max); max is above 0.
     ClampMax(f32),
-    /// L' = t (L / t)^(1 / ratio) above the threshold t: so many stops above it become one.
+    /// L' = t (L / t)^(1 / ratio) above the threshold t: `ratio` stops above it become one.
     CompressAbove {
-        /// Above 0.
+        /// Threshold t, above 0.
         threshold: f32,
-        /// Above 0; 1 changes nothing, below 1 expands.
+        /// Ratio, above 0; 1 changes nothing, below 1 expands.
         ratio: f32,
     },
-    /// L' = t (L / t)^(1 - amount) below the threshold t: `amount` is the part of the distance to it, in stops, that goes.
+    /// L' = t (L / t)^(1 - amount) below the threshold t: `amount` is the part by which the
+    /// distance to it, in stops, shrinks.
     LiftBelow {
-        /// Above 0.
+        /// Threshold t, above 0.
         threshold: f32,
-        /// Below 1; 0 changes nothing, below 0 deepens.
+        /// Amount, below 1; 0 changes nothing, below 0 darkens.
         amount: f32,
     },
 }
 
-/// Ratio of [`Map::CompressAbove`] where none is given.
+/// Default ratio of [`Map::CompressAbove`].
 pub const DEFAULT_RATIO: f32 = 4.0;
-/// Amount of [`Map::LiftBelow`] where none is given.
+/// Default amount of [`Map::LiftBelow`].
 pub const DEFAULT_AMOUNT: f32 = 0.5;
 
 impl Map {
-    /// Whether its parameters are in range.
+    /// Checks that the parameters are in range.
     ///
     /// # Errors
     /// [`EditError::Parameter`].
@@ -76,7 +79,7 @@ impl Map {
         }
     }
 
-    /// The luminance that `luminance` > 0 becomes; `median` stands for a pivot that is not given.
+    /// Maps a `luminance` > 0; `median` replaces a pivot that is not given.
     fn of(&self, luminance: f64, median: f64) -> f64 {
         let about = |pivot: f64, exponent: f64| pivot * (luminance / pivot).powf(exponent);
         match *self {
@@ -91,7 +94,7 @@ impl Map {
     }
 }
 
-/// Maps one after another, ready to be evaluated.
+/// A chain of maps, ready for evaluation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MapChain<'m> {
     maps: &'m [Map],
@@ -99,18 +102,20 @@ pub struct MapChain<'m> {
 }
 
 impl<'m> MapChain<'m> {
-    /// `median` (above 0) is the pivot of powers that name none.
+    /// Returns the chain of `maps`; `median` (above 0) replaces pivots that are not given.
     pub fn new(maps: &'m [Map], median: f32) -> Self {
         Self { maps, median }
     }
 
-    /// Luminance after all maps.
+    /// Returns the luminance after all maps.
     pub fn of(&self, luminance: f32) -> f32 {
         self.of_exact(f64::from(luminance)) as f32
     }
 
-    /// L' / L to the power of `weight` (0 to 1): a selection's soft edge fades the change in stops. `None` where L is 0, unless all
-    /// maps are gains: black has no factor otherwise.
+    /// Returns L' / L to the power of `weight` (0 to 1); `None` where L is 0, unless all maps are
+    /// gains: black has no other factor.
+    ///
+    /// The power makes a selection's soft edge fade the change in stops.
     pub fn factor(&self, luminance: f32, weight: f32) -> Option<f32> {
         if let Some(gain) = self.constant_gain() {
             return Some(if weight >= 1.0 { gain } else { gain.powf(weight) });
@@ -120,14 +125,14 @@ impl<'m> MapChain<'m> {
         }
         let luminance = f64::from(luminance);
         let mapped = self.of_exact(luminance);
-        // To the bit: what a map leaves alone stays as it is.
+        // Exact comparison: a luminance that the maps do not change keeps its bits.
         if mapped == luminance {
             return Some(1.0);
         }
         Some((mapped / luminance).powf(weight.into()) as f32)
     }
 
-    /// The factor, if it is one for all luminances.
+    /// Returns the factor, if it is the same for all luminances.
     pub fn constant_gain(&self) -> Option<f32> {
         self.maps.iter().try_fold(1.0, |product, map| match map {
             Map::Gain(gain) => Some(product * gain),
@@ -141,18 +146,22 @@ impl<'m> MapChain<'m> {
     }
 }
 
-/// A monotone cubic through points, on logarithmic axes: luminance is a ratio scale, and three decades of shadow are as long as three of
-/// highlight. Fritsch and Butland 1984 (tangents that never overshoot), at the ends those of the secants, so that two points are a power
-/// law. Beyond the first and last point the gain is theirs.
+/// A monotone cubic through points, on logarithmic axes (Fritsch and Butland 1984).
+///
+/// Luminance is a ratio scale: on logarithmic axes three decades of shadow are as long as three of
+/// highlight. Tangents never overshoot. At the ends they are those of the secants, so that two
+/// points make a power law. Beyond the first and last point the gain is constant.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Curve {
     points: Vec<[f32; 2]>,
-    /// log2 of x, log2 of y, tangent.
+    /// Knots: log2 of x, log2 of y, tangent.
     knots: Vec<[f64; 3]>,
 }
 
 impl Curve {
-    /// Through points (luminance before, luminance after), all above 0; before ascends, after does not fall.
+    /// Returns the curve through points (luminance before, luminance after), all above 0.
+    ///
+    /// Luminance before ascends, luminance after does not decrease.
     ///
     /// # Errors
     /// [`EditError::Curve`].
@@ -184,7 +193,7 @@ impl Curve {
         Ok(Self { points, knots })
     }
 
-    /// As given.
+    /// Returns the points as given.
     pub fn points(&self) -> &[[f32; 2]] {
         &self.points
     }
@@ -197,7 +206,7 @@ impl Curve {
                 let h = x1 - x0;
                 let t = (x - x0) / h;
                 let s = 1.0 - t;
-                // Hermite's basis.
+                // The cubic Hermite basis.
                 (1.0 + 2.0 * t) * s * s * y0 + t * s * s * h * m0 + t * t * (3.0 - 2.0 * t) * y1 - t * t * s * h * m1
             }
             (Some(end), None) | (None, Some(end)) => x + end[1] - end[0],
@@ -254,7 +263,7 @@ mod tests {
             (Map::Curve(curve.clone()), 0.1, 0.2),
             (Map::Curve(curve.clone()), 1.0, 1.0),
             (Map::Curve(curve.clone()), 100.0, 10.0),
-            // The ends' gains go on.
+            // The gains at the ends continue.
             (Map::Curve(curve.clone()), 0.01, 0.02),
             (Map::Curve(curve), 1000.0, 100.0),
         ];
@@ -301,7 +310,7 @@ mod tests {
             ];
             let (low, high) = (a.min(b).exp2(), a.max(b).exp2());
             for map in maps {
-                // To rounding of the logarithms.
+                // Exact up to rounding of the logarithms.
                 prop_assert!(of(&map, low) <= of(&map, high) * (1.0 + 1e-6), "{}: {} {}", map, low, high);
             }
         }

@@ -1,24 +1,29 @@
-//! From pixels to splats: which of them make up the painted part of an image.
+//! From painted pixels to splats: each splat's share of the painted part of an image.
 
-/// Splats of which less than this is seen count as hidden. What lies behind 95 % of a pixel's opacity makes up at most 5 % of the pixel.
+/// Visible part below which a splat counts as hidden. What lies behind 95 % of a pixel's opacity
+/// adds at most 5 % to the pixel.
 const LEAST_SEEN: f32 = 0.05;
 
-/// What each splat gives to an image, sums over its pixels, `[N]` each. A splat's blending weight at a pixel is its alpha times the
-/// transmittance in front of it: the derivative of the pixel by the splat's radiance.
+/// The contributions of each splat to an image, as sums over its pixels, `[N]` each.
+///
+/// A splat's blending weight at a pixel is its alpha times the transmittance in front of it: the
+/// derivative of the pixel by the splat's radiance.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Contributions {
-    /// Blending weight times the pixel's mask.
+    /// Sum of blending weight times the pixel's mask.
     pub masked: Vec<f32>,
-    /// Blending weight.
+    /// Sum of blending weights.
     pub blended: Vec<f32>,
-    /// Alpha: what [`Self::blended`] would be with nothing in front.
+    /// Sum of alphas: the value of [`Self::blended`] if nothing were in front.
     pub unoccluded: Vec<f32>,
-    /// Masked blending weight times the brightest channel of the splat's radiance towards the camera, in the scene's units: the light that it brings.
+    /// Sum of masked blending weights times the brightest channel of the splat's radiance towards
+    /// the camera, in the scene's units: the light that the splat adds.
     pub light: Vec<f32>,
 }
 
 impl Contributions {
-    /// The part of each splat's blending weight that lies in the mask, 0 to 1; 0 for those that are hidden or not in the image.
+    /// Returns the part of each splat's blending weight that lies in the mask, 0 to 1; 0 for splats
+    /// that are hidden or outside the image.
     pub fn shares(&self) -> Vec<f32> {
         let share = |((masked, blended), unoccluded): ((&f32, &f32), &f32)| {
             let is_seen = *blended > 0.0 && *blended >= LEAST_SEEN * unoccluded;

@@ -1,17 +1,24 @@
-//! Edits of light: maps on the luminance of selected splats that leave geometry and chromaticity alone (LCD-GS, "luminance editing").
+//! Edits of light: maps on the luminance of selected splats that keep geometry and chromaticity
+//! (LCD-GS, "luminance editing").
 //!
-//! In: a [`crate::Scene`]. Out: the same scene with other colour coefficients. The luminance of a splat is R + G + B of its degree-0
-//! terms, in the units of the data set; an [`Edit`] turns it into a factor by which the splat's radiance is scaled in every direction.
-//! - Models with a luminance of their own (`Lcd`): that alone changes; chromaticity coefficients keep their bits.
-//! - Harmonics of radiance (`Sh`): a gain is exact; any other map is applied to evaluated colours and fitted again, which moves hues.
-//!   [`Applied::hue_shift`] tells how far.
+//! In: a [`crate::Scene`]. Out: the same scene with other colour coefficients. The luminance of a
+//! splat is R + G + B of its degree-0 terms, in the units of the data set. An [`Edit`] turns it
+//! into a factor, which scales the splat's radiance in every direction.
+//! - Models that separate luminance (`Lcd`): only the luminance changes; chromaticity coefficients
+//!   stay bit-identical.
+//! - Harmonics of radiance (`Sh`): a gain is exact. Any other map is applied to evaluated colours,
+//!   and harmonics are fitted to the result, which shifts hues. [`Applied::hue_shift`] reports by
+//!   how much.
 //!
-//! A gain of all splats multiplies every pixel on black by itself, to rounding, under [`crate::Cutoffs::PARITY`]. Cut-offs that follow
-//! radiance ([`crate::Cutoffs::HDR`]) keep more of a brighter splat's skirt, so that it holds within what they skip: `min_contribution`,
-//! times the gain where it brightens, for each splat over the pixel. Edits see splats, not pixels: what is said of an image edited pixel
-//! by pixel holds where splats of one luminance make up a pixel.
+//! Under [`crate::Cutoffs::PARITY`], a gain of all splats multiplies every pixel on a black
+//! background by that gain, up to rounding. Cut-offs that depend on radiance
+//! ([`crate::Cutoffs::HDR`]) keep more of a brighter splat's tail. There the result is exact up to
+//! the skipped contributions: for each splat over the pixel at most `min_contribution`, times the
+//! gain where it brightens. Edits change splats, not pixels: they match an edit of the image pixel
+//! by pixel where the splats of a pixel have equal luminance.
 //!
-//! Degenerate: a black splat stays black. Luminances of `Lcd` models end at 1e-8 normalised units, so a gain of 0 leaves that much.
+//! Degenerate: a black splat stays black. Luminances of `Lcd` models have a minimum of 1e-8
+//! normalised units, which a gain of 0 leaves.
 
 mod apply;
 mod display;
@@ -32,35 +39,37 @@ pub use select::{Comparison, Level, MaskName, MaskShares, Quantity, Selection};
 pub use summary::SelectionSummary;
 pub use text::{EditTextError, Statement};
 
-/// Maps on the luminance of selected splats, in order. The selection is made before the first map; soft edges fade all of them together.
+/// An edit: maps on the luminance of selected splats, in order.
+///
+/// The selection is evaluated before the first map; soft edges fade all maps together.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Edit {
-    /// Which splats.
+    /// Selection of splats.
     pub selection: Selection,
-    /// One after another.
+    /// Maps, applied one after another.
     pub maps: Vec<Map>,
 }
 
-/// Why an edit was not applied. The scene is as it was.
+/// Explains why an edit was not applied. The scene is unchanged.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum EditError {
-    /// Parameter out of range.
+    /// A parameter is out of range.
     #[error("{name} is {found}, expected {expected}")]
     Parameter {
-        /// Which.
+        /// Name of the parameter.
         name: &'static str,
-        /// Its value.
+        /// Value found.
         found: f32,
-        /// What it should be.
+        /// Range expected.
         expected: &'static str,
     },
-    /// Points that a curve can't go through.
+    /// The points do not define a curve.
     #[error("curve {0}")]
     Curve(String),
-    /// Shares of a mask that were not given, or are not of this scene.
+    /// The shares of a mask are missing or belong to another scene.
     #[error("mask {} of view {} has not been projected to this scene", .0.file, .0.view)]
     Mask(MaskName),
-    /// The result does not fit into f32.
+    /// The result does not fit in f32.
     #[error("splat {splat} of luminance {luminance} would overflow; lower the gain or the exponent")]
     Overflow {
         /// Index of the first such splat.

@@ -1,48 +1,53 @@
-//! Spherical harmonics of radiance under a map of luminance: evaluated, mapped, fitted again.
+//! Luminance maps on spherical harmonics of radiance: evaluate, map, fit again.
 //!
-//! In: `sh [K,3]` of a splat. Out: the harmonics whose sum is nearest, by least squares over [`DIRECTIONS`] fixed directions, to the mapped
-//! radiance. Luminance and hue are one set of numbers here, so that a map that is no plain gain moves hue: by its definition with
-//! [`ShMap::Channels`], and with both by what harmonics of the same degree can't say.
+//! In: `sh [K,3]` of a splat. Out: the harmonics nearest to the mapped radiance, by least squares
+//! over [`DIRECTIONS`] fixed directions. These harmonics do not separate luminance and hue, so a
+//! map other than a plain gain shifts hue: [`ShMap::Channels`] by definition, and both modes by
+//! what harmonics of the same degree cannot represent.
 //!
-//! Degenerate: a channel that is negative in a direction (and cut to 0 there) is scaled by the splat's factor at degree 0, so that it
-//! stays cut and a map that changes nothing changes nothing.
+//! Degenerate: a channel that is negative in a direction, and so clipped to 0 there, is scaled by
+//! the splat's factor at degree 0. It stays clipped, and a map that changes nothing changes no
+//! coefficient.
 
 use super::MapChain;
 use crate::sh::{self, MAX_COEFFICIENTS};
 use crate::{SH_OFFSET, least_squares, luminance_sum};
 
-/// Four for each harmonic of the highest degree.
+/// Number of fixed directions: four for each harmonic of the highest degree.
 const DIRECTIONS: usize = 4 * MAX_COEFFICIENTS;
 
-/// What a map of luminance is applied to where luminance is no parameter of its own ([`crate::ColorModel::Sh`]).
+/// The quantity that a luminance map acts on if the model does not separate luminance
+/// ([`crate::ColorModel::Sh`]).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ShMap {
-    /// The luminance of the colour in each direction, its ratios kept: what can be done at best.
+    /// The luminance of the colour in each direction; channel ratios are kept. The most accurate
+    /// choice.
     #[default]
     Luminance,
-    /// Each channel by itself, as c' = c^beta of RGB values (LCD-GS's comparison with 3DGS); grey is mapped as by [`Self::Luminance`].
+    /// Each channel by itself, as c' = c^beta of RGB values (LCD-GS's comparison with 3DGS). Grey
+    /// is mapped as by [`Self::Luminance`].
     Channels,
 }
 
 /// A basis of harmonics in fixed directions, and its pseudo-inverse.
 pub(super) struct Refit {
-    /// K.
+    /// Number K of coefficients.
     coefficients: usize,
-    /// `[DIRECTIONS]` basis values.
+    /// Basis values, one row per direction.
     values: Vec<[f64; MAX_COEFFICIENTS]>,
-    /// `[DIRECTIONS]`, (A^T A)^-1 A^T transposed.
+    /// Transpose of (A^T A)^-1 A^T, one row per direction.
     fit: Vec<[f64; MAX_COEFFICIENTS]>,
 }
 
-/// How one splat is mapped.
+/// The map of one splat.
 pub(super) struct SplatMap<'m> {
     pub(super) chain: &'m MapChain<'m>,
     pub(super) kind: ShMap,
-    /// Of the selection.
+    /// Weight of the selection.
     pub(super) weight: f32,
-    /// Luminance in the units of the data set of one normalised unit.
+    /// Luminance of one normalised unit, in the units of the data set.
     pub(super) scale: f32,
-    /// By the degree-0 term.
+    /// Factor of the degree-0 term.
     pub(super) base_factor: f32,
 }
 
@@ -51,7 +56,7 @@ impl SplatMap<'_> {
         self.chain.factor(luminance * self.scale, self.weight).unwrap_or(self.base_factor)
     }
 
-    /// Mapped radiance of an uncut one.
+    /// Maps radiance that is not clipped.
     fn of(&self, rgb: [f32; 3]) -> [f32; 3] {
         let shared = match self.kind {
             ShMap::Luminance => Some(self.factor(luminance_sum(rgb.map(|c| c.max(0.0))))),
@@ -82,11 +87,12 @@ impl Refit {
         Self { coefficients, values, fit }
     }
 
-    /// Replaces `sh [K,3]`; returns how far chromaticity moved: the sum of the channels' differences, 0 to 2, mean over directions.
+    /// Replaces `sh [K,3]` and returns the change of chromaticity: the sum of the channels'
+    /// differences, 0 to 2, averaged over directions.
     pub(super) fn apply(&self, sh: &mut [f32], map: &SplatMap<'_>) -> f64 {
         let before: Vec<[f32; 3]> = self.values.iter().map(|y| self.radiance(sh, y)).collect();
         let targets: Vec<[f32; 3]> = before.iter().map(|rgb| map.of(*rgb)).collect();
-        // To the bit: what a map leaves alone stays as it is.
+        // Exact comparison: what the map does not change keeps its bits.
         if targets == before {
             return 0.0;
         }
@@ -104,7 +110,7 @@ impl Refit {
         moved.sum::<f64>() / DIRECTIONS as f64
     }
 
-    /// Not cut at 0.
+    /// Returns the radiance, not clipped at 0.
     fn radiance(&self, sh: &[f32], values: &[f64; MAX_COEFFICIENTS]) -> [f32; 3] {
         let mut rgb = [f64::from(SH_OFFSET); 3];
         for (k, y) in sh.chunks_exact(3).zip(values) {
@@ -167,7 +173,7 @@ mod tests {
         // R : G : B = 1 : 2 : 3, sum 1.2.
         let expected = 0.3 * (1.2f32 / 0.3).powf(1.2) / 6.0;
         assert!((SH_OFFSET + sh::C0 * luminance[0] - expected).abs() < 1e-5);
-        // Each channel as grey of its own: 3 c.
+        // Each channel is mapped like a grey of luminance 3 c.
         let expected = 0.3 * (0.6f32 / 0.3).powf(1.2) / 3.0;
         assert!((SH_OFFSET + sh::C0 * channels[0] - expected).abs() < 1e-5);
     }

@@ -1,11 +1,14 @@
-//! Which splats an edit changes, and how much.
+//! Selection of the splats that an edit changes, with weights.
 //!
-//! In: a scene, and the shares of painted masks. Out: one weight per splat, 0 (left alone, to the bit) to 1. Tests are on a splat's colour
-//! at degree 0 (the same from everywhere) and on its centre. A soft edge of width w lies half inside and half outside of the hard one,
-//! so that `not` of a soft selection is as soft; it is measured in stops for luminance, degrees for hue, world units for shapes, and in
-//! the quantity itself for saturation and masks. And, or, not are minimum, maximum, 1 - weight.
+//! In: a scene, and each splat's share of painted masks. Out: one weight per splat, from 0 (the
+//! splat keeps its bits) to 1. Tests read a splat's colour at degree 0 (the same in every
+//! direction) and its centre. A soft edge of width w extends w / 2 to either side of the hard edge,
+//! so `not` of a soft selection is equally soft. Its width is in stops for luminance, degrees for
+//! hue, world units for shapes, and in the quantity's own unit for saturation and masks. And, or,
+//! not are minimum, maximum, 1 - weight.
 //!
-//! Hue and saturation are those of HSV on linear Rec.709. Degenerate: grey has no hue, and is in no range of hues.
+//! Hue and saturation are those of HSV on linear Rec.709. Degenerate: grey has no hue and lies in
+//! no range of hues.
 
 use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
@@ -14,113 +17,115 @@ use super::EditError;
 use crate::Scene;
 use crate::tone::rec709_of;
 
-/// A property of a splat that can be compared.
+/// A quantity of a splat that can be compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quantity {
-    /// R + G + B, units of the data set.
+    /// Luminance R + G + B, units of the data set.
     Luminance,
-    /// Degrees, 0 to 360.
+    /// Hue in degrees, 0 to 360.
     Hue,
-    /// 0 (grey) to 1.
+    /// Saturation, 0 (grey) to 1.
     Saturation,
 }
 
-/// A value to compare with.
+/// A level to compare with.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Level {
-    /// Itself.
+    /// The value itself.
     Absolute(f32),
-    /// The value that this percentage of the scene's splats lies below; nearest rank.
+    /// A percentile of the scene's splats: the value below which this percentage of them lies;
+    /// nearest rank.
     Percentile(f32),
 }
 
-/// `<`, `<=`, `>`, `>=`.
+/// A comparison with a level: `<`, `<=`, `>`, `>=`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Comparison {
-    /// `<`.
+    /// Less than: `<`.
     Below,
-    /// `<=`.
+    /// At most: `<=`.
     AtMost,
-    /// `>`.
+    /// Greater than: `>`.
     Above,
-    /// `>=`.
+    /// At least: `>=`.
     AtLeast,
 }
 
 /// A painted mask: an image file, and the view of the data set that it was painted over.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct MaskName {
-    /// File.
+    /// Name of the file.
     pub file: String,
-    /// Name of the view, or its last part.
+    /// Name of the view, or the last part of its name.
     pub view: String,
 }
 
-/// What share of each splat lies in the painted part of masks, `[N]`, 0 to 1: see [`super::Contributions::shares`].
+/// Share of each splat that lies in the painted part, `[N]`, 0 to 1, by mask: see
+/// [`super::Contributions::shares`].
 pub type MaskShares = BTreeMap<MaskName, Vec<f32>>;
 
-/// Which splats.
+/// A selection of splats.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum Selection {
-    /// All of them.
+    /// All splats.
     #[default]
     All,
-    /// Those on one side of a level.
+    /// Splats on one side of a level.
     Compare {
-        /// What is compared.
+        /// Quantity to compare.
         quantity: Quantity,
-        /// How.
+        /// Comparison with the level.
         comparison: Comparison,
-        /// With what.
+        /// Level to compare with.
         level: Level,
         /// Width of the soft edge.
         feather: f32,
     },
-    /// Those between two levels, both included. Hues go up from `low` and may pass 360.
+    /// Splats between two levels, both included. Hues ascend from `low` and may pass 360.
     Within {
-        /// What is compared.
+        /// Quantity to compare.
         quantity: Quantity,
-        /// From.
+        /// Lower level.
         low: Level,
-        /// To.
+        /// Upper level.
         high: Level,
         /// Width of the soft edges.
         feather: f32,
     },
-    /// Those in a box along the world's axes.
+    /// Splats in a box along the world's axes.
     Cuboid {
-        /// Least coordinates.
+        /// Smallest coordinates.
         min: [f32; 3],
-        /// Greatest coordinates.
+        /// Largest coordinates.
         max: [f32; 3],
         /// Width of the soft edge.
         feather: f32,
     },
-    /// Those in a sphere.
+    /// Splats in a sphere.
     Sphere {
-        /// World.
+        /// Centre, world coordinates.
         center: [f32; 3],
-        /// World units.
+        /// Radius, world units.
         radius: f32,
         /// Width of the soft edge.
         feather: f32,
     },
-    /// Those of which at least half is seen through the painted part of a mask.
+    /// Splats of which at least half is visible through the painted part of a mask.
     Mask {
-        /// Which.
+        /// Mask.
         name: MaskName,
-        /// Width of the soft edge, about a share of one half.
+        /// Width of the soft edge, centred on a share of one half.
         feather: f32,
     },
-    /// The others.
+    /// Splats outside a selection.
     Not(Box<Self>),
-    /// In every one of these.
+    /// Splats in every one of these.
     And(Vec<Self>),
-    /// In at least one of these.
+    /// Splats in at least one of these.
     Or(Vec<Self>),
 }
 
-/// What selections look at, `[N]` each.
+/// The data that selections read, `[N]` each.
 struct Facts<'s> {
     scene: &'s Scene,
     luminance: Vec<f32>,
@@ -129,16 +134,16 @@ struct Facts<'s> {
 }
 
 impl Selection {
-    /// The weight of every splat of `scene`. `masks` holds the shares of [`Self::masks`].
+    /// Returns the weight of every splat of `scene`. `masks` holds the shares of [`Self::masks`].
     ///
     /// # Errors
-    /// [`EditError`]: a parameter out of range, a mask that is not there or not of this scene.
+    /// [`EditError`] if a parameter is out of range, or a mask is missing or of another scene.
     pub fn weights(&self, scene: &Scene, masks: &MaskShares) -> Result<Vec<f32>, EditError> {
         self.check()?;
         self.of(&Facts::of(scene), masks)
     }
 
-    /// The masks it looks at.
+    /// Returns the masks that the selection uses.
     pub fn masks(&self) -> Vec<&MaskName> {
         match self {
             Self::Mask { name, .. } => vec![name],
@@ -148,7 +153,7 @@ impl Selection {
         }
     }
 
-    /// Whether its parameters are in range.
+    /// Checks that the parameters are in range.
     ///
     /// # Errors
     /// [`EditError::Parameter`].
@@ -250,7 +255,7 @@ fn check_level(quantity: Quantity, level: Level) -> Result<(), EditError> {
     }
 }
 
-/// Weight at `depth` inside of an edge (negative outside) that is `feather` wide.
+/// Returns the weight at `depth` inside (negative: outside) an edge that is `feather` wide.
 fn edge(depth: f32, feather: f32) -> f32 {
     if feather > 0.0 { smoothstep(0.5 + depth / feather) } else { f32::from(depth >= 0.0) }
 }
@@ -274,7 +279,7 @@ impl<'s> Facts<'s> {
         facts
     }
 
-    /// Values of the splats that have one.
+    /// Returns the values of all splats that have one.
     fn values(&self, quantity: Quantity) -> Vec<f32> {
         match quantity {
             Quantity::Luminance => self.luminance.clone(),
@@ -319,7 +324,7 @@ impl<'s> Facts<'s> {
 
     fn hue_within(&self, levels: [Level; 2], feather: f32) -> Vec<f32> {
         let [low, high] = levels.map(|level| self.level(Quantity::Hue, level));
-        // 0 to 360 is the whole circle, 360 degrees wide and not 0.
+        // The range 0 to 360 is the whole circle, 360 degrees wide and not 0.
         let width = if high - low >= 360.0 { 360.0 } else { (high - low).rem_euclid(360.0) };
         let depth = |hue: f32| {
             let from_low = (hue - low).rem_euclid(360.0);
@@ -334,19 +339,20 @@ impl<'s> Facts<'s> {
     }
 }
 
-/// Nearest rank; `None` of no values.
+/// Returns the percentile by nearest rank; `None` if there are no values.
 pub(super) fn percentile(mut values: Vec<f32>, percent: f32) -> Option<f32> {
     values.sort_unstable_by(f32::total_cmp);
     let last = values.len().checked_sub(1)?;
     values.get((f64::from(percent) / 100.0 * last as f64).round() as usize).copied()
 }
 
-/// HSV hue in degrees (`None` for grey) and saturation; channels below 0 (out of gamut) count as 0.
+/// Returns HSV hue in degrees (`None` for grey) and saturation; channels below 0 (out of gamut)
+/// count as 0.
 fn hue_saturation(rgb: [f32; 3]) -> (Option<f32>, f32) {
     let [r, g, b] = rgb.map(|c| c.max(0.0));
     let (low, high) = (r.min(g).min(b), r.max(g).max(b));
     let span = high - low;
-    // Rounding of three equal channels is no hue.
+    // Three equal channels with rounding errors have no hue.
     if span <= 1e-6 * high {
         return (None, 0.0);
     }

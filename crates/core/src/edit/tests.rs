@@ -7,7 +7,7 @@ fn lcd(luminance_degree: u8, activation: Activation) -> ColorModel {
     ColorModel::Lcd { chroma_degree: 3, luminance_degree, activation }
 }
 
-/// Models whose scaling is exact.
+/// Returns the models whose scaling is exact.
 fn exact_models() -> Vec<ColorModel> {
     let mut models = vec![ColorModel::Sh { degree: 0 }, ColorModel::Sh { degree: 3 }, ColorModel::Sh { degree: 5 }];
     models.extend([Activation::Softplus, Activation::Exp, Activation::Relu].map(|a| lcd(0, a)));
@@ -18,7 +18,8 @@ fn exact_models() -> Vec<ColorModel> {
 /// Radiance of one normalised unit.
 const SCALE: f32 = 8.0;
 
-/// Splats along x of luminance around `2^ev` in units of the data set, with view dependence.
+/// Returns splats along x with luminance around `2^ev` in units of the data set, with view
+/// dependence.
 fn scene(model: ColorModel, evs: &[f32], wobble: f32) -> Scene {
     let mut splats = Splats::empty(model);
     for (n, ev) in evs.iter().enumerate() {
@@ -53,7 +54,8 @@ fn selected(scene: &Scene, selection: &str) -> Vec<f32> {
 
 const DIRECTIONS: [[f32; 3]; 4] = [[1.0, 0.0, 0.0], [0.0, 0.6, 0.8], [-0.48, 0.64, -0.6], [0.0, 0.0, -1.0]];
 
-/// f32 tolerance: relative, plus the cancellation of the offset of 1/2 in `Sh` and the floor of luminances.
+/// Compares within f32 tolerance: relative, plus the cancellation of the offset of 1/2 in `Sh` and
+/// the floor of luminances.
 fn close(found: f32, expected: f32, factor: f32) -> bool {
     (found - expected).abs() < 2e-5 * expected + 3e-6 * (1.0 + factor)
 }
@@ -107,7 +109,8 @@ proptest! {
         }
     }
 
-    /// To 1e-4 of the luminance, and 1e-7 where the edit takes it near 1e-8 normalised units, the least there is.
+    /// Tolerance: 1e-4 of the luminance, and 1e-7 where the edit brings it near the minimum of 1e-8
+    /// normalised units.
     #[test]
     fn an_edit_and_its_inverse_give_back_the_scene(ev in -10f32..10.0, stops in -8f32..8.0, exponent in 0.4f32..2.5, ratio in 0.5f32..4.0) {
         let amount = 1.0 - 1.0 / ratio;
@@ -131,7 +134,8 @@ proptest! {
         }
     }
 
-    /// Of harmonics a gain alone has an inverse. An offset of 1/2 lies beneath their radiance: what is darker than f32 resolves there is lost.
+    /// Only gains are invertible on harmonics. Radiance darker than f32 resolves beside the offset
+    /// of 1/2 is lost.
     #[test]
     fn a_gain_of_harmonics_and_its_inverse_give_back_the_scene(ev in -10f32..10.0, stops in -8f32..8.0) {
         for degree in [0, 3, 5] {
@@ -341,7 +345,7 @@ fn the_median_is_the_pivot_and_the_edit_is_recorded() {
     assert_eq!(scene.edits, ["where L < 100; power 2; pivot 2; gain 0.5"]);
     apply(&mut scene, "stops 1").unwrap();
     assert_eq!(scene.edits[1], "where all; gain 2");
-    // Selecting alone is no edit.
+    // An edit that only selects is not logged.
     apply(&mut scene, "where L < 1").unwrap();
     assert_eq!(scene.edits.len(), 2);
 }

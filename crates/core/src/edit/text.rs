@@ -1,20 +1,23 @@
-//! The text form of edits: what `luxel render --edit` takes, and what is recorded in an edited scene.
+//! The text form of edits: as users write them, and as an edited scene's log stores them.
 //!
 //! ```text
 //! edits     = statement (';' statement)*
-//! statement = 'where' selection | 'gain' X | 'stops' X | 'power' X | 'pivot' X | 'curve' X:Y,X:Y,...
-//!           | 'clamp-max' X | 'compress-above' X[:RATIO] | 'lift-below' X[:AMOUNT]
+//! statement = 'where' selection | 'gain' X | 'stops' X | 'power' X | 'pivot' X
+//!           | 'curve' X:Y,X:Y,... | 'clamp-max' X | 'compress-above' X[:RATIO]
+//!           | 'lift-below' X[:AMOUNT]
 //! selection = every ('or' every)*
 //! every     = unary ('and' unary)*
 //! unary     = 'not' unary | '(' selection ')' | test ['~' WIDTH]
 //! test      = 'all' | quantity ('<' | '<=' | '>' | '>=') level | quantity 'in' level '..' level
-//!           | 'box' '(' x0,y0,z0,x1,y1,z1 ')' | 'sphere' '(' x,y,z,RADIUS ')' | 'mask' '(' FILE, VIEW ')'
+//!           | 'box' '(' x0,y0,z0,x1,y1,z1 ')' | 'sphere' '(' x,y,z,RADIUS ')'
+//!           | 'mask' '(' FILE, VIEW ')'
 //! quantity  = 'L' | 'luminance' | 'hue' | 'saturation'
 //! level     = X | 'p' PERCENT
 //! ```
-//! FILE and VIEW are bare, or in single or double quotes. A `where` holds for the maps after it, up to the next; `pivot` is that of the
-//! power before it. What `Display` writes reads back as the same edits. Degenerate: empty text is no edits; nothing makes the
-//! reader panic, and errors name the column, counted from 1.
+//! FILE and VIEW are bare, or in single or double quotes. A `where` applies to the maps after it,
+//! up to the next; `pivot` belongs to the `power` before it. The output of `Display` reads back as
+//! the same edits. Degenerate: empty text gives no edits. No input makes the reader panic; errors
+//! name the column, counted from 1.
 
 use std::str::FromStr;
 
@@ -24,24 +27,24 @@ use super::{Comparison, Curve, Edit, EditError, Level, Map, MaskName, Quantity, 
 /// Deepest nesting of parentheses and `not`.
 const MAX_DEPTH: usize = 64;
 
-/// What is wrong with a text, and where.
+/// A syntax error in an edit's text, with its column.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("column {column}: {message}")]
 pub struct EditTextError {
-    /// Character, counted from 1.
+    /// Column in characters, counted from 1.
     pub column: usize,
-    /// Expected and found.
+    /// Message with expected and found.
     pub message: String,
 }
 
-/// One part of the text form.
+/// A statement of the text form.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Statement {
-    /// Begins an edit.
+    /// Begins an edit with this selection.
     Where(Selection),
-    /// Adds a map to it.
+    /// Adds a map to the edit.
     Map(Map),
-    /// Sets the pivot of the power before.
+    /// Sets the pivot of the preceding power.
     Pivot(f32),
 }
 
@@ -49,7 +52,7 @@ impl Statement {
     /// Names of the statements that are maps.
     pub const MAPS: [&'static str; 7] = ["gain", "stops", "power", "curve", "clamp-max", "compress-above", "lift-below"];
 
-    /// The statement `name` with the value `text`.
+    /// Parses the statement `name` with the value `text`.
     ///
     /// # Errors
     /// [`EditTextError`], its column counted in `text`.
@@ -64,7 +67,7 @@ impl Statement {
 impl FromStr for Edit {
     type Err = EditTextError;
 
-    /// Reads the text form of one edit: one selection and the maps behind it.
+    /// Reads the text form of one edit: one selection and its maps.
     fn from_str(text: &str) -> Result<Self, EditTextError> {
         let edits = Self::parse_all(text)?;
         let count = edits.len();
@@ -106,10 +109,10 @@ impl Edit {
         }
     }
 
-    /// Puts statements together. The error is the index of a statement that stands where it can't, and why.
+    /// Combines statements into edits.
     ///
     /// # Errors
-    /// A pivot without a power before it.
+    /// The index of a pivot without a power before it, and the reason.
     pub fn sequence<'s>(statements: impl IntoIterator<Item = &'s Statement>) -> Result<Vec<Self>, (usize, String)> {
         let mut edits: Vec<Self> = Vec::new();
         for (i, statement) in statements.into_iter().enumerate() {
@@ -146,10 +149,10 @@ fn statement_names() -> String {
     format!("one of where, pivot, {}", Statement::MAPS.join(", "))
 }
 
-/// A place in a text.
+/// A position in a text.
 struct Cursor<'t> {
     text: &'t str,
-    /// Byte.
+    /// Byte offset.
     at: usize,
 }
 
@@ -162,12 +165,12 @@ impl<'t> Cursor<'t> {
         self.column_of(self.at)
     }
 
-    /// Column of a byte.
+    /// Returns the column of a byte.
     fn column_of(&self, at: usize) -> usize {
         self.text.get(..at).unwrap_or_default().chars().count() + 1
     }
 
-    /// What is wrong with the value that begins at byte `at`.
+    /// Returns the error of an invalid value that begins at byte `at`.
     fn refused(&self, at: usize, reason: &EditError) -> EditTextError {
         EditTextError { column: self.column_of(at), message: reason.to_string() }
     }
@@ -176,7 +179,7 @@ impl<'t> Cursor<'t> {
         self.at = self.text.len() - self.rest().trim_start().len();
     }
 
-    /// Passes `symbol` and the space behind it.
+    /// Consumes `symbol` and the space after it; returns whether it was there.
     fn eat(&mut self, symbol: &str) -> bool {
         let found = self.rest().starts_with(symbol);
         if found {
@@ -199,9 +202,9 @@ impl<'t> Cursor<'t> {
     }
 
     fn expected(&self, what: &str) -> EditTextError {
-        /// Characters shown of what was found.
-        const SHOWN: usize = 16;
-        let found: String = self.rest().chars().take(SHOWN).collect();
+        /// Number of characters of the found text in a message.
+        const MAX_FOUND: usize = 16;
+        let found: String = self.rest().chars().take(MAX_FOUND).collect();
         self.error(if found.is_empty() { format!("expected {what}, found the end") } else { format!("expected {what}, found {found:?}") })
     }
 
@@ -232,7 +235,7 @@ impl<'t> Cursor<'t> {
             at
         };
         let mut end = digits(usize::from(matches!(bytes.first(), Some(b'+' | b'-'))));
-        // The first point of ".." is not a decimal one.
+        // The first point of ".." is not a decimal point.
         if bytes.get(end) == Some(&b'.') && bytes.get(end + 1) != Some(&b'.') {
             end = digits(end + 1);
         }
@@ -249,7 +252,7 @@ impl<'t> Cursor<'t> {
         Ok(value)
     }
 
-    /// `count` numbers with commas between them.
+    /// Reads `count` numbers separated by commas.
     fn numbers<const COUNT: usize>(&mut self, names: [&str; COUNT]) -> Result<[f32; COUNT], EditTextError> {
         let mut values = [0.0; COUNT];
         for (i, (value, name)) in values.iter_mut().zip(names).enumerate() {
@@ -261,7 +264,7 @@ impl<'t> Cursor<'t> {
         Ok(values)
     }
 
-    /// A quoted text, or a bare one up to `stop`.
+    /// Reads a quoted text, or a bare one up to `stop`.
     fn name(&mut self, stop: char, what: &str) -> Result<String, EditTextError> {
         let rest = self.rest();
         let quote = rest.chars().next().filter(|c| ['"', '\''].contains(c));
@@ -269,7 +272,7 @@ impl<'t> Cursor<'t> {
             Some(quote) => (rest.get(1..).and_then(|inner| inner.split_once(quote)).map(|(name, _)| name), 2),
             None => (rest.split_once(stop).map(|(name, _)| name.trim_end()), 0),
         };
-        // What is kept can be quoted again.
+        // The name must be quotable again.
         let usable = |name: &&str| {
             let is_quotable = !(name.contains('"') && name.contains('\''));
             is_quotable && !name.is_empty() && !name.contains(char::is_control)
@@ -322,7 +325,7 @@ impl<'t> Cursor<'t> {
         self.list("or", |cursor| cursor.list("and", |cursor| cursor.unary(depth), Selection::And), Selection::Or)
     }
 
-    /// One, or several with `word` between them.
+    /// Reads one item, or several with `word` between them.
     fn list(
         &mut self,
         word: &str,

@@ -1,4 +1,7 @@
 //! The trait that every engine implements, and its error.
+//!
+//! In: splats, cameras, views and densification plans. Out: images, reports and splats. Images and
+//! radiance are in normalised units.
 
 use std::time::Duration;
 
@@ -20,15 +23,15 @@ pub enum EngineError {
     Invalid {
         /// Place, expected and found.
         message: String,
-        /// What to do about it, where there is something beside mending the input.
+        /// Advice, if anything but correcting the input helps.
         remedy: Option<Remedy>,
     },
-    /// The device failed: out of memory, lost, hung.
+    /// The device failed: it ran out of memory, was lost or hung.
     #[error("{message}")]
     Device {
         /// Pass, resource and limit.
         message: String,
-        /// What to do about it.
+        /// Advice on the failure.
         remedy: Option<Remedy>,
     },
 }
@@ -44,8 +47,8 @@ impl EngineError {
         Self::Device { message: message.into(), remedy: None }
     }
 
-    /// Returns this error with what to do about it; errors of cameras and splats have no remedy but
-    /// mending the input.
+    /// Returns this error with advice. Errors of cameras and splats stay without, since only a
+    /// correct input helps.
     #[must_use]
     pub fn with_remedy(mut self, new: Remedy) -> Self {
         if let Self::Invalid { remedy, .. } | Self::Device { remedy, .. } = &mut self {
@@ -54,12 +57,13 @@ impl EngineError {
         self
     }
 
-    /// Returns what to do about the error.
+    /// Returns the advice on the error, if there is any.
     ///
     /// ```
     /// use luxel_core::{EngineError, Remedy};
     ///
-    /// let error = EngineError::device("gpu: out of memory").with_remedy(Remedy::lower("max_splats"));
+    /// let lower = Remedy::lower("max_splats");
+    /// let error = EngineError::device("gpu: out of memory").with_remedy(lower);
     /// assert_eq!(error.remedy().map(Remedy::to_string).as_deref(), Some("lower max_splats"));
     /// ```
     pub fn remedy(&self) -> Option<&Remedy> {
@@ -72,11 +76,12 @@ impl EngineError {
 
 /// A renderer and trainer of splats: blocking, object-safe, coarse.
 pub trait Engine: Send {
-    /// Replaces the scene; moments start at zero if absent. Statistics start anew.
+    /// Replaces the scene; absent moments start at zero. Statistics restart.
     ///
     /// # Errors
     /// [`EngineError::Splats`] for invalid arrays, of moments too; [`EngineError::Invalid`] for
-    /// moments of other splats. The engine then keeps the scene it has. [`EngineError::Device`].
+    /// moments of other splats. The engine then keeps its current scene. [`EngineError::Device`] if
+    /// the device fails.
     fn load(&mut self, splats: &Splats, moments: Option<&Moments>) -> Result<(), EngineError>;
 
     /// Returns the current scene and moments.
@@ -99,8 +104,8 @@ pub trait Engine: Send {
         Err(EngineError::invalid("this engine renders no depth and alpha").with_remedy(Remedy::set("device", "cpu")))
     }
 
-    /// Returns what each splat contributes to the image that [`Engine::render`] makes, and how much
-    /// of that lies in `mask` (`[H*W]`, row-major, 0 to 1): the splats that a painted mask selects.
+    /// Returns the contributions of each splat to the image that [`Engine::render`] makes, in total
+    /// and within `mask` (`[H*W]`, row-major, 0 to 1), for selecting splats by a painted mask.
     ///
     /// # Errors
     /// [`EngineError::Camera`], [`EngineError::Invalid`] if the mask is not of the camera's size,
@@ -116,18 +121,20 @@ pub trait Engine: Send {
         Ok(None)
     }
 
-    /// Makes one training step towards `view`, whose image times [`LossConfig::target_scale`] is in
-    /// normalised units, or holds recorded values if the loss has a response curve. Views that share
-    /// an image's allocation have the same image: an engine may keep what it derives from it.
+    /// Runs one training step towards `view`.
     ///
-    /// An engine may work ahead. The report is then about an earlier step, the newest one known, and
-    /// every other call waits for the steps in flight. If a loss is not finite, such an engine
+    /// The view's image times [`LossConfig::target_scale`] is in normalised units, or holds
+    /// captured LDR values if the loss uses a response curve. Views that share an image's
+    /// allocation have the same image, so an engine may cache what it derives from it.
+    ///
+    /// An engine may work ahead. Its report is then about an earlier step, the newest known one,
+    /// and every other call waits for the steps in flight. If a loss is not finite, such an engine
     /// changes nothing from that step on, reports the loss at one of the next calls, and refuses to
     /// return the scene.
     ///
     /// # Errors
     /// [`EngineError::Camera`]; [`EngineError::Invalid`] if the image or its mask is not of the
-    /// camera's size, or the engine does not have the curve; [`EngineError::Device`].
+    /// camera's size, or the engine does not support the curve; [`EngineError::Device`].
     ///
     /// [`LossConfig::target_scale`]: crate::LossConfig::target_scale
     fn train_step(&mut self, view: &View, step: &StepConfig) -> Result<StepReport, EngineError>;
@@ -173,6 +180,7 @@ pub trait Engine: Send {
         self.len() == 0
     }
 
-    /// Returns the time spent in each pass since the engine was created, in the order of [`Pass::ALL`].
+    /// Returns the time spent in each pass since the engine was created, in the order of
+    /// [`Pass::ALL`].
     fn timings(&self) -> &[(Pass, Duration)];
 }

@@ -1,8 +1,9 @@
-//! What densification sees of a scene, and the plan by which an engine rebuilds it.
+//! Densification data: the statistics and geometry a policy reads, and the plan by which an engine
+//! rebuilds the scene.
 
 use super::EngineError;
 
-/// Statistics per splat since the last densification, `[N]` each.
+/// Densification statistics per splat since the last densification, `[N]` each.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DensifyStats {
     /// Sum over visible views of |dL/dmean|, mean in NDC units (half the image's side).
@@ -32,7 +33,7 @@ impl DensifyStats {
     }
 }
 
-/// The geometry that densification policies look at, `[N]` each.
+/// The geometry that densification policies read, `[N]` each.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Geometry {
     /// World coordinates.
@@ -46,13 +47,13 @@ pub struct Geometry {
 /// One splat of the scene after densification.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlanRow {
-    /// Index of the splat it is made from.
+    /// Index of the splat that this one is made from.
     pub source: u32,
     /// Displacement along the source's principal axes, in standard deviations of the source.
     pub offset_sigma: [f32; 3],
-    /// Added to the log scale.
+    /// Offset of the log scale.
     pub log_scale_shift: f32,
-    /// Replaces the opacity; `None` keeps it.
+    /// New opacity logit; `None` keeps the source's.
     pub opacity_logit: Option<f32>,
     /// Whether Adam's moments are kept; otherwise they start at zero.
     pub keep_moments: bool,
@@ -65,12 +66,13 @@ impl PlanRow {
     }
 }
 
-/// The scene after densification, row by row. Statistics start anew.
+/// The scene after densification, row by row. Statistics restart.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DensifyPlan {
     /// One row per new splat.
     pub rows: Vec<PlanRow>,
-    /// Opacities above this logit are lowered to it and their moments set to zero, after `rows`.
+    /// Upper bound of opacity logits, applied after `rows`: higher ones are lowered to it and their
+    /// moments set to zero.
     pub opacity_logit_cap: Option<f32>,
     /// New 3D smoothing filter, one value per row.
     pub smoothing: Option<Vec<f32>>,

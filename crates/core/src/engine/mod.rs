@@ -1,8 +1,8 @@
-//! The contract between training and an engine, and what authors of engines need to keep it.
+//! The contract between training and an engine, and the helpers that authors of engines need.
 //!
 //! In: scenes, cameras, views and plans. Out: images, reports and scenes. [`Engine`] is coarse,
-//! blocking and object-safe; behind it lie the eleven passes of [`Pass`]. What programs that use an
-//! engine need is at the root of the crate; the rest is here.
+//! blocking and object-safe; an engine implements it with the eleven passes of [`Pass`]. Types that
+//! programs use together with an engine are also at the root of the crate.
 
 mod contract;
 mod densify;

@@ -16,7 +16,7 @@ use crate::ColorModel;
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct ParameterRows {
-    /// Decides how many rows colour has.
+    /// Colour model, which determines the number of colour rows.
     pub color_model: ColorModel,
 }
 

@@ -1,8 +1,8 @@
-//! The passes of a training step.
+//! The passes of a training step, in order, and their names.
 
 use serde::{Deserialize, Serialize};
 
-/// A pass of a training step. Its name is that of files, timings, benches and tests.
+/// A pass of a training step. Files, timings, benches and tests use its name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Pass {
@@ -14,7 +14,7 @@ pub enum Pass {
     Bin,
     /// Sorts each tile's splats from front to back.
     Sort,
-    /// Blends.
+    /// Blends splats into pixels, front to back.
     Rasterize,
     /// Computes the loss and its gradient by the pixels.
     Loss,

@@ -39,7 +39,7 @@ pub const ADAM_EPSILON: f32 = 1e-15;
 pub struct PositionNoise {
     /// Factor of the noise; 5e5 times the position's learning rate in the original.
     pub scale: f32,
-    /// Seed of this step's noise: n of splat i is a hash of (seed, i), see
+    /// Seed of this step's noise: n of splat i is a hash of (seed, i); see
     /// [`crate::noise::standard_normal`].
     pub seed: u64,
 }
@@ -51,7 +51,7 @@ pub struct StepConfig {
     pub step: u32,
     /// Render options.
     pub render: RenderOptions,
-    /// Loss.
+    /// Loss to minimise.
     pub loss: LossConfig,
     /// Learning rates.
     pub learning_rates: LearningRates,
@@ -69,14 +69,15 @@ pub enum StatsCollection {
     Off,
     /// Gradients and views; `abs_gradient` stays unchanged.
     Gradients,
-    /// AbsGS's sums of absolute gradients as well, which cost a few operations per pixel and splat.
+    /// AbsGS's sums of absolute gradients as well, at the cost of a few operations per pixel and
+    /// splat.
     GradientsAndAbsolute,
 }
 
 /// The results of a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StepReport {
-    /// Number of the step that the report is about ([`StepConfig::step`]).
+    /// Number of the step that the report describes ([`StepConfig::step`]).
     pub step: u32,
     /// Total loss, without the regularisers.
     pub loss: f32,
@@ -86,7 +87,7 @@ pub struct StepReport {
     pub ssim: f32,
     /// Number of splats in front of the camera that touch the image.
     pub visible: u32,
-    /// Gradient of the loss by the knots of the [`crate::Response`], if the loss uses one; the same
-    /// bits for any number of threads.
+    /// Gradient of the loss by the knots of the [`crate::Response`], if the loss uses one;
+    /// bit-identical for any number of threads.
     pub by_knots: Option<Knots>,
 }
