@@ -7,10 +7,11 @@
 //! Predictions are handed out in the order of the views, and at most one batch is in memory.
 //!
 //! Captured LDR views are compared in captured values, without a mu-law: the camera's response is
-//! applied to the render first. They have no metrics that need radiance. Images and scene may
-//! differ by a gain that the images do not determine ([`GainFit`]). Metrics can then be computed
-//! after its removal. Gains that training fitted belong to its images, so training views are
-//! measured only after their removal.
+//! applied to the render first. They have no metrics that need radiance.
+//!
+//! Images and scene may differ by a gain, in exposure or white balance, that is no error of the
+//! scene. [`GainFit`] selects the gains by which predictions are multiplied before they are
+//! measured.
 
 use luxel_core::{Engine, EngineError, Image, Knots, PixelValues, RadianceScale, Remedy, RenderOptions, Response, View};
 use rayon::prelude::*;
@@ -66,11 +67,11 @@ impl EvaluationError {
     }
 }
 
-/// The gains by channel that are removed from predictions before they are measured. Fitted gains
+/// The gains by channel by which predictions are multiplied before they are measured. Fitted gains
 /// are medians of image over render.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum GainFit<'a> {
-    /// No gain is removed.
+    /// Predictions are measured as they are.
     #[default]
     None,
     /// One gain is fitted for all views: the scale that a reconstruction from captured LDR images
@@ -78,9 +79,9 @@ pub enum GainFit<'a> {
     Common,
     /// A gain is fitted for each view: exposure and white balance that drift between views.
     PerView,
-    /// The given ln gain of each view by channel is removed, in the order of the views, as
-    /// `luxel_train::Trainer::log_gains` returns them. Predictions of
-    /// views beyond the end of the slice are left as they are.
+    /// The ln gain of each view by channel is given, in the order of the views, as
+    /// `luxel_train::Trainer::log_gains` returns them. Predictions of views beyond the end of the
+    /// slice are measured as they are.
     Known(&'a [[f32; 3]]),
 }
 
@@ -97,7 +98,7 @@ pub struct Measures<'a> {
     pub lpips: Option<&'a Lpips>,
     /// The response of the camera that captured the LDR views.
     pub response: Option<&'a Knots>,
-    /// The gains that are removed from the predictions.
+    /// The gains by which the predictions are multiplied.
     pub gain_fit: GainFit<'a>,
 }
 

@@ -1,8 +1,8 @@
 //! Metrics of HDR view synthesis.
 //!
 //! In: prediction and target `[H,W,3]` in the scene's normalised units, and an optional mask. Out:
-//! [`ViewMetrics`]. Images are compared under the mu-law T: a pixel p becomes T(clip(p / divisor,
-//! 0, 1)). Three protocols differ in the divisors:
+//! [`ViewMetrics`]. Images are compared under the mu-law T: a pixel p becomes
+//! `T(clip(p / divisor, 0, 1))`. Three protocols differ in the divisors:
 //!
 //! | protocol | target | prediction | used by |
 //! |---|---|---|---|

@@ -1,10 +1,15 @@
 //! PU21: PSNR and SSIM of displayed light on a perceptually uniform scale.
 //!
-//! In: luminance Y in cd/m2, clamped to `[0.005, 10000]`. Out: V = c6 (((c0 + c1 Y^c3) / (1 + c2
-//! Y^c3))^c4 - c5). One unit of V is about equally visible in the dark and in the light. A display
-//! of 100 cd/m2 covers 256 units, so that metrics are comparable with those of 8-bit images.
-//! Source: Mantiuk & Azimi, "PU21: A novel perceptually uniform encoding for adapting existing
-//! quality metrics for HDR", PCS 2021; coefficients `banding_glare`.
+//! In: luminance Y in cd/m2, clamped to `[0.005, 10000]`. Out: the encoded value
+//!
+//! ```text
+//! V = c6 (((c0 + c1 Y^c3) / (1 + c2 Y^c3))^c4 - c5)
+//! ```
+//!
+//! One unit of V is about equally visible in the dark and in the light. A display of 100 cd/m2
+//! covers 256 units, so that metrics are comparable with those of 8-bit images. Source: Mantiuk &
+//! Azimi, "PU21: A novel perceptually uniform encoding for adapting existing quality metrics for
+//! HDR", PCS 2021; coefficients `banding_glare`.
 //!
 //! The metrics follow the authors' `pu21_metric`: PSNR pools the three encoded channels, SSIM is
 //! that of the encoded luminance, both with peak 256. Normalised radiance has no absolute unit, so

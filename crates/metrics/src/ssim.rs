@@ -1,9 +1,13 @@
 //! Structural similarity, as 3D Gaussian splatting and its successors compute it.
 //!
-//! In: two planes `[H*W]` in `[0, 1]`. Out: the mean over all pixels of (2 m_p m_t + C1)(2 s_pt +
-//! C2) / ((m_p^2 + m_t^2 + C1)(s_p^2 + s_t^2 + C2)), with means, variances and covariance under an
-//! 11x11 Gaussian window of sigma 1.5. The image is padded with zeros. Source: Wang et al. 2004;
-//! window and padding of Kerbl et al. 2023.
+//! In: two planes `[H*W]` in `[0, 1]`. Out: the mean over all pixels of
+//!
+//! ```text
+//! (2 m_p m_t + C1)(2 s_pt + C2) / ((m_p^2 + m_t^2 + C1)(s_p^2 + s_t^2 + C2))
+//! ```
+//!
+//! with means, variances and covariance under an 11x11 Gaussian window of sigma 1.5. The image is
+//! padded with zeros. Source: Wang et al. 2004; window and padding of Kerbl et al. 2023.
 //!
 //! [`ssim_interior`] leaves out the pixels with a window that reaches beyond the border, like
 //! scikit-image. [`ssim_replicated`] repeats the border pixels outwards, like MATLAB. Values may be

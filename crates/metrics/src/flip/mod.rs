@@ -1,7 +1,7 @@
 //! FLIP: the visible difference of two images that a viewer flips between.
 //!
-//! In: reference and test with an optional mask, sRGB-encoded for LDR-FLIP and radiance for HDR-FLIP.
-//! Out: [`FlipMap`], an error in `[0, 1]` per pixel.
+//! In: reference and test, sRGB-encoded for LDR-FLIP and radiance for HDR-FLIP, and an optional
+//! mask. Out: [`FlipMap`], an error in `[0, 1]` per pixel.
 //!
 //! LDR-FLIP filters out the detail that the eye cannot resolve at [`FLIP_PIXELS_PER_DEGREE`], per
 //! opponent channel. It compares the rest as colours, and raises the error where edges and points
