@@ -120,7 +120,7 @@ fn masks_are_named_by_an_option_or_lie_beside_the_data() {
     place.train("run", &["--masks", "off"]);
     let mut args = vec!["train", "data", "-o", "other", "--masks", "none-there"];
     args.extend(QUICK);
-    place.error(&args, &["none-there", "is no folder"]);
+    place.error(&args, &["none-there", "is not a folder"]);
 }
 
 #[test]
@@ -128,7 +128,7 @@ fn recordings_need_their_kind_of_data() {
     let place = Workplace::new();
     let mut args = vec!["train", "data", "-o", "run", "--supervision", "ldr"];
     args.extend(QUICK);
-    place.error(&args, &["holds radiance, expected a recording"]);
+    place.error(&args, &["holds radiance, expected a captured LDR image"]);
     record(&place);
     let mut args = vec!["train", "data", "-o", "run", "--supervision", "ldr", "--exposures", "3"];
     args.extend(QUICK);

@@ -252,7 +252,7 @@ fn an_interrupted_matrix_saves_its_runs_and_ends_with_the_bits_of_an_unbroken_on
     let rest = std::thread::spawn(move || lines.map(Result::unwrap).collect::<Vec<_>>());
     assert_eq!(wait(&mut child).code(), Some(130));
     let told = rest.join().unwrap().join("\n");
-    assert!(told.contains("goes on from here"), "{told}");
+    assert!(told.contains("the same command continues from here"), "{told}");
     assert!(!place.path("broken/report.html").exists());
     assert!(["sh1", "lcd"].iter().any(|method| !checkpoints(&place, &format!("broken/runs/data/{method}/seed_3")).is_empty()));
 

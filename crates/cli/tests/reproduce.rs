@@ -219,7 +219,7 @@ fn a_run_that_fails_does_not_stop_the_others() {
     }
     std::fs::remove_file(place.path("matrix/runs/data/sh1/seed_7/eval/step_20/metrics.json")).unwrap();
     let stderr = place.fails(1, &args(&[]));
-    for part in ["data sh1 seed 7: ", "none of the 1 checkpoints can be read", "the report is without that"] {
+    for part in ["data sh1 seed 7: ", "none of the 1 checkpoints can be read", "the report is without it"] {
         assert!(stderr.contains(part), "{part}\n{stderr}");
     }
     let report = read(&place, "matrix/report.html");

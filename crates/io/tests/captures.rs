@@ -99,7 +99,7 @@ fn masks_of_a_folder_are_found_by_the_images_names() {
     assert!(data.warnings.iter().any(|w| w.contains("no mask for 1 of 2 images (images/b)")), "{:?}", data.warnings);
     std::fs::remove_file(folder.join("a.png")).unwrap();
     assert!(scene.error(&masked(MaskSource::Folder(folder.clone()))).contains("expected a.png"));
-    assert!(scene.error(&masked(MaskSource::Folder(folder.join("none")))).contains("is no folder"));
+    assert!(scene.error(&masked(MaskSource::Folder(folder.join("none")))).contains("is not a folder"));
 }
 
 #[test]
@@ -279,7 +279,7 @@ fn brackets_are_thinned_out_to_what_is_asked_for() {
 fn recordings_without_exposure_and_radiance_to_train_on_are_refused() {
     let scene = bracketed();
     split(&scene, &["0_0", "hdr/2"], &[]);
-    assert!(scene.error(&ldr(Exposures::All)).contains("holds radiance, expected a recording"));
+    assert!(scene.error(&ldr(Exposures::All)).contains("holds radiance, expected a captured LDR image"));
     scene.write("transforms.json", transforms(&[("ldr/0_0.png", 0.0, ""), ("ldr/0_1.png", 1.0, "")]));
     split(&scene, &["0_0"], &["0_1"]);
     assert!(scene.error(&ldr(Exposures::All)).contains("has no \"exposure\""));

@@ -412,7 +412,8 @@ fn eight_bit_images_need_a_transfer_and_warn_once() {
         scene.png(name, |_, _| [255, 51, 0, 51]);
     }
     scene.write("transforms.json", transforms(LENS, &["a.png", "b.png", "c.png"]));
-    assert!(scene.error().contains("--transfer"), "{}", scene.error());
+    let error = scene.read(&LoadOptions::default()).unwrap_err();
+    assert!(error.remedy.as_ref().is_some_and(|remedy| remedy.to_string().contains("transfer")), "{error}");
     let data = load_dataset(scene.path(), &LoadOptions { transfer: Some(Transfer::Linear), ..LoadOptions::default() }).unwrap();
     let not_hdr: Vec<_> = data.warnings.iter().filter(|w| w.contains("not HDR")).collect();
     assert_eq!(not_hdr, ["3 images (a, b, c): 8 bits: not HDR"]);

@@ -352,7 +352,11 @@ fn what_cannot_be_done_is_said_at_once() {
     let mut command = Command::cargo_bin("luxel").unwrap();
     command.arg("prepare").arg(&photos).arg("-o").arg(&output).args(["--sfm", "colmap", "--colmap", "/nowhere/colmap"]);
     let run = command.output().unwrap();
-    assert!(run.status.code() == Some(1) && said(&run).contains("no such program; install COLMAP"), "{}", said(&run));
+    assert!(
+        run.status.code() == Some(1) && said(&run).contains("/nowhere/colmap: no such program\n  remedy: install COLMAP"),
+        "{}",
+        said(&run)
+    );
     let image = Image::filled(WIDTH, HEIGHT, [1.0; 3]);
     write_exr(&photos.join("x.exr"), &image, &ExrOptions::default()).unwrap();
     let run = prepare(&photos, &output, &[]);

@@ -158,7 +158,7 @@ pub(crate) fn backward_and_adam(
         Some(footprints) => {
             chunks.zip(footprints.par_chunks_mut(CHUNK * LANES)).for_each(|((index, (parameters, first, second, stats)), footprints)| {
                 update_chunk(Chunk { index, parameters, first, second, stats, footprints: Some(footprints) });
-            })
+            });
         }
         None => chunks.for_each(|(index, (parameters, first, second, stats))| {
             update_chunk(Chunk { index, parameters, first, second, stats, footprints: None });
