@@ -195,7 +195,8 @@ mod tests {
     fn a_view_is_refused_where_camera_image_and_mask_disagree() {
         let good = view(4, 3, Some(vec![true; 12]));
         assert_eq!(good.validate(), Ok(()));
-        let broken: [(fn(&mut View), &str); 6] = [
+        type Breakage = (fn(&mut View), &'static str);
+        let broken: [Breakage; 6] = [
             (|v| v.camera.focal_px.x = -1.0, "view ramp: camera: focal length -1 x 60 px, expected positive numbers"),
             (|v| v.camera.distortion.k1 = 0.1, "view ramp: camera: has lens distortion; undistort its image first"),
             (|v| v.camera.size_px = [5, 3], "view ramp: image is 4 x 3, the camera expects 5 x 3"),

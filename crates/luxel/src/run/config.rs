@@ -207,7 +207,7 @@ impl RunConfig {
         let dropped: Vec<&str> =
             merged.train.misplaced().into_iter().filter(|m| is_chosen(m.condition.option())).map(|m| m.option.name).collect();
         if let Some(train) = base.get_mut(TRAIN).and_then(toml::Value::as_table_mut) {
-            train.retain(|id, _| explicit.contains(id) || !dropped.iter().any(|dropped| *dropped == id));
+            train.retain(|id, _| explicit.contains(id) || !dropped.contains(&id));
         }
         if dropped.is_empty() { Ok(merged) } else { Self::from_table(&base) }
     }
