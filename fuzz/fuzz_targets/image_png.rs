@@ -8,7 +8,7 @@ use libfuzzer_sys::fuzz_target;
 use luxel_io::{ReadOptions, Transfer, decode_image};
 
 fuzz_target!(|bytes: &[u8]| {
-    let options = ReadOptions { transfer: Some(Transfer::Srgb) };
+    let options = ReadOptions { transfer: Some(Transfer::Srgb), layer: None };
     if let Ok(decoded) = decode_image(Path::new("fuzz.png"), bytes, &options) {
         let (width, height) = (decoded.image.width, decoded.image.height);
         assert_eq!(decoded.image.pixels.len(), width * height);

@@ -156,3 +156,22 @@ fn what_cannot_be_compared_is_said() {
         place.fails(2, &[&["compare"][..], args].concat());
     }
 }
+
+#[test]
+fn straight_and_premultiplied_alpha_of_one_picture_are_equal() {
+    let place = Workplace::empty();
+    let (mut colour, mut alpha) = (Vec::new(), Vec::new());
+    let mut straight = image::ImageBuffer::<image::Rgba<u16>, _>::new(WIDTH as u32, HEIGHT as u32);
+    for (i, pixel) in straight.pixels_mut().enumerate() {
+        let (rgb, opacity) = ([1000 * i, 500 * i, 200 * i].map(|v| (v % 65_536) as u16), (4000 + 3000 * (i % WIDTH)) as u16);
+        *pixel = image::Rgba([rgb[0], rgb[1], rgb[2], opacity]);
+        let share = f32::from(opacity) / 65535.0;
+        colour.push(rgb.map(|v| f32::from(v) / 65535.0 * share));
+        alpha.push(share);
+    }
+    straight.save(place.path("straight.png")).unwrap();
+    let options = ExrOptions { sample: ExrSample::Float, alpha: Some(alpha), ..ExrOptions::default() };
+    write_exr(&place.path("premultiplied.exr"), &Image::from_pixels(WIDTH, HEIGHT, colour).unwrap(), &options).unwrap();
+    let found = json(&place, &["compare", "premultiplied.exr", "straight.png", "--transfer", "linear", "--metrics", "fast", "--json"]);
+    assert!(found["mean"]["psnr_scene"].as_f64().unwrap() > 90.0, "{}", found["mean"]);
+}

@@ -50,7 +50,7 @@ pub use luxel_core::photo::{Codes, Exif, IccProfile, PhotoInfo, PhotoKind, RawIn
 pub use ocio_absent::OcioSpace;
 #[cfg(feature = "ocio")]
 pub use ocio_space::OcioSpace;
-pub use photo::{Photo, decode_photo, is_photo_name, photo_info};
+pub use photo::{Photo, decode_photo, decode_photo_layer, is_photo_name, photo_info};
 pub use pinhole::{decode_pinhole_camera, read_pinhole_camera};
 pub use ply::{
     PlyPoint, decode_points_ply, decode_scene_ply, encode_baked_ply, encode_scene_ply, read_points_ply, read_scene_ply, write_baked_ply,

@@ -14,9 +14,9 @@ use luxel_io::{
     image_size, read_image, write_exr, write_png,
 };
 
-const LINEAR: ReadOptions = ReadOptions { transfer: Some(Transfer::Linear) };
-const SRGB: ReadOptions = ReadOptions { transfer: Some(Transfer::Srgb) };
-const UNSAID: ReadOptions = ReadOptions { transfer: None };
+const LINEAR: ReadOptions = ReadOptions { transfer: Some(Transfer::Linear), layer: None };
+const SRGB: ReadOptions = ReadOptions { transfer: Some(Transfer::Srgb), layer: None };
+const UNSAID: ReadOptions = ReadOptions { transfer: None, layer: None };
 
 fn decode(bytes: &[u8], options: &ReadOptions) -> std::result::Result<DecodedImage, IoError> {
     decode_image(Path::new("test image"), bytes, options)
@@ -174,7 +174,7 @@ fn exr_colour_is_found_by_name() {
 }
 
 #[test]
-fn exr_of_several_parts_gives_the_first_with_colour() {
+fn exr_of_several_parts_gives_the_beauty_pass_or_the_one_asked_for() {
     let image = radiance(4, 4);
     let layer = |name: &str, channels: Vec<(&str, FlatSamples)>| {
         let mut file = exr_image((4, 4), channels, Encoding::SMALL_LOSSLESS);
@@ -183,13 +183,26 @@ fn exr_of_several_parts_gives_the_first_with_colour() {
     };
     let parts = vec![
         layer("depth", vec![("Z", half(vec![1.0; 16]))]),
+        layer("albedo", planes(&image, |v| half(v.into_iter().map(|x| x + 1.0).collect()))),
         layer("beauty", planes(&image, half)),
-        layer("other", planes(&radiance(4, 4), |v| half(v.into_iter().map(|x| x + 1.0).collect()))),
+        layer("other", planes(&image, |v| half(v.into_iter().map(|x| x + 2.0).collect()))),
     ];
-    let file = Image::from_layers(ImageAttributes::with_size((4, 4)), Layers::from_iter(parts));
-    let mut out = Cursor::new(Vec::new());
-    file.write().non_parallel().to_buffered(&mut out).unwrap();
-    assert_eq!(decode(&out.into_inner(), &UNSAID).unwrap().image, image);
+    let file = |parts: Vec<Layer<AnyChannels<FlatSamples>>>| {
+        let file = Image::from_layers(ImageAttributes::with_size((4, 4)), Layers::from_iter(parts));
+        let mut out = Cursor::new(Vec::new());
+        file.write().non_parallel().to_buffered(&mut out).unwrap();
+        out.into_inner()
+    };
+    let bytes = file(parts.clone());
+    let decoded = decode(&bytes, &UNSAID).unwrap();
+    assert_eq!(decoded.image, image);
+    assert_eq!(decoded.warnings, ["of several parts or layers beauty is read, not albedo, other"]);
+    let other = decode(&bytes, &ReadOptions { layer: Some("other".to_owned()), ..UNSAID }).unwrap();
+    assert_eq!((other.image.pixels[1], other.warnings), (image.pixels[1].map(|v| v + 2.0), vec![]));
+    let [depth, albedo, _, other] = <[_; 4]>::try_from(parts).unwrap();
+    let error = decode(&file(vec![depth, albedo, other]), &UNSAID).unwrap_err();
+    assert!(error.message.contains("several parts or layers have colour (albedo, other)"), "{error}");
+    assert_eq!((error.kind, error.remedy), (IoErrorKind::Unsupported, Some(Remedy::give("layer"))));
 }
 
 #[test]

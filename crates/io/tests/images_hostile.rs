@@ -12,7 +12,7 @@ use luxel_core::Image;
 use luxel_io::{ExrOptions, ExrSample, IoErrorKind, ReadOptions, Transfer, decode_image, encode_exr, encode_png, image_size, read_image};
 use proptest::prelude::*;
 
-const LINEAR: ReadOptions = ReadOptions { transfer: Some(Transfer::Linear) };
+const LINEAR: ReadOptions = ReadOptions { transfer: Some(Transfer::Linear), layer: None };
 
 /// Returns a whole file of each kind, by name.
 fn files() -> &'static [(&'static str, Vec<u8>)] {

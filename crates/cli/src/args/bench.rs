@@ -12,8 +12,22 @@ use crate::args::values::{InstructionSetArg, OrderArg, TransferArg, parse_positi
 
 /// Options of measuring, which --save excludes. --overwrite excludes them too, as clap does not
 /// require an option that another one excludes.
-const OF_MEASURING: [&str; 13] =
-    ["workload", "camera", "size", "target", "transfer", "mu", "order", "steps", "warmup", "json", "instruction_set", "device", "threads"];
+const OF_MEASURING: [&str; 14] = [
+    "workload",
+    "camera",
+    "size",
+    "target",
+    "transfer",
+    "layer",
+    "mu",
+    "order",
+    "steps",
+    "warmup",
+    "json",
+    "instruction_set",
+    "device",
+    "threads",
+];
 
 /// `luxel bench`.
 #[derive(Debug, Args)]
@@ -64,6 +78,10 @@ pub(crate) struct BenchArgs {
     /// Transfer function of an integer target that does not state its own.
     #[arg(long, value_enum, value_name = "CURVE", requires = "target", help_heading = "Workload")]
     pub(crate) transfer: Option<TransferArg>,
+    /// Part, layer or view to read of an OpenEXR target that has several, names separated by
+    /// / [default: the beauty pass of the first view].
+    #[arg(long, value_name = "NAMES", requires = "target", help_heading = "Workload")]
+    pub(crate) layer: Option<String>,
     /// Seed of the room and of the perturbation.
     #[arg(long, default_value_t = 42, value_name = "N", help_heading = "Workload")]
     pub(crate) seed: u64,

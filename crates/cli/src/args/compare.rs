@@ -50,6 +50,10 @@ pub(crate) struct CompareArgs {
     /// Primaries of images that do not state theirs [default: linear-rec709].
     #[arg(long, value_enum, value_name = "SPACE", help_heading = "Images")]
     pub(crate) color_space: Option<ColorSpaceArg>,
+    /// Part, layer or view to read of OpenEXR files that have several, names separated by /
+    /// [default: the beauty pass of the first view].
+    #[arg(long, value_name = "NAMES", help_heading = "Images")]
+    pub(crate) layer: Option<String>,
     /// Write an error map of HDR-FLIP, black for 0 to yellow for 1 (magma): a PNG; with folders, a
     /// folder of them.
     #[arg(long, value_name = "PATH", help_heading = "Output")]

@@ -196,7 +196,7 @@ pub(crate) struct InfoArgs {
     /// Print JSON.
     #[arg(long)]
     pub(crate) json: bool,
-    /// Reading a data set; for an image, --transfer and --color-space.
+    /// Reading a data set; for an image, --transfer, --color-space and --layer.
     #[command(flatten)]
     pub(crate) load: LoadArgs,
 }

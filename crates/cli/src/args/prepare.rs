@@ -49,6 +49,10 @@ pub(crate) struct PrepareArgs {
     /// Colour space of these files in the configuration; overrides what the files state.
     #[arg(long, value_name = "NAME", requires = "ocio", help_heading = "Colour")]
     pub(crate) ocio_space: Option<String>,
+    /// Part, layer or view to read of OpenEXR files that have several, names separated by /
+    /// [default: the beauty pass of the first view].
+    #[arg(long, value_name = "NAMES", help_heading = "Images")]
+    pub(crate) layer: Option<String>,
     /// Reduce images this many times a side, by area average in linear light.
     #[arg(long, default_value = "1", value_parser = parse_downscale, value_name = "1|2|4|8", help_heading = "Images")]
     pub(crate) downscale: u32,
@@ -245,6 +249,7 @@ impl PrepareArgs {
             color_space: self.color_space.into(),
             input_space: self.input_space.into(),
             ocio,
+            layer: self.layer.clone(),
             downscale: self.downscale,
             structure_from_motion: self.sfm.into(),
             colmap: self.colmap.clone(),

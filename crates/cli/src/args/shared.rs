@@ -37,6 +37,10 @@ pub(crate) struct LoadArgs {
     /// folder of masks named like the images.
     #[arg(long, default_value_t, value_parser = parse_masks, value_name = "SOURCE", help_heading = "Data set")]
     pub(crate) masks: MaskSource,
+    /// Part, layer or view to read of OpenEXR files that have several, names separated by /,
+    /// such as ViewLayer.Combined or rgba/left [default: the beauty pass of the first view].
+    #[arg(long, value_name = "NAMES", help_heading = "Data set")]
+    pub(crate) layer: Option<String>,
 }
 
 impl LoadArgs {
@@ -50,6 +54,7 @@ impl LoadArgs {
             supervision: self.supervision.into(),
             exposures: self.exposures.clone(),
             masks: self.masks.clone(),
+            layer: self.layer.clone(),
         }
     }
 

@@ -27,6 +27,7 @@ pub(crate) fn run(args: &CompareArgs) -> Result<()> {
         lpips_weights: args.lpips_weights.clone(),
         mask: args.mask.clone(),
         transfer: args.transfer.map(Into::into),
+        layer: args.layer.clone(),
         color_space: args.color_space.map(Into::into).unwrap_or_default(),
         heatmap: args.heatmap.clone(),
         overwrite: args.overwrite,

@@ -27,7 +27,7 @@ pub(crate) fn run(args: &InfoArgs, explicit: &ExplicitArgs) -> Result<()> {
 }
 
 /// Options of reading images, in a data set or not.
-const IMAGE_OPTIONS: [&str; 2] = ["transfer", "color_space"];
+const IMAGE_OPTIONS: [&str; 3] = ["transfer", "color_space", "layer"];
 
 fn describe(path: &Path, args: &InfoArgs, explicit: &ExplicitArgs) -> Result<Tree> {
     let metadata = std::fs::metadata(path).with_context(|| format!("{}: cannot open", path.display()))?;
@@ -171,7 +171,7 @@ fn valid_luminance(view: &View, color_space: ColorSpace) -> impl Iterator<Item =
 }
 
 fn describe_image(path: &Path, args: &InfoArgs) -> Result<Tree> {
-    let options = ReadOptions { transfer: args.load.transfer.map(Into::into) };
+    let options = ReadOptions { transfer: args.load.transfer.map(Into::into), layer: args.load.layer.clone() };
     let decoded = luxel_io::read_image(path, &options).context("cannot read the image")?;
     let image: &Image = &decoded.image;
     let mut facts = Tree::default();

@@ -91,5 +91,6 @@ fn load_options(now: &LoadArgs, explicit: &ExplicitArgs, run: &LoadOptions) -> L
         supervision: if explicit.contains("supervision") { now.supervision } else { run.supervision },
         exposures: if explicit.contains("exposures") { now.exposures } else { run.exposures.clone() },
         masks: if explicit.contains("masks") { now.masks } else { run.masks.clone() },
+        layer: now.layer.or_else(|| run.layer.clone()),
     }
 }

@@ -18,6 +18,10 @@ impl Fingerprint {
         if options.masks == MaskSource::Alpha {
             this.text("masks of alpha");
         }
+        if let Some(layer) = &options.layer {
+            this.text("layer");
+            this.text(layer);
+        }
         this
     }
 

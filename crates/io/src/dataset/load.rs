@@ -11,7 +11,7 @@ use super::split::Part;
 use super::{LoadOptions, MaskSource, Supervision};
 use crate::IoError;
 use crate::image::colorimetry::convert;
-use crate::image::{DecodedImage, ReadOptions, SampleDepth, decode_codes, decode_image, downscale, downscale_masked, undistort};
+use crate::image::{DecodedImage, ReadOptions, SampleDepth, decode_codes_of, decode_image, downscale, downscale_masked, undistort};
 use crate::read_file::read_file;
 
 /// A view with facts about its file.
@@ -40,7 +40,7 @@ pub(super) fn load_view(frame: &SourceFrame, options: &LoadOptions) -> Result<Lo
         MaskSource::Alpha => Some(take_opacity(&mut decoded, frame)?),
         MaskSource::Auto | MaskSource::Off | MaskSource::Folder(_) => None,
     };
-    composite_over_black(&mut decoded);
+    decoded.composite_over_black();
     // Recorded values are not linear: no matrix takes them to another space.
     let color_space = if values == PixelValues::Radiance { settle_working_space(&mut decoded) } else { None };
     let mut image = decoded.image;
@@ -72,11 +72,11 @@ pub(super) fn load_view(frame: &SourceFrame, options: &LoadOptions) -> Result<Lo
 /// images are read, an integer format holds recorded values.
 fn decode(frame: &SourceFrame, bytes: &[u8], options: &LoadOptions) -> Result<(DecodedImage, PixelValues), IoError> {
     if options.supervision == Supervision::Hdr {
-        let decoded = decode_image(&frame.image, bytes, &ReadOptions { transfer: options.transfer })?;
+        let decoded = decode_image(&frame.image, bytes, &ReadOptions { transfer: options.transfer, layer: options.layer.clone() })?;
         return Ok((decoded, PixelValues::Radiance));
     }
     // The samples as they are, over their maximum: the curve that made them is to be recovered.
-    let mut decoded = decode_codes(&frame.image, bytes)?;
+    let mut decoded = decode_codes_of(&frame.image, bytes, options.layer.as_deref())?;
     match (decoded.depth, frame.exposure_s, frame.part) {
         (SampleDepth::Float, _, Some(Part::Train)) => {
             let found = frame.image.display();
@@ -168,17 +168,6 @@ fn take_opacity(decoded: &mut DecodedImage, frame: &SourceFrame) -> Result<Mask,
         }
     }
     Ok(Mask { weights })
-}
-
-/// Multiplies straight colours by the opacity beside them.
-fn composite_over_black(decoded: &mut DecodedImage) {
-    if decoded.is_premultiplied {
-        return;
-    }
-    let Some(alpha) = &decoded.alpha else { return };
-    for (pixel, alpha) in decoded.image.pixels.iter_mut().zip(alpha) {
-        *pixel = pixel.map(|v| v * alpha);
-    }
 }
 
 /// Returns the space that a scene is trained in: linear Rec.709 and ACEScg stay, other spaces that

@@ -138,6 +138,9 @@ pub struct LoadOptions {
     /// Source of the weights of pixels.
     #[serde(default)]
     pub masks: MaskSource,
+    /// Part, layer or view of OpenEXR files that have several: [`crate::ReadOptions::layer`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub layer: Option<String>,
 }
 
 impl Default for LoadOptions {
@@ -150,6 +153,7 @@ impl Default for LoadOptions {
             supervision: Supervision::Hdr,
             exposures: Exposures::All,
             masks: MaskSource::Auto,
+            layer: None,
         }
     }
 }

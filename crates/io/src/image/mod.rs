@@ -14,6 +14,7 @@
 
 pub(crate) mod colorimetry;
 mod exr_header;
+mod exr_layers;
 pub(crate) mod guard;
 mod jpeg;
 pub(crate) mod npy;
@@ -61,6 +62,21 @@ pub struct DecodedImage {
     pub warnings: Vec<String>,
 }
 
+impl DecodedImage {
+    /// Composites the image over black: multiplies straight colours by the opacity beside them.
+    /// This is how data sets and comparisons read an image with an alpha channel.
+    pub fn composite_over_black(&mut self) {
+        if self.is_premultiplied {
+            return;
+        }
+        let Some(alpha) = &self.alpha else { return };
+        for (pixel, alpha) in self.image.pixels.iter_mut().zip(alpha) {
+            *pixel = pixel.map(|v| v * alpha);
+        }
+        self.is_premultiplied = true;
+    }
+}
+
 /// Precision of the samples in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SampleDepth {
@@ -104,11 +120,14 @@ impl fmt::Display for Transfer {
 }
 
 /// Options for properties that a file does not state.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ReadOptions {
     /// Curve of integer samples; takes precedence over the file's. Floating-point samples are
     /// linear and not touched by it.
     pub transfer: Option<Transfer>,
+    /// Names of the part, layer or view to read of an OpenEXR file that has several, separated by
+    /// slashes (`ViewLayer.Combined`, `rgba/left`); `None`: the beauty pass of the hero view.
+    pub layer: Option<String>,
 }
 
 /// Formats, by their first bytes.
@@ -168,7 +187,7 @@ pub fn read_image(path: &Path, options: &ReadOptions) -> Result<DecodedImage, Io
 pub fn decode_image(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<DecodedImage, IoError> {
     let format = Format::detect(name, bytes)?;
     guard::contain(name, || match format {
-        Format::OpenExr => openexr::decode(name, bytes),
+        Format::OpenExr => openexr::decode(name, bytes, options),
         Format::Radiance => radiance::decode(name, bytes),
         Format::Tiff => tiff::decode(name, bytes, options),
         Format::Png => png::decode(name, bytes, options),
@@ -192,10 +211,18 @@ pub fn read_codes(path: &Path) -> Result<DecodedImage, IoError> {
 /// # Errors
 /// The same as [`read_image`].
 pub fn decode_codes(name: &Path, bytes: &[u8]) -> Result<DecodedImage, IoError> {
+    decode_codes_of(name, bytes, None)
+}
+
+/// Decodes as [`decode_codes`], an OpenEXR file's layer by [`ReadOptions::layer`].
+///
+/// # Errors
+/// The same as [`read_image`].
+pub(crate) fn decode_codes_of(name: &Path, bytes: &[u8], layer: Option<&str>) -> Result<DecodedImage, IoError> {
     match Format::detect(name, bytes)? {
         Format::Png => guard::contain(name, || png::decode_codes(name, bytes)),
         Format::Tiff => guard::contain(name, || tiff::decode_codes(name, bytes)),
-        _ => decode_image(name, bytes, &ReadOptions { transfer: Some(Transfer::Linear) }),
+        _ => decode_image(name, bytes, &ReadOptions { transfer: Some(Transfer::Linear), layer: layer.map(str::to_owned) }),
     }
 }
 

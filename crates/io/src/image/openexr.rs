@@ -1,10 +1,9 @@
 //! OpenEXR in: half, float and uint channels, scan lines or tiles, every compression of the `exr`
 //! crate.
 //!
-//! Out: the display window; pixels outside of the data window are 0. Colour is the first part's
-//! that has R, G, B without a layer's name, or with one if a single layer has them; where no part
-//! has, the same of luminance Y. Y beside X or Z is a vector's. Of mip maps the full resolution.
-//! Chromaticities are honoured; absent, the standard's default is Rec.709.
+//! Out: the display window; pixels outside of the data window are 0. Which part, layer and view is
+//! read: [`super::exr_layers`]. Of mip maps the full resolution. Chromaticities are honoured;
+//! absent, the standard's default is Rec.709.
 //!
 //! Blocks are decompressed on the calling thread: panics can be contained there, and data sets
 //! decode images in parallel anyway.
@@ -24,20 +23,24 @@ use ::exr::prelude::{Vec2, f16};
 use luxel_core::Image;
 
 use super::colorimetry::settle_space;
+use super::exr_layers::{ColorChannels, Picture, find_picture};
 use super::guard::{check_block, check_size, zeroed};
-use super::{DecodedImage, SampleDepth};
+use super::{DecodedImage, ReadOptions, SampleDepth};
 use crate::IoError;
 
 /// Decodes a whole file.
-pub(super) fn decode(name: &Path, bytes: &[u8]) -> Result<DecodedImage, IoError> {
+pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<DecodedImage, IoError> {
     let failed = |error: ExrError| explain(name, &error);
     let reader = ::exr::block::read(Cursor::new(bytes), false).map_err(failed)?;
     for header in reader.headers() {
         check_header(name, header, bytes.len() as u64)?;
     }
-    let (part, color) = find_color(name, reader.headers())?;
+    let Picture { part, color, warnings } = find_picture(name, reader.headers(), options.layer.as_deref())?;
     let header = reader.headers().get(part).ok_or_else(|| IoError::invalid(name, "header: no parts"))?.clone();
 
+    if header.channels.list.iter().any(|channel| channel.sampling != Vec2(1, 1)) {
+        return Err(IoError::unsupported(name, "OpenEXR: subsampled channels (luminance and chroma); export it as RGB"));
+    }
     // Chunk tables are read here and bound the number of blocks by the file's length: only now is
     // memory for pixels is requested.
     let full_resolution = |_: &MetaData, tile: TileCoordinates, block: BlockIndex| block.layer == part && tile.level_index == Vec2(0, 0);
@@ -56,7 +59,7 @@ pub(super) fn decode(name: &Path, bytes: &[u8]) -> Result<DecodedImage, IoError>
         }
         canvas.draw(&block, &header);
     }
-    canvas.finish(name, header.shared_attributes.chromaticities)
+    canvas.finish(name, header.shared_attributes.chromaticities, warnings)
 }
 
 /// Returns the size of the display window, from the header.
@@ -91,80 +94,7 @@ fn check_header(name: &Path, header: &Header, file_bytes: u64) -> Result<(), IoE
         BlockDescription::ScanLines => width.saturating_mul(header.compression.scan_lines_per_block()),
     };
     check_block(name, pixels.saturating_mul(header.channels.bytes_per_pixel) as u64, file_bytes)?;
-    if header.channels.list.iter().any(|channel| channel.sampling != Vec2(1, 1)) {
-        return Err(IoError::unsupported(name, "OpenEXR: subsampled channels (luminance and chroma); export it as RGB"));
-    }
     Ok(())
-}
-
-/// Indices of channels within a part.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct ColorChannels {
-    /// Red, green, blue; the same one three times for luminance.
-    rgb: [usize; 3],
-    alpha: Option<usize>,
-}
-
-/// The channels that a picture may consist of, the better first.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Kind {
-    Rgb,
-    Luminance,
-}
-
-/// Returns the first part with colour, and its channels there.
-fn find_color(name: &Path, headers: &[Header]) -> Result<(usize, ColorChannels), IoError> {
-    let parts: Vec<Vec<String>> =
-        headers.iter().map(|header| header.channels.list.iter().map(|channel| channel.name.to_string()).collect()).collect();
-    for kind in [Kind::Rgb, Kind::Luminance] {
-        let mut ambiguous = None;
-        for (part, channels) in parts.iter().enumerate() {
-            match color_of(channels, kind) {
-                Ok(Some(color)) => return Ok((part, color)),
-                Ok(None) => {}
-                Err(layers) => ambiguous = ambiguous.or(Some(layers)),
-            }
-        }
-        if let Some(layers) = ambiguous {
-            let message = format!(
-                "OpenEXR: several layers have colour ({}), expected one; export the one that is meant as R, G, B",
-                layers.join(", ")
-            );
-            return Err(IoError::unsupported(name, message));
-        }
-    }
-    let found: Vec<_> = parts.into_iter().flatten().take(16).collect();
-    let message = format!("OpenEXR: no colour, found channels {}; expected R, G, B or Y", found.join(", "));
-    Err(IoError::unsupported(name, message))
-}
-
-/// Returns the colour among a part's channels: of no layer, else of the only layer that has it.
-/// `Err` lists the layers where it is not the only one.
-fn color_of(channels: &[String], kind: Kind) -> Result<Option<ColorChannels>, Vec<String>> {
-    let index_of = |layer: &str, channel: &str| channels.iter().position(|name| *name == format!("{layer}{channel}"));
-    let in_layer = |layer: &str| {
-        let rgb = match kind {
-            Kind::Rgb => [index_of(layer, "R")?, index_of(layer, "G")?, index_of(layer, "B")?],
-            // Beside RY and BY it is the luminance of a colour image, beside X or Z a number of a
-            // vector: a grey picture would be wrong.
-            Kind::Luminance if ["RY", "BY", "X", "Z"].iter().any(|other| index_of(layer, other).is_some()) => return None,
-            Kind::Luminance => [index_of(layer, "Y")?; 3],
-        };
-        Some(ColorChannels { rgb, alpha: index_of(layer, "A") })
-    };
-    if let Some(color) = in_layer("") {
-        return Ok(Some(color));
-    }
-    let mut layers: Vec<&str> = channels.iter().filter_map(|name| name.rfind('.').and_then(|dot| name.get(..=dot))).collect();
-    layers.dedup();
-    let mut candidates: Vec<(&str, ColorChannels)> = layers.into_iter().filter_map(|layer| Some((layer, in_layer(layer)?))).collect();
-    // Names are sorted by channel, so that one layer may show up in several runs.
-    candidates.dedup_by_key(|(_, color)| color.rgb);
-    match candidates.as_slice() {
-        [] => Ok(None),
-        [(_, color)] => Ok(Some(*color)),
-        several => Err(several.iter().map(|(layer, _)| layer.trim_end_matches('.').to_string()).collect()),
-    }
 }
 
 /// The display window while blocks of the data window are drawn onto it.
@@ -228,9 +158,8 @@ impl Canvas {
         }
     }
 
-    fn finish(self, name: &Path, chromaticities: Option<Chromaticities>) -> Result<DecodedImage, IoError> {
+    fn finish(self, name: &Path, chromaticities: Option<Chromaticities>, mut warnings: Vec<String>) -> Result<DecodedImage, IoError> {
         let Self { mut image, alpha, .. } = self;
-        let mut warnings = Vec::new();
         let chromaticities = chromaticities.map(|c| [c.red, c.green, c.blue, c.white].map(|Vec2(x, y)| [x, y]));
         let color_space = match &chromaticities {
             Some(found) => {
@@ -239,26 +168,5 @@ impl Canvas {
             None => None,
         };
         Ok(DecodedImage { image, alpha, is_premultiplied: true, color_space, chromaticities, depth: SampleDepth::Float, warnings })
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn color(channels: &[&str], kind: Kind) -> Result<Option<[usize; 3]>, Vec<String>> {
-        let channels: Vec<String> = channels.iter().map(|name| (*name).to_owned()).collect();
-        color_of(&channels, kind).map(|found| found.map(|color| color.rgb))
-    }
-
-    #[test]
-    fn vectors_are_no_grey_pictures() {
-        for channels in [&["X", "Y", "Z"][..], &["motion.X", "motion.Y"], &["N.X", "N.Y", "N.Z"], &["BY", "RY", "Y"]] {
-            assert_eq!(color(channels, Kind::Luminance), Ok(None), "{channels:?}");
-        }
-        assert_eq!(color(&["A", "Y"], Kind::Luminance), Ok(Some([1; 3])));
-        let view_layer = ["V.Combined.A", "V.Combined.B", "V.Combined.G", "V.Combined.R", "V.Normal.X", "V.Normal.Y", "V.Normal.Z"];
-        assert_eq!(color(&view_layer, Kind::Rgb), Ok(Some([3, 2, 1])));
-        assert_eq!(color(&["a.B", "a.G", "a.R", "b.B", "b.G", "b.R"], Kind::Rgb), Err(vec!["a".to_owned(), "b".to_owned()]));
     }
 }

@@ -40,7 +40,7 @@ pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result
 
 /// Decodes a whole file as codes over the largest one, in whatever primaries.
 pub(super) fn decode_codes(name: &Path, bytes: &[u8]) -> Result<DecodedImage, IoError> {
-    decode_samples(name, bytes, &Info::read(name, bytes)?, &ReadOptions { transfer: Some(Transfer::Linear) })
+    decode_samples(name, bytes, &Info::read(name, bytes)?, &ReadOptions { transfer: Some(Transfer::Linear), layer: None })
 }
 
 /// Reads the primaries that a file states, by chunks or by an ICC profile of known ones (PNG, third

@@ -54,7 +54,7 @@ pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result
 
 /// Decodes the first image as codes over the largest one, in whatever primaries.
 pub(super) fn decode_codes(name: &Path, bytes: &[u8]) -> Result<DecodedImage, IoError> {
-    decode_samples(name, bytes, &ReadOptions { transfer: Some(Transfer::Linear) })
+    decode_samples(name, bytes, &ReadOptions { transfer: Some(Transfer::Linear), layer: None })
 }
 
 /// Returns the CIE xy of red, green, blue and white that the first image states, if they make a

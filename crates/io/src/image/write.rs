@@ -205,7 +205,7 @@ pub fn write_png(path: &Path, width: usize, height: usize, rgb8: &[u8]) -> Resul
 ///
 /// let png = encode_png(1, 1, &[255, 0, 255])?;
 /// // Integer samples need a transfer curve if the file states none.
-/// let options = ReadOptions { transfer: Some(Transfer::Srgb) };
+/// let options = ReadOptions { transfer: Some(Transfer::Srgb), layer: None };
 /// assert_eq!(decode_image(Path::new("a.png"), &png, &options)?.image.pixels, [[1.0, 0.0, 1.0]]);
 /// # Ok::<(), luxel_io::IoError>(())
 /// ```

@@ -22,7 +22,7 @@ use luxel_core::photo::{Codes, PhotoInfo, PhotoKind, RawPixels};
 use crate::IoError;
 use crate::icc::profile_of_file;
 use crate::image::guard::contain;
-use crate::image::{self, DecodedImage, SampleDepth, decode_codes, image_size_of, stated_primaries};
+use crate::image::{self, DecodedImage, SampleDepth, decode_codes, decode_codes_of, image_size_of, stated_primaries};
 use crate::tags::Tags;
 
 /// A photograph with its pixels.
@@ -97,6 +97,15 @@ pub fn photo_info(name: &Path, bytes: &[u8]) -> Result<PhotoInfo, IoError> {
 /// # Errors
 /// A damaged or unknown file.
 pub fn decode_photo(name: &Path, bytes: &[u8]) -> Result<Photo, IoError> {
+    decode_photo_layer(name, bytes, None)
+}
+
+/// Reads a photograph as [`decode_photo`] does, of an OpenEXR file the `layer` that
+/// [`crate::ReadOptions::layer`] describes.
+///
+/// # Errors
+/// The same as [`decode_photo`].
+pub fn decode_photo_layer(name: &Path, bytes: &[u8], layer: Option<&str>) -> Result<Photo, IoError> {
     refuse_makers_raw(name)?;
     if let Some(dng) = dng::Dng::open(name, bytes) {
         let dng = dng?;
@@ -106,7 +115,7 @@ pub fn decode_photo(name: &Path, bytes: &[u8]) -> Result<Photo, IoError> {
         return Ok(Photo::Developed { width, height, codes: Codes::U8(codes) });
     }
     // Codes over the largest one, which f32 holds exactly enough to have the codes back.
-    let decoded = decode_codes(name, bytes)?;
+    let decoded = decode_codes_of(name, bytes, layer)?;
     let flat = decoded.image.pixels.as_flattened();
     let codes = match decoded.depth {
         SampleDepth::Float => return Ok(Photo::Radiance(decoded)),

@@ -337,7 +337,7 @@ fn images_of_a_data_set_have_the_primaries_of_their_profile() {
         with_chunk(&png, b"iCCP", &[&b"icc\0\0"[..], &deflated.finish().unwrap()].concat())
     };
     let read = |bytes: &[u8]| {
-        let options = ReadOptions { transfer: Some(Transfer::Srgb) };
+        let options = ReadOptions { transfer: Some(Transfer::Srgb), layer: None };
         decode_image(Path::new("a.png"), bytes, &options).unwrap()
     };
     let known = read(&with_profile(0.5151));

@@ -38,6 +38,7 @@ pub(super) struct Settings {
     pub(super) flip: FlipChoice,
     lpips: Option<Lpips>,
     transfer: Option<Transfer>,
+    layer: Option<String>,
     color_space: ColorSpace,
 }
 
@@ -54,6 +55,7 @@ impl Settings {
             flip,
             lpips: evaluation::read_lpips(options.lpips_weights.as_deref())?,
             transfer: options.transfer,
+            layer: options.layer.clone(),
             color_space: options.color_space,
         };
         match options.scale {
@@ -73,7 +75,9 @@ impl Settings {
     }
 
     fn read(&self, path: &Path) -> Result<(Image, ColorSpace)> {
-        let decoded = luxel_io::read_image(path, &ReadOptions { transfer: self.transfer }).context("cannot read an image")?;
+        let options = ReadOptions { transfer: self.transfer, layer: self.layer.clone() };
+        let mut decoded = luxel_io::read_image(path, &options).context("cannot read an image")?;
+        decoded.composite_over_black();
         Ok((decoded.image, decoded.color_space.unwrap_or(self.color_space)))
     }
 }

@@ -24,6 +24,8 @@ pub struct CompareOptions {
     pub mask: Option<PathBuf>,
     /// Transfer function of integer images that do not state theirs.
     pub transfer: Option<Transfer>,
+    /// Part, layer or view of OpenEXR files that have several: [`luxel_io::ReadOptions::layer`].
+    pub layer: Option<String>,
     /// Primaries of images that do not state theirs.
     pub color_space: ColorSpace,
     /// Place of the error map of HDR-FLIP: a PNG; with folders, a folder of them.
@@ -42,6 +44,7 @@ impl Default for CompareOptions {
             lpips_weights: None,
             mask: None,
             transfer: None,
+            layer: None,
             color_space: ColorSpace::default(),
             heatmap: None,
             overwrite: false,

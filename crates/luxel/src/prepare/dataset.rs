@@ -174,7 +174,7 @@ fn write_mask(folders: &Folders, view: &Posed<'_>) -> Result<()> {
     if !from.exists() {
         return remove_if_there(&to);
     }
-    let options = ReadOptions { transfer: Some(Transfer::Linear) };
+    let options = ReadOptions { transfer: Some(Transfer::Linear), layer: None };
     let (mask, _) = undistort_into(&read_image(&from, &options)?.image, &view.lens, &view.pinhole);
     let rgb8: Vec<u8> = mask.pixels.iter().flat_map(|[valid, ..]| [if *valid < MIN_VALID_SHARE { 0 } else { u8::MAX }; 3]).collect();
     write_bytes(&to, &encode_png(mask.width, mask.height, &rgb8)?)

@@ -15,7 +15,8 @@ use luxel_capture::prepare::{
 use luxel_capture::{CapturedFrame, Developed, ProxyOptions, capture_metrics, frame_offset, merge, proxy};
 use luxel_core::{ColorSpace, Conversion, Image};
 use luxel_io::{
-    DecodedImage, IoError, IoErrorKind, OcioSpace, Photo, PhotoKind, decode_photo, downscale, encode_jpeg, encode_png, write_exr,
+    DecodedImage, IoError, IoErrorKind, OcioSpace, Photo, PhotoKind, decode_photo, decode_photo_layer, downscale, encode_jpeg, encode_png,
+    write_exr,
 };
 use rayon::prelude::*;
 
@@ -41,6 +42,8 @@ pub(super) struct Developer<'a> {
     pub(super) input_space: ColorSpace,
     /// Space of radiance files, whatever they state.
     pub(super) ocio: Option<&'a OcioSpace>,
+    /// Layer of OpenEXR files.
+    pub(super) layer: Option<&'a str>,
     pub(super) downscale: u32,
     /// Digest of all settings that pixels depend on.
     pub(super) settings_key: String,
@@ -149,9 +152,11 @@ impl Developer<'_> {
     fn radiance(&self, photos: &[&Photograph], notes: &mut Vec<String>) -> Result<Light> {
         let [photo] = photos else { bail!("{} radiance files in one view, expected one", photos.len()) };
         let bytes = read(&photo.path)?;
-        let Photo::Radiance(DecodedImage { mut image, color_space, warnings, .. }) = decode_photo(&photo.path, &bytes)? else {
+        let Photo::Radiance(mut decoded) = decode_photo_layer(&photo.path, &bytes, self.layer)? else {
             bail!("{}: changed while it was read", photo.path.display());
         };
+        decoded.composite_over_black();
+        let DecodedImage { mut image, color_space, warnings, .. } = decoded;
         notes.extend(warnings);
         match self.ocio {
             Some(space) => space.convert(&mut image, self.space)?,

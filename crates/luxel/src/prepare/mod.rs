@@ -97,6 +97,7 @@ pub fn prepare(options: &PrepareOptions, observer: &dyn Observer) -> Result<Prep
         space: options.color_space,
         input_space: options.input_space,
         ocio: ocio.as_ref(),
+        layer: options.layer.as_deref(),
         downscale: options.downscale,
         settings_key: settings_key(options, &plan, curve.as_ref(), ocio.as_ref()),
     };
@@ -198,7 +199,7 @@ fn settings_key(options: &PrepareOptions, plan: &Plan, curve: Option<&SetCurve>,
     let tables = curve.map(|curve| format!("{:?}", curve.tables)).unwrap_or_default();
     let ocio = ocio.map_or("", OcioSpace::digest);
     let own = [PIXELS_VERSION, &given, &tables, ocio, &plan.is_absolute.to_string()];
-    key(own.into_iter().chain(colors.iter().map(String::as_str)))
+    key(own.into_iter().chain(options.layer.as_deref()).chain(colors.iter().map(String::as_str)))
 }
 
 /// Returns the digest of all views and of the options of structure from motion.

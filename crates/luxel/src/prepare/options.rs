@@ -37,6 +37,8 @@ pub struct PrepareOptions {
     pub input_space: ColorSpace,
     /// The space of radiance files by an OpenColorIO configuration.
     pub ocio: Option<OcioChoice>,
+    /// Part, layer or view of OpenEXR files that have several: [`luxel_io::ReadOptions::layer`].
+    pub layer: Option<String>,
     /// Factor by which each side of the images is reduced: 1, 2, 4 or 8.
     pub downscale: u32,
     /// Whether COLMAP finds the poses.
@@ -66,6 +68,7 @@ impl PrepareOptions {
             color_space: ColorSpace::LinearRec709,
             input_space: ColorSpace::LinearRec709,
             ocio: None,
+            layer: None,
             downscale: 1,
             structure_from_motion: StructureFromMotion::Auto,
             colmap: "colmap".into(),

@@ -131,8 +131,10 @@ fn in_method(splats: Splats, method: Option<Method>, name: &str) -> Result<Splat
 
 /// Reads an image of the camera's size into normalised units.
 fn read_target(path: &Path, args: &BenchArgs, camera: &Camera, radiance_scale: RadianceScale) -> Result<Image> {
-    let options = ReadOptions { transfer: args.transfer.map(Into::into) };
-    let mut image = luxel_io::read_image(path, &options).context("cannot read the target")?.image;
+    let options = ReadOptions { transfer: args.transfer.map(Into::into), layer: args.layer.clone() };
+    let mut decoded = luxel_io::read_image(path, &options).context("cannot read the target")?;
+    decoded.composite_over_black();
+    let mut image = decoded.image;
     let [width, height] = camera.size_px.map(|side| side as usize);
     if (image.width, image.height) != (width, height) {
         bail!(
