@@ -1,14 +1,25 @@
 //! Files that are there whole or not at all: written beside their place, synced, renamed.
 
+use std::collections::BTreeSet;
+use std::ffi::OsStr;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
+use tempfile::NamedTempFile;
+
 use crate::IoError;
+use crate::confine::check_file;
+
+/// Names of unfinished files begin and end with these.
+const PREFIX: &str = ".luxel-";
+const SUFFIX: &str = ".tmp";
 
 /// Writes `path` through `write`. On any error nothing is left behind and an older file of the name
 /// stays as it was; else the new one has its permissions. Where the name is a link, the file that
-/// it leads to is written. Missing folders are created.
+/// it leads to is written; in a folder that writing is confined to ([`crate::confine`]), the link
+/// is replaced. Missing folders are created. The first write into a folder also removes what killed
+/// processes left there ([`sweep_unfinished`]).
 ///
 /// ```
 /// use luxel_io::{IoError, write_atomically};
@@ -29,16 +40,19 @@ use crate::IoError;
 ///
 /// # Errors
 /// `write`'s error, [`crate::IoErrorKind::System`] or [`crate::IoErrorKind::NoRoom`];
-/// [`crate::IoErrorKind::Invalid`] where the name is a device, a pipe, or a link to a missing
-/// file.
+/// [`crate::IoErrorKind::Invalid`] where the name is a device, a pipe, or a link to a missing file.
 pub fn write_atomically(path: &Path, write: impl FnOnce(&mut (dyn WriteSeek + '_)) -> Result<(), IoError>) -> Result<(), IoError> {
-    let place = place_of(path)?;
+    let is_confined = check_file(path)?;
+    let place = if is_confined { checked(path, path.to_owned())? } else { place_of(path)? };
     let folder = place.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     std::fs::create_dir_all(folder).map_err(|e| IoError::system(folder, "create folder", &e))?;
     let system = |e: &std::io::Error| IoError::system(path, "write", e);
+    sweep_once(folder);
     let file = temporary_in(folder).map_err(|e| system(&e))?;
     let _unfinished = Unfinished::new(file.path());
-    if let Ok(older) = std::fs::metadata(&place) {
+    if let Ok(older) = std::fs::symlink_metadata(&place)
+        && !older.is_symlink()
+    {
         file.as_file().set_permissions(older.permissions()).map_err(|e| system(&e))?;
     }
     let mut buffer = BufWriter::with_capacity(1 << 20, file);
@@ -63,8 +77,13 @@ fn place_of(path: &Path) -> Result<PathBuf, IoError> {
         }
         false => path.to_owned(),
     };
-    match std::fs::metadata(&place) {
-        Ok(found) if !found.is_file() && !found.is_dir() => {
+    checked(path, place)
+}
+
+/// Refuses a place that is neither free nor a file, a folder (which renaming refuses) or a link.
+fn checked(path: &Path, place: PathBuf) -> Result<PathBuf, IoError> {
+    match std::fs::symlink_metadata(&place) {
+        Ok(found) if !found.is_file() && !found.is_dir() && !found.is_symlink() => {
             Err(IoError::invalid(path, "is a device or a pipe, expected a name for a file"))
         }
         _ => Ok(place),
@@ -104,13 +123,55 @@ pub trait WriteSeek: Write + std::io::Seek {}
 impl<T: Write + std::io::Seek> WriteSeek for T {}
 
 /// Returns a file with the permissions of an ordinary new one, where temporary files would be
-/// private: the system takes the user's mask off.
-fn temporary_in(folder: &Path) -> std::io::Result<tempfile::NamedTempFile> {
+/// private: the system takes the user's mask off. It is locked, which tells other processes that it
+/// is not left over.
+fn temporary_in(folder: &Path) -> std::io::Result<NamedTempFile> {
     let mut builder = tempfile::Builder::new();
-    builder.prefix(".luxel-").suffix(".tmp");
+    builder.prefix(PREFIX).suffix(SUFFIX);
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-    builder.tempfile_in(folder)
+    loop {
+        let file = builder.tempfile_in(folder)?;
+        // Elsewhere than on Unix, a lock would keep others from reading the finished file. A file
+        // system without locks is no reason not to write: nothing is swept there.
+        if !cfg!(unix) || file.as_file().try_lock().is_err() || file.path().exists() {
+            return Ok(file);
+        }
+        // Another process swept it before it was locked.
+    }
+}
+
+/// Returns whether this is the name of a file that [`write_atomically`] has not finished.
+pub fn is_unfinished_name(name: &OsStr) -> bool {
+    let name = name.as_encoded_bytes();
+    name.starts_with(PREFIX.as_bytes()) && name.ends_with(SUFFIX.as_bytes())
+}
+
+/// Removes the unfinished files of killed processes from a folder. Files of processes that live are
+/// locked, and stay. Whatever cannot be removed stays, too.
+pub fn sweep_unfinished(folder: &Path) {
+    if !cfg!(unix) {
+        return;
+    }
+    let Ok(entries) = std::fs::read_dir(folder) else { return };
+    for entry in entries.flatten() {
+        if !is_unfinished_name(&entry.file_name()) || !entry.file_type().is_ok_and(|kind| kind.is_file()) {
+            continue;
+        }
+        let path = entry.path();
+        let opened = std::fs::File::options().write(true).open(&path);
+        if opened.is_ok_and(|file| file.try_lock().is_ok()) {
+            let _ = std::fs::remove_file(&path);
+        }
+    }
+}
+
+/// Sweeps a folder before this process first writes into it.
+fn sweep_once(folder: &Path) {
+    static SWEPT: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+    if SWEPT.lock().unwrap_or_else(PoisonError::into_inner).insert(folder.to_owned()) {
+        sweep_unfinished(folder);
+    }
 }
 
 #[cfg(all(test, unix))]
@@ -137,6 +198,25 @@ mod tests {
         assert_eq!(std::fs::metadata(&real).unwrap().permissions().mode() & 0o777, 0o600);
         std::fs::remove_file(&real).unwrap();
         assert!(write_text(&link, "new").unwrap_err().message.contains("a missing file"));
+    }
+
+    #[test]
+    fn files_of_killed_processes_are_removed_and_files_in_progress_stay() {
+        let folder = tempfile::tempdir().unwrap();
+        let place = |name: &str| folder.path().join(name);
+        for name in [".luxel-left.tmp", ".luxel-notes.txt", "a.tmp"] {
+            std::fs::write(place(name), "half").unwrap();
+        }
+        symlink(place("a.tmp"), place(".luxel-link.tmp")).unwrap();
+        let in_progress = temporary_in(folder.path()).unwrap();
+        write_text(&place("report.html"), "whole").unwrap();
+        let mut left: Vec<_> = std::fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().path()).collect();
+        left.sort();
+        let mut expected =
+            vec![place(".luxel-link.tmp"), place(".luxel-notes.txt"), in_progress.path().into(), place("a.tmp"), place("report.html")];
+        expected.sort();
+        assert_eq!(left, expected);
+        assert_eq!(std::fs::read_to_string(place("a.tmp")).unwrap(), "half");
     }
 
     #[test]

@@ -10,7 +10,6 @@
 //! pieces: neither writing nor reading holds a second copy of the snapshot.
 
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::io::{BufReader, Read, Write};
 use std::path::Path;
 
@@ -19,6 +18,7 @@ use luxel_core::{ColorModel, ColorSpace, Moments, RadianceScale, RasterConfig, S
 use safetensors::tensor::{Dtype, Metadata, TensorInfo};
 use serde::Serialize;
 
+use crate::read_file::open_regular;
 use crate::{IoError, write_atomically};
 
 mod files;
@@ -72,13 +72,8 @@ pub fn encode_checkpoint(name: &Path, snapshot: &Snapshot) -> Result<Vec<u8>, Io
 /// # Errors
 /// A missing, truncated or otherwise damaged file, or one of another version.
 pub fn read_checkpoint(path: &Path) -> Result<Snapshot, IoError> {
-    let system = |e: std::io::Error| IoError::system(path, "read", &e);
-    let file = File::open(path).map_err(system)?;
-    let metadata = file.metadata().map_err(system)?;
-    if !metadata.is_file() {
-        return Err(IoError::invalid(path, "not a regular file, expected a checkpoint"));
-    }
-    read(path, BufReader::with_capacity(1 << 20, file), metadata.len())
+    let (file, length) = open_regular(path)?;
+    read(path, BufReader::with_capacity(1 << 20, file), length)
 }
 
 /// Decodes a file's bytes as [`read_checkpoint`] does; `name` is for errors.

@@ -36,13 +36,13 @@ pub enum IoErrorKind {
 impl IoError {
     /// Returns an error about wrong content: `message` names place, expected and found.
     pub fn invalid(path: impl AsRef<Path>, message: impl fmt::Display) -> Self {
-        Self { path: path.as_ref().into(), kind: IoErrorKind::Invalid, message: message.to_string(), remedy: None }
+        Self { path: path.as_ref().into(), kind: IoErrorKind::Invalid, message: shortened(message.to_string()), remedy: None }
     }
 
     /// Returns an error about content that may be right but is not supported: `message` names what
     /// and the remedy.
     pub fn unsupported(path: impl AsRef<Path>, message: impl fmt::Display) -> Self {
-        Self { path: path.as_ref().into(), kind: IoErrorKind::Unsupported, message: message.to_string(), remedy: None }
+        Self { path: path.as_ref().into(), kind: IoErrorKind::Unsupported, message: shortened(message.to_string()), remedy: None }
     }
 
     /// Returns an error about what the operating system refused: to `action` ("read", "write",
@@ -72,6 +72,22 @@ impl IoError {
     }
 }
 
+/// Characters of a message that are kept from its beginning and from its end: texts of a file may
+/// be of any length.
+const KEPT: [usize; 2] = [1500, 500];
+
+/// Returns a message without its middle if it is very long.
+fn shortened(message: String) -> String {
+    let count = message.chars().count();
+    let [start, end] = KEPT;
+    if count <= start + end {
+        return message;
+    }
+    let left_out = count - start - end;
+    let (first, last): (String, String) = (message.chars().take(start).collect(), message.chars().skip(count - end).collect());
+    format!("{first} ... ({left_out} characters left out) ... {last}")
+}
+
 impl fmt::Display for IoError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}: {}", self.path.display(), self.message)
@@ -79,3 +95,16 @@ impl fmt::Display for IoError {
 }
 
 impl std::error::Error for IoError {}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn texts_of_a_file_do_not_flood_a_message() {
+        let error = IoError::invalid("a.usda", format!("unknown type \"{}\", expected a float", "é".repeat(1 << 20)));
+        assert!(error.message.len() < 5000, "{}", error.message.len());
+        assert!(error.message.starts_with("unknown type \"é") && error.message.ends_with("é\", expected a float"));
+        assert!(error.message.contains("(1046609 characters left out)"), "{}", error.message);
+    }
+}

@@ -7,11 +7,13 @@ mod atomic;
 mod bake;
 mod camera_path;
 mod checkpoint;
+mod confine;
 mod dataset;
 mod error;
 mod gltf;
 mod icc;
 mod image;
+mod memory;
 #[cfg(not(feature = "ocio"))]
 mod ocio_absent;
 #[cfg(feature = "ocio")]
@@ -27,13 +29,14 @@ mod tensors;
 mod usd;
 mod validity;
 
-pub use atomic::{WriteSeek, remove_unfinished, write_atomically};
+pub use atomic::{WriteSeek, is_unfinished_name, remove_unfinished, sweep_unfinished, write_atomically};
 pub use bake::{Appearance, BakeOptions, Baked, MIDDLE_GREY, display_exposure};
 pub use camera_path::{PathCamera, decode_camera_path, read_camera_path};
 pub use checkpoint::{
     CheckpointFile, LatestCheckpoint, checkpoint_path, decode_checkpoint, encode_checkpoint, latest_checkpoint, list_checkpoints,
     prune_checkpoints, read_checkpoint, write_checkpoint,
 };
+pub use confine::{Confinement, check_within, confine};
 pub use dataset::{
     DatasetFormat, Exposures, LoadOptions, MaskSource, RecordedPose, SplitLists, Supervision, Transforms, TransformsFrame, UnknownFormat,
     colmap, decode_mask, detect_format, load_dataset, parse_exposures, parse_recorded_poses, parse_split, parse_transforms,
@@ -46,6 +49,7 @@ pub use image::{
     write_exr, write_png,
 };
 pub use luxel_core::photo::{Codes, Exif, IccProfile, PhotoInfo, PhotoKind, RawInfo, RawPixels};
+pub use memory::{memory_limit, set_memory_limit};
 #[cfg(not(feature = "ocio"))]
 pub use ocio_absent::OcioSpace;
 #[cfg(feature = "ocio")]
@@ -56,6 +60,7 @@ pub use ply::{
     PlyPoint, decode_points_ply, decode_scene_ply, encode_baked_ply, encode_scene_ply, read_points_ply, read_scene_ply, write_baked_ply,
     write_exact_ply, write_scene_ply,
 };
+pub use read_file::{open_regular, read_file};
 pub use scene_file::{SceneFormat, read_scene};
 pub use spz::{SpzVersion, decode_spz, encode_spz, read_spz, spz_out_of_range, write_spz};
 pub use tensors::{Tensors, decode_tensors, read_tensors};

@@ -1,9 +1,11 @@
 //! Whole files into memory, regular ones only: pipes and devices may never end.
 
+use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
 use crate::IoError;
+use crate::memory::check_memory;
 
 /// Largest file that is read whole: far above real ones, and a guard against runaway files.
 const MAX_BYTES: u64 = 16 << 30;
@@ -14,14 +16,31 @@ pub(crate) fn regular_file(path: &Path) -> Result<std::fs::Metadata, IoError> {
     if metadata.is_file() { Ok(metadata) } else { Err(IoError::invalid(path, "not a regular file, expected one")) }
 }
 
+/// Opens a regular file, and returns its length with it. Pipes and devices are refused before they
+/// are opened, because opening one may wait for ever.
+///
+/// # Errors
+/// A file that is missing, cannot be read, or is no regular one.
+pub fn open_regular(path: &Path) -> Result<(File, u64), IoError> {
+    regular_file(path)?;
+    let system = |e: std::io::Error| IoError::system(path, "read", &e);
+    let file = File::open(path).map_err(system)?;
+    let length = file.metadata().map_err(system)?.len();
+    Ok((file, length))
+}
+
 /// Reads a regular file.
-pub(crate) fn read_file(path: &Path) -> Result<Vec<u8>, IoError> {
-    let length = regular_file(path)?.len();
+///
+/// # Errors
+/// The same as [`open_regular`], and a file of more than 16 GiB.
+pub fn read_file(path: &Path) -> Result<Vec<u8>, IoError> {
+    let (file, length) = open_regular(path)?;
     if length > MAX_BYTES {
         return Err(IoError::unsupported(path, format!("{length} bytes, expected at most {MAX_BYTES}")));
     }
+    check_memory(path, length)?;
     let system = |e: std::io::Error| IoError::system(path, "read", &e);
     let mut bytes = Vec::new();
-    std::fs::File::open(path).map_err(system)?.take(MAX_BYTES).read_to_end(&mut bytes).map_err(system)?;
+    file.take(MAX_BYTES).read_to_end(&mut bytes).map_err(system)?;
     Ok(bytes)
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use luxel_core::Scene;
 
-use crate::read_file::regular_file;
+use crate::read_file::open_regular;
 use crate::{IoError, read_glb, read_scene_ply, read_spz, read_usda};
 
 /// Formats that scenes are read from.
@@ -45,9 +45,8 @@ const HEAD_BYTES: u64 = 16;
 /// The file can't be read, is damaged, or is of a format or version that is not supported; the
 /// message names the remedy.
 pub fn read_scene(path: &Path) -> Result<Scene, IoError> {
-    regular_file(path)?;
     let mut head = Vec::new();
-    let file = std::fs::File::open(path).map_err(|e| IoError::system(path, "read", &e))?;
+    let (file, _) = open_regular(path)?;
     file.take(HEAD_BYTES).read_to_end(&mut head).map_err(|e| IoError::system(path, "read", &e))?;
     match SceneFormat::of_bytes(&head) {
         Some(SceneFormat::Ply) => read_scene_ply(path),

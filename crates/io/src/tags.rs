@@ -104,6 +104,17 @@ impl<'a> Tags<'a> {
         Some(Ifd { entries, next })
     }
 
+    /// Returns the tag of the first directory that claims a text longer than the file.
+    pub(crate) fn endless_text(&self) -> Option<u16> {
+        let count = usize::from(self.u16_at(self.first_ifd)?);
+        let entries = (0..count).map_while(|i| self.first_ifd.checked_add(2 + 12 * i));
+        let endless = |at: usize| {
+            let (tag, kind, length) = (self.u16_at(at)?, self.u16_at(at + 2)?, self.u32_at(at + 4)? as usize);
+            (Kind::from_code(kind) == Some(Kind::Ascii) && length > self.bytes.len()).then_some(tag)
+        };
+        entries.filter_map(endless).next()
+    }
+
     /// Returns the bytes of a part of the file.
     pub(crate) fn slice(&self, offset: usize, length: usize) -> Option<&'a [u8]> {
         self.bytes.get(offset..offset.checked_add(length)?)

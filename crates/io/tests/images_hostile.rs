@@ -153,6 +153,58 @@ fn huge_claims_are_refused_without_memory() {
     }
 }
 
+/// Returns a file of DWA blocks, and the places of their heads.
+fn dwa_exr(image: &Image) -> (Vec<u8>, Vec<usize>) {
+    use exr::prelude::{
+        Blocks, Compression, Encoding, Image as Exr, Layer, LayerAttributes, LineOrder, SpecificChannels, Vec2, WritableImage, f16,
+    };
+    let pixel = |at: Vec2<usize>| {
+        let [r, g, b] = image.at(at.0, at.1).map(f16::from_f32);
+        (r, g, b)
+    };
+    let encoding = Encoding { compression: Compression::DWAA(None), blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
+    let layer = Layer::new((image.width, image.height), LayerAttributes::named("a"), encoding, SpecificChannels::rgb(pixel));
+    let mut out = Cursor::new(Vec::new());
+    Exr::from_layer(layer).write().non_parallel().to_buffered(&mut out).unwrap();
+    let bytes = out.into_inner();
+    let word = |at: usize| bytes.get(at..at + 8).map_or(u64::MAX, |b| u64::from_le_bytes(b.try_into().unwrap()));
+    // The table of blocks has their offsets; a block begins with its line and its length, of four
+    // bytes each.
+    let heads = (0..bytes.len()).filter_map(|at| usize::try_from(word(at)).ok()).filter(|at| *at < bytes.len() && word(at + 8) == 2);
+    let heads = heads.map(|at| at + 8).collect();
+    (bytes, heads)
+}
+
+#[test]
+fn counts_in_dwa_blocks_are_held_against_the_block() {
+    let image = Image { width: 64, height: 64, pixels: (0..64 * 64).map(|i| [i as f32 * 1e-3, 0.5, 1.0]).collect() };
+    let (whole, heads) = dwa_exr(&image);
+    assert_eq!(heads.len(), 2, "blocks of 32 lines");
+    decode_image(Path::new("a.exr"), &whole, &LINEAR).unwrap();
+    for head in heads {
+        // The counters: bytes without loss, of runs, in runs, AC and DC coefficients.
+        for counter in [1, 6, 7, 8, 9] {
+            for claim in [1u64 << 17, 1 << 31, 1 << 34, 1 << 40, i64::MAX as u64, u64::MAX] {
+                let mut lie = whole.clone();
+                lie[head + 8 * counter..head + 8 * counter + 8].copy_from_slice(&claim.to_le_bytes());
+                let error = decode_image(Path::new("lie.exr"), &lie, &LINEAR).unwrap_err();
+                assert!(error.message.contains(&format!("claims {claim} ")), "counter {counter}, {claim}: {error}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_text_longer_than_a_tiff_is_refused() {
+    let mut lie = files().iter().find(|(kind, _)| *kind == "tiff").unwrap().1.clone();
+    // The number of bytes in each strip, tag 279, as a text.
+    let at = lie.windows(3).position(|window| window == [23, 1, 4]).unwrap();
+    lie[at + 2] = 2;
+    lie[at + 4..at + 8].copy_from_slice(&u32::MAX.to_le_bytes());
+    let error = decode_image(Path::new("lie.tif"), &lie, &LINEAR).unwrap_err();
+    assert!(error.message.contains("tag 279 claims a text longer than the file"), "{error}");
+}
+
 #[test]
 fn missing_empty_and_foreign_files_are_told_apart() {
     let folder = tempfile::tempdir().unwrap();

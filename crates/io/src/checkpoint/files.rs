@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use luxel_core::Snapshot;
 
 use crate::IoError;
+use crate::atomic::is_unfinished_name;
 use crate::checkpoint::read_checkpoint;
 
 const FOLDER: &str = "checkpoints";
@@ -74,10 +75,7 @@ pub fn latest_checkpoint(run_dir: &Path) -> Result<LatestCheckpoint, IoError> {
 /// A folder that cannot be read or a file that cannot be removed.
 pub fn prune_checkpoints(run_dir: &Path, keep: usize) -> Result<(), IoError> {
     let old = list_checkpoints(run_dir)?.into_iter().skip(keep.max(1)).map(|file| file.path);
-    let is_leftover = |path: &PathBuf| {
-        let name = path.file_name().and_then(|n| n.to_str()).unwrap_or_default();
-        name.starts_with(".luxel-") && name.ends_with(".tmp")
-    };
+    let is_leftover = |path: &PathBuf| path.file_name().is_some_and(is_unfinished_name);
     for path in old.chain(entries(run_dir)?.into_iter().filter(is_leftover)) {
         std::fs::remove_file(&path).map_err(|e| IoError::system(&path, "remove", &e))?;
     }

@@ -60,7 +60,10 @@ pub(super) fn read(document: &Document, bin: &[u8], index: usize, width: usize) 
     if stride < row || needed.is_none_or(|needed| needed > data.len()) {
         return Err(invalid(format!("{} rows of {row} bytes in {} bytes; the file is truncated", accessor.count, data.len())));
     }
-    let mut values = Vec::with_capacity(accessor.count * width);
+    let values_bytes = (accessor.count as u64).saturating_mul(4 * width as u64);
+    document.spend(values_bytes, bin.len() as u64).map_err(invalid)?;
+    let mut values = Vec::new();
+    values.try_reserve_exact(accessor.count * width).map_err(|e| invalid(format!("{} rows: {e}", accessor.count)))?;
     for row in data.chunks(stride).take(accessor.count) {
         values.extend(row.chunks_exact(size).take(width).map(|bytes| component(bytes, kind, accessor.normalized)));
     }

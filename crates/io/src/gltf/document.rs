@@ -1,9 +1,12 @@
 //! The parts of a glTF document that splats need.
 
+use std::cell::Cell;
 use std::collections::BTreeMap;
 
 use serde::Deserialize;
 use serde_json::{Map, Value};
+
+use crate::memory::memory_limit;
 
 #[derive(Debug, Default, Deserialize)]
 #[serde(default, rename_all = "camelCase")]
@@ -16,6 +19,33 @@ pub(super) struct Document {
     pub(super) accessors: Vec<Accessor>,
     pub(super) buffer_views: Vec<BufferView>,
     pub(super) buffers: Vec<Buffer>,
+    /// Bytes of all accessors that were read.
+    #[serde(skip)]
+    spent_bytes: Cell<u64>,
+}
+
+/// Bytes of numbers that any file may hold, however short.
+const FREE_BYTES: u64 = 64 << 20;
+
+/// Bytes of numbers that a byte of the file's buffer may stand for beyond that: a byte becomes an
+/// f32, and a mesh may be placed several times.
+const MAX_RATIO: u64 = 64;
+
+impl Document {
+    /// Counts the bytes of an accessor that is about to be read. Many attributes may name one
+    /// accessor, so that a short file could ask for any amount of memory.
+    pub(super) fn spend(&self, bytes: u64, buffer_bytes: u64) -> Result<(), String> {
+        let spent = self.spent_bytes.get().saturating_add(bytes);
+        self.spent_bytes.set(spent);
+        let limit = memory_limit().min(FREE_BYTES.saturating_add(buffer_bytes.saturating_mul(MAX_RATIO)));
+        if spent > limit {
+            return Err(format!(
+                "the file's attributes are more than {limit} bytes, in a buffer of {buffer_bytes}: too many of them name the same accessors; \
+                 export each mesh once"
+            ));
+        }
+        Ok(())
+    }
 }
 
 #[derive(Debug, Default, Deserialize)]

@@ -49,6 +49,24 @@ fn the_exact_model_reads_back_to_the_bit() {
 }
 
 #[test]
+fn many_meshes_of_one_accessor_are_refused() {
+    let mut scene = scene(false);
+    scene.splats = synthetic::room(3000, 9);
+    let bytes = encode_glb(name(), &baked(&scene, Appearance::PREVIEW), None).unwrap();
+    let word = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize;
+    let (json, rest) = bytes[20..].split_at(word(12));
+    let mut document: serde_json::Value = serde_json::from_slice(json).unwrap();
+    let primitives = document["meshes"][0]["primitives"].as_array_mut().unwrap();
+    *primitives = vec![primitives[0].clone(); 1000];
+    let mut json = serde_json::to_vec(&document).unwrap();
+    json.resize(json.len().next_multiple_of(4), b' ');
+    let length = (20 + json.len() + rest.len()) as u32;
+    let lie = [&bytes[..8], &length.to_le_bytes(), &(json.len() as u32).to_le_bytes(), b"JSON", &json, rest].concat();
+    let error = decode_glb(name(), &lie).unwrap_err();
+    assert!(error.message.contains("too many of them name the same accessors"), "{error}");
+}
+
+#[test]
 fn bakes_read_back_as_what_they_are() {
     let scene = scene(true);
     for appearance in [Appearance::PREVIEW, LINEAR] {

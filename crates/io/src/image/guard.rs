@@ -9,6 +9,7 @@ use std::sync::Once;
 use luxel_core::MAX_SIDE_PX;
 
 use crate::IoError;
+use crate::memory::check_memory;
 
 /// Pixels that any file may claim, however short: a black 4096 x 4096 image in DWAB is a few
 /// kilobytes.
@@ -18,11 +19,15 @@ const FREE_PIXELS: u64 = 1 << 24;
 /// least one byte per pixel; the rest is margin for compressors that store flat blocks in less.
 const PIXELS_PER_BYTE: u64 = 2000;
 
+/// Memory for a pixel while an image is decoded: f32 of three channels and of alpha, beside the
+/// samples of the file.
+const BYTES_PER_PIXEL: u64 = 24;
+
 /// Memory for one block of a compressed file, by the same reasoning.
 const FREE_BLOCK_BYTES: u64 = 64 << 20;
 
-/// Refuses empty images, sides above [`MAX_SIDE_PX`] and more pixels than a file of `file_bytes`
-/// can plausibly hold.
+/// Refuses empty images, sides above [`MAX_SIDE_PX`], and more pixels than a file of `file_bytes`
+/// can plausibly hold or the limit of memory allows.
 pub(crate) fn check_size(name: &Path, [width, height]: [u64; 2], file_bytes: u64) -> Result<(), IoError> {
     let side = u64::from(MAX_SIDE_PX);
     if width == 0 || height == 0 || width > side || height > side {
@@ -34,7 +39,7 @@ pub(crate) fn check_size(name: &Path, [width, height]: [u64; 2], file_bytes: u64
         );
         return Err(IoError::invalid(name, message));
     }
-    Ok(())
+    check_memory(name, width * height * BYTES_PER_PIXEL)
 }
 
 /// Refuses blocks (tiles, groups of lines) that would decompress to more than a file of
@@ -45,7 +50,8 @@ pub(crate) fn check_block(name: &Path, block_bytes: u64, file_bytes: u64) -> Res
             format!("header: claims blocks of {block_bytes} bytes in a file of {file_bytes} bytes; the file is damaged, export it again");
         return Err(IoError::invalid(name, message));
     }
-    Ok(())
+    // The compressed bytes, their parts and the block, which decoders hold at the same time.
+    check_memory(name, block_bytes.saturating_mul(4))
 }
 
 /// Allocates `count` zeros, or returns an error where memory is short. Large requests are served by

@@ -13,6 +13,7 @@
 //! pixels than a file of its length can hold.
 
 pub(crate) mod colorimetry;
+mod exr_blocks;
 mod exr_header;
 mod exr_layers;
 pub(crate) mod guard;
@@ -35,7 +36,7 @@ use luxel_core::{Chromaticities, ColorSpace, Image};
 use serde::{Deserialize, Serialize};
 
 use crate::IoError;
-use crate::read_file::{read_file, regular_file};
+use crate::read_file::{open_regular, read_file};
 
 pub use resample::{downscale, downscale_masked, pinhole_within, undistort, undistort_into};
 pub use write::{ExrOptions, ExrSample, HALF_MAX, encode_exr, encode_jpeg, encode_png, write_exr, write_png};
@@ -177,7 +178,16 @@ impl Format {
 /// The file can't be read, is damaged, or is of a kind that is not supported; the message names the
 /// remedy.
 pub fn read_image(path: &Path, options: &ReadOptions) -> Result<DecodedImage, IoError> {
-    decode_image(path, &read_file(path)?, options)
+    decode_image(path, &read_known(path)?, options)
+}
+
+/// Reads a file whose first bytes are those of an image.
+fn read_known(path: &Path) -> Result<Vec<u8>, IoError> {
+    let mut head = Vec::new();
+    let (file, _) = open_regular(path)?;
+    file.take(HEAD_BYTES).read_to_end(&mut head).map_err(|e| IoError::system(path, "read", &e))?;
+    Format::detect(path, &head)?;
+    read_file(path)
 }
 
 /// Reads an image from memory; `name` is for messages only.
@@ -201,7 +211,7 @@ pub fn decode_image(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<
 /// # Errors
 /// The same as [`read_image`].
 pub fn read_codes(path: &Path) -> Result<DecodedImage, IoError> {
-    decode_codes(path, &read_file(path)?)
+    decode_codes(path, &read_known(path)?)
 }
 
 /// Decodes integer samples as they are, divided by the largest code, whatever curve and primaries
@@ -232,15 +242,14 @@ pub(crate) fn decode_codes_of(name: &Path, bytes: &[u8], layer: Option<&str>) ->
 /// # Errors
 /// The same as [`read_image`], as far as the header shows it.
 pub fn image_size(path: &Path) -> Result<[u32; 2], IoError> {
-    let length = regular_file(path)?.len();
-    let open = || std::fs::File::open(path).map_err(|e| IoError::system(path, "open", &e));
+    let (file, length) = open_regular(path)?;
     let mut head = Vec::new();
-    open()?.take(HEAD_BYTES).read_to_end(&mut head).map_err(|e| IoError::system(path, "read", &e))?;
+    file.take(HEAD_BYTES).read_to_end(&mut head).map_err(|e| IoError::system(path, "read", &e))?;
     let format = Format::detect(path, &head)?;
     let size = guard::contain(path, || match format {
         Format::Png => png::size(path, &head),
         Format::Jpeg => jpeg::size(path, &read_file(path)?),
-        _ => stream_size(path, format, open()?),
+        _ => stream_size(path, format, open_regular(path)?.0),
     })?;
     guard::check_size(path, size.map(u64::from), length)?;
     Ok(size)

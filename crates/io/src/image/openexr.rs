@@ -23,6 +23,7 @@ use ::exr::prelude::{Vec2, f16};
 use luxel_core::Image;
 
 use super::colorimetry::settle_space;
+use super::exr_blocks::check_counts;
 use super::exr_layers::{ColorChannels, Picture, find_picture};
 use super::guard::{check_block, check_size, zeroed};
 use super::{DecodedImage, ReadOptions, SampleDepth};
@@ -48,8 +49,11 @@ pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result
     let mut canvas = Canvas::new(name, &header, color)?;
     let expected = chunks.len();
     let mut seen = HashSet::with_capacity(expected);
-    for block in chunks.sequential_decompressor(false) {
-        let block = block.map_err(failed)?;
+    let meta = chunks.meta_data().clone();
+    for chunk in chunks {
+        let chunk = chunk.map_err(failed)?;
+        check_counts(name, &chunk, &header)?;
+        let block = UncompressedBlock::decompress_chunk(chunk, &meta, false).map_err(failed)?;
         let at = block.index;
         if at.layer != part || at.level != Vec2(0, 0) || !seen.insert((at.pixel_position.0, at.pixel_position.1)) {
             return Err(IoError::invalid(

@@ -26,9 +26,14 @@ use super::guard::check_size;
 use super::samples::{Curve, SampleGrid, depth_warnings};
 use super::{DecodedImage, ReadOptions, SampleDepth, Transfer};
 use crate::IoError;
+use crate::memory::check_memory;
+use crate::tags::Tags;
 
 /// Bytes of the widest sample (f64) times the most channels.
 const MAX_PIXEL_BYTES: usize = 32;
+
+/// Bytes per pixel of what the samples become: f32 of three channels and of alpha.
+const OUTPUT_BYTES: u64 = 16;
 
 /// Values of ExtraSamples.
 const ASSOCIATED_ALPHA: u16 = 1;
@@ -92,6 +97,13 @@ fn number(value: &Value) -> Option<f32> {
 /// Returns the samples through their curve, in the file's primaries.
 fn decode_samples(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<DecodedImage, IoError> {
     let failed = |error: TiffError| explain(name, &error);
+    // The library prints a line of its own where it meets one.
+    if let Some(tag) = Tags::new(bytes).and_then(|tags| tags.endless_text()) {
+        return Err(IoError::invalid(
+            name,
+            format!("TIFF: tag {tag} claims a text longer than the file, which is damaged; export it again"),
+        ));
+    }
     let mut decoder = Decoder::new(Cursor::new(bytes)).map_err(failed)?;
     let (width, height) = decoder.dimensions().map_err(failed)?;
     check_size(name, [width, height].map(u64::from), bytes.len() as u64)?;
@@ -105,6 +117,8 @@ fn decode_samples(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<De
         _ => return Err(IoError::unsupported(name, format!("TIFF: colour type {color:?}; export it as RGB"))),
     };
     let layout = SampleGrid { width: width as usize, height: height as usize, channels };
+    let sample_bytes = u64::from(color.bit_depth().div_ceil(8)) * channels as u64;
+    check_memory(name, u64::from(width) * u64::from(height) * (sample_bytes + OUTPUT_BYTES))?;
     let extra = decoder.find_tag_unsigned_vec::<u16>(Tag::ExtraSamples).map_err(failed)?.unwrap_or_default();
 
     let mut limits = Limits::default();

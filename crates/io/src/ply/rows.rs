@@ -7,6 +7,7 @@
 use std::io::BufRead;
 
 use crate::IoError;
+use crate::memory::check_memory;
 use crate::ply::header::{Element, Format, Header, Kind, Scalar};
 use crate::ply::source::PlySource;
 
@@ -181,6 +182,8 @@ pub(super) fn check_count<R: BufRead>(source: &PlySource<'_, R>, element: &Eleme
             ),
         ));
     }
+    // Every number becomes an f32.
+    check_memory(source.path, element.count.saturating_mul(4 * scalars.len() as u64))?;
     usize::try_from(element.count)
         .map_err(|_| source.invalid("header", format_args!("{} rows are too many for this machine", element.count)))
 }

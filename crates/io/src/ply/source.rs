@@ -6,6 +6,7 @@ use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 
 use crate::IoError;
+use crate::read_file::open_regular;
 
 /// Longest line of text that is believed to be one, bytes.
 pub(super) const MAX_LINE: u64 = 1 << 20;
@@ -23,13 +24,8 @@ pub(super) struct PlySource<'a, R> {
 
 impl<'a> PlySource<'a, BufReader<File>> {
     pub(super) fn open(path: &'a Path) -> Result<Self, IoError> {
-        let system = |e: &std::io::Error| IoError::system(path, "read", e);
-        let file = File::open(path).map_err(|e| system(&e))?;
-        let metadata = file.metadata().map_err(|e| system(&e))?;
-        if !metadata.is_file() {
-            return Err(IoError::invalid(path, "not a regular file, expected a PLY file"));
-        }
-        Ok(Self { reader: BufReader::with_capacity(1 << 20, file), path, position: 0, length: metadata.len() })
+        let (file, length) = open_regular(path)?;
+        Ok(Self { reader: BufReader::with_capacity(1 << 20, file), path, position: 0, length })
     }
 }
 

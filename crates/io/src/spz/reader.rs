@@ -11,10 +11,15 @@ use super::layout::{
     unpack_opacity, unpack_rotation_first_three, unpack_rotation_smallest_three,
 };
 use crate::IoError;
+use crate::memory::check_memory;
 use crate::read_file::read_file;
 
-/// Bytes of splats that a byte of file may encode.
-const MAX_RATIO: u64 = 4096;
+/// Bytes of splats that any file may claim, however short.
+const FREE_BYTES: u64 = 64 << 20;
+
+/// Bytes of splats that a byte of file may encode beyond that. Splats compress to a fraction of
+/// what they take, equal ones to a hundredth.
+const MAX_RATIO: u64 = 64;
 
 /// Reads a scene. Its axes become those of 3D Gaussian splatting's PLY.
 ///
@@ -77,15 +82,16 @@ impl Head {
         Ok(Self { version, count: count as usize, degree: degree.into(), bits, flags, streams })
     }
 
-    /// Refuses more splats than a file of `file_bytes` can plausibly hold: deflate reaches 1032
-    /// bytes a byte, and zstd little more but on one and the same splat.
+    /// Refuses more splats than a file of `file_bytes` can plausibly hold, or than the limit of
+    /// memory allows.
     fn check_count(&self, name: &Path, file_bytes: usize) -> Result<(), IoError> {
         let claimed: u64 = self.sizes().iter().sum();
-        if claimed > (file_bytes as u64).saturating_mul(MAX_RATIO) {
+        if claimed > FREE_BYTES.saturating_add((file_bytes as u64).saturating_mul(MAX_RATIO)) {
             let message = format!("header: claims {} splats in a file of {file_bytes} bytes; the file is damaged or cut short", self.count);
             return Err(IoError::invalid(name, message));
         }
-        Ok(())
+        // The bytes, and what they become: harmonics grow fourfold, all else by less.
+        check_memory(name, claimed.saturating_mul(5))
     }
 
     /// Returns the bytes of each block.
@@ -119,6 +125,8 @@ fn gzip_blocks(name: &Path, bytes: &[u8]) -> Result<(Head, Vec<Vec<u8>>), IoErro
         }
         blocks.push(block);
     }
+    // Only the end of the stream has the checksum and the length, which the decoder compares.
+    std::io::copy(&mut decoder, &mut std::io::sink()).map_err(damaged)?;
     Ok((head, blocks))
 }
 
@@ -164,8 +172,14 @@ fn decompress(name: &Path, stream: &[u8], size: u64) -> Result<Vec<u8>, IoError>
     let damaged = |e: std::io::Error| IoError::invalid(name, format_args!("zstd: {e}; the file is damaged or cut short"));
     let mut block = Vec::new();
     // Grows with the data, never with the claim.
-    ::zstd::stream::read::Decoder::new(stream).map_err(damaged)?.take(size).read_to_end(&mut block).map_err(damaged)?;
-    if block.len() as u64 == size { Ok(block) } else { Err(truncated(name, size, block.len())) }
+    let mut decoder = ::zstd::stream::read::Decoder::new(stream).map_err(damaged)?;
+    decoder.by_ref().take(size).read_to_end(&mut block).map_err(damaged)?;
+    if block.len() as u64 != size {
+        return Err(truncated(name, size, block.len()));
+    }
+    // Only the end of the stream has the checksum, if there is one.
+    std::io::copy(&mut decoder, &mut std::io::sink()).map_err(damaged)?;
+    Ok(block)
 }
 
 /// Decodes blocks of the right sizes to splats in the file's axes. Every byte encodes a number:

@@ -91,6 +91,37 @@ fn wrong_headers_are_named() {
 }
 
 #[test]
+fn checksum_and_length_of_gzip_are_compared() {
+    for version in [SpzVersion::V2, SpzVersion::V3] {
+        let whole = encode_spz(name(), &baked(1), version).unwrap();
+        decode_spz(name(), &whole).unwrap();
+        for cut in 1..=8 {
+            assert!(decode_spz(name(), &whole[..whole.len() - cut]).is_err(), "cut by {cut}");
+        }
+        for back in 1..=8 {
+            let mut damaged = whole.clone();
+            let at = damaged.len() - back;
+            damaged[at] ^= 1;
+            let error = decode_spz(name(), &damaged).unwrap_err();
+            assert!(error.message.starts_with("gzip: "), "{error}");
+        }
+    }
+}
+
+#[test]
+fn more_splats_than_a_file_can_hold_are_refused() {
+    let mut bytes = Vec::new();
+    bytes.extend([0x4e, 0x47, 0x53, 0x50, 3, 0, 0, 0]);
+    bytes.extend(60_000_000u32.to_le_bytes());
+    bytes.extend([0, 12, 0, 0]);
+    bytes.resize(bytes.len() + (4 << 20), 0);
+    let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+    std::io::Write::write_all(&mut encoder, &bytes).unwrap();
+    let error = decode_spz(name(), &encoder.finish().unwrap()).unwrap_err();
+    assert!(error.message.contains("claims 60000000 splats in a file of"), "{error}");
+}
+
+#[test]
 fn axes_are_right_up_back() {
     assert_eq!(axes().point(glam::DVec3::new(1.0, 2.0, 3.0)), glam::DVec3::new(1.0, -2.0, -3.0));
     assert_eq!(axes().inverse().rotation(), axes().rotation());

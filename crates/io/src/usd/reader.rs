@@ -9,7 +9,7 @@ use super::lexer::{Lexer, Token};
 use super::{DISPLAY_SPACE, PRIM_TYPE, usd_name};
 use crate::IoError;
 use crate::bake::{BakeRecord, RECORD_KEY};
-use crate::read_file::regular_file;
+use crate::read_file::open_regular;
 use crate::validity::is_normalizable;
 
 /// Deepest nesting of prims.
@@ -22,8 +22,7 @@ const MAX_PRIMS: usize = 64;
 /// what is not supported: a transform of the field or of a prim around it, several fields, values
 /// over time, a colour space without a name here.
 pub fn read_usda(path: &Path) -> Result<Scene, IoError> {
-    regular_file(path)?;
-    let file = std::fs::File::open(path).map_err(|e| IoError::system(path, "read", &e))?;
+    let (file, _) = open_regular(path)?;
     read(path, BufReader::with_capacity(1 << 20, file))
 }
 

@@ -219,6 +219,12 @@ impl Range {
             (Self::Limits { .. } | Self::UpTo(_), Number::Real(_)) => false,
             (Self::Share | Self::ShareBelowOne | Self::Between, Number::Integer(_)) => false,
         };
+        if let (Self::Positive, Number::Real(v)) = (self, number)
+            && v.is_subnormal()
+            && v > 0.0
+        {
+            return Err(format!("found {number}, expected a number of at least {:.1e}", f32::MIN_POSITIVE));
+        }
         if is_in { Ok(()) } else { Err(format!("found {number}, expected {}", self.expected(number))) }
     }
 
@@ -264,6 +270,8 @@ impl fmt::Display for Number {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Integer(n) => n.fmt(f),
+            // Without rows of zeros.
+            Self::Real(v) if *v != 0.0 && v.is_finite() && !(1e-6..1e16).contains(&v.abs()) => write!(f, "{v:e}"),
             Self::Real(v) => v.fmt(f),
         }
     }

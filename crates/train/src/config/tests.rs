@@ -36,6 +36,12 @@ fn the_start_follows_strategy_and_filter() {
 }
 
 #[test]
+fn tiny_numbers_are_refused_with_the_least() {
+    let error = parse(&["--radiance-scale", "1e-38"]).unwrap_err().to_string();
+    assert!(error.contains("found 1e-38, expected a number of at least 1.2e-38"), "{error}");
+}
+
+#[test]
 fn every_option_changes_the_configuration() {
     let flags: &[&[&str]] = &[
         &["--preset", "paper"],
