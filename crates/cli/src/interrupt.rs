@@ -3,6 +3,8 @@
 //! process.
 
 use std::sync::LazyLock;
+#[cfg(unix)]
+use std::sync::{Arc, atomic::AtomicBool};
 
 use anyhow::{Context, Result};
 use luxel::StopFlag;
@@ -17,8 +19,12 @@ pub(crate) fn stop() -> &'static StopFlag {
     &STOP
 }
 
-/// Installs the handler; once per process.
+/// Installs the handler; once per process. Also makes a write beyond a limit on file sizes an error
+/// that can be reported, where its signal would end the process.
 pub(crate) fn install() -> Result<()> {
+    #[cfg(unix)]
+    signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::new(AtomicBool::new(false)))
+        .context("cannot install the handler of limits on file sizes")?;
     ctrlc::set_handler(|| {
         let is_second = STOP.request();
         if is_second || !STOP.has_listener() {
@@ -26,7 +32,7 @@ pub(crate) fn install() -> Result<()> {
         }
         console::note_from_handler("interrupted: finishing the step and saving; once more exits at once");
     })
-    .context("cannot install the handler of Ctrl-C")
+    .context("cannot install the handler of Ctrl-C, which waits on a thread of its own")
 }
 
 /// Counts the end of standard input as one interruption, from a thread of its own: a program that

@@ -7,6 +7,7 @@ mod interrupt;
 mod output;
 mod remedy;
 
+use std::io::IsTerminal;
 use std::process::ExitCode;
 
 use anyhow::Result;
@@ -22,7 +23,13 @@ fn main() -> ExitCode {
     let explicit = matches.subcommand().map_or_else(ExplicitArgs::default, |(_, matches)| args::run_config::explicit_args(matches));
     args::check(&cli, &explicit).unwrap_or_else(|error| error.exit());
     start_logging();
-    match interrupt::install().and_then(|()| dispatch(cli.command, &explicit)) {
+    // GiB; the option of this name of prepare is another number and another type.
+    let memory = matches.subcommand().and_then(|(_, matches)| matches.try_get_one::<u64>(args::MEMORY).ok().flatten().copied());
+    if let Some(gib) = memory {
+        luxel_io::set_memory_limit(gib << 30);
+    }
+    let threads = matches.subcommand().and_then(|(_, matches)| matches.try_get_one::<u32>("threads").ok().flatten().copied());
+    match start(&cli.command, threads).and_then(|()| dispatch(cli.command, &explicit)) {
         Ok(Outcome::Finished) => ExitCode::SUCCESS,
         Ok(Outcome::Interrupted) => ExitCode::from(interrupt::EXIT_INTERRUPTED),
         Err(error) if reader_has_left(&error) => ExitCode::SUCCESS,
@@ -36,6 +43,23 @@ fn main() -> ExitCode {
             }
             ExitCode::FAILURE
         }
+    }
+}
+
+/// Prepares the process for the command: signals, and the threads that files are decoded with.
+fn start(command: &Command, threads: Option<u32>) -> Result<()> {
+    interrupt::install()?;
+    match command {
+        // A configuration file may name the number, which opening the engine takes from there.
+        Command::Train(_) if threads.is_none() => Ok(()),
+        // These read no files.
+        Command::Completions(_) | Command::Man(_) => Ok(()),
+        // These commands have no such option.
+        Command::Info(_) | Command::Compare(_) => luxel::start_threads(None).map_err(|error| {
+            let remedy = luxel::Remedy::advice("raise the limit on processes, or set the environment variable RAYON_NUM_THREADS to 1");
+            error.with_remedy(remedy).into()
+        }),
+        _ => Ok(luxel::start_threads(threads)?),
     }
 }
 
@@ -61,7 +85,14 @@ fn dispatch(command: Command, explicit: &ExplicitArgs) -> Result<Outcome> {
 /// Sends what the libraries log to stderr: warnings and above unless RUST_LOG sets another filter.
 fn start_logging() {
     let filter = tracing_subscriber::EnvFilter::try_from_default_env().unwrap_or_else(|_| "warn".into());
-    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).with_target(false).without_time().init();
+    let colors = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty());
+    tracing_subscriber::fmt()
+        .with_ansi(colors)
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .with_target(false)
+        .without_time()
+        .init();
 }
 
 /// Returns whether the reader of standard output has left: `luxel info scene.ply | head -1` is no

@@ -4,6 +4,7 @@
 //! runs. `Auto` takes a real GPU if there is one that works, and the CPU otherwise; captured LDR
 //! images are trained on the CPU, the only engine that finds a camera's response.
 
+use std::error::Error as _;
 use std::fmt;
 use std::str::FromStr;
 
@@ -12,7 +13,7 @@ use luxel_cpu::{CpuEngine, InstructionSet};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Context, ensure};
-use crate::{Result, machine, text};
+use crate::{Error, Remedy, Result, machine, text};
 
 /// A choice of what computes: the processor or a GPU.
 ///
@@ -143,7 +144,7 @@ impl SelectedEngine {
     /// As [`Self::open`].
     pub fn for_training(options: &DeviceOptions, learns_response: bool) -> Result<Self> {
         if learns_response && options.device == Device::Auto {
-            return cpu(threads(options), InstructionSet::Best, None);
+            return cpu(threads(options)?, InstructionSet::Best, None);
         }
         Self::open(options)
     }
@@ -154,7 +155,7 @@ impl SelectedEngine {
     /// As [`Self::open`]; a GPU together with an instruction set; an instruction set that the
     /// processor lacks.
     pub fn open_with(options: &DeviceOptions, set: InstructionSet) -> Result<Self> {
-        let threads = threads(options);
+        let threads = threads(options)?;
         if set != InstructionSet::Best {
             ensure!(!options.device.is_gpu(), "an instruction set is the processor's, and the device is a GPU");
             return cpu(threads, set, None);
@@ -225,16 +226,33 @@ mod gpu {
     }
 }
 
+/// Starts the threads that files are decoded with, and all else outside of the engine: as many as
+/// asked for, else one per core. Only the first call of a process has an effect; a program calls it
+/// before it reads anything.
+///
+/// # Errors
+/// The system refuses as many threads.
+pub fn start_threads(threads: Option<u32>) -> Result<()> {
+    let count = threads.map_or(0, |threads| threads as usize);
+    match rayon::ThreadPoolBuilder::new().num_threads(count).build_global() {
+        // Without a cause, the error is that the threads run already.
+        Err(error) if error.source().is_some() => {
+            let count = threads.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), |threads| threads as usize);
+            let remedy = Remedy::lower("threads").or(Remedy::advice("raise the limit on processes"));
+            Err(Error::new(format!("cannot start {}: {error}", text::plural(count, "thread"))).with_remedy(remedy))
+        }
+        _ => Ok(()),
+    }
+}
+
 /// Returns the threads to use: as many as asked for, else all cores. Also bounds what reading files
 /// uses.
-fn threads(options: &DeviceOptions) -> usize {
-    let threads = match options.threads {
+fn threads(options: &DeviceOptions) -> Result<usize> {
+    start_threads(options.threads)?;
+    Ok(match options.threads {
         Some(threads) => threads as usize,
         None => std::thread::available_parallelism().map_or(1, usize::from),
-    };
-    // Only the first call of a process can set it; those after it ask for the same number.
-    let _ = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
-    threads
+    })
 }
 
 #[cfg(test)]

@@ -90,7 +90,7 @@ pub fn write_json(path: &Path, value: &impl Serialize) -> Result<()> {
 /// The file cannot be read, is longer, or is not UTF-8.
 pub fn read_text(path: &Path, limit: u64) -> Result<String> {
     use std::io::Read;
-    let file = std::fs::File::open(path).with_context(|| format!("{}: cannot open", path.display()))?;
+    let (file, _) = luxel_io::open_regular(path)?;
     let mut content = String::new();
     file.take(limit + 1).read_to_string(&mut content).with_context(|| format!("{}: cannot read", path.display()))?;
     if content.len() as u64 > limit {

@@ -1,4 +1,36 @@
-//! Memory of this process in bytes, on Linux; `None` elsewhere.
+//! Memory of this process in bytes, on Linux; `None` elsewhere. And what a render takes.
+
+use luxel_core::Remedy;
+
+use crate::{Error, Result};
+
+/// Bytes per sample of a pixel in the engines' tiles: radiance and transmittance.
+const SAMPLE_BYTES: u64 = 16;
+
+/// Bytes per pixel of an image, with coverage and depth, and of its file before it is written.
+const PIXEL_BYTES: u64 = 40;
+
+/// Refuses an image whose rendering takes more memory than reading a file may
+/// ([`luxel_io::memory_limit`]): a size that the user gives is not a size that the machine has.
+///
+/// # Errors
+/// It takes more; with the numbers.
+pub fn check_render(size_px: [u32; 2], samples: u8) -> Result<()> {
+    let [width, height] = size_px;
+    let pixels = u64::from(width) * u64::from(height);
+    let bytes = pixels.saturating_mul(SAMPLE_BYTES * u64::from(samples) * u64::from(samples) + PIXEL_BYTES);
+    let limit = luxel_io::memory_limit();
+    if bytes <= limit {
+        return Ok(());
+    }
+    let mebibytes = |bytes: u64| bytes.div_ceil(1 << 20);
+    let message = format!(
+        "rendering {width} x {height} pixels takes about {} MiB of memory, the limit is {} MiB",
+        mebibytes(bytes),
+        mebibytes(limit)
+    );
+    Err(Error::new(message).with_remedy(Remedy::advice("render a smaller image").or(Remedy::raise("memory"))))
+}
 
 /// Returns the resident memory (`VmRSS`).
 pub fn resident_bytes() -> Option<u64> {
@@ -22,6 +54,13 @@ fn field_bytes(status: &str, key: &str) -> Option<u64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn renders_beyond_the_memory_are_refused() {
+        check_render([1920, 1080], 2).unwrap();
+        let error = check_render([u32::MAX, u32::MAX], 1).unwrap_err();
+        assert!(error.to_string().starts_with("rendering 4294967295 x 4294967295 pixels takes about"), "{error}");
+    }
 
     #[test]
     fn kilobytes_of_a_field_become_bytes() {

@@ -60,6 +60,7 @@ impl Renderer {
     /// # Errors
     /// A camera that cannot be rendered; a device that gave up.
     pub fn render(&mut self, camera: &Camera) -> Result<Radiance> {
+        crate::memory::check_render(camera.size_px, self.options.raster.samples)?;
         let image = self.engine.render(camera, &self.options).context("cannot render")?;
         Ok(Radiance::new(image, self.radiance_scale, self.color_space, camera))
     }

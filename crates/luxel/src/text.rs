@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-pub use luxel_core::text::{count, plural};
+pub use luxel_core::text::{count, one_line, plural, printable};
 
 /// Returns a size of memory: `512 B`, `3.4 MiB`.
 pub fn bytes(n: u64) -> String {

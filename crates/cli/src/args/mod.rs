@@ -53,7 +53,22 @@ pub(crate) struct Cli {
 /// Returns the program's arguments.
 pub(crate) fn command() -> clap::Command {
     let command = Cli::command().mut_subcommand("reproduce", |reproduce| reproduce.mut_args(reproduce::adapted));
-    command.mut_subcommands(|subcommand| subcommand.mut_args(with_negative_numbers))
+    command.mut_subcommands(|subcommand| with_memory(subcommand).mut_args(with_negative_numbers))
+}
+
+/// Name of the option that [`with_memory`] adds.
+pub(crate) const MEMORY: &str = "memory";
+
+/// Adds the limit of memory to a command that reads files. `prepare` has one of its own, for views
+/// that are processed at the same time.
+fn with_memory(subcommand: clap::Command) -> clap::Command {
+    if ["prepare", "completions", "man"].contains(&subcommand.get_name()) {
+        return subcommand;
+    }
+    let help = "Memory that reading one file may take, GiB, at least 1 [default: three quarters of what the system allows]. \
+                A file that needs more is refused";
+    let memory = Arg::new(MEMORY).long(MEMORY).value_name("GIB").help(help).help_heading("Machine");
+    subcommand.arg(memory.value_parser(clap::value_parser!(u64).range(1..=1 << 20)))
 }
 
 /// Lets an option take -1 for its value, so that an error is about the value and not about an

@@ -13,7 +13,8 @@ use super::{TrainArgs, flag};
 /// Returns the options that were given on the command line.
 pub(crate) fn explicit_args(matches: &ArgMatches) -> ExplicitArgs {
     let is_explicit = |id: &&clap::Id| matches.value_source(id.as_str()) == Some(ValueSource::CommandLine);
-    matches.ids().filter(is_explicit).map(|id| id.as_str().to_owned()).collect()
+    // What reading may take is no property of a run.
+    matches.ids().filter(is_explicit).map(|id| id.as_str().to_owned()).filter(|id| id != super::MEMORY).collect()
 }
 
 /// Returns the configuration of a new run by the command line alone: explicit options over the

@@ -99,7 +99,8 @@ fn one_pair(found: &Comparison, image: &ImageMetrics) -> String {
 
 /// Returns a row per pair, and the means.
 fn many_pairs(found: &Comparison) -> String {
-    let width = found.images.iter().map(|image| image.name.chars().count()).max().unwrap_or(0).max(4);
+    let names: Vec<_> = found.images.iter().map(|image| text::one_line(&image.name)).collect();
+    let width = names.iter().map(|name| name.chars().count()).max().unwrap_or(0).max(4);
     let (lpips, network) = match (found.mean.field.lpips_alex, found.mean.field.lpips_vgg) {
         (Some(_), _) => ("  lpips,", "    alex"),
         (None, Some(_)) => ("  lpips,", "     vgg"),
@@ -110,7 +111,7 @@ fn many_pairs(found: &Comparison) -> String {
          {:width$}    scene   gtmax  selfmax     scene   gtmax  selfmax      dB    ssim     flip      rmse{network}\n",
         "", found.mu, ""
     );
-    let rows = found.images.iter().map(|image| (image.name.as_str(), &image.mu_law, &image.field));
+    let rows = names.iter().zip(&found.images).map(|(name, image)| (name.as_ref(), &image.mu_law, &image.field));
     for (name, m, f) in rows.chain([("mean", &found.mean.mu_law, &found.mean.field)]) {
         let flip = f.hdr_flip.map_or_else(|| "-".into(), |flip| format!("{flip:.4}"));
         let lpips = f.lpips_alex.or(f.lpips_vgg).map_or_else(String::new, |distance| format!("  {distance:.4}"));

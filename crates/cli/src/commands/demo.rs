@@ -158,9 +158,11 @@ fn exposures(view: &View, scale: RadianceScale) -> (f32, f32) {
 /// Reports where the results are, and commands to try next.
 fn report_results(args: &DemoArgs, folder: &RunFolder, pictures: &[PathBuf], console: &Console) -> Result<()> {
     let root = folder.root().display();
-    let images = folder.evaluation(args.iterations).join("renders");
-    let picture = pictures.first().map_or(String::new(), |path| path.display().to_string());
-    let (report, scene) = (folder.report(), folder.scene(args.iterations));
+    // As text: JSON has no form for a name that is not UTF-8.
+    let pictures: Vec<String> = pictures.iter().map(|path| path.display().to_string()).collect();
+    let picture = pictures.first().map_or("", String::as_str);
+    let [images, report, scene] = [folder.evaluation(args.iterations).join("renders"), folder.report(), folder.scene(args.iterations)]
+        .map(|path| path.display().to_string());
     let event = json!({ "event": "finished", "report": report, "pictures": pictures, "images": images, "scene": scene });
     let text = format!(
         "
@@ -174,10 +176,7 @@ Try next:
   luxel render {root} --split all -o {root}/frames --tonemap agx --exposure 2
   luxel train {root}/{DATASET_FOLDER} -o desk-lamp
   luxel train YOUR_IMAGES -o my-scene",
-        report = report.display(),
         more = pictures.len().saturating_sub(1),
-        images = images.display(),
-        scene = scene.display(),
     );
     console.result(&event, &text)
 }

@@ -108,7 +108,7 @@ fn describe_run(path: &Path) -> Result<Tree> {
             facts.set("scene", format!("{error:#}"));
         }
     }
-    let metrics = std::fs::read(folder.metrics()).ok().and_then(|bytes| serde_json::from_slice::<Metrics>(&bytes).ok());
+    let metrics = luxel_io::read_file(&folder.metrics()).ok().and_then(|bytes| serde_json::from_slice::<Metrics>(&bytes).ok());
     if let Some(metrics) = metrics {
         let mut metrics_tree = Tree::default();
         metrics_tree.set("iterations", metrics.iterations).set("train_seconds", metrics.train_seconds);

@@ -1,6 +1,6 @@
 //! `luxel prepare`: a folder of photographs to a data set.
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use luxel::prepare::{PrepareOptions, PrepareReport, Prepared, prepare};
 use luxel::text::plural;
 use luxel_capture::prepare::PrepareNote;
@@ -12,15 +12,13 @@ use crate::remedy::with_remedy;
 
 /// Runs the command.
 pub(crate) fn run(args: &PrepareArgs) -> Result<()> {
-    if let Some(threads) = args.threads {
-        rayon::ThreadPoolBuilder::new().num_threads(threads as usize).build_global().context("cannot start the threads")?;
-    }
     let console = Console::new(args.console.log_format, args.console.quiet);
     let options = PrepareOptions { word_note, ..args.options() };
     match prepare(&options, &console)? {
         Prepared::UpToDate => {
-            let event = json!({ "event": "finished", "output": args.output });
-            console.result(&event, &format!("{} is up to date", args.output.display()))
+            let output = args.output.display().to_string();
+            let event = json!({ "event": "finished", "output": output });
+            console.result(&event, &format!("{output} is up to date"))
         }
         Prepared::Written { report } => report_result(args, &report, &console),
     }
@@ -32,7 +30,8 @@ fn word_note(note: &PrepareNote) -> String {
 
 /// Prints the result for people and programs.
 fn report_result(args: &PrepareArgs, report: &PrepareReport, console: &Console) -> Result<()> {
-    let output = args.output.display();
+    // As text: JSON has no form for a name that is not UTF-8.
+    let output = args.output.display().to_string();
     let mut text = match &report.registration {
         Some(found) => format!(
             "{} of {} have poses; {:.1} stops; mean error {:.2} px\ntrain with: luxel train {output} -o run",
@@ -53,7 +52,7 @@ fn report_result(args: &PrepareArgs, report: &PrepareReport, console: &Console) 
     text += &format!("\nreport: {output}/prepare.html");
     let registered = report.registration.as_ref().map(|r| r.views.len());
     let event = json!({
-        "event": "finished", "output": args.output, "views": report.views.len(), "registered": registered, "advice": report.advice,
+        "event": "finished", "output": output, "views": report.views.len(), "registered": registered, "advice": report.advice,
     });
     console.result(&event, &text)
 }

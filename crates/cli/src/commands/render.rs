@@ -61,6 +61,10 @@ pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
     engine.load(&scene.splats, None).context("cannot load the scene")?;
     let raster = RasterConfig { samples: args.samples.unwrap_or(scene.raster.samples), ..scene.raster };
     let options = RenderOptions { raster, background, ..scene.render_options() };
+    let folder = args.output.display();
+    std::fs::create_dir_all(&args.output).with_context(|| format!("{folder}: cannot create the folder"))?;
+    // Frames that are links in a folder from somebody else are replaced.
+    let _confinement = luxel_io::confine(&args.output)?;
     let mut too_bright = 0usize;
     for job in &jobs {
         let layers =
@@ -93,6 +97,7 @@ fn device(args: &RenderArgs) -> DeviceArgs {
 
 /// Renders the image, with coverage and depth if they are asked for.
 fn render(args: &RenderArgs, engine: &mut dyn Engine, camera: &Camera, options: &RenderOptions) -> Result<Layers> {
+    luxel::memory::check_render(camera.size_px, options.raster.samples)?;
     if args.alpha || args.depth {
         return Ok(engine.render_layers(camera, options)?);
     }

@@ -161,12 +161,11 @@ fn finish(outcome: Outcome, folder: &RunFolder, config: &RunConfig, console: &Co
         console.note(&format!("saved; continue with: luxel train --resume -o {root}"));
         return Ok(());
     }
-    let scene = folder.scene(config.train.iterations);
-    let event = json!({ "event": "finished", "scene": scene, "metrics": folder.metrics(), "report": folder.report() });
-    console.event(
-        &event,
-        &format!("scene   {}\nmetrics {}\nreport  {}", scene.display(), folder.metrics().display(), folder.report().display()),
-    );
+    // As text: JSON has no form for a name that is not UTF-8.
+    let [scene, metrics, report] =
+        [folder.scene(config.train.iterations), folder.metrics(), folder.report()].map(|path| path.display().to_string());
+    let event = json!({ "event": "finished", "scene": scene, "metrics": metrics, "report": report });
+    console.event(&event, &format!("scene   {scene}\nmetrics {metrics}\nreport  {report}"));
     Ok(())
 }
 

@@ -152,7 +152,7 @@ impl Console {
             Style::Json => emit(event),
             Style::Bar => {
                 if let Some(bar) = &*self.bar.borrow() {
-                    bar.set_message(text.to_owned());
+                    bar.set_message(text::one_line(text).into_owned());
                 }
             }
             Style::Lines => {
@@ -239,6 +239,7 @@ fn numbers(record: &LogRecord, total: u32) -> String {
 /// quiet end.
 pub(crate) fn print(text: &str) -> Result<()> {
     let mut out = std::io::stdout().lock();
+    let text = text::printable(text);
     writeln!(out, "{text}").and_then(|()| out.flush()).context("cannot write to standard output")
 }
 
@@ -250,7 +251,7 @@ fn emit(event: &serde_json::Value) {
 
 /// Prints a line on stderr; a closed stderr is no reason to stop.
 pub(crate) fn stderr_line(message: &str) {
-    let _ = writeln!(std::io::stderr().lock(), "{message}");
+    let _ = writeln!(std::io::stderr().lock(), "{}", text::printable(message));
 }
 
 /// Prints a line on stderr from the interrupt handler's thread, below the bar.

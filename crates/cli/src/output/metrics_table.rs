@@ -19,7 +19,8 @@ pub(crate) fn mean_line(m: &ViewMetrics, views: usize) -> String {
 
 /// Returns a table of every view and the mean.
 pub(crate) fn table(name: &str, split: &SplitMetrics) -> String {
-    let width = split.views.iter().map(|view| view.name.len()).max().unwrap_or(0).max(4);
+    let names: Vec<_> = split.views.iter().map(|view| text::one_line(&view.name)).collect();
+    let width = names.iter().map(|name| name.chars().count()).max().unwrap_or(0).max(4);
     let peak = split.mean_field.as_ref().map_or(0.0, |field| field.pu21_peak_luminance);
     let distance = |field: &FieldMetrics| field.lpips_alex.or(field.lpips_vgg);
     let network = split.mean_field.as_ref().map_or("", |field| match (field.lpips_alex, field.lpips_vgg) {
@@ -34,7 +35,7 @@ pub(crate) fn table(name: &str, split: &SplitMetrics) -> String {
          {:width$}    scene   gtmax  selfmax    scene   gtmax  selfmax  scene      dB    ssim      flip     rmse{network}\n",
         ""
     );
-    let rows = split.views.iter().map(|view| (view.name.as_str(), &view.metrics, &view.field));
+    let rows = names.iter().zip(&split.views).map(|(name, view)| (name.as_ref(), &view.metrics, &view.field));
     for (name, m, field) in rows.chain([("mean", &split.mean, &split.mean_field)]) {
         out += &format!(
             "{name:width$}  {:7.2} {:7.2} {:8.2}  {:7.4} {:7.4} {:8.4} {:6.2}",

@@ -96,7 +96,7 @@ fn single(value: f32) -> Value {
 
 fn value_text(name: &str, value: &Value) -> String {
     match value {
-        Value::String(text) => text.clone(),
+        Value::String(text) => text::one_line(text).into_owned(),
         Value::Bool(true) => "yes".into(),
         Value::Bool(false) => "no".into(),
         Value::Number(number) => match (number.as_u64(), number.as_f64()) {

@@ -125,9 +125,13 @@ pub fn compare(reference: &Path, test: &Path, options: &CompareOptions, observer
         files::check_free(path, options.overwrite)?;
         files::check_no_input(path, pairs.pairs.iter().flat_map(|pair| pair.inputs()))?;
     }
-    if let (Some(folder), true) = (&options.heatmap, pairs.are_folders) {
-        std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot create the folder", folder.display()))?;
-    }
+    let _confinement = match &options.heatmap {
+        Some(folder) if pairs.are_folders => {
+            std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot create the folder", folder.display()))?;
+            Some(luxel_io::confine(folder)?)
+        }
+        _ => None,
+    };
     let settings = Settings::new(options, &pairs)?;
     let mut images = Vec::with_capacity(pairs.pairs.len());
     for batch in pairs.pairs.chunks(settings.batch()) {

@@ -274,6 +274,9 @@ pub fn export(
     prune::crop(&mut scene, options.crop);
     prune::limit(&mut scene, options.max_splats, dataset, engine, observer)?;
     if scene.splats.is_empty() {
+        if before == 0 {
+            bail!("the scene has no splats, so there is nothing to export");
+        }
         let error = Error::new(format!("no splats are left of {}", text::plural(before, "splat")));
         return Err(error.with_remedy(Remedy::advice("take a larger box").or(Remedy::leave_out("crop"))));
     }

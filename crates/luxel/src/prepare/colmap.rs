@@ -145,6 +145,8 @@ impl Colmap {
         }
         std::fs::create_dir_all(&sparse).with_context(|| format!("{}: cannot create", sparse.display()))?;
         let log_path = folders.work.join("colmap.log");
+        // A link in its place is not followed.
+        remove_if_there(&log_path)?;
         let file = std::fs::File::create(&log_path).with_context(|| format!("{}: cannot write", log_path.display()))?;
         let mut log = Log { path: log_path, file };
         for step in steps {

@@ -23,7 +23,7 @@ use rayon::prelude::*;
 use super::dataset::Pixels;
 use super::folders::Folders;
 use super::state::key;
-use crate::error::{Context, bail};
+use crate::error::bail;
 use crate::files::{remove_if_there, write_bytes};
 use crate::{Error, Result};
 
@@ -222,7 +222,7 @@ impl Developer<'_> {
 }
 
 fn read(path: &Path) -> Result<Vec<u8>> {
-    std::fs::read(path).with_context(|| format!("{}: cannot read", path.display()))
+    Ok(luxel_io::read_file(path)?)
 }
 
 /// Returns whether the system refused something that may succeed another time. Otherwise the

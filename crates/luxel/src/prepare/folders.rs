@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use super::state::State;
 use crate::Result;
 use crate::error::{Context, bail};
-use crate::run::LOCK;
+use crate::run::is_left_over;
 
 /// Folders in the output that files are written into.
 const WRITTEN: [&str; 5] = ["images", "proxies", "saturation", "sparse", "work"];
@@ -41,10 +41,11 @@ impl Folders {
             Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
             entries => entries.with_context(|| format!("{output}: cannot list the output folder"))?,
         };
-        let is_empty = |folder: &Path| std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_none());
+        let is_empty =
+            |folder: &Path| std::fs::read_dir(folder).is_ok_and(|entries| entries.flatten().all(|entry| is_left_over(&entry.file_name())));
         // What a call leaves that ended before it wrote anything.
-        let is_left_over = |entry: &DirEntry| entry.file_name() == LOCK || entry.path() == self.work && is_empty(&self.work);
-        if !State::is_in(&self.work) && !entries.flatten().all(|entry| is_left_over(&entry)) {
+        let is_ours = |entry: &DirEntry| is_left_over(&entry.file_name()) || entry.path() == self.work && is_empty(&self.work);
+        if !State::is_in(&self.work) && !entries.flatten().all(|entry| is_ours(&entry)) {
             bail!("{output}: is not empty and not a data set that luxel prepared; choose another output folder");
         }
         Ok(())

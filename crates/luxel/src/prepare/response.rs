@@ -22,7 +22,7 @@ pub(super) fn thinned_brackets(views: &[&PlannedView], photos: &[Photograph]) ->
 }
 
 fn thinned_frame(photo: &Photograph, tables: &CurveTables) -> Option<CapturedFrame> {
-    let bytes = std::fs::read(&photo.path).ok()?;
+    let bytes = luxel_io::read_file(&photo.path).ok()?;
     let Ok(Photo::Developed { width, height, codes }) = decode_photo(&photo.path, &bytes) else { return None };
     Some(thinned(&developed_frame([width, height], codes, tables, &photo.exposure?)))
 }

@@ -94,10 +94,14 @@ fn read_headers(path: &Path) -> Result<Photograph, LeftOut> {
     if !path.is_file() {
         return Err(left_out("not a regular file".to_owned()));
     }
+    // Lists of names that COLMAP reads have one a line.
+    if file_name(path).contains(char::is_control) {
+        return Err(left_out("its name holds a line feed or another control character; rename it".to_owned()));
+    }
     if !is_photo_name(path) {
         return Err(left_out("not a supported kind of picture; export it as JPEG, PNG or TIFF, or RAW as DNG".to_owned()));
     }
-    let bytes = std::fs::read(path).map_err(|e| left_out(format!("cannot read: {e}")))?;
+    let bytes = luxel_io::read_file(path).map_err(|e| left_out(e.message))?;
     let info = photo_info(name, &bytes).map_err(|e| left_out(e.message))?;
     let exif = &info.exif;
     let exposure = exif.seconds.map(|seconds| Exposure { seconds, iso: exif.iso, f_number: exif.f_number }).filter(Exposure::is_valid);

@@ -14,6 +14,7 @@
 //! ```
 
 use std::collections::BTreeMap;
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use luxel_io::LoadOptions;
@@ -46,6 +47,8 @@ pub struct RunFolder {
 #[derive(Debug)]
 pub struct RunLock {
     _file: std::fs::File,
+    /// Nothing is written where links lead out of the folder.
+    _confinement: luxel_io::Confinement,
 }
 
 /// The content of an output path.
@@ -91,7 +94,7 @@ impl RunFolder {
         }
         match std::fs::read_dir(&self.root) {
             Ok(entries) => {
-                let others = entries.flatten().any(|entry| entry.file_name() != LOCK);
+                let others = entries.flatten().any(|entry| !is_left_over(&entry.file_name()));
                 Ok(if others { Occupant::Foreign } else { Occupant::Nothing })
             }
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(Occupant::Nothing),
@@ -102,20 +105,42 @@ impl RunFolder {
         }
     }
 
-    /// Makes the folder if needed and locks it for this process.
+    /// Makes the folder if needed and locks it for this process. Removes what killed processes left
+    /// in it unfinished. While the lock is held, nothing is written where links lead out of the
+    /// folder, which may come from somebody else.
     ///
     /// # Errors
-    /// A folder that cannot be written, or that another process works in.
+    /// A folder that cannot be written, that another process works in, or whose lock is no file.
     pub fn lock(&self) -> Result<RunLock> {
+        if self.root.is_symlink() && !self.root.exists() {
+            bail!("{}: is a link to a missing folder, expected a folder or a free name; remove it", self.root.display());
+        }
         std::fs::create_dir_all(&self.root).with_context(|| format!("{}: cannot create the output folder", self.root.display()))?;
+        let confinement = luxel_io::confine(&self.root)?;
         let path = self.root.join(LOCK);
+        // A link could lead anywhere, and opening a pipe would wait.
+        if std::fs::symlink_metadata(&path).is_ok_and(|found| !found.is_file()) {
+            bail!("{}: is a link or no file, expected an empty file; remove it", path.display());
+        }
         let opened = std::fs::File::options().create(true).truncate(false).write(true).open(&path);
         let file = opened.with_context(|| format!("{}: cannot write into the output folder", path.display()))?;
         // A file system without locks is no reason not to work.
         if let Err(std::fs::TryLockError::WouldBlock) = file.try_lock() {
             bail!("{}: another luxel is at work in this folder; wait for it, or choose another", self.root.display());
         }
-        Ok(RunLock { _file: file })
+        sweep(&self.root, 0);
+        ["point_cloud", "eval"].into_iter().for_each(|name| sweep(&self.root.join(name), 2));
+        Ok(RunLock { _file: file, _confinement: confinement })
+    }
+
+    /// Returns whether a process works in the folder: it holds the lock, or there are no locks
+    /// here.
+    pub(super) fn is_locked(&self) -> bool {
+        // Another handle of the same process is refused, too.
+        std::fs::File::open(self.root.join(LOCK)).is_ok_and(|file| match file.try_lock_shared() {
+            Err(_) => true,
+            Ok(()) => false,
+        })
     }
 
     /// Deletes the files of a run, and leaves everything else in the folder. The mark is deleted
@@ -180,7 +205,7 @@ impl RunFolder {
         let entries = [("dataset", real.to_string_lossy().as_ref().into()), ("load", toml::Value::try_from(load)?)];
         let source = toml::to_string(&BTreeMap::from(entries))?;
         let plain = self.root.join("eval").join(format!("step_{iteration}_on_{}", name.unwrap_or_else(|| "other_data".into())));
-        let folder = match std::fs::read(plain.join(SOURCE)) {
+        let folder = match luxel_io::read_file(&plain.join(SOURCE)) {
             Ok(other) if other != source.as_bytes() => {
                 let mut told_apart = plain.into_os_string();
                 told_apart.push(format!("_{}", &blake3::hash(source.as_bytes()).to_hex()[..8]));
@@ -232,6 +257,23 @@ impl RunFolder {
     }
 }
 
+/// Returns whether an entry of a folder is left over from a process that was killed before it had
+/// written anything.
+pub fn is_left_over(name: &OsStr) -> bool {
+    name == LOCK || luxel_io::is_unfinished_name(name)
+}
+
+/// Removes what killed processes left unfinished in a folder, and in its folders to a depth.
+fn sweep(folder: &Path, depth: usize) {
+    luxel_io::sweep_unfinished(folder);
+    let Ok(entries) = std::fs::read_dir(folder) else { return };
+    if depth > 0 {
+        // A link is no folder here.
+        let folders = entries.flatten().filter(|entry| entry.file_type().is_ok_and(|kind| kind.is_dir()));
+        folders.for_each(|entry| sweep(&entry.path(), depth - 1));
+    }
+}
+
 /// Returns the numbers of the entries named `prefix` and a number, greatest first; none for an
 /// unreadable folder.
 fn numbered(folder: &Path, prefix: &str) -> Vec<u32> {
@@ -252,6 +294,9 @@ mod tests {
         let run = RunFolder::at(&folder.path().join("run"));
         assert!(matches!(run.occupant().unwrap(), Occupant::Nothing));
         std::fs::create_dir(run.root()).unwrap();
+        assert!(matches!(run.occupant().unwrap(), Occupant::Nothing));
+        // A process that was killed in its first write.
+        std::fs::write(run.root().join(".luxel-a1b2c3.tmp"), "half").unwrap();
         assert!(matches!(run.occupant().unwrap(), Occupant::Nothing));
         std::fs::write(run.root().join("thesis.doc"), "years").unwrap();
         assert!(matches!(run.occupant().unwrap(), Occupant::Foreign));

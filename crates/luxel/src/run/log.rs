@@ -65,11 +65,10 @@ impl RunLog {
 /// # Errors
 /// A file that cannot be read.
 pub fn read(path: &Path) -> Result<Vec<LogRecord>> {
-    let content = match std::fs::read(path) {
-        Ok(content) => content,
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
-        Err(error) => return Err(error).with_context(|| format!("{}: cannot read", path.display())),
-    };
+    if !std::fs::exists(path).is_ok_and(|exists| exists) {
+        return Ok(Vec::new());
+    }
+    let content = luxel_io::read_file(path)?;
     Ok(String::from_utf8_lossy(&content).lines().filter_map(|line| serde_json::from_str(line).ok()).collect())
 }
 

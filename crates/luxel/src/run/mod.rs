@@ -50,7 +50,7 @@ pub use config::{Difference, MadeBy, RunConfig, RunOptions};
 pub use evaluate::{EvaluationData, MetricsOptions, evaluate_run};
 pub use evaluation::{Metrics, Rendering};
 pub use explicit::ExplicitArgs;
-pub use folder::{LOCK, Occupant, RunFolder, RunLock};
+pub use folder::{LOCK, Occupant, RunFolder, RunLock, is_left_over};
 pub use inapplicable::{Choice, Inapplicable};
 pub use launch::{Launch, TrainedRun, fresh, resume};
 pub use log::LogRecord;

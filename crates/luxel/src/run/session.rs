@@ -57,6 +57,7 @@ pub struct Session<'a> {
 struct LoopState {
     log: RunLog,
     log_failed: bool,
+    lock_lost: bool,
     clock: Clock,
     peak_before: Option<u64>,
     psnr_test: Option<f64>,
@@ -82,9 +83,16 @@ impl Session<'_> {
     pub fn run(mut self) -> Result<(Outcome, Trainer)> {
         let start = self.trainer.iteration();
         let (log, last) = RunLog::open(&self.folder.log(), start)?;
+        if start > 0 && last.as_ref().is_none_or(|record| record.iteration < start) {
+            self.observer.warn(&format!(
+                "{}: no line for step {start}; the duration of the steps without one is not counted",
+                self.folder.log().display()
+            ));
+        }
         let mut state = LoopState {
             log,
             log_failed: false,
+            lock_lost: false,
             clock: Clock::resumed(last.as_ref().map_or(0.0, |record| record.elapsed_s)),
             peak_before: last.as_ref().and_then(|record| record.peak_rss_bytes),
             psnr_test: last.and_then(|record| record.psnr_test),
@@ -235,7 +243,27 @@ impl Session<'_> {
             return Err(Error::from(error).context(format!("cannot save the state of step {iteration}; {kept}")));
         }
         luxel_io::prune_checkpoints(folder, keep)?;
+        self.restore_folder(state)?;
         self.observer.event(Event::Saved { path });
+        Ok(())
+    }
+
+    /// Writes again what another program removed from the folder meanwhile and the run cannot be
+    /// without, and says so.
+    fn restore_folder(&self, state: &mut LoopState) -> Result<()> {
+        let warn = |what: &str| self.observer.warn(&format!("{}: {what}", self.folder.root().display()));
+        if !RunFolder::is_run(self.folder.root()) {
+            self.folder.write_config(self.config)?;
+            warn("config.toml was removed while the run was at work; it is written again");
+        }
+        if !self.folder.log().exists() {
+            let opened = RunLog::open(&self.folder.log(), self.trainer.iteration()).map(|(log, _)| state.log = log);
+            self.report_log(opened, state);
+            warn("log.jsonl was removed while the run was at work; a new one begins here");
+        }
+        if !self.folder.is_locked() && !std::mem::replace(&mut state.lock_lost, true) {
+            warn("its .lock was removed while the run was at work; start no other luxel in this folder");
+        }
         Ok(())
     }
 

@@ -30,6 +30,7 @@ pub fn take_checkpoint(folder: &RunFolder, observer: &dyn Observer) -> Result<Op
         }
     };
     for error in &latest.damaged {
+        luxel_io::check_within(folder.root(), &error.path)?;
         let mut aside = error.path.clone().into_os_string();
         aside.push(".damaged");
         std::fs::rename(&error.path, &aside).with_context(|| format!("{}: cannot set aside", error.path.display()))?;

@@ -13,9 +13,12 @@ use super::matrix::Matrix;
 use super::results::CellResult;
 use super::table::Stat;
 
-/// Returns a text as a field, in quotes where it needs them.
+/// Returns a text as a field, in quotes where it needs them. A spreadsheet would take one that
+/// begins like a formula for a formula: an apostrophe in front makes it a text.
 fn field(text: &str) -> String {
-    if text.contains([',', '"', '\n', '\r']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.into() }
+    let is_formula = text.starts_with(['=', '+', '-', '@', '\t', '\r']);
+    let text = if is_formula { format!("'{text}") } else { text.to_owned() };
+    if text.contains([',', '"', '\n', '\r']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text }
 }
 
 /// Returns the shortest text of a number; empty for none.
@@ -136,6 +139,12 @@ pub(super) fn editing(matrix: &Matrix, edited: &[Edited]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn names_are_no_formulas_in_a_spreadsheet() {
+        assert_eq!(["=1+1", "+a", "-a", "@a", "a=b"].map(field), ["'=1+1", "'+a", "'-a", "'@a", "a=b"]);
+        assert_eq!(field("=cmd|' /c calc'!A1,b"), "\"'=cmd|' /c calc'!A1,b\"");
+    }
 
     #[test]
     fn fields_with_separators_are_quoted() {

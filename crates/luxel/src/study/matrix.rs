@@ -128,6 +128,9 @@ impl Matrix {
         let mut states = Vec::with_capacity(self.cells.len());
         let mut unfit = Vec::new();
         for cell in &self.cells {
+            if self.root.is_dir() {
+                luxel_io::check_within(&self.root, cell.folder.root())?;
+            }
             states.push(cell.state(&mut unfit, word)?);
         }
         if unfit.is_empty() {

@@ -228,7 +228,7 @@ fn frames_per_second(engine: &mut dyn Engine, views: &[View], options: &RenderOp
 }
 
 fn digest(path: &Path) -> Result<String> {
-    let bytes = std::fs::read(path).with_context(|| format!("{}: cannot read", path.display()))?;
+    let bytes = luxel_io::read_file(path)?;
     let mut hasher = DefaultHasher::new();
     hasher.write(&bytes);
     Ok(format!("{:016x}", hasher.finish()))

@@ -74,10 +74,12 @@ impl Workload {
 }
 
 fn camera(args: &BenchArgs) -> Result<Camera> {
-    match &args.camera {
-        Some(path) => luxel_io::read_pinhole_camera(path).context("cannot read the camera"),
-        None => Ok(synthetic::room_camera(args.size.unwrap_or(DEFAULT_SIZE_PX))),
-    }
+    let camera = match &args.camera {
+        Some(path) => luxel_io::read_pinhole_camera(path).context("cannot read the camera")?,
+        None => synthetic::room_camera(args.size.unwrap_or(DEFAULT_SIZE_PX)),
+    };
+    luxel::memory::check_render(camera.size_px, 1)?;
+    Ok(camera)
 }
 
 fn source(args: &BenchArgs) -> Result<Source> {

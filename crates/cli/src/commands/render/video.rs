@@ -7,6 +7,7 @@
 //!   (CTA-861.3), which a first sweep over the frames measures. 1 of the scene's scale times the
 //!   exposure is reference white, 203 cd/m2 (ITU-R BT.2408).
 
+use std::ffi::OsString;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -49,7 +50,11 @@ pub(super) fn encode(args: &RenderArgs, path: &Path, frames: &[&Path], radiance_
     let mut command = Command::new(&args.ffmpeg);
     command.args(["-hide_banner", "-loglevel", "error", "-y", "-f", "rawvideo"]).args(input_options(&look, size, args.fps));
     let partial = partial(path);
-    command.args(output_options(&look, levels)).arg(&partial.0);
+    // The prefix keeps ffmpeg from reading a name like `-a.mp4` as an option, and one like
+    // `a:b.mp4` as a protocol.
+    let mut output = OsString::from("file:");
+    output.push(&partial.0);
+    command.args(output_options(&look, levels)).arg(output);
     let spawned = command.stdin(Stdio::piped()).spawn();
     let mut child =
         spawned.with_context(|| format!("{}: cannot start; install ffmpeg, or name it with --ffmpeg", args.ffmpeg.display()))?;
