@@ -52,7 +52,7 @@ pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result
     let meta = chunks.meta_data().clone();
     for chunk in chunks {
         let chunk = chunk.map_err(failed)?;
-        check_counts(name, &chunk, &header)?;
+        check_counts(name, &chunk, &meta.headers)?;
         let block = UncompressedBlock::decompress_chunk(chunk, &meta, false).map_err(failed)?;
         let at = block.index;
         if at.layer != part || at.level != Vec2(0, 0) || !seen.insert((at.pixel_position.0, at.pixel_position.1)) {
