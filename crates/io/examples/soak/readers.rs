@@ -50,7 +50,7 @@ fn name() -> &'static Path {
 }
 
 fn image(bytes: &[u8]) -> Result<(), IoError> {
-    decode_image(name(), bytes, &ReadOptions { transfer: Some(Transfer::Linear) }).map(drop)
+    decode_image(name(), bytes, &ReadOptions { transfer: Some(Transfer::Linear), layer: None }).map(drop)
 }
 
 fn codes(bytes: &[u8]) -> Result<(), IoError> {
