@@ -2,7 +2,8 @@
 //! other.
 //!
 //! ```text
-//! cargo run --release -p luxel --example compare_engines -- crates/cli/data/desk-lamp-200 2 300 llvmpipe loss.svg
+//! cargo run --release -p luxel --example compare_engines -- crates/cli/data/desk-lamp-200 \
+//!     2 300 llvmpipe loss.svg
 //! ```
 //!
 //! Arguments: data set, how many times its images are reduced, steps, a part of the GPU's name,

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Makes captures as a photographer would bring them from a data set of radiance, for docs/src/notebook/captured-images.md.
 
-    scripts/make_captures.py brackets crates/cli/data/desk-lamp-200 brackets      # recordings of 5 exposures a view, for --supervision ldr
+    scripts/make_captures.py brackets crates/cli/data/desk-lamp-200 brackets      # 5 exposures a view, for --supervision ldr
     scripts/make_captures.py drift crates/cli/data/desk-lamp-200 drift --ev 0.3 --balance-ev 0.15
     scripts/make_captures.py stranger crates/cli/data/desk-lamp-200 stranger      # an object before some of the views, with masks/
     scripts/make_captures.py noise crates/cli/data/desk-lamp-200 noise --white 2 --electrons 200

@@ -1,4 +1,4 @@
-//! Writes small valid files of captures to the corpora: masks, recordings, exposures, names of
+//! Writes small valid files of captures to the corpora: masks, LDR images, exposures, names of
 //! photographs, colour configurations and tables. `cargo run --release --example capture_seeds`.
 
 use std::path::PathBuf;

@@ -1,7 +1,7 @@
 //! Metrics of a view before anything is reconstructed: range, level, sharpness.
 //!
-//! In: radiance, or an 8-bit proxy for sharpness. Out: [`CaptureMetrics`]. Degenerate: a view without
-//! light has no range, one of a single colour no sharpness (0).
+//! In: radiance, or an 8-bit proxy for sharpness. Out: [`CaptureMetrics`]. Degenerate: a view
+//! without light has no range, one of a single colour no sharpness (0).
 
 use luxel_core::{Image, luminance_rec709};
 use serde::{Deserialize, Serialize};

@@ -115,7 +115,7 @@ fn masked_and_bad_pixels_are_left_out() {
     let image = &json(&place, &["compare", "a.exr", "b.exr", "--mask", "mask.png", "--json"])["images"][0];
     assert_eq!(image["masked_pixels"], WIDTH + 1);
     assert_eq!((image["psnr_scene"].as_f64(), image["hdr_flip"].as_f64()), (Some(100.0), Some(0.0)));
-    // Of a folder of masks, each reference takes the one of its name; one without is told.
+    // Of a folder of masks, each reference takes the one of its name; one without is reported.
     for name in ["a", "b"] {
         write(&place.path(&format!("images/{name}.exr")), &room(1.0));
     }

@@ -133,7 +133,8 @@ fn a_dry_run_reports_and_writes_nothing() {
     assert!(stderr.contains("selects no splats"), "{stderr}");
 }
 
-/// Three balls of one splat each, of different colours and luminances, apart from one another in every view.
+/// Three balls of one splat each, of different colours and luminances, apart from one another in
+/// every view.
 fn balls(color_model: ColorModel) -> Scene {
     let mut splats = Splats::empty(color_model);
     for (x, rgb) in [(-0.8, [6.0, 3.0, 1.0]), (0.0, [0.02, 0.05, 0.01]), (0.8, [0.1, 0.2, 0.7])] {
@@ -173,7 +174,8 @@ fn lcd_keeps_its_chromaticity_where_channels_do_not() {
         }
         assert!(told[label]["luminance_error_stops"].is_number());
     }
-    // A splat a pixel, but for skirts: maps of luminance leave chromaticity, those of channels do not.
+    // A splat a pixel, but for skirts: maps of luminance leave chromaticity, those of channels do
+    // not.
     assert!(error("1-lcd") < 5e-3 && error("2-sh3-luminance") < 5e-3 && error("2-sh3-channels") > 0.05, "{table}");
     assert_eq!(told["edits"], serde_json::json!(["where all; power 1.2; pivot 0.5"]));
     place.error(&[&compare[..], &["--gain", "2", "-o", "comparison"]].concat(), &["exists already"]);

@@ -21,7 +21,7 @@ fn read(place: &Workplace, name: &str) -> String {
     std::fs::read_to_string(place.path(name)).unwrap()
 }
 
-/// Lines of a CSV file as maps are too long-winded: the value of `column` in the line that begins with `start`.
+/// Returns the value of `column` in the line of a CSV file that begins with `start`.
 fn value(csv: &str, start: &str, column: &str) -> String {
     let mut lines = csv.lines();
     let at = lines.next().unwrap().split(',').position(|name| name == column).unwrap_or_else(|| panic!("no column {column}"));
@@ -55,7 +55,8 @@ fn a_matrix_becomes_tables_and_figures() {
     assert!((deviation - (psnr("7") - psnr("8")).abs() / 2f64.sqrt()).abs() < 1e-9);
     assert!(read(&place, "matrix/profiles.csv").lines().any(|line| line.starts_with("data,lcd,")));
 
-    // Colours move least where they are held apart from luminance, and most where channels are mapped one by one.
+    // Colours move least where they are held apart from luminance, and most where channels are
+    // mapped one by one.
     let editing = read(&place, "matrix/editing.csv");
     let error = |start: &str| value(&editing, start, "chromaticity_error").parse::<f64>().unwrap();
     assert!(error("data,lcd,luminance") < error("data,sh1,channels") && error("data,sh1,luminance").is_finite(), "{editing}");
@@ -96,7 +97,7 @@ fn what_is_finished_stays_and_more_can_be_asked_for() {
     place.ok(&args(&[]));
     let figures = place.path("matrix/runs/data/lcd/seed_7/metrics.json");
     let (before, then) = (std::fs::read(&figures).unwrap(), modified(&figures));
-    // A run that was interrupted early has its settings only; another has lost its figures.
+    // A run that was interrupted early has its settings only; another has lost its metrics.
     let interrupted = place.path("matrix/runs/data/sh1/seed_7");
     for entry in ["metrics.json", "log.jsonl", "report.html"] {
         std::fs::remove_file(interrupted.join(entry)).unwrap();

@@ -1,4 +1,5 @@
-//! Stands in for `ocio_space` in a build without the feature `ocio`: no configuration can be opened.
+//! Stands in for `ocio_space` in a build without the feature `ocio`: no configuration can be
+//! opened.
 
 use std::path::Path;
 

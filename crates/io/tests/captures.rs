@@ -1,5 +1,5 @@
-//! Masks, noise and recordings of data sets: each layout written to a temporary folder and read
-//! back.
+//! Masks, noise and captured LDR images of data sets: each layout written to a temporary folder and
+//! read back.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail the test")]
 

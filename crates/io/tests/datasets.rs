@@ -434,7 +434,7 @@ fn images_of_different_colour_spaces_are_refused() {
     exr::prelude::WritableImage::write(&image).to_file(&path).unwrap();
     scene.write("transforms.json", transforms(LENS, &["a.exr", "b.exr"]));
     assert!(scene.error().contains("acescg") && scene.error().contains("linear-rec709"), "{}", scene.error());
-    // Said for the silent one, both agree.
+    // With the option for the one that states none, both agree.
     let options = LoadOptions { color_space: Some(ColorSpace::AcesCg), ..LoadOptions::default() };
     assert_eq!(load_dataset(scene.path(), &options).unwrap().color_space, ColorSpace::AcesCg);
 }

@@ -487,7 +487,7 @@ fn primaries_of_tiff_are_settled() {
     let decoded = |bytes: &[u8]| decode(bytes, &UNSAID).unwrap();
     let rec2020 = decoded(&bytes([7080, 2920, 1700, 7970, 1310, 460], [3127, 3290]));
     assert_eq!((rec2020.color_space, rec2020.image.pixels[0]), (Some(ColorSpace::LinearRec2020), [2.0; 3]));
-    // DCI-P3 under its own white: converted, and said so.
+    // DCI-P3 under its own white: converted, with a warning.
     let converted = decoded(&bytes([6800, 3200, 2650, 6900, 1500, 600], [3140, 3510]));
     assert_eq!((converted.color_space, converted.warnings.len()), (Some(ColorSpace::LinearRec709), 1));
     assert!(converted.image.pixels[0].iter().all(|c| (c - 2.0).abs() < 1e-5));

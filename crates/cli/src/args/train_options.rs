@@ -80,8 +80,8 @@ fn possible_value(value: ValueHelp) -> PossibleValue {
     if value.help.is_empty() { named } else { named.help(with_flags(value.help)) }
 }
 
-/// Returns the help: what the option does, the choices that it depends on, the range, and the default
-/// in words where it has no value.
+/// Returns the help: what the option does, the choices that it depends on, the range, and the
+/// default in words where it has no value.
 fn help(option: &OptionSpec) -> String {
     let mut help = with_flags(option.help());
     if !option.conditions.is_empty() {

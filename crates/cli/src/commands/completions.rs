@@ -1,5 +1,5 @@
-//! `luxel completions` and `luxel man`: what shells and `man` know of the program, generated from its
-//! arguments.
+//! `luxel completions` and `luxel man`: completion scripts and man pages, generated from the
+//! program's arguments.
 //!
 //! In: the definition of the arguments. Out: a script on standard output, or a page per command in
 //! a folder.

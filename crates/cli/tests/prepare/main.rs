@@ -1,4 +1,5 @@
-//! `luxel prepare` as a user runs it, on photographs made here; structure from motion is given, not run.
+//! `luxel prepare` as a user runs it, on photographs made here; structure from motion is given, not
+//! run.
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail the test")]
 
 mod restart;
@@ -13,7 +14,7 @@ use luxel_io::{ExrOptions, ExrSample, ReadOptions, encode_jpeg, read_image, writ
 const WIDTH: usize = 48;
 const HEIGHT: usize = 32;
 
-/// What a camera writes of a picture.
+/// A photograph as a camera describes it.
 #[derive(Clone, Copy)]
 struct Shot {
     model: &'static str,
@@ -29,7 +30,8 @@ struct Shot {
 
 const SHOT: Shot = Shot { model: "Test 1", seconds: Some(0.01), iso: 100, at: 0, orientation: 1, size: [WIDTH, HEIGHT], view: 0 };
 
-/// Radiance of a view: two decades from left to right, at f/4 and ISO 100 exposed to 0.1 in the middle by 1/100 s.
+/// Radiance of a view: two decades from left to right, at f/4 and ISO 100 exposed to 0.1 in the
+/// middle by 1/100 s.
 fn radiance(view: usize, x: usize, y: usize) -> f32 {
     let middle = 0.1 / (0.01 * 100.0 / (120.0 * 16.0));
     let wave = 1.0 + 0.2 * ((x as f32 * 0.8 + view as f32).sin() * (y as f32 * 0.6).cos());
@@ -191,7 +193,8 @@ fn each_fault_of_a_folder_has_its_message() {
     let (photos, output) = (folder.path().join("photos"), folder.path().join("set"));
     brackets(&photos, 4);
     std::fs::remove_file(photos.join("IMG_0005.JPG")).unwrap();
-    // The same bytes under another name, a file cut short, another body, and one held upright whose pixels were turned.
+    // The same bytes under another name, a file cut short, another body, and one held upright whose
+    // pixels were turned.
     std::fs::copy(photos.join("IMG_0001.JPG"), photos.join("IMG_0001 copy.JPG")).unwrap();
     let whole = std::fs::read(photos.join("IMG_0009.JPG")).unwrap();
     std::fs::write(photos.join("IMG_0009.JPG"), &whole[..whole.len() / 2]).unwrap();
@@ -246,7 +249,7 @@ fn photographs_without_exposure_are_an_error_with_a_remedy() {
     std::fs::write(&list, "a_1 1/100 100 4\na_2 1/25 100 4\n").unwrap();
     let run = prepare(&photos, &output, &["--exposures", list.to_str().unwrap(), "--response", "srgb", "--brackets", "names"]);
     assert!(run.status.success() && said(&run).contains("in 1 view: by name"), "{}", said(&run));
-    // None at all has any: taken as exposed alike, which is said.
+    // Without any exposure all are taken as exposed alike, with a warning.
     write(&photos, "a_1.jpg", &Shot { seconds: None, view: 3, ..SHOT });
     let run = prepare(&photos, &folder.path().join("other"), &[]);
     assert!(run.status.success() && said(&run).contains("all are treated as exposed alike"), "{}", said(&run));
@@ -324,7 +327,8 @@ fn what_every_exposure_saturates_is_black_in_the_mask_of_the_undistorted_image()
     assert!(run.status.success() && said(&run).contains("2 of 2 views have poses"), "{}", said(&run));
     let mask = read_image(&output.join("saturation/IMG_0.png"), &ReadOptions::default()).unwrap().image;
     assert_eq!((mask.width, mask.height), (WIDTH, HEIGHT));
-    // Radiance rises tenfold from the middle to the right, where 0.4 of saturation is exposed in the middle.
+    // Radiance rises tenfold from the middle to the right, and the middle is exposed to 0.4 of
+    // saturation.
     for row in mask.pixels.chunks(WIDTH) {
         assert!(row[1] == [1.0; 3] && row[WIDTH - 2] == [0.0; 3], "{row:?}");
     }

@@ -65,7 +65,8 @@ fn a_model_of_other_pictures_is_not_taken() {
     brackets(&photos, 3);
     assert!(prepare(&photos, &output, &["--response", "srgb"]).status.success());
     write_model(&output, ["IMG_0001", "IMG_0004"]);
-    // Other options make the same pictures, and a view that is gone leaves the others where they are.
+    // Other options make the same pictures, and a view that is gone leaves the others where they
+    // are.
     for name in ["IMG_0007.JPG", "IMG_0008.JPG", "IMG_0009.JPG"] {
         std::fs::remove_file(photos.join(name)).unwrap();
     }

@@ -67,8 +67,8 @@ pub(crate) fn to_alpha(tiles: &[TilePixels], camera: &ScreenCamera) -> Vec<f32> 
     (0..width * height).into_par_iter().map(alpha).collect()
 }
 
-/// Blends a tile, and records what changed its pixels if `changes` is given; recording takes a good
-/// part of the time.
+/// Blends a tile, and writes what changed its pixels to `changes` if that is given, which takes a
+/// good part of the time.
 pub(crate) fn rasterize(level: Level, camera: &ScreenCamera, tile: Tile<'_>, pixels: &mut TilePixels, changes: Option<&mut Changes>) {
     with_simd!(level, simd => match changes {
         Some(changes) => rasterize_blocks::<_, true>(simd, camera, tile, pixels, changes),

@@ -39,7 +39,7 @@ pub(crate) enum AbsoluteSums {
     Collect,
 }
 
-/// What rasterisation left for each tile.
+/// The results of rasterisation for each tile.
 #[derive(Clone, Copy)]
 pub(crate) struct RasterizedTiles<'a> {
     pub(crate) lists: &'a [TileList],
@@ -47,7 +47,7 @@ pub(crate) struct RasterizedTiles<'a> {
     pub(crate) pixels: &'a [TilePixels],
 }
 
-/// What differentiating a block reads.
+/// The inputs of differentiating a block.
 struct BlockInputs<'a> {
     /// Number of the block within the tile.
     index: usize,

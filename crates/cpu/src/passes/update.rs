@@ -53,7 +53,7 @@ impl ChunkStats<'_> {
     }
 }
 
-/// What a chunk reads and writes.
+/// The slices that a chunk reads and writes.
 struct Chunk<'a> {
     /// Number of the chunk.
     index: usize,
@@ -79,7 +79,7 @@ pub(crate) struct NextView<'a> {
     pub(crate) footprints: &'a mut [Footprint],
 }
 
-/// What an update writes besides parameters and moments.
+/// The buffers that an update writes besides parameters and moments.
 pub(crate) struct UpdateBuffers<'a> {
     pub(crate) stats: &'a mut DensifyStats,
     pub(crate) scratch: &'a mut Scratch,

@@ -3,10 +3,10 @@
 // cpu/passes/project_backward.rs.
 //
 // One thread per splat of the shard. In: the sums over each entry's pixels: g, g u, g v, g u^2 · g
-// u v, g v^2, red, green · blue, |g u|,
-// |g (root_xy u + root_y v)|, with g the gradient by ln(alpha). A splat's entries are summed in the order of its tiles. In, out: parameters,
-// moments, densification statistics. With M^T M the inverse covariance and S the second moments of
-// the offsets whitened by M, dE/dcovariance = M^T S M / 2.
+// u v, g v^2, red, green · blue, |g u|, |g (root_xy u + root_y v)|, with g the gradient by
+// ln(alpha). A splat's entries are summed in the order of its tiles. In, out: parameters, moments,
+// densification statistics. With M^T M the inverse covariance and S the second moments of the
+// offsets whitened by M, dE/dcovariance = M^T S M / 2.
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(1) var<uniform> shard: Shard;

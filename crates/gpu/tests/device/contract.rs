@@ -253,7 +253,7 @@ fn a_loss_that_is_not_finite_stops_the_engine(gpu: &Arc<Gpu>) {
     for number in 3..12 {
         reports.push(engine.train_step(&good, &training(number)).unwrap());
     }
-    let first = reports.iter().find(|report| !report.loss.is_finite()).expect("the loss is not told");
+    let first = reports.iter().find(|report| !report.loss.is_finite()).expect("no report of the loss");
     assert_eq!(first.step, 2);
     let error = engine.save().unwrap_err();
     assert!(matches!(&error, EngineError::Invalid { message, .. } if message.contains("step 2")), "{error}");

@@ -8,7 +8,7 @@ use super::{ReadOptions, SampleDepth, Transfer};
 use crate::IoError;
 use crate::image::guard::zeroed;
 
-/// A curve that was settled: by the user, by the file or by a standard.
+/// A curve that is known: from the user, from the file or from a standard.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Curve {
     /// One of those with a name.
@@ -42,7 +42,7 @@ impl Curve {
     }
 }
 
-/// Said about every image of up to 8 bits.
+/// The warning about every image of up to 8 bits.
 pub(super) const NOT_HDR: &str = "8 bits: not HDR";
 
 /// Returns the warnings that follow from the precision.

@@ -1,7 +1,8 @@
 //! Explicit options that change nothing, because they depend on a choice that was not made.
 //!
-//! A value alone does not count as explicit: options have defaults, and a file holds them all. Options
-//! without a default are checked by their values, too ([`luxel_train::TrainConfig::misplaced`]).
+//! A value alone does not count as explicit: options have defaults, and a file holds them all.
+//! Options without a default are checked by their values, too
+//! ([`luxel_train::TrainConfig::misplaced`]).
 
 use std::fmt;
 
