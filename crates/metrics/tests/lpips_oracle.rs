@@ -118,3 +118,14 @@ fn unknown_networks_and_unusable_images_are_errors() {
     assert_eq!(lpips.distance(&image, &image).unwrap(), 0.0);
     assert!(matches!(lpips.distance(&small, &image), Err(LpipsError::Metrics(_))));
 }
+
+#[test]
+fn weights_beyond_single_precision_are_an_error_and_no_distance() {
+    let mut tensors = tensors(&oracle(LpipsNetwork::Alex));
+    for (_, (_, values)) in tensors.iter_mut().filter(|(name, _)| name.starts_with("net.")) {
+        values.iter_mut().for_each(|value| *value = 3e38 * value.signum());
+    }
+    let [first, second] = images(40, 36);
+    let found = Lpips::from_tensors(&tensors).unwrap().distance(&first, &second);
+    assert!(matches!(found, Err(LpipsError::Overflow { network: "alex" })), "{found:?}");
+}

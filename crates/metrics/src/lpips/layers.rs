@@ -21,6 +21,11 @@ pub(super) struct Features {
 }
 
 impl Features {
+    /// Returns whether all values are finite.
+    pub(super) fn is_finite(&self) -> bool {
+        self.values.iter().all(|value| value.is_finite())
+    }
+
     /// Returns the features that `value` gives for channel, column and row.
     pub(super) fn from_fn([channels, width, height]: [usize; 3], value: impl Fn(usize, usize, usize) -> f32) -> Self {
         let rows = (0..height).flat_map(|y| (0..channels).map(move |c| (c, y)));
@@ -166,7 +171,8 @@ impl Convolution {
                     let tile = self.tile(&padded, [PAIR * i, (PAIR * i + 1).min(outputs - 1)], x, y);
                     for (out, tile) in out.chunks_exact_mut(width).zip(&tile) {
                         for (out, value) in out[x..].iter_mut().zip(tile) {
-                            *out = value.max(0.0);
+                            // A sum beyond f32 may be NaN, which is not to be taken for 0.
+                            *out = if value.is_nan() { *value } else { value.max(0.0) };
                         }
                     }
                 }

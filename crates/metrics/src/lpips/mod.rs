@@ -130,6 +130,12 @@ pub enum LpipsError {
         /// Least side, pixels.
         min: usize,
     },
+    /// Features are beyond the range of f32.
+    #[error("features of {network} are beyond the range of 32-bit floats, so the weights are not those of a trained network")]
+    Overflow {
+        /// Name of the network.
+        network: &'static str,
+    },
     /// The images cannot be compared by any metric.
     #[error(transparent)]
     Metrics(#[from] MetricsError),
@@ -189,6 +195,9 @@ impl Lpips {
         for slice in &self.slices {
             first = slice.apply(first);
             second = slice.apply(second);
+            if !first.is_finite() || !second.is_finite() {
+                return Err(LpipsError::Overflow { network: self.network.name() });
+            }
             distance += first.distance(&second, &slice.channel_weights, LENGTH_FLOOR);
         }
         Ok(distance)
