@@ -80,8 +80,14 @@ impl Colmap {
         for (number, ((camera, [width, height]), views)) in lists.iter().enumerate() {
             let list = folders.work.join(format!("camera_{number}.txt"));
             write_text(&list, &(views.iter().map(|v| proxy_name(&v.name)).collect::<Vec<_>>().join("\n") + "\n"))?;
-            let mut arguments =
-                paths("feature_extractor", &[("--database_path", &database), ("--image_path", &pictures), ("--image_list_path", &list)]);
+            let mut arguments = paths(
+                "feature_extractor",
+                &[
+                    PathOption::new("--database_path", &database),
+                    PathOption::new("--image_path", &pictures),
+                    PathOption::new("--image_list_path", &list),
+                ],
+            );
             let mut add = |name: &str, value: &str| arguments.extend([name.into(), value.into()]);
             add("--ImageReader.single_camera", "1");
             add("--ImageReader.camera_model", options.camera_model.name());
@@ -97,12 +103,21 @@ impl Colmap {
             Matching::Exhaustive => true,
             Matching::Sequential => false,
         };
-        let mut arguments =
-            paths(if is_exhaustive { "exhaustive_matcher" } else { "sequential_matcher" }, &[("--database_path", &database)]);
+        let mut arguments = paths(
+            if is_exhaustive { "exhaustive_matcher" } else { "sequential_matcher" },
+            &[PathOption::new("--database_path", &database)],
+        );
         arguments.extend([format!("{matches}.use_gpu").into(), "0".into()]);
         steps.push(Step { purpose: "matches", arguments });
         let sparse = folders.work.join("sparse");
-        let arguments = paths("mapper", &[("--database_path", &database), ("--image_path", &pictures), ("--output_path", &sparse)]);
+        let arguments = paths(
+            "mapper",
+            &[
+                PathOption::new("--database_path", &database),
+                PathOption::new("--image_path", &pictures),
+                PathOption::new("--output_path", &sparse),
+            ],
+        );
         steps.push(Step { purpose: "poses", arguments });
         Ok(steps)
     }
@@ -227,11 +242,23 @@ fn progress(line: &str) -> Option<u32> {
     after("Registering image #").and_then(|rest| rest.split_once('(')).and_then(|(_, rest)| number(rest))
 }
 
+/// An option of COLMAP that has a path.
+struct PathOption<'a> {
+    name: &'static str,
+    path: &'a Path,
+}
+
+impl<'a> PathOption<'a> {
+    fn new(name: &'static str, path: &'a Path) -> Self {
+        Self { name, path }
+    }
+}
+
 /// Returns a command of COLMAP with options that have paths.
-fn paths(command: &str, options: &[(&str, &PathBuf)]) -> Vec<OsString> {
+fn paths(command: &str, options: &[PathOption<'_>]) -> Vec<OsString> {
     let mut out = vec![OsString::from(command)];
-    for (name, path) in options {
-        out.extend([OsString::from(name), path.as_os_str().to_owned()]);
+    for option in options {
+        out.extend([OsString::from(option.name), option.path.as_os_str().to_owned()]);
     }
     out
 }

@@ -10,27 +10,34 @@ use super::html::escape;
 use crate::text;
 
 /// A metric that not every run has.
-type Optional = fn(&FieldMetrics) -> Option<f64>;
+#[derive(Clone, Copy)]
+struct OptionalMetric {
+    name: &'static str,
+    value: fn(&FieldMetrics) -> Option<f64>,
+}
 
-const OPTIONAL: [(&str, Optional); 3] =
-    [("HDR-FLIP", |f| f.hdr_flip), ("LPIPS (AlexNet)", |f| f.lpips_alex), ("LPIPS (VGG16)", |f| f.lpips_vgg)];
+const OPTIONAL: [OptionalMetric; 3] = [
+    OptionalMetric { name: "HDR-FLIP", value: |f| f.hdr_flip },
+    OptionalMetric { name: "LPIPS (AlexNet)", value: |f| f.lpips_alex },
+    OptionalMetric { name: "LPIPS (VGG16)", value: |f| f.lpips_vgg },
+];
 
 /// Returns the section; empty where nothing was measured.
 pub(super) fn section(splits: &[ReportSplit]) -> String {
     let measured: Vec<(&ReportSplit, &FieldMetrics)> =
         splits.iter().filter_map(|split| Some((split, split.mean_field.as_ref()?))).collect();
     let Some(&(first_split, first)) = measured.first() else { return String::new() };
-    let present: Vec<(&str, Optional)> =
-        OPTIONAL.into_iter().filter(|(_, of)| measured.iter().any(|(_, mean)| of(mean).is_some())).collect();
+    let is_present = |metric: &OptionalMetric| measured.iter().any(|(_, mean)| (metric.value)(mean).is_some());
+    let present: Vec<OptionalMetric> = OPTIONAL.into_iter().filter(is_present).collect();
     let head = |what: &str| {
-        let optional = present.iter().fold(String::new(), |out, (name, _)| out + "<th>" + name + "</th>");
+        let optional = present.iter().fold(String::new(), |out, metric| out + "<th>" + metric.name + "</th>");
         format!("<thead><tr><th>{what}</th><th>PU21-PSNR, dB</th><th>PU21-SSIM</th><th>log-RMSE</th>{optional}</tr></thead>")
     };
     let row = |name: &str, f: &FieldMetrics| {
         let mut row =
             format!("<tr><td>{}</td><td>{:.2}</td><td>{:.4}</td><td>{:.4}</td>", escape(name), f.pu21_psnr, f.pu21_ssim, f.log_rmse);
-        for (_, of) in &present {
-            row += &of(f).map_or("<td></td>".into(), |value| format!("<td>{value:.4}</td>"));
+        for metric in &present {
+            row += &(metric.value)(f).map_or("<td></td>".into(), |value| format!("<td>{value:.4}</td>"));
         }
         row + "</tr>"
     };
@@ -57,15 +64,15 @@ pub(super) fn section(splits: &[ReportSplit]) -> String {
     out + "</section>\n"
 }
 
-fn explanation(first: &FieldMetrics, present: &[(&str, Optional)]) -> String {
+fn explanation(first: &FieldMetrics, present: &[OptionalMetric]) -> String {
     let mut out = format!(
         "<dl><dt>PU21</dt><dd>PSNR and SSIM of the images on a display with {} cd/m² where radiance equals the scene's scale, on a perceptually \
          uniform scale from 0.005 to 10000 cd/m² (Mantiuk &amp; Azimi 2021).</dd>\
          <dt>log-RMSE</dt><dd>Root mean squared error of log10 of the channels: 0.301 is a factor of two.</dd>",
         first.pu21_peak_luminance
     );
-    for (name, _) in present {
-        out += &match *name {
+    for metric in present {
+        out += &match metric.name {
             "HDR-FLIP" => format!(
                 "<dt>HDR-FLIP</dt><dd>Visibility of the difference when flipping between the images, 0 to 1, at the worst exposure between the brightest pixel's \
                  and the median's, at {FLIP_PIXELS_PER_DEGREE:.0} pixels per degree (Andersson et al. 2021).</dd>"

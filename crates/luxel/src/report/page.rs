@@ -6,7 +6,7 @@ use std::time::Duration;
 use luxel_metrics::{MAX_PSNR_DB, ViewMetrics};
 
 use super::html::{document, escape};
-use super::plot::{Axis, Mark, Plot, Scale, Series};
+use super::plot::{Axis, Mark, Plot, Point, Scale, Series};
 use super::profile::{self, Profiled};
 use super::{CurveSample, ReportInput, ReportSplit, views};
 use crate::{Result, text};
@@ -24,7 +24,7 @@ pub(super) fn page(input: &ReportInput) -> Result<String> {
     page += pictures.hero();
     page += &cards(input);
     page += &facts(input);
-    page += &figures(input);
+    page += &metrics(input);
     page += &super::field::section(&input.splits);
     page += &curves(&input.curve);
     page += &error_by_luminance(input);
@@ -104,7 +104,7 @@ fn row(name: &str, m: &ViewMetrics) -> String {
 }
 
 /// Returns the means of each split, and the protocols.
-fn figures(input: &ReportInput) -> String {
+fn metrics(input: &ReportInput) -> String {
     let mut out = String::from("<section><h2>Metrics</h2>");
     if input.splits.is_empty() {
         out += "<p>No view was held out and none was evaluated, so there are no metrics.</p></section>\n";
@@ -157,7 +157,7 @@ fn per_view(splits: &[ReportSplit]) -> String {
 /// Returns plots of loss, PSNR and splats over iterations.
 fn curves(curve: &[CurveSample]) -> String {
     let series = |label: &str, color, mark, of: &dyn Fn(&CurveSample) -> Option<f64>| {
-        let points = curve.iter().filter_map(|s| of(s).map(|v| (f64::from(s.iteration), v))).collect();
+        let points = curve.iter().filter_map(|s| of(s).map(|y| Point { x: f64::from(s.iteration), y })).collect();
         Series { label: label.into(), color, mark, points }
     };
     let x = Axis { label: "iteration", scale: Scale::Linear };
@@ -189,19 +189,19 @@ fn curves(curve: &[CurveSample]) -> String {
 }
 
 /// Returns a running mean that lags by a fiftieth of the curve, at most [`MOST_POINTS`] points.
-fn smoothed(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
+fn smoothed(points: &[Point]) -> Vec<Point> {
     let share = 1.0 / (points.len() as f64 / 50.0).max(1.0);
     let mut mean = None;
-    let running = points.iter().filter(|(_, y)| y.is_finite()).map(|&(x, y)| {
+    let running = points.iter().filter(|point| point.y.is_finite()).map(|&Point { x, y }| {
         let next = mean.map_or(y, |m: f64| m + share * (y - m));
         mean = Some(next);
-        (x, next)
+        Point { x, y: next }
     });
     thinned(running.collect())
 }
 
 /// Returns every n-th point and the last.
-fn thinned(points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
+fn thinned(points: Vec<Point>) -> Vec<Point> {
     let stride = points.len().div_ceil(MOST_POINTS).max(1);
     let last = points.len().saturating_sub(1);
     points.into_iter().enumerate().filter(|(i, _)| i % stride == 0 || *i == last).map(|(_, point)| point).collect()

@@ -46,6 +46,23 @@ pub(super) enum Mark {
     Guide,
 }
 
+/// A point in data units, or in the drawing's.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Point {
+    pub(super) x: f64,
+    pub(super) y: f64,
+}
+
+/// A bar in the background.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Bar {
+    /// Its ends along x.
+    pub(super) from: f64,
+    pub(super) to: f64,
+    /// Its height, 0 to 1.
+    pub(super) share: f64,
+}
+
 /// Points of one colour.
 #[derive(Clone, Debug)]
 pub(super) struct Series {
@@ -54,7 +71,7 @@ pub(super) struct Series {
     /// From 1: which of the page's [`COLORS`], again and dashed beyond them. Guides have their own.
     pub(super) color: usize,
     pub(super) mark: Mark,
-    pub(super) points: Vec<(f64, f64)>,
+    pub(super) points: Vec<Point>,
 }
 
 /// A plot.
@@ -64,8 +81,8 @@ pub(super) struct Plot<'a> {
     pub(super) x: Axis<'a>,
     pub(super) y: Axis<'a>,
     pub(super) series: Vec<Series>,
-    /// (from, to, share 0 to 1) along x: drawn behind everything, for how much data there is.
-    pub(super) bars: Vec<(f64, f64, f64)>,
+    /// Drawn behind everything, for how much data there is.
+    pub(super) bars: Vec<Bar>,
 }
 
 impl Plot<'_> {
@@ -73,8 +90,8 @@ impl Plot<'_> {
     pub(super) fn figure(&self) -> Option<String> {
         let frame = Frame::new(self)?;
         let mut svg = format!("<svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{}\">", escape(self.title));
-        for &(from, to, share) in &self.bars {
-            frame.bar(&mut svg, from, to, share);
+        for bar in &self.bars {
+            frame.bar(&mut svg, *bar);
         }
         frame.grid(&mut svg, self);
         for series in &self.series {
@@ -209,19 +226,20 @@ impl Frame {
             let stretching = plot.series.iter().filter(|s| s.mark != Mark::Guide);
             stretching
                 .flat_map(|s| s.points.iter().copied())
-                .filter(|&(x, y)| place(plot.x.scale, x).is_some() && place(plot.y.scale, y).is_some())
+                .filter(|point| place(plot.x.scale, point.x).is_some() && place(plot.y.scale, point.y).is_some())
         };
-        let x = Span::of(plot.x.scale, shown().map(|(x, _)| x))?;
-        let y = Span::of(plot.y.scale, shown().map(|(_, y)| y))?.padded(0.06);
+        let x = Span::of(plot.x.scale, shown().map(|point| point.x))?;
+        let y = Span::of(plot.y.scale, shown().map(|point| point.y))?.padded(0.06);
         Some(Self { x: if x.low < x.high { x } else { x.padded(0.0) }, y })
     }
 
-    fn point(&self, (x, y): (f64, f64)) -> Option<(f64, f64)> {
-        let (x, y) = (self.x.share(x)?, self.y.share(y)?);
-        Some((LEFT + x * (WIDTH - LEFT - RIGHT), HEIGHT - BOTTOM - y * (HEIGHT - TOP - BOTTOM)))
+    /// Returns the place of a point in the drawing.
+    fn point(&self, point: Point) -> Option<Point> {
+        let (x, y) = (self.x.share(point.x)?, self.y.share(point.y)?);
+        Some(Point { x: LEFT + x * (WIDTH - LEFT - RIGHT), y: HEIGHT - BOTTOM - y * (HEIGHT - TOP - BOTTOM) })
     }
 
-    fn bar(&self, svg: &mut String, from: f64, to: f64, share: f64) {
+    fn bar(&self, svg: &mut String, Bar { from, to, share }: Bar) {
         let (Some(a), Some(b)) = (self.x.share(from), self.x.share(to)) else { return };
         let (a, b) = (a.clamp(0.0, 1.0), b.clamp(0.0, 1.0));
         if b <= a || share.is_nan() || share <= 0.0 {
@@ -258,7 +276,7 @@ impl Frame {
     }
 
     fn series(&self, svg: &mut String, series: &Series) {
-        let points: Vec<(f64, f64)> = series.points.iter().filter_map(|&p| self.point(p)).collect();
+        let points: Vec<Point> = series.points.iter().filter_map(|&p| self.point(p)).collect();
         let class = match series.mark {
             Mark::Line | Mark::Dots => format!("line {}", color_class(series.color)),
             Mark::Faint => format!("faint {}", color_class(series.color)),
@@ -269,13 +287,13 @@ impl Frame {
         }
         if points.len() > 1 {
             let _ = write!(svg, "<polyline class=\"{class}\" points=\"");
-            for (x, y) in &points {
+            for Point { x, y } in &points {
                 let _ = write!(svg, "{x:.1},{y:.1} ");
             }
             *svg += "\"/>";
         }
         if series.mark == Mark::Dots || points.len() == 1 {
-            for (x, y) in &points {
+            for Point { x, y } in &points {
                 let _ = write!(svg, "<circle class=\"dot {}\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"3\"/>", color_class(series.color));
             }
         }
@@ -283,8 +301,8 @@ impl Frame {
 
     /// Draws a straight line from the first to the last point, cut at the frame, with its label at
     /// the upper end.
-    fn guide(&self, svg: &mut String, series: &Series, points: &[(f64, f64)]) {
-        let (Some(&(x0, y0)), Some(&(x1, y1))) = (points.first(), points.last()) else { return };
+    fn guide(&self, svg: &mut String, series: &Series, points: &[Point]) {
+        let (Some(&Point { x: x0, y: y0 }), Some(&Point { x: x1, y: y1 })) = (points.first(), points.last()) else { return };
         let (top, bottom) = (TOP, HEIGHT - BOTTOM);
         let at = |y: f64| if y1 == y0 { 0.0 } else { (y - y0) / (y1 - y0) };
         // Both ends in terms of the line's own parameter, clipped to the frame's top and bottom.
@@ -303,7 +321,8 @@ impl Frame {
 mod tests {
     use super::*;
 
-    fn plot(points: Vec<(f64, f64)>, scale: Scale) -> Plot<'static> {
+    fn plot(points: &[[f64; 2]], scale: Scale) -> Plot<'static> {
+        let points = points.iter().map(|&[x, y]| Point { x, y }).collect();
         let series = vec![Series { label: "a<b".into(), color: 1, mark: Mark::Dots, points }];
         Plot { title: "t & t", x: Axis { label: "x", scale: Scale::Linear }, y: Axis { label: "y", scale }, series, bars: Vec::new() }
     }
@@ -320,7 +339,7 @@ mod tests {
 
     #[test]
     fn points_without_a_place_are_left_out() {
-        let figure = plot(vec![(0.0, 1.0), (1.0, f64::NAN), (2.0, -3.0), (3.0, 100.0)], Scale::Log).figure().unwrap();
+        let figure = plot(&[[0.0, 1.0], [1.0, f64::NAN], [2.0, -3.0], [3.0, 100.0]], Scale::Log).figure().unwrap();
         assert_eq!(figure.matches("<circle").count(), 2);
         assert!(!figure.contains("NaN") && !figure.contains("inf"), "{figure}");
         assert!(figure.contains("t &amp; t") && figure.contains("a&lt;b"));
@@ -333,10 +352,10 @@ mod tests {
 
     #[test]
     fn a_plot_of_nothing_is_nothing_and_of_one_point_a_dot() {
-        assert!(plot(vec![], Scale::Linear).figure().is_none());
-        assert!(plot(vec![(1.0, 0.0)], Scale::Log).figure().is_none());
+        assert!(plot(&[], Scale::Linear).figure().is_none());
+        assert!(plot(&[[1.0, 0.0]], Scale::Log).figure().is_none());
         for scale in [Scale::Linear, Scale::Log] {
-            let figure = plot(vec![(5.0, 5.0)], scale).figure().unwrap();
+            let figure = plot(&[[5.0, 5.0]], scale).figure().unwrap();
             assert!(figure.contains("<circle") && !figure.contains("NaN"), "{figure}");
         }
     }

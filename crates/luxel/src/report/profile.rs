@@ -1,12 +1,12 @@
 //! The luminance-error profile as plots: of one run, or of several in one figure.
 //!
-//! In: profiles over the same pixels, which each method has its own errors on. Out: two figures,
+//! In: profiles over the same pixels, which each method has its own errors on. Out: two plots,
 //! mean absolute error and error in stops. Empty bins have no point; of profiles without pixels
 //! nothing is drawn.
 
 use luxel_metrics::{LuminanceProfile, ProfileBin};
 
-use super::plot::{Axis, Mark, Plot, Scale, Series};
+use super::plot::{Axis, Bar, Mark, Plot, Point, Scale, Series};
 
 /// Width of the open bins at either end as they are drawn: a quarter decade, as a factor.
 const OPEN_BIN: f64 = 1.78;
@@ -27,7 +27,7 @@ pub fn plots(profiles: &[Profiled<'_>]) -> String {
     let Some(first) = profiles.iter().map(|of| of.profile).find(|profile| profile.count() > 0) else { return String::new() };
     let bars = bars(first);
     let points = |profile: &LuminanceProfile, of: fn(&ProfileBin) -> Option<f64>| {
-        profile.bins.iter().filter_map(|bin| Some((bin.mean_luminance()?, of(bin)?))).collect::<Vec<_>>()
+        profile.bins.iter().filter_map(|bin| Some(Point { x: bin.mean_luminance()?, y: of(bin)? })).collect::<Vec<_>>()
     };
     let series = |of: fn(&ProfileBin) -> Option<f64>| {
         let of_profile =
@@ -35,12 +35,12 @@ pub fn plots(profiles: &[Profiled<'_>]) -> String {
         profiles.iter().map(of_profile).collect::<Vec<_>>()
     };
     let luminances = points(first, ProfileBin::mean_luminance);
-    let ends = (luminances.first().map_or(1.0, |p| p.0.max(1e-5)), luminances.last().map_or(1.0, |p| p.0));
+    let ends = [luminances.first().map_or(1.0, |p| p.x.max(1e-5)), luminances.last().map_or(1.0, |p| p.x)];
     let guide = |label: &str, share: f64| Series {
         label: label.into(),
         color: 1,
         mark: Mark::Guide,
-        points: vec![(ends.0, share * ends.0), (ends.1, share * ends.1)],
+        points: ends.map(|x| Point { x, y: share * x }).into(),
     };
     let x = Axis { label: "luminance of the ground truth, normalised units", scale: Scale::Log };
     let mut absolute = series(ProfileBin::mean_absolute_error);
@@ -62,13 +62,13 @@ pub fn plots(profiles: &[Profiled<'_>]) -> String {
     [absolute.figure(), stops.figure()].into_iter().flatten().collect()
 }
 
-/// Ends of each bin that has pixels, and how many it has beside the fullest, nine tenths for that.
-fn bars(profile: &LuminanceProfile) -> Vec<(f64, f64, f64)> {
+/// Returns a bar for each bin that has pixels; the fullest is nine tenths high.
+fn bars(profile: &LuminanceProfile) -> Vec<Bar> {
     let most = profile.bins.iter().map(|bin| bin.count).max().unwrap_or(0).max(1) as f64;
     let bar = |(i, bin): (usize, &ProfileBin)| {
         let (from, to) = LuminanceProfile::edges(i);
         let (from, to) = if from == 0.0 { (to / OPEN_BIN, to) } else { (from, if to.is_finite() { to } else { from * OPEN_BIN }) };
-        (from, to, 0.9 * bin.count as f64 / most)
+        Bar { from, to, share: 0.9 * bin.count as f64 / most }
     };
     profile.bins.iter().enumerate().filter(|(_, bin)| bin.count > 0).map(bar).collect()
 }

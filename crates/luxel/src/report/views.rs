@@ -1,6 +1,7 @@
 //! Pictures of the test views: a comparison to wipe, featured views in full, and all others small.
 
 use std::fmt::Write as _;
+use std::ops::RangeInclusive;
 
 use luxel_core::Image;
 use luxel_core::tone::Tonemap;
@@ -20,8 +21,8 @@ const SMALL_BUDGET_BYTES: usize = 1_800_000;
 const FEATURED_PICTURES: usize = 7;
 const SMALL_PICTURES: usize = 3;
 /// Limits of a picture's side when it is fitted to a budget, pixels.
-const FEATURED_SIDES_PX: (usize, usize) = (128, 640);
-const SMALL_SIDES_PX: (usize, usize) = (48, 160);
+const FEATURED_SIDES_PX: RangeInclusive<usize> = 128..=640;
+const SMALL_SIDES_PX: RangeInclusive<usize> = 48..=160;
 /// Estimate of PNG bytes per pixel, between those of flat and of noisy interiors.
 const BYTES_PER_PIXEL: f64 = 2.0;
 /// Full scales of the error map, from which the smallest is taken that holds 99.5 % of the pixels.
@@ -57,7 +58,7 @@ impl Pictures {
         let hero = order.get(order.len() / 2).map_or(Ok(String::new()), |view| gallery.hero(view))?;
         let featured = spread(&order, FEATURED);
         let others: Vec<&ReportView> =
-            input.views.iter().filter(|view| !featured.iter().any(|(_, featured)| std::ptr::eq(*featured, *view))).collect();
+            input.views.iter().filter(|view| !featured.iter().any(|featured| std::ptr::eq(featured.view, *view))).collect();
         Ok(Self { hero, sections: gallery.featured(&featured)? + &gallery.others(&others)? })
     }
 
@@ -72,22 +73,29 @@ impl Pictures {
     }
 }
 
+/// A view with its rank, 0 for the worst.
+#[derive(Clone, Copy)]
+struct RankedView<'a> {
+    rank: usize,
+    view: &'a ReportView,
+}
+
 /// Returns up to `count` of `order` with their rank, evenly from the first to the last.
-fn spread<'a>(order: &[&'a ReportView], count: usize) -> Vec<(usize, &'a ReportView)> {
+fn spread<'a>(order: &[&'a ReportView], count: usize) -> Vec<RankedView<'a>> {
     let (n, count) = (order.len(), order.len().min(count));
     (0..count)
         .filter_map(|i| {
             let rank = if count > 1 { i * (n - 1) / (count - 1) } else { 0 };
-            order.get(rank).map(|view| (rank, *view))
+            order.get(rank).map(|view| RankedView { rank, view })
         })
         .collect()
 }
 
 /// Returns the longest side such that `pictures` of this shape stay within `budget` bytes.
-fn side_px(image: &Image, pictures: usize, budget: usize, (least, most): (usize, usize)) -> usize {
+fn side_px(image: &Image, pictures: usize, budget: usize, limits: RangeInclusive<usize>) -> usize {
     let pixels = budget as f64 / BYTES_PER_PIXEL / pictures.max(1) as f64;
     let (long, short) = (image.width.max(image.height).max(1) as f64, image.width.min(image.height).max(1) as f64);
-    ((pixels * long / short).sqrt() as usize).clamp(least, most)
+    ((pixels * long / short).sqrt() as usize).clamp(*limits.start(), *limits.end())
 }
 
 fn error_scale(input: &ReportInput) -> f32 {
@@ -124,7 +132,7 @@ impl Gallery<'_> {
         ))
     }
 
-    fn featured(&self, featured: &[(usize, &ReportView)]) -> Result<String> {
+    fn featured(&self, featured: &[RankedView<'_>]) -> Result<String> {
         let mut out = format!(
             "<section><h2>Views</h2><p>{} Under the mu-law, as in papers; then at two exposures in sRGB without a tone curve: {} EV for the shadows, {} EV \
              for the lamps. A scene in high dynamic range has to hold at both.</p>",
@@ -133,7 +141,7 @@ impl Gallery<'_> {
             signed(self.exposures.lamps_ev),
         );
         out += &self.legend();
-        for &(rank, view) in featured {
+        for &RankedView { rank, view } in featured {
             let side = side_px(&view.target, featured.len() * FEATURED_PICTURES, FEATURED_BUDGET_BYTES, FEATURED_SIDES_PX);
             out += &self.featured_view(view, self.rank(rank), side)?;
         }
@@ -159,7 +167,7 @@ impl Gallery<'_> {
         let mut out = format!(
             "<h3>{} <span class=\"soft\">{}{remark}</span></h3><div class=\"row three\">",
             escape(&view.name),
-            figures(&view.metrics)
+            metrics_line(&view.metrics)
         );
         out += &figure(&radiance(p, &mulaw)?, "render", "mu-law");
         out += &figure(&radiance(t, &mulaw)?, "ground truth", "mu-law");
@@ -189,7 +197,7 @@ impl Gallery<'_> {
                 img(&radiance(&view.prediction, &mulaw)?, "", &format!("render of {name}")),
                 img(&radiance(&view.target, &mulaw)?, "", &format!("ground truth of {name}")),
                 img(&self.error(view, side)?, "", &format!("error of {name}")),
-                figures(&view.metrics),
+                metrics_line(&view.metrics),
             );
         }
         Ok(out + "</div></section>\n")
@@ -219,7 +227,7 @@ impl Gallery<'_> {
     }
 }
 
-fn figures(m: &ViewMetrics) -> String {
+fn metrics_line(m: &ViewMetrics) -> String {
     format!("{:.2} dB, SSIM {:.3} (scene) · {:.2} dB (gtmax)", m.psnr_scene, m.ssim_scene, m.psnr_gtmax)
 }
 
@@ -236,14 +244,14 @@ mod tests {
     fn pictures_shrink_to_the_budget_and_no_further_than_they_must() {
         for (width, height, pictures) in [(400, 400, 28), (2016, 1512, 28), (1512, 2016, 600)] {
             let image = Image { width, height, pixels: Vec::new() };
-            let side = side_px(&image, pictures, 4_500_000, (16, 640));
+            let side = side_px(&image, pictures, 4_500_000, 16..=640);
             let pixels = (side * side) as f64 * width.min(height) as f64 / width.max(height) as f64;
             let bytes = pixels * BYTES_PER_PIXEL * pictures as f64;
             assert!(bytes <= 4_500_000.0 && (bytes > 4_300_000.0 || side == 640), "{width}x{height}: {side} px, {bytes} bytes");
         }
-        assert_eq!(side_px(&Image::default(), 0, 1000, (16, 640)), 22);
+        assert_eq!(side_px(&Image::default(), 0, 1000, 16..=640), 22);
         let thread = Image { width: 1, height: 100_000, pixels: Vec::new() };
-        assert_eq!(side_px(&thread, 28, 4_500_000, (16, 640)), 640);
+        assert_eq!(side_px(&thread, 28, 4_500_000, 16..=640), 640);
     }
 
     #[test]
@@ -258,7 +266,7 @@ mod tests {
             })
             .collect();
         let order: Vec<&ReportView> = views.iter().collect();
-        let ranks = |n: usize, count| spread(&order[..n], count).into_iter().map(|(rank, _)| rank).collect::<Vec<_>>();
+        let ranks = |n: usize, count| spread(&order[..n], count).into_iter().map(|ranked| ranked.rank).collect::<Vec<_>>();
         assert_eq!(ranks(9, 4), [0, 2, 5, 8]);
         assert_eq!(ranks(3, 4), [0, 1, 2]);
         assert_eq!((ranks(1, 4), ranks(0, 4)), (vec![0], vec![]));
