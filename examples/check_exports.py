@@ -52,13 +52,13 @@ class Check:
 
     def jobs(self):
         """File, options, bake, readers."""
-        linear = ["--bake", "linear", "--colorspace", "linear-rec709"]
+        linear = ["--bake", "linear", "--output-color-space", "linear-rec709"]
         return [
             ("exact.ply", [], "display", [self.plyfile, self.gsply, self.splat_transform]),
             ("display.ply", ["--bake", "display"], "display", [self.plyfile, self.gsply, self.splat_transform]),
             ("linear.ply", linear, "linear", [self.plyfile, self.gsply, self.splat_transform]),
             ("linear.usda", linear, "linear", [self.usd]),
-            ("acescg.usda", ["--bake", "linear", "--colorspace", "acescg"], "acescg", [self.usd]),
+            ("acescg.usda", ["--bake", "linear", "--output-color-space", "acescg"], "acescg", [self.usd]),
             ("display.usda", ["--bake", "display"], "display", [self.usd]),
             ("exact.glb", [], "display", [self.pygltflib]),
             ("linear.glb", linear, "linear", [self.pygltflib]),
@@ -86,7 +86,7 @@ class Check:
 
     def own(self, path, bake):
         """The plain PLY of the same bake, straight from Luxel."""
-        space = ["--colorspace", "acescg"] if bake == "acescg" else ["--colorspace", "linear-rec709"]
+        space = ["--output-color-space", "acescg"] if bake == "acescg" else ["--output-color-space", "linear-rec709"]
         options = ["--bake", "linear", *space] if bake != "display" else ["--bake", "display"]
         target = self.args.out / f"own-{bake}.ply"
         if not target.exists():

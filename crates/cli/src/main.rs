@@ -18,7 +18,7 @@ use crate::args::{Cli, Command};
 use crate::output::console;
 
 fn main() -> ExitCode {
-    let matches = args::command().get_matches();
+    let matches = args::command().try_get_matches().unwrap_or_else(|error| args::with_new_names(error).exit());
     let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
     let explicit = matches.subcommand().map_or_else(ExplicitArgs::default, |(_, matches)| args::run_config::explicit_args(matches));
     args::check(&cli, &explicit).unwrap_or_else(|error| error.exit());

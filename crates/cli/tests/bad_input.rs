@@ -189,7 +189,7 @@ fn what_integer_images_do_not_state_must_be_said() {
     };
     let (linear, srgb) = (info(&["--transfer", "linear"]), info(&["--transfer", "srgb"]));
     assert_ne!(linear["percentiles"]["luminance"], srgb["percentiles"]["luminance"]);
-    place.train("run", &["--transfer", "linear", "--color-space", "acescg"]);
+    place.train("run", &["--transfer", "linear", "--input-color-space", "acescg"]);
     let run: Value = serde_json::from_str(&place.ok(&["info", "run", "--json"])).unwrap();
     assert_eq!(run["scene"]["color_space"], "acescg");
     // The run's settings are those of its data set from then on.

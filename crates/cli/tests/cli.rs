@@ -134,7 +134,7 @@ fn options_of_a_data_set_are_refused_where_none_is_read() {
     let stated = |options: &[&str]| -> serde_json::Value {
         serde_json::from_str(&place.ok(&[&["info", "plain.png", "--transfer", "srgb", "--json"], options].concat())).unwrap()
     };
-    let (plain, wide) = (stated(&[]), stated(&["--color-space", "acescg"]));
+    let (plain, wide) = (stated(&[]), stated(&["--input-color-space", "acescg"]));
     assert_eq!(wide["color_space"], "acescg");
     assert_ne!(wide["percentiles"], plain["percentiles"]);
 
@@ -231,9 +231,12 @@ fn render_options_change_the_images() {
         previews.insert(std::fs::read(place.path(&format!("{folder}/000.png"))).unwrap());
     }
     assert_eq!(previews.len(), 6);
-    // Radiance beyond half floats is reported.
-    let output = place.luxel(&["render", "run", "-o", "bright", "--background", "1e9,1e9,1e9"]).output().unwrap();
-    assert!(String::from_utf8_lossy(&output.stderr).contains("--exr-type float"));
+    // Radiance beyond half floats makes float files, or is reported.
+    render("bright", &["--background", "1e9,1e9,1e9"]);
+    assert!(read("bright/000.exr").pixels.as_flattened().iter().any(|v| *v > 1e8));
+    let output =
+        place.luxel(&["render", "run", "-o", "half-bright", "--background", "1e9,1e9,1e9", "--exr-type", "half"]).output().unwrap();
+    assert!(String::from_utf8_lossy(&output.stderr).contains("leave --exr-type half out"));
 }
 
 #[test]
@@ -244,7 +247,7 @@ fn info_describes_everything_there_is() {
     let cases = [
         ("data/transforms.json", "data set", vec!["train_views"]),
         ("data", "data set", vec!["train_views", "test_views", "points", "masked_pixels", "percentiles", "color_space", "fingerprint"]),
-        ("run", "run", vec!["method", "scene", "figures", "dataset"]),
+        ("run", "run", vec!["method", "scene", "metrics", "dataset"]),
         ("run/point_cloud/iteration_40/point_cloud.ply", "scene", vec!["splats", "bounds", "percentiles", "radiance_scale", "file_bytes"]),
         (checkpoint.to_str().unwrap(), "checkpoint", vec!["splats", "file_bytes"]),
         ("data/images/000.exr", "image", vec!["width", "height", "percentiles", "bad_pixels", "color_space"]),

@@ -10,8 +10,8 @@ use luxel_io::read_scene;
 const FILES: [(&str, &[&str]); 10] = [
     ("exact.ply", &[]),
     ("display.ply", &["--bake", "display", "--tonemap", "aces"]),
-    ("linear.ply", &["--bake", "linear", "--colorspace", "linear-rec2020"]),
-    ("acescg.usda", &["--colorspace", "acescg", "--exposure", "-1"]),
+    ("linear.ply", &["--bake", "linear", "--output-color-space", "linear-rec2020"]),
+    ("acescg.usda", &["--output-color-space", "acescg", "--exposure", "-1"]),
     ("display.usd", &["--bake", "display", "--degree", "1"]),
     ("exact.glb", &["--up", "z"]),
     ("linear.glb", &["--bake", "linear", "--scale", "0.5"]),
@@ -128,8 +128,8 @@ fn what_does_not_go_together_is_refused_before_any_work() {
     refused(&["a.spz", "--bake", "linear"], &["8 bits", "--bake display"]);
     refused(&["a.usda", "--bake", "exact"], &["harmonics only"]);
     refused(&["a.ply", "--spz-version", "2"], &["a.ply", "--spz-version", "write .spz"]);
-    refused(&["a.glb", "--bake", "linear", "--colorspace", "acescg"], &["expected linear-rec709"]);
-    refused(&["a.ply", "--colorspace", "acescg"], &["--bake linear"]);
+    refused(&["a.glb", "--bake", "linear", "--output-color-space", "acescg"], &["expected linear-rec709"]);
+    refused(&["a.ply", "--output-color-space", "acescg"], &["--bake linear"]);
     refused(&["a.ply", "--bake", "linear", "--refine", "5"], &["--bake display"]);
     refused(&["a.ply", "--crop", "90,90,90,91,91,91"], &["no splats are left", "--crop"]);
     place.fails(2, &["export", "run", "-o", "a.ply", "--crop", "1,2,3"]);
@@ -149,7 +149,19 @@ fn a_probe_holds_the_light_of_all_directions() {
     let image = luxel_io::read_image(&place.path("probe.exr"), &Default::default()).unwrap().image;
     assert_eq!((image.width, image.height), (64, 32));
     assert!(image.pixels.iter().any(|p| p[0] > 0.0));
-    place.ok(&["probe", "run", "--at=-1,0,1.2", "-o", "cube.exr", "--size", "16", "--projection", "cube", "--colorspace", "acescg"]);
+    place.ok(&[
+        "probe",
+        "run",
+        "--at=-1,0,1.2",
+        "-o",
+        "cube.exr",
+        "--size",
+        "16",
+        "--projection",
+        "cube",
+        "--output-color-space",
+        "acescg",
+    ]);
     let cube = luxel_io::read_image(&place.path("cube.exr"), &Default::default()).unwrap();
     assert_eq!((cube.image.height, cube.color_space.map(|s| s.name())), (96, Some("acescg")));
     // Without the splats near it, what is left is what the background gives: nothing.
@@ -166,14 +178,39 @@ fn a_probe_holds_the_light_of_all_directions() {
 fn renders_have_layers_spaces_and_metadata_and_shards_make_the_same_frames() {
     let place = Workplace::new();
     place.train("run", &[]);
-    place.ok(&["render", "run", "--split", "all", "-o", "one", "--alpha", "--depth", "--colorspace", "aces2065-1", "--exr-type", "float"]);
+    place.ok(&[
+        "render",
+        "run",
+        "--split",
+        "all",
+        "-o",
+        "one",
+        "--alpha",
+        "--depth",
+        "--output-color-space",
+        "aces2065-1",
+        "--exr-type",
+        "float",
+    ]);
     let decoded = luxel_io::read_image(&place.path("one/000.exr"), &Default::default()).unwrap();
     assert_eq!(decoded.color_space.map(|s| s.name()), Some("aces2065-1"));
     let alpha = decoded.alpha.unwrap();
     assert!(alpha.len() == SIDE * SIDE && alpha.iter().all(|a| (0.0..=1.0).contains(a)) && alpha.iter().any(|a| *a > 0.1));
     for shard in ["0/2", "1/2"] {
-        let args =
-            ["render", "run", "--split", "all", "-o", "two", "--alpha", "--depth", "--colorspace", "aces2065-1", "--exr-type", "float"];
+        let args = [
+            "render",
+            "run",
+            "--split",
+            "all",
+            "-o",
+            "two",
+            "--alpha",
+            "--depth",
+            "--output-color-space",
+            "aces2065-1",
+            "--exr-type",
+            "float",
+        ];
         place.ok(&[&args[..], &["--shard", shard, "--threads", "1"]].concat());
     }
     for entry in std::fs::read_dir(place.path("one")).unwrap() {
@@ -199,7 +236,7 @@ fn videos_need_a_curve_and_an_encoder() {
 #[cfg(unix)]
 fn encoder(place: &Workplace, name: &str, code: u8) {
     use std::os::unix::fs::PermissionsExt;
-    let script = format!("#!/bin/sh\ncat >/dev/null\nfor last; do :; done\necho {name} >\"$last\"\nexit {code}\n");
+    let script = format!("#!/bin/sh\ncat >/dev/null\nfor last; do :; done\necho {name} >\"${{last#file:}}\"\nexit {code}\n");
     std::fs::write(place.path(name), script).unwrap();
     std::fs::set_permissions(place.path(name), std::fs::Permissions::from_mode(0o755)).unwrap();
 }

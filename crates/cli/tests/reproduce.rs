@@ -112,9 +112,24 @@ fn what_is_finished_stays_and_more_can_be_asked_for() {
     let report = read(&place, "matrix/report.html");
     assert!(report.contains("Activation of the luminance") && report.contains("lcd-exp") && report.contains("Exponential"));
     assert_eq!(read(&place, "matrix/runs.csv").lines().count(), 4);
-    // The other way round: a part of what is there.
+    // Asking for a part of what is there, or for one more, leaves the others in the report.
     place.ok(&args(&[["--methods", "lcd"]]));
-    assert_eq!(read(&place, "matrix/runs.csv").lines().count(), 2);
+    assert_eq!(read(&place, "matrix/runs.csv").lines().count(), 4);
+    let plan = |options: &[[&str; 2]]| place.events(&[&args(options)[..], &["--dry-run"]].concat(), "plan").remove(0);
+    let counts = |plan: &serde_json::Value| ["runs", "finished", "open", "steps"].map(|name| plan[name].as_u64().unwrap());
+    let one_more = plan(&[["--methods", "sh0"]]);
+    assert_eq!(counts(&one_more), [4, 3, 1, 20]);
+    assert!(one_more["seconds"].as_f64().unwrap() > 0.0 && !place.path("matrix/runs/data/sh0").exists());
+    assert_eq!(counts(&plan(&[["--methods", "sh0,lcd"], ["--seeds", "7,8"]])), [6, 3, 3, 60]);
+    assert_eq!(counts(&plan(&[["--methods", "lcd"]])), [3, 3, 0, 0]);
+    // One that is not finished is left to the command that asks for it.
+    std::fs::remove_file(place.path("matrix/runs/data/lcd-exp/seed_7/eval/step_20/metrics.json")).unwrap();
+    place.ok(&args(&[["--methods", "sh0"]]));
+    let runs = read(&place, "matrix/runs.csv");
+    assert_eq!(runs.lines().count(), 4, "{runs}");
+    for start in ["data,sh1,", "data,lcd,", "data,sh0,"] {
+        assert!(runs.lines().any(|line| line.starts_with(start)), "{start} in\n{runs}");
+    }
     assert!(place.path("matrix/runs/data/sh1/seed_7/metrics.json").is_file());
 }
 

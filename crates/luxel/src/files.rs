@@ -1,12 +1,12 @@
-//! Small files, written whole or not at all, and checks of paths before writing.
+//! Small files, written whole or not at all.
 
 use std::path::Path;
 
-use luxel_core::Remedy;
 use serde::Serialize;
 
+use crate::Result;
 use crate::error::{Context, bail};
-use crate::{Error, Result};
+use crate::schema::Document;
 
 /// Writes a file atomically.
 ///
@@ -14,43 +14,6 @@ use crate::{Error, Result};
 /// The file cannot be written.
 pub fn write_bytes(path: &Path, content: &[u8]) -> Result<()> {
     luxel_io::write_atomically(path, |out| out.write_all(content).map_err(|e| luxel_io::IoError::system(path, "write", &e)))?;
-    Ok(())
-}
-
-/// Refuses an output path that is a folder, or an existing file unless `overwrite` is set.
-///
-/// # Errors
-/// The path is taken.
-pub fn check_free(path: &Path, overwrite: bool) -> Result<()> {
-    if path.is_dir() {
-        bail!("{}: is a folder, expected a name for a file", path.display());
-    }
-    if path.exists() && !overwrite {
-        let remedy = Remedy::advice("give another name").or(Remedy::set("overwrite", "true"));
-        return Err(Error::new(format!("{}: exists already", path.display())).with_remedy(remedy));
-    }
-    Ok(())
-}
-
-/// Returns whether both paths lead to one file or folder, existing or not.
-pub fn is_same(a: &Path, b: &Path) -> bool {
-    let real = |path: &Path| {
-        let absolute = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
-        let by_its_folder = || Some(std::fs::canonicalize(absolute.parent()?).ok()?.join(absolute.file_name()?));
-        std::fs::canonicalize(path).ok().or_else(by_its_folder).unwrap_or(absolute)
-    };
-    real(a) == real(b)
-}
-
-/// Refuses an output path that leads to one of `inputs`.
-///
-/// # Errors
-/// It does.
-pub fn check_no_input<'a>(path: &Path, inputs: impl IntoIterator<Item = &'a Path>) -> Result<()> {
-    let Ok(real) = std::fs::canonicalize(path) else { return Ok(()) };
-    if inputs.into_iter().any(|input| std::fs::canonicalize(input).is_ok_and(|input| input == real)) {
-        bail!("{}: is read by this command, so it is not written over; give another name", path.display());
-    }
     Ok(())
 }
 
@@ -75,12 +38,12 @@ pub fn write_text(path: &Path, content: &str) -> Result<()> {
     write_bytes(path, content.as_bytes())
 }
 
-/// Writes a JSON file atomically.
+/// Writes a JSON file atomically, with the version of its schema.
 ///
 /// # Errors
 /// The value has no form in JSON, or the file cannot be written.
-pub fn write_json(path: &Path, value: &impl Serialize) -> Result<()> {
-    let content = serde_json::to_string_pretty(value).with_context(|| format!("{}: cannot encode", path.display()))?;
+pub fn write_json(path: &Path, document: Document, value: &impl Serialize) -> Result<()> {
+    let content = serde_json::to_string_pretty(&document.versioned(value)).with_context(|| format!("{}: cannot encode", path.display()))?;
     write_text(path, &(content + "\n"))
 }
 

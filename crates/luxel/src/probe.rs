@@ -9,12 +9,13 @@ use std::path::Path;
 
 use glam::DVec3;
 use luxel_core::environment::{MapSize, Projection, Rig, Summary};
-use luxel_core::{ColorSpace, Conversion, Dataset, Engine, Image, RenderOptions, Scene};
+use luxel_core::{ColorSpace, Conversion, Dataset, Engine, Image, RadianceScale, RenderOptions, Scene};
 use luxel_io::{ExrOptions, ExrSample};
 
-use crate::Result;
 use crate::error::Context;
 use crate::export::{Up, UpAxis, file_from_world};
+use crate::radiance::RADIANCE_SCALE;
+use crate::{Result, output};
 
 /// Options of a probe.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -51,6 +52,7 @@ pub struct Probe {
     at: [f64; 3],
     projection: Projection,
     color_space: ColorSpace,
+    radiance_scale: RadianceScale,
     /// Its light: means, peak, irradiance.
     pub summary: Summary,
     /// Number of splats left out near the point.
@@ -70,6 +72,11 @@ impl Probe {
         self.image.height
     }
 
+    /// Returns the map, `[H,W,3]` in the units of the data set.
+    pub fn image(&self) -> &Image {
+        &self.image
+    }
+
     /// Returns the pixels `[H*W]`, row by row from the top.
     pub fn pixels(&self) -> &[[f32; 3]] {
         &self.image.pixels
@@ -86,11 +93,13 @@ impl Probe {
     /// # Errors
     /// The file system's refusal.
     pub fn save_exr(&self, path: impl AsRef<Path>, sample: ExrSample) -> Result<usize> {
+        output::check_extension(path.as_ref(), &["exr"])?;
         let [x, y, z] = self.at;
         let options = ExrOptions {
             sample,
             color_space: self.color_space,
             environment: Some(self.projection),
+            numbers: vec![(RADIANCE_SCALE.into(), self.radiance_scale.get())],
             attributes: vec![("luxel:at".into(), format!("{x}, {y}, {z}"))],
             ..ExrOptions::default()
         };
@@ -116,7 +125,16 @@ pub fn probe(mut scene: Scene, options: &ProbeOptions, dataset: Option<&Dataset>
     }
     let summary = Summary::of(&image, projection);
     let has_training_resolution = focal_px.is_some();
-    Ok(Probe { image, at: options.at, projection, color_space, summary, left_out, has_training_resolution })
+    Ok(Probe {
+        image,
+        at: options.at,
+        projection,
+        color_space,
+        radiance_scale: scene.radiance_scale,
+        summary,
+        left_out,
+        has_training_resolution,
+    })
 }
 
 /// Returns the median focal length of the training views in pixels.

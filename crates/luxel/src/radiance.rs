@@ -8,10 +8,14 @@ use std::path::Path;
 
 use luxel_core::tone::{Tonemap, display_rgb8, rec709_of};
 use luxel_core::{Camera, ColorSpace, Conversion, Image, RadianceScale};
-use luxel_io::{ExrOptions, ExrSample, HALF_MAX};
+use luxel_io::{ExrOptions, ExrSample};
 
-use crate::Result;
 use crate::error::Context;
+use crate::{Result, output};
+
+/// Attribute of an OpenEXR file with the radiance of one normalised unit, which `luxel compare`
+/// takes for the scale of its metrics.
+pub const RADIANCE_SCALE: &str = "luxel:radiance_scale";
 
 /// Linear RGB radiance in the units of the data set.
 ///
@@ -86,13 +90,13 @@ impl Radiance {
     /// a value exceeds 65504.
     ///
     /// # Errors
-    /// The file system's refusal.
+    /// A name with another extension; the file system's refusal.
     pub fn save_exr(&self, path: impl AsRef<Path>) -> Result<()> {
-        let is_large = self.image.pixels.as_flattened().iter().any(|value| *value > HALF_MAX);
+        output::check_extension(path.as_ref(), &["exr"])?;
         let options = ExrOptions {
-            sample: if is_large { ExrSample::Float } else { ExrSample::Half },
+            sample: ExrSample::smallest_for(&self.image),
             color_space: self.color_space,
-            numbers: vec![("luxel:radiance_scale".into(), self.radiance_scale.get())],
+            numbers: vec![(RADIANCE_SCALE.into(), self.radiance_scale.get())],
             camera: self.camera.clone(),
             ..ExrOptions::default()
         };
@@ -104,8 +108,9 @@ impl Radiance {
     /// radiance scale as 1.
     ///
     /// # Errors
-    /// The file system's refusal.
+    /// A name with another extension; the file system's refusal.
     pub fn save_preview(&self, path: impl AsRef<Path>, tonemap: Tonemap, exposure_ev: f32) -> Result<()> {
+        output::check_extension(path.as_ref(), &["png"])?;
         let encode = |rgb: &[f32; 3]| {
             let normalised = self.radiance_scale.normalised(*rgb);
             display_rgb8(tonemap, exposure_ev, rec709_of(self.color_space, normalised))

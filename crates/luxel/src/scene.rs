@@ -11,7 +11,7 @@ use crate::error::Context;
 use crate::export::{Exported, export};
 use crate::probe::probe;
 use crate::run::{RunFolder, state};
-use crate::{Bake, Device, DeviceOptions, ExportOptions, Probe, ProbeOptions, Result, SelectedEngine, Silent};
+use crate::{Bake, Device, DeviceOptions, ExportOptions, Probe, ProbeOptions, Result, SelectedEngine, Silent, output};
 
 /// A scene. Dereferences to [`luxel_core::Scene`], whose splats are in normalised units.
 ///
@@ -50,8 +50,10 @@ impl Scene {
     /// that any 3DGS viewer shows.
     ///
     /// # Errors
-    /// A scene that is not valid; the file system's refusal.
+    /// A name with another extension than `.ply`; a scene that is not valid; the file system's
+    /// refusal.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
+        output::check_extension(path.as_ref(), &["ply"])?;
         luxel_io::write_scene_ply(path.as_ref(), &self.0).context("cannot write the scene")
     }
 

@@ -45,6 +45,16 @@ pub fn number(v: f64) -> String {
     }
 }
 
+/// Returns alternatives as a list: `a`, `a or b`, `a, b or c`.
+pub fn alternatives(names: impl IntoIterator<Item = String>) -> String {
+    let mut names: Vec<String> = names.into_iter().collect();
+    match names.pop() {
+        None => String::new(),
+        Some(last) if names.is_empty() => last,
+        Some(last) => format!("{} or {last}", names.join(", ")),
+    }
+}
+
 /// Returns the range of a decade of luminance (see [`luxel_metrics::DecadeError`]): `0.1 to
 /// 1`.
 pub fn decade(decade: i32) -> String {
@@ -65,6 +75,12 @@ mod tests {
         assert_eq!([512, 1536, 5 << 20, 3 << 30].map(bytes), ["512 B", "1.5 KiB", "5.0 MiB", "3.0 GiB"]);
         let seconds = |s| duration(Duration::from_secs(s));
         assert_eq!([seconds(42), seconds(185), seconds(7620)], ["42 s", "3 min 05 s", "2 h 07 min"]);
+    }
+
+    #[test]
+    fn alternatives_are_joined_as_people_do() {
+        let list = |names: &[&str]| alternatives(names.iter().map(|name| (*name).to_owned()));
+        assert_eq!([list(&[]), list(&["a"]), list(&["a", "b"]), list(&["a", "b", "c"])], ["", "a", "a or b", "a, b or c"]);
     }
 
     #[test]

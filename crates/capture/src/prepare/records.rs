@@ -37,7 +37,7 @@ pub struct ViewRecord {
     /// Largest shift between neighbouring exposures, pixels of the photographs.
     pub offset_px: Option<f64>,
     /// Range and sharpness.
-    #[serde(rename = "figures")]
+    #[serde(alias = "figures")]
     pub metrics: CaptureMetrics,
     /// Those of its files that could not be decoded.
     pub left_out: Vec<LeftOut>,

@@ -5,11 +5,13 @@ use std::path::PathBuf;
 use clap::Args;
 use luxel_metrics::FieldOptions;
 
-use super::values::{ColorSpaceArg, MetricsArg, TransferArg, parse_positive};
+use super::MetricsArgs;
+use super::values::{ColorSpaceArg, TransferArg, parse_positive};
 
 /// `luxel compare`.
 #[derive(Debug, Args)]
 #[command(
+    mut_arg("metrics", |arg| arg.default_value("all")),
     after_help = "Images of two folders are matched by their names without extension. What the metrics mean: docs/src/reference/metrics.md.\n\n\
     luxel compare reference.exr render.exr --heatmap flip.png\n\
     luxel compare run/eval/step_9000/gt run/eval/step_9000/renders --json"
@@ -25,7 +27,8 @@ pub(crate) struct CompareArgs {
     #[arg(long, value_name = "PATH")]
     pub(crate) reference: Option<PathBuf>,
     /// Radiance that is 1 in protocol scene, in the decades and on the display of PU21, above 0
-    /// [default: the 99.9th percentile of the luminance of all references].
+    /// [default: the radiance scale that Luxel's EXR files state; else the 99.9th percentile of the
+    /// luminance of all references].
     #[arg(long, value_parser = parse_positive, value_name = "RADIANCE")]
     pub(crate) scale: Option<f32>,
     /// Luminance in cd/m2 at which the display of PU21 shows that radiance, above 0.
@@ -35,11 +38,8 @@ pub(crate) struct CompareArgs {
     #[arg(long, default_value_t = luxel_core::tone::MU, value_parser = parse_positive)]
     pub(crate) mu: f32,
     /// Metrics to compute.
-    #[arg(long, value_enum, default_value_t = MetricsArg::All)]
-    pub(crate) metrics: MetricsArg,
-    /// Weights of LPIPS: the state dict of lpips.LPIPS(net='alex' or 'vgg') as a safetensors file.
-    #[arg(long, value_name = "FILE")]
-    pub(crate) lpips_weights: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) metrics: MetricsArgs,
     /// Mask, black where pixels are left out; with folders one for all, or a folder of masks named
     /// like the references. Images without a mask are compared whole and reported.
     #[arg(long, value_name = "PATH", help_heading = "Images")]
@@ -48,7 +48,7 @@ pub(crate) struct CompareArgs {
     #[arg(long, value_enum, value_name = "CURVE", help_heading = "Images")]
     pub(crate) transfer: Option<TransferArg>,
     /// Primaries of images that do not state theirs [default: linear-rec709].
-    #[arg(long, value_enum, value_name = "SPACE", help_heading = "Images")]
+    #[arg(long = "input-color-space", value_enum, value_name = "SPACE", help_heading = "Images")]
     pub(crate) color_space: Option<ColorSpaceArg>,
     /// Part, layer or view to read of OpenEXR files that have several, names separated by /
     /// [default: the beauty pass of the first view].

@@ -7,16 +7,12 @@ use clap::{Arg, ArgAction, ArgMatches, Args, Command, FromArgMatches, ValueEnum}
 use luxel_core::Edit;
 use luxel_core::edit::{ShMap, Statement};
 
-use super::{ConsoleArgs, DeviceArgs, LoadArgs};
+use super::SceneDataArgs;
 
 /// `luxel edit`.
 #[derive(Debug, Args)]
-#[command(after_help = EXAMPLES)]
+#[command(after_help = EXAMPLES, mut_arg("data", |arg| arg.help("Data set with the views of masks, overlays and comparisons [default for a run: its own]")))]
 pub(crate) struct EditArgs {
-    /// Folder of a run (its newest scene), or a scene file: PLY (plain and compressed 3DGS files
-    /// too), USD text, GLB, SPZ.
-    #[arg(value_name = "RUN|SCENE.ply")]
-    pub(crate) scene: PathBuf,
     /// Scene file to write; with --against, a new folder for the comparison.
     #[arg(long, short, value_name = "SCENE.ply|DIR", required_unless_present = "dry_run")]
     pub(crate) output: Option<PathBuf>,
@@ -47,24 +43,15 @@ pub(crate) struct EditArgs {
     /// Print the report as one JSON object.
     #[arg(long, help_heading = "Report")]
     pub(crate) json: bool,
-    /// Data set with the views of masks, overlays and comparisons [default for a run: its own].
-    #[arg(long, value_name = "DATASET", help_heading = "Data set")]
-    pub(crate) data: Option<PathBuf>,
-    /// Options of reading the data set.
+    /// The scene, its data set, the device and the terminal.
     #[command(flatten)]
-    pub(crate) load: LoadArgs,
-    /// Options of the device.
-    #[command(flatten)]
-    pub(crate) device: DeviceArgs,
-    /// Options of output.
-    #[command(flatten)]
-    pub(crate) console: ConsoleArgs,
+    pub(crate) input: SceneDataArgs,
 }
 
 const EXAMPLES: &str = "\
-Luminance is R + G + B in the units of the data set, of a splat's colour at degree 0. Options act in the order given; a
---where applies to the maps behind it, up to the next --where. Chromaticity, opacity and shape of the splats do not
-change. In scenes of spherical harmonics hues shift under every map but a gain; a warning says how far.
+L is the sum R + G + B in the units of the data set, of a splat's colour at degree 0: luminance_sum of luxel info, not
+the luminance Y. Options act in the order given; a --where applies to the maps behind it, up to the next --where.
+Chromaticity, opacity and shape of the splats do not change. In scenes of spherical harmonics hues shift under every map but a gain; a warning says how far.
 
 Selections:
   L < 0.05   L >= p90   L in 0.1..2       luminance, or a percentile of the splats

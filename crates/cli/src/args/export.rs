@@ -7,16 +7,13 @@ use luxel::Bake;
 use luxel::export::{BakeKind, CropBox, ExportOptions};
 use luxel_io::SpzVersion;
 
-use super::{ConsoleArgs, DeviceArgs, LoadArgs};
+use super::SceneDataArgs;
 use crate::args::values::{SpaceArg, TonemapArg, UpArg, parse_crop, parse_finite, parse_positive};
 
 /// `luxel export`.
 #[derive(Debug, Args)]
-#[command(after_help = EXAMPLES)]
+#[command(after_help = EXAMPLES, mut_arg("data", |arg| arg.help("Data set whose views measure, refine and prune [default for a run: the one it was trained on]")))]
 pub(crate) struct ExportArgs {
-    /// Folder of a run (its newest scene), or a scene file: PLY, USD text, GLB or SPZ.
-    #[arg(value_name = "RUN|SCENE")]
-    pub(crate) scene: PathBuf,
     /// File to write: .ply, .usda or .usd (text), .glb, .spz.
     #[arg(long, short, value_name = "FILE")]
     pub(crate) output: PathBuf,
@@ -28,7 +25,7 @@ pub(crate) struct ExportArgs {
     pub(crate) bake: Option<BakeArg>,
     /// Colour space of a linear bake [default: the scene's; linear-rec709 for .glb].
     #[arg(long, value_enum, value_name = "SPACE", help_heading = "Colour")]
-    pub(crate) colorspace: Option<SpaceArg>,
+    pub(crate) output_color_space: Option<SpaceArg>,
     /// Stops: of a linear or exact one, on radiance in the units of the data set; of a display
     /// bake, on top of its own exposure.
     #[arg(long, default_value_t = 0.0, value_name = "EV", allow_negative_numbers = true, value_parser = parse_finite, help_heading = "Colour")]
@@ -61,19 +58,9 @@ pub(crate) struct ExportArgs {
     /// Version of an .spz file.
     #[arg(long, value_enum, default_value_t, value_name = "VERSION", help_heading = "World")]
     pub(crate) spz_version: SpzVersionArg,
-    /// Data set whose views measure, refine and prune [default for a run: the one it was trained
-    /// on].
-    #[arg(long, value_name = "DATASET", help_heading = "Data set")]
-    pub(crate) data: Option<PathBuf>,
-    /// Reading the data set.
+    /// The scene, its data set, the device and the terminal.
     #[command(flatten)]
-    pub(crate) load: LoadArgs,
-    /// Device.
-    #[command(flatten)]
-    pub(crate) device: DeviceArgs,
-    /// Terminal output.
-    #[command(flatten)]
-    pub(crate) console: ConsoleArgs,
+    pub(crate) input: SceneDataArgs,
 }
 
 impl ExportArgs {
@@ -81,7 +68,7 @@ impl ExportArgs {
     pub(crate) fn options(&self) -> ExportOptions {
         let bake = Bake {
             kind: self.bake.map(Into::into),
-            color_space: self.colorspace.map(Into::into),
+            color_space: self.output_color_space.map(Into::into),
             tonemap: self.tonemap.map(Into::into),
             exposure_ev: self.exposure,
             max_degree: self.degree,
@@ -99,7 +86,7 @@ impl ExportArgs {
 }
 
 const EXAMPLES: &str = "\
-  luxel export run -o set.usda --colorspace acescg             radiance for Nuke and Houdini
+  luxel export run -o set.usda --output-color-space acescg     radiance for Nuke and Houdini
   luxel export run -o set.ply --bake linear                    radiance for V-Ray (raw)
   luxel export run -o set.spz --refine 300 --max-splats 200000 a display bake for the web
   luxel export run -o set.glb                                  a display bake for glTF viewers, and the radiance model beside it

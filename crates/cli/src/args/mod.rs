@@ -17,7 +17,7 @@ pub(crate) mod values;
 use std::path::PathBuf;
 
 use anyhow::Result;
-use clap::error::ErrorKind;
+use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Arg, Args, CommandFactory, Parser, Subcommand};
 use luxel::run::ExplicitArgs;
 use luxel_metrics::FieldOptions;
@@ -31,14 +31,41 @@ pub(crate) use self::prepare::PrepareArgs;
 pub(crate) use self::probe::ProbeArgs;
 pub(crate) use self::render::RenderArgs;
 pub(crate) use self::reproduce::ReproduceArgs;
-pub(crate) use self::shared::{ConsoleArgs, DeviceArgs, LoadArgs, RunArgs};
+pub(crate) use self::shared::{ConsoleArgs, DeviceArgs, LoadArgs, MetricsArgs, RunArgs, SceneDataArgs};
 use self::train_options::TrainOptions;
-use self::values::{MetricsArg, parse_positive};
+use self::values::parse_positive;
 use crate::commands::completions::{CompletionsArgs, ManArgs};
+
+/// Options whose flag is not their library name with dashes: the command line tells the colour
+/// space of input from that of output.
+const FLAGS: [(&str, &str); 2] = [("color_space", "input-color-space"), ("input_space", "input-color-space")];
+
+/// Flags of earlier versions, and the ones that replace them.
+const RENAMED: [(&str, &str); 3] = [
+    (
+        "--color-space",
+        "the colour space of images that are read is --input-color-space, that of files that are written --output-color-space",
+    ),
+    ("--colorspace", "the colour space of files that are written is --output-color-space"),
+    ("--input-space", "the colour space of images that are read is --input-color-space"),
+];
 
 /// Returns an option as it is typed: `--max-splats` for `max_splats`.
 pub(crate) fn flag(option: &str) -> String {
-    format!("--{}", option.replace('_', "-"))
+    match FLAGS.iter().find(|(name, _)| *name == option) {
+        Some((_, flag)) => format!("--{flag}"),
+        None => format!("--{}", option.replace('_', "-")),
+    }
+}
+
+/// Returns the error, with the new name where an option of an earlier version was given.
+pub(crate) fn with_new_names(error: clap::Error) -> clap::Error {
+    let unknown = (error.kind() == ErrorKind::UnknownArgument).then(|| error.get(ContextKind::InvalidArg)).flatten();
+    let Some(ContextValue::String(given)) = unknown else { return error };
+    match RENAMED.iter().find(|(old, _)| given == old) {
+        Some((old, new)) => command().error(ErrorKind::UnknownArgument, format!("unexpected argument '{old}' found: {new}")),
+        None => error,
+    }
 }
 
 /// High dynamic range 3D Gaussian splatting: posed HDR images in, a scene of linear radiance out.
@@ -182,14 +209,11 @@ pub(crate) struct EvalArgs {
     #[arg(long, value_name = "DATASET")]
     pub(crate) data: Option<PathBuf>,
     /// Metrics to compute.
-    #[arg(long, value_enum, default_value_t = MetricsArg::Fast)]
-    pub(crate) metrics: MetricsArg,
+    #[command(flatten)]
+    pub(crate) metrics: MetricsArgs,
     /// Luminance in cd/m2 at which the display of PU21 shows the scene's radiance scale, above 0.
     #[arg(long, default_value_t = FieldOptions::DEFAULT_PEAK_LUMINANCE, value_parser = parse_positive, value_name = "CD/M2")]
     pub(crate) peak_luminance: f32,
-    /// Weights of LPIPS: the state dict of lpips.LPIPS(net='alex' or 'vgg') as a safetensors file.
-    #[arg(long, value_name = "FILE")]
-    pub(crate) lpips_weights: Option<PathBuf>,
     /// Reading the data set.
     #[command(flatten)]
     pub(crate) load: LoadArgs,
@@ -211,7 +235,7 @@ pub(crate) struct InfoArgs {
     /// Print JSON.
     #[arg(long)]
     pub(crate) json: bool,
-    /// Reading a data set; for an image, --transfer, --color-space and --layer.
+    /// Reading a data set; for an image, --transfer, --input-color-space and --layer.
     #[command(flatten)]
     pub(crate) load: LoadArgs,
 }
@@ -241,6 +265,9 @@ pub(crate) struct DemoArgs {
 
 #[cfg(test)]
 mod tests {
+    use clap::FromArgMatches;
+    use luxel_train::{OPTIONS, Preset, TrainConfig};
+
     use super::*;
 
     fn kind(args: &[&str]) -> Option<ErrorKind> {
@@ -251,10 +278,10 @@ mod tests {
     fn what_goes_with_an_option_is_refused_where_that_is_excluded() {
         let bench = ["bench", "--generate", "10", "--save", "q.ply"];
         let render = ["render", "run", "-o", "x", "--shard", "0/9"];
-        for more in [&["--hdr10", "1000"][..], &["--overwrite"], &["--fps", "30"], &["--ffmpeg", "other"], &["--video", "a.mp4"]] {
+        for more in [&["--hdr10", "1000"][..], &["--fps", "30"], &["--ffmpeg", "other"], &["--video", "a.mp4"]] {
             assert_eq!(kind(&[&render[..], more].concat()), Some(ErrorKind::ArgumentConflict), "{more:?}");
         }
-        for more in [&["--fps", "30"][..], &["--ffmpeg", "other"], &["--hdr10"], &["--overwrite"]] {
+        for more in [&["--fps", "30"][..], &["--ffmpeg", "other"], &["--hdr10"]] {
             assert_eq!(kind(&[&["render", "run", "-o", "x"], more].concat()), Some(ErrorKind::MissingRequiredArgument), "{more:?}");
         }
         assert_eq!(kind(&[&render[..], &["--exposure", "1"]].concat()), Some(ErrorKind::MissingRequiredArgument));
@@ -298,11 +325,51 @@ mod tests {
     }
 
     #[test]
-    fn the_help_of_reproduce_says_whose_defaults_it_names() {
+    fn the_old_names_of_colour_spaces_name_the_new_ones() {
+        for (command, old, new) in [
+            (&["train", "data", "-o", "run"][..], "--color-space", "--input-color-space"),
+            (&["probe", "run", "--at", "0,0,0", "-o", "a.exr"], "--colorspace", "--output-color-space"),
+            (&["prepare", "photos", "-o", "set"], "--color-space", "--output-color-space"),
+            (&["prepare", "photos", "-o", "set"], "--input-space", "--input-color-space"),
+        ] {
+            let args = ["luxel"].iter().chain(command).copied().chain([old, "acescg"]);
+            let error = with_new_names(super::command().try_get_matches_from(args).unwrap_err());
+            assert_eq!((error.kind(), error.exit_code()), (ErrorKind::UnknownArgument, 2));
+            assert!(error.to_string().contains(new), "{error}");
+        }
+        assert_eq!((flag("color_space"), flag("max_splats")), ("--input-color-space".into(), "--max-splats".into()));
+    }
+
+    #[test]
+    fn every_flag_is_the_name_of_its_option_or_in_the_table() {
         let mut command = command();
-        let help = command.find_subcommand_mut("reproduce").unwrap().render_long_help().to_string();
-        // Lines of the help break anywhere between words.
-        let help = help.split_whitespace().collect::<Vec<_>>().join(" ");
-        assert!(help.contains("are those of fast") && help.contains("[default: paper]"), "{help}");
+        command.build();
+        for subcommand in command.get_subcommands().filter(|subcommand| subcommand.get_name() != "help") {
+            for arg in subcommand.get_arguments().filter(|arg| !arg.is_positional()) {
+                assert_eq!(flag(arg.get_id().as_str()), format!("--{}", arg.get_long().unwrap()), "{}", subcommand.get_name());
+            }
+        }
+    }
+
+    #[test]
+    fn the_defaults_in_the_help_of_reproduce_are_in_force() {
+        let args = ["luxel", "reproduce", "data", "-o", "study"];
+        let matches = command().try_get_matches_from(args).unwrap();
+        let Command::Reproduce(parsed) = Cli::from_arg_matches(&matches).unwrap().command else { unreachable!("reproduce was given") };
+        let in_force = parsed.train.config.clone().with_preset(|_| false);
+        assert_eq!(in_force, TrainConfig::of_preset(Preset::Paper));
+        let command = command();
+        let reproduce = command.find_subcommand("reproduce").unwrap();
+        for option in OPTIONS.iter().filter(|option| !option.is_switch()) {
+            let arg = reproduce.get_arguments().find(|arg| arg.get_id() == option.name).unwrap();
+            let shown = arg.get_default_values().first().map(|value| value.to_string_lossy().into_owned());
+            assert_eq!(shown, option.get(&in_force), "{}", option.name);
+        }
+        // Another preset brings its own.
+        let matches = super::command().try_get_matches_from(args.iter().chain(&["--preset", "fast", "--turnover", "0.3"])).unwrap();
+        let explicit = run_config::explicit_args(matches.subcommand().unwrap().1);
+        let Command::Reproduce(parsed) = Cli::from_arg_matches(&matches).unwrap().command else { unreachable!("reproduce was given") };
+        let fast = TrainConfig { turnover: 0.3, ..TrainConfig::of_preset(Preset::Fast) };
+        assert_eq!(parsed.train.config.clone().with_preset(|id| explicit.contains(id)), fast);
     }
 }

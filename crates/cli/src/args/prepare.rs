@@ -39,10 +39,10 @@ pub(crate) struct PrepareArgs {
     pub(crate) white_balance: WhiteBalanceArg,
     /// Colour space of the data set's images.
     #[arg(long, value_enum, default_value_t = ColorSpaceArg::LinearRec709, value_name = "SPACE", help_heading = "Colour")]
-    pub(crate) color_space: ColorSpaceArg,
+    pub(crate) output_color_space: ColorSpaceArg,
     /// Primaries of files that do not state theirs.
     #[arg(long, value_enum, default_value_t = SpaceArg::LinearRec709, value_name = "SPACE", help_heading = "Colour")]
-    pub(crate) input_space: SpaceArg,
+    pub(crate) input_color_space: SpaceArg,
     /// OpenColorIO configuration with the colour space of OpenEXR, HDR and float TIFF files.
     #[arg(long, value_name = "CONFIG", requires = "ocio_space", help_heading = "Colour")]
     pub(crate) ocio: Option<PathBuf>,
@@ -246,8 +246,8 @@ impl PrepareArgs {
             exposures: self.exposures.clone(),
             response: self.response.into(),
             white_balance: self.white_balance.clone().into(),
-            color_space: self.color_space.into(),
-            input_space: self.input_space.into(),
+            color_space: self.output_color_space.into(),
+            input_space: self.input_color_space.into(),
             ocio,
             layer: self.layer.clone(),
             downscale: self.downscale,

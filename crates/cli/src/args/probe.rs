@@ -6,20 +6,18 @@ use clap::{Args, ValueEnum};
 use luxel::probe::ProbeOptions;
 use luxel_core::environment::Projection;
 
-use super::{ConsoleArgs, DeviceArgs, LoadArgs};
+use super::SceneDataArgs;
 use crate::args::values::{ExrTypeArg, SpaceArg, UpArg, parse_point, parse_positive};
 
 /// `luxel probe`.
 #[derive(Debug, Args)]
 #[command(
+    mut_arg("data", |arg| arg.help("Data set whose cameras give the up direction and the resolution of rendering [default for a run: its own]")),
     after_help = "The map is the radiance that arrives at the point from every direction, in the units of the data set: light a scene with it.\n\
     Axes are those of OpenEXR: +y is up, the middle of a latitude-longitude map looks along +z, +x is to the left of it. They are those of \
     luxel export's .usda and .glb, so that both fit together."
 )]
 pub(crate) struct ProbeArgs {
-    /// Folder of a run (its newest scene), or a scene file.
-    #[arg(value_name = "RUN|SCENE")]
-    pub(crate) scene: PathBuf,
     /// Point of the probe, world units of the scene: x,y,z.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = parse_point)]
     pub(crate) at: [f64; 3],
@@ -45,23 +43,13 @@ pub(crate) struct ProbeArgs {
     pub(crate) up: Option<UpArg>,
     /// Colour space of the map [default: the scene's].
     #[arg(long, value_enum, value_name = "SPACE", help_heading = "Map")]
-    pub(crate) colorspace: Option<SpaceArg>,
+    pub(crate) output_color_space: Option<SpaceArg>,
     /// Number format of the file.
     #[arg(long, value_enum, default_value_t, help_heading = "Map")]
     pub(crate) exr_type: ExrTypeArg,
-    /// Data set whose cameras give the up direction and the resolution of rendering [default for a
-    /// run: its own].
-    #[arg(long, value_name = "DATASET", help_heading = "Data set")]
-    pub(crate) data: Option<PathBuf>,
-    /// Reading the data set.
+    /// The scene, its data set, the device and the terminal.
     #[command(flatten)]
-    pub(crate) load: LoadArgs,
-    /// Device.
-    #[command(flatten)]
-    pub(crate) device: DeviceArgs,
-    /// Terminal output.
-    #[command(flatten)]
-    pub(crate) console: ConsoleArgs,
+    pub(crate) input: SceneDataArgs,
 }
 
 impl ProbeArgs {
@@ -73,7 +61,7 @@ impl ProbeArgs {
             width_px: self.size as usize,
             near: self.near,
             up: UpArg::up(self.up),
-            color_space: self.colorspace.map(Into::into),
+            color_space: self.output_color_space.map(Into::into),
             background,
         }
     }

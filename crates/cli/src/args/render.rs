@@ -6,23 +6,23 @@ use clap::{ArgGroup, Args};
 use luxel_train::parse_rgb;
 
 use super::edit::parse_edits;
-use super::{ConsoleArgs, DeviceArgs, EditText, LoadArgs, ShMapArg};
+use super::{EditText, SceneDataArgs, ShMapArg};
 use crate::args::values::{ExrTypeArg, Frames, Shard, SpaceArg, SplitArg, TonemapArg, parse_finite, parse_frames, parse_shard};
 
 /// `luxel render`.
 #[derive(Debug, Args)]
-#[command(group(ArgGroup::new("look").args(["tonemap", "video"]).multiple(true)))]
+#[command(
+    group(ArgGroup::new("look").args(["tonemap", "video"]).multiple(true)),
+    mut_arg("data", |arg| arg.help("Data set whose cameras are rendered [default for a run: its own]"))
+)]
 pub(crate) struct RenderArgs {
-    /// Folder of a run (its newest scene), or a scene file: PLY (plain and compressed 3DGS files
-    /// too), USD text, GLB, SPZ.
-    #[arg(value_name = "RUN|SCENE")]
-    pub(crate) scene: PathBuf,
     /// Folder for the images, VIEW.exr.
     #[arg(long, short, value_name = "DIR")]
     pub(crate) output: PathBuf,
-    /// Data set whose cameras are rendered [default for a run: its own].
-    #[arg(long, value_name = "DATASET", help_heading = "Cameras")]
-    pub(crate) data: Option<PathBuf>,
+    /// Replace images, previews and a video that other scenes, cameras or options made. Those that
+    /// would come out the same are kept in any case.
+    #[arg(long)]
+    pub(crate) overwrite: bool,
     /// File of cameras to render: transforms.json or a camera path of nerfstudio. Image size and
     /// lens come from the data set's first camera where the file leaves them out.
     #[arg(long, value_name = "FILE", conflicts_with = "split", help_heading = "Cameras")]
@@ -37,9 +37,6 @@ pub(crate) struct RenderArgs {
     /// 3/4 together are all.
     #[arg(long, value_name = "I/N", value_parser = parse_shard, help_heading = "Cameras")]
     pub(crate) shard: Option<Shard>,
-    /// Reading the data set.
-    #[command(flatten)]
-    pub(crate) load: LoadArgs,
     /// Supersampling: samples along each side of a pixel, 1 to 4 [default: the scene's].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=i64::from(luxel_core::MAX_SAMPLES)), help_heading = "Images")]
     pub(crate) samples: Option<u8>,
@@ -48,7 +45,7 @@ pub(crate) struct RenderArgs {
     pub(crate) exr_type: ExrTypeArg,
     /// Colour space of the EXR files [default: the scene's].
     #[arg(long, value_enum, value_name = "SPACE", help_heading = "Images")]
-    pub(crate) colorspace: Option<SpaceArg>,
+    pub(crate) output_color_space: Option<SpaceArg>,
     /// Add channel A, the coverage of each pixel by splats. Colours are premultiplied on a black
     /// background.
     #[arg(long, help_heading = "Images")]
@@ -75,11 +72,8 @@ pub(crate) struct RenderArgs {
     /// with --hdr10.
     #[arg(long, value_name = "FILE.mp4", conflicts_with = "shard", help_heading = "Video")]
     pub(crate) video: Option<PathBuf>,
-    /// Replace an existing video. Existing images always stay.
     // --video excludes --shard, and so must the options that need --video: clap does not require an
     // option that another one excludes.
-    #[arg(long, requires = "video", conflicts_with = "shard", help_heading = "Video")]
-    pub(crate) overwrite: bool,
     /// Encode HDR10 (Rec.2020, PQ, 10 bits) with this peak in cd/m2, 300 to 10000 [without a value:
     /// 1000]. The scene's radiance scale is shown at 203 cd/m2, and highlights roll off towards the
     /// peak.
@@ -112,10 +106,7 @@ pub(crate) struct RenderArgs {
     /// Quantity that maps apply to in scenes of spherical harmonics, which are then fitted again.
     #[arg(long, value_enum, default_value_t, value_name = "WHAT", requires = "edit", help_heading = "Edits")]
     pub(crate) sh_map: ShMapArg,
-    /// Device.
+    /// The scene, its data set, the device and the terminal.
     #[command(flatten)]
-    pub(crate) device: DeviceArgs,
-    /// Terminal output.
-    #[command(flatten)]
-    pub(crate) console: ConsoleArgs,
+    pub(crate) input: SceneDataArgs,
 }

@@ -2,15 +2,15 @@
 
 use std::path::PathBuf;
 
+use clap::builder::Resettable;
 use clap::{Arg, Args};
 use luxel::run::ExplicitArgs;
 use luxel::study::{METHOD_OPTIONS, parse_method};
 use luxel_core::ColorModel;
-use luxel_train::MAX_SEED;
+use luxel_train::{MAX_SEED, NamedChoice, OptionSpec, Preset, TrainConfig};
 
 use super::train_options::TrainOptions;
-use super::{ConsoleArgs, DeviceArgs, LoadArgs};
-use crate::args::values::MetricsArg;
+use super::{ConsoleArgs, DeviceArgs, LoadArgs, MetricsArgs};
 
 /// `luxel reproduce`.
 #[derive(Debug, Args)]
@@ -18,7 +18,7 @@ use crate::args::values::MetricsArg;
     after_help = "Methods: sh0 to sh5 (spherical harmonics of RGB radiance; sh3 is 3D Gaussian splatting), lcd (LCD-GS); after lcd, -exp or -relu \
     for the activation of the luminance, -l1 to -l3 for a luminance that varies with the view, -c0 to -c5 for the degree of chromaticity: lcd-c2-l1.\n\n\
     Every run is a folder below DIR/runs. Finished runs are kept, interrupted ones are continued; the same command again writes the report anew. \
-    Methods, data sets and seeds can be added; other options need another folder. Ctrl-C saves all runs and exits with code 130.\n\n\
+    Methods, data sets and seeds can be added: the report covers them and all finished runs of earlier commands. Other options need another folder. Ctrl-C saves all runs and exits with code 130.\n\n\
     luxel reproduce desk-lamp bathroom -o paper --iterations 7000\n\
     luxel reproduce my-scene -o ablation --methods sh3,lcd,lcd-l1 --seeds 1,2 --jobs 2 --downscale 2"
 )]
@@ -53,15 +53,16 @@ pub(crate) struct ReproduceArgs {
     /// only times depend on it.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1024), value_name = "N", help_heading = "Matrix")]
     pub(crate) jobs: u32,
+    /// Train nothing; report how many runs are finished and how many are left, with an estimate of
+    /// the time.
+    #[arg(long, help_heading = "Matrix")]
+    pub(crate) dry_run: bool,
     /// Steps between checkpoints of each run; 0 for the end only.
     #[arg(long, default_value_t = 1000, value_name = "N", help_heading = "Matrix")]
     pub(crate) checkpoint_every: u32,
     /// Metrics to compute.
-    #[arg(long, value_enum, default_value_t = MetricsArg::Fast, help_heading = "Metrics")]
-    pub(crate) metrics: MetricsArg,
-    /// Weights of LPIPS: the state dict of lpips.LPIPS(net='alex' or 'vgg') as a safetensors file.
-    #[arg(long, value_name = "FILE", help_heading = "Metrics")]
-    pub(crate) lpips_weights: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) metrics: MetricsArgs,
     /// Options of reading data sets.
     #[command(flatten)]
     pub(crate) load: LoadArgs,
@@ -82,19 +83,28 @@ fn is_of_the_matrix(id: &str) -> bool {
 }
 
 /// Returns an option of training as this command has it: options that [`check`] refuses are hidden,
-/// and the preset is the published one.
+/// and defaults are those of the published preset.
 pub(super) fn adapted(arg: Arg) -> Arg {
     match arg.get_id().as_str() {
         id if is_of_the_matrix(id) => arg.hide(true),
-        "preset" => with_its_defaults(arg.default_value("paper")),
-        _ => arg,
+        "preset" => arg.default_value(Preset::Paper.name()),
+        id => match OptionSpec::find(id).filter(|option| !option.is_switch()) {
+            Some(option) => with_default(arg, option.get(&TrainConfig::of_preset(Preset::Paper)), option),
+            None => arg,
+        },
     }
 }
 
-/// Notes that the help of other options is that of `luxel train`, which has another preset.
-fn with_its_defaults(preset: Arg) -> Arg {
-    let help = preset.get_help().map_or_else(String::new, ToString::to_string);
-    preset.help(help + ". The defaults in the help of other options are those of fast")
+/// Returns an option with another default.
+fn with_default(arg: Arg, default: Option<String>, option: &OptionSpec) -> Arg {
+    match default {
+        Some(default) => arg.default_value(default),
+        None if option.default_text().is_some() => {
+            let help = arg.get_help().map_or_else(String::new, ToString::to_string);
+            arg.default_value(Resettable::Reset).help(help + " [default: unset]")
+        }
+        None => arg,
+    }
 }
 
 /// Refuses options that this command replaces with others.

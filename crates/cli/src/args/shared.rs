@@ -1,5 +1,7 @@
 //! Groups of options that several commands share.
 
+use std::path::PathBuf;
+
 use anyhow::{Result, bail};
 use clap::Args;
 use luxel::run::{ExplicitArgs, RunOptions};
@@ -7,7 +9,7 @@ use luxel::{Device, DeviceOptions, LoadOptions};
 use luxel_io::{Exposures, MaskSource};
 
 use super::flag;
-use super::values::{ColorSpaceArg, FormatArg, SupervisionArg, TransferArg, parse_downscale, parse_masks};
+use super::values::{ColorSpaceArg, FormatArg, MetricsArg, SupervisionArg, TransferArg, parse_downscale, parse_masks};
 use crate::output::console::LogFormat;
 
 /// Options of reading a data set.
@@ -20,7 +22,7 @@ pub(crate) struct LoadArgs {
     #[arg(long, value_enum, value_name = "CURVE", help_heading = "Data set")]
     pub(crate) transfer: Option<TransferArg>,
     /// Primaries of images that do not state theirs [default: linear-rec709].
-    #[arg(long, value_enum, value_name = "SPACE", help_heading = "Data set")]
+    #[arg(long = "input-color-space", value_enum, value_name = "SPACE", help_heading = "Data set")]
     pub(crate) color_space: Option<ColorSpaceArg>,
     /// Reduce images by this factor along each side, by area average in linear light.
     #[arg(long, default_value = "1", value_parser = parse_downscale, value_name = "1|2|4|8", help_heading = "Data set")]
@@ -68,6 +70,38 @@ impl LoadArgs {
             None => Ok(()),
         }
     }
+}
+
+/// The scene that a command works on, and the data set that goes with it.
+#[derive(Clone, Debug, Args)]
+pub(crate) struct SceneDataArgs {
+    /// Folder of a run (its newest scene), or a scene file: PLY (plain and compressed 3DGS files
+    /// too), USD text, GLB, SPZ.
+    #[arg(value_name = "RUN|SCENE")]
+    pub(crate) scene: PathBuf,
+    /// Data set [default for a run: its own].
+    #[arg(long, value_name = "DATASET", help_heading = "Data set")]
+    pub(crate) data: Option<PathBuf>,
+    /// Reading the data set.
+    #[command(flatten)]
+    pub(crate) load: LoadArgs,
+    /// Device.
+    #[command(flatten)]
+    pub(crate) device: DeviceArgs,
+    /// Terminal output.
+    #[command(flatten)]
+    pub(crate) console: ConsoleArgs,
+}
+
+/// Metrics beyond those that every evaluation has.
+#[derive(Clone, Debug, Args)]
+pub(crate) struct MetricsArgs {
+    /// Metrics to compute.
+    #[arg(long, value_enum, default_value_t = MetricsArg::Fast, help_heading = "Metrics")]
+    pub(crate) metrics: MetricsArg,
+    /// Weights of LPIPS: the state dict of lpips.LPIPS(net='alex' or 'vgg') as a safetensors file.
+    #[arg(long, value_name = "FILE", help_heading = "Metrics")]
+    pub(crate) lpips_weights: Option<PathBuf>,
 }
 
 /// Options of the device. The result is the same for any number of threads; the CPU and a GPU

@@ -5,7 +5,7 @@ mod world;
 
 use clap::ValueEnum;
 use luxel_core::tone::Tonemap;
-use luxel_core::{ColorSpace, MAX_SIDE_PX};
+use luxel_core::{ColorSpace, Image, MAX_SIDE_PX};
 use luxel_cpu::InstructionSet;
 use luxel_io::{DatasetFormat, ExrSample, Transfer};
 use luxel_metrics::FlipChoice;
@@ -63,7 +63,7 @@ impl From<TransferArg> for Transfer {
     }
 }
 
-/// `--color-space`.
+/// `--input-color-space`, and `--output-color-space` of data sets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum ColorSpaceArg {
     /// Linear light, Rec.709 primaries.
@@ -82,7 +82,7 @@ impl From<ColorSpaceArg> for ColorSpace {
     }
 }
 
-/// `--colorspace`: the colour space of the files written.
+/// `--output-color-space`, and `--input-color-space` of photographs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum SpaceArg {
     /// Rec.709 primaries, those of sRGB; D65.
@@ -126,18 +126,22 @@ pub(crate) enum SplitArg {
 /// `--exr-type`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub(crate) enum ExrTypeArg {
-    /// 16 bits a channel, up to 65504.
+    /// Half, or float where a value of the image is beyond 65504.
     #[default]
+    Auto,
+    /// 16 bits a channel, up to 65504.
     Half,
     /// 32 bits a channel.
     Float,
 }
 
-impl From<ExrTypeArg> for ExrSample {
-    fn from(arg: ExrTypeArg) -> Self {
-        match arg {
-            ExrTypeArg::Half => Self::Half,
-            ExrTypeArg::Float => Self::Float,
+impl ExrTypeArg {
+    /// Returns the number format of an image.
+    pub(crate) fn sample(self, image: &Image) -> ExrSample {
+        match self {
+            Self::Auto => ExrSample::smallest_for(image),
+            Self::Half => ExrSample::Half,
+            Self::Float => ExrSample::Float,
         }
     }
 }

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 
 use anyhow::{Context, Result, bail};
 use luxel::compare::{CompareOptions, Comparison, ImageMetrics, compare};
-use luxel::text;
+use luxel::{schema, text};
 use luxel_metrics::{DecadeError, FLIP_PIXELS_PER_DEGREE};
 
 use crate::args::CompareArgs;
@@ -23,18 +23,18 @@ pub(crate) fn run(args: &CompareArgs) -> Result<()> {
         scale: args.scale,
         peak_luminance: args.peak_luminance,
         mu: args.mu,
-        flip: args.metrics.into(),
-        lpips_weights: args.lpips_weights.clone(),
+        flip: args.metrics.metrics.into(),
+        lpips_weights: args.metrics.lpips_weights.clone(),
         mask: args.mask.clone(),
         transfer: args.transfer.map(Into::into),
         layer: args.layer.clone(),
-        color_space: args.color_space.map(Into::into).unwrap_or_default(),
+        color_space: args.color_space.map(Into::into),
         heatmap: args.heatmap.clone(),
         overwrite: args.overwrite,
     };
     let found = compare(reference, test, &options, &console)?;
     if args.json {
-        console::print(&serde_json::to_string_pretty(&found).context("cannot encode the metrics")?)
+        console::print(&serde_json::to_string_pretty(&schema::COMPARISON.versioned(&found)).context("cannot encode the metrics")?)
     } else {
         console::print(table(&found).trim_end())
     }

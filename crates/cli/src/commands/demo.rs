@@ -7,7 +7,7 @@ use anyhow::{Context, Result, bail};
 use include_dir::{Dir, include_dir};
 use luxel::preview::{self, Look};
 use luxel::run::{Launch, MadeBy, Occupant, Outcome, RunConfig, RunFolder, RunLock, RunOptions, TrainedRun, fresh};
-use luxel::{LoadOptions, files};
+use luxel::{LoadOptions, files, output, text};
 use luxel_core::tone::Tonemap;
 use luxel_core::{Dataset, RadianceScale, View, luminance_rec709};
 use luxel_train::{TrainConfig, Trainer};
@@ -40,6 +40,7 @@ const PICTURE_ENDINGS: [[&str; 2]; 2] = [["shadows", "shadows_photograph"], ["hi
 /// Trains, evaluates, renders, and reports where the results are.
 pub(crate) fn run(args: &DemoArgs) -> Result<Outcome> {
     let console = Console::new(args.console.log_format, args.console.quiet);
+    output::check_folder_name(&args.output, &output::RESULT_EXTENSIONS)?;
     let folder = RunFolder::at(&args.output);
     may_replace(&folder)?;
     let config = config(args);

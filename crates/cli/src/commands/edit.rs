@@ -8,12 +8,12 @@ use luxel::edit::{
     self, Against, AppliedEdit, EditFidelity, FULL_SCALE_ERROR, Overlay, compare_edits, find_view, mask_names, project_masks,
 };
 use luxel::run::ExplicitArgs;
-use luxel::{files, text};
+use luxel::{files, output, schema, text};
 use luxel_core::edit::{Fidelity, MaskShares};
 use luxel_core::{Dataset, Scene, Selection, View};
 
 use crate::args::{EditArgs, LoadArgs};
-use crate::commands::info::{PERCENTILES, quantiles};
+use crate::commands::info::{PERCENTILES, quantiles, scene_luminance};
 use crate::inputs::scene_source::{DataRequest, SceneSource};
 use crate::inputs::{engine, masks};
 use crate::output::console::Console;
@@ -21,8 +21,8 @@ use crate::output::tree::Tree;
 
 /// Runs the command; `explicit` names the options that were given.
 pub(crate) fn run(args: &EditArgs, explicit: &ExplicitArgs) -> Result<()> {
-    let console = Console::new(args.console.log_format, args.console.quiet);
-    let request = DataRequest { data: args.data.as_deref(), load: &args.load, explicit };
+    let console = Console::new(args.input.console.log_format, args.input.console.quiet);
+    let request = DataRequest::new(&args.input, explicit);
     let edits = &args.edits.0;
     if edits.is_empty() {
         bail!("nothing to do: give a map such as --stops 1 or --power 0.8 (luxel edit --help lists them)");
@@ -35,25 +35,26 @@ pub(crate) fn run(args: &EditArgs, explicit: &ExplicitArgs) -> Result<()> {
     if let Some(other) = &args.against {
         return compare(args, other, request, &console);
     }
-    let output = output(args)?;
+    let target = target(args)?;
     if let Some(path) = &args.overlay {
-        files::check_free(path, args.overwrite)?;
-        if output.as_ref().is_some_and(|output| files::is_same(path, output)) {
+        output::check_extension(path, &["png"])?;
+        output::check_free(path, args.overwrite)?;
+        if target.as_ref().is_some_and(|scene| output::is_same(path, scene)) {
             bail!("{}: cannot be both the scene (-o) and the overlay (--overlay); give the overlay another name", path.display());
         }
     }
-    let source = SceneSource::open(&args.scene, &console)?;
+    let source = SceneSource::open(&args.input.scene, &console)?;
     let mut scene = source.scene.clone();
     let masks = project(args, &source, request, &console)?;
     let done = edit::apply(edits, &mut scene, &masks, args.sh_map.into(), &console)?;
-    if let Some(path) = output {
+    if let Some(path) = target {
         luxel_io::write_scene_ply(&path, &scene).context("cannot write the scene")?;
         console.note(&format!("{}: {}", path.display(), text::plural(scene.splats.len(), "splat")));
     }
     // Last: a reader that leaves early costs no scene.
     if args.json || args.dry_run {
         let report = report(&source.scene, &done);
-        let text = if args.json { format!("{:#}", report.json()) } else { report.text().trim_end().to_owned() };
+        let text = if args.json { report.document(schema::EDIT) } else { report.text().trim_end().to_owned() };
         console.result(&report.event("report"), &text)?;
     }
     Ok(())
@@ -66,19 +67,22 @@ fn check_data(args: &EditArgs, explicit: &ExplicitArgs) -> Result<()> {
         return Ok(());
     }
     let why = "and without a mask, --overlay or --against none is; leave it out";
-    if args.data.is_some() {
+    if args.input.data.is_some() {
         bail!("--data is the data set that views are taken from, {why}");
     }
     LoadArgs::refuse(explicit, &[], why)
 }
 
 /// Returns the place of the edited scene; `None` for a dry run.
-fn output(args: &EditArgs) -> Result<Option<PathBuf>> {
+fn target(args: &EditArgs) -> Result<Option<PathBuf>> {
     let Some(path) = args.output.as_ref().filter(|_| !args.dry_run) else { return Ok(None) };
     if path.is_dir() {
         bail!("{}: is a folder, expected the scene file to write, such as {}", path.display(), path.join("edited.ply").display());
     }
-    files::check_free(path, args.overwrite)?;
+    if let Err(error) = output::check_extension(path, &["ply"]) {
+        bail!("{error}: luxel edit writes the exact scene; for another program write a .ply and give it to luxel export");
+    }
+    output::check_free(path, args.overwrite)?;
     Ok(Some(path.clone()))
 }
 
@@ -86,12 +90,12 @@ fn output(args: &EditArgs) -> Result<Option<PathBuf>> {
 fn project(args: &EditArgs, source: &SceneSource, request: DataRequest<'_>, console: &Console) -> Result<MaskShares> {
     let edits = &args.edits.0;
     let names = mask_names(edits);
-    let mut engine = engine::engine(&args.device)?.engine;
+    let mut engine = engine::engine(&args.input.device)?.engine;
     let Some(picture) = &args.overlay else {
         return masks::mask_shares(edits, source, request, engine.as_mut(), console);
     };
     let Some(dataset) = source.dataset(request, console)? else {
-        bail!("{}: a scene file has no views to draw an overlay on; give --data DATASET", args.scene.display());
+        bail!("{}: a scene file has no views to draw an overlay on; give --data DATASET", args.input.scene.display());
     };
     let masks = project_masks(&names, &source.scene, &dataset, engine.as_mut())?;
     let view = match args.view.as_deref().or(names.first().map(|name| name.view.as_str())) {
@@ -111,7 +115,8 @@ fn report(scene: &Scene, done: &[AppliedEdit]) -> Tree {
     facts.set("splats", scene.splats.len()).set("color_model", scene.splats.color_model.name());
     let mut percentiles = Tree::default();
     percentiles.set("at_percent", PERCENTILES.to_vec());
-    percentiles.set_f32s("luminance", &quantiles((0..scene.splats.len()).map(|i| scene.luminance(i)).collect()));
+    percentiles.set_f32s("luminance_sum", &quantiles((0..scene.splats.len()).map(|i| scene.luminance(i)).collect()));
+    percentiles.set_f32s("luminance", &quantiles(scene_luminance(scene)));
     facts.group("percentiles", percentiles);
     for (i, AppliedEdit { applied, selection }) in done.iter().enumerate() {
         let mut group = Tree::default();
@@ -136,25 +141,26 @@ fn compare(args: &EditArgs, other: &Path, request: DataRequest<'_>, console: &Co
     if let Some(edit) = args.edits.0.iter().find(|edit| edit.selection != Selection::All) {
         bail!("--where \"{}\": an ideal edit of pixels knows no splats; compare maps of the whole scene", edit.selection);
     }
-    let sources = [SceneSource::open(&args.scene, console)?, SceneSource::open(other, console)?];
+    let sources = [SceneSource::open(&args.input.scene, console)?, SceneSource::open(other, console)?];
     let with_data = sources.iter().find(|source| source.run.is_some()).unwrap_or(&sources[0]);
     let dataset = with_data.dataset(request, console)?.context("scene files have no views; give --data DATASET")?;
     let views = test_views(&dataset)?;
     let input = Against { scenes: [&sources[0].scene, &sources[1].scene], edits: &args.edits.0, views, folder };
-    let found = compare_edits(input, &args.device.options(), console)?;
+    let found = compare_edits(input, &args.input.device.options(), console)?;
     let mut facts = Tree::default();
     facts.set("edits", found.edits.iter().map(ToString::to_string).collect::<Vec<_>>()).set("views", views.len());
     facts.set("error_picture_full_scale", FULL_SCALE_ERROR);
     for row in &found.rows {
         facts.group(&row.label, fidelity_facts(&row.fidelity));
     }
-    files::write_json(&folder.join("comparison.json"), &facts.json())?;
-    let text = if args.json { format!("{:#}", facts.json()) } else { fidelity_table(&found.rows) };
+    files::write_json(&folder.join("comparison.json"), schema::EDIT_COMPARISON, &facts.json())?;
+    let text = if args.json { facts.document(schema::EDIT_COMPARISON) } else { fidelity_table(&found.rows) };
     console.result(&facts.event("comparison"), &text)
 }
 
 /// Refuses a folder that has content: results go to a folder of their own.
 fn check_new(folder: &Path) -> Result<()> {
+    output::check_folder_name(folder, &output::IMAGE_EXTENSIONS)?;
     let has_entries = || std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_some());
     if folder.is_file() || has_entries() {
         bail!("{}: exists already; give the name of a new folder", folder.display());

@@ -16,13 +16,14 @@ pub(crate) fn run(args: &EvalArgs, explicit: &ExplicitArgs) -> Result<()> {
     let (folder, config) = RunFolder::open(&args.run)?;
     // While a training works in the folder, metrics of an older step would replace its own.
     let _lock = folder.lock()?;
-    let lpips = read_lpips(args.lpips_weights.as_deref())?;
+    let lpips = read_lpips(args.metrics.lpips_weights.as_deref())?;
     let engine = engine::engine(&args.device)?;
     let request = DataRequest { data: args.data.as_deref(), load: &args.load, explicit };
     let (path, load) = request.of_run(&folder, &config);
     let dataset = data::load(&path, &load, &console)?;
+    data::check_color_space(&dataset, &load, explicit)?;
     let data = EvaluationData { path: &path, load: &load, dataset: &dataset };
-    let metrics = MetricsOptions { peak_luminance: args.peak_luminance, flip: args.metrics.into(), lpips: lpips.as_ref() };
+    let metrics = MetricsOptions { peak_luminance: args.peak_luminance, flip: args.metrics.metrics.into(), lpips: lpips.as_ref() };
     let splits = evaluate_run(&folder, &config, data, metrics, engine, &console)?;
     // Last: a reader that leaves early costs no metrics.
     for (name, split) in &splits {

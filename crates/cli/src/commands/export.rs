@@ -2,7 +2,7 @@
 
 use anyhow::{Result, bail};
 use luxel::export::{BakeError, BakeErrorValues, Exported, Format, export};
-use luxel::files;
+use luxel::output;
 use luxel::run::ExplicitArgs;
 
 use crate::args::ExportArgs;
@@ -13,16 +13,16 @@ use crate::output::tree::Tree;
 
 /// Exports the scene; `explicit` names the options that were given.
 pub(crate) fn run(args: &ExportArgs, explicit: &ExplicitArgs) -> Result<()> {
-    let console = Console::new(args.console.log_format, args.console.quiet);
-    files::check_free(&args.output, args.overwrite)?;
+    let console = Console::new(args.input.console.log_format, args.input.console.quiet);
+    output::check_free(&args.output, args.overwrite)?;
     if Format::from_path(&args.output)? != Format::Spz && explicit.contains("spz_version") {
         bail!("{}: --spz-version is for .spz files; leave it out, or write .spz", args.output.display());
     }
-    let source = SceneSource::open(&args.scene, &console)?;
+    let source = SceneSource::open(&args.input.scene, &console)?;
     let options = args.options();
     options.bake.check_for(&args.output)?;
-    let dataset = source.dataset(DataRequest { data: args.data.as_deref(), load: &args.load, explicit }, &console)?;
-    let mut engine = engine::engine(&args.device)?.engine;
+    let dataset = source.dataset(DataRequest::new(&args.input, explicit), &console)?;
+    let mut engine = engine::engine(&args.input.device)?.engine;
     let exported = export(source.scene, &args.output, &options, dataset.as_ref(), engine.as_mut(), &console)?;
     let tree = describe(args, &exported);
     console.result(&tree.event("finished"), tree.text().trim_end())

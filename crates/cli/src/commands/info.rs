@@ -5,12 +5,14 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use luxel::run::evaluation::Metrics;
 use luxel::run::{ExplicitArgs, RunFolder, state};
+use luxel::schema;
 use luxel_core::tone::rec709_of;
 use luxel_core::{ColorModel, ColorSpace, Dataset, Image, Scene, Splats, View, luminance_rec709, sigmoid};
 use luxel_io::{ReadOptions, SampleDepth};
 
 use crate::args::{InfoArgs, LoadArgs};
 use crate::commands::devices;
+use crate::inputs::data;
 use crate::output::console::{self, Console, LogFormat};
 use crate::output::tree::Tree;
 
@@ -23,7 +25,7 @@ pub(crate) fn run(args: &InfoArgs, explicit: &ExplicitArgs) -> Result<()> {
         Some(path) => describe(path, args, explicit)?,
         None => devices::describe(),
     };
-    if args.json { console::print(&format!("{:#}", facts.json())) } else { console::print(facts.text().trim_end()) }
+    if args.json { console::print(&facts.document(schema::INFO)) } else { console::print(facts.text().trim_end()) }
 }
 
 /// Options of reading images, in a data set or not.
@@ -36,7 +38,7 @@ fn describe(path: &Path, args: &InfoArgs, explicit: &ExplicitArgs) -> Result<Tre
             refuse(explicit, &[], path, "a run")?;
             return describe_run(path);
         }
-        return describe_dataset(path, args);
+        return describe_dataset(path, args, explicit);
     }
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
     let mut facts = match extension.as_str() {
@@ -48,7 +50,7 @@ fn describe(path: &Path, args: &InfoArgs, explicit: &ExplicitArgs) -> Result<Tre
             refuse(explicit, &[], path, "a checkpoint")?;
             describe_checkpoint(path)?
         }
-        "json" => return describe_dataset(path, args),
+        "json" => return describe_dataset(path, args, explicit),
         _ => {
             refuse(explicit, &IMAGE_OPTIONS, path, "an image")?;
             describe_image(path, args)?
@@ -120,13 +122,15 @@ fn describe_run(path: &Path) -> Result<Tree> {
             }
             metrics_tree.group(name, mean);
         }
-        facts.group("figures", metrics_tree);
+        facts.group("metrics", metrics_tree);
     }
     Ok(facts)
 }
 
-fn describe_dataset(path: &Path, args: &InfoArgs) -> Result<Tree> {
-    let dataset = luxel_io::load_dataset(path, &args.load.options()).context("cannot read the data set")?;
+fn describe_dataset(path: &Path, args: &InfoArgs, explicit: &ExplicitArgs) -> Result<Tree> {
+    let options = args.load.options();
+    let dataset = luxel_io::load_dataset(path, &options).context("cannot read the data set")?;
+    data::check_color_space(&dataset, &options, explicit)?;
     Ok(dataset_facts(&dataset))
 }
 
@@ -181,6 +185,9 @@ fn describe_image(path: &Path, args: &InfoArgs) -> Result<Tree> {
         SampleDepth::Integer8 => "8-bit integer, not HDR",
     };
     let assumed = args.load.color_space.map(ColorSpace::from);
+    if let Some(given) = assumed {
+        data::check_stated(given, decoded.color_space, &path.display().to_string())?;
+    }
     let color_space = decoded.color_space.or(assumed).map_or("not stated, taken for linear-rec709", ColorSpace::name);
     facts.set("kind", "image").set("samples", depth).set("width", image.width).set("height", image.height);
     facts.set("color_space", color_space).set("alpha", decoded.alpha.is_some());
@@ -227,11 +234,12 @@ fn add_scene(facts: &mut Tree, scene: &Scene) {
     percentiles.set_f32s("scale", &quantiles(splats.log_scale.as_flattened().iter().map(|s| s.exp()).collect()));
     percentiles.set_f32s("opacity", &quantiles(splats.opacity_logit.iter().map(|&o| sigmoid(o)).collect()));
     percentiles.set_f32s("luminance", &quantiles(scene_luminance(scene)));
+    percentiles.set_f32s("luminance_sum", &quantiles((0..splats.len()).map(|i| scene.luminance(i)).collect()));
     facts.group("percentiles", percentiles);
 }
 
 /// Returns the luminance Y of each splat as seen along +z, in the units of the data set.
-fn scene_luminance(scene: &Scene) -> Vec<f32> {
+pub(crate) fn scene_luminance(scene: &Scene) -> Vec<f32> {
     let radiance = |i| scene.splats.radiance(i, [0.0, 0.0, 1.0]);
     (0..scene.splats.len()).map(|i| scene.radiance_scale.restored_value(luminance(scene.color_space, radiance(i)))).collect()
 }

@@ -1,6 +1,7 @@
 //! `luxel prepare`: a folder of photographs to a data set.
 
 use anyhow::Result;
+use luxel::output;
 use luxel::prepare::{PrepareOptions, PrepareReport, Prepared, prepare};
 use luxel::text::plural;
 use luxel_capture::prepare::PrepareNote;
@@ -13,6 +14,7 @@ use crate::remedy::with_remedy;
 /// Runs the command.
 pub(crate) fn run(args: &PrepareArgs) -> Result<()> {
     let console = Console::new(args.console.log_format, args.console.quiet);
+    output::check_folder_name(&args.output, &output::RESULT_EXTENSIONS)?;
     let options = PrepareOptions { word_note, ..args.options() };
     match prepare(&options, &console)? {
         Prepared::UpToDate => {

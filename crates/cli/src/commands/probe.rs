@@ -3,7 +3,7 @@
 use anyhow::Result;
 use luxel::probe::{Probe, probe};
 use luxel::run::ExplicitArgs;
-use luxel::{files, text};
+use luxel::{output, text};
 
 use crate::args::ProbeArgs;
 use crate::inputs::engine;
@@ -13,19 +13,20 @@ use crate::output::tree::Tree;
 
 /// Renders and writes the probe; `explicit` names the options that were given.
 pub(crate) fn run(args: &ProbeArgs, explicit: &ExplicitArgs) -> Result<()> {
-    let console = Console::new(args.console.log_format, args.console.quiet);
-    files::check_free(&args.output, args.overwrite)?;
-    let source = SceneSource::open(&args.scene, &console)?;
+    let console = Console::new(args.input.console.log_format, args.input.console.quiet);
+    output::check_extension(&args.output, &["exr"])?;
+    output::check_free(&args.output, args.overwrite)?;
+    let source = SceneSource::open(&args.input.scene, &console)?;
     // For the up direction, and the size of a pixel in training.
-    let dataset = source.dataset(DataRequest { data: args.data.as_deref(), load: &args.load, explicit }, &console)?;
+    let dataset = source.dataset(DataRequest::new(&args.input, explicit), &console)?;
     if dataset.as_ref().is_none_or(|dataset| dataset.train.is_empty()) {
         console.note("no data set: rendered at the resolution of the map; give --data for that of training, at which light is right");
     }
     let options = args.options(source.background(None));
-    let mut engine = engine::engine(&args.device)?.engine;
+    let mut engine = engine::engine(&args.input.device)?.engine;
     let probe = probe(source.scene, &options, dataset.as_ref(), engine.as_mut())?;
-    if probe.save_exr(&args.output, args.exr_type.into())? > 0 {
-        console.warn("values exceed 65504, the largest half float, and are cut there; write again with --exr-type float");
+    if probe.save_exr(&args.output, args.exr_type.sample(probe.image()))? > 0 {
+        console.warn("values exceed 65504, the largest half float, and are cut there; leave --exr-type half out");
     }
     if probe.left_out > 0 {
         console.note(&format!("{} nearer than --near left out", text::plural(probe.left_out, "splat")));

@@ -5,11 +5,12 @@ mod video;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
+use luxel::output::{self, FrameState, Recipe};
 use luxel::preview::{self, Look};
 use luxel::run::ExplicitArgs;
 use luxel::run::evaluation::unique_stems;
-use luxel::{Device, files, text};
-use luxel_core::{Camera, Conversion, Dataset, Engine, Layers, RasterConfig, RenderOptions, Scene};
+use luxel::{Device, RADIANCE_SCALE, files, text};
+use luxel_core::{Camera, ColorSpace, Conversion, Dataset, Engine, Layers, RasterConfig, RenderOptions, Scene};
 use luxel_io::ExrOptions;
 
 use crate::args::values::SplitArg;
@@ -30,27 +31,22 @@ struct Job {
     camera: Camera,
     exr: PathBuf,
     png: Option<PathBuf>,
+    /// Digest of what decides the image.
+    made_by: String,
+    /// Digest of what decides the preview.
+    preview_made_by: String,
 }
 
-/// Renders the images that do not exist yet; `explicit` names the options that were given.
+/// Renders the images that are not there; `explicit` names the options that were given.
 pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
-    let console = Console::new(args.console.log_format, args.console.quiet);
+    let console = Console::new(args.input.console.log_format, args.input.console.quiet);
+    output::check_folder_name(&args.output, &output::IMAGE_EXTENSIONS)?;
     if let Some(path) = &args.video {
-        files::check_free(path, args.overwrite)?;
+        video::check(args, path)?;
     }
-    let mut source = SceneSource::open(&args.scene, &console)?;
-    let request = DataRequest { data: args.data.as_deref(), load: &args.load, explicit };
+    let mut source = SceneSource::open(&args.input.scene, &console)?;
+    let request = DataRequest::new(&args.input, explicit);
     let shots = shots(args, request, &source, &console)?;
-    if args.video.is_some() && args.tonemap.is_none() && args.hdr10.is_none() {
-        bail!("--video needs --tonemap CURVE for SDR, or --hdr10");
-    }
-    let all = jobs(args, shots)?;
-    let total = all.len();
-    let missing = |job: &&Job| !job.exr.is_file() || job.png.as_ref().is_some_and(|png| !png.is_file());
-    let jobs: Vec<&Job> = all.iter().filter(missing).collect();
-    if jobs.len() < total {
-        console.note(&format!("{} exist already and are kept", text::plural(total - jobs.len(), "image")));
-    }
     let mut engine = engine::engine(&device(args))?.engine;
     if let Some(EditText(edits)) = &args.edit {
         let shares = masks::mask_shares(edits, &source, request, engine.as_mut(), &console)?;
@@ -58,13 +54,18 @@ pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
     }
     let background = source.background(args.background);
     let scene = &source.scene;
-    engine.load(&scene.splats, None).context("cannot load the scene")?;
     let raster = RasterConfig { samples: args.samples.unwrap_or(scene.raster.samples), ..scene.raster };
     let options = RenderOptions { raster, background, ..scene.render_options() };
-    let folder = args.output.display();
-    std::fs::create_dir_all(&args.output).with_context(|| format!("{folder}: cannot create the folder"))?;
+    let all = jobs(args, shots, &recipe(args, scene, &options))?;
+    let jobs = unmade(&all, args.overwrite)?;
+    let video = args.video.as_ref().map(|path| video::Video::plan(args, path, &all)).transpose()?;
+    if jobs.len() < all.len() {
+        console.note(&format!("{} exist already and are kept", text::plural(all.len() - jobs.len(), "image")));
+    }
+    std::fs::create_dir_all(&args.output).with_context(|| format!("{}: cannot create the folder", args.output.display()))?;
     // Frames that are links in a folder from somebody else are replaced.
     let _confinement = luxel_io::confine(&args.output)?;
+    engine.load(&scene.splats, None).context("cannot load the scene")?;
     let mut too_bright = 0usize;
     for job in &jobs {
         let layers =
@@ -73,22 +74,56 @@ pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
     }
     if too_bright > 0 {
         console.warn(&format!(
-            "{} exceed 65504, the largest half float, and are cut there; render again into another folder with --exr-type float",
+            "{} exceed 65504, the largest half float, and are cut there; leave --exr-type half out",
             text::plural(too_bright, "image")
         ));
     }
     console.note(&format!("{} in {}", text::plural(jobs.len(), "new image"), args.output.display()));
-    if let Some(path) = &args.video {
+    if let Some(video) = video {
         let frames: Vec<&Path> = all.iter().map(|job| job.exr.as_path()).collect();
-        video::encode(args, path, &frames, scene.radiance_scale, &console)?;
+        video.encode(args, &frames, scene.radiance_scale, &console)?;
     }
     Ok(())
+}
+
+/// Returns the recipe of all images, but for their cameras.
+fn recipe(args: &RenderArgs, scene: &Scene, options: &RenderOptions) -> Recipe {
+    let recipe = Recipe::of_scene(scene, options).with("output_color_space", color_space(args, scene).name());
+    recipe.with("exr_type", format_args!("{:?}", args.exr_type)).with("alpha", args.alpha).with("depth", args.depth)
+}
+
+/// Returns the colour space of the EXR files.
+fn color_space(args: &RenderArgs, scene: &Scene) -> ColorSpace {
+    args.output_color_space.map_or(scene.color_space, Into::into)
+}
+
+/// Returns the jobs that are to be done: their images or previews are missing, or made by another
+/// recipe and may be replaced.
+fn unmade(jobs: &[Job], overwrite: bool) -> Result<Vec<&Job>> {
+    let (mut unmade, mut others) = (Vec::new(), Vec::new());
+    for job in jobs {
+        let image = output::frame_state(&job.exr, output::MADE_BY, &job.made_by);
+        // The record of a preview is in its image.
+        let preview = match &job.png {
+            None => FrameState::Same,
+            Some(png) if !png.exists() => FrameState::Missing,
+            Some(_) if image == FrameState::Missing => FrameState::Other,
+            Some(_) => output::frame_state(&job.exr, output::PREVIEW_MADE_BY, &job.preview_made_by),
+        };
+        if [image, preview] != [FrameState::Same; 2] {
+            unmade.push(job);
+        }
+        let files = [(image, Some(&job.exr)), (preview, job.png.as_ref())];
+        others.extend(files.into_iter().filter(|(state, _)| *state == FrameState::Other).filter_map(|(_, path)| path.cloned()));
+    }
+    output::check_replaceable(&others, overwrite)?;
+    Ok(unmade)
 }
 
 /// Returns the device: for coverage and depth, which only the CPU engine renders, `auto` means the
 /// CPU.
 fn device(args: &RenderArgs) -> DeviceArgs {
-    let mut device = args.device.clone();
+    let mut device = args.input.device.clone();
     if (args.alpha || args.depth) && device.device == Device::Auto {
         device.device = Device::Cpu;
     }
@@ -108,10 +143,10 @@ fn render(args: &RenderArgs, engine: &mut dyn Engine, camera: &Camera, options: 
 fn shots(args: &RenderArgs, request: DataRequest<'_>, source: &SceneSource, console: &Console) -> Result<Vec<Shot>> {
     let dataset = || source.dataset(request, console);
     if let Some(file) = &args.cameras {
-        return camera_file(file, args.data.is_some(), dataset, || check_unread(args, file, request.explicit));
+        return camera_file(file, args.input.data.is_some(), dataset, || check_unread(args, file, request.explicit));
     }
     let Some(dataset) = dataset()? else {
-        bail!("{}: a scene file has no cameras; give --data DATASET or --cameras FILE", args.scene.display())
+        bail!("{}: a scene file has no cameras; give --data DATASET or --cameras FILE", args.input.scene.display())
     };
     let shots = views(&dataset, args.split);
     if shots.is_empty() {
@@ -172,13 +207,19 @@ fn views(dataset: &Dataset, split: SplitArg) -> Vec<Shot> {
 
 /// Returns file names and cameras of the frames and the shard asked for. Names do not depend on the
 /// part that is rendered.
-fn jobs(args: &RenderArgs, shots: Vec<Shot>) -> Result<Vec<Job>> {
+fn jobs(args: &RenderArgs, shots: Vec<Shot>, recipe: &Recipe) -> Result<Vec<Job>> {
     let count = shots.len();
     let stems = unique_stems(shots.iter().map(|shot| shot.name.as_str()));
-    let job = |(shot, stem): (Shot, String)| Job {
-        camera: shot.camera,
-        exr: args.output.join(format!("{stem}.exr")),
-        png: args.tonemap.map(|_| args.output.join(format!("{stem}.png"))),
+    let job = |(shot, stem): (Shot, String)| {
+        let of_frame = recipe.clone().with_camera(&shot.camera);
+        let preview = of_frame.clone().with("tonemap", format_args!("{:?}", args.tonemap)).with("exposure", args.exposure);
+        Job {
+            camera: shot.camera,
+            exr: args.output.join(format!("{stem}.exr")),
+            png: args.tonemap.map(|_| args.output.join(format!("{stem}.png"))),
+            made_by: of_frame.digest(),
+            preview_made_by: preview.digest(),
+        }
     };
     if let Some(frames) = args.frames
         && frames.first >= count
@@ -193,26 +234,30 @@ fn jobs(args: &RenderArgs, shots: Vec<Shot>) -> Result<Vec<Job>> {
 /// Depth where there is nothing, as in Blender.
 const FAR: f32 = 1e10;
 
-/// Writes the missing files of a job; returns whether half floats could not hold the image.
+/// Writes the files of a job; returns whether half floats could not hold the image.
 fn write(args: &RenderArgs, scene: &Scene, job: &Job, layers: Layers) -> Result<bool> {
     let Layers { mut image, alpha, depth } = layers;
-    if let (Some(png), Some(tonemap)) = (&job.png, args.tonemap)
-        && !png.is_file()
-    {
-        preview::write(png, &image, scene.color_space, Look { tonemap: tonemap.into(), exposure_ev: args.exposure })?;
+    match (&job.png, args.tonemap) {
+        (Some(png), Some(tonemap)) => {
+            preview::write(png, &image, scene.color_space, Look { tonemap: tonemap.into(), exposure_ev: args.exposure })?;
+        }
+        // A preview of the image that is replaced would be out of date.
+        _ => remove_preview(&job.exr)?,
     }
-    if job.exr.is_file() {
-        return Ok(false);
-    }
-    let color_space = args.colorspace.map_or(scene.color_space, Into::into);
+    let color_space = color_space(args, scene);
     let conversion = Conversion::between(scene.color_space, color_space);
     for pixel in &mut image.pixels {
         *pixel = conversion.apply(scene.radiance_scale.restored(*pixel));
     }
+    let mut attributes = vec![(output::MADE_BY.to_owned(), job.made_by.clone())];
+    if job.png.is_some() {
+        attributes.push((output::PREVIEW_MADE_BY.to_owned(), job.preview_made_by.clone()));
+    }
     let options = ExrOptions {
-        sample: args.exr_type.into(),
+        sample: args.exr_type.sample(&image),
         color_space,
-        numbers: vec![("luxel:radiance_scale".into(), scene.radiance_scale.get()), ("luxel:preview_exposure_ev".into(), args.exposure)],
+        attributes,
+        numbers: vec![(RADIANCE_SCALE.into(), scene.radiance_scale.get()), ("luxel:preview_exposure_ev".into(), args.exposure)],
         camera: Some(job.camera.clone()),
         alpha: args.alpha.then_some(alpha),
         depth: args.depth.then(|| depth.into_iter().map(|z| z.min(FAR)).collect()),
@@ -220,4 +265,14 @@ fn write(args: &RenderArgs, scene: &Scene, job: &Job, layers: Layers) -> Result<
     };
     let out_of_range = luxel_io::write_exr(&job.exr, &image, &options).context("cannot write an image")?;
     Ok(out_of_range > 0)
+}
+
+/// Removes the preview beside an image that has a record of it.
+fn remove_preview(exr: &Path) -> Result<()> {
+    let has_preview =
+        exr.is_file() && luxel_io::read_exr_attributes(exr).is_ok_and(|found| found.texts.contains_key(output::PREVIEW_MADE_BY));
+    if has_preview {
+        files::remove_if_there(&exr.with_extension("png"))?;
+    }
+    Ok(())
 }

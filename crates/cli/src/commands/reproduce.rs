@@ -1,8 +1,12 @@
 //! `luxel reproduce`: methods, data sets and seeds, trained, measured and set side by side.
 
+use std::time::Duration;
+
 use anyhow::{Context, Result, bail};
+use luxel::output;
 use luxel::run::{ExplicitArgs, Outcome};
-use luxel::study::{Study, StudyFiles, StudyOptions, run as run_study};
+use luxel::study::{Study, StudyFiles, StudyOptions, StudyPlan, plan, run as run_study};
+use luxel::text;
 use serde_json::json;
 
 use crate::args::ReproduceArgs;
@@ -13,7 +17,13 @@ use crate::output::console::Console;
 /// Runs the command; `explicit` names the options that were given.
 pub(crate) fn run(args: &ReproduceArgs, explicit: &ExplicitArgs) -> Result<Outcome> {
     let console = Console::new(args.console.log_format, args.console.quiet);
-    match run_study(&options(args, explicit)?, &console, interrupt::stop())? {
+    output::check_folder_name(&args.output, &output::RESULT_EXTENSIONS)?;
+    let options = options(args, explicit)?;
+    if args.dry_run {
+        report_plan(plan(&options, &console)?, &console)?;
+        return Ok(Outcome::Finished);
+    }
+    match run_study(&options, &console, interrupt::stop())? {
         Study::Interrupted => {
             console.note("saved; the same command continues from here");
             Ok(Outcome::Interrupted)
@@ -41,11 +51,29 @@ fn options(args: &ReproduceArgs, explicit: &ExplicitArgs) -> Result<StudyOptions
         load: args.load.options(),
         device: args.device.options(),
         train: args.train.config.clone().with_preset(|id| explicit.contains(id)),
-        flip: args.metrics.into(),
-        lpips_weights: args.lpips_weights.clone(),
+        flip: args.metrics.metrics.into(),
+        lpips_weights: args.metrics.lpips_weights.clone(),
         word_difference: difference_line,
         ..StudyOptions::new(args.datasets.iter().cloned(), &args.output, program)
     })
+}
+
+/// Prints what would be trained, and how long that takes.
+fn report_plan(plan: StudyPlan, console: &Console) -> Result<()> {
+    let StudyPlan { runs, finished, open, steps, jobs, seconds, is_from_finished_runs } = plan;
+    let event =
+        json!({ "event": "plan", "runs": runs, "finished": finished, "open": open, "steps": steps, "jobs": jobs, "seconds": seconds });
+    let mut text = format!("{}: {} finished, {} to train", text::plural(runs, "run"), text::count(finished), text::count(open));
+    if open > 0 {
+        let time = Duration::try_from_secs_f64(seconds).map_or_else(|_| "unknown".into(), text::duration);
+        let source = match is_from_finished_runs {
+            true => "at the speed of finished runs",
+            false => "at the speed of first steps or of other methods; steps with more splats take longer",
+        };
+        let steps = text::count(usize::try_from(steps).unwrap_or(usize::MAX));
+        text += &format!("\ntraining  about {time}: {steps} steps, {} at a time, {source}", text::plural(jobs, "run"));
+    }
+    console.result(&event, &text)
 }
 
 /// Prints where the report is.

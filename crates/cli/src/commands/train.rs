@@ -4,12 +4,13 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use luxel::run::{ExplicitArgs, Launch, MadeBy, Occupant, Outcome, RunConfig, RunFolder, RunLock, TrainedRun, fresh, resume};
-use luxel::text;
+use luxel::{LoadOptions, output, text};
 use luxel_core::Dataset;
 use serde_json::json;
 
 use super::demo;
 use crate::args::{TrainArgs, run_config};
+use crate::inputs::data;
 use crate::inputs::engine::training_engine;
 use crate::interrupt;
 use crate::output::console::Console;
@@ -28,6 +29,7 @@ enum Start {
 
 /// Trains; `explicit` names the options that were given.
 pub(crate) fn run(args: &TrainArgs, explicit: &ExplicitArgs) -> Result<Outcome> {
+    output::check_folder_name(&args.output, &output::RESULT_EXTENSIONS)?;
     let folder = RunFolder::at(&args.output);
     // A run is read under its lock: another luxel at work in the folder may be about to change it.
     let lock = match folder.occupant()? {
@@ -42,16 +44,16 @@ pub(crate) fn run(args: &TrainArgs, explicit: &ExplicitArgs) -> Result<Outcome> 
     let launch = Launch { folder: &folder, observer: &console, stop: interrupt::stop() };
     let TrainedRun { outcome, config, mut trainer, steps, .. } = match start {
         Start::Fresh(config) => {
-            let engine = training_engine(&config)?;
+            let (engine, loaded) = (training_engine(&config)?, config.load.clone());
             fresh(config, engine, launch, |dataset| {
-                warn_of_unused_points(dataset, explicit, &console);
+                check_used(dataset, &loaded, explicit, &console)?;
                 lock_free(&folder)
             })?
         }
         Start::Replace(config, replaced) => {
-            let engine = training_engine(&config)?;
+            let (engine, loaded) = (training_engine(&config)?, config.load.clone());
             fresh(config, engine, launch, |dataset| {
-                warn_of_unused_points(dataset, explicit, &console);
+                check_used(dataset, &loaded, explicit, &console)?;
                 let lock = folder.lock()?;
                 if replaced == MadeBy::Demo {
                     demo::remove_pictures(&folder)?;
@@ -133,13 +135,15 @@ fn absolute(dataset: &Path) -> Result<PathBuf> {
     std::fs::canonicalize(dataset).with_context(|| format!("{}: cannot open the data set", dataset.display()))
 }
 
-/// Warns of an option that only the data set shows to be unused: points in it leave no splats to
-/// make up.
-fn warn_of_unused_points(dataset: &Dataset, explicit: &ExplicitArgs, console: &Console) {
+/// Refuses a colour space, and warns of a number of points, that only the data set shows to be
+/// unused: points in it leave no splats to make up.
+fn check_used(dataset: &Dataset, options: &LoadOptions, explicit: &ExplicitArgs, console: &Console) -> luxel::Result<()> {
+    data::check_color_space(dataset, options, explicit).map_err(|error| luxel::Error::new(error.to_string()))?;
     if explicit.contains("init_points") && !dataset.points.is_empty() {
         let points = text::plural(dataset.points.len(), "point");
         console.warn(&format!("--init-points changes nothing: the data set has {points} to start from"));
     }
+    Ok(())
 }
 
 /// Locks a folder in which nothing was found: another luxel may have put a run there while the data

@@ -3,13 +3,13 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use luxel::run::{ExplicitArgs, RunConfig, RunFolder, state};
 use luxel::{LoadOptions, text};
 use luxel_core::{Dataset, Scene};
 
 use super::data;
-use crate::args::LoadArgs;
+use crate::args::{LoadArgs, SceneDataArgs, flag};
 use crate::output::console::Console;
 
 /// A scene and the run it comes from.
@@ -31,7 +31,12 @@ pub(crate) struct DataRequest<'a> {
     pub(crate) explicit: &'a ExplicitArgs,
 }
 
-impl DataRequest<'_> {
+impl<'a> DataRequest<'a> {
+    /// Returns the data set that goes with a scene.
+    pub(crate) fn new(input: &'a SceneDataArgs, explicit: &'a ExplicitArgs) -> Self {
+        Self { data: input.data.as_deref(), load: &input.load, explicit }
+    }
+
     /// Returns the data set asked for and how it is read; without one that of a run, read as the
     /// run did but for explicit options.
     pub(crate) fn of_run(&self, folder: &RunFolder, config: &RunConfig) -> (PathBuf, LoadOptions) {
@@ -54,8 +59,9 @@ impl SceneSource {
         Ok(Self { scene: luxel::Scene::open(path)?.into_core(), run: None })
     }
 
-    /// Reads the data set asked for, or the run's own; `None` if there is neither.
+    /// Reads the data set asked for, or the run's own, for its cameras; `None` if there is neither.
     pub(crate) fn dataset(&self, request: DataRequest<'_>, console: &Console) -> Result<Option<Dataset>> {
+        self.check_color_space(request)?;
         match (request.data, &self.run) {
             (_, Some((folder, config))) => {
                 let (path, load) = request.of_run(folder, config);
@@ -67,6 +73,28 @@ impl SceneSource {
                 Ok(None)
             }
         }
+    }
+
+    /// Refuses an explicit colour space of images whose pixels are not used: it decides nothing,
+    /// unless the data set cannot be read without it.
+    fn check_color_space(&self, request: DataRequest<'_>) -> Result<()> {
+        if !request.explicit.contains("color_space") {
+            return Ok(());
+        }
+        let without = LoadArgs { color_space: None, ..request.load.clone() };
+        let request = DataRequest { load: &without, ..request };
+        let (path, load) = match (&self.run, request.data) {
+            (Some((folder, config)), _) => request.of_run(folder, config),
+            (None, Some(path)) => (path.to_owned(), without.options()),
+            (None, None) => return Ok(()),
+        };
+        ensure!(
+            luxel::Dataset::open_with(&path, &load).is_err(),
+            "{} sets the primaries of images, of which only the cameras are used; leave it out, or give the colour space of the files \
+             that are written with --output-color-space",
+            flag("color_space")
+        );
+        Ok(())
     }
 
     /// Returns the radiance behind everything in normalised units: as asked (units of the data

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use luxel::run::LogRecord;
-use luxel::{Event, ItemKind, Observer, text};
+use luxel::{Event, ItemKind, Observer, schema, text};
 use serde_json::json;
 
 use super::metrics_table::mean_line;
@@ -87,7 +87,7 @@ impl Console {
     /// Prints the result of the command on stdout: an event for programs, text for people.
     pub(crate) fn result(&self, event: &serde_json::Value, text: &str) -> Result<()> {
         match self.style {
-            Style::Json => print(&event.to_string()),
+            Style::Json => print(&versioned(event)),
             Style::Bar | Style::Lines | Style::Quiet => print(text),
         }
     }
@@ -243,10 +243,19 @@ pub(crate) fn print(text: &str) -> Result<()> {
     writeln!(out, "{text}").and_then(|()| out.flush()).context("cannot write to standard output")
 }
 
+/// Returns the line of an event, with the version of its schema.
+fn versioned(event: &serde_json::Value) -> String {
+    let mut event = event.clone();
+    if let Some(entries) = event.as_object_mut() {
+        entries.insert(schema::VERSION_FIELD.to_owned(), schema::EVENT.version.into());
+    }
+    event.to_string()
+}
+
 /// Prints one JSON object on stdout; a reader that has left does not end a training run.
 fn emit(event: &serde_json::Value) {
     let mut out = std::io::stdout().lock();
-    let _ = writeln!(out, "{event}").and_then(|()| out.flush());
+    let _ = writeln!(out, "{}", versioned(event)).and_then(|()| out.flush());
 }
 
 /// Prints a line on stderr; a closed stderr is no reason to stop.

@@ -1,5 +1,6 @@
 //! Named values in order, as aligned text for people or as JSON for programs.
 
+use luxel::schema::{Document, VERSION_FIELD};
 use luxel::text;
 use serde_json::{Map, Value};
 
@@ -49,6 +50,13 @@ impl Tree {
             (name.clone(), value)
         });
         Value::Object(entries.collect::<Map<_, _>>())
+    }
+
+    /// Returns the tree as the text of a document.
+    pub(crate) fn document(&self, document: Document) -> String {
+        let Value::Object(mut entries) = self.json() else { return String::new() };
+        entries.insert(VERSION_FIELD.to_owned(), document.version.into());
+        format!("{:#}", Value::Object(entries))
     }
 
     /// Returns the tree as an event for programs.

@@ -7,6 +7,8 @@
     reason = "each test uses some of these helpers, which fail the test"
 )]
 
+mod shared_run;
+
 use std::path::{Path, PathBuf};
 
 use assert_cmd::Command;
@@ -32,6 +34,11 @@ impl Workplace {
 
     pub fn empty() -> Self {
         Self { folder: tempfile::tempdir().unwrap() }
+    }
+
+    /// In a folder of this place, for what outlives the test.
+    fn within(folder: &Path) -> Self {
+        Self { folder: tempfile::tempdir_in(folder).unwrap() }
     }
 
     pub fn path(&self, name: &str) -> PathBuf {
@@ -83,8 +90,18 @@ impl Workplace {
         assert!(status.success(), "{args:?}: {status:?}");
     }
 
-    /// Trains `run` for a few steps.
+    /// Trains `run` for a few steps. The run that many tests begin with, `run` without further
+    /// options on the data set as it is, is trained once and copied.
     pub fn train(&self, run: &str, more: &[&str]) -> String {
+        if run == "run" && more.is_empty() && !self.path(run).exists() {
+            if let Some(stdout) = shared_run::copy(self) {
+                return stdout;
+            }
+        }
+        self.train_anew(run, more)
+    }
+
+    fn train_anew(&self, run: &str, more: &[&str]) -> String {
         let mut args = vec!["train", "data", "-o", run];
         args.extend(QUICK);
         args.extend(more);

@@ -279,7 +279,7 @@ fn radiance_passes_through_with_its_colours_converted() {
     let image = Image::from_pixels(WIDTH, HEIGHT, pixels).unwrap();
     let options = ExrOptions { sample: ExrSample::Float, color_space: ColorSpace::AcesCg, ..ExrOptions::default() };
     write_exr(&photos.join("a.exr"), &image, &options).unwrap();
-    let run = prepare(&photos, &output, &["--color-space", "acescg"]);
+    let run = prepare(&photos, &output, &["--output-color-space", "acescg"]);
     assert!(run.status.success(), "{}", said(&run));
     let found = read_image(&output.join("work/radiance/a.exr"), &ReadOptions::default()).unwrap();
     assert_eq!((found.image, found.color_space), (image.clone(), Some(ColorSpace::AcesCg)));

@@ -94,7 +94,7 @@ impl FidelityMeter {
     }
 
     /// Returns the metrics; `None` if no pixel was counted.
-    pub fn figures(&self) -> Option<Fidelity> {
+    pub fn fidelity(&self) -> Option<Fidelity> {
         let pixels = self.pixels as f64;
         let mut reached = 0;
         let bin = self.histogram.iter().position(|count| {
@@ -125,17 +125,17 @@ mod tests {
         assert!((luminance_sum(ideal.pixels[1]) - expected).abs() < 1e-5 * expected);
         let mut meter = FidelityMeter::default();
         meter.add(&ideal, &ideal);
-        let figures = meter.figures().unwrap();
-        assert_eq!((figures.chromaticity, figures.luminance_stops, figures.pixels), (0.0, 0.0, 3));
-        assert_eq!((figures.chromaticity_p95, figures.chromaticity_by_light), (0.0, 0.0));
+        let found = meter.fidelity().unwrap();
+        assert_eq!((found.chromaticity, found.luminance_stops, found.pixels), (0.0, 0.0, 3));
+        assert_eq!((found.chromaticity_p95, found.chromaticity_by_light), (0.0, 0.0));
 
         let mut channels = image.clone();
         channels.pixels.as_flattened_mut().iter_mut().for_each(|c| *c = c.powf(1.2));
         let mut meter = FidelityMeter::default();
         meter.add(&channels, &ideal);
-        let figures = meter.figures().unwrap();
-        assert!(figures.chromaticity > 0.02 && figures.chromaticity_p95 >= figures.chromaticity, "{figures:?}");
-        assert_eq!(FidelityMeter::default().figures(), None);
+        let found = meter.fidelity().unwrap();
+        assert!(found.chromaticity > 0.02 && found.chromaticity_p95 >= found.chromaticity, "{found:?}");
+        assert_eq!(FidelityMeter::default().fidelity(), None);
     }
 
     #[test]
@@ -151,14 +151,14 @@ mod tests {
         };
         let mut meter = FidelityMeter::default();
         meter.add(&pixels(true), &pixels(false));
-        let figures = meter.figures().unwrap();
+        let found = meter.fidelity().unwrap();
         let light: f64 = (0..100).map(|i| 1.0 + f64::from(i)).sum();
         let by_light = (0..100).map(|i| 0.02 * f64::from(i) * (1.0 + f64::from(i))).sum::<f64>() / light;
         let pairs = [
-            (figures.chromaticity, 0.99, 1e-6),
-            (figures.chromaticity_p95, 0.02 * 94.0, 2e-3),
-            (figures.chromaticity_by_light, by_light, 1e-6),
-            (figures.luminance_stops, 1.0, 1e-6),
+            (found.chromaticity, 0.99, 1e-6),
+            (found.chromaticity_p95, 0.02 * 94.0, 2e-3),
+            (found.chromaticity_by_light, by_light, 1e-6),
+            (found.luminance_stops, 1.0, 1e-6),
         ];
         for (found, expected, tolerance) in pairs {
             assert!((found - expected).abs() <= tolerance, "{found} {expected}");

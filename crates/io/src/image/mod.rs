@@ -13,6 +13,7 @@
 //! pixels than a file of its length can hold.
 
 pub(crate) mod colorimetry;
+mod exr_attributes;
 mod exr_blocks;
 mod exr_header;
 mod exr_layers;
@@ -38,6 +39,7 @@ use serde::{Deserialize, Serialize};
 use crate::IoError;
 use crate::read_file::{open_regular, read_file};
 
+pub use exr_attributes::{ExrAttributes, read_exr_attributes};
 pub use resample::{downscale, downscale_masked, pinhole_within, undistort, undistort_into};
 pub use write::{ExrOptions, ExrSample, HALF_MAX, encode_exr, encode_jpeg, encode_png, write_exr, write_png};
 

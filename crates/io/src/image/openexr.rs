@@ -74,7 +74,8 @@ pub(super) fn size(name: &Path, file: impl Read + Seek) -> Result<[u32; 2], IoEr
     Ok([width, height].map(|side| u32::try_from(side).unwrap_or(u32::MAX)))
 }
 
-fn explain(name: &Path, error: &ExrError) -> IoError {
+/// Words an error of the decoder.
+pub(super) fn explain(name: &Path, error: &ExrError) -> IoError {
     match error {
         ExrError::NotSupported(what) => {
             IoError::unsupported(name, format!("OpenEXR: {what}; export it as flat scan lines with ZIP compression"))

@@ -28,6 +28,21 @@ pub enum ExrSample {
     Float,
 }
 
+impl ExrSample {
+    /// Returns half floats, or 32 bits where a value of the image is beyond their range.
+    ///
+    /// ```
+    /// use luxel_core::Image;
+    /// use luxel_io::ExrSample;
+    ///
+    /// assert_eq!(ExrSample::smallest_for(&Image::filled(1, 1, [65504.0; 3])), ExrSample::Half);
+    /// assert_eq!(ExrSample::smallest_for(&Image::filled(1, 1, [1e5; 3])), ExrSample::Float);
+    /// ```
+    pub fn smallest_for(image: &Image) -> Self {
+        if out_of_range(image, Self::Half) > 0 { Self::Float } else { Self::Half }
+    }
+}
+
 /// How to write an OpenEXR file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ExrOptions {

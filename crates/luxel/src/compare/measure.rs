@@ -7,16 +7,17 @@
 use std::path::Path;
 
 use luxel_core::tone::rec709_of;
-use luxel_core::{ColorSpace, Image, Mask, luminance_rec709};
+use luxel_core::{ColorSpace, Image, Mask, RadianceScale, luminance_rec709};
 use luxel_io::{ReadOptions, Transfer};
 use luxel_metrics::{FieldOptions, FlipChoice, FlipMap, Lpips, field_metrics, hdr_flip, view_metrics};
 
 use super::pairs::{Pair, Pairs};
 use super::{CompareOptions, ImageMetrics};
-use crate::Result;
 use crate::colormap::magma;
 use crate::error::{Context, bail};
+use crate::radiance::RADIANCE_SCALE;
 use crate::run::evaluation;
+use crate::{Observer, Result};
 
 /// Share of the references' pixels that are darker than the scale, unless one is given.
 const SCALE_PERCENTILE: f64 = 0.999;
@@ -44,7 +45,7 @@ pub(super) struct Settings {
 
 impl Settings {
     /// Reads the weights of LPIPS, and finds the scale if it is not given.
-    pub(super) fn new(options: &CompareOptions, pairs: &Pairs) -> Result<Self> {
+    pub(super) fn new(options: &CompareOptions, pairs: &Pairs, observer: &dyn Observer) -> Result<Self> {
         // Error maps are those of HDR-FLIP.
         let flip = if options.heatmap.is_some() { FlipChoice::Compute } else { options.flip };
         let mut settings = Self {
@@ -56,14 +57,20 @@ impl Settings {
             lpips: evaluation::read_lpips(options.lpips_weights.as_deref())?,
             transfer: options.transfer,
             layer: options.layer.clone(),
-            color_space: options.color_space,
+            color_space: options.color_space.unwrap_or_default(),
         };
         match options.scale {
             Some(scale) => settings.scale = scale,
-            None => {
-                settings.scale = scale_of_references(pairs, &settings)?;
-                settings.scale_rule = "99.9th percentile of the luminance of the references";
-            }
+            None => match stated_scale(pairs, observer) {
+                Some(scale) => {
+                    settings.scale = scale;
+                    settings.scale_rule = "radiance scale that the files state";
+                }
+                None => {
+                    settings.scale = scale_of_references(pairs, &settings)?;
+                    settings.scale_rule = "99.9th percentile of the luminance of the references";
+                }
+            },
         }
         Ok(settings)
     }
@@ -74,26 +81,47 @@ impl Settings {
         if self.lpips.is_some() { 1 } else { rayon::current_num_threads().max(1) }
     }
 
-    fn read(&self, path: &Path) -> Result<(Image, ColorSpace)> {
+    fn read(&self, path: &Path) -> Result<SpacedImage> {
         let options = ReadOptions { transfer: self.transfer, layer: self.layer.clone() };
         let mut decoded = luxel_io::read_image(path, &options).context("cannot read an image")?;
         decoded.composite_over_black();
-        Ok((decoded.image, decoded.color_space.unwrap_or(self.color_space)))
+        let (stated, image) = (decoded.color_space, decoded.image);
+        Ok(SpacedImage { image, color_space: stated.unwrap_or(self.color_space), is_stated: stated.is_some() })
     }
+}
+
+/// Returns the radiance scale that the references state, or if none does the tests: that of the
+/// scene they were rendered from, by which `luxel eval` measures, too. `None` if none is stated, or
+/// if scenes of several scales were rendered.
+fn stated_scale(pairs: &Pairs, observer: &dyn Observer) -> Option<f32> {
+    let stated = |path: &Path| {
+        let found = luxel_io::read_exr_attributes(path).ok()?.numbers.get(RADIANCE_SCALE).copied()?;
+        RadianceScale::new(found).map(RadianceScale::get)
+    };
+    let references: Vec<f32> = pairs.pairs.iter().filter_map(|pair| stated(&pair.reference)).collect();
+    let scales = if references.is_empty() { pairs.pairs.iter().filter_map(|pair| stated(&pair.test)).collect() } else { references };
+    let first = *scales.first()?;
+    if let Some(other) = scales.iter().find(|scale| **scale != first) {
+        observer.warn(&format!(
+            "the images state several radiance scales, {first} and {other}: the scale is taken from the luminance of the references"
+        ));
+        return None;
+    }
+    Some(first)
 }
 
 /// Returns the radiance of 1 by the references' luminance; 1 if all references are black.
 fn scale_of_references(pairs: &Pairs, settings: &Settings) -> Result<f32> {
     let mut luminances: Vec<f32> = Vec::new();
     for pair in &pairs.pairs {
-        let (image, space) = settings.read(&pair.reference)?;
+        let SpacedImage { image, color_space, .. } = settings.read(&pair.reference)?;
         let mask = mask(pair, &image)?;
         let valid = |i: &usize| mask.as_ref().is_none_or(|mask| mask.is_valid(*i));
         // An odd stride does not fall in step with even image widths; every image takes part
         // equally.
         let stride = (image.pixels.len().saturating_mul(pairs.pairs.len()) / MAX_SAMPLES + 1) | 1;
         let found = (0..image.pixels.len()).step_by(stride).filter(valid);
-        let found = found.filter_map(|i| Some(luminance_rec709(rec709_of(space, *image.pixels.get(i)?))));
+        let found = found.filter_map(|i| Some(luminance_rec709(rec709_of(color_space, *image.pixels.get(i)?))));
         luminances.extend(found.filter(|luminance| luminance.is_finite()));
     }
     if luminances.is_empty() {
@@ -109,9 +137,11 @@ fn scale_of_references(pairs: &Pairs, settings: &Settings) -> Result<f32> {
 
 /// Returns the metrics of a pair; writes its error map if that is asked for.
 pub(super) fn measure(pair: &Pair, settings: &Settings) -> Result<ImageMetrics> {
-    let ((mut reference, of_reference), (mut test, of_test)) = (settings.read(&pair.reference)?, settings.read(&pair.test)?);
-    check_sizes(pair, &reference, &test)?;
-    let color_space = common_space([(&mut reference, of_reference), (&mut test, of_test)]);
+    let (mut reference, mut test) = (settings.read(&pair.reference)?, settings.read(&pair.test)?);
+    check_sizes(pair, &reference.image, &test.image)?;
+    let states_primaries = reference.is_stated && test.is_stated;
+    let color_space = common_space(&mut reference, &mut test);
+    let (mut reference, mut test) = (reference.image, test.image);
     let given = mask(pair, &reference)?;
     let mask = without_bad_pixels(given, &reference);
     let masked_pixels = mask.as_ref().map_or(0, |mask| mask.weights.iter().filter(|weight| **weight == 0.0).count());
@@ -147,6 +177,7 @@ pub(super) fn measure(pair: &Pair, settings: &Settings) -> Result<ImageMetrics> 
         mu_law,
         field,
         hdr_flip_exposures_ev,
+        states_primaries,
         warning,
     })
 }
@@ -166,18 +197,26 @@ fn check_sizes(pair: &Pair, reference: &Image, test: &Image) -> Result<()> {
     Ok(())
 }
 
+/// An image with its primaries.
+struct SpacedImage {
+    image: Image,
+    color_space: ColorSpace,
+    /// Whether the file states its primaries.
+    is_stated: bool,
+}
+
 /// Returns the colour space of both; where they differ, converts both to linear Rec.709.
-fn common_space(images: [(&mut Image, ColorSpace); 2]) -> ColorSpace {
-    let [(_, first), (_, second)] = images;
-    if first == second {
-        return first;
-    }
-    for (image, space) in images {
-        for pixel in &mut image.pixels {
-            *pixel = rec709_of(space, *pixel);
+fn common_space(reference: &mut SpacedImage, test: &mut SpacedImage) -> ColorSpace {
+    if reference.color_space != test.color_space {
+        for SpacedImage { image, color_space, .. } in [reference, test] {
+            for pixel in &mut image.pixels {
+                *pixel = rec709_of(*color_space, *pixel);
+            }
+            *color_space = ColorSpace::LinearRec709;
         }
+        return ColorSpace::LinearRec709;
     }
-    ColorSpace::LinearRec709
+    reference.color_space
 }
 
 /// Reads the pair's mask, which has the size of `image`.

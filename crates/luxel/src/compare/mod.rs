@@ -10,7 +10,7 @@ mod pairs;
 
 use std::path::{Path, PathBuf};
 
-use luxel_core::ColorSpace;
+use luxel_core::{ColorSpace, Remedy};
 use luxel_metrics::{FieldMetrics, ViewMetrics};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -19,7 +19,7 @@ use self::measure::Settings;
 pub use self::options::CompareOptions;
 use self::pairs::Pairs;
 use crate::error::{Context, bail};
-use crate::{Observer, Result, files};
+use crate::{Error, Observer, Result, output};
 
 /// The metrics of images against references. Serialized, it is the JSON output of the program.
 #[derive(Clone, Debug, Serialize)]
@@ -86,6 +86,9 @@ pub struct ImageMetrics {
     /// First and last exposure of HDR-FLIP, stops.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub hdr_flip_exposures_ev: Option<[f32; 2]>,
+    /// Whether both files state their primaries.
+    #[serde(skip)]
+    states_primaries: bool,
     #[serde(skip)]
     warning: Option<String>,
 }
@@ -122,8 +125,9 @@ pub fn compare(reference: &Path, test: &Path, options: &CompareOptions, observer
         bail!("{}", pairs.nothing_matches(reference, test));
     }
     for path in pairs.pairs.iter().filter_map(|pair| pair.heatmap.as_ref()) {
-        files::check_free(path, options.overwrite)?;
-        files::check_no_input(path, pairs.pairs.iter().flat_map(|pair| pair.inputs()))?;
+        output::check_extension(path, &["png"])?;
+        output::check_free(path, options.overwrite)?;
+        output::check_no_input(path, pairs.pairs.iter().flat_map(|pair| pair.inputs()))?;
     }
     let _confinement = match &options.heatmap {
         Some(folder) if pairs.are_folders => {
@@ -132,7 +136,7 @@ pub fn compare(reference: &Path, test: &Path, options: &CompareOptions, observer
         }
         _ => None,
     };
-    let settings = Settings::new(options, &pairs)?;
+    let settings = Settings::new(options, &pairs, observer)?;
     let mut images = Vec::with_capacity(pairs.pairs.len());
     for batch in pairs.pairs.chunks(settings.batch()) {
         // In the order of the names: the first error is reported, and warnings come out in order.
@@ -144,6 +148,10 @@ pub fn compare(reference: &Path, test: &Path, options: &CompareOptions, observer
             }
             images.push(image);
         }
+    }
+    if let (Some(given), true) = (options.color_space, images.iter().all(|image| image.states_primaries)) {
+        let error = Error::new(format!("the colour space {} has nothing to act on: every image states its own", given.name()));
+        return Err(error.with_remedy(Remedy::leave_out("color_space")));
     }
     let mu_law: Vec<ViewMetrics> = images.iter().map(|image| image.mu_law).collect();
     let field: Vec<FieldMetrics> = images.iter().map(|image| image.field.clone()).collect();

@@ -10,7 +10,8 @@ use luxel_metrics::{FieldOptions, FlipChoice};
 #[derive(Clone, Debug)]
 pub struct CompareOptions {
     /// Radiance that is 1 in protocol `scene`, in the decades and on the display of PU21; `None`
-    /// for the 99.9th percentile of the luminance of all references.
+    /// for the radiance scale that the files state, or if none does the 99.9th percentile of the
+    /// luminance of all references.
     pub scale: Option<f32>,
     /// Luminance at which the display of PU21 has that radiance, cd/m2.
     pub peak_luminance: f32,
@@ -26,8 +27,8 @@ pub struct CompareOptions {
     pub transfer: Option<Transfer>,
     /// Part, layer or view of OpenEXR files that have several: [`luxel_io::ReadOptions::layer`].
     pub layer: Option<String>,
-    /// Primaries of images that do not state theirs.
-    pub color_space: ColorSpace,
+    /// Primaries of images that do not state theirs; `None` for linear Rec.709.
+    pub color_space: Option<ColorSpace>,
     /// Place of the error map of HDR-FLIP: a PNG; with folders, a folder of them.
     pub heatmap: Option<PathBuf>,
     /// Whether error maps that exist are replaced.
@@ -45,7 +46,7 @@ impl Default for CompareOptions {
             mask: None,
             transfer: None,
             layer: None,
-            color_space: ColorSpace::default(),
+            color_space: None,
             heatmap: None,
             overwrite: false,
         }

@@ -13,16 +13,18 @@
 
 use std::path::{Path, PathBuf};
 
-use luxel_core::edit::{Fidelity, FidelityMeter, MaskShares, ShMap, chromaticity_distance, ideally_edited};
+use luxel_core::edit::{Fidelity, MaskShares, ShMap, chromaticity_distance};
 use luxel_core::tone::Tonemap;
-use luxel_core::{Edit, Engine, Image, Map, MapChain, Selection, View};
+use luxel_core::{Edit, Image, Selection, View};
 use luxel_io::{ExrOptions, ExrSample};
 
+use super::trial::{EditEngines, EditTrial, EditedView};
 use crate::colormap::magma;
 use crate::error::{Context, bail};
 use crate::preview::{self, Look};
+use crate::radiance::RADIANCE_SCALE;
 use crate::run::evaluation::unique_stems;
-use crate::{DeviceOptions, Observer, Result, SelectedEngine, text};
+use crate::{DeviceOptions, Observer, Result, text};
 
 /// Chromaticity error of the brightest colour in the error pictures.
 pub const FULL_SCALE_ERROR: f64 = 0.2;
@@ -73,12 +75,6 @@ struct Trial<'a> {
     folder: &'a Path,
 }
 
-/// An engine for a scene as it is and one for it edited: each view is rendered by both.
-struct Engines {
-    before: Box<dyn Engine>,
-    after: Box<dyn Engine>,
-}
-
 /// Compares two scenes under the same edits, and writes images of each.
 ///
 /// # Errors
@@ -90,7 +86,7 @@ pub fn compare_edits(input: Against<'_>, device: &DeviceOptions, observer: &dyn 
     let edits = resolved(input.edits, input.scenes[0])?;
     let stems = unique_stems(input.views.iter().map(|view| view.name.as_str()));
     let trial = Trial { edits: &edits, views: input.views, stems: &stems, folder: input.folder };
-    let mut engines = Engines { before: SelectedEngine::open(device)?.engine, after: SelectedEngine::open(device)?.engine };
+    let mut engines = EditEngines::open(device)?;
     let mut rows = Vec::new();
     for candidate in candidates(input.scenes) {
         observer.note(&format!("{}: {}", candidate.label, text::plural(input.views.len(), "view")));
@@ -127,29 +123,16 @@ fn candidates<'s>(scenes: [&'s luxel_core::Scene; 2]) -> Vec<Candidate<'s>> {
 }
 
 impl Trial<'_> {
-    /// Renders all views unedited and edited, writes the images, and compares.
-    fn measure(&self, candidate: &Candidate<'_>, engines: &mut Engines) -> Result<Fidelity> {
-        let mut edited = candidate.scene.clone();
-        for edit in self.edits {
-            edit.apply(&mut edited, &MaskShares::new(), candidate.sh_map).with_context(|| format!("cannot apply \"{edit}\""))?;
-        }
-        for (engine, scene) in [(&mut engines.before, candidate.scene), (&mut engines.after, &edited)] {
-            engine.load(&scene.splats, None).context("cannot load the scene")?;
-        }
-        let maps: Vec<Map> = self.edits.iter().flat_map(|edit| edit.maps.clone()).collect();
-        let chain = MapChain::new(&maps, 1.0);
-        let mut meter = FidelityMeter::default();
-        for (view, stem) in self.views.iter().zip(self.stems) {
-            let before = render(candidate.scene, view, engines.before.as_mut())?;
-            let after = render(&edited, view, engines.after.as_mut())?;
-            let ideal = ideally_edited(&before, &chain);
-            meter.add(&after, &ideal);
+    /// Measures one way to edit one scene, and writes the images.
+    fn measure(&self, candidate: &Candidate<'_>, engines: &mut EditEngines) -> Result<Fidelity> {
+        let trial = EditTrial { name: &candidate.label, scene: candidate.scene, edits: self.edits, sh_map: candidate.sh_map };
+        engines.measure(&trial, self.views, &mut |i, EditedView { before, after, ideal }| {
+            let Some(stem) = self.stems.get(i) else { return Ok(()) };
             for (kind, image) in [("before", &before), ("edited", &after), ("ideal", &ideal)] {
                 self.write(candidate, kind, stem, image)?;
             }
-            self.write_error(candidate, stem, &after, &ideal)?;
-        }
-        meter.figures().with_context(|| format!("{}: all pixels are black, before or after", candidate.label))
+            self.write_error(candidate, stem, &after, &ideal)
+        })
     }
 
     fn path(&self, candidate: &Candidate<'_>, name: &str) -> PathBuf {
@@ -167,18 +150,11 @@ impl Trial<'_> {
     fn write(&self, candidate: &Candidate<'_>, kind: &str, stem: &str, image: &Image) -> Result<()> {
         let path = |extension: &str| self.path(candidate, &format!("{stem}_{kind}.{extension}"));
         let color_space = candidate.scene.color_space;
-        let options = ExrOptions { sample: ExrSample::Float, color_space, ..ExrOptions::default() };
+        let numbers = vec![(RADIANCE_SCALE.to_owned(), candidate.scene.radiance_scale.get())];
+        let options = ExrOptions { sample: ExrSample::Float, color_space, numbers, ..ExrOptions::default() };
         luxel_io::write_exr(&path("exr"), image, &options).context("cannot write an image")?;
         let mut normalized = image.clone();
         candidate.scene.radiance_scale.normalise(&mut normalized);
         preview::write(&path("png"), &normalized, color_space, Look { tonemap: Tonemap::Mulaw, exposure_ev: 0.0 })
     }
-}
-
-/// Renders a view of a loaded scene, on black, in the units of the data set.
-fn render(scene: &luxel_core::Scene, view: &View, engine: &mut dyn Engine) -> Result<Image> {
-    let options = scene.render_options();
-    let mut image = engine.render(&view.camera, &options).with_context(|| format!("cannot render view {}", view.name))?;
-    scene.radiance_scale.restore(&mut image);
-    Ok(image)
 }

@@ -8,6 +8,7 @@
 mod against;
 mod masks;
 mod overlay;
+pub(crate) mod trial;
 
 pub use self::against::{Against, EditComparison, EditFidelity, FULL_SCALE_ERROR, compare_edits};
 pub use self::masks::{find_view, mask_names, project_masks};

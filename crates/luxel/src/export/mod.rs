@@ -170,7 +170,7 @@ impl Bake {
         }
         if kind != BakeKind::Linear && self.color_space.is_some() {
             let message = "a colour space is for linear bakes: display bakes are sRGB, and the exact model keeps its space";
-            return Err(Error::new(message).with_remedy(bake("linear").or(Remedy::leave_out("colorspace"))));
+            return Err(Error::new(message).with_remedy(bake("linear").or(Remedy::leave_out("output_color_space"))));
         }
         if kind == BakeKind::Linear && (self.tonemap.is_some() || self.refine_steps > 0) {
             let remedy = bake("display").or(Remedy::leave_out("tonemap")).or(Remedy::leave_out("refine"));

@@ -9,7 +9,7 @@ use luxel_capture::prepare::{LeftOut, Registration, ViewRecord};
 use serde::Serialize;
 
 use super::folders::Folders;
-use crate::Result;
+use crate::{Result, schema};
 
 /// The content of `prepare.json`: what was done with the photographs, and the outcome.
 #[derive(Clone, Debug, Serialize)]
@@ -52,7 +52,7 @@ pub struct PrepareReport {
 
 /// Writes both files.
 pub(super) fn write(folders: &Folders, report: &PrepareReport) -> Result<()> {
-    write_json(&folders.output.join("prepare.json"), report)?;
+    write_json(&folders.output.join("prepare.json"), schema::PREPARE, report)?;
     write_text(&folders.output.join("prepare.html"), &page(report))
 }
 

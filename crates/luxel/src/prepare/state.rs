@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 
 use crate::Result;
 use crate::files::{read_text, write_json};
+use crate::schema;
 use luxel_capture::prepare::ViewRecord;
 use serde::{Deserialize, Serialize};
 
@@ -72,7 +73,7 @@ impl State {
     /// Writes the file.
     pub(super) fn save(&mut self) -> Result<()> {
         self.saved = Some(Instant::now());
-        write_json(&self.path, self)
+        write_json(&self.path, schema::PREPARE_STATE, self)
     }
 }
 

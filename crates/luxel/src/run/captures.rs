@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::RunFolder;
 use crate::error::Context;
-use crate::{Result, files};
+use crate::{Result, files, schema};
 
 /// The file is some kilobytes, and a line an image.
 const LIMIT_BYTES: u64 = 64 << 20;
@@ -56,7 +56,7 @@ impl Captures {
         if self.gains_ev.is_empty() && self.response.is_none() {
             return Ok(());
         }
-        files::write_json(&folder.captures(), self)
+        files::write_json(&folder.captures(), schema::CAPTURES, self)
     }
 
     /// Reads the file; a run without one has neither gains nor a response.

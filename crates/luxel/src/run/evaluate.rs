@@ -15,7 +15,7 @@ use luxel_metrics::{GainFit, Lpips, SplitMetrics};
 use super::report::Evaluated;
 use super::{Captures, Metrics, Rendering, RunConfig, RunFolder, log, report, state};
 use crate::error::{Context, bail};
-use crate::{Observer, Result, SelectedEngine, files, memory};
+use crate::{Observer, Result, SelectedEngine, files, memory, output, schema};
 
 /// Choice of the metrics of an evaluation.
 #[derive(Clone, Copy, Debug)]
@@ -78,7 +78,7 @@ pub fn evaluate_run(
         response: state::response(folder, config, iteration)?,
         log_gains: Captures::read(folder)?.log_gains_at(iteration),
     };
-    let is_own = files::is_same(path, &config.dataset_path(folder.root())) && *load == config.load;
+    let is_own = output::is_same(path, &config.dataset_path(folder.root())) && *load == config.load;
     let images = if is_own { folder.evaluation(iteration) } else { folder.claim_evaluation_of(iteration, path, load)? };
     let mut named = Vec::new();
     for (name, views, images) in [("test", &dataset.test, Some(images.as_path())), ("train", &dataset.train, None)] {
@@ -104,7 +104,7 @@ pub fn evaluate_run(
         splits,
     };
     // Not beside the images: metrics there mark an evaluation by training.
-    files::write_json(&folder.metrics(), &metrics)?;
+    files::write_json(&folder.metrics(), schema::METRICS, &metrics)?;
     report::write(folder, config, dataset, Evaluated { metrics: &metrics, images: &images })?;
     Ok(named)
 }

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use luxel_core::{ColorSpace, Engine, Image, Knots, PixelValues, RadianceScale, RenderOptions, View};
-use luxel_io::{ExrOptions, ExrSample, HALF_MAX, Supervision};
+use luxel_io::{ExrOptions, ExrSample, Supervision};
 use luxel_metrics::{FieldOptions, FlipChoice};
 use luxel_metrics::{GainFit, Lpips, Measures, SplitMetrics};
 use luxel_train::ExposureCompensation;
@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 use super::RunConfig;
 use crate::Result;
 use crate::error::Context;
+use crate::radiance::RADIANCE_SCALE;
 
 /// `metrics.json`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -131,8 +132,8 @@ impl Rendering<'_> {
                 if view.values == PixelValues::Radiance {
                     scale.restore(&mut render);
                 }
-                failed = write_exr(&folder.join("renders").join(format!("{stem}.exr")), &render, color_space)
-                    .and_then(|()| write_exr(&folder.join("gt").join(format!("{stem}.exr")), &view.image, color_space));
+                failed = write_exr(&folder.join("renders").join(format!("{stem}.exr")), &render, color_space, scale)
+                    .and_then(|()| write_exr(&folder.join("gt").join(format!("{stem}.exr")), &view.image, color_space, scale));
             }
         };
         let field = FieldOptions { peak_luminance: self.peak_luminance, color_space, flip: self.flip };
@@ -156,16 +157,12 @@ pub fn read_lpips(weights: Option<&Path>) -> Result<Option<Lpips>> {
 }
 
 /// Writes half floats, unless a value needs more.
-fn write_exr(path: &Path, image: &Image, color_space: ColorSpace) -> Result<()> {
-    let sample = if max_value(image) > HALF_MAX { ExrSample::Float } else { ExrSample::Half };
-    luxel_io::write_exr(path, image, &ExrOptions { sample, color_space, ..ExrOptions::default() })
+fn write_exr(path: &Path, image: &Image, color_space: ColorSpace, scale: RadianceScale) -> Result<()> {
+    let sample = ExrSample::smallest_for(image);
+    let numbers = vec![(RADIANCE_SCALE.to_owned(), scale.get())];
+    luxel_io::write_exr(path, image, &ExrOptions { sample, color_space, numbers, ..ExrOptions::default() })
         .context("cannot write an evaluation image")?;
     Ok(())
-}
-
-/// Returns the greatest channel.
-fn max_value(image: &Image) -> f32 {
-    image.pixels.as_flattened().iter().copied().fold(0.0, f32::max)
 }
 
 /// Returns file stems of views: the last part of each name; where that is not unique, the whole

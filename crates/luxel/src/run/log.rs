@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 
 use crate::error::Context;
 pub use crate::log_record::LogRecord;
-use crate::{Result, files};
+use crate::{Result, files, schema};
 
 /// Steps between lines: 300 points on a curve of 30000 steps.
 pub const LOG_EVERY: u32 = 100;
@@ -32,7 +32,7 @@ impl RunLog {
         kept.retain(|record| record.iteration <= iteration);
         let mut content = String::new();
         for record in &kept {
-            content.push_str(&serde_json::to_string(record)?);
+            content.push_str(&serde_json::to_string(&schema::LOG.versioned(record))?);
             content.push('\n');
         }
         files::write_text(path, &content)?;
@@ -45,7 +45,7 @@ impl RunLog {
     /// # Errors
     /// A file that cannot be written.
     pub fn append(&mut self, record: &LogRecord) -> Result<()> {
-        let line = serde_json::to_string(record)? + "\n";
+        let line = serde_json::to_string(&schema::LOG.versioned(record))? + "\n";
         self.file.write_all(line.as_bytes()).with_context(|| format!("{}: cannot write", self.path.display()))
     }
 

@@ -19,7 +19,7 @@ use super::evaluation::{Metrics, Rendering};
 use super::log::{LOG_EVERY, LogRecord, RunLog};
 use super::{Captures, RunConfig, RunFolder, report, state};
 use crate::error::Context;
-use crate::{Error, Event, Observer, Result, StopFlag, files, memory};
+use crate::{Error, Event, Observer, Result, StopFlag, files, memory, schema};
 
 /// Exit code of the program when an interruption ended it: 128 + SIGINT.
 pub const EXIT_INTERRUPTED: u8 = 130;
@@ -312,13 +312,13 @@ impl Session<'_> {
             dataset: self.config.dataset_path(self.folder.root()).display().to_string(),
             splits,
         };
-        files::write_json(&self.folder.metrics(), &metrics)?;
+        files::write_json(&self.folder.metrics(), schema::METRICS, &metrics)?;
         if finished {
             report::write(self.folder, self.config, self.dataset, report::Evaluated { metrics: &metrics, images: &images })?;
         }
         let psnr = metrics.splits.get("test").map(|split| split.mean.psnr_scene);
         // Last: it marks the evaluation as complete.
-        files::write_json(&images.join("metrics.json"), &metrics)?;
+        files::write_json(&images.join("metrics.json"), schema::METRICS, &metrics)?;
         for (name, split) in &metrics.splits {
             let mean = split.mean;
             let (split, views) = (name.clone(), split.views.len());

@@ -12,20 +12,20 @@
 use std::fmt::Write as _;
 
 use crate::Result;
+use crate::edit::trial::{EditEngines, EditTrial, EditedView};
 use crate::error::Context;
 use crate::report::html::escape;
 use crate::report::picture::{self, Display, figure, radiance};
 use crate::run::state;
 use crate::text;
-use luxel_core::edit::{Fidelity, FidelityMeter, MaskShares, ShMap, chromaticity_distance, ideally_edited};
+use luxel_core::edit::{Fidelity, ShMap, chromaticity_distance};
 use luxel_core::tone::Tonemap;
-use luxel_core::{ColorModel, ColorSpace, Edit, Engine, Image, Map, Scene, Selection, View};
+use luxel_core::{ColorModel, ColorSpace, Edit, Image, Map, Scene, Selection, View};
 
 use super::matrix::{Cell, Matrix};
 use super::paper;
 use crate::DeviceOptions;
 use crate::Observer;
-use crate::SelectedEngine;
 
 /// Exponent of the map, the paper's.
 pub(super) const EXPONENT: f32 = 1.2;
@@ -62,30 +62,41 @@ struct Candidate<'a> {
     ways: &'static [(&'static str, ShMap)],
 }
 
-/// An engine for a scene as it is and one for it edited: each view is rendered by both.
-struct Engines {
-    before: Box<dyn Engine>,
-    after: Box<dyn Engine>,
-}
-
 /// Edits scenes and measures them; `finished` are the cells that have one.
 pub(super) fn edit(matrix: &Matrix, finished: &[usize], device: &DeviceOptions, observer: &dyn Observer) -> Result<Vec<Edited>> {
-    let mut engines = Engines { before: SelectedEngine::open(device)?.engine, after: SelectedEngine::open(device)?.engine };
+    let mut engines = EditEngines::open(device)?;
     let mut edited = Vec::new();
-    for source in 0..matrix.sources.len() {
-        let candidates = candidates(matrix, finished, source, observer)?;
-        let (Some(first), Some(last)) = (candidates.first(), candidates.last()) else { continue };
-        let dataset = luxel_io::load_dataset(&first.cell.config.dataset, &first.cell.config.load).context("cannot read the data set")?;
-        if dataset.test.is_empty() {
-            continue;
-        }
-        let map = Map::Power { exponent: EXPONENT, pivot: Some(last.scene.median_luminance()) };
-        let edit = Edit { selection: Selection::All, maps: vec![map] };
-        for candidate in &candidates {
-            for (how, sh_map) in candidate.ways {
-                let (fidelity, example) = engines.compare(candidate, &edit, *sh_map, &dataset.test)?;
-                edited.push(Edited { source, method: candidate.cell.method, how, fidelity, example });
-            }
+    for (i, source) in matrix.sources.iter().enumerate() {
+        // The data set of an earlier call may be gone.
+        edited.extend(edit_source(matrix, finished, i, &mut engines, observer).unwrap_or_else(|error| {
+            observer.warn(&format!("{}: {:#}", source.name, error.context("luminance editing is left out of the report")));
+            Vec::new()
+        }));
+    }
+    Ok(edited)
+}
+
+/// Edits and measures the scenes of a data set.
+fn edit_source(
+    matrix: &Matrix,
+    finished: &[usize],
+    source: usize,
+    engines: &mut EditEngines,
+    observer: &dyn Observer,
+) -> Result<Vec<Edited>> {
+    let candidates = candidates(matrix, finished, source, observer)?;
+    let (Some(first), Some(last)) = (candidates.first(), candidates.last()) else { return Ok(Vec::new()) };
+    let dataset = luxel_io::load_dataset(&first.cell.config.dataset, &first.cell.config.load).context("cannot read the data set")?;
+    let mut edited = Vec::new();
+    if dataset.test.is_empty() {
+        return Ok(edited);
+    }
+    let map = Map::Power { exponent: EXPONENT, pivot: Some(last.scene.median_luminance()) };
+    let edit = Edit { selection: Selection::All, maps: vec![map] };
+    for candidate in &candidates {
+        for (how, sh_map) in candidate.ways {
+            let (fidelity, example) = compare(engines, candidate, &edit, *sh_map, &dataset.test)?;
+            edited.push(Edited { source, method: candidate.cell.method, how, fidelity, example });
         }
     }
     Ok(edited)
@@ -110,35 +121,26 @@ fn candidates<'a>(matrix: &'a Matrix, finished: &[usize], source: usize, observe
     [false, true].into_iter().filter_map(candidate).collect()
 }
 
-impl Engines {
-    fn compare(&mut self, candidate: &Candidate<'_>, edit: &Edit, sh_map: ShMap, views: &[View]) -> Result<(Fidelity, ExampleView)> {
-        let Candidate { cell, scene, .. } = candidate;
-        let mut edited = scene.clone();
-        edit.apply(&mut edited, &MaskShares::new(), sh_map).with_context(|| format!("cannot apply \"{edit}\""))?;
-        for (engine, scene) in [(&mut self.before, scene), (&mut self.after, &edited)] {
-            engine.load(&scene.splats, None).context("cannot load the scene")?;
+/// Measures one way to edit one scene, and keeps the images of the view in the middle.
+fn compare(
+    engines: &mut EditEngines,
+    candidate: &Candidate<'_>,
+    edit: &Edit,
+    sh_map: ShMap,
+    views: &[View],
+) -> Result<(Fidelity, ExampleView)> {
+    let Candidate { cell, scene, .. } = candidate;
+    let name = cell.place.display().to_string();
+    let mut example = None;
+    let trial = EditTrial { name: &name, scene, edits: std::slice::from_ref(edit), sh_map };
+    let fidelity = engines.measure(&trial, views, &mut |i, EditedView { mut before, mut after, mut ideal }| {
+        if i == views.len() / 2 {
+            [&mut before, &mut after, &mut ideal].into_iter().for_each(|image| scene.radiance_scale.normalise(image));
+            example = Some(ExampleView { name: views[i].name.clone(), before, after, ideal, color_space: scene.color_space });
         }
-        // On black: a background is not made of splats and would not be edited.
-        let options = scene.render_options();
-        let scale = scene.radiance_scale;
-        let (chain, mut meter, mut example) = (edit.chain(), FidelityMeter::default(), None);
-        for (i, view) in views.iter().enumerate() {
-            let render = |engine: &mut dyn Engine| -> Result<Image> {
-                let mut image = engine.render(&view.camera, &options).with_context(|| format!("cannot render {}", view.name))?;
-                scale.restore(&mut image);
-                Ok(image)
-            };
-            let (mut before, mut after) = (render(self.before.as_mut())?, render(self.after.as_mut())?);
-            let mut ideal = ideally_edited(&before, &chain);
-            meter.add(&after, &ideal);
-            if i == views.len() / 2 {
-                [&mut before, &mut after, &mut ideal].into_iter().for_each(|image| scale.normalise(image));
-                example = Some(ExampleView { name: view.name.clone(), before, after, ideal, color_space: scene.color_space });
-            }
-        }
-        let fidelity = meter.figures().with_context(|| format!("{}: all pixels are black, before or after", cell.place.display()))?;
-        Ok((fidelity, example.context("no view to show")?))
-    }
+        Ok(())
+    })?;
+    Ok((fidelity, example.context("no view to show")?))
 }
 
 impl Edited {

@@ -17,6 +17,7 @@ use luxel_train::TrainConfig;
 
 use super::method::{self, with_method};
 use super::options::StudyOptions;
+use super::stored::{Stored, union};
 
 /// Folder of the cells within the output folder.
 const RUNS: &str = "runs";
@@ -31,7 +32,7 @@ const HEAD: &str = "# A matrix of Luxel training runs, as it was last asked for.
 const LISTED_CELLS: usize = 5;
 
 /// A data set.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) struct Source {
     /// Name of its folder, which names the cells' folder too.
     pub(super) name: String,
@@ -46,6 +47,8 @@ pub(super) enum CellState {
     Open,
     /// It is trained and evaluated.
     Finished,
+    /// It is not asked for now, and no finished run of an earlier call.
+    Absent,
 }
 
 /// A run of the matrix.
@@ -60,6 +63,9 @@ pub(super) struct Cell {
     pub(super) place: PathBuf,
     pub(super) folder: RunFolder,
     pub(super) config: RunConfig,
+    /// Whether this call asks for it; otherwise an earlier one did, and it is reported if it is
+    /// finished.
+    is_asked: bool,
 }
 
 /// The cells of a study, and what they share.
@@ -77,17 +83,27 @@ pub(super) struct Matrix {
 }
 
 impl Matrix {
-    /// Returns the matrix that the options ask for; reads and writes nothing.
+    /// Returns the matrix that the options ask for, with what earlier calls asked for; writes
+    /// nothing.
     pub(super) fn plan(options: &StudyOptions) -> Result<Self> {
         let root = std::path::absolute(&options.output).with_context(|| format!("{}: not a path", options.output.display()))?;
-        let sources = sources(options)?;
-        let (methods, seeds) = (options.methods.clone(), options.seeds.clone());
-        if let Some(method) = repeated(&methods) {
+        let asked = sources(options)?;
+        if let Some(method) = repeated(&options.methods) {
             bail!("method {} is given twice, expected each once", method.name());
         }
-        if let Some(seed) = repeated(&seeds) {
+        if let Some(seed) = repeated(&options.seeds) {
             bail!("seed {seed} is given twice, expected each once");
         }
+        let stored = Stored::read(&root.join(MARK))?;
+        // A data set that is asked for by a stored name is that one, wherever it is now.
+        let stored_sources: Vec<Source> = stored
+            .datasets
+            .into_iter()
+            .map(stored_source)
+            .map(|of_call| asked.iter().find(|source| source.name == of_call.name).cloned().unwrap_or(of_call))
+            .collect();
+        let sources = union(&stored_sources, &asked);
+        let (methods, seeds) = (union(&stored.methods, &options.methods), union(&stored.seeds, &options.seeds));
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
         let jobs = options.jobs.max(1);
         let threads = options.device.threads.map_or_else(|| (cores / jobs).max(1), |threads| threads as usize);
@@ -97,7 +113,11 @@ impl Matrix {
                 (0..matrix.sources.len()).flat_map(|source| (0..matrix.methods.len()).map(move |method| (source, method)))
             {
                 let train = TrainConfig { seed, ..with_method(&options.train, matrix.methods[method]) };
-                matrix.cells.push(matrix.cell(options, [source, method], train)?);
+                let is_asked = asked.contains(&matrix.sources[source])
+                    && options.methods.contains(&matrix.methods[method])
+                    && options.seeds.contains(&seed);
+                let cell = matrix.cell(options, [source, method], train)?;
+                matrix.cells.push(Cell { is_asked, ..cell });
             }
         }
         Ok(matrix)
@@ -117,7 +137,7 @@ impl Matrix {
             run: RunOptions { checkpoint_every: options.checkpoint_every, keep_checkpoints: 1, eval_at: Vec::new(), eval_every: None },
             train,
         };
-        Ok(Cell { source, method, seed, folder: RunFolder::at(&self.root.join(&place)), place, config })
+        Ok(Cell { source, method, seed, folder: RunFolder::at(&self.root.join(&place)), place, config, is_asked: true })
     }
 
     /// Returns the state of each cell, in order.
@@ -131,7 +151,14 @@ impl Matrix {
             if self.root.is_dir() {
                 luxel_io::check_within(&self.root, cell.folder.root())?;
             }
-            states.push(cell.state(&mut unfit, word)?);
+            if cell.is_asked {
+                states.push(cell.state(&mut unfit, word)?);
+                continue;
+            }
+            let mut unfit_alone = Vec::new();
+            let state = cell.state(&mut unfit_alone, word)?;
+            let is_finished = state == CellState::Finished && unfit_alone.is_empty();
+            states.push(if is_finished { CellState::Finished } else { CellState::Absent });
         }
         if unfit.is_empty() {
             return Ok(states);
@@ -223,6 +250,12 @@ impl Cell {
 /// Returns the first value that occurs twice.
 fn repeated<T: PartialEq + Copy>(values: &[T]) -> Option<T> {
     values.iter().enumerate().find(|(i, value)| values[..*i].contains(value)).map(|(_, value)| *value)
+}
+
+/// Returns a data set of an earlier call.
+fn stored_source(path: PathBuf) -> Source {
+    let name = path.file_name().map_or_else(|| "dataset".into(), |name| name.to_string_lossy().into_owned());
+    Source { name, path }
 }
 
 /// Returns the data sets, whose names differ.

@@ -26,6 +26,7 @@ use super::matrix::{Cell, Matrix};
 use super::options::StudyOptions;
 use crate::Observer;
 use crate::SelectedEngine;
+use crate::schema;
 
 /// Duration after which no further pass over the views is made.
 const ENOUGH: Duration = Duration::from_secs(3);
@@ -88,13 +89,13 @@ pub(super) fn measure(
     let mut todo: Vec<&Cell> = cells.filter(|cell| is_open(cell)).collect();
     // One data set after another, so that each is read once and one is held.
     todo.sort_by_key(|cell| cell.source);
-    let mut dataset: Option<(usize, Dataset)> = None;
+    let mut dataset: Option<HeldDataset> = None;
     let mut failures = Vec::new();
     for cell in todo {
         let name = cell.name(matrix);
         let measured = dataset_of(&mut dataset, cell, observer)
             .and_then(|dataset| options.measure(cell, dataset, engine.as_mut(), &computed_by, observer))
-            .and_then(|measured| files::write_json(&cell.folder.measured(), &measured).map(|()| measured));
+            .and_then(|measured| files::write_json(&cell.folder.measured(), schema::MEASURED, &measured).map(|()| measured));
         match measured {
             Ok(Measured { frames_per_second: Some(fps), .. }) => observer.note(&format!("{name}: {fps:.1} frames per second")),
             Ok(_) => observer.note(&format!("{name}: no test views to measure")),
@@ -108,13 +109,21 @@ pub(super) fn measure(
     Ok(failures)
 }
 
+/// The data set in memory.
+struct HeldDataset {
+    /// Index into [`Matrix::sources`].
+    source: usize,
+    dataset: Dataset,
+}
+
 /// Returns the data set of a cell, and reads it if it is not the one in memory.
-fn dataset_of<'d>(held: &'d mut Option<(usize, Dataset)>, cell: &Cell, observer: &dyn Observer) -> Result<&'d Dataset> {
-    if held.as_ref().is_none_or(|(source, _)| *source != cell.source) {
+fn dataset_of<'d>(held: &'d mut Option<HeldDataset>, cell: &Cell, observer: &dyn Observer) -> Result<&'d Dataset> {
+    if held.as_ref().is_none_or(|held| held.source != cell.source) {
         *held = None;
-        *held = Some((cell.source, crate::Dataset::open_reporting(&cell.config.dataset, &cell.config.load, observer)?.into_core()));
+        let dataset = crate::Dataset::open_reporting(&cell.config.dataset, &cell.config.load, observer)?.into_core();
+        *held = Some(HeldDataset { source: cell.source, dataset });
     }
-    held.as_ref().map(|(_, dataset)| dataset).context("no data set")
+    held.as_ref().map(|held| &held.dataset).context("no data set")
 }
 
 /// Reads the measurements of a cell; `None` if there are none, or they are of an earlier state.

@@ -4,16 +4,17 @@
 //! In: [`StudyOptions`]. Out: a folder.
 //!
 //! ```text
-//! matrix.toml                             what was asked for last; marks the folder
+//! matrix.toml                             all that was asked for; marks the folder
 //! runs/DATASET/METHOD/seed_N/             a run folder each, with measured.json beside
 //! report.html                             tables, plots, pictures, machine and protocol
 //! {runs,means,profiles,editing}.csv       the metrics, unrounded
 //! tables.tex                              the tables for a paper
 //! ```
 //!
-//! Finished runs are kept, interrupted ones are continued, and the report covers what was asked for
-//! last. First everything is trained, then measured with nothing else running, then reported.
-//! Degenerate: a run that fails is left out of the report and named in it; the others continue.
+//! Finished runs are kept, interrupted ones are continued, and the report covers what is asked for
+//! and the finished runs of earlier calls. First everything is trained, then measured with nothing
+//! else running, then reported. Degenerate: a run that fails is left out of the report and named in
+//! it; the others continue.
 
 mod columns;
 mod crops;
@@ -27,7 +28,9 @@ mod method;
 mod options;
 mod page;
 mod paper;
+mod plan;
 mod results;
+mod stored;
 mod table;
 mod tables;
 mod training;
@@ -43,6 +46,7 @@ use self::measure::MeasureOptions;
 pub use self::method::{METHOD_OPTIONS, parse_method};
 pub use self::options::StudyOptions;
 use self::page::Content;
+pub use self::plan::{StudyPlan, plan};
 use self::results::CellResult;
 use self::tables::Tables;
 use crate::run::{Outcome, RunFolder};

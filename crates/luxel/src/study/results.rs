@@ -36,7 +36,7 @@ pub(super) struct CellResult {
 }
 
 impl CellResult {
-    fn read(cell: &Cell) -> Result<Self> {
+    pub(super) fn read(cell: &Cell) -> Result<Self> {
         let path = cell.folder.evaluation(cell.config.train.iterations).join("metrics.json");
         let metrics: Metrics = serde_json::from_str(&files::read_text(&path, LIMIT_BYTES)?)
             .with_context(|| format!("{}: not the metrics of a run", path.display()))?;

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::{Context, Result, bail};
-use luxel::files;
+use luxel::output;
 use luxel_core::{
     Camera, ColorModel, ColorSpace, Cutoffs, Engine, Image, PixelValues, RadianceScale, RasterConfig, RenderOptions, Scene, Splats, View,
     spatial_order, synthetic,
@@ -108,7 +108,8 @@ fn source(args: &BenchArgs) -> Result<Source> {
 
 /// Writes the room as a scene.
 pub(super) fn save(args: &BenchArgs, path: &Path) -> Result<()> {
-    files::check_free(path, args.overwrite)?;
+    output::check_extension(path, &["ply"])?;
+    output::check_free(path, args.overwrite)?;
     let source = source(args)?;
     let splats = in_method(source.splats, args.method, &source.name)?;
     let cutoffs = TrainConfig { cutoffs: args.cutoffs, ..TrainConfig::default() }.raster().cutoffs;

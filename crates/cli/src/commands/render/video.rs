@@ -8,17 +8,19 @@
 //!   exposure is reference white, 203 cd/m2 (ITU-R BT.2408).
 
 use std::ffi::OsString;
-use std::io::Write;
+use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{ChildStdin, Command, Stdio};
 
 use anyhow::{Context, Result, anyhow, bail};
+use luxel::output::{self, Recipe};
 use luxel::text;
 use luxel_core::tone::{Tonemap, display_rgb8, pq_encode, rec709_of};
 use luxel_core::{ColorSpace, Conversion, Image, RadianceScale};
 use luxel_io::ReadOptions;
 use rayon::prelude::*;
 
+use super::Job;
 use crate::args::RenderArgs;
 use crate::output::console::Console;
 
@@ -28,57 +30,124 @@ const WHITE_NITS: f32 = 203.0;
 const KNEE: f32 = 0.5;
 
 /// The form of the video.
+#[derive(Debug)]
 enum Look {
     Sdr(Tonemap),
     Hdr10 { peak: f32 },
 }
 
-/// Encodes `frames` in order; `radiance_scale` becomes 1.
-pub(super) fn encode(args: &RenderArgs, path: &Path, frames: &[&Path], radiance_scale: RadianceScale, console: &Console) -> Result<()> {
-    let look = match (args.hdr10, args.tonemap) {
+/// Extensions by which ffmpeg chooses a container for both forms.
+const EXTENSIONS: [&str; 3] = ["mp4", "mov", "mkv"];
+
+/// Refuses a video that could not be made, whatever the frames are.
+pub(super) fn check(args: &RenderArgs, path: &Path) -> Result<()> {
+    output::check_extension(path, &EXTENSIONS)?;
+    if path.is_dir() {
+        bail!("{}: is a folder, expected a name for a file", path.display());
+    }
+    look(args).map(drop)
+}
+
+fn look(args: &RenderArgs) -> Result<Look> {
+    Ok(match (args.hdr10, args.tonemap) {
         (Some(peak), _) => Look::Hdr10 { peak: peak as f32 },
         (None, Some(tonemap)) => Look::Sdr(tonemap.into()),
         (None, None) => bail!("--video needs --tonemap CURVE for SDR, or --hdr10"),
-    };
-    let gain = radiance_scale.normalised_value(args.exposure.exp2());
-    let levels = match look {
-        Look::Hdr10 { peak } => light_levels(frames, gain, peak)?,
-        Look::Sdr(_) => [0; 2],
-    };
-    let (first, _) = read(frames.first().context("no frames to make a video of")?)?;
-    let size = [first.width, first.height];
-    let mut command = Command::new(&args.ffmpeg);
-    command.args(["-hide_banner", "-loglevel", "error", "-y", "-f", "rawvideo"]).args(input_options(&look, size, args.fps));
-    let partial = partial(path);
-    // The prefix keeps ffmpeg from reading a name like `-a.mp4` as an option, and one like
-    // `a:b.mp4` as a protocol.
-    let mut output = OsString::from("file:");
-    output.push(&partial.0);
-    command.args(output_options(&look, levels)).arg(output);
-    let spawned = command.stdin(Stdio::piped()).spawn();
-    let mut child =
-        spawned.with_context(|| format!("{}: cannot start; install ffmpeg, or name it with --ffmpeg", args.ffmpeg.display()))?;
-    let piped = child.stdin.take().context("ffmpeg takes no input").and_then(|mut pipe| {
-        for frame in frames {
-            let (image, space) = read(frame)?;
-            if [image.width, image.height] != size {
-                let (w, h) = (image.width, image.height);
-                bail!("{}: {w} x {h} pixels, expected {} x {} as the first frame", frame.display(), size[0], size[1]);
-            }
-            // As text: a broken pipe in the chain of causes means that the reader of standard
-            // output has left.
-            pipe.write_all(&samples(&image, space, gain, &look)).map_err(|e| anyhow!("ffmpeg stopped reading: {e}"))?;
+    })
+}
+
+/// A video to encode.
+pub(super) struct Video<'a> {
+    path: &'a Path,
+    look: Look,
+    /// Digest of what decides its content, which its comment has.
+    made_by: String,
+    is_made: bool,
+}
+
+impl<'a> Video<'a> {
+    /// Finds out whether the video is there, and refuses to replace another unless that is asked
+    /// for.
+    pub(super) fn plan(args: &RenderArgs, path: &'a Path, jobs: &[Job]) -> Result<Self> {
+        let look = look(args)?;
+        let mut recipe = Recipe::new("video").with("look", format_args!("{look:?}")).with("exposure", args.exposure).with("fps", args.fps);
+        for job in jobs {
+            recipe = recipe.with("frame", &job.made_by);
         }
-        Ok(())
-    });
-    let status = child.wait().context("cannot wait for ffmpeg")?;
-    if !status.success() {
-        bail!("{}: ffmpeg failed ({status}); see its message above", path.display());
+        let made_by = recipe.digest();
+        let is_made = contains(path, made_by.as_bytes());
+        if !is_made {
+            output::check_free(path, args.overwrite)?;
+        }
+        Ok(Self { path, look, made_by, is_made })
     }
-    piped?;
-    std::fs::rename(&partial.0, path).with_context(|| format!("{}: cannot give the video its name", path.display()))?;
-    console.note(&format!("{}: {}", path.display(), text::plural(frames.len(), "frame")));
+
+    /// Encodes `frames` in order unless the video is there; `radiance_scale` becomes 1.
+    pub(super) fn encode(self, args: &RenderArgs, frames: &[&Path], radiance_scale: RadianceScale, console: &Console) -> Result<()> {
+        let (path, look) = (self.path, &self.look);
+        if self.is_made {
+            console.note(&format!("{}: exists already and is kept", path.display()));
+            return Ok(());
+        }
+        let gain = radiance_scale.normalised_value(args.exposure.exp2());
+        let levels = match look {
+            Look::Hdr10 { peak } => light_levels(frames, gain, *peak)?,
+            Look::Sdr(_) => [0; 2],
+        };
+        let (first, _) = read(frames.first().context("no frames to make a video of")?)?;
+        let size = [first.width, first.height];
+        let mut command = Command::new(&args.ffmpeg);
+        command.args(["-hide_banner", "-loglevel", "error", "-y", "-f", "rawvideo"]).args(input_options(look, size, args.fps));
+        command.args(output_options(look, levels)).args(["-metadata", &format!("comment={}={}", output::MADE_BY, self.made_by)]);
+        let partial = partial(path);
+        // A path may look like an option or like the name of a protocol.
+        let mut target = OsString::from("file:");
+        target.push(&partial.0);
+        let spawned = command.arg(target).stdin(Stdio::piped()).spawn();
+        let mut child =
+            spawned.with_context(|| format!("{}: cannot start; install ffmpeg, or name it with --ffmpeg", args.ffmpeg.display()))?;
+        let piped = child.stdin.take().context("ffmpeg takes no input").and_then(|pipe| feed(pipe, frames, size, gain, look));
+        let status = child.wait().context("cannot wait for ffmpeg")?;
+        if !status.success() {
+            bail!("{}: ffmpeg failed ({status}); see its message above", path.display());
+        }
+        piped?;
+        std::fs::rename(&partial.0, path).with_context(|| format!("{}: cannot give the video its name", path.display()))?;
+        console.note(&format!("{}: {}", path.display(), text::plural(frames.len(), "frame")));
+        Ok(())
+    }
+}
+
+/// Writes the frames for ffmpeg.
+fn feed(mut pipe: ChildStdin, frames: &[&Path], size: [usize; 2], gain: f32, look: &Look) -> Result<()> {
+    for frame in frames {
+        let (image, space) = read(frame)?;
+        if [image.width, image.height] != size {
+            let (w, h) = (image.width, image.height);
+            bail!("{}: {w} x {h} pixels, expected {} x {} as the first frame", frame.display(), size[0], size[1]);
+        }
+        // As text: a broken pipe in the chain of causes means that the reader of standard output
+        // has left.
+        pipe.write_all(&samples(&image, space, gain, look)).map_err(|e| anyhow!("ffmpeg stopped reading: {e}"))?;
+    }
     Ok(())
+}
+
+/// Returns whether a file has these bytes anywhere: containers have their comments at either end.
+fn contains(path: &Path, bytes: &[u8]) -> bool {
+    let Ok(mut file) = std::fs::File::open(path) else { return false };
+    if !path.is_file() {
+        return false;
+    }
+    let (mut window, mut buffer) = (Vec::<u8>::new(), vec![0; 1 << 20]);
+    while let Ok(count @ 1..) = file.read(&mut buffer) {
+        window.extend(buffer.iter().take(count));
+        if window.windows(bytes.len()).any(|part| part == bytes) {
+            return true;
+        }
+        window.drain(..window.len().saturating_sub(bytes.len() - 1));
+    }
+    false
 }
 
 /// The unfinished video; removed unless it was finished.

@@ -1,0 +1,256 @@
+//! The rule for output paths, which all commands share.
+//!
+//! - A file has the extension of its format, and a folder has none of those.
+//! - A file that exists is replaced only if that is asked for.
+//! - A frame, one of many files in a folder, carries the [`Recipe`] of what made it. A frame of the
+//!   same recipe is kept; another is replaced only if that is asked for.
+//! - A file that is read is never written over.
+//!
+//! Folders of runs are in [`crate::run::RunFolder`], as they hold more than files.
+
+use std::path::{Path, PathBuf};
+
+use luxel_core::{Camera, Remedy, RenderOptions, Scene};
+
+use crate::error::bail;
+use crate::{Error, Result, text};
+
+/// Attribute of an OpenEXR file with the recipe of the frame.
+pub const MADE_BY: &str = "luxel:made_by";
+/// Attribute of an OpenEXR file with the recipe of the preview beside it.
+pub const PREVIEW_MADE_BY: &str = "luxel:preview_made_by";
+
+/// Extensions of images and videos, which a folder of images does not have.
+pub const IMAGE_EXTENSIONS: [&str; 5] = ["exr", "png", "mp4", "mov", "mkv"];
+/// Extensions of scenes and other results, which the folder of a run does not have.
+pub const RESULT_EXTENSIONS: [&str; 14] =
+    ["exr", "png", "mp4", "mov", "mkv", "ply", "usda", "usd", "usdc", "usdz", "glb", "gltf", "spz", "json"];
+
+/// Refuses an output path that is a folder, or an existing file unless `overwrite` is set.
+///
+/// # Errors
+/// The path is taken.
+pub fn check_free(path: &Path, overwrite: bool) -> Result<()> {
+    if path.is_dir() {
+        bail!("{}: is a folder, expected a name for a file", path.display());
+    }
+    if path.exists() && !overwrite {
+        let remedy = Remedy::advice("give another name").or(Remedy::set("overwrite", "true"));
+        return Err(Error::new(format!("{}: exists already", path.display())).with_remedy(remedy));
+    }
+    Ok(())
+}
+
+/// Refuses a file name whose extension is not one of `expected`, of which there is at least one.
+///
+/// ```
+/// use std::path::Path;
+///
+/// use luxel::output::check_extension;
+///
+/// assert!(check_extension(Path::new("a.PLY"), &["ply"]).is_ok());
+/// let error = check_extension(Path::new("a.glb"), &["ply"]).unwrap_err();
+/// assert_eq!(error.to_string(), "a.glb: found the extension .glb, expected .ply");
+/// ```
+///
+/// # Errors
+/// Another extension, or none.
+pub fn check_extension(path: &Path, expected: &[&str]) -> Result<()> {
+    let found = extension(path);
+    if expected.contains(&found.as_str()) {
+        return Ok(());
+    }
+    let found = if found.is_empty() { "no extension".to_owned() } else { format!("the extension .{found}") };
+    bail!("{}: found {found}, expected {}", path.display(), text::alternatives(expected.iter().map(|name| format!(".{name}"))))
+}
+
+/// Refuses the name of a file, which has one of `extensions`, for a folder that does not exist yet.
+///
+/// # Errors
+/// The name has one of the extensions.
+pub fn check_folder_name(path: &Path, extensions: &[&str]) -> Result<()> {
+    let found = extension(path);
+    if extensions.contains(&found.as_str()) && !path.exists() {
+        bail!("{}: found the extension .{found}, expected the name of a folder", path.display());
+    }
+    Ok(())
+}
+
+fn extension(path: &Path) -> String {
+    path.extension().map(|extension| extension.to_string_lossy().to_lowercase()).unwrap_or_default()
+}
+
+/// A digest of everything that decides the content of a file.
+///
+/// ```
+/// use luxel::output::Recipe;
+///
+/// let scene = Recipe::new("scene").with("splats", 10);
+/// assert_ne!(scene.clone().with("samples", 1).digest(), scene.with("samples", 2).digest());
+/// ```
+#[derive(Clone, Debug)]
+pub struct Recipe(blake3::Hasher);
+
+impl Recipe {
+    /// Returns a recipe of a kind of file.
+    pub fn new(kind: &str) -> Self {
+        Self(blake3::Hasher::new()).with("kind", kind)
+    }
+
+    /// Returns the recipe of all renders of a scene with these options.
+    pub fn of_scene(scene: &Scene, options: &RenderOptions) -> Self {
+        let splats = &scene.splats;
+        let mut recipe = Self::new("render").with("color_model", format_args!("{:?}", splats.color_model));
+        let arrays: [&[f32]; 7] = [
+            splats.position.as_flattened(),
+            splats.rotation.as_flattened(),
+            splats.log_scale.as_flattened(),
+            &splats.opacity_logit,
+            &splats.sh,
+            &splats.raw_luminance,
+            &splats.smoothing,
+        ];
+        let mut bytes = Vec::new();
+        for array in arrays {
+            recipe.0.update(&(array.len() as u64).to_le_bytes());
+            for part in array.chunks(1 << 14) {
+                bytes.clear();
+                bytes.extend(part.iter().flat_map(|value| value.to_le_bytes()));
+                recipe.0.update(&bytes);
+            }
+        }
+        recipe = recipe.with("radiance_scale", scene.radiance_scale).with("color_space", scene.color_space.name());
+        recipe.with("options", format_args!("{options:?}"))
+    }
+
+    /// Adds a camera.
+    #[must_use]
+    pub fn with_camera(self, camera: &Camera) -> Self {
+        self.with("camera", format_args!("{camera:?}"))
+    }
+
+    /// Adds a setting.
+    #[must_use]
+    pub fn with(mut self, name: &str, value: impl std::fmt::Display) -> Self {
+        for part in [name, &value.to_string()] {
+            self.0.update(&(part.len() as u64).to_le_bytes());
+            self.0.update(part.as_bytes());
+        }
+        self
+    }
+
+    /// Returns the digest as text.
+    pub fn digest(&self) -> String {
+        self.0.finalize().to_hex().to_string()
+    }
+}
+
+/// The state of a file that a recipe is to make.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FrameState {
+    /// It is not there.
+    Missing,
+    /// It is there, made by the same recipe.
+    Same,
+    /// Something else is there.
+    Other,
+}
+
+/// Returns the state of an OpenEXR file by the digest in its attribute `name`.
+pub fn frame_state(path: &Path, name: &str, digest: &str) -> FrameState {
+    if !path.exists() {
+        return FrameState::Missing;
+    }
+    let found = luxel_io::read_exr_attributes(path).ok().and_then(|found| found.texts.get(name).cloned());
+    if found.as_deref() == Some(digest) { FrameState::Same } else { FrameState::Other }
+}
+
+/// Refuses to replace frames of another recipe unless `overwrite` is set.
+///
+/// # Errors
+/// There are such frames.
+pub fn check_replaceable(others: &[PathBuf], overwrite: bool) -> Result<()> {
+    let (Some(first), false) = (others.first(), overwrite) else { return Ok(()) };
+    let more = if others.len() > 1 { format!(", and so do {} more", text::count(others.len() - 1)) } else { String::new() };
+    let message = format!("{}: exists already, made of another scene, camera, edit or option{more}", first.display());
+    Err(Error::new(message).with_remedy(Remedy::advice("choose another folder").or(Remedy::set("overwrite", "true"))))
+}
+
+/// Returns whether both paths lead to one file or folder, existing or not.
+pub fn is_same(a: &Path, b: &Path) -> bool {
+    let real = |path: &Path| {
+        let absolute = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+        let by_its_folder = || Some(std::fs::canonicalize(absolute.parent()?).ok()?.join(absolute.file_name()?));
+        std::fs::canonicalize(path).ok().or_else(by_its_folder).unwrap_or(absolute)
+    };
+    real(a) == real(b)
+}
+
+/// Refuses an output path that leads to one of `inputs`.
+///
+/// # Errors
+/// It does.
+pub fn check_no_input<'a>(path: &Path, inputs: impl IntoIterator<Item = &'a Path>) -> Result<()> {
+    let Ok(real) = std::fs::canonicalize(path) else { return Ok(()) };
+    if inputs.into_iter().any(|input| std::fs::canonicalize(input).is_ok_and(|input| input == real)) {
+        bail!("{}: is read by this command, so it is not written over; give another name", path.display());
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use luxel_core::synthetic;
+
+    use super::*;
+
+    #[test]
+    fn folders_are_not_called_like_files() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["frame.exr", "run.PLY", "a.b.mp4"] {
+            let path = folder.path().join(name);
+            assert!(
+                check_folder_name(&path, &RESULT_EXTENSIONS).unwrap_err().to_string().contains("expected the name of a folder"),
+                "{name}"
+            );
+            // One that exists keeps its name.
+            std::fs::create_dir(&path).unwrap();
+            check_folder_name(&path, &RESULT_EXTENSIONS).unwrap();
+        }
+        for name in ["shot", "v1.2", "take.final"] {
+            check_folder_name(&folder.path().join(name), &RESULT_EXTENSIONS).unwrap();
+        }
+    }
+
+    #[test]
+    fn a_recipe_changes_with_each_part() {
+        let scene = Scene { splats: synthetic::room(20, 1), ..scene() };
+        let options = scene.render_options();
+        let of = |scene: &Scene, options: &RenderOptions| Recipe::of_scene(scene, options).digest();
+        let first = of(&scene, &options);
+        assert_eq!(of(&scene.clone(), &options), first);
+        let mut moved = scene.clone();
+        moved.splats.position[3][1] += 1e-6;
+        let mut rescaled = scene.clone();
+        rescaled.radiance_scale = luxel_core::RadianceScale::new(2.0).unwrap();
+        let lit = RenderOptions { background: [0.0, 0.0, 1e-3], ..options };
+        for other in [of(&moved, &options), of(&rescaled, &options), of(&scene, &lit)] {
+            assert_ne!(other, first);
+        }
+        let camera = synthetic::room_camera([16, 12]);
+        let frame = |camera: &Camera| Recipe::of_scene(&scene, &options).with_camera(camera).digest();
+        assert_ne!(frame(&camera), frame(&synthetic::room_camera([16, 13])));
+        // Borders of parts count.
+        assert_ne!(Recipe::new("a").with("b", "c").digest(), Recipe::new("a").with("bc", "").digest());
+    }
+
+    fn scene() -> Scene {
+        Scene {
+            splats: luxel_core::Splats::empty(luxel_core::ColorModel::Sh { degree: 0 }),
+            radiance_scale: luxel_core::RadianceScale::ONE,
+            color_space: luxel_core::ColorSpace::default(),
+            raster: luxel_core::RasterConfig::default(),
+            edits: Vec::new(),
+        }
+    }
+}

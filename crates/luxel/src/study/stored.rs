@@ -1,0 +1,70 @@
+//! The lists of an earlier call, as `matrix.toml` holds them: a report covers what that call made,
+//! too.
+//!
+//! In: the file. Out: data sets, methods and seeds. Degenerate: a study that is new has none.
+
+use std::path::{Path, PathBuf};
+
+use luxel_core::ColorModel;
+use serde::Deserialize;
+
+use super::parse_method;
+use crate::error::Context;
+use crate::{Result, files};
+
+/// The file has a line per data set and option.
+const LIMIT_BYTES: u64 = 16 << 20;
+
+/// Data sets, methods and seeds.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Stored {
+    /// Absolute paths.
+    pub(super) datasets: Vec<PathBuf>,
+    pub(super) methods: Vec<ColorModel>,
+    pub(super) seeds: Vec<u64>,
+}
+
+#[derive(Deserialize)]
+struct File {
+    datasets: Vec<PathBuf>,
+    methods: Vec<String>,
+    seeds: Vec<String>,
+}
+
+impl Stored {
+    /// Reads the file at `path`.
+    pub(super) fn read(path: &Path) -> Result<Self> {
+        if !path.is_file() {
+            return Ok(Self::default());
+        }
+        let text = files::read_text(path, LIMIT_BYTES)?;
+        let wrong = || format!("{}: not the lists of a study; restore it, or choose another folder", path.display());
+        let file: File = toml::from_str(&text).with_context(wrong)?;
+        let methods = file.methods.iter().map(|name| parse_method(name).ok()).collect::<Option<_>>().with_context(wrong)?;
+        let seeds = file.seeds.iter().map(|seed| seed.parse().ok()).collect::<Option<_>>().with_context(wrong)?;
+        Ok(Self { datasets: file.datasets, methods, seeds })
+    }
+}
+
+/// Returns the stored values with the asked ones that are new behind them; the order that is asked
+/// for where all stored values are asked for again.
+pub(super) fn union<T: PartialEq + Clone>(stored: &[T], asked: &[T]) -> Vec<T> {
+    if stored.iter().all(|value| asked.contains(value)) {
+        return asked.to_vec();
+    }
+    let new = asked.iter().filter(|value| !stored.contains(value));
+    stored.iter().chain(new).cloned().collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_new_comes_behind_unless_all_is_asked_for_in_another_order() {
+        assert_eq!(union(&[1, 2], &[3, 2]), [1, 2, 3]);
+        assert_eq!(union(&[1, 2], &[2, 3, 1]), [2, 3, 1]);
+        assert_eq!(union(&[], &[2, 1]), [2, 1]);
+        assert_eq!(union(&[2, 1], &[]), [2, 1]);
+    }
+}
