@@ -125,9 +125,9 @@ pub fn compare(reference: &Path, test: &Path, options: &CompareOptions, observer
         bail!("{}", pairs.nothing_matches(reference, test));
     }
     for path in pairs.pairs.iter().filter_map(|pair| pair.heatmap.as_ref()) {
-        output::check_extension(path, &["png"])?;
         output::check_free(path, options.overwrite)?;
         output::check_no_input(path, pairs.pairs.iter().flat_map(|pair| pair.inputs()))?;
+        output::check_extension(path, &["png"])?;
     }
     let _confinement = match &options.heatmap {
         Some(folder) if pairs.are_folders => {
