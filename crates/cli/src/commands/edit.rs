@@ -37,11 +37,11 @@ pub(crate) fn run(args: &EditArgs, explicit: &ExplicitArgs) -> Result<()> {
     }
     let target = target(args)?;
     if let Some(path) = &args.overlay {
-        output::check_extension(path, &["png"])?;
         output::check_free(path, args.overwrite)?;
         if target.as_ref().is_some_and(|scene| output::is_same(path, scene)) {
             bail!("{}: cannot be both the scene (-o) and the overlay (--overlay); give the overlay another name", path.display());
         }
+        output::check_extension(path, &["png"])?;
     }
     let source = SceneSource::open(&args.input.scene, &console)?;
     let mut scene = source.scene.clone();
