@@ -206,6 +206,97 @@ fn exr_of_several_parts_gives_the_beauty_pass_or_the_one_asked_for() {
 }
 
 #[test]
+fn exr_says_what_is_odd_about_a_header() {
+    // A single line is a single block in every compression.
+    let image = radiance(4, 1);
+    let mut file = exr_image((4, 1), planes(&image, half), Encoding::UNCOMPRESSED);
+    file.attributes.pixel_aspect = 2.0;
+    let bytes = exr_bytes(&file);
+    assert_eq!(
+        decode(&bytes, &UNSAID).unwrap().warnings,
+        ["the pixel aspect ratio is 2: pixels are read as square, as cameras of data sets take them"]
+    );
+    // The compressions of OpenEXR 3.5: one byte behind the attribute's name, type and length.
+    let at = bytes.windows(12).rposition(|w| w == b"compression\0").unwrap() + 12 + 4;
+    for (number, part) in [(10, "HTJ2K"), (11, "HTJ2K"), (12, "OpenEXR 3.5"), (13, "OpenEXR 3.5")] {
+        let mut newer = bytes.clone();
+        newer[at] = number;
+        let error = decode(&newer, &UNSAID).unwrap_err();
+        assert!(error.message.contains(part) && error.kind == IoErrorKind::Unsupported, "{number}: {error}");
+    }
+}
+
+#[test]
+fn old_hdr_files_without_run_lengths_are_read_whatever_their_codes_are() {
+    // Codes that mark runs in files that have them.
+    let codes = [[1u8, 1, 1, 129], [128, 64, 32, 129], [2, 2, 32, 129], [0, 0, 0, 0], [1, 1, 1, 200], [255, 255, 255, 128]];
+    let file = [&b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 3 +X 2\n"[..], codes.as_flattened()].concat();
+    let light = |[r, g, b, e]: [u8; 4]| [r, g, b].map(|m| if e == 0 { 0.0 } else { f32::from(m) * 2f32.powi(i32::from(e) - 136) });
+    assert_eq!(decode(&file, &UNSAID).unwrap().image.pixels, codes.map(light));
+}
+
+/// A PNG of `width` x `height` white pixels of one bit.
+fn white_bits(width: u32, height: u32) -> Vec<u8> {
+    use std::io::Write;
+    let mut out = b"\x89PNG\r\n\x1a\n".to_vec();
+    let mut chunk = |kind: &[u8; 4], data: &[u8]| {
+        let mut crc = flate2::Crc::new();
+        crc.update(kind);
+        crc.update(data);
+        out.extend((data.len() as u32).to_be_bytes());
+        out.extend(kind);
+        out.extend(data);
+        out.extend(crc.sum().to_be_bytes());
+    };
+    let row = [&[0u8][..], &vec![0xff; width.div_ceil(8) as usize]].concat();
+    let mut packed = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::best());
+    (0..height).for_each(|_| packed.write_all(&row).unwrap());
+    chunk(b"IHDR", &[&width.to_be_bytes()[..], &height.to_be_bytes(), &[1, 0, 0, 0, 0]].concat());
+    chunk(b"IDAT", &packed.finish().unwrap());
+    chunk(b"IEND", &[]);
+    out
+}
+
+#[test]
+fn flat_pictures_pack_well_and_are_read() {
+    let bytes = white_bits(8192, 5464);
+    assert!(bytes.len() < 13_000, "{}", bytes.len());
+    let mask = luxel_io::decode_mask(Path::new("white.png"), &bytes, [8192, 5464]).unwrap();
+    assert!(mask.weights.iter().all(|weight| *weight == 1.0));
+}
+
+#[test]
+fn tiffs_of_few_bits_are_masks_and_floats_of_which_zero_is_white_are_refused() {
+    // 3 x 2 pixels of one bit: 1 0 1, 0 1 1.
+    let entry =
+        |tag: u16, kind: u16, value: u32| [&tag.to_le_bytes()[..], &kind.to_le_bytes(), &1u32.to_le_bytes(), &value.to_le_bytes()].concat();
+    let file = |bits: u32, format: u32, photometric: u32, data: &[u8]| {
+        let entries = [
+            (256, 3),
+            (257, 2),
+            (258, bits),
+            (259, 1),
+            (262, photometric),
+            (273, 8 + 2 + 12 * 10 + 4),
+            (277, 1),
+            (278, 2),
+            (279, data.len() as u32),
+            (339, format),
+        ];
+        let entries: Vec<u8> = entries.iter().flat_map(|(tag, value)| entry(*tag, 4, *value)).collect();
+        [&b"II*\0\x08\0\0\0\x0a\0"[..], &entries, &[0; 4], data].concat()
+    };
+    let bits = decode(&file(1, 1, 1, &[0b1010_0000, 0b0110_0000]), &LINEAR).unwrap();
+    assert_eq!(bits.image.pixels.iter().map(|p| p[0]).collect::<Vec<_>>(), [1.0, 0.0, 1.0, 0.0, 1.0, 1.0]);
+    let four = decode(&file(4, 1, 1, &[0x0f, 0x50, 0xf0, 0xa0]), &LINEAR).unwrap();
+    assert_eq!(four.image.pixels.iter().map(|p| (p[0] * 15.0).round() as u32).collect::<Vec<_>>(), [0, 15, 5, 15, 0, 10]);
+    let floats: Vec<u8> = [0.0f32, 0.5, 1.0, 2.0, 3.0, 4.0].iter().flat_map(|v| v.to_le_bytes()).collect();
+    assert_eq!(decode(&file(32, 3, 1, &floats), &UNSAID).unwrap().image.pixels[5], [4.0; 3]);
+    let error = decode(&file(32, 3, 0, &floats), &UNSAID).unwrap_err();
+    assert!(error.message.contains("WhiteIsZero") && error.kind == IoErrorKind::Unsupported, "{error}");
+}
+
+#[test]
 fn exr_of_mip_and_rip_maps_gives_full_resolution() {
     let image = radiance(19, 11);
     let rounding_mode = exr::math::RoundingMode::Down;

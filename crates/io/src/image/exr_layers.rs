@@ -42,7 +42,7 @@ pub(super) struct Picture {
     /// Index of its part.
     pub(super) part: usize,
     pub(super) color: ColorChannels,
-    /// What was passed over, for people.
+    /// Warnings about pictures that were passed over.
     pub(super) warnings: Vec<String>,
 }
 
@@ -53,7 +53,7 @@ enum Kind {
     Luminance,
 }
 
-/// What of a part's header tells its pictures apart.
+/// The names in a part's header that tell its pictures apart.
 #[derive(Clone, Debug, Default)]
 struct PartNames {
     name: Option<String>,
@@ -65,7 +65,7 @@ struct PartNames {
 }
 
 impl PartNames {
-    fn of(header: &Header) -> Self {
+    fn from_header(header: &Header) -> Self {
         let own = &header.own_attributes;
         Self {
             name: own.layer_name.as_ref().map(ToString::to_string).filter(|name| !name.is_empty()),
@@ -101,7 +101,8 @@ impl Candidate {
         own.into_iter().flatten().any(|own| own.eq_ignore_ascii_case(name))
     }
 
-    /// Returns whether the layer, or the part of a picture without one, is named like a beauty pass.
+    /// Returns whether the layer, or the part of a picture without one, is named like a beauty
+    /// pass.
     fn is_beauty(&self) -> bool {
         let name = if self.layer.is_empty() { self.part_name.as_deref().unwrap_or_default() } else { self.layer.as_str() };
         is_one_of(last(name), &BEAUTY_NAMES)
@@ -119,7 +120,7 @@ fn is_one_of(name: &str, names: &[&str]) -> bool {
 
 /// Returns the picture to read. `wanted`: names of its part, layer or view, separated by slashes.
 pub(super) fn find_picture(name: &Path, headers: &[Header], wanted: Option<&str>) -> Result<Picture, IoError> {
-    let parts: Vec<PartNames> = headers.iter().map(PartNames::of).collect();
+    let parts: Vec<PartNames> = headers.iter().map(PartNames::from_header).collect();
     let unsupported = |message: String| IoError::unsupported(name, format!("OpenEXR: {message}"));
     choose(&parts, wanted).map_err(|refusal| {
         let error = unsupported(refusal.message);

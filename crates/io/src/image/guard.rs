@@ -15,9 +15,13 @@ use crate::memory::check_memory;
 /// kilobytes.
 const FREE_PIXELS: u64 = 1 << 24;
 
-/// Pixels that a byte of file may encode beyond that. Deflate reaches 1032 bytes per byte, of at
-/// least one byte per pixel; the rest is margin for compressors that store flat blocks in less.
-const PIXELS_PER_BYTE: u64 = 2000;
+/// Pixels that a byte of file may encode beyond that: deflate reaches 1032 bytes per byte, of eight
+/// pixels a byte where they are one bit; flat blocks of DWAB and JPEG XL are as small. Memory for
+/// pixels is the system's untouched pages, so that a header that lies costs none.
+const PIXELS_PER_BYTE: u64 = 1 << 14;
+
+/// Bytes of samples that a byte of file may encode, by the same reasoning.
+const BYTES_PER_BYTE: u64 = 2000;
 
 /// Memory for a pixel while an image is decoded: f32 of three channels and of alpha, beside the
 /// samples of the file.
@@ -45,7 +49,7 @@ pub(crate) fn check_size(name: &Path, [width, height]: [u64; 2], file_bytes: u64
 /// Refuses blocks (tiles, groups of lines) that would decompress to more than a file of
 /// `file_bytes` can plausibly hold.
 pub(crate) fn check_block(name: &Path, block_bytes: u64, file_bytes: u64) -> Result<(), IoError> {
-    if block_bytes > FREE_BLOCK_BYTES.saturating_add(file_bytes.saturating_mul(PIXELS_PER_BYTE)) {
+    if block_bytes > FREE_BLOCK_BYTES.saturating_add(file_bytes.saturating_mul(BYTES_PER_BYTE)) {
         let message =
             format!("header: claims blocks of {block_bytes} bytes in a file of {file_bytes} bytes; the file is damaged, export it again");
         return Err(IoError::invalid(name, message));

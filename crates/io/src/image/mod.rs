@@ -78,6 +78,26 @@ impl DecodedImage {
         }
         self.is_premultiplied = true;
     }
+
+    /// Turns the image by an Exif orientation of 5 to 8, which exchange width and height; others
+    /// leave it as it is.
+    pub(crate) fn turn(&mut self, orientation: u16) {
+        let [width, height] = [self.image.width, self.image.height];
+        let from = |x: usize, y: usize| match orientation {
+            5 => [y, x],
+            6 => [y, height - 1 - x],
+            7 => [width - 1 - y, height - 1 - x],
+            _ => [width - 1 - y, x],
+        };
+        if !(5..=8).contains(&orientation) {
+            return;
+        }
+        // The turned image is `height` wide and `width` high.
+        let order = || (0..width).flat_map(|y| (0..height).map(move |x| [x, y])).map(|[x, y]| from(x, y)).map(|[x, y]| y * width + x);
+        let pixels = order().map(|i| self.image.pixels[i]).collect();
+        self.alpha = self.alpha.as_ref().map(|alpha| order().map(|i| alpha[i]).collect());
+        self.image = Image { width: height, height: width, pixels };
+    }
 }
 
 /// Precision of the samples in a file.
@@ -267,6 +287,21 @@ pub(crate) fn image_size_of(name: &Path, bytes: &[u8]) -> Result<[u32; 2], IoErr
     };
     guard::check_size(name, size.map(u64::from), bytes.len() as u64)?;
     Ok(size)
+}
+
+/// Returns whether a file holds radiance: floating-point samples, by its header. A file that cannot
+/// be read does not.
+pub(crate) fn holds_radiance(path: &Path) -> bool {
+    let mut head = Vec::new();
+    let Ok(mut file) = std::fs::File::open(path) else { return false };
+    if file.by_ref().take(HEAD_BYTES).read_to_end(&mut head).is_err() {
+        return false;
+    }
+    match Format::detect(path, &head) {
+        Ok(Format::OpenExr | Format::Radiance | Format::Npy) => true,
+        Ok(Format::Tiff) => file.rewind().is_ok() && guard::contain(path, || Ok(tiff::is_float(file))).unwrap_or(false),
+        Ok(Format::Png | Format::Jpeg) | Err(_) => false,
+    }
 }
 
 fn stream_size(name: &Path, format: Format, file: impl Read + Seek) -> Result<[u32; 2], IoError> {

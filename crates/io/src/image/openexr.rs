@@ -1,5 +1,5 @@
 //! OpenEXR in: half, float and uint channels, scan lines or tiles, every compression of the `exr`
-//! crate.
+//! crate; HTJ2K and the newer ones of OpenEXR 3.5 are refused by name.
 //!
 //! Out: the display window; pixels outside of the data window are 0. Which part, layer and view is
 //! read: [`super::exr_layers`]. Of mip maps the full resolution. Chromaticities are honoured;
@@ -15,9 +15,10 @@ use std::path::Path;
 use ::exr::block::chunk::TileCoordinates;
 use ::exr::block::reader::ChunksReader;
 use ::exr::block::{BlockIndex, UncompressedBlock};
+use ::exr::compression::Compression;
 use ::exr::error::Error as ExrError;
-use ::exr::meta::attribute::{Chromaticities, SampleType};
-use ::exr::meta::header::Header;
+use ::exr::meta::attribute::SampleType;
+use ::exr::meta::header::{Header, ImageAttributes};
 use ::exr::meta::{BlockDescription, MetaData};
 use ::exr::prelude::{Vec2, f16};
 use luxel_core::Image;
@@ -29,6 +30,9 @@ use super::guard::{check_block, check_size, zeroed};
 use super::{DecodedImage, ReadOptions, SampleDepth};
 use crate::IoError;
 
+/// How far a pixel aspect ratio may be off 1: rounding of sizes.
+const SQUARE_TOLERANCE: f32 = 1e-3;
+
 /// Decodes a whole file.
 pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<DecodedImage, IoError> {
     let failed = |error: ExrError| explain(name, &error);
@@ -39,6 +43,9 @@ pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result
     let Picture { part, color, warnings } = find_picture(name, reader.headers(), options.layer.as_deref())?;
     let header = reader.headers().get(part).ok_or_else(|| IoError::invalid(name, "header: no parts"))?.clone();
 
+    if matches!(header.compression, Compression::HTJ2K32 | Compression::HTJ2K256) {
+        return Err(IoError::unsupported(name, "OpenEXR: HTJ2K compression, which is not read; export it with ZIP compression"));
+    }
     if header.channels.list.iter().any(|channel| channel.sampling != Vec2(1, 1)) {
         return Err(IoError::unsupported(name, "OpenEXR: subsampled channels (luminance and chroma); export it as RGB"));
     }
@@ -63,7 +70,7 @@ pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result
         }
         canvas.draw(&block, &header);
     }
-    canvas.finish(name, header.shared_attributes.chromaticities, warnings)
+    canvas.finish(name, &header.shared_attributes, warnings)
 }
 
 /// Returns the size of the display window, from the header.
@@ -77,6 +84,10 @@ pub(super) fn size(name: &Path, file: impl Read + Seek) -> Result<[u32; 2], IoEr
 /// Words an error of the decoder.
 pub(super) fn explain(name: &Path, error: &ExrError) -> IoError {
     match error {
+        ExrError::NotSupported(what) if what.contains("unknown compression") => IoError::unsupported(
+            name,
+            "OpenEXR: a compression of OpenEXR 3.5 or newer (LJ2K, ZSTD), which is not read; export it with ZIP compression",
+        ),
         ExrError::NotSupported(what) => {
             IoError::unsupported(name, format!("OpenEXR: {what}; export it as flat scan lines with ZIP compression"))
         }
@@ -163,9 +174,13 @@ impl Canvas {
         }
     }
 
-    fn finish(self, name: &Path, chromaticities: Option<Chromaticities>, mut warnings: Vec<String>) -> Result<DecodedImage, IoError> {
+    fn finish(self, name: &Path, attributes: &ImageAttributes, mut warnings: Vec<String>) -> Result<DecodedImage, IoError> {
         let Self { mut image, alpha, .. } = self;
-        let chromaticities = chromaticities.map(|c| [c.red, c.green, c.blue, c.white].map(|Vec2(x, y)| [x, y]));
+        let aspect = attributes.pixel_aspect;
+        if (aspect - 1.0).abs() > SQUARE_TOLERANCE {
+            warnings.push(format!("the pixel aspect ratio is {aspect}: pixels are read as square, as cameras of data sets take them"));
+        }
+        let chromaticities = attributes.chromaticities.map(|c| [c.red, c.green, c.blue, c.white].map(|Vec2(x, y)| [x, y]));
         let color_space = match &chromaticities {
             Some(found) => {
                 Some(settle_space(&mut image, found, &mut warnings).map_err(|e| IoError::invalid(name, format!("OpenEXR: {e}")))?)

@@ -25,7 +25,10 @@ pub(super) fn decode(name: &Path, bytes: &[u8]) -> Result<DecodedImage, IoError>
     check_size(name, [header.width, header.height].map(u64::from), bytes.len() as u64)?;
     let (width, height) = (header.width as usize, header.height as usize);
     let mut pixels = zeroed::<[f32; 3]>(name, width * height)?;
-    decoder.read_image(bytemuck::cast_slice_mut(&mut pixels)).map_err(|e| explain(name, &e))?;
+    match flat_pixels(bytes, width, height) {
+        Some(flat) => pixels.iter_mut().zip(flat.as_chunks().0).for_each(|(pixel, rgbe)| *pixel = light(*rgbe)),
+        None => decoder.read_image(bytemuck::cast_slice_mut(&mut pixels)).map_err(|e| explain(name, &e))?,
+    }
     let mut image = Image { width, height, pixels };
 
     let gain = gain(name, &header)?;
@@ -43,6 +46,27 @@ pub(super) fn decode(name: &Path, bytes: &[u8]) -> Result<DecodedImage, IoError>
         None => None,
     };
     Ok(DecodedImage { image, alpha: None, is_premultiplied: false, color_space, chromaticities, depth: SampleDepth::Float, warnings })
+}
+
+/// Returns the bytes of the pixels of an old file without any run lengths: as many as pixels need,
+/// and no mark of run lengths in front of them. In such a file every code is a colour, also those
+/// that are marks elsewhere.
+fn flat_pixels(bytes: &[u8], width: usize, height: usize) -> Option<&[u8]> {
+    let blank = bytes.windows(2).position(|pair| pair == b"\n\n")? + 2;
+    let rest = bytes.get(blank..)?;
+    let pixels = rest.get(rest.iter().position(|byte| *byte == b'\n')? + 1..)?;
+    let [high, low] = u16::try_from(width).ok()?.to_be_bytes();
+    let is_flat = Some(pixels.len()) == width.checked_mul(height)?.checked_mul(4) && !pixels.starts_with(&[2, 2, high, low]);
+    is_flat.then_some(pixels)
+}
+
+/// Returns the light of a pixel: mantissas of 8 bits and the exponent that they share.
+fn light([r, g, b, exponent]: [u8; 4]) -> [f32; 3] {
+    if exponent == 0 {
+        return [0.0; 3];
+    }
+    let scale = 2f32.powi(i32::from(exponent) - 136);
+    [r, g, b].map(|mantissa| f32::from(mantissa) * scale)
 }
 
 /// Returns the size from the header.

@@ -1,5 +1,5 @@
-//! TIFF and BigTIFF in: 8- and 16-bit integers, half, single and double floats; grey or RGB, with
-//! or without alpha; first image.
+//! TIFF and BigTIFF in: integers of 8 and 16 bits, grey ones of 1, 2 and 4, half, single and double
+//! floats; grey or RGB, with or without alpha; first image.
 //!
 //! Whether colours are multiplied by alpha is stated by ExtraSamples (TIFF 6.0, page 31); where it
 //! says neither, as elsewhere: floats are, integers are not. Integers were multiplied as codes:
@@ -22,7 +22,7 @@ use ::tiff::{ColorType, TiffError};
 use luxel_core::Chromaticities;
 
 use super::colorimetry::{conversion_to_rec709, settle_profile, settle_space};
-use super::guard::check_size;
+use super::guard::{check_block, check_size};
 use super::samples::{Curve, SampleGrid, depth_warnings};
 use super::{DecodedImage, ReadOptions, SampleDepth, Transfer};
 use crate::IoError;
@@ -38,6 +38,8 @@ const OUTPUT_BYTES: u64 = 16;
 /// Values of ExtraSamples.
 const ASSOCIATED_ALPHA: u16 = 1;
 const UNASSOCIATED_ALPHA: u16 = 2;
+/// Value of PhotometricInterpretation.
+const WHITE_IS_ZERO: u16 = 0;
 /// White where none is stated.
 const D65: [f32; 2] = [0.3127, 0.3290];
 /// Codes as they are.
@@ -60,6 +62,14 @@ pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result
 /// Decodes the first image as codes over the largest one, in whatever primaries.
 pub(super) fn decode_codes(name: &Path, bytes: &[u8]) -> Result<DecodedImage, IoError> {
     decode_samples(name, bytes, &ReadOptions { transfer: Some(Transfer::Linear), layer: None })
+}
+
+/// Returns whether the samples of the first image are floating-point numbers.
+pub(super) fn is_float(file: impl Read + Seek) -> bool {
+    const FLOAT: u16 = 3;
+    let formats =
+        Decoder::new(BufReader::new(file)).ok().and_then(|mut d| d.find_tag_unsigned_vec::<u16>(Tag::SampleFormat).ok().flatten());
+    formats.is_some_and(|formats| formats.first() == Some(&FLOAT))
 }
 
 /// Returns the CIE xy of red, green, blue and white that the first image states, if they make a
@@ -109,6 +119,14 @@ fn decode_samples(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<De
     check_size(name, [width, height].map(u64::from), bytes.len() as u64)?;
     refuse_raw(name, &mut decoder)?;
     let color = decoder.colortype().map_err(failed)?;
+    let bits = color.bit_depth();
+    let is_white_zero = decoder.find_tag_unsigned::<u16>(Tag::PhotometricInterpretation).map_err(failed)? == Some(WHITE_IS_ZERO);
+    if is_white_zero && is_float(Cursor::new(bytes)) {
+        return Err(IoError::unsupported(
+            name,
+            "TIFF: floating-point samples of which 0 is white (WhiteIsZero), which are no light; export it with 0 for black (BlackIsZero)",
+        ));
+    }
     let channels = match color {
         ColorType::Gray(_) => 1,
         ColorType::GrayA(_) | ColorType::Multiband { num_samples: 2, .. } => 2,
@@ -117,8 +135,11 @@ fn decode_samples(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<De
         _ => return Err(IoError::unsupported(name, format!("TIFF: colour type {color:?}; export it as RGB"))),
     };
     let layout = SampleGrid { width: width as usize, height: height as usize, channels };
-    let sample_bytes = u64::from(color.bit_depth().div_ceil(8)) * channels as u64;
+    let sample_bytes = u64::from(bits.div_ceil(8)) * channels as u64;
     check_memory(name, u64::from(width) * u64::from(height) * (sample_bytes + OUTPUT_BYTES))?;
+    // The library fills its memory before it decodes.
+    let stored_bytes = (u64::from(width) * u64::from(height)).saturating_mul(u64::from(bits) * channels as u64).div_ceil(8);
+    check_block(name, stored_bytes, bytes.len() as u64)?;
     let extra = decoder.find_tag_unsigned_vec::<u16>(Tag::ExtraSamples).map_err(failed)?.unwrap_or_default();
 
     let mut limits = Limits::default();
@@ -136,7 +157,23 @@ fn decode_samples(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<De
         Some(&UNASSOCIATED_ALPHA) => Some(false),
         _ => None,
     };
+    if let (DecodingResult::U8(packed), true) = (&mut samples, bits < 8) {
+        *packed = unpacked(packed, layout, bits);
+    }
     convert(name, layout, &samples, is_premultiplied, options)
+}
+
+/// Returns the 8-bit codes of grey samples of 1, 2 or 4 bits, whose rows begin with a byte.
+fn unpacked(packed: &[u8], layout: SampleGrid, bits: u8) -> Vec<u8> {
+    let (bits, width) = (usize::from(bits.max(1)), layout.width);
+    let most = (1u16 << bits) - 1;
+    let code = |row: &[u8], x: usize| {
+        let at = x * bits;
+        let byte = u16::from(row.get(at / 8).copied().unwrap_or(0));
+        // At most 255.
+        ((byte >> (8 - bits - at % 8) & most) * 255 / most) as u8
+    };
+    packed.chunks((width * bits).div_ceil(8).max(1)).flat_map(|row| (0..width).map(move |x| code(row, x))).collect()
 }
 
 /// Returns the linear light of the samples; `is_premultiplied` as far as the file states.

@@ -13,6 +13,7 @@ use std::path::Path;
 use luxel_core::photo::{Exif, RawPixels};
 use rayon::prelude::*;
 
+use super::dng_black::ReadArea;
 use super::dng_tags as tag;
 use super::exif::exif_of_tags;
 use super::{jpeg_xl, lossless_jpeg};
@@ -133,7 +134,10 @@ impl<'a> Dng<'a> {
         let black = self.black(per_pixel);
         let largest = if self.compression() == JPEG_XL { jpeg_xl::largest_code(bits) } else { (1 << bits) - 1 };
         let white = image.number(tag::WHITE).unwrap_or(largest.into()) as f32;
-        let black = order.map(|i| black[usize::from(i)]);
+        let read = ReadArea { width: crop.width, shift, per_pixel };
+        let added = self.subtract_black_deltas(&mut codes, read, white).map_err(|message| self.invalid(message))?;
+        let mut black = order.map(|i| black[usize::from(i)]);
+        black.iter_mut().zip(added).for_each(|(level, added)| *level += added);
         if !(black.iter().all(|b| b.is_finite() && *b < white)) {
             return Err(self.invalid(format_args!("black {black:?} is not below white {white}")));
         }
@@ -216,7 +220,9 @@ impl<'a> Dng<'a> {
         let [tile_width, tile_height] = [chunk_width as u64, chunk_height as u64];
         let tile_bytes = tile_width.saturating_mul(tile_height).saturating_mul((per_pixel * size_of::<u16>()) as u64);
         let size_of_tile = check_size(self.name, [tile_width, tile_height], self.file_bytes);
-        if size_of_tile.and_then(|()| check_block(self.name, tile_bytes, self.file_bytes)).is_err() {
+        // Flat tiles of JPEG XL take next to nothing.
+        let is_block = self.compression() == JPEG_XL || check_block(self.name, tile_bytes, self.file_bytes).is_ok();
+        if size_of_tile.is_err() || !is_block {
             let file_bytes = self.file_bytes;
             return Err(self.invalid(format_args!("tiles of {chunk_width} x {chunk_height} pixels in a file of {file_bytes} bytes")));
         }

@@ -2,7 +2,7 @@
 //!
 //! In: a file whose tags were read. Out: [`RawInfo`]; implausible values are left out. What the
 //! file asks for and is not done is listed in [`RawInfo::not_applied`]: gain maps and opcode lists,
-//! profiles, black that varies by row.
+//! profiles.
 
 use luxel_core::photo::RawInfo;
 
@@ -57,9 +57,6 @@ impl Dng<'_> {
         let is_diagonal = |i: usize| if i.is_multiple_of(4) { 1.0 } else { 0.0 };
         if tag::CAMERA_CALIBRATION.iter().any(|t| any_but(*t, &is_diagonal)) || any_but(tag::ANALOG_BALANCE, &|_| 1.0) {
             out.push("calibration of the single camera".to_owned());
-        }
-        if any_but(tag::BLACK_DELTA_H, &|_| 0.0) || any_but(tag::BLACK_DELTA_V, &|_| 0.0) {
-            out.push("black level that varies by row or column".to_owned());
         }
         out
     }

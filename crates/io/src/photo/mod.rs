@@ -6,6 +6,7 @@
 //! applied: structure from motion wants pixels as the lens saw them.
 
 mod dng;
+mod dng_black;
 mod dng_info;
 mod dng_tags;
 mod exif;
@@ -16,6 +17,7 @@ mod tests;
 
 use std::path::Path;
 
+pub(crate) use exif::exif_of_file;
 use luxel_core::ColorSpace;
 use luxel_core::photo::{Codes, PhotoInfo, PhotoKind, RawPixels};
 
@@ -88,7 +90,7 @@ pub fn photo_info(name: &Path, bytes: &[u8]) -> Result<PhotoInfo, IoError> {
             let of_profile = profile.as_ref().and_then(|profile| profile.space).map(ColorSpace::chromaticities);
             primaries = stated_primaries(name, bytes, of_profile)?;
         }
-        Ok(PhotoInfo { kind, size_px, exif: exif::exif_of_file(bytes), raw: None, profile, primaries })
+        Ok(PhotoInfo { kind, size_px, exif: exif_of_file(bytes), raw: None, profile, primaries })
     })
 }
 

@@ -200,6 +200,43 @@ fn tiles_beyond_what_the_file_can_hold_are_refused() {
 }
 
 #[test]
+fn black_that_varies_by_row_and_column_is_subtracted() {
+    let rational =
+        |values: &[i32]| (10, values.len() as u32, values.iter().flat_map(|v| [v.to_le_bytes(), 1i32.to_le_bytes()].concat()).collect());
+    let stored: Vec<u16> = (0..4 * 4).map(|i| 1000 + 10 * i as u16).collect();
+    let read = |tag: u16, deltas: &[i32]| {
+        let mut dng = Dng::new(4, 4, 1, 16, 1, little_endian(&stored));
+        dng.set(50714, shorts(&[64])).set(50717, shorts(&[1120])).set(tag, rational(deltas));
+        decode(&dng.bytes())
+    };
+    // One pedestal in all rows is a black level.
+    let even = read(50716, &[256; 4]).unwrap();
+    assert_eq!((even.black, &even.codes), ([320.0; 4], &stored));
+    // Rows of one colour share theirs; what single rows add is taken off their codes, but not off
+    // saturated ones.
+    let rows = read(50716, &[10, 20, 30, 40]).unwrap();
+    assert_eq!(rows.black, [84.0, 84.0, 94.0, 94.0]);
+    let expected: Vec<u16> = stored
+        .iter()
+        .enumerate()
+        .map(|(i, c)| {
+            if i < 8 {
+                c + 10
+            } else if *c >= 1120 {
+                *c
+            } else {
+                c - 10
+            }
+        })
+        .collect();
+    assert_eq!(rows.codes, expected);
+    let columns = read(50715, &[0, 8, 0, 8]).unwrap();
+    assert_eq!((columns.black, &columns.codes), ([64.0, 72.0, 64.0, 72.0], &stored));
+    let error = read(50715, &[1, 2]).unwrap_err();
+    assert!(error.message.contains("BlackLevelDeltaH has 2 numbers, expected 4"), "{error}");
+}
+
+#[test]
 fn the_crop_turns_the_mosaic_with_it() {
     let stored = codes(8 * 6, 1000);
     let mut dng = Dng::new(8, 6, 1, 16, 1, little_endian(&stored));
