@@ -15,6 +15,7 @@ use luxel_core::{Camera, Distortion, MAX_SIDE_PX};
 use serde_json::{Map, Value, json};
 
 use crate::IoError;
+use crate::byte_order_mark::bytes_without_mark;
 use crate::dataset::{TransformsFrame, parse_transforms};
 use crate::read_file::read_file;
 
@@ -46,7 +47,7 @@ pub fn read_camera_path(path: &Path, default: Option<&Camera>) -> Result<Vec<Pat
 /// The same as [`read_camera_path`].
 pub fn decode_camera_path(name: &Path, bytes: &[u8], default: Option<&Camera>) -> Result<Vec<PathCamera>, IoError> {
     let file = File { path: name, default };
-    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    let bytes = bytes_without_mark(bytes);
     let root = serde_json::from_slice(bytes).map_err(|e| IoError::invalid(name, format_args!("not JSON: {e}")))?;
     let Value::Object(root) = root else {
         return Err(IoError::invalid(name, "expected an object with \"frames\" (transforms.json) or \"camera_path\" (nerfstudio)"));

@@ -5,6 +5,7 @@
 
 mod atomic;
 mod bake;
+mod byte_order_mark;
 mod camera_path;
 mod checkpoint;
 mod confine;
@@ -57,12 +58,12 @@ pub use ocio_space::OcioSpace;
 pub use photo::{Photo, decode_photo, decode_photo_layer, is_photo_name, photo_info};
 pub use pinhole::{decode_pinhole_camera, read_pinhole_camera};
 pub use ply::{
-    PlyPoint, decode_points_ply, decode_scene_ply, encode_baked_ply, encode_scene_ply, read_points_ply, read_scene_ply, write_baked_ply,
-    write_exact_ply, write_scene_ply,
+    PlyCloud, PlyPoint, decode_points_ply, decode_scene_ply, encode_baked_ply, encode_scene_ply, read_points_ply, read_scene_ply,
+    write_baked_ply, write_exact_ply, write_scene_ply,
 };
 pub use read_file::{open_regular, read_file};
-pub use scene_file::{SceneFormat, read_scene};
-pub use spz::{SpzVersion, decode_spz, encode_spz, read_spz, spz_out_of_range, write_spz};
+pub use scene_file::{SceneFile, SceneFormat, read_scene, read_scene_file};
+pub use spz::{SpzPositions, SpzVersion, decode_spz, encode_spz, read_spz, spz_out_of_range, spz_positions, write_spz};
 pub use tensors::{Tensors, decode_tensors, read_tensors};
 pub use usd::{decode_usda, encode_usda, read_usda, write_usda};
 

@@ -12,6 +12,7 @@ use luxel_core::{Camera, Distortion, MAX_SIDE_PX};
 use serde_json::{Map, Value};
 
 use crate::IoError;
+use crate::byte_order_mark::bytes_without_mark;
 use crate::read_file::read_file;
 
 /// Reads a camera file.
@@ -28,7 +29,7 @@ pub fn read_pinhole_camera(path: &Path) -> Result<Camera, IoError> {
 /// # Errors
 /// The same as [`read_pinhole_camera`].
 pub fn decode_pinhole_camera(name: &Path, bytes: &[u8]) -> Result<Camera, IoError> {
-    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    let bytes = bytes_without_mark(bytes);
     let root = serde_json::from_slice(bytes).map_err(|e| IoError::invalid(name, format_args!("not JSON: {e}")))?;
     let Value::Object(root) = root else {
         return Err(IoError::invalid(

@@ -5,8 +5,24 @@ use std::path::Path;
 
 use luxel_core::Scene;
 
+use crate::byte_order_mark::bytes_without_mark;
 use crate::read_file::open_regular;
-use crate::{IoError, read_glb, read_scene_ply, read_spz, read_usda};
+use crate::{IoError, gltf, ply, read_spz, usd};
+
+/// A scene with what a user should know about its file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SceneFile {
+    /// The scene.
+    pub scene: Scene,
+    /// Remarks about parts that are left out or assumed, without the file's name.
+    pub warnings: Vec<String>,
+}
+
+impl From<Scene> for SceneFile {
+    fn from(scene: Scene) -> Self {
+        Self { scene, warnings: Vec::new() }
+    }
+}
 
 /// Formats that scenes are read from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -32,6 +48,7 @@ impl SceneFormat {
             (b"NGSP", SceneFormat::Spz),
             (&[0x1f, 0x8b], SceneFormat::Spz),
         ];
+        let head = bytes_without_mark(head);
         MAGIC.iter().find(|(magic, _)| head.starts_with(magic)).map(|&(_, format)| format)
     }
 }
@@ -39,26 +56,34 @@ impl SceneFormat {
 /// Bytes that tell formats apart.
 const HEAD_BYTES: u64 = 16;
 
-/// Reads a scene file.
+/// Reads a scene file, and leaves its warnings out.
+///
+/// # Errors
+/// The same as [`read_scene_file`].
+pub fn read_scene(path: &Path) -> Result<Scene, IoError> {
+    read_scene_file(path).map(|file| file.scene)
+}
+
+/// Reads a scene file. Splats with a number that is NaN or infinite are left out with a warning.
 ///
 /// # Errors
 /// The file can't be read, is damaged, or is of a format or version that is not supported; the
 /// message names the remedy.
-pub fn read_scene(path: &Path) -> Result<Scene, IoError> {
+pub fn read_scene_file(path: &Path) -> Result<SceneFile, IoError> {
     let mut head = Vec::new();
     let (file, _) = open_regular(path)?;
     file.take(HEAD_BYTES).read_to_end(&mut head).map_err(|e| IoError::system(path, "read", &e))?;
     match SceneFormat::of_bytes(&head) {
-        Some(SceneFormat::Ply) => read_scene_ply(path),
-        Some(SceneFormat::Usda) => read_usda(path),
-        Some(SceneFormat::Glb) => read_glb(path),
-        Some(SceneFormat::Spz) => read_spz(path),
+        Some(SceneFormat::Ply) => ply::read_scene_file(path),
+        Some(SceneFormat::Usda) => usd::read_scene_file(path),
+        Some(SceneFormat::Glb) => gltf::read_scene_file(path),
+        Some(SceneFormat::Spz) => read_spz(path).map(SceneFile::from),
         None if head.starts_with(b"PXR-USDC") => Err(IoError::unsupported(
             path,
             "OpenUSD in its binary form, expected text; convert it with usdcat FILE -o FILE.usda, or write it so in the program it is from",
         )),
         // Files that call themselves PLY get that reader's message.
-        None if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("ply")) => read_scene_ply(path),
+        None if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("ply")) => ply::read_scene_file(path),
         None => {
             let found: Vec<_> = head.iter().take(8).map(|byte| format!("{byte:02x}")).collect();
             let message = format!("begins with bytes {}, expected a scene: PLY, OpenUSD text, binary glTF or SPZ", found.join(" "));

@@ -47,7 +47,7 @@ pub fn write_json(path: &Path, document: Document, value: &impl Serialize) -> Re
     write_text(path, &(content + "\n"))
 }
 
-/// Reads a text file of at most `limit` bytes.
+/// Reads a text file of at most `limit` bytes, without a byte order mark.
 ///
 /// # Errors
 /// The file cannot be read, is longer, or is not UTF-8.
@@ -59,5 +59,8 @@ pub fn read_text(path: &Path, limit: u64) -> Result<String> {
     if content.len() as u64 > limit {
         bail!("{}: more than {limit} bytes, expected a short text file", path.display());
     }
-    Ok(content)
+    match content.strip_prefix('\u{feff}') {
+        Some(text) => Ok(text.to_owned()),
+        None => Ok(content),
+    }
 }

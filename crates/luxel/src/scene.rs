@@ -11,7 +11,9 @@ use crate::error::Context;
 use crate::export::{Exported, export};
 use crate::probe::probe;
 use crate::run::{RunFolder, state};
-use crate::{Bake, Device, DeviceOptions, ExportOptions, Probe, ProbeOptions, Result, SelectedEngine, Silent, output};
+use crate::{
+    Bake, Device, DeviceOptions, ExportOptions, Observer, Probe, ProbeOptions, Result, SelectedEngine, Silent, output,
+};
 
 /// A scene. Dereferences to [`luxel_core::Scene`], whose splats are in normalised units.
 ///
@@ -38,12 +40,22 @@ impl Scene {
     /// A file that cannot be read, is damaged, or is of a format or version that is not supported;
     /// a folder that is not a run, or has no scene yet.
     pub fn open(path: impl AsRef<Path>) -> Result<Self> {
+        Self::open_reporting(path, &Silent)
+    }
+
+    /// Reads a scene as [`Self::open`] does, and reports what was left out or assumed.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn open_reporting(path: impl AsRef<Path>, observer: &dyn Observer) -> Result<Self> {
         let path = path.as_ref();
         if path.is_dir() {
             let (folder, _) = RunFolder::open(path)?;
-            return Ok(Self(state::newest_scene(&folder, &Silent)?.1));
+            return Ok(Self(state::newest_scene(&folder, observer)?.1));
         }
-        luxel_io::read_scene(path).map(Self).context("cannot read the scene")
+        let file = luxel_io::read_scene_file(path).context("cannot read the scene")?;
+        file.warnings.iter().for_each(|warning| observer.warn(&format!("{}: {warning}", path.display())));
+        Ok(Self(file.scene))
     }
 
     /// Writes the scene as PLY, whole or not at all: the exact model, and a tone-mapped preview

@@ -2,8 +2,9 @@
 
 use anyhow::{Result, bail};
 use luxel::export::{BakeError, BakeErrorValues, Exported, Format, export};
-use luxel::output;
 use luxel::run::ExplicitArgs;
+use luxel::{output, text};
+use luxel_io::SpzPositions;
 
 use crate::args::ExportArgs;
 use crate::inputs::engine;
@@ -24,8 +25,29 @@ pub(crate) fn run(args: &ExportArgs, explicit: &ExplicitArgs) -> Result<()> {
     let dataset = source.dataset(DataRequest::new(&args.input, explicit), &console)?;
     let mut engine = engine::engine(&args.input.device)?.engine;
     let exported = export(source.scene, &args.output, &options, dataset.as_ref(), engine.as_mut(), &console)?;
+    if let Some(positions) = &exported.positions {
+        warn_of_positions(positions, &console);
+    }
     let tree = describe(args, &exported);
     console.result(&tree.event("finished"), tree.text().trim_end())
+}
+
+/// Says what SPZ's grid of positions costs.
+fn warn_of_positions(positions: &SpzPositions, console: &Console) {
+    let SpzPositions { step, median_size, left_out } = *positions;
+    if left_out > 0 {
+        console.warn(&format!(
+            "{} left out: they lie so far out that SPZ's 24 bits a coordinate would be too coarse for all the others; \
+             --crop chooses what is kept, and .ply and .glb keep all",
+            text::plural(left_out, "splat")
+        ));
+    }
+    if positions.is_coarse() {
+        console.warn(&format!(
+            "SPZ's 24 bits a coordinate have steps of {step} units here, the median splat is of size {median_size}: give --crop, or write .ply \
+             or .glb"
+        ));
+    }
 }
 
 fn describe(args: &ExportArgs, exported: &Exported) -> Tree {

@@ -66,10 +66,13 @@ fn refuse(explicit: &ExplicitArgs, used: &[&str], path: &Path, what: &str) -> Re
 }
 
 fn describe_scene_file(path: &Path) -> Result<Tree> {
-    let scene = luxel::Scene::open(path)?;
+    let file = luxel_io::read_scene_file(path).context("cannot read the scene")?;
     let mut facts = Tree::default();
     facts.set("kind", "scene");
-    add_scene(&mut facts, &scene);
+    add_scene(&mut facts, &file.scene);
+    if !file.warnings.is_empty() {
+        facts.set("warnings", file.warnings);
+    }
     Ok(facts)
 }
 

@@ -56,7 +56,7 @@ impl SceneSource {
             console.note(&format!("scene of step {iteration}: {}", text::plural(scene.splats.len(), "splat")));
             return Ok(Self { scene, run: Some((folder, config)) });
         }
-        Ok(Self { scene: luxel::Scene::open(path)?.into_core(), run: None })
+        Ok(Self { scene: luxel::Scene::open_reporting(path, console)?.into_core(), run: None })
     }
 
     /// Reads the data set asked for, or the run's own, for its cameras; `None` if there is neither.

@@ -9,10 +9,11 @@ use luxel_core::MAX_SIDE_PX;
 use serde_json::{Map, Value};
 
 use crate::IoError;
+use crate::byte_order_mark::bytes_without_mark;
 
 /// Parses JSON of any shape; numbers that JSON does not have are an error with a remedy.
 pub(super) fn parse_json(path: &Path, bytes: &[u8]) -> Result<Value, IoError> {
-    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    let bytes = bytes_without_mark(bytes);
     serde_json::from_slice(bytes).map_err(|e| {
         let has = |token: &[u8]| bytes.windows(token.len()).any(|window| window == token);
         let hint = if has(b"NaN") || has(b"Infinity") { "; NaN and Infinity are not JSON numbers" } else { "" };

@@ -21,6 +21,7 @@ mod document;
 mod reader;
 mod writer;
 
+pub(crate) use reader::read_scene_file;
 pub use reader::{decode_glb, read_glb};
 pub use writer::{encode_glb, write_glb};
 

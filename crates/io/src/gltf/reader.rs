@@ -12,7 +12,8 @@ use super::{CHUNK_BIN, CHUNK_JSON, EXTENSION, GLB_MAGIC, KHR, accessor};
 use crate::IoError;
 use crate::bake::{BakeRecord, RECORD_KEY, WorldRecord};
 use crate::read_file::read_file;
-use crate::validity::{is_normalizable, is_usable};
+use crate::scene_file::SceneFile;
+use crate::validity::{is_normalizable, is_usable, leave_out_unfinite, left_out_line};
 
 /// Deepest nesting of nodes.
 const MAX_DEPTH: usize = 64;
@@ -32,7 +33,12 @@ const MAX_PRIMITIVES: usize = 64;
 /// A missing, truncated or otherwise damaged file, no splats, or an unsupported feature: external
 /// buffers, compression, shearing.
 pub fn read_glb(path: &Path) -> Result<Scene, IoError> {
-    decode_glb(path, &read_file(path)?)
+    read_scene_file(path).map(|file| file.scene)
+}
+
+/// Reads a scene with its warnings.
+pub(crate) fn read_scene_file(path: &Path) -> Result<SceneFile, IoError> {
+    decode(path, &read_file(path)?)
 }
 
 /// Decodes a file's bytes as [`read_glb`] does; `name` is for errors.
@@ -40,6 +46,10 @@ pub fn read_glb(path: &Path) -> Result<Scene, IoError> {
 /// # Errors
 /// The same as [`read_glb`].
 pub fn decode_glb(name: &Path, bytes: &[u8]) -> Result<Scene, IoError> {
+    decode(name, bytes).map(|file| file.scene)
+}
+
+fn decode(name: &Path, bytes: &[u8]) -> Result<SceneFile, IoError> {
     let invalid = |message: String| IoError::invalid(name, message);
     let (json, bin) = chunks(bytes).map_err(invalid)?;
     let document: Document = serde_json::from_slice(json).map_err(|e| invalid(format!("JSON: {e}")))?;
@@ -49,13 +59,17 @@ pub fn decode_glb(name: &Path, bytes: &[u8]) -> Result<Scene, IoError> {
     }
     let record = document.asset.extras.get(RECORD_KEY).and_then(|v| v.as_str()).map(BakeRecord::parse).transpose().map_err(invalid)?;
     let mut scenes = Vec::with_capacity(visited.primitives.len());
+    let (mut left_out, mut count) = (0, 0);
     for (primitive, matrix) in visited.primitives {
         let similarity = similarity(matrix).map_err(|message| IoError::unsupported(name, message))?;
-        let scene = read_primitive(&document, bin, primitive, &similarity, record.as_ref()).map_err(invalid)?;
+        let mut scene = read_primitive(&document, bin, primitive, &similarity, record.as_ref()).map_err(invalid)?;
+        count += scene.splats.len() as u64;
+        left_out += leave_out_unfinite(&mut scene.splats);
         scene.splats.validate().map_err(|e| invalid(e.to_string()))?;
         scenes.push(scene);
     }
-    join(scenes).map_err(|message| IoError::unsupported(name, message))
+    let scene = join(scenes).map_err(|message| IoError::unsupported(name, message))?;
+    Ok(SceneFile { scene, warnings: Vec::from_iter(left_out_line(left_out, count)) })
 }
 
 /// Returns the JSON and the binary buffer of a .glb.
@@ -194,8 +208,14 @@ fn read_primitive(
     }
     let mut splats = Splats::empty(ColorModel::Sh { degree: 0 });
     splats.position = positions.as_chunks::<3>().0.to_vec();
+    // Logarithms take NaN for the least: one number that is not finite marks its splat.
+    let own = |i: usize| scales[3 * i..3 * i + 3].iter().chain(&rotations[4 * i..4 * i + 4]).chain(&opacities[i..=i]);
+    let unfinite = |i: &usize| own(*i).any(|v| !v.is_finite());
+    for i in (0..count).filter(unfinite).collect::<Vec<_>>() {
+        splats.position[i] = [f32::NAN; 3];
+    }
     splats.rotation = rotations.as_chunks::<4>().0.iter().map(|[x, y, z, w]| [*w, *x, *y, *z]).collect();
-    if let Some(i) = splats.rotation.iter().position(|q| !is_normalizable(*q)) {
+    if let Some(i) = splats.rotation.iter().position(|q| q.iter().all(|v| v.is_finite()) && !is_normalizable(*q)) {
         return Err(format!("rotation of splat {i} is {:?}, expected a quaternion of length about 1", splats.rotation[i]));
     }
     splats.log_scale = scales.as_chunks::<3>().0.iter().map(|s| s.map(|s| s.max(f32::MIN_POSITIVE).ln())).collect();

@@ -198,6 +198,22 @@ fn without_a_scene_each_node_is_read_once() {
 }
 
 #[test]
+fn splats_that_are_no_numbers_are_left_out() {
+    let scene = scene(false);
+    let bytes = encode_glb(name(), &baked(&scene, LINEAR), None).unwrap();
+    // Any number of the binary part may be the one.
+    let start = bytes.len() - 4 * 8;
+    let mut changed = bytes.clone();
+    changed[start..start + 4].copy_from_slice(&f32::NAN.to_le_bytes());
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.glb");
+    std::fs::write(&path, changed).unwrap();
+    let file = crate::read_scene_file(&path).unwrap();
+    assert_eq!(file.scene.splats.len(), scene.splats.len() - 1);
+    assert_eq!(file.warnings, [format!("1 of {} splats have a number that is NaN or infinite and are left out", scene.splats.len())]);
+}
+
+#[test]
 fn what_is_wrong_is_named() {
     let scene = scene(false);
     let bytes = encode_glb(name(), &baked(&scene, Appearance::PREVIEW), Some(&scene)).unwrap();

@@ -95,6 +95,7 @@ impl Header {
     /// Reads up to and including `end_header`.
     pub(super) fn read<R: BufRead>(source: &mut PlySource<'_, R>) -> Result<Self, IoError> {
         let mut buffer = Vec::new();
+        source.skip_mark()?;
         if source.line(&mut buffer)? != Some(b"ply".as_slice()) {
             return Err(source.invalid("line 1", "expected \"ply\": this is not a PLY file"));
         }

@@ -34,8 +34,9 @@ mod scene_writer;
 mod source;
 
 pub use baked_writer::{encode_baked_ply, write_baked_ply};
-pub use points::{PlyPoint, decode_points_ply, read_points_ply};
+pub use points::{PlyCloud, PlyPoint, decode_points_ply, read_points_ply};
 pub(crate) use record::check as check_edits;
+pub(crate) use scene_reader::read_scene_file;
 pub use scene_reader::{decode_scene_ply, read_scene_ply};
 pub(crate) use scene_writer::check;
 pub use scene_writer::{encode_scene_ply, write_exact_ply, write_scene_ply};

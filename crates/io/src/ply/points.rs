@@ -14,12 +14,30 @@ const COLOR_NAMES: [[&str; 3]; 3] = [["red", "green", "blue"], ["diffuse_red", "
 /// World position, and display colour 0..=255 where the file has one.
 pub type PlyPoint = ([f32; 3], Option<[u8; 3]>);
 
+/// The points of a file.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PlyCloud {
+    /// In the order of the file.
+    pub points: Vec<PlyPoint>,
+    /// Number of points that were left out, since they have no finite position.
+    pub left_out: u64,
+}
+
+impl PlyCloud {
+    /// Returns what a user should know about the points of the file at `path`.
+    pub fn warning(&self, path: &Path) -> Option<String> {
+        let (path, count) = (path.display(), self.left_out);
+        (count > 0).then(|| format!("{path}: {count} points without a finite position are left out"))
+    }
+}
+
 /// Returns the world position and display colour 0..=255 of every vertex; colours of other types
-/// (16 bits, or floats of 0 to 1) are brought to 8 bits.
+/// (16 bits, or floats of 0 to 1) are brought to 8 bits. Vertices without a finite position are
+/// left out and counted.
 ///
 /// # Errors
-/// A missing or damaged file, or a vertex without a finite position.
-pub fn read_points_ply(path: &Path) -> Result<Vec<PlyPoint>, IoError> {
+/// A missing or damaged file, or no vertex with a finite position.
+pub fn read_points_ply(path: &Path) -> Result<PlyCloud, IoError> {
     decode(PlySource::open(path)?)
 }
 
@@ -27,11 +45,11 @@ pub fn read_points_ply(path: &Path) -> Result<Vec<PlyPoint>, IoError> {
 ///
 /// # Errors
 /// The same as [`read_points_ply`].
-pub fn decode_points_ply(name: &Path, bytes: &[u8]) -> Result<Vec<PlyPoint>, IoError> {
+pub fn decode_points_ply(name: &Path, bytes: &[u8]) -> Result<PlyCloud, IoError> {
     decode(PlySource::of_bytes(name, bytes))
 }
 
-fn decode<R: BufRead>(mut source: PlySource<'_, R>) -> Result<Vec<PlyPoint>, IoError> {
+fn decode<R: BufRead>(mut source: PlySource<'_, R>) -> Result<PlyCloud, IoError> {
     let header = Header::read(&mut source)?;
     let element = seek_element(&mut source, &header, "vertex")?;
     let mut columns = Vec::new();
@@ -44,14 +62,14 @@ fn decode<R: BufRead>(mut source: PlySource<'_, R>) -> Result<Vec<PlyPoint>, IoE
         factor
     });
     let mut points = Vec::with_capacity(check_count(&source, element, header.format)?);
-    read_rows(&mut source, element, header.format, &columns, |_, row| {
+    let left_out = read_rows(&mut source, element, header.format, &columns, |_, row| {
         if let [x, y, z, ref color @ ..] = *row {
             let rgb8 = factor.and_then(|f| <[f32; 3]>::try_from(color).ok().map(|c| c.map(|v| (v * f).round().clamp(0.0, 255.0) as u8)));
             points.push(([x, y, z], rgb8));
         }
         Ok(())
     })?;
-    Ok(points)
+    Ok(PlyCloud { points, left_out: left_out.of_rows(element.count)? })
 }
 
 /// Returns the columns of red, green and blue, and the factor that brings their type to 0..=255.

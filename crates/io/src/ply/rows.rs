@@ -25,25 +25,58 @@ pub(super) fn seek_element<'h, R: BufRead>(source: &mut PlySource<'_, R>, header
     Err(source.invalid("header", format_args!("no element {name:?}, expected one with the property x")))
 }
 
+/// Rows that were left out, since a number in them is NaN or infinite.
+#[derive(Debug, Default)]
+pub(super) struct LeftOutRows {
+    count: u64,
+    /// The first of them.
+    first: Option<IoError>,
+}
+
+impl LeftOutRows {
+    /// Returns how many of `rows` rows were left out.
+    ///
+    /// # Errors
+    /// None is left; the error describes the first.
+    pub(super) fn of_rows(self, rows: u64) -> Result<u64, IoError> {
+        match self.first {
+            Some(error) if self.count == rows => Err(error),
+            _ => Ok(self.count),
+        }
+    }
+
+    /// Returns an error about the first row that was left out, if there is one.
+    ///
+    /// # Errors
+    /// Any row was left out.
+    pub(super) fn none(self) -> Result<(), IoError> {
+        self.first.map_or(Ok(()), Err)
+    }
+}
+
 /// Calls `each(row, values)` for every row of `element`, the values in the order of `columns`
-/// (indices of properties), all finite (an infinite `opacity` is bounded).
+/// (indices of properties). Rows with a value that is not finite are left out (an infinite
+/// `opacity` is bounded).
 pub(super) fn read_rows<R: BufRead>(
     source: &mut PlySource<'_, R>,
     element: &Element,
     format: Format,
     columns: &[usize],
     mut each: impl FnMut(u64, &[f32]) -> Result<(), IoError>,
-) -> Result<(), IoError> {
+) -> Result<LeftOutRows, IoError> {
     let scalars = scalars(source, element)?;
     let mut values = vec![0f32; columns.len()];
     let opacity = columns.iter().position(|&c| element.properties[c].name == "opacity");
-    let finite = |source: &PlySource<'_, R>, row: u64, values: &[f32]| match values.iter().position(|v| !v.is_finite()) {
-        None => Ok(()),
-        Some(at) => {
+    let mut left_out = LeftOutRows::default();
+    let mut is_finite = |source: &PlySource<'_, R>, row: u64, values: &[f32]| {
+        let Some(at) = values.iter().position(|v| !v.is_finite()) else { return true };
+        left_out.count += 1;
+        left_out.first.get_or_insert_with(|| {
             let name = &element.properties[columns[at]].name;
             let place = format!("{} {row}", element.name);
-            Err(source.invalid(place, format_args!("property {name:?} is {}, expected a finite number", values[at])))
-        }
+            source.invalid(place, format_args!("property {name:?} is {}, expected a finite number", values[at]))
+        });
+        false
     };
     if format == Format::Ascii {
         let mut line = Vec::new();
@@ -54,10 +87,11 @@ pub(super) fn read_rows<R: BufRead>(
                 *value = parse_word(source, element, row, column, words.get(column).copied())?;
             }
             bound_opacity(&mut values, opacity);
-            finite(source, row, &values)?;
-            each(row, &values)?;
+            if is_finite(source, row, &values) {
+                each(row, &values)?;
+            }
         }
-        return Ok(());
+        return Ok(left_out);
     }
     let mut offsets = Vec::with_capacity(scalars.len());
     let mut stride = 0;
@@ -77,12 +111,13 @@ pub(super) fn read_rows<R: BufRead>(
                 *value = number(&bytes[offset..], scalar, format);
             }
             bound_opacity(&mut values, opacity);
-            finite(source, row, &values)?;
-            each(row, &values)?;
+            if is_finite(source, row, &values) {
+                each(row, &values)?;
+            }
             row += 1;
         }
     }
-    Ok(())
+    Ok(left_out)
 }
 
 /// Limits logits of opacities of 0 and 1, which are infinite and written so by programs that unpack

@@ -13,14 +13,20 @@ use crate::ply::rows::{check_count, read_rows, seek_element};
 use crate::ply::scene_writer::{EXACT_OPACITY, EXACT_SCALE, sh_prefix};
 use crate::ply::source::PlySource;
 use crate::ply::{COMMENT_TAG, FORMAT_VERSION, compressed, record};
-use crate::validity::{is_normalizable, is_usable};
+use crate::scene_file::SceneFile;
+use crate::validity::{is_normalizable, is_usable, left_out_line};
 
 /// Reads a scene.
 ///
 /// # Errors
-/// A missing, truncated or otherwise damaged file, a value that is NaN or infinite, a rotation of
-/// length zero, or a version of the format that is not known.
+/// A missing, truncated or otherwise damaged file, no splat without a value that is NaN or
+/// infinite, a rotation of length zero, or a version of the format that is not known.
 pub fn read_scene_ply(path: &Path) -> Result<Scene, IoError> {
+    read_scene_file(path).map(|file| file.scene)
+}
+
+/// Reads a scene with its warnings.
+pub(crate) fn read_scene_file(path: &Path) -> Result<SceneFile, IoError> {
     decode(PlySource::open(path)?)
 }
 
@@ -29,7 +35,7 @@ pub fn read_scene_ply(path: &Path) -> Result<Scene, IoError> {
 /// # Errors
 /// The same as [`read_scene_ply`].
 pub fn decode_scene_ply(name: &Path, bytes: &[u8]) -> Result<Scene, IoError> {
-    decode(PlySource::of_bytes(name, bytes))
+    decode(PlySource::of_bytes(name, bytes)).map(|file| file.scene)
 }
 
 /// Names of the properties that hold the model.
@@ -40,14 +46,20 @@ struct SceneColumns {
     /// In the order of `Splats::sh`, [K,3].
     sh: Vec<String>,
     raw_luminance: Vec<String>,
+    /// Whether the splats are flat: the last of `log_scale` is not in the file.
+    is_flat: bool,
 }
 
 const STANDARD_SCALE: [&str; 3] = ["scale_0", "scale_1", "scale_2"];
+/// Columns of 2DGS, whose splats have two axes; the third is replaced by [`FLATNESS`].
+const FLAT_SCALE: [&str; 3] = ["scale_0", "scale_1", "scale_1"];
+/// Thickness of a flat splat as a fraction of the smaller of its two axes, at any size of scene.
+const FLATNESS: f32 = 1e-3;
 
-fn decode<R: BufRead>(mut source: PlySource<'_, R>) -> Result<Scene, IoError> {
+fn decode<R: BufRead>(mut source: PlySource<'_, R>) -> Result<SceneFile, IoError> {
     let header = Header::read(&mut source)?;
     if compressed::is_compressed(&header) {
-        return compressed::read(&mut source, &header);
+        return compressed::read(&mut source, &header).map(SceneFile::from);
     }
     let element = seek_element(&mut source, &header, "vertex")?;
     let comments = Comments::new(&header);
@@ -57,14 +69,19 @@ fn decode<R: BufRead>(mut source: PlySource<'_, R>) -> Result<Scene, IoError> {
         None if !comments.lines.is_empty() => comments.exact(element).map_err(|e| e.into_error(&source))?,
         _ => plain(&source, element)?,
     };
-    read_splats(&mut source, &header, element, &layout, &mut scene.splats)?;
+    let left_out = read_splats(&mut source, &header, element, &layout, &mut scene.splats)?;
+    let mut warnings = Vec::from_iter(left_out_line(left_out, element.count));
+    if layout.is_flat {
+        warnings.push(format!("no property \"scale_2\": flat splats of 2DGS, read as {FLATNESS} times as thick as wide"));
+    }
     if let Some(record) = record {
-        return record.scene(scene.splats).map_err(|e| IoError::invalid(source.path, e));
+        let scene = record.scene(scene.splats).map_err(|e| IoError::invalid(source.path, e))?;
+        return Ok(SceneFile { scene, warnings });
     }
     if let Some(world) = world {
         world.undo(&mut scene.splats).map_err(|e| IoError::invalid(source.path, e))?;
     }
-    Ok(scene)
+    Ok(SceneFile { scene, warnings })
 }
 
 fn read_splats<R: BufRead>(
@@ -73,7 +90,7 @@ fn read_splats<R: BufRead>(
     element: &Element,
     layout: &SceneColumns,
     splats: &mut Splats,
-) -> Result<(), IoError> {
+) -> Result<u64, IoError> {
     let geometry = ["x", "y", "z", "rot_0", "rot_1", "rot_2", "rot_3"].into_iter().chain(layout.log_scale).chain([layout.opacity]);
     let colors = layout.sh.iter().chain(&layout.raw_luminance).map(String::as_str);
     let mut columns = Vec::new();
@@ -92,7 +109,7 @@ fn read_splats<R: BufRead>(
     splats.sh.reserve_exact(count * layout.sh.len());
     splats.raw_luminance.reserve_exact(count * layout.raw_luminance.len());
     let (path, sh_len) = (source.path, layout.sh.len());
-    read_rows(source, element, header.format, &columns, |row, values| {
+    let left_out = read_rows(source, element, header.format, &columns, |row, values| {
         let [x, y, z, qw, qx, qy, qz, s0, s1, s2, opacity, ref colors @ ..] = *values else {
             return Ok(());
         };
@@ -103,7 +120,7 @@ fn read_splats<R: BufRead>(
         }
         splats.position.push([x, y, z]);
         splats.rotation.push(rotation);
-        splats.log_scale.push([s0, s1, s2]);
+        splats.log_scale.push([s0, s1, if layout.is_flat { s0.min(s1) + FLATNESS.ln() } else { s2 }]);
         splats.opacity_logit.push(opacity);
         let (sh, rest) = colors.split_at(sh_len);
         splats.sh.extend_from_slice(sh);
@@ -117,7 +134,8 @@ fn read_splats<R: BufRead>(
             splats.smoothing.push(*deviation);
         }
         Ok(())
-    })
+    })?;
+    left_out.of_rows(element.count)
 }
 
 /// Returns a file of some other program: radiance harmonics, and the renderer they were trained
@@ -149,8 +167,11 @@ fn plain<R: BufRead>(source: &PlySource<'_, R>, element: &Element) -> Result<(Sc
         raster: RasterConfig { cutoffs: Cutoffs::PARITY, antialias, ..RasterConfig::default() },
         edits: Vec::new(),
     };
+    let has = |name: &str| element.position(name).is_some();
+    let is_flat = has("scale_0") && has("scale_1") && !has("scale_2");
     let layout = SceneColumns {
-        log_scale: STANDARD_SCALE,
+        log_scale: if is_flat { FLAT_SCALE } else { STANDARD_SCALE },
+        is_flat,
         opacity: "opacity",
         smoothing,
         sh: dc.chain(others).collect(),
@@ -260,6 +281,7 @@ fn exact_layout(color_model: ColorModel, element: &Element) -> SceneColumns {
     let has_geometry = is_smoothed || has(EXACT_OPACITY) || EXACT_SCALE.into_iter().any(has);
     SceneColumns {
         log_scale: if has_geometry { EXACT_SCALE } else { STANDARD_SCALE },
+        is_flat: false,
         opacity: if has_geometry { EXACT_OPACITY } else { "opacity" },
         smoothing: is_smoothed.then_some("lcd_filter"),
         sh: (0..3 * color_model.sh_coefficients()).map(|i| format!("{prefix}{i}")).collect(),

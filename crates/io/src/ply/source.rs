@@ -6,6 +6,7 @@ use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 
 use crate::IoError;
+use crate::byte_order_mark::MARK;
 use crate::read_file::open_regular;
 
 /// Longest line of text that is believed to be one, bytes.
@@ -44,6 +45,16 @@ impl<R: BufRead> PlySource<'_, R> {
     /// Returns the error that the content is wrong at `place`.
     pub(super) fn invalid(&self, place: impl std::fmt::Display, message: impl std::fmt::Display) -> IoError {
         IoError::invalid(self.path, format_args!("{place}: {message}"))
+    }
+
+    /// Leaves out a byte order mark, if it is next.
+    pub(super) fn skip_mark(&mut self) -> Result<(), IoError> {
+        let head = self.reader.fill_buf().map_err(|e| IoError::system(self.path, "read", &e))?;
+        if head.starts_with(MARK) {
+            self.reader.consume(MARK.len());
+            self.position += MARK.len() as u64;
+        }
+        Ok(())
     }
 
     /// Returns the next line without its end (`\n` or `\r\n`); `None` at the end of the file.

@@ -33,10 +33,15 @@ fn to_byte(value: f32) -> u8 {
     value.round() as u8
 }
 
+/// Largest number of 23 bits, as fixed-point coordinates have.
+pub(super) const MAX_FIXED: f32 = 8_388_607.0;
+/// Most bits behind the point.
+pub(super) const MAX_FRACTIONAL_BITS: u8 = 20;
+
 /// Returns the bits behind the point that the largest coordinate leaves of 23, at most 20.
 pub(super) fn fractional_bits(largest: f32) -> u8 {
-    let fits = |bits: &u8| largest * ((1u32 << bits) as f32) < 8_388_607.0;
-    (0..=20).rev().find(fits).unwrap_or(0)
+    let fits = |bits: &u8| largest * ((1u32 << bits) as f32) < MAX_FIXED;
+    (0..=MAX_FRACTIONAL_BITS).rev().find(fits).unwrap_or(0)
 }
 
 pub(super) fn pack_coordinate(value: f32, bits: u8) -> [u8; 3] {

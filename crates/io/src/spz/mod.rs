@@ -18,7 +18,7 @@ mod reader;
 mod writer;
 
 pub use reader::{decode_spz, read_spz};
-pub use writer::{SpzVersion, encode_spz, spz_out_of_range, write_spz};
+pub use writer::{SpzPositions, SpzVersion, encode_spz, spz_out_of_range, spz_positions, write_spz};
 
 #[cfg(test)]
 mod tests;

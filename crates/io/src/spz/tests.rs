@@ -12,15 +12,42 @@ fn name() -> &'static Path {
 }
 
 fn baked(max_degree: u8) -> Baked {
-    let splats = synthetic::room(50, 9);
-    let scene = Scene {
+    Baked::new(&scene_of(50), &BakeOptions { appearance: Appearance::PREVIEW, max_degree })
+}
+
+fn baked_of(count: usize) -> Baked {
+    Baked::new(&scene_of(count), &BakeOptions { appearance: Appearance::PREVIEW, max_degree: 0 })
+}
+
+fn scene_of(count: usize) -> Scene {
+    let splats = synthetic::room(count, 9);
+    Scene {
         splats,
         radiance_scale: RadianceScale::ONE,
         color_space: Default::default(),
         raster: RasterConfig::default(),
         edits: Vec::new(),
-    };
-    Baked::new(&scene, &BakeOptions { appearance: Appearance::PREVIEW, max_degree })
+    }
+}
+
+#[test]
+fn a_splat_far_out_does_not_cost_the_others_their_places() {
+    let near = baked_of(500);
+    let mut far = near.clone();
+    let last = far.scene.splats.select([0]);
+    far.scene.splats.position.push([2e7, 0.0, 0.0]);
+    far.scene.splats.rotation.extend(last.rotation);
+    far.scene.splats.log_scale.extend(last.log_scale);
+    far.scene.splats.opacity_logit.extend(last.opacity_logit);
+    far.scene.splats.sh.extend(last.sh);
+    let positions = spz_positions(&far);
+    assert_eq!((positions.left_out, positions.is_coarse()), (1, false));
+    assert_eq!(encode_spz(name(), &far, SpzVersion::V4).unwrap(), encode_spz(name(), &near, SpzVersion::V4).unwrap());
+    // A whole world far out is kept, and its step is known.
+    let mut moved = near.clone();
+    moved.scene.splats.position.iter_mut().for_each(|p| p[0] += 4.6e6);
+    let positions = spz_positions(&moved);
+    assert_eq!((positions.left_out, positions.is_coarse(), positions.step), (0, true, 1.0));
 }
 
 const VERSIONS: [SpzVersion; 3] = [SpzVersion::V2, SpzVersion::V3, SpzVersion::V4];

@@ -9,8 +9,8 @@ use luxel_core::{Splats, sigmoid};
 use rayon::prelude::*;
 
 use super::layout::{
-    HEADER, LEGACY_HEADER, MAGIC, axes, block_bytes, fractional_bits, pack_color, pack_coordinate, pack_harmonic, pack_log_scale,
-    pack_opacity, pack_rotation_first_three, pack_rotation_smallest_three, unpack_log_scale,
+    HEADER, LEGACY_HEADER, MAGIC, MAX_FIXED, MAX_FRACTIONAL_BITS, axes, block_bytes, fractional_bits, pack_color, pack_coordinate,
+    pack_harmonic, pack_log_scale, pack_opacity, pack_rotation_first_three, pack_rotation_smallest_three, unpack_log_scale,
 };
 use crate::bake::{Appearance, Baked};
 use crate::{IoError, write_atomically};
@@ -40,7 +40,8 @@ impl SpzVersion {
 /// zstd's level: the reference's.
 const ZSTD_LEVEL: i32 = 12;
 
-/// Writes a display bake, whole or not at all.
+/// Writes a display bake, whole or not at all. Splats that lie so far out that the grid of
+/// positions would be too coarse for all the others are left out: see [`spz_positions`].
 ///
 /// # Errors
 /// A linear bake, no splats, or the file system's refusal.
@@ -54,6 +55,79 @@ pub fn write_spz(path: &Path, baked: &Baked, version: SpzVersion) -> Result<(), 
 pub fn spz_out_of_range(baked: &Baked) -> usize {
     let held = unpack_log_scale(0)..=unpack_log_scale(u8::MAX);
     baked.scene.splats.log_scale.iter().filter(|s| s.iter().any(|s| !held.contains(s))).count()
+}
+
+/// The effect of the format's grid on the positions of a bake.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SpzPositions {
+    /// Step of the grid, units of the file.
+    pub step: f32,
+    /// Median size of the splats: the standard deviation of each one's longest axis, units of the
+    /// file.
+    pub median_size: f32,
+    /// Number of splats that are left out: they lie so far out that the step would be too coarse
+    /// for all the others.
+    pub left_out: usize,
+}
+
+impl SpzPositions {
+    /// Returns whether the step is too coarse for the splats.
+    pub fn is_coarse(&self) -> bool {
+        self.step > self.median_size * FINE_STEP
+    }
+}
+
+/// Largest step of the grid that is not seen, as a fraction of the splats' median size.
+const FINE_STEP: f32 = 0.25;
+/// Splats, of which one may be left out for lying far out.
+const SPLATS_PER_OUTLIER: usize = 200;
+
+/// Returns what [`write_spz`] makes of the positions.
+pub fn spz_positions(baked: &Baked) -> SpzPositions {
+    let mut splats = baked.scene.splats.clone();
+    axes().apply(&mut splats);
+    Grid::for_splats(&splats).positions
+}
+
+/// The grid of positions that suits some splats.
+struct Grid {
+    bits: u8,
+    positions: SpzPositions,
+    /// Largest coordinate that is kept.
+    bound: f32,
+}
+
+impl Grid {
+    fn for_splats(splats: &Splats) -> Self {
+        let extent = |p: &[f32; 3]| p.iter().fold(0.0f32, |most, v| most.max(v.abs()));
+        let step = |bits: u8| 1.0 / (1u32 << bits) as f32;
+        let mut sizes: Vec<f32> = splats.log_scale.iter().map(|[a, b, c]| a.max(*b).max(*c).exp()).collect();
+        let middle = sizes.len() / 2;
+        let median_size = if sizes.is_empty() { 0.0 } else { *sizes.select_nth_unstable_by(middle, f32::total_cmp).1 };
+        let grid = |bound: f32| {
+            let kept = splats.position.iter().map(extent).filter(|v| *v <= bound);
+            let (count, largest) = kept.fold((0, 0.0f32), |(count, most), v| (count + 1, most.max(v)));
+            let bits = fractional_bits(largest);
+            Self { bits, positions: SpzPositions { step: step(bits), median_size, left_out: splats.len() - count }, bound }
+        };
+        let whole = grid(f32::INFINITY);
+        if !whole.positions.is_coarse() {
+            return whole;
+        }
+        let wanted = (0..=MAX_FRACTIONAL_BITS).find(|bits| step(*bits) <= FINE_STEP * median_size).unwrap_or(MAX_FRACTIONAL_BITS);
+        let fine = grid(MAX_FIXED * step(wanted));
+        if fine.positions.left_out * SPLATS_PER_OUTLIER <= splats.len() { fine } else { whole }
+    }
+
+    /// Returns the splats that are kept.
+    fn select(&self, splats: Splats) -> Splats {
+        if self.positions.left_out == 0 {
+            return splats;
+        }
+        let is_kept = |p: &[f32; 3]| p.iter().all(|v| v.abs() <= self.bound);
+        let kept: Vec<u32> = (0u32..).zip(&splats.position).filter(|(_, p)| is_kept(p)).map(|(i, _)| i).collect();
+        splats.select(kept)
+    }
 }
 
 /// Encodes the bytes that [`write_spz`] writes; `name` is for errors.
@@ -74,8 +148,10 @@ pub fn encode_spz(name: &Path, baked: &Baked, version: SpzVersion) -> Result<Vec
     };
     let mut splats = baked.scene.splats.clone();
     axes().apply(&mut splats);
-    let largest = splats.position.as_flattened().iter().fold(0.0f32, |most, v| most.max(v.abs()));
-    let bits = fractional_bits(largest);
+    let grid = Grid::for_splats(&splats);
+    let (bits, splats) = (grid.bits, grid.select(splats));
+    // At most as many as there were.
+    let count = count - grid.positions.left_out as u32;
     let blocks = blocks(&splats, version.number(), bits);
     let head = Head { version: version.number(), count, degree: splats.color_model.sh_degree() as u8, bits };
     let system = |e: std::io::Error| IoError::system(name, "compress", &e);

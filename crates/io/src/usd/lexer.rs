@@ -204,7 +204,8 @@ impl<'a, R: BufRead> Lexer<'a, R> {
         }
     }
 
-    /// Reads all numbers of an array, tuples in a row; `None` for `None`.
+    /// Reads all numbers of an array, tuples in a row; `None` for `None`. A number may be NaN or
+    /// infinite.
     pub(super) fn numbers(&mut self, name: &str) -> Result<Vec<f32>, IoError> {
         match self.next_on()? {
             Token::Mark(b'[') => {}
@@ -233,9 +234,9 @@ impl<'a, R: BufRead> Lexer<'a, R> {
                         length += 1;
                     }
                     let word = digits.get(..length).and_then(|d| std::str::from_utf8(d).ok()).filter(|_| length > 0);
-                    let value = word.and_then(|w| w.parse().ok()).filter(|v: &f32| v.is_finite()).ok_or_else(|| {
+                    let value = word.and_then(|w| w.parse::<f32>().ok()).ok_or_else(|| {
                         let found = String::from_utf8_lossy(&digits[..length.min(digits.len())]).into_owned();
-                        self.invalid(format_args!("{name:?}: value {} is {found:?}, expected a finite number", values.len()))
+                        self.invalid(format_args!("{name:?}: value {} is {found:?}, expected a number", values.len()))
                     })?;
                     values.push(value);
                 }

@@ -18,6 +18,7 @@ mod writer;
 
 use luxel_core::ColorSpace;
 
+pub(crate) use reader::read_scene_file;
 pub use reader::{decode_usda, read_usda};
 pub use writer::{encode_usda, write_usda};
 

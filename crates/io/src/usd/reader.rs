@@ -9,8 +9,10 @@ use super::lexer::{Lexer, Token};
 use super::{DISPLAY_SPACE, PRIM_TYPE, usd_name};
 use crate::IoError;
 use crate::bake::{BakeRecord, RECORD_KEY};
+use crate::byte_order_mark::MARK;
 use crate::read_file::open_regular;
-use crate::validity::is_normalizable;
+use crate::scene_file::SceneFile;
+use crate::validity::{is_normalizable, left_out_line};
 
 /// Deepest nesting of prims.
 const MAX_PRIMS: usize = 64;
@@ -22,6 +24,11 @@ const MAX_PRIMS: usize = 64;
 /// what is not supported: a transform of the field or of a prim around it, several fields, values
 /// over time, a colour space without a name here.
 pub fn read_usda(path: &Path) -> Result<Scene, IoError> {
+    read_scene_file(path).map(|file| file.scene)
+}
+
+/// Reads the particle field with its warnings.
+pub(crate) fn read_scene_file(path: &Path) -> Result<SceneFile, IoError> {
     let (file, _) = open_regular(path)?;
     read(path, BufReader::with_capacity(1 << 20, file))
 }
@@ -31,10 +38,13 @@ pub fn read_usda(path: &Path) -> Result<Scene, IoError> {
 /// # Errors
 /// The same as [`read_usda`].
 pub fn decode_usda(name: &Path, bytes: &[u8]) -> Result<Scene, IoError> {
-    read(name, bytes)
+    read(name, bytes).map(|file| file.scene)
 }
 
-fn read<R: BufRead>(path: &Path, mut reader: R) -> Result<Scene, IoError> {
+fn read<R: BufRead>(path: &Path, mut reader: R) -> Result<SceneFile, IoError> {
+    if reader.fill_buf().is_ok_and(|head| head.starts_with(MARK)) {
+        reader.consume(MARK.len());
+    }
     let mut first = [0u8; 5];
     let is_text = reader.read_exact(&mut first).is_ok() && &first == b"#usda";
     if !is_text {
@@ -50,11 +60,13 @@ fn read<R: BufRead>(path: &Path, mut reader: R) -> Result<Scene, IoError> {
     };
     let record = record.map(|json| BakeRecord::parse(&json)).transpose().map_err(|e| IoError::invalid(path, e))?;
     let color_space = field.color_space;
-    let splats = field.splats().map_err(|e| IoError::invalid(path, e))?;
-    Ok(match record {
+    let mut warnings = Vec::new();
+    let splats = field.splats(&mut warnings).map_err(|e| IoError::invalid(path, e))?;
+    let scene = match record {
         Some(record) => record.scene(splats).map_err(|e| IoError::invalid(path, e))?,
         None => Scene { splats, radiance_scale: RadianceScale::ONE, color_space, raster: RasterConfig::default(), edits: Vec::new() },
-    })
+    };
+    Ok(SceneFile { scene, warnings })
 }
 
 /// The effect of a property on its prim's place.
@@ -266,6 +278,29 @@ fn is_read(name: &str) -> bool {
     arrays.contains(&name.strip_suffix('h').unwrap_or(name))
 }
 
+/// Removes the rows in which a number of any of the arrays is not finite; returns how many. An
+/// error if no row is left.
+fn leave_out_unfinite_rows(arrays: [&mut Vec<f32>; 5], widths: [usize; 5], count: usize) -> Result<u64, String> {
+    let mut is_kept = vec![true; count];
+    for (array, width) in arrays.iter().zip(widths) {
+        for (row, kept) in array.chunks_exact(width).zip(&mut is_kept) {
+            *kept &= row.iter().all(|v| v.is_finite());
+        }
+    }
+    let left_out = is_kept.iter().filter(|kept| !**kept).count();
+    if left_out == 0 {
+        return Ok(0);
+    }
+    if left_out == count {
+        return Err(format!("all of {count} splats have a number that is NaN or infinite, expected finite numbers"));
+    }
+    for (array, width) in arrays.into_iter().zip(widths) {
+        let rows = array.chunks_exact(width).zip(&is_kept).filter(|(_, kept)| **kept);
+        *array = rows.flat_map(|(row, _)| row.iter().copied()).collect();
+    }
+    Ok(left_out as u64)
+}
+
 /// The arrays of the file.
 struct Field {
     positions: Vec<f32>,
@@ -294,9 +329,13 @@ impl Default for Field {
 
 impl Field {
     /// Returns the splats; the error names the array that is wrong.
-    fn splats(self) -> Result<Splats, String> {
+    fn splats(mut self, warnings: &mut Vec<String>) -> Result<Splats, String> {
         let count = self.positions.len() / 3;
         let k = 3 * sh::coefficients(self.degree);
+        if self.orientations.is_empty() && count > 0 {
+            warnings.push("no \"orientations\": the splats are read as unturned".to_owned());
+            self.orientations = [1.0, 0.0, 0.0, 0.0].repeat(count);
+        }
         let lengths = [
             ("positions", self.positions.len(), 3),
             ("orientations", self.orientations.len(), 4),
@@ -309,6 +348,9 @@ impl Field {
                 return Err(format!("{name:?} has {found} numbers, expected {width} for each of {count} splats"));
             }
         }
+        let widths = [3, 4, 3, 1, k];
+        let arrays = [&mut self.positions, &mut self.orientations, &mut self.scales, &mut self.opacities, &mut self.coefficients];
+        warnings.extend(left_out_line(leave_out_unfinite_rows(arrays, widths, count)?, count as u64));
         if let Some(i) = self.opacities.iter().position(|o| !(0.0..=1.0).contains(o)) {
             return Err(format!("opacity of splat {i} is {}, expected 0 to 1", self.opacities[i]));
         }

@@ -100,12 +100,31 @@ fn files_of_other_programs_are_read() {
 }
 
 #[test]
+fn splats_without_orientations_and_splats_that_are_no_numbers_are_read_with_a_warning() {
+    let read = |from: &str, to: &str| {
+        let text = FOREIGN.replace(from, to);
+        assert_ne!(text, FOREIGN, "{from}");
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.usda");
+        std::fs::write(&path, text).unwrap();
+        crate::read_scene_file(&path).unwrap()
+    };
+    let unturned = read("quath[] orientationsh = [(1, 0, 0, 0), (0, 1, 0, 0)]", "");
+    assert_eq!(unturned.scene.splats.rotation, [[1.0, 0.0, 0.0, 0.0]; 2]);
+    assert_eq!(unturned.warnings, ["no \"orientations\": the splats are read as unturned"]);
+    let left_out = read("(1, 2, -3e0)", "(1, 2, nan)");
+    assert_eq!((left_out.scene.splats.len(), left_out.scene.splats.sh.clone()), (1, vec![1.0, -1.0, 2.0]));
+    assert_eq!(left_out.warnings, ["1 of 2 splats have a number that is NaN or infinite and are left out"]);
+    assert_eq!(read("#usda 1.0", "\u{feff}#usda 1.0").scene.splats.len(), 2);
+}
+
+#[test]
 fn what_is_wrong_is_named() {
     for (from, to, part) in [
         ("#usda 1.0", "usda", "not OpenUSD text"),
         ("ParticleField3DGaussianSplat", "Points", "no prim of type"),
-        ("(1, 2, -3e0)", "(1, 2, x)", "\"positionsh\": value 5 is \"x\", expected a finite number"),
-        ("(1, 2, -3e0)", "(1, 2, nan)", "expected a finite number"),
+        ("(1, 2, -3e0)", "(1, 2, x)", "\"positionsh\": value 5 is \"x\", expected a number"),
+        ("[(0, 0, 0), (1, 2, -3e0)]", "[(0, 0, nan), (1, inf, 0)]", "all of 2 splats have a number that is NaN or infinite"),
         ("(1, 2, -3e0)", "(1, 2)", "\"positions\" has 5 numbers"),
         ("[0.5, 1]", "[0.5]", "\"opacities\" has 1 numbers, expected 1 for each of 2"),
         ("[0.5, 1]", "[0.5, 1.5]", "opacity of splat 1 is 1.5"),

@@ -15,7 +15,7 @@ use std::path::Path;
 
 use luxel_core::tone::Tonemap;
 use luxel_core::{ColorSpace, Dataset, Engine, Scene};
-use luxel_io::{Appearance, BakeOptions, Baked, SpzVersion};
+use luxel_io::{Appearance, BakeOptions, Baked, SpzPositions, SpzVersion};
 
 pub use self::error::{BakeError, BakeErrorValues};
 pub use self::world::{Up, UpAxis, file_from_world};
@@ -251,6 +251,8 @@ pub struct Exported {
     pub exact_model: Option<(String, ColorSpace)>,
     /// Number of splats whose size an SPZ file cannot hold.
     pub sizes_out_of_range: usize,
+    /// The effect of the grid of positions of an SPZ file on the splats.
+    pub positions: Option<SpzPositions>,
     /// Error of the bake on the views; `None` without a data set.
     pub error: Option<BakeError>,
 }
@@ -316,8 +318,10 @@ fn write(path: &Path, plan: &Plan, scene: &Scene, baked: &Baked, spz_version: Sp
 }
 
 fn describe(path: &Path, plan: &Plan, scene: &Scene, baked: &Baked, error: Option<BakeError>) -> Exported {
+    let positions = (plan.format == Format::Spz).then(|| luxel_io::spz_positions(baked));
     Exported {
-        splats: scene.splats.len(),
+        splats: scene.splats.len() - positions.map_or(0, |positions| positions.left_out),
+        positions,
         file_bytes: std::fs::metadata(path).map_or(0, |m| m.len()),
         bake: baked.description(),
         color_space: match plan.options.appearance {

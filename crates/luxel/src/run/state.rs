@@ -60,7 +60,10 @@ pub fn newest_scene(folder: &RunFolder, observer: &dyn Observer) -> Result<(u32,
     candidates.sort_by_key(|(iteration, _)| std::cmp::Reverse(*iteration));
     for (iteration, source) in candidates {
         let scene = match source {
-            Source::Scene(path) => luxel_io::read_scene_ply(&path),
+            Source::Scene(path) => luxel_io::read_scene_file(&path).map(|file| {
+                file.warnings.iter().for_each(|warning| observer.warn(&format!("{}: {warning}", path.display())));
+                file.scene
+            }),
             Source::Checkpoint(path) => luxel_io::read_checkpoint(&path).map(|snapshot| snapshot.scene),
         };
         match scene {
