@@ -163,7 +163,11 @@ impl Developer<'_> {
             None => convert(&mut image, color_space.unwrap_or(self.input_space), self.space),
         }
         let negative = image.pixels.iter().filter(|p| p.iter().any(|v| *v < 0.0)).count();
-        // NaN stays: training masks and reports it.
+        // Stays as it is: a data set's reader masks it, whatever becomes of masks in files.
+        let unfinite = image.pixels.iter().filter(|p| p.iter().any(|v| !v.is_finite())).count();
+        if unfinite > 0 {
+            notes.push(format!("{}: {unfinite} pixels are NaN or infinite; they stay so, and training masks them", photo.file_name()));
+        }
         image.pixels.par_iter_mut().for_each(|p| *p = p.map(|v| if v < 0.0 { 0.0 } else { v }));
         let saturated = vec![false; image.pixels.len()];
         Ok(Light { image, saturated, negative, dark: 0.0, disagreeing: 0.0, offset_px: None, left_out: Vec::new() })

@@ -110,6 +110,7 @@ pub fn prepare(options: &PrepareOptions, observer: &dyn Observer) -> Result<Prep
     state.finished_key = None;
     state.save()?;
     let (records, failed) = views::develop_all(&developer, &mut state, options.memory_bytes, observer)?;
+    grouped_notes(&records).iter().for_each(|line| observer.warn(line));
     let mut left_out = std::mem::take(&mut scan.left_out);
     left_out.extend(failed);
     left_out.extend(records.iter().flat_map(|record| record.left_out.iter().cloned()));
@@ -218,6 +219,22 @@ fn worded_advice(
 ) -> Vec<String> {
     let input = AdviceInput { records, registration, curve: curve.map(|curve| curve.origin), downscale: options.downscale };
     advice(&input).iter().map(options.word_note).collect()
+}
+
+/// Returns each note on views once, with the views that have it.
+fn grouped_notes(records: &[ViewRecord]) -> Vec<String> {
+    let mut groups: Vec<(&str, Vec<&str>)> = Vec::new();
+    for (record, note) in records.iter().flat_map(|r| r.notes.iter().map(move |note| (r, note))) {
+        match groups.iter_mut().find(|(text, _)| text == note) {
+            Some((_, names)) => names.push(&record.name),
+            None => groups.push((note, vec![&record.name])),
+        }
+    }
+    let line = |(note, names): &(&str, Vec<&str>)| match names.as_slice() {
+        [name] => format!("view {name}: {note}"),
+        names => format!("{} of {}: {note}", names.len(), plural(records.len(), "view")),
+    };
+    groups.iter().map(line).collect()
 }
 
 /// Returns the notes on single views.
