@@ -40,7 +40,7 @@ pub use checkpoint::{
 pub use confine::{Confinement, check_within, confine};
 pub use dataset::{
     DatasetFormat, Exposures, LoadOptions, MaskSource, RecordedPose, SplitLists, Supervision, Transforms, TransformsFrame, UnknownFormat,
-    colmap, decode_mask, detect_format, load_dataset, parse_exposures, parse_recorded_poses, parse_split, parse_transforms,
+    colmap, composed, decode_mask, detect_format, load_dataset, parse_exposures, parse_recorded_poses, parse_split, parse_transforms,
 };
 pub use error::{IoError, IoErrorKind};
 pub use gltf::{decode_glb, encode_glb, read_glb, write_glb};

@@ -498,8 +498,11 @@ fn absurd_counts_and_missing_files_of_a_model_are_errors() {
         scene.write(&format!("sparse/0/{name}.bin"), count.to_le_bytes());
     }
     assert!(scene.error().contains("claims 1099511627776 points"), "{}", scene.error());
+    // A model may lack points, but not images.
     std::fs::remove_file(scene.path().join("sparse/0/points3D.bin")).unwrap();
-    assert!(scene.error().contains("points3D.bin: cannot read"), "{}", scene.error());
+    assert!(scene.error().contains("no registered images"), "{}", scene.error());
+    std::fs::remove_file(scene.path().join("sparse/0/images.bin")).unwrap();
+    assert!(scene.error().contains("images.bin: cannot read"), "{}", scene.error());
 }
 
 #[test]

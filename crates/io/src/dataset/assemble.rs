@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use luxel_core::{ColorSpace, Dataset, View};
 use rayon::prelude::*;
 
+use super::checks::{self, CheckedView};
 use super::fingerprint::Fingerprint;
 use super::load::{LoadedView, load_view};
 use super::observations::{ObservedView, map_points};
@@ -70,6 +71,8 @@ pub(super) fn assemble(path: &Path, source: DatasetSource, options: &LoadOptions
         targets[used.source].push(ObservedView { index, photographed: &l.photographed, view: &l.view });
     }
     let points = map_points(points, &targets);
+    let checked: Vec<CheckedView<'_>> = used.iter().zip(&loaded).map(|(used, loaded)| CheckedView { frame: &used.frame, loaded }).collect();
+    warnings.extend(checks::warnings(&folder, &checked, &points));
     let color_space = common_color_space(&used, &loaded, options)?;
 
     let mut fingerprint = Fingerprint::new(&format, options);

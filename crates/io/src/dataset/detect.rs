@@ -35,7 +35,7 @@ pub fn detect_format(path: &Path) -> Result<DatasetFormat, IoError> {
         };
     }
     let json = TransformsFiles::find(path);
-    let model = find_model(path);
+    let model = find_model(path).map(|found| found.folder);
     let is_hdr_nerf = path.join("train_hdr").is_dir() || path.join("exposure_train.json").is_file();
     if matches!(json, Some(TransformsFiles::Pair { .. })) && is_hdr_nerf {
         return Ok(DatasetFormat::HdrNerf);

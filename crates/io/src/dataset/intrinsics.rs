@@ -67,6 +67,14 @@ impl Intrinsics {
     }
 }
 
+impl Intrinsics {
+    /// Returns whether images of `image_px` pixels are of the stated size or a copy of it; true
+    /// where none is stated.
+    pub(super) fn fits(&self, image_px: [u32; 2]) -> bool {
+        self.size_px.is_none_or(|size| size == image_px || is_reduction(size, image_px))
+    }
+}
+
 /// Returns whether `small` is `full` divided by 2, 4 or 8, rounded either way.
 fn is_reduction(full: [u32; 2], small: [u32; 2]) -> bool {
     REDUCTIONS.iter().any(|&factor| full.iter().zip(small).all(|(f, s)| s == f / factor || s == f.div_ceil(factor)))

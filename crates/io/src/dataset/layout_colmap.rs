@@ -6,15 +6,20 @@
 //! image is `images_hdr/<train|test>_hdr_<i>.exr`; the name states the split. Where several
 //! exposures of a pose are registered, the first by name gives pose and features.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::path::{Path, PathBuf};
 
 use super::colmap::{ColmapFiles, ColmapImage, ColmapModel, ColmapPoint, find_model, read_model};
-use super::files::{Substitute, find_image, view_name, without_extension};
+use super::files::{Finder, Substitute, composed, is_image, view_name, without_extension};
 use super::source::{DatasetSource, Origin, Recording, Sighting, SourceFrame, SourcePoint, split_beside};
 use super::split::{Part, SplitRule};
 use super::{Supervision, recordings};
 use crate::IoError;
+
+/// Names that a warning lists.
+const MAX_LISTED: usize = 3;
+/// Deepest nesting of folders of images.
+const MAX_DEPTH: usize = 8;
 
 /// How the images of a COLMAP folder are found from the registered names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -41,24 +46,30 @@ struct Chosen<'a> {
 
 /// Reads the model and finds the images.
 pub(super) fn colmap_source(folder: &Path, layout: ColmapLayout, supervision: Supervision) -> Result<DatasetSource, IoError> {
-    let Some(model_folder) = find_model(folder) else {
+    let Some(found) = find_model(folder) else {
         return Err(IoError::invalid(
             folder,
             "no COLMAP model: expected cameras.bin or cameras.txt in sparse/0, in sparse or in the folder itself",
         ));
     };
-    let (model, files) = read_model(&model_folder)?;
+    let (model, files) = read_model(&found.folder)?;
     if model.images.is_empty() {
         return Err(IoError::invalid(&files.images, "no registered images, expected at least one"));
     }
     let scene = scene_folder(folder);
-    let model_scene = ModelScene { files: &files, folder: &scene, supervision };
-    let mut warnings = Vec::new();
+    let finder = Finder::default();
+    let model_scene = ModelScene { files: &files, folder: &scene, supervision, finder: &finder };
+    let mut warnings = Vec::from_iter(found.warning);
+    warnings.extend(model.warnings.iter().cloned());
     let chosen = match layout {
         ColmapLayout::Plain => plain_images(&model, &model_scene, &mut warnings)?,
         ColmapLayout::HdrGs => hdr_gs_images(&model, &model_scene)?,
         ColmapLayout::GaussHdr => gauss_hdr_images(&model, &model_scene)?,
     };
+    warnings.extend(finder.warnings());
+    if layout == ColmapLayout::Plain {
+        warnings.extend(unregistered(&scene, &chosen));
+    }
     let beside = split_beside(&scene)?;
     let own_split = chosen.iter().any(|c| c.part.is_some());
     let split = match (layout, &beside) {
@@ -141,6 +152,35 @@ struct ModelScene<'a> {
     files: &'a ColmapFiles<PathBuf>,
     folder: &'a Path,
     supervision: Supervision,
+    finder: &'a Finder,
+}
+
+/// Says which images in `images/` have no pose, by their stems.
+fn unregistered(scene: &Path, chosen: &[Chosen<'_>]) -> Option<String> {
+    let folder = scene.join("images");
+    let registered: HashSet<String> = chosen.iter().map(|c| composed(&view_name(&c.file_path))).collect();
+    let mut others = BTreeSet::new();
+    list_images(&folder, "images", 0, &mut others);
+    let total = others.len();
+    others.retain(|name| !registered.contains(&composed(name)));
+    let listed: Vec<&str> = others.iter().take(MAX_LISTED).map(String::as_str).collect();
+    let more = if others.len() > MAX_LISTED { ", ..." } else { "" };
+    (!others.is_empty()).then(|| {
+        format!("{} of {total} images have no pose in the COLMAP model and are left out ({}{more})", others.len(), listed.join(", "))
+    })
+}
+
+/// Adds the names of views in a folder and in those below it.
+fn list_images(folder: &Path, prefix: &str, depth: usize, out: &mut BTreeSet<String>) {
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        let (name, path) = (entry.file_name().to_string_lossy().into_owned(), entry.path());
+        let below = format!("{prefix}/{name}");
+        if path.is_dir() && depth < MAX_DEPTH {
+            list_images(&path, &below, depth + 1, out);
+        } else if is_image(&name) && !name.starts_with('.') {
+            out.insert(view_name(&below));
+        }
+    }
 }
 
 fn plain_images<'a>(model: &'a ColmapModel, scene: &ModelScene<'_>, warnings: &mut Vec<String>) -> Result<Vec<Chosen<'a>>, IoError> {
@@ -152,7 +192,7 @@ fn plain_images<'a>(model: &'a ColmapModel, scene: &ModelScene<'_>, warnings: &m
     };
     for (index, image) in model.images.iter().enumerate() {
         let found = ["images", ""].iter().find_map(|sub| {
-            let path = find_image(&scene.folder.join(sub), &image.name, substitute)?;
+            let path = scene.finder.find_image(&scene.folder.join(sub), &image.name, substitute)?;
             Some((path, format!("{sub}/{}", image.name)))
         });
         let Some((path, file_path)) = found else {
@@ -183,7 +223,7 @@ fn grouped_images<'a>(
     for (index, image) in model.images.iter().enumerate() {
         let base = image.name.rsplit(['/', '\\']).next().unwrap_or(&image.name);
         let (key, file_path, part) = hdr_of(without_extension(base)).map_err(|e| origin(scene.files, image).error(e))?;
-        let path = scene.folder.join(&file_path);
+        let path = scene.finder.find(scene.folder, &file_path).unwrap_or_else(|| scene.folder.join(&file_path));
         if scene.supervision == Supervision::Hdr && !path.is_file() {
             return Err(origin(scene.files, image).error(format!("its HDR image {} does not exist", path.display())));
         }
@@ -207,7 +247,7 @@ fn hdr_gs_images<'a>(model: &'a ColmapModel, scene: &ModelScene<'_>) -> Result<V
         c.part = Some(if i % 2 == 0 { Part::Train } else { Part::Test });
         if scene.supervision == Supervision::Ldr {
             let view = view_name(&c.file_path);
-            c.recordings = recordings::hdr_gs(scene.folder, view.rsplit('/').next().unwrap_or(&view));
+            c.recordings = recordings::hdr_gs(scene.finder, scene.folder, view.rsplit('/').next().unwrap_or(&view));
         }
     }
     Ok(chosen)
@@ -236,7 +276,7 @@ fn gauss_hdr_images<'a>(model: &'a ColmapModel, scene: &ModelScene<'_>) -> Resul
         for c in &mut chosen {
             let stem = view_name(&c.file_path);
             let stem = stem.rsplit('/').next().unwrap_or(&stem).replacen("_hdr_", "_ldr_", 1);
-            c.recordings = recordings::listed(&scene.folder.join("images"), "images", &stem, &exposures);
+            c.recordings = recordings::listed(scene.finder, &scene.folder.join("images"), "images", &stem, &exposures);
         }
     }
     Ok(chosen)

@@ -1,4 +1,5 @@
-//! Folders with `transforms.json`, or `transforms_train.json` and `transforms_test.json`; and
+//! Folders with `transforms.json`, or `transforms_train.json` and `transforms_test.json` (else
+//! `transforms_val.json`); and
 //! HDR-NeRF's synthetic scenes, which have the latter and their HDR images in `train_hdr/` and
 //! `test_hdr/`.
 //!
@@ -10,13 +11,14 @@ use std::path::{Path, PathBuf};
 
 use glam::{DAffine3, DVec3};
 
-use super::colmap::{ColmapModel, ColmapPoint, find_model, read_model};
-use super::files::{Substitute, find_image, view_name, without_extension};
+use super::colmap::{ColmapModel, ColmapPoint, FoundModel, find_model, read_model};
+use super::files::{Finder, Substitute, view_name, without_extension};
 use super::layout_colmap::points_with_sightings;
 use super::source::{DatasetSource, Origin, SourceFrame, SourcePoint, split_beside};
 use super::split::{NameIndex, Part, SplitLists, SplitRule};
 use super::transforms::{Transforms, TransformsFrame, parse_transforms};
 use super::{Supervision, recordings};
+use crate::image::holds_radiance;
 use crate::read_file::read_file;
 use crate::{IoError, read_points_ply};
 
@@ -33,7 +35,7 @@ pub(super) enum TransformsFiles {
     Pair {
         /// `transforms_train.json`.
         train: PathBuf,
-        /// `transforms_test.json`, if there is one.
+        /// `transforms_test.json`, else `transforms_val.json`, if there is one.
         test: Option<PathBuf>,
     },
 }
@@ -43,14 +45,15 @@ impl TransformsFiles {
     /// over the single file.
     pub(super) fn find(path: &Path) -> Option<Self> {
         let pair = |folder: &Path| {
-            let [train, test] = ["train", "test"].map(|part| folder.join(format!("transforms_{part}.json")));
-            train.is_file().then(|| Self::Pair { train, test: test.is_file().then_some(test) })
+            let [train, test, val] = ["train", "test", "val"].map(|part| folder.join(format!("transforms_{part}.json")));
+            train.is_file().then(|| Self::Pair { train, test: [test, val].into_iter().find(|path| path.is_file()) })
         };
         if path.is_dir() {
             let single = path.join("transforms.json");
             return pair(path).or_else(|| single.is_file().then_some(Self::Single(single)));
         }
-        let is_half = path.file_name().is_some_and(|name| name == "transforms_train.json" || name == "transforms_test.json");
+        let halves = ["transforms_train.json", "transforms_test.json", "transforms_val.json"];
+        let is_half = path.file_name().is_some_and(|name| halves.iter().any(|half| name == *half));
         let whole = is_half.then(|| path.parent()).flatten().and_then(pair);
         Some(whole.unwrap_or_else(|| Self::Single(path.into())))
     }
@@ -92,16 +95,22 @@ impl Described {
 pub(super) fn transforms_source(files: &TransformsFiles) -> Result<DatasetSource, IoError> {
     let folder = files.folder();
     let described = files.read()?;
+    let finder = Finder::default();
     let mut frames = Vec::new();
+    let mut with_radiance = Vec::new();
     for file in &described {
         for (i, frame) in file.transforms.frames.iter().enumerate() {
             let origin = file.origin(i, frame);
-            let Some(image) = find_image(&folder, &frame.file_path, Substitute::No) else {
+            let Some(image) = finder.find_image(&folder, &frame.file_path, Substitute::No) else {
                 return Err(origin.error(format!("image {} does not exist", folder.join(&frame.file_path).display())));
             };
-            let mask = frame.mask_path.as_ref().map(|mask| folder.join(mask.replace('\\', "/")));
-            if let Some(missing) = mask.as_ref().filter(|mask| !mask.is_file()) {
-                return Err(origin.error(format!("its mask {} does not exist", missing.display())));
+            let mask = frame.mask_path.as_ref().map(|mask| {
+                let missing = || origin.error(format!("its mask {} does not exist", folder.join(mask.replace('\\', "/")).display()));
+                finder.find(&folder, mask).ok_or_else(missing)
+            });
+            let mask = mask.transpose()?;
+            if !holds_radiance(&image) {
+                with_radiance.extend(finder.radiance_beside(&folder, &frame.file_path).map(|radiance| (image.clone(), radiance)));
             }
             frames.push(SourceFrame { mask, ..new_frame(view_name(&frame.file_path), image, frame, origin, file.part) });
         }
@@ -118,9 +127,25 @@ pub(super) fn transforms_source(files: &TransformsFiles) -> Result<DatasetSource
     };
     let format = match files {
         TransformsFiles::Single(_) => "nerfstudio transforms.json",
+        TransformsFiles::Pair { test: Some(test), .. } if is_val(test) => "transforms_train.json and transforms_val.json",
         TransformsFiles::Pair { .. } => "transforms_train.json and transforms_test.json",
     };
-    finish(&folder, &described, frames, split, format)
+    let mut source = finish(files, &described, frames, split, format)?;
+    source.warnings.extend(finder.warnings());
+    if let [(image, radiance), ..] = with_radiance.as_slice() {
+        source.warnings.push(format!(
+            "{} images are not radiance and have radiance beside them that no frame names, such as {} beside {}; name it as \"file_path\"",
+            with_radiance.len(),
+            radiance.display(),
+            image.display()
+        ));
+    }
+    Ok(source)
+}
+
+/// Returns whether a file describes views for validation.
+fn is_val(path: &Path) -> bool {
+    path.file_name().is_some_and(|name| name == "transforms_val.json")
 }
 
 /// Reads HDR-NeRF's synthetic scenes.
@@ -130,6 +155,7 @@ pub(super) fn hdr_nerf_source(files: &TransformsFiles, supervision: Supervision)
         return Err(IoError::invalid(folder, "no transforms_train.json, expected one with HDR-NeRF's layout"));
     }
     let described = files.read()?;
+    let finder = Finder::default();
     let mut frames: Vec<SourceFrame> = Vec::new();
     let mut by_name: HashMap<String, usize> = HashMap::new();
     for file in &described {
@@ -143,8 +169,9 @@ pub(super) fn hdr_nerf_source(files: &TransformsFiles, supervision: Supervision)
             let Some(number) = pose_number(&frame.file_path) else {
                 return Err(origin.error("the name does not end in _<number>, expected the number of its HDR image"));
             };
-            let image = folder.join(side).join(format!("hdr_{number:03}.exr"));
             let name = format!("{side}/hdr_{number:03}");
+            let file_path = format!("{name}.exr");
+            let image = finder.find(&folder, &file_path).unwrap_or_else(|| folder.join(&file_path));
             if let Some(first) = by_name.get(&name).and_then(|first| frames.get(*first)) {
                 if !first.camera_from_world.abs_diff_eq(frame.camera_from_world, 1e-6) {
                     let other = &first.origin.place;
@@ -156,11 +183,11 @@ pub(super) fn hdr_nerf_source(files: &TransformsFiles, supervision: Supervision)
                 return Err(origin.error(format!("its HDR image {} does not exist", image.display())));
             }
             by_name.insert(name.clone(), frames.len());
-            let recordings = recordings::hdr_nerf(&folder, &frame.file_path, number, &exposures);
+            let recordings = recordings::hdr_nerf(&finder, &folder, &frame.file_path, number, &exposures);
             frames.push(SourceFrame { recordings, ..new_frame(name, image, frame, origin, file.part) });
         }
     }
-    finish(&folder, &described, frames, SplitRule::Frames, "HDR-NeRF synthetic")
+    finish(files, &described, frames, SplitRule::Frames, "HDR-NeRF synthetic")
 }
 
 /// Returns `7` for `train/r_7`, `train/007` and `train/007_2.png`: of two numbers at the end the
@@ -179,18 +206,24 @@ fn new_frame(name: String, image: PathBuf, frame: &TransformsFrame, origin: Orig
 
 /// Adds points and warnings.
 fn finish(
-    folder: &Path,
+    files: &TransformsFiles,
     described: &[Described],
     frames: Vec<SourceFrame>,
     split: SplitRule,
     format: &str,
 ) -> Result<DatasetSource, IoError> {
-    let mut warnings = Vec::new();
-    if matches!(split, SplitRule::Frames) && folder.join("transforms_val.json").is_file() {
-        warnings.push("transforms_val.json is not used: its views are neither trained on nor tested".to_owned());
+    let (folder, mut warnings) = (files.folder(), Vec::new());
+    match files {
+        TransformsFiles::Pair { test: Some(test), .. } if is_val(test) => {
+            warnings.push("no transforms_test.json: the views of transforms_val.json are the test views".to_owned());
+        }
+        _ if matches!(split, SplitRule::Frames) && folder.join("transforms_val.json").is_file() => {
+            warnings.push("transforms_val.json is not used: its views are neither trained on nor tested".to_owned());
+        }
+        _ => {}
     }
-    let points = points(folder, described, &frames, &mut warnings)?;
-    let (format, folder) = (format.to_owned(), folder.to_path_buf());
+    let points = points(&folder, described, &frames, &mut warnings)?;
+    let format = format.to_owned();
     Ok(DatasetSource { format, folder, frames, split, points, warnings })
 }
 
@@ -198,15 +231,20 @@ fn finish(
 /// points as the model is the same cloud, taken from the model for its tracks.
 fn points(folder: &Path, described: &[Described], frames: &[SourceFrame], warnings: &mut Vec<String>) -> Result<Vec<SourcePoint>, IoError> {
     let ply = described.iter().find_map(|d| d.transforms.ply_file_path.as_ref());
-    let cloud = ply.map(|ply| read_points_ply(&folder.join(ply.replace('\\', "/")))).transpose()?;
-    let model_folder = [folder.to_path_buf(), folder.join("colmap")].iter().find_map(|f| find_model(f));
-    if let Some(model_folder) = model_folder {
+    let path = ply.map(|ply| Finder::default().find(folder, ply).unwrap_or_else(|| folder.join(ply.replace('\\', "/"))));
+    let cloud = path.as_ref().map(|path| read_points_ply(path)).transpose()?;
+    warnings.extend(cloud.as_ref().zip(path.as_ref()).and_then(|(cloud, path)| cloud.warning(path)));
+    let cloud = cloud.map(|cloud| cloud.points);
+    let found = [folder.to_path_buf(), folder.join("colmap")].iter().find_map(|f| find_model(f));
+    if let Some(FoundModel { folder: model_folder, warning }) = found {
         let (model, _) = read_model(&model_folder)?;
         let is_other = cloud.as_ref().is_some_and(|cloud| cloud.len() != model.points.len());
         if !is_other && !model.points.is_empty() {
             let world_from_model = described.first().map_or(DAffine3::IDENTITY, |d| d.transforms.world_from_reconstruction);
             match frames_of_images(&model, world_from_model, frames) {
                 Ok(frame_of_image) => {
+                    warnings.extend(warning);
+                    warnings.extend(model.warnings.iter().cloned());
                     let position = |p: &ColmapPoint| world_from_model.transform_point3(p.position).as_vec3().to_array();
                     return Ok(points_with_sightings(&model, &frame_of_image, position, warnings));
                 }

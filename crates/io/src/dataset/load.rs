@@ -12,6 +12,7 @@ use super::{LoadOptions, MaskSource, Supervision};
 use crate::IoError;
 use crate::image::colorimetry::convert;
 use crate::image::{DecodedImage, ReadOptions, SampleDepth, decode_codes_of, decode_image, downscale, downscale_masked, undistort};
+use crate::photo::exif_of_file;
 use crate::read_file::read_file;
 
 /// A view with facts about its file.
@@ -26,6 +27,12 @@ pub(super) struct LoadedView {
     pub(super) color_space: Option<ColorSpace>,
     /// Warnings about this image, without its name.
     pub(super) warnings: Vec<String>,
+    /// Whether every pixel of the radiance is 0.
+    pub(super) is_black: bool,
+    /// Whether every pixel is negative, NaN or infinite.
+    pub(super) has_no_pixels: bool,
+    /// Share of the pixels that the mask of a file, or alpha taken for one, hides.
+    pub(super) hidden_by_mask: Option<f64>,
     /// Digest of the bytes of the image and its mask.
     pub(super) digest: blake3::Hash,
 }
@@ -35,6 +42,7 @@ pub(super) fn load_view(frame: &SourceFrame, options: &LoadOptions) -> Result<Lo
     let mut digest = blake3::Hasher::new();
     digest.update(&bytes);
     let (mut decoded, values) = decode(frame, &bytes, options)?;
+    turn_to_camera(&mut decoded, frame, &bytes);
     drop(bytes);
     let opacity = match options.masks {
         MaskSource::Alpha => Some(take_opacity(&mut decoded, frame)?),
@@ -48,13 +56,17 @@ pub(super) fn load_view(frame: &SourceFrame, options: &LoadOptions) -> Result<Lo
     let photographed =
         frame.intrinsics.camera(frame.camera_from_world, [side(image.width), side(image.height)]).map_err(|e| frame.origin.error(e))?;
     let (mut mask, bad) = mask_bad_pixels(&mut image, &frame.name);
+    let has_no_pixels = bad.as_ref().is_some_and(|bad| bad.nan + bad.infinite + bad.negative == image.pixels.len());
+    let is_black = values == PixelValues::Radiance && bad.is_none() && image.pixels.iter().all(|pixel| *pixel == [0.0; 3]);
+    let mut given = opacity;
     if let Some(path) = &frame.mask {
         let bytes = read_file(path)?;
         digest.update(&bytes);
-        mask = Some(both(mask, decode_mask(path, &bytes, [image.width, image.height])?));
+        given = Some(both(given, decode_mask(path, &bytes, [image.width, image.height])?));
     }
-    if let Some(opacity) = opacity {
-        mask = Some(both(mask, opacity));
+    let hidden_by_mask = given.as_ref().map(hidden_share);
+    if let Some(given) = given {
+        mask = Some(both(mask, given));
     }
     let view = View {
         name: frame.name.clone(),
@@ -65,7 +77,40 @@ pub(super) fn load_view(frame: &SourceFrame, options: &LoadOptions) -> Result<Lo
         mask: mask.map(Arc::new),
     };
     let view = resample(view, frame, options.downscale)?;
-    Ok(LoadedView { view, photographed, bad, color_space, warnings: decoded.warnings, digest: digest.finalize() })
+    Ok(LoadedView {
+        view,
+        photographed,
+        bad,
+        color_space,
+        warnings: decoded.warnings,
+        is_black,
+        has_no_pixels,
+        hidden_by_mask,
+        digest: digest.finalize(),
+    })
+}
+
+/// Returns the share of the pixels' weight that a mask takes away.
+fn hidden_share(mask: &Mask) -> f64 {
+    1.0 - mask.weights.iter().map(|weight| f64::from(*weight)).sum::<f64>() / mask.weights.len().max(1) as f64
+}
+
+/// Turns an image whose Exif orientation lies on its side where only the turned one has the size of
+/// its camera: some programs make cameras for the stored pixels, others for the turned ones.
+fn turn_to_camera(decoded: &mut DecodedImage, frame: &SourceFrame, bytes: &[u8]) {
+    let Some(orientation @ 2..=8) = exif_of_file(bytes).orientation else { return };
+    let side = |v: usize| u32::try_from(v).unwrap_or(u32::MAX);
+    let stored = [side(decoded.image.width), side(decoded.image.height)];
+    let [is_as_stored, is_as_turned] = [stored, [stored[1], stored[0]]].map(|size| frame.intrinsics.fits(size));
+    match (is_as_stored, is_as_turned) {
+        (false, true) if orientation >= 5 => {
+            decoded.turn(orientation);
+            decoded.warnings.push(format!("turned by EXIF orientation {orientation}, as the camera's size is that of the turned image"));
+        }
+        // The camera is that of the stored pixels.
+        (true, false) if orientation >= 5 => {}
+        _ => decoded.warnings.push(format!("EXIF orientation {orientation} is not applied: pixels are read as they are stored")),
+    }
 }
 
 /// Returns the image, and what its numbers are: a float format holds radiance; where captured

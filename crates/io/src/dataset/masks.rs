@@ -14,7 +14,7 @@ use std::str::FromStr;
 use luxel_core::Mask;
 use serde::{Deserialize, Serialize};
 
-use super::files::{IMAGE_EXTENSIONS, Substitute, find_image};
+use super::files::{Finder, IMAGE_EXTENSIONS, Substitute};
 use super::source::SourceFrame;
 use crate::IoError;
 use crate::image::decode_codes;
@@ -106,9 +106,10 @@ pub(super) fn attach<'a>(
     for frame in &frames {
         *last_names.entry(last_name(&frame.name).to_owned()).or_default() += 1;
     }
+    let finder = Finder::default();
     let mut without = Vec::new();
     for frame in &mut frames {
-        frame.mask = mask_of(&folder, frame, last_names.get(last_name(&frame.name)) == Some(&1));
+        frame.mask = mask_of(&finder, &folder, frame, last_names.get(last_name(&frame.name)) == Some(&1));
         if frame.mask.is_none() {
             without.push(frame.name.clone());
         }
@@ -134,15 +135,15 @@ fn last_name(name: &str) -> &str {
     name.rsplit('/').next().unwrap_or(name)
 }
 
-fn mask_of(folder: &Path, frame: &SourceFrame, is_last_name_unique: bool) -> Option<PathBuf> {
+fn mask_of(finder: &Finder, folder: &Path, frame: &SourceFrame, is_last_name_unique: bool) -> Option<PathBuf> {
     let below_first = frame.name.split_once('/').map(|(_, rest)| rest);
     let last = is_last_name_unique.then(|| last_name(&frame.name));
     let extension = frame.image.extension().map(|e| e.to_string_lossy().into_owned()).unwrap_or_default();
     [Some(frame.name.as_str()), below_first, last].into_iter().flatten().find_map(|name| {
-        let of_file = |extension: &str| find_image(folder, &format!("{name}.{extension}.png"), Substitute::No);
+        let of_file = |extension: &str| finder.find_image(folder, &format!("{name}.{extension}.png"), Substitute::No);
         // COLMAP's masks are named like the copies that it ran on.
         let of_any_copy = || IMAGE_EXTENSIONS.iter().find_map(|extension| of_file(extension));
-        of_file(&extension).or_else(|| find_image(folder, &format!("{name}.png"), Substitute::Allowed)).or_else(of_any_copy)
+        of_file(&extension).or_else(|| finder.find_image(folder, &format!("{name}.png"), Substitute::Allowed)).or_else(of_any_copy)
     })
 }
 

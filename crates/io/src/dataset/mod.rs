@@ -22,6 +22,7 @@
 //!   points follow.
 
 mod assemble;
+mod checks;
 pub mod colmap;
 mod detect;
 mod files;
@@ -50,6 +51,7 @@ use crate::IoError;
 use crate::image::Transfer;
 
 pub use detect::detect_format;
+pub use files::composed;
 pub use layout_llff::{RecordedPose, parse_recorded_poses};
 pub use masks::{MaskSource, decode_mask};
 pub use recordings::{Exposures, Supervision, parse_exposures};

@@ -9,7 +9,7 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::files::{Substitute, find_image, view_name, without_extension};
+use super::files::{Finder, Substitute, view_name, without_extension};
 use super::json_fields::{kind_of, parse_json};
 use super::source::{Recording, SourceFrame};
 use crate::IoError;
@@ -111,12 +111,12 @@ pub fn parse_exposures(path: &Path, bytes: &[u8]) -> Result<BTreeMap<String, f32
 
 /// Returns images `<stem>_<k>` in `folder` that have an exposure; views of them are named with
 /// `prefix`.
-pub(super) fn listed(folder: &Path, prefix: &str, stem: &str, exposures: &BTreeMap<String, f32>) -> Vec<Recording> {
+pub(super) fn listed(finder: &Finder, folder: &Path, prefix: &str, stem: &str, exposures: &BTreeMap<String, f32>) -> Vec<Recording> {
     let of_stem = exposures.range(format!("{stem}_")..).take_while(|(name, _)| name.starts_with(&format!("{stem}_")));
     of_stem
         .filter(|(name, _)| name[stem.len() + 1..].bytes().all(|b| b.is_ascii_digit()))
         .filter_map(|(name, exposure_s)| {
-            let image = find_image(folder, name, Substitute::No)?;
+            let image = finder.find_image(folder, name, Substitute::No)?;
             Some(Recording { name: view_name(&format!("{prefix}/{name}")), image, exposure_s: *exposure_s })
         })
         .collect()
@@ -124,21 +124,21 @@ pub(super) fn listed(folder: &Path, prefix: &str, stem: &str, exposures: &BTreeM
 
 /// Returns the captured images of the pose of an HDR-NeRF frame: of `train/r_7` or `train/r_7_2`
 /// the images `train/r_7_<k>`.
-pub(super) fn hdr_nerf(folder: &Path, file_path: &str, number: u32, exposures: &BTreeMap<String, f32>) -> Vec<Recording> {
+pub(super) fn hdr_nerf(finder: &Finder, folder: &Path, file_path: &str, number: u32, exposures: &BTreeMap<String, f32>) -> Vec<Recording> {
     let slashed = file_path.replace('\\', "/");
     let (parent, base) = slashed.rsplit_once('/').unwrap_or((".", &slashed));
     let base = without_extension(base);
     // The stem ends in the pose's number, or in that and the exposure's.
     let is_pose = |stem: &str| stem.rsplit('_').next().is_some_and(|end| end.parse() == Ok(number));
     let stem = base.rsplit_once('_').map(|(stem, _)| stem).filter(|stem| is_pose(stem) && !exposures.contains_key(&format!("{base}_0")));
-    listed(&folder.join(parent), parent, stem.unwrap_or(base), exposures)
+    listed(finder, &folder.join(parent), parent, stem.unwrap_or(base), exposures)
 }
 
 /// Returns the captured images `images/<view>_<k>` of HDR-GS's repack.
-pub(super) fn hdr_gs(scene: &Path, view: &str) -> Vec<Recording> {
+pub(super) fn hdr_gs(finder: &Finder, scene: &Path, view: &str) -> Vec<Recording> {
     let image = |(k, exposure_s): (usize, &f32)| {
         let name = format!("{view}_{k}");
-        let image = find_image(&scene.join("images"), &name, Substitute::No)?;
+        let image = finder.find_image(&scene.join("images"), &name, Substitute::No)?;
         Some(Recording { name: format!("images/{name}"), image, exposure_s: *exposure_s })
     };
     HDR_GS_EXPOSURES.iter().enumerate().filter_map(image).collect()

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
-use super::files::{view_name, without_extension};
+use super::files::{composed, view_name, without_extension};
 use super::json_fields::{kind_of, parse_json, string_list};
 use crate::IoError;
 
@@ -99,7 +99,8 @@ impl NameIndex {
         let mut by_end = HashMap::new();
         let mut full = Vec::new();
         for (i, name) in names.into_iter().enumerate() {
-            full.push((name.to_owned(), i));
+            let name = composed(name);
+            full.push((name.clone(), i));
             for (slash, _) in name.match_indices('/') {
                 by_end.entry(name[slash + 1..].to_owned()).and_modify(|e| *e = None).or_insert(Some(i));
             }
@@ -111,7 +112,7 @@ impl NameIndex {
 
     /// Finds the view that a name means. `None`: no view; `Some(None)`: several.
     pub(super) fn find(&self, name: &str) -> Option<Option<usize>> {
-        let exact = view_name(name);
+        let exact = composed(&view_name(name));
         self.by_end.get(&exact).or_else(|| self.by_end.get(without_extension(&exact))).copied()
     }
 }

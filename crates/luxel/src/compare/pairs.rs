@@ -140,7 +140,7 @@ fn is_folder(path: &Path) -> Result<bool> {
 
 /// Returns a file's name without extension.
 fn stem(path: &Path) -> String {
-    path.file_stem().map_or_else(|| path.display().to_string(), |stem| stem.to_string_lossy().into_owned())
+    path.file_stem().map_or_else(|| path.display().to_string(), |stem| luxel_io::composed(&stem.to_string_lossy()))
 }
 
 /// Returns the images of a folder by name without extension; folders in it are ignored.

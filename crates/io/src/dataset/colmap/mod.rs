@@ -6,6 +6,7 @@
 //! centres at +0.5, as here.
 
 mod binary;
+mod submodels;
 mod text;
 mod write;
 
@@ -15,10 +16,11 @@ use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3};
 use luxel_core::{Camera, Distortion, MAX_SIDE_PX};
 
 use super::intrinsics::{Focal, Intrinsics};
-use crate::IoError;
 use crate::read_file::read_file;
+use crate::{IoError, PlyPoint, read_points_ply};
 
 pub use binary::parse_binary;
+pub(super) use submodels::{FoundModel, find_model};
 pub use text::parse_text;
 pub use write::write_text;
 
@@ -29,6 +31,8 @@ pub struct ColmapModel {
     pub images: Vec<ColmapImage>,
     /// Sorted by point id.
     pub points: Vec<ColmapPoint>,
+    /// Warnings about entries that are left out or missing, for people.
+    pub warnings: Vec<String>,
 }
 
 /// A registered image.
@@ -84,12 +88,6 @@ impl<T> ColmapFiles<T> {
     }
 }
 
-/// Returns the folder of the model in or at `folder`: `sparse/0`, `sparse`, or itself.
-pub(super) fn find_model(folder: &Path) -> Option<PathBuf> {
-    let has_model = |dir: &PathBuf| ["bin", "txt"].iter().any(|e| dir.join(format!("cameras.{e}")).is_file());
-    [folder.join("sparse/0"), folder.join("sparse"), folder.to_path_buf()].into_iter().find(has_model)
-}
-
 /// Reads the model in `folder` itself (`cameras.bin` or `cameras.txt`, and so on).
 ///
 /// # Errors
@@ -104,9 +102,36 @@ pub(super) fn read_model(folder: &Path) -> Result<(ColmapModel, ColmapFiles<Path
     let extension = if binary { "bin" } else { "txt" };
     let file = |stem: &str| folder.join(format!("{stem}.{extension}"));
     let paths = ColmapFiles { cameras: file("cameras"), images: file("images"), points: file("points3D") };
-    let bytes = paths.map(|path| read_file(path))?;
-    let model = if binary { parse_binary(&paths, &bytes) } else { parse_text(&paths, &bytes) }?;
+    let without_points = !paths.points.exists();
+    // No points, as the format writes that: a count of 0, or nothing.
+    let none = if binary { vec![0; size_of::<u64>()] } else { Vec::new() };
+    let read = |path: &PathBuf| if without_points && *path == paths.points { Ok(none.clone()) } else { read_file(path) };
+    let bytes = paths.map(read)?;
+    let mut model = if binary { parse_binary(&paths, &bytes) } else { parse_text(&paths, &bytes) }?;
+    if without_points {
+        add_points_ply(folder, &paths.points, &mut model)?;
+    }
     Ok((model, paths))
+}
+
+/// Takes the points of a model without any from `points3D.ply` beside it, which 3D Gaussian
+/// splatting's programs write.
+fn add_points_ply(folder: &Path, missing: &Path, model: &mut ColmapModel) -> Result<(), IoError> {
+    let ply = folder.join("points3D.ply");
+    if !ply.is_file() {
+        model.warnings.push(format!("{} does not exist: training starts from the cameras, without points", missing.display()));
+        return Ok(());
+    }
+    let cloud = read_points_ply(&ply)?;
+    model.warnings.push(format!("{} does not exist: points are those of {}, without tracks", missing.display(), ply.display()));
+    model.warnings.extend(cloud.warning(&ply));
+    let point = |point: PlyPoint| ColmapPoint {
+        position: DVec3::from(point.0.map(f64::from)),
+        rgb8: point.1.unwrap_or([u8::MAX / 2; 3]),
+        track: Vec::new(),
+    };
+    model.points = cloud.points.into_iter().map(point).collect();
+    Ok(())
 }
 
 /// Names of COLMAP's camera models in the order of their numbers, and how many parameters the
@@ -216,27 +241,32 @@ impl Collected {
             };
             images.push(ColmapImage { id, name, camera_from_world, intrinsics: self.cameras[found].1, features_px });
         }
+        let (mut without_image, mut without_feature) = (0usize, 0usize);
         let mut points = Vec::with_capacity(self.points.len());
-        for (id, mut point) in self.points {
-            for [image, feature] in &mut point.track {
-                let Ok(found) = images.binary_search_by_key(image, |i| i.id) else {
-                    return Err(IoError::invalid(
-                        &paths.points,
-                        format!("point {id}: its track names image {image}, which does not exist"),
-                    ));
-                };
-                let count = images[found].features_px.len();
-                if *feature as usize >= count {
-                    return Err(IoError::invalid(
-                        &paths.points,
-                        format!("point {id}: its track names feature {feature} of image {image}, which has {count}"),
-                    ));
+        for (_, mut point) in self.points {
+            // Images that were deleted, and features that a tool dropped, stay in the tracks.
+            point.track.retain_mut(|[image, feature]| match images.binary_search_by_key(image, |i| i.id) {
+                Err(_) => {
+                    without_image += 1;
+                    false
                 }
-                *image = found as u32;
-            }
+                Ok(found) if *feature as usize >= images[found].features_px.len() => {
+                    without_feature += 1;
+                    false
+                }
+                Ok(found) => {
+                    *image = found as u32;
+                    true
+                }
+            });
             points.push(point);
         }
-        Ok(ColmapModel { images, points })
+        let place = paths.points.display();
+        let left_out = [(without_image, "images that the model lacks"), (without_feature, "features that their images lack")];
+        let line =
+            |(count, what): &(usize, &str)| format!("{place}: {count} entries of tracks name {what} and are left out; the points stay");
+        let warnings = left_out.iter().filter(|(count, _)| *count > 0).map(line).collect();
+        Ok(ColmapModel { images, points, warnings })
     }
 }
 

@@ -1,6 +1,7 @@
 //! COLMAP's text model: one camera or point a line, two lines an image (pose, features); `#` starts
 //! a comment line.
 
+use std::iter::{Enumerate, Peekable};
 use std::path::{Path, PathBuf};
 use std::str::{FromStr, SplitAsciiWhitespace};
 
@@ -8,6 +9,7 @@ use glam::DVec3;
 
 use super::{CAMERA_MODELS, Collected, ColmapFiles, ColmapModel, ColmapPoint, RawImage, lens, pose, unsupported_model};
 use crate::IoError;
+use crate::byte_order_mark::without_mark;
 
 /// Parses `cameras.txt`, `images.txt` and `points3D.txt`; `paths` are for error messages.
 ///
@@ -24,23 +26,24 @@ pub fn parse_text(paths: &ColmapFiles<PathBuf>, bytes: &ColmapFiles<Vec<u8>>) ->
 /// The lines of a file, counted from 1.
 struct Lines<'a> {
     path: &'a Path,
-    lines: std::iter::Enumerate<std::str::Lines<'a>>,
+    lines: Peekable<Enumerate<std::str::Lines<'a>>>,
 }
 
 impl<'a> Lines<'a> {
     fn new(path: &'a Path, bytes: &'a [u8]) -> Result<Self, IoError> {
         let text = std::str::from_utf8(bytes)
             .map_err(|e| IoError::invalid(path, format!("byte {}: not UTF-8 text, expected COLMAP's text format", e.valid_up_to())))?;
-        Ok(Self { path, lines: text.lines().enumerate() })
+        Ok(Self { path, lines: without_mark(text).lines().enumerate().peekable() })
     }
 
     fn fields(&self, index: usize, line: &'a str) -> Fields<'a> {
         Fields { path: self.path, line: index + 1, words: line.split_ascii_whitespace(), text: line }
     }
 
-    /// Returns the next line, whatever it holds.
-    fn following(&mut self) -> Option<Fields<'a>> {
-        let (index, line) = self.lines.next()?;
+    /// Returns the next line, whatever it holds, unless it is an image's: some programs leave out
+    /// the empty line of an image without features.
+    fn features(&mut self) -> Option<Fields<'a>> {
+        let (index, line) = self.lines.next_if(|(_, line)| !is_image(line))?;
         Some(self.fields(index, line))
     }
 
@@ -118,7 +121,7 @@ fn images(out: &mut Collected, mut lines: Lines<'_>) -> Result<(), IoError> {
         // The last image's features may be missing where there are none and the file's last newline
         // was trimmed.
         let mut features_px = Vec::new();
-        if let Some(mut fields) = lines.following() {
+        if let Some(mut fields) = lines.features() {
             while !fields.is_at_end() {
                 let [x, y]: [f64; 2] = fields.values("feature coordinates")?;
                 let _point: i64 = fields.value("a point's number or -1")?;
@@ -128,6 +131,13 @@ fn images(out: &mut Collected, mut lines: Lines<'_>) -> Result<(), IoError> {
         out.images.push(RawImage { id, name, camera_from_world, camera, features_px });
     }
     Ok(())
+}
+
+/// Returns whether a line is an image's: nine numbers, then a name.
+fn is_image(line: &str) -> bool {
+    let words: Vec<&str> = line.split_ascii_whitespace().take(10).collect();
+    let is_number = |word: &&str| word.parse::<f64>().is_ok();
+    words.len() == 10 && words[..9].iter().all(is_number) && !is_number(&words[9])
 }
 
 /// Returns the text from word `n` (from 0) on, without surrounding white space: names may hold
@@ -173,11 +183,34 @@ mod tests {
         let message = |text: &str| with_points(text).unwrap_err().to_string();
         assert_eq!(message("# c\n1 0 0"), "points3D.txt: line 2: the line ends, expected a position: the file is truncated or damaged");
         assert!(message("1 0 0 0 300 0 0 0").contains("\"300\", expected red 0 to 255"));
-        assert!(message("1 0 0 0 0 0 0 0 5 0").contains("image 5, which does not exist"));
-        assert!(message("1 0 0 0 0 0 0 0 1 9").contains("feature 9 of image 1, which has 2"));
         assert!(message("1 0 0 0 0 0 0 0\n1 0 0 0 0 0 0 0").contains("point 1 occurs twice"));
         let singular = ColmapFiles { images: b"1 0 0 0 0 0 0 0 1 a.exr\n\n".to_vec(), ..text_model() };
         assert!(parse_text(&paths("txt"), &singular).unwrap_err().message.contains("quaternion has length 0"));
+    }
+
+    #[test]
+    fn tracks_that_name_nothing_are_left_out_with_a_count() {
+        let model =
+            parse_text(&paths("txt"), &ColmapFiles { points: b"1 0 0 0 0 0 0 0 5 0 1 9 1 1 6 2\n".to_vec(), ..text_model() }).unwrap();
+        assert_eq!(model.points[0].track, [[0, 1]]);
+        let left_out = |n: usize, what: &str| format!("points3D.txt: {n} entries of tracks name {what} and are left out; the points stay");
+        assert_eq!(model.warnings, [left_out(2, "images that the model lacks"), left_out(1, "features that their images lack")]);
+    }
+
+    #[test]
+    fn a_byte_order_mark_is_left_out() {
+        let marked = |bytes: Vec<u8>| [b"\xef\xbb\xbf".to_vec(), bytes].concat();
+        let ColmapFiles { cameras, images, points } = text_model();
+        let files = ColmapFiles { cameras: marked(cameras), images: marked(images), points: marked(points) };
+        assert_eq!(parse_text(&paths("txt"), &files).unwrap(), parse_text(&paths("txt"), &text_model()).unwrap());
+    }
+
+    #[test]
+    fn an_image_without_features_may_lack_their_line() {
+        let images = b"1 1 0 0 0 0 0 0 7 a.exr\n2 0 1 0 0 1 2 3 7 b.exr\n4.5 5.5 9\n3 0 1 0 0 1 2 3 7 c.exr\n\n".to_vec();
+        let model = parse_text(&paths("txt"), &ColmapFiles { images, points: Vec::new(), ..text_model() }).unwrap();
+        let found: Vec<_> = model.images.iter().map(|image| (image.name.as_str(), image.features_px.len())).collect();
+        assert_eq!(found, [("a.exr", 0), ("b.exr", 1), ("c.exr", 0)]);
     }
 
     #[test]
