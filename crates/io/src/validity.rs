@@ -10,7 +10,7 @@ pub(crate) fn is_normalizable(rotation: [f32; 4]) -> bool {
 
 /// Says how many of `count` splats were left out, since a number of theirs is not finite.
 pub(crate) fn left_out_line(left_out: u64, count: u64) -> Option<String> {
-    (left_out > 0).then(|| format!("{left_out} of {count} splats have a number that is NaN or infinite and are left out"))
+    (left_out > 0).then(|| format!("left out, with a number that is NaN or infinite: {left_out} of {count} splats"))
 }
 
 /// Removes splats with a number that is not finite, unless all have one; returns how many.

@@ -78,7 +78,7 @@ fn a_model_without_points_starts_from_the_cameras_or_from_its_ply() {
     let data = load(&scene);
     assert_eq!(data.points.iter().map(|point| point.position).collect::<Vec<_>>(), [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]);
     assert_said(&data, &["points are those of", "points3D.ply"]);
-    assert_said(&data, &["1 points without a finite position are left out"]);
+    assert_said(&data, &["left out without a finite position: 1 point"]);
     // A binary model, too.
     let count = |n: u64| n.to_le_bytes();
     std::fs::remove_file(scene.path().join("sparse/0/points3D.ply")).unwrap();
@@ -146,7 +146,7 @@ fn names_in_other_forms_are_found() {
     scene.write("split.json", "{\"train\": [\"Bu\u{308}ro_0\"], \"test\": [\"B\u{fc}ro_1\"]}");
     let data = load(&scene);
     assert_eq!(views(&data), [1, 1]);
-    assert_said(&data, &["1 files are found under names of another case"]);
+    assert_said(&data, &["found under names of another case: 1 file, such as"]);
 }
 
 #[test]
@@ -154,7 +154,7 @@ fn lenses_that_cannot_be_are_named_with_their_values() {
     let scene = TestScene::new();
     grey(&scene, &["a.exr", "b.exr"]);
     scene.write("transforms.json", transforms(r#""camera_angle_x": 5.86e-6"#, &["a.exr", "b.exr"]));
-    assert_said(&load(&scene), &["\"camera_angle_x\" is 0.00000586 radians", "3.4e-4 degrees", "; 1 more views are like this"]);
+    assert_said(&load(&scene), &["\"camera_angle_x\" is 0.00000586 radians", "3.4e-4 degrees", "; 1 more view is like this"]);
     scene.write("transforms.json", transforms(r#""fl_x": 0.5, "w": 16, "h": 8"#, &["a.exr", "b.exr"]));
     assert_said(&load(&scene), &["\"fl_x\" is 0.5 px", "degrees"]);
     scene.write("transforms.json", transforms(r#""fl_x": 20, "cx": 0.5, "cy": 0.5"#, &["a.exr", "b.exr"]));

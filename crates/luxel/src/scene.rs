@@ -11,9 +11,7 @@ use crate::error::Context;
 use crate::export::{Exported, export};
 use crate::probe::probe;
 use crate::run::{RunFolder, state};
-use crate::{
-    Bake, Device, DeviceOptions, ExportOptions, Observer, Probe, ProbeOptions, Result, SelectedEngine, Silent, output,
-};
+use crate::{Bake, Device, DeviceOptions, ExportOptions, Observer, Probe, ProbeOptions, Result, SelectedEngine, Silent, output};
 
 /// A scene. Dereferences to [`luxel_core::Scene`], whose splats are in normalised units.
 ///

@@ -82,7 +82,8 @@ fn first_of(views: &[CheckedView<'_>], fault: impl Fn(&CheckedView<'_>) -> Optio
     let (view, text) = found.next()?;
     let others = found.count();
     let origin = &view.frame.origin;
-    let more = if others > 0 { format!("; {others} more views are like this") } else { String::new() };
+    let more =
+        if others > 0 { format!("; {others} more {} like this", if others == 1 { "view is" } else { "views are" }) } else { String::new() };
     Some(format!("{}: {}: {text}{more}", origin.path.display(), origin.place))
 }
 

@@ -9,6 +9,7 @@ use std::collections::HashMap;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
+use luxel_core::text::plural;
 use unicode_normalization::UnicodeNormalization;
 
 use crate::image::holds_radiance;
@@ -107,8 +108,8 @@ impl Finder {
     pub(super) fn warnings(&self) -> Vec<String> {
         let found = self.other_case.borrow();
         let line = |(name, path): &(String, PathBuf)| {
-            let count = found.len();
-            format!("{count} files are found under names of another case, such as {} for {name}", path.display())
+            let count = plural(found.len(), "file");
+            format!("found under names of another case: {count}, such as {} for {name}", path.display())
         };
         found.first().map(line).into_iter().collect()
     }
@@ -211,7 +212,7 @@ mod tests {
         assert_eq!(found("Images/B\u{fc}ro_000.exr"), Some(folder.path().join("Images").join(decomposed)));
         assert!(finder.warnings().is_empty());
         assert_eq!(found("images/A.exr"), Some(folder.path().join("Images/a.Exr")));
-        assert!(finder.warnings()[0].starts_with("1 files are found under names of another case, such as"), "{:?}", finder.warnings());
+        assert!(finder.warnings()[0].starts_with("found under names of another case: 1 file, such as"), "{:?}", finder.warnings());
         assert_eq!(found("Images/twice.exr"), None);
         assert_eq!(found("Images/b.exr"), None);
     }

@@ -210,7 +210,7 @@ fn splats_that_are_no_numbers_are_left_out() {
     std::fs::write(&path, changed).unwrap();
     let file = crate::read_scene_file(&path).unwrap();
     assert_eq!(file.scene.splats.len(), scene.splats.len() - 1);
-    assert_eq!(file.warnings, [format!("1 of {} splats have a number that is NaN or infinite and are left out", scene.splats.len())]);
+    assert_eq!(file.warnings, [format!("left out, with a number that is NaN or infinite: 1 of {} splats", scene.splats.len())]);
 }
 
 #[test]

@@ -3,6 +3,8 @@
 use std::io::BufRead;
 use std::path::Path;
 
+use luxel_core::text::plural;
+
 use crate::IoError;
 use crate::ply::header::{Element, Header, Kind, Scalar};
 use crate::ply::rows::{check_count, read_rows, seek_element};
@@ -26,8 +28,8 @@ pub struct PlyCloud {
 impl PlyCloud {
     /// Returns what a user should know about the points of the file at `path`.
     pub fn warning(&self, path: &Path) -> Option<String> {
-        let (path, count) = (path.display(), self.left_out);
-        (count > 0).then(|| format!("{path}: {count} points without a finite position are left out"))
+        let left_out = plural(self.left_out as usize, "point");
+        (self.left_out > 0).then(|| format!("{}: left out without a finite position: {left_out}", path.display()))
     }
 }
 

@@ -394,7 +394,7 @@ fn rows_with_a_number_that_is_not_finite_are_left_out_and_counted() {
         let file = crate::read_scene_file(&path).unwrap();
         let kept = (0..whole.splats.len() as u32).filter(|i| *i != 1);
         assert_eq!(file.scene.splats, whole.splats.select(kept));
-        assert_eq!(file.warnings, [format!("1 of {} splats have a number that is NaN or infinite and are left out", whole.splats.len())]);
+        assert_eq!(file.warnings, [format!("left out, with a number that is NaN or infinite: 1 of {} splats", whole.splats.len())]);
     }
 }
 

@@ -114,7 +114,7 @@ fn splats_without_orientations_and_splats_that_are_no_numbers_are_read_with_a_wa
     assert_eq!(unturned.warnings, ["no \"orientations\": the splats are read as unturned"]);
     let left_out = read("(1, 2, -3e0)", "(1, 2, nan)");
     assert_eq!((left_out.scene.splats.len(), left_out.scene.splats.sh.clone()), (1, vec![1.0, -1.0, 2.0]));
-    assert_eq!(left_out.warnings, ["1 of 2 splats have a number that is NaN or infinite and are left out"]);
+    assert_eq!(left_out.warnings, ["left out, with a number that is NaN or infinite: 1 of 2 splats"]);
     assert_eq!(read("#usda 1.0", "\u{feff}#usda 1.0").scene.splats.len(), 2);
 }
 
