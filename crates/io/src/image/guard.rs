@@ -33,6 +33,12 @@ const FREE_BLOCK_BYTES: u64 = 64 << 20;
 /// Refuses empty images, sides above [`MAX_SIDE_PX`], and more pixels than a file of `file_bytes`
 /// can plausibly hold or the limit of memory allows.
 pub(crate) fn check_size(name: &Path, [width, height]: [u64; 2], file_bytes: u64) -> Result<(), IoError> {
+    check_plausible(name, [width, height], file_bytes)?;
+    check_memory(name, width * height * BYTES_PER_PIXEL)
+}
+
+/// Refuses what no file of `file_bytes` can hold, on any machine.
+fn check_plausible(name: &Path, [width, height]: [u64; 2], file_bytes: u64) -> Result<(), IoError> {
     let side = u64::from(MAX_SIDE_PX);
     if width == 0 || height == 0 || width > side || height > side {
         return Err(IoError::invalid(name, format!("header: size {width} x {height}, expected 1 to {side} pixels per side")));
@@ -43,7 +49,7 @@ pub(crate) fn check_size(name: &Path, [width, height]: [u64; 2], file_bytes: u64
         );
         return Err(IoError::invalid(name, message));
     }
-    check_memory(name, width * height * BYTES_PER_PIXEL)
+    Ok(())
 }
 
 /// Refuses blocks (tiles, groups of lines) that would decompress to more than a file of
@@ -125,7 +131,7 @@ mod tests {
             assert!(check_size(name, size, 1000).is_err(), "{size:?}");
         }
         assert!(check_size(name, [4096, 4096], 300).is_ok());
-        assert!(check_size(name, [1 << 16, 1 << 16], 1 << 22).is_ok());
+        assert!(check_plausible(name, [1 << 16, 1 << 16], 1 << 22).is_ok());
         assert!(check_block(name, u64::MAX, 1000).is_err());
     }
 }
