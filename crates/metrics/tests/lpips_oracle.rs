@@ -109,8 +109,8 @@ fn unknown_networks_and_unusable_images_are_errors() {
     assert_eq!(missing, "tensor \"lin3.model.1.weight\" is missing, expected the shape [1, 256, 1, 1] and finite values");
     let turned = error(&|tensors| tensors.get_mut("net.slice2.3.weight").unwrap().0.swap(0, 1));
     assert!(turned.contains("[64, 192, 5, 5]") && turned.contains("[192, 64, 5, 5]"), "{turned}");
-    for value in [f32::NAN, f32::INFINITY, 3e38] {
-        assert!(error(&|tensors| tensors.get_mut("net.slice1.0.bias").unwrap().1[3] = value).contains("not finite, or above 1e6"));
+    for value in [f32::NAN, f32::INFINITY] {
+        assert!(error(&|tensors| tensors.get_mut("net.slice1.0.bias").unwrap().1[3] = value).contains("not finite"));
     }
     let lpips = Lpips::from_tensors(&whole).unwrap();
     let (small, image) = (Image::filled(30, 31, [0.5; 3]), Image::filled(31, 31, [0.5; 3]));
