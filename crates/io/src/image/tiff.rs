@@ -83,6 +83,9 @@ pub(super) fn primaries(bytes: &[u8]) -> Option<Chromaticities> {
 fn stated(bytes: &[u8]) -> Option<Chromaticities> {
     const WHITE_POINT: Tag = Tag::Unknown(318);
     const PRIMARY_CHROMATICITIES: Tag = Tag::Unknown(319);
+    if Tags::new(bytes).is_some_and(|tags| tags.endless_text().is_some()) {
+        return None;
+    }
     let mut decoder = Decoder::new(Cursor::new(bytes)).ok()?;
     let mut values = |tag| match decoder.find_tag(tag).ok().flatten()? {
         Value::List(values) => values.iter().map(number).collect::<Option<Vec<f32>>>(),
