@@ -37,8 +37,8 @@ fn warn_of_positions(positions: &SpzPositions, console: &Console) {
     let SpzPositions { step, median_size, left_out } = *positions;
     if left_out > 0 {
         console.warn(&format!(
-            "{} left out: they lie so far out that SPZ's 24 bits a coordinate would be too coarse for all the others; \
-             --crop chooses what is kept, and .ply and .glb keep all",
+            "left out: {} so far out that SPZ's 24 bits a coordinate would be too coarse for all the others; --crop chooses what is kept, \
+             and .ply and .glb keep all",
             text::plural(left_out, "splat")
         ));
     }
