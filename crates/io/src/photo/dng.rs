@@ -13,7 +13,6 @@ use std::path::Path;
 use luxel_core::photo::{Exif, RawPixels};
 use rayon::prelude::*;
 
-use super::dng_black::ReadArea;
 use super::dng_tags as tag;
 use super::exif::exif_of_tags;
 use super::{jpeg_xl, lossless_jpeg};
@@ -286,6 +285,17 @@ struct Crop {
     height: usize,
     /// Left and top of the active area.
     area: [usize; 2],
+}
+
+/// The part of the active area whose codes are read.
+#[derive(Clone, Copy)]
+pub(super) struct ReadArea {
+    /// Width of it, pixels.
+    pub(super) width: usize,
+    /// Columns and rows of the active area before it.
+    pub(super) shift: [usize; 2],
+    /// Samples per pixel.
+    pub(super) per_pixel: usize,
 }
 
 /// Shape of strips and tiles.

@@ -5,19 +5,8 @@
 //! remains, patterns of single rows and columns, is subtracted from the codes, except from those of
 //! saturation, which stay saturated.
 
-use super::dng::Dng;
+use super::dng::{Dng, ReadArea};
 use super::dng_tags as tag;
-
-/// The part of the active area whose codes are read.
-#[derive(Clone, Copy)]
-pub(super) struct ReadArea {
-    /// Width of it, pixels.
-    pub(super) width: usize,
-    /// Columns and rows of the active area before it.
-    pub(super) shift: [usize; 2],
-    /// Samples per pixel.
-    pub(super) per_pixel: usize,
-}
 
 impl Dng<'_> {
     /// Subtracts what single rows and columns add to black, and returns what deltas add to the
