@@ -7,7 +7,7 @@ use anyhow::{Context, Result, bail};
 use include_dir::{Dir, include_dir};
 use luxel::preview::{self, Look};
 use luxel::run::{Launch, MadeBy, Occupant, Outcome, RunConfig, RunFolder, RunLock, RunOptions, TrainedRun, fresh};
-use luxel::{LoadOptions, files, output, text};
+use luxel::{LoadOptions, files, output};
 use luxel_core::tone::Tonemap;
 use luxel_core::{Dataset, RadianceScale, View, luminance_rec709};
 use luxel_train::{TrainConfig, Trainer};

@@ -19,7 +19,8 @@ const COUNTERS: usize = 11;
 
 /// Refuses a block that claims more values than its pixels have.
 pub(super) fn check_counts(name: &Path, chunk: &Chunk, headers: &[Header]) -> Result<(), IoError> {
-    // A damaged file may have a block of another part here; the decoder goes by what the block says.
+    // A damaged file may have a block of another part here; the decoder goes by what the block
+    // says.
     let Some(header) = headers.get(chunk.layer_index) else { return Ok(()) };
     if !matches!(header.compression, Compression::DWAA(_) | Compression::DWAB(_)) {
         return Ok(());
