@@ -24,7 +24,9 @@ pub(super) struct Stored {
     pub(super) seeds: Vec<u64>,
 }
 
-#[derive(Deserialize)]
+/// A call that was stopped early leaves a file without lists.
+#[derive(Default, Deserialize)]
+#[serde(default)]
 struct File {
     datasets: Vec<PathBuf>,
     methods: Vec<String>,
@@ -59,6 +61,25 @@ pub(super) fn union<T: PartialEq + Clone>(stored: &[T], asked: &[T]) -> Vec<T> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_file_without_lists_has_none_and_another_is_an_error() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("matrix.toml");
+        let read = |text: &str| {
+            std::fs::write(&path, text).unwrap();
+            Stored::read(&path)
+        };
+        assert_eq!(read("").unwrap(), Stored::default());
+        let found = read("datasets = [\"/a/room\"]\nmethods = [\"lcd\"]\nseeds = [\"7\"]\n[train]\n").unwrap();
+        assert_eq!(
+            (found.datasets, found.methods, found.seeds),
+            (vec![PathBuf::from("/a/room")], vec![parse_method("lcd").unwrap()], vec![7])
+        );
+        for text in ["methods = [\"nerf\"]", "seeds = [\"x\"]", "datasets = 3", "="] {
+            assert!(read(text).unwrap_err().to_string().contains("not the lists of a study"), "{text}");
+        }
+    }
 
     #[test]
     fn what_is_new_comes_behind_unless_all_is_asked_for_in_another_order() {
