@@ -203,7 +203,7 @@ fn of_hero_view(asked: Vec<Candidate>, parts: &[PartNames], warnings: &mut Vec<S
     let named = views.iter().find(|view| !is_ordered && is_one_of(view, &HERO_VIEWS));
     let Some(&hero) = named.or(views.first()) else { return asked };
     if views.len() > 1 {
-        warnings.push(format!("of the views {} {hero} is read", views.join(", ")));
+        warnings.push(format!("the view {hero} is read, of {}", views.join(", ")));
     } else if is_one_of(hero, &RIGHT_VIEWS) {
         warnings.push(format!("the view is {hero}, of a stereo pair"));
     }
@@ -362,7 +362,7 @@ mod tests {
 
     #[test]
     fn the_right_eye_is_never_read_unsaid() {
-        let said = vec!["of the views right, left left is read".to_owned()];
+        let said = vec!["the view left is read, of right, left".to_owned()];
         let parts = [part("rgba.right", "right", &RGB), part("rgba.left", "left", &RGB)];
         assert_eq!(chosen(&parts, None), (1, "R".to_owned(), said.clone()));
         assert_eq!(chosen(&parts, Some("right")), (0, "R".to_owned(), vec!["the view is right, of a stereo pair".to_owned()]));
@@ -372,7 +372,7 @@ mod tests {
         // Views within one part: the channels without a name are the first view's.
         let mut one = part("", "", &["B", "G", "R", "left.B", "left.G", "left.R"]);
         one.views = vec!["right".to_owned(), "left".to_owned()];
-        assert_eq!(chosen(&[one.clone()], None), (0, "R".to_owned(), vec!["of the views right, left right is read".to_owned()]));
+        assert_eq!(chosen(&[one.clone()], None), (0, "R".to_owned(), vec!["the view right is read, of right, left".to_owned()]));
         assert_eq!(chosen(&[one], Some("left")), (0, "left.R".to_owned(), vec![]));
         // Blender's stereo file, without and with layers chosen.
         let channels = [
