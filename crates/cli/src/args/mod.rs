@@ -38,16 +38,16 @@ use crate::commands::completions::{CompletionsArgs, ManArgs};
 
 /// Options whose flag is not their library name with dashes: the command line tells the colour
 /// space of input from that of output.
-const FLAGS: [(&str, &str); 2] = [("color_space", "input-color-space"), ("input_space", "input-color-space")];
+const FLAGS: [(&str, &str); 2] = [("color_space", INPUT_SPACE), ("input_space", INPUT_SPACE)];
 
-/// Flags of earlier versions, and the ones that replace them.
-const RENAMED: [(&str, &str); 3] = [
+/// Flags of earlier versions, and the ones that replace them, for commands in which
+/// [`with_earlier_name`] leaves the earlier one out: there it could mean the other space.
+const RENAMED: [(&str, &str); 2] = [
     (
         "--color-space",
         "the colour space of images that are read is --input-color-space, that of files that are written --output-color-space",
     ),
-    ("--colorspace", "the colour space of files that are written is --output-color-space"),
-    ("--input-space", "the colour space of images that are read is --input-color-space"),
+    ("--colorspace", "the colour space of images that are read is --input-color-space; this command has no --output-color-space"),
 ];
 
 /// Returns an option as it is typed: `--max-splats` for `max_splats`.
@@ -80,7 +80,28 @@ pub(crate) struct Cli {
 /// Returns the program's arguments.
 pub(crate) fn command() -> clap::Command {
     let command = Cli::command().mut_subcommand("reproduce", |reproduce| reproduce.mut_args(reproduce::adapted));
-    command.mut_subcommands(|subcommand| with_memory(subcommand).mut_args(with_negative_numbers))
+    command.mut_subcommands(|subcommand| {
+        let is_prepare = subcommand.get_name() == "prepare";
+        let has_output = subcommand.get_arguments().any(|arg| arg.get_long() == Some(OUTPUT_SPACE));
+        let subcommand = subcommand.mut_args(|arg| with_earlier_name(arg, has_output, is_prepare));
+        with_memory(subcommand).mut_args(with_negative_numbers)
+    })
+}
+
+/// Flags of the colour spaces.
+const INPUT_SPACE: &str = "input-color-space";
+const OUTPUT_SPACE: &str = "output-color-space";
+
+/// Lets a colour space be given by its earlier flag too, where that cannot mean the other one.
+/// `has_output` is whether the command has both.
+fn with_earlier_name(arg: Arg, has_output: bool, is_prepare: bool) -> Arg {
+    match (arg.get_long(), is_prepare) {
+        (Some(INPUT_SPACE), true) => arg.visible_alias("input-space"),
+        (Some(OUTPUT_SPACE), true) => arg.visible_alias("color-space"),
+        (Some(OUTPUT_SPACE), false) => arg.visible_alias("colorspace"),
+        (Some(INPUT_SPACE), false) if !has_output => arg.visible_alias("color-space"),
+        _ => arg,
+    }
 }
 
 /// Name of the option that [`with_memory`] adds.
@@ -325,12 +346,20 @@ mod tests {
     }
 
     #[test]
-    fn the_old_names_of_colour_spaces_name_the_new_ones() {
+    fn earlier_names_of_colour_spaces_are_taken_where_they_are_clear() {
+        for (command, old) in [
+            (&["train", "data", "-o", "run"][..], "--color-space"),
+            (&["probe", "run", "--at", "0,0,0", "-o", "a.exr"], "--colorspace"),
+            (&["export", "run", "-o", "a.usda"], "--colorspace"),
+            (&["prepare", "photos", "-o", "set"], "--color-space"),
+            (&["prepare", "photos", "-o", "set"], "--input-space"),
+        ] {
+            let args = ["luxel"].iter().chain(command).copied().chain([old, "acescg"]);
+            assert!(super::command().try_get_matches_from(args).is_ok(), "{command:?} {old}");
+        }
         for (command, old, new) in [
-            (&["train", "data", "-o", "run"][..], "--color-space", "--input-color-space"),
-            (&["probe", "run", "--at", "0,0,0", "-o", "a.exr"], "--colorspace", "--output-color-space"),
-            (&["prepare", "photos", "-o", "set"], "--color-space", "--output-color-space"),
-            (&["prepare", "photos", "-o", "set"], "--input-space", "--input-color-space"),
+            (&["render", "run", "-o", "out"][..], "--color-space", "--output-color-space"),
+            (&["train", "data", "-o", "run"], "--colorspace", "--input-color-space"),
         ] {
             let args = ["luxel"].iter().chain(command).copied().chain([old, "acescg"]);
             let error = with_new_names(super::command().try_get_matches_from(args).unwrap_err());
