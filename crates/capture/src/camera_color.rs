@@ -17,9 +17,18 @@ use luxel_core::{ColorSpace, Conversion};
 pub struct CameraColor {
     /// Temperature of the illuminant in kelvin, and camera colours from XYZ; one or two, in any
     /// order.
-    pub camera_from_xyz: Vec<(f64, DMat3)>,
+    pub camera_from_xyz: Vec<CalibratedMatrix>,
     /// XYZ at D50 from balanced camera colours; as many as above, or none.
     pub d50_from_balanced: Vec<DMat3>,
+}
+
+/// A colour matrix and the illuminant that it was measured under.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CalibratedMatrix {
+    /// Temperature of the illuminant, kelvin.
+    pub kelvin: f64,
+    /// The matrix.
+    pub matrix: DMat3,
 }
 
 /// The matrices make no colours.
@@ -70,8 +79,12 @@ impl CameraColor {
         let neutral = DVec3::from_array(neutral);
         let kelvin = self.temperature(neutral)?;
         let matrix = if self.d50_from_balanced.len() == self.camera_from_xyz.len() && !self.d50_from_balanced.is_empty() {
-            let forward: Vec<(f64, DMat3)> =
-                self.camera_from_xyz.iter().zip(&self.d50_from_balanced).map(|((kelvin, _), m)| (*kelvin, *m)).collect();
+            let forward: Vec<CalibratedMatrix> = self
+                .camera_from_xyz
+                .iter()
+                .zip(&self.d50_from_balanced)
+                .map(|(of, m)| CalibratedMatrix { kelvin: of.kelvin, matrix: *m })
+                .collect();
             rgb_from_xyz(D50, space)? * mix(&forward, kelvin)?
         } else {
             let xyz_from_camera = inverse(mix(&self.camera_from_xyz, kelvin)?)?;
@@ -108,14 +121,15 @@ impl CameraColor {
 }
 
 /// Mixes two matrices by inverse temperature; outside of the two it is the nearer one.
-fn mix(matrices: &[(f64, DMat3)], kelvin: f64) -> Result<DMat3, CameraColorError> {
+fn mix(matrices: &[CalibratedMatrix], kelvin: f64) -> Result<DMat3, CameraColorError> {
     match matrices {
         [] => Err(CameraColorError::None),
-        [(_, only)] => Ok(*only),
-        [(a, first), (b, second), ..] => {
+        [only] => Ok(only.matrix),
+        [first, second, ..] => {
+            let [a, b] = [first.kelvin, second.kelvin];
             let share = ((1.0 / kelvin - 1.0 / b) / (1.0 / a - 1.0 / b)).clamp(0.0, 1.0);
             let share = if share.is_finite() { share } else { 1.0 };
-            Ok(*first * share + *second * (1.0 - share))
+            Ok(first.matrix * share + second.matrix * (1.0 - share))
         }
     }
 }
@@ -159,7 +173,7 @@ mod tests {
     fn rec709_camera() -> CameraColor {
         let d65 = DVec3::new(0.3127 / 0.3290, 1.0, (1.0 - 0.3127 - 0.3290) / 0.3290);
         let rgb_from_xyz = Conversion::from_xyz(d65, ColorSpace::LinearRec709).unwrap();
-        CameraColor { camera_from_xyz: vec![(6504.0, rgb_from_xyz)], d50_from_balanced: Vec::new() }
+        CameraColor { camera_from_xyz: vec![CalibratedMatrix { kelvin: 6504.0, matrix: rgb_from_xyz }], d50_from_balanced: Vec::new() }
     }
 
     #[test]
@@ -173,7 +187,13 @@ mod tests {
     fn white_is_white_in_every_space_and_light() {
         let tungsten = DMat3::from_cols_array(&[0.9, -0.3, -0.05, -0.2, 1.1, 0.1, -0.1, 0.15, 0.6]);
         let daylight = DMat3::from_cols_array(&[0.8, -0.4, -0.1, -0.1, 1.2, 0.2, -0.1, 0.1, 0.7]);
-        let camera = CameraColor { camera_from_xyz: vec![(2856.0, tungsten), (6504.0, daylight)], d50_from_balanced: Vec::new() };
+        let camera = CameraColor {
+            camera_from_xyz: vec![
+                CalibratedMatrix { kelvin: 2856.0, matrix: tungsten },
+                CalibratedMatrix { kelvin: 6504.0, matrix: daylight },
+            ],
+            d50_from_balanced: Vec::new(),
+        };
         for neutral in [[0.5, 1.0, 0.6], [0.8, 1.0, 0.3], [0.4, 1.0, 0.9]] {
             for space in ColorSpace::ALL {
                 let white = camera.scene_from_balanced(neutral, space).unwrap() * DVec3::ONE;
@@ -200,7 +220,8 @@ mod tests {
 
     #[test]
     fn what_makes_no_colours_is_refused() {
-        let flat = CameraColor { camera_from_xyz: vec![(5000.0, DMat3::ZERO)], d50_from_balanced: Vec::new() };
+        let flat =
+            CameraColor { camera_from_xyz: vec![CalibratedMatrix { kelvin: 5000.0, matrix: DMat3::ZERO }], d50_from_balanced: Vec::new() };
         assert_eq!(flat.scene_from_balanced([1.0; 3], ColorSpace::AcesCg), Err(CameraColorError::Singular));
         assert!(rec709_camera().scene_from_balanced([0.0, 1.0, 1.0], ColorSpace::AcesCg).is_err());
         assert_eq!(mix(&[], 5000.0), Err(CameraColorError::None));

@@ -22,7 +22,7 @@ mod testing;
 
 pub use align::{FrameOffset, frame_offset};
 pub use bracket::{BracketError, BracketNote, BracketRule, Brackets, Shot, find_brackets};
-pub use camera_color::{CameraColor, CameraColorError, median_neutral};
+pub use camera_color::{CalibratedMatrix, CameraColor, CameraColorError, median_neutral};
 pub use capture_metrics::{CaptureMetrics, capture_metrics, sharpness};
 pub use demosaic::demosaic;
 pub use exposure::Exposure;

@@ -13,7 +13,7 @@ type Body = fn(&str);
 
 const ALL: [(&str, Body); 3] = [
     ("a_run_moves_between_cpu_and_gpu", a_run_moves_between_cpu_and_gpu),
-    ("at_the_bound_splats_change_hands_alike", at_the_bound_splats_change_hands_alike),
+    ("engines_relocate_as_many_splats_at_the_bound", engines_relocate_as_many_splats_at_the_bound),
     ("software_renderers_are_taken_by_name_only", software_renderers_are_taken_by_name_only),
 ];
 
@@ -48,7 +48,7 @@ fn a_run_moves_between_cpu_and_gpu(gpu: &str) {
 
 /// Rounds at the bound ask the engine what the views see of each splat, while steps may be on their
 /// way.
-fn at_the_bound_splats_change_hands_alike(gpu: &str) {
+fn engines_relocate_as_many_splats_at_the_bound(gpu: &str) {
     let place = Workplace::new();
     let figures = |device: &str, run: &str, turnover: &str| {
         let rounds = [

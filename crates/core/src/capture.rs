@@ -90,7 +90,7 @@ impl NoiseModel {
     ///
     /// The higher the ISO speed, the fewer electrons saturate a pixel. Prefer measured noise of the
     /// camera where it is known.
-    pub fn of_iso(iso: f64, white: f64) -> Self {
+    pub fn from_iso(iso: f64, white: f64) -> Self {
         let white_electrons = FULL_WELL * 100.0 / iso;
         Self { read: (white * READ_NOISE / white_electrons) as f32, shot: (white / white_electrons) as f32 }
     }
@@ -115,11 +115,11 @@ mod tests {
 
     #[test]
     fn noise_grows_with_sensitivity() {
-        let (low, high) = (NoiseModel::of_iso(100.0, 1.0), NoiseModel::of_iso(1600.0, 1.0));
+        let (low, high) = (NoiseModel::from_iso(100.0, 1.0), NoiseModel::from_iso(1600.0, 1.0));
         // The square root of 40,000 electrons at white, of 2,500 sixteen times as sensitive.
         assert!((low.variance(1.0).sqrt() - 1.0 / 200.0).abs() < 1e-4);
         assert!((high.variance(1.0).sqrt() - 1.0 / 50.0).abs() < 1e-3);
-        assert!((NoiseModel::of_iso(100.0, 8.0).variance(8.0) / 64.0 - low.variance(1.0)).abs() < 1e-7);
+        assert!((NoiseModel::from_iso(100.0, 8.0).variance(8.0) / 64.0 - low.variance(1.0)).abs() < 1e-7);
     }
 
     #[test]

@@ -8,8 +8,12 @@
 //!   (LCD-GS eq. 4) and L = g(l_0 + sum_{m>0} l_m Y_m(v)). q sums to 1, so L is the splat's
 //!   R + G + B. The paper uses luminance degree 0. [`DEAD_CHROMA_FLOOR`] is e.
 
+mod activation;
+
 use serde::{Deserialize, Serialize};
 
+use self::activation::scale_luminance;
+pub use self::activation::{Activation, MAX_EXP_ARGUMENT};
 use crate::sh::{self, MAX_COEFFICIENTS};
 use crate::{Real, each};
 
@@ -23,73 +27,6 @@ pub const SH_OFFSET: f32 = 0.5;
 /// gradient of its luminance. Initial chromaticities sum to 1, so 1e-3 bounds the desaturation at
 /// 0.3 %.
 pub const DEAD_CHROMA_FLOOR: f32 = 1e-3;
-
-/// Map from the raw luminance parameter to a positive luminance (LCD-GS, "g").
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Activation {
-    /// ln(1 + e^l), the paper's choice: multiplicative steps for dark splats, additive steps for
-    /// bright ones.
-    #[default]
-    Softplus,
-    /// e^l.
-    Exp,
-    /// max(l, 0): its gradient vanishes below zero.
-    Relu,
-}
-
-/// Largest argument of the exponential activation: e^60 = 1.1e26 leaves room for products within
-/// f32.
-pub const MAX_EXP_ARGUMENT: f32 = 60.0;
-
-/// Luminance that represents black, since the logarithm of 0 is not a valid parameter. It is far
-/// below every cut-off.
-const DARKEST: f32 = 1e-8;
-
-impl Activation {
-    /// Returns the luminance of the raw parameter.
-    #[inline(always)]
-    pub fn apply<R: Real>(self, raw: R) -> R {
-        let zero = raw.lift(0.0);
-        match self {
-            // max(l, 0) + ln(1 + e^-|l|) neither overflows nor loses the small values of very
-            // negative l.
-            Self::Softplus => raw.max(zero) + (-(raw.max(-raw))).exp().ln_1p(),
-            Self::Exp => raw.min(raw.lift(MAX_EXP_ARGUMENT)).exp(),
-            Self::Relu => raw.max(zero),
-        }
-    }
-
-    /// Returns the derivative of [`Self::apply`].
-    #[inline(always)]
-    pub fn derivative<R: Real>(self, raw: R) -> R {
-        let (zero, one) = (raw.lift(0.0), raw.lift(1.0));
-        match self {
-            Self::Softplus => {
-                let e = (-(raw.max(-raw))).exp();
-                raw.if_positive(one, e) / (one + e)
-            }
-            Self::Exp => {
-                let limit = raw.lift(MAX_EXP_ARGUMENT);
-                (limit - raw).if_positive(raw.min(limit).exp(), zero)
-            }
-            Self::Relu => raw.if_positive(one, zero),
-        }
-    }
-
-    /// Returns the raw parameter of a luminance.
-    ///
-    /// Luminances below 1e-8 count as 1e-8, except for [`Self::Relu`].
-    pub fn inverse(self, luminance: f32) -> f32 {
-        let l = luminance.max(DARKEST);
-        match self {
-            // ln(e^L - 1), written so that it neither overflows nor cancels.
-            Self::Softplus => l + (-(-l).exp_m1()).ln(),
-            Self::Exp => l.ln(),
-            Self::Relu => luminance.max(0.0),
-        }
-    }
-}
 
 /// The representation of radiance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -363,45 +300,6 @@ fn chromaticity<R: Real>(response: [R; 3]) -> ([R; 3], R) {
     let r = each!([0, 1, 2] i => { let s = response[i]; s.max(s.lift(0.0)) + floor });
     let sum = r[0] + r[1] + r[2];
     (each!([0, 1, 2] i => { let value = r[i]; value / sum }), sum)
-}
-
-/// Changes `raw [M]` so that the activated luminance is multiplied by `factor`.
-fn scale_luminance(activation: Activation, raw: &mut [f32], factor: f32) {
-    let Some((constant, rest)) = raw.split_first_mut() else { return };
-    let before = *constant;
-    let rest_factor;
-    (*constant, rest_factor) = match activation {
-        // Homogeneous: all coefficients scale, and so do values below zero.
-        Activation::Relu => (before * factor, factor),
-        // Black has no logarithm and is the same in every direction.
-        _ if factor <= 0.0 => (before.min(activation.inverse(0.0)), 0.0),
-        // The caller detects the overflow.
-        Activation::Exp if (factor * activation.apply(before)).is_infinite() => (f32::INFINITY, 1.0),
-        // A factor shifts the constant term.
-        Activation::Exp => (before.min(MAX_EXP_ARGUMENT) + factor.ln(), 1.0),
-        Activation::Softplus => scaled_softplus(before, factor),
-    };
-    for value in rest {
-        *value *= rest_factor;
-    }
-}
-
-/// Returns the constant term of a softplus `factor` times that of `before`, and the factor of the
-/// view-dependent terms.
-///
-/// g(l') = f g(l) at the constant term, and f g'(l) dl = g'(l') dl' near it. Below [`DARKEST`], g
-/// equals e^l to rounding and is its own derivative.
-fn scaled_softplus(before: f32, factor: f32) -> (f32, f32) {
-    let softplus = Activation::Softplus;
-    let luminance = softplus.apply(before);
-    if factor * luminance >= DARKEST {
-        let after = softplus.inverse(factor * luminance);
-        (after, factor * softplus.derivative(before) / softplus.derivative(after))
-    } else if luminance >= DARKEST {
-        (luminance.ln() + factor.ln(), softplus.derivative(before) / luminance)
-    } else {
-        (before + factor.ln(), 1.0)
-    }
 }
 
 #[cfg(test)]

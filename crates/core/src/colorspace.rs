@@ -79,7 +79,7 @@ impl ColorSpace {
     }
 
     /// Returns the space of these chromaticities, within the rounding of files.
-    pub fn of_chromaticities(chromaticities: &Chromaticities) -> Option<Self> {
+    pub fn from_chromaticities(chromaticities: &Chromaticities) -> Option<Self> {
         let near = |space: &Self| {
             let (found, expected) = (chromaticities.as_flattened(), space.chromaticities());
             found.iter().zip(expected.as_flattened()).all(|(a, b)| (a - b).abs() <= TOLERANCE)
@@ -102,12 +102,12 @@ impl Conversion {
             return Self { matrix: DMat3::IDENTITY };
         }
         // All named spaces have valid primaries; a test checks every pair.
-        Self::of_chromaticities(&from.chromaticities(), &to.chromaticities()).unwrap_or(Self { matrix: DMat3::IDENTITY })
+        Self::from_chromaticities(&from.chromaticities(), &to.chromaticities()).unwrap_or(Self { matrix: DMat3::IDENTITY })
     }
 
     /// Returns the conversion between two sets of chromaticities; `None` if one of them defines no
     /// colour space.
-    pub fn of_chromaticities(from: &Chromaticities, to: &Chromaticities) -> Option<Self> {
+    pub fn from_chromaticities(from: &Chromaticities, to: &Chromaticities) -> Option<Self> {
         let (xyz_from_source, source_white) = xyz_from_rgb(from)?;
         let (xyz_from_target, target_white) = xyz_from_rgb(to)?;
         let matrix = inverse(xyz_from_target)? * adaptation(source_white, target_white)? * xyz_from_source;
@@ -263,19 +263,19 @@ mod tests {
     fn rounded_chromaticities_are_known() {
         for space in ColorSpace::ALL {
             let rounded = space.chromaticities().map(|xy| xy.map(|v| (v * 1e3).round() / 1e3));
-            assert_eq!(ColorSpace::of_chromaticities(&rounded), Some(space));
+            assert_eq!(ColorSpace::from_chromaticities(&rounded), Some(space));
             assert_eq!(ColorSpace::from_name(space.name()), Some(space));
             assert!(ColorSpace::NAMES.contains(space.name()));
             assert_eq!(serde_json::to_string(&space).unwrap(), format!("\"{}\"", space.name()));
         }
-        assert_eq!(ColorSpace::of_chromaticities(&[[0.0; 2]; 4]), None);
+        assert_eq!(ColorSpace::from_chromaticities(&[[0.0; 2]; 4]), None);
     }
 
     #[test]
     fn degenerate_chromaticities_have_no_matrix() {
         let rec709 = ColorSpace::LinearRec709.chromaticities();
         for bad in [[[0.0; 2]; 4], [[0.3, 0.3]; 4], [[f32::NAN; 2]; 4], [[f32::INFINITY; 2]; 4]] {
-            assert_eq!(Conversion::of_chromaticities(&bad, &rec709), None, "{bad:?}");
+            assert_eq!(Conversion::from_chromaticities(&bad, &rec709), None, "{bad:?}");
         }
     }
 

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::{Camera, ColorSpace, Image, Mask, NoiseModel, PixelValues, ViewError, mask};
+use crate::{Camera, ColorSpace, Image, Mask, NoiseModel, PixelValues, Target, ViewError, mask};
 
 /// A posed image.
 #[derive(Clone, Debug)]
@@ -21,6 +21,8 @@ pub struct View {
     pub noise: Option<NoiseModel>,
     /// Mask; `None` if all pixels count fully.
     pub mask: Option<Arc<Mask>>,
+    /// The comparison of renders with the image in training; readers leave the default.
+    pub target: Target,
 }
 
 impl View {
@@ -96,7 +98,7 @@ impl View {
         self.values.from_light(&mut image);
         let mask = weights.iter().any(|weight| *weight < 1.0).then(|| Arc::new(Mask { weights }));
         let noise = self.noise.map(|model| model.averaged(factor * factor));
-        Self { name: self.name.clone(), camera, image: Arc::new(image), values: self.values, noise, mask }
+        Self { name: self.name.clone(), camera, image: Arc::new(image), values: self.values, noise, mask, target: self.target }
     }
 }
 
@@ -175,7 +177,8 @@ mod tests {
             image: Arc::new(Image::from_pixels(width as usize, height as usize, pixels).unwrap()),
             values: PixelValues::Radiance,
             noise: None,
-            mask: mask.map(|valid| Arc::new(Mask::of_valid(valid))),
+            mask: mask.map(|valid| Arc::new(Mask::from_valid(valid))),
+            target: Target::default(),
         }
     }
 

@@ -250,7 +250,7 @@ pub struct Summary {
 
 impl Summary {
     /// Returns the summary of a map in `projection`.
-    pub fn of(image: &Image, projection: Projection) -> Self {
+    pub fn new(image: &Image, projection: Projection) -> Self {
         let width = image.width;
         let mut sum = [0f64; 3];
         let mut irradiance = [[0f64; 3]; 6];
@@ -352,7 +352,7 @@ mod tests {
             let rig = Rig::new(DVec3::ZERO, DMat3::IDENTITY, map(projection, 128), None);
             // Everywhere 1: pi. Above the horizon 1: pi, 0 and pi / 2.
             let sky = |d: DVec3| [1.0, if d.y > 0.0 { 1.0 } else { 0.0 }, (1.0 + d.y) as f32];
-            let summary = Summary::of(&rig.assemble(&renders(&rig, sky)), projection);
+            let summary = Summary::new(&rig.assemble(&renders(&rig, sky)), projection);
             let expected = [PI, PI, PI, PI, PI, PI];
             for (found, expected) in summary.irradiance.iter().zip(expected) {
                 assert!((found[0] - expected).abs() < 2e-3, "{projection:?} {found:?}");

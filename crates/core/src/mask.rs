@@ -9,7 +9,7 @@
 /// ```
 /// use luxel_core::{Mask, mask};
 ///
-/// let half = Mask::of_valid([true, false]);
+/// let half = Mask::from_valid([true, false]);
 /// assert_eq!((half.is_valid(0), half.is_valid(1), half.is_valid(2)), (true, false, false));
 /// assert_eq!(half.total(), Some(1.0));
 /// assert!(mask::is_valid(None, 7) && !mask::is_valid(Some(&half), 1));
@@ -22,7 +22,7 @@ pub struct Mask {
 
 impl Mask {
     /// Returns the mask of pixels that count fully or not at all.
-    pub fn of_valid(valid: impl IntoIterator<Item = bool>) -> Self {
+    pub fn from_valid(valid: impl IntoIterator<Item = bool>) -> Self {
         Self { weights: valid.into_iter().map(|valid| f32::from(u8::from(valid))).collect() }
     }
 

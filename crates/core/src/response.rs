@@ -87,10 +87,10 @@ pub fn exposure_of_knot(k: usize) -> f64 {
 impl Response {
     /// Evaluates the response to radiance `p` in channel `channel`.
     #[inline]
-    pub fn of(&self, channel: usize, p: f32) -> Recorded {
+    pub fn apply(&self, channel: usize, p: f32) -> Recorded {
         let (knots, exposure) = (&self.knots[channel], self.exposure[channel]);
         let x = p.max(0.0) * exposure;
-        let position = UNIT_KNOT as f32 * MuLaw::new(RESPONSE_MU).of(x);
+        let position = UNIT_KNOT as f32 * MuLaw::new(RESPONSE_MU).apply(x);
         let (k, along) = piece(position);
         let rise = knots[k + 1] - knots[k];
         let log = RESPONSE_MU.ln_1p();
@@ -102,7 +102,7 @@ impl Response {
     /// the value is that one, without derivatives.
     #[inline]
     pub fn against(&self, channel: usize, p: f32, recorded: f32) -> Recorded {
-        let found = self.of(channel, p);
+        let found = self.apply(channel, p);
         if (recorded >= SATURATED && found.value > recorded) || (recorded <= BLACK && found.value < recorded) {
             return Recorded { value: recorded, by_radiance: 0.0, weight: 0.0, ..found };
         }
@@ -134,16 +134,16 @@ mod tests {
     #[test]
     fn the_unit_exposure_is_a_knot() {
         assert!((exposure_of_knot(UNIT_KNOT) - 1.0).abs() < 1e-12 && exposure_of_knot(0) == 0.0);
-        assert!((gamma().of(0, 1.0).value - 0.5).abs() < 1e-6);
+        assert!((gamma().apply(0, 1.0).value - 0.5).abs() < 1e-6);
         // A channel's exposure is radiance times the factor of the channel.
-        assert!((gamma().of(1, 0.5).value - 0.5).abs() < 1e-6 && (gamma().of(2, 4.0).value - 0.5).abs() < 1e-6);
+        assert!((gamma().apply(1, 0.5).value - 0.5).abs() < 1e-6 && (gamma().apply(2, 4.0).value - 0.5).abs() < 1e-6);
     }
 
     #[test]
     fn a_smooth_curve_is_followed_between_the_knots() {
         for i in 0..400 {
             let x = 0.005 * 1.02f64.powi(i);
-            let (found, expected) = (f64::from(gamma().of(0, x as f32).value), 0.5 * x.powf(1.0 / 2.2));
+            let (found, expected) = (f64::from(gamma().apply(0, x as f32).value), 0.5 * x.powf(1.0 / 2.2));
             assert!(x > 45.0 || (found - expected).abs() < 4e-3 * expected.max(0.2), "{x}: {found} {expected}");
         }
     }
@@ -152,9 +152,9 @@ mod tests {
     fn derivatives_are_those_of_differences() {
         let response = gamma();
         for (channel, p) in [(0, 0.0), (0, 0.013), (1, 0.7), (2, 3.3), (0, 44.0), (1, 60.0)] {
-            let at = response.of(channel, p);
+            let at = response.apply(channel, p);
             let h = (p * 1e-3).max(1e-6);
-            let numeric = (response.of(channel, p + h).value - at.value) / h;
+            let numeric = (response.apply(channel, p + h).value - at.value) / h;
             assert!((numeric - at.by_radiance).abs() < 2e-3 * at.by_radiance, "{p}: {numeric} {}", at.by_radiance);
             let (k, along) = piece(at.position);
             let by_hand = response.knots[channel][k] * (1.0 - along) + response.knots[channel][k + 1] * along;
@@ -180,7 +180,7 @@ mod tests {
     fn the_inverse_finds_the_exposure() {
         let response = gamma();
         for x in [0.01f32, 0.2, 1.0, 3.7, 20.0] {
-            let value = response.of(0, x).value;
+            let value = response.apply(0, x).value;
             let found = Response::exposure_at(&response.knots[0], value);
             assert!((found / f64::from(x) - 1.0).abs() < 1e-3, "{x} {found}");
         }

@@ -10,7 +10,7 @@
 
 use glam::{DAffine3, DVec2, Mat3, Quat, Vec3};
 
-use crate::noise::Stream;
+use crate::random::Stream;
 use crate::{Camera, ColorModel, Distortion, SH_OFFSET, Splat, Splats, logit, sh};
 
 /// Half of the room's sides, metres; y points down.

@@ -17,8 +17,8 @@ use std::time::{Duration, Instant};
 use criterion::{Criterion, SamplingMode, criterion_group, criterion_main};
 use luxel_core::engine::{LearningRates, StatsCollection, StepConfig};
 use luxel_core::{
-    Activation, Antialias, ColorModel, Cutoffs, Engine, LossConfig, Pass, PixelValues, RasterConfig, RenderOptions, View, spatial_order,
-    synthetic,
+    Activation, Antialias, ColorModel, Cutoffs, Engine, LossWeights, Pass, PixelValues, RasterConfig, RenderOptions, Target, View,
+    spatial_order, synthetic,
 };
 use luxel_cpu::CpuEngine;
 
@@ -53,7 +53,15 @@ impl Session {
         engine.load(&room.select(spatial_order(&room.position)), None).unwrap();
         Self {
             engine,
-            view: View { name: "room".into(), camera, image, values: PixelValues::Radiance, noise: None, mask: None },
+            view: View {
+                name: "room".into(),
+                camera,
+                image,
+                values: PixelValues::Radiance,
+                noise: None,
+                mask: None,
+                target: Target::default(),
+            },
             render,
             step: 0,
         }
@@ -70,7 +78,7 @@ impl Session {
         let config = StepConfig {
             step: self.step,
             render: self.render,
-            loss: LossConfig::default(),
+            loss: LossWeights::default(),
             learning_rates: LearningRates {
                 position: rate,
                 rotation: rate,
@@ -89,7 +97,7 @@ impl Session {
 
     /// Returns the time spent in `pass` so far.
     fn spent(&self, pass: Pass) -> Duration {
-        self.engine.timings().iter().filter(|(timed, _)| *timed == pass).map(|(_, spent)| *spent).sum()
+        self.engine.timings().iter().filter(|timed| timed.pass == pass).map(|timed| timed.time).sum()
     }
 }
 

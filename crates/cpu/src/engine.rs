@@ -6,12 +6,10 @@
 mod clock;
 mod state;
 
-use std::time::Duration;
-
 use fearless_simd::Level;
 use luxel_core::edit::Contributions;
 use luxel_core::engine::{DensifyPlan, DensifyStats, Evaluations, Geometry, StepConfig};
-use luxel_core::{Camera, Engine, EngineError, Image, Layers, Moments, Pass, Remedy, RenderOptions, Splats, StepReport, View};
+use luxel_core::{Camera, Engine, EngineError, Image, Layers, Moments, PassTime, Remedy, RenderOptions, Splats, StepReport, View};
 
 use self::state::State;
 use crate::view::ScreenCamera;
@@ -181,7 +179,7 @@ impl Engine for CpuEngine {
         self.state.len()
     }
 
-    fn timings(&self) -> &[(Pass, Duration)] {
+    fn timings(&self) -> &[PassTime] {
         &self.state.timings
     }
 }

@@ -86,16 +86,16 @@ pub struct AdapterFacts {
     /// Whether passes can be timed.
     pub timestamps: bool,
     /// Requirements of the engine that the adapter does not meet, with the values found.
-    pub lacks: Vec<String>,
+    pub missing_features: Vec<String>,
 }
 
 impl AdapterFacts {
     fn new(adapter: &wgpu::Adapter) -> Self {
         let (info, limits) = (adapter.get_info(), adapter.limits());
-        let mut lacks = Vec::new();
+        let mut missing_features = Vec::new();
         let mut need = |what: &str, least: u64, found: u64| {
             if found < least {
-                lacks.push(format!("{what}: {found}, needed {least}"));
+                missing_features.push(format!("{what}: {found}, needed {least}"));
             }
         };
         need("bytes of workgroup memory", WORKGROUP_BYTES.into(), limits.max_compute_workgroup_storage_size.into());
@@ -107,7 +107,7 @@ impl AdapterFacts {
             [(wgpu::DownlevelFlags::COMPUTE_SHADERS, "compute shaders"), (wgpu::DownlevelFlags::INDIRECT_EXECUTION, "indirect dispatches")]
         {
             if !flags.contains(flag) {
-                lacks.push(what.into());
+                missing_features.push(what.into());
             }
         }
         Self {
@@ -124,14 +124,14 @@ impl AdapterFacts {
             binding_bytes: usable_binding(limits.max_storage_buffer_binding_size.min(limits.max_buffer_size)),
             subgroup_size: [info.subgroup_min_size, info.subgroup_max_size],
             timestamps: adapter.features().contains(wgpu::Features::TIMESTAMP_QUERY),
-            lacks,
+            missing_features,
         }
     }
 
     /// Returns the reason why `choice` excludes the adapter, for display; `None` if it does not.
     pub fn reason_against(&self, choice: &DeviceChoice) -> Option<String> {
-        if !self.lacks.is_empty() {
-            return Some(format!("lacks {}", self.lacks.join(", ")));
+        if !self.missing_features.is_empty() {
+            return Some(format!("lacks {}", self.missing_features.join(", ")));
         }
         match choice {
             DeviceChoice::Best => (self.kind == AdapterKind::Software).then(|| "a software renderer is only taken by its name".into()),
@@ -175,7 +175,7 @@ mod tests {
             binding_bytes: 1 << 27,
             subgroup_size: [32; 2],
             timestamps: true,
-            lacks: Vec::new(),
+            missing_features: Vec::new(),
         }
     }
 
@@ -193,7 +193,10 @@ mod tests {
 
     #[test]
     fn an_adapter_that_lacks_something_says_what() {
-        let old = AdapterFacts { lacks: vec!["storage buffers per shader: 4, needed 8".into()], ..facts("old", AdapterKind::Integrated) };
+        let old = AdapterFacts {
+            missing_features: vec!["storage buffers per shader: 4, needed 8".into()],
+            ..facts("old", AdapterKind::Integrated)
+        };
         let reason = old.reason_against(&DeviceChoice::Best).unwrap();
         assert_eq!(reason, "lacks storage buffers per shader: 4, needed 8");
     }

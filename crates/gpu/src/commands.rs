@@ -8,7 +8,7 @@ use std::collections::HashMap;
 use std::sync::Arc;
 use std::time::Duration;
 
-use luxel_core::{EngineError, Pass};
+use luxel_core::{EngineError, Pass, PassTime};
 
 use crate::device::{Buffer, Gpu};
 use crate::kernels::{Kernel, KernelId};
@@ -28,6 +28,19 @@ pub(crate) enum Groups<'a> {
     Grid([u32; 2]),
     /// A number that the device has written at an offset of a buffer.
     Indirect(&'a Buffer, usize),
+}
+
+/// A buffer bound to a number in a shader.
+#[derive(Clone, Copy)]
+pub(crate) struct Binding<'a> {
+    /// The number after `@binding`.
+    pub(crate) slot: u32,
+    pub(crate) buffer: &'a Buffer,
+}
+
+/// Binds `buffer` to `slot`.
+pub(crate) fn bind(slot: u32, buffer: &Buffer) -> Binding<'_> {
+    Binding { slot, buffer }
 }
 
 enum Dispatch {
@@ -58,7 +71,7 @@ impl Commands {
     }
 
     /// Adds a kernel.
-    pub(crate) fn add(&mut self, gpu: &Gpu, pass: Pass, id: KernelId, buffers: &[(u32, &Buffer)], groups: Groups<'_>) {
+    pub(crate) fn add(&mut self, gpu: &Gpu, pass: Pass, id: KernelId, bindings: &[Binding<'_>], groups: Groups<'_>) {
         let dispatch = match groups {
             Groups::Line(0) => return,
             Groups::Line(groups) => Dispatch::Direct(fold(groups)),
@@ -66,15 +79,15 @@ impl Commands {
             Groups::Indirect(buffer, offset) => Dispatch::Indirect(buffer.raw.clone(), offset as u64),
         };
         let kernel = gpu.kernel(id);
-        let key = (id, buffers.iter().map(|(_, buffer)| buffer.id).collect());
-        let bindings = self.bindings.entry(key).or_insert_with(|| {
-            let entries: Vec<wgpu::BindGroupEntry<'_>> = buffers
+        let key = (id, bindings.iter().map(|binding| binding.buffer.id).collect());
+        let group = self.bindings.entry(key).or_insert_with(|| {
+            let entries: Vec<wgpu::BindGroupEntry<'_>> = bindings
                 .iter()
-                .map(|(binding, buffer)| wgpu::BindGroupEntry { binding: *binding, resource: buffer.raw.as_entire_binding() })
+                .map(|Binding { slot, buffer }| wgpu::BindGroupEntry { binding: *slot, resource: buffer.raw.as_entire_binding() })
                 .collect();
             gpu.device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some(id.name()), layout: &kernel.layout, entries: &entries })
         });
-        self.list.push(Command { pass, kernel, bindings: bindings.clone(), dispatch });
+        self.list.push(Command { pass, kernel, bindings: group.clone(), dispatch });
     }
 
     /// Returns the number of waiting dispatches.
@@ -156,11 +169,11 @@ impl Timer {
     }
 
     /// Adds the times between the timestamps to the times of the passes.
-    pub(crate) fn add(&self, segments: &[Pass], bytes: &[u8], timings: &mut [(Pass, Duration)]) {
+    pub(crate) fn add(&self, segments: &[Pass], bytes: &[u8], timings: &mut [PassTime]) {
         let ticks: Vec<u64> = bytemuck::pod_collect_to_vec(bytes);
         for (pass, pair) in segments.iter().zip(ticks.chunks_exact(2)) {
             let nanoseconds = pair[1].saturating_sub(pair[0]) as f64 * self.period;
-            if let Some((_, time)) = timings.get_mut(*pass as usize) {
+            if let Some(PassTime { time, .. }) = timings.get_mut(*pass as usize) {
                 *time += Duration::from_nanos(nanoseconds as u64);
             }
         }

@@ -6,7 +6,7 @@
 use luxel_core::engine::{DensifyPlan, PlanRow};
 use luxel_core::{EngineError, Pass};
 
-use crate::commands::{Commands, Groups};
+use crate::commands::{Commands, Groups, bind};
 use crate::device::Gpu;
 use crate::kernels::KernelId;
 use crate::layout::{DENSIFY_CAP, DENSIFY_SMOOTHING, DensifyUniform, PLAN_KEEP_MOMENTS, PLAN_NEW_OPACITY, PlanRowData};
@@ -59,14 +59,14 @@ pub(crate) fn apply(
                 },
             )?;
             let buffers = [
-                (0, &config),
-                (1, &buffer),
-                (2, &source.parameters),
-                (3, &source.first),
-                (4, &source.second),
-                (5, &shard.parameters),
-                (6, &shard.first),
-                (7, &shard.second),
+                bind(0, &config),
+                bind(1, &buffer),
+                bind(2, &source.parameters),
+                bind(3, &source.first),
+                bind(4, &source.second),
+                bind(5, &shard.parameters),
+                bind(6, &shard.first),
+                bind(7, &shard.second),
             ];
             let groups = Groups::Line((shard.len as u64).div_ceil(ROWS));
             commands.add(gpu, Pass::Densify, KernelId::Densify(scene.rows.color_model), &buffers, groups);

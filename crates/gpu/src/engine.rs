@@ -13,7 +13,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use luxel_core::engine::{ParameterRows, StatsCollection, StepConfig};
-use luxel_core::{Camera, ColorModel, EngineError, Pass, RenderOptions, Splats, StepReport, ToneCurve, View};
+use luxel_core::{Camera, ColorModel, EngineError, Pass, PassTime, RenderOptions, Splats, StepReport, ToneCurve, View};
 
 use crate::adapter::usable_binding;
 use crate::commands::{Commands, Timer};
@@ -49,7 +49,7 @@ pub struct GpuEngine {
     /// Step whose loss was not finite.
     diverged: Option<u32>,
     traffic: Traffic,
-    timings: [(Pass, Duration); Pass::ALL.len()],
+    timings: [PassTime; Pass::ALL.len()],
 }
 
 /// The cost of a step besides its arithmetic.
@@ -93,7 +93,7 @@ impl GpuEngine {
             latest: None,
             diverged: None,
             traffic: Traffic::default(),
-            timings: Pass::ALL.map(|pass| (pass, Duration::ZERO)),
+            timings: Pass::ALL.map(|pass| PassTime { pass, time: Duration::ZERO }),
         })
     }
 
@@ -239,8 +239,7 @@ impl GpuEngine {
             Submission::Render { .. } | Submission::Contributions { .. } => None,
             Submission::Train { view, step } | Submission::Gradients { view, step, .. } => {
                 let target = targets.get(gpu, view)?;
-                let size_px = view.camera.size_px;
-                let loss = loss_uniform(&step.loss, mu_law_parameter(step)?, size_px, target.total, target.weights.is_some());
+                let loss = loss_uniform(&step.loss, view, mu_law_parameter(view)?, target.total);
                 gpu.queue.write_buffer(&frame.loss.raw, 0, bytemuck::bytes_of(&loss));
                 let optimizer = optimizer_uniform(step, scene.count);
                 gpu.queue.write_buffer(&frame.optimizer.raw, 0, bytemuck::bytes_of(&optimizer));
@@ -313,9 +312,9 @@ fn step_report(state: &State, step: u32) -> StepReport {
     StepReport { step, loss: state.loss, l1: state.l1, ssim: state.ssim, visible: state.visible, by_knots: None }
 }
 
-/// Returns the parameter mu of the loss's mu-law, the only curve of this engine.
-fn mu_law_parameter(step: &StepConfig) -> Result<f32, EngineError> {
-    match step.loss.curve {
+/// Returns the parameter mu of the target's mu-law, the only curve of this engine.
+fn mu_law_parameter(view: &View) -> Result<f32, EngineError> {
+    match view.target.curve {
         ToneCurve::MuLaw { mu } => Ok(mu),
         ToneCurve::Response(_) => {
             let message = "gpu: pass loss: this engine cannot learn a camera's response from captured LDR images";

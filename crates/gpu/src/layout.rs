@@ -56,130 +56,213 @@ pub(crate) const DENSIFY_SMOOTHING: u32 = 2;
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct CameraUniform {
+    /// First row of camera_from_world; w is the translation.
     pub(crate) row_x: [f32; 4],
+    /// Second row.
     pub(crate) row_y: [f32; 4],
+    /// Third row.
     pub(crate) row_z: [f32; 4],
+    /// World coordinates of the camera; w is unused.
     pub(crate) eye: [f32; 4],
+    /// Radiance behind all splats; w is unused.
     pub(crate) background: [f32; 4],
+    /// Focal lengths.
     pub(crate) focal_px: [f32; 2],
+    /// Principal point.
     pub(crate) center_px: [f32; 2],
+    /// Least x/z and y/z at which the projection's Jacobian is evaluated.
     pub(crate) slope_min: [f32; 2],
+    /// Greatest x/z and y/z at which the projection's Jacobian is evaluated.
     pub(crate) slope_max: [f32; 2],
+    /// Size of the image; with supersampling, in samples.
     pub(crate) size_px: [u32; 2],
+    /// Number of tiles across and down.
     pub(crate) tiles: [u32; 2],
+    /// See [`luxel_core::Cutoffs::min_alpha`].
     pub(crate) min_alpha: f32,
+    /// See [`luxel_core::Cutoffs::min_contribution`]; used if [`FLAG_MIN_CONTRIBUTION`] is set.
     pub(crate) min_contribution: f32,
+    /// See [`luxel_core::Cutoffs::alpha_floor`].
     pub(crate) alpha_floor: f32,
+    /// See [`luxel_core::Cutoffs::min_transmittance`].
     pub(crate) min_transmittance: f32,
+    /// See [`luxel_core::Cutoffs::max_alpha`].
     pub(crate) max_alpha: f32,
+    /// See [`luxel_core::Cutoffs::near`].
     pub(crate) near: f32,
+    /// Variance that is added to footprints.
     pub(crate) dilation_px2: f32,
+    /// Degree up to which harmonics are evaluated.
     pub(crate) active_degree: u32,
+    /// Sum of `FLAG_` constants.
     pub(crate) flags: u32,
+    /// Number of splats in all shards.
     pub(crate) count: u32,
+    /// Number of entries for which the buffers have room.
     pub(crate) entry_capacity: u32,
+    /// Samples along the side of a pixel of the image.
     pub(crate) samples: u32,
 }
 
-/// Twin: `Shard` in common.wgsl.
+/// A part of the scene that fits into bindings. Twin: `Shard` in common.wgsl.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct ShardUniform {
+    /// First splat of the shard in the scene.
     pub(crate) base: u32,
+    /// Number of splats.
     pub(crate) len: u32,
+    /// Length of a row: the number of splats for which the shard's buffers have room.
     pub(crate) stride: u32,
+    /// Unused.
     pub(crate) padding: u32,
 }
 
-/// Twin: `State` in common.wgsl.
+/// The results of a step for the host and for later passes. Twin: `State` in common.wgsl.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct State {
+    /// Number of entries: pairs of a splat and a tile.
     pub(crate) entries: u32,
+    /// Reason why later passes change nothing: a `HALT_` constant.
     pub(crate) halted: u32,
+    /// Number of entries that larger buffers would hold.
     pub(crate) needed: u32,
+    /// Number of splats that touch the image.
     pub(crate) visible: u32,
+    /// Mean absolute difference.
     pub(crate) l1: f32,
+    /// Mean structural similarity.
     pub(crate) ssim: f32,
+    /// Total loss.
     pub(crate) loss: f32,
+    /// Unused.
     pub(crate) padding: u32,
 }
 
-/// Twin: `Sort` in sort.wgsl.
+/// A digit of a sort. Twin: `Sort` in sort.wgsl.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct SortUniform {
+    /// First bit of the digit.
     pub(crate) shift: u32,
+    /// Number of pairs, unless [`SORT_ENTRIES`] is set.
     pub(crate) count: u32,
+    /// Sum of `SORT_` constants.
     pub(crate) flags: u32,
+    /// Unused.
     pub(crate) padding: u32,
 }
 
-/// Twin: `Loss` in loss.wgsl.
+/// The loss of a step. Twin: `Loss` in loss.wgsl.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct LossUniform {
+    /// Parameter of the mu-law.
     pub(crate) mu: f32,
+    /// 1 / ln(1 + mu).
     pub(crate) scale: f32,
+    /// Weight of 1 - SSIM.
     pub(crate) ssim_weight: f32,
+    /// Part of the absolute difference that is not squared.
     pub(crate) l1_weight: f32,
+    /// Part that is squared, divided by twice the difference at which both have the same slope.
     pub(crate) l2_weight: f32,
+    /// Factor of the sign of the difference in the gradient by the mu-law's value.
     pub(crate) l1_factor: f32,
+    /// Factor of the difference.
     pub(crate) l2_factor: f32,
+    /// Factor of half the derivative of the sum of SSIM.
     pub(crate) ssim_factor: f32,
+    /// 1 / the sum of weights over pixels and channels.
     pub(crate) l1_mean: f32,
+    /// 1 / the number of pixels and channels.
     pub(crate) ssim_mean: f32,
+    /// 1 if pixels have weights.
     pub(crate) is_masked: u32,
+    /// Unused.
     pub(crate) padding: u32,
+    /// Factor of each channel of the target.
     pub(crate) target_scale: [f32; 3],
+    /// Unused.
     pub(crate) padding_2: u32,
 }
 
-/// Twin: `Optimizer` in adam.wgsl.
+/// The optimiser at a step. Twin: `Optimizer` in adam.wgsl.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct OptimizerUniform {
+    /// Rate of the position; all rates are divided by 1 - beta_1^t.
     pub(crate) position: f32,
+    /// Rate of the quaternion.
     pub(crate) rotation: f32,
+    /// Rate of the log scale.
     pub(crate) log_scale: f32,
+    /// Rate of the opacity logit.
     pub(crate) opacity_logit: f32,
+    /// Rate of the harmonics of degree 0.
     pub(crate) sh_dc: f32,
+    /// Rate of the harmonics above degree 0.
     pub(crate) sh_rest: f32,
+    /// Rate of the raw luminance of degree 0.
     pub(crate) luminance_dc: f32,
+    /// Rate of the raw luminance above degree 0.
     pub(crate) luminance_rest: f32,
+    /// sqrt(1 / (1 - beta_2^t)).
     pub(crate) root_correction_2: f32,
+    /// Weight of the mean opacity, divided by the number of splats.
     pub(crate) opacity_weight: f32,
+    /// Weight of the mean scale, divided by the number of scales.
     pub(crate) scale_weight: f32,
+    /// Scale of the positions' noise; 0 for none.
     pub(crate) noise_scale: f32,
+    /// Low half of the noise's seed.
     pub(crate) seed_low: u32,
+    /// High half of the noise's seed.
     pub(crate) seed_high: u32,
+    /// 1 if statistics are collected.
     pub(crate) stats: u32,
+    /// Unused.
     pub(crate) padding: u32,
 }
 
-/// Twin: `Densify` in densify.wgsl.
+/// A pair of an old and a new shard of a plan. Twin: `Densify` in densify.wgsl.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct DensifyUniform {
+    /// First splat of the old shard.
     pub(crate) source_base: u32,
+    /// Number of splats of the old shard.
     pub(crate) source_len: u32,
+    /// Length of a row of the old shard.
     pub(crate) source_stride: u32,
+    /// First row of the new shard in the plan.
     pub(crate) base: u32,
+    /// Number of rows of the new shard.
     pub(crate) len: u32,
+    /// Length of a row of the new shard.
     pub(crate) stride: u32,
+    /// Sum of `DENSIFY_` constants.
     pub(crate) flags: u32,
+    /// Largest opacity logit, if [`DENSIFY_CAP`] is set.
     pub(crate) opacity_logit_cap: f32,
 }
 
-/// Twin: `PlanRow` in densify.wgsl.
+/// A row of a plan. Twin: `PlanRow` in densify.wgsl.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct PlanRowData {
+    /// Splat of the old scene.
     pub(crate) source: u32,
+    /// Sum of `PLAN_` constants.
     pub(crate) flags: u32,
+    /// Opacity logit, if [`PLAN_NEW_OPACITY`] is set.
     pub(crate) opacity_logit: f32,
+    /// Added to the log scale.
     pub(crate) log_scale_shift: f32,
+    /// Offset of the position, standard deviations along the splat's axes.
     pub(crate) offset_sigma: [f32; 3],
+    /// 3D filter, if [`DENSIFY_SMOOTHING`] is set.
     pub(crate) smoothing: f32,
 }
 
@@ -203,26 +286,36 @@ pub struct Footprint {
     pub right_dy_px: f32,
 }
 
-/// Twin: `Bucket` in bin.wgsl and unwind.wgsl.
+/// Entries of a tile that a workgroup of the backward pass differentiates. Twin: `Bucket` in
+/// bin.wgsl and unwind.wgsl.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct Bucket {
+    /// Number of the tile.
     pub(crate) tile: u32,
+    /// First entry.
     pub(crate) first: u32,
+    /// Number of entries; 0 if the slot is unused.
     pub(crate) len: u32,
+    /// Number of the tile's entries in front of the bucket.
     pub(crate) before: u32,
 }
 
 /// In front of the buckets in their buffer: the head of `Buckets` in bin.wgsl and unwind.wgsl.
 pub(crate) const BUCKETS_HEAD_BYTES: u64 = 16;
 
-/// Twin: `Dispatches` in bin.wgsl. Offsets of its fields are those of indirect dispatches.
+/// Arguments of the dispatches whose sizes the device computes. Twin: `Dispatches` in bin.wgsl.
+/// Offsets of its fields are those of indirect dispatches.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct Dispatches {
+    /// Workgroups of the sort by tile.
     pub(crate) sort: [u32; 3],
+    /// Unused.
     pub(crate) padding: u32,
+    /// Workgroups of the backward pass.
     pub(crate) buckets: [u32; 3],
+    /// Unused.
     pub(crate) padding_2: u32,
 }
 

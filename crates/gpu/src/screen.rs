@@ -4,7 +4,7 @@
 //! and invalid cameras are errors.
 
 use luxel_core::engine::{ADAM_BETA1, ADAM_BETA2, JACOBIAN_MARGIN, StatsCollection, StepConfig};
-use luxel_core::{Antialias, Camera, EngineError, LossConfig, MAX_SAMPLES, RenderOptions, SQUARED_KNEE};
+use luxel_core::{Antialias, Camera, EngineError, LossWeights, MAX_SAMPLES, RenderOptions, SQUARED_KNEE, View};
 
 use crate::layout::{
     CameraUniform, FLAG_ABSOLUTE, FLAG_COMPENSATION, FLAG_MIN_CONTRIBUTION, FLAG_SMOOTHING, FLAG_TRAINING, LossUniform, OptimizerUniform,
@@ -102,30 +102,31 @@ pub(crate) fn camera_uniform(
     }
 }
 
-/// Returns the uniform of the loss under the mu-law with parameter `mu`. L1 is averaged over pixels
-/// whose weights sum to `total`, SSIM over all pixels of the image, whose size is `size_px`.
-pub(crate) fn loss_uniform(config: &LossConfig, mu: f32, size_px: [u32; 2], total: f64, is_masked: bool) -> LossUniform {
+/// Returns the uniform of the loss towards `view` under the mu-law with parameter `mu`. L1 is
+/// averaged over pixels whose weights sum to `total`, SSIM over all pixels of the image.
+pub(crate) fn loss_uniform(weights: &LossWeights, view: &View, mu: f32, total: f64) -> LossUniform {
+    let size_px = view.camera.size_px;
     let log = f64::from(mu).ln_1p();
     // The derivative of the mu-law at radiance 0.
     let slope = f64::from(mu) / log;
-    let (weight, squared) = (f64::from(config.ssim_weight), f64::from(config.squared_share));
+    let (weight, squared) = (f64::from(weights.ssim_weight), f64::from(weights.squared_share));
     // The mean over no pixels is 0.
     let l1_mean = 1.0 / (3.0 * if total > 0.0 { total } else { 1.0 });
     let ssim_mean = 1.0 / (3.0 * f64::from(size_px[0]) * f64::from(size_px[1]));
     LossUniform {
         mu,
         scale: (1.0 / log) as f32,
-        ssim_weight: config.ssim_weight,
-        l1_weight: 1.0 - config.squared_share,
+        ssim_weight: weights.ssim_weight,
+        l1_weight: 1.0 - weights.squared_share,
         l2_weight: (squared / (2.0 * f64::from(SQUARED_KNEE))) as f32,
         l1_factor: (slope * (1.0 - weight) * (1.0 - squared) * l1_mean) as f32,
         l2_factor: (slope * (1.0 - weight) * squared / f64::from(SQUARED_KNEE) * l1_mean) as f32,
         ssim_factor: (slope * -2.0 * weight * ssim_mean) as f32,
         l1_mean: l1_mean as f32,
         ssim_mean: ssim_mean as f32,
-        is_masked: is_masked.into(),
+        is_masked: view.mask.is_some().into(),
         padding: 0,
-        target_scale: config.target_scale,
+        target_scale: view.target.scale,
         padding_2: 0,
     }
 }

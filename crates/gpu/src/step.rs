@@ -4,7 +4,7 @@
 
 use luxel_core::Pass;
 
-use crate::commands::{Commands, Groups};
+use crate::commands::{Binding, Commands, Groups, bind};
 use crate::device::{Buffer, Gpu};
 use crate::frame::{StepBuffers, tile_digits};
 use crate::kernels::KernelId;
@@ -33,8 +33,8 @@ pub(crate) struct Recorder<'a> {
 }
 
 impl Recorder<'_> {
-    fn add(&mut self, pass: Pass, id: KernelId, buffers: &[(u32, &Buffer)], groups: Groups<'_>) {
-        self.commands.add(self.gpu, pass, id, buffers, groups);
+    fn add(&mut self, pass: Pass, id: KernelId, bindings: &[Binding<'_>], groups: Groups<'_>) {
+        self.commands.add(self.gpu, pass, id, bindings, groups);
     }
 
     /// Records the passes up to the image.
@@ -66,12 +66,12 @@ impl Recorder<'_> {
         let (frame, scene) = (self.frame, self.scene);
         for shard in &scene.shards {
             let buffers = [
-                (0, &frame.camera),
-                (1, &shard.uniform),
-                (2, &shard.parameters),
-                (3, &frame.splats.footprints),
-                (4, &frame.splats.depth_keys[0]),
-                (5, &frame.splats.places),
+                bind(0, &frame.camera),
+                bind(1, &shard.uniform),
+                bind(2, &shard.parameters),
+                bind(3, &frame.splats.footprints),
+                bind(4, &frame.splats.depth_keys[0]),
+                bind(5, &frame.splats.places),
             ];
             let groups = Groups::Line((shard.len as u64).div_ceil(SPLATS));
             self.add(Pass::Project, KernelId::Project(scene.rows.color_model), &buffers, groups);
@@ -81,19 +81,19 @@ impl Recorder<'_> {
     /// Records one digit of a sort: from buffers number `from` to the other buffers.
     fn sort_digit(&mut self, config: &Buffer, keys: &[Buffer; 2], values: &[Buffer; 2], from: usize, groups: Groups<'_>) {
         let (frame, to) = (self.frame, 1 - from);
-        let counts = [(0, config), (1, &frame.state), (2, &keys[from]), (6, &frame.digit_counts)];
+        let counts = [bind(0, config), bind(1, &frame.state), bind(2, &keys[from]), bind(6, &frame.digit_counts)];
         self.add(Pass::Sort, KernelId::SortCount, &counts, groups);
-        let scan = [(0, config), (1, &frame.state), (6, &frame.digit_counts), (7, &frame.digit_totals)];
+        let scan = [bind(0, config), bind(1, &frame.state), bind(6, &frame.digit_counts), bind(7, &frame.digit_totals)];
         self.add(Pass::Sort, KernelId::SortScan, &scan, Groups::Line(DIGITS.into()));
         let scatter = [
-            (0, config),
-            (1, &frame.state),
-            (2, &keys[from]),
-            (3, &values[from]),
-            (4, &keys[to]),
-            (5, &values[to]),
-            (6, &frame.digit_counts),
-            (7, &frame.digit_totals),
+            bind(0, config),
+            bind(1, &frame.state),
+            bind(2, &keys[from]),
+            bind(3, &values[from]),
+            bind(4, &keys[to]),
+            bind(5, &values[to]),
+            bind(6, &frame.digit_counts),
+            bind(7, &frame.digit_totals),
         ];
         self.add(Pass::Sort, KernelId::SortScatter, &scatter, groups);
     }
@@ -110,19 +110,19 @@ impl Recorder<'_> {
         let frame = self.frame;
         let order = &frame.splats.order[DEPTH_DIGITS as usize % 2];
         let blocks = Groups::Line((self.scene.count as u64).div_ceil(SPLATS));
-        let sum = [(0, &frame.camera), (2, order), (3, &frame.splats.places), (4, &frame.splats.block_sums)];
+        let sum = [bind(0, &frame.camera), bind(2, order), bind(3, &frame.splats.places), bind(4, &frame.splats.block_sums)];
         self.add(Pass::Bin, KernelId::BinSum, &sum, blocks);
-        let scan = [(0, &frame.camera), (1, &frame.state), (4, &frame.splats.block_sums), (8, &frame.dispatches)];
+        let scan = [bind(0, &frame.camera), bind(1, &frame.state), bind(4, &frame.splats.block_sums), bind(8, &frame.dispatches)];
         self.add(Pass::Bin, KernelId::BinScan, &scan, Groups::Line(1));
         let emit = [
-            (0, &frame.camera),
-            (1, &frame.state),
-            (2, order),
-            (3, &frame.splats.places),
-            (4, &frame.splats.block_sums),
-            (5, &frame.splats.footprints),
-            (6, &frame.entries.tiles[0]),
-            (7, &frame.entries.splats),
+            bind(0, &frame.camera),
+            bind(1, &frame.state),
+            bind(2, order),
+            bind(3, &frame.splats.places),
+            bind(4, &frame.splats.block_sums),
+            bind(5, &frame.splats.footprints),
+            bind(6, &frame.entries.tiles[0]),
+            bind(7, &frame.entries.splats),
         ];
         self.add(Pass::Bin, KernelId::BinEmit, &emit, blocks);
     }
@@ -134,11 +134,11 @@ impl Recorder<'_> {
             self.sort_digit(config, &frame.entries.tiles, &frame.entries.order, digit % 2, groups);
         }
         let ranges = [
-            (0, &frame.camera),
-            (1, &frame.state),
-            (9, &frame.entries.tiles[self.sorted_entries()]),
-            (10, &frame.pixels.ranges),
-            (11, &frame.entries.buckets),
+            bind(0, &frame.camera),
+            bind(1, &frame.state),
+            bind(9, &frame.entries.tiles[self.sorted_entries()]),
+            bind(10, &frame.pixels.ranges),
+            bind(11, &frame.entries.buckets),
         ];
         // One beyond the last tile: see the remark on rounding in bin.wgsl.
         self.add(Pass::Sort, KernelId::BinRanges, &ranges, Groups::Line((u64::from(self.tile_count()) + 1).div_ceil(TILES)));
@@ -147,14 +147,14 @@ impl Recorder<'_> {
     fn rasterize(&mut self) {
         let frame = self.frame;
         let buffers = [
-            (0, &frame.camera),
-            (1, &frame.splats.footprints),
-            (2, &frame.pixels.ranges),
-            (3, &frame.entries.order[self.sorted_entries()]),
-            (4, &frame.entries.splats),
-            (5, &frame.pixels.image),
-            (6, &frame.pixels.last_entries),
-            (7, &frame.entries.bucket_pixels),
+            bind(0, &frame.camera),
+            bind(1, &frame.splats.footprints),
+            bind(2, &frame.pixels.ranges),
+            bind(3, &frame.entries.order[self.sorted_entries()]),
+            bind(4, &frame.entries.splats),
+            bind(5, &frame.pixels.image),
+            bind(6, &frame.pixels.last_entries),
+            bind(7, &frame.entries.bucket_pixels),
         ];
         self.add(Pass::Rasterize, KernelId::Rasterize, &buffers, Groups::Line(self.tile_count().into()));
     }
@@ -164,15 +164,15 @@ impl Recorder<'_> {
         self.loss(target);
         let frame = self.frame;
         let buffers = [
-            (0, &frame.camera),
-            (1, &frame.splats.footprints),
-            (2, &frame.entries.buckets),
-            (3, &frame.entries.order[self.sorted_entries()]),
-            (4, &frame.entries.splats),
-            (5, &frame.entries.bucket_pixels),
-            (6, &frame.pixels.image),
-            (7, &frame.pixels.gradients),
-            (8, &frame.entries.gradients),
+            bind(0, &frame.camera),
+            bind(1, &frame.splats.footprints),
+            bind(2, &frame.entries.buckets),
+            bind(3, &frame.entries.order[self.sorted_entries()]),
+            bind(4, &frame.entries.splats),
+            bind(5, &frame.entries.bucket_pixels),
+            bind(6, &frame.pixels.image),
+            bind(7, &frame.pixels.gradients),
+            bind(8, &frame.entries.gradients),
         ];
         let groups = Groups::Indirect(&frame.dispatches, std::mem::offset_of!(Dispatches, buckets));
         self.add(Pass::RasterizeBackward, KernelId::RasterizeBackward, &buffers, groups);
@@ -183,13 +183,13 @@ impl Recorder<'_> {
         let grid = Groups::Grid(tiles(self.size_px.map(|side| side / self.samples)));
         // Without a mask the binding is not read.
         let mask = target.weights.as_deref().unwrap_or(&target.pixels);
-        let inputs = [(0, &frame.camera), (1, &frame.loss), (2, &frame.pixels.image), (3, &*target.pixels), (4, mask)];
-        let derivatives = (5, &frame.pixels.derivatives);
-        let ssim: Vec<_> = inputs.into_iter().chain([derivatives, (6, &frame.pixels.group_sums)]).collect();
+        let inputs = [bind(0, &frame.camera), bind(1, &frame.loss), bind(2, &frame.pixels.image), bind(3, &*target.pixels), bind(4, mask)];
+        let derivatives = bind(5, &frame.pixels.derivatives);
+        let ssim: Vec<_> = inputs.into_iter().chain([derivatives, bind(6, &frame.pixels.group_sums)]).collect();
         self.add(Pass::Loss, KernelId::LossSsim, &ssim, grid);
-        let report = [(0, &frame.camera), (1, &frame.loss), (6, &frame.pixels.group_sums), (9, &frame.state)];
+        let report = [bind(0, &frame.camera), bind(1, &frame.loss), bind(6, &frame.pixels.group_sums), bind(9, &frame.state)];
         self.add(Pass::Loss, KernelId::LossReport, &report, Groups::Line(1));
-        let outputs = [derivatives, (7, &frame.pixels.last_entries), (8, &frame.pixels.gradients)];
+        let outputs = [derivatives, bind(7, &frame.pixels.last_entries), bind(8, &frame.pixels.gradients)];
         let gradient: Vec<_> = inputs.into_iter().chain(outputs).collect();
         self.add(Pass::Loss, KernelId::LossGradient, &gradient, grid);
     }
@@ -198,19 +198,20 @@ impl Recorder<'_> {
     pub(crate) fn contribute(&mut self, mask: &Buffer, out: &Buffer) {
         let frame = self.frame;
         let buffers = [
-            (0, &frame.camera),
-            (1, &frame.splats.footprints),
-            (2, &frame.entries.buckets),
-            (3, &frame.entries.order[self.sorted_entries()]),
-            (4, &frame.entries.splats),
-            (5, &frame.entries.bucket_pixels),
-            (6, &frame.pixels.last_entries),
-            (7, mask),
-            (8, &frame.entries.gradients),
+            bind(0, &frame.camera),
+            bind(1, &frame.splats.footprints),
+            bind(2, &frame.entries.buckets),
+            bind(3, &frame.entries.order[self.sorted_entries()]),
+            bind(4, &frame.entries.splats),
+            bind(5, &frame.entries.bucket_pixels),
+            bind(6, &frame.pixels.last_entries),
+            bind(7, mask),
+            bind(8, &frame.entries.gradients),
         ];
         let groups = Groups::Indirect(&frame.dispatches, std::mem::offset_of!(Dispatches, buckets));
         self.add(Pass::Rasterize, KernelId::Contribute, &buffers, groups);
-        let sum = [(0, &frame.camera), (1, &frame.state), (2, &frame.splats.places), (3, &frame.entries.gradients), (4, out)];
+        let sum =
+            [bind(0, &frame.camera), bind(1, &frame.state), bind(2, &frame.splats.places), bind(3, &frame.entries.gradients), bind(4, out)];
         self.add(Pass::Rasterize, KernelId::ContributeSum, &sum, Groups::Line((self.scene.count as u64).div_ceil(SPLATS)));
     }
 
@@ -218,23 +219,23 @@ impl Recorder<'_> {
     /// the place of first moments, one buffer per shard.
     pub(crate) fn update(&mut self, gradients: Option<&[Buffer]>) {
         let (frame, scene) = (self.frame, self.scene);
-        let gather = [(0, &frame.camera), (1, &frame.state), (2, &frame.splats.places), (3, &frame.entries.gradients)];
+        let gather = [bind(0, &frame.camera), bind(1, &frame.state), bind(2, &frame.splats.places), bind(3, &frame.entries.gradients)];
         let groups = Groups::Line((scene.count as u64).div_ceil(SPLATS));
         self.add(Pass::ProjectBackward, KernelId::Gather, &gather, groups);
         let kind = if gradients.is_some() { Update::OnlyGradients } else { Update::Parameters };
         for (n, shard) in scene.shards.iter().enumerate() {
             let first = gradients.and_then(|buffers| buffers.get(n)).unwrap_or(&shard.first);
             let buffers = [
-                (0, &frame.camera),
-                (1, &shard.uniform),
-                (2, &frame.optimizer),
-                (3, &frame.state),
-                (4, &frame.splats.places),
-                (5, &frame.entries.gradients),
-                (6, &shard.parameters),
-                (7, first),
-                (8, &shard.second),
-                (9, &shard.stats),
+                bind(0, &frame.camera),
+                bind(1, &shard.uniform),
+                bind(2, &frame.optimizer),
+                bind(3, &frame.state),
+                bind(4, &frame.splats.places),
+                bind(5, &frame.entries.gradients),
+                bind(6, &shard.parameters),
+                bind(7, first),
+                bind(8, &shard.second),
+                bind(9, &shard.stats),
             ];
             let groups = Groups::Line((shard.len as u64).div_ceil(SPLATS_BACKWARD));
             self.add(Pass::ProjectBackward, KernelId::ProjectBackward(scene.rows.color_model, kind), &buffers, groups);

@@ -39,7 +39,7 @@ pub enum SceneFormat {
 
 impl SceneFormat {
     /// Recognises the format by the first bytes of a file; `None` if they are those of no scene.
-    pub fn of_bytes(head: &[u8]) -> Option<Self> {
+    pub fn from_bytes(head: &[u8]) -> Option<Self> {
         const MAGIC: [(&[u8], SceneFormat); 6] = [
             (b"ply\n", SceneFormat::Ply),
             (b"ply\r", SceneFormat::Ply),
@@ -73,7 +73,7 @@ pub fn read_scene_file(path: &Path) -> Result<SceneFile, IoError> {
     let mut head = Vec::new();
     let (file, _) = open_regular(path)?;
     file.take(HEAD_BYTES).read_to_end(&mut head).map_err(|e| IoError::system(path, "read", &e))?;
-    match SceneFormat::of_bytes(&head) {
+    match SceneFormat::from_bytes(&head) {
         Some(SceneFormat::Ply) => ply::read_scene_file(path),
         Some(SceneFormat::Usda) => usd::read_scene_file(path),
         Some(SceneFormat::Glb) => gltf::read_scene_file(path),

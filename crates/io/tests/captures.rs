@@ -209,7 +209,7 @@ fn noise_is_as_the_frames_state_it() {
     split(&scene, &["a", "b", "c"], &[]);
     let data = scene.read(&LoadOptions::default()).unwrap();
     let found: Vec<_> = data.train.iter().map(|view| view.noise).collect();
-    assert_eq!(found, [Some(NoiseModel { read: 0.01, shot: 0.002 }), Some(NoiseModel::of_iso(400.0, 2.0)), None]);
+    assert_eq!(found, [Some(NoiseModel { read: 0.01, shot: 0.002 }), Some(NoiseModel::from_iso(400.0, 2.0)), None]);
     for bad in [r#", "noise": [1]"#, r#", "noise": [-1, 0]"#, r#", "iso": 0"#, r#", "iso": "low""#, r#", "exposure": -1"#] {
         scene.write("transforms.json", transforms(&[("images/a.exr", 0.0, bad)]));
         let error = scene.error(&LoadOptions::default());

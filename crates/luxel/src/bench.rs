@@ -4,7 +4,7 @@
 use std::time::{Duration, Instant};
 
 use luxel_core::engine::{Evaluations, LearningRates, StatsCollection, StepConfig};
-use luxel_core::{Engine, LossConfig, Pass, RenderOptions, StepReport, ToneCurve, View};
+use luxel_core::{Engine, LossWeights, Pass, RenderOptions, StepReport, Target, ToneCurve, View};
 
 use crate::Result;
 use crate::error::Context;
@@ -48,6 +48,7 @@ pub struct Measured {
 /// # Errors
 /// A camera that cannot be rendered; a device that gave up.
 pub fn measure(engine: &mut dyn Engine, view: &View, protocol: &Protocol) -> Result<Measured> {
+    let view = &View { target: Target { curve: ToneCurve::MuLaw { mu: protocol.mu }, ..Target::default() }, ..view.clone() };
     let evaluations = engine.evaluations(&view.camera, &protocol.render).context("cannot render")?;
     let mut first = None;
     let mut forward_ms = Vec::new();
@@ -68,8 +69,8 @@ pub fn measure(engine: &mut dyn Engine, view: &View, protocol: &Protocol) -> Res
         }
         forward_ms.push(milliseconds(forward));
         step_ms.push(milliseconds(whole));
-        for (((_, times), (_, after)), (_, before)) in passes_ms.iter_mut().zip(engine.timings()).zip(&before) {
-            times.push(milliseconds(after.saturating_sub(*before)));
+        for (((_, times), after), before) in passes_ms.iter_mut().zip(engine.timings()).zip(&before) {
+            times.push(milliseconds(after.time.saturating_sub(before.time)));
         }
     }
     let step_in_a_row_ms = in_a_row(engine, view, protocol)?;
@@ -93,7 +94,7 @@ fn step(protocol: &Protocol, step: u32) -> StepConfig {
     StepConfig {
         step,
         render: protocol.render,
-        loss: LossConfig { curve: ToneCurve::MuLaw { mu: protocol.mu }, ..LossConfig::default() },
+        loss: LossWeights::default(),
         learning_rates: LearningRates {
             position: LEARNING_RATE,
             rotation: LEARNING_RATE,

@@ -123,7 +123,7 @@ pub fn probe(mut scene: Scene, options: &ProbeOptions, dataset: Option<&Dataset>
     for pixel in &mut image.pixels {
         *pixel = conversion.apply(scene.radiance_scale.restored(*pixel));
     }
-    let summary = Summary::of(&image, projection);
+    let summary = Summary::new(&image, projection);
     let has_training_resolution = focal_px.is_some();
     Ok(Probe {
         image,

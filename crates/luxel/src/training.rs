@@ -126,7 +126,7 @@ impl TrainingBuilder<'_> {
             crate::error::ensure!(steps >= made, "{steps} steps: {made} are made already; give at least as many");
             trainer.set_iterations(steps);
         }
-        trainer.settle()?;
+        trainer.finish_average()?;
         Ok(Training::new(trainer, self.dataset))
     }
 

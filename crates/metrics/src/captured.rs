@@ -9,7 +9,7 @@ use rayon::prelude::*;
 /// Returns the image that a camera with this response captures of a render in normalised units. Its
 /// values are from 0 to 1.
 pub fn render_as_captured(render: &Image, response: &Response) -> Image {
-    let value = |c: usize, p: f32| response.of(c, p).value.clamp(0.0, 1.0);
+    let value = |c: usize, p: f32| response.apply(c, p).value.clamp(0.0, 1.0);
     let pixels = render.pixels.par_iter().map(|pixel| [value(0, pixel[0]), value(1, pixel[1]), value(2, pixel[2])]).collect();
     Image { width: render.width, height: render.height, pixels }
 }

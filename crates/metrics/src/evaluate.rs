@@ -193,7 +193,9 @@ pub fn evaluate(
     let mut profile = LuminanceProfile::default();
     let measured: Vec<(usize, &View)> = views.iter().enumerate().filter(|(_, view)| has_valid_pixel(view)).collect();
     let common = match measures.gain_fit {
-        GainFit::Common => common_gain(engine, options, measures.radiance_scale, &measured)?,
+        GainFit::Common => {
+            common_gain(engine, options, measures.radiance_scale, &measured.iter().map(|(_, view)| *view).collect::<Vec<_>>())?
+        }
         GainFit::None | GainFit::PerView | GainFit::Known(_) => [0.0; 3],
     };
     for batch in measured.chunks(measures.batch()) {
@@ -242,10 +244,10 @@ fn common_gain(
     engine: &mut dyn Engine,
     options: &RenderOptions,
     radiance_scale: RadianceScale,
-    views: &[(usize, &View)],
+    views: &[&View],
 ) -> Result<[f32; 3], EvaluationError> {
     let (mut sum, mut count) = ([0.0f64; 3], 0usize);
-    for (_, view) in views {
+    for view in views {
         if let Some(log) = log_gain(&engine.render(&view.camera, options)?, view, radiance_scale) {
             sum = [0, 1, 2].map(|c| sum[c] + f64::from(log[c]));
             count += 1;
@@ -282,7 +284,8 @@ pub fn probe(
     engine: &mut dyn Engine,
     options: &RenderOptions,
     measures: &Measures<'_>,
-    (view, log_gain): (&View, [f32; 3]),
+    view: &View,
+    log_gain: [f32; 3],
 ) -> Result<Option<f64>, EvaluationError> {
     if !(0..view.image.pixels.len()).any(|i| view.is_valid(i)) {
         return Ok(None);
@@ -312,9 +315,10 @@ fn measure(view: &View, prediction: &Image, measures: &Measures<'_>) -> Result<V
         return Ok((metrics, None, LuminanceProfile::default()));
     }
     let mut field = field_metrics(prediction, &target, mask, &measures.field).map_err(|source| failed(view, source))?;
-    let profile = LuminanceProfile::of(prediction, &target, mask, measures.field.color_space).map_err(|source| failed(view, source))?;
+    let profile =
+        LuminanceProfile::measure(prediction, &target, mask, measures.field.color_space).map_err(|source| failed(view, source))?;
     if let Some(lpips) = measures.lpips {
-        let distance = lpips.of_radiance(prediction, &target, mask, measures.mu, measures.field.color_space);
+        let distance = lpips.radiance_distance(prediction, &target, mask, measures.mu, measures.field.color_space);
         lpips.record(distance.map_err(|source| EvaluationError::Lpips { view: view.name.clone(), source })?, &mut field);
     }
     Ok((metrics, Some(field), profile))

@@ -164,7 +164,7 @@ mod tests {
         let target = Image::filled(15, 13, [0.2, 0.4, 0.1]);
         let mut prediction = target.clone();
         prediction.pixels[7] = [f32::NAN; 3];
-        let mask = Mask::of_valid((0..195).map(|i| i != 7));
+        let mask = Mask::from_valid((0..195).map(|i| i != 7));
         let metrics = field_metrics(&prediction, &target, Some(&mask), &ALL).unwrap();
         assert_eq!((metrics.pu21_psnr, metrics.log_rmse, metrics.hdr_flip), (MAX_PSNR_DB, 0.0, Some(0.0)));
         assert_eq!(metrics.relative_error_by_decade[0].count, 194);

@@ -24,6 +24,14 @@ pub enum GainChannels {
     Separate,
 }
 
+/// The ratio of a pixel's target to its render in a channel.
+#[derive(Clone, Copy)]
+struct Ratio {
+    /// ln of the ratio.
+    log: f32,
+    weight: f32,
+}
+
 /// Returns ln gain of an image over its render by channel, or `None` if it has too few reliable
 /// pixels.
 ///
@@ -31,7 +39,7 @@ pub enum GainChannels {
 /// cannot be relied on.
 pub fn log_gain(render: &Image, target: impl Fn(usize, usize) -> Option<f32>, channels: GainChannels) -> Option<[f32; 3]> {
     let stride = (render.pixels.len() / MAX_SAMPLES + 1) | 1;
-    let mut ratios: [Vec<(f32, f32)>; 3] = Default::default();
+    let mut ratios: [Vec<Ratio>; 3] = Default::default();
     let sampled = || render.pixels.iter().enumerate().step_by(stride);
     let values = sampled().flat_map(|(i, _)| (0..3).filter_map(|c| target(i, c)).collect::<Vec<_>>());
     let (sum, count) = values.fold((0.0f64, 0usize), |(sum, count), v| (sum + f64::from(v), count + 1));
@@ -41,7 +49,7 @@ pub fn log_gain(render: &Image, target: impl Fn(usize, usize) -> Option<f32>, ch
             let Some(target) = target(i, c).filter(|target| *target > least && pixel[c] > least) else { continue };
             // Relative differences of dark pixels are noise.
             let weight = target / (target + 10.0 * least);
-            ratios.push(((target / pixel[c]).ln(), weight));
+            ratios.push(Ratio { log: (target / pixel[c]).ln(), weight });
         }
     }
     match channels {
@@ -59,18 +67,18 @@ pub fn log_gain_of_view(render: &Image, view: &View, scale: [f32; 3], channels: 
 }
 
 /// Returns the weighted median, or `None` for too few values.
-fn weighted_median(mut values: Vec<(f32, f32)>) -> Option<f32> {
+fn weighted_median(mut values: Vec<Ratio>) -> Option<f32> {
     if values.len() < MIN_PIXELS {
         return None;
     }
-    values.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-    let half = 0.5 * values.iter().map(|(_, weight)| f64::from(*weight)).sum::<f64>();
+    values.sort_unstable_by(|a, b| a.log.total_cmp(&b.log));
+    let half = 0.5 * values.iter().map(|ratio| f64::from(ratio.weight)).sum::<f64>();
     let mut below = 0.0;
-    let at = values.iter().position(|(_, weight)| {
-        below += f64::from(*weight);
+    let at = values.iter().position(|ratio| {
+        below += f64::from(ratio.weight);
         below >= half
     })?;
-    values.get(at).map(|(value, _)| *value)
+    values.get(at).map(|ratio| ratio.log)
 }
 
 #[cfg(test)]
@@ -78,7 +86,7 @@ mod tests {
     use std::sync::Arc;
 
     use glam::{DAffine3, DVec2};
-    use luxel_core::{Camera, Distortion, PixelValues};
+    use luxel_core::{Camera, Distortion, PixelValues, Target};
 
     use super::*;
 
@@ -96,7 +104,7 @@ mod tests {
             distortion: Distortion::default(),
         };
         let image = Arc::new(Image::from_pixels(20, 20, pixels).unwrap());
-        View { name: "a".into(), camera, image, values: PixelValues::Radiance, noise: None, mask: None }
+        View { name: "a".into(), camera, image, values: PixelValues::Radiance, noise: None, mask: None, target: Target::default() }
     }
 
     #[test]
@@ -115,7 +123,7 @@ mod tests {
     #[test]
     fn a_view_without_reliable_pixels_has_no_gain() {
         let mut view = drifted([2.0; 3]);
-        view.mask = Some(Arc::new(luxel_core::Mask::of_valid(vec![false; 400])));
+        view.mask = Some(Arc::new(luxel_core::Mask::from_valid(vec![false; 400])));
         assert_eq!(log_gain_of_view(&ramp(), &view, [1.0; 3], GainChannels::Separate), None);
     }
 }

@@ -183,7 +183,7 @@ pub fn view_metrics(prediction: &Image, target: &Image, mask: Option<&Mask>, mu:
     let mut abs_mu = 0.0;
     for (prediction, target) in pair.valid() {
         for c in 0..3 {
-            abs_mu += f64::from((curve.of(prediction[c].max(0.0)) - curve.of(target[c].max(0.0))).abs());
+            abs_mu += f64::from((curve.apply(prediction[c].max(0.0)) - curve.apply(target[c].max(0.0))).abs());
         }
     }
     Ok(ViewMetrics {
@@ -207,7 +207,7 @@ pub fn view_metrics(prediction: &Image, target: &Image, mask: Option<&Mask>, mu:
 pub fn psnr_scene(prediction: &Image, target: &Image, mask: Option<&Mask>, mu: f32) -> Result<f64, MetricsError> {
     let curve = curve(mu)?;
     let pair = Pair::new(prediction, target, mask)?;
-    let tone = |value: f32| curve.of(value.clamp(0.0, 1.0));
+    let tone = |value: f32| curve.apply(value.clamp(0.0, 1.0));
     let square = |p: f32, t: f32| f64::from(tone(p) - tone(t)).powi(2);
     let squares: f64 = pair.valid().map(|(p, t)| (0..3).map(|c| square(p[c], t[c])).sum::<f64>()).sum();
     Ok(psnr_of_mse(squares / (3.0 * pair.valid_count as f64)))
@@ -284,7 +284,7 @@ impl<'a> Pair<'a> {
     /// Returns the target by channel, divided and under the mu-law. NaN and infinity, which masked
     /// pixels may hold, become 0.
     fn target_planes(&self, divisor: f32, curve: MuLaw) -> [Vec<f32>; 3] {
-        let tone = |value: f32| if value.is_finite() { curve.of((value / divisor).clamp(0.0, 1.0)) } else { 0.0 };
+        let tone = |value: f32| if value.is_finite() { curve.apply((value / divisor).clamp(0.0, 1.0)) } else { 0.0 };
         [0, 1, 2].map(|channel| self.target.pixels.iter().map(|pixel| tone(pixel[channel])).collect())
     }
 
@@ -298,7 +298,7 @@ impl<'a> Pair<'a> {
                     *p = t;
                     continue;
                 }
-                *p = curve.of((self.prediction.pixels[i][channel] / divisor).clamp(0.0, 1.0));
+                *p = curve.apply((self.prediction.pixels[i][channel] / divisor).clamp(0.0, 1.0));
                 let difference = f64::from(*p) - f64::from(t);
                 squares += difference * difference;
                 squares_black += f64::from(t) * f64::from(t);

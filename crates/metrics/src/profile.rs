@@ -89,7 +89,7 @@ impl LuminanceProfile {
     ///
     /// # Errors
     /// [`MetricsError`]: sizes differ, no pixel is valid, or a valid pixel is NaN or infinite.
-    pub fn of(prediction: &Image, target: &Image, mask: Option<&Mask>, color_space: ColorSpace) -> Result<Self, MetricsError> {
+    pub fn measure(prediction: &Image, target: &Image, mask: Option<&Mask>, color_space: ColorSpace) -> Result<Self, MetricsError> {
         let mut profile = Self::default();
         for (prediction, target) in Pair::new(prediction, target, mask)?.valid() {
             profile.add(rec709_of(color_space, prediction), rec709_of(color_space, target));
@@ -166,10 +166,10 @@ mod tests {
     fn the_same_light_has_one_profile_in_any_space() {
         let pixels = |scale: f32| (0..40).map(move |i| [0.9f32, 0.2, 0.05 * (i % 5) as f32].map(|v| v * scale * 1.3f32.powi(i)));
         let [target, prediction] = [1.0, 1.2].map(|scale| Image::from_pixels(8, 5, pixels(scale).collect()).unwrap());
-        let expected = LuminanceProfile::of(&prediction, &target, None, ColorSpace::LinearRec709).unwrap();
+        let expected = LuminanceProfile::measure(&prediction, &target, None, ColorSpace::LinearRec709).unwrap();
         let conversion = Conversion::between(ColorSpace::LinearRec709, ColorSpace::Aces2065);
         let in_aces = |image: &Image| Image { pixels: image.pixels.iter().map(|rgb| conversion.apply(*rgb)).collect(), ..*image };
-        let found = LuminanceProfile::of(&in_aces(&prediction), &in_aces(&target), None, ColorSpace::Aces2065).unwrap();
+        let found = LuminanceProfile::measure(&in_aces(&prediction), &in_aces(&target), None, ColorSpace::Aces2065).unwrap();
         for (found, expected) in found.bins.iter().zip(&expected.bins) {
             assert_eq!(found.count, expected.count);
             assert!((found.absolute_error - expected.absolute_error).abs() <= 1e-4 * expected.absolute_error, "{found:?} {expected:?}");

@@ -71,7 +71,7 @@ fn scene_is_clipped_at_one_and_the_losses_l1_is_not() {
 fn masked_pixels_do_not_count() {
     let mut target = image(16, 12, radiance(1.0));
     let mut prediction = image(16, 12, radiance(1.1));
-    let mut mask = Mask::of_valid(vec![true; 16 * 12]);
+    let mut mask = Mask::from_valid(vec![true; 16 * 12]);
     mask.weights[5] = 0.0;
     mask.weights[77] = 0.0;
     target.pixels[5] = [0.0; 3];
@@ -83,7 +83,7 @@ fn masked_pixels_do_not_count() {
     prediction.pixels[77] = [f32::NAN; 3];
     let second = view_metrics(&prediction, &target, Some(&mask), MU).unwrap();
     assert_eq!(first, second);
-    let profile = LuminanceProfile::of(&prediction, &target, Some(&mask), luxel_core::ColorSpace::LinearRec709).unwrap();
+    let profile = LuminanceProfile::measure(&prediction, &target, Some(&mask), luxel_core::ColorSpace::LinearRec709).unwrap();
     assert_eq!(profile.count(), 16 * 12 - 2);
 }
 
@@ -91,7 +91,7 @@ fn masked_pixels_do_not_count() {
 fn a_masked_ssim_uses_the_target_in_place_of_the_prediction() {
     let target = image(16, 12, radiance(1.0));
     let mut prediction = target.clone();
-    let mut mask = Mask::of_valid(vec![true; 16 * 12]);
+    let mut mask = Mask::from_valid(vec![true; 16 * 12]);
     for i in 40..50 {
         prediction.pixels[i] = [0.0; 3];
         mask.weights[i] = 0.0;
@@ -126,9 +126,9 @@ fn images_that_cannot_be_compared_are_errors() {
     assert_eq!(size.to_string(), "prediction is 3x4, target 4x3: metrics need equal sizes");
     let finite = view_metrics(&bad, &target, None, MU).unwrap_err();
     assert_eq!(finite.to_string(), "prediction is not finite at column 2, row 1");
-    let mask = Mask::of_valid(vec![false; 12]);
+    let mask = Mask::from_valid(vec![false; 12]);
     assert_eq!(view_metrics(&target, &target, Some(&mask), MU).unwrap_err(), MetricsError::NoValidPixels);
-    let short = Mask::of_valid(vec![true; 11]);
+    let short = Mask::from_valid(vec![true; 11]);
     assert_eq!(view_metrics(&target, &target, Some(&short), MU).unwrap_err(), MetricsError::Mask { found: 11, expected: 12 });
     assert_eq!(view_metrics(&Image::default(), &Image::default(), None, MU).unwrap_err(), MetricsError::NoValidPixels);
     assert!(view_metrics(&target, &target, None, 0.0).is_err());

@@ -80,7 +80,7 @@ fn vgg_is_the_reference_packages() {
 fn radiance_is_shown_under_the_mu_law_and_masked_pixels_do_not_count() {
     let lpips = Lpips::from_tensors(&tensors(&oracle(LpipsNetwork::Alex))).unwrap();
     let [mut prediction, mut target] = images(40, 33);
-    let of = |p: &Image, t: &Image, mask: Option<&Mask>| lpips.of_radiance(p, t, mask, 5000.0, ColorSpace::LinearRec709).unwrap();
+    let of = |p: &Image, t: &Image, mask: Option<&Mask>| lpips.radiance_distance(p, t, mask, 5000.0, ColorSpace::LinearRec709).unwrap();
     let before = of(&prediction, &target, None);
     assert!(before > 0.0);
     prediction.scale(64.0);
@@ -88,7 +88,7 @@ fn radiance_is_shown_under_the_mu_law_and_masked_pixels_do_not_count() {
     assert!((of(&prediction, &target, None) / before - 1.0).abs() < 1e-4, "the unit of radiance matters");
     let mut spoilt = target.clone();
     spoilt.pixels[7] = [f32::NAN, 1e9, -3.0];
-    let mask = Mask::of_valid((0..40 * 33).map(|i| i != 7));
+    let mask = Mask::from_valid((0..40 * 33).map(|i| i != 7));
     assert_eq!(of(&spoilt, &target, Some(&mask)), 0.0);
     assert_eq!(of(&target, &spoilt, Some(&mask)), 0.0);
     let black = Image::filled(40, 33, [0.0; 3]);

@@ -221,7 +221,7 @@ mod tests {
         }
         let curve = Response { knots: response.knots(), exposure: [1.0; 3] };
         for x in [0.01, 0.1, 0.5, 1.0, 3.0, 10.0] {
-            let found = f64::from(curve.of(1, x as f32).value);
+            let found = f64::from(curve.apply(1, x as f32).value);
             assert!((found - truth(x)).abs() < 0.015, "{x}: {found} {}", truth(x));
         }
         assert!(response.knots().iter().all(|knots| knots.windows(2).all(|pair| pair[1] >= pair[0])));

@@ -7,15 +7,18 @@
 mod choices;
 mod options;
 mod preset;
+mod range;
 mod spec;
 mod validate;
 
 pub use choices::{CutoffPreset, ExposureCompensation, Method, NamedChoice, Preset, ScaleRule, Strategy};
 pub use options::{OPTIONS, TrainConfig};
-pub use spec::{Condition, OptionSpec, Range, ValueHelp};
+pub use range::Range;
+pub use spec::{Condition, OptionSpec, ValueHelp};
 pub use validate::Misplaced;
 
-use luxel_core::{Antialias, ColorModel, Cutoffs, LossConfig, RasterConfig, ToneCurve};
+use luxel_core::{Antialias, ColorModel, Cutoffs, LossWeights, RasterConfig};
+
 /// Largest seed; integers in `config.toml` are signed.
 pub const MAX_SEED: u64 = i64::MAX as u64;
 
@@ -50,7 +53,7 @@ pub fn parse_rgb(text: &str) -> Result<[f32; 3], String> {
 
 impl TrainConfig {
     /// Returns the default configuration under `preset`.
-    pub fn of_preset(preset: Preset) -> Self {
+    pub fn from_preset(preset: Preset) -> Self {
         Self { preset, ..Self::default() }.with_preset(|_| false)
     }
 
@@ -95,20 +98,13 @@ impl TrainConfig {
         RasterConfig { cutoffs, antialias: self.antialias, samples: self.samples }
     }
 
-    /// Returns the loss of a step; a view may replace its curve and scale.
-    pub fn loss(&self) -> LossConfig {
+    /// Returns the weights of the loss.
+    pub fn loss_weights(&self) -> LossWeights {
         let (opacity_weight, scale_weight) = match self.strategy {
             Strategy::Adc => (0.0, 0.0),
             Strategy::Mcmc => (self.mcmc_opacity_weight, self.mcmc_scale_weight),
         };
-        LossConfig {
-            curve: ToneCurve::MuLaw { mu: self.mu },
-            target_scale: [1.0; 3],
-            ssim_weight: self.ssim_weight,
-            squared_share: self.squared_share,
-            opacity_weight,
-            scale_weight,
-        }
+        LossWeights { ssim_weight: self.ssim_weight, squared_share: self.squared_share, opacity_weight, scale_weight }
     }
 
     /// Returns the initial opacity of splats.

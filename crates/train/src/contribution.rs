@@ -15,19 +15,27 @@ use crate::views::TrainingViews;
 /// them.
 const MOST_VIEWS: usize = 24;
 
-/// Returns the contributions for the round of `step`, the `round`th of the run. If there are more
-/// views than are used, they are taken at a constant stride, and each round starts one view later
-/// than the last.
+/// A round of densification.
+#[derive(Clone, Copy)]
+pub(crate) struct Round {
+    /// The step after which it takes place.
+    pub(crate) step: u32,
+    /// Its number in the run.
+    pub(crate) number: u32,
+}
+
+/// Returns the contributions for a round. If there are more views than are used, they are taken at
+/// a constant stride, and each round starts one view later than the last.
 pub(crate) fn contribution(
     engine: &mut dyn Engine,
     views: &mut TrainingViews,
-    (step, round): (u32, u32),
+    round: Round,
     options: &RenderOptions,
 ) -> Result<Vec<f32>, TrainError> {
     let stride = views.len().div_ceil(MOST_VIEWS).max(1);
     let mut sums = vec![0.0; engine.len()];
-    for index in (round as usize % stride..views.len()).step_by(stride) {
-        let Some((view, _)) = views.at(step, index, [1.0; 3]) else { continue };
+    for index in (round.number as usize % stride..views.len()).step_by(stride) {
+        let Some(view) = views.at(round.step, index, [1.0; 3]) else { continue };
         add_contribution(engine, view, options, &mut sums)?;
     }
     if stride > 1 {
@@ -47,19 +55,20 @@ pub fn add_contribution(engine: &mut dyn Engine, view: &View, options: &RenderOp
     Ok(())
 }
 
-/// Returns whether the views see each splat (`[N]`). Those that contribute least, and together make
-/// up at most `part` of the views' pixels, count as unseen. A splat brighter than 1 (normalised
-/// units) counts by its light, because even a small part of a lamp is much light.
+/// Returns whether the views of `step` see each splat (`[N]`). Those that contribute least, and
+/// together make up at most `part` of the views' pixels, count as unseen. A splat brighter than 1
+/// (normalised units) counts by its light, because even a small part of a lamp is much light.
 pub(crate) fn visible_splats(
     engine: &mut dyn Engine,
     views: &mut TrainingViews,
-    (step, part): (u32, f32),
+    step: u32,
     options: &RenderOptions,
+    part: f32,
 ) -> Result<Vec<bool>, TrainError> {
     let mut shown = vec![0.0f32; engine.len()];
     let mut pixels = 0.0f64;
     for index in 0..views.len() {
-        let Some((view, _)) = views.at(step, index, [1.0; 3]) else { continue };
+        let Some(view) = views.at(step, index, [1.0; 3]) else { continue };
         let found = engine.contributions(&view.camera, options, &pixel_weights(view))?;
         for (shown, (masked, light)) in shown.iter_mut().zip(found.masked.iter().zip(&found.light)) {
             *shown += masked.max(*light);
@@ -92,7 +101,7 @@ mod tests {
     use luxel_cpu::CpuEngine;
 
     use super::*;
-    use crate::noise::{NoiseChoice, ToneScale};
+    use crate::pixel_weights::{NoiseChoice, ToneScale};
     use crate::testing::{camera_at, view_of};
 
     /// A splat that all cameras see, one behind them all.
@@ -118,7 +127,7 @@ mod tests {
         engine.load(&splats(), None).unwrap();
         let mut views =
             TrainingViews::new(train, Vec::new(), NoiseChoice::Auto, ToneScale { radiance_scale: RadianceScale::ONE, mu: 5000.0 });
-        contribution(&mut engine, &mut views, (100, round), &RenderOptions::default()).unwrap()
+        contribution(&mut engine, &mut views, Round { step: 100, number: round }, &RenderOptions::default()).unwrap()
     }
 
     fn view(mask: Option<f32>) -> View {
@@ -167,7 +176,7 @@ mod tests {
             engine.load(&splats, None).unwrap();
             let mut views =
                 TrainingViews::new(train, Vec::new(), NoiseChoice::Auto, ToneScale { radiance_scale: RadianceScale::ONE, mu: 5000.0 });
-            visible_splats(&mut engine, &mut views, (100, part), &RenderOptions::default()).unwrap()
+            visible_splats(&mut engine, &mut views, 100, &RenderOptions::default(), part).unwrap()
         };
         let train = [view(None), view(Some(0.5))];
         let cases = [(0.0, [true, true, true, false]), (0.1, [true, true, false, false]), (0.9, [true, true, false, false])];

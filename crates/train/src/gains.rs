@@ -39,7 +39,7 @@ impl Gains {
     }
 
     /// Returns the gain of view `index`.
-    pub(crate) fn of(&self, index: usize) -> [f32; 3] {
+    pub(crate) fn gain(&self, index: usize) -> [f32; 3] {
         self.log.get(index).map_or([1.0; 3], |log| log.map(f32::exp))
     }
 
@@ -106,8 +106,8 @@ mod tests {
                 assert!(sum.abs() < 1e-6, "{sum}");
             }
         }
-        assert!(gains.of(3)[0] > 1.0 && gains.validate(7).is_ok() && gains.validate(6).is_err());
-        assert_eq!(gains.of(99), [1.0; 3]);
+        assert!(gains.gain(3)[0] > 1.0 && gains.validate(7).is_ok() && gains.validate(6).is_err());
+        assert_eq!(gains.gain(99), [1.0; 3]);
     }
 
     #[test]

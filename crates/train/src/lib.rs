@@ -13,7 +13,7 @@ pub mod densify;
 mod error;
 mod gains;
 mod init;
-mod noise;
+mod pixel_weights;
 mod recorded;
 mod resolution;
 mod scale;
@@ -32,7 +32,7 @@ pub use config::{
 pub use contribution::add_contribution;
 pub use error::TrainError;
 pub use init::initialise;
-pub use noise::NoiseChoice;
+pub use pixel_weights::NoiseChoice;
 pub use resolution::{ResolutionSchedule, Stage};
 pub use scale::choose_radiance_scale;
 pub use schedule::{ABSGRAD_OPACITY_CAP, RESET_OPACITY, Schedule};

@@ -110,9 +110,9 @@ mod tests {
     #[test]
     fn masked_pixels_are_left_out() {
         let mut views = ramp();
-        views[0].mask = Some(Arc::new(Mask::of_valid((0..101).map(|i| i <= 10))));
+        views[0].mask = Some(Arc::new(Mask::from_valid((0..101).map(|i| i <= 10))));
         assert_eq!(choose_radiance_scale(&views, ScaleRule::Max).unwrap().get(), 10.0);
-        views[0].mask = Some(Arc::new(Mask::of_valid(vec![false; 101])));
+        views[0].mask = Some(Arc::new(Mask::from_valid(vec![false; 101])));
         assert!(matches!(choose_radiance_scale(&views, ScaleRule::Max), Err(TrainError::NoPixels)));
     }
 

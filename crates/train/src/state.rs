@@ -97,7 +97,7 @@ impl State {
     }
 
     /// Reads the state of a snapshot and checks it against the data set that the run resumes with.
-    pub(crate) fn of_snapshot(snapshot: &Snapshot, dataset: &Dataset) -> Result<Self, TrainError> {
+    pub(crate) fn from_snapshot(snapshot: &Snapshot, dataset: &Dataset) -> Result<Self, TrainError> {
         let state = Self::parse(&snapshot.state_json)?;
         if state.fingerprint != dataset.fingerprint {
             return Err(TrainError::Fingerprint { checkpoint: state.fingerprint, dataset: dataset.fingerprint.clone() });

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use glam::{DAffine3, DMat3, DVec2, DVec3};
-use luxel_core::{Camera, ColorSpace, Dataset, Distortion, Image, PixelValues, View};
+use luxel_core::{Camera, ColorSpace, Dataset, Distortion, Image, PixelValues, Target, View};
 
 /// A camera at `eye` that looks along +z, with a focal length of the image's width.
 pub(crate) fn camera_at(eye: [f64; 3], size_px: [u32; 2]) -> Camera {
@@ -25,7 +25,15 @@ pub(crate) fn camera_looking_at(eye: DVec3, target: DVec3, size_px: [u32; 2]) ->
 }
 
 pub(crate) fn view_of(name: &str, camera: Camera, image: Image) -> View {
-    View { name: name.to_owned(), camera, image: Arc::new(image), values: PixelValues::Radiance, noise: None, mask: None }
+    View {
+        name: name.to_owned(),
+        camera,
+        image: Arc::new(image),
+        values: PixelValues::Radiance,
+        noise: None,
+        mask: None,
+        target: Target::default(),
+    }
 }
 
 /// A data set with the training views `train` and without points.

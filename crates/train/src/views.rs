@@ -1,9 +1,9 @@
 //! The training views as the steps see them: at the resolution of the step and with pixels weighted
-//! by their noise, each with the scale that takes its image to normalised units and divides it by
-//! its gain.
+//! by their noise, each with the target whose scale takes its image to normalised units and divides
+//! it by its gain.
 //!
-//! In: views in the data set's units, which share their images. Out: one view at a time, and the
-//! scale, which the loss applies; thus images need not be copied, on a GPU either. Captured values
+//! In: views in the data set's units, which share their images. Out: one view at a time, with its
+//! target, which the loss applies; thus images need not be copied, on a GPU either. Captured values
 //! have no units, and their scale is 1. All images of a reduced resolution are kept, which takes at
 //! most a quarter of the memory of the full ones. They are made when the first step needs them and
 //! dropped when their stage ends, so that two reduced stages are never in memory.
@@ -32,10 +32,10 @@
 
 use std::sync::Arc;
 
-use luxel_core::{Camera, PixelValues, View};
+use luxel_core::{Camera, PixelValues, Target, ToneCurve, View};
 use rayon::prelude::*;
 
-use crate::noise::{NoiseChoice, ToneScale, weighted};
+use crate::pixel_weights::{NoiseChoice, ToneScale, weighted};
 use crate::resolution::{Stage, factor_at};
 
 /// Smallest valid fraction of a reduced pixel's area. A pixel below it describes its neighbours
@@ -62,7 +62,7 @@ struct Reduced {
 
 impl TrainingViews {
     pub(crate) fn new(train: &[View], stages: Vec<Stage>, noise: NoiseChoice, tone: ToneScale) -> Self {
-        let with_noise = |view: &View| View { noise: noise.of(view), ..view.clone() };
+        let with_noise = |view: &View| View { noise: noise.model(view), ..view.clone() };
         let full: Vec<View> = train.iter().map(with_noise).collect();
         let weighted = full.iter().map(|view| weighted_by_noise(view.clone(), tone)).collect();
         Self { full, weighted, stages, tone, reduced: None }
@@ -88,18 +88,21 @@ impl TrainingViews {
         factor_at(&self.stages, step)
     }
 
-    /// Returns view `index` as `step` sees it, and the factor to multiply its image by if its gain
-    /// is `gain`; `None` if there is no such view. The factor of captured values is 1, because
-    /// their gain applies to the exposure.
-    pub(crate) fn at(&mut self, step: u32, index: usize, gain: [f32; 3]) -> Option<(&View, [f32; 3])> {
+    /// Returns view `index` as `step` sees it, with the target of gain `gain` under the mu-law;
+    /// `None` if there is no such view. The scale of captured values is 1, because their gain
+    /// applies to the exposure.
+    pub(crate) fn at(&mut self, step: u32, index: usize, gain: [f32; 3]) -> Option<&mut View> {
         let factor = self.factor(step);
         let scale = match self.full.get(index)?.values {
             PixelValues::Radiance => self.tone.radiance_scale.target_scale(gain),
             PixelValues::Recorded { .. } => [1.0; 3],
         };
+        let target = Target { curve: ToneCurve::MuLaw { mu: self.tone.mu }, scale };
         if factor == 1 {
             self.reduced = None;
-            return Some((self.weighted.get(index)?, scale));
+            let view = self.weighted.get_mut(index)?;
+            view.target = target;
+            return Some(view);
         }
         let is_made = self.reduced.as_ref().is_some_and(|reduced| reduced.factor == factor);
         if !is_made {
@@ -109,7 +112,9 @@ impl TrainingViews {
             tracing::info!(step, factor, "training resolution");
             self.reduced = Some(Reduced { factor, views });
         }
-        Some((self.reduced.as_ref()?.views.get(index)?, scale))
+        let view = self.reduced.as_mut()?.views.get_mut(index)?;
+        view.target = target;
+        Some(view)
     }
 }
 
@@ -155,10 +160,10 @@ mod tests {
         let mut views = views("4@0,2@10,1@20");
         for (step, side) in [(1, 8), (10, 8), (11, 16), (20, 16), (21, 32), (22, 32), (1, 8)] {
             for (index, name, red) in [(0, "a", 4.0), (1, "b", 8.0)] {
-                let (view, scale) = views.at(step, index, [1.0; 3]).unwrap();
+                let view = views.at(step, index, [1.0; 3]).unwrap();
                 assert_eq!((view.name.as_str(), view.camera.size_px, view.image.width), (name, [side; 2], side as usize), "{step}");
                 assert!(view.image.pixels.iter().all(|rgb| rgb[0] == red && rgb[2] == 2.0), "{step}");
-                assert_eq!(scale, [0.5; 3]);
+                assert_eq!(view.target, Target { curve: ToneCurve::MuLaw { mu: 5000.0 }, scale: [0.5; 3] });
             }
         }
         assert!(views.at(1, 2, [1.0; 3]).is_none() && views.at(30, 2, [1.0; 3]).is_none());
@@ -168,8 +173,8 @@ mod tests {
     fn an_image_is_divided_by_its_gain_at_every_resolution() {
         let mut views = views("2@0,1@10");
         for step in [1, 11] {
-            assert_eq!(views.at(step, 0, [2.0, 1.0, 0.5]).unwrap().1, [0.25, 0.5, 1.0], "{step}");
-            assert_eq!(views.at(step, 1, [1.0; 3]).unwrap().1, [0.5; 3], "{step}");
+            assert_eq!(views.at(step, 0, [2.0, 1.0, 0.5]).unwrap().target.scale, [0.25, 0.5, 1.0], "{step}");
+            assert_eq!(views.at(step, 1, [1.0; 3]).unwrap().target.scale, [0.5; 3], "{step}");
         }
     }
 
@@ -181,8 +186,8 @@ mod tests {
         let train = views.full.clone();
         views = TrainingViews::new(&train, stages, NoiseChoice::Given(model), views.tone);
         let least = |view: &View| view.mask.as_ref().unwrap().weights.iter().copied().fold(1.0, f32::min);
-        let coarse = least(views.at(1, 0, [1.0; 3]).unwrap().0);
-        let fine = least(views.at(11, 0, [1.0; 3]).unwrap().0);
+        let coarse = least(views.at(1, 0, [1.0; 3]).unwrap());
+        let fine = least(views.at(11, 0, [1.0; 3]).unwrap());
         assert!(fine > 0.0 && fine < coarse && coarse < 1.0, "{fine} {coarse}");
     }
 
@@ -190,7 +195,7 @@ mod tests {
     fn recorded_values_are_seen_as_they_are() {
         let mut views = views("2@0,1@10");
         views.full.iter_mut().for_each(|view| view.values = PixelValues::Recorded { exposure_s: 0.1 });
-        assert_eq!(views.at(11, 0, [3.0; 3]).unwrap().1, [1.0; 3]);
+        assert_eq!(views.at(11, 0, [3.0; 3]).unwrap().target.scale, [1.0; 3]);
     }
 
     #[test]
@@ -208,7 +213,7 @@ mod tests {
     fn a_view_is_the_same_allocation_in_every_step() {
         let mut views = views("2@0,1@10");
         for step in [1, 11] {
-            let at = |views: &mut TrainingViews, gain| views.at(step, 0, gain).map(|(view, _)| Arc::as_ptr(&view.image));
+            let at = |views: &mut TrainingViews, gain| views.at(step, 0, gain).map(|view| Arc::as_ptr(&view.image));
             let first = at(&mut views, [1.0; 3]);
             assert_eq!(at(&mut views, [2.0; 3]), first);
         }

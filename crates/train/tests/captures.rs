@@ -70,7 +70,7 @@ fn gains_of_drifting_images_are_found_and_have_mean_zero() {
 fn metrics_of_training_images_follow_the_learned_gains() {
     let (mut data, _) = drifted();
     // A view without valid pixels does not move the gains of the views after it.
-    data.train[1].mask = Some(Arc::new(Mask::of_valid(vec![false; 48 * 48])));
+    data.train[1].mask = Some(Arc::new(Mask::from_valid(vec![false; 48 * 48])));
     let config = TrainConfig { exposure_compensation: ExposureCompensation::Color, ..base(500) };
     let mut trainer = Trainer::new(&data, config, engine()).unwrap();
     run(&mut trainer, 500);
@@ -81,7 +81,7 @@ fn metrics_of_training_images_follow_the_learned_gains() {
     assert_eq!(with.views.len(), 5);
     assert!(with.mean.psnr_scene > without.mean.psnr_scene + 3.0);
     let (options, measures) = (trainer.render_options(), Measures::new(trainer.radiance_scale(), trainer.config().mu));
-    let probed = probe(trainer.engine(), &options, &measures, (&data.train[2], gains[2])).unwrap().unwrap();
+    let probed = probe(trainer.engine(), &options, &measures, &data.train[2], gains[2]).unwrap().unwrap();
     assert!((probed - with.views[1].metrics.psnr_scene).abs() < 1e-9, "{probed}");
 }
 
@@ -177,7 +177,7 @@ fn with_an_occluder(masked: bool) -> Dataset {
         let inside = |i: usize| (12..30).contains(&(i % 48)) && i / 48 > 10;
         let image = Arc::make_mut(&mut view.image);
         image.pixels.iter_mut().enumerate().filter(|(i, _)| inside(*i)).for_each(|(_, rgb)| *rgb = [2.0, 1.5, 3.0]);
-        view.mask = masked.then(|| Arc::new(Mask::of_valid((0..48 * 48).map(|i| !inside(i)))));
+        view.mask = masked.then(|| Arc::new(Mask::from_valid((0..48 * 48).map(|i| !inside(i)))));
     }
     data
 }

@@ -212,13 +212,13 @@ fn a_run_that_ends_early_becomes_the_mean_so_far() {
     };
     // The run ends at the current step.
     let mut stopped = resumed(30);
-    assert!(stopped.settle().unwrap() && stopped.is_finished());
+    assert!(stopped.finish_average().unwrap() && stopped.is_finished());
     assert_is_mean(&harmonics(&mut stopped), &states);
     assert_eq!(stopped.snapshot().unwrap().moments, under_way.moments);
-    assert!(!stopped.settle().unwrap(), "there is nothing left to take");
+    assert!(!stopped.finish_average().unwrap(), "there is nothing left to take");
     // The run ends one step later.
     let mut ended = resumed(31);
-    assert!(!ended.settle().unwrap());
+    assert!(!ended.finish_average().unwrap());
     ended.step().unwrap();
     let mut whole = resumed(40);
     whole.step().unwrap();
@@ -226,7 +226,7 @@ fn a_run_that_ends_early_becomes_the_mean_so_far() {
     assert_is_mean(&harmonics(&mut ended), &states);
     // The run ends much later, so these steps are not among the last.
     let mut longer = resumed(80);
-    assert!(!longer.settle().unwrap());
+    assert!(!longer.finish_average().unwrap());
     longer.step().unwrap();
     assert_eq!(longer.snapshot().unwrap().average, None);
     assert_eq!(harmonics(&mut longer), harmonics(&mut whole));
@@ -264,7 +264,7 @@ fn steps_are_made_at_the_resolution_of_their_stage() {
 #[test]
 fn the_fast_preset_learns_in_small() {
     // The threshold is about two thirds of the usual gain.
-    let fast = TrainConfig { max_splats: Some(1000), iterations: 300, densify_interval: 50, ..TrainConfig::of_preset(Preset::Fast) };
+    let fast = TrainConfig { max_splats: Some(1000), iterations: 300, densify_interval: 50, ..TrainConfig::from_preset(Preset::Fast) };
     let (before, after) = learn(fast);
     assert!(after > before + 12.0, "{before} dB -> {after} dB");
 }

@@ -53,7 +53,7 @@ impl Engine for Puppet {
     fn len(&self) -> usize {
         self.splats.len()
     }
-    fn timings(&self) -> &[(Pass, Duration)] {
+    fn timings(&self) -> &[PassTime] {
         &[]
     }
 }
@@ -92,7 +92,7 @@ fn data_sets_that_cannot_be_trained_on_are_refused() {
     dark.train.iter_mut().for_each(|view| view.image = black());
     assert!(message(Trainer::new(&dark, config(10), engine())).contains("black"));
     let mut masked = good.clone();
-    masked.train.iter_mut().for_each(|view| view.mask = Some(Arc::new(Mask::of_valid(vec![false; 48 * 48]))));
+    masked.train.iter_mut().for_each(|view| view.mask = Some(Arc::new(Mask::from_valid(vec![false; 48 * 48]))));
     assert!(message(Trainer::new(&masked, config(10), engine())).contains("masked"));
     let mut small = good.clone();
     small.train[2].image = Arc::new(Image::filled(47, 48, [1.0; 3]));
@@ -115,7 +115,7 @@ fn black_images_are_trained_on_where_the_scale_is_given() {
 #[test]
 fn a_view_without_valid_pixels_among_others_does_no_harm() {
     let mut data = dataset();
-    data.train[3].mask = Some(Arc::new(Mask::of_valid(vec![false; 48 * 48])));
+    data.train[3].mask = Some(Arc::new(Mask::from_valid(vec![false; 48 * 48])));
     let mut trainer = Trainer::new(&data, config(12), engine()).unwrap();
     for _ in 0..12 {
         assert!(trainer.step().unwrap().loss.is_finite());

@@ -12,9 +12,9 @@ use luxel_core::photo::{PhotoKind, RawInfo};
 use luxel_core::text::plural;
 use luxel_core::{ColorSpace, Remedy};
 
-use super::plan::{PlanOptions, WhiteBalance};
+use super::options::{PlanOptions, WhiteBalance};
 use super::{Photograph, PrepareError, PrepareNote};
-use crate::{CameraColor, CameraColorError, median_neutral};
+use crate::{CalibratedMatrix, CameraColor, CameraColorError, median_neutral};
 
 /// Photographs that share a lens.
 #[derive(Clone, Debug, PartialEq)]
@@ -168,7 +168,7 @@ fn matrix_from_raw(raw: Option<&RawInfo>, neutral: [f64; 3], space: ColorSpace) 
     let Some(raw) = raw.filter(|raw| !raw.camera_from_xyz.is_empty()) else { return Ok(None) };
     let rows = |m: &[f64; 9]| DMat3::from_cols_array(m).transpose();
     let color = CameraColor {
-        camera_from_xyz: raw.camera_from_xyz.iter().map(|(kelvin, m)| (*kelvin, rows(m))).collect(),
+        camera_from_xyz: raw.camera_from_xyz.iter().map(|(kelvin, m)| CalibratedMatrix { kelvin: *kelvin, matrix: rows(m) }).collect(),
         d50_from_balanced: raw.d50_from_balanced.iter().map(rows).collect(),
     };
     color.scene_from_balanced(neutral, space).map(Some)

@@ -6,13 +6,13 @@ use std::collections::BTreeMap;
 use luxel_core::text::plural;
 use luxel_core::{Chromaticities, ColorSpace, Remedy};
 
-use super::plan::view_name;
+use super::photograph::view_name;
 use super::{Photograph, PrepareNote};
 use crate::{BracketNote, Brackets};
 
 /// Notes pictures that state primaries, by chunks or by a profile; known ones are used.
 pub(super) fn note_primaries(photos: &[Photograph], input_space: ColorSpace, notes: &mut Vec<PrepareNote>) {
-    let described = |found: &Chromaticities| match ColorSpace::of_chromaticities(found) {
+    let described = |found: &Chromaticities| match ColorSpace::from_chromaticities(found) {
         Some(space) => space.name().to_owned(),
         None => format!("red, green, blue and white at {found:?}"),
     };

@@ -113,6 +113,11 @@ fn check_one_kind(photos: &[Photograph]) -> Result<(), PrepareError> {
     Ok(())
 }
 
+/// Returns the first name of the files of a view; unique, because each file belongs to one view.
+pub(super) fn view_name(photos: &[Photograph], frames: &[usize]) -> String {
+    frames.iter().filter_map(|i| photos.get(*i)).map(|p| p.stem.as_str()).min().unwrap_or_default().to_owned()
+}
+
 #[cfg(test)]
 mod tests {
     use luxel_core::photo::Exif;

@@ -5,12 +5,14 @@
 //! and notes about what is odd. Degenerate: photographs of which none states its exposure are
 //! treated as exposed alike; if only some do, that is an error.
 
+use luxel_core::Remedy;
 use luxel_core::photo::PhotoKind;
 use luxel_core::text::plural;
-use luxel_core::{ColorSpace, Remedy};
 
 use super::cameras::{PlannedCamera, balance, group_by_camera, note_cameras};
 use super::notes::{note_brackets, note_corrections_not_applied, note_primaries};
+use super::options::{PlanOptions, WhiteBalance};
+use super::photograph::view_name;
 use super::{Photograph, PrepareError, PrepareNote, ResponseChoice};
 use crate::{BracketRule, Exposure, Shot, find_brackets};
 
@@ -40,35 +42,6 @@ pub struct Plan {
     pub is_absolute: bool,
     /// Remarks for the user.
     pub notes: Vec<PrepareNote>,
-}
-
-/// The user's choice of white balance for RAW files.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub enum WhiteBalance {
-    /// The median of the camera's choices.
-    #[default]
-    AsShot,
-    /// The choice of one photograph, by its name with or without extension.
-    Photo(String),
-    /// These camera colours of white.
-    Neutral([f64; 3]),
-}
-
-/// Options of [`plan`] and [`check_options`].
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct PlanOptions {
-    /// How brackets are found.
-    pub brackets: BracketRule,
-    /// Whether a list of exposures is given.
-    pub has_exposure_list: bool,
-    /// Choice of the response curve.
-    pub response: ResponseChoice,
-    /// Choice of the white balance.
-    pub white_balance: WhiteBalance,
-    /// Space of the data set's images.
-    pub color_space: ColorSpace,
-    /// Space of pictures that do not state theirs.
-    pub input_space: ColorSpace,
 }
 
 /// Refuses options that photographs of this kind have no use for.
@@ -175,11 +148,6 @@ pub fn plan(photos: &mut [Photograph], options: &PlanOptions) -> Result<Plan, Pr
 
 fn kind_of(photos: &[Photograph]) -> PhotoKind {
     photos.first().map_or(PhotoKind::Radiance, |p| p.info.kind)
-}
-
-/// Returns the first name of the files of a view; unique, because each file belongs to one view.
-pub(super) fn view_name(photos: &[Photograph], frames: &[usize]) -> String {
-    frames.iter().filter_map(|i| photos.get(*i)).map(|p| p.stem.as_str()).min().unwrap_or_default().to_owned()
 }
 
 /// Makes exposures comparable, or explains why they are not. Returns whether the scale is absolute.

@@ -6,8 +6,8 @@ use luxel_core::{Chromaticities, ColorSpace, Conversion};
 /// `input`.
 pub fn conversion_from(stated: Option<Chromaticities>, input: ColorSpace, scene: ColorSpace) -> Conversion {
     // Primaries of a named space are rounded in files.
-    let named = stated.and_then(|found| ColorSpace::of_chromaticities(&found));
-    let unnamed = stated.filter(|_| named.is_none()).and_then(|found| Conversion::of_chromaticities(&found, &scene.chromaticities()));
+    let named = stated.and_then(|found| ColorSpace::from_chromaticities(&found));
+    let unnamed = stated.filter(|_| named.is_none()).and_then(|found| Conversion::from_chromaticities(&found, &scene.chromaticities()));
     unnamed.unwrap_or_else(|| Conversion::between(named.unwrap_or(input), scene))
 }
 

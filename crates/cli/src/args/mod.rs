@@ -386,7 +386,7 @@ mod tests {
         let matches = command().try_get_matches_from(args).unwrap();
         let Command::Reproduce(parsed) = Cli::from_arg_matches(&matches).unwrap().command else { unreachable!("reproduce was given") };
         let in_force = parsed.train.config.clone().with_preset(|_| false);
-        assert_eq!(in_force, TrainConfig::of_preset(Preset::Paper));
+        assert_eq!(in_force, TrainConfig::from_preset(Preset::Paper));
         let command = command();
         let reproduce = command.find_subcommand("reproduce").unwrap();
         for option in OPTIONS.iter().filter(|option| !option.is_switch()) {
@@ -398,7 +398,7 @@ mod tests {
         let matches = super::command().try_get_matches_from(args.iter().chain(&["--preset", "fast", "--turnover", "0.3"])).unwrap();
         let explicit = run_config::explicit_args(matches.subcommand().unwrap().1);
         let Command::Reproduce(parsed) = Cli::from_arg_matches(&matches).unwrap().command else { unreachable!("reproduce was given") };
-        let fast = TrainConfig { turnover: 0.3, ..TrainConfig::of_preset(Preset::Fast) };
+        let fast = TrainConfig { turnover: 0.3, ..TrainConfig::from_preset(Preset::Fast) };
         assert_eq!(parsed.train.config.clone().with_preset(|id| explicit.contains(id)), fast);
     }
 }

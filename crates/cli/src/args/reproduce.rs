@@ -89,7 +89,7 @@ pub(super) fn adapted(arg: Arg) -> Arg {
         id if is_of_the_matrix(id) => arg.hide(true),
         "preset" => arg.default_value(Preset::Paper.name()),
         id => match OptionSpec::find(id).filter(|option| !option.is_switch()) {
-            Some(option) => with_default(arg, option.get(&TrainConfig::of_preset(Preset::Paper)), option),
+            Some(option) => with_default(arg, option.get(&TrainConfig::from_preset(Preset::Paper)), option),
             None => arg,
         },
     }

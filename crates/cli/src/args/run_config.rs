@@ -168,8 +168,8 @@ mod tests {
 
     #[test]
     fn a_preset_stands_between_explicit_options_and_the_file() {
-        let fast = TrainConfig::of_preset(Preset::Fast);
-        let paper = TrainConfig::of_preset(Preset::Paper);
+        let fast = TrainConfig::from_preset(Preset::Fast);
+        let paper = TrainConfig::from_preset(Preset::Paper);
         // Explicit over preset over default.
         let (alone, _) = parsed(&words("--preset fast --max-splats 7")).unwrap();
         assert_eq!(alone.train, TrainConfig { max_splats: Some(7), ..fast.clone() });

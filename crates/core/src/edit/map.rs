@@ -80,12 +80,12 @@ impl Map {
     }
 
     /// Maps a `luminance` > 0; `median` replaces a pivot that is not given.
-    fn of(&self, luminance: f64, median: f64) -> f64 {
+    fn apply(&self, luminance: f64, median: f64) -> f64 {
         let about = |pivot: f64, exponent: f64| pivot * (luminance / pivot).powf(exponent);
         match *self {
             Self::Gain(gain) => luminance * f64::from(gain),
             Self::Power { exponent, pivot } => about(pivot.map_or(median, f64::from), exponent.into()),
-            Self::Curve(ref curve) => curve.of(luminance),
+            Self::Curve(ref curve) => curve.apply(luminance),
             Self::ClampMax(max) => luminance.min(max.into()),
             Self::CompressAbove { threshold, ratio } if luminance > f64::from(threshold) => about(threshold.into(), 1.0 / f64::from(ratio)),
             Self::LiftBelow { threshold, amount } if luminance < f64::from(threshold) => about(threshold.into(), 1.0 - f64::from(amount)),
@@ -108,7 +108,7 @@ impl<'m> MapChain<'m> {
     }
 
     /// Returns the luminance after all maps.
-    pub fn of(&self, luminance: f32) -> f32 {
+    pub fn apply(&self, luminance: f32) -> f32 {
         self.of_exact(f64::from(luminance)) as f32
     }
 
@@ -142,7 +142,7 @@ impl<'m> MapChain<'m> {
 
     fn of_exact(&self, luminance: f64) -> f64 {
         let median = f64::from(self.median);
-        self.maps.iter().fold(luminance, |l, map| if l > 0.0 { map.of(l, median) } else { 0.0 })
+        self.maps.iter().fold(luminance, |l, map| if l > 0.0 { map.apply(l, median) } else { 0.0 })
     }
 }
 
@@ -198,7 +198,7 @@ impl Curve {
         &self.points
     }
 
-    fn of(&self, luminance: f64) -> f64 {
+    fn apply(&self, luminance: f64) -> f64 {
         let x = luminance.log2();
         let next = self.knots.partition_point(|knot| knot[0] < x);
         let y = match (next.checked_sub(1).and_then(|before| self.knots.get(before)), self.knots.get(next)) {
@@ -239,8 +239,8 @@ mod tests {
 
     use super::*;
 
-    fn of(map: &Map, luminance: f32) -> f32 {
-        MapChain::new(std::slice::from_ref(map), 0.7).of(luminance)
+    fn mapped(map: &Map, luminance: f32) -> f32 {
+        MapChain::new(std::slice::from_ref(map), 0.7).apply(luminance)
     }
 
     fn close(a: f32, b: f32) -> bool {
@@ -269,8 +269,8 @@ mod tests {
         ];
         for (map, before, after) in cases {
             map.check().unwrap();
-            assert!(close(of(&map, before), after), "{map}: {before} became {}, expected {after}", of(&map, before));
-            assert_eq!(of(&map, 0.0), 0.0);
+            assert!(close(mapped(&map, before), after), "{map}: {before} became {}, expected {after}", mapped(&map, before));
+            assert_eq!(mapped(&map, 0.0), 0.0);
         }
     }
 
@@ -286,7 +286,7 @@ mod tests {
     fn a_chain_is_in_the_order_given() {
         let maps = [Map::Gain(4.0), Map::ClampMax(1.0)];
         let reversed = [Map::ClampMax(1.0), Map::Gain(4.0)];
-        assert_eq!((MapChain::new(&maps, 1.0).of(5.0), MapChain::new(&reversed, 1.0).of(5.0)), (1.0, 4.0));
+        assert_eq!((MapChain::new(&maps, 1.0).apply(5.0), MapChain::new(&reversed, 1.0).apply(5.0)), (1.0, 4.0));
         let chain = MapChain::new(&maps, 1.0);
         assert_eq!((chain.factor(0.0, 1.0), chain.factor(0.1, 0.5)), (None, Some(2.0)));
         assert_eq!(MapChain::new(&[Map::Gain(4.0), Map::Gain(0.5)], 1.0).constant_gain(), Some(2.0));
@@ -311,7 +311,7 @@ mod tests {
             let (low, high) = (a.min(b).exp2(), a.max(b).exp2());
             for map in maps {
                 // Exact up to rounding of the logarithms.
-                prop_assert!(of(&map, low) <= of(&map, high) * (1.0 + 1e-6), "{}: {} {}", map, low, high);
+                prop_assert!(mapped(&map, low) <= mapped(&map, high) * (1.0 + 1e-6), "{}: {} {}", map, low, high);
             }
         }
     }

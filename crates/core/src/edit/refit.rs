@@ -57,7 +57,7 @@ impl SplatMap<'_> {
     }
 
     /// Maps radiance that is not clipped.
-    fn of(&self, rgb: [f32; 3]) -> [f32; 3] {
+    fn apply(&self, rgb: [f32; 3]) -> [f32; 3] {
         let shared = match self.kind {
             ShMap::Luminance => Some(self.factor(luminance_sum(rgb.map(|c| c.max(0.0))))),
             ShMap::Channels => None,
@@ -91,7 +91,7 @@ impl Refit {
     /// differences, 0 to 2, averaged over directions.
     pub(super) fn apply(&self, sh: &mut [f32], map: &SplatMap<'_>) -> f64 {
         let before: Vec<[f32; 3]> = self.values.iter().map(|y| self.radiance(sh, y)).collect();
-        let targets: Vec<[f32; 3]> = before.iter().map(|rgb| map.of(*rgb)).collect();
+        let targets: Vec<[f32; 3]> = before.iter().map(|rgb| map.apply(*rgb)).collect();
         // Exact comparison: what the map does not change keeps its bits.
         if targets == before {
             return 0.0;

@@ -140,7 +140,7 @@ impl Selection {
     /// [`EditError`] if a parameter is out of range, or a mask is missing or of another scene.
     pub fn weights(&self, scene: &Scene, masks: &MaskShares) -> Result<Vec<f32>, EditError> {
         self.check()?;
-        self.of(&Facts::of(scene), masks)
+        self.shares(&Facts::new(scene), masks)
     }
 
     /// Returns the masks that the selection uses.
@@ -192,7 +192,7 @@ impl Selection {
         }
     }
 
-    fn of(&self, facts: &Facts<'_>, masks: &MaskShares) -> Result<Vec<f32>, EditError> {
+    fn shares(&self, facts: &Facts<'_>, masks: &MaskShares) -> Result<Vec<f32>, EditError> {
         let position = &facts.scene.splats.position;
         let weights = match self {
             Self::All => vec![1.0; position.len()],
@@ -216,7 +216,7 @@ impl Selection {
                 let shares = shares.ok_or_else(|| EditError::Mask(name.clone()))?;
                 shares.iter().map(|share| edge(share - 0.5, *feather)).collect()
             }
-            Self::Not(inner) => inner.of(facts, masks)?.into_iter().map(|w| 1.0 - w).collect(),
+            Self::Not(inner) => inner.shares(facts, masks)?.into_iter().map(|w| 1.0 - w).collect(),
             Self::And(parts) => combine(parts, 1.0, f32::min, facts, masks)?,
             Self::Or(parts) => combine(parts, 0.0, f32::max, facts, masks)?,
         };
@@ -233,7 +233,7 @@ fn combine(
 ) -> Result<Vec<f32>, EditError> {
     let mut weights = vec![start; facts.luminance.len()];
     for part in parts {
-        weights.iter_mut().zip(part.of(facts, masks)?).for_each(|(w, v)| *w = pick(*w, v));
+        weights.iter_mut().zip(part.shares(facts, masks)?).for_each(|(w, v)| *w = pick(*w, v));
     }
     Ok(weights)
 }
@@ -266,7 +266,7 @@ fn smoothstep(t: f32) -> f32 {
 }
 
 impl<'s> Facts<'s> {
-    fn of(scene: &'s Scene) -> Self {
+    fn new(scene: &'s Scene) -> Self {
         let count = scene.splats.len();
         let mut facts =
             Self { scene, luminance: Vec::with_capacity(count), saturation: Vec::with_capacity(count), hue_deg: Vec::with_capacity(count) };

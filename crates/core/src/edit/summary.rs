@@ -49,7 +49,7 @@ pub struct SelectionSummary {
 
 impl SelectionSummary {
     /// Returns the summary of the selection `weights [N]` in `scene`.
-    pub fn of(scene: &Scene, weights: &[f32]) -> Self {
+    pub fn new(scene: &Scene, weights: &[f32]) -> Self {
         let mut summary = Self { count: 0, partial: 0, light_share: 0.0, bounds: None };
         let (mut selected, mut total) = (0.0, 0.0);
         for (i, (position, weight)) in scene.splats.position.iter().zip(weights).enumerate() {

@@ -328,11 +328,11 @@ fn masks_are_by_name_and_of_this_scene() {
 #[test]
 fn summaries_tell_count_light_and_place() {
     let scene = scene(lcd(0, Activation::Relu), &[0.0, 1.0, 2.0], 0.0);
-    let summary = SelectionSummary::of(&scene, &[0.0, 0.5, 1.0]);
+    let summary = SelectionSummary::new(&scene, &[0.0, 0.5, 1.0]);
     assert_eq!((summary.count, summary.partial), (2, 1));
     assert_eq!(summary.bounds, Some([[1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]));
     assert!((summary.light_share - 5.0 / 7.0).abs() < 1e-6);
-    assert_eq!(SelectionSummary::of(&scene, &[0.0; 3]).bounds, None);
+    assert_eq!(SelectionSummary::new(&scene, &[0.0; 3]).bounds, None);
 }
 
 #[test]

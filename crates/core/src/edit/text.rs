@@ -19,10 +19,13 @@
 //! the same edits. Degenerate: empty text gives no edits. No input makes the reader panic; errors
 //! name the column, counted from 1.
 
+mod cursor;
+
 use std::str::FromStr;
 
+use self::cursor::Cursor;
 use super::map::{DEFAULT_AMOUNT, DEFAULT_RATIO};
-use super::{Comparison, Curve, Edit, EditError, Level, Map, MaskName, Quantity, Selection};
+use super::{Comparison, Curve, Edit, Level, Map, MaskName, Quantity, Selection};
 
 /// Deepest nesting of parentheses and `not`.
 const MAX_DEPTH: usize = 64;
@@ -57,7 +60,7 @@ impl Statement {
     /// # Errors
     /// [`EditTextError`], its column counted in `text`.
     pub fn parse(name: &str, text: &str) -> Result<Self, EditTextError> {
-        let mut cursor = Cursor { text, at: 0 };
+        let mut cursor = Cursor::new(text);
         let statement = cursor.value_of(name)?;
         cursor.end()?;
         Ok(statement)
@@ -84,7 +87,7 @@ impl Edit {
     /// # Errors
     /// [`EditTextError`].
     pub fn parse_all(text: &str) -> Result<Vec<Self>, EditTextError> {
-        let mut cursor = Cursor { text, at: 0 };
+        let mut cursor = Cursor::new(text);
         let mut statements = Vec::new();
         loop {
             cursor.space();
@@ -134,7 +137,7 @@ impl FromStr for Selection {
     type Err = EditTextError;
 
     fn from_str(text: &str) -> Result<Self, EditTextError> {
-        let mut cursor = Cursor { text, at: 0 };
+        let mut cursor = Cursor::new(text);
         let selection = cursor.selection(0)?;
         cursor.end()?;
         Ok(selection)
@@ -149,141 +152,7 @@ fn statement_names() -> String {
     format!("one of where, pivot, {}", Statement::MAPS.join(", "))
 }
 
-/// A position in a text.
-struct Cursor<'t> {
-    text: &'t str,
-    /// Byte offset.
-    at: usize,
-}
-
-impl<'t> Cursor<'t> {
-    fn rest(&self) -> &'t str {
-        self.text.get(self.at..).unwrap_or_default()
-    }
-
-    fn column(&self) -> usize {
-        self.column_of(self.at)
-    }
-
-    /// Returns the column of a byte.
-    fn column_of(&self, at: usize) -> usize {
-        self.text.get(..at).unwrap_or_default().chars().count() + 1
-    }
-
-    /// Returns the error of an invalid value that begins at byte `at`.
-    fn refused(&self, at: usize, reason: &EditError) -> EditTextError {
-        EditTextError { column: self.column_of(at), message: reason.to_string() }
-    }
-
-    fn space(&mut self) {
-        self.at = self.text.len() - self.rest().trim_start().len();
-    }
-
-    /// Consumes `symbol` and the space after it; returns whether it was there.
-    fn eat(&mut self, symbol: &str) -> bool {
-        let found = self.rest().starts_with(symbol);
-        if found {
-            self.at += symbol.len();
-            self.space();
-        }
-        found
-    }
-
-    fn need(&mut self, symbol: &str) -> Result<(), EditTextError> {
-        if self.eat(symbol) { Ok(()) } else { Err(self.expected(&format!("\"{symbol}\""))) }
-    }
-
-    fn end(&self) -> Result<(), EditTextError> {
-        if self.rest().is_empty() { Ok(()) } else { Err(self.expected("the end")) }
-    }
-
-    fn error(&self, message: impl Into<String>) -> EditTextError {
-        EditTextError { column: self.column(), message: message.into() }
-    }
-
-    fn expected(&self, what: &str) -> EditTextError {
-        /// Number of characters of the found text in a message.
-        const MAX_FOUND: usize = 16;
-        let found: String = self.rest().chars().take(MAX_FOUND).collect();
-        self.error(if found.is_empty() { format!("expected {what}, found the end") } else { format!("expected {what}, found {found:?}") })
-    }
-
-    fn peek_word(&self) -> Option<&'t str> {
-        let rest = self.rest();
-        let starts = rest.starts_with(|c: char| c.is_ascii_alphabetic());
-        let end = rest.find(|c: char| !(c.is_ascii_alphanumeric() || c == '-' || c == '_')).unwrap_or(rest.len());
-        rest.get(..end).filter(|_| starts)
-    }
-
-    fn word(&mut self) -> Option<&'t str> {
-        let word = self.peek_word()?;
-        self.at += word.len();
-        self.space();
-        Some(word)
-    }
-
-    fn eat_word(&mut self, wanted: &str) -> bool {
-        self.peek_word() == Some(wanted) && self.word().is_some()
-    }
-
-    fn number(&mut self, what: &str) -> Result<f32, EditTextError> {
-        let bytes = self.rest().as_bytes();
-        let digits = |mut at: usize| {
-            while bytes.get(at).is_some_and(u8::is_ascii_digit) {
-                at += 1;
-            }
-            at
-        };
-        let mut end = digits(usize::from(matches!(bytes.first(), Some(b'+' | b'-'))));
-        // The first point of ".." is not a decimal point.
-        if bytes.get(end) == Some(&b'.') && bytes.get(end + 1) != Some(&b'.') {
-            end = digits(end + 1);
-        }
-        if matches!(bytes.get(end), Some(b'e' | b'E')) {
-            let sign = end + 1 + usize::from(matches!(bytes.get(end + 1), Some(b'+' | b'-')));
-            if digits(sign) > sign {
-                end = digits(sign);
-            }
-        }
-        let value = self.rest().get(..end).and_then(|number| number.parse().ok()).filter(|value: &f32| value.is_finite());
-        let value = value.ok_or_else(|| self.expected(what))?;
-        self.at += end;
-        self.space();
-        Ok(value)
-    }
-
-    /// Reads `count` numbers separated by commas.
-    fn numbers<const COUNT: usize>(&mut self, names: [&str; COUNT]) -> Result<[f32; COUNT], EditTextError> {
-        let mut values = [0.0; COUNT];
-        for (i, (value, name)) in values.iter_mut().zip(names).enumerate() {
-            if i > 0 {
-                self.need(",")?;
-            }
-            *value = self.number(&format!("a number ({name})"))?;
-        }
-        Ok(values)
-    }
-
-    /// Reads a quoted text, or a bare one up to `stop`.
-    fn name(&mut self, stop: char, what: &str) -> Result<String, EditTextError> {
-        let rest = self.rest();
-        let quote = rest.chars().next().filter(|c| ['"', '\''].contains(c));
-        let (inner, skip) = match quote {
-            Some(quote) => (rest.get(1..).and_then(|inner| inner.split_once(quote)).map(|(name, _)| name), 2),
-            None => (rest.split_once(stop).map(|(name, _)| name.trim_end()), 0),
-        };
-        // The name must be quotable again.
-        let usable = |name: &&str| {
-            let is_quotable = !(name.contains('"') && name.contains('\''));
-            is_quotable && !name.is_empty() && !name.contains(char::is_control)
-        };
-        let usable = inner.filter(usable);
-        let name = usable.ok_or_else(|| self.expected(what))?;
-        self.at += name.len() + skip;
-        self.space();
-        Ok(name.to_owned())
-    }
-
+impl Cursor<'_> {
     fn value_of(&mut self, name: &str) -> Result<Statement, EditTextError> {
         self.space();
         let (start, number) = (self.at, "a number");

@@ -3,9 +3,7 @@
 //! In: splats, cameras, views and densification plans. Out: images, reports and splats. Images and
 //! radiance are in normalised units.
 
-use std::time::Duration;
-
-use super::{DensifyPlan, DensifyStats, Evaluations, Geometry, Layers, Pass, RenderOptions, StepConfig, StepReport};
+use super::{DensifyPlan, DensifyStats, Evaluations, Geometry, Layers, PassTime, RenderOptions, StepConfig, StepReport};
 use crate::edit::Contributions;
 use crate::{Camera, Image, Moments, Remedy, Splats, View};
 
@@ -123,8 +121,8 @@ pub trait Engine: Send {
 
     /// Runs one training step towards `view`.
     ///
-    /// The view's image times [`LossConfig::target_scale`] is in normalised units, or holds
-    /// captured LDR values if the loss uses a response curve. Views that share an image's
+    /// The view's image times its [`Target::scale`] is in normalised units, or holds captured LDR
+    /// values if the target's curve is a response. Views that share an image's
     /// allocation have the same image, so an engine may cache what it derives from it.
     ///
     /// An engine may work ahead. Its report is then about an earlier step, the newest known one,
@@ -136,7 +134,7 @@ pub trait Engine: Send {
     /// [`EngineError::Camera`]; [`EngineError::Invalid`] if the image or its mask is not of the
     /// camera's size, or the engine does not support the curve; [`EngineError::Device`].
     ///
-    /// [`LossConfig::target_scale`]: crate::LossConfig::target_scale
+    /// [`Target::scale`]: crate::Target::scale
     fn train_step(&mut self, view: &View, step: &StepConfig) -> Result<StepReport, EngineError>;
 
     /// Waits for all steps in flight: to measure, or before a pause.
@@ -181,6 +179,6 @@ pub trait Engine: Send {
     }
 
     /// Returns the time spent in each pass since the engine was created, in the order of
-    /// [`Pass::ALL`].
-    fn timings(&self) -> &[(Pass, Duration)];
+    /// [`Pass::ALL`](super::Pass::ALL).
+    fn timings(&self) -> &[PassTime];
 }

@@ -14,6 +14,6 @@ mod step;
 pub use contract::{Engine, EngineError};
 pub use densify::{DensifyPlan, DensifyStats, Geometry, PlanRow};
 pub use parameter_rows::ParameterRows;
-pub use pass::Pass;
+pub use pass::{Pass, PassTime};
 pub use raster::{Antialias, Cutoffs, Evaluations, JACOBIAN_MARGIN, Layers, MAX_SAMPLES, MIN_AREA_RATIO, RasterConfig, RenderOptions};
 pub use step::{ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON, LearningRates, PositionNoise, StatsCollection, StepConfig, StepReport};

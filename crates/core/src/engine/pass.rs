@@ -1,5 +1,7 @@
 //! The passes of a training step, in order, and their names.
 
+use std::time::Duration;
+
 use serde::{Deserialize, Serialize};
 
 /// A pass of a training step. Files, timings, benches and tests use its name.
@@ -28,6 +30,15 @@ pub enum Pass {
     Adam,
     /// Adds and removes splats.
     Densify,
+}
+
+/// The time spent in a pass.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PassTime {
+    /// The pass.
+    pub pass: Pass,
+    /// The time, summed over steps.
+    pub time: Duration,
 }
 
 impl Pass {

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::RenderOptions;
-use crate::{Knots, LossConfig};
+use crate::{Knots, LossWeights};
 
 /// Adam's learning rates at one step.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -40,7 +40,7 @@ pub struct PositionNoise {
     /// Factor of the noise; 5e5 times the position's learning rate in the original.
     pub scale: f32,
     /// Seed of this step's noise: n of splat i is a hash of (seed, i); see
-    /// [`crate::noise::standard_normal`].
+    /// [`crate::random::standard_normal`].
     pub seed: u64,
 }
 
@@ -51,8 +51,8 @@ pub struct StepConfig {
     pub step: u32,
     /// Render options.
     pub render: RenderOptions,
-    /// Loss to minimise.
-    pub loss: LossConfig,
+    /// Weights of the loss to minimise.
+    pub loss: LossWeights,
     /// Learning rates.
     pub learning_rates: LearningRates,
     /// Noise after the update.

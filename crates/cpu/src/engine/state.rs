@@ -6,7 +6,7 @@ use std::time::Duration;
 use fearless_simd::Level;
 use luxel_core::edit::Contributions;
 use luxel_core::engine::{DensifyPlan, DensifyStats, Evaluations, Geometry, ParameterRows, StatsCollection, StepConfig};
-use luxel_core::{EngineError, Image, Layers, Moments, Pass, Splats, StepReport, View};
+use luxel_core::{EngineError, Image, Layers, Moments, Pass, PassTime, Splats, StepReport, View};
 
 use super::clock::{Clock, Timings};
 use crate::lanes::{LANES, Lanes};
@@ -101,7 +101,7 @@ impl State {
             stats: DensifyStats::default(),
             frame: Frame::default(),
             pending: None,
-            timings: Pass::ALL.map(|pass| (pass, Duration::ZERO)),
+            timings: Pass::ALL.map(|pass| PassTime { pass, time: Duration::ZERO }),
         }
     }
 
@@ -169,7 +169,11 @@ impl State {
         let inputs = Inputs::new(parameters, smoothing, bins, entries, &step.loss);
         let optimizer = Optimizer { parameters, first, second };
         let [backward, adam, project] = backward_and_adam(*level, camera, &inputs, optimizer, step, UpdateBuffers { stats, scratch, next });
-        clock.lap_shared(&[(Pass::ProjectBackward, backward), (Pass::Adam, adam), (Pass::Project, project)]);
+        clock.lap_shared(&[
+            PassTime { pass: Pass::ProjectBackward, time: backward },
+            PassTime { pass: Pass::Adam, time: adam },
+            PassTime { pass: Pass::Project, time: project },
+        ]);
     }
 
     /// Projects the splats, together with a deferred update if there is one.
@@ -193,7 +197,7 @@ impl State {
         let splats = ScreenSplats { bins: &frame.bins, footprints: &frame.footprints };
         let tiles = TileBuffers { lists: &mut frame.lists, pixels: &mut frame.pixels, changes };
         let [sort, rasterize] = sort_and_rasterize(*level, camera, splats, tiles);
-        clock.lap_shared(&[(Pass::Sort, sort), (Pass::Rasterize, rasterize)]);
+        clock.lap_shared(&[PassTime { pass: Pass::Sort, time: sort }, PassTime { pass: Pass::Rasterize, time: rasterize }]);
         if camera.samples > 1 {
             resolve(camera, &frame.pixels, &mut frame.resolved);
             clock.lap(Pass::Rasterize);

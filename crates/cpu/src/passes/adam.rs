@@ -6,7 +6,7 @@
 
 use fearless_simd::Simd;
 use luxel_core::engine::{ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON, LearningRates, ParameterRows, PositionNoise, StepConfig};
-use luxel_core::{Real, each, noise};
+use luxel_core::{Real, each, random};
 
 use super::project::rotation_matrix;
 use crate::lanes::{LANES, Lanes, V};
@@ -139,7 +139,7 @@ fn move_row<S: Simd>(simd: S, rate: f32, root2: V<S>, AdamRow { parameter, first
 fn add_noise<S: Simd>(simd: S, step: &Step, noise: PositionNoise, block: usize, parameters: &mut [Lanes]) {
     let mut normal = [Lanes::ZERO; 3];
     for lane in 0..LANES.min(step.count - block * LANES) {
-        let n = noise::standard_normal(noise.seed, (block * LANES + lane) as u64);
+        let n = random::standard_normal(noise.seed, (block * LANES + lane) as u64);
         for (lanes, value) in normal.iter_mut().zip(n) {
             lanes.0[lane] = value;
         }

@@ -11,7 +11,7 @@
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x4};
 use luxel_core::engine::{MIN_AREA_RATIO, ParameterRows};
-use luxel_core::{LossConfig, Real, each};
+use luxel_core::{LossWeights, Real, each};
 
 use super::bin::Bins;
 use super::color_backward::color_backward;
@@ -28,7 +28,7 @@ pub(crate) struct Inputs<'a> {
     pub(crate) bins: &'a Bins,
     /// Gradients of the entries of each tile, in the order of its bin.
     pub(crate) entries: &'a [Vec<EntryGradient>],
-    pub(crate) loss: &'a LossConfig,
+    pub(crate) loss: &'a LossWeights,
 }
 
 impl<'a> Inputs<'a> {
@@ -38,7 +38,7 @@ impl<'a> Inputs<'a> {
         smoothing: &'a [Lanes],
         bins: &'a Bins,
         entries: &'a [Vec<EntryGradient>],
-        loss: &'a LossConfig,
+        loss: &'a LossWeights,
     ) -> Self {
         Self { shape: store.shape(), smoothing, bins, entries, loss }
     }

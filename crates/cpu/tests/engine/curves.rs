@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use luxel_core::response::exposure_of_knot;
 use luxel_core::{
-    Activation, Antialias, Cutoffs, Engine, EngineError, Image, Knots, Mask, PixelValues, RESPONSE_KNOTS, Response, ToneCurve,
+    Activation, Antialias, Cutoffs, Engine, EngineError, Image, Knots, Mask, PixelValues, RESPONSE_KNOTS, Response, Target, ToneCurve,
 };
 use luxel_cpu::CpuEngine;
 
@@ -32,12 +32,11 @@ fn recorded(mut case: Case, seed: u64) -> Case {
     let knots: Knots = [0.8, 1.0, 1.3].map(|power| std::array::from_fn(|k| (0.55 * exposure_of_knot(k).powf(power / 2.2)) as f32 - 0.01));
     let response = Response { knots, exposure: [0.7, 1.1, 3.0] };
     let mut rng = fixture::Rng::new(seed);
-    let value = |c: usize, p: f32, rng: &mut fixture::Rng| (response.of(c, p * (0.4 * rng.normal()).exp()).value).clamp(0.0, 1.0);
+    let value = |c: usize, p: f32, rng: &mut fixture::Rng| (response.apply(c, p * (0.4 * rng.normal()).exp()).value).clamp(0.0, 1.0);
     let pixels = case.view.image.pixels.iter().map(|pixel| [0, 1, 2].map(|c| value(c, pixel[c], &mut rng))).collect();
     case.view.image = Arc::new(Image::from_pixels(case.view.image.width, case.view.image.height, pixels).unwrap());
     case.view.values = PixelValues::Recorded { exposure_s: 1.0 };
-    case.loss.curve = ToneCurve::Response(response);
-    case.loss.target_scale = [1.0; 3];
+    case.view.target = Target { curve: ToneCurve::Response(response), scale: [1.0; 3] };
     case.name += " response";
     case
 }
@@ -73,7 +72,7 @@ fn engine_gradient_with_weights_and_responses_is_the_oracles() {
 #[test]
 fn gradient_by_knots_is_the_oracles_and_that_of_differences() {
     for case in cases().into_iter().skip(1) {
-        let ToneCurve::Response(response) = case.loss.curve else { panic!("{}", case.name) };
+        let ToneCurve::Response(response) = case.view.target.curve else { panic!("{}", case.name) };
         let exact = oracle::differentiate_by_knots(&case.splats, &case.view, &case.options, &case.loss);
         let largest = exact.iter().fold(0.0, |a: f64, b| a.max(b.abs()));
         let found = engine_gradient(&case).0.by_knots.unwrap();
@@ -88,8 +87,9 @@ fn gradient_by_knots_is_the_oracles_and_that_of_differences() {
             let loss = |h: f32| {
                 let mut moved = response;
                 moved.knots[channel][k] += h;
-                let config = luxel_core::LossConfig { curve: ToneCurve::Response(moved), ..case.loss };
-                oracle::differentiate(&case.splats, &case.view, &case.options, &config).loss.total
+                let mut view = case.view.clone();
+                view.target.curve = ToneCurve::Response(moved);
+                oracle::differentiate(&case.splats, &view, &case.options, &case.loss).loss.total
             };
             let h = 1.0 / 4096.0;
             let numeric = (loss(h) - loss(-h)) / (2.0 * f64::from(h));
@@ -118,10 +118,10 @@ fn weights_of_one_change_nothing_to_the_bit() {
 fn a_target_with_a_scale_is_the_scaled_image_to_the_bit() {
     for mut case in [plain(false, 41), weighted(plain(true, 42), 6), recorded(plain(false, 43), 8)] {
         let scale = [0.7, 1.0, 0.9];
-        case.loss.target_scale = scale;
+        case.view.target.scale = scale;
         let of_scale = engine_gradient(&case);
         Arc::make_mut(&mut case.view.image).pixels.iter_mut().for_each(|rgb| *rgb = [0, 1, 2].map(|c| rgb[c] * scale[c]));
-        case.loss.target_scale = [1.0; 3];
+        case.view.target.scale = [1.0; 3];
         assert_eq!(of_scale, engine_gradient(&case), "{}", case.name);
     }
 }
@@ -145,7 +145,11 @@ fn gradient_by_knots_is_the_same_bits_for_any_number_of_threads() {
     let camera = fixture::camera(70, 131);
     let base = recorded(plain(false, 38), 7);
     let splats = fixture::splats(lcd(2, 1, Activation::Softplus), 200, &camera, 9);
-    let view = luxel_core::View { values: PixelValues::Recorded { exposure_s: 1.0 }, ..fixture::view(&camera, false, 10) };
+    let view = luxel_core::View {
+        values: PixelValues::Recorded { exposure_s: 1.0 },
+        target: base.view.target,
+        ..fixture::view(&camera, false, 10)
+    };
     let step = luxel_core::engine::StepConfig { loss: base.loss, ..fixture::step(1, base.options) };
     let by_knots = |threads: usize| {
         let mut engine = CpuEngine::new(threads).unwrap();
@@ -160,7 +164,7 @@ fn gradient_by_knots_is_the_same_bits_for_any_number_of_threads() {
 #[test]
 fn saturated_pixels_do_not_pull_what_is_brighter() {
     let mut case = recorded(plain(false, 39), 8);
-    let ToneCurve::Response(response) = &mut case.loss.curve else { panic!("{}", case.name) };
+    let ToneCurve::Response(response) = &mut case.view.target.curve else { panic!("{}", case.name) };
     // An exposure so long that the whole image is far beyond white, and is recorded so.
     response.exposure = [1e6; 3];
     let image = Image::filled(case.view.image.width, case.view.image.height, [1.0; 3]);

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use glam::{DAffine3, DQuat, DVec2, DVec3};
 use luxel_core::engine::{LearningRates, StatsCollection, StepConfig};
 use luxel_core::{
-    Antialias, Camera, ColorModel, Cutoffs, Distortion, Image, LossConfig, Mask, PixelValues, RasterConfig, RenderOptions, SH_OFFSET,
-    Splat, Splats, View, noise, sh,
+    Antialias, Camera, ColorModel, Cutoffs, Distortion, Image, LossWeights, Mask, PixelValues, RasterConfig, RenderOptions, SH_OFFSET,
+    Splat, Splats, Target, View, random, sh,
 };
 
 /// Counter-based random numbers.
@@ -22,7 +22,7 @@ impl Rng {
     /// Returns a standard normal number.
     pub fn normal(&mut self) -> f32 {
         self.index += 1;
-        noise::standard_normal(self.seed, self.index)[0]
+        random::standard_normal(self.seed, self.index)[0]
     }
     /// Returns a number uniform in `low..high`: the normal's distribution function, approximated by
     /// a logistic, is uniform enough for a scene.
@@ -143,7 +143,8 @@ pub fn view(camera: &Camera, masked: bool, seed: u64) -> View {
         image: Arc::new(Image { width, height, pixels }),
         values: PixelValues::Radiance,
         noise: None,
-        mask: masked.then(|| Arc::new(Mask::of_valid(valid))),
+        mask: masked.then(|| Arc::new(Mask::from_valid(valid))),
+        target: Target { scale: TARGET_SCALE, ..Target::default() },
     }
 }
 
@@ -175,7 +176,7 @@ pub const LEARNING_RATES: LearningRates = LearningRates {
     luminance_rest: 7e-3,
 };
 
-/// The factors of the steps' targets.
+/// The scale of the views' targets.
 const TARGET_SCALE: [f32; 3] = [0.75, 1.0, 1.5];
 
 /// Returns a training step.
@@ -183,13 +184,7 @@ pub fn step(step: u32, render: RenderOptions) -> StepConfig {
     StepConfig {
         step,
         render,
-        loss: LossConfig {
-            target_scale: TARGET_SCALE,
-            squared_share: 0.4,
-            opacity_weight: 0.01,
-            scale_weight: 0.02,
-            ..LossConfig::default()
-        },
+        loss: LossWeights { squared_share: 0.4, opacity_weight: 0.01, scale_weight: 0.02, ..LossWeights::default() },
         learning_rates: LEARNING_RATES,
         position_noise: None,
         stats: StatsCollection::GradientsAndAbsolute,

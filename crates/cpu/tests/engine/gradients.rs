@@ -2,7 +2,7 @@
 //! differences in f64, and the engine's f32 ones against the oracle's.
 
 use luxel_core::engine::{DensifyStats, StepConfig};
-use luxel_core::{Activation, Antialias, ColorModel, Cutoffs, Engine, LossConfig, RenderOptions, Splats, StepReport, View};
+use luxel_core::{Activation, Antialias, ColorModel, Cutoffs, Engine, LossWeights, RenderOptions, Splats, StepReport, View};
 use luxel_cpu::CpuEngine;
 
 use crate::fixture;
@@ -14,7 +14,7 @@ pub struct Case {
     pub splats: Splats,
     pub view: View,
     pub options: RenderOptions,
-    pub loss: LossConfig,
+    pub loss: LossWeights,
 }
 
 pub fn lcd(chroma_degree: u8, luminance_degree: u8, activation: Activation) -> ColorModel {

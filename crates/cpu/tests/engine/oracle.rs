@@ -9,7 +9,7 @@
 //! the function, and only between such are differences taken.
 
 use luxel_core::{
-    Activation, Antialias, Camera, ColorModel, DEAD_CHROMA_FLOOR, LossConfig, RESPONSE_KNOTS, RenderOptions, SH_OFFSET, Splats, ToneCurve,
+    Activation, Antialias, Camera, ColorModel, DEAD_CHROMA_FLOOR, LossWeights, RESPONSE_KNOTS, RenderOptions, SH_OFFSET, Splats, ToneCurve,
     View, sh,
 };
 
@@ -342,13 +342,13 @@ impl<N: Number> Curve<N> {
 }
 
 /// Computes the loss of an image compared with `view`.
-pub fn loss<N: Number>(pixels: &[[N; 3]], view: &View, curve: &Curve<N>, config: &LossConfig, trace: &mut Trace) -> Loss<N> {
+pub fn loss<N: Number>(pixels: &[[N; 3]], view: &View, curve: &Curve<N>, config: &LossWeights, trace: &mut Trace) -> Loss<N> {
     let weight = |i: usize| view.mask.as_ref().map_or(1.0, |mask| f64::from(mask.weights[i]));
     let mut predicted = vec![Vec::new(); 3];
     let mut target = vec![Vec::new(); 3];
     for (i, pixel) in pixels.iter().enumerate() {
         for c in 0..3 {
-            let [value, goal] = curve.apply(c, pixel[c], view.image.pixels[i][c] * config.target_scale[c], trace);
+            let [value, goal] = curve.apply(c, pixel[c], view.image.pixels[i][c] * view.target.scale[c], trace);
             target[c].push(goal);
             let mixed = N::of(weight(i)) * value + N::of(1.0 - weight(i)) * goal;
             predicted[c].push(if view.is_valid(i) { mixed } else { goal });
@@ -407,9 +407,9 @@ fn mean_ssim<N: Number>(a: &[N], b: &[N], width: usize) -> N {
 }
 
 /// The function whose gradient training follows: the loss with its regularisers.
-pub fn objective<N: Number>(p: &Parameters<N>, view: &View, options: &RenderOptions, config: &LossConfig) -> (N, Loss<N>, Rendered<N>) {
+pub fn objective<N: Number>(p: &Parameters<N>, view: &View, options: &RenderOptions, config: &LossWeights) -> (N, Loss<N>, Rendered<N>) {
     let mut rendered = render(p, &view.camera, options);
-    let loss = loss(&rendered.pixels, view, &Curve::of(&config.curve), config, &mut rendered.trace);
+    let loss = loss(&rendered.pixels, view, &Curve::of(&view.target.curve), config, &mut rendered.trace);
     let count = p.splats.len() as f64;
     let mut total = loss.total;
     for i in 0..p.splats.len() {
@@ -438,7 +438,7 @@ pub struct Exact {
 }
 
 /// Exact derivatives of the objective, from the tape.
-pub fn differentiate(splats: &Splats, view: &View, options: &RenderOptions, config: &LossConfig) -> Exact {
+pub fn differentiate(splats: &Splats, view: &View, options: &RenderOptions, config: &LossWeights) -> Exact {
     let p = Parameters { splats: splats.clone(), flat: variables(&flatten(splats)) };
     let (total, loss, rendered) = objective(&p, view, options, config);
     let gradient: Gradient = gradient(total);
@@ -463,8 +463,8 @@ pub fn differentiate(splats: &Splats, view: &View, options: &RenderOptions, conf
 }
 
 /// Exact derivatives of the loss by the knots of its response.
-pub fn differentiate_by_knots(splats: &Splats, view: &View, options: &RenderOptions, config: &LossConfig) -> Vec<f64> {
-    let ToneCurve::Response(response) = config.curve else { return Vec::new() };
+pub fn differentiate_by_knots(splats: &Splats, view: &View, options: &RenderOptions, config: &LossWeights) -> Vec<f64> {
+    let ToneCurve::Response(response) = view.target.curve else { return Vec::new() };
     let pixels: Vec<[Var; 3]> = image(splats, &view.camera, options).pixels.iter().map(|pixel| pixel.map(Var::of)).collect();
     let values: Vec<f64> = response.knots.as_flattened().iter().map(|v| f64::from(*v)).collect();
     let knots = variables(&values);
@@ -476,7 +476,7 @@ pub fn differentiate_by_knots(splats: &Splats, view: &View, options: &RenderOpti
 
 /// Derivatives of the objective by central differences, in the order of [`flatten`]; `None` where a
 /// decision changes within the smallest step.
-pub fn central_differences(splats: &Splats, view: &View, options: &RenderOptions, config: &LossConfig) -> Vec<Option<f64>> {
+pub fn central_differences(splats: &Splats, view: &View, options: &RenderOptions, config: &LossWeights) -> Vec<Option<f64>> {
     let mut p = Parameters { splats: splats.clone(), flat: flatten(splats) };
     let mut evaluate = |i: usize, value: f64| {
         let at = std::mem::replace(&mut p.flat[i], value);

@@ -41,7 +41,7 @@ fn irradiance_of_a_probe_is_that_of_rays_one_by_one() {
         let width = if projection == Projection::Cube { WIDTH / 3 } else { WIDTH };
         let rig = Rig::new(at, DMat3::IDENTITY, MapSize { projection, width }, Some(FOCAL_PX));
         let renders: Vec<Image> = rig.cameras.iter().map(|c| engine.render(c, &RenderOptions::default()).unwrap()).collect();
-        maps.push(Summary::of(&rig.assemble(&renders), projection));
+        maps.push(Summary::new(&rig.assemble(&renders), projection));
     }
     // Directions spread evenly: each stands for an equal part of the sphere.
     const RAYS: usize = 12_000;

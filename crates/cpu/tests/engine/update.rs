@@ -3,7 +3,7 @@
 
 use glam::{DMat3, DQuat, DVec3};
 use luxel_core::engine::{ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON, DensifyPlan, DensifyStats, PlanRow, PositionNoise, StepConfig};
-use luxel_core::{Activation, Antialias, ColorModel, Cutoffs, Engine, Moments, Splats, noise};
+use luxel_core::{Activation, Antialias, ColorModel, Cutoffs, Engine, Moments, Splats, random};
 use luxel_cpu::CpuEngine;
 
 use crate::fixture::{self, LEARNING_RATES};
@@ -100,7 +100,7 @@ fn noise_moves_faint_splats_along_their_shape() {
         let opacity = 1.0 / (1.0 + (-f64::from(updated.opacity_logit[i])).exp());
         // 3DGS-MCMC: sigmoid(100 ((1 - o) - 0.995)): only nearly transparent splats move.
         let gate = 1.0 / (1.0 + (-100.0 * ((1.0 - opacity) - 0.995)).exp());
-        let normal = DVec3::from(noise::standard_normal(noise.seed, i as u64).map(f64::from));
+        let normal = DVec3::from(random::standard_normal(noise.seed, i as u64).map(f64::from));
         let expected = covariance * normal * gate * f64::from(noise.scale);
         // Positions of order 5 are rounded to f32.
         assert!(

@@ -2,11 +2,11 @@
 //!
 //! In and out: see [`Engine`]. Degenerate: bad input is an error, and leaves the engine unchanged.
 
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use luxel_core::edit::Contributions;
 use luxel_core::engine::{DensifyPlan, DensifyStats, Geometry, StepConfig};
-use luxel_core::{Camera, Engine, EngineError, Image, Moments, Pass, RenderOptions, Splats, StepReport, View};
+use luxel_core::{Camera, Engine, EngineError, Image, Moments, Pass, PassTime, RenderOptions, Splats, StepReport, View};
 
 use super::{GpuEngine, Submission};
 use crate::densify;
@@ -112,7 +112,7 @@ impl Engine for GpuEngine {
         let shard_len = self.shard_len();
         let scene = self.with_room(|engine| densify::apply(&engine.gpu, &mut engine.commands, &engine.scene, plan, shard_len))?;
         self.replace_scene(scene);
-        self.timings[Pass::Densify as usize].1 += start.elapsed();
+        self.timings[Pass::Densify as usize].time += start.elapsed();
         Ok(())
     }
 
@@ -120,7 +120,7 @@ impl Engine for GpuEngine {
         self.scene.count
     }
 
-    fn timings(&self) -> &[(Pass, Duration)] {
+    fn timings(&self) -> &[PassTime] {
         &self.timings
     }
 }

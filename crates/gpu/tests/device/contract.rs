@@ -105,7 +105,7 @@ fn tiles_counted_and_not_found_do_not_show(gpu: &Arc<Gpu>) {
 fn pixels_that_do_not_count_leave_nothing(gpu: &Arc<Gpu>) {
     let camera = camera(45, 38);
     let mut view = view(&camera, false, 4);
-    view.mask = Some(Arc::new(luxel_core::Mask::of_valid(vec![false; 45 * 38])));
+    view.mask = Some(Arc::new(luxel_core::Mask::from_valid(vec![false; 45 * 38])));
     let mut step = training(1);
     step.render.background = [f32::INFINITY; 3];
     (step.loss.opacity_weight, step.loss.scale_weight) = (0.0, 0.0);
@@ -312,19 +312,18 @@ fn a_step_is_one_submission_that_reads_little_back(gpu: &Arc<Gpu>) {
     for (size, shards, dispatches) in [([45, 38], 1, 24), ([512, 256], 1, 27), ([45, 38], 2, 26)] {
         engine.split_shards(30 / shards);
         engine.load(&scene, None).unwrap();
-        let view = view(&camera(size[0], size[1]), false, 1);
+        let mut view = view(&camera(size[0], size[1]), false, 1);
         // An uploaded image stays cached, at any scale of the target.
         for (number, image_bytes) in [(1, 12 * u64::from(size[0] * size[1])), (2, 0)] {
-            let mut step = training(number);
-            step.loss.target_scale = [1.0 / number as f32; 3];
-            engine.train_step(&view, &step).unwrap();
+            view.target.scale = [1.0 / number as f32; 3];
+            engine.train_step(&view, &training(number)).unwrap();
             let expected = Traffic { dispatches, submissions: 1, bytes_read, image_bytes };
             assert_eq!(engine.traffic(), expected, "{size:?}, {shards} shards, step {number}");
         }
     }
     engine.finish().unwrap();
     if gpu.facts().timestamps {
-        let named: Vec<&str> = engine.timings().iter().filter(|(_, time)| !time.is_zero()).map(|(pass, _)| pass.name()).collect();
+        let named: Vec<&str> = engine.timings().iter().filter(|timed| !timed.time.is_zero()).map(|timed| timed.pass.name()).collect();
         for pass in ["project", "sort", "rasterize", "loss", "rasterize_backward", "project_backward"] {
             assert!(named.contains(&pass), "{pass} has no time: {named:?}");
         }
@@ -352,9 +351,9 @@ fn bad_input_is_refused(gpu: &Arc<Gpu>) {
     let plan = luxel_core::engine::DensifyPlan { rows: vec![luxel_core::engine::PlanRow::keep(30)], ..Default::default() };
     assert!(engine.densify(&plan).unwrap_err().to_string().contains("names splat 30"));
     let response = luxel_core::Response { knots: [[0.5; luxel_core::RESPONSE_KNOTS]; 3], exposure: [1.0; 3] };
-    let mut recorded = training(1);
-    recorded.loss.curve = luxel_core::ToneCurve::Response(response);
-    let error = engine.train_step(&view(&camera, false, 1), &recorded).unwrap_err();
+    let mut recorded = view(&camera, false, 1);
+    recorded.target.curve = luxel_core::ToneCurve::Response(response);
+    let error = engine.train_step(&recorded, &training(1)).unwrap_err();
     assert_eq!(error.remedy(), Some(&luxel_core::Remedy::set("device", "cpu")), "{error}");
     assert_eq!(engine.save().unwrap().0, scene);
 }

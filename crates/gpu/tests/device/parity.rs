@@ -270,12 +270,13 @@ fn a_short_training_reaches_the_cpus_loss(gpu: &Arc<Gpu>) {
     let render = options(Cutoffs::HDR, Antialias::Off);
     let mut view = view(&camera, false, 4);
     view.image = Arc::new(cpu.render(&camera, &render).unwrap());
+    view.target = luxel_core::Target::default();
     cpu.load(&start, None).unwrap();
     engine.load(&start, None).unwrap();
     let (mut first, mut last) = (0.0, [0.0; 2]);
     for number in 1..=60 {
         let step = train_step(StatsCollection::Off, Cutoffs::HDR, Antialias::Off, number);
-        let step = StepConfig { loss: luxel_core::LossConfig::default(), ..step };
+        let step = StepConfig { loss: luxel_core::LossWeights::default(), ..step };
         let expected = cpu.train_step(&view, &step).unwrap();
         let found = engine.train_step(&view, &step).unwrap();
         if number == 1 {

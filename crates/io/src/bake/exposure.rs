@@ -24,9 +24,9 @@ pub fn display_exposure(scene: &Scene) -> f32 {
     let luminance_of = |i: usize| views.iter().map(|v| to_luminance(splats.radiance(i, *v))).sum::<f64>() / views.len() as f64;
     let luminance: Vec<f64> = (0..splats.len()).into_par_iter().map(luminance_of).collect();
     let area: Vec<f64> = splats.log_scale.iter().map(|s| cross_section(*s)).collect();
-    let largest = LARGEST * median(area.iter().map(|a| (*a, 1.0)).collect());
+    let largest = LARGEST * median(area.iter().map(|a| Weighted { value: *a, weight: 1.0 }).collect());
     let weight: Vec<f64> = area.iter().zip(&splats.opacity_logit).map(|(a, o)| a.min(largest) * f64::from(sigmoid(*o))).collect();
-    let darkest = DARKEST * median(luminance.iter().copied().zip(weight.iter().copied()).collect());
+    let darkest = DARKEST * median(luminance.iter().zip(&weight).map(|(l, w)| Weighted { value: *l, weight: *w }).collect());
     let total: f64 = weight.iter().sum();
     let sum: f64 = luminance.iter().zip(&weight).map(|(l, w)| w * l.max(darkest).max(f64::MIN_POSITIVE).ln()).sum();
     let exposure = (MIDDLE_GREY / (sum / total).exp()) as f32;
@@ -40,14 +40,20 @@ fn cross_section(log_scale: [f32; 3]) -> f64 {
     larger.clamp(-200.0, 200.0).exp()
 }
 
-/// Returns the value at half the total weight, of (value, weight); 0 for none.
-fn median(mut values: Vec<(f64, f64)>) -> f64 {
-    values.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-    let half = 0.5 * values.iter().map(|v| v.1).sum::<f64>();
+/// A value with its weight.
+struct Weighted {
+    value: f64,
+    weight: f64,
+}
+
+/// Returns the value at half the total weight; 0 for none.
+fn median(mut values: Vec<Weighted>) -> f64 {
+    values.sort_unstable_by(|a, b| a.value.total_cmp(&b.value));
+    let half = 0.5 * values.iter().map(|v| v.weight).sum::<f64>();
     let mut sum = 0.0;
-    let reached = values.iter().find(|(_, weight)| {
-        sum += weight;
+    let reached = values.iter().find(|v| {
+        sum += v.weight;
         sum >= half
     });
-    reached.map_or(0.0, |v| v.0)
+    reached.map_or(0.0, |v| v.value)
 }

@@ -1,6 +1,6 @@
 //! Tests of checkpoints.
 
-use luxel_core::{Activation, Antialias, Cutoffs, RadianceScale, noise};
+use luxel_core::{Activation, Antialias, Cutoffs, RadianceScale, random};
 use proptest::prelude::*;
 
 use super::*;
@@ -14,7 +14,7 @@ fn name() -> &'static Path {
 
 fn splats(color_model: ColorModel, n: usize, seed: u64) -> Splats {
     let values = |array: u64, width: usize| -> Vec<f32> {
-        (0..n * width).map(|i| noise::standard_normal(seed ^ (array << 32), i as u64)[0]).collect()
+        (0..n * width).map(|i| random::standard_normal(seed ^ (array << 32), i as u64)[0]).collect()
     };
     Splats {
         color_model,

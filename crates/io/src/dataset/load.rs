@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use luxel_core::{BadPixels, Camera, ColorSpace, Conversion, Image, Mask, PixelValues, Remedy, View};
+use luxel_core::{BadPixels, Camera, ColorSpace, Conversion, Image, Mask, PixelValues, Remedy, Target, View};
 
 use super::masks::decode_mask;
 use super::source::SourceFrame;
@@ -75,6 +75,7 @@ pub(super) fn load_view(frame: &SourceFrame, options: &LoadOptions) -> Result<Lo
         values,
         noise: frame.noise.filter(|_| values == PixelValues::Radiance),
         mask: mask.map(Arc::new),
+        target: Target::default(),
     };
     let view = resample(view, frame, options.downscale)?;
     Ok(LoadedView {
@@ -141,7 +142,7 @@ fn decode(frame: &SourceFrame, bytes: &[u8], options: &LoadOptions) -> Result<(D
 /// Removes lens distortion and reduces, in linear light. Pixels that recorded values make together
 /// with bounds are left out.
 fn resample(view: View, frame: &SourceFrame, factor: u32) -> Result<View, IoError> {
-    let View { name, mut camera, image, values, mut noise, mask } = view;
+    let View { name, mut camera, image, values, mut noise, mask, target } = view;
     let (mut image, mut mask) = (Arc::unwrap_or_clone(image), mask.map(Arc::unwrap_or_clone));
     let is_resampled = !camera.distortion.is_none() || factor > 1;
     let mut bounds = is_resampled.then(|| values.bounds(&image)).flatten();
@@ -182,7 +183,7 @@ fn resample(view: View, frame: &SourceFrame, factor: u32) -> Result<View, IoErro
         values.from_light(&mut image);
     }
     let mask = mask.filter(|mask| mask.weights.iter().any(|weight| *weight < 1.0)).map(Arc::new);
-    Ok(View { name, camera, image: Arc::new(image), values, noise, mask })
+    Ok(View { name, camera, image: Arc::new(image), values, noise, mask, target })
 }
 
 /// Takes the weight of pixels of recorded values whose resampled `bounds` show that some of what
@@ -249,5 +250,5 @@ fn mask_bad_pixels(image: &mut Image, name: &str) -> (Option<Mask>, Option<BadPi
         valid.resize(count, true);
         valid[i] = false;
     }
-    if valid.is_empty() { (None, None) } else { (Some(Mask::of_valid(valid)), Some(bad)) }
+    if valid.is_empty() { (None, None) } else { (Some(Mask::from_valid(valid)), Some(bad)) }
 }

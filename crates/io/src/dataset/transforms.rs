@@ -153,7 +153,7 @@ fn noise(fields: &Fields<'_>) -> Result<Option<NoiseModel>, IoError> {
     }
     let white = fields.positive("white")?.unwrap_or(1.0);
     let Some(iso) = fields.positive("iso")? else { return Ok(None) };
-    let model = NoiseModel::of_iso(iso, white);
+    let model = NoiseModel::from_iso(iso, white);
     match is_usable(model.read.into()) && is_usable(model.shot.into()) {
         true => Ok(Some(model)),
         false => Err(fields.error(format!("\"iso\" {iso} with \"white\" {white} is more noise than radiance, expected a camera's"))),

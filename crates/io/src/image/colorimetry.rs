@@ -9,7 +9,7 @@ use crate::icc::profile_of_file;
 /// Names the space of `image`, converting it to linear Rec.709 (with a warning) if it is not a
 /// known one. The error explains what is wrong with the chromaticities.
 pub(super) fn settle_space(image: &mut Image, chromaticities: &Chromaticities, warnings: &mut Vec<String>) -> Result<ColorSpace, String> {
-    if let Some(space) = ColorSpace::of_chromaticities(chromaticities) {
+    if let Some(space) = ColorSpace::from_chromaticities(chromaticities) {
         return Ok(space);
     }
     let [red, green, blue, white] = chromaticities;
@@ -33,7 +33,7 @@ pub(super) fn settle_profile(decoded: &mut DecodedImage, bytes: &[u8]) {
 /// Returns the conversion to linear Rec.709; the error explains what is wrong with the
 /// chromaticities.
 pub(super) fn conversion_to_rec709(chromaticities: &Chromaticities) -> Result<Conversion, String> {
-    Conversion::of_chromaticities(chromaticities, &ColorSpace::LinearRec709.chromaticities())
+    Conversion::from_chromaticities(chromaticities, &ColorSpace::LinearRec709.chromaticities())
         .ok_or_else(|| format!("chromaticities {chromaticities:?} are not a colour space, expected CIE xy of red, green, blue and white"))
 }
 

@@ -229,7 +229,7 @@ mod tests {
         let mut valid = vec![true; 64 * 48];
         valid[20 * 64 + 30] = false;
         let shift = Distortion { p1: 1e-4, p2: 1e-4, ..Distortion::default() };
-        let (image, mask, _) = undistort(&grid(), Some(&Mask::of_valid(valid)), &camera(shift));
+        let (image, mask, _) = undistort(&grid(), Some(&Mask::from_valid(valid)), &camera(shift));
         let lost: Vec<_> = (0..64 * 48).filter(|&i| !mask.is_valid(i)).collect();
         assert!(
             (1..=4).contains(&lost.iter().filter(|&&i| (28..=32).contains(&(i % 64)) && (18..=22).contains(&(i / 64))).count()),
@@ -268,7 +268,7 @@ mod tests {
     fn downscaling_leaves_invalid_pixels_out() {
         let mut image = Image { width: 4, height: 2, pixels: (0..8).map(|i| [i as f32; 3]).collect() };
         image.pixels[5] = [f32::NAN; 3];
-        let mask = Mask::of_valid(vec![true, true, false, false, true, false, false, false]);
+        let mask = Mask::from_valid(vec![true, true, false, false, true, false, false, false]);
         let (half, valid) = downscale_masked(&image, &mask, 2);
         assert_eq!(half.pixels, [[5.0 / 3.0; 3], [0.0; 3]]);
         assert_eq!(valid.weights, [1.0, 0.0]);

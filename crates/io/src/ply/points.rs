@@ -48,7 +48,7 @@ pub fn read_points_ply(path: &Path) -> Result<PlyCloud, IoError> {
 /// # Errors
 /// The same as [`read_points_ply`].
 pub fn decode_points_ply(name: &Path, bytes: &[u8]) -> Result<PlyCloud, IoError> {
-    decode(PlySource::of_bytes(name, bytes))
+    decode(PlySource::from_bytes(name, bytes))
 }
 
 fn decode<R: BufRead>(mut source: PlySource<'_, R>) -> Result<PlyCloud, IoError> {

@@ -35,7 +35,7 @@ pub(crate) fn read_scene_file(path: &Path) -> Result<SceneFile, IoError> {
 /// # Errors
 /// The same as [`read_scene_ply`].
 pub fn decode_scene_ply(name: &Path, bytes: &[u8]) -> Result<Scene, IoError> {
-    decode(PlySource::of_bytes(name, bytes)).map(|file| file.scene)
+    decode(PlySource::from_bytes(name, bytes)).map(|file| file.scene)
 }
 
 /// Names of the properties that hold the model.

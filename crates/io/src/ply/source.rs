@@ -31,7 +31,7 @@ impl<'a> PlySource<'a, BufReader<File>> {
 }
 
 impl<'a> PlySource<'a, &'a [u8]> {
-    pub(super) fn of_bytes(path: &'a Path, bytes: &'a [u8]) -> Self {
+    pub(super) fn from_bytes(path: &'a Path, bytes: &'a [u8]) -> Self {
         Self { reader: bytes, path, position: 0, length: bytes.len() as u64 }
     }
 }

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::path::Path;
 
 use luxel_core::{
-    Activation, Antialias, ColorModel, ColorSpace, Cutoffs, RadianceScale, RasterConfig, SH_OFFSET, Scene, Splats, noise, sh, sigmoid,
+    Activation, Antialias, ColorModel, ColorSpace, Cutoffs, RadianceScale, RasterConfig, SH_OFFSET, Scene, Splats, random, sh, sigmoid,
 };
 use proptest::prelude::*;
 
@@ -21,7 +21,7 @@ fn scene(color_model: ColorModel, count: usize, is_smoothed: bool, seed: u64) ->
     let mut counter = 0;
     let mut normal = |deviation: f32| {
         counter += 1;
-        noise::standard_normal(seed, counter)[0] * deviation
+        random::standard_normal(seed, counter)[0] * deviation
     };
     let mut splats = Splats::empty(color_model);
     for _ in 0..count {
@@ -154,7 +154,7 @@ fn display_color(row: &HashMap<String, f32>, direction: [f32; 3]) -> [f32; 3] {
 }
 
 fn unit(seed: u64, index: u64) -> [f32; 3] {
-    let v = noise::standard_normal(seed, index);
+    let v = random::standard_normal(seed, index);
     let n = v.iter().map(|c| c * c).sum::<f32>().sqrt();
     v.map(|c| c / n)
 }

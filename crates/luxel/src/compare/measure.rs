@@ -154,7 +154,7 @@ pub(super) fn measure(pair: &Pair, settings: &Settings) -> Result<ImageMetrics> 
     let options = FieldOptions { peak_luminance: settings.peak_luminance, color_space, flip: FlipChoice::Skip };
     let mut field = field_metrics(&test, &reference, mask.as_ref(), &options).with_context(failed)?;
     if let Some(lpips) = &settings.lpips {
-        let distance = lpips.of_radiance(&test, &reference, mask.as_ref(), settings.mu, color_space);
+        let distance = lpips.radiance_distance(&test, &reference, mask.as_ref(), settings.mu, color_space);
         lpips.record(distance.with_context(failed)?, &mut field);
     }
     let mut hdr_flip_exposures_ev = None;
@@ -235,7 +235,7 @@ fn mask(pair: &Pair, image: &Image) -> Result<Option<Mask>> {
             image.height
         );
     }
-    Ok(Some(Mask::of_valid(found.pixels.iter().map(|p| p.iter().any(|v| *v > 0.0)))))
+    Ok(Some(Mask::from_valid(found.pixels.iter().map(|p| p.iter().any(|v| *v > 0.0)))))
 }
 
 /// Returns the mask without pixels of the reference that are not finite. Those of the test are an
@@ -246,7 +246,7 @@ fn without_bad_pixels(mask: Option<Mask>, reference: &Image) -> Option<Mask> {
         return mask;
     }
     let valid = (0..reference.pixels.len()).map(|i| finite(i) && mask.as_ref().is_none_or(|mask| mask.is_valid(i)));
-    Some(Mask::of_valid(valid))
+    Some(Mask::from_valid(valid))
 }
 
 fn write_heatmap(path: &Path, map: &FlipMap, mask: Option<&Mask>) -> Result<()> {

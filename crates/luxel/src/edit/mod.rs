@@ -58,7 +58,7 @@ pub fn apply(
     for edit in edits {
         let before = scene.clone();
         let applied = edit.apply(scene, masks, sh_map).with_context(|| format!("cannot apply \"{edit}\""))?;
-        let selection = SelectionSummary::of(&before, &applied.weights);
+        let selection = SelectionSummary::new(&before, &applied.weights);
         observer.note(&format!(
             "{}: {} of {}, {} % of the scene's light",
             applied.edit,

@@ -15,7 +15,7 @@
 use std::sync::Arc;
 
 use luxel_core::engine::{LearningRates, StatsCollection, StepConfig};
-use luxel_core::{Dataset, Engine, LossConfig, PixelValues, Scene, ToneCurve, View};
+use luxel_core::{Dataset, Engine, LossWeights, PixelValues, Scene, Target, ToneCurve, View};
 use luxel_io::Baked;
 
 use super::error::reference;
@@ -54,7 +54,6 @@ pub(super) fn refine(
     gains.apply(baked, scene);
     engine.load(&baked.scene.splats, None).context("cannot load the bake")?;
     let render = baked.scene.render_options();
-    let loss = LossConfig { curve: ToneCurve::MuLaw { mu: LINEAR_MU }, ..LossConfig::default() };
     let dc_rate = (REACH / (MEAN * steps as f32)).clamp(DC_RATES[0], DC_RATES[1]);
     let (mut first, mut last) = (0.0, 0.0);
     for step in 1..=steps {
@@ -62,7 +61,7 @@ pub(super) fn refine(
         let config = StepConfig {
             step,
             render,
-            loss,
+            loss: LossWeights::default(),
             learning_rates: LearningRates {
                 position: 0.0,
                 rotation: 0.0,
@@ -104,7 +103,8 @@ fn targets(baked: &Baked, scene: &Scene, views: &[View], engine: &mut dyn Engine
         let displayed = reference(scene, baked, image);
         gains.add(&GainView { camera: &view.camera, options: &options, exposed: &exposed, displayed: &displayed }, engine)?;
         let image = Arc::new(displayed);
-        targets.push(View { image, values: PixelValues::Radiance, noise: None, mask: None, ..view.clone() });
+        let target = Target { curve: ToneCurve::MuLaw { mu: LINEAR_MU }, ..Target::default() };
+        targets.push(View { image, values: PixelValues::Radiance, noise: None, mask: None, target, ..view.clone() });
     }
     Ok((targets, gains))
 }

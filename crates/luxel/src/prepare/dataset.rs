@@ -15,7 +15,7 @@ use std::collections::HashMap;
 use glam::DVec2;
 use luxel_capture::prepare::{RegisteredView, Registration, ViewRecord};
 use luxel_core::{Camera, ColorSpace, Distortion, Remedy};
-use luxel_io::colmap::{ColmapModel, ColmapPoint, read_colmap_model, write_text};
+use luxel_io::colmap::{ColmapModel, ColmapPoint, MeasuredPoint, PosedImage, read_colmap_model, write_text};
 use luxel_io::{ExrOptions, ExrSample, ReadOptions, Transfer, encode_png, pinhole_within, read_image, undistort_into, write_exr};
 
 use super::colmap::LargestModel;
@@ -223,8 +223,11 @@ fn registration(posed: &[Posed<'_>], model: &ColmapModel, errors: &[Vec<Option<f
 }
 
 fn write_model(folders: &Folders, posed: &[Posed<'_>], model: &ColmapModel, errors: &[Vec<Option<f64>>]) -> Result<()> {
-    let mut images: Vec<(String, Camera, Vec<[f32; 2]>)> =
-        posed.iter().map(|view| (format!("{}.exr", view.record.name), view.pinhole.clone(), Vec::new())).collect();
+    let to_image = |view: &Posed<'_>| {
+        let name = format!("{}.exr", view.record.name);
+        PosedImage { name, camera: view.pinhole.clone(), features_px: Vec::new() }
+    };
+    let mut images: Vec<PosedImage> = posed.iter().map(to_image).collect();
     let place: HashMap<usize, usize> = posed.iter().enumerate().map(|(at, view)| (view.index, at)).collect();
     let mut points = Vec::new();
     for (point, errors) in model.points.iter().zip(errors) {
@@ -236,17 +239,15 @@ fn write_model(folders: &Folders, posed: &[Posed<'_>], model: &ColmapModel, erro
             let moved = straight * view.pinhole.focal_px + view.pinhole.center_px;
             let [width, height] = view.pinhole.size_px.map(f64::from);
             // Features in the part that undistortion cut off are lost.
-            if let Some((_, _, features)) =
-                images.get_mut(at).filter(|_| moved.x >= 0.0 && moved.y >= 0.0 && moved.x < width && moved.y < height)
-            {
-                track.push([at as u32, features.len() as u32]);
-                features.push(moved.as_vec2().to_array());
+            if let Some(image) = images.get_mut(at).filter(|_| moved.x >= 0.0 && moved.y >= 0.0 && moved.x < width && moved.y < height) {
+                track.push([at as u32, image.features_px.len() as u32]);
+                image.features_px.push(moved.as_vec2().to_array());
             }
         }
         let known: Vec<f64> = errors.iter().flatten().copied().collect();
         if track.len() > 1 {
             let error = known.iter().sum::<f64>() / known.len().max(1) as f64;
-            points.push((ColmapPoint { track, ..point.clone() }, error));
+            points.push(MeasuredPoint { point: ColmapPoint { track, ..point.clone() }, error_px: error });
         }
     }
     write_text(&folders.output.join("sparse/0"), &images, &points)?;

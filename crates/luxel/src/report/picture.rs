@@ -180,7 +180,7 @@ pub struct Exposures {
 
 impl Exposures {
     /// Returns whole stops within +-16, from luminances in normalised units (any order).
-    pub fn of(mut luminances: Vec<f32>) -> Self {
+    pub fn new(mut luminances: Vec<f32>) -> Self {
         luminances.retain(|l| l.is_finite() && *l > 0.0);
         luminances.sort_by(f32::total_cmp);
         let quantile =
@@ -228,7 +228,7 @@ mod tests {
     fn masked_pixels_are_grey_and_do_not_dilute_the_mean() {
         let target = Image::filled(2, 1, [0.0; 3]);
         let prediction = Image::filled(2, 1, [1.0; 3]);
-        let mask = Mask::of_valid(vec![true, false]);
+        let mask = Mask::from_valid(vec![true, false]);
         let decode = |picture: Picture| {
             let png = BASE64_STANDARD.decode(picture.uri.trim_start_matches("data:image/png;base64,")).unwrap();
             image::load_from_memory(&png).unwrap().to_rgb8().into_raw()
@@ -243,12 +243,12 @@ mod tests {
     fn exposures_show_shadows_and_resolve_lamps() {
         let mut luminances = vec![0.01; 1000];
         luminances.extend([100.0; 10]);
-        let exposures = Exposures::of(luminances);
+        let exposures = Exposures::new(luminances);
         assert_eq!(exposures.shadows_ev, 4.0);
         assert_eq!(exposures.lamps_ev, -7.0);
         assert!(exposures.overview_ev > 2.0);
         for odd in [vec![], vec![0.0; 5], vec![f32::NAN, f32::INFINITY]] {
-            let exposures = Exposures::of(odd);
+            let exposures = Exposures::new(odd);
             assert!([exposures.shadows_ev, exposures.overview_ev, exposures.lamps_ev].iter().all(|ev| ev.is_finite()));
         }
     }

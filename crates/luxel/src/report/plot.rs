@@ -228,8 +228,8 @@ impl Frame {
                 .flat_map(|s| s.points.iter().copied())
                 .filter(|point| place(plot.x.scale, point.x).is_some() && place(plot.y.scale, point.y).is_some())
         };
-        let x = Span::of(plot.x.scale, shown().map(|point| point.x))?;
-        let y = Span::of(plot.y.scale, shown().map(|point| point.y))?.padded(0.06);
+        let x = Span::new(plot.x.scale, shown().map(|point| point.x))?;
+        let y = Span::new(plot.y.scale, shown().map(|point| point.y))?.padded(0.06);
         Some(Self { x: if x.low < x.high { x } else { x.padded(0.0) }, y })
     }
 

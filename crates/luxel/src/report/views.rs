@@ -51,7 +51,7 @@ impl Pictures {
             });
         }
         let luminances = picture::sample_luminances(input.views.iter().map(|view| &view.target));
-        let gallery = Gallery { input, exposures: Exposures::of(luminances), error_scale: error_scale(input) };
+        let gallery = Gallery { input, exposures: Exposures::new(luminances), error_scale: error_scale(input) };
         // Worst first.
         let mut order: Vec<&ReportView> = input.views.iter().collect();
         order.sort_by(|a, b| a.metrics.psnr_scene.total_cmp(&b.metrics.psnr_scene));

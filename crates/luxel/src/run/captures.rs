@@ -40,7 +40,7 @@ struct ResponseTable {
 
 impl Captures {
     /// Returns the gains and the response of a trainer, which was trained on `train`.
-    pub fn of(trainer: &Trainer, train: &[View]) -> Self {
+    pub fn new(trainer: &Trainer, train: &[View]) -> Self {
         let logs = trainer.log_gains().unwrap_or_default();
         let stops = |log: &[f32; 3]| log.map(|log| log / std::f32::consts::LN_2);
         let gains_ev = train.iter().zip(logs).map(|(view, log)| (view.name.clone(), stops(log))).collect();

@@ -82,7 +82,7 @@ impl Rendering<'_> {
     pub fn probe(&mut self, view: &View) -> Result<Option<f64>> {
         let log_gain = self.log_gain(view);
         let measures = Measures { response: self.response.as_ref(), ..Measures::new(self.radiance_scale, self.mu) };
-        Ok(luxel_metrics::probe(self.engine, &self.options, &measures, (view, log_gain))?)
+        Ok(luxel_metrics::probe(self.engine, &self.options, &measures, view, log_gain)?)
     }
 
     /// Returns the ln gain of a view: 0 unless it was trained on.
@@ -192,7 +192,7 @@ pub fn unique_stems<'a>(names: impl Iterator<Item = &'a str> + Clone) -> Vec<Str
 mod tests {
     use std::sync::Arc;
 
-    use luxel_core::{Mask, synthetic};
+    use luxel_core::{Mask, Target, synthetic};
     use luxel_cpu::CpuEngine;
 
     use super::*;
@@ -205,7 +205,7 @@ mod tests {
         let mut image = engine.render(&camera, &options).unwrap();
         image.scale(gain);
         let (image, mask) = (Arc::new(image), mask.map(Arc::new));
-        let view = View { name: "a".into(), camera, image, values: PixelValues::Radiance, noise: None, mask };
+        let view = View { name: "a".into(), camera, image, values: PixelValues::Radiance, noise: None, mask, target: Target::default() };
         let mut rendering = Rendering {
             engine: &mut engine,
             options,
@@ -225,7 +225,7 @@ mod tests {
     #[test]
     fn a_split_of_masked_views_has_no_metrics() {
         assert!(measured(None, 1.0, BTreeMap::new()).0.is_some_and(|split| split.views.len() == 1));
-        assert_eq!(measured(Some(Mask::of_valid(vec![false; 16 * 12])), 1.0, BTreeMap::new()), (None, None));
+        assert_eq!(measured(Some(Mask::from_valid(vec![false; 16 * 12])), 1.0, BTreeMap::new()), (None, None));
     }
 
     #[test]

@@ -109,7 +109,7 @@ impl Session<'_> {
     fn train(&mut self, state: &mut LoopState) -> Result<Outcome> {
         // A resumed run that has all its steps ends with the mean of the parameters averaged so
         // far.
-        let is_averaged = self.trainer.settle()?;
+        let is_averaged = self.trainer.finish_average()?;
         if is_averaged {
             self.save(state)?;
         }
@@ -284,7 +284,7 @@ impl Session<'_> {
         let images = self.folder.evaluation(iteration);
         let (dataset, finished) = (self.dataset, self.trainer.is_finished());
         let config = self.config;
-        Captures::of(&self.trainer, &dataset.train).write(self.folder)?;
+        Captures::new(&self.trainer, &dataset.train).write(self.folder)?;
         let mut splits = BTreeMap::new();
         let mut rendering = self.rendering();
         let test = rendering.evaluate(&dataset.test, Some(&images), GainFit::None)?;
@@ -329,7 +329,7 @@ impl Session<'_> {
 
     fn rendering(&mut self) -> Rendering<'_> {
         let (options, radiance_scale, response) = (self.trainer.render_options(), self.trainer.radiance_scale(), self.trainer.response());
-        let log_gains = Captures::of(&self.trainer, &self.dataset.train).log_gains_at(self.trainer.iteration());
+        let log_gains = Captures::new(&self.trainer, &self.dataset.train).log_gains_at(self.trainer.iteration());
         Rendering {
             options,
             radiance_scale,

@@ -69,7 +69,7 @@ fn view(matrix: &Matrix, cells: &[&CellResult], name: &str, stem: &str) -> Resul
     let truth = read(matrix, first, "gt", stem)?;
     let window = most_contrast(&truth.image);
     let exposures_ev = exposures_ev(&crop(&truth.image, window));
-    let overview_ev = Exposures::of(picture::sample_luminances(std::iter::once(&truth.image))).overview_ev;
+    let overview_ev = Exposures::new(picture::sample_luminances(std::iter::once(&truth.image))).overview_ev;
     let mut shots = vec![("ground truth".to_owned(), String::new(), crop(&truth.image, window), truth.color_space)];
     for cell in cells {
         let render = read(matrix, cell, "renders", stem)?;

@@ -51,7 +51,7 @@ fn masked_pixels_do_not_count() {
     }
     let mut target = reference.clone();
     target.pixels[0] = [f32::INFINITY; 3];
-    let mask = Mask::of_valid((0..240).map(|i| i >= 40));
+    let mask = Mask::from_valid((0..240).map(|i| i >= 40));
     assert_eq!(hdr(&test, &target, Some(&mask)).mean, 0.0);
     assert!(matches!(hdr_flip(&test, &reference, None, ColorSpace::LinearRec709), Err(MetricsError::NotFinite { .. })));
 }

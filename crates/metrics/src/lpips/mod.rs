@@ -208,7 +208,7 @@ impl Lpips {
     ///
     /// # Errors
     /// The same as of [`Lpips::distance`].
-    pub fn of_radiance(
+    pub fn radiance_distance(
         &self,
         prediction: &Image,
         target: &Image,
@@ -220,7 +220,7 @@ impl Lpips {
         let light = |rgb: [f32; 3]| rec709_of(color_space, rgb).map(|v| if v.is_finite() { v.max(0.0) } else { 0.0 });
         let brightest = target.pixels.iter().enumerate().filter(|(i, _)| valid(*i)).flat_map(|(_, &rgb)| light(rgb)).fold(0.0, f32::max);
         let (divisor, curve) = (if brightest > 0.0 { brightest } else { 1.0 }, MuLaw::new(mu));
-        let shown = |rgb: [f32; 3]| light(rgb).map(|v| curve.of((v / divisor).min(1.0)));
+        let shown = |rgb: [f32; 3]| light(rgb).map(|v| curve.apply((v / divisor).min(1.0)));
         let of_target: Vec<[f32; 3]> = target.pixels.iter().map(|&rgb| shown(rgb)).collect();
         let pixels = prediction.pixels.iter().zip(&of_target).enumerate();
         let of_prediction = pixels.map(|(i, (&rgb, &target))| if valid(i) { shown(rgb) } else { target }).collect();

@@ -25,7 +25,7 @@ macro_rules! options {
         /// ```
         /// use luxel_train::{Preset, TrainConfig};
         ///
-        /// let config = TrainConfig { iterations: 500, ..TrainConfig::of_preset(Preset::Paper) };
+        /// let config = TrainConfig { iterations: 500, ..TrainConfig::from_preset(Preset::Paper) };
         /// assert_eq!((config.iterations, config.ssim_weight), (500, 0.8));
         /// config.validate().unwrap();
         /// ```

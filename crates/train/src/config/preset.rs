@@ -89,13 +89,13 @@ mod tests {
     #[test]
     fn the_default_is_what_the_options_defaults_say() {
         let preset = Preset::default();
-        assert_eq!(TrainConfig::of_preset(preset), TrainConfig { preset, ..TrainConfig::base() });
+        assert_eq!(TrainConfig::from_preset(preset), TrainConfig { preset, ..TrainConfig::base() });
     }
 
     #[test]
     fn presets_are_valid_and_set_the_options_they_name() {
         for (preset, _) in Preset::VALUES {
-            let config = TrainConfig::of_preset(*preset);
+            let config = TrainConfig::from_preset(*preset);
             config.validate().unwrap();
             let (set, default) = (json(&config), json(&TrainConfig::default()));
             for (name, value) in &set {
@@ -112,14 +112,14 @@ mod tests {
     fn given_options_win_over_the_preset() {
         let given = TrainConfig { preset: Preset::Fast, iterations: 123, max_splats: Some(7), ..TrainConfig::default() };
         let resolved = given.with_preset(|name| name == "iterations");
-        let fast = TrainConfig::of_preset(Preset::Fast);
+        let fast = TrainConfig::from_preset(Preset::Fast);
         assert_eq!(resolved, TrainConfig { iterations: 123, ..fast });
     }
 
     #[test]
     fn a_preset_takes_another_ones_values_back() {
-        let fast = TrainConfig::of_preset(Preset::Fast);
+        let fast = TrainConfig::from_preset(Preset::Fast);
         let back = TrainConfig { preset: Preset::Paper, ..fast }.with_preset(|_| false);
-        assert_eq!(back, TrainConfig::of_preset(Preset::Paper));
+        assert_eq!(back, TrainConfig::from_preset(Preset::Paper));
     }
 }

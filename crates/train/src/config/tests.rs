@@ -17,10 +17,10 @@ fn defaults_are_valid_and_those_of_the_table() {
     assert_eq!(config, TrainConfig::default());
     config.validate().unwrap();
     assert_eq!(config.color_model().name(), "lcd");
-    assert_eq!(config.loss(), LossConfig { squared_share: 0.5, ..LossConfig::default() });
+    assert_eq!(config.loss_weights(), LossWeights { squared_share: 0.5, ..LossWeights::default() });
     // Equation 5 exactly as published.
-    let paper = TrainConfig::of_preset(Preset::Paper).loss();
-    assert_eq!(paper, LossConfig { ssim_weight: 0.8, ..LossConfig::default() });
+    let paper = TrainConfig::from_preset(Preset::Paper).loss_weights();
+    assert_eq!(paper, LossWeights { ssim_weight: 0.8, ..LossWeights::default() });
 }
 
 #[test]

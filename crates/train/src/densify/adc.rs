@@ -51,7 +51,8 @@ impl Adc {
     /// Returns the error of `contribution`.
     pub fn plan<E>(
         &self,
-        (stats, geometry): (&DensifyStats, &Geometry),
+        stats: &DensifyStats,
+        geometry: &Geometry,
         contribution: impl FnOnce() -> Result<Vec<f32>, E>,
         rng: &mut impl Rng,
     ) -> Result<Vec<PlanRow>, E> {
@@ -211,7 +212,7 @@ mod tests {
         contribution: impl FnOnce() -> Result<Vec<f32>, String>,
     ) -> Result<Vec<PlanRow>, String> {
         let (stats, geometry) = scene(splats);
-        policy.plan((&stats, &geometry), contribution, &mut Pcg64Mcg::seed_from_u64(1))
+        policy.plan(&stats, &geometry, contribution, &mut Pcg64Mcg::seed_from_u64(1))
     }
 
     #[test]

@@ -126,7 +126,7 @@ mod tests {
     #[test]
     fn masked_pixels_are_not_sampled() {
         let mut view = two_pixels();
-        view.mask = Some(Arc::new(Mask::of_valid(vec![false, true])));
+        view.mask = Some(Arc::new(Mask::from_valid(vec![false, true])));
         assert_eq!(sample(&view, DVec2::new(1.0, 0.5)), Some([3.0; 3]));
         assert_eq!(sample(&view, DVec2::new(0.5, 0.5)), None);
     }

@@ -25,7 +25,7 @@ const LEAST_DISTANCE: f64 = 1e-6;
 /// camera sees.
 pub(super) fn random_points(train: &[View], count: usize, rng: &mut impl Rng) -> Vec<Point> {
     let cameras: Vec<&Camera> = train.iter().map(|view| &view.camera).collect();
-    let Some(depths) = DepthRange::of(&cameras) else { return Vec::new() };
+    let Some(depths) = DepthRange::new(&cameras) else { return Vec::new() };
     let mut points = Vec::new();
     for needed in [2.min(cameras.len()), 1] {
         let mut tries = count.saturating_mul(TRIES_PER_POINT);
@@ -48,7 +48,7 @@ struct DepthRange {
 }
 
 impl DepthRange {
-    fn of(cameras: &[&Camera]) -> Option<Self> {
+    fn new(cameras: &[&Camera]) -> Option<Self> {
         let reach = cameras.iter().map(|camera| camera.eye().abs().max_element()).fold(0.0, f64::max);
         let is_apart = |distance: f64| distance > LEAST_DISTANCE * reach;
         let focus = focus(cameras).filter(|focus| cameras.iter().all(|camera| is_apart((*focus - camera.eye()).length())));
@@ -153,7 +153,7 @@ mod tests {
                 };
                 let views = views((0..count).map(|i| camera_looking_at(eye, eye + around(i), [40, 30])).collect());
                 let cameras: Vec<&Camera> = views.iter().map(|view| &view.camera).collect();
-                let ranges = DepthRange::of(&cameras).unwrap().ranges;
+                let ranges = DepthRange::new(&cameras).unwrap().ranges;
                 assert!(ranges.iter().all(|range| *range == [1.0, 10.0]), "{count} at {eye}: {ranges:?}");
             }
         }

@@ -6,7 +6,8 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 use luxel_core::{
-    Camera, ColorModel, ColorSpace, Dataset, Distortion, Engine, Image, PixelValues, Point, RenderOptions, Splat, Splats, View, logit,
+    Camera, ColorModel, ColorSpace, Dataset, Distortion, Engine, Image, PixelValues, Point, RenderOptions, Splat, Splats, Target, View,
+    logit,
 };
 use luxel_cpu::CpuEngine;
 use luxel_train::TrainConfig;
@@ -62,12 +63,20 @@ pub(crate) fn dataset() -> Dataset {
     let mut view = |name: &str, eye: DVec3| {
         let camera = camera(eye);
         let image = engine.render(&camera, &RenderOptions::default()).unwrap();
-        View { name: name.to_owned(), camera, image: Arc::new(image), values: PixelValues::Radiance, noise: None, mask: None }
+        View {
+            name: name.to_owned(),
+            camera,
+            image: Arc::new(image),
+            values: PixelValues::Radiance,
+            noise: None,
+            mask: None,
+            target: Target::default(),
+        }
     };
     let ring = |i: f64| DVec3::new((i * 0.5).sin() * 4.0, -0.8 + 0.3 * i, -(i * 0.5).cos() * 4.0);
     let train = (0..6).map(|i| view(&format!("train/{i}"), ring(f64::from(i)))).collect();
     let test = vec![view("test/0", ring(2.5))];
-    let moved = |i: usize, p: &[f32; 3]| std::array::from_fn(|c| p[c] + 0.05 * luxel_core::noise::standard_normal(9, i as u64)[c]);
+    let moved = |i: usize, p: &[f32; 3]| std::array::from_fn(|c| p[c] + 0.05 * luxel_core::random::standard_normal(9, i as u64)[c]);
     let points = truth.position.iter().enumerate().map(|(i, p)| Point { position: moved(i, p), rgb8: None, observations: Vec::new() });
     Dataset {
         format: "synthetic".to_owned(),

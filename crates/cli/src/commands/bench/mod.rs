@@ -7,7 +7,7 @@ use anyhow::Result;
 use luxel::bench::{Protocol, measure};
 use luxel::{SelectedEngine, memory};
 use luxel_train::NamedChoice;
-use report::{PassTime, Report, Spread};
+use report::{PassMedian, Report, Spread};
 use workload::Workload;
 
 use crate::args::BenchArgs;
@@ -44,7 +44,7 @@ pub(crate) fn run(args: &BenchArgs) -> Result<()> {
         forward_ms: Spread::from_times(&measured.forward_ms),
         step_ms: Spread::from_times(&measured.step_ms),
         step_in_a_row_ms: measured.step_in_a_row_ms,
-        passes_ms: measured.passes_ms.iter().map(|(pass, ms)| PassTime { pass: *pass, ms: Spread::from_times(ms).median }).collect(),
+        passes_ms: measured.passes_ms.iter().map(|(pass, ms)| PassMedian { pass: *pass, ms: Spread::from_times(ms).median }).collect(),
         peak_rss_bytes: memory::peak_resident_bytes(),
         first_loss: measured.first.loss,
         luxel_version: luxel::VERSION,

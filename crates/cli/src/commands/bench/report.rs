@@ -37,7 +37,7 @@ pub(super) struct Report {
     pub(super) step_in_a_row_ms: f64,
     /// Medians over the steps.
     #[serde(serialize_with = "by_name")]
-    pub(super) passes_ms: Vec<PassTime>,
+    pub(super) passes_ms: Vec<PassMedian>,
     pub(super) peak_rss_bytes: Option<u64>,
     pub(super) first_loss: f32,
     pub(super) luxel_version: &'static str,
@@ -69,14 +69,14 @@ impl Spread {
     }
 }
 
-/// The time of a pass.
+/// The median time of a pass.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct PassTime {
+pub(super) struct PassMedian {
     pub(super) pass: Pass,
     pub(super) ms: f64,
 }
 
-fn by_name<S: Serializer>(passes: &[PassTime], serializer: S) -> Result<S::Ok, S::Error> {
+fn by_name<S: Serializer>(passes: &[PassMedian], serializer: S) -> Result<S::Ok, S::Error> {
     serializer.collect_map(passes.iter().map(|time| (time.pass.name(), time.ms)))
 }
 
@@ -127,7 +127,7 @@ impl Report {
             out += &format!("{name:<20} {median:>9.2} {min:>9.2} {q1:>9.2} {q3:>9.2}\n");
         }
         out += &format!("{:<20} {:>9.2} (mean)\n", "step in a row", self.step_in_a_row_ms);
-        for PassTime { pass, ms } in &self.passes_ms {
+        for PassMedian { pass, ms } in &self.passes_ms {
             out += &format!("  {:<18} {ms:>9.2}\n", pass.name());
         }
         out.trim_end().to_owned()

@@ -6,8 +6,8 @@ use std::sync::Arc;
 use anyhow::{Context, Result, bail};
 use luxel::output;
 use luxel_core::{
-    Camera, ColorModel, ColorSpace, Cutoffs, Engine, Image, PixelValues, RadianceScale, RasterConfig, RenderOptions, Scene, Splats, View,
-    spatial_order, synthetic,
+    Camera, ColorModel, ColorSpace, Cutoffs, Engine, Image, PixelValues, RadianceScale, RasterConfig, RenderOptions, Scene, Splats, Target,
+    View, spatial_order, synthetic,
 };
 use luxel_io::ReadOptions;
 use luxel_train::{Method, TrainConfig};
@@ -67,8 +67,15 @@ impl Workload {
             splats = splats.select(spatial_order(&splats.position));
         }
         engine.load(&splats, None).context("cannot load the workload")?;
-        let view =
-            View { name: source.name.clone(), camera, image: Arc::new(image), values: PixelValues::Radiance, noise: None, mask: None };
+        let view = View {
+            name: source.name.clone(),
+            camera,
+            image: Arc::new(image),
+            values: PixelValues::Radiance,
+            noise: None,
+            mask: None,
+            target: Target::default(),
+        };
         Ok(Self { name: source.name, method: splats.color_model.name(), splats: splats.len(), target, view, render })
     }
 }

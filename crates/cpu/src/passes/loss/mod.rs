@@ -1,11 +1,11 @@
 //! Pass `loss`: computes L1, partly squared, plus SSIM against the view's image under a tone curve,
 //! and the gradient by the pixels' radiance.
 //!
-//! In: the tiles' radiance, target image and weights, [`LossConfig`]. Out: means of L1, squares and
-//! SSIM, [`BlockGradient`]s row by row, and the gradient by the knots of a response curve. Source:
-//! LCD-GS eq. 5; SSIM as in 3DGS: 11x11 Gaussian window of sigma 1.5, zero padding, mean over
-//! pixels and channels. The window is symmetric and the padding is zero, so the convolution is its
-//! own adjoint.
+//! In: the tiles' radiance, the view with its target, [`LossWeights`]. Out: means of L1, squares
+//! and SSIM, [`BlockGradient`]s row by row, and the gradient by the knots of a response curve.
+//! Source: LCD-GS eq. 5; SSIM as in 3DGS: 11x11 Gaussian window of sigma 1.5, zero padding, mean
+//! over pixels and channels. The window is symmetric and the padding is zero, so the convolution is
+//! its own adjoint.
 //!
 //! With x a pixel's prediction under the curve, y its target and w its weight, `w x + (1 - w) y`
 //! takes the place of the prediction, in L1 and squares (means over weights) and in the windows. A
@@ -29,7 +29,7 @@ mod values;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use fearless_simd::Level;
-use luxel_core::{Knots, LossConfig, RESPONSE_KNOTS, View};
+use luxel_core::{Knots, LossWeights, RESPONSE_KNOTS, View};
 use rayon::prelude::*;
 
 use self::plan::{LossInputs, LossPlan, Planes};
@@ -67,7 +67,7 @@ impl LossBuffers {
         camera: &ScreenCamera,
         pixels: &[TilePixels],
         view: &View,
-        config: &LossConfig,
+        weights: &LossWeights,
     ) -> LossSums {
         let [width, height] = camera.size_px;
         let [across, down] = camera.tiles();
@@ -75,7 +75,7 @@ impl LossBuffers {
         let total = view.mask.as_ref().map_or(all, |mask| mask.weights.iter().map(|weight| f64::from(*weight)).sum());
         // The mean over no pixels is 0.
         let total = 3.0 * if total > 0.0 { total } else { 1.0 };
-        let plan = LossPlan::new(camera, config, view.mask.is_some(), total);
+        let plan = LossPlan::new(camera, view, weights, total);
         let bands = height.div_ceil(BAND_PX);
         self.sums.resize(bands, BandSums::ZERO);
         let (blocks_across, band_blocks) = (across * TILE_BLOCKS, BAND_PX / BLOCK_PX);

@@ -1,9 +1,8 @@
 //! The sizes and constants of a step's loss.
 //!
-//! In: camera, [`LossConfig`], whether pixels have weights. Out: [`LossPlan`], which all stages
-//! read.
+//! In: camera, view, [`LossWeights`]. Out: [`LossPlan`], which all stages read.
 
-use luxel_core::{LossConfig, Response, SQUARED_KNEE, ToneCurve, View};
+use luxel_core::{LossWeights, Response, SQUARED_KNEE, ToneCurve, View};
 
 use super::convolution::{Weights, weights};
 use super::strips::strip_px;
@@ -27,7 +26,7 @@ pub(super) struct LossPlan {
     pub(super) across: usize,
     pub(super) window: Weights,
     pub(super) curve: Curve,
-    /// See [`LossConfig::target_scale`].
+    /// See [`Target::scale`](luxel_core::Target::scale).
     pub(super) target_scale: [f32; 3],
     /// Planes of values that are kept for each pixel.
     pub(super) planes: Planes,
@@ -97,14 +96,14 @@ impl Planes {
 }
 
 impl LossPlan {
-    /// Makes the plan of a step. `total` is the sum of weights over pixels and channels, over which
-    /// L1 is averaged; SSIM is averaged over all pixels.
-    pub(super) fn new(camera: &ScreenCamera, config: &LossConfig, is_weighted: bool, total: f64) -> Self {
+    /// Makes the plan of a step towards `view`. `total` is the sum of weights over pixels and
+    /// channels, over which L1 is averaged; SSIM is averaged over all pixels.
+    pub(super) fn new(camera: &ScreenCamera, view: &View, loss: &LossWeights, total: f64) -> Self {
         let [width, height] = camera.size_px;
-        let curve = Curve::new(&config.curve);
+        let curve = Curve::new(&view.target.curve);
         let slope = curve.slope();
-        let by_difference = slope * (1.0 - config.ssim_weight) / total as f32;
-        let planes = match (&curve, is_weighted) {
+        let by_difference = slope * (1.0 - loss.ssim_weight) / total as f32;
+        let planes = match (&curve, view.mask.is_some()) {
             (Curve::MuLaw { .. }, false) => Planes::Values,
             (Curve::MuLaw { .. }, true) => Planes::Weighted,
             (Curve::Response(_), _) => Planes::Response,
@@ -116,11 +115,11 @@ impl LossPlan {
             across: camera.tiles()[0],
             window: weights(),
             curve,
-            target_scale: config.target_scale,
+            target_scale: view.target.scale,
             planes,
-            l1_factor: by_difference * (1.0 - config.squared_share),
-            l2_factor: by_difference * config.squared_share / SQUARED_KNEE,
-            ssim_factor: slope * -2.0 * config.ssim_weight / (3 * width * height) as f32,
+            l1_factor: by_difference * (1.0 - loss.squared_share),
+            l2_factor: by_difference * loss.squared_share / SQUARED_KNEE,
+            ssim_factor: slope * -2.0 * loss.ssim_weight / (3 * width * height) as f32,
         }
     }
 }

@@ -22,7 +22,7 @@ use crate::{IoError, PlyPoint, read_points_ply};
 pub use binary::parse_binary;
 pub(super) use submodels::{FoundModel, find_model};
 pub use text::parse_text;
-pub use write::write_text;
+pub use write::{MeasuredPoint, PosedImage, write_text};
 
 /// A reconstruction.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -13,17 +13,36 @@ use luxel_core::Camera;
 use super::ColmapPoint;
 use crate::{IoError, write_atomically};
 
-/// Writes a model: name, camera and features `[x, y]` in pixels of each image; points with the mean
-/// error of their reprojection in pixels.
+/// An image of a model to write.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PosedImage {
+    /// Name of the file.
+    pub name: String,
+    /// Undistorted camera.
+    pub camera: Camera,
+    /// Features `[x, y]`, pixels.
+    pub features_px: Vec<[f32; 2]>,
+}
+
+/// A point of a model to write.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MeasuredPoint {
+    /// The point, with a track of indices into the images and their features.
+    pub point: ColmapPoint,
+    /// Mean error of its reprojection, pixels.
+    pub error_px: f64,
+}
+
+/// Writes a model.
 ///
 /// # Errors
 /// The system's, or a track that points to no image or feature, or a name with a line break.
-pub fn write_text(folder: &Path, images: &[(String, Camera, Vec<[f32; 2]>)], points: &[(ColmapPoint, f64)]) -> Result<(), IoError> {
+pub fn write_text(folder: &Path, images: &[PosedImage], points: &[MeasuredPoint]) -> Result<(), IoError> {
     let mut lenses: Vec<&Camera> = Vec::new();
     let mut cameras = String::from("# CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]\n");
     let mut poses = String::from("# IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then X Y POINT3D_ID of each feature\n");
-    let mut point_of: Vec<Vec<i64>> = images.iter().map(|(_, _, features)| vec![-1; features.len()]).collect();
-    for (id, (point, _)) in (1i64..).zip(points) {
+    let mut point_of: Vec<Vec<i64>> = images.iter().map(|image| vec![-1; image.features_px.len()]).collect();
+    for (id, MeasuredPoint { point, .. }) in (1i64..).zip(points) {
         for [image, feature] in &point.track {
             match point_of.get_mut(*image as usize).and_then(|features| features.get_mut(*feature as usize)) {
                 Some(slot) => *slot = id,
@@ -31,7 +50,7 @@ pub fn write_text(folder: &Path, images: &[(String, Camera, Vec<[f32; 2]>)], poi
             }
         }
     }
-    for ((id, (name, camera, features)), ids) in (1..).zip(images).zip(&point_of) {
+    for ((id, PosedImage { name, camera, features_px }), ids) in (1..).zip(images).zip(&point_of) {
         if name.contains(['\n', '\r']) {
             return Err(IoError::invalid(folder, format!("image name {name:?} has a line break")));
         }
@@ -46,14 +65,14 @@ pub fn write_text(folder: &Path, images: &[(String, Camera, Vec<[f32; 2]>)], poi
         let q = DQuat::from_mat3(&camera.camera_from_world.matrix3).normalize();
         let t = camera.camera_from_world.translation;
         let _ = writeln!(poses, "{id} {} {} {} {} {} {} {} {} {name}", q.w, q.x, q.y, q.z, t.x, t.y, t.z, lens + 1);
-        let line: Vec<String> = features.iter().zip(ids).map(|([x, y], id)| format!("{x} {y} {id}")).collect();
+        let line: Vec<String> = features_px.iter().zip(ids).map(|([x, y], id)| format!("{x} {y} {id}")).collect();
         let _ = writeln!(poses, "{}", line.join(" "));
     }
     let mut positions = String::from("# POINT3D_ID X Y Z R G B ERROR, then IMAGE_ID POINT2D_IDX of each sighting\n");
-    for (id, (point, error)) in (1..).zip(points) {
+    for (id, MeasuredPoint { point, error_px }) in (1..).zip(points) {
         let (p, [r, g, b]) = (point.position, point.rgb8);
         let track: Vec<String> = point.track.iter().map(|[image, feature]| format!("{} {feature}", image + 1)).collect();
-        let _ = writeln!(positions, "{id} {} {} {} {r} {g} {b} {error} {}", p.x, p.y, p.z, track.join(" "));
+        let _ = writeln!(positions, "{id} {} {} {} {r} {g} {b} {error_px} {}", p.x, p.y, p.z, track.join(" "));
     }
     for (file, text) in [("cameras.txt", cameras), ("images.txt", poses), ("points3D.txt", positions)] {
         let path = folder.join(file);
@@ -80,17 +99,21 @@ mod tests {
         }
     }
 
+    fn image(name: &str, angle: f64, features_px: Vec<[f32; 2]>) -> PosedImage {
+        PosedImage { name: name.to_owned(), camera: camera(angle), features_px }
+    }
+
     #[test]
     fn a_model_is_read_back_as_it_was_written() {
         let folder = tempfile::tempdir().unwrap();
         let images: Vec<_> =
-            (0..3).map(|i| (format!("view {i}.exr"), camera(f64::from(i) * 0.3), vec![[1.5, 2.25], [100.125, 7.0]])).collect();
+            (0..3).map(|i| image(&format!("view {i}.exr"), f64::from(i) * 0.3, vec![[1.5, 2.25], [100.125, 7.0]])).collect();
         let point = ColmapPoint { position: DVec3::new(0.1, 0.2, 1.0 / 3.0), rgb8: [1, 2, 3], track: vec![[0, 1], [2, 0]] };
-        write_text(folder.path(), &images, &[(point.clone(), 0.4)]).unwrap();
+        write_text(folder.path(), &images, &[MeasuredPoint { point: point.clone(), error_px: 0.4 }]).unwrap();
         let model = read_colmap_model(folder.path()).unwrap();
         assert_eq!(model.points, [point]);
-        for (found, (name, expected, features)) in model.images.iter().zip(&images) {
-            assert_eq!((&found.name, &found.features_px), (name, features));
+        for (found, PosedImage { name, camera: expected, features_px }) in model.images.iter().zip(&images) {
+            assert_eq!((&found.name, &found.features_px), (name, features_px));
             let found = found.camera().unwrap();
             assert!(found.camera_from_world.abs_diff_eq(expected.camera_from_world, 1e-12));
             assert_eq!((found.focal_px, found.center_px, found.size_px), (expected.focal_px, expected.center_px, expected.size_px));
@@ -102,6 +125,6 @@ mod tests {
     fn tracks_to_nowhere_are_refused() {
         let folder = tempfile::tempdir().unwrap();
         let point = ColmapPoint { position: DVec3::ZERO, rgb8: [0; 3], track: vec![[0, 5]] };
-        assert!(write_text(folder.path(), &[("a".into(), camera(0.0), vec![])], &[(point, 0.0)]).is_err());
+        assert!(write_text(folder.path(), &[image("a", 0.0, vec![])], &[MeasuredPoint { point, error_px: 0.0 }]).is_err());
     }
 }

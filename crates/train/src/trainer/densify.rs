@@ -1,0 +1,108 @@
+//! The parts of a step that add, remove and limit splats, where the schedule asks for them.
+//!
+//! In: statistics and geometry of the engine's scene. Out: a [`DensifyPlan`], which the engine
+//! applies. Degenerate: a plan without a splat is [`TrainError::AllPruned`].
+
+use luxel_core::engine::{DensifyPlan, PlanRow, StatsCollection};
+use luxel_core::{Antialias, logit, spatial_order};
+
+use super::Trainer;
+use crate::config::Strategy;
+use crate::contribution::{Round, contribution, visible_splats};
+use crate::densify::{adc::Adc, mcmc::Mcmc};
+use crate::{TrainError, smoothing};
+
+/// The default of `percent_dense` with absolute gradients (AbsGS), and below it that of 3DGS.
+const PERCENT_DENSE_ABSGRAD: f32 = 0.001;
+const PERCENT_DENSE: f32 = 0.01;
+
+impl Trainer {
+    /// Returns the statistics that `step` has to collect.
+    pub(super) fn stats_of(&self, step: u32) -> StatsCollection {
+        let config = &self.state.config;
+        match config.strategy {
+            Strategy::Adc if !self.schedule.is_densifying(step) => StatsCollection::Off,
+            Strategy::Adc if config.absgrad => StatsCollection::GradientsAndAbsolute,
+            Strategy::Adc => StatsCollection::Gradients,
+            Strategy::Mcmc => StatsCollection::Off,
+        }
+    }
+
+    /// Applies everything that is due after `step`: a round of densification, pruning of unseen
+    /// splats, a cap on opacities, the smoothing filter.
+    pub(super) fn densify(&mut self, step: u32) -> Result<(), TrainError> {
+        let is_round = self.schedule.densifies_after(step);
+        let cap = self.schedule.opacity_cap_after(step);
+        let unseen = self.unseen_after(step);
+        if is_round || unseen.is_some() || cap.is_some() {
+            let before = self.engine.len();
+            let mut rows = if is_round { self.plan_round(step)? } else { all_rows(before) };
+            if let Some(part) = unseen {
+                let options = self.render_options_of(step);
+                let is_visible = visible_splats(&mut *self.engine, &mut self.views, step, &options, part)?;
+                rows.retain(|row| is_visible.get(row.source as usize).is_some_and(|visible| *visible));
+            }
+            if rows.is_empty() {
+                return Err(TrainError::AllPruned { step });
+            }
+            tracing::debug!(step, before, after = rows.len(), opacity_cap = cap, "densified");
+            self.engine.densify(&DensifyPlan { rows, opacity_logit_cap: cap.map(logit), smoothing: None })?;
+        }
+        let is_mip = self.state.config.antialias == Antialias::Mip;
+        if is_mip && (is_round || self.schedule.smooths_after(step)) {
+            self.update_smoothing()?;
+        }
+        Ok(())
+    }
+
+    /// Returns the fraction of the views' pixels below which splats are pruned as unseen, if that
+    /// is due after `step`.
+    fn unseen_after(&self, step: u32) -> Option<f32> {
+        let (part, strategy) = (self.state.config.prune_unseen, self.state.config.strategy);
+        (part > 0.0 && strategy == Strategy::Adc && self.schedule.stops_adding_after(step)).then_some(part)
+    }
+
+    /// Returns the rows of the scene after a round of densification, in spatial order.
+    fn plan_round(&mut self, step: u32) -> Result<Vec<PlanRow>, TrainError> {
+        let geometry = self.engine.geometry()?;
+        let config = &self.state.config;
+        let max_splats = config.splat_limit(self.views.train_px());
+        let rows = match config.strategy {
+            Strategy::Adc => {
+                let percent = config.percent_dense.unwrap_or(if config.absgrad { PERCENT_DENSE_ABSGRAD } else { PERCENT_DENSE });
+                let extent = self.state.extent;
+                let policy = Adc {
+                    gradient_threshold: config.densify_threshold,
+                    absgrad_threshold: config.absgrad.then_some(config.absgrad_threshold),
+                    dense_scale: percent * extent,
+                    prune_opacity: config.prune_opacity,
+                    prune_scale: (config.prune_scale > 0.0 && self.schedule.has_reset_before(step)).then_some(config.prune_scale * extent),
+                    max_splats,
+                    max_replaced: (config.turnover * max_splats as f32) as usize,
+                };
+                let (stats, options) = (self.engine.densify_stats()?, self.render_options_of(step));
+                let round = Round { step, number: step / self.schedule.densify_interval };
+                let contribution = || contribution(&mut *self.engine, &mut self.views, round, &options);
+                policy.plan(&stats, &geometry, contribution, &mut self.state.rng)?
+            }
+            Strategy::Mcmc => {
+                let policy = Mcmc { dead_opacity: config.prune_opacity, growth: config.mcmc_growth, max_splats };
+                policy.plan(&geometry, &mut self.state.rng)
+            }
+        };
+        let positions: Vec<[f32; 3]> = rows.iter().filter_map(|row| geometry.position.get(row.source as usize).copied()).collect();
+        Ok(spatial_order(&positions).into_iter().filter_map(|i| rows.get(i as usize).copied()).collect())
+    }
+
+    /// Replaces the 3D filter of all splats.
+    pub(super) fn update_smoothing(&mut self) -> Result<(), TrainError> {
+        let positions = self.engine.geometry()?.position;
+        let filter = smoothing(&positions, &self.views.cameras(), self.state.config.raster().cutoffs.near);
+        let plan = DensifyPlan { rows: all_rows(positions.len()), opacity_logit_cap: None, smoothing: Some(filter) };
+        Ok(self.engine.densify(&plan)?)
+    }
+}
+
+fn all_rows(count: usize) -> Vec<PlanRow> {
+    (0u32..).take(count).map(PlanRow::keep).collect()
+}

@@ -1,0 +1,114 @@
+//! The start of a run, and its continuation from a snapshot.
+//!
+//! In: a data set, a configuration or a snapshot, an engine. Out: a [`Trainer`] whose engine holds
+//! the scene. Degenerate: views or states that cannot be trained are errors.
+
+use luxel_core::{Antialias, Dataset, Engine, RadianceScale, Snapshot, View, spatial_order};
+
+use super::{Trainer, VecDeque};
+use crate::average::Average;
+use crate::camera_response::CameraResponse;
+use crate::pixel_weights::ToneScale;
+use crate::recorded::{as_radiance, is_recorded};
+use crate::state::{Start, State};
+use crate::views::TrainingViews;
+use crate::{Schedule, TrainConfig, TrainError, choose_radiance_scale, initialise};
+
+/// Factor between the greatest distance of a camera from the cameras' centroid and the scene's
+/// extent (Kerbl et al. 2023).
+const EXTENT_MARGIN: f64 = 1.1;
+
+impl Trainer {
+    /// Starts a new run.
+    ///
+    /// # Errors
+    /// Returns a [`TrainError`] if an option is out of range, if there is nothing to train on, or
+    /// if the engine refuses the scene.
+    pub fn new(dataset: &Dataset, config: TrainConfig, mut engine: Box<dyn Engine>) -> Result<Self, TrainError> {
+        config.validate()?;
+        check_views(dataset)?;
+        let response = is_recorded(&dataset.train)?.then(|| CameraResponse::new(config.unit_exposure, &dataset.train));
+        let radiance = response.as_ref().map(|response| as_radiance(dataset, &response.knots()));
+        let start = radiance.as_ref().unwrap_or(dataset);
+        let radiance_scale = match config.radiance_scale {
+            Some(scale) => RadianceScale::try_from(scale).map_err(|e| TrainError::config("radiance-scale", e.to_string()))?,
+            None => choose_radiance_scale(&start.train, config.scale_rule)?,
+        };
+        let initial = initialise(start, &config, radiance_scale)?;
+        drop(radiance);
+        let splats = initial.select(spatial_order(&initial.position));
+        let extent = scene_extent(&dataset.train, &splats.position);
+        engine.load(&splats, None)?;
+        tracing::info!(
+            splats = splats.len(),
+            radiance_scale = radiance_scale.get(),
+            extent,
+            model = config.color_model().name(),
+            "initialised"
+        );
+        let state = State::new(dataset, Start { config, extent, radiance_scale, response });
+        let mut trainer = Self::assemble(dataset, state, None, engine);
+        trainer.warn_of_average();
+        if trainer.state.config.antialias == Antialias::Mip {
+            trainer.update_smoothing()?;
+        }
+        Ok(trainer)
+    }
+
+    /// Resumes the run that `snapshot` was taken of, with the configuration of that run.
+    ///
+    /// # Errors
+    /// Returns a [`TrainError`] if the snapshot belongs to another data set or is damaged, or if
+    /// the engine refuses it.
+    pub fn resume(dataset: &Dataset, snapshot: Snapshot, mut engine: Box<dyn Engine>) -> Result<Self, TrainError> {
+        check_views(dataset)?;
+        let state = State::from_snapshot(&snapshot, dataset)?;
+        let Snapshot { scene, moments, stats, average, .. } = snapshot;
+        let parts = [("scene", &scene.splats), ("first moments", &moments.first), ("second moments", &moments.second)];
+        for (what, splats) in parts.into_iter().chain(average.iter().map(|average| ("average", average))) {
+            splats.validate().map_err(|source| TrainError::Checkpoint { what, source })?;
+        }
+        if average.as_ref().is_some_and(|average| [average.len(), average.sh.len()] != [scene.splats.len(), scene.splats.sh.len()]) {
+            return Err(TrainError::State("the average of the parameters is of other splats than the scene's".to_owned()));
+        }
+        engine.load(&scene.splats, Some(&moments))?;
+        engine.set_densify_stats(&stats)?;
+        let average = average.map(|mean| Average::new(mean, state.averaged));
+        Ok(Self::assemble(dataset, state, average, engine))
+    }
+
+    fn assemble(dataset: &Dataset, state: State, average: Option<Average>, engine: Box<dyn Engine>) -> Self {
+        let config = &state.config;
+        let schedule = Schedule::new(config, state.planned_iterations, state.extent);
+        let side_px = dataset.train.iter().flat_map(|view| view.camera.size_px).min().unwrap_or(1);
+        let stages = config.resolution_schedule.stages(state.planned_iterations, config.densify_interval, side_px);
+        let tone = ToneScale { radiance_scale: state.radiance_scale, mu: config.mu };
+        let views = TrainingViews::new(&dataset.train, stages, config.noise_model, tone);
+        Self { engine, views, color_space: dataset.color_space, schedule, state, average, recent: VecDeque::new() }
+    }
+}
+
+/// Checks the properties of views that every step relies on.
+fn check_views(dataset: &Dataset) -> Result<(), TrainError> {
+    if dataset.train.is_empty() {
+        return Err(TrainError::NoTrainViews);
+    }
+    dataset.train.iter().try_for_each(View::validate)?;
+    Ok(())
+}
+
+/// Returns the size of the scene, world units: the spread of the cameras (Kerbl et al. 2023) or the
+/// median distance of the splats from the cameras' centroid, whichever is larger.
+///
+/// Cameras around a scene are about as far apart as they are from it. For cameras side by side,
+/// their spread underestimates the scene, and pruning by it would remove the walls.
+fn scene_extent(train: &[View], positions: &[[f32; 3]]) -> f32 {
+    let centroid = train.iter().map(|view| view.camera.eye()).sum::<glam::DVec3>() / train.len().max(1) as f64;
+    let radius = train.iter().map(|view| (view.camera.eye() - centroid).length()).fold(0.0, f64::max);
+    let mut distances: Vec<f64> =
+        positions.iter().map(|[x, y, z]| (glam::DVec3::new((*x).into(), (*y).into(), (*z).into()) - centroid).length()).collect();
+    let at = distances.len() / 2;
+    let typical = if distances.is_empty() { 1.0 } else { *distances.select_nth_unstable_by(at, f64::total_cmp).1 };
+    let extent = (EXTENT_MARGIN * radius).max(typical) as f32;
+    if extent.is_finite() && extent > f32::MIN_POSITIVE { extent } else { 1.0 }
+}
