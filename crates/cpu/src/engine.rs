@@ -152,6 +152,10 @@ impl Engine for CpuEngine {
         Ok(self.pool.install(|| self.state.train_step(&camera, view, step)))
     }
 
+    fn check_finite(&mut self) -> Result<(), EngineError> {
+        self.pool.install(|| self.state.check_finite())
+    }
+
     fn finish(&mut self) -> Result<(), EngineError> {
         self.pool.install(|| self.state.finish());
         Ok(())

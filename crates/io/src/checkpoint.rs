@@ -19,6 +19,7 @@ use safetensors::tensor::{Dtype, Metadata, TensorInfo};
 use serde::Serialize;
 
 use crate::read_file::open_regular;
+use crate::validity::is_usable;
 use crate::{IoError, write_atomically};
 
 mod files;
@@ -88,6 +89,9 @@ pub fn decode_checkpoint(name: &Path, bytes: &[u8]) -> Result<Snapshot, IoError>
 fn check(snapshot: &Snapshot) -> Result<(), String> {
     let splats = &snapshot.scene.splats;
     splats.validate().map_err(|e| e.to_string())?;
+    if !is_usable(&snapshot.scene.raster) {
+        return Err(format!("raster configuration {:?}, expected cut-offs of 0 to 1 and 1 to 4 samples", snapshot.scene.raster));
+    }
     let (first, second) = (&snapshot.moments.first, &snapshot.moments.second);
     let average = snapshot.average.iter().map(|average| ("the average is", average));
     for (name, found) in [("first moments are", first), ("second moments are", second)].into_iter().chain(average) {
@@ -216,7 +220,8 @@ fn read<R: Read>(path: &Path, mut reader: R, length: u64) -> Result<Snapshot, Io
     let color_space = ColorSpace::from_name(value("color_space")?).ok_or_else(|| wrong("color_space", ColorSpace::NAMES))?;
     let scale = value("radiance_scale")?.parse().ok().and_then(RadianceScale::new);
     let radiance_scale = scale.ok_or_else(|| wrong("radiance_scale", "a positive number"))?;
-    let raster: RasterConfig = serde_json::from_str(value("raster")?).map_err(|_| wrong("raster", "cut-offs and antialias"))?;
+    let raster: Option<RasterConfig> = serde_json::from_str(value("raster")?).ok();
+    let raster = raster.filter(is_usable).ok_or_else(|| wrong("raster", "cut-offs of 0 to 1, antialias and 1 to 4 samples"))?;
     let state_json = value("state")?.clone();
     let count: usize = value("splats")?.parse().map_err(|_| wrong("splats", "a whole number"))?;
     let claimed = value(DIGEST_KEY)?.clone();

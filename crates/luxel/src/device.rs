@@ -93,6 +93,9 @@ impl From<Device> for String {
     }
 }
 
+/// Greatest number of threads that may be asked for.
+pub const MAX_THREADS: u32 = 4096;
+
 /// A device and the threads beside it. The result is the same for any number of threads; CPU and
 /// GPU agree to rounding.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -231,8 +234,12 @@ mod gpu {
 /// before it reads anything.
 ///
 /// # Errors
-/// The system refuses as many threads.
+/// A number that is not from 1 to [`MAX_THREADS`]; the system refuses as many threads.
 pub fn start_threads(threads: Option<u32>) -> Result<()> {
+    if let Some(threads) = threads.filter(|threads| !(1..=MAX_THREADS).contains(threads)) {
+        let error = Error::new(format!("threads: found {threads}, expected 1 to {MAX_THREADS}"));
+        return Err(error.with_remedy(Remedy::set("threads", "a number in that range").or(Remedy::leave_out("threads"))));
+    }
     let count = threads.map_or(0, |threads| threads as usize);
     match rayon::ThreadPoolBuilder::new().num_threads(count).build_global() {
         // Without a cause, the error is that the threads run already.
@@ -258,6 +265,15 @@ fn threads(options: &DeviceOptions) -> Result<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn numbers_of_threads_out_of_range_are_refused_wherever_they_come_from() {
+        for threads in [0, 4097, 20_000, u32::MAX] {
+            let error = start_threads(Some(threads)).unwrap_err();
+            assert!(error.to_string().contains(&format!("threads: found {threads}, expected 1 to 4096")), "{error}");
+            assert!(SelectedEngine::open(&Device::Cpu.with_threads(threads)).is_err());
+        }
+    }
 
     #[test]
     fn devices_parse_back() {

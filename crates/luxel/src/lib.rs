@@ -79,7 +79,7 @@ pub mod text;
 mod training;
 
 pub use dataset::{Dataset, bad_pixel_lines};
-pub use device::{Device, DeviceOptions, SelectedEngine, start_threads};
+pub use device::{Device, DeviceOptions, MAX_THREADS, SelectedEngine, start_threads};
 pub use error::{Error, Result, remedy_of};
 pub use events::{Event, ItemKind, Listening, Observer, Silent, StopFlag};
 pub use export::{Bake, ExportOptions};

@@ -69,6 +69,16 @@ pub enum TrainError {
         /// Name of the view.
         view: String,
     },
+    /// A parameter of a splat diverged, which may leave the loss finite.
+    #[error("step {step}: after training on view {view}, {source}")]
+    NotFiniteSplat {
+        /// The step after which it was found, 1 for the first.
+        step: u32,
+        /// Name of the view of that step.
+        view: String,
+        /// The splat and the parameter.
+        source: SplatsError,
+    },
     /// Pruning removed every splat.
     #[error("step {step}: every splat was pruned")]
     AllPruned {
@@ -115,6 +125,7 @@ impl TrainError {
             Self::AllBlack => Some(&ALL_BLACK),
             Self::MixedValues { .. } => Some(&MIXED_VALUES),
             Self::NotFinite { .. } => Some(&NOT_FINITE),
+            Self::NotFiniteSplat { .. } => Some(&NOT_FINITE_SPLAT),
             Self::AllPruned { .. } => Some(&ALL_PRUNED),
             _ => None,
         }
@@ -146,6 +157,13 @@ static NOT_FINITE: LazyLock<Remedy> = LazyLock::new(|| {
         .or(Remedy::lower("luminance_lr"))
         .or(Remedy::lower("sh_lr"))
         .or(Remedy::give("radiance_scale"))
+});
+static NOT_FINITE_SPLAT: LazyLock<Remedy> = LazyLock::new(|| {
+    Remedy::advice("continue from the last checkpoint")
+        .or(Remedy::lower("position_lr"))
+        .or(Remedy::lower("scale_lr"))
+        .or(Remedy::lower("opacity_lr"))
+        .or(Remedy::lower("rotation_lr"))
 });
 static ALL_PRUNED: LazyLock<Remedy> =
     LazyLock::new(|| Remedy::lower("prune_opacity").or(Remedy::advice("check the cameras and the radiance scale")));

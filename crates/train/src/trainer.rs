@@ -10,6 +10,7 @@
 
 mod average;
 mod densify;
+mod health;
 mod start;
 
 use std::collections::VecDeque;
@@ -38,6 +39,7 @@ pub struct Trainer {
     average: Option<Average>,
     /// The latest steps and the names of their views.
     recent: VecDeque<(u32, String)>,
+    visibility: health::Visibility,
 }
 
 /// Number of steps whose views are remembered; engines work ahead by fewer steps than that.
@@ -117,7 +119,8 @@ impl Trainer {
     /// Performs one step of training, with densification when it is due.
     ///
     /// # Errors
-    /// Returns [`TrainError::NotFinite`] if the loss diverged, [`TrainError::AllPruned`] if no
+    /// Returns [`TrainError::NotFinite`] if the loss diverged, [`TrainError::NotFiniteSplat`] if a
+    /// parameter did (checked every 100 steps and at the end), [`TrainError::AllPruned`] if no
     /// splat is left, or the error of the engine.
     pub fn step(&mut self) -> Result<StepReport, TrainError> {
         let step = self.state.iteration.saturating_add(1);
@@ -145,6 +148,8 @@ impl Trainer {
         self.measure_gain(step, index)?;
         self.densify(step)?;
         self.average(step)?;
+        self.watch_visibility(step, report.visible);
+        self.check_parameters(step)?;
         self.state.iteration = step;
         Ok(report)
     }

@@ -76,6 +76,16 @@ fn diverging_loss_names_step_view_and_remedy() {
 }
 
 #[test]
+fn a_parameter_that_diverges_is_an_error_with_step_and_view_at_the_next_log_line() {
+    let config = TrainConfig { position_lr: 3e38, ..config(300) };
+    let mut trainer = Trainer::new(&dataset(), config, engine()).unwrap();
+    let error = (0..300).find_map(|_| trainer.step().err()).expect("an error");
+    assert_eq!(trainer.iteration(), 99, "{error}");
+    assert!(error.to_string().starts_with("step 100: after training on view train/"), "{error}");
+    assert!(error.to_string().contains("position of splat") && error.remedy().unwrap().options().any(|o| o == "position_lr"), "{error}");
+}
+
+#[test]
 fn pruning_everything_is_an_error() {
     let mut trainer = Trainer::new(&dataset(), config(100), puppet(1.0, -20.0)).unwrap();
     let error = (0..100).find_map(|_| trainer.step().err()).expect("an error").to_string();

@@ -73,7 +73,7 @@ pub(crate) struct PrepareArgs {
     #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=4096), value_name = "GIB", help_heading = "Machine")]
     pub(crate) memory: u32,
     /// Threads [default: all cores].
-    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=4096), value_name = "N", help_heading = "Machine")]
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=i64::from(luxel::MAX_THREADS)), value_name = "N", help_heading = "Machine")]
     pub(crate) threads: Option<u32>,
     /// Output.
     #[command(flatten)]

@@ -114,7 +114,7 @@ pub(crate) struct DeviceArgs {
     #[arg(long, default_value_t, value_name = "auto|cpu|gpu|gpu:NAME", help_heading = "Machine")]
     pub(crate) device: Device,
     /// Number of threads, 1 to 4096 [default: all cores]. The result does not depend on it.
-    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=4096), value_name = "N", help_heading = "Machine")]
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=i64::from(luxel::MAX_THREADS)), value_name = "N", help_heading = "Machine")]
     pub(crate) threads: Option<u32>,
 }
 

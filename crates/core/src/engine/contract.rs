@@ -137,6 +137,16 @@ pub trait Engine: Send {
     /// [`Target::scale`]: crate::Target::scale
     fn train_step(&mut self, view: &View, step: &StepConfig) -> Result<StepReport, EngineError>;
 
+    /// Checks that all parameters are finite, as far as the engine can do so at little cost. A
+    /// splat of which one is not is culled, so that the loss may stay finite.
+    ///
+    /// # Errors
+    /// [`EngineError::Splats`] names the first splat and parameter that is not finite;
+    /// [`EngineError::Device`].
+    fn check_finite(&mut self) -> Result<(), EngineError> {
+        Ok(self.geometry()?.check_finite()?)
+    }
+
     /// Waits for all steps in flight: to measure, or before a pause.
     ///
     /// # Errors

@@ -2,6 +2,7 @@
 //! rebuilds the scene.
 
 use super::EngineError;
+use crate::SplatsError;
 
 /// Densification statistics per splat since the last densification, `[N]` each.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -42,6 +43,24 @@ pub struct Geometry {
     pub log_scale: Vec<[f32; 3]>,
     /// Logit of the opacity.
     pub opacity_logit: Vec<f32>,
+}
+
+impl Geometry {
+    /// Checks that all values are finite.
+    ///
+    /// # Errors
+    /// [`SplatsError::NotFinite`] for the first that is not.
+    pub fn check_finite(&self) -> Result<(), SplatsError> {
+        let arrays: [(&'static str, &[f32], usize); 3] = [
+            ("position", self.position.as_flattened(), 3),
+            ("log_scale", self.log_scale.as_flattened(), 3),
+            ("opacity_logit", &self.opacity_logit, 1),
+        ];
+        match arrays.into_iter().find_map(|(array, values, width)| Some((array, values.iter().position(|v| !v.is_finite())? / width))) {
+            Some((array, splat)) => Err(SplatsError::NotFinite { array, splat }),
+            None => Ok(()),
+        }
+    }
 }
 
 /// One splat of the scene after densification.

@@ -7,6 +7,7 @@ use fearless_simd::Level;
 use luxel_core::edit::Contributions;
 use luxel_core::engine::{DensifyPlan, DensifyStats, Evaluations, Geometry, ParameterRows, StatsCollection, StepConfig};
 use luxel_core::{EngineError, Image, Layers, Moments, Pass, PassTime, Splats, StepReport, View};
+use rayon::prelude::*;
 
 use super::clock::{Clock, Timings};
 use crate::lanes::{LANES, Lanes};
@@ -144,6 +145,14 @@ impl State {
             log_scale: triples(ParameterRows::LOG_SCALE),
             opacity_logit: (0..self.parameters.count).map(|i| at(ParameterRows::OPACITY, i)).collect(),
         }
+    }
+
+    /// Checks that all parameters are finite.
+    pub(super) fn check_finite(&mut self) -> Result<(), EngineError> {
+        self.finish();
+        let is_finite = |lanes: &Lanes| lanes.0.iter().all(|v| v.is_finite());
+        // Lanes beyond the last splat may hold anything, so the splats themselves decide.
+        if self.parameters.lanes.par_iter().all(is_finite) { Ok(()) } else { Ok(self.parameters.to_splats().validate()?) }
     }
 
     /// Returns the current statistics.

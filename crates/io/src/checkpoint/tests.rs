@@ -147,6 +147,10 @@ fn other_versions_and_kinds_of_file_are_told_apart() {
     assert!(error("stats.views", "stats.vows").to_string().contains("stats.vows"));
     assert!(error("\"step\\\":1", "\"step\\\":2").to_string().contains("does not match its digest"));
     assert!(error("1e-1", "-1e-1").to_string().contains("a positive number"));
+    // As of every other reader, settings that no engine can render with are refused.
+    for (from, to) in [("samples\\\":1", "samples\\\":9"), ("max_alpha\\\":0.99", "max_alpha\\\":1e6")] {
+        assert!(error(from, to).to_string().contains("expected cut-offs of 0 to 1, antialias and 1 to 4 samples"), "{to}");
+    }
 }
 
 #[test]
@@ -158,12 +162,14 @@ fn a_header_longer_than_the_file_is_refused_without_allocating() {
 
 #[test]
 fn snapshots_that_could_not_be_read_back_are_not_written() {
-    let broken: [fn(&mut Snapshot); 6] = [
+    let broken: [fn(&mut Snapshot); 8] = [
         |s| s.scene.splats.position[1] = [f32::NAN; 3],
         |s| s.moments.first.sh.truncate(4),
         |s| s.moments.second.color_model = ColorModel::Sh { degree: 0 },
         |s| s.stats.views.truncate(1),
         |s| s.average = Some(splats(LCD, 2, 1)),
+        |s| s.scene.raster.samples = 9,
+        |s| s.scene.raster.cutoffs.alpha_floor = 1e6,
         |s| s.average = Some(splats(ColorModel::Sh { degree: 0 }, 3, 1)),
     ];
     for break_it in broken {

@@ -4,7 +4,7 @@
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use luxel_core::{ColorSpace, Dataset, View};
+use luxel_core::{ColorSpace, Dataset, PointCoverage, View};
 use rayon::prelude::*;
 
 use super::checks::{self, CheckedView};
@@ -20,7 +20,7 @@ use crate::IoError;
 const MAX_LISTED: usize = 3;
 
 pub(super) fn assemble(path: &Path, source: DatasetSource, options: &LoadOptions) -> Result<Dataset, IoError> {
-    let DatasetSource { format, folder, frames, split, points, mut warnings } = source;
+    let DatasetSource { format, folder, frames, split, points, points_from, mut warnings } = source;
     if frames.is_empty() {
         return Err(IoError::invalid(path, "no images, expected at least one"));
     }
@@ -87,6 +87,7 @@ pub(super) fn assemble(path: &Path, source: DatasetSource, options: &LoadOptions
     let train = used.iter().filter(|used| used.part == Part::Train).count();
     let mut views: Vec<View> = loaded.into_iter().map(|l| l.view).collect();
     let test = views.split_off(train);
+    warnings.extend(PointCoverage::new(&points, &views).warning(&points_from));
     Ok(Dataset { format, train: views, test, points, color_space, bad_pixels, fingerprint: fingerprint.finish(), warnings })
 }
 

@@ -49,7 +49,7 @@ pub(super) fn warnings(folder: &Path, views: &[CheckedView<'_>], points: &[Point
     ));
     out.extend(masks(views));
     if points.len() == 1 {
-        out.push("a single point: it says little about where the scene is; training starts from the cameras where points lack".to_owned());
+        out.push("a single point: it says little about where the scene is; training starts from the cameras".to_owned());
     }
     out
 }

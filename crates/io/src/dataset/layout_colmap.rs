@@ -102,7 +102,8 @@ pub(super) fn colmap_source(folder: &Path, layout: ColmapLayout, supervision: Su
         ColmapLayout::HdrGs => "HDR-GS (COLMAP with exr/)",
         ColmapLayout::GaussHdr => "GaussHDR (COLMAP with images_hdr/)",
     };
-    Ok(DatasetSource { format: format.to_owned(), folder: scene, frames, split, points, warnings })
+    let points_from = format!("the COLMAP model in {}", found.folder.display());
+    Ok(DatasetSource { format: format.to_owned(), folder: scene, frames, split, points, points_from, warnings })
 }
 
 /// Returns the points of the model whose position, mapped by `position`, is finite; sightings in

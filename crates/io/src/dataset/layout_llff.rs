@@ -73,7 +73,7 @@ pub(super) fn llff_source(folder: &Path, supervision: Supervision) -> Result<Dat
     }
     let split = split_beside(folder)?;
     let (format, folder) = ("HDR-NeRF real".to_owned(), folder.to_path_buf());
-    Ok(DatasetSource { format, folder, frames, split, points: Vec::new(), warnings: Vec::new() })
+    Ok(DatasetSource { format, folder, frames, split, points: Vec::new(), points_from: String::new(), warnings: Vec::new() })
 }
 
 /// Returns images of the folder, sorted by name.

@@ -222,15 +222,21 @@ fn finish(
         }
         _ => {}
     }
-    let points = points(&folder, described, &frames, &mut warnings)?;
+    let (points, points_from) = points(&folder, described, &frames, &mut warnings)?;
     let format = format.to_owned();
-    Ok(DatasetSource { format, folder, frames, split, points, warnings })
+    Ok(DatasetSource { format, folder, frames, split, points, points_from, warnings })
 }
 
 /// Returns the points of `ply_file_path`, or of the COLMAP model beside the file. A PLY of as many
-/// points as the model is the same cloud, taken from the model for its tracks.
-fn points(folder: &Path, described: &[Described], frames: &[SourceFrame], warnings: &mut Vec<String>) -> Result<Vec<SourcePoint>, IoError> {
-    let ply = described.iter().find_map(|d| d.transforms.ply_file_path.as_ref());
+/// points as the model is the same cloud, taken from the model for its tracks. Beside them is where
+/// they are from, for people.
+fn points(
+    folder: &Path,
+    described: &[Described],
+    frames: &[SourceFrame],
+    warnings: &mut Vec<String>,
+) -> Result<(Vec<SourcePoint>, String), IoError> {
+    let (file, ply) = described.iter().find_map(|d| Some((&d.path, d.transforms.ply_file_path.as_ref()?))).unzip();
     let path = ply.map(|ply| Finder::default().find(folder, ply).unwrap_or_else(|| folder.join(ply.replace('\\', "/"))));
     let cloud = path.as_ref().map(|path| read_points_ply(path)).transpose()?;
     warnings.extend(cloud.as_ref().zip(path.as_ref()).and_then(|(cloud, path)| cloud.warning(path)));
@@ -246,7 +252,8 @@ fn points(folder: &Path, described: &[Described], frames: &[SourceFrame], warnin
                     warnings.extend(warning);
                     warnings.extend(model.warnings.iter().cloned());
                     let position = |p: &ColmapPoint| world_from_model.transform_point3(p.position).as_vec3().to_array();
-                    return Ok(points_with_sightings(&model, &frame_of_image, position, warnings));
+                    let from = format!("the COLMAP model in {}", model_folder.display());
+                    return Ok((points_with_sightings(&model, &frame_of_image, position, warnings), from));
                 }
                 Err(why) if cloud.is_none() => warnings.push(format!("the points of {} are left out: {why}", model_folder.display())),
                 Err(_) => {}
@@ -254,7 +261,8 @@ fn points(folder: &Path, described: &[Described], frames: &[SourceFrame], warnin
         }
     }
     let point = |(position, rgb8)| SourcePoint { position, rgb8, sightings: Vec::new() };
-    Ok(cloud.unwrap_or_default().into_iter().map(point).collect())
+    let from = file.zip(ply).map(|(file, ply)| format!("\"ply_file_path\" ({ply}) of {}", file.display())).unwrap_or_default();
+    Ok((cloud.unwrap_or_default().into_iter().map(point).collect(), from))
 }
 
 /// Returns the frame of each image of the model; an error, in words, where model and frames do not

@@ -24,6 +24,8 @@ pub(super) struct DatasetSource {
     pub(super) split: SplitRule,
     /// May be empty.
     pub(super) points: Vec<SourcePoint>,
+    /// The file or key that the points are from, for people.
+    pub(super) points_from: String,
     /// For people.
     pub(super) warnings: Vec<String>,
 }

@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 
 use super::ExplicitArgs;
 use crate::error::Context;
-use crate::{DeviceOptions, Result, files};
+use crate::{DeviceOptions, Error, Remedy, Result, files};
 
 /// First line of config.toml.
 const HEAD: &str = "# A Luxel training run. This file marks the folder as one; --resume and --config read it.\n";
@@ -148,6 +148,20 @@ impl RunConfig {
             run: RunOptions::default(),
             train,
         }
+    }
+
+    /// Checks the ranges of options, which a config.toml may leave.
+    ///
+    /// # Errors
+    /// The first option that is out of range, and the range.
+    pub fn validate(&self) -> Result<()> {
+        self.train.validate()?;
+        for (option, number) in [("keep_checkpoints", Some(self.run.keep_checkpoints)), ("eval_every", self.run.eval_every)] {
+            if number == Some(0) {
+                return Err(Error::new(format!("{option}: found 0, expected at least 1")).with_remedy(Remedy::set(option, "1")));
+            }
+        }
+        Ok(())
     }
 
     /// Reads a config.toml. Options of the method that it leaves out have the value of its preset.

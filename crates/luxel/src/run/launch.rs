@@ -60,6 +60,7 @@ pub fn fresh(
     make_room: impl FnOnce(&CoreDataset) -> Result<RunLock>,
 ) -> Result<TrainedRun> {
     let SelectedEngine { engine, threads, machine, computed_by, .. } = selected;
+    config.validate().context("cannot start training")?;
     // Settings without a text form must not cost the run that is to be replaced.
     config.to_toml().with_context(|| format!("{}: config.toml cannot hold these settings", config.dataset.display()))?;
     let dataset = Dataset::open_reporting(config.dataset_path(launch.folder.root()), &config.load, launch.observer)?;
@@ -76,6 +77,7 @@ pub fn fresh(
 /// than those of `config`.
 pub fn resume(config: RunConfig, selected: SelectedEngine, launch: Launch<'_>, lock: RunLock) -> Result<TrainedRun> {
     let SelectedEngine { engine, threads, machine, computed_by, .. } = selected;
+    config.validate().context("cannot resume")?;
     let (folder, observer) = (launch.folder, launch.observer);
     let dataset = Dataset::open_reporting(config.dataset_path(folder.root()), &config.load, observer)?;
     let trainer = match state::take_checkpoint(folder, observer)? {

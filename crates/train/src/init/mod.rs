@@ -2,7 +2,8 @@
 //!
 //! In: training views (data-set units), points of structure from motion if there are any, the
 //! radiance scale. Out: isotropic splats in normalised units, at the points or spread over the
-//! space that the cameras see.
+//! space that the cameras see. The cameras decide, too, where they see few of the points or all
+//! points are at one place ([`PointCoverage`]).
 //!
 //! The colour of a splat is a median of HDR pixels over its point's track, or over the views it
 //! projects into. Unless options set other values, its scale is the root mean squared distance to
@@ -13,7 +14,7 @@ mod color;
 mod neighbours;
 mod volume;
 
-use luxel_core::{ColorModel, Dataset, Point, RadianceScale, Splat, Splats, luminance_sum};
+use luxel_core::{ColorModel, Dataset, Point, PointCoverage, RadianceScale, Splat, Splats, luminance_sum};
 use rand::SeedableRng;
 use rand::seq::index::sample;
 use rand_pcg::Pcg64Mcg;
@@ -51,6 +52,10 @@ pub fn initialise(dataset: &Dataset, config: &TrainConfig, radiance_scale: Radia
             dropped = dataset.points.len() - points.len(),
             "points left out: not finite or beyond {MAX_COORDINATE:e} world units"
         );
+    }
+    // The reader of the data set has warned of points that are no start.
+    if !PointCoverage::new(&points, &dataset.train).is_useful() {
+        points.clear();
     }
     let limit = config.splat_limit(pixels(&dataset.train));
     if points.is_empty() {
@@ -162,7 +167,7 @@ mod tests {
     #[test]
     fn point_outside_of_all_views_takes_its_files_colour_at_a_typical_luminance() {
         let mut data = wall();
-        data.points = vec![Point { rgb8: Some([255, 0, 0]), ..point([0.0, 0.0, -4.0]) }, point([0.0, 0.0, -5.0])];
+        data.points = vec![Point { rgb8: Some([255, 0, 0]), ..point([0.0, 0.0, -4.0]) }, point([0.0, 0.0, -5.0]), point([0.0, 0.0, 4.0])];
         let splats = initialise(&data, &TrainConfig::default(), RadianceScale::ONE).unwrap();
         let typical = scale::median_luminance(&data.train).unwrap();
         let red = splats.radiance(0, [0.0, 0.0, 1.0]);
@@ -184,6 +189,23 @@ mod tests {
         }
         assert_eq!(splats, initialise(&data, &config, RadianceScale::ONE).unwrap());
         assert_ne!(splats, initialise(&data, &TrainConfig { seed: 1, ..config }, RadianceScale::ONE).unwrap());
+    }
+
+    #[test]
+    fn cameras_are_the_start_where_they_see_few_points_or_all_are_at_one_place() {
+        let config = TrainConfig { init_points: 300, ..TrainConfig::default() };
+        let mut data = wall();
+        data.points.clear();
+        let from_cameras = initialise(&data, &config, RadianceScale::ONE).unwrap();
+        let behind = |i: usize| point([0.1 * i as f32, 0.0, -4.0]);
+        let before = |i: usize| point([0.01 * i as f32, 0.0, 4.0]);
+        for points in [(0..90).map(behind).chain((0..40).map(before)).collect(), vec![point([0.0, 0.0, 4.0]); 50]] {
+            data.points = points;
+            assert_eq!(initialise(&data, &config, RadianceScale::ONE).unwrap(), from_cameras);
+        }
+        // A scan that reaches beyond what the cameras see.
+        data.points = (0..90).map(behind).chain((0..60).map(before)).collect();
+        assert_eq!(initialise(&data, &config, RadianceScale::ONE).unwrap().len(), 150);
     }
 
     #[test]

@@ -5,6 +5,7 @@
 
 use luxel_core::{Antialias, Dataset, Engine, RadianceScale, Snapshot, View, spatial_order};
 
+use super::health::Visibility;
 use super::{Trainer, VecDeque};
 use crate::average::Average;
 use crate::camera_response::CameraResponse;
@@ -84,7 +85,16 @@ impl Trainer {
         let stages = config.resolution_schedule.stages(state.planned_iterations, config.densify_interval, side_px);
         let tone = ToneScale { radiance_scale: state.radiance_scale, mu: config.mu };
         let views = TrainingViews::new(&dataset.train, stages, config.noise_model, tone);
-        Self { engine, views, color_space: dataset.color_space, schedule, state, average, recent: VecDeque::new() }
+        Self {
+            engine,
+            views,
+            color_space: dataset.color_space,
+            schedule,
+            state,
+            average,
+            recent: VecDeque::new(),
+            visibility: Visibility::default(),
+        }
     }
 }
 
