@@ -5,12 +5,11 @@
 mod common;
 
 use std::sync::Arc;
-use std::time::Duration;
 
 use common::{black, config, dataset, engine};
 use luxel_core::edit::Contributions;
-use luxel_core::engine::{DensifyPlan, DensifyStats, Geometry, StepConfig};
-use luxel_core::{Camera, Engine, EngineError, Image, Mask, Moments, Pass, RenderOptions, Snapshot, Splats, StepReport, View};
+use luxel_core::engine::{DensifyPlan, DensifyStats, Geometry, PassTime, StepConfig};
+use luxel_core::{Camera, Engine, EngineError, Image, Mask, Moments, RenderOptions, Snapshot, Splats, StepReport, View};
 use luxel_train::{Method, TrainConfig, TrainError, Trainer, snapshot_response};
 
 /// An engine with steps that change nothing and report a preset loss.

@@ -127,7 +127,7 @@ struct Span {
 }
 
 impl Span {
-    fn of(scale: Scale, values: impl Iterator<Item = f64>) -> Option<Self> {
+    fn new(scale: Scale, values: impl Iterator<Item = f64>) -> Option<Self> {
         let placed = values.filter_map(|v| place(scale, v));
         let (low, high) = placed.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
         (low <= high).then_some(Self { scale, low, high })

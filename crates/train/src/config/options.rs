@@ -9,7 +9,8 @@
 use luxel_core::{Activation, Antialias, MAX_SAMPLES};
 use serde::{Deserialize, Serialize};
 
-use super::spec::{Access, Condition, OptionSpec, OptionValue, Range, check_in, parse_in};
+use super::range::Range;
+use super::spec::{Access, Condition, OptionSpec, OptionValue, check_in, parse_in};
 use super::{CutoffPreset, ExposureCompensation, MAX_SEED, Method, Preset, ScaleRule, Strategy};
 use crate::{NoiseChoice, ResolutionSchedule};
 
