@@ -64,8 +64,8 @@ impl PointCoverage {
     /// ```
     /// use luxel_core::PointCoverage;
     ///
-/// let coverage =
-///     PointCoverage { points: 6000, seen: 0.21, seen_by_average: 0.025, is_one_place: false };
+    /// let coverage =
+    ///     PointCoverage { points: 6000, seen: 0.21, seen_by_average: 0.025, is_one_place: false };
     /// let warning = coverage.warning("\"ply_file_path\" of transforms.json").unwrap();
     /// assert!(warning.starts_with("cameras see 21 % of the 6000 points of \"ply_file_path\""));
     /// ```
