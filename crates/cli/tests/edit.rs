@@ -111,6 +111,19 @@ fn a_painted_mask_changes_what_is_behind_the_paint() {
 }
 
 #[test]
+fn a_hard_edge_through_many_splats_is_warned_of_with_the_soft_one() {
+    let place = trained(&[]);
+    let stderr = |args: &[&str]| String::from_utf8(place.luxel(args).output().unwrap().stderr).unwrap();
+    for edit in [&["edit", "run", "--where", "L < p50", "--gain", "4", "--dry-run"][..], &["render", "run", "-o", "frames", "--edit"]] {
+        let is_render = edit[0] == "render";
+        let hard = stderr(&[edit, if is_render { &["where L < p50; gain 4"] } else { &[] }].concat());
+        assert!(hard.contains("\"L < p50\" is a hard edge") && hard.contains("write \"L < p50 ~2\" for a soft edge"), "{hard}");
+    }
+    let soft = stderr(&["edit", "run", "--where", "L < p50 ~2", "--gain", "4", "--dry-run"]);
+    assert!(!soft.contains("warning"), "{soft}");
+}
+
+#[test]
 fn a_dry_run_reports_and_writes_nothing() {
     let place = trained(&[]);
     place.ok_unread(&["edit", "run", "--gain", "2", "--json", "-o", "unread.ply"]);

@@ -54,11 +54,12 @@ the luminance Y. Options act in the order given; a --where applies to the maps b
 Chromaticity, opacity and shape of the splats do not change. In scenes of spherical harmonics hues shift under every map but a gain; a warning says how far.
 
 Selections:
-  L < 0.05   L >= p90   L in 0.1..2       luminance, or a percentile of the splats
-  hue in 340..20   saturation > 0.5       HSV of linear Rec.709; hues in degrees, upwards
+  L < 0.05 ~2   L >= p90 ~2   L in 0.1..2 ~2   luminance, or a percentile of the splats
+  hue in 340..20 ~20   saturation > 0.5 ~0.2   HSV of linear Rec.709; hues in degrees, upwards
   box(x0,y0,z0,x1,y1,z1)   sphere(x,y,z,radius)      the splat's centre, world
   mask(painted.png, VIEW)                 splats that make up the white part of an image painted over a view
-  and, or, not, ( ), all;  TEST ~WIDTH    soft edge: stops, degrees, world units, saturation, share of the mask
+  and, or, not, ( ), all;  TEST ~WIDTH    soft edge: stops, degrees, world units, saturation, share of the mask; a
+                                          hard edge where many splats lie leaves blotches, and is warned of
 
 Examples:
   luxel edit run --stops 1 -o brighter.ply

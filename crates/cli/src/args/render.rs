@@ -98,7 +98,7 @@ pub(crate) struct RenderArgs {
     /// [default for a run: that of its training; else black].
     #[arg(long, value_name = "R,G,B", value_parser = parse_rgb, help_heading = "Images")]
     pub(crate) background: Option<[f32; 3]>,
-    /// Edit the scene's light before rendering, without writing the scene: "where L < 0.05 ~1; gain
+    /// Edit the scene's light before rendering, without writing the scene: "where L < 0.05 ~2; gain
     /// 4; where all; power 0.8; pivot 0.5". Statements are the options of luxel edit without
     /// dashes.
     #[arg(long, value_name = "EDITS", value_parser = parse_edits, help_heading = "Edits")]

@@ -23,6 +23,7 @@
 mod apply;
 mod display;
 mod fidelity;
+mod hard_edge;
 mod map;
 mod mask;
 mod refit;
@@ -32,6 +33,7 @@ mod text;
 
 pub use apply::Applied;
 pub use fidelity::{Fidelity, FidelityMeter, chromaticity_distance, ideally_edited};
+pub use hard_edge::HardEdge;
 pub use map::{Curve, DEFAULT_AMOUNT, DEFAULT_RATIO, Map, MapChain};
 pub use mask::Contributions;
 pub use refit::ShMap;

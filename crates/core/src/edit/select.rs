@@ -126,8 +126,8 @@ pub enum Selection {
 }
 
 /// The data that selections read, `[N]` each.
-struct Facts<'s> {
-    scene: &'s Scene,
+pub(super) struct Facts<'s> {
+    pub(super) scene: &'s Scene,
     luminance: Vec<f32>,
     saturation: Vec<f32>,
     hue_deg: Vec<Option<f32>>,
@@ -266,7 +266,7 @@ fn smoothstep(t: f32) -> f32 {
 }
 
 impl<'s> Facts<'s> {
-    fn new(scene: &'s Scene) -> Self {
+    pub(super) fn new(scene: &'s Scene) -> Self {
         let count = scene.splats.len();
         let mut facts =
             Self { scene, luminance: Vec::with_capacity(count), saturation: Vec::with_capacity(count), hue_deg: Vec::with_capacity(count) };
@@ -295,7 +295,7 @@ impl<'s> Facts<'s> {
         }
     }
 
-    fn compare(&self, quantity: Quantity, comparison: Comparison, level: Level, feather: f32) -> Vec<f32> {
+    pub(super) fn compare(&self, quantity: Quantity, comparison: Comparison, level: Level, feather: f32) -> Vec<f32> {
         let level = self.level(quantity, level);
         let weight = |value: f32| {
             if feather > 0.0 {

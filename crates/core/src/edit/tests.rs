@@ -424,3 +424,42 @@ fn errors_of_the_text_name_the_column() {
     assert_eq!(Edit::parse_all(" ; "), Ok(Vec::new()));
     assert_eq!(Statement::parse("gain", "2 3").unwrap_err().column, 3);
 }
+
+#[test]
+fn a_hard_edge_is_found_where_it_cuts_through_many_splats() {
+    // A dark group and a bright one, with nothing from 0.09 to 16 between them.
+    let evs: Vec<f32> = (0..40).map(|i| -5.5 + 0.05 * i as f32).chain((0..40).map(|i| 4.0 + 0.05 * i as f32)).collect();
+    for model in [ColorModel::Sh { degree: 3 }, lcd(0, Activation::Softplus)] {
+        let scene = scene(model, &evs, 0.0);
+        let found = |text: &str| text.parse::<Selection>().unwrap().hard_edges(&scene);
+        let [edge] = &found("L < 0.05")[..] else { panic!("{:?}", found("L < 0.05")) };
+        assert_eq!((edge.test.as_str(), edge.soft.as_str(), edge.width), ("L < 0.05", "L < 0.05 ~2", "2 stops"));
+        // Half of the splats lie within a stop of it.
+        assert!((0.4..0.5).contains(&edge.part), "{}", edge.part);
+        let soft: Vec<String> = found("not (L > p25 or L in 0.001..0.04)").into_iter().map(|edge| edge.soft).collect();
+        assert_eq!(soft, ["L > p25 ~2", "L in 0.001..0.04 ~2"]);
+        // In the gap, at the ends, soft already, or a cut in space.
+        for text in ["L < 1", "L < 65", "L > 1000", "L < 0.05 ~0.1", "sphere(1,0,0,3)", "box(0,0,0,9,9,9)", "all"] {
+            assert_eq!(found(text), [], "{text}");
+        }
+    }
+    let empty = Scene { splats: Splats::empty(ColorModel::Sh { degree: 0 }), ..scene(ColorModel::Sh { degree: 0 }, &[], 0.0) };
+    assert_eq!("L < 1".parse::<Selection>().unwrap().hard_edges(&empty), []);
+}
+
+#[test]
+fn a_hard_edge_of_colour_is_found_too() {
+    let mut splats = Splats::empty(ColorModel::Sh { degree: 0 });
+    // Hues from 0 to 60 degrees; saturations from 0.5 to 1.
+    for i in 0..50 {
+        let (green, blue) = (0.5 + 0.01 * i as f32, 0.5 - 0.01 * i as f32);
+        let (sh, _) = splats.color_model.constant([1.0, green, blue]);
+        let rotation = [1.0, 0.0, 0.0, 0.0];
+        splats.push(&Splat { position: [0.0; 3], rotation, log_scale: [0.0; 3], opacity_logit: 0.0, sh: &sh, raw_luminance: &[] });
+    }
+    let scene = Scene { splats, ..scene(ColorModel::Sh { degree: 0 }, &[], 0.0) };
+    let soft = |text: &str| text.parse::<Selection>().unwrap().hard_edges(&scene).into_iter().map(|edge| edge.soft).collect::<Vec<_>>();
+    assert_eq!(soft("hue in 20..40"), ["hue in 20..40 ~30"]);
+    assert_eq!(soft("saturation > 0.8"), ["saturation > 0.8 ~0.2"]);
+    assert_eq!(soft("hue in 200..260 and saturation > 0.1"), Vec::<String>::new());
+}

@@ -14,7 +14,7 @@ pub use self::against::{Against, EditComparison, EditFidelity, FULL_SCALE_ERROR,
 pub use self::masks::{find_view, mask_names, project_masks};
 pub use self::overlay::{Overlay, draw_overlay, selection_weights};
 use luxel_core::Edit;
-use luxel_core::edit::{Applied, MaskShares, SelectionSummary, ShMap};
+use luxel_core::edit::{Applied, HardEdge, MaskShares, SelectionSummary, ShMap};
 
 use crate::error::Context;
 use crate::{Observer, Result, text};
@@ -69,6 +69,9 @@ pub fn apply(
         if selection.count == 0 {
             observer.warn(&format!("\"{}\" selects no splats", applied.edit.selection));
         }
+        for edge in applied.edit.selection.hard_edges(&before) {
+            observer.warn(&hard_edge_warning(&edge));
+        }
         if let Some(shift) = applied.hue_shift {
             observer.warn(&format!(
                 "hues shift: spherical harmonics do not separate luminance from colour; chromaticity moved by {} on average (0 none, 2 \
@@ -79,4 +82,16 @@ pub fn apply(
         done.push(AppliedEdit { applied, selection });
     }
     Ok(done)
+}
+
+/// Returns the warning about a hard edge, with the soft edge to use instead.
+fn hard_edge_warning(edge: &HardEdge) -> String {
+    format!(
+        "\"{}\" is a hard edge where many splats lie, {} % of them within {}: parts of a surface are selected and others are not, which \
+         shows as blotches; write \"{}\" for a soft edge",
+        edge.test,
+        text::number(100.0 * edge.part),
+        edge.width,
+        edge.soft
+    )
 }
