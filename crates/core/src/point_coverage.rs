@@ -3,11 +3,12 @@
 //!
 //! In: points and views of one data set. Out: [`PointCoverage`]. Clouds of structure from motion
 //! are seen as a whole; a scan of a building may reach beyond what the cameras see. Degenerate:
-//! without points or views nothing is seen. Of many points, a part at a constant stride is
-//! measured.
+//! without points or views nothing is seen. Of many points, one of
+//! each row of neighbours is measured, chosen at random.
 
 use glam::DVec3;
 
+use crate::random::Stream;
 use crate::{Point, View};
 
 /// Largest number of points that are measured.
@@ -37,7 +38,9 @@ impl PointCoverage {
     /// Measures which of `points` are in front of the cameras of `views` and within their images.
     pub fn new(points: &[Point], views: &[View]) -> Self {
         let stride = points.len().div_ceil(MOST_POINTS).max(1);
-        let measured: Vec<DVec3> = points.iter().step_by(stride).map(|point| DVec3::from_array(point.position.map(f64::from))).collect();
+        let mut random = Stream::new(0);
+        let part = points.chunks(stride).map(|points| &points[((1.0 - random.uniform()) * points.len() as f32) as usize]);
+        let measured: Vec<DVec3> = part.map(|point| DVec3::from_array(point.position.map(f64::from))).collect();
         let is_seen = |view: &View, point: DVec3| {
             let [width, height] = view.camera.size_px.map(f64::from);
             let inside = |px: glam::DVec2| px.x >= 0.0 && px.y >= 0.0 && px.x < width && px.y < height;

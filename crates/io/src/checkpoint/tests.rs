@@ -148,7 +148,7 @@ fn other_versions_and_kinds_of_file_are_told_apart() {
     assert!(error("\"step\\\":1", "\"step\\\":2").to_string().contains("does not match its digest"));
     assert!(error("1e-1", "-1e-1").to_string().contains("a positive number"));
     // As of every other reader, settings that no engine can render with are refused.
-    for (from, to) in [("samples\\\":1", "samples\\\":9"), ("max_alpha\\\":0.99", "max_alpha\\\":1e6")] {
+    for (from, to) in [("{\\\"cutoffs\\\"", "{\\\"samples\\\":9,\\\"cutoffs\\\""), ("max_alpha\\\":0.99", "max_alpha\\\":1e6")] {
         assert!(error(from, to).to_string().contains("expected cut-offs of 0 to 1, antialias and 1 to 4 samples"), "{to}");
     }
 }

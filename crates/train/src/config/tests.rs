@@ -37,7 +37,7 @@ fn the_start_follows_strategy_and_filter() {
 
 #[test]
 fn tiny_numbers_are_refused_with_the_least() {
-    let error = parse(&["--radiance-scale", "1e-38"]).unwrap_err().to_string();
+    let error = parse(&["--radiance-scale", "1e-38"]).unwrap().validate().unwrap_err().to_string();
     assert!(error.contains("found 1e-38, expected a number of at least 1.2e-38"), "{error}");
 }
 
