@@ -2,12 +2,13 @@
 
 mod args;
 mod commands;
+mod environment;
 mod inputs;
 mod interrupt;
 mod output;
 mod remedy;
 
-use std::io::IsTerminal;
+use std::io::{IsTerminal, Write};
 use std::process::ExitCode;
 
 use anyhow::Result;
@@ -18,10 +19,19 @@ use crate::args::{Cli, Command};
 use crate::output::console;
 
 fn main() -> ExitCode {
-    let matches = args::command().try_get_matches().unwrap_or_else(|error| args::with_new_names(error).exit());
-    let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
+    environment::prepare();
+    let matches = match args::command().try_get_matches() {
+        Ok(matches) => matches,
+        Err(error) => return answer(&args::with_new_names(error)),
+    };
+    let cli = match Cli::from_arg_matches(&matches) {
+        Ok(cli) => cli,
+        Err(error) => return answer(&error),
+    };
     let explicit = matches.subcommand().map_or_else(ExplicitArgs::default, |(_, matches)| args::run_config::explicit_args(matches));
-    args::check(&cli, &explicit).unwrap_or_else(|error| error.exit());
+    if let Err(error) = args::check(&cli, &explicit) {
+        return answer(&error);
+    }
     start_logging();
     // GiB; the option of this name of prepare is another number and another type.
     let memory = matches.subcommand().and_then(|(_, matches)| matches.try_get_one::<u64>(args::MEMORY).ok().flatten().copied());
@@ -32,18 +42,31 @@ fn main() -> ExitCode {
     match start(&cli.command, threads).and_then(|()| dispatch(cli.command, &explicit)) {
         Ok(Outcome::Finished) => ExitCode::SUCCESS,
         Ok(Outcome::Interrupted) => ExitCode::from(interrupt::EXIT_INTERRUPTED),
-        Err(error) if reader_has_left(&error) => ExitCode::SUCCESS,
-        Err(error) => {
-            console::stderr_line(&format!("error: {}", remedy::text_of(error.as_ref())));
-            for cause in error.chain().skip(1) {
-                console::stderr_line(&format!("  caused by: {}", remedy::text_of(cause)));
-            }
-            if let Some(remedy) = remedy::of_error(&error) {
-                console::stderr_line(&format!("  remedy: {}", remedy::word(remedy)));
-            }
-            ExitCode::FAILURE
-        }
+        Err(error) => fail(&error),
     }
+}
+
+/// Prints what the command line's parser says, help or an error, and returns the exit code.
+fn answer(error: &clap::Error) -> ExitCode {
+    match error.print().and_then(|()| std::io::stdout().flush()) {
+        Err(failed) if !error.use_stderr() => fail(&anyhow::Error::new(failed).context("cannot write to standard output")),
+        _ => ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(1)),
+    }
+}
+
+/// Prints an error with its causes and its remedy, and returns the exit code.
+fn fail(error: &anyhow::Error) -> ExitCode {
+    if reader_has_left(error) {
+        return ExitCode::SUCCESS;
+    }
+    console::stderr_line(&format!("error: {}", remedy::text_of(error.as_ref())));
+    for cause in error.chain().skip(1) {
+        console::stderr_line(&format!("  caused by: {}", remedy::text_of(cause)));
+    }
+    if let Some(remedy) = remedy::of_error(error) {
+        console::stderr_line(&format!("  remedy: {}", remedy::word(remedy)));
+    }
+    ExitCode::FAILURE
 }
 
 /// Prepares the process for the command: signals, and the threads that files are decoded with.

@@ -35,8 +35,8 @@ pub(crate) fn completions(args: &CompletionsArgs, mut command: clap::Command) ->
     // In memory first: clap_complete panics if it cannot write.
     let mut script = Vec::new();
     clap_complete::generate(args.shell, &mut command, "luxel", &mut script);
-    std::io::stdout().write_all(&script)?;
-    Ok(())
+    let mut out = std::io::stdout().lock();
+    out.write_all(&script).and_then(|()| out.flush()).context("cannot write to standard output")
 }
 
 /// Writes a man page for `command` and one for each of its subcommands.

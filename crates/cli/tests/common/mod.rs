@@ -49,8 +49,8 @@ impl Workplace {
     pub fn luxel(&self, args: &[&str]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_luxel"));
         command.current_dir(self.folder.path()).env_remove("RUST_LOG").args(args);
-        // Graphics drivers complain on stderr where it is missing.
-        command.env("XDG_RUNTIME_DIR", self.folder.path());
+        // As on a server: the program must keep graphics drivers from complaining about it.
+        command.env_remove("XDG_RUNTIME_DIR");
         command
     }
 
