@@ -34,6 +34,8 @@ pub(crate) fn word(remedy: &Remedy) -> String {
         Remedy::Set { option, value } if option == "resume" && value == "true" => "continue the run with luxel train --resume".to_owned(),
         Remedy::Set { option, value } if value == "true" => format!("give {}", flag(option)),
         Remedy::Set { option, value } => format!("give {} {value}", flag(option)),
+        // The one that has no flag.
+        Remedy::Give { option } if option == "dataset" => "name its new folder: luxel train DATASET --resume -o RUN".to_owned(),
         Remedy::Give { option } => format!("give {}", flag(option)),
         Remedy::Lower { option } => format!("lower {}", flag(option)),
         Remedy::Raise { option } => format!("raise {}", flag(option)),

@@ -10,6 +10,7 @@ use luxel_metrics::{DecadeError, FLIP_PIXELS_PER_DEGREE};
 
 use crate::args::CompareArgs;
 use crate::output::console::{self, Console, LogFormat};
+use crate::output::metrics_table::{self, Row};
 
 /// Compares and prints.
 pub(crate) fn run(args: &CompareArgs) -> Result<()> {
@@ -45,7 +46,7 @@ fn table(found: &Comparison) -> String {
     let mut out = format!("reference  {}\ntest       {}\n", found.reference, found.test);
     let _ = writeln!(
         out,
-        "scale      {} ({}): 1 in protocol scene and in the decades, {} cd/m2 for PU21",
+        "scale      {} ({}):\n           1 in protocol scene and in the decades, {} cd/m2 for PU21",
         text::number(found.scale.into()),
         found.scale_rule,
         found.peak_luminance
@@ -85,7 +86,7 @@ fn one_pair(found: &Comparison, image: &ImageMetrics) -> String {
     if let (Some(flip), Some([start, stop])) = (f.hdr_flip, image.hdr_flip_exposures_ev) {
         let _ = writeln!(
             out,
-            "hdr-flip              {flip:8.4}  mean; 0 is equal, 1 the most; {FLIP_PIXELS_PER_DEGREE:.0} pixels per degree, exposures {start:.1} to {stop:.1} EV"
+            "hdr-flip              {flip:8.4}  mean; 0 is equal, 1 the most; {FLIP_PIXELS_PER_DEGREE:.0} pixels per\n                                degree, exposures {start:.1} to {stop:.1} EV"
         );
     }
     for (name, distance) in [("AlexNet", f.lpips_alex), ("VGG16", f.lpips_vgg)] {
@@ -99,29 +100,10 @@ fn one_pair(found: &Comparison, image: &ImageMetrics) -> String {
 
 /// Returns a row per pair, and the means.
 fn many_pairs(found: &Comparison) -> String {
-    let names: Vec<_> = found.images.iter().map(|image| text::one_line(&image.name)).collect();
-    let width = names.iter().map(|name| name.chars().count()).max().unwrap_or(0).max(4);
-    let (lpips, network) = match (found.mean.field.lpips_alex, found.mean.field.lpips_vgg) {
-        (Some(_), _) => ("  lpips,", "    alex"),
-        (None, Some(_)) => ("  lpips,", "     vgg"),
-        (None, None) => ("", ""),
-    };
-    let mut out = format!(
-        "\n{:width$}  -- psnr, dB, mu = {:<6} --  ------- ssim, mu-law ------  ----- pu21 ----     hdr-      log-{lpips}\n\
-         {:width$}    scene   gtmax  selfmax     scene   gtmax  selfmax      dB    ssim     flip      rmse{network}\n",
-        "", found.mu, ""
-    );
-    let rows = names.iter().zip(&found.images).map(|(name, image)| (name.as_ref(), &image.mu_law, &image.field));
-    for (name, m, f) in rows.chain([("mean", &found.mean.mu_law, &found.mean.field)]) {
-        let flip = f.hdr_flip.map_or_else(|| "-".into(), |flip| format!("{flip:.4}"));
-        let lpips = f.lpips_alex.or(f.lpips_vgg).map_or_else(String::new, |distance| format!("  {distance:.4}"));
-        let _ = writeln!(
-            out,
-            "{name:width$}  {:7.2} {:7.2}  {:7.2}   {:7.4} {:7.4}  {:7.4} {:7.2} {:7.4}  {flip:>7} {:9.4}{lpips}",
-            m.psnr_scene, m.psnr_gtmax, m.psnr_selfmax, m.ssim_scene, m.ssim_gtmax, m.ssim_selfmax, f.pu21_psnr, f.pu21_ssim, f.log_rmse
-        );
-    }
-    out
+    let rows = found.images.iter().map(|image| Row { name: &image.name, mu_law: &image.mu_law, field: Some(&image.field) });
+    let mean = Row { name: "mean", mu_law: &found.mean.mu_law, field: Some(&found.mean.field) };
+    format!("mu         {} of the mu-law, under which psnr and ssim are\n\n", found.mu)
+        + &metrics_table::tables("", &rows.chain([mean]).collect::<Vec<_>>())
 }
 
 /// Returns relative errors, one line per decade.

@@ -19,7 +19,7 @@ pub(crate) fn run(args: &EvalArgs, explicit: &ExplicitArgs) -> Result<()> {
     let lpips = read_lpips(args.metrics.lpips_weights.as_deref())?;
     let engine = engine::engine(&args.device)?;
     let request = DataRequest { data: args.data.as_deref(), load: &args.load, explicit };
-    let (path, load) = request.of_run(&folder, &config);
+    let (path, load) = request.of_run(&folder, &config)?;
     let dataset = data::load(&path, &load, &console)?;
     data::check_color_space(&dataset, &load, explicit)?;
     let data = EvaluationData { path: &path, load: &load, dataset: &dataset };

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use luxel::run::{ExplicitArgs, Launch, MadeBy, Occupant, Outcome, RunConfig, RunFolder, RunLock, TrainedRun, fresh, resume};
-use luxel::{LoadOptions, output, text};
+use luxel::{LoadOptions, Remedy, output, text};
 use luxel_core::Dataset;
 use serde_json::json;
 
@@ -115,7 +115,10 @@ fn from_command_line(args: &TrainArgs, explicit: &ExplicitArgs) -> Result<RunCon
     };
     let dataset = match (&args.dataset, &base) {
         (Some(dataset), _) => dataset.clone(),
-        (None, Some((path, base))) => base.dataset_path(path.parent().unwrap_or(Path::new("."))),
+        (None, Some((path, base))) => {
+            let remedy = Remedy::advice("name its new folder: luxel train DATASET --config FILE -o RUN");
+            base.find_dataset(path.parent().unwrap_or(Path::new(".")), remedy)?
+        }
         (None, None) => bail!("no data set given"),
     };
     let given = run_config::from_args(args, absolute(&dataset)?, explicit);

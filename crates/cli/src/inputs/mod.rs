@@ -3,4 +3,5 @@
 pub(crate) mod data;
 pub(crate) mod engine;
 pub(crate) mod masks;
+pub(crate) mod programs;
 pub(crate) mod scene_source;

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, ensure};
 use luxel::run::{ExplicitArgs, RunConfig, RunFolder, state};
-use luxel::{LoadOptions, text};
+use luxel::{LoadOptions, Remedy, text};
 use luxel_core::{Dataset, Scene};
 
 use super::data;
@@ -39,11 +39,17 @@ impl<'a> DataRequest<'a> {
 
     /// Returns the data set asked for and how it is read; without one that of a run, read as the
     /// run did but for explicit options.
-    pub(crate) fn of_run(&self, folder: &RunFolder, config: &RunConfig) -> (PathBuf, LoadOptions) {
-        match self.data {
+    ///
+    /// # Errors
+    /// A run whose data set is no longer there.
+    pub(crate) fn of_run(&self, folder: &RunFolder, config: &RunConfig) -> Result<(PathBuf, LoadOptions)> {
+        Ok(match self.data {
             Some(path) => (path.into(), self.load.options()),
-            None => (config.dataset_path(folder.root()), load_options(self.load, self.explicit, &config.load)),
-        }
+            None => {
+                let path = config.find_dataset(folder.root(), Remedy::give("data"))?;
+                (path, load_options(self.load, self.explicit, &config.load))
+            }
+        })
     }
 }
 
@@ -64,7 +70,7 @@ impl SceneSource {
         self.check_color_space(request)?;
         match (request.data, &self.run) {
             (_, Some((folder, config))) => {
-                let (path, load) = request.of_run(folder, config);
+                let (path, load) = request.of_run(folder, config)?;
                 Ok(Some(data::load(&path, &load, console)?))
             }
             (Some(path), None) => Ok(Some(data::load(path, &request.load.options(), console)?)),
@@ -84,7 +90,7 @@ impl SceneSource {
         let without = LoadArgs { color_space: None, ..request.load.clone() };
         let request = DataRequest { load: &without, ..request };
         let (path, load) = match (&self.run, request.data) {
-            (Some((folder, config)), _) => request.of_run(folder, config),
+            (Some((folder, config)), _) => request.of_run(folder, config)?,
             (None, Some(path)) => (path.to_owned(), without.options()),
             (None, None) => return Ok(()),
         };

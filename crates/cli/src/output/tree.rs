@@ -87,7 +87,12 @@ impl Tree {
                         *out += &format!("{:indent$}  - {}\n", "", value_text(name, item));
                     }
                 }
-                Fact::Value(value) => *out += &format!("{:indent$}{label:width$}  {}\n", "", value_text(name, value)),
+                Fact::Value(value) => {
+                    let text = fitting(value_text(name, value), indent + width + 2, indent + 2);
+                    let line = format!("{:indent$}{label:width$}  {text}", "");
+                    // A value may begin on a line of its own.
+                    *out += &line.lines().map(|line| line.trim_end().to_owned() + "\n").collect::<String>();
+                }
                 Fact::Group(facts) => {
                     *out += &format!("{:indent$}{label}\n", "");
                     facts.write_text(out, indent + 2);
@@ -95,6 +100,41 @@ impl Tree {
             }
         }
     }
+}
+
+/// Columns of the terminal that a line may take.
+const COLUMNS: usize = 80;
+
+/// Returns a value that begins at column `at`, in lines that fit into the terminal: with less space
+/// between its parts, on a line of its own from column `below` on, or on several lines. What has no
+/// space to break at stays whole.
+fn fitting(text: String, at: usize, below: usize) -> String {
+    let fits = |text: &str, at: usize| at + text.chars().count() <= COLUMNS;
+    if fits(&text, at) || text.is_empty() {
+        return text;
+    }
+    let words: Vec<&str> = text.split_whitespace().collect();
+    let narrow = words.join(" ");
+    if fits(&narrow, at) {
+        return narrow;
+    }
+    if let [_] = words.as_slice() {
+        return if fits(&narrow, below) { format!("\n{:below$}{narrow}", "") } else { text };
+    }
+    let (mut out, mut column) = (String::new(), at);
+    for (i, word) in words.iter().enumerate() {
+        let length = word.chars().count();
+        if i > 0 && column + 1 + length > COLUMNS {
+            out += &format!("\n{:at$}", "");
+            column = at;
+        } else if i > 0 {
+            out.push(' ');
+            column += 1;
+        }
+        out += word;
+        column += length;
+    }
+    out
 }
 
 fn single(value: f32) -> Value {
@@ -137,6 +177,23 @@ mod tests {
             facts().text(),
             "kind        scene\nfile        2.0 KiB\nsplats      45,210\nscale       0.1000\nbounds\n  min  -1.000  0.1000  2.500\nwarnings\n  - odd\n"
         );
+    }
+
+    #[test]
+    fn lines_fit_into_a_terminal() {
+        let mut facts = Tree::default();
+        let sentence = "a long sentence about the scene that goes on and on until it is wider than the terminal that shows it";
+        facts.set("note", sentence).set("fingerprint", "0123456789abcdef".repeat(4) + "0123456");
+        facts.set_f32s("scale", &[0.001_327, 0.003_082, 0.007_769, 0.011_08, 0.015_82, 0.051_73, 0.361_06, 1.012_3]);
+        let text = facts.text();
+        assert!(text.lines().all(|line| line.chars().count() <= COLUMNS && line == line.trim_end()), "{text}");
+        let words = |text: &str| text.split_whitespace().map(str::to_owned).collect::<Vec<_>>();
+        assert!(words(&text).join(" ").contains(sentence), "{text}");
+        assert!(text.contains("\nfingerprint\n  0123"), "{text}");
+        // A path that fits nowhere stays in one piece.
+        facts = Tree::default();
+        facts.set("file", "x".repeat(100));
+        assert_eq!(facts.text(), format!("file  {}\n", "x".repeat(100)));
     }
 
     #[test]

@@ -2,6 +2,8 @@
 
 use std::path::Path;
 
+use luxel_core::Remedy;
+
 use super::colmap::find_model;
 use super::files::without_extension;
 use super::layout_colmap::scene_folder;
@@ -11,6 +13,12 @@ use crate::IoError;
 
 /// The files that identify a data set, for messages.
 const LOOKED_FOR: &str = "transforms.json, transforms_train.json, a COLMAP model (cameras.bin or cameras.txt in sparse/0, in sparse or here), or poses_bounds_exps.npy with input_images";
+
+/// Extensions of photographs and other pictures, of which poses can be found; cameras' own RAW
+/// formats too.
+const PICTURES: [&str; 18] = [
+    "exr", "hdr", "jpg", "jpeg", "png", "tif", "tiff", "dng", "heic", "heif", "webp", "cr2", "cr3", "nef", "arw", "raf", "orf", "rw2",
+];
 
 /// Entries of a folder that an error lists.
 const MAX_LISTED: usize = 12;
@@ -59,7 +67,23 @@ pub fn detect_format(path: &Path) -> Result<DatasetFormat, IoError> {
         (Some(_), _) => Ok(DatasetFormat::Transforms),
         (None, Some(_)) if scene.join("exr").is_dir() => Ok(DatasetFormat::HdrGs),
         (None, Some(_)) => Ok(DatasetFormat::Colmap),
-        (None, None) => Err(IoError::invalid(path, format!("no data set: expected {LOOKED_FOR}; found {}", listing(path)))),
+        (None, None) => Err(no_dataset(path)),
+    }
+}
+
+/// Returns the error about a folder of no known layout, with a remedy for pictures without poses.
+fn no_dataset(path: &Path) -> IoError {
+    let is_picture = |name: &str| {
+        let extension = Path::new(name).extension().and_then(|extension| extension.to_str()).unwrap_or_default();
+        PICTURES.iter().any(|picture| picture.eq_ignore_ascii_case(extension))
+    };
+    let error = |found: &str| IoError::invalid(path, format!("no data set: expected {LOOKED_FOR}; found {found}"));
+    let with_pictures = [path.to_owned(), path.join("images"), path.join("input")].into_iter().find(|folder| has_file(folder, is_picture));
+    match with_pictures {
+        None => error(&listing(path)),
+        Some(folder) => error(&format!("pictures without poses, in {}: {}", folder.display(), listing(&folder))).with_remedy(Remedy::advice(
+            format!("make a data set with poses of them first, with luxel prepare {}, and train on that", folder.display()),
+        )),
     }
 }
 

@@ -293,6 +293,19 @@ impl RunConfig {
         folder.join(&self.dataset)
     }
 
+    /// Returns where the data set is, for a run in `folder`.
+    ///
+    /// # Errors
+    /// A data set that is no longer there; `remedy` says how its new place is given.
+    pub fn find_dataset(&self, folder: &Path, remedy: Remedy) -> Result<PathBuf> {
+        let path = self.dataset_path(folder);
+        if path.exists() {
+            return Ok(path);
+        }
+        let message = format!("{}: the data set of the run {} is not there; it was moved or removed", path.display(), folder.display());
+        Err(Error::new(message).with_remedy(remedy))
+    }
+
     /// Returns the name of the colour model's preset: `lcd`, `sh3`.
     pub fn method_name(&self) -> String {
         // The names of the files are those of the options.

@@ -79,7 +79,8 @@ pub fn resume(config: RunConfig, selected: SelectedEngine, launch: Launch<'_>, l
     let SelectedEngine { engine, threads, machine, computed_by, .. } = selected;
     config.validate().context("cannot resume")?;
     let (folder, observer) = (launch.folder, launch.observer);
-    let dataset = Dataset::open_reporting(config.dataset_path(folder.root()), &config.load, observer)?;
+    let path = config.find_dataset(folder.root(), Remedy::give("dataset"))?;
+    let dataset = Dataset::open_reporting(path, &config.load, observer)?;
     let trainer = match state::take_checkpoint(folder, observer)? {
         Some((path, snapshot)) => {
             let mut trainer = Trainer::resume(&dataset, snapshot, engine).with_context(|| format!("{}: cannot resume", path.display()))?;

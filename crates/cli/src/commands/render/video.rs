@@ -22,6 +22,7 @@ use rayon::prelude::*;
 
 use super::Job;
 use crate::args::RenderArgs;
+use crate::inputs::programs;
 use crate::output::console::Console;
 
 /// Luminance of reference white, cd/m2.
@@ -36,6 +37,9 @@ enum Look {
     Hdr10 { peak: f32 },
 }
 
+/// What to do without the program.
+const INSTALL: &str = "install ffmpeg (Debian: apt-get install ffmpeg)";
+
 /// Extensions by which ffmpeg chooses a container for both forms.
 const EXTENSIONS: [&str; 3] = ["mp4", "mov", "mkv"];
 
@@ -45,7 +49,9 @@ pub(super) fn check(args: &RenderArgs, path: &Path) -> Result<()> {
     if path.is_dir() {
         bail!("{}: is a folder, expected a name for a file", path.display());
     }
-    look(args).map(drop)
+    look(args)?;
+    // Before any frame is rendered, which may take hours.
+    programs::require(&args.ffmpeg, "--ffmpeg", INSTALL)
 }
 
 fn look(args: &RenderArgs) -> Result<Look> {
@@ -105,7 +111,7 @@ impl<'a> Video<'a> {
         target.push(&partial.0);
         let spawned = command.arg(target).stdin(Stdio::piped()).spawn();
         let mut child =
-            spawned.with_context(|| format!("{}: cannot start; install ffmpeg, or name it with --ffmpeg", args.ffmpeg.display()))?;
+            spawned.with_context(|| format!("{}: cannot start; {INSTALL}, or name it with --ffmpeg", args.ffmpeg.display()))?;
         let piped = child.stdin.take().context("ffmpeg takes no input").and_then(|pipe| feed(pipe, frames, size, gain, look));
         let status = child.wait().context("cannot wait for ffmpeg")?;
         if !status.success() {
