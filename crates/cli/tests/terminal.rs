@@ -60,7 +60,10 @@ fn pictures_without_poses_and_data_sets_that_moved_have_a_remedy() {
         std::fs::create_dir_all(place.path(folder)).unwrap();
         std::fs::copy(place.path("data/images/000.exr"), place.path(folder).join("DSC_1.JPG")).unwrap();
         let name = folder.split('/').next().filter(|name| *name == "photos").unwrap_or(folder);
-        place.error(&["train", name, "-o", "x"], &["pictures without poses", "DSC_1.JPG", "remedy: make a data set", &format!("{folder}, and")]);
+        place.error(
+            &["train", name, "-o", "x"],
+            &["pictures without poses", "DSC_1.JPG", "remedy: make a data set", &format!("{folder}, and")],
+        );
     }
     std::fs::remove_file(place.path("data/images/DSC_1.JPG")).unwrap();
     std::fs::create_dir(place.path("empty")).unwrap();

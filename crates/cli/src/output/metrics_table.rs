@@ -65,7 +65,8 @@ pub(crate) fn tables(title: &str, rows: &[Row<'_>]) -> String {
         (None, None) => ("", ""),
     };
     let pu21 = format!("pu21, {} cd/m2", last.pu21_peak_luminance);
-    out += &format!("\n{title:width$}  {pu21:<18}      hdr-     log-{lpips}\n{:width$}       dB    ssim         flip     rmse{network}\n", "");
+    out +=
+        &format!("\n{title:width$}  {pu21:<18}      hdr-     log-{lpips}\n{:width$}       dB    ssim         flip     rmse{network}\n", "");
     for (name, f) in fields {
         let flip = f.hdr_flip.map_or_else(|| "-".into(), |flip| format!("{flip:.4}"));
         let lpips = f.lpips_alex.or(f.lpips_vgg).map_or_else(String::new, |distance| format!("  {distance:.4}"));

@@ -16,9 +16,8 @@ const LOOKED_FOR: &str = "transforms.json, transforms_train.json, a COLMAP model
 
 /// Extensions of photographs and other pictures, of which poses can be found; cameras' own RAW
 /// formats too.
-const PICTURES: [&str; 18] = [
-    "exr", "hdr", "jpg", "jpeg", "png", "tif", "tiff", "dng", "heic", "heif", "webp", "cr2", "cr3", "nef", "arw", "raf", "orf", "rw2",
-];
+const PICTURES: [&str; 18] =
+    ["exr", "hdr", "jpg", "jpeg", "png", "tif", "tiff", "dng", "heic", "heif", "webp", "cr2", "cr3", "nef", "arw", "raf", "orf", "rw2"];
 
 /// Entries of a folder that an error lists.
 const MAX_LISTED: usize = 12;
@@ -81,9 +80,9 @@ fn no_dataset(path: &Path) -> IoError {
     let with_pictures = [path.to_owned(), path.join("images"), path.join("input")].into_iter().find(|folder| has_file(folder, is_picture));
     match with_pictures {
         None => error(&listing(path)),
-        Some(folder) => error(&format!("pictures without poses, in {}: {}", folder.display(), listing(&folder))).with_remedy(Remedy::advice(
-            format!("make a data set with poses of them first, with luxel prepare {}, and train on that", folder.display()),
-        )),
+        Some(folder) => error(&format!("pictures without poses, in {}: {}", folder.display(), listing(&folder))).with_remedy(
+            Remedy::advice(format!("make a data set with poses of them first, with luxel prepare {}, and train on that", folder.display())),
+        ),
     }
 }
 

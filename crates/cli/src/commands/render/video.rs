@@ -110,8 +110,7 @@ impl<'a> Video<'a> {
         let mut target = OsString::from("file:");
         target.push(&partial.0);
         let spawned = command.arg(target).stdin(Stdio::piped()).spawn();
-        let mut child =
-            spawned.with_context(|| format!("{}: cannot start; {INSTALL}, or name it with --ffmpeg", args.ffmpeg.display()))?;
+        let mut child = spawned.with_context(|| format!("{}: cannot start; {INSTALL}, or name it with --ffmpeg", args.ffmpeg.display()))?;
         let piped = child.stdin.take().context("ffmpeg takes no input").and_then(|pipe| feed(pipe, frames, size, gain, look));
         let status = child.wait().context("cannot wait for ffmpeg")?;
         if !status.success() {
