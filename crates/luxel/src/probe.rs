@@ -117,7 +117,7 @@ pub fn probe(mut scene: Scene, options: &ProbeOptions, dataset: Option<&Dataset>
     let left_out = leave_out_near(&mut scene, options);
     let (projection, width) = (options.projection, options.width_px);
     let rig = Rig::new(DVec3::from_array(options.at), environment_from_world, MapSize { projection, width }, focal_px);
-    let mut image = rig.assemble(&renders(&rig, &scene, options.background, engine)?);
+    let mut image = render(&rig, &scene, options.background, engine)?;
     let color_space = options.color_space.unwrap_or(scene.color_space);
     let conversion = Conversion::between(scene.color_space, color_space);
     for pixel in &mut image.pixels {
@@ -155,8 +155,15 @@ fn leave_out_near(scene: &mut Scene, options: &ProbeOptions) -> usize {
     before - scene.splats.len()
 }
 
-fn renders(rig: &Rig, scene: &Scene, background: [f32; 3], engine: &mut dyn Engine) -> Result<Vec<Image>> {
+/// Renders a map in normalised units, face by face.
+fn render(rig: &Rig, scene: &Scene, background: [f32; 3], engine: &mut dyn Engine) -> Result<Image> {
     engine.load(&scene.splats, None).context("cannot load the scene")?;
     let options = RenderOptions { background, ..scene.render_options() };
-    rig.cameras.iter().map(|camera| engine.render(camera, &options).context("cannot render the probe")).collect()
+    let mut map = rig.empty_map();
+    for (face, cameras) in rig.faces().enumerate() {
+        let renders: Result<Vec<Image>> =
+            cameras.iter().map(|camera| engine.render(camera, &options).context("cannot render the probe")).collect();
+        map.add_face(rig, face, &renders?);
+    }
+    Ok(map.into_image(rig))
 }

@@ -69,3 +69,50 @@ fn irradiance_of_a_probe_is_that_of_rays_one_by_one() {
         }
     }
 }
+
+/// Returns the largest step between neighbouring columns, or rows, of a map, relative to the
+/// median step around it: about 1 without seams. A step is the mean difference of the logarithm.
+fn largest_seam(map: &Image) -> f64 {
+    const AROUND: usize = 16;
+    let luminance = |pixel: &[f32; 3]| pixel.iter().map(|c| f64::from(*c)).sum::<f64>();
+    let floor = 1e-3 * map.pixels.iter().map(luminance).sum::<f64>() / map.pixels.len() as f64;
+    let log = |x: usize, y: usize| (luminance(&map.at(x, y)).max(0.0) + floor).log2();
+    let (width, height) = (map.width, map.height);
+    let step_of_column = |x: usize| (0..height).map(|y| (log(x, y) - log((x + 1) % width, y)).abs()).sum::<f64>() / height as f64;
+    let step_of_row = |y: usize| (0..width).map(|x| (log(x, y) - log(x, y + 1)).abs()).sum::<f64>() / width as f64;
+    let columns: Vec<f64> = (0..width).map(step_of_column).collect();
+    // Rows near the poles are points.
+    let rows: Vec<f64> = (height / 8..height * 7 / 8).map(step_of_row).collect();
+    let ratio = |around: &[f64]| {
+        let mut sorted = around.to_vec();
+        sorted.sort_unstable_by(f64::total_cmp);
+        around[AROUND] / sorted[AROUND]
+    };
+    [columns, rows].iter().flat_map(|steps| steps.windows(2 * AROUND + 1)).map(ratio).fold(0.0, f64::max)
+}
+
+#[test]
+fn a_map_has_no_seams_where_its_cameras_meet() {
+    let mut engine = CpuEngine::new(2).unwrap();
+    // Splats so near and large that they look different from camera to camera.
+    engine.load(&synthetic::room(3000, 5), None).unwrap();
+    for at in [DVec3::new(0.3, -0.2, 2.6), DVec3::new(-0.9, 0.4, 1.5)] {
+        let size = MapSize { projection: Projection::LatitudeLongitude, width: 512 };
+        let rig = Rig::new(at, DMat3::IDENTITY, size, Some(FOCAL_PX));
+        let renders: Vec<Image> = rig.cameras.iter().map(|c| engine.render(c, &RenderOptions::default()).unwrap()).collect();
+        let map = rig.assemble(&renders);
+        assert!(map == rig.assemble(&renders));
+        // The same cameras without a fade: each direction from the camera that looks there.
+        let mut hard = map.clone();
+        for (i, pixel) in hard.pixels.iter_mut().enumerate() {
+            let direction = size.projection.direction([(i % 512) as f64 + 0.5, (i / 512) as f64 + 0.5], 512);
+            let cosine = |camera: &Camera| camera.forward().dot(direction);
+            let nearest = (0..rig.cameras.len()).max_by(|a, b| cosine(&rig.cameras[*a]).total_cmp(&cosine(&rig.cameras[*b]))).unwrap();
+            let (px, _) = rig.cameras[nearest].project(at + direction).unwrap();
+            let render = &renders[nearest];
+            *pixel = render.at((px.x as usize).min(render.width - 1), (px.y as usize).min(render.height - 1));
+        }
+        let [soft, hard] = [&map, &hard].map(largest_seam);
+        assert!(soft < 3.0 && hard > 2.0 * soft, "{at}: {soft} {hard}");
+    }
+}
