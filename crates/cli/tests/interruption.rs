@@ -4,7 +4,7 @@
 
 mod common;
 
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Read};
 use std::path::PathBuf;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
@@ -200,6 +200,63 @@ fn a_full_disk_ends_the_run_and_keeps_its_checkpoint() {
     }
     assert!(std::fs::read(&saved[0]).unwrap() == before);
     place.ok(&["train", "--resume", "-o", "run"]);
+}
+
+/// Trains, lets something happen to the folder once steps are made, and returns the outcome with
+/// stderr.
+fn trained_while(place: &Workplace, run: &str, happens: impl FnOnce(&Workplace)) -> (Option<i32>, String) {
+    let mut child = spawn(place, &train_args(run));
+    let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
+    assert!(lines.any(|line| line.unwrap().contains("\"progress\"")));
+    happens(place);
+    let stderr = std::thread::scope(|scope| {
+        scope.spawn(|| lines.for_each(drop));
+        let mut stderr = String::new();
+        child.stderr.take().unwrap().read_to_string(&mut stderr).unwrap();
+        stderr
+    });
+    (wait(&mut child).code(), stderr)
+}
+
+#[test]
+fn a_run_whose_folder_is_taken_apart_ends_with_an_error() {
+    let place = Workplace::new();
+    // The state is saved, and the run goes on when it is asked to.
+    for name in ["config.toml", ".lock"] {
+        let path = format!("run{name}");
+        let (code, stderr) = trained_while(&place, &path, |place| std::fs::remove_file(place.path(&path).join(name)).unwrap());
+        assert!(code == Some(1) && stderr.contains(&format!("{name} was removed")) && stderr.contains("--resume"), "{code:?} {stderr}");
+        assert!(!place.path(&path).join("metrics.json").exists());
+        place.ok(&["train", "--resume", "-o", &path]);
+    }
+
+    // Another process is at work there: nothing more is written.
+    let mut other = None;
+    let (code, stderr) = trained_while(&place, "taken", |place| {
+        std::fs::rename(place.path("taken/.lock"), place.path("taken/.old")).unwrap();
+        let file = std::fs::File::create(place.path("taken/.lock")).unwrap();
+        file.lock().unwrap();
+        other = Some((file, checkpoints(place, "taken")));
+    });
+    assert!(code == Some(1) && stderr.contains(".lock was removed") && stderr.contains("another luxel"), "{code:?} {stderr}");
+    let (lock, before) = other.unwrap();
+    // One may have been in the making.
+    let added = checkpoints(&place, "taken").iter().filter(|path| !before.contains(path)).count();
+    assert!(added <= 1, "{before:?}");
+    drop(lock);
+    place.ok(&["train", "--resume", "-o", "taken"]);
+
+    let (code, stderr) = trained_while(&place, "moved", |place| std::fs::rename(place.path("moved"), place.path("aside")).unwrap());
+    assert!(code == Some(1) && stderr.contains("the folder was removed"), "{code:?} {stderr}");
+    assert!(!place.path("moved").exists(), "the folder was made again");
+    place.ok(&["train", "--resume", "-o", "aside"]);
+
+    // All end as an unbroken one.
+    place.ok(&train_args("unbroken"));
+    let last = |run: &str| std::fs::read(checkpoints(&place, run).last().unwrap()).unwrap();
+    for run in ["runconfig.toml", "run.lock", "taken", "aside"] {
+        assert!(last(run) == last("unbroken"), "{run}");
+    }
 }
 
 #[test]

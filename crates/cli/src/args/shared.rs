@@ -131,7 +131,8 @@ pub(crate) struct RunArgs {
     /// Save a checkpoint every N steps; 0 saves one at the end only.
     #[arg(long, default_value_t = 5000, value_name = "N", help_heading = "Run")]
     pub(crate) checkpoint_every: u32,
-    /// Number of newest checkpoints to keep, at least 1.
+    /// Number of newest checkpoints to keep, at least 1; the next is written before one is deleted,
+    /// so there must be room for one more.
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..), value_name = "K", help_heading = "Run")]
     pub(crate) keep_checkpoints: u32,
     /// Steps after which to evaluate the test views and write the scene; the last step always is.

@@ -51,6 +51,13 @@ pub struct RunLock {
     _confinement: luxel_io::Confinement,
 }
 
+/// Tells a lock from one that was put in its place.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct LockIdentity {
+    /// Number of the file, where the system has one.
+    number: u64,
+}
+
 /// The content of an output path.
 #[derive(Debug)]
 pub enum Occupant {
@@ -133,14 +140,20 @@ impl RunFolder {
         Ok(RunLock { _file: file, _confinement: confinement })
     }
 
-    /// Returns whether a process works in the folder: it holds the lock, or there are no locks
-    /// here.
-    pub(super) fn is_locked(&self) -> bool {
-        // Another handle of the same process is refused, too.
-        std::fs::File::open(self.root.join(LOCK)).is_ok_and(|file| match file.try_lock_shared() {
-            Err(_) => true,
-            Ok(()) => false,
-        })
+    /// Returns the lock as it is now, to be compared with that of another moment; `None` if it is
+    /// missing or nobody holds it.
+    pub(super) fn lock_identity(&self) -> Option<LockIdentity> {
+        let file = std::fs::File::open(self.root.join(LOCK)).ok()?;
+        // Another handle of the same process is refused, too. Any other error means that there are
+        // no locks here.
+        if file.try_lock_shared().is_ok() {
+            return None;
+        }
+        let metadata = file.metadata().ok()?;
+        #[cfg(unix)]
+        return Some(LockIdentity { number: std::os::unix::fs::MetadataExt::ino(&metadata) });
+        #[cfg(not(unix))]
+        Some(LockIdentity { number: u64::from(metadata.is_file()) })
     }
 
     /// Deletes the files of a run, and leaves everything else in the folder. The mark is deleted
@@ -311,6 +324,25 @@ mod tests {
         drop(lock);
         assert!(run.lock().is_ok());
         assert!(matches!(run.occupant().unwrap(), Occupant::Nothing));
+    }
+
+    #[test]
+    fn a_lock_that_was_removed_or_replaced_is_another() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = RunFolder::at(&folder.path().join("run"));
+        assert_eq!(run.lock_identity(), None);
+        let lock = run.lock().unwrap();
+        let first = run.lock_identity();
+        assert!(first.is_some() && run.lock_identity() == first);
+        // Kept under another name, so that its number is not given away.
+        std::fs::rename(run.root().join(LOCK), run.root().join("old")).unwrap();
+        assert_eq!(run.lock_identity(), None);
+        let other = run.lock().unwrap();
+        if cfg!(unix) {
+            assert!(run.lock_identity().is_some() && run.lock_identity() != first);
+        }
+        drop((lock, other));
+        assert_eq!(run.lock_identity(), None);
     }
 
     #[test]

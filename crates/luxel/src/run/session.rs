@@ -8,7 +8,7 @@
 
 use std::collections::BTreeMap;
 
-use luxel_core::{Dataset, StepReport};
+use luxel_core::{Dataset, Remedy, StepReport};
 use luxel_io::IoErrorKind;
 use luxel_metrics::GainFit;
 use luxel_metrics::{FieldOptions, FlipChoice};
@@ -16,6 +16,7 @@ use luxel_train::Trainer;
 
 use super::clock::Clock;
 use super::evaluation::{Metrics, Rendering};
+use super::folder::LockIdentity;
 use super::log::{LOG_EVERY, LogRecord, RunLog};
 use super::{Captures, RunConfig, RunFolder, report, state};
 use crate::error::Context;
@@ -57,7 +58,8 @@ pub struct Session<'a> {
 struct LoopState {
     log: RunLog,
     log_failed: bool,
-    lock_lost: bool,
+    /// The lock that this process holds; `None` where there are no locks.
+    lock: Option<LockIdentity>,
     clock: Clock,
     peak_before: Option<u64>,
     psnr_test: Option<f64>,
@@ -92,7 +94,7 @@ impl Session<'_> {
         let mut state = LoopState {
             log,
             log_failed: false,
-            lock_lost: false,
+            lock: self.folder.lock_identity(),
             clock: Clock::resumed(last.as_ref().map_or(0.0, |record| record.elapsed_s)),
             peak_before: last.as_ref().and_then(|record| record.peak_rss_bytes),
             psnr_test: last.and_then(|record| record.psnr_test),
@@ -126,6 +128,7 @@ impl Session<'_> {
                 self.report_resolution(downscale);
             }
             if self.stop.is_requested() {
+                self.check_folder(state)?;
                 self.log(state)?;
                 self.save(state)?;
                 return Ok(Outcome::Interrupted);
@@ -138,6 +141,7 @@ impl Session<'_> {
 
             let (save, evaluate) = (self.checkpoint_is_due(), self.evaluation_is_due());
             if save || evaluate || iteration.is_multiple_of(LOG_EVERY) {
+                self.check_folder(state)?;
                 self.log(state)?;
             }
             if save || evaluate {
@@ -240,31 +244,60 @@ impl Session<'_> {
                 Some(path) => format!("the last good checkpoint is {}", path.display()),
                 None => "there is no earlier checkpoint".into(),
             };
+            let kept = match lacks_room && keep == 1 {
+                true => format!("{kept}; it is deleted only when the next is whole, so there must be room for two"),
+                false => kept,
+            };
             return Err(Error::from(error).context(format!("cannot save the state of step {iteration}; {kept}")));
         }
         luxel_io::prune_checkpoints(folder, keep)?;
-        self.restore_folder(state)?;
+        self.restore_log(state);
         self.observer.event(Event::Saved { path });
         Ok(())
     }
 
-    /// Writes again what another program removed from the folder meanwhile and the run cannot be
-    /// without, and says so.
-    fn restore_folder(&self, state: &mut LoopState) -> Result<()> {
-        let warn = |what: &str| self.observer.warn(&format!("{}: {what}", self.folder.root().display()));
-        if !RunFolder::is_run(self.folder.root()) {
-            self.folder.write_config(self.config)?;
-            warn("config.toml was removed while the run was at work; it is written again");
+    /// Ends a run whose folder was taken apart meanwhile. Its state is saved and its mark is written
+    /// again, so that it can be resumed, unless another process may be at work there now: then
+    /// nothing is written.
+    fn check_folder(&mut self, state: &mut LoopState) -> Result<()> {
+        let root = self.folder.root().display();
+        let iteration = self.trainer.iteration();
+        if !self.folder.root().is_dir() {
+            let message = format!("{root}: the folder was removed while the run was at work; it ends at step {iteration}, without a state");
+            return Err(Error::new(message).with_remedy(Remedy::advice("train again, into a folder that stays")));
         }
+        let has_lock = state.lock.is_none() || self.folder.lock_identity() == state.lock;
+        let relocked = match has_lock {
+            true => None,
+            false => Some(self.folder.lock().with_context(|| {
+                format!("{root}: its .lock was removed while the run was at work; it ends at step {iteration} and writes nothing more")
+            })?),
+        };
+        let has_mark = RunFolder::is_run(self.folder.root());
+        let removed = match (has_lock, has_mark) {
+            (true, true) => return Ok(()),
+            (false, true) => ".lock was removed",
+            (true, false) => "config.toml was removed",
+            (false, false) => "config.toml was removed, .lock was removed",
+        };
+        let message = format!("{root}: {removed} while the run was at work; the state of step {iteration} is saved");
+        if !has_mark {
+            self.folder.write_config(self.config)?;
+        }
+        self.log(state)?;
+        self.save(state)?;
+        drop(relocked);
+        Err(Error::new(message).with_remedy(state::continue_run()))
+    }
+
+    /// Begins a new log if another program removed it meanwhile, and says so.
+    fn restore_log(&self, state: &mut LoopState) {
         if !self.folder.log().exists() {
             let opened = RunLog::open(&self.folder.log(), self.trainer.iteration()).map(|(log, _)| state.log = log);
             self.report_log(opened, state);
-            warn("log.jsonl was removed while the run was at work; a new one begins here");
+            let root = self.folder.root().display();
+            self.observer.warn(&format!("{root}: log.jsonl was removed while the run was at work; a new one begins here"));
         }
-        if !self.folder.is_locked() && !std::mem::replace(&mut state.lock_lost, true) {
-            warn("its .lock was removed while the run was at work; start no other luxel in this folder");
-        }
-        Ok(())
     }
 
     /// Writes scene, images, metrics and report of this step, with the clock stopped.
