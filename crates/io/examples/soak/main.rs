@@ -2,8 +2,10 @@
 //! `scripts/soak` that runs in process.
 //!
 //! ```text
-//! cargo run --release -p luxel-io --example soak -- MINUTES [SEED]
+//! cargo run --release -p luxel-io --example soak -- MINUTES [SEED [READER]]
 //! ```
+//!
+//! All readers share the minutes, or READER has them alone. Zero minutes list the readers.
 //!
 //! Out: one line of JSON per reader: inputs, those that were read, those that were refused, panics
 //! of a library's decoder that were contained, the most memory that an input took, and the longest
@@ -57,10 +59,17 @@ fn main() -> ExitCode {
     let mut arguments = std::env::args().skip(1);
     let minutes: f64 = arguments.next().and_then(|text| text.parse().ok()).unwrap_or(1.0);
     let seed: u64 = arguments.next().and_then(|text| text.parse().ok()).unwrap_or(1);
+    let only = arguments.next();
     let readers = readers::all();
-    let share = Duration::from_secs_f64(60.0 * minutes / readers.len() as f64);
+    // A reader has the same damage alone as among all.
+    let chosen: Vec<_> = readers.iter().enumerate().filter(|(_, reader)| only.as_ref().is_none_or(|name| name == reader.name)).collect();
+    if chosen.is_empty() {
+        eprintln!("no such reader: {}", only.unwrap_or_default());
+        return ExitCode::FAILURE;
+    }
+    let share = Duration::from_secs_f64(60.0 * minutes / chosen.len() as f64);
     let mut is_good = true;
-    for (number, reader) in readers.iter().enumerate() {
+    for (number, reader) in chosen {
         for file in &reader.seeds {
             if let Err(error) = (reader.read)(file) {
                 eprintln!("{}: a seed is refused: {error}", reader.name);
