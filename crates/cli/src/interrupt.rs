@@ -32,7 +32,10 @@ pub(crate) fn install() -> Result<()> {
         }
         console::note_from_handler("interrupted: finishing the step and saving; once more exits at once");
     })
-    .context("cannot install the handler of Ctrl-C, which waits on a thread of its own")
+    .map_err(|error| {
+        let remedy = luxel::Remedy::advice("raise the limit on processes of this user or container");
+        luxel::Error::new(format!("cannot start the thread that waits for Ctrl-C: {error}")).with_remedy(remedy).into()
+    })
 }
 
 /// Counts the end of standard input as one interruption, from a thread of its own: a program that

@@ -39,7 +39,7 @@ fn main() -> ExitCode {
         luxel_io::set_memory_limit(gib << 30);
     }
     let threads = matches.subcommand().and_then(|(_, matches)| matches.try_get_one::<u32>("threads").ok().flatten().copied());
-    match start(&cli.command, threads).and_then(|()| dispatch(cli.command, &explicit)) {
+    match start(&cli.command, threads).and_then(|()| on_large_stack(|| dispatch(cli.command, &explicit))) {
         Ok(Outcome::Finished) => ExitCode::SUCCESS,
         Ok(Outcome::Interrupted) => ExitCode::from(interrupt::EXIT_INTERRUPTED),
         Err(error) => fail(&error),
@@ -84,6 +84,24 @@ fn start(command: &Command, threads: Option<u32>) -> Result<()> {
         }),
         _ => Ok(luxel::start_threads(threads)?),
     }
+}
+
+/// Stack of the thread that a command runs on, bytes.
+const STACK_BYTES: usize = 8 << 20;
+
+/// Runs a command on a stack of its own: that of the first thread may be limited (`ulimit -s`) to
+/// less than a decoder needs. Where no more threads are to be had, it runs on the first one.
+fn on_large_stack(run: impl FnOnce() -> Result<Outcome> + Send) -> Result<Outcome> {
+    let run = std::sync::Mutex::new(Some(run));
+    let take = || run.lock().ok().and_then(|mut run| run.take());
+    std::thread::scope(|scope| {
+        let builder = std::thread::Builder::new().name("command".into()).stack_size(STACK_BYTES);
+        match builder.spawn_scoped(scope, || take().map(|run| run())) {
+            Ok(thread) => thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)),
+            Err(_) => take().map(|run| run()),
+        }
+    })
+    .unwrap_or_else(|| anyhow::bail!("the command did not run"))
 }
 
 fn dispatch(command: Command, explicit: &ExplicitArgs) -> Result<Outcome> {

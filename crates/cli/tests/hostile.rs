@@ -207,6 +207,20 @@ fn escapes_in_names_do_not_reach_the_terminal() {
     assert!(outputs[2].status.code() == Some(1) && stderr(&outputs[2]).contains("\\u{1b}]0;owned\\u{7}"));
 }
 
+#[test]
+fn a_photograph_with_a_line_feed_in_its_name_is_left_out_on_one_line() {
+    let place = Workplace::new();
+    std::fs::create_dir(place.path("photos")).unwrap();
+    let image = place.path("data").join(first_image(&place));
+    for name in ["photos/a.exr", "photos/b\nc.exr"] {
+        std::fs::copy(&image, place.path(name)).unwrap();
+    }
+    let output = place.luxel(&["prepare", "photos", "-o", "set", "--sfm", "off"]).output().unwrap();
+    let message = stderr(&output);
+    assert!(output.status.success() && message.contains("b\\nc.exr is left out: its name holds a line feed"), "{message}");
+    assert!(!message.contains("\nc.exr"), "{message}");
+}
+
 fn first_image(place: &Workplace) -> PathBuf {
     place.json("data/transforms.json")["frames"][0]["file_path"].as_str().unwrap().into()
 }
@@ -263,6 +277,13 @@ fn what_takes_more_memory_than_there_may_be_is_refused() {
         &["30000 x 20000 pixels", "the limit is 1024 MiB", "raise --memory"],
     );
     place.error(&["bench", "--generate", "100", "--size", "65535x65535", "--memory", "1"], &["65535 x 65535 pixels"]);
+    // A limit of the user's that the system does not have.
+    for render in ["render run --cameras cameras.json -o frames", "bench --generate 100 --size 30000x20000"] {
+        let output = shell(&place, &format!("ulimit -v 4000000; \"$LUXEL\" {render} --memory 64 --device cpu"));
+        let message = stderr(&output);
+        assert_eq!(output.status.code(), Some(1), "{message}");
+        assert!(message.contains("30000 x 20000 pixels takes") && message.contains("the system refuses"), "{message}");
+    }
 }
 
 #[test]
@@ -293,9 +314,10 @@ fn a_run_that_is_taken_apart_meanwhile_reports_it() {
     }
     let output = child.wait_with_output().unwrap();
     let message = stderr(&output);
-    for name in ["config.toml was removed", "log.jsonl was removed", ".lock was removed"] {
-        assert!(output.status.success() && message.contains(name), "{name}\n{message}");
+    for name in ["config.toml was removed", "log.jsonl was removed", ".lock was removed", "remedy: ", "--resume"] {
+        assert!(output.status.code() == Some(1) && message.contains(name), "{name}\n{message}");
     }
+    place.ok(&["train", "--resume", "-o", "run"]);
     place.ok(&["eval", "run"]);
     std::fs::remove_file(place.path("run/log.jsonl")).unwrap();
     let output = place.luxel(&["train", "--resume", "-o", "run", "--iterations", "620"]).output().unwrap();

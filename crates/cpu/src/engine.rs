@@ -95,11 +95,32 @@ fn avx2() -> Option<Level> {
     None
 }
 
+/// Bytes of a sample in the tiles, and of a pixel in the image with its layers.
+const SAMPLE_BYTES: u64 = 16;
+const PIXEL_BYTES: u64 = 24;
+/// Images that take no more are not worth the question.
+const SMALL_BYTES: u64 = 64 << 20;
+
+/// Asks the system for the memory of an image at once, and gives it back: an allocation that fails
+/// within a pass would end the process.
+fn check_room(camera: &Camera, options: &RenderOptions) -> Result<(), EngineError> {
+    let [width, height] = camera.size_px;
+    let samples = u64::from(options.raster.samples).pow(2);
+    let bytes = (u64::from(width) * u64::from(height)).saturating_mul(samples * SAMPLE_BYTES + PIXEL_BYTES);
+    let has_room = || usize::try_from(bytes).is_ok_and(|bytes| Vec::<u8>::new().try_reserve_exact(bytes).is_ok());
+    if bytes <= SMALL_BYTES || has_room() {
+        return Ok(());
+    }
+    let message = format!("cpu: an image of {width} x {height} pixels takes {bytes} bytes of memory, which the system refuses");
+    Err(EngineError::device(message).with_remedy(Remedy::advice("render a smaller image")))
+}
+
 /// Returns the camera for the passes, after checking it.
 fn checked_camera(camera: &Camera, options: &RenderOptions) -> Result<ScreenCamera, EngineError> {
     if !camera.distortion.is_none() {
         return Err(EngineError::invalid("camera: has lens distortion; undistort its image first"));
     }
+    check_room(camera, options)?;
     Ok(ScreenCamera::new(camera, options)?)
 }
 

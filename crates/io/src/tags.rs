@@ -77,6 +77,32 @@ impl Kind {
     }
 }
 
+/// Returns the tag of the first directory of a TIFF or BigTIFF that claims a text longer than the
+/// file.
+pub(crate) fn endless_text(bytes: &[u8]) -> Option<u16> {
+    let (is_big_endian, is_big) = match bytes.get(..4)? {
+        b"II*\0" => (false, false),
+        b"MM\0*" => (true, false),
+        b"II+\0" => (false, true),
+        b"MM\0+" => (true, true),
+        _ => return None,
+    };
+    let tags = Tags { bytes, is_big_endian, first_ifd: 0 };
+    let size = |at: usize| if is_big { tags.u64_at(at) } else { tags.u32_at(at).map(u64::from) };
+    let directory = usize::try_from(size(if is_big { 8 } else { 4 })?).ok()?;
+    let (entries, start, stride) = match is_big {
+        true => (size(directory)?, directory.checked_add(8)?, 20),
+        false => (tags.u16_at(directory)?.into(), directory.checked_add(2)?, 12),
+    };
+    // No more entries than the file has bytes for.
+    let most = bytes.len().saturating_sub(start) / stride;
+    let endless = |at: usize| {
+        let is_text = Kind::from_code(tags.u16_at(at + 2)?) == Some(Kind::Ascii);
+        (is_text && size(at + 4)? > bytes.len() as u64).then(|| tags.u16_at(at))?
+    };
+    (0..most.min(usize::try_from(entries).unwrap_or(most))).find_map(|i| endless(start + stride * i))
+}
+
 impl<'a> Tags<'a> {
     /// Recognises a file by its first bytes; `None` if it is not a TIFF, or is a BigTIFF.
     pub(crate) fn new(bytes: &'a [u8]) -> Option<Self> {
@@ -104,17 +130,6 @@ impl<'a> Tags<'a> {
         Some(Ifd { entries, next })
     }
 
-    /// Returns the tag of the first directory that claims a text longer than the file.
-    pub(crate) fn endless_text(&self) -> Option<u16> {
-        let count = usize::from(self.u16_at(self.first_ifd)?);
-        let entries = (0..count).map_while(|i| self.first_ifd.checked_add(2 + 12 * i));
-        let endless = |at: usize| {
-            let (tag, kind, length) = (self.u16_at(at)?, self.u16_at(at + 2)?, self.u32_at(at + 4)? as usize);
-            (Kind::from_code(kind) == Some(Kind::Ascii) && length > self.bytes.len()).then_some(tag)
-        };
-        entries.filter_map(endless).next()
-    }
-
     /// Returns the bytes of a part of the file.
     pub(crate) fn slice(&self, offset: usize, length: usize) -> Option<&'a [u8]> {
         self.bytes.get(offset..offset.checked_add(length)?)
@@ -139,6 +154,11 @@ impl<'a> Tags<'a> {
     fn u16_at(&self, at: usize) -> Option<u16> {
         let bytes = self.slice(at, 2)?.first_chunk().copied()?;
         Some(if self.is_big_endian { u16::from_be_bytes(bytes) } else { u16::from_le_bytes(bytes) })
+    }
+
+    fn u64_at(&self, at: usize) -> Option<u64> {
+        let bytes = self.slice(at, 8)?.first_chunk().copied()?;
+        Some(if self.is_big_endian { u64::from_be_bytes(bytes) } else { u64::from_le_bytes(bytes) })
     }
 
     fn u32_at(&self, at: usize) -> Option<u32> {
@@ -213,5 +233,38 @@ impl Entry<'_> {
             Kind::SignedRational => halves().map(|[n, d]| f64::from(n.cast_signed()) / f64::from(d.cast_signed())),
         };
         number.unwrap_or(f64::NAN)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Returns a file with one directory of one text of this length.
+    fn file(is_big: bool, is_big_endian: bool, length: u64) -> Vec<u8> {
+        let mut file = Vec::new();
+        let mut put = |value: u64, bytes: usize| match is_big_endian {
+            true => file.extend_from_slice(&value.to_be_bytes()[8 - bytes..]),
+            false => file.extend_from_slice(&value.to_le_bytes()[..bytes]),
+        };
+        put(if is_big_endian { 0x4d4d } else { 0x4949 }, 2);
+        let word = if is_big { 8 } else { 4 };
+        match is_big {
+            true => [(43, 2), (8, 2), (0, 2), (16, 8), (1, 8)].map(|(value, bytes)| put(value, bytes)),
+            false => [(42, 2), (8, 4), (1, 2), (0, 0), (0, 0)].map(|(value, bytes)| put(value, bytes)),
+        };
+        [(270, 2), (2, 2), (length, word), (0, word), (0, word)].into_iter().for_each(|(value, bytes)| put(value, bytes));
+        file
+    }
+
+    #[test]
+    fn texts_longer_than_the_file_are_found_in_tiff_and_bigtiff() {
+        for (is_big, is_big_endian) in [(false, false), (false, true), (true, false), (true, true)] {
+            assert_eq!(endless_text(&file(is_big, is_big_endian, 3)), None);
+            assert_eq!(endless_text(&file(is_big, is_big_endian, 0x7fff_ffff)), Some(270), "{is_big} {is_big_endian}");
+            let whole = file(is_big, is_big_endian, 0x7fff_ffff);
+            assert!((0..20).all(|length| endless_text(&whole[..length]).is_none()));
+        }
+        assert_eq!(endless_text(&file(true, false, u64::MAX)), Some(270));
     }
 }

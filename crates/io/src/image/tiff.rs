@@ -27,7 +27,7 @@ use super::samples::{Curve, SampleGrid, depth_warnings};
 use super::{DecodedImage, ReadOptions, SampleDepth, Transfer};
 use crate::IoError;
 use crate::memory::check_memory;
-use crate::tags::Tags;
+use crate::tags::endless_text;
 
 /// Bytes of the widest sample (f64) times the most channels.
 const MAX_PIXEL_BYTES: usize = 32;
@@ -83,7 +83,7 @@ pub(super) fn primaries(bytes: &[u8]) -> Option<Chromaticities> {
 fn stated(bytes: &[u8]) -> Option<Chromaticities> {
     const WHITE_POINT: Tag = Tag::Unknown(318);
     const PRIMARY_CHROMATICITIES: Tag = Tag::Unknown(319);
-    if Tags::new(bytes).is_some_and(|tags| tags.endless_text().is_some()) {
+    if endless_text(bytes).is_some() {
         return None;
     }
     let mut decoder = Decoder::new(Cursor::new(bytes)).ok()?;
@@ -111,7 +111,7 @@ fn number(value: &Value) -> Option<f32> {
 fn decode_samples(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<DecodedImage, IoError> {
     let failed = |error: TiffError| explain(name, &error);
     // The library prints a line of its own where it meets one.
-    if let Some(tag) = Tags::new(bytes).and_then(|tags| tags.endless_text()) {
+    if let Some(tag) = endless_text(bytes) {
         return Err(IoError::invalid(
             name,
             format!("TIFF: tag {tag} claims a text longer than the file, which is damaged; export it again"),

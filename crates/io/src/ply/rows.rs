@@ -13,6 +13,8 @@ use crate::ply::source::PlySource;
 
 /// Bytes read at a time.
 const BLOCK: usize = 1 << 20;
+/// Bytes behind the last row that are not worth a word: a line feed, or padding to a word.
+const MOST_BEYOND: u64 = 16;
 
 /// Reads on to the end of the elements before `name`, and returns that element.
 pub(super) fn seek_element<'h, R: BufRead>(source: &mut PlySource<'_, R>, header: &'h Header, name: &str) -> Result<&'h Element, IoError> {
@@ -221,6 +223,16 @@ pub(super) fn check_count<R: BufRead>(source: &PlySource<'_, R>, element: &Eleme
     check_memory(source.path, element.count.saturating_mul(4 * scalars.len() as u64))?;
     usize::try_from(element.count)
         .map_err(|_| source.invalid("header", format_args!("{} rows are too many for this machine", element.count)))
+}
+
+/// Returns a warning about bytes behind the last row of a file, which its header does not explain.
+/// `last` is the element that was read last.
+pub(super) fn beyond_line<R: BufRead>(source: &PlySource<'_, R>, header: &Header, last: &str) -> Option<String> {
+    let element = header.elements.last().filter(|element| element.name == last)?;
+    let beyond = source.remaining();
+    (beyond > MOST_BEYOND).then(|| {
+        format!("left out, behind the {} rows of {last:?} that the header counts: {beyond} bytes; is that number right?", element.count)
+    })
 }
 
 fn skip_element<R: BufRead>(source: &mut PlySource<'_, R>, element: &Element, format: Format) -> Result<(), IoError> {

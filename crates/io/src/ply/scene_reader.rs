@@ -9,7 +9,7 @@ use luxel_core::{Antialias, ColorModel, ColorSpace, Cutoffs, RadianceScale, Rast
 use crate::IoError;
 use crate::bake::{BakeRecord, WorldRecord};
 use crate::ply::header::{Element, Header};
-use crate::ply::rows::{check_count, read_rows, seek_element};
+use crate::ply::rows::{beyond_line, check_count, read_rows, seek_element};
 use crate::ply::scene_writer::{EXACT_OPACITY, EXACT_SCALE, sh_prefix};
 use crate::ply::source::PlySource;
 use crate::ply::{COMMENT_TAG, FORMAT_VERSION, compressed, record};
@@ -59,7 +59,9 @@ const FLATNESS: f32 = 1e-3;
 fn decode<R: BufRead>(mut source: PlySource<'_, R>) -> Result<SceneFile, IoError> {
     let header = Header::read(&mut source)?;
     if compressed::is_compressed(&header) {
-        return compressed::read(&mut source, &header).map(SceneFile::from);
+        let scene = compressed::read(&mut source, &header)?;
+        let last = header.elements.last().map_or("", |element| element.name.as_str());
+        return Ok(SceneFile { scene, warnings: Vec::from_iter(beyond_line(&source, &header, last)) });
     }
     let element = seek_element(&mut source, &header, "vertex")?;
     let comments = Comments::new(&header);
@@ -74,6 +76,7 @@ fn decode<R: BufRead>(mut source: PlySource<'_, R>) -> Result<SceneFile, IoError
     if layout.is_flat {
         warnings.push(format!("no property \"scale_2\": flat splats of 2DGS, read as {FLATNESS} times as thick as wide"));
     }
+    warnings.extend(beyond_line(&source, &header, "vertex"));
     if let Some(record) = record {
         let scene = record.scene(scene.splats).map_err(|e| IoError::invalid(source.path, e))?;
         return Ok(SceneFile { scene, warnings });

@@ -399,6 +399,24 @@ fn rows_with_a_number_that_is_not_finite_are_left_out_and_counted() {
 }
 
 #[test]
+fn bytes_behind_the_last_row_are_warned_of() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scene.ply");
+    for format in ["ascii", "binary_little_endian"] {
+        let mut file = plain_file(format);
+        let rows = decode_scene_ply(name(), &file).unwrap().splats.len();
+        file.extend_from_slice(b"\n");
+        std::fs::write(&path, &file).unwrap();
+        assert_eq!(crate::read_scene_file(&path).unwrap().warnings, [""; 0]);
+        file.resize(file.len() + 99, b'1');
+        std::fs::write(&path, &file).unwrap();
+        let warnings = crate::read_scene_file(&path).unwrap().warnings;
+        let expected = format!("left out, behind the {rows} rows of \"vertex\" that the header counts: 100 bytes; is that number right?");
+        assert_eq!(warnings, [expected]);
+    }
+}
+
+#[test]
 fn flat_splats_of_2dgs_are_read_as_thin_ones() {
     let text = String::from_utf8(plain_file("ascii")).unwrap();
     // The property of that place is another program's.

@@ -7,7 +7,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::error::{Context, bail};
-use crate::text::plural;
+use crate::text::{self, plural};
 use crate::{Error, Result};
 use luxel_capture::Exposure;
 use luxel_capture::prepare::{LeftOut, Photograph, PrepareError, Selection, select};
@@ -90,7 +90,7 @@ fn in_folder(folder: &Path, error: PrepareError) -> Error {
 /// Reads a photograph's headers, or says why it is left out.
 fn read_headers(path: &Path) -> Result<Photograph, LeftOut> {
     let name = Path::new(path.file_name().unwrap_or(path.as_os_str()));
-    let left_out = |reason: String| LeftOut { file: file_name(path), reason };
+    let left_out = |reason: String| LeftOut { file: text::one_line(&file_name(path)).into_owned(), reason };
     if !path.is_file() {
         return Err(left_out("not a regular file".to_owned()));
     }
