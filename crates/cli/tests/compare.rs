@@ -175,3 +175,64 @@ fn straight_and_premultiplied_alpha_of_one_picture_are_equal() {
     let found = json(&place, &["compare", "premultiplied.exr", "straight.png", "--transfer", "linear", "--metrics", "fast", "--json"]);
     assert!(found["mean"]["psnr_scene"].as_f64().unwrap() > 90.0, "{}", found["mean"]);
 }
+
+#[test]
+fn two_runs_are_compared_on_the_test_views_that_both_have() {
+    let place = Workplace::new();
+    place.train("run", &[]);
+    place.train("other", &["--method", "sh1"]);
+    let text = place.ok(&["compare", "run", "other", "-o", "both"]);
+    for part in ["1  run: lcd, step 40", "2  other: sh1", "2 - 1", "psnr scene, dB", "hdr-flip", "000"] {
+        assert!(text.contains(part), "{part}\n{text}");
+    }
+    assert!(text.lines().all(|line| line.chars().count() <= 80), "{text}");
+    // The picture has three renders in two rows.
+    let picture = luxel_io::read_image(&place.path("both/000.png"), &Default::default()).unwrap().image;
+    assert_eq!([picture.width, picture.height], [3 * common::SIDE, 2 * common::SIDE]);
+    let told = place.json("both/runs.json");
+    assert_eq!(told["schema_version"], 1);
+    // The metrics are those of each run, and the differences are theirs.
+    let psnr = |value: &serde_json::Value| value["psnr_scene"].as_f64().unwrap();
+    for (i, run) in ["run", "other"].into_iter().enumerate() {
+        let own = psnr(&place.json(&format!("{run}/metrics.json"))["splits"]["test"]["mean"]);
+        // Images are half floats.
+        assert!((psnr(&told["runs"][i]["mean"]) - own).abs() < 0.01, "{run}: {own}\n{told:#}");
+    }
+    let view = &told["views"][0];
+    assert!((psnr(&view["difference"]) - (psnr(&view["second"]) - psnr(&view["first"]))).abs() < 1e-9);
+    assert_eq!(json(&place, &["compare", "run", "run", "--json", "--metrics", "fast"])["difference"]["psnr_scene"], 0.0);
+    place.error(&["compare", "run", "other", "-o", "both"], &["exists already"]);
+    place.error(&["compare", "run", "run/eval/step_40/gt"], &["expected two runs"]);
+    place.error(&["compare", "run/eval/step_40/gt", "run/eval/step_40/renders", "-o", "x"], &["--output x is for two runs"]);
+    // Other images are another ground truth.
+    let other = place.path("other/eval/step_40/gt/000.exr");
+    let mut image = luxel_io::read_image(&other, &Default::default()).unwrap().image;
+    image.pixels[7][1] *= 1.5;
+    common::write_image(&other, &image);
+    place.error(&["compare", "run", "other"], &["000.exr", "the same ground truth", "train both on the same data"]);
+    std::fs::remove_dir_all(place.path("other/eval")).unwrap();
+    place.error(&["compare", "run", "other"], &["other: has no images of test views", "luxel eval other"]);
+}
+
+#[test]
+fn a_scene_file_is_evaluated_without_its_run() {
+    let place = Workplace::new();
+    place.train("run", &[]);
+    let scene = "run/point_cloud/iteration_40/point_cloud.ply";
+    let text = place.ok(&["eval", scene, "--data", "data", "-o", "measured"]);
+    assert!(text.contains("psnr, dB") && text.contains("mean"), "{text}");
+    let (own, file) = (place.json("run/metrics.json"), place.json("measured/metrics.json"));
+    for split in ["test", "train"] {
+        assert_eq!(file["splits"][split]["mean"]["psnr_scene"], own["splits"][split]["mean"]["psnr_scene"], "{split}");
+    }
+    assert_eq!([&file["radiance_scale"], &file["splats"]], [&own["radiance_scale"], &own["splats"]]);
+    for name in ["renders/000.exr", "gt/000.exr"] {
+        let read = |folder: &str| std::fs::read(place.path(folder).join(name)).unwrap();
+        assert!(read("measured") == read("run/eval/step_40"), "{name}");
+    }
+    let told = json(&place, &["eval", scene, "--data", "data", "--json"]);
+    assert!(told["schema_version"] == 1 && told["splits"] == file["splits"], "{told:#}");
+    place.error(&["eval", scene], &["give --data DATASET"]);
+    place.error(&["eval", scene, "--data", "data", "-o", "measured"], &["exists already"]);
+    place.error(&["eval", "run", "-o", "x"], &["is for a scene file"]);
+}

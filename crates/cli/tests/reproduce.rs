@@ -173,6 +173,34 @@ fn runs_side_by_side_have_the_bits_of_runs_in_turn() {
 }
 
 #[test]
+fn data_sets_have_the_names_that_are_given() {
+    let place = Workplace::new();
+    common::write_dataset(&place.path("more/data"));
+    let lcd = args(&[["--methods", "lcd"], ["--memory", "4"]]);
+    place.ok(&[&lcd[..], &["late=more/data"]].concat());
+    for run in ["matrix/runs/data/lcd/seed_7", "matrix/runs/late/lcd/seed_7"] {
+        assert!(place.path(run).join("metrics.json").is_file(), "{run}");
+    }
+    // The names are kept for later commands, whichever data sets these name.
+    place.ok(&lcd);
+    let runs = read(&place, "matrix/runs.csv");
+    assert!(value(&runs, "data,lcd", "psnr_scene") == value(&runs, "late,lcd", "psnr_scene"), "{runs}");
+    assert!(read(&place, "matrix/report.html").contains("late"));
+}
+
+#[test]
+fn two_at_once_in_one_folder_are_told_so() {
+    let place = Workplace::new();
+    // Another process has just locked the folder and begun, before it wrote its mark.
+    std::fs::create_dir_all(place.path("matrix/runs/data")).unwrap();
+    let lock = std::fs::File::create(place.path("matrix/.lock")).unwrap();
+    lock.try_lock().unwrap();
+    place.error(&args(&[]), &["another luxel is at work in this folder"]);
+    drop(lock);
+    place.error(&args(&[]), &["not a matrix"]);
+}
+
+#[test]
 fn runs_that_do_not_fit_are_named_and_nothing_is_trained() {
     let place = Workplace::new();
     place.ok(&args(&[["--methods", "lcd"]]));
@@ -194,7 +222,8 @@ fn runs_that_do_not_fit_are_named_and_nothing_is_trained() {
 fn what_cannot_be_a_matrix_is_said() {
     let place = Workplace::new();
     common::write_dataset(&place.path("more/data"));
-    place.error(&[&args(&[])[..], &["more/data"]].concat(), &["have one folder name"]);
+    place.error(&[&args(&[])[..], &["more/data"]].concat(), &["have one name, data,", "OTHER=more/data"]);
+    assert!(place.fails(2, &[&args(&[])[..], &["a b=more/data"]].concat()).contains("expected NAME=PATH"));
     place.error(&[&args(&[])[..], &["nowhere"]].concat(), &["nowhere: cannot open the data set"]);
     place.error(&args(&[["--methods", "lcd,lcd-l0"]]), &["method lcd is given twice"]);
     place.error(&args(&[["--seeds", "1,2,1"]]), &["seed 1 is given twice"]);

@@ -50,7 +50,7 @@ pub use image::{
     read_image, undistort, undistort_into, write_exr, write_png,
 };
 pub use luxel_core::photo::{Codes, Exif, IccProfile, PhotoInfo, PhotoKind, RawInfo, RawPixels};
-pub use memory::{memory_limit, set_memory_limit};
+pub use memory::{given_memory_limit, memory_limit, set_memory_limit};
 #[cfg(not(feature = "ocio"))]
 pub use ocio_absent::OcioSpace;
 #[cfg(feature = "ocio")]

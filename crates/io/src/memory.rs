@@ -29,6 +29,11 @@ pub fn memory_limit() -> u64 {
     }
 }
 
+/// Returns the limit that [`set_memory_limit`] set, bytes; `None` if the default is in force.
+pub fn given_memory_limit() -> Option<u64> {
+    Some(LIMIT.load(Ordering::Relaxed)).filter(|limit| *limit > 0)
+}
+
 fn default_limit() -> u64 {
     static DEFAULT: OnceLock<u64> = OnceLock::new();
     *DEFAULT.get_or_init(|| {

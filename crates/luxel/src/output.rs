@@ -76,6 +76,20 @@ pub fn check_folder_name(path: &Path, extensions: &[&str]) -> Result<()> {
     Ok(())
 }
 
+/// Refuses a folder that has content, or the name of a file: some results go to a folder of their
+/// own.
+///
+/// # Errors
+/// The path is taken.
+pub fn check_new_folder(folder: &Path) -> Result<()> {
+    check_folder_name(folder, &RESULT_EXTENSIONS)?;
+    let has_entries = || std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_some());
+    if folder.is_file() || has_entries() {
+        bail!("{}: exists already; give the name of a new folder", folder.display());
+    }
+    Ok(())
+}
+
 fn extension(path: &Path) -> String {
     path.extension().map(|extension| extension.to_string_lossy().to_lowercase()).unwrap_or_default()
 }

@@ -36,6 +36,10 @@ pub const EVENT: Document = Document { name: "--log-format json", version: 1 };
 pub const INFO: Document = Document { name: "luxel info --json", version: 2 };
 /// Metrics of images against references.
 pub const COMPARISON: Document = Document { name: "luxel compare --json", version: 1 };
+/// Two runs on the same test views.
+pub const RUN_COMPARISON: Document = Document { name: "runs.json", version: 1 };
+/// Metrics of a scene file.
+pub const SCENE_METRICS: Document = Document { name: "luxel eval SCENE --json", version: 1 };
 /// The effect of edits; version 1 had the sum R + G + B under `luminance`.
 pub const EDIT: Document = Document { name: "luxel edit --json", version: 2 };
 /// Two scenes under the same edits.
@@ -44,8 +48,22 @@ pub const EDIT_COMPARISON: Document = Document { name: "comparison.json", versio
 pub const BENCH: Document = Document { name: "luxel bench --json", version: 1 };
 
 /// All documents, in the order of the reference.
-pub const DOCUMENTS: [Document; 12] =
-    [METRICS, LOG, CAPTURES, MEASURED, PREPARE, PREPARE_STATE, EVENT, INFO, COMPARISON, EDIT, EDIT_COMPARISON, BENCH];
+pub const DOCUMENTS: [Document; 14] = [
+    METRICS,
+    LOG,
+    CAPTURES,
+    MEASURED,
+    PREPARE,
+    PREPARE_STATE,
+    EVENT,
+    INFO,
+    COMPARISON,
+    RUN_COMPARISON,
+    SCENE_METRICS,
+    EDIT,
+    EDIT_COMPARISON,
+    BENCH,
+];
 
 impl Document {
     /// Returns the content with the version before it.

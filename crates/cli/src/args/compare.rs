@@ -14,13 +14,15 @@ use super::values::{ColorSpaceArg, TransferArg, parse_positive};
     mut_arg("metrics", |arg| arg.default_value("all")),
     after_help = "Images of two folders are matched by their names without extension. What the metrics mean: docs/src/reference/metrics.md.\n\n\
     luxel compare reference.exr render.exr --heatmap flip.png\n\
-    luxel compare run/eval/step_9000/gt run/eval/step_9000/renders --json"
+    luxel compare run/eval/step_9000/gt run/eval/step_9000/renders --json\n\
+    luxel compare sh3-run lcd-run -o sh3-and-lcd"
 )]
 pub(crate) struct CompareArgs {
-    /// Reference, an image or a folder of images; with --reference, the test.
+    /// Reference, an image or a folder of images; with --reference, the test; or the first of two
+    /// runs, which are compared on the test views that both have.
     #[arg(value_name = "REFERENCE")]
     pub(crate) first: PathBuf,
-    /// Test, an image or a folder like the reference.
+    /// Test, an image or a folder like the reference; or the second run.
     #[arg(value_name = "TEST", required_unless_present = "reference", conflicts_with = "reference")]
     pub(crate) second: Option<PathBuf>,
     /// Reference, in place of the first of two paths.
@@ -58,6 +60,11 @@ pub(crate) struct CompareArgs {
     /// folder of them.
     #[arg(long, value_name = "PATH", help_heading = "Output")]
     pub(crate) heatmap: Option<PathBuf>,
+    /// For two runs, a new folder for runs.json and a picture of each view: above the ground truth
+    /// and both renders, below where the second run's error is larger (orange) or smaller (blue),
+    /// and both errors.
+    #[arg(long, short, value_name = "DIR", conflicts_with_all = ["heatmap", "reference"], help_heading = "Output")]
+    pub(crate) output: Option<PathBuf>,
     /// Replace error maps that are there.
     #[arg(long, requires = "heatmap", help_heading = "Output")]
     pub(crate) overwrite: bool,

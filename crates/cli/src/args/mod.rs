@@ -150,9 +150,10 @@ pub(crate) enum Command {
     Prepare(Box<PrepareArgs>),
     /// Reconstruct a scene from posed HDR images.
     Train(Box<TrainArgs>),
-    /// Measure a run's scene against its images: a table, metrics.json and report.html.
+    /// Measure the scene of a run or file against images: a table; for a run, metrics.json and
+    /// report.html.
     Eval(EvalArgs),
-    /// Compare two images, or two folders of images, by every metric.
+    /// Compare two images, folders of images, or runs, by every metric.
     Compare(CompareArgs),
     /// Render a scene to OpenEXR images in the units of the data set.
     Render(RenderArgs),
@@ -223,12 +224,20 @@ pub(crate) struct TrainArgs {
 /// `luxel eval`.
 #[derive(Debug, Args)]
 pub(crate) struct EvalArgs {
-    /// Folder of the run.
-    pub(crate) run: PathBuf,
-    /// Data set to measure against [default: that of the run, read as the run did but for options
+    /// Folder of a run (its newest scene), or a scene file, which needs --data.
+    #[arg(value_name = "RUN|SCENE")]
+    pub(crate) scene: PathBuf,
+    /// Data set to measure against [default for a run: its own, read as the run did but for options
     /// given here].
     #[arg(long, value_name = "DATASET")]
     pub(crate) data: Option<PathBuf>,
+    /// For a scene file, a new folder for metrics.json, and the test views and their ground truth
+    /// in renders and gt.
+    #[arg(long, short, value_name = "DIR")]
+    pub(crate) output: Option<PathBuf>,
+    /// Print the metrics as one JSON object.
+    #[arg(long)]
+    pub(crate) json: bool,
     /// Metrics to compute.
     #[command(flatten)]
     pub(crate) metrics: MetricsArgs,

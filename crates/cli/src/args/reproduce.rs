@@ -2,10 +2,10 @@
 
 use std::path::PathBuf;
 
-use clap::builder::Resettable;
+use clap::builder::{OsStringValueParser, Resettable, TypedValueParser};
 use clap::{Arg, Args};
 use luxel::run::ExplicitArgs;
-use luxel::study::{METHOD_OPTIONS, parse_method};
+use luxel::study::{METHOD_OPTIONS, StudyDataset, parse_dataset, parse_method};
 use luxel_core::ColorModel;
 use luxel_train::{MAX_SEED, NamedChoice, OptionSpec, Preset, TrainConfig};
 
@@ -20,12 +20,14 @@ use super::{ConsoleArgs, DeviceArgs, LoadArgs, MetricsArgs};
     Every run is a folder below DIR/runs. Finished runs are kept, interrupted ones are continued; the same command again writes the report anew. \
     Methods, data sets and seeds can be added: the report covers them and all finished runs of earlier commands. Other options need another folder. Ctrl-C saves all runs and exits with code 130.\n\n\
     luxel reproduce desk-lamp bathroom -o paper --iterations 7000\n\
+    luxel reproduce desk=captures/1102/data lab=captures/1103/data -o places\n\
     luxel reproduce my-scene -o ablation --methods sh3,lcd,lcd-l1 --seeds 1,2 --jobs 2 --downscale 2"
 )]
 pub(crate) struct ReproduceArgs {
-    /// Folders of data sets.
-    #[arg(required = true, value_name = "DATASET")]
-    pub(crate) datasets: Vec<PathBuf>,
+    /// Folders of data sets, each with the name that tables and the folders of runs give it
+    /// [default name: that of the folder].
+    #[arg(required = true, value_name = "[NAME=]DATASET", value_parser = OsStringValueParser::new().try_map(parse_dataset))]
+    pub(crate) datasets: Vec<StudyDataset>,
     /// Folder for runs and report.
     #[arg(long, short, value_name = "DIR")]
     pub(crate) output: PathBuf,

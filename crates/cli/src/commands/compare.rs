@@ -1,10 +1,13 @@
-//! `luxel compare`: metrics of two images, or of two folders of them. None stands without its
-//! protocol.
+//! `luxel compare`: metrics of two images, of two folders of them, or of two runs. None stands
+//! without its protocol.
+
+mod runs;
 
 use std::fmt::Write as _;
 
 use anyhow::{Context, Result, bail};
 use luxel::compare::{CompareOptions, Comparison, ImageMetrics, compare};
+use luxel::run::RunFolder;
 use luxel::{schema, text};
 use luxel_metrics::{DecadeError, FLIP_PIXELS_PER_DEGREE};
 
@@ -33,6 +36,17 @@ pub(crate) fn run(args: &CompareArgs) -> Result<()> {
         heatmap: args.heatmap.clone(),
         overwrite: args.overwrite,
     };
+    match [reference, test].map(|path| RunFolder::is_run(path)) {
+        [true, true] => return runs::run([reference, test], &options, args, &console),
+        [false, false] => {}
+        [is_run, _] => {
+            let (run, other) = if is_run { (reference, test) } else { (test, reference) };
+            bail!("{} is a run and {} is none; expected two runs, or two images or folders of images", run.display(), other.display())
+        }
+    }
+    if let Some(output) = &args.output {
+        bail!("--output {} is for two runs; --heatmap writes error maps of images", output.display());
+    }
     let found = compare(reference, test, &options, &console)?;
     if args.json {
         console::print(&serde_json::to_string_pretty(&schema::COMPARISON.versioned(&found)).context("cannot encode the metrics")?)

@@ -137,7 +137,7 @@ fn report(scene: &Scene, done: &[AppliedEdit]) -> Tree {
 /// Compares the scene with the one at `other` under the same edits.
 fn compare(args: &EditArgs, other: &Path, request: DataRequest<'_>, console: &Console) -> Result<()> {
     let Some(folder) = &args.output else { bail!("--against: give a folder for the comparison with -o") };
-    check_new(folder)?;
+    output::check_new_folder(folder)?;
     if let Some(edit) = args.edits.0.iter().find(|edit| edit.selection != Selection::All) {
         bail!("--where \"{}\": an ideal edit of pixels knows no splats; compare maps of the whole scene", edit.selection);
     }
@@ -156,16 +156,6 @@ fn compare(args: &EditArgs, other: &Path, request: DataRequest<'_>, console: &Co
     files::write_json(&folder.join("comparison.json"), schema::EDIT_COMPARISON, &facts.json())?;
     let text = if args.json { facts.document(schema::EDIT_COMPARISON) } else { fidelity_table(&found.rows) };
     console.result(&facts.event("comparison"), &text)
-}
-
-/// Refuses a folder that has content: results go to a folder of their own.
-fn check_new(folder: &Path) -> Result<()> {
-    output::check_folder_name(folder, &output::IMAGE_EXTENSIONS)?;
-    let has_entries = || std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_some());
-    if folder.is_file() || has_entries() {
-        bail!("{}: exists already; give the name of a new folder", folder.display());
-    }
-    Ok(())
 }
 
 /// Returns the test views; without any, the training views.

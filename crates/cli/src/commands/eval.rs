@@ -1,8 +1,12 @@
-//! `luxel eval`: metrics of a run's newest scene.
+//! `luxel eval`: metrics of a run's newest scene, or of a scene file.
 
-use anyhow::Result;
+use std::path::Path;
+
+use anyhow::{Context, Result, bail};
 use luxel::run::evaluation::read_lpips;
-use luxel::run::{EvaluationData, ExplicitArgs, MetricsOptions, RunFolder, evaluate_run};
+use luxel::run::{EvaluationData, ExplicitArgs, MetricsOptions, RunFolder, evaluate_run, evaluate_scene};
+use luxel::{files, output, schema};
+use luxel_metrics::Lpips;
 
 use crate::args::EvalArgs;
 use crate::inputs::scene_source::DataRequest;
@@ -13,22 +17,73 @@ use crate::output::metrics_table;
 /// Evaluates and reports; `explicit` names the options that were given.
 pub(crate) fn run(args: &EvalArgs, explicit: &ExplicitArgs) -> Result<()> {
     let console = Console::new(LogFormat::Text, false);
-    let (folder, config) = RunFolder::open(&args.run)?;
+    let lpips = read_lpips(args.metrics.lpips_weights.as_deref())?;
+    if args.scene.is_file() {
+        return scene_file(args, explicit, lpips.as_ref(), &console);
+    }
+    if let Some(output) = &args.output {
+        bail!("--output {} is for a scene file; the metrics of a run are written into its folder", output.display());
+    }
+    let (folder, config) = RunFolder::open(&args.scene)?;
     // While a training works in the folder, metrics of an older step would replace its own.
     let _lock = folder.lock()?;
-    let lpips = read_lpips(args.metrics.lpips_weights.as_deref())?;
     let engine = engine::engine(&args.device)?;
     let request = DataRequest { data: args.data.as_deref(), load: &args.load, explicit };
     let (path, load) = request.of_run(&folder, &config)?;
     let dataset = data::load(&path, &load, &console)?;
     data::check_color_space(&dataset, &load, explicit)?;
     let data = EvaluationData { path: &path, load: &load, dataset: &dataset };
-    let metrics = MetricsOptions { peak_luminance: args.peak_luminance, flip: args.metrics.metrics.into(), lpips: lpips.as_ref() };
-    let splits = evaluate_run(&folder, &config, data, metrics, engine, &console)?;
+    let splits = evaluate_run(&folder, &config, data, metrics(args, lpips.as_ref()), engine, &console)?;
     // Last: a reader that leaves early costs no metrics.
+    if args.json {
+        return console::print(files::read_text(&folder.metrics(), u64::MAX - 1)?.trim_end());
+    }
     for (name, split) in &splits {
         console::print(&metrics_table::table(name, split))?;
     }
     console.note(&format!("metrics {}\nreport  {}", folder.metrics().display(), folder.report().display()));
     Ok(())
+}
+
+fn metrics<'a>(args: &EvalArgs, lpips: Option<&'a Lpips>) -> MetricsOptions<'a> {
+    MetricsOptions { peak_luminance: args.peak_luminance, flip: args.metrics.metrics.into(), lpips }
+}
+
+/// Evaluates a scene that is a file.
+fn scene_file(args: &EvalArgs, explicit: &ExplicitArgs, lpips: Option<&Lpips>, console: &Console) -> Result<()> {
+    let Some(path) = &args.data else {
+        bail!("{}: a scene file has no views to measure against; give --data DATASET", args.scene.display());
+    };
+    if let Some(folder) = &args.output {
+        output::check_new_folder(folder)?;
+    }
+    let scene = luxel::Scene::open_reporting(&args.scene, console)?.into_core();
+    let load = args.load.options();
+    let dataset = data::load(path, &load, console)?;
+    data::check_color_space(&dataset, &load, explicit)?;
+    let data = EvaluationData { path, load: &load, dataset: &dataset };
+    let engine = engine::engine(&args.device)?;
+    let _confinement = args.output.as_deref().map(start_folder).transpose()?;
+    let found = evaluate_scene(&args.scene, &scene, data, metrics(args, lpips), engine, args.output.as_deref())?;
+    if let Some(folder) = &args.output {
+        let path = folder.join("metrics.json");
+        files::write_json(&path, schema::SCENE_METRICS, &found)?;
+        console.note(&format!("metrics {}", path.display()));
+    }
+    if args.json {
+        let text = serde_json::to_string_pretty(&schema::SCENE_METRICS.versioned(&found)).context("cannot encode the metrics")?;
+        return console::print(&text);
+    }
+    for (name, split) in &found.splits {
+        console::print(&metrics_table::table(name, split))?;
+    }
+    let scale = luxel::text::number(found.radiance_scale.get().into());
+    console.note(&format!("1 in protocol scene is the scene's radiance scale, {scale}; gtmax and selfmax do not depend on it"));
+    Ok(())
+}
+
+/// Makes the folder of results, which nothing is written out of.
+fn start_folder(folder: &Path) -> Result<luxel_io::Confinement> {
+    std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot create the folder", folder.display()))?;
+    Ok(luxel_io::confine(folder)?)
 }

@@ -50,6 +50,7 @@ fn options(args: &ReproduceArgs, explicit: &ExplicitArgs) -> Result<StudyOptions
         checkpoint_every: args.checkpoint_every,
         load: args.load.options(),
         device: args.device.options(),
+        memory_gib: luxel_io::given_memory_limit().map(|bytes| bytes >> 30),
         train: args.train.config.clone().with_preset(|id| explicit.contains(id)),
         flip: args.metrics.metrics.into(),
         lpips_weights: args.metrics.lpips_weights.clone(),

@@ -2,11 +2,13 @@
 //!
 //! In: paths and [`CompareOptions`]. Out: [`Comparison`]: every metric of every pair, and means.
 //! Images of folders are matched by their names without extension. Degenerate: images without a
-//! partner are left out with a warning; folders without a pair are an error.
+//! partner are left out with a warning; folders without a pair are an error. [`compare_runs`]
+//! compares two runs.
 
 mod measure;
 mod options;
 mod pairs;
+mod runs;
 
 use std::path::{Path, PathBuf};
 
@@ -18,6 +20,7 @@ use serde::Serialize;
 use self::measure::Settings;
 pub use self::options::CompareOptions;
 use self::pairs::Pairs;
+pub use self::runs::{ComparedRun, ComparedView, FULL_SCALE_ERROR, RunComparison, compare_runs};
 use crate::error::{Context, bail};
 use crate::{Error, Observer, Result, output};
 
@@ -163,10 +166,15 @@ pub fn compare(reference: &Path, test: &Path, options: &CompareOptions, observer
         scale_rule: settings.scale_rule,
         peak_luminance: settings.peak_luminance,
         mu: settings.mu,
-        mean: MeanMetrics { mu_law: ViewMetrics::mean(&mu_law).unwrap_or_default(), field: FieldMetrics::mean(&field).unwrap_or_default() },
+        mean: mean_metrics(&mu_law, &field),
         images,
         missing_test: paths(pairs.only_reference),
         missing_reference: paths(pairs.only_test),
         are_folders: pairs.are_folders,
     })
+}
+
+/// Returns the means over images; zeros without any.
+fn mean_metrics(mu_law: &[ViewMetrics], field: &[FieldMetrics]) -> MeanMetrics {
+    MeanMetrics { mu_law: ViewMetrics::mean(mu_law).unwrap_or_default(), field: FieldMetrics::mean(field).unwrap_or_default() }
 }

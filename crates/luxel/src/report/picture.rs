@@ -102,7 +102,7 @@ pub fn values(image: &Image, full_scale: f32, max_side_px: usize) -> Result<Pict
 }
 
 /// Returns the mean over channels of the absolute difference under the mu-law.
-pub(super) fn mu_error(prediction: [f32; 3], target: [f32; 3], mu: f32) -> f32 {
+pub(crate) fn mu_error(prediction: [f32; 3], target: [f32; 3], mu: f32) -> f32 {
     (0..3).map(|c| (mu_law(prediction[c].max(0.0), mu) - mu_law(target[c].max(0.0), mu)).abs()).sum::<f32>() / 3.0
 }
 

@@ -1,16 +1,20 @@
 //! Evaluation of a finished or interrupted run: metrics of its newest scene, on its own data set or
-//! another.
+//! another; and of a scene file without a run.
 //!
 //! In: a run folder, a data set, an engine. Out: `metrics.json`, the images of the test views, the
 //! report, and the metrics themselves. The folder of a step's evaluation is for the run's own data
-//! as the run read it; other data get a folder of their own.
+//! as the run read it; other data get a folder of their own. A scene file is measured with its own
+//! settings, on black; nothing is written unless a folder is named.
 
 use std::path::Path;
 
-use luxel_core::{Dataset, Scene};
+use std::collections::BTreeMap;
+
+use luxel_core::{Dataset, RadianceScale, Scene};
 use luxel_io::LoadOptions;
 use luxel_metrics::{FieldOptions, FlipChoice};
 use luxel_metrics::{GainFit, Lpips, SplitMetrics};
+use serde::Serialize;
 
 use super::report::Evaluated;
 use super::{Captures, Metrics, Rendering, RunConfig, RunFolder, log, report, state};
@@ -107,6 +111,80 @@ pub fn evaluate_run(
     files::write_json(&folder.metrics(), schema::METRICS, &metrics)?;
     report::write(folder, config, dataset, Evaluated { metrics: &metrics, images: &images })?;
     Ok(named)
+}
+
+/// Metrics of a scene file, which [`schema::SCENE_METRICS`] writes.
+#[derive(Clone, Debug, Serialize)]
+pub struct SceneMetrics {
+    /// Path of the scene.
+    pub scene: String,
+    /// Name of its colour model.
+    pub color_model: String,
+    /// Splats.
+    pub splats: usize,
+    /// Radiance of the data set that is 1 in protocol `scene`: the scene's own scale.
+    pub radiance_scale: RadianceScale,
+    /// mu of the mu-law.
+    pub mu: f32,
+    /// Place where the engine ran: threads of a processor, or a GPU.
+    pub computed_by: String,
+    /// Version of the program.
+    pub luxel_version: String,
+    /// Folder of the data set.
+    pub dataset: String,
+    /// `test` and `train`, where the data set has such views.
+    pub splits: BTreeMap<String, SplitMetrics>,
+}
+
+/// Measures the scene of a file against the views of a data set. With a folder, writes the images
+/// of the test views and their ground truth into `renders/` and `gt/` in it.
+///
+/// # Errors
+/// Images in another colour space than the scene, or with captured values, which need the camera
+/// response of a run; a data set without views; a device that gave up; a file that cannot be
+/// written.
+pub fn evaluate_scene(
+    file: &Path,
+    scene: &Scene,
+    data: EvaluationData<'_>,
+    metrics: MetricsOptions<'_>,
+    selected: SelectedEngine,
+    images: Option<&Path>,
+) -> Result<SceneMetrics> {
+    let SelectedEngine { mut engine, computed_by, .. } = selected;
+    check_color_space(data.path, data.dataset, scene)?;
+    engine.load(&scene.splats, None).context("cannot load the scene")?;
+    let mu = luxel_core::tone::MU;
+    let mut rendering = Rendering {
+        engine: engine.as_mut(),
+        options: scene.render_options(),
+        radiance_scale: scene.radiance_scale,
+        mu,
+        color_space: data.dataset.color_space,
+        peak_luminance: metrics.peak_luminance,
+        flip: metrics.flip,
+        lpips: metrics.lpips,
+        response: None,
+        log_gains: BTreeMap::new(),
+    };
+    let mut splits = BTreeMap::new();
+    for (name, views, images) in [("test", &data.dataset.test, images), ("train", &data.dataset.train, None)] {
+        splits.extend(rendering.evaluate(views, images, GainFit::None)?.map(|split| (name.to_owned(), split)));
+    }
+    if splits.is_empty() {
+        bail!("{}: no view has a valid pixel to measure", data.path.display());
+    }
+    Ok(SceneMetrics {
+        scene: file.display().to_string(),
+        color_model: scene.splats.color_model.name(),
+        splats: scene.splats.len(),
+        radiance_scale: scene.radiance_scale,
+        mu,
+        computed_by,
+        luxel_version: crate::VERSION.into(),
+        dataset: data.path.display().to_string(),
+        splits,
+    })
 }
 
 fn check_color_space(path: &Path, dataset: &Dataset, scene: &Scene) -> Result<()> {

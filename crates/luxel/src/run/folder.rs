@@ -156,6 +156,11 @@ impl RunFolder {
         Some(LockIdentity { number: u64::from(metadata.is_file()) })
     }
 
+    /// Returns whether a process works in the folder.
+    pub(crate) fn is_locked(&self) -> bool {
+        self.lock_identity().is_some()
+    }
+
     /// Deletes the files of a run, and leaves everything else in the folder. The mark is deleted
     /// last, so that an interrupted deletion can be repeated.
     ///
@@ -259,6 +264,13 @@ impl RunFolder {
     pub fn scene_iterations(&self) -> Vec<u32> {
         let mut found = numbered(&self.root.join("point_cloud"), "iteration_");
         found.retain(|&n| self.scene(n).is_file());
+        found
+    }
+
+    /// Returns the iterations with images of test views, newest first.
+    pub(crate) fn rendered_iterations(&self) -> Vec<u32> {
+        let mut found = numbered(&self.root.join("eval"), "step_");
+        found.retain(|&n| ["renders", "gt"].iter().all(|name| self.evaluation(n).join(name).is_dir()));
         found
     }
 

@@ -47,7 +47,7 @@ pub mod state;
 
 pub use captures::Captures;
 pub use config::{Difference, MadeBy, RunConfig, RunOptions};
-pub use evaluate::{EvaluationData, MetricsOptions, evaluate_run};
+pub use evaluate::{EvaluationData, MetricsOptions, SceneMetrics, evaluate_run, evaluate_scene};
 pub use evaluation::{Metrics, Rendering};
 pub use explicit::ExplicitArgs;
 pub use folder::{LOCK, Occupant, RunFolder, RunLock, is_left_over};

@@ -16,7 +16,7 @@ use luxel_core::{ColorModel, Remedy};
 use luxel_train::TrainConfig;
 
 use super::method::{self, with_method};
-use super::options::StudyOptions;
+use super::options::{StudyDataset, StudyOptions};
 use super::stored::{Stored, union};
 
 /// Folder of the cells within the output folder.
@@ -80,6 +80,8 @@ pub(super) struct Matrix {
     pub(super) jobs: usize,
     /// Threads per cell.
     pub(super) threads: usize,
+    /// Memory that reading one file may take in each cell, GiB.
+    pub(super) memory_gib: Option<u64>,
 }
 
 impl Matrix {
@@ -107,7 +109,7 @@ impl Matrix {
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
         let jobs = options.jobs.max(1);
         let threads = options.device.threads.map_or_else(|| (cores / jobs).max(1), |threads| threads as usize);
-        let mut matrix = Self { root, sources, methods, seeds, cells: Vec::new(), jobs, threads };
+        let mut matrix = Self { root, sources, methods, seeds, cells: Vec::new(), jobs, threads, memory_gib: options.memory_gib };
         for seed in matrix.seeds.clone() {
             for (source, method) in
                 (0..matrix.sources.len()).flat_map(|source| (0..matrix.methods.len()).map(move |method| (source, method)))
@@ -177,10 +179,13 @@ impl Matrix {
     /// Refuses a folder that holds something else.
     pub(super) fn check_root(&self) -> Result<()> {
         let root = self.root.display();
-        if self.root.join(MARK).is_file() {
+        let folder = RunFolder::at(&self.root);
+        let occupant = folder.occupant()?;
+        // Last: another process may write the mark meanwhile, or be about to.
+        if self.root.join(MARK).is_file() || folder.is_locked() {
             return Ok(());
         }
-        match RunFolder::at(&self.root).occupant()? {
+        match occupant {
             Occupant::Nothing => Ok(()),
             Occupant::Run(_) => Err(other_folder(format!("{root}: holds a training run"))),
             Occupant::Foreign => Err(other_folder(format!("{root}: is not empty and not a matrix of runs"))),
@@ -198,6 +203,7 @@ impl Matrix {
         let strings = |values: Vec<String>| toml::Value::Array(values.into_iter().map(toml::Value::String).collect());
         table.insert("luxel_version".into(), crate::VERSION.into());
         table.insert("datasets".into(), strings(self.sources.iter().map(|source| source.path.display().to_string()).collect()));
+        table.insert("dataset_names".into(), strings(self.sources.iter().map(|source| source.name.clone()).collect()));
         table.insert("methods".into(), strings(self.methods.iter().map(|method| method.name()).collect()));
         // As text: TOML's integers have a sign.
         table.insert("seeds".into(), strings(self.seeds.iter().map(u64::to_string).collect()));
@@ -253,26 +259,29 @@ fn repeated<T: PartialEq + Copy>(values: &[T]) -> Option<T> {
 }
 
 /// Returns a data set of an earlier call.
-fn stored_source(path: PathBuf) -> Source {
-    let name = path.file_name().map_or_else(|| "dataset".into(), |name| name.to_string_lossy().into_owned());
-    Source { name, path }
+fn stored_source(StudyDataset { name, path }: StudyDataset) -> Source {
+    let of_folder = || path.file_name().map_or_else(|| "dataset".into(), |name| name.to_string_lossy().into_owned());
+    Source { name: name.unwrap_or_else(of_folder), path }
 }
 
 /// Returns the data sets, whose names differ.
 fn sources(options: &StudyOptions) -> Result<Vec<Source>> {
     let mut sources: Vec<Source> = Vec::new();
-    for given in &options.datasets {
+    for StudyDataset { name, path: given } in &options.datasets {
         let path = std::fs::canonicalize(given).with_context(|| format!("{}: cannot open the data set", given.display()))?;
         if options.load.format.is_none() {
             luxel_io::detect_format(&path).context("cannot read the data set")?;
         }
         // `.` and `..` have the name of the folder that they lead to.
-        let name = given.file_name().or(path.file_name()).map_or_else(|| "dataset".into(), |name| name.to_string_lossy().into_owned());
+        let of_folder =
+            || given.file_name().or(path.file_name()).map_or_else(|| "dataset".into(), |name| name.to_string_lossy().into_owned());
+        let name = name.clone().unwrap_or_else(of_folder);
         if let Some(other) = sources.iter().find(|source| source.name == name) {
             bail!(
-                "{} and {} have one folder name, which names their runs; rename one of the folders",
+                "{} and {} have one name, {name}, which names their runs; give one of them another: OTHER={}",
                 other.path.display(),
-                path.display()
+                path.display(),
+                given.display()
             );
         }
         sources.push(Source { name, path });

@@ -44,7 +44,7 @@ use self::editing::Edited;
 use self::matrix::{CellState, Matrix};
 use self::measure::MeasureOptions;
 pub use self::method::{METHOD_OPTIONS, parse_method};
-pub use self::options::StudyOptions;
+pub use self::options::{StudyDataset, StudyOptions, parse_dataset};
 use self::page::Content;
 pub use self::plan::{StudyPlan, plan};
 use self::results::CellResult;

@@ -1,6 +1,7 @@
 //! Options of a study.
 
-use std::path::PathBuf;
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
 
 use luxel_core::ColorModel;
 use luxel_io::LoadOptions;
@@ -9,6 +10,58 @@ use luxel_train::TrainConfig;
 
 use crate::DeviceOptions;
 use crate::run::Difference;
+
+/// A data set of a study, and the name that tables and folders of runs give it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct StudyDataset {
+    /// Name; `None` for that of the folder.
+    pub name: Option<String>,
+    /// Folder of the data set.
+    pub path: PathBuf,
+}
+
+impl From<PathBuf> for StudyDataset {
+    fn from(path: PathBuf) -> Self {
+        Self { name: None, path }
+    }
+}
+
+impl From<&str> for StudyDataset {
+    fn from(path: &str) -> Self {
+        Self { name: None, path: path.into() }
+    }
+}
+
+/// Parses `PATH` or `NAME=PATH`. A path that exists is never split, and the name has no slash.
+///
+/// ```
+/// use luxel::study::parse_dataset;
+///
+/// let desk = parse_dataset("desk=captures/2026-11-02/data".into())?;
+/// assert_eq!((desk.name.as_deref(), desk.path.to_str()), (Some("desk"), Some("captures/2026-11-02/data")));
+/// assert_eq!(parse_dataset("captures/a=b".into())?.name, None);
+/// assert!(parse_dataset("my desk=data".into()).is_err());
+/// # Ok::<(), String>(())
+/// ```
+///
+/// # Errors
+/// A name that is no name for a folder, or no path behind it.
+pub fn parse_dataset(text: OsString) -> Result<StudyDataset, String> {
+    let named = text.to_str().filter(|text| !Path::new(text).exists()).and_then(|text| text.split_once('='));
+    match named.filter(|(name, _)| !name.contains(['/', '\\'])) {
+        Some((name, path)) if is_plain_name(name) && !path.is_empty() => {
+            Ok(StudyDataset { name: Some(name.to_owned()), path: path.into() })
+        }
+        Some((name, _)) => Err(format!("found the name \"{name}\", expected NAME=PATH with letters, digits, '.', '_' and '-' in the name")),
+        None => Ok(PathBuf::from(text).into()),
+    }
+}
+
+/// Returns whether a name is one for a folder everywhere.
+fn is_plain_name(name: &str) -> bool {
+    let is_plain = |c: char| c.is_alphanumeric() || "._-".contains(c);
+    !name.is_empty() && !name.starts_with(['.', '-']) && name.chars().all(is_plain)
+}
 
 /// Options of [`run`](super::run).
 ///
@@ -23,8 +76,8 @@ use crate::run::Difference;
 /// ```
 #[derive(Clone, Debug)]
 pub struct StudyOptions {
-    /// Folders of the data sets.
-    pub datasets: Vec<PathBuf>,
+    /// The data sets.
+    pub datasets: Vec<StudyDataset>,
     /// Folder of runs and report.
     pub output: PathBuf,
     /// Colour models, in the order of the tables.
@@ -39,6 +92,8 @@ pub struct StudyOptions {
     pub load: LoadOptions,
     /// Device. Without a number of threads each run has its share of the cores.
     pub device: DeviceOptions,
+    /// Memory that reading one file may take in each run, GiB; `None` for the default of the program.
+    pub memory_gib: Option<u64>,
     /// Options of training that all runs share; colour model and seed are replaced run by run.
     pub train: TrainConfig,
     /// Whether HDR-FLIP is measured.
@@ -53,7 +108,11 @@ pub struct StudyOptions {
 
 impl StudyOptions {
     /// Returns the default options: 3DGS and LCD-GS, seed 42, one run at a time.
-    pub fn new<P: Into<PathBuf>>(datasets: impl IntoIterator<Item = P>, output: impl Into<PathBuf>, program: impl Into<PathBuf>) -> Self {
+    pub fn new<D: Into<StudyDataset>>(
+        datasets: impl IntoIterator<Item = D>,
+        output: impl Into<PathBuf>,
+        program: impl Into<PathBuf>,
+    ) -> Self {
         Self {
             datasets: datasets.into_iter().map(Into::into).collect(),
             output: output.into(),
@@ -63,6 +122,7 @@ impl StudyOptions {
             checkpoint_every: 1000,
             load: LoadOptions::default(),
             device: DeviceOptions::default(),
+            memory_gib: None,
             train: TrainConfig::default(),
             flip: FlipChoice::Skip,
             lpips_weights: None,

@@ -8,9 +8,9 @@ use std::path::{Path, PathBuf};
 use luxel_core::ColorModel;
 use serde::Deserialize;
 
-use super::parse_method;
+use super::{StudyDataset, parse_method};
 use crate::error::Context;
-use crate::{Result, files};
+use crate::{Error, Result, files};
 
 /// The file has a line per data set and option.
 const LIMIT_BYTES: u64 = 16 << 20;
@@ -18,8 +18,8 @@ const LIMIT_BYTES: u64 = 16 << 20;
 /// Data sets, methods and seeds.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Stored {
-    /// Absolute paths.
-    pub(super) datasets: Vec<PathBuf>,
+    /// Their paths are absolute.
+    pub(super) datasets: Vec<StudyDataset>,
     pub(super) methods: Vec<ColorModel>,
     pub(super) seeds: Vec<u64>,
 }
@@ -29,6 +29,8 @@ pub(super) struct Stored {
 #[serde(default)]
 struct File {
     datasets: Vec<PathBuf>,
+    /// Their names, in order; studies of earlier versions have none.
+    dataset_names: Vec<String>,
     methods: Vec<String>,
     seeds: Vec<String>,
 }
@@ -44,7 +46,14 @@ impl Stored {
         let file: File = toml::from_str(&text).with_context(wrong)?;
         let methods = file.methods.iter().map(|name| parse_method(name).ok()).collect::<Option<_>>().with_context(wrong)?;
         let seeds = file.seeds.iter().map(|seed| seed.parse().ok()).collect::<Option<_>>().with_context(wrong)?;
-        Ok(Self { datasets: file.datasets, methods, seeds })
+        let mut names = file.dataset_names.into_iter();
+        let datasets: Vec<StudyDataset> = file.datasets.into_iter().map(|path| StudyDataset { name: names.next(), path }).collect();
+        // Names are parts of paths.
+        let is_part = |name: &str| !["", ".", ".."].contains(&name) && !name.contains(['/', '\\']);
+        if !datasets.iter().filter_map(|dataset| dataset.name.as_deref()).all(is_part) {
+            return Err(Error::new(wrong()));
+        }
+        Ok(Self { datasets, methods, seeds })
     }
 }
 
@@ -74,9 +83,11 @@ mod tests {
         let found = read("datasets = [\"/a/room\"]\nmethods = [\"lcd\"]\nseeds = [\"7\"]\n[train]\n").unwrap();
         assert_eq!(
             (found.datasets, found.methods, found.seeds),
-            (vec![PathBuf::from("/a/room")], vec![parse_method("lcd").unwrap()], vec![7])
+            (vec![StudyDataset::from("/a/room")], vec![parse_method("lcd").unwrap()], vec![7])
         );
-        for text in ["methods = [\"nerf\"]", "seeds = [\"x\"]", "datasets = 3", "="] {
+        let named = read("datasets = [\"/a/data\", \"/b/data\"]\ndataset_names = [\"a\", \"b\"]\n").unwrap().datasets;
+        assert_eq!(named.iter().map(|dataset| dataset.name.as_deref()).collect::<Vec<_>>(), [Some("a"), Some("b")]);
+        for text in ["methods = [\"nerf\"]", "datasets = [\"/a\"]\ndataset_names = [\"../../a\"]", "seeds = [\"x\"]", "datasets = 3", "="] {
             assert!(read(text).unwrap_err().to_string().contains("not the lists of a study"), "{text}");
         }
     }

@@ -80,7 +80,7 @@ pub(super) fn train(
 
 fn start(program: &Path, matrix: &Matrix, cell: usize, shared: &Mutex<Shared>) -> Result<Worker> {
     let mut shared = lock(shared);
-    let (worker, input) = Worker::start(program, &matrix.cells[cell])?;
+    let (worker, input) = Worker::start(program, &matrix.cells[cell], matrix.memory_gib)?;
     // After a request to stop, the input ends at once.
     if !shared.stop.is_requested() {
         shared.inputs.push((cell, input));

@@ -5,6 +5,7 @@
 //! JSON lines on stdout. It saves and stops at the end of its standard input, which this process
 //! holds open: the child ends with this process, however that ends.
 
+use std::ffi::OsString;
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 use std::process::{Child, ChildStdin, Command, Stdio};
@@ -49,11 +50,11 @@ pub(super) struct Worker {
 
 impl Worker {
     /// Starts or continues the cell. Dropping the returned input stops the worker.
-    pub(super) fn start(program: &Path, cell: &Cell) -> Result<(Self, ChildStdin)> {
+    pub(super) fn start(program: &Path, cell: &Cell, memory_gib: Option<u64>) -> Result<(Self, ChildStdin)> {
         // The settings mark the folder; a run without a step is continued from the beginning.
         cell.folder.write_config(&cell.config)?;
         let mut command = Command::new(program);
-        command.args(["train", "--resume", "--stop-at-end-of-input", "--log-format", "json", "-o"]).arg(cell.folder.root());
+        command.args(arguments(cell.folder.root(), memory_gib));
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         // A terminal's Ctrl-C is for this process, which stops its children.
         #[cfg(unix)]
@@ -85,6 +86,16 @@ impl Worker {
             }
         }
     }
+}
+
+/// Returns the arguments of the child for a run's folder.
+fn arguments(folder: &Path, memory_gib: Option<u64>) -> Vec<OsString> {
+    let mut arguments: Vec<OsString> = ["train", "--resume", "--stop-at-end-of-input", "--log-format", "json"].map(Into::into).into();
+    if let Some(gib) = memory_gib {
+        arguments.extend(["--memory".into(), gib.to_string().into()]);
+    }
+    arguments.extend(["-o".into(), folder.into()]);
+    arguments
 }
 
 /// Returns the end of a stream.
@@ -122,6 +133,13 @@ mod tests {
         assert_eq!(event(r#"{"event":"warning","message":"8 bits"}"#), Some(WorkerEvent::Warning { message: "8 bits".into() }));
         assert_eq!(event(r#"{"event":"evaluation","mean":{}}"#), Some(WorkerEvent::Other));
         assert_eq!(event("no JSON"), None);
+    }
+
+    #[test]
+    fn the_limit_of_memory_is_passed_on() {
+        let text = |memory_gib| arguments(Path::new("runs/a"), memory_gib).join(" ".as_ref()).into_string().unwrap();
+        assert!(text(Some(7)).contains(" --memory 7 ") && text(Some(7)).ends_with(" -o runs/a"), "{}", text(Some(7)));
+        assert!(!text(None).contains("--memory"));
     }
 
     #[test]
