@@ -115,6 +115,7 @@ fn dispatch(command: Command, explicit: &ExplicitArgs) -> Result<Outcome> {
         Command::Edit(args) => commands::edit::run(&args, explicit).map(|()| Outcome::Finished),
         Command::Export(args) => commands::export::run(&args, explicit).map(|()| Outcome::Finished),
         Command::Probe(args) => commands::probe::run(&args, explicit).map(|()| Outcome::Finished),
+        Command::Pick(args) => commands::pick::run(&args, explicit).map(|()| Outcome::Finished),
         Command::Info(args) => commands::info::run(&args, explicit).map(|()| Outcome::Finished),
         Command::Bench(args) => commands::bench::run(&args).map(|()| Outcome::Finished),
         Command::Reproduce(args) => commands::reproduce::run(&args, explicit),

@@ -51,6 +51,7 @@
 //! ```
 
 pub mod bench;
+pub mod camera_path;
 pub mod colormap;
 pub mod compare;
 mod dataset;
@@ -64,6 +65,7 @@ mod log_record;
 pub mod machine;
 pub mod memory;
 pub mod output;
+pub mod pick;
 pub mod prepare;
 pub mod preview;
 pub mod probe;

@@ -44,11 +44,13 @@ pub const SCENE_METRICS: Document = Document { name: "luxel eval SCENE --json", 
 pub const EDIT: Document = Document { name: "luxel edit --json", version: 2 };
 /// Two scenes under the same edits.
 pub const EDIT_COMPARISON: Document = Document { name: "comparison.json", version: 1 };
+/// A picked pixel.
+pub const PICK: Document = Document { name: "luxel pick --json", version: 1 };
 /// A measurement of speed.
 pub const BENCH: Document = Document { name: "luxel bench --json", version: 1 };
 
 /// All documents, in the order of the reference.
-pub const DOCUMENTS: [Document; 14] = [
+pub const DOCUMENTS: [Document; 15] = [
     METRICS,
     LOG,
     CAPTURES,
@@ -62,6 +64,7 @@ pub const DOCUMENTS: [Document; 14] = [
     SCENE_METRICS,
     EDIT,
     EDIT_COMPARISON,
+    PICK,
     BENCH,
 ];
 

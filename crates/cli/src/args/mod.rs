@@ -5,6 +5,7 @@ mod bench;
 mod compare;
 mod edit;
 mod export;
+mod pick;
 mod prepare;
 mod probe;
 mod render;
@@ -27,6 +28,7 @@ pub(crate) use self::bench::BenchArgs;
 pub(crate) use self::compare::CompareArgs;
 pub(crate) use self::edit::{EditArgs, EditText, ShMapArg};
 pub(crate) use self::export::ExportArgs;
+pub(crate) use self::pick::PickArgs;
 pub(crate) use self::prepare::PrepareArgs;
 pub(crate) use self::probe::ProbeArgs;
 pub(crate) use self::render::RenderArgs;
@@ -164,6 +166,8 @@ pub(crate) enum Command {
     Export(Box<ExportArgs>),
     /// Render the light that arrives at a point of the scene as an environment map.
     Probe(Box<ProbeArgs>),
+    /// Show what a pixel of a view is made of: radiance, depth, the point in the world, splats.
+    Pick(Box<PickArgs>),
     /// Describe a scene, run, checkpoint, data set or image, or list the devices.
     Info(InfoArgs),
     /// Measure the time of rendering and of training steps on a scene, pass by pass.

@@ -7,7 +7,9 @@ use luxel_train::parse_rgb;
 
 use super::edit::parse_edits;
 use super::{EditText, SceneDataArgs, ShMapArg};
-use crate::args::values::{ExrTypeArg, Frames, Shard, SpaceArg, SplitArg, TonemapArg, parse_finite, parse_frames, parse_shard};
+use crate::args::values::{
+    ExrTypeArg, Frames, PathArg, Shard, SpaceArg, SplitArg, TonemapArg, parse_finite, parse_frames, parse_shard, parse_size,
+};
 
 /// `luxel render`.
 #[derive(Debug, Args)]
@@ -30,8 +32,17 @@ pub(crate) struct RenderArgs {
     /// Views of the data set to render.
     #[arg(long, value_enum, default_value_t, help_heading = "Cameras")]
     pub(crate) split: SplitArg,
-    /// Render frames A to B of the list only, counted from 0, both included: 0-99.
-    #[arg(long, value_name = "A-B", value_parser = parse_frames, help_heading = "Cameras")]
+    /// Render a path made from the data set's cameras, and write it as cameras.json, which --cameras
+    /// takes.
+    #[arg(long, value_enum, conflicts_with_all = ["cameras", "split"], help_heading = "Cameras")]
+    pub(crate) path: Option<PathArg>,
+    /// Size of the images, pixels: 1920x1080. The field of view stays in one direction and is
+    /// cropped in the other [default: that of the cameras].
+    #[arg(long, value_name = "WxH", value_parser = parse_size, help_heading = "Cameras")]
+    pub(crate) size: Option<[u32; 2]>,
+    /// Render frames A to B of the list only, counted from 0, both included: 0-99. With --path, the
+    /// number of frames [default: 120].
+    #[arg(long, value_name = "A-B|N", value_parser = parse_frames, help_heading = "Cameras")]
     pub(crate) frames: Option<Frames>,
     /// Render every N-th of those only, starting with the I-th, counted from 0: 0/4, 1/4, 2/4 and
     /// 3/4 together are all.

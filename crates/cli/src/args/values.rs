@@ -4,6 +4,7 @@ mod captures;
 mod world;
 
 use clap::ValueEnum;
+use luxel::camera_path::PathKind;
 use luxel_core::tone::Tonemap;
 use luxel_core::{ColorSpace, Image, MAX_SIDE_PX};
 use luxel_cpu::InstructionSet;
@@ -121,6 +122,27 @@ pub(crate) enum SplitArg {
     Test,
     /// Both.
     All,
+}
+
+/// `--path`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum PathArg {
+    /// Around what the cameras look at: a full circle, or there and back on the side they saw.
+    Orbit,
+    /// Two turns about the mean camera.
+    Spiral,
+    /// Through all views.
+    BetweenViews,
+}
+
+impl From<PathArg> for PathKind {
+    fn from(arg: PathArg) -> Self {
+        match arg {
+            PathArg::Orbit => Self::Orbit,
+            PathArg::Spiral => Self::Spiral,
+            PathArg::BetweenViews => Self::BetweenViews,
+        }
+    }
 }
 
 /// `--exr-type`.
@@ -285,6 +307,12 @@ pub(crate) fn parse_finite(text: &str) -> Result<f32, String> {
 /// Parses a finite number above 0.
 pub(crate) fn parse_positive(text: &str) -> Result<f32, String> {
     text.parse().ok().filter(|v: &f32| v.is_normal() && *v > 0.0).ok_or_else(|| format!("expected a number above 0, got \"{text}\""))
+}
+
+/// Parses `X,Y`, a pixel.
+pub(crate) fn parse_pixel(text: &str) -> Result<[u32; 2], String> {
+    let sides = text.split_once(',').and_then(|(x, y)| Some([x.trim().parse().ok()?, y.trim().parse().ok()?]));
+    sides.ok_or_else(|| format!("expected column,row such as 230,180, counted from 0, got \"{text}\""))
 }
 
 /// Parses `WxH`, pixels.

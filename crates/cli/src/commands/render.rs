@@ -1,5 +1,6 @@
 //! `luxel render`: images of a scene in the units of the data set, and a video of them.
 
+mod shots;
 mod video;
 
 use std::path::{Path, PathBuf};
@@ -10,21 +11,15 @@ use luxel::preview::{self, Look};
 use luxel::run::ExplicitArgs;
 use luxel::run::evaluation::unique_stems;
 use luxel::{Device, RADIANCE_SCALE, files, text};
-use luxel_core::{Camera, ColorSpace, Conversion, Dataset, Engine, Layers, RasterConfig, RenderOptions, Scene};
+use luxel_core::{Camera, ColorSpace, Conversion, Engine, Layers, RasterConfig, RenderOptions, Scene};
 use luxel_io::ExrOptions;
 
-use crate::args::values::SplitArg;
-use crate::args::{DeviceArgs, EditText, LoadArgs, RenderArgs};
+use self::shots::{Shot, Shots};
+use crate::args::{DeviceArgs, EditText, RenderArgs};
 use crate::inputs::engine;
 use crate::inputs::masks;
 use crate::inputs::scene_source::{DataRequest, SceneSource};
 use crate::output::console::Console;
-
-/// A camera and the name of its image.
-struct Shot {
-    name: String,
-    camera: Camera,
-}
 
 /// One image to render.
 struct Job {
@@ -46,7 +41,7 @@ pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
     }
     let mut source = SceneSource::open(&args.input.scene, &console)?;
     let request = DataRequest::new(&args.input, explicit);
-    let shots = shots(args, request, &source, &console)?;
+    let shots = shots::shots(args, request, &source, &console)?;
     let mut engine = engine::engine(&device(args))?.engine;
     if let Some(EditText(edits)) = &args.edit {
         let shares = masks::mask_shares(edits, &source, request, engine.as_mut(), &console)?;
@@ -56,6 +51,7 @@ pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
     let scene = &source.scene;
     let raster = RasterConfig { samples: args.samples.unwrap_or(scene.raster.samples), ..scene.raster };
     let options = RenderOptions { raster, background, ..scene.render_options() };
+    let cameras = args.path.is_some().then(|| shots.all.iter().map(Shot::clone).collect::<Vec<_>>());
     let all = jobs(args, shots, &recipe(args, scene, &options))?;
     let jobs = unmade(&all, args.overwrite)?;
     let video = args.video.as_ref().map(|path| video::Video::plan(args, path, &all)).transpose()?;
@@ -65,6 +61,9 @@ pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
     std::fs::create_dir_all(&args.output).with_context(|| format!("{}: cannot create the folder", args.output.display()))?;
     // Frames that are links in a folder from somebody else are replaced.
     let _confinement = luxel_io::confine(&args.output)?;
+    if let Some(cameras) = cameras {
+        shots::write_path(&args.output, &cameras, args.overwrite, &console)?;
+    }
     engine.load(&scene.splats, None).context("cannot load the scene")?;
     let mut too_bright = 0usize;
     for job in &jobs {
@@ -139,75 +138,10 @@ fn render(args: &RenderArgs, engine: &mut dyn Engine, camera: &Camera, options: 
     Ok(Layers { image: engine.render(camera, options)?, ..Layers::default() })
 }
 
-/// Returns all cameras that the options name, in order, before `--frames` and `--shard`.
-fn shots(args: &RenderArgs, request: DataRequest<'_>, source: &SceneSource, console: &Console) -> Result<Vec<Shot>> {
-    let dataset = || source.dataset(request, console);
-    if let Some(file) = &args.cameras {
-        return camera_file(file, args.input.data.is_some(), dataset, || check_unread(args, file, request.explicit));
-    }
-    let Some(dataset) = dataset()? else {
-        bail!("{}: a scene file has no cameras; give --data DATASET or --cameras FILE", args.input.scene.display())
-    };
-    let shots = views(&dataset, args.split);
-    if shots.is_empty() {
-        bail!("the data set has no views in this split; choose another --split");
-    }
-    Ok(shots)
-}
-
-/// Refuses options of reading a data set where neither cameras nor masks need one.
-fn check_unread(args: &RenderArgs, file: &Path, explicit: &ExplicitArgs) -> Result<()> {
-    let has_masks = args.edit.iter().flat_map(|EditText(edits)| edits).any(|edit| !edit.selection.masks().is_empty());
-    if has_masks {
-        return Ok(());
-    }
-    LoadArgs::refuse(explicit, &[], &format!("and {} describes its cameras without one; leave it out", file.display()))
-}
-
-/// Reads the cameras of a file. The data set completes what the file leaves out; it is read only if
-/// asked for or needed, and `unread` is called otherwise.
-fn camera_file(
-    file: &Path,
-    asked: bool,
-    dataset: impl FnOnce() -> Result<Option<Dataset>>,
-    unread: impl FnOnce() -> Result<()>,
-) -> Result<Vec<Shot>> {
-    let first = if asked { Err(None) } else { luxel_io::read_camera_path(file, None).map_err(Some) };
-    let cameras = match first {
-        Ok(cameras) => {
-            unread()?;
-            cameras
-        }
-        Err(error) => {
-            let dataset = dataset()?;
-            let default = dataset.as_ref().and_then(|dataset| dataset.train.first().or(dataset.test.first()));
-            match (default, error) {
-                (Some(view), _) => luxel_io::read_camera_path(file, Some(&view.camera)),
-                (None, Some(error)) => Err(error),
-                (None, None) => luxel_io::read_camera_path(file, None),
-            }
-            .context("cannot read the cameras")?
-        }
-    };
-    Ok(cameras.into_iter().map(|named| Shot { name: named.name, camera: named.camera }).collect())
-}
-
-fn views(dataset: &Dataset, split: SplitArg) -> Vec<Shot> {
-    let (train, test): (&[_], &[_]) = match split {
-        SplitArg::Train => (&dataset.train, &[]),
-        SplitArg::Test => (&[], &dataset.test),
-        SplitArg::All => (&dataset.train, &dataset.test),
-    };
-    let mut shots: Vec<Shot> = train.iter().chain(test).map(|view| Shot { name: view.name.clone(), camera: view.camera.clone() }).collect();
-    // Both lists are sorted; together they are sorted again, so that frame numbers follow the
-    // capture.
-    shots.sort_by(|a, b| a.name.cmp(&b.name));
-    shots
-}
-
 /// Returns file names and cameras of the frames and the shard asked for. Names do not depend on the
 /// part that is rendered.
-fn jobs(args: &RenderArgs, shots: Vec<Shot>, recipe: &Recipe) -> Result<Vec<Job>> {
+fn jobs(args: &RenderArgs, shots: Shots, recipe: &Recipe) -> Result<Vec<Job>> {
+    let Shots { all: shots, frames } = shots;
     let count = shots.len();
     let stems = unique_stems(shots.iter().map(|shot| shot.name.as_str()));
     let job = |(shot, stem): (Shot, String)| {
@@ -221,12 +155,12 @@ fn jobs(args: &RenderArgs, shots: Vec<Shot>, recipe: &Recipe) -> Result<Vec<Job>
             preview_made_by: preview.digest(),
         }
     };
-    if let Some(frames) = args.frames
+    if let Some(frames) = frames
         && frames.first >= count
     {
         bail!("--frames starts at {}, but there are {}, counted from 0", frames.first, text::plural(count, "frame"));
     }
-    let in_frames = shots.into_iter().zip(stems).enumerate().filter(|(i, _)| args.frames.is_none_or(|frames| frames.contains(*i)));
+    let in_frames = shots.into_iter().zip(stems).enumerate().filter(|(i, _)| frames.is_none_or(|frames| frames.contains(*i)));
     let in_shard = in_frames.enumerate().filter(|(i, _)| args.shard.is_none_or(|shard| i % shard.count == shard.index));
     Ok(in_shard.map(|(_, (_, named))| job(named)).collect())
 }

@@ -37,8 +37,8 @@ impl From<&str> for StudyDataset {
 /// ```
 /// use luxel::study::parse_dataset;
 ///
-/// let desk = parse_dataset("desk=captures/2026-11-02/data".into())?;
-/// assert_eq!((desk.name.as_deref(), desk.path.to_str()), (Some("desk"), Some("captures/2026-11-02/data")));
+/// let desk = parse_dataset("desk=captures/data".into())?;
+/// assert_eq!((desk.name.as_deref(), desk.path.to_str()), (Some("desk"), Some("captures/data")));
 /// assert_eq!(parse_dataset("captures/a=b".into())?.name, None);
 /// assert!(parse_dataset("my desk=data".into()).is_err());
 /// # Ok::<(), String>(())
@@ -92,7 +92,8 @@ pub struct StudyOptions {
     pub load: LoadOptions,
     /// Device. Without a number of threads each run has its share of the cores.
     pub device: DeviceOptions,
-    /// Memory that reading one file may take in each run, GiB; `None` for the default of the program.
+    /// Memory that reading one file may take in each run, GiB; `None` for the default of the
+    /// program.
     pub memory_gib: Option<u64>,
     /// Options of training that all runs share; colour model and seed are replaced run by run.
     pub train: TrainConfig,

@@ -1,0 +1,162 @@
+//! The cameras of `luxel render`: views of the data set, a file, or a path made from the views.
+
+use std::path::Path;
+
+use anyhow::{Context, Result, bail};
+use luxel::camera_path::{Resized, camera_path, resized};
+use luxel::run::ExplicitArgs;
+use luxel::{files, output, text};
+use luxel_core::{Camera, Dataset};
+use luxel_io::PathCamera;
+
+use crate::args::values::{Frames, SplitArg};
+use crate::args::{EditText, LoadArgs, RenderArgs};
+use crate::inputs::scene_source::{DataRequest, SceneSource};
+use crate::output::console::Console;
+
+/// Frames of a path unless a number is given.
+const PATH_FRAMES: usize = 120;
+
+/// A camera and the name of its image.
+#[derive(Clone)]
+pub(super) struct Shot {
+    pub(super) name: String,
+    pub(super) camera: Camera,
+}
+
+impl From<PathCamera> for Shot {
+    fn from(PathCamera { name, camera }: PathCamera) -> Self {
+        Self { name, camera }
+    }
+}
+
+/// The cameras to render.
+pub(super) struct Shots {
+    /// All cameras that the options name, in order, before `frames` and `--shard`.
+    pub(super) all: Vec<Shot>,
+    /// The part of them that `--frames` names.
+    pub(super) frames: Option<Frames>,
+}
+
+/// Returns the cameras that the options name, in the size that they name.
+pub(super) fn shots(args: &RenderArgs, request: DataRequest<'_>, source: &SceneSource, console: &Console) -> Result<Shots> {
+    let mut shots = named(args, request, source, console)?;
+    if let Some(size_px) = args.size {
+        resize(&mut shots.all, size_px, console);
+    }
+    Ok(shots)
+}
+
+fn named(args: &RenderArgs, request: DataRequest<'_>, source: &SceneSource, console: &Console) -> Result<Shots> {
+    let dataset = || source.dataset(request, console);
+    if let Some(file) = &args.cameras {
+        let all = camera_file(file, args.input.data.is_some(), dataset, || check_unread(args, file, request.explicit))?;
+        return Ok(Shots { all, frames: args.frames });
+    }
+    let Some(dataset) = dataset()? else {
+        bail!("{}: a scene file has no cameras; give --data DATASET or --cameras FILE", args.input.scene.display())
+    };
+    if let Some(kind) = args.path {
+        let frames = path_frames(args.frames)?;
+        let path = camera_path(&dataset, kind.into(), frames)?;
+        console.note(&format!("{}, {}", path.description, text::plural(frames, "frame")));
+        return Ok(Shots { all: path.cameras.into_iter().map(Into::into).collect(), frames: None });
+    }
+    let all = views(&dataset, args.split);
+    if all.is_empty() {
+        bail!("the data set has no views in this split; choose another --split");
+    }
+    Ok(Shots { all, frames: args.frames })
+}
+
+/// Returns the number of frames of a path.
+fn path_frames(frames: Option<Frames>) -> Result<usize> {
+    match frames {
+        None => Ok(PATH_FRAMES),
+        Some(Frames { first, last }) if first == last && first > 0 => Ok(first),
+        Some(Frames { first, last }) => {
+            bail!("--frames {first}-{last}: with --path, expected the number of frames, 1 or more; --shard I/N renders a part of them")
+        }
+    }
+}
+
+/// Gives all cameras another image size, and reports what is cropped.
+fn resize(shots: &mut [Shot], size_px: [u32; 2], console: &Console) {
+    let mut most = [0.0f64; 2];
+    for shot in shots.iter_mut() {
+        let Resized { camera, cropped } = resized(&shot.camera, size_px);
+        most = [most[0].max(cropped[0]), most[1].max(cropped[1])];
+        shot.camera = camera;
+    }
+    for (part, side, ends) in [(most[0], "width", "left and right"), (most[1], "height", "top and bottom")] {
+        // Sizes that differ by less than a pixel have the same shape.
+        if part * f64::from(size_px[0].max(size_px[1])) >= 1.0 {
+            let [width, height] = size_px;
+            console.note(&format!("{width}x{height}: {:.1} % of the {side} of the views is cropped, {ends} alike", 100.0 * part));
+        }
+    }
+}
+
+/// Writes the cameras of a path beside its frames, unless they are there.
+pub(super) fn write_path(folder: &Path, shots: &[Shot], overwrite: bool, console: &Console) -> Result<()> {
+    let path = folder.join("cameras.json");
+    let cameras: Vec<PathCamera> = shots.iter().map(|shot| PathCamera { name: shot.name.clone(), camera: shot.camera.clone() }).collect();
+    let content = luxel_io::camera_file_text(&cameras);
+    if luxel_io::read_file(&path).is_ok_and(|found| found == content.as_bytes()) {
+        return Ok(());
+    }
+    output::check_free(&path, overwrite)?;
+    files::write_text(&path, &content)?;
+    console.note(&format!("{}: {}", path.display(), text::plural(cameras.len(), "camera")));
+    Ok(())
+}
+
+/// Refuses options of reading a data set where neither cameras nor masks need one.
+fn check_unread(args: &RenderArgs, file: &Path, explicit: &ExplicitArgs) -> Result<()> {
+    let has_masks = args.edit.iter().flat_map(|EditText(edits)| edits).any(|edit| !edit.selection.masks().is_empty());
+    if has_masks {
+        return Ok(());
+    }
+    LoadArgs::refuse(explicit, &[], &format!("and {} describes its cameras without one; leave it out", file.display()))
+}
+
+/// Reads the cameras of a file. The data set completes what the file leaves out; it is read only if
+/// asked for or needed, and `unread` is called otherwise.
+fn camera_file(
+    file: &Path,
+    asked: bool,
+    dataset: impl FnOnce() -> Result<Option<Dataset>>,
+    unread: impl FnOnce() -> Result<()>,
+) -> Result<Vec<Shot>> {
+    let first = if asked { Err(None) } else { luxel_io::read_camera_path(file, None).map_err(Some) };
+    let cameras = match first {
+        Ok(cameras) => {
+            unread()?;
+            cameras
+        }
+        Err(error) => {
+            let dataset = dataset()?;
+            let default = dataset.as_ref().and_then(|dataset| dataset.train.first().or(dataset.test.first()));
+            match (default, error) {
+                (Some(view), _) => luxel_io::read_camera_path(file, Some(&view.camera)),
+                (None, Some(error)) => Err(error),
+                (None, None) => luxel_io::read_camera_path(file, None),
+            }
+            .context("cannot read the cameras")?
+        }
+    };
+    Ok(cameras.into_iter().map(|named| Shot { name: named.name, camera: named.camera }).collect())
+}
+
+fn views(dataset: &Dataset, split: SplitArg) -> Vec<Shot> {
+    let (train, test): (&[_], &[_]) = match split {
+        SplitArg::Train => (&dataset.train, &[]),
+        SplitArg::Test => (&[], &dataset.test),
+        SplitArg::All => (&dataset.train, &dataset.test),
+    };
+    let mut shots: Vec<Shot> = train.iter().chain(test).map(|view| Shot { name: view.name.clone(), camera: view.camera.clone() }).collect();
+    // Both lists are sorted; together they are sorted again, so that frame numbers follow the
+    // capture.
+    shots.sort_by(|a, b| a.name.cmp(&b.name));
+    shots
+}

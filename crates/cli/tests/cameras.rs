@@ -1,0 +1,108 @@
+//! Cameras of renders: paths made from the views, other image sizes; and what a pixel is made of.
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail the test")]
+
+mod common;
+
+use common::{SIDE, Workplace};
+use luxel_core::Image;
+use luxel_io::{ReadOptions, read_image};
+
+fn image(place: &Workplace, name: &str) -> Image {
+    read_image(&place.path(name), &ReadOptions::default()).unwrap().image
+}
+
+fn notes(place: &Workplace, args: &[&str]) -> String {
+    let output = place.luxel(args).output().unwrap();
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success(), "{args:?}\n{stderr}");
+    stderr
+}
+
+#[test]
+fn a_path_is_rendered_and_written_as_cameras() {
+    let place = Workplace::new();
+    place.train("run", &[]);
+    for path in ["orbit", "spiral", "between-views"] {
+        let told = notes(&place, &["render", "run", "--path", path, "--frames", "3", "-o", path]);
+        assert!(told.contains("3 frames") && told.contains("cameras.json: 3 cameras"), "{told}");
+        // The file makes the same frames.
+        let again = format!("{path}-again");
+        let cameras = format!("{path}/cameras.json");
+        place.ok(&["render", "run", "--cameras", &cameras, "-o", &again]);
+        for i in 0..3 {
+            let (first, second) =
+                (image(&place, &format!("{path}/frame_0000{i}.exr")), image(&place, &format!("{again}/frame_0000{i}.exr")));
+            let light: f32 = first.pixels.iter().flatten().sum();
+            let difference: f32 = first.pixels.iter().flatten().zip(second.pixels.iter().flatten()).map(|(a, b)| (a - b).abs()).sum();
+            assert!(light > 0.0 && difference < 1e-3 * light, "{path} {i}: {difference} of {light}");
+        }
+        assert!(!place.path(path).join("frame_00003.exr").exists());
+    }
+    let orbit = ["render", "run", "--path", "orbit", "--frames", "3", "-o", "orbit"];
+    assert!(notes(&place, &orbit).contains("3 images exist already and are kept"));
+    // Shards share the frames and the file.
+    place.ok(&["render", "run", "--path", "orbit", "--frames", "4", "--shard", "1/2", "-o", "shards"]);
+    place.ok(&["render", "run", "--path", "orbit", "--frames", "4", "--shard", "0/2", "-o", "shards"]);
+    assert!((0..4).all(|i| place.path(&format!("shards/frame_0000{i}.exr")).is_file()));
+    place.error(&["render", "run", "--path", "orbit", "--frames", "5", "-o", "shards"], &["exists already", "--overwrite"]);
+    place.error(&["render", "run", "--path", "orbit", "--frames", "3-5", "-o", "x"], &["the number of frames"]);
+    place.error(&["render", "run/point_cloud/iteration_40/point_cloud.ply", "--path", "orbit", "-o", "x"], &["give --data"]);
+    for more in [["--cameras", "orbit/cameras.json"], ["--split", "all"]] {
+        place.fails(2, &[&["render", "run", "--path", "orbit", "-o", "x"][..], &more].concat());
+    }
+}
+
+#[test]
+fn another_size_keeps_the_field_of_view_and_says_what_is_cropped() {
+    let place = Workplace::new();
+    place.train("run", &[]);
+    let told = notes(&place, &["render", "run", "--size", "48x24", "-o", "wide"]);
+    assert!(told.contains("48x24: 50.0 % of the height"), "{told}");
+    place.ok(&["render", "run", "--exr-type", "float", "-o", "own"]);
+    let (wide, own) = (image(&place, "wide/000.exr"), image(&place, "own/000.exr"));
+    assert_eq!([wide.width, wide.height, own.width], [48, 24, SIDE]);
+    // The middle half of the rows, at twice the size: equal light but for the resolution.
+    let sum = |image: &Image, rows: std::ops::Range<usize>| {
+        rows.flat_map(|y| (0..image.width).map(move |x| (x, y))).map(|(x, y)| image.at(x, y)[1]).sum::<f32>()
+    };
+    let (a, b) = (sum(&wide, 0..24) / 4.0, sum(&own, 6..18));
+    assert!((a / b - 1.0).abs() < 0.1, "{a} {b}");
+    assert!(!notes(&place, &["render", "run", "--size", "48x48", "-o", "large"]).contains("cropped"));
+    place.fails(2, &["render", "run", "--size", "48", "-o", "x"]);
+}
+
+#[test]
+fn a_pixel_is_picked_with_its_point_and_splats() {
+    let place = Workplace::new();
+    place.train("run", &[]);
+    place.ok(&["render", "run", "--exr-type", "float", "--depth", "-o", "frames"]);
+    let frame = image(&place, "frames/000.exr");
+    let brightest = (0..SIDE * SIDE).max_by(|a, b| frame.pixels[*a][1].total_cmp(&frame.pixels[*b][1])).unwrap();
+    let px = format!("{},{}", brightest % SIDE, brightest / SIDE);
+    let args = ["pick", "run", "--view", "000", "--px", &px];
+    let text = place.ok(&args);
+    for part in ["view", "radiance", "luminance", "depth", "ground truth", "splats"] {
+        assert!(text.contains(part), "{part}\n{text}");
+    }
+    let told: serde_json::Value = serde_json::from_str(&place.ok(&[&args[..], &["--json", "--count", "3"]].concat())).unwrap();
+    assert_eq!(told["schema_version"], 1);
+    for c in 0..3 {
+        let (found, expected) = (told["radiance"][c].as_f64().unwrap(), f64::from(frame.pixels[brightest][c]));
+        assert!((found - expected).abs() <= 1e-5 * expected.abs().max(1e-6), "{found} {expected}");
+    }
+    let splats = told["splats"].as_array().unwrap();
+    let weight = |i: usize| splats[i]["weight"].as_f64().unwrap();
+    assert!(splats.len() == 3 && weight(0) >= weight(1) && weight(1) >= weight(2) && weight(0) <= 1.0, "{told:#}");
+    // The point is seen at the pixel.
+    let point: Vec<f64> = (0..3).map(|i| told["point"][i].as_f64().unwrap()).collect();
+    let cameras = luxel::Dataset::open(place.path("data")).unwrap().into_core();
+    let view = cameras.test.iter().find(|view| view.stem() == "000").unwrap();
+    let (at, depth) = view.camera.project([point[0], point[1], point[2]].into()).unwrap();
+    assert!((at.x - (brightest % SIDE) as f64 - 0.5).abs() < 1e-3 && (at.y - (brightest / SIDE) as f64 - 0.5).abs() < 1e-3, "{at}");
+    assert!((depth / told["depth_of_point"].as_f64().unwrap() - 1.0).abs() < 1e-6);
+    assert_eq!(place.events(&args, "pick").len(), 1);
+    place.error(&["pick", "run", "--view", "000", "--px", "24,0"], &["24 x 24 pixels"]);
+    place.error(&["pick", "run", "--view", "nine", "--px", "1,1"], &["view nine", "images/0"]);
+    place.error(&["pick", "run/point_cloud/iteration_40/point_cloud.ply", "--view", "000", "--px", "1,1"], &["--data"]);
+    place.fails(2, &["pick", "run", "--view", "000", "--px", "1"]);
+}

@@ -1,0 +1,91 @@
+//! Writer of camera files that [`crate::read_camera_path`] reads: a `transforms.json` without
+//! images.
+//!
+//! In: undistorted cameras, world of the data set. Out: each frame has its own lens and size, poses
+//! are camera-to-world in OpenGL axes. Numbers are written so that they are read to the same bits,
+//! but for rounding in the inversion of poses.
+
+use std::path::Path;
+
+use luxel_core::Camera;
+use serde_json::{Value, json};
+
+use crate::{IoError, PathCamera, write_atomically};
+
+/// Returns the text of a camera file.
+///
+/// ```
+/// use luxel_core::synthetic::room_camera;
+/// use luxel_io::{PathCamera, camera_file_text, decode_camera_path};
+///
+/// let cameras = [PathCamera { name: "frame_00000".into(), camera: room_camera([64, 48]) }];
+/// let text = camera_file_text(&cameras);
+/// let read = decode_camera_path("path.json".as_ref(), text.as_bytes(), None)?;
+/// assert_eq!((read[0].name.as_str(), read[0].camera.size_px), ("frame_00000", [64, 48]));
+/// # Ok::<(), luxel_io::IoError>(())
+/// ```
+pub fn camera_file_text(cameras: &[PathCamera]) -> String {
+    let frames: Vec<Value> = cameras.iter().map(|named| frame(&named.name, &named.camera)).collect();
+    format!("{:#}\n", json!({ "camera_model": "OPENCV", "frames": frames }))
+}
+
+/// Writes a camera file.
+///
+/// # Errors
+/// The file system's refusal.
+pub fn write_cameras(path: &Path, cameras: &[PathCamera]) -> Result<(), IoError> {
+    let text = camera_file_text(cameras);
+    write_atomically(path, |out| out.write_all(text.as_bytes()).map_err(|e| IoError::system(path, "write", &e)))
+}
+
+fn frame(name: &str, camera: &Camera) -> Value {
+    let world_from_camera = camera.camera_from_world.matrix3.transpose();
+    let (right, down, forward, eye) = (world_from_camera.x_axis, world_from_camera.y_axis, world_from_camera.z_axis, camera.eye());
+    let row = |i: usize| [right[i], -down[i], -forward[i], eye[i]];
+    let [w, h] = camera.size_px;
+    json!({
+        "file_path": name,
+        "fl_x": camera.focal_px.x, "fl_y": camera.focal_px.y,
+        "cx": camera.center_px.x, "cy": camera.center_px.y,
+        "w": w, "h": h,
+        "transform_matrix": [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]],
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{DAffine3, DQuat, DVec2, DVec3};
+    use luxel_core::Distortion;
+
+    use super::*;
+
+    #[test]
+    fn written_cameras_are_read_back() {
+        let camera = |i: u32| {
+            let rotation = DQuat::from_euler(glam::EulerRot::XYZ, 0.3 * f64::from(i), -0.2, 1.1);
+            PathCamera {
+                name: format!("frame_{i:05}"),
+                camera: Camera {
+                    camera_from_world: DAffine3::from_rotation_translation(rotation, DVec3::new(1.0, -2.5e3, 0.1 * f64::from(i))),
+                    focal_px: DVec2::new(100.0 / 3.0, 41.7),
+                    center_px: DVec2::new(20.25, 15.0),
+                    size_px: [40, 30 + i],
+                    distortion: Distortion::default(),
+                },
+            }
+        };
+        let written: Vec<PathCamera> = (0..3).map(camera).collect();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("path.json");
+        write_cameras(&path, &written).unwrap();
+        let read = crate::read_camera_path(&path, None).unwrap();
+        assert_eq!(read.len(), 3);
+        for (read, written) in read.iter().zip(&written) {
+            assert_eq!((&read.name, read.camera.size_px), (&written.name, written.camera.size_px));
+            assert!((read.camera.focal_px - written.camera.focal_px).length() < 1e-12);
+            assert_eq!(read.camera.center_px, written.camera.center_px);
+            // Eyes are thousands of units from the origin.
+            assert!(read.camera.camera_from_world.abs_diff_eq(written.camera.camera_from_world, 1e-9), "{read:?}\n{written:?}");
+        }
+    }
+}
