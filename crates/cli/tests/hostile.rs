@@ -221,6 +221,16 @@ fn a_photograph_with_a_line_feed_in_its_name_is_left_out_on_one_line() {
     assert!(!message.contains("\nc.exr"), "{message}");
 }
 
+#[test]
+fn pipes_and_files_in_the_place_of_a_set_or_a_folder_are_named() {
+    let place = Workplace::new();
+    std::fs::create_dir(place.path("set")).unwrap();
+    fifo(&place.path("set/transforms.json"));
+    place.error(&["info", "set"], &["transforms.json: not a regular file"]);
+    place.train("run", &[]);
+    place.error(&["render", "run", "-o", "data/transforms.json"], &["data/transforms.json: is a file, expected a folder"]);
+}
+
 fn first_image(place: &Workplace) -> PathBuf {
     place.json("data/transforms.json")["frames"][0]["file_path"].as_str().unwrap().into()
 }
@@ -277,6 +287,22 @@ fn what_takes_more_memory_than_there_may_be_is_refused() {
         &["30000 x 20000 pixels", "the limit is 1024 MiB", "raise --memory"],
     );
     place.error(&["bench", "--generate", "100", "--size", "65535x65535", "--memory", "1"], &["65535 x 65535 pixels"]);
+    place.error(&["bench", "--generate", "50000000", "--memory", "1"], &["a room of 50000000 splats", "the limit is 1024 MiB"]);
+    place.error(
+        &["probe", "run", "--at", "0,0,0", "--size", "16384", "-o", "map.exr", "--memory", "1"],
+        &["a probe 16384 pixels wide", "raise --memory"],
+    );
+    std::fs::write(
+        place.path("large.hdr"),
+        b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 3000 +X 3000\n"
+            .iter()
+            .copied()
+            .chain(std::iter::repeat_n(99, 36_000_000))
+            .collect::<Vec<u8>>(),
+    )
+    .unwrap();
+    let output = place.luxel(&["compare", "large.hdr", "large.hdr", "--memory", "1"]).output().unwrap();
+    assert!(output.status.code() == Some(1) && stderr(&output).contains("comparing 3000 x 3000 pixels"), "{}", stderr(&output));
     // A limit of the user's that the system does not have.
     for render in ["render run --cameras cameras.json -o frames", "bench --generate 100 --size 30000x20000"] {
         let output = shell(&place, &format!("ulimit -v 4000000; \"$LUXEL\" {render} --memory 64 --device cpu"));

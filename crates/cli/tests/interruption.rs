@@ -226,7 +226,7 @@ fn a_run_whose_folder_is_taken_apart_ends_with_an_error() {
         let path = format!("run{name}");
         let (code, stderr) = trained_while(&place, &path, |place| std::fs::remove_file(place.path(&path).join(name)).unwrap());
         assert!(code == Some(1) && stderr.contains(&format!("{name} was removed")) && stderr.contains("--resume"), "{code:?} {stderr}");
-        assert!(!place.path(&path).join("metrics.json").exists());
+        assert!(!place.path(&path).join("eval/step_900").exists());
         place.ok(&["train", "--resume", "-o", &path]);
     }
 

@@ -266,6 +266,33 @@ fn flat_pictures_pack_well_and_are_read() {
 }
 
 #[test]
+fn a_flat_mask_in_fax_codes_is_read() {
+    let (width, height) = (8192u32, 5464u32);
+    // Group 4: a bit says that a line is as the white one before it; then the end of the block.
+    let data = [&vec![0xff; height as usize / 8][..], &[0x00, 0x10, 0x01]].concat();
+    let entries = [
+        (256, width),
+        (257, height),
+        (258, 1),
+        (259, 4),
+        (262, 0),
+        (273, 134),
+        (277, 1),
+        (278, height),
+        (279, data.len() as u32),
+        (266, 1),
+    ];
+    let mut entries: Vec<(u16, u32)> = entries.to_vec();
+    entries.sort_unstable();
+    let entry =
+        |(tag, value): (u16, u32)| [&tag.to_le_bytes()[..], &4u16.to_le_bytes(), &1u32.to_le_bytes(), &value.to_le_bytes()].concat();
+    let entries: Vec<u8> = entries.into_iter().flat_map(entry).collect();
+    let file = [&b"II*\0\x08\0\0\0\x0a\0"[..], &entries, &[0; 4], &data].concat();
+    let mask = luxel_io::decode_mask(Path::new("white.tif"), &file, [width as usize, height as usize]).unwrap();
+    assert!(mask.weights.iter().all(|weight| *weight == 1.0));
+}
+
+#[test]
 fn tiffs_of_few_bits_are_masks_and_floats_of_which_zero_is_white_are_refused() {
     // 3 x 2 pixels of one bit: 1 0 1, 0 1 1.
     let entry =

@@ -19,17 +19,22 @@ pub fn check_render(size_px: [u32; 2], samples: u8) -> Result<()> {
     let [width, height] = size_px;
     let pixels = u64::from(width) * u64::from(height);
     let bytes = pixels.saturating_mul(SAMPLE_BYTES * u64::from(samples) * u64::from(samples) + PIXEL_BYTES);
+    check(&format!("rendering {width} x {height} pixels"), bytes, "render a smaller image")
+}
+
+/// Refuses work that takes more memory than reading a file may; `work` names it, and `instead` what
+/// to do in its place.
+///
+/// # Errors
+/// It takes more; with the numbers.
+pub fn check(work: &str, bytes: u64, instead: &'static str) -> Result<()> {
     let limit = luxel_io::memory_limit();
     if bytes <= limit {
         return Ok(());
     }
     let mebibytes = |bytes: u64| bytes.div_ceil(1 << 20);
-    let message = format!(
-        "rendering {width} x {height} pixels takes about {} MiB of memory, the limit is {} MiB",
-        mebibytes(bytes),
-        mebibytes(limit)
-    );
-    Err(Error::new(message).with_remedy(Remedy::advice("render a smaller image").or(Remedy::raise("memory"))))
+    let message = format!("{work} takes about {} MiB of memory, the limit is {} MiB", mebibytes(bytes), mebibytes(limit));
+    Err(Error::new(message).with_remedy(Remedy::advice(instead).or(Remedy::raise("memory"))))
 }
 
 /// Returns the resident memory (`VmRSS`).

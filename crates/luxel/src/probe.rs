@@ -107,11 +107,17 @@ impl Probe {
     }
 }
 
+/// Memory for a pixel of the map: its sums in double precision, the image, and the file.
+const BYTES_PER_PIXEL: u64 = 60;
+
 /// Renders the probe of a scene.
 ///
 /// # Errors
 /// A device that gave up; a point at which nothing can be rendered.
 pub fn probe(mut scene: Scene, options: &ProbeOptions, dataset: Option<&Dataset>, engine: &mut dyn Engine) -> Result<Probe> {
+    let pixels = options.width_px * options.projection.height(options.width_px);
+    let work = format!("a probe {} pixels wide", options.width_px);
+    crate::memory::check(&work, pixels as u64 * BYTES_PER_PIXEL, "make a smaller map")?;
     let environment_from_world = file_from_world(options.up, UpAxis::PlusY, dataset, 1.0)?.rotation();
     let focal_px = dataset.and_then(median_focal_px);
     let left_out = leave_out_near(&mut scene, options);

@@ -58,6 +58,9 @@ pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
     if jobs.len() < all.len() {
         console.note(&format!("{} exist already and are kept", text::plural(all.len() - jobs.len(), "image")));
     }
+    if std::fs::metadata(&args.output).is_ok_and(|found| !found.is_dir()) {
+        bail!("{}: is a file, expected a folder or a free name", args.output.display());
+    }
     std::fs::create_dir_all(&args.output).with_context(|| format!("{}: cannot create the folder", args.output.display()))?;
     // Frames that are links in a folder from somebody else are replaced.
     let _confinement = luxel_io::confine(&args.output)?;

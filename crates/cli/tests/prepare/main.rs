@@ -299,6 +299,8 @@ fn pixels_that_are_no_numbers_are_said_with_their_file() {
     let folder = tempfile::tempdir().unwrap();
     let (photos, output) = (folder.path().join("photos"), folder.path().join("set"));
     let value = |i: usize, bad: bool| if bad && i < 7 { [f32::NAN, 1.0, 1.0] } else { [0.5 + i as f32 * 1e-3; 3] };
+    let negative = Image::filled(WIDTH, HEIGHT, [-0.5, 1.0, 1.0]);
+    write_exr(&photos.join("b.exr"), &negative, &ExrOptions { sample: ExrSample::Float, ..ExrOptions::default() }).unwrap();
     for (name, bad) in [("a", false), ("c", true)] {
         let image = Image::from_pixels(WIDTH, HEIGHT, (0..WIDTH * HEIGHT).map(|i| value(i, bad)).collect()).unwrap();
         write_exr(&photos.join(format!("{name}.exr")), &image, &ExrOptions { sample: ExrSample::Float, ..ExrOptions::default() }).unwrap();
@@ -307,6 +309,8 @@ fn pixels_that_are_no_numbers_are_said_with_their_file() {
     let line = "view c: c.exr: 7 pixels are NaN or infinite; they stay so, and training masks them";
     assert!(run.status.success() && said(&run).contains(&format!("warning: {line}")), "{}", said(&run));
     assert!(std::fs::read_to_string(output.join("prepare.html")).unwrap().contains(line));
+    let line = format!("view b: b.exr: all {} pixels have negative channels, which become 0", WIDTH * HEIGHT);
+    assert!(said(&run).contains(&line), "{}", said(&run));
 }
 
 #[test]

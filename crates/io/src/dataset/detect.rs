@@ -77,6 +77,10 @@ fn no_dataset(path: &Path) -> IoError {
         PICTURES.iter().any(|picture| picture.eq_ignore_ascii_case(extension))
     };
     let error = |found: &str| IoError::invalid(path, format!("no data set: expected {LOOKED_FOR}; found {found}"));
+    let is_no_file = |path: &std::path::PathBuf| std::fs::metadata(path).is_ok_and(|found| !found.is_file());
+    if let Some(name) = ["transforms.json", "transforms_train.json"].map(|name| path.join(name)).iter().find(|path| is_no_file(path)) {
+        return IoError::invalid(name, "not a regular file, expected one");
+    }
     let with_pictures = [path.to_owned(), path.join("images"), path.join("input")].into_iter().find(|folder| has_file(folder, is_picture));
     match with_pictures {
         None => error(&listing(path)),

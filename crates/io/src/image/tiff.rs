@@ -107,6 +107,10 @@ fn number(value: &Value) -> Option<f32> {
     }
 }
 
+/// Fax codes store an empty line as a bit, which makes a flat mask so many times smaller than the
+/// same pixels in other formats.
+const BILEVEL_RATIO: u64 = 32;
+
 /// Returns the samples through their curve, in the file's primaries.
 fn decode_samples(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<DecodedImage, IoError> {
     let failed = |error: TiffError| explain(name, &error);
@@ -119,7 +123,11 @@ fn decode_samples(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<De
     }
     let mut decoder = Decoder::new(Cursor::new(bytes)).map_err(failed)?;
     let (width, height) = decoder.dimensions().map_err(failed)?;
-    check_size(name, [width, height].map(u64::from), bytes.len() as u64)?;
+    // One bit a sample is the default of the format.
+    let bits = decoder.find_tag_unsigned_vec::<u16>(Tag::BitsPerSample).map_err(failed)?;
+    let is_bilevel = bits.is_none_or(|bits| bits.iter().all(|bits| *bits == 1));
+    let plausible_bytes = bytes.len() as u64 * if is_bilevel { BILEVEL_RATIO } else { 1 };
+    check_size(name, [width, height].map(u64::from), plausible_bytes)?;
     refuse_raw(name, &mut decoder)?;
     let color = decoder.colortype().map_err(failed)?;
     let bits = color.bit_depth();

@@ -135,10 +135,16 @@ fn scale_of_references(pairs: &Pairs, settings: &Settings) -> Result<f32> {
     Ok(if scale > 0.0 { scale.clamp(f32::MIN_POSITIVE * 16.0, f32::MAX / 16.0) } else { 1.0 })
 }
 
+/// Memory for a pixel: both images, their luminances and the planes of SSIM and HDR-FLIP.
+const BYTES_PER_PIXEL: u64 = 130;
+
 /// Returns the metrics of a pair; writes its error map if that is asked for.
 pub(super) fn measure(pair: &Pair, settings: &Settings) -> Result<ImageMetrics> {
     let (mut reference, mut test) = (settings.read(&pair.reference)?, settings.read(&pair.test)?);
     check_sizes(pair, &reference.image, &test.image)?;
+    let [width, height] = [reference.image.width, reference.image.height];
+    let work = format!("comparing {width} x {height} pixels");
+    crate::memory::check(&work, (width * height) as u64 * BYTES_PER_PIXEL, "compare smaller images")?;
     let states_primaries = reference.is_stated && test.is_stated;
     let color_space = common_space(&mut reference, &mut test);
     let (mut reference, mut test) = (reference.image, test.image);

@@ -163,6 +163,10 @@ impl Developer<'_> {
             None => convert(&mut image, color_space.unwrap_or(self.input_space), self.space),
         }
         let negative = image.pixels.iter().filter(|p| p.iter().any(|v| *v < 0.0)).count();
+        let pixels = image.pixels.len();
+        if negative == pixels {
+            notes.push(format!("{}: all {pixels} pixels have negative channels, which become 0", photo.file_name()));
+        }
         // Stays as it is: a data set's reader masks it, whatever becomes of masks in files.
         let unfinite = image.pixels.iter().filter(|p| p.iter().any(|v| !v.is_finite())).count();
         if unfinite > 0 {

@@ -256,9 +256,9 @@ impl Session<'_> {
         Ok(())
     }
 
-    /// Ends a run whose folder was taken apart meanwhile. Its state is saved and its mark is written
-    /// again, so that it can be resumed, unless another process may be at work there now: then
-    /// nothing is written.
+    /// Ends a run whose folder was taken apart meanwhile. The state is saved and the mark written
+    /// again, so that the run can be resumed. Nothing is written where another process may be at
+    /// work.
     fn check_folder(&mut self, state: &mut LoopState) -> Result<()> {
         let root = self.folder.root().display();
         let iteration = self.trainer.iteration();

@@ -89,6 +89,10 @@ fn camera(args: &BenchArgs) -> Result<Camera> {
     Ok(camera)
 }
 
+/// Memory for a splat: the room, its copies in other methods, and the engine's parameters with
+/// their moments and gradients.
+const SPLAT_BYTES: u64 = 1300;
+
 fn source(args: &BenchArgs) -> Result<Source> {
     match (&args.workload, args.generate) {
         (Some(path), _) => {
@@ -103,12 +107,15 @@ fn source(args: &BenchArgs) -> Result<Source> {
                 raster: scene.raster,
             })
         }
-        (None, Some(count)) => Ok(Source {
-            name: format!("room of {count} splats, seed {}", args.seed),
-            splats: synthetic::room(count as usize, args.seed),
-            radiance_scale: RadianceScale::ONE,
-            raster: RasterConfig::default(),
-        }),
+        (None, Some(count)) => {
+            luxel::memory::check(&format!("a room of {count} splats"), u64::from(count) * SPLAT_BYTES, "generate fewer splats")?;
+            Ok(Source {
+                name: format!("room of {count} splats, seed {}", args.seed),
+                splats: synthetic::room(count as usize, args.seed),
+                radiance_scale: RadianceScale::ONE,
+                raster: RasterConfig::default(),
+            })
+        }
         (None, None) => bail!("nothing to measure on; give --workload SCENE.ply or --generate N"),
     }
 }
