@@ -6,9 +6,11 @@
 //! [`RunFolder::evaluated_iterations`] lists complete evaluations by the metrics that only the
 //! session writes there.
 
+mod taken_apart;
+
 use std::collections::BTreeMap;
 
-use luxel_core::{Dataset, Remedy, StepReport};
+use luxel_core::{Dataset, StepReport};
 use luxel_io::IoErrorKind;
 use luxel_metrics::GainFit;
 use luxel_metrics::{FieldOptions, FlipChoice};
@@ -225,6 +227,11 @@ impl Session<'_> {
     /// Writes a checkpoint, after the log's lines up to it. If the disk is full, older ones are
     /// removed, but never the newest.
     fn save(&mut self, state: &mut LoopState) -> Result<()> {
+        let saved = self.save_state(state);
+        if saved.is_err() { self.check_exists().and(saved) } else { saved }
+    }
+
+    fn save_state(&mut self, state: &mut LoopState) -> Result<()> {
         let synced = state.log.sync();
         self.report_log(synced, state);
         let iteration = self.trainer.iteration();
@@ -254,50 +261,6 @@ impl Session<'_> {
         self.restore_log(state);
         self.observer.event(Event::Saved { path });
         Ok(())
-    }
-
-    /// Ends a run whose folder was taken apart meanwhile. The state is saved and the mark written
-    /// again, so that the run can be resumed. Nothing is written where another process may be at
-    /// work.
-    fn check_folder(&mut self, state: &mut LoopState) -> Result<()> {
-        let root = self.folder.root().display();
-        let iteration = self.trainer.iteration();
-        if !self.folder.root().is_dir() {
-            let message = format!("{root}: the folder was removed while the run was at work; it ends at step {iteration}, without a state");
-            return Err(Error::new(message).with_remedy(Remedy::advice("train again, into a folder that stays")));
-        }
-        let has_lock = state.lock.is_none() || self.folder.lock_identity() == state.lock;
-        let relocked = match has_lock {
-            true => None,
-            false => Some(self.folder.lock().with_context(|| {
-                format!("{root}: its .lock was removed while the run was at work; it ends at step {iteration} and writes nothing more")
-            })?),
-        };
-        let has_mark = RunFolder::is_run(self.folder.root());
-        let removed = match (has_lock, has_mark) {
-            (true, true) => return Ok(()),
-            (false, true) => ".lock was removed",
-            (true, false) => "config.toml was removed",
-            (false, false) => "config.toml was removed, .lock was removed",
-        };
-        let message = format!("{root}: {removed} while the run was at work; the state of step {iteration} is saved");
-        if !has_mark {
-            self.folder.write_config(self.config)?;
-        }
-        self.log(state)?;
-        self.save(state)?;
-        drop(relocked);
-        Err(Error::new(message).with_remedy(state::continue_run()))
-    }
-
-    /// Begins a new log if another program removed it meanwhile, and says so.
-    fn restore_log(&self, state: &mut LoopState) {
-        if !self.folder.log().exists() {
-            let opened = RunLog::open(&self.folder.log(), self.trainer.iteration()).map(|(log, _)| state.log = log);
-            self.report_log(opened, state);
-            let root = self.folder.root().display();
-            self.observer.warn(&format!("{root}: log.jsonl was removed while the run was at work; a new one begins here"));
-        }
     }
 
     /// Writes scene, images, metrics and report of this step, with the clock stopped.
