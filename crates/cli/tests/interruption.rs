@@ -246,7 +246,12 @@ fn a_run_whose_folder_is_taken_apart_ends_with_an_error() {
     drop(lock);
     place.ok(&["train", "--resume", "-o", "taken"]);
 
-    let (code, stderr) = trained_while(&place, "moved", |place| std::fs::rename(place.path("moved"), place.path("aside")).unwrap());
+    let (code, stderr) = trained_while(&place, "moved", |place| {
+        while checkpoints(place, "moved").is_empty() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        std::fs::rename(place.path("moved"), place.path("aside")).unwrap();
+    });
     assert!(code == Some(1) && stderr.contains("the folder was removed"), "{code:?} {stderr}");
     assert!(!place.path("moved").exists(), "the folder was made again");
     place.ok(&["train", "--resume", "-o", "aside"]);
