@@ -146,6 +146,40 @@ fn a_dry_run_reports_and_writes_nothing() {
     assert!(stderr.contains("selects no splats"), "{stderr}");
 }
 
+#[test]
+fn splats_are_deleted_by_selection_and_as_floaters() {
+    let place = trained(&[]);
+    let before = scene(&place, PLY);
+    // A floater far outside of the balls, seen by no camera.
+    let mut with_floater = before.clone();
+    let (rotation, log_scale) = ([1.0, 0.0, 0.0, 0.0], [-4.0; 3]);
+    let (sh, raw) = (before.splats.sh_of(0).to_vec(), before.splats.raw_luminance_of(0).to_vec());
+    with_floater.splats.push(&Splat { position: [0.0, 90.0, 0.0], rotation, log_scale, opacity_logit: 2.0, sh: &sh, raw_luminance: &raw });
+    luxel_io::write_scene_ply(&place.path("floater.ply"), &with_floater).unwrap();
+    let told: serde_json::Value =
+        serde_json::from_str(&place.ok(&["edit", "floater.ply", "--data", "data", "--floaters", "--json", "-o", "clean.ply"])).unwrap();
+    let clean = scene(&place, "clean.ply");
+    let removed = told["removed"]["splats"].as_u64().unwrap() as usize;
+    assert!(removed >= 1 && removed < before.splats.len() / 2 && told["removed"]["unseen"].as_u64().unwrap() >= 1, "{told:#}");
+    assert_eq!(clean.splats.len() + removed, with_floater.splats.len());
+    assert!(clean.splats.position.iter().all(|position| position[1] < 80.0));
+    assert_eq!(clean.edits, ["floaters"]);
+
+    // By a selection, with a map on what is left; the selection sees the scene before the map.
+    let half = "box(-9,-9,-9,0,9,9)";
+    place.ok(&["edit", "run", "--delete", half, "--stops", "9", "-o", "half.ply"]);
+    let (left, inside) = (scene(&place, "half.ply"), |p: &[f32; 3]| p[0] <= 0.0 && p.iter().all(|v| v.abs() <= 9.0));
+    assert_eq!(left.splats.position, before.splats.position.iter().copied().filter(|p| !inside(p)).collect::<Vec<_>>());
+    assert_eq!(left.edits, ["where all; gain 512".to_owned(), format!("delete {half}")]);
+    let dry = String::from_utf8(place.luxel(&["edit", "run", "--delete", half, "--dry-run"]).output().unwrap().stderr).unwrap();
+    assert!(dry.contains("would be removed: ") && dry.contains(" selected"), "{dry}");
+    place.error(&["edit", "run", "--delete", "all", "-o", "none.ply"], &["no splats would be left"]);
+    place.error(&["edit", PLY, "--delete", "mask(m.png, 000)", "-o", "none.ply"], &["--data"]);
+    place.fails(2, &["edit", "run", "--delete", "L <", "-o", "none.ply"]);
+    place.fails(2, &["edit", "run", "--floaters", "--against", "run", "-o", "none"]);
+    assert!(!place.path("none.ply").exists());
+}
+
 /// Three balls of one splat each, of different colours and luminances, apart from one another in
 /// every view.
 fn balls(color_model: ColorModel) -> Scene {

@@ -3,6 +3,7 @@
 //!
 //! This crate uses no files, threads, SIMD or GPU.
 
+mod aspect;
 mod camera;
 mod capture;
 mod color;

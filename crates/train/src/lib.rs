@@ -13,6 +13,7 @@ pub mod densify;
 mod error;
 mod gains;
 mod init;
+mod neighbourhood;
 mod pixel_weights;
 mod recorded;
 mod resolution;
@@ -32,6 +33,7 @@ pub use config::{
 pub use contribution::add_contribution;
 pub use error::TrainError;
 pub use init::initialise;
+pub use neighbourhood::Neighbourhood;
 pub use pixel_weights::NoiseChoice;
 pub use resolution::{ResolutionSchedule, Stage};
 pub use scale::choose_radiance_scale;

@@ -8,6 +8,7 @@
 //! in a fixed order. On request, the trainer also optimises gains of the images ([`crate::gains`])
 //! and the response of the camera ([`crate::camera_response`]).
 
+mod aspect;
 mod average;
 mod densify;
 mod health;
@@ -148,6 +149,7 @@ impl Trainer {
         self.measure_gain(step, index)?;
         self.densify(step)?;
         self.average(step)?;
+        self.limit_aspect(step)?;
         self.watch_visibility(step, report.visible);
         self.check_parameters(step)?;
         self.state.iteration = step;

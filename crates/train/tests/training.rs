@@ -6,7 +6,7 @@
 mod common;
 
 use common::{config, dataset, engine};
-use luxel_core::{Antialias, Dataset, Point, Snapshot};
+use luxel_core::{Antialias, Dataset, Point, Snapshot, Splats};
 use luxel_metrics::evaluate;
 use luxel_train::{Method, Preset, Strategy, TrainConfig, Trainer};
 
@@ -114,6 +114,26 @@ fn splats_that_no_view_sees_are_pruned_in_a_resumed_run_too() {
         let lost = kept.scene.splats.len() - pruned.scene.splats.len();
         assert!((5..kept.scene.splats.len() / 5).contains(&lost), "{lost} of {}", kept.scene.splats.len());
         assert!(pruned == resumed);
+    }
+}
+
+#[test]
+fn needles_are_shortened_by_the_end_and_a_resumed_run_is_equal() {
+    let data = dataset();
+    for strategy in [Strategy::Adc, Strategy::Mcmc] {
+        let config = |max_aspect| TrainConfig { densify_threshold: 1e-5, strategy, max_aspect, ..config(120) };
+        let longest = |splats: &Splats| (0..splats.len()).map(|i| splats.log_aspect(i)).fold(0.0, f32::max);
+        let mut ends = [0.0, 1.1].map(|max_aspect| {
+            let mut trainer = Trainer::new(&data, config(max_aspect), engine()).unwrap();
+            run(&mut trainer, 120);
+            trainer.scene().unwrap().splats
+        });
+        assert!(longest(&ends[0]) > 1.1f32.ln() + 0.01, "{}", longest(&ends[0]));
+        assert!(longest(&ends[1]) < 1.1f32.ln() + 1e-5, "{}", longest(&ends[1]));
+        assert_eq!(ends[1].limit_aspect(1.1), 0);
+        let ends_there = TrainConfig { iterations: 60, ..config(1.1) };
+        let (unbroken, resumed) = unbroken_and_resumed(&data, &ends_there);
+        assert!(unbroken == resumed);
     }
 }
 

@@ -4,10 +4,11 @@ use std::path::PathBuf;
 
 use clap::error::ErrorKind;
 use clap::{Arg, ArgAction, ArgMatches, Args, Command, FromArgMatches, ValueEnum};
-use luxel_core::Edit;
 use luxel_core::edit::{ShMap, Statement};
+use luxel_core::{Edit, Selection};
 
 use super::SceneDataArgs;
+use crate::args::values::parse_ratio;
 
 /// `luxel edit`.
 #[derive(Debug, Args)]
@@ -19,6 +20,17 @@ pub(crate) struct EditArgs {
     /// Replace a scene file and an overlay that exist.
     #[arg(long)]
     pub(crate) overwrite: bool,
+    /// Remove the splats that a selection names, by the scene as it is before the maps; with a soft
+    /// edge, those of at least half its weight.
+    #[arg(long, value_name = "SELECTION", value_parser = parse_selection, conflicts_with = "against", help_heading = "Splats")]
+    pub(crate) delete: Option<Selection>,
+    /// Remove floaters: splats that no view of the data set sees, that are far from all others and
+    /// faint or seen by few views, or that are faint and larger than half of the scene.
+    #[arg(long, conflicts_with = "against", help_heading = "Splats")]
+    pub(crate) floaters: bool,
+    /// Shorten splats that are longer than this times their width, 1 or more: needles.
+    #[arg(long, value_name = "RATIO", value_parser = parse_ratio, conflicts_with = "against", help_heading = "Splats")]
+    pub(crate) max_aspect: Option<f32>,
     /// Maps and selections.
     #[command(flatten)]
     pub(crate) edits: EditOptions,
@@ -66,6 +78,7 @@ Examples:
   luxel edit run --where \"L < 0.05 ~2\" --gain 4 -o shadows.ply
   luxel edit run --compress-above 10:3 --lift-below 0.02 -o graded.ply
   luxel edit run --where \"mask(lamp.png, 004) and L > p95 ~2\" --stops -2 --dry-run --overlay lamp-selected.png
+  luxel edit run --floaters --delete \"sphere(0.2,0.1,0.8,0.3)\" -o clean.ply
   luxel edit run --power 0.8 --pivot 0.5 --where \"hue in 200..260 ~20\" --gain 0.5 -o evening.ply
   luxel edit lcd-run --against sh3-run --power 1.2 -o comparison";
 
@@ -126,6 +139,12 @@ impl FromArgMatches for EditOptions {
 /// `luxel render --edit`.
 #[derive(Clone, Debug)]
 pub(crate) struct EditText(pub(crate) Vec<Edit>);
+
+/// A selection in its text form.
+fn parse_selection(text: &str) -> Result<Selection, String> {
+    let selection: Selection = text.parse().map_err(|e: luxel_core::edit::EditTextError| e.to_string())?;
+    selection.check().map(|()| selection).map_err(|e| e.to_string())
+}
 
 /// Edits in their text form, each of which must do something.
 pub(crate) fn parse_edits(text: &str) -> Result<EditText, String> {

@@ -8,7 +8,7 @@ use luxel::export::{BakeKind, CropBox, ExportOptions};
 use luxel_io::SpzVersion;
 
 use super::SceneDataArgs;
-use crate::args::values::{SpaceArg, TonemapArg, UpArg, parse_crop, parse_finite, parse_positive};
+use crate::args::values::{SpaceArg, TonemapArg, UpArg, parse_crop, parse_finite, parse_positive, parse_ratio};
 
 /// `luxel export`.
 #[derive(Debug, Args)]
@@ -37,9 +37,10 @@ pub(crate) struct ExportArgs {
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u8).range(0..=3), value_name = "DEGREE", help_heading = "Colour")]
     pub(crate) degree: u8,
     /// Improve a display bake for N steps of training against tone-mapped renders of the data set's
-    /// training views: its colours, opacities and sizes. An exact model beside it stays as it is.
-    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u32).range(..=1_000_000), value_name = "N", help_heading = "Colour")]
-    pub(crate) refine: u32,
+    /// training views: its colours, opacities and sizes. An exact model beside it stays as it is; 0
+    /// leaves it out [default: 300, on at most 64 views of at most a megapixel each].
+    #[arg(long, value_parser = clap::value_parser!(u32).range(..=1_000_000), value_name = "N", help_heading = "Colour")]
+    pub(crate) refine: Option<u32>,
     /// Only splats whose centre is in this box, world units of the scene: x0,y0,z0,x1,y1,z1.
     #[arg(long, value_name = "BOX", allow_hyphen_values = true, value_parser = parse_crop, help_heading = "Splats")]
     pub(crate) crop: Option<CropBox>,
@@ -47,6 +48,9 @@ pub(crate) struct ExportArgs {
     /// opacity and size).
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..), value_name = "N", help_heading = "Splats")]
     pub(crate) max_splats: Option<u64>,
+    /// Shorten splats that are longer than this times their width, 1 or more: needles.
+    #[arg(long, value_parser = parse_ratio, value_name = "RATIO", help_heading = "Splats")]
+    pub(crate) max_aspect: Option<f32>,
     /// Direction of the scene that is up; the file is turned so that its format's up axis is there
     /// [default: .ply and .spz as they are, others by the data set's cameras; without a data set
     /// -y].
@@ -78,6 +82,7 @@ impl ExportArgs {
             bake,
             crop: self.crop,
             max_splats: self.max_splats,
+            max_aspect: self.max_aspect,
             up: UpArg::up(self.up),
             scale: self.scale,
             spz_version: self.spz_version.into(),
@@ -88,7 +93,7 @@ impl ExportArgs {
 const EXAMPLES: &str = "\
   luxel export run -o set.usda --output-color-space acescg     radiance for Nuke and Houdini
   luxel export run -o set.ply --bake linear                    radiance for V-Ray (raw)
-  luxel export run -o set.spz --refine 300 --max-splats 200000 a display bake for the web
+  luxel export run -o set.spz --max-splats 200000              a display bake for the web
   luxel export run -o set.glb                                  a display bake for glTF viewers, and the radiance model beside it
 The error of the bake is measured on the data set's held-out views. docs/src/guide/delivery.md has recipes by program.";
 

@@ -32,8 +32,8 @@ pub(crate) struct RenderArgs {
     /// Views of the data set to render.
     #[arg(long, value_enum, default_value_t, help_heading = "Cameras")]
     pub(crate) split: SplitArg,
-    /// Render a path made from the data set's cameras, and write it as cameras.json, which --cameras
-    /// takes.
+    /// Render a path made from the data set's cameras, and write it as cameras.json, which
+    /// --cameras takes.
     #[arg(long, value_enum, conflicts_with_all = ["cameras", "split"], help_heading = "Cameras")]
     pub(crate) path: Option<PathArg>,
     /// Size of the images, pixels: 1920x1080. The field of view stays in one direction and is

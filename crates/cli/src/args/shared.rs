@@ -138,6 +138,10 @@ pub(crate) struct RunArgs {
     /// Steps after which to evaluate the test views and write the scene; the last step always is.
     #[arg(long, value_delimiter = ',', default_values_t = [7000, 30000], value_name = "STEPS", help_heading = "Run")]
     pub(crate) eval_at: Vec<u32>,
+    /// Steps of refining the display colours of the last point_cloud.ply, which splat viewers show,
+    /// on at most 64 views of at most a megapixel; 0 leaves it out. The radiance stays as it is.
+    #[arg(long, default_value_t = luxel::export::DEFAULT_REFINE_STEPS, value_parser = clap::value_parser!(u32).range(..=100_000), value_name = "N", help_heading = "Run")]
+    pub(crate) refine_display: u32,
     /// Evaluate every N steps in place of --eval-at, at least 1.
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..), value_name = "N", conflicts_with = "eval_at", help_heading = "Run")]
     pub(crate) eval_every: Option<u32>,
@@ -151,6 +155,7 @@ impl RunArgs {
             keep_checkpoints: self.keep_checkpoints,
             eval_at: self.eval_at.clone(),
             eval_every: self.eval_every,
+            refine_display: self.refine_display,
         }
     }
 }

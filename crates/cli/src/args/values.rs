@@ -309,6 +309,12 @@ pub(crate) fn parse_positive(text: &str) -> Result<f32, String> {
     text.parse().ok().filter(|v: &f32| v.is_normal() && *v > 0.0).ok_or_else(|| format!("expected a number above 0, got \"{text}\""))
 }
 
+/// Parses a finite number of at least 1.
+pub(crate) fn parse_ratio(text: &str) -> Result<f32, String> {
+    let found = text.parse().ok().filter(|v: &f32| v.is_finite() && *v >= 1.0);
+    found.ok_or_else(|| format!("expected a number of at least 1, got \"{text}\""))
+}
+
 /// Parses `X,Y`, a pixel.
 pub(crate) fn parse_pixel(text: &str) -> Result<[u32; 2], String> {
     let sides = text.split_once(',').and_then(|(x, y)| Some([x.trim().parse().ok()?, y.trim().parse().ok()?]));

@@ -105,7 +105,7 @@ fn config(args: &DemoArgs) -> RunConfig {
         dataset: DATASET_FOLDER.into(),
         load: LoadOptions::default(),
         device: args.device.options(),
-        run: RunOptions { checkpoint_every: 0, keep_checkpoints: 1, eval_at: Vec::new(), eval_every: None },
+        run: RunOptions { checkpoint_every: 0, keep_checkpoints: 1, eval_at: Vec::new(), eval_every: None, ..RunOptions::default() },
         train: TrainConfig { iterations: args.iterations, method: args.method, ..TrainConfig::default() },
     }
 }

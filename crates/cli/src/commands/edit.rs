@@ -1,16 +1,16 @@
-//! `luxel edit`: a scene with other light, a report of what would change, or a comparison of two
-//! scenes under the same edit.
+//! `luxel edit`: a scene with other light or without some splats, a report of what would change, or
+//! a comparison of two scenes under the same edit.
 
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use luxel::edit::{
-    self, Against, AppliedEdit, EditFidelity, FULL_SCALE_ERROR, Overlay, compare_edits, find_view, mask_names, project_masks,
+    self, Against, AppliedEdit, EditFidelity, FULL_SCALE_ERROR, Overlay, RemovalReason, Removed, compare_edits, find_view, mask_names,
 };
 use luxel::run::ExplicitArgs;
 use luxel::{files, output, schema, text};
 use luxel_core::edit::{Fidelity, MaskShares};
-use luxel_core::{Dataset, Scene, Selection, View};
+use luxel_core::{Dataset, Edit, Engine, Scene, Selection, View};
 
 use crate::args::{EditArgs, LoadArgs};
 use crate::commands::info::{PERCENTILES, quantiles, scene_luminance};
@@ -19,13 +19,24 @@ use crate::inputs::{engine, masks};
 use crate::output::console::Console;
 use crate::output::tree::Tree;
 
+/// Reasons of removal, as reports name them.
+const REASONS: [(&str, RemovalReason); 4] = [
+    ("selected", RemovalReason::Selected),
+    ("unseen", RemovalReason::Unseen),
+    ("isolated", RemovalReason::Isolated),
+    ("haze", RemovalReason::Haze),
+];
+
 /// Runs the command; `explicit` names the options that were given.
 pub(crate) fn run(args: &EditArgs, explicit: &ExplicitArgs) -> Result<()> {
     let console = Console::new(args.input.console.log_format, args.input.console.quiet);
     let request = DataRequest::new(&args.input, explicit);
     let edits = &args.edits.0;
-    if edits.is_empty() {
-        bail!("nothing to do: give a map such as --stops 1 or --power 0.8 (luxel edit --help lists them)");
+    let removes = args.delete.is_some() || args.floaters;
+    if edits.is_empty() && !removes && args.max_aspect.is_none() {
+        bail!(
+            "nothing to do: give a map such as --stops 1 or --power 0.8, --delete, --floaters or --max-aspect (luxel edit --help lists them)"
+        );
     }
     let idle = edits.iter().find(|edit| edit.maps.is_empty());
     if let (Some(edit), false) = (idle, args.dry_run) {
@@ -45,15 +56,32 @@ pub(crate) fn run(args: &EditArgs, explicit: &ExplicitArgs) -> Result<()> {
     }
     let source = SceneSource::open(&args.input.scene, &console)?;
     let mut scene = source.scene.clone();
-    let masks = project(args, &source, request, &console)?;
+    let mut engine = engine::engine(&args.input.device)?.engine;
+    // Masks and floaters are of the scene as it is.
+    let masks = masks::mask_shares(&selecting(args), &source, request, engine.as_mut(), &console)?;
+    let removed = removed(args, &source, &masks, request, engine.as_mut(), &console)?;
+    if let Some(picture) = &args.overlay {
+        overlay(args, picture, &source, &Selected { masks: &masks, removed: &removed }, request, engine.as_mut(), &console)?;
+    }
     let done = edit::apply(edits, &mut scene, &masks, args.sh_map.into(), &console)?;
+    if removes {
+        console.note(&format!("{}: {}", if args.dry_run { "would be removed" } else { "removed" }, removed.in_words()));
+        if removed.count() > 0 {
+            removed.apply(&mut scene, record(args))?;
+        }
+    }
+    if let Some(most) = args.max_aspect {
+        let count = scene.splats.limit_aspect(most);
+        console.note(&format!("{} longer than {most} times their width, shortened to that", text::plural(count, "splat")));
+        scene.edits.push(format!("max-aspect {most}"));
+    }
     if let Some(path) = target {
         luxel_io::write_scene_ply(&path, &scene).context("cannot write the scene")?;
         console.note(&format!("{}: {}", path.display(), text::plural(scene.splats.len(), "splat")));
     }
     // Last: a reader that leaves early costs no scene.
     if args.json || args.dry_run {
-        let report = report(&source.scene, &done);
+        let report = report(&source.scene, &done, removes.then_some(&removed));
         let text = if args.json { report.document(schema::EDIT) } else { report.text().trim_end().to_owned() };
         console.result(&report.event("report"), &text)?;
     }
@@ -62,15 +90,48 @@ pub(crate) fn run(args: &EditArgs, explicit: &ExplicitArgs) -> Result<()> {
 
 /// Refuses a data set, and options of reading one, that nothing would use.
 fn check_data(args: &EditArgs, explicit: &ExplicitArgs) -> Result<()> {
-    let has_masks = args.edits.0.iter().any(|edit| !edit.selection.masks().is_empty());
-    if has_masks || args.overlay.is_some() || args.against.is_some() {
+    let has_masks = selecting(args).iter().any(|edit| !edit.selection.masks().is_empty());
+    if has_masks || args.overlay.is_some() || args.against.is_some() || args.floaters {
         return Ok(());
     }
-    let why = "and without a mask, --overlay or --against none is; leave it out";
+    let why = "and without a mask, --overlay, --floaters or --against none is; leave it out";
     if args.input.data.is_some() {
         bail!("--data is the data set that views are taken from, {why}");
     }
     LoadArgs::refuse(explicit, &[], why)
+}
+
+/// Returns the edits, and the selection of splats to delete as one without maps.
+fn selecting(args: &EditArgs) -> Vec<Edit> {
+    let deleting = args.delete.iter().map(|selection| Edit { selection: selection.clone(), maps: Vec::new() });
+    args.edits.0.iter().cloned().chain(deleting).collect()
+}
+
+/// Returns the splats to remove.
+fn removed(
+    args: &EditArgs,
+    source: &SceneSource,
+    masks: &MaskShares,
+    request: DataRequest<'_>,
+    engine: &mut dyn Engine,
+    console: &Console,
+) -> Result<Removed> {
+    let mut removed = Removed { reasons: vec![None; source.scene.splats.len()] };
+    if let Some(selection) = &args.delete {
+        removed = Removed::selected(selection, &source.scene, masks)?;
+    }
+    if args.floaters {
+        let dataset = source.dataset(request, console)?;
+        removed = removed.or(Removed::floaters(&source.scene, dataset.as_ref(), engine, console)?);
+    }
+    Ok(removed)
+}
+
+/// Returns the record of a removal in the scene.
+fn record(args: &EditArgs) -> String {
+    let deleted = args.delete.as_ref().map(|selection| format!("delete {selection}"));
+    let floaters = args.floaters.then(|| "floaters".to_owned());
+    deleted.into_iter().chain(floaters).collect::<Vec<_>>().join("; ")
 }
 
 /// Returns the place of the edited scene; `None` for a dry run.
@@ -86,31 +147,42 @@ fn target(args: &EditArgs) -> Result<Option<PathBuf>> {
     Ok(Some(path.clone()))
 }
 
-/// Projects the masks and draws the overlay: the parts that need a data set.
-fn project(args: &EditArgs, source: &SceneSource, request: DataRequest<'_>, console: &Console) -> Result<MaskShares> {
-    let edits = &args.edits.0;
-    let names = mask_names(edits);
-    let mut engine = engine::engine(&args.input.device)?.engine;
-    let Some(picture) = &args.overlay else {
-        return masks::mask_shares(edits, source, request, engine.as_mut(), console);
-    };
+/// The selections that an overlay shows beside the edits' own.
+struct Selected<'a> {
+    masks: &'a MaskShares,
+    removed: &'a Removed,
+}
+
+/// Draws the selected and removed splats over a view.
+fn overlay(
+    args: &EditArgs,
+    picture: &Path,
+    source: &SceneSource,
+    selected: &Selected<'_>,
+    request: DataRequest<'_>,
+    engine: &mut dyn Engine,
+    console: &Console,
+) -> Result<()> {
     let Some(dataset) = source.dataset(request, console)? else {
         bail!("{}: a scene file has no views to draw an overlay on; give --data DATASET", args.input.scene.display());
     };
-    let masks = project_masks(&names, &source.scene, &dataset, engine.as_mut())?;
+    let edits = selecting(args);
+    let names = mask_names(&edits);
     let view = match args.view.as_deref().or(names.first().map(|name| name.view.as_str())) {
         Some(name) => find_view(&dataset, name)?,
         None => dataset.test.first().or(dataset.train.first()).context("the data set has no views")?,
     };
-    let weights = edit::selection_weights(edits, &source.scene, &masks, args.sh_map.into())?;
+    let mut weights = edit::selection_weights(&args.edits.0, &source.scene, selected.masks, args.sh_map.into())?;
+    let removed = weights.iter_mut().enumerate().filter(|(i, _)| selected.removed.is_removed(*i));
+    removed.for_each(|(_, weight)| *weight = 1.0);
     let overlay = Overlay { scene: &source.scene, weights: &weights, camera: &view.camera, background: source.background(None) };
-    edit::draw_overlay(picture, overlay, engine.as_mut())?;
+    edit::draw_overlay(picture, overlay, engine)?;
     console.note(&format!("{}: the selection over view {}", picture.display(), view.name));
-    Ok(masks)
+    Ok(())
 }
 
 /// Returns the facts about each edit, in the units of the data set.
-fn report(scene: &Scene, done: &[AppliedEdit]) -> Tree {
+fn report(scene: &Scene, done: &[AppliedEdit], removed: Option<&Removed>) -> Tree {
     let mut facts = Tree::default();
     facts.set("splats", scene.splats.len()).set("color_model", scene.splats.color_model.name());
     let mut percentiles = Tree::default();
@@ -130,6 +202,14 @@ fn report(scene: &Scene, done: &[AppliedEdit]) -> Tree {
             group.set("hue_shift", shift);
         }
         facts.group(&format!("edit_{}", i + 1), group);
+    }
+    if let Some(removed) = removed {
+        let mut group = Tree::default();
+        group.set("splats", removed.count()).set("share_of_light", removed.share_of_light(scene));
+        for (name, reason) in REASONS {
+            group.set(name, removed.count_of(reason));
+        }
+        facts.group("removed", group);
     }
     facts
 }

@@ -6,11 +6,13 @@
 //! error.
 
 mod against;
+mod clean;
 mod masks;
 mod overlay;
 pub(crate) mod trial;
 
 pub use self::against::{Against, EditComparison, EditFidelity, FULL_SCALE_ERROR, compare_edits};
+pub use self::clean::{RemovalReason, Removed};
 pub use self::masks::{find_view, mask_names, project_masks};
 pub use self::overlay::{Overlay, draw_overlay, selection_weights};
 use luxel_core::Edit;

@@ -18,6 +18,8 @@ use luxel_core::{ColorSpace, Dataset, Engine, Scene};
 use luxel_io::{Appearance, BakeOptions, Baked, SpzPositions, SpzVersion};
 
 pub use self::error::{BakeError, BakeErrorValues};
+use self::refine::Refinement;
+pub use self::refine::{DEFAULT_REFINE_STEPS, write_with_refined_display};
 pub use self::world::{Up, UpAxis, file_from_world};
 use crate::error::{Context, bail};
 use crate::{Error, Observer, Remedy, Result, text};
@@ -93,13 +95,14 @@ pub struct Bake {
     pub exposure_ev: f32,
     /// Highest degree of the baked harmonics, 0 to 3.
     pub max_degree: u8,
-    /// Steps of training a display bake against tone-mapped renders of the data set's views.
-    pub refine_steps: u32,
+    /// Steps of training a display bake against tone-mapped renders of the data set's views; `None`
+    /// for [`DEFAULT_REFINE_STEPS`] within a bounded time where there are views.
+    pub refine_steps: Option<u32>,
 }
 
 impl Default for Bake {
     fn default() -> Self {
-        Self { kind: None, color_space: None, tonemap: None, exposure_ev: 0.0, max_degree: 3, refine_steps: 0 }
+        Self { kind: None, color_space: None, tonemap: None, exposure_ev: 0.0, max_degree: 3, refine_steps: None }
     }
 }
 
@@ -172,7 +175,7 @@ impl Bake {
             let message = "a colour space is for linear bakes: display bakes are sRGB, and the exact model keeps its space";
             return Err(Error::new(message).with_remedy(bake("linear").or(Remedy::leave_out("output_color_space"))));
         }
-        if kind == BakeKind::Linear && (self.tonemap.is_some() || self.refine_steps > 0) {
+        if kind == BakeKind::Linear && (self.tonemap.is_some() || self.refine_steps.is_some_and(|steps| steps > 0)) {
             let remedy = bake("display").or(Remedy::leave_out("tonemap")).or(Remedy::leave_out("refine"));
             return Err(Error::new("tone curves and refinement are for display bakes").with_remedy(remedy));
         }
@@ -220,6 +223,8 @@ pub struct ExportOptions {
     /// Only this many splats: those that contribute most to the views, or without views by opacity
     /// and size.
     pub max_splats: Option<u64>,
+    /// Splats that are longer than this times their width are shortened to it.
+    pub max_aspect: Option<f32>,
     /// Direction of the scene that is up.
     pub up: Up,
     /// Factor of lengths, above 0: metres of one unit of the scene.
@@ -231,7 +236,7 @@ pub struct ExportOptions {
 impl Default for ExportOptions {
     fn default() -> Self {
         let (bake, up) = (Bake::default(), Up::default());
-        Self { bake, crop: None, max_splats: None, up, scale: 1.0, spz_version: SpzVersion::default() }
+        Self { bake, crop: None, max_splats: None, max_aspect: None, up, scale: 1.0, spz_version: SpzVersion::default() }
     }
 }
 
@@ -274,6 +279,10 @@ pub fn export(
     let mut plan = options.bake.plan(path, &scene)?;
     let before = scene.splats.len();
     prune::crop(&mut scene, options.crop);
+    if let Some(most) = options.max_aspect {
+        let count = scene.splats.limit_aspect(most);
+        observer.note(&format!("{} longer than {most} times their width, shortened to that", text::plural(count, "splat")));
+    }
     prune::limit(&mut scene, options.max_splats, dataset, engine, observer)?;
     if scene.splats.is_empty() {
         if before == 0 {
@@ -288,11 +297,14 @@ pub fn export(
         *exposure_ev += (found / luxel_io::display_exposure(&scene)).log2();
     }
     let mut baked = Baked::new(&scene, &plan.options);
-    if options.bake.refine_steps > 0 {
-        let Some(dataset) = dataset else {
-            return Err(Error::new("refinement needs views to compare with").with_remedy(Remedy::give("data")));
-        };
-        refine::refine(&mut baked, &scene, dataset, options.bake.refine_steps, engine, observer)?;
+    let is_display = matches!(plan.options.appearance, Appearance::Display { .. });
+    match (options.bake.refine_steps, dataset) {
+        (Some(0), _) => {}
+        (Some(steps), Some(dataset)) => refine::refine(&mut baked, &scene, dataset, Refinement::explicit(steps), engine, observer)?,
+        (Some(_), None) => return Err(Error::new("refinement needs views to compare with").with_remedy(Remedy::give("data"))),
+        (None, Some(dataset)) if is_display => refine::refine(&mut baked, &scene, dataset, Refinement::DEFAULT, engine, observer)?,
+        (None, None) if is_display => observer.note("no data set: the display bake is not refined, for which views are needed"),
+        (None, _) => {}
     }
     let error = dataset.map(|dataset| error::measure(&scene, &baked, dataset, engine)).transpose()?;
     let similarity = file_from_world(options.up, plan.format.up_axis(), dataset, options.scale)?;

@@ -12,16 +12,78 @@
 //! a fixed shuffled order, so that equal inputs give equal files. At the end, harmonics are drawn
 //! towards their mean where they would be negative.
 
+use std::path::Path;
 use std::sync::Arc;
+use std::time::Instant;
 
 use luxel_core::engine::{LearningRates, StatsCollection, StepConfig};
 use luxel_core::{Dataset, Engine, LossWeights, PixelValues, Scene, Target, ToneCurve, View};
-use luxel_io::Baked;
+use luxel_io::{Appearance, BakeOptions, Baked};
 
 use super::error::reference;
 use super::gain::{GainView, Gains, exposed};
 use crate::error::Context;
 use crate::{Observer, Result, text};
+
+/// Steps of refinement unless a number is given: the error falls to a tenth and further steps add
+/// little.
+pub const DEFAULT_REFINE_STEPS: u32 = 300;
+
+/// Bounds of refinement by default, which keep its time to that of some hundred training steps:
+/// views, at an even stride, and pixels of each.
+const MOST_VIEWS: usize = 64;
+const MOST_PIXELS: u64 = 1 << 20;
+
+/// The extent of a refinement.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Refinement {
+    steps: u32,
+    is_bounded: bool,
+}
+
+impl Refinement {
+    /// The refinement that is made unless another is asked for.
+    pub(super) const DEFAULT: Self = Self { steps: DEFAULT_REFINE_STEPS, is_bounded: true };
+
+    /// Returns a refinement on all views at their full size.
+    pub(super) fn explicit(steps: u32) -> Self {
+        Self { steps, is_bounded: false }
+    }
+
+    /// Returns the views to refine on, with reduced cameras where they are large.
+    fn views(self, views: &[View]) -> Vec<View> {
+        if !self.is_bounded {
+            return views.to_vec();
+        }
+        let stride = views.len().div_ceil(MOST_VIEWS).max(1);
+        views.iter().step_by(stride).map(reduced).collect()
+    }
+}
+
+/// Returns a view without its image, whose camera has at most [`MOST_PIXELS`].
+fn reduced(view: &View) -> View {
+    let pixels = |factor: u32| view.camera.size_px.map(|side| u64::from(side / factor)).iter().product::<u64>();
+    let factor = (1..).find(|factor| pixels(*factor) <= MOST_PIXELS).unwrap_or(1);
+    View { camera: view.camera.downscaled(factor), ..view.clone() }
+}
+
+/// Writes a scene with a display layer that is refined on the views of `dataset`, by default within
+/// a bounded time. The radiance model beside it has the bits of a file without refinement.
+///
+/// # Errors
+/// A device that gave up; the file system's refusal.
+pub fn write_with_refined_display(
+    path: &Path,
+    scene: &Scene,
+    dataset: &Dataset,
+    steps: u32,
+    engine: &mut dyn Engine,
+    observer: &dyn Observer,
+) -> Result<()> {
+    let mut baked = Baked::new(scene, &BakeOptions { appearance: Appearance::PREVIEW, max_degree: 3 });
+    refine(&mut baked, scene, dataset, Refinement { steps, is_bounded: true }, engine, observer)?;
+    luxel_io::write_exact_ply(path, scene, &baked).context("cannot write the scene")
+}
 
 /// Sum of the rates over all steps: 1 of display value is 3.5 of the constant term.
 const REACH: f32 = 10.0;
@@ -40,17 +102,20 @@ const MEAN: f32 = 0.39;
 /// mu of a mu-law that is almost linear: display values are compared as they are.
 const LINEAR_MU: f32 = 1e-3;
 
-/// Trains the bake's harmonics, opacities and scales for `steps`.
+/// Trains the bake's harmonics, opacities and scales.
 pub(super) fn refine(
     baked: &mut Baked,
     scene: &Scene,
     dataset: &Dataset,
-    steps: u32,
+    refinement: Refinement,
     engine: &mut dyn Engine,
     observer: &dyn Observer,
 ) -> Result<()> {
-    let views = if dataset.train.is_empty() { &dataset.test } else { &dataset.train };
-    let (targets, gains) = targets(baked, scene, views, engine)?;
+    let start = Instant::now();
+    let steps = refinement.steps;
+    let views = refinement.views(if dataset.train.is_empty() { &dataset.test } else { &dataset.train });
+    let (targets, gains) = targets(baked, scene, &views, engine)?;
+    let views = targets.len();
     gains.apply(baked, scene);
     engine.load(&baked.scene.splats, None).context("cannot load the bake")?;
     let render = baked.scene.render_options();
@@ -87,7 +152,14 @@ pub(super) fn refine(
     (splats.sh, splats.log_scale, splats.opacity_logit) = (trained.sh, trained.log_scale, trained.opacity_logit);
     baked.lift_negative();
     let (first, last) = (f64::from(first / rounds), f64::from(last / rounds));
-    observer.note(&format!("refined: mean error of training views {} before, {} after", text::number(first), text::number(last)));
+    observer.note(&format!(
+        "display bake refined in {} by {} on {}: mean error {} before, {} after",
+        text::duration(start.elapsed()),
+        text::plural(steps as usize, "step"),
+        text::plural(views, "view"),
+        text::number(first),
+        text::number(last)
+    ));
     Ok(())
 }
 
@@ -127,6 +199,19 @@ fn shuffled(step: usize, count: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_default_is_bounded_by_views_and_pixels() {
+        let folder = tempfile::tempdir().unwrap();
+        crate::synthetic::write_dataset(folder.path(), crate::synthetic::BallsOptions { side_px: 16, views: 9 }).unwrap();
+        let view = crate::Dataset::open(folder.path()).unwrap().train[0].clone();
+        let sized = |size_px: [u32; 2]| View { camera: luxel_core::Camera { size_px, ..view.camera.clone() }, ..view.clone() };
+        let many = vec![sized([4000, 3000]); 150];
+        let found = Refinement::DEFAULT.views(&many);
+        assert!(found.len() == 50 && found.iter().all(|view| view.camera.size_px == [1000, 750]), "{:?}", found[0].camera);
+        assert_eq!(Refinement::DEFAULT.views(&[sized([1024, 1024])])[0].camera.size_px, [1024, 1024]);
+        assert_eq!(Refinement::explicit(5).views(&many).len(), 150);
+    }
 
     #[test]
     fn every_view_comes_once_a_round() {

@@ -16,6 +16,7 @@ use serde::{Deserialize, Serialize};
 
 use super::ExplicitArgs;
 use crate::error::Context;
+use crate::export::DEFAULT_REFINE_STEPS;
 use crate::{DeviceOptions, Error, Remedy, Result, files};
 
 /// First line of config.toml.
@@ -47,11 +48,19 @@ pub struct RunOptions {
     pub eval_at: Vec<u32>,
     /// Steps between two evaluations, in place of [`Self::eval_at`].
     pub eval_every: Option<u32>,
+    /// Steps of refining the display layer of the last scene file; 0 leaves it out.
+    #[serde(default = "default_refine_display")]
+    pub refine_display: u32,
+}
+
+fn default_refine_display() -> u32 {
+    DEFAULT_REFINE_STEPS
 }
 
 impl Default for RunOptions {
     fn default() -> Self {
-        Self { checkpoint_every: 5000, keep_checkpoints: 2, eval_at: vec![7000, 30000], eval_every: None }
+        let refine_display = default_refine_display();
+        Self { checkpoint_every: 5000, keep_checkpoints: 2, eval_at: vec![7000, 30000], eval_every: None, refine_display }
     }
 }
 
@@ -121,7 +130,8 @@ impl fmt::Display for Difference {
 }
 
 /// Options that a resumed run may change: they leave the steps already made as they are.
-const FREE_ON_RESUME: [&str; 7] = ["device", "threads", "checkpoint_every", "keep_checkpoints", "eval_at", "eval_every", "iterations"];
+const FREE_ON_RESUME: [&str; 8] =
+    ["device", "threads", "checkpoint_every", "keep_checkpoints", "eval_at", "eval_every", "refine_display", "iterations"];
 
 /// Sections of the file that options belong to.
 const SECTIONS: [&str; 4] = ["load", "device", "run", TRAIN];

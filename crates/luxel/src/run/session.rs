@@ -9,6 +9,7 @@
 mod taken_apart;
 
 use std::collections::BTreeMap;
+use std::path::Path;
 
 use luxel_core::{Dataset, StepReport};
 use luxel_io::IoErrorKind;
@@ -22,7 +23,8 @@ use super::folder::LockIdentity;
 use super::log::{LOG_EVERY, LogRecord, RunLog};
 use super::{Captures, RunConfig, RunFolder, report, state};
 use crate::error::Context;
-use crate::{Error, Event, Observer, Result, StopFlag, files, memory, schema};
+use crate::export::write_with_refined_display;
+use crate::{Error, Event, Observer, Result, SelectedEngine, StopFlag, files, memory, schema};
 
 /// Exit code of the program when an interruption ended it: 128 + SIGINT.
 pub const EXIT_INTERRUPTED: u8 = 130;
@@ -275,7 +277,7 @@ impl Session<'_> {
     fn evaluate_at(&mut self, train_seconds: f64, peak_rss_bytes: Option<u64>) -> Result<Option<f64>> {
         let iteration = self.trainer.iteration();
         let path = self.folder.scene(iteration);
-        luxel_io::write_scene_ply(&path, &self.trainer.scene()?)?;
+        self.write_scene(&path)?;
         self.observer.event(Event::Saved { path });
         let images = self.folder.evaluation(iteration);
         let (dataset, finished) = (self.dataset, self.trainer.is_finished());
@@ -321,6 +323,23 @@ impl Session<'_> {
             self.observer.event(Event::Evaluation { step: iteration, split, mean, views });
         }
         Ok(psnr)
+    }
+
+    /// Writes the scene file. The last one's display layer, which splat viewers show, is refined;
+    /// where that fails, it is written as the others are.
+    fn write_scene(&mut self, path: &Path) -> Result<()> {
+        let scene = self.trainer.scene()?;
+        let steps = self.config.run.refine_display;
+        if self.trainer.is_finished() && steps > 0 && !scene.splats.is_empty() {
+            let refined = SelectedEngine::open(&self.config.device).and_then(|mut selected| {
+                write_with_refined_display(path, &scene, self.dataset, steps, selected.engine.as_mut(), self.observer)
+            });
+            match refined {
+                Ok(()) => return Ok(()),
+                Err(error) => self.observer.warn(&format!("{:#}", error.context("the display colours of the scene file are not refined"))),
+            }
+        }
+        Ok(luxel_io::write_scene_ply(path, &scene)?)
     }
 
     fn rendering(&mut self) -> Rendering<'_> {

@@ -136,7 +136,14 @@ impl Matrix {
             dataset: dataset.path.clone(),
             load: options.load.clone(),
             device: DeviceOptions { threads: Some(u32::try_from(self.threads)?), ..options.device.clone() },
-            run: RunOptions { checkpoint_every: options.checkpoint_every, keep_checkpoints: 1, eval_at: Vec::new(), eval_every: None },
+            // Nobody looks at the scenes of a study in a splat viewer.
+            run: RunOptions {
+                checkpoint_every: options.checkpoint_every,
+                keep_checkpoints: 1,
+                eval_at: Vec::new(),
+                eval_every: None,
+                refine_display: 0,
+            },
             train,
         };
         Ok(Cell { source, method, seed, folder: RunFolder::at(&self.root.join(&place)), place, config, is_asked: true })

@@ -174,6 +174,9 @@ options! {
         /// Scale, as a fraction of the scene's extent, above which splats are pruned after the
         /// first opacity reset; 0 turns it off
         prune_scale: f32 = 0.0, "FRACTION", Range::AtLeast(0), needs: [Adc];
+        /// Length over width above which splats are shortened, every 100 steps and at the end; 0
+        /// turns it off, else at least 1
+        max_aspect: f32 = 0.0, "RATIO", Range::AtLeast(0);
         /// Prune, after densification, the splats that contribute least to the training views and
         /// together make up this fraction of the images; 0 turns it off
         prune_unseen: f32 = 0.0, "FRACTION", Range::Share, needs: [Adc];

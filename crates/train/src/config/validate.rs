@@ -25,6 +25,10 @@ impl TrainConfig {
         for option in OPTIONS {
             option.check(self).map_err(|reason| TrainError::config(option.name, reason))?;
         }
+        if self.max_aspect > 0.0 && self.max_aspect < 1.0 {
+            let reason = format!("found {}, expected 0, or 1 and above: no splat is shorter than it is wide", self.max_aspect);
+            return Err(TrainError::config("max_aspect", reason));
+        }
         self.validate_decays()
     }
 
