@@ -163,7 +163,7 @@ fn choose(parts: &[PartNames], wanted: Option<&str>) -> Result<Picture, Refusal>
     };
     let others: Vec<Candidate> = of_view.iter().filter(|c| **c != chosen).cloned().collect();
     // Passes beside the channels R, G, B of one part are what the format's rules make them.
-    if !others.is_empty() && !(chosen.layer.is_empty() && others.iter().all(|other| other.part == chosen.part)) {
+    if !(others.is_empty() || chosen.layer.is_empty() && others.iter().all(|other| other.part == chosen.part)) {
         warnings.push(format!("of several parts or layers {} is read, not {}", chosen.label(), listed(&others)));
     }
     Ok(Picture { part: chosen.part, color: chosen.color, warnings })
