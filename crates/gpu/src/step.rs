@@ -183,7 +183,7 @@ impl Recorder<'_> {
         let grid = Groups::Grid(tiles(self.size_px.map(|side| side / self.samples)));
         // Without a mask the binding is not read.
         let mask = target.weights.as_deref().unwrap_or(&target.pixels);
-        let inputs = [bind(0, &frame.camera), bind(1, &frame.loss), bind(2, &frame.pixels.image), bind(3, &*target.pixels), bind(4, mask)];
+        let inputs = [bind(0, &frame.camera), bind(1, &frame.loss), bind(2, &frame.pixels.image), bind(3, &target.pixels), bind(4, mask)];
         let derivatives = bind(5, &frame.pixels.derivatives);
         let ssim: Vec<_> = inputs.into_iter().chain([derivatives, bind(6, &frame.pixels.group_sums)]).collect();
         self.add(Pass::Loss, KernelId::LossSsim, &ssim, grid);
