@@ -18,7 +18,14 @@ fn workplace() -> Workplace {
     let place = Workplace::empty();
     let raster = RasterConfig { cutoffs: Cutoffs::PARITY, ..RasterConfig::default() };
     let splats = synthetic::room(SPLATS, 1);
-    let scene = Scene { splats, radiance_scale: RadianceScale::ONE, color_space: Default::default(), raster, edits: Vec::new() };
+    let scene = Scene {
+        splats,
+        radiance_scale: RadianceScale::ONE,
+        color_space: Default::default(),
+        raster,
+        edits: Vec::new(),
+        world_from_local: luxel_core::Similarity::IDENTITY,
+    };
     luxel_io::write_scene_ply(&place.path("room.ply"), &scene).unwrap();
     write_camera(&place, |_| {});
     std::fs::write(place.path("target.npy"), npy(SIDE, SIDE, 0.25)).unwrap();
@@ -170,8 +177,14 @@ fn scenes_that_cannot_be_measured_as_asked_are_named() {
     let raster = RasterConfig::default();
     let lcd = in_lcd(&synthetic::room(50, 1));
     let write = |name: &str, splats| {
-        let scene =
-            Scene { splats, radiance_scale: RadianceScale::new(2.0).unwrap(), color_space: Default::default(), raster, edits: Vec::new() };
+        let scene = Scene {
+            splats,
+            radiance_scale: RadianceScale::new(2.0).unwrap(),
+            color_space: Default::default(),
+            raster,
+            edits: Vec::new(),
+            world_from_local: luxel_core::Similarity::IDENTITY,
+        };
         luxel_io::write_scene_ply(&place.path(name), &scene).unwrap();
     };
     write("lcd.ply", lcd.clone());

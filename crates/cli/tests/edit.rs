@@ -200,7 +200,14 @@ fn balls(color_model: ColorModel) -> Scene {
         });
     }
     let raster = RasterConfig { cutoffs: Cutoffs::PARITY, antialias: Antialias::Off, ..RasterConfig::default() };
-    Scene { splats, radiance_scale: RadianceScale::ONE, color_space: ColorSpace::LinearRec709, raster, edits: Vec::new() }
+    Scene {
+        splats,
+        radiance_scale: RadianceScale::ONE,
+        color_space: ColorSpace::LinearRec709,
+        raster,
+        edits: Vec::new(),
+        world_from_local: luxel_core::Similarity::IDENTITY,
+    }
 }
 
 #[test]

@@ -1,8 +1,11 @@
 //! A data set: posed images, their split, and the points found by structure from motion.
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
-use crate::{Camera, ColorSpace, Image, Mask, NoiseModel, PixelValues, Target, ViewError, mask};
+use glam::DVec3;
+
+use crate::{Camera, ColorSpace, Image, Mask, NoiseModel, PixelValues, Similarity, Target, ViewError, mask};
 
 /// A posed image.
 #[derive(Clone, Debug)]
@@ -114,7 +117,7 @@ pub struct Observation {
 /// A 3D point from structure from motion.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Point {
-    /// World coordinates.
+    /// Local coordinates, see [`Dataset::world_from_local`].
     pub position: [f32; 3],
     /// Display colour 0..=255, if the file gives one.
     pub rgb8: Option<[u8; 3]>,
@@ -154,6 +157,29 @@ pub struct Dataset {
     pub fingerprint: String,
     /// Warnings for the user, such as about 8-bit input.
     pub warnings: Vec<String>,
+    /// The transform from the coordinates of cameras and points (local) to those of the files
+    /// (world); the identity for scenes of usual size near the origin, see [`crate::SceneBounds`].
+    pub world_from_local: Similarity,
+}
+
+impl Dataset {
+    /// Returns the data set in other local coordinates, such as those of a scene to be compared
+    /// with it; the world stays.
+    pub fn in_frame(&self, world_from_local: Similarity) -> Cow<'_, Self> {
+        if self.world_from_local == world_from_local {
+            return Cow::Borrowed(self);
+        }
+        let moved = self.world_from_local.then(&world_from_local.inverse());
+        let mut dataset = self.clone();
+        for view in dataset.train.iter_mut().chain(&mut dataset.test) {
+            moved.apply_to_camera(&mut view.camera);
+        }
+        for point in &mut dataset.points {
+            point.position = moved.point(DVec3::from_array(point.position.map(f64::from))).as_vec3().to_array();
+        }
+        dataset.world_from_local = world_from_local;
+        Cow::Owned(dataset)
+    }
 }
 
 #[cfg(test)]

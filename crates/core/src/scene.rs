@@ -1,7 +1,9 @@
 //! A trained scene, and the complete state of a training run.
 
+use glam::DVec3;
+
 use crate::engine::DensifyStats;
-use crate::{ColorSpace, Moments, RadianceScale, RasterConfig, RenderOptions, Splats};
+use crate::{Camera, ColorSpace, Moments, RadianceScale, RasterConfig, RenderOptions, Similarity, Splats};
 
 /// A scene as a scene file stores it: everything needed to render it in the data set's radiance.
 #[derive(Clone, Debug, PartialEq)]
@@ -17,6 +19,9 @@ pub struct Scene {
     /// Edits of light since training, oldest first, in the text form of [`crate::Edit`]. They are a
     /// log: the splats contain them already.
     pub edits: Vec<String>,
+    /// The transform from the coordinates of the splats (local) to those of the data set (world);
+    /// the identity for scenes of usual size near the origin, see [`crate::SceneBounds`].
+    pub world_from_local: Similarity,
 }
 
 impl Scene {
@@ -24,7 +29,8 @@ impl Scene {
     /// its harmonics, and a black background.
     ///
     /// ```
-    /// use luxel_core::{ColorModel, ColorSpace, RadianceScale, RasterConfig, Scene, Splats};
+    /// use luxel_core::{ColorModel, ColorSpace, RadianceScale};
+    /// use luxel_core::{RasterConfig, Scene, Similarity, Splats};
     ///
     /// let scene = Scene {
     ///     splats: Splats::empty(ColorModel::Sh { degree: 3 }),
@@ -32,6 +38,7 @@ impl Scene {
     ///     color_space: ColorSpace::LinearRec709,
     ///     raster: RasterConfig { samples: 2, ..RasterConfig::default() },
     ///     edits: Vec::new(),
+    ///     world_from_local: Similarity::IDENTITY,
     /// };
     /// assert_eq!(scene.render_options().raster.samples, 2);
     /// ```
@@ -42,6 +49,33 @@ impl Scene {
     /// Returns [`Self::render_options`] with a background of this data-set radiance.
     pub fn render_options_before(&self, background: [f32; 3]) -> RenderOptions {
         RenderOptions { background: self.radiance_scale.normalised(background), ..self.render_options() }
+    }
+
+    /// Returns a camera of the world in the coordinates of the splats.
+    pub fn local_camera(&self, world: &Camera) -> Camera {
+        let mut camera = world.clone();
+        self.world_from_local.inverse().apply_to_camera(&mut camera);
+        camera
+    }
+
+    /// Returns a camera of local coordinates in the world.
+    pub fn world_camera(&self, local: &Camera) -> Camera {
+        let mut camera = local.clone();
+        self.world_from_local.apply_to_camera(&mut camera);
+        camera
+    }
+
+    /// Returns the position of splat `i` in the world.
+    pub fn world_position(&self, i: usize) -> DVec3 {
+        self.world_from_local.point(DVec3::from_array(self.splats.position[i].map(f64::from)))
+    }
+
+    /// Takes the splats to other local coordinates; the world stays.
+    pub fn move_to(&mut self, world_from_local: Similarity) {
+        if self.world_from_local != world_from_local {
+            self.world_from_local.then(&world_from_local.inverse()).apply(&mut self.splats);
+            self.world_from_local = world_from_local;
+        }
     }
 }
 

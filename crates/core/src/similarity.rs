@@ -21,6 +21,12 @@ pub struct Similarity {
     translation: DVec3,
 }
 
+impl Default for Similarity {
+    fn default() -> Self {
+        Self::IDENTITY
+    }
+}
+
 impl Similarity {
     /// The transform that changes nothing.
     pub const IDENTITY: Self = Self { rotation: DMat3::IDENTITY, scale: 1.0, translation: DVec3::ZERO };
@@ -33,9 +39,29 @@ impl Similarity {
         is_usable.then_some(Self { rotation, scale, translation })
     }
 
+    /// Returns the transform that only multiplies lengths; the identity for a factor that is not
+    /// positive.
+    pub fn scaling(scale: f64) -> Self {
+        Self::new(DMat3::IDENTITY, scale, DVec3::ZERO).unwrap_or(Self::IDENTITY)
+    }
+
     /// Returns the transform that only rotates; `None` if `rotation` is not a rotation.
     pub fn turn(rotation: DMat3) -> Option<Self> {
         Self::new(rotation, 1.0, DVec3::ZERO)
+    }
+
+    /// Returns the place of the old origin in the new world.
+    pub fn translation(&self) -> DVec3 {
+        self.translation
+    }
+
+    /// Returns the transform that applies `self` first and `next` after it.
+    pub fn then(&self, next: &Self) -> Self {
+        if self.is_identity() {
+            return *next;
+        }
+        let rotation = next.rotation * self.rotation;
+        Self { rotation, scale: next.scale * self.scale, translation: next.point(self.translation) }
     }
 
     /// Returns the rotation's matrix.
@@ -62,16 +88,29 @@ impl Similarity {
 
     /// Returns the point `p` in the new world.
     pub fn point(&self, p: DVec3) -> DVec3 {
+        if self.is_identity() {
+            // The sign of zeros, too.
+            return p;
+        }
         self.scale * (self.rotation * p) + self.translation
     }
 
     /// Moves a camera so that it sees the same in the new world as in the old one, with depths
     /// multiplied by the scale.
     pub fn apply_to_camera(&self, camera: &mut Camera) {
-        let pose = camera.camera_from_world;
-        let matrix3 = pose.matrix3 * self.rotation.transpose();
-        let eye = self.point(-(pose.matrix3.transpose() * pose.translation));
-        camera.camera_from_world = DAffine3 { matrix3, translation: -(matrix3 * eye) };
+        self.apply_to_pose(&mut camera.camera_from_world);
+    }
+
+    /// Changes a pose as [`Self::apply_to_camera`] does.
+    pub fn apply_to_pose(&self, camera_from_world: &mut DAffine3) {
+        if self.is_identity() {
+            return;
+        }
+        let matrix3 = camera_from_world.matrix3 * self.rotation.transpose();
+        // Not by way of the eye: a matrix of few digits would displace a camera far from the
+        // origin.
+        let translation = self.scale * camera_from_world.translation - matrix3 * self.translation;
+        *camera_from_world = DAffine3 { matrix3, translation };
     }
 
     /// Transforms splats.

@@ -14,10 +14,11 @@ use std::io::{BufReader, Read, Write};
 use std::path::Path;
 
 use luxel_core::engine::DensifyStats;
-use luxel_core::{ColorModel, ColorSpace, Moments, RadianceScale, RasterConfig, Scene, Snapshot, Splats};
+use luxel_core::{ColorModel, ColorSpace, Moments, RadianceScale, RasterConfig, Scene, Similarity, Snapshot, Splats};
 use safetensors::tensor::{Dtype, Metadata, TensorInfo};
 use serde::Serialize;
 
+use crate::local_frame::LocalFrame;
 use crate::read_file::open_regular;
 use crate::validity::is_usable;
 use crate::{IoError, write_atomically};
@@ -37,6 +38,8 @@ const MAX_HEADER: u64 = 100_000_000;
 /// Length of the header's length.
 const LENGTH_BYTES: u64 = 8;
 const DIGEST_KEY: &str = "blake3";
+/// Local coordinates, where they are not those of the world.
+const FRAME_KEY: &str = "local_frame";
 
 /// Head of a safetensors file in a fixed order.
 #[derive(Serialize)]
@@ -141,7 +144,7 @@ fn write<W: Write + ?Sized>(snapshot: &Snapshot, out: &mut W) -> std::io::Result
 
 fn metadata_of(snapshot: &Snapshot) -> std::io::Result<BTreeMap<&'static str, String>> {
     let scene = &snapshot.scene;
-    Ok(BTreeMap::from([
+    let mut metadata = BTreeMap::from([
         ("format", FORMAT_NAME.to_owned()),
         ("version", FORMAT_VERSION.to_owned()),
         ("splats", scene.splats.len().to_string()),
@@ -150,7 +153,11 @@ fn metadata_of(snapshot: &Snapshot) -> std::io::Result<BTreeMap<&'static str, St
         ("radiance_scale", format!("{:e}", scene.radiance_scale)),
         ("raster", serde_json::to_string(&scene.raster)?),
         ("state", snapshot.state_json.clone()),
-    ]))
+    ]);
+    if let Some(frame) = LocalFrame::from_similarity(&scene.world_from_local) {
+        metadata.insert(FRAME_KEY, serde_json::to_string(&frame)?);
+    }
+    Ok(metadata)
 }
 
 /// The digest of a checkpoint's content, every part preceded by its length.
@@ -222,6 +229,11 @@ fn read<R: Read>(path: &Path, mut reader: R, length: u64) -> Result<Snapshot, Io
     let radiance_scale = scale.ok_or_else(|| wrong("radiance_scale", "a positive number"))?;
     let raster: Option<RasterConfig> = serde_json::from_str(value("raster")?).ok();
     let raster = raster.filter(is_usable).ok_or_else(|| wrong("raster", "cut-offs of 0 to 1, antialias and 1 to 4 samples"))?;
+    let world_from_local = match metadata.get(FRAME_KEY) {
+        None => Some(Similarity::IDENTITY),
+        Some(json) => LocalFrame::parse(json).and_then(|frame| frame.world_from_local()),
+    };
+    let world_from_local = world_from_local.ok_or_else(|| wrong(FRAME_KEY, "an origin and a positive unit"))?;
     let state_json = value("state")?.clone();
     let count: usize = value("splats")?.parse().map_err(|_| wrong("splats", "a whole number"))?;
     let claimed = value(DIGEST_KEY)?.clone();
@@ -239,7 +251,13 @@ fn read<R: Read>(path: &Path, mut reader: R, length: u64) -> Result<Snapshot, Io
     for splats in [&splats].into_iter().chain(&average) {
         splats.validate().map_err(|e| IoError::invalid(path, e))?;
     }
-    Ok(Snapshot { scene: Scene { splats, radiance_scale, color_space, raster, edits: Vec::new() }, moments, stats, average, state_json })
+    Ok(Snapshot {
+        scene: Scene { splats, radiance_scale, color_space, raster, edits: Vec::new(), world_from_local },
+        moments,
+        stats,
+        average,
+        state_json,
+    })
 }
 
 /// Reads the header and checks its claims against the length of the file.

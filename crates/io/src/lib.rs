@@ -15,6 +15,7 @@ mod error;
 mod gltf;
 mod icc;
 mod image;
+mod local_frame;
 mod memory;
 #[cfg(not(feature = "ocio"))]
 mod ocio_absent;

@@ -67,6 +67,9 @@ impl Dataset {
             text::plural(dataset.points.len(), "point"),
             size.map_or(String::new(), |[w, h]| format!(", {w}x{h}")),
         ));
+        if let Some(line) = text::origin_line(&dataset.world_from_local) {
+            observer.note(&line);
+        }
         Ok(dataset)
     }
 

@@ -134,6 +134,9 @@ impl Recipe {
             }
         }
         recipe = recipe.with("radiance_scale", scene.radiance_scale).with("color_space", scene.color_space.name());
+        if !scene.world_from_local.is_identity() {
+            recipe = recipe.with("world_from_local", format_args!("{:?}", scene.world_from_local));
+        }
         recipe.with("options", format_args!("{options:?}"))
     }
 
@@ -265,6 +268,7 @@ mod tests {
             color_space: luxel_core::ColorSpace::default(),
             raster: luxel_core::RasterConfig::default(),
             edits: Vec::new(),
+            world_from_local: luxel_core::Similarity::IDENTITY,
         }
     }
 }

@@ -56,8 +56,8 @@ pub struct PickedSplat {
     pub index: usize,
     /// Weight in the pixel, 0 to 1.
     pub weight: f32,
-    /// Centre.
-    pub position: [f32; 3],
+    /// Centre, world.
+    pub position: [f64; 3],
     /// Opacity, 0 to 1.
     pub opacity: f32,
     /// Standard deviations, largest first.
@@ -88,7 +88,8 @@ pub fn pick(scene: &Scene, view: &View, pixel: [u32; 2], background: [f32; 3], c
     let mut mask = vec![0.0; image.pixels.len()];
     mask[at] = 1.0;
     let weights = engine.contributions(camera, &options, &mask).context("cannot measure the splats' contributions")?.masked;
-    let depth_of = |i: usize| camera.camera_from_world.transform_point3(DVec3::from(scene.splats.position[i].map(f64::from))).z;
+    let unit = scene.world_from_local.scale();
+    let depth_of = |i: usize| unit * camera.camera_from_world.transform_point3(DVec3::from(scene.splats.position[i].map(f64::from))).z;
     let found = weights.iter().enumerate().filter(|(_, weight)| **weight > 0.0);
     let mut found: Vec<Hit> = found.map(|(index, weight)| Hit { index, weight: *weight, depth: depth_of(index) }).collect();
     found.sort_by(|a, b| a.depth.total_cmp(&b.depth));
@@ -111,7 +112,7 @@ pub fn pick(scene: &Scene, view: &View, pixel: [u32; 2], background: [f32; 3], c
         coverage,
         depth,
         depth_of_point,
-        point: depth_of_point.map(|depth| point_at(view, pixel, depth)),
+        point: depth_of_point.map(|depth| scene.world_from_local.point(point_at(view, pixel, depth / unit)).to_array()),
         contributing,
         splats: found.iter().take(count).map(|hit| picked(scene, view, hit)).collect(),
     })
@@ -135,11 +136,11 @@ fn median(found: &[Hit], coverage: f32) -> Option<f64> {
     found.iter().find(is_beyond).or(found.last()).map(|hit| hit.depth)
 }
 
-/// Returns the point of the world that is seen in the middle of a pixel at a depth.
-fn point_at(view: &View, [x, y]: [u32; 2], depth: f64) -> [f64; 3] {
+/// Returns the point that is seen in the middle of a pixel at a depth, in the view's coordinates.
+fn point_at(view: &View, [x, y]: [u32; 2], depth: f64) -> DVec3 {
     let camera = &view.camera;
     let on_plane = (DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5) - camera.center_px) / camera.focal_px;
-    camera.camera_from_world.inverse().transform_point3(on_plane.extend(1.0) * depth).to_array()
+    camera.camera_from_world.inverse().transform_point3(on_plane.extend(1.0) * depth)
 }
 
 fn picked(scene: &Scene, view: &View, hit: &Hit) -> PickedSplat {
@@ -147,18 +148,26 @@ fn picked(scene: &Scene, view: &View, hit: &Hit) -> PickedSplat {
     let splats = &scene.splats;
     let position = splats.position[index];
     let direction = (DVec3::from(position.map(f64::from)) - view.camera.eye()).try_normalize().unwrap_or(DVec3::Z);
-    let mut scale = splats.log_scale[index].map(f32::exp);
+    let unit = scene.world_from_local.scale() as f32;
+    let mut scale = splats.log_scale[index].map(|s| unit * s.exp());
     scale.sort_by(|a, b| b.total_cmp(a));
     PickedSplat {
         index,
         weight,
-        position,
+        position: world_position(scene, index),
         opacity: sigmoid(splats.opacity_logit[index]),
         scale,
         depth,
         radiance: scene.radiance_scale.restored(splats.radiance(index, direction.as_vec3().to_array())),
         luminance_sum: scene.luminance(index),
     }
+}
+
+/// Returns the centre of a splat in the world, with the digits that it has there.
+fn world_position(scene: &Scene, index: usize) -> [f64; 3] {
+    let position = scene.world_position(index).to_array();
+    let shortest = |v: f64| (v as f32).to_string().parse().unwrap_or(v);
+    if scene.world_from_local.translation() == DVec3::ZERO { position.map(shortest) } else { position }
 }
 
 #[cfg(test)]

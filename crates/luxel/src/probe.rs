@@ -20,7 +20,7 @@ use crate::{Result, output};
 /// Options of a probe.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ProbeOptions {
-    /// The point, world units of the scene.
+    /// The point, world coordinates.
     pub at: [f64; 3],
     /// Kind of map.
     pub projection: Projection,
@@ -120,9 +120,11 @@ pub fn probe(mut scene: Scene, options: &ProbeOptions, dataset: Option<&Dataset>
     crate::memory::check(&work, pixels as u64 * BYTES_PER_PIXEL, "make a smaller map")?;
     let environment_from_world = file_from_world(options.up, UpAxis::PlusY, dataset, 1.0)?.rotation();
     let focal_px = dataset.and_then(median_focal_px);
+    let local_from_world = scene.world_from_local.inverse();
     let left_out = leave_out_near(&mut scene, options);
     let (projection, width) = (options.projection, options.width_px);
-    let rig = Rig::new(DVec3::from_array(options.at), environment_from_world, MapSize { projection, width }, focal_px);
+    let rig =
+        Rig::new(local_from_world.point(DVec3::from_array(options.at)), environment_from_world, MapSize { projection, width }, focal_px);
     let mut image = render(&rig, &scene, options.background, engine)?;
     let color_space = options.color_space.unwrap_or(scene.color_space);
     let conversion = Conversion::between(scene.color_space, color_space);
@@ -153,8 +155,9 @@ fn median_focal_px(dataset: &Dataset) -> Option<f64> {
 /// Removes splats whose centre is near, and counts them.
 fn leave_out_near(scene: &mut Scene, options: &ProbeOptions) -> usize {
     let Some(radius) = options.near else { return 0 };
-    let at = DVec3::from_array(options.at);
-    let is_far = |p: [f32; 3]| DVec3::from_array(p.map(f64::from)).distance(at) >= f64::from(radius);
+    let local_from_world = scene.world_from_local.inverse();
+    let (at, radius) = (local_from_world.point(DVec3::from_array(options.at)), f64::from(radius) * local_from_world.scale());
+    let is_far = |p: [f32; 3]| DVec3::from_array(p.map(f64::from)).distance(at) >= radius;
     let before = scene.splats.len();
     let kept: Vec<u32> = (0..before as u32).filter(|i| is_far(scene.splats.position[*i as usize])).collect();
     scene.splats = scene.splats.select(kept);

@@ -1,7 +1,7 @@
 //! Rendering of a scene: always with the scene's own raster settings, always into the units of the
 //! data set.
 
-use luxel_core::{Camera, ColorSpace, Engine, RadianceScale, RenderOptions};
+use luxel_core::{Camera, ColorSpace, Engine, RadianceScale, RenderOptions, Similarity};
 
 use crate::device::SelectedEngine;
 use crate::error::{Context, ensure};
@@ -25,6 +25,7 @@ pub struct Renderer {
     radiance_scale: RadianceScale,
     color_space: ColorSpace,
     options: RenderOptions,
+    world_from_local: Similarity,
 }
 
 impl Renderer {
@@ -37,7 +38,13 @@ impl Renderer {
         let mut engine = SelectedEngine::open(&device.into())?.engine;
         engine.load(&scene.splats, None).context("cannot load the scene")?;
         let options = scene.render_options();
-        Ok(Self { engine, radiance_scale: scene.radiance_scale, color_space: scene.color_space, options })
+        Ok(Self {
+            engine,
+            radiance_scale: scene.radiance_scale,
+            color_space: scene.color_space,
+            options,
+            world_from_local: scene.world_from_local,
+        })
     }
 
     /// Sets the radiance behind everything, in the units of the data set. It is black at first.
@@ -55,13 +62,17 @@ impl Renderer {
         Ok(())
     }
 
-    /// Renders the scene as `camera` sees it.
+    /// Renders the scene as `camera` sees it, which is in the scene's local coordinates:
+    /// [`luxel_core::Scene::local_camera`] takes one of the world there, and
+    /// [`luxel_core::Dataset::in_frame`] those of a data set.
     ///
     /// # Errors
     /// A camera that cannot be rendered; a device that gave up.
     pub fn render(&mut self, camera: &Camera) -> Result<Radiance> {
         crate::memory::check_render(camera.size_px, self.options.raster.samples)?;
         let image = self.engine.render(camera, &self.options).context("cannot render")?;
-        Ok(Radiance::new(image, self.radiance_scale, self.color_space, camera))
+        let mut world_camera = camera.clone();
+        self.world_from_local.apply_to_camera(&mut world_camera);
+        Ok(Radiance::new(image, self.radiance_scale, self.color_space, &world_camera))
     }
 }

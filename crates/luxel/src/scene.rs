@@ -156,8 +156,8 @@ impl Deref for Scene {
     }
 }
 
-/// Reads the cameras of a file: a `transforms.json`, whose images are not needed, or a camera path
-/// of nerfstudio.
+/// Reads the cameras of a file, in the coordinates of the data set (world): a `transforms.json`,
+/// whose images are not needed, or a camera path of nerfstudio.
 ///
 /// # Errors
 /// A file that cannot be read, or that leaves out the size of the images or the lens.

@@ -16,7 +16,14 @@ use crate::{Result, Scene, files};
 pub fn room(count: usize, seed: u64) -> Scene {
     let splats = luxel_core::synthetic::room(count, seed);
     let (color_space, raster) = (ColorSpace::default(), RasterConfig::default());
-    Scene::from(luxel_core::Scene { splats, radiance_scale: RadianceScale::ONE, color_space, raster, edits: Vec::new() })
+    Scene::from(luxel_core::Scene {
+        splats,
+        radiance_scale: RadianceScale::ONE,
+        color_space,
+        raster,
+        edits: Vec::new(),
+        world_from_local: luxel_core::Similarity::IDENTITY,
+    })
 }
 
 /// Size and number of the images of [`write_dataset`].

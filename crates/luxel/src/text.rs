@@ -66,6 +66,13 @@ pub fn decade(decade: i32) -> String {
     }
 }
 
+/// Returns a line about local coordinates whose origin is not that of the world; `None` for others.
+pub fn origin_line(world_from_local: &luxel_core::Similarity) -> Option<String> {
+    let origin = world_from_local.translation();
+    let line = || format!("far from the origin of its coordinates: held relative to {}, {}, {}", origin.x, origin.y, origin.z);
+    (origin.length() > 0.0).then(line)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

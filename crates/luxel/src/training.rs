@@ -246,14 +246,17 @@ impl Training {
         Ok(luxel_metrics::evaluate(self.trainer.engine(), &options, &measures, views, &mut |_, _, _| {})?)
     }
 
-    /// Renders the scene as it stands.
+    /// Renders the scene as it stands, from a camera in the local coordinates of the data set, such
+    /// as those of its views.
     ///
     /// # Errors
     /// A camera that cannot be rendered, a device that gave up.
     pub fn render(&mut self, camera: &Camera) -> Result<Radiance> {
         let (options, scale) = (self.trainer.render_options(), self.trainer.radiance_scale());
         let image = self.trainer.engine().render(camera, &options).context("cannot render")?;
-        Ok(Radiance::new(image, scale, self.color_space, camera))
+        let mut world_camera = camera.clone();
+        self.trainer.world_from_local().apply_to_camera(&mut world_camera);
+        Ok(Radiance::new(image, scale, self.color_space, &world_camera))
     }
 
     /// Writes everything that is needed to continue, whole or not at all.

@@ -47,5 +47,6 @@ pub(crate) fn dataset_of(train: Vec<View>) -> Dataset {
         bad_pixels: Vec::new(),
         fingerprint: "0123".to_owned(),
         warnings: Vec::new(),
+        world_from_local: luxel_core::Similarity::IDENTITY,
     }
 }

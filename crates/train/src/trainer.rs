@@ -17,7 +17,7 @@ mod start;
 use std::collections::VecDeque;
 
 use luxel_core::engine::{PositionNoise, StepConfig};
-use luxel_core::{ColorSpace, Engine, Knots, Moments, RadianceScale, RasterConfig, RenderOptions, Scene, Snapshot, StepReport};
+use luxel_core::{ColorSpace, Engine, Knots, Moments, RadianceScale, RasterConfig, RenderOptions, Scene, Similarity, Snapshot, StepReport};
 use luxel_metrics::{log_gain, log_gain_of_view};
 
 use crate::average::Average;
@@ -34,6 +34,7 @@ pub struct Trainer {
     engine: Box<dyn Engine>,
     views: TrainingViews,
     color_space: ColorSpace,
+    world_from_local: Similarity,
     schedule: Schedule,
     state: State,
     /// The mean of the parameters over the steps so far, while it is being taken.
@@ -202,6 +203,11 @@ impl Trainer {
         self.state.response.as_ref().map(CameraResponse::knots)
     }
 
+    /// Returns the transform from the coordinates of the splats to those of the data set's files.
+    pub fn world_from_local(&self) -> Similarity {
+        self.world_from_local
+    }
+
     fn step_config(&self, step: u32) -> StepConfig {
         let config = &self.state.config;
         let learning_rates = self.schedule.learning_rates(config, step);
@@ -239,6 +245,6 @@ impl Trainer {
         let (splats, moments) = self.engine.save()?;
         let raster = self.render_options().raster;
         let (radiance_scale, color_space) = (self.state.radiance_scale, self.color_space);
-        Ok((Scene { splats, radiance_scale, color_space, raster, edits: Vec::new() }, moments))
+        Ok((Scene { splats, radiance_scale, color_space, raster, edits: Vec::new(), world_from_local: self.world_from_local }, moments))
     }
 }

@@ -17,7 +17,7 @@ use crate::commands::info::{PERCENTILES, quantiles, scene_luminance};
 use crate::inputs::scene_source::{DataRequest, SceneSource};
 use crate::inputs::{engine, masks};
 use crate::output::console::Console;
-use crate::output::tree::Tree;
+use crate::output::tree::{Tree, set_point};
 
 /// Reasons of removal, as reports name them.
 const REASONS: [(&str, RemovalReason); 4] = [
@@ -196,7 +196,9 @@ fn report(scene: &Scene, done: &[AppliedEdit], removed: Option<&Removed>) -> Tre
         group.set("selected", selection.count).set("partly_selected", selection.partial);
         group.set("share_of_light", selection.light_share);
         if let Some([min, max]) = selection.bounds {
-            group.set_f32s("min", &min).set_f32s("max", &max);
+            for (name, corner) in [("min", min), ("max", max)] {
+                set_point(&mut group, name, corner, scene);
+            }
         }
         if let Some(shift) = applied.hue_shift {
             group.set("hue_shift", shift);
@@ -221,7 +223,10 @@ fn compare(args: &EditArgs, other: &Path, request: DataRequest<'_>, console: &Co
     if let Some(edit) = args.edits.0.iter().find(|edit| edit.selection != Selection::All) {
         bail!("--where \"{}\": an ideal edit of pixels knows no splats; compare maps of the whole scene", edit.selection);
     }
-    let sources = [SceneSource::open(&args.input.scene, console)?, SceneSource::open(other, console)?];
+    let mut sources = [SceneSource::open(&args.input.scene, console)?, SceneSource::open(other, console)?];
+    // Views are of one frame.
+    let frame = sources[0].scene.world_from_local;
+    sources[1].scene.move_to(frame);
     let with_data = sources.iter().find(|source| source.run.is_some()).unwrap_or(&sources[0]);
     let dataset = with_data.dataset(request, console)?.context("scene files have no views; give --data DATASET")?;
     let views = test_views(&dataset)?;

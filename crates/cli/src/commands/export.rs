@@ -28,6 +28,12 @@ pub(crate) fn run(args: &ExportArgs, explicit: &ExplicitArgs) -> Result<()> {
     if let Some(positions) = &exported.positions {
         warn_of_positions(positions, &console);
     }
+    if let (Some([x, y, z]), Format::Spz) = (exported.origin, Format::from_path(&args.output)?) {
+        console.warn(&format!(
+            "positions are relative to the origin {x}, {y}, {z} of the data set's coordinates, for which SPZ has no place; .ply, .glb and \
+             .usda state it"
+        ));
+    }
     let tree = describe(args, &exported);
     console.result(&tree.event("finished"), tree.text().trim_end())
 }
@@ -54,6 +60,9 @@ fn describe(args: &ExportArgs, exported: &Exported) -> Tree {
     let mut tree = Tree::default();
     tree.set("file", args.output.display().to_string()).set("splats", exported.splats);
     tree.set("file_bytes", exported.file_bytes).set("bake", exported.bake.clone());
+    if let Some(origin) = exported.origin {
+        tree.set("origin", origin.to_vec());
+    }
     tree.set("color_space", exported.color_space.map_or("sRGB, for a display", |space| space.name()));
     if let Some((model, space)) = &exported.exact_model {
         tree.set("exact_model", format!("{model}, {}", space.name()));

@@ -3,9 +3,10 @@
 use std::path::Path;
 
 use anyhow::{Context, Result};
+use glam::DVec3;
 use luxel::run::evaluation::Metrics;
 use luxel::run::{ExplicitArgs, RunFolder, state};
-use luxel::schema;
+use luxel::{schema, text};
 use luxel_core::tone::rec709_of;
 use luxel_core::{ColorModel, ColorSpace, Dataset, Image, Scene, Splats, View, luminance_rec709, sigmoid};
 use luxel_io::{ReadOptions, SampleDepth};
@@ -14,7 +15,7 @@ use crate::args::{InfoArgs, LoadArgs};
 use crate::commands::devices;
 use crate::inputs::data;
 use crate::output::console::{self, Console, LogFormat};
-use crate::output::tree::Tree;
+use crate::output::tree::{Tree, set_point};
 
 /// Percentiles that describe ranges.
 pub(crate) const PERCENTILES: [u8; 7] = [0, 1, 25, 50, 75, 99, 100];
@@ -147,6 +148,9 @@ fn dataset_facts(dataset: &Dataset) -> Tree {
     facts.set("image_sizes_px", sizes.iter().map(|[w, h]| format!("{w}x{h}")).collect::<Vec<_>>());
     facts.set("points", dataset.points.len());
     facts.set("observations", dataset.points.iter().map(|point| point.observations.len()).sum::<usize>());
+    if let Some(line) = text::origin_line(&dataset.world_from_local) {
+        facts.set("coordinates", line);
+    }
     facts.set("color_space", dataset.color_space.name());
     facts.set("fingerprint", dataset.fingerprint.clone());
     let views = || dataset.train.iter().chain(&dataset.test);
@@ -226,15 +230,20 @@ fn add_scene(facts: &mut Tree, scene: &Scene) {
     if splats.is_empty() {
         return;
     }
+    if let Some(line) = text::origin_line(&scene.world_from_local) {
+        facts.set("coordinates", line);
+    }
     let mut bounds = Tree::default();
     for (name, pick) in [("min", f32::min as fn(f32, f32) -> f32), ("max", f32::max)] {
         let corner = splats.position.iter().copied().reduce(|a, b| std::array::from_fn(|i| pick(a[i], b[i])));
-        bounds.set_f32s(name, &corner.unwrap_or_default());
+        let local = DVec3::from_array(corner.unwrap_or_default().map(f64::from));
+        set_point(&mut bounds, name, scene.world_from_local.point(local).to_array(), scene);
     }
     facts.group("bounds", bounds);
     let mut percentiles = Tree::default();
     percentiles.set("at_percent", PERCENTILES.to_vec());
-    percentiles.set_f32s("scale", &quantiles(splats.log_scale.as_flattened().iter().map(|s| s.exp()).collect()));
+    let unit = scene.world_from_local.scale() as f32;
+    percentiles.set_f32s("scale", &quantiles(splats.log_scale.as_flattened().iter().map(|s| unit * s.exp()).collect()));
     percentiles.set_f32s("opacity", &quantiles(splats.opacity_logit.iter().map(|&o| sigmoid(o)).collect()));
     percentiles.set_f32s("luminance", &quantiles(scene_luminance(scene)));
     percentiles.set_f32s("luminance_sum", &quantiles((0..splats.len()).map(|i| scene.luminance(i)).collect()));

@@ -66,7 +66,7 @@ fn report(found: &Pick) -> String {
         let _ = writeln!(out, "{:>9} {:>7} {:>7} {:>30} {:>8} {:>10}", "index", "weight", "opacity", "position", "depth", "L");
     }
     for splat in &found.splats {
-        let position = splat.position.map(|v| text::number(v.into())).join(" ");
+        let position = splat.position.map(text::number).join(" ");
         let [depth, luminance] = [splat.depth, splat.luminance_sum.into()].map(text::number);
         let _ = writeln!(out, "{:>9} {:7.4} {:7.4} {position:>30} {depth:>8} {luminance:>10}", splat.index, splat.weight, splat.opacity);
     }

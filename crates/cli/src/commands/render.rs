@@ -51,7 +51,7 @@ pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
     let scene = &source.scene;
     let raster = RasterConfig { samples: args.samples.unwrap_or(scene.raster.samples), ..scene.raster };
     let options = RenderOptions { raster, background, ..scene.render_options() };
-    let cameras = args.path.is_some().then(|| shots.all.iter().map(Shot::clone).collect::<Vec<_>>());
+    let cameras = args.path.is_some().then(|| shots.all.iter().map(|shot| shot.in_world(scene)).collect::<Vec<_>>());
     let all = jobs(args, shots, &recipe(args, scene, &options))?;
     let jobs = unmade(&all, args.overwrite)?;
     let video = args.video.as_ref().map(|path| video::Video::plan(args, path, &all)).transpose()?;
@@ -181,6 +181,7 @@ fn write(args: &RenderArgs, scene: &Scene, job: &Job, layers: Layers) -> Result<
         // A preview of the image that is replaced would be out of date.
         _ => remove_preview(&job.exr)?,
     }
+    let unit = scene.world_from_local.scale() as f32;
     let color_space = color_space(args, scene);
     let conversion = Conversion::between(scene.color_space, color_space);
     for pixel in &mut image.pixels {
@@ -195,9 +196,9 @@ fn write(args: &RenderArgs, scene: &Scene, job: &Job, layers: Layers) -> Result<
         color_space,
         attributes,
         numbers: vec![(RADIANCE_SCALE.into(), scene.radiance_scale.get()), ("luxel:preview_exposure_ev".into(), args.exposure)],
-        camera: Some(job.camera.clone()),
+        camera: Some(scene.world_camera(&job.camera)),
         alpha: args.alpha.then_some(alpha),
-        depth: args.depth.then(|| depth.into_iter().map(|z| z.min(FAR)).collect()),
+        depth: args.depth.then(|| depth.into_iter().map(|z| (z * unit).min(FAR)).collect()),
         ..ExrOptions::default()
     };
     let out_of_range = luxel_io::write_exr(&job.exr, &image, &options).context("cannot write an image")?;

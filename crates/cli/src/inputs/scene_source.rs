@@ -65,8 +65,14 @@ impl SceneSource {
         Ok(Self { scene: luxel::Scene::open_reporting(path, console)?.into_core(), run: None })
     }
 
-    /// Reads the data set asked for, or the run's own, for its cameras; `None` if there is neither.
+    /// Reads the data set asked for, or the run's own, for its cameras, which become those of the
+    /// scene's local coordinates; `None` if there is neither.
     pub(crate) fn dataset(&self, request: DataRequest<'_>, console: &Console) -> Result<Option<Dataset>> {
+        let dataset = self.dataset_in_its_frame(request, console)?;
+        Ok(dataset.map(|dataset| dataset.in_frame(self.scene.world_from_local).into_owned()))
+    }
+
+    fn dataset_in_its_frame(&self, request: DataRequest<'_>, console: &Console) -> Result<Option<Dataset>> {
         self.check_color_space(request)?;
         match (request.data, &self.run) {
             (_, Some((folder, config))) => {

@@ -158,6 +158,15 @@ fn value_text(name: &str, value: &Value) -> String {
     }
 }
 
+/// Adds a point of the world, with the digits that the scene's positions have.
+pub(crate) fn set_point(facts: &mut Tree, name: &str, point: [f64; 3], scene: &luxel_core::Scene) {
+    if scene.world_from_local.translation() == glam::DVec3::ZERO {
+        facts.set_f32s(name, &point.map(|v| v as f32));
+    } else {
+        facts.set(name, point.to_vec());
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -94,17 +94,17 @@ pub enum Selection {
     },
     /// Splats in a box along the world's axes.
     Cuboid {
-        /// Smallest coordinates.
-        min: [f32; 3],
-        /// Largest coordinates.
-        max: [f32; 3],
+        /// Smallest coordinates, world.
+        min: [f64; 3],
+        /// Largest coordinates, world.
+        max: [f64; 3],
         /// Width of the soft edge.
         feather: f32,
     },
     /// Splats in a sphere.
     Sphere {
         /// Centre, world coordinates.
-        center: [f32; 3],
+        center: [f64; 3],
         /// Radius, world units.
         radius: f32,
         /// Width of the soft edge.
@@ -174,14 +174,15 @@ impl Selection {
             }
             Self::Cuboid { min, max, feather } => {
                 for (low, high) in min.iter().zip(max) {
-                    within("corner of the box", *low, f32::MIN..=f32::MAX, "a finite number")?;
-                    within("corner of the box", *high, *low..=f32::MAX, "no less than the opposite one")?;
+                    within("corner of the box", *low as f32, f32::MIN..=f32::MAX, "a finite number")?;
+                    let range = if high < low { *low as f32..=f32::MAX } else { f32::MIN..=f32::MAX };
+                    within("corner of the box", *high as f32, range, "no less than the opposite one")?;
                 }
                 check_feather(*feather)
             }
             Self::Sphere { center, radius, feather } => {
                 for c in center {
-                    within("centre of the sphere", *c, f32::MIN..=f32::MAX, "a finite number")?;
+                    within("centre of the sphere", *c as f32, f32::MIN..=f32::MAX, "a finite number")?;
                 }
                 within("radius", *radius, f32::MIN_POSITIVE..=f32::MAX, "a number above 0")?;
                 check_feather(*feather)
@@ -204,12 +205,14 @@ impl Selection {
                 above.into_iter().zip(below).map(|(a, b)| a.min(b)).collect()
             }
             Self::Cuboid { min, max, feather } => {
+                let [min, max] = [min, max].map(|corner| facts.local_point(*corner));
                 let inside = |p: &[f32; 3]| (0..3).map(|i| (p[i] - min[i]).min(max[i] - p[i])).fold(f32::INFINITY, f32::min);
-                position.iter().map(|p| edge(inside(p), *feather)).collect()
+                position.iter().map(|p| edge(inside(p), facts.local_length(*feather))).collect()
             }
             Self::Sphere { center, radius, feather } => {
+                let (center, radius) = (facts.local_point(*center), facts.local_length(*radius));
                 let distance = |p: &[f32; 3]| (0..3).map(|i| f64::from(p[i] - center[i]).powi(2)).sum::<f64>().sqrt() as f32;
-                position.iter().map(|p| edge(radius - distance(p), *feather)).collect()
+                position.iter().map(|p| edge(radius - distance(p), facts.local_length(*feather))).collect()
             }
             Self::Mask { name, feather } => {
                 let shares = masks.get(name).filter(|shares| shares.len() == position.len());
@@ -277,6 +280,16 @@ impl<'s> Facts<'s> {
             facts.saturation.push(saturation);
         }
         facts
+    }
+
+    /// Returns a point of the world in the coordinates of the splats.
+    fn local_point(&self, world: [f64; 3]) -> [f32; 3] {
+        self.scene.world_from_local.inverse().point(world.into()).as_vec3().to_array()
+    }
+
+    /// Returns a length of the world in the units of the splats.
+    fn local_length(&self, world: f32) -> f32 {
+        (f64::from(world) / self.scene.world_from_local.scale()) as f32
     }
 
     /// Returns the values of all splats that have one.

@@ -44,7 +44,7 @@ pub struct SelectionSummary {
     pub light_share: f64,
     /// Corners of the box around the selected centres, world coordinates; `None` if nothing is
     /// selected.
-    pub bounds: Option<[[f32; 3]; 2]>,
+    pub bounds: Option<[[f64; 3]; 2]>,
 }
 
 impl SelectionSummary {
@@ -52,14 +52,15 @@ impl SelectionSummary {
     pub fn new(scene: &Scene, weights: &[f32]) -> Self {
         let mut summary = Self { count: 0, partial: 0, light_share: 0.0, bounds: None };
         let (mut selected, mut total) = (0.0, 0.0);
-        for (i, (position, weight)) in scene.splats.position.iter().zip(weights).enumerate() {
+        for (i, weight) in weights.iter().enumerate().take(scene.splats.len()) {
             let light = scene.light(i);
             total += light;
             if *weight > 0.0 {
                 selected += light * f64::from(*weight);
                 summary.count += 1;
                 summary.partial += usize::from(*weight < 1.0);
-                let [min, max] = summary.bounds.unwrap_or([*position; 2]);
+                let position = scene.world_position(i).to_array();
+                let [min, max] = summary.bounds.unwrap_or([position; 2]);
                 summary.bounds = Some([[0, 1, 2].map(|c| min[c].min(position[c])), [0, 1, 2].map(|c| max[c].max(position[c]))]);
             }
         }

@@ -38,7 +38,14 @@ fn scene(model: ColorModel, evs: &[f32], wobble: f32) -> Scene {
         splats.push(&Splat { position, rotation, log_scale: [0.0; 3], opacity_logit: 0.0, sh: &sh, raw_luminance: &raw });
     }
     let raster = RasterConfig { cutoffs: Cutoffs::PARITY, antialias: Antialias::Off, ..RasterConfig::default() };
-    Scene { splats, radiance_scale: RadianceScale::new(SCALE).unwrap(), color_space: ColorSpace::LinearRec709, raster, edits: Vec::new() }
+    Scene {
+        splats,
+        radiance_scale: RadianceScale::new(SCALE).unwrap(),
+        color_space: ColorSpace::LinearRec709,
+        raster,
+        edits: Vec::new(),
+        world_from_local: crate::Similarity::IDENTITY,
+    }
 }
 
 fn apply(scene: &mut Scene, text: &str) -> Result<Applied, EditError> {
@@ -208,12 +215,12 @@ fn selections() -> impl Strategy<Value = Selection> {
             feather,
         }),
         (-1e3f32..0.0, 0f32..1e3, feather.clone()).prop_map(|(low, high, feather)| Selection::Cuboid {
-            min: [low; 3],
-            max: [high; 3],
+            min: [f64::from(low); 3],
+            max: [f64::from(high); 3],
             feather
         }),
         (-1e3f32..1e3, 1e-3f32..1e3, feather.clone()).prop_map(|(c, radius, feather)| Selection::Sphere {
-            center: [c; 3],
+            center: [f64::from(c); 3],
             radius,
             feather
         }),
@@ -462,4 +469,22 @@ fn a_hard_edge_of_colour_is_found_too() {
     assert_eq!(soft("hue in 20..40"), ["hue in 20..40 ~30"]);
     assert_eq!(soft("saturation > 0.8"), ["saturation > 0.8 ~0.2"]);
     assert_eq!(soft("hue in 200..260 and saturation > 0.1"), Vec::<String>::new());
+}
+
+#[test]
+fn boxes_and_spheres_are_in_world_coordinates() {
+    let mut far = scene(ColorModel::Sh { degree: 0 }, &[0.0; 3], 0.0);
+    let selections = ["box(0.5,-1,-1,1.5,1,1) ~0.25", "sphere(2,0,0,0.75)", "box(-9,-9,-9,9,9,9)"];
+    let near: Vec<Vec<f32>> = selections.iter().map(|text| selected(&far, text)).collect();
+    assert!(near[0].iter().any(|w| *w > 0.0) && near[1].contains(&0.0));
+    far.world_from_local = crate::Similarity::new(glam::DMat3::IDENTITY, 0.125, glam::DVec3::new(4_600_321.0, -2e6, 500.0)).unwrap();
+    let moved = [
+        "box(4600321.0625,-2000000.125,499.875,4600321.1875,-1999999.875,500.125) ~0.03125",
+        "sphere(4600321.25,-2000000,500,0.09375)",
+        "box(4600319.875,-2000001.125,498.875,4600322.125,-1999998.875,501.125)",
+    ];
+    let found: Vec<Vec<f32>> = moved.iter().map(|text| selected(&far, text)).collect();
+    assert_eq!(found, near);
+    let summary = SelectionSummary::new(&far, &found[2]);
+    assert_eq!(summary.bounds.unwrap()[0], far.world_position(0).to_array());
 }

@@ -248,7 +248,7 @@ impl Cursor<'_> {
                 self.need("(")?;
                 let [x, y, z, radius] = self.numbers(["x", "y", "z", "radius"])?;
                 self.need(")")?;
-                Ok(Selection::Sphere { center: [x, y, z], radius, feather: self.feather()? })
+                Ok(Selection::Sphere { center: [x, y, z], radius: radius as f32, feather: self.feather()? })
             }
             Some("mask") => {
                 self.need("(")?;

@@ -15,7 +15,14 @@ fn lcd(activation: Activation) -> ColorModel {
 
 fn scene(splats: Splats, cutoffs: Cutoffs) -> Scene {
     let raster = RasterConfig { cutoffs, antialias: Antialias::Off, ..RasterConfig::default() };
-    Scene { splats, radiance_scale: RadianceScale::new(3.0).unwrap(), color_space: ColorSpace::LinearRec709, raster, edits: Vec::new() }
+    Scene {
+        splats,
+        radiance_scale: RadianceScale::new(3.0).unwrap(),
+        color_space: ColorSpace::LinearRec709,
+        raster,
+        edits: Vec::new(),
+        world_from_local: luxel_core::Similarity::IDENTITY,
+    }
 }
 
 fn edited(scene: &Scene, text: &str) -> Scene {

@@ -159,6 +159,7 @@ fn scene() -> Scene {
         color_space: ColorSpace::LinearRec709,
         raster: RasterConfig::default(),
         edits: Vec::new(),
+        world_from_local: luxel_core::Similarity::IDENTITY,
     }
 }
 

@@ -19,13 +19,14 @@ mod exposure;
 mod fit;
 mod record;
 
+use glam::DVec3;
 use luxel_core::tone::Tonemap;
 use luxel_core::{Antialias, ColorModel, ColorSpace, Cutoffs, RadianceScale, RasterConfig, Scene, Similarity, Splats, sigmoid};
 use rayon::prelude::*;
 
 pub use exposure::{MIDDLE_GREY, display_exposure};
 pub(crate) use fit::{Bake, MAX_BAKED};
-pub(crate) use record::{BakeRecord, RECORD_KEY, WorldRecord};
+pub(crate) use record::{BakeRecord, Origin, RECORD_KEY, WorldRecord, place};
 
 /// Returns a radiance of which sums are finite; NaN, which a sum of infinities of both signs gives,
 /// counts as 0.
@@ -76,7 +77,8 @@ pub struct Baked {
     pub appearance: Appearance,
     /// Factor from the scene's normalised radiance to baked values, before any curve.
     pub exposure: f32,
-    /// How the world of `scene` came from that of the data set.
+    /// How the world of the file came from that of the data set, but for the origin; the identity
+    /// until [`Self::transform`], before which the splats are in the scene's local coordinates.
     pub file_from_world: Similarity,
 }
 
@@ -117,7 +119,14 @@ impl Baked {
             }
         };
         Self {
-            scene: Scene { splats, radiance_scale: RadianceScale::ONE, color_space, raster, edits: Vec::new() },
+            scene: Scene {
+                splats,
+                radiance_scale: RadianceScale::ONE,
+                color_space,
+                raster,
+                edits: Vec::new(),
+                world_from_local: scene.world_from_local,
+            },
             appearance: options.appearance,
             exposure: bake.exposure(),
             file_from_world: Similarity::IDENTITY,
@@ -138,6 +147,11 @@ impl Baked {
         }
     }
 
+    /// Returns the place of the file's origin, in the directions and units of the file.
+    pub(crate) fn origin_in_file(&self) -> DVec3 {
+        self.file_from_world.point(self.scene.world_from_local.translation())
+    }
+
     /// Draws view dependence towards the mean where a channel would be negative: after harmonics
     /// were changed.
     pub fn lift_negative(&mut self) {
@@ -154,9 +168,10 @@ impl Baked {
         });
     }
 
-    /// Moves the splats into the world of a file.
+    /// Moves the splats into the world of a file, which `file_from_world` turns and scales; its
+    /// origin is that of the scene's local coordinates.
     pub fn transform(&mut self, file_from_world: &Similarity) {
-        file_from_world.apply(&mut self.scene.splats);
+        Similarity::scaling(self.scene.world_from_local.scale()).then(file_from_world).apply(&mut self.scene.splats);
         // Bakes are made in the world of the data set: nothing was moved before.
         self.file_from_world = *file_from_world;
     }

@@ -2,12 +2,13 @@
 //! the key `luxel`, wherever the format has a place for it (PLY: a comment; USD: custom layer data;
 //! glTF: the asset's extras).
 
-use glam::DMat3;
+use glam::{DMat3, DVec3};
 use luxel_core::tone::Tonemap;
 use luxel_core::{ColorSpace, RadianceScale, RasterConfig, Scene, Similarity, Splats};
 use serde::{Deserialize, Serialize};
 
 use super::{Appearance, Baked};
+use crate::local_frame::{LocalFrame, origin_of, settle};
 use crate::validity::is_usable;
 
 /// Key of the record.
@@ -29,12 +30,15 @@ pub(crate) struct BakeRecord {
     /// Factor on the scene's normalised radiance.
     exposure: f32,
     /// Space of the harmonics' colours; a display bake is sRGB.
-    color_space: ColorSpace,
+    pub(crate) color_space: ColorSpace,
     /// How to rasterise.
-    raster: RasterConfig,
+    pub(crate) raster: RasterConfig,
     /// How the file's world came from that of the data set.
     #[serde(skip_serializing_if = "Option::is_none", default)]
-    file_from_world: Option<WorldRecord>,
+    pub(crate) file_from_world: Option<WorldRecord>,
+    /// Local coordinates of the scene, whose origin is that of the file.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub(crate) local_frame: Option<LocalFrame>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -66,7 +70,7 @@ impl WorldRecord {
         if !(self.scale as f32).is_normal() {
             return None;
         }
-        Similarity::new(DMat3::from_cols_array_2d(&self.rotation).transpose(), self.scale, glam::DVec3::ZERO)
+        Similarity::new(DMat3::from_cols_array_2d(&self.rotation).transpose(), self.scale, DVec3::ZERO)
     }
 
     /// Moves a file's splats to the world of the data set; the error names the splat that is not
@@ -93,6 +97,7 @@ impl BakeRecord {
             color_space: baked.scene.color_space,
             raster: baked.scene.raster,
             file_from_world: WorldRecord::from_similarity(&baked.file_from_world),
+            local_frame: LocalFrame::from_similarity(&baked.scene.world_from_local),
         }
     }
 
@@ -113,15 +118,61 @@ impl BakeRecord {
         if record.file_from_world.is_some_and(|world| world.similarity().is_none()) {
             return Err("record of the bake: \"file_from_world\" is not a rotation and a positive scale".into());
         }
+        if record.local_frame.is_some_and(|frame| frame.world_from_local().is_none()) {
+            return Err("record of the bake: \"local_frame\" is not an origin and a positive unit".into());
+        }
         Ok(record)
     }
 
-    /// Returns the scene of a file's splats, in the world of the data set; the error names the
-    /// splat that is not finite there.
-    pub(crate) fn scene(&self, mut splats: Splats) -> Result<Scene, String> {
-        if let Some(world) = self.file_from_world {
-            world.undo(&mut splats)?;
-        }
-        Ok(Scene { splats, radiance_scale: RadianceScale::ONE, color_space: self.color_space, raster: self.raster, edits: Vec::new() })
+    /// Returns the place of the file's origin, in the directions and units of the file.
+    pub(crate) fn origin_in_file(&self) -> DVec3 {
+        let origin = self.local_frame.and_then(|frame| frame.world_from_local()).map_or(DVec3::ZERO, |frame| frame.translation());
+        self.file_from_world.and_then(|world| world.similarity()).map_or(origin, |world| world.point(origin))
     }
+
+    /// Returns the scene of a file's splats; the error names the splat that is not finite in the
+    /// world of the data set.
+    pub(crate) fn scene(&self, splats: Splats) -> Result<Scene, String> {
+        let (edits, world_from_local) = (Vec::new(), Similarity::IDENTITY);
+        let mut scene = Scene {
+            splats,
+            radiance_scale: RadianceScale::ONE,
+            color_space: self.color_space,
+            raster: self.raster,
+            edits,
+            world_from_local,
+        };
+        place(
+            &mut scene,
+            &Similarity::IDENTITY,
+            self.file_from_world.as_ref(),
+            self.local_frame.map(|frame| Origin { frame, is_in_move: false }),
+        )?;
+        Ok(scene)
+    }
+}
+
+/// The local coordinates that a file states.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Origin {
+    pub(crate) frame: LocalFrame,
+    /// Whether the file moves its splats to the origin.
+    pub(crate) is_in_move: bool,
+}
+
+/// Takes the splats of a file, which `moved` takes to their place in it, to the local coordinates
+/// that it states, else to the world of the data set.
+pub(crate) fn place(scene: &mut Scene, moved: &Similarity, world: Option<&WorldRecord>, origin: Option<Origin>) -> Result<(), String> {
+    let Some(Origin { frame, is_in_move }) = origin else {
+        moved.apply(&mut scene.splats);
+        return world.map_or(Ok(()), |world| world.undo(&mut scene.splats));
+    };
+    let world_from_local = frame.world_from_local().ok_or("\"local_frame\" is not an origin and a positive unit")?;
+    let turned = world.map_or(Some(Similarity::IDENTITY), WorldRecord::similarity).ok_or("the file's world is not that of a scene")?;
+    let mut world_from_file = moved.then(&turned.inverse());
+    if !is_in_move {
+        world_from_file = world_from_file.then(&origin_of(&world_from_local));
+    }
+    settle(scene, None, &world_from_file, world_from_local);
+    scene.splats.validate().map_err(|e| format!("in the local coordinates of the scene: {e}"))
 }

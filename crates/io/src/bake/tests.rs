@@ -5,7 +5,14 @@ use super::*;
 
 fn scene(model: ColorModel, color_space: ColorSpace) -> Scene {
     let splats = synthetic::room(40, 3).with_color_model(model).unwrap();
-    Scene { splats, radiance_scale: RadianceScale::new(2.5).unwrap(), color_space, raster: RasterConfig::default(), edits: Vec::new() }
+    Scene {
+        splats,
+        radiance_scale: RadianceScale::new(2.5).unwrap(),
+        color_space,
+        raster: RasterConfig::default(),
+        edits: Vec::new(),
+        world_from_local: Similarity::IDENTITY,
+    }
 }
 
 const LCD: ColorModel = ColorModel::Lcd { chroma_degree: 3, luminance_degree: 0, activation: Activation::Softplus };
@@ -65,7 +72,7 @@ fn a_record_brings_a_scene_back_to_its_world() {
     let scene = scene(ColorModel::Sh { degree: 3 }, ColorSpace::AcesCg);
     let mut baked = Baked::new(&scene, &linear(ColorSpace::AcesCg, 0.0));
     let before = baked.scene.clone();
-    let turn = glam::DMat3::from_cols(glam::DVec3::X, glam::DVec3::NEG_Y, glam::DVec3::NEG_Z);
+    let turn = glam::DMat3::from_cols(DVec3::X, DVec3::NEG_Y, DVec3::NEG_Z);
     baked.transform(&Similarity::turn(turn).unwrap());
     assert_ne!(baked.scene.splats.position, before.splats.position);
     let record = BakeRecord::parse(&BakeRecord::from_bake(&baked).json().unwrap()).unwrap();
@@ -81,7 +88,7 @@ fn a_record_brings_a_scene_back_to_its_world() {
 fn splats_that_leave_the_numbers_of_their_world_are_refused() {
     let mut baked = Baked::new(&scene(ColorModel::Sh { degree: 1 }, ColorSpace::LinearRec709), &linear(ColorSpace::LinearRec709, 0.0));
     baked.scene.splats.position[3] = [9.0; 3];
-    let small = Similarity::new(glam::DMat3::IDENTITY, 1.2e-38, glam::DVec3::ZERO).unwrap();
+    let small = Similarity::new(glam::DMat3::IDENTITY, 1.2e-38, DVec3::ZERO).unwrap();
     baked.file_from_world = small;
     let json = BakeRecord::from_bake(&baked).json().unwrap();
     let error = BakeRecord::parse(&json).unwrap().scene(baked.scene.splats).unwrap_err();
@@ -95,7 +102,7 @@ fn damaged_records_are_refused() {
     let scene = scene(LCD, ColorSpace::AcesCg);
     let mut baked = Baked::new(&scene, &BakeOptions { appearance: Appearance::PREVIEW, max_degree: 1 });
     assert_eq!(baked.scene.splats.color_model, ColorModel::Sh { degree: 1 });
-    let turn = glam::DMat3::from_cols(glam::DVec3::X, glam::DVec3::NEG_Y, glam::DVec3::NEG_Z);
+    let turn = glam::DMat3::from_cols(DVec3::X, DVec3::NEG_Y, DVec3::NEG_Z);
     baked.transform(&Similarity::turn(turn).unwrap());
     let json = BakeRecord::from_bake(&baked).json().unwrap();
     assert!(BakeRecord::parse(&json).is_ok());

@@ -4,14 +4,15 @@
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use luxel_core::{ColorSpace, Dataset, PointCoverage, View};
+use glam::{DAffine3, DVec3};
+use luxel_core::{ColorSpace, Dataset, Point, PointCoverage, SceneBounds, Similarity, View};
 use rayon::prelude::*;
 
 use super::checks::{self, CheckedView};
 use super::fingerprint::Fingerprint;
 use super::load::{LoadedView, load_view};
 use super::observations::{ObservedView, map_points};
-use super::source::{DatasetSource, SourceFrame};
+use super::source::{DatasetSource, SourceFrame, SourcePoint};
 use super::split::{Part, assign};
 use super::{LoadOptions, Supervision, masks, recordings};
 use crate::IoError;
@@ -20,10 +21,13 @@ use crate::IoError;
 const MAX_LISTED: usize = 3;
 
 pub(super) fn assemble(path: &Path, source: DatasetSource, options: &LoadOptions) -> Result<Dataset, IoError> {
-    let DatasetSource { format, folder, frames, split, points, points_from, mut warnings } = source;
+    let DatasetSource { format, folder, mut frames, split, points, points_from, mut warnings } = source;
     if frames.is_empty() {
         return Err(IoError::invalid(path, "no images, expected at least one"));
     }
+    let world_from_local = local_coordinates(&frames, &points);
+    let local_from_world = world_from_local.inverse();
+    frames.iter_mut().for_each(|frame| local_from_world.apply_to_pose(&mut frame.camera_from_world));
     let mut order: Vec<usize> = (0..frames.len()).collect();
     order.sort_by(|a, b| frames[*a].name.cmp(&frames[*b].name));
     let sorted: Vec<&SourceFrame> = order.iter().map(|i| &frames[*i]).collect();
@@ -70,17 +74,12 @@ pub(super) fn assemble(path: &Path, source: DatasetSource, options: &LoadOptions
     for (index, (used, l)) in (0u32..).zip(used.iter().zip(&loaded)).filter(|(_, (used, _))| used.part == Part::Train) {
         targets[used.source].push(ObservedView { index, photographed: &l.photographed, view: &l.view });
     }
-    let points = map_points(points, &targets);
+    let points = map_points(points, &targets, &local_from_world);
     let checked: Vec<CheckedView<'_>> = used.iter().zip(&loaded).map(|(used, loaded)| CheckedView { frame: &used.frame, loaded }).collect();
     warnings.extend(checks::warnings(&folder, &checked, &points));
     let color_space = common_color_space(&used, &loaded, options)?;
 
-    let mut fingerprint = Fingerprint::new(&format, options);
-    for (used, l) in used.iter().zip(&loaded) {
-        fingerprint.text(if used.part == Part::Train { "train" } else { "test" });
-        fingerprint.view(&l.view, &l.digest);
-    }
-    fingerprint.points(&points);
+    let fingerprint = fingerprint(Fingerprint::new(&format, options), &used, &loaded, &points, &world_from_local);
 
     let mut bad_pixels: Vec<_> = loaded.iter().filter_map(|l| l.bad.clone()).collect();
     bad_pixels.sort_by(|a, b| a.name.cmp(&b.name));
@@ -88,7 +87,36 @@ pub(super) fn assemble(path: &Path, source: DatasetSource, options: &LoadOptions
     let mut views: Vec<View> = loaded.into_iter().map(|l| l.view).collect();
     let test = views.split_off(train);
     warnings.extend(PointCoverage::new(&points, &views).warning(&points_from));
-    Ok(Dataset { format, train: views, test, points, color_space, bad_pixels, fingerprint: fingerprint.finish(), warnings })
+    Ok(Dataset { format, train: views, test, points, color_space, bad_pixels, fingerprint, warnings, world_from_local })
+}
+
+/// Returns the digest of the data set, of which `begun` has the options.
+fn fingerprint(
+    mut begun: Fingerprint,
+    used: &[SelectedFrame],
+    loaded: &[LoadedView],
+    points: &[Point],
+    world_from_local: &Similarity,
+) -> String {
+    for (used, l) in used.iter().zip(loaded) {
+        begun.text(if used.part == Part::Train { "train" } else { "test" });
+        begun.view(&l.view, &l.digest);
+    }
+    begun.points(points);
+    begun.local_coordinates(world_from_local);
+    begun.finish()
+}
+
+/// Returns the transform from the coordinates in which the data set is held to its own. It depends
+/// on all frames, whatever the split.
+fn local_coordinates(frames: &[SourceFrame], points: &[SourcePoint]) -> Similarity {
+    let eyes: Vec<DVec3> = frames.iter().map(|frame| eye(&frame.camera_from_world)).collect();
+    let points: Vec<DVec3> = points.iter().map(|point| point.position.into()).collect();
+    SceneBounds::from_views(&eyes, &points).map_or(Similarity::IDENTITY, |bounds| bounds.world_from_local())
+}
+
+fn eye(camera_from_world: &DAffine3) -> DVec3 {
+    -(camera_from_world.matrix3.transpose() * camera_from_world.translation)
 }
 
 /// A view to be read.

@@ -1,6 +1,6 @@
 //! Digest of a data set: equal exactly for equal inputs read in the same way.
 
-use luxel_core::{PixelValues, Point, View};
+use luxel_core::{PixelValues, Point, Similarity, View};
 
 use super::{LoadOptions, MaskSource};
 
@@ -70,6 +70,17 @@ impl Fingerprint {
                 self.0.update(bytemuck::cast_slice(&[o.view.to_le(), x.to_le(), y.to_le()]));
             }
         }
+    }
+
+    /// Adds the local coordinates; of a data set that is held in its own nothing is added, so that
+    /// it keeps the digest it has always had.
+    pub(super) fn local_coordinates(&mut self, world_from_local: &Similarity) {
+        if world_from_local.is_identity() {
+            return;
+        }
+        self.text("local coordinates");
+        let origin = world_from_local.translation().to_array();
+        origin.into_iter().chain([world_from_local.scale()]).for_each(|v| self.number(v.to_bits()));
     }
 
     pub(super) fn finish(self) -> String {

@@ -96,7 +96,7 @@ pub(super) fn colmap_source(folder: &Path, layout: ColmapLayout, supervision: Su
             mask: None,
         });
     }
-    let points = points_with_sightings(&model, &frame_of_image, |p| p.position.as_vec3().to_array(), &mut warnings);
+    let points = points_with_sightings(&model, &frame_of_image, |p| p.position.to_array(), &mut warnings);
     let format = match layout {
         ColmapLayout::Plain => "COLMAP",
         ColmapLayout::HdrGs => "HDR-GS (COLMAP with exr/)",
@@ -111,7 +111,7 @@ pub(super) fn colmap_source(folder: &Path, layout: ColmapLayout, supervision: Su
 pub(super) fn points_with_sightings(
     model: &ColmapModel,
     frame_of_image: &[Option<usize>],
-    position: impl Fn(&ColmapPoint) -> [f32; 3],
+    position: impl Fn(&ColmapPoint) -> [f64; 3],
     warnings: &mut Vec<String>,
 ) -> Vec<SourcePoint> {
     let sighting = |[image, feature]: [u32; 2]| {
@@ -129,7 +129,7 @@ pub(super) fn points_with_sightings(
             rgb8: Some(p.rgb8),
             sightings: p.track.iter().filter_map(|t| sighting(*t)).collect(),
         })
-        .filter(|p| p.position.iter().all(|v| v.is_finite()))
+        .filter(|p| p.position.iter().all(|v| (*v as f32).is_finite()))
         .collect();
     if points.len() < model.points.len() {
         warnings.push(format!("{} COLMAP points without a finite position are left out", model.points.len() - points.len()));

@@ -251,7 +251,7 @@ fn points(
                 Ok(frame_of_image) => {
                     warnings.extend(warning);
                     warnings.extend(model.warnings.iter().cloned());
-                    let position = |p: &ColmapPoint| world_from_model.transform_point3(p.position).as_vec3().to_array();
+                    let position = |p: &ColmapPoint| world_from_model.transform_point3(p.position).to_array();
                     let from = format!("the COLMAP model in {}", model_folder.display());
                     return Ok((points_with_sightings(&model, &frame_of_image, position, warnings), from));
                 }

@@ -1,7 +1,7 @@
 //! Observations follow their image through undistortion and reduction.
 
 use glam::{DVec2, Vec2};
-use luxel_core::{Camera, Distortion, Observation, Point, View};
+use luxel_core::{Camera, Distortion, Observation, Point, Similarity, View};
 
 use super::source::{Sighting, SourcePoint};
 
@@ -23,7 +23,7 @@ pub(super) struct ObservedView<'a> {
 /// Returns the points of the data set. `targets`: of each frame of the source; none for those that
 /// are not trained on. Observations outside of their view or on a masked pixel are dropped: there
 /// is no radiance to be read there.
-pub(super) fn map_points(points: Vec<SourcePoint>, targets: &[Vec<ObservedView<'_>>]) -> Vec<Point> {
+pub(super) fn map_points(points: Vec<SourcePoint>, targets: &[Vec<ObservedView<'_>>], local_from_world: &Similarity) -> Vec<Point> {
     let map = |point: SourcePoint| {
         let observation = |target: &ObservedView<'_>, sighting: &Sighting| {
             let [w, h] = target.photographed.size_px.map(f64::from);
@@ -37,7 +37,7 @@ pub(super) fn map_points(points: Vec<SourcePoint>, targets: &[Vec<ObservedView<'
             targets.iter().filter_map(|target| observation(target, sighting)).collect::<Vec<_>>()
         };
         let observations = point.sightings.iter().flat_map(seen).collect();
-        Point { position: point.position, rgb8: point.rgb8, observations }
+        Point { position: local_from_world.point(point.position.into()).as_vec3().to_array(), rgb8: point.rgb8, observations }
     };
     points.into_iter().map(map).collect()
 }

@@ -84,8 +84,8 @@ impl Origin {
 /// A point of structure from motion.
 #[derive(Debug)]
 pub(super) struct SourcePoint {
-    /// World; finite.
-    pub(super) position: [f32; 3],
+    /// World; finite also as f32.
+    pub(super) position: [f64; 3],
     /// Display colour.
     pub(super) rgb8: Option<[u8; 3]>,
     /// Track.

@@ -4,13 +4,14 @@ use std::collections::HashSet;
 use std::path::Path;
 
 use glam::{DMat3, DMat4, DQuat, DVec3};
-use luxel_core::{ColorModel, ColorSpace, Cutoffs, RadianceScale, RasterConfig, Scene, Similarity, Splats, logit, sh};
+use luxel_core::{ColorModel, ColorSpace, Cutoffs, RadianceScale, RasterConfig, Scene, SceneBounds, Similarity, Splats, logit, sh};
 use serde::Deserialize;
 
 use super::document::{Document, Node, Primitive};
 use super::{CHUNK_BIN, CHUNK_JSON, EXTENSION, GLB_MAGIC, KHR, accessor};
 use crate::IoError;
-use crate::bake::{BakeRecord, RECORD_KEY, WorldRecord};
+use crate::bake::{BakeRecord, Origin, RECORD_KEY, WorldRecord, place};
+use crate::local_frame::{LocalFrame, samples, settle};
 use crate::read_file::read_file;
 use crate::scene_file::SceneFile;
 use crate::validity::{is_normalizable, is_usable, leave_out_unfinite, left_out_line};
@@ -58,15 +59,30 @@ fn decode(name: &Path, bytes: &[u8]) -> Result<SceneFile, IoError> {
         visit(&document, node, DMat4::IDENTITY, &mut visited, 0).map_err(invalid)?;
     }
     let record = document.asset.extras.get(RECORD_KEY).and_then(|v| v.as_str()).map(BakeRecord::parse).transpose().map_err(invalid)?;
-    let mut scenes = Vec::with_capacity(visited.primitives.len());
+    let mut placed = Vec::with_capacity(visited.primitives.len());
     let (mut left_out, mut count) = (0, 0);
     for (primitive, matrix) in visited.primitives {
-        let similarity = similarity(matrix).map_err(|message| IoError::unsupported(name, message))?;
-        let mut scene = read_primitive(&document, bin, primitive, &similarity, record.as_ref()).map_err(invalid)?;
-        count += scene.splats.len() as u64;
-        left_out += leave_out_unfinite(&mut scene.splats);
-        scene.splats.validate().map_err(|e| invalid(e.to_string()))?;
-        scenes.push(scene);
+        let moved = similarity(matrix).map_err(|message| IoError::unsupported(name, message))?;
+        let mut part = read_primitive(&document, bin, primitive, record.as_ref()).map_err(invalid)?;
+        count += part.scene.splats.len() as u64;
+        left_out += leave_out_unfinite(&mut part.scene.splats);
+        placed.push((part, moved));
+    }
+    // The parts of a file of another program share local coordinates.
+    let of_others: Vec<_> = placed.iter().filter(|(part, _)| !part.is_ours).collect();
+    let points: Vec<DVec3> = of_others.iter().flat_map(|(part, moved)| samples(&part.scene.splats, None, moved)).collect();
+    let suitable = SceneBounds::from_points(&points).map_or(Similarity::IDENTITY, |bounds| bounds.world_from_local());
+    let mut scenes = Vec::with_capacity(placed.len());
+    for (mut part, moved) in placed {
+        if part.is_ours || suitable.is_identity() {
+            let origin = part.frame.map(|frame| Origin { frame, is_in_move: true });
+            place(&mut part.scene, &moved, part.file_from_world.as_ref(), origin).map_err(|e| invalid(part.named(&e)))?;
+        } else {
+            settle(&mut part.scene, None, &moved, suitable);
+        }
+        left_out += leave_out_unfinite(&mut part.scene.splats);
+        part.scene.splats.validate().map_err(|e| invalid(e.to_string()))?;
+        scenes.push(part.scene);
     }
     let scene = join(scenes).map_err(|message| IoError::unsupported(name, message))?;
     Ok(SceneFile { scene, warnings: Vec::from_iter(left_out_line(left_out, count)) })
@@ -183,17 +199,29 @@ struct Exact {
     edits: Vec<String>,
     #[serde(default)]
     file_from_world: Option<WorldRecord>,
+    #[serde(default)]
+    local_frame: Option<LocalFrame>,
 }
 
-/// Returns the splats of a primitive whose node moves it by `moved`: in the file's world, which the
-/// data set's may not be.
-fn read_primitive(
-    document: &Document,
-    bin: &[u8],
-    primitive: &Primitive,
-    moved: &Similarity,
-    record: Option<&BakeRecord>,
-) -> Result<Scene, String> {
+/// The splats of a primitive where its node has not moved them yet, and what its file states of
+/// their world.
+struct Part {
+    scene: Scene,
+    file_from_world: Option<WorldRecord>,
+    frame: Option<LocalFrame>,
+    is_ours: bool,
+    is_exact: bool,
+}
+
+impl Part {
+    /// Returns an error with the name of what it is about.
+    fn named(&self, error: &str) -> String {
+        if self.is_exact { format!("{EXTENSION}: {error}") } else { error.to_owned() }
+    }
+}
+
+/// Returns the splats of a primitive.
+fn read_primitive(document: &Document, bin: &[u8], primitive: &Primitive, record: Option<&BakeRecord>) -> Result<Part, String> {
     let khr = primitive.extensions.get(KHR).and_then(|v| v.get("extensions"));
     let exact = khr.and_then(|e| e.get(EXTENSION)).map(|v| Exact::deserialize(v).map_err(|e| format!("{EXTENSION}: {e}")));
     let read = |name: &str, width: usize| {
@@ -221,23 +249,20 @@ fn read_primitive(
     splats.log_scale = scales.as_chunks::<3>().0.iter().map(|s| s.map(|s| s.max(f32::MIN_POSITIVE).ln())).collect();
     splats.opacity_logit = opacities.iter().map(|o| logit(*o)).collect();
     match exact.transpose()? {
-        Some(exact) => read_exact(document, bin, splats, moved, exact),
+        Some(exact) => read_exact(document, bin, splats, exact),
         None => {
             read_harmonics(&mut splats, |name, width| {
                 let name = format!("{KHR}:{name}");
                 primitive.attributes.contains_key(&name).then(|| read(&name, width))
             })?;
-            moved.apply(&mut splats);
-            Ok(match record {
-                Some(record) => record.scene(splats)?,
-                None => Scene {
-                    splats,
-                    radiance_scale: RadianceScale::ONE,
-                    color_space: ColorSpace::LinearRec709,
-                    raster: RasterConfig { cutoffs: Cutoffs::PARITY, ..RasterConfig::default() },
-                    edits: Vec::new(),
-                },
-            })
+            let (color_space, raster) = match record {
+                Some(record) => (record.color_space, record.raster),
+                None => (ColorSpace::LinearRec709, RasterConfig { cutoffs: Cutoffs::PARITY, ..RasterConfig::default() }),
+            };
+            let (edits, world_from_local) = (Vec::new(), Similarity::IDENTITY);
+            let scene = Scene { splats, radiance_scale: RadianceScale::ONE, color_space, raster, edits, world_from_local };
+            let (file_from_world, frame) = record.map_or((None, None), |record| (record.file_from_world, record.local_frame));
+            Ok(Part { scene, file_from_world, frame, is_ours: record.is_some(), is_exact: false })
         }
     }
 }
@@ -275,7 +300,7 @@ fn interleaved(planes: &[Vec<f32>], width: usize, count: usize) -> Result<Vec<f3
 }
 
 /// Returns the radiance model with the geometry of the display layer.
-fn read_exact(document: &Document, bin: &[u8], mut splats: Splats, moved: &Similarity, exact: Exact) -> Result<Scene, String> {
+fn read_exact(document: &Document, bin: &[u8], mut splats: Splats, exact: Exact) -> Result<Part, String> {
     let invalid = |message: &str| format!("{EXTENSION}: {message}");
     if !exact.color_model.is_valid() {
         return Err(invalid("colour model is out of range"));
@@ -310,12 +335,12 @@ fn read_exact(document: &Document, bin: &[u8], mut splats: Splats, moved: &Simil
     if let Some(values) = optional("LOG_SCALE", 3).transpose()? {
         splats.log_scale = values.as_chunks::<3>().0.to_vec();
     }
-    moved.apply(&mut splats);
-    if let Some(world) = exact.file_from_world {
-        world.undo(&mut splats).map_err(|e| invalid(&e))?;
+    let Exact { color_space, raster, edits, file_from_world, local_frame, .. } = exact;
+    if local_frame.is_some_and(|frame| frame.world_from_local().is_none()) {
+        return Err(invalid("\"localFrame\" is not an origin and a positive unit"));
     }
-    let Exact { color_space, raster, edits, .. } = exact;
-    Ok(Scene { splats, radiance_scale, color_space, raster, edits })
+    let scene = Scene { splats, radiance_scale, color_space, raster, edits, world_from_local: Similarity::IDENTITY };
+    Ok(Part { scene, file_from_world, frame: local_frame, is_ours: true, is_exact: true })
 }
 
 /// Joins scenes that have their model in common.
@@ -325,7 +350,8 @@ fn join(scenes: Vec<Scene>) -> Result<Scene, String> {
     for scene in scenes {
         let is_alike = scene.splats.color_model == all.splats.color_model
             && scene.splats.smoothing.is_empty() == all.splats.smoothing.is_empty()
-            && (scene.radiance_scale, scene.color_space, scene.raster) == (all.radiance_scale, all.color_space, all.raster);
+            && (scene.radiance_scale, scene.color_space, scene.raster) == (all.radiance_scale, all.color_space, all.raster)
+            && scene.world_from_local == all.world_from_local;
         if !is_alike {
             return Err("several primitives of splats with different colour models, which is not supported; export them apart".into());
         }

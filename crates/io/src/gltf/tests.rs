@@ -23,6 +23,7 @@ fn scene(is_smoothed: bool) -> Scene {
         color_space: ColorSpace::AcesCg,
         raster: RasterConfig::default(),
         edits: Vec::new(),
+        world_from_local: Similarity::IDENTITY,
     }
 }
 

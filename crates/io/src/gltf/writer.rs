@@ -4,6 +4,7 @@
 use std::io::Write;
 use std::path::Path;
 
+use glam::DVec3;
 use luxel_core::tone::srgb_decode;
 use luxel_core::{ColorSpace, Remedy, SH_OFFSET, Scene, Splats, sh, sigmoid};
 use rayon::prelude::*;
@@ -11,6 +12,7 @@ use serde_json::{Map, Value, json};
 
 use super::{CHUNK_BIN, CHUNK_JSON, EXTENSION, FLOAT, GLB_MAGIC, KHR};
 use crate::bake::{Appearance, BakeRecord, Baked, RECORD_KEY, WorldRecord};
+use crate::local_frame::LocalFrame;
 use crate::validity::check_lengths;
 use crate::{IoError, write_atomically};
 
@@ -234,6 +236,13 @@ fn document(baked: &Baked, exact: Option<&Scene>, attributes: &[Attribute<'_>], 
         if let Some(world) = WorldRecord::from_similarity(&baked.file_from_world) {
             khr["extensions"][EXTENSION]["fileFromWorld"] = serde_json::to_value(world)?;
         }
+        if let Some(frame) = LocalFrame::from_similarity(&baked.scene.world_from_local) {
+            khr["extensions"][EXTENSION]["localFrame"] = serde_json::to_value(frame)?;
+        }
+    }
+    let mut node = json!({ "mesh": 0, "name": "Splats" });
+    if baked.scene.world_from_local.translation() != DVec3::ZERO {
+        node["translation"] = json!(baked.origin_in_file().to_array());
     }
     let own: Map<String, Value> = attributes.iter().take(shown).enumerate().map(index).collect();
     Ok(json!({
@@ -241,7 +250,7 @@ fn document(baked: &Baked, exact: Option<&Scene>, attributes: &[Attribute<'_>], 
         "extensionsUsed": used,
         "scene": 0,
         "scenes": [{ "nodes": [0] }],
-        "nodes": [{ "mesh": 0, "name": "Splats" }],
+        "nodes": [node],
         "meshes": [{ "primitives": [{ "attributes": own, "mode": 0, "extensions": { KHR: khr } }] }],
         "buffers": [{ "byteLength": offset }],
         "bufferViews": views,

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use crate::bake::{BakeRecord, Baked};
 use crate::ply::COMMENT_TAG;
-use crate::ply::scene_writer::{check, standard_properties, write_rows};
+use crate::ply::scene_writer::{check, note_origin, standard_properties, write_rows};
 use crate::{IoError, write_atomically};
 
 /// Writes a bake, whole or not at all; folders are made as needed.
@@ -35,6 +35,7 @@ fn write<W: Write + ?Sized>(baked: &Baked, out: &mut W) -> std::io::Result<()> {
     let properties = standard_properties(coefficients);
     writeln!(out, "ply\nformat binary_little_endian 1.0")?;
     writeln!(out, "comment {COMMENT_TAG} baked {}", BakeRecord::from_bake(baked).json()?)?;
+    note_origin(&baked.scene.world_from_local, out)?;
     writeln!(out, "comment {}", baked.description())?;
     writeln!(out, "element vertex {}", splats.len())?;
     for name in &properties {

@@ -73,6 +73,7 @@ pub(super) fn read<R: BufRead>(source: &mut PlySource<'_, R>, header: &Header) -
         color_space: ColorSpace::LinearRec709,
         raster: RasterConfig { cutoffs: Cutoffs::PARITY, antialias: Antialias::Off, ..RasterConfig::default() },
         edits: Vec::new(),
+        world_from_local: luxel_core::Similarity::IDENTITY,
     })
 }
 
@@ -94,7 +95,7 @@ fn read_bounds<R: BufRead>(source: &mut PlySource<'_, R>, header: &Header, eleme
         columns.extend(colors);
     }
     let mut bounds = Vec::with_capacity(check_count(source, element, header.format)?);
-    let left_out = read_rows(source, element, header.format, &columns, |_, values| {
+    let left_out = read_rows(source, element, header.format, &columns, |_, values, _| {
         let triple = |at: usize| [0, 1, 2].map(|c| values.get(at + c).copied());
         let at = |at: usize, absent: f32| triple(at).map(|v| v.unwrap_or(absent));
         bounds.push(Bounds { position: [at(0, 0.0), at(3, 0.0)], log_scale: [at(6, 0.0), at(9, 0.0)], color: [at(12, 0.0), at(15, 1.0)] });

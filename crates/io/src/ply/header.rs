@@ -81,6 +81,11 @@ impl Element {
     pub(super) fn position(&self, name: &str) -> Option<usize> {
         self.properties.iter().position(|p| p.name == name)
     }
+
+    /// Returns whether a property has 64-bit numbers.
+    pub(super) fn is_double(&self, property: usize) -> bool {
+        self.properties.get(property).is_some_and(|p| p.kind == Kind::Scalar(Scalar::F64))
+    }
 }
 
 #[derive(Clone, Debug, PartialEq, Eq)]

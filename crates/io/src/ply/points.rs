@@ -14,7 +14,7 @@ use crate::ply::source::PlySource;
 const COLOR_NAMES: [[&str; 3]; 3] = [["red", "green", "blue"], ["diffuse_red", "diffuse_green", "diffuse_blue"], ["r", "g", "b"]];
 
 /// World position, and display colour 0..=255 where the file has one.
-pub type PlyPoint = ([f32; 3], Option<[u8; 3]>);
+pub type PlyPoint = ([f64; 3], Option<[u8; 3]>);
 
 /// The points of a file.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -64,10 +64,10 @@ fn decode<R: BufRead>(mut source: PlySource<'_, R>) -> Result<PlyCloud, IoError>
         factor
     });
     let mut points = Vec::with_capacity(check_count(&source, element, header.format)?);
-    let left_out = read_rows(&mut source, element, header.format, &columns, |_, row| {
-        if let [x, y, z, ref color @ ..] = *row {
+    let left_out = read_rows(&mut source, element, header.format, &columns, |_, row, position| {
+        if let [_, _, _, ref color @ ..] = *row {
             let rgb8 = factor.and_then(|f| <[f32; 3]>::try_from(color).ok().map(|c| c.map(|v| (v * f).round().clamp(0.0, 255.0) as u8)));
-            points.push(([x, y, z], rgb8));
+            points.push((position, rgb8));
         }
         Ok(())
     })?;

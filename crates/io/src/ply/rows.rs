@@ -56,18 +56,19 @@ impl LeftOutRows {
     }
 }
 
-/// Calls `each(row, values)` for every row of `element`, the values in the order of `columns`
-/// (indices of properties). Rows with a value that is not finite are left out (an infinite
-/// `opacity` is bounded).
+/// Calls `each(row, values, leading)` for every row of `element`, the values in the order of
+/// `columns` (indices of properties), the first three also with all their digits. Rows with a value
+/// that is not finite are left out (an infinite `opacity` is bounded).
 pub(super) fn read_rows<R: BufRead>(
     source: &mut PlySource<'_, R>,
     element: &Element,
     format: Format,
     columns: &[usize],
-    mut each: impl FnMut(u64, &[f32]) -> Result<(), IoError>,
+    mut each: impl FnMut(u64, &[f32], [f64; 3]) -> Result<(), IoError>,
 ) -> Result<LeftOutRows, IoError> {
     let scalars = scalars(source, element)?;
     let mut values = vec![0f32; columns.len()];
+    let mut leading = [0f64; 3];
     let opacity = columns.iter().position(|&c| element.properties[c].name == "opacity");
     let mut left_out = LeftOutRows::default();
     let mut is_finite = |source: &PlySource<'_, R>, row: u64, values: &[f32]| {
@@ -88,9 +89,12 @@ pub(super) fn read_rows<R: BufRead>(
             for (value, &column) in values.iter_mut().zip(columns) {
                 *value = parse_word(source, element, row, column, words.get(column).copied())?;
             }
+            for (value, &column) in leading.iter_mut().zip(columns) {
+                *value = parse_word(source, element, row, column, words.get(column).copied())?;
+            }
             bound_opacity(&mut values, opacity);
             if is_finite(source, row, &values) {
-                each(row, &values)?;
+                each(row, &values, leading)?;
             }
         }
         return Ok(left_out);
@@ -112,9 +116,12 @@ pub(super) fn read_rows<R: BufRead>(
             for (value, &(offset, scalar)) in values.iter_mut().zip(&cells) {
                 *value = number(&bytes[offset..], scalar, format);
             }
+            for ((wide, value), &(offset, scalar)) in leading.iter_mut().zip(&values).zip(&cells) {
+                *wide = if scalar == Scalar::F64 { f64::from_le_bytes(little(&bytes[offset..], format)) } else { (*value).into() };
+            }
             bound_opacity(&mut values, opacity);
             if is_finite(source, row, &values) {
-                each(row, &values)?;
+                each(row, &values, leading)?;
             }
             row += 1;
         }

@@ -4,13 +4,14 @@
 use std::io::BufRead;
 use std::path::Path;
 
-use luxel_core::{Antialias, ColorModel, ColorSpace, Cutoffs, RadianceScale, RasterConfig, Scene, Splats, sh};
+use luxel_core::{Antialias, ColorModel, ColorSpace, Cutoffs, RadianceScale, RasterConfig, Scene, Similarity, Splats, sh};
 
 use crate::IoError;
-use crate::bake::{BakeRecord, WorldRecord};
-use crate::ply::header::{Element, Header};
+use crate::bake::{BakeRecord, Origin, WorldRecord, place};
+use crate::local_frame::{LocalFrame, settled};
+use crate::ply::header::{Element, Format, Header};
 use crate::ply::rows::{beyond_line, check_count, read_rows, seek_element};
-use crate::ply::scene_writer::{EXACT_OPACITY, EXACT_SCALE, sh_prefix};
+use crate::ply::scene_writer::{EXACT_OPACITY, EXACT_SCALE, FRAME_COMMENT, sh_prefix};
 use crate::ply::source::PlySource;
 use crate::ply::{COMMENT_TAG, FORMAT_VERSION, compressed, record};
 use crate::scene_file::SceneFile;
@@ -59,7 +60,7 @@ const FLATNESS: f32 = 1e-3;
 fn decode<R: BufRead>(mut source: PlySource<'_, R>) -> Result<SceneFile, IoError> {
     let header = Header::read(&mut source)?;
     if compressed::is_compressed(&header) {
-        let scene = compressed::read(&mut source, &header)?;
+        let scene = settled(compressed::read(&mut source, &header)?, None);
         let last = header.elements.last().map_or("", |element| element.name.as_str());
         return Ok(SceneFile { scene, warnings: Vec::from_iter(beyond_line(&source, &header, last)) });
     }
@@ -67,11 +68,11 @@ fn decode<R: BufRead>(mut source: PlySource<'_, R>) -> Result<SceneFile, IoError
     let comments = Comments::new(&header);
     let record = comments.baked().map_err(|e| e.into_error(&source))?;
     let world = comments.world().map_err(|e| e.into_error(&source))?;
-    let (mut scene, layout) = match record {
-        None if !comments.lines.is_empty() => comments.exact(element).map_err(|e| e.into_error(&source))?,
-        _ => plain(&source, element)?,
-    };
-    let left_out = read_splats(&mut source, &header, element, &layout, &mut scene.splats)?;
+    let frame = comments.local_frame().map_err(|e| e.into_error(&source))?;
+    let is_exact = record.is_none() && !comments.lines.is_empty();
+    let (mut scene, layout) = if is_exact { comments.exact(element).map_err(|e| e.into_error(&source))? } else { plain(&source, element)? };
+    let mut exact_positions = Vec::new();
+    let left_out = read_splats(&mut source, &header, element, &layout, &mut scene.splats, &mut exact_positions)?;
     let mut warnings = Vec::from_iter(left_out_line(left_out, element.count));
     if layout.is_flat {
         warnings.push(format!("no property \"scale_2\": flat splats of 2DGS, read as {FLATNESS} times as thick as wide"));
@@ -81,10 +82,12 @@ fn decode<R: BufRead>(mut source: PlySource<'_, R>) -> Result<SceneFile, IoError
         let scene = record.scene(scene.splats).map_err(|e| IoError::invalid(source.path, e))?;
         return Ok(SceneFile { scene, warnings });
     }
-    if let Some(world) = world {
-        world.undo(&mut scene.splats).map_err(|e| IoError::invalid(source.path, e))?;
+    if is_exact {
+        let origin = frame.map(|frame| Origin { frame, is_in_move: false });
+        place(&mut scene, &Similarity::IDENTITY, world.as_ref(), origin).map_err(|e| IoError::invalid(source.path, e))?;
+        return Ok(SceneFile { scene, warnings });
     }
-    Ok(SceneFile { scene, warnings })
+    Ok(SceneFile { scene: settled(scene, Some(&exact_positions).filter(|p| !p.is_empty()).map(Vec::as_slice)), warnings })
 }
 
 fn read_splats<R: BufRead>(
@@ -93,6 +96,7 @@ fn read_splats<R: BufRead>(
     element: &Element,
     layout: &SceneColumns,
     splats: &mut Splats,
+    exact_positions: &mut Vec<[f64; 3]>,
 ) -> Result<u64, IoError> {
     let geometry = ["x", "y", "z", "rot_0", "rot_1", "rot_2", "rot_3"].into_iter().chain(layout.log_scale).chain([layout.opacity]);
     let colors = layout.sh.iter().chain(&layout.raw_luminance).map(String::as_str);
@@ -111,8 +115,9 @@ fn read_splats<R: BufRead>(
     splats.opacity_logit.reserve_exact(count);
     splats.sh.reserve_exact(count * layout.sh.len());
     splats.raw_luminance.reserve_exact(count * layout.raw_luminance.len());
+    let has_more_digits = header.format == Format::Ascii || columns[..3].iter().any(|&c| element.is_double(c));
     let (path, sh_len) = (source.path, layout.sh.len());
-    let left_out = read_rows(source, element, header.format, &columns, |row, values| {
+    let left_out = read_rows(source, element, header.format, &columns, |row, values, position| {
         let [x, y, z, qw, qx, qy, qz, s0, s1, s2, opacity, ref colors @ ..] = *values else {
             return Ok(());
         };
@@ -122,6 +127,9 @@ fn read_splats<R: BufRead>(
             return Err(IoError::invalid(path, message));
         }
         splats.position.push([x, y, z]);
+        if has_more_digits {
+            exact_positions.push(position);
+        }
         splats.rotation.push(rotation);
         splats.log_scale.push([s0, s1, if layout.is_flat { s0.min(s1) + FLATNESS.ln() } else { s2 }]);
         splats.opacity_logit.push(opacity);
@@ -169,6 +177,7 @@ fn plain<R: BufRead>(source: &PlySource<'_, R>, element: &Element) -> Result<(Sc
         color_space: ColorSpace::LinearRec709,
         raster: RasterConfig { cutoffs: Cutoffs::PARITY, antialias, ..RasterConfig::default() },
         edits: Vec::new(),
+        world_from_local: Similarity::IDENTITY,
     };
     let has = |name: &str| element.position(name).is_some();
     let is_flat = has("scale_0") && has("scale_1") && !has("scale_2");
@@ -254,6 +263,14 @@ impl<'h> Comments<'h> {
         self.parse("file_from_world", "a rotation and a positive scale", world).map(Some)
     }
 
+    /// Returns the local coordinates of the scene, where they are not those of the world.
+    fn local_frame(&self) -> Result<Option<LocalFrame>, CommentError> {
+        if !self.lines.iter().any(|(key, _)| *key == FRAME_COMMENT) {
+            return Ok(None);
+        }
+        self.parse(FRAME_COMMENT, "an origin and a positive unit", LocalFrame::parse).map(Some)
+    }
+
     /// Returns an empty scene of the model that the comments describe, and the columns of its
     /// values.
     fn exact(&self, element: &Element) -> Result<(Scene, SceneColumns), CommentError> {
@@ -272,7 +289,10 @@ impl<'h> Comments<'h> {
         let raster = self.parse("raster", "cut-offs of 0 or more and antialias", raster_of)?;
         let splats = Splats::empty(color_model);
         let edits = self.edits()?;
-        Ok((Scene { splats, radiance_scale, color_space, raster, edits }, exact_layout(color_model, element)))
+        Ok((
+            Scene { splats, radiance_scale, color_space, raster, edits, world_from_local: Similarity::IDENTITY },
+            exact_layout(color_model, element),
+        ))
     }
 }
 

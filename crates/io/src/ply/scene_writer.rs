@@ -1,18 +1,24 @@
 //! Scene to PLY, in blocks of rows: memory does not grow with the scene.
 
+use std::borrow::Cow;
 use std::io::Write;
 use std::path::Path;
 
-use luxel_core::{ColorModel, Scene, Splats, sh};
+use glam::DVec3;
+use luxel_core::{ColorModel, Scene, Similarity, Splats, sh};
 use rayon::prelude::*;
 
 use crate::bake::{Appearance, Bake, BakeOptions, Baked, MAX_BAKED, WorldRecord, smoothed};
+use crate::local_frame::LocalFrame;
 use crate::ply::{COMMENT_TAG, FORMAT_VERSION, record};
 use crate::validity::{is_normalizable, is_usable};
 use crate::{IoError, write_atomically};
 
 /// Rows made at a time.
 const BLOCK_ROWS: usize = 4096;
+
+/// Key of the local coordinates of a scene, where they are not those of the world.
+pub(super) const FRAME_COMMENT: &str = "local_frame";
 
 /// Opacity logit and log scale of the model, where the display layer has others.
 pub(super) const EXACT_OPACITY: &str = "lcd_opacity";
@@ -105,7 +111,7 @@ pub fn write_exact_ply(path: &Path, scene: &Scene, baked: &Baked) -> Result<(), 
 /// Writes a scene, whole or not at all; folders are made as needed.
 ///
 /// ```
-/// use luxel_core::{ColorSpace, RadianceScale, RasterConfig, Scene, synthetic};
+/// use luxel_core::{ColorSpace, RadianceScale, RasterConfig, Scene, Similarity, synthetic};
 /// use luxel_io::{read_scene, write_scene_ply};
 ///
 /// let folder = tempfile::tempdir()?;
@@ -116,6 +122,7 @@ pub fn write_exact_ply(path: &Path, scene: &Scene, baked: &Baked) -> Result<(), 
 ///     color_space: ColorSpace::LinearRec709,
 ///     raster: RasterConfig::default(),
 ///     edits: Vec::new(),
+///     world_from_local: Similarity::IDENTITY,
 /// };
 /// write_scene_ply(&path, &scene)?;
 /// // The file holds the scene to the bit.
@@ -128,6 +135,7 @@ pub fn write_exact_ply(path: &Path, scene: &Scene, baked: &Baked) -> Result<(), 
 /// scale that is not positive), or the file system's refusal.
 pub fn write_scene_ply(path: &Path, scene: &Scene) -> Result<(), IoError> {
     check(path, scene)?;
+    let scene = &in_world_units(scene);
     write_atomically(path, |file| write(scene, &Layer::preview(scene), file).map_err(|e| IoError::system(path, "write", &e)))
 }
 
@@ -137,9 +145,38 @@ pub fn write_scene_ply(path: &Path, scene: &Scene) -> Result<(), IoError> {
 /// The same as [`write_scene_ply`].
 pub fn encode_scene_ply(name: &Path, scene: &Scene) -> Result<Vec<u8>, IoError> {
     check(name, scene)?;
+    let scene = &in_world_units(scene);
     let mut bytes = Vec::new();
     write(scene, &Layer::preview(scene), &mut bytes).map_err(|e| IoError::system(name, "write", &e))?;
     Ok(bytes)
+}
+
+/// Returns the scene with lengths in units of the world.
+fn in_world_units(scene: &Scene) -> Cow<'_, Scene> {
+    let unit = scene.world_from_local.scale();
+    let mut scene = Cow::Borrowed(scene);
+    if unit != 1.0 {
+        Similarity::scaling(unit).apply(&mut scene.to_mut().splats);
+    }
+    scene
+}
+
+/// Writes the local coordinates of a scene, where they are not those of the world: for this program
+/// and for people.
+pub(super) fn write_origin<W: Write + ?Sized>(world_from_local: &Similarity, out: &mut W) -> std::io::Result<()> {
+    let Some(frame) = LocalFrame::from_similarity(world_from_local) else { return Ok(()) };
+    writeln!(out, "comment {COMMENT_TAG} {FRAME_COMMENT} {}", serde_json::to_string(&frame)?)?;
+    note_origin(world_from_local, out)
+}
+
+/// Writes, for people, the origin that positions are relative to, if it is another than that of the
+/// world.
+pub(super) fn note_origin<W: Write + ?Sized>(world_from_local: &Similarity, out: &mut W) -> std::io::Result<()> {
+    let DVec3 { x, y, z } = world_from_local.translation();
+    if world_from_local.translation() == DVec3::ZERO {
+        return Ok(());
+    }
+    writeln!(out, "comment positions are relative to the origin {x} {y} {z} of the data set's coordinates")
 }
 
 pub(crate) fn check(path: &Path, scene: &Scene) -> Result<(), IoError> {
@@ -211,6 +248,7 @@ fn write_header<W: Write + ?Sized>(scene: &Scene, layer: &Layer<'_>, properties:
     {
         writeln!(out, "comment {COMMENT_TAG} file_from_world {}", serde_json::to_string(&world)?)?;
     }
+    write_origin(&scene.world_from_local, out)?;
     writeln!(out, "comment {COMMENT_TAG} display_bake {}", layer.description())?;
     writeln!(out, "comment lcd_* properties hold the radiance model exactly; f_dc, f_rest, opacity and scale are for display")?;
     writeln!(out, "element vertex {}", scene.splats.len())?;

@@ -39,7 +39,14 @@ fn scene(color_model: ColorModel, count: usize, is_smoothed: bool, seed: u64) ->
     }
     let antialias = if is_smoothed { Antialias::Mip } else { Antialias::Off };
     let raster = RasterConfig { cutoffs: Cutoffs::HDR, antialias, ..RasterConfig::default() };
-    Scene { splats, radiance_scale: RadianceScale::new(12.345_679).unwrap(), color_space: ColorSpace::AcesCg, raster, edits: Vec::new() }
+    Scene {
+        splats,
+        radiance_scale: RadianceScale::new(12.345_679).unwrap(),
+        color_space: ColorSpace::AcesCg,
+        raster,
+        edits: Vec::new(),
+        world_from_local: luxel_core::Similarity::IDENTITY,
+    }
 }
 
 const LCD: ColorModel = ColorModel::Lcd { chroma_degree: 3, luminance_degree: 0, activation: Activation::Softplus };

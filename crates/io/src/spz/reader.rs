@@ -4,13 +4,14 @@ use std::io::Read;
 use std::path::Path;
 
 use flate2::read::GzDecoder;
-use luxel_core::{Antialias, ColorModel, ColorSpace, Cutoffs, RadianceScale, RasterConfig, Scene, Splats, logit};
+use luxel_core::{Antialias, ColorModel, ColorSpace, Cutoffs, RadianceScale, RasterConfig, Scene, Similarity, Splats, logit};
 
 use super::layout::{
     FLAG_ANTIALIASED, HEADER, LEGACY_HEADER, MAGIC, axes, block_bytes, unpack_color, unpack_coordinate, unpack_harmonic, unpack_log_scale,
     unpack_opacity, unpack_rotation_first_three, unpack_rotation_smallest_three,
 };
 use crate::IoError;
+use crate::local_frame::settled;
 use crate::memory::check_memory;
 use crate::read_file::read_file;
 
@@ -38,13 +39,15 @@ pub fn decode_spz(name: &Path, bytes: &[u8]) -> Result<Scene, IoError> {
     let mut splats = splats(&head, &blocks);
     axes().apply(&mut splats);
     let antialias = if head.flags & FLAG_ANTIALIASED == 0 { Antialias::Off } else { Antialias::Mip };
-    Ok(Scene {
+    let scene = Scene {
         splats,
         radiance_scale: RadianceScale::ONE,
         color_space: ColorSpace::LinearRec709,
         raster: RasterConfig { cutoffs: Cutoffs::PARITY, antialias, ..RasterConfig::default() },
         edits: Vec::new(),
-    })
+        world_from_local: Similarity::IDENTITY,
+    };
+    Ok(settled(scene, None))
 }
 
 /// The header ahead of the blocks.

@@ -27,6 +27,7 @@ fn scene_of(count: usize) -> Scene {
         color_space: Default::default(),
         raster: RasterConfig::default(),
         edits: Vec::new(),
+        world_from_local: luxel_core::Similarity::IDENTITY,
     }
 }
 

@@ -12,6 +12,7 @@
 //! twins (`positionsh`, ...). Nothing is composed: references, variants and transforms of prims are
 //! other programs' business (`usdcat --flatten`); a transform is an error, not ignored.
 
+mod field;
 mod lexer;
 mod reader;
 mod writer;
@@ -24,6 +25,8 @@ pub use writer::{encode_usda, write_usda};
 
 /// The schema.
 const PRIM_TYPE: &str = "ParticleField3DGaussianSplat";
+/// Attribute of a place that a prim is moved to.
+const TRANSLATE: &str = "xformOp:translate";
 
 /// Returns the name of a colour space in OpenUSD (the interoperability forum's).
 fn usd_name(space: ColorSpace) -> &'static str {

@@ -3,16 +3,21 @@
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 
-use luxel_core::{ColorModel, ColorSpace, RadianceScale, RasterConfig, Scene, Splats, logit, sh};
+use glam::DVec3;
+use luxel_core::{ColorSpace, RadianceScale, RasterConfig, Scene, Similarity, sh};
 
+use super::field::Field;
 use super::lexer::{Lexer, Token};
-use super::{DISPLAY_SPACE, PRIM_TYPE, usd_name};
+use super::{DISPLAY_SPACE, PRIM_TYPE, TRANSLATE, usd_name};
 use crate::IoError;
 use crate::bake::{BakeRecord, RECORD_KEY};
 use crate::byte_order_mark::MARK;
+use crate::local_frame::settled;
 use crate::read_file::open_regular;
 use crate::scene_file::SceneFile;
-use crate::validity::{is_normalizable, left_out_line};
+
+const TRANSFORMED: &str =
+    "the splats' prim, or one around it, is transformed, which is not supported; apply the transform in the program the file is from";
 
 /// Deepest nesting of prims.
 const MAX_PRIMS: usize = 64;
@@ -60,11 +65,26 @@ fn read<R: BufRead>(path: &Path, mut reader: R) -> Result<SceneFile, IoError> {
     };
     let record = record.map(|json| BakeRecord::parse(&json)).transpose().map_err(|e| IoError::invalid(path, e))?;
     let color_space = field.color_space;
+    // A move to the origin that the record states; another one has no record here.
+    let origin = record.as_ref().map_or(DVec3::ZERO, BakeRecord::origin_in_file).as_vec3().to_array();
+    if field.is_translated && field.translation != origin {
+        return Err(IoError::unsupported(path, TRANSFORMED));
+    }
     let mut warnings = Vec::new();
     let splats = field.splats(&mut warnings).map_err(|e| IoError::invalid(path, e))?;
     let scene = match record {
         Some(record) => record.scene(splats).map_err(|e| IoError::invalid(path, e))?,
-        None => Scene { splats, radiance_scale: RadianceScale::ONE, color_space, raster: RasterConfig::default(), edits: Vec::new() },
+        None => settled(
+            Scene {
+                splats,
+                radiance_scale: RadianceScale::ONE,
+                color_space,
+                raster: RasterConfig::default(),
+                edits: Vec::new(),
+                world_from_local: Similarity::IDENTITY,
+            },
+            None,
+        ),
     };
     Ok(SceneFile { scene, warnings })
 }
@@ -206,7 +226,7 @@ impl<R: BufRead> Layer<'_, R> {
         }
         let name = words.pop().unwrap_or_default();
         if name == "xformOpOrder" {
-            return self.transform_order();
+            return self.transform_order(field);
         }
         match field {
             Some(field) => self.field_value(&name, field)?,
@@ -215,18 +235,28 @@ impl<R: BufRead> Layer<'_, R> {
         Ok(Placed::AsItIs)
     }
 
-    /// Reads an order of transforms; one that is not empty moves the prim and its content.
-    fn transform_order(&mut self) -> Result<Placed, IoError> {
+    /// Reads an order of transforms; one that is not empty moves the prim and its content. A field
+    /// that is only moved to a place keeps that for later.
+    fn transform_order(&mut self, field: Option<&mut Field>) -> Result<Placed, IoError> {
         let opening = self.lexer.next_on()?;
         match (opening, self.lexer.next_on()?) {
             (Token::Mark(b'['), Token::Mark(b']')) => Ok(Placed::AsItIs),
+            (Token::Mark(b'['), Token::Text(only)) if only == TRANSLATE && field.is_some() => {
+                if self.lexer.next_on()? != Token::Mark(b']') {
+                    return self.lexer.skip_brackets().map(|()| Placed::Moved);
+                }
+                if let Some(field) = field {
+                    field.is_translated = true;
+                }
+                Ok(Placed::AsItIs)
+            }
             (Token::Mark(b'['), _) => self.lexer.skip_brackets().map(|()| Placed::Moved),
             (other, _) => Err(self.lexer.invalid(format_args!("\"xformOpOrder\" begins with {other:?}, expected a list"))),
         }
     }
 
     fn transformed(&self) -> IoError {
-        self.lexer.unsupported("the splats' prim, or one around it, is transformed, which is not supported; apply the transform in the program the file is from")
+        self.lexer.unsupported(TRANSFORMED)
     }
 
     fn field_value(&mut self, name: &str, field: &mut Field) -> Result<(), IoError> {
@@ -236,6 +266,7 @@ impl<R: BufRead> Layer<'_, R> {
             "scales" | "scalesh" => &mut field.scales,
             "opacities" | "opacitiesh" => &mut field.opacities,
             "radiance:sphericalHarmonicsCoefficients" | "radiance:sphericalHarmonicsCoefficientsh" => &mut field.coefficients,
+            TRANSLATE => &mut field.translation,
             "radiance:sphericalHarmonicsDegree" => {
                 let Token::Word(word) = self.lexer.next_on()? else { return Err(self.lexer.invalid("expected a degree")) };
                 let degree = word.parse().ok().filter(|degree| *degree <= sh::MAX_DEGREE);
@@ -276,100 +307,4 @@ impl<R: BufRead> Layer<'_, R> {
 fn is_read(name: &str) -> bool {
     let arrays = ["positions", "orientations", "scales", "opacities", "radiance:sphericalHarmonicsCoefficients"];
     arrays.contains(&name.strip_suffix('h').unwrap_or(name))
-}
-
-/// Removes the rows in which a number of any of the arrays is not finite; returns how many. An
-/// error if no row is left.
-fn leave_out_unfinite_rows(arrays: [&mut Vec<f32>; 5], widths: [usize; 5], count: usize) -> Result<u64, String> {
-    let mut is_kept = vec![true; count];
-    for (array, width) in arrays.iter().zip(widths) {
-        for (row, kept) in array.chunks_exact(width).zip(&mut is_kept) {
-            *kept &= row.iter().all(|v| v.is_finite());
-        }
-    }
-    let left_out = is_kept.iter().filter(|kept| !**kept).count();
-    if left_out == 0 {
-        return Ok(0);
-    }
-    if left_out == count {
-        return Err(format!("all of {count} splats have a number that is NaN or infinite, expected finite numbers"));
-    }
-    for (array, width) in arrays.into_iter().zip(widths) {
-        let rows = array.chunks_exact(width).zip(&is_kept).filter(|(_, kept)| **kept);
-        *array = rows.flat_map(|(row, _)| row.iter().copied()).collect();
-    }
-    Ok(left_out as u64)
-}
-
-/// The arrays of the file.
-struct Field {
-    positions: Vec<f32>,
-    orientations: Vec<f32>,
-    scales: Vec<f32>,
-    opacities: Vec<f32>,
-    coefficients: Vec<f32>,
-    degree: usize,
-    color_space: ColorSpace,
-}
-
-impl Default for Field {
-    /// Returns the schema's fallbacks.
-    fn default() -> Self {
-        Self {
-            positions: Vec::new(),
-            orientations: Vec::new(),
-            scales: Vec::new(),
-            opacities: Vec::new(),
-            coefficients: Vec::new(),
-            degree: 3,
-            color_space: ColorSpace::LinearRec709,
-        }
-    }
-}
-
-impl Field {
-    /// Returns the splats; the error names the array that is wrong.
-    fn splats(mut self, warnings: &mut Vec<String>) -> Result<Splats, String> {
-        let count = self.positions.len() / 3;
-        let k = 3 * sh::coefficients(self.degree);
-        if self.orientations.is_empty() && count > 0 {
-            warnings.push("no \"orientations\": the splats are read as unturned".to_owned());
-            self.orientations = [1.0, 0.0, 0.0, 0.0].repeat(count);
-        }
-        let lengths = [
-            ("positions", self.positions.len(), 3),
-            ("orientations", self.orientations.len(), 4),
-            ("scales", self.scales.len(), 3),
-            ("opacities", self.opacities.len(), 1),
-            ("radiance:sphericalHarmonicsCoefficients", self.coefficients.len(), k),
-        ];
-        for (name, found, width) in lengths {
-            if count.checked_mul(width) != Some(found) {
-                return Err(format!("{name:?} has {found} numbers, expected {width} for each of {count} splats"));
-            }
-        }
-        let widths = [3, 4, 3, 1, k];
-        let arrays = [&mut self.positions, &mut self.orientations, &mut self.scales, &mut self.opacities, &mut self.coefficients];
-        warnings.extend(left_out_line(leave_out_unfinite_rows(arrays, widths, count)?, count as u64));
-        if let Some(i) = self.opacities.iter().position(|o| !(0.0..=1.0).contains(o)) {
-            return Err(format!("opacity of splat {i} is {}, expected 0 to 1", self.opacities[i]));
-        }
-        if let Some(i) = self.scales.iter().position(|s| *s < 0.0) {
-            return Err(format!("scale of splat {} is {}, expected 0 or more", i / 3, self.scales[i]));
-        }
-        let (rotation, _) = self.orientations.as_chunks::<4>();
-        if let Some(i) = rotation.iter().position(|q| !is_normalizable(*q)) {
-            return Err(format!("orientation of splat {i} is {:?}, expected a quaternion of length about 1", rotation[i]));
-        }
-        Ok(Splats {
-            color_model: ColorModel::Sh { degree: self.degree as u8 },
-            rotation: rotation.to_vec(),
-            position: self.positions.as_chunks::<3>().0.to_vec(),
-            log_scale: self.scales.as_chunks::<3>().0.iter().map(|s| s.map(|s| s.max(f32::MIN_POSITIVE).ln())).collect(),
-            opacity_logit: self.opacities.iter().map(|o| logit(*o)).collect(),
-            sh: self.coefficients,
-            raw_luminance: Vec::new(),
-            smoothing: Vec::new(),
-        })
-    }
 }

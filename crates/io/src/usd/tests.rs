@@ -17,6 +17,7 @@ fn baked(color_space: ColorSpace) -> Baked {
         color_space: ColorSpace::LinearRec709,
         raster: RasterConfig::default(),
         edits: Vec::new(),
+        world_from_local: Similarity::IDENTITY,
     };
     Baked::new(&scene, &BakeOptions { appearance: Appearance::Linear { color_space, exposure_ev: 0.0 }, max_degree: 3 })
 }

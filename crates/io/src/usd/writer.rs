@@ -4,11 +4,11 @@
 use std::io::Write;
 use std::path::Path;
 
-use glam::{DMat3, DQuat};
+use glam::{DMat3, DQuat, DVec3};
 use luxel_core::{Splats, sigmoid};
 use rayon::prelude::*;
 
-use super::{DISPLAY_SPACE, PRIM_TYPE, usd_name};
+use super::{DISPLAY_SPACE, PRIM_TYPE, TRANSLATE, usd_name};
 use crate::bake::{Appearance, BakeRecord, Baked, RECORD_KEY};
 use crate::validity::check_lengths;
 use crate::{IoError, write_atomically};
@@ -59,6 +59,11 @@ fn write<W: Write + ?Sized>(baked: &Baked, out: &mut W) -> std::io::Result<()> {
     writeln!(out, "    metersPerUnit = 1\n    upAxis = \"Y\"\n)\n")?;
     writeln!(out, "def {PRIM_TYPE} \"Splats\" (\n    prepend apiSchemas = [\"ColorSpaceAPI\"]\n)\n{{")?;
     writeln!(out, "    uniform token colorSpace:name = \"{space}\"")?;
+    if baked.scene.world_from_local.translation() != DVec3::ZERO {
+        let DVec3 { x, y, z } = baked.origin_in_file();
+        writeln!(out, "    double3 {TRANSLATE} = ({x}, {y}, {z})")?;
+        writeln!(out, "    uniform token[] xformOpOrder = [\"{TRANSLATE}\"]")?;
+    }
     let [low, high] = extent(splats);
     writeln!(out, "    float3[] extent = [({}, {}, {}), ({}, {}, {})]", low[0], low[1], low[2], high[0], high[1], high[2])?;
     write_array(out, "point3f[] positions", splats.len(), |i, text| tuple(text, &splats.position[i]))?;

@@ -36,6 +36,7 @@ fn posed(poses: &[DAffine3]) -> Dataset {
         bad_pixels: Vec::new(),
         fingerprint: String::new(),
         warnings: Vec::new(),
+        world_from_local: luxel_core::Similarity::IDENTITY,
     }
 }
 

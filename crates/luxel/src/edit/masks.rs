@@ -31,6 +31,7 @@ pub fn project_masks(names: &[&MaskName], scene: &luxel_core::Scene, dataset: &D
     if names.is_empty() {
         return Ok(shares);
     }
+    let dataset = &*dataset.in_frame(scene.world_from_local);
     engine.load(&scene.splats, None).context("cannot load the scene")?;
     let options = scene.render_options();
     for name in names {

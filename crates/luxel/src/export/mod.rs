@@ -13,8 +13,9 @@ mod world;
 
 use std::path::Path;
 
+use glam::DVec3;
 use luxel_core::tone::Tonemap;
-use luxel_core::{ColorSpace, Dataset, Engine, Scene};
+use luxel_core::{ColorSpace, Dataset, Engine, Scene, Similarity};
 use luxel_io::{Appearance, BakeOptions, Baked, SpzPositions, SpzVersion};
 
 pub use self::error::{BakeError, BakeErrorValues};
@@ -196,19 +197,19 @@ struct Plan {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CropBox {
     /// Lower corner, world.
-    pub low: [f32; 3],
+    pub low: [f64; 3],
     /// Upper corner, world.
-    pub high: [f32; 3],
+    pub high: [f64; 3],
 }
 
 impl CropBox {
     /// Returns the box between two opposite corners.
-    pub fn between(a: [f32; 3], b: [f32; 3]) -> Self {
-        Self { low: [0, 1, 2].map(|i| f32::min(a[i], b[i])), high: [0, 1, 2].map(|i| f32::max(a[i], b[i])) }
+    pub fn between(a: [f64; 3], b: [f64; 3]) -> Self {
+        Self { low: [0, 1, 2].map(|i| f64::min(a[i], b[i])), high: [0, 1, 2].map(|i| f64::max(a[i], b[i])) }
     }
 
     /// Returns whether a point is inside.
-    pub fn contains(self, point: [f32; 3]) -> bool {
+    pub fn contains(self, point: [f64; 3]) -> bool {
         (0..3).all(|axis| self.low[axis] <= point[axis] && point[axis] <= self.high[axis])
     }
 }
@@ -218,7 +219,7 @@ impl CropBox {
 pub struct ExportOptions {
     /// Colours.
     pub bake: Bake,
-    /// Only splats whose centre is in this box, world of the scene.
+    /// Only splats whose centre is in this box, world.
     pub crop: Option<CropBox>,
     /// Only this many splats: those that contribute most to the views, or without views by opacity
     /// and size.
@@ -260,6 +261,9 @@ pub struct Exported {
     pub positions: Option<SpzPositions>,
     /// Error of the bake on the views; `None` without a data set.
     pub error: Option<BakeError>,
+    /// The place that positions in the file are relative to, world; `None` if it is the world's
+    /// origin.
+    pub origin: Option<[f64; 3]>,
 }
 
 /// Exports `scene` to `path`. The data set's views measure the bake, and refine and prune it if
@@ -277,6 +281,8 @@ pub fn export(
     observer: &dyn Observer,
 ) -> Result<Exported> {
     let mut plan = options.bake.plan(path, &scene)?;
+    let dataset = dataset.map(|dataset| dataset.in_frame(scene.world_from_local));
+    let dataset = dataset.as_deref();
     let before = scene.splats.len();
     prune::crop(&mut scene, options.crop);
     if let Some(most) = options.max_aspect {
@@ -310,7 +316,7 @@ pub fn export(
     let similarity = file_from_world(options.up, plan.format.up_axis(), dataset, options.scale)?;
     baked.transform(&similarity);
     if plan.is_exact {
-        similarity.apply(&mut scene.splats);
+        Similarity::scaling(scene.world_from_local.scale()).then(&similarity).apply(&mut scene.splats);
         let shifted = scene.radiance_scale.times(options.bake.exposure_ev.exp2());
         scene.radiance_scale = shifted.ok_or_else(|| Error::new("the exposure leaves no radiance scale that f32 holds"))?;
     }
@@ -330,6 +336,7 @@ fn write(path: &Path, plan: &Plan, scene: &Scene, baked: &Baked, spz_version: Sp
 }
 
 fn describe(path: &Path, plan: &Plan, scene: &Scene, baked: &Baked, error: Option<BakeError>) -> Exported {
+    let origin = scene.world_from_local.translation();
     let positions = (plan.format == Format::Spz).then(|| luxel_io::spz_positions(baked));
     Exported {
         splats: scene.splats.len() - positions.map_or(0, |positions| positions.left_out),
@@ -343,5 +350,6 @@ fn describe(path: &Path, plan: &Plan, scene: &Scene, baked: &Baked, error: Optio
         exact_model: plan.is_exact.then(|| (scene.splats.color_model.name(), scene.color_space)),
         sizes_out_of_range: if plan.format == Format::Spz { luxel_io::spz_out_of_range(baked) } else { 0 },
         error,
+        origin: (origin != DVec3::ZERO).then(|| origin.to_array()),
     }
 }

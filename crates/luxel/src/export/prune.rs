@@ -11,7 +11,12 @@ use crate::{Observer, Result, text};
 /// Keeps the splats whose centre is in the box.
 pub(super) fn crop(scene: &mut Scene, bounds: Option<CropBox>) {
     let Some(bounds) = bounds else { return };
-    let kept: Vec<u32> = (0..scene.splats.len() as u32).filter(|i| bounds.contains(scene.splats.position[*i as usize])).collect();
+    // In 32 bits, as positions are: a box that is written as they are holds what is on its faces.
+    let local_from_world = scene.world_from_local.inverse();
+    let corner = |world: [f64; 3]| local_from_world.point(world.into()).as_vec3().to_array().map(f64::from);
+    let bounds = CropBox { low: corner(bounds.low), high: corner(bounds.high) };
+    let is_inside = |i: &u32| bounds.contains(scene.splats.position[*i as usize].map(f64::from));
+    let kept: Vec<u32> = (0..scene.splats.len() as u32).filter(is_inside).collect();
     scene.splats = scene.splats.select(kept);
 }
 

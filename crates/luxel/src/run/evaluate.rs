@@ -68,6 +68,7 @@ pub fn evaluate_run(
     let EvaluationData { path, load, dataset } = data;
     let (iteration, scene) = state::newest_scene(folder, observer)?;
     check_color_space(path, dataset, &scene)?;
+    let dataset = &*dataset.in_frame(scene.world_from_local);
     engine.load(&scene.splats, None).context("cannot load the scene")?;
     let options = scene.render_options_before(config.train.background);
     let mut rendering = Rendering {
@@ -153,6 +154,7 @@ pub fn evaluate_scene(
 ) -> Result<SceneMetrics> {
     let SelectedEngine { mut engine, computed_by, .. } = selected;
     check_color_space(data.path, data.dataset, scene)?;
+    let dataset = data.dataset.in_frame(scene.world_from_local);
     engine.load(&scene.splats, None).context("cannot load the scene")?;
     let mu = luxel_core::tone::MU;
     let mut rendering = Rendering {
@@ -168,7 +170,7 @@ pub fn evaluate_scene(
         log_gains: BTreeMap::new(),
     };
     let mut splits = BTreeMap::new();
-    for (name, views, images) in [("test", &data.dataset.test, images), ("train", &data.dataset.train, None)] {
+    for (name, views, images) in [("test", &dataset.test, images), ("train", &dataset.train, None)] {
         splits.extend(rendering.evaluate(views, images, GainFit::None)?.map(|split| (name.to_owned(), split)));
     }
     if splits.is_empty() {

@@ -89,6 +89,7 @@ impl Trainer {
             engine,
             views,
             color_space: dataset.color_space,
+            world_from_local: dataset.world_from_local,
             schedule,
             state,
             average,

@@ -52,7 +52,7 @@ impl UpArg {
 
 /// Parses six numbers: one corner and the opposite one.
 pub(crate) fn parse_crop(text: &str) -> Result<CropBox, String> {
-    let numbers: Option<Vec<f32>> = text.split(',').map(|word| word.trim().parse().ok().filter(|v: &f32| v.is_finite())).collect();
+    let numbers: Option<Vec<f64>> = text.split(',').map(|word| word.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
     let Some(&[x0, y0, z0, x1, y1, z1]) = numbers.as_deref() else {
         return Err(format!("expected six numbers x0,y0,z0,x1,y1,z1, got \"{text}\""));
     };

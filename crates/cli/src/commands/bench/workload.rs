@@ -6,8 +6,8 @@ use std::sync::Arc;
 use anyhow::{Context, Result, bail};
 use luxel::output;
 use luxel_core::{
-    Camera, ColorModel, ColorSpace, Cutoffs, Engine, Image, PixelValues, RadianceScale, RasterConfig, RenderOptions, Scene, Splats, Target,
-    View, spatial_order, synthetic,
+    Camera, ColorModel, ColorSpace, Cutoffs, Engine, Image, PixelValues, RadianceScale, RasterConfig, RenderOptions, Scene, Similarity,
+    Splats, Target, View, spatial_order, synthetic,
 };
 use luxel_io::ReadOptions;
 use luxel_train::{Method, TrainConfig};
@@ -43,13 +43,15 @@ struct Source {
     splats: Splats,
     radiance_scale: RadianceScale,
     raster: RasterConfig,
+    world_from_local: Similarity,
 }
 
 impl Workload {
     /// Reads or makes everything and loads the scene.
     pub(super) fn prepare(args: &BenchArgs, engine: &mut dyn Engine) -> Result<Self> {
-        let camera = camera(args)?;
+        let mut camera = camera(args)?;
         let source = source(args)?;
+        source.world_from_local.inverse().apply_to_camera(&mut camera);
         let mut splats = in_method(source.splats, args.method, &source.name)?;
         let cutoffs = Cutoffs { near: NEAR, ..TrainConfig { cutoffs: args.cutoffs, ..TrainConfig::default() }.raster().cutoffs };
         let render = RenderOptions { raster: RasterConfig { cutoffs, ..source.raster }, ..RenderOptions::default() };
@@ -105,6 +107,7 @@ fn source(args: &BenchArgs) -> Result<Source> {
                 splats: scene.splats,
                 radiance_scale: scene.radiance_scale,
                 raster: scene.raster,
+                world_from_local: scene.world_from_local,
             })
         }
         (None, Some(count)) => {
@@ -114,6 +117,7 @@ fn source(args: &BenchArgs) -> Result<Source> {
                 splats: synthetic::room(count as usize, args.seed),
                 radiance_scale: RadianceScale::ONE,
                 raster: RasterConfig::default(),
+                world_from_local: Similarity::IDENTITY,
             })
         }
         (None, None) => bail!("nothing to measure on; give --workload SCENE.ply or --generate N"),
@@ -128,7 +132,14 @@ pub(super) fn save(args: &BenchArgs, path: &Path) -> Result<()> {
     let splats = in_method(source.splats, args.method, &source.name)?;
     let cutoffs = TrainConfig { cutoffs: args.cutoffs, ..TrainConfig::default() }.raster().cutoffs;
     let raster = RasterConfig { cutoffs, ..source.raster };
-    let scene = Scene { splats, radiance_scale: source.radiance_scale, color_space: ColorSpace::default(), raster, edits: Vec::new() };
+    let scene = Scene {
+        splats,
+        radiance_scale: source.radiance_scale,
+        color_space: ColorSpace::default(),
+        raster,
+        edits: Vec::new(),
+        world_from_local: source.world_from_local,
+    };
     luxel_io::write_scene_ply(path, &scene).context("cannot write the room")
 }
 

@@ -6,7 +6,7 @@ use anyhow::{Context, Result, bail};
 use luxel::camera_path::{Resized, camera_path, resized};
 use luxel::run::ExplicitArgs;
 use luxel::{files, output, text};
-use luxel_core::{Camera, Dataset};
+use luxel_core::{Camera, Dataset, Scene};
 use luxel_io::PathCamera;
 
 use crate::args::values::{Frames, SplitArg};
@@ -22,6 +22,13 @@ const PATH_FRAMES: usize = 120;
 pub(super) struct Shot {
     pub(super) name: String,
     pub(super) camera: Camera,
+}
+
+impl Shot {
+    /// Returns the shot with its camera in the world.
+    pub(super) fn in_world(&self, scene: &Scene) -> Self {
+        Self { name: self.name.clone(), camera: scene.world_camera(&self.camera) }
+    }
 }
 
 impl From<PathCamera> for Shot {
@@ -50,7 +57,8 @@ pub(super) fn shots(args: &RenderArgs, request: DataRequest<'_>, source: &SceneS
 fn named(args: &RenderArgs, request: DataRequest<'_>, source: &SceneSource, console: &Console) -> Result<Shots> {
     let dataset = || source.dataset(request, console);
     if let Some(file) = &args.cameras {
-        let all = camera_file(file, args.input.data.is_some(), dataset, || check_unread(args, file, request.explicit))?;
+        let mut all = camera_file(file, args.input.data.is_some(), dataset, || check_unread(args, file, request.explicit))?;
+        all.iter_mut().for_each(|shot| shot.camera = source.scene.local_camera(&shot.camera));
         return Ok(Shots { all, frames: args.frames });
     }
     let Some(dataset) = dataset()? else {

@@ -100,6 +100,11 @@ impl<'t> Cursor<'t> {
 
     /// Consumes a finite number; `what` names it in the error.
     pub(super) fn number(&mut self, what: &str) -> Result<f32, EditTextError> {
+        self.parsed(what, |value: &f32| value.is_finite())
+    }
+
+    /// Consumes a number that `is_usable`.
+    fn parsed<T: std::str::FromStr>(&mut self, what: &str, is_usable: impl Fn(&T) -> bool) -> Result<T, EditTextError> {
         let bytes = self.rest().as_bytes();
         let digits = |mut at: usize| {
             while bytes.get(at).is_some_and(u8::is_ascii_digit) {
@@ -118,21 +123,21 @@ impl<'t> Cursor<'t> {
                 end = digits(sign);
             }
         }
-        let value = self.rest().get(..end).and_then(|number| number.parse().ok()).filter(|value: &f32| value.is_finite());
+        let value = self.rest().get(..end).and_then(|number| number.parse().ok()).filter(is_usable);
         let value = value.ok_or_else(|| self.expected(what))?;
         self.at += end;
         self.space();
         Ok(value)
     }
 
-    /// Reads `count` numbers separated by commas.
-    pub(super) fn numbers<const COUNT: usize>(&mut self, names: [&str; COUNT]) -> Result<[f32; COUNT], EditTextError> {
+    /// Reads `count` coordinates or lengths separated by commas; none is beyond the range of f32.
+    pub(super) fn numbers<const COUNT: usize>(&mut self, names: [&str; COUNT]) -> Result<[f64; COUNT], EditTextError> {
         let mut values = [0.0; COUNT];
         for (i, (value, name)) in values.iter_mut().zip(names).enumerate() {
             if i > 0 {
                 self.need(",")?;
             }
-            *value = self.number(&format!("a number ({name})"))?;
+            *value = self.parsed(&format!("a number ({name})"), |value: &f64| (*value as f32).is_finite())?;
         }
         Ok(values)
     }

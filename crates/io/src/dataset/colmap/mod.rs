@@ -125,11 +125,8 @@ fn add_points_ply(folder: &Path, missing: &Path, model: &mut ColmapModel) -> Res
     let cloud = read_points_ply(&ply)?;
     model.warnings.push(format!("{} does not exist: points are those of {}, without tracks", missing.display(), ply.display()));
     model.warnings.extend(cloud.warning(&ply));
-    let point = |point: PlyPoint| ColmapPoint {
-        position: DVec3::from(point.0.map(f64::from)),
-        rgb8: point.1.unwrap_or([u8::MAX / 2; 3]),
-        track: Vec::new(),
-    };
+    let point =
+        |point: PlyPoint| ColmapPoint { position: DVec3::from(point.0), rgb8: point.1.unwrap_or([u8::MAX / 2; 3]), track: Vec::new() };
     model.points = cloud.points.into_iter().map(point).collect();
     Ok(())
 }
