@@ -37,7 +37,7 @@ pub(super) struct Field {
     pub(super) degree: usize,
     pub(super) color_space: ColorSpace,
     /// The place that the field is moved to, if it is.
-    pub(super) translation: Vec<f32>,
+    pub(super) translation: Option<[f32; 3]>,
     pub(super) is_translated: bool,
 }
 
@@ -52,7 +52,7 @@ impl Default for Field {
             coefficients: Vec::new(),
             degree: 3,
             color_space: ColorSpace::LinearRec709,
-            translation: Vec::new(),
+            translation: None,
             is_translated: false,
         }
     }

@@ -67,7 +67,7 @@ fn read<R: BufRead>(path: &Path, mut reader: R) -> Result<SceneFile, IoError> {
     let color_space = field.color_space;
     // A move to the origin that the record states; another one has no record here.
     let origin = record.as_ref().map_or(DVec3::ZERO, BakeRecord::origin_in_file).as_vec3().to_array();
-    if field.is_translated && field.translation != origin {
+    if field.is_translated && field.translation != Some(origin) {
         return Err(IoError::unsupported(path, TRANSFORMED));
     }
     let mut warnings = Vec::new();
@@ -259,6 +259,24 @@ impl<R: BufRead> Layer<'_, R> {
         self.lexer.unsupported(TRANSFORMED)
     }
 
+    /// Reads three numbers in parentheses.
+    fn triple(&mut self, name: &str) -> Result<[f32; 3], IoError> {
+        let mut words = Vec::new();
+        let mut token = self.lexer.next_on()?;
+        while token != Token::Mark(b')') && words.len() < 4 {
+            match token {
+                Token::Word(word) => words.push(word),
+                Token::Mark(b'(' | b',') => {}
+                other => return Err(self.lexer.invalid(format_args!("{name:?} has {other:?}, expected three numbers in parentheses"))),
+            }
+            token = self.lexer.next_on()?;
+        }
+        // By way of 64 bits, as the origin that it is compared with.
+        let numbers: Option<Vec<f32>> = words.iter().map(|word| word.parse::<f64>().ok().map(|v| v as f32)).collect();
+        let triple = numbers.and_then(|numbers| <[f32; 3]>::try_from(numbers).ok());
+        triple.ok_or_else(|| self.lexer.invalid(format_args!("{name:?} is {words:?}, expected three numbers")))
+    }
+
     fn field_value(&mut self, name: &str, field: &mut Field) -> Result<(), IoError> {
         let array = match name {
             "positions" | "positionsh" => &mut field.positions,
@@ -266,7 +284,10 @@ impl<R: BufRead> Layer<'_, R> {
             "scales" | "scalesh" => &mut field.scales,
             "opacities" | "opacitiesh" => &mut field.opacities,
             "radiance:sphericalHarmonicsCoefficients" | "radiance:sphericalHarmonicsCoefficientsh" => &mut field.coefficients,
-            TRANSLATE => &mut field.translation,
+            TRANSLATE => {
+                field.translation = Some(self.triple(name)?);
+                return Ok(());
+            }
             "radiance:sphericalHarmonicsDegree" => {
                 let Token::Word(word) = self.lexer.next_on()? else { return Err(self.lexer.invalid("expected a degree")) };
                 let degree = word.parse().ok().filter(|degree| *degree <= sh::MAX_DEGREE);
