@@ -2,9 +2,10 @@
 //! process exits at once. Outside of training there is nothing to save, and the first one ends the
 //! process.
 
-use std::sync::LazyLock;
 #[cfg(unix)]
 use std::sync::{Arc, atomic::AtomicBool};
+use std::sync::{LazyLock, mpsc};
+use std::time::Duration;
 
 use anyhow::{Context, Result};
 use luxel::StopFlag;
@@ -51,8 +52,18 @@ pub(crate) fn at_end_of_input() {
     });
 }
 
+/// Longest wait for a reader of standard output, which may have stopped to read.
+const LONGEST_WAIT: Duration = Duration::from_millis(500);
+
 /// Ends the process without half of a file left behind.
 fn leave() -> ! {
     luxel_io::remove_unfinished();
+    let (done, wait) = mpsc::channel();
+    std::thread::spawn(move || {
+        console::interrupted();
+        // Nobody waits any longer where this fails.
+        let _ = done.send(());
+    });
+    let _ = wait.recv_timeout(LONGEST_WAIT);
     std::process::exit(EXIT_INTERRUPTED.into());
 }

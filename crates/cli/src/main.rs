@@ -16,7 +16,7 @@ use clap::FromArgMatches;
 use luxel::run::{ExplicitArgs, Outcome};
 
 use crate::args::{Cli, Command};
-use crate::output::console;
+use crate::output::console::{self, LogFormat};
 
 fn main() -> ExitCode {
     environment::prepare();
@@ -33,6 +33,11 @@ fn main() -> ExitCode {
         return answer(&error);
     }
     start_logging();
+    if let Some((name, matches)) = matches.subcommand()
+        && let Ok(Some(format)) = matches.try_get_one::<LogFormat>("log_format")
+    {
+        console::start(*format, name);
+    }
     // GiB; the option of this name of prepare is another number and another type.
     let memory = matches.subcommand().and_then(|(_, matches)| matches.try_get_one::<u64>(args::MEMORY).ok().flatten().copied());
     if let Some(gib) = memory {
@@ -59,12 +64,16 @@ fn fail(error: &anyhow::Error) -> ExitCode {
     if reader_has_left(error) {
         return ExitCode::SUCCESS;
     }
-    console::stderr_line(&format!("error: {}", remedy::text_of(error.as_ref())));
-    for cause in error.chain().skip(1) {
-        console::stderr_line(&format!("  caused by: {}", remedy::text_of(cause)));
+    let message = remedy::text_of(error.as_ref());
+    let causes: Vec<String> = error.chain().skip(1).map(remedy::text_of).collect();
+    let remedy = remedy::of_error(error).map(remedy::word);
+    console::failed(&message, &causes, remedy.as_deref());
+    console::stderr_line(&format!("error: {message}"));
+    for cause in &causes {
+        console::stderr_line(&format!("  caused by: {cause}"));
     }
-    if let Some(remedy) = remedy::of_error(error) {
-        console::stderr_line(&format!("  remedy: {}", remedy::word(remedy)));
+    if let Some(remedy) = remedy {
+        console::stderr_line(&format!("  remedy: {remedy}"));
     }
     ExitCode::FAILURE
 }

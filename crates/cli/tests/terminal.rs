@@ -3,7 +3,10 @@
 
 mod common;
 
+use std::collections::BTreeSet;
+
 use common::Workplace;
+use serde_json::Value;
 
 #[cfg(target_os = "linux")]
 #[test]
@@ -124,4 +127,121 @@ fn ffmpeg_is_looked_for_before_frames_are_rendered() {
     let args = ["render", "run", "-o", "frames", "--video", "a.mp4", "--tonemap", "agx", "--ffmpeg", "no-such-ffmpeg"];
     place.error(&args, &["no-such-ffmpeg: no such program", "install ffmpeg", "--ffmpeg"]);
     assert!(!place.path("frames").exists());
+}
+
+/// The events of a command, each with the version of its schema.
+fn events(place: &Workplace, args: &[&str]) -> (Option<i32>, Vec<Value>) {
+    let output = place.luxel(&[args, &["--log-format", "json"]].concat()).output().unwrap();
+    let stdout = String::from_utf8(output.stdout).unwrap();
+    let events: Vec<Value> =
+        stdout.lines().map(|line| serde_json::from_str(line).unwrap_or_else(|e| panic!("{args:?}: {e} in {line}"))).collect();
+    assert!(events.iter().all(|event| event["schema_version"] == luxel::schema::EVENT.version), "{args:?}: {stdout}");
+    (output.status.code(), events)
+}
+
+/// The paths of an event's list.
+fn paths(list: &Value) -> BTreeSet<String> {
+    list.as_array().unwrap().iter().map(|path| path.as_str().unwrap().replace('\\', "/")).collect()
+}
+
+#[test]
+fn every_command_reports_its_start_its_files_and_its_end() {
+    let place = Workplace::new();
+    place.train("run", &[]);
+    let train = ["train", "data", "-o", "events", "--iterations", "20", "--init-points", "50", "--threads", "2"];
+    for (args, files) in [
+        (&train[..], &["events/config.toml", "events/metrics.json", "events/report.html", "events/eval/step_20/renders/000.exr"][..]),
+        (&["eval", "run"], &["run/metrics.json", "run/report.html", "run/eval/step_40/renders/000.exr", "run/eval/step_40/gt/008.exr"]),
+        (&["compare", "data/images/000.exr", "data/images/001.exr", "--heatmap", "flip.png"], &["flip.png"]),
+        (&["render", "run", "-o", "frames", "--tonemap", "agx"], &["frames/000.exr", "frames/000.png", "frames/008.exr", "frames/008.png"]),
+        (&["edit", "run", "--gain", "2", "-o", "bright.ply", "--overlay", "bright.png"], &["bright.ply", "bright.png"]),
+        (&["edit", "run", "--gain", "2", "--against", "run", "-o", "both"], &["both/comparison.json"]),
+        (&["export", "run", "-o", "bake.ply", "--refine", "3"], &["bake.ply"]),
+        (&["probe", "run", "--at", "0,0,0", "--size", "16", "-o", "probe.exr"], &["probe.exr"]),
+        (&["info", "run"], &[]),
+        (&["info", "--devices"], &[]),
+        (&["bench", "--generate", "20", "--size", "16x16", "--steps", "1", "--warmup", "0"], &[]),
+        (&["bench", "--generate", "20", "--save", "room.ply"], &["room.ply"]),
+        (&["man", "pages"], &["pages/luxel.1", "pages/luxel-train.1"]),
+    ] {
+        let (code, events) = events(&place, args);
+        assert_eq!(code, Some(0), "{args:?}: {events:?}");
+        let (first, last) = (&events[0], &events[events.len() - 1]);
+        assert_eq!((&first["event"], &first["command"]), (&"started".into(), &args[0].into()), "{args:?}");
+        assert_eq!(last["event"], "finished", "{args:?}");
+        let written = paths(&last["written"]);
+        for file in files {
+            assert!(written.contains(*file), "{args:?}: no {file} in {written:?}");
+        }
+        assert!(written.iter().all(|path| place.path(path).is_file()), "{args:?}: {written:?}");
+        if files.is_empty() {
+            assert_eq!(written.len(), 0, "{args:?}: {written:?}");
+        }
+        let one_by_one: BTreeSet<_> =
+            events.iter().filter(|event| event["event"] == "written").map(|event| event["path"].as_str().unwrap()).collect();
+        assert!(written.iter().all(|path| one_by_one.contains(path.as_str())), "{args:?}");
+        // Quiet is taken everywhere, and both together are refused.
+        place.fails(2, &[args, &["-q", "--log-format", "json"]].concat());
+    }
+    let quiet = place.luxel(&["render", "run", "-o", "frames", "-q"]).output().unwrap();
+    assert!(quiet.stdout.is_empty() && quiet.stderr.is_empty(), "{quiet:?}");
+    let table = place.luxel(&["eval", "run", "-q"]).output().unwrap();
+    assert!(String::from_utf8(table.stdout).unwrap().contains("psnr") && table.stderr.is_empty());
+}
+
+#[test]
+fn frames_are_reported_one_by_one() {
+    let place = Workplace::new();
+    place.train("run", &[]);
+    for (args, count) in [(&["render", "run", "-o", "frames", "--split", "all"][..], 9), (&["eval", "run"], 9)] {
+        let (_, events) = events(&place, args);
+        let frames: Vec<&Value> = events.iter().filter(|event| event["event"] == "frame").collect();
+        assert_eq!(frames.len(), count, "{args:?}");
+        for (i, frame) in frames.iter().enumerate() {
+            assert_eq!((frame["done"].as_u64(), frame["frames"].as_u64()), (Some(i as u64 + 1), Some(count as u64)), "{frame}");
+            assert!(paths(&frame["files"]).iter().all(|path| place.path(path).is_file()), "{frame}");
+        }
+        assert!(frames.iter().any(|frame| frame["name"] == "images/000" && !paths(&frame["files"]).is_empty()), "{args:?}");
+    }
+    let probe = events(&place, &["probe", "run", "--at", "0,0,0", "--size", "16", "-o", "probe.exr"]).1;
+    assert!(probe.iter().any(|event| event["event"] == "frame" && event["done"] == event["frames"]));
+}
+
+#[test]
+fn an_error_is_an_event() {
+    let place = Workplace::new();
+    place.train("run", &[]);
+    std::fs::rename(place.path("data"), place.path("moved")).unwrap();
+    let (code, events) = events(&place, &["eval", "run"]);
+    let last = events.last().unwrap();
+    assert_eq!((code, &last["event"], &last["remedy"]), (Some(1), &"error".into(), &"give --data".into()), "{last}");
+    assert!(last["message"].as_str().unwrap().contains("is not there") && last["causes"].is_array() && last["written"].is_array());
+}
+
+#[cfg(unix)]
+#[test]
+fn an_interruption_is_an_event() {
+    use std::io::{BufRead, BufReader};
+    let place = Workplace::new();
+    let train = ["train", "data", "-o", "long", "--iterations", "1000000", "--init-points", "50", "--threads", "1"];
+    let bench = ["bench", "--generate", "50000", "--size", "200x200", "--steps", "1000000", "--threads", "1"];
+    for (args, since) in [(&train[..], "progress"), (&bench, "started")] {
+        let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_luxel"))
+            .current_dir(place.path(""))
+            .args(args)
+            .args(["--log-format", "json"])
+            .stdout(std::process::Stdio::piped())
+            .stderr(std::process::Stdio::null())
+            .spawn()
+            .unwrap();
+        let mut lines =
+            BufReader::new(child.stdout.take().unwrap()).lines().map(|line| serde_json::from_str::<Value>(&line.unwrap()).unwrap());
+        while lines.next().unwrap()["event"] != since {}
+        assert!(std::process::Command::new("kill").args(["-TERM", &child.id().to_string()]).status().unwrap().success());
+        let last = lines.last().unwrap();
+        assert_eq!((&last["event"], child.wait().unwrap().code()), (&"interrupted".into(), Some(130)), "{last}");
+        let written = paths(&last["written"]);
+        assert!(written.iter().all(|path| place.path(path).is_file()), "{last}");
+        assert_eq!(written.contains("long/config.toml"), since == "progress", "{last}");
+    }
 }

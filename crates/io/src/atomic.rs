@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::ffi::OsStr;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, OnceLock, PoisonError};
 
 use tempfile::NamedTempFile;
 
@@ -65,7 +65,20 @@ pub fn write_atomically(path: &Path, write: impl FnOnce(&mut (dyn WriteSeek + '_
     if let Ok(handle) = std::fs::File::open(folder) {
         let _ = handle.sync_all();
     }
+    if let Some(notice) = WRITTEN.get() {
+        notice(path);
+    }
     Ok(())
+}
+
+/// Receives the path of each file that was written.
+static WRITTEN: OnceLock<fn(&Path)> = OnceLock::new();
+
+/// Calls `notice` with the path of each file that [`write_atomically`] finishes from now on, from
+/// the thread that wrote it: for a program that lists what it wrote. The first call decides;
+/// returns whether this is the first.
+pub fn notice_written(notice: fn(&Path)) -> bool {
+    WRITTEN.set(notice).is_ok()
 }
 
 /// Returns the path that a file of this name is written to: the target of links, if there are any.

@@ -32,7 +32,7 @@ mod tensors;
 mod usd;
 mod validity;
 
-pub use atomic::{WriteSeek, is_unfinished_name, remove_unfinished, sweep_unfinished, write_atomically};
+pub use atomic::{WriteSeek, is_unfinished_name, notice_written, remove_unfinished, sweep_unfinished, write_atomically};
 pub use bake::{Appearance, BakeOptions, Baked, MIDDLE_GREY, display_exposure};
 pub use camera_path::{PathCamera, decode_camera_path, read_camera_path};
 pub use camera_writer::{camera_file_text, write_cameras};

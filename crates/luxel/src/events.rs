@@ -61,6 +61,17 @@ pub enum Event {
         /// Things in all.
         total: u32,
     },
+    /// One of several images is done.
+    Frame {
+        /// Name of the view or of the direction.
+        name: String,
+        /// The files that were written of it.
+        files: Vec<PathBuf>,
+        /// Images done so far.
+        done: u32,
+        /// Images in all.
+        total: u32,
+    },
     /// Training of a run of a study began.
     RunStarted {
         /// Name of the run.

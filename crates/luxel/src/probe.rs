@@ -9,13 +9,14 @@ use std::path::Path;
 
 use glam::DVec3;
 use luxel_core::environment::{MapSize, Projection, Rig, Summary};
-use luxel_core::{ColorSpace, Conversion, Dataset, Engine, Image, RadianceScale, RenderOptions, Scene};
+use luxel_core::{Camera, ColorSpace, Conversion, Dataset, Engine, Image, RadianceScale, RenderOptions, Scene};
 use luxel_io::{ExrOptions, ExrSample};
 
 use crate::error::Context;
 use crate::export::{Up, UpAxis, file_from_world};
 use crate::radiance::RADIANCE_SCALE;
-use crate::{Result, output};
+use crate::run::FrameProgress;
+use crate::{Observer, Result, output};
 
 /// Options of a probe.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -114,7 +115,13 @@ const BYTES_PER_PIXEL: u64 = 60;
 ///
 /// # Errors
 /// A device that gave up; a point at which nothing can be rendered.
-pub fn probe(mut scene: Scene, options: &ProbeOptions, dataset: Option<&Dataset>, engine: &mut dyn Engine) -> Result<Probe> {
+pub fn probe(
+    mut scene: Scene,
+    options: &ProbeOptions,
+    dataset: Option<&Dataset>,
+    engine: &mut dyn Engine,
+    observer: &dyn Observer,
+) -> Result<Probe> {
     let pixels = options.width_px * options.projection.height(options.width_px);
     let work = format!("a probe {} pixels wide", options.width_px);
     crate::memory::check(&work, pixels as u64 * BYTES_PER_PIXEL, "make a smaller map")?;
@@ -125,7 +132,7 @@ pub fn probe(mut scene: Scene, options: &ProbeOptions, dataset: Option<&Dataset>
     let (projection, width) = (options.projection, options.width_px);
     let rig =
         Rig::new(local_from_world.point(DVec3::from_array(options.at)), environment_from_world, MapSize { projection, width }, focal_px);
-    let mut image = render(&rig, &scene, options.background, engine)?;
+    let mut image = render(&rig, &scene, options.background, engine, observer)?;
     let color_space = options.color_space.unwrap_or(scene.color_space);
     let conversion = Conversion::between(scene.color_space, color_space);
     for pixel in &mut image.pixels {
@@ -165,13 +172,19 @@ fn leave_out_near(scene: &mut Scene, options: &ProbeOptions) -> usize {
 }
 
 /// Renders a map in normalised units, face by face.
-fn render(rig: &Rig, scene: &Scene, background: [f32; 3], engine: &mut dyn Engine) -> Result<Image> {
+fn render(rig: &Rig, scene: &Scene, background: [f32; 3], engine: &mut dyn Engine, observer: &dyn Observer) -> Result<Image> {
     engine.load(&scene.splats, None).context("cannot load the scene")?;
     let options = RenderOptions { background, ..scene.render_options() };
     let mut map = rig.empty_map();
+    let total = rig.faces().map(<[_]>::len).sum::<usize>();
+    let mut progress = FrameProgress { observer, done: 0, total: u32::try_from(total).unwrap_or(u32::MAX) };
     for (face, cameras) in rig.faces().enumerate() {
-        let renders: Result<Vec<Image>> =
-            cameras.iter().map(|camera| engine.render(camera, &options).context("cannot render the probe")).collect();
+        let mut render = |camera: &Camera| {
+            let image = engine.render(camera, &options).context("cannot render the probe")?;
+            progress.add(&format!("face {}", face + 1), Vec::new());
+            Ok(image)
+        };
+        let renders: Result<Vec<Image>> = cameras.iter().map(&mut render).collect();
         map.add_face(rig, face, &renders?);
     }
     Ok(map.into_image(rig))

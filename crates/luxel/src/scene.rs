@@ -133,7 +133,7 @@ impl Scene {
     /// A device that is not there or gave up.
     pub fn probe(&self, options: &ProbeOptions, device: impl Into<DeviceOptions>) -> Result<Probe> {
         let mut engine = SelectedEngine::open(&device.into())?.engine;
-        probe(self.0.clone(), options, None, engine.as_mut())
+        probe(self.0.clone(), options, None, engine.as_mut(), &Silent)
     }
 
     /// Returns the scene as the engines and file writers take it.

@@ -7,7 +7,7 @@ use luxel_train::{CutoffPreset, Method, NamedChoice};
 
 use super::train_options::choice_parser;
 
-use super::DeviceArgs;
+use super::{ConsoleArgs, DeviceArgs};
 use crate::args::values::{InstructionSetArg, OrderArg, TransferArg, parse_positive, parse_size};
 
 /// Options of measuring, which --save excludes. --overwrite excludes them too, as clap does not
@@ -113,4 +113,7 @@ pub(crate) struct BenchArgs {
     /// Device.
     #[command(flatten)]
     pub(crate) device: DeviceArgs,
+    /// Terminal output.
+    #[command(flatten)]
+    pub(crate) console: ConsoleArgs,
 }

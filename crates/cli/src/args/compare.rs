@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use clap::Args;
 use luxel_metrics::FieldOptions;
 
-use super::MetricsArgs;
 use super::values::{ColorSpaceArg, TransferArg, parse_positive};
+use super::{ConsoleArgs, MetricsArgs};
 
 /// `luxel compare`.
 #[derive(Debug, Args)]
@@ -71,4 +71,7 @@ pub(crate) struct CompareArgs {
     /// Print one JSON object on stdout in place of a table.
     #[arg(long, help_heading = "Output")]
     pub(crate) json: bool,
+    /// Terminal output.
+    #[command(flatten)]
+    pub(crate) console: ConsoleArgs,
 }

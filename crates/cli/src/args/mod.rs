@@ -254,6 +254,9 @@ pub(crate) struct EvalArgs {
     /// Device.
     #[command(flatten)]
     pub(crate) device: DeviceArgs,
+    /// Terminal output.
+    #[command(flatten)]
+    pub(crate) console: ConsoleArgs,
 }
 
 /// `luxel info`.
@@ -272,6 +275,9 @@ pub(crate) struct InfoArgs {
     /// Reading a data set; for an image, --transfer, --input-color-space and --layer.
     #[command(flatten)]
     pub(crate) load: LoadArgs,
+    /// Terminal output.
+    #[command(flatten)]
+    pub(crate) console: ConsoleArgs,
 }
 
 /// Steps of the demo: minutes on two cores with everything around them.

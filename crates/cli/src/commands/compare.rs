@@ -10,14 +10,15 @@ use luxel::compare::{CompareOptions, Comparison, ImageMetrics, compare};
 use luxel::run::RunFolder;
 use luxel::{schema, text};
 use luxel_metrics::{DecadeError, FLIP_PIXELS_PER_DEGREE};
+use serde_json::json;
 
 use crate::args::CompareArgs;
-use crate::output::console::{self, Console, LogFormat};
+use crate::output::console::Console;
 use crate::output::metrics_table::{self, Row};
 
 /// Compares and prints.
 pub(crate) fn run(args: &CompareArgs) -> Result<()> {
-    let console = Console::new(LogFormat::Text, false);
+    let console = Console::new(args.console.log_format, args.console.quiet);
     let (reference, test) = match (&args.reference, &args.second) {
         (Some(reference), _) => (reference, &args.first),
         (None, Some(test)) => (&args.first, test),
@@ -48,11 +49,11 @@ pub(crate) fn run(args: &CompareArgs) -> Result<()> {
         bail!("--output {} is for two runs; --heatmap writes error maps of images", output.display());
     }
     let found = compare(reference, test, &options, &console)?;
-    if args.json {
-        console::print(&serde_json::to_string_pretty(&schema::COMPARISON.versioned(&found)).context("cannot encode the metrics")?)
-    } else {
-        console::print(table(&found).trim_end())
-    }
+    let text = match args.json {
+        true => serde_json::to_string_pretty(&schema::COMPARISON.versioned(&found)).context("cannot encode the metrics")?,
+        false => table(&found).trim_end().to_owned(),
+    };
+    console.finish(json!({ "comparison": found }), &text)
 }
 
 /// Returns the metrics as a table.

@@ -10,6 +10,10 @@ use std::path::PathBuf;
 use anyhow::{Context, Result};
 use clap::Args;
 use clap_complete::Shell;
+use serde_json::json;
+
+use crate::args::ConsoleArgs;
+use crate::output::console::{self, Console};
 
 /// `luxel completions`.
 #[derive(Debug, Args)]
@@ -28,6 +32,9 @@ pub(crate) struct ManArgs {
     /// Folder for the pages; it is created if it is missing.
     #[arg(value_name = "DIR")]
     folder: PathBuf,
+    /// Terminal output.
+    #[command(flatten)]
+    console: ConsoleArgs,
 }
 
 /// Prints the completion script of a shell for `command`.
@@ -41,7 +48,18 @@ pub(crate) fn completions(args: &CompletionsArgs, mut command: clap::Command) ->
 
 /// Writes a man page for `command` and one for each of its subcommands.
 pub(crate) fn man(args: &ManArgs, command: clap::Command) -> Result<()> {
+    let console = Console::new(args.console.log_format, args.console.quiet);
     let folder = args.folder.display();
     std::fs::create_dir_all(&args.folder).with_context(|| format!("{folder}: cannot create the folder"))?;
-    clap_mangen::generate_to(command, &args.folder).with_context(|| format!("{folder}: cannot write the pages"))
+    let mut command = command;
+    command.build();
+    let pages = command
+        .get_subcommands()
+        .filter(|subcommand| !subcommand.is_hide_set())
+        .map(|subcommand| format!("luxel-{}.1", subcommand.get_name()));
+    let pages: Vec<PathBuf> = pages.chain(["luxel.1".to_owned()]).map(|name| args.folder.join(name)).collect();
+    clap_mangen::generate_to(command, &args.folder).with_context(|| format!("{folder}: cannot write the pages"))?;
+    pages.iter().filter(|page| page.is_file()).for_each(|page| console::wrote(page));
+    console.finish_silently(json!({ "output": folder.to_string() }));
+    Ok(())
 }

@@ -54,7 +54,7 @@ pub(crate) fn run(args: &DemoArgs) -> Result<Outcome> {
     let launch = Launch { folder: &folder, observer: &console, stop: interrupt::stop() };
     let TrainedRun { outcome, mut trainer, dataset, .. } = fresh(config, engine, launch, |_| Ok(lock))?;
     if outcome == Outcome::Interrupted {
-        console.note(&format!("saved; continue with: luxel train --resume -o {}", folder.root().display()));
+        console.interrupted(&format!("saved; continue with: luxel train --resume -o {}", folder.root().display()));
         return Ok(outcome);
     }
     let pictures = pictures(&folder, &dataset, &mut trainer)?;
@@ -164,7 +164,7 @@ fn report_results(args: &DemoArgs, folder: &RunFolder, pictures: &[PathBuf], con
     let picture = pictures.first().map_or("", String::as_str);
     let [images, report, scene] = [folder.evaluation(args.iterations).join("renders"), folder.report(), folder.scene(args.iterations)]
         .map(|path| path.display().to_string());
-    let event = json!({ "event": "finished", "report": report, "pictures": pictures, "images": images, "scene": scene });
+    let facts = json!({ "report": report, "pictures": pictures, "images": images, "scene": scene });
     let text = format!(
         "
 report    {report}   <- open this in a browser
@@ -179,7 +179,7 @@ Try next:
   luxel train YOUR_IMAGES -o my-scene",
         more = pictures.len().saturating_sub(1),
     );
-    console.result(&event, &text)
+    console.finish(facts, &text)
 }
 
 #[cfg(test)]

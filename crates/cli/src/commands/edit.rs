@@ -11,6 +11,7 @@ use luxel::run::ExplicitArgs;
 use luxel::{files, output, schema, text};
 use luxel_core::edit::{Fidelity, MaskShares};
 use luxel_core::{Dataset, Edit, Engine, Scene, Selection, View};
+use serde_json::json;
 
 use crate::args::{EditArgs, LoadArgs};
 use crate::commands::info::{PERCENTILES, quantiles, scene_luminance};
@@ -75,8 +76,10 @@ pub(crate) fn run(args: &EditArgs, explicit: &ExplicitArgs) -> Result<()> {
         console.note(&format!("{} longer than {most} times their width, shortened to that", text::plural(count, "splat")));
         scene.edits.push(format!("max-aspect {most}"));
     }
+    let mut facts = json!({});
     if let Some(path) = target {
         luxel_io::write_scene_ply(&path, &scene).context("cannot write the scene")?;
+        facts["scene"] = path.display().to_string().into();
         console.note(&format!("{}: {}", path.display(), text::plural(scene.splats.len(), "splat")));
     }
     // Last: a reader that leaves early costs no scene.
@@ -85,6 +88,7 @@ pub(crate) fn run(args: &EditArgs, explicit: &ExplicitArgs) -> Result<()> {
         let text = if args.json { report.document(schema::EDIT) } else { report.text().trim_end().to_owned() };
         console.result(&report.event("report"), &text)?;
     }
+    console.finish_silently(facts);
     Ok(())
 }
 
@@ -240,7 +244,9 @@ fn compare(args: &EditArgs, other: &Path, request: DataRequest<'_>, console: &Co
     }
     files::write_json(&folder.join("comparison.json"), schema::EDIT_COMPARISON, &facts.json())?;
     let text = if args.json { facts.document(schema::EDIT_COMPARISON) } else { fidelity_table(&found.rows) };
-    console.result(&facts.event("comparison"), &text)
+    console.result(&facts.event("comparison"), &text)?;
+    console.finish_silently(json!({ "output": folder.display().to_string() }));
+    Ok(())
 }
 
 /// Returns the test views; without any, the training views.

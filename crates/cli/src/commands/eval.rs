@@ -7,16 +7,17 @@ use luxel::run::evaluation::read_lpips;
 use luxel::run::{EvaluationData, ExplicitArgs, MetricsOptions, RunFolder, evaluate_run, evaluate_scene};
 use luxel::{files, output, schema};
 use luxel_metrics::Lpips;
+use serde_json::json;
 
 use crate::args::EvalArgs;
 use crate::inputs::scene_source::DataRequest;
 use crate::inputs::{data, engine};
-use crate::output::console::{self, Console, LogFormat};
+use crate::output::console::Console;
 use crate::output::metrics_table;
 
 /// Evaluates and reports; `explicit` names the options that were given.
 pub(crate) fn run(args: &EvalArgs, explicit: &ExplicitArgs) -> Result<()> {
-    let console = Console::new(LogFormat::Text, false);
+    let console = Console::new(args.console.log_format, args.console.quiet);
     let lpips = read_lpips(args.metrics.lpips_weights.as_deref())?;
     if args.scene.is_file() {
         return scene_file(args, explicit, lpips.as_ref(), &console);
@@ -35,13 +36,16 @@ pub(crate) fn run(args: &EvalArgs, explicit: &ExplicitArgs) -> Result<()> {
     let data = EvaluationData { path: &path, load: &load, dataset: &dataset };
     let splits = evaluate_run(&folder, &config, data, metrics(args, lpips.as_ref()), engine, &console)?;
     // Last: a reader that leaves early costs no metrics.
+    let [metrics, report] = [folder.metrics(), folder.report()].map(|path| path.display().to_string());
     if args.json {
-        return console::print(files::read_text(&folder.metrics(), u64::MAX - 1)?.trim_end());
+        let text = files::read_text(&folder.metrics(), u64::MAX - 1)?;
+        return console.finish(json!({ "metrics": metrics, "report": report }), text.trim_end());
     }
     for (name, split) in &splits {
-        console::print(&metrics_table::table(name, split))?;
+        let event = json!({ "event": "evaluation", "split": name, "mean": split.mean, "mean_field": split.mean_field });
+        console.result(&event, &metrics_table::table(name, split))?;
     }
-    console.note(&format!("metrics {}\nreport  {}", folder.metrics().display(), folder.report().display()));
+    console.finish_with_note(json!({ "metrics": metrics, "report": report }), &format!("metrics {metrics}\nreport  {report}"));
     Ok(())
 }
 
@@ -72,13 +76,15 @@ fn scene_file(args: &EvalArgs, explicit: &ExplicitArgs, lpips: Option<&Lpips>, c
     }
     if args.json {
         let text = serde_json::to_string_pretty(&schema::SCENE_METRICS.versioned(&found)).context("cannot encode the metrics")?;
-        return console::print(&text);
+        return console.finish(json!({ "evaluation": found }), &text);
     }
     for (name, split) in &found.splits {
-        console::print(&metrics_table::table(name, split))?;
+        let event = json!({ "event": "evaluation", "split": name, "mean": split.mean, "mean_field": split.mean_field });
+        console.result(&event, &metrics_table::table(name, split))?;
     }
     let scale = luxel::text::number(found.radiance_scale.get().into());
     console.note(&format!("1 in protocol scene is the scene's radiance scale, {scale}; gtmax and selfmax do not depend on it"));
+    console.finish_silently(json!({ "output": args.output.as_ref().map(|folder| folder.display().to_string()) }));
     Ok(())
 }
 

@@ -35,7 +35,7 @@ pub(crate) fn run(args: &ExportArgs, explicit: &ExplicitArgs) -> Result<()> {
         ));
     }
     let tree = describe(args, &exported);
-    console.result(&tree.event("finished"), tree.text().trim_end())
+    console.finish(tree.json(), tree.text().trim_end())
 }
 
 /// Says what SPZ's grid of positions costs.

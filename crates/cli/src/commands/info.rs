@@ -14,7 +14,7 @@ use luxel_io::{ReadOptions, SampleDepth};
 use crate::args::{InfoArgs, LoadArgs};
 use crate::commands::devices;
 use crate::inputs::data;
-use crate::output::console::{self, Console, LogFormat};
+use crate::output::console::Console;
 use crate::output::tree::{Tree, set_point};
 
 /// Percentiles that describe ranges.
@@ -22,22 +22,24 @@ pub(crate) const PERCENTILES: [u8; 7] = [0, 1, 25, 50, 75, 99, 100];
 
 /// Describes `args.path`, or the devices; `explicit` names the options that were given.
 pub(crate) fn run(args: &InfoArgs, explicit: &ExplicitArgs) -> Result<()> {
+    let console = Console::new(args.console.log_format, args.console.quiet);
     let facts = match &args.path {
-        Some(path) => describe(path, args, explicit)?,
+        Some(path) => describe(path, args, explicit, &console)?,
         None => devices::describe(),
     };
-    if args.json { console::print(&facts.document(schema::INFO)) } else { console::print(facts.text().trim_end()) }
+    let text = if args.json { facts.document(schema::INFO) } else { facts.text().trim_end().to_owned() };
+    console.finish(facts.json(), &text)
 }
 
 /// Options of reading images, in a data set or not.
 const IMAGE_OPTIONS: [&str; 3] = ["transfer", "color_space", "layer"];
 
-fn describe(path: &Path, args: &InfoArgs, explicit: &ExplicitArgs) -> Result<Tree> {
+fn describe(path: &Path, args: &InfoArgs, explicit: &ExplicitArgs, console: &Console) -> Result<Tree> {
     let metadata = std::fs::metadata(path).with_context(|| format!("{}: cannot open", path.display()))?;
     if metadata.is_dir() {
         if RunFolder::is_run(path) {
             refuse(explicit, &[], path, "a run")?;
-            return describe_run(path);
+            return describe_run(path, console);
         }
         return describe_dataset(path, args, explicit);
     }
@@ -93,7 +95,7 @@ fn describe_checkpoint(path: &Path) -> Result<Tree> {
     Ok(facts)
 }
 
-fn describe_run(path: &Path) -> Result<Tree> {
+fn describe_run(path: &Path, console: &Console) -> Result<Tree> {
     let (folder, config) = RunFolder::open(path)?;
     let mut facts = Tree::default();
     facts.set("kind", "run");
@@ -102,8 +104,7 @@ fn describe_run(path: &Path) -> Result<Tree> {
     facts.set("iterations", config.train.iterations);
     facts.set("seed", config.train.seed);
     facts.set("luxel_version", config.luxel_version.clone());
-    let console = Console::new(LogFormat::Text, false);
-    match state::newest_scene(&folder, &console) {
+    match state::newest_scene(&folder, console) {
         Ok((iteration, scene)) => {
             let mut newest = Tree::default();
             newest.set("iteration", iteration);

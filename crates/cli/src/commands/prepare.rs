@@ -19,8 +19,7 @@ pub(crate) fn run(args: &PrepareArgs) -> Result<()> {
     match prepare(&options, &console)? {
         Prepared::UpToDate => {
             let output = args.output.display().to_string();
-            let event = json!({ "event": "finished", "output": output });
-            console.result(&event, &format!("{output} is up to date"))
+            console.finish(json!({ "output": output }), &format!("{output} is up to date"))
         }
         Prepared::Written { report } => report_result(args, &report, &console),
     }
@@ -53,8 +52,6 @@ fn report_result(args: &PrepareArgs, report: &PrepareReport, console: &Console) 
     }
     text += &format!("\nreport: {output}/prepare.html");
     let registered = report.registration.as_ref().map(|r| r.views.len());
-    let event = json!({
-        "event": "finished", "output": output, "views": report.views.len(), "registered": registered, "advice": report.advice,
-    });
-    console.result(&event, &text)
+    let facts = json!({ "output": output, "views": report.views.len(), "registered": registered, "advice": report.advice });
+    console.finish(facts, &text)
 }

@@ -24,7 +24,7 @@ pub(crate) fn run(args: &ProbeArgs, explicit: &ExplicitArgs) -> Result<()> {
     }
     let options = args.options(source.background(None));
     let mut engine = engine::engine(&args.input.device)?.engine;
-    let probe = probe(source.scene, &options, dataset.as_ref(), engine.as_mut())?;
+    let probe = probe(source.scene, &options, dataset.as_ref(), engine.as_mut(), &console)?;
     if probe.save_exr(&args.output, args.exr_type.sample(probe.image()))? > 0 {
         console.warn("values exceed 65504, the largest half float, and are cut there; leave --exr-type half out");
     }
@@ -32,7 +32,7 @@ pub(crate) fn run(args: &ProbeArgs, explicit: &ExplicitArgs) -> Result<()> {
         console.note(&format!("{} nearer than --near left out", text::plural(probe.left_out, "splat")));
     }
     let tree = describe(args, &probe);
-    console.result(&tree.event("finished"), tree.text().trim_end())
+    console.finish(tree.json(), tree.text().trim_end())
 }
 
 fn describe(args: &ProbeArgs, probe: &Probe) -> Tree {

@@ -8,11 +8,12 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use luxel::output::{self, FrameState, Recipe};
 use luxel::preview::{self, Look};
-use luxel::run::ExplicitArgs;
 use luxel::run::evaluation::unique_stems;
+use luxel::run::{ExplicitArgs, FrameProgress};
 use luxel::{Device, RADIANCE_SCALE, files, text};
 use luxel_core::{Camera, ColorSpace, Conversion, Engine, Layers, RasterConfig, RenderOptions, Scene};
 use luxel_io::ExrOptions;
+use serde_json::json;
 
 use self::shots::{Shot, Shots};
 use crate::args::{DeviceArgs, EditText, RenderArgs};
@@ -23,6 +24,7 @@ use crate::output::console::Console;
 
 /// One image to render.
 struct Job {
+    name: String,
     camera: Camera,
     exr: PathBuf,
     png: Option<PathBuf>,
@@ -69,10 +71,12 @@ pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
     }
     engine.load(&scene.splats, None).context("cannot load the scene")?;
     let mut too_bright = 0usize;
+    let mut progress = FrameProgress { observer: &console, done: 0, total: u32::try_from(jobs.len()).unwrap_or(u32::MAX) };
     for job in &jobs {
         let layers =
             render(args, engine.as_mut(), &job.camera, &options).with_context(|| format!("cannot render {}", job.exr.display()))?;
         too_bright += usize::from(write(args, scene, job, layers)?);
+        progress.add(&job.name, std::iter::once(&job.exr).chain(&job.png).cloned().collect());
     }
     if too_bright > 0 {
         console.warn(&format!(
@@ -80,11 +84,17 @@ pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
             text::plural(too_bright, "image")
         ));
     }
-    console.note(&format!("{} in {}", text::plural(jobs.len(), "new image"), args.output.display()));
+    let text = format!("{} in {}", text::plural(jobs.len(), "new image"), args.output.display());
+    let mut facts = json!({ "output": args.output.display().to_string(), "frames": all.len(), "new_frames": jobs.len() });
     if let Some(video) = video {
+        console.note(&text);
         let frames: Vec<&Path> = all.iter().map(|job| job.exr.as_path()).collect();
-        video.encode(args, &frames, scene.radiance_scale, &console)?;
+        facts["video"] = args.video.as_ref().map(|path| path.display().to_string()).into();
+        let text = video.encode(args, &frames, scene.radiance_scale)?;
+        console.finish_with_note(facts, &text);
+        return Ok(());
     }
+    console.finish_with_note(facts, &text);
     Ok(())
 }
 
@@ -151,6 +161,7 @@ fn jobs(args: &RenderArgs, shots: Shots, recipe: &Recipe) -> Result<Vec<Job>> {
         let of_frame = recipe.clone().with_camera(&shot.camera);
         let preview = of_frame.clone().with("tonemap", format_args!("{:?}", args.tonemap)).with("exposure", args.exposure);
         Job {
+            name: shot.name,
             camera: shot.camera,
             exr: args.output.join(format!("{stem}.exr")),
             png: args.tonemap.map(|_| args.output.join(format!("{stem}.png"))),

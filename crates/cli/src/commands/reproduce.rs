@@ -25,7 +25,7 @@ pub(crate) fn run(args: &ReproduceArgs, explicit: &ExplicitArgs) -> Result<Outco
     }
     match run_study(&options, &console, interrupt::stop())? {
         Study::Interrupted => {
-            console.note("saved; the same command continues from here");
+            console.interrupted("saved; the same command continues from here");
             Ok(Outcome::Interrupted)
         }
         Study::Reported { files, mut failures } => {
@@ -81,8 +81,8 @@ fn report_plan(plan: StudyPlan, console: &Console) -> Result<()> {
 fn print_files(files: &StudyFiles, console: &Console) -> Result<()> {
     let [report, tables, runs, means, profiles] =
         [&files.report, &files.tables, &files.runs, &files.means, &files.profiles].map(|path| path.display().to_string());
-    let event = json!({ "event": "finished", "report": report, "tables": tables, "runs": runs, "means": means, "profiles": profiles });
+    let facts = json!({ "report": report, "tables": tables, "runs": runs, "means": means, "profiles": profiles });
     let text =
         format!("report  {report}   <- open this in a browser\ntables  {tables}\nmetrics {runs}\n        {means}\n        {profiles}");
-    console.result(&event, &text)
+    console.finish(facts, &text)
 }

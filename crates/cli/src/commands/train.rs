@@ -165,14 +165,14 @@ fn lock_free(folder: &RunFolder) -> luxel::Result<RunLock> {
 fn finish(outcome: Outcome, folder: &RunFolder, config: &RunConfig, console: &Console) -> Result<()> {
     let root = folder.root().display();
     if outcome == Outcome::Interrupted {
-        console.note(&format!("saved; continue with: luxel train --resume -o {root}"));
+        console.interrupted(&format!("saved; continue with: luxel train --resume -o {root}"));
         return Ok(());
     }
     // As text: JSON has no form for a name that is not UTF-8.
     let [scene, metrics, report] =
         [folder.scene(config.train.iterations), folder.metrics(), folder.report()].map(|path| path.display().to_string());
-    let event = json!({ "event": "finished", "scene": scene, "metrics": metrics, "report": report });
-    console.event(&event, &format!("scene   {scene}\nmetrics {metrics}\nreport  {report}"));
+    let text = format!("scene   {scene}\nmetrics {metrics}\nreport  {report}");
+    console.finish_with_note(json!({ "scene": scene, "metrics": metrics, "report": report }), &text);
     Ok(())
 }
 

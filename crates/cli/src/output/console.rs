@@ -1,10 +1,14 @@
 //! Progress, notes and results of a command.
 //!
 //! Text: a progress bar on a terminal, a plain line every few seconds elsewhere, both on stderr;
-//! results on stdout. JSON: one object a line on stdout, whose `event` names its kind.
+//! results on stdout. JSON: one object a line on stdout, whose `event` names its kind. Each file
+//! that was written is a line, whoever wrote it; the last line has all of them.
 
 use std::cell::{Cell, RefCell};
 use std::io::{IsTerminal, Write};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
@@ -31,11 +35,64 @@ const LINE_INTERVAL: Duration = Duration::from_secs(5);
 /// Time between lines about many runs together, which take hours.
 const OVERALL_INTERVAL: Duration = Duration::from_secs(30);
 
+/// Whether events are printed, for those that come from outside of a command.
+static PRINTS_EVENTS: AtomicBool = AtomicBool::new(false);
+
+/// The files that were written.
+static WRITTEN: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+
+/// Reports the start of a command, and from now on each file that is written, as `format` asks.
+pub(crate) fn start(format: LogFormat, command: &str) {
+    if format == LogFormat::Json {
+        PRINTS_EVENTS.store(true, Ordering::Relaxed);
+        emit(&json!({ "event": "started", "command": command, "luxel_version": luxel::VERSION }));
+        luxel_io::notice_written(wrote);
+    }
+}
+
+/// Reports a file that was written.
+pub(crate) fn wrote(path: &Path) {
+    if !PRINTS_EVENTS.load(Ordering::Relaxed) {
+        return;
+    }
+    let mut written = WRITTEN.lock().unwrap_or_else(PoisonError::into_inner);
+    if !written.iter().any(|other| other == path) {
+        written.push(path.to_owned());
+    }
+    drop(written);
+    emit(&json!({ "event": "written", "path": path.display().to_string() }));
+}
+
+/// Reports an error, for programs.
+pub(crate) fn failed(message: &str, causes: &[String], remedy: Option<&str>) {
+    if PRINTS_EVENTS.load(Ordering::Relaxed) {
+        emit(&last(json!({ "event": "error", "message": message, "causes": causes, "remedy": remedy })));
+    }
+}
+
+/// Reports an interruption that ends the process at once, for programs.
+pub(crate) fn interrupted() {
+    if PRINTS_EVENTS.load(Ordering::Relaxed) {
+        emit(&last(json!({ "event": "interrupted" })));
+    }
+}
+
+/// Returns the last event of a command, with the files that were written and are still there.
+fn last(mut event: serde_json::Value) -> serde_json::Value {
+    let written = WRITTEN.lock().unwrap_or_else(PoisonError::into_inner);
+    let paths: Vec<String> = written.iter().filter(|path| path.exists()).map(|path| path.display().to_string()).collect();
+    event["written"] = paths.into();
+    event
+}
+
 /// The one place that writes to the terminal.
 pub(crate) struct Console {
     style: Style,
     bar: RefCell<Option<ProgressBar>>,
+    /// Whether the bar shows numbers of a training, in place of the time left.
+    has_numbers: Cell<bool>,
     last_line: Cell<Option<Instant>>,
+    since: Instant,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -55,7 +112,8 @@ impl Console {
             (LogFormat::Text, false) if std::io::stderr().is_terminal() => Style::Bar,
             (LogFormat::Text, false) => Style::Lines,
         };
-        Self { style, bar: RefCell::default(), last_line: Cell::default() }
+        let (has_numbers, last_line) = (Cell::default(), Cell::default());
+        Self { style, bar: RefCell::default(), has_numbers, last_line, since: Instant::now() }
     }
 
     /// Reports something good to know.
@@ -84,6 +142,30 @@ impl Console {
         }
     }
 
+    /// Reports the end of the command: the event `finished` for programs, with `facts` and all files
+    /// that were written; for people the text on stdout.
+    pub(crate) fn finish(&self, facts: serde_json::Value, text: &str) -> Result<()> {
+        self.result(&finished(facts), text)
+    }
+
+    /// Reports the end of the command as [`Self::finish`], with a text that is progress, not a
+    /// result.
+    pub(crate) fn finish_with_note(&self, facts: serde_json::Value, text: &str) {
+        self.event(&finished(facts), text);
+    }
+
+    /// Reports the end of a command whose results are reported already: for programs alone.
+    pub(crate) fn finish_silently(&self, facts: serde_json::Value) {
+        if self.style == Style::Json {
+            emit(&finished(facts));
+        }
+    }
+
+    /// Reports that the command was interrupted and has saved its state.
+    pub(crate) fn interrupted(&self, text: &str) {
+        self.event(&last(json!({ "event": "interrupted", "message": text })), text);
+    }
+
     /// Prints the result of the command on stdout: an event for programs, text for people.
     pub(crate) fn result(&self, event: &serde_json::Value, text: &str) -> Result<()> {
         match self.style {
@@ -110,6 +192,7 @@ impl Console {
             bar.set_style(style);
         }
         bar.set_position(step.into());
+        self.has_numbers.set(false);
         *self.bar.borrow_mut() = Some(bar);
     }
 
@@ -117,6 +200,36 @@ impl Console {
     pub(crate) fn step(&self, step: u32) {
         if let Some(bar) = &*self.bar.borrow() {
             bar.set_position(step.into());
+            if !self.has_numbers.get() {
+                bar.set_message(format!("{} left", text::duration(bar.eta())));
+            }
+        }
+    }
+
+    /// Reports that one of several images is done.
+    fn frame(&self, name: &str, files: &[PathBuf], [done, total]: [u32; 2]) {
+        match self.style {
+            Style::Json => {
+                let files: Vec<String> = files.iter().map(|path| path.display().to_string()).collect();
+                emit(&json!({ "event": "frame", "name": name, "files": files, "done": done, "frames": total }));
+            }
+            Style::Bar => {
+                let has_bar = self.bar.borrow().is_some();
+                if !has_bar {
+                    self.begin_steps(0, total);
+                }
+                self.step(done);
+                if done >= total {
+                    self.end_steps();
+                }
+            }
+            Style::Lines => {
+                if self.last_line.get().unwrap_or(self.since).elapsed() >= LINE_INTERVAL {
+                    self.last_line.set(Some(Instant::now()));
+                    stderr_line(&format!("image {done}/{total}  {}", text::one_line(name)));
+                }
+            }
+            Style::Quiet => {}
         }
     }
 
@@ -132,6 +245,7 @@ impl Console {
             }
             Style::Bar => {
                 if let Some(bar) = &*self.bar.borrow() {
+                    self.has_numbers.set(true);
                     bar.set_message(numbers(record, total));
                 }
             }
@@ -214,11 +328,18 @@ impl Observer for Console {
                 let event = json!({ "event": "evaluation", "iteration": step, "split": split, "mean": mean });
                 self.event(&event, &format!("step {step}: {split} {}", mean_line(&mean, views)));
             }
+            Event::Frame { name, files, done, total } => self.frame(&name, &files, [done, total]),
             Event::Item { kind, name, done, total } => self.item(kind, &name, [done, total]),
             // Saved files are named at the end.
             _ => {}
         }
     }
+}
+
+/// Returns the event of a command that has finished.
+fn finished(mut facts: serde_json::Value) -> serde_json::Value {
+    facts["event"] = "finished".into();
+    last(facts)
 }
 
 /// `12.3 it/s  39 min 12 s left  loss 0.0412  psnr 31.2 train 29.9 test  45,210 splats  812.0 MiB`.

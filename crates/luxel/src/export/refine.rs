@@ -23,7 +23,7 @@ use luxel_io::{Appearance, BakeOptions, Baked};
 use super::error::reference;
 use super::gain::{GainView, Gains, exposed};
 use crate::error::Context;
-use crate::{Observer, Result, text};
+use crate::{Event, Observer, Result, text};
 
 /// Steps of refinement unless a number is given: the error falls to a tenth and further steps add
 /// little.
@@ -121,6 +121,7 @@ pub(super) fn refine(
     let render = baked.scene.render_options();
     let dc_rate = (REACH / (MEAN * steps as f32)).clamp(DC_RATES[0], DC_RATES[1]);
     let (mut first, mut last) = (0.0, 0.0);
+    observer.event(Event::StepsBegin { done: 0, total: steps });
     for step in 1..=steps {
         let decay = LAST.powf((step - 1) as f32 / steps.max(2) as f32);
         let config = StepConfig {
@@ -145,7 +146,9 @@ pub(super) fn refine(
         let n = targets.len() as u32;
         first += if step <= n { report.l1 } else { 0.0 };
         last += if step + n > steps { report.l1 } else { 0.0 };
+        observer.event(Event::Step { done: step });
     }
+    observer.event(Event::StepsEnd);
     let rounds = (targets.len() as u32).min(steps).max(1) as f32;
     let (trained, _) = engine.save().context("cannot read the bake back")?;
     let splats = &mut baked.scene.splats;

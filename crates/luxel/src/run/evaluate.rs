@@ -16,10 +16,11 @@ use luxel_metrics::{FieldOptions, FlipChoice};
 use luxel_metrics::{GainFit, Lpips, SplitMetrics};
 use serde::Serialize;
 
+use super::evaluation::{FrameProgress, count_frames};
 use super::report::Evaluated;
 use super::{Captures, Metrics, Rendering, RunConfig, RunFolder, log, report, state};
 use crate::error::{Context, bail};
-use crate::{Observer, Result, SelectedEngine, files, memory, output, schema};
+use crate::{Event, Observer, Result, SelectedEngine, files, memory, output, schema};
 
 /// Choice of the metrics of an evaluation.
 #[derive(Clone, Copy, Debug)]
@@ -82,6 +83,7 @@ pub fn evaluate_run(
         lpips: metrics.lpips,
         response: state::response(folder, config, iteration)?,
         log_gains: Captures::read(folder)?.log_gains_at(iteration),
+        progress: Some(FrameProgress { observer, done: 0, total: count_frames(config, dataset) }),
     };
     let is_own = output::is_same(path, &config.dataset_path(folder.root())) && *load == config.load;
     let images = if is_own { folder.evaluation(iteration) } else { folder.claim_evaluation_of(iteration, path, load)? };
@@ -90,6 +92,7 @@ pub fn evaluate_run(
         named.extend(rendering.evaluate(views, images, GainFit::None)?.map(|split| (name, split)));
     }
     named.extend(rendering.evaluate_fitted(config, &dataset.test)?);
+    observer.event(Event::StepsEnd);
     let splits = named.iter().map(|(name, split)| ((*name).to_owned(), split.clone())).collect();
     let log = log::read(&folder.log())?;
     let spent = log.iter().rev().find(|record| record.iteration <= iteration);

@@ -2,9 +2,9 @@
 //! named with their protocol (see [`luxel_metrics`]).
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use luxel_core::{ColorSpace, Engine, Image, Knots, PixelValues, RadianceScale, RenderOptions, View};
+use luxel_core::{ColorSpace, Dataset, Engine, Image, Knots, PixelValues, RadianceScale, RenderOptions, View};
 use luxel_io::{ExrOptions, ExrSample, Supervision};
 use luxel_metrics::{FieldOptions, FlipChoice};
 use luxel_metrics::{GainFit, Lpips, Measures, SplitMetrics};
@@ -15,6 +15,7 @@ use super::RunConfig;
 use crate::Result;
 use crate::error::Context;
 use crate::radiance::RADIANCE_SCALE;
+use crate::{Event, Observer};
 
 /// `metrics.json`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -72,6 +73,27 @@ pub struct Rendering<'a> {
     /// ln gains of the training images, by name: their metrics are computed after the gains are
     /// removed.
     pub log_gains: BTreeMap<String, [f32; 3]>,
+    /// Receives the views as they are done; `None` where another task reports its own progress.
+    pub progress: Option<FrameProgress<'a>>,
+}
+
+/// Counts images and reports them as [`Event::Frame`].
+#[derive(Clone, Copy)]
+pub struct FrameProgress<'a> {
+    /// Receives the events.
+    pub observer: &'a dyn Observer,
+    /// Images done so far.
+    pub done: u32,
+    /// Images in all.
+    pub total: u32,
+}
+
+impl FrameProgress<'_> {
+    /// Reports one more image.
+    pub fn add(&mut self, name: &str, files: Vec<PathBuf>) {
+        self.done += 1;
+        self.observer.event(Event::Frame { name: name.to_owned(), files, done: self.done, total: self.total });
+    }
 }
 
 impl Rendering<'_> {
@@ -96,14 +118,8 @@ impl Rendering<'_> {
     /// # Errors
     /// As [`Self::evaluate`].
     pub fn evaluate_fitted(&mut self, config: &RunConfig, views: &[View]) -> Result<Vec<(&'static str, SplitMetrics)>> {
-        let is_radiance = views.iter().all(|view| view.values == PixelValues::Radiance);
-        let drifts = config.train.exposure_compensation != ExposureCompensation::Off;
-        let fits = [
-            ("test_gain_common", GainFit::Common, config.load.supervision == Supervision::Ldr),
-            ("test_gain_per_view", GainFit::PerView, drifts),
-        ];
         let mut splits = Vec::new();
-        for (name, fit, _) in fits.into_iter().filter(|(.., is_due)| *is_due && is_radiance) {
+        for (name, fit) in due_fits(config, views) {
             splits.extend(self.evaluate(views, None, fit)?.map(|split| (name, split)));
         }
         Ok(splits)
@@ -124,16 +140,21 @@ impl Rendering<'_> {
         };
         let names = || views.iter().map(|view| view.name.as_str());
         let stems: BTreeMap<&str, String> = names().zip(unique_stems(names())).collect();
-        let mut failed = Ok(());
+        let mut failed: Result<()> = Ok(());
+        let mut progress = self.progress.take();
         let mut each = |view: &View, prediction: &Image, _: &_| {
-            let (Some(folder), Some(stem)) = (images, stems.get(view.name.as_str())) else { return };
-            if failed.is_ok() {
+            let mut files = Vec::new();
+            if let (Some(folder), Some(stem), Ok(())) = (images, stems.get(view.name.as_str()), &failed) {
+                files = ["renders", "gt"].map(|kind| folder.join(kind).join(format!("{stem}.exr"))).to_vec();
                 let mut render = prediction.clone();
                 if view.values == PixelValues::Radiance {
                     scale.restore(&mut render);
                 }
-                failed = write_exr(&folder.join("renders").join(format!("{stem}.exr")), &render, color_space, scale)
-                    .and_then(|()| write_exr(&folder.join("gt").join(format!("{stem}.exr")), &view.image, color_space, scale));
+                let pictures = files.iter().zip([&render, view.image.as_ref()]);
+                failed = pictures.map(|(path, image)| write_exr(path, image, color_space, scale)).collect();
+            }
+            if let (Some(progress), Ok(())) = (&mut progress, &failed) {
+                progress.add(&view.name, files);
             }
         };
         let field = FieldOptions { peak_luminance: self.peak_luminance, color_space, flip: self.flip };
@@ -141,9 +162,28 @@ impl Rendering<'_> {
             Measures { radiance_scale: scale, mu: self.mu, field, lpips: self.lpips, response: self.response.as_ref(), gain_fit };
         let metrics = luxel_metrics::evaluate(self.engine, &self.options, &measures, views, &mut each)?;
         failed?;
+        self.progress = progress;
         // Without views there are no means.
         Ok((!metrics.views.is_empty()).then_some(metrics))
     }
+}
+
+/// Returns the gains that a capture does not determine, as fits by name of their split.
+fn due_fits(config: &RunConfig, views: &[View]) -> Vec<(&'static str, GainFit<'static>)> {
+    let is_radiance = views.iter().all(|view| view.values == PixelValues::Radiance);
+    let drifts = config.train.exposure_compensation != ExposureCompensation::Off;
+    let fits = [
+        ("test_gain_common", GainFit::Common, config.load.supervision == Supervision::Ldr),
+        ("test_gain_per_view", GainFit::PerView, drifts),
+    ];
+    fits.into_iter().filter(|(.., is_due)| *is_due && is_radiance).map(|(name, fit, _)| (name, fit)).collect()
+}
+
+/// Returns how many images the evaluation of a run renders: of test and training views, and of
+/// test views for each fit.
+pub(super) fn count_frames(config: &RunConfig, dataset: &Dataset) -> u32 {
+    let test = dataset.test.len() * (1 + due_fits(config, &dataset.test).len());
+    u32::try_from(test + dataset.train.len()).unwrap_or(u32::MAX)
 }
 
 /// Reads the network of LPIPS from a file of weights; `None` without one.
@@ -217,6 +257,7 @@ mod tests {
             lpips: None,
             response: None,
             log_gains,
+            progress: None,
         };
         let psnr = rendering.probe(&view).unwrap();
         (rendering.evaluate(&[view], None, GainFit::None).unwrap(), psnr)

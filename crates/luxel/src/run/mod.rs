@@ -48,7 +48,7 @@ pub mod state;
 pub use captures::Captures;
 pub use config::{Difference, MadeBy, RunConfig, RunOptions};
 pub use evaluate::{EvaluationData, MetricsOptions, SceneMetrics, evaluate_run, evaluate_scene};
-pub use evaluation::{Metrics, Rendering};
+pub use evaluation::{FrameProgress, Metrics, Rendering};
 pub use explicit::ExplicitArgs;
 pub use folder::{LOCK, Occupant, RunFolder, RunLock, is_left_over};
 pub use inapplicable::{Choice, Inapplicable};

@@ -355,6 +355,7 @@ impl Session<'_> {
             lpips: None,
             response,
             log_gains,
+            progress: None,
             engine: self.trainer.engine(),
         }
     }

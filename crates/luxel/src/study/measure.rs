@@ -187,6 +187,7 @@ impl MeasureOptions {
                 response: state::response(&cell.folder, &cell.config, iterations)?,
                 // Test views have none.
                 log_gains: BTreeMap::new(),
+                progress: None,
             };
             let field = rendering.evaluate(&dataset.test, None, GainFit::None)?.and_then(|split| split.mean_field);
             if let Some(field) = field {

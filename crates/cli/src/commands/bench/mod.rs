@@ -8,16 +8,20 @@ use luxel::bench::{Protocol, measure};
 use luxel::{SelectedEngine, memory};
 use luxel_train::NamedChoice;
 use report::{PassMedian, Report, Spread};
+use serde_json::json;
 use workload::Workload;
 
 use crate::args::BenchArgs;
 use crate::inputs::engine;
-use crate::output::console;
+use crate::output::console::Console;
 
 /// Measures and prints.
 pub(crate) fn run(args: &BenchArgs) -> Result<()> {
+    let console = Console::new(args.console.log_format, args.console.quiet);
     if let Some(path) = &args.save {
-        return workload::save(args, path);
+        workload::save(args, path)?;
+        console.finish_with_note(json!({ "scene": path.display().to_string() }), &format!("scene {}", path.display()));
+        return Ok(());
     }
     let SelectedEngine { mut engine, threads, gpu, instruction_set, .. } = engine::engine_with(&args.device, args.instruction_set.into())?;
     let workload = Workload::prepare(args, engine.as_mut())?;
@@ -49,5 +53,6 @@ pub(crate) fn run(args: &BenchArgs) -> Result<()> {
         first_loss: measured.first.loss,
         luxel_version: luxel::VERSION,
     };
-    console::print(&if args.json { report.json()? } else { report.table() })
+    let text = if args.json { report.json()? } else { report.table() };
+    console.finish(json!({ "measurement": report }), &text)
 }

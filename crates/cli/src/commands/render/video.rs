@@ -23,7 +23,7 @@ use rayon::prelude::*;
 use super::Job;
 use crate::args::RenderArgs;
 use crate::inputs::programs;
-use crate::output::console::Console;
+use crate::output::console;
 
 /// Luminance of reference white, cd/m2.
 const WHITE_NITS: f32 = 203.0;
@@ -88,12 +88,12 @@ impl<'a> Video<'a> {
         Ok(Self { path, look, made_by, is_made })
     }
 
-    /// Encodes `frames` in order unless the video is there; `radiance_scale` becomes 1.
-    pub(super) fn encode(self, args: &RenderArgs, frames: &[&Path], radiance_scale: RadianceScale, console: &Console) -> Result<()> {
+    /// Encodes `frames` in order unless the video is there; `radiance_scale` becomes 1. Returns what
+    /// was done, in a line.
+    pub(super) fn encode(self, args: &RenderArgs, frames: &[&Path], radiance_scale: RadianceScale) -> Result<String> {
         let (path, look) = (self.path, &self.look);
         if self.is_made {
-            console.note(&format!("{}: exists already and is kept", path.display()));
-            return Ok(());
+            return Ok(format!("{}: exists already and is kept", path.display()));
         }
         let gain = radiance_scale.normalised_value(args.exposure.exp2());
         let levels = match look {
@@ -118,8 +118,8 @@ impl<'a> Video<'a> {
         }
         piped?;
         std::fs::rename(&partial.0, path).with_context(|| format!("{}: cannot give the video its name", path.display()))?;
-        console.note(&format!("{}: {}", path.display(), text::plural(frames.len(), "frame")));
-        Ok(())
+        console::wrote(path);
+        Ok(format!("{}: {}", path.display(), text::plural(frames.len(), "frame")))
     }
 }
 
