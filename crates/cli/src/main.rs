@@ -85,7 +85,7 @@ fn start(command: &Command, threads: Option<u32>) -> Result<()> {
         // A configuration file may name the number, which opening the engine takes from there.
         Command::Train(_) if threads.is_none() => Ok(()),
         // These read no files.
-        Command::Completions(_) | Command::Man(_) => Ok(()),
+        Command::Doctor(_) | Command::Completions(_) | Command::Man(_) => Ok(()),
         // These commands have no such option.
         Command::Info(_) | Command::Compare(_) => luxel::start_threads(None).map_err(|error| {
             let remedy = luxel::Remedy::advice("raise the limit on processes, or set the environment variable RAYON_NUM_THREADS to 1");
@@ -126,6 +126,7 @@ fn dispatch(command: Command, explicit: &ExplicitArgs) -> Result<Outcome> {
         Command::Probe(args) => commands::probe::run(&args, explicit).map(|()| Outcome::Finished),
         Command::Pick(args) => commands::pick::run(&args, explicit).map(|()| Outcome::Finished),
         Command::Info(args) => commands::info::run(&args, explicit).map(|()| Outcome::Finished),
+        Command::Doctor(args) => commands::doctor::run(&args).map(|()| Outcome::Finished),
         Command::Bench(args) => commands::bench::run(&args).map(|()| Outcome::Finished),
         Command::Reproduce(args) => commands::reproduce::run(&args, explicit),
         Command::Completions(args) => commands::completions::completions(&args, args::command()).map(|()| Outcome::Finished),

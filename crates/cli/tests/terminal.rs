@@ -1,4 +1,4 @@
-//! What the program prints, where, and what it does not print.
+//! Output of the program: texts, tables, events, remedies, and where each is printed.
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail the test")]
 
 mod common;
@@ -244,4 +244,113 @@ fn an_interruption_is_an_event() {
         assert!(written.iter().all(|path| place.path(path).is_file()), "{last}");
         assert_eq!(written.contains("long/config.toml"), since == "progress", "{last}");
     }
+}
+
+#[test]
+fn versions_and_metrics_name_revision_and_features() {
+    let place = Workplace::new();
+    assert_eq!(place.ok(&["-V"]), format!("luxel {}\n", luxel::VERSION));
+    let long = place.ok(&["--version"]);
+    for part in ["\nrevision  ", "\nfeatures  ", "\ntarget    "] {
+        assert!(long.contains(part), "{long}");
+    }
+    assert!(!cfg!(feature = "gpu") || long.contains("gpu"), "{long}");
+    place.train("run", &[]);
+    for command in [None, Some("eval")] {
+        if let Some(command) = command {
+            place.ok(&[command, "run"]);
+        }
+        let metrics = place.json("run/metrics.json");
+        let revision = metrics["revision"].as_str().unwrap_or("unknown");
+        assert!(long.contains(&format!("revision  {revision}")), "{revision} in {long}");
+        assert_eq!(metrics["features"], serde_json::json!(luxel::build_info::features()));
+        assert_eq!(metrics["train_cpu_seconds"].is_f64(), cfg!(unix), "{metrics}");
+    }
+    let report = std::fs::read_to_string(place.path("run/report.html")).unwrap();
+    assert!(!cfg!(unix) || report.contains("processor time"));
+}
+
+#[test]
+fn training_tells_the_time_on_the_clock_and_of_processors() {
+    let place = Workplace::new();
+    let args = ["train", "data", "-o", "run", "--iterations", "20", "--init-points", "50", "--threads", "1"];
+    let stderr = String::from_utf8(place.luxel(&args).output().unwrap().stderr).unwrap();
+    let line = stderr.lines().find(|line| line.starts_with("trained in ")).unwrap_or_else(|| panic!("{stderr}"));
+    assert_eq!(line.ends_with("of processor time"), cfg!(unix), "{line}");
+}
+
+#[test]
+fn the_report_has_a_curve_of_test_views_that_costs_no_bit() {
+    let place = Workplace::new();
+    let args = ["train", "data", "-o", "run", "--iterations", "300", "--init-points", "50", "--threads", "1", "--seed", "3"];
+    place.ok(&args);
+    let log = std::fs::read_to_string(place.path("run/log.jsonl")).unwrap();
+    let lines: Vec<Value> = log.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert_eq!(lines.iter().map(|line| line["iteration"].as_u64().unwrap()).collect::<Vec<_>>(), [100, 200, 300]);
+    assert!(lines.iter().all(|line| line["psnr_test_sample"].is_f64() && line["psnr_test"].is_null()), "{log}");
+    let report = std::fs::read_to_string(place.path("run/report.html")).unwrap();
+    assert!(report.contains("some test views") && report.contains("all test views"));
+    // The library's training, which looks at no test view, comes to the same scene.
+    let dataset = luxel::Dataset::open(place.path("data")).unwrap();
+    let config = luxel::TrainConfig { init_points: 50, seed: 3, ..luxel::TrainConfig::default() };
+    let mut training = luxel::Training::builder(&dataset).config(config).steps(300).device(luxel::Device::Cpu).start().unwrap();
+    for step in training.by_ref() {
+        step.unwrap();
+    }
+    assert_eq!(training.into_scene().unwrap(), luxel::Scene::open(place.path("run")).unwrap());
+}
+
+#[test]
+fn a_machine_is_examined() {
+    let place = Workplace::empty();
+    let text = place.ok(&["doctor"]);
+    for part in ["colmap", "ffmpeg", "pycolmap", "instruction set", "memory", "temporary folder", "needed for", "poses of photographs"] {
+        assert!(text.contains(part), "{part} in {text}");
+    }
+    // Without any program on the path each says how to get it, and that is no error.
+    let output = place.luxel(&["doctor", "--json"]).env("PATH", "").output().unwrap();
+    assert!(output.status.success());
+    let facts: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(facts["schema_version"], luxel::schema::DOCTOR.version);
+    for program in ["colmap", "ffmpeg", "pycolmap"] {
+        assert_eq!(facts[program]["found"], "no");
+        assert!(facts[program]["install"].as_str().unwrap().contains("install"), "{facts}");
+    }
+    assert_eq!(facts["temporary_folder"]["writable"], true);
+    assert!(facts["devices"]["cpu"]["threads"].is_u64() && facts["luxel"]["features"].is_string(), "{facts}");
+}
+
+#[cfg(unix)]
+#[test]
+fn programs_that_are_found_tell_their_version() {
+    use std::os::unix::fs::PermissionsExt;
+    let place = Workplace::empty();
+    for (name, says) in [("colmap", "COLMAP 3.8 -- Structure-from-Motion"), ("ffmpeg", "ffmpeg version 5.1 Copyright (c) 2000")] {
+        let path = place.path(name);
+        std::fs::write(&path, format!("#!/bin/sh\necho '{says}'\n")).unwrap();
+        std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o755)).unwrap();
+    }
+    let output = place.luxel(&["doctor", "--json"]).env("PATH", place.path("")).output().unwrap();
+    let facts: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(
+        (&facts["colmap"]["version"], &facts["ffmpeg"]["version"]),
+        (&"COLMAP 3.8 -- Structure-from-Motion".into(), &"ffmpeg version 5.1".into())
+    );
+    assert_eq!(facts["colmap"]["found"], place.path("colmap").display().to_string());
+}
+
+#[test]
+fn a_probe_where_no_camera_saw_is_warned_of() {
+    let place = Workplace::new();
+    place.train("run", &[]);
+    let said = |at: &str| {
+        let output = place.luxel(&["probe", "run", &format!("--at={at}"), "--size", "16", "-o", "a.exr", "--overwrite"]).output().unwrap();
+        assert!(output.status.success());
+        String::from_utf8(output.stderr).unwrap()
+    };
+    let far = said("500,500,500");
+    assert!(far.contains("warning: the point is in no image of the data set") && far.contains("the nearest is at "), "{far}");
+    // The place that the warning names is in sight.
+    let at = far.split("the nearest is at ").nth(1).unwrap().trim();
+    assert!(!said(at).contains("warning: the point"), "{at}");
 }

@@ -51,6 +51,7 @@
 //! ```
 
 pub mod bench;
+pub mod build_info;
 pub mod camera_path;
 pub mod colormap;
 pub mod compare;
@@ -69,12 +70,14 @@ pub mod pick;
 pub mod prepare;
 pub mod preview;
 pub mod probe;
+mod processor_time;
 mod radiance;
 mod renderer;
 pub mod report;
 pub mod run;
 mod scene;
 pub mod schema;
+pub mod sight;
 pub mod study;
 pub mod synthetic;
 pub mod text;
@@ -92,6 +95,7 @@ pub use luxel_io::{LoadOptions, PathCamera, Supervision};
 pub use luxel_metrics::SplitMetrics;
 pub use luxel_train::{Method, Preset, TrainConfig};
 pub use probe::{Probe, ProbeOptions};
+pub use processor_time::processor_seconds;
 pub use radiance::{RADIANCE_SCALE, Radiance};
 pub use renderer::Renderer;
 pub use scene::{Scene, read_cameras};

@@ -17,6 +17,9 @@ pub struct LogRecord {
     pub psnr_train: Option<f64>,
     /// Mean PSNR of the test views at the last evaluation, protocol `scene`, dB.
     pub psnr_test: Option<f64>,
+    /// Mean PSNR of a few test views at the last look at them, protocol `scene`, dB.
+    #[serde(default)]
+    pub psnr_test_sample: Option<f64>,
     /// Splats.
     pub splats: usize,
     /// Splats that touched the last image.
@@ -25,6 +28,10 @@ pub struct LogRecord {
     pub iterations_per_second: f64,
     /// Seconds spent training, evaluation left out, over all resumed parts.
     pub elapsed_s: f64,
+    /// Seconds of processors meanwhile, all threads together; `None` where the system does not
+    /// tell.
+    #[serde(default)]
+    pub cpu_s: Option<f64>,
     /// Resident memory.
     pub rss_bytes: Option<u64>,
     /// Most resident memory, over all resumed parts.
@@ -52,10 +59,12 @@ mod tests {
             ssim: 0.9,
             psnr_train: None,
             psnr_test: None,
+            psnr_test_sample: None,
             splats: 10,
             visible: 5,
             iterations_per_second: 20.0,
             elapsed_s: 5.0,
+            cpu_s: None,
             rss_bytes: None,
             peak_rss_bytes: None,
         };

@@ -34,6 +34,8 @@ pub const PREPARE_STATE: Document = Document { name: "work/state.json", version:
 pub const EVENT: Document = Document { name: "--log-format json", version: 1 };
 /// A description; version 1 had `figures` for `metrics`.
 pub const INFO: Document = Document { name: "luxel info --json", version: 2 };
+/// An examination of the machine.
+pub const DOCTOR: Document = Document { name: "luxel doctor --json", version: 1 };
 /// Metrics of images against references.
 pub const COMPARISON: Document = Document { name: "luxel compare --json", version: 1 };
 /// Two runs on the same test views.
@@ -50,7 +52,7 @@ pub const PICK: Document = Document { name: "luxel pick --json", version: 1 };
 pub const BENCH: Document = Document { name: "luxel bench --json", version: 1 };
 
 /// All documents, in the order of the reference.
-pub const DOCUMENTS: [Document; 15] = [
+pub const DOCUMENTS: [Document; 16] = [
     METRICS,
     LOG,
     CAPTURES,
@@ -59,6 +61,7 @@ pub const DOCUMENTS: [Document; 15] = [
     PREPARE_STATE,
     EVENT,
     INFO,
+    DOCTOR,
     COMPARISON,
     RUN_COMPARISON,
     SCENE_METRICS,

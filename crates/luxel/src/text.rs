@@ -29,6 +29,13 @@ pub fn duration(d: Duration) -> String {
     }
 }
 
+/// Returns what training took: `trained in 39 s, 1 min 15 s of processor time`.
+pub fn training_time(seconds: f64, processor_seconds: Option<f64>) -> String {
+    let of = |seconds: f64| duration(Duration::try_from_secs_f64(seconds).unwrap_or_default());
+    let processors = processor_seconds.map_or_else(String::new, |seconds| format!(", {} of processor time", of(seconds)));
+    format!("trained in {}{processors}", of(seconds))
+}
+
 /// Returns a number with three to four significant digits, without an exponent where that is short.
 pub fn number(v: f64) -> String {
     let a = v.abs();

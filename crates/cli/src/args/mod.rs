@@ -3,8 +3,10 @@
 
 mod bench;
 mod compare;
+mod completions;
 mod edit;
 mod export;
+mod help;
 mod pick;
 mod prepare;
 mod probe;
@@ -26,6 +28,7 @@ use luxel_train::{Method, NamedChoice};
 
 pub(crate) use self::bench::BenchArgs;
 pub(crate) use self::compare::CompareArgs;
+pub(crate) use self::completions::{CompletionsArgs, ManArgs};
 pub(crate) use self::edit::{EditArgs, EditText, ShMapArg};
 pub(crate) use self::export::ExportArgs;
 pub(crate) use self::pick::PickArgs;
@@ -36,7 +39,6 @@ pub(crate) use self::reproduce::ReproduceArgs;
 pub(crate) use self::shared::{ConsoleArgs, DeviceArgs, LoadArgs, MetricsArgs, RunArgs, SceneDataArgs};
 use self::train_options::TrainOptions;
 use self::values::parse_positive;
-use crate::commands::completions::{CompletionsArgs, ManArgs};
 
 /// Options whose flag is not their library name with dashes: the command line tells the colour
 /// space of input from that of output.
@@ -81,12 +83,14 @@ pub(crate) struct Cli {
 
 /// Returns the program's arguments.
 pub(crate) fn command() -> clap::Command {
-    let command = Cli::command().mut_subcommand("reproduce", |reproduce| reproduce.mut_args(reproduce::adapted));
+    let command = Cli::command()
+        .long_version(luxel::build_info::long_version())
+        .mut_subcommand("reproduce", |reproduce| reproduce.mut_args(reproduce::adapted));
     command.mut_subcommands(|subcommand| {
         let is_prepare = subcommand.get_name() == "prepare";
         let has_output = subcommand.get_arguments().any(|arg| arg.get_long() == Some(OUTPUT_SPACE));
         let subcommand = subcommand.mut_args(|arg| with_earlier_name(arg, has_output, is_prepare));
-        with_memory(subcommand).mut_args(with_negative_numbers)
+        help::with_short_help(with_memory(subcommand).mut_args(with_negative_numbers))
     })
 }
 
@@ -112,7 +116,7 @@ pub(crate) const MEMORY: &str = "memory";
 /// Adds the limit of memory to a command that reads files. `prepare` has one of its own, for views
 /// that are processed at the same time.
 fn with_memory(subcommand: clap::Command) -> clap::Command {
-    if ["prepare", "completions", "man"].contains(&subcommand.get_name()) {
+    if ["prepare", "doctor", "completions", "man"].contains(&subcommand.get_name()) {
         return subcommand;
     }
     let help = "Memory that reading one file may take, GiB, at least 1 [default: three quarters of what the system allows]. \
@@ -170,6 +174,8 @@ pub(crate) enum Command {
     Pick(Box<PickArgs>),
     /// Describe a scene, run, checkpoint, data set or image, or list the devices.
     Info(InfoArgs),
+    /// Look at this machine: GPUs, memory, COLMAP, ffmpeg; what each is for and how to get it.
+    Doctor(DoctorArgs),
     /// Measure the time of rendering and of training steps on a scene, pass by pass.
     Bench(Box<BenchArgs>),
     /// Train methods side by side on data sets and seeds, and write the paper's tables and
@@ -275,6 +281,17 @@ pub(crate) struct InfoArgs {
     /// Reading a data set; for an image, --transfer, --input-color-space and --layer.
     #[command(flatten)]
     pub(crate) load: LoadArgs,
+    /// Terminal output.
+    #[command(flatten)]
+    pub(crate) console: ConsoleArgs,
+}
+
+/// `luxel doctor`.
+#[derive(Debug, Args)]
+pub(crate) struct DoctorArgs {
+    /// Print JSON.
+    #[arg(long)]
+    pub(crate) json: bool,
     /// Terminal output.
     #[command(flatten)]
     pub(crate) console: ConsoleArgs,

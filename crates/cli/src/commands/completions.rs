@@ -8,34 +8,10 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
-use clap::Args;
-use clap_complete::Shell;
 use serde_json::json;
 
-use crate::args::ConsoleArgs;
+use crate::args::{CompletionsArgs, ManArgs};
 use crate::output::console::{self, Console};
-
-/// `luxel completions`.
-#[derive(Debug, Args)]
-#[command(after_help = "bash: luxel completions bash > ~/.local/share/bash-completion/completions/luxel\n\
-                        zsh:  luxel completions zsh > ~/.zfunc/_luxel\n\
-                        fish: luxel completions fish > ~/.config/fish/completions/luxel.fish")]
-pub(crate) struct CompletionsArgs {
-    /// Shell to complete for.
-    #[arg(value_enum)]
-    shell: Shell,
-}
-
-/// `luxel man`.
-#[derive(Debug, Args)]
-pub(crate) struct ManArgs {
-    /// Folder for the pages; it is created if it is missing.
-    #[arg(value_name = "DIR")]
-    folder: PathBuf,
-    /// Terminal output.
-    #[command(flatten)]
-    console: ConsoleArgs,
-}
 
 /// Prints the completion script of a shell for `command`.
 pub(crate) fn completions(args: &CompletionsArgs, mut command: clap::Command) -> Result<()> {

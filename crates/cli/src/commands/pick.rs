@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 use crate::args::PickArgs;
 use crate::inputs::engine;
 use crate::inputs::scene_source::{DataRequest, SceneSource};
-use crate::output::console::{self, Console};
+use crate::output::console::Console;
 use crate::output::tree::Tree;
 
 /// Picks and prints; `explicit` names the options that were given.
@@ -27,9 +27,9 @@ pub(crate) fn run(args: &PickArgs, explicit: &ExplicitArgs) -> Result<()> {
     let found = pick(&source.scene, view, args.px, source.background(None), args.count, engine.as_mut())?;
     if args.json {
         let text = serde_json::to_string_pretty(&schema::PICK.versioned(&found)).context("cannot encode the pixel")?;
-        return console::print(&text);
+        return console.finish(event(&found)?, &text);
     }
-    console.result(&event(&found)?, report(&found).trim_end())
+    console.finish(event(&found)?, report(&found).trim_end())
 }
 
 fn event(found: &Pick) -> Result<Value> {

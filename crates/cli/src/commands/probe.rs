@@ -1,9 +1,12 @@
 //! `luxel probe`: the light that arrives at a point, as an environment map.
 
 use anyhow::Result;
+use glam::DVec3;
 use luxel::probe::{Probe, probe};
 use luxel::run::ExplicitArgs;
+use luxel::sight::sight;
 use luxel::{output, text};
+use luxel_core::{Camera, Dataset, Scene};
 
 use crate::args::ProbeArgs;
 use crate::inputs::engine;
@@ -22,6 +25,9 @@ pub(crate) fn run(args: &ProbeArgs, explicit: &ExplicitArgs) -> Result<()> {
     if dataset.as_ref().is_none_or(|dataset| dataset.train.is_empty()) {
         console.note("no data set: rendered at the resolution of the map; give --data for that of training, at which light is right");
     }
+    if let Some(dataset) = &dataset {
+        warn_unseen(args, &source.scene, dataset, &console);
+    }
     let options = args.options(source.background(None));
     let mut engine = engine::engine(&args.input.device)?.engine;
     let probe = probe(source.scene, &options, dataset.as_ref(), engine.as_mut(), &console)?;
@@ -33,6 +39,24 @@ pub(crate) fn run(args: &ProbeArgs, explicit: &ExplicitArgs) -> Result<()> {
     }
     let tree = describe(args, &probe);
     console.finish(tree.json(), tree.text().trim_end())
+}
+
+/// Warns of a point that no camera saw: the map would show what is behind what was photographed.
+fn warn_unseen(args: &ProbeArgs, scene: &Scene, dataset: &Dataset, console: &Console) {
+    let cameras: Vec<&Camera> = dataset.train.iter().map(|view| &view.camera).collect();
+    let Some(sight) = sight(scene, &cameras, DVec3::from_array(args.at)) else { return };
+    if sight.seen > 0 {
+        return;
+    }
+    let [x, y, z] = sight.nearest_camera.to_array().map(|v| text::number(v).replace(' ', ""));
+    let why = match sight.in_view {
+        0 => "is in no image of the data set".to_owned(),
+        n => format!("is hidden in {} that it is in", text::plural(n, "image")),
+    };
+    console.warn(&format!(
+        "the point {why}: the map shows the scene from where no camera saw it; choose a point in sight of the cameras, of which the nearest is \
+         at {x},{y},{z}"
+    ));
 }
 
 fn describe(args: &ProbeArgs, probe: &Probe) -> Tree {

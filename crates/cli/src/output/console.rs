@@ -142,8 +142,8 @@ impl Console {
         }
     }
 
-    /// Reports the end of the command: the event `finished` for programs, with `facts` and all files
-    /// that were written; for people the text on stdout.
+    /// Reports the end of the command: the event `finished` for programs, with `facts` and all
+    /// files that were written; for people the text on stdout.
     pub(crate) fn finish(&self, facts: serde_json::Value, text: &str) -> Result<()> {
         self.result(&finished(facts), text)
     }
@@ -186,6 +186,7 @@ impl Console {
         if self.style != Style::Bar {
             return;
         }
+        self.end_steps();
         let bar = ProgressBar::with_draw_target(Some(total.into()), ProgressDrawTarget::stderr_with_hz(5));
         // The template is a constant; if the library should reject it, its own style is as good.
         if let Ok(style) = ProgressStyle::with_template("{bar:24.cyan/blue} {pos}/{len}  {wide_msg}") {
@@ -347,7 +348,7 @@ fn numbers(record: &LogRecord, total: u32) -> String {
     let left = record.seconds_left(total).and_then(|s| Duration::try_from_secs_f64(s).ok());
     let left = left.map_or(String::new(), |left| format!("  {} left", text::duration(left)));
     let train = record.psnr_train.map(|v| format!("{v:.2} train"));
-    let test = record.psnr_test.map(|v| format!("{v:.2} test"));
+    let test = record.psnr_test_sample.or(record.psnr_test).map(|v| format!("{v:.2} test"));
     let psnr = match (train, test) {
         (None, None) => String::new(),
         (train, test) => format!("  psnr {}", [train, test].into_iter().flatten().collect::<Vec<_>>().join(" ")),

@@ -84,8 +84,10 @@ pub struct CurveSample {
     pub elapsed_s: f64,
     /// PSNR of training views, protocol `scene`, dB.
     pub psnr_train: Option<f64>,
-    /// PSNR of the test views, protocol `scene`, dB.
+    /// PSNR of the test views, protocol `scene`, dB; where they were evaluated.
     pub psnr_test: Option<f64>,
+    /// PSNR of a few test views, protocol `scene`, dB; where they were looked at.
+    pub psnr_test_sample: Option<f64>,
 }
 
 /// A test view.

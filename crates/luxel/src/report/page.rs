@@ -166,7 +166,8 @@ fn curves(curve: &[CurveSample]) -> String {
     let smooth = Series { label: String::new(), color: 1, mark: Mark::Line, points: smoothed(&loss.points) };
     let sparse = |s: Series, mark| Series { mark: if s.points.len() > 60 { mark } else { Mark::Dots }, points: thinned(s.points), ..s };
     let train = sparse(series("train", 2, Mark::Line, &|s| s.psnr_train), Mark::Line);
-    let test = sparse(series("test", 1, Mark::Line, &|s| s.psnr_test), Mark::Line);
+    let test = sparse(series("all test views", 1, Mark::Line, &|s| s.psnr_test), Mark::Line);
+    let sample = sparse(series("some test views", 3, Mark::Line, &|s| s.psnr_test_sample), Mark::Line);
     let ssim = series("", 1, Mark::Line, &|s| Some(1.0 - s.ssim));
     let l1 = series("", 2, Mark::Line, &|s| Some(s.l1));
     let splats = series("", 1, Mark::Line, &|s| Some(s.splats as f64));
@@ -176,7 +177,7 @@ fn curves(curve: &[CurveSample]) -> String {
         Series { label: "L1".into(), points: smoothed(&l1.points), ..l1 },
     ];
     let plots = [
-        figure("PSNR, protocol scene", axis("dB", Scale::Linear), vec![train, test]),
+        figure("PSNR, protocol scene", axis("dB", Scale::Linear), vec![train, sample, test]),
         figure("Training loss", axis("loss", Scale::Log), vec![Series { points: thinned(loss.points), ..loss }, smooth]),
         figure("Parts of the loss, on training views", axis("mu-law units", Scale::Log), parts),
         figure("Splats", axis("count", Scale::Linear), vec![Series { points: thinned(splats.points), ..splats }]),

@@ -99,7 +99,8 @@ impl Plot<'_> {
         }
         svg += "</svg>";
         let mut legend = String::new();
-        for series in self.series.iter().filter(|s| !s.label.is_empty() && s.mark != Mark::Guide) {
+        let is_listed = |s: &&Series| !s.label.is_empty() && s.mark != Mark::Guide && frame.has_point(s);
+        for series in self.series.iter().filter(is_listed) {
             let _ = write!(legend, "<span class=\"key {}\">{}</span>", color_class(series.color), escape(&series.label));
         }
         Some(format!("<figure class=\"plot\"><figcaption><b>{}</b>{legend}</figcaption>{svg}</figure>", escape(self.title)))
@@ -239,6 +240,11 @@ impl Frame {
         Some(Point { x: LEFT + x * (WIDTH - LEFT - RIGHT), y: HEIGHT - BOTTOM - y * (HEIGHT - TOP - BOTTOM) })
     }
 
+    /// Returns whether a point of a series has a place in the drawing.
+    fn has_point(&self, series: &Series) -> bool {
+        series.points.iter().any(|point| self.point(*point).is_some())
+    }
+
     fn bar(&self, svg: &mut String, Bar { from, to, share }: Bar) {
         let (Some(a), Some(b)) = (self.x.share(from), self.x.share(to)) else { return };
         let (a, b) = (a.clamp(0.0, 1.0), b.clamp(0.0, 1.0));
@@ -343,6 +349,16 @@ mod tests {
         assert_eq!(figure.matches("<circle").count(), 2);
         assert!(!figure.contains("NaN") && !figure.contains("inf"), "{figure}");
         assert!(figure.contains("t &amp; t") && figure.contains("a&lt;b"));
+    }
+
+    #[test]
+    fn the_legend_has_no_entry_without_points() {
+        let mut plot = plot(&[[0.0, 1.0], [1.0, 2.0]], Scale::Log);
+        for (label, points) in [("nothing", vec![]), ("nowhere", vec![Point { x: 1.0, y: -1.0 }, Point { x: 2.0, y: f64::NAN }])] {
+            plot.series.push(Series { label: label.into(), color: 2, mark: Mark::Line, points });
+        }
+        let figure = plot.figure().unwrap();
+        assert!(figure.contains("a&lt;b") && !figure.contains("nothing") && !figure.contains("nowhere"), "{figure}");
     }
 
     #[test]

@@ -41,6 +41,7 @@ fn input(views: Vec<ReportView>) -> ReportInput {
         elapsed_s: f64::from(i),
         psnr_train: Some(20.0 + f64::from(i).sqrt()),
         psnr_test: i.is_multiple_of(10).then(|| 19.0 + f64::from(i).sqrt()),
+        psnr_test_sample: i.is_multiple_of(3).then(|| 18.0 + f64::from(i).sqrt()),
     };
     ReportInput {
         title: "a room & a lamp".into(),

@@ -20,7 +20,7 @@ use super::evaluation::{FrameProgress, count_frames};
 use super::report::Evaluated;
 use super::{Captures, Metrics, Rendering, RunConfig, RunFolder, log, report, state};
 use crate::error::{Context, bail};
-use crate::{Event, Observer, Result, SelectedEngine, files, memory, output, schema};
+use crate::{Event, Observer, Result, SelectedEngine, build_info, files, memory, output, schema};
 
 /// Choice of the metrics of an evaluation.
 #[derive(Clone, Copy, Debug)]
@@ -101,6 +101,7 @@ pub fn evaluate_run(
         iterations: iteration,
         splats: scene.splats.len(),
         train_seconds: spent.map_or(0.0, |record| record.elapsed_s),
+        train_cpu_seconds: spent.and_then(|record| record.cpu_s),
         peak_rss_bytes: spent.and_then(|record| record.peak_rss_bytes).max(memory::peak_resident_bytes()),
         radiance_scale: scene.radiance_scale,
         mu: config.train.mu,
@@ -108,6 +109,8 @@ pub fn evaluate_run(
         threads,
         computed_by,
         luxel_version: crate::VERSION.into(),
+        revision: build_info::REVISION.map(Into::into),
+        features: build_info::features().into_iter().map(Into::into).collect(),
         dataset: path.display().to_string(),
         splits,
     };
@@ -171,6 +174,7 @@ pub fn evaluate_scene(
         lpips: metrics.lpips,
         response: None,
         log_gains: BTreeMap::new(),
+        progress: None,
     };
     let mut splits = BTreeMap::new();
     for (name, views, images) in [("test", &dataset.test, images), ("train", &dataset.train, None)] {

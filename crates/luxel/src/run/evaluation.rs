@@ -28,6 +28,10 @@ pub struct Metrics {
     pub splats: usize,
     /// Seconds of training, evaluation left out, over all resumed parts.
     pub train_seconds: f64,
+    /// Seconds of processors meanwhile, all threads together; `null` where the system does not
+    /// tell.
+    #[serde(default)]
+    pub train_cpu_seconds: Option<f64>,
     /// Peak of resident memory; `null` where the system does not report it.
     pub peak_rss_bytes: Option<u64>,
     /// Radiance of the data set that is 1 in protocol `scene`.
@@ -43,6 +47,12 @@ pub struct Metrics {
     pub computed_by: String,
     /// Version of the program.
     pub luxel_version: String,
+    /// Revision of its sources; `null` where it is unknown.
+    #[serde(default)]
+    pub revision: Option<String>,
+    /// Cargo features that it was built with.
+    #[serde(default)]
+    pub features: Vec<String>,
     /// Folder of the data set.
     pub dataset: String,
     /// `test`, and at the end of training `train`; where a capture leaves gains open,

@@ -84,10 +84,12 @@ mod tests {
             ssim: 0.9,
             psnr_train: Some(30.0),
             psnr_test: None,
+            psnr_test_sample: Some(28.0),
             splats: 10,
             visible: 5,
             iterations_per_second: 20.0,
             elapsed_s: f64::from(iteration) / 20.0,
+            cpu_s: Some(f64::from(iteration) / 10.0),
             rss_bytes: Some(1 << 20),
             peak_rss_bytes: None,
         }

@@ -44,6 +44,7 @@ pub mod log;
 pub mod report;
 mod session;
 pub mod state;
+mod test_curve;
 
 pub use captures::Captures;
 pub use config::{Difference, MadeBy, RunConfig, RunOptions};

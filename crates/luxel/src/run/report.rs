@@ -47,7 +47,7 @@ pub fn write(folder: &RunFolder, config: &RunConfig, dataset: &Dataset, evaluate
         facts: facts(metrics, dataset),
         warnings: dataset.warnings.iter().cloned().chain(bad_pixel_lines(dataset)).collect(),
         splits: splits(metrics),
-        curve: curve(folder)?,
+        curve: curve(folder, metrics)?,
         views: views(images, dataset, metrics)?,
         profile: metrics.splits.get("test").or(metrics.splits.get("train")).map_or_else(LuminanceProfile::default, |s| s.profile.clone()),
         config_toml: config.to_toml()?,
@@ -70,9 +70,11 @@ fn title(config: &RunConfig, folder: &RunFolder) -> String {
 
 fn facts(metrics: &Metrics, dataset: &Dataset) -> Vec<(String, String)> {
     let seconds = std::time::Duration::try_from_secs_f64(metrics.train_seconds).unwrap_or_default();
+    let processor_seconds = metrics.train_cpu_seconds.and_then(|seconds| std::time::Duration::try_from_secs_f64(seconds).ok());
     let mut facts = vec![
         ("splats", text::count(metrics.splats)),
         ("training time", text::duration(seconds)),
+        ("processor time", processor_seconds.map(text::duration).unwrap_or_default()),
         ("computed by", metrics.computed_by.clone()),
         ("peak memory", metrics.peak_rss_bytes.map_or("unknown".into(), text::bytes)),
         ("radiance scale", text::number(metrics.radiance_scale.get().into())),
@@ -80,6 +82,8 @@ fn facts(metrics: &Metrics, dataset: &Dataset) -> Vec<(String, String)> {
         ("data set", format!("{} ({})", metrics.dataset, dataset.format)),
         ("views", format!("{} to train on, {} to test", dataset.train.len(), dataset.test.len())),
         ("luxel", metrics.luxel_version.clone()),
+        ("revision", metrics.revision.clone().unwrap_or_default()),
+        ("features", metrics.features.join(", ")),
     ];
     facts.retain(|(_, value)| !value.is_empty());
     facts.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()
@@ -97,18 +101,28 @@ fn splits(metrics: &Metrics) -> Vec<ReportSplit> {
     metrics.splits.iter().map(split).collect()
 }
 
-fn curve(folder: &RunFolder) -> Result<Vec<CurveSample>> {
-    let sample = |record: log::LogRecord| CurveSample {
-        iteration: record.iteration,
-        loss: record.loss,
-        l1: record.l1,
-        ssim: record.ssim,
-        splats: record.splats,
-        elapsed_s: record.elapsed_s,
-        psnr_train: record.psnr_train,
-        psnr_test: record.psnr_test,
+/// Returns the log as curves. A line has the PSNR of test views at the last evaluation and at the
+/// last look before it; here each is at the step that it is of, the last evaluation's too.
+fn curve(folder: &RunFolder, metrics: &Metrics) -> Result<Vec<CurveSample>> {
+    let records = log::read(&folder.log())?;
+    let last = metrics.splits.get("test").map(|split| split.mean.psnr_scene);
+    let changed = |now: Option<f64>, before: Option<f64>| now.filter(|_| now != before);
+    let sample = |(i, record): (usize, &log::LogRecord)| {
+        let before = i.checked_sub(1).and_then(|i| records.get(i));
+        let after = records.get(i + 1).and_then(|after| changed(after.psnr_test, record.psnr_test));
+        CurveSample {
+            iteration: record.iteration,
+            loss: record.loss,
+            l1: record.l1,
+            ssim: record.ssim,
+            splats: record.splats,
+            elapsed_s: record.elapsed_s,
+            psnr_train: record.psnr_train,
+            psnr_test: if record.iteration == metrics.iterations { last } else { after },
+            psnr_test_sample: changed(record.psnr_test_sample, before.and_then(|before| before.psnr_test_sample)),
+        }
     };
-    Ok(log::read(&folder.log())?.into_iter().map(sample).collect())
+    Ok(records.iter().enumerate().map(sample).collect())
 }
 
 /// Returns renders of test views beside their images, evenly chosen if they are too many for

@@ -6,25 +6,20 @@
 //! [`RunFolder::evaluated_iterations`] lists complete evaluations by the metrics that only the
 //! session writes there.
 
+mod measure;
 mod taken_apart;
-
-use std::collections::BTreeMap;
-use std::path::Path;
 
 use luxel_core::{Dataset, StepReport};
 use luxel_io::IoErrorKind;
-use luxel_metrics::GainFit;
-use luxel_metrics::{FieldOptions, FlipChoice};
 use luxel_train::Trainer;
 
 use super::clock::Clock;
-use super::evaluation::{Metrics, Rendering};
 use super::folder::LockIdentity;
 use super::log::{LOG_EVERY, LogRecord, RunLog};
-use super::{Captures, RunConfig, RunFolder, report, state};
+use super::test_curve::TestCurve;
+use super::{RunConfig, RunFolder, state};
 use crate::error::Context;
-use crate::export::write_with_refined_display;
-use crate::{Error, Event, Observer, Result, SelectedEngine, StopFlag, files, memory, schema};
+use crate::{Error, Event, Observer, Result, StopFlag, memory, text};
 
 /// Exit code of the program when an interruption ended it: 128 + SIGINT.
 pub const EXIT_INTERRUPTED: u8 = 130;
@@ -67,6 +62,7 @@ struct LoopState {
     clock: Clock,
     peak_before: Option<u64>,
     psnr_test: Option<f64>,
+    psnr_test_sample: Option<f64>,
     sums: LogSums,
 }
 
@@ -99,9 +95,13 @@ impl Session<'_> {
             log,
             log_failed: false,
             lock: self.folder.lock_identity(),
-            clock: Clock::resumed(last.as_ref().map_or(0.0, |record| record.elapsed_s)),
+            clock: Clock::resumed(
+                last.as_ref().map_or(0.0, |record| record.elapsed_s),
+                last.as_ref().map_or(Some(0.0), |record| record.cpu_s),
+            ),
             peak_before: last.as_ref().and_then(|record| record.peak_rss_bytes),
-            psnr_test: last.and_then(|record| record.psnr_test),
+            psnr_test: last.as_ref().and_then(|record| record.psnr_test),
+            psnr_test_sample: last.and_then(|record| record.psnr_test_sample),
             sums: LogSums::default(),
         };
         let listening = self.stop.listen();
@@ -109,7 +109,11 @@ impl Session<'_> {
         let outcome = self.train(&mut state);
         self.observer.event(Event::StepsEnd);
         drop(listening);
-        Ok((outcome?, self.trainer))
+        let outcome = outcome?;
+        if outcome == Outcome::Finished {
+            self.observer.note(&text::training_time(state.clock.seconds(), state.clock.processor_seconds()));
+        }
+        Ok((outcome, self.trainer))
     }
 
     fn train(&mut self, state: &mut LoopState) -> Result<Outcome> {
@@ -188,6 +192,11 @@ impl Session<'_> {
         }
         let psnr_train = state.clock.paused(|| self.probe())?;
         let iteration = self.trainer.iteration();
+        let schedule = TestCurve::new(self.config.train.iterations, self.dataset.test.len());
+        if schedule.is_due(iteration) {
+            let sampled = state.clock.paused(|| self.sample_test_views(schedule))?;
+            state.psnr_test_sample = sampled.or(state.psnr_test_sample);
+        }
         let sums = std::mem::take(&mut state.sums);
         let mean = |sum: f64| sum / f64::from(sums.steps);
         let record = LogRecord {
@@ -197,10 +206,12 @@ impl Session<'_> {
             ssim: mean(sums.ssim),
             psnr_train,
             psnr_test: state.psnr_test,
+            psnr_test_sample: state.psnr_test_sample,
             splats: self.trainer.splats_len(),
             visible: sums.visible,
             iterations_per_second: if sums.seconds > 0.0 { f64::from(sums.steps) / sums.seconds } else { 0.0 },
             elapsed_s: state.clock.seconds(),
+            cpu_s: state.clock.processor_seconds(),
             rss_bytes: memory::resident_bytes(),
             peak_rss_bytes: state.peak_rss(),
         };
@@ -217,13 +228,6 @@ impl Session<'_> {
         {
             self.observer.warn(&format!("{error:#}; training continues without the log"));
         }
-    }
-
-    /// Returns the PSNR of one training view, in turn: a sign of progress between evaluations.
-    fn probe(&mut self) -> Result<Option<f64>> {
-        let turn = (self.trainer.iteration() / LOG_EVERY) as usize % self.dataset.train.len().max(1);
-        let Some(view) = self.dataset.train.get(turn) else { return Ok(None) };
-        self.rendering().probe(view)
     }
 
     /// Writes a checkpoint, after the log's lines up to it. If the disk is full, older ones are
@@ -263,101 +267,6 @@ impl Session<'_> {
         self.restore_log(state);
         self.observer.event(Event::Saved { path });
         Ok(())
-    }
-
-    /// Writes scene, images, metrics and report of this step, with the clock stopped.
-    fn evaluate(&mut self, state: &mut LoopState) -> Result<()> {
-        let seconds = state.clock.seconds();
-        let peak = state.peak_rss();
-        let psnr = state.clock.paused(|| self.evaluate_at(seconds, peak))?;
-        state.psnr_test = psnr.or(state.psnr_test);
-        Ok(())
-    }
-
-    fn evaluate_at(&mut self, train_seconds: f64, peak_rss_bytes: Option<u64>) -> Result<Option<f64>> {
-        let iteration = self.trainer.iteration();
-        let path = self.folder.scene(iteration);
-        self.write_scene(&path)?;
-        self.observer.event(Event::Saved { path });
-        let images = self.folder.evaluation(iteration);
-        let (dataset, finished) = (self.dataset, self.trainer.is_finished());
-        let config = self.config;
-        Captures::new(&self.trainer, &dataset.train).write(self.folder)?;
-        let mut splits = BTreeMap::new();
-        let mut rendering = self.rendering();
-        let test = rendering.evaluate(&dataset.test, Some(&images), GainFit::None)?;
-        let train = if finished { rendering.evaluate(&dataset.train, None, GainFit::None)? } else { None };
-        for (name, split) in rendering.evaluate_fitted(config, &dataset.test)? {
-            splits.insert(name.to_owned(), split);
-        }
-        for (name, split) in [("test", test), ("train", train)] {
-            if let Some(split) = split {
-                splits.insert(name.to_owned(), split);
-            }
-        }
-        let metrics = Metrics {
-            method: self.config.method_name(),
-            iterations: iteration,
-            splats: self.trainer.splats_len(),
-            train_seconds,
-            peak_rss_bytes: peak_rss_bytes.max(memory::peak_resident_bytes()),
-            radiance_scale: self.trainer.radiance_scale(),
-            mu: self.config.train.mu,
-            seed: self.config.train.seed,
-            threads: self.threads,
-            computed_by: self.computed_by.clone(),
-            luxel_version: crate::VERSION.into(),
-            dataset: self.config.dataset_path(self.folder.root()).display().to_string(),
-            splits,
-        };
-        files::write_json(&self.folder.metrics(), schema::METRICS, &metrics)?;
-        if finished {
-            report::write(self.folder, self.config, self.dataset, report::Evaluated { metrics: &metrics, images: &images })?;
-        }
-        let psnr = metrics.splits.get("test").map(|split| split.mean.psnr_scene);
-        // Last: it marks the evaluation as complete.
-        files::write_json(&images.join("metrics.json"), schema::METRICS, &metrics)?;
-        for (name, split) in &metrics.splits {
-            let mean = split.mean;
-            let (split, views) = (name.clone(), split.views.len());
-            self.observer.event(Event::Evaluation { step: iteration, split, mean, views });
-        }
-        Ok(psnr)
-    }
-
-    /// Writes the scene file. The last one's display layer, which splat viewers show, is refined;
-    /// where that fails, it is written as the others are.
-    fn write_scene(&mut self, path: &Path) -> Result<()> {
-        let scene = self.trainer.scene()?;
-        let steps = self.config.run.refine_display;
-        if self.trainer.is_finished() && steps > 0 && !scene.splats.is_empty() {
-            let refined = SelectedEngine::open(&self.config.device).and_then(|mut selected| {
-                write_with_refined_display(path, &scene, self.dataset, steps, selected.engine.as_mut(), self.observer)
-            });
-            match refined {
-                Ok(()) => return Ok(()),
-                Err(error) => self.observer.warn(&format!("{:#}", error.context("the display colours of the scene file are not refined"))),
-            }
-        }
-        Ok(luxel_io::write_scene_ply(path, &scene)?)
-    }
-
-    fn rendering(&mut self) -> Rendering<'_> {
-        let (options, radiance_scale, response) = (self.trainer.render_options(), self.trainer.radiance_scale(), self.trainer.response());
-        let log_gains = Captures::new(&self.trainer, &self.dataset.train).log_gains_at(self.trainer.iteration());
-        Rendering {
-            options,
-            radiance_scale,
-            mu: self.config.train.mu,
-            color_space: self.dataset.color_space,
-            peak_luminance: FieldOptions::DEFAULT_PEAK_LUMINANCE,
-            flip: FlipChoice::Skip,
-            lpips: None,
-            response,
-            log_gains,
-            progress: None,
-            engine: self.trainer.engine(),
-        }
     }
 }
 

@@ -9,7 +9,8 @@ use luxel::compare::{CompareOptions, ComparedRun, ImageMetrics, MeanMetrics, Run
 use luxel::{files, output, schema, text};
 
 use crate::args::CompareArgs;
-use crate::output::console::{self, Console};
+use crate::output::console::Console;
+use serde_json::json;
 
 /// Compares and prints.
 pub(super) fn run(runs: [&PathBuf; 2], options: &CompareOptions, args: &CompareArgs, console: &Console) -> Result<()> {
@@ -27,12 +28,11 @@ pub(super) fn run(runs: [&PathBuf; 2], options: &CompareOptions, args: &CompareA
         files::write_json(&path, schema::RUN_COMPARISON, &found)?;
         console.note(&format!("{}, and a picture of each of {}", path.display(), text::plural(found.views.len(), "view")));
     }
-    if args.json {
-        return console::print(
-            &serde_json::to_string_pretty(&schema::RUN_COMPARISON.versioned(&found)).context("cannot encode the metrics")?,
-        );
-    }
-    console::print(table(&found).trim_end())
+    let text = match args.json {
+        true => serde_json::to_string_pretty(&schema::RUN_COMPARISON.versioned(&found)).context("cannot encode the metrics")?,
+        false => table(&found).trim_end().to_owned(),
+    };
+    console.finish(json!({ "comparison": found }), &text)
 }
 
 /// A metric of the table.

@@ -37,7 +37,7 @@ enum Look {
     Hdr10 { peak: f32 },
 }
 
-/// What to do without the program.
+/// The remedy where the program is missing.
 const INSTALL: &str = "install ffmpeg (Debian: apt-get install ffmpeg)";
 
 /// Extensions by which ffmpeg chooses a container for both forms.

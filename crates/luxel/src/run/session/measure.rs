@@ -1,0 +1,141 @@
+//! Measurements of a session on the way: a training view at each line of the log, a few test views
+//! for the curve, and everything at an evaluation.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use luxel_metrics::{FieldOptions, FlipChoice, GainFit};
+
+use super::super::evaluation::{Metrics, Rendering};
+use super::super::log::LOG_EVERY;
+use super::super::test_curve::TestCurve;
+use super::super::{Captures, report};
+use super::{LoopState, Session};
+use crate::export::write_with_refined_display;
+use crate::{Event, Result, SelectedEngine, build_info, files, memory, schema};
+
+/// Time and memory that training took before an evaluation.
+#[derive(Clone, Copy)]
+struct Spent {
+    seconds: f64,
+    processor_seconds: Option<f64>,
+    peak_rss_bytes: Option<u64>,
+}
+
+impl Session<'_> {
+    /// Returns the PSNR of one training view, in turn: a sign of progress between evaluations.
+    pub(super) fn probe(&mut self) -> Result<Option<f64>> {
+        let turn = (self.trainer.iteration() / LOG_EVERY) as usize % self.dataset.train.len().max(1);
+        let Some(view) = self.dataset.train.get(turn) else { return Ok(None) };
+        self.rendering().probe(view)
+    }
+
+    /// Returns the mean PSNR of a few test views, for the curve of the report; `None` if all of
+    /// them are masked.
+    pub(super) fn sample_test_views(&mut self, schedule: TestCurve) -> Result<Option<f64>> {
+        let dataset = self.dataset;
+        let mut rendering = self.rendering();
+        let views = schedule.views().filter_map(|i| dataset.test.get(i));
+        let found: Vec<Option<f64>> = views.map(|view| rendering.probe(view)).collect::<Result<_>>()?;
+        let found: Vec<f64> = found.into_iter().flatten().collect();
+        Ok((!found.is_empty()).then(|| found.iter().sum::<f64>() / found.len() as f64))
+    }
+
+    /// Writes scene, images, metrics and report of this step, with the clock stopped.
+    pub(super) fn evaluate(&mut self, state: &mut LoopState) -> Result<()> {
+        let spent =
+            Spent { seconds: state.clock.seconds(), processor_seconds: state.clock.processor_seconds(), peak_rss_bytes: state.peak_rss() };
+        let psnr = state.clock.paused(|| self.evaluate_at(spent))?;
+        state.psnr_test = psnr.or(state.psnr_test);
+        Ok(())
+    }
+
+    fn evaluate_at(&mut self, spent: Spent) -> Result<Option<f64>> {
+        let iteration = self.trainer.iteration();
+        let path = self.folder.scene(iteration);
+        self.write_scene(&path)?;
+        self.observer.event(Event::Saved { path });
+        let images = self.folder.evaluation(iteration);
+        let (dataset, finished) = (self.dataset, self.trainer.is_finished());
+        let config = self.config;
+        Captures::new(&self.trainer, &dataset.train).write(self.folder)?;
+        let mut splits = BTreeMap::new();
+        let mut rendering = self.rendering();
+        let test = rendering.evaluate(&dataset.test, Some(&images), GainFit::None)?;
+        let train = if finished { rendering.evaluate(&dataset.train, None, GainFit::None)? } else { None };
+        for (name, split) in rendering.evaluate_fitted(config, &dataset.test)? {
+            splits.insert(name.to_owned(), split);
+        }
+        for (name, split) in [("test", test), ("train", train)] {
+            if let Some(split) = split {
+                splits.insert(name.to_owned(), split);
+            }
+        }
+        let metrics = Metrics {
+            method: self.config.method_name(),
+            iterations: iteration,
+            splats: self.trainer.splats_len(),
+            train_seconds: spent.seconds,
+            train_cpu_seconds: spent.processor_seconds,
+            peak_rss_bytes: spent.peak_rss_bytes.max(memory::peak_resident_bytes()),
+            radiance_scale: self.trainer.radiance_scale(),
+            mu: self.config.train.mu,
+            seed: self.config.train.seed,
+            threads: self.threads,
+            computed_by: self.computed_by.clone(),
+            luxel_version: crate::VERSION.into(),
+            revision: build_info::REVISION.map(Into::into),
+            features: build_info::features().into_iter().map(Into::into).collect(),
+            dataset: self.config.dataset_path(self.folder.root()).display().to_string(),
+            splits,
+        };
+        files::write_json(&self.folder.metrics(), schema::METRICS, &metrics)?;
+        if finished {
+            report::write(self.folder, self.config, self.dataset, report::Evaluated { metrics: &metrics, images: &images })?;
+        }
+        let psnr = metrics.splits.get("test").map(|split| split.mean.psnr_scene);
+        // Last: it marks the evaluation as complete.
+        files::write_json(&images.join("metrics.json"), schema::METRICS, &metrics)?;
+        for (name, split) in &metrics.splits {
+            let mean = split.mean;
+            let (split, views) = (name.clone(), split.views.len());
+            self.observer.event(Event::Evaluation { step: iteration, split, mean, views });
+        }
+        Ok(psnr)
+    }
+
+    /// Writes the scene file. The last one's display layer, which splat viewers show, is refined;
+    /// where that fails, it is written as the others are.
+    fn write_scene(&mut self, path: &Path) -> Result<()> {
+        let scene = self.trainer.scene()?;
+        let steps = self.config.run.refine_display;
+        if self.trainer.is_finished() && steps > 0 && !scene.splats.is_empty() {
+            let refined = SelectedEngine::open(&self.config.device).and_then(|mut selected| {
+                write_with_refined_display(path, &scene, self.dataset, steps, selected.engine.as_mut(), self.observer)
+            });
+            match refined {
+                Ok(()) => return Ok(()),
+                Err(error) => self.observer.warn(&format!("{:#}", error.context("the display colours of the scene file are not refined"))),
+            }
+        }
+        Ok(luxel_io::write_scene_ply(path, &scene)?)
+    }
+
+    fn rendering(&mut self) -> Rendering<'_> {
+        let (options, radiance_scale, response) = (self.trainer.render_options(), self.trainer.radiance_scale(), self.trainer.response());
+        let log_gains = Captures::new(&self.trainer, &self.dataset.train).log_gains_at(self.trainer.iteration());
+        Rendering {
+            options,
+            radiance_scale,
+            mu: self.config.train.mu,
+            color_space: self.dataset.color_space,
+            peak_luminance: FieldOptions::DEFAULT_PEAK_LUMINANCE,
+            flip: FlipChoice::Skip,
+            lpips: None,
+            response,
+            log_gains,
+            progress: None,
+            engine: self.trainer.engine(),
+        }
+    }
+}
