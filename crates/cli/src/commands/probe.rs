@@ -43,12 +43,15 @@ pub(crate) fn run(args: &ProbeArgs, explicit: &ExplicitArgs) -> Result<()> {
 
 /// Warns of a point that no camera saw: the map would show what is behind what was photographed.
 fn warn_unseen(args: &ProbeArgs, scene: &Scene, dataset: &Dataset, console: &Console) {
+    // The scene's coordinates, in which its splats are.
+    let frame = &scene.world_from_local;
+    let dataset = dataset.in_frame(*frame);
     let cameras: Vec<&Camera> = dataset.train.iter().map(|view| &view.camera).collect();
-    let Some(sight) = sight(scene, &cameras, DVec3::from_array(args.at)) else { return };
+    let Some(sight) = sight(scene, &cameras, frame.inverse().point(DVec3::from_array(args.at))) else { return };
     if sight.seen > 0 {
         return;
     }
-    let [x, y, z] = sight.nearest_camera.to_array().map(|v| text::number(v).replace(' ', ""));
+    let [x, y, z] = frame.point(sight.nearest_camera).to_array().map(|v| (1e6 * v).round() / 1e6);
     let why = match sight.in_view {
         0 => "is in no image of the data set".to_owned(),
         n => format!("is hidden in {} that it is in", text::plural(n, "image")),
