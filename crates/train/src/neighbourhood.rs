@@ -31,7 +31,7 @@ impl Neighbourhood {
         let of_point = |position: &[f32; 3]| {
             let found = tree.query(position).nearest_n::<SquaredEuclidean<f32>>(with_itself).execute();
             // The nearest result is the point itself, or one in the same place.
-            let others: Vec<u32> = found.iter().skip(1).map(|item| item.item as u32).collect();
+            let others: Vec<u32> = found.iter().skip(1).map(|item| item.item).collect();
             (others, found.last().map_or(0.0, |item| item.distance.sqrt()))
         };
         let (neighbours, distances) = positions.par_iter().map(of_point).unzip();
