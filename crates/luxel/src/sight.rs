@@ -1,8 +1,8 @@
 //! Whether cameras saw a point: a scene knows only what they looked at.
 //!
 //! In: a scene, cameras, a point in the scene's coordinates. Out: how many cameras have the point
-//! in their image, and how many of them see it, with no surface between. A ray's transmittance is the
-//! product over the splats of 1 - alpha at the ray's closest approach, in front of the point.
+//! in their image, and how many of them see it, with no surface between. A ray's transmittance is
+//! the product over the splats of 1 - alpha at the ray's closest approach, in front of the point.
 //! Degenerate: a point at a camera is seen by it.
 
 use glam::{DMat3, DQuat, DVec3};

@@ -93,10 +93,12 @@ impl Workplace {
     /// Trains `run` for a few steps. The run that many tests begin with, `run` without further
     /// options on the data set as it is, is trained once and copied.
     pub fn train(&self, run: &str, more: &[&str]) -> String {
-        if run == "run" && more.is_empty() && !self.path(run).exists() {
-            if let Some(stdout) = shared_run::copy(self) {
-                return stdout;
-            }
+        if run == "run"
+            && more.is_empty()
+            && !self.path(run).exists()
+            && let Some(stdout) = shared_run::copy(self)
+        {
+            return stdout;
         }
         self.train_anew(run, more)
     }

@@ -160,8 +160,8 @@ impl Rendering<'_> {
                 if view.values == PixelValues::Radiance {
                     scale.restore(&mut render);
                 }
-                let pictures = files.iter().zip([&render, view.image.as_ref()]);
-                failed = pictures.map(|(path, image)| write_exr(path, image, color_space, scale)).collect();
+                let mut pictures = files.iter().zip([&render, view.image.as_ref()]);
+                failed = pictures.try_for_each(|(path, image)| write_exr(path, image, color_space, scale));
             }
             if let (Some(progress), Ok(())) = (&mut progress, &failed) {
                 progress.add(&view.name, files);

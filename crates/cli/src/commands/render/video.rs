@@ -88,8 +88,8 @@ impl<'a> Video<'a> {
         Ok(Self { path, look, made_by, is_made })
     }
 
-    /// Encodes `frames` in order unless the video is there; `radiance_scale` becomes 1. Returns what
-    /// was done, in a line.
+    /// Encodes `frames` in order unless the video is there; `radiance_scale` becomes 1. Returns
+    /// what was done, in a line.
     pub(super) fn encode(self, args: &RenderArgs, frames: &[&Path], radiance_scale: RadianceScale) -> Result<String> {
         let (path, look) = (self.path, &self.look);
         if self.is_made {
