@@ -33,6 +33,8 @@ fn main() -> ExitCode {
         return answer(&error);
     }
     start_logging();
+    // Before the first event: who reads that may interrupt.
+    let installed = interrupt::install();
     if let Some((name, matches)) = matches.subcommand()
         && let Ok(Some(format)) = matches.try_get_one::<LogFormat>("log_format")
     {
@@ -44,7 +46,7 @@ fn main() -> ExitCode {
         luxel_io::set_memory_limit(gib << 30);
     }
     let threads = matches.subcommand().and_then(|(_, matches)| matches.try_get_one::<u32>("threads").ok().flatten().copied());
-    match start(&cli.command, threads).and_then(|()| on_large_stack(|| dispatch(cli.command, &explicit))) {
+    match installed.and_then(|()| start(&cli.command, threads)).and_then(|()| on_large_stack(|| dispatch(cli.command, &explicit))) {
         Ok(Outcome::Finished) => ExitCode::SUCCESS,
         Ok(Outcome::Interrupted) => ExitCode::from(interrupt::EXIT_INTERRUPTED),
         Err(error) => fail(&error),
@@ -78,9 +80,8 @@ fn fail(error: &anyhow::Error) -> ExitCode {
     ExitCode::FAILURE
 }
 
-/// Prepares the process for the command: signals, and the threads that files are decoded with.
+/// Starts the threads that files are decoded with.
 fn start(command: &Command, threads: Option<u32>) -> Result<()> {
-    interrupt::install()?;
     match command {
         // A configuration file may name the number, which opening the engine takes from there.
         Command::Train(_) if threads.is_none() => Ok(()),

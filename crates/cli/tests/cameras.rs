@@ -100,7 +100,8 @@ fn a_pixel_is_picked_with_its_point_and_splats() {
     let (at, depth) = view.camera.project([point[0], point[1], point[2]].into()).unwrap();
     assert!((at.x - (brightest % SIDE) as f64 - 0.5).abs() < 1e-3 && (at.y - (brightest / SIDE) as f64 - 0.5).abs() < 1e-3, "{at}");
     assert!((depth / told["depth_of_point"].as_f64().unwrap() - 1.0).abs() < 1e-6);
-    assert_eq!(place.events(&args, "pick").len(), 1);
+    let finished = place.events(&args, "finished");
+    assert_eq!((finished.len(), &finished[0]["point"]), (1, &told["point"]), "{finished:?}");
     place.error(&["pick", "run", "--view", "000", "--px", "24,0"], &["24 x 24 pixels"]);
     place.error(&["pick", "run", "--view", "nine", "--px", "1,1"], &["view nine", "images/0"]);
     place.error(&["pick", "run/point_cloud/iteration_40/point_cloud.ply", "--view", "000", "--px", "1,1"], &["--data"]);

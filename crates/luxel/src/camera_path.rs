@@ -68,7 +68,8 @@ pub struct CameraPath {
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let my_images = folder.path().join("data");
 /// synthetic::write_dataset(&my_images, synthetic::BallsOptions { side_px: 16, views: 9 })?;
-/// let path = camera_path(&Dataset::open(&my_images)?, PathKind::Orbit, 24)?;
+/// let dataset = Dataset::open(&my_images)?;
+/// let path = camera_path(&dataset, PathKind::Orbit, 24)?;
 /// assert_eq!(path.cameras.len(), 24);
 /// # Ok(())
 /// # }

@@ -7,7 +7,6 @@ use luxel::edit::find_view;
 use luxel::pick::{Pick, pick};
 use luxel::run::ExplicitArgs;
 use luxel::{schema, text};
-use serde_json::{Value, json};
 
 use crate::args::PickArgs;
 use crate::inputs::engine;
@@ -25,19 +24,12 @@ pub(crate) fn run(args: &PickArgs, explicit: &ExplicitArgs) -> Result<()> {
     let view = find_view(&dataset, &args.view)?;
     let mut engine = engine::engine(&args.input.device)?.engine;
     let found = pick(&source.scene, view, args.px, source.background(None), args.count, engine.as_mut())?;
+    let facts = serde_json::to_value(&found).context("cannot encode the pixel")?;
     if args.json {
         let text = serde_json::to_string_pretty(&schema::PICK.versioned(&found)).context("cannot encode the pixel")?;
-        return console.finish(event(&found)?, &text);
+        return console.finish(facts, &text);
     }
-    console.finish(event(&found)?, report(&found).trim_end())
-}
-
-fn event(found: &Pick) -> Result<Value> {
-    let mut event = json!({ "event": "pick" });
-    if let (Some(event), Value::Object(fields)) = (event.as_object_mut(), serde_json::to_value(found).context("cannot encode the pixel")?) {
-        event.extend(fields);
-    }
-    Ok(event)
+    console.finish(facts, report(&found).trim_end())
 }
 
 /// Returns the facts and the table of splats.

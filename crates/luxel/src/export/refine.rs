@@ -12,12 +12,13 @@
 //! a fixed shuffled order, so that equal inputs give equal files. At the end, harmonics are drawn
 //! towards their mean where they would be negative.
 
+use std::borrow::Cow;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
 use luxel_core::engine::{LearningRates, StatsCollection, StepConfig};
-use luxel_core::{Dataset, Engine, LossWeights, PixelValues, Scene, Target, ToneCurve, View};
+use luxel_core::{Dataset, Engine, LossWeights, PixelValues, Scene, Similarity, Target, ToneCurve, View};
 use luxel_io::{Appearance, BakeOptions, Baked};
 
 use super::error::reference;
@@ -82,7 +83,14 @@ pub fn write_with_refined_display(
 ) -> Result<()> {
     let mut baked = Baked::new(scene, &BakeOptions { appearance: Appearance::PREVIEW, max_degree: 3 });
     refine(&mut baked, scene, dataset, Refinement { steps, is_bounded: true }, engine, observer)?;
-    luxel_io::write_exact_ply(path, scene, &baked).context("cannot write the scene")
+    let unit = scene.world_from_local.scale();
+    let mut scene = Cow::Borrowed(scene);
+    // A file has lengths in units of the world. With a unit of 1 no bit changes.
+    if unit != 1.0 {
+        baked.transform(&Similarity::IDENTITY);
+        Similarity::scaling(unit).apply(&mut scene.to_mut().splats);
+    }
+    luxel_io::write_exact_ply(path, &scene, &baked).context("cannot write the scene")
 }
 
 /// Sum of the rates over all steps: 1 of display value is 3.5 of the constant term.

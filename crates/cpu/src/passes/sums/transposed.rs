@@ -142,7 +142,12 @@ fn sum_of_products<S: Simd>(weight: &[V<S>; LANES], color: &Lanes) -> V<S> {
     let columns = each!([0, 1, 2, 3] column => {
         let term = |row: usize| (weight[BLOCK_PX * row + column], color.0[BLOCK_PX * row + column]);
         let (first, of_first) = term(0);
-        (1..BLOCK_PX).fold(first * of_first, |sum, row| { let (weight, color) = term(row); weight.mul_add(weight.lift(color), sum) })
+        let mut sum = first * of_first;
+        for row in 1..BLOCK_PX {
+            let (weight, color) = term(row);
+            sum = weight.mul_add(weight.lift(color), sum);
+        }
+        sum
     });
     (columns[0] + columns[2]) + (columns[1] + columns[3])
 }
