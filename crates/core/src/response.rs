@@ -98,8 +98,8 @@ impl Response {
         Recorded { value: along.mul_add(rise, knots[k]), by_radiance: by_x * exposure, position, weight: 1.0 }
     }
 
-    /// Evaluates [`Self::apply`] for comparison with a captured value: beyond a saturated or black one
-    /// the value is that one, without derivatives.
+    /// Evaluates [`Self::apply`] for comparison with a captured value: beyond a saturated or black
+    /// one the value is that one, without derivatives.
     #[inline]
     pub fn against(&self, channel: usize, p: f32, recorded: f32) -> Recorded {
         let found = self.apply(channel, p);
