@@ -74,7 +74,7 @@ const SHORT: [ShortHelp; 15] = [
     ShortHelp {
         command: "probe",
         options: &["at", "output", "overwrite", "size", "projection", "near", "up", "output-color-space", "data", "device"],
-        example: "luxel probe run --at=0.2,1.1,-0.4 -o probe.exr",
+        example: "luxel probe luxel-demo --at=-1.5,-6.1,1.35 -o probe.exr",
     },
     ShortHelp {
         command: "pick",
