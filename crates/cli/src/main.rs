@@ -126,6 +126,8 @@ fn dispatch(command: Command, explicit: &ExplicitArgs) -> Result<Outcome> {
         Command::Export(args) => commands::export::run(&args, explicit).map(|()| Outcome::Finished),
         Command::Probe(args) => commands::probe::run(&args, explicit).map(|()| Outcome::Finished),
         Command::Pick(args) => commands::pick::run(&args, explicit).map(|()| Outcome::Finished),
+        #[cfg(feature = "view")]
+        Command::View(args) => commands::view::run(&args, explicit).map(|()| Outcome::Finished),
         Command::Info(args) => commands::info::run(&args, explicit).map(|()| Outcome::Finished),
         Command::Doctor(args) => commands::doctor::run(&args).map(|()| Outcome::Finished),
         Command::Bench(args) => commands::bench::run(&args).map(|()| Outcome::Finished),

@@ -11,6 +11,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use luxel_metrics::ViewMetrics;
 
 use crate::log_record::LogRecord;
+use crate::run::LiveRun;
 
 /// Something that happened during a task.
 #[derive(Clone, Debug, PartialEq)]
@@ -146,6 +147,24 @@ pub trait Observer {
     fn warn(&self, message: &str) {
         self.event(Event::Warning(message.to_owned()));
     }
+
+    /// Looks at a run between two steps, for example to render what it has learned; returns what
+    /// the run is to do. Training waits for the visit, whose time does not count as training's, and
+    /// its result does not depend on it.
+    fn visit(&self, _run: &mut LiveRun<'_>) -> Wish {
+        Wish::Continue
+    }
+}
+
+/// A visitor's request to a run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Wish {
+    /// Make the next step.
+    #[default]
+    Continue,
+    /// Write a checkpoint before the next step.
+    Save,
 }
 
 impl<F: Fn(Event)> Observer for F {

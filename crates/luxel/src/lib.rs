@@ -86,7 +86,7 @@ mod training;
 pub use dataset::{Dataset, bad_pixel_lines};
 pub use device::{Device, DeviceOptions, MAX_THREADS, SelectedEngine, start_threads};
 pub use error::{Error, Result, remedy_of};
-pub use events::{Event, ItemKind, Listening, Observer, Silent, StopFlag};
+pub use events::{Event, ItemKind, Listening, Observer, Silent, StopFlag, Wish};
 pub use export::{Bake, ExportOptions};
 pub use luxel_core::tone::Tonemap;
 pub use luxel_core::{Camera, ColorSpace, Edit, Remedy, View};
@@ -96,9 +96,9 @@ pub use luxel_metrics::SplitMetrics;
 pub use luxel_train::{Method, Preset, TrainConfig};
 pub use probe::{Probe, ProbeOptions};
 pub use processor_time::processor_seconds;
-pub use radiance::{RADIANCE_SCALE, Radiance};
+pub use radiance::{FAR_DEPTH, RADIANCE_SCALE, Radiance, RadianceLayers};
 pub use renderer::Renderer;
-pub use scene::{Scene, read_cameras};
+pub use scene::{Scene, decode_cameras, read_cameras};
 pub use training::{Progress, Training, TrainingBuilder};
 
 /// Version of this crate, which run folders and metrics note.

@@ -26,3 +26,14 @@ pub fn write(path: &Path, image: &Image, color_space: ColorSpace, look: Look) ->
     let rgb8: Vec<[u8; 3]> = image.pixels.iter().map(encode).collect();
     luxel_io::write_png(path, image.width, image.height, rgb8.as_flattened()).context("cannot write a preview")
 }
+
+/// Encodes a JPEG of linear radiance in normalised units, whose primaries are those of
+/// `color_space`, at a quality from 1 to 100.
+///
+/// # Errors
+/// An image that is empty or too large for the format.
+pub fn encode_jpeg(image: &Image, color_space: ColorSpace, look: Look, quality: u8) -> Result<Vec<u8>> {
+    let encode = |&rgb: &[f32; 3]| display_rgb8(look.tonemap, look.exposure_ev, rec709_of(color_space, rgb));
+    let rgb8: Vec<[u8; 3]> = image.pixels.iter().map(encode).collect();
+    luxel_io::encode_jpeg(image.width, image.height, rgb8.as_flattened(), quality).context("cannot encode a preview")
+}

@@ -7,7 +7,7 @@
 use std::path::Path;
 
 use luxel_core::tone::{Tonemap, display_rgb8, rec709_of};
-use luxel_core::{Camera, ColorSpace, Conversion, Image, RadianceScale};
+use luxel_core::{Camera, ColorSpace, Conversion, Image, Layers, RadianceScale};
 use luxel_io::{ExrOptions, ExrSample};
 
 use crate::error::Context;
@@ -93,15 +93,26 @@ impl Radiance {
     /// A name with another extension; the file system's refusal.
     pub fn save_exr(&self, path: impl AsRef<Path>) -> Result<()> {
         output::check_extension(path.as_ref(), &["exr"])?;
-        let options = ExrOptions {
+        luxel_io::write_exr(path.as_ref(), &self.image, &self.exr_options()).context("cannot write an image")?;
+        Ok(())
+    }
+
+    /// Encodes the file that [`Self::save_exr`] writes, into memory.
+    ///
+    /// # Errors
+    /// An image without pixels.
+    pub fn encode_exr(&self) -> Result<Vec<u8>> {
+        luxel_io::encode_exr(Path::new("radiance.exr"), &self.image, &self.exr_options()).context("cannot encode an image")
+    }
+
+    fn exr_options(&self) -> ExrOptions {
+        ExrOptions {
             sample: ExrSample::smallest_for(&self.image),
             color_space: self.color_space,
             numbers: vec![(RADIANCE_SCALE.into(), self.radiance_scale.get())],
             camera: self.camera.clone(),
             ..ExrOptions::default()
-        };
-        luxel_io::write_exr(path.as_ref(), &self.image, &options).context("cannot write an image")?;
-        Ok(())
+        }
     }
 
     /// Writes an 8-bit tone-mapped preview as PNG. `exposure_ev` is in stops; 0 shows the scene's
@@ -117,5 +128,41 @@ impl Radiance {
         };
         let rgb8: Vec<[u8; 3]> = self.image.pixels.iter().map(encode).collect();
         luxel_io::write_png(path.as_ref(), self.width(), self.height(), rgb8.as_flattened()).context("cannot write a preview")
+    }
+}
+
+/// An image with coverage and depth, `[H*W]` each, row by row from the top.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RadianceLayers {
+    /// The image, as [`crate::Renderer::render`] makes it.
+    pub radiance: Radiance,
+    /// Coverage of the pixel by splats, 0 to 1.
+    pub alpha: Vec<f32>,
+    /// Mean depth along the viewing axis, world units; infinite where there are no splats.
+    pub depth: Vec<f32>,
+}
+
+/// Depth in files where there is nothing, as in Blender.
+pub const FAR_DEPTH: f32 = 1e10;
+
+impl RadianceLayers {
+    /// Takes a render out of normalised units.
+    pub(crate) fn new(layers: Layers, radiance_scale: RadianceScale, color_space: ColorSpace, camera: &Camera) -> Self {
+        let Layers { image, alpha, depth } = layers;
+        Self { radiance: Radiance::new(image, radiance_scale, color_space, camera), alpha, depth }
+    }
+
+    /// Encodes an OpenEXR file as [`Radiance::encode_exr`] does, with coverage (`A`) and depth
+    /// (`Z`, [`FAR_DEPTH`] where there is nothing) as asked.
+    ///
+    /// # Errors
+    /// An image without pixels.
+    pub fn encode_exr(&self, with_alpha: bool, with_depth: bool) -> Result<Vec<u8>> {
+        let options = ExrOptions {
+            alpha: with_alpha.then(|| self.alpha.clone()),
+            depth: with_depth.then(|| self.depth.iter().map(|z| z.min(FAR_DEPTH)).collect()),
+            ..self.radiance.exr_options()
+        };
+        luxel_io::encode_exr(Path::new("radiance.exr"), &self.radiance.image, &options).context("cannot encode an image")
     }
 }

@@ -1,10 +1,11 @@
 //! Rendering of a scene: always with the scene's own raster settings, always into the units of the
 //! data set.
 
-use luxel_core::{Camera, ColorSpace, Engine, RadianceScale, RenderOptions, Similarity};
+use luxel_core::{Camera, ColorSpace, Engine, RadianceScale, RasterConfig, RenderOptions, Similarity};
 
 use crate::device::SelectedEngine;
 use crate::error::{Context, ensure};
+use crate::radiance::RadianceLayers;
 use crate::{DeviceOptions, Radiance, Result, Scene};
 
 /// Renders one scene from any camera.
@@ -35,7 +36,14 @@ impl Renderer {
     /// A device that is not there; a scene that is not valid or does not fit into the device's
     /// memory.
     pub fn new(scene: &Scene, device: impl Into<DeviceOptions>) -> Result<Self> {
-        let mut engine = SelectedEngine::open(&device.into())?.engine;
+        Self::with_engine(scene, SelectedEngine::open(&device.into())?.engine)
+    }
+
+    /// Loads the scene into an engine that is open already.
+    ///
+    /// # Errors
+    /// A scene that is not valid or does not fit into the device's memory.
+    pub fn with_engine(scene: &Scene, mut engine: Box<dyn Engine>) -> Result<Self> {
         engine.load(&scene.splats, None).context("cannot load the scene")?;
         let options = scene.render_options();
         Ok(Self {
@@ -45,6 +53,23 @@ impl Renderer {
             options,
             world_from_local: scene.world_from_local,
         })
+    }
+
+    /// Replaces the scene, and keeps background and samples. After an error the scene is as it was.
+    ///
+    /// # Errors
+    /// A scene that is not valid or does not fit into the device's memory.
+    pub fn replace_scene(&mut self, scene: &Scene) -> Result<()> {
+        self.engine.load(&scene.splats, None).context("cannot load the scene")?;
+        let RenderOptions { mut background, .. } = self.options;
+        if scene.radiance_scale != self.radiance_scale {
+            background = scene.radiance_scale.normalised(self.radiance_scale.restored(background));
+        }
+        let raster = RasterConfig { samples: self.options.raster.samples, ..scene.raster };
+        self.options = RenderOptions { raster, background, ..scene.render_options() };
+        (self.radiance_scale, self.color_space) = (scene.radiance_scale, scene.color_space);
+        self.world_from_local = scene.world_from_local;
+        Ok(())
     }
 
     /// Sets the radiance behind everything, in the units of the data set. It is black at first.
@@ -71,8 +96,37 @@ impl Renderer {
     pub fn render(&mut self, camera: &Camera) -> Result<Radiance> {
         crate::memory::check_render(camera.size_px, self.options.raster.samples)?;
         let image = self.engine.render(camera, &self.options).context("cannot render")?;
+        Ok(Radiance::new(image, self.radiance_scale, self.color_space, &self.world_camera(camera)))
+    }
+
+    fn world_camera(&self, camera: &Camera) -> Camera {
         let mut world_camera = camera.clone();
         self.world_from_local.apply_to_camera(&mut world_camera);
-        Ok(Radiance::new(image, self.radiance_scale, self.color_space, &world_camera))
+        world_camera
+    }
+
+    /// Renders the scene with each pixel's coverage and depth.
+    ///
+    /// ```
+    /// use luxel::{Device, Renderer, synthetic};
+    ///
+    /// # fn main() -> luxel::Result<()> {
+    /// let mut renderer = Renderer::new(&synthetic::room(200, 1), Device::Cpu)?;
+    /// let camera = synthetic::room_camera([32, 24]);
+    /// let layers = renderer.render_layers(&camera)?;
+    /// assert_eq!(layers.radiance, renderer.render(&camera)?);
+    /// assert_eq!((layers.alpha.len(), layers.depth.len()), (32 * 24, 32 * 24));
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// Those of [`Self::render`]; an engine without depth, such as the GPU's.
+    pub fn render_layers(&mut self, camera: &Camera) -> Result<RadianceLayers> {
+        crate::memory::check_render(camera.size_px, self.options.raster.samples)?;
+        let mut layers = self.engine.render_layers(camera, &self.options).context("cannot render")?;
+        let unit = self.world_from_local.scale() as f32;
+        layers.depth.iter_mut().for_each(|z| *z *= unit);
+        Ok(RadianceLayers::new(layers, self.radiance_scale, self.color_space, &self.world_camera(camera)))
     }
 }

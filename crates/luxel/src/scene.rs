@@ -164,3 +164,11 @@ impl Deref for Scene {
 pub fn read_cameras(path: impl AsRef<Path>) -> Result<Vec<PathCamera>> {
     luxel_io::read_camera_path(path.as_ref(), None).context("cannot read the cameras")
 }
+
+/// Decodes the cameras of a file's bytes as [`read_cameras`] does; `name` is for errors.
+///
+/// # Errors
+/// As [`read_cameras`].
+pub fn decode_cameras(name: &str, bytes: &[u8]) -> Result<Vec<PathCamera>> {
+    luxel_io::decode_camera_path(Path::new(name), bytes, None).context("cannot read the cameras")
+}

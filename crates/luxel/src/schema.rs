@@ -50,9 +50,11 @@ pub const EDIT_COMPARISON: Document = Document { name: "comparison.json", versio
 pub const PICK: Document = Document { name: "luxel pick --json", version: 1 };
 /// A measurement of speed.
 pub const BENCH: Document = Document { name: "luxel bench --json", version: 1 };
+/// The scene and the probe that a viewer answers with.
+pub const VIEW: Document = Document { name: "luxel view", version: 1 };
 
 /// All documents, in the order of the reference.
-pub const DOCUMENTS: [Document; 16] = [
+pub const DOCUMENTS: [Document; 17] = [
     METRICS,
     LOG,
     CAPTURES,
@@ -69,6 +71,7 @@ pub const DOCUMENTS: [Document; 16] = [
     EDIT_COMPARISON,
     PICK,
     BENCH,
+    VIEW,
 ];
 
 impl Document {

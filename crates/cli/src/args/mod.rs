@@ -16,6 +16,8 @@ pub(crate) mod run_config;
 mod shared;
 pub(crate) mod train_options;
 pub(crate) mod values;
+#[cfg(feature = "view")]
+mod view;
 
 use std::path::PathBuf;
 
@@ -39,6 +41,8 @@ pub(crate) use self::reproduce::ReproduceArgs;
 pub(crate) use self::shared::{ConsoleArgs, DeviceArgs, LoadArgs, MetricsArgs, RunArgs, SceneDataArgs};
 use self::train_options::TrainOptions;
 use self::values::parse_positive;
+#[cfg(feature = "view")]
+pub(crate) use self::view::ViewArgs;
 
 /// Options whose flag is not their library name with dashes: the command line tells the colour
 /// space of input from that of output.
@@ -172,6 +176,9 @@ pub(crate) enum Command {
     Probe(Box<ProbeArgs>),
     /// Show what a pixel of a view is made of: radiance, depth, the point in the world, splats.
     Pick(Box<PickArgs>),
+    /// Look at a scene in the browser, in radiance: exposure, false colour, probe, ground truth.
+    #[cfg(feature = "view")]
+    View(Box<ViewArgs>),
     /// Describe a scene, run, checkpoint, data set or image, or list the devices.
     Info(InfoArgs),
     /// Look at this machine: GPUs, memory, COLMAP, ffmpeg; what each is for and how to get it.
@@ -214,6 +221,11 @@ pub(crate) struct TrainArgs {
     /// Print the time spent in each pass at the end.
     #[arg(long, help_heading = "Output")]
     pub(crate) profile: bool,
+    /// Show the training in the browser at this address: the scene as it grows, plots, pause, save
+    /// and stop [default address: 127.0.0.1:7007].
+    #[cfg(feature = "view")]
+    #[arg(long, num_args = 0..=1, require_equals = true, default_missing_value = luxel_view::DEFAULT_ADDRESS, value_name = "ADDR:PORT", help_heading = "Output")]
+    pub(crate) view: Option<std::net::SocketAddr>,
     /// Terminal output.
     #[command(flatten)]
     pub(crate) console: ConsoleArgs,

@@ -173,11 +173,12 @@ EXR       {images}
 scene     {scene}
 
 Try next:
-  luxel info {root}
+{view}  luxel info {root}
   luxel render {root} --split all -o {root}/frames --tonemap agx --exposure 2
   luxel train {root}/{DATASET_FOLDER} -o desk-lamp
   luxel train YOUR_IMAGES -o my-scene",
         more = pictures.len().saturating_sub(1),
+        view = if cfg!(feature = "view") { format!("  luxel view {root}   <- look around, in the browser\n") } else { String::new() },
     );
     console.finish(facts, &text)
 }

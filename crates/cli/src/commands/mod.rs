@@ -16,3 +16,5 @@ pub(crate) mod probe;
 pub(crate) mod render;
 pub(crate) mod reproduce;
 pub(crate) mod train;
+#[cfg(feature = "view")]
+pub(crate) mod view;

@@ -10,7 +10,7 @@ use luxel::output::{self, FrameState, Recipe};
 use luxel::preview::{self, Look};
 use luxel::run::evaluation::unique_stems;
 use luxel::run::{ExplicitArgs, FrameProgress};
-use luxel::{Device, RADIANCE_SCALE, files, text};
+use luxel::{Device, FAR_DEPTH, RADIANCE_SCALE, files, text};
 use luxel_core::{Camera, ColorSpace, Conversion, Engine, Layers, RasterConfig, RenderOptions, Scene};
 use luxel_io::ExrOptions;
 use serde_json::json;
@@ -179,9 +179,6 @@ fn jobs(args: &RenderArgs, shots: Shots, recipe: &Recipe) -> Result<Vec<Job>> {
     Ok(in_shard.map(|(_, (_, named))| job(named)).collect())
 }
 
-/// Depth where there is nothing, as in Blender.
-const FAR: f32 = 1e10;
-
 /// Writes the files of a job; returns whether half floats could not hold the image.
 fn write(args: &RenderArgs, scene: &Scene, job: &Job, layers: Layers) -> Result<bool> {
     let Layers { mut image, alpha, depth } = layers;
@@ -209,7 +206,7 @@ fn write(args: &RenderArgs, scene: &Scene, job: &Job, layers: Layers) -> Result<
         numbers: vec![(RADIANCE_SCALE.into(), scene.radiance_scale.get()), ("luxel:preview_exposure_ev".into(), args.exposure)],
         camera: Some(scene.world_camera(&job.camera)),
         alpha: args.alpha.then_some(alpha),
-        depth: args.depth.then(|| depth.into_iter().map(|z| (z * unit).min(FAR)).collect()),
+        depth: args.depth.then(|| depth.into_iter().map(|z| (z * unit).min(FAR_DEPTH)).collect()),
         ..ExrOptions::default()
     };
     let out_of_range = luxel_io::write_exr(&job.exr, &image, &options).context("cannot write an image")?;

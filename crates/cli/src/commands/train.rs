@@ -9,6 +9,8 @@ use luxel_core::Dataset;
 use serde_json::json;
 
 use super::demo;
+#[cfg(feature = "view")]
+use super::view;
 use crate::args::{TrainArgs, run_config};
 use crate::inputs::data;
 use crate::inputs::engine::training_engine;
@@ -41,7 +43,13 @@ pub(crate) fn run(args: &TrainArgs, explicit: &ExplicitArgs) -> Result<Outcome> 
         interrupt::at_end_of_input();
     }
     let console = Console::new(args.console.log_format, args.console.quiet);
-    let launch = Launch { folder: &folder, observer: &console, stop: interrupt::stop() };
+    #[cfg(feature = "view")]
+    let live = args.view.map(|address| view::live(address, &args.output, &console)).transpose()?;
+    #[cfg(feature = "view")]
+    let observer: &dyn luxel::Observer = live.as_ref().map_or(&console, |live| live);
+    #[cfg(not(feature = "view"))]
+    let observer = &console;
+    let launch = Launch { folder: &folder, observer, stop: interrupt::stop() };
     let TrainedRun { outcome, config, mut trainer, steps, .. } = match start {
         Start::Fresh(config) => {
             let (engine, loaded) = (training_engine(&config)?, config.load.clone());

@@ -120,6 +120,15 @@ impl SceneSource {
     }
 }
 
+#[cfg(feature = "view")]
+impl SceneSource {
+    /// Returns the radiance behind everything, in the units of the data set: as in training, else
+    /// black.
+    pub(crate) fn background_radiance(&self) -> [f32; 3] {
+        self.run.as_ref().map_or([0.0; 3], |(_, config)| config.train.background)
+    }
+}
+
 /// Returns how a run's own data set is read: as the run did, but for explicit options.
 fn load_options(now: &LoadArgs, explicit: &ExplicitArgs, run: &LoadOptions) -> LoadOptions {
     let now = now.options();

@@ -17,9 +17,9 @@ use super::clock::Clock;
 use super::folder::LockIdentity;
 use super::log::{LOG_EVERY, LogRecord, RunLog};
 use super::test_curve::TestCurve;
-use super::{RunConfig, RunFolder, state};
+use super::{LiveRun, RunConfig, RunFolder, state};
 use crate::error::Context;
-use crate::{Error, Event, Observer, Result, StopFlag, memory, text};
+use crate::{Error, Event, Observer, Result, StopFlag, Wish, memory, text};
 
 /// Exit code of the program when an interruption ended it: 128 + SIGINT.
 pub const EXIT_INTERRUPTED: u8 = 130;
@@ -147,7 +147,9 @@ impl Session<'_> {
             let iteration = self.trainer.iteration();
             self.observer.event(Event::Step { done: iteration });
 
-            let (save, evaluate) = (self.checkpoint_is_due(), self.evaluation_is_due());
+            let wish = state.clock.paused(|| self.observer.visit(&mut LiveRun::new(&mut self.trainer, self.dataset)));
+            let save = wish == Wish::Save || self.checkpoint_is_due();
+            let evaluate = self.evaluation_is_due();
             if save || evaluate || iteration.is_multiple_of(LOG_EVERY) {
                 self.check_folder(state)?;
                 self.log(state)?;

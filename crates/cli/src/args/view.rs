@@ -1,0 +1,29 @@
+//! Arguments of `luxel view`.
+
+use std::net::SocketAddr;
+
+use clap::Args;
+
+use super::SceneDataArgs;
+
+/// `luxel view`.
+#[derive(Debug, Args)]
+#[command(
+    mut_arg("data", |arg| arg.help("Data set whose cameras and images are shown beside the scene [default for a run: its own]")),
+    after_help = "The page shows radiance: exposure, tone curve and false colour are chosen in the browser, and the value under the cursor is \
+    in the units of the data set. Press ? on the page for its keys.\n\
+    Over SSH: ssh -L 7007:127.0.0.1:7007 MACHINE, start luxel view there, and open the printed address here.\n\
+    The device auto is the CPU, whose engine alone renders depth; a GPU is faster and shows none."
+)]
+pub(crate) struct ViewArgs {
+    /// Address and port to serve the page at; port 0 is any free one. An address that other
+    /// machines reach asks them for the token of the printed address.
+    #[arg(long, default_value = luxel_view::DEFAULT_ADDRESS, value_name = "ADDR:PORT")]
+    pub(crate) listen: SocketAddr,
+    /// Print the address and open no browser.
+    #[arg(long)]
+    pub(crate) no_browser: bool,
+    /// The scene, its data set, the device and the terminal.
+    #[command(flatten)]
+    pub(crate) input: SceneDataArgs,
+}

@@ -1,0 +1,80 @@
+//! `luxel view`: the page in the browser, served until the program is stopped.
+
+use std::net::SocketAddr;
+use std::path::Path;
+
+use anyhow::Result;
+use luxel::run::ExplicitArgs;
+use luxel::{Device, Renderer, Scene};
+use luxel_core::Dataset;
+use luxel_view::{Live, Subject, Viewer};
+use serde_json::json;
+
+use crate::args::{DeviceArgs, ViewArgs};
+use crate::inputs::engine;
+use crate::inputs::scene_source::{DataRequest, SceneSource};
+use crate::interrupt;
+use crate::output::console::Console;
+
+/// Serves the scene; `explicit` names the options that were given.
+pub(crate) fn run(args: &ViewArgs, explicit: &ExplicitArgs) -> Result<()> {
+    let console = Console::new(args.input.console.log_format, args.input.console.quiet);
+    let viewer = Viewer::bind(args.listen)?;
+    let source = SceneSource::open(&args.input.scene, &console)?;
+    let dataset = dataset(args, explicit, &source, &console)?;
+    let background = source.background_radiance();
+    let scene = Scene::from(source.scene);
+    let mut renderer = Renderer::with_engine(&scene, engine::engine(&device(args))?.engine)?;
+    renderer.set_background(background);
+    let subject = Subject::new(name(&args.input.scene), &scene, dataset.as_ref())?;
+    drop(dataset);
+    announce(&viewer, !args.no_browser, &console)?;
+    Ok(viewer.serve(subject, scene, renderer, interrupt::stop())?)
+}
+
+/// Prints the address and opens it in a browser.
+pub(crate) fn announce(viewer: &Viewer, with_browser: bool, console: &Console) -> Result<()> {
+    let url = viewer.url();
+    console.result(&json!({ "event": "viewer", "url": url }), &url)?;
+    if with_browser && let Err(error) = open::that_detached(&url) {
+        console.note(&format!("cannot open a browser ({error}); open the address by hand"));
+    }
+    Ok(())
+}
+
+/// Returns the observer of a training that shows it in the browser, and passes events on.
+pub(crate) fn live<'a>(address: SocketAddr, run: &Path, console: &'a Console) -> Result<Live<'a>> {
+    let viewer = Viewer::bind(address)?;
+    // Like all of the console's lines: on stderr, or an object on stdout.
+    let url = viewer.url();
+    console.event(&json!({ "event": "viewer", "url": url }), &format!("viewer {url}"));
+    Ok(Live::new(viewer, name(run), interrupt::stop(), console))
+}
+
+/// Returns the data set; without that of a run, which may be on another machine, the scene is shown
+/// alone.
+fn dataset(args: &ViewArgs, explicit: &ExplicitArgs, source: &SceneSource, console: &Console) -> Result<Option<Dataset>> {
+    match source.dataset(DataRequest::new(&args.input, explicit), console) {
+        Ok(dataset) => Ok(dataset),
+        Err(error) if args.input.data.is_none() && source.run.is_some() => {
+            console.warn(&format!("no cameras and no ground truth: {error:#}"));
+            Ok(None)
+        }
+        Err(error) => Err(error),
+    }
+}
+
+/// Returns the device: `auto` means the CPU, the only engine with depth.
+fn device(args: &ViewArgs) -> DeviceArgs {
+    let mut device = args.input.device.clone();
+    if device.device == Device::Auto {
+        device.device = Device::Cpu;
+    }
+    device
+}
+
+/// Returns the name that the page has for what is at a path.
+fn name(path: &Path) -> String {
+    let full = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+    full.file_name().unwrap_or(full.as_os_str()).to_string_lossy().into_owned()
+}

@@ -1,0 +1,73 @@
+//! A run between two steps, as a visitor sees it.
+//!
+//! In: the trainer and the data set; out: pictures and the scene as they stand, in the units of the
+//! data set. Nothing that a visitor can do changes what the run learns.
+
+use luxel_core::{Camera, Dataset};
+use luxel_train::Trainer;
+
+use crate::error::Context;
+use crate::{Radiance, RadianceLayers, Result, Scene, memory};
+
+/// A run between two steps. [`crate::Observer::visit`] receives it.
+pub struct LiveRun<'a> {
+    trainer: &'a mut Trainer,
+    dataset: &'a Dataset,
+}
+
+impl<'a> LiveRun<'a> {
+    /// Returns the run of a trainer.
+    pub(super) fn new(trainer: &'a mut Trainer, dataset: &'a Dataset) -> Self {
+        Self { trainer, dataset }
+    }
+
+    /// Returns the number of steps made so far.
+    pub fn steps_made(&self) -> u32 {
+        self.trainer.iteration()
+    }
+
+    /// Returns the number of steps in all.
+    pub fn steps(&self) -> u32 {
+        self.trainer.config().iterations
+    }
+
+    /// Returns the number of splats.
+    pub fn splats_len(&self) -> usize {
+        self.trainer.splats_len()
+    }
+
+    /// Returns the views.
+    pub fn dataset(&self) -> &Dataset {
+        self.dataset
+    }
+
+    /// Returns the scene as it stands.
+    ///
+    /// # Errors
+    /// A device that gave up.
+    pub fn scene(&mut self) -> Result<Scene> {
+        Ok(self.trainer.scene()?.into())
+    }
+
+    /// Renders the scene as it stands.
+    ///
+    /// # Errors
+    /// A camera that cannot be rendered; a device that gave up.
+    pub fn render(&mut self, camera: &Camera) -> Result<Radiance> {
+        let options = self.trainer.render_options();
+        memory::check_render(camera.size_px, options.raster.samples)?;
+        let image = self.trainer.engine().render(camera, &options).context("cannot render")?;
+        Ok(Radiance::new(image, self.trainer.radiance_scale(), self.dataset.color_space, camera))
+    }
+
+    /// Renders the scene as it stands, with coverage and depth.
+    ///
+    /// # Errors
+    /// Those of [`Self::render`]; an engine without depth.
+    pub fn render_layers(&mut self, camera: &Camera) -> Result<RadianceLayers> {
+        let options = self.trainer.render_options();
+        memory::check_render(camera.size_px, options.raster.samples)?;
+        let layers = self.trainer.engine().render_layers(camera, &options).context("cannot render")?;
+        Ok(RadianceLayers::new(layers, self.trainer.radiance_scale(), self.dataset.color_space, camera))
+    }
+}

@@ -1,0 +1,73 @@
+//! The page: its files are part of the program, so that nothing is fetched from anywhere.
+
+/// A file of the page.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Asset {
+    pub(crate) content: &'static str,
+    pub(crate) media_type: &'static str,
+}
+
+macro_rules! script {
+    ($name:literal) => {
+        ($name, Asset { content: include_str!(concat!("page/", $name)), media_type: "text/javascript; charset=utf-8" })
+    };
+}
+
+/// The document, in which [`TITLE`] stands for the scene's name.
+pub(crate) const INDEX: &str = include_str!("page/index.html");
+
+/// The place of the scene's name in [`INDEX`].
+pub(crate) const TITLE: &str = "{{title}}";
+
+/// All files but the document.
+const ASSETS: &[(&str, Asset)] = &[
+    ("style.css", Asset { content: include_str!("page/style.css"), media_type: "text/css; charset=utf-8" }),
+    ("icon.svg", Asset { content: include_str!("page/icon.svg"), media_type: "image/svg+xml" }),
+    script!("controls.js"),
+    script!("display.js"),
+    script!("falsecolor.js"),
+    script!("half.js"),
+    script!("help.js"),
+    script!("lens.js"),
+    script!("main.js"),
+    script!("math.js"),
+    script!("measure.js"),
+    script!("overlay.js"),
+    script!("panel.js"),
+    script!("plots.js"),
+    script!("probes.js"),
+    script!("scene.js"),
+    script!("shader.js"),
+    script!("state.js"),
+    script!("stream.js"),
+];
+
+/// Returns the file of this name.
+pub(crate) fn asset(name: &str) -> Option<Asset> {
+    ASSETS.iter().find(|(known, _)| *known == name).map(|(_, asset)| *asset)
+}
+
+/// Returns the document for a scene of this name.
+pub(crate) fn index(name: &str) -> String {
+    let escaped: String = name.chars().map(|c| if "&<>\"'".contains(c) { format!("&#{};", u32::from(c)) } else { c.to_string() }).collect();
+    INDEX.replace(TITLE, &escaped)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_is_text_in_the_document() {
+        let page = index("<script>alert('a')</script>");
+        assert!(page.contains("<title>&#60;script&#62;alert(&#39;a&#39;)") && !page.contains(TITLE));
+    }
+
+    #[test]
+    fn the_page_loads_nothing_from_elsewhere() {
+        for (name, asset) in ASSETS {
+            let has_address = asset.content.lines().any(|line| line.contains("://") && !line.contains("http://www.w3.org/"));
+            assert!(!has_address, "{name}");
+        }
+    }
+}

@@ -1,0 +1,187 @@
+//! Renders that wait for the engine: a bounded queue in which a viewer's newest wish replaces its
+//! older ones.
+//!
+//! In: [`Job`]s from any thread; out: the same, one by one, to the thread that owns the engine. A
+//! job of a viewer takes the place of that viewer's waiting job, whose sender learns that it was
+//! superseded; so a viewer that moves fast delays nobody. A full queue refuses.
+
+use std::collections::VecDeque;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use luxel::RadianceLayers;
+use luxel_core::Camera;
+use tokio::sync::oneshot;
+
+/// Jobs that may wait.
+const MAX_WAITING: usize = 64;
+
+/// The picture that a job asks for.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Wanted {
+    /// Camera, valid and undistorted.
+    pub(crate) camera: Camera,
+    /// Edits applied before rendering, in their text form; empty for the scene as it is.
+    pub(crate) edit: String,
+    /// Whether coverage and depth are needed.
+    pub(crate) layers: bool,
+}
+
+/// A finished render.
+#[derive(Clone, Debug)]
+pub(crate) struct Rendered {
+    /// The picture. Coverage and depth are empty where the job did not need them, or where the
+    /// engine has none.
+    pub(crate) picture: Arc<RadianceLayers>,
+    /// Version of the scene that was rendered: steps of a training, 0 otherwise.
+    pub(crate) version: u64,
+    /// Time that the engine took, seconds; 0 for a picture that was there already.
+    pub(crate) seconds: f64,
+}
+
+/// The answer to a job.
+#[derive(Clone, Debug)]
+pub(crate) enum Reply {
+    /// It is done.
+    Done(Rendered),
+    /// A newer job of the same viewer took its place.
+    Superseded,
+    /// It cannot be done, for the reason given.
+    Failed(String),
+}
+
+/// A render that waits.
+pub(crate) struct Job {
+    /// The picture.
+    pub(crate) wanted: Wanted,
+    /// The viewer that it is for; `None` for a job that nothing replaces.
+    pub(crate) viewer: Option<String>,
+    /// Receives the answer.
+    pub(crate) reply: oneshot::Sender<Reply>,
+}
+
+/// Explains why a job was not taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Refusal {
+    /// Too many wait already.
+    Full,
+    /// Nothing renders any more.
+    Closed,
+}
+
+#[derive(Default)]
+struct Inner {
+    waiting: VecDeque<Job>,
+    is_closed: bool,
+}
+
+/// The queue.
+#[derive(Default)]
+pub(crate) struct Jobs {
+    inner: Mutex<Inner>,
+    arrived: Condvar,
+}
+
+impl Jobs {
+    fn lock(&self) -> MutexGuard<'_, Inner> {
+        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Adds a job, and returns the receiver of its answer.
+    pub(crate) fn submit(&self, wanted: Wanted, viewer: Option<String>) -> Result<oneshot::Receiver<Reply>, Refusal> {
+        let (reply, answer) = oneshot::channel();
+        let job = Job { wanted, viewer, reply };
+        let mut inner = self.lock();
+        if inner.is_closed {
+            return Err(Refusal::Closed);
+        }
+        let same = inner.waiting.iter_mut().find(|waiting| waiting.viewer.is_some() && waiting.viewer == job.viewer);
+        if let Some(waiting) = same {
+            let older = std::mem::replace(waiting, job);
+            // A receiver that left needs no answer.
+            let _ = older.reply.send(Reply::Superseded);
+            return Ok(answer);
+        }
+        // Those whose receiver left make room.
+        inner.waiting.retain(|waiting| !waiting.reply.is_closed());
+        if inner.waiting.len() >= MAX_WAITING {
+            return Err(Refusal::Full);
+        }
+        inner.waiting.push_back(job);
+        drop(inner);
+        self.arrived.notify_one();
+        Ok(answer)
+    }
+
+    /// Returns the next job that somebody still waits for, and waits for one as long as `patience`
+    /// allows; `None` after that, and once the queue is closed.
+    pub(crate) fn next(&self, patience: Duration) -> Option<Job> {
+        let until = Instant::now() + patience;
+        let mut inner = self.lock();
+        loop {
+            while let Some(job) = inner.waiting.pop_front() {
+                if !job.reply.is_closed() {
+                    return Some(job);
+                }
+            }
+            let left = until.saturating_duration_since(Instant::now());
+            if inner.is_closed || left.is_zero() {
+                return None;
+            }
+            inner = self.arrived.wait_timeout(inner, left).unwrap_or_else(PoisonError::into_inner).0;
+        }
+    }
+
+    /// Refuses jobs from now on; those that wait are dropped.
+    pub(crate) fn close(&self) {
+        let mut inner = self.lock();
+        inner.is_closed = true;
+        inner.waiting.clear();
+        drop(inner);
+        self.arrived.notify_all();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn wanted(width: u32) -> Wanted {
+        Wanted { camera: luxel::synthetic::room_camera([width, 4]), edit: String::new(), layers: false }
+    }
+
+    fn widths(jobs: &Jobs) -> Vec<u32> {
+        std::iter::from_fn(|| jobs.next(Duration::ZERO)).map(|job| job.wanted.camera.size_px[0]).collect()
+    }
+
+    #[test]
+    fn the_newest_wish_of_a_viewer_takes_the_place_of_its_older_one() {
+        let jobs = Jobs::default();
+        let mut first = jobs.submit(wanted(1), Some("a".into())).unwrap();
+        let _other = jobs.submit(wanted(2), Some("b".into())).unwrap();
+        let _lasting = jobs.submit(wanted(3), None).unwrap();
+        let _newest = jobs.submit(wanted(4), Some("a".into())).unwrap();
+        assert!(matches!(first.try_recv(), Ok(Reply::Superseded)));
+        let _another = jobs.submit(wanted(5), None).unwrap();
+        assert_eq!(widths(&jobs), [4, 2, 3, 5]);
+    }
+
+    #[test]
+    fn a_full_queue_refuses_and_those_who_left_make_room() {
+        let jobs = Jobs::default();
+        let mut answers: Vec<_> = (0..MAX_WAITING).map(|_| jobs.submit(wanted(1), None).unwrap()).collect();
+        assert_eq!(jobs.submit(wanted(1), None).unwrap_err(), Refusal::Full);
+        answers.pop();
+        assert!(jobs.submit(wanted(9), None).is_ok());
+    }
+
+    #[test]
+    fn a_closed_queue_hands_out_nothing() {
+        let jobs = Jobs::default();
+        let answer = jobs.submit(wanted(1), None).unwrap();
+        jobs.close();
+        assert!(jobs.next(Duration::from_secs(60)).is_none());
+        assert!(answer.blocking_recv().is_err());
+        assert_eq!(jobs.submit(wanted(1), None).unwrap_err(), Refusal::Closed);
+    }
+}

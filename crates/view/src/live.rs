@@ -1,0 +1,172 @@
+//! A viewer of a run that is being trained: an [`Observer`]'s visits between steps.
+//!
+//! In: a run between two steps, its events, and what the page asks for; out: pictures of the scene
+//! as it stands, the newest state, the history, and wishes of saving and stopping. Training waits
+//! for at most [`JOBS_PER_STEP`] pictures a step, and while it is paused.
+
+use std::sync::atomic::Ordering;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use luxel::run::{LiveRun, LogRecord};
+use luxel::{Error, Event, Observer, RadianceLayers, Result, StopFlag, Wish};
+
+use crate::routes::House;
+use crate::stage::{LastPicture, Stage, without_layers};
+use crate::status::{Record, Shared, Status, TrainingStatus};
+use crate::{Subject, Viewer};
+
+/// Pictures that are rendered between two steps.
+const JOBS_PER_STEP: usize = 1;
+/// Time between looks at the wishes while a run is paused.
+const PATIENCE: Duration = Duration::from_millis(100);
+/// Least time between states that pages receive.
+const TELL_EVERY: Duration = Duration::from_millis(100);
+
+/// An observer that shows a run in the browser, and passes its events on.
+pub struct Live<'a> {
+    name: String,
+    stop: &'a StopFlag,
+    next: &'a dyn Observer,
+    state: Mutex<LiveState>,
+}
+
+struct LiveState {
+    /// The address, until the first visit.
+    viewer: Option<Viewer>,
+    house: Option<Arc<House>>,
+    last: LastPicture,
+    told_at: Instant,
+}
+
+impl<'a> Live<'a> {
+    /// Returns the viewer of a run called `name`, whose events go to `next`; the page can set
+    /// `stop`.
+    pub fn new(viewer: Viewer, name: impl Into<String>, stop: &'a StopFlag, next: &'a dyn Observer) -> Self {
+        let state = LiveState { viewer: Some(viewer), house: None, last: LastPicture::default(), told_at: Instant::now() };
+        Self { name: name.into(), stop, next, state: Mutex::new(state) }
+    }
+
+    /// Returns what the server has, which it is started with at the first visit.
+    fn house(&self, state: &mut LiveState, run: &mut LiveRun<'_>) -> Result<Arc<House>> {
+        if let Some(house) = &state.house {
+            return Ok(Arc::clone(house));
+        }
+        let scene = run.scene()?;
+        let subject = Subject::new(self.name.clone(), &scene, Some(run.dataset()))?;
+        let house = Arc::new(House::new(subject, scene.color_space, status_of(run)));
+        let viewer = state.viewer.take().ok_or_else(|| Error::new("the viewer could not be started"))?;
+        viewer.start(Arc::clone(&house))?;
+        state.house = Some(Arc::clone(&house));
+        Ok(house)
+    }
+
+    /// Answers what waits; longer while the run is paused.
+    fn serve(&self, house: &House, state: &mut LiveState, run: &mut LiveRun<'_>) -> Wish {
+        let wishes = &house.shared.wishes;
+        if state.told_at.elapsed() >= TELL_EVERY {
+            state.told_at = Instant::now();
+            let newest = status_of(run);
+            house.shared.update(|status| status.advance(newest));
+        }
+        let mut stage = LiveStage { run };
+        for _ in 0..JOBS_PER_STEP {
+            let Some(job) = house.jobs.next(Duration::ZERO) else { break };
+            state.last.answer(job, &mut stage);
+        }
+        let mut wish = Wish::Continue;
+        loop {
+            if Shared::take(&wishes.stop) {
+                self.stop.request();
+            }
+            if Shared::take(&wishes.save) {
+                wish = Wish::Save;
+            }
+            let is_paused = wishes.pause.load(Ordering::SeqCst) && !self.stop.is_requested();
+            house.shared.update_if(|training| std::mem::replace(&mut training.is_paused, is_paused) != is_paused);
+            // What is saved is saved at once, also while the run is paused.
+            if !is_paused || wish == Wish::Save {
+                return wish;
+            }
+            if let Some(job) = house.jobs.next(PATIENCE) {
+                state.last.answer(job, &mut stage);
+            }
+        }
+    }
+}
+
+impl Observer for Live<'_> {
+    fn event(&self, event: Event) {
+        let state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(house) = &state.house {
+            match &event {
+                Event::Progress { record, .. } => house.shared.record(Record::from(record)),
+                Event::StepsEnd => {
+                    house.shared.update_if(|training| !std::mem::replace(&mut training.is_finished, true));
+                    house.jobs.close();
+                }
+                _ => {}
+            }
+        }
+        drop(state);
+        self.next.event(event);
+    }
+
+    fn visit(&self, run: &mut LiveRun<'_>) -> Wish {
+        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        if state.viewer.is_none() && state.house.is_none() {
+            return Wish::Continue;
+        }
+        match self.house(&mut state, run) {
+            Ok(house) => self.serve(&house, &mut state, run),
+            Err(error) => {
+                drop(state);
+                self.next.warn(&format!("training continues without the viewer: {error:#}"));
+                Wish::Continue
+            }
+        }
+    }
+}
+
+impl From<&LogRecord> for Record {
+    fn from(record: &LogRecord) -> Self {
+        Self {
+            iteration: record.iteration,
+            loss: record.loss,
+            psnr_train: record.psnr_train,
+            psnr_test: record.psnr_test,
+            splats: record.splats,
+            iterations_per_second: record.iterations_per_second,
+            elapsed_s: record.elapsed_s,
+        }
+    }
+}
+
+/// Returns the state of a run between two steps.
+fn status_of(run: &LiveRun<'_>) -> Status {
+    let training = TrainingStatus { done: run.steps_made(), total: run.steps(), ..TrainingStatus::default() };
+    Status { version: run.steps_made().into(), splats: run.splats_len(), training: Some(training) }
+}
+
+/// A run between two steps.
+struct LiveStage<'r, 'a> {
+    run: &'r mut LiveRun<'a>,
+}
+
+impl Stage for LiveStage<'_, '_> {
+    fn render(&mut self, wanted: &crate::jobs::Wanted) -> Result<RadianceLayers> {
+        if !wanted.edit.is_empty() {
+            return Err(Error::new("a scene that is being trained cannot be edited"));
+        }
+        if wanted.layers
+            && let Ok(layers) = self.run.render_layers(&wanted.camera)
+        {
+            return Ok(layers);
+        }
+        Ok(without_layers(self.run.render(&wanted.camera)?))
+    }
+
+    fn version(&self) -> u64 {
+        self.run.steps_made().into()
+    }
+}

@@ -1,0 +1,156 @@
+/** Draws half-float pictures with WebGL2: tone curves, false colour, comparison with ground truth. */
+
+import { DIFFERENCE, STOPS, STOP_TEXELS, tables } from "./falsecolor.js";
+import { FRAGMENT, VERTEX } from "./shader.js";
+import { COMPARES, CURVES, LAYERS } from "./state.js";
+
+/** @typedef {import("./scene.js").Frame} Frame */
+/** @typedef {import("./scene.js").Scene} Scene */
+/** @typedef {import("./state.js").State} State */
+/** @typedef {"picture" | "truth" | "depthMap" | "alphaMap" | "stopColors" | "differenceColors"} Unit */
+
+/** @type {readonly Unit[]} */
+const UNITS = ["picture", "truth", "depthMap", "alphaMap", "stopColors", "differenceColors"];
+
+export class Display {
+  /** @type {Frame | null} */ picture = null;
+  /** @type {Frame | null} */ truth = null;
+  /** Nearest and farthest depth that is shown. @type {[number, number]} */ depthRange = [0, 1];
+
+  /** @param {HTMLCanvasElement} canvas */
+  constructor(canvas) {
+    this.canvas = canvas;
+    const gl = canvas.getContext("webgl2", { alpha: false, antialias: false, preserveDrawingBuffer: true });
+    if (!gl) throw new Error("this browser has no WebGL 2, which the picture is drawn with");
+    this.gl = gl;
+    /** @type {{ [name: string]: WebGLUniformLocation | null }} */
+    this.uniforms = {};
+    /** @type {{ [unit: string]: WebGLTexture }} */
+    this.textures = {};
+    /** @type {Scene | null} */
+    this.scene = null;
+    this.build();
+    canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
+    canvas.addEventListener("webglcontextrestored", () => {
+      this.build();
+      if (this.picture) this.show(this.picture);
+      if (this.truth) this.compareWith(this.truth);
+    });
+  }
+
+  build() {
+    const { gl } = this;
+    const program = gl.createProgram();
+    for (const [kind, source] of /** @type {const} */ ([[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]])) {
+      const shader = /** @type {WebGLShader} */ (gl.createShader(kind));
+      gl.shaderSource(shader, source);
+      gl.compileShader(shader);
+      if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS) && !gl.isContextLost()) throw new Error(`shader: ${gl.getShaderInfoLog(shader)}`);
+      gl.attachShader(program, shader);
+    }
+    gl.linkProgram(program);
+    gl.useProgram(program);
+    this.uniforms = {};
+    for (let i = 0; i < gl.getProgramParameter(program, gl.ACTIVE_UNIFORMS); i++) {
+      const name = gl.getActiveUniform(program, i)?.name ?? "";
+      this.uniforms[name] = gl.getUniformLocation(program, name);
+    }
+    gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
+    UNITS.forEach((unit, i) => {
+      const texture = gl.createTexture();
+      this.textures[unit] = texture;
+      this.bind(unit);
+      gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE);
+      gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_T, gl.CLAMP_TO_EDGE);
+      gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.NEAREST);
+      gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.NEAREST);
+      gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, 1, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
+      gl.uniform1i(this.uniforms[unit], i);
+    });
+    const { stops, difference } = tables();
+    this.bind("stopColors");
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, STOP_TEXELS, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, stops);
+    this.bind("differenceColors");
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, 256, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, difference);
+  }
+
+  /** @param {Unit} unit */
+  bind(unit) {
+    this.gl.activeTexture(this.gl.TEXTURE0 + UNITS.indexOf(unit));
+    this.gl.bindTexture(this.gl.TEXTURE_2D, this.textures[unit]);
+  }
+
+  /** @param {Unit} unit @param {Frame} frame */
+  uploadRadiance(unit, frame) {
+    const { gl } = this;
+    this.bind(unit);
+    const { width, height } = frame.head;
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGB16F, width, height, 0, gl.RGB, gl.HALF_FLOAT, frame.rgb);
+    const filter = width < this.canvas.width ? gl.LINEAR : gl.NEAREST;
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, unit === "truth" ? gl.NEAREST : filter);
+  }
+
+  /** Takes a new picture. @param {Frame} frame */
+  show(frame) {
+    const { gl } = this;
+    this.picture = frame;
+    this.uploadRadiance("picture", frame);
+    const { width, height } = frame.head;
+    if (frame.depth) {
+      this.bind("depthMap");
+      gl.texImage2D(gl.TEXTURE_2D, 0, gl.R32F, width, height, 0, gl.RED, gl.FLOAT, frame.depth);
+      this.depthRange = rangeOf(frame.depth);
+    }
+    if (frame.alpha) {
+      this.bind("alphaMap");
+      gl.texImage2D(gl.TEXTURE_2D, 0, gl.R16F, width, height, 0, gl.RED, gl.HALF_FLOAT, frame.alpha);
+    }
+  }
+
+  /** Takes the ground truth to compare with. @param {Frame | null} frame */
+  compareWith(frame) {
+    this.truth = frame;
+    if (frame) this.uploadRadiance("truth", frame);
+  }
+
+  /** Draws. @param {State} state @param {boolean} showTruth for the flicker */
+  draw(state, showTruth) {
+    const { gl, uniforms: u, scene, picture, truth } = this;
+    gl.viewport(0, 0, this.canvas.width, this.canvas.height);
+    if (!scene || !picture) {
+      gl.clearColor(0, 0, 0, 1);
+      gl.clear(gl.COLOR_BUFFER_BIT);
+      return;
+    }
+    // Rows to columns.
+    const m = scene.rec709_from_scene;
+    gl.uniformMatrix3fv(u.rec709, false, [0, 1, 2].flatMap((c) => m.map((row) => row[c])));
+    gl.uniform3fv(u.weights, scene.luminance_weights);
+    gl.uniform1f(u.pictureScale, picture.head.scale);
+    gl.uniform1f(u.truthScale, truth ? truth.head.scale : 1);
+    gl.uniform1f(u.gain, 2 ** state.exposure / scene.radiance_scale);
+    gl.uniform1i(u.curve, CURVES.indexOf(state.curve));
+    gl.uniform1i(u.layer, LAYERS.indexOf(state.layer));
+    gl.uniform1i(u.compare, truth ? COMPARES.indexOf(state.compare) : 0);
+    gl.uniform1f(u.wipe, state.wipe);
+    gl.uniform1i(u.showTruth, showTruth ? 1 : 0);
+    gl.uniform1i(u.zebra, state.zebra ? 1 : 0);
+    gl.uniform2f(u.zebraStops, state.zebraLow, state.zebraHigh);
+    gl.uniform2f(u.depthRange, this.depthRange[0], this.depthRange[1]);
+    gl.uniform2f(u.stopRange, STOPS.low, STOPS.high);
+    gl.uniform1f(u.differenceHigh, DIFFERENCE.high);
+    gl.uniform1f(u.dotsPerPixel, Math.max(1, this.canvas.width / Math.max(1, this.canvas.clientWidth)));
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
+  }
+}
+
+/** The depths between which most of a picture lies. @param {Float32Array} depth @returns {[number, number]} */
+function rangeOf(depth) {
+  const step = Math.max(1, Math.floor(depth.length / 4096));
+  const values = [];
+  for (let i = 0; i < depth.length; i += step) if (depth[i] < 1e30) values.push(depth[i]);
+  if (values.length === 0) return [0, 1];
+  values.sort((a, b) => a - b);
+  return [values[Math.floor(values.length * 0.01)], values[Math.floor(values.length * 0.99)]];
+}

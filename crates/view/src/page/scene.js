@@ -1,0 +1,63 @@
+/** The scene as the server describes it, and its pictures. */
+
+/** @typedef {import("./math.js").Vec3} Vec3 */
+/**
+ * A camera of the data set: pose and lens as `transforms.json` has them.
+ * @typedef {{ name: string, split: string, has_ground_truth: boolean, transform_matrix: number[][],
+ *   fl_x: number, fl_y: number, cx: number, cy: number, w: number, h: number }} ViewCamera
+ */
+/** @typedef {{ done: number, total: number, is_paused: boolean, is_finished: boolean, records: number }} Training */
+/** @typedef {{ version: number, splats: number, training: Training | null }} Status */
+/**
+ * @typedef {{ name: string, splats: number, bounds: [Vec3, Vec3], inner_bounds: [Vec3, Vec3], color_space: string,
+ *   rec709_from_scene: number[][], luminance_weights: Vec3, radiance_scale: number, up: Vec3, edits: string[],
+ *   version: number, training: Training | null, cameras: ViewCamera[], luxel_version: string }} Scene
+ */
+/** @typedef {{ width: number, height: number, scale: number, alpha: boolean, depth: boolean, version: number, seconds: number }} Head */
+/**
+ * A picture: half floats of radiance divided by `head.scale`, coverage, depth.
+ * @typedef {{ head: Head, rgb: Uint16Array, alpha: Uint16Array | null, depth: Float32Array | null }} Frame
+ */
+
+/** @param {Response} response */
+async function checked(response) {
+  if (response.ok) return response;
+  let message = `the server answered ${response.status}`;
+  try {
+    message = (await response.json()).error ?? message;
+  } catch {
+    // An answer without words.
+  }
+  throw new Error(message);
+}
+
+/** @returns {Promise<Scene>} */
+export const fetchScene = async () => (await checked(await fetch("/api/scene"))).json();
+
+/** @param {number} from @returns {Promise<any[]>} */
+export const fetchHistory = async (from) => (await checked(await fetch(`/api/history?from=${from}`))).json();
+
+/** @param {string} wish */
+export const steer = async (wish) => {
+  await checked(await fetch(`/api/training/${wish}`, { method: "POST" }));
+};
+
+/** Fetches a picture; null if a newer request took its place. @param {string} url @param {AbortSignal} [signal] @returns {Promise<Frame | null>} */
+export async function fetchFrame(url, signal) {
+  const response = await checked(await fetch(url, { signal }));
+  if (response.status === 204) return null;
+  /** @type {Head} */
+  const head = JSON.parse(response.headers.get("luxel-frame") ?? "");
+  const bytes = await response.arrayBuffer();
+  const pixels = head.width * head.height;
+  let at = 6 * pixels;
+  const rgb = new Uint16Array(bytes, 0, 3 * pixels);
+  let alpha = null;
+  let depth = null;
+  if (head.alpha) {
+    alpha = new Uint16Array(bytes, at, pixels);
+    at += 2 * pixels;
+  }
+  if (head.depth) depth = new Float32Array(at % 4 ? bytes.slice(at) : bytes, at % 4 ? 0 : at, pixels);
+  return { head, rgb, alpha, depth };
+}

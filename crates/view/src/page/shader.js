@@ -1,0 +1,105 @@
+/**
+ * The shader of the picture: half-float radiance to the screen. Tone curves are those of the
+ * program (`luxel_core::tone`), which names their sources.
+ */
+
+export const VERTEX = `#version 300 es
+out vec2 place;
+void main() {
+  vec2 corner = vec2((gl_VertexID << 1) & 2, gl_VertexID & 2);
+  place = vec2(corner.x, 1.0 - corner.y);
+  gl_Position = vec4(corner * 2.0 - 1.0, 0.0, 1.0);
+}`;
+
+export const FRAGMENT = `#version 300 es
+precision highp float;
+precision highp sampler2D;
+in vec2 place;
+out vec4 color;
+uniform sampler2D picture;
+uniform sampler2D truth;
+uniform sampler2D depthMap;
+uniform sampler2D alphaMap;
+uniform sampler2D stopColors;
+uniform sampler2D differenceColors;
+uniform mat3 rec709;
+uniform vec3 weights;
+uniform float pictureScale;
+uniform float truthScale;
+uniform float gain;
+uniform int curve;
+uniform int layer;
+uniform int compare;
+uniform float wipe;
+uniform bool showTruth;
+uniform bool zebra;
+uniform vec2 zebraStops;
+uniform vec2 depthRange;
+uniform vec2 stopRange;
+uniform float differenceHigh;
+uniform float dotsPerPixel;
+
+const mat3 ACES_IN = mat3(0.59719, 0.07600, 0.02840, 0.35458, 0.90834, 0.13383, 0.04823, 0.01566, 0.83777);
+const mat3 ACES_OUT = mat3(1.60475, -0.10208, -0.00327, -0.53108, 1.10813, -0.07276, -0.07367, -0.00605, 1.07602);
+const mat3 AGX_IN = mat3(0.84247906, 0.042328242, 0.042375655, 0.0784336, 0.87846864, 0.0784336, 0.079223745, 0.07916613, 0.879143);
+const mat3 AGX_OUT = mat3(1.196879, -0.052896852, -0.052971636, -0.09802088, 1.1519031, -0.09804345, -0.09902974, -0.09896118, 1.1510737);
+
+vec3 srgb(vec3 v) {
+  v = max(v, 0.0);
+  return mix(12.92 * v, 1.055 * pow(v, vec3(1.0 / 2.4)) - 0.055, greaterThan(v, vec3(0.0031308)));
+}
+vec3 aces(vec3 v) {
+  v = ACES_IN * v;
+  v = (v * (v + 0.0245786) - 0.000090537) / (v * (0.983729 * v + 0.432951) + 0.238081);
+  return srgb(ACES_OUT * v);
+}
+vec3 agx(vec3 v) {
+  vec3 x = clamp((log2(max(AGX_IN * v, 1.1754944e-38)) + 12.473931) / 16.5, 0.0, 1.0);
+  vec3 y = -0.00232 + x * (0.1191 + x * (0.4298 + x * (-6.868 + x * (31.96 + x * (-40.14 + x * 15.5)))));
+  return AGX_OUT * y;
+}
+vec3 display(vec3 radiance) {
+  vec3 v = clamp(rec709 * radiance * gain, 0.0, 1e9);
+  if (curve == 1) return log(1.0 + 5000.0 * v) / log(5001.0);
+  if (curve == 2) return srgb(v / (1.0 + dot(v, vec3(0.2126, 0.7152, 0.0722))));
+  if (curve == 3) return aces(v);
+  if (curve == 4) return agx(v);
+  return srgb(v);
+}
+float stopsOf(vec3 radiance) { return log2(max(dot(weights, radiance) * gain, 1e-30) / 0.18); }
+
+void main() {
+  vec3 shown = texture(picture, place).rgb * pictureScale;
+  vec3 other = shown;
+  if (compare != 0) other = texture(truth, place).rgb * truthScale;
+  if (compare == 2) {
+    float floorStops = exp2(stopRange.x) * 0.18 / gain;
+    float a = max(dot(weights, shown), floorStops), b = max(dot(weights, other), floorStops);
+    color = texture(differenceColors, vec2(clamp(abs(log2(a / b)) / differenceHigh, 0.0, 1.0), 0.5));
+    return;
+  }
+  bool isTruth = compare == 1 ? place.x < wipe : (compare == 3 && showTruth);
+  vec3 radiance = isTruth ? other : shown;
+  vec3 rgb;
+  float stops = stopsOf(radiance);
+  if (layer == 1) {
+    float band = floor(clamp(stops, stopRange.x, stopRange.y) - stopRange.x + 0.5);
+    rgb = texelFetch(stopColors, ivec2(int(band), 0), 0).rgb;
+  } else if (layer == 2) {
+    float z = texture(depthMap, place).r;
+    float t = (z - depthRange.x) / max(depthRange.y - depthRange.x, 1e-12);
+    rgb = z < 1e30 ? vec3(1.0 - clamp(t, 0.0, 1.0)) : vec3(0.0);
+  } else if (layer == 3) {
+    rgb = vec3(texture(alphaMap, place).r);
+  } else {
+    rgb = display(radiance);
+  }
+  if (zebra && layer != 2 && layer != 3) {
+    float stripe = mod((gl_FragCoord.x + gl_FragCoord.y) / dotsPerPixel, 10.0);
+    float back = mod((gl_FragCoord.x - gl_FragCoord.y) / dotsPerPixel, 10.0);
+    if (stops > zebraStops.y && stripe < 5.0) rgb = stripe < 2.5 ? vec3(0.0) : vec3(1.0);
+    if (stops < zebraStops.x && back < 3.0) rgb = vec3(0.35);
+  }
+  if (compare == 1 && abs(place.x - wipe) * float(textureSize(picture, 0).x) < 1.0 && abs(dFdx(place.x)) > abs(place.x - wipe)) rgb = vec3(1.0);
+  color = vec4(clamp(rgb, 0.0, 1.0), 1.0);
+}`;

@@ -1,0 +1,105 @@
+/** Everything that a user chooses, in one object, and its form in the address of the page. */
+
+import { looking } from "./math.js";
+
+/** @typedef {import("./math.js").Vec3} Vec3 */
+/** @typedef {import("./math.js").Axes} Axes */
+/** @typedef {"orbit" | "fly" | "walk"} Mode */
+/** @typedef {"none" | "mulaw" | "reinhard" | "aces" | "agx"} Curve */
+/** @typedef {"radiance" | "stops" | "depth" | "alpha"} Layer */
+/** @typedef {"off" | "wipe" | "difference" | "flicker"} Compare */
+
+/** Tone curves, as the program has them. @type {readonly Curve[]} */
+export const CURVES = ["none", "mulaw", "reinhard", "aces", "agx"];
+/** @type {readonly Layer[]} */
+export const LAYERS = ["radiance", "stops", "depth", "alpha"];
+/** @type {readonly Compare[]} */
+export const COMPARES = ["off", "wipe", "difference", "flicker"];
+/** @type {readonly Mode[]} */
+export const MODES = ["orbit", "fly", "walk"];
+
+export class State {
+  /** @type {Vec3} */ eye = [0, 0, 0];
+  /** @type {Axes} */ axes = { right: [1, 0, 0], up: [0, 1, 0], back: [0, 0, 1] };
+  /** Point that is orbited. @type {Vec3} */ pivot = [0, 0, -1];
+  /** Vertical field of view, degrees. */ fov = 50;
+  /** Camera of the data set in whose place the viewer stands; "" elsewhere. */ view = "";
+  /** @type {Mode} */ mode = "orbit";
+  /** Stops. */ exposure = 0;
+  autoExposure = false;
+  /** @type {Curve} */ curve = "agx";
+  /** @type {Layer} */ layer = "radiance";
+  /** @type {Compare} */ compare = "off";
+  /** Place of the wipe, 0 to 1. */ wipe = 0.5;
+  zebra = false;
+  /** Stops around middle grey outside of which stripes are drawn. */ zebraLow = -6;
+  zebraHigh = 2.5;
+  showCameras = false;
+  /** Length of a world unit in metres; 0 where unknown. */ metres = 0;
+  /** Edits in the text form of `luxel edit`. */ edit = "";
+}
+
+/** Names in the address, and what kind of value each has. @type {readonly [keyof State, string, "number" | "text" | "flag"][]} */
+const FIELDS = [
+  ["fov", "fov", "number"],
+  ["view", "view", "text"],
+  ["mode", "mode", "text"],
+  ["exposure", "ev", "number"],
+  ["autoExposure", "auto", "flag"],
+  ["curve", "curve", "text"],
+  ["layer", "layer", "text"],
+  ["compare", "compare", "text"],
+  ["wipe", "wipe", "number"],
+  ["zebra", "zebra", "flag"],
+  ["zebraLow", "zlow", "number"],
+  ["zebraHigh", "zhigh", "number"],
+  ["showCameras", "cameras", "flag"],
+  ["metres", "metres", "number"],
+  ["edit", "edit", "text"],
+];
+
+/** Values that a text may have. @type {{ [name: string]: readonly string[] }} */
+const CHOICES = { mode: MODES, curve: CURVES, layer: LAYERS, compare: COMPARES };
+
+/** @param {readonly number[]} v */
+const rounded = (v) => v.map((x) => Number(x.toPrecision(7))).join(",");
+
+/** @param {State} state @returns {string} */
+export function toHash(state) {
+  const fresh = new State();
+  const query = new URLSearchParams();
+  query.set("eye", rounded(state.eye));
+  query.set("look", rounded(state.axes.back.map((x) => -x)));
+  query.set("up", rounded(state.axes.up));
+  query.set("pivot", rounded(state.pivot));
+  for (const [field, name, kind] of FIELDS) {
+    const value = state[field];
+    if (value === fresh[field]) continue;
+    query.set(name, kind === "flag" ? (value ? "1" : "0") : kind === "number" ? String(Number(Number(value).toPrecision(6))) : String(value));
+  }
+  return `#${query}`;
+}
+
+/** Takes what an address states; a value that makes no sense is left out. Returns whether it has a camera. @param {State} state @param {string} hash */
+export function applyHash(state, hash) {
+  const query = new URLSearchParams(hash.replace(/^#/, ""));
+  const fields = /** @type {{ [name: string]: unknown }} */ (/** @type {unknown} */ (state));
+  for (const [field, name, kind] of FIELDS) {
+    const text = query.get(name);
+    if (text === null) continue;
+    if (kind === "flag") fields[field] = text === "1";
+    else if (kind === "number" && text !== "" && Number.isFinite(Number(text))) fields[field] = Number(text);
+    else if (kind === "text" && (CHOICES[field]?.includes(text) ?? true)) fields[field] = text;
+  }
+  state.fov = Math.min(Math.max(state.fov, 1), 170);
+  const vector = (/** @type {string} */ name) => {
+    const parts = (query.get(name) ?? "").split(",").map(Number);
+    return parts.length === 3 && parts.every(Number.isFinite) ? /** @type {Vec3} */ (parts) : null;
+  };
+  const [eye, look, up, pivot] = ["eye", "look", "up", "pivot"].map(vector);
+  if (!eye || !look || !up) return state.view !== "";
+  state.eye = eye;
+  state.axes = looking(look, up);
+  if (pivot) state.pivot = pivot;
+  return true;
+}

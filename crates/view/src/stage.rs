@@ -1,0 +1,122 @@
+//! The thread that owns the engine and answers jobs: a scene as it is, or under edits.
+//!
+//! In: a scene, its renderer, and jobs; out: pictures. The last picture is kept, so that a probe of
+//! a picture that was just shown costs nothing. An engine without coverage and depth gives pictures
+//! without them.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use luxel::{Edit, Error, Radiance, RadianceLayers, Renderer, Result, Scene};
+
+use crate::jobs::{Job, Rendered, Reply, Wanted};
+
+/// A source of pictures.
+pub(crate) trait Stage {
+    /// Renders a picture.
+    fn render(&mut self, wanted: &Wanted) -> Result<RadianceLayers>;
+
+    /// Returns the version of the scene.
+    fn version(&self) -> u64;
+}
+
+/// The picture that was rendered last.
+#[derive(Default)]
+pub(crate) struct LastPicture(Option<(Wanted, Rendered)>);
+
+impl LastPicture {
+    /// Answers a job, from the last picture if it is the same.
+    pub(crate) fn answer(&mut self, job: Job, stage: &mut dyn Stage) {
+        let Job { wanted, reply, .. } = job;
+        let answer = self.picture(wanted, stage).map_or_else(|error| Reply::Failed(format!("{error:#}")), Reply::Done);
+        // A receiver that left needs no answer.
+        let _ = reply.send(answer);
+    }
+
+    fn picture(&mut self, wanted: Wanted, stage: &mut dyn Stage) -> Result<Rendered> {
+        let version = stage.version();
+        if let Some((last, rendered)) = &self.0
+            && last.camera == wanted.camera
+            && last.edit == wanted.edit
+            && (last.layers || !wanted.layers)
+            && rendered.version == version
+        {
+            return Ok(Rendered { seconds: 0.0, ..rendered.clone() });
+        }
+        let start = Instant::now();
+        let picture = Arc::new(stage.render(&wanted)?);
+        let rendered = Rendered { picture, version, seconds: start.elapsed().as_secs_f64() };
+        self.0 = Some((wanted, rendered.clone()));
+        Ok(rendered)
+    }
+}
+
+/// A scene that does not change.
+pub(crate) struct SceneStage {
+    scene: Scene,
+    renderer: Renderer,
+    /// The edits that the renderer's scene has.
+    loaded: String,
+    has_layers: bool,
+}
+
+impl SceneStage {
+    /// Returns the stage of a scene that `renderer` has loaded.
+    pub(crate) fn new(scene: Scene, renderer: Renderer) -> Self {
+        Self { scene, renderer, loaded: String::new(), has_layers: true }
+    }
+
+    /// Gives the renderer the scene under these edits.
+    fn load(&mut self, edit: &str) -> Result<()> {
+        if self.loaded == edit {
+            return Ok(());
+        }
+        if edit.is_empty() {
+            self.renderer.replace_scene(&self.scene)?;
+        } else {
+            let mut scene = self.scene.clone();
+            for edit in Edit::parse_all(edit).map_err(|error| Error::new(error.to_string()))? {
+                scene.edit(&edit)?;
+            }
+            self.renderer.replace_scene(&scene)?;
+        }
+        edit.clone_into(&mut self.loaded);
+        Ok(())
+    }
+}
+
+impl Stage for SceneStage {
+    fn render(&mut self, wanted: &Wanted) -> Result<RadianceLayers> {
+        self.load(&wanted.edit)?;
+        if wanted.layers && self.has_layers {
+            match self.renderer.render_layers(&wanted.camera) {
+                Ok(layers) => return Ok(layers),
+                // Either the engine has none, or the picture itself fails, which is found out now.
+                Err(_) => {
+                    let picture = without_layers(self.renderer.render(&wanted.camera)?);
+                    self.has_layers = false;
+                    return Ok(picture);
+                }
+            }
+        }
+        Ok(without_layers(self.renderer.render(&wanted.camera)?))
+    }
+
+    fn version(&self) -> u64 {
+        0
+    }
+}
+
+/// Returns a picture without coverage and depth.
+pub(crate) fn without_layers(radiance: Radiance) -> RadianceLayers {
+    RadianceLayers { radiance, alpha: Vec::new(), depth: Vec::new() }
+}
+
+/// Checks edits before they wait for the engine.
+pub(crate) fn check_edits(text: &str) -> Result<(), String> {
+    let edits: Vec<Edit> = if text.is_empty() { Vec::new() } else { Edit::parse_all(text).map_err(|error| error.to_string())? };
+    match edits.iter().any(|edit| !edit.selection.masks().is_empty()) {
+        true => Err("selections of painted masks are not supported here".into()),
+        false => Ok(()),
+    }
+}

@@ -1,0 +1,277 @@
+//! The viewer as a program over HTTP sees it: what it answers, what it refuses, what it survives.
+#![allow(missing_docs, clippy::unwrap_used, reason = "tests")]
+
+use std::io::{Read, Write};
+use std::net::{SocketAddr, TcpStream};
+use std::time::{Duration, Instant};
+
+use luxel::{Dataset, Device, Edit, Renderer, Scene, StopFlag, synthetic};
+use luxel_io::{ReadOptions, decode_image};
+use luxel_view::{Subject, Viewer};
+use serde_json::Value;
+
+/// A viewer at work, until it is dropped.
+struct Running {
+    address: SocketAddr,
+    url: String,
+    scene: Scene,
+    dataset: Dataset,
+    stop: StopFlag,
+    thread: Option<std::thread::JoinHandle<()>>,
+}
+
+impl Running {
+    fn start(address: &str) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        synthetic::write_dataset(folder.path(), synthetic::BallsOptions::default()).unwrap();
+        let dataset = Dataset::open(folder.path()).unwrap();
+        let scene = synthetic::room(300, 1);
+        let subject = Subject::new("balls <1>", &scene, Some(&dataset)).unwrap();
+        let viewer = Viewer::bind(address.parse().unwrap()).unwrap();
+        let (url, stop) = (viewer.url(), StopFlag::new());
+        let port = url.split(':').nth(2).unwrap().split('/').next().unwrap().parse::<u16>().unwrap();
+        let (served, flag) = (scene.clone(), stop.clone());
+        let thread = std::thread::spawn(move || {
+            let renderer = Renderer::new(&served, Device::Cpu.with_threads(1)).unwrap();
+            viewer.serve(subject, served, renderer, &flag).unwrap();
+        });
+        Self { address: ([127, 0, 0, 1], port).into(), url, scene, dataset, stop, thread: Some(thread) }
+    }
+
+    fn raw(&self, request: &str) -> Response {
+        let mut stream = TcpStream::connect(self.address).unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
+        stream.write_all(request.as_bytes()).unwrap();
+        let mut bytes = Vec::new();
+        stream.read_to_end(&mut bytes).unwrap();
+        Response::parse(&bytes)
+    }
+
+    fn request(&self, method: &str, path: &str, headers: &str) -> Response {
+        self.raw(&format!("{method} {path} HTTP/1.1\r\nHost: {}\r\nConnection: close\r\n{headers}\r\n", self.address))
+    }
+
+    fn get(&self, path: &str) -> Response {
+        self.request("GET", path, "")
+    }
+
+    fn json(&self, path: &str) -> Value {
+        let response = self.get(path);
+        assert_eq!(response.status, 200, "{path}: {}", String::from_utf8_lossy(&response.body));
+        serde_json::from_slice(&response.body).unwrap()
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        self.stop.request();
+        self.thread.take().unwrap().join().unwrap();
+    }
+}
+
+struct Response {
+    status: u16,
+    head: String,
+    body: Vec<u8>,
+}
+
+impl Response {
+    fn parse(bytes: &[u8]) -> Self {
+        let end = bytes.windows(4).position(|window| window == b"\r\n\r\n").map_or(bytes.len(), |at| at + 4);
+        let head = String::from_utf8_lossy(&bytes[..end]).to_lowercase();
+        let status = head.split(' ').nth(1).and_then(|status| status.parse().ok()).unwrap_or(0);
+        Self { status, head, body: bytes[end..].to_vec() }
+    }
+}
+
+#[test]
+fn the_page_and_the_scene_are_served() {
+    let viewer = Running::start("127.0.0.1:0");
+    assert_eq!(viewer.url, format!("http://{}/", viewer.address));
+    let page = viewer.get("/");
+    let text = String::from_utf8(page.body).unwrap();
+    assert!(page.status == 200 && text.contains("<title>balls &#60;1&#62;</title>") && text.contains("<canvas"));
+    assert!(page.head.contains("content-security-policy: default-src 'none'") && page.head.contains("nosniff"));
+    for name in text.split('"').filter_map(|part| part.strip_prefix("/page/")) {
+        assert_eq!(viewer.get(&format!("/page/{name}")).status, 200, "{name}");
+    }
+    let scene = viewer.json("/api/scene");
+    assert_eq!((&scene["schema_version"], &scene["splats"], &scene["color_space"]), (&1.into(), &300.into(), &"linear-rec709".into()));
+    assert_eq!(scene["cameras"].as_array().unwrap().len(), 9);
+    assert_eq!((&scene["cameras"][0]["name"], &scene["cameras"][0]["w"]), (&"images/000".into(), &24.into()));
+    for path in ["/nothing", "/page/../Cargo.toml", "/page/main.rs", "/api/frame.png", "//", "/page/%2e%2e/main.js"] {
+        assert_eq!(viewer.get(path).status, 404, "{path}");
+    }
+}
+
+#[test]
+fn the_exr_is_what_the_renderer_writes() {
+    let viewer = Running::start("127.0.0.1:0");
+    let camera = &viewer.dataset.train[0].camera;
+    let name = &viewer.dataset.train[0].name;
+    let mut renderer = Renderer::new(&viewer.scene, Device::Cpu).unwrap();
+    let served = viewer.get(&format!("/api/frame.exr?view={name}"));
+    assert!(served.status == 200 && served.body == renderer.render(camera).unwrap().encode_exr().unwrap());
+
+    let layers = viewer.get(&format!("/api/frame.exr?view={name}&channels=rgb,depth,alpha"));
+    assert_eq!(layers.body, renderer.render_layers(camera).unwrap().encode_exr(true, true).unwrap());
+
+    let scene = viewer.json("/api/scene");
+    let frame = scene["cameras"].as_array().unwrap().iter().find(|camera| camera["name"] == name.as_str()).unwrap();
+    let encoded: String = frame.to_string().bytes().map(|byte| format!("%{byte:02x}")).collect();
+    let posed = viewer.get(&format!("/api/frame.exr?camera={encoded}&width=24&height=24"));
+    let read = |bytes: &[u8]| decode_image("a.exr".as_ref(), bytes, &ReadOptions::default()).unwrap().image;
+    let (posed, named) = (read(&posed.body), read(&served.body));
+    let near = |a: &f32, b: &f32| (a - b).abs() <= 1e-3 * a.abs().max(1e-3);
+    assert!(posed.pixels.as_flattened().iter().zip(named.pixels.as_flattened()).all(|(a, b)| near(a, b)));
+
+    let edited = viewer.get(&format!("/api/frame.exr?view={name}&edit=gain+0.5"));
+    let mut scene = viewer.scene.clone();
+    scene.edit(&"gain 0.5".parse::<Edit>().unwrap()).unwrap();
+    renderer.replace_scene(&scene).unwrap();
+    assert_eq!(edited.body, renderer.render(camera).unwrap().encode_exr().unwrap());
+    // The scene itself is unchanged.
+    assert_eq!(viewer.get(&format!("/api/frame.exr?view={name}")).body, served.body);
+}
+
+#[test]
+fn a_probe_and_a_frame_hold_the_values_of_the_render() {
+    let viewer = Running::start("127.0.0.1:0");
+    let view = &viewer.dataset.test[0];
+    let mut renderer = Renderer::new(&viewer.scene, Device::Cpu).unwrap();
+    let layers = renderer.render_layers(&view.camera).unwrap();
+    let frame = viewer.get(&format!("/api/frame?view={}&channels=rgb,alpha,depth", view.name));
+    let line = frame.head.lines().find_map(|line| line.strip_prefix("luxel-frame: ")).unwrap();
+    let head: Value = serde_json::from_str(line).unwrap();
+    assert_eq!((&head["width"], &head["height"], &head["depth"]), (&24.into(), &24.into(), &true.into()));
+    assert_eq!(frame.body.len(), 24 * 24 * (6 + 2 + 4));
+    for (x, y) in [(0, 0), (12, 12), (23, 5)] {
+        let probe = viewer.json(&format!("/api/probe?view={}&x={x}&y={y}", view.name));
+        let expected = layers.radiance.pixel(x, y).unwrap();
+        let (index, scale) = (y * 24 + x, head["scale"].as_f64().unwrap());
+        for (c, value) in expected.iter().enumerate() {
+            assert_eq!(probe["radiance"][c].as_f64().unwrap() as f32, *value);
+            let at = 2 * (3 * index + c);
+            let half = u16::from_le_bytes([frame.body[at], frame.body[at + 1]]);
+            let held = f64::from(half_to_f32(half)) * scale;
+            assert!((held - f64::from(*value)).abs() <= 4.9e-4 * f64::from(value.abs()), "{held} for {value}");
+        }
+        let depth = layers.depth[index];
+        let at = 24 * 24 * 8 + 4 * index;
+        assert_eq!(f32::from_le_bytes(frame.body[at..at + 4].try_into().unwrap()), depth);
+        if depth.is_finite() {
+            assert_eq!(probe["depth"].as_f64().unwrap() as f32, depth);
+            let position: Vec<f64> = probe["position"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
+            let (pixel, found) = view.camera.project([position[0], position[1], position[2]].into()).unwrap();
+            assert!((pixel.x - x as f64 - 0.5).abs() < 1e-6 && (found - f64::from(depth)).abs() < 1e-6);
+        }
+    }
+    let truth = viewer.get(&format!("/api/truth?view={}", view.name));
+    assert_eq!((truth.status, truth.body.len()), (200, 24 * 24 * 6));
+    assert!(viewer.get(&format!("/api/thumbnail?view={}", view.name)).body.starts_with(&[0xff, 0xd8]));
+}
+
+fn half_to_f32(bits: u16) -> f32 {
+    let (exponent, mantissa) = (i32::from(bits >> 10 & 31), f32::from(bits & 1023));
+    let size = if exponent == 0 { mantissa * 2f32.powi(-24) } else { (1.0 + mantissa / 1024.0) * 2f32.powi(exponent - 15) };
+    if bits & 0x8000 == 0 { size } else { -size }
+}
+
+#[test]
+fn other_hosts_pages_and_methods_are_refused() {
+    let viewer = Running::start("127.0.0.1:0");
+    let with_host = |host: &str| viewer.raw(&format!("GET /api/scene HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n")).status;
+    assert_eq!((with_host("evil.example"), with_host("localhost:1"), with_host("127.0.0.1")), (403, 200, 200));
+    let from = |origin: &str| viewer.request("GET", "/api/scene", &format!("Origin: {origin}\r\n")).status;
+    assert_eq!((from("http://evil.example"), from("null"), from(&format!("http://{}", viewer.address))), (403, 403, 200));
+    for method in ["POST", "PUT", "DELETE", "OPTIONS", "TRACE"] {
+        assert_eq!(viewer.request(method, "/api/scene", "").status, 405, "{method}");
+    }
+    assert_eq!(viewer.request("POST", "/api/training/stop", "").status, 404);
+    assert_eq!(viewer.request("POST", "/api/training/stop", "Origin: http://evil.example\r\n").status, 403);
+}
+
+#[test]
+fn an_address_for_others_asks_for_the_token() {
+    let viewer = Running::start("0.0.0.0:0");
+    let token = viewer.url.split("token=").nth(1).unwrap();
+    assert_eq!((viewer.get("/").status, viewer.get("/api/scene").status, viewer.get("/api/events").status), (403, 403, 403));
+    assert_eq!(viewer.get(&format!("/?token={}", "0".repeat(32))).status, 403);
+    let page = viewer.get(&format!("/?token={token}"));
+    assert!(page.status == 200 && page.head.contains(&format!("set-cookie: luxel_token={token}; path=/; httponly; samesite=strict")));
+    assert_eq!(viewer.request("GET", "/api/scene", &format!("Cookie: luxel_token={token}\r\n")).status, 200);
+}
+
+#[test]
+fn bad_requests_are_answered_with_what_is_wrong() {
+    let viewer = Running::start("127.0.0.1:0");
+    for (path, expected) in [
+        ("/api/frame", "expected one of"),
+        ("/api/frame?view=none", "no view"),
+        ("/api/frame?view=000&channels=rgb,normal", "unknown channel"),
+        ("/api/frame?view=000&size=3", "unknown parameter"),
+        ("/api/frame?view=000&width=x", "expected a number"),
+        ("/api/frame?view=000&width=0", "camera"),
+        ("/api/frame?view=000&width=60000&height=60000", "at most"),
+        ("/api/frame?view=000&edit=shine", "shine"),
+        ("/api/frame?view=000&edit=where+mask+m.png;+gain+2", "mask"),
+        ("/api/frame?camera=%7B%7D", "transform_matrix"),
+        ("/api/frame?camera=7", "not a JSON object"),
+        ("/api/probe?view=000&x=24&y=0", "outside of 24 x 24"),
+        ("/api/probe?view=000&x=2", "\\\"y\\\" is missing"),
+    ] {
+        let response = viewer.get(path);
+        let body = String::from_utf8(response.body).unwrap();
+        assert!((400..500).contains(&response.status) && body.contains(expected), "{path}: {} {body}", response.status);
+    }
+}
+
+#[test]
+fn clients_that_never_read_and_malformed_messages_delay_nobody() {
+    let viewer = Running::start("127.0.0.1:0");
+    // Answers of several megabytes that nobody takes.
+    let stalled: Vec<TcpStream> = (0..8)
+        .map(|_| {
+            let mut stream = TcpStream::connect(viewer.address).unwrap();
+            let request = format!("GET /api/frame?view=000&width=1000&height=1000 HTTP/1.1\r\nHost: {}\r\n\r\n", viewer.address);
+            stream.write_all(request.as_bytes()).unwrap();
+            stream
+        })
+        .collect();
+    let garbage = [
+        "\0\0\0\0",
+        "GET",
+        "GET / HTTP/9\r\n\r\n",
+        "\r\n\r\n\r\n",
+        "POST / HTTP/1.1\r\nContent-Length: -1\r\n\r\n",
+        "GET /%ff?%zz HTTP/1.1\r\n\r\n",
+    ];
+    for message in garbage.iter().cycle().take(600) {
+        let mut stream = TcpStream::connect(viewer.address).unwrap();
+        let _ = stream.write_all(message.as_bytes());
+    }
+    let long = format!("GET /{} HTTP/1.1\r\nHost: a\r\n\r\n", "a".repeat(1 << 20));
+    let mut stream = TcpStream::connect(viewer.address).unwrap();
+    let _ = stream.write_all(long.as_bytes());
+    let start = Instant::now();
+    assert_eq!(viewer.get("/api/frame?view=000").status, 200);
+    assert_eq!(viewer.get("/api/scene").status, 200);
+    // Not a measurement: far below the time after which stalled clients are dropped.
+    assert!(start.elapsed() < Duration::from_secs(15));
+    drop(stalled);
+}
+
+#[test]
+fn states_are_streamed() {
+    let viewer = Running::start("127.0.0.1:0");
+    let mut stream = TcpStream::connect(viewer.address).unwrap();
+    stream.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
+    write!(stream, "GET /api/events HTTP/1.1\r\nHost: {}\r\n\r\n", viewer.address).unwrap();
+    let (mut text, mut buffer) = (String::new(), [0; 4096]);
+    while !text.contains("data: ") {
+        let count = stream.read(&mut buffer).unwrap();
+        assert!(count > 0, "{text}");
+        text += std::str::from_utf8(&buffer[..count]).unwrap();
+    }
+    assert!(text.contains("text/event-stream") && text.contains(r#"{"version":0,"splats":300,"training":null}"#), "{text}");
+}
