@@ -44,6 +44,13 @@ async function open(hash = "", options = {}) {
   page.failures = [];
   page.on("pageerror", (error) => page.failures.push(String(error)));
   page.on("console", (message) => message.type() === "error" && page.failures.push(message.text()));
+  // The place of the middle of a pixel.
+  await page.addInitScript(() => {
+    window.centre = (x, y) => {
+      const { width, height } = window.luxel.shown.frame.head;
+      return [((x % width) + 0.5) / width, ((y % height) + 0.5) / height];
+    };
+  });
   await page.goto(url + hash);
   await settled(page);
   return page;
@@ -91,7 +98,7 @@ const tests = {
   },
 
   async "a value under the pointer is that of the render, to half precision"() {
-    const page = await open(at);
+    const page = await open(`${at}&compare=wipe`);
     for (const [x, y] of [[10, 20], [Math.floor(camera.w / 2), Math.floor(camera.h / 2)], [camera.w - 5, 40]]) {
       const probe = await (await fetch(`${url}api/probe?view=${encodeURIComponent(camera.name)}&x=${x}&y=${y}`)).json();
       const sample = await page.evaluate(([u, v]) => window.luxel.sample(u, v), [(x + 0.5) / camera.w, (y + 0.5) / camera.h]);
@@ -114,7 +121,7 @@ const tests = {
       const { scene } = window.luxel;
       const found = [];
       for (let i = 0; i < 4000 && found.length < 5; i++) {
-        const [u, v] = [((i * 37) % 400) / 400, ((i * 91) % 397) / 397];
+        const [u, v] = window.centre(i * 37, i * 91);
         const sample = window.luxel.sample(u, v);
         const light = sample?.radiance.map((value) => value / scene.radiance_scale) ?? [0];
         if (Math.max(...light) < 0.11 && Math.min(...light) > 0.01) found.push([u, v]);
@@ -135,7 +142,7 @@ const tests = {
       const { scene, state } = window.luxel;
       const byBand = new Map();
       for (let i = 0; i < 20000 && byBand.size < 9; i++) {
-        const [u, v] = [((i * 37) % 401) / 401, ((i * 91) % 397) / 397];
+        const [u, v] = window.centre(i * 37, i * 91);
         const sample = window.luxel.sample(u, v);
         if (!sample) continue;
         const stops = Math.log2((sample.luminance * 2 ** state.exposure) / scene.radiance_scale / 0.18);
@@ -215,7 +222,7 @@ const tests = {
     assert.equal(await page.locator("#pins li").count(), 2);
     if (await page.evaluate(() => window.luxel.apart() !== null)) {
       await page.getByRole("button", { name: "this is 1 m" }).click();
-      assert.ok((await page.locator("#distance").innerText()).includes("1.000 m"));
+      await page.waitForFunction(() => document.getElementById("distance").innerText.includes("1.000 m"));
     }
     await shot(page, "probes");
     await page.keyboard.press("?");
@@ -228,6 +235,28 @@ const tests = {
     assert.deepEqual([b.curve, b.zebra, b.exposure], [a.curve, a.zebra, a.exposure]);
     a.eye.forEach((v, i) => near(b.eye[i], v, 1e-5 * (1 + Math.abs(v)), "eye"));
     await again.close();
+    await page.close();
+  },
+
+  async "an edit is shown as luxel render --edit would, and undone"() {
+    const page = await open(`${at}&compare=wipe`);
+    const middle = () => page.evaluate(() => window.luxel.sample(...window.centre(77, 99)));
+    const before = await middle();
+    await page.locator("#edit").fill("gain 0.5");
+    await page.waitForFunction(() => window.luxel.state.edit === "gain 0.5");
+    await settled(page);
+    const probe = await (await fetch(`${url}api/probe?view=${encodeURIComponent(camera.name)}&x=${before.x}&y=${before.y}&edit=gain+0.5`)).json();
+    const after = await middle();
+    near(after.luminance, probe.luminance, 2e-3 * probe.luminance, "edited");
+    near(after.luminance, before.luminance / 2, 0.01 * before.luminance, "halved");
+    assert.ok((await page.locator("#edit-text").innerText()).startsWith("luxel edit "));
+    await shot(page, "edit");
+    await page.locator("#edit").fill("shine");
+    await page.waitForFunction(() => !document.getElementById("message").hidden);
+    await page.getByRole("button", { name: "Clear" }).click();
+    await settled(page);
+    assert.equal((await middle()).luminance, before.luminance);
+    assert.ok(await page.locator("#message").isHidden());
     await page.close();
   },
 

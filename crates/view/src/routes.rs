@@ -155,9 +155,10 @@ fn wanted(house: &House, query: &mut Query) -> Result<Wanted, Failure> {
         }
         (None, Some(text)) => camera_of(&text, size)?,
         _ => {
-            return Err(
-                String::from("expected one of \"view\" (a name of /api/scene) and \"camera\" (JSON as a frame of transforms.json)").into()
-            );
+            return Err(String::from(
+                "expected one of \"view\" (a name of /api/scene) and \"camera\" (JSON as a frame of transforms.json)",
+            )
+            .into());
         }
     };
     camera.validate().map_err(|error| format!("camera: {error}"))?;

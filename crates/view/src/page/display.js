@@ -33,7 +33,7 @@ export class Display {
     canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
     canvas.addEventListener("webglcontextrestored", () => {
       this.build();
-      if (this.picture) this.show(this.picture);
+      if (this.picture) this.show(this.picture, true);
       if (this.truth) this.compareWith(this.truth);
     });
   }
@@ -80,22 +80,22 @@ export class Display {
     this.gl.bindTexture(this.gl.TEXTURE_2D, this.textures[unit]);
   }
 
-  /** @param {Unit} unit @param {Frame} frame */
-  uploadRadiance(unit, frame) {
+  /** @param {Unit} unit @param {Frame} frame @param {boolean} exact whether a pixel of the screen shows one pixel */
+  uploadRadiance(unit, frame, exact) {
     const { gl } = this;
     this.bind(unit);
     const { width, height } = frame.head;
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGB16F, width, height, 0, gl.RGB, gl.HALF_FLOAT, frame.rgb);
-    const filter = width < this.canvas.width ? gl.LINEAR : gl.NEAREST;
-    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR);
-    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, unit === "truth" ? gl.NEAREST : filter);
+    const filter = exact ? gl.NEAREST : gl.LINEAR;
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, filter);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, filter);
   }
 
-  /** Takes a new picture. @param {Frame} frame */
-  show(frame) {
+  /** Takes a new picture. @param {Frame} frame @param {boolean} full whether it is more than a stopgap */
+  show(frame, full) {
     const { gl } = this;
     this.picture = frame;
-    this.uploadRadiance("picture", frame);
+    this.uploadRadiance("picture", frame, full);
     const { width, height } = frame.head;
     if (frame.depth) {
       this.bind("depthMap");
@@ -111,7 +111,7 @@ export class Display {
   /** Takes the ground truth to compare with. @param {Frame | null} frame */
   compareWith(frame) {
     this.truth = frame;
-    if (frame) this.uploadRadiance("truth", frame);
+    if (frame) this.uploadRadiance("truth", frame, true);
   }
 
   /** Draws. @param {State} state @param {boolean} showTruth for the flicker */

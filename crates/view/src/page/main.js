@@ -25,6 +25,10 @@ import { address, Stream } from "./stream.js";
 const FOLLOW_MS = 2000;
 /** Time for which each picture of a flicker is shown, ms; below three flashes a second. */
 const FLICKER_MS = 600;
+/** Least time between histograms while moving, ms. */
+const HISTOGRAM_MS = 200;
+/** Time after which the first hint goes, ms. */
+const HINT_MS = 12000;
 /** Probes that are kept. */
 const MAX_PINS = 20;
 
@@ -35,13 +39,16 @@ export class Viewer {
   /** @type {Sample[]} */ pins = [];
   /** Place of the pointer in the picture, 0 to 1. @type {{ u: number, v: number } | null} */ pointer = null;
   /** Size and place of the picture on the screen. */ box = { left: 0, top: 0, width: 1, height: 1 };
+  /** Size of the picture in pixels of the screen. */ dots = { width: 1, height: 1 };
   version = 0;
   followedAt = 0;
+  countedAt = 0;
   truthOf = "";
   needsDraw = true;
   needsReflect = true;
   saveAt = 0;
   /** @type {any[]} */ history = [];
+  /** @type {import("./scene.js").Training | null} */ training = null;
 
   constructor() {
     this.canvas = /** @type {HTMLCanvasElement} */ (document.getElementById("picture"));
@@ -63,7 +70,11 @@ export class Viewer {
       this.changed();
     });
     new ResizeObserver(() => (this.needsDraw = true)).observe(byId("stage"));
+    for (const kind of ["pointerdown", "keydown", "wheel"]) addEventListener(kind, () => byId("hint").classList.add("gone"), { passive: true });
+    setTimeout(() => byId("hint").classList.add("gone"), HINT_MS);
     connect(this);
+    // On a phone the picture comes first.
+    if (matchMedia("(max-width: 700px)").matches) this.togglePanel();
   }
 
   async start() {
@@ -97,7 +108,8 @@ export class Viewer {
     };
     source.onerror = () => {
       wasLost = true;
-      this.complain("No connection to luxel; trying again.");
+      const isOver = this.training && (this.training.is_finished || this.training.done === this.training.total);
+      this.complain(isOver ? "The training has ended. Look at its scene with luxel view." : "No connection to luxel; trying again.");
       // A server that refuses ends the stream for good.
       if (source.readyState === EventSource.CLOSED) {
         source.close();
@@ -179,6 +191,7 @@ export class Viewer {
       this.facts(status.splats);
     }
     const { training } = status;
+    this.training = training;
     byId("training").hidden = !training;
     if (!training) return;
     /** @type {HTMLProgressElement} */ (/** @type {unknown} */ (byId("training-progress"))).value = training.done / Math.max(1, training.total);
@@ -231,7 +244,6 @@ export class Viewer {
   }
 
   moved() {
-    byId("hint").classList.add("gone");
     this.changed();
   }
 
@@ -282,8 +294,15 @@ export class Viewer {
     const height = Math.max(1, Math.round(Math.min(h, w / aspect)));
     this.box = { left: Math.round((w - width) / 2), top: Math.round((h - height) / 2), width, height };
     const dots = Math.min(devicePixelRatio, 2);
-    const [cw, ch] = [Math.round(width * dots), Math.round(height * dots)];
-    if (this.canvas.width !== cw || this.canvas.height !== ch) [this.canvas.width, this.canvas.height] = [cw, ch];
+    this.dots = { width: Math.round(width * dots), height: Math.round(height * dots) };
+    // A small picture of a movement is enlarged by the browser, which costs less than the shader.
+    const { shown } = this;
+    const isSmall = shown && !shown.full && shown.frame.head.width < this.dots.width;
+    const [cw, ch] = isSmall ? [shown.frame.head.width, shown.frame.head.height] : [this.dots.width, this.dots.height];
+    if (this.canvas.width !== cw || this.canvas.height !== ch) {
+      [this.canvas.width, this.canvas.height] = [cw, ch];
+      this.needsDraw = true;
+    }
     for (const element of [this.canvas, this.overlay.canvas]) {
       Object.assign(element.style, { left: `${this.box.left}px`, top: `${this.box.top}px`, width: `${width}px`, height: `${height}px` });
     }
@@ -298,8 +317,9 @@ export class Viewer {
   /** The picture that is wanted now. */
   want() {
     const view = this.viewCamera();
-    // At a camera, the picture has the pixels of its image, so that both compare.
-    const [width, height] = view ? [view.w, view.h] : [this.canvas.width, this.canvas.height];
+    // Beside its image, the picture of a camera has the same pixels, so that both compare.
+    const paired = this.state.compare === "off" ? undefined : view;
+    const [width, height] = paired ? [paired.w, paired.h] : [this.dots.width, this.dots.height];
     const { eye, axes, fov, edit } = this.state;
     const key = JSON.stringify([eye, axes, fov, this.state.view, width, height, edit]);
     const lens = (/** @type {number} */ w, /** @type {number} */ h) => (view ? lensOfView(view, w, h) : lensOf({ eye, axes, fov }, w, h));
@@ -377,11 +397,15 @@ export class Viewer {
   take(shown) {
     const isFirst = this.shown === null;
     this.shown = shown;
-    this.display.show(shown.frame);
+    this.display.show(shown.frame, shown.full);
     if (isFirst) document.body.dataset.ready = "true";
     if (shown.full) this.settle(shown);
     if (this.state.autoExposure) this.fitExposure(true);
-    drawHistogram(this, shown.frame);
+    const now = performance.now();
+    if (shown.full || now - this.countedAt > HISTOGRAM_MS) {
+      this.countedAt = now;
+      drawHistogram(this, shown.frame);
+    }
     this.needsDraw = true;
   }
 
@@ -501,7 +525,8 @@ export class Viewer {
   }
 
   saveExr() {
-    const { width, height, edit } = this.want();
+    const { edit } = this.state;
+    const { width, height } = this.want();
     download(address(this.lens(width, height), edit, "&channels=rgb,alpha,depth", "/api/frame.exr"), "view.exr");
   }
 

@@ -9,6 +9,9 @@ import { COMPARES, MODES } from "./state.js";
 /** @typedef {import("./scene.js").Frame} Frame */
 /** @typedef {import("./state.js").State} State */
 
+/** Time without typing after which an edit is shown, ms. */
+const EDIT_MS = 350;
+
 /** Stops of the histogram, around middle grey at the exposure in force. */
 const HISTOGRAM = { low: -12, high: 12, bins: 96 };
 
@@ -53,7 +56,24 @@ export function connect(viewer) {
   click("copy-link", () => viewer.copyLink());
   segmented(byId("compare"), COMPARES, (name) => viewer.set({ compare: /** @type {State["compare"]} */ (name) }));
   segmented(byId("mode"), MODES, (name) => viewer.set({ mode: /** @type {State["mode"]} */ (name) }));
+  let waiting = 0;
+  byId("edit").addEventListener("input", () => {
+    clearTimeout(waiting);
+    waiting = setTimeout(() => viewer.set({ edit: byId("edit").value.trim() }), EDIT_MS);
+  });
+  click("edit-clear", () => viewer.set({ edit: "" }));
+  click("copy-command", () => void navigator.clipboard?.writeText(commandOf(viewer)).catch(() => undefined));
   fillHelp(byId("help-body"));
+}
+
+/** The command that makes the edit: each statement is an option of the same name. @param {Viewer} viewer */
+function commandOf(viewer) {
+  const statements = viewer.state.edit.split(/[;|]/).map((statement) => statement.trim()).filter(Boolean);
+  const options = statements.map((statement) => {
+    const [, name, value] = /** @type {RegExpMatchArray} */ (statement.match(/^(\S+)\s*(.*)$/));
+    return `--${name} ${/^[\w.,:-]+$/.test(value) ? value : `'${value.replaceAll("'", "'\\''")}'`}`;
+  });
+  return `luxel edit ${viewer.scene?.name ?? ""} ${options.join(" ")} -o edited.ply`;
 }
 
 /** Shows what is set. @param {Viewer} viewer */
@@ -80,6 +100,10 @@ export function reflect(viewer) {
   byId("compare-section").hidden = !scene?.cameras.some((camera) => camera.has_ground_truth);
   byId("compare-text").textContent = canCompare ? `${view?.name} (${view?.split})` : "Choose a camera below to compare with its image.";
   for (const button of byId("strip").querySelectorAll("button")) button.setAttribute("aria-pressed", String(button.dataset.view === state.view));
+  byId("edit-section").hidden = viewer.training !== null;
+  if (document.activeElement !== byId("edit")) byId("edit").value = state.edit;
+  byId("edit-text").textContent = state.edit ? commandOf(viewer) : "";
+  byId("edit-text").hidden = byId("edit-clear").hidden = byId("copy-command").hidden = !state.edit;
   legend(state, viewer.isComparing());
 }
 

@@ -100,6 +100,5 @@ void main() {
     if (stops > zebraStops.y && stripe < 5.0) rgb = stripe < 2.5 ? vec3(0.0) : vec3(1.0);
     if (stops < zebraStops.x && back < 3.0) rgb = vec3(0.35);
   }
-  if (compare == 1 && abs(place.x - wipe) * float(textureSize(picture, 0).x) < 1.0 && abs(dFdx(place.x)) > abs(place.x - wipe)) rgb = vec3(1.0);
   color = vec4(clamp(rgb, 0.0, 1.0), 1.0);
 }`;

@@ -63,6 +63,8 @@ export class Stream {
     if (this.want?.key !== want.key) {
       if (this.want) this.movedAt = now;
       this.want = want;
+      // What failed before may work now.
+      this.retryAt = this.failures = 0;
       this.full?.abort();
       this.full = null;
     }
