@@ -1,5 +1,5 @@
-//! `luxel view` and `luxel train --view` as a script uses them: the address on stdout, pictures over
-//! HTTP, steering of a training.
+//! `luxel view` and `luxel train --view` as a script uses them: the address on stdout, pictures
+//! over HTTP, steering of a training.
 #![cfg(feature = "view")]
 #![allow(missing_docs, clippy::unwrap_used, reason = "tests")]
 

@@ -23,6 +23,7 @@ pub(crate) const TITLE: &str = "{{title}}";
 const ASSETS: &[(&str, Asset)] = &[
     ("style.css", Asset { content: include_str!("page/style.css"), media_type: "text/css; charset=utf-8" }),
     ("icon.svg", Asset { content: include_str!("page/icon.svg"), media_type: "image/svg+xml" }),
+    script!("connection.js"),
     script!("controls.js"),
     script!("display.js"),
     script!("falsecolor.js"),
@@ -34,12 +35,15 @@ const ASSETS: &[(&str, Asset)] = &[
     script!("measure.js"),
     script!("overlay.js"),
     script!("panel.js"),
+    script!("places.js"),
     script!("plots.js"),
     script!("probes.js"),
     script!("scene.js"),
     script!("shader.js"),
     script!("state.js"),
     script!("stream.js"),
+    script!("strip.js"),
+    script!("training.js"),
 ];
 
 /// Returns the file of this name.

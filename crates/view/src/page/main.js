@@ -1,18 +1,21 @@
 /** The viewer: connects state, controls, pictures and panels. */
 
+import { listen } from "./connection.js";
 import { Controls } from "./controls.js";
 import { Display } from "./display.js";
 import { KEYS, next } from "./help.js";
-import { fovOf, lensOf, lensOfView, poseOf, unproject } from "./lens.js";
-import { add, dot, length, looking, sub, times } from "./math.js";
+import { fovOf, lensOf, lensOfView, poseOf } from "./lens.js";
+import { add, looking, sub, times } from "./math.js";
 import { sampleAt, suitableExposure, text } from "./measure.js";
 import { Overlay } from "./overlay.js";
 import { byId, connect, drawHistogram, reflect } from "./panel.js";
-import { drawPlots } from "./plots.js";
 import { distanceOf, fillPins, fillReadout } from "./probes.js";
-import { fetchFrame, fetchHistory, fetchScene, steer } from "./scene.js";
+import { overview, sizeOf } from "./places.js";
+import { fetchFrame, fetchScene } from "./scene.js";
 import { applyHash, COMPARES, CURVES, LAYERS, MODES, State, toHash } from "./state.js";
+import { fillStrip } from "./strip.js";
 import { address, Stream } from "./stream.js";
+import { TrainingPanel } from "./training.js";
 
 /** @typedef {import("./math.js").Vec3} Vec3 */
 /** @typedef {import("./measure.js").Sample} Sample */
@@ -47,8 +50,7 @@ export class Viewer {
   needsDraw = true;
   needsReflect = true;
   saveAt = 0;
-  /** @type {any[]} */ history = [];
-  /** @type {import("./scene.js").Training | null} */ training = null;
+  training = new TrainingPanel((message) => this.complain(message));
 
   constructor() {
     this.canvas = /** @type {HTMLCanvasElement} */ (document.getElementById("picture"));
@@ -78,7 +80,7 @@ export class Viewer {
   }
 
   async start() {
-    this.listen();
+    listen({ state: (status) => this.follow(status), lost: () => this.lost(), again: () => void this.reconnected() });
     for (;;) {
       try {
         this.setScene(await fetchScene());
@@ -97,25 +99,17 @@ export class Viewer {
     requestAnimationFrame(loop);
   }
 
-  /** Listens to the server's states; the browser connects again by itself. */
-  listen() {
-    const source = new EventSource("/api/events");
-    let wasLost = false;
-    source.onmessage = (event) => {
-      if (wasLost) void this.reconnected();
-      wasLost = false;
-      this.follow(JSON.parse(event.data));
-    };
-    source.onerror = () => {
-      wasLost = true;
-      const isOver = this.training && (this.training.is_finished || this.training.done === this.training.total);
-      this.complain(isOver ? "The training has ended. Look at its scene with luxel view." : "No connection to luxel; trying again.");
-      // A server that refuses ends the stream for good.
-      if (source.readyState === EventSource.CLOSED) {
-        source.close();
-        setTimeout(() => this.listen(), 2000);
-      }
-    };
+  /** @param {Status} status */
+  follow(status) {
+    if (status.version !== this.version) {
+      this.version = status.version;
+      this.facts(status.splats);
+    }
+    this.training.follow(status);
+  }
+
+  lost() {
+    this.complain(this.training.isOver() ? "The training has ended. Look at its scene with luxel view." : "No connection to luxel; trying again.");
   }
 
   async reconnected() {
@@ -134,83 +128,21 @@ export class Viewer {
     this.display.scene = scene;
     this.version = scene.version;
     this.controls.up = scene.up;
-    this.controls.size = Math.max(this.sceneSize(scene), 1e-6);
+    this.controls.size = Math.max(sizeOf(scene), 1e-6);
     if (!again) {
       if (!applyHash(this.state, location.hash)) this.home();
       else if (this.state.view) this.standAt(this.state.view);
-      this.strip(scene);
+      fillStrip(byId("strip"), scene, (name) => this.standAt(name));
     }
     this.facts(scene.splats);
     if (scene.training) void this.follow({ version: scene.version, splats: scene.splats, training: scene.training });
     this.changed();
   }
 
-  /** A length that goes with the scene: between the cameras, else of the box around most splats. @param {Scene} scene */
-  sceneSize(scene) {
-    const eyes = scene.cameras.map((camera) => poseOf(camera).eye);
-    const reach = Math.max(0, ...eyes.map((eye) => length(sub(eye, eyes[0]))));
-    const box = length(sub(scene.inner_bounds[1], scene.inner_bounds[0]));
-    return reach > 0 ? Math.min(Math.max(reach, box * 0.05), Math.max(box, reach)) : box;
-  }
-
   /** @param {number} splats */
   facts(splats) {
     const edits = this.scene?.edits.length ? ` · ${this.scene.edits.length} edits` : "";
     byId("facts").textContent = `${splats.toLocaleString("en")} splats · ${this.scene?.color_space}${edits}`;
-  }
-
-  /** @param {Scene} scene */
-  strip(scene) {
-    const strip = byId("strip");
-    strip.hidden = scene.cameras.length === 0;
-    strip.replaceChildren(
-      ...scene.cameras.map((camera) => {
-        const button = document.createElement("button");
-        button.dataset.view = camera.name;
-        button.title = `${camera.name} (${camera.split}): stand at this camera`;
-        const name = document.createElement("span");
-        name.textContent = `${camera.name.split("/").at(-1)}${camera.split === "test" ? " test" : ""}`;
-        if (camera.has_ground_truth) {
-          const image = new Image();
-          image.loading = "lazy";
-          image.alt = "";
-          image.src = `/api/thumbnail?view=${encodeURIComponent(camera.name)}`;
-          button.append(image);
-        }
-        button.append(name);
-        button.addEventListener("click", () => this.standAt(camera.name));
-        return button;
-      }),
-    );
-  }
-
-  /** @param {Status} status */
-  follow(status) {
-    if (status.version !== this.version) {
-      this.version = status.version;
-      this.facts(status.splats);
-    }
-    const { training } = status;
-    this.training = training;
-    byId("training").hidden = !training;
-    if (!training) return;
-    /** @type {HTMLProgressElement} */ (/** @type {unknown} */ (byId("training-progress"))).value = training.done / Math.max(1, training.total);
-    const state = training.is_finished ? "finished" : training.is_paused ? "paused" : "training";
-    byId("training-text").textContent = `step ${training.done.toLocaleString("en")} of ${training.total.toLocaleString("en")} · ${status.splats.toLocaleString("en")} splats · ${state}`;
-    for (const button of /** @type {NodeListOf<HTMLButtonElement>} */ (byId("training").querySelectorAll("button"))) {
-      if (button.dataset.wish === "pause" || button.dataset.wish === "continue") {
-        button.dataset.wish = training.is_paused ? "continue" : "pause";
-        button.textContent = training.is_paused ? "Continue" : "Pause";
-      }
-      button.disabled = training.is_finished;
-      button.onclick = () => steer(String(button.dataset.wish)).catch((error) => this.complain(error.message));
-    }
-    if (training.records !== this.history.length) {
-      void fetchHistory(0).then((records) => {
-        this.history = records;
-        drawPlots(byId("plots"), records);
-      });
-    }
   }
 
   /** The camera of the data set in whose place the viewer stands. @returns {ViewCamera | undefined} */
@@ -252,14 +184,7 @@ export class Viewer {
     const { scene } = this;
     if (!scene) return;
     if (scene.cameras.length) return this.standAt(scene.cameras[0].name);
-    const [low, high] = scene.inner_bounds;
-    const center = times(add(low, high), 0.5);
-    const size = Math.max(length(sub(high, low)), 1e-3);
-    // A direction that is level: across the up axis.
-    const aside = /** @type {Vec3} */ (Math.abs(scene.up[2]) < 0.9 ? [0, 0, 1] : [0, 1, 0]);
-    this.state.axes = looking(times(sub(aside, times(scene.up, dot(aside, scene.up))), -1), scene.up);
-    this.state.eye = add(center, times(this.state.axes.back, size));
-    this.state.pivot = center;
+    Object.assign(this.state, overview(scene));
     this.state.view = "";
     this.changed();
   }
@@ -355,11 +280,16 @@ export class Viewer {
     }
   }
 
+  /** What is drawn: without a comparison until the ground truth is there. */
+  drawn() {
+    return this.isComparing() ? this.state : Object.assign(new State(), this.state, { compare: "off" });
+  }
+
   /** @param {number} now */
   draw(now) {
     const isComparing = this.isComparing();
     const showTruth = Math.floor(now / FLICKER_MS) % 2 === 1;
-    this.display.draw(isComparing ? this.state : Object.assign(new State(), this.state, { compare: "off" }), showTruth);
+    this.display.draw(this.drawn(), showTruth);
     const { width, height } = this.box;
     const lens = this.lens(width, height);
     this.overlay.clear(width, height);
@@ -525,13 +455,12 @@ export class Viewer {
   }
 
   saveExr() {
-    const { edit } = this.state;
-    const { width, height } = this.want();
+    const { width, height, edit } = this.want();
     download(address(this.lens(width, height), edit, "&channels=rgb,alpha,depth", "/api/frame.exr"), "view.exr");
   }
 
   savePng() {
-    this.display.draw(this.isComparing() ? this.state : Object.assign(new State(), this.state, { compare: "off" }), false);
+    this.display.draw(this.drawn(), false);
     this.canvas.toBlob((blob) => blob && download(URL.createObjectURL(blob), "view.png"), "image/png");
   }
 
@@ -547,11 +476,6 @@ export class Viewer {
     element.textContent = message;
   }
 
-  /** The point in the world under a place of the picture. @param {number} u @param {number} v */
-  worldAt(u, v) {
-    const sample = this.sample(u, v);
-    return sample?.depth && this.shown ? unproject(this.shown.lens, sample.x + 0.5, sample.y + 0.5, sample.depth) : null;
-  }
 }
 
 /** @param {string} url @param {string} name */

@@ -100,7 +100,7 @@ export function reflect(viewer) {
   byId("compare-section").hidden = !scene?.cameras.some((camera) => camera.has_ground_truth);
   byId("compare-text").textContent = canCompare ? `${view?.name} (${view?.split})` : "Choose a camera below to compare with its image.";
   for (const button of byId("strip").querySelectorAll("button")) button.setAttribute("aria-pressed", String(button.dataset.view === state.view));
-  byId("edit-section").hidden = viewer.training !== null;
+  byId("edit-section").hidden = viewer.training.newest !== null;
   if (document.activeElement !== byId("edit")) byId("edit").value = state.edit;
   byId("edit-text").textContent = state.edit ? commandOf(viewer) : "";
   byId("edit-text").hidden = byId("edit-clear").hidden = byId("copy-command").hidden = !state.edit;

@@ -1,0 +1,56 @@
+/** The panel of a training: its progress, plots, and buttons that steer it. */
+
+import { drawPlots } from "./plots.js";
+import { fetchHistory, steer } from "./scene.js";
+
+/** @typedef {import("./plots.js").Record} Record */
+/** @typedef {import("./scene.js").Status} Status */
+/** @typedef {import("./scene.js").Training} Training */
+
+export class TrainingPanel {
+  /** @type {Record[]} */ history = [];
+  /** @type {Training | null} */ newest = null;
+
+  /** @param {(message: string) => void} complain */
+  constructor(complain) {
+    this.complain = complain;
+    this.panel = /** @type {HTMLElement} */ (document.getElementById("training"));
+    for (const button of this.panel.querySelectorAll("button")) {
+      button.addEventListener("click", () => steer(String(button.dataset.wish)).catch((error) => this.complain(error.message)));
+    }
+  }
+
+  /** Whether there is nothing left to train. */
+  isOver() {
+    return this.newest !== null && (this.newest.is_finished || this.newest.done >= this.newest.total);
+  }
+
+  /** @param {Status} status */
+  follow({ training, splats }) {
+    this.newest = training;
+    this.panel.hidden = !training;
+    if (!training) return;
+    const { done, total, is_paused, is_finished } = training;
+    const progress = /** @type {HTMLProgressElement} */ (document.getElementById("training-progress"));
+    progress.value = done / Math.max(1, total);
+    const state = is_finished ? "finished" : is_paused ? "paused" : "training";
+    const text = /** @type {HTMLElement} */ (document.getElementById("training-text"));
+    text.textContent = `step ${done.toLocaleString("en")} of ${total.toLocaleString("en")} · ${splats.toLocaleString("en")} splats · ${state}`;
+    for (const button of this.panel.querySelectorAll("button")) {
+      button.disabled = is_finished;
+      if (button.dataset.wish === "save" || button.dataset.wish === "stop") continue;
+      button.dataset.wish = is_paused ? "continue" : "pause";
+      button.textContent = is_paused ? "Continue" : "Pause";
+    }
+    if (training.records !== this.history.length) void this.plot();
+  }
+
+  async plot() {
+    try {
+      this.history = await fetchHistory(0);
+      drawPlots(/** @type {HTMLElement} */ (document.getElementById("plots")), this.history);
+    } catch {
+      // The next state tries again.
+    }
+  }
+}
