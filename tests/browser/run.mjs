@@ -3,7 +3,8 @@
 //     node tests/browser/run.mjs LUXEL RUN [SCREENSHOTS]
 //
 // LUXEL is the program, RUN a run folder of it. playwright-core is found through NODE_PATH, Chromium
-// through CHROMIUM or PATH. scripts/browser-tests prepares all of them.
+// through CHROMIUM or PATH. scripts/browser-tests prepares all of them. For work on the page: ONLY is a
+// part of the name of the tests to run, PAGE a folder whose files take the place of the program's.
 
 import { execFileSync, spawn } from "node:child_process";
 import { createRequire } from "node:module";
@@ -51,6 +52,7 @@ async function open(hash = "", options = {}) {
       return [((x % width) + 0.5) / width, ((y % height) + 0.5) / height];
     };
   });
+  if (process.env.PAGE) await page.route("**/page/*", (route) => route.fulfill({ path: path.join(process.env.PAGE, path.basename(new URL(route.request().url()).pathname)) }));
   await page.goto(url + hash);
   await settled(page);
   return page;

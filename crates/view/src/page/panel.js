@@ -61,6 +61,10 @@ export function connect(viewer) {
     clearTimeout(waiting);
     waiting = setTimeout(() => viewer.set({ edit: byId("edit").value.trim() }), EDIT_MS);
   });
+  byId("edit-example").addEventListener("change", () => {
+    if (byId("edit-example").value) viewer.set({ edit: byId("edit-example").value });
+    byId("edit-example").value = "";
+  });
   click("edit-clear", () => viewer.set({ edit: "" }));
   click("copy-command", () => void navigator.clipboard?.writeText(commandOf(viewer)).catch(() => undefined));
   fillHelp(byId("help-body"));

@@ -40,6 +40,14 @@ export function fillReadout(element, viewer, sample, truth) {
   );
 }
 
+/** A button for the light at a point. @param {Viewer} viewer @param {import("./math.js").Vec3} at */
+function environmentButton(viewer, at) {
+  const command = `luxel probe ${viewer.scene?.name ?? ""} --at ${at.map((v) => v.toPrecision(5)).join(",")} -o probe.exr`;
+  const button = Object.assign(document.createElement("button"), { textContent: "copy probe command", title: `The light that arrives here, as an environment map: ${command}` });
+  button.addEventListener("click", () => void navigator.clipboard?.writeText(command).catch(() => undefined));
+  return button;
+}
+
 /** @param {HTMLElement} list @param {HTMLElement} distance @param {Viewer} viewer */
 export function fillPins(list, distance, viewer) {
   list.replaceChildren(
@@ -51,6 +59,7 @@ export function fillPins(list, distance, viewer) {
       const remove = Object.assign(document.createElement("button"), { textContent: "×", title: "Remove this probe" });
       remove.setAttribute("aria-label", `Remove probe ${i + 1}`);
       remove.addEventListener("click", () => viewer.unpin(i));
+      if (pin.position) values.append(environmentButton(viewer, pin.position));
       item.append(name, values, remove);
       return item;
     }),
