@@ -121,10 +121,10 @@ fn a_run_without_its_data_set_and_a_plain_file_are_shown() {
 #[test]
 fn looking_at_a_training_changes_nothing() {
     let place = Workplace::new();
-    let args =
-        [&["train", "data", "-o", "watched", "--view=127.0.0.1:0", "--log-format", "json", "--checkpoint-every", "0"], &QUICK[..]].concat();
-    let mut server = Server::start(&place, &args);
-    // The first step may be over before the first request; the pause holds at whichever comes next.
+    // Long enough for a request on its way.
+    let steps = ["--iterations", "3000", "--init-points", "100", "--max-splats", "100", "--threads", "2", "--checkpoint-every", "0"];
+    let watched = ["train", "data", "-o", "watched", "--view=127.0.0.1:0", "--log-format", "json"];
+    let mut server = Server::start(&place, &[&watched, &steps[..]].concat());
     let (head, _) = server.request("POST", "/api/training/pause");
     assert!(head.starts_with("HTTP/1.1 200"), "{head}");
     let paused = server.until(|scene| scene["training"]["is_paused"] == true);

@@ -214,7 +214,7 @@ fn bad_requests_are_answered_with_what_is_wrong() {
         ("/api/frame?view=000&width=0", "camera"),
         ("/api/frame?view=000&width=60000&height=60000", "at most"),
         ("/api/frame?view=000&edit=shine", "shine"),
-        ("/api/frame?view=000&edit=where+mask+m.png;+gain+2", "mask"),
+        ("/api/frame?view=000&edit=where+mask(m.png,+000);+gain+2", "painted masks"),
         ("/api/frame?camera=%7B%7D", "transform_matrix"),
         ("/api/frame?camera=7", "not a JSON object"),
         ("/api/probe?view=000&x=24&y=0", "outside of 24 x 24"),
