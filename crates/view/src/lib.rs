@@ -17,6 +17,11 @@
 //! A loopback address is for this machine alone; any other needs the token of [`Viewer::url`].
 //! Requests under a foreign `Host` or from a foreign `Origin` are refused.
 
+/// The example of the crate's README, compiled as a doc test.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct CrateReadmeExample;
+
 mod assets;
 mod frame;
 mod gate;
