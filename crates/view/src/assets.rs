@@ -23,9 +23,11 @@ pub(crate) const TITLE: &str = "{{title}}";
 const ASSETS: &[(&str, Asset)] = &[
     ("style.css", Asset { content: include_str!("page/style.css"), media_type: "text/css; charset=utf-8" }),
     ("icon.svg", Asset { content: include_str!("page/icon.svg"), media_type: "image/svg+xml" }),
+    script!("comparison.js"),
     script!("connection.js"),
     script!("controls.js"),
     script!("display.js"),
+    script!("exposure.js"),
     script!("falsecolor.js"),
     script!("half.js"),
     script!("help.js"),
@@ -35,15 +37,20 @@ const ASSETS: &[(&str, Asset)] = &[
     script!("measure.js"),
     script!("overlay.js"),
     script!("panel.js"),
+    script!("part.js"),
     script!("places.js"),
     script!("plots.js"),
     script!("probes.js"),
+    script!("saving.js"),
     script!("scene.js"),
+    script!("server.js"),
     script!("shader.js"),
+    script!("source.js"),
     script!("state.js"),
     script!("stream.js"),
     script!("strip.js"),
     script!("training.js"),
+    script!("viewer.js"),
 ];
 
 /// Returns the file of this name.

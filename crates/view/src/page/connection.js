@@ -5,7 +5,9 @@
 /** Time before a stream that was refused is asked for again, ms. */
 const AGAIN_MS = 2000;
 
-/** @param {{ state: (status: Status) => void, lost: () => void, again: () => void }} on */
+/** Called with each state, when the connection is lost, and when it is there again. @typedef {{ state: (status: Status) => void, lost: () => void, again: () => void }} Listener */
+
+/** @param {Listener} on */
 export function listen(on) {
   const source = new EventSource("/api/events");
   let wasLost = false;

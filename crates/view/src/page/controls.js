@@ -3,6 +3,7 @@
 import { add, clamp, cross, dot, length, looking, sub, times, turn, turnAxes, unit } from "./math.js";
 
 /** @typedef {import("./math.js").Vec3} Vec3 */
+/** @typedef {import("./part.js").Grip} Grip */
 /** @typedef {import("./state.js").State} State */
 
 const MOVES = new Set(["KeyW", "KeyA", "KeyS", "KeyD", "KeyQ", "KeyE", "ArrowUp", "ArrowDown", "ArrowLeft", "ArrowRight"]);
@@ -14,19 +15,19 @@ export class Controls {
   keys = new Set();
   fast = false;
   dragged = 0;
+  /** A drag that a part of the viewer has taken hold of. @type {Grip | null} */ grip = null;
   /** Unit of speed: a part of the scene's size. */ size = 1;
   /** @type {Vec3} */ up = [0, 1, 0];
 
   /**
    * @param {HTMLElement} element @param {State} state
    * @param {{ moved: () => void, clicked: (x: number, y: number, event: PointerEvent) => void, pivoted: (x: number, y: number) => void,
-   *   wiped: (x: number) => boolean, hovered: (x: number, y: number) => void }} on
+   *   grabbed: (x: number, y: number, event: PointerEvent) => Grip | null, hovered: (x: number, y: number) => void }} on
    */
   constructor(element, state, on) {
     this.state = state;
     this.on = on;
     this.element = element;
-    this.wiping = false;
     element.addEventListener("pointerdown", (event) => this.down(event));
     element.addEventListener("pointermove", (event) => this.move(event));
     for (const kind of /** @type {const} */ (["pointerup", "pointercancel"])) element.addEventListener(kind, (event) => this.lift(event));
@@ -54,7 +55,8 @@ export class Controls {
     this.element.setPointerCapture(event.pointerId);
     this.pointers.set(event.pointerId, { x: event.offsetX, y: event.offsetY });
     if (this.pointers.size === 1) this.dragged = 0;
-    this.wiping = this.pointers.size === 1 && this.on.wiped(event.offsetX);
+    this.grip?.end?.();
+    this.grip = this.pointers.size === 1 ? this.on.grabbed(event.offsetX, event.offsetY, event) : null;
   }
 
   /** @param {PointerEvent} event */
@@ -64,8 +66,8 @@ export class Controls {
     const [x, y] = [event.offsetX, event.offsetY];
     const [dx, dy] = [x - from.x, y - from.y];
     this.dragged += Math.abs(dx) + Math.abs(dy);
-    if (this.wiping) {
-      this.on.wiped(x);
+    if (this.grip) {
+      this.grip.move(x, y, event);
     } else if (this.pointers.size >= 2) {
       const other = [...this.pointers].find(([id]) => id !== event.pointerId)?.[1] ?? from;
       const apart = (/** @type {{ x: number, y: number }} */ p) => Math.hypot(p.x - other.x, p.y - other.y);
@@ -82,7 +84,10 @@ export class Controls {
   /** @param {PointerEvent} event */
   lift(event) {
     const was = this.pointers.delete(event.pointerId);
-    if (was && event.type === "pointerup" && this.dragged <= 3 && !this.wiping) this.on.clicked(event.offsetX, event.offsetY, event);
+    const { grip } = this;
+    this.grip = null;
+    grip?.end?.();
+    if (was && event.type === "pointerup" && this.dragged <= 3 && !grip) this.on.clicked(event.offsetX, event.offsetY, event);
   }
 
   /** @param {WheelEvent} event */

@@ -1,6 +1,6 @@
 /** Keys: what each does, once for the handler and for the page of help. */
 
-/** @typedef {import("./main.js").Viewer} Viewer */
+/** @typedef {import("./viewer.js").Viewer} Viewer */
 /** @typedef {{ keys: string[], shown: string, what: string, act: (viewer: Viewer) => void }} Key */
 
 /** @param {Viewer} viewer @param {number} by */
@@ -26,7 +26,7 @@ export const KEYS = [
   { keys: ["m"], shown: "M", what: "orbit, fly, walk", act: (v) => v.cycle("mode") },
   { keys: ["h"], shown: "H", what: "home", act: (v) => v.home() },
   { keys: ["j"], shown: "J", what: "level the horizon", act: (v) => v.controls.level() },
-  { keys: ["p"], shown: "P", what: "pin the value under the pointer", act: (v) => v.pinHere() },
+  { keys: ["p"], shown: "P", what: "pin the value under the pointer", act: (v) => v.probes?.pinHere() },
   { keys: ["i"], shown: "I", what: "picture alone", act: (v) => v.togglePanel() },
   { keys: ["?"], shown: "?", what: "this page", act: (v) => v.toggleHelp() },
 ];

@@ -1,10 +1,17 @@
 /** Values under the pointer and pinned ones, the distance of the last two, the scale of the scene. */
 
-import { MIDDLE_GREY, signed, text } from "./measure.js";
 import { length, sub } from "./math.js";
+import { MIDDLE_GREY, sampleAt, signed, text } from "./measure.js";
+import { byId } from "./panel.js";
 
+/** @typedef {import("./lens.js").Lens} Lens */
 /** @typedef {import("./measure.js").Sample} Sample */
-/** @typedef {import("./main.js").Viewer} Viewer */
+/** @typedef {import("./overlay.js").Overlay} Overlay */
+/** @typedef {import("./part.js").Part} Part */
+/** @typedef {import("./viewer.js").Viewer} Viewer */
+
+/** Probes that are kept. */
+const MAX_PINS = 20;
 
 /** @param {Viewer} viewer @param {Sample} sample */
 export function stopsOf(viewer, sample) {
@@ -48,40 +55,122 @@ function environmentButton(viewer, at) {
   return button;
 }
 
-/** @param {HTMLElement} list @param {HTMLElement} distance @param {Viewer} viewer */
-export function fillPins(list, distance, viewer) {
-  list.replaceChildren(
-    ...viewer.pins.map((pin, i) => {
-      const item = document.createElement("li");
-      const [name, values] = [document.createElement("span"), document.createElement("div")];
-      name.textContent = `${i + 1}`;
-      for (const [label, value] of rows(viewer, pin)) values.append(`${label} ${value}`, document.createElement("br"));
-      const remove = Object.assign(document.createElement("button"), { textContent: "×", title: "Remove this probe" });
-      remove.setAttribute("aria-label", `Remove probe ${i + 1}`);
-      remove.addEventListener("click", () => viewer.unpin(i));
-      if (pin.position) values.append(environmentButton(viewer, pin.position));
-      item.append(name, values, remove);
-      return item;
-    }),
-  );
-  distance.replaceChildren();
-  const apart = viewer.apart();
-  if (apart === null) return;
-  const row = document.createElement("div");
-  row.className = "row";
-  const scale = Object.assign(document.createElement("button"), { textContent: "this is 1 m", title: "Sets the length of a world unit, by which lengths are shown in metres" });
-  scale.addEventListener("click", () => viewer.set({ metres: 1 / apart }));
-  row.append(`distance ${viewer.lengthText(apart)}`, scale);
-  if (viewer.state.metres > 0) {
-    const forget = Object.assign(document.createElement("button"), { textContent: "world units" });
-    forget.addEventListener("click", () => viewer.set({ metres: 0 }));
-    row.append(forget);
-  }
-  distance.append(row);
-}
-
 /** Distance of the last two pins with a position, world units; null without them. @param {Sample[]} pins */
-export function distanceOf(pins) {
+function distanceOf(pins) {
   const [b, a] = pins.filter((pin) => pin.position).slice(-2).map((pin) => pin.position);
   return a && b ? length(sub(a, b)) : null;
+}
+
+/** @implements {Part} */
+export class Probes {
+  /** @type {Sample[]} */ pins = [];
+  /** Place of the pointer in the picture, 0 to 1. @type {{ u: number, v: number } | null} */ pointer = null;
+
+  /** @param {Viewer} viewer */
+  constructor(viewer) {
+    this.viewer = viewer;
+  }
+
+  /** @param {number} x @param {number} y */
+  hovered(x, y) {
+    const { box } = this.viewer;
+    const [u, v] = [x / box.width, y / box.height];
+    this.pointer = x >= 0 && y >= 0 && u < 1 && v < 1 ? { u, v } : null;
+    this.read();
+  }
+
+  /** Shows the value under the pointer. */
+  read() {
+    const { pointer, viewer } = this;
+    const { scene, display } = viewer;
+    const sample = pointer && viewer.sample(pointer.u, pointer.v);
+    const truth = pointer && scene && display.truth && viewer.comparison?.isOn() ? sampleAt(display.truth, null, pointer.u, pointer.v, scene.luminance_weights) : null;
+    fillReadout(byId("readout"), viewer, sample, truth);
+  }
+
+  /** @param {number} x @param {number} y @param {PointerEvent} event */
+  clicked(x, y, event) {
+    if (event.button !== 0 || event.detail >= 2) return false;
+    this.pinAt(x / this.viewer.box.width, y / this.viewer.box.height);
+    return true;
+  }
+
+  /** @param {number} u @param {number} v */
+  pinAt(u, v) {
+    const sample = this.viewer.sample(u, v);
+    if (!sample) return;
+    this.pins = [...this.pins, sample].slice(-MAX_PINS);
+    this.viewer.changed();
+  }
+
+  pinHere() {
+    if (this.pointer) this.pinAt(this.pointer.u, this.pointer.v);
+  }
+
+  /** @param {number} index */
+  unpin(index) {
+    this.pins = this.pins.filter((_, i) => i !== index);
+    this.viewer.changed();
+  }
+
+  unpinLast() {
+    if (this.pins.length) this.unpin(this.pins.length - 1);
+  }
+
+  /** Distance of the last two pins with a position, world units; null without them. */
+  apart() {
+    return distanceOf(this.pins);
+  }
+
+  /** A length in metres where the scale is known, else in world units. @param {number} units */
+  lengthText(units) {
+    const { metres } = this.viewer.state;
+    return metres > 0 ? `${text(units * metres)} m` : `${text(units)} units`;
+  }
+
+  /** @param {Overlay} overlay @param {Lens} lens */
+  draw(overlay, lens) {
+    this.pins.forEach((pin, i) => pin.position && overlay.pin(pin.position, lens, `${i + 1}  ${text(pin.luminance)}`));
+    const apart = this.apart();
+    const [b, a] = this.pins.filter((pin) => pin.position).slice(-2);
+    if (apart !== null && a?.position && b?.position) overlay.ruler(a.position, b.position, lens, this.lengthText(apart));
+    this.read();
+  }
+
+  reflect() {
+    const { viewer } = this;
+    byId("pins").replaceChildren(
+      ...this.pins.map((pin, i) => {
+        const item = document.createElement("li");
+        const [name, values] = [document.createElement("span"), document.createElement("div")];
+        name.textContent = `${i + 1}`;
+        for (const [label, value] of rows(viewer, pin)) values.append(`${label} ${value}`, document.createElement("br"));
+        const remove = Object.assign(document.createElement("button"), { textContent: "×", title: "Remove this probe" });
+        remove.setAttribute("aria-label", `Remove probe ${i + 1}`);
+        remove.addEventListener("click", () => this.unpin(i));
+        if (pin.position) values.append(environmentButton(viewer, pin.position));
+        item.append(name, values, remove);
+        return item;
+      }),
+    );
+    this.showDistance();
+  }
+
+  showDistance() {
+    const { viewer } = this;
+    byId("distance").replaceChildren();
+    const apart = this.apart();
+    if (apart === null) return;
+    const row = document.createElement("div");
+    row.className = "row";
+    const scale = Object.assign(document.createElement("button"), { textContent: "this is 1 m", title: "Sets the length of a world unit, by which lengths are shown in metres" });
+    scale.addEventListener("click", () => viewer.set({ metres: 1 / apart }));
+    row.append(`distance ${this.lengthText(apart)}`, scale);
+    if (viewer.state.metres > 0) {
+      const forget = Object.assign(document.createElement("button"), { textContent: "world units" });
+      forget.addEventListener("click", () => viewer.set({ metres: 0 }));
+      row.append(forget);
+    }
+    byId("distance").append(row);
+  }
 }

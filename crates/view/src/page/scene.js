@@ -1,4 +1,6 @@
-/** The scene as the server describes it, and its pictures. */
+/** The scene as the server describes it, and the steering of a training. */
+
+import { checked } from "./server.js";
 
 /** @typedef {import("./math.js").Vec3} Vec3 */
 /**
@@ -19,21 +21,6 @@
  * @typedef {{ head: Head, rgb: Uint16Array, alpha: Uint16Array | null, depth: Float32Array | null }} Frame
  */
 
-/** @param {Response} response */
-async function checked(response) {
-  if (response.ok) return response;
-  let message = `the server answered ${response.status}`;
-  try {
-    message = (await response.json()).error ?? message;
-  } catch {
-    // An answer without words.
-  }
-  throw new Error(message);
-}
-
-/** @returns {Promise<Scene>} */
-export const fetchScene = async () => (await checked(await fetch("/api/scene"))).json();
-
 /** @param {number} from @returns {Promise<any[]>} */
 export const fetchHistory = async (from) => (await checked(await fetch(`/api/history?from=${from}`))).json();
 
@@ -41,23 +28,3 @@ export const fetchHistory = async (from) => (await checked(await fetch(`/api/his
 export const steer = async (wish) => {
   await checked(await fetch(`/api/training/${wish}`, { method: "POST" }));
 };
-
-/** Fetches a picture; null if a newer request took its place. @param {string} url @param {AbortSignal} [signal] @returns {Promise<Frame | null>} */
-export async function fetchFrame(url, signal) {
-  const response = await checked(await fetch(url, { signal }));
-  if (response.status === 204) return null;
-  /** @type {Head} */
-  const head = JSON.parse(response.headers.get("luxel-frame") ?? "");
-  const bytes = await response.arrayBuffer();
-  const pixels = head.width * head.height;
-  let at = 6 * pixels;
-  const rgb = new Uint16Array(bytes, 0, 3 * pixels);
-  let alpha = null;
-  let depth = null;
-  if (head.alpha) {
-    alpha = new Uint16Array(bytes, at, pixels);
-    at += 2 * pixels;
-  }
-  if (head.depth) depth = new Float32Array(at % 4 ? bytes.slice(at) : bytes, at % 4 ? 0 : at, pixels);
-  return { head, rgb, alpha, depth };
-}

@@ -3,12 +3,11 @@
  * one, with coverage and depth, when it rests.
  */
 
-import { toJson } from "./lens.js";
-import { fetchFrame } from "./scene.js";
 import { clamp } from "./math.js";
 
 /** @typedef {import("./lens.js").Lens} Lens */
 /** @typedef {import("./scene.js").Frame} Frame */
+/** @typedef {import("./source.js").Source} Source */
 /** A picture that is wanted: key changes whenever it would differ. @typedef {{ key: string, lens: (width: number, height: number) => Lens, width: number, height: number, edit: string }} Want */
 /** A picture, the lens it was rendered with, and whether it is of full resolution. @typedef {{ frame: Frame, lens: Lens, full: boolean, latency: number }} Shown */
 
@@ -22,7 +21,6 @@ const IN_FLIGHT = 2;
 const LEAST_HEIGHT = 120;
 
 export class Stream {
-  viewer = crypto.getRandomValues(new Uint32Array(2)).join("-");
   /** @type {Want | null} */ want = null;
   movedAt = -Infinity;
   moving = 0;
@@ -39,8 +37,9 @@ export class Stream {
   failures = 0;
   retryAt = 0;
 
-  /** @param {(shown: Shown) => void} onFrame @param {(error: Error | null) => void} onState */
-  constructor(onFrame, onState) {
+  /** @param {Source} source @param {(shown: Shown) => void} onFrame @param {(error: Error | null) => void} onState */
+  constructor(source, onFrame, onState) {
+    this.source = source;
     this.onFrame = onFrame;
     this.onState = onState;
   }
@@ -91,7 +90,7 @@ export class Stream {
     const lens = want.lens(width, height);
     const start = performance.now();
     try {
-      const frame = await fetchFrame(address(lens, want.edit, `&viewer=${this.viewer}`));
+      const frame = await this.source.frame(lens, { edit: want.edit, layers: false });
       const latency = performance.now() - start;
       this.failures = 0;
       this.onState(null);
@@ -118,7 +117,7 @@ export class Stream {
     const lens = want.lens(want.width, want.height);
     const start = performance.now();
     try {
-      const frame = await fetchFrame(address(lens, want.edit, "&channels=rgb,alpha,depth"), abort.signal);
+      const frame = await this.source.frame(lens, { edit: want.edit, layers: true }, abort.signal);
       this.failures = 0;
       this.onState(null);
       if (frame && this.full === abort) {
@@ -148,10 +147,4 @@ export class Stream {
     this.retryAt = performance.now() + Math.min(250 * 2 ** this.failures, 5000);
     this.onState(error);
   }
-}
-
-/** @param {Lens} lens @param {string} edit @param {string} more */
-export function address(lens, edit, more, path = "/api/frame") {
-  const edits = edit ? `&edit=${encodeURIComponent(edit)}` : "";
-  return `${path}?camera=${encodeURIComponent(toJson(lens))}&width=${lens.width}&height=${lens.height}${edits}${more}`;
 }

@@ -1,27 +1,53 @@
 /** The strip of the data set's cameras, with pictures of their ground truth. */
 
-/** @typedef {import("./scene.js").Scene} Scene */
+import { byId } from "./panel.js";
 
-/** @param {HTMLElement} strip @param {Scene} scene @param {(name: string) => void} chosen */
-export function fillStrip(strip, scene, chosen) {
-  strip.hidden = scene.cameras.length === 0;
-  strip.replaceChildren(
-    ...scene.cameras.map((camera) => {
-      const button = document.createElement("button");
-      button.dataset.view = camera.name;
-      button.title = `${camera.name} (${camera.split}): stand at this camera`;
-      const name = document.createElement("span");
-      name.textContent = `${camera.name.split("/").at(-1)}${camera.split === "test" ? " test" : ""}`;
-      if (camera.has_ground_truth) {
-        const image = new Image();
-        image.loading = "lazy";
-        image.alt = "";
-        image.src = `/api/thumbnail?view=${encodeURIComponent(camera.name)}`;
-        button.append(image);
-      }
-      button.append(name);
-      button.addEventListener("click", () => chosen(camera.name));
-      return button;
-    }),
-  );
+/** @typedef {import("./part.js").Part} Part */
+/** @typedef {import("./scene.js").Scene} Scene */
+/** @typedef {import("./viewer.js").Viewer} Viewer */
+
+/** @implements {Part} */
+export class Strip {
+  /** Camera that was scrolled to. */ scrolledTo = "";
+
+  /** @param {Viewer} viewer */
+  constructor(viewer) {
+    this.viewer = viewer;
+  }
+
+  /** @param {Scene} scene @param {boolean} isAgain */
+  sceneSet(scene, isAgain) {
+    if (isAgain) return;
+    const strip = byId("strip");
+    strip.hidden = scene.cameras.length === 0;
+    strip.replaceChildren(
+      ...scene.cameras.map((camera) => {
+        const button = document.createElement("button");
+        button.dataset.view = camera.name;
+        button.title = `${camera.name} (${camera.split}): stand at this camera`;
+        const name = document.createElement("span");
+        name.textContent = `${camera.name.split("/").at(-1)}${camera.split === "test" ? " test" : ""}`;
+        if (camera.has_ground_truth) {
+          const image = new Image();
+          image.loading = "lazy";
+          image.alt = "";
+          image.src = this.viewer.source.thumbnail(camera.name);
+          button.append(image);
+        }
+        button.append(name);
+        button.addEventListener("click", () => this.viewer.standAt(camera.name));
+        return button;
+      }),
+    );
+  }
+
+  reflect() {
+    const { view } = this.viewer.state;
+    for (const button of byId("strip").querySelectorAll("button")) {
+      const isHere = button.dataset.view === view;
+      button.setAttribute("aria-pressed", String(isHere));
+      if (isHere && this.scrolledTo !== view) button.scrollIntoView({ block: "nearest", inline: "nearest" });
+    }
+    this.scrolledTo = view;
+  }
 }

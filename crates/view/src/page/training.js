@@ -5,18 +5,20 @@ import { fetchHistory, steer } from "./scene.js";
 
 /** @typedef {import("./plots.js").Record} Record */
 /** @typedef {import("./scene.js").Status} Status */
+/** @typedef {import("./part.js").Part} Part */
 /** @typedef {import("./scene.js").Training} Training */
+/** @typedef {import("./viewer.js").Viewer} Viewer */
 
+/** @implements {Part} */
 export class TrainingPanel {
   /** @type {Record[]} */ history = [];
   /** @type {Training | null} */ newest = null;
 
-  /** @param {(message: string) => void} complain */
-  constructor(complain) {
-    this.complain = complain;
+  /** @param {Viewer} viewer */
+  constructor(viewer) {
     this.panel = /** @type {HTMLElement} */ (document.getElementById("training"));
     for (const button of this.panel.querySelectorAll("button")) {
-      button.addEventListener("click", () => steer(String(button.dataset.wish)).catch((error) => this.complain(error.message)));
+      button.addEventListener("click", () => steer(String(button.dataset.wish)).catch((error) => viewer.complain(error.message)));
     }
   }
 
@@ -26,7 +28,7 @@ export class TrainingPanel {
   }
 
   /** @param {Status} status */
-  follow({ training, splats }) {
+  followed({ training, splats }) {
     this.newest = training;
     this.panel.hidden = !training;
     if (!training) return;

@@ -1,0 +1,21 @@
+/** Where pictures come from: the program that serves the page, or the page itself. */
+
+/** @typedef {import("./connection.js").Listener} Listener */
+/** @typedef {import("./lens.js").Lens} Lens */
+/** @typedef {import("./scene.js").Frame} Frame */
+/** @typedef {import("./scene.js").Scene} Scene */
+
+/** What is rendered: edits in the text form of `luxel edit`, and whether coverage and depth are wanted. @typedef {{ edit: string, layers: boolean }} Picture */
+
+/**
+ * @typedef {object} Source
+ * @property {boolean} isLocal whether the page renders by itself
+ * @property {() => Promise<Scene>} scene
+ * @property {(lens: Lens, picture: Picture, signal?: AbortSignal) => Promise<Frame | null>} frame a picture; null if a newer one was asked for
+ * @property {(view: string) => Promise<Frame>} truth the ground truth of a camera
+ * @property {(view: string) => string} thumbnail address of a small picture of a camera's ground truth
+ * @property {(on: Listener) => void} listen hears of changes for as long as the page is open
+ * @property {(lens: Lens, picture: Picture) => string | null} exr address of the picture as OpenEXR; null where there is none
+ */
+
+export {};

@@ -1,0 +1,362 @@
+/** The core of the viewer: the state, the scene, the picture, and the loop that keeps them together. */
+
+import { Controls } from "./controls.js";
+import { Display } from "./display.js";
+import { KEYS, next } from "./help.js";
+import { fovOf, lensOf, lensOfView, poseOf } from "./lens.js";
+import { add, looking, sub, times } from "./math.js";
+import { sampleAt } from "./measure.js";
+import { Overlay } from "./overlay.js";
+import { byId } from "./panel.js";
+import { overview, sizeOf } from "./places.js";
+import { applyHash, COMPARES, CURVES, LAYERS, MODES, State, toHash } from "./state.js";
+import { Stream } from "./stream.js";
+
+/** @typedef {import("./part.js").Grip} Grip */
+/** @typedef {import("./part.js").Part} Part */
+/** @typedef {import("./scene.js").Scene} Scene */
+/** @typedef {import("./scene.js").Status} Status */
+/** @typedef {import("./scene.js").ViewCamera} ViewCamera */
+/** @typedef {import("./source.js").Source} Source */
+/** @typedef {import("./stream.js").Shown} Shown */
+
+/** Least time between pictures of a scene that is being trained, ms. */
+const FOLLOW_MS = 2000;
+/** Time after which the first hint goes, ms. */
+const HINT_MS = 12000;
+/** Time after the last change at which the address of the page is set, ms. */
+const ADDRESS_MS = 400;
+
+export class Viewer {
+  state = new State();
+  /** @type {Part[]} */ parts = [];
+  /** @type {import("./comparison.js").Comparison | null} */ comparison = null;
+  /** @type {import("./exposure.js").Exposure | null} */ exposure = null;
+  /** @type {import("./probes.js").Probes | null} */ probes = null;
+  /** @type {import("./saving.js").Saving | null} */ saving = null;
+  /** @type {import("./training.js").TrainingPanel | null} */ training = null;
+  /** @type {Scene | null} */ scene = null;
+  /** @type {Shown | null} */ shown = null;
+  /** Size and place of the picture on the screen. */ box = { left: 0, top: 0, width: 1, height: 1 };
+  /** Size of the picture in pixels of the screen. */ dots = { width: 1, height: 1 };
+  version = 0;
+  followedAt = 0;
+  needsDraw = true;
+  needsReflect = true;
+  saveAt = 0;
+
+  /** @param {Source} source */
+  constructor(source) {
+    this.source = source;
+    this.canvas = /** @type {HTMLCanvasElement} */ (document.getElementById("picture"));
+    this.display = new Display(this.canvas);
+    this.overlay = new Overlay(/** @type {HTMLCanvasElement} */ (document.getElementById("overlay")));
+    this.stream = new Stream(source, (shown) => this.take(shown), (error) => this.complain(error?.message ?? ""));
+    this.controls = new Controls(this.canvas, this.state, {
+      moved: () => this.changed(),
+      clicked: (x, y, event) => this.clicked(x, y, event),
+      pivoted: (x, y) => this.pivot(x, y),
+      grabbed: (x, y, event) => this.grab(x, y, event),
+      hovered: (x, y) => this.parts.forEach((part) => part.hovered?.(x, y)),
+    });
+    this.canvas.addEventListener("pointerleave", () => this.parts.forEach((part) => part.hovered?.(-1, -1)));
+    addEventListener("keydown", (event) => this.key(event));
+    addEventListener("resize", () => (this.needsDraw = true));
+    addEventListener("hashchange", () => {
+      applyHash(this.state, location.hash);
+      this.changed();
+    });
+    new ResizeObserver(() => (this.needsDraw = true)).observe(byId("stage"));
+    for (const kind of ["pointerdown", "keydown", "wheel"]) addEventListener(kind, () => byId("hint").classList.add("gone"), { passive: true });
+    setTimeout(() => byId("hint").classList.add("gone"), HINT_MS);
+    // On a phone the picture comes first.
+    if (matchMedia("(max-width: 700px)").matches) this.togglePanel();
+  }
+
+  async start() {
+    this.source.listen({ state: (status) => this.follow(status), lost: () => this.lost(), again: () => void this.reconnected() });
+    for (;;) {
+      try {
+        this.setScene(await this.source.scene());
+        break;
+      } catch (error) {
+        this.complain(/** @type {Error} */ (error).message);
+        await new Promise((resolve) => setTimeout(resolve, 1000));
+      }
+    }
+    let before = performance.now();
+    const loop = (/** @type {number} */ now) => {
+      this.frame(now, (now - before) / 1000);
+      before = now;
+      requestAnimationFrame(loop);
+    };
+    requestAnimationFrame(loop);
+  }
+
+  /** @param {Status} status */
+  follow(status) {
+    if (status.version !== this.version) {
+      this.version = status.version;
+      this.facts(status.splats);
+    }
+    for (const part of this.parts) part.followed?.(status);
+  }
+
+  lost() {
+    this.complain(this.training?.isOver() ? "The training has ended. Look at its scene with luxel view." : "No connection to luxel; trying again.");
+  }
+
+  async reconnected() {
+    try {
+      this.setScene(await this.source.scene(), true);
+      this.stream.invalidate();
+      this.complain("");
+    } catch (error) {
+      this.complain(/** @type {Error} */ (error).message);
+    }
+  }
+
+  /** @param {Scene} scene @param {boolean} [isAgain] */
+  setScene(scene, isAgain = false) {
+    this.scene = scene;
+    this.display.scene = scene;
+    this.version = scene.version;
+    this.controls.up = scene.up;
+    this.controls.size = Math.max(sizeOf(scene), 1e-6);
+    if (!isAgain) {
+      if (!applyHash(this.state, location.hash)) this.home();
+      else if (this.state.view) this.standAt(this.state.view);
+    }
+    this.facts(scene.splats);
+    for (const part of this.parts) part.sceneSet?.(scene, isAgain);
+    if (scene.training) this.follow({ version: scene.version, splats: scene.splats, training: scene.training });
+    this.changed();
+  }
+
+  /** @param {number} splats */
+  facts(splats) {
+    const edits = this.scene?.edits.length ? ` · ${this.scene.edits.length} edits` : "";
+    byId("facts").textContent = `${splats.toLocaleString("en")} splats · ${this.scene?.color_space}${edits}`;
+  }
+
+  /** The camera of the data set in whose place the viewer stands. @returns {ViewCamera | undefined} */
+  viewCamera() {
+    return this.scene?.cameras.find((camera) => camera.name === this.state.view);
+  }
+
+  /** Changes what is chosen. @param {Partial<State>} change */
+  set(change) {
+    Object.assign(this.state, change);
+    if ("compare" in change && change.compare !== "off" && !this.state.view) this.standAtNext(0);
+    this.changed();
+  }
+
+  /** Goes on to the next choice. @param {"curve" | "layer" | "compare" | "mode"} field */
+  cycle(field) {
+    if (field === "curve") this.set({ curve: next(CURVES, this.state.curve) });
+    else if (field === "layer") this.set({ layer: next(LAYERS, this.state.layer) });
+    else if (field === "mode") this.set({ mode: next(MODES, this.state.mode) });
+    else this.set({ compare: next(COMPARES, this.state.compare) });
+  }
+
+  changed() {
+    this.needsDraw = this.needsReflect = true;
+    this.saveAt = performance.now() + ADDRESS_MS;
+  }
+
+  /** First camera, or the whole scene from the front. */
+  home() {
+    const { scene } = this;
+    if (!scene) return;
+    if (scene.cameras.length) return this.standAt(scene.cameras[0].name);
+    Object.assign(this.state, overview(scene));
+    this.state.view = "";
+    this.changed();
+  }
+
+  /** @param {string} name */
+  standAt(name) {
+    const camera = this.scene?.cameras.find((known) => known.name === name);
+    if (!camera) return void (this.state.view = "");
+    const { eye, axes } = poseOf(camera);
+    Object.assign(this.state, { eye, axes, view: name, fov: fovOf(camera) });
+    // Until the picture tells the depth in its middle.
+    this.state.pivot = add(eye, times(axes.back, -this.controls.size));
+    this.changed();
+  }
+
+  /** @param {number} by */
+  standAtNext(by) {
+    const cameras = this.scene?.cameras ?? [];
+    if (cameras.length === 0) return;
+    const now = cameras.findIndex((camera) => camera.name === this.state.view);
+    this.standAt(cameras[now < 0 ? 0 : (now + by + cameras.length) % cameras.length].name);
+  }
+
+  /** Size and place of the picture: that of the camera where the viewer stands at one. */
+  layout() {
+    const stage = byId("stage");
+    const [w, h] = [stage.clientWidth, stage.clientHeight];
+    const view = this.viewCamera();
+    const aspect = view ? view.w / view.h : w / Math.max(1, h);
+    const width = Math.max(1, Math.round(Math.min(w, h * aspect)));
+    const height = Math.max(1, Math.round(Math.min(h, w / aspect)));
+    this.box = { left: Math.round((w - width) / 2), top: Math.round((h - height) / 2), width, height };
+    const dots = Math.min(devicePixelRatio, 2);
+    this.dots = { width: Math.round(width * dots), height: Math.round(height * dots) };
+    // A small picture of a movement is enlarged by the browser, which costs less than the shader.
+    const { shown } = this;
+    const isSmall = shown && !shown.full && shown.frame.head.width < this.dots.width;
+    const [cw, ch] = isSmall ? [shown.frame.head.width, shown.frame.head.height] : [this.dots.width, this.dots.height];
+    if (this.canvas.width !== cw || this.canvas.height !== ch) {
+      [this.canvas.width, this.canvas.height] = [cw, ch];
+      this.needsDraw = true;
+    }
+    for (const element of [this.canvas, this.overlay.canvas]) {
+      Object.assign(element.style, { left: `${this.box.left}px`, top: `${this.box.top}px`, width: `${width}px`, height: `${height}px` });
+    }
+  }
+
+  /** The lens of a picture of this size. @param {number} width @param {number} height */
+  lens(width, height) {
+    const view = this.viewCamera();
+    return view ? lensOfView(view, width, height) : lensOf({ eye: this.state.eye, axes: this.state.axes, fov: this.state.fov }, width, height);
+  }
+
+  /** The picture that is wanted now. */
+  want() {
+    const view = this.viewCamera();
+    // Beside its image, the picture of a camera has the same pixels, so that both compare.
+    const paired = this.state.compare === "off" ? undefined : view;
+    const [width, height] = paired ? [paired.w, paired.h] : [this.dots.width, this.dots.height];
+    const { eye, axes, fov, edit } = this.state;
+    const key = JSON.stringify([eye, axes, fov, this.state.view, width, height, edit]);
+    const lens = (/** @type {number} */ w, /** @type {number} */ h) => (view ? lensOfView(view, w, h) : lensOf({ eye, axes, fov }, w, h));
+    return { key, lens, width, height, edit };
+  }
+
+  /** Once per refresh of the screen. @param {number} now @param {number} seconds */
+  frame(now, seconds) {
+    this.controls.step(seconds);
+    this.layout();
+    if (this.shown && this.version !== this.shown.frame.head.version && now - this.followedAt > FOLLOW_MS) {
+      this.followedAt = now;
+      this.stream.invalidate();
+    }
+    this.stream.tick(this.want(), now);
+    for (const part of this.parts) part.step?.(now, seconds);
+    if (this.needsReflect) {
+      this.needsReflect = false;
+      for (const part of this.parts) part.reflect?.();
+    }
+    if (this.needsDraw || this.comparison?.isFlickering()) {
+      this.needsDraw = false;
+      this.draw(now);
+    }
+    const { shown } = this;
+    const size = shown ? `${shown.frame.head.width}×${shown.frame.head.height}` : "";
+    const rate = shown ? `${this.stream.rate(performance.now())} fps · ${size} · ${shown.latency.toFixed(0)} ms` : "";
+    if (byId("rate").textContent !== rate) byId("rate").textContent = rate;
+    if (this.saveAt && now > this.saveAt) {
+      this.saveAt = 0;
+      history.replaceState(null, "", location.pathname + toHash(this.state));
+    }
+  }
+
+  /** @param {number} now */
+  draw(now) {
+    this.display.draw(this.comparison?.drawn() ?? this.state, this.comparison?.showsTruth(now) ?? false);
+    const { width, height } = this.box;
+    const lens = this.lens(width, height);
+    this.overlay.clear(width, height);
+    if (this.state.showCameras && this.scene) this.overlay.cameras(this.scene.cameras, lens, this.controls.size * 0.06, this.state.view);
+    for (const part of this.parts) part.draw?.(this.overlay, lens);
+  }
+
+  /** @param {Shown} shown */
+  take(shown) {
+    const isFirst = this.shown === null;
+    this.shown = shown;
+    this.display.show(shown.frame, shown.full);
+    if (isFirst) document.body.dataset.ready = "true";
+    if (shown.full) this.settle(shown);
+    for (const part of this.parts) part.taken?.(shown);
+    this.needsDraw = true;
+  }
+
+  /** Sets the pivot of a camera that was just stood at to what is in its middle. @param {Shown} shown */
+  settle(shown) {
+    if (!this.scene || !this.state.view) return;
+    const sample = sampleAt(shown.frame, shown.lens, 0.5, 0.5, this.scene.luminance_weights);
+    if (sample?.position) this.state.pivot = sample.position;
+  }
+
+  /** What the picture holds at a place, 0 to 1 each. @param {number} u @param {number} v */
+  sample(u, v) {
+    return this.shown && this.scene ? sampleAt(this.shown.frame, this.shown.lens, u, v, this.scene.luminance_weights) : null;
+  }
+
+  /** @param {number} x @param {number} y @param {PointerEvent} event @returns {Grip | null} */
+  grab(x, y, event) {
+    for (const part of this.parts) {
+      const grip = part.grab?.(x, y, event);
+      if (grip) return grip;
+    }
+    return null;
+  }
+
+  /** @param {number} x @param {number} y @param {PointerEvent} event */
+  clicked(x, y, event) {
+    this.canvas.focus();
+    const camera = this.state.showCameras && this.scene ? Overlay.cameraAt(this.scene.cameras, this.lens(this.box.width, this.box.height), x, y) : null;
+    if (camera) return this.standAt(camera.name);
+    this.parts.some((part) => part.clicked?.(x, y, event));
+  }
+
+  /** A length in metres where the scale is known, else in world units. @param {number} units */
+  lengthText(units) {
+    return this.probes?.lengthText(units) ?? String(units);
+  }
+
+  /** @param {number} x @param {number} y */
+  pivot(x, y) {
+    // The clicks before pinned a value, which is not what a double click asks for.
+    this.probes?.unpinLast();
+    const sample = this.sample(x / this.box.width, y / this.box.height);
+    if (!sample?.position || !this.shown) return;
+    this.state.pivot = sample.position;
+    this.state.mode = "orbit";
+    this.state.axes = looking(sub(sample.position, this.state.eye), this.controls.up);
+    this.controls.left();
+  }
+
+  /** @param {KeyboardEvent} event */
+  key(event) {
+    const target = /** @type {HTMLElement} */ (event.target);
+    if (event.ctrlKey || event.metaKey || event.altKey || target.closest("input[type=number], input[type=text], textarea, select")) return;
+    const key = KEYS.find(({ keys }) => keys.includes(event.key.toLowerCase()));
+    const dialog = /** @type {HTMLDialogElement} */ (document.getElementById("help"));
+    if (!key || (dialog.open && event.key !== "?")) return;
+    event.preventDefault();
+    key.act(this);
+  }
+
+  togglePanel() {
+    const isBare = document.body.classList.toggle("bare");
+    byId("toggle-panel").setAttribute("aria-pressed", String(!isBare));
+    this.needsReflect = true;
+  }
+
+  toggleHelp() {
+    const dialog = /** @type {HTMLDialogElement} */ (document.getElementById("help"));
+    if (dialog.open) dialog.close();
+    else dialog.showModal();
+  }
+
+  /** Shows what is wrong; nothing once it is right again. @param {string} message */
+  complain(message) {
+    const element = byId("message");
+    element.hidden = message === "";
+    element.textContent = message;
+  }
+}
