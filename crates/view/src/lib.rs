@@ -84,7 +84,8 @@ impl Viewer {
     /// The system refuses a thread.
     pub fn serve(self, subject: Subject, scene: Scene, renderer: Renderer, stop: &StopFlag) -> Result<()> {
         let status = Status { version: 0, splats: scene.splats.len(), training: None };
-        let house = Arc::new(House::new(subject, scene.color_space, status));
+        let scene = Arc::new(scene);
+        let house = Arc::new(House::new(subject, scene.color_space, status, Some(Arc::clone(&scene))));
         self.start(Arc::clone(&house))?;
         let mut stage = SceneStage::new(scene, renderer);
         let mut last = LastPicture::default();

@@ -54,7 +54,7 @@ impl<'a> Live<'a> {
         }
         let scene = run.scene()?;
         let subject = Subject::new(self.name.clone(), &scene, Some(run.dataset()))?;
-        let house = Arc::new(House::new(subject, scene.color_space, status_of(run)));
+        let house = Arc::new(House::new(subject, scene.color_space, status_of(run), None));
         let viewer = state.viewer.take().ok_or_else(|| Error::new("the viewer could not be started"))?;
         viewer.start(Arc::clone(&house))?;
         state.house = Some(Arc::clone(&house));

@@ -1,5 +1,4 @@
-//! Paths and what answers them. `GET` reads, `POST` steers a training; bodies of requests are not
-//! read.
+//! Paths and what answers them. `GET` reads, `POST` changes something, and alone has a body.
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -7,15 +6,17 @@ use std::sync::atomic::Ordering;
 use bytes::Bytes;
 use hyper::{Method, StatusCode};
 use luxel::preview::{self, Look};
-use luxel::{Tonemap, schema};
+use luxel::{Scene, Tonemap, schema};
 use luxel_core::{Camera, ColorSpace, Image};
 use serde::Serialize;
 use serde_json::{Value, json};
+use tokio::sync::Semaphore;
 
 use crate::assets;
 use crate::frame::{Frame, Planes};
 use crate::jobs::{Jobs, Refusal, Rendered, Reply, Wanted};
 use crate::query::Query;
+use crate::server::MAX_BODIES;
 use crate::stage::check_edits;
 use crate::status::{Shared, Status};
 use crate::subject::Subject;
@@ -32,12 +33,17 @@ pub(crate) struct House {
     pub(crate) color_space: ColorSpace,
     pub(crate) jobs: Jobs,
     pub(crate) shared: Shared,
+    /// The scene as it was opened; `None` for one that is being trained.
+    pub(crate) scene: Option<Arc<Scene>>,
+    /// Places for bodies of requests.
+    pub(crate) bodies: Semaphore,
 }
 
 impl House {
     /// Returns a house without jobs.
-    pub(crate) fn new(subject: Subject, color_space: ColorSpace, status: Status) -> Self {
-        Self { subject, color_space, jobs: Jobs::default(), shared: Shared::new(status) }
+    pub(crate) fn new(subject: Subject, color_space: ColorSpace, status: Status, scene: Option<Arc<Scene>>) -> Self {
+        let (jobs, shared, bodies) = (Jobs::default(), Shared::new(status), Semaphore::new(MAX_BODIES));
+        Self { subject, color_space, jobs, shared, scene, bodies }
     }
 }
 
@@ -90,9 +96,12 @@ impl Answer {
 }
 
 /// Answers a request.
-pub(crate) async fn answer(house: &Arc<House>, method: &Method, path: &str, mut query: Query) -> Result<Answer, Failure> {
+pub(crate) async fn answer(house: &Arc<House>, method: &Method, path: &str, mut query: Query, body: Bytes) -> Result<Answer, Failure> {
     // The address with the token opens the page.
     query.take("token");
+    if !body.is_empty() {
+        return Err(Failure::new(StatusCode::PAYLOAD_TOO_LARGE, "this path takes no body"));
+    }
     let is_get = *method == Method::GET;
     let answer = match path {
         "/" if is_get => Ok(Answer::new("text/html; charset=utf-8", assets::index(&house.subject.facts.name))),

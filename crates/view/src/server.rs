@@ -2,7 +2,8 @@
 //!
 //! One thread serves all connections, and never waits for the engine or for a client. Bounds: the
 //! number of connections, the size of headers, the time that a client may take to send a request or
-//! to take an answer. Requests have no bodies.
+//! to take an answer, the size of the bodies that `POST` brings, and how many of them there are at
+//! once.
 
 use std::convert::Infallible;
 use std::net::SocketAddr;
@@ -12,7 +13,7 @@ use std::task::{Context, Poll};
 use std::time::Duration;
 
 use bytes::Bytes;
-use http_body_util::{Either, Full};
+use http_body_util::{BodyExt, Either, Full, Limited};
 use hyper::body::{Body, Frame, Incoming};
 use hyper::header::{self, HeaderName, HeaderValue};
 use hyper::server::conn::http1;
@@ -32,6 +33,10 @@ use crate::routes::{self, Answer, Failure, House};
 const MAX_CONNECTIONS: usize = 128;
 /// Bytes of a request's headers; a camera is in its address.
 const MAX_HEADER_BYTES: usize = 32 << 10;
+/// Bytes of a request's body.
+const MAX_BODY_BYTES: usize = 32 << 20;
+/// Bodies that are received at once.
+pub(crate) const MAX_BODIES: usize = 4;
 /// Time that a client may take to send a request, and that it may be idle.
 const REQUEST_TIME: Duration = Duration::from_secs(60);
 /// Time that a client may take nothing of an answer.
@@ -75,7 +80,7 @@ async fn converse(stream: TcpStream, gate: Arc<Gate>, house: Arc<House>) {
     stream.set_write_timeout(Some(STALLED_TIME));
     let service = service_fn(move |request| {
         let (gate, house) = (Arc::clone(&gate), Arc::clone(&house));
-        async move { Ok::<_, Infallible>(respond(&request, &gate, &house).await) }
+        async move { Ok::<_, Infallible>(respond(request, &gate, &house).await) }
     });
     let mut connection = http1::Builder::new();
     connection.timer(TokioTimer::new()).header_read_timeout(REQUEST_TIME).max_buf_size(MAX_HEADER_BYTES);
@@ -83,17 +88,22 @@ async fn converse(stream: TcpStream, gate: Arc<Gate>, house: Arc<House>) {
     let _ = connection.serve_connection(TokioIo::new(Box::pin(stream)), service).await;
 }
 
-async fn respond(request: &Request<Incoming>, gate: &Gate, house: &Arc<House>) -> Response<Content> {
-    let uri = request.uri();
+async fn respond(request: Request<Incoming>, gate: &Gate, house: &Arc<House>) -> Response<Content> {
+    let uri = request.uri().clone();
     let query = Query::parse(uri.query().unwrap_or_default());
     let token = uri.query().and_then(|query| query.split('&').find_map(|pair| pair.strip_prefix("token=")));
     let verdict = gate.judge(request.headers(), token);
     let answered = match (verdict, query) {
         (Verdict::Refused(why), _) => Err(Failure::new(StatusCode::FORBIDDEN, why)),
         (_, Err(message)) => Err(Failure::from(message)),
-        _ if request.body().size_hint().lower() > 0 => Err(Failure::new(StatusCode::PAYLOAD_TOO_LARGE, "requests have no body")),
         (_, Ok(_)) if uri.path() == "/api/events" && *request.method() == Method::GET => return events(house),
-        (_, Ok(query)) => routes::answer(house, request.method(), uri.path(), query).await,
+        (_, Ok(query)) => {
+            let method = request.method().clone();
+            match body_of(request, house).await {
+                Ok(body) => routes::answer(house, &method, uri.path(), query, body).await,
+                Err(failure) => Err(failure),
+            }
+        }
     };
     let mut response = match answered {
         Ok(answer) => success(answer),
@@ -105,6 +115,29 @@ async fn respond(request: &Request<Incoming>, gate: &Gate, house: &Arc<House>) -
         response.headers_mut().insert(header::SET_COOKIE, cookie);
     }
     response
+}
+
+/// Receives the body of a `POST`; other requests have none.
+async fn body_of(request: Request<Incoming>, house: &House) -> Result<Bytes, Failure> {
+    let size = request.body().size_hint();
+    if size.upper() == Some(0) {
+        return Ok(Bytes::new());
+    }
+    let too_large = |message: String| Failure::new(StatusCode::PAYLOAD_TOO_LARGE, message);
+    if *request.method() != Method::POST {
+        return Err(too_large("only POST may have a body".into()));
+    }
+    if size.lower() > MAX_BODY_BYTES as u64 {
+        return Err(too_large(format!("a body of {} bytes, expected at most {MAX_BODY_BYTES}", size.lower())));
+    }
+    let Ok(_place) = house.bodies.try_acquire() else {
+        return Err(Failure::new(StatusCode::SERVICE_UNAVAILABLE, "too many bodies at once, try again"));
+    };
+    match tokio::time::timeout(REQUEST_TIME, Limited::new(request.into_body(), MAX_BODY_BYTES).collect()).await {
+        Ok(Ok(body)) => Ok(body.to_bytes()),
+        Ok(Err(error)) => Err(too_large(format!("the body did not arrive: {error}"))),
+        Err(_) => Err(Failure::new(StatusCode::REQUEST_TIMEOUT, "the body did not arrive in time")),
+    }
 }
 
 fn success(answer: Answer) -> Response<Content> {

@@ -53,7 +53,7 @@ impl LastPicture {
 
 /// A scene that does not change.
 pub(crate) struct SceneStage {
-    scene: Scene,
+    scene: Arc<Scene>,
     renderer: Renderer,
     /// The edits that the renderer's scene has.
     loaded: String,
@@ -62,7 +62,7 @@ pub(crate) struct SceneStage {
 
 impl SceneStage {
     /// Returns the stage of a scene that `renderer` has loaded.
-    pub(crate) fn new(scene: Scene, renderer: Renderer) -> Self {
+    pub(crate) fn new(scene: Arc<Scene>, renderer: Renderer) -> Self {
         Self { scene, renderer, loaded: String::new(), has_layers: true }
     }
 
@@ -74,7 +74,7 @@ impl SceneStage {
         if edit.is_empty() {
             self.renderer.replace_scene(&self.scene)?;
         } else {
-            let mut scene = self.scene.clone();
+            let mut scene = Scene::clone(&self.scene);
             for edit in Edit::parse_all(edit).map_err(|error| Error::new(error.to_string()))? {
                 scene.edit(&edit)?;
             }
