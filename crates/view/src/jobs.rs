@@ -1,9 +1,11 @@
-//! Renders that wait for the engine: a bounded queue in which a viewer's newest wish replaces its
+//! Work that waits for the engine: a bounded queue in which a viewer's newest wish replaces its
 //! older ones.
 //!
 //! In: [`Job`]s from any thread; out: the same, one by one, to the thread that owns the engine. A
-//! job of a viewer takes the place of that viewer's waiting job, whose sender learns that it was
-//! superseded; so a viewer that moves fast delays nobody. A full queue refuses.
+//! job is a picture, or any other work with the scene ([`Jobs::run`]), which should be short: nobody
+//! sees a picture while it lasts. A picture of a viewer takes the place of that viewer's waiting
+//! one, whose sender learns that it was superseded; so a viewer that moves fast delays nobody. A
+//! full queue refuses.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -12,6 +14,8 @@ use std::time::{Duration, Instant};
 use luxel::RadianceLayers;
 use luxel_core::Camera;
 use tokio::sync::oneshot;
+
+use crate::stage::Stage;
 
 /// Jobs that may wait.
 const MAX_WAITING: usize = 64;
@@ -50,8 +54,52 @@ pub(crate) enum Reply {
     Failed(String),
 }
 
-/// A render that waits.
-pub(crate) struct Job {
+/// Work that waits.
+pub(crate) enum Job {
+    /// A picture.
+    Picture(PictureJob),
+    /// Other work.
+    Task(Box<dyn Task>),
+}
+
+impl Job {
+    fn is_wanted(&self) -> bool {
+        match self {
+            Self::Picture(job) => !job.reply.is_closed(),
+            Self::Task(task) => task.is_wanted(),
+        }
+    }
+}
+
+/// Work with the scene on the thread that owns the engine.
+pub(crate) trait Task: Send {
+    /// Returns whether somebody still waits for the result.
+    fn is_wanted(&self) -> bool;
+
+    /// Does the work, and sends the result.
+    fn run(self: Box<Self>, stage: &mut dyn Stage);
+}
+
+/// A function as a task.
+struct FunctionTask<T, F> {
+    work: F,
+    reply: oneshot::Sender<luxel::Result<T>>,
+}
+
+impl<T: Send, F: FnOnce(&mut dyn Stage) -> luxel::Result<T> + Send> Task for FunctionTask<T, F> {
+    fn is_wanted(&self) -> bool {
+        !self.reply.is_closed()
+    }
+
+    fn run(self: Box<Self>, stage: &mut dyn Stage) {
+        let result = (self.work)(stage);
+        // A receiver that left needs no answer.
+        let _ = self.reply.send(result);
+    }
+}
+
+/// A picture that waits.
+pub(crate) struct PictureJob {
     /// The picture.
     pub(crate) wanted: Wanted,
     /// The viewer that it is for; `None` for a job that nothing replaces.
@@ -87,30 +135,52 @@ impl Jobs {
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Adds a job, and returns the receiver of its answer.
+    /// Adds a picture, and returns the receiver of its answer.
     pub(crate) fn submit(&self, wanted: Wanted, viewer: Option<String>) -> Result<oneshot::Receiver<Reply>, Refusal> {
         let (reply, answer) = oneshot::channel();
-        let job = Job { wanted, viewer, reply };
+        let job = PictureJob { wanted, viewer, reply };
         let mut inner = self.lock();
         if inner.is_closed {
             return Err(Refusal::Closed);
         }
-        let same = inner.waiting.iter_mut().find(|waiting| waiting.viewer.is_some() && waiting.viewer == job.viewer);
+        let same = inner.waiting.iter_mut().find_map(|waiting| match waiting {
+            Job::Picture(waiting) if waiting.viewer.is_some() && waiting.viewer == job.viewer => Some(waiting),
+            _ => None,
+        });
         if let Some(waiting) = same {
             let older = std::mem::replace(waiting, job);
             // A receiver that left needs no answer.
             let _ = older.reply.send(Reply::Superseded);
             return Ok(answer);
         }
+        self.push(inner, Job::Picture(job))?;
+        Ok(answer)
+    }
+
+    /// Adds work that is done on the thread that owns the engine, and returns the receiver of its
+    /// result. Work whose receiver is dropped before it begins is not done.
+    pub(crate) fn run<T: Send + 'static>(
+        &self,
+        work: impl FnOnce(&mut dyn Stage) -> luxel::Result<T> + Send + 'static,
+    ) -> Result<oneshot::Receiver<luxel::Result<T>>, Refusal> {
+        let (reply, answer) = oneshot::channel();
+        self.push(self.lock(), Job::Task(Box::new(FunctionTask { work, reply })))?;
+        Ok(answer)
+    }
+
+    fn push(&self, mut inner: MutexGuard<'_, Inner>, job: Job) -> Result<(), Refusal> {
+        if inner.is_closed {
+            return Err(Refusal::Closed);
+        }
         // Those whose receiver left make room.
-        inner.waiting.retain(|waiting| !waiting.reply.is_closed());
+        inner.waiting.retain(Job::is_wanted);
         if inner.waiting.len() >= MAX_WAITING {
             return Err(Refusal::Full);
         }
         inner.waiting.push_back(job);
         drop(inner);
         self.arrived.notify_one();
-        Ok(answer)
+        Ok(())
     }
 
     /// Returns the next job that somebody still waits for, and waits for one as long as `patience`
@@ -120,7 +190,7 @@ impl Jobs {
         let mut inner = self.lock();
         loop {
             while let Some(job) = inner.waiting.pop_front() {
-                if !job.reply.is_closed() {
+                if job.is_wanted() {
                     return Some(job);
                 }
             }
@@ -151,7 +221,11 @@ mod tests {
     }
 
     fn widths(jobs: &Jobs) -> Vec<u32> {
-        std::iter::from_fn(|| jobs.next(Duration::ZERO)).map(|job| job.wanted.camera.size_px[0]).collect()
+        let width = |job| match job {
+            Job::Picture(job) => job.wanted.camera.size_px[0],
+            Job::Task(_) => 0,
+        };
+        std::iter::from_fn(|| jobs.next(Duration::ZERO)).map(width).collect()
     }
 
     #[test]
@@ -176,6 +250,16 @@ mod tests {
     }
 
     #[test]
+    fn work_keeps_its_place_and_is_dropped_with_its_receiver() {
+        let jobs = Jobs::default();
+        let _picture = jobs.submit(wanted(1), Some("a".into())).unwrap();
+        let _work = jobs.run(|_| Ok(1)).unwrap();
+        let _newer = jobs.submit(wanted(3), Some("a".into())).unwrap();
+        drop(jobs.run(|_| Ok(2)).unwrap());
+        assert_eq!(widths(&jobs), [3, 0]);
+    }
+
+    #[test]
     fn a_closed_queue_hands_out_nothing() {
         let jobs = Jobs::default();
         let answer = jobs.submit(wanted(1), None).unwrap();
@@ -183,5 +267,6 @@ mod tests {
         assert!(jobs.next(Duration::from_secs(60)).is_none());
         assert!(answer.blocking_recv().is_err());
         assert_eq!(jobs.submit(wanted(1), None).unwrap_err(), Refusal::Closed);
+        assert_eq!(jobs.run(|_| Ok(1)).unwrap_err(), Refusal::Closed);
     }
 }

@@ -9,12 +9,27 @@ use std::time::Instant;
 
 use luxel::{Edit, Error, Radiance, RadianceLayers, Renderer, Result, Scene};
 
-use crate::jobs::{Job, Rendered, Reply, Wanted};
+use crate::jobs::{Job, PictureJob, Rendered, Reply, Wanted};
+
+/// A scene and the renderer that has loaded it.
+pub(crate) struct Loaded<'a> {
+    pub(crate) scene: &'a Scene,
+    pub(crate) renderer: &'a mut Renderer,
+}
 
 /// A source of pictures.
 pub(crate) trait Stage {
     /// Renders a picture.
     fn render(&mut self, wanted: &Wanted) -> Result<RadianceLayers>;
+
+    /// Returns the scene under edits in their text form, with its renderer. Work that changes the
+    /// renderer's options restores them.
+    ///
+    /// # Errors
+    /// A scene that is being trained; an edit that does not go with the scene.
+    fn loaded(&mut self, _edit: &str) -> Result<Loaded<'_>> {
+        Err(Error::new("the scene is being trained: end the training, and open the run with luxel view"))
+    }
 
     /// Returns the version of the scene.
     fn version(&self) -> u64;
@@ -27,7 +42,10 @@ pub(crate) struct LastPicture(Option<(Wanted, Rendered)>);
 impl LastPicture {
     /// Answers a job, from the last picture if it is the same.
     pub(crate) fn answer(&mut self, job: Job, stage: &mut dyn Stage) {
-        let Job { wanted, reply, .. } = job;
+        let PictureJob { wanted, reply, .. } = match job {
+            Job::Picture(job) => job,
+            Job::Task(task) => return task.run(stage),
+        };
         let answer = self.picture(wanted, stage).map_or_else(|error| Reply::Failed(format!("{error:#}")), Reply::Done);
         // A receiver that left needs no answer.
         let _ = reply.send(answer);
@@ -55,7 +73,9 @@ impl LastPicture {
 pub(crate) struct SceneStage {
     scene: Arc<Scene>,
     renderer: Renderer,
-    /// The edits that the renderer's scene has.
+    /// The scene under the edits of `loaded`, which the renderer has.
+    current: Arc<Scene>,
+    /// The edits that `current` has.
     loaded: String,
     has_layers: bool,
 }
@@ -63,7 +83,7 @@ pub(crate) struct SceneStage {
 impl SceneStage {
     /// Returns the stage of a scene that `renderer` has loaded.
     pub(crate) fn new(scene: Arc<Scene>, renderer: Renderer) -> Self {
-        Self { scene, renderer, loaded: String::new(), has_layers: true }
+        Self { current: Arc::clone(&scene), scene, renderer, loaded: String::new(), has_layers: true }
     }
 
     /// Gives the renderer the scene under these edits.
@@ -71,15 +91,12 @@ impl SceneStage {
         if self.loaded == edit {
             return Ok(());
         }
-        if edit.is_empty() {
-            self.renderer.replace_scene(&self.scene)?;
-        } else {
-            let mut scene = Scene::clone(&self.scene);
-            for edit in Edit::parse_all(edit).map_err(|error| Error::new(error.to_string()))? {
-                scene.edit(&edit)?;
-            }
-            self.renderer.replace_scene(&scene)?;
+        let mut current = Arc::clone(&self.scene);
+        for edit in if edit.is_empty() { Vec::new() } else { Edit::parse_all(edit).map_err(|error| Error::new(error.to_string()))? } {
+            Arc::make_mut(&mut current).edit(&edit)?;
         }
+        self.renderer.replace_scene(&current)?;
+        self.current = current;
         edit.clone_into(&mut self.loaded);
         Ok(())
     }
@@ -100,6 +117,11 @@ impl Stage for SceneStage {
             }
         }
         Ok(without_layers(self.renderer.render(&wanted.camera)?))
+    }
+
+    fn loaded(&mut self, edit: &str) -> Result<Loaded<'_>> {
+        self.load(edit)?;
+        Ok(Loaded { scene: &self.current, renderer: &mut self.renderer })
     }
 
     fn version(&self) -> u64 {

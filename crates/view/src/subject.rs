@@ -4,6 +4,7 @@
 //! Degenerate: a scene without splats has bounds of zero size; without a data set there are no
 //! cameras.
 
+use std::path::Path;
 use std::sync::Arc;
 
 use glam::{DMat3, DVec3};
@@ -11,6 +12,8 @@ use luxel::export::{Up, UpAxis, file_from_world};
 use luxel::{Result, Scene};
 use luxel_core::{Camera, Conversion, Dataset, Image, Mask, PixelValues, View};
 use serde::Serialize;
+
+use crate::folder::Folder;
 
 /// Weights of linear Rec.709 in luminance (ITU-R BT.709).
 const REC709_LUMINANCE: [f64; 3] = [0.2126, 0.7152, 0.0722];
@@ -23,6 +26,8 @@ const TAIL: f64 = 0.05;
 pub struct Subject {
     pub(crate) facts: Facts,
     pub(crate) views: Vec<Shown>,
+    /// Where the page may save; `None` for nowhere.
+    pub(crate) folder: Option<Folder>,
 }
 
 /// A camera of the data set and its ground truth.
@@ -102,7 +107,16 @@ impl Subject {
             views.extend(dataset.test.iter().map(|view| Shown::new(view, "test")));
             views.sort_by(|a, b| a.name.cmp(&b.name));
         }
-        Ok(Self { facts, views })
+        Ok(Self { facts, views, folder: None })
+    }
+
+    /// Lets the page make new files in a folder: that of the run or of the scene file. Nothing there is
+    /// ever replaced.
+    ///
+    /// # Errors
+    /// The folder is not there.
+    pub fn saving_to(self, folder: &Path) -> Result<Self> {
+        Ok(Self { folder: Some(Folder::new(folder)?), ..self })
     }
 
     /// Returns the view of this name, or of this last part of a name if there is only one.

@@ -26,7 +26,7 @@ pub(crate) fn run(args: &ViewArgs, explicit: &ExplicitArgs) -> Result<()> {
     let scene = Scene::from(source.scene);
     let mut renderer = Renderer::with_engine(&scene, engine::engine(&device(args))?.engine)?;
     renderer.set_background(background);
-    let subject = Subject::new(name(&args.input.scene), &scene, dataset.as_ref())?;
+    let subject = Subject::new(name(&args.input.scene), &scene, dataset.as_ref())?.saving_to(folder(&args.input.scene))?;
     drop(dataset);
     announce(&viewer, !args.no_browser, &console)?;
     Ok(viewer.serve(subject, scene, renderer, interrupt::stop())?)
@@ -71,6 +71,15 @@ fn device(args: &ViewArgs) -> DeviceArgs {
         device.device = Device::Cpu;
     }
     device
+}
+
+/// Returns the folder that the page saves into: the run's, or that of the scene file.
+fn folder(path: &Path) -> &Path {
+    match path.parent().filter(|parent| !parent.as_os_str().is_empty()) {
+        _ if path.is_dir() => path,
+        Some(parent) => parent,
+        None => Path::new("."),
+    }
 }
 
 /// Returns the name that the page has for what is at a path.
