@@ -23,7 +23,8 @@ impl Folder {
     /// # Errors
     /// It cannot be found.
     pub(crate) fn new(path: &Path) -> Result<Self> {
-        let real = std::fs::canonicalize(path).map_err(|error| Error::new(format!("{}: cannot find the folder: {error}", path.display())))?;
+        let real =
+            std::fs::canonicalize(path).map_err(|error| Error::new(format!("{}: cannot find the folder: {error}", path.display())))?;
         Ok(Self(real))
     }
 
@@ -88,7 +89,12 @@ pub(crate) fn check_name(name: &str) -> Result<()> {
     let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
     let device = name.split('.').next().unwrap_or_default().to_ascii_lowercase();
     let is_device = RESERVED.contains(&device.trim_end_matches(|c: char| c.is_ascii_digit()));
-    if !name.is_empty() && name.len() <= MAX_NAME && name.chars().all(is_plain) && !name.starts_with('.') && !name.ends_with('.') && !is_device
+    if !name.is_empty()
+        && name.len() <= MAX_NAME
+        && name.chars().all(is_plain)
+        && !name.starts_with('.')
+        && !name.ends_with('.')
+        && !is_device
     {
         return Ok(());
     }
