@@ -10,17 +10,19 @@ use luxel_core::EngineError;
 use wgpu::BufferUsages;
 
 use crate::device::{Buffer, Gpu};
+use crate::forward::{Count, Extent, Resource};
 use crate::layout::{
-    BUCKET, BUCKET_PIXELS_BYTES, BUCKETS_HEAD_BYTES, Bucket, CameraUniform, DEPTH_DIGITS, DIGIT_BITS, DIGITS, Dispatches,
-    ENTRY_GRADIENT_BYTES, Footprint, LossUniform, OptimizerUniform, SORT_BLOCK, SORT_ENTRIES, SORT_IDENTITY, SortUniform, State,
+    BUCKET, BUCKET_PIXELS_BYTES, CameraUniform, DEPTH_DIGITS, DIGIT_BITS, ENTRY_GRADIENT_BYTES, LossUniform, OptimizerUniform,
+    SORT_ENTRIES, SORT_IDENTITY, SortUniform,
 };
+use crate::scene::Shard;
 
 /// Greatest number of digits in a tile's number: 2^27 tiles.
-const TILE_DIGITS: u32 = 3;
+pub(crate) const TILE_DIGITS: u32 = 3;
 /// Initial capacity for entries.
-const FIRST_ENTRIES: u64 = 1 << 16;
+pub(crate) const FIRST_ENTRIES: u64 = 1 << 16;
 /// Expected number of entries per splat.
-const EXPECTED_TILES: u64 = 6;
+pub(crate) const EXPECTED_TILES: u64 = 6;
 
 /// The sizes that buffers must hold.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -33,6 +35,23 @@ pub(crate) struct Sizes {
     /// image does; 0 without one.
     pub(crate) training_tiles: u64,
     pub(crate) training_pixels: u64,
+}
+
+impl Sizes {
+    /// Returns the size of a storage buffer of the passes up to the image.
+    pub(crate) fn bytes(&self, resource: Resource) -> u64 {
+        let count = |count: &Count| match count {
+            Count::Splats => self.splats,
+            Count::Entries => self.entries,
+            Count::Tiles => self.tiles,
+            Count::Pixels => self.pixels,
+        };
+        let Extent { bytes, terms } = resource.extent();
+        terms.iter().fold(bytes, |sum, term| {
+            let largest = term.largest_of.iter().map(count).max().unwrap_or(0);
+            sum + term.bytes * largest.div_ceil(term.per)
+        })
+    }
 }
 
 /// All buffers of a step except the scene and the target.
@@ -106,29 +125,28 @@ pub(crate) fn expected_entries(splats: u64) -> u64 {
 
 impl SplatBuffers {
     fn new(gpu: &Gpu, sizes: Sizes) -> Result<Self, EngineError> {
-        let numbers = |label| gpu.storage(label, 4 * sizes.splats);
+        let storage = |label, resource| gpu.storage(label, sizes.bytes(resource));
         Ok(Self {
-            footprints: gpu.storage("footprints", size_of::<Footprint>() as u64 * sizes.splats)?,
-            depth_keys: [numbers("depth keys")?, numbers("depth keys")?],
-            order: [numbers("depth order")?, numbers("depth order")?],
-            places: gpu.storage("places", 8 * sizes.splats)?,
-            block_sums: gpu.storage("block sums", 8 * sizes.splats.div_ceil(256))?,
+            footprints: storage("footprints", Resource::Footprints)?,
+            depth_keys: [storage("depth keys", Resource::DepthKeys(0))?, storage("depth keys", Resource::DepthKeys(1))?],
+            order: [storage("depth order", Resource::DepthOrder(0))?, storage("depth order", Resource::DepthOrder(1))?],
+            places: storage("places", Resource::Places)?,
+            block_sums: storage("block sums", Resource::BlockSums)?,
         })
     }
 }
 
 impl EntryBuffers {
     fn new(gpu: &Gpu, sizes: Sizes) -> Result<Self, EngineError> {
-        let numbers = |label| gpu.storage(label, 4 * sizes.entries);
+        let storage = |label, resource| gpu.storage(label, sizes.bytes(resource));
         let training = u64::from(sizes.training_tiles > 0);
-        let slots_of = |tiles| slots(sizes.entries, tiles);
         Ok(Self {
-            tiles: [numbers("entries' tiles")?, numbers("entries' tiles")?],
-            order: [numbers("entries' order")?, numbers("entries' order")?],
-            splats: numbers("entries' splats")?,
+            tiles: [storage("entries' tiles", Resource::EntryTiles(0))?, storage("entries' tiles", Resource::EntryTiles(1))?],
+            order: [storage("entries' order", Resource::EntryOrder(0))?, storage("entries' order", Resource::EntryOrder(1))?],
+            splats: storage("entries' splats", Resource::EntrySplats)?,
             gradients: gpu.storage("entries' gradients", training * ENTRY_GRADIENT_BYTES * sizes.entries)?,
-            buckets: gpu.storage("buckets", BUCKETS_HEAD_BYTES + size_of::<Bucket>() as u64 * slots_of(sizes.tiles))?,
-            bucket_pixels: gpu.storage("buckets' pixels", training * BUCKET_PIXELS_BYTES * slots_of(sizes.training_tiles))?,
+            buckets: storage("buckets", Resource::Buckets)?,
+            bucket_pixels: gpu.storage("buckets' pixels", training * BUCKET_PIXELS_BYTES * slots(sizes.entries, sizes.training_tiles))?,
         })
     }
 }
@@ -136,9 +154,9 @@ impl EntryBuffers {
 impl PixelBuffers {
     fn new(gpu: &Gpu, sizes: Sizes) -> Result<Self, EngineError> {
         Ok(Self {
-            ranges: gpu.storage("ranges", 8 * sizes.tiles)?,
-            image: gpu.storage("image", 12 * sizes.pixels)?,
-            last_entries: gpu.storage("last entries", 4 * sizes.pixels)?,
+            ranges: gpu.storage("ranges", sizes.bytes(Resource::Ranges))?,
+            image: gpu.storage("image", sizes.bytes(Resource::Image))?,
+            last_entries: gpu.storage("last entries", sizes.bytes(Resource::LastEntries))?,
             derivatives: gpu.storage("derivatives of SSIM", 36 * sizes.training_pixels)?,
             gradients: gpu.storage("pixels' gradients", 16 * sizes.training_pixels)?,
             group_sums: gpu.storage("sums of the loss", 16 * sizes.tiles)?,
@@ -147,8 +165,7 @@ impl PixelBuffers {
 }
 
 fn digit_counts(gpu: &Gpu, sizes: Sizes) -> Result<Buffer, EngineError> {
-    let blocks = sizes.splats.max(sizes.entries).div_ceil(u64::from(SORT_BLOCK));
-    gpu.storage("digit counts", 4 * u64::from(DIGITS) * blocks)
+    gpu.storage("digit counts", sizes.bytes(Resource::DigitCounts))
 }
 
 impl StepBuffers {
@@ -157,24 +174,18 @@ impl StepBuffers {
         let sizes = Sizes::default();
         let uniform = |label, bytes| gpu.buffer(label, bytes as u64, BufferUsages::UNIFORM | BufferUsages::COPY_DST);
         let sorts = |digits: u32, flags: u32| -> Result<Vec<Buffer>, EngineError> {
-            let config = |digit: u32| SortUniform {
-                shift: digit * DIGIT_BITS,
-                count: 0,
-                flags: flags | if digit == 0 { SORT_IDENTITY } else { 0 },
-                padding: 0,
-            };
-            (0..digits).map(|digit| gpu.uniform("digit", &config(digit))).collect()
+            (0..digits).map(|digit| gpu.uniform("digit", &sort_uniform(digit, flags))).collect()
         };
         Ok(Self {
             sizes,
             camera: uniform("camera", size_of::<CameraUniform>())?,
             loss: uniform("loss", size_of::<LossUniform>())?,
             optimizer: uniform("optimizer", size_of::<OptimizerUniform>())?,
-            state: gpu.storage("state", size_of::<State>() as u64)?,
-            dispatches: gpu.buffer("dispatches", size_of::<Dispatches>() as u64, BufferUsages::STORAGE | BufferUsages::INDIRECT)?,
+            state: gpu.storage("state", sizes.bytes(Resource::State))?,
+            dispatches: gpu.buffer("dispatches", sizes.bytes(Resource::Dispatches), BufferUsages::STORAGE | BufferUsages::INDIRECT)?,
             depth_sorts: sorts(DEPTH_DIGITS, 0)?,
             tile_sorts: sorts(TILE_DIGITS, SORT_ENTRIES)?,
-            digit_totals: gpu.storage("digit totals", 4 * u64::from(DIGITS))?,
+            digit_totals: gpu.storage("digit totals", sizes.bytes(Resource::DigitTotals))?,
             splats: SplatBuffers::new(gpu, sizes)?,
             entries: EntryBuffers::new(gpu, sizes)?,
             pixels: PixelBuffers::new(gpu, sizes)?,
@@ -223,12 +234,46 @@ impl StepBuffers {
         Ok(())
     }
 
+    /// Returns a buffer of the passes up to the image; those of a shard need one.
+    pub(crate) fn resource<'a>(&'a self, resource: Resource, shard: Option<&'a Shard>) -> Option<&'a Buffer> {
+        let Self { splats, entries, pixels, .. } = self;
+        Some(match resource {
+            Resource::Camera => &self.camera,
+            Resource::Shard => &shard?.uniform,
+            Resource::Parameters => &shard?.parameters,
+            Resource::State => &self.state,
+            Resource::Dispatches => &self.dispatches,
+            Resource::DepthSort(digit) => self.depth_sorts.get(digit)?,
+            Resource::TileSort(digit) => self.tile_sorts.get(digit)?,
+            Resource::DigitCounts => &self.digit_counts,
+            Resource::DigitTotals => &self.digit_totals,
+            Resource::Footprints => &splats.footprints,
+            Resource::DepthKeys(n) => splats.depth_keys.get(n)?,
+            Resource::DepthOrder(n) => splats.order.get(n)?,
+            Resource::Places => &splats.places,
+            Resource::BlockSums => &splats.block_sums,
+            Resource::EntryTiles(n) => entries.tiles.get(n)?,
+            Resource::EntryOrder(n) => entries.order.get(n)?,
+            Resource::EntrySplats => &entries.splats,
+            Resource::Buckets => &entries.buckets,
+            Resource::BucketPixels => &entries.bucket_pixels,
+            Resource::Ranges => &pixels.ranges,
+            Resource::Image => &pixels.image,
+            Resource::LastEntries => &pixels.last_entries,
+        })
+    }
+
     /// Sets the number of splats for the sort by depth.
     pub(crate) fn set_count(&self, gpu: &Gpu, count: u32) {
         for sort in &self.depth_sorts {
             gpu.queue.write_buffer(&sort.raw, std::mem::offset_of!(SortUniform, count) as u64, bytemuck::bytes_of(&count));
         }
     }
+}
+
+/// Returns the uniform of a digit of a sort; the number of pairs is set later.
+pub(crate) fn sort_uniform(digit: u32, flags: u32) -> SortUniform {
+    SortUniform { shift: digit * DIGIT_BITS, count: 0, flags: flags | if digit == 0 { SORT_IDENTITY } else { 0 }, padding: 0 }
 }
 
 /// Returns the number of digits for the numbers of tiles, and one beyond.

@@ -74,7 +74,7 @@ impl KernelId {
         }
     }
 
-    fn files(self) -> &'static [&'static str] {
+    pub(crate) fn files(self) -> &'static [&'static str] {
         match self {
             Self::Project(_) => &[COMMON, ROTATION, GEOMETRY, COLOR, FOOTPRINT, file!("project")],
             Self::SortCount | Self::SortScan | Self::SortScatter => SORT,

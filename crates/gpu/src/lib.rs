@@ -26,6 +26,7 @@ mod constants;
 mod densify;
 mod device;
 mod engine;
+mod forward;
 mod frame;
 mod inspect;
 mod kernels;

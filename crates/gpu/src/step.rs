@@ -6,19 +6,16 @@ use luxel_core::Pass;
 
 use crate::commands::{Binding, Commands, Groups, bind};
 use crate::device::{Buffer, Gpu};
+use crate::forward::{self, Bound, Count, Dispatch, SPLATS, Workgroups};
 use crate::frame::{StepBuffers, tile_digits};
 use crate::kernels::KernelId;
-use crate::layout::{DEPTH_DIGITS, DIGITS, Dispatches, SORT_BLOCK, Update};
-use crate::scene::GpuScene;
+use crate::layout::{Dispatches, Update};
+use crate::scene::{GpuScene, Shard};
 use crate::screen::tiles;
 use crate::targets::Target;
 
-/// Splats per workgroup of the kernels that run over them.
-const SPLATS: u64 = 256;
 /// Splats per workgroup of `project_backward`, which holds more per thread.
 const SPLATS_BACKWARD: u64 = 128;
-/// Tiles per workgroup of `bin_ranges`.
-const TILES: u64 = 64;
 
 /// A recorder of the kernels of a frame.
 pub(crate) struct Recorder<'a> {
@@ -40,16 +37,17 @@ impl Recorder<'_> {
     /// Records the passes up to the image.
     pub(crate) fn forward(&mut self) {
         self.project();
-        self.sort_by_depth();
+        self.dispatch_all(&forward::sort_by_depth());
         self.forward_from_bin();
     }
 
     /// Records the passes up to the image, for splats that are already projected and sorted by
     /// depth.
     pub(crate) fn forward_from_bin(&mut self) {
-        self.bin();
-        self.sort_by_tile();
-        self.rasterize();
+        let digits = tile_digits(self.tile_count());
+        self.dispatch_all(&forward::bin());
+        self.dispatch_all(&forward::sort_by_tile(digits));
+        self.dispatch(&forward::rasterize(digits), None);
     }
 
     fn tile_count(&self) -> u32 {
@@ -57,106 +55,44 @@ impl Recorder<'_> {
         across * down
     }
 
-    /// Records the sort of entries by tile, which keeps the order of depths.
+    /// Returns which of the two buffers holds the entries in the order of their tiles.
     fn sorted_entries(&self) -> usize {
         tile_digits(self.tile_count()) % 2
     }
 
     fn project(&mut self) {
-        let (frame, scene) = (self.frame, self.scene);
+        let scene = self.scene;
+        let dispatch = forward::project(scene.rows.color_model);
         for shard in &scene.shards {
-            let buffers = [
-                bind(0, &frame.camera),
-                bind(1, &shard.uniform),
-                bind(2, &shard.parameters),
-                bind(3, &frame.splats.footprints),
-                bind(4, &frame.splats.depth_keys[0]),
-                bind(5, &frame.splats.places),
-            ];
-            let groups = Groups::Line((shard.len as u64).div_ceil(SPLATS));
-            self.add(Pass::Project, KernelId::Project(scene.rows.color_model), &buffers, groups);
+            self.dispatch(&dispatch, Some(shard));
         }
     }
 
-    /// Records one digit of a sort: from buffers number `from` to the other buffers.
-    fn sort_digit(&mut self, config: &Buffer, keys: &[Buffer; 2], values: &[Buffer; 2], from: usize, groups: Groups<'_>) {
-        let (frame, to) = (self.frame, 1 - from);
-        let counts = [bind(0, config), bind(1, &frame.state), bind(2, &keys[from]), bind(6, &frame.digit_counts)];
-        self.add(Pass::Sort, KernelId::SortCount, &counts, groups);
-        let scan = [bind(0, config), bind(1, &frame.state), bind(6, &frame.digit_counts), bind(7, &frame.digit_totals)];
-        self.add(Pass::Sort, KernelId::SortScan, &scan, Groups::Line(DIGITS.into()));
-        let scatter = [
-            bind(0, config),
-            bind(1, &frame.state),
-            bind(2, &keys[from]),
-            bind(3, &values[from]),
-            bind(4, &keys[to]),
-            bind(5, &values[to]),
-            bind(6, &frame.digit_counts),
-            bind(7, &frame.digit_totals),
-        ];
-        self.add(Pass::Sort, KernelId::SortScatter, &scatter, groups);
-    }
-
-    fn sort_by_depth(&mut self) {
-        let frame = self.frame;
-        let groups = Groups::Line((self.scene.count as u64).div_ceil(SORT_BLOCK.into()));
-        for (digit, config) in frame.depth_sorts.iter().enumerate() {
-            self.sort_digit(config, &frame.splats.depth_keys, &frame.splats.order, digit % 2, groups);
+    fn dispatch_all(&mut self, dispatches: &[Dispatch]) {
+        for dispatch in dispatches {
+            self.dispatch(dispatch, None);
         }
     }
 
-    fn bin(&mut self) {
+    /// Records a dispatch of the passes up to the image, over all splats or those of a shard.
+    fn dispatch(&mut self, dispatch: &Dispatch, shard: Option<&Shard>) {
         let frame = self.frame;
-        let order = &frame.splats.order[DEPTH_DIGITS as usize % 2];
-        let blocks = Groups::Line((self.scene.count as u64).div_ceil(SPLATS));
-        let sum = [bind(0, &frame.camera), bind(2, order), bind(3, &frame.splats.places), bind(4, &frame.splats.block_sums)];
-        self.add(Pass::Bin, KernelId::BinSum, &sum, blocks);
-        let scan = [bind(0, &frame.camera), bind(1, &frame.state), bind(4, &frame.splats.block_sums), bind(8, &frame.dispatches)];
-        self.add(Pass::Bin, KernelId::BinScan, &scan, Groups::Line(1));
-        let emit = [
-            bind(0, &frame.camera),
-            bind(1, &frame.state),
-            bind(2, order),
-            bind(3, &frame.splats.places),
-            bind(4, &frame.splats.block_sums),
-            bind(5, &frame.splats.footprints),
-            bind(6, &frame.entries.tiles[0]),
-            bind(7, &frame.entries.splats),
-        ];
-        self.add(Pass::Bin, KernelId::BinEmit, &emit, blocks);
-    }
-
-    fn sort_by_tile(&mut self) {
-        let frame = self.frame;
-        let groups = Groups::Indirect(&frame.dispatches, std::mem::offset_of!(Dispatches, sort));
-        for (digit, config) in frame.tile_sorts[..tile_digits(self.tile_count())].iter().enumerate() {
-            self.sort_digit(config, &frame.entries.tiles, &frame.entries.order, digit % 2, groups);
-        }
-        let ranges = [
-            bind(0, &frame.camera),
-            bind(1, &frame.state),
-            bind(9, &frame.entries.tiles[self.sorted_entries()]),
-            bind(10, &frame.pixels.ranges),
-            bind(11, &frame.entries.buckets),
-        ];
-        // One beyond the last tile: see the remark on rounding in bin.wgsl.
-        self.add(Pass::Sort, KernelId::BinRanges, &ranges, Groups::Line((u64::from(self.tile_count()) + 1).div_ceil(TILES)));
-    }
-
-    fn rasterize(&mut self) {
-        let frame = self.frame;
-        let buffers = [
-            bind(0, &frame.camera),
-            bind(1, &frame.splats.footprints),
-            bind(2, &frame.pixels.ranges),
-            bind(3, &frame.entries.order[self.sorted_entries()]),
-            bind(4, &frame.entries.splats),
-            bind(5, &frame.pixels.image),
-            bind(6, &frame.pixels.last_entries),
-            bind(7, &frame.entries.bucket_pixels),
-        ];
-        self.add(Pass::Rasterize, KernelId::Rasterize, &buffers, Groups::Line(self.tile_count().into()));
+        let bound = dispatch.bindings.iter().filter_map(|Bound { slot, resource }| Some(bind(*slot, frame.resource(*resource, shard)?)));
+        let bindings: Vec<_> = bound.collect();
+        let groups = match dispatch.workgroups {
+            Workgroups::Fixed(groups) => Groups::Line(groups),
+            Workgroups::Indirect(offset) => Groups::Indirect(&frame.dispatches, offset),
+            Workgroups::Per { count, plus, per } => {
+                let count = match count {
+                    Count::Splats => shard.map_or(self.scene.count, |shard| shard.len) as u64,
+                    Count::Entries => frame.sizes.entries,
+                    Count::Tiles => self.tile_count().into(),
+                    Count::Pixels => self.size_px.map(u64::from).iter().product(),
+                };
+                Groups::Line((count + plus).div_ceil(per))
+            }
+        };
+        self.add(dispatch.pass, dispatch.kernel, &bindings, groups);
     }
 
     /// Records the passes from the image to the entries' gradients.
