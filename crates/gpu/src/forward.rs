@@ -132,8 +132,8 @@ impl Resource {
             Self::BlockSums => (0, each!(Splats, SPLATS, 8) as &[Term]),
             Self::EntryTiles(_) | Self::EntryOrder(_) | Self::EntrySplats => (0, each!(Entries, 1, 4) as &[Term]),
             Self::Buckets => {
-                // The last bucket of each tile may be partly empty, including that of the tile behind
-                // the last (see bin.wgsl).
+                // The last bucket of each tile may be partly empty, including that of the tile
+                // behind the last (see bin.wgsl).
                 let slot = size_of::<Bucket>() as u64;
                 let slots: &[Term] = &[
                     Term { largest_of: &[Count::Entries], per: BUCKET as u64, bytes: size_of::<Bucket>() as u64 },

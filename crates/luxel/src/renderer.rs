@@ -77,6 +77,11 @@ impl Renderer {
         self.options.background = self.radiance_scale.normalised(radiance);
     }
 
+    /// Returns the options that the scene is rendered with; the background is in normalised units.
+    pub fn options(&self) -> &RenderOptions {
+        &self.options
+    }
+
     /// Sets the samples along a pixel's side, 1 to 4: a pixel is the mean of their square.
     ///
     /// # Errors

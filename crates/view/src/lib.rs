@@ -32,6 +32,7 @@ mod live;
 mod query;
 mod routes;
 mod server;
+mod splats;
 mod stage;
 mod status;
 mod subject;

@@ -10,14 +10,15 @@ use luxel::{Scene, Tonemap, schema};
 use luxel_core::{Camera, ColorSpace, Image};
 use serde::Serialize;
 use serde_json::{Value, json};
-use tokio::sync::Semaphore;
+use tokio::sync::{OnceCell, Semaphore};
 
 use crate::assets;
 use crate::frame::{Frame, Planes};
 use crate::jobs::{Jobs, Refusal, Rendered, Reply, Wanted};
 use crate::query::Query;
 use crate::server::MAX_BODIES;
-use crate::stage::check_edits;
+use crate::splats::{Precision, body_bytes, pack};
+use crate::stage::{Loaded, Stage, check_edits};
 use crate::status::{Shared, Status};
 use crate::subject::Subject;
 
@@ -35,6 +36,8 @@ pub(crate) struct House {
     pub(crate) shared: Shared,
     /// The scene as it was opened; `None` for one that is being trained.
     pub(crate) scene: Option<Arc<Scene>>,
+    /// The scene without edits as pages download it.
+    pub(crate) packed: OnceCell<Bytes>,
     /// Places for bodies of requests.
     pub(crate) bodies: Semaphore,
 }
@@ -43,7 +46,7 @@ impl House {
     /// Returns a house without jobs.
     pub(crate) fn new(subject: Subject, color_space: ColorSpace, status: Status, scene: Option<Arc<Scene>>) -> Self {
         let (jobs, shared, bodies) = (Jobs::default(), Shared::new(status), Semaphore::new(MAX_BODIES));
-        Self { subject, color_space, jobs, shared, scene, bodies }
+        Self { subject, color_space, jobs, shared, scene, packed: OnceCell::new(), bodies }
     }
 }
 
@@ -113,6 +116,7 @@ pub(crate) async fn answer(house: &Arc<House>, method: &Method, path: &str, mut 
         "/api/frame" if is_get => frame(house, &mut query).await,
         "/api/frame.exr" if is_get => exr(house, &mut query).await,
         "/api/probe" if is_get => probe(house, &mut query).await,
+        "/api/splats" if is_get => splats(house, &mut query).await,
         "/api/truth" if is_get => truth(house, &mut query),
         "/api/thumbnail" if is_get => thumbnail(house, &mut query).await,
         _ => match (path.strip_prefix("/page/"), path.strip_prefix("/api/training/")) {
@@ -144,9 +148,45 @@ fn scene(house: &House) -> Result<Answer, Failure> {
         fields.insert("version".into(), status.version.into());
         fields.insert("training".into(), serde_json::to_value(&status.training).unwrap_or_default());
         fields.insert("cameras".into(), serde_json::to_value(house.subject.cameras()).unwrap_or_default());
+        let bytes = house.scene.as_ref().map(|scene| body_bytes(&scene.splats, Precision::Half));
+        fields.insert("download_bytes".into(), bytes.into());
         fields.insert("luxel_version".into(), luxel::VERSION.into());
     }
     Answer::json(&schema::VIEW.versioned(content))
+}
+
+/// Answers with the splats, for a page that renders by itself.
+async fn splats(house: &House, query: &mut Query) -> Result<Answer, Failure> {
+    let edit = query.take("edit").unwrap_or_default();
+    check_edits(&edit)?;
+    let precision = match query.take("precision").as_deref() {
+        None | Some("half") => Precision::Half,
+        Some("single") => Precision::Single,
+        Some(other) => return Err(format!("unknown precision \"{}\", expected half, single", other.escape_default()).into()),
+    };
+    if house.scene.is_none() {
+        return Err(Failure::new(StatusCode::CONFLICT, "the scene is being trained, and is rendered here"));
+    }
+    let is_plain = edit.is_empty() && precision == Precision::Half;
+    let packed = async {
+        let work = move |stage: &mut dyn Stage| {
+            let Loaded { scene, renderer } = stage.loaded(&edit)?;
+            Ok(pack(scene, renderer.options(), precision))
+        };
+        let answer = house.jobs.run(work).map_err(refused)?.await.map_err(|_| refused(Refusal::Closed))?;
+        answer.map_err(|error| Failure::new(StatusCode::UNPROCESSABLE_ENTITY, format!("{error:#}")))
+    };
+    let body = if is_plain { house.packed.get_or_try_init(|| packed).await?.clone() } else { packed.await? };
+    Ok(Answer::new("application/octet-stream", body))
+}
+
+/// Says why work is not taken.
+fn refused(refusal: Refusal) -> Failure {
+    let reason = match refusal {
+        Refusal::Full => "too many pictures are waited for",
+        Refusal::Closed => "the viewer is closing",
+    };
+    Failure::new(StatusCode::SERVICE_UNAVAILABLE, reason)
 }
 
 /// Takes camera, size and edits out of a query.
@@ -212,15 +252,12 @@ fn channels(query: &mut Query) -> Result<[bool; 2], Failure> {
 
 /// Waits for a picture; `None` if a newer wish of the same viewer took its place.
 async fn render(house: &House, wanted: Wanted, viewer: Option<String>) -> Result<Option<Rendered>, Failure> {
-    let answer = house.jobs.submit(wanted, viewer).map_err(|refusal| match refusal {
-        Refusal::Full => Failure::new(StatusCode::SERVICE_UNAVAILABLE, "too many pictures are waited for"),
-        Refusal::Closed => Failure::new(StatusCode::SERVICE_UNAVAILABLE, "the viewer is closing"),
-    })?;
+    let answer = house.jobs.submit(wanted, viewer).map_err(refused)?;
     match answer.await {
         Ok(Reply::Done(rendered)) => Ok(Some(rendered)),
         Ok(Reply::Superseded) => Ok(None),
         Ok(Reply::Failed(message)) => Err(Failure::new(StatusCode::UNPROCESSABLE_ENTITY, message)),
-        Err(_) => Err(Failure::new(StatusCode::SERVICE_UNAVAILABLE, "the viewer is closing")),
+        Err(_) => Err(refused(Refusal::Closed)),
     }
 }
 

@@ -275,3 +275,23 @@ fn states_are_streamed() {
     }
     assert!(text.contains("text/event-stream") && text.contains(r#"{"version":0,"splats":300,"training":null}"#), "{text}");
 }
+
+#[test]
+fn splats_are_downloaded_as_they_are_and_under_edits() {
+    let viewer = Running::start("127.0.0.1:0");
+    let head = |path: &str| -> (Value, usize) {
+        let body = viewer.get(path).body;
+        let length = u32::from_le_bytes(body[..4].try_into().unwrap()) as usize;
+        (serde_json::from_slice(&body[4..4 + length]).unwrap(), body.len() - 4 - length)
+    };
+    let (facts, half) = head("/api/splats");
+    assert_eq!((&facts["splats"], &facts["colorModel"]), (&300.into(), &viewer.scene.splats.color_model.name().into()));
+    assert_eq!(viewer.json("/api/scene")["download_bytes"], half);
+    assert_eq!(head("/api/splats?precision=single").1, 4 * 300 * facts["rows"].as_array().unwrap().len());
+    let plain = viewer.get("/api/splats").body;
+    assert!(viewer.get("/api/splats?edit=").body == plain && viewer.get("/api/splats?edit=gain+2").body != plain);
+    for query in ["edit=shine", "precision=double", "edit=gain", "size=3"] {
+        let response = viewer.get(&format!("/api/splats?{query}"));
+        assert!(response.status == 400 && String::from_utf8_lossy(&response.body).contains("error"), "{query}: {}", response.status);
+    }
+}

@@ -4,17 +4,21 @@ import { Comparison } from "./comparison.js";
 import { Exposure } from "./exposure.js";
 import { byId, ControlPanel } from "./panel.js";
 import { Probes } from "./probes.js";
+import { RenderingPanel } from "./rendering.js";
 import { Saving } from "./saving.js";
 import { Server } from "./server.js";
+import { Sources } from "./sources.js";
 import { Strip } from "./strip.js";
 import { TrainingPanel } from "./training.js";
 import { Viewer } from "./viewer.js";
 
 try {
-  const viewer = new Viewer(new Server());
+  const sources = new Sources(new Server());
+  const viewer = new Viewer(sources);
   viewer.parts.push(new ControlPanel(viewer), new Strip(viewer), viewer.comparison = new Comparison(viewer), viewer.exposure = new Exposure(viewer));
   viewer.parts.push(viewer.probes = new Probes(viewer), viewer.training = new TrainingPanel(viewer));
   viewer.saving = new Saving(viewer);
+  viewer.parts.push(new RenderingPanel(viewer, sources));
   // For scripts in the console of the browser, and tests.
   Object.assign(window, { luxel: viewer });
   void viewer.start();

@@ -13,7 +13,7 @@ import { checked } from "./server.js";
 /**
  * @typedef {{ name: string, splats: number, bounds: [Vec3, Vec3], inner_bounds: [Vec3, Vec3], color_space: string,
  *   rec709_from_scene: number[][], luminance_weights: Vec3, radiance_scale: number, up: Vec3, edits: string[],
- *   version: number, training: Training | null, cameras: ViewCamera[], luxel_version: string }} Scene
+ *   version: number, training: Training | null, download_bytes: number | null, cameras: ViewCamera[], luxel_version: string }} Scene
  */
 /** @typedef {{ width: number, height: number, scale: number, alpha: boolean, depth: boolean, version: number, seconds: number }} Head */
 /**

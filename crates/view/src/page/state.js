@@ -1,6 +1,7 @@
 /** Everything that a user chooses, in one object, and its form in the address of the page. */
 
 import { looking } from "./math.js";
+import { RENDERINGS } from "./sources.js";
 
 /** @typedef {import("./math.js").Vec3} Vec3 */
 /** @typedef {import("./math.js").Axes} Axes */
@@ -37,6 +38,7 @@ export class State {
   showCameras = false;
   /** Length of a world unit in metres; 0 where unknown. */ metres = 0;
   /** Edits in the text form of `luxel edit`. */ edit = "";
+  /** Where pictures are rendered. @type {import("./sources.js").Rendering} */ rendering = "automatic";
 }
 
 /** Names in the address, and what kind of value each has. @type {readonly [keyof State, string, "number" | "text" | "flag"][]} */
@@ -56,10 +58,11 @@ const FIELDS = [
   ["showCameras", "cameras", "flag"],
   ["metres", "metres", "number"],
   ["edit", "edit", "text"],
+  ["rendering", "rendering", "text"],
 ];
 
 /** Values that a text may have. @type {{ [name: string]: readonly string[] }} */
-const CHOICES = { mode: MODES, curve: CURVES, layer: LAYERS, compare: COMPARES };
+const CHOICES = { mode: MODES, curve: CURVES, layer: LAYERS, compare: COMPARES, rendering: RENDERINGS };
 
 /** @param {readonly number[]} v */
 const rounded = (v) => v.map((x) => Number(x.toPrecision(7))).join(",");

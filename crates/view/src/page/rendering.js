@@ -1,0 +1,47 @@
+/** The part that shows and chooses where pictures are rendered: by the server or by the page. */
+
+import { byId, press, segmented } from "./panel.js";
+import { megabytes, RENDERINGS, Sources } from "./sources.js";
+
+/** @typedef {import("./part.js").Part} Part */
+/** @typedef {import("./sources.js").Rendering} Rendering */
+/** @typedef {import("./viewer.js").Viewer} Viewer */
+
+/** Time for which a failure is shown over the picture, ms. */
+const MESSAGE_MS = 8000;
+
+/** @implements {Part} */
+export class RenderingPanel {
+  /** @param {Viewer} viewer @param {Sources} sources */
+  constructor(viewer, sources) {
+    this.viewer = viewer;
+    this.sources = sources;
+    segmented(byId("rendering"), RENDERINGS, (name) => viewer.set({ rendering: /** @type {Rendering} */ (name) }));
+    sources.changed = (message) => this.changed(message);
+  }
+
+  /** @param {string} message */
+  changed(message) {
+    const { viewer } = this;
+    viewer.stream.invalidate();
+    viewer.needsReflect = true;
+    if (!message) return;
+    viewer.complain(message);
+    setTimeout(() => byId("message").textContent === message && viewer.complain(""), MESSAGE_MS);
+  }
+
+  reflect() {
+    const { sources } = this;
+    const { rendering } = this.viewer.state;
+    if (sources.rendering !== rendering) void sources.choose(rendering);
+    press("rendering", rendering);
+    byId("rendering-text").textContent = this.facts();
+  }
+
+  facts() {
+    const { local, isLocal, isLoading, reason, facts } = this.sources;
+    if (isLocal && local) return `In this page, on ${local.gpu.name}: ${megabytes(local.bytes)} downloaded.`;
+    if (isLoading && !reason) return `By the server; ${megabytes(facts?.download_bytes ?? 0)} of splats are on their way.`;
+    return reason ? `By the server: ${reason}.` : "By the server.";
+  }
+}
