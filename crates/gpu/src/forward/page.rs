@@ -27,9 +27,8 @@ const MODEL: ColorModel = ColorModel::Sh { degree: 3 };
 fn models() -> Vec<ColorModel> {
     let activations = [Activation::Softplus, Activation::Exp, Activation::Relu];
     let lcd = |chroma_degree: u8| {
-        (0..=3).flat_map(move |luminance_degree| {
-            activations.map(|activation| ColorModel::Lcd { chroma_degree, luminance_degree, activation })
-        })
+        (0..=3)
+            .flat_map(move |luminance_degree| activations.map(|activation| ColorModel::Lcd { chroma_degree, luminance_degree, activation }))
     };
     (0..=5).map(|degree| ColorModel::Sh { degree }).chain((0..=5).flat_map(lcd)).collect()
 }
