@@ -53,7 +53,7 @@ export async function open(hash = "", options = {}) {
 
 /** Waits until the full picture of what is wanted is shown and drawn. */
 export async function settled(page) {
-  await page.waitForFunction(() => window.luxel?.shown?.full && window.luxel.stream.fullKey === window.luxel.want().key, null, { timeout: 60000 });
+  await page.waitForFunction(() => window.luxel?.shown?.full && window.luxel.stream.restedKey === window.luxel.want().key, null, { timeout: 60000 });
   await page.evaluate(() => new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(resolve))));
 }
 
@@ -62,6 +62,8 @@ export const colors = (page, places) =>
   page.evaluate((places) => {
     const { canvas, display } = window.luxel;
     const gl = display.gl;
+    // What was drawn before is gone once it is on the screen.
+    window.luxel.draw(performance.now());
     return places.map(([u, v]) => {
       const pixel = new Uint8Array(4);
       gl.readPixels(Math.floor(u * canvas.width), canvas.height - 1 - Math.floor(v * canvas.height), 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel);

@@ -31,6 +31,8 @@ pub(crate) struct FrameHead {
     pub(crate) height: usize,
     /// Factor from the half floats to radiance, a power of two.
     pub(crate) scale: f32,
+    /// Whether there is a plane of radiance.
+    pub(crate) rgb: bool,
     /// Whether there is a plane of coverage.
     pub(crate) alpha: bool,
     /// Whether there is a plane of depth.
@@ -41,7 +43,7 @@ pub(crate) struct FrameHead {
     pub(crate) seconds: f64,
 }
 
-/// The planes of a picture; coverage and depth are empty where there are none.
+/// The planes of a picture; those that there are not are empty.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Planes<'a> {
     pub(crate) pixels: &'a [[f32; 3]],
@@ -65,8 +67,8 @@ impl<'a> Planes<'a> {
             body.extend_from_slice(&depth.to_le_bytes());
         }
         let [width, height] = size;
-        let (alpha, depth) = (!self.alpha.is_empty(), !self.depth.is_empty());
-        let head = FrameHead { width, height, scale, alpha, depth, version, seconds };
+        let (rgb, alpha, depth) = (!self.pixels.is_empty(), !self.alpha.is_empty(), !self.depth.is_empty());
+        let head = FrameHead { width, height, scale, rgb, alpha, depth, version, seconds };
         Frame { head, body: body.into() }
     }
 }
@@ -134,7 +136,7 @@ mod tests {
     #[test]
     fn planes_follow_one_another() {
         let frame = Planes { pixels: &[[1.0; 3]; 2], alpha: &[0.25, 1.0], depth: &[3.5, f32::INFINITY] }.encode([2, 1], 7, 0.1);
-        assert_eq!((frame.body.len(), frame.head.alpha, frame.head.depth, frame.head.version), (12 + 4 + 8, true, true, 7));
+        assert_eq!((frame.body.len(), frame.head.rgb, frame.head.alpha, frame.head.depth, frame.head.version), (12 + 4 + 8, true, true, true, 7));
         assert_eq!(frame.body[12..14], f16::from_f32(0.25).to_le_bytes());
         assert_eq!(frame.body[16..20], 3.5f32.to_le_bytes());
     }

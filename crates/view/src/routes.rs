@@ -235,19 +235,27 @@ fn camera_of(text: &str, size: [Option<u32>; 2]) -> Result<Camera, Failure> {
     Ok(cameras.remove(0).camera)
 }
 
+/// The planes that a request asks for.
+#[derive(Clone, Copy, Debug)]
+struct Channels {
+    rgb: bool,
+    alpha: bool,
+    depth: bool,
+}
+
 /// Takes the names of channels out of a query.
-fn channels(query: &mut Query) -> Result<[bool; 2], Failure> {
+fn channels(query: &mut Query) -> Result<Channels, Failure> {
     let text = query.take("channels").unwrap_or_else(|| "rgb".into());
-    let (mut alpha, mut depth) = (false, false);
+    let mut channels = Channels { rgb: false, alpha: false, depth: false };
     for name in text.split(',') {
         match name {
-            "rgb" => {}
-            "alpha" => alpha = true,
-            "depth" => depth = true,
+            "rgb" => channels.rgb = true,
+            "alpha" => channels.alpha = true,
+            "depth" => channels.depth = true,
             other => return Err(format!("unknown channel \"{}\", expected rgb, depth, alpha", other.escape_default()).into()),
         }
     }
-    Ok([alpha, depth])
+    Ok(channels)
 }
 
 /// Waits for a picture; `None` if a newer wish of the same viewer took its place.
@@ -273,7 +281,7 @@ async fn beside<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) ->
 }
 
 async fn frame(house: &House, query: &mut Query) -> Result<Answer, Failure> {
-    let [alpha, depth] = channels(query)?;
+    let Channels { rgb, alpha, depth } = channels(query)?;
     let viewer = query.take("viewer").filter(|viewer| !viewer.is_empty());
     let wanted = Wanted { layers: alpha || depth, ..wanted(house, query)? };
     let [width, height] = wanted.camera.size_px;
@@ -286,7 +294,7 @@ async fn frame(house: &House, query: &mut Query) -> Result<Answer, Failure> {
     let frame = beside(move || {
         let size = [picture.radiance.width(), picture.radiance.height()];
         let planes = Planes {
-            pixels: picture.radiance.pixels(),
+            pixels: if rgb { picture.radiance.pixels() } else { &[] },
             alpha: if alpha { &picture.alpha } else { &[] },
             depth: if depth { &picture.depth } else { &[] },
         };
@@ -296,7 +304,7 @@ async fn frame(house: &House, query: &mut Query) -> Result<Answer, Failure> {
 }
 
 async fn exr(house: &House, query: &mut Query) -> Result<Answer, Failure> {
-    let [alpha, depth] = channels(query)?;
+    let Channels { alpha, depth, .. } = channels(query)?;
     let wanted = Wanted { layers: alpha || depth, ..wanted(house, query)? };
     let Rendered { picture, .. } = render_surely(house, wanted).await?;
     if (alpha || depth) && picture.alpha.is_empty() {

@@ -52,7 +52,7 @@ const isLocal = (page) => page.waitForFunction(() => window.luxel?.source.isLoca
 const picture = (page, kind, edit = "") =>
   page.evaluate(async ([kind, edit, side]) => {
     const { source } = window.luxel;
-    const frame = await (kind === "server" ? source.server : source).frame(window.luxel.lens(side, side), { edit, layers: true });
+    const frame = await (kind === "server" ? source.server : source).frame(window.luxel.lens(side, side), { edit, radiance: true, layers: true });
     const half = (bits) => {
       const exponent = (bits >> 10) & 31;
       return exponent === 0 ? (bits & 1023) * 2 ** -24 : (1 + (bits & 1023) / 1024) * 2 ** (exponent - 15);

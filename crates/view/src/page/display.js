@@ -1,13 +1,16 @@
 /** Draws half-float pictures with WebGL2: tone curves, false colour, comparison with ground truth. */
 
 import { DIFFERENCE, STOPS, STOP_TEXELS, tables } from "./falsecolor.js";
-import { FRAGMENT, VERTEX } from "./shader.js";
+import { fragment, VERTEX } from "./shader.js";
 import { COMPARES, CURVES, LAYERS } from "./state.js";
 
 /** @typedef {import("./scene.js").Frame} Frame */
 /** @typedef {import("./scene.js").Scene} Scene */
+/** @typedef {import("./shader.js").Choice} Choice */
 /** @typedef {import("./state.js").State} State */
 /** @typedef {"picture" | "truth" | "depthMap" | "alphaMap" | "stopColors" | "differenceColors"} Unit */
+
+/** A compiled shader and the places of its uniforms. @typedef {{ program: WebGLProgram, places: { [name: string]: WebGLUniformLocation | null } }} Program */
 
 /** @type {readonly Unit[]} */
 const UNITS = ["picture", "truth", "depthMap", "alphaMap", "stopColors", "differenceColors"];
@@ -20,11 +23,11 @@ export class Display {
   /** @param {HTMLCanvasElement} canvas */
   constructor(canvas) {
     this.canvas = canvas;
-    const gl = canvas.getContext("webgl2", { alpha: false, antialias: false, preserveDrawingBuffer: true });
+    const gl = canvas.getContext("webgl2", { alpha: false, antialias: false, depth: false });
     if (!gl) throw new Error("this browser has no WebGL 2, which the picture is drawn with");
     this.gl = gl;
-    /** @type {{ [name: string]: WebGLUniformLocation | null }} */
-    this.uniforms = {};
+    /** Shaders by what they are compiled for. @type {Map<string, Program>} */
+    this.programs = new Map();
     /** @type {{ [unit: string]: WebGLTexture }} */
     this.textures = {};
     /** @type {Scene | null} */
@@ -40,23 +43,9 @@ export class Display {
 
   build() {
     const { gl } = this;
-    const program = gl.createProgram();
-    for (const [kind, source] of /** @type {const} */ ([[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]])) {
-      const shader = /** @type {WebGLShader} */ (gl.createShader(kind));
-      gl.shaderSource(shader, source);
-      gl.compileShader(shader);
-      if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS) && !gl.isContextLost()) throw new Error(`shader: ${gl.getShaderInfoLog(shader)}`);
-      gl.attachShader(program, shader);
-    }
-    gl.linkProgram(program);
-    gl.useProgram(program);
-    this.uniforms = {};
-    for (let i = 0; i < gl.getProgramParameter(program, gl.ACTIVE_UNIFORMS); i++) {
-      const name = gl.getActiveUniform(program, i)?.name ?? "";
-      this.uniforms[name] = gl.getUniformLocation(program, name);
-    }
+    this.programs.clear();
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
-    UNITS.forEach((unit, i) => {
+    for (const unit of UNITS) {
       const texture = gl.createTexture();
       this.textures[unit] = texture;
       this.bind(unit);
@@ -65,13 +54,39 @@ export class Display {
       gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.NEAREST);
       gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.NEAREST);
       gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, 1, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
-      gl.uniform1i(this.uniforms[unit], i);
-    });
+    }
     const { stops, difference } = tables();
     this.bind("stopColors");
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, STOP_TEXELS, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, stops);
     this.bind("differenceColors");
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, 256, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, difference);
+  }
+
+  /** The shader for a choice, compiled when it is first needed. @param {Choice} choice @returns {Program} */
+  program(choice) {
+    const key = JSON.stringify(choice);
+    const known = this.programs.get(key);
+    if (known) return known;
+    const { gl } = this;
+    const program = gl.createProgram();
+    for (const [kind, source] of /** @type {const} */ ([[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, fragment(choice)]])) {
+      const shader = /** @type {WebGLShader} */ (gl.createShader(kind));
+      gl.shaderSource(shader, source);
+      gl.compileShader(shader);
+      if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS) && !gl.isContextLost()) throw new Error(`shader: ${gl.getShaderInfoLog(shader)}`);
+      gl.attachShader(program, shader);
+    }
+    gl.linkProgram(program);
+    gl.useProgram(program);
+    /** @type {Program["places"]} */
+    const places = {};
+    for (let i = 0; i < gl.getProgramParameter(program, gl.ACTIVE_UNIFORMS); i++) {
+      const name = gl.getActiveUniform(program, i)?.name ?? "";
+      places[name] = gl.getUniformLocation(program, name);
+    }
+    UNITS.forEach((unit, i) => places[unit] && gl.uniform1i(places[unit], i));
+    this.programs.set(key, { program, places });
+    return { program, places };
   }
 
   /** @param {Unit} unit */
@@ -116,13 +131,16 @@ export class Display {
 
   /** Draws. @param {State} state @param {boolean} showTruth for the flicker */
   draw(state, showTruth) {
-    const { gl, uniforms: u, scene, picture, truth } = this;
+    const { gl, scene, picture, truth } = this;
     gl.viewport(0, 0, this.canvas.width, this.canvas.height);
     if (!scene || !picture) {
       gl.clearColor(0, 0, 0, 1);
       gl.clear(gl.COLOR_BUFFER_BIT);
       return;
     }
+    const choice = { curve: CURVES.indexOf(state.curve), layer: LAYERS.indexOf(state.layer), compare: truth ? COMPARES.indexOf(state.compare) : 0, zebra: state.zebra };
+    const { program, places: u } = this.program(choice);
+    gl.useProgram(program);
     // Rows to columns.
     const m = scene.rec709_from_scene;
     gl.uniformMatrix3fv(u.rec709, false, [0, 1, 2].flatMap((c) => m.map((row) => row[c])));
@@ -130,12 +148,8 @@ export class Display {
     gl.uniform1f(u.pictureScale, picture.head.scale);
     gl.uniform1f(u.truthScale, truth ? truth.head.scale : 1);
     gl.uniform1f(u.gain, 2 ** state.exposure / scene.radiance_scale);
-    gl.uniform1i(u.curve, CURVES.indexOf(state.curve));
-    gl.uniform1i(u.layer, LAYERS.indexOf(state.layer));
-    gl.uniform1i(u.compare, truth ? COMPARES.indexOf(state.compare) : 0);
     gl.uniform1f(u.wipe, state.wipe);
     gl.uniform1i(u.showTruth, showTruth ? 1 : 0);
-    gl.uniform1i(u.zebra, state.zebra ? 1 : 0);
     gl.uniform2f(u.zebraStops, state.zebraLow, state.zebraHigh);
     gl.uniform2f(u.depthRange, this.depthRange[0], this.depthRange[1]);
     gl.uniform2f(u.stopRange, STOPS.low, STOPS.high);

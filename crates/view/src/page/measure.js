@@ -46,7 +46,7 @@ function luminances(frame, weights, count) {
 /** Counts by stops of luminance relative to `unit`. @param {Frame} frame @param {Vec3} weights @param {{ unit: number, low: number, high: number, bins: number }} range */
 export function histogram(frame, weights, { unit, low, high, bins }) {
   const counts = new Float64Array(bins);
-  for (const value of luminances(frame, weights, 40000)) {
+  for (const value of luminances(frame, weights, 15000)) {
     if (!(value > 0)) continue;
     const at = ((Math.log2(value / unit) - low) / (high - low)) * bins;
     counts[Math.min(bins - 1, Math.max(0, Math.floor(at)))]++;
@@ -57,7 +57,7 @@ export function histogram(frame, weights, { unit, low, high, bins }) {
 /** The exposure at which the mean of the logarithm of luminance is middle grey; null for a black picture. @param {Frame} frame @param {Vec3} weights @param {number} unit radiance that is 1 at exposure 0 */
 export function suitableExposure(frame, weights, unit) {
   let [sum, count] = [0, 0];
-  for (const value of luminances(frame, weights, 20000)) {
+  for (const value of luminances(frame, weights, 8000)) {
     if (!(value > unit * 1e-6)) continue;
     sum += Math.log2(value / unit);
     count++;

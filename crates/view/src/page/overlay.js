@@ -21,7 +21,15 @@ export class Overlay {
   /** @param {HTMLCanvasElement} canvas */
   constructor(canvas) {
     this.canvas = canvas;
-    this.context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
+    const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
+    this.plain = context;
+    this.isEmpty = true;
+  }
+
+  /** Where marks are drawn. */
+  get context() {
+    this.isEmpty = false;
+    return this.plain;
   }
 
   /** Begins a picture of `width` x `height` screen pixels. @param {number} width @param {number} height */
@@ -29,8 +37,14 @@ export class Overlay {
     const dots = devicePixelRatio;
     const [w, h] = [Math.round(width * dots), Math.round(height * dots)];
     if (this.canvas.width !== w || this.canvas.height !== h) [this.canvas.width, this.canvas.height] = [w, h];
-    this.context.setTransform(dots, 0, 0, dots, 0, 0);
-    this.context.clearRect(0, 0, width, height);
+    this.plain.setTransform(dots, 0, 0, dots, 0, 0);
+    this.plain.clearRect(0, 0, width, height);
+    this.isEmpty = true;
+  }
+
+  /** Ends a picture: an empty layer is taken away, since it costs as much as a full one. */
+  end() {
+    this.canvas.hidden = this.isEmpty;
   }
 
   /** @param {Vec3[]} points @param {Lens} lens @param {boolean} [closed] */

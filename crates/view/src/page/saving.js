@@ -23,7 +23,7 @@ export class Saving {
   exr() {
     const { viewer } = this;
     const { width, height, edit } = viewer.want();
-    const url = viewer.source.exr(viewer.lens(width, height), { edit, layers: true });
+    const url = viewer.source.exr(viewer.lens(width, height), { edit, radiance: true, layers: true });
     if (url) download(url, "view.exr");
   }
 

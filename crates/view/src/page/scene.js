@@ -15,7 +15,7 @@ import { checked } from "./server.js";
  *   rec709_from_scene: number[][], luminance_weights: Vec3, radiance_scale: number, up: Vec3, edits: string[],
  *   version: number, training: Training | null, download_bytes: number | null, cameras: ViewCamera[], luxel_version: string }} Scene
  */
-/** @typedef {{ width: number, height: number, scale: number, alpha: boolean, depth: boolean, version: number, seconds: number }} Head */
+/** @typedef {{ width: number, height: number, scale: number, rgb: boolean, alpha: boolean, depth: boolean, version: number, seconds: number }} Head */
 /**
  * A picture: half floats of radiance divided by `head.scale`, coverage, depth.
  * @typedef {{ head: Head, rgb: Uint16Array, alpha: Uint16Array | null, depth: Float32Array | null }} Frame

@@ -29,8 +29,8 @@ async function decode(response) {
   const head = JSON.parse(response.headers.get("luxel-frame") ?? "");
   const bytes = await response.arrayBuffer();
   const pixels = head.width * head.height;
-  let at = 6 * pixels;
-  const rgb = new Uint16Array(bytes, 0, 3 * pixels);
+  let at = head.rgb ? 6 * pixels : 0;
+  const rgb = new Uint16Array(bytes, 0, head.rgb ? 3 * pixels : 0);
   let alpha = null;
   let depth = null;
   if (head.alpha) {
@@ -50,6 +50,7 @@ export function address(lens, { edit }, more, path = "/api/frame") {
 /** The program as a source of pictures. @implements {Source} */
 export class Server {
   isLocal = false;
+  layersApart = true;
   /** A name for this page, by which the server knows that a newer request replaces an older one. */
   viewer = crypto.getRandomValues(new Uint32Array(2)).join("-");
 
@@ -60,7 +61,9 @@ export class Server {
 
   /** @param {Lens} lens @param {Picture} picture @param {AbortSignal} [signal] */
   async frame(lens, picture, signal) {
-    const more = picture.layers ? "&channels=rgb,alpha,depth" : `&viewer=${this.viewer}`;
+    const channels = [picture.radiance ? ["rgb"] : [], picture.layers ? ["alpha", "depth"] : []].flat().join(",");
+    // A picture with layers is waited for; a newer one takes the place of others.
+    const more = picture.layers ? `&channels=${channels}` : `&viewer=${this.viewer}`;
     return decode(await checked(await fetch(address(lens, picture, more), { signal })));
   }
 

@@ -1,7 +1,10 @@
 /**
  * The shader of the picture: half-float radiance to the screen. Tone curves are those of the
- * program (`luxel_core::tone`), which names their sources.
+ * program (`luxel_core::tone`), which names their sources. What is chosen is compiled in, since a
+ * processor that stands in for a graphics card pays for every branch.
  */
+
+/** What a shader is compiled for: indices into CURVES, LAYERS and COMPARES. @typedef {{ curve: number, layer: number, compare: number, zebra: boolean }} Choice */
 
 export const VERTEX = `#version 300 es
 out vec2 place;
@@ -11,7 +14,8 @@ void main() {
   gl_Position = vec4(corner * 2.0 - 1.0, 0.0, 1.0);
 }`;
 
-export const FRAGMENT = `#version 300 es
+/** The source for a choice. @param {Choice} choice */
+export const fragment = ({ curve, layer, compare, zebra }) => `#version 300 es
 precision highp float;
 precision highp sampler2D;
 in vec2 place;
@@ -27,12 +31,12 @@ uniform vec3 weights;
 uniform float pictureScale;
 uniform float truthScale;
 uniform float gain;
-uniform int curve;
-uniform int layer;
-uniform int compare;
+const int curve = ${curve};
+const int layer = ${layer};
+const int compare = ${compare};
+const bool zebra = ${zebra};
 uniform float wipe;
 uniform bool showTruth;
-uniform bool zebra;
 uniform vec2 zebraStops;
 uniform vec2 depthRange;
 uniform vec2 stopRange;

@@ -5,11 +5,12 @@
 /** @typedef {import("./scene.js").Frame} Frame */
 /** @typedef {import("./scene.js").Scene} Scene */
 
-/** What is rendered: edits in the text form of `luxel edit`, and whether coverage and depth are wanted. @typedef {{ edit: string, layers: boolean }} Picture */
+/** What is rendered: edits in the text form of `luxel edit`; whether radiance is wanted; whether coverage and depth are. @typedef {{ edit: string, radiance: boolean, layers: boolean }} Picture */
 
 /**
  * @typedef {object} Source
  * @property {boolean} isLocal whether the page renders by itself
+ * @property {boolean} layersApart whether it saves time to ask for coverage and depth after radiance
  * @property {() => Promise<Scene>} scene
  * @property {(lens: Lens, picture: Picture, signal?: AbortSignal) => Promise<Frame | null>} frame a picture; null if a newer one was asked for
  * @property {(view: string) => Promise<Frame>} truth the ground truth of a camera

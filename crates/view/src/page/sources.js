@@ -36,6 +36,10 @@ export class Sources {
     return this.local !== null && this.local.loaded !== null && this.rendering !== "server";
   }
 
+  get layersApart() {
+    return !this.isLocal && this.server.layersApart;
+  }
+
   async scene() {
     this.facts = await this.server.scene();
     void this.choose(this.rendering);

@@ -14,11 +14,15 @@ import { clamp } from "./math.js";
 /** Time from asking to a picture that is aimed at while moving, ms. */
 const TARGET_MS = 45;
 /** Time without movement after which the full picture is asked for, ms. */
-const REST_MS = 60;
+const REST_MS = 30;
 /** Requests on their way while moving: one is rendered while another travels. */
 const IN_FLIGHT = 2;
 /** Least height of a moving picture, pixels. */
-const LEAST_HEIGHT = 120;
+const LEAST_HEIGHT = 180;
+/** Rows by which the height of moving pictures changes: each change costs a new canvas. */
+const ROWS = 24;
+/** Time between two pictures beyond which they are not of one movement, ms. */
+const APART_MS = 250;
 
 export class Stream {
   /** @type {Want | null} */ want = null;
@@ -28,8 +32,11 @@ export class Stream {
   shownSequence = 0;
   sentKey = "";
   fullKey = "";
+  /** Key of the full picture whose coverage and depth are there, too. */ restedKey = "";
   /** @type {AbortController | null} */ full = null;
   /** Milliseconds per pixel while moving, a running mean. */ cost = TARGET_MS / (640 * 360);
+  /** Height of the last moving picture. */ height = 0;
+  /** Time at which the last moving picture was shown. */ movingAt = -Infinity;
   /** Times at which the last pictures were shown. @type {number[]} */ times = [];
   latency = 0;
   fullLatency = 0;
@@ -70,14 +77,17 @@ export class Stream {
     if (now < this.retryAt) return;
     const isMoving = now - this.movedAt < REST_MS;
     if (isMoving && this.moving < IN_FLIGHT && this.sentKey !== want.key) void this.send(want);
-    else if (!isMoving && !this.full && this.fullKey !== want.key && this.moving === 0) void this.sendFull(want);
+    else if (!isMoving && !this.full && this.fullKey !== want.key) void this.sendFull(want);
   }
 
   /** Size of the next moving picture. @param {Want} want */
   movingSize(want) {
     const affordable = TARGET_MS / this.cost;
     const factor = Math.sqrt(affordable / (want.width * want.height));
-    const height = clamp(Math.round((want.height * factor) / 24) * 24, Math.min(LEAST_HEIGHT, want.height), want.height);
+    const affordableHeight = clamp(want.height * factor, Math.min(LEAST_HEIGHT, want.height), want.height);
+    // Another height only where it is well worth it.
+    if (this.height > want.height || Math.abs(affordableHeight - this.height) > ROWS * 1.5) this.height = Math.min(want.height, Math.round(affordableHeight / ROWS) * ROWS);
+    const { height } = this;
     return { width: Math.max(1, Math.round((want.width * height) / want.height)), height };
   }
 
@@ -90,14 +100,18 @@ export class Stream {
     const lens = want.lens(width, height);
     const start = performance.now();
     try {
-      const frame = await this.source.frame(lens, { edit: want.edit, layers: false });
+      const frame = await this.source.frame(lens, { edit: want.edit, radiance: true, layers: false });
       const latency = performance.now() - start;
       this.failures = 0;
       this.onState(null);
       if (!frame) return;
-      // Two travel at a time, so that each waits for the one before it.
-      this.cost += 0.2 * (latency / IN_FLIGHT / (width * height) - this.cost);
       this.latency = latency;
+      // Two travel at a time, so that each waits for the one before it. Drawing takes time, too, of
+      // which fewer pixels save a part only.
+      const now = performance.now();
+      const apart = now - this.movingAt < APART_MS ? now - this.movingAt : 0;
+      this.cost += 0.2 * (clamp(apart, latency / IN_FLIGHT, (1.4 * latency) / IN_FLIGHT) / (width * height) - this.cost);
+      this.movingAt = now;
       if (sequence > this.shownSequence) {
         this.shownSequence = sequence;
         this.shown({ frame, lens, full: false, latency });
@@ -107,6 +121,8 @@ export class Stream {
     } finally {
       this.moving--;
     }
+    // Not only at the next refresh of the screen.
+    if (this.want) this.tick(this.want, performance.now());
   }
 
   /** @param {Want} want */
@@ -116,16 +132,23 @@ export class Stream {
     const sequence = ++this.sequence;
     const lens = want.lens(want.width, want.height);
     const start = performance.now();
+    const apart = this.source.layersApart;
     try {
-      const frame = await this.source.frame(lens, { edit: want.edit, layers: true }, abort.signal);
+      const frame = await this.source.frame(lens, { edit: want.edit, radiance: true, layers: !apart }, abort.signal);
       this.failures = 0;
       this.onState(null);
-      if (frame && this.full === abort) {
-        this.fullLatency = performance.now() - start;
-        this.fullKey = want.key;
-        this.shownSequence = sequence;
+      if (!frame || this.full !== abort) return;
+      this.fullLatency = performance.now() - start;
+      this.fullKey = want.key;
+      this.shownSequence = sequence;
+      this.shown({ frame, lens, full: true, latency: this.fullLatency });
+      // Coverage and depth may follow: the eye does not miss them.
+      const layers = apart ? await this.source.frame(lens, { edit: want.edit, radiance: false, layers: true }, abort.signal) : null;
+      if (layers && this.full === abort && layers.head.version === frame.head.version) {
+        Object.assign(frame, { alpha: layers.alpha, depth: layers.depth });
         this.shown({ frame, lens, full: true, latency: this.fullLatency });
       }
+      if (this.full === abort) this.restedKey = want.key;
     } catch (error) {
       if (!abort.signal.aborted) this.failed(/** @type {Error} */ (error));
     } finally {

@@ -24,6 +24,8 @@ import { Stream } from "./stream.js";
 const FOLLOW_MS = 2000;
 /** Time after which the first hint goes, ms. */
 const HINT_MS = 12000;
+/** Least time between two times that the controls follow a movement, ms. */
+const REFLECT_MS = 120;
 /** Time after the last change at which the address of the page is set, ms. */
 const ADDRESS_MS = 400;
 
@@ -41,8 +43,10 @@ export class Viewer {
   /** Size of the picture in pixels of the screen. */ dots = { width: 1, height: 1 };
   version = 0;
   followedAt = 0;
-  needsDraw = true;
-  needsReflect = true;
+  /** Whether the picture is to be drawn again. */ needsDraw = true;
+  /** Whether the marks over the picture are to be drawn again. */ needsMarks = true;
+  /** Whether the controls are to show the state again. */ needsReflect = true;
+  reflectedAt = 0;
   saveAt = 0;
 
   /** @param {Source} source */
@@ -53,7 +57,7 @@ export class Viewer {
     this.overlay = new Overlay(/** @type {HTMLCanvasElement} */ (document.getElementById("overlay")));
     this.stream = new Stream(source, (shown) => this.take(shown), (error) => this.complain(error?.message ?? ""));
     this.controls = new Controls(this.canvas, this.state, {
-      moved: () => this.changed(),
+      moved: () => this.moved(),
       clicked: (x, y, event) => this.clicked(x, y, event),
       pivoted: (x, y) => this.pivot(x, y),
       grabbed: (x, y, event) => this.grab(x, y, event),
@@ -164,6 +168,12 @@ export class Viewer {
     this.saveAt = performance.now() + ADDRESS_MS;
   }
 
+  /** The camera has moved: the picture of it is on its way. */
+  moved() {
+    this.needsMarks = this.needsReflect = true;
+    this.saveAt = performance.now() + ADDRESS_MS;
+  }
+
   /** First camera, or the whole scene from the front. */
   home() {
     const { scene } = this;
@@ -245,13 +255,19 @@ export class Viewer {
     }
     this.stream.tick(this.want(), now);
     for (const part of this.parts) part.step?.(now, seconds);
-    if (this.needsReflect) {
+    if (this.needsReflect && (this.needsDraw || now - this.reflectedAt > REFLECT_MS)) {
       this.needsReflect = false;
+      this.reflectedAt = now;
       for (const part of this.parts) part.reflect?.();
     }
     if (this.needsDraw || this.comparison?.isFlickering()) {
       this.needsDraw = false;
+      this.needsMarks = true;
       this.draw(now);
+    }
+    if (this.needsMarks) {
+      this.needsMarks = false;
+      this.drawMarks();
     }
     const { shown } = this;
     const size = shown ? `${shown.frame.head.width}×${shown.frame.head.height}` : "";
@@ -266,11 +282,16 @@ export class Viewer {
   /** @param {number} now */
   draw(now) {
     this.display.draw(this.comparison?.drawn() ?? this.state, this.comparison?.showsTruth(now) ?? false);
+  }
+
+  /** Draws the marks over the picture. */
+  drawMarks() {
     const { width, height } = this.box;
     const lens = this.lens(width, height);
     this.overlay.clear(width, height);
     if (this.state.showCameras && this.scene) this.overlay.cameras(this.scene.cameras, lens, this.controls.size * 0.06, this.state.view);
     for (const part of this.parts) part.draw?.(this.overlay, lens);
+    this.overlay.end();
   }
 
   /** @param {Shown} shown */

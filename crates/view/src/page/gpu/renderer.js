@@ -188,7 +188,7 @@ function toFrame(packed, { width, height }, layers, seconds) {
   const pairs = Math.ceil(pixels / 2);
   const exponent = new DataView(packed).getInt32(4, true);
   return {
-    head: { width, height, scale: 2 ** exponent, alpha: layers, depth: layers, version: 0, seconds },
+    head: { width, height, scale: 2 ** exponent, rgb: true, alpha: layers, depth: layers, version: 0, seconds },
     rgb: new Uint16Array(packed, HEAD_BYTES, 3 * pixels),
     alpha: layers ? new Uint16Array(packed, HEAD_BYTES + 12 * pairs, pixels) : null,
     depth: layers ? new Float32Array(packed, HEAD_BYTES + 16 * pairs, pixels) : null,
