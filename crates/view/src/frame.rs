@@ -136,7 +136,10 @@ mod tests {
     #[test]
     fn planes_follow_one_another() {
         let frame = Planes { pixels: &[[1.0; 3]; 2], alpha: &[0.25, 1.0], depth: &[3.5, f32::INFINITY] }.encode([2, 1], 7, 0.1);
-        assert_eq!((frame.body.len(), frame.head.rgb, frame.head.alpha, frame.head.depth, frame.head.version), (12 + 4 + 8, true, true, true, 7));
+        assert_eq!(
+            (frame.body.len(), frame.head.rgb, frame.head.alpha, frame.head.depth, frame.head.version),
+            (12 + 4 + 8, true, true, true, 7)
+        );
         assert_eq!(frame.body[12..14], f16::from_f32(0.25).to_le_bytes());
         assert_eq!(frame.body[16..20], 3.5f32.to_le_bytes());
     }
