@@ -135,11 +135,31 @@ fn what_does_not_go_together_is_refused_before_any_work() {
     refused(&["a.glb", "--bake", "linear", "--output-color-space", "acescg"], &["expected linear-rec709"]);
     refused(&["a.ply", "--output-color-space", "acescg"], &["--bake linear"]);
     refused(&["a.ply", "--bake", "linear", "--refine", "5"], &["--bake display"]);
+    refused(&["a.html", "--degree", "2"], &["a.html", "--degree", "leave it out"]);
+    refused(&["a.html", "--bake", "display"], &["a.html", "--bake"]);
+    refused(&["a.ply", "--max-degree", "2"], &["--max-degree is for .html"]);
+    place.fails(2, &["export", "run", "-o", "a.html", "--max-degree", "6"]);
     refused(&["a.ply", "--crop", "90,90,90,91,91,91"], &["no splats are left", "--crop"]);
     place.fails(2, &["export", "run", "-o", "a.ply", "--crop", "1,2,3"]);
     place.error(&["export", "run/point_cloud/iteration_40/point_cloud.ply", "-o", "b.ply", "--refine", "3"], &["--data"]);
     std::fs::write(place.path("bad.usda"), "#usda 1.0\n").unwrap();
     place.error(&["info", "bad.usda"], &["no prim of type"]);
+}
+
+#[test]
+fn a_page_has_the_scene_in_it() {
+    let place = Workplace::new();
+    place.train("run", &[]);
+    let said = place.ok(&["export", "run", "-o", "whole.html"]);
+    for part in ["whole.html", "half floats", "file         "] {
+        assert!(said.contains(part), "{said}");
+    }
+    place.ok(&["export", "run", "-o", "few.html", "--max-splats", "20", "--max-degree", "0", "--quiet"]);
+    let size = |file: &str| std::fs::metadata(place.path(file)).unwrap().len();
+    assert!(size("few.html") < size("whole.html"));
+    let page = std::fs::read_to_string(place.path("few.html")).unwrap();
+    assert!(page.contains("\"splats\":20,") && page.contains("<title>run</title>") && !page.contains("src=\"/page"));
+    place.error(&["export", "run", "-o", "few.html"], &["few.html", "--overwrite"]);
 }
 
 #[test]

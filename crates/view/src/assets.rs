@@ -20,13 +20,14 @@ pub(crate) const INDEX: &str = include_str!("page/index.html");
 pub(crate) const TITLE: &str = "{{title}}";
 
 /// All files but the document.
-const ASSETS: &[(&str, Asset)] = &[
+pub(crate) const ASSETS: &[(&str, Asset)] = &[
     ("style.css", Asset { content: include_str!("page/style.css"), media_type: "text/css; charset=utf-8" }),
     ("icon.svg", Asset { content: include_str!("page/icon.svg"), media_type: "image/svg+xml" }),
     script!("comparison.js"),
     script!("connection.js"),
     script!("controls.js"),
     script!("display.js"),
+    script!("embedded.js"),
     script!("exposure.js"),
     script!("falsecolor.js"),
     script!("gpu/device.js"),

@@ -29,6 +29,7 @@ mod frame;
 mod gate;
 mod jobs;
 mod live;
+mod page_file;
 mod query;
 mod routes;
 mod server;
@@ -45,6 +46,7 @@ use luxel::{Error, Remedy, Renderer, Result, Scene, StopFlag};
 
 use crate::gate::Gate;
 pub use crate::live::Live;
+pub use crate::page_file::{limit_degree, write_page};
 use crate::routes::House;
 use crate::stage::{LastPicture, SceneStage};
 use crate::status::Status;

@@ -368,7 +368,8 @@ async fn thumbnail(house: &House, query: &mut Query) -> Result<Answer, Failure> 
     Ok(Answer::new("image/jpeg", jpeg.map_err(|message| Failure::new(StatusCode::UNPROCESSABLE_ENTITY, message))?))
 }
 
-fn thumbnail_jpeg(image: &Image, radiance_scale: f32, space: ColorSpace) -> Result<Vec<u8>, String> {
+/// Encodes a small picture of a view's ground truth.
+pub(crate) fn thumbnail_jpeg(image: &Image, radiance_scale: f32, space: ColorSpace) -> Result<Vec<u8>, String> {
     let mut small = image.block_means((image.height / THUMBNAIL_PX).min(image.width).max(1));
     small.scale(radiance_scale.recip());
     let look = Look { tonemap: Tonemap::Agx, exposure_ev: 0.0 };

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use glam::{DMat3, DVec3};
 use luxel::export::{Up, UpAxis, file_from_world};
 use luxel::{Result, Scene};
-use luxel_core::{Camera, Conversion, Dataset, Image, Mask, PixelValues, View};
+use luxel_core::{Camera, ColorSpace, Conversion, Dataset, Image, Mask, PixelValues, View};
 use serde::Serialize;
 
 use crate::folder::Folder;
@@ -24,6 +24,7 @@ const TAIL: f64 = 0.05;
 /// A scene to look at: facts, cameras, ground truth.
 #[derive(Clone, Debug)]
 pub struct Subject {
+    pub(crate) color_space: ColorSpace,
     pub(crate) facts: Facts,
     pub(crate) views: Vec<Shown>,
     /// Where the page may save; `None` for nowhere.
@@ -107,7 +108,7 @@ impl Subject {
             views.extend(dataset.test.iter().map(|view| Shown::new(view, "test")));
             views.sort_by(|a, b| a.name.cmp(&b.name));
         }
-        Ok(Self { facts, views, folder: None })
+        Ok(Self { color_space: scene.color_space, facts, views, folder: None })
     }
 
     /// Lets the page make new files in a folder: that of the run or of the scene file. Nothing there is

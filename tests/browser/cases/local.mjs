@@ -3,9 +3,10 @@
 
 import { execFileSync } from "node:child_process";
 import { createRequire } from "node:module";
-import { mkdtempSync, rmSync } from "node:fs";
+import { mkdtempSync, rmSync, statSync } from "node:fs";
 import { tmpdir } from "node:os";
 import path from "node:path";
+import { pathToFileURL } from "node:url";
 import assert from "node:assert/strict";
 import { browser as plain, executablePath, luxel, near, run, serve, settled, shot } from "../harness.mjs";
 
@@ -115,5 +116,34 @@ export default {
     await page.evaluate(() => window.luxel.set({ rendering: "local" }));
     await page.waitForFunction(() => /By the server: .*(no WebGPU|no GPU)/.test(document.getElementById("rendering-text").textContent));
     await page.close();
+  },
+
+  async "an exported page opens from disk and shows the same picture"() {
+    const { folder, file, url, browser } = await small();
+    const page = path.join(folder, "small.html");
+    execFileSync(luxel, ["export", file, "-o", page, "--device", "cpu", "--quiet"], { stdio: "ignore" });
+    const served = await open(`${url}#rendering=server`, browser);
+    await settled(served);
+    const expected = await picture(served, "server");
+    const [scale, hash] = await served.evaluate(() => [window.luxel.scene.radiance_scale, location.hash]);
+    await served.close();
+    const alone = await open(pathToFileURL(page).href + hash, browser);
+    await settled(alone);
+    const found = await picture(alone, "local");
+    const db = psnr(found.rgb, expected.rgb, scale);
+    console.log(`   ${(statSync(page).size / 1e3).toFixed(0)} kB, from disk against the server: ${db.toFixed(1)} dB in mu-law`);
+    assert.ok(db >= 80, `${db} dB`);
+    assert.equal(await alone.title(), "small.ply");
+    for (const id of ["edit-section", "rendering-section", "save-exr"]) assert.equal(await alone.evaluate((id) => getComputedStyle(document.getElementById(id)).display, id), "none", id);
+    await alone.waitForFunction(() => location.hash.includes("eye="));
+    assert.deepEqual(alone.failures, []);
+    await alone.setViewportSize({ width: 640, height: 400 });
+    await shot(alone, "exported");
+    await alone.close();
+    // Without WebGPU it says what is missing, and still has its facts.
+    const without = await open(pathToFileURL(page).href, plain);
+    await without.waitForFunction(() => /No picture: .*(WebGPU|GPU)/.test(document.getElementById("message").textContent));
+    assert.ok((await without.locator("#facts").textContent()).includes(`${SPLATS} splats`));
+    await without.close();
   },
 };

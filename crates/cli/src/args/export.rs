@@ -14,7 +14,7 @@ use crate::args::values::{SpaceArg, TonemapArg, UpArg, parse_crop, parse_finite,
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES, mut_arg("data", |arg| arg.help("Data set whose views measure, refine and prune [default for a run: the one it was trained on]")))]
 pub(crate) struct ExportArgs {
-    /// File to write: .ply, .usda or .usd (text), .glb, .spz.
+    /// File to write: .ply, .usda or .usd (text), .glb, .spz, .html (a page to look at).
     #[arg(long, short, value_name = "FILE")]
     pub(crate) output: PathBuf,
     /// Replace an existing file.
@@ -48,6 +48,10 @@ pub(crate) struct ExportArgs {
     /// opacity and size).
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..), value_name = "N", help_heading = "Splats")]
     pub(crate) max_splats: Option<u64>,
+    /// Highest degree of the harmonics in an .html file, 0 to 5; a lower one makes it smaller
+    /// [default: the scene's].
+    #[arg(long, value_parser = clap::value_parser!(u8).range(0..=5), value_name = "DEGREE", help_heading = "Splats")]
+    pub(crate) max_degree: Option<u8>,
     /// Shorten splats that are longer than this times their width, 1 or more: needles.
     #[arg(long, value_parser = parse_ratio, value_name = "RATIO", help_heading = "Splats")]
     pub(crate) max_aspect: Option<f32>,
@@ -94,6 +98,7 @@ const EXAMPLES: &str = "\
   luxel export run -o set.usda --output-color-space acescg     radiance for Nuke and Houdini
   luxel export run -o set.ply --bake linear                    radiance for V-Ray (raw)
   luxel export run -o set.spz --max-splats 200000              a display bake for the web
+  luxel export run -o set.html --max-splats 100000             a page with the scene in it, to send to somebody
   luxel export run -o set.glb                                  a display bake for glTF viewers, and the radiance model beside it
 The error of the bake is measured on the data set's held-out views. docs/src/guide/delivery.md has recipes by program.";
 

@@ -1,5 +1,7 @@
 //! `luxel export`: a scene as a file for other programs.
 
+mod page;
+
 use anyhow::{Result, bail};
 use luxel::export::{BakeError, BakeErrorValues, Exported, Format, export};
 use luxel::run::ExplicitArgs;
@@ -16,6 +18,12 @@ use crate::output::tree::Tree;
 pub(crate) fn run(args: &ExportArgs, explicit: &ExplicitArgs) -> Result<()> {
     let console = Console::new(args.input.console.log_format, args.input.console.quiet);
     output::check_free(&args.output, args.overwrite)?;
+    if page::is_page(&args.output) {
+        return page::run(args, explicit, &console);
+    }
+    if explicit.contains("max_degree") {
+        bail!("{}: --max-degree is for .html files; --degree is that of a bake", args.output.display());
+    }
     if Format::from_path(&args.output)? != Format::Spz && explicit.contains("spz_version") {
         bail!("{}: --spz-version is for .spz files; leave it out, or write .spz", args.output.display());
     }

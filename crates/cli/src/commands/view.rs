@@ -83,7 +83,7 @@ fn folder(path: &Path) -> &Path {
 }
 
 /// Returns the name that the page has for what is at a path.
-fn name(path: &Path) -> String {
+pub(crate) fn name(path: &Path) -> String {
     let full = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
     full.file_name().unwrap_or(full.as_os_str()).to_string_lossy().into_owned()
 }

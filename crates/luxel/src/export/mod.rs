@@ -283,20 +283,7 @@ pub fn export(
     let mut plan = options.bake.plan(path, &scene)?;
     let dataset = dataset.map(|dataset| dataset.in_frame(scene.world_from_local));
     let dataset = dataset.as_deref();
-    let before = scene.splats.len();
-    prune::crop(&mut scene, options.crop);
-    if let Some(most) = options.max_aspect {
-        let count = scene.splats.limit_aspect(most);
-        observer.note(&format!("{} longer than {most} times their width, shortened to that", text::plural(count, "splat")));
-    }
-    prune::limit(&mut scene, options.max_splats, dataset, engine, observer)?;
-    if scene.splats.is_empty() {
-        if before == 0 {
-            bail!("the scene has no splats, so there is nothing to export");
-        }
-        let error = Error::new(format!("no splats are left of {}", text::plural(before, "splat")));
-        return Err(error.with_remedy(Remedy::advice("take a larger box").or(Remedy::leave_out("crop"))));
-    }
+    choose_splats(&mut scene, options, dataset, engine, observer)?;
     if let (Appearance::Display { exposure_ev, .. }, Some(dataset)) = (&mut plan.options.appearance, dataset)
         && let Some(found) = exposure::from_views(&scene, dataset, engine)?
     {
@@ -322,6 +309,35 @@ pub fn export(
     }
     write(path, &plan, &scene, &baked, options.spz_version)?;
     Ok(describe(path, &plan, &scene, &baked, error))
+}
+
+/// Keeps the splats of `scene` that the options choose: `crop`, `max_splats`, `max_aspect`. The data
+/// set, in the frame of the scene, tells what its views see most of.
+///
+/// # Errors
+/// A box without splats; a device that gave up.
+pub fn choose_splats(
+    scene: &mut Scene,
+    options: &ExportOptions,
+    dataset: Option<&Dataset>,
+    engine: &mut dyn Engine,
+    observer: &dyn Observer,
+) -> Result<()> {
+    let before = scene.splats.len();
+    prune::crop(scene, options.crop);
+    if let Some(most) = options.max_aspect {
+        let count = scene.splats.limit_aspect(most);
+        observer.note(&format!("{} longer than {most} times their width, shortened to that", text::plural(count, "splat")));
+    }
+    prune::limit(scene, options.max_splats, dataset, engine, observer)?;
+    if scene.splats.is_empty() {
+        if before == 0 {
+            bail!("the scene has no splats, so there is nothing to export");
+        }
+        let error = Error::new(format!("no splats are left of {}", text::plural(before, "splat")));
+        return Err(error.with_remedy(Remedy::advice("take a larger box").or(Remedy::leave_out("crop"))));
+    }
+    Ok(())
 }
 
 fn write(path: &Path, plan: &Plan, scene: &Scene, baked: &Baked, spz_version: SpzVersion) -> Result<()> {

@@ -1,6 +1,7 @@
 /** Starts the viewer: its core, and the parts that make it up. */
 
 import { Comparison } from "./comparison.js";
+import { Embedded, isAlone } from "./embedded.js";
 import { Exposure } from "./exposure.js";
 import { byId, ControlPanel } from "./panel.js";
 import { Probes } from "./probes.js";
@@ -13,12 +14,12 @@ import { TrainingPanel } from "./training.js";
 import { Viewer } from "./viewer.js";
 
 try {
-  const sources = new Sources(new Server());
-  const viewer = new Viewer(sources);
+  const sources = isAlone() ? null : new Sources(new Server());
+  const viewer = new Viewer(sources ?? new Embedded());
   viewer.parts.push(new ControlPanel(viewer), new Strip(viewer), viewer.comparison = new Comparison(viewer), viewer.exposure = new Exposure(viewer));
   viewer.parts.push(viewer.probes = new Probes(viewer), viewer.training = new TrainingPanel(viewer));
   viewer.saving = new Saving(viewer);
-  viewer.parts.push(new RenderingPanel(viewer, sources));
+  if (sources) viewer.parts.push(new RenderingPanel(viewer, sources));
   // For scripts in the console of the browser, and tests.
   Object.assign(window, { luxel: viewer });
   void viewer.start();

@@ -27,11 +27,12 @@ export class Strip {
         button.title = `${camera.name} (${camera.split}): stand at this camera`;
         const name = document.createElement("span");
         name.textContent = `${camera.name.split("/").at(-1)}${camera.split === "test" ? " test" : ""}`;
-        if (camera.has_ground_truth) {
+        const address = this.viewer.source.thumbnail(camera.name);
+        if (camera.has_ground_truth || address.startsWith("data:")) {
           const image = new Image();
           image.loading = "lazy";
           image.alt = "";
-          image.src = this.viewer.source.thumbnail(camera.name);
+          image.src = address;
           button.append(image);
         }
         button.append(name);

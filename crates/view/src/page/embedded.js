@@ -1,0 +1,66 @@
+/** The scene of a page that was saved with it: no server, the page renders by itself. */
+
+import { LocalPictures } from "./local.js";
+
+/** @typedef {import("./lens.js").Lens} Lens */
+/** @typedef {import("./scene.js").Frame} Frame */
+/** @typedef {import("./scene.js").Scene} Scene */
+/** @typedef {import("./source.js").Picture} Picture */
+/** @typedef {import("./source.js").Source} Source */
+
+/** Whether this page holds its scene. */
+export const isAlone = () => document.getElementById("luxel-scene") !== null;
+
+/** Text of an element of the page. @param {string} id */
+const textOf = (id) => document.getElementById(id)?.textContent ?? "";
+
+/** @returns {Promise<ArrayBuffer>} */
+async function splats() {
+  const packed = Uint8Array.from(atob(textOf("luxel-splats")), (character) => character.charCodeAt(0));
+  return new Response(new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"))).arrayBuffer();
+}
+
+/** @implements {Source} */
+export class Embedded {
+  isLocal = true;
+  /** @type {Scene & { thumbnails: { [view: string]: string } }} */ facts = JSON.parse(textOf("luxel-scene"));
+  /** @type {Promise<LocalPictures> | null} */ pictures = null;
+
+  constructor() {
+    document.body.classList.add("alone");
+  }
+
+  async scene() {
+    return this.facts;
+  }
+
+  /** @param {Lens} lens @param {Picture} picture @returns {Promise<Frame | null>} */
+  async frame(lens, picture) {
+    this.pictures ??= LocalPictures.open(splats, () => (this.pictures = null));
+    try {
+      return await (await this.pictures).frame(lens, { ...picture, edit: "" });
+    } catch (error) {
+      // Tried again, by the next picture, with a new device.
+      this.pictures = null;
+      throw new Error(`No picture: ${/** @type {Error} */ (error).message}.`);
+    }
+  }
+
+  /** @returns {Promise<Frame>} */
+  async truth() {
+    throw new Error("this page has no ground truth");
+  }
+
+  /** @param {string} view */
+  thumbnail(view) {
+    return this.facts.thumbnails[view] ?? "";
+  }
+
+  listen() {
+    // Nothing changes.
+  }
+
+  exr() {
+    return null;
+  }
+}
