@@ -37,7 +37,8 @@ const POLICY: &str = "default-src 'none'; script-src 'unsafe-inline' data:; styl
 /// The file system's refusal.
 pub fn write_page(path: &Path, subject: &Subject, scene: &Scene, options: &RenderOptions) -> Result<()> {
     let page = page(subject, scene, options)?;
-    let write = |out: &mut (dyn luxel_io::WriteSeek + '_)| out.write_all(page.as_bytes()).map_err(|e| luxel_io::IoError::system(path, "write", &e));
+    let write =
+        |out: &mut (dyn luxel_io::WriteSeek + '_)| out.write_all(page.as_bytes()).map_err(|e| luxel_io::IoError::system(path, "write", &e));
     Ok(luxel_io::write_atomically(path, write)?)
 }
 

@@ -9,8 +9,7 @@ use crate::args::{ExportArgs, flag};
 use crate::output::console::Console;
 
 /// Options of files with baked colours, which a page has no use for.
-const OF_BAKES: [&str; 9] =
-    ["bake", "output_color_space", "exposure", "tonemap", "degree", "refine", "up", "scale", "spz_version"];
+const OF_BAKES: [&str; 9] = ["bake", "output_color_space", "exposure", "tonemap", "degree", "refine", "up", "scale", "spz_version"];
 
 /// Returns whether the file to write is a page.
 pub(super) fn is_page(path: &Path) -> bool {
@@ -29,7 +28,10 @@ fn check_options(path: &Path, explicit: &ExplicitArgs) -> Result<()> {
 #[cfg(not(feature = "view"))]
 pub(super) fn run(args: &ExportArgs, explicit: &ExplicitArgs, _console: &Console) -> Result<()> {
     check_options(&args.output, explicit)?;
-    bail!("{}: this program was built without the viewer, which the page is part of; write .ply, .usda, .glb or .spz", args.output.display())
+    bail!(
+        "{}: this program was built without the viewer, which the page is part of; write .ply, .usda, .glb or .spz",
+        args.output.display()
+    )
 }
 
 /// Writes the page; `explicit` names the options that were given.
