@@ -78,6 +78,7 @@ pub mod run;
 mod scene;
 pub mod schema;
 pub mod sight;
+pub mod solids;
 pub mod study;
 pub mod synthetic;
 pub mod text;

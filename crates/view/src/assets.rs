@@ -60,6 +60,7 @@ pub(crate) const ASSETS: &[(&str, Asset)] = &[
     script!("stream.js"),
     script!("strip.js"),
     script!("training.js"),
+    script!("variant.js"),
     script!("viewer.js"),
 ];
 

@@ -16,6 +16,7 @@ use luxel_core::Camera;
 use tokio::sync::oneshot;
 
 use crate::stage::Stage;
+use crate::variant::Variant;
 
 /// Jobs that may wait.
 const MAX_WAITING: usize = 64;
@@ -23,12 +24,14 @@ const MAX_WAITING: usize = 64;
 /// The picture that a job asks for.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Wanted {
-    /// Camera, valid and undistorted.
+    /// Camera, valid and undistorted, in the local coordinates of the scene.
     pub(crate) camera: Camera,
     /// Edits applied before rendering, in their text form; empty for the scene as it is.
     pub(crate) edit: String,
     /// Whether coverage and depth are needed.
     pub(crate) layers: bool,
+    /// The scene, and how its splats are drawn.
+    pub(crate) variant: Variant,
 }
 
 /// A finished render.
@@ -217,7 +220,7 @@ mod tests {
     use super::*;
 
     fn wanted(width: u32) -> Wanted {
-        Wanted { camera: luxel::synthetic::room_camera([width, 4]), edit: String::new(), layers: false }
+        Wanted { camera: luxel::synthetic::room_camera([width, 4]), edit: String::new(), layers: false, variant: Variant::default() }
     }
 
     fn widths(jobs: &Jobs) -> Vec<u32> {

@@ -37,6 +37,7 @@ mod splats;
 mod stage;
 mod status;
 mod subject;
+mod variant;
 
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -48,7 +49,7 @@ use crate::gate::Gate;
 pub use crate::live::Live;
 pub use crate::page_file::{limit_degree, write_page};
 use crate::routes::House;
-use crate::stage::{LastPicture, SceneStage};
+use crate::stage::{LastPicture, SceneStage, SceneStages};
 use crate::status::Status;
 pub use crate::subject::Subject;
 
@@ -57,6 +58,16 @@ pub const DEFAULT_ADDRESS: &str = "127.0.0.1:7007";
 
 /// Time between looks at the stop flag while nobody asks for a picture.
 const PATIENCE: Duration = Duration::from_millis(200);
+
+/// A scene of the same place, to compare with, and the renderer that has loaded it.
+pub struct Other {
+    /// The name that the page has for it.
+    pub name: String,
+    /// The scene.
+    pub scene: Scene,
+    /// Its renderer.
+    pub renderer: Renderer,
+}
 
 /// A viewer whose address is taken and which serves nothing yet; a browser that is early waits.
 pub struct Viewer {
@@ -88,11 +99,33 @@ impl Viewer {
     /// # Errors
     /// The system refuses a thread.
     pub fn serve(self, subject: Subject, scene: Scene, renderer: Renderer, stop: &StopFlag) -> Result<()> {
+        self.serve_beside(subject, scene, renderer, Vec::new(), stop)
+    }
+
+    /// Serves a scene as [`Self::serve`] does, with other scenes to compare it with.
+    ///
+    /// # Errors
+    /// The system refuses a thread.
+    pub fn serve_beside(
+        self,
+        mut subject: Subject,
+        scene: Scene,
+        renderer: Renderer,
+        others: Vec<Other>,
+        stop: &StopFlag,
+    ) -> Result<()> {
+        let mut stages = Vec::with_capacity(1 + others.len());
         let status = Status { version: 0, splats: scene.splats.len(), training: None };
         let scene = Arc::new(scene);
+        stages.push(SceneStage::new(Arc::clone(&scene), renderer));
+        for Other { name, scene: other, renderer } in others {
+            subject.add_other(name, &scene, &other);
+            stages.push(SceneStage::new(Arc::new(other), renderer));
+        }
         let house = Arc::new(House::new(subject, scene.color_space, status, Some(Arc::clone(&scene))));
+        drop(scene);
         self.start(Arc::clone(&house))?;
-        let mut stage = SceneStage::new(scene, renderer);
+        let mut stage = SceneStages(stages);
         let mut last = LastPicture::default();
         while !stop.is_requested() {
             if let Some(job) = house.jobs.next(PATIENCE) {

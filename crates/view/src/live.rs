@@ -11,9 +11,11 @@ use std::time::{Duration, Instant};
 use luxel::run::{LiveRun, LogRecord};
 use luxel::{Error, Event, Observer, RadianceLayers, Result, StopFlag, Wish};
 
+use crate::jobs::Wanted;
 use crate::routes::House;
 use crate::stage::{LastPicture, Stage, without_layers};
 use crate::status::{Record, Shared, Status, TrainingStatus};
+use crate::variant::Variant;
 use crate::{Subject, Viewer};
 
 /// Pictures that are rendered between two steps.
@@ -28,6 +30,7 @@ pub struct Live<'a> {
     name: String,
     stop: &'a StopFlag,
     next: &'a dyn Observer,
+    cd_m2_per_unit: Option<f64>,
     state: Mutex<LiveState>,
 }
 
@@ -44,7 +47,14 @@ impl<'a> Live<'a> {
     /// `stop`.
     pub fn new(viewer: Viewer, name: impl Into<String>, stop: &'a StopFlag, next: &'a dyn Observer) -> Self {
         let state = LiveState { viewer: Some(viewer), house: None, last: LastPicture::default(), told_at: Instant::now() };
-        Self { name: name.into(), stop, next, state: Mutex::new(state) }
+        Self { name: name.into(), stop, next, cd_m2_per_unit: None, state: Mutex::new(state) }
+    }
+
+    /// Sets the luminance of one unit of the data set, cd/m2; `None` where it is not calibrated.
+    #[must_use]
+    pub fn with_cd_m2_per_unit(mut self, cd_m2_per_unit: Option<f64>) -> Self {
+        self.cd_m2_per_unit = cd_m2_per_unit;
+        self
     }
 
     /// Returns what the server has, which it is started with at the first visit.
@@ -53,7 +63,7 @@ impl<'a> Live<'a> {
             return Ok(Arc::clone(house));
         }
         let scene = run.scene()?;
-        let subject = Subject::new(self.name.clone(), &scene, Some(run.dataset()))?;
+        let subject = Subject::new(self.name.clone(), &scene, Some(run.dataset()))?.with_cd_m2_per_unit(self.cd_m2_per_unit);
         let house = Arc::new(House::new(subject, scene.color_space, status_of(run), None));
         let viewer = state.viewer.take().ok_or_else(|| Error::new("the viewer could not be started"))?;
         viewer.start(Arc::clone(&house))?;
@@ -154,9 +164,12 @@ struct LiveStage<'r, 'a> {
 }
 
 impl Stage for LiveStage<'_, '_> {
-    fn render(&mut self, wanted: &crate::jobs::Wanted) -> Result<RadianceLayers> {
+    fn render(&mut self, wanted: &Wanted) -> Result<RadianceLayers> {
         if !wanted.edit.is_empty() {
             return Err(Error::new("a scene that is being trained cannot be edited"));
+        }
+        if wanted.variant != Variant::default() {
+            return self.variant(wanted);
         }
         if wanted.layers
             && let Ok(layers) = self.run.render_layers(&wanted.camera)
@@ -168,5 +181,19 @@ impl Stage for LiveStage<'_, '_> {
 
     fn version(&self) -> u64 {
         self.run.steps_made().into()
+    }
+}
+
+impl LiveStage<'_, '_> {
+    /// Draws splats as bodies, from a copy of the scene.
+    fn variant(&mut self, wanted: &Wanted) -> Result<RadianceLayers> {
+        let Some(solids) = wanted.variant.solids else {
+            return Err(Error::new("a scene that is being trained has no clip planes; draw its splats as ellipsoids or centres for them"));
+        };
+        let scene = self.run.scene()?;
+        match wanted.variant.clip {
+            Some(clip) => luxel::solids::render(&clip.apply(&scene, &wanted.camera), &wanted.camera, solids),
+            None => luxel::solids::render(&scene, &wanted.camera, solids),
+        }
     }
 }

@@ -21,6 +21,7 @@ use crate::splats::{Precision, body_bytes, pack};
 use crate::stage::{Loaded, Stage, check_edits};
 use crate::status::{Shared, Status};
 use crate::subject::Subject;
+use crate::variant::Variant;
 
 /// Pixels of a picture for the page, at most.
 const MAX_FRAME_PX: u64 = 1 << 25;
@@ -194,15 +195,19 @@ fn wanted(house: &House, query: &mut Query) -> Result<Wanted, Failure> {
     let size: [Option<u32>; 2] = [query.number("width")?, query.number("height")?];
     let edit = query.take("edit").unwrap_or_default();
     check_edits(&edit)?;
+    let variant = Variant::take(query, house.subject.scenes())?;
     let camera = match (query.take("view"), query.take("camera")) {
         (Some(name), None) => {
             let camera = &house.subject.view(&name).map_err(|message| Failure::new(StatusCode::NOT_FOUND, message))?.camera;
             match size {
-                [None, None] => camera.clone(),
-                [width, height] => resized(camera, [width.unwrap_or(camera.size_px[0]), height.unwrap_or(camera.size_px[1])]),
+                [None, None] => house.subject.to_scene(camera, variant.scene),
+                [width, height] => {
+                    let size = [width.unwrap_or(camera.size_px[0]), height.unwrap_or(camera.size_px[1])];
+                    house.subject.to_scene(&resized(camera, size), variant.scene)
+                }
             }
         }
-        (None, Some(text)) => camera_of(&text, size)?,
+        (None, Some(text)) => house.subject.from_world(&camera_of(&text, size)?, variant.scene),
         _ => {
             return Err(String::from(
                 "expected one of \"view\" (a name of /api/scene) and \"camera\" (JSON as a frame of transforms.json)",
@@ -211,7 +216,7 @@ fn wanted(house: &House, query: &mut Query) -> Result<Wanted, Failure> {
         }
     };
     camera.validate().map_err(|error| format!("camera: {error}"))?;
-    Ok(Wanted { camera, edit, layers: false })
+    Ok(Wanted { camera, edit, layers: false, variant })
 }
 
 /// Returns a camera with the same field of view and another number of pixels.
@@ -323,14 +328,14 @@ async fn probe(house: &House, query: &mut Query) -> Result<Answer, Failure> {
         |name: &str| query.number::<u32>(name).and_then(|at| at.ok_or_else(|| format!("\"{name}\" is missing, expected a column or row")));
     let [x, y] = [place("x")?, place("y")?];
     let wanted = Wanted { layers: true, ..wanted(house, query)? };
-    let camera = wanted.camera.clone();
+    let camera = house.subject.to_world(&wanted.camera, wanted.variant.scene);
+    let weights = house.subject.luminance_weights(wanted.variant.scene);
     let [width, height] = camera.size_px;
     if x >= width || y >= height {
         return Err(format!("pixel {x}, {y} is outside of {width} x {height}").into());
     }
     let Rendered { picture, version, .. } = render_surely(house, wanted).await?;
     let Some(radiance) = picture.radiance.pixel(x as usize, y as usize) else { return Err(String::from("the pixel is missing").into()) };
-    let weights = house.subject.facts.luminance_weights;
     let luminance: f64 = radiance.iter().zip(weights).map(|(value, weight)| f64::from(*value) * weight).sum();
     let index = (y * width + x) as usize;
     let depth = picture.depth.get(index).copied().filter(|depth| depth.is_finite());

@@ -7,9 +7,12 @@
 use std::sync::Arc;
 use std::time::Instant;
 
+use luxel::solids::{self, SolidOptions};
 use luxel::{Edit, Error, Radiance, RadianceLayers, Renderer, Result, Scene};
+use luxel_core::Camera;
 
 use crate::jobs::{Job, PictureJob, Rendered, Reply, Wanted};
+use crate::variant::Clip;
 
 /// A scene and the renderer that has loaded it.
 pub(crate) struct Loaded<'a> {
@@ -56,6 +59,7 @@ impl LastPicture {
         if let Some((last, rendered)) = &self.0
             && last.camera == wanted.camera
             && last.edit == wanted.edit
+            && last.variant == wanted.variant
             && (last.layers || !wanted.layers)
             && rendered.version == version
         {
@@ -73,20 +77,22 @@ impl LastPicture {
 pub(crate) struct SceneStage {
     scene: Arc<Scene>,
     renderer: Renderer,
-    /// The scene under the edits of `loaded`, which the renderer has.
+    /// The scene under the edits of `loaded`.
     current: Arc<Scene>,
     /// The edits that `current` has.
     loaded: String,
+    /// Whether the renderer has the whole of `current`.
+    is_whole: bool,
     has_layers: bool,
 }
 
 impl SceneStage {
     /// Returns the stage of a scene that `renderer` has loaded.
     pub(crate) fn new(scene: Arc<Scene>, renderer: Renderer) -> Self {
-        Self { current: Arc::clone(&scene), scene, renderer, loaded: String::new(), has_layers: true }
+        Self { current: Arc::clone(&scene), scene, renderer, loaded: String::new(), is_whole: true, has_layers: true }
     }
 
-    /// Gives the renderer the scene under these edits.
+    /// Makes the scene under these edits the current one.
     fn load(&mut self, edit: &str) -> Result<()> {
         if self.loaded == edit {
             return Ok(());
@@ -95,16 +101,59 @@ impl SceneStage {
         for edit in if edit.is_empty() { Vec::new() } else { Edit::parse_all(edit).map_err(|error| Error::new(error.to_string()))? } {
             Arc::make_mut(&mut current).edit(&edit)?;
         }
-        self.renderer.replace_scene(&current)?;
-        self.current = current;
+        (self.current, self.is_whole) = (current, false);
         edit.clone_into(&mut self.loaded);
         Ok(())
+    }
+
+    /// Gives the renderer the current scene: all of it, or what is between the clip planes of a camera.
+    fn upload(&mut self, clipped: Option<(Clip, &Camera)>) -> Result<()> {
+        if let Some((clip, camera)) = clipped {
+            self.is_whole = false;
+            return self.renderer.replace_scene(&clip.apply(&self.current, camera));
+        }
+        if !self.is_whole {
+            self.renderer.replace_scene(&self.current)?;
+            self.is_whole = true;
+        }
+        Ok(())
+    }
+
+    /// Draws the current scene's splats as bodies.
+    fn solids(&self, wanted: &Wanted, options: SolidOptions) -> Result<RadianceLayers> {
+        match wanted.variant.clip {
+            Some(clip) => solids::render(&clip.apply(&self.current, &wanted.camera), &wanted.camera, options),
+            None => solids::render(&self.current, &wanted.camera, options),
+        }
+    }
+}
+
+/// The scenes of a viewer; jobs name one by its index.
+pub(crate) struct SceneStages(pub(crate) Vec<SceneStage>);
+
+impl Stage for SceneStages {
+    fn render(&mut self, wanted: &Wanted) -> Result<RadianceLayers> {
+        let stage = self.0.get_mut(wanted.variant.scene).ok_or_else(|| Error::new("no such scene"))?;
+        stage.render(wanted)
+    }
+
+    /// Returns the first scene.
+    fn loaded(&mut self, edit: &str) -> Result<Loaded<'_>> {
+        self.0.first_mut().ok_or_else(|| Error::new("no scene"))?.loaded(edit)
+    }
+
+    fn version(&self) -> u64 {
+        0
     }
 }
 
 impl Stage for SceneStage {
     fn render(&mut self, wanted: &Wanted) -> Result<RadianceLayers> {
         self.load(&wanted.edit)?;
+        if let Some(options) = wanted.variant.solids {
+            return self.solids(wanted, options);
+        }
+        self.upload(wanted.variant.clip.map(|clip| (clip, &wanted.camera)))?;
         if wanted.layers && self.has_layers {
             match self.renderer.render_layers(&wanted.camera) {
                 Ok(layers) => return Ok(layers),
@@ -121,6 +170,7 @@ impl Stage for SceneStage {
 
     fn loaded(&mut self, edit: &str) -> Result<Loaded<'_>> {
         self.load(edit)?;
+        self.upload(None)?;
         Ok(Loaded { scene: &self.current, renderer: &mut self.renderer })
     }
 

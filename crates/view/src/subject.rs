@@ -10,7 +10,7 @@ use std::sync::Arc;
 use glam::{DMat3, DVec3};
 use luxel::export::{Up, UpAxis, file_from_world};
 use luxel::{Result, Scene};
-use luxel_core::{Camera, ColorSpace, Conversion, Dataset, Image, Mask, PixelValues, View};
+use luxel_core::{Camera, ColorSpace, Conversion, Dataset, Image, Mask, PixelValues, Similarity, View};
 use serde::Serialize;
 
 use crate::folder::Folder;
@@ -29,6 +29,8 @@ pub struct Subject {
     pub(crate) views: Vec<Shown>,
     /// Where the page may save; `None` for nowhere.
     pub(crate) folder: Option<Folder>,
+    /// From each scene's local coordinates to the world; the first is that of the subject.
+    world_from_local: Vec<Similarity>,
 }
 
 /// A camera of the data set and its ground truth.
@@ -36,6 +38,7 @@ pub struct Subject {
 pub(crate) struct Shown {
     pub(crate) name: String,
     pub(crate) split: &'static str,
+    /// In the local coordinates of the first scene.
     pub(crate) camera: Camera,
     /// Radiance; `None` for captured LDR values.
     pub(crate) truth: Option<Arc<Image>>,
@@ -48,9 +51,9 @@ pub(crate) struct Facts {
     pub(crate) name: String,
     pub(crate) splats: usize,
     /// Corners of the box around the centres of all splats, world.
-    bounds: [[f32; 3]; 2],
+    bounds: [[f64; 3]; 2],
     /// The same without the outer twentieth on each side of each axis.
-    inner_bounds: [[f32; 3]; 2],
+    inner_bounds: [[f64; 3]; 2],
     color_space: &'static str,
     /// Rows of the matrix to linear Rec.709.
     rec709_from_scene: [[f64; 3]; 3],
@@ -60,8 +63,35 @@ pub(crate) struct Facts {
     pub(crate) radiance_scale: f32,
     /// Direction that is up, world.
     up: [f64; 3],
+    /// Luminance in cd/m2 of one unit of the data set; `None` where nothing tells.
+    cd_m2_per_unit: Option<f64>,
+    /// From the coordinates that the splats are held in to the world, for a page that renders by
+    /// itself.
+    world_from_local: FrameJson,
     /// Edits of light since training.
     edits: Vec<String>,
+    /// Other scenes of the same place, by their index less one.
+    others: Vec<OtherFacts>,
+}
+
+/// A similarity in JSON: a point is turned by the rows of `rotation`, multiplied, and moved.
+#[derive(Clone, Copy, Debug, Serialize)]
+struct FrameJson {
+    rotation: [[f64; 3]; 3],
+    scale: f64,
+    translation: [f64; 3],
+}
+
+/// Facts about a scene that is compared with.
+#[derive(Clone, Debug, Serialize)]
+struct OtherFacts {
+    name: String,
+    splats: usize,
+    color_space: &'static str,
+    /// Rows of the matrix from its colour space to that of the first scene.
+    first_from_scene: [[f64; 3]; 3],
+    luminance_weights: [f64; 3],
+    radiance_scale: f32,
 }
 
 /// A camera in JSON: pose and lens as `transforms.json` has them.
@@ -85,11 +115,13 @@ impl Subject {
     /// # Errors
     /// A data set whose cameras have no up direction that can be used.
     pub fn new(name: impl Into<String>, scene: &Scene, dataset: Option<&Dataset>) -> Result<Self> {
-        let world_from_file = file_from_world(Up::Default, UpAxis::PlusY, dataset, 1.0)?.rotation().transpose();
+        let world_from_local = scene.world_from_local;
+        let dataset = dataset.map(|dataset| dataset.in_frame(world_from_local));
+        let dataset = dataset.as_deref();
+        let local_from_file = file_from_world(Up::Default, UpAxis::PlusY, dataset, 1.0)?.rotation().transpose();
         let conversion = Conversion::between(scene.color_space, luxel::ColorSpace::LinearRec709);
         let rows = conversion.rows();
-        let luminance_weights = [0, 1, 2].map(|c| (0..3).map(|row| REC709_LUMINANCE[row] * rows[row][c]).sum());
-        let [bounds, inner_bounds] = [0.0, TAIL].map(|tail| bounds(&scene.splats.position, tail));
+        let [bounds, inner_bounds] = [0.0, TAIL].map(|tail| world_bounds(scene, tail));
         let facts = Facts {
             name: name.into(),
             splats: scene.splats.len(),
@@ -97,10 +129,17 @@ impl Subject {
             inner_bounds,
             color_space: scene.color_space.name(),
             rec709_from_scene: rows,
-            luminance_weights,
+            luminance_weights: luminance_weights(rows),
             radiance_scale: scene.radiance_scale.get(),
-            up: (world_from_file * DVec3::Y).to_array(),
+            up: (world_from_local.rotation() * (local_from_file * DVec3::Y)).to_array(),
+            cd_m2_per_unit: None,
+            world_from_local: FrameJson {
+                rotation: world_from_local.rotation().transpose().to_cols_array_2d(),
+                scale: world_from_local.scale(),
+                translation: world_from_local.translation().to_array(),
+            },
             edits: scene.edits.clone(),
+            others: Vec::new(),
         };
         let mut views: Vec<Shown> = Vec::new();
         if let Some(dataset) = dataset {
@@ -108,7 +147,7 @@ impl Subject {
             views.extend(dataset.test.iter().map(|view| Shown::new(view, "test")));
             views.sort_by(|a, b| a.name.cmp(&b.name));
         }
-        Ok(Self { color_space: scene.color_space, facts, views, folder: None })
+        Ok(Self { color_space: scene.color_space, facts, views, folder: None, world_from_local: vec![world_from_local] })
     }
 
     /// Lets the page make new files in a folder: that of the run or of the scene file. Nothing there is
@@ -118,6 +157,63 @@ impl Subject {
     /// The folder is not there.
     pub fn saving_to(self, folder: &Path) -> Result<Self> {
         Ok(Self { folder: Some(Folder::new(folder)?), ..self })
+    }
+
+    /// Sets the luminance of one unit of the data set, cd/m2; `None` where it is not calibrated.
+    #[must_use]
+    pub fn with_cd_m2_per_unit(mut self, cd_m2_per_unit: Option<f64>) -> Self {
+        self.facts.cd_m2_per_unit = cd_m2_per_unit;
+        self
+    }
+
+    /// Adds a scene that is compared with `first`.
+    pub(crate) fn add_other(&mut self, name: String, first: &Scene, other: &Scene) {
+        let rows = Conversion::between(other.color_space, luxel::ColorSpace::LinearRec709).rows();
+        self.world_from_local.push(other.world_from_local);
+        self.facts.others.push(OtherFacts {
+            name,
+            splats: other.splats.len(),
+            color_space: other.color_space.name(),
+            first_from_scene: Conversion::between(other.color_space, first.color_space).rows(),
+            luminance_weights: luminance_weights(rows),
+            radiance_scale: other.radiance_scale.get(),
+        });
+    }
+
+    /// Returns the number of scenes.
+    pub(crate) fn scenes(&self) -> usize {
+        self.world_from_local.len()
+    }
+
+    /// Returns the weights of a scene's R, G and B in luminance.
+    pub(crate) fn luminance_weights(&self, scene: usize) -> [f64; 3] {
+        scene.checked_sub(1).and_then(|i| self.facts.others.get(i)).map_or(self.facts.luminance_weights, |other| other.luminance_weights)
+    }
+
+    fn frame(&self, scene: usize) -> Similarity {
+        self.world_from_local.get(scene).copied().unwrap_or(Similarity::IDENTITY)
+    }
+
+    /// Returns a camera of the first scene's local coordinates in those of a scene.
+    pub(crate) fn to_scene(&self, camera: &Camera, scene: usize) -> Camera {
+        match self.frame(0) == self.frame(scene) {
+            true => camera.clone(),
+            false => self.from_world(&self.to_world(camera, 0), scene),
+        }
+    }
+
+    /// Returns a camera of a scene's local coordinates in the world.
+    pub(crate) fn to_world(&self, camera: &Camera, scene: usize) -> Camera {
+        let mut camera = camera.clone();
+        self.frame(scene).apply_to_camera(&mut camera);
+        camera
+    }
+
+    /// Returns a camera of the world in a scene's local coordinates.
+    pub(crate) fn from_world(&self, camera: &Camera, scene: usize) -> Camera {
+        let mut camera = camera.clone();
+        self.frame(scene).inverse().apply_to_camera(&mut camera);
+        camera
     }
 
     /// Returns the view of this name, or of this last part of a name if there is only one.
@@ -135,7 +231,7 @@ impl Subject {
 
     /// Returns the JSON of the cameras.
     pub(crate) fn cameras(&self) -> impl Serialize + '_ {
-        self.views.iter().map(Shown::json).collect::<Vec<_>>()
+        self.views.iter().map(|view| view.json(self.to_world(&view.camera, 0))).collect::<Vec<_>>()
     }
 }
 
@@ -145,10 +241,11 @@ impl Shown {
         Self { name: view.name.clone(), split, camera: view.camera.clone(), truth, mask: view.mask.clone() }
     }
 
-    fn json(&self) -> CameraJson<'_> {
-        let Camera { camera_from_world: pose, focal_px, center_px, size_px: [w, h], .. } = &self.camera;
+    /// Returns the JSON of the view, whose camera in the world is given.
+    fn json(&self, camera: Camera) -> CameraJson<'_> {
+        let eye = camera.eye();
+        let Camera { camera_from_world: pose, focal_px, center_px, size_px: [w, h], .. } = camera;
         let axes = pose.matrix3.transpose() * DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
-        let eye = self.camera.eye();
         let row = |i: usize| [axes.col(0)[i], axes.col(1)[i], axes.col(2)[i], eye[i]];
         CameraJson {
             name: &self.name,
@@ -159,10 +256,24 @@ impl Shown {
             fl_y: focal_px.y,
             cx: center_px.x,
             cy: center_px.y,
-            w: *w,
-            h: *h,
+            w,
+            h,
         }
     }
+}
+
+/// Returns the weights of R, G and B in luminance, from the rows of their matrix to Rec.709.
+fn luminance_weights(rows: [[f64; 3]; 3]) -> [f64; 3] {
+    [0, 1, 2].map(|c| (0..3).map(|row| REC709_LUMINANCE[row] * rows[row][c]).sum())
+}
+
+/// Returns the corners of the box in the world around the splats, without this part of them on each
+/// side.
+fn world_bounds(scene: &Scene, tail: f64) -> [[f64; 3]; 2] {
+    let [low, high] = bounds(&scene.splats.position, tail).map(|corner| DVec3::from_array(corner.map(f64::from)));
+    let corners = (0..8).map(|i| DVec3::select(glam::BVec3::new(i & 1 > 0, i & 2 > 0, i & 4 > 0), high, low));
+    let corners: Vec<DVec3> = corners.map(|corner| scene.world_from_local.point(corner)).collect();
+    [corners.iter().copied().reduce(DVec3::min), corners.iter().copied().reduce(DVec3::max)].map(|corner| corner.unwrap_or_default().to_array())
 }
 
 /// Returns the corners of the box around the points, without this part of them on each side.
@@ -202,7 +313,7 @@ mod tests {
     fn poses_are_those_of_transforms_json() {
         let camera = synthetic::room_camera([40, 30]);
         let shown = Shown { name: "a".into(), split: "train", camera: camera.clone(), truth: None, mask: None };
-        let json = serde_json::json!({ "frames": [shown.json()] }).to_string().replace("\"name\"", "\"file_path\"");
+        let json = serde_json::json!({ "frames": [shown.json(camera.clone())] }).to_string().replace("\"name\"", "\"file_path\"");
         let read = luxel::decode_cameras("cameras.json", json.as_bytes()).unwrap().remove(0).camera;
         assert_eq!((read.focal_px, read.center_px, read.size_px), (camera.focal_px, camera.center_px, camera.size_px));
         assert!((read.eye() - camera.eye()).length() < 1e-9 && (read.forward() - camera.forward()).length() < 1e-9);

@@ -5,9 +5,11 @@ use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream};
 use std::time::{Duration, Instant};
 
+use luxel::solids::{Shape, SolidOptions};
 use luxel::{Dataset, Device, Edit, Renderer, Scene, StopFlag, synthetic};
+use luxel_core::Similarity;
 use luxel_io::{ReadOptions, decode_image};
-use luxel_view::{Subject, Viewer};
+use luxel_view::{Other, Subject, Viewer};
 use serde_json::Value;
 
 /// A viewer at work, until it is dropped.
@@ -22,18 +24,25 @@ struct Running {
 
 impl Running {
     fn start(address: &str) -> Self {
+        Self::show(address, synthetic::room(300, 1), Vec::new())
+    }
+
+    fn show(address: &str, scene: Scene, others: Vec<Scene>) -> Self {
         let folder = tempfile::tempdir().unwrap();
         synthetic::write_dataset(folder.path(), synthetic::BallsOptions::default()).unwrap();
         let dataset = Dataset::open(folder.path()).unwrap();
-        let scene = synthetic::room(300, 1);
-        let subject = Subject::new("balls <1>", &scene, Some(&dataset)).unwrap();
+        let subject = Subject::new("balls <1>", &scene, Some(&dataset)).unwrap().with_cd_m2_per_unit(Some(2.0));
         let viewer = Viewer::bind(address.parse().unwrap()).unwrap();
         let (url, stop) = (viewer.url(), StopFlag::new());
         let port = url.split(':').nth(2).unwrap().split('/').next().unwrap().parse::<u16>().unwrap();
         let (served, flag) = (scene.clone(), stop.clone());
         let thread = std::thread::spawn(move || {
             let renderer = Renderer::new(&served, Device::Cpu.with_threads(1)).unwrap();
-            viewer.serve(subject, served, renderer, &flag).unwrap();
+            let others = others.into_iter().map(|scene| {
+                let renderer = Renderer::new(&scene, Device::Cpu.with_threads(1)).unwrap();
+                Other { name: "other".into(), scene, renderer }
+            });
+            viewer.serve_beside(subject, served, renderer, others.collect(), &flag).unwrap();
         });
         Self { address: ([127, 0, 0, 1], port).into(), url, scene, dataset, stop, thread: Some(thread) }
     }
@@ -177,6 +186,93 @@ fn half_to_f32(bits: u16) -> f32 {
     if bits & 0x8000 == 0 { size } else { -size }
 }
 
+/// A frame of transforms.json as a parameter.
+fn encoded(frame: &Value) -> String {
+    frame.to_string().bytes().map(|byte| format!("%{byte:02x}")).collect()
+}
+
+#[test]
+fn far_scenes_are_served_in_the_coordinates_of_the_world() {
+    // The room's world is four times as large and at UTM coordinates.
+    let origin = glam::DVec3::new(455_123.0, 4_600_321.0, 212.0);
+    let world = Similarity::new(glam::DMat3::IDENTITY, 4.0, origin).unwrap();
+    let mut scene = synthetic::room(300, 1).into_core();
+    scene.world_from_local = world;
+    let viewer = Running::show("127.0.0.1:0", scene.into(), Vec::new());
+    let facts = viewer.json("/api/scene");
+    let low: Vec<f64> = facts["bounds"][0].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
+    assert!((low[0] - origin.x).abs() < 100.0 && (low[1] - origin.y).abs() < 100.0, "{low:?}");
+    assert_eq!((&facts["world_from_local"]["scale"], &facts["cd_m2_per_unit"]), (&4.0.into(), &2.0.into()));
+
+    // A camera inside of the room, in the world.
+    let local = synthetic::room_camera([40, 30]);
+    let mut posed = local.clone();
+    world.apply_to_camera(&mut posed);
+    let (axes, eye) = (posed.camera_from_world.matrix3.transpose(), posed.eye());
+    let row = |i: usize| serde_json::json!([axes.col(0)[i], -axes.col(1)[i], -axes.col(2)[i], eye[i]]);
+    let frame = serde_json::json!({
+        "transform_matrix": [row(0), row(1), row(2), [0, 0, 0, 1]], "fl_x": local.focal_px.x, "fl_y": local.focal_px.y,
+        "cx": local.center_px.x, "cy": local.center_px.y, "w": 40, "h": 30,
+    });
+    let mut renderer = Renderer::new(&viewer.scene, Device::Cpu).unwrap();
+    let layers = renderer.render_layers(&local).unwrap();
+    let mut compared = 0;
+    for (x, y) in [(3, 4), (20, 15), (30, 22), (10, 28)] {
+        let probe = viewer.json(&format!("/api/probe?camera={}&x={x}&y={y}", encoded(&frame)));
+        let (expected, depth) = (layers.radiance.pixel(x, y).unwrap(), layers.depth[y * 40 + x]);
+        for (c, value) in expected.iter().enumerate() {
+            assert!((probe["radiance"][c].as_f64().unwrap() - f64::from(*value)).abs() <= 1e-4 * f64::from(value.abs()) + 1e-6);
+        }
+        let Some(found) = probe["depth"].as_f64() else { continue };
+        assert!((found / f64::from(depth) - 1.0).abs() < 1e-4);
+        let position: Vec<f64> = probe["position"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
+        let (pixel, z) = posed.project([position[0], position[1], position[2]].into()).unwrap();
+        assert!((pixel.x - x as f64 - 0.5).abs() < 1e-4 && (z - found).abs() < 1e-4 * z, "{pixel} {z}");
+        compared += 1;
+    }
+    assert!(compared > 0);
+}
+
+#[test]
+fn a_second_scene_is_rendered_from_the_same_cameras() {
+    let (first, mut second) = (synthetic::room(300, 1), synthetic::room(200, 2).into_core());
+    // The same place, held in other coordinates.
+    let moved = Similarity::new(glam::DMat3::IDENTITY, 2.0, glam::DVec3::new(0.5, -1.0, 2.0)).unwrap();
+    second.move_to(moved);
+    let second = Scene::from(second);
+    let viewer = Running::show("127.0.0.1:0", first, vec![second.clone()]);
+    let facts = viewer.json("/api/scene");
+    assert_eq!((&facts["others"][0]["name"], &facts["others"][0]["splats"]), (&"other".into(), &200.into()));
+    let view = &viewer.dataset.train[0];
+    let mut renderer = Renderer::new(&second, Device::Cpu).unwrap();
+    let expected = renderer.render(&second.local_camera(&view.camera)).unwrap().encode_exr().unwrap();
+    assert_eq!(viewer.get(&format!("/api/frame.exr?view={}&scene=1", view.name)).body, expected);
+    assert_ne!(viewer.get(&format!("/api/frame.exr?view={}", view.name)).body, expected);
+    assert_eq!(viewer.get(&format!("/api/frame?view={}&scene=2", view.name)).status, 400);
+}
+
+#[test]
+fn splats_are_drawn_as_bodies_and_between_clip_planes() {
+    let viewer = Running::start("127.0.0.1:0");
+    let view = &viewer.dataset.train[0];
+    let options = SolidOptions { shape: Shape::Ellipsoids { deviations: 2.0 }, least_opacity: 0.25 };
+    let expected = luxel::solids::render(&viewer.scene, &view.camera, options).unwrap();
+    let path = format!("/api/frame.exr?view={}&channels=rgb,depth", view.name);
+    let served = viewer.get(&format!("{path}&splats=ellipsoids&splat_size=2&splat_opacity=0.25"));
+    assert_eq!(served.body, expected.encode_exr(false, true).unwrap());
+    // Nothing is nearer than the near plane, up to the splats' size; without planes the picture is as before.
+    let whole = viewer.get(&path);
+    let nearest = |path: &str| {
+        let frame = viewer.get(path);
+        let depths = frame.body[24 * 24 * 6..].chunks(4).map(|bytes| f32::from_le_bytes(bytes.try_into().unwrap()));
+        depths.fold(f32::INFINITY, f32::min)
+    };
+    let path_of_frame = format!("/api/frame?view={}&channels=rgb,depth", view.name);
+    let near = nearest(&path_of_frame);
+    assert!(nearest(&format!("{path_of_frame}&near={}", near * 1.5)) > near * 1.4);
+    assert_eq!(viewer.get(&path).body, whole.body);
+}
+
 #[test]
 fn other_hosts_pages_and_methods_are_refused() {
     let viewer = Running::start("127.0.0.1:0");
@@ -217,6 +313,9 @@ fn bad_requests_are_answered_with_what_is_wrong() {
         ("/api/frame?view=000&edit=where+mask(m.png,+000);+gain+2", "painted masks"),
         ("/api/frame?camera=%7B%7D", "transform_matrix"),
         ("/api/frame?camera=7", "not a JSON object"),
+        ("/api/frame?view=000&scene=1", "below 1"),
+        ("/api/frame?view=000&splats=cubes", "expected blended, ellipsoids or centres"),
+        ("/api/frame?view=000&near=2&far=1", "near < far"),
         ("/api/probe?view=000&x=24&y=0", "outside of 24 x 24"),
         ("/api/probe?view=000&x=2", "\\\"y\\\" is missing"),
     ] {

@@ -1,6 +1,7 @@
 //! Arguments of `luxel view`.
 
 use std::net::SocketAddr;
+use std::path::PathBuf;
 
 use clap::Args;
 
@@ -20,6 +21,10 @@ pub(crate) struct ViewArgs {
     /// machines reach asks them for the token of the printed address.
     #[arg(long, default_value = luxel_view::DEFAULT_ADDRESS, value_name = "ADDR:PORT")]
     pub(crate) listen: SocketAddr,
+    /// Another scene of the same place, a run or a file, to look at beside the first: side by side,
+    /// wipe, difference. Both are held in memory, each in an engine of its own.
+    #[arg(long, value_name = "RUN|SCENE")]
+    pub(crate) with: Option<PathBuf>,
     /// Print the address and open no browser.
     #[arg(long)]
     pub(crate) no_browser: bool,

@@ -29,6 +29,14 @@ enum Start {
     Resume(RunConfig),
 }
 
+#[cfg(feature = "view")]
+impl Start {
+    fn dataset(&self) -> &Path {
+        let (Self::Fresh(config) | Self::Replace(config, _) | Self::Resume(config)) = self;
+        &config.dataset
+    }
+}
+
 /// Trains; `explicit` names the options that were given.
 pub(crate) fn run(args: &TrainArgs, explicit: &ExplicitArgs) -> Result<Outcome> {
     output::check_folder_name(&args.output, &output::RESULT_EXTENSIONS)?;
@@ -44,7 +52,7 @@ pub(crate) fn run(args: &TrainArgs, explicit: &ExplicitArgs) -> Result<Outcome> 
     }
     let console = Console::new(args.console.log_format, args.console.quiet);
     #[cfg(feature = "view")]
-    let live = args.view.map(|address| view::live(address, &args.output, &console)).transpose()?;
+    let live = args.view.map(|address| view::live(address, &args.output, start.dataset(), &console)).transpose()?;
     #[cfg(feature = "view")]
     let observer: &dyn luxel::Observer = live.as_ref().map_or(&console, |live| live);
     #[cfg(not(feature = "view"))]

@@ -4,10 +4,11 @@ use std::net::SocketAddr;
 use std::path::Path;
 
 use anyhow::Result;
+use luxel::prepare::cd_m2_per_unit;
 use luxel::run::ExplicitArgs;
 use luxel::{Device, Renderer, Scene};
 use luxel_core::Dataset;
-use luxel_view::{Live, Subject, Viewer};
+use luxel_view::{Live, Other, Subject, Viewer};
 use serde_json::json;
 
 use crate::args::{DeviceArgs, ViewArgs};
@@ -22,14 +23,39 @@ pub(crate) fn run(args: &ViewArgs, explicit: &ExplicitArgs) -> Result<()> {
     let viewer = Viewer::bind(args.listen)?;
     let source = SceneSource::open(&args.input.scene, &console)?;
     let dataset = dataset(args, explicit, &source, &console)?;
+    let cd_m2_per_unit = unit(args, explicit, &source);
+    let other = args.with.as_deref().map(|path| other(path, args, &console)).transpose()?;
     let background = source.background_radiance();
     let scene = Scene::from(source.scene);
     let mut renderer = Renderer::with_engine(&scene, engine::engine(&device(args))?.engine)?;
     renderer.set_background(background);
     let subject = Subject::new(name(&args.input.scene), &scene, dataset.as_ref())?.saving_to(folder(&args.input.scene))?;
+    let subject = subject.with_cd_m2_per_unit(cd_m2_per_unit);
     drop(dataset);
     announce(&viewer, !args.no_browser, &console)?;
-    Ok(viewer.serve(subject, scene, renderer, interrupt::stop())?)
+    Ok(viewer.serve_beside(subject, scene, renderer, other.into_iter().collect(), interrupt::stop())?)
+}
+
+/// Opens the scene that is compared with, in an engine of its own.
+fn other(path: &Path, args: &ViewArgs, console: &Console) -> Result<Other> {
+    let source = SceneSource::open(path, console)?;
+    let background = source.background_radiance();
+    let scene = Scene::from(source.scene);
+    let mut renderer = Renderer::with_engine(&scene, engine::engine(&device(args))?.engine)?;
+    renderer.set_background(background);
+    Ok(Other { name: name(path), scene, renderer })
+}
+
+/// Returns the luminance of one unit of the data set that the viewer shows, cd/m2; `None` where it is
+/// not calibrated.
+fn unit(args: &ViewArgs, explicit: &ExplicitArgs, source: &SceneSource) -> Option<f64> {
+    let request = DataRequest::new(&args.input, explicit);
+    let path = match (&source.run, &args.input.data) {
+        (Some((folder, config)), _) => request.of_run(folder, config).ok()?.0,
+        (None, Some(path)) => path.clone(),
+        (None, None) => return None,
+    };
+    cd_m2_per_unit(&path)
 }
 
 /// Prints the address and opens it in a browser.
@@ -42,13 +68,13 @@ pub(crate) fn announce(viewer: &Viewer, with_browser: bool, console: &Console) -
     Ok(())
 }
 
-/// Returns the observer of a training that shows it in the browser, and passes events on.
-pub(crate) fn live<'a>(address: SocketAddr, run: &Path, console: &'a Console) -> Result<Live<'a>> {
+/// Returns the observer of a training on `dataset` that shows it in the browser, and passes events on.
+pub(crate) fn live<'a>(address: SocketAddr, run: &Path, dataset: &Path, console: &'a Console) -> Result<Live<'a>> {
     let viewer = Viewer::bind(address)?;
     // Like all of the console's lines: on stderr, or an object on stdout.
     let url = viewer.url();
     console.event(&json!({ "event": "viewer", "url": url }), &format!("viewer {url}"));
-    Ok(Live::new(viewer, name(run), interrupt::stop(), console))
+    Ok(Live::new(viewer, name(run), interrupt::stop(), console).with_cd_m2_per_unit(cd_m2_per_unit(dataset)))
 }
 
 /// Returns the data set; without that of a run, which may be on another machine, the scene is shown

@@ -36,7 +36,7 @@ use self::folders::Folders;
 use self::motion::{Motion, Poses};
 use self::options::MotionOptions;
 pub use self::options::{CameraModel, Matching, OcioChoice, PrepareOptions, StructureFromMotion};
-pub use self::report::PrepareReport;
+pub use self::report::{PrepareReport, cd_m2_per_unit};
 use self::state::{State, key};
 use crate::error::{Context, bail};
 use crate::run::RunFolder;
@@ -124,7 +124,7 @@ pub fn prepare(options: &PrepareOptions, observer: &dyn Observer) -> Result<Prep
         photos: options.photos.display().to_string(),
         photographs,
         color_space: options.color_space.name(),
-        units: if plan.is_absolute { "cd/m2 as far as EXIF and ISO 12232 tell it" } else { "relative" },
+        units: if plan.is_absolute { report::ABSOLUTE_UNITS } else { "relative" },
         brackets: plan.brackets.to_owned(),
         response: curve.as_ref().map(|curve| curve.name.clone()),
         white_balance: plan.cameras.iter().filter_map(|c| Some((c.name.clone(), c.color?.0))).collect(),

@@ -1,15 +1,36 @@
 //! The report of a preparation: `prepare.json` for programs, `prepare.html` for people.
 
 use std::fmt::Write as _;
+use std::path::Path;
 
-use crate::files::{write_json, write_text};
+use crate::files::{read_text, write_json, write_text};
 use crate::report::html::{document, escape};
 use crate::text;
 use luxel_capture::prepare::{LeftOut, Registration, ViewRecord};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::folders::Folders;
 use crate::{Result, schema};
+
+/// Name of the report in a data set's folder.
+const FILE_NAME: &str = "prepare.json";
+/// Units of images whose exposures are all known.
+pub(super) const ABSOLUTE_UNITS: &str = "cd/m2 as far as EXIF and ISO 12232 tell it";
+/// Length of a report that is read, bytes.
+const MAX_BYTES: u64 = 64 << 20;
+
+/// Returns the luminance in cd/m2 of one unit of the data set at `path`, which its preparation has
+/// recorded; `None` where it is relative, or was not prepared by this program.
+pub fn cd_m2_per_unit(path: &Path) -> Option<f64> {
+    #[derive(Deserialize)]
+    struct Units {
+        units: String,
+    }
+    let folder = if path.is_dir() { path } else { path.parent()? };
+    let text = read_text(&folder.join(FILE_NAME), MAX_BYTES).ok()?;
+    let Units { units } = serde_json::from_str(&text).ok()?;
+    units.starts_with("cd/m2").then_some(1.0)
+}
 
 /// The content of `prepare.json`: what was done with the photographs, and the outcome.
 #[derive(Clone, Debug, Serialize)]
@@ -52,7 +73,7 @@ pub struct PrepareReport {
 
 /// Writes both files.
 pub(super) fn write(folders: &Folders, report: &PrepareReport) -> Result<()> {
-    write_json(&folders.output.join("prepare.json"), schema::PREPARE, report)?;
+    write_json(&folders.output.join(FILE_NAME), schema::PREPARE, report)?;
     write_text(&folders.output.join("prepare.html"), &page(report))
 }
 
@@ -133,4 +154,23 @@ fn table(report: &PrepareReport) -> String {
         );
     }
     out + "</tbody></table></div>"
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_unit_of_a_data_set_is_that_of_its_preparation() {
+        let folder = tempfile::tempdir().unwrap();
+        let unit = |content: &str| {
+            std::fs::write(folder.path().join(FILE_NAME), content).unwrap();
+            cd_m2_per_unit(folder.path())
+        };
+        assert_eq!(cd_m2_per_unit(folder.path()), None);
+        let absolute = serde_json::json!({ "units": ABSOLUTE_UNITS }).to_string();
+        assert_eq!((unit(&absolute), unit(r#"{"units":"relative"}"#), unit("{}"), unit("[")), (Some(1.0), None, None, None));
+        unit(&absolute);
+        assert_eq!(cd_m2_per_unit(&folder.path().join("transforms.json")), Some(1.0));
+    }
 }

@@ -49,7 +49,7 @@ impl<'a> LiveRun<'a> {
         Ok(self.trainer.scene()?.into())
     }
 
-    /// Renders the scene as it stands.
+    /// Renders the scene as it stands from a camera in the data set's local coordinates.
     ///
     /// # Errors
     /// A camera that cannot be rendered; a device that gave up.
@@ -57,17 +57,26 @@ impl<'a> LiveRun<'a> {
         let options = self.trainer.render_options();
         memory::check_render(camera.size_px, options.raster.samples)?;
         let image = self.trainer.engine().render(camera, &options).context("cannot render")?;
-        Ok(Radiance::new(image, self.trainer.radiance_scale(), self.dataset.color_space, camera))
+        Ok(Radiance::new(image, self.trainer.radiance_scale(), self.dataset.color_space, &self.world_camera(camera)))
     }
 
-    /// Renders the scene as it stands, with coverage and depth.
+    /// Returns a camera of the data set's local coordinates in the world.
+    fn world_camera(&self, camera: &Camera) -> Camera {
+        let mut camera = camera.clone();
+        self.dataset.world_from_local.apply_to_camera(&mut camera);
+        camera
+    }
+
+    /// Renders the scene as it stands, with coverage and depth in world units.
     ///
     /// # Errors
     /// Those of [`Self::render`]; an engine without depth.
     pub fn render_layers(&mut self, camera: &Camera) -> Result<RadianceLayers> {
         let options = self.trainer.render_options();
         memory::check_render(camera.size_px, options.raster.samples)?;
-        let layers = self.trainer.engine().render_layers(camera, &options).context("cannot render")?;
-        Ok(RadianceLayers::new(layers, self.trainer.radiance_scale(), self.dataset.color_space, camera))
+        let mut layers = self.trainer.engine().render_layers(camera, &options).context("cannot render")?;
+        let unit = self.dataset.world_from_local.scale() as f32;
+        layers.depth.iter_mut().for_each(|z| *z *= unit);
+        Ok(RadianceLayers::new(layers, self.trainer.radiance_scale(), self.dataset.color_space, &self.world_camera(camera)))
     }
 }

@@ -32,6 +32,17 @@ export function lensOf(state, width, height) {
   return { eye: state.eye, axes: state.axes, fx: f, fy: f, cx: width / 2, cy: height / 2, width, height };
 }
 
+/**
+ * A lens of the world in the coordinates that the splats are held in, near their own origin, so that
+ * single floats resolve them. @param {Lens} lens @param {import("./scene.js").Frame3} frame @returns {Lens}
+ */
+export function toLocal(lens, { rotation, scale, translation }) {
+  const turned = (/** @type {Vec3} */ v) => /** @type {Vec3} */ ([0, 1, 2].map((c) => rotation[0][c] * v[0] + rotation[1][c] * v[1] + rotation[2][c] * v[2]));
+  const { right, up, back } = lens.axes;
+  const axes = { right: turned(right), up: turned(up), back: turned(back) };
+  return { ...lens, axes, eye: times(turned(sub(lens.eye, translation)), 1 / scale) };
+}
+
 /** The camera as a frame of transforms.json. @param {Lens} lens */
 export function toJson(lens) {
   const { right, up, back } = lens.axes;

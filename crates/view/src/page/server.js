@@ -2,6 +2,7 @@
 
 import { toJson } from "./lens.js";
 import { listen } from "./connection.js";
+import { parameters } from "./variant.js";
 
 /** @typedef {import("./lens.js").Lens} Lens */
 /** @typedef {import("./scene.js").Frame} Frame */
@@ -42,9 +43,9 @@ async function decode(response) {
 }
 
 /** The address of a picture. @param {Lens} lens @param {Picture} picture @param {string} more @param {string} [path] */
-export function address(lens, { edit }, more, path = "/api/frame") {
+export function address(lens, { edit, variant }, more, path = "/api/frame") {
   const edits = edit ? `&edit=${encodeURIComponent(edit)}` : "";
-  return `${path}?camera=${encodeURIComponent(toJson(lens))}&width=${lens.width}&height=${lens.height}${edits}${more}`;
+  return `${path}?camera=${encodeURIComponent(toJson(lens))}&width=${lens.width}&height=${lens.height}${edits}${parameters(variant)}${more}`;
 }
 
 /** The program as a source of pictures. @implements {Source} */
@@ -63,7 +64,7 @@ export class Server {
   async frame(lens, picture, signal) {
     const channels = [picture.radiance ? ["rgb"] : [], picture.layers ? ["alpha", "depth"] : []].flat().join(",");
     // A picture with layers is waited for; a newer one takes the place of others.
-    const more = picture.layers ? `&channels=${channels}` : `&viewer=${this.viewer}`;
+    const more = picture.layers ? `&channels=${channels}` : `&viewer=${this.viewer}-${picture.variant?.scene ?? 0}`;
     return decode(await checked(await fetch(address(lens, picture, more), { signal })));
   }
 

@@ -5,7 +5,7 @@
 /** @typedef {import("./scene.js").Frame} Frame */
 /** @typedef {import("./scene.js").Scene} Scene */
 
-/** What is rendered: edits in the text form of `luxel edit`; whether radiance is wanted; whether coverage and depth are. @typedef {{ edit: string, radiance: boolean, layers: boolean }} Picture */
+/** What is rendered: edits in the text form of `luxel edit`; whether radiance is wanted; whether coverage and depth are; a variant of the scene. @typedef {{ edit: string, radiance: boolean, layers: boolean, variant?: import("./variant.js").Variant }} Picture */
 
 /**
  * @typedef {object} Source

@@ -1,8 +1,10 @@
 /** The choice between pictures of the server and pictures of the page itself. */
 
 import { openGpu } from "./gpu/device.js";
+import { toLocal } from "./lens.js";
 import { LocalPictures } from "./local.js";
 import { checked } from "./server.js";
+import { isPlain } from "./variant.js";
 
 /** @typedef {import("./lens.js").Lens} Lens */
 /** @typedef {import("./source.js").Picture} Picture */
@@ -92,9 +94,9 @@ export class Sources {
   /** @param {Lens} lens @param {Picture} picture @param {AbortSignal} [signal] */
   async frame(lens, picture, signal) {
     const { local } = this;
-    if (!local || !this.isLocal) return this.server.frame(lens, picture, signal);
+    if (!local || !this.isLocal || !this.facts || (picture.variant && !isPlain(picture.variant))) return this.server.frame(lens, picture, signal);
     try {
-      const frame = await local.frame(lens, picture);
+      const frame = await local.frame(toLocal(lens, this.facts.world_from_local), picture);
       return frame && this.facts ? { ...frame, head: { ...frame.head, version: this.facts.version } } : frame;
     } catch (error) {
       if (this.local === local && !local.renderer.fault) throw error;
