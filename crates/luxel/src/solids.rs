@@ -148,7 +148,15 @@ fn body(scene: &Scene, camera: &Camera, options: SolidOptions, i: usize) -> Opti
         return None;
     }
     let direction = (position - camera.eye()).normalize_or_zero().as_vec3().to_array();
-    Some(Body { center, sphere_from_camera, dot_px, radius_squared: radius * radius, radiance: splats.radiance(i, direction), columns, rows })
+    Some(Body {
+        center,
+        sphere_from_camera,
+        dot_px,
+        radius_squared: radius * radius,
+        radiance: splats.radiance(i, direction),
+        columns,
+        rows,
+    })
 }
 
 /// Returns the matrices from camera axes to the unit sphere of a splat's ellipsoid, and back.
@@ -198,7 +206,14 @@ mod tests {
         scene.splats = Splats::empty(ColorModel::Sh { degree: 0 });
         let log = 0.1f32.ln();
         let position = at.as_vec3().to_array();
-        let splat = Splat { position, rotation: [1.0, 0.0, 0.0, 0.0], log_scale: [log; 3], opacity_logit: logit, sh: &[1.0; 3], raw_luminance: &[] };
+        let splat = Splat {
+            position,
+            rotation: [1.0, 0.0, 0.0, 0.0],
+            log_scale: [log; 3],
+            opacity_logit: logit,
+            sh: &[1.0; 3],
+            raw_luminance: &[],
+        };
         scene.splats.push(&splat);
         (scene.into(), camera)
     }

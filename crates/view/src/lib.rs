@@ -106,14 +106,7 @@ impl Viewer {
     ///
     /// # Errors
     /// The system refuses a thread.
-    pub fn serve_beside(
-        self,
-        mut subject: Subject,
-        scene: Scene,
-        renderer: Renderer,
-        others: Vec<Other>,
-        stop: &StopFlag,
-    ) -> Result<()> {
+    pub fn serve_beside(self, mut subject: Subject, scene: Scene, renderer: Renderer, others: Vec<Other>, stop: &StopFlag) -> Result<()> {
         let mut stages = Vec::with_capacity(1 + others.len());
         let status = Status { version: 0, splats: scene.splats.len(), training: None };
         let scene = Arc::new(scene);

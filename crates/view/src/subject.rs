@@ -273,7 +273,8 @@ fn world_bounds(scene: &Scene, tail: f64) -> [[f64; 3]; 2] {
     let [low, high] = bounds(&scene.splats.position, tail).map(|corner| DVec3::from_array(corner.map(f64::from)));
     let corners = (0..8).map(|i| DVec3::select(glam::BVec3::new(i & 1 > 0, i & 2 > 0, i & 4 > 0), high, low));
     let corners: Vec<DVec3> = corners.map(|corner| scene.world_from_local.point(corner)).collect();
-    [corners.iter().copied().reduce(DVec3::min), corners.iter().copied().reduce(DVec3::max)].map(|corner| corner.unwrap_or_default().to_array())
+    [corners.iter().copied().reduce(DVec3::min), corners.iter().copied().reduce(DVec3::max)]
+        .map(|corner| corner.unwrap_or_default().to_array())
 }
 
 /// Returns the corners of the box around the points, without this part of them on each side.
