@@ -2,8 +2,8 @@
 //!
 //! In: a scene, its [`Subject`], the options that it is rendered with. Out: HTML that loads nothing
 //! from anywhere: the modules of the page as `data:` addresses of an import map, the description of
-//! the scene as JSON, its splats as compressed base64, with half floats for harmonics above degree 0
-//! ([`crate::splats`]). The page renders by itself, which needs WebGPU; what needs the server is
+//! the scene as JSON, its splats as compressed base64, with half floats for harmonics above degree
+//! 0 ([`crate::splats`]). The page renders by itself, which needs WebGPU; what needs the server is
 //! hidden.
 
 use std::io::Write;

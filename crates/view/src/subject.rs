@@ -119,7 +119,7 @@ impl Subject {
         let dataset = dataset.map(|dataset| dataset.in_frame(world_from_local));
         let dataset = dataset.as_deref();
         let local_from_file = file_from_world(Up::Default, UpAxis::PlusY, dataset, 1.0)?.rotation().transpose();
-        let conversion = Conversion::between(scene.color_space, luxel::ColorSpace::LinearRec709);
+        let conversion = Conversion::between(scene.color_space, ColorSpace::LinearRec709);
         let rows = conversion.rows();
         let [bounds, inner_bounds] = [0.0, TAIL].map(|tail| world_bounds(scene, tail));
         let facts = Facts {

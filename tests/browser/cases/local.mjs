@@ -146,4 +146,91 @@ export default {
     assert.ok((await without.locator("#facts").textContent()).includes(`${SPLATS} splats`));
     await without.close();
   },
+
+  async "a screen of high dynamic range gets light above white"() {
+    const { url } = await small();
+    const wide = await chromium.launch({ executablePath, args: [...FLAGS, "--force-color-profile=hdr10"] });
+    const page = await open(`${url}#rendering=server&curve=none`, wide);
+    await settled(page);
+    const high = await page.evaluate(() => matchMedia("(dynamic-range: high)").matches);
+    assert.ok(high, "the screen has no high dynamic range");
+    await page.waitForFunction(() => !document.getElementById("hdr").hidden);
+    // Exposed so that the brightest pixel is 32 times white.
+    await page.evaluate(() => {
+      const { shown, scene } = window.luxel;
+      let peak = 0;
+      for (let i = 0; i < 64 * 64; i++) peak = Math.max(peak, ...window.luxel.sample(((i % 64) + 0.5) / 64, (Math.floor(i / 64) + 0.5) / 64).radiance);
+      window.luxel.set({ exposure: Math.log2((32 * scene.radiance_scale) / peak), headroom: 3 });
+      return shown.full;
+    });
+    await settled(page);
+    const codes = (change) =>
+      page.evaluate(async (change) => {
+        window.luxel.set(change);
+        const part = window.luxel.parts.find((part) => part.canvas?.id === "hdr");
+        const { canvas, context, device } = part;
+        await new Promise(requestAnimationFrame);
+        await new Promise(requestAnimationFrame);
+        const row = Math.ceil((8 * canvas.width) / 256) * 256;
+        const back = device.createBuffer({ size: row * canvas.height, usage: 1 | 8 });
+        part.render();
+        const encoder = device.createCommandEncoder();
+        encoder.copyTextureToBuffer({ texture: context.getCurrentTexture() }, { buffer: back, bytesPerRow: row }, [canvas.width, canvas.height]);
+        device.queue.submit([encoder.finish()]);
+        await back.mapAsync(1);
+        const halves = new Uint16Array(back.getMappedRange().slice(0));
+        const half = (bits) => {
+          const exponent = (bits >> 10) & 31;
+          return exponent === 0 ? (bits & 1023) * 2 ** -24 : (1 + (bits & 1023) / 1024) * 2 ** (exponent - 15);
+        };
+        const found = [];
+        for (let y = 0; y < canvas.height; y++) for (let x = 0; x < canvas.width; x++) found.push([0, 1, 2].map((c) => half(halves[(y * row) / 2 + 4 * x + c])));
+        return { mode: context.getConfiguration().toneMapping.mode, size: [canvas.width, canvas.height], found };
+      }, change);
+    const radiance = await page.evaluate(() => {
+      const { scene, state } = window.luxel;
+      const gain = 2 ** state.exposure / scene.radiance_scale;
+      const light = [];
+      for (let i = 0; i < 64 * 64; i++) {
+        const v = window.luxel.sample(((i % 64) + 0.5) / 64, (Math.floor(i / 64) + 0.5) / 64).radiance;
+        light.push(scene.rec709_from_scene.map((row) => Math.max(0, row.reduce((sum, weight, c) => sum + weight * v[c], 0) * gain)));
+      }
+      return light;
+    });
+    const decode = (code) => (code <= 0.04045 ? code / 12.92 : ((code + 0.055) / 1.055) ** 2.4);
+    const linear = await codes({ curve: "none" });
+    assert.deepEqual([linear.mode, linear.size], ["extended", [64, 64]]);
+    linear.found.forEach((code, i) => code.forEach((value, c) => near(decode(value), Math.min(8, radiance[i][c]), 4e-3 * Math.min(8, radiance[i][c]) + 1e-4, `pixel ${i}`)));
+    assert.ok(linear.found.filter((code) => Math.max(...code) > 1.2).length > 10, "little above white");
+    // With a curve nothing changes up to white, and all stays within the headroom.
+    const curved = await codes({ curve: "agx" });
+    const flat = await codes({ headroom: 1e-9 });
+    let above = 0;
+    curved.found.forEach((code, i) => {
+      const bright = Math.max(...radiance[i]);
+      if (bright < 0.999) code.forEach((value, c) => near(value, flat.found[i][c], 1e-3, `pixel ${i} below white`));
+      if (bright > 2) above += code.every((value, c) => value >= flat.found[i][c]) ? 1 : -1e9;
+      assert.ok(Math.max(...code.map(decode)) <= 8.01);
+    });
+    assert.ok(above > 10);
+    // The compositor gets it: the picture on the screen is another one than without.
+    await codes({ curve: "none", headroom: 3 });
+    const box = { clip: { x: 0, y: 36, width: 64, height: 64 } };
+    const extended = await page.screenshot(box);
+    await page.evaluate(() => window.luxel.set({ hdr: false }));
+    await page.waitForFunction(() => document.getElementById("hdr").hidden);
+    await page.waitForTimeout(100);
+    assert.ok(!extended.equals(await page.screenshot(box)), "the screen shows the same with and without");
+    // What ends at white anyway is drawn below.
+    for (const layer of ["stops", "depth"]) {
+      await page.evaluate((layer) => window.luxel.set({ hdr: true, layer }), layer);
+      await page.waitForFunction(() => document.getElementById("hdr").hidden);
+    }
+    assert.deepEqual(page.failures, []);
+    await page.setViewportSize({ width: 1280, height: 720 });
+    await page.evaluate(() => window.luxel.set({ layer: "radiance" }));
+    await settled(page);
+    await shot(page, "hdr");
+    await wide.close();
+  },
 };

@@ -23,6 +23,7 @@ async function splats() {
 /** @implements {Source} */
 export class Embedded {
   isLocal = true;
+  layersApart = false;
   /** @type {Scene & { thumbnails: { [view: string]: string } }} */ facts = JSON.parse(textOf("luxel-scene"));
   /** @type {Promise<LocalPictures> | null} */ pictures = null;
 

@@ -3,6 +3,7 @@
 import { Comparison } from "./comparison.js";
 import { Embedded, isAlone } from "./embedded.js";
 import { Exposure } from "./exposure.js";
+import { HdrScreen } from "./hdr.js";
 import { byId, ControlPanel } from "./panel.js";
 import { Probes } from "./probes.js";
 import { RenderingPanel } from "./rendering.js";
@@ -18,6 +19,7 @@ try {
   const viewer = new Viewer(sources ?? new Embedded());
   viewer.parts.push(new ControlPanel(viewer), new Strip(viewer), viewer.comparison = new Comparison(viewer), viewer.exposure = new Exposure(viewer));
   viewer.parts.push(viewer.probes = new Probes(viewer), viewer.training = new TrainingPanel(viewer));
+  viewer.parts.push(new HdrScreen(viewer));
   viewer.saving = new Saving(viewer);
   if (sources) viewer.parts.push(new RenderingPanel(viewer, sources));
   // For scripts in the console of the browser, and tests.

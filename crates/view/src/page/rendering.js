@@ -12,6 +12,8 @@ const MESSAGE_MS = 8000;
 
 /** @implements {Part} */
 export class RenderingPanel {
+  /** What failed, and until when it is shown. */ failure = { message: "", until: 0 };
+
   /** @param {Viewer} viewer @param {Sources} sources */
   constructor(viewer, sources) {
     this.viewer = viewer;
@@ -26,8 +28,15 @@ export class RenderingPanel {
     viewer.stream.invalidate();
     viewer.needsReflect = true;
     if (!message) return;
+    this.failure = { message, until: performance.now() + MESSAGE_MS };
     viewer.complain(message);
     setTimeout(() => byId("message").textContent === message && viewer.complain(""), MESSAGE_MS);
+  }
+
+  // Each picture clears the message.
+  taken() {
+    const { message, until } = this.failure;
+    if (performance.now() < until) this.viewer.complain(message);
   }
 
   reflect() {

@@ -38,6 +38,8 @@ export class State {
   showCameras = false;
   /** Length of a world unit in metres; 0 where unknown. */ metres = 0;
   /** Edits in the text form of `luxel edit`. */ edit = "";
+  /** Whether light above white is shown brighter than white, where the screen can. */ hdr = true;
+  /** Stops above white; 0 for what the screen tells. */ headroom = 0;
   /** Where pictures are rendered. @type {import("./sources.js").Rendering} */ rendering = "automatic";
 }
 
@@ -58,6 +60,8 @@ const FIELDS = [
   ["showCameras", "cameras", "flag"],
   ["metres", "metres", "number"],
   ["edit", "edit", "text"],
+  ["hdr", "hdr", "flag"],
+  ["headroom", "headroom", "number"],
   ["rendering", "rendering", "text"],
 ];
 
