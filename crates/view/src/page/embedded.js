@@ -1,5 +1,6 @@
 /** The scene of a page that was saved with it: no server, the page renders by itself. */
 
+import { toLocal } from "./lens.js";
 import { LocalPictures } from "./local.js";
 
 /** @typedef {import("./lens.js").Lens} Lens */
@@ -39,7 +40,7 @@ export class Embedded {
   async frame(lens, picture) {
     this.pictures ??= LocalPictures.open(splats, () => (this.pictures = null));
     try {
-      return await (await this.pictures).frame(lens, { ...picture, edit: "" });
+      return await (await this.pictures).frame(toLocal(lens, this.facts.world_from_local), { ...picture, edit: "" });
     } catch (error) {
       // Tried again, by the next picture, with a new device.
       this.pictures = null;
