@@ -168,6 +168,9 @@ pub fn srgb_decode(encoded: f32) -> f32 {
     if encoded <= 0.040_45 { encoded / 12.92 } else { ((encoded + 0.055) / 1.055).powf(2.4) }
 }
 
+/// Luminance of reference white in HDR pictures, cd/m2 (ITU-R BT.2408).
+pub const REFERENCE_WHITE_NITS: f32 = 203.0;
+
 /// Returns the perceptual quantizer's value in `[0, 1]` of an absolute luminance, cd/m2 (SMPTE ST
 /// 2084): 10,000 gives 1.
 ///

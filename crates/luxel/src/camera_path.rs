@@ -1,4 +1,5 @@
-//! Camera paths around a captured scene, from the cameras of its data set alone.
+//! Camera paths around a captured scene, from the cameras of its data set alone; through keyframes
+//! in [`keyframes`].
 //!
 //! In: the views of a data set, a kind of path and a number of frames. Out: cameras named
 //! `frame_00000`, world of the data set, with the lens and image size of the first view and the
@@ -16,6 +17,8 @@
 //! Degenerate: cameras that look in parallel, or away from one another, look at a point ahead of
 //! them as far as the data set's points; a single view has no path between views; cameras that look
 //! all ways have no spiral.
+
+pub mod keyframes;
 
 use std::f64::consts::TAU;
 
@@ -297,10 +300,14 @@ fn spline<const N: usize>(times: &[f64], values: &[[f64; N]], time: f64) -> [f64
     };
     std::array::from_fn(|c| {
         let (from, to) = (values[i][c], values[i + 1][c]);
-        let (m, n) = (slope(i, c) * step, slope(i + 1, c) * step);
-        let (t2, t3) = (t * t, t * t * t);
-        (2.0 * t3 - 3.0 * t2 + 1.0) * from + (t3 - 2.0 * t2 + t) * m + (3.0 * t2 - 2.0 * t3) * to + (t3 - t2) * n
+        hermite([from, to], [slope(i, c) * step, slope(i + 1, c) * step], t)
     })
+}
+
+/// Returns a cubic between two values at `t` in `[0, 1]`, with the slopes at its ends.
+fn hermite([from, to]: [f64; 2], [m, n]: [f64; 2], t: f64) -> f64 {
+    let (t2, t3) = (t * t, t * t * t);
+    (2.0 * t3 - 3.0 * t2 + 1.0) * from + (t3 - 2.0 * t2 + t) * m + (3.0 * t2 - 2.0 * t3) * to + (t3 - t2) * n
 }
 
 /// Returns a point in words.

@@ -10,7 +10,8 @@
 
 use std::path::{Path, PathBuf};
 
-use luxel_core::{Camera, Remedy, RenderOptions, Scene};
+use luxel_core::{Camera, ColorSpace, Image, Remedy, RenderOptions, Scene};
+use luxel_io::ExrSample;
 
 use crate::error::bail;
 use crate::{Error, Result, text};
@@ -19,6 +20,9 @@ use crate::{Error, Result, text};
 pub const MADE_BY: &str = "luxel:made_by";
 /// Attribute of an OpenEXR file with the recipe of the preview beside it.
 pub const PREVIEW_MADE_BY: &str = "luxel:preview_made_by";
+
+/// Attribute of an OpenEXR file with the exposure of the preview beside it, stops.
+pub const PREVIEW_EXPOSURE: &str = "luxel:preview_exposure_ev";
 
 /// Extensions of images and videos, which a folder of images does not have.
 pub const IMAGE_EXTENSIONS: [&str; 5] = ["exr", "png", "mp4", "mov", "mkv"];
@@ -94,6 +98,42 @@ fn extension(path: &Path) -> String {
     path.extension().map(|extension| extension.to_string_lossy().to_lowercase()).unwrap_or_default()
 }
 
+/// The number format of an OpenEXR file.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ExrType {
+    /// Half floats, or 32 bits where a value exceeds their range.
+    #[default]
+    Auto,
+    /// Half floats; larger values become the largest.
+    Half,
+    /// 32 bits.
+    Float,
+}
+
+impl ExrType {
+    /// Returns the precision of an image's file.
+    pub fn sample(self, image: &Image) -> ExrSample {
+        match self {
+            Self::Auto => ExrSample::smallest_for(image),
+            Self::Half => ExrSample::Half,
+            Self::Float => ExrSample::Float,
+        }
+    }
+}
+
+/// The form of the frames of a render.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FrameForm {
+    /// Colour space of the pixels.
+    pub color_space: ColorSpace,
+    /// Number format.
+    pub exr_type: ExrType,
+    /// Whether there is a channel of coverage.
+    pub alpha: bool,
+    /// Whether there is a channel of depth.
+    pub depth: bool,
+}
+
 /// A digest of everything that decides the content of a file.
 ///
 /// ```
@@ -138,6 +178,13 @@ impl Recipe {
             recipe = recipe.with("world_from_local", format_args!("{:?}", scene.world_from_local));
         }
         recipe.with("options", format_args!("{options:?}"))
+    }
+
+    /// Returns the recipe of all frames of a scene in a form, but for their cameras.
+    pub fn of_frames(scene: &Scene, options: &RenderOptions, form: FrameForm) -> Self {
+        let FrameForm { color_space, exr_type, alpha, depth } = form;
+        let recipe = Self::of_scene(scene, options).with("output_color_space", color_space.name());
+        recipe.with("exr_type", format_args!("{exr_type:?}")).with("alpha", alpha).with("depth", depth)
     }
 
     /// Adds a camera.
@@ -265,7 +312,7 @@ mod tests {
         Scene {
             splats: luxel_core::Splats::empty(luxel_core::ColorModel::Sh { degree: 0 }),
             radiance_scale: luxel_core::RadianceScale::ONE,
-            color_space: luxel_core::ColorSpace::default(),
+            color_space: ColorSpace::default(),
             raster: luxel_core::RasterConfig::default(),
             edits: Vec::new(),
             world_from_local: luxel_core::Similarity::IDENTITY,

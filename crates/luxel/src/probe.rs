@@ -7,8 +7,8 @@
 
 use std::path::Path;
 
-use glam::DVec3;
-use luxel_core::environment::{MapSize, Projection, Rig, Summary};
+use glam::{DMat3, DVec3};
+use luxel_core::environment::{MapSize, PartialMap, Projection, Rig, Summary};
 use luxel_core::{Camera, ColorSpace, Conversion, Dataset, Engine, Image, RadianceScale, RenderOptions, Scene};
 use luxel_io::{ExrOptions, ExrSample};
 
@@ -16,7 +16,8 @@ use crate::error::Context;
 use crate::export::{Up, UpAxis, file_from_world};
 use crate::radiance::RADIANCE_SCALE;
 use crate::run::FrameProgress;
-use crate::{Observer, Result, output};
+use crate::sight::sight;
+use crate::{Observer, Renderer, Result, output, text};
 
 /// Options of a probe.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -95,16 +96,27 @@ impl Probe {
     /// The file system's refusal.
     pub fn save_exr(&self, path: impl AsRef<Path>, sample: ExrSample) -> Result<usize> {
         output::check_extension(path.as_ref(), &["exr"])?;
+        luxel_io::write_exr(path.as_ref(), &self.image, &self.exr_options(sample)).context("cannot write the probe")
+    }
+
+    /// Encodes the file that [`Self::save_exr`] writes, into memory.
+    ///
+    /// # Errors
+    /// A map without pixels.
+    pub fn encode_exr(&self, sample: ExrSample) -> Result<Vec<u8>> {
+        luxel_io::encode_exr(Path::new("probe.exr"), &self.image, &self.exr_options(sample)).context("cannot encode the probe")
+    }
+
+    fn exr_options(&self, sample: ExrSample) -> ExrOptions {
         let [x, y, z] = self.at;
-        let options = ExrOptions {
+        ExrOptions {
             sample,
             color_space: self.color_space,
             environment: Some(self.projection),
             numbers: vec![(RADIANCE_SCALE.into(), self.radiance_scale.get())],
             attributes: vec![("luxel:at".into(), format!("{x}, {y}, {z}"))],
             ..ExrOptions::default()
-        };
-        luxel_io::write_exr(path.as_ref(), &self.image, &options).context("cannot write the probe")
+        }
     }
 }
 
@@ -122,34 +134,135 @@ pub fn probe(
     engine: &mut dyn Engine,
     observer: &dyn Observer,
 ) -> Result<Probe> {
-    let pixels = options.width_px * options.projection.height(options.width_px);
-    let work = format!("a probe {} pixels wide", options.width_px);
-    crate::memory::check(&work, pixels as u64 * BYTES_PER_PIXEL, "make a smaller map")?;
-    let environment_from_world = file_from_world(options.up, UpAxis::PlusY, dataset, 1.0)?.rotation();
-    let focal_px = dataset.and_then(median_focal_px);
-    let local_from_world = scene.world_from_local.inverse();
+    let surroundings = Surroundings::new(options.up, dataset)?;
     let left_out = leave_out_near(&mut scene, options);
-    let (projection, width) = (options.projection, options.width_px);
-    let rig =
-        Rig::new(local_from_world.point(DVec3::from_array(options.at)), environment_from_world, MapSize { projection, width }, focal_px);
-    let mut image = render(&rig, &scene, options.background, engine, observer)?;
-    let color_space = options.color_space.unwrap_or(scene.color_space);
-    let conversion = Conversion::between(scene.color_space, color_space);
-    for pixel in &mut image.pixels {
-        *pixel = conversion.apply(scene.radiance_scale.restored(*pixel));
+    let mut work = ProbeWork { left_out, ..ProbeWork::new(&scene, options, surroundings)? };
+    engine.load(&scene.splats, None).context("cannot load the scene")?;
+    let render_options = RenderOptions { background: options.background, ..scene.render_options() };
+    let mut progress = FrameProgress { observer, done: 0, total: u32::try_from(work.rig.cameras.len()).unwrap_or(u32::MAX) };
+    while !work.is_done() {
+        let name = format!("face {}", work.faces_done + 1);
+        work.render_face(|camera| {
+            let image = engine.render(camera, &render_options).context("cannot render the probe")?;
+            progress.add(&name, Vec::new());
+            Ok(image)
+        })?;
     }
-    let summary = Summary::new(&image, projection);
-    let has_training_resolution = focal_px.is_some();
-    Ok(Probe {
-        image,
-        at: options.at,
-        projection,
-        color_space,
-        radiance_scale: scene.radiance_scale,
-        summary,
-        left_out,
-        has_training_resolution,
-    })
+    Ok(work.finish())
+}
+
+/// Returns what is wrong with a point (world) that none of the cameras (local coordinates of the
+/// scene) saw: the map would show what is behind what was photographed. `None` for one in sight, and
+/// without cameras.
+pub fn unseen(scene: &Scene, cameras: &[&Camera], at: [f64; 3]) -> Option<String> {
+    let frame = &scene.world_from_local;
+    let sight = sight(scene, cameras, frame.inverse().point(DVec3::from_array(at)))?;
+    if sight.seen > 0 {
+        return None;
+    }
+    let [x, y, z] = frame.point(sight.nearest_camera).to_array().map(|v| (1e6 * v).round() / 1e6);
+    let why = match sight.in_view {
+        0 => "is in no image of the data set".to_owned(),
+        n => format!("is hidden in {} that it is in", text::plural(n, "image")),
+    };
+    Some(format!(
+        "the point {why}: the map shows the scene from where no camera saw it; choose a point in sight of the cameras, of which the nearest is \
+         at {x},{y},{z}"
+    ))
+}
+
+/// Facts of a data set that decide a probe.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Surroundings {
+    environment_from_world: DMat3,
+    /// Median focal length of the training views, pixels.
+    focal_px: Option<f64>,
+}
+
+impl Surroundings {
+    /// Returns the up direction and the resolution of training.
+    ///
+    /// # Errors
+    /// An up direction that cannot be used.
+    pub fn new(up: Up, dataset: Option<&Dataset>) -> Result<Self> {
+        let environment_from_world = file_from_world(up, UpAxis::PlusY, dataset, 1.0)?.rotation();
+        Ok(Self { environment_from_world, focal_px: dataset.and_then(median_focal_px) })
+    }
+}
+
+/// A probe under way, rendered face by face, so that other work is possible in between.
+#[derive(Debug)]
+pub struct ProbeWork {
+    rig: Rig,
+    map: PartialMap,
+    faces_done: usize,
+    options: ProbeOptions,
+    space: ColorSpace,
+    radiance_scale: RadianceScale,
+    left_out: usize,
+    has_training_resolution: bool,
+}
+
+impl ProbeWork {
+    /// Begins a probe of a scene; `near` of the options is not looked at.
+    ///
+    /// # Errors
+    /// A map that does not fit into memory.
+    pub fn new(scene: &Scene, options: &ProbeOptions, surroundings: Surroundings) -> Result<Self> {
+        let (projection, width) = (options.projection, options.width_px);
+        let bytes = (width * projection.height(width)) as u64 * BYTES_PER_PIXEL;
+        crate::memory::check(&format!("a probe {width} pixels wide"), bytes, "make a smaller map")?;
+        let Surroundings { environment_from_world, focal_px } = surroundings;
+        let at = scene.world_from_local.inverse().point(DVec3::from_array(options.at));
+        let rig = Rig::new(at, environment_from_world, MapSize { projection, width }, focal_px);
+        Ok(Self {
+            map: rig.empty_map(),
+            rig,
+            faces_done: 0,
+            options: *options,
+            space: scene.color_space,
+            radiance_scale: scene.radiance_scale,
+            left_out: 0,
+            has_training_resolution: focal_px.is_some(),
+        })
+    }
+
+    /// Returns whether all faces are rendered.
+    pub fn is_done(&self) -> bool {
+        self.faces_done >= self.rig.faces().count()
+    }
+
+    /// Renders the next face with the renderer of the scene that the probe was begun for.
+    ///
+    /// # Errors
+    /// A device that gave up.
+    pub fn render_next(&mut self, renderer: &mut Renderer) -> Result<()> {
+        self.render_face(|camera| renderer.render_normalised(camera))
+    }
+
+    /// Renders the next face; `render` returns an image in normalised units.
+    fn render_face(&mut self, render: impl FnMut(&Camera) -> Result<Image>) -> Result<()> {
+        let face = self.faces_done;
+        let Some(cameras) = self.rig.faces().nth(face) else { return Ok(()) };
+        let renders: Result<Vec<Image>> = cameras.iter().map(render).collect();
+        self.map.add_face(&self.rig, face, &renders?);
+        self.faces_done += 1;
+        Ok(())
+    }
+
+    /// Returns the probe in the units of the data set.
+    pub fn finish(self) -> Probe {
+        let Self { rig, map, options, space, radiance_scale, left_out, has_training_resolution, .. } = self;
+        let (projection, at) = (options.projection, options.at);
+        let mut image = map.into_image(&rig);
+        let color_space = options.color_space.unwrap_or(space);
+        let conversion = Conversion::between(space, color_space);
+        for pixel in &mut image.pixels {
+            *pixel = conversion.apply(radiance_scale.restored(*pixel));
+        }
+        let summary = Summary::new(&image, projection);
+        Probe { image, at, projection, color_space, radiance_scale, summary, left_out, has_training_resolution }
+    }
 }
 
 /// Returns the median focal length of the training views in pixels.
@@ -169,23 +282,4 @@ fn leave_out_near(scene: &mut Scene, options: &ProbeOptions) -> usize {
     let kept: Vec<u32> = (0..before as u32).filter(|i| is_far(scene.splats.position[*i as usize])).collect();
     scene.splats = scene.splats.select(kept);
     before - scene.splats.len()
-}
-
-/// Renders a map in normalised units, face by face.
-fn render(rig: &Rig, scene: &Scene, background: [f32; 3], engine: &mut dyn Engine, observer: &dyn Observer) -> Result<Image> {
-    engine.load(&scene.splats, None).context("cannot load the scene")?;
-    let options = RenderOptions { background, ..scene.render_options() };
-    let mut map = rig.empty_map();
-    let total = rig.faces().map(<[_]>::len).sum::<usize>();
-    let mut progress = FrameProgress { observer, done: 0, total: u32::try_from(total).unwrap_or(u32::MAX) };
-    for (face, cameras) in rig.faces().enumerate() {
-        let mut render = |camera: &Camera| {
-            let image = engine.render(camera, &options).context("cannot render the probe")?;
-            progress.add(&format!("face {}", face + 1), Vec::new());
-            Ok(image)
-        };
-        let renders: Result<Vec<Image>> = cameras.iter().map(&mut render).collect();
-        map.add_face(rig, face, &renders?);
-    }
-    Ok(map.into_image(rig))
 }

@@ -6,11 +6,12 @@
 
 use std::path::Path;
 
-use luxel_core::tone::{Tonemap, display_rgb8, rec709_of};
+use luxel_core::tone::{REFERENCE_WHITE_NITS, Tonemap, display_rgb8, pq_encode, rec709_of};
 use luxel_core::{Camera, ColorSpace, Conversion, Image, Layers, RadianceScale};
-use luxel_io::{ExrOptions, ExrSample};
+use luxel_io::{ExrOptions, ExrSample, LightLevels};
 
 use crate::error::Context;
+use crate::output::ExrType;
 use crate::{Result, output};
 
 /// Attribute of an OpenEXR file with the radiance of one normalised unit, which `luxel compare`
@@ -103,6 +104,41 @@ impl Radiance {
     /// An image without pixels.
     pub fn encode_exr(&self) -> Result<Vec<u8>> {
         luxel_io::encode_exr(Path::new("radiance.exr"), &self.image, &self.exr_options()).context("cannot encode an image")
+    }
+
+    /// Encodes an HDR picture: 16-bit PNG in Rec.2020 with the perceptual quantizer (SMPTE ST 2084),
+    /// named by its chunk `cICP`. The scene's radiance scale divided by 2^`exposure_ev` is reference
+    /// white, 203 cd/m2; light beyond 10,000 cd/m2 and outside of Rec.2020 is clipped.
+    ///
+    /// # Errors
+    /// An image without pixels, or with too long a side.
+    pub fn encode_png_pq(&self, exposure_ev: f32) -> Result<Vec<u8>> {
+        /// Largest luminance of the curve, cd/m2.
+        const MAX_NITS: f32 = 10_000.0;
+        let conversion = Conversion::between(self.color_space, ColorSpace::LinearRec2020);
+        let gain = self.radiance_scale.normalised_value(exposure_ev.exp2()) * REFERENCE_WHITE_NITS;
+        let nits = |rgb: &[f32; 3]| conversion.apply(*rgb).map(|c| if c > 0.0 { (c * gain).min(MAX_NITS) } else { 0.0 });
+        let (mut codes, mut levels) = (Vec::with_capacity(3 * self.pixels().len()), LightLevels::default());
+        for pixel in self.pixels() {
+            let light = nits(pixel);
+            codes.extend(light.map(|c| (pq_encode(c) * 65535.0 + 0.5) as u16));
+            let brightest = f64::from(light.into_iter().fold(0.0, f32::max));
+            levels.max = levels.max.max(brightest);
+            levels.mean += brightest / self.pixels().len() as f64;
+        }
+        luxel_io::encode_png_pq(self.width(), self.height(), &codes, levels).context("cannot encode an HDR picture")
+    }
+
+    /// Encodes a frame as `luxel render` writes it: as [`Self::encode_exr`], with the digest of the
+    /// recipe that made it ([`output::Recipe`]).
+    ///
+    /// # Errors
+    /// An image without pixels.
+    pub fn encode_frame(&self, exr_type: ExrType, made_by: &str) -> Result<Vec<u8>> {
+        let mut options = ExrOptions { sample: exr_type.sample(&self.image), ..self.exr_options() };
+        options.attributes.push((output::MADE_BY.to_owned(), made_by.to_owned()));
+        options.numbers.push((output::PREVIEW_EXPOSURE.into(), 0.0));
+        luxel_io::encode_exr(Path::new("frame.exr"), &self.image, &options).context("cannot encode an image")
     }
 
     fn exr_options(&self) -> ExrOptions {

@@ -1,7 +1,7 @@
 //! Rendering of a scene: always with the scene's own raster settings, always into the units of the
 //! data set.
 
-use luxel_core::{Camera, ColorSpace, Engine, RadianceScale, RasterConfig, RenderOptions, Similarity};
+use luxel_core::{Camera, ColorSpace, Engine, Image, RadianceScale, RasterConfig, RenderOptions, Similarity};
 
 use crate::device::SelectedEngine;
 use crate::error::{Context, ensure};
@@ -99,9 +99,14 @@ impl Renderer {
     /// # Errors
     /// A camera that cannot be rendered; a device that gave up.
     pub fn render(&mut self, camera: &Camera) -> Result<Radiance> {
-        crate::memory::check_render(camera.size_px, self.options.raster.samples)?;
-        let image = self.engine.render(camera, &self.options).context("cannot render")?;
+        let image = self.render_normalised(camera)?;
         Ok(Radiance::new(image, self.radiance_scale, self.color_space, &self.world_camera(camera)))
+    }
+
+    /// Renders in normalised units.
+    pub(crate) fn render_normalised(&mut self, camera: &Camera) -> Result<Image> {
+        crate::memory::check_render(camera.size_px, self.options.raster.samples)?;
+        self.engine.render(camera, &self.options).context("cannot render")
     }
 
     fn world_camera(&self, camera: &Camera) -> Camera {

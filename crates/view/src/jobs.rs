@@ -205,6 +205,11 @@ impl Jobs {
         }
     }
 
+    /// Returns whether jobs are refused for good.
+    pub(crate) fn is_closed(&self) -> bool {
+        self.lock().is_closed
+    }
+
     /// Refuses jobs from now on; those that wait are dropped.
     pub(crate) fn close(&self) {
         let mut inner = self.lock();

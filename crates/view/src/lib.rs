@@ -24,18 +24,22 @@
 struct CrateReadmeExample;
 
 mod assets;
+mod environment;
 mod folder;
 mod frame;
+mod frame_render;
 mod gate;
 mod jobs;
 mod live;
 mod page_file;
+mod paths;
 mod query;
 mod routes;
 mod server;
 mod splats;
 mod stage;
 mod status;
+mod stills;
 mod subject;
 mod variant;
 

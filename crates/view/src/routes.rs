@@ -12,8 +12,9 @@ use serde::Serialize;
 use serde_json::{Value, json};
 use tokio::sync::{OnceCell, Semaphore};
 
-use crate::assets;
+use crate::environment::LastEnvironment;
 use crate::frame::{Frame, Planes};
+use crate::frame_render::FrameRender;
 use crate::jobs::{Jobs, Refusal, Rendered, Reply, Wanted};
 use crate::query::Query;
 use crate::server::MAX_BODIES;
@@ -22,6 +23,7 @@ use crate::stage::{Loaded, Stage, check_edits};
 use crate::status::{Shared, Status};
 use crate::subject::Subject;
 use crate::variant::Variant;
+use crate::{assets, environment, paths, stills};
 
 /// Pixels of a picture for the page, at most.
 const MAX_FRAME_PX: u64 = 1 << 25;
@@ -41,13 +43,18 @@ pub(crate) struct House {
     pub(crate) packed: OnceCell<Bytes>,
     /// Places for bodies of requests.
     pub(crate) bodies: Semaphore,
+    /// The camera path that is rendered.
+    pub(crate) frames: FrameRender,
+    /// The light probe that was made last.
+    pub(crate) environment: LastEnvironment,
 }
 
 impl House {
     /// Returns a house without jobs.
     pub(crate) fn new(subject: Subject, color_space: ColorSpace, status: Status, scene: Option<Arc<Scene>>) -> Self {
         let (jobs, shared, bodies) = (Jobs::default(), Shared::new(status), Semaphore::new(MAX_BODIES));
-        Self { subject, color_space, jobs, shared, scene, packed: OnceCell::new(), bodies }
+        let (frames, environment) = (FrameRender::default(), LastEnvironment::default());
+        Self { subject, color_space, jobs, shared, scene, packed: OnceCell::new(), bodies, frames, environment }
     }
 }
 
@@ -70,6 +77,12 @@ pub(crate) struct Failure {
     pub(crate) message: String,
 }
 
+impl From<luxel::Error> for Failure {
+    fn from(error: luxel::Error) -> Self {
+        Self { status: StatusCode::UNPROCESSABLE_ENTITY, message: format!("{error:#}") }
+    }
+}
+
 impl From<String> for Failure {
     fn from(message: String) -> Self {
         Self { status: StatusCode::BAD_REQUEST, message }
@@ -83,16 +96,16 @@ impl Failure {
 }
 
 impl Answer {
-    fn new(media_type: &'static str, body: impl Into<Bytes>) -> Self {
+    pub(crate) fn new(media_type: &'static str, body: impl Into<Bytes>) -> Self {
         Self { status: StatusCode::OK, media_type, frame_head: None, file_name: None, body: body.into() }
     }
 
-    fn json(content: &impl Serialize) -> Result<Self, Failure> {
+    pub(crate) fn json(content: &impl Serialize) -> Result<Self, Failure> {
         let body = serde_json::to_vec(content).map_err(|error| Failure::new(StatusCode::INTERNAL_SERVER_ERROR, error.to_string()))?;
         Ok(Self::new("application/json", body))
     }
 
-    fn frame(frame: Frame) -> Result<Self, Failure> {
+    pub(crate) fn frame(frame: Frame) -> Result<Self, Failure> {
         let head =
             serde_json::to_string(&frame.head).map_err(|error| Failure::new(StatusCode::INTERNAL_SERVER_ERROR, error.to_string()))?;
         Ok(Self { frame_head: Some(head), ..Self::new("application/octet-stream", frame.body) })
@@ -103,6 +116,11 @@ impl Answer {
 pub(crate) async fn answer(house: &Arc<House>, method: &Method, path: &str, mut query: Query, body: Bytes) -> Result<Answer, Failure> {
     // The address with the token opens the page.
     query.take("token");
+    if path.starts_with("/api/path") {
+        let answer = paths::answer(house, method, path, body).await?;
+        query.finish()?;
+        return Ok(answer);
+    }
     if !body.is_empty() {
         return Err(Failure::new(StatusCode::PAYLOAD_TOO_LARGE, "this path takes no body"));
     }
@@ -118,6 +136,8 @@ pub(crate) async fn answer(house: &Arc<House>, method: &Method, path: &str, mut 
         "/api/frame.exr" if is_get => exr(house, &mut query).await,
         "/api/probe" if is_get => probe(house, &mut query).await,
         "/api/splats" if is_get => splats(house, &mut query).await,
+        "/api/still.png" if is_get => stills::answer(house, &mut query).await,
+        _ if path.starts_with("/api/environment") => environment::answer(house, method, path, &mut query).await,
         "/api/truth" if is_get => truth(house, &mut query),
         "/api/thumbnail" if is_get => thumbnail(house, &mut query).await,
         _ => match (path.strip_prefix("/page/"), path.strip_prefix("/api/training/")) {
@@ -136,7 +156,7 @@ pub(crate) async fn answer(house: &Arc<House>, method: &Method, path: &str, mut 
 fn not_here(path: &str, is_get: bool) -> Failure {
     let is_known = path == "/" || path.starts_with("/api/") || path.starts_with("/page/");
     match is_known && !is_get {
-        true => Failure::new(StatusCode::METHOD_NOT_ALLOWED, "this path answers GET; only /api/training/ takes POST"),
+        true => Failure::new(StatusCode::METHOD_NOT_ALLOWED, "this path answers GET; POST is for what changes something"),
         false => Failure::new(StatusCode::NOT_FOUND, "no such path"),
     }
 }
@@ -174,8 +194,7 @@ async fn splats(house: &House, query: &mut Query) -> Result<Answer, Failure> {
             let Loaded { scene, renderer } = stage.loaded(&edit)?;
             Ok(pack(scene, renderer.options(), precision))
         };
-        let answer = house.jobs.run(work).map_err(refused)?.await.map_err(|_| refused(Refusal::Closed))?;
-        answer.map_err(|error| Failure::new(StatusCode::UNPROCESSABLE_ENTITY, format!("{error:#}")))
+        on_stage(house, work).await
     };
     let body = if is_plain { house.packed.get_or_try_init(|| packed).await?.clone() } else { packed.await? };
     Ok(Answer::new("application/octet-stream", body))
@@ -191,7 +210,7 @@ fn refused(refusal: Refusal) -> Failure {
 }
 
 /// Takes camera, size and edits out of a query.
-fn wanted(house: &House, query: &mut Query) -> Result<Wanted, Failure> {
+pub(crate) fn wanted(house: &House, query: &mut Query) -> Result<Wanted, Failure> {
     let size: [Option<u32>; 2] = [query.number("width")?, query.number("height")?];
     let edit = query.take("edit").unwrap_or_default();
     check_edits(&edit)?;
@@ -274,14 +293,23 @@ async fn render(house: &House, wanted: Wanted, viewer: Option<String>) -> Result
     }
 }
 
+/// Does work on the thread that owns the engine.
+pub(crate) async fn on_stage<T: Send + 'static>(
+    house: &House,
+    work: impl FnOnce(&mut dyn Stage) -> luxel::Result<T> + Send + 'static,
+) -> Result<T, Failure> {
+    let answer = house.jobs.run(work).map_err(refused)?;
+    Ok(answer.await.map_err(|_| refused(Refusal::Closed))??)
+}
+
 /// Waits for a picture that nothing takes the place of.
-async fn render_surely(house: &House, wanted: Wanted) -> Result<Rendered, Failure> {
+pub(crate) async fn render_surely(house: &House, wanted: Wanted) -> Result<Rendered, Failure> {
     let rendered = render(house, wanted, None).await?;
     rendered.ok_or_else(|| Failure::new(StatusCode::SERVICE_UNAVAILABLE, "the picture was given up"))
 }
 
 /// Runs work of the processor beside the server's thread.
-async fn beside<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Result<T, Failure> {
+pub(crate) async fn beside<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Result<T, Failure> {
     tokio::task::spawn_blocking(work).await.map_err(|error| Failure::new(StatusCode::INTERNAL_SERVER_ERROR, error.to_string()))
 }
 

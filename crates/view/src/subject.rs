@@ -9,6 +9,7 @@ use std::sync::Arc;
 
 use glam::{DMat3, DVec3};
 use luxel::export::{Up, UpAxis, file_from_world};
+use luxel::probe::Surroundings;
 use luxel::{Result, Scene};
 use luxel_core::{Camera, ColorSpace, Conversion, Dataset, Image, Mask, PixelValues, Similarity, View};
 use serde::Serialize;
@@ -27,6 +28,8 @@ pub struct Subject {
     pub(crate) color_space: ColorSpace,
     pub(crate) facts: Facts,
     pub(crate) views: Vec<Shown>,
+    /// Up direction and resolution of light probes.
+    pub(crate) surroundings: Surroundings,
     /// Where the page may save; `None` for nowhere.
     pub(crate) folder: Option<Folder>,
     /// From each scene's local coordinates to the world; the first is that of the subject.
@@ -147,7 +150,8 @@ impl Subject {
             views.extend(dataset.test.iter().map(|view| Shown::new(view, "test")));
             views.sort_by(|a, b| a.name.cmp(&b.name));
         }
-        Ok(Self { color_space: scene.color_space, facts, views, folder: None, world_from_local: vec![world_from_local] })
+        let surroundings = Surroundings::new(Up::Default, dataset)?;
+        Ok(Self { color_space: scene.color_space, facts, views, surroundings, folder: None, world_from_local: vec![world_from_local] })
     }
 
     /// Lets the page make new files in a folder: that of the run or of the scene file. Nothing there is

@@ -5,6 +5,7 @@ mod world;
 
 use clap::ValueEnum;
 use luxel::camera_path::PathKind;
+use luxel::output::ExrType;
 use luxel_core::tone::Tonemap;
 use luxel_core::{ColorSpace, Image, MAX_SIDE_PX};
 use luxel_cpu::InstructionSet;
@@ -160,10 +161,16 @@ pub(crate) enum ExrTypeArg {
 impl ExrTypeArg {
     /// Returns the number format of an image.
     pub(crate) fn sample(self, image: &Image) -> ExrSample {
-        match self {
-            Self::Auto => ExrSample::smallest_for(image),
-            Self::Half => ExrSample::Half,
-            Self::Float => ExrSample::Float,
+        ExrType::from(self).sample(image)
+    }
+}
+
+impl From<ExrTypeArg> for ExrType {
+    fn from(arg: ExrTypeArg) -> Self {
+        match arg {
+            ExrTypeArg::Auto => Self::Auto,
+            ExrTypeArg::Half => Self::Half,
+            ExrTypeArg::Float => Self::Float,
         }
     }
 }

@@ -1,10 +1,8 @@
 //! `luxel probe`: the light that arrives at a point, as an environment map.
 
 use anyhow::Result;
-use glam::DVec3;
-use luxel::probe::{Probe, probe};
+use luxel::probe::{Probe, probe, unseen};
 use luxel::run::ExplicitArgs;
-use luxel::sight::sight;
 use luxel::{output, text};
 use luxel_core::{Camera, Dataset, Scene};
 
@@ -44,22 +42,11 @@ pub(crate) fn run(args: &ProbeArgs, explicit: &ExplicitArgs) -> Result<()> {
 /// Warns of a point that no camera saw: the map would show what is behind what was photographed.
 fn warn_unseen(args: &ProbeArgs, scene: &Scene, dataset: &Dataset, console: &Console) {
     // The scene's coordinates, in which its splats are.
-    let frame = &scene.world_from_local;
-    let dataset = dataset.in_frame(*frame);
+    let dataset = dataset.in_frame(scene.world_from_local);
     let cameras: Vec<&Camera> = dataset.train.iter().map(|view| &view.camera).collect();
-    let Some(sight) = sight(scene, &cameras, frame.inverse().point(DVec3::from_array(args.at))) else { return };
-    if sight.seen > 0 {
-        return;
+    if let Some(warning) = unseen(scene, &cameras, args.at) {
+        console.warn(&warning);
     }
-    let [x, y, z] = frame.point(sight.nearest_camera).to_array().map(|v| (1e6 * v).round() / 1e6);
-    let why = match sight.in_view {
-        0 => "is in no image of the data set".to_owned(),
-        n => format!("is hidden in {} that it is in", text::plural(n, "image")),
-    };
-    console.warn(&format!(
-        "the point {why}: the map shows the scene from where no camera saw it; choose a point in sight of the cameras, of which the nearest is \
-         at {x},{y},{z}"
-    ));
 }
 
 fn describe(args: &ProbeArgs, probe: &Probe) -> Tree {

@@ -6,7 +6,7 @@ mod video;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use luxel::output::{self, FrameState, Recipe};
+use luxel::output::{self, FrameForm, FrameState, Recipe};
 use luxel::preview::{self, Look};
 use luxel::run::evaluation::unique_stems;
 use luxel::run::{ExplicitArgs, FrameProgress};
@@ -100,8 +100,8 @@ pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
 
 /// Returns the recipe of all images, but for their cameras.
 fn recipe(args: &RenderArgs, scene: &Scene, options: &RenderOptions) -> Recipe {
-    let recipe = Recipe::of_scene(scene, options).with("output_color_space", color_space(args, scene).name());
-    recipe.with("exr_type", format_args!("{:?}", args.exr_type)).with("alpha", args.alpha).with("depth", args.depth)
+    let form = FrameForm { color_space: color_space(args, scene), exr_type: args.exr_type.into(), alpha: args.alpha, depth: args.depth };
+    Recipe::of_frames(scene, options, form)
 }
 
 /// Returns the colour space of the EXR files.
@@ -203,7 +203,7 @@ fn write(args: &RenderArgs, scene: &Scene, job: &Job, layers: Layers) -> Result<
         sample: args.exr_type.sample(&image),
         color_space,
         attributes,
-        numbers: vec![(RADIANCE_SCALE.into(), scene.radiance_scale.get()), ("luxel:preview_exposure_ev".into(), args.exposure)],
+        numbers: vec![(RADIANCE_SCALE.into(), scene.radiance_scale.get()), (output::PREVIEW_EXPOSURE.into(), args.exposure)],
         camera: Some(scene.world_camera(&job.camera)),
         alpha: args.alpha.then_some(alpha),
         depth: args.depth.then(|| depth.into_iter().map(|z| (z * unit).min(FAR_DEPTH)).collect()),

@@ -22,6 +22,7 @@ mod jpeg;
 pub(crate) mod npy;
 mod openexr;
 mod png;
+mod png_pq;
 mod radiance;
 mod resample;
 mod samples;
@@ -40,6 +41,7 @@ use crate::IoError;
 use crate::read_file::{open_regular, read_file};
 
 pub use exr_attributes::{ExrAttributes, read_exr_attributes};
+pub use png_pq::{LightLevels, encode_png_pq};
 pub use resample::{downscale, downscale_masked, pinhole_within, undistort, undistort_into};
 pub use write::{ExrOptions, ExrSample, HALF_MAX, encode_exr, encode_jpeg, encode_png, write_exr, write_png};
 

@@ -15,7 +15,7 @@ use std::process::{ChildStdin, Command, Stdio};
 use anyhow::{Context, Result, anyhow, bail};
 use luxel::output::{self, Recipe};
 use luxel::text;
-use luxel_core::tone::{Tonemap, display_rgb8, pq_encode, rec709_of};
+use luxel_core::tone::{REFERENCE_WHITE_NITS, Tonemap, display_rgb8, pq_encode, rec709_of};
 use luxel_core::{ColorSpace, Conversion, Image, RadianceScale};
 use luxel_io::ReadOptions;
 use rayon::prelude::*;
@@ -25,8 +25,6 @@ use crate::args::RenderArgs;
 use crate::inputs::programs;
 use crate::output::console;
 
-/// Luminance of reference white, cd/m2.
-const WHITE_NITS: f32 = 203.0;
 /// Highlights keep their values up to this part of the peak.
 const KNEE: f32 = 0.5;
 
@@ -192,7 +190,7 @@ fn samples(image: &Image, space: ColorSpace, gain: f32, look: &Look) -> Vec<u8> 
 /// Returns the display light of a radiance in cd/m2: the largest channel rolls off above the knee
 /// towards the peak, and hue is kept.
 fn nits(conversion: &Conversion, radiance: [f32; 3], gain: f32, peak: f32) -> [f32; 3] {
-    let rgb = conversion.apply(radiance).map(|c| if c > 0.0 { (c * gain * WHITE_NITS).min(1e9) } else { 0.0 });
+    let rgb = conversion.apply(radiance).map(|c| if c > 0.0 { (c * gain * REFERENCE_WHITE_NITS).min(1e9) } else { 0.0 });
     let largest = rgb.into_iter().fold(0.0, f32::max);
     let knee = KNEE * peak;
     if largest <= knee {

@@ -1,0 +1,151 @@
+//! Light probes: the light that arrives at a point, as an environment map.
+//!
+//! In: a point in the world, a width, edits. Out: what `luxel probe --at` makes of the same scene:
+//! its file, byte for byte, its pixels for the page, and its light summed up with what is doubtful
+//! about it. The last one is kept, so that showing and saving it costs one render. It is rendered
+//! face by face, so that pages see pictures in between.
+
+use std::sync::Arc;
+
+use hyper::{Method, StatusCode};
+use luxel::probe::{ProbeWork, unseen};
+use luxel::{Camera, Probe, ProbeOptions, schema};
+use luxel_io::ExrSample;
+use serde_json::json;
+use tokio::sync::Mutex;
+
+use crate::frame::Planes;
+use crate::query::Query;
+use crate::routes::{Answer, Failure, House, beside, on_stage};
+use crate::stage::{Loaded, check_edits};
+
+/// Widths that a map may have, pixels, and that of one that states none.
+const WIDTHS: std::ops::RangeInclusive<usize> = 4..=8192;
+const DEFAULT_WIDTH: usize = 2048;
+
+/// The request of a probe.
+#[derive(Clone, Debug, PartialEq)]
+struct Wish {
+    at: [f64; 3],
+    width: usize,
+    edit: String,
+}
+
+impl Wish {
+    fn take(query: &mut Query) -> Result<Self, Failure> {
+        let text = query.take("at").unwrap_or_default();
+        let numbers: Vec<f64> = text.split(',').filter_map(|part| part.trim().parse().ok()).filter(|v: &f64| v.is_finite()).collect();
+        let (Ok(at), 3) = (<[f64; 3]>::try_from(numbers), text.split(',').count()) else {
+            let shown: String = text.chars().take(80).collect();
+            return Err(format!("\"at\" is \"{}\", expected x,y,z in the world", shown.escape_default()).into());
+        };
+        let width = query.number("width")?.unwrap_or(DEFAULT_WIDTH);
+        if !WIDTHS.contains(&width) {
+            return Err(format!("\"width\" is {width}, expected {} to {} pixels", WIDTHS.start(), WIDTHS.end()).into());
+        }
+        let edit = query.take("edit").unwrap_or_default();
+        check_edits(&edit)?;
+        Ok(Self { at, width, edit })
+    }
+}
+
+/// A probe and what is doubtful about it.
+#[derive(Debug)]
+struct Environment {
+    probe: Probe,
+    warnings: Vec<String>,
+}
+
+/// The probe that was made last; while one is made, others wait.
+#[derive(Debug, Default)]
+pub(crate) struct LastEnvironment(Mutex<Option<(Wish, Arc<Environment>)>>);
+
+/// Answers requests below `/api/environment`.
+pub(crate) async fn answer(house: &Arc<House>, method: &Method, path: &str, query: &mut Query) -> Result<Answer, Failure> {
+    let is_get = *method == Method::GET;
+    match path {
+        "/api/environment" if is_get => {
+            let environment = environment(house, Wish::take(query)?).await?;
+            Answer::json(&schema::VIEW.versioned(described(&environment)))
+        }
+        "/api/environment.frame" if is_get => {
+            let environment = environment(house, Wish::take(query)?).await?;
+            let encode = move || Planes::of_image(environment.probe.image(), &[]).encode(size(&environment.probe), 0, 0.0);
+            Answer::frame(beside(encode).await?)
+        }
+        "/api/environment.exr" if is_get => {
+            let environment = environment(house, Wish::take(query)?).await?;
+            let file = beside(move || exr(&environment.probe)).await??;
+            Ok(Answer { file_name: Some("probe.exr"), ..Answer::new("image/x-exr", file) })
+        }
+        "/api/environment/save" if *method == Method::POST => {
+            let name = query.take("name").ok_or_else(|| String::from("\"name\" is missing, expected that of the file"))?;
+            crate::folder::check_name(&name)?;
+            let wish = Wish::take(query)?;
+            let folder = house.subject.folder.clone();
+            let folder = folder.ok_or_else(|| Failure::new(StatusCode::CONFLICT, "this viewer has no folder to save into"))?;
+            let environment = environment(house, wish).await?;
+            let path = beside(move || folder.new_file("probes", &name, "exr", &exr(&environment.probe)?)).await??;
+            Answer::json(&json!({ "path": path.display().to_string() }))
+        }
+        "/api/environment" | "/api/environment.frame" | "/api/environment.exr" | "/api/environment/save" => {
+            Err(Failure::new(StatusCode::METHOD_NOT_ALLOWED, "GET reads a probe, POST /api/environment/save saves it"))
+        }
+        _ => Err(Failure::new(StatusCode::NOT_FOUND, "no such path")),
+    }
+}
+
+fn size(probe: &Probe) -> [usize; 2] {
+    [probe.width(), probe.height()]
+}
+
+fn exr(probe: &Probe) -> luxel::Result<Vec<u8>> {
+    probe.encode_exr(ExrSample::smallest_for(probe.image()))
+}
+
+fn described(Environment { probe, warnings }: &Environment) -> serde_json::Value {
+    let summary = &probe.summary;
+    json!({
+        "width": probe.width(), "height": probe.height(), "color_space": probe.color_space().name(), "warnings": warnings,
+        "mean_radiance": summary.mean_radiance, "peak_radiance": summary.peak_radiance, "peak_direction": summary.peak_direction,
+        "irradiance": summary.irradiance,
+    })
+}
+
+/// Returns a probe: the last one, or a new one in its place.
+async fn environment(house: &Arc<House>, wish: Wish) -> Result<Arc<Environment>, Failure> {
+    let mut last = house.environment.0.lock().await;
+    if let Some((_, environment)) = last.as_ref().filter(|(known, _)| *known == wish) {
+        return Ok(Arc::clone(environment));
+    }
+    // One map in memory at a time.
+    *last = None;
+    let (mut work, warnings) = begin(house, &wish).await?;
+    while !work.is_done() {
+        let edit = wish.edit.clone();
+        let render = move |stage: &mut dyn crate::stage::Stage| {
+            work.render_next(stage.loaded(&edit)?.renderer)?;
+            Ok(work)
+        };
+        work = on_stage(house, render).await?;
+    }
+    let environment = Arc::new(Environment { probe: beside(move || work.finish()).await?, warnings });
+    *last = Some((wish, Arc::clone(&environment)));
+    Ok(environment)
+}
+
+async fn begin(house: &Arc<House>, wish: &Wish) -> Result<(ProbeWork, Vec<String>), Failure> {
+    let (shared, wish) = (Arc::clone(house), wish.clone());
+    let begin = move |stage: &mut dyn crate::stage::Stage| {
+        let Loaded { scene, .. } = stage.loaded(&wish.edit)?;
+        let options = ProbeOptions { width_px: wish.width, ..ProbeOptions::at(wish.at) };
+        let subject = &shared.subject;
+        let cameras: Vec<Camera> = subject.views.iter().filter(|view| view.split == "train").map(|view| view.camera.clone()).collect();
+        let mut warnings: Vec<String> = unseen(scene, &cameras.iter().collect::<Vec<_>>(), wish.at).into_iter().collect();
+        if cameras.is_empty() {
+            warnings.push("no data set: rendered at the resolution of the map, at which small lights may be off".into());
+        }
+        Ok((ProbeWork::new(scene, &options, subject.surroundings)?, warnings))
+    };
+    on_stage(house, begin).await
+}

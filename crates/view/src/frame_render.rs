@@ -1,0 +1,214 @@
+//! The frames of a camera path, rendered into the folder of what is shown, one path at a time.
+//!
+//! In: a path, a name, edits, samples and a number format. Out: `paths/NAME/frame_00000.exr` and so
+//! on, byte for byte what `luxel render --cameras paths/NAME/cameras.json` writes there, and that
+//! file. Each frame is a job of its own, so that pages see pictures in between; it is encoded and
+//! written beside the engine. What is there when a render is cancelled or fails stays, and
+//! `luxel render` makes the rest of it.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::time::{Duration, Instant};
+
+use hyper::StatusCode;
+use luxel::output::{ExrType, FrameForm, Recipe};
+use luxel::{Camera, Error, PathCamera, Radiance, Result};
+use serde::{Deserialize, Serialize};
+
+use crate::folder::Folder;
+use crate::paths::{PathFile, PathJson};
+use crate::routes::{Failure, House, beside, on_stage};
+use crate::stage::{Loaded, Stage, check_edits};
+
+/// Time before a frame is asked for again when too many pictures wait.
+const AGAIN: Duration = Duration::from_millis(100);
+
+/// A render that the page asks for.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RenderJson {
+    path: PathJson,
+    /// Name of the folder of the frames.
+    name: String,
+    #[serde(default)]
+    edit: String,
+    /// Samples along a pixel's side; by default those of the scene.
+    samples: Option<u8>,
+    #[serde(default)]
+    exr_type: ExrTypeJson,
+}
+
+#[derive(Clone, Copy, Default, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum ExrTypeJson {
+    #[default]
+    Auto,
+    Half,
+    Float,
+}
+
+/// The state of the render that was started last.
+#[derive(Clone, Debug, Default, Serialize)]
+pub(crate) struct RenderStatus {
+    state: RenderState,
+    name: String,
+    /// The folder of the frames.
+    folder: String,
+    done: usize,
+    total: usize,
+    seconds: f64,
+    /// What went wrong.
+    error: Option<String>,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+enum RenderState {
+    #[default]
+    Idle,
+    Running,
+    Finished,
+    Cancelled,
+    Failed,
+}
+
+/// The render of a path, of which there is one at a time.
+#[derive(Debug, Default)]
+pub(crate) struct FrameRender {
+    status: Mutex<RenderStatus>,
+    is_cancelled: AtomicBool,
+}
+
+impl FrameRender {
+    /// Returns the state.
+    pub(crate) fn status(&self) -> RenderStatus {
+        self.lock().clone()
+    }
+
+    /// Ends the render after the frame in progress.
+    pub(crate) fn cancel(&self) {
+        self.is_cancelled.store(true, Ordering::SeqCst);
+    }
+
+    fn lock(&self) -> MutexGuard<'_, RenderStatus> {
+        self.status.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Everything that the frames of a render share.
+struct Frames {
+    folder: Folder,
+    edit: String,
+    samples: Option<u8>,
+    exr_type: ExrType,
+    recipe: OnceLock<Recipe>,
+}
+
+/// Starts a render.
+///
+/// # Errors
+/// One is in progress; nothing can be rendered or saved here; a path, name or edit that cannot be
+/// used; a name that is taken.
+pub(crate) async fn start(house: &Arc<House>, wish: RenderJson) -> Result<(), Failure> {
+    let RenderJson { path, name, edit, samples, exr_type } = wish;
+    check_edits(&edit)?;
+    let conflict = |message: &str| Failure::new(StatusCode::CONFLICT, message);
+    if house.scene.is_none() {
+        return Err(conflict("the scene is being trained: end the training, and open the run with luxel view"));
+    }
+    let Some(folder) = house.subject.folder.clone() else { return Err(conflict("this viewer has no folder to save into")) };
+    if samples.is_some_and(|samples| !(1..=luxel_core::MAX_SAMPLES).contains(&samples)) {
+        return Err(format!("\"samples\" is {}, expected 1 to {}", samples.unwrap_or(0), luxel_core::MAX_SAMPLES).into());
+    }
+    {
+        let mut status = house.frames.lock();
+        if status.state == RenderState::Running {
+            return Err(conflict("a path is being rendered already: wait for it, or cancel it"));
+        }
+        *status = RenderStatus { state: RenderState::Running, name: name.clone(), ..RenderStatus::default() };
+        house.frames.is_cancelled.store(false, Ordering::SeqCst);
+    }
+    let prepared = beside(move || prepare(&path, &name, &folder)).await.and_then(|prepared| Ok(prepared?));
+    let (folder, cameras) = match prepared {
+        Ok(prepared) => prepared,
+        Err(failure) => {
+            *house.frames.lock() = RenderStatus::default();
+            return Err(failure);
+        }
+    };
+    {
+        let mut status = house.frames.lock();
+        (status.total, status.folder) = (cameras.len(), folder.path().display().to_string());
+    }
+    let exr_type = match exr_type {
+        ExrTypeJson::Auto => ExrType::Auto,
+        ExrTypeJson::Half => ExrType::Half,
+        ExrTypeJson::Float => ExrType::Float,
+    };
+    let frames = Arc::new(Frames { folder, edit, samples, exr_type, recipe: OnceLock::new() });
+    let house = Arc::clone(house);
+    tokio::spawn(async move {
+        let end = render(&house, &frames, cameras).await;
+        let mut status = house.frames.lock();
+        (status.state, status.error) = match end {
+            Ok(state) => (state, None),
+            Err(failure) => (RenderState::Failed, Some(failure.message)),
+        };
+    });
+    Ok(())
+}
+
+/// Makes the cameras and the folder, and writes the cameras into it.
+fn prepare(path: &PathJson, name: &str, folder: &Folder) -> Result<(Folder, Vec<PathCamera>)> {
+    crate::folder::check_name(name)?;
+    let PathFile { cameras, text } = path.file()?;
+    if let Some(first) = cameras.first() {
+        luxel::memory::check_render(first.camera.size_px, 1)?;
+    }
+    let folder = folder.new_folder("paths", name)?;
+    folder.new_file("", "cameras", "json", text.as_bytes())?;
+    Ok((folder, cameras))
+}
+
+async fn render(house: &House, frames: &Arc<Frames>, cameras: Vec<PathCamera>) -> Result<RenderState, Failure> {
+    let start = Instant::now();
+    for PathCamera { name, camera } in cameras {
+        let (radiance, made_by) = loop {
+            if house.frames.is_cancelled.load(Ordering::SeqCst) {
+                return Ok(RenderState::Cancelled);
+            }
+            let (shared, camera) = (Arc::clone(frames), camera.clone());
+            match on_stage(house, move |stage| shared.render(stage, &camera)).await {
+                Err(failure) if failure.status == StatusCode::SERVICE_UNAVAILABLE && !house.jobs.is_closed() => {
+                    tokio::time::sleep(AGAIN).await;
+                }
+                result => break result?,
+            }
+        };
+        let shared = Arc::clone(frames);
+        beside(move || {
+            let file = radiance.encode_frame(shared.exr_type, &made_by)?;
+            shared.folder.new_file("", &name, "exr", &file)
+        })
+        .await??;
+        let mut status = house.frames.lock();
+        (status.done, status.seconds) = (status.done + 1, start.elapsed().as_secs_f64());
+    }
+    Ok(RenderState::Finished)
+}
+
+impl Frames {
+    /// Renders a frame of a camera in the world, and returns the digest of what made it, too.
+    fn render(&self, stage: &mut dyn Stage, camera: &Camera) -> Result<(Radiance, String)> {
+        let Loaded { scene, renderer } = stage.loaded(&self.edit)?;
+        let usual = renderer.options().raster.samples;
+        renderer.set_samples(self.samples.unwrap_or(usual))?;
+        let local = scene.local_camera(camera);
+        let form = FrameForm { color_space: scene.color_space, exr_type: self.exr_type, alpha: false, depth: false };
+        let recipe = self.recipe.get_or_init(|| Recipe::of_frames(scene, renderer.options(), form));
+        let made_by = recipe.clone().with_camera(&local).digest();
+        let radiance = renderer.render(&local);
+        renderer.set_samples(usual)?;
+        Ok((radiance.map_err(|error| Error::new(format!("{error:#}")))?, made_by))
+    }
+}

@@ -1,0 +1,25 @@
+//! Stills of a view that a browser cannot make by itself: HDR PNG.
+
+use hyper::StatusCode;
+
+use crate::jobs::Rendered;
+use crate::query::Query;
+use crate::routes::{Answer, Failure, House, beside, render_surely, wanted};
+
+/// Exposures that make sense, stops.
+const EXPOSURES: std::ops::RangeInclusive<f32> = -64.0..=64.0;
+
+/// Answers with a picture in PQ; the exposure's white is reference white, 203 cd/m2.
+pub(crate) async fn answer(house: &House, query: &mut Query) -> Result<Answer, Failure> {
+    let exposure_ev = query.number::<f32>("exposure")?.unwrap_or(0.0);
+    if !EXPOSURES.contains(&exposure_ev) {
+        return Err(format!("\"exposure\" is {exposure_ev}, expected -64 to 64 stops").into());
+    }
+    if query.take("hdr").as_deref() != Some("pq") {
+        return Err(String::from("expected hdr=pq: 16 bits, Rec.2020, the perceptual quantizer").into());
+    }
+    let Rendered { picture, .. } = render_surely(house, wanted(house, query)?).await?;
+    let file = beside(move || picture.radiance.encode_png_pq(exposure_ev)).await?;
+    let file = file.map_err(|error| Failure::new(StatusCode::UNPROCESSABLE_ENTITY, format!("{error:#}")))?;
+    Ok(Answer { file_name: Some("view-pq.png"), ..Answer::new("image/png", file) })
+}
