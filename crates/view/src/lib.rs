@@ -24,6 +24,7 @@
 struct CrateReadmeExample;
 
 mod assets;
+mod downloads;
 mod environment;
 mod folder;
 mod frame;

@@ -13,7 +13,7 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use flate2::Compression;
 use flate2::write::GzEncoder;
-use luxel::{Error, Result};
+use luxel::{Error, Remedy, Result};
 use luxel_core::{ColorModel, RenderOptions, Scene, Splats};
 use serde_json::{Map, Value, json};
 
@@ -22,6 +22,8 @@ use crate::routes::thumbnail_jpeg;
 use crate::splats::{Precision, pack};
 use crate::subject::{Shown, Subject};
 
+/// Characters of the splats, at most: browsers hold no longer text.
+const MAX_TEXT: usize = 500_000_000;
 /// Bytes of thumbnails, at most; cameras after that have none.
 const MAX_THUMBNAIL_BYTES: usize = 2 << 20;
 /// The first line of the page's script in `index.html`, which the file replaces.
@@ -34,7 +36,7 @@ const POLICY: &str = "default-src 'none'; script-src 'unsafe-inline' data:; styl
 /// Writes the page with `scene` in it, whole or not at all.
 ///
 /// # Errors
-/// The file system's refusal.
+/// A scene that is too large for a browser; the file system's refusal.
 pub fn write_page(path: &Path, subject: &Subject, scene: &Scene, options: &RenderOptions) -> Result<()> {
     let page = page(subject, scene, options)?;
     let write =
@@ -65,6 +67,10 @@ fn page(subject: &Subject, scene: &Scene, options: &RenderOptions) -> Result<Str
     let mut packed = GzEncoder::new(Vec::new(), Compression::default());
     packed.write_all(&pack(scene, options, Precision::Half)).map_err(cannot)?;
     let splats = STANDARD.encode(packed.finish().map_err(cannot)?);
+    if splats.len() > MAX_TEXT {
+        let message = format!("the page would take {} MB, browsers read {} MB at most", splats.len() / 1_000_000, MAX_TEXT / 1_000_000);
+        return Err(Error::new(message).with_remedy(Remedy::lower("max_splats")));
+    }
     // An end of a script in a name must not end the script.
     let facts = facts(subject, scene).to_string().replace('<', "\\u003c");
     let modules = format!(
@@ -179,7 +185,7 @@ mod tests {
 
     #[test]
     fn a_lower_degree_keeps_the_first_harmonics() {
-        let mut scene = luxel_core::Scene::clone(&synthetic::room(5, 1));
+        let mut scene = Scene::clone(&synthetic::room(5, 1));
         let before = scene.splats.clone();
         limit_degree(&mut scene.splats, 1);
         assert_eq!(scene.splats.color_model.sh_degree(), before.color_model.sh_degree().min(1));

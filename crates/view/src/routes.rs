@@ -10,16 +10,17 @@ use luxel::{Scene, Tonemap, schema};
 use luxel_core::{Camera, ColorSpace, Image};
 use serde::Serialize;
 use serde_json::{Value, json};
-use tokio::sync::{OnceCell, Semaphore};
+use tokio::sync::Semaphore;
 
+use crate::downloads::{self, Downloads};
 use crate::environment::LastEnvironment;
 use crate::frame::{Frame, Planes};
 use crate::frame_render::FrameRender;
 use crate::jobs::{Jobs, Refusal, Rendered, Reply, Wanted};
 use crate::query::Query;
 use crate::server::MAX_BODIES;
-use crate::splats::{Precision, body_bytes, pack};
-use crate::stage::{Loaded, Stage, check_edits};
+use crate::splats::{Precision, body_bytes};
+use crate::stage::{Stage, check_edits};
 use crate::status::{Shared, Status};
 use crate::subject::Subject;
 use crate::variant::Variant;
@@ -39,8 +40,8 @@ pub(crate) struct House {
     pub(crate) shared: Shared,
     /// The scene as it was opened; `None` for one that is being trained.
     pub(crate) scene: Option<Arc<Scene>>,
-    /// The scene without edits as pages download it.
-    pub(crate) packed: OnceCell<Bytes>,
+    /// Copies of the scene for pages that render by themselves.
+    pub(crate) downloads: Downloads,
     /// Places for bodies of requests.
     pub(crate) bodies: Semaphore,
     /// The camera path that is rendered.
@@ -54,7 +55,7 @@ impl House {
     pub(crate) fn new(subject: Subject, color_space: ColorSpace, status: Status, scene: Option<Arc<Scene>>) -> Self {
         let (jobs, shared, bodies) = (Jobs::default(), Shared::new(status), Semaphore::new(MAX_BODIES));
         let (frames, environment) = (FrameRender::default(), LastEnvironment::default());
-        Self { subject, color_space, jobs, shared, scene, packed: OnceCell::new(), bodies, frames, environment }
+        Self { subject, color_space, jobs, shared, scene, downloads: Downloads::default(), bodies, frames, environment }
     }
 }
 
@@ -135,7 +136,7 @@ pub(crate) async fn answer(house: &Arc<House>, method: &Method, path: &str, mut 
         "/api/frame" if is_get => frame(house, &mut query).await,
         "/api/frame.exr" if is_get => exr(house, &mut query).await,
         "/api/probe" if is_get => probe(house, &mut query).await,
-        "/api/splats" if is_get => splats(house, &mut query).await,
+        "/api/splats" if is_get => downloads::splats(house, &mut query).await,
         "/api/still.png" if is_get => stills::answer(house, &mut query).await,
         _ if path.starts_with("/api/environment") => environment::answer(house, method, path, &mut query).await,
         "/api/truth" if is_get => truth(house, &mut query),
@@ -176,32 +177,8 @@ fn scene(house: &House) -> Result<Answer, Failure> {
     Answer::json(&schema::VIEW.versioned(content))
 }
 
-/// Answers with the splats, for a page that renders by itself.
-async fn splats(house: &House, query: &mut Query) -> Result<Answer, Failure> {
-    let edit = query.take("edit").unwrap_or_default();
-    check_edits(&edit)?;
-    let precision = match query.take("precision").as_deref() {
-        None | Some("half") => Precision::Half,
-        Some("single") => Precision::Single,
-        Some(other) => return Err(format!("unknown precision \"{}\", expected half, single", other.escape_default()).into()),
-    };
-    if house.scene.is_none() {
-        return Err(Failure::new(StatusCode::CONFLICT, "the scene is being trained, and is rendered here"));
-    }
-    let is_plain = edit.is_empty() && precision == Precision::Half;
-    let packed = async {
-        let work = move |stage: &mut dyn Stage| {
-            let Loaded { scene, renderer } = stage.loaded(&edit)?;
-            Ok(pack(scene, renderer.options(), precision))
-        };
-        on_stage(house, work).await
-    };
-    let body = if is_plain { house.packed.get_or_try_init(|| packed).await?.clone() } else { packed.await? };
-    Ok(Answer::new("application/octet-stream", body))
-}
-
 /// Says why work is not taken.
-fn refused(refusal: Refusal) -> Failure {
+pub(crate) fn refused(refusal: Refusal) -> Failure {
     let reason = match refusal {
         Refusal::Full => "too many pictures are waited for",
         Refusal::Closed => "the viewer is closing",

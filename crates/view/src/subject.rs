@@ -172,7 +172,7 @@ impl Subject {
 
     /// Adds a scene that is compared with `first`.
     pub(crate) fn add_other(&mut self, name: String, first: &Scene, other: &Scene) {
-        let rows = Conversion::between(other.color_space, luxel::ColorSpace::LinearRec709).rows();
+        let rows = Conversion::between(other.color_space, ColorSpace::LinearRec709).rows();
         self.world_from_local.push(other.world_from_local);
         self.facts.others.push(OtherFacts {
             name,

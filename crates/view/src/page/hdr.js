@@ -31,6 +31,7 @@ export class HdrScreen {
   /** @type {GPUBuffer | null} */ uniform = null;
   /** Pictures that were uploaded, and where. @type {{ [name: string]: { frame: Frame | null, buffer: GPUBuffer } }} */ uploads = {};
   isStarting = false;
+  /** Whether this browser cannot do it. */ isUnable = false;
 
   /** @param {Viewer} viewer */
   constructor(viewer) {
@@ -61,11 +62,11 @@ export class HdrScreen {
     try {
       const { device } = await openGpu();
       const context = /** @type {GPUCanvasContext | null} */ (this.canvas.getContext("webgpu"));
-      if (!context) return;
+      if (!context) return this.giveUp();
       const { COPY_SRC, RENDER_ATTACHMENT } = TEXTURE_USAGE;
       context.configure({ device, format: "rgba16float", colorSpace: "srgb", toneMapping: { mode: "extended" }, alphaMode: "opaque", usage: COPY_SRC | RENDER_ATTACHMENT });
       // A browser that does not know the mode leaves it out.
-      if (context.getConfiguration?.()?.toneMapping?.mode !== "extended") return;
+      if (context.getConfiguration?.()?.toneMapping?.mode !== "extended") return this.giveUp();
       const module = device.createShaderModule({ label: "hdr", code: HDR });
       const fragment = { module, entryPoint: "shade", targets: [{ format: /** @type {const} */ ("rgba16float") }] };
       this.pipeline = await device.createRenderPipelineAsync({ label: "hdr", layout: "auto", vertex: { module, entryPoint: "corner" }, fragment });
@@ -79,8 +80,14 @@ export class HdrScreen {
       });
       this.viewer.changed();
     } catch {
-      // Without WebGPU the picture ends at white, as on any screen.
+      this.giveUp();
     }
+  }
+
+  /** Without WebGPU the picture ends at white, as on any screen. */
+  giveUp() {
+    this.isUnable = true;
+    this.viewer.changed();
   }
 
   /** The buffer with this picture's half floats. @param {string} name @param {GPUDevice} device @param {Frame | null} frame */
@@ -151,7 +158,7 @@ export class HdrScreen {
 
   reflect() {
     const { state } = this.viewer;
-    byId("hdr-section").hidden = !this.range.matches;
+    byId("hdr-section").hidden = !this.range.matches || this.isUnable;
     byId("hdr-on").checked = state.hdr;
     byId("hdr-auto").checked = state.headroom === 0;
     byId("hdr-headroom").value = String(this.stops());

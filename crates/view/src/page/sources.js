@@ -17,6 +17,9 @@ export const RENDERINGS = ["automatic", "server", "local"];
 /** Largest scene that is downloaded without being asked for. */
 const AUTOMATIC_BYTES = 256 * 2 ** 20;
 
+/** Largest scene that is downloaded again for each edit. */
+const EDITED_BYTES = 64 * 2 ** 20;
+
 /** Size of a download for people. @param {number} bytes */
 export const megabytes = (bytes) => `${(bytes / 1e6).toPrecision(bytes < 1e6 ? 1 : 3)} MB`;
 
@@ -91,10 +94,17 @@ export class Sources {
     this.changed(`${reason}; the server renders`);
   }
 
+  /** Whether the page itself makes this picture. @param {Picture} picture */
+  makes({ edit, variant }) {
+    const { local, facts } = this;
+    if (!local || !facts || !this.isLocal || (variant && !isPlain(variant))) return false;
+    return local.loaded === edit || (facts.download_bytes ?? 0) <= EDITED_BYTES;
+  }
+
   /** @param {Lens} lens @param {Picture} picture @param {AbortSignal} [signal] */
   async frame(lens, picture, signal) {
     const { local } = this;
-    if (!local || !this.isLocal || !this.facts || (picture.variant && !isPlain(picture.variant))) return this.server.frame(lens, picture, signal);
+    if (!local || !this.facts || !this.makes(picture)) return this.server.frame(lens, picture, signal);
     try {
       const frame = await local.frame(toLocal(lens, this.facts.world_from_local), picture);
       return frame && this.facts ? { ...frame, head: { ...frame.head, version: this.facts.version } } : frame;

@@ -1,0 +1,77 @@
+//! Copies of the scene for pages that render by themselves.
+//!
+//! In: a request with edits and a precision; out: the splats ([`crate::splats`]), packed on the
+//! thread that owns the scene. The scene without edits is packed once; of others, and of large ones,
+//! only a few are on their way at a time.
+
+use std::sync::Arc;
+
+use bytes::Bytes;
+use hyper::StatusCode;
+use tokio::sync::{OnceCell, OwnedSemaphorePermit, Semaphore};
+
+use crate::query::Query;
+use crate::routes::{Answer, Failure, House, on_stage};
+use crate::splats::{Precision, body_bytes, pack};
+use crate::stage::{Loaded, Stage, check_edits};
+
+/// Largest scene of which a copy for pages is kept, bytes.
+const MAX_KEPT_BYTES: u64 = 256 << 20;
+/// Copies of a scene that are on their way, at most.
+const MAX_DOWNLOADS: usize = 4;
+
+/// The copies of a scene.
+pub(crate) struct Downloads {
+    /// The scene without edits, unless it is large.
+    kept: OnceCell<Bytes>,
+    /// Places for all others that are on their way.
+    places: Arc<Semaphore>,
+}
+
+impl Default for Downloads {
+    fn default() -> Self {
+        Self { kept: OnceCell::new(), places: Arc::new(Semaphore::new(MAX_DOWNLOADS)) }
+    }
+}
+
+/// Answers with the splats, for a page that renders by itself.
+pub(crate) async fn splats(house: &House, query: &mut Query) -> Result<Answer, Failure> {
+    let edit = query.take("edit").unwrap_or_default();
+    check_edits(&edit)?;
+    let precision = match query.take("precision").as_deref() {
+        None | Some("half") => Precision::Half,
+        Some("single") => Precision::Single,
+        Some(other) => return Err(format!("unknown precision \"{}\", expected half, single", other.escape_default()).into()),
+    };
+    let Some(scene) = &house.scene else {
+        return Err(Failure::new(StatusCode::CONFLICT, "the scene is being trained, and is rendered here"));
+    };
+    let is_kept = edit.is_empty() && precision == Precision::Half && body_bytes(&scene.splats, precision) <= MAX_KEPT_BYTES;
+    let packed = async {
+        let work = move |stage: &mut dyn Stage| {
+            let Loaded { scene, renderer } = stage.loaded(&edit)?;
+            Ok(pack(scene, renderer.options(), precision))
+        };
+        on_stage(house, work).await
+    };
+    let body = if is_kept {
+        house.downloads.kept.get_or_try_init(|| packed).await?.clone()
+    } else {
+        let busy = |_| Failure::new(StatusCode::SERVICE_UNAVAILABLE, "too many scenes are being downloaded");
+        let place = Arc::clone(&house.downloads.places).try_acquire_owned().map_err(busy)?;
+        Bytes::from_owner(Download { body: packed.await?, _place: place })
+    };
+    Ok(Answer::new("application/octet-stream", body))
+}
+
+/// A copy of a scene that holds its place until it is sent.
+struct Download {
+    body: Bytes,
+    _place: OwnedSemaphorePermit,
+}
+
+impl AsRef<[u8]> for Download {
+    fn as_ref(&self) -> &[u8] {
+        &self.body
+    }
+}
