@@ -1,12 +1,16 @@
-/** Comparison with the ground truth of a camera: wipe, difference, flicker. */
+/** Comparison with the ground truth of a camera, or with another scene: wipe, difference, flicker, side by side. */
 
+import { sampleAt } from "./measure.js";
 import { byId, press, segmented } from "./panel.js";
 import { COMPARES, State } from "./state.js";
+import { Stream } from "./stream.js";
 
 /** @typedef {import("./lens.js").Lens} Lens */
 /** @typedef {import("./overlay.js").Overlay} Overlay */
 /** @typedef {import("./part.js").Grip} Grip */
 /** @typedef {import("./part.js").Part} Part */
+/** @typedef {import("./scene.js").Scene} Scene */
+/** @typedef {import("./stream.js").Shown} Shown */
 /** @typedef {import("./viewer.js").Viewer} Viewer */
 
 /** Time for which each picture of a flicker is shown, ms; below three flashes a second. */
@@ -17,17 +21,51 @@ const GRIP_PX = 14;
 /** @implements {Part} */
 export class Comparison {
   /** Camera whose ground truth is there, or on its way. */ truthOf = "";
+  /** The picture of the other scene. @type {Shown | null} */ other = null;
 
   /** @param {Viewer} viewer */
   constructor(viewer) {
     this.viewer = viewer;
+    const { source } = viewer;
+    // The same pictures, of the other scene as it is.
+    const others = Object.create(source, {
+      frame: { value: (/** @type {Parameters<typeof source.frame>} */ ...[lens, picture, signal]) => source.frame(lens, { ...picture, edit: "", variant: { ...viewer.variant(), scene: 1 } }, signal) },
+      layersApart: { value: false },
+    });
+    this.stream = new Stream(others, (shown) => this.took(shown), (error) => error && viewer.complain(error.message));
     segmented(byId("compare"), COMPARES, (name) => viewer.set({ compare: /** @type {State["compare"]} */ (name) }));
+    byId("against").addEventListener("change", () => viewer.set({ against: /** @type {State["against"]} */ (byId("against").value) }));
+    byId("error").addEventListener("change", () => viewer.set({ error: /** @type {State["error"]} */ (byId("error").value) }));
   }
 
-  /** Whether a ground truth is there that is compared with. */
+  /** @param {Scene} scene */
+  sceneSet(scene) {
+    byId("against-row").hidden = scene.others.length === 0;
+    this.truthOf = "";
+    this.stream.invalidate();
+  }
+
+  /** What is compared with. @returns {State["against"]} */
+  kind() {
+    const { scene, state } = this.viewer;
+    return scene?.others.length && state.against === "scene" ? "scene" : "truth";
+  }
+
+  /** Name of what is compared with. */
+  otherName() {
+    return this.kind() === "scene" ? (this.viewer.scene?.others[0].name ?? "") : "ground truth";
+  }
+
+  /** Whether there is something to compare with here. */
+  canCompare() {
+    return this.kind() === "scene" || Boolean(this.viewer.viewCamera()?.has_ground_truth);
+  }
+
+  /** Whether a picture is there that is compared with. */
   isOn() {
     const { state, display } = this.viewer;
-    return state.compare !== "off" && display.truth !== null && this.truthOf === state.view && state.view !== "";
+    if (state.compare === "off" || display.truth === null) return false;
+    return this.kind() === "scene" ? display.truth === this.other?.frame : this.truthOf === state.view && state.view !== "";
   }
 
   /** Whether the picture changes by itself. */
@@ -35,20 +73,49 @@ export class Comparison {
     return this.viewer.state.compare === "flicker" && this.isOn();
   }
 
-  /** What is drawn: without a comparison until the ground truth is there. */
+  /** What is drawn: without a comparison until there is something to compare with. */
   drawn() {
-    return this.isOn() ? this.viewer.state : Object.assign(new State(), this.viewer.state, { compare: "off" });
+    const { state } = this.viewer;
+    return this.isOn() || this.viewer.panes() > 1 ? state : Object.assign(new State(), state, { compare: "off" });
   }
 
-  /** Whether the flicker shows the ground truth. @param {number} now */
+  /** Whether the flicker shows the other picture. @param {number} now */
   showsTruth(now) {
     return Math.floor(now / FLICKER_MS) % 2 === 1;
   }
 
-  step() {
+  /** What the other picture holds at a place, in the first scene's colour space. @param {number} u @param {number} v */
+  sample(u, v) {
+    const { scene, display } = this.viewer;
+    if (!scene || !display.truth) return null;
+    const sample = sampleAt(display.truth, null, u, v, this.kind() === "scene" ? scene.others[0].luminance_weights : scene.luminance_weights);
+    if (!sample) return null;
+    const radiance = /** @type {import("./math.js").Vec3} */ (display.firstFromOther.map((row) => row[0] * sample.radiance[0] + row[1] * sample.radiance[1] + row[2] * sample.radiance[2]));
+    return { ...sample, radiance };
+  }
+
+  /** @param {Shown} shown */
+  took(shown) {
     const { viewer } = this;
+    this.other = shown;
+    if (this.kind() !== "scene") return;
+    viewer.display.compareWith(shown.frame, shown.full, viewer.scene?.others[0].first_from_scene);
+    viewer.needsDraw = true;
+  }
+
+  /** @param {number} now */
+  step(now) {
+    const { viewer } = this;
+    if (viewer.state.compare === "off") return;
+    if (this.kind() === "scene") {
+      const want = viewer.want();
+      this.truthOf = "";
+      this.stream.tick({ ...want, edit: "" }, now);
+      if (this.other && viewer.display.truth !== this.other.frame) this.took(this.other);
+      return;
+    }
     const view = viewer.viewCamera();
-    if (viewer.state.compare === "off" || !view?.has_ground_truth || this.truthOf === view.name) return;
+    if (!view?.has_ground_truth || this.truthOf === view.name) return;
     this.truthOf = view.name;
     viewer.display.compareWith(null);
     viewer.source
@@ -64,25 +131,34 @@ export class Comparison {
     const { scene, state } = this.viewer;
     press("compare", state.compare);
     const view = this.viewer.viewCamera();
-    const canCompare = Boolean(view?.has_ground_truth);
-    for (const button of byId("compare").querySelectorAll("button")) button.disabled = !canCompare && button.dataset.value !== "off";
-    byId("compare-section").hidden = !scene?.cameras.some((camera) => camera.has_ground_truth);
-    byId("compare-text").textContent = canCompare ? `${view?.name} (${view?.split})` : "Choose a camera below to compare with its image.";
+    const hasTruth = scene?.cameras.some((camera) => camera.has_ground_truth) ?? false;
+    const kind = this.kind();
+    for (const button of byId("compare").querySelectorAll("button")) button.disabled = kind === "truth" && !hasTruth && button.dataset.value !== "off";
+    byId("compare-section").hidden = !hasTruth && !scene?.others.length;
+    byId("against").value = kind;
+    byId("error").value = state.error;
+    byId("error-row").hidden = state.compare !== "difference";
+    const withTruth = view?.has_ground_truth ? `${view.name} (${view.split})` : "Choose a camera below to compare with its image.";
+    byId("compare-text").textContent = kind === "scene" ? `${scene?.name} with ${this.otherName()}` : withTruth;
   }
 
   /** @param {Overlay} overlay @param {Lens} lens */
   draw(overlay, lens) {
-    const { state, box } = this.viewer;
+    const { state, box, viewer } = { ...this.viewer, viewer: this.viewer };
     const isOn = this.isOn();
     const isWipe = isOn && state.compare === "wipe";
+    const isBeside = viewer.panes() > 1;
     if (isWipe) overlay.wipe(state.wipe * lens.width, lens.height);
     const labels = byId("wipe-labels");
-    labels.hidden = !isWipe && !this.isFlickering();
+    labels.hidden = !isWipe && !isBeside && !this.isFlickering();
     const showsTruth = this.showsTruth(performance.now());
     const [truth, render] = /** @type {HTMLElement[]} */ ([...labels.children]);
+    truth.textContent = this.otherName();
+    render.textContent = this.kind() === "scene" ? (viewer.scene?.name ?? "") : "render";
     const edge = box.left + state.wipe * lens.width;
-    Object.assign(truth.style, { right: isWipe ? `calc(100% - ${edge - 8}px)` : "", left: isWipe ? "" : "10px", display: isWipe || showsTruth ? "" : "none" });
-    Object.assign(render.style, { left: isWipe ? `${edge + 8}px` : "10px", display: isWipe || !showsTruth ? "" : "none" });
+    const isBoth = isWipe || isBeside;
+    Object.assign(truth.style, { right: isWipe ? `calc(100% - ${edge - 8}px)` : "", left: isWipe ? "" : `${(isBeside ? box.left : 0) + 10}px`, display: isBoth || showsTruth ? "" : "none" });
+    Object.assign(render.style, { left: isWipe ? `${edge + 8}px` : `${(isBeside ? box.left + box.width : 0) + 10}px`, display: isBoth || !showsTruth ? "" : "none" });
   }
 
   /** Takes hold of the edge of the wipe. @param {number} x @returns {Grip | null} */

@@ -1,8 +1,9 @@
 /** Draws half-float pictures with WebGL2: tone curves, false colour, comparison with ground truth. */
 
-import { DIFFERENCE, STOPS, STOP_TEXELS, tables } from "./falsecolor.js";
+import { DIFFERENCE, RELATIVE_HIGH, STOPS, STOP_TEXELS, tables } from "./falsecolor.js";
+import { MIDDLE_GREY } from "./measure.js";
 import { fragment, VERTEX } from "./shader.js";
-import { COMPARES, CURVES, LAYERS } from "./state.js";
+import { COMPARES, CURVES, ERRORS, LAYERS } from "./state.js";
 
 /** @typedef {import("./scene.js").Frame} Frame */
 /** @typedef {import("./scene.js").Scene} Scene */
@@ -12,6 +13,8 @@ import { COMPARES, CURVES, LAYERS } from "./state.js";
 
 /** A compiled shader and the places of its uniforms. @typedef {{ program: WebGLProgram, places: { [name: string]: WebGLUniformLocation | null } }} Program */
 
+const IDENTITY = [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
+
 /** @type {readonly Unit[]} */
 const UNITS = ["picture", "truth", "depthMap", "alphaMap", "stopColors", "differenceColors"];
 
@@ -19,6 +22,10 @@ export class Display {
   /** @type {Frame | null} */ picture = null;
   /** @type {Frame | null} */ truth = null;
   /** Nearest and farthest depth that is shown. @type {[number, number]} */ depthRange = [0, 1];
+
+  /** Factor from the data set's luminance to the unit that is shown, and the lowest band of false colour in it. */ values = { factor: 1, lowestBand: -8 };
+  /** Lens of the depth that is there. @type {import("./lens.js").Lens | null} */ lens = null;
+  /** Rows of the matrix from the other picture's colour space. */ firstFromOther = IDENTITY;
 
   /** @param {HTMLCanvasElement} canvas */
   constructor(canvas) {
@@ -37,7 +44,7 @@ export class Display {
     canvas.addEventListener("webglcontextrestored", () => {
       this.build();
       if (this.picture) this.show(this.picture, true);
-      if (this.truth) this.compareWith(this.truth);
+      if (this.truth) this.compareWith(this.truth, true, this.firstFromOther);
     });
   }
 
@@ -57,9 +64,9 @@ export class Display {
     }
     const { stops, difference } = tables();
     this.bind("stopColors");
-    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, STOP_TEXELS, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, stops);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, STOP_TEXELS, 2, 0, gl.RGBA, gl.UNSIGNED_BYTE, stops);
     this.bind("differenceColors");
-    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, 256, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, difference);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, 256, 2, 0, gl.RGBA, gl.UNSIGNED_BYTE, difference);
   }
 
   /** The shader for a choice, compiled when it is first needed. @param {Choice} choice @returns {Program} */
@@ -123,10 +130,28 @@ export class Display {
     }
   }
 
-  /** Takes the ground truth to compare with. @param {Frame | null} frame */
-  compareWith(frame) {
+  /** Takes the ground truth, or a picture of another scene, to compare with. @param {Frame | null} frame @param {boolean} [full] @param {number[][]} [firstFromOther] */
+  compareWith(frame, full = true, firstFromOther = IDENTITY) {
     this.truth = frame;
-    if (frame) this.uploadRadiance("truth", frame, true);
+    this.firstFromOther = firstFromOther;
+    if (frame) this.uploadRadiance("truth", frame, full);
+  }
+
+  /** Sets what turns luminance into colours and stripes. @param {Program["places"]} u @param {State} state @param {Scene} scene */
+  setValues(u, state, scene) {
+    const { gl, values, lens } = this;
+    const grey = (MIDDLE_GREY * scene.radiance_scale) / 2 ** state.exposure;
+    const isAbsolute = state.scale === "luminance";
+    gl.uniform2f(u.bands, isAbsolute ? 2 * Math.log10(2) : 1, isAbsolute ? 2 * Math.log10(values.factor) - values.lowestBand : -Math.log2(grey) - STOPS.low);
+    if (isAbsolute) gl.uniform2f(u.zebraRange, state.zebraBelow / values.factor, state.zebraAbove > 0 ? state.zebraAbove / values.factor : 3e38);
+    else gl.uniform2f(u.zebraRange, grey * 2 ** state.zebraLow, grey * 2 ** state.zebraHigh);
+    gl.uniform1f(u.differenceHigh, state.error === "relative" ? RELATIVE_HIGH : DIFFERENCE.high);
+    gl.uniform1f(u.leastLuminance, grey * 2 ** STOPS.low);
+    const rows = this.firstFromOther;
+    gl.uniformMatrix3fv(u.firstFromOther, false, [0, 1, 2].flatMap((c) => rows.map((row) => row[c])));
+    if (!lens) return;
+    gl.uniform4f(u.lens, lens.fx, lens.fy, lens.cx, lens.cy);
+    gl.uniformMatrix3fv(u.axes, false, [lens.axes.right, lens.axes.up, lens.axes.back].flat());
   }
 
   /** Draws. @param {State} state @param {boolean} showTruth for the flicker */
@@ -138,7 +163,7 @@ export class Display {
       gl.clear(gl.COLOR_BUFFER_BIT);
       return;
     }
-    const choice = { curve: CURVES.indexOf(state.curve), layer: LAYERS.indexOf(state.layer), compare: truth ? COMPARES.indexOf(state.compare) : 0, zebra: state.zebra };
+    const choice = { curve: CURVES.indexOf(state.curve), layer: LAYERS.indexOf(state.layer), compare: truth ? COMPARES.indexOf(state.compare) : 0, zebra: state.zebra, absolute: state.scale === "luminance", error: ERRORS.indexOf(state.error) };
     const { program, places: u } = this.program(choice);
     gl.useProgram(program);
     // Rows to columns.
@@ -150,10 +175,8 @@ export class Display {
     gl.uniform1f(u.gain, 2 ** state.exposure / scene.radiance_scale);
     gl.uniform1f(u.wipe, state.wipe);
     gl.uniform1i(u.showTruth, showTruth ? 1 : 0);
-    gl.uniform2f(u.zebraStops, state.zebraLow, state.zebraHigh);
+    this.setValues(u, state, scene);
     gl.uniform2f(u.depthRange, this.depthRange[0], this.depthRange[1]);
-    gl.uniform2f(u.stopRange, STOPS.low, STOPS.high);
-    gl.uniform1f(u.differenceHigh, DIFFERENCE.high);
     gl.uniform1f(u.dotsPerPixel, Math.max(1, this.canvas.width / Math.max(1, this.canvas.clientWidth)));
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }

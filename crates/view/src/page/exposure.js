@@ -1,7 +1,8 @@
 /** Exposure: slider, automatic, and the histogram of luminance. */
 
-import { histogram, MIDDLE_GREY, signed, suitableExposure } from "./measure.js";
+import { histogram, MIDDLE_GREY, signed, suitableExposure, text } from "./measure.js";
 import { byId } from "./panel.js";
+import { luminanceFactor, unitName } from "./units.js";
 
 /** @typedef {import("./part.js").Part} Part */
 /** @typedef {import("./scene.js").Frame} Frame */
@@ -88,8 +89,14 @@ export class Exposure {
       context.fillRect(x(stops), 0, 1, height);
     };
     mark(0, "#777");
-    if (state.zebra) [state.zebraLow, state.zebraHigh].forEach((stops) => mark(stops, "#fff"));
-    byId("histogram-low").textContent = signed(HISTOGRAM.low, 0);
-    byId("histogram-high").textContent = signed(HISTOGRAM.high, 0);
+    const factor = luminanceFactor(this.viewer);
+    const isAbsolute = state.scale === "luminance";
+    const stopsAt = (/** @type {number} */ value) => Math.log2(value / factor / unit);
+    const zebra = isAbsolute ? [state.zebraBelow, state.zebraAbove].filter((value) => value > 0).map(stopsAt) : [state.zebraLow, state.zebraHigh];
+    if (state.zebra) zebra.forEach((stops) => mark(stops, "#fff"));
+    const label = (/** @type {number} */ stops) => (isAbsolute ? text(unit * factor * 2 ** stops) : signed(stops, 0));
+    byId("histogram-low").textContent = label(HISTOGRAM.low);
+    byId("histogram-high").textContent = label(HISTOGRAM.high);
+    byId("histogram-middle").textContent = isAbsolute ? `${text(unit * factor)} ${unitName(this.viewer)}` : "middle grey";
   }
 }

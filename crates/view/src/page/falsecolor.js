@@ -1,10 +1,22 @@
 /**
  * Colours for numbers: the same table colours pictures (as a texture) and legends, so that a legend
- * cannot be wrong. Stops are relative to middle grey (0.18) at the exposure in force.
+ * cannot be wrong. Stops are relative to middle grey (0.18) at the exposure in force; luminance has a
+ * band for every half decade.
  */
+
+/** @typedef {import("./viewer.js").Viewer} Viewer */
+/** How pixels that differ are coloured. @typedef {"stops" | "signed" | "relative"} ErrorKind */
+
+import { cdM2PerUnit } from "./units.js";
 
 /** Lowest and highest stop that has a colour of its own. */
 export const STOPS = { low: -8, high: 8 };
+/** Number of bands, for stops and for luminance. */
+const BANDS = STOPS.high - STOPS.low + 1;
+/** Lowest band of luminance in cd/m2, in half decades: 0.01. */
+const LOWEST_CD_M2 = -4;
+/** Largest relative error that has a colour of its own. */
+export const RELATIVE_HIGH = 1;
 /** Stops of the map of differences. */
 export const DIFFERENCE = { low: 0, high: 4 };
 
@@ -33,14 +45,40 @@ export function colorOfStops(stops) {
 /** Colour of a difference in stops. @param {number} stops @returns {[number, number, number]} */
 export const colorOfDifference = (stops) => (stops <= 0 ? [0, 0, 0] : ramp((stops - DIFFERENCE.low) / (DIFFERENCE.high - DIFFERENCE.low)));
 
+/** Colour of a band of luminance, 0 to 16. @param {number} band */
+export const colorOfBand = (band) => ramp(band / (BANDS - 1));
+
+/** Colour of a signed difference in stops: the render is darker (blue) or brighter (orange). @param {number} stops @returns {[number, number, number]} */
+export function colorOfSigned(stops) {
+  const t = Math.min(1, Math.abs(stops) / DIFFERENCE.high);
+  const end = stops < 0 ? [70, 150, 255] : [255, 150, 50];
+  const mix = (/** @type {number} */ c) => Math.round(28 + (end[c] - 28) * t);
+  return [mix(0), mix(1), mix(2)];
+}
+
+/** The lowest band of luminance, in half decades of the unit that is shown. @param {Viewer} viewer */
+export function lowestBand(viewer) {
+  if (cdM2PerUnit(viewer) > 0) return LOWEST_CD_M2;
+  return Math.round(2 * Math.log10(0.18 * (viewer.scene?.radiance_scale ?? 1))) - (BANDS - 1) / 2;
+}
+
+/** Luminance in the middle of a band, in the unit that is shown. @param {Viewer} viewer @param {number} band */
+export const luminanceOfBand = (viewer, band) => 10 ** ((lowestBand(viewer) + band) / 2);
+
 /** Texels of the table of whole stops. */
 export const STOP_TEXELS = STOPS.high - STOPS.low + 1;
 
-/** Both tables as rows of RGBA pixels: whole stops, then 256 steps of difference. @returns {{ stops: Uint8Array, difference: Uint8Array }} */
+/** Tables of RGBA pixels, two rows each: whole stops, and bands of luminance; 256 steps of a difference, and of a signed one. @returns {{ stops: Uint8Array, difference: Uint8Array }} */
 export function tables() {
-  const stops = new Uint8Array(4 * STOP_TEXELS);
-  for (let i = 0; i < STOP_TEXELS; i++) stops.set([...colorOfStops(STOPS.low + i), 255], 4 * i);
-  const difference = new Uint8Array(4 * 256);
-  for (let i = 0; i < 256; i++) difference.set([...colorOfDifference((i / 255) * (DIFFERENCE.high - DIFFERENCE.low)), 255], 4 * i);
+  const stops = new Uint8Array(2 * 4 * STOP_TEXELS);
+  for (let i = 0; i < STOP_TEXELS; i++) {
+    stops.set([...colorOfStops(STOPS.low + i), 255], 4 * i);
+    stops.set([...colorOfBand(i), 255], 4 * (STOP_TEXELS + i));
+  }
+  const difference = new Uint8Array(2 * 4 * 256);
+  for (let i = 0; i < 256; i++) {
+    difference.set([...colorOfDifference((i / 255) * (DIFFERENCE.high - DIFFERENCE.low)), 255], 4 * i);
+    difference.set([...colorOfSigned((i / 127.5 - 1) * DIFFERENCE.high), 255], 4 * (256 + i));
+  }
   return { stops, difference };
 }

@@ -9,6 +9,7 @@ import { HDR } from "./gpu/hdrshader.js";
 import { signed } from "./measure.js";
 import { byId } from "./panel.js";
 import { CURVES } from "./state.js";
+import { zebraStops } from "./units.js";
 
 /** @typedef {import("./part.js").Part} Part */
 /** @typedef {import("./scene.js").Frame} Frame */
@@ -53,7 +54,8 @@ export class HdrScreen {
   /** Whether the picture goes through this canvas now. */
   isOn() {
     const { state, comparison } = this.viewer;
-    const isPicture = state.layer === "radiance" && !(state.compare === "difference" && comparison?.isOn());
+    const isElsewhere = comparison?.isOn() && (state.compare === "difference" || state.compare === "beside" || comparison.kind() === "scene");
+    const isPicture = state.layer === "radiance" && !isElsewhere;
     return this.range.matches && state.hdr && isPicture && this.viewer.shown !== null;
   }
 
@@ -147,7 +149,7 @@ export class HdrScreen {
     const floats = (/** @type {number[]} */ ...values) => values.forEach((value) => bytes.setFloat32((at += 4) - 4, value, true));
     const numbers = (/** @type {number[]} */ ...values) => values.forEach((value) => bytes.setUint32((at += 4) - 4, value, true));
     for (const row of scene?.rec709_from_scene ?? []) floats(...row, 0);
-    floats(...(scene?.luminance_weights ?? [0, 0, 0]), 0, state.zebraLow, state.zebraHigh, canvas.width, canvas.height);
+    floats(...(scene?.luminance_weights ?? [0, 0, 0]), 0, ...zebraStops(this.viewer), canvas.width, canvas.height);
     numbers(frame.head.width, frame.head.height, truth?.head.width ?? 0, truth?.head.height ?? 0);
     floats(frame.head.scale, truth?.head.scale ?? 1, 2 ** state.exposure / (scene?.radiance_scale ?? 1), state.wipe);
     floats(2 ** this.stops(), Math.max(1, canvas.width / Math.max(1, canvas.clientWidth)));

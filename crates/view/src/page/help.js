@@ -1,5 +1,7 @@
 /** Keys: what each does, once for the handler and for the page of help. */
 
+import { SPLATS } from "./variant.js";
+
 /** @typedef {import("./viewer.js").Viewer} Viewer */
 /** @typedef {{ keys: string[], shown: string, what: string, act: (viewer: Viewer) => void }} Key */
 
@@ -17,9 +19,11 @@ export const KEYS = [
   { keys: ["x"], shown: "X", what: "automatic exposure", act: (v) => v.set({ autoExposure: !v.state.autoExposure }) },
   { keys: ["t"], shown: "T", what: "next tone curve", act: (v) => v.cycle("curve") },
   { keys: ["f"], shown: "F", what: "false colour", act: (v) => v.set({ layer: v.state.layer === "stops" ? "radiance" : "stops" }) },
-  { keys: ["l"], shown: "L", what: "radiance, false colour, depth, coverage", act: (v) => v.cycle("layer") },
+  { keys: ["l"], shown: "L", what: "radiance, false colour, depth, coverage, normals", act: (v) => v.cycle("layer") },
   { keys: ["z"], shown: "Z", what: "zebra", act: (v) => v.set({ zebra: !v.state.zebra }) },
-  { keys: ["g"], shown: "G", what: "compare with the ground truth: wipe, difference, flicker", act: (v) => v.cycle("compare") },
+  { keys: ["v"], shown: "V", what: "values in stops or in luminance", act: (v) => v.radiometry?.choose(v.state.scale === "stops" ? "luminance" : "stops") },
+  { keys: ["k"], shown: "K", what: "splats blended, as ellipsoids, as centres", act: (v) => v.set({ splats: next(SPLATS, v.state.splats) }) },
+  { keys: ["g"], shown: "G", what: "compare: wipe, difference, flicker, side by side", act: (v) => v.cycle("compare") },
   { keys: ["n"], shown: "N", what: "next camera", act: (v) => v.standAtNext(1) },
   { keys: ["b"], shown: "B", what: "camera before", act: (v) => v.standAtNext(-1) },
   { keys: ["c"], shown: "C", what: "cameras in the scene", act: (v) => v.set({ showCameras: !v.state.showCameras }) },
@@ -60,5 +64,6 @@ export function fillHelp(body) {
   for (const { shown, what } of KEYS) line(key(shown), what);
   heading("Numbers");
   line(Object.assign(document.createElement("span"), { textContent: "radiance" }), "in the units of the data set, as luxel render writes it; half precision");
+  line(Object.assign(document.createElement("span"), { textContent: "EV100" }), "exposure value at ISO 100: log2 of luminance in cd/m² times 8, where the data set is calibrated");
   line(Object.assign(document.createElement("span"), { textContent: "stops" }), "log2 of luminance over middle grey (0.18 of white) at the exposure in force");
 }

@@ -61,6 +61,6 @@ export function unproject(lens, x, y, depth) {
 export function project(lens, point) {
   const p = sub(point, lens.eye);
   const depth = -dot(p, lens.axes.back);
-  if (depth <= 1e-6) return null;
+  if (depth <= 0) return null;
   return { x: lens.cx + (lens.fx * dot(p, lens.axes.right)) / depth, y: lens.cy - (lens.fy * dot(p, lens.axes.up)) / depth, depth };
 }

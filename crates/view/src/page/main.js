@@ -3,12 +3,15 @@
 import { Comparison } from "./comparison.js";
 import { Embedded, isAlone } from "./embedded.js";
 import { Exposure } from "./exposure.js";
+import { foldSections } from "./folding.js";
 import { HdrScreen } from "./hdr.js";
 import { byId, ControlPanel } from "./panel.js";
 import { Probes } from "./probes.js";
+import { Radiometry } from "./radiometry.js";
 import { RenderingPanel } from "./rendering.js";
 import { Saving } from "./saving.js";
 import { Server } from "./server.js";
+import { Shading } from "./shading.js";
 import { Sources } from "./sources.js";
 import { Strip } from "./strip.js";
 import { TrainingPanel } from "./training.js";
@@ -20,6 +23,8 @@ try {
   viewer.parts.push(new ControlPanel(viewer), new Strip(viewer), viewer.comparison = new Comparison(viewer), viewer.exposure = new Exposure(viewer));
   viewer.parts.push(viewer.probes = new Probes(viewer), viewer.training = new TrainingPanel(viewer));
   viewer.parts.push(new HdrScreen(viewer));
+  viewer.parts.push(viewer.radiometry = new Radiometry(viewer), new Shading(viewer));
+  foldSections(byId("panel"));
   viewer.saving = new Saving(viewer);
   if (sources) viewer.parts.push(new RenderingPanel(viewer, sources));
   // For scripts in the console of the browser, and tests.

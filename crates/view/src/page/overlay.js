@@ -44,7 +44,19 @@ export class Overlay {
 
   /** Ends a picture: an empty layer is taken away, since it costs as much as a full one. */
   end() {
+    this.plain.restore();
     this.canvas.hidden = this.isEmpty;
+  }
+
+  /** Begins the marks of one of the pictures side by side. @param {number} left @param {number} width @param {number} height */
+  begin(left, width, height) {
+    const dots = devicePixelRatio;
+    this.plain.restore();
+    this.plain.save();
+    this.plain.setTransform(dots, 0, 0, dots, left * dots, 0);
+    this.plain.beginPath();
+    this.plain.rect(0, 0, width, height);
+    this.plain.clip();
   }
 
   /** @param {Vec3[]} points @param {Lens} lens @param {boolean} [closed] */

@@ -1,8 +1,7 @@
 /** The controls: what they set, and how they show what is set. */
 
-import { colorOfDifference, colorOfStops, DIFFERENCE, STOPS } from "./falsecolor.js";
 import { fillHelp } from "./help.js";
-import { signed } from "./measure.js";
+import { showLegend } from "./legend.js";
 import { MODES } from "./state.js";
 
 /** @typedef {import("./viewer.js").Viewer} Viewer */
@@ -34,8 +33,6 @@ function connect(viewer) {
   const click = (/** @type {string} */ id, /** @type {() => void} */ act) => byId(id).addEventListener("click", act);
   number("fov", "fov");
   byId("fov").addEventListener("input", () => viewer.controls.left());
-  number("zebra-low", "zebraLow");
-  number("zebra-high", "zebraHigh");
   choice("layer", "layer");
   choice("curve", "curve");
   flag("zebra", "zebra");
@@ -76,9 +73,6 @@ function reflect(viewer) {
   byId("curve").value = state.curve;
   byId("curve").toggleAttribute("disabled", state.layer !== "radiance");
   byId("zebra").checked = state.zebra;
-  for (const [id, value] of /** @type {const} */ ([["zebra-low", state.zebraLow], ["zebra-high", state.zebraHigh]])) {
-    if (document.activeElement !== byId(id)) byId(id).value = String(value);
-  }
   byId("fov").value = String(Math.round(state.fov));
   byId("fov-text").textContent = `${state.fov.toFixed(0)}°`;
   byId("show-cameras").setAttribute("aria-pressed", String(state.showCameras));
@@ -87,35 +81,12 @@ function reflect(viewer) {
   if (document.activeElement !== byId("edit")) byId("edit").value = state.edit;
   byId("edit-text").textContent = state.edit ? commandOf(viewer) : "";
   byId("edit-text").hidden = byId("edit-clear").hidden = byId("copy-command").hidden = !state.edit;
-  legend(state, viewer.comparison?.isOn() ?? false);
+  showLegend(viewer);
 }
 
 /** Shows which button of a row is chosen. @param {string} id @param {string} value */
 export function press(id, value) {
   for (const button of byId(id).querySelectorAll("button")) button.setAttribute("aria-pressed", String(button.dataset.value === value));
-}
-
-/** @param {State} state @param {boolean} isComparing */
-function legend(state, isComparing) {
-  const element = byId("legend");
-  const isDifference = isComparing && state.compare === "difference";
-  const kind = isDifference ? "difference" : state.layer === "stops" ? "stops" : "";
-  element.hidden = kind === "";
-  if (element.dataset.kind === kind || !kind) return;
-  element.dataset.kind = kind;
-  const line = (/** @type {number} */ value, /** @type {[number, number, number]} */ color, /** @type {string} */ text) => {
-    const row = document.createElement("div");
-    row.dataset.stops = String(value);
-    const swatch = document.createElement("i");
-    swatch.style.background = `rgb(${color.join(",")})`;
-    row.append(swatch, text);
-    return row;
-  };
-  const heading = Object.assign(document.createElement("p"), { textContent: isDifference ? "difference, stops" : "stops around middle grey" });
-  const lines = [];
-  if (isDifference) for (let s = DIFFERENCE.high; s >= DIFFERENCE.low; s -= 0.5) lines.push(line(s, colorOfDifference(s), s === DIFFERENCE.high ? `${s} and more` : String(s)));
-  else for (let s = STOPS.high; s >= STOPS.low; s--) lines.push(line(s, colorOfStops(s), s === 0 ? "0 middle grey" : `${signed(s, 0)}${s === STOPS.high ? " and more" : s === STOPS.low ? " and less" : ""}`));
-  element.replaceChildren(heading, ...lines);
 }
 
 /** The controls of display, camera and edits. @implements {Part} */

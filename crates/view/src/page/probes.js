@@ -1,8 +1,9 @@
 /** Values under the pointer and pinned ones, the distance of the last two, the scale of the scene. */
 
 import { length, sub } from "./math.js";
-import { MIDDLE_GREY, sampleAt, signed, text } from "./measure.js";
+import { MIDDLE_GREY, signed, text } from "./measure.js";
 import { byId } from "./panel.js";
+import { ev100, luminanceText, pointText } from "./units.js";
 
 /** @typedef {import("./lens.js").Lens} Lens */
 /** @typedef {import("./measure.js").Sample} Sample */
@@ -24,11 +25,13 @@ function rows(viewer, sample) {
   /** @type {[string, string][]} */
   const all = [
     ["RGB", sample.radiance.map(text).join("  ")],
-    ["luminance", text(sample.luminance)],
+    ["luminance", luminanceText(viewer, sample.luminance)],
     ["stops", signed(stopsOf(viewer, sample), 2)],
   ];
+  const ev = ev100(viewer, sample.luminance);
+  if (ev !== null) all.push(["EV100", signed(ev, 2)]);
   if (sample.depth !== null) all.push(["depth", viewer.lengthText(sample.depth)]);
-  if (sample.position) all.push(["position", sample.position.map(text).join("  ")]);
+  if (sample.position) all.push(["position", pointText(viewer, sample.position).join("  ")]);
   return all;
 }
 
@@ -37,7 +40,11 @@ export function fillReadout(element, viewer, sample, truth) {
   element.hidden = sample === null;
   if (!sample) return;
   const all = [/** @type {[string, string]} */ (["pixel", `${sample.x}, ${sample.y}`]), ...rows(viewer, sample)];
-  if (truth) all.push(["ground truth", truth.radiance.map(text).join("  ")], ["render / truth", `${signed(Math.log2(sample.luminance / truth.luminance), 2)} stops`]);
+  if (truth) {
+    const name = viewer.comparison?.otherName() ?? "ground truth";
+    all.push([name, truth.radiance.map(text).join("  ")], ["luminance there", luminanceText(viewer, truth.luminance)]);
+    all.push(["difference", `${signed(Math.log2(sample.luminance / truth.luminance), 2)} stops, ${signed(100 * (sample.luminance / truth.luminance - 1), 1)} %`]);
+  }
   element.replaceChildren(
     ...all.map(([name, value]) => {
       const item = document.createElement("span");
@@ -49,7 +56,7 @@ export function fillReadout(element, viewer, sample, truth) {
 
 /** A button for the light at a point. @param {Viewer} viewer @param {import("./math.js").Vec3} at */
 function environmentButton(viewer, at) {
-  const command = `luxel probe ${viewer.scene?.name ?? ""} --at ${at.map((v) => v.toPrecision(5)).join(",")} -o probe.exr`;
+  const command = `luxel probe ${viewer.scene?.name ?? ""} --at ${pointText(viewer, at, 1e-5).join(",")} -o probe.exr`;
   const button = Object.assign(document.createElement("button"), { textContent: "copy probe command", title: `The light that arrives here, as an environment map: ${command}` });
   button.addEventListener("click", () => void navigator.clipboard?.writeText(command).catch(() => undefined));
   return button;
@@ -84,7 +91,7 @@ export class Probes {
     const { pointer, viewer } = this;
     const { scene, display } = viewer;
     const sample = pointer && viewer.sample(pointer.u, pointer.v);
-    const truth = pointer && scene && display.truth && viewer.comparison?.isOn() ? sampleAt(display.truth, null, pointer.u, pointer.v, scene.luminance_weights) : null;
+    const truth = pointer && scene && display.truth && viewer.comparison?.isOn() ? viewer.comparison.sample(pointer.u, pointer.v) : null;
     fillReadout(byId("readout"), viewer, sample, truth);
   }
 

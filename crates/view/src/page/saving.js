@@ -34,7 +34,7 @@ export class Saving {
   }
 
   async link() {
-    history.replaceState(null, "", location.pathname + toHash(this.viewer.state));
+    history.replaceState(null, "", location.pathname + toHash(this.viewer.state, this.viewer.controls.size));
     await navigator.clipboard?.writeText(location.href).catch(() => undefined);
   }
 }

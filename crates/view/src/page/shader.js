@@ -4,7 +4,7 @@
  * processor that stands in for a graphics card pays for every branch.
  */
 
-/** What a shader is compiled for: indices into CURVES, LAYERS and COMPARES. @typedef {{ curve: number, layer: number, compare: number, zebra: boolean }} Choice */
+/** What a shader is compiled for: indices into CURVES, LAYERS, COMPARES and ERRORS; `absolute` for bands of luminance. @typedef {{ curve: number, layer: number, compare: number, zebra: boolean, absolute: boolean, error: number }} Choice */
 
 export const VERTEX = `#version 300 es
 out vec2 place;
@@ -15,7 +15,7 @@ void main() {
 }`;
 
 /** The source for a choice. @param {Choice} choice */
-export const fragment = ({ curve, layer, compare, zebra }) => `#version 300 es
+export const fragment = ({ curve, layer, compare, zebra, absolute, error }) => `#version 300 es
 precision highp float;
 precision highp sampler2D;
 in vec2 place;
@@ -35,12 +35,18 @@ const int curve = ${curve};
 const int layer = ${layer};
 const int compare = ${compare};
 const bool zebra = ${zebra};
+const bool absolute = ${absolute};
+const int error = ${error};
 uniform float wipe;
 uniform bool showTruth;
-uniform vec2 zebraStops;
+uniform vec2 zebraRange;
+uniform vec2 bands;
+uniform mat3 firstFromOther;
+uniform vec4 lens;
+uniform mat3 axes;
 uniform vec2 depthRange;
-uniform vec2 stopRange;
 uniform float differenceHigh;
+uniform float leastLuminance;
 uniform float dotsPerPixel;
 
 const mat3 ACES_IN = mat3(0.59719, 0.07600, 0.02840, 0.35458, 0.90834, 0.13383, 0.04823, 0.01566, 0.83777);
@@ -70,39 +76,58 @@ vec3 display(vec3 radiance) {
   if (curve == 4) return agx(v);
   return srgb(v);
 }
-float stopsOf(vec3 radiance) { return log2(max(dot(weights, radiance) * gain, 1e-30) / 0.18); }
+
+vec3 pointAt(ivec2 pixel) {
+  float z = texelFetch(depthMap, clamp(pixel, ivec2(0), textureSize(depthMap, 0) - 1), 0).r;
+  return vec3((vec2(pixel) + 0.5 - lens.zw) / lens.xy * z, z);
+}
+// The neighbour whose depth is nearer is more likely on the same surface.
+vec3 edge(ivec2 pixel, ivec2 aside) {
+  vec3 here = pointAt(pixel), after = pointAt(pixel + aside), before = pointAt(pixel - aside);
+  return abs(after.z - here.z) < abs(before.z - here.z) ? after - here : here - before;
+}
+vec3 normalAt(vec2 at) {
+  ivec2 pixel = ivec2(at * vec2(textureSize(depthMap, 0)));
+  if (!(pointAt(pixel).z < 1e30)) return vec3(0.0);
+  vec3 n = normalize(cross(edge(pixel, ivec2(1, 0)), edge(pixel, ivec2(0, 1))));
+  n *= n.z > 0.0 ? -1.0 : 1.0;
+  return 0.5 + 0.5 * (axes * vec3(n.x, -n.y, -n.z));
+}
 
 void main() {
-  vec3 shown = texture(picture, place).rgb * pictureScale;
+  vec2 at = compare == 4 ? vec2(fract(2.0 * place.x), place.y) : place;
+  vec3 shown = texture(picture, at).rgb * pictureScale;
   vec3 other = shown;
-  if (compare != 0) other = texture(truth, place).rgb * truthScale;
+  if (compare != 0) other = firstFromOther * texture(truth, at).rgb * truthScale;
   if (compare == 2) {
-    float floorStops = exp2(stopRange.x) * 0.18 / gain;
-    float a = max(dot(weights, shown), floorStops), b = max(dot(weights, other), floorStops);
-    color = texture(differenceColors, vec2(clamp(abs(log2(a / b)) / differenceHigh, 0.0, 1.0), 0.5));
+    float a = max(dot(weights, shown), leastLuminance), b = max(dot(weights, other), leastLuminance);
+    float found = error == 2 ? abs(a - b) / b : error == 1 ? 0.5 * log2(a / b) + 0.5 * differenceHigh : abs(log2(a / b));
+    color = texture(differenceColors, vec2(clamp(found / differenceHigh, 0.0, 1.0), error == 1 ? 0.75 : 0.25));
     return;
   }
-  bool isTruth = compare == 1 ? place.x < wipe : (compare == 3 && showTruth);
+  bool isTruth = compare == 1 ? place.x < wipe : compare == 4 ? place.x < 0.5 : (compare == 3 && showTruth);
   vec3 radiance = isTruth ? other : shown;
   vec3 rgb;
-  float stops = stopsOf(radiance);
+  float luminance = dot(weights, radiance);
   if (layer == 1) {
-    float band = floor(clamp(stops, stopRange.x, stopRange.y) - stopRange.x + 0.5);
-    rgb = texelFetch(stopColors, ivec2(int(band), 0), 0).rgb;
+    float band = clamp(bands.x * log2(max(luminance, 1e-37)) + bands.y, 0.0, float(textureSize(stopColors, 0).x - 1));
+    rgb = texelFetch(stopColors, ivec2(int(floor(band + 0.5)), absolute ? 1 : 0), 0).rgb;
   } else if (layer == 2) {
-    float z = texture(depthMap, place).r;
+    float z = texture(depthMap, at).r;
     float t = (z - depthRange.x) / max(depthRange.y - depthRange.x, 1e-12);
     rgb = z < 1e30 ? vec3(1.0 - clamp(t, 0.0, 1.0)) : vec3(0.0);
   } else if (layer == 3) {
-    rgb = vec3(texture(alphaMap, place).r);
+    rgb = vec3(texture(alphaMap, at).r);
+  } else if (layer == 4) {
+    rgb = normalAt(at);
   } else {
     rgb = display(radiance);
   }
-  if (zebra && layer != 2 && layer != 3) {
+  if (zebra && layer < 2) {
     float stripe = mod((gl_FragCoord.x + gl_FragCoord.y) / dotsPerPixel, 10.0);
     float back = mod((gl_FragCoord.x - gl_FragCoord.y) / dotsPerPixel, 10.0);
-    if (stops > zebraStops.y && stripe < 5.0) rgb = stripe < 2.5 ? vec3(0.0) : vec3(1.0);
-    if (stops < zebraStops.x && back < 3.0) rgb = vec3(0.35);
+    if (luminance > zebraRange.y && stripe < 5.0) rgb = stripe < 2.5 ? vec3(0.0) : vec3(1.0);
+    if (luminance < zebraRange.x && back < 3.0) rgb = vec3(0.35);
   }
   color = vec4(clamp(rgb, 0.0, 1.0), 1.0);
 }`;

@@ -2,20 +2,27 @@
 
 import { looking } from "./math.js";
 import { RENDERINGS } from "./sources.js";
+import { decimals } from "./units.js";
+import { SPLATS } from "./variant.js";
 
 /** @typedef {import("./math.js").Vec3} Vec3 */
 /** @typedef {import("./math.js").Axes} Axes */
 /** @typedef {"orbit" | "fly" | "walk"} Mode */
 /** @typedef {"none" | "mulaw" | "reinhard" | "aces" | "agx"} Curve */
-/** @typedef {"radiance" | "stops" | "depth" | "alpha"} Layer */
-/** @typedef {"off" | "wipe" | "difference" | "flicker"} Compare */
+/** @typedef {"radiance" | "stops" | "depth" | "alpha" | "normals"} Layer */
+/** @typedef {"off" | "wipe" | "difference" | "flicker" | "beside"} Compare */
+/** @typedef {"stops" | "luminance"} Scale */
 
 /** Tone curves, as the program has them. @type {readonly Curve[]} */
 export const CURVES = ["none", "mulaw", "reinhard", "aces", "agx"];
 /** @type {readonly Layer[]} */
-export const LAYERS = ["radiance", "stops", "depth", "alpha"];
+export const LAYERS = ["radiance", "stops", "depth", "alpha", "normals"];
 /** @type {readonly Compare[]} */
-export const COMPARES = ["off", "wipe", "difference", "flicker"];
+export const COMPARES = ["off", "wipe", "difference", "flicker", "beside"];
+/** @type {readonly import("./falsecolor.js").ErrorKind[]} */
+export const ERRORS = ["stops", "signed", "relative"];
+/** @type {readonly Scale[]} */
+export const SCALES = ["stops", "luminance"];
 /** @type {readonly Mode[]} */
 export const MODES = ["orbit", "fly", "walk"];
 
@@ -35,6 +42,18 @@ export class State {
   zebra = false;
   /** Stops around middle grey outside of which stripes are drawn. */ zebraLow = -6;
   zebraHigh = 2.5;
+  /** The same as luminance in the unit that is shown; 0 for none. */ zebraBelow = 0;
+  zebraAbove = 0;
+  /** The values of false colour, zebra and histogram. @type {Scale} */ scale = "stops";
+  /** Luminance of a unit of the data set, cd/m2, as the user states it; 0 for that of the data set. */ cdm2 = 0;
+  /** @type {import("./falsecolor.js").ErrorKind} */ error = "stops";
+  /** What is compared with, where there are both. @type {"scene" | "truth"} */ against = "scene";
+  /** How splats are drawn. @type {import("./variant.js").Splats} */ splats = "blended";
+  /** Size of ellipsoids, standard deviations, and radius of centres, pixels. */ splatSize = 1;
+  /** Opacity below which ellipsoids and centres are left out. */ splatOpacity = 0.1;
+  /** Clip planes, world units; 0 for none. */ near = 0;
+  far = 0;
+  /** Direction that is up, as three numbers; "" for that of the data set. */ upAxis = "";
   showCameras = false;
   /** Length of a world unit in metres; 0 where unknown. */ metres = 0;
   /** Edits in the text form of `luxel edit`. */ edit = "";
@@ -57,6 +76,18 @@ const FIELDS = [
   ["zebra", "zebra", "flag"],
   ["zebraLow", "zlow", "number"],
   ["zebraHigh", "zhigh", "number"],
+  ["zebraBelow", "zmin", "number"],
+  ["zebraAbove", "zmax", "number"],
+  ["scale", "scale", "text"],
+  ["cdm2", "cdm2", "number"],
+  ["error", "error", "text"],
+  ["against", "against", "text"],
+  ["splats", "splats", "text"],
+  ["splatSize", "size", "number"],
+  ["splatOpacity", "opacity", "number"],
+  ["near", "near", "number"],
+  ["far", "far", "number"],
+  ["upAxis", "upaxis", "text"],
   ["showCameras", "cameras", "flag"],
   ["metres", "metres", "number"],
   ["edit", "edit", "text"],
@@ -66,19 +97,20 @@ const FIELDS = [
 ];
 
 /** Values that a text may have. @type {{ [name: string]: readonly string[] }} */
-const CHOICES = { mode: MODES, curve: CURVES, layer: LAYERS, compare: COMPARES, rendering: RENDERINGS };
+const CHOICES = { mode: MODES, curve: CURVES, layer: LAYERS, compare: COMPARES, scale: SCALES, error: ERRORS, against: ["scene", "truth"], splats: SPLATS, rendering: RENDERINGS };
 
 /** @param {readonly number[]} v */
 const rounded = (v) => v.map((x) => Number(x.toPrecision(7))).join(",");
 
-/** @param {State} state @returns {string} */
-export function toHash(state) {
+/** @param {State} state @param {number} size a length of the scene, which decides about digits of places @returns {string} */
+export function toHash(state, size) {
+  const place = (/** @type {readonly number[]} */ v) => v.map((x) => Number(x.toFixed(decimals(size, 1e-7)))).join(",");
   const fresh = new State();
   const query = new URLSearchParams();
-  query.set("eye", rounded(state.eye));
+  query.set("eye", place(state.eye));
   query.set("look", rounded(state.axes.back.map((x) => -x)));
   query.set("up", rounded(state.axes.up));
-  query.set("pivot", rounded(state.pivot));
+  query.set("pivot", place(state.pivot));
   for (const [field, name, kind] of FIELDS) {
     const value = state[field];
     if (value === fresh[field]) continue;
@@ -99,6 +131,10 @@ export function applyHash(state, hash) {
     else if (kind === "text" && (CHOICES[field]?.includes(text) ?? true)) fields[field] = text;
   }
   state.fov = Math.min(Math.max(state.fov, 1), 170);
+  state.splatSize = Math.min(Math.max(state.splatSize, state.splats === "centres" ? 0.5 : 0.01), 10);
+  state.splatOpacity = Math.min(Math.max(state.splatOpacity, 0), 1);
+  state.near = Math.max(state.near, 0);
+  state.far = state.far > state.near ? state.far : 0;
   const vector = (/** @type {string} */ name) => {
     const parts = (query.get(name) ?? "").split(",").map(Number);
     return parts.length === 3 && parts.every(Number.isFinite) ? /** @type {Vec3} */ (parts) : null;

@@ -8,7 +8,7 @@ import { clamp } from "./math.js";
 /** @typedef {import("./lens.js").Lens} Lens */
 /** @typedef {import("./scene.js").Frame} Frame */
 /** @typedef {import("./source.js").Source} Source */
-/** A picture that is wanted: key changes whenever it would differ. @typedef {{ key: string, lens: (width: number, height: number) => Lens, width: number, height: number, edit: string }} Want */
+/** A picture that is wanted: key changes whenever it would differ. @typedef {{ key: string, lens: (width: number, height: number) => Lens, width: number, height: number, edit: string, variant: import("./variant.js").Variant }} Want */
 /** A picture, the lens it was rendered with, and whether it is of full resolution. @typedef {{ frame: Frame, lens: Lens, full: boolean, latency: number }} Shown */
 
 /** Time from asking to a picture that is aimed at while moving, ms. */
@@ -100,7 +100,7 @@ export class Stream {
     const lens = want.lens(width, height);
     const start = performance.now();
     try {
-      const frame = await this.source.frame(lens, { edit: want.edit, radiance: true, layers: false });
+      const frame = await this.source.frame(lens, { edit: want.edit, variant: want.variant, radiance: true, layers: false });
       const latency = performance.now() - start;
       this.failures = 0;
       this.onState(null);
@@ -134,7 +134,7 @@ export class Stream {
     const start = performance.now();
     const apart = this.source.layersApart;
     try {
-      const frame = await this.source.frame(lens, { edit: want.edit, radiance: true, layers: !apart }, abort.signal);
+      const frame = await this.source.frame(lens, { edit: want.edit, variant: want.variant, radiance: true, layers: !apart }, abort.signal);
       this.failures = 0;
       this.onState(null);
       if (!frame || this.full !== abort) return;
@@ -143,7 +143,7 @@ export class Stream {
       this.shownSequence = sequence;
       this.shown({ frame, lens, full: true, latency: this.fullLatency });
       // Coverage and depth may follow: the eye does not miss them.
-      const layers = apart ? await this.source.frame(lens, { edit: want.edit, radiance: false, layers: true }, abort.signal) : null;
+      const layers = apart ? await this.source.frame(lens, { edit: want.edit, variant: want.variant, radiance: false, layers: true }, abort.signal) : null;
       if (layers && this.full === abort && layers.head.version === frame.head.version) {
         Object.assign(frame, { alpha: layers.alpha, depth: layers.depth });
         this.shown({ frame, lens, full: true, latency: this.fullLatency });

@@ -4,10 +4,12 @@ import { Controls } from "./controls.js";
 import { Display } from "./display.js";
 import { KEYS, next } from "./help.js";
 import { fovOf, lensOf, lensOfView, poseOf } from "./lens.js";
-import { add, looking, sub, times } from "./math.js";
+import { add, looking, sub, times, unit } from "./math.js";
 import { sampleAt } from "./measure.js";
 import { Overlay } from "./overlay.js";
+import { lowestBand } from "./falsecolor.js";
 import { byId } from "./panel.js";
+import { luminanceFactor } from "./units.js";
 import { overview, sizeOf } from "./places.js";
 import { applyHash, COMPARES, CURVES, LAYERS, MODES, State, toHash } from "./state.js";
 import { Stream } from "./stream.js";
@@ -35,6 +37,7 @@ export class Viewer {
   /** @type {import("./comparison.js").Comparison | null} */ comparison = null;
   /** @type {import("./exposure.js").Exposure | null} */ exposure = null;
   /** @type {import("./probes.js").Probes | null} */ probes = null;
+  /** @type {import("./radiometry.js").Radiometry | null} */ radiometry = null;
   /** @type {import("./saving.js").Saving | null} */ saving = null;
   /** @type {import("./training.js").TrainingPanel | null} */ training = null;
   /** @type {Scene | null} */ scene = null;
@@ -58,10 +61,10 @@ export class Viewer {
     this.stream = new Stream(source, (shown) => this.take(shown), (error) => this.complain(error?.message ?? ""));
     this.controls = new Controls(this.canvas, this.state, {
       moved: () => this.moved(),
-      clicked: (x, y, event) => this.clicked(x, y, event),
-      pivoted: (x, y) => this.pivot(x, y),
-      grabbed: (x, y, event) => this.grab(x, y, event),
-      hovered: (x, y) => this.parts.forEach((part) => part.hovered?.(x, y)),
+      clicked: (x, y, event) => this.clicked(this.column(x), y, event),
+      pivoted: (x, y) => this.pivot(this.column(x), y),
+      grabbed: (x, y, event) => this.grab(this.column(x), y, event),
+      hovered: (x, y) => this.parts.forEach((part) => part.hovered?.(this.column(x), y)),
     });
     this.canvas.addEventListener("pointerleave", () => this.parts.forEach((part) => part.hovered?.(-1, -1)));
     addEventListener("keydown", (event) => this.key(event));
@@ -125,8 +128,8 @@ export class Viewer {
     this.scene = scene;
     this.display.scene = scene;
     this.version = scene.version;
-    this.controls.up = scene.up;
     this.controls.size = Math.max(sizeOf(scene), 1e-6);
+    this.controls.up = this.up();
     if (!isAgain) {
       if (!applyHash(this.state, location.hash)) this.home();
       else if (this.state.view) this.standAt(this.state.view);
@@ -135,6 +138,19 @@ export class Viewer {
     for (const part of this.parts) part.sceneSet?.(scene, isAgain);
     if (scene.training) this.follow({ version: scene.version, splats: scene.splats, training: scene.training });
     this.changed();
+  }
+
+  /** Direction that is up in the world: the user's, else the data set's. */
+  up() {
+    const chosen = this.state.upAxis.split(",").map(Number);
+    const isUsable = chosen.length === 3 && chosen.every(Number.isFinite) && chosen.some((v) => v !== 0);
+    return isUsable ? unit(/** @type {import("./math.js").Vec3} */ (chosen)) : (this.scene?.up ?? [0, 1, 0]);
+  }
+
+  /** How splats are drawn now. @returns {import("./variant.js").Variant} */
+  variant() {
+    const { splats, splatSize, splatOpacity, near, far } = this.state;
+    return { scene: 0, splats, size: splatSize, opacity: splatOpacity, near, far };
   }
 
   /** @param {number} splats */
@@ -151,7 +167,7 @@ export class Viewer {
   /** Changes what is chosen. @param {Partial<State>} change */
   set(change) {
     Object.assign(this.state, change);
-    if ("compare" in change && change.compare !== "off" && !this.state.view) this.standAtNext(0);
+    if ("compare" in change && change.compare !== "off" && !this.state.view && this.comparison?.kind() === "truth") this.standAtNext(0);
     this.changed();
   }
 
@@ -203,27 +219,39 @@ export class Viewer {
     this.standAt(cameras[now < 0 ? 0 : (now + by + cameras.length) % cameras.length].name);
   }
 
+  /** Pictures side by side, of the same camera: 2, or 1. */
+  panes() {
+    return this.state.compare === "beside" && (this.comparison?.canCompare() ?? false) ? 2 : 1;
+  }
+
+  /** A column of the screen in the picture that it belongs to. @param {number} x */
+  column(x) {
+    return this.panes() > 1 && x >= this.box.width ? x - this.box.width : x;
+  }
+
   /** Size and place of the picture: that of the camera where the viewer stands at one. */
   layout() {
     const stage = byId("stage");
     const [w, h] = [stage.clientWidth, stage.clientHeight];
     const view = this.viewCamera();
-    const aspect = view ? view.w / view.h : w / Math.max(1, h);
-    const width = Math.max(1, Math.round(Math.min(w, h * aspect)));
-    const height = Math.max(1, Math.round(Math.min(h, w / aspect)));
-    this.box = { left: Math.round((w - width) / 2), top: Math.round((h - height) / 2), width, height };
+    const panes = this.panes();
+    const room = w / panes;
+    const aspect = view ? view.w / view.h : room / Math.max(1, h);
+    const width = Math.max(1, Math.round(Math.min(room, h * aspect)));
+    const height = Math.max(1, Math.round(Math.min(h, room / aspect)));
+    this.box = { left: Math.round((w - panes * width) / 2), top: Math.round((h - height) / 2), width, height };
     const dots = Math.min(devicePixelRatio, 2);
     this.dots = { width: Math.round(width * dots), height: Math.round(height * dots) };
     // A small picture of a movement is enlarged by the browser, which costs less than the shader.
     const { shown } = this;
-    const isSmall = shown && !shown.full && shown.frame.head.width < this.dots.width;
-    const [cw, ch] = isSmall ? [shown.frame.head.width, shown.frame.head.height] : [this.dots.width, this.dots.height];
+    const isSmall = panes === 1 && shown && !shown.full && shown.frame.head.width < this.dots.width;
+    const [cw, ch] = isSmall ? [shown.frame.head.width, shown.frame.head.height] : [panes * this.dots.width, this.dots.height];
     if (this.canvas.width !== cw || this.canvas.height !== ch) {
       [this.canvas.width, this.canvas.height] = [cw, ch];
       this.needsDraw = true;
     }
     for (const element of [this.canvas, this.overlay.canvas]) {
-      Object.assign(element.style, { left: `${this.box.left}px`, top: `${this.box.top}px`, width: `${width}px`, height: `${height}px` });
+      Object.assign(element.style, { left: `${this.box.left}px`, top: `${this.box.top}px`, width: `${panes * width}px`, height: `${height}px` });
     }
   }
 
@@ -237,12 +265,13 @@ export class Viewer {
   want() {
     const view = this.viewCamera();
     // Beside its image, the picture of a camera has the same pixels, so that both compare.
-    const paired = this.state.compare === "off" ? undefined : view;
+    const paired = this.state.compare === "off" || this.comparison?.kind() === "scene" ? undefined : view;
     const [width, height] = paired ? [paired.w, paired.h] : [this.dots.width, this.dots.height];
     const { eye, axes, fov, edit } = this.state;
-    const key = JSON.stringify([eye, axes, fov, this.state.view, width, height, edit]);
+    const variant = this.variant();
+    const key = JSON.stringify([eye, axes, fov, this.state.view, width, height, edit, variant]);
     const lens = (/** @type {number} */ w, /** @type {number} */ h) => (view ? lensOfView(view, w, h) : lensOf({ eye, axes, fov }, w, h));
-    return { key, lens, width, height, edit };
+    return { key, lens, width, height, edit, variant };
   }
 
   /** Once per refresh of the screen. @param {number} now @param {number} seconds */
@@ -275,12 +304,13 @@ export class Viewer {
     if (byId("rate").textContent !== rate) byId("rate").textContent = rate;
     if (this.saveAt && now > this.saveAt) {
       this.saveAt = 0;
-      history.replaceState(null, "", location.pathname + toHash(this.state));
+      history.replaceState(null, "", location.pathname + toHash(this.state, this.controls.size));
     }
   }
 
   /** @param {number} now */
   draw(now) {
+    this.display.values = { factor: luminanceFactor(this), lowestBand: lowestBand(this) };
     this.display.draw(this.comparison?.drawn() ?? this.state, this.comparison?.showsTruth(now) ?? false);
   }
 
@@ -288,9 +318,13 @@ export class Viewer {
   drawMarks() {
     const { width, height } = this.box;
     const lens = this.lens(width, height);
-    this.overlay.clear(width, height);
-    if (this.state.showCameras && this.scene) this.overlay.cameras(this.scene.cameras, lens, this.controls.size * 0.06, this.state.view);
-    for (const part of this.parts) part.draw?.(this.overlay, lens);
+    const panes = this.panes();
+    this.overlay.clear(width * panes, height);
+    for (let pane = 0; pane < panes; pane++) {
+      this.overlay.begin(pane * width, width, height);
+      if (this.state.showCameras && this.scene) this.overlay.cameras(this.scene.cameras, lens, this.controls.size * 0.06, this.state.view);
+      for (const part of this.parts) part.draw?.(this.overlay, lens);
+    }
     this.overlay.end();
   }
 
@@ -299,6 +333,7 @@ export class Viewer {
     const isFirst = this.shown === null;
     this.shown = shown;
     this.display.show(shown.frame, shown.full);
+    if (shown.frame.depth) this.display.lens = shown.lens;
     if (isFirst) document.body.dataset.ready = "true";
     if (shown.full) this.settle(shown);
     for (const part of this.parts) part.taken?.(shown);
