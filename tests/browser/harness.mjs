@@ -2,7 +2,7 @@
 
 import { execFileSync, spawn } from "node:child_process";
 import { createRequire } from "node:module";
-import { mkdirSync } from "node:fs";
+import { mkdirSync, readFileSync } from "node:fs";
 import path from "node:path";
 import assert from "node:assert/strict";
 
@@ -46,7 +46,11 @@ export async function open(hash = "", options = {}) {
     };
   });
   if (process.env.PAGE) await page.route("**/page/*", (route) => route.fulfill({ path: path.join(process.env.PAGE, path.basename(new URL(route.request().url()).pathname)) }));
-  await page.goto(url + hash);
+  if (process.env.PAGE) {
+    const text = readFileSync(path.join(process.env.PAGE, "index.html"), "utf8").replaceAll("{{title}}", scene.name);
+    await page.route((address) => address.pathname === "/", (route) => route.fulfill({ contentType: "text/html", body: text }));
+  }
+  await page.goto((options.at ?? url) + hash);
   await settled(page);
   return page;
 }

@@ -1,0 +1,207 @@
+// Radiometry: units, false colour in luminance, maps of errors, two scenes, splats as bodies, clip planes, far scenes.
+
+import assert from "node:assert/strict";
+import { mkdtempSync, readdirSync, readFileSync, rmSync, writeFileSync } from "node:fs";
+import { tmpdir } from "node:os";
+import path from "node:path";
+import { at, camera, colors, near, open, run, scene, serve, set, settled, shot, url } from "../harness.mjs";
+
+/** Origin of a scene in UTM coordinates. */
+const ORIGIN = [455123, 4600321, 212];
+
+/** The newest scene of a run. */
+const newest = (folder) => {
+  const clouds = path.join(folder, "point_cloud");
+  const steps = readdirSync(clouds).map((name) => Number(name.split("_").at(-1)));
+  return path.join(clouds, `iteration_${Math.max(...steps)}`, "point_cloud.ply");
+};
+
+/** A scene file whose splats are held relative to an origin in UTM coordinates. */
+function atUtm(bytes) {
+  const line = "comment luxel scene 1\n";
+  const at = bytes.indexOf(line) + line.length;
+  const frame = Buffer.from(`comment luxel local_frame ${JSON.stringify({ origin: ORIGIN, unit: 1 })}\n`);
+  return Buffer.concat([bytes.subarray(0, at), frame, bytes.subarray(at)]);
+}
+
+/** Address of a picture's facts. */
+const probe = async (base, x, y, more = "") => (await fetch(`${base}api/probe?view=${encodeURIComponent(camera.name)}&x=${x}&y=${y}${more}`)).json();
+
+/** The middles of some pixels that are lit, 0 to 1, with their samples. */
+const lit = (page) =>
+  page.evaluate(() => {
+    const found = [];
+    for (let i = 0; i < 3000 && found.length < 6; i++) {
+      const place = window.centre(i * 37, i * 91);
+      const sample = window.luxel.sample(...place);
+      if (sample?.depth && sample.luminance > 0) found.push({ place, sample });
+    }
+    return found;
+  });
+
+export default {
+  async "luminance is shown in cd/m2 and EV where a unit is known"() {
+    const page = await open(`${at}&cdm2=100&layer=stops&scale=luminance`);
+    const found = await lit(page);
+    const seen = await colors(page, found.map(({ place }) => place));
+    for (const [i, { sample }] of found.entries()) {
+      // Half decades of cd/m2, from 0.01.
+      const exact = 2 * Math.log10(sample.luminance * 100) + 4;
+      const band = Math.round(Math.min(16, Math.max(0, exact)));
+      if (Math.abs(exact - Math.floor(exact) - 0.5) < 0.05) continue;
+      const swatch = await page.locator(`#legend [data-stops="${band}"] i`).evaluate((element) => getComputedStyle(element).backgroundColor);
+      assert.equal(`rgb(${seen[i].join(", ")})`, swatch, `${sample.luminance * 100} cd/m2`);
+    }
+    assert.ok((await page.locator("#legend").innerText()).includes("cd/m²"));
+    await shot(page, "false-colour-luminance");
+    const box = await page.locator("#picture").boundingBox();
+    const { place, sample } = found[0];
+    await page.mouse.move(box.x + place[0] * box.width, box.y + place[1] * box.height);
+    const readout = await page.locator("#readout").innerText();
+    const ev = Number(readout.match(/EV100\s*([+−][\d.]+)/)[1].replace("−", "-"));
+    near(ev, Math.log2((sample.luminance * 100 * 100) / 12.5), 0.01, "EV100");
+    assert.ok(readout.includes("cd/m²"), readout);
+    // Without a unit there is no EV.
+    await set(page, { cdm2: 0 });
+    if (!scene.cd_m2_per_unit) assert.ok(!(await page.locator("#readout").innerText()).includes("EV100"));
+    await page.close();
+  },
+
+  async "maps of errors have the colours of their legends"() {
+    const page = await open(`${at}&compare=difference`);
+    await page.waitForFunction(() => window.luxel.comparison.isOn());
+    for (const error of ["stops", "signed", "relative"]) {
+      await set(page, { error });
+      const found = await page.evaluate((error) => {
+        const { luxel } = window;
+        const least = (0.18 * luxel.scene.radiance_scale * 2 ** -8) / 2 ** luxel.state.exposure;
+        return [[0.3, 0.3], [0.7, 0.6], [0.5, 0.8], [0.2, 0.9]].map((place) => {
+          const [a, b] = [luxel.sample(...place), luxel.comparison.sample(...place)].map((sample) => Math.max(least, sample.luminance));
+          const value = error === "relative" ? Math.abs(a - b) / b : error === "signed" ? Math.log2(a / b) : Math.abs(Math.log2(a / b));
+          return { place, value };
+        });
+      }, error);
+      const seen = await colors(page, found.map(({ place }) => place));
+      const expected = await page.evaluate(
+        async ([error, values]) => {
+          const colors = await import("/page/falsecolor.js");
+          return values.map((value) => (error === "signed" ? colors.colorOfSigned(value) : colors.colorOfDifference(error === "relative" ? 4 * value : value)));
+        },
+        [error, found.map(({ value }) => value)],
+      );
+      // A table of 256 steps.
+      seen.forEach((color, i) => color.forEach((code, c) => near(code, expected[i][c], 8, `${error} ${found[i].value}`)));
+      await shot(page, `error-${error}`);
+    }
+    assert.deepEqual(page.failures, []);
+    await page.close();
+  },
+
+  async "two scenes are shown from the same camera"() {
+    const second = serve("127.0.0.1:0", run, "--with", run);
+    const address = await second.url;
+    const page = await open(`${at}&compare=beside`, { at: address });
+    await page.waitForFunction(() => window.luxel.comparison.isOn() && window.luxel.comparison.other.full);
+    await settled(page);
+    const [u, v] = [0.4, 0.6];
+    // A run beside itself: both halves are the same.
+    const [left, right] = await colors(page, [[u / 2, v], [0.5 + u / 2, v]]);
+    left.forEach((code, c) => near(right[c], code, 1, "halves"));
+    const [a, b] = await page.evaluate(([u, v]) => [window.luxel.sample(u, v), window.luxel.comparison.sample(u, v)], [u, v]);
+    near(b.luminance, a.luminance, 2e-3 * a.luminance, "both values");
+    await shot(page, "two-scenes");
+    // Cameras stay linked, and the edit is of the first alone.
+    await page.evaluate(() => window.luxel.controls.rotate(40, 10));
+    await set(page, { edit: "gain 0.5" });
+    await page.waitForFunction(() => window.luxel.comparison.stream.fullKey === window.luxel.want().key);
+    await settled(page);
+    const [edited, plain] = await page.evaluate(([u, v]) => [window.luxel.sample(u, v), window.luxel.comparison.sample(u, v)], [u, v]);
+    near(edited.luminance, plain.luminance / 2, 0.01 * plain.luminance, "edited beside plain");
+    for (const compare of ["wipe", "difference", "flicker"]) {
+      await set(page, { compare });
+      await page.waitForFunction(() => window.luxel.comparison.isOn());
+      await shot(page, `two-scenes-${compare}`);
+    }
+    const refused = await fetch(`${address}api/frame?view=${encodeURIComponent(camera.name)}&scene=2`);
+    assert.equal(refused.status, 400);
+    assert.deepEqual(page.failures, []);
+    await page.close();
+    second.child.kill();
+  },
+
+  async "splats are drawn as bodies, with normals and clip planes"() {
+    const page = await open(`${at}&splats=ellipsoids`);
+    const [x, y] = [Math.floor(camera.w / 2), Math.floor(camera.h / 2)];
+    await set(page, { compare: "wipe" });
+    const expected = await probe(url, x, y, "&splats=ellipsoids&splat_size=1&splat_opacity=0.1");
+    const sample = await page.evaluate(([u, v]) => window.luxel.sample(u, v), [(x + 0.5) / camera.w, (y + 0.5) / camera.h]);
+    if (expected.depth) near(sample.depth, expected.depth, 1e-5 * expected.depth, "depth of a body");
+    near(sample.luminance, expected.luminance, 2e-3 * expected.luminance + 1e-6, "luminance of a body");
+    await set(page, { compare: "off" });
+    await shot(page, "ellipsoids");
+    await set(page, { layer: "normals" });
+    await shot(page, "normals");
+    await set(page, { layer: "radiance", splats: "centres", splatSize: 1.5 });
+    await shot(page, "centres");
+    await set(page, { splats: "blended" });
+    const depths = await page.evaluate(() => [...window.luxel.shown.frame.depth].filter((z) => z < 1e30).sort((a, b) => a - b));
+    const middle = depths[Math.floor(depths.length / 2)];
+    await set(page, { far: middle });
+    const farthest = await page.evaluate(() => Math.max(...[...window.luxel.shown.frame.depth].filter((z) => z < 1e30)));
+    assert.ok(farthest < 1.2 * middle, `${farthest} beyond ${middle}`);
+    await shot(page, "clipped");
+    await set(page, { far: 0, layer: "normals" });
+    await shot(page, "normals-of-blend");
+    assert.deepEqual(page.failures, []);
+    await page.close();
+  },
+
+  async "the up axis is chosen, and sections fold"() {
+    const page = await open();
+    await page.locator("#up").selectOption("1,0,0");
+    await page.evaluate(() => window.luxel.controls.level());
+    const axes = await page.evaluate(() => window.luxel.state.axes);
+    near(axes.right[0], 0, 1e-6, "level");
+    assert.ok((await page.waitForFunction(() => location.hash.includes("upaxis=1") && location.hash)));
+    const heading = page.locator("#shading-section h2 button");
+    assert.equal(await heading.getAttribute("aria-expanded"), "false");
+    await heading.click();
+    assert.ok(await page.locator("#splats").isVisible());
+    await page.getByRole("button", { name: "ellipsoids" }).click();
+    await settled(page);
+    assert.ok(await page.locator("#splat-size").isVisible());
+    await page.close();
+  },
+
+  async "scenes far from the origin keep their digits"() {
+    const folder = mkdtempSync(path.join(tmpdir(), "luxel-far-"));
+    const file = path.join(folder, "far.ply");
+    writeFileSync(file, atUtm(readFileSync(newest(run))));
+    const other = serve("127.0.0.1:0", file);
+    const address = await other.url;
+    const facts = await (await fetch(`${address}api/scene`)).json();
+    facts.bounds[0].forEach((value, c) => near(value, ORIGIN[c], 2000, "bounds"));
+    const page = await open("", { at: address });
+    const sample = await page.evaluate(() => window.luxel.sample(...window.centre(Math.floor(window.luxel.shown.frame.head.width / 2), Math.floor(window.luxel.shown.frame.head.height / 2))));
+    const [lens, head] = await page.evaluate(async () => [(await import("/page/lens.js")).toJson(window.luxel.shown.lens), window.luxel.shown.frame.head]);
+    const found = await (await fetch(`${address}api/probe?camera=${encodeURIComponent(lens)}&width=${head.width}&height=${head.height}&x=${sample.x}&y=${sample.y}`)).json();
+    assert.ok(found.depth > 0, "nothing in the middle");
+    near(sample.luminance, found.luminance, 2e-3 * found.luminance + 1e-6, "luminance");
+    found.position.forEach((value, c) => near(sample.position[c], value, 1e-4, `position ${c}`));
+    // Moving, the address and the readout keep to fractions of a millimetre.
+    await page.evaluate(() => window.luxel.controls.rotate(30, 5));
+    await page.waitForTimeout(600);
+    await page.waitForFunction(() => location.hash.includes("eye="));
+    const eye = await page.evaluate(() => window.luxel.state.eye);
+    const again = await open(await page.evaluate(() => location.hash), { at: address });
+    (await again.evaluate(() => window.luxel.state.eye)).forEach((value, c) => near(value, eye[c], 1e-4, `eye ${c}`));
+    const box = await again.locator("#picture").boundingBox();
+    await again.mouse.click(box.x + box.width / 2, box.y + box.height / 2);
+    await shot(again, "far");
+    assert.match(await again.locator("#readout").innerText(), /455\d{3}\.\d{3}/);
+    await again.close();
+    await page.close();
+    other.child.kill();
+    rmSync(folder, { recursive: true });
+  },
+};
