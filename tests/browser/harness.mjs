@@ -45,7 +45,7 @@ export async function open(hash = "", options = {}) {
       return [((x % width) + 0.5) / width, ((y % height) + 0.5) / height];
     };
   });
-  if (process.env.PAGE) await page.route("**/page/*", (route) => route.fulfill({ path: path.join(process.env.PAGE, path.basename(new URL(route.request().url()).pathname)) }));
+  if (process.env.PAGE) await page.route("**/page/**", (route) => route.fulfill({ path: path.join(process.env.PAGE, new URL(route.request().url()).pathname.replace("/page/", "")) }));
   if (process.env.PAGE) {
     const text = readFileSync(path.join(process.env.PAGE, "index.html"), "utf8").replaceAll("{{title}}", scene.name);
     await page.route((address) => address.pathname === "/", (route) => route.fulfill({ contentType: "text/html", body: text }));
