@@ -42,6 +42,7 @@ mod stage;
 mod status;
 mod stills;
 mod subject;
+mod thumbnail;
 mod variant;
 
 use std::net::SocketAddr;

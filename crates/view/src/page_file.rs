@@ -18,9 +18,9 @@ use luxel_core::{ColorModel, RenderOptions, Scene, Splats};
 use serde_json::{Map, Value, json};
 
 use crate::assets::{self, ASSETS};
-use crate::routes::thumbnail_jpeg;
 use crate::splats::{Precision, pack};
 use crate::subject::{Shown, Subject};
+use crate::thumbnail;
 
 /// Characters of the splats, at most: browsers hold no longer text.
 const MAX_TEXT: usize = 500_000_000;
@@ -111,7 +111,7 @@ fn thumbnails(subject: &Subject) -> Map<String, Value> {
     let mut thumbnails = Map::new();
     let mut bytes = 0;
     for Shown { name, truth, .. } in &subject.views {
-        let Some(Ok(jpeg)) = truth.as_ref().map(|image| thumbnail_jpeg(image, scale, space)) else { continue };
+        let Some(Ok(jpeg)) = truth.as_ref().map(|image| thumbnail::jpeg(image, scale, space)) else { continue };
         bytes += jpeg.len();
         if bytes > MAX_THUMBNAIL_BYTES {
             break;

@@ -5,9 +5,8 @@ use std::sync::atomic::Ordering;
 
 use bytes::Bytes;
 use hyper::{Method, StatusCode};
-use luxel::preview::{self, Look};
-use luxel::{Scene, Tonemap, schema};
-use luxel_core::{Camera, ColorSpace, Image};
+use luxel::{Scene, schema};
+use luxel_core::{Camera, ColorSpace};
 use serde::Serialize;
 use serde_json::{Value, json};
 use tokio::sync::Semaphore;
@@ -24,13 +23,10 @@ use crate::stage::{Stage, check_edits};
 use crate::status::{Shared, Status};
 use crate::subject::Subject;
 use crate::variant::Variant;
-use crate::{assets, environment, paths, stills};
+use crate::{assets, environment, paths, stills, thumbnail};
 
 /// Pixels of a picture for the page, at most.
 const MAX_FRAME_PX: u64 = 1 << 25;
-/// Height of a thumbnail, pixels.
-const THUMBNAIL_PX: usize = 96;
-const THUMBNAIL_QUALITY: u8 = 85;
 
 /// Everything that answers are made from.
 pub(crate) struct House {
@@ -140,7 +136,7 @@ pub(crate) async fn answer(house: &Arc<House>, method: &Method, path: &str, mut 
         "/api/still.png" if is_get => stills::answer(house, &mut query).await,
         _ if path.starts_with("/api/environment") => environment::answer(house, method, path, &mut query).await,
         "/api/truth" if is_get => truth(house, &mut query),
-        "/api/thumbnail" if is_get => thumbnail(house, &mut query).await,
+        "/api/thumbnail" if is_get => thumbnail::answer(house, &mut query).await,
         _ => match (path.strip_prefix("/page/"), path.strip_prefix("/api/training/")) {
             (Some(name), _) if is_get => {
                 let asset = assets::asset(name).ok_or_else(|| Failure::new(StatusCode::NOT_FOUND, "no such file"))?;
@@ -367,23 +363,6 @@ fn truth(house: &House, query: &mut Query) -> Result<Answer, Failure> {
     let weights = view.mask.as_ref().map_or(&[][..], |mask| &mask.weights);
     let frame = Planes::of_image(image, weights).encode([image.width, image.height], 0, 0.0);
     Answer::frame(frame)
-}
-
-async fn thumbnail(house: &House, query: &mut Query) -> Result<Answer, Failure> {
-    let name = query.take("view").ok_or_else(|| String::from("\"view\" is missing, expected a name of /api/scene"))?;
-    let view = house.subject.view(&name).map_err(|message| Failure::new(StatusCode::NOT_FOUND, message))?;
-    let Some(image) = view.truth.clone() else { return Err(Failure::new(StatusCode::NOT_FOUND, "the view has no radiance")) };
-    let (scale, space) = (house.subject.facts.radiance_scale, house.color_space);
-    let jpeg = beside(move || thumbnail_jpeg(&image, scale, space)).await?;
-    Ok(Answer::new("image/jpeg", jpeg.map_err(|message| Failure::new(StatusCode::UNPROCESSABLE_ENTITY, message))?))
-}
-
-/// Encodes a small picture of a view's ground truth.
-pub(crate) fn thumbnail_jpeg(image: &Image, radiance_scale: f32, space: ColorSpace) -> Result<Vec<u8>, String> {
-    let mut small = image.block_means((image.height / THUMBNAIL_PX).min(image.width).max(1));
-    small.scale(radiance_scale.recip());
-    let look = Look { tonemap: Tonemap::Agx, exposure_ev: 0.0 };
-    preview::encode_jpeg(&small, space, look, THUMBNAIL_QUALITY).map_err(|error| format!("{error:#}"))
 }
 
 /// Notes what the page asks of the training.

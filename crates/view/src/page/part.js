@@ -3,7 +3,9 @@
  * the panel, or marks over the picture, or a use of the pointer.
  *
  * A part is constructed with the viewer, connects its own controls, and changes what the user
- * chooses through `viewer.set({...})`, after which `reflect` of all parts is called.
+ * chooses through `viewer.set({...})`, after which `reflect` of all parts is called. A section or
+ * control that needs the program has the attribute `data-server`, and is not in a page that was
+ * saved with its scene (`viewer.source` is then an `Embedded`).
  */
 
 /** @typedef {import("./lens.js").Lens} Lens */

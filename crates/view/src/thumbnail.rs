@@ -1,0 +1,32 @@
+//! Small pictures of the cameras' ground truth, as JPEG.
+
+use hyper::StatusCode;
+use luxel::Tonemap;
+use luxel::preview::{self, Look};
+use luxel_core::{ColorSpace, Image};
+
+use crate::query::Query;
+use crate::routes::{Answer, Failure, House, beside};
+
+/// Height, pixels.
+const HEIGHT_PX: usize = 96;
+/// Quality of the JPEG.
+const QUALITY: u8 = 85;
+
+/// Answers with the thumbnail of a view.
+pub(crate) async fn answer(house: &House, query: &mut Query) -> Result<Answer, Failure> {
+    let name = query.take("view").ok_or_else(|| String::from("\"view\" is missing, expected a name of /api/scene"))?;
+    let view = house.subject.view(&name).map_err(|message| Failure::new(StatusCode::NOT_FOUND, message))?;
+    let Some(image) = view.truth.clone() else { return Err(Failure::new(StatusCode::NOT_FOUND, "the view has no radiance")) };
+    let (scale, space) = (house.subject.facts.radiance_scale, house.color_space);
+    let encoded = beside(move || jpeg(&image, scale, space)).await?;
+    Ok(Answer::new("image/jpeg", encoded.map_err(|message| Failure::new(StatusCode::UNPROCESSABLE_ENTITY, message))?))
+}
+
+/// Encodes a small picture of a view's ground truth.
+pub(crate) fn jpeg(image: &Image, radiance_scale: f32, space: ColorSpace) -> Result<Vec<u8>, String> {
+    let mut small = image.block_means((image.height / HEIGHT_PX).min(image.width).max(1));
+    small.scale(radiance_scale.recip());
+    let look = Look { tonemap: Tonemap::Agx, exposure_ev: 0.0 };
+    preview::encode_jpeg(&small, space, look, QUALITY).map_err(|error| format!("{error:#}"))
+}
