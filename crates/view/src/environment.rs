@@ -56,6 +56,9 @@ struct Environment {
     warnings: Vec<String>,
 }
 
+/// Bytes of a pixel of the map for the page.
+const ENVIRONMENT_PIXEL_BYTES: usize = 6;
+
 /// The probe that was made last; while one is made, others wait.
 #[derive(Debug, Default)]
 pub(crate) struct LastEnvironment(Mutex<Option<(Wish, Arc<Environment>)>>);
@@ -70,8 +73,9 @@ pub(crate) async fn answer(house: &Arc<House>, method: &Method, path: &str, quer
         }
         "/api/environment.frame" if is_get => {
             let environment = environment(house, Wish::take(query)?).await?;
+            let place = house.room.place(ENVIRONMENT_PIXEL_BYTES * environment.probe.image().pixels.len()).await?;
             let encode = move || Planes::of_image(environment.probe.image(), &[]).encode(size(&environment.probe), 0, 0.0);
-            Answer::frame(beside(encode).await?)
+            Answer::frame(beside(encode).await?, place)
         }
         "/api/environment.exr" if is_get => {
             let environment = environment(house, Wish::take(query)?).await?;

@@ -6,7 +6,6 @@
 //! stated beside it, so that neither suns nor moonlight leave the range of half floats: each value
 //! is rounded to 11 bits, a relative error of at most 4.9e-4, and nothing else is lost.
 
-use bytes::Bytes;
 use half::f16;
 use half::slice::HalfFloatSliceExt;
 use luxel_core::Image;
@@ -21,7 +20,7 @@ pub(crate) struct Frame {
     /// How to read the body.
     pub(crate) head: FrameHead,
     /// The planes.
-    pub(crate) body: Bytes,
+    pub(crate) body: Vec<u8>,
 }
 
 /// How to read a [`Frame`].
@@ -69,7 +68,7 @@ impl<'a> Planes<'a> {
         let [width, height] = size;
         let (rgb, alpha, depth) = (!self.pixels.is_empty(), !self.alpha.is_empty(), !self.depth.is_empty());
         let head = FrameHead { width, height, scale, rgb, alpha, depth, version, seconds };
-        Frame { head, body: body.into() }
+        Frame { head, body }
     }
 }
 

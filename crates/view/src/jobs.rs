@@ -4,8 +4,9 @@
 //! In: [`Job`]s from any thread; out: the same, one by one, to the thread that owns the engine. A
 //! job is a picture, or any other work with the scene ([`Jobs::run`]), which should be short: nobody
 //! sees a picture while it lasts. A picture of a viewer takes the place of that viewer's waiting
-//! one, whose sender learns that it was superseded; so a viewer that moves fast delays nobody. A
-//! full queue refuses.
+//! one, whose sender learns that it was superseded; so a viewer that moves fast delays nobody. What is
+//! quickly done overtakes what is not, which in turn is next: nobody waits for more than one long job
+//! at a time, and no job waits for ever. A full queue refuses.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -20,6 +21,9 @@ use crate::variant::Variant;
 
 /// Jobs that may wait.
 const MAX_WAITING: usize = 64;
+
+/// Pixels up to which pictures count as equally quick.
+const QUICK_PX: u64 = 1 << 16;
 
 /// The picture that a job asks for.
 #[derive(Clone, Debug, PartialEq)]
@@ -70,6 +74,17 @@ impl Job {
         match self {
             Self::Picture(job) => !job.reply.is_closed(),
             Self::Task(task) => task.is_wanted(),
+        }
+    }
+
+    /// Returns how long the job lasts, in classes that are a factor of four apart.
+    fn duration_class(&self) -> u32 {
+        match self {
+            Self::Picture(job) => {
+                let [width, height] = job.wanted.camera.size_px;
+                (u64::from(width) * u64::from(height)).max(QUICK_PX).ilog2() / 2
+            }
+            Self::Task(_) => u32::MAX,
         }
     }
 }
@@ -123,7 +138,20 @@ pub(crate) enum Refusal {
 #[derive(Default)]
 struct Inner {
     waiting: VecDeque<Job>,
+    /// Whether the oldest job is next, since another has overtaken it.
+    is_oldest_next: bool,
     is_closed: bool,
+}
+
+impl Inner {
+    /// Takes the next job out: the oldest of the quickest, or after that has overtaken others, the
+    /// oldest.
+    fn pop(&mut self) -> Option<Job> {
+        let quickest = self.waiting.iter().enumerate().min_by_key(|(_, job)| job.duration_class())?.0;
+        let index = if self.is_oldest_next { 0 } else { quickest };
+        self.is_oldest_next = index != 0;
+        self.waiting.remove(index)
+    }
 }
 
 /// The queue.
@@ -192,10 +220,9 @@ impl Jobs {
         let until = Instant::now() + patience;
         let mut inner = self.lock();
         loop {
-            while let Some(job) = inner.waiting.pop_front() {
-                if job.is_wanted() {
-                    return Some(job);
-                }
+            inner.waiting.retain(Job::is_wanted);
+            if let Some(job) = inner.pop() {
+                return Some(job);
             }
             let left = until.saturating_duration_since(Instant::now());
             if inner.is_closed || left.is_zero() {
@@ -246,6 +273,18 @@ mod tests {
         assert!(matches!(first.try_recv(), Ok(Reply::Superseded)));
         let _another = jobs.submit(wanted(5), None).unwrap();
         assert_eq!(widths(&jobs), [4, 2, 3, 5]);
+    }
+
+    #[test]
+    fn quick_pictures_overtake_one_long_job_each() {
+        let jobs = Jobs::default();
+        let picture = |width: u32| {
+            let camera = luxel::synthetic::room_camera([width, 1000]);
+            jobs.submit(Wanted { camera, edit: String::new(), layers: false }, None).unwrap()
+        };
+        let _answers = [picture(3000), picture(3001), picture(3002), picture(200), picture(201), picture(202)];
+        let _work = jobs.run(|_| Ok(())).unwrap();
+        assert_eq!(widths(&jobs), [200, 3000, 201, 3001, 202, 3002, 0]);
     }
 
     #[test]

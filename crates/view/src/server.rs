@@ -40,7 +40,7 @@ pub(crate) const MAX_BODIES: usize = 4;
 /// Time that a client may take to send a request, and that it may be idle.
 const REQUEST_TIME: Duration = Duration::from_secs(60);
 /// Time that a client may take nothing of an answer.
-const STALLED_TIME: Duration = Duration::from_secs(20);
+const STALLED_TIME: Duration = Duration::from_secs(10);
 /// Time between signs of life in the stream of states.
 const ALIVE_EVERY: Duration = Duration::from_secs(10);
 /// The least time between states in the stream.

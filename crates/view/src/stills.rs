@@ -3,11 +3,15 @@
 use hyper::StatusCode;
 
 use crate::jobs::Rendered;
+use crate::pictures::{answer_bytes, wanted};
 use crate::query::Query;
-use crate::routes::{Answer, Failure, House, beside, render_surely, wanted};
+use crate::routes::{Answer, Failure, House, beside, render_surely};
 
 /// Exposures that make sense, stops.
 const EXPOSURES: std::ops::RangeInclusive<f32> = -64.0..=64.0;
+
+/// Bytes of a pixel, at most.
+const PIXEL_BYTES: usize = 6;
 
 /// Answers with a picture in PQ; the exposure's white is reference white, 203 cd/m2.
 pub(crate) async fn answer(house: &House, query: &mut Query) -> Result<Answer, Failure> {
@@ -19,7 +23,8 @@ pub(crate) async fn answer(house: &House, query: &mut Query) -> Result<Answer, F
         return Err(String::from("expected hdr=pq: 16 bits, Rec.2020, the perceptual quantizer").into());
     }
     let Rendered { picture, .. } = render_surely(house, wanted(house, query)?).await?;
+    let place = house.room.place(answer_bytes(&picture.radiance, PIXEL_BYTES)).await?;
     let file = beside(move || picture.radiance.encode_png_pq(exposure_ev)).await?;
     let file = file.map_err(|error| Failure::new(StatusCode::UNPROCESSABLE_ENTITY, format!("{error:#}")))?;
-    Ok(Answer { file_name: Some("view-pq.png"), ..Answer::new("image/png", file) })
+    Ok(Answer { file_name: Some("view-pq.png"), ..Answer::new("image/png", place.fill(file)) })
 }

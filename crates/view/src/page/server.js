@@ -63,8 +63,7 @@ export class Server {
   /** @param {Lens} lens @param {Picture} picture @param {AbortSignal} [signal] */
   async frame(lens, picture, signal) {
     const channels = [picture.radiance ? ["rgb"] : [], picture.layers ? ["alpha", "depth"] : []].flat().join(",");
-    // A picture with layers is waited for; a newer one takes the place of others.
-    const more = picture.layers ? `&channels=${channels}` : `&viewer=${this.viewer}-${picture.variant?.scene ?? 0}`;
+    const more = `&channels=${channels}&viewer=${this.viewer}-${picture.variant?.scene ?? 0}`;
     return decode(await checked(await fetch(address(lens, picture, more), { signal })));
   }
 

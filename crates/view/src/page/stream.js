@@ -148,7 +148,10 @@ export class Stream {
         Object.assign(frame, { alpha: layers.alpha, depth: layers.depth });
         this.shown({ frame, lens, full: true, latency: this.fullLatency });
       }
-      if (this.full === abort) this.restedKey = want.key;
+      if (this.full !== abort) return;
+      // Something newer took their place.
+      if (apart && !layers) this.fullKey = "";
+      else this.restedKey = want.key;
     } catch (error) {
       if (!abort.signal.aborted) this.failed(/** @type {Error} */ (error));
     } finally {
