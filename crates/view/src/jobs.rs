@@ -280,7 +280,7 @@ mod tests {
         let jobs = Jobs::default();
         let picture = |width: u32| {
             let camera = luxel::synthetic::room_camera([width, 1000]);
-            jobs.submit(Wanted { camera, edit: String::new(), layers: false }, None).unwrap()
+            jobs.submit(Wanted { camera, ..wanted(1) }, None).unwrap()
         };
         let _answers = [picture(3000), picture(3001), picture(3002), picture(200), picture(201), picture(202)];
         let _work = jobs.run(|_| Ok(())).unwrap();
