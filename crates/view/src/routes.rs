@@ -20,7 +20,7 @@ use crate::large::{Place, Room};
 use crate::query::Query;
 use crate::server::MAX_BODIES;
 use crate::splats::{Precision, body_bytes};
-use crate::stage::{Stage, check_edits};
+use crate::stage::Stage;
 use crate::status::{Shared, Status};
 use crate::subject::Subject;
 use crate::{assets, environment, paths, pictures, stills, thumbnail};
