@@ -106,7 +106,7 @@ impl SceneStage {
         Ok(())
     }
 
-    /// Gives the renderer the current scene: all of it, or what is between the clip planes of a camera.
+    /// Gives the renderer the current scene: all of it, or what is between a camera's clip planes.
     fn upload(&mut self, clipped: Option<(Clip, &Camera)>) -> Result<()> {
         if let Some((clip, camera)) = clipped {
             self.is_whole = false;

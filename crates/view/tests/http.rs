@@ -260,7 +260,7 @@ fn splats_are_drawn_as_bodies_and_between_clip_planes() {
     let path = format!("/api/frame.exr?view={}&channels=rgb,depth", view.name);
     let served = viewer.get(&format!("{path}&splats=ellipsoids&splat_size=2&splat_opacity=0.25"));
     assert_eq!(served.body, expected.encode_exr(false, true).unwrap());
-    // Nothing is nearer than the near plane, up to the splats' size; without planes the picture is as before.
+    // Nothing is nearer than the near plane, up to the size of splats; then all is as before.
     let whole = viewer.get(&path);
     let nearest = |path: &str| {
         let frame = viewer.get(path);

@@ -9,7 +9,7 @@ import { unitName } from "./units.js";
 /** A line: the value, which tests read too, its colour and its text. @typedef {{ value: number, color: readonly number[], text: string }} Line */
 
 /** Two digits, without a power of ten where people would write none. @param {number} v */
-const short = (v) => (v >= 1e6 || v < 1e-3 ? v.toExponential(0) : String(Number(v.toPrecision(2))));
+const short = (v) => (v >= 1e7 || v < 1e-3 ? v.toExponential(0) : String(Number(v.toPrecision(2))));
 
 /** @param {number} low @param {number} high @param {number} step @param {(value: number) => Line} line */
 const lines = (low, high, step, line) => Array.from({ length: Math.round((high - low) / step) + 1 }, (_, i) => line(high - i * step));

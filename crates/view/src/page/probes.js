@@ -1,7 +1,8 @@
 /** Values under the pointer and pinned ones, the distance of the last two, the scale of the scene. */
 
+import { project } from "./lens.js";
 import { length, sub } from "./math.js";
-import { MIDDLE_GREY, signed, text } from "./measure.js";
+import { MIDDLE_GREY, sampleAt, signed, text } from "./measure.js";
 import { byId } from "./panel.js";
 import { ev100, luminanceText, pointText } from "./units.js";
 
@@ -11,6 +12,8 @@ import { ev100, luminanceText, pointText } from "./units.js";
 /** @typedef {import("./part.js").Part} Part */
 /** @typedef {import("./viewer.js").Viewer} Viewer */
 
+/** Difference of depths up to which a pin is on the surface that the picture shows. */
+const SAME_DEPTH = 0.02;
 /** Probes that are kept. */
 const MAX_PINS = 20;
 
@@ -108,6 +111,21 @@ export class Probes {
     if (!sample) return;
     this.pins = [...this.pins, sample].slice(-MAX_PINS);
     this.viewer.changed();
+  }
+
+  /** Reads pins again that the picture shows, since an edit or a training may have changed them. @param {import("./stream.js").Shown} shown */
+  taken(shown) {
+    const { scene } = this.viewer;
+    if (!shown.full || !shown.frame.depth || !scene) return;
+    const { width, height } = shown.frame.head;
+    this.pins = this.pins.map((pin) => {
+      const place = pin.position && project(shown.lens, pin.position);
+      const now = place ? sampleAt(shown.frame, shown.lens, place.x / width, place.y / height, scene.luminance_weights) : null;
+      // Hidden, or moved: the pin keeps what it had.
+      if (!place || !now?.depth || Math.abs(now.depth / place.depth - 1) > SAME_DEPTH) return pin;
+      return { ...pin, radiance: now.radiance, luminance: now.luminance, alpha: now.alpha };
+    });
+    if (this.pins.length) this.viewer.needsReflect = this.viewer.needsMarks = true;
   }
 
   pinHere() {

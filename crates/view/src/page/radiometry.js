@@ -14,6 +14,7 @@ export class Radiometry {
     this.viewer = viewer;
     byId("scale").addEventListener("change", () => this.choose(/** @type {State["scale"]} */ (byId("scale").value)));
     for (const side of /** @type {const} */ (["low", "high"])) byId(`zebra-${side}`).addEventListener("input", () => this.setZebra(side));
+    for (const [id, by] of /** @type {const} */ ([["darker", -0.5], ["brighter", 0.5]])) byId(id).addEventListener("click", () => viewer.set({ exposure: viewer.state.exposure + by, autoExposure: false }));
     byId("cdm2").addEventListener("input", () => {
       const value = byId("cdm2").valueAsNumber;
       viewer.set({ cdm2: value > 0 ? value : 0 });
