@@ -31,6 +31,9 @@ export const KEYS = [
   { keys: ["h"], shown: "H", what: "home", act: (v) => v.home() },
   { keys: ["j"], shown: "J", what: "level the horizon", act: (v) => v.controls.level() },
   { keys: ["p"], shown: "P", what: "pin the value under the pointer", act: (v) => v.probes?.pinHere() },
+  { keys: ["o"], shown: "O", what: "place a light probe with the next click", act: (v) => v.environment?.toggle() },
+  { keys: ["y"], shown: "Y", what: "add the view to the camera path", act: (v) => v.path?.add() },
+  { keys: ["r"], shown: "R", what: "play the camera path, or stop it", act: (v) => v.path?.toggle() },
   { keys: ["i"], shown: "I", what: "picture alone", act: (v) => v.togglePanel() },
   { keys: ["?"], shown: "?", what: "this page", act: (v) => v.toggleHelp() },
 ];

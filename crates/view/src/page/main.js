@@ -2,10 +2,12 @@
 
 import { Comparison } from "./comparison.js";
 import { Embedded, isAlone } from "./embedded.js";
+import { EnvironmentPanel } from "./environment.js";
 import { Exposure } from "./exposure.js";
 import { foldSections } from "./folding.js";
 import { HdrScreen } from "./hdr.js";
 import { byId, ControlPanel } from "./panel.js";
+import { PathPanel } from "./path.js";
 import { Probes } from "./probes.js";
 import { Radiometry } from "./radiometry.js";
 import { RenderingPanel } from "./rendering.js";
@@ -26,7 +28,11 @@ try {
   viewer.parts.push(viewer.radiometry = new Radiometry(viewer), new Shading(viewer));
   foldSections(byId("panel"));
   viewer.saving = new Saving(viewer);
-  if (sources) viewer.parts.push(new RenderingPanel(viewer, sources));
+  if (sources) {
+    viewer.parts.push(new RenderingPanel(viewer, sources), viewer.path = new PathPanel(viewer));
+    // Before the pins, which use clicks, too.
+    viewer.parts.unshift(viewer.environment = new EnvironmentPanel(viewer));
+  }
   // For scripts in the console of the browser, and tests.
   Object.assign(window, { luxel: viewer });
   void viewer.start();

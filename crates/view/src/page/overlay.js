@@ -119,6 +119,24 @@ export class Overlay {
     this.label(label, place.x + 11, place.y - 6);
   }
 
+  /** A mirror ball. @param {Vec3} point @param {Lens} lens @param {string} label */
+  ball(point, lens, label) {
+    const place = project(lens, point);
+    if (!place) return;
+    const { context } = this;
+    const shine = context.createRadialGradient(place.x - 3, place.y - 4, 1, place.x, place.y, 9);
+    shine.addColorStop(0, "#fff");
+    shine.addColorStop(0.5, "#888");
+    shine.addColorStop(1, "#222");
+    context.beginPath();
+    context.arc(place.x, place.y, 9, 0, 2 * Math.PI);
+    context.fillStyle = shine;
+    context.fill();
+    [context.strokeStyle, context.lineWidth] = ["#fff", 1];
+    context.stroke();
+    this.label(label, place.x + 14, place.y + 4);
+  }
+
   /** @param {Vec3} a @param {Vec3} b @param {Lens} lens @param {string} label */
   ruler(a, b, lens, label) {
     const [from, to] = [project(lens, a), project(lens, b)];

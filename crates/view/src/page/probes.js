@@ -59,9 +59,8 @@ export function fillReadout(element, viewer, sample, truth) {
 
 /** A button for the light at a point. @param {Viewer} viewer @param {import("./math.js").Vec3} at */
 function environmentButton(viewer, at) {
-  const command = `luxel probe ${viewer.scene?.name ?? ""} --at ${pointText(viewer, at, 1e-5).join(",")} -o probe.exr`;
-  const button = Object.assign(document.createElement("button"), { textContent: "copy probe command", title: `The light that arrives here, as an environment map: ${command}` });
-  button.addEventListener("click", () => void navigator.clipboard?.writeText(command).catch(() => undefined));
+  const button = Object.assign(document.createElement("button"), { textContent: "light probe here", title: "The light that arrives here, as an environment map" });
+  button.addEventListener("click", () => void viewer.environment?.place(at));
   return button;
 }
 
@@ -173,7 +172,7 @@ export class Probes {
         const remove = Object.assign(document.createElement("button"), { textContent: "×", title: "Remove this probe" });
         remove.setAttribute("aria-label", `Remove probe ${i + 1}`);
         remove.addEventListener("click", () => this.unpin(i));
-        if (pin.position) values.append(environmentButton(viewer, pin.position));
+        if (pin.position && viewer.environment) values.append(environmentButton(viewer, pin.position));
         item.append(name, values, remove);
         return item;
       }),

@@ -1,9 +1,14 @@
-/** Saves what is seen: OpenEXR, PNG, the address of the page. */
+/** Saves what is seen: OpenEXR, PNG, HDR PNG, in the size of the window, a multiple, or any other; the address of the page. */
 
+import { Display } from "./display.js";
 import { byId } from "./panel.js";
+import { address } from "./server.js";
 import { toHash } from "./state.js";
 
 /** @typedef {import("./viewer.js").Viewer} Viewer */
+
+/** Pixels of a still, as the server limits pictures. */
+const MAX_PIXELS = 2 ** 25;
 
 /** Has the browser save a file. @param {string} url @param {string} name */
 export function download(url, name) {
@@ -16,21 +21,77 @@ export class Saving {
   constructor(viewer) {
     this.viewer = viewer;
     byId("save-exr").addEventListener("click", () => this.exr());
-    byId("save-png").addEventListener("click", () => this.png());
+    byId("save-png").addEventListener("click", () => void this.png());
+    byId("save-hdr").addEventListener("click", () => this.hdr());
     byId("copy-link").addEventListener("click", () => this.link());
+    byId("still-size").addEventListener("change", () => {
+      const { width, height } = this.size();
+      [byId("still-width").value, byId("still-height").value] = [String(width), String(height)];
+      byId("still-custom").hidden = byId("still-size").value !== "custom";
+    });
+  }
+
+  /** Size of a still. */
+  size() {
+    const { width, height } = this.viewer.want();
+    const choice = byId("still-size").value;
+    if (choice !== "custom") return { width: width * Number(choice), height: height * Number(choice) };
+    const [w, h] = ["still-width", "still-height"].map((id) => Math.round(byId(id).valueAsNumber));
+    return { width: w > 0 ? w : width, height: h > 0 ? h : height };
+  }
+
+  /** The lens and the edits of a still; null where it is too large. */
+  still() {
+    const { viewer } = this;
+    const { width, height } = this.size();
+    const isFine = width * height <= MAX_PIXELS;
+    byId("save-text").textContent = isFine ? "" : `${width} x ${height} pixels, expected at most ${MAX_PIXELS.toLocaleString("en")} in all`;
+    return isFine ? { lens: viewer.lens(width, height), edit: viewer.want().edit, variant: viewer.want().variant } : null;
   }
 
   exr() {
-    const { viewer } = this;
-    const { width, height, edit } = viewer.want();
-    const url = viewer.source.exr(viewer.lens(width, height), { edit, radiance: true, layers: true });
+    const still = this.still();
+    const url = still && this.viewer.source.exr(still.lens, { edit: still.edit, radiance: true, layers: true, variant: still.variant });
     if (url) download(url, "view.exr");
   }
 
-  png() {
+  /** The exposure's white is reference white, 203 cd/m2. */
+  hdr() {
+    const still = this.still();
+    if (!still) return;
+    const more = `&hdr=pq&exposure=${this.viewer.state.exposure}`;
+    download(address(still.lens, { edit: still.edit, radiance: true, layers: false, variant: still.variant }, more, "/api/still.png"), "view-pq.png");
+  }
+
+  /** What the screen shows, with all pixels: a picture of another size is drawn beside the screen. */
+  async png() {
+    const still = this.still();
+    if (!still) return;
+    try {
+      const canvas = await this.drawn(still);
+      canvas.toBlob((blob) => blob && download(URL.createObjectURL(blob), "view.png"), "image/png");
+    } catch (error) {
+      byId("save-text").textContent = /** @type {Error} */ (error).message;
+    }
+  }
+
+  /** @param {{ lens: import("./lens.js").Lens, edit: string, variant: import("./variant.js").Variant }} still */
+  async drawn({ lens, edit, variant }) {
     const { viewer } = this;
-    viewer.display.draw(viewer.comparison?.drawn() ?? viewer.state, false);
-    viewer.canvas.toBlob((blob) => blob && download(URL.createObjectURL(blob), "view.png"), "image/png");
+    const { shown, canvas } = viewer;
+    if (shown?.full && byId("still-size").value === "1") {
+      viewer.display.draw(viewer.comparison?.drawn() ?? viewer.state, false);
+      return canvas;
+    }
+    if (viewer.state.compare !== "off") throw new Error("beside the ground truth a still has the size of the window; choose 1×");
+    const beside = Object.assign(document.createElement("canvas"), { width: lens.width, height: lens.height });
+    const display = new Display(beside);
+    const frame = await viewer.source.frame(lens, { edit, radiance: true, layers: true, variant });
+    if (!frame) throw new Error("the picture was given up; try again");
+    display.scene = viewer.scene;
+    display.show(frame, true);
+    display.draw(viewer.state, false);
+    return beside;
   }
 
   async link() {

@@ -24,7 +24,7 @@ export async function checked(response) {
 }
 
 /** A picture from an answer of the server; null if a newer request took its place. @param {Response} response @returns {Promise<Frame | null>} */
-async function decode(response) {
+export async function decode(response) {
   if (response.status === 204) return null;
   /** @type {Head} */
   const head = JSON.parse(response.headers.get("luxel-frame") ?? "");

@@ -38,6 +38,8 @@ export class Viewer {
   /** @type {import("./exposure.js").Exposure | null} */ exposure = null;
   /** @type {import("./probes.js").Probes | null} */ probes = null;
   /** @type {import("./radiometry.js").Radiometry | null} */ radiometry = null;
+  /** @type {import("./environment.js").EnvironmentPanel | null} */ environment = null;
+  /** @type {import("./path.js").PathPanel | null} */ path = null;
   /** @type {import("./saving.js").Saving | null} */ saving = null;
   /** @type {import("./training.js").TrainingPanel | null} */ training = null;
   /** @type {Scene | null} */ scene = null;
