@@ -37,7 +37,7 @@ impl Default for Downloads {
 /// Answers with the splats, for a page that renders by itself.
 pub(crate) async fn splats(house: &House, query: &mut Query) -> Result<Answer, Failure> {
     let edit = query.take("edit").unwrap_or_default();
-    check_edits(&edit)?;
+    check_edits(house.workshop.as_deref(), &edit)?;
     let precision = match query.take("precision").as_deref() {
         None | Some("half") => Precision::Half,
         Some("single") => Precision::Single,

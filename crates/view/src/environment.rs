@@ -32,7 +32,7 @@ struct Wish {
 }
 
 impl Wish {
-    fn take(query: &mut Query) -> Result<Self, Failure> {
+    fn take(house: &House, query: &mut Query) -> Result<Self, Failure> {
         let text = query.take("at").unwrap_or_default();
         let numbers: Vec<f64> = text.split(',').filter_map(|part| part.trim().parse().ok()).filter(|v: &f64| v.is_finite()).collect();
         let (Ok(at), 3) = (<[f64; 3]>::try_from(numbers), text.split(',').count()) else {
@@ -44,7 +44,7 @@ impl Wish {
             return Err(format!("\"width\" is {width}, expected {} to {} pixels", WIDTHS.start(), WIDTHS.end()).into());
         }
         let edit = query.take("edit").unwrap_or_default();
-        check_edits(&edit)?;
+        check_edits(house.workshop.as_deref(), &edit)?;
         Ok(Self { at, width, edit })
     }
 }
@@ -68,24 +68,24 @@ pub(crate) async fn answer(house: &Arc<House>, method: &Method, path: &str, quer
     let is_get = *method == Method::GET;
     match path {
         "/api/environment" if is_get => {
-            let environment = environment(house, Wish::take(query)?).await?;
+            let environment = environment(house, Wish::take(house, query)?).await?;
             Answer::json(&schema::VIEW.versioned(described(&environment)))
         }
         "/api/environment.frame" if is_get => {
-            let environment = environment(house, Wish::take(query)?).await?;
+            let environment = environment(house, Wish::take(house, query)?).await?;
             let place = house.room.place(ENVIRONMENT_PIXEL_BYTES * environment.probe.image().pixels.len()).await?;
             let encode = move || Planes::of_image(environment.probe.image(), &[]).encode(size(&environment.probe), 0, 0.0);
             Answer::frame(beside(encode).await?, place)
         }
         "/api/environment.exr" if is_get => {
-            let environment = environment(house, Wish::take(query)?).await?;
+            let environment = environment(house, Wish::take(house, query)?).await?;
             let file = beside(move || exr(&environment.probe)).await??;
             Ok(Answer { file_name: Some("probe.exr"), ..Answer::new("image/x-exr", file) })
         }
         "/api/environment/save" if *method == Method::POST => {
             let name = query.take("name").ok_or_else(|| String::from("\"name\" is missing, expected that of the file"))?;
             crate::folder::check_name(&name)?;
-            let wish = Wish::take(query)?;
+            let wish = Wish::take(house, query)?;
             let folder = house.subject.folder.clone();
             let folder = folder.ok_or_else(|| Failure::new(StatusCode::CONFLICT, "this viewer has no folder to save into"))?;
             let environment = environment(house, wish).await?;

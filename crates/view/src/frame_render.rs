@@ -111,7 +111,7 @@ struct Frames {
 /// used; a name that is taken.
 pub(crate) async fn start(house: &Arc<House>, wish: RenderJson) -> Result<(), Failure> {
     let RenderJson { path, name, edit, samples, exr_type } = wish;
-    check_edits(&edit)?;
+    check_edits(house.workshop.as_deref(), &edit)?;
     let conflict = |message: &str| Failure::new(StatusCode::CONFLICT, message);
     if house.scene.is_none() {
         return Err(conflict("the scene is being trained: end the training, and open the run with luxel view"));

@@ -25,6 +25,7 @@ struct CrateReadmeExample;
 
 mod assets;
 mod downloads;
+mod edits;
 mod environment;
 mod folder;
 mod frame;
@@ -46,6 +47,7 @@ mod stills;
 mod subject;
 mod thumbnail;
 mod variant;
+mod workshop;
 
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -60,6 +62,7 @@ use crate::routes::House;
 use crate::stage::{LastPicture, SceneStage, SceneStages};
 use crate::status::Status;
 pub use crate::subject::Subject;
+use crate::workshop::Workshop;
 
 /// The address that a viewer listens at by default.
 pub const DEFAULT_ADDRESS: &str = "127.0.0.1:7007";
@@ -118,12 +121,14 @@ impl Viewer {
         let mut stages = Vec::with_capacity(1 + others.len());
         let status = Status { version: 0, splats: scene.splats.len(), training: None };
         let scene = Arc::new(scene);
-        stages.push(SceneStage::new(Arc::clone(&scene), renderer));
+        let workshop = Arc::new(Workshop::new(&subject, Arc::clone(&scene), renderer.options().background));
+        stages.push(SceneStage::new(Arc::clone(&scene), renderer).with_workshop(Arc::clone(&workshop)));
         for Other { name, scene: other, renderer } in others {
             subject.add_other(name, &scene, &other);
             stages.push(SceneStage::new(Arc::new(other), renderer));
         }
-        let house = Arc::new(House::new(subject, scene.color_space, status, Some(Arc::clone(&scene))));
+        let house = House::new(subject, scene.color_space, status, Some(Arc::clone(&scene)));
+        let house = Arc::new(House { workshop: Some(workshop), ..house });
         drop(scene);
         self.start(Arc::clone(&house))?;
         let mut stage = SceneStages(stages);

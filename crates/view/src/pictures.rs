@@ -22,7 +22,7 @@ const EXR_PIXEL_BYTES: usize = 20;
 pub(crate) fn wanted(house: &House, query: &mut Query) -> Result<Wanted, Failure> {
     let size: [Option<u32>; 2] = [query.number("width")?, query.number("height")?];
     let edit = query.take("edit").unwrap_or_default();
-    check_edits(&edit)?;
+    check_edits(house.workshop.as_deref(), &edit)?;
     let variant = Variant::take(query, house.subject.scenes())?;
     let camera = match (query.take("view"), query.take("camera")) {
         (Some(name), None) => {
@@ -55,7 +55,7 @@ fn resized(camera: &Camera, size_px: [u32; 2]) -> Camera {
 }
 
 /// Reads a camera as a frame of `transforms.json` has it.
-fn camera_of(text: &str, size: [Option<u32>; 2]) -> Result<Camera, Failure> {
+pub(crate) fn camera_of(text: &str, size: [Option<u32>; 2]) -> Result<Camera, Failure> {
     let mut frame: Value = serde_json::from_str(text).map_err(|error| format!("\"camera\" is not JSON: {error}"))?;
     let Value::Object(fields) = &mut frame else { return Err(String::from("\"camera\" is not a JSON object").into()) };
     for (name, side) in ["w", "h"].into_iter().zip(size) {

@@ -23,7 +23,11 @@ use crate::splats::{Precision, body_bytes};
 use crate::stage::Stage;
 use crate::status::{Shared, Status};
 use crate::subject::Subject;
+use crate::workshop::Workshop;
 use crate::{assets, environment, paths, pictures, stills, thumbnail};
+
+/// Requests of edits that are worked on at once.
+const MAX_EDITING: usize = 4;
 
 /// Everything that answers are made from.
 pub(crate) struct House {
@@ -43,6 +47,10 @@ pub(crate) struct House {
     pub(crate) environment: LastEnvironment,
     /// Room for large answers.
     pub(crate) room: Room,
+    /// Tools for edits; `None` for a scene that is being trained.
+    pub(crate) workshop: Option<Arc<Workshop>>,
+    /// Places for requests of edits.
+    pub(crate) editing: Semaphore,
 }
 
 impl House {
@@ -50,7 +58,8 @@ impl House {
     pub(crate) fn new(subject: Subject, color_space: ColorSpace, status: Status, scene: Option<Arc<Scene>>) -> Self {
         let (jobs, shared, bodies) = (Jobs::default(), Shared::new(status), Semaphore::new(MAX_BODIES));
         let (frames, environment, room) = (FrameRender::default(), LastEnvironment::default(), Room::default());
-        Self { subject, color_space, jobs, shared, scene, downloads: Downloads::default(), bodies, frames, environment, room }
+        let (downloads, editing) = (Downloads::default(), Semaphore::new(MAX_EDITING));
+        Self { subject, color_space, jobs, shared, scene, downloads, bodies, frames, environment, room, workshop: None, editing }
     }
 }
 
@@ -114,6 +123,11 @@ pub(crate) async fn answer(house: &Arc<House>, method: &Method, path: &str, mut 
     query.take("token");
     if path.starts_with("/api/path") {
         let answer = paths::answer(house, method, path, body).await?;
+        query.finish()?;
+        return Ok(answer);
+    }
+    if let Some(rest) = path.strip_prefix("/api/edit/") {
+        let answer = crate::edits::answer(house, method, rest, &mut query, body).await?;
         query.finish()?;
         return Ok(answer);
     }

@@ -8,11 +8,13 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use luxel::solids::{self, SolidOptions};
-use luxel::{Edit, Error, Radiance, RadianceLayers, Renderer, Result, Scene};
+use luxel::{Error, Radiance, RadianceLayers, Renderer, Result, Scene};
 use luxel_core::Camera;
+use luxel_core::edit::EditStack;
 
 use crate::jobs::{Job, PictureJob, Rendered, Reply, Wanted};
 use crate::variant::Clip;
+use crate::workshop::Workshop;
 
 /// A scene and the renderer that has loaded it.
 pub(crate) struct Loaded<'a> {
@@ -84,12 +86,19 @@ pub(crate) struct SceneStage {
     /// Whether the renderer has the whole of `current`.
     is_whole: bool,
     has_layers: bool,
+    /// Finds what edits name besides the scene; `None` for scenes beside the first.
+    workshop: Option<Arc<Workshop>>,
 }
 
 impl SceneStage {
     /// Returns the stage of a scene that `renderer` has loaded.
     pub(crate) fn new(scene: Arc<Scene>, renderer: Renderer) -> Self {
-        Self { current: Arc::clone(&scene), scene, renderer, loaded: String::new(), is_whole: true, has_layers: true }
+        Self { current: Arc::clone(&scene), scene, renderer, loaded: String::new(), is_whole: true, has_layers: true, workshop: None }
+    }
+
+    /// Lets edits name masks and floaters.
+    pub(crate) fn with_workshop(self, workshop: Arc<Workshop>) -> Self {
+        Self { workshop: Some(workshop), ..self }
     }
 
     /// Makes the scene under these edits the current one.
@@ -98,8 +107,19 @@ impl SceneStage {
             return Ok(());
         }
         let mut current = Arc::clone(&self.scene);
-        for edit in if edit.is_empty() { Vec::new() } else { Edit::parse_all(edit).map_err(|error| Error::new(error.to_string()))? } {
-            Arc::make_mut(&mut current).edit(&edit)?;
+        if !edit.is_empty() {
+            // Cameras are of the world as it is.
+            let stack: EditStack = edit.parse().map_err(|error: luxel_core::edit::EditTextError| Error::new(error.to_string()))?;
+            let stack = EditStack { up: None, origin: None, ..stack };
+            if let Some(workshop) = &self.workshop {
+                current = Arc::new(Scene::from(workshop.edited(&stack)?));
+            } else if stack.delete.is_none() && !stack.floaters {
+                for edit in &stack.edits {
+                    Arc::make_mut(&mut current).edit(edit)?;
+                }
+            } else {
+                return Err(Error::new("splats of the other scene cannot be deleted here"));
+            }
         }
         (self.current, self.is_whole) = (current, false);
         edit.clone_into(&mut self.loaded);
@@ -185,10 +205,12 @@ pub(crate) fn without_layers(radiance: Radiance) -> RadianceLayers {
 }
 
 /// Checks edits before they wait for the engine.
-pub(crate) fn check_edits(text: &str) -> Result<(), String> {
-    let edits: Vec<Edit> = if text.is_empty() { Vec::new() } else { Edit::parse_all(text).map_err(|error| error.to_string())? };
-    match edits.iter().any(|edit| !edit.selection.masks().is_empty()) {
-        true => Err("selections of painted masks are not supported here".into()),
-        false => Ok(()),
+pub(crate) fn check_edits(workshop: Option<&Workshop>, text: &str) -> Result<(), String> {
+    if text.is_empty() {
+        return Ok(());
+    }
+    match workshop {
+        Some(workshop) => workshop.parse(text).map(drop).map_err(|error| format!("{error:#}")),
+        None => text.parse::<EditStack>().map(drop).map_err(|error| error.to_string()),
     }
 }

@@ -4,7 +4,7 @@
 //! Degenerate: a scene without splats has bounds of zero size; without a data set there are no
 //! cameras.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use glam::{DMat3, DVec3};
@@ -32,6 +32,8 @@ pub struct Subject {
     pub(crate) surroundings: Surroundings,
     /// Where the page may save; `None` for nowhere.
     pub(crate) folder: Option<Folder>,
+    /// The same as the user named it.
+    pub(crate) given_folder: PathBuf,
     /// From each scene's local coordinates to the world; the first is that of the subject.
     world_from_local: Vec<Similarity>,
 }
@@ -52,6 +54,8 @@ pub(crate) struct Shown {
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Facts {
     pub(crate) name: String,
+    /// The run or scene file as it was named on the command line.
+    path: String,
     pub(crate) splats: usize,
     /// Corners of the box around the centres of all splats, world.
     bounds: [[f64; 3]; 2],
@@ -126,6 +130,7 @@ impl Subject {
         let rows = conversion.rows();
         let [bounds, inner_bounds] = [0.0, TAIL].map(|tail| world_bounds(scene, tail));
         let facts = Facts {
+            path: String::new(),
             name: name.into(),
             splats: scene.splats.len(),
             bounds,
@@ -151,7 +156,15 @@ impl Subject {
             views.sort_by(|a, b| a.name.cmp(&b.name));
         }
         let surroundings = Surroundings::new(Up::Default, dataset)?;
-        Ok(Self { color_space: scene.color_space, facts, views, surroundings, folder: None, world_from_local: vec![world_from_local] })
+        Ok(Self {
+            color_space: scene.color_space,
+            facts,
+            views,
+            surroundings,
+            folder: None,
+            given_folder: PathBuf::new(),
+            world_from_local: vec![world_from_local],
+        })
     }
 
     /// Lets the page make new files in a folder: that of the run or of the scene file. Nothing there is
@@ -160,7 +173,13 @@ impl Subject {
     /// # Errors
     /// The folder is not there.
     pub fn saving_to(self, folder: &Path) -> Result<Self> {
-        Ok(Self { folder: Some(Folder::new(folder)?), ..self })
+        Ok(Self { folder: Some(Folder::new(folder)?), given_folder: folder.to_owned(), ..self })
+    }
+
+    /// Tells the page what the user named on the command line, for commands that it shows.
+    pub fn opened_as(mut self, path: &Path) -> Self {
+        self.facts.path = path.display().to_string();
+        self
     }
 
     /// Sets the luminance of one unit of the data set, cd/m2; `None` where it is not calibrated.

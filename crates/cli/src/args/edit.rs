@@ -8,7 +8,7 @@ use luxel_core::edit::{ShMap, Statement};
 use luxel_core::{Edit, Selection};
 
 use super::SceneDataArgs;
-use crate::args::values::parse_ratio;
+use crate::args::values::{parse_direction, parse_point, parse_ratio};
 
 /// `luxel edit`.
 #[derive(Debug, Args)]
@@ -31,6 +31,17 @@ pub(crate) struct EditArgs {
     /// Shorten splats that are longer than this times their width, 1 or more: needles.
     #[arg(long, value_name = "RATIO", value_parser = parse_ratio, conflicts_with = "against", help_heading = "Splats")]
     pub(crate) max_aspect: Option<f32>,
+    /// Turn the scene so that this direction, X,Y,Z in the world as it is, becomes -Y: up in a
+    /// scene file without a data set.
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_direction, allow_hyphen_values = true, conflicts_with = "against", help_heading = "World")]
+    pub(crate) up: Option<[f64; 3]>,
+    /// Move the scene so that this point, X,Y,Z in the world as it is, becomes the origin.
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true, conflicts_with = "against", help_heading = "World")]
+    pub(crate) origin: Option<[f64; 3]>,
+    /// Read all edits from a file, as luxel view saves them: statements as for luxel render --edit,
+    /// and delete SELECTION, floaters, up X,Y,Z, origin X,Y,Z. Masks are beside the file.
+    #[arg(long = "edits", value_name = "FILE", conflicts_with_all = FILE_CONFLICTS, help_heading = "Edits")]
+    pub(crate) edit_file: Option<PathBuf>,
     /// Maps and selections.
     #[command(flatten)]
     pub(crate) edits: EditOptions,
@@ -60,6 +71,23 @@ pub(crate) struct EditArgs {
     pub(crate) input: SceneDataArgs,
 }
 
+/// Options whose place a file of edits takes.
+const FILE_CONFLICTS: [&str; 13] = [
+    "where",
+    "gain",
+    "stops",
+    "power",
+    "pivot",
+    "curve",
+    "clamp-max",
+    "compress-above",
+    "lift-below",
+    "delete",
+    "floaters",
+    "up",
+    "origin",
+];
+
 const EXAMPLES: &str = "\
 L is the sum R + G + B in the units of the data set, of a splat's colour at degree 0: luminance_sum of luxel info, not
 the luminance Y. Options act in the order given; a --where applies to the maps behind it, up to the next --where.
@@ -69,7 +97,8 @@ Selections:
   L < 0.05 ~2   L >= p90 ~2   L in 0.1..2 ~2   luminance, or a percentile of the splats
   hue in 340..20 ~20   saturation > 0.5 ~0.2   HSV of linear Rec.709; hues in degrees, upwards
   box(x0,y0,z0,x1,y1,z1)   sphere(x,y,z,radius)      the splat's centre, world
-  mask(painted.png, VIEW)                 splats that make up the white part of an image painted over a view
+  mask(painted.png, VIEW)                 splats that make up the white part of an image painted over a view, or over
+                                          the picture of a camera file: VIEW is its name, camera.json
   and, or, not, ( ), all;  TEST ~WIDTH    soft edge: stops, degrees, world units, saturation, share of the mask; a
                                           hard edge where many splats lie leaves blotches, and is warned of
 
@@ -79,6 +108,8 @@ Examples:
   luxel edit run --compress-above 10:3 --lift-below 0.02 -o graded.ply
   luxel edit run --where \"mask(lamp.png, 004) and L > p95 ~2\" --stops -2 --dry-run --overlay lamp-selected.png
   luxel edit run --floaters --delete \"sphere(0.2,0.1,0.8,0.3)\" -o clean.ply
+  luxel edit run --edits run/edits/lamp.edits -o lamp.ply
+  luxel edit run --up 0,0.02,1 --origin 1.2,0.4,-0.1 -o level.ply
   luxel edit run --power 0.8 --pivot 0.5 --where \"hue in 200..260 ~20\" --gain 0.5 -o evening.ply
   luxel edit lcd-run --against sh3-run --power 1.2 -o comparison";
 

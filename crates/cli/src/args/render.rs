@@ -112,10 +112,14 @@ pub(crate) struct RenderArgs {
     /// Edit the scene's light before rendering, without writing the scene: "where L < 0.05 ~2; gain
     /// 4; where all; power 0.8; pivot 0.5". Statements are the options of luxel edit without
     /// dashes.
-    #[arg(long, value_name = "EDITS", value_parser = parse_edits, help_heading = "Edits")]
+    #[arg(long, value_name = "EDITS", value_parser = parse_edits, group = "edited", help_heading = "Edits")]
     pub(crate) edit: Option<EditText>,
+    /// Read the edits from a file, as luxel view saves them and luxel edit --edits takes them; up
+    /// and origin are left out, since cameras are of the world as it is.
+    #[arg(long, value_name = "FILE", conflicts_with = "edit", group = "edited", help_heading = "Edits")]
+    pub(crate) edits: Option<PathBuf>,
     /// Quantity that maps apply to in scenes of spherical harmonics, which are then fitted again.
-    #[arg(long, value_enum, default_value_t, value_name = "WHAT", requires = "edit", help_heading = "Edits")]
+    #[arg(long, value_enum, default_value_t, value_name = "WHAT", requires = "edited", help_heading = "Edits")]
     pub(crate) sh_map: ShMapArg,
     /// The scene, its data set, the device and the terminal.
     #[command(flatten)]

@@ -9,7 +9,7 @@ use luxel::edit::{
 };
 use luxel::run::ExplicitArgs;
 use luxel::{files, output, schema, text};
-use luxel_core::edit::{Fidelity, MaskShares};
+use luxel_core::edit::{EditStack, Fidelity, MaskShares};
 use luxel_core::{Dataset, Edit, Engine, Scene, Selection, View};
 use serde_json::json;
 
@@ -32,20 +32,22 @@ const REASONS: [(&str, RemovalReason); 4] = [
 pub(crate) fn run(args: &EditArgs, explicit: &ExplicitArgs) -> Result<()> {
     let console = Console::new(args.input.console.log_format, args.input.console.quiet);
     let request = DataRequest::new(&args.input, explicit);
-    let edits = &args.edits.0;
-    let removes = args.delete.is_some() || args.floaters;
-    if edits.is_empty() && !removes && args.max_aspect.is_none() {
+    let stack = stack(args)?;
+    let edits = &stack.edits;
+    let removes = stack.delete.is_some() || stack.floaters;
+    if stack.is_empty() && args.max_aspect.is_none() {
         bail!(
-            "nothing to do: give a map such as --stops 1 or --power 0.8, --delete, --floaters or --max-aspect (luxel edit --help lists them)"
+            "nothing to do: give a map such as --stops 1 or --power 0.8, --edits, --delete, --floaters, --max-aspect, --up or --origin \
+             (luxel edit --help lists them)"
         );
     }
     let idle = edits.iter().find(|edit| edit.maps.is_empty());
     if let (Some(edit), false) = (idle, args.dry_run) {
         bail!("--where \"{}\" has no map behind it; add one, or --dry-run to see what it selects", edit.selection);
     }
-    check_data(args, explicit)?;
+    check_data(args, &stack, explicit)?;
     if let Some(other) = &args.against {
-        return compare(args, other, request, &console);
+        return compare(args, edits, other, request, &console);
     }
     let target = target(args)?;
     if let Some(path) = &args.overlay {
@@ -59,16 +61,17 @@ pub(crate) fn run(args: &EditArgs, explicit: &ExplicitArgs) -> Result<()> {
     let mut scene = source.scene.clone();
     let mut engine = engine::engine(&args.input.device)?.engine;
     // Masks and floaters are of the scene as it is.
-    let masks = masks::mask_shares(&selecting(args), &source, request, engine.as_mut(), &console)?;
-    let removed = removed(args, &source, &masks, request, engine.as_mut(), &console)?;
+    let masks = masks::mask_shares(&stack.selecting(), &source, request, engine.as_mut(), &console)?;
+    let removed = masks::removed(&stack, &source, &masks, request, engine.as_mut(), &console)?;
     if let Some(picture) = &args.overlay {
-        overlay(args, picture, &source, &Selected { masks: &masks, removed: &removed }, request, engine.as_mut(), &console)?;
+        let selected = Selected { stack: &stack, masks: &masks, removed: &removed };
+        overlay(args, picture, &source, &selected, request, engine.as_mut(), &console)?;
     }
     let done = edit::apply(edits, &mut scene, &masks, args.sh_map.into(), &console)?;
     if removes {
         console.note(&format!("{}: {}", if args.dry_run { "would be removed" } else { "removed" }, removed.in_words()));
         if removed.count() > 0 {
-            removed.apply(&mut scene, record(args))?;
+            removed.apply(&mut scene, stack.removal_record())?;
         }
     }
     if let Some(most) = args.max_aspect {
@@ -76,6 +79,7 @@ pub(crate) fn run(args: &EditArgs, explicit: &ExplicitArgs) -> Result<()> {
         console.note(&format!("{} longer than {most} times their width, shortened to that", text::plural(count, "splat")));
         scene.edits.push(format!("max-aspect {most}"));
     }
+    edit::align(&stack, &mut scene)?;
     let mut facts = json!({});
     if let Some(path) = target {
         luxel_io::write_scene_ply(&path, &scene).context("cannot write the scene")?;
@@ -93,9 +97,10 @@ pub(crate) fn run(args: &EditArgs, explicit: &ExplicitArgs) -> Result<()> {
 }
 
 /// Refuses a data set, and options of reading one, that nothing would use.
-fn check_data(args: &EditArgs, explicit: &ExplicitArgs) -> Result<()> {
-    let has_masks = selecting(args).iter().any(|edit| !edit.selection.masks().is_empty());
-    if has_masks || args.overlay.is_some() || args.against.is_some() || args.floaters {
+fn check_data(args: &EditArgs, stack: &EditStack, explicit: &ExplicitArgs) -> Result<()> {
+    let selecting = stack.selecting();
+    let has_masks = mask_names(&selecting).into_iter().any(edit::needs_dataset);
+    if has_masks || args.overlay.is_some() || args.against.is_some() || stack.floaters {
         return Ok(());
     }
     let why = "and without a mask, --overlay, --floaters or --against none is; leave it out";
@@ -105,37 +110,13 @@ fn check_data(args: &EditArgs, explicit: &ExplicitArgs) -> Result<()> {
     LoadArgs::refuse(explicit, &[], why)
 }
 
-/// Returns the edits, and the selection of splats to delete as one without maps.
-fn selecting(args: &EditArgs) -> Vec<Edit> {
-    let deleting = args.delete.iter().map(|selection| Edit { selection: selection.clone(), maps: Vec::new() });
-    args.edits.0.iter().cloned().chain(deleting).collect()
-}
-
-/// Returns the splats to remove.
-fn removed(
-    args: &EditArgs,
-    source: &SceneSource,
-    masks: &MaskShares,
-    request: DataRequest<'_>,
-    engine: &mut dyn Engine,
-    console: &Console,
-) -> Result<Removed> {
-    let mut removed = Removed { reasons: vec![None; source.scene.splats.len()] };
-    if let Some(selection) = &args.delete {
-        removed = Removed::selected(selection, &source.scene, masks)?;
+/// Returns what is done: the options, or the file in their place.
+fn stack(args: &EditArgs) -> Result<EditStack> {
+    if let Some(path) = &args.edit_file {
+        return Ok(edit::read_stack(path)?);
     }
-    if args.floaters {
-        let dataset = source.dataset(request, console)?;
-        removed = removed.or(Removed::floaters(&source.scene, dataset.as_ref(), engine, console)?);
-    }
-    Ok(removed)
-}
-
-/// Returns the record of a removal in the scene.
-fn record(args: &EditArgs) -> String {
-    let deleted = args.delete.as_ref().map(|selection| format!("delete {selection}"));
-    let floaters = args.floaters.then(|| "floaters".to_owned());
-    deleted.into_iter().chain(floaters).collect::<Vec<_>>().join("; ")
+    let EditArgs { edits, delete, floaters, up, origin, .. } = args;
+    Ok(EditStack { edits: edits.0.clone(), delete: delete.clone(), floaters: *floaters, up: *up, origin: *origin })
 }
 
 /// Returns the place of the edited scene; `None` for a dry run.
@@ -153,6 +134,7 @@ fn target(args: &EditArgs) -> Result<Option<PathBuf>> {
 
 /// The selections that an overlay shows beside the edits' own.
 struct Selected<'a> {
+    stack: &'a EditStack,
     masks: &'a MaskShares,
     removed: &'a Removed,
 }
@@ -170,13 +152,13 @@ fn overlay(
     let Some(dataset) = source.dataset(request, console)? else {
         bail!("{}: a scene file has no views to draw an overlay on; give --data DATASET", args.input.scene.display());
     };
-    let edits = selecting(args);
-    let names = mask_names(&edits);
-    let view = match args.view.as_deref().or(names.first().map(|name| name.view.as_str())) {
+    let edits = selected.stack.selecting();
+    let painted = mask_names(&edits).into_iter().find(|name| edit::needs_dataset(name));
+    let view = match args.view.as_deref().or(painted.map(|name| name.view.as_str())) {
         Some(name) => find_view(&dataset, name)?,
         None => dataset.test.first().or(dataset.train.first()).context("the data set has no views")?,
     };
-    let mut weights = edit::selection_weights(&args.edits.0, &source.scene, selected.masks, args.sh_map.into())?;
+    let mut weights = edit::selection_weights(&selected.stack.edits, &source.scene, selected.masks, args.sh_map.into())?;
     let removed = weights.iter_mut().enumerate().filter(|(i, _)| selected.removed.is_removed(*i));
     removed.for_each(|(_, weight)| *weight = 1.0);
     let overlay = Overlay { scene: &source.scene, weights: &weights, camera: &view.camera, background: source.background(None) };
@@ -221,10 +203,10 @@ fn report(scene: &Scene, done: &[AppliedEdit], removed: Option<&Removed>) -> Tre
 }
 
 /// Compares the scene with the one at `other` under the same edits.
-fn compare(args: &EditArgs, other: &Path, request: DataRequest<'_>, console: &Console) -> Result<()> {
+fn compare(args: &EditArgs, edits: &[Edit], other: &Path, request: DataRequest<'_>, console: &Console) -> Result<()> {
     let Some(folder) = &args.output else { bail!("--against: give a folder for the comparison with -o") };
     output::check_new_folder(folder)?;
-    if let Some(edit) = args.edits.0.iter().find(|edit| edit.selection != Selection::All) {
+    if let Some(edit) = edits.iter().find(|edit| edit.selection != Selection::All) {
         bail!("--where \"{}\": an ideal edit of pixels knows no splats; compare maps of the whole scene", edit.selection);
     }
     let mut sources = [SceneSource::open(&args.input.scene, console)?, SceneSource::open(other, console)?];
@@ -234,7 +216,7 @@ fn compare(args: &EditArgs, other: &Path, request: DataRequest<'_>, console: &Co
     let with_data = sources.iter().find(|source| source.run.is_some()).unwrap_or(&sources[0]);
     let dataset = with_data.dataset(request, console)?.context("scene files have no views; give --data DATASET")?;
     let views = test_views(&dataset)?;
-    let input = Against { scenes: [&sources[0].scene, &sources[1].scene], edits: &args.edits.0, views, folder };
+    let input = Against { scenes: [&sources[0].scene, &sources[1].scene], edits, views, folder };
     let found = compare_edits(input, &args.input.device.options(), console)?;
     let mut facts = Tree::default();
     facts.set("edits", found.edits.iter().map(ToString::to_string).collect::<Vec<_>>()).set("views", views.len());

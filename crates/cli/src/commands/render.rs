@@ -6,11 +6,13 @@ mod video;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
+use luxel::edit::StackInputs;
 use luxel::output::{self, FrameForm, FrameState, Recipe};
 use luxel::preview::{self, Look};
 use luxel::run::evaluation::unique_stems;
 use luxel::run::{ExplicitArgs, FrameProgress};
 use luxel::{Device, FAR_DEPTH, RADIANCE_SCALE, files, text};
+use luxel_core::edit::EditStack;
 use luxel_core::{Camera, ColorSpace, Conversion, Engine, Layers, RasterConfig, RenderOptions, Scene};
 use luxel_io::ExrOptions;
 use serde_json::json;
@@ -34,6 +36,16 @@ struct Job {
     preview_made_by: String,
 }
 
+/// Returns the edits before rendering; `None` without any. Axes stay, since cameras are of the
+/// world as it is.
+fn stack(args: &RenderArgs) -> Result<Option<EditStack>> {
+    Ok(match (&args.edit, &args.edits) {
+        (Some(EditText(edits)), _) => Some(EditStack { edits: edits.clone(), ..EditStack::default() }),
+        (None, Some(path)) => Some(EditStack { up: None, origin: None, ..luxel::edit::read_stack(path)? }),
+        (None, None) => None,
+    })
+}
+
 /// Renders the images that are not there; `explicit` names the options that were given.
 pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
     let console = Console::new(args.input.console.log_format, args.input.console.quiet);
@@ -45,9 +57,11 @@ pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
     let request = DataRequest::new(&args.input, explicit);
     let shots = shots::shots(args, request, &source, &console)?;
     let mut engine = engine::engine(&device(args))?.engine;
-    if let Some(EditText(edits)) = &args.edit {
-        let shares = masks::mask_shares(edits, &source, request, engine.as_mut(), &console)?;
-        luxel::edit::apply(edits, &mut source.scene, &shares, args.sh_map.into(), &console)?;
+    if let Some(stack) = stack(args)? {
+        let masks = masks::mask_shares(&stack.selecting(), &source, request, engine.as_mut(), &console)?;
+        let removed = masks::removed(&stack, &source, &masks, request, engine.as_mut(), &console)?;
+        let inputs = StackInputs { masks, removed };
+        luxel::edit::apply_stack(&stack, &mut source.scene, &inputs, args.sh_map.into(), &console)?;
     }
     let background = source.background(args.background);
     let scene = &source.scene;

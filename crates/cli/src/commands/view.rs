@@ -29,7 +29,8 @@ pub(crate) fn run(args: &ViewArgs, explicit: &ExplicitArgs) -> Result<()> {
     let scene = Scene::from(source.scene);
     let mut renderer = Renderer::with_engine(&scene, engine::engine(&device(args))?.engine)?;
     renderer.set_background(background);
-    let subject = Subject::new(name(&args.input.scene), &scene, dataset.as_ref())?.saving_to(folder(&args.input.scene))?;
+    let subject =
+        Subject::new(name(&args.input.scene), &scene, dataset.as_ref())?.saving_to(folder(&args.input.scene))?.opened_as(&args.input.scene);
     let subject = subject.with_cd_m2_per_unit(cd_m2_per_unit);
     drop(dataset);
     announce(&viewer, !args.no_browser, &console)?;

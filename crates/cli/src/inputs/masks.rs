@@ -1,8 +1,9 @@
-//! Painted masks that edits name, projected onto the splats.
+//! Inputs of edits besides the scene: painted masks, projected onto the splats, and the splats to
+//! remove.
 
-use anyhow::{Result, bail};
-use luxel::edit::{mask_names, project_masks};
-use luxel_core::edit::MaskShares;
+use anyhow::Result;
+use luxel::edit::{Removed, find_view, mask_names, needs_dataset, project_masks};
+use luxel_core::edit::{EditStack, MaskShares};
 use luxel_core::{Edit, Engine};
 
 use super::scene_source::{DataRequest, SceneSource};
@@ -21,8 +22,35 @@ pub(crate) fn mask_shares(
     if names.is_empty() {
         return Ok(MaskShares::new());
     }
-    let Some(dataset) = source.dataset(request, console)? else {
-        bail!("a mask is painted over a view of a data set; give --data DATASET");
+    let dataset = match names.iter().any(|name| needs_dataset(name)) {
+        true => source.dataset(request, console)?,
+        false => None,
     };
-    Ok(project_masks(&names, &source.scene, &dataset, engine)?)
+    let camera = |view: &str| match &dataset {
+        Some(dataset) => Ok(find_view(dataset, view)?.camera.clone()),
+        None => Err(luxel::Error::new(
+            "a mask is painted over a view of a data set; give --data DATASET, or a .json file with its camera as VIEW",
+        )),
+    };
+    Ok(project_masks(&names, &source.scene, &camera, engine)?)
+}
+
+/// Returns the splats to remove.
+pub(crate) fn removed(
+    stack: &EditStack,
+    source: &SceneSource,
+    masks: &MaskShares,
+    request: DataRequest<'_>,
+    engine: &mut dyn Engine,
+    console: &Console,
+) -> Result<Removed> {
+    let mut removed = Removed { reasons: vec![None; source.scene.splats.len()] };
+    if let Some(selection) = &stack.delete {
+        removed = Removed::selected(selection, &source.scene, masks)?;
+    }
+    if stack.floaters {
+        let dataset = source.dataset(request, console)?;
+        removed = removed.or(Removed::floaters(&source.scene, dataset.as_ref(), engine, console)?);
+    }
+    Ok(removed)
 }

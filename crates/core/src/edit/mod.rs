@@ -28,6 +28,7 @@ mod map;
 mod mask;
 mod refit;
 mod select;
+mod stack;
 mod summary;
 mod text;
 
@@ -38,6 +39,7 @@ pub use map::{Curve, DEFAULT_AMOUNT, DEFAULT_RATIO, Map, MapChain};
 pub use mask::Contributions;
 pub use refit::ShMap;
 pub use select::{Comparison, Level, MaskName, MaskShares, Quantity, Selection};
+pub use stack::EditStack;
 pub use summary::SelectionSummary;
 pub use text::{EditTextError, Statement};
 

@@ -19,7 +19,7 @@
 //! the same edits. Degenerate: empty text gives no edits. No input makes the reader panic; errors
 //! name the column, counted from 1.
 
-mod cursor;
+pub(super) mod cursor;
 
 use std::str::FromStr;
 
@@ -87,29 +87,7 @@ impl Edit {
     /// # Errors
     /// [`EditTextError`].
     pub fn parse_all(text: &str) -> Result<Vec<Self>, EditTextError> {
-        let mut cursor = Cursor::new(text);
-        let mut statements = Vec::new();
-        loop {
-            cursor.space();
-            if !cursor.eat(";") {
-                if cursor.rest().is_empty() {
-                    return Self::sequence(statements.iter().map(|(_, statement): &(usize, _)| statement)).map_err(|(i, message)| {
-                        let column = statements.get(i).map_or(1, |(start, _)| cursor.column_of(*start));
-                        EditTextError { column, message }
-                    });
-                }
-                let start = cursor.at;
-                let Some(name) = cursor.word() else { return Err(cursor.expected(&statement_names())) };
-                if !is_statement(name) {
-                    cursor.at = start;
-                    return Err(cursor.expected(&statement_names()));
-                }
-                statements.push((start, cursor.value_of(name)?));
-                if !cursor.rest().is_empty() && !cursor.rest().starts_with(';') {
-                    return Err(cursor.expected("\";\" or the end"));
-                }
-            }
-        }
+        edits_of(text, "", &mut |_, _| Ok(false))
     }
 
     /// Combines statements into edits.
@@ -130,6 +108,41 @@ impl Edit {
             }
         }
         Ok(edits)
+    }
+}
+
+/// Reads the statements of a text: `other` is offered each statement's name first, and returns
+/// whether it has read its value; `others` names those for errors.
+pub(super) fn edits_of(
+    text: &str,
+    others: &str,
+    other: &mut dyn FnMut(&mut Cursor<'_>, &str) -> Result<bool, EditTextError>,
+) -> Result<Vec<Edit>, EditTextError> {
+    let mut cursor = Cursor::new(text);
+    let mut statements = Vec::new();
+    loop {
+        cursor.space();
+        if !cursor.eat(";") {
+            if cursor.rest().is_empty() {
+                return Edit::sequence(statements.iter().map(|(_, statement): &(usize, _)| statement)).map_err(|(i, message)| {
+                    let column = statements.get(i).map_or(1, |(start, _)| cursor.column_of(*start));
+                    EditTextError { column, message }
+                });
+            }
+            let start = cursor.at;
+            let expected = || format!("{}{others}", statement_names());
+            let Some(name) = cursor.word() else { return Err(cursor.expected(&expected())) };
+            if !other(&mut cursor, name)? {
+                if !is_statement(name) {
+                    cursor.at = start;
+                    return Err(cursor.expected(&expected()));
+                }
+                statements.push((start, cursor.value_of(name)?));
+            }
+            if !cursor.rest().is_empty() && !cursor.rest().starts_with(';') {
+                return Err(cursor.expected("\";\" or the end"));
+            }
+        }
     }
 }
 
@@ -190,7 +203,7 @@ impl Cursor<'_> {
         }
     }
 
-    fn selection(&mut self, depth: usize) -> Result<Selection, EditTextError> {
+    pub(super) fn selection(&mut self, depth: usize) -> Result<Selection, EditTextError> {
         self.list("or", |cursor| cursor.list("and", |cursor| cursor.unary(depth), Selection::And), Selection::Or)
     }
 

@@ -15,7 +15,7 @@
 //! unseen. A scene that would lose all its splats is an error.
 
 use luxel_core::edit::MaskShares;
-use luxel_core::{Dataset, Engine, Scene, Selection, View, sigmoid};
+use luxel_core::{Camera, Dataset, Engine, Mask, Scene, Selection, sigmoid};
 use luxel_train::Neighbourhood;
 
 use crate::error::{Context, bail};
@@ -59,6 +59,16 @@ pub struct Removed {
     pub reasons: Vec<Option<RemovalReason>>,
 }
 
+/// A view that tells which splats are seen: its camera, in the local coordinates of the scene, and
+/// the pixels that count.
+#[derive(Clone, Copy, Debug)]
+pub struct Watching<'a> {
+    /// Camera.
+    pub camera: &'a Camera,
+    /// Pixels that count; `None` for all.
+    pub mask: Option<&'a Mask>,
+}
+
 /// The weight of each splat in the views, and the views that see it.
 struct Sight {
     /// Sum of blending weights over all views, pixels, `[N]`.
@@ -99,8 +109,20 @@ impl Removed {
     /// # Errors
     /// A device that gave up.
     pub fn floaters(scene: &Scene, dataset: Option<&Dataset>, engine: &mut dyn Engine, observer: &dyn Observer) -> Result<Self> {
-        let sight = match dataset {
-            Some(dataset) => Some(Sight::measure(scene, dataset, engine)?),
+        // Held-out views too: what only they see is no floater.
+        let views = dataset.map(|dataset| dataset.train.iter().chain(&dataset.test));
+        let views: Option<Vec<Watching<'_>>> =
+            views.map(|views| views.map(|view| Watching { camera: &view.camera, mask: view.mask.as_deref() }).collect());
+        Self::floaters_in(scene, views.as_deref(), engine, observer)
+    }
+
+    /// Returns the floaters of a scene by these views, as [`Self::floaters`] does.
+    ///
+    /// # Errors
+    /// A device that gave up.
+    pub fn floaters_in(scene: &Scene, views: Option<&[Watching<'_>]>, engine: &mut dyn Engine, observer: &dyn Observer) -> Result<Self> {
+        let sight = match views {
+            Some(views) => Some(Sight::measure(scene, views, engine)?),
             None => {
                 observer.note("no data set: floaters are found by opacity, size and isolation, not by their contribution to views");
                 None
@@ -195,17 +217,16 @@ impl Removed {
 }
 
 impl Sight {
-    fn measure(scene: &Scene, dataset: &Dataset, engine: &mut dyn Engine) -> Result<Self> {
-        // Held-out views too: what only they see is no floater.
-        let views: Vec<&View> = dataset.train.iter().chain(&dataset.test).collect();
+    fn measure(scene: &Scene, views: &[Watching<'_>], engine: &mut dyn Engine) -> Result<Self> {
         engine.load(&scene.splats, None).context("cannot load the scene")?;
         let options = scene.render_options();
         let count = scene.splats.len();
         let mut sight = Self { weight: vec![0.0; count], views: vec![0; count], total: 0.0, all_views: views.len() };
-        for view in views {
-            let [width, height] = view.camera.size_px.map(|side| side as usize);
-            let mask: Vec<f32> = (0..width * height).map(|i| f32::from(u8::from(view.is_valid(i)))).collect();
-            let found = engine.contributions(&view.camera, &options, &mask).context("cannot measure the splats' contributions")?;
+        for Watching { camera, mask } in views {
+            let [width, height] = camera.size_px.map(|side| side as usize);
+            let is_valid = |i: usize| mask.is_none_or(|mask| mask.is_valid(i));
+            let mask: Vec<f32> = (0..width * height).map(|i| f32::from(u8::from(is_valid(i)))).collect();
+            let found = engine.contributions(camera, &options, &mask).context("cannot measure the splats' contributions")?;
             for (i, weight) in found.masked.into_iter().enumerate() {
                 sight.weight[i] += weight;
                 sight.total += f64::from(weight);

@@ -9,12 +9,14 @@ mod against;
 mod clean;
 mod masks;
 mod overlay;
+mod stack;
 pub(crate) mod trial;
 
 pub use self::against::{Against, EditComparison, EditFidelity, FULL_SCALE_ERROR, compare_edits};
-pub use self::clean::{RemovalReason, Removed};
-pub use self::masks::{find_view, mask_names, project_masks};
-pub use self::overlay::{Overlay, draw_overlay, selection_weights};
+pub use self::clean::{RemovalReason, Removed, Watching};
+pub use self::masks::{find_view, mask_names, needs_dataset, project_masks};
+pub use self::overlay::{Overlay, draw_overlay, overlay_png, selection_weights};
+pub use self::stack::{StackInputs, align, apply_stack, read_stack, stack_file_text};
 use luxel_core::Edit;
 use luxel_core::edit::{Applied, HardEdge, MaskShares, SelectionSummary, ShMap};
 

@@ -50,6 +50,15 @@ pub struct Overlay<'a> {
 /// # Errors
 /// A device that gave up; the file system's refusal.
 pub fn draw_overlay(path: &Path, overlay: Overlay<'_>, engine: &mut dyn Engine) -> Result<()> {
+    let bytes = overlay_png(overlay, engine)?;
+    crate::files::write_bytes(path, &bytes).context("cannot write the overlay")
+}
+
+/// Draws a selection, and returns the PNG.
+///
+/// # Errors
+/// A device that gave up.
+pub fn overlay_png(overlay: Overlay<'_>, engine: &mut dyn Engine) -> Result<Vec<u8>> {
     let Overlay { scene, weights, camera, background } = overlay;
     let options = RenderOptions { background, ..scene.render_options() };
     engine.load(&scene.splats, None).context("cannot load the scene")?;
@@ -57,7 +66,7 @@ pub fn draw_overlay(path: &Path, overlay: Overlay<'_>, engine: &mut dyn Engine) 
     engine.load(&with_radiance(&scene.splats, weights), None).context("cannot load the selection")?;
     let selected = engine.render(camera, &RenderOptions { background: [0.0; 3], ..options }).context("cannot render the selection")?;
     let rgb8 = blend(scene, &render, &selected);
-    luxel_io::write_png(path, render.width, render.height, rgb8.as_flattened()).context("cannot write the overlay")
+    luxel_io::encode_png(render.width, render.height, rgb8.as_flattened()).context("cannot encode the overlay")
 }
 
 /// Returns the splats with radiance `weights` in every direction.

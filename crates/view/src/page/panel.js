@@ -8,9 +8,6 @@ import { MODES } from "./state.js";
 /** @typedef {import("./part.js").Part} Part */
 /** @typedef {import("./state.js").State} State */
 
-/** Time without typing after which an edit is shown, ms. */
-const EDIT_MS = 350;
-
 /** @template {HTMLElement} [T=HTMLInputElement] @param {string} id @returns {T} */
 export const byId = (id) => /** @type {T} */ (document.getElementById(id));
 
@@ -42,28 +39,7 @@ function connect(viewer) {
   click("toggle-panel", () => viewer.togglePanel());
   click("open-help", () => viewer.toggleHelp());
   segmented(byId("mode"), MODES, (name) => viewer.set({ mode: /** @type {State["mode"]} */ (name) }));
-  let waiting = 0;
-  byId("edit").addEventListener("input", () => {
-    clearTimeout(waiting);
-    waiting = setTimeout(() => viewer.set({ edit: byId("edit").value.trim() }), EDIT_MS);
-  });
-  byId("edit-example").addEventListener("change", () => {
-    if (byId("edit-example").value) viewer.set({ edit: byId("edit-example").value });
-    byId("edit-example").value = "";
-  });
-  click("edit-clear", () => viewer.set({ edit: "" }));
-  click("copy-command", () => void navigator.clipboard?.writeText(commandOf(viewer)).catch(() => undefined));
   fillHelp(byId("help-body"));
-}
-
-/** The command that makes the edit: each statement is an option of the same name. @param {Viewer} viewer */
-function commandOf(viewer) {
-  const statements = viewer.state.edit.split(/[;|]/).map((statement) => statement.trim()).filter(Boolean);
-  const options = statements.map((statement) => {
-    const [, name, value] = /** @type {RegExpMatchArray} */ (statement.match(/^(\S+)\s*(.*)$/));
-    return `--${name} ${/^[\w.,:-]+$/.test(value) ? value : `'${value.replaceAll("'", "'\\''")}'`}`;
-  });
-  return `luxel edit ${viewer.scene?.name ?? ""} ${options.join(" ")} -o edited.ply`;
 }
 
 /** Shows what is set. @param {Viewer} viewer */
@@ -77,10 +53,6 @@ function reflect(viewer) {
   byId("fov-text").textContent = `${state.fov.toFixed(0)}°`;
   byId("show-cameras").setAttribute("aria-pressed", String(state.showCameras));
   press("mode", state.mode);
-  byId("edit-section").hidden = Boolean(viewer.training?.newest);
-  if (document.activeElement !== byId("edit")) byId("edit").value = state.edit;
-  byId("edit-text").textContent = state.edit ? commandOf(viewer) : "";
-  byId("edit-text").hidden = byId("edit-clear").hidden = byId("copy-command").hidden = !state.edit;
   showLegend(viewer);
 }
 

@@ -11,7 +11,7 @@ import { checked } from "./server.js";
 /** @typedef {{ done: number, total: number, is_paused: boolean, is_finished: boolean, records: number }} Training */
 /** @typedef {{ version: number, splats: number, training: Training | null }} Status */
 /**
- * @typedef {{ name: string, splats: number, bounds: [Vec3, Vec3], inner_bounds: [Vec3, Vec3], color_space: string,
+ * @typedef {{ name: string, path: string, splats: number, bounds: [Vec3, Vec3], inner_bounds: [Vec3, Vec3], color_space: string,
  *   rec709_from_scene: number[][], luminance_weights: Vec3, radiance_scale: number, up: Vec3, edits: string[],
  *   cd_m2_per_unit: number | null, world_from_local: Frame3, others: OtherScene[],
  *   version: number, training: Training | null, download_bytes: number | null, cameras: ViewCamera[], luxel_version: string }} Scene

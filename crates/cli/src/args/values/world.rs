@@ -66,6 +66,14 @@ pub(crate) fn parse_point(text: &str) -> Result<[f64; 3], String> {
     point.ok_or_else(|| format!("expected three numbers x,y,z, got \"{text}\""))
 }
 
+/// Parses a direction: three numbers that are not all 0.
+pub(crate) fn parse_direction(text: &str) -> Result<[f64; 3], String> {
+    match parse_point(text)? {
+        [0.0, 0.0, 0.0] => Err(format!("expected a direction x,y,z, got \"{text}\"")),
+        direction => Ok(direction),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

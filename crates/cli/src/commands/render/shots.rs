@@ -4,13 +4,14 @@ use std::path::Path;
 
 use anyhow::{Context, Result, bail};
 use luxel::camera_path::{Resized, camera_path, resized};
+use luxel::edit::{mask_names, needs_dataset};
 use luxel::run::ExplicitArgs;
 use luxel::{files, output, text};
 use luxel_core::{Camera, Dataset, Scene};
 use luxel_io::PathCamera;
 
 use crate::args::values::{Frames, SplitArg};
-use crate::args::{EditText, LoadArgs, RenderArgs};
+use crate::args::{LoadArgs, RenderArgs};
 use crate::inputs::scene_source::{DataRequest, SceneSource};
 use crate::output::console::Console;
 
@@ -121,8 +122,8 @@ pub(super) fn write_path(folder: &Path, shots: &[Shot], overwrite: bool, console
 
 /// Refuses options of reading a data set where neither cameras nor masks need one.
 fn check_unread(args: &RenderArgs, file: &Path, explicit: &ExplicitArgs) -> Result<()> {
-    let has_masks = args.edit.iter().flat_map(|EditText(edits)| edits).any(|edit| !edit.selection.masks().is_empty());
-    if has_masks {
+    let stack = super::stack(args)?.unwrap_or_default();
+    if stack.floaters || mask_names(&stack.selecting()).into_iter().any(needs_dataset) {
         return Ok(());
     }
     LoadArgs::refuse(explicit, &[], &format!("and {} describes its cameras without one; leave it out", file.display()))

@@ -7,20 +7,20 @@ use super::EditTextError;
 use crate::edit::EditError;
 
 /// A position in a text.
-pub(super) struct Cursor<'t> {
+pub(in crate::edit) struct Cursor<'t> {
     text: &'t str,
     /// Byte offset.
-    pub(super) at: usize,
+    pub(in crate::edit) at: usize,
 }
 
 impl<'t> Cursor<'t> {
     /// Starts at the beginning of `text`.
-    pub(super) fn new(text: &'t str) -> Self {
+    pub(in crate::edit) fn new(text: &'t str) -> Self {
         Self { text, at: 0 }
     }
 
     /// Returns the text that is left.
-    pub(super) fn rest(&self) -> &'t str {
+    pub(in crate::edit) fn rest(&self) -> &'t str {
         self.text.get(self.at..).unwrap_or_default()
     }
 
@@ -30,22 +30,22 @@ impl<'t> Cursor<'t> {
     }
 
     /// Returns the column of a byte.
-    pub(super) fn column_of(&self, at: usize) -> usize {
+    pub(in crate::edit) fn column_of(&self, at: usize) -> usize {
         self.text.get(..at).unwrap_or_default().chars().count() + 1
     }
 
     /// Returns the error of an invalid value that begins at byte `at`.
-    pub(super) fn refused(&self, at: usize, reason: &EditError) -> EditTextError {
+    pub(in crate::edit) fn refused(&self, at: usize, reason: &EditError) -> EditTextError {
         EditTextError { column: self.column_of(at), message: reason.to_string() }
     }
 
     /// Skips white space.
-    pub(super) fn space(&mut self) {
+    pub(in crate::edit) fn space(&mut self) {
         self.at = self.text.len() - self.rest().trim_start().len();
     }
 
     /// Consumes `symbol` and the space after it; returns whether it was there.
-    pub(super) fn eat(&mut self, symbol: &str) -> bool {
+    pub(in crate::edit) fn eat(&mut self, symbol: &str) -> bool {
         let found = self.rest().starts_with(symbol);
         if found {
             self.at += symbol.len();
@@ -55,22 +55,22 @@ impl<'t> Cursor<'t> {
     }
 
     /// Consumes `symbol` and the space after it, which must be there.
-    pub(super) fn need(&mut self, symbol: &str) -> Result<(), EditTextError> {
+    pub(in crate::edit) fn need(&mut self, symbol: &str) -> Result<(), EditTextError> {
         if self.eat(symbol) { Ok(()) } else { Err(self.expected(&format!("\"{symbol}\""))) }
     }
 
     /// Checks that no text is left.
-    pub(super) fn end(&self) -> Result<(), EditTextError> {
+    pub(in crate::edit) fn end(&self) -> Result<(), EditTextError> {
         if self.rest().is_empty() { Ok(()) } else { Err(self.expected("the end")) }
     }
 
     /// Returns an error at the position.
-    pub(super) fn error(&self, message: impl Into<String>) -> EditTextError {
+    pub(in crate::edit) fn error(&self, message: impl Into<String>) -> EditTextError {
         EditTextError { column: self.column(), message: message.into() }
     }
 
     /// Returns an error that names what was expected at the position, and what was found.
-    pub(super) fn expected(&self, what: &str) -> EditTextError {
+    pub(in crate::edit) fn expected(&self, what: &str) -> EditTextError {
         /// Number of characters of the found text in a message.
         const MAX_FOUND: usize = 16;
         let found: String = self.rest().chars().take(MAX_FOUND).collect();
@@ -78,7 +78,7 @@ impl<'t> Cursor<'t> {
     }
 
     /// Returns the word at the position.
-    pub(super) fn peek_word(&self) -> Option<&'t str> {
+    pub(in crate::edit) fn peek_word(&self) -> Option<&'t str> {
         let rest = self.rest();
         let starts = rest.starts_with(|c: char| c.is_ascii_alphabetic());
         let end = rest.find(|c: char| !(c.is_ascii_alphanumeric() || c == '-' || c == '_')).unwrap_or(rest.len());
@@ -86,7 +86,7 @@ impl<'t> Cursor<'t> {
     }
 
     /// Consumes the word at the position, and the space after it.
-    pub(super) fn word(&mut self) -> Option<&'t str> {
+    pub(in crate::edit) fn word(&mut self) -> Option<&'t str> {
         let word = self.peek_word()?;
         self.at += word.len();
         self.space();
@@ -94,12 +94,12 @@ impl<'t> Cursor<'t> {
     }
 
     /// Consumes the word `wanted`; returns whether it was there.
-    pub(super) fn eat_word(&mut self, wanted: &str) -> bool {
+    pub(in crate::edit) fn eat_word(&mut self, wanted: &str) -> bool {
         self.peek_word() == Some(wanted) && self.word().is_some()
     }
 
     /// Consumes a finite number; `what` names it in the error.
-    pub(super) fn number(&mut self, what: &str) -> Result<f32, EditTextError> {
+    pub(in crate::edit) fn number(&mut self, what: &str) -> Result<f32, EditTextError> {
         self.parsed(what, |value: &f32| value.is_finite())
     }
 
@@ -131,7 +131,7 @@ impl<'t> Cursor<'t> {
     }
 
     /// Reads `count` coordinates or lengths separated by commas; none is beyond the range of f32.
-    pub(super) fn numbers<const COUNT: usize>(&mut self, names: [&str; COUNT]) -> Result<[f64; COUNT], EditTextError> {
+    pub(in crate::edit) fn numbers<const COUNT: usize>(&mut self, names: [&str; COUNT]) -> Result<[f64; COUNT], EditTextError> {
         let mut values = [0.0; COUNT];
         for (i, (value, name)) in values.iter_mut().zip(names).enumerate() {
             if i > 0 {
@@ -143,7 +143,7 @@ impl<'t> Cursor<'t> {
     }
 
     /// Reads a quoted text, or a bare one up to `stop`.
-    pub(super) fn name(&mut self, stop: char, what: &str) -> Result<String, EditTextError> {
+    pub(in crate::edit) fn name(&mut self, stop: char, what: &str) -> Result<String, EditTextError> {
         let rest = self.rest();
         let quote = rest.chars().next().filter(|c| ['"', '\''].contains(c));
         let (inner, skip) = match quote {
