@@ -57,7 +57,7 @@ pub(crate) struct RenderStatus {
     done: usize,
     total: usize,
     seconds: f64,
-    /// What went wrong.
+    /// The reason of a failure.
     error: Option<String>,
 }
 

@@ -49,7 +49,7 @@ struct KeyframeJson {
     camera: Map<String, Value>,
 }
 
-/// Where a path slows down.
+/// The places at which a path slows down.
 #[derive(Clone, Copy, Debug, Default, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 enum EaseJson {

@@ -30,7 +30,7 @@ pub struct Subject {
     pub(crate) views: Vec<Shown>,
     /// Up direction and resolution of light probes.
     pub(crate) surroundings: Surroundings,
-    /// Where the page may save; `None` for nowhere.
+    /// The folder that the page may save into, if any.
     pub(crate) folder: Option<Folder>,
     /// The same as the user named it.
     pub(crate) given_folder: PathBuf,
@@ -167,8 +167,8 @@ impl Subject {
         })
     }
 
-    /// Lets the page make new files in a folder: that of the run or of the scene file. Nothing there is
-    /// ever replaced.
+    /// Lets the page make new files in a folder: that of the run or of the scene file. Nothing there
+    /// is ever replaced.
     ///
     /// # Errors
     /// The folder is not there.

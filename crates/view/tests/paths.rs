@@ -282,8 +282,8 @@ fn an_hdr_still_has_the_codes_of_st_2084() {
         for (code, row) in codes.iter().zip(rows) {
             let radiance: f64 = row.iter().zip(rgb).map(|(weight, value)| weight * f64::from(*value)).sum();
             let nits = (radiance / scale * 4.0 * 203.0).clamp(0.0, 10_000.0);
-            // The file has half floats (0.05 %) and the matrix four digits (0.1 %): in codes that is
-            // largest where the curve is steepest, 65535 times about 0.11 per factor of 2.
+            // The file has half floats (0.05 %) and the matrix four digits (0.1 %). In codes
+            // that is largest where the curve is steepest, 65535 times about 0.11 per factor of 2.
             let expected = 65535.0 * pq(nits / 10_000.0);
             let tolerance = if nits > 1.0 { 20.0 } else { 60.0 };
             assert!((f64::from(*code) - expected).abs() < tolerance, "{code}, expected {expected} for {nits} cd/m2");

@@ -34,7 +34,7 @@ pub struct Keyframe {
     pub camera: Camera,
 }
 
-/// Where a path slows down.
+/// The places at which a path slows down.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Ease {
     /// Nowhere: it passes all keyframes at speed.
@@ -53,7 +53,7 @@ pub struct KeyframeOptions {
     pub duration_s: f64,
     /// Frames a second.
     pub frames_per_second: f64,
-    /// Where it slows down.
+    /// The places at which it slows down.
     pub ease: Ease,
     /// Whether the end joins the beginning.
     pub is_closed: bool,
