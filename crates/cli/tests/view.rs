@@ -123,7 +123,7 @@ fn looking_at_a_training_changes_nothing() {
     let place = Workplace::new();
     // Long enough for a request on its way.
     let steps = ["--iterations", "3000", "--init-points", "100", "--max-splats", "100", "--threads", "2", "--checkpoint-every", "0"];
-    let watched = ["train", "data", "-o", "watched", "--view=127.0.0.1:0", "--log-format", "json"];
+    let watched = ["train", "data", "-o", "watched", "--view", "127.0.0.1:0", "--log-format", "json"];
     let mut server = Server::start(&place, &[&watched, &steps[..]].concat());
     let (head, _) = server.request("POST", "/api/training/pause");
     assert!(head.starts_with("HTTP/1.1 200"), "{head}");

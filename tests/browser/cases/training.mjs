@@ -20,6 +20,8 @@ function train(output) {
     });
     child.on("exit", (code) => reject(new Error(`luxel train ended with ${code}: ${text}`)));
   });
+  // Handled where the address is waited for.
+  url.catch(() => undefined);
   return { child, url, ended: new Promise((resolve) => child.on("exit", resolve)) };
 }
 
@@ -44,7 +46,7 @@ export default {
       assert.match((await seen()).text, /step [\d,]+ of 100,000 · [\d,]+ splats · training/);
       await shot(page, "training");
 
-      await page.getByRole("button", { name: "Pause" }).click();
+      await page.getByRole("button", { name: "Pause", exact: true }).click();
       await page.waitForFunction(() => document.getElementById("training-text").textContent.includes("paused"), null, { timeout: 30000 });
       const paused = (await seen()).text;
       await page.waitForTimeout(700);
@@ -52,15 +54,15 @@ export default {
       // A paused scene can be looked at.
       await page.evaluate(() => window.luxel.standAtNext(1));
       await page.waitForFunction(() => window.luxel.shown?.full && window.luxel.stream.fullKey === window.luxel.want().key, null, { timeout: 30000 });
-      await page.getByRole("button", { name: "Continue" }).click();
+      await page.getByRole("button", { name: "Continue", exact: true }).click();
       await page.waitForFunction((text) => document.getElementById("training-text").textContent !== text && document.getElementById("training-text").textContent.includes("training"), paused, { timeout: 30000 });
 
       const checkpoints = () => (existsSync(path.join(output, "checkpoints")) ? readdirSync(path.join(output, "checkpoints")).length : 0);
       const before = checkpoints();
-      await page.getByRole("button", { name: "Save", exact: true }).first().click();
+      await page.locator("#training").getByRole("button", { name: "Save", exact: true }).click();
       for (let i = 0; i < 100 && checkpoints() === before; i++) await page.waitForTimeout(100);
       assert.ok(checkpoints() > before, "no checkpoint was written");
-      await page.getByRole("button", { name: "Stop" }).click();
+      await page.getByRole("button", { name: "Stop", exact: true }).click();
       assert.equal(typeof (await ended), "number");
       await page.waitForFunction(() => !document.getElementById("message").hidden, null, { timeout: 30000 });
       assert.deepEqual(failures, []);

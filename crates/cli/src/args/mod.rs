@@ -224,7 +224,7 @@ pub(crate) struct TrainArgs {
     /// Show the training in the browser at this address: the scene as it grows, plots, pause, save
     /// and stop [default address: 127.0.0.1:7007].
     #[cfg(feature = "view")]
-    #[arg(long, num_args = 0..=1, require_equals = true, default_missing_value = luxel_view::DEFAULT_ADDRESS, value_name = "ADDR:PORT", help_heading = "Output")]
+    #[arg(long, num_args = 0..=1, value_parser = view::training_address, default_missing_value = luxel_view::DEFAULT_ADDRESS, value_name = "ADDR:PORT", help_heading = "Output")]
     pub(crate) view: Option<std::net::SocketAddr>,
     /// Terminal output.
     #[command(flatten)]

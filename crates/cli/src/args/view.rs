@@ -32,3 +32,8 @@ pub(crate) struct ViewArgs {
     #[command(flatten)]
     pub(crate) input: SceneDataArgs,
 }
+
+/// Reads the address of `luxel train --view`, behind which a data set may have been meant.
+pub(super) fn training_address(text: &str) -> Result<SocketAddr, String> {
+    text.parse().map_err(|_| String::from("expected an address such as 127.0.0.1:7007; the data set stands before --view"))
+}
