@@ -35,7 +35,7 @@ pub(crate) fn wanted(house: &House, query: &mut Query) -> Result<Wanted, Failure
                 }
             }
         }
-        (None, Some(text)) => house.subject.from_world(&camera_of(&text, size)?, variant.scene),
+        (None, Some(text)) => house.subject.local_camera(&camera_of(&text, size)?, variant.scene),
         _ => {
             return Err(String::from(
                 "expected one of \"view\" (a name of /api/scene) and \"camera\" (JSON as a frame of transforms.json)",

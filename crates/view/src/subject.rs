@@ -221,7 +221,7 @@ impl Subject {
     pub(crate) fn to_scene(&self, camera: &Camera, scene: usize) -> Camera {
         match self.frame(0) == self.frame(scene) {
             true => camera.clone(),
-            false => self.from_world(&self.to_world(camera, 0), scene),
+            false => self.local_camera(&self.to_world(camera, 0), scene),
         }
     }
 
@@ -233,7 +233,7 @@ impl Subject {
     }
 
     /// Returns a camera of the world in a scene's local coordinates.
-    pub(crate) fn from_world(&self, camera: &Camera, scene: usize) -> Camera {
+    pub(crate) fn local_camera(&self, camera: &Camera, scene: usize) -> Camera {
         let mut camera = camera.clone();
         self.frame(scene).inverse().apply_to_camera(&mut camera);
         camera
