@@ -71,7 +71,9 @@ impl KeyframeOptions {
         ensure!(duration.is_finite() && duration > 0.0, "the path takes {duration} seconds, expected a positive number");
         ensure!(rate.is_finite() && rate > 0.0, "{rate} frames a second, expected a positive number");
         let frames = (duration * rate).round();
-        ensure!(frames <= MAX_FRAMES as f64, "{duration} seconds of {rate} frames are {frames}, expected at most {MAX_FRAMES}");
+        if frames > MAX_FRAMES as f64 {
+            bail!("{duration} seconds of {rate} frames are {frames}, expected at most {MAX_FRAMES}");
+        }
         Ok((frames as usize).max(1))
     }
 
@@ -122,7 +124,9 @@ fn check(keyframes: &[Keyframe], options: &KeyframeOptions) -> Result<()> {
     for (i, keyframe) in keyframes.iter().enumerate() {
         let time = keyframe.time_s;
         ensure!((0.0..=options.duration_s).contains(&time), "keyframe {i} is at {time} s, expected 0 to {} s", options.duration_s);
-        ensure!(time > before, "keyframe {i} is at {time} s, expected a time after {before} s, that of the keyframe before");
+        if time <= before {
+            bail!("keyframe {i} is at {time} s, expected a time after {before} s, that of the keyframe before");
+        }
         keyframe.camera.validate().map_err(|error| crate::Error::new(format!("keyframe {i}: {error}")))?;
         before = time;
     }
@@ -154,7 +158,7 @@ impl Track {
         turn_the_shorter_way(&mut values);
         let last = times.len() - 1;
         let slope = |i: usize| -> [f64; VALUES] {
-            let is_end = if is_loop { i % keyframes.len() == 0 } else { i == 0 || i == last };
+            let is_end = if is_loop { i.is_multiple_of(keyframes.len()) } else { i == 0 || i == last };
             let rests = options.ease == Ease::Keyframes || (options.ease == Ease::Ends && is_end);
             let (a, b) = (i.saturating_sub(1), (i + 1).min(last));
             if rests || a == b {
