@@ -64,7 +64,7 @@ pub(crate) enum Reply {
 /// Work that waits.
 pub(crate) enum Job {
     /// A picture.
-    Picture(PictureJob),
+    Picture(Box<PictureJob>),
     /// Other work.
     Task(Box<dyn Task>),
 }
@@ -169,7 +169,7 @@ impl Jobs {
     /// Adds a picture, and returns the receiver of its answer.
     pub(crate) fn submit(&self, wanted: Wanted, viewer: Option<String>) -> Result<oneshot::Receiver<Reply>, Refusal> {
         let (reply, answer) = oneshot::channel();
-        let job = PictureJob { wanted, viewer, reply };
+        let job = Box::new(PictureJob { wanted, viewer, reply });
         let mut inner = self.lock();
         if inner.is_closed {
             return Err(Refusal::Closed);

@@ -48,7 +48,7 @@ impl LastPicture {
     /// Answers a job, from the last picture if it is the same.
     pub(crate) fn answer(&mut self, job: Job, stage: &mut dyn Stage) {
         let PictureJob { wanted, reply, .. } = match job {
-            Job::Picture(job) => job,
+            Job::Picture(job) => *job,
             Job::Task(task) => return task.run(stage),
         };
         let answer = self.picture(wanted, stage).map_or_else(|error| Reply::Failed(format!("{error:#}")), Reply::Done);
