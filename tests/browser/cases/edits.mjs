@@ -141,7 +141,7 @@ export default {
     execFileSync(luxel, ["edit", run, "--edits", path.join(folder, "painted.edits"), "-o", path.join(work, "painted-file.ply"), "--quiet"]);
     assert.deepEqual(readFileSync(path.join(folder, "painted.ply")), readFileSync(path.join(work, "painted-file.ply")));
     const edit = await text(page);
-    await page.getByRole("button", { name: "Clear" }).click();
+    await page.locator("#edit-clear").click();
     await page.locator("#edit-open").selectOption("painted");
     await page.waitForFunction(() => window.luxel.state.edit.includes("mask("));
     assert.equal((await text(page)).match(/mask-\d+/)[0], edit.match(/mask-\d+/)[0]);

@@ -171,7 +171,7 @@ export default {
     await shot(page, "edit");
     await page.locator("#edit").fill("shine");
     await page.waitForFunction(() => !document.getElementById("message").hidden);
-    await page.getByRole("button", { name: "Clear" }).click();
+    await page.locator("#edit-clear").click();
     await settled(page);
     assert.equal((await middle()).luminance, before.luminance);
     assert.ok(await page.locator("#message").isHidden());

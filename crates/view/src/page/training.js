@@ -17,9 +17,14 @@ export class TrainingPanel {
   /** @param {Viewer} viewer */
   constructor(viewer) {
     this.panel = /** @type {HTMLElement} */ (document.getElementById("training"));
-    for (const button of this.panel.querySelectorAll("button[data-wish]")) {
+    for (const button of this.buttons) {
       button.addEventListener("click", () => steer(String(button.dataset.wish)).catch((error) => viewer.complain(error.message)));
     }
+  }
+
+  /** Those that steer. @returns {NodeListOf<HTMLButtonElement>} */
+  get buttons() {
+    return this.panel.querySelectorAll("button[data-wish]");
   }
 
   /** Whether there is nothing left to train. */
@@ -38,7 +43,7 @@ export class TrainingPanel {
     const state = is_finished ? "finished" : is_paused ? "paused" : "training";
     const text = /** @type {HTMLElement} */ (document.getElementById("training-text"));
     text.textContent = `step ${done.toLocaleString("en")} of ${total.toLocaleString("en")} · ${splats.toLocaleString("en")} splats · ${state}`;
-    for (const button of this.panel.querySelectorAll("button[data-wish]")) {
+    for (const button of this.buttons) {
       button.disabled = is_finished;
       if (button.dataset.wish === "save" || button.dataset.wish === "stop") continue;
       button.dataset.wish = is_paused ? "continue" : "pause";
