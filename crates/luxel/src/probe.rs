@@ -152,8 +152,8 @@ pub fn probe(
 }
 
 /// Returns what is wrong with a point (world) that none of the cameras (local coordinates of the
-/// scene) saw: the map would show what is behind what was photographed. `None` for one in sight, and
-/// without cameras.
+/// scene) saw: the map would show what is behind what was photographed. `None` for one in sight,
+/// and without cameras.
 pub fn unseen(scene: &Scene, cameras: &[&Camera], at: [f64; 3]) -> Option<String> {
     let frame = &scene.world_from_local;
     let sight = sight(scene, cameras, frame.inverse().point(DVec3::from_array(at)))?;

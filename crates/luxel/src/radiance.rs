@@ -106,9 +106,9 @@ impl Radiance {
         luxel_io::encode_exr(Path::new("radiance.exr"), &self.image, &self.exr_options()).context("cannot encode an image")
     }
 
-    /// Encodes an HDR picture: 16-bit PNG in Rec.2020 with the perceptual quantizer (SMPTE ST 2084),
-    /// named by its chunk `cICP`. The scene's radiance scale divided by 2^`exposure_ev` is reference
-    /// white, 203 cd/m2; light beyond 10,000 cd/m2 and outside of Rec.2020 is clipped.
+    /// Encodes an HDR picture: 16-bit PNG in Rec.2020 with the perceptual quantizer (SMPTE ST
+    /// 2084), named by its chunk `cICP`. The scene's radiance scale divided by 2^`exposure_ev` is
+    /// reference white, 203 cd/m2; light beyond 10,000 cd/m2 and outside of Rec.2020 is clipped.
     ///
     /// # Errors
     /// An image without pixels, or with too long a side.

@@ -4,8 +4,8 @@
 //! In: a scene, a camera in its local coordinates, the shape. Out: radiance in the units of the
 //! data set, coverage (0 or 1) and depth (world units). The nearest body wins; nothing is blended,
 //! and a body has the radiance of its splat towards the camera, without shading. An ellipsoid is
-//! the surface at a number of standard deviations; rays are intersected with it exactly. Degenerate:
-//! bodies that reach behind the camera are left out; flat splats get a small thickness.
+//! the surface at a number of standard deviations; rays are intersected with it exactly.
+//! Degenerate: bodies that reach behind the camera are left out; flat splats get a small thickness.
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use luxel_core::{Camera, Image, Layers, sigmoid};

@@ -1,8 +1,8 @@
 //! Copies of the scene for pages that render by themselves.
 //!
 //! In: a request with edits and a precision; out: the splats ([`crate::splats`]), packed on the
-//! thread that owns the scene. The scene without edits is packed once; of others, and of large ones,
-//! only a few are on their way at a time.
+//! thread that owns the scene. The scene without edits is packed once; of others, and of large
+//! ones, only a few are on their way at a time.
 
 use std::sync::Arc;
 
@@ -10,10 +10,11 @@ use bytes::Bytes;
 use hyper::StatusCode;
 use tokio::sync::{OnceCell, OwnedSemaphorePermit, Semaphore};
 
+use crate::jobs::{Loaded, Stage};
 use crate::query::Query;
 use crate::routes::{Answer, Failure, House, on_stage};
 use crate::splats::{Precision, body_bytes, pack};
-use crate::stage::{Loaded, Stage, check_edits};
+use crate::stage::check_edits;
 
 /// Largest scene of which a copy for pages is kept, bytes.
 const MAX_KEPT_BYTES: u64 = 256 << 20;

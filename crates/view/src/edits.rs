@@ -104,7 +104,7 @@ async fn selection(workshop: Arc<Workshop>, query: &mut Query) -> Result<Answer,
 
 async fn overlay(house: &House, workshop: Arc<Workshop>, query: &mut Query) -> Result<Answer, Failure> {
     let question = question(&workshop, query)?;
-    let camera = house.subject.from_world(&camera_in(query)?, 0);
+    let camera = house.subject.local_camera(&camera_in(query)?, 0);
     let drawn = beside(move || {
         let selected = workshop.selected(&question)?;
         Ok((workshop.overlay(&selected.weights, &camera)?, selected.summary))

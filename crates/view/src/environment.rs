@@ -15,9 +15,10 @@ use serde_json::json;
 use tokio::sync::Mutex;
 
 use crate::frame::Planes;
+use crate::jobs::{Loaded, Stage};
 use crate::query::Query;
 use crate::routes::{Answer, Failure, House, beside, on_stage};
-use crate::stage::{Loaded, check_edits};
+use crate::stage::check_edits;
 
 /// Widths that a map may have, pixels, and that of one that states none.
 const WIDTHS: std::ops::RangeInclusive<usize> = 4..=8192;
@@ -127,7 +128,7 @@ async fn environment(house: &Arc<House>, wish: Wish) -> Result<Arc<Environment>,
     let (mut work, warnings) = begin(house, &wish).await?;
     while !work.is_done() {
         let edit = wish.edit.clone();
-        let render = move |stage: &mut dyn crate::stage::Stage| {
+        let render = move |stage: &mut dyn Stage| {
             work.render_next(stage.loaded(&edit)?.renderer)?;
             Ok(work)
         };
@@ -140,7 +141,7 @@ async fn environment(house: &Arc<House>, wish: Wish) -> Result<Arc<Environment>,
 
 async fn begin(house: &Arc<House>, wish: &Wish) -> Result<(ProbeWork, Vec<String>), Failure> {
     let (shared, wish) = (Arc::clone(house), wish.clone());
-    let begin = move |stage: &mut dyn crate::stage::Stage| {
+    let begin = move |stage: &mut dyn Stage| {
         let Loaded { scene, .. } = stage.loaded(&wish.edit)?;
         let options = ProbeOptions { width_px: wish.width, ..ProbeOptions::at(wish.at) };
         let subject = &shared.subject;

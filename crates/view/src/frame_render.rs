@@ -16,9 +16,10 @@ use luxel::{Camera, Error, PathCamera, Radiance, Result};
 use serde::{Deserialize, Serialize};
 
 use crate::folder::Folder;
+use crate::jobs::{Loaded, Stage};
 use crate::paths::{PathFile, PathJson};
 use crate::routes::{Failure, House, beside, on_stage};
-use crate::stage::{Loaded, Stage, check_edits};
+use crate::stage::check_edits;
 
 /// Time before a frame is asked for again when too many pictures wait.
 const AGAIN: Duration = Duration::from_millis(100);

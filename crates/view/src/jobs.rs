@@ -2,21 +2,20 @@
 //! older ones.
 //!
 //! In: [`Job`]s from any thread; out: the same, one by one, to the thread that owns the engine. A
-//! job is a picture, or any other work with the scene ([`Jobs::run`]), which should be short: nobody
-//! sees a picture while it lasts. A picture of a viewer takes the place of that viewer's waiting
-//! one, whose sender learns that it was superseded; so a viewer that moves fast delays nobody. What is
-//! quickly done overtakes what is not, which in turn is next: nobody waits for more than one long job
-//! at a time, and no job waits for ever. A full queue refuses.
+//! job is a picture, or any other work with the scene ([`Jobs::run`]), which should be short:
+//! nobody sees a picture while it lasts. A picture of a viewer takes the place of that viewer's
+//! waiting one, whose sender learns that it was superseded; so a viewer that moves fast delays
+//! nobody. What is quickly done overtakes what is not, which in turn is next: nobody waits for more
+//! than one long job at a time, and no job waits for ever. A full queue refuses.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use luxel::RadianceLayers;
+use luxel::{Error, RadianceLayers, Renderer, Scene};
 use luxel_core::Camera;
 use tokio::sync::oneshot;
 
-use crate::stage::Stage;
 use crate::variant::Variant;
 
 /// Jobs that may wait.
@@ -59,6 +58,30 @@ pub(crate) enum Reply {
     Superseded,
     /// It cannot be done, for the reason given.
     Failed(String),
+}
+
+/// A scene and the renderer that has loaded it.
+pub(crate) struct Loaded<'a> {
+    pub(crate) scene: &'a Scene,
+    pub(crate) renderer: &'a mut Renderer,
+}
+
+/// A source of pictures.
+pub(crate) trait Stage {
+    /// Renders a picture.
+    fn render(&mut self, wanted: &Wanted) -> luxel::Result<RadianceLayers>;
+
+    /// Returns the scene under edits in their text form, with its renderer. Work that changes the
+    /// renderer's options restores them.
+    ///
+    /// # Errors
+    /// A scene that is being trained; an edit that does not go with the scene.
+    fn loaded(&mut self, _edit: &str) -> luxel::Result<Loaded<'_>> {
+        Err(Error::new("the scene is being trained: end the training, and open the run with luxel view"))
+    }
+
+    /// Returns the version of the scene.
+    fn version(&self) -> u64;
 }
 
 /// Work that waits.

@@ -2,8 +2,8 @@
 //!
 //! In: a scene, a [`Renderer`], the data set's cameras and images ([`Subject`]). Out: a page at a
 //! loopback address, and pictures of half floats ([`frame`](crate#frames)) that the page exposes,
-//! tone-maps and measures. Nothing is read but what the caller hands over, and nothing is written but
-//! new files in the folder of [`Subject::saving_to`].
+//! tone-maps and measures. Nothing is read but what the caller hands over, and nothing is written
+//! but new files in the folder of [`Subject::saving_to`].
 //!
 //! # Threads
 //! The server has a thread of its own and never waits for the engine. The thread that owns the

@@ -11,9 +11,9 @@ use std::time::{Duration, Instant};
 use luxel::run::{LiveRun, LogRecord};
 use luxel::{Error, Event, Observer, RadianceLayers, Result, StopFlag, Wish};
 
-use crate::jobs::Wanted;
+use crate::jobs::{Stage, Wanted};
 use crate::routes::House;
-use crate::stage::{LastPicture, Stage, without_layers};
+use crate::stage::{LastPicture, without_layers};
 use crate::status::{Record, Shared, Status, TrainingStatus};
 use crate::variant::Variant;
 use crate::{Subject, Viewer};

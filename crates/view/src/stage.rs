@@ -9,36 +9,10 @@ use std::time::Instant;
 
 use luxel::solids::{self, SolidOptions};
 use luxel::{Error, Radiance, RadianceLayers, Renderer, Result, Scene};
-use luxel_core::Camera;
 use luxel_core::edit::EditStack;
 
-use crate::jobs::{Job, PictureJob, Rendered, Reply, Wanted};
-use crate::variant::Clip;
+use crate::jobs::{Job, Loaded, PictureJob, Rendered, Reply, Stage, Wanted};
 use crate::workshop::Workshop;
-
-/// A scene and the renderer that has loaded it.
-pub(crate) struct Loaded<'a> {
-    pub(crate) scene: &'a Scene,
-    pub(crate) renderer: &'a mut Renderer,
-}
-
-/// A source of pictures.
-pub(crate) trait Stage {
-    /// Renders a picture.
-    fn render(&mut self, wanted: &Wanted) -> Result<RadianceLayers>;
-
-    /// Returns the scene under edits in their text form, with its renderer. Work that changes the
-    /// renderer's options restores them.
-    ///
-    /// # Errors
-    /// A scene that is being trained; an edit that does not go with the scene.
-    fn loaded(&mut self, _edit: &str) -> Result<Loaded<'_>> {
-        Err(Error::new("the scene is being trained: end the training, and open the run with luxel view"))
-    }
-
-    /// Returns the version of the scene.
-    fn version(&self) -> u64;
-}
 
 /// The picture that was rendered last.
 #[derive(Default)]
@@ -126,12 +100,16 @@ impl SceneStage {
         Ok(())
     }
 
-    /// Gives the renderer the current scene: all of it, or what is between a camera's clip planes.
-    fn upload(&mut self, clipped: Option<(Clip, &Camera)>) -> Result<()> {
-        if let Some((clip, camera)) = clipped {
-            self.is_whole = false;
-            return self.renderer.replace_scene(&clip.apply(&self.current, camera));
-        }
+    /// Gives the renderer what is wanted of the current scene: all of it, or what is between the
+    /// clip planes.
+    fn upload(&mut self, wanted: &Wanted) -> Result<()> {
+        let Some(clip) = wanted.variant.clip else { return self.upload_whole() };
+        self.is_whole = false;
+        self.renderer.replace_scene(&clip.apply(&self.current, &wanted.camera))
+    }
+
+    /// Gives the renderer all of the current scene.
+    fn upload_whole(&mut self) -> Result<()> {
         if !self.is_whole {
             self.renderer.replace_scene(&self.current)?;
             self.is_whole = true;
@@ -173,7 +151,7 @@ impl Stage for SceneStage {
         if let Some(options) = wanted.variant.solids {
             return self.solids(wanted, options);
         }
-        self.upload(wanted.variant.clip.map(|clip| (clip, &wanted.camera)))?;
+        self.upload(wanted)?;
         if wanted.layers && self.has_layers {
             match self.renderer.render_layers(&wanted.camera) {
                 Ok(layers) => return Ok(layers),
@@ -190,7 +168,7 @@ impl Stage for SceneStage {
 
     fn loaded(&mut self, edit: &str) -> Result<Loaded<'_>> {
         self.load(edit)?;
-        self.upload(None)?;
+        self.upload_whole()?;
         Ok(Loaded { scene: &self.current, renderer: &mut self.renderer })
     }
 

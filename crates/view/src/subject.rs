@@ -167,8 +167,8 @@ impl Subject {
         })
     }
 
-    /// Lets the page make new files in a folder: that of the run or of the scene file. Nothing there
-    /// is ever replaced.
+    /// Lets the page make new files in a folder: that of the run or of the scene file. Nothing
+    /// there is ever replaced.
     ///
     /// # Errors
     /// The folder is not there.

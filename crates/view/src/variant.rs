@@ -1,8 +1,8 @@
 //! The scene that a picture is of, and how its splats are drawn.
 //!
 //! In: the parameters `scene`, `splats`, `splat_size`, `splat_opacity`, `near` and `far` of a
-//! request. Out: a [`Variant`]. Degenerate: without any of them it is the first scene, blended, as a
-//! whole.
+//! request. Out: a [`Variant`]. Degenerate: without any of them it is the first scene, blended, as
+//! a whole.
 
 use luxel::Scene;
 use luxel::solids::{Shape, SolidOptions};

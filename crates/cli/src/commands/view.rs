@@ -47,8 +47,8 @@ fn other(path: &Path, args: &ViewArgs, console: &Console) -> Result<Other> {
     Ok(Other { name: name(path), scene, renderer })
 }
 
-/// Returns the luminance of one unit of the data set that the viewer shows, cd/m2; `None` where it is
-/// not calibrated.
+/// Returns the luminance of one unit of the data set that the viewer shows, cd/m2; `None` where it
+/// is not calibrated.
 fn unit(args: &ViewArgs, explicit: &ExplicitArgs, source: &SceneSource) -> Option<f64> {
     let request = DataRequest::new(&args.input, explicit);
     let path = match (&source.run, &args.input.data) {
@@ -69,7 +69,8 @@ pub(crate) fn announce(viewer: &Viewer, with_browser: bool, console: &Console) -
     Ok(())
 }
 
-/// Returns the observer of a training on `dataset` that shows it in the browser, and passes events on.
+/// Returns the observer of a training on `dataset` that shows it in the browser, and passes events
+/// on.
 pub(crate) fn live<'a>(address: SocketAddr, run: &Path, dataset: &Path, console: &'a Console) -> Result<Live<'a>> {
     let viewer = Viewer::bind(address)?;
     // Like all of the console's lines: on stderr, or an object on stdout.

@@ -311,8 +311,8 @@ pub fn export(
     Ok(describe(path, &plan, &scene, &baked, error))
 }
 
-/// Keeps the splats of `scene` that the options choose: `crop`, `max_splats`, `max_aspect`. The data
-/// set, in the frame of the scene, tells what its views see most of.
+/// Keeps the splats of `scene` that the options choose: `crop`, `max_splats`, `max_aspect`. The
+/// data set, in the frame of the scene, tells what its views see most of.
 ///
 /// # Errors
 /// A box without splats; a device that gave up.
