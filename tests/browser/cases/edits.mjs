@@ -132,6 +132,12 @@ export default {
     await page.waitForFunction(() => window.luxel.state.edit.includes("mask("));
     await settled(page);
     await shot(page, "edit-brush");
+    // Paint is drawn where it is, and nothing is drawn elsewhere.
+    const drawn = await page.evaluate(() => {
+      const { canvas, context } = window.luxel.overlay;
+      return [[0.5, 0.5], [0.2, 0.8]].map(([u, v]) => context.getImageData(Math.floor(u * canvas.width), Math.floor(v * canvas.height), 1, 1).data[3] > 0);
+    });
+    assert.deepEqual(drawn, [true, false]);
     const query = new URLSearchParams({ edit: "", where: await where(page) });
     const facts = await (await fetch(`${url}api/edit/selection?${query}`)).json();
     assert.ok(facts.count > 0 && facts.count < scene.splats / 2, JSON.stringify(facts));

@@ -114,7 +114,8 @@ export class Picking {
     if ((this.tool !== "brush" && this.tool !== "lasso") || event.button !== 0) return null;
     const paint = this.paper();
     const context = /** @type {CanvasRenderingContext2D} */ (paint.canvas.getContext("2d"));
-    context.fillStyle = context.strokeStyle = event.shiftKey ? "#000" : "#fff";
+    context.fillStyle = context.strokeStyle = "#fff";
+    context.globalCompositeOperation = event.shiftKey ? "destination-out" : "source-over";
     context.lineCap = context.lineJoin = "round";
     context.lineWidth = byId("brush-size").valueAsNumber;
     const isLasso = this.tool === "lasso";
@@ -154,9 +155,8 @@ export class Picking {
     const { width, height } = this.viewer.box;
     const lens = this.viewer.lens(width, height);
     if (this.paint && toJson(this.paint.lens) === toJson(lens) && this.paint.canvas.width === width) return this.paint;
+    // Where there is no paint it is transparent, which is no part of a mask.
     const canvas = Object.assign(document.createElement("canvas"), { width, height });
-    const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
-    context.fillRect(0, 0, width, height);
     return (this.paint = { canvas, lens, test: "" });
   }
 
@@ -177,9 +177,7 @@ export class Picking {
     this.points.forEach((point, i) => overlay.pin(point, lens, `floor ${i + 1}`));
     if (this.paint && this.tool && toJson(this.paint.lens) === toJson(lens)) {
       context.globalAlpha = 0.3;
-      context.globalCompositeOperation = "lighter";
       context.drawImage(this.paint.canvas, 0, 0, this.viewer.box.width, this.viewer.box.height);
-      context.globalCompositeOperation = "source-over";
       context.globalAlpha = 1;
     }
     if (this.tool === "lasso" && this.outline.length > 1) {

@@ -198,8 +198,8 @@ export class Selected {
     });
     context.fillStyle = "#777";
     for (const percent of [5, 50, 95]) context.fillRect(x(luminances.percentiles[percent]), 0, 1, HEIGHT);
-    byId("splat-low").textContent = short(2 ** low);
-    byId("splat-middle").textContent = `p5 ${short(luminances.percentiles[5])} · p50 ${short(luminances.percentiles[50])} · p95 ${short(luminances.percentiles[95])}`;
+    byId("splat-low").textContent = Number((2 ** low).toPrecision(2)).toString();
+    byId("splat-middle").textContent = [5, 50, 95].map((percent) => `p${percent} ${Number(luminances.percentiles[percent].toPrecision(2))}`).join(" · ");
     byId("splat-high").textContent = short(2 ** high);
   }
 }
