@@ -139,7 +139,8 @@ impl Workshop {
 
     /// Checks that a mask, and its camera if that is a file, are in the folder of edits.
     fn check_mask(&self, name: &MaskName) -> Result<()> {
-        let folder = self.folder()?.path().join(SUBFOLDER);
+        let folder = self.folder().map_err(|_| Error::new("this viewer has no folder in which painted masks are looked for"))?;
+        let folder = folder.path().join(SUBFOLDER);
         let check = |file: &str| {
             let path = Path::new(file);
             let own = path.file_name().and_then(|own| own.to_str()).unwrap_or_default();
