@@ -18,7 +18,7 @@ pub(super) fn is_page(path: &Path) -> bool {
 
 /// Checks that no option was given that a page ignores.
 fn check_options(path: &Path, explicit: &ExplicitArgs) -> Result<()> {
-    for option in OF_BAKES.into_iter().filter(|option| explicit.contains(option)) {
+    if let Some(option) = OF_BAKES.into_iter().find(|option| explicit.contains(option)) {
         let flag = flag(option);
         bail!("{}: a page shows the scene's radiance as it is, {flag} is for files with baked colours; leave it out", path.display());
     }
