@@ -8,32 +8,17 @@ use std::sync::Arc;
 
 use bytes::Bytes;
 use hyper::StatusCode;
-use tokio::sync::{OnceCell, OwnedSemaphorePermit, Semaphore};
+use tokio::sync::OwnedSemaphorePermit;
 
+use crate::answer::{Answer, Failure};
+use crate::house::{House, on_stage};
 use crate::jobs::{Loaded, Stage};
 use crate::query::Query;
-use crate::routes::{Answer, Failure, House, on_stage};
 use crate::splats::{Precision, body_bytes, pack};
 use crate::stage::check_edits;
 
 /// Largest scene of which a copy for pages is kept, bytes.
 const MAX_KEPT_BYTES: u64 = 256 << 20;
-/// Copies of a scene that are on their way, at most.
-const MAX_DOWNLOADS: usize = 4;
-
-/// The copies of a scene.
-pub(crate) struct Downloads {
-    /// The scene without edits, unless it is large.
-    kept: OnceCell<Bytes>,
-    /// Places for all others that are on their way.
-    places: Arc<Semaphore>,
-}
-
-impl Default for Downloads {
-    fn default() -> Self {
-        Self { kept: OnceCell::new(), places: Arc::new(Semaphore::new(MAX_DOWNLOADS)) }
-    }
-}
 
 /// Answers with the splats, for a page that renders by itself.
 pub(crate) async fn splats(house: &House, query: &mut Query) -> Result<Answer, Failure> {

@@ -14,9 +14,10 @@ use luxel_core::edit::{EditStack, SelectionSummary};
 use serde::Deserialize;
 use serde_json::{Value, json};
 
+use crate::answer::{Answer, Failure};
+use crate::house::{House, beside};
 use crate::pictures::camera_of;
 use crate::query::Query;
-use crate::routes::{Answer, Failure, House, beside};
 use crate::workshop::{EXTENSION, Question, Workshop};
 
 /// Bins of the histogram of luminance.

@@ -12,25 +12,18 @@ use luxel::probe::{ProbeWork, unseen};
 use luxel::{Camera, Probe, ProbeOptions, schema};
 use luxel_io::ExrSample;
 use serde_json::json;
-use tokio::sync::Mutex;
 
+use crate::answer::{Answer, Failure};
 use crate::frame::Planes;
+use crate::house::{House, beside, on_stage};
 use crate::jobs::{Loaded, Stage};
+use crate::probe_map::{Environment, Wish};
 use crate::query::Query;
-use crate::routes::{Answer, Failure, House, beside, on_stage};
 use crate::stage::check_edits;
 
 /// Widths that a map may have, pixels, and that of one that states none.
 const WIDTHS: std::ops::RangeInclusive<usize> = 4..=8192;
 const DEFAULT_WIDTH: usize = 2048;
-
-/// The request of a probe.
-#[derive(Clone, Debug, PartialEq)]
-struct Wish {
-    at: [f64; 3],
-    width: usize,
-    edit: String,
-}
 
 impl Wish {
     fn take(house: &House, query: &mut Query) -> Result<Self, Failure> {
@@ -50,19 +43,8 @@ impl Wish {
     }
 }
 
-/// A probe and what is doubtful about it.
-#[derive(Debug)]
-struct Environment {
-    probe: Probe,
-    warnings: Vec<String>,
-}
-
 /// Bytes of a pixel of the map for the page.
 const ENVIRONMENT_PIXEL_BYTES: usize = 6;
-
-/// The probe that was made last; while one is made, others wait.
-#[derive(Debug, Default)]
-pub(crate) struct LastEnvironment(Mutex<Option<(Wish, Arc<Environment>)>>);
 
 /// Answers requests below `/api/environment`.
 pub(crate) async fn answer(house: &Arc<House>, method: &Method, path: &str, query: &mut Query) -> Result<Answer, Failure> {
@@ -76,7 +58,8 @@ pub(crate) async fn answer(house: &Arc<House>, method: &Method, path: &str, quer
             let environment = environment(house, Wish::take(house, query)?).await?;
             let place = house.room.place(ENVIRONMENT_PIXEL_BYTES * environment.probe.image().pixels.len()).await?;
             let encode = move || Planes::of_image(environment.probe.image(), &[]).encode(size(&environment.probe), 0, 0.0);
-            Answer::frame(beside(encode).await?, place)
+            let frame = beside(encode).await?;
+            Answer::frame(&frame.head, place.fill(frame.body))
         }
         "/api/environment.exr" if is_get => {
             let environment = environment(house, Wish::take(house, query)?).await?;

@@ -6,19 +6,21 @@
 //! written beside the engine. What is there when a render is cancelled or fails stays, and
 //! `luxel render` makes the rest of it.
 
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::sync::atomic::Ordering;
+use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 use hyper::StatusCode;
 use luxel::output::{ExrType, FrameForm, Recipe};
 use luxel::{Camera, Error, PathCamera, Radiance, Result};
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 
+use crate::answer::Failure;
 use crate::folder::Folder;
+use crate::frame_status::{RenderState, RenderStatus};
+use crate::house::{House, beside, on_stage};
 use crate::jobs::{Loaded, Stage};
-use crate::paths::{PathFile, PathJson};
-use crate::routes::{Failure, House, beside, on_stage};
+use crate::path_file::{PathFile, PathJson};
 use crate::stage::check_edits;
 
 /// Time before a frame is asked for again when too many pictures wait.
@@ -46,54 +48,6 @@ enum ExrTypeJson {
     Auto,
     Half,
     Float,
-}
-
-/// The state of the render that was started last.
-#[derive(Clone, Debug, Default, Serialize)]
-pub(crate) struct RenderStatus {
-    state: RenderState,
-    name: String,
-    /// The folder of the frames.
-    folder: String,
-    done: usize,
-    total: usize,
-    seconds: f64,
-    /// The reason of a failure.
-    error: Option<String>,
-}
-
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "lowercase")]
-enum RenderState {
-    #[default]
-    Idle,
-    Running,
-    Finished,
-    Cancelled,
-    Failed,
-}
-
-/// The render of a path, of which there is one at a time.
-#[derive(Debug, Default)]
-pub(crate) struct FrameRender {
-    status: Mutex<RenderStatus>,
-    is_cancelled: AtomicBool,
-}
-
-impl FrameRender {
-    /// Returns the state.
-    pub(crate) fn status(&self) -> RenderStatus {
-        self.lock().clone()
-    }
-
-    /// Ends the render after the frame in progress.
-    pub(crate) fn cancel(&self) {
-        self.is_cancelled.store(true, Ordering::SeqCst);
-    }
-
-    fn lock(&self) -> MutexGuard<'_, RenderStatus> {
-        self.status.lock().unwrap_or_else(PoisonError::into_inner)
-    }
 }
 
 /// Everything that the frames of a render share.

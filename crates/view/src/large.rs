@@ -11,7 +11,7 @@ use bytes::Bytes;
 use hyper::StatusCode;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
-use crate::routes::Failure;
+use crate::answer::Failure;
 
 /// Bytes from which an answer is large.
 const LARGE_BYTES: usize = 4 << 20;

@@ -23,6 +23,7 @@
 #[doc = include_str!("../README.md")]
 struct CrateReadmeExample;
 
+mod answer;
 mod assets;
 mod downloads;
 mod edits;
@@ -30,13 +31,17 @@ mod environment;
 mod folder;
 mod frame;
 mod frame_render;
+mod frame_status;
 mod gate;
+mod house;
 mod jobs;
 mod large;
 mod live;
 mod page_file;
+mod path_file;
 mod paths;
 mod pictures;
+mod probe_map;
 mod query;
 mod routes;
 mod server;
@@ -56,9 +61,9 @@ use std::time::Duration;
 use luxel::{Error, Remedy, Renderer, Result, Scene, StopFlag};
 
 use crate::gate::Gate;
+use crate::house::House;
 pub use crate::live::Live;
 pub use crate::page_file::{limit_degree, write_page};
-use crate::routes::House;
 use crate::stage::{LastPicture, SceneStage, SceneStages};
 use crate::status::Status;
 pub use crate::subject::Subject;

@@ -11,8 +11,8 @@ use std::time::{Duration, Instant};
 use luxel::run::{LiveRun, LogRecord};
 use luxel::{Error, Event, Observer, RadianceLayers, Result, StopFlag, Wish};
 
+use crate::house::House;
 use crate::jobs::{Stage, Wanted};
-use crate::routes::House;
 use crate::stage::{LastPicture, without_layers};
 use crate::status::{Record, Shared, Status, TrainingStatus};
 use crate::variant::Variant;

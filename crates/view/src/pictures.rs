@@ -6,10 +6,11 @@ use luxel::{Radiance, schema};
 use luxel_core::Camera;
 use serde_json::{Value, json};
 
+use crate::answer::{Answer, Failure};
 use crate::frame::Planes;
+use crate::house::{House, beside, render, render_surely};
 use crate::jobs::{Rendered, Wanted};
 use crate::query::Query;
-use crate::routes::{Answer, Failure, House, beside, render, render_surely};
 use crate::stage::check_edits;
 use crate::variant::Variant;
 
@@ -114,7 +115,8 @@ pub(crate) async fn frame(house: &House, query: &mut Query) -> Result<Answer, Fa
         };
         planes.encode(size, version, seconds)
     });
-    Answer::frame(frame.await?, place)
+    let frame = frame.await?;
+    Answer::frame(&frame.head, place.fill(frame.body))
 }
 
 /// Returns the size of an answer with so many bytes for each pixel.
@@ -180,5 +182,5 @@ pub(crate) async fn truth(house: &House, query: &mut Query) -> Result<Answer, Fa
     let weights = view.mask.as_ref().map_or(&[][..], |mask| &mask.weights);
     let place = house.room.place(8 * image.pixels.len()).await?;
     let frame = Planes::of_image(image, weights).encode([image.width, image.height], 0, 0.0);
-    Answer::frame(frame, place)
+    Answer::frame(&frame.head, place.fill(frame.body))
 }

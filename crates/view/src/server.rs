@@ -25,9 +25,11 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{Semaphore, mpsc};
 use tokio_io_timeout::TimeoutStream;
 
+use crate::answer::{Answer, Failure};
 use crate::gate::{Gate, Verdict};
+use crate::house::House;
 use crate::query::Query;
-use crate::routes::{self, Answer, Failure, House};
+use crate::routes;
 
 /// Connections at once; more wait to be accepted.
 const MAX_CONNECTIONS: usize = 128;
@@ -35,8 +37,6 @@ const MAX_CONNECTIONS: usize = 128;
 const MAX_HEADER_BYTES: usize = 32 << 10;
 /// Bytes of a request's body.
 const MAX_BODY_BYTES: usize = 32 << 20;
-/// Bodies that are received at once.
-pub(crate) const MAX_BODIES: usize = 4;
 /// Time that a client may take to send a request, and that it may be idle.
 const REQUEST_TIME: Duration = Duration::from_secs(60);
 /// Time that a client may take nothing of an answer.

@@ -2,10 +2,11 @@
 
 use hyper::StatusCode;
 
+use crate::answer::{Answer, Failure};
+use crate::house::{House, beside, render_surely};
 use crate::jobs::Rendered;
 use crate::pictures::{answer_bytes, wanted};
 use crate::query::Query;
-use crate::routes::{Answer, Failure, House, beside, render_surely};
 
 /// Exposures that make sense, stops.
 const EXPOSURES: std::ops::RangeInclusive<f32> = -64.0..=64.0;

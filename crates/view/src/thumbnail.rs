@@ -5,8 +5,9 @@ use luxel::Tonemap;
 use luxel::preview::{self, Look};
 use luxel_core::{ColorSpace, Image};
 
+use crate::answer::{Answer, Failure};
+use crate::house::{House, beside};
 use crate::query::Query;
-use crate::routes::{Answer, Failure, House, beside};
 
 /// Height, pixels.
 const HEIGHT_PX: usize = 96;
