@@ -79,7 +79,7 @@ export class EditCards {
     const isCurrent = i === edits.current;
     const on = make("input", { type: "checkbox", checked: entry.on, title: "Switches this edit on and off", label: `Edit ${i + 1} is on` });
     on.addEventListener("change", () => edits.update(i, { on: on.checked }));
-    const title = button(`${i + 1} ${this.title(entry)}`, isCurrent ? "Closes this edit" : "Opens this edit", () => edits.change(edits.entries, isCurrent ? -1 : i, "open"));
+    const title = button(`${i + 1}. ${this.title(entry)}`, isCurrent ? "Closes this edit" : "Opens this edit", () => edits.change(edits.entries, isCurrent ? -1 : i, "open"));
     title.className = "edit-title";
     title.setAttribute("aria-expanded", String(isCurrent));
     const move = (/** @type {number} */ by) => {
