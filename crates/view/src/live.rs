@@ -79,6 +79,7 @@ impl<'a> Live<'a> {
             let newest = status_of(run);
             house.shared.update(|status| status.advance(newest));
         }
+        let newest = status_of(run);
         let mut stage = LiveStage { run };
         for _ in 0..JOBS_PER_STEP {
             let Some(job) = house.jobs.next(Duration::ZERO) else { break };
@@ -93,6 +94,10 @@ impl<'a> Live<'a> {
                 wish = Wish::Save;
             }
             let is_paused = wishes.pause.load(Ordering::SeqCst) && !self.stop.is_requested();
+            // Whoever sees that the run is paused sees where.
+            if is_paused && house.shared.status().training.is_some_and(|training| !training.is_paused) {
+                house.shared.update(|status| status.advance(newest.clone()));
+            }
             house.shared.update_if(|training| std::mem::replace(&mut training.is_paused, is_paused) != is_paused);
             // What is saved is saved at once, also while the run is paused.
             if !is_paused || wish == Wish::Save {

@@ -11,7 +11,7 @@ struct ShortHelp {
     example: &'static str,
 }
 
-const SHORT: [ShortHelp; 15] = [
+const SHORT: [ShortHelp; 16] = [
     ShortHelp { command: "demo", options: &["output", "iterations", "method", "device", "quiet"], example: "luxel demo -o luxel-demo" },
     ShortHelp {
         command: "prepare",
@@ -34,6 +34,7 @@ const SHORT: [ShortHelp; 15] = [
         options: &["output", "resume", "overwrite", "preset", "iterations", "method", "max-splats", "downscale", "device", "quiet"],
         example: "luxel train my-images -o run\n  luxel train --resume -o run",
     },
+    ShortHelp { command: "view", options: &["with", "data", "listen", "no-browser", "device", "quiet"], example: "luxel view run" },
     ShortHelp {
         command: "eval",
         options: &["data", "output", "metrics", "lpips-weights", "peak-luminance", "downscale", "masks", "device", "json", "quiet"],

@@ -46,7 +46,7 @@ pub(crate) use self::view::ViewArgs;
 
 /// Options whose flag is not their library name with dashes: the command line tells the colour
 /// space of input from that of output.
-const FLAGS: [(&str, &str); 2] = [("color_space", INPUT_SPACE), ("input_space", INPUT_SPACE)];
+const FLAGS: [(&str, &str); 3] = [("edit_file", "edits"), ("color_space", INPUT_SPACE), ("input_space", INPUT_SPACE)];
 
 /// Flags of earlier versions, and the ones that replace them, for commands in which
 /// [`with_earlier_name`] leaves the earlier one out: there it could mean the other space.

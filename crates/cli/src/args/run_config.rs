@@ -111,6 +111,7 @@ mod tests {
         command.build();
         let train = command.find_subcommand("train").unwrap();
         let mut behaviour = BTreeSet::from(BEHAVIOUR);
+        behaviour.extend(cfg!(feature = "view").then_some("view"));
         for arg in train.get_arguments() {
             let id = arg.get_id().as_str();
             let changes = effective(arg).is_some();
