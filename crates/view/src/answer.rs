@@ -4,6 +4,7 @@ use bytes::Bytes;
 use hyper::StatusCode;
 use serde::Serialize;
 
+use crate::folder::is_taken;
 use crate::frame::FrameHead;
 
 /// An answer without its headers of safety.
@@ -27,7 +28,8 @@ pub(crate) struct Failure {
 
 impl From<luxel::Error> for Failure {
     fn from(error: luxel::Error) -> Self {
-        Self { status: StatusCode::UNPROCESSABLE_ENTITY, message: format!("{error:#}") }
+        let status = if is_taken(&error) { StatusCode::CONFLICT } else { StatusCode::UNPROCESSABLE_ENTITY };
+        Self { status, message: format!("{error:#}") }
     }
 }
 

@@ -1,7 +1,7 @@
 //! Paths below `/api/edit/`: histograms and selections of splats, overlays, masks, saved edits.
 //!
-//! In: queries, and bodies of `POST`; out: JSON and pictures. Two requests work at a time; more are
-//! refused rather than kept waiting, as the page asks again for what it still needs.
+//! In: queries, and bodies of `POST`; out: JSON and pictures. A few requests work at a time; more
+//! are refused rather than kept waiting, as the page asks again for what it still needs.
 
 use std::sync::Arc;
 
@@ -15,7 +15,7 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 
 use crate::answer::{Answer, Failure};
-use crate::house::{House, beside};
+use crate::house::{House, beside, try_beside};
 use crate::pictures::camera_of;
 use crate::query::Query;
 use crate::workshop::{EXTENSION, Question, Workshop};
@@ -24,6 +24,8 @@ use crate::workshop::{EXTENSION, Question, Workshop};
 const BINS: usize = 160;
 /// Largest picture of an overlay or mask, pixels.
 const MAX_PX: u64 = 1 << 24;
+/// Bytes of a pixel of an overlay, at most.
+const OVERLAY_PIXEL_BYTES: usize = 3;
 /// Bytes of a request to save, at most.
 const MAX_REQUEST_BYTES: usize = 1 << 20;
 /// The first bytes of a PNG.
@@ -64,7 +66,7 @@ pub(crate) async fn answer(house: &Arc<House>, method: &Method, path: &str, quer
         }
         "stack" if is_get => {
             let name = query.take("name").unwrap_or_default();
-            let stack = beside(move || workshop.open_stack(&name)).await?.map_err(unusable)?;
+            let stack = try_beside(move || workshop.open_stack(&name)).await?;
             Answer::json(&schema::VIEW.versioned(json!({ "edit": stack.to_string() })))
         }
         "mask" if *method == Method::POST => mask(workshop, query, body).await,
@@ -76,17 +78,11 @@ pub(crate) async fn answer(house: &Arc<House>, method: &Method, path: &str, quer
     }
 }
 
-fn unusable(error: luxel::Error) -> Failure {
-    let message = format!("{error:#}");
-    let status = if message.contains("exists already") { StatusCode::CONFLICT } else { StatusCode::UNPROCESSABLE_ENTITY };
-    Failure::new(status, message)
-}
-
 /// Takes the edits before, and a selection, out of a query.
 fn question(workshop: &Workshop, query: &mut Query) -> Result<Question, Failure> {
-    let before = workshop.parse(&query.take("edit").unwrap_or_default()).map_err(unusable)?;
+    let before = workshop.parse(&query.take("edit").unwrap_or_default())?;
     let selection = match (query.take("where"), query.take("floaters")) {
-        (Some(text), None) => Some(workshop.parse_selection(&text).map_err(unusable)?),
+        (Some(text), None) => Some(workshop.parse_selection(&text)?),
         (None, Some(_)) => None,
         _ => return Err(String::from("expected one of \"where\" (a selection) and \"floaters\"").into()),
     };
@@ -99,19 +95,21 @@ fn facts(summary: &SelectionSummary) -> Value {
 
 async fn selection(workshop: Arc<Workshop>, query: &mut Query) -> Result<Answer, Failure> {
     let question = question(&workshop, query)?;
-    let selected = beside(move || workshop.selected(&question)).await?.map_err(unusable)?;
+    let selected = try_beside(move || workshop.selected(&question)).await?;
     Answer::json(&schema::VIEW.versioned(facts(&selected.summary)))
 }
 
 async fn overlay(house: &House, workshop: Arc<Workshop>, query: &mut Query) -> Result<Answer, Failure> {
     let question = question(&workshop, query)?;
     let camera = house.subject.local_camera(&camera_in(query)?, 0);
-    let drawn = beside(move || {
+    let [width, height] = camera.size_px.map(|side| side as usize);
+    let place = house.room.place(width * height * OVERLAY_PIXEL_BYTES).await?;
+    let drawn = try_beside(move || {
         let selected = workshop.selected(&question)?;
         Ok((workshop.overlay(&selected.weights, &camera)?, selected.summary))
     });
-    let (png, summary) = drawn.await?.map_err(unusable)?;
-    Ok(Answer { frame_head: Some(facts(&summary).to_string()), ..Answer::new("image/png", png) })
+    let (png, summary) = drawn.await?;
+    Ok(Answer { frame_head: Some(facts(&summary).to_string()), ..Answer::new("image/png", place.fill(png)) })
 }
 
 /// Takes a camera of the world and its size out of a query.
@@ -128,12 +126,12 @@ fn camera_in(query: &mut Query) -> Result<Camera, Failure> {
 }
 
 async fn floaters(workshop: Arc<Workshop>) -> Result<Answer, Failure> {
-    let found = beside(move || {
+    let found = try_beside(move || {
         let found = workshop.floaters()?;
         let share = found.share_of_light(workshop.scene());
         Ok((found, share))
     });
-    let (found, share) = found.await?.map_err(unusable)?;
+    let (found, share) = found.await?;
     Answer::json(&schema::VIEW.versioned(json!({
         "count": found.count(), "share_of_light": share, "words": found.in_words(),
         "unseen": found.count_of(RemovalReason::Unseen), "isolated": found.count_of(RemovalReason::Isolated),
@@ -143,13 +141,13 @@ async fn floaters(workshop: Arc<Workshop>) -> Result<Answer, Failure> {
 
 /// Answers with the histogram of the splats' luminance after the edits.
 async fn luminance(workshop: Arc<Workshop>, query: &mut Query) -> Result<Answer, Failure> {
-    let stack = workshop.parse(&query.take("edit").unwrap_or_default()).map_err(unusable)?;
+    let stack = workshop.parse(&query.take("edit").unwrap_or_default())?;
     let before = EditStack { edits: stack.edits, ..EditStack::default() };
-    let values = beside(move || {
+    let values = try_beside(move || {
         let scene = workshop.edited(&before)?;
         Ok((0..scene.splats.len()).map(|i| scene.luminance(i)).collect())
     });
-    Answer::json(&schema::VIEW.versioned(histogram(values.await?.map_err(unusable)?)))
+    Answer::json(&schema::VIEW.versioned(histogram(values.await?)))
 }
 
 /// Counts values in equal steps of their logarithm, with each hundredth of them by rank.
@@ -173,7 +171,7 @@ fn histogram(mut values: Vec<f32>) -> Value {
 /// Keeps a painted mask, and answers with the names of its files.
 async fn mask(workshop: Arc<Workshop>, query: &mut Query, body: Bytes) -> Result<Answer, Failure> {
     let camera = camera_in(query)?;
-    let saved = beside(move || {
+    let saved = try_beside(move || {
         if !body.starts_with(&PNG) {
             return Err(luxel::Error::new("the mask is no PNG"));
         }
@@ -188,7 +186,7 @@ async fn mask(workshop: Arc<Workshop>, query: &mut Query, body: Bytes) -> Result
         let path = |extension: &str| workshop.place().join(format!("{name}.{extension}")).display().to_string();
         Ok([path("png"), path("json")])
     });
-    let [file, view] = saved.await?.map_err(unusable)?;
+    let [file, view] = saved.await?;
     Answer::json(&schema::VIEW.versioned(json!({ "file": file, "view": view })))
 }
 
@@ -200,7 +198,7 @@ async fn save(workshop: Arc<Workshop>, body: Bytes) -> Result<Answer, Failure> {
     if !request.scene && !request.stack {
         return Err(String::from("nothing to save: set \"scene\" or \"stack\"").into());
     }
-    let saved = beside(move || {
+    let saved = try_beside(move || {
         let stack = workshop.parse(&request.edit)?;
         if stack.is_empty() {
             return Err(luxel::Error::new("nothing to save: there are no edits"));
@@ -211,7 +209,7 @@ async fn save(workshop: Arc<Workshop>, body: Bytes) -> Result<Answer, Failure> {
         let file = request.stack.then(|| workshop.save_stack(name, &stack)).transpose()?;
         Ok([scene, file].map(|path| path.map(|path| path.display().to_string())))
     });
-    let [scene, stack] = saved.await?.map_err(unusable)?;
+    let [scene, stack] = saved.await?;
     Answer::json(&schema::VIEW.versioned(json!({ "scene": scene, "stack": stack })))
 }
 

@@ -44,7 +44,9 @@ impl Wish {
 }
 
 /// Bytes of a pixel of the map for the page.
-const ENVIRONMENT_PIXEL_BYTES: usize = 6;
+const FRAME_PIXEL_BYTES: usize = 6;
+/// Bytes of a pixel of the map in OpenEXR, at most.
+const EXR_PIXEL_BYTES: usize = 12;
 
 /// Answers requests below `/api/environment`.
 pub(crate) async fn answer(house: &Arc<House>, method: &Method, path: &str, query: &mut Query) -> Result<Answer, Failure> {
@@ -56,22 +58,22 @@ pub(crate) async fn answer(house: &Arc<House>, method: &Method, path: &str, quer
         }
         "/api/environment.frame" if is_get => {
             let environment = environment(house, Wish::take(house, query)?).await?;
-            let place = house.room.place(ENVIRONMENT_PIXEL_BYTES * environment.probe.image().pixels.len()).await?;
+            let place = house.room.place(FRAME_PIXEL_BYTES * environment.probe.image().pixels.len()).await?;
             let encode = move || Planes::of_image(environment.probe.image(), &[]).encode(size(&environment.probe), 0, 0.0);
             let frame = beside(encode).await?;
             Answer::frame(&frame.head, place.fill(frame.body))
         }
         "/api/environment.exr" if is_get => {
             let environment = environment(house, Wish::take(house, query)?).await?;
+            let place = house.room.place(EXR_PIXEL_BYTES * environment.probe.image().pixels.len()).await?;
             let file = beside(move || exr(&environment.probe)).await??;
-            Ok(Answer { file_name: Some("probe.exr"), ..Answer::new("image/x-exr", file) })
+            Ok(Answer { file_name: Some("probe.exr"), ..Answer::new("image/x-exr", place.fill(file)) })
         }
         "/api/environment/save" if *method == Method::POST => {
             let name = query.take("name").ok_or_else(|| String::from("\"name\" is missing, expected that of the file"))?;
             crate::folder::check_name(&name)?;
             let wish = Wish::take(house, query)?;
-            let folder = house.subject.folder.clone();
-            let folder = folder.ok_or_else(|| Failure::new(StatusCode::CONFLICT, "this viewer has no folder to save into"))?;
+            let folder = house.folder()?;
             let environment = environment(house, wish).await?;
             let path = beside(move || folder.new_file("probes", &name, "exr", &exr(&environment.probe)?)).await??;
             Answer::json(&json!({ "path": path.display().to_string() }))

@@ -8,6 +8,8 @@ use std::path::{Path, PathBuf};
 
 use luxel::{Error, Remedy, Result};
 
+/// Advice of an error about a name that is taken.
+const TAKEN: &str = "give another name";
 /// Length of a name, bytes.
 const MAX_NAME: usize = 80;
 /// Names that are devices on Windows.
@@ -105,11 +107,14 @@ pub(crate) fn check_name(name: &str) -> Result<()> {
     )))
 }
 
+/// Returns whether the error is that a name is taken.
+pub(crate) fn is_taken(error: &Error) -> bool {
+    error.remedy() == Some(&Remedy::advice(TAKEN))
+}
+
 fn refusal(path: &Path, error: &std::io::Error) -> Error {
     match error.kind() {
-        std::io::ErrorKind::AlreadyExists => {
-            Error::new(format!("{}: exists already", path.display())).with_remedy(Remedy::advice("give another name"))
-        }
+        std::io::ErrorKind::AlreadyExists => Error::new(format!("{}: exists already", path.display())).with_remedy(Remedy::advice(TAKEN)),
         _ => Error::new(format!("{}: cannot write: {error}", path.display())),
     }
 }
@@ -124,8 +129,8 @@ mod tests {
         let folder = Folder::new(place.path()).unwrap();
         let path = folder.new_file("probes", "cup", "exr", b"one").unwrap();
         assert!(path.ends_with("probes/cup.exr"));
-        let error = folder.new_file("probes", "cup.exr", "exr", b"two").unwrap_err().to_string();
-        assert!(error.contains("cup.exr: exists already"), "{error}");
+        let error = folder.new_file("probes", "cup.exr", "exr", b"two").unwrap_err();
+        assert!(error.to_string().contains("cup.exr: exists already") && is_taken(&error), "{error}");
         assert_eq!(std::fs::read(&path).unwrap(), b"one");
         let frames = folder.new_folder("paths", "turn").unwrap();
         assert!(frames.path().is_dir() && folder.new_folder("paths", "turn").is_err());

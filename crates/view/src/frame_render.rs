@@ -71,7 +71,7 @@ pub(crate) async fn start(house: &Arc<House>, wish: RenderJson) -> Result<(), Fa
     if house.scene.is_none() {
         return Err(conflict("the scene is being trained: end the training, and open the run with luxel view"));
     }
-    let Some(folder) = house.subject.folder.clone() else { return Err(conflict("this viewer has no folder to save into")) };
+    let folder = house.folder()?;
     if samples.is_some_and(|samples| !(1..=luxel_core::MAX_SAMPLES).contains(&samples)) {
         return Err(format!("\"samples\" is {}, expected 1 to {}", samples.unwrap_or(0), luxel_core::MAX_SAMPLES).into());
     }

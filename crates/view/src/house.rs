@@ -9,6 +9,7 @@ use luxel_core::ColorSpace;
 use tokio::sync::{OnceCell, Semaphore};
 
 use crate::answer::Failure;
+use crate::folder::Folder;
 use crate::frame_status::FrameRender;
 use crate::jobs::{Jobs, Refusal, Rendered, Reply, Stage, Wanted};
 use crate::large::Room;
@@ -55,6 +56,12 @@ impl House {
         let (frames, environment, room) = (FrameRender::default(), LastProbe::default(), Room::default());
         let (downloads, editing) = (Downloads::default(), Semaphore::new(MAX_EDITING));
         Self { subject, color_space, jobs, shared, scene, downloads, bodies, frames, environment, room, workshop: None, editing }
+    }
+
+    /// Returns where new files are made.
+    pub(crate) fn folder(&self) -> Result<Folder, Failure> {
+        let folder = self.subject.folder.clone();
+        folder.ok_or_else(|| Failure::new(StatusCode::CONFLICT, "this viewer has no folder to save into"))
     }
 }
 
@@ -110,4 +117,9 @@ pub(crate) async fn render_surely(house: &House, wanted: Wanted) -> Result<Rende
 /// Runs work of the processor beside the server's thread.
 pub(crate) async fn beside<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Result<T, Failure> {
     tokio::task::spawn_blocking(work).await.map_err(|error| Failure::new(StatusCode::INTERNAL_SERVER_ERROR, error.to_string()))
+}
+
+/// Runs work of the processor that can fail beside the server's thread.
+pub(crate) async fn try_beside<T: Send + 'static>(work: impl FnOnce() -> luxel::Result<T> + Send + 'static) -> Result<T, Failure> {
+    Ok(beside(work).await??)
 }

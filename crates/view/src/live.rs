@@ -74,12 +74,11 @@ impl<'a> Live<'a> {
     /// Answers what waits; longer while the run is paused.
     fn serve(&self, house: &House, state: &mut LiveState, run: &mut LiveRun<'_>) -> Wish {
         let wishes = &house.shared.wishes;
+        let newest = status_of(run);
         if state.told_at.elapsed() >= TELL_EVERY {
             state.told_at = Instant::now();
-            let newest = status_of(run);
-            house.shared.update(|status| status.advance(newest));
+            house.shared.update(|status| status.advance(newest.clone()));
         }
-        let newest = status_of(run);
         let mut stage = LiveStage { run };
         for _ in 0..JOBS_PER_STEP {
             let Some(job) = house.jobs.next(Duration::ZERO) else { break };

@@ -1,98 +1,41 @@
 //! Edits over HTTP: what is found, what is written, what is refused.
 #![allow(missing_docs, clippy::unwrap_used, reason = "tests")]
 
-use std::io::{Read, Write};
-use std::net::{SocketAddr, TcpStream};
-use std::path::{Path, PathBuf};
-use std::time::Duration;
+mod common;
 
-use luxel::{Device, Renderer, Scene, StopFlag, synthetic};
+use std::path::{Path, PathBuf};
+
 use luxel_core::edit::{EditStack, MaskShares, SelectionSummary, ShMap};
-use luxel_view::{Subject, Viewer};
 use serde_json::{Value, json};
 
-struct Running {
-    address: SocketAddr,
-    scene: Scene,
-    folder: tempfile::TempDir,
-    stop: StopFlag,
-    thread: Option<std::thread::JoinHandle<()>>,
-}
+use common::{Response, Running};
 
-struct Reply {
-    status: u16,
-    head: String,
-    body: Vec<u8>,
-}
+/// A viewer that saves, asked below `/api/edit/`.
+struct Editing(Running);
 
-impl Reply {
-    fn json(&self) -> Value {
-        serde_json::from_slice(&self.body).unwrap_or_else(|_| panic!("{}", String::from_utf8_lossy(&self.body)))
-    }
-
-    fn error(&self) -> String {
-        self.json()["error"].as_str().unwrap_or_default().to_owned()
-    }
-}
-
-impl Running {
+impl Editing {
     fn start() -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        let data = tempfile::tempdir().unwrap();
-        synthetic::write_dataset(data.path(), synthetic::BallsOptions::default()).unwrap();
-        let dataset = luxel::Dataset::open(data.path()).unwrap();
-        let scene = synthetic::room(300, 1);
-        let subject = Subject::new("room", &scene, Some(&dataset)).unwrap().saving_to(folder.path()).unwrap().opened_as(folder.path());
-        let viewer = Viewer::bind("127.0.0.1:0".parse().unwrap()).unwrap();
-        let url = viewer.url();
-        let port = url.split(':').nth(2).unwrap().split('/').next().unwrap().parse::<u16>().unwrap();
-        let (served, stop) = (scene.clone(), StopFlag::new());
-        let flag = stop.clone();
-        let thread = std::thread::spawn(move || {
-            let renderer = Renderer::new(&served, Device::Cpu.with_threads(1)).unwrap();
-            viewer.serve(subject, served, renderer, &flag).unwrap();
-        });
-        Self { address: ([127, 0, 0, 1], port).into(), scene, folder, stop, thread: Some(thread) }
+        Self(Running::saving())
     }
 
-    fn send(&self, method: &str, path: &str, body: &[u8]) -> Reply {
-        let mut stream = TcpStream::connect(self.address).unwrap();
-        stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
-        let head = format!(
-            "{method} /api/edit/{path} HTTP/1.1\r\nHost: {}\r\nConnection: close\r\nContent-Length: {}\r\n\r\n",
-            self.address,
-            body.len()
-        );
-        stream.write_all(head.as_bytes()).unwrap();
-        stream.write_all(body).unwrap();
-        let mut bytes = Vec::new();
-        stream.read_to_end(&mut bytes).unwrap();
-        let end = bytes.windows(4).position(|four| four == b"\r\n\r\n").unwrap();
-        let head = String::from_utf8_lossy(&bytes[..end]).into_owned();
-        Reply { status: head.split(' ').nth(1).unwrap().parse().unwrap(), head, body: bytes[end + 4..].to_vec() }
+    fn send(&self, method: &str, path: &str, body: &[u8]) -> Response {
+        self.0.send(method, &format!("/api/edit/{path}"), body)
     }
 
-    fn get(&self, path: &str) -> Reply {
+    fn get(&self, path: &str) -> Response {
         self.send("GET", path, b"")
     }
 
-    fn save(&self, request: &Value) -> Reply {
+    fn save(&self, request: &Value) -> Response {
         self.send("POST", "save", request.to_string().as_bytes())
     }
 
     fn saved(&self, name: &str) -> PathBuf {
-        self.folder.path().join("edits").join(name)
+        self.0.folder.path().join("edits").join(name)
     }
 
     fn files(&self) -> usize {
-        std::fs::read_dir(self.folder.path().join("edits")).map_or(0, Iterator::count)
-    }
-}
-
-impl Drop for Running {
-    fn drop(&mut self) {
-        self.stop.request();
-        self.thread.take().unwrap().join().unwrap();
+        std::fs::read_dir(self.saved("")).map_or(0, Iterator::count)
     }
 }
 
@@ -113,10 +56,10 @@ fn white_png() -> Vec<u8> {
 
 #[test]
 fn a_selection_has_the_numbers_of_the_language() {
-    let running = Running::start();
+    let running = Editing::start();
     let selection: luxel_core::Selection = "L > p60 ~1".parse().unwrap();
-    let weights = selection.weights(&running.scene, &MaskShares::new()).unwrap();
-    let expected = SelectionSummary::new(&running.scene, &weights);
+    let weights = selection.weights(&running.0.scene, &MaskShares::new()).unwrap();
+    let expected = SelectionSummary::new(&running.0.scene, &weights);
     let found = running.get(&format!("selection?where={}", encoded("L > p60 ~1"))).json();
     assert_eq!(found["count"], json!(expected.count));
     assert_eq!(found["share_of_light"], json!(expected.light_share));
@@ -124,7 +67,7 @@ fn a_selection_has_the_numbers_of_the_language() {
     assert!(drawn.status == 200 && drawn.body.starts_with(b"\x89PNG") && drawn.head.contains("luxel-frame: {"), "{}", drawn.head);
     let histogram = running.get("luminance?edit=gain%202").json();
     assert_eq!(histogram["count"], json!(300));
-    let median = running.scene.luminance(0);
+    let median = running.0.scene.luminance(0);
     assert!(median > 0.0 && histogram["percentiles"].as_array().unwrap().len() == 101);
     assert!(running.get("floaters").json()["words"].as_str().unwrap().contains("of 300 splats"));
     assert_eq!(running.get("selection?floaters=1").status, 200);
@@ -132,12 +75,12 @@ fn a_selection_has_the_numbers_of_the_language() {
 
 #[test]
 fn a_saved_scene_has_the_bytes_of_the_same_stack() {
-    let running = Running::start();
+    let running = Editing::start();
     let text = "where L > p60 ~1; gain 0.25; delete L < p20; up 0,1,0.5; origin 1,0,0";
     let reply = running.save(&json!({ "name": "first", "edit": text, "scene": true, "stack": true }));
-    assert_eq!(reply.status, 200, "{}", reply.error());
+    assert_eq!(reply.status, 200, "{}", reply.text());
     let stack: EditStack = text.parse().unwrap();
-    let mut scene = running.scene.clone().into_core();
+    let mut scene = running.0.scene.clone().into_core();
     let removed = luxel::edit::Removed::selected(stack.delete.as_ref().unwrap(), &scene, &MaskShares::new()).unwrap();
     let inputs = luxel::edit::StackInputs { masks: MaskShares::new(), removed };
     luxel::edit::apply_stack(&stack, &mut scene, &inputs, ShMap::default(), &luxel::Silent).unwrap();
@@ -147,20 +90,20 @@ fn a_saved_scene_has_the_bytes_of_the_same_stack() {
     assert_eq!(running.get("saved").json()["names"], json!(["first"]));
     assert_eq!(running.get("stack?name=first").json()["edit"].as_str().unwrap().parse::<EditStack>().unwrap(), stack);
     let again = running.save(&json!({ "name": "first", "edit": "gain 2", "scene": true }));
-    assert!(again.status == 409 && again.error().contains("exists already"), "{}", again.error());
+    assert!(again.status == 409 && again.text().contains("exists already"), "{}", again.text());
     assert!(std::fs::read(running.saved("first.ply")).unwrap() == expected);
 }
 
 #[test]
 fn a_painted_mask_selects_and_is_saved_beside_the_stack() {
-    let running = Running::start();
+    let running = Editing::start();
     let mask = running.send("POST", &format!("mask?{}", camera_query()), &white_png());
-    assert_eq!(mask.status, 200, "{}", mask.error());
+    assert_eq!(mask.status, 200, "{}", mask.text());
     let mask = mask.json();
     let test = format!("mask(\"{}\", \"{}\")", mask["file"].as_str().unwrap(), mask["view"].as_str().unwrap());
     assert!(running.get(&format!("selection?where={}", encoded(&test))).json()["count"].is_u64());
     let reply = running.save(&json!({ "name": "painted", "edit": format!("where {test}; gain 2"), "stack": true }));
-    assert_eq!(reply.status, 200, "{}", reply.error());
+    assert_eq!(reply.status, 200, "{}", reply.text());
     let file = std::fs::read_to_string(running.saved("painted.edits")).unwrap();
     assert!(file.contains("mask(\"mask-1.png\", \"mask-1.json\")"), "{file}");
     assert!(running.get("stack?name=painted").json()["edit"].as_str().unwrap().contains(&test));
@@ -173,14 +116,14 @@ fn a_painted_mask_selects_and_is_saved_beside_the_stack() {
         (camera_query(), Vec::new()),
     ] {
         let refused = running.send("POST", &format!("mask?{query}"), &body);
-        assert!((400..500).contains(&refused.status) && !refused.error().is_empty(), "{query}");
+        assert!((400..500).contains(&refused.status) && !refused.text().is_empty(), "{query}");
     }
     assert_eq!(running.files(), 3);
 }
 
 #[test]
 fn hostile_names_bodies_and_masks_are_refused() {
-    let running = Running::start();
+    let running = Editing::start();
     let outside = tempfile::tempdir().unwrap();
     std::fs::write(outside.path().join("mask-1.png"), white_png()).unwrap();
     for name in ["", "..", "../x", "/etc/passwd", "a/b", "a\\b", ".hidden", "con", "a\u{0}b", "é", &"n".repeat(200)] {
@@ -210,7 +153,7 @@ fn hostile_names_bodies_and_masks_are_refused() {
         for path in ["selection?where=", "luminance?edit=where%20"] {
             let asked = format!("{path}{}{}", encoded(&mask), if path.starts_with("lum") { "%3B%20gain%202" } else { "" });
             let refused = running.get(&asked);
-            assert!(refused.status == 422 && refused.error().contains("expected one of there"), "{mask}: {}", refused.error());
+            assert!(refused.status == 422 && refused.text().contains("expected one of there"), "{mask}: {}", refused.text());
         }
     }
     assert_eq!(running.get("selection?where=all&floaters=1").status, 400);

@@ -1,97 +1,19 @@
 //! The viewer as a program over HTTP sees it: what it answers, what it refuses, what it survives.
 #![allow(missing_docs, clippy::unwrap_used, reason = "tests")]
 
+mod common;
+
 use std::io::{Read, Write};
-use std::net::{SocketAddr, TcpStream};
+use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
 use luxel::solids::{Shape, SolidOptions};
-use luxel::{Dataset, Device, Edit, Renderer, Scene, StopFlag, synthetic};
+use luxel::{Device, Edit, Renderer, Scene, synthetic};
 use luxel_core::Similarity;
 use luxel_io::{ReadOptions, decode_image};
-use luxel_view::{Other, Subject, Viewer};
 use serde_json::Value;
 
-/// A viewer at work, until it is dropped.
-struct Running {
-    address: SocketAddr,
-    url: String,
-    scene: Scene,
-    dataset: Dataset,
-    stop: StopFlag,
-    thread: Option<std::thread::JoinHandle<()>>,
-}
-
-impl Running {
-    fn start(address: &str) -> Self {
-        Self::show(address, synthetic::room(300, 1), Vec::new())
-    }
-
-    fn show(address: &str, scene: Scene, others: Vec<Scene>) -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        synthetic::write_dataset(folder.path(), synthetic::BallsOptions::default()).unwrap();
-        let dataset = Dataset::open(folder.path()).unwrap();
-        let subject = Subject::new("balls <1>", &scene, Some(&dataset)).unwrap().with_cd_m2_per_unit(Some(2.0));
-        let viewer = Viewer::bind(address.parse().unwrap()).unwrap();
-        let (url, stop) = (viewer.url(), StopFlag::new());
-        let port = url.split(':').nth(2).unwrap().split('/').next().unwrap().parse::<u16>().unwrap();
-        let (served, flag) = (scene.clone(), stop.clone());
-        let thread = std::thread::spawn(move || {
-            let renderer = Renderer::new(&served, Device::Cpu.with_threads(1)).unwrap();
-            let others = others.into_iter().map(|scene| {
-                let renderer = Renderer::new(&scene, Device::Cpu.with_threads(1)).unwrap();
-                Other { name: "other".into(), scene, renderer }
-            });
-            viewer.serve_beside(subject, served, renderer, others.collect(), &flag).unwrap();
-        });
-        Self { address: ([127, 0, 0, 1], port).into(), url, scene, dataset, stop, thread: Some(thread) }
-    }
-
-    fn raw(&self, request: &str) -> Response {
-        let mut stream = TcpStream::connect(self.address).unwrap();
-        stream.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
-        stream.write_all(request.as_bytes()).unwrap();
-        let mut bytes = Vec::new();
-        stream.read_to_end(&mut bytes).unwrap();
-        Response::parse(&bytes)
-    }
-
-    fn request(&self, method: &str, path: &str, headers: &str) -> Response {
-        self.raw(&format!("{method} {path} HTTP/1.1\r\nHost: {}\r\nConnection: close\r\n{headers}\r\n", self.address))
-    }
-
-    fn get(&self, path: &str) -> Response {
-        self.request("GET", path, "")
-    }
-
-    fn json(&self, path: &str) -> Value {
-        let response = self.get(path);
-        assert_eq!(response.status, 200, "{path}: {}", String::from_utf8_lossy(&response.body));
-        serde_json::from_slice(&response.body).unwrap()
-    }
-}
-
-impl Drop for Running {
-    fn drop(&mut self) {
-        self.stop.request();
-        self.thread.take().unwrap().join().unwrap();
-    }
-}
-
-struct Response {
-    status: u16,
-    head: String,
-    body: Vec<u8>,
-}
-
-impl Response {
-    fn parse(bytes: &[u8]) -> Self {
-        let end = bytes.windows(4).position(|window| window == b"\r\n\r\n").map_or(bytes.len(), |at| at + 4);
-        let head = String::from_utf8_lossy(&bytes[..end]).to_lowercase();
-        let status = head.split(' ').nth(1).and_then(|status| status.parse().ok()).unwrap_or(0);
-        Self { status, head, body: bytes[end..].to_vec() }
-    }
-}
+use common::Running;
 
 #[test]
 fn the_page_and_the_scene_are_served() {
@@ -276,7 +198,8 @@ fn splats_are_drawn_as_bodies_and_between_clip_planes() {
 #[test]
 fn other_hosts_pages_and_methods_are_refused() {
     let viewer = Running::start("127.0.0.1:0");
-    let with_host = |host: &str| viewer.raw(&format!("GET /api/scene HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n")).status;
+    let with_host =
+        |host: &str| viewer.raw(format!("GET /api/scene HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n").as_bytes()).status;
     assert_eq!((with_host("evil.example"), with_host("localhost:1"), with_host("127.0.0.1")), (403, 200, 200));
     let from = |origin: &str| viewer.request("GET", "/api/scene", &format!("Origin: {origin}\r\n")).status;
     assert_eq!((from("http://evil.example"), from("null"), from(&format!("http://{}", viewer.address))), (403, 403, 200));

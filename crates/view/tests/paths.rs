@@ -1,124 +1,46 @@
 //! Camera paths, light probes and stills over HTTP.
 #![allow(missing_docs, clippy::unwrap_used, reason = "tests")]
 
-use std::io::{Read, Write};
-use std::net::TcpStream;
+mod common;
+
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use luxel::{Dataset, Device, Renderer, Scene, SelectedEngine, Silent, StopFlag, synthetic};
+use luxel::{Device, Renderer, SelectedEngine, Silent};
 use luxel_io::{ExrSample, ReadOptions, decode_image};
-use luxel_view::{Subject, Viewer};
 use serde_json::{Value, json};
 
-/// A viewer that saves into a folder, until it is dropped.
-struct Running {
-    address: String,
-    folder: tempfile::TempDir,
-    scene: Scene,
-    dataset: Dataset,
-    stop: StopFlag,
-    thread: Option<std::thread::JoinHandle<()>>,
-}
+use common::Running;
 
-impl Running {
-    fn start() -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        let data = folder.path().join("data");
-        synthetic::write_dataset(&data, synthetic::BallsOptions::default()).unwrap();
-        let dataset = Dataset::open(&data).unwrap();
-        let scene = synthetic::room(300, 1);
-        let subject = Subject::new("balls", &scene, Some(&dataset)).unwrap().saving_to(folder.path()).unwrap();
-        let viewer = Viewer::bind("127.0.0.1:0".parse().unwrap()).unwrap();
-        let address = viewer.url().trim_start_matches("http://").trim_end_matches('/').to_owned();
-        let (stop, served) = (StopFlag::new(), scene.clone());
-        let flag = stop.clone();
-        let thread = std::thread::spawn(move || {
-            let renderer = Renderer::new(&served, Device::Cpu.with_threads(1)).unwrap();
-            viewer.serve(subject, served, renderer, &flag).unwrap();
-        });
-        Self { address, folder, scene, dataset, stop, thread: Some(thread) }
-    }
-
-    fn send(&self, method: &str, path: &str, body: &[u8]) -> Response {
-        let mut stream = TcpStream::connect(&self.address).unwrap();
-        stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
-        let length = body.len();
-        write!(stream, "{method} {path} HTTP/1.1\r\nHost: {}\r\nConnection: close\r\nContent-Length: {length}\r\n\r\n", self.address)
-            .unwrap();
-        stream.write_all(body).unwrap();
-        let mut bytes = Vec::new();
-        stream.read_to_end(&mut bytes).unwrap();
-        let end = bytes.windows(4).position(|window| window == b"\r\n\r\n").unwrap() + 4;
-        let status = String::from_utf8_lossy(&bytes[..end]).split(' ').nth(1).unwrap().parse().unwrap();
-        Response { status, body: bytes[end..].to_vec() }
-    }
-
-    fn get(&self, path: &str) -> Response {
-        self.send("GET", path, b"")
-    }
-
-    fn post(&self, path: &str, body: &Value) -> Response {
-        self.send("POST", path, body.to_string().as_bytes())
-    }
-
-    /// Waits for the end of a render, and returns its state.
-    fn rendered(&self) -> Value {
-        let start = Instant::now();
-        loop {
-            let status = self.get("/api/path/render").json();
-            if status["state"] != "running" || start.elapsed() > Duration::from_secs(120) {
-                return status;
-            }
-            std::thread::sleep(Duration::from_millis(20));
+/// Waits for the end of a render, and returns its state.
+fn rendered(viewer: &Running) -> Value {
+    let start = Instant::now();
+    loop {
+        let status = viewer.get("/api/path/render").json();
+        if status["state"] != "running" || start.elapsed() > Duration::from_secs(120) {
+            return status;
         }
-    }
-
-    fn path(&self, duration: f64) -> Value {
-        let cameras = self.get("/api/scene").json()["cameras"].clone();
-        let camera = |i: usize| {
-            let keys = ["transform_matrix", "fl_x", "fl_y", "cx", "cy", "w", "h"];
-            keys.into_iter().map(|key| (key.to_owned(), cameras[i][key].clone())).collect::<serde_json::Map<_, _>>()
-        };
-        json!({
-            "keyframes": [{ "time": 0.0, "camera": camera(0) }, { "time": duration, "camera": camera(1) }],
-            "duration": duration, "frames_per_second": 4.0, "ease": "ends", "closed": false, "width": 32, "height": 20,
-        })
+        std::thread::sleep(Duration::from_millis(20));
     }
 }
 
-impl Drop for Running {
-    fn drop(&mut self) {
-        self.stop.request();
-        self.thread.take().unwrap().join().unwrap();
-    }
-}
-
-struct Response {
-    status: u16,
-    body: Vec<u8>,
-}
-
-impl Response {
-    fn text(&self) -> String {
-        String::from_utf8_lossy(&self.body).into_owned()
-    }
-
-    fn json(&self) -> Value {
-        assert_eq!(self.status, 200, "{}", self.text());
-        serde_json::from_slice(&self.body).unwrap()
-    }
-
-    /// Checks that the request was refused with words that have these in them.
-    fn refused(&self, status: u16, words: &str) {
-        assert!(self.status == status && self.text().contains(words), "{}: {}, expected {status} \"{words}\"", self.status, self.text());
-    }
+/// A path of two of the data set's cameras.
+fn path(viewer: &Running, duration: f64) -> Value {
+    let cameras = viewer.get("/api/scene").json()["cameras"].clone();
+    let camera = |i: usize| {
+        let keys = ["transform_matrix", "fl_x", "fl_y", "cx", "cy", "w", "h"];
+        keys.into_iter().map(|key| (key.to_owned(), cameras[i][key].clone())).collect::<serde_json::Map<_, _>>()
+    };
+    json!({
+        "keyframes": [{ "time": 0.0, "camera": camera(0) }, { "time": duration, "camera": camera(1) }],
+        "duration": duration, "frames_per_second": 4.0, "ease": "ends", "closed": false, "width": 32, "height": 20,
+    })
 }
 
 #[test]
 fn a_path_is_a_camera_file_that_opens_again() {
-    let viewer = Running::start();
-    let answer = viewer.post("/api/path", &viewer.path(2.0));
+    let viewer = Running::saving();
+    let answer = viewer.post("/api/path", &path(&viewer, 2.0));
     let file = answer.json();
     let cameras = luxel::decode_cameras("path.json", &answer.body).unwrap();
     assert_eq!((cameras.len(), cameras[7].name.as_str(), cameras[7].camera.size_px), (8, "frame_00007", [32, 20]));
@@ -142,12 +64,12 @@ fn a_path_is_a_camera_file_that_opens_again() {
 
 #[test]
 fn frames_of_a_path_are_what_the_renderer_makes_and_nothing_is_replaced() {
-    let viewer = Running::start();
-    let wish = json!({ "path": viewer.path(1.0), "name": "turn", "edit": "gain 0.5", "samples": 2, "exr_type": "float" });
+    let viewer = Running::saving();
+    let wish = json!({ "path": path(&viewer, 1.0), "name": "turn", "edit": "gain 0.5", "samples": 2, "exr_type": "float" });
     assert_eq!(viewer.post("/api/path/render", &wish).json()["total"], 4);
     // Pages see pictures in between.
     assert_eq!(viewer.get("/api/frame.exr?view=001").status, 200);
-    let status = viewer.rendered();
+    let status = rendered(&viewer);
     assert_eq!((&status["state"], &status["done"], &status["error"]), (&"finished".into(), &4.into(), &Value::Null));
     let folder = viewer.folder.path().join("paths/turn");
     let cameras = luxel::read_cameras(folder.join("cameras.json")).unwrap();
@@ -165,27 +87,27 @@ fn frames_of_a_path_are_what_the_renderer_makes_and_nothing_is_replaced() {
     renderer = Renderer::new(&viewer.scene, Device::Cpu.with_threads(1)).unwrap();
     let view = viewer.dataset.train.iter().chain(&viewer.dataset.test).find(|view| view.name.ends_with("001")).unwrap();
     assert_eq!(page, renderer.render(&view.camera).unwrap().encode_exr().unwrap());
-    viewer.post("/api/path/render", &wish).refused(422, "exists already");
+    viewer.post("/api/path/render", &wish).refused(409, "exists already");
     assert_eq!(viewer.get("/api/path/render").json()["state"], "idle");
 }
 
 #[test]
 fn a_render_is_cancelled_and_there_is_one_at_a_time() {
-    let viewer = Running::start();
-    let wish = |name: &str| json!({ "path": viewer.path(500.0), "name": name });
+    let viewer = Running::saving();
+    let wish = |name: &str| json!({ "path": path(&viewer, 500.0), "name": name });
     assert_eq!(viewer.post("/api/path/render", &wish("long")).json()["state"], "running");
     viewer.post("/api/path/render", &wish("other")).refused(409, "rendered already");
     viewer.send("POST", "/api/path/cancel", b"").json();
-    let status = viewer.rendered();
+    let status = rendered(&viewer);
     assert!(status["state"] == "cancelled" && status["done"].as_u64().unwrap() < 2000, "{status}");
     assert!(!viewer.folder.path().join("paths/other").exists());
 }
 
 #[test]
 fn hostile_paths_are_refused_and_nothing_is_written() {
-    let viewer = Running::start();
+    let viewer = Running::saving();
     let with = |change: &dyn Fn(&mut Value)| {
-        let mut path = viewer.path(1.0);
+        let mut path = path(&viewer, 1.0);
         change(&mut path);
         path
     };
@@ -210,10 +132,10 @@ fn hostile_paths_are_refused_and_nothing_is_written() {
         viewer.post("/api/path", &path).refused(400, words);
     }
     for name in ["", "..", "../up", "a/b", "C:\\x", ".hid", "con", &"n".repeat(200), "a\u{0}"] {
-        viewer.post("/api/path/render", &json!({ "path": viewer.path(1.0), "name": name })).refused(422, "the name");
+        viewer.post("/api/path/render", &json!({ "path": path(&viewer, 1.0), "name": name })).refused(422, "the name");
     }
-    viewer.post("/api/path/render", &json!({ "path": viewer.path(1.0), "name": "a", "samples": 9 })).refused(400, "expected 1 to 4");
-    viewer.post("/api/path/render", &json!({ "path": viewer.path(1.0), "name": "a", "edit": "nonsense" })).refused(400, "nonsense");
+    viewer.post("/api/path/render", &json!({ "path": path(&viewer, 1.0), "name": "a", "samples": 9 })).refused(400, "expected 1 to 4");
+    viewer.post("/api/path/render", &json!({ "path": path(&viewer, 1.0), "name": "a", "edit": "nonsense" })).refused(400, "nonsense");
     viewer.send("POST", "/api/path/read", b"{").refused(422, "not JSON");
     viewer.send("POST", "/api/path/read", b"{}").refused(422, "not a camera file");
     viewer.send("POST", "/api/path", &vec![b'['; 17 << 20]).refused(413, "expected at most");
@@ -226,7 +148,7 @@ fn hostile_paths_are_refused_and_nothing_is_written() {
 
 #[test]
 fn a_probe_is_what_the_library_makes() {
-    let viewer = Running::start();
+    let viewer = Running::saving();
     let query = "at=0.1,0.2,0.3&width=64";
     let mut engine = SelectedEngine::open(&Device::Cpu.with_threads(1)).unwrap().engine;
     let options = luxel::ProbeOptions { width_px: 64, ..luxel::ProbeOptions::at([0.1, 0.2, 0.3]) };
@@ -241,7 +163,7 @@ fn a_probe_is_what_the_library_makes() {
     let save = format!("/api/environment/save?{query}&name=cup");
     let path = viewer.send("POST", &save, b"").json()["path"].as_str().unwrap().to_owned();
     assert!(path.ends_with("probes/cup.exr") && std::fs::read(&path).unwrap() == expected);
-    viewer.send("POST", &save, b"").refused(422, "exists already");
+    viewer.send("POST", &save, b"").refused(409, "exists already");
     // Another point in sight of nobody.
     let far = viewer.get("/api/environment?at=900,900,900&width=8").json();
     assert!(far["warnings"][0].as_str().unwrap().contains("no image of the data set"), "{far}");
@@ -268,7 +190,7 @@ fn pq(y: f64) -> f64 {
 
 #[test]
 fn an_hdr_still_has_the_codes_of_st_2084() {
-    let viewer = Running::start();
+    let viewer = Running::saving();
     let png = viewer.get("/api/still.png?view=000&hdr=pq&exposure=2");
     assert_eq!(png.status, 200);
     let found = image_of(&png.body);

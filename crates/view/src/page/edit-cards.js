@@ -12,7 +12,7 @@ import { formatTests, parseTests } from "./selection.js";
 /** @type {Parameter} */
 const LEVEL = { what: "luminance L = R + G + B, units of the data set", low: -12, high: 12, step: 0.05, fresh: "1", log: true };
 /** Maps of `luxel edit`, and the numbers of each, which ":" separates. @type {{ [name: string]: Parameter[] }} */
-export const MAPS = {
+const MAPS = {
   stops: [{ what: "stops", low: -8, high: 8, step: 0.05, fresh: "-1" }],
   gain: [{ what: "factor", low: -8, high: 8, step: 0.05, fresh: "0.5", log: true }],
   power: [{ what: "exponent: below 1 less contrast", low: 0.1, high: 3, step: 0.01, fresh: "0.8" }],

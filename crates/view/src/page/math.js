@@ -33,7 +33,7 @@ export function turnAxes(axes, axis, angle) {
 }
 
 /** Removes the rounding that many turns add up. @param {Axes} axes @returns {Axes} */
-export function orthonormal(axes) {
+function orthonormal(axes) {
   const back = unit(axes.back);
   const right = unit(cross(axes.up, back));
   return { right, up: cross(back, right), back };

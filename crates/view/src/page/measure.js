@@ -18,7 +18,7 @@ export const MIDDLE_GREY = 0.18;
 const radianceAt = (frame, i) => [fromHalf(frame.rgb[3 * i]) * frame.head.scale, fromHalf(frame.rgb[3 * i + 1]) * frame.head.scale, fromHalf(frame.rgb[3 * i + 2]) * frame.head.scale];
 
 /** @param {Vec3} rgb @param {Vec3} weights */
-export const luminanceOf = (rgb, weights) => rgb[0] * weights[0] + rgb[1] * weights[1] + rgb[2] * weights[2];
+const luminanceOf = (rgb, weights) => rgb[0] * weights[0] + rgb[1] * weights[1] + rgb[2] * weights[2];
 
 /** The pixel at a place of the picture, 0 to 1 each; null outside. @param {Frame} frame @param {Lens | null} lens @param {number} u @param {number} v @param {Vec3} weights @returns {Sample | null} */
 export function sampleAt(frame, lens, u, v, weights) {

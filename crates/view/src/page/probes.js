@@ -18,7 +18,7 @@ const SAME_DEPTH = 0.02;
 const MAX_PINS = 20;
 
 /** @param {Viewer} viewer @param {Sample} sample */
-export function stopsOf(viewer, sample) {
+function stopsOf(viewer, sample) {
   const gain = 2 ** viewer.state.exposure / (viewer.scene?.radiance_scale ?? 1);
   return Math.log2((sample.luminance * gain) / MIDDLE_GREY);
 }
@@ -39,7 +39,7 @@ function rows(viewer, sample) {
 }
 
 /** @param {HTMLElement} element @param {Viewer} viewer @param {Sample | null} sample @param {Sample | null} truth */
-export function fillReadout(element, viewer, sample, truth) {
+function fillReadout(element, viewer, sample, truth) {
   element.hidden = sample === null;
   if (!sample) return;
   const all = [/** @type {[string, string]} */ (["pixel", `${sample.x}, ${sample.y}`]), ...rows(viewer, sample)];

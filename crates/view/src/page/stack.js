@@ -13,7 +13,7 @@
 export const entry = (fields) => ({ kind: "light", on: true, where: "all", maps: [], up: "", origin: "", ...fields });
 
 /** Statements of a text; quotes protect what is between. @param {string} text @returns {string[]} */
-export function statements(text) {
+function statements(text) {
   const found = [""];
   let quote = "";
   for (const character of text) {
@@ -70,7 +70,7 @@ function pairs(entries) {
 export const format = (entries) => pairs(entries).map(({ name, value }) => (value ? `${name} ${value}` : name)).join("; ");
 
 /** A word of a POSIX shell. @param {string} word */
-export const quoted = (word) => (/^[\w@%+=:,./-]+$/.test(word) ? word : `'${word.replaceAll("'", "'\\''")}'`);
+const quoted = (word) => (/^[\w@%+=:,./-]+$/.test(word) ? word : `'${word.replaceAll("'", "'\\''")}'`);
 
 /** The command that does the same. @param {Entry[]} entries @param {string} path @param {string} output */
 export function command(entries, path, output) {

@@ -22,7 +22,7 @@ export const COMPARES = ["off", "wipe", "difference", "flicker", "beside"];
 /** @type {readonly import("./falsecolor.js").ErrorKind[]} */
 export const ERRORS = ["stops", "signed", "relative"];
 /** @type {readonly Scale[]} */
-export const SCALES = ["stops", "luminance"];
+const SCALES = ["stops", "luminance"];
 /** @type {readonly Mode[]} */
 export const MODES = ["orbit", "fly", "walk"];
 
