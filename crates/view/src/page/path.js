@@ -93,6 +93,8 @@ export class PathPanel {
   /** @param {Partial<Path>} change @param {number} [selected] */
   change(change, selected = this.selected) {
     Object.assign(this.path, change);
+    // Nothing is left to draw or play, until frames of new keyframes come.
+    if (this.path.keyframes.length === 0) this.frames = [];
     this.selected = selected;
     this.playhead = Math.min(this.playhead, this.path.duration);
     this.makeAt = performance.now() + MAKE_MS;
