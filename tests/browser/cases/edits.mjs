@@ -63,6 +63,19 @@ export default {
     await page.close();
   },
 
+  async "values that were changed stay when more is added to the same edit"() {
+    const page = await open(`${at}&edit=${encodeURIComponent("where L > 1 ~1 and L < 9 ~1; stops -1")}`);
+    await page.getByLabel("stops, stops, as a number").fill("-2.5");
+    await page.getByLabel("Soft edge of test 1").fill("2");
+    await page.getByLabel("Soft edge of test 2").fill("3");
+    await page.getByLabel("Add a map").selectOption("clamp-max");
+    assert.equal(await text(page), "where L > 1 ~2 and L < 9 ~3; stops -2.5; clamp-max 1");
+    await page.getByRole("button", { name: "Removes stops" }).click();
+    assert.equal(await text(page), "where L > 1 ~2 and L < 9 ~3; clamp-max 1");
+    assert.deepEqual(page.failures, []);
+    await page.close();
+  },
+
   async "a range is dragged on the histogram of the splats, and shown in orange"() {
     const page = await open(at);
     await page.locator("#edit-add").click();

@@ -116,21 +116,23 @@ export class EditCards {
     text.addEventListener("change", () => edits.update(i, { where: text.value.trim() || "all" }));
     body.append(make("div", { className: "row" }, text));
     if (!found) return body;
-    const put = (/** @type {Tests} */ tests, /** @type {string} */ tag = "") => edits.update(i, { where: formatTests(tests) }, tag);
+    // The card stays while its values change: what it held when it was made is old.
+    const now = () => parseTests(edits.entries[i].where) ?? found;
+    const put = (/** @type {Partial<Tests>} */ change, /** @type {string} */ tag = "") => edits.update(i, { where: formatTests({ ...now(), ...change }) }, tag);
     found.tests.forEach((test, t) => {
-      const replaced = (/** @type {Partial<Test>} */ change, /** @type {string} */ tag) => put({ ...found, tests: found.tests.map((known, k) => (k === t ? { ...known, ...change } : known)) }, tag);
+      const replaced = (/** @type {Partial<Test>} */ change, /** @type {string} */ tag) => put({ tests: now().tests.map((known, k) => (k === t ? { ...known, ...change } : known)) }, tag);
       const not = make("input", { type: "checkbox", checked: test.not, title: "Selects what the test does not" });
       not.addEventListener("change", () => replaced({ not: not.checked }, ""));
       const soft = make("input", { type: "number", min: "0", step: "any", value: test.soft || "0", title: "Width of the soft edge: stops of luminance, degrees of hue, world units of shapes, share of a mask", label: `Soft edge of test ${t + 1}` });
       soft.dataset.key = `soft ${i} ${t}`;
       soft.addEventListener("input", () => replaced({ soft: soft.value }, `soft ${t}`));
       const name = make("span", { className: "edit-test number", textContent: test.body.replace(/^mask\(.*?([^/"]+)"?,.*$/, "mask $1"), title: test.body });
-      body.append(make("div", { className: "row" }, make("label", { title: "Selects what the test does not" }, not, " not"), name, "~", soft, button("×", `Removes test ${t + 1}`, () => put({ ...found, tests: found.tests.filter((_, k) => k !== t) }))));
+      body.append(make("div", { className: "row" }, make("label", { title: "Selects what the test does not" }, not, " not"), name, "~", soft, button("×", `Removes test ${t + 1}`, () => put({ tests: now().tests.filter((_, k) => k !== t) }))));
     });
     if (found.tests.length > 1) {
       const join = make("select", { title: "Whether a splat must pass all tests or any", label: "How tests are joined" }, make("option", { value: "and", textContent: "all of these (and)" }), make("option", { value: "or", textContent: "any of these (or)" }));
       join.value = found.join;
-      join.addEventListener("change", () => put({ ...found, join: /** @type {"and" | "or"} */ (join.value) }));
+      join.addEventListener("change", () => put({ join: /** @type {"and" | "or"} */ (join.value) }));
       body.append(make("div", { className: "row" }, join));
     }
     return body;
@@ -139,10 +141,11 @@ export class EditCards {
   /** @param {Entry} entry @param {number} i */
   maps(entry, i) {
     const { edits } = this;
-    const change = (/** @type {number} */ m, /** @type {string} */ value, /** @type {string} */ tag) => edits.update(i, { maps: entry.maps.length ? edits.entries[i].maps.map((known, k) => (k === m ? { ...known, value } : known)) : [] }, tag);
+    const now = () => edits.entries[i].maps;
+    const change = (/** @type {number} */ m, /** @type {string} */ value, /** @type {string} */ tag) => edits.update(i, { maps: now().map((known, k) => (k === m ? { ...known, value } : known)) }, tag);
     const rows = entry.maps.map(({ name, value }, m) => {
       const row = make("div", { className: "edit-map" });
-      const remove = button("×", `Removes ${name}`, () => edits.update(i, { maps: entry.maps.filter((_, k) => k !== m) }));
+      const remove = button("×", `Removes ${name}`, () => edits.update(i, { maps: now().filter((_, k) => k !== m) }));
       row.append(make("div", { className: "row" }, make("span", { textContent: name }), make("span", { className: "space" }), remove));
       if (!MAPS[name]?.length) {
         const text = make("input", { type: "text", value, title: "Points luminance before:after, separated by commas", label: name });
@@ -160,7 +163,7 @@ export class EditCards {
     }
     add.addEventListener("change", () => {
       const value = add.value === "curve" ? "0.01:0.02,1:1,10:6" : (MAPS[add.value] ?? []).map(({ fresh }) => fresh).join(":");
-      if (add.value) edits.update(i, { maps: [...entry.maps, { name: add.value, value }] });
+      if (add.value) edits.update(i, { maps: [...now(), { name: add.value, value }] });
     });
     return [...rows, make("div", { className: "row" }, add)];
   }

@@ -113,6 +113,8 @@ export class Edits {
     this.current = Math.min(current, entries.length - 1);
     this.text = format(entries);
     this.viewer.set({ edit: this.text });
+    // At once, so that no control of an entry that is gone can be used.
+    this.cards.reflect();
   }
 
   undo() {
