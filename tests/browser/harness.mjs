@@ -11,6 +11,9 @@ const { chromium } = require("playwright-core");
 export const [luxel, run, pictures] = process.argv.slice(2);
 if (pictures) mkdirSync(pictures, { recursive: true });
 
+/** How long a page may take to reach a state: much longer than on an idle machine. */
+const PATIENCE_MS = 90_000;
+
 /** Starts a viewer; resolves with its address. */
 export function serve(listen = "127.0.0.1:0", path = run, ...options) {
   const child = spawn(luxel, ["view", path, ...options, "--listen", listen, "--no-browser", "--quiet"], { stdio: ["ignore", "pipe", "inherit"] });
@@ -36,6 +39,7 @@ export const scene = await (await fetch(`${url}api/scene`)).json();
 export async function open(hash = "", options = {}) {
   const page = await browser.newPage({ viewport: { width: 1280, height: 720 }, ...options });
   page.failures = [];
+  page.setDefaultTimeout(PATIENCE_MS);
   page.on("pageerror", (error) => page.failures.push(String(error)));
   page.on("console", (message) => message.type() === "error" && page.failures.push(message.text()));
   // The place of the middle of a pixel.
@@ -57,7 +61,7 @@ export async function open(hash = "", options = {}) {
 
 /** Waits until the full picture of what is wanted is shown and drawn. */
 export async function settled(page) {
-  await page.waitForFunction(() => window.luxel?.shown?.full && window.luxel.stream.restedKey === window.luxel.want().key, null, { timeout: 60000 });
+  await page.waitForFunction(() => window.luxel?.shown?.full && window.luxel.stream.restedKey === window.luxel.want().key, null, { timeout: PATIENCE_MS });
   await page.evaluate(() => new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(resolve))));
 }
 

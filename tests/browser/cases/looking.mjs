@@ -218,7 +218,7 @@ export default {
     await page.waitForFunction(() => !document.getElementById("message").hidden);
     const third = serve(new URL(address).host);
     await third.url;
-    await page.waitForFunction(() => document.getElementById("message").hidden, null, { timeout: 30000 });
+    await page.waitForFunction(() => document.getElementById("message").hidden, null, { timeout: 90000 });
     await page.evaluate(() => window.luxel.standAtNext(1));
     await settled(page);
     third.child.kill();

@@ -47,15 +47,15 @@ export default {
       await shot(page, "training");
 
       await page.getByRole("button", { name: "Pause", exact: true }).click();
-      await page.waitForFunction(() => document.getElementById("training-text").textContent.includes("paused"), null, { timeout: 30000 });
+      await page.waitForFunction(() => document.getElementById("training-text").textContent.includes("paused"), null, { timeout: 90000 });
       const paused = (await seen()).text;
       await page.waitForTimeout(700);
       assert.equal((await seen()).text, paused);
       // A paused scene can be looked at.
       await page.evaluate(() => window.luxel.standAtNext(1));
-      await page.waitForFunction(() => window.luxel.shown?.full && window.luxel.stream.fullKey === window.luxel.want().key, null, { timeout: 30000 });
+      await page.waitForFunction(() => window.luxel.shown?.full && window.luxel.stream.fullKey === window.luxel.want().key, null, { timeout: 90000 });
       await page.getByRole("button", { name: "Continue", exact: true }).click();
-      await page.waitForFunction((text) => document.getElementById("training-text").textContent !== text && document.getElementById("training-text").textContent.includes("training"), paused, { timeout: 30000 });
+      await page.waitForFunction((text) => document.getElementById("training-text").textContent !== text && document.getElementById("training-text").textContent.includes("training"), paused, { timeout: 90000 });
 
       const checkpoints = () => (existsSync(path.join(output, "checkpoints")) ? readdirSync(path.join(output, "checkpoints")).length : 0);
       const before = checkpoints();
@@ -64,7 +64,7 @@ export default {
       assert.ok(checkpoints() > before, "no checkpoint was written");
       await page.getByRole("button", { name: "Stop", exact: true }).click();
       assert.equal(typeof (await ended), "number");
-      await page.waitForFunction(() => !document.getElementById("message").hidden, null, { timeout: 30000 });
+      await page.waitForFunction(() => !document.getElementById("message").hidden, null, { timeout: 90000 });
       assert.deepEqual(failures, []);
       await page.close();
     } finally {

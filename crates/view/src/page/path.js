@@ -38,6 +38,7 @@ export class PathPanel {
   /** The eye that the preview has set. @type {unknown} */ lastEye = null;
   makeAt = 0;
   made = 0;
+  /** Whether the frames could not be made, and the panel says so. */ isWrong = false;
 
   /** @param {Viewer} viewer */
   constructor(viewer) {
@@ -217,9 +218,12 @@ export class PathPanel {
         if (made !== this.made) return;
         [this.frames, this.file] = [JSON.parse(text).frames, text];
       }
-      this.say("");
+      // What was said of a file that could not be opened stays.
+      if (this.isWrong) this.say("");
+      this.isWrong = false;
     } catch (error) {
-      if (made === this.made) [this.frames, this.file] = [[], ""];
+      if (made !== this.made) return;
+      [this.frames, this.file, this.isWrong] = [[], "", true];
       this.say(/** @type {Error} */ (error).message);
     }
     this.viewer.needsReflect = this.viewer.needsMarks = true;
@@ -232,6 +236,7 @@ export class PathPanel {
       const path = await (await checked(await fetch("/api/path/read", { method: "POST", body: await file.text() }))).json();
       this.playhead = 0;
       this.change(path, -1);
+      this.say("");
       byId("path-section").scrollIntoView({ block: "nearest" });
     } catch (error) {
       this.say(`${file.name}: ${/** @type {Error} */ (error).message}`);
