@@ -5,7 +5,7 @@
 use std::path::Path;
 
 use libfuzzer_sys::fuzz_target;
-use luxel_core::{Camera, Distortion};
+use luxel_core::{Camera, CameraProjection, Distortion};
 
 fuzz_target!(|data: &[u8]| {
     let default = Camera {
@@ -14,6 +14,7 @@ fuzz_target!(|data: &[u8]| {
         center_px: glam::DVec2::new(201.0, 149.0),
         size_px: [400, 300],
         distortion: Distortion::default(),
+        projection: CameraProjection::Pinhole,
     };
     for default in [None, Some(&default)] {
         for camera in luxel_io::decode_camera_path(Path::new("path.json"), data, default).unwrap_or_default() {

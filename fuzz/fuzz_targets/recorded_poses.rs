@@ -16,6 +16,7 @@ fuzz_target!(|bytes: &[u8]| {
             center_px: glam::DVec2::new(pose.size_px[0].into(), pose.size_px[1].into()) * 0.5,
             size_px: pose.size_px,
             distortion: luxel_core::Distortion::default(),
+            projection: luxel_core::CameraProjection::Pinhole,
         };
         assert_eq!(camera.validate(), Ok(()));
         assert!(pose.exposure_s.is_normal() && pose.exposure_s > 0.0);

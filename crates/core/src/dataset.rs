@@ -187,7 +187,7 @@ mod tests {
     use glam::{DAffine3, DVec2, DVec3};
 
     use super::*;
-    use crate::Distortion;
+    use crate::{CameraProjection, Distortion};
 
     fn view(width: u32, height: u32, mask: Option<Vec<bool>>) -> View {
         let pixels = (0..width * height).map(|i| [i as f32, 1e4 * (i % 2) as f32, 0.5]).collect();
@@ -199,6 +199,7 @@ mod tests {
                 center_px: DVec2::new(0.5 * f64::from(width) + 1.0, 0.5 * f64::from(height)),
                 size_px: [width, height],
                 distortion: Distortion::default(),
+                projection: CameraProjection::Pinhole,
             },
             image: Arc::new(Image::from_pixels(width as usize, height as usize, pixels).unwrap()),
             values: PixelValues::Radiance,

@@ -28,7 +28,7 @@ use fade::{FacePoint, Fades};
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 pub use summary::Summary;
 
-use crate::{Camera, Distortion, Image};
+use crate::{Camera, CameraProjection, Distortion, Image};
 
 /// The projection of directions to an image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -289,6 +289,7 @@ fn part_camera(at: DVec3, environment_from_world: DMat3, face: [DVec3; 3], [colu
         center_px: -low,
         size_px: [size.x as u32, size.y as u32],
         distortion: Distortion::default(),
+        projection: CameraProjection::Pinhole,
     }
 }
 

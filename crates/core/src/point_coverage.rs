@@ -104,7 +104,7 @@ mod tests {
     use glam::{DAffine3, DVec2};
 
     use super::*;
-    use crate::{Camera, Distortion, Image, PixelValues, Target};
+    use crate::{Camera, CameraProjection, Distortion, Image, PixelValues, Target};
 
     /// Cameras at `x` that look along +z.
     fn views(x: &[f64]) -> Vec<View> {
@@ -116,6 +116,7 @@ mod tests {
                 center_px: DVec2::splat(5.0),
                 size_px: [10, 10],
                 distortion: Distortion::default(),
+                projection: CameraProjection::Pinhole,
             },
             image: Arc::new(Image::filled(10, 10, [1.0; 3])),
             values: PixelValues::Radiance,

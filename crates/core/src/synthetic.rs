@@ -11,7 +11,7 @@
 use glam::{DAffine3, DVec2, Mat3, Quat, Vec3};
 
 use crate::random::Stream;
-use crate::{Camera, ColorModel, Distortion, SH_OFFSET, Splat, Splats, logit, sh};
+use crate::{Camera, CameraProjection, ColorModel, Distortion, SH_OFFSET, Splat, Splats, logit, sh};
 
 /// Half of the room's sides, metres; y points down.
 const ROOM_HALF: Vec3 = Vec3::new(2.0, 1.3, 2.4);
@@ -84,6 +84,7 @@ pub fn room_camera(size_px: [u32; 2]) -> Camera {
         center_px: size / 2.0,
         size_px,
         distortion: Distortion::default(),
+        projection: CameraProjection::Pinhole,
     }
 }
 

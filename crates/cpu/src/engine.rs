@@ -120,6 +120,10 @@ fn checked_camera(camera: &Camera, options: &RenderOptions) -> Result<ScreenCame
     if !camera.distortion.is_none() {
         return Err(EngineError::invalid("camera: has lens distortion; undistort its image first"));
     }
+    if !camera.projection.is_pinhole() {
+        let name = camera.projection.name();
+        return Err(EngineError::invalid(format!("camera: the engine does not render {name} projection yet, expected a pinhole")));
+    }
     check_room(camera, options)?;
     Ok(ScreenCamera::new(camera, options)?)
 }

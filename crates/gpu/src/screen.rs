@@ -4,7 +4,7 @@
 //! and invalid cameras are errors.
 
 use luxel_core::engine::{ADAM_BETA1, ADAM_BETA2, JACOBIAN_MARGIN, StatsCollection, StepConfig};
-use luxel_core::{Antialias, Camera, EngineError, LossWeights, MAX_SAMPLES, RenderOptions, SQUARED_KNEE, View};
+use luxel_core::{Antialias, Camera, EngineError, LossWeights, MAX_SAMPLES, Remedy, RenderOptions, SQUARED_KNEE, View};
 
 use crate::layout::{
     CameraUniform, FLAG_ABSOLUTE, FLAG_COMPENSATION, FLAG_MIN_CONTRIBUTION, FLAG_SMOOTHING, FLAG_TRAINING, LossUniform, OptimizerUniform,
@@ -29,6 +29,11 @@ pub(crate) fn tiles(size_px: [u32; 2]) -> [u32; 2] {
 pub(crate) fn check(camera: &Camera) -> Result<(), EngineError> {
     if !camera.distortion.is_none() {
         return Err(EngineError::invalid("camera: has lens distortion; undistort its image first"));
+    }
+    if !camera.projection.is_pinhole() {
+        let name = camera.projection.name();
+        let message = format!("camera: the GPU engine does not render {name} projection, expected a pinhole");
+        return Err(EngineError::invalid(message).with_remedy(Remedy::set("device", "cpu")));
     }
     Ok(camera.validate()?)
 }

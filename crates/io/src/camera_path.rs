@@ -229,6 +229,7 @@ fn stem(file_path: &str) -> String {
 #[cfg(test)]
 mod tests {
     use glam::{DAffine3, DVec2, DVec3};
+    use luxel_core::CameraProjection;
     use proptest::prelude::*;
 
     use super::*;
@@ -245,6 +246,7 @@ mod tests {
             center_px: DVec2::new(201.0, 149.0),
             size_px: [400, 300],
             distortion: Distortion::default(),
+            projection: CameraProjection::Pinhole,
         }
     }
 

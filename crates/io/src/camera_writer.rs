@@ -5,9 +5,10 @@
 //! are camera-to-world in OpenGL axes. Numbers are written so that they are read to the same bits,
 //! but for rounding in the inversion of poses.
 
+use std::f64::consts::PI;
 use std::path::Path;
 
-use luxel_core::Camera;
+use luxel_core::{Camera, CameraProjection};
 use serde_json::{Value, json};
 
 use crate::{IoError, PathCamera, write_atomically};
@@ -43,19 +44,33 @@ fn frame(name: &str, camera: &Camera) -> Value {
     let (right, down, forward, eye) = (world_from_camera.x_axis, world_from_camera.y_axis, world_from_camera.z_axis, camera.eye());
     let row = |i: usize| [right[i], -down[i], -forward[i], eye[i]];
     let [w, h] = camera.size_px;
-    json!({
+    // nerfstudio's focal length of a panorama is the pixels of half a turn.
+    let focal_px = camera.focal_px * if camera.projection == CameraProjection::Equirectangular { PI } else { 1.0 };
+    let mut frame = json!({
         "file_path": name,
-        "fl_x": camera.focal_px.x, "fl_y": camera.focal_px.y,
+        "fl_x": focal_px.x, "fl_y": focal_px.y,
         "cx": camera.center_px.x, "cy": camera.center_px.y,
         "w": w, "h": h,
         "transform_matrix": [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]],
-    })
+    });
+    match camera.projection {
+        CameraProjection::Pinhole => {}
+        CameraProjection::Fisheye(lens) => {
+            frame["camera_model"] = json!("OPENCV_FISHEYE");
+            for (key, k) in ["k1", "k2", "k3", "k4"].iter().zip(lens.coefficients) {
+                frame[key] = json!(k);
+            }
+            frame["fisheye_crop_radius"] = json!(lens.radius(lens.max_angle_rad) * camera.focal_px.min_element());
+        }
+        CameraProjection::Equirectangular => frame["camera_model"] = json!("EQUIRECTANGULAR"),
+    }
+    frame
 }
 
 #[cfg(test)]
 mod tests {
     use glam::{DAffine3, DQuat, DVec2, DVec3};
-    use luxel_core::Distortion;
+    use luxel_core::{CameraProjection, Distortion};
 
     use super::*;
 
@@ -71,6 +86,7 @@ mod tests {
                     center_px: DVec2::new(20.25, 15.0),
                     size_px: [40, 30 + i],
                     distortion: Distortion::default(),
+                    projection: CameraProjection::Pinhole,
                 },
             }
         };

@@ -8,7 +8,7 @@
 use std::path::Path;
 
 use glam::{DAffine3, DMat3, DVec2, DVec3};
-use luxel_core::{Camera, Distortion, MAX_SIDE_PX};
+use luxel_core::{Camera, CameraProjection, Distortion, MAX_SIDE_PX};
 use serde_json::{Map, Value};
 
 use crate::IoError;
@@ -50,6 +50,7 @@ pub fn decode_pinhole_camera(name: &Path, bytes: &[u8]) -> Result<Camera, IoErro
         center_px: DVec2::new(center("cx")?, center("cy")?),
         camera_from_world: file.pose()?,
         distortion: Distortion::default(),
+        projection: CameraProjection::Pinhole,
     };
     // Numbers were checked one by one; the pose remains.
     camera.validate().map_err(|e| IoError::invalid(name, format_args!("\"{POSE}\": {e}")))?;

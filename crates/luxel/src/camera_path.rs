@@ -23,7 +23,7 @@ pub mod keyframes;
 use std::f64::consts::TAU;
 
 use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3};
-use luxel_core::{Camera, Dataset, Distortion, View};
+use luxel_core::{Camera, CameraProjection, Dataset, Distortion, View};
 use luxel_io::PathCamera;
 
 use crate::Result;
@@ -96,13 +96,20 @@ pub fn camera_path(dataset: &Dataset, kind: PathKind, frames: usize) -> Result<C
         name: format!("frame_{i:05}"),
         camera: Camera {
             camera_from_world: pose,
-            focal_px: lens.focal_px,
+            focal_px: pinhole_focal_px(lens),
             center_px: 0.5 * DVec2::from_array(lens.size_px.map(f64::from)),
             size_px: lens.size_px,
             distortion: Distortion::default(),
+            projection: CameraProjection::Pinhole,
         },
     };
     Ok(CameraPath { cameras: poses.into_iter().enumerate().map(camera).collect(), description })
+}
+
+/// Returns the focal length of a path's cameras: that of the lens, or a field of 90 degrees where
+/// the data set was taken with another projection.
+fn pinhole_focal_px(lens: &Camera) -> DVec2 {
+    if lens.projection.is_pinhole() { lens.focal_px } else { DVec2::splat(0.5 * f64::from(lens.size_px[0].max(lens.size_px[1]))) }
 }
 
 /// The cameras of a data set together.

@@ -139,8 +139,8 @@ fn median(found: &[Hit], coverage: f32) -> Option<f64> {
 /// Returns the point that is seen in the middle of a pixel at a depth, in the view's coordinates.
 fn point_at(view: &View, [x, y]: [u32; 2], depth: f64) -> DVec3 {
     let camera = &view.camera;
-    let on_plane = (DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5) - camera.center_px) / camera.focal_px;
-    camera.camera_from_world.inverse().transform_point3(on_plane.extend(1.0) * depth)
+    let at_depth_1 = camera.unproject(DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)).unwrap_or_default();
+    camera.camera_from_world.inverse().transform_point3(at_depth_1 * depth)
 }
 
 fn picked(scene: &Scene, view: &View, hit: &Hit) -> PickedSplat {

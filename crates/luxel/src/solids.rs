@@ -11,6 +11,7 @@ use glam::{DMat3, DQuat, DVec2, DVec3};
 use luxel_core::{Camera, Image, Layers, sigmoid};
 use rayon::prelude::*;
 
+use crate::error::ensure;
 use crate::{RadianceLayers, Result, Scene, memory};
 
 /// Rows of an image that are drawn together.
@@ -86,6 +87,8 @@ impl Body {
 /// An image that does not fit into memory.
 pub fn render(scene: &Scene, camera: &Camera, options: SolidOptions) -> Result<RadianceLayers> {
     memory::check_render(camera.size_px, 1)?;
+    let name = camera.projection.name();
+    ensure!(camera.projection.is_pinhole(), "splats are drawn as bodies for pinhole cameras, found {name} projection");
     let [width, height] = camera.size_px.map(|side| side as usize);
     let bodies: Vec<Body> = (0..scene.splats.len()).into_par_iter().filter_map(|i| body(scene, camera, options, i)).collect();
     let mut image = Image { width, height, pixels: vec![[0.0; 3]; width * height] };

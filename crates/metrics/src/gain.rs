@@ -86,7 +86,7 @@ mod tests {
     use std::sync::Arc;
 
     use glam::{DAffine3, DVec2};
-    use luxel_core::{Camera, Distortion, PixelValues, Target};
+    use luxel_core::{Camera, CameraProjection, Distortion, PixelValues, Target};
 
     use super::*;
 
@@ -102,6 +102,7 @@ mod tests {
             center_px: DVec2::splat(10.0),
             size_px: [20, 20],
             distortion: Distortion::default(),
+            projection: CameraProjection::Pinhole,
         };
         let image = Arc::new(Image::from_pixels(20, 20, pixels).unwrap());
         View { name: "a".into(), camera, image, values: PixelValues::Radiance, noise: None, mask: None, target: Target::default() }

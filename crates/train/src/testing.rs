@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use glam::{DAffine3, DMat3, DVec2, DVec3};
-use luxel_core::{Camera, ColorSpace, Dataset, Distortion, Image, PixelValues, Target, View};
+use luxel_core::{Camera, CameraProjection, ColorSpace, Dataset, Distortion, Image, PixelValues, Target, View};
 
 /// A camera at `eye` that looks along +z, with a focal length of the image's width.
 pub(crate) fn camera_at(eye: [f64; 3], size_px: [u32; 2]) -> Camera {
@@ -21,6 +21,7 @@ pub(crate) fn camera_looking_at(eye: DVec3, target: DVec3, size_px: [u32; 2]) ->
         center_px: DVec2::new(f64::from(size_px[0]), f64::from(size_px[1])) / 2.0,
         size_px,
         distortion: Distortion::default(),
+        projection: CameraProjection::Pinhole,
     }
 }
 

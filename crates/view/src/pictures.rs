@@ -165,11 +165,10 @@ pub(crate) async fn probe(house: &House, query: &mut Query) -> Result<Answer, Fa
     })))
 }
 
-/// Returns the point in the world that a pixel shows at a depth along the viewing axis.
+/// Returns the point in the world that a pixel shows at a depth.
 fn world_of(camera: &Camera, [x, y]: [u32; 2], depth: f64) -> glam::DVec3 {
     let pixel = glam::DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
-    let on_plane = (pixel - camera.center_px) / camera.focal_px;
-    camera.eye() + camera.camera_from_world.matrix3.transpose() * (glam::DVec3::new(on_plane.x, on_plane.y, 1.0) * depth)
+    camera.eye() + camera.camera_from_world.matrix3.transpose() * (camera.unproject(pixel).unwrap_or_default() * depth)
 }
 
 /// Answers with the ground truth of a camera.

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use glam::{DAffine3, DQuat, DVec2, DVec3};
 use luxel_core::engine::{LearningRates, StatsCollection, StepConfig};
 use luxel_core::{
-    Antialias, Camera, ColorModel, Cutoffs, Distortion, Image, LossWeights, Mask, PixelValues, RasterConfig, RenderOptions, SH_OFFSET,
-    Splat, Splats, Target, View, random, sh,
+    Antialias, Camera, CameraProjection, ColorModel, Cutoffs, Distortion, Image, LossWeights, Mask, PixelValues, RasterConfig,
+    RenderOptions, SH_OFFSET, Splat, Splats, Target, View, random, sh,
 };
 
 /// Counter-based random numbers.
@@ -44,6 +44,7 @@ pub fn camera(width: u32, height: u32) -> Camera {
         center_px: DVec2::new(0.48 * f64::from(width), 0.53 * f64::from(height)),
         size_px: [width, height],
         distortion: Distortion::default(),
+        projection: CameraProjection::Pinhole,
     }
 }
 

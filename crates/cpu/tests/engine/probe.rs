@@ -2,7 +2,7 @@
 
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 use luxel_core::environment::{MapSize, Projection, Rig, Summary};
-use luxel_core::{Camera, Distortion, Engine, Image, RenderOptions, sh, synthetic};
+use luxel_core::{Camera, CameraProjection, Distortion, Engine, Image, RenderOptions, sh, synthetic};
 use luxel_cpu::CpuEngine;
 
 /// Width of the map.
@@ -24,6 +24,7 @@ fn along(engine: &mut CpuEngine, at: DVec3, direction: DVec3) -> [f32; 3] {
         center_px: DVec2::splat(0.5 * f64::from(RAY_IMAGE_PX)),
         size_px: [RAY_IMAGE_PX; 2],
         distortion: Distortion::default(),
+        projection: CameraProjection::Pinhole,
     };
     engine.render(&camera, &RenderOptions::default()).unwrap().at(RAY_IMAGE_PX as usize / 2, RAY_IMAGE_PX as usize / 2)
 }

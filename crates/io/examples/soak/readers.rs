@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use luxel_core::{Camera, Distortion};
+use luxel_core::{Camera, CameraProjection, Distortion};
 use luxel_io::colmap::{ColmapFiles, parse_binary, parse_text};
 use luxel_io::{
     IoError, ReadOptions, Transfer, decode_camera_path, decode_checkpoint, decode_codes, decode_glb, decode_image, decode_mask,
@@ -108,6 +108,7 @@ fn camera_path(bytes: &[u8]) -> Result<(), IoError> {
         center_px: glam::DVec2::new(201.0, 149.0),
         size_px: [400, 300],
         distortion: Distortion::default(),
+        projection: CameraProjection::Pinhole,
     };
     for camera in decode_camera_path(name(), bytes, Some(&default))? {
         assert_eq!(camera.camera.validate(), Ok(()));

@@ -90,6 +90,9 @@ fn first_of(views: &[CheckedView<'_>], fault: impl Fn(&CheckedView<'_>) -> Optio
 fn absurd_focal_length(views: &[CheckedView<'_>]) -> Option<String> {
     first_of(views, |v| {
         let camera = &v.loaded.photographed;
+        if !camera.projection.is_pinhole() {
+            return None;
+        }
         let [width, height] = camera.size_px;
         let field = (2.0 * (0.5 * f64::from(width) / camera.focal_px.x).atan()).to_degrees();
         let is_json = v.frame.origin.path.extension().is_some_and(|e| e == "json");

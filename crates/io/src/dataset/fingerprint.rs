@@ -1,6 +1,6 @@
 //! Digest of a data set: equal exactly for equal inputs read in the same way.
 
-use luxel_core::{PixelValues, Point, Similarity, View};
+use luxel_core::{CameraProjection, PixelValues, Point, Similarity, View};
 
 use super::{LoadOptions, MaskSource};
 
@@ -44,6 +44,13 @@ impl Fingerprint {
         let d = camera.distortion;
         for value in camera.focal_px.to_array().into_iter().chain(camera.center_px.to_array()).chain([d.k1, d.k2, d.p1, d.p2]) {
             self.number(value.to_bits());
+        }
+        // Of a pinhole nothing is added, so that data sets keep the digests they have always had.
+        if !camera.projection.is_pinhole() {
+            self.text(camera.projection.name());
+            if let CameraProjection::Fisheye(lens) = camera.projection {
+                lens.coefficients.iter().chain([&lens.max_angle_rad]).for_each(|v| self.number(v.to_bits()));
+            }
         }
         camera.size_px.iter().for_each(|side| self.number((*side).into()));
         self.0.update(files.as_bytes());

@@ -2,7 +2,7 @@
 //! camera they make with an image.
 
 use glam::{DAffine3, DVec2};
-use luxel_core::{Camera, Distortion};
+use luxel_core::{Camera, CameraProjection, Distortion};
 
 /// Reductions of the image against its camera that count as a smaller copy of the same
 /// photograph (`images_2`, `images_4`).
@@ -33,6 +33,9 @@ pub(super) struct Intrinsics {
     pub(super) center_px: [Option<f64>; 2],
     /// Distortion.
     pub(super) distortion: Distortion,
+    /// Projection. Angles of view are those of its rays; a panorama states its focal lengths as
+    /// nerfstudio does: pixels for half a turn of longitude and latitude.
+    pub(super) projection: CameraProjection,
 }
 
 impl Intrinsics {
@@ -41,16 +44,23 @@ impl Intrinsics {
     pub(super) fn camera(&self, camera_from_world: DAffine3, image_px: [u32; 2]) -> Result<Camera, String> {
         let size_px = self.size_px.unwrap_or(image_px);
         let [w, h] = size_px.map(f64::from);
+        let radius = |angle: f64| match self.projection {
+            CameraProjection::Pinhole => (0.5 * angle).tan(),
+            CameraProjection::Fisheye(lens) => lens.radius(0.5 * angle),
+            CameraProjection::Equirectangular => 0.5 * angle,
+        };
         let focal_px = match self.focal {
+            Focal::Pixels(focal) if self.projection == CameraProjection::Equirectangular => focal / std::f64::consts::PI,
             Focal::Pixels(focal) => focal,
             Focal::Angle { x: Some(x), y } => {
-                let fx = 0.5 * w / (0.5 * x).tan();
-                DVec2::new(fx, y.map_or(fx, |y| 0.5 * h / (0.5 * y).tan()))
+                let fx = 0.5 * w / radius(x);
+                DVec2::new(fx, y.map_or(fx, |y| 0.5 * h / radius(y)))
             }
-            Focal::Angle { x: None, y } => DVec2::splat(0.5 * h / (0.5 * y.unwrap_or(f64::NAN)).tan()),
+            Focal::Angle { x: None, y } => DVec2::splat(0.5 * h / radius(y.unwrap_or(f64::NAN))),
         };
         let center_px = DVec2::new(self.center_px[0].unwrap_or(0.5 * w), self.center_px[1].unwrap_or(0.5 * h));
-        let mut camera = Camera { camera_from_world, focal_px, center_px, size_px, distortion: self.distortion };
+        let mut camera =
+            Camera { camera_from_world, focal_px, center_px, size_px, distortion: self.distortion, projection: self.projection };
         camera.validate().map_err(|e| e.to_string())?;
         if image_px != size_px {
             if !is_reduction(size_px, image_px) {
@@ -90,6 +100,7 @@ mod tests {
             focal: Focal::Pixels(DVec2::new(100.0, 110.0)),
             center_px: [Some(50.0), None],
             distortion: Distortion::default(),
+            projection: CameraProjection::Pinhole,
         }
     }
 

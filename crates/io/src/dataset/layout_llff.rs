@@ -10,7 +10,7 @@
 use std::path::{Path, PathBuf};
 
 use glam::{DAffine3, DMat3, DVec2, DVec3};
-use luxel_core::{Camera, Distortion, Remedy};
+use luxel_core::{Camera, CameraProjection, Distortion, Remedy};
 
 use super::Supervision;
 use super::files::{is_image, view_name};
@@ -126,6 +126,7 @@ fn recorded_pose(numbers: &[f64; COLUMNS]) -> Result<RecordedPose, String> {
         center_px: DVec2::new(0.5 * width, 0.5 * height),
         size_px: [width as u32, height as u32],
         distortion: Distortion::default(),
+        projection: CameraProjection::Pinhole,
     };
     camera.validate().map_err(|e| e.to_string())?;
     Ok(RecordedPose { camera_from_world: camera.camera_from_world, size_px: camera.size_px, focal_px: lens.z, exposure_s })
@@ -137,6 +138,7 @@ fn frame(recorded: &RecordedPose, name: String, folder: &Path, recording: Record
         focal: Focal::Pixels(DVec2::splat(recorded.focal_px)),
         center_px: [None; 2],
         distortion: Distortion::default(),
+        projection: CameraProjection::Pinhole,
     };
     SourceFrame {
         // No radiance was measured there.

@@ -3,6 +3,7 @@
 
 use std::sync::Arc;
 
+use glam::DVec2;
 use luxel_core::{BadPixels, Camera, ColorSpace, Conversion, Image, Mask, PixelValues, Remedy, Target, View};
 
 use super::masks::decode_mask;
@@ -144,6 +145,9 @@ fn decode(frame: &SourceFrame, bytes: &[u8], options: &LoadOptions) -> Result<(D
 fn resample(view: View, frame: &SourceFrame, factor: u32) -> Result<View, IoError> {
     let View { name, mut camera, image, values, mut noise, mask, target } = view;
     let (mut image, mut mask) = (Arc::unwrap_or_clone(image), mask.map(Arc::unwrap_or_clone));
+    if let Some(field) = field_mask(&camera) {
+        mask = Some(both(mask, field));
+    }
     let is_resampled = !camera.distortion.is_none() || factor > 1;
     let mut bounds = is_resampled.then(|| values.bounds(&image)).flatten();
     if is_resampled {
@@ -184,6 +188,14 @@ fn resample(view: View, frame: &SourceFrame, factor: u32) -> Result<View, IoErro
     }
     let mask = mask.filter(|mask| mask.weights.iter().any(|weight| *weight < 1.0)).map(Arc::new);
     Ok(View { name, camera, image: Arc::new(image), values, noise, mask, target })
+}
+
+/// Returns the mask of the pixels in which the lens shows something; `None` if it fills the image.
+fn field_mask(camera: &Camera) -> Option<Mask> {
+    let [width, height] = camera.size_px.map(|side| side as usize);
+    let shows = |i: usize| camera.shows(DVec2::new((i % width) as f64 + 0.5, (i / width) as f64 + 0.5));
+    let is_partial = !camera.projection.is_pinhole() && !(0..width * height).all(shows);
+    is_partial.then(|| Mask::from_valid((0..width * height).map(shows)))
 }
 
 /// Takes the weight of pixels of recorded values whose resampled `bounds` show that some of what

@@ -32,6 +32,7 @@ mod json_fields;
 mod layout_colmap;
 mod layout_llff;
 mod layout_transforms;
+mod lens_fields;
 mod load;
 mod masks;
 mod observations;

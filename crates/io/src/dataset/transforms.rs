@@ -6,26 +6,21 @@
 //! another size has of its own; distortion. Understood: `fl_x fl_y cx cy w h`, `camera_angle_x
 //! camera_angle_y`, `k1 k2 p1 p2`, `ply_file_path`, `applied_transform`, `applied_scale`,
 //! `train_filenames`, `val_filenames`, `test_filenames`, `mask_path`; `exposure` (seconds) of
-//! recorded images, `noise` or `iso` and `white` of noisy ones. Lenses beyond OPENCV's four
-//! coefficients are refused.
+//! recorded images, `noise` or `iso` and `white` of noisy ones; lenses as [`super::lens_fields`] says.
 
 use std::path::Path;
 
-use glam::{DAffine3, DMat3, DVec2, DVec3};
-use luxel_core::{Camera, Distortion, NoiseModel};
+use glam::{DAffine3, DMat3, DVec3};
+use luxel_core::{Camera, NoiseModel};
 use serde_json::Value;
 
-use super::intrinsics::{Focal, Intrinsics};
+use super::intrinsics::Intrinsics;
 use super::json_fields::{Fields, kind_of, parse_json, string_list};
+use super::lens_fields::intrinsics;
 use crate::IoError;
 
-/// Camera models whose lens is pinhole with k1 k2 p1 p2.
-const CAMERA_MODELS: [&str; 6] = ["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE"];
-/// Coefficients beyond OPENCV's four: must be absent or 0.
-const HIGHER_COEFFICIENTS: [&str; 6] = ["k3", "k4", "k5", "k6", "p3", "p4"];
 /// Most noise that is read, in radiance: far beyond any sensor's, and its square is a number.
 const MAX_NOISE: f64 = 1e9;
-const LENS_REMEDY: &str = "undistort the images first, for example with `colmap image_undistorter`";
 
 /// A parsed `transforms.json`.
 #[derive(Clone, Debug, PartialEq)]
@@ -183,67 +178,6 @@ fn pose(fields: &Fields<'_>, matrix: &Value) -> Result<DAffine3, IoError> {
     )))
 }
 
-fn intrinsics(fields: &Fields<'_>) -> Result<Intrinsics, IoError> {
-    if let Some(model) = fields.string("camera_model")?
-        && !CAMERA_MODELS.contains(&model.as_str())
-    {
-        let known = CAMERA_MODELS.join(", ");
-        return Err(fields.unsupported(format!("camera model {model}, expected one of {known}; {LENS_REMEDY}")));
-    }
-    if fields.get("is_fisheye").is_some_and(|v| *v == Value::Bool(true)) {
-        return Err(fields.unsupported(format!("\"is_fisheye\" is true, expected a pinhole lens; {LENS_REMEDY}")));
-    }
-    for key in HIGHER_COEFFICIENTS {
-        if let Some(value) = fields.number(key)?.filter(|v| *v != 0.0) {
-            return Err(fields.unsupported(format!("\"{key}\" is {value}, expected 0: the lens model is k1 k2 p1 p2; {LENS_REMEDY}")));
-        }
-    }
-    let size_px = size(fields)?;
-    let focal_fields = fields.group(&["fl_x", "fl_y", "camera_angle_x", "camera_angle_y"]);
-    let focal = match (focal_fields.number("fl_x")?, focal_fields.number("fl_y")?) {
-        (None, None) => angle_of_view(&focal_fields)?,
-        (Some(x), Some(y)) => Focal::Pixels(DVec2::new(x, y)),
-        (Some(f), None) | (None, Some(f)) => Focal::Pixels(DVec2::splat(f)),
-    };
-    if let Focal::Pixels(focal) = focal
-        && (focal.x <= 0.0 || focal.y <= 0.0)
-    {
-        return Err(fields.error(format!("focal length {} x {} px, expected positive numbers", focal.x, focal.y)));
-    }
-    let mut center = fields.group(&["cx", "cy"]);
-    // The centre of an image of another size is not this one's.
-    if let Some(shared) = center.shared
-        && size(&Fields { own: shared, shared: None, place: String::new(), ..*fields })?.is_some_and(|shared| Some(shared) != size_px)
-    {
-        center.shared = None;
-    }
-    let distortion = fields.group(&["k1", "k2", "p1", "p2"]);
-    let coefficient = |key| Ok::<_, IoError>(distortion.number(key)?.unwrap_or(0.0));
-    Ok(Intrinsics {
-        size_px,
-        focal,
-        center_px: [center.number("cx")?, center.number("cy")?],
-        distortion: Distortion { k1: coefficient("k1")?, k2: coefficient("k2")?, p1: coefficient("p1")?, p2: coefficient("p2")? },
-    })
-}
-
-/// Returns the image's size, if it is stated.
-fn size(fields: &Fields<'_>) -> Result<Option<[u32; 2]>, IoError> {
-    let fields = fields.group(&["w", "h"]);
-    match (fields.side("w")?, fields.side("h")?) {
-        (Some(w), Some(h)) => Ok(Some([w, h])),
-        (None, None) => Ok(None),
-        _ => Err(fields.error("one of \"w\" and \"h\" is missing, expected both or neither")),
-    }
-}
-
-fn angle_of_view(fields: &Fields<'_>) -> Result<Focal, IoError> {
-    match (fields.angle("camera_angle_x")?, fields.angle("camera_angle_y")?) {
-        (None, None) => Err(fields.error("no focal length: expected \"fl_x\" in pixels or \"camera_angle_x\" in radians")),
-        (x, y) => Ok(Focal::Angle { x, y }),
-    }
-}
-
 /// Reads `applied_scale * applied_transform`: the transform of the reconstruction before its poses
 /// were written here.
 fn applied_transform(file: &Fields<'_>) -> Result<DAffine3, IoError> {
@@ -275,6 +209,10 @@ fn filenames(file: &Fields<'_>) -> Result<Option<[Vec<String>; 3]>, IoError> {
 
 #[cfg(test)]
 mod tests {
+    use glam::DVec2;
+    use luxel_core::Distortion;
+
+    use super::super::intrinsics::Focal;
     use super::*;
     use crate::IoErrorKind;
 

@@ -157,7 +157,14 @@ mod tests {
 
     fn camera(distortion: Distortion) -> Camera {
         let (focal_px, center_px) = (DVec2::new(50.0, 55.0), DVec2::new(33.0, 23.5));
-        Camera { camera_from_world: DAffine3::IDENTITY, focal_px, center_px, size_px: [64, 48], distortion }
+        Camera {
+            camera_from_world: DAffine3::IDENTITY,
+            focal_px,
+            center_px,
+            size_px: [64, 48],
+            distortion,
+            projection: luxel_core::CameraProjection::Pinhole,
+        }
     }
 
     /// Returns a ramp, on which bilinear resampling is exact.

@@ -54,8 +54,8 @@ pub struct ExrOptions {
     pub attributes: Vec<(String, String)>,
     /// Further attributes that are numbers: name and value.
     pub numbers: Vec<(String, f32)>,
-    /// Camera of the image: `worldToCamera` (axes right, up, back) and the lens in `luxel:focal_px`
-    /// and `luxel:center_px`.
+    /// Camera of the image: `worldToCamera` (axes right, up, back) the lens in `luxel:focal_px`
+    /// and `luxel:center_px`, and `luxel:projection` unless it is a pinhole.
     pub camera: Option<Camera>,
     /// Projection of an image that is a map of directions.
     pub environment: Option<Projection>,
@@ -162,6 +162,10 @@ fn attributes(name: &Path, options: &ExrOptions) -> Result<LayerAttributes, IoEr
         attributes.world_to_camera = Some(world_to_camera(camera));
         for (name, v) in [("luxel:focal_px", camera.focal_px), ("luxel:center_px", camera.center_px)] {
             attributes.other.insert(key(name)?, AttributeValue::FloatVec2(Vec2(v.x as f32, v.y as f32)));
+        }
+        if !camera.projection.is_pinhole() {
+            let name = Text::new_or_none(camera.projection.name()).ok_or_else(wrong)?;
+            attributes.other.insert(key("luxel:projection")?, AttributeValue::Text(name));
         }
     }
     Ok(attributes)

@@ -254,6 +254,7 @@ fn written_exr_holds_camera_depth_opacity_and_kind_of_map() {
         center_px: glam::DVec2::new(2.0, 1.5),
         size_px: [4, 3],
         distortion: Distortion::default(),
+        projection: luxel_core::CameraProjection::Pinhole,
     };
     let ramp: Vec<f32> = (0..12).map(|i| i as f32 / 11.0).collect();
     let options = ExrOptions {

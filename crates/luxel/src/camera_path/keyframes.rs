@@ -11,7 +11,7 @@
 //! single keyframe is a camera that stands still.
 
 use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3};
-use luxel_core::{Camera, Distortion, MAX_SIDE_PX};
+use luxel_core::{Camera, CameraProjection, Distortion, MAX_SIDE_PX};
 use luxel_io::PathCamera;
 
 use super::hermite;
@@ -122,6 +122,10 @@ fn check(keyframes: &[Keyframe], options: &KeyframeOptions) -> Result<()> {
         "images of {width} x {height} pixels, expected 1 to {MAX_SIDE_PX} a side"
     );
     ensure!(!keyframes.is_empty(), "the path has no keyframes, expected at least one");
+    for (i, keyframe) in keyframes.iter().enumerate() {
+        let projection = keyframe.camera.projection;
+        ensure!(projection.is_pinhole(), "keyframe {i} has a camera with {} projection, expected pinholes", projection.name());
+    }
     let mut before = f64::NEG_INFINITY;
     for (i, keyframe) in keyframes.iter().enumerate() {
         let time = keyframe.time_s;
@@ -215,6 +219,7 @@ fn camera_of(values: [f64; VALUES], size_px: [u32; 2]) -> Camera {
         center_px: 0.5 * DVec2::new(w, h) + DVec2::new(center_x, center_y) * h,
         size_px,
         distortion: Distortion::default(),
+        projection: CameraProjection::Pinhole,
     }
 }
 

@@ -20,6 +20,7 @@ fn posed(poses: &[DAffine3]) -> Dataset {
             center_px: DVec2::new(17.0, 11.0),
             size_px: [32, 24],
             distortion: Distortion::default(),
+            projection: CameraProjection::Pinhole,
         },
         image: Shared::new(Image::filled(32, 24, [1.0; 3])),
         values: PixelValues::Radiance,

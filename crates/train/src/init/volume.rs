@@ -9,7 +9,7 @@
 //! depth, so their density follows the resolution at which the cameras see a place.
 
 use glam::{DMat3, DVec2, DVec3};
-use luxel_core::{Camera, Point, View};
+use luxel_core::{Camera, CameraProjection, Point, View};
 use rand::Rng;
 
 /// Number of tries per point before one camera suffices and, after that, before fewer points
@@ -75,6 +75,10 @@ impl DepthRange {
 /// Returns the point closest to all optical axes in the least-squares sense, or `None` if the axes
 /// are almost parallel or the point does not lie before most cameras.
 fn focus(cameras: &[&Camera]) -> Option<DVec3> {
+    // The axis of a panorama is no direction that somebody looked in.
+    if cameras.iter().any(|camera| camera.projection == CameraProjection::Equirectangular) {
+        return None;
+    }
     let (mut across, mut sum) = (DMat3::ZERO, DVec3::ZERO);
     for camera in cameras {
         let axis = camera.forward();
@@ -93,11 +97,12 @@ fn focus(cameras: &[&Camera]) -> Option<DVec3> {
     (focus.is_finite() && 4 * before >= 3 * cameras.len()).then_some(focus)
 }
 
-/// Returns a random position in `camera`'s view at `depth`.
+/// Returns a random position in `camera`'s view at `depth`; on its axis where the image shows
+/// nothing.
 fn unproject(camera: &Camera, depth: f64, rng: &mut impl Rng) -> DVec3 {
     let [width, height] = camera.size_px.map(f64::from);
     let at_px = DVec2::new(rng.random::<f64>() * width, rng.random::<f64>() * height);
-    let direction = ((at_px - camera.center_px) / camera.focal_px).extend(1.0);
+    let direction = camera.unproject(at_px).unwrap_or(DVec3::Z);
     camera.camera_from_world.matrix3.transpose() * (direction * depth) + camera.eye()
 }
 

@@ -6,8 +6,8 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 use luxel_core::{
-    Camera, ColorModel, ColorSpace, Dataset, Distortion, Engine, Image, PixelValues, Point, RenderOptions, Splat, Splats, Target, View,
-    logit,
+    Camera, CameraProjection, ColorModel, ColorSpace, Dataset, Distortion, Engine, Image, PixelValues, Point, RenderOptions, Splat, Splats,
+    Target, View, logit,
 };
 use luxel_cpu::CpuEngine;
 use luxel_train::TrainConfig;
@@ -31,6 +31,7 @@ pub(crate) fn camera(eye: DVec3) -> Camera {
         center_px: DVec2::splat(f64::from(SIDE) / 2.0),
         size_px: [SIDE, SIDE],
         distortion: Distortion::default(),
+        projection: CameraProjection::Pinhole,
     }
 }
 

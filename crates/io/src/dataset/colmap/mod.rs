@@ -13,7 +13,7 @@ mod write;
 use std::path::{Path, PathBuf};
 
 use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3};
-use luxel_core::{Camera, Distortion, MAX_SIDE_PX};
+use luxel_core::{Camera, CameraProjection, Distortion, MAX_SIDE_PX};
 
 use super::intrinsics::{Focal, Intrinsics};
 use crate::read_file::read_file;
@@ -178,6 +178,7 @@ fn lens(path: &Path, camera: u32, model: &str, size: [u64; 2], params: &[f64]) -
         focal: Focal::Pixels(DVec2::from(focal)),
         center_px: center.map(Some),
         distortion: Distortion { k1, k2, p1, p2 },
+        projection: CameraProjection::Pinhole,
     })
 }
 

@@ -54,6 +54,13 @@ pub fn write_text(folder: &Path, images: &[PosedImage], points: &[MeasuredPoint]
         if name.contains(['\n', '\r']) {
             return Err(IoError::invalid(folder, format!("image name {name:?} has a line break")));
         }
+        if !camera.projection.is_pinhole() {
+            let projection = camera.projection.name();
+            return Err(IoError::unsupported(
+                folder,
+                format!("image {name} has a camera with {projection} projection, expected a pinhole"),
+            ));
+        }
         let same = |lens: &&Camera| (lens.size_px, lens.focal_px, lens.center_px) == (camera.size_px, camera.focal_px, camera.center_px);
         let lens = lenses.iter().position(same).unwrap_or_else(|| {
             let ([w, h], f, c) = (camera.size_px, camera.focal_px, camera.center_px);
@@ -84,7 +91,7 @@ pub fn write_text(folder: &Path, images: &[PosedImage], points: &[MeasuredPoint]
 #[cfg(test)]
 mod tests {
     use glam::{DAffine3, DMat3, DVec2, DVec3};
-    use luxel_core::Distortion;
+    use luxel_core::{CameraProjection, Distortion};
 
     use super::super::read_colmap_model;
     use super::*;
@@ -96,6 +103,7 @@ mod tests {
             center_px: DVec2::new(100.0, 75.5),
             size_px: [200, 150],
             distortion: Distortion::default(),
+            projection: CameraProjection::Pinhole,
         }
     }
 
