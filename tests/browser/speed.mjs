@@ -54,6 +54,7 @@ async function measure(width, height, { more = "", seconds = 4, inFlight = 1 } =
 
 await measure(640, 360, { inFlight: 2 });
 await measure(640, 360);
+await measure(1280, 720);
 await measure(1280, 720, { more: "&channels=rgb,alpha,depth" });
 await measure(640, 360, { inFlight: 2, seconds: 12 });
 await measure(320, 180, { inFlight: 10 });

@@ -54,6 +54,7 @@ pub(crate) const ASSETS: &[(&str, Asset)] = &[
     script!("overlay.js"),
     script!("panel.js"),
     script!("part.js"),
+    script!("pace.js"),
     script!("path.js"),
     script!("pathrender.js"),
     script!("picking.js"),

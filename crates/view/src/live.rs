@@ -23,7 +23,7 @@ const JOBS_PER_STEP: usize = 1;
 /// Time between looks at the wishes while a run is paused.
 const PATIENCE: Duration = Duration::from_millis(100);
 /// Least time between states that pages receive.
-const TELL_EVERY: Duration = Duration::from_millis(100);
+const TELL_EVERY: Duration = Duration::from_secs(1);
 
 /// An observer that shows a run in the browser, and passes its events on.
 pub struct Live<'a> {

@@ -23,6 +23,8 @@ const LEAST_HEIGHT = 180;
 const ROWS = 24;
 /** Time between two pictures beyond which they are not of one movement, ms. */
 const APART_MS = 250;
+/** Latency of full pictures up to which the moving ones before them are given up, ms. */
+const SOON_MS = 250;
 
 export class Stream {
   /** @type {Want | null} */ want = null;
@@ -34,6 +36,7 @@ export class Stream {
   fullKey = "";
   /** Key of the full picture whose coverage and depth are there, too. */ restedKey = "";
   /** @type {AbortController | null} */ full = null;
+  /** Gives up the moving pictures on their way. */ movement = new AbortController();
   /** Milliseconds per pixel while moving, a running mean. */ cost = TARGET_MS / (640 * 360);
   /** Height of the last moving picture. */ height = 0;
   /** Time at which the last moving picture was shown. */ movingAt = -Infinity;
@@ -95,16 +98,17 @@ export class Stream {
   async send(want) {
     this.sentKey = want.key;
     this.moving++;
+    const { signal } = this.movement;
     const sequence = ++this.sequence;
     const { width, height } = this.movingSize(want);
     const lens = want.lens(width, height);
     const start = performance.now();
     try {
-      const frame = await this.source.frame(lens, { edit: want.edit, variant: want.variant, radiance: true, layers: false });
+      const frame = await this.source.frame(lens, { edit: want.edit, variant: want.variant, radiance: true, layers: false }, signal);
       const latency = performance.now() - start;
       this.failures = 0;
       this.onState(null);
-      if (!frame) return;
+      if (!frame || signal.aborted) return;
       this.latency = latency;
       // Two travel at a time, so that each waits for the one before it. Drawing takes time, too, of
       // which fewer pixels save a part only.
@@ -117,7 +121,7 @@ export class Stream {
         this.shown({ frame, lens, full: false, latency });
       }
     } catch (error) {
-      this.failed(/** @type {Error} */ (error));
+      if (!signal.aborted) this.failed(/** @type {Error} */ (error));
     } finally {
       this.moving--;
     }
@@ -129,6 +133,11 @@ export class Stream {
   async sendFull(want) {
     const abort = new AbortController();
     this.full = abort;
+    // Rendering and drawing them would delay the full picture, which comes before anybody misses them.
+    if (this.moving && this.fullLatency > 0 && this.fullLatency < SOON_MS) {
+      this.movement.abort();
+      this.movement = new AbortController();
+    }
     const sequence = ++this.sequence;
     const lens = want.lens(want.width, want.height);
     const start = performance.now();

@@ -9,8 +9,12 @@ import { fetchHistory, steer } from "./scene.js";
 /** @typedef {import("./scene.js").Training} Training */
 /** @typedef {import("./viewer.js").Viewer} Viewer */
 
+/** Least time between two drawings of the plots, ms: training needs the processor. */
+const PLOT_MS = 1500;
+
 /** @implements {Part} */
 export class TrainingPanel {
+  plottedAt = -Infinity;
   /** @type {Record[]} */ history = [];
   /** @type {Training | null} */ newest = null;
 
@@ -33,7 +37,16 @@ export class TrainingPanel {
   }
 
   /** @param {Status} status */
-  followed({ training, splats }) {
+  followed(status) {
+    const { training } = status;
+    const isDue = training && (training.is_finished || training.is_paused || performance.now() - this.plottedAt > PLOT_MS);
+    // Progress and plots change together, which is one drawing of the window.
+    if (isDue && training.records !== this.history.length) void this.plot(status);
+    else this.show(status);
+  }
+
+  /** @param {Status} status */
+  show({ training, splats }) {
     this.newest = training;
     this.panel.hidden = !training;
     if (!training) return;
@@ -49,15 +62,17 @@ export class TrainingPanel {
       button.dataset.wish = is_paused ? "continue" : "pause";
       button.textContent = is_paused ? "Continue" : "Pause";
     }
-    if (training.records !== this.history.length) void this.plot();
   }
 
-  async plot() {
+  /** @param {Status} status */
+  async plot(status) {
+    this.plottedAt = performance.now();
     try {
       this.history = await fetchHistory(0);
       drawPlots(/** @type {HTMLElement} */ (document.getElementById("plots")), this.history);
     } catch {
       // The next state tries again.
     }
+    this.show(status);
   }
 }

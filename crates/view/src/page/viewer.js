@@ -12,6 +12,7 @@ import { byId } from "./panel.js";
 import { luminanceFactor } from "./units.js";
 import { overview, sizeOf } from "./places.js";
 import { applyHash, COMPARES, CURVES, LAYERS, MODES, State, toHash } from "./state.js";
+import { Pace } from "./pace.js";
 import { Stream } from "./stream.js";
 
 /** @typedef {import("./part.js").Grip} Grip */
@@ -24,6 +25,12 @@ import { Stream } from "./stream.js";
 
 /** Least time between pictures of a scene that is being trained, ms. */
 const FOLLOW_MS = 2000;
+/** Times of a full picture's own latency that pass before the next one follows: training goes on. */
+const FOLLOW_LATENCIES = 40;
+/** Least time between two states of a training that are shown to nobody in particular, ms. */
+const TELL_MS = 2000;
+/** Time between two movements up to which they are one, ms. */
+const APART_MS = 500;
 /** Time after which the first hint goes, ms. */
 const HINT_MS = 12000;
 /** Least time between two times that the controls follow a movement, ms. */
@@ -53,6 +60,9 @@ export class Viewer {
   /** Whether the controls are to show the state again. */ needsReflect = true;
   reflectedAt = 0;
   saveAt = 0;
+  /** Time at which a state of the training was last shown, and what it was. */ toldAt = -Infinity;
+  toldFlags = "";
+  /** @type {Pace | null} */ pace = null;
 
   /** @param {Source} source */
   constructor(source) {
@@ -93,21 +103,19 @@ export class Viewer {
         await new Promise((resolve) => setTimeout(resolve, 1000));
       }
     }
-    let before = performance.now();
-    const loop = (/** @type {number} */ now) => {
-      this.frame(now, (now - before) / 1000);
-      before = now;
-      requestAnimationFrame(loop);
-    };
-    requestAnimationFrame(loop);
+    this.pace = new Pace((now, seconds) => Boolean(this.frame(now, seconds)));
   }
 
   /** @param {Status} status */
   follow(status) {
-    if (status.version !== this.version) {
-      this.version = status.version;
-      this.facts(status.splats);
-    }
+    const isOther = status.version !== this.version;
+    this.version = status.version;
+    const now = performance.now();
+    const flags = JSON.stringify([status.training?.is_paused, status.training?.is_finished]);
+    // Each change of the page costs the training beside it a drawing of the window.
+    if (flags === this.toldFlags && !this.pace?.isAwake() && now - this.toldAt < TELL_MS) return;
+    [this.toldAt, this.toldFlags] = [now, flags];
+    if (isOther) this.facts(status.splats);
     for (const part of this.parts) part.followed?.(status);
   }
 
@@ -184,12 +192,14 @@ export class Viewer {
   changed() {
     this.needsDraw = this.needsReflect = true;
     this.saveAt = performance.now() + ADDRESS_MS;
+    this.pace?.wake();
   }
 
   /** The camera has moved: the picture of it is on its way. */
   moved() {
     this.needsMarks = this.needsReflect = true;
     this.saveAt = performance.now() + ADDRESS_MS;
+    this.pace?.wake();
   }
 
   /** First camera, or the whole scene from the front. */
@@ -276,11 +286,11 @@ export class Viewer {
     return { key, lens, width, height, edit, variant };
   }
 
-  /** Once per refresh of the screen. @param {number} now @param {number} seconds */
+  /** Does what is due; returns whether more is, soon. @param {number} now @param {number} seconds */
   frame(now, seconds) {
     this.controls.step(seconds);
     this.layout();
-    if (this.shown && this.version !== this.shown.frame.head.version && now - this.followedAt > FOLLOW_MS) {
+    if (this.shown && this.version !== this.shown.frame.head.version && now - this.followedAt > Math.max(FOLLOW_MS, FOLLOW_LATENCIES * this.stream.fullLatency)) {
       this.followedAt = now;
       this.stream.invalidate();
     }
@@ -308,6 +318,9 @@ export class Viewer {
       this.saveAt = 0;
       history.replaceState(null, "", location.pathname + toHash(this.state, this.controls.size));
     }
+    const { moving, full, movedAt } = this.stream;
+    const isShowing = this.needsDraw || this.needsMarks || this.needsReflect || this.comparison?.isFlickering();
+    return moving > 0 || full !== null || now - movedAt < APART_MS || isShowing || this.path?.playing || this.controls.keys.size > 0;
   }
 
   /** @param {number} now */
@@ -340,6 +353,7 @@ export class Viewer {
     if (shown.full) this.settle(shown);
     for (const part of this.parts) part.taken?.(shown);
     this.needsDraw = true;
+    this.pace?.wake();
   }
 
   /** Sets the pivot of a camera that was just stood at to what is in its middle. @param {Shown} shown */
