@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use crate::{Camera, ColorSpace, Image, Mask, NoiseModel, PixelValues, Similarity, Target, ViewError, mask};
+use crate::{Camera, ColorSpace, Image, Mask, NoiseModel, OnDemand, PixelValues, ReadError, Similarity, Target, ViewError, mask};
 
 /// A posed image.
 #[derive(Clone, Debug)]
@@ -17,13 +17,13 @@ pub struct View {
     pub camera: Camera,
     /// Radiance in the data set's units, or captured LDR values, as [`Self::values`] tells; invalid
     /// pixels are 0.
-    pub image: Arc<Image>,
+    pub image: OnDemand<Image>,
     /// The meaning of the pixel values.
     pub values: PixelValues,
     /// Noise of the radiance, if the data set states it.
     pub noise: Option<NoiseModel>,
     /// Mask; `None` if all pixels count fully.
-    pub mask: Option<Arc<Mask>>,
+    pub mask: Option<OnDemand<Mask>>,
     /// The comparison of renders with the image in training; readers leave the default.
     pub target: Target,
 }
@@ -39,6 +39,32 @@ impl View {
         mask::is_valid(self.mask.as_deref(), i)
     }
 
+    /// Returns whether image and mask are in memory.
+    pub fn is_in_memory(&self) -> bool {
+        self.image.is_in_memory() && self.mask.as_ref().is_none_or(OnDemand::is_in_memory)
+    }
+
+    /// Returns the number of pixels.
+    pub fn pixel_count(&self) -> u64 {
+        self.camera.size_px.iter().map(|side| u64::from(*side)).product()
+    }
+
+    /// Returns the view with image and mask in memory. Those that are read on demand are dropped
+    /// with the result.
+    ///
+    /// # Errors
+    /// An image or a mask that cannot be read.
+    pub fn loaded(&self) -> Result<Self, ReadError> {
+        let mask = self.mask.as_ref().map(OnDemand::loaded).transpose()?;
+        Ok(Self { image: self.image.loaded()?, mask, ..self.clone() })
+    }
+
+    /// Returns the view without what was read on demand, so that keeping it takes no memory.
+    #[must_use]
+    pub fn released(&self) -> Self {
+        Self { image: self.image.released(), mask: self.mask.as_ref().map(OnDemand::released), ..self.clone() }
+    }
+
     /// Checks that the camera can be used and is undistorted, and that image and mask are of its
     /// size.
     ///
@@ -50,15 +76,17 @@ impl View {
             return Err(ViewError::Distorted { view: view() });
         }
         self.camera.validate().map_err(|source| ViewError::Camera { view: view(), source })?;
-        let (image, camera) = ([self.image.width, self.image.height], self.camera.size_px.map(|side| side as usize));
+        // Those that are read on demand were checked when they were first read.
+        let Some(image_now) = self.image.get() else { return Ok(()) };
+        let (image, camera) = ([image_now.width, image_now.height], self.camera.size_px.map(|side| side as usize));
         if image != camera {
             return Err(ViewError::ImageSize { view: view(), image, camera });
         }
         let expected = camera[0] * camera[1];
-        if self.image.pixels.len() != expected {
-            return Err(ViewError::PixelCount { view: view(), found: self.image.pixels.len(), expected });
+        if image_now.pixels.len() != expected {
+            return Err(ViewError::PixelCount { view: view(), found: image_now.pixels.len(), expected });
         }
-        let Some(mask) = &self.mask else { return Ok(()) };
+        let Some(mask) = self.mask.as_ref().and_then(OnDemand::get) else { return Ok(()) };
         if mask.weights.len() != expected {
             return Err(ViewError::MaskSize { view: view(), found: mask.weights.len(), expected });
         }
@@ -80,7 +108,7 @@ impl View {
         let ([width, height], factor) = (camera.size_px.map(|side| side as usize), factor as usize);
         let enough = (min_valid * (factor * factor) as f64).max(1.0);
         let bounds = self.values.bounds(&self.image);
-        let mut light = Arc::clone(&self.image);
+        let mut light = self.image.shared();
         if self.values != PixelValues::Radiance {
             self.values.to_light(Arc::make_mut(&mut light));
         }
@@ -99,9 +127,9 @@ impl View {
         }
         let mut image = Image { width, height, pixels };
         self.values.from_light(&mut image);
-        let mask = weights.iter().any(|weight| *weight < 1.0).then(|| Arc::new(Mask { weights }));
+        let mask = weights.iter().any(|weight| *weight < 1.0).then(|| Mask { weights }.into());
         let noise = self.noise.map(|model| model.averaged(factor * factor));
-        Self { name: self.name.clone(), camera, image: Arc::new(image), values: self.values, noise, mask, target: self.target }
+        Self { name: self.name.clone(), camera, image: image.into(), values: self.values, noise, mask, target: self.target }
     }
 }
 
@@ -201,10 +229,10 @@ mod tests {
                 distortion: Distortion::default(),
                 projection: CameraProjection::Pinhole,
             },
-            image: Arc::new(Image::from_pixels(width as usize, height as usize, pixels).unwrap()),
+            image: Image::from_pixels(width as usize, height as usize, pixels).unwrap().into(),
             values: PixelValues::Radiance,
             noise: None,
-            mask: mask.map(|valid| Arc::new(Mask::from_valid(valid))),
+            mask: mask.map(|valid| Mask::from_valid(valid).into()),
             target: Target::default(),
         }
     }
@@ -215,7 +243,7 @@ mod tests {
         full.values = PixelValues::Recorded { exposure_s: 1.0 };
         // One block in range, one saturated, one partly saturated.
         let row = [[0.5; 3], [0.4; 3], [1.0; 3], [1.0; 3], [1.0; 3], [0.9; 3]];
-        full.image = Arc::new(Image::from_pixels(6, 2, [row, row].concat()).unwrap());
+        full.image = Image::from_pixels(6, 2, [row, row].concat()).unwrap().into();
         let reduced = full.downscaled(2, 0.5);
         assert_eq!([0, 1, 2].map(|i| reduced.is_valid(i)), [true, true, false]);
         assert_eq!(reduced.image.pixels[1], [1.0; 3]);
@@ -230,9 +258,12 @@ mod tests {
             (|v| v.camera.focal_px.x = -1.0, "view ramp: camera: focal length -1 x 60 px, expected positive numbers"),
             (|v| v.camera.distortion.k1 = 0.1, "view ramp: camera: has lens distortion; undistort its image first"),
             (|v| v.camera.size_px = [5, 3], "view ramp: image is 4 x 3, the camera expects 5 x 3"),
-            (|v| Arc::make_mut(&mut v.image).pixels.truncate(7), "view ramp: image holds 7 pixels, its size says 12"),
-            (|v| v.mask = Some(Arc::new(Mask { weights: vec![1.0; 11] })), "view ramp: mask holds 11 pixels, the image 12"),
-            (|v| v.mask = Some(Arc::new(Mask { weights: vec![f32::NAN; 12] })), "view ramp: mask: a weight is not a number from 0 to 1"),
+            (
+                |v| v.image = Image { pixels: v.image.pixels[..7].to_vec(), ..*v.image }.into(),
+                "view ramp: image holds 7 pixels, its size says 12",
+            ),
+            (|v| v.mask = Some(Mask { weights: vec![1.0; 11] }.into()), "view ramp: mask holds 11 pixels, the image 12"),
+            (|v| v.mask = Some(Mask { weights: vec![f32::NAN; 12] }.into()), "view ramp: mask: a weight is not a number from 0 to 1"),
         ];
         for (break_it, message) in broken {
             let mut view = good.clone();
@@ -286,7 +317,7 @@ mod tests {
     #[test]
     fn a_pixel_weighs_what_its_area_does() {
         let mut full = view(4, 2, None);
-        full.mask = Some(Arc::new(Mask { weights: vec![0.5, 0.25, 1.0, 1.0, 0.75, 0.0, 1.0, 1.0] }));
+        full.mask = Some(Mask { weights: vec![0.5, 0.25, 1.0, 1.0, 0.75, 0.0, 1.0, 1.0] }.into());
         assert_eq!(full.downscaled(2, 0.5).mask.unwrap().weights, [0.5, 1.0]);
         assert_eq!(Mask { weights: vec![0.5, 1.0] }.total(), Some(1.5));
         assert_eq!(Mask { weights: vec![0.5, f32::NAN] }.total(), None);

@@ -99,7 +99,6 @@ fn is_one_place(points: &[DVec3], views: &[View]) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
 
     use glam::{DAffine3, DVec2};
 
@@ -118,7 +117,7 @@ mod tests {
                 distortion: Distortion::default(),
                 projection: CameraProjection::Pinhole,
             },
-            image: Arc::new(Image::filled(10, 10, [1.0; 3])),
+            image: Image::filled(10, 10, [1.0; 3]).into(),
             values: PixelValues::Radiance,
             noise: None,
             mask: None,

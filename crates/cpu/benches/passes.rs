@@ -11,7 +11,6 @@
 #![allow(missing_docs, clippy::unwrap_used, reason = "a bench is no interface, and may panic")]
 
 use std::hint::black_box;
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use criterion::{Criterion, SamplingMode, criterion_group, criterion_main};
@@ -48,7 +47,7 @@ impl Session {
         let render = RenderOptions { raster, ..RenderOptions::default() };
         let mut engine = CpuEngine::new(0).unwrap();
         engine.load(&room, None).unwrap();
-        let image = Arc::new(engine.render(&camera, &render).unwrap());
+        let image = engine.render(&camera, &render).unwrap().into();
         synthetic::perturb(&mut room, SEED);
         engine.load(&room.select(spatial_order(&room.position)), None).unwrap();
         Self {

@@ -2,25 +2,27 @@
 //!
 //! In: views. Out: their images as buffers. Degenerate: if memory runs out, the cache is emptied.
 //!
-//! A view is identified by the allocations of its image and mask, which weak references keep from
-//! being reused. The least recently used images are removed when the cache is full, and all of them
-//! if other buffers would not fit.
+//! A view is identified by its image and mask: by their allocations, or by what they are read from,
+//! which weak references keep from being reused. Images are kept in the order in which they come
+//! until the cache is full; those that come later are uploaded each time they are used. Views come
+//! in a new order each epoch, so that this fixed part is found as often as its share of the images,
+//! and removing the least recently used would find far fewer. All are removed if other buffers
+//! would not fit.
 
-use std::sync::{Arc, Weak};
+use std::sync::Arc;
 
-use luxel_core::{EngineError, Image, Mask, View};
+use luxel_core::{EngineError, Identity, Image, Mask, View};
 
 use crate::device::{Buffer, Gpu};
 
-/// Capacity of the cache, bytes.
+/// Capacity of the cache unless another is set, bytes.
 const BUDGET_BYTES: u64 = 2 << 30;
 
 /// The image of a view.
 pub(crate) struct Target {
-    image: Weak<Image>,
-    mask: Option<Weak<Mask>>,
+    image: Identity<Image>,
+    mask: Option<Identity<Mask>>,
     bytes: u64,
-    last_used: u64,
     /// `[H*W,3]`.
     pub(crate) pixels: Arc<Buffer>,
     /// One weight per pixel, if the view has a mask.
@@ -30,55 +32,74 @@ pub(crate) struct Target {
 }
 
 /// The cache of images on the device.
-#[derive(Default)]
 pub(crate) struct Targets {
     kept: Vec<Target>,
-    clock: u64,
+    /// The last image that found no room among the kept.
+    passing: Option<Target>,
+    budget_bytes: u64,
     dropped: bool,
     uploaded_bytes: u64,
 }
 
-fn is_same<T>(kept: &Weak<T>, wanted: &Arc<T>) -> bool {
-    std::ptr::eq(kept.as_ptr(), Arc::as_ptr(wanted))
+impl Default for Targets {
+    fn default() -> Self {
+        Self { kept: Vec::new(), passing: None, budget_bytes: BUDGET_BYTES, dropped: false, uploaded_bytes: 0 }
+    }
+}
+
+impl Target {
+    fn is_of(&self, view: &View) -> bool {
+        let same_mask = match (&self.mask, &view.mask) {
+            (None, None) => true,
+            (Some(kept), Some(wanted)) => kept.is_of(wanted),
+            _ => false,
+        };
+        same_mask && self.image.is_of(&view.image)
+    }
+
+    fn is_alive(&self) -> bool {
+        self.image.is_alive() && self.mask.as_ref().is_none_or(Identity::is_alive)
+    }
 }
 
 impl Targets {
-    /// Returns the image of a view, and uploads it if it is not cached.
-    pub(crate) fn get(&mut self, gpu: &Gpu, view: &View) -> Result<&Target, EngineError> {
-        self.clock += 1;
-        let at = self.kept.iter().position(|target| {
-            let same_mask = match (&target.mask, &view.mask) {
-                (None, None) => true,
-                (Some(kept), Some(wanted)) => is_same(kept, wanted),
-                _ => false,
-            };
-            same_mask && is_same(&target.image, &view.image)
-        });
-        let at = match at {
-            Some(at) => at,
-            None => {
-                self.make_room(bytes_of(view));
-                self.kept.push(upload(gpu, view)?);
-                self.uploaded_bytes += bytes_of(view);
-                self.kept.len() - 1
-            }
-        };
-        let target = &mut self.kept[at];
-        target.last_used = self.clock;
-        Ok(target)
+    /// Lowers the capacity; images beyond it are removed.
+    pub(crate) fn set_budget(&mut self, bytes: u64) {
+        self.budget_bytes = bytes.min(BUDGET_BYTES);
+        if self.bytes() > self.budget_bytes {
+            self.clear();
+        }
     }
 
-    fn make_room(&mut self, bytes: u64) {
-        // Images whose views no longer exist cannot be requested again.
-        let before = self.kept.len();
-        self.kept.retain(|target| target.image.strong_count() > 0);
-        while self.kept.iter().map(|target| target.bytes).sum::<u64>() + bytes > BUDGET_BYTES {
-            let oldest = self.kept.iter().enumerate().min_by_key(|(_, target)| target.last_used).map(|(at, _)| at);
-            match oldest {
-                Some(at) => drop(self.kept.swap_remove(at)),
-                None => break,
-            }
+    /// Returns the bytes that are kept.
+    pub(crate) fn bytes(&self) -> u64 {
+        self.kept.iter().map(|target| target.bytes).sum()
+    }
+
+    /// Returns the image of a view, and uploads it if it is not cached.
+    pub(crate) fn get(&mut self, gpu: &Gpu, view: &View) -> Result<&Target, EngineError> {
+        if let Some(at) = self.kept.iter().position(|target| target.is_of(view)) {
+            return Ok(&self.kept[at]);
         }
+        if !self.passing.as_ref().is_some_and(|target| target.is_of(view)) {
+            self.remove_unreachable();
+            let bytes = bytes_of(view);
+            let target = upload(gpu, view)?;
+            self.uploaded_bytes += bytes;
+            if self.bytes() + bytes <= self.budget_bytes {
+                self.kept.push(target);
+                return Ok(&self.kept[self.kept.len() - 1]);
+            }
+            self.dropped |= self.passing.is_some();
+            self.passing = Some(target);
+        }
+        self.passing.as_ref().ok_or_else(|| EngineError::invalid("a target image was not kept"))
+    }
+
+    /// Removes images whose views no longer exist: they cannot be requested again.
+    fn remove_unreachable(&mut self) {
+        let before = self.kept.len();
+        self.kept.retain(Target::is_alive);
         self.dropped |= self.kept.len() < before;
     }
 
@@ -89,8 +110,9 @@ impl Targets {
 
     /// Removes all images.
     pub(crate) fn clear(&mut self) {
-        self.dropped |= !self.kept.is_empty();
+        self.dropped |= !self.kept.is_empty() || self.passing.is_some();
         self.kept.clear();
+        self.passing = None;
     }
 
     /// Reports whether images were removed since the last call. Cached bindings that refer to them
@@ -121,10 +143,9 @@ fn upload(gpu: &Gpu, view: &View) -> Result<Target, EngineError> {
     };
     gpu.check()?;
     Ok(Target {
-        image: Arc::downgrade(&view.image),
-        mask: view.mask.as_ref().map(Arc::downgrade),
+        image: view.image.identity(),
+        mask: view.mask.as_ref().map(|mask| mask.identity()),
         bytes: bytes_of(view),
-        last_used: 0,
         pixels: Arc::new(pixels),
         weights,
         total,

@@ -42,6 +42,32 @@ const SUFFIX: &str = ".tmp";
 /// `write`'s error, [`crate::IoErrorKind::System`] or [`crate::IoErrorKind::NoRoom`];
 /// [`crate::IoErrorKind::Invalid`] where the name is a device, a pipe, or a link to a missing file.
 pub fn write_atomically(path: &Path, write: impl FnOnce(&mut (dyn WriteSeek + '_)) -> Result<(), IoError>) -> Result<(), IoError> {
+    replace(path, Durability::Synced, write)?;
+    if let Some(notice) = WRITTEN.get() {
+        notice(path);
+    }
+    Ok(())
+}
+
+/// Writes a file that can be made again at any time, and whose reader checks that it is whole: as
+/// [`write_atomically`] does, but neither waits for the disk nor calls
+/// the notice.
+pub(crate) fn write_cache_file(path: &Path, write: impl FnOnce(&mut (dyn WriteSeek + '_)) -> Result<(), IoError>) -> Result<(), IoError> {
+    replace(path, Durability::Unsynced, write)
+}
+
+/// Whether a file must survive the machine.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Durability {
+    Synced,
+    Unsynced,
+}
+
+fn replace(
+    path: &Path,
+    durability: Durability,
+    write: impl FnOnce(&mut (dyn WriteSeek + '_)) -> Result<(), IoError>,
+) -> Result<(), IoError> {
     let is_confined = check_file(path)?;
     let place = if is_confined { checked(path, path.to_owned())? } else { place_of(path)? };
     let folder = place.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -58,15 +84,16 @@ pub fn write_atomically(path: &Path, write: impl FnOnce(&mut (dyn WriteSeek + '_
     let mut buffer = BufWriter::with_capacity(1 << 20, file);
     write(&mut buffer)?;
     let file = buffer.into_inner().map_err(|e| system(e.error()))?;
-    file.as_file().sync_all().map_err(|e| system(&e))?;
+    if durability == Durability::Synced {
+        file.as_file().sync_all().map_err(|e| system(&e))?;
+    }
     file.persist(&place).map_err(|e| system(&e.error))?;
     // The rename itself is durable once the folder is; where folders can't be synced (Windows) the
     // rename is already ordered.
-    if let Ok(handle) = std::fs::File::open(folder) {
+    if durability == Durability::Synced
+        && let Ok(handle) = std::fs::File::open(folder)
+    {
         let _ = handle.sync_all();
-    }
-    if let Some(notice) = WRITTEN.get() {
-        notice(path);
     }
     Ok(())
 }

@@ -42,8 +42,9 @@ pub use checkpoint::{
 };
 pub use confine::{Confinement, check_within, confine};
 pub use dataset::{
-    DatasetFormat, Exposures, LoadOptions, MaskSource, RecordedPose, SplitLists, Supervision, Transforms, TransformsFrame, UnknownFormat,
-    colmap, composed, decode_mask, detect_format, load_dataset, parse_exposures, parse_recorded_poses, parse_split, parse_transforms,
+    DatasetFormat, Exposures, ImageMemory, ImagePlan, LoadOptions, LoadProgress, Loading, MAX_RELATIVE_ERROR, MaskSource, RecordedPose,
+    SplitLists, Supervision, Transforms, TransformsFrame, UnknownFormat, VIEWS_IN_USE, colmap, composed, decode_mask, detect_format,
+    load_dataset, load_dataset_within, parse_exposures, parse_recorded_poses, parse_split, parse_transforms,
 };
 pub use error::{IoError, IoErrorKind};
 pub use gltf::{decode_glb, encode_glb, read_glb, write_glb};
@@ -53,7 +54,7 @@ pub use image::{
     read_exr_attributes, read_image, undistort, undistort_into, write_exr, write_png,
 };
 pub use luxel_core::photo::{Codes, Exif, IccProfile, PhotoInfo, PhotoKind, RawInfo, RawPixels};
-pub use memory::{given_memory_limit, memory_limit, set_memory_limit};
+pub use memory::{available_memory, given_memory_limit, memory_limit, set_memory_limit, system_memory};
 #[cfg(not(feature = "ocio"))]
 pub use ocio_absent::OcioSpace;
 #[cfg(feature = "ocio")]

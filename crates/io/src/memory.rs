@@ -36,15 +36,60 @@ pub fn given_memory_limit() -> Option<u64> {
 
 fn default_limit() -> u64 {
     static DEFAULT: OnceLock<u64> = OnceLock::new();
-    *DEFAULT.get_or_init(|| {
+    *DEFAULT.get_or_init(|| system_memory().map_or(u64::MAX, |bytes| bytes / 4 * 3))
+}
+
+/// Returns the memory that the machine has, or that its control group or a limit on the process
+/// leaves of it, bytes; `None` where the system does not tell.
+pub fn system_memory() -> Option<u64> {
+    static MEMORY: OnceLock<Option<u64>> = OnceLock::new();
+    *MEMORY.get_or_init(|| {
         let read = |path: &str| std::fs::read_to_string(path).unwrap_or_default();
+        let process = read("/proc/self/limits");
         let limits = [
             field(&read("/proc/meminfo"), "MemTotal:").and_then(|kib| kib.checked_mul(1024)),
-            field(&read("/proc/self/limits"), "Max address space"),
+            field(&process, "Max address space"),
+            field(&process, "Max data size"),
             field(&read("/sys/fs/cgroup/memory.max"), ""),
+            field(&read("/sys/fs/cgroup/memory/memory.limit_in_bytes"), ""),
         ];
-        limits.into_iter().flatten().min().map_or(u64::MAX, |bytes| bytes / 4 * 3)
+        let groups = control_groups(&read("/proc/self/cgroup"));
+        limits.into_iter().chain(groups.iter().map(|path| field(&read(path), ""))).flatten().min()
     })
+}
+
+/// Returns the memory that is free for this process now, bytes: what the machine has available, and
+/// what its control group leaves.
+pub fn available_memory() -> Option<u64> {
+    let read = |path: &str| std::fs::read_to_string(path).unwrap_or_default();
+    let available = field(&read("/proc/meminfo"), "MemAvailable:").and_then(|kib| kib.checked_mul(1024));
+    available.into_iter().chain(system_memory()).min()
+}
+
+/// Returns the files with the limits of the control groups that a process is in, whose
+/// `/proc/self/cgroup` is given: its own and those around it.
+fn control_groups(content: &str) -> Vec<String> {
+    let mut paths = Vec::new();
+    for line in content.lines() {
+        let mut parts = line.splitn(3, ':');
+        let (Some(_), Some(controllers), Some(path)) = (parts.next(), parts.next(), parts.next()) else { continue };
+        let (root, file) = match controllers {
+            "" => ("/sys/fs/cgroup", "memory.max"),
+            list if list.split(',').any(|name| name == "memory") => ("/sys/fs/cgroup/memory", "memory.limit_in_bytes"),
+            _ => continue,
+        };
+        let mut path = path.trim_end_matches('/');
+        while !path.is_empty() && !path.split('/').any(|part| part == "..") {
+            paths.push(format!("{root}{path}/{file}"));
+            path = path.rfind('/').map_or("", |at| &path[..at]);
+        }
+    }
+    paths
+}
+
+/// Returns a size for people.
+pub(crate) fn mebibytes(bytes: u64) -> String {
+    format!("{} MiB", bytes.div_ceil(1 << 20))
 }
 
 /// Returns the number behind a name in a file of the system; `None` where there is none, or no
@@ -75,6 +120,14 @@ mod tests {
         assert_eq!(field(limits, "Max address space"), Some(4_294_967_296));
         assert_eq!(field("Max address space         unlimited            unlimited            bytes\n", "Max address space"), None);
         assert_eq!((field("max\n", ""), field("1048576\n", ""), field("", "")), (None, Some(1_048_576), None));
+    }
+
+    #[test]
+    fn limits_of_a_control_group_and_of_those_around_it_count() {
+        let of = |content| control_groups(content);
+        assert_eq!(of("0::/a.slice/run-1.scope\n"), ["/sys/fs/cgroup/a.slice/run-1.scope/memory.max", "/sys/fs/cgroup/a.slice/memory.max"]);
+        assert_eq!(of("5:cpu,memory:/x\n2:pids:/y\n"), ["/sys/fs/cgroup/memory/x/memory.limit_in_bytes"]);
+        assert_eq!(of("0::/\n0::/../up\n\nnonsense\n"), Vec::<String>::new());
     }
 
     #[test]

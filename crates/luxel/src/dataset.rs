@@ -2,12 +2,15 @@
 
 use std::ops::Deref;
 use std::path::Path;
+use std::sync::mpsc::channel;
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
 use luxel_core::BadPixels;
-use luxel_io::LoadOptions;
+use luxel_io::{ImageMemory, ImagePlan, LoadOptions, LoadProgress, Loading};
 
 use crate::error::Context;
-use crate::{Observer, Result, text};
+use crate::{Event, ItemKind, Observer, Result, text};
 
 /// Files with bad pixels that are listed one by one.
 const LISTED_FILES: usize = 5;
@@ -53,7 +56,17 @@ impl Dataset {
     /// # Errors
     /// As [`Self::open_with`].
     pub fn open_reporting(path: impl AsRef<Path>, options: &LoadOptions, observer: &dyn Observer) -> Result<Self> {
-        let (path, dataset) = (path.as_ref(), Self::open_with(path.as_ref(), options)?);
+        Self::open_within(path, options, ImageLimits::default(), observer)
+    }
+
+    /// Reads the data set at `path` as [`Self::open_reporting`] does, within a limit of memory for
+    /// its images. Those that have no room are read on demand: [`luxel_io::load_dataset_within`].
+    ///
+    /// # Errors
+    /// As [`Self::open_with`]; a limit below what reading takes; a cache that cannot be written.
+    pub fn open_within(path: impl AsRef<Path>, options: &LoadOptions, limits: ImageLimits<'_>, observer: &dyn Observer) -> Result<Self> {
+        let path = path.as_ref();
+        let dataset = Self(load_reporting(path, options, limits, observer).context("cannot read the data set")?);
         for warning in dataset.warnings.iter().cloned().chain(bad_pixel_lines(&dataset)) {
             observer.warn(&warning);
         }
@@ -96,6 +109,64 @@ impl Deref for Dataset {
     fn deref(&self) -> &luxel_core::Dataset {
         &self.0
     }
+}
+
+/// How much memory the images of a data set may take, and where the others are stored.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct ImageLimits<'a> {
+    /// The memory that images may take.
+    pub image_memory: ImageMemory,
+    /// The folder for images that have no room. Without one, they are decoded from their files
+    /// whenever they are needed.
+    pub cache: Option<&'a Path>,
+}
+
+/// Time after which the reading of a data set is reported view by view.
+const QUIET_READING: Duration = Duration::from_secs(1);
+
+/// Reads a data set on another thread, and reports its progress from this one.
+fn load_reporting(
+    path: &Path,
+    options: &LoadOptions,
+    limits: ImageLimits<'_>,
+    observer: &dyn Observer,
+) -> std::result::Result<luxel_core::Dataset, luxel_io::IoError> {
+    let start = Instant::now();
+    let (sender, receiver) = channel();
+    let sender = Mutex::new(sender);
+    std::thread::scope(|scope| {
+        let reader = scope.spawn(move || {
+            let progress = |event| drop(sender.lock().unwrap_or_else(PoisonError::into_inner).send(event));
+            let loading = Loading { image_memory: limits.image_memory, cache: limits.cache, progress: Some(&progress) };
+            luxel_io::load_dataset_within(path, options, &loading)
+        });
+        let mut is_reported = false;
+        for event in receiver {
+            match event {
+                LoadProgress::Planned(plan) if !plan.fits() => observer.note(&plan_line(&plan)),
+                LoadProgress::View { name, done, total } if start.elapsed() >= QUIET_READING => {
+                    let [done, total] = [done, total].map(|count| u32::try_from(count).unwrap_or(u32::MAX));
+                    observer.event(Event::Item { kind: ItemKind::LoadedView, name, done, total });
+                    is_reported = true;
+                }
+                _ => {}
+            }
+        }
+        if is_reported {
+            observer.event(Event::StepsEnd);
+        }
+        reader.join().unwrap_or_else(|_| Err(luxel_io::IoError::invalid(path, "reading it stopped without a reason")))
+    })
+}
+
+/// Says how images that have no room in memory are held.
+fn plan_line(plan: &ImagePlan) -> String {
+    let [decoded, limit] = [plan.decoded_bytes, plan.limit_bytes].map(text::bytes);
+    let place = match &plan.cache {
+        Some(folder) => format!("those to train on are stored in {} as half floats", folder.display()),
+        None => "they are decoded when they are needed".to_owned(),
+    };
+    format!("the images take {decoded} decoded and may take {limit}: {place}")
 }
 
 /// Returns what was masked out, file by file; a long list is cut.

@@ -121,6 +121,7 @@ pub fn remedy_of<'a>(error: &'a (dyn StdError + 'static)) -> Option<&'a Remedy> 
         .or_else(|| error.downcast_ref::<luxel_train::TrainError>()?.remedy())
         .or_else(|| error.downcast_ref::<luxel_metrics::EvaluationError>()?.remedy())
         .or_else(|| error.downcast_ref::<luxel_io::IoError>()?.remedy.as_ref())
+        .or_else(|| error.downcast_ref::<luxel_core::ReadError>()?.remedy.as_ref())
         .or_else(|| error.downcast_ref::<PrepareError>()?.remedy.as_ref())
 }
 
@@ -173,6 +174,7 @@ wrapped!(
     toml::ser::Error,
     toml::de::Error,
     luxel_core::EngineError,
+    luxel_core::ReadError,
     luxel_core::EditError,
     luxel_core::edit::EditTextError,
     luxel_io::IoError,

@@ -115,6 +115,8 @@ pub enum Event {
 pub enum ItemKind {
     /// A view's radiance and proxy.
     View,
+    /// A view of a data set that was read.
+    LoadedView,
     /// A view's undistorted image.
     UndistortedImage,
     /// A view in a stage of structure from motion, which the item is named by.

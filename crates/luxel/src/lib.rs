@@ -84,7 +84,7 @@ pub mod synthetic;
 pub mod text;
 mod training;
 
-pub use dataset::{Dataset, bad_pixel_lines};
+pub use dataset::{Dataset, ImageLimits, bad_pixel_lines};
 pub use device::{Device, DeviceOptions, MAX_THREADS, SelectedEngine, start_threads};
 pub use error::{Error, Result, remedy_of};
 pub use events::{Event, ItemKind, Listening, Observer, Silent, StopFlag, Wish};
@@ -92,7 +92,7 @@ pub use export::{Bake, ExportOptions};
 pub use luxel_core::tone::Tonemap;
 pub use luxel_core::{Camera, ColorSpace, Edit, Remedy, View};
 pub use luxel_cpu::InstructionSet;
-pub use luxel_io::{LoadOptions, PathCamera, Supervision};
+pub use luxel_io::{ImageMemory, LoadOptions, PathCamera, Supervision};
 pub use luxel_metrics::SplitMetrics;
 pub use luxel_train::{Method, Preset, TrainConfig};
 pub use probe::{Probe, ProbeOptions};

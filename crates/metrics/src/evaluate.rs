@@ -13,7 +13,7 @@
 //! scene. [`GainFit`] selects the gains by which predictions are multiplied before they are
 //! measured.
 
-use luxel_core::{Engine, EngineError, Image, Knots, PixelValues, RadianceScale, Remedy, RenderOptions, Response, View};
+use luxel_core::{Engine, EngineError, Image, Knots, PixelValues, RadianceScale, ReadError, Remedy, RenderOptions, Response, View};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -26,6 +26,9 @@ use crate::{
 /// they are.
 const LINEAR_MU: f32 = 1e-6;
 
+/// Largest number of pixels of images that are read on demand to be measured in parallel.
+const BATCH_PIXELS: u64 = 32_000_000;
+
 /// The reasons for which views cannot be evaluated.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -33,6 +36,9 @@ pub enum EvaluationError {
     /// The engine cannot render a view.
     #[error(transparent)]
     Engine(#[from] EngineError),
+    /// An image cannot be read again.
+    #[error(transparent)]
+    Read(#[from] ReadError),
     /// A view cannot be compared with its render.
     #[error("view {view}: {source}")]
     Metrics {
@@ -62,6 +68,7 @@ impl EvaluationError {
     pub fn remedy(&self) -> Option<&Remedy> {
         match self {
             Self::Engine(error) => error.remedy(),
+            Self::Read(error) => error.remedy.as_ref(),
             Self::Metrics { .. } | Self::Lpips { .. } | Self::NoResponse { .. } => None,
         }
     }
@@ -110,9 +117,12 @@ impl Measures<'_> {
     }
 
     /// Returns the number of views that are measured in parallel. A network is parallel in itself,
-    /// and its features of one view can take gigabytes.
-    fn batch(&self) -> usize {
-        if self.lpips.is_some() { 1 } else { rayon::current_num_threads().max(1) }
+    /// and its features of one view can take gigabytes. Of images that are read on demand, which
+    /// are those that memory has no room for, no more are read at a time than [`BATCH_PIXELS`] say.
+    fn batch(&self, views: &[View]) -> usize {
+        let largest = views.iter().filter(|view| !view.is_in_memory()).map(View::pixel_count).max().unwrap_or(0);
+        let threads = if self.lpips.is_some() { 1 } else { rayon::current_num_threads().max(1) };
+        threads.min(usize::try_from(BATCH_PIXELS / largest.max(1)).unwrap_or(usize::MAX)).max(1)
     }
 }
 
@@ -191,27 +201,30 @@ pub fn evaluate(
 ) -> Result<SplitMetrics, EvaluationError> {
     let mut named = Vec::with_capacity(views.len());
     let mut profile = LuminanceProfile::default();
-    let measured: Vec<(usize, &View)> = views.iter().enumerate().filter(|(_, view)| has_valid_pixel(view)).collect();
     let common = match measures.gain_fit {
-        GainFit::Common => {
-            common_gain(engine, options, measures.radiance_scale, &measured.iter().map(|(_, view)| *view).collect::<Vec<_>>())?
-        }
+        GainFit::Common => common_gain(engine, options, measures.radiance_scale, views)?,
         GainFit::None | GainFit::PerView | GainFit::Known(_) => [0.0; 3],
     };
-    for batch in measured.chunks(measures.batch()) {
+    let indices: Vec<usize> = (0..views.len()).collect();
+    for batch in indices.chunks(measures.batch(views)) {
         let mut pairs = Vec::with_capacity(batch.len());
-        for (index, view) in batch {
+        for index in batch {
+            let view = views[*index].loaded()?;
+            if !has_valid_pixel(&view) {
+                continue;
+            }
             let mut prediction = engine.render(&view.camera, options)?;
             match measures.gain_fit {
                 GainFit::None => {}
                 GainFit::Common => multiply(&mut prediction, common),
                 GainFit::PerView => {
-                    let log = log_gain(&prediction, view, measures.radiance_scale);
+                    let log = log_gain(&prediction, &view, measures.radiance_scale);
                     multiply(&mut prediction, log.unwrap_or_default());
                 }
                 GainFit::Known(logs) => multiply(&mut prediction, logs.get(*index).copied().unwrap_or_default()),
             }
-            pairs.push((*view, to_view_values(view, prediction, measures.radiance_scale, measures.response)?));
+            let prediction = to_view_values(&view, prediction, measures.radiance_scale, measures.response)?;
+            pairs.push((view, prediction));
         }
         let results: Vec<_> = pairs.par_iter().map(|(view, prediction)| measure(view, prediction, measures)).collect();
         // Results are taken in the order of the views: sums do not depend on the number of threads,
@@ -244,11 +257,15 @@ fn common_gain(
     engine: &mut dyn Engine,
     options: &RenderOptions,
     radiance_scale: RadianceScale,
-    views: &[&View],
+    views: &[View],
 ) -> Result<[f32; 3], EvaluationError> {
     let (mut sum, mut count) = ([0.0f64; 3], 0usize);
     for view in views {
-        if let Some(log) = log_gain(&engine.render(&view.camera, options)?, view, radiance_scale) {
+        let view = view.loaded()?;
+        if !has_valid_pixel(&view) {
+            continue;
+        }
+        if let Some(log) = log_gain(&engine.render(&view.camera, options)?, &view, radiance_scale) {
             sum = [0, 1, 2].map(|c| sum[c] + f64::from(log[c]));
             count += 1;
         }
@@ -287,6 +304,7 @@ pub fn probe(
     view: &View,
     log_gain: [f32; 3],
 ) -> Result<Option<f64>, EvaluationError> {
+    let view = &view.loaded()?;
     if !(0..view.image.pixels.len()).any(|i| view.is_valid(i)) {
         return Ok(None);
     }

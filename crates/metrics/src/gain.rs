@@ -83,7 +83,6 @@ fn weighted_median(mut values: Vec<Ratio>) -> Option<f32> {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
 
     use glam::{DAffine3, DVec2};
     use luxel_core::{Camera, CameraProjection, Distortion, PixelValues, Target};
@@ -104,15 +103,16 @@ mod tests {
             distortion: Distortion::default(),
             projection: CameraProjection::Pinhole,
         };
-        let image = Arc::new(Image::from_pixels(20, 20, pixels).unwrap());
+        let image = Image::from_pixels(20, 20, pixels).unwrap().into();
         View { name: "a".into(), camera, image, values: PixelValues::Radiance, noise: None, mask: None, target: Target::default() }
     }
 
     #[test]
     fn the_gain_of_an_image_is_found_through_an_object_that_is_not_in_the_scene() {
         let mut view = drifted([1.3, 1.0, 0.8]);
-        let image = Arc::make_mut(&mut view.image);
+        let mut image = Image::clone(&view.image);
         image.pixels.iter_mut().take(120).for_each(|pixel| *pixel = [50.0, 0.0, 9.0]);
+        view.image = image.into();
         let found = log_gain_of_view(&ramp(), &view, [1.0; 3], GainChannels::Separate).unwrap();
         for (found, gain) in found.into_iter().zip([1.3f32, 1.0, 0.8]) {
             assert!((found - gain.ln()).abs() < 1e-5, "{found} {gain}");
@@ -124,7 +124,7 @@ mod tests {
     #[test]
     fn a_view_without_reliable_pixels_has_no_gain() {
         let mut view = drifted([2.0; 3]);
-        view.mask = Some(Arc::new(luxel_core::Mask::from_valid(vec![false; 400])));
+        view.mask = Some(luxel_core::Mask::from_valid(vec![false; 400]).into());
         assert_eq!(log_gain_of_view(&ramp(), &view, [1.0; 3], GainChannels::Separate), None);
     }
 }

@@ -35,8 +35,8 @@ pub(crate) fn contribution(
     let stride = views.len().div_ceil(MOST_VIEWS).max(1);
     let mut sums = vec![0.0; engine.len()];
     for index in (round.number as usize % stride..views.len()).step_by(stride) {
-        let Some(view) = views.at(round.step, index, [1.0; 3]) else { continue };
-        add_contribution(engine, view, options, &mut sums)?;
+        let Some(view) = views.weights_at(round.step, index)? else { continue };
+        add_contribution(engine, &view, options, &mut sums)?;
     }
     if stride > 1 {
         sums.iter_mut().filter(|sum| **sum == 0.0).for_each(|sum| *sum = f32::INFINITY);
@@ -68,8 +68,8 @@ pub(crate) fn visible_splats(
     let mut shown = vec![0.0f32; engine.len()];
     let mut pixels = 0.0f64;
     for index in 0..views.len() {
-        let Some(view) = views.at(step, index, [1.0; 3]) else { continue };
-        let found = engine.contributions(&view.camera, options, &pixel_weights(view))?;
+        let Some(view) = views.weights_at(step, index)? else { continue };
+        let found = engine.contributions(&view.camera, options, &pixel_weights(&view))?;
         for (shown, (masked, light)) in shown.iter_mut().zip(found.masked.iter().zip(&found.light)) {
             *shown += masked.max(*light);
             pixels += f64::from(*masked);
@@ -90,13 +90,11 @@ pub(crate) fn visible_splats(
 
 /// Returns the weight of each pixel of a view.
 fn pixel_weights(view: &View) -> Vec<f32> {
-    view.mask.as_ref().map_or_else(|| vec![1.0; view.image.pixels.len()], |mask| mask.weights.clone())
+    view.mask.as_ref().map_or_else(|| vec![1.0; view.pixel_count() as usize], |mask| mask.weights.clone())
 }
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
-
     use luxel_core::{ColorModel, Image, Mask, RadianceScale, Splat, Splats, View, logit};
     use luxel_cpu::CpuEngine;
 
@@ -131,7 +129,7 @@ mod tests {
     }
 
     fn view(mask: Option<f32>) -> View {
-        let mask = mask.map(|weight| Arc::new(Mask { weights: vec![weight; 32 * 32] }));
+        let mask = mask.map(|weight| Mask { weights: vec![weight; 32 * 32] }.into());
         View { mask, ..view_of("a", camera_at([0.0; 3], [32, 32]), Image::filled(32, 32, [0.0; 3])) }
     }
 

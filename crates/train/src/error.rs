@@ -2,7 +2,7 @@
 
 use std::sync::LazyLock;
 
-use luxel_core::{EngineError, Remedy, SplatsError, ViewError};
+use luxel_core::{EngineError, ReadError, Remedy, SplatsError, ViewError};
 
 use crate::{Condition, Misplaced};
 
@@ -42,6 +42,9 @@ pub enum TrainError {
     /// No splat to start from.
     #[error("no splat to start from: {0}")]
     NoSplats(&'static str),
+    /// An image cannot be read again.
+    #[error(transparent)]
+    Read(#[from] ReadError),
     /// The engine refused or failed.
     #[error(transparent)]
     Engine(#[from] EngineError),
@@ -121,6 +124,7 @@ impl TrainError {
     pub fn remedy(&self) -> Option<&Remedy> {
         match self {
             Self::Engine(error) => error.remedy(),
+            Self::Read(error) => error.remedy.as_ref(),
             Self::Misplaced { remedy, .. } => Some(remedy),
             Self::AllBlack => Some(&ALL_BLACK),
             Self::MixedValues { .. } => Some(&MIXED_VALUES),

@@ -5,6 +5,7 @@
 //! inputs give equal scenes. A [`luxel_core::Snapshot`] holds everything that a run needs to resume
 //! bit for bit.
 
+mod ahead;
 mod average;
 mod camera_response;
 mod config;

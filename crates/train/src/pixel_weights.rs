@@ -156,7 +156,7 @@ mod tests {
     fn weights_do_not_follow_the_noise_itself_and_masks_stay() {
         let pixels = (0..100).map(|i| [if i % 2 == 0 { 0.0 } else { 0.2 }; 3]).collect();
         let mut view = view_of("a", camera_at([0.0; 3], [10, 10]), Image::from_pixels(10, 10, pixels).unwrap());
-        view.mask = Some(std::sync::Arc::new(Mask::from_valid((0..100).map(|i| i != 40))));
+        view.mask = Some(Mask::from_valid((0..100).map(|i| i != 40)).into());
         let mask = weighted(&view, NoiseModel { read: 0.01, shot: 0.01 }, TONE);
         assert_eq!(mask.weights[40], 0.0);
         // In the neighbourhood of a dark pixel, 2 of 5 columns are bright; around a bright one, 3

@@ -9,7 +9,10 @@
 use std::sync::Arc;
 
 use luxel_core::response::{BLACK, SATURATED};
-use luxel_core::{Dataset, Image, Knots, Mask, PixelValues, RadianceScale, Response, ToneCurve, View};
+use luxel_core::{
+    Dataset, Image, Knots, Mask, OnDemand, PixelValues, RadianceScale, ReadError, Response, Source, ToneCurve, View, unreadable_image,
+    unreadable_mask,
+};
 use rayon::prelude::*;
 
 use crate::TrainError;
@@ -46,19 +49,68 @@ pub(crate) fn radiance_of(value: f32, channel: usize, knots: &Knots, exposure_s:
 /// Returns the data set with its captured training views as radiance. Pixels that are black or
 /// saturated in any channel are masked.
 pub(crate) fn as_radiance(dataset: &Dataset, knots: &Knots) -> Dataset {
-    let convert = |view: &View| {
-        let Some(exposure_s) = exposure_of(view) else { return view.clone() };
-        let mut mask = Mask { weights: vec![0.0; view.image.pixels.len()] };
-        let mut image = Image::filled(view.image.width, view.image.height, [0.0; 3]);
-        for (i, (pixel, weight)) in image.pixels.iter_mut().zip(&mut mask.weights).enumerate().filter(|(i, _)| view.is_valid(*i)) {
-            let [r, g, b] = [0, 1, 2].map(|c| radiance_of(view.image.pixels[i][c], c, knots, exposure_s));
-            if let (Some(r), Some(g), Some(b)) = (r, g, b) {
-                (*pixel, *weight) = ([r, g, b], 1.0);
-            }
+    let convert = |view: &View| match exposure_of(view) {
+        None => view.clone(),
+        Some(exposure_s) if view.is_in_memory() => radiance_view(view, exposure_s, knots),
+        Some(exposure_s) => {
+            let source = Arc::new(AsRadiance { view: view.clone(), exposure_s, knots: *knots });
+            let (image, mask) = (OnDemand::from_source(source.clone()), OnDemand::from_source(source));
+            View { image, values: PixelValues::Radiance, mask: Some(mask), ..view.clone() }
         }
-        View { image: Arc::new(image), values: PixelValues::Radiance, mask: Some(Arc::new(mask)), ..view.clone() }
     };
     Dataset { train: dataset.train.par_iter().map(convert).collect(), ..dataset.clone() }
+}
+
+fn radiance_view(view: &View, exposure_s: f32, knots: &Knots) -> View {
+    let mut mask = Mask { weights: vec![0.0; view.image.pixels.len()] };
+    let mut image = Image::filled(view.image.width, view.image.height, [0.0; 3]);
+    for (i, (pixel, weight)) in image.pixels.iter_mut().zip(&mut mask.weights).enumerate().filter(|(i, _)| view.is_valid(*i)) {
+        let [r, g, b] = [0, 1, 2].map(|c| radiance_of(view.image.pixels[i][c], c, knots, exposure_s));
+        if let (Some(r), Some(g), Some(b)) = (r, g, b) {
+            (*pixel, *weight) = ([r, g, b], 1.0);
+        }
+    }
+    View { image: image.into(), values: PixelValues::Radiance, mask: Some(mask.into()), ..view.clone() }
+}
+
+/// A captured view that is read as radiance each time.
+#[derive(Debug)]
+struct AsRadiance {
+    view: View,
+    exposure_s: f32,
+    knots: Knots,
+}
+
+impl AsRadiance {
+    fn radiance(&self) -> Result<View, ReadError> {
+        Ok(radiance_view(&self.view.loaded()?, self.exposure_s, &self.knots))
+    }
+
+    fn size(&self) -> [usize; 2] {
+        self.view.camera.size_px.map(|side| side as usize)
+    }
+}
+
+impl Source<Image> for AsRadiance {
+    fn read(&self) -> Result<Image, ReadError> {
+        Ok(self.radiance()?.image.into_value())
+    }
+
+    fn stand_in(&self) -> Image {
+        let [width, height] = self.size();
+        unreadable_image(width, height)
+    }
+}
+
+impl Source<Mask> for AsRadiance {
+    fn read(&self) -> Result<Mask, ReadError> {
+        Ok(self.radiance()?.mask.map_or_else(|| self.stand_in(), OnDemand::into_value))
+    }
+
+    fn stand_in(&self) -> Mask {
+        let [width, height] = self.size();
+        unreadable_mask(width * height)
+    }
 }
 
 #[cfg(test)]
@@ -84,6 +136,18 @@ mod tests {
         assert!(radiance.image.pixels[0].iter().all(|v| (v - 4.0).abs() < 1e-3), "{:?}", radiance.image.pixels[0]);
         assert_eq!(radiance.mask.as_ref().unwrap().weights, [1.0, 0.0, 0.0]);
         assert_eq!(radiance.values, PixelValues::Radiance);
+    }
+
+    #[test]
+    fn captured_views_on_demand_become_the_same_radiance() {
+        let knots = CameraResponse::new(0.5, &[]).knots();
+        let now = exposed(0.25, vec![[0.5; 3], [0.0, 0.5, 0.5], [0.2, 0.3, 0.4]]);
+        let later = crate::testing::on_demand(&now);
+        let [now, later] = [now, later].map(|view| as_radiance(&dataset_of(vec![view]), &knots).train.remove(0));
+        assert!(!later.is_in_memory());
+        let loaded = later.loaded().unwrap();
+        assert_eq!((&loaded.image, &loaded.mask), (&now.image, &now.mask));
+        assert!(!later.is_in_memory());
     }
 
     #[test]

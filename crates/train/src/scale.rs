@@ -10,6 +10,7 @@ use luxel_core::{RadianceScale, View};
 
 use crate::TrainError;
 use crate::config::ScaleRule;
+use crate::views::pixels;
 
 /// The median radiance after [`ScaleRule::Median20`], which is typical of HDR-NeRF's synthetic
 /// scenes.
@@ -21,7 +22,8 @@ const MAX_SAMPLES: usize = 1 << 21;
 /// Returns the radiance of one normalised unit by `rule`.
 ///
 /// # Errors
-/// Returns [`TrainError::NoTrainViews`], [`TrainError::NoPixels`] or [`TrainError::AllBlack`].
+/// Returns [`TrainError::NoTrainViews`], [`TrainError::NoPixels`], [`TrainError::AllBlack`], or
+/// [`TrainError::Read`] for an image that cannot be read again.
 pub fn choose_radiance_scale(train: &[View], rule: ScaleRule) -> Result<RadianceScale, TrainError> {
     let scale = match rule {
         ScaleRule::Raw => 1.0,
@@ -43,13 +45,14 @@ fn positive_luminances(train: &[View]) -> Result<Vec<f32>, TrainError> {
     if train.is_empty() {
         return Err(TrainError::NoTrainViews);
     }
-    let total: usize = train.iter().map(|view| view.image.pixels.len()).sum();
+    let total = pixels(train) as usize;
     // An odd stride does not fall in step with even image widths.
     let stride = (total / MAX_SAMPLES + 1) | 1;
-    let collect = |stride: usize| -> (bool, Vec<f32>) {
+    let collect = |stride: usize| -> Result<(bool, Vec<f32>), TrainError> {
         let mut any_valid = false;
         let mut values = Vec::with_capacity(total / stride + 1);
         for view in train {
+            let view = view.loaded()?;
             for i in (0..view.image.pixels.len()).step_by(stride).filter(|i| view.is_valid(*i)) {
                 any_valid = true;
                 let [r, g, b] = view.image.pixels[i];
@@ -57,11 +60,11 @@ fn positive_luminances(train: &[View]) -> Result<Vec<f32>, TrainError> {
             }
         }
         values.retain(|v| *v > 0.0 && v.is_finite());
-        (any_valid, values)
+        Ok((any_valid, values))
     };
-    let (mut any_valid, mut values) = collect(stride);
+    let (mut any_valid, mut values) = collect(stride)?;
     if values.is_empty() && stride > 1 {
-        (any_valid, values) = collect(1);
+        (any_valid, values) = collect(1)?;
     }
     match (values.is_empty(), any_valid) {
         (false, _) => Ok(values),
@@ -72,8 +75,13 @@ fn positive_luminances(train: &[View]) -> Result<Vec<f32>, TrainError> {
 
 fn brightest_channel(train: &[View]) -> Result<f32, TrainError> {
     positive_luminances(train)?;
-    let pixels = train.iter().flat_map(|view| view.image.pixels.iter().enumerate().filter(|(i, _)| view.is_valid(*i)));
-    Ok(pixels.flat_map(|(_, rgb)| rgb).copied().filter(|v| v.is_finite()).fold(0.0, f32::max))
+    let mut brightest = 0.0;
+    for view in train {
+        let view = view.loaded()?;
+        let valid = view.image.pixels.iter().enumerate().filter(|(i, _)| view.is_valid(*i));
+        brightest = valid.flat_map(|(_, rgb)| rgb).copied().filter(|v| v.is_finite()).fold(brightest, f32::max);
+    }
+    Ok(brightest)
 }
 
 /// Returns the value below which the fraction `part` of `values` lies; `values` must not be empty.
@@ -84,7 +92,6 @@ fn percentile(mut values: Vec<f32>, part: f64) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
 
     use luxel_core::{Image, Mask};
 
@@ -110,9 +117,9 @@ mod tests {
     #[test]
     fn masked_pixels_are_left_out() {
         let mut views = ramp();
-        views[0].mask = Some(Arc::new(Mask::from_valid((0..101).map(|i| i <= 10))));
+        views[0].mask = Some(Mask::from_valid((0..101).map(|i| i <= 10)).into());
         assert_eq!(choose_radiance_scale(&views, ScaleRule::Max).unwrap().get(), 10.0);
-        views[0].mask = Some(Arc::new(Mask::from_valid(vec![false; 101])));
+        views[0].mask = Some(Mask::from_valid(vec![false; 101]).into());
         assert!(matches!(choose_radiance_scale(&views, ScaleRule::Max), Err(TrainError::NoPixels)));
     }
 

@@ -87,6 +87,17 @@ impl State {
         view as usize
     }
 
+    /// Returns the view that [`Self::next_view`] would return now. At the end of an epoch, random
+    /// numbers drawn until then may still change it.
+    pub(crate) fn upcoming_view(&self) -> usize {
+        if self.cursor < self.order.len() {
+            return self.order.get(self.cursor).copied().unwrap_or(0) as usize;
+        }
+        let (mut order, mut rng) = (self.order.clone(), self.rng.clone());
+        order.shuffle(&mut rng);
+        order.first().copied().unwrap_or(0) as usize
+    }
+
     /// Returns the seed of a step's noise, which depends on the run's seed and the step alone.
     pub(crate) fn noise_seed(&self, step: u32) -> u64 {
         Pcg64Mcg::seed_from_u64(self.config.seed ^ (u64::from(step) << 32)).random()

@@ -3,7 +3,9 @@
 use std::sync::Arc;
 
 use glam::{DAffine3, DMat3, DVec2, DVec3};
-use luxel_core::{Camera, CameraProjection, ColorSpace, Dataset, Distortion, Image, PixelValues, Target, View};
+use luxel_core::{
+    Camera, CameraProjection, ColorSpace, Dataset, Distortion, Image, Mask, OnDemand, PixelValues, ReadError, Source, Target, View,
+};
 
 /// A camera at `eye` that looks along +z, with a focal length of the image's width.
 pub(crate) fn camera_at(eye: [f64; 3], size_px: [u32; 2]) -> Camera {
@@ -29,7 +31,7 @@ pub(crate) fn view_of(name: &str, camera: Camera, image: Image) -> View {
     View {
         name: name.to_owned(),
         camera,
-        image: Arc::new(image),
+        image: image.into(),
         values: PixelValues::Radiance,
         noise: None,
         mask: None,
@@ -50,4 +52,34 @@ pub(crate) fn dataset_of(train: Vec<View>) -> Dataset {
         warnings: Vec::new(),
         world_from_local: luxel_core::Similarity::IDENTITY,
     }
+}
+
+/// A value that is copied each time it is read.
+#[derive(Debug)]
+struct Copied<T>(T);
+
+impl Source<Image> for Copied<Image> {
+    fn read(&self) -> Result<Image, ReadError> {
+        Ok(self.0.clone())
+    }
+
+    fn stand_in(&self) -> Image {
+        luxel_core::unreadable_image(self.0.width, self.0.height)
+    }
+}
+
+impl Source<Mask> for Copied<Mask> {
+    fn read(&self) -> Result<Mask, ReadError> {
+        Ok(self.0.clone())
+    }
+
+    fn stand_in(&self) -> Mask {
+        luxel_core::unreadable_mask(self.0.weights.len())
+    }
+}
+
+/// The view with its image and mask read on demand.
+pub(crate) fn on_demand(view: &View) -> View {
+    let mask = view.mask.as_ref().map(|mask| OnDemand::from_source(Arc::new(Copied(Mask::clone(mask)))));
+    View { image: OnDemand::from_source(Arc::new(Copied(Image::clone(&view.image)))), mask, ..view.clone() }
 }

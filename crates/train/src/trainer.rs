@@ -129,7 +129,11 @@ impl Trainer {
         let index = self.state.next_view();
         let config = self.step_config(step);
         let gain = self.gain(index);
-        let view = self.views.at(step, index, gain).ok_or(TrainError::NoTrainViews)?;
+        let view_of_next = self.state.upcoming_view();
+        // Looked at first, so that the reader works while the engine does.
+        self.views.at(step, index, gain)?;
+        self.views.ask(step.saturating_add(1), view_of_next);
+        let view = self.views.at(step, index, gain)?.ok_or(TrainError::NoTrainViews)?;
         if let Some(response) = &self.state.response {
             view.target.curve = curve(view, &response.knots(), self.state.radiance_scale, gain).unwrap_or(view.target.curve);
         }
@@ -171,7 +175,7 @@ impl Trainer {
         let Some(channels) = self.state.config.exposure_compensation.gain_channels() else { return Ok(()) };
         let (options, gain) = (self.render_options_of(step), self.gain(index));
         let Some(gains) = self.state.gains.as_mut().filter(|gains| gains.measures_after(step)) else { return Ok(()) };
-        let Some(view) = self.views.at(step, index, gain) else { return Ok(()) };
+        let Some(view) = self.views.at(step, index, gain)? else { return Ok(()) };
         let render = self.engine.render(&view.camera, &options)?;
         let found = match (&self.state.response, exposure_of(view)) {
             (Some(response), Some(exposure_s)) => {

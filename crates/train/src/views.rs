@@ -4,9 +4,13 @@
 //!
 //! In: views in the data set's units, which share their images. Out: one view at a time, with its
 //! target, which the loss applies; thus images need not be copied, on a GPU either. Captured values
-//! have no units, and their scale is 1. All images of a reduced resolution are kept, which takes at
+//! have no units, and their scale is 1.
+//!
+//! Where images are in memory, all images of a reduced resolution are kept, too, which takes at
 //! most a quarter of the memory of the full ones. They are made when the first step needs them and
-//! dropped when their stage ends, so that two reduced stages are never in memory.
+//! dropped when their stage ends, so that two reduced stages are never in memory. Where images are
+//! read on demand, one view is in memory and the next is read ahead ([`crate::ahead`]); reduced
+//! images are stored beside the full ones when they are first made, where those are stored.
 //!
 //! Effects of a reduced resolution (`f` is the reduction of a side):
 //! - Loss: it is a mean over pixels, so its size and that of the regularisers stay the same. Images
@@ -32,9 +36,10 @@
 
 use std::sync::Arc;
 
-use luxel_core::{Camera, PixelValues, Target, ToneCurve, View};
+use luxel_core::{Camera, Mask, OnDemand, PixelValues, ReadError, Target, ToneCurve, View};
 use rayon::prelude::*;
 
+use crate::ahead::{Ahead, Key, Wanted};
 use crate::pixel_weights::{NoiseChoice, ToneScale, weighted};
 use crate::resolution::{Stage, factor_at};
 
@@ -46,12 +51,25 @@ const MIN_VALID: f64 = 0.5;
 pub(crate) struct TrainingViews {
     /// The views in the units of the data set, which share its images.
     full: Vec<View>,
-    /// The same views; the masks of those with known noise hold weights.
+    /// The same views; the masks of those with known noise hold weights. Empty where images are
+    /// read on demand.
     weighted: Vec<View>,
     stages: Vec<Stage>,
     tone: ToneScale,
-    /// The views of the current stage, if its resolution is reduced.
+    /// The views of the current stage, if its resolution is reduced and images are in memory.
     reduced: Option<Reduced>,
+    /// The reader of images that are read on demand, the view of the current step, and the reduced
+    /// views that are stored.
+    ahead: Ahead,
+    current: Option<(Key, View)>,
+    stored: Option<Stored>,
+}
+
+/// Views of a reduced resolution that are stored beside the full ones; `None` for those that are
+/// reduced each time.
+struct Stored {
+    factor: u32,
+    views: Vec<Option<View>>,
 }
 
 struct Reduced {
@@ -64,8 +82,12 @@ impl TrainingViews {
     pub(crate) fn new(train: &[View], stages: Vec<Stage>, noise: NoiseChoice, tone: ToneScale) -> Self {
         let with_noise = |view: &View| View { noise: noise.model(view), ..view.clone() };
         let full: Vec<View> = train.iter().map(with_noise).collect();
-        let weighted = full.iter().map(|view| weighted_by_noise(view.clone(), tone)).collect();
-        Self { full, weighted, stages, tone, reduced: None }
+        let weighted = match full.iter().all(View::is_in_memory) {
+            true => full.iter().map(|view| weighted_by_noise(view.clone(), tone)).collect(),
+            false => Vec::new(),
+        };
+        let ahead = Ahead::new(move |wanted| prepare(wanted, tone));
+        Self { full, weighted, stages, tone, reduced: None, ahead, current: None, stored: None }
     }
 
     /// Returns the number of views.
@@ -91,36 +113,131 @@ impl TrainingViews {
     /// Returns view `index` as `step` sees it, with the target of gain `gain` under the mu-law;
     /// `None` if there is no such view. The scale of captured values is 1, because their gain
     /// applies to the exposure.
-    pub(crate) fn at(&mut self, step: u32, index: usize, gain: [f32; 3]) -> Option<&mut View> {
+    ///
+    /// # Errors
+    /// An image that cannot be read.
+    pub(crate) fn at(&mut self, step: u32, index: usize, gain: [f32; 3]) -> Result<Option<&mut View>, ReadError> {
         let factor = self.factor(step);
-        let scale = match self.full.get(index)?.values {
+        let Some(full) = self.full.get(index) else { return Ok(None) };
+        let scale = match full.values {
             PixelValues::Radiance => self.tone.radiance_scale.target_scale(gain),
             PixelValues::Recorded { .. } => [1.0; 3],
         };
         let target = Target { curve: ToneCurve::MuLaw { mu: self.tone.mu }, scale };
-        if factor == 1 {
+        let view = if self.weighted.is_empty() {
+            self.on_demand(Key { index, factor })?
+        } else if factor == 1 {
             self.reduced = None;
-            let view = self.weighted.get_mut(index)?;
+            self.weighted.get_mut(index)
+        } else {
+            self.reduced(step, factor).views.get_mut(index)
+        };
+        Ok(view.map(|view| {
             view.target = target;
-            return Some(view);
-        }
-        let is_made = self.reduced.as_ref().is_some_and(|reduced| reduced.factor == factor);
-        if !is_made {
-            // The old stage is dropped before the new one is made, to save memory.
-            self.reduced = None;
-            let views = self.full.par_iter().map(|view| reduce(view, factor, self.tone)).collect();
-            tracing::info!(step, factor, "training resolution");
-            self.reduced = Some(Reduced { factor, views });
-        }
-        let view = self.reduced.as_mut()?.views.get_mut(index)?;
-        view.target = target;
-        Some(view)
+            view
+        }))
     }
+
+    /// Asks for the view of the next step in advance, where images are read on demand.
+    pub(crate) fn ask(&mut self, step: u32, index: usize) {
+        if !self.weighted.is_empty() {
+            return;
+        }
+        let wanted = self.wanted(Key { index, factor: self.factor(step) });
+        self.ahead.ask(|| wanted);
+    }
+
+    /// Returns a view whose mask is in memory, and whose image need not be: for what looks at the
+    /// weights of pixels alone.
+    ///
+    /// # Errors
+    /// A mask, or an image that decides the weights, that cannot be read.
+    pub(crate) fn weights_at(&mut self, step: u32, index: usize) -> Result<Option<View>, ReadError> {
+        let key = Key { index, factor: self.factor(step) };
+        match self.wanted(key).filter(|wanted| self.weighted.is_empty() && wanted.reduce_by == 1 && wanted.view.noise.is_none()) {
+            Some(Wanted { view, .. }) => {
+                let mask = view.mask.as_ref().map(OnDemand::loaded).transpose()?;
+                Ok(Some(View { mask, ..view }))
+            }
+            None => Ok(self.at(step, index, [1.0; 3])?.map(|view| view.clone())),
+        }
+    }
+
+    /// Returns what is to be read for a view.
+    fn wanted(&mut self, key: Key) -> Option<Wanted> {
+        let full = self.full.get(key.index)?;
+        if key.factor == 1 || !self.weighted.is_empty() {
+            self.stored = None;
+            return Some(Wanted { key, view: full.clone(), reduce_by: key.factor });
+        }
+        if self.stored.as_ref().is_none_or(|stored| stored.factor != key.factor) {
+            let views = self.full.iter().map(|view| stored_reduced(view, key.factor)).collect();
+            self.stored = Some(Stored { factor: key.factor, views });
+        }
+        let stored = self.stored.as_ref().and_then(|stored| stored.views.get(key.index)?.clone());
+        Some(match stored {
+            Some(view) => Wanted { key, view, reduce_by: 1 },
+            None => Wanted { key, view: full.clone(), reduce_by: key.factor },
+        })
+    }
+
+    /// Returns a view that is read on demand.
+    fn on_demand(&mut self, key: Key) -> Result<Option<&mut View>, ReadError> {
+        if self.current.as_ref().is_none_or(|(current, _)| *current != key) {
+            // The last one makes room for the next.
+            self.current = None;
+            let Some(wanted) = self.wanted(key) else { return Ok(None) };
+            self.current = Some((key, self.ahead.take(&wanted)?));
+        }
+        Ok(self.current.as_mut().map(|(_, view)| view))
+    }
+
+    /// Returns the views of a reduced resolution, which are made where they are not there.
+    fn reduced(&mut self, step: u32, factor: u32) -> &mut Reduced {
+        // The old stage is dropped before the new one is made, to save memory.
+        let made = self.reduced.take().filter(|reduced| reduced.factor == factor);
+        let tone = self.tone;
+        self.reduced.insert(made.unwrap_or_else(|| {
+            let views = self.full.par_iter().map(|view| reduce(view, factor, tone)).collect();
+            tracing::info!(step, factor, "training resolution");
+            Reduced { factor, views }
+        }))
+    }
+}
+
+/// Reads a view, at the resolution and with the weights of its step.
+fn prepare(wanted: &Wanted, tone: ToneScale) -> Result<View, ReadError> {
+    let view = wanted.view.loaded()?;
+    Ok(if wanted.reduce_by == 1 { weighted_by_noise(view, tone) } else { reduce(&view, wanted.reduce_by, tone) })
+}
+
+/// Returns the reduced view as it is stored beside the full one, or will be once it is read; `None`
+/// where nothing is stored, or where reducing makes a mask that the view does not have.
+fn stored_reduced(view: &View, factor: u32) -> Option<View> {
+    if view.values != PixelValues::Radiance {
+        return None;
+    }
+    let camera = view.camera.downscaled(factor.min(view.camera.size_px[0]).min(view.camera.size_px[1]).max(1));
+    let size = camera.size_px.map(|side| side as usize);
+    let label = factor.to_string();
+    let (image, mask) = (view.clone(), view.clone());
+    let make_image = move || Ok(image.loaded()?.downscaled(factor, MIN_VALID).image.into_value());
+    let make_mask = move || {
+        let mask = mask.loaded()?.downscaled(factor, MIN_VALID).mask;
+        Ok(mask.map_or_else(|| Mask { weights: vec![1.0; size[0] * size[1]] }, OnDemand::into_value))
+    };
+    let image = view.image.source()?.derived(&label, size, Arc::new(make_image))?;
+    let mask = match &view.mask {
+        None => None,
+        Some(mask) => Some(mask.source()?.derived(&label, size, Arc::new(make_mask))?),
+    };
+    let noise = view.noise.map(|model| model.averaged((factor * factor) as usize));
+    Some(View { camera, image, mask, noise, ..view.clone() })
 }
 
 /// Returns the number of pixels of all views together.
 pub(crate) fn pixels(views: &[View]) -> u64 {
-    views.iter().map(|view| view.camera.size_px.iter().map(|side| u64::from(*side)).product::<u64>()).sum()
+    views.iter().map(View::pixel_count).sum()
 }
 
 fn reduce(view: &View, factor: u32, tone: ToneScale) -> View {
@@ -131,7 +248,7 @@ fn reduce(view: &View, factor: u32, tone: ToneScale) -> View {
 /// are not weighted, because noise models describe radiance.
 fn weighted_by_noise(view: View, tone: ToneScale) -> View {
     match view.noise.filter(|_| view.values == PixelValues::Radiance) {
-        Some(model) => View { mask: Some(Arc::new(weighted(&view, model, tone))), ..view },
+        Some(model) => View { mask: Some(weighted(&view, model, tone).into()), ..view },
         None => view,
     }
 }
@@ -160,21 +277,21 @@ mod tests {
         let mut views = views("4@0,2@10,1@20");
         for (step, side) in [(1, 8), (10, 8), (11, 16), (20, 16), (21, 32), (22, 32), (1, 8)] {
             for (index, name, red) in [(0, "a", 4.0), (1, "b", 8.0)] {
-                let view = views.at(step, index, [1.0; 3]).unwrap();
+                let view = views.at(step, index, [1.0; 3]).unwrap().unwrap();
                 assert_eq!((view.name.as_str(), view.camera.size_px, view.image.width), (name, [side; 2], side as usize), "{step}");
                 assert!(view.image.pixels.iter().all(|rgb| rgb[0] == red && rgb[2] == 2.0), "{step}");
                 assert_eq!(view.target, Target { curve: ToneCurve::MuLaw { mu: 5000.0 }, scale: [0.5; 3] });
             }
         }
-        assert!(views.at(1, 2, [1.0; 3]).is_none() && views.at(30, 2, [1.0; 3]).is_none());
+        assert!(views.at(1, 2, [1.0; 3]).unwrap().is_none() && views.at(30, 2, [1.0; 3]).unwrap().is_none());
     }
 
     #[test]
     fn an_image_is_divided_by_its_gain_at_every_resolution() {
         let mut views = views("2@0,1@10");
         for step in [1, 11] {
-            assert_eq!(views.at(step, 0, [2.0, 1.0, 0.5]).unwrap().target.scale, [0.25, 0.5, 1.0], "{step}");
-            assert_eq!(views.at(step, 1, [1.0; 3]).unwrap().target.scale, [0.5; 3], "{step}");
+            assert_eq!(views.at(step, 0, [2.0, 1.0, 0.5]).unwrap().unwrap().target.scale, [0.25, 0.5, 1.0], "{step}");
+            assert_eq!(views.at(step, 1, [1.0; 3]).unwrap().unwrap().target.scale, [0.5; 3], "{step}");
         }
     }
 
@@ -186,8 +303,8 @@ mod tests {
         let train = views.full.clone();
         views = TrainingViews::new(&train, stages, NoiseChoice::Given(model), views.tone);
         let least = |view: &View| view.mask.as_ref().unwrap().weights.iter().copied().fold(1.0, f32::min);
-        let coarse = least(views.at(1, 0, [1.0; 3]).unwrap());
-        let fine = least(views.at(11, 0, [1.0; 3]).unwrap());
+        let coarse = least(views.at(1, 0, [1.0; 3]).unwrap().unwrap());
+        let fine = least(views.at(11, 0, [1.0; 3]).unwrap().unwrap());
         assert!(fine > 0.0 && fine < coarse && coarse < 1.0, "{fine} {coarse}");
     }
 
@@ -195,17 +312,17 @@ mod tests {
     fn recorded_values_are_seen_as_they_are() {
         let mut views = views("2@0,1@10");
         views.full.iter_mut().for_each(|view| view.values = PixelValues::Recorded { exposure_s: 0.1 });
-        assert_eq!(views.at(11, 0, [3.0; 3]).unwrap().target.scale, [1.0; 3]);
+        assert_eq!(views.at(11, 0, [3.0; 3]).unwrap().unwrap().target.scale, [1.0; 3]);
     }
 
     #[test]
     fn only_the_present_stage_is_held() {
         let mut views = views("4@0,2@10,1@20");
-        views.at(1, 0, [1.0; 3]);
+        views.at(1, 0, [1.0; 3]).unwrap();
         assert!(views.reduced.as_ref().is_some_and(|reduced| reduced.factor == 4));
-        views.at(11, 0, [1.0; 3]);
+        views.at(11, 0, [1.0; 3]).unwrap();
         assert!(views.reduced.as_ref().is_some_and(|reduced| reduced.factor == 2));
-        views.at(21, 0, [1.0; 3]);
+        views.at(21, 0, [1.0; 3]).unwrap();
         assert!(views.reduced.is_none());
     }
 
@@ -213,11 +330,11 @@ mod tests {
     fn a_view_is_the_same_allocation_in_every_step() {
         let mut views = views("2@0,1@10");
         for step in [1, 11] {
-            let at = |views: &mut TrainingViews, gain| views.at(step, 0, gain).map(|view| Arc::as_ptr(&view.image));
+            let at = |views: &mut TrainingViews, gain| views.at(step, 0, gain).unwrap().map(|view| Arc::as_ptr(&view.image.shared()));
             let first = at(&mut views, [1.0; 3]);
             assert_eq!(at(&mut views, [2.0; 3]), first);
         }
         // At full resolution, the images are those of the data set.
-        assert!(views.full.iter().zip(&views.weighted).all(|(view, weighted)| Arc::ptr_eq(&view.image, &weighted.image)));
+        assert!(views.full.iter().zip(&views.weighted).all(|(view, weighted)| Arc::ptr_eq(&view.image.shared(), &weighted.image.shared())));
     }
 }

@@ -5,8 +5,6 @@
 
 mod common;
 
-use std::sync::Arc;
-
 use common::{config, dataset, engine};
 use luxel_core::response::exposure_of_knot;
 use luxel_core::{Dataset, Image, Mask, NoiseModel, PixelValues, View};
@@ -29,7 +27,7 @@ fn drifted() -> (Dataset, Vec<[f32; 3]>) {
     let logs: Vec<[f32; 3]> = (0..6).map(|i| [0.2, -0.1, 0.15].map(|a| a * [1.0, -1.0, 0.5, -1.5, 1.5, -0.5][i])).collect();
     for (view, log) in data.train.iter_mut().zip(&logs) {
         let pixels = view.image.pixels.iter().map(|rgb| [0, 1, 2].map(|c| rgb[c] * log[c].exp())).collect();
-        view.image = Arc::new(Image::from_pixels(view.image.width, view.image.height, pixels).unwrap());
+        view.image = Image::from_pixels(view.image.width, view.image.height, pixels).unwrap().into();
     }
     (data, logs)
 }
@@ -70,7 +68,7 @@ fn gains_of_drifting_images_are_found_and_have_mean_zero() {
 fn metrics_of_training_images_follow_the_learned_gains() {
     let (mut data, _) = drifted();
     // A view without valid pixels does not move the gains of the views after it.
-    data.train[1].mask = Some(Arc::new(Mask::from_valid(vec![false; 48 * 48])));
+    data.train[1].mask = Some(Mask::from_valid(vec![false; 48 * 48]).into());
     let config = TrainConfig { exposure_compensation: ExposureCompensation::Color, ..base(500) };
     let mut trainer = Trainer::new(&data, config, engine()).unwrap();
     run(&mut trainer, 500);
@@ -118,7 +116,7 @@ fn recorded() -> Dataset {
         let value = |p: f32| (p * exposure_s / (p * exposure_s + 1.0)).powf(1.0 / 2.2);
         let code = |p: f32| (value(p).clamp(0.0, 1.0) * 255.0).round() / 255.0;
         let pixels = view.image.pixels.iter().map(|rgb| rgb.map(code)).collect();
-        let image = Arc::new(Image::from_pixels(view.image.width, view.image.height, pixels).unwrap());
+        let image = Image::from_pixels(view.image.width, view.image.height, pixels).unwrap().into();
         View { name: format!("{}_{k}", view.name), image, values: PixelValues::Recorded { exposure_s }, ..view.clone() }
     };
     data.train = data.train.iter().flat_map(|view| [-1, 0, 1].map(|k| record(view, k))).collect();
@@ -175,9 +173,10 @@ fn with_an_occluder(masked: bool) -> Dataset {
     let mut data = dataset();
     for view in data.train.iter_mut().skip(2).take(2) {
         let inside = |i: usize| (12..30).contains(&(i % 48)) && i / 48 > 10;
-        let image = Arc::make_mut(&mut view.image);
+        let mut image = Image::clone(&view.image);
         image.pixels.iter_mut().enumerate().filter(|(i, _)| inside(*i)).for_each(|(_, rgb)| *rgb = [2.0, 1.5, 3.0]);
-        view.mask = masked.then(|| Arc::new(Mask::from_valid((0..48 * 48).map(|i| !inside(i)))));
+        view.image = image.into();
+        view.mask = masked.then(|| Mask::from_valid((0..48 * 48).map(|i| !inside(i))).into());
     }
     data
 }

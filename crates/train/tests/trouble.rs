@@ -4,8 +4,6 @@
 
 mod common;
 
-use std::sync::Arc;
-
 use common::{black, config, dataset, engine};
 use luxel_core::edit::Contributions;
 use luxel_core::engine::{DensifyPlan, DensifyStats, Geometry, PassTime, StepConfig};
@@ -101,10 +99,10 @@ fn data_sets_that_cannot_be_trained_on_are_refused() {
     dark.train.iter_mut().for_each(|view| view.image = black());
     assert!(message(Trainer::new(&dark, config(10), engine())).contains("black"));
     let mut masked = good.clone();
-    masked.train.iter_mut().for_each(|view| view.mask = Some(Arc::new(Mask::from_valid(vec![false; 48 * 48]))));
+    masked.train.iter_mut().for_each(|view| view.mask = Some(Mask::from_valid(vec![false; 48 * 48]).into()));
     assert!(message(Trainer::new(&masked, config(10), engine())).contains("masked"));
     let mut small = good.clone();
-    small.train[2].image = Arc::new(Image::filled(47, 48, [1.0; 3]));
+    small.train[2].image = Image::filled(47, 48, [1.0; 3]).into();
     assert!(message(Trainer::new(&small, config(10), engine())).starts_with("view train/2: image is 47 x 48"));
     let mut bent = good;
     bent.train[1].camera.focal_px.x = 0.0;
@@ -124,7 +122,7 @@ fn black_images_are_trained_on_where_the_scale_is_given() {
 #[test]
 fn a_view_without_valid_pixels_among_others_does_no_harm() {
     let mut data = dataset();
-    data.train[3].mask = Some(Arc::new(Mask::from_valid(vec![false; 48 * 48])));
+    data.train[3].mask = Some(Mask::from_valid(vec![false; 48 * 48]).into());
     let mut trainer = Trainer::new(&data, config(12), engine()).unwrap();
     for _ in 0..12 {
         assert!(trainer.step().unwrap().loss.is_finite());

@@ -14,7 +14,7 @@ use base64::engine::general_purpose::STANDARD;
 use flate2::Compression;
 use flate2::write::GzEncoder;
 use luxel::{Error, Remedy, Result};
-use luxel_core::{ColorModel, RenderOptions, Scene, Splats};
+use luxel_core::{ColorModel, OnDemand, RenderOptions, Scene, Splats};
 use serde_json::{Map, Value, json};
 
 use crate::assets::{self, ASSETS};
@@ -111,7 +111,8 @@ fn thumbnails(subject: &Subject) -> Map<String, Value> {
     let mut thumbnails = Map::new();
     let mut bytes = 0;
     for Shown { name, truth, .. } in &subject.views {
-        let Some(Ok(jpeg)) = truth.as_ref().map(|image| thumbnail::jpeg(image, scale, space)) else { continue };
+        let Some(Ok(image)) = truth.as_ref().map(OnDemand::loaded) else { continue };
+        let Ok(jpeg) = thumbnail::jpeg(&image, scale, space) else { continue };
         bytes += jpeg.len();
         if bytes > MAX_THUMBNAIL_BYTES {
             break;

@@ -3,7 +3,7 @@
 use bytes::Bytes;
 use hyper::StatusCode;
 use luxel::{Radiance, schema};
-use luxel_core::Camera;
+use luxel_core::{Camera, OnDemand};
 use serde_json::{Value, json};
 
 use crate::answer::{Answer, Failure};
@@ -178,7 +178,9 @@ pub(crate) async fn truth(house: &House, query: &mut Query) -> Result<Answer, Fa
     let Some(image) = &view.truth else {
         return Err(Failure::new(StatusCode::UNPROCESSABLE_ENTITY, "the images of this data set are captured LDR values, not radiance"));
     };
-    let weights = view.mask.as_ref().map_or(&[][..], |mask| &mask.weights);
+    let unreadable = |error: luxel_core::ReadError| Failure::new(StatusCode::UNPROCESSABLE_ENTITY, error.to_string());
+    let (image, mask) = (&image.loaded().map_err(unreadable)?, view.mask.as_ref().map(OnDemand::loaded).transpose().map_err(unreadable)?);
+    let weights = mask.as_ref().map_or(&[][..], |mask| &mask.weights);
     let place = house.room.place(8 * image.pixels.len()).await?;
     let frame = Planes::of_image(image, weights).encode([image.width, image.height], 0, 0.0);
     Answer::frame(&frame.head, place.fill(frame.body))

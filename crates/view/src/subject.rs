@@ -5,13 +5,12 @@
 //! cameras.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use glam::{DMat3, DVec3};
 use luxel::export::{Up, UpAxis, file_from_world};
 use luxel::probe::Surroundings;
 use luxel::{Result, Scene};
-use luxel_core::{Camera, ColorSpace, Conversion, Dataset, Image, Mask, PixelValues, Similarity, View};
+use luxel_core::{Camera, ColorSpace, Conversion, Dataset, Image, Mask, OnDemand, PixelValues, Similarity, View};
 use serde::Serialize;
 
 use crate::folder::Folder;
@@ -46,8 +45,8 @@ pub(crate) struct Shown {
     /// In the local coordinates of the first scene.
     pub(crate) camera: Camera,
     /// Radiance; `None` for captured LDR values.
-    pub(crate) truth: Option<Arc<Image>>,
-    pub(crate) mask: Option<Arc<Mask>>,
+    pub(crate) truth: Option<OnDemand<Image>>,
+    pub(crate) mask: Option<OnDemand<Mask>>,
 }
 
 /// Facts about a scene, as `/api/scene` gives them.
@@ -260,7 +259,7 @@ impl Subject {
 
 impl Shown {
     fn new(view: &View, split: &'static str) -> Self {
-        let truth = (view.values == PixelValues::Radiance).then(|| Arc::clone(&view.image));
+        let truth = (view.values == PixelValues::Radiance).then(|| view.image.clone());
         Self { name: view.name.clone(), split, camera: view.camera.clone(), truth, mask: view.mask.clone() }
     }
 

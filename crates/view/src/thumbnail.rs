@@ -20,7 +20,7 @@ pub(crate) async fn answer(house: &House, query: &mut Query) -> Result<Answer, F
     let view = house.subject.view(&name).map_err(|message| Failure::new(StatusCode::NOT_FOUND, message))?;
     let Some(image) = view.truth.clone() else { return Err(Failure::new(StatusCode::NOT_FOUND, "the view has no radiance")) };
     let (scale, space) = (house.subject.facts.radiance_scale, house.color_space);
-    let encoded = beside(move || jpeg(&image, scale, space)).await?;
+    let encoded = beside(move || jpeg(&*image.loaded().map_err(|error| error.to_string())?, scale, space)).await?;
     Ok(Answer::new("image/jpeg", encoded.map_err(|message| Failure::new(StatusCode::UNPROCESSABLE_ENTITY, message))?))
 }
 

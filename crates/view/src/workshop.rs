@@ -13,7 +13,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use luxel::edit::{self, Overlay, Removed, StackInputs, Watching};
 use luxel::{Device, Error, Result, Scene, SelectedEngine, Silent};
 use luxel_core::edit::{EditStack, MaskName, MaskShares, SelectionSummary, ShMap};
-use luxel_core::{Camera, Edit, Engine, Mask, Selection};
+use luxel_core::{Camera, Edit, Engine, Mask, OnDemand, Selection};
 
 use crate::folder::{Folder, check_name};
 use crate::subject::Subject;
@@ -35,7 +35,7 @@ const MASK_NUMBERS: std::ops::Range<u32> = 1..100_000;
 struct Watcher {
     name: String,
     camera: Camera,
-    mask: Option<Arc<Mask>>,
+    mask: Option<OnDemand<Mask>>,
 }
 
 /// The tools for edits of one scene.
@@ -198,7 +198,7 @@ impl Workshop {
             return Ok(found.clone());
         }
         let views: Vec<Watching<'_>> =
-            self.watchers.iter().map(|watcher| Watching { camera: &watcher.camera, mask: watcher.mask.as_deref() }).collect();
+            self.watchers.iter().map(|watcher| Watching { camera: &watcher.camera, mask: watcher.mask.as_ref() }).collect();
         let views = Some(views.as_slice()).filter(|views| !views.is_empty());
         let found = self.with_engine(|engine| Removed::floaters_in(&self.scene, views, engine, &Silent))?;
         *kept = Some(found.clone());

@@ -6,7 +6,7 @@ use anyhow::{Result, bail};
 use clap::Args;
 use luxel::run::{ExplicitArgs, RunOptions};
 use luxel::{Device, DeviceOptions, LoadOptions};
-use luxel_io::{Exposures, MaskSource};
+use luxel_io::{Exposures, ImageMemory, MaskSource};
 
 use super::flag;
 use super::values::{ColorSpaceArg, FormatArg, MetricsArg, SupervisionArg, TransferArg, parse_downscale, parse_masks};
@@ -142,6 +142,11 @@ pub(crate) struct RunArgs {
     /// on at most 64 views of at most a megapixel; 0 leaves it out. The radiance stays as it is.
     #[arg(long, default_value_t = luxel::export::DEFAULT_REFINE_STEPS, value_parser = clap::value_parser!(u32).range(..=100_000), value_name = "N", help_heading = "Run")]
     pub(crate) refine_display: u32,
+    /// Memory that the images of the data set may take, such as 4GiB or 512MiB; auto is half of
+    /// what the system allows. Images that have no room are stored beside the run as half floats,
+    /// in RUN.images, and read while training.
+    #[arg(long, default_value_t, value_name = "SIZE", help_heading = "Machine")]
+    pub(crate) image_memory: ImageMemory,
     /// Evaluate every N steps in place of --eval-at, at least 1.
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..), value_name = "N", conflicts_with = "eval_at", help_heading = "Run")]
     pub(crate) eval_every: Option<u32>,
@@ -156,6 +161,7 @@ impl RunArgs {
             eval_at: self.eval_at.clone(),
             eval_every: self.eval_every,
             refine_display: self.refine_display,
+            image_memory: self.image_memory,
         }
     }
 }

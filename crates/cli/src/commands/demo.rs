@@ -131,7 +131,7 @@ fn pictures(folder: &RunFolder, dataset: &Dataset, trainer: &mut Trainer) -> Res
     let mut paths = Vec::new();
     for view in chosen {
         let render = trainer.engine().render(&view.camera, &options).with_context(|| format!("cannot render {}", view.name))?;
-        let mut ground_truth = view.image.as_ref().clone();
+        let mut ground_truth = luxel_core::Image::clone(&view.image);
         scale.normalise(&mut ground_truth);
         let (shadows_ev, highlights_ev) = exposures(view, scale);
         for (endings, exposure_ev) in PICTURE_ENDINGS.into_iter().zip([shadows_ev, highlights_ev]) {

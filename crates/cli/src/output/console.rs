@@ -284,6 +284,7 @@ impl Console {
     fn item(&self, kind: ItemKind, name: &str, [done, total]: [u32; 2]) {
         let (event, text) = match kind {
             ItemKind::View => (json!({ "event": "view", "name": name }), format!("view {done}/{total}  {name}")),
+            ItemKind::LoadedView => (json!({ "event": "loaded", "name": name }), format!("read {done} of {total} images")),
             ItemKind::UndistortedImage => (json!({ "event": "image", "name": name }), format!("undistorted {done}/{total}")),
             ItemKind::StructureFromMotion => (json!({ "event": "sfm", "step": name }), format!("{name}: {done} of {total}")),
             _ => return,

@@ -147,6 +147,10 @@ pub trait Engine: Send {
         Ok(self.geometry()?.check_finite()?)
     }
 
+    /// Sets how much of its own memory the engine may fill with images that it keeps, bytes; an
+    /// engine that keeps none has nothing to set.
+    fn limit_images(&mut self, _bytes: u64) {}
+
     /// Waits for all steps in flight: to measure, or before a pause.
     ///
     /// # Errors

@@ -1,7 +1,5 @@
 //! The contract of `Engine`: determinism, resuming, extremes, and errors on bad input.
 
-use std::sync::Arc;
-
 use luxel_core::engine::{DensifyPlan, DensifyStats, PlanRow, PositionNoise, StatsCollection, StepConfig};
 use luxel_core::{
     Activation, Antialias, ColorModel, Cutoffs, Distortion, Engine, EngineError, Image, Mask, Moments, Splats, StepReport, View,
@@ -337,7 +335,7 @@ fn training_an_empty_scene_reports_a_loss_and_nothing_else() {
 fn a_view_without_valid_pixels_moves_nothing() {
     let camera = fixture::camera(29, 23);
     let mut view = fixture::view(&camera, false, 2);
-    view.mask = Some(Arc::new(Mask::from_valid(vec![false; 29 * 23])));
+    view.mask = Some(Mask::from_valid(vec![false; 29 * 23]).into());
     let mut config = step(1);
     config.loss.opacity_weight = 0.0;
     config.loss.scale_weight = 0.0;
@@ -354,7 +352,7 @@ fn a_masked_pixel_of_the_view_does_not_pull() {
     // Valid columns on the left, the splat far to their right.
     let camera = fixture::camera(64, 64);
     let mut view = fixture::view(&camera, false, 2);
-    view.mask = Some(Arc::new(Mask::from_valid((0..64 * 64).map(|i| i % 64 < 20))));
+    view.mask = Some(Mask::from_valid((0..64 * 64).map(|i| i % 64 < 20)).into());
     let mut splats = fixture::splats(LCD, 1, &camera, 8);
     splats.position[0] = fixture::unproject(&camera, [48.0, 32.0], 3.0);
     splats.log_scale[0] = [-3.0; 3];
@@ -415,11 +413,11 @@ fn bad_input_is_refused_and_changes_nothing() {
     empty.size_px = [0, 12];
     assert_refused(engine.render(&empty, &options), "0 x 12");
 
-    let small = View { image: Arc::new(Image::filled(15, 12, [0.0; 3])), ..view.clone() };
+    let small = View { image: Image::filled(15, 12, [0.0; 3]).into(), ..view.clone() };
     assert_refused(engine.train_step(&small, &step(1)), "15 x 12");
-    let truncated = View { image: Arc::new(Image { width: 16, height: 12, pixels: vec![[0.0; 3]; 5] }), ..view.clone() };
+    let truncated = View { image: Image { width: 16, height: 12, pixels: vec![[0.0; 3]; 5] }.into(), ..view.clone() };
     assert_refused(engine.train_step(&truncated, &step(1)), "pixels");
-    let masked = View { mask: Some(Arc::new(Mask::from_valid(vec![true; 7]))), ..view.clone() };
+    let masked = View { mask: Some(Mask::from_valid(vec![true; 7]).into()), ..view.clone() };
     assert_refused(engine.train_step(&masked, &step(1)), "mask");
 
     assert_refused(engine.set_densify_stats(&DensifyStats::zeros(19)), "19");

@@ -1,8 +1,6 @@
 //! Weights of pixels and camera responses in the loss, compared with the oracle, with differences,
 //! and with the loss without them.
 
-use std::sync::Arc;
-
 use luxel_core::response::exposure_of_knot;
 use luxel_core::{
     Activation, Antialias, Cutoffs, Engine, EngineError, Image, Knots, Mask, PixelValues, RESPONSE_KNOTS, Response, Target, ToneCurve,
@@ -34,7 +32,7 @@ fn recorded(mut case: Case, seed: u64) -> Case {
     let mut rng = fixture::Rng::new(seed);
     let value = |c: usize, p: f32, rng: &mut fixture::Rng| (response.apply(c, p * (0.4 * rng.normal()).exp()).value).clamp(0.0, 1.0);
     let pixels = case.view.image.pixels.iter().map(|pixel| [0, 1, 2].map(|c| value(c, pixel[c], &mut rng))).collect();
-    case.view.image = Arc::new(Image::from_pixels(case.view.image.width, case.view.image.height, pixels).unwrap());
+    case.view.image = Image::from_pixels(case.view.image.width, case.view.image.height, pixels).unwrap().into();
     case.view.values = PixelValues::Recorded { exposure_s: 1.0 };
     case.view.target = Target { curve: ToneCurve::Response(response), scale: [1.0; 3] };
     case.name += " response";
@@ -104,7 +102,7 @@ fn gradient_by_knots_is_the_oracles_and_that_of_differences() {
 fn weights_of_one_change_nothing_to_the_bit() {
     for (case, name) in [(plain(false, 35), "mu-law"), (recorded(plain(false, 36), 6), "response")] {
         let (report, gradient, stats) = engine_gradient(&case);
-        let mask = Some(Arc::new(Mask { weights: vec![1.0; case.view.image.pixels.len()] }));
+        let mask = Some(Mask { weights: vec![1.0; case.view.image.pixels.len()] }.into());
         let ones =
             Case { view: luxel_core::View { mask, ..case.view.clone() }, name: case.name.clone(), splats: case.splats.clone(), ..case };
         let (report_ones, gradient_ones, stats_ones) = engine_gradient(&ones);
@@ -120,7 +118,9 @@ fn a_target_with_a_scale_is_the_scaled_image_to_the_bit() {
         let scale = [0.7, 1.0, 0.9];
         case.view.target.scale = scale;
         let of_scale = engine_gradient(&case);
-        Arc::make_mut(&mut case.view.image).pixels.iter_mut().for_each(|rgb| *rgb = [0, 1, 2].map(|c| rgb[c] * scale[c]));
+        let mut image = Image::clone(&case.view.image);
+        image.pixels.iter_mut().for_each(|rgb| *rgb = [0, 1, 2].map(|c| rgb[c] * scale[c]));
+        case.view.image = image.into();
         case.view.target.scale = [1.0; 3];
         assert_eq!(of_scale, engine_gradient(&case), "{}", case.name);
     }
@@ -130,10 +130,11 @@ fn a_target_with_a_scale_is_the_scaled_image_to_the_bit() {
 fn a_pixel_of_no_weight_may_hold_anything() {
     let case = plain(true, 37);
     let mut other = case.view.clone();
-    let image = Arc::make_mut(&mut other.image);
+    let mut image = Image::clone(&other.image);
     for (i, pixel) in image.pixels.iter_mut().enumerate().filter(|(i, _)| !case.view.is_valid(*i)) {
         *pixel = [1e6, 0.3 * i as f32, 0.0];
     }
+    other.image = image.into();
     // In the windows, prediction and target are equal there, but their value still has an effect.
     let moved = Case { view: other, name: case.name.clone(), splats: case.splats.clone(), ..case };
     check(&moved, &against_oracle(&moved), ENGINE_TOLERANCE, "by the engine");
@@ -168,21 +169,21 @@ fn saturated_pixels_do_not_pull_what_is_brighter() {
     // An exposure so long that the whole image is far beyond white, and is recorded so.
     response.exposure = [1e6; 3];
     let image = Image::filled(case.view.image.width, case.view.image.height, [1.0; 3]);
-    case.view.image = Arc::new(image);
+    case.view.image = image.into();
     (case.loss.opacity_weight, case.loss.scale_weight) = (0.0, 0.0);
     let (report, gradient, _) = engine_gradient(&case);
     assert_eq!(report.l1, 0.0);
     assert_eq!(oracle::flatten(&gradient).iter().position(|g| *g != 0.0), None);
     assert_eq!(report.by_knots, Some([[0.0; RESPONSE_KNOTS]; 3]));
     // The same image recorded a shade below white asks for less light.
-    case.view.image = Arc::new(Image::filled(case.view.image.width, case.view.image.height, [0.99; 3]));
+    case.view.image = Image::filled(case.view.image.width, case.view.image.height, [0.99; 3]).into();
     assert!(oracle::flatten(&engine_gradient(&case).1).iter().any(|g| *g != 0.0));
 }
 
 #[test]
 fn weights_that_are_none_are_refused() {
     let mut case = plain(false, 40);
-    case.view.mask = Some(Arc::new(Mask { weights: vec![1.5; case.view.image.pixels.len()] }));
+    case.view.mask = Some(Mask { weights: vec![1.5; case.view.image.pixels.len()] }.into());
     let mut engine = CpuEngine::new(1).unwrap();
     engine.load(&case.splats, None).unwrap();
     let error = engine.gradients(&case.view, &fixture::step(1, case.options)).unwrap_err();

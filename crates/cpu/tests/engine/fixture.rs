@@ -1,7 +1,5 @@
 //! Scenes, cameras and views for the tests, from fixed seeds.
 
-use std::sync::Arc;
-
 use glam::{DAffine3, DQuat, DVec2, DVec3};
 use luxel_core::engine::{LearningRates, StatsCollection, StepConfig};
 use luxel_core::{
@@ -141,10 +139,10 @@ pub fn view(camera: &Camera, masked: bool, seed: u64) -> View {
     View {
         name: "images/000".into(),
         camera: camera.clone(),
-        image: Arc::new(Image { width, height, pixels }),
+        image: Image { width, height, pixels }.into(),
         values: PixelValues::Radiance,
         noise: None,
-        mask: masked.then(|| Arc::new(Mask::from_valid(valid))),
+        mask: masked.then(|| Mask::from_valid(valid).into()),
         target: Target { scale: TARGET_SCALE, ..Target::default() },
     }
 }
@@ -153,7 +151,7 @@ pub fn view(camera: &Camera, masked: bool, seed: u64) -> View {
 pub fn with_weights(view: View, seed: u64) -> View {
     let mut rng = Rng::new(seed);
     let weights = view.image.pixels.iter().map(|_| rng.uniform(-0.4, 1.4).clamp(0.0, 1.0)).collect();
-    View { mask: Some(Arc::new(Mask { weights })), ..view }
+    View { mask: Some(Mask { weights }.into()), ..view }
 }
 
 /// Returns render options with a background that is not black.

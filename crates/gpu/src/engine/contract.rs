@@ -85,6 +85,10 @@ impl Engine for GpuEngine {
         self.latest.ok_or_else(|| EngineError::device("gpu: a step left no report").with_remedy(resume()))
     }
 
+    fn limit_images(&mut self, bytes: u64) {
+        self.targets.set_budget(bytes);
+    }
+
     fn finish(&mut self) -> Result<(), EngineError> {
         self.wait_idle()
     }

@@ -82,7 +82,7 @@ impl GpuEngine {
     /// Submits a training step.
     pub(super) fn enqueue(&mut self, view: View, step: StepConfig) -> Result<(), EngineError> {
         let report = self.submit(&Submission::Train { view: &view, step: &step })?;
-        self.pending.push_back(Pending { view, step, report });
+        self.pending.push_back(Pending { view: view.released(), step, report });
         Ok(())
     }
 }

@@ -105,7 +105,7 @@ fn tiles_counted_and_not_found_do_not_show(gpu: &Arc<Gpu>) {
 fn pixels_that_do_not_count_leave_nothing(gpu: &Arc<Gpu>) {
     let camera = camera(45, 38);
     let mut view = view(&camera, false, 4);
-    view.mask = Some(Arc::new(luxel_core::Mask::from_valid(vec![false; 45 * 38])));
+    view.mask = Some(luxel_core::Mask::from_valid(vec![false; 45 * 38]).into());
     let mut step = training(1);
     step.render.background = [f32::INFINITY; 3];
     (step.loss.opacity_weight, step.loss.scale_weight) = (0.0, 0.0);
@@ -245,7 +245,7 @@ fn a_loss_that_is_not_finite_stops_the_engine(gpu: &Arc<Gpu>) {
     let mut bad = view(&camera, false, 1);
     let mut image = (*bad.image).clone();
     image.pixels[7] = [f32::INFINITY; 3];
-    bad.image = Arc::new(image);
+    bad.image = image.into();
     let good = view(&camera, false, 1);
     engine.train_step(&good, &training(1)).unwrap();
     let before = engine.save().unwrap();

@@ -269,7 +269,7 @@ fn a_short_training_reaches_the_cpus_loss(gpu: &Arc<Gpu>) {
     let (mut cpu, mut engine) = engines(gpu, &truth);
     let render = options(Cutoffs::HDR, Antialias::Off);
     let mut view = view(&camera, false, 4);
-    view.image = Arc::new(cpu.render(&camera, &render).unwrap());
+    view.image = cpu.render(&camera, &render).unwrap().into();
     view.target = luxel_core::Target::default();
     cpu.load(&start, None).unwrap();
     engine.load(&start, None).unwrap();

@@ -10,17 +10,20 @@ use rayon::prelude::*;
 
 use super::checks::{self, CheckedView};
 use super::fingerprint::Fingerprint;
+use super::image_memory::{PlannedImage, plan};
 use super::load::{LoadedView, load_view};
 use super::observations::{ObservedView, map_points};
 use super::source::{DatasetSource, SourceFrame, SourcePoint};
 use super::split::{Part, assign};
-use super::{LoadOptions, Supervision, masks, recordings};
+use super::view_cache::{Residency, ViewCache};
+use super::{LoadOptions, LoadProgress, Loading, Supervision, masks, recordings};
 use crate::IoError;
+use crate::image::image_size;
 
 /// Names that a warning lists.
 const MAX_LISTED: usize = 3;
 
-pub(super) fn assemble(path: &Path, source: DatasetSource, options: &LoadOptions) -> Result<Dataset, IoError> {
+pub(super) fn assemble(path: &Path, source: DatasetSource, options: &LoadOptions, loading: &Loading<'_>) -> Result<Dataset, IoError> {
     let DatasetSource { format, folder, mut frames, split, points, points_from, mut warnings } = source;
     if frames.is_empty() {
         return Err(IoError::invalid(path, "no images, expected at least one"));
@@ -67,14 +70,14 @@ pub(super) fn assemble(path: &Path, source: DatasetSource, options: &LoadOptions
         used.extend(views);
     }
     warnings.extend(masks::attach(&folder, used.iter_mut().map(|used| &mut used.frame), &options.masks)?);
-    let loaded = load_views(&used, options)?;
+    let loaded = load_views(path, &used, options, loading)?;
     warnings.extend(grouped_warnings(&loaded));
 
     let mut targets: Vec<Vec<ObservedView<'_>>> = frames.iter().map(|_| Vec::new()).collect();
     for (index, (used, l)) in (0u32..).zip(used.iter().zip(&loaded)).filter(|(_, (used, _))| used.part == Part::Train) {
         targets[used.source].push(ObservedView { index, photographed: &l.photographed, view: &l.view });
     }
-    let points = map_points(points, &targets, &local_from_world);
+    let points = map_points(points, &targets, &local_from_world).map_err(|error| IoError::invalid(path, error))?;
     let checked: Vec<CheckedView<'_>> = used.iter().zip(&loaded).map(|(used, loaded)| CheckedView { frame: &used.frame, loaded }).collect();
     warnings.extend(checks::warnings(&folder, &checked, &points));
     let color_space = common_color_space(&used, &loaded, options)?;
@@ -127,25 +130,58 @@ struct SelectedFrame {
     part: Part,
 }
 
-/// Returns the views in the order of `used`. Of several that cannot be read, the first by name is
-/// reported, whichever thread came upon one first; once one failed, no view behind it is begun.
-fn load_views(used: &[SelectedFrame], options: &LoadOptions) -> Result<Vec<LoadedView>, IoError> {
+/// Returns the views in the order of `used`, with their pixels in memory if all have room there. Of
+/// several that cannot be read, the first by name is reported, whichever thread came upon one
+/// first; once one failed, no view behind it is begun.
+fn load_views(path: &Path, used: &[SelectedFrame], options: &LoadOptions, loading: &Loading<'_>) -> Result<Vec<LoadedView>, IoError> {
     let mut by_name: Vec<usize> = (0..used.len()).collect();
     by_name.sort_by(|a, b| used[*a].frame.name.cmp(&used[*b].frame.name));
     let mut rank = vec![0; used.len()];
     by_name.iter().enumerate().for_each(|(place, i)| rank[*i] = place);
-    let first_bad = AtomicUsize::new(usize::MAX);
+    // A header that cannot be read is an error of the image, below.
+    let sizes = used.iter().filter_map(|used| {
+        let (mask, lens) = (&used.frame.mask, &used.frame.intrinsics);
+        Some(PlannedImage {
+            size_px: image_size(&used.frame.image).ok()?,
+            has_weights: mask.is_some() || !lens.distortion.is_none() || !lens.projection.is_pinhole(),
+        })
+    });
+    let plan = plan(sizes, options.downscale, loading);
+    if let Some(progress) = loading.progress {
+        progress(LoadProgress::Planned(plan.clone()));
+    }
+    plan.check(path)?;
+    let cache = (!plan.fits()).then(|| ViewCache::new(loading.cache, Residency::new(plan.resident_bytes())));
+    let (first_bad, done, total) = (AtomicUsize::new(usize::MAX), AtomicUsize::new(0), used.len());
     let load = |(used, &rank): (&SelectedFrame, &usize)| {
         if rank > first_bad.load(Ordering::Relaxed) {
             return None;
         }
-        let loaded = load_view(&used.frame, options);
-        if loaded.is_err() {
-            first_bad.fetch_min(rank, Ordering::Relaxed);
+        let loaded = match &cache {
+            None => load_view(&used.frame, options),
+            Some(cache) => match cache.find(&used.frame, options) {
+                Some(view) => Ok(view),
+                None => load_view(&used.frame, options).and_then(|view| cache.store(&used.frame, options, view)),
+            },
+        };
+        match (&loaded, loading.progress) {
+            (Err(_), _) => drop(first_bad.fetch_min(rank, Ordering::Relaxed)),
+            (Ok(view), Some(progress)) => {
+                let done = done.fetch_add(1, Ordering::Relaxed) + 1;
+                progress(LoadProgress::View { name: view.view.name.clone(), done, total });
+            }
+            (Ok(_), None) => {}
         }
         Some(loaded)
     };
-    let loaded: Vec<Option<Result<LoadedView, IoError>>> = used.par_iter().zip(&rank).map(load).collect();
+    // Memory has room for a few images only while they are decoded.
+    let parallel = if cache.is_some() { plan.parallel() } else { used.len() };
+    let chunks = used.chunks(parallel.max(1)).zip(rank.chunks(parallel.max(1)));
+    let loaded: Vec<Option<Result<LoadedView, IoError>>> =
+        chunks.flat_map(|(used, rank)| used.par_iter().zip(rank).map(load).collect::<Vec<_>>()).collect();
+    if let Some(cache) = &cache {
+        cache.prune(used.iter().map(|used| &used.frame), options);
+    }
     let mut views = Vec::with_capacity(used.len());
     let mut bad: Option<(usize, IoError)> = None;
     for (&rank, loaded) in rank.iter().zip(loaded) {

@@ -1,10 +1,8 @@
 //! One view: file -> linear radiance or recorded values, bad pixels and masks, undistorted,
 //! reduced.
 
-use std::sync::Arc;
-
 use glam::DVec2;
-use luxel_core::{BadPixels, Camera, ColorSpace, Conversion, Image, Mask, PixelValues, Remedy, Target, View};
+use luxel_core::{BadPixels, Camera, ColorSpace, Conversion, Image, Mask, OnDemand, PixelValues, Remedy, Target, View};
 
 use super::masks::decode_mask;
 use super::source::SourceFrame;
@@ -72,10 +70,10 @@ pub(super) fn load_view(frame: &SourceFrame, options: &LoadOptions) -> Result<Lo
     let view = View {
         name: frame.name.clone(),
         camera: photographed.clone(),
-        image: Arc::new(image),
+        image: image.into(),
         values,
         noise: frame.noise.filter(|_| values == PixelValues::Radiance),
-        mask: mask.map(Arc::new),
+        mask: mask.map(Into::into),
         target: Target::default(),
     };
     let view = resample(view, frame, options.downscale)?;
@@ -144,7 +142,7 @@ fn decode(frame: &SourceFrame, bytes: &[u8], options: &LoadOptions) -> Result<(D
 /// with bounds are left out.
 fn resample(view: View, frame: &SourceFrame, factor: u32) -> Result<View, IoError> {
     let View { name, mut camera, image, values, mut noise, mask, target } = view;
-    let (mut image, mut mask) = (Arc::unwrap_or_clone(image), mask.map(Arc::unwrap_or_clone));
+    let (mut image, mut mask) = (image.into_value(), mask.map(OnDemand::into_value));
     if let Some(field) = field_mask(&camera) {
         mask = Some(both(mask, field));
     }
@@ -186,8 +184,8 @@ fn resample(view: View, frame: &SourceFrame, factor: u32) -> Result<View, IoErro
     if is_resampled {
         values.from_light(&mut image);
     }
-    let mask = mask.filter(|mask| mask.weights.iter().any(|weight| *weight < 1.0)).map(Arc::new);
-    Ok(View { name, camera, image: Arc::new(image), values, noise, mask, target })
+    let mask = mask.filter(|mask| mask.weights.iter().any(|weight| *weight < 1.0)).map(Into::into);
+    Ok(View { name, camera, image: image.into(), values, noise, mask, target })
 }
 
 /// Returns the mask of the pixels in which the lens shows something; `None` if it fills the image.

@@ -27,6 +27,7 @@ pub mod colmap;
 mod detect;
 mod files;
 mod fingerprint;
+mod image_memory;
 mod intrinsics;
 mod json_fields;
 mod layout_colmap;
@@ -40,6 +41,7 @@ mod recordings;
 mod source;
 mod split;
 mod transforms;
+mod view_cache;
 
 use std::fmt;
 use std::path::Path;
@@ -53,11 +55,13 @@ use crate::image::Transfer;
 
 pub use detect::detect_format;
 pub use files::composed;
+pub use image_memory::{ImageMemory, ImagePlan, LoadProgress, Loading, VIEWS_IN_USE};
 pub use layout_llff::{RecordedPose, parse_recorded_poses};
 pub use masks::{MaskSource, decode_mask};
 pub use recordings::{Exposures, Supervision, parse_exposures};
 pub use split::{SplitLists, parse_split};
 pub use transforms::{Transforms, TransformsFrame, parse_transforms};
+pub use view_cache::MAX_RELATIVE_ERROR;
 
 /// Reductions that [`LoadOptions::downscale`] takes.
 const DOWNSCALES: [u32; 4] = [1, 2, 4, 8];
@@ -190,6 +194,16 @@ impl Default for LoadOptions {
 /// # Errors
 /// Whatever is wrong with the files: each error names file, place, expectation and remedy.
 pub fn load_dataset(path: &Path, options: &LoadOptions) -> Result<Dataset, IoError> {
+    load_dataset_within(path, options, &Loading::default())
+}
+
+/// Reads a data set as [`load_dataset`] does, within a limit of memory for its images. Those that
+/// have no room are read on demand: training views from half floats in the folder of `loading`,
+/// within [`MAX_RELATIVE_ERROR`] of their values, and all others from their files.
+///
+/// # Errors
+/// Those of [`load_dataset`]; a limit below what reading takes; a cache that cannot be written.
+pub fn load_dataset_within(path: &Path, options: &LoadOptions, loading: &Loading<'_>) -> Result<Dataset, IoError> {
     use layout_colmap::{ColmapLayout, colmap_source};
     use layout_transforms::{TransformsFiles, hdr_nerf_source, transforms_source};
 
@@ -213,5 +227,5 @@ pub fn load_dataset(path: &Path, options: &LoadOptions) -> Result<Dataset, IoErr
         DatasetFormat::HdrGs => colmap_source(path, ColmapLayout::HdrGs, options.supervision),
         DatasetFormat::GaussHdr => colmap_source(path, ColmapLayout::GaussHdr, options.supervision),
     }?;
-    assemble::assemble(path, source, options)
+    assemble::assemble(path, source, options, loading)
 }

@@ -1,7 +1,9 @@
 //! Observations follow their image through undistortion and reduction.
 
+use std::collections::BTreeMap;
+
 use glam::{DVec2, Vec2};
-use luxel_core::{Camera, Distortion, Observation, Point, Similarity, View};
+use luxel_core::{Camera, Distortion, Observation, OnDemand, Point, ReadError, Similarity, View, mask};
 
 use super::source::{Sighting, SourcePoint};
 
@@ -23,14 +25,23 @@ pub(super) struct ObservedView<'a> {
 /// Returns the points of the data set. `targets`: of each frame of the source; none for those that
 /// are not trained on. Observations outside of their view or on a masked pixel are dropped: there
 /// is no radiance to be read there.
-pub(super) fn map_points(points: Vec<SourcePoint>, targets: &[Vec<ObservedView<'_>>], local_from_world: &Similarity) -> Vec<Point> {
+/// Masks are looked at one after the other, so that those read on demand need not be in memory
+/// together.
+///
+/// # Errors
+/// A mask that cannot be read.
+pub(super) fn map_points(
+    points: Vec<SourcePoint>,
+    targets: &[Vec<ObservedView<'_>>],
+    local_from_world: &Similarity,
+) -> Result<Vec<Point>, ReadError> {
     let map = |point: SourcePoint| {
         let observation = |target: &ObservedView<'_>, sighting: &Sighting| {
             let [w, h] = target.photographed.size_px.map(f64::from);
             let photographed_px = DVec2::new(f64::from(sighting.at[0]) * w, f64::from(sighting.at[1]) * h);
             let px = map_pixel(photographed_px, target.photographed, &target.view.camera)?;
             let px = px.as_vec2();
-            is_seen(target.view, px).then(|| Observation { view: target.index, pixel_px: px.to_array() })
+            is_inside(&target.view.camera, px).then(|| Observation { view: target.index, pixel_px: px.to_array() })
         };
         let seen = |sighting: &Sighting| {
             let targets = targets.get(sighting.frame).map_or(&[][..], Vec::as_slice);
@@ -39,16 +50,43 @@ pub(super) fn map_points(points: Vec<SourcePoint>, targets: &[Vec<ObservedView<'
         let observations = point.sightings.iter().flat_map(seen).collect();
         Point { position: local_from_world.point(point.position.into()).as_vec3().to_array(), rgb8: point.rgb8, observations }
     };
-    points.into_iter().map(map).collect()
+    let mut points: Vec<Point> = points.into_iter().map(map).collect();
+    drop_masked(&mut points, targets)?;
+    Ok(points)
 }
 
-fn is_seen(view: &View, px: Vec2) -> bool {
-    if !(px.x >= 0.0 && px.y >= 0.0) {
-        return false;
-    }
-    let (x, y) = (px.x as usize, px.y as usize);
-    x < view.image.width && y < view.image.height && view.is_valid(y * view.image.width + x)
+fn is_inside(camera: &Camera, px: Vec2) -> bool {
+    px.x >= 0.0 && px.y >= 0.0 && (px.x as u32) < camera.size_px[0] && (px.y as u32) < camera.size_px[1]
 }
+
+/// Drops observations on masked pixels.
+fn drop_masked(points: &mut [Point], targets: &[Vec<ObservedView<'_>>]) -> Result<(), ReadError> {
+    /// An observation: its point, and its place among the point's.
+    type Place = [usize; 2];
+    let masked = targets.iter().flatten().filter(|target| target.view.mask.is_some());
+    let mut places: BTreeMap<u32, (&View, Vec<Place>)> = masked.map(|target| (target.index, (target.view, Vec::new()))).collect();
+    for (i, point) in points.iter().enumerate() {
+        for (k, observation) in point.observations.iter().enumerate() {
+            if let Some((_, places)) = places.get_mut(&observation.view) {
+                places.push([i, k]);
+            }
+        }
+    }
+    for (view, places) in places.into_values().filter(|(_, places)| !places.is_empty()) {
+        let mask = view.mask.as_ref().map(OnDemand::loaded).transpose()?;
+        for [i, k] in places {
+            let [x, y] = points[i].observations[k].pixel_px.map(|at| at as usize);
+            if !mask::is_valid(mask.as_deref(), y * view.camera.size_px[0] as usize + x) {
+                points[i].observations[k].view = DROPPED;
+            }
+        }
+    }
+    points.iter_mut().for_each(|point| point.observations.retain(|observation| observation.view != DROPPED));
+    Ok(())
+}
+
+/// Marks an observation that is to be dropped; no data set has that many views.
+const DROPPED: u32 = u32::MAX;
 
 /// Returns the pixel coordinates in the view of a pixel of the image as it was read.
 fn map_pixel(px: DVec2, from: &Camera, to: &Camera) -> Option<DVec2> {

@@ -1,5 +1,3 @@
-use std::sync::Arc as Shared;
-
 use glam::DVec2;
 use luxel_core::{Image, PixelValues, Target};
 
@@ -22,7 +20,7 @@ fn posed(poses: &[DAffine3]) -> Dataset {
             distortion: Distortion::default(),
             projection: CameraProjection::Pinhole,
         },
-        image: Shared::new(Image::filled(32, 24, [1.0; 3])),
+        image: Image::filled(32, 24, [1.0; 3]).into(),
         values: PixelValues::Radiance,
         noise: None,
         mask: None,

@@ -15,7 +15,7 @@
 //! unseen. A scene that would lose all its splats is an error.
 
 use luxel_core::edit::MaskShares;
-use luxel_core::{Camera, Dataset, Engine, Mask, Scene, Selection, sigmoid};
+use luxel_core::{Camera, Dataset, Engine, Mask, OnDemand, Scene, Selection, mask, sigmoid};
 use luxel_train::Neighbourhood;
 
 use crate::error::{Context, bail};
@@ -66,7 +66,7 @@ pub struct Watching<'a> {
     /// Camera.
     pub camera: &'a Camera,
     /// Pixels that count; `None` for all.
-    pub mask: Option<&'a Mask>,
+    pub mask: Option<&'a OnDemand<Mask>>,
 }
 
 /// The weight of each splat in the views, and the views that see it.
@@ -112,7 +112,7 @@ impl Removed {
         // Held-out views too: what only they see is no floater.
         let views = dataset.map(|dataset| dataset.train.iter().chain(&dataset.test));
         let views: Option<Vec<Watching<'_>>> =
-            views.map(|views| views.map(|view| Watching { camera: &view.camera, mask: view.mask.as_deref() }).collect());
+            views.map(|views| views.map(|view| Watching { camera: &view.camera, mask: view.mask.as_ref() }).collect());
         Self::floaters_in(scene, views.as_deref(), engine, observer)
     }
 
@@ -224,7 +224,8 @@ impl Sight {
         let mut sight = Self { weight: vec![0.0; count], views: vec![0; count], total: 0.0, all_views: views.len() };
         for Watching { camera, mask } in views {
             let [width, height] = camera.size_px.map(|side| side as usize);
-            let is_valid = |i: usize| mask.is_none_or(|mask| mask.is_valid(i));
+            let mask = mask.map(OnDemand::loaded).transpose()?;
+            let is_valid = |i: usize| mask::is_valid(mask.as_deref(), i);
             let mask: Vec<f32> = (0..width * height).map(|i| f32::from(u8::from(is_valid(i)))).collect();
             let found = engine.contributions(camera, &options, &mask).context("cannot measure the splats' contributions")?;
             for (i, weight) in found.masked.into_iter().enumerate() {

@@ -14,7 +14,6 @@
 
 use std::borrow::Cow;
 use std::path::Path;
-use std::sync::Arc;
 use std::time::Instant;
 
 use luxel_core::engine::{LearningRates, StatsCollection, StepConfig};
@@ -185,7 +184,7 @@ fn targets(baked: &Baked, scene: &Scene, views: &[View], engine: &mut dyn Engine
         let exposed = exposed(scene, baked, &image);
         let displayed = reference(scene, baked, image);
         gains.add(&GainView { camera: &view.camera, options: &options, exposed: &exposed, displayed: &displayed }, engine)?;
-        let image = Arc::new(displayed);
+        let image = displayed.into();
         let target = Target { curve: ToneCurve::MuLaw { mu: LINEAR_MU }, ..Target::default() };
         targets.push(View { image, values: PixelValues::Radiance, noise: None, mask: None, target, ..view.clone() });
     }

@@ -13,9 +13,8 @@ pub mod profile;
 mod views;
 
 use std::path::Path;
-use std::sync::Arc;
 
-use luxel_core::{ColorSpace, Image, Mask, RadianceScale};
+use luxel_core::{ColorSpace, Image, Mask, OnDemand, RadianceScale};
 use luxel_io::{IoError, write_atomically};
 use luxel_metrics::{FieldMetrics, LuminanceProfile, ViewMetrics};
 
@@ -100,7 +99,7 @@ pub struct ReportView {
     /// Ground truth, normalised units.
     pub target: Image,
     /// Mask; `None` if all pixels are valid.
-    pub mask: Option<Arc<Mask>>,
+    pub mask: Option<OnDemand<Mask>>,
     /// Metrics of the view.
     pub metrics: ViewMetrics,
 }

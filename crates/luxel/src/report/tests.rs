@@ -184,7 +184,7 @@ fn no_test_views_leave_a_page_that_says_so() {
 #[test]
 fn odd_figures_and_images_are_shown_and_not_stumbled_over() {
     let mut views = vec![view("a", 1, 1, 0.0), view("b", 300, 2, 0.5), view("c", 2, 300, 0.5)];
-    views[1].mask = Some(Arc::new(Mask::from_valid((0..600).map(|i| i % 3 != 0))));
+    views[1].mask = Some(Mask::from_valid((0..600).map(|i| i % 3 != 0)).into());
     views[2].target = Image::filled(2, 300, [0.0; 3]);
     views[2].prediction = Image::filled(2, 300, [f32::MAX, 0.0, f32::NAN]);
     let broken = views[2].prediction.clone();

@@ -10,7 +10,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 use luxel_core::RadianceScale;
-use luxel_io::LoadOptions;
+use luxel_io::{ImageMemory, LoadOptions};
 use luxel_train::{Preset, TrainConfig};
 use serde::{Deserialize, Serialize};
 
@@ -51,6 +51,9 @@ pub struct RunOptions {
     /// Steps of refining the display layer of the last scene file; 0 leaves it out.
     #[serde(default = "default_refine_display")]
     pub refine_display: u32,
+    /// Limit on the memory that images take.
+    #[serde(default)]
+    pub image_memory: ImageMemory,
 }
 
 fn default_refine_display() -> u32 {
@@ -60,7 +63,14 @@ fn default_refine_display() -> u32 {
 impl Default for RunOptions {
     fn default() -> Self {
         let refine_display = default_refine_display();
-        Self { checkpoint_every: 5000, keep_checkpoints: 2, eval_at: vec![7000, 30000], eval_every: None, refine_display }
+        Self {
+            checkpoint_every: 5000,
+            keep_checkpoints: 2,
+            eval_at: vec![7000, 30000],
+            eval_every: None,
+            refine_display,
+            image_memory: ImageMemory::Auto,
+        }
     }
 }
 
@@ -130,8 +140,8 @@ impl fmt::Display for Difference {
 }
 
 /// Options that a resumed run may change: they leave the steps already made as they are.
-const FREE_ON_RESUME: [&str; 8] =
-    ["device", "threads", "checkpoint_every", "keep_checkpoints", "eval_at", "eval_every", "refine_display", "iterations"];
+const FREE_ON_RESUME: [&str; 9] =
+    ["device", "threads", "checkpoint_every", "keep_checkpoints", "eval_at", "eval_every", "refine_display", "image_memory", "iterations"];
 
 /// Sections of the file that options belong to.
 const SECTIONS: [&str; 4] = ["load", "device", "run", TRAIN];

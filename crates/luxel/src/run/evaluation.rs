@@ -160,7 +160,7 @@ impl Rendering<'_> {
                 if view.values == PixelValues::Radiance {
                     scale.restore(&mut render);
                 }
-                let mut pictures = files.iter().zip([&render, view.image.as_ref()]);
+                let mut pictures = files.iter().zip([&render, &view.image]);
                 failed = pictures.try_for_each(|(path, image)| write_exr(path, image, color_space, scale));
             }
             if let (Some(progress), Ok(())) = (&mut progress, &failed) {
@@ -240,7 +240,6 @@ pub fn unique_stems<'a>(names: impl Iterator<Item = &'a str> + Clone) -> Vec<Str
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
 
     use luxel_core::{Mask, Target, synthetic};
     use luxel_cpu::CpuEngine;
@@ -254,7 +253,7 @@ mod tests {
         let (camera, options) = (synthetic::room_camera([16, 12]), RenderOptions::default());
         let mut image = engine.render(&camera, &options).unwrap();
         image.scale(gain);
-        let (image, mask) = (Arc::new(image), mask.map(Arc::new));
+        let (image, mask) = (image.into(), mask.map(Into::into));
         let view = View { name: "a".into(), camera, image, values: PixelValues::Radiance, noise: None, mask, target: Target::default() };
         let mut rendering = Rendering {
             engine: &mut engine,

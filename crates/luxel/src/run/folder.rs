@@ -75,6 +75,20 @@ impl RunFolder {
         Self { root: root.into() }
     }
 
+    /// Returns the folder for images of the data set that memory has no room for. It lies beside
+    /// the run, outlives it, and may be deleted at any time.
+    pub fn image_cache(&self) -> PathBuf {
+        let root = std::path::absolute(&self.root).unwrap_or_else(|_| self.root.clone());
+        match root.file_name() {
+            Some(name) => {
+                let mut name = name.to_owned();
+                name.push(".images");
+                root.with_file_name(name)
+            }
+            None => root.join("run.images"),
+        }
+    }
+
     /// Opens a folder that must be a run.
     ///
     /// # Errors

@@ -4,12 +4,15 @@
 //! memory. The data set is read and the settings are checked before anything in the folder is
 //! touched.
 
-use luxel_core::{Dataset as CoreDataset, Remedy};
+use std::path::Path;
+
+use luxel_core::{Dataset as CoreDataset, Engine, Remedy};
+use luxel_io::ImageMemory;
 use luxel_train::Trainer;
 
 use super::{Outcome, RunConfig, RunFolder, RunLock, Session, state};
 use crate::error::{Context, bail};
-use crate::{Dataset, Error, Observer, Result, SelectedEngine, StopFlag, text};
+use crate::{Dataset, Error, ImageLimits, Observer, Result, SelectedEngine, StopFlag, text};
 
 /// The place of a run, its observer and its stop flag.
 #[derive(Clone, Copy)]
@@ -59,11 +62,12 @@ pub fn fresh(
     launch: Launch<'_>,
     make_room: impl FnOnce(&CoreDataset) -> Result<RunLock>,
 ) -> Result<TrainedRun> {
-    let SelectedEngine { engine, threads, machine, computed_by, .. } = selected;
+    let SelectedEngine { mut engine, threads, machine, computed_by, .. } = selected;
     config.validate().context("cannot start training")?;
     // Settings without a text form must not cost the run that is to be replaced.
     config.to_toml().with_context(|| format!("{}: config.toml cannot hold these settings", config.dataset.display()))?;
-    let dataset = Dataset::open_reporting(config.dataset_path(launch.folder.root()), &config.load, launch.observer)?;
+    let dataset = open_dataset(&config.dataset_path(launch.folder.root()), &config, launch)?;
+    limit_images(engine.as_mut(), &config);
     let trainer = Trainer::new(&dataset, config.train.clone(), engine).context("cannot start training")?;
     let lock = make_room(&dataset)?;
     launch.folder.write_config(&config)?;
@@ -76,11 +80,12 @@ pub fn fresh(
 /// As [`fresh`]; a folder without a checkpoint that can be read; a checkpoint of other settings
 /// than those of `config`.
 pub fn resume(config: RunConfig, selected: SelectedEngine, launch: Launch<'_>, lock: RunLock) -> Result<TrainedRun> {
-    let SelectedEngine { engine, threads, machine, computed_by, .. } = selected;
+    let SelectedEngine { mut engine, threads, machine, computed_by, .. } = selected;
     config.validate().context("cannot resume")?;
     let (folder, observer) = (launch.folder, launch.observer);
     let path = config.find_dataset(folder.root(), Remedy::give("dataset"))?;
-    let dataset = Dataset::open_reporting(path, &config.load, observer)?;
+    let dataset = open_dataset(&path, &config, launch)?;
+    limit_images(engine.as_mut(), &config);
     let trainer = match state::take_checkpoint(folder, observer)? {
         Some((path, snapshot)) => {
             let mut trainer = Trainer::resume(&dataset, snapshot, engine).with_context(|| format!("{}: cannot resume", path.display()))?;
@@ -100,6 +105,20 @@ pub fn resume(config: RunConfig, selected: SelectedEngine, launch: Launch<'_>, l
     };
     folder.write_config(&config)?;
     train(config, launch, ReadyRun { dataset, trainer, threads, machine, computed_by, lock })
+}
+
+/// Reads the data set of a run within its limit of memory for images.
+fn open_dataset(path: &Path, config: &RunConfig, launch: Launch<'_>) -> Result<Dataset> {
+    let cache = launch.folder.image_cache();
+    let limits = ImageLimits { image_memory: config.run.image_memory, cache: Some(&cache) };
+    Dataset::open_within(path, &config.load, limits, launch.observer)
+}
+
+/// Applies a limit that was given to what the engine keeps of images, too.
+fn limit_images(engine: &mut dyn Engine, config: &RunConfig) {
+    if let ImageMemory::Bytes(bytes) = config.run.image_memory {
+        engine.limit_images(bytes);
+    }
 }
 
 /// Gives a resumed trainer the number of steps of `config`; everything else must be as the

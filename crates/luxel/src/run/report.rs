@@ -131,7 +131,7 @@ fn views(images: &Path, dataset: &Dataset, metrics: &Metrics) -> Result<Vec<Repo
     let Some(split) = metrics.splits.get("test") else { return Ok(Vec::new()) };
     let stems = unique_stems(dataset.test.iter().map(|view| view.name.as_str()));
     let renders = images.join("renders");
-    let view_bytes = |view: &View| 2 * view.image.pixels.len() * size_of::<[f32; 3]>();
+    let view_bytes = |view: &View| 2 * view.pixel_count() as usize * size_of::<[f32; 3]>();
     let total: usize = dataset.test.iter().map(view_bytes).sum();
     let every = total.div_ceil(IMAGES_LIMIT_BYTES).max(1);
     let mut views = Vec::new();
@@ -139,7 +139,8 @@ fn views(images: &Path, dataset: &Dataset, metrics: &Metrics) -> Result<Vec<Repo
         let Some(measured) = split.views.iter().find(|metrics| metrics.name == view.name) else { continue };
         let path = renders.join(format!("{stem}.exr"));
         let mut prediction = luxel_io::read_image(&path, &Default::default()).context("cannot read an evaluation image")?.image;
-        let mut target: Image = view.image.as_ref().clone();
+        let view = view.loaded()?;
+        let mut target = Image::clone(&view.image);
         if view.values == PixelValues::Radiance {
             metrics.radiance_scale.normalise(&mut prediction);
             metrics.radiance_scale.normalise(&mut target);

@@ -143,6 +143,7 @@ impl Matrix {
                 eval_at: Vec::new(),
                 eval_every: None,
                 refine_display: 0,
+                ..RunOptions::default()
             },
             train,
         };

@@ -6,20 +6,81 @@
 //! pixel shows the point.
 
 use glam::{DVec2, DVec3};
-use luxel_core::{Point, View, luminance_sum};
+use luxel_core::{Point, ReadError, View, luminance_sum};
+use rayon::prelude::*;
 
-/// Returns the radiance over the point's track or, without a track, over the views it projects
-/// into.
-pub(super) fn of_point(point: &Point, train: &[View]) -> Option<[f32; 3]> {
-    let track = point.observations.iter().filter_map(|seen| {
-        let [x, y] = seen.pixel_px;
-        sample(train.get(seen.view as usize)?, DVec2::new(x.into(), y.into()))
-    });
-    median_color(track.collect()).or_else(|| {
-        let [x, y, z] = point.position;
-        let at = DVec3::new(x.into(), y.into(), z.into());
-        median_color(train.iter().filter_map(|view| sample(view, view.camera.project(at)?.0)).collect())
-    })
+/// Samples of points that are held at the same time while images are read on demand.
+const MAX_SAMPLES: usize = 1 << 22;
+
+/// Returns the radiance of each point over its track or, without a track, over the views it
+/// projects into. Images that are read on demand are in memory one after the other.
+///
+/// # Errors
+/// An image that cannot be read.
+pub(super) fn of_points(points: &[Point], train: &[View]) -> Result<Vec<Option<[f32; 3]>>, ReadError> {
+    if train.iter().all(View::is_in_memory) {
+        let of_point = |point: &Point| {
+            median_color(track(point, train).filter_map(|seen| sample(&train[seen.view], seen.at_px)).collect())
+                .or_else(|| median_color(projections(point, train).filter_map(|seen| sample(&train[seen.view], seen.at_px)).collect()))
+        };
+        return Ok(points.par_iter().map(of_point).collect());
+    }
+    let mut colors = streamed(points, train, &|point| track(point, train).collect())?;
+    // Those whose track shows no valid pixel, or that have none.
+    let missing: Vec<usize> = (0..points.len()).filter(|i| colors[*i].is_none()).collect();
+    let without: Vec<Point> = missing.iter().map(|i| Point { observations: Vec::new(), ..points[*i].clone() }).collect();
+    let found = streamed(&without, train, &|point| projections(point, train).collect())?;
+    missing.into_iter().zip(found).for_each(|(i, color)| colors[i] = color);
+    Ok(colors)
+}
+
+/// A place in a view where a point is seen.
+struct Seen {
+    view: usize,
+    at_px: DVec2,
+}
+
+fn track<'a>(point: &'a Point, train: &'a [View]) -> impl Iterator<Item = Seen> + 'a {
+    let inside = point.observations.iter().filter(|seen| (seen.view as usize) < train.len());
+    inside.map(|seen| Seen { view: seen.view as usize, at_px: DVec2::new(seen.pixel_px[0].into(), seen.pixel_px[1].into()) })
+}
+
+fn projections<'a>(point: &'a Point, train: &'a [View]) -> impl Iterator<Item = Seen> + 'a {
+    let at = DVec3::from_array(point.position.map(f64::from));
+    let inside = move |(view, of): (usize, &View)| {
+        let (at_px, _) = of.camera.project(at)?;
+        let [width, height] = of.camera.size_px.map(f64::from);
+        let is_inside = at_px.x >= 0.0 && at_px.y >= 0.0 && at_px.x <= width && at_px.y <= height;
+        is_inside.then_some(Seen { view, at_px })
+    };
+    train.iter().enumerate().filter_map(inside)
+}
+
+/// Returns the colours of points over the places where they are seen, with one image in memory at a
+/// time. Points are taken in parts whose samples stay within [`MAX_SAMPLES`].
+fn streamed(points: &[Point], train: &[View], places: &(dyn Fn(&Point) -> Vec<Seen> + Sync)) -> Result<Vec<Option<[f32; 3]>>, ReadError> {
+    let mut colors = Vec::with_capacity(points.len());
+    let mut rest = points;
+    while !rest.is_empty() {
+        let mut by_view: Vec<Vec<(usize, DVec2)>> = train.iter().map(|_| Vec::new()).collect();
+        let (mut count, mut taken) = (0, 0);
+        while taken < rest.len() && (taken == 0 || count < MAX_SAMPLES) {
+            let seen = places(&rest[taken]);
+            count += seen.len();
+            seen.into_iter().for_each(|seen| by_view[seen.view].push((taken, seen.at_px)));
+            taken += 1;
+        }
+        let mut samples: Vec<Vec<[f32; 3]>> = vec![Vec::new(); taken];
+        for (view, places) in train.iter().zip(by_view).filter(|(_, places)| !places.is_empty()) {
+            let view = view.loaded()?;
+            for (point, at_px) in places {
+                samples[point].extend(sample(&view, at_px));
+            }
+        }
+        colors.par_extend(samples.into_par_iter().map(median_color));
+        rest = &rest[taken..];
+    }
+    Ok(colors)
 }
 
 /// Samples an image bilinearly at pixel coordinates (pixel centres at +0.5), from valid pixels
@@ -103,7 +164,6 @@ fn srgb_to_linear(byte: u8) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
 
     use luxel_core::{Image, Mask};
 
@@ -126,7 +186,7 @@ mod tests {
     #[test]
     fn masked_pixels_are_not_sampled() {
         let mut view = two_pixels();
-        view.mask = Some(Arc::new(Mask::from_valid(vec![false, true])));
+        view.mask = Some(Mask::from_valid(vec![false, true]).into());
         assert_eq!(sample(&view, DVec2::new(1.0, 0.5)), Some([3.0; 3]));
         assert_eq!(sample(&view, DVec2::new(0.5, 0.5)), None);
     }
@@ -147,6 +207,23 @@ mod tests {
         let mixed =
             median_color(vec![[3e38, 3e38, 0.0], [3e38, 0.0, 3e38], [0.0, 3e38, 3e38], [3e38, 0.0, 0.0], [1e38, 0.0, 0.0]]).unwrap();
         assert!(mixed.iter().all(|v| v.is_finite()), "{mixed:?}");
+    }
+
+    #[test]
+    fn images_on_demand_give_the_same_colors() {
+        let pixels = (0..64 * 64).map(|i| [i as f32, (i % 64) as f32, 1.0]).collect();
+        let image = Image::from_pixels(64, 64, pixels).unwrap();
+        let train: Vec<View> = (0..3).map(|i| view_of("v", camera_at([0.1 * f64::from(i), 0.0, 0.0], [64, 64]), image.clone())).collect();
+        let seen = |view, pixel_px| luxel_core::Observation { view, pixel_px };
+        let point = |x: f32, observations| Point { position: [x, 0.1, 4.0], rgb8: None, observations };
+        let mut points: Vec<Point> = (0..40).map(|i| point(0.1 * i as f32 - 2.0, Vec::new())).collect();
+        points.push(point(0.0, vec![seen(0, [3.5, 4.5]), seen(2, [9.0, 8.0]), seen(7, [1.0; 2])]));
+        points.push(point(0.3, vec![seen(1, [-5.0, 0.0])]));
+        points.push(point(1e6, Vec::new()));
+        let later: Vec<View> = train.iter().map(crate::testing::on_demand).collect();
+        let (now, later) = (of_points(&points, &train).unwrap(), of_points(&points, &later).unwrap());
+        assert_eq!(now, later);
+        assert!(now[40].is_some() && now[41].is_some() && now[42].is_none());
     }
 
     #[test]

@@ -76,11 +76,15 @@ fn splats_at(points: &[Point], dataset: &Dataset, config: &TrainConfig, radiance
     let color_model = config.color_model();
     // If all images are black, there is no typical luminance, and the floor below applies to all
     // splats.
-    let typical = scale::median_luminance(&dataset.train).unwrap_or(0.0);
+    let typical = match scale::median_luminance(&dataset.train) {
+        Err(error @ TrainError::Read(_)) => return Err(error),
+        found => found.unwrap_or(0.0),
+    };
     let fallback = color::Fallback::new(points, typical);
-    let colors: Vec<[f32; 3]> = points
-        .par_iter()
-        .map(|point| color::of_point(point, &dataset.train).unwrap_or_else(|| fallback.of_point(point)))
+    let colors: Vec<[f32; 3]> = color::of_points(points, &dataset.train)?
+        .into_par_iter()
+        .zip(points)
+        .map(|(color, point)| color.unwrap_or_else(|| fallback.of_point(point)))
         .map(|rgb| at_least(MIN_LUMINANCE, radiance_scale.normalised(rgb)))
         .collect();
     let positions: Vec<[f32; 3]> = points.iter().map(|point| point.position).collect();

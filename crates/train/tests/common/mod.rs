@@ -2,12 +2,10 @@
 
 #![allow(clippy::unwrap_used, reason = "a helper of tests may panic as they do")]
 
-use std::sync::Arc;
-
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 use luxel_core::{
-    Camera, CameraProjection, ColorModel, ColorSpace, Dataset, Distortion, Engine, Image, PixelValues, Point, RenderOptions, Splat, Splats,
-    Target, View, logit,
+    Camera, CameraProjection, ColorModel, ColorSpace, Dataset, Distortion, Engine, Image, OnDemand, PixelValues, Point, RenderOptions,
+    Splat, Splats, Target, View, logit,
 };
 use luxel_cpu::CpuEngine;
 use luxel_train::TrainConfig;
@@ -67,7 +65,7 @@ pub(crate) fn dataset() -> Dataset {
         View {
             name: name.to_owned(),
             camera,
-            image: Arc::new(image),
+            image: image.into(),
             values: PixelValues::Radiance,
             noise: None,
             mask: None,
@@ -107,6 +105,6 @@ pub(crate) fn config(iterations: u32) -> TrainConfig {
 
 /// An image without content.
 #[allow(dead_code, reason = "not every test file that shares this module needs it")]
-pub(crate) fn black() -> Arc<Image> {
-    Arc::new(Image::filled(SIDE as usize, SIDE as usize, [0.0; 3]))
+pub(crate) fn black() -> OnDemand<Image> {
+    Image::filled(SIDE as usize, SIDE as usize, [0.0; 3]).into()
 }

@@ -1,7 +1,6 @@
 //! The workload: a scene in the engine, and a view of it.
 
 use std::path::Path;
-use std::sync::Arc;
 
 use anyhow::{Context, Result, bail};
 use luxel::output;
@@ -72,7 +71,7 @@ impl Workload {
         let view = View {
             name: source.name.clone(),
             camera,
-            image: Arc::new(image),
+            image: image.into(),
             values: PixelValues::Radiance,
             noise: None,
             mask: None,
