@@ -254,7 +254,9 @@ fn versions_and_metrics_name_revision_and_features() {
     for part in ["\nrevision  ", "\nfeatures  ", "\ntarget    "] {
         assert!(long.contains(part), "{long}");
     }
-    assert!(!cfg!(feature = "gpu") || long.contains("gpu"), "{long}");
+    for (feature, is_there) in [("gpu", cfg!(feature = "gpu")), ("ocio", cfg!(feature = "ocio")), ("view", cfg!(feature = "view"))] {
+        assert_eq!(long.lines().any(|line| line.starts_with("features") && line.contains(feature)), is_there, "{feature}: {long}");
+    }
     place.train("run", &[]);
     for command in [None, Some("eval")] {
         if let Some(command) = command {

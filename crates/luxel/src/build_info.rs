@@ -16,7 +16,12 @@ pub fn features() -> Vec<&'static str> {
 
 /// Returns version, revision, features and target, one a line.
 pub fn long_version() -> String {
-    let features = match features().as_slice() {
+    long_version_with(&features())
+}
+
+/// Returns the same for a program with these features.
+pub fn long_version_with(features: &[&str]) -> String {
+    let features = match features {
         [] => "none".to_owned(),
         some => some.join(", "),
     };

@@ -85,10 +85,17 @@ pub(crate) struct Cli {
     pub(crate) command: Command,
 }
 
+/// Returns the cargo features of the program that change what it can do.
+pub(crate) fn features() -> Vec<&'static str> {
+    let mut features = luxel::build_info::features();
+    features.extend(cfg!(feature = "view").then_some("view"));
+    features
+}
+
 /// Returns the program's arguments.
 pub(crate) fn command() -> clap::Command {
     let command = Cli::command()
-        .long_version(luxel::build_info::long_version())
+        .long_version(luxel::build_info::long_version_with(&features()))
         .mut_subcommand("reproduce", |reproduce| reproduce.mut_args(reproduce::adapted));
     command.mut_subcommands(|subcommand| {
         let is_prepare = subcommand.get_name() == "prepare";

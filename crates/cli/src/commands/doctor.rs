@@ -10,7 +10,7 @@ use anyhow::Result;
 use luxel::{build_info, machine, schema};
 use serde_json::Value;
 
-use crate::args::DoctorArgs;
+use crate::args::{self, DoctorArgs};
 use crate::commands::devices;
 use crate::inputs::programs;
 use crate::output::console::Console;
@@ -59,7 +59,7 @@ fn describe() -> Tree {
     let mut facts = Tree::default();
     let mut program = Tree::default();
     program.set("version", luxel::VERSION).set("revision", build_info::REVISION.map_or(Value::Null, Value::from));
-    program.set("features", build_info::features().join(", "));
+    program.set("features", args::features().join(", "));
     if let Ok(path) = std::env::current_exe() {
         program.set("file", path.display().to_string());
     }
