@@ -26,6 +26,8 @@ export function serve(listen = "127.0.0.1:0", path = run, ...options) {
     });
     child.on("exit", (code) => reject(new Error(`luxel view ended with ${code}`)));
   });
+  // Not left behind by tests that end early.
+  process.on("exit", () => child.kill());
   return { child, url };
 }
 
@@ -37,7 +39,9 @@ export const scene = await (await fetch(`${url}api/scene`)).json();
 
 /** Opens the page, and waits for a full picture. */
 export async function open(hash = "", options = {}) {
-  const page = await browser.newPage({ viewport: { width: 1280, height: 720 }, ...options });
+  const { prepare, ...rest } = options;
+  const page = await browser.newPage({ viewport: { width: 1280, height: 720 }, ...rest });
+  prepare?.(page);
   page.failures = [];
   page.setDefaultTimeout(PATIENCE_MS);
   page.on("pageerror", (error) => page.failures.push(String(error)));
@@ -79,7 +83,7 @@ export const colors = (page, places) =>
     });
   }, places);
 
-export const shot = async (page, name) => pictures && page.screenshot({ path: path.join(pictures, `${name}.png`) });
+export const shot = async (page, name) => pictures && page.screenshot({ path: path.join(pictures, `${name}.png`), timeout: 60000 });
 export const set = async (page, change) => {
   await page.evaluate((change) => window.luxel.set(change), change);
   await settled(page);

@@ -26,7 +26,7 @@ async function passes(name, test) {
     console.log(`FAILED ${name}\n${error.stack}`);
     for (const context of browser.contexts()) for (const page of context.pages()) {
       console.log(page.failures);
-      await shot(page, "failed");
+      await shot(page, "failed").catch(() => undefined);
       await page.close();
     }
     return false;

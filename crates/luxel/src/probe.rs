@@ -142,11 +142,8 @@ pub fn probe(
     let mut progress = FrameProgress { observer, done: 0, total: u32::try_from(work.rig.cameras.len()).unwrap_or(u32::MAX) };
     while !work.is_done() {
         let name = format!("face {}", work.faces_done + 1);
-        work.render_face(|camera| {
-            let image = engine.render(camera, &render_options).context("cannot render the probe")?;
-            progress.add(&name, Vec::new());
-            Ok(image)
-        })?;
+        work.render_camera(|camera| engine.render(camera, &render_options).context("cannot render the probe"))?;
+        progress.add(&name, Vec::new());
     }
     Ok(work.finish())
 }
@@ -190,12 +187,14 @@ impl Surroundings {
     }
 }
 
-/// A probe under way, rendered face by face, so that other work is possible in between.
+/// A probe under way, rendered camera by camera, so that other work is possible in between.
 #[derive(Debug)]
 pub struct ProbeWork {
     rig: Rig,
     map: PartialMap,
     faces_done: usize,
+    /// Renders of the next face so far.
+    renders: Vec<Image>,
     options: ProbeOptions,
     space: ColorSpace,
     radiance_scale: RadianceScale,
@@ -219,6 +218,7 @@ impl ProbeWork {
             map: rig.empty_map(),
             rig,
             faces_done: 0,
+            renders: Vec::new(),
             options: *options,
             space: scene.color_space,
             radiance_scale: scene.radiance_scale,
@@ -227,26 +227,40 @@ impl ProbeWork {
         })
     }
 
-    /// Returns whether all faces are rendered.
+    /// Returns the number of cameras of the whole probe.
+    pub fn cameras(&self) -> usize {
+        self.rig.cameras.len()
+    }
+
+    /// Returns the number of cameras that are rendered.
+    pub fn cameras_done(&self) -> usize {
+        self.rig.faces().take(self.faces_done).map(<[Camera]>::len).sum::<usize>() + self.renders.len()
+    }
+
+    /// Returns whether all cameras are rendered.
     pub fn is_done(&self) -> bool {
         self.faces_done >= self.rig.faces().count()
     }
 
-    /// Renders the next face with the renderer of the scene that the probe was begun for.
+    /// Renders the next camera with the renderer of the scene that the probe was begun for.
     ///
     /// # Errors
     /// A device that gave up.
     pub fn render_next(&mut self, renderer: &mut Renderer) -> Result<()> {
-        self.render_face(|camera| renderer.render_normalised(camera))
+        self.render_camera(|camera| renderer.render_normalised(camera))
     }
 
-    /// Renders the next face; `render` returns an image in normalised units.
-    fn render_face(&mut self, render: impl FnMut(&Camera) -> Result<Image>) -> Result<()> {
-        let face = self.faces_done;
-        let Some(cameras) = self.rig.faces().nth(face) else { return Ok(()) };
-        let renders: Result<Vec<Image>> = cameras.iter().map(render).collect();
-        self.map.add_face(&self.rig, face, &renders?);
-        self.faces_done += 1;
+    /// Renders the next camera; `render` returns an image in normalised units.
+    fn render_camera(&mut self, render: impl FnOnce(&Camera) -> Result<Image>) -> Result<()> {
+        let Some(cameras) = self.rig.faces().nth(self.faces_done) else { return Ok(()) };
+        if let Some(camera) = cameras.get(self.renders.len()) {
+            self.renders.push(render(camera)?);
+        }
+        if self.renders.len() >= cameras.len() {
+            self.map.add_face(&self.rig, self.faces_done, &self.renders);
+            self.renders.clear();
+            self.faces_done += 1;
+        }
         Ok(())
     }
 

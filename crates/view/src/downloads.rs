@@ -1,8 +1,9 @@
 //! Copies of the scene for pages that render by themselves.
 //!
 //! In: a request with edits and a precision; out: the splats ([`crate::splats`]), packed on the
-//! thread that owns the scene. The scene without edits is packed once; of others, and of large
-//! ones, only a few are on their way at a time.
+//! thread that owns the scene, or what the edits change of them ([`crate::changes`]). The scene
+//! without edits is packed once; of others, of large ones, and of changes only a few are on their
+//! way at a time.
 
 use std::sync::Arc;
 
@@ -11,7 +12,7 @@ use hyper::StatusCode;
 use tokio::sync::OwnedSemaphorePermit;
 
 use crate::answer::{Answer, Failure};
-use crate::house::{House, on_stage};
+use crate::house::{House, on_stage, try_beside};
 use crate::jobs::{Loaded, Stage};
 use crate::query::Query;
 use crate::splats::{Precision, body_bytes, pack};
@@ -43,11 +44,28 @@ pub(crate) async fn splats(house: &House, query: &mut Query) -> Result<Answer, F
     let body = if is_kept {
         house.downloads.kept.get_or_try_init(|| packed).await?.clone()
     } else {
-        let busy = |_| Failure::new(StatusCode::SERVICE_UNAVAILABLE, "too many scenes are being downloaded");
-        let place = Arc::clone(&house.downloads.places).try_acquire_owned().map_err(busy)?;
+        let place = place(house)?;
         Bytes::from_owner(Download { body: packed.await?, _place: place })
     };
     Ok(Answer::new("application/octet-stream", body))
+}
+
+/// Answers with the changes that edits make, for a page that has the splats.
+pub(crate) async fn changes(house: &House, query: &mut Query) -> Result<Answer, Failure> {
+    let edit = query.take("edit").unwrap_or_default();
+    let Some(workshop) = house.workshop.clone() else {
+        return Err(Failure::new(StatusCode::CONFLICT, "the scene is being trained, and is rendered here"));
+    };
+    let stack = workshop.parse(&edit)?;
+    let place = place(house)?;
+    let body = try_beside(move || workshop.changes(&stack)).await?;
+    Ok(Answer::new("application/octet-stream", Bytes::from_owner(Download { body, _place: place })))
+}
+
+/// Returns a place for a copy that is on its way.
+fn place(house: &House) -> Result<OwnedSemaphorePermit, Failure> {
+    let busy = |_| Failure::new(StatusCode::SERVICE_UNAVAILABLE, "too many scenes are being downloaded");
+    Arc::clone(&house.downloads.places).try_acquire_owned().map_err(busy)
 }
 
 /// A copy of a scene that holds its place until it is sent.

@@ -71,8 +71,9 @@ pub(crate) async fn answer(house: &Arc<House>, method: &Method, path: &str, quer
         }
         "mask" if *method == Method::POST => mask(workshop, query, body).await,
         "save" if *method == Method::POST => save(workshop, body).await,
-        "luminance" | "selection" | "overlay.png" | "floaters" | "saved" | "stack" | "mask" | "save" => {
-            Err(Failure::new(StatusCode::METHOD_NOT_ALLOWED, "mask and save answer POST, all others GET"))
+        "read" if *method == Method::POST => read(workshop, body).await,
+        "luminance" | "selection" | "overlay.png" | "floaters" | "saved" | "stack" | "mask" | "save" | "read" => {
+            Err(Failure::new(StatusCode::METHOD_NOT_ALLOWED, "mask, save and read answer POST, all others GET"))
         }
         _ => Err(Failure::new(StatusCode::NOT_FOUND, "no such path")),
     }
@@ -211,6 +212,16 @@ async fn save(workshop: Arc<Workshop>, body: Bytes) -> Result<Answer, Failure> {
     });
     let [scene, stack] = saved.await?;
     Answer::json(&schema::VIEW.versioned(json!({ "scene": scene, "stack": stack })))
+}
+
+/// Answers with the stack that the text of a file of edits holds.
+async fn read(workshop: Arc<Workshop>, body: Bytes) -> Result<Answer, Failure> {
+    if body.len() > MAX_REQUEST_BYTES {
+        return Err(Failure::new(StatusCode::PAYLOAD_TOO_LARGE, format!("expected at most {MAX_REQUEST_BYTES} bytes of edits")));
+    }
+    let text = String::from_utf8(body.into()).map_err(|_| String::from("expected text, a file of edits"))?;
+    let stack = try_beside(move || workshop.parse_file(&text)).await?;
+    Answer::json(&schema::VIEW.versioned(json!({ "edit": stack.to_string() })))
 }
 
 #[cfg(test)]

@@ -3,7 +3,8 @@
 //! In: a point in the world, a width, edits. Out: what `luxel probe --at` makes of the same scene:
 //! its file, byte for byte, its pixels for the page, and its light summed up with what is doubtful
 //! about it. The last one is kept, so that showing and saving it costs one render. It is rendered
-//! face by face, so that pages see pictures in between.
+//! camera by camera, so that pages see pictures in between, and ends with the connection of the one
+//! that asked for it.
 
 use std::sync::Arc;
 
@@ -17,7 +18,7 @@ use crate::answer::{Answer, Failure};
 use crate::frame::Planes;
 use crate::house::{House, beside, on_stage};
 use crate::jobs::{Loaded, Stage};
-use crate::probe_map::{Environment, Wish};
+use crate::probe_map::{Environment, Progress, Wish};
 use crate::query::Query;
 use crate::stage::check_edits;
 
@@ -56,6 +57,10 @@ pub(crate) async fn answer(house: &Arc<House>, method: &Method, path: &str, quer
             let environment = environment(house, Wish::take(house, query)?).await?;
             Answer::json(&schema::VIEW.versioned(described(&environment)))
         }
+        "/api/environment/progress" if is_get => {
+            let progress = house.environment.progress(&Wish::take(house, query)?);
+            Answer::json(&schema::VIEW.versioned(json!({ "done": progress.done, "total": progress.total })))
+        }
         "/api/environment.frame" if is_get => {
             let environment = environment(house, Wish::take(house, query)?).await?;
             let place = house.room.place(FRAME_PIXEL_BYTES * environment.probe.image().pixels.len()).await?;
@@ -78,7 +83,7 @@ pub(crate) async fn answer(house: &Arc<House>, method: &Method, path: &str, quer
             let path = beside(move || folder.new_file("probes", &name, "exr", &exr(&environment.probe)?)).await??;
             Answer::json(&json!({ "path": path.display().to_string() }))
         }
-        "/api/environment" | "/api/environment.frame" | "/api/environment.exr" | "/api/environment/save" => {
+        "/api/environment" | "/api/environment/progress" | "/api/environment.frame" | "/api/environment.exr" | "/api/environment/save" => {
             Err(Failure::new(StatusCode::METHOD_NOT_ALLOWED, "GET reads a probe, POST /api/environment/save saves it"))
         }
         _ => Err(Failure::new(StatusCode::NOT_FOUND, "no such path")),
@@ -104,14 +109,16 @@ fn described(Environment { probe, warnings }: &Environment) -> serde_json::Value
 
 /// Returns a probe: the last one, or a new one in its place.
 async fn environment(house: &Arc<House>, wish: Wish) -> Result<Arc<Environment>, Failure> {
-    let mut last = house.environment.0.lock().await;
+    let mut last = house.environment.last.lock().await;
     if let Some((_, environment)) = last.as_ref().filter(|(known, _)| *known == wish) {
         return Ok(Arc::clone(environment));
     }
     // One map in memory at a time.
     *last = None;
+    let under_way = house.environment.begin(&wish);
     let (mut work, warnings) = begin(house, &wish).await?;
     while !work.is_done() {
+        under_way.set(Progress { done: work.cameras_done(), total: work.cameras() });
         let edit = wish.edit.clone();
         let render = move |stage: &mut dyn Stage| {
             work.render_next(stage.loaded(&edit)?.renderer)?;

@@ -1,10 +1,11 @@
 //! The page with a scene in it, as one file that opens from disk.
 //!
-//! In: a scene, its [`Subject`], the options that it is rendered with. Out: HTML that loads nothing
+//! In: a scene, its [`Subject`], the renderer that has loaded it. Out: HTML that loads nothing
 //! from anywhere: the modules of the page as `data:` addresses of an import map, the description of
 //! the scene as JSON, its splats as compressed base64, with half floats for harmonics above degree
 //! 0 ([`crate::splats`]). The page renders by itself, which needs WebGPU; what needs the server is
-//! hidden.
+//! hidden. Without WebGPU it shows the pictures that it has: a render ([`crate::poster`]) and the
+//! thumbnails of the cameras.
 
 use std::io::Write;
 use std::path::Path;
@@ -13,11 +14,12 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use flate2::Compression;
 use flate2::write::GzEncoder;
-use luxel::{Error, Remedy, Result};
+use luxel::{Error, Remedy, Renderer, Result};
 use luxel_core::{ColorModel, OnDemand, RenderOptions, Scene, Splats};
 use serde_json::{Map, Value, json};
 
 use crate::assets::{self, ASSETS};
+use crate::poster;
 use crate::splats::{Precision, pack};
 use crate::subject::{Shown, Subject};
 use crate::thumbnail;
@@ -33,15 +35,43 @@ const ICON: &str = r#"<link rel="icon" href="/page/icon.svg">"#;
 /// Nothing is loaded, and nothing leaves the page.
 const POLICY: &str = "default-src 'none'; script-src 'unsafe-inline' data:; style-src 'unsafe-inline'; img-src data: blob:";
 
-/// Writes the page with `scene` in it, whole or not at all.
+/// The bytes of a page.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PageBytes {
+    /// All of it.
+    pub file: usize,
+    /// The picture that is shown where the page cannot render, as JPEG.
+    pub poster: usize,
+    /// The thumbnails of the cameras, as JPEG.
+    pub thumbnails: usize,
+}
+
+/// Writes the page with `scene` in it, which `renderer` has loaded, whole or not at all.
 ///
 /// # Errors
-/// A scene that is too large for a browser; the file system's refusal.
-pub fn write_page(path: &Path, subject: &Subject, scene: &Scene, options: &RenderOptions) -> Result<()> {
-    let page = page(subject, scene, options)?;
+/// A scene that is too large for a browser; a device that gave up; the file system's refusal.
+pub fn write_page(path: &Path, subject: &Subject, scene: &Scene, renderer: &mut Renderer) -> Result<PageBytes> {
+    let poster = poster::jpeg(subject, renderer)?;
+    let thumbnails = thumbnails(subject);
+    let bytes = PageBytes { file: 0, poster: poster.len(), thumbnails: thumbnails.iter().map(|(_, jpeg)| jpeg.len()).sum() };
+    let page = page(subject, scene, renderer.options(), Pictures { poster, thumbnails })?;
     let write =
         |out: &mut (dyn luxel_io::WriteSeek + '_)| out.write_all(page.as_bytes()).map_err(|e| luxel_io::IoError::system(path, "write", &e));
-    Ok(luxel_io::write_atomically(path, write)?)
+    luxel_io::write_atomically(path, write)?;
+    Ok(PageBytes { file: page.len(), ..bytes })
+}
+
+/// The pictures of a page, as JPEG.
+#[derive(Default)]
+struct Pictures {
+    poster: Vec<u8>,
+    /// By the names of the cameras.
+    thumbnails: Vec<(String, Vec<u8>)>,
+}
+
+/// Returns a picture as an address.
+fn data_address(jpeg: &[u8]) -> String {
+    format!("data:image/jpeg;base64,{}", STANDARD.encode(jpeg))
 }
 
 /// Lowers the degree of the harmonics to at most `most`: the rest is left out.
@@ -62,7 +92,7 @@ pub fn limit_degree(splats: &mut Splats, most: u8) {
     splats.color_model = color_model;
 }
 
-fn page(subject: &Subject, scene: &Scene, options: &RenderOptions) -> Result<String> {
+fn page(subject: &Subject, scene: &Scene, options: &RenderOptions, pictures: Pictures) -> Result<String> {
     let cannot = |error: std::io::Error| Error::new(format!("cannot compress the scene: {error}"));
     let mut packed = GzEncoder::new(Vec::new(), Compression::default());
     packed.write_all(&pack(scene, options, Precision::Half)).map_err(cannot)?;
@@ -72,7 +102,7 @@ fn page(subject: &Subject, scene: &Scene, options: &RenderOptions) -> Result<Str
         return Err(Error::new(message).with_remedy(Remedy::lower("max_splats")));
     }
     // An end of a script in a name must not end the script.
-    let facts = facts(subject, scene).to_string().replace('<', "\\u003c");
+    let facts = facts(subject, scene, pictures).to_string().replace('<', "\\u003c");
     let modules = format!(
         "<meta http-equiv=\"Content-Security-Policy\" content=\"{POLICY}\">\n\
          <script type=\"importmap\">{}</script>\n\
@@ -88,8 +118,9 @@ fn page(subject: &Subject, scene: &Scene, options: &RenderOptions) -> Result<Str
     Ok(page.replace(STYLE, &style).replace(ICON, &icon).replace(SCRIPT, &modules))
 }
 
-/// Returns what the server answers at `/api/scene`, with thumbnails, and without ground truth.
-fn facts(subject: &Subject, scene: &Scene) -> Value {
+/// Returns what the server answers at `/api/scene`, with pictures, and without ground truth.
+fn facts(subject: &Subject, scene: &Scene, Pictures { poster, thumbnails }: Pictures) -> Value {
+    let thumbnails: Map<String, Value> = thumbnails.into_iter().map(|(name, jpeg)| (name, data_address(&jpeg).into())).collect();
     let mut facts = serde_json::to_value(&subject.facts).unwrap_or_default();
     let mut cameras = serde_json::to_value(subject.cameras()).unwrap_or_default();
     for camera in cameras.as_array_mut().into_iter().flatten() {
@@ -97,7 +128,8 @@ fn facts(subject: &Subject, scene: &Scene) -> Value {
     }
     let more = json!({
         "splats": scene.splats.len(), "version": 0, "training": null, "download_bytes": null, "cameras": cameras,
-        "luxel_version": luxel::VERSION, "thumbnails": thumbnails(subject),
+        "luxel_version": luxel::VERSION, "thumbnails": thumbnails, "poster": data_address(&poster),
+        "chromaticities": scene.color_space.chromaticities(),
     });
     if let (Value::Object(facts), Value::Object(more)) = (&mut facts, more) {
         facts.extend(more);
@@ -105,10 +137,10 @@ fn facts(subject: &Subject, scene: &Scene) -> Value {
     facts
 }
 
-/// Returns small pictures of the cameras' ground truth by name, as `data:` addresses.
-fn thumbnails(subject: &Subject) -> Map<String, Value> {
+/// Returns small pictures of the cameras' ground truth by name, as JPEG.
+fn thumbnails(subject: &Subject) -> Vec<(String, Vec<u8>)> {
     let (scale, space) = (subject.facts.radiance_scale, subject.color_space);
-    let mut thumbnails = Map::new();
+    let mut thumbnails = Vec::new();
     let mut bytes = 0;
     for Shown { name, truth, .. } in &subject.views {
         let Some(Ok(image)) = truth.as_ref().map(OnDemand::loaded) else { continue };
@@ -117,7 +149,7 @@ fn thumbnails(subject: &Subject) -> Map<String, Value> {
         if bytes > MAX_THUMBNAIL_BYTES {
             break;
         }
-        thumbnails.insert(name.clone(), format!("data:image/jpeg;base64,{}", STANDARD.encode(jpeg)).into());
+        thumbnails.push((name.clone(), jpeg));
     }
     thumbnails
 }
@@ -173,11 +205,15 @@ mod tests {
     fn the_file_holds_the_scene_and_loads_nothing() {
         let scene = synthetic::room(20, 1);
         let subject = Subject::new("a</script>b", &scene, None).unwrap();
-        let page = page(&subject, &scene, &scene.render_options()).unwrap();
+        let pictures = Pictures { poster: vec![1, 2, 3], thumbnails: vec![("a".into(), vec![4])] };
+        let page = page(&subject, &scene, &scene.render_options(), pictures).unwrap();
         assert!(!page.contains("src=\"/") && !page.contains("href=\"/") && !page.contains("a</script>b"));
         let part = |id: &str| page.split_once(&format!("id=\"{id}\">")).unwrap().1.split_once("</script>").unwrap().0;
         let facts: Value = serde_json::from_str(part("luxel-scene")).unwrap();
         assert_eq!((&facts["name"], &facts["splats"]), (&"a</script>b".into(), &20.into()));
+        assert_eq!(facts["poster"], "data:image/jpeg;base64,AQID");
+        assert_eq!(facts["thumbnails"], json!({ "a": "data:image/jpeg;base64,BA==" }));
+        assert_eq!(facts["chromaticities"].as_array().map(Vec::len), Some(4));
         let packed = STANDARD.decode(part("luxel-splats")).unwrap();
         let mut splats = Vec::new();
         std::io::Read::read_to_end(&mut flate2::read::GzDecoder::new(&packed[..]), &mut splats).unwrap();

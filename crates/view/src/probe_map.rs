@@ -1,8 +1,9 @@
 //! The light probe that was made last ([`crate::environment`]).
 
-use std::sync::Arc;
+use std::sync::{Arc, PoisonError};
 
 use luxel::Probe;
+use serde::Serialize;
 use tokio::sync::Mutex;
 
 /// The request of a probe.
@@ -22,4 +23,49 @@ pub(crate) struct Environment {
 
 /// The probe that was made last; while one is made, others wait.
 #[derive(Debug, Default)]
-pub(crate) struct LastProbe(pub(crate) Mutex<Option<(Wish, Arc<Environment>)>>);
+pub(crate) struct LastProbe {
+    pub(crate) last: Mutex<Option<(Wish, Arc<Environment>)>>,
+    under_way: std::sync::Mutex<Option<(Wish, Progress)>>,
+}
+
+/// How far a probe is: cameras rendered, of all.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub(crate) struct Progress {
+    pub(crate) done: usize,
+    pub(crate) total: usize,
+}
+
+impl LastProbe {
+    fn under_way(&self) -> std::sync::MutexGuard<'_, Option<(Wish, Progress)>> {
+        self.under_way.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Returns how far this probe is; 0 of 0 for one that is not under way.
+    pub(crate) fn progress(&self, wish: &Wish) -> Progress {
+        self.under_way().as_ref().filter(|(known, _)| known == wish).map(|(_, progress)| *progress).unwrap_or_default()
+    }
+
+    /// Notes that a probe is under way, until what is returned is dropped.
+    pub(crate) fn begin(&self, wish: &Wish) -> UnderWay<'_> {
+        *self.under_way() = Some((wish.clone(), Progress::default()));
+        UnderWay(self)
+    }
+}
+
+/// A probe that is under way.
+pub(crate) struct UnderWay<'a>(&'a LastProbe);
+
+impl UnderWay<'_> {
+    /// Notes how far it is.
+    pub(crate) fn set(&self, progress: Progress) {
+        if let Some((_, known)) = self.0.under_way().as_mut() {
+            *known = progress;
+        }
+    }
+}
+
+impl Drop for UnderWay<'_> {
+    fn drop(&mut self) {
+        *self.0.under_way() = None;
+    }
+}

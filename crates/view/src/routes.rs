@@ -43,6 +43,7 @@ pub(crate) async fn answer(house: &Arc<House>, method: &Method, path: &str, mut 
         "/api/frame.exr" if is_get => pictures::exr(house, &mut query).await,
         "/api/probe" if is_get => pictures::probe(house, &mut query).await,
         "/api/splats" if is_get => downloads::splats(house, &mut query).await,
+        "/api/splats/changes" if is_get => downloads::changes(house, &mut query).await,
         "/api/still.png" if is_get => stills::answer(house, &mut query).await,
         _ if path.starts_with("/api/environment") => environment::answer(house, method, path, &mut query).await,
         "/api/truth" if is_get => pictures::truth(house, &mut query).await,

@@ -29,7 +29,7 @@ pub(crate) enum Precision {
 /// The numbers of a row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
-enum RowKind {
+pub(crate) enum RowKind {
     F32,
     F16,
 }
@@ -58,7 +58,6 @@ fn harmonics_above_0(layout: ParameterRows) -> std::ops::Range<usize> {
 pub(crate) fn pack(scene: &Scene, options: &RenderOptions, precision: Precision) -> Bytes {
     let splats = &scene.splats;
     let layout = ParameterRows { color_model: splats.color_model };
-    let halves = harmonics_above_0(layout);
     let rows = layout.count() + usize::from(!splats.smoothing.is_empty());
     let mut planes = Vec::with_capacity(body_bytes(splats, precision) as usize + 4 * rows);
     let mut kinds = Vec::with_capacity(rows);
@@ -66,18 +65,32 @@ pub(crate) fn pack(scene: &Scene, options: &RenderOptions, precision: Precision)
     for row in 0..rows {
         values.clear();
         values.extend((0..splats.len()).map(|splat| parameter(splats, layout, row, splat)));
-        let is_half = precision == Precision::Half && halves.contains(&row) && values.iter().all(|value| value.abs() <= LARGEST_HALF);
+        let is_half = precision == Precision::Half && is_half_row(layout, row, &values);
         kinds.push(if is_half { RowKind::F16 } else { RowKind::F32 });
-        if is_half {
-            let mut rounded = vec![f16::ZERO; values.len()];
-            rounded.convert_from_f32_slice(&values);
-            planes.extend(rounded.iter().flat_map(|half| half.to_le_bytes()));
-        } else {
-            planes.extend(values.iter().flat_map(|value| value.to_le_bytes()));
-        }
-        planes.resize(planes.len().next_multiple_of(4), 0);
+        push_row(&mut planes, &values, is_half);
     }
-    let mut head = head(scene, options, &kinds).to_string();
+    body_with_head(head(scene, options, &kinds).to_string(), planes)
+}
+
+/// Returns whether the numbers of a row may be half floats.
+pub(crate) fn is_half_row(layout: ParameterRows, row: usize, values: &[f32]) -> bool {
+    harmonics_above_0(layout).contains(&row) && values.iter().all(|value| value.abs() <= LARGEST_HALF)
+}
+
+/// Adds a row, padded to a multiple of 4 bytes.
+pub(crate) fn push_row(planes: &mut Vec<u8>, values: &[f32], is_half: bool) {
+    if is_half {
+        let mut rounded = vec![f16::ZERO; values.len()];
+        rounded.convert_from_f32_slice(values);
+        planes.extend(rounded.iter().flat_map(|half| half.to_le_bytes()));
+    } else {
+        planes.extend(values.iter().flat_map(|value| value.to_le_bytes()));
+    }
+    planes.resize(planes.len().next_multiple_of(4), 0);
+}
+
+/// Returns the head, after its length, and what follows it.
+pub(crate) fn body_with_head(mut head: String, mut planes: Vec<u8>) -> Bytes {
     while !head.len().is_multiple_of(4) {
         head.push(' ');
     }
@@ -89,7 +102,7 @@ pub(crate) fn pack(scene: &Scene, options: &RenderOptions, precision: Precision)
 }
 
 /// Returns a parameter of a splat by the number of its row.
-fn parameter(splats: &Splats, layout: ParameterRows, row: usize, splat: usize) -> f32 {
+pub(crate) fn parameter(splats: &Splats, layout: ParameterRows, row: usize, splat: usize) -> f32 {
     let value = match row {
         _ if row < ParameterRows::ROTATION => splats.position[splat].get(row),
         _ if row < ParameterRows::LOG_SCALE => splats.rotation[splat].get(row - ParameterRows::ROTATION),

@@ -59,7 +59,7 @@ pub(crate) struct Facts {
     /// Corners of the box around the centres of all splats, world.
     bounds: [[f64; 3]; 2],
     /// The same without the outer twentieth on each side of each axis.
-    inner_bounds: [[f64; 3]; 2],
+    pub(crate) inner_bounds: [[f64; 3]; 2],
     color_space: &'static str,
     /// Rows of the matrix to linear Rec.709.
     rec709_from_scene: [[f64; 3]; 3],
@@ -68,7 +68,7 @@ pub(crate) struct Facts {
     /// Data-set radiance of one normalised unit.
     pub(crate) radiance_scale: f32,
     /// Direction that is up, world.
-    up: [f64; 3],
+    pub(crate) up: [f64; 3],
     /// Luminance in cd/m2 of one unit of the data set; `None` where nothing tells.
     cd_m2_per_unit: Option<f64>,
     /// From the coordinates that the splats are held in to the world, for a page that renders by

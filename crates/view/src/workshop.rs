@@ -10,11 +10,13 @@ use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
+use bytes::Bytes;
 use luxel::edit::{self, Overlay, Removed, StackInputs, Watching};
 use luxel::{Device, Error, Result, Scene, SelectedEngine, Silent};
 use luxel_core::edit::{EditStack, MaskName, MaskShares, SelectionSummary, ShMap};
 use luxel_core::{Camera, Edit, Engine, Mask, OnDemand, Selection};
 
+use crate::changes::pack_changes;
 use crate::folder::{Folder, check_name};
 use crate::subject::Subject;
 
@@ -126,6 +128,29 @@ impl Workshop {
         wrong.map_or(Ok(stack), Err)
     }
 
+    /// Parses the text of a file of edits from anywhere, whose masks are taken to be in this place.
+    ///
+    /// # Errors
+    /// A text that is no stack or an empty one, or a mask that is not here.
+    pub(crate) fn parse_file(&self, text: &str) -> Result<EditStack> {
+        let mut stack: EditStack = text.parse().map_err(|error: luxel_core::edit::EditTextError| Error::new(error.to_string()))?;
+        if stack.is_empty() {
+            return Err(Error::new("has no edits"));
+        }
+        let place = self.place();
+        let here = |name: &str| match Path::new(name).parent() == Some(&place) {
+            true => name.to_owned(),
+            false => place.join(name).display().to_string(),
+        };
+        stack.each_mask(&mut |name| {
+            name.file = here(&name.file);
+            if !edit::needs_dataset(name) {
+                name.view = here(&name.view);
+            }
+        });
+        self.parse(&stack.to_string())
+    }
+
     /// Parses a selection whose masks are files of this place.
     ///
     /// # Errors
@@ -231,6 +256,21 @@ impl Workshop {
         let mut scene = Scene::clone(&self.scene).into_core();
         edit::apply_stack(stack, &mut scene, &inputs, ShMap::default(), &Silent)?;
         Ok(scene)
+    }
+
+    /// Returns the changes that a stack makes to what is seen of the scene, packed for a page that
+    /// has its splats.
+    ///
+    /// # Errors
+    /// A stack that does not go with the scene, or leaves nothing of it.
+    pub(crate) fn changes(&self, stack: &EditStack) -> Result<Bytes> {
+        let StackInputs { masks, removed } = self.inputs(stack)?;
+        if removed.count() == self.scene.splats.len() && removed.count() > 0 {
+            return Err(Error::new(format!("nothing would be left of {} splats; narrow the selection", removed.count())));
+        }
+        let mut scene = Scene::clone(&self.scene).into_core();
+        edit::apply(&stack.edits, &mut scene, &masks, ShMap::default(), &Silent)?;
+        Ok(pack_changes(&self.scene.splats, &scene.splats, |splat| removed.is_removed(splat)))
     }
 
     /// Returns the weights of selected splats of the scene after the edits before, with their

@@ -107,6 +107,20 @@ fn a_painted_mask_selects_and_is_saved_beside_the_stack() {
     let file = std::fs::read_to_string(running.saved("painted.edits")).unwrap();
     assert!(file.contains("mask(\"mask-1.png\", \"mask-1.json\")"), "{file}");
     assert!(running.get("stack?name=painted").json()["edit"].as_str().unwrap().contains(&test));
+    // The text of the file, from anywhere: its masks are those of this place.
+    let read = |text: &str| running.send("POST", "read", text.as_bytes());
+    assert!(read(&file).json()["edit"].as_str().unwrap().contains(&test));
+    assert!(read(&format!("where {test}; gain 2")).json()["edit"].as_str().unwrap().contains(&test));
+    for (text, words) in [
+        ("where mask(\"mask-9.png\", \"mask-9.json\"); gain 2", "mask-9.png"),
+        ("where mask(\"../mask-1.png\", \"mask-1.json\"); gain 2", "is not in"),
+        ("shine 3", "shine"),
+        ("", "no edits"),
+    ] {
+        let refused = read(text);
+        assert!((400..500).contains(&refused.status) && refused.text().contains(words), "{text}: {}", refused.text());
+    }
+    assert_eq!(running.send("POST", "read", b"\xff\xfe").status, 400);
     for (query, body) in [
         (camera_query(), b"GIF89a".to_vec()),
         (camera_query(), white_png()[..60].to_vec()),

@@ -312,6 +312,19 @@ fn splats_are_downloaded_as_they_are_and_under_edits() {
     assert_eq!(head("/api/splats?precision=single").1, 4 * 300 * facts["rows"].as_array().unwrap().len());
     let plain = viewer.get("/api/splats").body;
     assert!(viewer.get("/api/splats?edit=").body == plain && viewer.get("/api/splats?edit=gain+2").body != plain);
+    // What edits change alone, for a page that has the splats.
+    let (changes, bytes) = head("/api/splats/changes?edit=gain+2");
+    assert_eq!((&changes["splats"], &changes["removed"], &changes["changed"]), (&300.into(), &0.into(), &300.into()));
+    assert!(bytes > 0 && bytes < half, "{bytes} of {half}");
+    let (changes, bytes) = head("/api/splats/changes?edit=delete+L+%3C+p50");
+    assert!((140..=150).contains(&changes["removed"].as_u64().unwrap()) && changes["changed"] == 0, "{changes}");
+    assert_eq!((&changes["rows"], bytes), (&serde_json::json!([]), 40));
+    assert_eq!(head("/api/splats/changes?edit=up+0,1,0").0["changed"], 0);
+    for (edit, words) in [("delete+all", "nothing would be left"), ("shine", "shine"), ("where+mask(%22a.png%22,%22b%22);gain+2", "mask")] {
+        let response = viewer.get(&format!("/api/splats/changes?edit={edit}"));
+        let text = String::from_utf8_lossy(&response.body).into_owned();
+        assert!((400..500).contains(&response.status) && text.contains(words), "{edit}: {} {text}", response.status);
+    }
     for query in ["edit=shine", "precision=double", "edit=gain", "size=3"] {
         let response = viewer.get(&format!("/api/splats?{query}"));
         assert!(response.status == 400 && String::from_utf8_lossy(&response.body).contains("error"), "{query}: {}", response.status);

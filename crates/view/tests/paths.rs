@@ -3,6 +3,7 @@
 
 mod common;
 
+use std::io::Write;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -164,6 +165,9 @@ fn a_probe_is_what_the_library_makes() {
     let path = viewer.send("POST", &save, b"").json()["path"].as_str().unwrap().to_owned();
     assert!(path.ends_with("probes/cup.exr") && std::fs::read(&path).unwrap() == expected);
     viewer.send("POST", &save, b"").refused(409, "exists already");
+    // One that is not under way, or is done, has no progress.
+    let progress = viewer.get(&format!("/api/environment/progress?{query}")).json();
+    assert_eq!((&progress["done"], &progress["total"]), (&json!(0), &json!(0)));
     // Another point in sight of nobody.
     let far = viewer.get("/api/environment?at=900,900,900&width=8").json();
     assert!(far["warnings"][0].as_str().unwrap().contains("no image of the data set"), "{far}");
@@ -221,4 +225,31 @@ fn an_hdr_still_has_the_codes_of_st_2084() {
 fn image_of(png: &[u8]) -> Vec<[u16; 3]> {
     let decoded = image::load_from_memory(png).unwrap().into_rgb16();
     decoded.pixels().map(|pixel| pixel.0).collect()
+}
+
+#[test]
+fn a_light_probe_ends_with_the_connection_that_asked_for_it() {
+    let viewer = Running::saving();
+    let query = "at=0.1,0.2,0.3&width=2048";
+    let mut stream = std::net::TcpStream::connect(viewer.address).unwrap();
+    write!(stream, "GET /api/environment?{query} HTTP/1.1\r\nHost: {}\r\n\r\n", viewer.address).unwrap();
+    let progress = || {
+        let found = viewer.get(&format!("/api/environment/progress?{query}")).json();
+        [&found["done"], &found["total"]].map(|number| number.as_u64().unwrap())
+    };
+    let until = |is_met: &dyn Fn([u64; 2]) -> bool| {
+        for _ in 0..6000 {
+            if is_met(progress()) {
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        panic!("{:?}", progress());
+    };
+    until(&|[done, total]| done > 0 && total > 6 && done < total);
+    assert_eq!(viewer.get("/api/environment/progress?at=0.1,0.2,0.3&width=64").json()["total"], 0);
+    drop(stream);
+    until(&|[_, total]| total == 0);
+    // The next one does not wait for it.
+    assert_eq!(viewer.get("/api/environment?at=0.1,0.2,0.3&width=16").status, 200);
 }

@@ -3,11 +3,12 @@
 
 import { execFileSync } from "node:child_process";
 import { createRequire } from "node:module";
-import { mkdtempSync, rmSync, statSync } from "node:fs";
+import { mkdtempSync, readFileSync, rmSync, statSync, writeFileSync } from "node:fs";
 import { tmpdir } from "node:os";
 import path from "node:path";
 import { pathToFileURL } from "node:url";
 import assert from "node:assert/strict";
+import { exrOf } from "../exr.mjs";
 import { browser as plain, executablePath, luxel, near, run, serve, settled, shot } from "../harness.mjs";
 
 const require = createRequire(path.join(process.env.NODE_PATH ?? process.cwd(), "x.js"));
@@ -31,9 +32,23 @@ function small() {
       rmSync(folder, { recursive: true, force: true });
     });
     const browser = await chromium.launch({ executablePath, args: FLAGS });
-    return { folder, file, server, url: await server.url, browser };
+    return { folder, file, server, url: await server.url, browser, model: "lcd" };
   })();
   return started;
+}
+
+let withHarmonics = null;
+/** The same scene as spherical harmonics. */
+function harmonics() {
+  withHarmonics ??= (async () => {
+    const { folder, file } = await small();
+    const baked = path.join(folder, "harmonics.ply");
+    execFileSync(luxel, ["export", file, "-o", baked, "--bake", "linear", "--device", "cpu", "--quiet"], { stdio: "ignore" });
+    const server = serve("127.0.0.1:0", baked);
+    process.on("exit", () => server.child.kill());
+    return { url: await server.url, model: "harmonics" };
+  })();
+  return withHarmonics;
 }
 
 /** Opens a page in which a picture has SIDE x SIDE pixels. */
@@ -98,6 +113,62 @@ export default {
     await page.close();
   },
 
+  async "edits reach the page as what they change, and leave it as they came"() {
+    for (const { url, model } of [await small(), await harmonics()]) {
+      const { browser } = await small();
+      const page = await open(`${url}#rendering=local`, browser);
+      const sizes = new Map();
+      page.on("response", async (response) => response.url().includes("/api/splats") && sizes.set(new URL(response.url()).search, (await response.body()).length));
+      await isLocal(page);
+      await settled(page);
+      const scale = await page.evaluate(() => window.luxel.scene.radiance_scale);
+      const plain = await picture(page, "local");
+      const whole = await page.evaluate(() => window.luxel.source.local.bytes);
+      for (const edit of ["where L > p50 ~1; gain 3", "delete L < p40", "where L < p50; stops 2; delete box(-0.5,-0.5,-0.5,0.5,0.5,0.5)", "where L > p20; power 0.7"]) {
+        const [edited, expected] = [await picture(page, "local", edit), await picture(page, "server", edit)];
+        const [db, change] = [psnr(edited.rgb, expected.rgb, scale), psnr(plain.rgb, expected.rgb, scale)];
+        assert.ok(db >= 80 && change < 60, `${model}, ${edit}: ${db} dB, against the plain scene ${change}`);
+        expected.alpha.forEach((value, i) => near(edited.alpha[i], value, 2e-3, `${edit}: coverage of pixel ${i}`));
+        const bytes = await page.evaluate(() => window.luxel.source.local.changeBytes);
+        console.log(`   ${model}, ${edit}: ${db.toFixed(1)} dB, ${bytes} of ${whole} bytes`);
+        if (model === "lcd" || edit.startsWith("delete")) assert.ok(bytes < 0.15 * whole, `${bytes} of ${whole} bytes`);
+      }
+      // Without edits every pixel is what it was, and nothing more is downloaded.
+      const count = sizes.size;
+      assert.deepEqual(await picture(page, "local"), plain);
+      assert.equal(sizes.size, count);
+      assert.equal([...sizes.keys()].filter((query) => query === "").length, 1, "the scene came once");
+      assert.deepEqual(page.failures, []);
+      await page.close();
+    }
+  },
+
+  async "a GPU that is really lost goes back to the server, and can be had again"() {
+    const { url, browser } = await small();
+    const page = await open(`${url}#rendering=local`, browser);
+    await isLocal(page);
+    await settled(page);
+    const before = await page.evaluate(() => window.luxel.sample(0.5, 0.5).luminance);
+    await page.evaluate(() => window.luxel.source.local.gpu.device.destroy());
+    await page.waitForFunction(() => !window.luxel.source.isLocal);
+    await page.waitForFunction(() => document.getElementById("message").textContent.includes("the server renders"));
+    // The next picture is the server's.
+    await page.evaluate(() => window.luxel.controls.rotate(3, 0));
+    await settled(page);
+    await page.waitForFunction(() => document.getElementById("rendering-text").textContent.startsWith("By the server: the browser's GPU was lost"));
+    await page.evaluate(() => window.luxel.controls.rotate(-3, 0));
+    await settled(page);
+    near(await page.evaluate(() => window.luxel.sample(0.5, 0.5).luminance), before, 5e-3 * before, "the server's picture");
+    await page.evaluate(() => window.luxel.set({ rendering: "server" }));
+    await page.waitForFunction(() => window.luxel.source.rendering === "server");
+    await page.evaluate(() => window.luxel.set({ rendering: "local" }));
+    await isLocal(page);
+    await settled(page);
+    near(await page.evaluate(() => window.luxel.sample(0.5, 0.5).luminance), before, 5e-3 * before, "the page's picture");
+    assert.deepEqual(page.failures, []);
+    await page.close();
+  },
+
   async "a lost GPU goes back to the server, in words"() {
     const { url, browser } = await small();
     const page = await open(`${url}#rendering=local`, browser);
@@ -134,9 +205,29 @@ export default {
     console.log(`   ${(statSync(page).size / 1e3).toFixed(0)} kB, from disk against the server: ${db.toFixed(1)} dB in mu-law`);
     assert.ok(db >= 80, `${db} dB`);
     assert.equal(await alone.title(), "small.ply");
-    for (const id of ["edit-section", "rendering-section", "save-exr"]) assert.equal(await alone.evaluate((id) => getComputedStyle(document.getElementById(id)).display, id), "none", id);
+    for (const id of ["edit-section", "rendering-section", "save-hdr"]) assert.equal(await alone.evaluate((id) => getComputedStyle(document.getElementById(id)).display, id), "none", id);
     await alone.waitForFunction(() => location.hash.includes("eye="));
     assert.deepEqual(alone.failures, []);
+    // It saves OpenEXR by itself: what it shows, and what the server saves of the same view.
+    const [saved] = await Promise.all([alone.waitForEvent("download"), alone.evaluate(() => document.getElementById("save-exr").click())]);
+    const exr = readFileSync(await saved.path());
+    writeFileSync(path.join(folder, "view.exr"), exr);
+    const view = exrOf(exr);
+    assert.deepEqual([view.width, view.height, view.channels.map(({ name }) => name).join("")], [SIDE, SIDE, "ABGRZ"]);
+    assert.equal(view.attributes.compression.content[0], 3);
+    for (let i = 0; i < SIDE * SIDE; i++) {
+      ["R", "G", "B"].forEach((name, c) => near(view.planes[name][i], found.rgb[3 * i + c], 1e-6 * found.rgb[3 * i + c], `${name} of pixel ${i}`));
+      near(view.planes.A[i], found.alpha[i], 1e-6, `A of pixel ${i}`);
+      near(view.planes.Z[i], found.depth[i] ?? 1e10, 1e-6 * (found.depth[i] ?? 1e10), `Z of pixel ${i}`);
+    }
+    const camera = await alone.evaluate(async () => (await import("luxel/lens.js")).toJson(window.luxel.lens(64, 64)));
+    const served2 = exrOf(Buffer.from(await (await fetch(`${url}api/frame.exr?camera=${encodeURIComponent(camera)}&width=${SIDE}&height=${SIDE}&channels=rgb,alpha,depth`)).arrayBuffer()));
+    assert.deepEqual([...view.attributes.chromaticities.content], [...served2.attributes.chromaticities.content]);
+    const rgb = (file) => Array.from({ length: 3 * SIDE * SIDE }, (_, i) => file.planes["RGB"[i % 3]][Math.floor(i / 3)]);
+    assert.ok(psnr(rgb(view), rgb(served2), scale) >= 80, "OpenEXR of the page and of the server");
+    // Another program's reader takes it.
+    const info = JSON.parse(execFileSync(luxel, ["info", path.join(folder, "view.exr"), "--json"], { encoding: "utf8" }));
+    assert.ok(JSON.stringify(info).includes(`"width":${SIDE}`), JSON.stringify(info));
     await alone.setViewportSize({ width: 640, height: 400 });
     await shot(alone, "exported");
     await alone.close();
@@ -144,6 +235,12 @@ export default {
     const without = await open(pathToFileURL(page).href, plain);
     await without.waitForFunction(() => /No picture: .*(WebGPU|GPU)/.test(document.getElementById("message").textContent));
     assert.ok((await without.locator("#facts").textContent()).includes(`${SPLATS} splats`));
+    const message = await without.locator("#message").textContent();
+    assert.match(message, /Chrome and Edge 113|hardware acceleration/);
+    assert.match(message, /A picture that was made with this file is shown instead/);
+    await without.waitForFunction(() => !document.getElementById("poster").hidden && document.getElementById("poster").naturalWidth === 640);
+    await without.setViewportSize({ width: 640, height: 400 });
+    await shot(without, "exported-without-webgpu");
     await without.close();
   },
 
@@ -221,10 +318,20 @@ export default {
     await page.waitForFunction(() => document.getElementById("hdr").hidden);
     await page.waitForTimeout(100);
     assert.ok(!extended.equals(await page.screenshot(box)), "the screen shows the same with and without");
-    // What ends at white anyway is drawn below.
-    for (const layer of ["stops", "depth"]) {
+    // What ends at white anyway is drawn below, where nothing is brighter than the white of paper.
+    for (const layer of ["stops", "depth", "alpha", "normals"]) {
       await page.evaluate((layer) => window.luxel.set({ hdr: true, layer }), layer);
       await page.waitForFunction(() => document.getElementById("hdr").hidden);
+      await settled(page);
+      await page.evaluate(() => new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(resolve))));
+      const plain = await page.evaluate(() => {
+        window.luxel.draw(performance.now());
+        const { canvas } = window.luxel;
+        const pixels = new Uint8Array(4 * canvas.width * canvas.height);
+        window.luxel.display.gl.readPixels(0, 0, canvas.width, canvas.height, window.luxel.display.gl.RGBA, window.luxel.display.gl.UNSIGNED_BYTE, pixels);
+        return { space: window.luxel.display.gl.drawingBufferColorSpace, brightest: Math.max(...pixels) };
+      });
+      assert.ok(plain.space === "srgb" && plain.brightest > 0, layer);
     }
     assert.deepEqual(page.failures, []);
     await page.setViewportSize({ width: 1280, height: 720 });

@@ -1,6 +1,7 @@
 /** Comparison with the ground truth of a camera, or with another scene: wipe, difference, flicker, side by side. */
 
-import { sampleAt } from "./measure.js";
+import { STOPS } from "./falsecolor.js";
+import { errorFacts, MIDDLE_GREY, sampleAt, text } from "./measure.js";
 import { byId, press, segmented } from "./panel.js";
 import { COMPARES, State } from "./state.js";
 import { Stream } from "./stream.js";
@@ -22,6 +23,7 @@ const GRIP_PX = 14;
 export class Comparison {
   /** Camera whose ground truth is there, or on its way. */ truthOf = "";
   /** The picture of the other scene. @type {Shown | null} */ other = null;
+  /** Numbers of the map of errors, in words, and what they are of. */ error = { key: "", text: "" };
 
   /** @param {Viewer} viewer */
   constructor(viewer) {
@@ -94,12 +96,34 @@ export class Comparison {
     return { ...sample, radiance };
   }
 
+  /** Whether a value of the ground truth is masked: it counts less than half. @param {import("./measure.js").Sample | null} sample */
+  isMasked(sample) {
+    return this.kind() === "truth" && sample?.alpha !== null && sample?.alpha !== undefined && sample.alpha < 0.5;
+  }
+
+  /** Numbers of the map of errors, without masked pixels; "" where there is none, or no full picture yet. */
+  errorText() {
+    const { shown, display, scene, state } = this.viewer;
+    if (state.compare !== "difference" || !this.isOn() || !shown?.full || !display.truth || !scene) return "";
+    const others = this.kind() === "scene" ? scene.others[0].luminance_weights : scene.luminance_weights;
+    const least = (MIDDLE_GREY * scene.radiance_scale * 2 ** STOPS.low) / 2 ** state.exposure;
+    const key = JSON.stringify([shown.frame.head, this.viewer.stream.fullKey, this.stream.fullKey, this.truthOf, state.error, least]);
+    if (key !== this.error.key) {
+      const facts = errorFacts(shown.frame, display.truth, { weights: [scene.luminance_weights, others], mask: display.truthMask, kind: state.error, least });
+      const value = (/** @type {number} */ v) => (state.error === "relative" ? `${text(100 * v)} %` : `${text(v)} stops`);
+      const parts = facts ? [`mean ${value(facts.mean)}`, `95 % ${state.error === "signed" ? "within ±" : "below "}${value(facts.high)}`] : ["no pixel to compare"];
+      if (display.truthMask) parts.push(`${text(100 * (facts?.masked ?? 1))} % masked`);
+      this.error = { key, text: parts.join(" · ") };
+    }
+    return this.error.text;
+  }
+
   /** @param {Shown} shown */
   took(shown) {
     const { viewer } = this;
     this.other = shown;
     if (this.kind() !== "scene") return;
-    viewer.display.compareWith(shown.frame, shown.full, viewer.scene?.others[0].first_from_scene);
+    viewer.display.compareWith(shown.frame, { full: shown.full, firstFromOther: viewer.scene?.others[0].first_from_scene });
     viewer.needsDraw = true;
   }
 
@@ -110,7 +134,7 @@ export class Comparison {
     if (this.kind() === "scene") {
       const want = viewer.want();
       this.truthOf = "";
-      this.stream.tick({ ...want, edit: "" }, now);
+      this.stream.tick({ ...want, edit: "", layers: false }, now);
       if (this.other && viewer.display.truth !== this.other.frame) this.took(this.other);
       return;
     }
@@ -121,7 +145,7 @@ export class Comparison {
     viewer.source
       .truth(view.name)
       .then((frame) => {
-        if (this.truthOf === view.name) viewer.display.compareWith(frame);
+        if (this.truthOf === view.name) viewer.display.compareWith(frame, { mask: frame.alpha });
         viewer.changed();
       })
       .catch((error) => viewer.complain(error.message));
@@ -140,6 +164,7 @@ export class Comparison {
     byId("error-row").hidden = state.compare !== "difference";
     const withTruth = view?.has_ground_truth ? `${view.name} (${view.split})` : "Choose a camera below to compare with its image.";
     byId("compare-text").textContent = kind === "scene" ? `${scene?.name} with ${this.otherName()}` : withTruth;
+    byId("error-text").textContent = this.errorText();
   }
 
   /** @param {Overlay} overlay @param {Lens} lens */

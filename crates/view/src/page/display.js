@@ -9,14 +9,14 @@ import { COMPARES, CURVES, ERRORS, LAYERS } from "./state.js";
 /** @typedef {import("./scene.js").Scene} Scene */
 /** @typedef {import("./shader.js").Choice} Choice */
 /** @typedef {import("./state.js").State} State */
-/** @typedef {"picture" | "truth" | "depthMap" | "alphaMap" | "stopColors" | "differenceColors"} Unit */
+/** @typedef {"picture" | "truth" | "truthMask" | "depthMap" | "alphaMap" | "stopColors" | "differenceColors"} Unit */
 
 /** A compiled shader and the places of its uniforms. @typedef {{ program: WebGLProgram, places: { [name: string]: WebGLUniformLocation | null } }} Program */
 
 const IDENTITY = [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
 
 /** @type {readonly Unit[]} */
-const UNITS = ["picture", "truth", "depthMap", "alphaMap", "stopColors", "differenceColors"];
+const UNITS = ["picture", "truth", "truthMask", "depthMap", "alphaMap", "stopColors", "differenceColors"];
 
 export class Display {
   /** @type {Frame | null} */ picture = null;
@@ -26,6 +26,7 @@ export class Display {
   /** Factor from the data set's luminance to the unit that is shown, and the lowest band of false colour in it. */ values = { factor: 1, lowestBand: -8 };
   /** Lens of the depth that is there. @type {import("./lens.js").Lens | null} */ lens = null;
   /** Rows of the matrix from the other picture's colour space. */ firstFromOther = IDENTITY;
+  /** Weights of the other picture's pixels, half floats. @type {Uint16Array | null} */ truthMask = null;
 
   /** @param {HTMLCanvasElement} canvas */
   constructor(canvas) {
@@ -44,7 +45,7 @@ export class Display {
     canvas.addEventListener("webglcontextrestored", () => {
       this.build();
       if (this.picture) this.show(this.picture, true);
-      if (this.truth) this.compareWith(this.truth, true, this.firstFromOther);
+      if (this.truth) this.compareWith(this.truth, { firstFromOther: this.firstFromOther, mask: this.truthMask });
     });
   }
 
@@ -130,11 +131,16 @@ export class Display {
     }
   }
 
-  /** Takes the ground truth, or a picture of another scene, to compare with. @param {Frame | null} frame @param {boolean} [full] @param {number[][]} [firstFromOther] */
-  compareWith(frame, full = true, firstFromOther = IDENTITY) {
-    this.truth = frame;
-    this.firstFromOther = firstFromOther;
-    if (frame) this.uploadRadiance("truth", frame, full);
+  /** Takes the ground truth, or a picture of another scene, to compare with. @param {Frame | null} frame @param {{ full?: boolean, firstFromOther?: number[][], mask?: Uint16Array | null }} [how] */
+  compareWith(frame, { full = true, firstFromOther = IDENTITY, mask = null } = {}) {
+    [this.truth, this.firstFromOther, this.truthMask] = [frame, firstFromOther, mask];
+    if (!frame) return;
+    this.uploadRadiance("truth", frame, full);
+    const { gl } = this;
+    this.bind("truthMask");
+    // Without a mask every pixel counts.
+    if (mask) gl.texImage2D(gl.TEXTURE_2D, 0, gl.R16F, frame.head.width, frame.head.height, 0, gl.RED, gl.HALF_FLOAT, mask);
+    else gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, 1, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4).fill(255));
   }
 
   /** Sets what turns luminance into colours and stripes. @param {Program["places"]} u @param {State} state @param {Scene} scene */

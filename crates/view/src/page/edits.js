@@ -16,6 +16,8 @@ import { command, entry, format, parse } from "./stack.js";
 const TOGETHER_MS = 900;
 /** Time without typing after which the text is taken, ms. */
 const TYPING_MS = 350;
+/** Bytes of a file of edits that is opened. */
+const MAX_BYTES = 2 ** 20;
 /** Steps that can be undone. */
 const MAX_STEPS = 200;
 
@@ -229,6 +231,20 @@ export class SavedEdits {
     } catch (error) {
       byId("edit-saved").textContent = /** @type {Error} */ (error).message;
     }
+  }
+
+  /** Opens a file of edits. @param {File} file */
+  async read(file) {
+    try {
+      if (file.size > MAX_BYTES) throw new Error(`${file.size} bytes, expected at most ${MAX_BYTES}`);
+      const { edit } = await (await ask("read", {}, { method: "POST", body: await file.text() })).json();
+      this.edits.typed(edit);
+      byId("edit-name").value = file.name.replace(/\.edits$/i, "");
+      byId("edit-saved").textContent = `opened ${file.name}`;
+    } catch (error) {
+      byId("edit-saved").textContent = `${file.name}: ${/** @type {Error} */ (error).message}`;
+    }
+    byId("edit-section").scrollIntoView({ block: "nearest" });
   }
 
   async list() {

@@ -25,8 +25,10 @@ async function splats() {
 export class Embedded {
   isLocal = true;
   layersApart = false;
-  /** @type {Scene & { thumbnails: { [view: string]: string } }} */ facts = JSON.parse(textOf("luxel-scene"));
+  /** @type {Scene & { thumbnails: { [view: string]: string }, poster: string, chromaticities: [number, number][] }} */ facts = JSON.parse(textOf("luxel-scene"));
   /** @type {Promise<LocalPictures> | null} */ pictures = null;
+  /** Why there is no picture; "" once there is one. */ failure = "";
+  /** Called when that changes. */ changed = () => {};
 
   constructor() {
     document.body.classList.add("alone");
@@ -38,14 +40,26 @@ export class Embedded {
 
   /** @param {Lens} lens @param {Picture} picture @returns {Promise<Frame | null>} */
   async frame(lens, picture) {
-    this.pictures ??= LocalPictures.open(splats, () => (this.pictures = null));
+    this.pictures ??= LocalPictures.open({ scene: splats, changes: splats }, () => (this.pictures = null));
     try {
-      return await (await this.pictures).frame(toLocal(lens, this.facts.world_from_local), { ...picture, edit: "" });
+      const frame = await (await this.pictures).frame(toLocal(lens, this.facts.world_from_local), { ...picture, edit: "" });
+      this.say("");
+      return frame;
     } catch (error) {
       // Tried again, by the next picture, with a new device.
       this.pictures = null;
-      throw new Error(`No picture: ${/** @type {Error} */ (error).message}.`);
+      const { message } = /** @type {Error} */ (error);
+      this.say(message);
+      const seen = this.facts.cameras.length ? "Pictures that were made with this file are shown instead; the cameras below have their own." : "A picture that was made with this file is shown instead.";
+      throw new Error(`No picture: ${message}. ${seen}`);
     }
+  }
+
+  /** @param {string} failure */
+  say(failure) {
+    if (failure === this.failure) return;
+    this.failure = failure;
+    this.changed();
   }
 
   /** @returns {Promise<Frame>} */

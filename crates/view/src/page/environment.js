@@ -14,6 +14,8 @@ import { checked, decode } from "./server.js";
 /** @typedef {import("./scene.js").Frame} Frame */
 /** @typedef {import("./viewer.js").Viewer} Viewer */
 
+/** Time between looks at the progress, ms. */
+const LOOK_MS = 250;
 /** Distance from a surface towards the camera, as a part of the scene's size. */
 const LIFT = 0.01;
 
@@ -25,6 +27,7 @@ export class EnvironmentPanel {
   /** @type {Display | null} */ display = null;
   asked = 0;
   /** The edits that the map was made with. */ edit = "";
+  /** Ends the render that is under way. @type {AbortController | null} */ rendering = null;
 
   /** @param {Viewer} viewer */
   constructor(viewer) {
@@ -32,6 +35,7 @@ export class EnvironmentPanel {
     this.canvas = /** @type {HTMLCanvasElement} */ (/** @type {unknown} */ (byId("environment-map")));
     byId("environment-tool").addEventListener("click", () => this.toggle());
     byId("environment-close").addEventListener("click", () => this.close());
+    byId("environment-cancel").addEventListener("click", () => this.rendering?.abort());
     byId("environment-exr").addEventListener("click", () => download(`/api/environment.exr?${this.query()}`, "probe.exr"));
     byId("environment-save").addEventListener("click", () => void this.save());
     byId("environment-copy").addEventListener("click", () => void navigator.clipboard?.writeText(this.command()).catch(() => undefined));
@@ -80,6 +84,7 @@ export class EnvironmentPanel {
 
   close() {
     this.asked++;
+    this.rendering?.abort();
     [this.at, this.frame] = [null, null];
     byId("environment").hidden = true;
     this.viewer.changed();
@@ -88,6 +93,8 @@ export class EnvironmentPanel {
   /** Shows the light at a point. @param {Vec3} at */
   async place(at) {
     const asked = ++this.asked;
+    this.rendering?.abort();
+    const abort = (this.rendering = new AbortController());
     // Shorter numbers, which name the same place.
     this.at = /** @type {Vec3} */ (at.map((v) => Number(v.toPrecision(7))));
     this.edit = this.viewer.state.edit;
@@ -98,16 +105,37 @@ export class EnvironmentPanel {
     this.viewer.changed();
     try {
       const query = this.query();
-      const facts = await (await checked(await fetch(`/api/environment?${query}`))).json();
-      const frame = await decode(await checked(await fetch(`/api/environment.frame?${query}`)));
+      const { signal } = abort;
+      void this.follow(query, abort);
+      const facts = await (await checked(await fetch(`/api/environment?${query}`, { signal }))).json();
+      const frame = await decode(await checked(await fetch(`/api/environment.frame?${query}`, { signal })));
       if (asked !== this.asked || !frame) return;
       this.frame = frame;
       this.say(`at ${this.at.map(text).join("  ")} · peak ${text(facts.peak_radiance)} · light from above ${text(this.luminance(facts.irradiance[2]))}`);
       byId("environment-warnings").textContent = facts.warnings.join(" ");
     } catch (error) {
-      if (asked === this.asked) this.say(/** @type {Error} */ (error).message);
+      if (asked === this.asked) this.say(abort.signal.aborted ? "cancelled; click the picture again, or choose another width" : /** @type {Error} */ (error).message);
+    } finally {
+      if (this.rendering === abort) this.rendering = null;
     }
     this.viewer.changed();
+  }
+
+  /** Shows how far a render is until it ends. @param {string} query @param {AbortController} abort */
+  async follow(query, abort) {
+    const bar = /** @type {HTMLProgressElement} */ (/** @type {unknown} */ (byId("environment-progress")));
+    [bar.max, bar.value] = [1, 0];
+    while (this.rendering === abort) {
+      try {
+        const { done, total } = await (await checked(await fetch(`/api/environment/progress?${query}`))).json();
+        if (this.rendering !== abort) return;
+        [bar.max, bar.value] = [Math.max(1, total), done];
+        if (total) this.say(`rendering, ${done} of ${total} views`);
+      } catch {
+        // The render itself tells what is wrong.
+      }
+      await new Promise((resolve) => setTimeout(resolve, LOOK_MS));
+    }
   }
 
   /** @param {Vec3} rgb */
@@ -145,6 +173,7 @@ export class EnvironmentPanel {
 
   reflect() {
     byId("environment-tool").setAttribute("aria-pressed", String(this.isPlacing));
+    byId("environment-progress-row").hidden = this.rendering === null;
     for (const id of ["environment-exr", "environment-save", "environment-copy"]) /** @type {HTMLButtonElement} */ (byId(id)).disabled = !this.frame;
     const { frame, viewer } = this;
     this.canvas.classList.toggle("empty", !frame);

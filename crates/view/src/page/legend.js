@@ -19,10 +19,11 @@ function content(viewer) {
   const { state, comparison } = viewer;
   if (comparison?.isOn() && state.compare === "difference") {
     const { high } = DIFFERENCE;
+    const masked = viewer.display.truthMask ? "; hatched: masked" : "";
     const more = (/** @type {number} */ value, /** @type {string} */ text) => (value === high ? `${text} and more` : value === -high ? `${text} and less` : text);
-    if (state.error === "relative") return { heading: "relative error", lines: lines(0, RELATIVE_HIGH, 0.125, (value) => ({ value, color: colorOfDifference((value / RELATIVE_HIGH) * high), text: `${(100 * value).toFixed(1)} %${value === RELATIVE_HIGH ? " and more" : ""}` })) };
-    if (state.error === "signed") return { heading: `brighter or darker than ${comparison.otherName()}, stops`, lines: lines(-high, high, 0.5, (value) => ({ value, color: colorOfSigned(value), text: more(value, signed(value, 1)) })) };
-    return { heading: "difference, stops", lines: lines(0, high, 0.5, (value) => ({ value, color: colorOfDifference(value), text: more(value, String(value)) })) };
+    if (state.error === "relative") return { heading: `relative error${masked}`, lines: lines(0, RELATIVE_HIGH, 0.125, (value) => ({ value, color: colorOfDifference((value / RELATIVE_HIGH) * high), text: `${(100 * value).toFixed(1)} %${value === RELATIVE_HIGH ? " and more" : ""}` })) };
+    if (state.error === "signed") return { heading: `brighter or darker than ${comparison.otherName()}, stops${masked}`, lines: lines(-high, high, 0.5, (value) => ({ value, color: colorOfSigned(value), text: more(value, signed(value, 1)) })) };
+    return { heading: `difference, stops${masked}`, lines: lines(0, high, 0.5, (value) => ({ value, color: colorOfDifference(value), text: more(value, String(value)) })) };
   }
   if (state.layer === "normals") {
     const axes = [["+x", [255, 128, 128]], ["+y", [128, 255, 128]], ["+z", [128, 128, 255]]];

@@ -2,26 +2,31 @@
 
 import { openGpu } from "./gpu/device.js";
 import { GpuRenderer } from "./gpu/renderer.js";
-import { parseSplats } from "./gpu/splats.js";
+import { parseChanges, parseSplats } from "./gpu/splats.js";
 
 /** @typedef {import("./gpu/device.js").Gpu} Gpu */
 /** @typedef {import("./lens.js").Lens} Lens */
 /** @typedef {import("./source.js").Picture} Picture */
 /** @typedef {import("./scene.js").Frame} Frame */
-/** Fetches the splats of the scene under edits. @typedef {(edit: string) => Promise<ArrayBuffer>} Download */
+/** Fetches the splats of the scene; and what edits change of them. @typedef {{ scene: () => Promise<ArrayBuffer>, changes: (edit: string) => Promise<ArrayBuffer> }} Download */
 
 export class LocalPictures {
   /** @type {string | null} */ loaded = null;
   /** @type {Promise<void> | null} */ loading = null;
   /** Edits of the newest picture that was asked for. */ wanted = "";
-  /** Size of what was downloaded last. */ bytes = 0;
+  /** Size of the scene that was downloaded. */ bytes = 0;
+  /** Size of the changes that were downloaded last. */ changeBytes = 0;
+  /** Whether the device is gone. */ isLost = false;
 
   /** @param {Gpu} gpu @param {Download} download @param {(reason: string) => void} lost called when the device is gone */
   constructor(gpu, download, lost) {
     this.gpu = gpu;
     this.download = download;
     this.renderer = new GpuRenderer(gpu.device);
-    void gpu.device.lost.then(({ reason, message }) => reason !== "destroyed" && lost(message || "no reason given"));
+    void gpu.device.lost.then(({ message }) => {
+      this.isLost = true;
+      lost(message || "no reason given");
+    });
   }
 
   /** Opens the GPU. @param {Download} download @param {(reason: string) => void} lost */
@@ -37,9 +42,15 @@ export class LocalPictures {
       else if (this.wanted !== edit) return false;
       else {
         const load = async () => {
-          const bytes = await this.download(edit);
-          this.bytes = bytes.byteLength;
-          await this.renderer.load(parseSplats(bytes));
+          const changes = edit ? await this.download.changes(edit) : null;
+          if (!this.renderer.splats) {
+            const bytes = await this.download.scene();
+            this.bytes = bytes.byteLength;
+            await this.renderer.load(parseSplats(bytes));
+          }
+          const { splats } = this.renderer;
+          this.renderer.change(changes && splats && parseChanges(changes, splats.head.splats));
+          this.changeBytes = changes?.byteLength ?? 0;
           this.loaded = edit;
         };
         this.loading = load();

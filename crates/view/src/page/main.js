@@ -1,6 +1,7 @@
 /** Starts the viewer: its core, and the parts that make it up. */
 
 import { Comparison } from "./comparison.js";
+import { openDropped } from "./dropping.js";
 import { Edits, SavedEdits } from "./edits.js";
 import { Embedded, isAlone } from "./embedded.js";
 import { EnvironmentPanel } from "./environment.js";
@@ -11,6 +12,7 @@ import { HdrScreen } from "./hdr.js";
 import { byId, ControlPanel } from "./panel.js";
 import { PathPanel } from "./path.js";
 import { Picking } from "./picking.js";
+import { Poster, showPoster } from "./poster.js";
 import { Probes } from "./probes.js";
 import { Radiometry } from "./radiometry.js";
 import { RenderingPanel } from "./rendering.js";
@@ -25,18 +27,23 @@ import { Viewer } from "./viewer.js";
 
 try {
   const sources = isAlone() ? null : new Sources(new Server());
-  const viewer = new Viewer(sources ?? new Embedded());
+  const alone = sources ? null : new Embedded();
+  const viewer = new Viewer(sources ?? /** @type {Embedded} */ (alone));
   viewer.parts.push(new ControlPanel(viewer), new Strip(viewer), viewer.comparison = new Comparison(viewer), viewer.exposure = new Exposure(viewer));
   const edits = new Edits(viewer);
   // Tools take clicks before probes do.
-  if (sources) viewer.parts.push(edits, new Picking(viewer, edits), new Handles(viewer, edits), new Selected(viewer, edits), new SavedEdits(viewer, edits));
+  const saved = new SavedEdits(viewer, edits);
+  if (sources) viewer.parts.push(edits, new Picking(viewer, edits), new Handles(viewer, edits), new Selected(viewer, edits), saved);
   viewer.parts.push(viewer.probes = new Probes(viewer), viewer.training = new TrainingPanel(viewer));
   viewer.parts.push(new HdrScreen(viewer));
   viewer.parts.push(viewer.radiometry = new Radiometry(viewer), new Shading(viewer));
+  if (alone) viewer.parts.push(new Poster(viewer, alone));
   foldSections(byId("panel"));
   viewer.saving = new Saving(viewer);
   if (sources) {
-    viewer.parts.push(new RenderingPanel(viewer, sources), viewer.path = new PathPanel(viewer));
+    const path = new PathPanel(viewer);
+    viewer.parts.push(new RenderingPanel(viewer, sources), viewer.path = path);
+    openDropped(viewer, { json: (file) => path.open(file), edits: (file) => saved.read(file) });
     // Before the pins, which use clicks, too.
     viewer.parts.unshift(viewer.environment = new EnvironmentPanel(viewer));
   }
@@ -47,4 +54,5 @@ try {
   const message = byId("message");
   message.hidden = false;
   message.textContent = /** @type {Error} */ (error).message;
+  if (isAlone()) showPoster(new Embedded().facts.poster);
 }

@@ -65,6 +65,44 @@ export function suitableExposure(frame, weights, unit) {
   return count === 0 ? null : Math.log2(MIDDLE_GREY) - sum / count;
 }
 
+/** The error of a luminance against another, of a kind. @param {number} a @param {number} b @param {import("./falsecolor.js").ErrorKind} kind */
+const errorOf = (a, b, kind) => (kind === "relative" ? Math.abs(a - b) / b : kind === "signed" ? Math.log2(a / b) : Math.abs(Math.log2(a / b)));
+
+/**
+ * Numbers of a map of errors: the mean, the size that 95 % do not exceed, and the share that the mask
+ * hides; null where nothing counts. `mask` has weights of the other picture's pixels, `weights` are
+ * those of R, G, B in each luminance, which is at least `least`.
+ * @param {Frame} frame @param {Frame} other
+ * @param {{ weights: [Vec3, Vec3], mask: Uint16Array | null, kind: import("./falsecolor.js").ErrorKind, least: number }} how
+ */
+export function errorFacts(frame, other, { weights, mask, kind, least }) {
+  const { width, height } = other.head;
+  const pixels = width * height;
+  const step = Math.max(1, Math.ceil(pixels / 200000)) | 1;
+  let [sum, total, hidden, all] = [0, 0, 0, 0];
+  /** @type {{ size: number, weight: number }[]} */
+  const sizes = [];
+  for (let i = 0; i < pixels; i += step) {
+    const weight = mask ? fromHalf(mask[i]) : 1;
+    all++;
+    hidden += 1 - weight;
+    if (weight === 0) continue;
+    const [x, y] = [(i % width) + 0.5, Math.floor(i / width) + 0.5];
+    const at = Math.floor((y / height) * frame.head.height) * frame.head.width + Math.floor((x / width) * frame.head.width);
+    const [a, b] = [luminanceOf(radianceAt(frame, at), weights[0]), luminanceOf(radianceAt(other, i), weights[1])].map((value) => Math.max(value, least));
+    const error = errorOf(a, b, kind);
+    if (!Number.isFinite(error)) continue;
+    sum += weight * error;
+    total += weight;
+    sizes.push({ size: Math.abs(error), weight });
+  }
+  if (total === 0) return null;
+  sizes.sort((a, b) => a.size - b.size);
+  let before = 0;
+  const high = sizes.find(({ weight }) => (before += weight) >= 0.95 * total);
+  return { mean: sum / total, high: high?.size ?? 0, masked: hidden / all };
+}
+
 /** A number for people: four digits, without a row of zeros. @param {number | null | undefined} v */
 export function text(v) {
   if (v === null || v === undefined || Number.isNaN(v)) return "–";

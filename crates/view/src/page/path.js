@@ -65,14 +65,6 @@ export class PathPanel {
     number("path-height", (value) => this.change({ height: Math.round(value) }));
     byId("path-ease").addEventListener("change", () => this.change({ ease: byId("path-ease").value }));
     byId("path-closed").addEventListener("change", () => this.close(byId("path-closed").checked));
-    addEventListener("dragover", (event) => event.dataTransfer?.types.includes("Files") && event.preventDefault());
-    addEventListener("drop", (event) => {
-      const file = event.dataTransfer?.files[0];
-      if (!file) return;
-      event.preventDefault();
-      if (/\.json$/i.test(file.name)) void this.open(file);
-      else this.say(`${file.name}: expected a camera path, a .json file`);
-    });
   }
 
   /** Number of frames. */

@@ -46,7 +46,8 @@ function fillReadout(element, viewer, sample, truth) {
   if (truth) {
     const name = viewer.comparison?.otherName() ?? "ground truth";
     all.push([name, truth.radiance.map(text).join("  ")], ["luminance there", luminanceText(viewer, truth.luminance)]);
-    all.push(["difference", `${signed(Math.log2(sample.luminance / truth.luminance), 2)} stops, ${signed(100 * (sample.luminance / truth.luminance - 1), 1)} %`]);
+    if (viewer.comparison?.isMasked(truth)) all.push(["difference", "masked"]);
+    else all.push(["difference", `${signed(Math.log2(sample.luminance / truth.luminance), 2)} stops, ${signed(100 * (sample.luminance / truth.luminance - 1), 1)} %`]);
   }
   element.replaceChildren(
     ...all.map(([name, value]) => {

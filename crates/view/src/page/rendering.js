@@ -49,7 +49,8 @@ export class RenderingPanel {
 
   facts() {
     const { local, isLocal, isLoading, reason, facts } = this.sources;
-    if (isLocal && local) return `In this page, on ${local.gpu.name}: ${megabytes(local.bytes)} downloaded.`;
+    const edit = local?.changeBytes ? `, ${megabytes(local.changeBytes)} for the edits` : "";
+    if (isLocal && local) return `In this page, on ${local.gpu.name}: ${megabytes(local.bytes)} downloaded${edit}.`;
     if (isLoading && !reason) return `By the server; ${megabytes(facts?.download_bytes ?? 0)} of splats are on their way.`;
     return reason ? `By the server: ${reason}.` : "By the server.";
   }

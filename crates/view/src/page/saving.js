@@ -2,6 +2,8 @@
 
 import { Display } from "./display.js";
 import { byId } from "./panel.js";
+import { Embedded } from "./embedded.js";
+import { encodeExr } from "./exr.js";
 import { address } from "./server.js";
 import { toHash } from "./state.js";
 
@@ -20,7 +22,7 @@ export class Saving {
   /** @param {Viewer} viewer */
   constructor(viewer) {
     this.viewer = viewer;
-    byId("save-exr").addEventListener("click", () => this.exr());
+    byId("save-exr").addEventListener("click", () => void this.exr());
     byId("save-png").addEventListener("click", () => void this.png());
     byId("save-hdr").addEventListener("click", () => this.hdr());
     byId("copy-link").addEventListener("click", () => this.link());
@@ -49,10 +51,20 @@ export class Saving {
     return isFine ? { lens: viewer.lens(width, height), edit: viewer.want().edit, variant: viewer.want().variant } : null;
   }
 
-  exr() {
+  async exr() {
     const still = this.still();
-    const url = still && this.viewer.source.exr(still.lens, { edit: still.edit, radiance: true, layers: true, variant: still.variant });
-    if (url) download(url, "view.exr");
+    if (!still) return;
+    const { source } = this.viewer;
+    const picture = { edit: still.edit, radiance: true, layers: true, variant: still.variant };
+    const url = source.exr(still.lens, picture);
+    if (url) return download(url, "view.exr");
+    if (!(source instanceof Embedded)) return;
+    try {
+      const frame = await source.frame(still.lens, picture);
+      if (frame) download(URL.createObjectURL(await encodeExr(frame, source.facts.chromaticities)), "view.exr");
+    } catch (error) {
+      byId("save-text").textContent = /** @type {Error} */ (error).message;
+    }
   }
 
   /** The exposure's white is reference white, 203 cd/m2. */

@@ -22,6 +22,7 @@ in vec2 place;
 out vec4 color;
 uniform sampler2D picture;
 uniform sampler2D truth;
+uniform sampler2D truthMask;
 uniform sampler2D depthMap;
 uniform sampler2D alphaMap;
 uniform sampler2D stopColors;
@@ -103,6 +104,8 @@ void main() {
     float a = max(dot(weights, shown), leastLuminance), b = max(dot(weights, other), leastLuminance);
     float found = error == 2 ? abs(a - b) / b : error == 1 ? 0.5 * log2(a / b) + 0.5 * differenceHigh : abs(log2(a / b));
     color = texture(differenceColors, vec2(clamp(found / differenceHigh, 0.0, 1.0), error == 1 ? 0.75 : 0.25));
+    // What the mask hides is hatched.
+    if (texture(truthMask, at).r < 0.5) color = vec4(vec3(mod((gl_FragCoord.x + gl_FragCoord.y) / dotsPerPixel, 8.0) < 4.0 ? 0.25 : 0.4), 1.0);
     return;
   }
   bool isTruth = compare == 1 ? place.x < wipe : compare == 4 ? place.x < 0.5 : (compare == 3 && showTruth);

@@ -17,9 +17,6 @@ export const RENDERINGS = ["automatic", "server", "local"];
 /** Largest scene that is downloaded without being asked for. */
 const AUTOMATIC_BYTES = 256 * 2 ** 20;
 
-/** Largest scene that is downloaded again for each edit. */
-const EDITED_BYTES = 64 * 2 ** 20;
-
 /** Size of a download for people. @param {number} bytes */
 export const megabytes = (bytes) => `${(bytes / 1e6).toPrecision(bytes < 1e6 ? 1 : 3)} MB`;
 
@@ -46,7 +43,10 @@ export class Sources {
   }
 
   async scene() {
-    this.facts = await this.server.scene();
+    const facts = await this.server.scene();
+    // A server that was started again may have another scene.
+    if (this.local && JSON.stringify(facts) !== JSON.stringify(this.facts)) this.local = null;
+    this.facts = facts;
     void this.choose(this.rendering);
     return this.facts;
   }
@@ -60,7 +60,7 @@ export class Sources {
       this.reason = await this.obstacle(this.facts);
       if (!this.reason) {
         this.changed("");
-        const local = await LocalPictures.open((edit) => this.download(edit), (reason) => this.lose(`the browser's GPU was lost (${reason})`));
+        const local = await LocalPictures.open(this.downloads(), (reason) => this.lose(`the browser's GPU was lost (${reason})`));
         await local.load("");
         this.local = local;
       }
@@ -81,9 +81,10 @@ export class Sources {
     return bytes > AUTOMATIC_BYTES ? `the scene is large (${megabytes(bytes)})` : "";
   }
 
-  /** @param {string} edit */
-  async download(edit) {
-    return (await checked(await fetch(`/api/splats?edit=${encodeURIComponent(edit)}`))).arrayBuffer();
+  /** @returns {import("./local.js").Download} */
+  downloads() {
+    const bytes = async (/** @type {string} */ address) => (await checked(await fetch(address))).arrayBuffer();
+    return { scene: () => bytes("/api/splats"), changes: (edit) => bytes(`/api/splats/changes?edit=${encodeURIComponent(edit)}`) };
   }
 
   /** Goes back to the server. @param {string} reason */
@@ -95,10 +96,8 @@ export class Sources {
   }
 
   /** Whether the page itself makes this picture. @param {Picture} picture */
-  makes({ edit, variant }) {
-    const { local, facts } = this;
-    if (!local || !facts || !this.isLocal || (variant && !isPlain(variant))) return false;
-    return local.loaded === edit || (facts.download_bytes ?? 0) <= EDITED_BYTES;
+  makes({ variant }) {
+    return this.isLocal && this.facts !== null && (!variant || isPlain(variant));
   }
 
   /** @param {Lens} lens @param {Picture} picture @param {AbortSignal} [signal] */
@@ -109,7 +108,7 @@ export class Sources {
       const frame = await local.frame(toLocal(lens, this.facts.world_from_local), picture);
       return frame && this.facts ? { ...frame, head: { ...frame.head, version: this.facts.version } } : frame;
     } catch (error) {
-      if (this.local === local && !local.renderer.fault) throw error;
+      if (this.local === local && !local.renderer.fault && !local.isLost) throw error;
       this.lose(local.renderer.fault || "the browser's GPU failed");
       return this.server.frame(lens, picture, signal);
     }

@@ -1,6 +1,6 @@
 /**
- * Asks for pictures: small ones while the camera moves, so that latency stays near a target; a full
- * one, with coverage and depth, when it rests.
+ * Asks for pictures: small ones while the camera moves, so that latency stays near a target, with
+ * coverage and depth where these are shown; a full one, with both, when it rests.
  */
 
 import { clamp } from "./math.js";
@@ -8,7 +8,7 @@ import { clamp } from "./math.js";
 /** @typedef {import("./lens.js").Lens} Lens */
 /** @typedef {import("./scene.js").Frame} Frame */
 /** @typedef {import("./source.js").Source} Source */
-/** A picture that is wanted: key changes whenever it would differ. @typedef {{ key: string, lens: (width: number, height: number) => Lens, width: number, height: number, edit: string, variant: import("./variant.js").Variant }} Want */
+/** A picture that is wanted: key changes whenever it would differ; `layers` tells whether coverage or depth is what is shown. @typedef {{ key: string, layers: boolean, lens: (width: number, height: number) => Lens, width: number, height: number, edit: string, variant: import("./variant.js").Variant }} Want */
 /** A picture, the lens it was rendered with, and whether it is of full resolution. @typedef {{ frame: Frame, lens: Lens, full: boolean, latency: number }} Shown */
 
 /** Time from asking to a picture that is aimed at while moving, ms. */
@@ -104,7 +104,7 @@ export class Stream {
     const lens = want.lens(width, height);
     const start = performance.now();
     try {
-      const frame = await this.source.frame(lens, { edit: want.edit, variant: want.variant, radiance: true, layers: false }, signal);
+      const frame = await this.source.frame(lens, { edit: want.edit, variant: want.variant, radiance: true, layers: want.layers }, signal);
       const latency = performance.now() - start;
       this.failures = 0;
       this.onState(null);

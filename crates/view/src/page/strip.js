@@ -8,7 +8,7 @@ import { byId } from "./panel.js";
 
 /** @implements {Part} */
 export class Strip {
-  /** Camera that was scrolled to. */ scrolledTo = "";
+  /** Camera that is shown as chosen. @type {string | null} */ chosen = null;
 
   /** @param {Viewer} viewer */
   constructor(viewer) {
@@ -19,6 +19,7 @@ export class Strip {
   sceneSet(scene, isAgain) {
     if (isAgain) return;
     const strip = byId("strip");
+    this.chosen = null;
     strip.hidden = scene.cameras.length === 0;
     strip.replaceChildren(
       ...scene.cameras.map((camera) => {
@@ -44,11 +45,12 @@ export class Strip {
 
   reflect() {
     const { view } = this.viewer.state;
+    if (this.chosen === view) return;
+    this.chosen = view;
     for (const button of byId("strip").querySelectorAll("button")) {
       const isHere = button.dataset.view === view;
       button.setAttribute("aria-pressed", String(isHere));
-      if (isHere && this.scrolledTo !== view) button.scrollIntoView({ block: "nearest", inline: "nearest" });
+      if (isHere) button.scrollIntoView({ block: "nearest", inline: "nearest" });
     }
-    this.scrolledTo = view;
   }
 }

@@ -283,7 +283,8 @@ export class Viewer {
     const variant = this.variant();
     const key = JSON.stringify([eye, axes, fov, this.state.view, width, height, edit, variant]);
     const lens = (/** @type {number} */ w, /** @type {number} */ h) => (view ? lensOfView(view, w, h) : lensOf({ eye, axes, fov }, w, h));
-    return { key, lens, width, height, edit, variant };
+    const layers = this.state.layer !== "radiance" && this.state.layer !== "stops";
+    return { key, layers, lens, width, height, edit, variant };
   }
 
   /** Does what is due; returns whether more is, soon. @param {number} now @param {number} seconds */

@@ -55,13 +55,16 @@ pub(super) fn run(args: &ExportArgs, explicit: &ExplicitArgs, console: &Console)
     if let Some(most) = args.max_degree {
         luxel_view::limit_degree(&mut scene.splats, most);
     }
-    let (options, model) = (scene.render_options_before(background), scene.splats.color_model.name());
+    let model = scene.splats.color_model.name();
     let scene = luxel::Scene::from(scene);
+    let mut renderer = luxel::Renderer::with_engine(&scene, engine)?;
+    renderer.set_background(background);
     let subject = Subject::new(view::name(&args.input.scene), &scene, dataset.as_ref())?;
-    luxel_view::write_page(&args.output, &subject, &scene, &options)?;
+    let bytes = luxel_view::write_page(&args.output, &subject, &scene, &mut renderer)?;
     let mut tree = Tree::default();
     tree.set("file", args.output.display().to_string()).set("splats", scene.splats.len());
-    tree.set("file_bytes", std::fs::metadata(&args.output).map_or(0, |file| file.len())).set("color_model", model);
+    tree.set("file_bytes", bytes.file).set("poster_bytes", bytes.poster).set("thumbnail_bytes", bytes.thumbnails);
+    tree.set("color_model", model);
     tree.set("color_space", scene.color_space.name());
     tree.set("precision", "exact; harmonics above degree 0 are half floats");
     tree.set("cameras", dataset.map_or(0, |dataset| dataset.train.len() + dataset.test.len()));

@@ -20,7 +20,7 @@ async function request() {
     throw new Error(`this browser has no WebGPU: ${reason}`);
   }
   const adapter = await gpu.requestAdapter({ powerPreference: "high-performance" });
-  if (!adapter) throw new Error("the browser offers no GPU to this page: its hardware acceleration is off, or its driver is not supported");
+  if (!adapter) throw new Error("the browser offers no GPU to this page: its hardware acceleration is off (switch it on in the settings of the browser), or its driver is not supported (another browser or computer may do)");
   /** @type {{ [name: string]: number }} */
   const requiredLimits = {};
   for (const name of WANTED) requiredLimits[name] = adapter.limits[name];

@@ -128,7 +128,7 @@ export class Buffers {
   }
 }
 
-/** A run of splats whose parameters are bound together. @typedef {{ base: number, len: number, uniform: GPUBuffer, parameters: GPUBuffer }} Shard */
+/** A run of splats whose parameters are bound together. @typedef {{ base: number, len: number, stride: number, uniform: GPUBuffer, parameters: GPUBuffer }} Shard */
 
 /** Records the kernels of a picture. */
 export class Recorder {

@@ -4,12 +4,13 @@ import { dot, times } from "../math.js";
 import { MAP_READ, USAGE } from "./device.js";
 import { FORWARD } from "./forward.js";
 import { Buffers, compile, Recorder } from "./passes.js";
-import { copyRow } from "./splats.js";
+import { changedRows, copyRow, wholeRow } from "./splats.js";
 
 /** @typedef {import("../lens.js").Lens} Lens */
 /** @typedef {import("../scene.js").Frame} Frame */
 /** @typedef {import("./passes.js").Shard} Shard */
 /** @typedef {import("./passes.js").Sizes} Sizes */
+/** @typedef {import("./splats.js").Changes} Changes */
 /** @typedef {import("./splats.js").Splats} Splats */
 
 /** Bytes in front of the planes of a packed picture. */
@@ -75,11 +76,11 @@ function upload(device, splats) {
     const stride = Math.ceil(len / 64) * 64;
     const uniform = device.createBuffer({ label: "Shard", size: FORWARD.shard.bytes, usage: USAGE.UNIFORM | USAGE.COPY_DST });
     device.queue.writeBuffer(uniform, 0, filled(FORWARD.shard, { base, len, stride }));
-    const parameters = device.createBuffer({ label: "Parameters", size: 4 * stride * rows, usage: USAGE.STORAGE, mappedAtCreation: true });
+    const parameters = device.createBuffer({ label: "Parameters", size: 4 * stride * rows, usage: USAGE.STORAGE | USAGE.COPY_DST, mappedAtCreation: true });
     const values = new Float32Array(parameters.getMappedRange());
     for (let n = 0; n < rows; n++) copyRow(splats, n, base, values.subarray(n * stride, n * stride + len));
     parameters.unmap();
-    shards.push({ base, len, uniform, parameters });
+    shards.push({ base, len, stride, uniform, parameters });
   }
   return shards;
 }
@@ -87,6 +88,7 @@ function upload(device, splats) {
 export class GpuRenderer {
   /** @type {Shard[]} */ shards = [];
   /** @type {Splats | null} */ splats = null;
+  /** Rows that differ from those of the scene. @type {number[]} */ changed = [];
   /** @type {Map<string, GPUComputePipeline>} */ pipelines = new Map();
   model = "";
   /** What the device found wrong; "" for nothing. */ fault = "";
@@ -114,7 +116,21 @@ export class GpuRenderer {
     }
     this.shards = shards;
     this.splats = splats;
+    this.changed = [];
     this.buffers.setSplats(splats.head.splats);
+  }
+
+  /** Makes the scene one under edits; `null` for the scene as it is. @param {Changes | null} changes */
+  change(changes) {
+    const { splats, device } = this;
+    if (!splats) return;
+    const rows = changes ? changedRows(splats, changes) : new Map();
+    const restored = this.changed.filter((row) => !rows.has(row));
+    this.changed = [...rows.keys()];
+    for (const row of restored) rows.set(row, wholeRow(splats, row));
+    for (const [row, values] of rows) {
+      for (const { base, len, stride, parameters } of this.shards) device.queue.writeBuffer(parameters, 4 * row * stride, values, base, len);
+    }
   }
 
   /** Renders a picture. @param {Lens} lens @param {boolean} layers @returns {Promise<Frame>} */

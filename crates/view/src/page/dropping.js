@@ -1,0 +1,18 @@
+/** Files that are dropped on the page: camera paths and edits. */
+
+/** @typedef {import("./viewer.js").Viewer} Viewer */
+
+/** Opens a file. @typedef {(file: File) => Promise<void>} Open */
+
+/** Lets the page open files by the ends of their names. @param {Viewer} viewer @param {{ [extension: string]: Open }} openers */
+export function openDropped(viewer, openers) {
+  addEventListener("dragover", (event) => event.dataTransfer?.types.includes("Files") && event.preventDefault());
+  addEventListener("drop", (event) => {
+    const file = event.dataTransfer?.files[0];
+    if (!file) return;
+    event.preventDefault();
+    const open = openers[file.name.split(".").at(-1)?.toLowerCase() ?? ""];
+    if (open) void open(file);
+    else viewer.complain(`${file.name}: expected a camera path (.json) or edits (.edits)`);
+  });
+}
