@@ -104,7 +104,9 @@ mod tests {
         assert_eq!(bits(planes, 100), [3, 64]);
         planes = &planes[16..];
         let expected: Vec<usize> = (0..100)
-            .filter(|i| before.splats.sh_of(*i) != after.splats.sh_of(*i) || before.splats.raw_luminance_of(*i) != after.splats.raw_luminance_of(*i))
+            .filter(|i| {
+                before.splats.sh_of(*i) != after.splats.sh_of(*i) || before.splats.raw_luminance_of(*i) != after.splats.raw_luminance_of(*i)
+            })
             .filter(|i| ![3, 64].contains(i))
             .collect();
         assert!(expected.len() > 40 && expected.len() < 60);
