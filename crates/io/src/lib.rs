@@ -11,10 +11,12 @@ mod camera_writer;
 mod checkpoint;
 mod confine;
 mod dataset;
+mod depth;
 mod error;
 mod gltf;
 mod icc;
 mod image;
+mod lens;
 mod local_frame;
 mod memory;
 #[cfg(not(feature = "ocio"))]
@@ -42,10 +44,13 @@ pub use checkpoint::{
 };
 pub use confine::{Confinement, check_within, confine};
 pub use dataset::{
-    DatasetFormat, Exposures, ImageMemory, ImagePlan, LoadOptions, LoadProgress, Loading, MAX_RELATIVE_ERROR, MaskSource, RecordedPose,
-    SplitLists, Supervision, Transforms, TransformsFrame, UnknownFormat, VIEWS_IN_USE, colmap, composed, decode_mask, detect_format,
-    load_dataset, load_dataset_within, parse_exposures, parse_recorded_poses, parse_split, parse_transforms,
+    BoundedPose, DatasetDescription, DatasetFormat, Exposures, ImageMemory, ImagePlan, LoadOptions, LoadProgress, Loading,
+    MAX_RELATIVE_ERROR, MaskSource, MetashapeCameras, PosedCamera, RecordedPose, SplitLists, Supervision, Transforms, TransformsFrame,
+    UnknownFormat, VIEWS_IN_USE, colmap, composed, decode_mask, describe_dataset, detect_format, load_dataset, load_dataset_within,
+    parse_exposures, parse_metashape, parse_polycam_camera, parse_poses_bounds, parse_realityscan_table, parse_realityscan_xmp,
+    parse_record3d, parse_recorded_poses, parse_split, parse_transforms,
 };
+pub use depth::{DepthFolder, DepthKind, DepthMap, DepthReport, decode_depth_map, find_depth};
 pub use error::{IoError, IoErrorKind};
 pub use gltf::{decode_glb, encode_glb, read_glb, write_glb};
 pub use image::{
@@ -69,7 +74,7 @@ pub use read_file::{open_regular, read_file};
 pub use scene_file::{SceneFile, SceneFormat, read_scene, read_scene_file};
 pub use spz::{SpzPositions, SpzVersion, decode_spz, encode_spz, read_spz, spz_out_of_range, spz_positions, write_spz};
 pub use tensors::{Tensors, decode_tensors, read_tensors};
-pub use usd::{decode_usda, encode_usda, read_usda, write_usda};
+pub use usd::{UsdCameras, decode_usd_cameras, decode_usda, encode_usda, read_usda, write_usda};
 
 /// The example of the crate's README, compiled as a doc test.
 #[cfg(doctest)]

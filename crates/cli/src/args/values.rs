@@ -32,6 +32,20 @@ pub(crate) enum FormatArg {
     /// GaussHDR's repack of them.
     #[value(name = "gausshdr")]
     GaussHdr,
+    /// LLFF's poses_bounds.npy, images in images/.
+    Llff,
+    /// RealityScan's table (.csv), or XMP files beside the images.
+    #[value(name = "realityscan")]
+    RealityScan,
+    /// Metashape's cameras (.xml).
+    Metashape,
+    /// Cameras of OpenUSD text (.usda), images in images/.
+    Usd,
+    /// Polycam's raw data.
+    Polycam,
+    /// Record3D's EXR + RGB.
+    #[value(name = "record3d")]
+    Record3d,
 }
 
 impl From<FormatArg> for DatasetFormat {
@@ -43,6 +57,12 @@ impl From<FormatArg> for DatasetFormat {
             FormatArg::HdrNerfReal => Self::HdrNerfReal,
             FormatArg::HdrGs => Self::HdrGs,
             FormatArg::GaussHdr => Self::GaussHdr,
+            FormatArg::Llff => Self::Llff,
+            FormatArg::RealityScan => Self::RealityScan,
+            FormatArg::Metashape => Self::Metashape,
+            FormatArg::Usd => Self::Usd,
+            FormatArg::Polycam => Self::Polycam,
+            FormatArg::Record3d => Self::Record3d,
         }
     }
 }

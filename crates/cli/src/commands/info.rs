@@ -9,7 +9,7 @@ use luxel::run::{ExplicitArgs, RunFolder, state};
 use luxel::{schema, text};
 use luxel_core::tone::rec709_of;
 use luxel_core::{ColorModel, ColorSpace, Dataset, Image, Scene, Splats, View, luminance_rec709, sigmoid};
-use luxel_io::{ReadOptions, SampleDepth};
+use luxel_io::{DatasetDescription, DepthFolder, DepthReport, ReadOptions, SampleDepth};
 
 use crate::args::{InfoArgs, LoadArgs};
 use crate::commands::devices;
@@ -46,6 +46,9 @@ fn describe(path: &Path, args: &InfoArgs, explicit: &ExplicitArgs, console: &Con
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
     let mut facts = match extension.as_str() {
         "ply" | "usda" | "usd" | "glb" | "spz" => {
+            if extension.starts_with("usd") && has_only_cameras(path) {
+                return describe_dataset(path, args, explicit);
+            }
             refuse(explicit, &[], path, "a scene")?;
             describe_scene_file(path)?
         }
@@ -53,7 +56,7 @@ fn describe(path: &Path, args: &InfoArgs, explicit: &ExplicitArgs, console: &Con
             refuse(explicit, &[], path, "a checkpoint")?;
             describe_checkpoint(path)?
         }
-        "json" => return describe_dataset(path, args, explicit),
+        "json" | "csv" | "xml" => return describe_dataset(path, args, explicit),
         _ => {
             refuse(explicit, &IMAGE_OPTIONS, path, "an image")?;
             describe_image(path, args)?
@@ -61,6 +64,12 @@ fn describe(path: &Path, args: &InfoArgs, explicit: &ExplicitArgs, console: &Con
     };
     facts.set("file_bytes", metadata.len());
     Ok(facts)
+}
+
+/// Returns whether a file of OpenUSD text is no scene and has cameras.
+fn has_only_cameras(path: &Path) -> bool {
+    let cameras = || luxel_io::read_file(path).and_then(|bytes| luxel_io::decode_usd_cameras(path, &bytes));
+    luxel_io::read_scene_file(path).is_err() && cameras().is_ok_and(|cameras| !cameras.is_empty())
 }
 
 /// Refuses options of reading data sets, except those `used`, where the path is `what`.
@@ -136,13 +145,38 @@ fn describe_dataset(path: &Path, args: &InfoArgs, explicit: &ExplicitArgs) -> Re
     let options = args.load.options();
     let dataset = luxel_io::load_dataset(path, &options).context("cannot read the data set")?;
     data::check_color_space(&dataset, &options, explicit)?;
-    dataset_facts(&dataset)
+    let words = luxel_io::describe_dataset(path, &options).context("cannot read the data set")?;
+    let depth = luxel_io::find_depth(path, &dataset).context("cannot read the depth maps")?;
+    let depth = depth.map(|folder| Ok::<_, luxel_io::IoError>((folder.report(&dataset)?, folder))).transpose()?;
+    let mut facts = dataset_facts(&dataset, &words)?;
+    if let Some((report, folder)) = depth {
+        facts.group("depth", depth_facts(&report, &folder));
+    }
+    Ok(facts)
+}
+
+fn depth_facts(report: &DepthReport, folder: &DepthFolder) -> Tree {
+    let mut facts = Tree::default();
+    facts.set("folder", folder.folder.display().to_string());
+    facts.set("maps", report.maps).set("views", report.views);
+    let kind = report.kind.map_or("unknown".to_owned(), |kind| kind.to_string());
+    facts.set("holds", format!("{kind} ({})", report.kind_from));
+    if let Some(scale) = report.scale {
+        facts.set("scale", scale);
+    }
+    facts.set_f32s("range", &report.range);
+    facts.set("coverage_percent", (1e4 * report.coverage).round() / 1e2);
+    facts.set("sizes_px", report.sizes_px.iter().map(|[w, h]| format!("{w}x{h}")).collect::<Vec<_>>());
+    if !report.warnings.is_empty() {
+        facts.set("warnings", report.warnings.clone());
+    }
+    facts
 }
 
 /// Largest number of pixels whose luminance is looked at; of more, a regular part is.
 const MAX_LUMINANCES: usize = 1 << 26;
 
-fn dataset_facts(dataset: &Dataset) -> Result<Tree> {
+fn dataset_facts(dataset: &Dataset, words: &DatasetDescription) -> Result<Tree> {
     let mut facts = Tree::default();
     facts.set("kind", "data set").set("format", dataset.format.clone());
     facts.set("train_views", dataset.train.len()).set("test_views", dataset.test.len());
@@ -150,6 +184,10 @@ fn dataset_facts(dataset: &Dataset) -> Result<Tree> {
     sizes.sort_unstable();
     sizes.dedup();
     facts.set("image_sizes_px", sizes.iter().map(|[w, h]| format!("{w}x{h}")).collect::<Vec<_>>());
+    facts.set("cameras", words.cameras.clone());
+    if !words.notes.is_empty() {
+        facts.set("notes", words.notes.clone());
+    }
     facts.set("points", dataset.points.len());
     facts.set("observations", dataset.points.iter().map(|point| point.observations.len()).sum::<usize>());
     if let Some(line) = text::origin_line(&dataset.world_from_local) {

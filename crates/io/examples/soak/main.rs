@@ -12,6 +12,7 @@
 //! time. Fails if a reader panics, or takes more memory than its files can stand for; the input is
 //! then in `target/soak`.
 
+mod camera_seeds;
 mod mutate;
 mod readers;
 mod seeds;

@@ -5,12 +5,13 @@ use std::path::{Path, PathBuf};
 use luxel_core::{Camera, CameraProjection, Distortion};
 use luxel_io::colmap::{ColmapFiles, parse_binary, parse_text};
 use luxel_io::{
-    IoError, ReadOptions, Transfer, decode_camera_path, decode_checkpoint, decode_codes, decode_glb, decode_image, decode_mask,
-    decode_photo, decode_pinhole_camera, decode_points_ply, decode_scene_ply, decode_spz, decode_tensors, decode_usda, parse_exposures,
-    parse_recorded_poses, parse_split, parse_transforms, photo_info,
+    IoError, PosedCamera, ReadOptions, Transfer, decode_camera_path, decode_checkpoint, decode_codes, decode_depth_map, decode_glb,
+    decode_image, decode_mask, decode_photo, decode_pinhole_camera, decode_points_ply, decode_scene_ply, decode_spz, decode_tensors,
+    decode_usd_cameras, decode_usda, parse_exposures, parse_metashape, parse_polycam_camera, parse_poses_bounds, parse_realityscan_table,
+    parse_realityscan_xmp, parse_record3d, parse_recorded_poses, parse_split, parse_transforms, photo_info,
 };
 
-use crate::{Reader, seeds};
+use crate::{Reader, camera_seeds, seeds};
 
 /// Stands between the files of a model of COLMAP.
 pub(crate) const SEPARATOR: &[u8] = b"\n@@\n";
@@ -42,6 +43,22 @@ pub(crate) fn all() -> Vec<Reader> {
         Reader { name: "split", read: |bytes| parse_split(name(), bytes).map(drop), seeds: seeds::split() },
         Reader { name: "exposures", read: |bytes| parse_exposures(name(), bytes).map(drop), seeds: seeds::exposures() },
         Reader { name: "poses", read: |bytes| parse_recorded_poses(name(), bytes).map(drop), seeds: seeds::poses() },
+        Reader { name: "poses_bounds", read: |bytes| parse_poses_bounds(name(), bytes).map(drop), seeds: camera_seeds::poses_bounds() },
+        Reader {
+            name: "realityscan_table",
+            read: |bytes| valid(parse_realityscan_table(name(), bytes)?),
+            seeds: camera_seeds::realityscan_table(),
+        },
+        Reader {
+            name: "realityscan_xmp",
+            read: |bytes| valid(parse_realityscan_xmp(name(), bytes)?),
+            seeds: camera_seeds::realityscan_xmp(),
+        },
+        Reader { name: "metashape", read: |bytes| valid(parse_metashape(name(), bytes)?.cameras), seeds: camera_seeds::metashape() },
+        Reader { name: "polycam", read: |bytes| valid([parse_polycam_camera(name(), bytes)?]), seeds: camera_seeds::polycam() },
+        Reader { name: "record3d", read: |bytes| valid(parse_record3d(name(), bytes)?), seeds: camera_seeds::record3d() },
+        Reader { name: "usd_cameras", read: usd_cameras, seeds: camera_seeds::usd() },
+        Reader { name: "depth", read: |bytes| decode_depth_map(name(), bytes).map(drop), seeds: camera_seeds::depth() },
     ]
 }
 
@@ -112,6 +129,24 @@ fn camera_path(bytes: &[u8]) -> Result<(), IoError> {
     };
     for camera in decode_camera_path(name(), bytes, Some(&default))? {
         assert_eq!(camera.camera.validate(), Ok(()));
+    }
+    Ok(())
+}
+
+/// Whatever can be used is valid.
+fn valid(cameras: impl IntoIterator<Item = PosedCamera>) -> Result<(), IoError> {
+    for camera in cameras {
+        if let Ok(seen) = camera.camera([640, 480]) {
+            assert_eq!(seen.validate(), Ok(()));
+        }
+    }
+    Ok(())
+}
+
+fn usd_cameras(bytes: &[u8]) -> Result<(), IoError> {
+    let layer = decode_usd_cameras(name(), bytes)?;
+    for time in [None, Some(0.0), Some(1.5)] {
+        assert!(layer.eyes_at(time).iter().all(|eye| eye.is_finite()));
     }
     Ok(())
 }

@@ -95,7 +95,7 @@ pub(crate) fn jpeg() -> Vec<Vec<u8>> {
     vec![encode_jpeg(WIDTH, HEIGHT, &bytes(3 * WIDTH * HEIGHT), 85).expect("a picture can be written")]
 }
 
-fn array(header: &str, samples: &[u8]) -> Vec<u8> {
+pub(crate) fn array(header: &str, samples: &[u8]) -> Vec<u8> {
     let header = format!("{header:<117}\n");
     [&b"\x93NUMPY\x01\x00"[..], &(header.len() as u16).to_le_bytes(), header.as_bytes(), samples].concat()
 }

@@ -24,7 +24,7 @@ use crate::image::image_size;
 const MAX_LISTED: usize = 3;
 
 pub(super) fn assemble(path: &Path, source: DatasetSource, options: &LoadOptions, loading: &Loading<'_>) -> Result<Dataset, IoError> {
-    let DatasetSource { format, folder, mut frames, split, points, points_from, mut warnings } = source;
+    let DatasetSource { format, folder, mut frames, split, points, points_from, mut warnings, .. } = source;
     if frames.is_empty() {
         return Err(IoError::invalid(path, "no images, expected at least one"));
     }
@@ -75,7 +75,8 @@ pub(super) fn assemble(path: &Path, source: DatasetSource, options: &LoadOptions
 
     let mut targets: Vec<Vec<ObservedView<'_>>> = frames.iter().map(|_| Vec::new()).collect();
     for (index, (used, l)) in (0u32..).zip(used.iter().zip(&loaded)).filter(|(_, (used, _))| used.part == Part::Train) {
-        targets[used.source].push(ObservedView { index, photographed: &l.photographed, view: &l.view });
+        let foreign_lens = used.frame.intrinsics.foreign_lens.map(|lens| lens.prepared());
+        targets[used.source].push(ObservedView { index, photographed: &l.photographed, foreign_lens, view: &l.view });
     }
     let points = map_points(points, &targets, &local_from_world).map_err(|error| IoError::invalid(path, error))?;
     let checked: Vec<CheckedView<'_>> = used.iter().zip(&loaded).map(|(used, loaded)| CheckedView { frame: &used.frame, loaded }).collect();
@@ -104,6 +105,7 @@ fn fingerprint(
     for (used, l) in used.iter().zip(loaded) {
         begun.text(if used.part == Part::Train { "train" } else { "test" });
         begun.view(&l.view, &l.digest);
+        begun.foreign_lens(used.frame.intrinsics.foreign_lens);
     }
     begun.points(points);
     begun.local_coordinates(world_from_local);

@@ -1,18 +1,19 @@
 //! Which layout a folder has.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use luxel_core::Remedy;
 
+use super::candidates::files_with;
 use super::colmap::find_model;
 use super::files::without_extension;
 use super::layout_colmap::scene_folder;
 use super::layout_transforms::TransformsFiles;
-use super::{DatasetFormat, layout_llff};
+use super::{DatasetFormat, layout_llff, layout_metashape, layout_phone, layout_poses_bounds, layout_realityscan, layout_usd};
 use crate::IoError;
 
 /// The files that identify a data set, for messages.
-const LOOKED_FOR: &str = "transforms.json, transforms_train.json, a COLMAP model (cameras.bin or cameras.txt in sparse/0, in sparse or here), or poses_bounds_exps.npy with input_images";
+const LOOKED_FOR: &str = "transforms.json, transforms_train.json, a COLMAP model (cameras.bin or cameras.txt in sparse/0, in sparse or here), poses_bounds_exps.npy with input_images, poses_bounds.npy with images, cameras of RealityScan (.csv, or .xmp beside the images) or Metashape (.xml), cameras of OpenUSD text (.usda), Polycam's keyframes, or Record3D's metadata.json with rgb";
 
 /// Extensions of photographs and other pictures, of which poses can be found; cameras' own RAW
 /// formats too.
@@ -36,8 +37,12 @@ const MAX_LISTED: usize = 12;
 pub fn detect_format(path: &Path) -> Result<DatasetFormat, IoError> {
     let meta = std::fs::metadata(path).map_err(|e| IoError::system(path, "read", &e))?;
     if meta.is_file() {
-        return match path.extension() {
-            Some(extension) if extension.eq_ignore_ascii_case("json") => Ok(DatasetFormat::Transforms),
+        let extension = path.extension().map(|extension| extension.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
+        return match extension.as_str() {
+            "json" => Ok(DatasetFormat::Transforms),
+            "csv" => Ok(DatasetFormat::RealityScan),
+            "xml" => Ok(DatasetFormat::Metashape),
+            "usda" | "usd" => Ok(DatasetFormat::Usd),
             _ => Err(IoError::invalid(path, format!("is a file, expected a transforms.json or a folder with {LOOKED_FOR}"))),
         };
     }
@@ -66,7 +71,31 @@ pub fn detect_format(path: &Path) -> Result<DatasetFormat, IoError> {
         (Some(_), _) => Ok(DatasetFormat::Transforms),
         (None, Some(_)) if scene.join("exr").is_dir() => Ok(DatasetFormat::HdrGs),
         (None, Some(_)) => Ok(DatasetFormat::Colmap),
-        (None, None) => Err(no_dataset(path)),
+        (None, None) => of_other_program(path)?.ok_or_else(|| no_dataset(path)),
+    }
+}
+
+/// Returns the format of a folder whose cameras another program wrote, by names and the beginnings
+/// of files; an error where several formats are there.
+fn of_other_program(path: &Path) -> Result<Option<DatasetFormat>, IoError> {
+    let signs = [
+        (layout_phone::polycam_folders(path).is_some(), DatasetFormat::Polycam),
+        (layout_phone::record3d_metadata(path).is_some(), DatasetFormat::Record3d),
+        (!files_with(path, "xml", layout_metashape::is_metashape).is_empty(), DatasetFormat::Metashape),
+        (!files_with(path, "csv", layout_realityscan::is_table).is_empty(), DatasetFormat::RealityScan),
+        (layout_poses_bounds::is_one(path), DatasetFormat::Llff),
+        (!layout_usd::layers(path).is_empty(), DatasetFormat::Usd),
+    ];
+    let found: Vec<DatasetFormat> = signs.into_iter().filter(|(is_there, _)| *is_there).map(|(_, format)| format).collect();
+    match found.as_slice() {
+        // XMP files lie beside the images of other programs' exports, too.
+        [] => Ok((!layout_realityscan::xmp_files(path).is_empty()).then_some(DatasetFormat::RealityScan)),
+        [one] => Ok(Some(*one)),
+        several => {
+            let names: Vec<&str> = several.iter().map(|format| format.name()).collect();
+            let error = IoError::invalid(path, format!("cameras of several programs, of formats {}, expected one", names.join(" and ")));
+            Err(error.with_remedy(Remedy::give("format")))
+        }
     }
 }
 
@@ -77,7 +106,7 @@ fn no_dataset(path: &Path) -> IoError {
         PICTURES.iter().any(|picture| picture.eq_ignore_ascii_case(extension))
     };
     let error = |found: &str| IoError::invalid(path, format!("no data set: expected {LOOKED_FOR}; found {found}"));
-    let is_no_file = |path: &std::path::PathBuf| std::fs::metadata(path).is_ok_and(|found| !found.is_file());
+    let is_no_file = |path: &PathBuf| std::fs::metadata(path).is_ok_and(|found| !found.is_file());
     if let Some(name) = ["transforms.json", "transforms_train.json"].map(|name| path.join(name)).iter().find(|path| is_no_file(path)) {
         return IoError::invalid(name, "not a regular file, expected one");
     }

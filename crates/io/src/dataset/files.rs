@@ -5,7 +5,7 @@
 //! macOS do not tell `a.EXR` from `a.exr`), if it is the only one; other cases are reported.
 
 use std::cell::RefCell;
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
@@ -21,6 +21,9 @@ pub(super) const IMAGE_EXTENSIONS: [&str; 7] = ["exr", "hdr", "tif", "tiff", "pn
 /// Extensions of formats that hold radiance, always or among other things, in the order they are
 /// tried.
 const RADIANCE_EXTENSIONS: [&str; 5] = ["exr", "hdr", "tif", "tiff", "npy"];
+
+/// Deepest nesting of folders of images.
+const MAX_DEPTH: usize = 8;
 
 /// Returns whether the name ends in an extension of an image format.
 fn image_extension(name: &str) -> Option<&str> {
@@ -175,6 +178,24 @@ fn radiance(stem: &str, existing: impl Fn(&str) -> Option<PathBuf>) -> Option<Pa
 /// Returns extensions as they are and in capitals.
 fn spelled(extensions: &[&'static str]) -> impl Iterator<Item = String> {
     extensions.iter().flat_map(|e| [(*e).to_owned(), e.to_ascii_uppercase()]).collect::<Vec<_>>().into_iter()
+}
+
+/// Adds the names of views in a folder and in those below it; `prefix` is the folder's name in
+/// them.
+pub(super) fn list_images(folder: &Path, prefix: &str, out: &mut BTreeSet<String>) {
+    list_below(folder, prefix, 0, out);
+}
+
+fn list_below(folder: &Path, prefix: &str, depth: usize, out: &mut BTreeSet<String>) {
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        let (name, path) = (entry.file_name().to_string_lossy().into_owned(), entry.path());
+        let below = format!("{prefix}/{name}");
+        if path.is_dir() && depth < MAX_DEPTH {
+            list_below(&path, &below, depth + 1, out);
+        } else if is_image(&name) && !name.starts_with('.') {
+            out.insert(view_name(&below));
+        }
+    }
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 use luxel_core::{CameraProjection, PixelValues, Point, Similarity, View};
 
 use super::{LoadOptions, MaskSource};
+use crate::lens::Lens;
 
 /// Collects the content of a data set. Every text and list is preceded by its length, so that no
 /// two inputs run together.
@@ -63,6 +64,15 @@ impl Fingerprint {
         if let Some(noise) = view.noise {
             self.text("noise");
             [noise.read, noise.shot].iter().for_each(|v| self.number(v.to_bits().into()));
+        }
+    }
+
+    /// Adds a lens that no camera can have; of other views nothing is added, so that they keep the
+    /// digests they have always had.
+    pub(super) fn foreign_lens(&mut self, lens: Option<Lens>) {
+        if let Some(lens) = lens {
+            self.text("lens");
+            self.text(&format!("{lens:?}"));
         }
     }
 

@@ -1,8 +1,12 @@
-//! Intrinsics as files give them: in pixels of a stated size, or as an angle of view; and the
-//! camera they make with an image.
+//! Intrinsics as files give them: in pixels of a stated size, or as an angle of view, with a lens;
+//! and the camera they make with an image.
+
+use std::f64::consts::PI;
 
 use glam::{DAffine3, DVec2};
-use luxel_core::{Camera, CameraProjection, Distortion};
+use luxel_core::{Camera, CameraProjection, Distortion, Fisheye};
+
+use crate::lens::{Base, Lens};
 
 /// Reductions of the image against its camera that count as a smaller copy of the same
 /// photograph (`images_2`, `images_4`).
@@ -36,11 +40,64 @@ pub(super) struct Intrinsics {
     /// Projection. Angles of view are those of its rays; a panorama states its focal lengths as
     /// nerfstudio does: pixels for half a turn of longitude and latitude.
     pub(super) projection: CameraProjection,
+    /// Lens of the image, where no camera can have it: it is removed, and what is left is a camera
+    /// of [`Self::projection`].
+    pub(super) foreign_lens: Option<Lens>,
+}
+
+/// Angle from the axis to the middle of an image's edge from which on what is left of a foreign
+/// lens is a fisheye instead of a pinhole, radians: 120 degrees across.
+const WIDE: f64 = 60.0 / 180.0 * PI;
+
+/// A lens with its image: what intrinsics are made of.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct LensImage {
+    pub(super) size_px: [u32; 2],
+    /// Focal lengths; of a panorama, pixels per radian.
+    pub(super) focal_px: DVec2,
+    pub(super) center_px: DVec2,
+    pub(super) lens: Lens,
+}
+
+impl LensImage {
+    /// Returns the intrinsics of a camera with this lens, or of the camera that remains when the
+    /// lens is removed: a fisheye where the lens is one or sees far, else a pinhole.
+    pub(super) fn intrinsics(&self) -> Intrinsics {
+        let Self { size_px, focal_px, center_px, lens } = *self;
+        let native = lens.projection();
+        let projection = native.unwrap_or_else(|| match self.is_wide() {
+            true => CameraProjection::Fisheye(Fisheye::new(lens.fisheye_coefficients())),
+            false => CameraProjection::Pinhole,
+        });
+        // The focal length of a panorama is stated for half a turn.
+        let unit = if projection == CameraProjection::Equirectangular { PI } else { 1.0 };
+        Intrinsics {
+            size_px: Some(size_px),
+            focal: Focal::Pixels(focal_px * unit),
+            center_px: center_px.to_array().map(Some),
+            distortion: lens.distortion().unwrap_or_default(),
+            projection,
+            foreign_lens: native.is_none().then_some(lens),
+        }
+    }
+
+    /// Returns whether the lens is a fisheye, or shows more than a pinhole can hold.
+    fn is_wide(&self) -> bool {
+        if matches!(self.lens.base, Base::Equidistant | Base::Equisolid) {
+            return true;
+        }
+        let (lens, [width, height]) = (self.lens.prepared(), self.size_px.map(f64::from));
+        let (x, y) = (self.center_px.x, self.center_px.y);
+        let edges = [DVec2::new(0.0, y), DVec2::new(width, y), DVec2::new(x, 0.0), DVec2::new(x, height)];
+        let angle = |px: DVec2| lens.direction((px - self.center_px) / self.focal_px).map(|ray| ray.z.clamp(-1.0, 1.0).acos());
+        edges.into_iter().filter_map(angle).any(|angle| angle > WIDE)
+    }
 }
 
 impl Intrinsics {
-    /// Returns the camera of an image of `image_px` pixels, checked. Errors explain what is wrong,
-    /// not where.
+    /// Returns the camera of an image of `image_px` pixels, checked: with the lens where a camera
+    /// can have it, without one where [`Self::foreign_lens`] is to be removed first. Errors explain
+    /// what is wrong, not where.
     pub(super) fn camera(&self, camera_from_world: DAffine3, image_px: [u32; 2]) -> Result<Camera, String> {
         let size_px = self.size_px.unwrap_or(image_px);
         let [w, h] = size_px.map(f64::from);
@@ -50,7 +107,7 @@ impl Intrinsics {
             CameraProjection::Equirectangular => 0.5 * angle,
         };
         let focal_px = match self.focal {
-            Focal::Pixels(focal) if self.projection == CameraProjection::Equirectangular => focal / std::f64::consts::PI,
+            Focal::Pixels(focal) if self.projection == CameraProjection::Equirectangular => focal / PI,
             Focal::Pixels(focal) => focal,
             Focal::Angle { x: Some(x), y } => {
                 let fx = 0.5 * w / radius(x);
@@ -59,6 +116,10 @@ impl Intrinsics {
             Focal::Angle { x: None, y } => DVec2::splat(0.5 * h / radius(y.unwrap_or(f64::NAN))),
         };
         let center_px = DVec2::new(self.center_px[0].unwrap_or(0.5 * w), self.center_px[1].unwrap_or(0.5 * h));
+        let is_finite = self.foreign_lens.is_none_or(|lens| lens.is_finite());
+        if !is_finite {
+            return Err("lens distortion is not finite".to_owned());
+        }
         let mut camera =
             Camera { camera_from_world, focal_px, center_px, size_px, distortion: self.distortion, projection: self.projection };
         camera.validate().map_err(|e| e.to_string())?;
@@ -101,6 +162,7 @@ mod tests {
             center_px: [Some(50.0), None],
             distortion: Distortion::default(),
             projection: CameraProjection::Pinhole,
+            foreign_lens: None,
         }
     }
 

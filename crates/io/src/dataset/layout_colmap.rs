@@ -10,7 +10,7 @@ use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::path::{Path, PathBuf};
 
 use super::colmap::{ColmapFiles, ColmapImage, ColmapModel, ColmapPoint, find_model, read_model};
-use super::files::{Finder, Substitute, composed, is_image, view_name, without_extension};
+use super::files::{Finder, Substitute, composed, list_images, view_name, without_extension};
 use super::source::{DatasetSource, Origin, Recording, Sighting, SourceFrame, SourcePoint, split_beside};
 use super::split::{Part, SplitRule};
 use super::{Supervision, recordings};
@@ -18,8 +18,6 @@ use crate::IoError;
 
 /// Names that a warning lists.
 const MAX_LISTED: usize = 3;
-/// Deepest nesting of folders of images.
-const MAX_DEPTH: usize = 8;
 
 /// How the images of a COLMAP folder are found from the registered names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -103,7 +101,8 @@ pub(super) fn colmap_source(folder: &Path, layout: ColmapLayout, supervision: Su
         ColmapLayout::GaussHdr => "GaussHDR (COLMAP with images_hdr/)",
     };
     let points_from = format!("the COLMAP model in {}", found.folder.display());
-    Ok(DatasetSource { format: format.to_owned(), folder: scene, frames, split, points, points_from, warnings })
+    let notes = model.rigs.clone().into_iter().collect();
+    Ok(DatasetSource { format: format.to_owned(), folder: scene, frames, split, points, points_from, notes, warnings })
 }
 
 /// Returns the points of the model whose position, mapped by `position`, is finite; sightings in
@@ -161,7 +160,7 @@ fn unregistered(scene: &Path, chosen: &[Chosen<'_>]) -> Option<String> {
     let folder = scene.join("images");
     let registered: HashSet<String> = chosen.iter().map(|c| composed(&view_name(&c.file_path))).collect();
     let mut others = BTreeSet::new();
-    list_images(&folder, "images", 0, &mut others);
+    list_images(&folder, "images", &mut others);
     let total = others.len();
     others.retain(|name| !registered.contains(&composed(name)));
     let listed: Vec<&str> = others.iter().take(MAX_LISTED).map(String::as_str).collect();
@@ -169,19 +168,6 @@ fn unregistered(scene: &Path, chosen: &[Chosen<'_>]) -> Option<String> {
     (!others.is_empty()).then(|| {
         format!("{} of {total} images have no pose in the COLMAP model and are left out ({}{more})", others.len(), listed.join(", "))
     })
-}
-
-/// Adds the names of views in a folder and in those below it.
-fn list_images(folder: &Path, prefix: &str, depth: usize, out: &mut BTreeSet<String>) {
-    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
-        let (name, path) = (entry.file_name().to_string_lossy().into_owned(), entry.path());
-        let below = format!("{prefix}/{name}");
-        if path.is_dir() && depth < MAX_DEPTH {
-            list_images(&path, &below, depth + 1, out);
-        } else if is_image(&name) && !name.starts_with('.') {
-            out.insert(view_name(&below));
-        }
-    }
 }
 
 fn plain_images<'a>(model: &'a ColmapModel, scene: &ModelScene<'_>, warnings: &mut Vec<String>) -> Result<Vec<Chosen<'a>>, IoError> {

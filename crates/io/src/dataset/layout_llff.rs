@@ -73,16 +73,27 @@ pub(super) fn llff_source(folder: &Path, supervision: Supervision) -> Result<Dat
     }
     let split = split_beside(folder)?;
     let (format, folder) = ("HDR-NeRF real".to_owned(), folder.to_path_buf());
-    Ok(DatasetSource { format, folder, frames, split, points: Vec::new(), points_from: String::new(), warnings: Vec::new() })
+    Ok(DatasetSource {
+        format,
+        folder,
+        frames,
+        split,
+        points: Vec::new(),
+        points_from: String::new(),
+        notes: Vec::new(),
+        warnings: Vec::new(),
+    })
 }
 
 /// Returns images of the folder, sorted by name.
-fn images(folder: &Path) -> Result<Vec<PathBuf>, IoError> {
+pub(super) fn images(folder: &Path) -> Result<Vec<PathBuf>, IoError> {
     let system = |e: std::io::Error| IoError::system(folder, "read folder", &e);
     let mut images = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(system)? {
         let path = entry.map_err(system)?.path();
-        if path.file_name().is_some_and(|name| is_image(&name.to_string_lossy())) {
+        // Systems leave files of their own, `._a.jpg`.
+        let is_one = |name: &str| is_image(name) && !name.starts_with('.');
+        if path.file_name().is_some_and(|name| is_one(&name.to_string_lossy())) {
             images.push(path);
         }
     }
@@ -108,6 +119,20 @@ fn recorded_pose(numbers: &[f64; COLUMNS]) -> Result<RecordedPose, String> {
     if !(exposure_s.is_normal() && exposure_s > 0.0) {
         return Err(format!("an exposure of {} s, expected a number above 0", numbers[COLUMNS - 1]));
     }
+    let [pose @ .., _near, _far, _exposure] = numbers;
+    let LlffPose { camera_from_world, size_px, focal_px } = llff_pose(pose)?;
+    Ok(RecordedPose { camera_from_world, size_px, focal_px, exposure_s })
+}
+
+/// Pose and lens of a row, in LLFF's order.
+pub(super) struct LlffPose {
+    pub(super) camera_from_world: DAffine3,
+    pub(super) size_px: [u32; 2],
+    pub(super) focal_px: f64,
+}
+
+/// Returns the pose of 3 rows of 5 numbers; an error says what is wrong, without a place.
+pub(super) fn llff_pose(numbers: &[f64; 15]) -> Result<LlffPose, String> {
     let column = |c: usize| DVec3::new(numbers[c], numbers[5 + c], numbers[10 + c]);
     let [down, right, back, eye, lens] = [0, 1, 2, 3, 4].map(column);
     // OpenGL's axes are right, up and backwards.
@@ -129,7 +154,7 @@ fn recorded_pose(numbers: &[f64; COLUMNS]) -> Result<RecordedPose, String> {
         projection: CameraProjection::Pinhole,
     };
     camera.validate().map_err(|e| e.to_string())?;
-    Ok(RecordedPose { camera_from_world: camera.camera_from_world, size_px: camera.size_px, focal_px: lens.z, exposure_s })
+    Ok(LlffPose { camera_from_world: camera.camera_from_world, size_px: camera.size_px, focal_px: lens.z })
 }
 
 fn frame(recorded: &RecordedPose, name: String, folder: &Path, recording: Recording, origin: Origin) -> SourceFrame {
@@ -139,6 +164,7 @@ fn frame(recorded: &RecordedPose, name: String, folder: &Path, recording: Record
         center_px: [None; 2],
         distortion: Distortion::default(),
         projection: CameraProjection::Pinhole,
+        foreign_lens: None,
     };
     SourceFrame {
         // No radiance was measured there.

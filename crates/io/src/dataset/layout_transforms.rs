@@ -224,7 +224,7 @@ fn finish(
     }
     let (points, points_from) = points(&folder, described, &frames, &mut warnings)?;
     let format = format.to_owned();
-    Ok(DatasetSource { format, folder, frames, split, points, points_from, warnings })
+    Ok(DatasetSource { format, folder, frames, split, points, points_from, notes: Vec::new(), warnings })
 }
 
 /// Returns the points of `ply_file_path`, or of the COLMAP model beside the file. A PLY of as many

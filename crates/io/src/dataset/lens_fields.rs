@@ -1,10 +1,12 @@
 //! The lens of a frame in `transforms.json`: sizes, focal lengths, centre, distortion, projection.
 //!
-//! In: the fields of a frame, with the file's as defaults. Out: [`Intrinsics`]. Pinhole lenses
-//! beyond OPENCV's four coefficients are refused. `OPENCV_FISHEYE`, or instant-ngp's `is_fisheye`,
-//! has `k1 k2 k3 k4`, and the field of nerfstudio's `fisheye_crop_radius` (pixels), or what
-//! [`Fisheye::new`] makes of the coefficients. `EQUIRECTANGULAR` is a whole panorama, unless focal
-//! lengths (the pixels of half a turn) say that it is a part of one.
+//! In: the fields of a frame, with the file's as defaults. Out: [`Intrinsics`]. k3 and k4 of a
+//! pinhole are nerfstudio's, of r⁶ and r⁸; where the model is `FULL_OPENCV`, or k5 or k6 are there,
+//! k4 to k6 are OpenCV's, of the denominator. Such lenses are removed. `OPENCV_FISHEYE`, or
+//! instant-ngp's `is_fisheye`, has `k1 k2 k3 k4`, and the field of nerfstudio's
+//! `fisheye_crop_radius` (pixels), or what [`Fisheye::new`] makes of the coefficients.
+//! `EQUIRECTANGULAR` is a whole panorama, unless focal lengths (the pixels of half a turn) say that
+//! it is a part of one.
 
 use std::f64::consts::{PI, TAU};
 
@@ -15,11 +17,13 @@ use serde_json::Value;
 use super::intrinsics::{Focal, Intrinsics};
 use super::json_fields::Fields;
 use crate::IoError;
+use crate::lens::{Base, Lens, Warp};
 
-/// Camera models whose lens is pinhole with k1 k2 p1 p2.
+/// Camera models whose lens is pinhole with k1 k2 p1 p2, and perhaps more.
 const CAMERA_MODELS: [&str; 6] = ["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE"];
 /// Camera models of other projections.
-const FISHEYE: &str = "OPENCV_FISHEYE";
+const FISHEYES: [&str; 5] = ["OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "SIMPLE_FISHEYE", "FISHEYE"];
+const FULL_OPENCV: &str = "FULL_OPENCV";
 const EQUIRECTANGULAR: &str = "EQUIRECTANGULAR";
 /// Coefficients beyond OPENCV's four: must be absent or 0.
 const HIGHER_COEFFICIENTS: [&str; 6] = ["k3", "k4", "k5", "k6", "p3", "p4"];
@@ -28,10 +32,16 @@ const LENS_REMEDY: &str = "undistort the images first, for example with `colmap 
 /// Reads the lens of a frame.
 pub(super) fn intrinsics(fields: &Fields<'_>) -> Result<Intrinsics, IoError> {
     let model = model(fields)?;
-    let allowed: &[&str] = if model == Model::Fisheye { &["k3", "k4"] } else { &[] };
+    let allowed: &[&str] = match model {
+        Model::Fisheye => &["k3", "k4"],
+        Model::Pinhole { .. } => &["k3", "k4", "k5", "k6"],
+        Model::Equirectangular => &[],
+    };
     for key in HIGHER_COEFFICIENTS.into_iter().filter(|key| !allowed.contains(key)) {
         if let Some(value) = fields.number(key)?.filter(|v| *v != 0.0) {
-            return Err(fields.unsupported(format!("\"{key}\" is {value}, expected 0: the lens model is k1 k2 p1 p2; {LENS_REMEDY}")));
+            return Err(
+                fields.unsupported(format!("\"{key}\" is {value}, expected 0: the lens model has no such coefficient; {LENS_REMEDY}"))
+            );
         }
     }
     let size_px = size(fields)?;
@@ -53,12 +63,21 @@ pub(super) fn intrinsics(fields: &Fields<'_>) -> Result<Intrinsics, IoError> {
     {
         center.shared = None;
     }
-    let coefficients = fields.group(&["k1", "k2", "k3", "k4", "p1", "p2"]);
+    let coefficients = fields.group(&["k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"]);
     let coefficient = |key| Ok::<_, IoError>(coefficients.number(key)?.unwrap_or(0.0));
     let [k1, k2, k3, k4, p1, p2] =
         [coefficient("k1")?, coefficient("k2")?, coefficient("k3")?, coefficient("k4")?, coefficient("p1")?, coefficient("p2")?];
+    let [k5, k6] = [coefficient("k5")?, coefficient("k6")?];
+    let mut foreign_lens = None;
     let (distortion, projection) = match model {
-        Model::Pinhole => (Distortion { k1, k2, p1, p2 }, CameraProjection::Pinhole),
+        Model::Pinhole { .. } if [k3, k4, k5, k6] == [0.0; 4] => (Distortion { k1, k2, p1, p2 }, CameraProjection::Pinhole),
+        Model::Pinhole { is_rational } => {
+            let is_rational = is_rational || [k5, k6] != [0.0; 2];
+            let (k4, denominator) = if is_rational { (0.0, [k4, k5, k6]) } else { (k4, [0.0; 3]) };
+            let warp = Warp { radial: [k1, k2, k3, k4, 0.0, 0.0], denominator, tangential: [p1, p2], ..Warp::default() };
+            foreign_lens = Some(Lens { base: Base::Perspective, warp });
+            (Distortion::default(), CameraProjection::Pinhole)
+        }
         Model::Fisheye if p1 == 0.0 && p2 == 0.0 => {
             (Distortion::default(), CameraProjection::Fisheye(fisheye(fields, Fisheye::new([k1, k2, k3, k4]), focal)?))
         }
@@ -66,13 +85,17 @@ pub(super) fn intrinsics(fields: &Fields<'_>) -> Result<Intrinsics, IoError> {
         Model::Fisheye => return Err(fields.unsupported("\"p1\" and \"p2\" of a fisheye are not 0: the lens model is k1 k2 k3 k4")),
         Model::Equirectangular => return Err(fields.unsupported("a panorama with coefficients of distortion, expected none")),
     };
-    Ok(Intrinsics { size_px, focal, center_px: [center.number("cx")?, center.number("cy")?], distortion, projection })
+    let center_px = [center.number("cx")?, center.number("cy")?];
+    Ok(Intrinsics { size_px, focal, center_px, distortion, projection, foreign_lens })
 }
 
 /// The projection that a frame names.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Model {
-    Pinhole,
+    Pinhole {
+        /// Whether k4 to k6 are OpenCV's, of a denominator.
+        is_rational: bool,
+    },
     Fisheye,
     Equirectangular,
 }
@@ -81,15 +104,19 @@ enum Model {
 fn model(fields: &Fields<'_>) -> Result<Model, IoError> {
     let is_fisheye = fields.get("is_fisheye").is_some_and(|v| *v == Value::Bool(true));
     match fields.string("camera_model")?.as_deref() {
-        Some(FISHEYE) => Ok(Model::Fisheye),
+        Some(model) if FISHEYES.contains(&model) => Ok(Model::Fisheye),
+        Some(FULL_OPENCV) if !is_fisheye => Ok(Model::Pinhole { is_rational: true }),
         Some(EQUIRECTANGULAR) => Ok(Model::Equirectangular),
         None if is_fisheye => Ok(Model::Fisheye),
         Some(model) if !CAMERA_MODELS.contains(&model) => {
             let known = CAMERA_MODELS.join(", ");
-            Err(fields.unsupported(format!("camera model {model}, expected one of {known}, {FISHEYE}, {EQUIRECTANGULAR}; {LENS_REMEDY}")))
+            let fisheyes = FISHEYES.join(", ");
+            Err(fields.unsupported(format!(
+                "camera model {model}, expected one of {known}, {FULL_OPENCV}, {fisheyes}, {EQUIRECTANGULAR}; {LENS_REMEDY}"
+            )))
         }
-        Some(model) if is_fisheye => Err(fields.error(format!("\"is_fisheye\" is true of a {model} lens, expected {FISHEYE}"))),
-        _ => Ok(Model::Pinhole),
+        Some(model) if is_fisheye => Err(fields.error(format!("\"is_fisheye\" is true of a {model} lens, expected {}", FISHEYES[0]))),
+        _ => Ok(Model::Pinhole { is_rational: false }),
     }
 }
 
@@ -158,6 +185,22 @@ mod tests {
     }
 
     #[test]
+    fn higher_coefficients_are_nerfstudios_or_opencvs() {
+        let lens = |fields: &str| {
+            let frame = r#"{"file_path": "a.exr", "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}"#;
+            let json = format!(r#"{{"fl_x": 9, "k1": 0.1, "p1": 0.2, {fields}, "frames": [{frame}]}}"#);
+            parse_transforms(Path::new("t"), json.as_bytes()).unwrap().frames[0].intrinsics.foreign_lens.map(|lens| lens.warp)
+        };
+        let polynomial = Warp { radial: [0.1, 0.0, 0.3, 0.4, 0.0, 0.0], tangential: [0.2, 0.0], ..Warp::default() };
+        assert_eq!(lens(r#""k3": 0.3, "k4": 0.4"#), Some(polynomial));
+        let rational = Warp { radial: [0.1, 0.0, 0.3, 0.0, 0.0, 0.0], denominator: [0.4, 0.0, 0.6], ..polynomial };
+        assert_eq!(lens(r#""k3": 0.3, "k4": 0.4, "k6": 0.6"#), Some(rational));
+        let full = Warp { denominator: [0.4, 0.0, 0.0], ..rational };
+        assert_eq!(lens(r#""camera_model": "FULL_OPENCV", "k3": 0.3, "k4": 0.4"#), Some(full));
+        assert_eq!(lens(r#""k3": 0"#), None);
+    }
+
+    #[test]
     fn panoramas_are_whole_unless_the_focal_length_says_otherwise() {
         let whole = Camera::panorama(DAffine3::IDENTITY, 64);
         let found = camera(r#""camera_model": "EQUIRECTANGULAR""#, [64, 32]).unwrap();
@@ -183,8 +226,11 @@ mod tests {
             (r#""camera_model": "OPENCV_FISHEYE", "fl_x": 9, "k5": 0.1"#, "\"k5\" is 0.1"),
             (r#""camera_model": "EQUIRECTANGULAR", "k1": 0.1"#, "coefficients of distortion"),
             (r#""camera_model": "OPENCV", "is_fisheye": true, "fl_x": 9"#, "\"is_fisheye\" is true of a OPENCV lens"),
-            (r#""camera_model": "OMNIDIRECTIONAL", "fl_x": 9"#, "OPENCV_FISHEYE, EQUIRECTANGULAR"),
-            (r#""camera_model": "OPENCV", "fl_x": 9, "k3": 0.1"#, "\"k3\" is 0.1"),
+            (
+                r#""camera_model": "OMNIDIRECTIONAL", "fl_x": 9"#,
+                "OPENCV_FISHEYE, SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE, SIMPLE_FISHEYE, FISHEYE, EQUIRECTANGULAR",
+            ),
+            (r#""camera_model": "OPENCV", "fl_x": 9, "p3": 0.1"#, "\"p3\" is 0.1"),
         ] {
             let error = camera(lens, [8, 8]).unwrap_err();
             assert!(error.contains(message), "{error}");

@@ -2,7 +2,7 @@
 //! reduced.
 
 use glam::DVec2;
-use luxel_core::{BadPixels, Camera, ColorSpace, Conversion, Image, Mask, OnDemand, PixelValues, Remedy, Target, View};
+use luxel_core::{BadPixels, Camera, ColorSpace, Conversion, Distortion, Image, Mask, OnDemand, PixelValues, Remedy, Target, View};
 
 use super::masks::decode_mask;
 use super::source::SourceFrame;
@@ -10,7 +10,10 @@ use super::split::Part;
 use super::{LoadOptions, MaskSource, Supervision};
 use crate::IoError;
 use crate::image::colorimetry::convert;
-use crate::image::{DecodedImage, ReadOptions, SampleDepth, decode_codes_of, decode_image, downscale, downscale_masked, undistort};
+use crate::image::{
+    DecodedImage, ReadOptions, SampleDepth, decode_codes_of, decode_image, downscale, downscale_masked, lost_field, straighten, undistort,
+};
+use crate::lens::PreparedLens;
 use crate::photo::exif_of_file;
 use crate::read_file::read_file;
 
@@ -76,7 +79,10 @@ pub(super) fn load_view(frame: &SourceFrame, options: &LoadOptions) -> Result<Lo
         mask: mask.map(Into::into),
         target: Target::default(),
     };
-    let view = resample(view, frame, options.downscale)?;
+    let foreign = frame.intrinsics.foreign_lens;
+    let foreign_lens = foreign.map(|lens| lens.prepared());
+    decoded.warnings.extend(foreign.zip(foreign_lens).and_then(|(lens, prepared)| lost_field(&photographed, &prepared, lens.base.name())));
+    let view = resample(view, frame, foreign_lens.as_ref(), options.downscale)?;
     Ok(LoadedView {
         view,
         photographed,
@@ -140,24 +146,36 @@ fn decode(frame: &SourceFrame, bytes: &[u8], options: &LoadOptions) -> Result<(D
 
 /// Removes lens distortion and reduces, in linear light. Pixels that recorded values make together
 /// with bounds are left out.
-fn resample(view: View, frame: &SourceFrame, factor: u32) -> Result<View, IoError> {
+fn resample(view: View, frame: &SourceFrame, foreign_lens: Option<&PreparedLens>, factor: u32) -> Result<View, IoError> {
     let View { name, mut camera, image, values, mut noise, mask, target } = view;
     let (mut image, mut mask) = (image.into_value(), mask.map(OnDemand::into_value));
-    if let Some(field) = field_mask(&camera) {
+    // What a foreign lens does not show is left out as it is removed.
+    if foreign_lens.is_none()
+        && let Some(field) = field_mask(&camera)
+    {
         mask = Some(both(mask, field));
     }
-    let is_resampled = !camera.distortion.is_none() || factor > 1;
+    let is_distorted = foreign_lens.is_some() || !camera.distortion.is_none();
+    let is_resampled = is_distorted || factor > 1;
     let mut bounds = is_resampled.then(|| values.bounds(&image)).flatten();
     if is_resampled {
         values.to_light(&mut image);
     }
-    if !camera.distortion.is_none() {
-        let (straight, mut seen, pinhole) = undistort(&image, mask.as_ref(), &camera);
+    if is_distorted {
+        let without_lens = |image: &Image| match foreign_lens {
+            Some(lens) => straighten(image, mask.as_ref(), &camera, lens),
+            None => {
+                let (image, seen, _) = undistort(image, mask.as_ref(), &camera);
+                (image, seen)
+            }
+        };
+        let (straight, mut seen) = without_lens(&image);
         if let Some(bounds) = &mut bounds {
-            *bounds = undistort(bounds, mask.as_ref(), &camera).0;
+            *bounds = without_lens(bounds).0;
             leave_out_mixtures(bounds, &mut seen);
         }
-        (image, mask, camera) = (straight, Some(seen), pinhole);
+        (image, mask) = (straight, Some(seen));
+        camera.distortion = Distortion::default();
     }
     if factor > 1 {
         let [w, h] = camera.size_px;

@@ -22,8 +22,10 @@
 //!   points follow.
 
 mod assemble;
+mod candidates;
 mod checks;
 pub mod colmap;
+mod described;
 mod detect;
 mod files;
 mod fingerprint;
@@ -32,16 +34,23 @@ mod intrinsics;
 mod json_fields;
 mod layout_colmap;
 mod layout_llff;
+mod layout_metashape;
+mod layout_phone;
+mod layout_poses_bounds;
+mod layout_realityscan;
 mod layout_transforms;
+mod layout_usd;
 mod lens_fields;
 mod load;
 mod masks;
 mod observations;
+mod posed;
 mod recordings;
 mod source;
 mod split;
 mod transforms;
 mod view_cache;
+mod xml;
 
 use std::fmt;
 use std::path::Path;
@@ -53,11 +62,17 @@ use serde::{Deserialize, Serialize};
 use crate::IoError;
 use crate::image::Transfer;
 
+pub use described::{DatasetDescription, describe_dataset};
 pub use detect::detect_format;
 pub use files::composed;
 pub use image_memory::{ImageMemory, ImagePlan, LoadProgress, Loading, VIEWS_IN_USE};
 pub use layout_llff::{RecordedPose, parse_recorded_poses};
+pub use layout_metashape::{MetashapeCameras, parse_metashape};
+pub use layout_phone::{parse_polycam_camera, parse_record3d};
+pub use layout_poses_bounds::{BoundedPose, parse_poses_bounds};
+pub use layout_realityscan::{parse_realityscan_table, parse_realityscan_xmp};
 pub use masks::{MaskSource, decode_mask};
+pub use posed::PosedCamera;
 pub use recordings::{Exposures, Supervision, parse_exposures};
 pub use split::{SplitLists, parse_split};
 pub use transforms::{Transforms, TransformsFrame, parse_transforms};
@@ -86,11 +101,38 @@ pub enum DatasetFormat {
     /// GaussHDR's repack: COLMAP with `images_hdr/train_hdr_000.exr`.
     #[serde(rename = "gausshdr")]
     GaussHdr,
+    /// LLFF: `poses_bounds.npy` with `images/` or a reduced copy of them.
+    Llff,
+    /// RealityScan and RealityCapture: a table of cameras (.csv), or XMP files beside the images.
+    #[serde(rename = "realityscan")]
+    RealityScan,
+    /// Agisoft Metashape: cameras as XML.
+    Metashape,
+    /// Cameras of OpenUSD text, with `images/`.
+    Usd,
+    /// Polycam's raw data: `keyframes/`.
+    Polycam,
+    /// Record3D's "EXR + RGB": `metadata.json` with `rgb/`.
+    #[serde(rename = "record3d")]
+    Record3d,
 }
 
 impl DatasetFormat {
     /// All of them.
-    pub const ALL: [Self; 6] = [Self::Transforms, Self::Colmap, Self::HdrNerf, Self::HdrNerfReal, Self::HdrGs, Self::GaussHdr];
+    pub const ALL: [Self; 12] = [
+        Self::Transforms,
+        Self::Colmap,
+        Self::HdrNerf,
+        Self::HdrNerfReal,
+        Self::HdrGs,
+        Self::GaussHdr,
+        Self::Llff,
+        Self::RealityScan,
+        Self::Metashape,
+        Self::Usd,
+        Self::Polycam,
+        Self::Record3d,
+    ];
 
     /// Returns the name of this source.
     pub fn name(self) -> &'static str {
@@ -101,6 +143,12 @@ impl DatasetFormat {
             Self::HdrNerfReal => "hdr-nerf-real",
             Self::HdrGs => "hdr-gs",
             Self::GaussHdr => "gausshdr",
+            Self::Llff => "llff",
+            Self::RealityScan => "realityscan",
+            Self::Metashape => "metashape",
+            Self::Usd => "usd",
+            Self::Polycam => "polycam",
+            Self::Record3d => "record3d",
         }
     }
 }
@@ -113,7 +161,7 @@ impl fmt::Display for DatasetFormat {
 
 /// Not the name of a [`DatasetFormat`].
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("data set format {0:?}, expected transforms, colmap, hdr-nerf, hdr-nerf-real, hdr-gs or gausshdr")]
+#[error("data set format {found:?}, expected {known}", found = .0, known = DatasetFormat::ALL.map(DatasetFormat::name).join(", "))]
 pub struct UnknownFormat(pub String);
 
 impl FromStr for DatasetFormat {
@@ -165,7 +213,7 @@ impl Default for LoadOptions {
     }
 }
 
-/// Reads a data set. `path` is a folder or a `transforms.json`.
+/// Reads a data set. `path` is a folder, or the file that has the cameras.
 ///
 /// ```
 /// use luxel_core::Image;
@@ -204,6 +252,12 @@ pub fn load_dataset(path: &Path, options: &LoadOptions) -> Result<Dataset, IoErr
 /// # Errors
 /// Those of [`load_dataset`]; a limit below what reading takes; a cache that cannot be written.
 pub fn load_dataset_within(path: &Path, options: &LoadOptions, loading: &Loading<'_>) -> Result<Dataset, IoError> {
+    let source = read_source(path, options)?;
+    assemble::assemble(path, source, options, loading)
+}
+
+/// Reads everything but pixels.
+fn read_source(path: &Path, options: &LoadOptions) -> Result<source::DatasetSource, IoError> {
     use layout_colmap::{ColmapLayout, colmap_source};
     use layout_transforms::{TransformsFiles, hdr_nerf_source, transforms_source};
 
@@ -219,13 +273,18 @@ pub fn load_dataset_within(path: &Path, options: &LoadOptions, loading: &Loading
         TransformsFiles::find(path)
             .ok_or_else(|| IoError::invalid(path, format!("not of format {format}: no transforms.json or transforms_train.json in it")))
     };
-    let source = match format {
+    match format {
         DatasetFormat::Transforms => transforms_source(&json()?),
         DatasetFormat::HdrNerf => hdr_nerf_source(&json()?, options.supervision),
         DatasetFormat::HdrNerfReal => layout_llff::llff_source(path, options.supervision),
         DatasetFormat::Colmap => colmap_source(path, ColmapLayout::Plain, options.supervision),
         DatasetFormat::HdrGs => colmap_source(path, ColmapLayout::HdrGs, options.supervision),
         DatasetFormat::GaussHdr => colmap_source(path, ColmapLayout::GaussHdr, options.supervision),
-    }?;
-    assemble::assemble(path, source, options, loading)
+        DatasetFormat::Llff => layout_poses_bounds::poses_bounds_source(path),
+        DatasetFormat::RealityScan => layout_realityscan::realityscan_source(path, options.supervision),
+        DatasetFormat::Metashape => layout_metashape::metashape_source(path, options.supervision),
+        DatasetFormat::Usd => layout_usd::usd_source(path, options.supervision),
+        DatasetFormat::Polycam => layout_phone::polycam_source(path, options.supervision),
+        DatasetFormat::Record3d => layout_phone::record3d_source(path, options.supervision),
+    }
 }

@@ -6,6 +6,7 @@ use glam::{DVec2, Vec2};
 use luxel_core::{Camera, Distortion, Observation, OnDemand, Point, ReadError, Similarity, View, mask};
 
 use super::source::{Sighting, SourcePoint};
+use crate::lens::PreparedLens;
 
 /// Steps of Newton's method; real lenses need about five.
 const MAX_STEPS: usize = 30;
@@ -18,6 +19,8 @@ pub(super) struct ObservedView<'a> {
     pub(super) index: u32,
     /// The camera of the image as it was read.
     pub(super) photographed: &'a Camera,
+    /// Its lens, if no camera can have it.
+    pub(super) foreign_lens: Option<PreparedLens>,
     /// The view.
     pub(super) view: &'a View,
 }
@@ -39,7 +42,10 @@ pub(super) fn map_points(
         let observation = |target: &ObservedView<'_>, sighting: &Sighting| {
             let [w, h] = target.photographed.size_px.map(f64::from);
             let photographed_px = DVec2::new(f64::from(sighting.at[0]) * w, f64::from(sighting.at[1]) * h);
-            let px = map_pixel(photographed_px, target.photographed, &target.view.camera)?;
+            let px = match target.foreign_lens {
+                Some(lens) => map_lens_pixel(photographed_px, target.photographed, &lens, &target.view.camera)?,
+                None => map_pixel(photographed_px, target.photographed, &target.view.camera)?,
+            };
             let px = px.as_vec2();
             is_inside(&target.view.camera, px).then(|| Observation { view: target.index, pixel_px: px.to_array() })
         };
@@ -92,6 +98,13 @@ const DROPPED: u32 = u32::MAX;
 fn map_pixel(px: DVec2, from: &Camera, to: &Camera) -> Option<DVec2> {
     let normalised = undistort((px - from.center_px) / from.focal_px, &from.distortion)?;
     Some(normalised * to.focal_px + to.center_px)
+}
+
+/// Returns the pixel coordinates in the view of a pixel of the image as it was read, through a lens
+/// that no camera can have.
+fn map_lens_pixel(px: DVec2, from: &Camera, lens: &PreparedLens, to: &Camera) -> Option<DVec2> {
+    let direction = lens.direction((px - from.center_px) / from.focal_px)?;
+    to.projection.plane_from_point(direction).map(|placed| placed.plane * to.focal_px + to.center_px)
 }
 
 /// Returns the undistorted normalised coordinates of distorted ones, by Newton's method; `None`

@@ -26,6 +26,8 @@ pub(super) struct DatasetSource {
     pub(super) points: Vec<SourcePoint>,
     /// The file or key that the points are from, for people.
     pub(super) points_from: String,
+    /// Facts about the files, for people.
+    pub(super) notes: Vec<String>,
     /// For people.
     pub(super) warnings: Vec<String>,
 }

@@ -6,7 +6,8 @@
 //! another size has of its own; distortion. Understood: `fl_x fl_y cx cy w h`, `camera_angle_x
 //! camera_angle_y`, `k1 k2 p1 p2`, `ply_file_path`, `applied_transform`, `applied_scale`,
 //! `train_filenames`, `val_filenames`, `test_filenames`, `mask_path`; `exposure` (seconds) of
-//! recorded images, `noise` or `iso` and `white` of noisy ones; lenses as [`super::lens_fields`] says.
+//! recorded images, `noise` or `iso` and `white` of noisy ones; lenses as [`super::lens_fields`]
+//! says.
 
 use std::path::Path;
 
@@ -298,9 +299,7 @@ mod tests {
 
     #[test]
     fn other_lens_models_are_unsupported_with_a_remedy() {
-        for lens in
-            ["\"fl_x\": 9, \"k3\": 0.01,", "\"fl_x\": 9, \"camera_model\": \"OPENCV_FISHEYE\",", "\"fl_x\": 9, \"is_fisheye\": true,"]
-        {
+        for lens in ["\"fl_x\": 9, \"p3\": 0.01,", "\"fl_x\": 9, \"camera_model\": \"OMNIDIRECTIONAL\","] {
             let error = with_lens(lens).unwrap_err();
             assert_eq!(error.kind, IoErrorKind::Unsupported);
             assert!(error.message.contains("image_undistorter"), "{error}");

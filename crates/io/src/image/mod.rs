@@ -20,12 +20,13 @@ mod exr_layers;
 pub(crate) mod guard;
 mod jpeg;
 pub(crate) mod npy;
-mod openexr;
+pub(crate) mod openexr;
 mod png;
 mod png_pq;
 mod radiance;
 mod resample;
 mod samples;
+mod straighten;
 mod tiff;
 mod write;
 
@@ -43,6 +44,7 @@ use crate::read_file::{open_regular, read_file};
 pub use exr_attributes::{ExrAttributes, read_exr_attributes};
 pub use png_pq::{LightLevels, encode_png_pq};
 pub use resample::{downscale, downscale_masked, pinhole_within, undistort, undistort_into};
+pub(crate) use straighten::{lost_field, straighten};
 pub use write::{ExrOptions, ExrSample, HALF_MAX, encode_exr, encode_jpeg, encode_png, write_exr, write_png};
 
 /// An image as read.

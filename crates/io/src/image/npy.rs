@@ -9,6 +9,7 @@ use std::fmt::Display;
 use std::io::{Read, Seek};
 use std::path::Path;
 
+use ::exr::prelude::f16;
 use luxel_core::Image;
 
 use super::guard::{check_size, zeroed};
@@ -66,6 +67,51 @@ pub(crate) fn decode_table<const COLUMNS: usize>(name: &Path, bytes: &[u8]) -> R
         Some(row) => Err(IoError::invalid(name, format!("row {row} holds a number that is not finite"))),
         None => Ok(table),
     }
+}
+
+/// Numbers of depth maps: as headers state their type, and bytes of one.
+const DEPTH_TYPES: [(&str, usize); 6] = [("'<f4'", 4), ("'<f8'", 8), ("'<f2'", 2), ("'<u2'", 2), ("'<u4'", 4), ("'|u1'", 1)];
+
+/// Decodes a map of depth, `(height, width)` of float16, 32 or 64 or of unsigned integers, with
+/// sides of 1 before or behind; width and height, and the values by row.
+pub(crate) fn decode_depth(name: &Path, bytes: &[u8]) -> Result<([usize; 2], Vec<f32>), IoError> {
+    const REMEDY: &str = "save it with numpy.save(file, numpy.ascontiguousarray(depth, dtype=\"<f4\"))";
+    let expected = |descr| Expected { descr, kind: "little-endian float32", shape: "(height, width)", remedy: REMEDY };
+    let mut refused = None;
+    let found = DEPTH_TYPES.iter().find_map(|&(descr, width)| match start(name, bytes, &expected(descr)) {
+        Ok((shape, samples)) => Some((shape, samples, descr, width)),
+        Err(error) => {
+            refused.get_or_insert(error);
+            None
+        }
+    });
+    let Some((shape, samples, descr, bytes_each)) = found else {
+        return Err(refused.unwrap_or_else(|| IoError::invalid(name, "header: no type")));
+    };
+    let sides: Vec<u32> = shape.iter().copied().filter(|side| *side != 1).collect();
+    let [height, width] = match (shape.as_slice(), sides.as_slice()) {
+        ([h, w], _) | (_, [h, w]) => [*h, *w],
+        _ => return Err(IoError::unsupported(name, format!("header: 'shape' is {}, expected (height, width); {REMEDY}", tuple(&shape)))),
+    };
+    check_size(name, [width, height].map(u64::from), bytes.len() as u64)?;
+    let [width, height] = [width, height].map(|side| side as usize);
+    if samples.len() != width * height * bytes_each {
+        let message = format!(
+            "data: {} bytes after the header, expected {} for {width} x {height} numbers",
+            samples.len(),
+            width * height * bytes_each
+        );
+        return Err(IoError::invalid(name, message));
+    }
+    let values = match descr {
+        "'<f4'" => samples.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect(),
+        "'<f8'" => samples.as_chunks().0.iter().map(|b| f64::from_le_bytes(*b) as f32).collect(),
+        "'<f2'" => samples.as_chunks().0.iter().map(|b| f16::from_le_bytes(*b).to_f32()).collect(),
+        "'<u2'" => samples.as_chunks().0.iter().map(|b| f32::from(u16::from_le_bytes(*b))).collect(),
+        "'<u4'" => samples.as_chunks().0.iter().map(|b| u32::from_le_bytes(*b) as f32).collect(),
+        _ => samples.iter().map(|b| f32::from(*b)).collect(),
+    };
+    Ok(([width, height], values))
 }
 
 /// Decodes a whole file.

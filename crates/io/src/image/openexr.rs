@@ -35,12 +35,56 @@ const SQUARE_TOLERANCE: f32 = 1e-3;
 
 /// Decodes a whole file.
 pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<DecodedImage, IoError> {
+    let pick = |headers: &[Header]| find_picture(name, headers, options.layer.as_deref());
+    let (canvas, attributes, warnings) = draw(name, bytes, pick)?;
+    canvas.finish(name, &attributes, warnings)
+}
+
+/// Decodes the channel of depth: width and height, and its values by row.
+pub(crate) fn decode_depth(name: &Path, bytes: &[u8]) -> Result<([usize; 2], Vec<f32>), IoError> {
+    let pick = |headers: &[Header]| {
+        let (part, channel) = find_depth(headers).ok_or_else(|| {
+            let found: Vec<String> = headers.iter().flat_map(|h| &h.channels.list).take(16).map(|c| c.name.to_string()).collect();
+            IoError::unsupported(
+                name,
+                format!("OpenEXR: no depth, found channels {}; expected Z, depth, or a single channel", found.join(", ")),
+            )
+        })?;
+        Ok(Picture { part, color: ColorChannels { rgb: [channel; 3], alpha: None }, warnings: Vec::new() })
+    };
+    let (Canvas { image, .. }, ..) = draw(name, bytes, pick)?;
+    Ok(([image.width, image.height], image.pixels.into_iter().map(|[z, ..]| z).collect()))
+}
+
+/// Names of channels of depth, and of grey pictures, the best first; the last part of a channel's
+/// name counts, in any case.
+const DEPTH_CHANNELS: [&str; 6] = ["z", "depth", "d", "v", "y", "r"];
+
+/// Returns the part and the channel of depth.
+fn find_depth(headers: &[Header]) -> Option<(usize, usize)> {
+    let channels = || headers.iter().enumerate().flat_map(|(part, h)| h.channels.list.iter().enumerate().map(move |(i, c)| (part, i, c)));
+    let named = |wanted: &str| {
+        channels().find(|(.., channel)| {
+            let name = channel.name.to_string();
+            name.rsplit('.').next().is_some_and(|last| last.eq_ignore_ascii_case(wanted))
+        })
+    };
+    let only = || channels().next().filter(|_| channels().count() == 1);
+    DEPTH_CHANNELS.iter().find_map(|wanted| named(wanted)).or_else(only).map(|(part, channel, _)| (part, channel))
+}
+
+/// Draws the channels of the picture that `pick` finds among the headers.
+fn draw(
+    name: &Path,
+    bytes: &[u8],
+    pick: impl FnOnce(&[Header]) -> Result<Picture, IoError>,
+) -> Result<(Canvas, ImageAttributes, Vec<String>), IoError> {
     let failed = |error: ExrError| explain(name, &error);
     let reader = ::exr::block::read(Cursor::new(bytes), false).map_err(failed)?;
     for header in reader.headers() {
         check_header(name, header, bytes.len() as u64)?;
     }
-    let Picture { part, color, warnings } = find_picture(name, reader.headers(), options.layer.as_deref())?;
+    let Picture { part, color, warnings } = pick(reader.headers())?;
     let header = reader.headers().get(part).ok_or_else(|| IoError::invalid(name, "header: no parts"))?.clone();
 
     if matches!(header.compression, Compression::HTJ2K32 | Compression::HTJ2K256) {
@@ -70,7 +114,7 @@ pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result
         }
         canvas.draw(&block, &header);
     }
-    canvas.finish(name, &header.shared_attributes, warnings)
+    Ok((canvas, header.shared_attributes, warnings))
 }
 
 /// Returns the size of the display window, from the header.

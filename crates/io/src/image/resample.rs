@@ -124,7 +124,7 @@ fn fold_radius2(lens: &Distortion) -> f64 {
 /// Returns the bilinear value at `position` in pixels, and the least weight of the pixels in it;
 /// the outer half of border pixels is constant. `None` outside, or if a pixel that counts is
 /// invalid.
-fn sample(image: &Image, mask: Option<&Mask>, position: DVec2) -> Option<([f32; 3], f32)> {
+pub(super) fn sample(image: &Image, mask: Option<&Mask>, position: DVec2) -> Option<([f32; 3], f32)> {
     let (width, height) = (image.width as f64, image.height as f64);
     // Also refuses NaN.
     if !(position.x >= 0.0 && position.x <= width && position.y >= 0.0 && position.y <= height) {

@@ -12,6 +12,7 @@
 //! twins (`positionsh`, ...). Nothing is composed: references, variants and transforms of prims are
 //! other programs' business (`usdcat --flatten`); a transform is an error, not ignored.
 
+mod cameras;
 mod field;
 mod lexer;
 mod reader;
@@ -19,6 +20,9 @@ mod writer;
 
 use luxel_core::ColorSpace;
 
+pub(crate) use cameras::UsdCamera;
+pub(crate) use cameras::read_cameras;
+pub use cameras::{UsdCameras, decode_usd_cameras};
 pub(crate) use reader::read_scene_file;
 pub use reader::{decode_usda, read_usda};
 pub use writer::{encode_usda, write_usda};

@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
-use super::{CAMERA_MODELS, Collected, ColmapFiles, ColmapModel, ColmapPoint, RawImage, lens, pose, unsupported_model};
+use super::models::{CAMERA_MODELS, MAX_PARAMETERS, lens_image, unknown_model};
+use super::{Collected, ColmapFiles, ColmapModel, ColmapPoint, RawImage, pose};
 use crate::IoError;
 
 /// Parses `cameras.bin`, `images.bin` and `points3D.bin`; `paths` are for error messages.
@@ -21,23 +22,23 @@ pub fn parse_binary(paths: &ColmapFiles<PathBuf>, bytes: &ColmapFiles<Vec<u8>>) 
 }
 
 /// Bytes yet to be read.
-struct Cursor<'a> {
+pub(super) struct Cursor<'a> {
     path: &'a Path,
     rest: &'a [u8],
     /// Place that is being read, for messages: `image 3 of 35`.
-    place: String,
+    pub(super) place: String,
 }
 
 impl<'a> Cursor<'a> {
-    fn new(path: &'a Path, bytes: &'a [u8]) -> Self {
+    pub(super) fn new(path: &'a Path, bytes: &'a [u8]) -> Self {
         Self { path, rest: bytes, place: "header".to_owned() }
     }
 
-    fn error(&self, message: impl std::fmt::Display) -> IoError {
+    pub(super) fn error(&self, message: impl std::fmt::Display) -> IoError {
         IoError::invalid(self.path, format!("{}: {message}", self.place))
     }
 
-    fn take<const N: usize>(&mut self) -> Result<[u8; N], IoError> {
+    pub(super) fn take<const N: usize>(&mut self) -> Result<[u8; N], IoError> {
         let Some((head, rest)) = self.rest.split_first_chunk::<N>() else {
             return Err(self.error(format!("the file ends, expected {N} more bytes, found {}: it is truncated", self.rest.len())));
         };
@@ -45,15 +46,19 @@ impl<'a> Cursor<'a> {
         Ok(*head)
     }
 
-    fn u32(&mut self) -> Result<u32, IoError> {
+    pub(super) fn i32(&mut self) -> Result<i32, IoError> {
+        self.take().map(i32::from_le_bytes)
+    }
+
+    pub(super) fn u32(&mut self) -> Result<u32, IoError> {
         self.take().map(u32::from_le_bytes)
     }
 
-    fn u64(&mut self) -> Result<u64, IoError> {
+    pub(super) fn u64(&mut self) -> Result<u64, IoError> {
         self.take().map(u64::from_le_bytes)
     }
 
-    fn f64s<const N: usize>(&mut self) -> Result<[f64; N], IoError> {
+    pub(super) fn f64s<const N: usize>(&mut self) -> Result<[f64; N], IoError> {
         let mut values = [0.0; N];
         for value in &mut values {
             *value = f64::from_le_bytes(self.take()?);
@@ -62,7 +67,7 @@ impl<'a> Cursor<'a> {
     }
 
     /// Returns a list's length, whose entries take at least `entry_bytes` each.
-    fn count(&mut self, what: &str, entry_bytes: usize) -> Result<usize, IoError> {
+    pub(super) fn count(&mut self, what: &str, entry_bytes: usize) -> Result<usize, IoError> {
         let count = self.u64()?;
         let room = self.rest.len() / entry_bytes;
         usize::try_from(count).ok().filter(|count| *count <= room).ok_or_else(|| {
@@ -83,7 +88,7 @@ impl<'a> Cursor<'a> {
         if name.is_empty() { Err(self.error("the name is empty")) } else { Ok(name) }
     }
 
-    fn end(&mut self, what: &str) -> Result<(), IoError> {
+    pub(super) fn end(&mut self, what: &str) -> Result<(), IoError> {
         self.place = format!("after the last {what}");
         match self.rest.len() {
             0 => Ok(()),
@@ -93,23 +98,22 @@ impl<'a> Cursor<'a> {
 }
 
 fn cameras(out: &mut Collected, cursor: &mut Cursor<'_>) -> Result<(), IoError> {
-    // id, model, width, height and at least 3 parameters.
-    let count = cursor.count("cameras", 4 + 4 + 8 + 8 + 3 * 8)?;
+    // id, model, width, height and at least 2 parameters.
+    let count = cursor.count("cameras", 4 + 4 + 8 + 8 + 2 * 8)?;
     for i in 0..count {
         cursor.place = format!("camera {} of {count}", i + 1);
         let id = cursor.u32()?;
         let model = cursor.u32()?;
         let size = [cursor.u64()?, cursor.u64()?];
-        let known = CAMERA_MODELS.get(model as usize);
-        let Some(&(name, Some(parameters))) = known else {
-            let name = known.map_or_else(|| format!("number {model}"), |(name, _)| (*name).to_owned());
-            return Err(unsupported_model(cursor.path, id, &name));
+        let Some(known) = CAMERA_MODELS.get(model as usize) else {
+            return Err(unknown_model(cursor.path, id, &format!("number {model}")));
         };
-        let mut params = [0.0; 8];
+        let parameters = known.parameters;
+        let mut params = [0.0; MAX_PARAMETERS];
         for value in params.iter_mut().take(parameters) {
             [*value] = cursor.f64s()?;
         }
-        out.cameras.push((id, lens(cursor.path, id, name, size, &params[..parameters])?));
+        out.cameras.push((id, lens_image(cursor.path, id, known, size, &params[..parameters])?.intrinsics()));
     }
     cursor.end("camera")
 }
@@ -162,6 +166,7 @@ fn points(out: &mut Collected, cursor: &mut Cursor<'_>) -> Result<(), IoError> {
 mod tests {
     use super::super::tests_support::{binary_model, paths};
     use super::*;
+    use luxel_core::{CameraProjection, Fisheye};
     use proptest::prelude::*;
 
     #[test]
@@ -195,13 +200,22 @@ mod tests {
 
     #[test]
     fn unknown_camera_models_are_named() {
-        for (number, name) in [(5u32, "OPENCV_FISHEYE"), (77, "number 77")] {
+        for (number, name) in [(18u32, "number 18"), (77, "number 77")] {
             let mut bytes = binary_model();
             bytes.cameras[12..16].copy_from_slice(&number.to_le_bytes());
             let error = parse_binary(&paths("bin"), &bytes).unwrap_err();
             assert_eq!(error.kind, crate::IoErrorKind::Unsupported);
             assert!(error.message.contains(name) && error.message.contains("image_undistorter"), "{error}");
         }
+    }
+
+    #[test]
+    fn a_fisheye_is_read_by_its_number() {
+        let mut bytes = binary_model();
+        bytes.cameras[12..16].copy_from_slice(&5u32.to_le_bytes());
+        let model = parse_binary(&paths("bin"), &bytes).unwrap();
+        let projection = CameraProjection::Fisheye(Fisheye::new([0.1, -0.02, 0.001, 0.002]));
+        assert_eq!((model.images[0].intrinsics.projection, model.images[0].intrinsics.foreign_lens), (projection, None));
     }
 
     proptest! {

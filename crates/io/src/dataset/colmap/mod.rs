@@ -2,24 +2,27 @@
 //! text.
 //!
 //! [`parse_binary`] and [`parse_text`] turn the three files' bytes into the same [`ColmapModel`].
-//! Lenses: SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV. Feature coordinates have pixel
-//! centres at +0.5, as here.
+//! Lenses: all of COLMAP 4.2's models (`models.rs`). Feature coordinates have pixel centres at
+//! +0.5, as here. Where the model has rigs and frames, poses are those of the frames (`rigs.rs`).
 
 mod binary;
+mod models;
+mod rigs;
 mod submodels;
 mod text;
 mod write;
 
 use std::path::{Path, PathBuf};
 
-use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3};
-use luxel_core::{Camera, CameraProjection, Distortion, MAX_SIDE_PX};
+use glam::{DAffine3, DMat3, DQuat, DVec3};
+use luxel_core::Camera;
 
-use super::intrinsics::{Focal, Intrinsics};
+use super::intrinsics::Intrinsics;
 use crate::read_file::read_file;
 use crate::{IoError, PlyPoint, read_points_ply};
 
 pub use binary::parse_binary;
+pub use rigs::{RigFiles, Rigs, parse_rigs_binary, parse_rigs_text};
 pub(super) use submodels::{FoundModel, find_model};
 pub use text::parse_text;
 pub use write::{MeasuredPoint, PosedImage, write_text};
@@ -31,6 +34,8 @@ pub struct ColmapModel {
     pub images: Vec<ColmapImage>,
     /// Sorted by point id.
     pub points: Vec<ColmapPoint>,
+    /// A line about rigs of several cameras, for people.
+    pub rigs: Option<String>,
     /// Warnings about entries that are left out or missing, for people.
     pub warnings: Vec<String>,
 }
@@ -56,6 +61,9 @@ impl ColmapImage {
     /// # Errors
     /// An explanation of what is wrong with them, without a place.
     pub fn camera(&self) -> Result<Camera, String> {
+        if let Some(lens) = self.intrinsics.foreign_lens {
+            return Err(format!("a lens of {} projection with coefficients that no camera has", lens.base.name()));
+        }
         self.intrinsics.camera(self.camera_from_world, self.intrinsics.size_px.unwrap_or([0, 0]))
     }
 }
@@ -111,6 +119,12 @@ pub(super) fn read_model(folder: &Path) -> Result<(ColmapModel, ColmapFiles<Path
     if without_points {
         add_points_ply(folder, &paths.points, &mut model)?;
     }
+    let rigs = RigFiles { rigs: file("rigs"), frames: file("frames") };
+    if rigs.rigs.is_file() && rigs.frames.is_file() {
+        let bytes = RigFiles { rigs: read_file(&rigs.rigs)?, frames: read_file(&rigs.frames)? };
+        let found = if binary { parse_rigs_binary(&rigs, &bytes) } else { parse_rigs_text(&rigs, &bytes) }?;
+        found.apply(&rigs, &mut model)?;
+    }
     Ok((model, paths))
 }
 
@@ -129,57 +143,6 @@ fn add_points_ply(folder: &Path, missing: &Path, model: &mut ColmapModel) -> Res
         |point: PlyPoint| ColmapPoint { position: DVec3::from(point.0), rgb8: point.1.unwrap_or([u8::MAX / 2; 3]), track: Vec::new() };
     model.points = cloud.points.into_iter().map(point).collect();
     Ok(())
-}
-
-/// Names of COLMAP's camera models in the order of their numbers, and how many parameters the
-/// supported ones have.
-const CAMERA_MODELS: [(&str, Option<usize>); 14] = [
-    ("SIMPLE_PINHOLE", Some(3)),
-    ("PINHOLE", Some(4)),
-    ("SIMPLE_RADIAL", Some(4)),
-    ("RADIAL", Some(5)),
-    ("OPENCV", Some(8)),
-    ("OPENCV_FISHEYE", None),
-    ("FULL_OPENCV", None),
-    ("FOV", None),
-    ("SIMPLE_RADIAL_FISHEYE", None),
-    ("RADIAL_FISHEYE", None),
-    ("THIN_PRISM_FISHEYE", None),
-    ("RAD_TAN_THIN_PRISM_FISHEYE", None),
-    ("SIMPLE_DIVISION", None),
-    ("DIVISION", None),
-];
-
-fn unsupported_model(path: &Path, camera: u32, model: &str) -> IoError {
-    let known: Vec<&str> = CAMERA_MODELS.iter().filter(|(_, count)| count.is_some()).map(|(name, _)| *name).collect();
-    IoError::unsupported(
-        path,
-        format!("camera {camera}: camera model {model}, expected one of {}; run `colmap image_undistorter` first", known.join(", ")),
-    )
-}
-
-/// Returns the lens from its model's parameters, whose number the caller has checked.
-fn lens(path: &Path, camera: u32, model: &str, size: [u64; 2], params: &[f64]) -> Result<Intrinsics, IoError> {
-    let side = |v: u64| u32::try_from(v).ok().filter(|v| (1..=MAX_SIDE_PX).contains(v));
-    let (Some(w), Some(h)) = (side(size[0]), side(size[1])) else {
-        let [w, h] = size;
-        return Err(IoError::invalid(path, format!("camera {camera}: image size {w} x {h}, expected 1 to {MAX_SIDE_PX} pixels per side")));
-    };
-    let (focal, center, [k1, k2, p1, p2]) = match (model, params) {
-        ("SIMPLE_PINHOLE", &[f, cx, cy]) => ([f, f], [cx, cy], [0.0; 4]),
-        ("PINHOLE", &[fx, fy, cx, cy]) => ([fx, fy], [cx, cy], [0.0; 4]),
-        ("SIMPLE_RADIAL", &[f, cx, cy, k1]) => ([f, f], [cx, cy], [k1, 0.0, 0.0, 0.0]),
-        ("RADIAL", &[f, cx, cy, k1, k2]) => ([f, f], [cx, cy], [k1, k2, 0.0, 0.0]),
-        ("OPENCV", &[fx, fy, cx, cy, k1, k2, p1, p2]) => ([fx, fy], [cx, cy], [k1, k2, p1, p2]),
-        _ => return Err(unsupported_model(path, camera, model)),
-    };
-    Ok(Intrinsics {
-        size_px: Some([w, h]),
-        focal: Focal::Pixels(DVec2::from(focal)),
-        center_px: center.map(Some),
-        distortion: Distortion { k1, k2, p1, p2 },
-        projection: CameraProjection::Pinhole,
-    })
 }
 
 /// Returns the pose from COLMAP's quaternion (w x y z, camera from world) and translation. Errors
@@ -264,7 +227,7 @@ impl Collected {
         let line =
             |(count, what): &(usize, &str)| format!("{place}: {count} entries of tracks name {what} and are left out; the points stay");
         let warnings = left_out.iter().filter(|(count, _)| *count > 0).map(line).collect();
-        Ok(ColmapModel { images, points, warnings })
+        Ok(ColmapModel { images, points, rigs: None, warnings })
     }
 }
 

@@ -7,7 +7,8 @@ use std::str::{FromStr, SplitAsciiWhitespace};
 
 use glam::DVec3;
 
-use super::{CAMERA_MODELS, Collected, ColmapFiles, ColmapModel, ColmapPoint, RawImage, lens, pose, unsupported_model};
+use super::models::{CameraModel, MAX_PARAMETERS, lens_image, unknown_model};
+use super::{Collected, ColmapFiles, ColmapModel, ColmapPoint, RawImage, pose};
 use crate::IoError;
 use crate::byte_order_mark::without_mark;
 
@@ -24,13 +25,13 @@ pub fn parse_text(paths: &ColmapFiles<PathBuf>, bytes: &ColmapFiles<Vec<u8>>) ->
 }
 
 /// The lines of a file, counted from 1.
-struct Lines<'a> {
+pub(super) struct Lines<'a> {
     path: &'a Path,
     lines: Peekable<Enumerate<std::str::Lines<'a>>>,
 }
 
 impl<'a> Lines<'a> {
-    fn new(path: &'a Path, bytes: &'a [u8]) -> Result<Self, IoError> {
+    pub(super) fn new(path: &'a Path, bytes: &'a [u8]) -> Result<Self, IoError> {
         let text = std::str::from_utf8(bytes)
             .map_err(|e| IoError::invalid(path, format!("byte {}: not UTF-8 text, expected COLMAP's text format", e.valid_up_to())))?;
         Ok(Self { path, lines: without_mark(text).lines().enumerate().peekable() })
@@ -48,7 +49,7 @@ impl<'a> Lines<'a> {
     }
 
     /// Returns the next line that is neither empty nor a comment.
-    fn next_entry(&mut self) -> Option<Fields<'a>> {
+    pub(super) fn next_entry(&mut self) -> Option<Fields<'a>> {
         loop {
             let (index, line) = self.lines.next()?;
             let trimmed = line.trim_ascii();
@@ -60,7 +61,7 @@ impl<'a> Lines<'a> {
 }
 
 /// The words of a line yet to be read.
-struct Fields<'a> {
+pub(super) struct Fields<'a> {
     path: &'a Path,
     line: usize,
     words: SplitAsciiWhitespace<'a>,
@@ -68,17 +69,17 @@ struct Fields<'a> {
 }
 
 impl Fields<'_> {
-    fn error(&self, message: impl std::fmt::Display) -> IoError {
+    pub(super) fn error(&self, message: impl std::fmt::Display) -> IoError {
         IoError::invalid(self.path, format!("line {}: {message}", self.line))
     }
 
-    fn value<T: FromStr>(&mut self, what: &str) -> Result<T, IoError> {
+    pub(super) fn value<T: FromStr>(&mut self, what: &str) -> Result<T, IoError> {
         let word =
             self.words.next().ok_or_else(|| self.error(format!("the line ends, expected {what}: the file is truncated or damaged")))?;
         word.parse().map_err(|_| self.error(format!("{word:?}, expected {what}")))
     }
 
-    fn values<const N: usize>(&mut self, what: &str) -> Result<[f64; N], IoError> {
+    pub(super) fn values<const N: usize>(&mut self, what: &str) -> Result<[f64; N], IoError> {
         let mut values = [0.0; N];
         for value in &mut values {
             *value = self.value(what)?;
@@ -96,17 +97,18 @@ fn cameras(out: &mut Collected, mut lines: Lines<'_>) -> Result<(), IoError> {
         let id = fields.value("a camera number")?;
         let model: String = fields.value("a camera model")?;
         let size = [fields.value("a width in pixels")?, fields.value("a height in pixels")?];
-        let Some(&(_, Some(parameters))) = CAMERA_MODELS.iter().find(|(name, _)| *name == model) else {
-            return Err(unsupported_model(fields.path, id, &model));
+        let Some(known) = CameraModel::named(&model) else {
+            return Err(unknown_model(fields.path, id, &model));
         };
-        let mut params = [0.0; 8];
+        let parameters = known.parameters;
+        let mut params = [0.0; MAX_PARAMETERS];
         for value in params.iter_mut().take(parameters) {
             *value = fields.value("a lens parameter")?;
         }
         if !fields.is_at_end() {
             return Err(fields.error(format!("more than the {parameters} parameters of {model}")));
         }
-        out.cameras.push((id, lens(fields.path, id, &model, size, &params[..parameters])?));
+        out.cameras.push((id, lens_image(fields.path, id, known, size, &params[..parameters])?.intrinsics()));
     }
     Ok(())
 }
