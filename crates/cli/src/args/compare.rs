@@ -46,7 +46,8 @@ pub(crate) struct CompareArgs {
     /// like the references. Images without a mask are compared whole and reported.
     #[arg(long, value_name = "PATH", help_heading = "Images")]
     pub(crate) mask: Option<PathBuf>,
-    /// Transfer function of integer images that do not state theirs.
+    /// Transfer function of integer images that do not state theirs, or the curve and primaries of
+    /// a camera's plates, whatever their files state, floating-point ones too.
     #[arg(long, value_enum, value_name = "CURVE", help_heading = "Images")]
     pub(crate) transfer: Option<TransferArg>,
     /// Primaries of images that do not state theirs [default: linear-rec709].

@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 use luxel::prepare::{CameraModel, Matching, OcioChoice, PrepareOptions, ResponseChoice, StructureFromMotion, WhiteBalance};
 
 use super::ConsoleArgs;
-use crate::args::values::{ColorSpaceArg, SpaceArg, parse_downscale};
+use crate::args::values::{ColorSpaceArg, SpaceArg, TransferArg, parse_downscale};
 
 /// `luxel prepare`.
 #[derive(Debug, Args)]
@@ -15,7 +15,7 @@ use crate::args::values::{ColorSpaceArg, SpaceArg, parse_downscale};
     after_help = "You can stop it at any time; the same command continues. The guide explains each step: docs/src/guide/brackets-and-raw.md."
 )]
 pub(crate) struct PrepareArgs {
-    /// Folder of photographs: DNG, JPEG, PNG, TIFF, or OpenEXR and Radiance HDR.
+    /// Folder of photographs: DNG, JPEG, PNG, TIFF, DPX, or OpenEXR and Radiance HDR.
     #[arg(value_name = "PHOTOS")]
     pub(crate) photos: PathBuf,
     /// Folder for the data set.
@@ -49,6 +49,10 @@ pub(crate) struct PrepareArgs {
     /// Colour space of these files in the configuration; overrides what the files state.
     #[arg(long, value_name = "NAME", requires = "ocio", help_heading = "Colour")]
     pub(crate) ocio_space: Option<String>,
+    /// Takes all files as light with this curve, those of plates with its primaries, whatever
+    /// their files state.
+    #[arg(long, value_enum, value_name = "CURVE", conflicts_with_all = ["ocio", "response"], help_heading = "Colour")]
+    pub(crate) transfer: Option<TransferArg>,
     /// Part, layer or view to read of OpenEXR files that have several, names separated by /
     /// [default: the beauty pass of the first view].
     #[arg(long, value_name = "NAMES", help_heading = "Images")]
@@ -249,6 +253,7 @@ impl PrepareArgs {
             color_space: self.output_color_space.into(),
             input_space: self.input_color_space.into(),
             ocio,
+            transfer: self.transfer.map(Into::into),
             layer: self.layer.clone(),
             downscale: self.downscale,
             structure_from_motion: self.sfm.into(),

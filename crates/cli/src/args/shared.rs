@@ -18,7 +18,8 @@ pub(crate) struct LoadArgs {
     /// Layout of the data set [default: recognised].
     #[arg(long, value_enum, value_name = "FORMAT", help_heading = "Data set")]
     pub(crate) format: Option<FormatArg>,
-    /// Transfer function of integer images that do not state theirs.
+    /// Transfer function of integer images that do not state theirs, or the curve and primaries of
+    /// a camera's plates, whatever their files state, floating-point ones too.
     #[arg(long, value_enum, value_name = "CURVE", help_heading = "Data set")]
     pub(crate) transfer: Option<TransferArg>,
     /// Primaries of images that do not state theirs [default: linear-rec709].

@@ -17,8 +17,10 @@ const LOOKED_FOR: &str = "transforms.json, transforms_train.json, a COLMAP model
 
 /// Extensions of photographs and other pictures, of which poses can be found; cameras' own RAW
 /// formats too.
-const PICTURES: [&str; 18] =
-    ["exr", "hdr", "jpg", "jpeg", "png", "tif", "tiff", "dng", "heic", "heif", "webp", "cr2", "cr3", "nef", "arw", "raf", "orf", "rw2"];
+const PICTURES: [&str; 19] = [
+    "exr", "hdr", "jpg", "jpeg", "png", "tif", "tiff", "dng", "heic", "heif", "webp", "cr2", "cr3", "nef", "arw", "raf", "orf", "rw2",
+    "dpx",
+];
 
 /// Entries of a folder that an error lists.
 const MAX_LISTED: usize = 12;

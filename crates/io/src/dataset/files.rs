@@ -16,7 +16,7 @@ use crate::image::holds_radiance;
 
 /// Image extensions in the order they are tried where a name comes without one: radiance before
 /// display values.
-pub(super) const IMAGE_EXTENSIONS: [&str; 7] = ["exr", "hdr", "tif", "tiff", "png", "jpg", "jpeg"];
+pub(super) const IMAGE_EXTENSIONS: [&str; 8] = ["exr", "hdr", "tif", "tiff", "png", "jpg", "jpeg", "dpx"];
 
 /// Extensions of formats that hold radiance, always or among other things, in the order they are
 /// tried.

@@ -1,18 +1,19 @@
 //! Image files: bytes in, linear f32 radiance [H,W,3] out, and back.
 //!
-//! In: OpenEXR, Radiance HDR, TIFF, PNG, JPEG, NumPy arrays, recognised by their first bytes. Out:
+//! In: OpenEXR, Radiance HDR, TIFF, PNG, JPEG, DPX, NumPy arrays, recognised by their first bytes. Out:
 //! [`DecodedImage`], scene-linear, unclamped; NaN, infinite and negative samples stay as they are
 //! (the data set masks them). Rows and columns are as stored: orientation tags are not applied,
 //! since structure from motion does not apply them either.
 //!
 //! Integer samples need a transfer curve: given by [`ReadOptions`], the file, or the format's
 //! standard (JPEG), never guessed. Floating-point samples are linear by definition of their
-//! formats.
+//! formats, unless the caller says that they are a camera's plate.
 //!
 //! A damaged file is an error, also where a decoder would panic or where its header claims more
 //! pixels than a file of its length can hold.
 
 pub(crate) mod colorimetry;
+mod dpx;
 mod exr_attributes;
 mod exr_blocks;
 mod exr_header;
@@ -21,6 +22,7 @@ pub(crate) mod guard;
 mod jpeg;
 pub(crate) mod npy;
 pub(crate) mod openexr;
+mod plate;
 mod png;
 mod png_pq;
 mod radiance;
@@ -28,15 +30,13 @@ mod resample;
 mod samples;
 mod straighten;
 mod tiff;
+mod transfer;
 mod write;
 
-use std::fmt;
 use std::io::{Read, Seek};
 use std::path::Path;
-use std::str::FromStr;
 
 use luxel_core::{Chromaticities, ColorSpace, Image};
-use serde::{Deserialize, Serialize};
 
 use crate::IoError;
 use crate::read_file::{open_regular, read_file};
@@ -45,6 +45,7 @@ pub use exr_attributes::{ExrAttributes, read_exr_attributes};
 pub use png_pq::{LightLevels, encode_png_pq};
 pub use resample::{downscale, downscale_masked, pinhole_within, undistort, undistort_into};
 pub(crate) use straighten::{lost_field, straighten};
+pub use transfer::Transfer;
 pub use write::{ExrOptions, ExrSample, HALF_MAX, encode_exr, encode_jpeg, encode_png, write_exr, write_png};
 
 /// An image as read.
@@ -115,42 +116,12 @@ pub enum SampleDepth {
     Integer8,
 }
 
-/// Curve between integer samples and light.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Transfer {
-    /// Samples are proportional to light.
-    Linear,
-    /// IEC 61966-2-1, the piecewise curve.
-    Srgb,
-}
-
-impl FromStr for Transfer {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, Self::Err> {
-        match text {
-            "linear" => Ok(Self::Linear),
-            "srgb" => Ok(Self::Srgb),
-            _ => Err(format!("unknown transfer \"{text}\", expected linear or srgb")),
-        }
-    }
-}
-
-impl fmt::Display for Transfer {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Linear => "linear",
-            Self::Srgb => "srgb",
-        })
-    }
-}
-
 /// Options for properties that a file does not state.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ReadOptions {
     /// Curve of integer samples; takes precedence over the file's. Floating-point samples are
-    /// linear and not touched by it.
+    /// linear and not touched by it, unless it is the curve of a plate
+    /// ([`Transfer::plate_primaries`]).
     pub transfer: Option<Transfer>,
     /// Names of the part, layer or view to read of an OpenEXR file that has several, separated by
     /// slashes (`ViewLayer.Combined`, `rgba/left`); `None`: the beauty pass of the hero view.
@@ -166,11 +137,12 @@ enum Format {
     Png,
     Jpeg,
     Npy,
+    Dpx,
 }
 
 impl Format {
     fn detect(name: &Path, head: &[u8]) -> Result<Self, IoError> {
-        const MAGIC: [(&[u8], Format); 10] = [
+        const MAGIC: [(&[u8], Format); 12] = [
             (&[0x76, 0x2f, 0x31, 0x01], Format::OpenExr),
             (b"#?RADIANCE", Format::Radiance),
             (b"#?RGBE", Format::Radiance),
@@ -181,6 +153,8 @@ impl Format {
             (png::SIGNATURE, Format::Png),
             (&[0xff, 0xd8, 0xff], Format::Jpeg),
             (npy::SIGNATURE, Format::Npy),
+            (dpx::SIGNATURES[0], Format::Dpx),
+            (dpx::SIGNATURES[1], Format::Dpx),
         ];
         if head.is_empty() {
             return Err(IoError::invalid(name, "the file is empty, expected an image; copy or export it again"));
@@ -190,7 +164,7 @@ impl Format {
             IoError::unsupported(
                 name,
                 format!(
-                    "not an image of a known format: begins with bytes {}, expected OpenEXR, Radiance HDR, TIFF, PNG, JPEG or NumPy's .npy",
+                    "not an image of a known format: begins with bytes {}, expected OpenEXR, Radiance HDR, TIFF, PNG, JPEG, DPX or NumPy's .npy",
                     found.join(" ")
                 ),
             )
@@ -222,6 +196,11 @@ fn read_known(path: &Path) -> Result<Vec<u8>, IoError> {
 /// The same as [`read_image`].
 pub fn decode_image(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<DecodedImage, IoError> {
     let format = Format::detect(name, bytes)?;
+    if let Some(transfer) = options.transfer
+        && let Some(primaries) = transfer.plate_primaries()
+    {
+        return guard::contain(name, || plate::decode(name, bytes, format, options, transfer, &primaries));
+    }
     guard::contain(name, || match format {
         Format::OpenExr => openexr::decode(name, bytes, options),
         Format::Radiance => radiance::decode(name, bytes),
@@ -229,6 +208,7 @@ pub fn decode_image(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<
         Format::Png => png::decode(name, bytes, options),
         Format::Jpeg => jpeg::decode(name, bytes, options),
         Format::Npy => npy::decode(name, bytes),
+        Format::Dpx => dpx::decode(name, bytes, options),
     })
 }
 
@@ -275,6 +255,7 @@ pub fn image_size(path: &Path) -> Result<[u32; 2], IoError> {
     let size = guard::contain(path, || match format {
         Format::Png => png::size(path, &head),
         Format::Jpeg => jpeg::size(path, &read_file(path)?),
+        Format::Dpx => dpx::size(path, &head),
         _ => stream_size(path, format, open_regular(path)?.0),
     })?;
     guard::check_size(path, size.map(u64::from), length)?;
@@ -287,6 +268,7 @@ pub(crate) fn image_size_of(name: &Path, bytes: &[u8]) -> Result<[u32; 2], IoErr
     let size = match format {
         Format::Png => png::size(name, bytes)?,
         Format::Jpeg => jpeg::size(name, bytes)?,
+        Format::Dpx => dpx::size(name, bytes)?,
         _ => stream_size(name, format, std::io::Cursor::new(bytes))?,
     };
     guard::check_size(name, size.map(u64::from), bytes.len() as u64)?;
@@ -304,6 +286,7 @@ pub(crate) fn holds_radiance(path: &Path) -> bool {
     match Format::detect(path, &head) {
         Ok(Format::OpenExr | Format::Radiance | Format::Npy) => true,
         Ok(Format::Tiff) => file.rewind().is_ok() && guard::contain(path, || Ok(tiff::is_float(file))).unwrap_or(false),
+        Ok(Format::Dpx) => dpx::is_float(&head),
         Ok(Format::Png | Format::Jpeg) | Err(_) => false,
     }
 }
@@ -314,7 +297,7 @@ fn stream_size(name: &Path, format: Format, file: impl Read + Seek) -> Result<[u
         Format::Radiance => radiance::size(name, file),
         Format::Tiff => tiff::size(name, file),
         Format::Npy => npy::size(name, file),
-        Format::Png | Format::Jpeg => Err(IoError::unsupported(name, "its size is not read from a stream")),
+        Format::Png | Format::Jpeg | Format::Dpx => Err(IoError::unsupported(name, "its size is not read from a stream")),
     }
 }
 

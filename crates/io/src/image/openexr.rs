@@ -35,9 +35,19 @@ const SQUARE_TOLERANCE: f32 = 1e-3;
 
 /// Decodes a whole file.
 pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<DecodedImage, IoError> {
+    let mut decoded = decode_stored(name, bytes, options)?;
+    if let Some(found) = &decoded.chromaticities {
+        let space = settle_space(&mut decoded.image, found, &mut decoded.warnings);
+        decoded.color_space = Some(space.map_err(|e| IoError::invalid(name, format!("OpenEXR: {e}")))?);
+    }
+    Ok(decoded)
+}
+
+/// Decodes the samples as they are stored, in the file's primaries.
+pub(super) fn decode_stored(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result<DecodedImage, IoError> {
     let pick = |headers: &[Header]| find_picture(name, headers, options.layer.as_deref());
     let (canvas, attributes, warnings) = draw(name, bytes, pick)?;
-    canvas.finish(name, &attributes, warnings)
+    Ok(canvas.finish(&attributes, warnings))
 }
 
 /// Decodes the channel of depth: width and height, and its values by row.
@@ -218,19 +228,13 @@ impl Canvas {
         }
     }
 
-    fn finish(self, name: &Path, attributes: &ImageAttributes, mut warnings: Vec<String>) -> Result<DecodedImage, IoError> {
-        let Self { mut image, alpha, .. } = self;
+    fn finish(self, attributes: &ImageAttributes, mut warnings: Vec<String>) -> DecodedImage {
+        let Self { image, alpha, .. } = self;
         let aspect = attributes.pixel_aspect;
         if (aspect - 1.0).abs() > SQUARE_TOLERANCE {
             warnings.push(format!("the pixel aspect ratio is {aspect}: pixels are read as square, as cameras of data sets take them"));
         }
         let chromaticities = attributes.chromaticities.map(|c| [c.red, c.green, c.blue, c.white].map(|Vec2(x, y)| [x, y]));
-        let color_space = match &chromaticities {
-            Some(found) => {
-                Some(settle_space(&mut image, found, &mut warnings).map_err(|e| IoError::invalid(name, format!("OpenEXR: {e}")))?)
-            }
-            None => None,
-        };
-        Ok(DecodedImage { image, alpha, is_premultiplied: true, color_space, chromaticities, depth: SampleDepth::Float, warnings })
+        DecodedImage { image, alpha, is_premultiplied: true, color_space: None, chromaticities, depth: SampleDepth::Float, warnings }
     }
 }

@@ -21,10 +21,7 @@ impl Curve {
     /// Returns the light of a sample in 0..=1.
     pub(super) fn decode(self, sample: f64) -> f32 {
         let light = match self {
-            Self::Named(Transfer::Linear) => sample,
-            // IEC 61966-2-1.
-            Self::Named(Transfer::Srgb) if sample <= 0.04045 => sample / 12.92,
-            Self::Named(Transfer::Srgb) => ((sample + 0.055) / 1.055).powf(2.4),
+            Self::Named(transfer) => transfer.light(sample),
             Self::Power(exponent) => sample.powf(exponent),
         };
         light as f32

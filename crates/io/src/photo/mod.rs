@@ -54,7 +54,8 @@ const MAKERS_RAW: [&str; 22] = [
 /// Returns whether a file of this name counts as a photograph.
 pub fn is_photo_name(path: &Path) -> bool {
     let ending = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_lowercase();
-    ["dng", "jpg", "jpeg", "png", "tif", "tiff", "exr", "hdr", "pic"].contains(&ending.as_str()) || MAKERS_RAW.contains(&ending.as_str())
+    ["dng", "jpg", "jpeg", "png", "tif", "tiff", "exr", "hdr", "pic", "dpx"].contains(&ending.as_str())
+        || MAKERS_RAW.contains(&ending.as_str())
 }
 
 fn refuse_makers_raw(name: &Path) -> Result<(), IoError> {

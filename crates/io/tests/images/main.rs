@@ -5,6 +5,7 @@
 
 mod exr_files;
 mod hdr_files;
+mod plates;
 mod png_files;
 mod tiff_files;
 

@@ -11,7 +11,7 @@ use crate::error::{Context, bail};
 use crate::{Result, text};
 
 /// Extensions of image files.
-const EXTENSIONS: [&str; 9] = ["exr", "hdr", "pic", "tif", "tiff", "png", "jpg", "jpeg", "npy"];
+const EXTENSIONS: [&str; 10] = ["exr", "hdr", "pic", "tif", "tiff", "png", "jpg", "jpeg", "npy", "dpx"];
 
 /// Two images.
 pub(super) struct Pair {

@@ -15,8 +15,8 @@ use luxel_capture::prepare::{
 use luxel_capture::{CapturedFrame, Developed, ProxyOptions, capture_metrics, frame_offset, merge, proxy};
 use luxel_core::{ColorSpace, Conversion, Image};
 use luxel_io::{
-    DecodedImage, IoError, IoErrorKind, OcioSpace, Photo, PhotoKind, decode_photo, decode_photo_layer, downscale, encode_jpeg, encode_png,
-    write_exr,
+    DecodedImage, IoError, IoErrorKind, OcioSpace, Photo, PhotoKind, ReadOptions, Transfer, decode_image, decode_photo, decode_photo_layer,
+    downscale, encode_jpeg, encode_png, write_exr,
 };
 use rayon::prelude::*;
 
@@ -42,6 +42,8 @@ pub(super) struct Developer<'a> {
     pub(super) input_space: ColorSpace,
     /// Space of radiance files, whatever they state.
     pub(super) ocio: Option<&'a OcioSpace>,
+    /// Curve of plates.
+    pub(super) transfer: Option<Transfer>,
     /// Layer of OpenEXR files.
     pub(super) layer: Option<&'a str>,
     pub(super) downscale: u32,
@@ -152,8 +154,15 @@ impl Developer<'_> {
     fn radiance(&self, photos: &[&Photograph], notes: &mut Vec<String>) -> Result<Light> {
         let [photo] = photos else { bail!("{} radiance files in one view, expected one", photos.len()) };
         let bytes = read(&photo.path)?;
-        let Photo::Radiance(mut decoded) = decode_photo_layer(&photo.path, &bytes, self.layer)? else {
-            bail!("{}: changed while it was read", photo.path.display());
+        let mut decoded = match self.transfer {
+            Some(transfer) => {
+                let options = ReadOptions { transfer: Some(transfer), layer: self.layer.map(str::to_owned) };
+                decode_image(&photo.path, &bytes, &options)?
+            }
+            None => match decode_photo_layer(&photo.path, &bytes, self.layer)? {
+                Photo::Radiance(decoded) => decoded,
+                Photo::Raw(_) | Photo::Developed { .. } => bail!("{}: changed while it was read", photo.path.display()),
+            },
         };
         decoded.composite_over_black();
         let DecodedImage { mut image, color_space, warnings, .. } = decoded;

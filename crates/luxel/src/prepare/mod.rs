@@ -75,7 +75,7 @@ pub fn prepare(options: &PrepareOptions, observer: &dyn Observer) -> Result<Prep
     let colmap = find_colmap(options)?;
     let folders = Folders::new(&options.output);
     folders.check(&options.photos)?;
-    let mut scan = scan::scan(&options.photos)?;
+    let mut scan = scan::scan(&options.photos, options.transfer)?;
     check_options(&options.plan(), &scan.photos)?;
     let _lock = RunFolder::at(&folders.output).lock()?;
     let mut state = begin(options, &folders)?;
@@ -97,6 +97,7 @@ pub fn prepare(options: &PrepareOptions, observer: &dyn Observer) -> Result<Prep
         space: options.color_space,
         input_space: options.input_space,
         ocio: ocio.as_ref(),
+        transfer: options.transfer,
         layer: options.layer.as_deref(),
         downscale: options.downscale,
         settings_key: settings_key(options, &plan, curve.as_ref(), ocio.as_ref()),
@@ -196,7 +197,8 @@ fn ocio_space(options: &PrepareOptions, kind: PhotoKind) -> Result<Option<OcioSp
 /// Returns the digest of all that pixels depend on besides their files.
 fn settings_key(options: &PrepareOptions, plan: &Plan, curve: Option<&SetCurve>, ocio: Option<&OcioSpace>) -> String {
     let colors: Vec<String> = plan.cameras.iter().map(|c| format!("{:?}", c.color)).collect();
-    let given = format!("{:?} {:?} {}", options.color_space, options.input_space, options.downscale);
+    let plates = options.transfer.map(|transfer| format!(" {transfer}")).unwrap_or_default();
+    let given = format!("{:?} {:?} {}{plates}", options.color_space, options.input_space, options.downscale);
     let tables = curve.map(|curve| format!("{:?}", curve.tables)).unwrap_or_default();
     let ocio = ocio.map_or("", OcioSpace::digest);
     let own = [PIXELS_VERSION, &given, &tables, ocio, &plan.is_absolute.to_string()];

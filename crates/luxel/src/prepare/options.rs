@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use luxel_capture::BracketRule;
 use luxel_capture::prepare::{PlanOptions, PrepareNote, ResponseChoice, WhiteBalance};
 use luxel_core::ColorSpace;
+use luxel_io::Transfer;
 
 /// Options of [`prepare`](super::prepare).
 ///
@@ -37,6 +38,9 @@ pub struct PrepareOptions {
     pub input_space: ColorSpace,
     /// The space of radiance files by an OpenColorIO configuration.
     pub ocio: Option<OcioChoice>,
+    /// The curve of all files, which are light then; that of plates has primaries, too
+    /// ([`Transfer::plate_primaries`]).
+    pub transfer: Option<Transfer>,
     /// Part, layer or view of OpenEXR files that have several: [`luxel_io::ReadOptions::layer`].
     pub layer: Option<String>,
     /// Factor by which each side of the images is reduced: 1, 2, 4 or 8.
@@ -68,6 +72,7 @@ impl PrepareOptions {
             color_space: ColorSpace::LinearRec709,
             input_space: ColorSpace::LinearRec709,
             ocio: None,
+            transfer: None,
             layer: None,
             downscale: 1,
             structure_from_motion: StructureFromMotion::Auto,

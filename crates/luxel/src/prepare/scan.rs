@@ -11,7 +11,8 @@ use crate::text::{self, plural};
 use crate::{Error, Result};
 use luxel_capture::Exposure;
 use luxel_capture::prepare::{LeftOut, Photograph, PrepareError, Selection, select};
-use luxel_io::{is_photo_name, photo_info};
+use luxel_core::photo::PhotoKind;
+use luxel_io::{Transfer, is_photo_name, photo_info};
 use rayon::prelude::*;
 
 fn file_name(path: &Path) -> String {
@@ -50,14 +51,14 @@ fn list(folder: &Path) -> Result<(Vec<PathBuf>, Option<PathBuf>)> {
     Ok((paths, folders.into_iter().find(has_some)))
 }
 
-/// Reads the headers of all photographs of `folder`.
-pub(super) fn scan(folder: &Path) -> Result<Selection> {
+/// Reads the headers of all photographs of `folder`, which are light if `transfer` is their curve.
+pub(super) fn scan(folder: &Path, transfer: Option<Transfer>) -> Result<Selection> {
     let (paths, below) = list(folder)?;
     if paths.is_empty() {
         let remedy = below.map(|below| format!("; there are some in {}: give that folder", below.display())).unwrap_or_default();
-        bail!("{}: no photographs in it, expected DNG, JPEG, PNG, TIFF, OpenEXR or Radiance HDR files{remedy}", folder.display());
+        bail!("{}: no photographs in it, expected DNG, JPEG, PNG, TIFF, DPX, OpenEXR or Radiance HDR files{remedy}", folder.display());
     }
-    let read: Vec<Result<Photograph, LeftOut>> = paths.par_iter().map(|path| read_headers(path)).collect();
+    let read: Vec<Result<Photograph, LeftOut>> = paths.par_iter().map(|path| read_headers(path, transfer)).collect();
     let mut scan = Selection::default();
     scan.left_out.extend(below.map(|below| LeftOut {
         file: format!("{}/", file_name(&below)),
@@ -88,7 +89,7 @@ fn in_folder(folder: &Path, error: PrepareError) -> Error {
 }
 
 /// Reads a photograph's headers, or says why it is left out.
-fn read_headers(path: &Path) -> Result<Photograph, LeftOut> {
+fn read_headers(path: &Path, transfer: Option<Transfer>) -> Result<Photograph, LeftOut> {
     let name = Path::new(path.file_name().unwrap_or(path.as_os_str()));
     let left_out = |reason: String| LeftOut { file: text::one_line(&file_name(path)).into_owned(), reason };
     if !path.is_file() {
@@ -102,7 +103,14 @@ fn read_headers(path: &Path) -> Result<Photograph, LeftOut> {
         return Err(left_out("not a supported kind of picture; export it as JPEG, PNG or TIFF, or RAW as DNG".to_owned()));
     }
     let bytes = luxel_io::read_file(path).map_err(|e| left_out(e.message))?;
-    let info = photo_info(name, &bytes).map_err(|e| left_out(e.message))?;
+    let mut info = photo_info(name, &bytes).map_err(|e| left_out(e.message))?;
+    if transfer.is_some() {
+        if info.kind == PhotoKind::Raw {
+            return Err(left_out("a RAW file among files with a curve; prepare it apart, without --transfer".to_owned()));
+        }
+        // The curve says what the samples are.
+        (info.kind, info.profile, info.primaries) = (PhotoKind::Radiance, None, None);
+    }
     let exif = &info.exif;
     let exposure = exif.seconds.map(|seconds| Exposure { seconds, iso: exif.iso, f_number: exif.f_number }).filter(Exposure::is_valid);
     let stem = path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();

@@ -1,0 +1,67 @@
+//! Plates of cameras and of video: samples through the curve that the caller names, whatever the
+//! file states about curve and primaries, also where they are floating-point.
+//!
+//! In: a file and a [`Transfer`] with primaries of its own. Out: light, in the space of these
+//! primaries where it has a name, else in ACEScg. Channels below black, of noise or of colours
+//! outside of the space, become 0: the nearest radiance there is.
+
+use std::path::Path;
+
+use luxel_core::{Chromaticities, ColorSpace, Conversion};
+use rayon::prelude::*;
+
+use super::{DecodedImage, Format, ReadOptions, SampleDepth, Transfer};
+use super::{dpx, jpeg, npy, openexr, png, tiff};
+use crate::IoError;
+
+/// Decodes a plate with the curve `transfer`, whose primaries are `primaries`.
+pub(super) fn decode(
+    name: &Path,
+    bytes: &[u8],
+    format: Format,
+    options: &ReadOptions,
+    transfer: Transfer,
+    primaries: &Chromaticities,
+) -> Result<DecodedImage, IoError> {
+    let codes = ReadOptions { transfer: Some(Transfer::Linear), ..options.clone() };
+    let mut decoded = match format {
+        Format::OpenExr => openexr::decode_stored(name, bytes, options)?,
+        Format::Png => png::decode_codes(name, bytes)?,
+        Format::Tiff => tiff::decode_codes(name, bytes)?,
+        Format::Jpeg => jpeg::decode(name, bytes, &codes)?,
+        Format::Npy => npy::decode(name, bytes)?,
+        Format::Dpx => dpx::decode(name, bytes, &codes)?,
+        Format::Radiance => {
+            let message = format!("Radiance HDR files hold light, expected samples with the curve {transfer}; leave the curve out");
+            return Err(IoError::unsupported(name, message));
+        }
+    };
+    if decoded.is_premultiplied && decoded.alpha.as_ref().is_some_and(|alpha| alpha.iter().any(|a| *a < 1.0)) {
+        let message = format!("colours multiplied by an opacity, which the curve {transfer} cannot be taken of; export it without");
+        return Err(IoError::unsupported(name, message));
+    }
+    if decoded.depth == SampleDepth::Integer8 {
+        decoded.warnings.push(format!("8 bits are too few for the curve {transfer}: steps of shadows and lights show"));
+    }
+    let space = ColorSpace::from_chromaticities(primaries).unwrap_or(ColorSpace::AcesCg);
+    let conversion = Conversion::from_chromaticities(primaries, &space.chromaticities())
+        .ok_or_else(|| IoError::unsupported(name, format!("the primaries of {transfer} have no way to {}", space.name())))?;
+    let convert = |pixel: &mut [f32; 3]| {
+        let light = pixel.map(|v| transfer.light(f64::from(v)) as f32);
+        let converted = if ColorSpace::from_chromaticities(primaries).is_some() { light } else { conversion.apply(light) };
+        // NaN stays for the data set to mask.
+        *pixel = converted.map(|v| if v < 0.0 { 0.0 } else { v });
+        converted.iter().any(|v| *v < 0.0)
+    };
+    let below = decoded.image.pixels.par_iter_mut().map(convert).filter(|is_below| *is_below).count();
+    if below > 0 {
+        decoded
+            .warnings
+            .push(format!("{below} pixels have channels below black, by noise or colours outside of {}: set to 0", space.name()));
+    }
+    if decoded.chromaticities.is_some_and(|stated| ColorSpace::from_chromaticities(&stated) != Some(space)) {
+        decoded.warnings.push(format!("the primaries that the file states are not those of {transfer}, which hold"));
+    }
+    (decoded.color_space, decoded.chromaticities) = (Some(space), Some(space.chromaticities()));
+    Ok(decoded)
+}
