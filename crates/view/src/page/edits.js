@@ -14,6 +14,8 @@ import { command, entry, format, parse } from "./stack.js";
 
 /** Time within which changes by the same control are undone together, ms. */
 const TOGETHER_MS = 900;
+/** First word of the tag of changes by a drag, whose end clears it. */
+export const DRAG = "drag";
 /** Time without typing after which the text is taken, ms. */
 const TYPING_MS = 350;
 /** Bytes of a file of edits that is opened. */
@@ -92,10 +94,11 @@ export class Edits {
     return format(this.entries.slice(0, index).filter(({ kind }) => kind === "light"));
   }
 
-  /** Makes these the entries; changes with the same tag shortly after one another are undone together. @param {Entry[]} entries @param {number} [current] @param {string} [tag] */
+  /** Makes these the entries; changes with the same tag shortly after one another are undone together, and all of a drag. @param {Entry[]} entries @param {number} [current] @param {string} [tag] */
   change(entries, current = this.current, tag = "") {
     const now = performance.now();
-    if (!tag || tag !== this.lastTag || now - this.lastAt > TOGETHER_MS) this.done = [...this.done, this.snapshot()].slice(-MAX_STEPS);
+    const isLater = now - this.lastAt > TOGETHER_MS && !tag.startsWith(DRAG);
+    if (!tag || tag !== this.lastTag || isLater) this.done = [...this.done, this.snapshot()].slice(-MAX_STEPS);
     [this.lastTag, this.lastAt, this.undone] = [tag, now, []];
     this.put(entries, current);
   }

@@ -1,5 +1,6 @@
 /** Handles of boxes and spheres in the picture: the centre, the faces, the radius. */
 
+import { DRAG } from "./edits.js";
 import { project } from "./lens.js";
 import { add, dot, length, sub, times } from "./math.js";
 import { formatTests, shape, shapeText } from "./selection.js";
@@ -70,7 +71,7 @@ export class Handles {
     const tests = this.edits.tests();
     if (!tests) return;
     const next = tests.tests.map((known, i) => (i === test ? { ...known, body: shapeText(name, numbers) } : known));
-    this.edits.update(this.edits.current, { where: formatTests({ ...tests, tests: next }) }, `shape ${test}`);
+    this.edits.update(this.edits.current, { where: formatTests({ ...tests, tests: next }) }, `${DRAG} ${test}`);
   }
 
   /** @param {number} x @param {number} y @param {PointerEvent} event @returns {Grip | null} */

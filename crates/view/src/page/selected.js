@@ -1,6 +1,6 @@
 /** What the current selection holds: its overlay, its count and light, and the histogram of the splats' luminance. */
 
-import { ask } from "./edits.js";
+import { ask, DRAG } from "./edits.js";
 import { toJson } from "./lens.js";
 import { byId } from "./panel.js";
 import { short } from "./selection.js";
@@ -154,7 +154,11 @@ export class Selected {
     const from = part(event);
     const moved = (/** @type {PointerEvent} */ moving) => this.select(Math.min(from, part(moving)), Math.max(from, part(moving)));
     canvas.addEventListener("pointermove", moved);
-    canvas.addEventListener("pointerup", () => canvas.removeEventListener("pointermove", moved), { once: true });
+    const ended = () => {
+      canvas.removeEventListener("pointermove", moved);
+      this.edits.lastTag = "";
+    };
+    canvas.addEventListener("pointerup", ended, { once: true });
   }
 
   /** Selects from one part of the axis to another, 0 to 1; the ends are open. @param {number} low @param {number} high */
@@ -164,7 +168,7 @@ export class Selected {
     const value = (/** @type {number} */ part) => short(2 ** (start + part * (end - start)));
     const body = high >= 1 ? `L >= ${value(low)}` : low <= 0 ? `L <= ${value(high)}` : `L in ${value(low)}..${value(high)}`;
     const old = this.edits.tests()?.tests.find(({ body }) => /^(L|l|luminance)\b/.test(body));
-    this.edits.setTest({ not: false, body, soft: old?.soft ?? SOFT }, (test) => /^(L|l|luminance)\b/.test(test.body), "luminance");
+    this.edits.setTest({ not: false, body, soft: old?.soft ?? SOFT }, (test) => /^(L|l|luminance)\b/.test(test.body), `${DRAG} luminance`);
   }
 
   /** Removes the test of luminance. */

@@ -33,6 +33,8 @@ export class Strip {
           const image = new Image();
           image.loading = "lazy";
           image.alt = "";
+          // Room for a picture that is not there yet: the strip must not move when it comes.
+          [image.width, image.height] = [camera.w, camera.h];
           image.src = address;
           button.append(image);
         }
