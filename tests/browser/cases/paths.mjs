@@ -5,8 +5,8 @@ import { execFileSync } from "node:child_process";
 import { mkdtempSync, readdirSync, readFileSync, rmSync, writeFileSync } from "node:fs";
 import { tmpdir } from "node:os";
 import path from "node:path";
-import { inflateSync } from "node:zlib";
 import { at, luxel, open, run, set, settled, shot } from "../harness.mjs";
+import { pixelsOf } from "../png.mjs";
 
 const stamp = `test-${process.pid}`;
 const work = mkdtempSync(path.join(tmpdir(), "luxel-paths-"));
@@ -37,34 +37,6 @@ async function withPath(seconds = 1, rate = 4) {
   await fill(page, "#path-height", 54);
   await page.waitForFunction((count) => window.luxel.path.frames.length === count && window.luxel.path.makeAt === 0, Math.round(seconds * rate));
   return page;
-}
-
-/** The pixels of a PNG of 8 or 16 bits without an interlace, row by row. */
-function pixelsOf(png) {
-  let [at, data, head] = [8, [], null];
-  while (at < png.length) {
-    const [length, kind] = [png.readUInt32BE(at), png.toString("latin1", at + 4, at + 8)];
-    const content = png.subarray(at + 8, at + 8 + length);
-    if (kind === "IHDR") head = { width: content.readUInt32BE(0), height: content.readUInt32BE(4), bits: content[8], channels: { 2: 3, 6: 4 }[content[9]] };
-    if (kind === "IDAT") data.push(content);
-    at += 12 + length;
-  }
-  const raw = inflateSync(Buffer.concat(data));
-  const step = (head.bits / 8) * head.channels;
-  const stride = step * head.width;
-  const out = Buffer.alloc(stride * head.height);
-  for (let y = 0; y < head.height; y++) {
-    const filter = raw[y * (stride + 1)];
-    for (let x = 0; x < stride; x++) {
-      const a = x >= step ? out[y * stride + x - step] : 0;
-      const b = y ? out[(y - 1) * stride + x] : 0;
-      const c = y && x >= step ? out[(y - 1) * stride + x - step] : 0;
-      const p = a + b - c;
-      const paeth = Math.abs(p - a) <= Math.abs(p - b) && Math.abs(p - a) <= Math.abs(p - c) ? a : Math.abs(p - b) <= Math.abs(p - c) ? b : c;
-      out[y * stride + x] = raw[y * (stride + 1) + 1 + x] + [0, a, b, (a + b) >> 1, paeth][filter];
-    }
-  }
-  return { ...head, at: (x, y) => [0, 1, 2].map((c) => (head.bits === 8 ? out[y * stride + x * step + c] : out.readUInt16BE(y * stride + x * step + 2 * c))) };
 }
 
 export default {
@@ -157,6 +129,31 @@ export default {
     assert.ok((await page.innerText("#environment-value")).includes("luminance"));
     await page.click("#environment-close");
     assert.ok(await page.locator("#environment").isHidden());
+    await page.close();
+  },
+
+  async "a large light probe shows how far it is, and is given up"() {
+    const page = await open(at);
+    await page.keyboard.press("o");
+    await page.evaluate(() => (document.getElementById("environment-width").value = "4096"));
+    const box = await page.locator("#picture").boundingBox();
+    await page.mouse.click(box.x + box.width * 0.55, box.y + box.height * 0.6);
+    await page.waitForFunction(() => document.getElementById("environment-progress").value > 0 && document.getElementById("environment-progress").max > 6, null, { timeout: 120000 });
+    assert.match(await page.innerText("#environment-text"), /rendering, \d+ of \d+ views/);
+    const query = await page.evaluate(() => window.luxel.environment.query());
+    await shot(page, "light-probe-progress");
+    // Pictures come meanwhile.
+    await set(page, { exposure: 1, fov: 41 });
+    assert.equal(await page.evaluate(() => window.luxel.environment.frame), null);
+    await page.click("#environment-cancel");
+    await page.waitForFunction(() => document.getElementById("environment-text").textContent.startsWith("cancelled"));
+    assert.ok(await page.locator("#environment-progress-row").isHidden());
+    // The server gives it up, too.
+    await page.waitForFunction(async (query) => (await (await fetch(`/api/environment/progress?${query}`)).json()).total === 0, query, { timeout: 60000 });
+    await page.selectOption("#environment-width", "512");
+    await page.waitForFunction(() => window.luxel.environment.frame, null, { timeout: 120000 });
+    assert.equal(await page.evaluate(() => window.luxel.environment.frame.head.width), 512);
+    assert.deepEqual(page.failures, []);
     await page.close();
   },
 

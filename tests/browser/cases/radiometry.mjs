@@ -1,10 +1,12 @@
 // Radiometry: units, false colour in luminance, maps of errors, two scenes, splats as bodies, clip planes, far scenes.
 
 import assert from "node:assert/strict";
-import { mkdtempSync, readdirSync, readFileSync, rmSync, writeFileSync } from "node:fs";
+import { cpSync, mkdirSync, mkdtempSync, readdirSync, readFileSync, rmSync, writeFileSync } from "node:fs";
 import { tmpdir } from "node:os";
 import path from "node:path";
-import { at, camera, colors, near, open, run, scene, serve, set, settled, shot, url } from "../harness.mjs";
+import { exrOf } from "../exr.mjs";
+import { at, camera, colors, decode, near, open, run, scene, serve, set, settled, shot, url } from "../harness.mjs";
+import { greyPng } from "../png.mjs";
 
 /** Origin of a scene in UTM coordinates. */
 const ORIGIN = [455123, 4600321, 212];
@@ -131,6 +133,133 @@ export default {
     assert.deepEqual(page.failures, []);
     await page.close();
     second.child.kill();
+  },
+
+  async "a second scene in another colour space is converted to that of the first"() {
+    const folder = mkdtempSync(path.join(tmpdir(), "luxel-acescg-"));
+    const file = path.join(folder, "acescg.ply");
+    // The same numbers, which now are of AP1 primaries.
+    const bytes = readFileSync(newest(run));
+    const line = Buffer.from(`comment luxel color_space ${scene.color_space}\n`);
+    const start = bytes.indexOf(line);
+    assert.ok(start > 0, "the scene names no colour space");
+    writeFileSync(file, Buffer.concat([bytes.subarray(0, start), Buffer.from("comment luxel color_space acescg\n"), bytes.subarray(start + line.length)]));
+    assert.equal(scene.color_space, "linear-rec709");
+    const second = serve("127.0.0.1:0", run, "--with", file);
+    try {
+      const address = await second.url;
+      const page = await open(`${at}&compare=beside&curve=none`, { at: address });
+      await page.waitForFunction(() => window.luxel.comparison.isOn() && window.luxel.comparison.other.full);
+      await settled(page);
+      // From AP1 (D60) to Rec.709 (D65), adapted by Bradford's matrix.
+      const matrix = [[1.70505, -0.62179, -0.08326], [-0.13026, 1.1408, -0.01055], [-0.024, -0.12897, 1.15297]];
+      const places = [[0.3, 0.3], [0.5, 0.5], [0.6, 0.7], [0.2, 0.8], [0.75, 0.4]];
+      const found = await page.evaluate((places) => places.map((place) => [window.luxel.sample(...place), window.luxel.comparison.sample(...place)]), places);
+      const gain = await page.evaluate(() => 2 ** window.luxel.state.exposure / window.luxel.scene.radiance_scale);
+      const seen = await colors(page, places.map(([u, v]) => [u / 2, v]));
+      for (const [i, [first, other]] of found.entries()) {
+        const size = Math.max(...first.radiance);
+        const expected = matrix.map((row) => row.reduce((sum, weight, c) => sum + weight * first.radiance[c], 0));
+        expected.forEach((value, c) => near(other.radiance[c], value, 4e-3 * size, `channel ${c} at ${places[i]}`));
+        near(other.luminance, 0.2126 * expected[0] + 0.7152 * expected[1] + 0.0722 * expected[2], 4e-3 * size, "luminance");
+        // The picture on the left has the converted colour.
+        expected.forEach((value, c) => near(decode(seen[i][c]), Math.min(1, Math.max(0, value * gain)), 0.012, `colour ${c} at ${places[i]}`));
+      }
+      // It differs, and the difference is that of luminance.
+      await set(page, { compare: "difference", error: "signed" });
+      await page.waitForFunction(() => document.getElementById("error-text").textContent.startsWith("mean"));
+      await shot(page, "two-colour-spaces");
+      assert.deepEqual(page.failures, []);
+      await page.close();
+    } finally {
+      second.child.kill();
+      rmSync(folder, { recursive: true });
+    }
+  },
+
+  async "masked pixels of the ground truth are hatched in maps of errors, and not in their numbers"() {
+    const folder = mkdtempSync(path.join(tmpdir(), "luxel-masked-"));
+    cpSync(path.join(run, "dataset"), folder, { recursive: true });
+    // The left quarter of each image does not count.
+    const { width, height } = exrOf(readFileSync(path.join(folder, "images", readdirSync(path.join(folder, "images"))[0])));
+    const mask = greyPng(width, height, (x) => (x < width / 4 ? 0 : 255));
+    mkdirSync(path.join(folder, "masks"));
+    for (const name of readdirSync(path.join(folder, "images"))) writeFileSync(path.join(folder, "masks", `${path.parse(name).name}.png`), mask);
+    const masked = serve("127.0.0.1:0", run, "--data", folder);
+    try {
+      const address = await masked.url;
+      const page = await open(`${at}&compare=difference`, { at: address });
+      await page.waitForFunction(() => window.luxel.comparison.isOn());
+      await settled(page);
+      await page.waitForFunction(() => document.getElementById("error-text").textContent.includes("25.00 % masked"));
+      // The numbers are those of the pixels that count.
+      const [said, expected] = await page.evaluate(() => {
+        const { luxel } = window;
+        const least = (0.18 * luxel.scene.radiance_scale * 2 ** -8) / 2 ** luxel.state.exposure;
+        const { width, height } = luxel.display.truth.head;
+        let [sum, count] = [0, 0];
+        for (let y = 0; y < height; y++) for (let x = width / 4; x < width; x++) {
+          const place = [(x + 0.5) / width, (y + 0.5) / height];
+          const [a, b] = [luxel.sample(...place), luxel.comparison.sample(...place)].map((sample) => Math.max(least, sample.luminance));
+          sum += Math.abs(Math.log2(a / b));
+          count++;
+        }
+        return [document.getElementById("error-text").textContent, sum / count];
+      });
+      near(Number(said.match(/^mean ([\d.e-]+) stops/)[1]), expected, 1e-3 * expected, "mean error");
+      for (const error of ["stops", "signed", "relative"]) {
+        await set(page, { error });
+        const seen = await colors(page, Array.from({ length: 24 }, (_, i) => [0.1, 0.3 + i / 100]));
+        for (const color of seen) assert.ok([64, 102].some((code) => color.every((value) => Math.abs(value - code) <= 1)), `${error}: ${color}`);
+        assert.ok(new Set(seen.map(String)).size > 1, "no hatching");
+        const beside = await colors(page, Array.from({ length: 24 }, (_, i) => [0.3 + i / 50, 0.55]));
+        assert.ok(beside.filter(([r, g, b]) => r === g && g === b && (Math.abs(r - 64) <= 1 || Math.abs(r - 102) <= 1)).length < 3, "hatched beside the mask");
+      }
+      assert.ok((await page.locator("#legend").innerText()).includes("hatched: masked"));
+      const box = await page.locator("#picture").boundingBox();
+      await page.mouse.move(box.x + 0.1 * box.width, box.y + 0.5 * box.height);
+      assert.match(await page.locator("#readout").innerText(), /difference\s*masked/);
+      await page.mouse.move(box.x + 0.6 * box.width, box.y + 0.5 * box.height);
+      assert.match(await page.locator("#readout").innerText(), /difference\s*[+−]/);
+      await shot(page, "error-masked");
+      assert.deepEqual(page.failures, []);
+      await page.close();
+    } finally {
+      masked.child.kill();
+      rmSync(folder, { recursive: true, force: true });
+    }
+  },
+
+  async "depth, coverage, normals and bodies move with the camera at a reduced resolution"() {
+    const page = await open(at);
+    for (const change of [{ layer: "depth" }, { layer: "alpha" }, { layer: "normals" }, { layer: "radiance", splats: "ellipsoids" }, { layer: "normals", splats: "centres" }]) {
+      await set(page, change);
+      const before = await page.evaluate(() => window.luxel.shown.frame.head.height);
+      // Moves until a picture of the movement is shown.
+      const moving = await page.evaluate(async (layer) => {
+        const { luxel } = window;
+        const layers = [];
+        for (let i = 0; i < 400; i++) {
+          luxel.controls.rotate(2, 0);
+          await new Promise(requestAnimationFrame);
+          const { shown } = luxel;
+          if (!shown.full && luxel.stream.frames > 0) {
+            const plane = layer === "alpha" ? shown.frame.alpha : layer === "radiance" ? shown.frame.rgb : shown.frame.depth;
+            layers.push({ height: shown.frame.head.height, has: plane?.length > 0, isOfPicture: layer === "radiance" || luxel.display.lens.width === shown.frame.head.width, eye: shown.lens.eye[0] });
+            if (new Set(layers.map(({ eye }) => eye)).size >= 3) break;
+          }
+        }
+        return layers;
+      }, change.layer);
+      const name = JSON.stringify(change);
+      assert.ok(new Set(moving.map(({ eye }) => eye)).size >= 3, `${name} stands still`);
+      assert.ok(moving.every(({ has, height }) => has && height <= before), `${name}: ${JSON.stringify(moving.at(-1))}`);
+      assert.ok(moving.every(({ isOfPicture }) => isOfPicture), `${name}: depth is of another picture`);
+      await settled(page);
+      assert.equal(await page.evaluate(() => window.luxel.shown.frame.head.height), await page.evaluate(() => window.luxel.want().height));
+    }
+    assert.deepEqual(page.failures, []);
+    await page.close();
   },
 
   async "splats are drawn as bodies, with normals and clip planes"() {
