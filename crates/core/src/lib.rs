@@ -5,6 +5,7 @@
 
 mod aspect;
 mod camera;
+mod camera_motion;
 mod capture;
 mod color;
 mod colorspace;
@@ -39,6 +40,7 @@ pub mod tone;
 mod view_error;
 
 pub use camera::{Camera, CameraError, Distortion, MAX_SIDE_PX};
+pub use camera_motion::CameraMotion;
 pub use capture::{NoiseModel, PixelValues};
 pub use color::{Activation, ColorBasis, ColorModel, DEAD_CHROMA_FLOOR, MAX_EXP_ARGUMENT, SH_OFFSET};
 pub use colorspace::{Chromaticities, ColorSpace, Conversion};

@@ -14,7 +14,7 @@ use std::hint::black_box;
 use std::time::{Duration, Instant};
 
 use criterion::{Criterion, SamplingMode, criterion_group, criterion_main};
-use luxel_core::engine::{LearningRates, StatsCollection, StepConfig};
+use luxel_core::engine::{CameraGradientChoice, LearningRates, StatsCollection, StepConfig};
 use luxel_core::{
     Activation, Antialias, ColorModel, Cutoffs, Engine, LossWeights, Pass, PixelValues, RasterConfig, RenderOptions, Target, View,
     spatial_order, synthetic,
@@ -90,6 +90,7 @@ impl Session {
             },
             position_noise: None,
             stats: StatsCollection::Gradients,
+            camera_gradient: CameraGradientChoice::Skip,
         };
         black_box(self.engine.train_step(&self.view, &config).unwrap());
     }

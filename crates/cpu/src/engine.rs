@@ -177,6 +177,11 @@ impl Engine for CpuEngine {
         Ok(self.pool.install(|| self.state.train_step(&camera, view, step)))
     }
 
+    fn camera_gradient(&mut self, view: &View, step: &StepConfig) -> Result<StepReport, EngineError> {
+        let camera = checked_view(view, step)?;
+        Ok(self.pool.install(|| self.state.camera_gradient(&camera, view, step)))
+    }
+
     fn check_finite(&mut self) -> Result<(), EngineError> {
         self.pool.install(|| self.state.check_finite())
     }

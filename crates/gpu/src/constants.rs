@@ -116,6 +116,7 @@ pub(crate) fn model_constants(model: ColorModel, update: Update) -> String {
     declare(&mut text, "ACTIVATION", "u32", activation);
     declare(&mut text, "IS_LCD", "bool", &matches!(model, ColorModel::Lcd { .. }).to_string());
     declare(&mut text, "ONLY_GRADIENTS", "bool", &(update == Update::OnlyGradients).to_string());
+    declare(&mut text, "ONLY_CAMERA", "bool", &(update == Update::OnlyCamera).to_string());
     text
 }
 

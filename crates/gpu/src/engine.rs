@@ -12,7 +12,7 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Duration;
 
-use luxel_core::engine::{ParameterRows, StatsCollection, StepConfig};
+use luxel_core::engine::{CameraGradientChoice, ParameterRows, StatsCollection, StepConfig};
 use luxel_core::{Camera, ColorModel, EngineError, Pass, PassTime, RenderOptions, Splats, StepReport, ToneCurve, View};
 
 use crate::adapter::usable_binding;
@@ -26,6 +26,7 @@ use crate::screen::{Purpose, SceneFacts, camera_uniform, check, loss_uniform, op
 use crate::step::Recorder;
 use crate::targets::Targets;
 
+mod camera;
 mod contract;
 mod retire;
 #[cfg(feature = "testing")]
@@ -50,6 +51,8 @@ pub struct GpuEngine {
     diverged: Option<u32>,
     traffic: Traffic,
     timings: [PassTime; Pass::ALL.len()],
+    /// Sums for the gradient by the camera, one buffer per shard; none until a step asks for it.
+    camera_sums: Vec<Buffer>,
 }
 
 /// The cost of a step besides its arithmetic.
@@ -71,6 +74,26 @@ enum Submission<'a> {
     Contributions { camera: &'a Camera, options: &'a RenderOptions, mask: &'a Buffer, out: &'a Buffer },
     Train { view: &'a View, step: &'a StepConfig },
     Gradients { view: &'a View, step: &'a StepConfig, out: &'a [Buffer] },
+    CameraGradient { view: &'a View, step: &'a StepConfig },
+}
+
+impl<'a> Submission<'a> {
+    /// Returns the view and the step of a submission with a backward pass.
+    fn training(&self) -> Option<(&'a View, &'a StepConfig)> {
+        match self {
+            Self::Train { view, step } | Self::Gradients { view, step, .. } | Self::CameraGradient { view, step } => Some((view, step)),
+            Self::Render { .. } | Self::Contributions { .. } => None,
+        }
+    }
+
+    /// Reports whether the gradient by the camera is computed.
+    fn computes_camera(&self) -> bool {
+        match self {
+            Self::CameraGradient { .. } => true,
+            Self::Train { step, .. } => step.camera_gradient == CameraGradientChoice::Compute,
+            Self::Render { .. } | Self::Contributions { .. } | Self::Gradients { .. } => false,
+        }
+    }
 }
 
 impl GpuEngine {
@@ -94,6 +117,7 @@ impl GpuEngine {
             diverged: None,
             traffic: Traffic::default(),
             timings: Pass::ALL.map(|pass| PassTime { pass, time: Duration::ZERO }),
+            camera_sums: Vec::new(),
         })
     }
 
@@ -203,7 +227,9 @@ impl GpuEngine {
             let (camera, options, training) = match work {
                 Submission::Render { camera, options } => (*camera, *options, false),
                 Submission::Contributions { camera, options, .. } => (*camera, *options, true),
-                Submission::Train { view, step } | Submission::Gradients { view, step, .. } => (&view.camera, &step.render, true),
+                Submission::Train { view, step } | Submission::Gradients { view, step, .. } | Submission::CameraGradient { view, step } => {
+                    (&view.camera, &step.render, true)
+                }
             };
             self.make_room(&state, required_sizes(&supersampled(camera, options).0, self.scene.count, training))?;
         }
@@ -215,17 +241,20 @@ impl GpuEngine {
             Submission::Render { camera, options } => (*camera, *options, Purpose::Image),
             // It reads what the backward pass reads.
             Submission::Contributions { camera, options, .. } => (*camera, *options, Purpose::Training(StatsCollection::Off)),
-            Submission::Train { view, step } | Submission::Gradients { view, step, .. } => {
+            Submission::Train { view, step } | Submission::Gradients { view, step, .. } | Submission::CameraGradient { view, step } => {
                 (&view.camera, &step.render, Purpose::Training(step.stats))
             }
         };
         let (camera, samples) = &supersampled(camera, options);
         check(camera)?;
         self.prepare(camera, purpose != Purpose::Image)?;
-        if let Submission::Train { view, .. } | Submission::Gradients { view, .. } = work {
+        if work.computes_camera() {
+            self.prepare_camera_sums()?;
+        }
+        if let Some((view, _)) = work.training() {
             self.with_room(|engine| engine.targets.get(&engine.gpu, view).map(|_| ()))?;
         }
-        let Self { gpu, scene, frame, commands, targets, timer, slots, .. } = self;
+        let Self { gpu, scene, frame, commands, targets, timer, slots, camera_sums, .. } = self;
         let capacity = frame.sizes.entries.min(u32::MAX.into()) as u32;
         let uniform = camera_uniform(
             camera,
@@ -235,9 +264,9 @@ impl GpuEngine {
             capacity,
         );
         gpu.queue.write_buffer(&frame.camera.raw, 0, bytemuck::bytes_of(&uniform));
-        let target = match work {
-            Submission::Render { .. } | Submission::Contributions { .. } => None,
-            Submission::Train { view, step } | Submission::Gradients { view, step, .. } => {
+        let target = match work.training() {
+            None => None,
+            Some((view, step)) => {
                 let target = targets.get(gpu, view)?;
                 let loss = loss_uniform(&step.loss, view, mu_law_parameter(view)?, target.total);
                 gpu.queue.write_buffer(&frame.loss.raw, 0, bytemuck::bytes_of(&loss));
@@ -250,10 +279,15 @@ impl GpuEngine {
         recorder.forward();
         if let Some(target) = target {
             recorder.backward(target);
-            recorder.update(match work {
-                Submission::Gradients { out, .. } => Some(*out),
-                _ => None,
-            });
+            recorder.gather();
+            if work.computes_camera() {
+                recorder.camera_backward(camera_sums);
+            }
+            match work {
+                Submission::Gradients { out, .. } => recorder.update(Some(*out)),
+                Submission::CameraGradient { .. } => {}
+                _ => recorder.update(None),
+            }
         }
         if let Submission::Contributions { mask, out, .. } = work {
             recorder.contribute(mask, out);
@@ -294,6 +328,7 @@ impl GpuEngine {
 
     fn replace_scene(&mut self, scene: GpuScene) {
         self.scene = scene;
+        self.camera_sums.clear();
         self.commands.forget();
         self.frame.set_count(&self.gpu, self.scene.count as u32);
     }
@@ -309,7 +344,7 @@ fn required_sizes(camera: &Camera, splats: usize, training: bool) -> Sizes {
 }
 
 fn step_report(state: &State, step: u32) -> StepReport {
-    StepReport { step, loss: state.loss, l1: state.l1, ssim: state.ssim, visible: state.visible, by_knots: None }
+    StepReport { step, loss: state.loss, l1: state.l1, ssim: state.ssim, visible: state.visible, by_knots: None, camera: None }
 }
 
 /// Returns the parameter mu of the target's mu-law, the only curve of this engine.

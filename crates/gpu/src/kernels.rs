@@ -29,6 +29,7 @@ pub(crate) enum KernelId {
     RasterizeBackward,
     Gather,
     ProjectBackward(ColorModel, Update),
+    CameraBackward(ColorModel),
     Densify(ColorModel),
     Contribute,
     ContributeSum,
@@ -47,6 +48,13 @@ const GEOMETRY: &str = file!("geometry");
 const COLOR: &str = file!("color");
 const SORT: &[&str] = &[COMMON, file!("sort")];
 const BIN: &[&str] = &[COMMON, FOOTPRINT, file!("bin")];
+const ADAM: &str = file!("adam");
+const NOISE: &str = file!("noise");
+const COLOR_BACKWARD: &str = file!("color_backward");
+const GEOMETRY_BACKWARD: &str = file!("project_backward");
+const PROJECT_BACKWARD: &[&str] = &[COMMON, ROTATION, GEOMETRY, COLOR, ADAM, NOISE, COLOR_BACKWARD, GEOMETRY_BACKWARD];
+const CAMERA_BACKWARD: &[&str] =
+    &[COMMON, ROTATION, GEOMETRY, COLOR, ADAM, NOISE, COLOR_BACKWARD, GEOMETRY_BACKWARD, file!("camera_backward")];
 const LOSS: &[&str] = &[COMMON, file!("loss")];
 
 impl KernelId {
@@ -68,6 +76,7 @@ impl KernelId {
             Self::RasterizeBackward => "rasterize_backward",
             Self::Gather => "gather",
             Self::ProjectBackward(..) => "project_backward",
+            Self::CameraBackward(_) => "camera_backward",
             Self::Densify(_) => "densify",
             Self::Contribute => "contribute",
             Self::ContributeSum => "contribute_sum",
@@ -83,9 +92,8 @@ impl KernelId {
             Self::LossSsim | Self::LossGradient | Self::LossReport => LOSS,
             Self::RasterizeBackward => &[COMMON, FOOTPRINT, file!("unwind"), file!("rasterize_backward")],
             Self::Gather => &[COMMON, file!("gather")],
-            Self::ProjectBackward(..) => {
-                &[COMMON, ROTATION, GEOMETRY, COLOR, file!("adam"), file!("noise"), file!("color_backward"), file!("project_backward")]
-            }
+            Self::ProjectBackward(..) => PROJECT_BACKWARD,
+            Self::CameraBackward(_) => CAMERA_BACKWARD,
             Self::Densify(_) => &[COMMON, ROTATION, file!("densify")],
             Self::Contribute => &[COMMON, FOOTPRINT, file!("unwind"), file!("contribute")],
             Self::ContributeSum => &[COMMON, file!("contribute_sum")],
@@ -99,6 +107,7 @@ pub(crate) fn source(kernel: KernelId) -> String {
     match kernel {
         KernelId::Project(model) | KernelId::Densify(model) => text += &model_constants(model, Update::Parameters),
         KernelId::ProjectBackward(model, update) => text += &model_constants(model, update),
+        KernelId::CameraBackward(model) => text += &model_constants(model, Update::OnlyCamera),
         _ => {}
     }
     for file in kernel.files() {
@@ -174,6 +183,7 @@ mod tests {
                 KernelId::Project(model),
                 KernelId::ProjectBackward(model, Update::Parameters),
                 KernelId::ProjectBackward(model, Update::OnlyGradients),
+                KernelId::CameraBackward(model),
                 KernelId::Densify(model),
             ]);
         }

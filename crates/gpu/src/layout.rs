@@ -323,16 +323,20 @@ pub(crate) struct Dispatches {
 pub(crate) const ENTRY_GRADIENT_BYTES: u64 = 48;
 /// Transmittance and radiance of a bucket's pixels: rasterize.wgsl.
 pub(crate) const BUCKET_PIXELS_BYTES: u64 = 16 * (TILE_PX * TILE_PX) as u64;
+/// Sums of a workgroup for the gradient by the camera: two vec4f in camera_backward.wgsl.
+pub(crate) const CAMERA_SUMS_BYTES: u64 = 32;
 /// Rows of a shard's statistics: gradient, absolute gradient, views.
 pub(crate) const STATS_ROWS: usize = 3;
 
-/// Whether the update moves parameters or only returns their gradients.
+/// Whether the update moves parameters, or only returns their gradients or that by the camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Update {
     /// Adam.
     Parameters,
     /// Gradients are stored in place of the first moments.
     OnlyGradients,
+    /// Nothing is stored but the gradient by the camera.
+    OnlyCamera,
 }
 
 #[cfg(test)]

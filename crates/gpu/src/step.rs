@@ -17,6 +17,11 @@ use crate::targets::Target;
 /// Splats per workgroup of `project_backward`, which holds more per thread.
 const SPLATS_BACKWARD: u64 = 128;
 
+/// Returns the number of workgroups of `camera_backward` for a shard.
+pub(crate) fn camera_groups(shard: &Shard) -> u64 {
+    (shard.len as u64).div_ceil(SPLATS_BACKWARD)
+}
+
 /// A recorder of the kernels of a frame.
 pub(crate) struct Recorder<'a> {
     pub(crate) gpu: &'a Gpu,
@@ -151,13 +156,39 @@ impl Recorder<'_> {
         self.add(Pass::Rasterize, KernelId::ContributeSum, &sum, Groups::Line((self.scene.count as u64).div_ceil(SPLATS)));
     }
 
+    /// Records the sums over the entries of splats that have many.
+    pub(crate) fn gather(&mut self) {
+        let frame = self.frame;
+        let gather = [bind(0, &frame.camera), bind(1, &frame.state), bind(2, &frame.splats.places), bind(3, &frame.entries.gradients)];
+        let groups = Groups::Line((self.scene.count as u64).div_ceil(SPLATS));
+        self.add(Pass::ProjectBackward, KernelId::Gather, &gather, groups);
+    }
+
+    /// Records the sums for the gradient by the camera, one buffer per shard, before the update.
+    pub(crate) fn camera_backward(&mut self, sums: &[Buffer]) {
+        let (frame, scene) = (self.frame, self.scene);
+        for (shard, sums) in scene.shards.iter().zip(sums) {
+            let buffers = [
+                bind(0, &frame.camera),
+                bind(1, &shard.uniform),
+                bind(2, &frame.optimizer),
+                bind(3, &frame.state),
+                bind(4, &frame.splats.places),
+                bind(5, &frame.entries.gradients),
+                bind(6, &shard.parameters),
+                bind(7, &shard.first),
+                bind(8, &shard.second),
+                bind(10, sums),
+            ];
+            let groups = Groups::Line(camera_groups(shard));
+            self.add(Pass::ProjectBackward, KernelId::CameraBackward(scene.rows.color_model), &buffers, groups);
+        }
+    }
+
     /// Records the update from the entries' gradients to parameters and moments, or to gradients in
-    /// the place of first moments, one buffer per shard.
+    /// the place of first moments, one buffer per shard. Follows [`Self::gather`].
     pub(crate) fn update(&mut self, gradients: Option<&[Buffer]>) {
         let (frame, scene) = (self.frame, self.scene);
-        let gather = [bind(0, &frame.camera), bind(1, &frame.state), bind(2, &frame.splats.places), bind(3, &frame.entries.gradients)];
-        let groups = Groups::Line((scene.count as u64).div_ceil(SPLATS));
-        self.add(Pass::ProjectBackward, KernelId::Gather, &gather, groups);
         let kind = if gradients.is_some() { Update::OnlyGradients } else { Update::Parameters };
         for (n, shard) in scene.shards.iter().enumerate() {
             let first = gradients.and_then(|buffers| buffers.get(n)).unwrap_or(&shard.first);

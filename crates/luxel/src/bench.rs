@@ -3,7 +3,7 @@
 
 use std::time::{Duration, Instant};
 
-use luxel_core::engine::{Evaluations, LearningRates, StatsCollection, StepConfig};
+use luxel_core::engine::{CameraGradientChoice, Evaluations, LearningRates, StatsCollection, StepConfig};
 use luxel_core::{Engine, LossWeights, Pass, RenderOptions, StepReport, Target, ToneCurve, View};
 
 use crate::Result;
@@ -107,6 +107,7 @@ fn step(protocol: &Protocol, step: u32) -> StepConfig {
         },
         position_noise: None,
         stats: StatsCollection::Gradients,
+        camera_gradient: CameraGradientChoice::Skip,
     }
 }
 

@@ -1,5 +1,6 @@
 //! The numbers of a training at a step: a line of a run's log, and the content of a progress event.
 
+use luxel_train::PoseReport;
 use serde::{Deserialize, Serialize};
 
 /// A line of the log. Losses are means over the steps since the line before.
@@ -20,6 +21,9 @@ pub struct LogRecord {
     /// Mean PSNR of a few test views at the last look at them, protocol `scene`, dB.
     #[serde(default)]
     pub psnr_test_sample: Option<f64>,
+    /// Corrections of the poses so far; `None` unless they are refined.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub poses: Option<PoseReport>,
     /// Splats.
     pub splats: usize,
     /// Splats that touched the last image.
@@ -60,6 +64,7 @@ mod tests {
             psnr_train: None,
             psnr_test: None,
             psnr_test_sample: None,
+            poses: None,
             splats: 10,
             visible: 5,
             iterations_per_second: 20.0,

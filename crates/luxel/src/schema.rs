@@ -22,6 +22,8 @@ pub const VERSION_FIELD: &str = "schema_version";
 pub const METRICS: Document = Document { name: "metrics.json", version: 1 };
 /// A line of a run's log.
 pub const LOG: Document = Document { name: "log.jsonl", version: 1 };
+/// Cameras of a run whose poses were refined.
+pub const CAMERAS: Document = Document { name: "cameras.json", version: 1 };
 /// Gains and camera response that training found.
 pub const CAPTURES: Document = Document { name: "captures.json", version: 1 };
 /// Measurements of a run as part of a study.
@@ -54,9 +56,10 @@ pub const BENCH: Document = Document { name: "luxel bench --json", version: 1 };
 pub const VIEW: Document = Document { name: "luxel view", version: 1 };
 
 /// All documents, in the order of the reference.
-pub const DOCUMENTS: [Document; 17] = [
+pub const DOCUMENTS: [Document; 18] = [
     METRICS,
     LOG,
+    CAMERAS,
     CAPTURES,
     MEASURED,
     PREPARE,

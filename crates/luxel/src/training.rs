@@ -11,7 +11,7 @@ use std::path::Path;
 use luxel_core::{Camera, ColorSpace, View};
 use luxel_metrics::FieldOptions;
 use luxel_metrics::{GainFit, Measures, SplitMetrics};
-use luxel_train::{Method, Preset, TrainConfig, Trainer};
+use luxel_train::{Method, PoseReport, Preset, TrainConfig, Trainer};
 
 use crate::device::SelectedEngine;
 use crate::error::Context;
@@ -224,6 +224,17 @@ impl Training {
             splats: self.trainer.splats_len(),
             visible: report.visible,
         })
+    }
+
+    /// Returns the cameras of the training views, in their order: as refined, if the settings ask
+    /// for that, or as the data set has them.
+    pub fn cameras(&self) -> Vec<Camera> {
+        self.trainer.cameras()
+    }
+
+    /// Returns the corrections of the poses so far, or `None` if poses are not refined.
+    pub fn pose_report(&self) -> Option<PoseReport> {
+        self.trainer.pose_report()
     }
 
     /// Measures the scene as it stands against views, with the radiance scale, mu, raster settings,

@@ -69,6 +69,8 @@ pub struct Schedule {
     pub reduces_opacity: bool,
     /// Number of samples along a pixel's side, and the step before which there is one.
     pub samples: (u8, u32),
+    /// Steps after which poses are optimised and fixed again; `None` if they are fixed throughout.
+    pub poses: Option<[u32; 2]>,
     /// Number of steps before `end` that are averaged, none of them before densification ends; 0
     /// for none.
     pub averaged_steps: u32,
@@ -95,6 +97,7 @@ impl Schedule {
             reset_interval: (is_adc && config.opacity_reset_interval > 0).then_some(config.opacity_reset_interval),
             reduces_opacity: is_adc && config.absgrad,
             samples: (config.samples, iterations.saturating_sub(sampled_steps) + 1),
+            poses: config.refine_poses.then(|| pose_steps(config, iterations)),
             averaged_steps: averaged_steps.min(end.saturating_sub(densify_until)),
         }
     }
@@ -181,6 +184,15 @@ impl Schedule {
         self.densify_until >= self.end
     }
 
+    /// Returns the fraction of the steps that optimise poses which are done before `step`; `None`
+    /// if `step` is not one of them. While opacities recover from a reset, images say little about
+    /// poses.
+    pub fn pose_progress(&self, step: u32) -> Option<f64> {
+        let [from, until] = self.poses?;
+        let is_due = step > from && step <= until && !self.is_recovering(step);
+        is_due.then(|| f64::from(step - from - 1) / f64::from(until - from))
+    }
+
     /// Returns the learning rates of `step`.
     pub fn learning_rates(&self, config: &TrainConfig, step: u32) -> LearningRates {
         let progress = (f64::from(step) / f64::from(self.iterations.max(1))).min(1.0);
@@ -204,6 +216,13 @@ impl Schedule {
 fn log_linear(first: f32, last: f32, progress: f64) -> f32 {
     let (first, last) = (f64::from(first).ln(), f64::from(last).ln());
     (first + (last - first) * progress).exp() as f32
+}
+
+/// Returns the steps after which poses are optimised and fixed again, in a run planned for
+/// `iterations` steps.
+fn pose_steps(config: &TrainConfig, iterations: u32) -> [u32; 2] {
+    let until = config.pose_until.unwrap_or((u64::from(iterations) * 4 / 5) as u32);
+    [config.pose_from.unwrap_or(iterations / 10), until]
 }
 
 #[cfg(test)]

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use crate::camera_response::CameraResponse;
 use crate::config::ExposureCompensation;
 use crate::gains::Gains;
+use crate::poses::{Corrections, Poses};
 use crate::recorded::is_recorded;
 use crate::{TrainConfig, TrainError};
 
@@ -39,10 +40,18 @@ pub(crate) struct State {
     /// Response of the camera that captured the images; `None` if they are radiance.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) response: Option<CameraResponse>,
+    /// Corrections of the training images' poses; `None` if they are fixed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) poses: Option<Corrections>,
     /// Order of the training views in the current epoch.
     order: Vec<u32>,
     /// Number of views of the epoch that have been used.
     cursor: usize,
+}
+
+/// Returns the poses of a data set's training views, around a scene of this extent.
+pub(crate) fn poses_of(dataset: &Dataset, extent: f32) -> Poses {
+    Poses::new(dataset.train.iter().map(|view| view.camera.clone()).collect(), extent)
 }
 
 /// The starting point of a run.
@@ -68,6 +77,7 @@ impl State {
             rng: Pcg64Mcg::seed_from_u64(config.seed),
             gains,
             response,
+            poses: config.refine_poses.then(|| Corrections::none(&poses_of(dataset, extent), config.refine_focal)),
             order: (0u32..).take(dataset.train.len()).collect(),
             // The epoch is used up, so the first step shuffles.
             cursor: dataset.train.len(),
@@ -130,6 +140,12 @@ impl State {
         }
         if let Some(response) = &state.response {
             response.validate()?;
+        }
+        if let Some(corrections) = &state.poses {
+            corrections.validate(&poses_of(dataset, state.extent), state.config.refine_focal)?;
+        }
+        if state.poses.is_some() != state.config.refine_poses {
+            return Err(TrainError::State("corrections of poses are missing, or are there without being asked for".to_owned()));
         }
         let (is_compensated, wanted) = (state.gains.is_some(), state.config.exposure_compensation != ExposureCompensation::Off);
         if is_compensated != wanted || state.response.is_some() != is_recorded(&dataset.train)? {

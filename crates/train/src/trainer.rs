@@ -12,6 +12,7 @@ mod aspect;
 mod average;
 mod densify;
 mod health;
+mod poses;
 mod start;
 
 use std::collections::VecDeque;
@@ -24,6 +25,7 @@ use crate::average::Average;
 use crate::camera_response::{CameraResponse, exposure_of};
 use crate::config::Strategy;
 use crate::gains::Gains;
+use crate::poses::Poses;
 use crate::recorded::{curve, radiance_of};
 use crate::state::State;
 use crate::views::TrainingViews;
@@ -42,6 +44,8 @@ pub struct Trainer {
     /// The latest steps and the names of their views.
     recent: VecDeque<(u32, String)>,
     visibility: health::Visibility,
+    /// The poses that corrections apply to, if poses are optimised.
+    poses: Option<Poses>,
 }
 
 /// Number of steps whose views are remembered; engines work ahead by fewer steps than that.
@@ -151,6 +155,7 @@ impl Trainer {
         if let (Some(response), Some(by_knots)) = (&mut self.state.response, &report.by_knots) {
             response.update(by_knots, f64::from(step) / f64::from(self.state.planned_iterations.max(1)));
         }
+        self.correct_pose(step, index, &report);
         self.measure_gain(step, index)?;
         self.densify(step)?;
         self.average(step)?;
@@ -224,6 +229,7 @@ impl Trainer {
             learning_rates,
             position_noise: is_mcmc.then_some(noise),
             stats: self.stats_of(step),
+            camera_gradient: self.camera_gradient_of(step),
         }
     }
 

@@ -56,6 +56,8 @@ pub(crate) struct TrainingViews {
     weighted: Vec<View>,
     stages: Vec<Stage>,
     tone: ToneScale,
+    /// Cameras of full resolution in the place of the views' own, if those are corrected.
+    moved: Option<Vec<Camera>>,
     /// The views of the current stage, if its resolution is reduced and images are in memory.
     reduced: Option<Reduced>,
     /// The reader of images that are read on demand, the view of the current step, and the reduced
@@ -87,7 +89,7 @@ impl TrainingViews {
             false => Vec::new(),
         };
         let ahead = Ahead::new(move |wanted| prepare(wanted, tone));
-        Self { full, weighted, stages, tone, reduced: None, ahead, current: None, stored: None }
+        Self { full, weighted, stages, tone, moved: None, reduced: None, ahead, current: None, stored: None }
     }
 
     /// Returns the number of views.
@@ -97,7 +99,20 @@ impl TrainingViews {
 
     /// Returns the cameras at full resolution.
     pub(crate) fn cameras(&self) -> Vec<&Camera> {
-        self.full.iter().map(|view| &view.camera).collect()
+        match &self.moved {
+            Some(cameras) => cameras.iter().collect(),
+            None => self.full.iter().map(|view| &view.camera).collect(),
+        }
+    }
+
+    /// Sees the views through other cameras of full resolution, in the order of the views.
+    pub(crate) fn move_to(&mut self, cameras: Vec<Camera>) {
+        self.moved = Some(cameras);
+    }
+
+    /// Returns the corrected camera of view `index` at a reduced resolution, if there is one.
+    fn moved_camera(&self, index: usize, factor: u32) -> Option<Camera> {
+        Some(self.moved.as_ref()?.get(index)?.downscaled(factor))
     }
 
     /// Returns the number of pixels of all views together, at full resolution.
@@ -124,6 +139,7 @@ impl TrainingViews {
             PixelValues::Recorded { .. } => [1.0; 3],
         };
         let target = Target { curve: ToneCurve::MuLaw { mu: self.tone.mu }, scale };
+        let moved = self.moved_camera(index, factor);
         let view = if self.weighted.is_empty() {
             self.on_demand(Key { index, factor })?
         } else if factor == 1 {
@@ -132,10 +148,9 @@ impl TrainingViews {
         } else {
             self.reduced(step, factor).views.get_mut(index)
         };
-        Ok(view.map(|view| {
-            view.target = target;
-            view
-        }))
+        let Some(view) = view else { return Ok(None) };
+        show(view, target, moved);
+        Ok(Some(view))
     }
 
     /// Asks for the view of the next step in advance, where images are read on demand.
@@ -157,7 +172,10 @@ impl TrainingViews {
         match self.wanted(key).filter(|wanted| self.weighted.is_empty() && wanted.reduce_by == 1 && wanted.view.noise.is_none()) {
             Some(Wanted { view, .. }) => {
                 let mask = view.mask.as_ref().map(OnDemand::loaded).transpose()?;
-                Ok(Some(View { mask, ..view }))
+                let mut view = View { mask, ..view };
+                let (target, moved) = (view.target, self.moved_camera(index, key.factor));
+                show(&mut view, target, moved);
+                Ok(Some(view))
             }
             None => Ok(self.at(step, index, [1.0; 3])?.map(|view| view.clone())),
         }
@@ -233,6 +251,15 @@ fn stored_reduced(view: &View, factor: u32) -> Option<View> {
     };
     let noise = view.noise.map(|model| model.averaged((factor * factor) as usize));
     Some(View { camera, image, mask, noise, ..view.clone() })
+}
+
+/// Gives a view its target, and the pose and focal length of another camera if there is one; what
+/// its image covers stays.
+fn show(view: &mut View, target: Target, moved: Option<Camera>) {
+    view.target = target;
+    if let Some(Camera { camera_from_world, focal_px, .. }) = moved {
+        (view.camera.camera_from_world, view.camera.focal_px) = (camera_from_world, focal_px);
+    }
 }
 
 /// Returns the number of pixels of all views together.

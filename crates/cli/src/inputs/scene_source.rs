@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, ensure};
-use luxel::run::{ExplicitArgs, RunConfig, RunFolder, state};
+use luxel::run::{ExplicitArgs, RunCameras, RunConfig, RunFolder, state};
 use luxel::{LoadOptions, Remedy, text};
 use luxel_core::{Dataset, Scene};
 
@@ -18,6 +18,8 @@ pub(crate) struct SceneSource {
     pub(crate) scene: Scene,
     /// `None` for a file.
     pub(crate) run: Option<(RunFolder, RunConfig)>,
+    /// Steps of training after which the scene is as it is; 0 for a file.
+    iteration: u32,
 }
 
 /// The data set that a command line asks for.
@@ -60,16 +62,28 @@ impl SceneSource {
             let (folder, config) = RunFolder::open(path)?;
             let (iteration, scene) = state::newest_scene(&folder, console)?;
             console.note(&format!("scene of step {iteration}: {}", text::plural(scene.splats.len(), "splat")));
-            return Ok(Self { scene, run: Some((folder, config)) });
+            return Ok(Self { scene, run: Some((folder, config)), iteration });
         }
-        Ok(Self { scene: luxel::Scene::open_reporting(path, console)?.into_core(), run: None })
+        Ok(Self { scene: luxel::Scene::open_reporting(path, console)?.into_core(), run: None, iteration: 0 })
     }
 
     /// Reads the data set asked for, or the run's own, for its cameras, which become those of the
-    /// scene's local coordinates; `None` if there is neither.
+    /// scene's local coordinates, as training refined them; `None` if there is neither.
     pub(crate) fn dataset(&self, request: DataRequest<'_>, console: &Console) -> Result<Option<Dataset>> {
-        let dataset = self.dataset_in_its_frame(request, console)?;
-        Ok(dataset.map(|dataset| dataset.in_frame(self.scene.world_from_local).into_owned()))
+        let Some(dataset) = self.dataset_in_its_frame(request, console)? else { return Ok(None) };
+        let mut dataset = dataset.in_frame(self.scene.world_from_local).into_owned();
+        self.refine_cameras(request, &mut dataset)?;
+        Ok(Some(dataset))
+    }
+
+    /// Gives a run's own data set the cameras that training refined, if it did.
+    fn refine_cameras(&self, request: DataRequest<'_>, dataset: &mut Dataset) -> Result<()> {
+        let Some((folder, config)) = &self.run else { return Ok(()) };
+        let own = config.dataset_path(folder.root());
+        if request.data.is_none_or(|path| luxel::output::is_same(path, &own)) {
+            RunCameras::read_at(folder, self.iteration)?.apply_to_dataset(dataset);
+        }
+        Ok(())
     }
 
     fn dataset_in_its_frame(&self, request: DataRequest<'_>, console: &Console) -> Result<Option<Dataset>> {

@@ -137,6 +137,17 @@ pub trait Engine: Send {
     /// [`Target::scale`]: crate::Target::scale
     fn train_step(&mut self, view: &View, step: &StepConfig) -> Result<StepReport, EngineError>;
 
+    /// Runs one step's forward and backward passes without its update, and reports the gradient by
+    /// the camera in [`StepReport::camera`], whatever the step asks for. The scene and its
+    /// statistics stay as they are.
+    ///
+    /// # Errors
+    /// Those of [`Engine::train_step`]; [`EngineError::Invalid`] from an engine without gradients
+    /// by the camera.
+    fn camera_gradient(&mut self, _view: &View, _step: &StepConfig) -> Result<StepReport, EngineError> {
+        Err(EngineError::invalid("this engine has no gradients by the camera").with_remedy(Remedy::set("device", "cpu")))
+    }
+
     /// Checks that all parameters are finite, as far as the engine can do so at little cost. A
     /// splat of which one is not is culled, so that the loss may stay finite.
     ///

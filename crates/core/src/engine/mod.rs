@@ -4,6 +4,7 @@
 //! blocking and object-safe; an engine implements it with the eleven passes of [`Pass`]. Types that
 //! programs use together with an engine are also at the root of the crate.
 
+mod camera_gradient;
 mod contract;
 mod densify;
 mod parameter_rows;
@@ -11,6 +12,7 @@ mod pass;
 mod raster;
 mod step;
 
+pub use camera_gradient::{CAMERA_SUMS, CameraGradient, CameraGradientChoice, CameraSums};
 pub use contract::{Engine, EngineError};
 pub use densify::{DensifyPlan, DensifyStats, Geometry, PlanRow};
 pub use parameter_rows::ParameterRows;

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::RenderOptions;
+use super::{CameraGradient, CameraGradientChoice, RenderOptions};
 use crate::{Knots, LossWeights};
 
 /// Adam's learning rates at one step.
@@ -59,6 +59,8 @@ pub struct StepConfig {
     pub position_noise: Option<PositionNoise>,
     /// Statistics that the step adds to [`super::DensifyStats`].
     pub stats: StatsCollection,
+    /// Whether the gradient by the camera is computed.
+    pub camera_gradient: CameraGradientChoice,
 }
 
 /// The densification statistics that a step collects.
@@ -90,4 +92,7 @@ pub struct StepReport {
     /// Gradient of the loss by the knots of the [`crate::Response`], if the loss uses one;
     /// bit-identical for any number of threads.
     pub by_knots: Option<Knots>,
+    /// Gradient of the loss by the camera, if the step asked for it; bit-identical for any number
+    /// of threads.
+    pub camera: Option<CameraGradient>,
 }

@@ -5,7 +5,9 @@ use std::time::Duration;
 
 use fearless_simd::Level;
 use luxel_core::edit::Contributions;
-use luxel_core::engine::{DensifyPlan, DensifyStats, Evaluations, Geometry, ParameterRows, StatsCollection, StepConfig};
+use luxel_core::engine::{
+    CameraGradient, CameraGradientChoice, DensifyPlan, DensifyStats, Evaluations, Geometry, ParameterRows, StatsCollection, StepConfig,
+};
 use luxel_core::{EngineError, Image, Layers, Moments, Pass, PassTime, Splats, StepReport, View};
 use rayon::prelude::*;
 
@@ -14,6 +16,7 @@ use crate::lanes::{LANES, Lanes};
 use crate::memory::Buffer;
 use crate::passes::adam::Optimizer;
 use crate::passes::bin::{Bins, ScreenSplats};
+use crate::passes::camera_backward::camera_backward;
 use crate::passes::changes::Changes;
 use crate::passes::contribute::contribute;
 use crate::passes::densify;
@@ -278,17 +281,37 @@ impl State {
         rasterize_backward(*level, camera, tiles, gradient, absolute, &mut frame.entries);
         clock.lap(Pass::RasterizeBackward);
         let loss = step.loss.total(l1, l2, ssim);
-        StepReport { step: step.step, loss, l1, ssim, visible: frame.bins.visible(), by_knots }
+        StepReport { step: step.step, loss, l1, ssim, visible: frame.bins.visible(), by_knots, camera: None }
     }
 
     /// Runs a training step, up to its deferred update. The view has the size of the image.
     pub(super) fn train_step(&mut self, camera: &ScreenCamera, view: &View, step: &StepConfig) -> StepReport {
-        let report = self.forward_backward(camera, view, step);
+        let mut report = self.forward_backward(camera, view, step);
+        if step.camera_gradient == CameraGradientChoice::Compute {
+            report.camera = Some(self.camera_backward(camera, view, step));
+        }
         if step.stats == StatsCollection::Off {
             self.spare.resize(0);
         }
         self.pending = Some(Update { camera: *camera, step: *step });
         report
+    }
+
+    /// Computes the gradient by the camera from the gradients of the tiles' entries.
+    fn camera_backward(&mut self, camera: &ScreenCamera, view: &View, step: &StepConfig) -> CameraGradient {
+        let Self { level, parameters, smoothing, frame, timings, .. } = self;
+        let inputs = Inputs::new(parameters, smoothing, &frame.bins, &frame.entries, &step.loss);
+        let mut clock = Clock::new(timings);
+        let sums = camera_backward(*level, camera, &inputs, &parameters.lanes);
+        clock.lap(Pass::ProjectBackward);
+        sums.gradient(&view.camera, step.render.raster.samples)
+    }
+
+    /// Computes a step's loss and its gradient by the camera, without an update. The view has the
+    /// size of the image.
+    pub(super) fn camera_gradient(&mut self, camera: &ScreenCamera, view: &View, step: &StepConfig) -> StepReport {
+        let report = self.forward_backward(camera, view, step);
+        StepReport { camera: Some(self.camera_backward(camera, view, step)), ..report }
     }
 
     /// Computes a step's gradients without its update. The view has the size of the image.

@@ -1,9 +1,10 @@
 //! The passes of a training step, one file each, and their helpers.
 //!
 //! `color` runs within `project`, and `color_backward` within `project_backward`; their time is
-//! counted there. Two passes are not part of a step: `contribute` measures which splats a painted
-//! mask selects, and `evaluations` counts how many splats are blended. Both go through a block's
-//! splats with `visit_block`, in the order of `rasterize`.
+//! counted there. `camera_backward` runs only in steps that ask for it. Two passes are not part of
+//! a step: `contribute` measures which splats a painted mask selects, and `evaluations` counts how
+//! many splats are blended. Both go through a block's splats with `visit_block`, in the order of
+//! `rasterize`.
 //!
 //! Helpers: `picks` finds the splats of a block for `rasterize`; `changes` records which splats
 //! changed which pixels, for `rasterize_backward`; `sums` adds gradients up over the pixels of a
@@ -11,6 +12,7 @@
 
 pub(crate) mod adam;
 pub(crate) mod bin;
+pub(crate) mod camera_backward;
 pub(crate) mod changes;
 pub(crate) mod color;
 pub(crate) mod color_backward;

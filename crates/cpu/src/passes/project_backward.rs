@@ -77,7 +77,7 @@ pub(crate) fn project_backward<S: Simd>(
         let sums = V::transpose(
             each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15] lane => { let row = &sums[lane]; V::load(simd, row) }),
         );
-        let statistics = block_backward(simd, camera, inputs, block, &sums, gradient);
+        let BlockBackward { norms: statistics, .. } = block_backward(simd, camera, inputs, block, &sums, gradient);
         if let Some(stats) = stats {
             for lane in (0..stats.views.len()).filter(|lane| visible[*lane]) {
                 stats.norm[lane] += statistics[0][lane];
@@ -87,6 +87,41 @@ pub(crate) fn project_backward<S: Simd>(
         }
     }
     written
+}
+
+/// The parts of a block's gradient that a motion of the camera needs besides its rows.
+pub(crate) struct CameraParts<S: Simd> {
+    /// Gradient by the position through the projection alone, world axes.
+    pub(crate) by_projection: [V<S>; 3],
+    /// Gradient by the focal lengths.
+    pub(crate) by_focal_px: [V<S>; 2],
+}
+
+/// Differentiates a block as [`project_backward`] does, without statistics, and returns the parts
+/// for a motion of the camera; `None`, with `gradient` unchanged, if no splat is visible.
+#[inline(always)]
+pub(crate) fn camera_parts<S: Simd>(
+    simd: S,
+    camera: &ScreenCamera,
+    inputs: &Inputs<'_>,
+    block: Block<'_>,
+    BlockSums { rows: sums, visible }: &BlockSums,
+    gradient: &mut [Lanes],
+) -> Option<CameraParts<S>> {
+    if !visible.contains(&true) {
+        return None;
+    }
+    let sums =
+        V::transpose(each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15] lane => { let row = &sums[lane]; V::load(simd, row) }));
+    Some(block_backward(simd, camera, inputs, block, &sums, gradient).camera)
+}
+
+/// The result of differentiating a block, besides the rows of its gradient.
+struct BlockBackward<S: Simd> {
+    /// For each splat the norms of two gradients by the centre: of the summed gradient, and of the
+    /// sums of absolute values.
+    norms: [[f32; LANES]; 2],
+    camera: CameraParts<S>,
 }
 
 /// The sums of a block's splats over their tiles: for each splat the fields of an
@@ -170,8 +205,7 @@ fn ellipse_backward<S: Simd>(
     EllipseGradient { d_mean, d_covariance: [d_xx, d_xy, d_yy] }
 }
 
-/// Computes the gradient of a block. Returns for each splat the norms of two gradients by the
-/// centre: of the summed gradient, and of the sums of absolute values.
+/// Computes the gradient of a block.
 #[inline(always)]
 fn block_backward<S: Simd>(
     simd: S,
@@ -180,7 +214,7 @@ fn block_backward<S: Simd>(
     Block { index, rows }: Block<'_>,
     sums: &[V<S>; LANES],
     out: &mut [Lanes],
-) -> [[f32; LANES]; 2] {
+) -> BlockBackward<S> {
     let c = |value: f32| V::splat(simd, value);
     let [d_log_alpha, _, _, _, _, _, dr, dg, db, abs_u, abs_y, ..] = *sums;
     let p = Projection::new(simd, camera, rows, inputs.smoothing.get(index));
@@ -218,9 +252,12 @@ fn block_backward<S: Simd>(
     }
     let d_jacobian = each!([0, 1] i => { let row = d_screen_axes[i]; each!([0, 1, 2] j => dot(row, p.axes[j])) });
     let d_point = point_backward(simd, camera, &p, d_jacobian, d_mean);
-    for (i, d) in d_position.iter_mut().enumerate() {
+    let by_projection = each!([0, 1, 2] i => {
         let column = each!([0, 1, 2] row => c(camera.rotation[row][i]));
-        *d = *d + dot(column, d_point);
+        dot(column, d_point)
+    });
+    for (i, d) in d_position.iter_mut().enumerate() {
+        *d = *d + by_projection[i];
         finite(*d).store(&mut out[ParameterRows::POSITION + i]);
     }
 
@@ -228,10 +265,20 @@ fn block_backward<S: Simd>(
     // and v, and in its root.
     let ndc = each!([0, 1] i => 0.5 * camera.size_px[i] as f32);
     let by_center = [d_mean, [root[0] * abs_u * (1.0 / SQRT_HALF_LOG2_E), abs_y * (1.0 / (SQRT_HALF_LOG2_E * SQRT_HALF_LOG2_E))]];
-    each!([0, 1] i => {
+    let norms = each!([0, 1] i => {
         let (x, y) = (by_center[i][0] * ndc[0], by_center[i][1] * ndc[1]);
         (x * x + y * y).sqrt().lanes()
-    })
+    });
+    // Centre and Jacobian are proportional to the focal length; the root is to the Jacobian.
+    let inverse_z = c(1.0) / p.point[2];
+    let by_focal_px = each!([0, 1] i => {
+        let d = (d_mean[i] * p.point[i]).mul_add(inverse_z, dot(d_root[i], p.root[i]) * (1.0 / camera.focal_px[i]));
+        finite(d)
+    });
+    BlockBackward {
+        norms,
+        camera: CameraParts { by_projection: each!([0, 1, 2] i => { let d = by_projection[i]; finite(d) }), by_focal_px },
+    }
 }
 
 /// Replaces numbers that are not finite by zero: a splat that is culled for overflow has zero

@@ -1,7 +1,7 @@
 //! Scenes, cameras and views for the tests, from fixed seeds.
 
 use glam::{DAffine3, DQuat, DVec2, DVec3};
-use luxel_core::engine::{LearningRates, StatsCollection, StepConfig};
+use luxel_core::engine::{CameraGradientChoice, LearningRates, StatsCollection, StepConfig};
 use luxel_core::{
     Antialias, Camera, CameraProjection, ColorModel, Cutoffs, Distortion, Image, LossWeights, Mask, PixelValues, RasterConfig,
     RenderOptions, SH_OFFSET, Splat, Splats, Target, View, random, sh,
@@ -187,6 +187,7 @@ pub fn step(step: u32, render: RenderOptions) -> StepConfig {
         learning_rates: LEARNING_RATES,
         position_noise: None,
         stats: StatsCollection::GradientsAndAbsolute,
+        camera_gradient: CameraGradientChoice::Skip,
     }
 }
 

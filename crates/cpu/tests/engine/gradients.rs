@@ -69,7 +69,7 @@ fn sampled(mut case: Case, samples: u8) -> Case {
 
 /// Returns cases of all colour models; cut-offs, anti-aliasing and mask alternate so that all
 /// combinations occur.
-fn cases() -> Vec<Case> {
+pub fn cases() -> Vec<Case> {
     let (hdr, parity) = (("hdr", Cutoffs::HDR), ("parity", Cutoffs::PARITY));
     let (off, pixel, mip) = (Antialias::Off, Antialias::Pixel, Antialias::Mip);
     let mut cases = Vec::new();

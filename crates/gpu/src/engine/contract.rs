@@ -5,12 +5,13 @@
 use std::time::Instant;
 
 use luxel_core::edit::Contributions;
-use luxel_core::engine::{DensifyPlan, DensifyStats, Geometry, StepConfig};
+use luxel_core::engine::{CameraGradientChoice, DensifyPlan, DensifyStats, Geometry, StepConfig};
 use luxel_core::{Camera, Engine, EngineError, Image, Moments, Pass, PassTime, RenderOptions, Splats, StepReport, View};
 
-use super::{GpuEngine, Submission};
+use super::{GpuEngine, Submission, step_report};
 use crate::densify;
 use crate::device::resume;
+use crate::layout::HALT_NONE;
 use crate::pending::LAG;
 use crate::scene::GpuScene;
 use crate::screen::{check, supersampled};
@@ -75,6 +76,14 @@ impl Engine for GpuEngine {
             return Ok(report);
         }
         self.enqueue(view.clone(), *step)?;
+        if step.camera_gradient == CameraGradientChoice::Compute {
+            // A camera that moves by the gradient must not depend on how far the device is.
+            self.wait_idle()?;
+            if self.diverged.is_none() {
+                let camera = Some(self.read_camera_gradient(view, step)?);
+                self.latest = self.latest.map(|report| StepReport { camera, ..report });
+            }
+        }
         self.gpu.poll()?;
         while self.pending.front().is_some_and(|pending| pending.report.is_done()) || self.pending.len() > LAG {
             self.retire_oldest()?;
@@ -87,6 +96,17 @@ impl Engine for GpuEngine {
 
     fn limit_images(&mut self, bytes: u64) {
         self.targets.set_budget(bytes);
+    }
+
+    fn camera_gradient(&mut self, view: &View, step: &StepConfig) -> Result<StepReport, EngineError> {
+        view.validate()?;
+        self.wait_idle_checked()?;
+        let state = self.run(&Submission::CameraGradient { view, step })?;
+        let report = step_report(&state, step.step);
+        if state.halted != HALT_NONE {
+            return Ok(StepReport { loss: f32::NAN, ..report });
+        }
+        Ok(StepReport { camera: Some(self.read_camera_gradient(view, step)?), ..report })
     }
 
     fn finish(&mut self) -> Result<(), EngineError> {

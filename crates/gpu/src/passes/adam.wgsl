@@ -26,7 +26,11 @@ struct Optimizer {
 }
 
 // ONLY_GRADIENTS: gradients are stored in place of the first moments, and nothing else changes.
+// ONLY_CAMERA: nothing changes.
 fn update_parameter(row: u32, i: u32, gradient: f32, rate: f32) {
+    if (ONLY_CAMERA) {
+        return;
+    }
     let at = row * shard.stride + i;
     if (ONLY_GRADIENTS) {
         first[at] = gradient;

@@ -90,6 +90,8 @@ struct Geometry {
     // Norms of the gradient by the centre, NDC units: of its sum, and of the sums of its absolute
     // parts.
     norms: vec2f,
+    // Gradient by the focal lengths, for `camera_backward`.
+    focal_px: vec2f,
 }
 
 fn geometry_backward(i: u32, sums: Sums) -> Geometry {
@@ -144,6 +146,10 @@ fn geometry_backward(i: u32, sums: Sums) -> Geometry {
     let ndc = 0.5 * vec2f(camera.size_px);
     let absolute = vec2f(root.x * sums.absolute.x / SQRT_HALF_LOG2_E, sums.absolute.y * unit);
     out.norms = vec2f(length(d_mean * ndc), length(absolute * ndc));
+    // Centre and Jacobian are proportional to the focal length; the root is to the Jacobian.
+    let by_root_px = vec2f(dot(d_root_x, p.root_x), dot(d_root_y, p.root_y)) / camera.focal_px;
+    let d_focal = d_mean * p.point.xy / p.point.z + by_root_px;
+    out.focal_px = vec2f(finite(d_focal.x), finite(d_focal.y));
     return out;
 }
 

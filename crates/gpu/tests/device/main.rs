@@ -18,6 +18,7 @@
 #![allow(unreachable_pub, reason = "modules of a test share their items")]
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail the test")]
 
+mod camera;
 mod compare;
 mod contract;
 #[path = "../../../cpu/tests/engine/fixture.rs"]
@@ -41,6 +42,7 @@ const THREAD_ORDER: &[&str] = &[
     "gpu_images_match_cpu",
     "gpu_losses_match_cpu",
     "gpu_gradients_match_cpu",
+    "gpu_gradients_by_the_camera_match_cpu",
     "crowded_tiles_match_the_cpu",
     "splats_over_many_tiles_match_the_cpu",
     "equal_inputs_give_equal_bits",
@@ -49,7 +51,7 @@ const THREAD_ORDER: &[&str] = &[
 
 /// Returns the tests that `LUXEL_GPU_TESTS` selects.
 fn selected() -> Vec<(&'static str, Body)> {
-    let all = [passes::ALL, parity::ALL, contract::ALL].concat();
+    let all = [passes::ALL, parity::ALL, camera::ALL, contract::ALL].concat();
     for name in THREAD_ORDER {
         assert!(all.iter().any(|(found, _)| found == name), "THREAD_ORDER: there is no test {name}");
     }

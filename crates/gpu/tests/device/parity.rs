@@ -46,7 +46,7 @@ pub fn engines(gpu: &Arc<Gpu>, splats: &Splats) -> (CpuEngine, GpuEngine) {
 }
 
 /// Returns both presets of cut-offs, every kind of anti-aliasing, with and without supersampling.
-fn rasters() -> [(String, RenderOptions); 6] {
+pub fn rasters() -> [(String, RenderOptions); 6] {
     let (hdr, parity) = (Cutoffs::HDR, Cutoffs::PARITY);
     let (off, pixel, mip) = (Antialias::Off, Antialias::Pixel, Antialias::Mip);
     [(hdr, off, 1), (parity, off, 1), (hdr, pixel, 1), (hdr, mip, 1), (hdr, pixel, 2), (parity, off, 3)].map(

@@ -16,7 +16,7 @@ use std::borrow::Cow;
 use std::path::Path;
 use std::time::Instant;
 
-use luxel_core::engine::{LearningRates, StatsCollection, StepConfig};
+use luxel_core::engine::{CameraGradientChoice, LearningRates, StatsCollection, StepConfig};
 use luxel_core::{Dataset, Engine, LossWeights, PixelValues, Scene, Similarity, Target, ToneCurve, View};
 use luxel_io::{Appearance, BakeOptions, Baked};
 
@@ -147,6 +147,7 @@ pub(super) fn refine(
             },
             position_noise: None,
             stats: StatsCollection::Off,
+            camera_gradient: CameraGradientChoice::Skip,
         };
         let view = &targets[shuffled(step as usize - 1, targets.len())];
         let report = engine.train_step(view, &config).context("cannot refine the bake")?;

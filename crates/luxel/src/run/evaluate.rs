@@ -16,9 +16,10 @@ use luxel_metrics::{FieldOptions, FlipChoice};
 use luxel_metrics::{GainFit, Lpips, SplitMetrics};
 use serde::Serialize;
 
+use super::evaluation::TEST_ALIGNED;
 use super::evaluation::{FrameProgress, count_frames};
 use super::report::Evaluated;
-use super::{Captures, Metrics, Rendering, RunConfig, RunFolder, log, report, state};
+use super::{Captures, Metrics, Rendering, RunCameras, RunConfig, RunFolder, log, report, state};
 use crate::error::{Context, bail};
 use crate::{Event, Observer, Result, SelectedEngine, build_info, files, memory, output, schema};
 
@@ -69,7 +70,9 @@ pub fn evaluate_run(
     let EvaluationData { path, load, dataset } = data;
     let (iteration, scene) = state::newest_scene(folder, observer)?;
     check_color_space(path, dataset, &scene)?;
-    let dataset = &*dataset.in_frame(scene.world_from_local);
+    let is_own = output::is_same(path, &config.dataset_path(folder.root()));
+    let cameras = if is_own { RunCameras::read_at(folder, iteration)? } else { RunCameras::default() };
+    let dataset = &*cameras.seen_by_training(dataset.in_frame(scene.world_from_local));
     engine.load(&scene.splats, None).context("cannot load the scene")?;
     let options = scene.render_options_before(config.train.background);
     let mut rendering = Rendering {
@@ -85,11 +88,20 @@ pub fn evaluate_run(
         log_gains: Captures::read(folder)?.log_gains_at(iteration),
         progress: Some(FrameProgress { observer, done: 0, total: count_frames(config, dataset) }),
     };
-    let is_own = output::is_same(path, &config.dataset_path(folder.root())) && *load == config.load;
-    let images = if is_own { folder.evaluation(iteration) } else { folder.claim_evaluation_of(iteration, path, load)? };
+    let images =
+        if is_own && *load == config.load { folder.evaluation(iteration) } else { folder.claim_evaluation_of(iteration, path, load)? };
     let mut named = Vec::new();
     for (name, views, images) in [("test", &dataset.test, Some(images.as_path())), ("train", &dataset.train, None)] {
         named.extend(rendering.evaluate(views, images, GainFit::None)?.map(|split| (name, split)));
+    }
+    let mut test_alignment = None;
+    if config.train.refine_poses
+        && let Some(aligned) = rendering.align(config.train.loss_weights(), &dataset.test)?
+    {
+        let split = rendering.evaluate(&aligned.views, None, GainFit::None)?;
+        // Beside the metrics before the alignment.
+        named.splice(1.min(named.len())..1.min(named.len()), split.map(|split| (TEST_ALIGNED, split)));
+        test_alignment = Some(aligned.report);
     }
     named.extend(rendering.evaluate_fitted(config, &dataset.test)?);
     observer.event(Event::StepsEnd);
@@ -112,6 +124,8 @@ pub fn evaluate_run(
         revision: build_info::REVISION.map(Into::into),
         features: build_info::features().into_iter().map(Into::into).collect(),
         dataset: path.display().to_string(),
+        poses: spent.and_then(|record| record.poses.clone()),
+        test_alignment,
         splits,
     };
     // Not beside the images: metrics there mark an evaluation by training.

@@ -4,11 +4,11 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use luxel_core::{ColorSpace, Dataset, Engine, Image, Knots, PixelValues, RadianceScale, RenderOptions, View};
+use luxel_core::{ColorSpace, Dataset, Engine, Image, Knots, LossWeights, PixelValues, RadianceScale, RenderOptions, View};
 use luxel_io::{ExrOptions, ExrSample, Supervision};
 use luxel_metrics::{FieldOptions, FlipChoice};
 use luxel_metrics::{GainFit, Lpips, Measures, SplitMetrics};
-use luxel_train::ExposureCompensation;
+use luxel_train::{AlignmentScene, ExposureCompensation, PoseReport, align_camera, pose_change};
 use serde::{Deserialize, Serialize};
 
 use super::RunConfig;
@@ -55,8 +55,15 @@ pub struct Metrics {
     pub features: Vec<String>,
     /// Folder of the data set.
     pub dataset: String,
-    /// `test`, and at the end of training `train`; where a capture leaves gains open,
-    /// `test_gain_common` or `test_gain_per_view` too.
+    /// Corrections of the training images' poses and focal lengths, if they were refined.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub poses: Option<PoseReport>,
+    /// Corrections by which the test views were aligned to the scene for `test_aligned`, if poses
+    /// were refined.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub test_alignment: Option<PoseReport>,
+    /// `test`, and at the end of training `train`; where poses were refined, `test_aligned`; where
+    /// a capture leaves gains open, `test_gain_common` or `test_gain_per_view` too.
     pub splits: BTreeMap<String, SplitMetrics>,
 }
 
@@ -85,6 +92,18 @@ pub struct Rendering<'a> {
     pub log_gains: BTreeMap<String, [f32; 3]>,
     /// Receives the views as they are done; `None` where another task reports its own progress.
     pub progress: Option<FrameProgress<'a>>,
+}
+
+/// Name of the split of test views that were aligned to the scene.
+pub const TEST_ALIGNED: &str = "test_aligned";
+
+/// Test views that were aligned to a scene.
+#[derive(Clone, Debug)]
+pub struct AlignedViews {
+    /// The views, with other cameras.
+    pub views: Vec<View>,
+    /// How far they were moved.
+    pub report: PoseReport,
 }
 
 /// Counts images and reports them as [`Event::Frame`].
@@ -133,6 +152,35 @@ impl Rendering<'_> {
             splits.extend(self.evaluate(views, None, fit)?.map(|split| (name, split)));
         }
         Ok(splits)
+    }
+
+    /// Returns test views whose poses are aligned to the scene, each on its own image, and by how
+    /// much they were moved; `None` if there are no views.
+    ///
+    /// # Errors
+    /// A device that gave up, or that cannot differentiate by the camera.
+    pub fn align(&mut self, loss: LossWeights, views: &[View]) -> Result<Option<AlignedViews>> {
+        if views.is_empty() {
+            return Ok(None);
+        }
+        let positions = self.engine.geometry()?.position;
+        let scene = AlignmentScene {
+            render: self.options,
+            loss,
+            radiance_scale: self.radiance_scale,
+            mu: self.mu,
+            response: self.response,
+            positions,
+        };
+        let mut aligned = Vec::with_capacity(views.len());
+        let mut changes = Vec::with_capacity(views.len());
+        for view in views {
+            let camera =
+                align_camera(self.engine, &view.loaded()?, &scene).with_context(|| format!("cannot align test view {}", view.name))?;
+            changes.push(pose_change(&view.camera, &camera, scene.depth(&view.camera)));
+            aligned.push(View { camera, ..view.clone() });
+        }
+        Ok(Some(AlignedViews { views: aligned, report: PoseReport::of_changes(&changes) }))
     }
 
     /// Measures a split, after the removal of the gains that training found, or of those that
@@ -192,7 +240,8 @@ fn due_fits(config: &RunConfig, views: &[View]) -> Vec<(&'static str, GainFit<'s
 /// Returns how many images the evaluation of a run renders: of test and training views, and of
 /// test views for each fit.
 pub(super) fn count_frames(config: &RunConfig, dataset: &Dataset) -> u32 {
-    let test = dataset.test.len() * (1 + due_fits(config, &dataset.test).len());
+    let aligned = usize::from(config.train.refine_poses);
+    let test = dataset.test.len() * (1 + aligned + due_fits(config, &dataset.test).len());
     u32::try_from(test + dataset.train.len()).unwrap_or(u32::MAX)
 }
 

@@ -9,6 +9,7 @@
 //! eval/step_N/metrics.json                 their metrics; marks the evaluation as complete
 //! eval/step_N_on_DATA/                     test views of other data, named in source.toml
 //! metrics.json  log.jsonl  report.html     newest metrics, training curves, report
+//! cameras.json                             refined cameras
 //! captures.json                            gains and camera response that training found
 //! measured.json                            measurements of the run as part of a study
 //! ```
@@ -33,8 +34,8 @@ pub const LOCK: &str = ".lock";
 
 /// Everything training puts into a run folder besides [`CONFIG`]; all that [`RunFolder::clear`]
 /// deletes.
-const CONTENTS: [&str; 8] =
-    ["checkpoints", "point_cloud", "eval", "metrics.json", "captures.json", "log.jsonl", "report.html", "measured.json"];
+const CONTENTS: [&str; 9] =
+    ["checkpoints", "point_cloud", "eval", "metrics.json", "cameras.json", "captures.json", "log.jsonl", "report.html", "measured.json"];
 
 /// A run's place on disk.
 #[derive(Clone, Debug)]
@@ -257,6 +258,11 @@ impl RunFolder {
     /// Returns the path of the gains and the camera response that training found.
     pub fn captures(&self) -> PathBuf {
         self.root.join("captures.json")
+    }
+
+    /// Returns the path of the refined cameras.
+    pub fn cameras(&self) -> PathBuf {
+        self.root.join("cameras.json")
     }
 
     /// Returns the path of the log.

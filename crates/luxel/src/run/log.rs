@@ -85,6 +85,7 @@ mod tests {
             psnr_train: Some(30.0),
             psnr_test: None,
             psnr_test_sample: Some(28.0),
+            poses: None,
             splats: 10,
             visible: 5,
             iterations_per_second: 20.0,

@@ -31,6 +31,7 @@
 //! # }
 //! ```
 
+mod cameras;
 mod captures;
 mod clock;
 mod config;
@@ -47,6 +48,7 @@ mod session;
 pub mod state;
 mod test_curve;
 
+pub use cameras::RunCameras;
 pub use captures::Captures;
 pub use config::{Difference, MadeBy, RunConfig, RunOptions};
 pub use evaluate::{EvaluationData, MetricsOptions, SceneMetrics, evaluate_run, evaluate_scene};

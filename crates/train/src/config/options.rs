@@ -126,6 +126,20 @@ options! {
         /// fixes the scale of radiance
         unit_exposure: f32 = 0.5, "VALUE", Range::Between, needs: [CapturedImages];
     }
+    "Poses" {
+        /// Optimise the camera poses of the training images with the scene; what all corrections
+        /// have in common is removed, so that the scene keeps its place and scale
+        refine_poses: bool = false, "", Range::Any;
+        /// Optimise the focal length with the poses: one factor for all images with the same lens
+        refine_focal: bool = false, "", Range::Any, needs: [RefinePoses];
+        /// Initial rate of poses: how far one step may move an image, in pixels; it falls to 0
+        /// along a cosine
+        pose_lr: Option<f32> = None, "PIXELS", Range::Positive, unset: "by the number of steps per image, 0.02 to 0.4", needs: [RefinePoses];
+        /// Step after which poses are optimised, when the scene has some shape
+        pose_from: Option<u32> = None, "STEP", Range::Any, unset: "a tenth of the steps", needs: [RefinePoses];
+        /// Step after which poses are fixed, so that the scene converges
+        pose_until: Option<u32> = None, "STEP", Range::AtLeast(1), unset: "four fifths of the steps", needs: [RefinePoses];
+    }
     "Rasteriser" {
         /// Treatment of splats smaller than a pixel
         antialias: Antialias = Antialias::Pixel, "ANTIALIAS", Range::Any;

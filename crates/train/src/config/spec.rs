@@ -127,6 +127,8 @@ pub enum Condition {
     Absgrad,
     /// Pixels are supersampled.
     Supersampling,
+    /// Poses are optimised.
+    RefinePoses,
     /// The training images are radiance.
     RadianceImages,
     /// The training images are captured LDR images.
@@ -135,8 +137,16 @@ pub enum Condition {
 
 impl Condition {
     /// All conditions.
-    pub const ALL: [Self; 7] =
-        [Self::Lcd, Self::Adc, Self::Mcmc, Self::Absgrad, Self::Supersampling, Self::RadianceImages, Self::CapturedImages];
+    pub const ALL: [Self; 8] = [
+        Self::Lcd,
+        Self::Adc,
+        Self::Mcmc,
+        Self::Absgrad,
+        Self::Supersampling,
+        Self::RefinePoses,
+        Self::RadianceImages,
+        Self::CapturedImages,
+    ];
 
     /// Returns the name of the option that makes the choice.
     pub fn option(self) -> &'static str {
@@ -145,6 +155,7 @@ impl Condition {
             Self::Adc | Self::Mcmc => "strategy",
             Self::Absgrad => "absgrad",
             Self::Supersampling => "samples",
+            Self::RefinePoses => "refine_poses",
             Self::RadianceImages | Self::CapturedImages => "supervision",
         }
     }
@@ -155,7 +166,7 @@ impl Condition {
             Self::Lcd => "lcd",
             Self::Adc => "adc",
             Self::Mcmc => "mcmc",
-            Self::Absgrad => "",
+            Self::Absgrad | Self::RefinePoses => "",
             Self::Supersampling => "above 1",
             Self::RadianceImages => "hdr",
             Self::CapturedImages => "ldr",
@@ -170,6 +181,7 @@ impl Condition {
             Self::Mcmc => Some(config.strategy == Strategy::Mcmc),
             Self::Absgrad => Some(config.absgrad),
             Self::Supersampling => Some(config.samples > 1),
+            Self::RefinePoses => Some(config.refine_poses),
             Self::RadianceImages | Self::CapturedImages => None,
         }
     }

@@ -60,6 +60,11 @@ fn every_option_changes_the_configuration() {
         &["--ssim-weight", "0.8"],
         &["--squared-share", "0"],
         &["--average-share", "0"],
+        &["--refine-poses"],
+        &["--refine-focal"],
+        &["--pose-lr", "0.1"],
+        &["--pose-from", "5"],
+        &["--pose-until", "5"],
         &["--antialias", "off"],
         &["--samples", "2"],
         &["--samples-share", "0.5"],
@@ -106,7 +111,9 @@ fn every_option_changes_the_configuration() {
     let default = serde_json::to_value(TrainConfig::default()).unwrap();
     for flag in flags {
         let config = parse(flag).unwrap();
-        config.validate().unwrap();
+        // Options of poses are refused without poses to optimise.
+        let has_choice = ["--refine-focal", "--pose-lr", "--pose-from", "--pose-until"].contains(&flag[0]);
+        TrainConfig { refine_poses: has_choice || config.refine_poses, ..config.clone() }.validate().unwrap();
         let changed = serde_json::to_value(&config).unwrap();
         let field = flag[0].trim_start_matches('-').replace('-', "_");
         for (name, value) in changed.as_object().unwrap() {
@@ -160,6 +167,10 @@ fn nonsense_is_refused_with_the_options_name() {
         (&["--opacity-lr", "0", "--opacity-lr-final", "0.1"], "opacity_lr"),
         (&["--strategy", "mcmc", "--absgrad"], "absgrad"),
         (&["--strategy", "mcmc", "--percent-dense", "0.1"], "percent_dense"),
+        (&["--refine-focal"], "refine_focal"),
+        (&["--pose-from", "5"], "pose_from"),
+        (&["--refine-poses", "--pose-lr", "0"], "pose_lr"),
+        (&["--refine-poses", "--pose-from", "5", "--pose-until", "5"], "pose_until"),
     ];
     for (arguments, option) in cases {
         let error = parse(arguments).unwrap().validate().unwrap_err().to_string();

@@ -29,6 +29,11 @@ impl TrainConfig {
             let reason = format!("found {}, expected 0, or 1 and above: no splat is shorter than it is wide", self.max_aspect);
             return Err(TrainError::config("max_aspect", reason));
         }
+        if let (Some(from), Some(until)) = (self.pose_from, self.pose_until)
+            && until <= from
+        {
+            return Err(TrainError::config("pose_until", format!("found {until}, expected a step after pose_from, which is {from}")));
+        }
         self.validate_decays()
     }
 

@@ -3,7 +3,7 @@
 //! In: a data set, a configuration or a snapshot, an engine. Out: a [`Trainer`] whose engine holds
 //! the scene. Degenerate: views or states that cannot be trained are errors.
 
-use luxel_core::{Antialias, Dataset, Engine, RadianceScale, Snapshot, View, spatial_order};
+use luxel_core::{Antialias, CameraProjection, Dataset, Engine, RadianceScale, Snapshot, View, spatial_order};
 
 use super::health::Visibility;
 use super::{Trainer, VecDeque};
@@ -11,7 +11,7 @@ use crate::average::Average;
 use crate::camera_response::CameraResponse;
 use crate::pixel_weights::ToneScale;
 use crate::recorded::{as_radiance, is_recorded};
-use crate::state::{Start, State};
+use crate::state::{Start, State, poses_of};
 use crate::views::TrainingViews;
 use crate::{Schedule, TrainConfig, TrainError, choose_radiance_scale, initialise};
 
@@ -28,6 +28,7 @@ impl Trainer {
     pub fn new(dataset: &Dataset, config: TrainConfig, mut engine: Box<dyn Engine>) -> Result<Self, TrainError> {
         config.validate()?;
         check_views(dataset)?;
+        check_focal(dataset, &config)?;
         let response = is_recorded(&dataset.train)?.then(|| CameraResponse::new(config.unit_exposure, &dataset.train));
         let radiance = response.as_ref().map(|response| as_radiance(dataset, &response.knots()));
         let start = radiance.as_ref().unwrap_or(dataset);
@@ -50,6 +51,7 @@ impl Trainer {
         let state = State::new(dataset, Start { config, extent, radiance_scale, response });
         let mut trainer = Self::assemble(dataset, state, None, engine);
         trainer.warn_of_average();
+        trainer.check_pose_steps()?;
         if trainer.state.config.antialias == Antialias::Mip {
             trainer.update_smoothing()?;
         }
@@ -85,7 +87,8 @@ impl Trainer {
         let stages = config.resolution_schedule.stages(state.planned_iterations, config.densify_interval, side_px);
         let tone = ToneScale { radiance_scale: state.radiance_scale, mu: config.mu };
         let views = TrainingViews::new(&dataset.train, stages, config.noise_model, tone);
-        Self {
+        let poses = state.poses.is_some().then(|| poses_of(dataset, state.extent));
+        let mut trainer = Self {
             engine,
             views,
             color_space: dataset.color_space,
@@ -95,7 +98,10 @@ impl Trainer {
             average,
             recent: VecDeque::new(),
             visibility: Visibility::default(),
-        }
+            poses,
+        };
+        trainer.restore_poses();
+        trainer
     }
 }
 
@@ -106,6 +112,18 @@ fn check_views(dataset: &Dataset) -> Result<(), TrainError> {
     }
     dataset.train.iter().try_for_each(View::validate)?;
     Ok(())
+}
+
+/// Checks that focal lengths can be optimised, if they are to be: that of a panorama is its size.
+fn check_focal(dataset: &Dataset, config: &TrainConfig) -> Result<(), TrainError> {
+    let is_panorama = |view: &&View| view.camera.projection == CameraProjection::Equirectangular;
+    match dataset.train.iter().find(is_panorama).filter(|_| config.refine_focal) {
+        Some(view) => {
+            let reason = format!("view {} is a panorama, whose focal length follows from its size; leave it out", view.name);
+            Err(TrainError::config("refine_focal", reason))
+        }
+        None => Ok(()),
+    }
 }
 
 /// Returns the size of the scene, world units: the spread of the cameras (Kerbl et al. 2023) or the

@@ -1,15 +1,18 @@
 //! Measurements of a session on the way: a training view at each line of the log, a few test views
 //! for the curve, and everything at an evaluation.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use luxel_core::{Camera, Dataset, View};
 use luxel_metrics::{FieldOptions, FlipChoice, GainFit};
 
-use super::super::evaluation::{Metrics, Rendering};
+use super::super::cameras::share_lenses;
+use super::super::evaluation::{Metrics, Rendering, TEST_ALIGNED};
 use super::super::log::LOG_EVERY;
 use super::super::test_curve::TestCurve;
-use super::super::{Captures, report};
+use super::super::{Captures, RunCameras, report};
 use super::{LoopState, Session};
 use crate::export::write_with_refined_display;
 use crate::{Event, Result, SelectedEngine, build_info, files, memory, schema};
@@ -27,15 +30,16 @@ impl Session<'_> {
     pub(super) fn probe(&mut self) -> Result<Option<f64>> {
         let turn = (self.trainer.iteration() / LOG_EVERY) as usize % self.dataset.train.len().max(1);
         let Some(view) = self.dataset.train.get(turn) else { return Ok(None) };
-        self.rendering().probe(view)
+        let refined = self.refined_camera(turn).map(|camera| View { camera, ..view.clone() });
+        self.rendering().probe(refined.as_ref().unwrap_or(view))
     }
 
     /// Returns the mean PSNR of a few test views, for the curve of the report; `None` if all of
     /// them are masked.
     pub(super) fn sample_test_views(&mut self, schedule: TestCurve) -> Result<Option<f64>> {
-        let dataset = self.dataset;
+        let test = self.test_views().into_owned();
         let mut rendering = self.rendering();
-        let views = schedule.views().filter_map(|i| dataset.test.get(i));
+        let views = schedule.views().filter_map(|i| test.get(i));
         let found: Vec<Option<f64>> = views.map(|view| rendering.probe(view)).collect::<Result<_>>()?;
         let found: Vec<f64> = found.into_iter().flatten().collect();
         Ok((!found.is_empty()).then(|| found.iter().sum::<f64>() / found.len() as f64))
@@ -60,10 +64,24 @@ impl Session<'_> {
         let config = self.config;
         Captures::new(&self.trainer, &dataset.train).write(self.folder)?;
         let mut splits = BTreeMap::new();
+        let train = self.train_views().into_owned();
+        let test_views = self.test_views().into_owned();
+        let poses = self.trainer.pose_report();
+        let folder = self.folder;
         let mut rendering = self.rendering();
-        let test = rendering.evaluate(&dataset.test, Some(&images), GainFit::None)?;
-        let train = if finished { rendering.evaluate(&dataset.train, None, GainFit::None)? } else { None };
-        for (name, split) in rendering.evaluate_fitted(config, &dataset.test)? {
+        let test = rendering.evaluate(&test_views, Some(&images), GainFit::None)?;
+        let aligned = if poses.is_some() { rendering.align(config.train.loss_weights(), &test_views)? } else { None };
+        if let Some(aligned) = &aligned
+            && let Some(split) = rendering.evaluate(&aligned.views, None, GainFit::None)?
+        {
+            splits.insert(TEST_ALIGNED.to_owned(), split);
+        }
+        if poses.is_some() {
+            let test = aligned.iter().flat_map(|aligned| &aligned.views);
+            RunCameras::new(iteration, dataset, train.iter().chain(test)).write(folder)?;
+        }
+        let train = if finished { rendering.evaluate(&train, None, GainFit::None)? } else { None };
+        for (name, split) in rendering.evaluate_fitted(config, &test_views)? {
             splits.insert(name.to_owned(), split);
         }
         for (name, split) in [("test", test), ("train", train)] {
@@ -87,6 +105,8 @@ impl Session<'_> {
             revision: build_info::REVISION.map(Into::into),
             features: build_info::features().into_iter().map(Into::into).collect(),
             dataset: self.config.dataset_path(self.folder.root()).display().to_string(),
+            poses,
+            test_alignment: aligned.map(|aligned| aligned.report),
             splits,
         };
         files::write_json(&self.folder.metrics(), schema::METRICS, &metrics)?;
@@ -111,7 +131,7 @@ impl Session<'_> {
         let steps = self.config.run.refine_display;
         if self.trainer.is_finished() && steps > 0 && !scene.splats.is_empty() {
             let refined = SelectedEngine::open(&self.config.device).and_then(|mut selected| {
-                write_with_refined_display(path, &scene, self.dataset, steps, selected.engine.as_mut(), self.observer)
+                write_with_refined_display(path, &scene, &self.refined_dataset(), steps, selected.engine.as_mut(), self.observer)
             });
             match refined {
                 Ok(()) => return Ok(()),
@@ -119,6 +139,41 @@ impl Session<'_> {
             }
         }
         Ok(luxel_io::write_scene_ply(path, &scene)?)
+    }
+
+    /// Returns the refined camera of training view `index`; `None` unless poses are refined.
+    fn refined_camera(&self, index: usize) -> Option<Camera> {
+        self.trainer.pose_report()?;
+        self.trainer.cameras().into_iter().nth(index)
+    }
+
+    /// Returns the training views as the trainer sees them: with refined cameras, if there are any.
+    fn train_views(&self) -> Cow<'_, [View]> {
+        if self.trainer.pose_report().is_none() {
+            return Cow::Borrowed(&self.dataset.train);
+        }
+        let views = self.dataset.train.iter().zip(self.trainer.cameras());
+        Cow::Owned(views.map(|(view, camera)| View { camera, ..view.clone() }).collect())
+    }
+
+    /// Returns the test views with the lenses that the trainer sees, if those are refined.
+    fn test_views(&self) -> Cow<'_, [View]> {
+        match self.train_views() {
+            Cow::Borrowed(_) => Cow::Borrowed(&self.dataset.test),
+            Cow::Owned(train) => {
+                let mut test = self.dataset.test.clone();
+                share_lenses(&self.dataset.train, &train, &mut test);
+                Cow::Owned(test)
+            }
+        }
+    }
+
+    /// Returns the data set with the training views as the trainer sees them.
+    fn refined_dataset(&self) -> Cow<'_, Dataset> {
+        match self.train_views() {
+            Cow::Borrowed(_) => Cow::Borrowed(self.dataset),
+            Cow::Owned(train) => Cow::Owned(Dataset { train, ..self.dataset.clone() }),
+        }
     }
 
     fn rendering(&mut self) -> Rendering<'_> {
