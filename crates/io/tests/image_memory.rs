@@ -48,7 +48,7 @@ fn cache(scene: &TestScene) -> PathBuf {
 
 fn read(scene: &TestScene, options: &LoadOptions) -> Result<Dataset, IoError> {
     let cache = cache(scene);
-    let loading = Loading { image_memory: ROOM, cache: Some(&cache), progress: None };
+    let loading = Loading { image_memory: ROOM, cache: Some(&cache), ..Loading::default() };
     load_dataset_within(&scene.path().join("data"), options, &loading)
 }
 
@@ -184,7 +184,7 @@ fn what_memory_and_disk_refuse_is_an_error_with_a_remedy() {
         load_dataset_within(
             &scene.path().join("data"),
             &LoadOptions::default(),
-            &Loading { image_memory, cache: Some(&cache), progress: None },
+            &Loading { image_memory, cache: Some(&cache), ..Loading::default() },
         )
     };
     let error = read(ImageMemory::Bytes(4000)).unwrap_err();
@@ -202,7 +202,7 @@ fn without_a_cache_views_are_decoded_from_their_files() {
     let exact = in_memory(&scene);
     let events = Mutex::new(Vec::new());
     let progress = |event: LoadProgress| events.lock().unwrap().push(event);
-    let loading = Loading { image_memory: ROOM, cache: None, progress: Some(&progress) };
+    let loading = Loading { image_memory: ROOM, cache: None, progress: Some(&progress), check: None };
     let dataset = load_dataset_within(&scene.path().join("data"), &LoadOptions::default(), &loading).unwrap();
     for (stored, exact) in dataset.train.iter().chain(&dataset.test).zip(exact.train.iter().chain(&exact.test)) {
         assert_close(stored, exact, 0.0);

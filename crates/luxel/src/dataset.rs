@@ -65,8 +65,20 @@ impl Dataset {
     /// # Errors
     /// As [`Self::open_with`]; a limit below what reading takes; a cache that cannot be written.
     pub fn open_within(path: impl AsRef<Path>, options: &LoadOptions, limits: ImageLimits<'_>, observer: &dyn Observer) -> Result<Self> {
-        let path = path.as_ref();
-        let dataset = Self(load_reporting(path, options, limits, observer).context("cannot read the data set")?);
+        Self::open_planned(path.as_ref(), options, limits, observer, &|_| {})
+    }
+
+    /// Reads a data set as [`Self::open_within`] does; calls `planned` with what is known of its
+    /// images before one is read.
+    pub(crate) fn open_planned(
+        path: &Path,
+        options: &LoadOptions,
+        limits: ImageLimits<'_>,
+        observer: &dyn Observer,
+        planned: &dyn Fn(&ImagePlan),
+    ) -> Result<Self> {
+        let reading = Reading { path, options, limits, observer, planned };
+        let dataset = Self(reading.run().context("cannot read the data set")?);
         for warning in dataset.warnings.iter().cloned().chain(bad_pixel_lines(&dataset)) {
             observer.warn(&warning);
         }
@@ -112,51 +124,65 @@ impl Deref for Dataset {
 }
 
 /// How much memory the images of a data set may take, and where the others are stored.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Default)]
 pub struct ImageLimits<'a> {
     /// The memory that images may take.
     pub image_memory: ImageMemory,
     /// The folder for images that have no room. Without one, they are decoded from their files
     /// whenever they are needed.
     pub cache: Option<&'a Path>,
+    /// May refuse the images before one is read, by their number and sizes.
+    pub check: Option<&'a (dyn Fn(&ImagePlan) -> std::result::Result<(), luxel_io::IoError> + Sync)>,
 }
 
 /// Time after which the reading of a data set is reported view by view.
 const QUIET_READING: Duration = Duration::from_secs(1);
 
-/// Reads a data set on another thread, and reports its progress from this one.
-fn load_reporting(
-    path: &Path,
-    options: &LoadOptions,
-    limits: ImageLimits<'_>,
-    observer: &dyn Observer,
-) -> std::result::Result<luxel_core::Dataset, luxel_io::IoError> {
-    let start = Instant::now();
-    let (sender, receiver) = channel();
-    let sender = Mutex::new(sender);
-    std::thread::scope(|scope| {
-        let reader = scope.spawn(move || {
-            let progress = |event| drop(sender.lock().unwrap_or_else(PoisonError::into_inner).send(event));
-            let loading = Loading { image_memory: limits.image_memory, cache: limits.cache, progress: Some(&progress) };
-            luxel_io::load_dataset_within(path, options, &loading)
-        });
-        let mut is_reported = false;
-        for event in receiver {
-            match event {
-                LoadProgress::Planned(plan) if !plan.fits() => observer.note(&plan_line(&plan)),
-                LoadProgress::View { name, done, total } if start.elapsed() >= QUIET_READING => {
-                    let [done, total] = [done, total].map(|count| u32::try_from(count).unwrap_or(u32::MAX));
-                    observer.event(Event::Item { kind: ItemKind::LoadedView, name, done, total });
-                    is_reported = true;
+/// The reading of a data set, with its progress.
+struct Reading<'a> {
+    path: &'a Path,
+    options: &'a LoadOptions,
+    limits: ImageLimits<'a>,
+    observer: &'a dyn Observer,
+    planned: &'a dyn Fn(&ImagePlan),
+}
+
+impl Reading<'_> {
+    /// Reads on another thread, and reports the progress from this one.
+    fn run(&self) -> std::result::Result<luxel_core::Dataset, luxel_io::IoError> {
+        let start = Instant::now();
+        let (sender, receiver) = channel();
+        let sender = Mutex::new(sender);
+        let (path, options, limits) = (self.path, self.options, self.limits);
+        std::thread::scope(|scope| {
+            let reader = scope.spawn(move || {
+                let progress = |event| drop(sender.lock().unwrap_or_else(PoisonError::into_inner).send(event));
+                let ImageLimits { image_memory, cache, check } = limits;
+                luxel_io::load_dataset_within(path, options, &Loading { image_memory, cache, progress: Some(&progress), check })
+            });
+            let mut is_reported = false;
+            for event in receiver {
+                match event {
+                    LoadProgress::Planned(plan) => {
+                        (self.planned)(&plan);
+                        if !plan.fits() {
+                            self.observer.note(&plan_line(&plan));
+                        }
+                    }
+                    LoadProgress::View { name, done, total } if start.elapsed() >= QUIET_READING => {
+                        let [done, total] = [done, total].map(|count| u32::try_from(count).unwrap_or(u32::MAX));
+                        self.observer.event(Event::Item { kind: ItemKind::LoadedView, name, done, total });
+                        is_reported = true;
+                    }
+                    _ => {}
                 }
-                _ => {}
             }
-        }
-        if is_reported {
-            observer.event(Event::StepsEnd);
-        }
-        reader.join().unwrap_or_else(|_| Err(luxel_io::IoError::invalid(path, "reading it stopped without a reason")))
-    })
+            if is_reported {
+                self.observer.event(Event::StepsEnd);
+            }
+            reader.join().unwrap_or_else(|_| Err(luxel_io::IoError::invalid(path, "reading it stopped without a reason")))
+        })
+    }
 }
 
 /// Says how images that have no room in memory are held.

@@ -12,6 +12,8 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 
 use luxel_core::{ReadError, View};
 
+use crate::crop::Crop;
+
 /// Views that are read ahead.
 pub(crate) const AHEAD: usize = 1;
 
@@ -33,6 +35,8 @@ pub(crate) struct Key {
     pub(crate) index: usize,
     /// Reduction of a side.
     pub(crate) factor: u32,
+    /// The part of the view, if not all of it.
+    pub(crate) crop: Option<Crop>,
 }
 
 type Prepared = (Key, Result<View, ReadError>);
@@ -113,7 +117,11 @@ mod tests {
 
     fn wanted(index: usize) -> Wanted {
         let image = Image::filled(2, 2, [index as f32; 3]);
-        Wanted { key: Key { index, factor: 1 }, view: view_of(&index.to_string(), camera_at([0.0; 3], [2, 2]), image), reduce_by: 1 }
+        Wanted {
+            key: Key { index, factor: 1, crop: None },
+            view: view_of(&index.to_string(), camera_at([0.0; 3], [2, 2]), image),
+            reduce_by: 1,
+        }
     }
 
     #[test]

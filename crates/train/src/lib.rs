@@ -10,6 +10,7 @@ mod average;
 mod camera_response;
 mod config;
 mod contribution;
+mod crop;
 pub mod densify;
 mod error;
 mod gains;

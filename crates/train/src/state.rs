@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::camera_response::CameraResponse;
 use crate::config::ExposureCompensation;
+use crate::crop::Crop;
 use crate::gains::Gains;
 use crate::poses::{Corrections, Poses};
 use crate::recorded::is_recorded;
@@ -16,6 +17,9 @@ use crate::{TrainConfig, TrainError};
 
 /// Version of the format of [`State`]; a state of another version is refused with a clear message.
 const VERSION: u32 = 2;
+
+/// Constant that separates the random stream of crops from others of the same seed.
+const CROP_STREAM: u64 = 0x6c75_7865_6c02;
 
 /// The state of a run, without its arrays.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -111,6 +115,13 @@ impl State {
     /// Returns the seed of a step's noise, which depends on the run's seed and the step alone.
     pub(crate) fn noise_seed(&self, step: u32) -> u64 {
         Pcg64Mcg::seed_from_u64(self.config.seed ^ (u64::from(step) << 32)).random()
+    }
+
+    /// Returns the part of its view that `step` sees, if not all of it; it depends on the run's
+    /// seed and the step alone.
+    pub(crate) fn crop(&self, step: u32) -> Option<Crop> {
+        let seed = || Pcg64Mcg::seed_from_u64(self.config.seed ^ (u64::from(step) << 32) ^ CROP_STREAM).random();
+        self.config.crop.map(|side_px| Crop { side_px, seed: seed() })
     }
 
     pub(crate) fn to_json(&self) -> Result<String, TrainError> {

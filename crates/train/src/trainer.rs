@@ -135,9 +135,10 @@ impl Trainer {
         let gain = self.gain(index);
         let view_of_next = self.state.upcoming_view();
         // Looked at first, so that the reader works while the engine does.
-        self.views.at(step, index, gain)?;
-        self.views.ask(step.saturating_add(1), view_of_next);
-        let view = self.views.at(step, index, gain)?.ok_or(TrainError::NoTrainViews)?;
+        let (crop, next) = (self.state.crop(step), step.saturating_add(1));
+        self.views.part_at(step, index, gain, crop)?;
+        self.views.ask(next, view_of_next, self.state.crop(next));
+        let view = self.views.part_at(step, index, gain, crop)?.ok_or(TrainError::NoTrainViews)?;
         if let Some(response) = &self.state.response {
             view.target.curve = curve(view, &response.knots(), self.state.radiance_scale, gain).unwrap_or(view.target.curve);
         }
@@ -178,9 +179,9 @@ impl Trainer {
             return Ok(());
         }
         let Some(channels) = self.state.config.exposure_compensation.gain_channels() else { return Ok(()) };
-        let (options, gain) = (self.render_options_of(step), self.gain(index));
+        let (options, gain, crop) = (self.render_options_of(step), self.gain(index), self.state.crop(step));
         let Some(gains) = self.state.gains.as_mut().filter(|gains| gains.measures_after(step)) else { return Ok(()) };
-        let Some(view) = self.views.at(step, index, gain)? else { return Ok(()) };
+        let Some(view) = self.views.part_at(step, index, gain, crop)? else { return Ok(()) };
         let render = self.engine.render(&view.camera, &options)?;
         let found = match (&self.state.response, exposure_of(view)) {
             (Some(response), Some(exposure_s)) => {

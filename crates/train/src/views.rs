@@ -40,6 +40,7 @@ use luxel_core::{Camera, Mask, OnDemand, PixelValues, ReadError, Target, ToneCur
 use rayon::prelude::*;
 
 use crate::ahead::{Ahead, Key, Wanted};
+use crate::crop::{Crop, cropped, draw, gradient_factor};
 use crate::pixel_weights::{NoiseChoice, ToneScale, weighted};
 use crate::resolution::{Stage, factor_at};
 
@@ -125,13 +126,27 @@ impl TrainingViews {
         factor_at(&self.stages, step)
     }
 
-    /// Returns view `index` as `step` sees it, with the target of gain `gain` under the mu-law;
-    /// `None` if there is no such view. The scale of captured values is 1, because their gain
-    /// applies to the exposure.
+    /// Returns the factor by which gradients of positions on screen are larger at `step` than in
+    /// whole views, for crops of at most `side_px` pixels a side.
+    pub(crate) fn gradient_factor(&self, step: u32, side_px: u32) -> f32 {
+        gradient_factor(&self.full, side_px.saturating_mul(self.factor(step)))
+    }
+
+    /// Returns view `index` as `step` sees it, all of it, with the target of gain `gain` under the
+    /// mu-law; `None` if there is no such view. The scale of captured values is 1, because their
+    /// gain applies to the exposure.
     ///
     /// # Errors
     /// An image that cannot be read.
     pub(crate) fn at(&mut self, step: u32, index: usize, gain: [f32; 3]) -> Result<Option<&mut View>, ReadError> {
+        self.part_at(step, index, gain, None)
+    }
+
+    /// Returns what [`Self::at`] does, or a part of it.
+    ///
+    /// # Errors
+    /// An image that cannot be read.
+    pub(crate) fn part_at(&mut self, step: u32, index: usize, gain: [f32; 3], crop: Option<Crop>) -> Result<Option<&mut View>, ReadError> {
         let factor = self.factor(step);
         let Some(full) = self.full.get(index) else { return Ok(None) };
         let scale = match full.values {
@@ -140,13 +155,15 @@ impl TrainingViews {
         };
         let target = Target { curve: ToneCurve::MuLaw { mu: self.tone.mu }, scale };
         let moved = self.moved_camera(index, factor);
+        let key = Key { index, factor, crop };
         let view = if self.weighted.is_empty() {
-            self.on_demand(Key { index, factor })?
-        } else if factor == 1 {
-            self.reduced = None;
-            self.weighted.get_mut(index)
+            self.on_demand(key)?
+        } else if let Some(crop) = crop {
+            let part = self.in_memory(step, key).map(|whole| cropped(whole, draw(whole, crop)));
+            self.current = part.map(|part| (key, part));
+            self.current.as_mut().map(|(_, part)| part)
         } else {
-            self.reduced(step, factor).views.get_mut(index)
+            self.in_memory(step, key)
         };
         let Some(view) = view else { return Ok(None) };
         show(view, target, moved);
@@ -154,11 +171,11 @@ impl TrainingViews {
     }
 
     /// Asks for the view of the next step in advance, where images are read on demand.
-    pub(crate) fn ask(&mut self, step: u32, index: usize) {
+    pub(crate) fn ask(&mut self, step: u32, index: usize, crop: Option<Crop>) {
         if !self.weighted.is_empty() {
             return;
         }
-        let wanted = self.wanted(Key { index, factor: self.factor(step) });
+        let wanted = self.wanted(Key { index, factor: self.factor(step), crop });
         self.ahead.ask(|| wanted);
     }
 
@@ -168,7 +185,7 @@ impl TrainingViews {
     /// # Errors
     /// A mask, or an image that decides the weights, that cannot be read.
     pub(crate) fn weights_at(&mut self, step: u32, index: usize) -> Result<Option<View>, ReadError> {
-        let key = Key { index, factor: self.factor(step) };
+        let key = Key { index, factor: self.factor(step), crop: None };
         match self.wanted(key).filter(|wanted| self.weighted.is_empty() && wanted.reduce_by == 1 && wanted.view.noise.is_none()) {
             Some(Wanted { view, .. }) => {
                 let mask = view.mask.as_ref().map(OnDemand::loaded).transpose()?;
@@ -199,6 +216,15 @@ impl TrainingViews {
         })
     }
 
+    /// Returns a whole view whose image is in memory.
+    fn in_memory(&mut self, step: u32, Key { index, factor, .. }: Key) -> Option<&mut View> {
+        if factor == 1 {
+            self.reduced = None;
+            return self.weighted.get_mut(index);
+        }
+        self.reduced(step, factor).views.get_mut(index)
+    }
+
     /// Returns a view that is read on demand.
     fn on_demand(&mut self, key: Key) -> Result<Option<&mut View>, ReadError> {
         if self.current.as_ref().is_none_or(|(current, _)| *current != key) {
@@ -226,7 +252,11 @@ impl TrainingViews {
 /// Reads a view, at the resolution and with the weights of its step.
 fn prepare(wanted: &Wanted, tone: ToneScale) -> Result<View, ReadError> {
     let view = wanted.view.loaded()?;
-    Ok(if wanted.reduce_by == 1 { weighted_by_noise(view, tone) } else { reduce(&view, wanted.reduce_by, tone) })
+    let view = if wanted.reduce_by == 1 { weighted_by_noise(view, tone) } else { reduce(&view, wanted.reduce_by, tone) };
+    Ok(match wanted.key.crop {
+        Some(crop) => cropped(&view, draw(&view, crop)),
+        None => view,
+    })
 }
 
 /// Returns the reduced view as it is stored beside the full one, or will be once it is read; `None`
@@ -363,5 +393,24 @@ mod tests {
         }
         // At full resolution, the images are those of the data set.
         assert!(views.full.iter().zip(&views.weighted).all(|(view, weighted)| Arc::ptr_eq(&view.image.shared(), &weighted.image.shared())));
+    }
+
+    #[test]
+    fn a_part_is_the_same_from_memory_and_on_demand() {
+        let train = views("1@0").full;
+        let later: Vec<View> = train.iter().map(crate::testing::on_demand).collect();
+        let tone = ToneScale { radiance_scale: RadianceScale::ONE, mu: 5000.0 };
+        let noise = NoiseChoice::Given(luxel_core::NoiseModel { read: 0.5, shot: 0.1 });
+        let stages = "2@0,1@10".parse::<crate::ResolutionSchedule>().unwrap().stages(100, 10, 32);
+        let of = |train: &[View]| TrainingViews::new(train, stages.clone(), noise, tone);
+        let (mut now, mut later) = (of(&train), of(&later));
+        for step in [1, 2, 11, 12, 13] {
+            let crop = Some(Crop { side_px: 12, seed: u64::from(step) });
+            later.ask(step, 1, crop);
+            let [a, b] = [&mut now, &mut later].map(|views| views.part_at(step, 1, [1.0; 3], crop).unwrap().unwrap().clone());
+            assert_eq!((&a.image, &a.mask, &a.camera, a.target), (&b.image, &b.mask, &b.camera, b.target), "{step}");
+            assert!(a.camera.size_px.iter().all(|side| *side <= 12), "{step}");
+        }
+        assert!(now.gradient_factor(1, 12) < now.gradient_factor(11, 12) && now.gradient_factor(11, 32) == 1.0);
     }
 }

@@ -1,15 +1,17 @@
 //! `luxel info`: the content of a file or folder.
 
 use std::path::Path;
+use std::sync::{Mutex, PoisonError};
 
 use anyhow::{Context, Result};
 use glam::DVec3;
 use luxel::run::evaluation::Metrics;
-use luxel::run::{ExplicitArgs, RunFolder, state};
+use luxel::run::{ExplicitArgs, RunFolder, RunMemory, state};
 use luxel::{schema, text};
 use luxel_core::tone::rec709_of;
 use luxel_core::{ColorModel, ColorSpace, Dataset, Image, Scene, Splats, View, luminance_rec709, sigmoid};
-use luxel_io::{DatasetDescription, DepthFolder, DepthReport, ReadOptions, SampleDepth};
+use luxel_io::{DatasetDescription, DepthFolder, DepthReport, ImagePlan, Loading, ReadOptions, SampleDepth};
+use luxel_train::TrainConfig;
 
 use crate::args::{InfoArgs, LoadArgs};
 use crate::commands::devices;
@@ -143,7 +145,14 @@ fn describe_run(path: &Path, console: &Console) -> Result<Tree> {
 
 fn describe_dataset(path: &Path, args: &InfoArgs, explicit: &ExplicitArgs) -> Result<Tree> {
     let options = args.load.options();
-    let dataset = luxel_io::load_dataset(path, &options).context("cannot read the data set")?;
+    // By the images' headers: before one is read.
+    let needs = Mutex::new(None);
+    let check = |plan: &ImagePlan| {
+        *needs.lock().unwrap_or_else(PoisonError::into_inner) = Some(RunMemory::new(plan, &TrainConfig::default(), false));
+        Ok(())
+    };
+    let loading = Loading { check: Some(&check), ..Loading::default() };
+    let dataset = luxel_io::load_dataset_within(path, &options, &loading).context("cannot read the data set")?;
     data::check_color_space(&dataset, &options, explicit)?;
     let words = luxel_io::describe_dataset(path, &options).context("cannot read the data set")?;
     let depth = luxel_io::find_depth(path, &dataset).context("cannot read the depth maps")?;
@@ -151,6 +160,13 @@ fn describe_dataset(path: &Path, args: &InfoArgs, explicit: &ExplicitArgs) -> Re
     let mut facts = dataset_facts(&dataset, &words)?;
     if let Some((report, folder)) = depth {
         facts.group("depth", depth_facts(&report, &folder));
+    }
+    if let Some(needs) = *needs.lock().unwrap_or_else(PoisonError::into_inner) {
+        let mut memory = Tree::default();
+        memory.set("images_bytes", needs.images_bytes).set("buffers_bytes", needs.buffers_bytes);
+        memory.set("splat_bytes", needs.splat_bytes).set("splats", needs.splats).set("most_splats", needs.most_splats);
+        memory.set("total_bytes", needs.total_bytes()).set("system_bytes", luxel_io::system_memory());
+        facts.group("training_memory", memory);
     }
     Ok(facts)
 }

@@ -146,13 +146,17 @@ fn load_views(path: &Path, used: &[SelectedFrame], options: &LoadOptions, loadin
         Some(PlannedImage {
             size_px: image_size(&used.frame.image).ok()?,
             has_weights: mask.is_some() || !lens.distortion.is_none() || !lens.projection.is_pinhole(),
+            is_train: used.part == Part::Train,
         })
     });
-    let plan = plan(sizes, options.downscale, loading);
+    let plan = plan(path, sizes, options.downscale, loading);
     if let Some(progress) = loading.progress {
         progress(LoadProgress::Planned(plan.clone()));
     }
-    plan.check(path)?;
+    plan.check()?;
+    if let Some(check) = loading.check {
+        check(&plan)?;
+    }
     let cache = (!plan.fits()).then(|| ViewCache::new(loading.cache, Residency::new(plan.resident_bytes())));
     let (first_bad, done, total) = (AtomicUsize::new(usize::MAX), AtomicUsize::new(0), used.len());
     let load = |(used, &rank): (&SelectedFrame, &usize)| {

@@ -119,6 +119,8 @@ pub struct Loading<'a> {
     pub cache: Option<&'a Path>,
     /// Receives what is known before an image is read, and each view that was read.
     pub progress: Option<&'a (dyn Fn(LoadProgress) + Sync)>,
+    /// May refuse a plan before an image is read.
+    pub check: Option<&'a (dyn Fn(&ImagePlan) -> Result<(), IoError> + Sync)>,
 }
 
 /// An event while a data set is read.
@@ -141,12 +143,18 @@ pub enum LoadProgress {
 /// How the images are held.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ImagePlan {
+    /// The data set.
+    pub path: PathBuf,
     /// Number of images.
     pub images: usize,
     /// Bytes of all images decoded.
     pub decoded_bytes: u64,
     /// Bytes of the largest image decoded.
     pub largest_bytes: u64,
+    /// Pixels of the largest image.
+    pub largest_px: u64,
+    /// Pixels of all images to train on.
+    pub train_px: u64,
     /// The limit, bytes.
     pub limit_bytes: u64,
     /// The folder of the cache, if images are read on demand from one.
@@ -177,7 +185,7 @@ impl ImagePlan {
     }
 
     /// Refuses a limit below what reading takes.
-    pub(super) fn check(&self, path: &Path) -> Result<(), IoError> {
+    pub(super) fn check(&self) -> Result<(), IoError> {
         let needed = VIEWS_IN_USE * self.largest_bytes;
         if self.fits() || needed <= self.limit_bytes {
             return Ok(());
@@ -189,7 +197,7 @@ impl ImagePlan {
             memory::mebibytes(self.limit_bytes)
         );
         let remedy = Remedy::set("image_memory", format!("{}MiB", needed.div_ceil(1 << 20))).or(Remedy::raise("downscale"));
-        Err(IoError::unsupported(path, message).with_remedy(remedy))
+        Err(IoError::unsupported(&self.path, message).with_remedy(remedy))
     }
 }
 
@@ -198,23 +206,29 @@ impl ImagePlan {
 pub(super) struct PlannedImage {
     pub(super) size_px: [u32; 2],
     pub(super) has_weights: bool,
+    pub(super) is_train: bool,
 }
 
 /// Returns the plan for images of these sizes.
-pub(super) fn plan(sizes: impl Iterator<Item = PlannedImage>, downscale: u32, loading: &Loading<'_>) -> ImagePlan {
+pub(super) fn plan(path: &Path, sizes: impl Iterator<Item = PlannedImage>, downscale: u32, loading: &Loading<'_>) -> ImagePlan {
     let mut plan = ImagePlan {
+        path: path.to_owned(),
         images: 0,
         decoded_bytes: 0,
         largest_bytes: 0,
+        largest_px: 0,
+        train_px: 0,
         limit_bytes: loading.image_memory.bytes(),
         cache: loading.cache.map(Path::to_owned),
     };
-    for PlannedImage { size_px, has_weights } in sizes {
+    for PlannedImage { size_px, has_weights, is_train } in sizes {
         let pixels: u64 = size_px.iter().map(|side| u64::from(side / downscale.max(1))).product();
         let bytes = pixels * (PIXEL_BYTES + if has_weights { WEIGHT_BYTES } else { 0 });
         plan.images += 1;
         plan.decoded_bytes += bytes;
         plan.largest_bytes = plan.largest_bytes.max(bytes);
+        plan.largest_px = plan.largest_px.max(pixels);
+        plan.train_px += if is_train { pixels } else { 0 };
     }
     plan
 }
@@ -239,15 +253,20 @@ mod tests {
     #[test]
     fn a_plan_says_what_fits() {
         let loading = |bytes| Loading { image_memory: ImageMemory::Bytes(bytes), ..Loading::default() };
-        let sizes =
-            || [PlannedImage { size_px: [100, 50], has_weights: false }, PlannedImage { size_px: [81, 40], has_weights: true }].into_iter();
-        let all = plan(sizes(), 1, &loading(u64::MAX));
-        assert_eq!((all.images, all.decoded_bytes, all.largest_bytes, all.fits()), (2, 60_000 + 51_840, 60_000, true));
-        let half = plan(sizes(), 2, &loading(27_959));
+        let sizes = || {
+            [
+                PlannedImage { size_px: [100, 50], has_weights: false, is_train: true },
+                PlannedImage { size_px: [81, 40], has_weights: true, is_train: false },
+            ]
+            .into_iter()
+        };
+        let all = plan(Path::new("data"), sizes(), 1, &loading(u64::MAX));
+        assert_eq!((all.images, all.decoded_bytes, all.largest_bytes, all.fits(), all.train_px), (2, 60_000 + 51_840, 60_000, true, 5000));
+        let half = plan(Path::new("data"), sizes(), 2, &loading(27_959));
         assert_eq!((half.decoded_bytes, half.fits()), (15_000 + 12_800, true));
-        let tight = plan(sizes(), 1, &loading(111_839));
+        let tight = plan(Path::new("data"), sizes(), 1, &loading(111_839));
         assert!(!tight.fits());
-        let error = tight.check(Path::new("data")).unwrap_err();
+        let error = tight.check().unwrap_err();
         assert!(error.message.contains("3 are in memory at the same time"), "{error}");
         assert!(error.remedy.is_some_and(|remedy| remedy.options().eq(["image_memory", "downscale"])));
     }

@@ -7,10 +7,10 @@
 use std::path::Path;
 
 use luxel_core::{Dataset as CoreDataset, Engine, Remedy};
-use luxel_io::ImageMemory;
+use luxel_io::{ImageMemory, ImagePlan, system_memory};
 use luxel_train::Trainer;
 
-use super::{Outcome, RunConfig, RunFolder, RunLock, Session, state};
+use super::{Outcome, RunConfig, RunFolder, RunLock, RunMemory, Session, state};
 use crate::error::{Context, bail};
 use crate::{Dataset, Error, ImageLimits, Observer, Result, SelectedEngine, StopFlag, text};
 
@@ -62,11 +62,11 @@ pub fn fresh(
     launch: Launch<'_>,
     make_room: impl FnOnce(&CoreDataset) -> Result<RunLock>,
 ) -> Result<TrainedRun> {
-    let SelectedEngine { mut engine, threads, machine, computed_by, .. } = selected;
+    let SelectedEngine { mut engine, threads, machine, computed_by, gpu, .. } = selected;
     config.validate().context("cannot start training")?;
     // Settings without a text form must not cost the run that is to be replaced.
     config.to_toml().with_context(|| format!("{}: config.toml cannot hold these settings", config.dataset.display()))?;
-    let dataset = open_dataset(&config.dataset_path(launch.folder.root()), &config, launch)?;
+    let dataset = open_dataset(&config.dataset_path(launch.folder.root()), &config, launch, gpu.is_some())?;
     limit_images(engine.as_mut(), &config);
     let trainer = Trainer::new(&dataset, config.train.clone(), engine).context("cannot start training")?;
     let lock = make_room(&dataset)?;
@@ -80,11 +80,11 @@ pub fn fresh(
 /// As [`fresh`]; a folder without a checkpoint that can be read; a checkpoint of other settings
 /// than those of `config`.
 pub fn resume(config: RunConfig, selected: SelectedEngine, launch: Launch<'_>, lock: RunLock) -> Result<TrainedRun> {
-    let SelectedEngine { mut engine, threads, machine, computed_by, .. } = selected;
+    let SelectedEngine { mut engine, threads, machine, computed_by, gpu, .. } = selected;
     config.validate().context("cannot resume")?;
     let (folder, observer) = (launch.folder, launch.observer);
     let path = config.find_dataset(folder.root(), Remedy::give("dataset"))?;
-    let dataset = open_dataset(&path, &config, launch)?;
+    let dataset = open_dataset(&path, &config, launch, gpu.is_some())?;
     limit_images(engine.as_mut(), &config);
     let trainer = match state::take_checkpoint(folder, observer)? {
         Some((path, snapshot)) => {
@@ -107,11 +107,14 @@ pub fn resume(config: RunConfig, selected: SelectedEngine, launch: Launch<'_>, l
     train(config, launch, ReadyRun { dataset, trainer, threads, machine, computed_by, lock })
 }
 
-/// Reads the data set of a run within its limit of memory for images.
-fn open_dataset(path: &Path, config: &RunConfig, launch: Launch<'_>) -> Result<Dataset> {
+/// Reads the data set of a run within its limit of memory for images. Says before what the run will
+/// take, and refuses what the system does not have.
+fn open_dataset(path: &Path, config: &RunConfig, launch: Launch<'_>, is_on_gpu: bool) -> Result<Dataset> {
     let cache = launch.folder.image_cache();
-    let limits = ImageLimits { image_memory: config.run.image_memory, cache: Some(&cache) };
-    Dataset::open_within(path, &config.load, limits, launch.observer)
+    let check = |plan: &ImagePlan| RunMemory::new(plan, &config.train, is_on_gpu).check(plan, system_memory());
+    let limits = ImageLimits { image_memory: config.run.image_memory, cache: Some(&cache), check: Some(&check) };
+    let planned = |plan: &ImagePlan| launch.observer.note(&RunMemory::new(plan, &config.train, is_on_gpu).line());
+    Dataset::open_planned(path, &config.load, limits, launch.observer, &planned)
 }
 
 /// Applies a limit that was given to what the engine keeps of images, too.

@@ -83,6 +83,9 @@ options! {
         /// Train on reduced images first: off, auto, or FACTOR@STEP pairs such as
         /// 4@0,2@1500,1@4000, which divide the sides by FACTOR from STEP on
         resolution_schedule: ResolutionSchedule = ResolutionSchedule::Off, "SCHEDULE", Range::Any;
+        /// Train each step on a random part of its view, of at most this many pixels a side, for
+        /// images that are too large for a step
+        crop: Option<u32> = None, "PX", Range::AtLeast(64), unset: "whole views";
         /// Fraction of the steps, at the end and after densification, over which the parameters are
         /// averaged to the final scene; 0 turns it off
         average_share: f32 = 0.15, "FRACTION", Range::ShareBelowOne;

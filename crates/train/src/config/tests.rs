@@ -48,6 +48,7 @@ fn every_option_changes_the_configuration() {
         &["--iterations", "7"],
         &["--seed", "1"],
         &["--resolution-schedule", "auto"],
+        &["--crop", "200"],
         &["--method", "sh4"],
         &["--activation", "exp"],
         &["--chroma-degree", "2"],

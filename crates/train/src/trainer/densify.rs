@@ -71,9 +71,11 @@ impl Trainer {
             Strategy::Adc => {
                 let percent = config.percent_dense.unwrap_or(if config.absgrad { PERCENT_DENSE_ABSGRAD } else { PERCENT_DENSE });
                 let extent = self.state.extent;
+                // Crops have larger gradients by splat than whole views, which thresholds are for.
+                let factor = config.crop.map_or(1.0, |side_px| self.views.gradient_factor(step, side_px));
                 let policy = Adc {
-                    gradient_threshold: config.densify_threshold,
-                    absgrad_threshold: config.absgrad.then_some(config.absgrad_threshold),
+                    gradient_threshold: factor * config.densify_threshold,
+                    absgrad_threshold: config.absgrad.then_some(factor * config.absgrad_threshold),
                     dense_scale: percent * extent,
                     prune_opacity: config.prune_opacity,
                     prune_scale: (config.prune_scale > 0.0 && self.schedule.has_reset_before(step)).then_some(config.prune_scale * extent),

@@ -1,0 +1,147 @@
+//! The memory that a run will take, before it takes it.
+//!
+//! In: the plan for the images, by their headers, and the settings. Out: [`RunMemory`], a line
+//! about it, and an error for what cannot fit. The numbers are estimates from above: of images what
+//! is decoded or their limit, of the engine's buffers what a step and a measurement of the largest
+//! image hold, of splats their parameters with moments, mean and copies. A run whose number of
+//! splats is bounded by its data alone is held against those that it starts with; the bound is
+//! reported. Degenerate: where the system tells no limit, nothing is refused.
+
+use luxel_core::Remedy;
+use luxel_core::engine::ParameterRows;
+use luxel_io::{ImagePlan, IoError, system_memory};
+use luxel_train::TrainConfig;
+
+use crate::text;
+
+/// Bytes per pixel of the largest image that a step holds on a processor, per sample, and that a
+/// measurement holds beside it.
+const STEP_PIXEL_BYTES: u64 = 450;
+const MEASURED_PIXEL_BYTES: u64 = 160;
+/// Copies of a splat's parameters at a time: the parameters, two moments, their gradient, the mean,
+/// and a state that is being saved.
+const COPIES: u64 = 8;
+/// Bytes of a splat that do not depend on its parameters: projection, statistics, order.
+const SPLAT_BYTES: u64 = 160;
+/// Memory of the program without a scene.
+const BASE_BYTES: u64 = 100 << 20;
+
+/// Estimates of the memory that a run takes, bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RunMemory {
+    /// Images.
+    pub images_bytes: u64,
+    /// Buffers of the engine and of measurements, by the largest image.
+    pub buffers_bytes: u64,
+    /// One splat with its moments.
+    pub splat_bytes: u64,
+    /// Splats that the run starts with, or may have at most if that number was given.
+    pub splats: u64,
+    /// The most splats that the run may have.
+    pub most_splats: u64,
+}
+
+impl RunMemory {
+    /// Returns the estimates for images as planned. On a GPU, the buffers of a step and the splats
+    /// are in its own memory.
+    pub fn new(plan: &ImagePlan, train: &TrainConfig, is_on_gpu: bool) -> Self {
+        let samples = u64::from(train.samples).pow(2);
+        let step = if is_on_gpu { 0 } else { STEP_PIXEL_BYTES * samples };
+        let step_px = train.crop.map_or(plan.largest_px, |side| plan.largest_px.min(u64::from(side).pow(2)));
+        let rows = ParameterRows { color_model: train.color_model() }.count() as u64;
+        let most_splats = train.splat_limit(plan.train_px) as u64;
+        Self {
+            images_bytes: plan.memory_bytes(),
+            buffers_bytes: BASE_BYTES + step * step_px + MEASURED_PIXEL_BYTES * plan.largest_px,
+            splat_bytes: 4 * COPIES * rows + SPLAT_BYTES,
+            splats: train.max_splats.map_or(u64::from(train.init_points).min(most_splats), u64::from),
+            most_splats,
+        }
+    }
+
+    /// Returns the sum.
+    pub fn total_bytes(&self) -> u64 {
+        self.images_bytes.saturating_add(self.buffers_bytes).saturating_add(self.splat_bytes.saturating_mul(self.splats))
+    }
+
+    /// Says what the run takes, and what the system allows.
+    pub fn line(&self) -> String {
+        let system = system_memory().map_or_else(String::new, |bytes| format!("; the system allows {}", text::bytes(bytes)));
+        format!("memory: {}{system}", self.parts())
+    }
+
+    fn parts(&self) -> String {
+        let [images, buffers, splats] = [self.images_bytes, self.buffers_bytes, self.splat_bytes * self.splats].map(text::bytes);
+        let more = match self.most_splats > self.splats && self.most_splats < u64::from(u32::MAX) {
+            true => format!(
+                ", and {} for each further 100,000 of at most {}",
+                text::bytes(100_000 * self.splat_bytes),
+                text::count(self.most_splats as usize)
+            ),
+            false => String::new(),
+        };
+        let splat_count = text::count(self.splats as usize);
+        format!("images {images}, buffers {buffers}, {splat_count} splats {splats}{more}: about {}", text::bytes(self.total_bytes()))
+    }
+
+    /// Refuses a run that cannot fit.
+    ///
+    /// # Errors
+    /// More memory than the system allows, with what helps.
+    pub fn check(&self, plan: &ImagePlan, limit_bytes: Option<u64>) -> Result<(), IoError> {
+        let Some(limit) = limit_bytes.filter(|limit| self.total_bytes() > *limit) else { return Ok(()) };
+        let message = format!("training takes more memory than the system allows, {}: {}", text::bytes(limit), self.parts());
+        let splats = self.splat_bytes.saturating_mul(self.splats);
+        let lower_images = Remedy::lower("image_memory");
+        let remedy = match () {
+            () if splats > self.total_bytes() / 2 => Remedy::lower("max_splats"),
+            () if self.buffers_bytes > self.total_bytes() / 2 => Remedy::raise("downscale").or(Remedy::give("crop")),
+            () => lower_images.or(Remedy::raise("downscale")),
+        };
+        Err(IoError::unsupported(&plan.path, message).with_remedy(remedy))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn plan(images: usize, px: u64, limit_bytes: u64) -> ImagePlan {
+        ImagePlan {
+            path: "data".into(),
+            images,
+            decoded_bytes: 12 * px * images as u64,
+            largest_bytes: 12 * px,
+            largest_px: px,
+            train_px: px * images as u64,
+            limit_bytes,
+            cache: None,
+        }
+    }
+
+    #[test]
+    fn what_cannot_fit_is_refused_with_what_helps() {
+        let config = TrainConfig { max_splats: Some(1_000_000), ..TrainConfig::default() };
+        let of = |plan: &ImagePlan, config: &TrainConfig| RunMemory::new(plan, config, false);
+        let helps = |plan: &ImagePlan, config: &TrainConfig, limit| {
+            let error = of(plan, config).check(plan, Some(limit)).unwrap_err();
+            assert!(error.message.contains("more memory than the system allows"), "{error}");
+            error.remedy.unwrap().options().map(str::to_owned).collect::<Vec<_>>()
+        };
+        let small = plan(10, 1_000_000, u64::MAX);
+        assert!(of(&small, &config).check(&small, Some(16 << 30)).is_ok() && of(&small, &config).check(&small, None).is_ok());
+        assert_eq!(helps(&small, &config, 1 << 30), ["max_splats"]);
+        let few = TrainConfig { max_splats: Some(1000), ..config };
+        assert_eq!(helps(&plan(100, 24_000_000, u64::MAX), &few, 8 << 30), ["image_memory", "downscale"]);
+        assert_eq!(helps(&plan(300, 100_000_000, 1 << 30), &few, 8 << 30), ["downscale", "crop"]);
+        // The bound by the pixels is no request.
+        let unbounded = TrainConfig { max_splats: None, ..few };
+        let large = plan(300, 24_000_000, 1 << 30);
+        assert!(of(&large, &unbounded).check(&large, Some(32 << 30)).is_ok());
+        assert!(of(&large, &unbounded).line().contains("for each further 100,000"));
+        // Crops and a GPU need less.
+        let crops = TrainConfig { crop: Some(1024), ..unbounded.clone() };
+        assert!(of(&large, &crops).total_bytes() < of(&large, &unbounded).total_bytes());
+        assert!(RunMemory::new(&large, &unbounded, true).total_bytes() < of(&large, &unbounded).total_bytes());
+    }
+}
