@@ -1,5 +1,6 @@
 //! From captured samples to radiance: exposure, white balance, camera matrices, response curves,
-//! brackets, merging, and the decisions that prepare a capture ([`prepare`]).
+//! brackets, merging, the decisions that prepare a capture ([`prepare`]), and world coordinates for
+//! the cameras that are found for it ([`world`]).
 //!
 //! In: [`CapturedFrame`]s, decoded samples with the facts from their headers. Out: radiance as
 //! [`luxel_core::Image`]. This crate opens no file. Units: a signal of 1 is where a sensor
@@ -19,6 +20,7 @@ mod proxy;
 mod response;
 #[cfg(test)]
 mod testing;
+pub mod world;
 
 pub use align::{FrameOffset, frame_offset};
 pub use bracket::{BracketError, BracketNote, BracketRule, Brackets, Shot, find_brackets};

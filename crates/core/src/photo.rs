@@ -61,6 +61,22 @@ pub struct Exif {
     pub focal_mm: Option<f64>,
     /// Focal length that has the same angle of view on 36 x 24 mm, millimetres.
     pub focal_35mm: Option<f64>,
+    /// Position by GPS.
+    pub gps: Option<GpsPosition>,
+    /// Angle of the viewing direction above the horizon, degrees; drones state that of their
+    /// gimbal.
+    pub pitch_deg: Option<f64>,
+}
+
+/// A position by GPS, on WGS 84.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GpsPosition {
+    /// Latitude, degrees, north is positive.
+    pub latitude_deg: f64,
+    /// Longitude, degrees, east is positive.
+    pub longitude_deg: f64,
+    /// Altitude above the sea, metres.
+    pub altitude_m: Option<f64>,
 }
 
 impl Exif {

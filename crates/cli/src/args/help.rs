@@ -25,6 +25,7 @@ const SHORT: [ShortHelp; 16] = [
             "sfm",
             "colmap",
             "matching",
+            "known-distance",
             "quiet",
         ],
         example: "luxel prepare photographs -o my-images",

@@ -4,7 +4,9 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use clap::{Args, ValueEnum};
-use luxel::prepare::{CameraModel, Matching, OcioChoice, PrepareOptions, ResponseChoice, StructureFromMotion, WhiteBalance};
+use luxel::prepare::{
+    CameraModel, Features, KnownDistance, Mapper, Matching, OcioChoice, PrepareOptions, ResponseChoice, StructureFromMotion, WhiteBalance,
+};
 
 use super::ConsoleArgs;
 use crate::args::values::{ColorSpaceArg, SpaceArg, TransferArg, parse_downscale};
@@ -15,7 +17,7 @@ use crate::args::values::{ColorSpaceArg, SpaceArg, TransferArg, parse_downscale}
     after_help = "You can stop it at any time; the same command continues. The guide explains each step: docs/src/guide/brackets-and-raw.md."
 )]
 pub(crate) struct PrepareArgs {
-    /// Folder of photographs: DNG, JPEG, PNG, TIFF, DPX, or OpenEXR and Radiance HDR.
+    /// Folder of photographs: DNG, JPEG, PNG, TIFF, DPX, or OpenEXR and Radiance HDR; or a video.
     #[arg(value_name = "PHOTOS")]
     pub(crate) photos: PathBuf,
     /// Folder for the data set.
@@ -57,21 +59,42 @@ pub(crate) struct PrepareArgs {
     /// [default: the beauty pass of the first view].
     #[arg(long, value_name = "NAMES", help_heading = "Images")]
     pub(crate) layer: Option<String>,
+    /// Number of frames to take of a video, the sharpest of each window of time.
+    #[arg(long, default_value_t = 150, value_parser = clap::value_parser!(u32).range(2..=100_000), value_name = "N", help_heading = "Images")]
+    pub(crate) frames: u32,
+    /// Path of the ffmpeg program, 5.1 or newer, for videos.
+    #[arg(long, default_value = "ffmpeg", value_name = "PROGRAM", help_heading = "Images")]
+    pub(crate) ffmpeg: PathBuf,
     /// Reduce images this many times a side, by area average in linear light.
     #[arg(long, default_value = "1", value_parser = parse_downscale, value_name = "1|2|4|8", help_heading = "Images")]
     pub(crate) downscale: u32,
     /// Whether COLMAP finds the poses.
     #[arg(long, value_enum, default_value_t, help_heading = "Structure from motion")]
     pub(crate) sfm: SfmArg,
-    /// Path of the COLMAP program.
+    /// The COLMAP program, 3.8 or newer; pycolmap or the path of a Python interpreter stands for
+    /// the Python package, which is also used where there is no program colmap.
     #[arg(long, default_value = "colmap", value_name = "PROGRAM", help_heading = "Structure from motion")]
     pub(crate) colmap: PathBuf,
+    /// Features that COLMAP finds in the pictures.
+    #[arg(long, value_enum, default_value_t, help_heading = "Structure from motion")]
+    pub(crate) features: FeaturesArg,
+    /// COLMAP's way from matches to poses.
+    #[arg(long, value_enum, default_value_t, help_heading = "Structure from motion")]
+    pub(crate) mapper: MapperArg,
     /// Lens model; one camera for all photographs of the same camera, lens and size.
     #[arg(long, value_enum, default_value_t, help_heading = "Structure from motion")]
     pub(crate) camera_model: CameraModelArg,
     /// Which views COLMAP matches with each other.
     #[arg(long, value_enum, default_value_t, help_heading = "Structure from motion")]
     pub(crate) matching: MatchingArg,
+    /// Keep COLMAP's coordinates, instead of turning the scene upright, moving the origin to where
+    /// the cameras look, and scaling to metres.
+    #[arg(long, conflicts_with = "known_distance", help_heading = "Coordinates")]
+    pub(crate) keep_coordinates: bool,
+    /// Distance that gives the scale: A and B are names of views, for the places of their cameras,
+    /// or points x,y,z in the coordinates that the data set has without this option.
+    #[arg(long, value_name = "A,B,METRES", allow_hyphen_values = true, help_heading = "Coordinates")]
+    pub(crate) known_distance: Option<KnownDistance>,
     /// Memory for views that are processed at the same time, GiB; one view is processed in any
     /// case, however large it is.
     #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=4096), value_name = "GIB", help_heading = "Machine")]
@@ -212,13 +235,53 @@ impl From<CameraModelArg> for CameraModel {
 /// `--matching`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub(crate) enum MatchingArg {
-    /// Exhaustive up to 200 views, else sequential.
+    /// Exhaustive up to 200 views; above, spatial if most have GPS, else sequential.
     #[default]
     Auto,
     /// Each view with each.
     Exhaustive,
-    /// Each view with the next ones by name.
+    /// Each view with the next ones by name, and every n-th view with each other.
     Sequential,
+    /// Each view with the nearest ones by GPS.
+    Spatial,
+}
+
+/// `--features`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub(crate) enum FeaturesArg {
+    /// SIFT, matched by brute force.
+    #[default]
+    Sift,
+    /// ALIKED, matched by LightGlue: COLMAP 4 with ONNX.
+    Aliked,
+}
+
+impl From<FeaturesArg> for Features {
+    fn from(arg: FeaturesArg) -> Self {
+        match arg {
+            FeaturesArg::Sift => Self::Sift,
+            FeaturesArg::Aliked => Self::Aliked,
+        }
+    }
+}
+
+/// `--mapper`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub(crate) enum MapperArg {
+    /// View by view.
+    #[default]
+    Incremental,
+    /// All views at once: COLMAP 4.
+    Global,
+}
+
+impl From<MapperArg> for Mapper {
+    fn from(arg: MapperArg) -> Self {
+        match arg {
+            MapperArg::Incremental => Self::Incremental,
+            MapperArg::Global => Self::Global,
+        }
+    }
 }
 
 impl From<MatchingArg> for Matching {
@@ -227,6 +290,7 @@ impl From<MatchingArg> for Matching {
             MatchingArg::Auto => Self::Auto,
             MatchingArg::Exhaustive => Self::Exhaustive,
             MatchingArg::Sequential => Self::Sequential,
+            MatchingArg::Spatial => Self::Spatial,
         }
     }
 }
@@ -256,10 +320,16 @@ impl PrepareArgs {
             transfer: self.transfer.map(Into::into),
             layer: self.layer.clone(),
             downscale: self.downscale,
+            frames: self.frames as usize,
+            ffmpeg: self.ffmpeg.clone(),
             structure_from_motion: self.sfm.into(),
             colmap: self.colmap.clone(),
             camera_model: self.camera_model.into(),
+            features: self.features.into(),
+            mapper: self.mapper.into(),
             matching: self.matching.into(),
+            keep_coordinates: self.keep_coordinates,
+            known_distance: self.known_distance.clone(),
             memory_bytes: u64::from(self.memory) << 30,
             ..PrepareOptions::new(&self.photos, &self.output)
         }

@@ -42,7 +42,7 @@ const PROGRAMS: [Program; 2] = [
         name: "ffmpeg",
         version: &["-version"],
         mark: "ffmpeg version",
-        needed_for: "videos: luxel render --video",
+        needed_for: "videos: luxel render --video, luxel prepare VIDEO",
         install: "Debian: apt-get install ffmpeg; macOS: brew install ffmpeg; others: ffmpeg.org",
     },
 ];
@@ -99,7 +99,7 @@ fn describe_program(program: &Program) -> Tree {
 /// Describes COLMAP's Python package, with which COLMAP's models can be made too.
 fn describe_pycolmap() -> Tree {
     let mut facts = Tree::default();
-    facts.set("needed_for", "nothing: an alternative to colmap, whose models luxel train reads");
+    facts.set("needed_for", "luxel prepare: poses, where there is no colmap");
     let script = "import pycolmap; print(pycolmap.__version__, pycolmap.__file__)";
     let said = ["python3", "python"].into_iter().find_map(|name| {
         let said = output_of(&programs::find(Path::new(name))?, &["-c", script])?;

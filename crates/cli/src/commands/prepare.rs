@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 use luxel::output;
-use luxel::prepare::{PrepareOptions, PrepareReport, Prepared, prepare};
+use luxel::prepare::{PrepareOptions, PrepareReport, Prepared, WorldReport, prepare};
 use luxel::text::plural;
 use luxel_capture::prepare::PrepareNote;
 use serde_json::json;
@@ -35,15 +35,16 @@ fn report_result(args: &PrepareArgs, report: &PrepareReport, console: &Console) 
     let output = args.output.display().to_string();
     let mut text = match &report.registration {
         Some(found) => format!(
-            "{} of {} have poses; {:.1} stops; mean error {:.2} px\ntrain with: luxel train {output} -o run",
+            "{} of {} have poses; {:.1} stops; mean error {:.2} px\n{}train with: luxel train {output} -o run",
             found.views.len(),
             plural(report.views.len(), "view"),
             report.range_stops,
-            found.mean_error_px
+            found.mean_error_px,
+            report.world.iter().flat_map(WorldReport::lines).map(|line| line + "\n").collect::<String>()
         ),
         None => format!(
             "radiance of {} in {output}/work/radiance, pictures for structure from motion in {output}/proxies\n\
-             poses: run sh {output}/colmap.sh (Debian: apt-get install colmap), then the same luxel prepare again",
+             poses: run sh {output}/colmap.sh (Debian: apt-get install colmap; or pip install pycolmap, without the script), then the same luxel prepare again",
             plural(report.views.len(), "view")
         ),
     };

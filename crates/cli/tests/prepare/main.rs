@@ -3,6 +3,9 @@
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail the test")]
 
 mod restart;
+#[cfg(unix)]
+mod video;
+mod world;
 
 use std::path::Path;
 use std::process::Output;

@@ -3,7 +3,7 @@
 //! In: the tags of a TIFF or DNG, or the Exif block of a JPEG or PNG. Out: [`Exif`]; facts
 //! that are missing or implausible are `None`.
 
-use luxel_core::photo::Exif;
+use luxel_core::photo::{Exif, GpsPosition};
 
 use crate::tags::{Ifd, Tags};
 
@@ -16,7 +16,38 @@ pub(crate) fn exif_of_file(bytes: &[u8]) -> Exif {
     } else {
         Some(bytes)
     };
-    block.and_then(Tags::new).and_then(|tags| Some(exif_of_tags(&tags, &tags.first()?))).unwrap_or_default()
+    let exif = block.and_then(Tags::new).and_then(|tags| Some(exif_of_tags(&tags, &tags.first()?))).unwrap_or_default();
+    let pitch_deg = exif.pitch_deg.or_else(|| jpeg_xmp(bytes).and_then(pitch_of_xmp));
+    Exif { pitch_deg, ..exif }
+}
+
+/// Returns the position of a directory of GPS tags.
+fn gps_of(gps: &Ifd<'_>) -> Option<GpsPosition> {
+    let angle = |tag: u16, reference: u16, negative: &str| {
+        let parts = gps.numbers(tag).filter(|parts| !parts.is_empty() && parts.iter().all(|v| v.is_finite()))?;
+        let degrees = parts.iter().zip([1.0, 60.0, 3600.0]).map(|(v, unit)| v / unit).sum::<f64>();
+        let is_negative = gps.text(reference)?.eq_ignore_ascii_case(negative);
+        Some(if is_negative { -degrees } else { degrees })
+    };
+    let latitude_deg = angle(2, 1, "S").filter(|v| v.abs() <= 90.0)?;
+    let longitude_deg = angle(4, 3, "W").filter(|v| v.abs() <= 180.0)?;
+    // 1 is below the sea, 3 below the ellipsoid.
+    let is_below = gps.unsigned(5).is_some_and(|reference| reference % 2 == 1);
+    let altitude_m = gps.number(6).filter(|m| m.abs() < 1e5).map(|m| if is_below { -m } else { m });
+    // Receivers that have no position write zeros.
+    (latitude_deg != 0.0 || longitude_deg != 0.0).then_some(GpsPosition { latitude_deg, longitude_deg, altitude_m })
+}
+
+/// Returns the pitch of a drone's gimbal (DJI, Parrot and others), from an XMP packet.
+fn pitch_of_xmp(packet: &[u8]) -> Option<f64> {
+    let text = String::from_utf8_lossy(packet);
+    ["GimbalPitchDegree", "CameraPitchDegree"].iter().find_map(|name| {
+        let (_, rest) = text.split_once(name)?;
+        // An attribute (="-90.0") or an element (>-90.0<).
+        let rest = rest.trim_start().trim_start_matches('=').trim_start().trim_start_matches(['"', '\'', '>']);
+        let end = rest.find(['"', '\'', '<'])?;
+        rest.get(..end)?.trim().parse::<f64>().ok().filter(|deg| deg.abs() <= 90.0)
+    })
 }
 
 /// Returns the Exif of a directory and of the one it points to.
@@ -41,6 +72,8 @@ pub(crate) fn exif_of_tags(tags: &Tags<'_>, first: &Ifd<'_>) -> Exif {
         orientation: first.unsigned(0x0112).filter(|o| (1..=8).contains(o)).map(|o| o as u16),
         focal_mm: positive(0x920a),
         focal_35mm: positive(0xa405),
+        gps: first.unsigned(0x8825).and_then(|at| tags.ifd(at)).and_then(|gps| gps_of(&gps)),
+        pitch_deg: first.bytes(0x02bc).and_then(pitch_of_xmp),
     }
 }
 
@@ -67,6 +100,16 @@ fn seconds_since_1970(text: &str) -> Option<f64> {
 
 /// Returns the TIFF inside of the first Exif segment.
 fn jpeg_block(bytes: &[u8]) -> Option<&[u8]> {
+    jpeg_segment(bytes, b"Exif\0\0")
+}
+
+/// Returns the first XMP packet of a JPEG.
+fn jpeg_xmp(bytes: &[u8]) -> Option<&[u8]> {
+    bytes.starts_with(&[0xff, 0xd8]).then(|| jpeg_segment(bytes, b"http://ns.adobe.com/xap/1.0/\0"))?
+}
+
+/// Returns what follows the name of the first segment of applications that has this name.
+fn jpeg_segment<'a>(bytes: &'a [u8], name: &[u8]) -> Option<&'a [u8]> {
     let mut rest = bytes.get(2..)?;
     loop {
         let [0xff, marker, high, low] = *rest.first_chunk::<4>()? else { return None };
@@ -79,7 +122,7 @@ fn jpeg_block(bytes: &[u8]) -> Option<&[u8]> {
             return None;
         }
         let segment = rest.get(4..2 + usize::from(u16::from_be_bytes([high, low])))?;
-        if let Some(block) = segment.strip_prefix(b"Exif\0\0").filter(|_| marker == 0xe1) {
+        if let Some(block) = segment.strip_prefix(name).filter(|_| marker == 0xe1) {
             return Some(block);
         }
         rest = rest.get(2 + usize::from(u16::from_be_bytes([high, low])).max(2)..)?;
@@ -119,5 +162,48 @@ mod tests {
         assert_eq!(exif("Canon", "Canon EOS R5").camera_name().unwrap(), "Canon EOS R5");
         assert_eq!(exif("Apple", "iPhone 14 Pro").camera_name().unwrap(), "Apple iPhone 14 Pro");
         assert_eq!(Exif::default().camera_name(), None);
+    }
+
+    #[test]
+    fn a_drone_states_its_pitch_as_attribute_or_element() {
+        let attribute = br#"<rdf:Description drone-dji:GimbalRollDegree="+0.00" drone-dji:GimbalPitchDegree="-89.90" x="1"/>"#;
+        assert_eq!(pitch_of_xmp(attribute), Some(-89.9));
+        assert_eq!(pitch_of_xmp(b"<drone-dji:GimbalPitchDegree>-45</drone-dji:GimbalPitchDegree>"), Some(-45.0));
+        assert_eq!(pitch_of_xmp(b"<drone-dji:GimbalPitchDegree>steep<"), None);
+        assert_eq!(pitch_of_xmp(b"GimbalPitchDegree"), None);
+    }
+
+    /// A TIFF whose directory points to one of GPS tags.
+    fn gps_file(south: bool, altitude_reference: u8) -> Vec<u8> {
+        let mut out = b"II*\0\x08\0\0\0\x01\0\x25\x88\x04\0\x01\0\0\0\x1a\0\0\0\0\0\0\0".to_vec();
+        let values_at = 26 + 2 + 12 * 6 + 4;
+        let entry = |tag: u16, kind: u16, count: u32, value: [u8; 4]| {
+            [&tag.to_le_bytes()[..], &kind.to_le_bytes(), &count.to_le_bytes(), &value].concat()
+        };
+        out.extend(6u16.to_le_bytes());
+        out.extend(entry(1, 2, 2, [if south { b'S' } else { b'N' }, 0, 0, 0]));
+        out.extend(entry(2, 5, 3, (values_at as u32).to_le_bytes()));
+        out.extend(entry(3, 2, 2, *b"W\0\0\0"));
+        out.extend(entry(4, 5, 3, (values_at as u32 + 24).to_le_bytes()));
+        out.extend(entry(5, 1, 1, [altitude_reference, 0, 0, 0]));
+        out.extend(entry(6, 5, 1, (values_at as u32 + 48).to_le_bytes()));
+        out.extend([0; 4]);
+        for (value, unit) in [(47u32, 1u32), (30, 1), (3600, 100), (8, 1), (0, 1), (900, 100), (1234, 10)] {
+            out.extend(value.to_le_bytes());
+            out.extend(unit.to_le_bytes());
+        }
+        out
+    }
+
+    #[test]
+    fn positions_have_signs_and_degrees() {
+        let found = exif_of_file(&gps_file(true, 1)).gps.unwrap();
+        assert!((found.latitude_deg + (47.0 + 0.5 + 0.01)).abs() < 1e-12, "{found:?}");
+        assert!((found.longitude_deg + 8.0025).abs() < 1e-12, "{found:?}");
+        assert_eq!(found.altitude_m, Some(-123.4));
+        let north = exif_of_file(&gps_file(false, 0)).gps.unwrap();
+        assert_eq!((north.latitude_deg, north.altitude_m), (-found.latitude_deg, Some(123.4)));
+        // Cut short, there is no position rather than a wrong one.
+        assert_eq!(exif_of_file(&gps_file(true, 1)[..120]).gps, None);
     }
 }

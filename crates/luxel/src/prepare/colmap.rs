@@ -1,152 +1,105 @@
-//! Structure from motion by COLMAP, a separate program: its commands, progress and result.
+//! Structure from motion by COLMAP, a separate program or Python package: what is installed, its
+//! progress and its result.
 //!
-//! In: proxies in a folder, with the camera of each. Out: models in `work/sparse`, of which the
-//! largest is read. SIFT runs on the processor. All proxies of one camera share a lens: features
-//! are extracted camera by camera into one database. COLMAP's output goes to `work/colmap.log`.
+//! In: [`Step`]s. Out: models in `work/sparse`, of which the largest is read. COLMAP's output goes
+//! to `work/colmap.log`. The package gets the same commands through a script, which this program
+//! carries.
 
-use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::mpsc;
 
-use luxel_capture::prepare::{PlannedCamera, ViewRecord};
 use luxel_io::colmap::{ColmapModel, read_colmap_model};
 
-use super::folders::{Folders, proxy_name};
-use super::{Matching, MotionOptions};
+use super::folders::Folders;
 use crate::error::{Context, bail};
-use crate::files::{remove_if_there, write_text};
+use crate::files::remove_if_there;
 use crate::{Event, ItemKind, Observer, Result};
 
-/// Number of views up to which every pair is matched.
-const EXHAUSTIVE_VIEWS: usize = 200;
 /// Number of COLMAP's last lines that an error has.
 const LAST_LINES: usize = 6;
 
-/// An installed COLMAP.
+/// The script that gives the Python package the options of the program.
+const PYCOLMAP_STEPS: &str = include_str!("pycolmap_steps.py");
+
+/// An installed COLMAP: the program, or the Python package.
 #[derive(Clone, Debug)]
 pub(super) struct Colmap {
-    program: PathBuf,
-    /// Its name and version: `COLMAP 3.8`.
+    /// The program, or a Python interpreter.
+    pub(super) program: PathBuf,
+    /// Arguments before the command: the script for Python.
+    before: Vec<OsString>,
+    /// Its name and version: `COLMAP 3.8`, `pycolmap 4.2.1`.
     pub(super) version: String,
-    /// Whether options begin with FeatureExtraction and FeatureMatching, as since 3.12, in place of
-    /// SiftExtraction and SiftMatching.
-    has_feature_options: bool,
+    pub(super) abilities: Abilities,
 }
 
 /// A command to be run.
 pub(super) struct Step {
     /// Its purpose, for people.
-    purpose: &'static str,
-    arguments: Vec<OsString>,
+    pub(super) purpose: &'static str,
+    pub(super) arguments: Vec<OsString>,
+}
+
+/// The abilities of an installed COLMAP.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Abilities {
+    /// Options begin with FeatureExtraction and FeatureMatching, as since 3.12, in place of
+    /// SiftExtraction and SiftMatching.
+    pub(super) feature_options: bool,
+    /// ALIKED and LightGlue.
+    pub(super) aliked: bool,
+    /// The global mapper.
+    pub(super) global_mapper: bool,
+    /// Lists of pairs to match.
+    pub(super) pairs: bool,
 }
 
 impl Colmap {
-    /// Asks a program for its version and options. Returns `None` if there is no such program.
+    /// Asks a program for its version and options; `pycolmap`, or a Python interpreter, is the
+    /// Python package. Returns `None` if there is no such program or package.
     pub(super) fn find(program: &Path) -> Option<Self> {
+        let name = program.file_name()?.to_string_lossy();
+        match &*name {
+            "pycolmap" => Self::find_package(Path::new("python3")).or_else(|| Self::find_package(Path::new("python"))),
+            name if name.starts_with("python") => Self::find_package(program),
+            _ => Self::find_program(program),
+        }
+    }
+
+    fn find_program(program: &Path) -> Option<Self> {
         let help = |arguments: &[&str]| {
-            let output = Command::new(program).args(arguments).env("QT_QPA_PLATFORM", "offscreen").stdin(Stdio::null()).output().ok()?;
+            let output = command(program).args(arguments).output().ok()?;
             Some(String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr))
         };
         let version = help(&["-h"])?.lines().find(|line| line.contains("COLMAP")).map(|line| line.trim().to_owned())?;
-        let has_feature_options = help(&["feature_extractor", "-h"])?.contains("FeatureExtraction.use_gpu");
-        Some(Self { program: program.to_owned(), version, has_feature_options })
+        let extraction = help(&["feature_extractor", "-h"])?;
+        let commands = help(&["help"]).unwrap_or_default();
+        let abilities = Abilities {
+            feature_options: extraction.contains("FeatureExtraction.use_gpu"),
+            aliked: extraction.contains("AlikedExtraction."),
+            global_mapper: commands.split_whitespace().any(|word| word == "global_mapper"),
+            pairs: true,
+        };
+        Some(Self { program: program.to_owned(), before: Vec::new(), version, abilities })
+    }
+
+    fn find_package(python: &Path) -> Option<Self> {
+        let before: Vec<OsString> = ["-u", "-c", PYCOLMAP_STEPS].map(OsString::from).into();
+        let output = command(python).args(&before).arg("describe").output().ok().filter(|output| output.status.success())?;
+        let text = String::from_utf8_lossy(&output.stdout).into_owned();
+        let version = text.lines().find(|line| line.starts_with("pycolmap "))?.trim().to_owned();
+        let can = |what: &str| text.lines().any(|line| line.trim() == what);
+        let abilities = Abilities { feature_options: true, aliked: can("aliked"), global_mapper: can("global"), pairs: can("pairs") };
+        Some(Self { program: python.to_owned(), before, version, abilities })
     }
 
     /// Returns a COLMAP that is not installed, for commands that are only written down.
     pub(super) fn unknown(program: &Path) -> Self {
-        Self { program: program.to_owned(), version: String::new(), has_feature_options: false }
-    }
-
-    /// Returns the commands, in order. Writes the lists of images by camera.
-    pub(super) fn steps(
-        &self,
-        folders: &Folders,
-        views: &[ViewRecord],
-        cameras: &[PlannedCamera],
-        options: MotionOptions,
-    ) -> Result<Vec<Step>> {
-        let (extraction, matches) =
-            if self.has_feature_options { ("--FeatureExtraction", "--FeatureMatching") } else { ("--SiftExtraction", "--SiftMatching") };
-        let database = folders.work.join("database.db");
-        let pictures = folders.output.join("proxies");
-        let mut lists: BTreeMap<(usize, [usize; 2]), Vec<&ViewRecord>> = BTreeMap::new();
-        for view in views {
-            lists.entry((view.camera, view.proxy_px)).or_default().push(view);
-        }
-        let mut steps = Vec::new();
-        for (number, ((camera, [width, height]), views)) in lists.iter().enumerate() {
-            let list = folders.work.join(format!("camera_{number}.txt"));
-            write_text(&list, &(views.iter().map(|v| proxy_name(&v.name)).collect::<Vec<_>>().join("\n") + "\n"))?;
-            let mut arguments = paths(
-                "feature_extractor",
-                &[
-                    PathOption::new("--database_path", &database),
-                    PathOption::new("--image_path", &pictures),
-                    PathOption::new("--image_list_path", &list),
-                ],
-            );
-            let mut add = |name: &str, value: &str| arguments.extend([name.into(), value.into()]);
-            add("--ImageReader.single_camera", "1");
-            add("--ImageReader.camera_model", options.camera_model.name());
-            if let Some(focal) = cameras.get(*camera).and_then(|c| c.focal_per_side) {
-                let (w, h) = (*width as f64, *height as f64);
-                add("--ImageReader.camera_params", &options.camera_model.params(focal * w.max(h), [0.5 * w, 0.5 * h]));
-            }
-            add(&format!("{extraction}.use_gpu"), "0");
-            steps.push(Step { purpose: "features", arguments });
-        }
-        let is_exhaustive = match options.matching {
-            Matching::Auto => views.len() <= EXHAUSTIVE_VIEWS,
-            Matching::Exhaustive => true,
-            Matching::Sequential => false,
-        };
-        let mut arguments = paths(
-            if is_exhaustive { "exhaustive_matcher" } else { "sequential_matcher" },
-            &[PathOption::new("--database_path", &database)],
-        );
-        arguments.extend([format!("{matches}.use_gpu").into(), "0".into()]);
-        steps.push(Step { purpose: "matches", arguments });
-        let sparse = folders.work.join("sparse");
-        let arguments = paths(
-            "mapper",
-            &[
-                PathOption::new("--database_path", &database),
-                PathOption::new("--image_path", &pictures),
-                PathOption::new("--output_path", &sparse),
-            ],
-        );
-        steps.push(Step { purpose: "poses", arguments });
-        Ok(steps)
-    }
-
-    /// Returns the commands as a script, to be run elsewhere: paths are relative to the data set,
-    /// and options are those of the release that is installed there.
-    pub(super) fn script(&self, steps: &[Step], folders: &Folders) -> String {
-        let program = quoted(&self.program.to_string_lossy());
-        let mut out = String::from(
-            "#!/bin/sh\n# Poses of the pictures in proxies/, by COLMAP, into work/sparse.\nset -e\ncd \"$(dirname \"$0\")\"\n",
-        );
-        out += "# Files of an earlier run are of other pictures.\n";
-        out += "rm -rf work/sparse work/database.db work/database.db-wal work/database.db-shm\nmkdir -p work/sparse\n";
-        out += "# Since COLMAP 3.12 two groups of options have other names.\nextraction=SiftExtraction matching=SiftMatching\n";
-        out += &format!("if {program} feature_extractor -h 2>&1 | grep -q FeatureExtraction.use_gpu; then\n");
-        out += "  extraction=FeatureExtraction matching=FeatureMatching\nfi\n";
-        for step in steps {
-            let word = |argument: &OsString| {
-                let path = Path::new(argument).strip_prefix(&folders.output).unwrap_or(Path::new(argument));
-                match path.to_string_lossy().as_ref() {
-                    "--SiftExtraction.use_gpu" => "--$extraction.use_gpu".to_owned(),
-                    "--SiftMatching.use_gpu" => "--$matching.use_gpu".to_owned(),
-                    other => quoted(other),
-                }
-            };
-            let words = step.arguments.iter().map(word).collect::<Vec<_>>().join(" ");
-            out += &format!("{program} {words}\n");
-        }
-        out
+        let abilities = Abilities { feature_options: false, aliked: true, global_mapper: true, pairs: true };
+        Self { program: program.to_owned(), before: Vec::new(), version: String::new(), abilities }
     }
 
     /// Runs the commands on a fresh database.
@@ -172,10 +125,9 @@ impl Colmap {
     }
 
     fn run_step(&self, step: &Step, views: usize, log: &mut Log, observer: &dyn Observer) -> Result<()> {
-        let mut child = Command::new(&self.program)
+        let mut child = command(&self.program)
+            .args(&self.before)
             .args(&step.arguments)
-            .env("QT_QPA_PLATFORM", "offscreen")
-            .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
             .spawn()
@@ -207,6 +159,13 @@ impl Colmap {
     }
 }
 
+/// Returns a call of a program that sees no screen and no input.
+fn command(program: &Path) -> Command {
+    let mut command = Command::new(program);
+    command.env("QT_QPA_PLATFORM", "offscreen").stdin(Stdio::null());
+    command
+}
+
 /// The file that COLMAP's output goes to.
 struct Log {
     path: PathBuf,
@@ -232,41 +191,17 @@ fn lines_of(child: &mut Child) -> mpsc::Receiver<String> {
 }
 
 /// Returns how many views are done by a line of COLMAP: `Processed file [12/35]`, `Registering
-/// image #5 (7)`.
+/// image #5 (7)`, since 3.12 `Registering image #5 (num_reg_frames=7)`.
 fn progress(line: &str) -> Option<u32> {
     let after = |mark: &str| line.split_once(mark).map(|(_, rest)| rest);
-    let number = |text: &str| text.trim_start().split(|c: char| !c.is_ascii_digit()).next().and_then(|n| n.parse().ok());
+    let number = |text: &str| {
+        let text = text.trim_start().trim_start_matches("num_reg_frames=");
+        text.split(|c: char| !c.is_ascii_digit()).next().and_then(|n| n.parse().ok())
+    };
     if let Some(rest) = after("Processed file [") {
         return number(rest);
     }
     after("Registering image #").and_then(|rest| rest.split_once('(')).and_then(|(_, rest)| number(rest))
-}
-
-/// An option of COLMAP that has a path.
-struct PathOption<'a> {
-    name: &'static str,
-    path: &'a Path,
-}
-
-impl<'a> PathOption<'a> {
-    fn new(name: &'static str, path: &'a Path) -> Self {
-        Self { name, path }
-    }
-}
-
-/// Returns a command of COLMAP with options that have paths.
-fn paths(command: &str, options: &[PathOption<'_>]) -> Vec<OsString> {
-    let mut out = vec![OsString::from(command)];
-    for option in options {
-        out.extend([OsString::from(option.name), option.path.as_os_str().to_owned()]);
-    }
-    out
-}
-
-/// Returns a word quoted for a shell.
-fn quoted(word: &str) -> String {
-    let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,:".contains(c);
-    if !word.is_empty() && word.chars().all(is_plain) { word.to_owned() } else { format!("'{}'", word.replace('\'', "'\\''")) }
 }
 
 /// Moves a model of other pictures out of the way. Returns its new place.
@@ -314,18 +249,13 @@ mod tests {
         assert_eq!(progress("Processed file [12/35]"), Some(12));
         assert_eq!(progress("I2024 feature.cc:1] Processed file [3/9]"), Some(3));
         assert_eq!(progress("Registering image #5 (17)"), Some(17));
+        assert_eq!(progress("I2026 pipeline.cc:620] Registering image #8 (num_reg_frames=3)"), Some(3));
         assert_eq!(progress("  => Image sees 120 / 300 points"), None);
-    }
-
-    #[test]
-    fn words_are_quoted_for_a_shell() {
-        assert_eq!(quoted("a/b-c.db"), "a/b-c.db");
-        assert_eq!(quoted("my photos"), "'my photos'");
-        assert_eq!(quoted("it's"), "'it'\\''s'");
     }
 
     #[test]
     fn a_program_that_is_not_there_is_none() {
         assert!(Colmap::find(Path::new("/nowhere/colmap")).is_none());
+        assert!(Colmap::find(Path::new("/nowhere/python3")).is_none());
     }
 }

@@ -1,9 +1,9 @@
 //! From a folder of photographs to a data set that training reads.
 //!
-//! In: [`PrepareOptions`]: a folder of DNG, JPEG, PNG, TIFF, OpenEXR or Radiance HDR files. Out: a
-//! data set in COLMAP's layout with images in scene-linear radiance, `prepare.json` and
-//! `prepare.html`. Degenerate: without COLMAP, radiance, pictures for structure from motion, and a
-//! script with COLMAP's commands.
+//! In: [`PrepareOptions`]: a folder of DNG, JPEG, PNG, TIFF, OpenEXR or Radiance HDR files, or a
+//! video. Out: a data set in COLMAP's layout with images in scene-linear radiance, `prepare.json`
+//! and `prepare.html`. Degenerate: without COLMAP, radiance, pictures for structure from motion,
+//! and a script with COLMAP's commands.
 //!
 //! The steps are: scan headers; plan cameras, exposures, brackets, white balance and response
 //! curve; develop each view to radiance and a proxy; find poses with COLMAP; write undistorted
@@ -20,8 +20,12 @@ mod report;
 mod response;
 mod scan;
 mod state;
+mod steps;
+mod video;
 mod views;
+mod world;
 
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use luxel_capture::prepare::{
@@ -34,10 +38,10 @@ use self::colmap::Colmap;
 use self::develop::Developer;
 use self::folders::Folders;
 use self::motion::{Motion, Poses};
-use self::options::MotionOptions;
-pub use self::options::{CameraModel, Matching, OcioChoice, PrepareOptions, StructureFromMotion};
-pub use self::report::{PrepareReport, cd_m2_per_unit};
+pub use self::options::{CameraModel, Features, Mapper, Matching, OcioChoice, PrepareOptions, StructureFromMotion};
+pub use self::report::{PrepareReport, cd_m2_per_unit, metres_per_unit};
 use self::state::{State, key};
+pub use self::world::WorldReport;
 use crate::error::{Context, bail};
 use crate::run::RunFolder;
 use crate::text::plural;
@@ -45,6 +49,7 @@ use crate::{Error, Observer, Remedy, Result};
 
 pub use luxel_capture::BracketRule;
 pub use luxel_capture::prepare::{ResponseChoice, WhiteBalance};
+pub use luxel_capture::world::KnownDistance;
 
 /// The version of the way in which pixels are made; views of another version are made anew.
 const PIXELS_VERSION: &str = "2";
@@ -63,9 +68,10 @@ pub enum Prepared {
 
 /// Prepares a data set from a folder of photographs. Stopped at any time, the same call continues.
 ///
-/// In: photographs as DNG, JPEG, PNG, TIFF, or OpenEXR and Radiance HDR. Out, in the output folder:
-/// `images/`, `sparse/0`, `prepare.json`, `prepare.html`; `proxies/` and `work/` are for COLMAP and
-/// for later calls. Without COLMAP, `colmap.sh` has the commands to run instead of `images/`.
+/// In: photographs as DNG, JPEG, PNG, TIFF, or OpenEXR and Radiance HDR, or a video. Out, in the
+/// output folder: `images/`, `sparse/0`, `prepare.json`, `prepare.html`; `proxies/` and `work/` are
+/// for COLMAP and for later calls. Without COLMAP, `colmap.sh` has the commands to run instead of
+/// `images/`.
 ///
 /// # Errors
 /// No photographs, options that do not fit them, an output folder that holds something else, a
@@ -75,7 +81,7 @@ pub fn prepare(options: &PrepareOptions, observer: &dyn Observer) -> Result<Prep
     let colmap = find_colmap(options)?;
     let folders = Folders::new(&options.output);
     folders.check(&options.photos)?;
-    let mut scan = scan::scan(&options.photos, options.transfer)?;
+    let mut scan = scan::scan(&folder_of_photos(options, &folders, observer)?, options.transfer)?;
     check_options(&options.plan(), &scan.photos)?;
     let _lock = RunFolder::at(&folders.output).lock()?;
     let mut state = begin(options, &folders)?;
@@ -103,6 +109,7 @@ pub fn prepare(options: &PrepareOptions, observer: &dyn Observer) -> Result<Prep
         settings_key: settings_key(options, &plan, curve.as_ref(), ocio.as_ref()),
     };
     let motion = Motion { options, installed: colmap.as_ref(), developer: &developer };
+    motion.check()?;
     let finished_key = finished_key(&developer, &motion);
     if state.finished_key.as_ref() == Some(&finished_key) && dataset::is_complete(&folders) {
         return Ok(Prepared::UpToDate);
@@ -118,8 +125,9 @@ pub fn prepare(options: &PrepareOptions, observer: &dyn Observer) -> Result<Prep
     if records.is_empty() {
         bail!("no view could be made of {}", plural(photographs, "photograph"));
     }
-    let Poses { registration, origin } = motion.run(&records, &mut state, observer)?;
+    let Poses { registration, origin, world } = motion.run(&records, &mut state, observer)?;
     let is_complete = registration.is_some();
+    let scale_note = world.as_ref().and_then(world::scale_note).as_ref().map(options.word_note);
     let report = PrepareReport {
         luxel: crate::VERSION,
         photos: options.photos.display().to_string(),
@@ -132,9 +140,10 @@ pub fn prepare(options: &PrepareOptions, observer: &dyn Observer) -> Result<Prep
         structure_from_motion: origin,
         range_stops: range_stops(&records),
         advice: worded_advice(options, &records, registration.as_ref(), curve.as_ref()),
-        notes: notes.into_iter().chain(view_notes(&records)).collect(),
+        notes: notes.into_iter().chain(view_notes(&records)).chain(scale_note).collect(),
         left_out,
         registration,
+        world,
         views: records,
         peak_memory_bytes: crate::memory::peak_resident_bytes(),
         seconds: started.elapsed().as_secs_f64(),
@@ -148,14 +157,28 @@ pub fn prepare(options: &PrepareOptions, observer: &dyn Observer) -> Result<Prep
     Ok(Prepared::Written { report: Box::new(report) })
 }
 
+/// Returns the folder of photographs: that of the frames, of a video.
+fn folder_of_photos(options: &PrepareOptions, folders: &Folders, observer: &dyn Observer) -> Result<PathBuf> {
+    if !video::is_video(&options.photos) {
+        return Ok(options.photos.clone());
+    }
+    let _lock = RunFolder::at(&folders.output).lock()?;
+    begin(options, folders)?;
+    video::extract(options, folders, observer)
+}
+
 /// Returns the COLMAP to use, if any.
 fn find_colmap(options: &PrepareOptions) -> Result<Option<Colmap>> {
     let installed = match options.structure_from_motion {
         StructureFromMotion::Off => None,
-        StructureFromMotion::Auto | StructureFromMotion::Colmap => Colmap::find(&options.colmap),
+        StructureFromMotion::Auto | StructureFromMotion::Colmap => Colmap::find(&options.colmap).or_else(|| {
+            // A program that was named is not replaced by another.
+            (options.colmap == Path::new("colmap")).then(|| Colmap::find(Path::new("pycolmap"))).flatten()
+        }),
     };
     if installed.is_none() && options.structure_from_motion == StructureFromMotion::Colmap {
-        let remedy = Remedy::advice("install COLMAP (Debian: apt-get install colmap)").or(Remedy::give("colmap"));
+        let remedy =
+            Remedy::advice("install COLMAP (Debian: apt-get install colmap; any system: pip install pycolmap)").or(Remedy::give("colmap"));
         return Err(Error::new(format!("{}: no such program", options.colmap.display())).with_remedy(remedy));
     }
     Ok(installed)
@@ -208,7 +231,7 @@ fn settings_key(options: &PrepareOptions, plan: &Plan, curve: Option<&SetCurve>,
 /// Returns the digest of all views and of the options of structure from motion.
 fn finished_key(developer: &Developer<'_>, motion: &Motion<'_>) -> String {
     let views = developer.plan.views.iter().map(|view| developer.key(view));
-    let parts: Vec<String> = views.chain([motion.settings()]).collect();
+    let parts: Vec<String> = views.chain([motion.settings(), world::settings(motion.options)]).collect();
     key(parts.iter().map(String::as_str))
 }
 

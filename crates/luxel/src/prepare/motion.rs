@@ -8,11 +8,13 @@ use std::collections::BTreeMap;
 
 use luxel_capture::prepare::{Registration, ViewRecord};
 
+use super::PrepareOptions;
 use super::colmap::{self, Colmap};
 use super::dataset::{self, Pixels};
 use super::develop::Developer;
+use super::options::{Features, Mapper, MotionOptions};
 use super::state::{State, key};
-use super::{MotionOptions, PrepareOptions};
+use super::world::{self, FileFacts, WorldReport};
 use crate::files::write_text;
 use crate::{Observer, Result};
 
@@ -22,6 +24,14 @@ pub(super) struct Poses {
     pub(super) registration: Option<Registration>,
     /// How the poses were found, in words for people.
     pub(super) origin: String,
+    /// The data set's coordinates.
+    pub(super) world: Option<WorldReport>,
+}
+
+/// A data set that was written.
+struct Assembled {
+    registration: Registration,
+    world: Option<WorldReport>,
 }
 
 /// Structure from motion of a set.
@@ -33,6 +43,11 @@ pub(super) struct Motion<'a> {
 }
 
 impl Motion<'_> {
+    /// Refuses choices that the installed COLMAP lacks.
+    pub(super) fn check(&self) -> Result<()> {
+        self.installed.map_or(Ok(()), |colmap| colmap.check(self.motion_options(), self.options.matching))
+    }
+
     /// Finds poses and writes the data set, or writes COLMAP's commands where there is none.
     pub(super) fn run(&self, records: &[ViewRecord], state: &mut State, observer: &dyn Observer) -> Result<Poses> {
         match self.installed {
@@ -43,7 +58,8 @@ impl Motion<'_> {
 
     /// Returns the settings that poses depend on, for keys.
     pub(super) fn settings(&self) -> String {
-        format!("{:?} {:?} {:?}", self.options.camera_model, self.options.matching, self.installed.map(|c| &c.version))
+        let PrepareOptions { camera_model, matching, features, mapper, .. } = self.options;
+        format!("{camera_model:?} {matching:?} {features:?} {mapper:?} {:?}", self.installed.map(|c| &c.version))
     }
 
     fn run_colmap(&self, colmap: &Colmap, records: &[ViewRecord], state: &mut State, observer: &dyn Observer) -> Result<Poses> {
@@ -54,6 +70,7 @@ impl Motion<'_> {
         if is_given && colmap::largest_model(folders).is_ok() {
             return self.assemble_given(records, observer);
         }
+        let pairing = colmap.pairing(records, &self.facts(), self.options.matching)?;
         let settings = self.settings();
         let sfm_key = key(records.iter().map(|r| r.key.as_str()).chain([settings.as_str()]));
         if state.sfm_key.as_ref() != Some(&sfm_key) || !folders.work.join("sparse").is_dir() {
@@ -61,24 +78,33 @@ impl Motion<'_> {
             // From here on work/sparse holds a model of this function.
             state.pictures.clear();
             state.save()?;
-            let steps = colmap.steps(folders, records, &self.developer.plan.cameras, self.motion_options())?;
+            let steps = colmap.steps(folders, records, &self.developer.plan.cameras, self.motion_options(), &pairing)?;
+            observer.note(&format!("{}: {}", colmap.version, pairing.words()));
             colmap.run(&steps, folders, records.len(), observer)?;
             state.sfm_key = Some(sfm_key);
             state.pictures = pictures;
             state.save()?;
         }
-        let registration = self.assemble(records, observer)?;
-        Ok(Poses {
-            registration: Some(registration),
-            origin: format!("{}, lens model {}", colmap.version, self.options.camera_model.name()),
-        })
+        let Assembled { registration, world } = self.assemble(records, observer)?;
+        let features = match self.options.features {
+            Features::Sift => "SIFT features",
+            Features::Aliked => "ALIKED features matched by LightGlue",
+        };
+        let mapper = match self.options.mapper {
+            Mapper::Incremental => "incremental mapper",
+            Mapper::Global => "global mapper",
+        };
+        let lens = self.options.camera_model.name();
+        let origin = format!("{}, {features}, {}, {mapper}, lens model {lens}", colmap.version, pairing.words());
+        Ok(Poses { registration: Some(registration), origin, world })
     }
 
     fn write_commands(&self, records: &[ViewRecord], state: &mut State, observer: &dyn Observer) -> Result<Poses> {
         let folders = self.developer.folders;
         let pictures = self.picture_keys(records);
         let colmap = Colmap::unknown(&self.options.colmap);
-        let steps = colmap.steps(folders, records, &self.developer.plan.cameras, self.motion_options())?;
+        let pairing = colmap.pairing(records, &self.facts(), self.options.matching)?;
+        let steps = colmap.steps(folders, records, &self.developer.plan.cameras, self.motion_options(), &pairing)?;
         let path = folders.output.join("colmap.sh");
         write_text(&path, &colmap.script(&steps, folders))?;
         let given = folders.work.join("sparse");
@@ -99,26 +125,33 @@ impl Motion<'_> {
         state.save()?;
         if !given.is_dir() {
             let origin = format!("none yet: run the commands in {}, then prepare the folder again", path.display());
-            return Ok(Poses { registration: None, origin });
+            return Ok(Poses { registration: None, origin, world: None });
         }
         self.assemble_given(records, observer)
     }
 
     /// Writes the data set by a model that the user had COLMAP make.
     fn assemble_given(&self, records: &[ViewRecord], observer: &dyn Observer) -> Result<Poses> {
-        let registration = self.assemble(records, observer)?;
+        let Assembled { registration, world } = self.assemble(records, observer)?;
         let origin = format!("the model that was found in {}", self.developer.folders.work.join("sparse").display());
-        Ok(Poses { registration: Some(registration), origin })
+        Ok(Poses { registration: Some(registration), origin, world })
     }
 
-    fn assemble(&self, records: &[ViewRecord], observer: &dyn Observer) -> Result<Registration> {
+    fn assemble(&self, records: &[ViewRecord], observer: &dyn Observer) -> Result<Assembled> {
         let Developer { folders, plan, space, .. } = *self.developer;
-        let model = colmap::largest_model(folders)?;
-        dataset::write(folders, records, &model, Pixels { space, is_absolute: plan.is_absolute }, observer)
+        let mut model = colmap::largest_model(folders)?;
+        let world = world::place(&mut model.model, records, &self.facts(), self.options)?;
+        let registration = dataset::write(folders, records, &model, Pixels { space, is_absolute: plan.is_absolute }, observer)?;
+        Ok(Assembled { registration, world })
+    }
+
+    fn facts(&self) -> FileFacts<'_> {
+        FileFacts::new(self.developer.plan, self.developer.photos)
     }
 
     fn motion_options(&self) -> MotionOptions {
-        MotionOptions { camera_model: self.options.camera_model, matching: self.options.matching }
+        let &PrepareOptions { camera_model, features, mapper, .. } = self.options;
+        MotionOptions { camera_model, features, mapper }
     }
 
     /// Returns the keys of the pictures that structure from motion gets, by view.

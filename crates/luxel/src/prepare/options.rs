@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use luxel_capture::BracketRule;
 use luxel_capture::prepare::{PlanOptions, PrepareNote, ResponseChoice, WhiteBalance};
+use luxel_capture::world::KnownDistance;
 use luxel_core::ColorSpace;
 use luxel_io::Transfer;
 
@@ -20,8 +21,12 @@ use luxel_io::Transfer;
 /// ```
 #[derive(Clone, Debug)]
 pub struct PrepareOptions {
-    /// The folder of photographs.
+    /// The folder of photographs, or a video.
     pub photos: PathBuf,
+    /// Number of frames to take of a video, the sharpest of each window.
+    pub frames: usize,
+    /// The program ffmpeg, for videos.
+    pub ffmpeg: PathBuf,
     /// The folder of the data set.
     pub output: PathBuf,
     /// How photographs are grouped into brackets.
@@ -47,12 +52,20 @@ pub struct PrepareOptions {
     pub downscale: u32,
     /// Whether COLMAP finds the poses.
     pub structure_from_motion: StructureFromMotion,
-    /// COLMAP's program.
+    /// COLMAP's program; a Python interpreter, or `pycolmap`, is the Python package.
     pub colmap: PathBuf,
+    /// Features that COLMAP finds.
+    pub features: Features,
+    /// COLMAP's way from matches to poses.
+    pub mapper: Mapper,
     /// The lens model that COLMAP fits.
     pub camera_model: CameraModel,
     /// Pairs of views that COLMAP matches.
     pub matching: Matching,
+    /// Whether coordinates stay as COLMAP left them.
+    pub keep_coordinates: bool,
+    /// A distance that gives the scale of coordinates.
+    pub known_distance: Option<KnownDistance>,
     /// Memory for the views in progress together, bytes. One view is developed whatever its size.
     pub memory_bytes: u64,
     /// Words a note with its remedy for the report and the observer.
@@ -65,6 +78,8 @@ impl PrepareOptions {
         Self {
             photos: photos.into(),
             output: output.into(),
+            frames: 150,
+            ffmpeg: "ffmpeg".into(),
             brackets: BracketRule::Auto,
             exposures: None,
             response: ResponseChoice::Auto,
@@ -78,7 +93,11 @@ impl PrepareOptions {
             structure_from_motion: StructureFromMotion::Auto,
             colmap: "colmap".into(),
             camera_model: CameraModel::default(),
+            features: Features::default(),
+            mapper: Mapper::default(),
             matching: Matching::default(),
+            keep_coordinates: false,
+            known_distance: None,
             memory_bytes: 4 << 30,
             word_note,
         }
@@ -167,18 +186,41 @@ impl CameraModel {
 /// The pairs of views that COLMAP matches.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Matching {
-    /// Exhaustive up to 200 views, sequential above.
+    /// Exhaustive up to 200 views; above, spatial where most views have GPS, else sequential.
     #[default]
     Auto,
     /// Every pair.
     Exhaustive,
-    /// Each view with the next ones by name.
+    /// Each view with the next ones by name, and every n-th view with each other.
     Sequential,
+    /// Each view with the nearest ones by GPS.
+    Spatial,
+}
+
+/// The features that COLMAP finds in pictures.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Features {
+    /// SIFT, matched by brute force.
+    #[default]
+    Sift,
+    /// ALIKED, matched by LightGlue: COLMAP 4 with ONNX.
+    Aliked,
+}
+
+/// COLMAP's way from matches to poses.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Mapper {
+    /// View by view.
+    #[default]
+    Incremental,
+    /// All views at once (GLOMAP): COLMAP 4.
+    Global,
 }
 
 /// Options of COLMAP.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct MotionOptions {
     pub(super) camera_model: CameraModel,
-    pub(super) matching: Matching,
+    pub(super) features: Features,
+    pub(super) mapper: Mapper,
 }

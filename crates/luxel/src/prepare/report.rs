@@ -7,9 +7,11 @@ use crate::files::{read_text, write_json, write_text};
 use crate::report::html::{document, escape};
 use crate::text;
 use luxel_capture::prepare::{LeftOut, Registration, ViewRecord};
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::folders::Folders;
+use super::world::WorldReport;
 use crate::{Result, schema};
 
 /// Name of the report in a data set's folder.
@@ -26,10 +28,30 @@ pub fn cd_m2_per_unit(path: &Path) -> Option<f64> {
     struct Units {
         units: String,
     }
+    let Units { units } = read_fields(path)?;
+    units.starts_with("cd/m2").then_some(1.0)
+}
+
+/// Returns the length in metres of one unit of the data set at `path`, which its preparation has
+/// recorded; `None` where it is unknown, or was not prepared by this program.
+pub fn metres_per_unit(path: &Path) -> Option<f64> {
+    #[derive(Deserialize)]
+    struct Coordinates {
+        metres_per_unit: Option<f64>,
+    }
+    #[derive(Deserialize)]
+    struct Report {
+        world: Option<Coordinates>,
+    }
+    let report: Report = read_fields(path)?;
+    report.world?.metres_per_unit.filter(|metres| metres.is_normal() && *metres > 0.0)
+}
+
+/// Reads fields of the report of the data set at `path`.
+fn read_fields<T: DeserializeOwned>(path: &Path) -> Option<T> {
     let folder = if path.is_dir() { path } else { path.parent()? };
     let text = read_text(&folder.join(FILE_NAME), MAX_BYTES).ok()?;
-    let Units { units } = serde_json::from_str(&text).ok()?;
-    units.starts_with("cd/m2").then_some(1.0)
+    serde_json::from_str(&text).ok()
 }
 
 /// The content of `prepare.json`: what was done with the photographs, and the outcome.
@@ -63,6 +85,8 @@ pub struct PrepareReport {
     pub left_out: Vec<LeftOut>,
     /// Outcome of structure from motion.
     pub registration: Option<Registration>,
+    /// Coordinates, unless they are COLMAP's or there are none.
+    pub world: Option<WorldReport>,
     /// Records of the views.
     pub views: Vec<ViewRecord>,
     /// Peak of resident memory, bytes.
@@ -118,6 +142,12 @@ fn facts(report: &PrepareReport) -> Vec<(String, String)> {
                 found.mean_error_px
             ),
         ));
+    }
+    facts.extend(report.world.iter().map(|world| ("coordinates".to_owned(), world.lines().join("; "))));
+    if let Some(world) = &report.world {
+        let [x, y, z] = world.rotation;
+        let similarity = format!("p' = {} {x:.6?} {y:.6?} {z:.6?} p + {:.6?}", world.scale, world.translation);
+        facts.push(("from COLMAP's coordinates".to_owned(), similarity));
     }
     facts.extend(report.peak_memory_bytes.map(|bytes| ("peak memory".to_owned(), text::bytes(bytes))));
     facts

@@ -1,0 +1,278 @@
+//! COLMAP's commands: features camera by camera, matches, poses.
+//!
+//! In: proxies in a folder, with the camera of each, and [`Pairing`]. Out: [`Step`]s, and the same
+//! as a script for another machine. SIFT runs on the processor. All proxies of one camera share a
+//! lens: features are extracted camera by camera into one database.
+//!
+//! Degenerate: COLMAP's lists of pairs cannot hold names with spaces; then its own matcher of
+//! sequences is used.
+
+use std::collections::BTreeMap;
+use std::ffi::OsString;
+use std::path::Path;
+
+use glam::DVec3;
+use luxel_capture::prepare::{PlannedCamera, ViewRecord, sequential_pairs, spatial_pairs};
+use luxel_capture::world::metres_of;
+
+use super::colmap::{Colmap, Step};
+use super::folders::{Folders, proxy_name};
+use super::options::{Features, Mapper, Matching, MotionOptions};
+use super::world::FileFacts;
+use crate::files::write_text;
+use crate::text::plural;
+use crate::{Error, Remedy, Result};
+
+/// Number of views up to which every pair is matched.
+const EXHAUSTIVE_VIEWS: usize = 200;
+/// Share of views with a position from which pairs are chosen by position.
+const MOST: f64 = 0.8;
+/// Extent of positions below which GPS tells no neighbours, metres.
+const LEAST_EXTENT_M: f64 = 20.0;
+
+/// The views that are matched with each other.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Pairing {
+    /// All with all.
+    Exhaustive,
+    /// Neighbours by name, as COLMAP chooses them.
+    Neighbours,
+    /// These, by index, and how they were chosen.
+    Listed { pairs: Vec<[usize; 2]>, how: &'static str },
+}
+
+impl Pairing {
+    /// Returns the choice in words for people.
+    pub(super) fn words(&self) -> String {
+        match self {
+            Self::Exhaustive => "every pair matched".to_owned(),
+            Self::Neighbours => "neighbours by name matched".to_owned(),
+            Self::Listed { pairs, how } => format!("{} matched, {how}", plural(pairs.len(), "pair")),
+        }
+    }
+}
+
+impl Colmap {
+    /// Refuses features and mappers that the installed version lacks.
+    pub(super) fn check(&self, options: MotionOptions, matching: Matching) -> Result<()> {
+        let lacks = |what: &str, needs: &'static str, option: &'static str, value: &'static str| {
+            let remedy = Remedy::advice(needs).or(Remedy::set(option, value));
+            Err(Error::new(format!("{} ({}) has no {what}", self.program.display(), self.version)).with_remedy(remedy))
+        };
+        if options.features == Features::Aliked && !self.abilities.aliked {
+            return lacks("ALIKED features", "install COLMAP 4.0 or newer, built with ONNX", "features", "sift");
+        }
+        if options.mapper == Mapper::Global && !self.abilities.global_mapper {
+            return lacks("global mapper", "install COLMAP 4.0 or newer (pip install pycolmap)", "mapper", "incremental");
+        }
+        if matching == Matching::Spatial && !self.abilities.pairs {
+            return lacks("matching of listed pairs", "install COLMAP 3.12 or newer", "matching", "exhaustive");
+        }
+        Ok(())
+    }
+
+    /// Chooses the pairs of views to match.
+    ///
+    /// # Errors
+    /// Pairs by position, without positions or with names that a list cannot hold.
+    pub(super) fn pairing(&self, views: &[ViewRecord], facts: &FileFacts<'_>, matching: Matching) -> Result<Pairing> {
+        let gps: Vec<_> = views.iter().map(|view| facts.view(&view.name).gps).collect();
+        let known: Vec<_> = gps.iter().flatten().copied().collect();
+        let metres = metres_of(&known);
+        let extent = |axis: usize| {
+            let along = || metres.iter().map(|p| p[axis]);
+            along().fold(f64::NEG_INFINITY, f64::max) - along().fold(f64::INFINITY, f64::min)
+        };
+        let is_spread = !known.is_empty() && extent(0).max(extent(2)) >= LEAST_EXTENT_M;
+        let has_positions = known.len() as f64 >= MOST * views.len() as f64 && is_spread;
+        // COLMAP's lists separate names by spaces.
+        let can_list = self.abilities.pairs && !views.iter().any(|view| view.name.contains(char::is_whitespace));
+        let choice = match matching {
+            Matching::Auto if views.len() <= EXHAUSTIVE_VIEWS => Matching::Exhaustive,
+            Matching::Auto if has_positions && can_list => Matching::Spatial,
+            Matching::Auto => Matching::Sequential,
+            other => other,
+        };
+        if choice == Matching::Spatial && !has_positions {
+            let message = format!(
+                "{} of {} views have a GPS position, expected most of them, and {LEAST_EXTENT_M:.0} m apart or more: neighbours cannot be \
+                 chosen by position",
+                known.len(),
+                views.len()
+            );
+            return Err(Error::new(message).with_remedy(Remedy::set("matching", "sequential")));
+        }
+        if choice == Matching::Spatial && !can_list {
+            let remedy = Remedy::advice("rename the photographs").or(Remedy::set("matching", "sequential"));
+            return Err(Error::new("names with spaces cannot be listed for COLMAP").with_remedy(remedy));
+        }
+        let mut places = metres.into_iter();
+        let positions: Vec<Option<DVec3>> = gps.iter().map(|gps| gps.and_then(|_| places.next())).collect();
+        Ok(match choice {
+            Matching::Auto | Matching::Exhaustive => Pairing::Exhaustive,
+            Matching::Sequential if !can_list => Pairing::Neighbours,
+            Matching::Sequential => {
+                Pairing::Listed { pairs: sequential_pairs(views.len()), how: "in the order of names with loops closed" }
+            }
+            Matching::Spatial => Pairing::Listed { pairs: spatial_pairs(&positions), how: "near each other by GPS" },
+        })
+    }
+
+    /// Returns the commands, in order. Writes the lists of images by camera.
+    pub(super) fn steps(
+        &self,
+        folders: &Folders,
+        views: &[ViewRecord],
+        cameras: &[PlannedCamera],
+        options: MotionOptions,
+        pairing: &Pairing,
+    ) -> Result<Vec<Step>> {
+        let (extraction, matches) = if self.abilities.feature_options {
+            ("--FeatureExtraction", "--FeatureMatching")
+        } else {
+            ("--SiftExtraction", "--SiftMatching")
+        };
+        let database = folders.work.join("database.db");
+        let pictures = folders.output.join("proxies");
+        let mut lists: BTreeMap<(usize, [usize; 2]), Vec<&ViewRecord>> = BTreeMap::new();
+        for view in views {
+            lists.entry((view.camera, view.proxy_px)).or_default().push(view);
+        }
+        let mut steps = Vec::new();
+        for (number, ((camera, [width, height]), views)) in lists.iter().enumerate() {
+            let list = folders.work.join(format!("camera_{number}.txt"));
+            write_text(&list, &(views.iter().map(|v| proxy_name(&v.name)).collect::<Vec<_>>().join("\n") + "\n"))?;
+            let mut arguments = paths(
+                "feature_extractor",
+                &[
+                    PathOption::new("--database_path", &database),
+                    PathOption::new("--image_path", &pictures),
+                    PathOption::new("--image_list_path", &list),
+                ],
+            );
+            let mut add = |name: &str, value: &str| arguments.extend([name.into(), value.into()]);
+            add("--ImageReader.single_camera", "1");
+            add("--ImageReader.camera_model", options.camera_model.name());
+            if let Some(focal) = cameras.get(*camera).and_then(|c| c.focal_per_side) {
+                let (w, h) = (*width as f64, *height as f64);
+                add("--ImageReader.camera_params", &options.camera_model.params(focal * w.max(h), [0.5 * w, 0.5 * h]));
+            }
+            add(&format!("{extraction}.use_gpu"), "0");
+            if options.features == Features::Aliked {
+                add("--FeatureExtraction.type", "ALIKED_N16ROT");
+            }
+            steps.push(Step { purpose: "features", arguments });
+        }
+        steps.push(Step { purpose: "matches", arguments: match_arguments(folders, views, options, pairing, matches)? });
+        let sparse = folders.work.join("sparse");
+        let arguments = paths(
+            match options.mapper {
+                Mapper::Incremental => "mapper",
+                Mapper::Global => "global_mapper",
+            },
+            &[
+                PathOption::new("--database_path", &database),
+                PathOption::new("--image_path", &pictures),
+                PathOption::new("--output_path", &sparse),
+            ],
+        );
+        steps.push(Step { purpose: "poses", arguments });
+        Ok(steps)
+    }
+
+    /// Returns the commands as a script, to be run elsewhere: paths are relative to the data set,
+    /// and options are those of the release that is installed there.
+    pub(super) fn script(&self, steps: &[Step], folders: &Folders) -> String {
+        let program = quoted(&self.program.to_string_lossy());
+        let mut out = String::from(
+            "#!/bin/sh\n# Poses of the pictures in proxies/, by COLMAP, into work/sparse.\nset -e\ncd \"$(dirname \"$0\")\"\n",
+        );
+        out += "# Files of an earlier run are of other pictures.\n";
+        out += "rm -rf work/sparse work/database.db work/database.db-wal work/database.db-shm\nmkdir -p work/sparse\n";
+        out += "# Since COLMAP 3.12 two groups of options have other names.\nextraction=SiftExtraction matching=SiftMatching\n";
+        out += &format!("if {program} feature_extractor -h 2>&1 | grep -q FeatureExtraction.use_gpu; then\n");
+        out += "  extraction=FeatureExtraction matching=FeatureMatching\nfi\n";
+        for step in steps {
+            let word = |argument: &OsString| {
+                let path = Path::new(argument).strip_prefix(&folders.output).unwrap_or(Path::new(argument));
+                match path.to_string_lossy().as_ref() {
+                    "--SiftExtraction.use_gpu" => "--$extraction.use_gpu".to_owned(),
+                    "--SiftMatching.use_gpu" => "--$matching.use_gpu".to_owned(),
+                    other => quoted(other),
+                }
+            };
+            let words = step.arguments.iter().map(word).collect::<Vec<_>>().join(" ");
+            out += &format!("{program} {words}\n");
+        }
+        out
+    }
+}
+
+/// Returns the command that matches features. Writes the list of pairs.
+fn match_arguments(
+    folders: &Folders,
+    views: &[ViewRecord],
+    options: MotionOptions,
+    pairing: &Pairing,
+    group: &str,
+) -> Result<Vec<OsString>> {
+    let database = folders.work.join("database.db");
+    let list = folders.work.join("pairs.txt");
+    let mut arguments = match pairing {
+        Pairing::Exhaustive => paths("exhaustive_matcher", &[PathOption::new("--database_path", &database)]),
+        Pairing::Neighbours => paths("sequential_matcher", &[PathOption::new("--database_path", &database)]),
+        Pairing::Listed { pairs, .. } => {
+            let name = |index: usize| views.get(index).map(|view| proxy_name(&view.name)).unwrap_or_default();
+            let lines: String = pairs.iter().map(|[a, b]| format!("{} {}\n", name(*a), name(*b))).collect();
+            write_text(&list, &lines)?;
+            let options = [PathOption::new("--database_path", &database), PathOption::new("--match_list_path", &list)];
+            let mut arguments = paths("matches_importer", &options);
+            arguments.extend(["--match_type".into(), "pairs".into()]);
+            arguments
+        }
+    };
+    arguments.extend([format!("{group}.use_gpu").into(), "0".into()]);
+    if options.features == Features::Aliked {
+        arguments.extend(["--FeatureMatching.type".into(), "ALIKED_LIGHTGLUE".into()]);
+    }
+    Ok(arguments)
+}
+
+/// An option of COLMAP that has a path.
+struct PathOption<'a> {
+    name: &'static str,
+    path: &'a Path,
+}
+
+impl<'a> PathOption<'a> {
+    fn new(name: &'static str, path: &'a Path) -> Self {
+        Self { name, path }
+    }
+}
+
+/// Returns a command of COLMAP with options that have paths.
+fn paths(command: &str, options: &[PathOption<'_>]) -> Vec<OsString> {
+    let mut out = vec![OsString::from(command)];
+    for option in options {
+        out.extend([OsString::from(option.name), option.path.as_os_str().to_owned()]);
+    }
+    out
+}
+
+/// Returns a word quoted for a shell.
+fn quoted(word: &str) -> String {
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,:".contains(c);
+    if !word.is_empty() && word.chars().all(is_plain) { word.to_owned() } else { format!("'{}'", word.replace('\'', "'\\''")) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_are_quoted_for_a_shell() {
+        assert_eq!(quoted("a/b-c.db"), "a/b-c.db");
+        assert_eq!(quoted("my photos"), "'my photos'");
+        assert_eq!(quoted("it's"), "'it'\\''s'");
+    }
+}
