@@ -168,7 +168,8 @@ impl Camera {
         self.projection.point_from_plane((at_px - self.center_px) / self.focal_px)
     }
 
-    /// Returns whether the image shows anything at a place: [`Self::unproject`] finds a point there.
+    /// Returns whether the image shows anything at a place: whether [`Self::unproject`] finds a
+    /// point there.
     pub fn shows(&self, at_px: DVec2) -> bool {
         let plane = (at_px - self.center_px) / self.focal_px;
         match self.projection {

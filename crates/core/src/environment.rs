@@ -1,6 +1,7 @@
 //! Environment maps: radiance by direction around a point, as light probes store it.
 //!
-//! In: renders of the cameras of [`Rig`] at a point. Out: an [`Image`] in one of OpenEXR's two
+//! In: renders of the cameras of [`PanoramaRig`], or of [`Rig`] for engines that render pinholes
+//! only, at a point. Out: an [`Image`] in one of OpenEXR's two
 //! projections ([`Projection`]), averaged over each pixel in linear light, and [`Summary`], the
 //! irradiance it gives to surfaces.
 //!
@@ -22,10 +23,14 @@
 //! therefore takes the training views' focal length, whatever the map's size.
 
 mod fade;
+mod lights;
+mod panorama;
 mod summary;
 
 use fade::{FacePoint, Fades};
 use glam::{DAffine3, DMat3, DVec2, DVec3};
+pub use lights::{Light, lights};
+pub use panorama::{PanoramaRig, PartialPanorama};
 pub use summary::Summary;
 
 use crate::{Camera, CameraProjection, Distortion, Image};
@@ -144,11 +149,7 @@ impl Rig {
     /// views, if known.
     pub fn new(at: DVec3, environment_from_world: DMat3, map: MapSize, focal_px: Option<f64>) -> Self {
         let MapSize { projection, width } = map;
-        // Pixels per radian in the middle of the map or of a face.
-        let density = match projection {
-            Projection::LatitudeLongitude => width as f64 / std::f64::consts::TAU,
-            Projection::Cube => width as f64 / 2.0,
-        };
+        let density = density(map);
         let focal = focal_px.unwrap_or(OVERSAMPLING * density).clamp(2.0, MAX_FOCAL_PX);
         let mut cameras = Vec::with_capacity(6 * OF_FACE);
         for face in FACES {
@@ -250,6 +251,14 @@ fn interpolated(camera: &Camera, render: &Image, direction: DVec3) -> [f64; 3] {
     };
     let (a, b, c, d) = (pixel(0.0, 0.0), pixel(1.0, 0.0), pixel(0.0, 1.0), pixel(1.0, 1.0));
     [0, 1, 2].map(|i| (a[i] * (1.0 - fx) + b[i] * fx) * (1.0 - fy) + (c[i] * (1.0 - fx) + d[i] * fx) * fy)
+}
+
+/// Returns the pixels per radian in the middle of a map or of a face.
+fn density(MapSize { projection, width }: MapSize) -> f64 {
+    match projection {
+        Projection::LatitudeLongitude => width as f64 / std::f64::consts::TAU,
+        Projection::Cube => width as f64 / 2.0,
+    }
 }
 
 /// Returns the angle at border `part` of the parts, from one end of a face to the other.

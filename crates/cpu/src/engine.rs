@@ -9,15 +9,19 @@ mod state;
 use fearless_simd::Level;
 use luxel_core::edit::Contributions;
 use luxel_core::engine::{DensifyPlan, DensifyStats, Evaluations, Geometry, StepConfig};
-use luxel_core::{Camera, Engine, EngineError, Image, Layers, Moments, PassTime, Remedy, RenderOptions, Splats, StepReport, View};
+use luxel_core::{
+    Camera, CameraProjection, Engine, EngineError, Image, Layers, Moments, PassTime, Remedy, RenderOptions, Splats, StepReport, View,
+};
 
 use self::state::State;
+use crate::rays::Lenses;
 use crate::view::ScreenCamera;
 
 /// The CPU engine. Its results are the same bits for any number of threads.
 pub struct CpuEngine {
     pool: rayon::ThreadPool,
     state: State,
+    lenses: Lenses,
 }
 
 impl CpuEngine {
@@ -30,7 +34,7 @@ impl CpuEngine {
             rayon::ThreadPoolBuilder::new().num_threads(threads).thread_name(|i| format!("luxel-cpu-{i}")).build().map_err(|e| {
                 EngineError::device(format!("cpu: cannot start {threads} threads: {e}")).with_remedy(Remedy::lower("threads"))
             })?;
-        Ok(Self { pool, state: State::new() })
+        Ok(Self { pool, state: State::new(), lenses: Lenses::default() })
     }
 
     /// Returns the number of threads.
@@ -69,7 +73,7 @@ impl CpuEngine {
     /// # Errors
     /// The errors of [`Engine::train_step`].
     pub fn gradients(&mut self, view: &View, step: &StepConfig) -> Result<(StepReport, Splats), EngineError> {
-        let camera = checked_view(view, step)?;
+        let camera = checked_view(view, step, &mut self.lenses)?;
         Ok(self.pool.install(|| self.state.gradients(&camera, view, step)))
     }
 }
@@ -98,6 +102,8 @@ fn avx2() -> Option<Level> {
 /// Bytes of a sample in the tiles, and of a pixel in the image with its layers.
 const SAMPLE_BYTES: u64 = 16;
 const PIXEL_BYTES: u64 = 24;
+/// Bytes of a sample's ray, with its share of the cones.
+const RAY_BYTES: u64 = 14;
 /// Images that take no more are not worth the question.
 const SMALL_BYTES: u64 = 64 << 20;
 
@@ -106,7 +112,8 @@ const SMALL_BYTES: u64 = 64 << 20;
 fn check_room(camera: &Camera, options: &RenderOptions) -> Result<(), EngineError> {
     let [width, height] = camera.size_px;
     let samples = u64::from(options.raster.samples).pow(2);
-    let bytes = (u64::from(width) * u64::from(height)).saturating_mul(samples * SAMPLE_BYTES + PIXEL_BYTES);
+    let sample_bytes = SAMPLE_BYTES + if camera.projection.is_pinhole() { 0 } else { RAY_BYTES };
+    let bytes = (u64::from(width) * u64::from(height)).saturating_mul(samples * sample_bytes + PIXEL_BYTES);
     let has_room = || usize::try_from(bytes).is_ok_and(|bytes| Vec::<u8>::new().try_reserve_exact(bytes).is_ok());
     if bytes <= SMALL_BYTES || has_room() {
         return Ok(());
@@ -116,22 +123,18 @@ fn check_room(camera: &Camera, options: &RenderOptions) -> Result<(), EngineErro
 }
 
 /// Returns the camera for the passes, after checking it.
-fn checked_camera(camera: &Camera, options: &RenderOptions) -> Result<ScreenCamera, EngineError> {
+fn checked_camera(camera: &Camera, options: &RenderOptions, lenses: &mut Lenses) -> Result<ScreenCamera, EngineError> {
     if !camera.distortion.is_none() {
         return Err(EngineError::invalid("camera: has lens distortion; undistort its image first"));
     }
-    if !camera.projection.is_pinhole() {
-        let name = camera.projection.name();
-        return Err(EngineError::invalid(format!("camera: the engine does not render {name} projection yet, expected a pinhole")));
-    }
     check_room(camera, options)?;
-    Ok(ScreenCamera::new(camera, options)?)
+    Ok(ScreenCamera::new(camera, options, lenses)?)
 }
 
 /// Returns the camera of a view, after checking that image and mask have its size.
-fn checked_view(view: &View, step: &StepConfig) -> Result<ScreenCamera, EngineError> {
+fn checked_view(view: &View, step: &StepConfig, lenses: &mut Lenses) -> Result<ScreenCamera, EngineError> {
     view.validate()?;
-    checked_camera(&view.camera, &step.render)
+    checked_camera(&view.camera, &step.render, lenses)
 }
 
 impl Engine for CpuEngine {
@@ -148,18 +151,22 @@ impl Engine for CpuEngine {
         Ok(self.pool.install(|| self.state.save()))
     }
 
+    fn supports(&self, _: CameraProjection) -> bool {
+        true
+    }
+
     fn render(&mut self, camera: &Camera, options: &RenderOptions) -> Result<Image, EngineError> {
-        let camera = checked_camera(camera, options)?;
+        let camera = checked_camera(camera, options, &mut self.lenses)?;
         Ok(self.pool.install(|| self.state.render(&camera)))
     }
 
     fn render_layers(&mut self, camera: &Camera, options: &RenderOptions) -> Result<Layers, EngineError> {
-        let camera = checked_camera(camera, options)?;
+        let camera = checked_camera(camera, options, &mut self.lenses)?;
         Ok(self.pool.install(|| self.state.render_layers(&camera)))
     }
 
     fn contributions(&mut self, camera: &Camera, options: &RenderOptions, mask: &[f32]) -> Result<Contributions, EngineError> {
-        let camera = checked_camera(camera, options)?;
+        let camera = checked_camera(camera, options, &mut self.lenses)?;
         let pixels = camera.without_supersampling().size_px.iter().product::<usize>();
         if mask.len() != pixels {
             return Err(EngineError::invalid(format!("mask holds {} pixels, the camera's image {pixels}", mask.len())));
@@ -168,12 +175,12 @@ impl Engine for CpuEngine {
     }
 
     fn evaluations(&mut self, camera: &Camera, options: &RenderOptions) -> Result<Option<Evaluations>, EngineError> {
-        let camera = checked_camera(camera, options)?;
+        let camera = checked_camera(camera, options, &mut self.lenses)?;
         Ok(Some(self.pool.install(|| self.state.evaluations(&camera))))
     }
 
     fn train_step(&mut self, view: &View, step: &StepConfig) -> Result<StepReport, EngineError> {
-        let camera = checked_view(view, step)?;
+        let camera = checked_view(view, step, &mut self.lenses)?;
         Ok(self.pool.install(|| self.state.train_step(&camera, view, step)))
     }
 

@@ -19,7 +19,9 @@ mod lanes;
 mod memory;
 mod passes;
 mod prefetch;
+mod rays;
 mod store;
+mod tiles;
 mod view;
 
 pub use engine::{CpuEngine, InstructionSet};

@@ -3,23 +3,18 @@
 //! In: [`Camera`], [`RenderOptions`]. Out: [`ScreenCamera`]. Degenerate: an invalid camera is an
 //! error, and the number of samples is clamped to the range that core allows.
 
+use std::sync::Arc;
+
 use fearless_simd::Simd;
 use luxel_core::engine::{JACOBIAN_MARGIN, ParameterRows};
 use luxel_core::{Antialias, Camera, CameraError, Cutoffs, MAX_SAMPLES, Real, RenderOptions, each};
 
 use crate::lanes::{Lanes, V, dot};
-
-/// Side of a block, pixels: its 16 pixels are a vector of [`crate::lanes::LANES`], row-major.
-pub(crate) const BLOCK_PX: usize = 4;
-/// Blocks along the side of a tile.
-pub(crate) const TILE_BLOCKS: usize = 8;
-/// Side of a tile, pixels.
-pub(crate) const TILE_PX: usize = BLOCK_PX * TILE_BLOCKS;
-/// Blocks of a tile, row-major.
-pub(crate) const BLOCKS: usize = TILE_BLOCKS * TILE_BLOCKS;
+use crate::rays::{Lenses, RayTable};
+pub(crate) use crate::tiles::{BLOCK_PX, BLOCKS, TILE_BLOCKS, TILE_PX};
 
 /// A camera with its render options. With supersampling, its pixels are the samples.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct ScreenCamera {
     /// Rows of the rotation of camera_from_world.
     pub(crate) rotation: [[f32; 3]; 3],
@@ -37,13 +32,17 @@ pub(crate) struct ScreenCamera {
     pub(crate) antialias: Antialias,
     pub(crate) background: [f32; 3],
     pub(crate) active_degree: usize,
+    /// The rays of the pixels; `None` for a pinhole.
+    pub(crate) rays: Option<Arc<RayTable>>,
 }
 
 impl ScreenCamera {
-    pub(crate) fn new(camera: &Camera, options: &RenderOptions) -> Result<Self, CameraError> {
+    /// Converts a camera; `lenses` keeps the rays of those that were used last.
+    pub(crate) fn new(camera: &Camera, options: &RenderOptions, lenses: &mut Lenses) -> Result<Self, CameraError> {
         let samples = options.raster.samples.clamp(1, MAX_SAMPLES);
         let camera = camera.upscaled(samples.into());
         camera.validate()?;
+        let rays = (!camera.projection.is_pinhole()).then(|| lenses.rays(&camera));
         let pose = camera.camera_from_world;
         let rows = pose.matrix3.transpose().to_cols_array_2d();
         let focal = camera.focal_px.to_array();
@@ -64,13 +63,14 @@ impl ScreenCamera {
             antialias: options.raster.antialias,
             background: options.background,
             active_degree: options.active_degree,
+            rays,
         })
     }
 
     /// Returns the camera of the image's own pixels. Only its size may be used: the other fields
     /// still belong to the samples.
     pub(crate) fn without_supersampling(&self) -> Self {
-        Self { size_px: self.size_px.map(|s| s / self.samples), samples: 1, ..*self }
+        Self { size_px: self.size_px.map(|s| s / self.samples), samples: 1, ..self.clone() }
     }
 
     /// Returns the number of tiles across and down.
@@ -118,6 +118,3 @@ impl<S: Simd> ViewDirection<S> {
         Self { unit: each!([0, 1, 2] i => { let v = offset[i]; v * inverse_distance }), inverse_distance }
     }
 }
-
-// The pixels of a block fill a vector.
-const _: () = assert!(BLOCK_PX * BLOCK_PX == crate::lanes::LANES);

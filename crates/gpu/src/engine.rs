@@ -18,11 +18,14 @@ use luxel_core::{Camera, ColorModel, EngineError, Pass, PassTime, RenderOptions,
 use crate::adapter::usable_binding;
 use crate::commands::{Commands, Timer};
 use crate::device::{Buffer, Gpu, render_less, use_cpu};
+use crate::forward::PixelKind;
 use crate::frame::{Sizes, StepBuffers, expected_entries, most_entries};
 use crate::layout::{HALT_NOT_FINITE, HALT_OVERFLOW, State};
 use crate::pending::{Pending, Report, Slots};
 use crate::scene::{GpuScene, shard_len};
-use crate::screen::{Purpose, SceneFacts, camera_uniform, check, loss_uniform, optimizer_uniform, supersampled, tiles};
+use crate::screen::{
+    Purpose, SceneFacts, camera_uniform, check, lens_uniform, loss_uniform, optimizer_uniform, pixel_kind, supersampled, tiles,
+};
 use crate::step::Recorder;
 use crate::targets::Targets;
 
@@ -264,6 +267,10 @@ impl GpuEngine {
             capacity,
         );
         gpu.queue.write_buffer(&frame.camera.raw, 0, bytemuck::bytes_of(&uniform));
+        let pixels = pixel_kind(camera);
+        if pixels == PixelKind::Rays {
+            gpu.queue.write_buffer(&frame.lens.raw, 0, bytemuck::bytes_of(&lens_uniform(camera)));
+        }
         let target = match work.training() {
             None => None,
             Some((view, step)) => {
@@ -275,7 +282,7 @@ impl GpuEngine {
                 Some(target)
             }
         };
-        let mut recorder = Recorder { gpu, commands, frame, scene, size_px: camera.size_px, samples: *samples };
+        let mut recorder = Recorder { gpu, commands, frame, scene, size_px: camera.size_px, samples: *samples, pixels };
         recorder.forward();
         if let Some(target) = target {
             recorder.backward(target);

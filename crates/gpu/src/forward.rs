@@ -48,7 +48,35 @@ pub(crate) enum Resource {
     Ranges,
     Image,
     LastEntries,
+    /// The uniform of the lens, for cameras whose pixels are rays.
+    Lens,
 }
+
+/// The pixels of a camera, which decide the kernels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum PixelKind {
+    /// Places on the image plane of a pinhole.
+    Places,
+    /// Rays.
+    Rays,
+}
+
+impl PixelKind {
+    /// Returns the kernel for these pixels; those of rays read the lens.
+    fn dispatch(self, pinhole: Dispatch, rays: KernelId) -> Dispatch {
+        match self {
+            Self::Places => pinhole,
+            Self::Rays => {
+                let mut bindings = pinhole.bindings;
+                bindings.push(at(LENS_SLOT, Resource::Lens));
+                Dispatch { kernel: rays, bindings, ..pinhole }
+            }
+        }
+    }
+}
+
+/// The number of the lens after `@binding`.
+pub(crate) const LENS_SLOT: u32 = 15;
 
 /// A number that sizes follow from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -117,7 +145,9 @@ impl Resource {
         }
         let none: &[Term] = &[];
         let (bytes, terms) = match self {
-            Self::Camera | Self::Shard | Self::Parameters | Self::DepthSort(_) | Self::TileSort(_) | Self::BucketPixels => (0, none),
+            Self::Camera | Self::Lens | Self::Shard | Self::Parameters | Self::DepthSort(_) | Self::TileSort(_) | Self::BucketPixels => {
+                (0, none)
+            }
             Self::State => (size_of::<State>() as u64, none),
             Self::Dispatches => (size_of::<Dispatches>() as u64, none),
             Self::DigitTotals => (4 * u64::from(DIGITS), none),
@@ -150,7 +180,7 @@ impl Resource {
 }
 
 /// Returns pass `project`, which runs once for each shard; its number of splats is the shard's.
-pub(crate) fn project(model: ColorModel) -> Dispatch {
+pub(crate) fn project(model: ColorModel, pixels: PixelKind) -> Dispatch {
     let bindings = vec![
         at(0, Resource::Camera),
         at(1, Resource::Shard),
@@ -159,7 +189,9 @@ pub(crate) fn project(model: ColorModel) -> Dispatch {
         at(4, Resource::DepthKeys(0)),
         at(5, Resource::Places),
     ];
-    Dispatch { pass: Pass::Project, kernel: KernelId::Project(model), bindings, workgroups: per(Count::Splats, SPLATS) }
+    let workgroups = per(Count::Splats, SPLATS);
+    let pinhole = Dispatch { pass: Pass::Project, kernel: KernelId::Project(model), bindings, workgroups };
+    pixels.dispatch(pinhole, KernelId::ProjectRays(model))
 }
 
 fn per(count: Count, per: u64) -> Workgroups {
@@ -211,7 +243,7 @@ pub(crate) fn sort_by_depth() -> Vec<Dispatch> {
 }
 
 /// Returns pass `bin`.
-pub(crate) fn bin() -> Vec<Dispatch> {
+pub(crate) fn bin(pixels: PixelKind) -> Vec<Dispatch> {
     let order = at(2, Resource::DepthOrder(DEPTH_DIGITS as usize % 2));
     let [camera, state] = [at(0, Resource::Camera), at(1, Resource::State)];
     let [places, sums] = [at(3, Resource::Places), at(4, Resource::BlockSums)];
@@ -221,7 +253,10 @@ pub(crate) fn bin() -> Vec<Dispatch> {
     vec![
         bin(KernelId::BinSum, vec![camera, order, places, sums], blocks),
         bin(KernelId::BinScan, vec![camera, state, sums, at(8, Resource::Dispatches)], Workgroups::Fixed(1)),
-        bin(KernelId::BinEmit, [camera, state, order, places, sums].into_iter().chain(emitted).collect(), blocks),
+        pixels.dispatch(
+            bin(KernelId::BinEmit, [camera, state, order, places, sums].into_iter().chain(emitted).collect(), blocks),
+            KernelId::BinEmitRays,
+        ),
     ]
 }
 
@@ -247,7 +282,7 @@ pub(crate) fn sort_by_tile(digits: usize) -> Vec<Dispatch> {
 }
 
 /// Returns pass `rasterize` after a sort of so many digits.
-pub(crate) fn rasterize(digits: usize) -> Dispatch {
+pub(crate) fn rasterize(digits: usize, pixels: PixelKind) -> Dispatch {
     let bindings = vec![
         at(0, Resource::Camera),
         at(1, Resource::Footprints),
@@ -258,5 +293,7 @@ pub(crate) fn rasterize(digits: usize) -> Dispatch {
         at(6, Resource::LastEntries),
         at(7, Resource::BucketPixels),
     ];
-    Dispatch { pass: Pass::Rasterize, kernel: KernelId::Rasterize, bindings, workgroups: per(Count::Tiles, 1) }
+    let workgroups = per(Count::Tiles, 1);
+    let pinhole = Dispatch { pass: Pass::Rasterize, kernel: KernelId::Rasterize, bindings, workgroups };
+    pixels.dispatch(pinhole, KernelId::RasterizeRays)
 }

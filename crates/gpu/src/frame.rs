@@ -12,7 +12,7 @@ use wgpu::BufferUsages;
 use crate::device::{Buffer, Gpu};
 use crate::forward::{Count, Extent, Resource};
 use crate::layout::{
-    BUCKET, BUCKET_PIXELS_BYTES, CameraUniform, DEPTH_DIGITS, DIGIT_BITS, ENTRY_GRADIENT_BYTES, LossUniform, OptimizerUniform,
+    BUCKET, BUCKET_PIXELS_BYTES, CameraUniform, DEPTH_DIGITS, DIGIT_BITS, ENTRY_GRADIENT_BYTES, LensUniform, LossUniform, OptimizerUniform,
     SORT_ENTRIES, SORT_IDENTITY, SortUniform,
 };
 use crate::scene::Shard;
@@ -58,6 +58,7 @@ impl Sizes {
 pub(crate) struct StepBuffers {
     pub(crate) sizes: Sizes,
     pub(crate) camera: Buffer,
+    pub(crate) lens: Buffer,
     pub(crate) loss: Buffer,
     pub(crate) optimizer: Buffer,
     pub(crate) state: Buffer,
@@ -179,6 +180,7 @@ impl StepBuffers {
         Ok(Self {
             sizes,
             camera: uniform("camera", size_of::<CameraUniform>())?,
+            lens: uniform("lens", size_of::<LensUniform>())?,
             loss: uniform("loss", size_of::<LossUniform>())?,
             optimizer: uniform("optimizer", size_of::<OptimizerUniform>())?,
             state: gpu.storage("state", sizes.bytes(Resource::State))?,
@@ -239,6 +241,7 @@ impl StepBuffers {
         let Self { splats, entries, pixels, .. } = self;
         Some(match resource {
             Resource::Camera => &self.camera,
+            Resource::Lens => &self.lens,
             Resource::Shard => &shard?.uniform,
             Resource::Parameters => &shard?.parameters,
             Resource::State => &self.state,

@@ -30,9 +30,18 @@ pub(crate) enum KernelId {
     Gather,
     ProjectBackward(ColorModel, Update),
     CameraBackward(ColorModel),
+    /// The same where pixels are rays.
+    CameraBackwardRays(ColorModel),
     Densify(ColorModel),
     Contribute,
     ContributeSum,
+    /// The kernels above for cameras whose pixels are rays.
+    ProjectRays(ColorModel),
+    BinEmitRays,
+    RasterizeRays,
+    RasterizeBackwardRays,
+    ProjectBackwardRays(ColorModel, Update),
+    ContributeRays,
 }
 
 macro_rules! file {
@@ -46,39 +55,64 @@ const FOOTPRINT: &str = file!("footprint");
 const ROTATION: &str = file!("rotation");
 const GEOMETRY: &str = file!("geometry");
 const COLOR: &str = file!("color");
-const SORT: &[&str] = &[COMMON, file!("sort")];
-const BIN: &[&str] = &[COMMON, FOOTPRINT, file!("bin")];
+const LENS: &str = file!("lens");
+const FOOTPRINT_RAYS: &str = file!("footprint_rays");
+const GEOMETRY_RAYS: &str = file!("geometry_rays");
 const ADAM: &str = file!("adam");
 const NOISE: &str = file!("noise");
 const COLOR_BACKWARD: &str = file!("color_backward");
-const GEOMETRY_BACKWARD: &str = file!("project_backward");
-const PROJECT_BACKWARD: &[&str] = &[COMMON, ROTATION, GEOMETRY, COLOR, ADAM, NOISE, COLOR_BACKWARD, GEOMETRY_BACKWARD];
-const CAMERA_BACKWARD: &[&str] =
-    &[COMMON, ROTATION, GEOMETRY, COLOR, ADAM, NOISE, COLOR_BACKWARD, GEOMETRY_BACKWARD, file!("camera_backward")];
+const PROJECT_BACKWARD: &str = file!("project_backward");
+const SORT: &[&str] = &[COMMON, file!("sort")];
+const BIN: &[&str] = &[COMMON, FOOTPRINT, file!("bin")];
+const CAMERA_BACKWARD: &[&str] = &[
+    COMMON,
+    ROTATION,
+    GEOMETRY,
+    COLOR,
+    ADAM,
+    NOISE,
+    COLOR_BACKWARD,
+    file!("point_backward"),
+    PROJECT_BACKWARD,
+    file!("camera_backward"),
+];
+const CAMERA_BACKWARD_RAYS: &[&str] = &[
+    COMMON,
+    LENS,
+    ROTATION,
+    GEOMETRY_RAYS,
+    COLOR,
+    ADAM,
+    NOISE,
+    COLOR_BACKWARD,
+    file!("point_backward_rays"),
+    PROJECT_BACKWARD,
+    file!("camera_backward"),
+];
 const LOSS: &[&str] = &[COMMON, file!("loss")];
 
 impl KernelId {
     /// Returns the entry point.
     pub(crate) fn name(self) -> &'static str {
         match self {
-            Self::Project(_) => "project",
+            Self::Project(_) | Self::ProjectRays(_) => "project",
             Self::SortCount => "sort_count",
             Self::SortScan => "sort_scan",
             Self::SortScatter => "sort_scatter",
             Self::BinSum => "bin_sum",
             Self::BinScan => "bin_scan",
-            Self::BinEmit => "bin_emit",
+            Self::BinEmit | Self::BinEmitRays => "bin_emit",
             Self::BinRanges => "bin_ranges",
-            Self::Rasterize => "rasterize",
+            Self::Rasterize | Self::RasterizeRays => "rasterize",
             Self::LossSsim => "loss_ssim",
             Self::LossGradient => "loss_gradient",
             Self::LossReport => "loss_report",
-            Self::RasterizeBackward => "rasterize_backward",
+            Self::RasterizeBackward | Self::RasterizeBackwardRays => "rasterize_backward",
             Self::Gather => "gather",
-            Self::ProjectBackward(..) => "project_backward",
-            Self::CameraBackward(_) => "camera_backward",
+            Self::ProjectBackward(..) | Self::ProjectBackwardRays(..) => "project_backward",
+            Self::CameraBackward(_) | Self::CameraBackwardRays(_) => "camera_backward",
             Self::Densify(_) => "densify",
-            Self::Contribute => "contribute",
+            Self::Contribute | Self::ContributeRays => "contribute",
             Self::ContributeSum => "contribute_sum",
         }
     }
@@ -90,10 +124,21 @@ impl KernelId {
             Self::BinSum | Self::BinScan | Self::BinEmit | Self::BinRanges => BIN,
             Self::Rasterize => &[COMMON, FOOTPRINT, file!("rasterize")],
             Self::LossSsim | Self::LossGradient | Self::LossReport => LOSS,
-            Self::RasterizeBackward => &[COMMON, FOOTPRINT, file!("unwind"), file!("rasterize_backward")],
+            Self::RasterizeBackward => &[COMMON, FOOTPRINT, file!("facing"), file!("unwind"), file!("rasterize_backward")],
+            Self::ProjectRays(_) => &[COMMON, LENS, ROTATION, GEOMETRY_RAYS, COLOR, FOOTPRINT_RAYS, file!("project_rays")],
+            Self::BinEmitRays => &[COMMON, LENS, FOOTPRINT_RAYS, file!("bin")],
+            Self::RasterizeRays => &[COMMON, LENS, FOOTPRINT_RAYS, file!("rasterize")],
+            Self::RasterizeBackwardRays => &[COMMON, LENS, FOOTPRINT_RAYS, file!("unwind"), file!("rasterize_backward")],
+            Self::ContributeRays => &[COMMON, LENS, FOOTPRINT_RAYS, file!("unwind"), file!("contribute")],
             Self::Gather => &[COMMON, file!("gather")],
-            Self::ProjectBackward(..) => PROJECT_BACKWARD,
+            Self::ProjectBackward(..) => {
+                &[COMMON, ROTATION, GEOMETRY, COLOR, ADAM, NOISE, COLOR_BACKWARD, file!("point_backward"), PROJECT_BACKWARD]
+            }
+            Self::ProjectBackwardRays(..) => {
+                &[COMMON, LENS, ROTATION, GEOMETRY_RAYS, COLOR, ADAM, NOISE, COLOR_BACKWARD, file!("point_backward_rays"), PROJECT_BACKWARD]
+            }
             Self::CameraBackward(_) => CAMERA_BACKWARD,
+            Self::CameraBackwardRays(_) => CAMERA_BACKWARD_RAYS,
             Self::Densify(_) => &[COMMON, ROTATION, file!("densify")],
             Self::Contribute => &[COMMON, FOOTPRINT, file!("unwind"), file!("contribute")],
             Self::ContributeSum => &[COMMON, file!("contribute_sum")],
@@ -105,9 +150,13 @@ impl KernelId {
 pub(crate) fn source(kernel: KernelId) -> String {
     let mut text = constants();
     match kernel {
-        KernelId::Project(model) | KernelId::Densify(model) => text += &model_constants(model, Update::Parameters),
-        KernelId::ProjectBackward(model, update) => text += &model_constants(model, update),
-        KernelId::CameraBackward(model) => text += &model_constants(model, Update::OnlyCamera),
+        KernelId::Project(model) | KernelId::ProjectRays(model) | KernelId::Densify(model) => {
+            text += &model_constants(model, Update::Parameters);
+        }
+        KernelId::ProjectBackward(model, update) | KernelId::ProjectBackwardRays(model, update) => {
+            text += &model_constants(model, update);
+        }
+        KernelId::CameraBackward(model) | KernelId::CameraBackwardRays(model) => text += &model_constants(model, Update::OnlyCamera),
         _ => {}
     }
     for file in kernel.files() {
@@ -177,13 +226,20 @@ mod tests {
             KernelId::Gather,
             KernelId::Contribute,
             KernelId::ContributeSum,
+            KernelId::BinEmitRays,
+            KernelId::RasterizeRays,
+            KernelId::RasterizeBackwardRays,
+            KernelId::ContributeRays,
         ];
         for model in models {
             kernels.extend([
                 KernelId::Project(model),
+                KernelId::ProjectRays(model),
+                KernelId::ProjectBackwardRays(model, Update::Parameters),
                 KernelId::ProjectBackward(model, Update::Parameters),
                 KernelId::ProjectBackward(model, Update::OnlyGradients),
                 KernelId::CameraBackward(model),
+                KernelId::CameraBackwardRays(model),
                 KernelId::Densify(model),
             ]);
         }

@@ -104,6 +104,36 @@ pub(crate) struct CameraUniform {
     pub(crate) samples: u32,
 }
 
+/// The lens of a camera whose pixels are rays. Twin: `Lens` in lens.wgsl.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub(crate) struct LensUniform {
+    /// k1 to k4 of a fisheye.
+    pub(crate) coefficients: [f32; 4],
+    /// First coefficients of [`luxel_core::engine::PixelAngle`].
+    pub(crate) size_0: [f32; 4],
+    /// Next coefficients.
+    pub(crate) size_1: [f32; 4],
+    /// Last coefficients.
+    pub(crate) size_2: [f32; 4],
+    /// Middle of the range of cosines.
+    pub(crate) middle: f32,
+    /// Reciprocal of half of that range.
+    pub(crate) inverse_half_range: f32,
+    /// Least cosine between a ray and the axis.
+    pub(crate) least_cosine: f32,
+    /// Angle to the axis up to which a fisheye sees.
+    pub(crate) max_angle: f32,
+    /// Its radius, for a focal length of 1.
+    pub(crate) max_radius: f32,
+    /// Largest growth of distances from the sphere to the plane of a fisheye.
+    pub(crate) stretch: f32,
+    /// 1 for panoramas, else 0.
+    pub(crate) is_panorama: u32,
+    /// Unused.
+    pub(crate) padding: u32,
+}
+
 /// A part of the scene that fits into bindings. Twin: `Shard` in common.wgsl.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]

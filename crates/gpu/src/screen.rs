@@ -3,12 +3,15 @@
 //! In: camera, options, step. Out: structures that the shaders read. Degenerate: lens distortion
 //! and invalid cameras are errors.
 
+use bytemuck::Zeroable;
+use luxel_core::engine::PixelAngle;
 use luxel_core::engine::{ADAM_BETA1, ADAM_BETA2, JACOBIAN_MARGIN, StatsCollection, StepConfig};
-use luxel_core::{Antialias, Camera, EngineError, LossWeights, MAX_SAMPLES, Remedy, RenderOptions, SQUARED_KNEE, View};
+use luxel_core::{Antialias, Camera, CameraProjection, EngineError, LossWeights, MAX_SAMPLES, RenderOptions, SQUARED_KNEE, View};
 
+use crate::forward::PixelKind;
 use crate::layout::{
-    CameraUniform, FLAG_ABSOLUTE, FLAG_COMPENSATION, FLAG_MIN_CONTRIBUTION, FLAG_SMOOTHING, FLAG_TRAINING, LossUniform, OptimizerUniform,
-    TILE_PX,
+    CameraUniform, FLAG_ABSOLUTE, FLAG_COMPENSATION, FLAG_MIN_CONTRIBUTION, FLAG_SMOOTHING, FLAG_TRAINING, LensUniform, LossUniform,
+    OptimizerUniform, TILE_PX,
 };
 
 /// The purpose of a frame, which decides what it computes.
@@ -29,11 +32,6 @@ pub(crate) fn tiles(size_px: [u32; 2]) -> [u32; 2] {
 pub(crate) fn check(camera: &Camera) -> Result<(), EngineError> {
     if !camera.distortion.is_none() {
         return Err(EngineError::invalid("camera: has lens distortion; undistort its image first"));
-    }
-    if !camera.projection.is_pinhole() {
-        let name = camera.projection.name();
-        let message = format!("camera: the GPU engine does not render {name} projection, expected a pinhole");
-        return Err(EngineError::invalid(message).with_remedy(Remedy::set("device", "cpu")));
     }
     Ok(camera.validate()?)
 }
@@ -104,6 +102,40 @@ pub(crate) fn camera_uniform(
         count,
         entry_capacity,
         samples: options.raster.samples.clamp(1, MAX_SAMPLES).into(),
+    }
+}
+
+/// Returns what pixels are to the kernels.
+pub(crate) fn pixel_kind(camera: &Camera) -> PixelKind {
+    if camera.projection.is_pinhole() { PixelKind::Places } else { PixelKind::Rays }
+}
+
+/// Returns the uniform of the lens of a camera whose pixels are rays.
+pub(crate) fn lens_uniform(camera: &Camera) -> LensUniform {
+    /// Angle beyond the field up to which distances grow in the box around a splat, radians; and
+    /// the largest angle.
+    const BEYOND: f64 = 0.6;
+    const LARGEST: f64 = 2.7;
+    const STEPS: u32 = 200;
+    let size = PixelAngle::new(camera);
+    let [size_0, size_1, size_2] = [0, 4, 8].map(|first| [0, 1, 2, 3].map(|i| size.coefficients[first + i] as f32));
+    let (middle, inverse_half_range) = (size.middle as f32, (1.0 / size.half_range) as f32);
+    let panorama =
+        LensUniform { size_0, size_1, size_2, middle, inverse_half_range, least_cosine: -1.0, is_panorama: 1, ..Zeroable::zeroed() };
+    let CameraProjection::Fisheye(lens) = camera.projection else { return panorama };
+    let end = (lens.max_angle_rad + BEYOND).min(LARGEST);
+    let growth = |step: u32| {
+        let angle = end * f64::from(step) / f64::from(STEPS);
+        lens.radius_derivative(angle).abs().max(lens.radius(angle).abs() / angle.sin())
+    };
+    LensUniform {
+        coefficients: lens.coefficients.map(|k| k as f32),
+        least_cosine: lens.max_angle_rad.cos() as f32,
+        max_angle: lens.max_angle_rad as f32,
+        max_radius: lens.radius(lens.max_angle_rad) as f32,
+        stretch: (1..=STEPS).map(growth).fold(1.0, f64::max) as f32,
+        is_panorama: 0,
+        ..panorama
     }
 }
 

@@ -6,7 +6,7 @@ use luxel_core::Pass;
 
 use crate::commands::{Binding, Commands, Groups, bind};
 use crate::device::{Buffer, Gpu};
-use crate::forward::{self, Bound, Count, Dispatch, SPLATS, Workgroups};
+use crate::forward::{self, Bound, Count, Dispatch, LENS_SLOT, PixelKind, SPLATS, Workgroups};
 use crate::frame::{StepBuffers, tile_digits};
 use crate::kernels::KernelId;
 use crate::layout::{Dispatches, Update};
@@ -32,11 +32,24 @@ pub(crate) struct Recorder<'a> {
     pub(crate) size_px: [u32; 2],
     /// Samples along the side of a pixel.
     pub(crate) samples: u32,
+    pub(crate) pixels: PixelKind,
 }
 
 impl Recorder<'_> {
     fn add(&mut self, pass: Pass, id: KernelId, bindings: &[Binding<'_>], groups: Groups<'_>) {
         self.commands.add(self.gpu, pass, id, bindings, groups);
+    }
+
+    /// Records the first of two kernels for a pinhole, and the second, with the lens, for rays.
+    fn add_either(&mut self, pass: Pass, [pinhole, rays]: [KernelId; 2], bindings: &[Binding<'_>], groups: Groups<'_>) {
+        match self.pixels {
+            PixelKind::Places => self.add(pass, pinhole, bindings, groups),
+            PixelKind::Rays => {
+                let lens = bind(LENS_SLOT, &self.frame.lens);
+                let bindings: Vec<_> = bindings.iter().copied().chain([lens]).collect();
+                self.add(pass, rays, &bindings, groups);
+            }
+        }
     }
 
     /// Records the passes up to the image.
@@ -50,9 +63,9 @@ impl Recorder<'_> {
     /// depth.
     pub(crate) fn forward_from_bin(&mut self) {
         let digits = tile_digits(self.tile_count());
-        self.dispatch_all(&forward::bin());
+        self.dispatch_all(&forward::bin(self.pixels));
         self.dispatch_all(&forward::sort_by_tile(digits));
-        self.dispatch(&forward::rasterize(digits), None);
+        self.dispatch(&forward::rasterize(digits, self.pixels), None);
     }
 
     fn tile_count(&self) -> u32 {
@@ -67,7 +80,7 @@ impl Recorder<'_> {
 
     fn project(&mut self) {
         let scene = self.scene;
-        let dispatch = forward::project(scene.rows.color_model);
+        let dispatch = forward::project(scene.rows.color_model, self.pixels);
         for shard in &scene.shards {
             self.dispatch(&dispatch, Some(shard));
         }
@@ -116,7 +129,7 @@ impl Recorder<'_> {
             bind(8, &frame.entries.gradients),
         ];
         let groups = Groups::Indirect(&frame.dispatches, std::mem::offset_of!(Dispatches, buckets));
-        self.add(Pass::RasterizeBackward, KernelId::RasterizeBackward, &buffers, groups);
+        self.add_either(Pass::RasterizeBackward, [KernelId::RasterizeBackward, KernelId::RasterizeBackwardRays], &buffers, groups);
     }
 
     fn loss(&mut self, target: &Target) {
@@ -150,7 +163,7 @@ impl Recorder<'_> {
             bind(8, &frame.entries.gradients),
         ];
         let groups = Groups::Indirect(&frame.dispatches, std::mem::offset_of!(Dispatches, buckets));
-        self.add(Pass::Rasterize, KernelId::Contribute, &buffers, groups);
+        self.add_either(Pass::Rasterize, [KernelId::Contribute, KernelId::ContributeRays], &buffers, groups);
         let sum =
             [bind(0, &frame.camera), bind(1, &frame.state), bind(2, &frame.splats.places), bind(3, &frame.entries.gradients), bind(4, out)];
         self.add(Pass::Rasterize, KernelId::ContributeSum, &sum, Groups::Line((self.scene.count as u64).div_ceil(SPLATS)));
@@ -181,7 +194,9 @@ impl Recorder<'_> {
                 bind(10, sums),
             ];
             let groups = Groups::Line(camera_groups(shard));
-            self.add(Pass::ProjectBackward, KernelId::CameraBackward(scene.rows.color_model), &buffers, groups);
+            let model = scene.rows.color_model;
+            let kernels = [KernelId::CameraBackward(model), KernelId::CameraBackwardRays(model)];
+            self.add_either(Pass::ProjectBackward, kernels, &buffers, groups);
         }
     }
 
@@ -205,7 +220,9 @@ impl Recorder<'_> {
                 bind(9, &shard.stats),
             ];
             let groups = Groups::Line((shard.len as u64).div_ceil(SPLATS_BACKWARD));
-            self.add(Pass::ProjectBackward, KernelId::ProjectBackward(scene.rows.color_model, kind), &buffers, groups);
+            let model = scene.rows.color_model;
+            let kernels = [KernelId::ProjectBackward(model, kind), KernelId::ProjectBackwardRays(model, kind)];
+            self.add_either(Pass::ProjectBackward, kernels, &buffers, groups);
         }
     }
 }

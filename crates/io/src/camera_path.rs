@@ -16,6 +16,7 @@ use serde_json::{Map, Value, json};
 
 use crate::IoError;
 use crate::byte_order_mark::bytes_without_mark;
+use crate::camera_writer::lens_fields;
 use crate::dataset::{TransformsFrame, parse_transforms};
 use crate::read_file::read_file;
 
@@ -197,12 +198,15 @@ fn add_lens(frame: &mut Map<String, Value>, shared_height: Option<&Value>, defau
     let [w, h] = default.size_px.map(f64::from);
     let height = frame.get("h").or(shared_height);
     let scale = height.and_then(Value::as_f64).map_or(1.0, |height| height / h);
-    let mut lens = vec![("fl_x", default.focal_px.x * scale), ("fl_y", default.focal_px.y * scale)];
-    if height.is_none() {
-        lens.extend([("w", w), ("h", h), ("cx", default.center_px.x), ("cy", default.center_px.y)]);
+    let has_height = height.is_some();
+    let scaled = Camera { focal_px: default.focal_px * scale, ..default.clone() };
+    for (key, value) in lens_fields(&scaled) {
+        frame.entry(key).or_insert(value);
     }
-    for (key, value) in lens {
-        frame.entry(key).or_insert(json!(value));
+    if !has_height {
+        for (key, value) in [("w", w), ("h", h), ("cx", default.center_px.x), ("cy", default.center_px.y)] {
+            frame.entry(key).or_insert(json!(value));
+        }
     }
 }
 

@@ -44,33 +44,40 @@ fn frame(name: &str, camera: &Camera) -> Value {
     let (right, down, forward, eye) = (world_from_camera.x_axis, world_from_camera.y_axis, world_from_camera.z_axis, camera.eye());
     let row = |i: usize| [right[i], -down[i], -forward[i], eye[i]];
     let [w, h] = camera.size_px;
-    // nerfstudio's focal length of a panorama is the pixels of half a turn.
-    let focal_px = camera.focal_px * if camera.projection == CameraProjection::Equirectangular { PI } else { 1.0 };
     let mut frame = json!({
         "file_path": name,
-        "fl_x": focal_px.x, "fl_y": focal_px.y,
         "cx": camera.center_px.x, "cy": camera.center_px.y,
         "w": w, "h": h,
         "transform_matrix": [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]],
     });
+    for (key, value) in lens_fields(camera) {
+        frame[key] = value;
+    }
+    frame
+}
+
+/// Returns the fields of a frame that describe focal lengths and projection.
+pub(crate) fn lens_fields(camera: &Camera) -> Vec<(&'static str, Value)> {
+    // nerfstudio's focal length of a panorama is the pixels of half a turn.
+    let focal_px = camera.focal_px * if camera.projection == CameraProjection::Equirectangular { PI } else { 1.0 };
+    let mut fields = vec![("fl_x", json!(focal_px.x)), ("fl_y", json!(focal_px.y))];
     match camera.projection {
         CameraProjection::Pinhole => {}
         CameraProjection::Fisheye(lens) => {
-            frame["camera_model"] = json!("OPENCV_FISHEYE");
-            for (key, k) in ["k1", "k2", "k3", "k4"].iter().zip(lens.coefficients) {
-                frame[key] = json!(k);
-            }
-            frame["fisheye_crop_radius"] = json!(lens.radius(lens.max_angle_rad) * camera.focal_px.min_element());
+            fields.push(("camera_model", json!("OPENCV_FISHEYE")));
+            fields.extend(["k1", "k2", "k3", "k4"].into_iter().zip(lens.coefficients.map(|k| json!(k))));
+            let radius_px = lens.radius(lens.max_angle_rad) * camera.focal_px.min_element();
+            fields.push(("fisheye_crop_radius", json!(radius_px)));
         }
-        CameraProjection::Equirectangular => frame["camera_model"] = json!("EQUIRECTANGULAR"),
+        CameraProjection::Equirectangular => fields.push(("camera_model", json!("EQUIRECTANGULAR"))),
     }
-    frame
+    fields
 }
 
 #[cfg(test)]
 mod tests {
     use glam::{DAffine3, DQuat, DVec2, DVec3};
-    use luxel_core::{CameraProjection, Distortion};
+    use luxel_core::{Distortion, Fisheye};
 
     use super::*;
 
@@ -91,6 +98,10 @@ mod tests {
             }
         };
         let written: Vec<PathCamera> = (0..3).map(camera).collect();
+        // Lenses of every projection keep their fields.
+        let mut written = written;
+        written[1].camera.projection = CameraProjection::Fisheye(Fisheye { max_angle_rad: 1.4, ..Fisheye::new([0.01, 0.02, 0.0, -0.001]) });
+        written[2].camera = Camera { size_px: [64, 32], ..Camera::panorama(written[2].camera.camera_from_world, 64) };
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("path.json");
         write_cameras(&path, &written).unwrap();
@@ -100,6 +111,12 @@ mod tests {
             assert_eq!((&read.name, read.camera.size_px), (&written.name, written.camera.size_px));
             assert!((read.camera.focal_px - written.camera.focal_px).length() < 1e-12);
             assert_eq!(read.camera.center_px, written.camera.center_px);
+            match (read.camera.projection, written.camera.projection) {
+                (CameraProjection::Fisheye(read), CameraProjection::Fisheye(written)) => {
+                    assert!(read.coefficients == written.coefficients && (read.max_angle_rad - written.max_angle_rad).abs() < 1e-12);
+                }
+                (read, written) => assert_eq!(read, written),
+            }
             // Eyes are thousands of units from the origin.
             assert!(read.camera.camera_from_world.abs_diff_eq(written.camera.camera_from_world, 1e-9), "{read:?}\n{written:?}");
         }

@@ -62,6 +62,7 @@ mod error;
 mod events;
 pub mod export;
 pub mod files;
+pub mod lens;
 mod log_record;
 pub mod machine;
 pub mod memory;

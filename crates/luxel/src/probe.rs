@@ -8,12 +8,13 @@
 use std::path::Path;
 
 use glam::{DMat3, DVec3};
-use luxel_core::environment::{MapSize, PartialMap, Projection, Rig, Summary};
-use luxel_core::{Camera, ColorSpace, Conversion, Dataset, Engine, Image, RadianceScale, RenderOptions, Scene};
+use luxel_core::environment::{Light, MapSize, PanoramaRig, PartialMap, PartialPanorama, Projection, Rig, Summary, lights};
+use luxel_core::{Camera, CameraProjection, ColorSpace, Conversion, Dataset, Engine, Image, Layers, RadianceScale, RenderOptions, Scene};
 use luxel_io::{ExrOptions, ExrSample};
 
-use crate::error::Context;
+use crate::error::{Context, ensure};
 use crate::export::{Up, UpAxis, file_from_world};
+use crate::preview::{self, Look};
 use crate::radiance::RADIANCE_SCALE;
 use crate::run::FrameProgress;
 use crate::sight::sight;
@@ -36,13 +37,15 @@ pub struct ProbeOptions {
     pub color_space: Option<ColorSpace>,
     /// Radiance of the background in normalised units.
     pub background: [f32; 3],
+    /// Whether the coverage of each pixel is computed, too; the CPU engine can.
+    pub alpha: bool,
 }
 
 impl ProbeOptions {
     /// Returns a latitude-longitude map of 2048 pixels at a point, with a black background.
     pub fn at(at: [f64; 3]) -> Self {
         let (projection, up) = (Projection::LatitudeLongitude, Up::Default);
-        Self { at, projection, width_px: 2048, near: None, up, color_space: None, background: [0.0; 3] }
+        Self { at, projection, width_px: 2048, near: None, up, color_space: None, background: [0.0; 3], alpha: false }
     }
 }
 
@@ -55,8 +58,12 @@ pub struct Probe {
     projection: Projection,
     color_space: ColorSpace,
     radiance_scale: RadianceScale,
+    /// Coverage of each pixel by splats `[H*W]`, if it was asked for.
+    alpha: Option<Vec<f32>>,
     /// Its light: means, peak, irradiance.
     pub summary: Summary,
+    /// Its lamps, strongest first.
+    pub lights: Vec<Light>,
     /// Number of splats left out near the point.
     pub left_out: usize,
     /// Whether the map was rendered at the resolution of training.
@@ -82,6 +89,16 @@ impl Probe {
     /// Returns the pixels `[H*W]`, row by row from the top.
     pub fn pixels(&self) -> &[[f32; 3]] {
         &self.image.pixels
+    }
+
+    /// Writes a tone-mapped preview: the scene's radiance scale is shown as 1 at exposure 0.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn save_preview(&self, path: &Path, look: Look) -> Result<()> {
+        let mut image = self.image.clone();
+        image.pixels.iter_mut().for_each(|pixel| *pixel = self.radiance_scale.normalised(*pixel));
+        preview::write(path, &image, self.color_space, look)
     }
 
     /// Returns the colour space of the pixels.
@@ -112,6 +129,7 @@ impl Probe {
         ExrOptions {
             sample,
             color_space: self.color_space,
+            alpha: self.alpha.clone(),
             environment: Some(self.projection),
             numbers: vec![(RADIANCE_SCALE.into(), self.radiance_scale.get())],
             attributes: vec![("luxel:at".into(), format!("{x}, {y}, {z}"))],
@@ -120,8 +138,19 @@ impl Probe {
     }
 }
 
+/// The projection of a probe rendered in one piece.
+const PANORAMA: CameraProjection = CameraProjection::Equirectangular;
+
 /// Memory for a pixel of the map: its sums in double precision, the image, and the file.
 const BYTES_PER_PIXEL: u64 = 60;
+
+/// Returns a light as JSON documents have it.
+pub fn light_json(light: &Light) -> serde_json::Value {
+    serde_json::json!({
+        "direction": light.direction, "solid_angle_sr": light.solid_angle, "radiance": light.radiance,
+        "peak_radiance": light.peak_radiance, "irradiance": light.irradiance,
+    })
+}
 
 /// Renders the probe of a scene.
 ///
@@ -136,13 +165,19 @@ pub fn probe(
 ) -> Result<Probe> {
     let surroundings = Surroundings::new(options.up, dataset)?;
     let left_out = leave_out_near(&mut scene, options);
-    let mut work = ProbeWork { left_out, ..ProbeWork::new(&scene, options, surroundings)? };
+    let mut work = ProbeWork { left_out, ..ProbeWork::new(&scene, options, surroundings, engine.supports(PANORAMA))? };
     engine.load(&scene.splats, None).context("cannot load the scene")?;
     let render_options = RenderOptions { background: options.background, ..scene.render_options() };
-    let mut progress = FrameProgress { observer, done: 0, total: u32::try_from(work.rig.cameras.len()).unwrap_or(u32::MAX) };
+    let mut progress = FrameProgress { observer, done: 0, total: u32::try_from(work.cameras()).unwrap_or(u32::MAX) };
     while !work.is_done() {
-        let name = format!("face {}", work.faces_done + 1);
-        work.render_camera(|camera| engine.render(camera, &render_options).context("cannot render the probe"))?;
+        let name = format!("part {}", work.cameras_done() + 1);
+        work.render_camera(|camera| {
+            let layers = match options.alpha {
+                true => engine.render_layers(camera, &render_options),
+                false => engine.render(camera, &render_options).map(|image| Layers { image, ..Layers::default() }),
+            };
+            layers.context("cannot render the probe")
+        })?;
         progress.add(&name, Vec::new());
     }
     Ok(work.finish())
@@ -187,14 +222,19 @@ impl Surroundings {
     }
 }
 
+/// The cameras of a probe, and the map under way.
+#[derive(Debug)]
+enum Parts {
+    /// Bands of a panorama.
+    Panorama { rig: PanoramaRig, map: PartialPanorama, done: usize },
+    /// Faces of a cube, for engines that render pinholes only, with the renders of the next one.
+    Faces { rig: Rig, map: PartialMap, done: usize, renders: Vec<Image> },
+}
+
 /// A probe under way, rendered camera by camera, so that other work is possible in between.
 #[derive(Debug)]
 pub struct ProbeWork {
-    rig: Rig,
-    map: PartialMap,
-    faces_done: usize,
-    /// Renders of the next face so far.
-    renders: Vec<Image>,
+    parts: Parts,
     options: ProbeOptions,
     space: ColorSpace,
     radiance_scale: RadianceScale,
@@ -203,22 +243,30 @@ pub struct ProbeWork {
 }
 
 impl ProbeWork {
-    /// Begins a probe of a scene; `near` of the options is not looked at.
+    /// Begins a probe of a scene; `near` of the options is not looked at. `has_panoramas` tells
+    /// whether the engine renders panoramas.
     ///
     /// # Errors
-    /// A map that does not fit into memory.
-    pub fn new(scene: &Scene, options: &ProbeOptions, surroundings: Surroundings) -> Result<Self> {
+    /// A map that does not fit into memory; coverage by an engine that has none.
+    pub fn new(scene: &Scene, options: &ProbeOptions, surroundings: Surroundings, has_panoramas: bool) -> Result<Self> {
         let (projection, width) = (options.projection, options.width_px);
         let bytes = (width * projection.height(width)) as u64 * BYTES_PER_PIXEL;
         crate::memory::check(&format!("a probe {width} pixels wide"), bytes, "make a smaller map")?;
         let Surroundings { environment_from_world, focal_px } = surroundings;
         let at = scene.world_from_local.inverse().point(DVec3::from_array(options.at));
-        let rig = Rig::new(at, environment_from_world, MapSize { projection, width }, focal_px);
+        let map = MapSize { projection, width };
+        ensure!(has_panoramas || !options.alpha, "the engine renders no coverage of a probe; use the CPU engine");
+        let parts = if has_panoramas {
+            let rig = PanoramaRig::new(at, environment_from_world, map, focal_px);
+            let map = rig.empty_map();
+            Parts::Panorama { rig, map, done: 0 }
+        } else {
+            let rig = Rig::new(at, environment_from_world, map, focal_px);
+            let map = rig.empty_map();
+            Parts::Faces { rig, map, done: 0, renders: Vec::new() }
+        };
         Ok(Self {
-            map: rig.empty_map(),
-            rig,
-            faces_done: 0,
-            renders: Vec::new(),
+            parts,
             options: *options,
             space: scene.color_space,
             radiance_scale: scene.radiance_scale,
@@ -229,17 +277,23 @@ impl ProbeWork {
 
     /// Returns the number of cameras of the whole probe.
     pub fn cameras(&self) -> usize {
-        self.rig.cameras.len()
+        match &self.parts {
+            Parts::Panorama { rig, .. } => rig.cameras.len(),
+            Parts::Faces { rig, .. } => rig.cameras.len(),
+        }
     }
 
     /// Returns the number of cameras that are rendered.
     pub fn cameras_done(&self) -> usize {
-        self.rig.faces().take(self.faces_done).map(<[Camera]>::len).sum::<usize>() + self.renders.len()
+        match &self.parts {
+            Parts::Panorama { done, .. } => *done,
+            Parts::Faces { rig, done, renders, .. } => rig.faces().take(*done).map(<[Camera]>::len).sum::<usize>() + renders.len(),
+        }
     }
 
     /// Returns whether all cameras are rendered.
     pub fn is_done(&self) -> bool {
-        self.faces_done >= self.rig.faces().count()
+        self.cameras_done() >= self.cameras()
     }
 
     /// Renders the next camera with the renderer of the scene that the probe was begun for.
@@ -247,35 +301,52 @@ impl ProbeWork {
     /// # Errors
     /// A device that gave up.
     pub fn render_next(&mut self, renderer: &mut Renderer) -> Result<()> {
-        self.render_camera(|camera| renderer.render_normalised(camera))
+        self.render_camera(|camera| Ok(Layers { image: renderer.render_normalised(camera)?, ..Layers::default() }))
     }
 
-    /// Renders the next camera; `render` returns an image in normalised units.
-    fn render_camera(&mut self, render: impl FnOnce(&Camera) -> Result<Image>) -> Result<()> {
-        let Some(cameras) = self.rig.faces().nth(self.faces_done) else { return Ok(()) };
-        if let Some(camera) = cameras.get(self.renders.len()) {
-            self.renders.push(render(camera)?);
-        }
-        if self.renders.len() >= cameras.len() {
-            self.map.add_face(&self.rig, self.faces_done, &self.renders);
-            self.renders.clear();
-            self.faces_done += 1;
+    /// Renders the next camera; `render` returns layers in normalised units, with an empty alpha
+    /// where none is needed.
+    fn render_camera(&mut self, render: impl FnOnce(&Camera) -> Result<Layers>) -> Result<()> {
+        match &mut self.parts {
+            Parts::Panorama { rig, map, done } => {
+                let Some(camera) = rig.cameras.get(*done) else { return Ok(()) };
+                let Layers { image, alpha, .. } = render(camera)?;
+                map.add_band(rig, *done, &image, (!alpha.is_empty()).then_some(&alpha));
+                *done += 1;
+            }
+            Parts::Faces { rig, map, done, renders } => {
+                let Some(cameras) = rig.faces().nth(*done) else { return Ok(()) };
+                if let Some(camera) = cameras.get(renders.len()) {
+                    renders.push(render(camera)?.image);
+                }
+                if renders.len() >= cameras.len() {
+                    map.add_face(rig, *done, renders);
+                    renders.clear();
+                    *done += 1;
+                }
+            }
         }
         Ok(())
     }
 
     /// Returns the probe in the units of the data set.
     pub fn finish(self) -> Probe {
-        let Self { rig, map, options, space, radiance_scale, left_out, has_training_resolution, .. } = self;
+        let Self { parts, options, space, radiance_scale, left_out, has_training_resolution, .. } = self;
         let (projection, at) = (options.projection, options.at);
-        let mut image = map.into_image(&rig);
+        let (mut image, alpha) = match parts {
+            Parts::Panorama { rig, map, .. } => {
+                let (image, alpha) = map.into_map(&rig);
+                (image, options.alpha.then_some(alpha))
+            }
+            Parts::Faces { rig, map, .. } => (map.into_image(&rig), None),
+        };
         let color_space = options.color_space.unwrap_or(space);
         let conversion = Conversion::between(space, color_space);
         for pixel in &mut image.pixels {
             *pixel = conversion.apply(radiance_scale.restored(*pixel));
         }
-        let summary = Summary::new(&image, projection);
-        Probe { image, at, projection, color_space, radiance_scale, summary, left_out, has_training_resolution }
+        let (summary, lights) = (Summary::new(&image, projection), lights(&image, projection));
+        Probe { image, alpha, at, projection, color_space, radiance_scale, summary, lights, left_out, has_training_resolution }
     }
 }
 

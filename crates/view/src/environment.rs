@@ -11,6 +11,7 @@ use std::sync::Arc;
 use hyper::{Method, StatusCode};
 use luxel::probe::{ProbeWork, unseen};
 use luxel::{Camera, Probe, ProbeOptions, schema};
+use luxel_core::CameraProjection;
 use luxel_io::ExrSample;
 use serde_json::json;
 
@@ -103,7 +104,7 @@ fn described(Environment { probe, warnings }: &Environment) -> serde_json::Value
     json!({
         "width": probe.width(), "height": probe.height(), "color_space": probe.color_space().name(), "warnings": warnings,
         "mean_radiance": summary.mean_radiance, "peak_radiance": summary.peak_radiance, "peak_direction": summary.peak_direction,
-        "irradiance": summary.irradiance,
+        "irradiance": summary.irradiance, "lights": probe.lights.iter().map(luxel::probe::light_json).collect::<Vec<_>>(),
     })
 }
 
@@ -134,7 +135,7 @@ async fn environment(house: &Arc<House>, wish: Wish) -> Result<Arc<Environment>,
 async fn begin(house: &Arc<House>, wish: &Wish) -> Result<(ProbeWork, Vec<String>), Failure> {
     let (shared, wish) = (Arc::clone(house), wish.clone());
     let begin = move |stage: &mut dyn Stage| {
-        let Loaded { scene, .. } = stage.loaded(&wish.edit)?;
+        let Loaded { scene, renderer, .. } = stage.loaded(&wish.edit)?;
         let options = ProbeOptions { width_px: wish.width, ..ProbeOptions::at(wish.at) };
         let subject = &shared.subject;
         let cameras: Vec<Camera> = subject.views.iter().filter(|view| view.split == "train").map(|view| view.camera.clone()).collect();
@@ -142,7 +143,7 @@ async fn begin(house: &Arc<House>, wish: &Wish) -> Result<(ProbeWork, Vec<String
         if cameras.is_empty() {
             warnings.push("no data set: rendered at the resolution of the map, at which small lights may be off".into());
         }
-        Ok((ProbeWork::new(scene, &options, subject.surroundings)?, warnings))
+        Ok((ProbeWork::new(scene, &options, subject.surroundings, renderer.supports(CameraProjection::Equirectangular))?, warnings))
     };
     on_stage(house, begin).await
 }

@@ -6,7 +6,7 @@
 
 use std::path::{Path, PathBuf};
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec2, DVec3};
 use luxel::export::{Up, UpAxis, file_from_world};
 use luxel::probe::Surroundings;
 use luxel::{Result, Scene};
@@ -266,13 +266,18 @@ impl Shown {
     /// Returns the JSON of the view, whose camera in the world is given.
     fn json(&self, camera: Camera) -> CameraJson<'_> {
         let eye = camera.eye();
-        let Camera { camera_from_world: pose, focal_px, center_px, size_px: [w, h], .. } = camera;
+        // The page looks through pinholes: of other lenses it takes the place, the direction and a
+        // field of 90 degrees, and cannot lay their images over its own.
+        let is_pinhole = camera.projection.is_pinhole();
+        let half = 0.5 * DVec2::from_array(camera.size_px.map(f64::from));
+        let (focal_px, center_px) = if is_pinhole { (camera.focal_px, camera.center_px) } else { (DVec2::splat(half.x), half) };
+        let Camera { camera_from_world: pose, size_px: [w, h], .. } = camera;
         let axes = pose.matrix3.transpose() * DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
         let row = |i: usize| [axes.col(0)[i], axes.col(1)[i], axes.col(2)[i], eye[i]];
         CameraJson {
             name: &self.name,
             split: self.split,
-            has_ground_truth: self.truth.is_some(),
+            has_ground_truth: self.truth.is_some() && is_pinhole,
             transform_matrix: [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]],
             fl_x: focal_px.x,
             fl_y: focal_px.y,

@@ -75,7 +75,7 @@ const SHORT: [ShortHelp; 16] = [
     },
     ShortHelp {
         command: "probe",
-        options: &["at", "output", "overwrite", "size", "projection", "near", "up", "output-color-space", "data", "device"],
+        options: &["at", "output", "overwrite", "size", "projection", "near", "up", "output-color-space", "tonemap", "data", "device"],
         example: "luxel probe luxel-demo --at=-1.5,-6.1,1.35 -o probe.exr",
     },
     ShortHelp {

@@ -7,7 +7,7 @@ use luxel::probe::ProbeOptions;
 use luxel_core::environment::Projection;
 
 use super::SceneDataArgs;
-use crate::args::values::{ExrTypeArg, SpaceArg, UpArg, parse_point, parse_positive};
+use crate::args::values::{ExrTypeArg, SpaceArg, TonemapArg, UpArg, parse_finite, parse_point, parse_positive};
 
 /// `luxel probe`.
 #[derive(Debug, Args)]
@@ -47,6 +47,23 @@ pub(crate) struct ProbeArgs {
     /// Number format of the file.
     #[arg(long, value_enum, default_value_t, help_heading = "Map")]
     pub(crate) exr_type: ExrTypeArg,
+    /// Add channel A, the coverage of each pixel by splats.
+    #[arg(long, help_heading = "Map")]
+    pub(crate) alpha: bool,
+    /// Also write a tone-mapped 8-bit preview beside the map, FILE.png, with this curve.
+    #[arg(long, value_enum, value_name = "CURVE", help_heading = "Map")]
+    pub(crate) tonemap: Option<TonemapArg>,
+    /// Exposure of the preview in stops; 0 shows the scene's radiance scale as 1.
+    #[arg(
+        long,
+        default_value_t = 0.0,
+        value_name = "EV",
+        allow_negative_numbers = true,
+        value_parser = parse_finite,
+        requires = "tonemap",
+        help_heading = "Map"
+    )]
+    pub(crate) exposure: f32,
     /// The scene, its data set, the device and the terminal.
     #[command(flatten)]
     pub(crate) input: SceneDataArgs,
@@ -63,6 +80,7 @@ impl ProbeArgs {
             up: UpArg::up(self.up),
             color_space: self.output_color_space.map(Into::into),
             background,
+            alpha: self.alpha,
         }
     }
 }

@@ -8,7 +8,8 @@ use luxel_train::parse_rgb;
 use super::edit::parse_edits;
 use super::{EditText, SceneDataArgs, ShMapArg};
 use crate::args::values::{
-    ExrTypeArg, Frames, PathArg, Shard, SpaceArg, SplitArg, TonemapArg, parse_finite, parse_frames, parse_shard, parse_size,
+    ExrTypeArg, Frames, LensArg, PathArg, Shard, SpaceArg, SplitArg, TonemapArg, parse_finite, parse_frames, parse_point, parse_positive,
+    parse_shard, parse_size,
 };
 
 /// `luxel render`.
@@ -36,6 +37,30 @@ pub(crate) struct RenderArgs {
     /// --cameras takes.
     #[arg(long, value_enum, conflicts_with_all = ["cameras", "split"], help_heading = "Cameras")]
     pub(crate) path: Option<PathArg>,
+    /// Render with this projection in place of the cameras' own. Their positions and directions
+    /// stay.
+    #[arg(long, value_enum, value_name = "KIND", help_heading = "Cameras")]
+    pub(crate) projection: Option<LensArg>,
+    /// Field of view of --projection, degrees: across the image, or the circle of a fisheye
+    /// [default: 90, 180 for a fisheye, 360 for a panorama].
+    #[arg(long, value_name = "DEGREES", value_parser = parse_positive, requires = "projection", help_heading = "Cameras")]
+    pub(crate) fov: Option<f32>,
+    /// Render one image from this point of the world, x,y,z, with --projection. It is level and
+    /// looks as the middle of a map of luxel probe does.
+    #[arg(
+        long,
+        value_name = "X,Y,Z",
+        allow_hyphen_values = true,
+        value_parser = parse_point,
+        requires = "projection",
+        conflicts_with_all = ["cameras", "split", "path"],
+        help_heading = "Cameras"
+    )]
+    pub(crate) at: Option<[f64; 3]>,
+    /// Render pairs for two eyes this far apart, NAME_left and NAME_right. The unit is that of the
+    /// data set's coordinates: metres if they are.
+    #[arg(long, value_name = "METRES", value_parser = parse_positive, help_heading = "Cameras")]
+    pub(crate) stereo: Option<f32>,
     /// Size of the images, pixels: 1920x1080. The field of view stays in one direction and is
     /// cropped in the other [default: that of the cameras].
     #[arg(long, value_name = "WxH", value_parser = parse_size, help_heading = "Cameras")]

@@ -14,7 +14,7 @@ use luxel_metrics::FlipChoice;
 use serde::Serialize;
 
 pub(crate) use self::captures::{SupervisionArg, parse_masks};
-pub(crate) use self::world::{UpArg, parse_crop, parse_direction, parse_point};
+pub(crate) use self::world::{LensArg, UpArg, parse_crop, parse_direction, parse_point};
 
 /// `--format`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]

@@ -1,9 +1,11 @@
 //! `luxel probe`: the light that arrives at a point, as an environment map.
 
 use anyhow::Result;
-use luxel::probe::{Probe, probe, unseen};
+use luxel::preview::Look;
+use luxel::probe::{Probe, light_json, probe, unseen};
 use luxel::run::ExplicitArgs;
-use luxel::{output, text};
+use luxel::{Device, output, text};
+use luxel_core::environment::Light;
 use luxel_core::{Camera, Dataset, Scene};
 
 use crate::args::ProbeArgs;
@@ -17,6 +19,10 @@ pub(crate) fn run(args: &ProbeArgs, explicit: &ExplicitArgs) -> Result<()> {
     let console = Console::new(args.input.console.log_format, args.input.console.quiet);
     output::check_extension(&args.output, &["exr"])?;
     output::check_free(&args.output, args.overwrite)?;
+    let preview = args.tonemap.map(|tonemap| (args.output.with_extension("png"), tonemap));
+    if let Some((path, _)) = &preview {
+        output::check_free(path, args.overwrite)?;
+    }
     let source = SceneSource::open(&args.input.scene, &console)?;
     // For the up direction, and the size of a pixel in training.
     let dataset = source.dataset(DataRequest::new(&args.input, explicit), &console)?;
@@ -27,16 +33,26 @@ pub(crate) fn run(args: &ProbeArgs, explicit: &ExplicitArgs) -> Result<()> {
         warn_unseen(args, &source.scene, dataset, &console);
     }
     let options = args.options(source.background(None));
-    let mut engine = engine::engine(&args.input.device)?.engine;
+    let mut device = args.input.device.clone();
+    // Only the CPU engine renders coverage.
+    if args.alpha && device.device == Device::Auto {
+        device.device = Device::Cpu;
+    }
+    let mut engine = engine::engine(&device)?.engine;
     let probe = probe(source.scene, &options, dataset.as_ref(), engine.as_mut(), &console)?;
     if probe.save_exr(&args.output, args.exr_type.sample(probe.image()))? > 0 {
         console.warn("values exceed 65504, the largest half float, and are cut there; leave --exr-type half out");
+    }
+    if let Some((path, tonemap)) = &preview {
+        probe.save_preview(path, Look { tonemap: (*tonemap).into(), exposure_ev: args.exposure })?;
     }
     if probe.left_out > 0 {
         console.note(&format!("{} nearer than --near left out", text::plural(probe.left_out, "splat")));
     }
     let tree = describe(args, &probe);
-    console.finish(tree.json(), tree.text().trim_end())
+    let mut json = tree.json();
+    json["lights"] = probe.lights.iter().map(light_json).collect();
+    console.finish(json, &format!("{}{}", tree.text().trim_end(), lights_text(&probe.lights)))
 }
 
 /// Warns of a point that no camera saw: the map would show what is behind what was photographed.
@@ -47,6 +63,31 @@ fn warn_unseen(args: &ProbeArgs, scene: &Scene, dataset: &Dataset, console: &Con
     if let Some(warning) = unseen(scene, &cameras, args.at) {
         console.warn(&warning);
     }
+}
+
+/// Lamps that the text lists.
+const MOST_LINES: usize = 8;
+
+/// Returns the lights as lines of a table.
+fn lights_text(lights: &[Light]) -> String {
+    if lights.is_empty() {
+        return String::new();
+    }
+    let mut text = String::from("\nlights           direction       solid angle, sr        peak  irradiance");
+    for (i, light) in lights.iter().take(MOST_LINES).enumerate() {
+        let [x, y, z] = light.direction;
+        let [r, g, b] = light.irradiance;
+        text += &format!(
+            "\n  {:<3} {x:7.3} {y:7.3} {z:7.3}  {:16.3e}  {:10.4}  {r:.3} {g:.3} {b:.3}",
+            i + 1,
+            light.solid_angle,
+            light.peak_radiance
+        );
+    }
+    if lights.len() > MOST_LINES {
+        text += &format!("\n  and {} more; --log-format json has all", lights.len() - MOST_LINES);
+    }
+    text
 }
 
 fn describe(args: &ProbeArgs, probe: &Probe) -> Tree {

@@ -9,6 +9,7 @@ mod contract;
 mod densify;
 mod parameter_rows;
 mod pass;
+mod pixel_angle;
 mod raster;
 mod step;
 
@@ -17,5 +18,6 @@ pub use contract::{Engine, EngineError};
 pub use densify::{DensifyPlan, DensifyStats, Geometry, PlanRow};
 pub use parameter_rows::ParameterRows;
 pub use pass::{Pass, PassTime};
+pub use pixel_angle::{PIXEL_ANGLE_TERMS, PixelAngle};
 pub use raster::{Antialias, Cutoffs, Evaluations, JACOBIAN_MARGIN, Layers, MAX_SAMPLES, MIN_AREA_RATIO, RasterConfig, RenderOptions};
 pub use step::{ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON, LearningRates, PositionNoise, StatsCollection, StepConfig, StepReport};

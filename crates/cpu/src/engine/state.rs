@@ -22,7 +22,8 @@ use crate::passes::contribute::contribute;
 use crate::passes::densify;
 use crate::passes::evaluations::evaluations;
 use crate::passes::loss::{LossBuffers, LossSums};
-use crate::passes::project::{Footprint, project, resize_for};
+use crate::passes::project::{Footprint, resize_for};
+use crate::passes::project_all::project;
 use crate::passes::project_backward::Inputs;
 use crate::passes::rasterize::{TilePixels, to_alpha, to_image};
 use crate::passes::rasterize_backward::{AbsoluteSums, BlockGradient, RasterizedTiles, rasterize_backward};
@@ -203,7 +204,7 @@ impl State {
         self.project(camera);
         let Self { level, frame, timings, .. } = self;
         let mut clock = Clock::new(timings);
-        frame.bins.fill(camera, &frame.footprints);
+        frame.bins.fill(*level, camera, &frame.footprints);
         clock.lap(Pass::Bin);
         let changes = (recording == Recording::Changes).then_some(&mut frame.changes);
         let splats = ScreenSplats { bins: &frame.bins, footprints: &frame.footprints };
@@ -232,7 +233,7 @@ impl State {
         let alpha = to_alpha(pixels, &image_camera);
         // The same lists with the same thresholds, blended once more with distances in place of
         // colours.
-        let on_nothing = ScreenCamera { background: [0.0; 3], ..*camera };
+        let on_nothing = ScreenCamera { background: [0.0; 3], ..camera.clone() };
         frame.footprints.iter_mut().for_each(|footprint| footprint.radiance = [footprint.depth, 0.0, 0.0]);
         let splats = ScreenSplats { bins: &frame.bins, footprints: &frame.footprints };
         let tiles = TileBuffers { lists: &mut frame.lists, pixels: &mut frame.pixels, changes: None };
@@ -293,7 +294,7 @@ impl State {
         if step.stats == StatsCollection::Off {
             self.spare.resize(0);
         }
-        self.pending = Some(Update { camera: *camera, step: *step });
+        self.pending = Some(Update { camera: camera.clone(), step: *step });
         report
     }
 

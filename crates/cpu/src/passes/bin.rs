@@ -7,14 +7,17 @@
 //!
 //! A tile is touched if the splat's ellipse at its alpha threshold contains a pixel centre's column
 //! range in one of the tile's rows: exact for the continuous band of the tile's rows, and with a
-//! margin of `MARGIN_PX` for rounding, because the rasteriser tests each pixel again. Degenerate:
-//! culled footprints touch no tile.
+//! margin of `MARGIN_PX` for rounding, because the rasteriser tests each pixel again. Where pixels
+//! are rays, cones around the tiles decide: see [`crate::rays`]. Degenerate: culled footprints
+//! touch no tile.
 
 use std::sync::atomic::{AtomicU32, Ordering};
 
+use fearless_simd::Level;
 use rayon::prelude::*;
 
 use super::project::{Footprint, MARGIN_PX};
+use crate::lanes::with_simd;
 use crate::view::{ScreenCamera, TILE_PX};
 
 /// Least number of splats in a chunk of work: a power of two, so that no block is in two chunks.
@@ -86,13 +89,20 @@ impl Bins {
     }
 
     /// Distributes the footprints over the tiles.
-    pub(crate) fn fill(&mut self, camera: &ScreenCamera, footprints: &[Footprint]) {
+    pub(crate) fn fill(&mut self, level: Level, camera: &ScreenCamera, footprints: &[Footprint]) {
         let tiles = camera.tiles();
         let tile_count = tiles[0] * tiles[1];
         self.chunk_len = footprints.len().div_ceil(MAX_CHUNKS).next_power_of_two().max(MIN_CHUNK);
         self.chunks.resize_with(footprints.len().div_ceil(self.chunk_len), Chunk::default);
         let chunks = self.chunks.par_iter_mut().zip(footprints.par_chunks(self.chunk_len)).with_max_len(CHUNKS_AT_A_TIME);
-        chunks.for_each(|(chunk, footprints)| chunk.collect(tiles, footprints));
+        chunks.for_each(|(chunk, footprints)| match &camera.rays {
+            None => chunk.collect(tiles, footprints, |footprint, touched| touched_tiles(footprint, tiles[0], |tile| touched.add(tile))),
+            Some(rays) => with_simd!(level, simd => chunk.collect(tiles, footprints, |footprint, touched| {
+                if let Some(splat) = footprint.touch() {
+                    rays.touched_tiles(simd, &splat, |tile| touched.add(tile));
+                }
+            })),
+        });
 
         // The start of each tile's list, and within it of each chunk.
         self.tile_start.clear();
@@ -113,9 +123,25 @@ impl Bins {
     }
 }
 
+/// The tiles of a splat on their way into a chunk.
+struct Touched<'a> {
+    places: &'a mut Vec<Place>,
+    counts: &'a mut [u32],
+}
+
+impl Touched<'_> {
+    #[inline(always)]
+    fn add(&mut self, tile: usize) {
+        self.places.push(Place { tile: tile as u32, index: 0 });
+        self.counts[tile] += 1;
+    }
+}
+
 impl Chunk {
-    /// Collects the tiles that the chunk's footprints touch.
-    fn collect(&mut self, tiles: [usize; 2], footprints: &[Footprint]) {
+    /// Collects the tiles that the chunk's footprints touch: `find` calls its argument with each of
+    /// a footprint's.
+    #[inline(always)]
+    fn collect(&mut self, tiles: [usize; 2], footprints: &[Footprint], find: impl Fn(&Footprint, &mut Touched<'_>)) {
         self.places.clear();
         self.start.clear();
         self.cursor.clear();
@@ -124,10 +150,7 @@ impl Chunk {
         for footprint in footprints {
             let before = self.places.len();
             self.start.push(before as u32);
-            touched_tiles(footprint, tiles[0], |tile| {
-                self.places.push(Place { tile: tile as u32, index: 0 });
-                self.cursor[tile] += 1;
-            });
+            find(footprint, &mut Touched { places: &mut self.places, counts: &mut self.cursor });
             self.visible += u32::from(self.places.len() > before);
         }
         self.start.push(self.places.len() as u32);

@@ -8,14 +8,13 @@
 //! `near`, nowhere above its alpha threshold, off the image, or not finite.
 
 use bytemuck::{Pod, Zeroable};
+use fearless_simd::Simd;
 use fearless_simd::prelude::*;
-use fearless_simd::{Level, Simd};
 use luxel_core::engine::{MIN_AREA_RATIO, ParameterRows};
 use luxel_core::{Antialias, Real, each};
-use rayon::prelude::*;
 
-use crate::lanes::{LANES, Lanes, M, V, dot, with_simd};
-use crate::prefetch::{AHEAD, prefetch_rows};
+use crate::lanes::{LANES, Lanes, M, V, dot};
+use crate::rays::Touch;
 use crate::store::{Block, Store, StoreShape};
 use crate::view::{ScreenCamera, TILE_PX};
 
@@ -50,7 +49,24 @@ pub(crate) struct Footprint {
     /// Tiles with a pixel centre in the ellipse's bounding box, columns and rows: first, and one
     /// beyond the last. None if culled.
     pub(crate) tiles: [[u16; 2]; 2],
-    pub(crate) padding: f32,
+    /// For cameras whose pixels are rays, the last number of [`Self::rows`]; else unused.
+    pub(crate) last: f32,
+}
+
+impl Footprint {
+    /// Returns the rows of the matrix that gives (u, v) at a ray in camera space, where the
+    /// camera's pixels are rays: `mean_px`, `root` and `last` hold them.
+    #[inline(always)]
+    pub(crate) fn rows(&self) -> [[f32; 3]; 2] {
+        let ([a, b], [c, d, e]) = (self.mean_px, self.root);
+        [[a, b, c], [d, e, self.last]]
+    }
+
+    /// Returns what decides which rays touch the splat; `None` if it is culled.
+    #[inline(always)]
+    pub(crate) fn touch(&self) -> Option<Touch> {
+        Touch::new(self.rows(), self.log2_opacity - self.log2_threshold)
+    }
 }
 
 /// The geometry of 16 splats up to the screen, with the intermediate values that the backward pass
@@ -58,8 +74,10 @@ pub(crate) struct Footprint {
 pub(crate) struct Projection<S: Simd> {
     /// Position in camera space.
     pub(crate) point: [V<S>; 3],
-    /// x/z and y/z as used by the Jacobian.
+    /// x/z and y/z as used by the pinhole's Jacobian.
     pub(crate) slope: [V<S>; 2],
+    /// The variance that the pixel adds.
+    pub(crate) dilation: V<S>,
     /// Unit quaternion and the reciprocal of the raw one's length.
     pub(crate) quaternion: [V<S>; 4],
     pub(crate) inverse_length: V<S>,
@@ -85,6 +103,14 @@ pub(crate) struct Projection<S: Simd> {
     pub(crate) filter_factor: V<S>,
 }
 
+/// The projection linearised at 16 splats.
+pub(crate) struct Linearised<S: Simd> {
+    pub(crate) point: [V<S>; 3],
+    pub(crate) slope: [V<S>; 2],
+    pub(crate) jacobian: [[V<S>; 3]; 2],
+    pub(crate) dilation: V<S>,
+}
+
 impl<S: Simd> Projection<S> {
     /// Projects a block of parameters. `smoothing` is the 3D filter of the block, if the scene has
     /// one.
@@ -100,7 +126,27 @@ impl<S: Simd> Projection<S> {
         let z = V::select(point[2].gt(c(camera.cutoffs.near * 0.5)), point[2], one);
         let inverse_z = one / z;
         let slope = each!([0, 1] i => (point[i] * inverse_z).max(c(camera.slope_min[i])).min(c(camera.slope_max[i])));
+        let scale = each!([0, 1] i => inverse_z * camera.focal_px[i]);
+        let jacobian = each!([0, 1] i => {
+            let shear = -(scale[i] * slope[i]);
+            each!([0, 1, 2] j => scale[i].mul_add(rotation[i][j], shear * rotation[2][j]))
+        });
+        let (point, dilation) = ([point[0], point[1], z], c(camera.antialias.dilation_px2()));
+        Self::linearised(simd, camera, rows, smoothing, Linearised { point, slope, jacobian, dilation })
+    }
 
+    /// Projects a block of parameters by a Jacobian.
+    #[inline(always)]
+    pub(crate) fn linearised(
+        simd: S,
+        camera: &ScreenCamera,
+        rows: &[Lanes],
+        smoothing: Option<&Lanes>,
+        Linearised { point, slope, jacobian, dilation }: Linearised<S>,
+    ) -> Self {
+        let load = |row: usize| V::load(simd, &rows[row]);
+        let c = |value: f32| V::splat(simd, value);
+        let one = c(1.0);
         let raw: [V<S>; 4] = each!([0, 1, 2, 3] i => load(ParameterRows::ROTATION + i));
         let length2 = raw[0].mul_add(raw[0], raw[1].mul_add(raw[1], raw[2].mul_add(raw[2], raw[3] * raw[3])));
         let inverse_length = one / length2.max(c(1e-30)).sqrt();
@@ -118,16 +164,10 @@ impl<S: Simd> Projection<S> {
             }
         };
 
-        let scale = each!([0, 1] i => inverse_z * camera.focal_px[i]);
-        let jacobian = each!([0, 1] i => {
-            let shear = -(scale[i] * slope[i]);
-            each!([0, 1, 2] j => scale[i].mul_add(rotation[i][j], shear * rotation[2][j]))
-        });
         let screen_axes =
             each!([0, 1] i => { let row = jacobian[i]; each!([0, 1, 2] k => dot(row, [axes[0][k], axes[1][k], axes[2][k]])) });
         let root = each!([0, 1] i => { let row = screen_axes[i]; each!([0, 1, 2] k => row[k] * sigma[k]) });
 
-        let dilation = camera.antialias.dilation_px2();
         let before = [dot(root[0], root[0]), dot(root[0], root[1]), dot(root[1], root[1])];
         // |a|^2 |b|^2 - (a.b)^2 = |a x b|^2 (Lagrange): no cancellation for thin ellipses.
         let cross = each!([0, 1, 2] k => {
@@ -135,7 +175,7 @@ impl<S: Simd> Projection<S> {
             root[0][i] * root[1][j] - root[0][j] * root[1][i]
         });
         let determinant_before = dot(cross, cross);
-        let determinant = (before[0] + before[2]).mul_add(c(dilation), determinant_before + dilation * dilation);
+        let determinant = (before[0] + before[2]).mul_add(dilation, determinant_before + dilation * dilation);
         let covariance = [before[0] + dilation, before[1], before[2] + dilation];
         let compensation = match camera.antialias.compensates_opacity() {
             false => one,
@@ -143,8 +183,9 @@ impl<S: Simd> Projection<S> {
         };
         let opacity = one / (one + (-load(ParameterRows::OPACITY)).exp());
         Self {
-            point: [point[0], point[1], z],
+            point,
             slope,
+            dilation,
             quaternion,
             inverse_length,
             axes,
@@ -187,24 +228,13 @@ pub(crate) fn rotation_matrix<S: Simd>([w, x, y, z]: [V<S>; 4]) -> [[V<S>; 3]; 3
     ]
 }
 
-/// Projects all splats.
-pub(crate) fn project(level: Level, camera: &ScreenCamera, store: &Store, smoothing: &[Lanes], out: &mut Vec<Footprint>) {
-    let rows = store.layout.count();
-    let shape = store.shape();
-    resize_for(store, out);
-    out.par_chunks_mut(LANES).zip(store.lanes.par_chunks(rows)).enumerate().with_min_len(64).for_each(|(index, (out, rows))| {
-        prefetch_rows(&store.lanes, (index + AHEAD) * rows.len(), rows.len());
-        with_simd!(level, simd => project_block(simd, camera, shape, Block { index, rows }, smoothing, out));
-    });
-}
-
 /// Resizes `footprints` to the splats of a store, rounded up to whole blocks.
 pub(crate) fn resize_for(store: &Store, footprints: &mut Vec<Footprint>) {
     footprints.resize(store.lanes.len() / store.layout.count() * LANES, Footprint::zeroed());
 }
 
-/// Projects a block of a store of the given shape. `smoothing` holds the 3D filter of all blocks,
-/// or is empty.
+/// Projects a block of a store of the given shape, for a pinhole. `smoothing` holds the 3D filter
+/// of all blocks, or is empty.
 #[inline(always)]
 pub(crate) fn project_block<S: Simd>(
     simd: S,
@@ -242,10 +272,7 @@ pub(crate) fn project_block<S: Simd>(
 
     let radiance = super::color::color(simd, camera, layout, rows);
     let brightest = radiance[0].max(radiance[1]).max(radiance[2]);
-    let threshold =
-        (c(camera.cutoffs.min_contribution) / brightest.max(c(1e-30))).min(c(camera.cutoffs.min_alpha)).max(c(camera.cutoffs.alpha_floor));
-    let log2_opacity = opacity.max(c(1e-30)).ln() * std::f32::consts::LOG2_E;
-    let log2_threshold = threshold.ln() * std::f32::consts::LOG2_E;
+    let [log2_opacity, log2_threshold] = thresholds(simd, camera, opacity, brightest);
     let radius2 = (log2_opacity - log2_threshold) * (2.0 * std::f32::consts::LN_2);
     let extent = each!([0, 2] i => (p.covariance[i] * radius2.max(c(0.0))).sqrt());
     mask &= radius2.gt(c(0.0));
@@ -283,6 +310,15 @@ pub(crate) fn project_block<S: Simd>(
     for (footprint, fields) in bytemuck::cast_slice_mut(out).iter_mut().zip(V::transpose(fields)) {
         fields.store(footprint);
     }
+}
+
+/// Returns log2 of the opacity, and of the alpha below which a splat of this brightness is skipped.
+#[inline(always)]
+pub(crate) fn thresholds<S: Simd>(simd: S, camera: &ScreenCamera, opacity: V<S>, brightest: V<S>) -> [V<S>; 2] {
+    let c = |value: f32| V::splat(simd, value);
+    let threshold =
+        (c(camera.cutoffs.min_contribution) / brightest.max(c(1e-30))).min(c(camera.cutoffs.min_alpha)).max(c(camera.cutoffs.alpha_floor));
+    [opacity.max(c(1e-30)).ln() * std::f32::consts::LOG2_E, threshold.ln() * std::f32::consts::LOG2_E]
 }
 
 /// An interval along one axis of the screen, pixels.

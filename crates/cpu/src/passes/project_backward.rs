@@ -16,6 +16,8 @@ use luxel_core::{LossWeights, Real, each};
 use super::bin::Bins;
 use super::color_backward::color_backward;
 use super::project::{Projection, SQRT_HALF_LOG2_E};
+use super::project_backward_rays::{self, PlaneGradient, dilation_backward};
+use super::project_rays::{Facing, project_to_plane};
 use super::sums::{ENTRY_LEN, EntryGradient};
 use crate::lanes::{LANES, Lanes, V, dot};
 use crate::store::{Block, Store, StoreShape};
@@ -163,6 +165,8 @@ struct EllipseGradient<S: Simd> {
     /// Gradient by the dilated covariance: xx, xy, yy. The off-diagonal number stands for both
     /// entries.
     d_covariance: [V<S>; 3],
+    /// Gradient by the trace of the dilated covariance, without opacity compensation.
+    d_trace: V<S>,
 }
 
 /// Computes the gradient by the ellipses from the sums over pixels. `root` is
@@ -190,19 +194,37 @@ fn ellipse_backward<S: Simd>(
     let mut d_xy = root[0] * by_root[1];
     let mut d_yy = half * root[1].mul_add(by_root[1], root[2] * by_root[2]);
     let inverse_det = c(1.0) / p.determinant;
+    let d_trace = d_xx + d_yy;
 
     if camera.antialias.compensates_opacity() {
         // compensation = sqrt(before / after): d ln(compensation) = (d ln before - d ln after) / 2.
         let ratio = p.determinant_before * inverse_det;
         let d_ratio = (ratio - MIN_AREA_RATIO).if_positive(half * *d_log_alpha, c(0.0));
-        let dilation = camera.antialias.dilation_px2();
         let by_before = d_ratio / p.determinant_before.max(c(1e-30));
         let by_after = d_ratio * inverse_det;
-        d_xx = d_xx + by_before * (p.covariance[2] - dilation) - by_after * p.covariance[2];
-        d_yy = d_yy + by_before * (p.covariance[0] - dilation) - by_after * p.covariance[0];
+        d_xx = d_xx + by_before * (p.covariance[2] - p.dilation) - by_after * p.covariance[2];
+        d_yy = d_yy + by_before * (p.covariance[0] - p.dilation) - by_after * p.covariance[0];
         d_xy = d_xy - (by_before - by_after) * (p.covariance[1] + p.covariance[1]);
     }
-    EllipseGradient { d_mean, d_covariance: [d_xx, d_xy, d_yy] }
+    EllipseGradient { d_mean, d_covariance: [d_xx, d_xy, d_yy], d_trace }
+}
+
+/// Projects a block as the forward pass did; with the plane of each splat if pixels are rays.
+#[inline(always)]
+fn project_again<S: Simd>(
+    simd: S,
+    camera: &ScreenCamera,
+    inputs: &Inputs<'_>,
+    Block { index, rows }: Block<'_>,
+) -> (Projection<S>, Option<Facing<S>>) {
+    let smoothing = inputs.smoothing.get(index);
+    match &camera.rays {
+        None => (Projection::new(simd, camera, rows, smoothing), None),
+        Some(rays) => {
+            let (p, facing) = project_to_plane(simd, camera, rays, rows, smoothing);
+            (p, Some(facing))
+        }
+    }
 }
 
 /// Computes the gradient of a block.
@@ -217,11 +239,11 @@ fn block_backward<S: Simd>(
 ) -> BlockBackward<S> {
     let c = |value: f32| V::splat(simd, value);
     let [d_log_alpha, _, _, _, _, _, dr, dg, db, abs_u, abs_y, ..] = *sums;
-    let p = Projection::new(simd, camera, rows, inputs.smoothing.get(index));
+    let (p, facing) = project_again(simd, camera, inputs, Block { index, rows });
     let mut d_position = color_backward(simd, camera, inputs.shape.layout, rows, [dr, dg, db], out);
 
     let root = p.inverse_root();
-    let EllipseGradient { d_mean, d_covariance: [d_xx, d_xy, d_yy] } = ellipse_backward(simd, camera, &p, root, sums);
+    let EllipseGradient { d_mean, d_covariance: [d_xx, d_xy, d_yy], d_trace } = ellipse_backward(simd, camera, &p, root, sums);
 
     // covariance = root root^T.
     let d_root = [
@@ -251,7 +273,13 @@ fn block_backward<S: Simd>(
         finite(d).store(&mut out[ParameterRows::ROTATION + i]);
     }
     let d_jacobian = each!([0, 1] i => { let row = d_screen_axes[i]; each!([0, 1, 2] j => dot(row, p.axes[j])) });
-    let d_point = point_backward(simd, camera, &p, d_jacobian, d_mean);
+    let d_point = match &facing {
+        None => point_backward(simd, camera, &p, d_jacobian, d_mean),
+        Some(facing) => {
+            let d_dilation = dilation_backward(camera, &p, d_trace, d_log_alpha);
+            project_backward_rays::point_backward(simd, camera, facing, PlaneGradient { d_jacobian, d_mean, d_dilation })
+        }
+    };
     let by_projection = each!([0, 1, 2] i => {
         let column = each!([0, 1, 2] row => c(camera.rotation[row][i]));
         dot(column, d_point)
@@ -263,7 +291,10 @@ fn block_backward<S: Simd>(
 
     // NDC spans 2 over the image's side. Absolute sums carry the rasteriser's constant twice: in u
     // and v, and in its root.
-    let ndc = each!([0, 1] i => 0.5 * camera.size_px[i] as f32);
+    let ndc = match &facing {
+        None => each!([0, 1] i => c(0.5 * camera.size_px[i] as f32)),
+        Some(facing) => [facing.ndc_radian(camera.size_px); 2],
+    };
     let by_center = [d_mean, [root[0] * abs_u * (1.0 / SQRT_HALF_LOG2_E), abs_y * (1.0 / (SQRT_HALF_LOG2_E * SQRT_HALF_LOG2_E))]];
     let norms = each!([0, 1] i => {
         let (x, y) = (by_center[i][0] * ndc[0], by_center[i][1] * ndc[1]);

@@ -15,7 +15,8 @@ use rayon::prelude::*;
 use super::changes::Changes;
 use super::picks::{MOST_PICKS, Picked, Picks};
 use super::sort::{Entry, Tile, TileList, WORD};
-use crate::lanes::{LANES, LOG2_OF_ZERO, Lanes, V, with_simd};
+use crate::lanes::{LANES, LOG2_OF_ZERO, Lanes, V, dot, with_simd};
+use crate::rays::cross;
 use crate::view::{BLOCK_PX, BLOCKS, ScreenBlock, ScreenCamera, TILE_BLOCKS, TILE_PX, block_of};
 
 /// The pixels of a block, in the order of a vector's lanes: row-major within 4x4.
@@ -70,15 +71,18 @@ pub(crate) fn to_alpha(tiles: &[TilePixels], camera: &ScreenCamera) -> Vec<f32> 
 /// Blends a tile, and writes what changed its pixels to `changes` if that is given, which takes a
 /// good part of the time.
 pub(crate) fn rasterize(level: Level, camera: &ScreenCamera, tile: Tile<'_>, pixels: &mut TilePixels, changes: Option<&mut Changes>) {
-    with_simd!(level, simd => match changes {
-        Some(changes) => rasterize_blocks::<_, true>(simd, camera, tile, pixels, changes),
-        None => rasterize_blocks::<_, false>(simd, camera, tile, pixels, &mut Changes::default()),
+    let mut unused = Changes::default();
+    with_simd!(level, simd => match (changes, &camera.rays) {
+        (Some(changes), None) => rasterize_blocks::<_, Centers<_>, true>(simd, camera, tile, pixels, changes),
+        (None, None) => rasterize_blocks::<_, Centers<_>, false>(simd, camera, tile, pixels, &mut unused),
+        (Some(changes), Some(_)) => rasterize_blocks::<_, Rays<_>, true>(simd, camera, tile, pixels, changes),
+        (None, Some(_)) => rasterize_blocks::<_, Rays<_>, false>(simd, camera, tile, pixels, &mut unused),
     });
 }
 
 /// Blends a tile's blocks, and records their changes if `RECORD_CHANGES`.
 #[inline(always)]
-fn rasterize_blocks<S: Simd, const RECORD_CHANGES: bool>(
+fn rasterize_blocks<S: Simd, P: Pixels<S>, const RECORD_CHANGES: bool>(
     simd: S,
     camera: &ScreenCamera,
     Tile { index, list }: Tile<'_>,
@@ -90,7 +94,7 @@ fn rasterize_blocks<S: Simd, const RECORD_CHANGES: bool>(
     changes.clear();
     for (index, pixels) in pixels.0.iter_mut().enumerate() {
         let block = ScreenBlock { origin_px, index };
-        rasterize_block::<_, RECORD_CHANGES>(simd, camera, list, block, &mut scratch, pixels, changes);
+        rasterize_block::<_, P, RECORD_CHANGES>(simd, camera, list, block, &mut scratch, pixels, changes);
         if RECORD_CHANGES {
             changes.end_block();
         }
@@ -120,18 +124,70 @@ pub(crate) struct SplatAtPixels<S: Simd> {
     pub(crate) v: V<S>,
     /// log2(alpha) before the cap.
     pub(crate) log2_alpha: V<S>,
+    /// For rays, the cosine between the ray and the splat's direction, times a number of the splat
+    /// above 0: see [`Rays::facing_scale`]; else unused.
+    pub(crate) facing: V<S>,
 }
 
-impl<S: Simd> SplatAtPixels<S> {
-    /// Evaluates an entry at pixel centres relative to its tile's origin.
+/// The pixels of a block, at which splats are evaluated.
+pub(crate) trait Pixels<S: Simd>: Copy {
+    /// Returns the pixels of a block.
+    fn load(simd: S, camera: &ScreenCamera, block: ScreenBlock) -> Self;
+    /// Evaluates an entry of the block's tile.
+    fn evaluate(self, simd: S, entry: &Entry) -> SplatAtPixels<S>;
+}
+
+/// Centres of the pixels relative to the origin of their tile, for a pinhole.
+#[derive(Clone, Copy)]
+pub(crate) struct Centers<S: Simd>(pub(crate) [V<S>; 2]);
+
+impl<S: Simd> Pixels<S> for Centers<S> {
     #[inline(always)]
-    pub(crate) fn new(simd: S, entry: &Entry, centers: [V<S>; 2]) -> Self {
+    fn load(simd: S, _: &ScreenCamera, block: ScreenBlock) -> Self {
+        Self(pixel_centers(simd, block.index))
+    }
+
+    #[inline(always)]
+    fn evaluate(self, simd: S, entry: &Entry) -> SplatAtPixels<S> {
         let c = |value: f32| V::splat(simd, value);
-        let (dx, dy) = (centers[0] - entry.mean_px[0], centers[1] - entry.mean_px[1]);
+        let (dx, dy) = (self.0[0] - entry.mean_px[0], self.0[1] - entry.mean_px[1]);
         let u = c(entry.root[0]).mul_add(dx, dy * entry.root[1]);
         let v = dy * entry.root[2];
         let log2_alpha = (-u).mul_add(u, (-v).mul_add(v, c(entry.log2_opacity)));
-        Self { u, v, log2_alpha }
+        SplatAtPixels { u, v, log2_alpha, facing: c(1.0) }
+    }
+}
+
+/// Rays of the pixels in camera space; zero where the image shows nothing.
+#[derive(Clone, Copy)]
+pub(crate) struct Rays<S: Simd>([V<S>; 3]);
+
+impl<S: Simd> Rays<S> {
+    /// Returns the factor that makes [`SplatAtPixels::facing`] of an entry a cosine.
+    #[inline(always)]
+    pub(crate) fn facing_scale(entry: &Entry) -> f32 {
+        let [a, b] = entry.rows();
+        let front = cross(a, b);
+        1.0 / (front[0] * front[0] + front[1] * front[1] + front[2] * front[2]).sqrt().max(f32::MIN_POSITIVE)
+    }
+}
+
+impl<S: Simd> Pixels<S> for Rays<S> {
+    #[inline(always)]
+    fn load(simd: S, camera: &ScreenCamera, block: ScreenBlock) -> Self {
+        let zero = V::splat(simd, 0.0);
+        let [x, y] = block.origin_px.map(|px| px / TILE_PX);
+        Self(camera.rays.as_ref().map_or([zero; 3], |rays| rays.block(simd, y * camera.tiles()[0] + x, block.index)))
+    }
+
+    #[inline(always)]
+    fn evaluate(self, simd: S, entry: &Entry) -> SplatAtPixels<S> {
+        let c = |value: f32| V::splat(simd, value);
+        let [a, b] = entry.rows();
+        let at = |row: [f32; 3]| dot(self.0, each!([0, 1, 2] i => c(row[i])));
+        let (u, v, facing) = (at(a), at(b), at(cross(a, b)));
+        let log2_alpha = (-u).mul_add(u, (-v).mul_add(v, c(entry.log2_opacity)));
+        SplatAtPixels { u, v, log2_alpha: facing.if_positive(log2_alpha, c(LOG2_OF_ZERO)), facing }
     }
 }
 
@@ -141,8 +197,8 @@ impl<S: Simd> SplatAtPixels<S> {
 const FINISHED: f32 = -1.0;
 
 /// The state of blending a block, carried from each splat to the one behind it.
-struct Blending<S: Simd> {
-    centers: [V<S>; 2],
+struct Blending<S: Simd, P: Pixels<S>> {
+    pixels: P,
     radiance: [V<S>; 3],
     /// Transmittance up to the splat at which the pixel stops.
     transmittance: V<S>,
@@ -163,7 +219,7 @@ struct BlendScratch {
 
 /// Blends a block. The scratch has no picks before and after; its alphas may hold anything.
 #[inline(always)]
-fn rasterize_block<S: Simd, const RECORD_CHANGES: bool>(
+fn rasterize_block<S: Simd, P: Pixels<S>, const RECORD_CHANGES: bool>(
     simd: S,
     camera: &ScreenCamera,
     list: &TileList,
@@ -178,7 +234,7 @@ fn rasterize_block<S: Simd, const RECORD_CHANGES: bool>(
     let limit = each!([0, 1] i => c(camera.size_px[i] as f32 - block.origin_px[i] as f32));
     let inside = centers[0].lt(limit[0]) & centers[1].lt(limit[1]);
     let mut blending = Blending {
-        centers,
+        pixels: P::load(simd, camera, block),
         radiance: [c(0.0); 3],
         transmittance: c(1.0),
         unstopped: V::select(inside, c(1.0), c(FINISHED)),
@@ -188,7 +244,7 @@ fn rasterize_block<S: Simd, const RECORD_CHANGES: bool>(
     for n in 0..list.words() {
         picks.push_word(simd, (n * WORD) as u32, list.word(n, block.index));
         if picks.is_enough() {
-            blend::<_, RECORD_CHANGES>(simd, &mut blending, &list.entries, picks.take(), alphas, changes);
+            blend::<_, P, RECORD_CHANGES>(simd, &mut blending, &list.entries, picks.take(), alphas, changes);
             let live = blending.unstopped.ge(blending.min_transmittance);
             if !live.any_true() {
                 break;
@@ -196,7 +252,7 @@ fn rasterize_block<S: Simd, const RECORD_CHANGES: bool>(
             blending.unstopped = V::select(live, blending.unstopped, c(FINISHED));
         }
     }
-    blend::<_, RECORD_CHANGES>(simd, &mut blending, &list.entries, picks.take(), alphas, changes);
+    blend::<_, P, RECORD_CHANGES>(simd, &mut blending, &list.entries, picks.take(), alphas, changes);
     let Blending { radiance, transmittance, .. } = blending;
     for ((out, sum), background) in out.radiance.iter_mut().zip(radiance).zip(camera.background) {
         transmittance.mul_add(c(background), sum).store(out);
@@ -206,9 +262,9 @@ fn rasterize_block<S: Simd, const RECORD_CHANGES: bool>(
 
 /// Blends picked entries of a tile behind those that are already blended.
 #[inline(always)]
-fn blend<S: Simd, const RECORD_CHANGES: bool>(
+fn blend<S: Simd, P: Pixels<S>, const RECORD_CHANGES: bool>(
     simd: S,
-    state: &mut Blending<S>,
+    state: &mut Blending<S, P>,
     entries: &[Entry],
     picked: Picked<'_>,
     alphas: &mut [Lanes; MOST_PICKS],
@@ -218,7 +274,7 @@ fn blend<S: Simd, const RECORD_CHANGES: bool>(
     let picks = picked.entries();
     for (index, alpha) in picks.iter().zip(alphas.iter_mut()) {
         let entry = &entries[*index as usize];
-        let log2_alpha = SplatAtPixels::new(simd, entry, state.centers).log2_alpha;
+        let log2_alpha = state.pixels.evaluate(simd, entry).log2_alpha;
         V::select(log2_alpha.ge(c(entry.log2_threshold)), log2_alpha, c(LOG2_OF_ZERO)).store(alpha);
     }
     for alpha in &mut alphas[..picks.len()] {

@@ -20,12 +20,12 @@ use luxel_core::{Real, each};
 use rayon::prelude::*;
 
 use super::changes::{BlockChanges, Changes};
-use super::rasterize::{BlockPixels, SplatAtPixels, TilePixels, pixel_centers};
+use super::rasterize::{BlockPixels, Centers, Pixels, Rays, TilePixels};
 use super::sort::{Entry, TileList};
-use super::sums::{EntryGradient, Staged, SummedSplats, add_sums};
+use super::sums::{EntryGradient, Staged, Summed, SummedSplats};
 use crate::lanes::{LANES, LOG2_OF_ZERO, Lanes, M, V, with_simd};
 use crate::prefetch::fetch;
-use crate::view::{ScreenCamera, TILE_BLOCKS};
+use crate::view::{ScreenBlock, ScreenCamera, TILE_BLOCKS};
 
 /// The gradient by the radiance of a block's pixels.
 pub(crate) type BlockGradient = [Lanes; 3];
@@ -49,8 +49,7 @@ pub(crate) struct RasterizedTiles<'a> {
 
 /// The inputs of differentiating a block.
 struct BlockInputs<'a> {
-    /// Number of the block within the tile.
-    index: usize,
+    place: ScreenBlock,
     /// Entries of the tile.
     entries: &'a [Entry],
     changes: BlockChanges<'a>,
@@ -81,13 +80,16 @@ pub(crate) fn rasterize_backward(
             &gradients[(row * across + tile % across) * TILE_BLOCKS + block % TILE_BLOCKS]
         };
         let mut staged = Staged::ZERO;
+        let origin_px = camera.tile_origin_px(tile);
         with_simd!(level, simd => {
             for (index, pixels) in pixels.0.iter().enumerate() {
                 let (changes, gradient) = (changes.block(index), gradient(index));
-                let block = BlockInputs { index, entries: &list.entries, changes, pixels, gradient };
-                match absolute {
-                    AbsoluteSums::Skip => block_backward::<_, false>(simd, camera, &block, &mut staged, out),
-                    AbsoluteSums::Collect => block_backward::<_, true>(simd, camera, &block, &mut staged, out),
+                let block = BlockInputs { place: ScreenBlock { origin_px, index }, entries: &list.entries, changes, pixels, gradient };
+                match (absolute, &camera.rays) {
+                    (AbsoluteSums::Skip, None) => block_backward::<_, Centers<_>, false>(simd, camera, &block, &mut staged, out),
+                    (AbsoluteSums::Collect, None) => block_backward::<_, Centers<_>, true>(simd, camera, &block, &mut staged, out),
+                    (AbsoluteSums::Skip, Some(_)) => block_backward::<_, Rays<_>, false>(simd, camera, &block, &mut staged, out),
+                    (AbsoluteSums::Collect, Some(_)) => block_backward::<_, Rays<_>, true>(simd, camera, &block, &mut staged, out),
                 }
             }
         });
@@ -95,8 +97,8 @@ pub(crate) fn rasterize_backward(
 }
 
 /// The state of differentiating a block, carried from each splat to the one in front of it.
-struct Unwinding<S: Simd> {
-    centers: [V<S>; 2],
+struct Unwinding<S: Simd, P: Pixels<S>> {
+    places: P,
     gradient: [V<S>; 3],
     transmittance: V<S>,
     /// Gradient-weighted radiance from behind the splat.
@@ -107,20 +109,20 @@ struct Unwinding<S: Simd> {
 
 /// Differentiates a block, and adds the sums over its pixels to the tile's entries in `out`.
 #[inline(always)]
-fn block_backward<S: Simd, const ABSOLUTE: bool>(
+fn block_backward<S: Simd, P: Summed<S>, const ABSOLUTE: bool>(
     simd: S,
     camera: &ScreenCamera,
     block: &BlockInputs<'_>,
     staged: &mut Staged,
     out: &mut [EntryGradient],
 ) {
-    let BlockInputs { index, entries, changes, pixels, gradient } = *block;
+    let BlockInputs { place, entries, changes, pixels, gradient } = *block;
     let max_alpha = V::splat(simd, camera.cutoffs.max_alpha);
     let colors = each!([0, 1, 2] channel => V::load(simd, &gradient[channel]));
     let transmittance = V::load(simd, &pixels.transmittance);
     let background = each!([0, 1, 2] i => colors[i] * camera.background[i]);
     let mut unwinding = Unwinding {
-        centers: pixel_centers(simd, index),
+        places: P::load(simd, camera, place),
         gradient: colors,
         transmittance,
         behind: transmittance * (background[0] + background[1] + background[2]),
@@ -129,8 +131,8 @@ fn block_backward<S: Simd, const ABSOLUTE: bool>(
     };
     for chunk in changes.chunks_from_back(LANES) {
         unwind(simd, &mut unwinding, entries, chunk, staged);
-        let splats = SummedSplats { entries, picks: chunk.entries, block: index, colors: gradient };
-        add_sums::<_, ABSOLUTE>(simd, &splats, staged, out);
+        let splats = SummedSplats { entries, picks: chunk.entries, block: place.index, colors: gradient };
+        P::add_sums::<ABSOLUTE>(simd, &splats, staged, out);
     }
 }
 
@@ -142,13 +144,13 @@ fn odds<S: Simd>(alpha: V<S>) -> V<S> {
 
 /// Differentiates a chunk of changes, in front of those that are already differentiated.
 #[inline(always)]
-fn unwind<S: Simd>(simd: S, state: &mut Unwinding<S>, entries: &[Entry], chunk: BlockChanges<'_>, staged: &mut Staged) {
+fn unwind<S: Simd, P: Summed<S>>(simd: S, state: &mut Unwinding<S, P>, entries: &[Entry], chunk: BlockChanges<'_>, staged: &mut Staged) {
     let c = |value: f32| V::splat(simd, value);
     for (i, (index, pixels)) in chunk.entries.iter().zip(chunk.pixels).enumerate().take(LANES) {
         let entry = &entries[*index as usize];
-        let splat = SplatAtPixels::new(simd, entry, state.centers);
+        let splat = state.places.evaluate(simd, entry);
         V::select(M::from_bitmask(simd, (*pixels).into()), splat.log2_alpha, c(LOG2_OF_ZERO)).store(&mut staged.share[i]);
-        staged.stage(i, entry, &splat);
+        P::stage(staged, i, entry, &splat);
     }
     let Staged { share, weight, .. } = staged;
     let (share, weight) = (&mut share[..chunk.entries.len()], &mut weight[..chunk.entries.len()]);

@@ -18,7 +18,8 @@ use rayon::prelude::*;
 
 use super::adam::{MomentRows, Optimizer, Step, update};
 use super::pass_times::PassTimes;
-use super::project::{Footprint, project_block};
+use super::project::Footprint;
+use super::project_all::project_block;
 use super::project_backward::{BlockStats, BlockSums, Inputs, project_backward};
 use crate::lanes::{LANES, Lanes, with_simd};
 use crate::memory::Buffer;

@@ -7,7 +7,7 @@
 use fearless_simd::Simd;
 use luxel_core::{Real, each};
 
-use super::rasterize::{SplatAtPixels, pixel_centers};
+use super::rasterize::{Centers, Pixels, Rays, pixel_centers};
 use super::sort::{Entry, TileList, WORD};
 use crate::lanes::{M, V};
 use crate::view::{ScreenBlock, ScreenCamera};
@@ -32,19 +32,28 @@ pub(crate) trait Visitor<S: Simd> {
 /// Visits the splats of a block of a tile.
 #[inline(always)]
 pub(crate) fn visit_block<S: Simd>(simd: S, camera: &ScreenCamera, list: &TileList, block: ScreenBlock, visitor: &mut impl Visitor<S>) {
+    match &camera.rays {
+        None => visit_pixels::<_, Centers<_>>(simd, camera, list, block, visitor),
+        Some(_) => visit_pixels::<_, Rays<_>>(simd, camera, list, block, visitor),
+    }
+}
+
+#[inline(always)]
+fn visit_pixels<S: Simd, P: Pixels<S>>(simd: S, camera: &ScreenCamera, list: &TileList, block: ScreenBlock, visitor: &mut impl Visitor<S>) {
     let c = |value: f32| V::splat(simd, value);
     let (zero, one) = (c(0.0), c(1.0));
     let (max_alpha, min_transmittance) = (c(camera.cutoffs.max_alpha), c(camera.cutoffs.min_transmittance));
     let centers = pixel_centers(simd, block.index);
     let limit = each!([0, 1] i => c(camera.size_px[i] as f32 - block.origin_px[i] as f32));
     let inside = centers[0].lt(limit[0]) & centers[1].lt(limit[1]);
+    let pixels = P::load(simd, camera, block);
     let (mut live, mut transmittance) = (inside, one);
     for n in 0..list.words() {
         let mut bits = list.word(n, block.index);
         while bits != 0 {
             let entry = &list.entries[n * WORD + bits.trailing_zeros() as usize];
             bits &= bits - 1;
-            let splat = SplatAtPixels::new(simd, entry, centers);
+            let splat = pixels.evaluate(simd, entry);
             let touched = splat.log2_alpha.ge(c(entry.log2_threshold)) & inside;
             let alpha = splat.log2_alpha.exp2().min(max_alpha);
             let left = (-alpha).mul_add(transmittance, transmittance);

@@ -46,9 +46,20 @@ pub fn camera(width: u32, height: u32) -> Camera {
     }
 }
 
+/// Returns the same camera with another projection: a fisheye whose circle ends within the image,
+/// or a panorama.
+pub fn wide_camera(projection: CameraProjection, width: u32, height: u32) -> Camera {
+    let camera = camera(width, height);
+    match projection {
+        CameraProjection::Equirectangular => Camera { size_px: [width, height], ..Camera::panorama(camera.camera_from_world, width) },
+        _ => Camera { focal_px: DVec2::new(0.3, 0.29) * f64::from(width), projection, ..camera },
+    }
+}
+
 /// Returns the world position of a point given in pixels and depth.
 pub fn unproject(camera: &Camera, px: [f64; 2], depth: f64) -> [f32; 3] {
-    let at = DVec3::new((px[0] - camera.center_px.x) / camera.focal_px.x, (px[1] - camera.center_px.y) / camera.focal_px.y, 1.0) * depth;
+    // Beyond the image of a lens, any direction will do.
+    let at = camera.unproject(px.into()).unwrap_or(DVec3::new(0.6, 0.0, -0.8)) * depth;
     camera.camera_from_world.inverse().transform_point3(at).as_vec3().to_array()
 }
 

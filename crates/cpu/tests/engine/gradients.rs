@@ -2,7 +2,7 @@
 //! differences in f64, and the engine's f32 ones against the oracle's.
 
 use luxel_core::engine::{DensifyStats, StepConfig};
-use luxel_core::{Activation, Antialias, ColorModel, Cutoffs, Engine, LossWeights, RenderOptions, Splats, StepReport, View};
+use luxel_core::{Activation, Antialias, Camera, ColorModel, Cutoffs, Engine, LossWeights, RenderOptions, Splats, StepReport, View};
 use luxel_cpu::CpuEngine;
 
 use crate::fixture;
@@ -36,8 +36,19 @@ fn case_of_size(
     masked: bool,
     seed: u64,
 ) -> Case {
-    let camera = fixture::camera(width, height);
-    let mut splats = fixture::splats_with_special_cases(model, &camera, seed);
+    case_of_camera(&fixture::camera(width, height), model, antialias, (label, cutoffs), masked, seed)
+}
+
+/// Returns a case with a given camera.
+pub fn case_of_camera(
+    camera: &Camera,
+    model: ColorModel,
+    antialias: Antialias,
+    (label, cutoffs): (&str, Cutoffs),
+    masked: bool,
+    seed: u64,
+) -> Case {
+    let mut splats = fixture::splats_with_special_cases(model, camera, seed);
     if antialias == Antialias::Mip {
         splats.smoothing = fixture::smoothing(splats.len());
     }
@@ -57,11 +68,11 @@ fn case_of_size(
     } else {
         name += " squared";
     }
-    Case { name, splats, view: fixture::view(&camera, masked, seed + 1000), options, loss }
+    Case { name, splats, view: fixture::view(camera, masked, seed + 1000), options, loss }
 }
 
 /// Returns the case with supersampling.
-fn sampled(mut case: Case, samples: u8) -> Case {
+pub fn sampled(mut case: Case, samples: u8) -> Case {
     case.options.raster.samples = samples;
     case.name += &format!(" {samples}x{samples} samples");
     case

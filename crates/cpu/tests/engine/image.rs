@@ -27,7 +27,7 @@ const BAND: f64 = 1e-4;
 
 /// Compares `image` with the oracle's: tightly where decisions are clear; elsewhere by no more than
 /// the decision can change.
-fn assert_is_oracles(image: &Image, splats: &Splats, camera: &Camera, options: &RenderOptions, name: &str) {
+pub fn assert_is_oracles(image: &Image, splats: &Splats, camera: &Camera, options: &RenderOptions, name: &str) {
     let expected = oracle::image(splats, camera, options);
     assert_eq!(image.pixels.len(), expected.pixels.len());
     let cutoffs = options.raster.cutoffs;

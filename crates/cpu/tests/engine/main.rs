@@ -16,4 +16,6 @@ mod layers;
 mod number;
 mod oracle;
 mod probe;
+mod ray_reference;
 mod update;
+mod wide;

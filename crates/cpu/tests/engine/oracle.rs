@@ -8,6 +8,7 @@
 //! sign, order) goes into [`Trace`]: two evaluations with equal traces lie on one smooth piece of
 //! the function, and only between such are differences taken.
 
+use luxel_core::engine::PixelAngle;
 use luxel_core::{
     Activation, Antialias, Camera, ColorModel, DEAD_CHROMA_FLOOR, LossWeights, RESPONSE_KNOTS, RenderOptions, SH_OFFSET, Splats, ToneCurve,
     View, sh,
@@ -104,6 +105,45 @@ pub struct Ellipse<N> {
     pub opacity: N,
     pub radiance: [N; 3],
     pub threshold: f64,
+    /// Two directions of the plane and the splat's own, camera space, if pixels are rays. The mean
+    /// is then the plane's origin.
+    pub plane: Option<[[N; 3]; 3]>,
+}
+
+/// A splat's plane, the variance that a pixel adds there, and the rows that map offsets in the
+/// world to it.
+struct Plane<N> {
+    axes: [[N; 3]; 3],
+    dilation: N,
+    jacobian: [[N; 3]; 2],
+}
+
+impl<N: Number> Plane<N> {
+    /// The plane across the direction of a point in camera space.
+    fn new(at: [N; 3], camera: &Camera, camera_rotation: [[N; 3]; 3], dilation_px2: f64) -> Self {
+        let distance = dot(at, at).sqrt();
+        let unit = at.map(|c| c / distance);
+        // Any direction that is not the splat's, made orthogonal.
+        let helper = if unit[0].value().abs() < 0.7 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] }.map(N::of);
+        let along = dot(helper, unit);
+        let first: [N; 3] = std::array::from_fn(|a| helper[a] - along * unit[a]);
+        let length = dot(first, first).sqrt();
+        let first = first.map(|c| c / length);
+        let second =
+            [unit[1] * first[2] - unit[2] * first[1], unit[2] * first[0] - unit[0] * first[2], unit[0] * first[1] - unit[1] * first[0]];
+        let size = PixelAngle::new(camera);
+        let t = (unit[2] - N::of(size.middle)) / N::of(size.half_range);
+        let t = if t.value().abs() < 1.0 { t } else { N::of(t.value().clamp(-1.0, 1.0)) };
+        let squared = size.coefficients.iter().rev().fold(N::of(0.0), |sum, c| sum * t + N::of(*c));
+        let row = |axis: [N; 3]| std::array::from_fn(|column| dot(axis, [0, 1, 2].map(|k| camera_rotation[k][column])) / distance);
+        Self { axes: [first, second, unit], dilation: N::of(dilation_px2) * squared, jacobian: [row(first), row(second)] }
+    }
+
+    /// Coordinates of a pixel's ray on a splat's plane; `None` if it looks away.
+    fn coordinates(axes: &[[N; 3]; 3], ray: [f64; 3]) -> Option<[N; 2]> {
+        let ray = ray.map(N::of);
+        (dot(axes[2], ray).value() > 0.0).then(|| [dot(axes[0], ray), dot(axes[1], ray)])
+    }
 }
 
 fn sigmoid<N: Number>(x: N) -> N {
@@ -159,9 +199,13 @@ fn project<N: Number>(p: &Parameters<N>, i: usize, camera: &Camera, options: &Re
     let camera_rotation: [[N; 3]; 3] = [0, 1, 2].map(|row| c.row(row).to_array().map(N::of));
     let position = p.position(i);
     let at: [N; 3] = std::array::from_fn(|row| dot(camera_rotation[row], position) + N::of(t[row]));
-    if trace.decide(at[2].value() < f64::from(cutoffs.near)) {
+    let distance = dot(at, at).sqrt().value();
+    let depth = if camera.projection.is_pinhole() { at[2].value() } else { distance };
+    if trace.decide(depth < f64::from(cutoffs.near)) {
         return None;
     }
+    let plane =
+        (!camera.projection.is_pinhole()).then(|| Plane::new(at, camera, camera_rotation, options.raster.antialias.dilation_px2().into()));
 
     // Shape: squared standard deviations, smoothed.
     let mut variance = p.log_scale(i).map(|s| s.exp() * s.exp());
@@ -177,8 +221,11 @@ fn project<N: Number>(p: &Parameters<N>, i: usize, camera: &Camera, options: &Re
     // J R_c R(q): each row a screen axis, each column a principal axis.
     let rotation = rotation_matrix(p.rotation(i));
     let mut slope = [at[0] / at[2], at[1] / at[2]];
-    let mean_px = [0, 1].map(|a| N::of(camera.focal_px[a]) * slope[a] + N::of(camera.center_px[a]));
-    for (a, slope) in slope.iter_mut().enumerate() {
+    let mut mean_px = [0, 1].map(|a| N::of(camera.focal_px[a]) * slope[a] + N::of(camera.center_px[a]));
+    if plane.is_some() {
+        mean_px = [N::of(0.0); 2];
+    }
+    for (a, slope) in slope.iter_mut().enumerate().filter(|_| plane.is_none()) {
         let (focal, size) = (camera.focal_px[a], f64::from(camera.size_px[a]));
         let margin = 0.3 * size / (2.0 * focal);
         let (low, high) = (-(camera.center_px[a] / focal + margin), (size - camera.center_px[a]) / focal + margin);
@@ -190,12 +237,15 @@ fn project<N: Number>(p: &Parameters<N>, i: usize, camera: &Camera, options: &Re
     }
     let axes: [[N; 3]; 2] = std::array::from_fn(|a| {
         let (j, jz) = (N::of(camera.focal_px[a]) / at[2], -(N::of(camera.focal_px[a]) * slope[a] / at[2]));
-        let row: [N; 3] = std::array::from_fn(|column| j * camera_rotation[a][column] + jz * camera_rotation[2][column]);
+        let row: [N; 3] = match &plane {
+            None => std::array::from_fn(|column| j * camera_rotation[a][column] + jz * camera_rotation[2][column]),
+            Some(plane) => plane.jacobian[a],
+        };
         std::array::from_fn(|column| dot(row, [0, 1, 2].map(|k| rotation[k][column])))
     });
     let covariance = |a: usize, b: usize| (0..3).fold(N::of(0.0), |sum, k| sum + axes[a][k] * axes[b][k] * variance[k]);
     let (xx, xy, yy) = (covariance(0, 0), covariance(0, 1), covariance(1, 1));
-    let dilation = N::of(options.raster.antialias.dilation_px2().into());
+    let dilation = plane.as_ref().map_or(N::of(options.raster.antialias.dilation_px2().into()), |plane| plane.dilation);
     let (dilated_xx, dilated_yy) = (xx + dilation, yy + dilation);
     let determinant = dilated_xx * dilated_yy - xy * xy;
     if options.raster.antialias != Antialias::Off {
@@ -211,12 +261,13 @@ fn project<N: Number>(p: &Parameters<N>, i: usize, camera: &Camera, options: &Re
     let by_contribution = f64::from(cutoffs.min_contribution) / brightest;
     Some(Ellipse {
         splat: i,
-        depth: at[2].value(),
+        depth,
         mean_px,
         conic: [dilated_yy / determinant, -xy / determinant, dilated_xx / determinant],
         opacity,
         radiance,
         threshold: f64::from(cutoffs.min_alpha).min(by_contribution).max(cutoffs.alpha_floor.into()),
+        plane: plane.map(|plane| plane.axes),
     })
 }
 
@@ -267,11 +318,18 @@ fn render_samples<N: Number>(p: &Parameters<N>, camera: &Camera, options: &Rende
     let mut margins = Vec::new();
     for (y, x) in (0..height).flat_map(|y| (0..width).map(move |x| (y, x))) {
         let center = [f64::from(x) + 0.5, f64::from(y) + 0.5];
+        let ray = camera.unproject(center.into());
         let mut transmittance = N::of(1.0);
         let mut pixel = [N::of(0.0); 3];
         let mut margin = f64::INFINITY;
         for e in &ellipses {
-            let d: [N; 2] = std::array::from_fn(|a| N::of(center[a]) - e.mean_px[a]);
+            let d: [N; 2] = match &e.plane {
+                None => std::array::from_fn(|a| N::of(center[a]) - e.mean_px[a]),
+                Some(axes) => match ray.and_then(|ray| Plane::coordinates(axes, ray.to_array())) {
+                    Some(d) => d,
+                    None => continue,
+                },
+            };
             let power = e.conic[0] * d[0] * d[0] + N::of(2.0) * e.conic[1] * d[0] * d[1] + e.conic[2] * d[1] * d[1];
             let alpha = e.opacity * (N::of(-0.5) * power).exp();
             margin = margin.min((alpha.value() / e.threshold - 1.0).abs());

@@ -6,6 +6,7 @@ use luxel_core::{EngineError, RasterConfig, RenderOptions, Splats, View};
 
 use super::{GpuEngine, Submission};
 use crate::device::Buffer;
+use crate::forward::PixelKind;
 use crate::scene::GpuScene;
 use crate::step::Recorder;
 
@@ -33,7 +34,7 @@ impl GpuEngine {
         let gradients = &frame.entries.gradients.raw;
         gpu.queue.write_buffer(gradients, 0, bytemuck::cast_slice(&vec![f32::NAN; gradients.size() as usize / 4]));
         let target = targets.get(gpu, view)?;
-        let mut recorder = Recorder { gpu, commands, frame, scene, size_px: view.camera.size_px, samples: 1 };
+        let mut recorder = Recorder { gpu, commands, frame, scene, size_px: view.camera.size_px, samples: 1, pixels: PixelKind::Places };
         recorder.forward_from_bin();
         recorder.backward(target);
         recorder.update(Some(&out));

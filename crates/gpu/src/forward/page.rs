@@ -11,7 +11,7 @@ use luxel_core::engine::JACOBIAN_MARGIN;
 use luxel_core::{Activation, ColorModel};
 use serde_json::{Map, Value, json};
 
-use super::{Dispatch, Resource, Workgroups, bin, project, rasterize, sort_by_depth, sort_by_tile};
+use super::{Dispatch, PixelKind, Resource, Workgroups, bin, project, rasterize, sort_by_depth, sort_by_tile};
 use crate::constants::{constants, model_constants};
 use crate::frame::{EXPECTED_TILES, FIRST_ENTRIES, TILE_DIGITS, sort_uniform};
 use crate::kernels::{KernelId, source};
@@ -50,7 +50,7 @@ fn dispatches(list: &[Dispatch]) -> Value {
 
 /// Returns the passes after the projection, for a number of digits of the sort by tile.
 fn after_projection(digits: usize) -> Vec<Dispatch> {
-    [sort_by_depth(), bin(), sort_by_tile(digits), vec![rasterize(digits)]].concat()
+    [sort_by_depth(), bin(PixelKind::Places), sort_by_tile(digits), vec![rasterize(digits, PixelKind::Places)]].concat()
 }
 
 /// Returns the fields of a shader's structure: offset, type and number of components.
@@ -99,10 +99,10 @@ fn kernels(list: &[Dispatch]) -> [Value; 2] {
 
 fn forward() -> Value {
     let last = TILE_DIGITS as usize;
-    let all: Vec<Dispatch> = [project(MODEL)].into_iter().chain(after_projection(last)).collect();
+    let all: Vec<Dispatch> = [project(MODEL, PixelKind::Places)].into_iter().chain(after_projection(last)).collect();
     let extents: Map<String, Value> = (1..=last)
         .flat_map(after_projection)
-        .chain([project(MODEL)])
+        .chain([project(MODEL, PixelKind::Places)])
         .flat_map(|dispatch| dispatch.bindings)
         .chain([super::at(0, Resource::Dispatches)])
         .map(|bound| {
@@ -133,7 +133,7 @@ fn forward() -> Value {
             "expectedTiles": EXPECTED_TILES, "jacobianMargin": JACOBIAN_MARGIN,
         },
         "extents": extents,
-        "project": dispatch(&project(MODEL)),
+        "project": dispatch(&project(MODEL, PixelKind::Places)),
         "afterProjection": (1..=last).map(|digits| (digits.to_string(), dispatches(&after_projection(digits)))).collect::<Map<_, _>>(),
         "kernels": kernels,
         "texts": texts,

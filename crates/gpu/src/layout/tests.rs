@@ -34,6 +34,26 @@ const MODEL: ColorModel = ColorModel::Sh { degree: 3 };
 #[test]
 fn structures_lie_in_memory_as_the_shaders_expect() {
     let update = KernelId::ProjectBackward(MODEL, Update::Parameters);
+    let lens_fields = KernelId::ProjectRays(MODEL);
+    check!(
+        lens_fields,
+        "Lens",
+        LensUniform,
+        [
+            coefficients,
+            size_0,
+            size_1,
+            size_2,
+            middle,
+            inverse_half_range,
+            least_cosine,
+            max_angle,
+            max_radius,
+            stretch,
+            is_panorama,
+            padding,
+        ]
+    );
     check!(
         update,
         "Camera",

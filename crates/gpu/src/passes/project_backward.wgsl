@@ -66,22 +66,6 @@ fn rotation_backward(p: Projection, d_0: vec3f, d_1: vec3f, d_2: vec3f) -> vec4f
     return (d - dot(d, p.quaternion) * p.quaternion) * p.inverse_length;
 }
 
-// Gradient by the point in camera space, through the centre and the Jacobian.
-fn point_backward(p: Projection, d_jacobian_x: vec3f, d_jacobian_y: vec3f, d_mean: vec2f) -> vec3f {
-    let inverse_z = 1.0 / p.point.z;
-    let scale = inverse_z * camera.focal_px;
-    // jacobian = scale (row - slope row_z); mean = scale point + centre.
-    let by_direct = vec2f(dot(d_jacobian_x, camera.row_x.xyz), dot(d_jacobian_y, camera.row_y.xyz));
-    let by_depth = vec2f(dot(d_jacobian_x, camera.row_z.xyz), dot(d_jacobian_y, camera.row_z.xyz));
-    let true_slope = p.point.xy * inverse_z;
-    // Where the slope is clamped it is constant.
-    let d_slope = select(-(scale * by_depth), vec2f(0.0), true_slope != p.slope);
-    let d_xy = d_mean * scale + d_slope * inverse_z;
-    let by_scale = by_direct - p.slope * by_depth + d_mean * p.point.xy;
-    let d_z = -inverse_z * (by_scale * scale + d_slope * true_slope);
-    return vec3f(d_xy, d_z.x + d_z.y);
-}
-
 struct Geometry {
     position: vec3f,
     rotation: vec4f,
@@ -106,14 +90,16 @@ fn geometry_backward(i: u32, sums: Sums) -> Geometry {
     // The off-diagonal number stands for both entries.
     var d_xy = root.x * by_root.y;
     var d_yy = 0.5 * (root.y * by_root.y + root.z * by_root.z);
+    var d_dilation = d_xx + d_yy;
     if ((camera.flags & FLAG_COMPENSATION) != 0u) {
         // compensation = sqrt(before / after): d ln(compensation) = (d ln before - d ln after) / 2.
         let ratio = p.determinant_before / p.determinant;
         let d_ratio = select(0.0, 0.5 * sums.log_alpha, ratio > MIN_AREA_RATIO);
         let by_before = d_ratio / max(p.determinant_before, 1e-30);
         let by_after = d_ratio / p.determinant;
-        d_xx += by_before * (p.covariance.z - camera.dilation_px2) - by_after * p.covariance.z;
-        d_yy += by_before * (p.covariance.x - camera.dilation_px2) - by_after * p.covariance.x;
+        d_xx += by_before * (p.covariance.z - dilation_of(p)) - by_after * p.covariance.z;
+        d_yy += by_before * (p.covariance.x - dilation_of(p)) - by_after * p.covariance.x;
+        d_dilation -= by_after * (p.covariance.x + p.covariance.z);
         d_xy -= (by_before - by_after) * 2.0 * p.covariance.y;
     }
     // covariance = root root^T, root = screen_axes diag(sigma).
@@ -138,17 +124,13 @@ fn geometry_backward(i: u32, sums: Sums) -> Geometry {
     out.rotation = vec4f(finite(d_rotation.x), finite(d_rotation.y), finite(d_rotation.z), finite(d_rotation.w));
     let d_jacobian_x = vec3f(dot(d_screen_x, p.axes_0), dot(d_screen_x, p.axes_1), dot(d_screen_x, p.axes_2));
     let d_jacobian_y = vec3f(dot(d_screen_y, p.axes_0), dot(d_screen_y, p.axes_1), dot(d_screen_y, p.axes_2));
-    let d_point = point_backward(p, d_jacobian_x, d_jacobian_y, d_mean);
+    let d_point = point_backward(p, d_jacobian_x, d_jacobian_y, d_mean, d_dilation);
     let d = d_point.x * camera.row_x.xyz + d_point.y * camera.row_y.xyz + d_point.z * camera.row_z.xyz;
     out.position = vec3f(finite(d.x), finite(d.y), finite(d.z));
-    // NDC spans 2 over the image's side. Absolute sums carry the rasteriser's constant twice: in u
-    // and v, and in its root.
-    let ndc = 0.5 * vec2f(camera.size_px);
-    let absolute = vec2f(root.x * sums.absolute.x / SQRT_HALF_LOG2_E, sums.absolute.y * unit);
+    let ndc = ndc_of(p);
+    let absolute = absolute_by_center(root, sums.absolute);
     out.norms = vec2f(length(d_mean * ndc), length(absolute * ndc));
-    // Centre and Jacobian are proportional to the focal length; the root is to the Jacobian.
-    let by_root_px = vec2f(dot(d_root_x, p.root_x), dot(d_root_y, p.root_y)) / camera.focal_px;
-    let d_focal = d_mean * p.point.xy / p.point.z + by_root_px;
+    let d_focal = focal_backward(p, d_mean, vec2f(dot(d_root_x, p.root_x), dot(d_root_y, p.root_y)));
     out.focal_px = vec2f(finite(d_focal.x), finite(d_focal.y));
     return out;
 }

@@ -100,7 +100,8 @@ fn rasterize_backward(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_in
                         let g = select(0.0, alpha * d_alpha, alpha < camera.max_alpha);
                         let gu = g * seen.u;
                         let gv = g * seen.v;
-                        sum_g += vec3f(g, gu, gv);
+                        let weight_of_center = facing(seen);
+                        sum_g += vec3f(g, weight_of_center * gu, weight_of_center * gv);
                         sum_gg += vec3f(gu * seen.u, gu * seen.v, gv * seen.v);
                         sum_radiance += weight * gradient;
                         if (with_absolute) {

@@ -26,6 +26,7 @@ mod contract;
 mod fixture;
 mod parity;
 mod passes;
+mod wide;
 
 use std::sync::Arc;
 
@@ -51,7 +52,7 @@ const THREAD_ORDER: &[&str] = &[
 
 /// Returns the tests that `LUXEL_GPU_TESTS` selects.
 fn selected() -> Vec<(&'static str, Body)> {
-    let all = [passes::ALL, parity::ALL, camera::ALL, contract::ALL].concat();
+    let all = [passes::ALL, parity::ALL, camera::ALL, wide::ALL, contract::ALL].concat();
     for name in THREAD_ORDER {
         assert!(all.iter().any(|(found, _)| found == name), "THREAD_ORDER: there is no test {name}");
     }

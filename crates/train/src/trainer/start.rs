@@ -114,12 +114,13 @@ fn check_views(dataset: &Dataset) -> Result<(), TrainError> {
     Ok(())
 }
 
-/// Checks that focal lengths can be optimised, if they are to be: that of a panorama is its size.
+/// Checks that focal lengths can be optimised, if they are to be: those of pinhole cameras can.
 fn check_focal(dataset: &Dataset, config: &TrainConfig) -> Result<(), TrainError> {
-    let is_panorama = |view: &&View| view.camera.projection == CameraProjection::Equirectangular;
-    match dataset.train.iter().find(is_panorama).filter(|_| config.refine_focal) {
+    let is_wide = |view: &&View| view.camera.projection != CameraProjection::Pinhole;
+    match dataset.train.iter().find(is_wide).filter(|_| config.refine_focal) {
         Some(view) => {
-            let reason = format!("view {} is a panorama, whose focal length follows from its size; leave it out", view.name);
+            let kind = if view.camera.projection == CameraProjection::Equirectangular { "panorama" } else { "fisheye" };
+            let reason = format!("view {} is a {kind}, expected pinhole cameras, whose focal lengths are optimised; leave it out", view.name);
             Err(TrainError::config("refine_focal", reason))
         }
         None => Ok(()),

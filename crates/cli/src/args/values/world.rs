@@ -3,6 +3,7 @@
 use clap::ValueEnum;
 use glam::DVec3;
 use luxel::export::{CropBox, Up};
+use luxel::lens::LensKind;
 
 /// `--up`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -47,6 +48,27 @@ impl UpArg {
             Self::MinusZ => DVec3::NEG_Z,
             Self::AsIs => return None,
         })
+    }
+}
+
+/// `--projection` of a render.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum LensArg {
+    /// Straight lines stay straight.
+    Pinhole,
+    /// Equidistant: the distance from the middle grows with the angle.
+    Fisheye,
+    /// A panorama, twice as wide as high.
+    Equirectangular,
+}
+
+impl From<LensArg> for LensKind {
+    fn from(arg: LensArg) -> Self {
+        match arg {
+            LensArg::Pinhole => Self::Pinhole,
+            LensArg::Fisheye => Self::Fisheye,
+            LensArg::Equirectangular => Self::Equirectangular,
+        }
     }
 }
 

@@ -5,12 +5,14 @@ use std::path::Path;
 use anyhow::{Context, Result, bail};
 use luxel::camera_path::{Resized, camera_path, resized};
 use luxel::edit::{mask_names, needs_dataset};
+use luxel::export::Up;
+use luxel::lens::{Lens, LensKind, pose_at, stereo_pair};
 use luxel::run::ExplicitArgs;
 use luxel::{files, output, text};
-use luxel_core::{Camera, Dataset, Scene};
+use luxel_core::{Camera, CameraProjection, Dataset, Scene};
 use luxel_io::PathCamera;
 
-use crate::args::values::{Frames, SplitArg};
+use crate::args::values::{Frames, LensArg, SplitArg};
 use crate::args::{LoadArgs, RenderArgs};
 use crate::inputs::scene_source::{DataRequest, SceneSource};
 use crate::output::console::Console;
@@ -49,14 +51,46 @@ pub(super) struct Shots {
 /// Returns the cameras that the options name, in the size that they name.
 pub(super) fn shots(args: &RenderArgs, request: DataRequest<'_>, source: &SceneSource, console: &Console) -> Result<Shots> {
     let mut shots = named(args, request, source, console)?;
-    if let Some(size_px) = args.size {
-        resize(&mut shots.all, size_px, console);
+    match (args.projection, args.size) {
+        (None, Some(size_px)) => resize(&mut shots.all, size_px, console)?,
+        (None, None) => {}
+        (Some(_), _) => {
+            for shot in &mut shots.all {
+                shot.camera = lens(args).camera(shot.camera.camera_from_world)?;
+            }
+        }
+    }
+    if let Some(distance) = args.stereo {
+        // Cameras are in the scene's coordinates.
+        let local = f64::from(distance) / source.scene.world_from_local.scale();
+        shots.all = shots.all.into_iter().flat_map(|shot| eyes(&shot, local)).collect();
+        if shots.all.iter().any(|shot| shot.camera.projection == CameraProjection::Equirectangular) {
+            console.note("both eyes of a panorama look ahead: depth is right around its middle, and vanishes towards the sides");
+        }
     }
     Ok(shots)
 }
 
+/// Returns the lens that the options name; a pinhole if they name none.
+fn lens(args: &RenderArgs) -> Lens {
+    let kind = args.projection.map_or(LensKind::Pinhole, Into::into);
+    Lens { kind, field_deg: args.fov.map(f64::from), size_px: args.size }
+}
+
+/// Returns the shots of both eyes.
+fn eyes(shot: &Shot, distance: f64) -> [Shot; 2] {
+    let [left, right] = stereo_pair(&shot.camera, distance);
+    [("left", left), ("right", right)].map(|(eye, camera)| Shot { name: format!("{}_{eye}", shot.name), camera })
+}
+
 fn named(args: &RenderArgs, request: DataRequest<'_>, source: &SceneSource, console: &Console) -> Result<Shots> {
     let dataset = || source.dataset(request, console);
+    if let Some(at) = args.at {
+        let dataset = dataset()?;
+        let camera = lens(args).camera(pose_at(at, Up::Default, dataset.as_ref())?)?;
+        let shot = Shot { name: lens_name(args).to_owned(), camera: source.scene.local_camera(&camera) };
+        return Ok(Shots { all: vec![shot], frames: args.frames });
+    }
     if let Some(file) = &args.cameras {
         let mut all = camera_file(file, args.input.data.is_some(), dataset, || check_unread(args, file, request.explicit))?;
         all.iter_mut().for_each(|shot| shot.camera = source.scene.local_camera(&shot.camera));
@@ -89,10 +123,27 @@ fn path_frames(frames: Option<Frames>) -> Result<usize> {
     }
 }
 
+/// Returns the name of an image at a point.
+fn lens_name(args: &RenderArgs) -> &'static str {
+    match args.projection {
+        None | Some(LensArg::Pinhole) => "view",
+        Some(LensArg::Fisheye) => "fisheye",
+        Some(LensArg::Equirectangular) => "panorama",
+    }
+}
+
 /// Gives all cameras another image size, and reports what is cropped.
-fn resize(shots: &mut [Shot], size_px: [u32; 2], console: &Console) {
+fn resize(shots: &mut [Shot], size_px: [u32; 2], console: &Console) -> Result<()> {
     let mut most = [0.0f64; 2];
     for shot in shots.iter_mut() {
+        let projection = shot.camera.projection;
+        if !projection.is_pinhole() {
+            bail!(
+                "{}: the camera has {} projection, whose field a size cannot crop; give --projection with --size",
+                shot.name,
+                projection.name()
+            );
+        }
         let Resized { camera, cropped } = resized(&shot.camera, size_px);
         most = [most[0].max(cropped[0]), most[1].max(cropped[1])];
         shot.camera = camera;
@@ -104,6 +155,7 @@ fn resize(shots: &mut [Shot], size_px: [u32; 2], console: &Console) {
             console.note(&format!("{width}x{height}: {:.1} % of the {side} of the views is cropped, {ends} alike", 100.0 * part));
         }
     }
+    Ok(())
 }
 
 /// Writes the cameras of a path beside its frames, unless they are there.

@@ -45,6 +45,12 @@ pub(super) struct Outlines<S: Simd> {
 pub(super) struct SplatBits([[i32; LANES]; 2]);
 
 impl SplatBits {
+    /// Converts a word of bits for each splat.
+    pub(super) fn from_words(words: &[u64; LANES]) -> Self {
+        let half = |shift: u32| words.map(|word| ((word >> shift) as u32).cast_signed());
+        Self([half(0), half(u32::BITS)])
+    }
+
     /// Returns both halves of a splat's bits.
     #[inline(always)]
     pub(super) fn halves(&self, lane: usize) -> [u32; 2] {

@@ -22,6 +22,7 @@ use super::bin::ScreenSplats;
 use super::project::{Footprint, MARGIN_PX};
 use crate::lanes::{LANES, Lanes, V, with_simd};
 use crate::prefetch::{AHEAD, prefetch};
+use crate::rays::RayTable;
 use crate::view::ScreenCamera;
 
 pub(crate) use self::cover::WORD;
@@ -40,7 +41,8 @@ pub(crate) struct Entry {
     pub(crate) log2_threshold: f32,
     /// Place in the tile's bin, where its gradient is stored.
     pub(crate) place: u32,
-    padding: u32,
+    /// See [`Footprint::last`].
+    last: f32,
 }
 
 /// The splats of a tile.
@@ -72,7 +74,12 @@ impl TileList {
         let origin_px = camera.tile_origin_px(tile).map(|v| v as f32);
         self.splats.clear();
         self.splats.extend(bins.tile(tile));
-        with_simd!(level, simd => self.find_blocks(simd, footprints, origin_px));
+        match &camera.rays {
+            None => with_simd!(level, simd => self.find_blocks(simd, footprints, origin_px)),
+            Some(rays) => with_simd!(level, simd => self.find_blocks_of_rays(simd, footprints, rays, tile)),
+        }
+        // Rays are the same for all tiles.
+        let origin_px = if camera.rays.is_some() { [0.0; 2] } else { origin_px };
         let depths: &[u32] = &bytemuck::cast_slice(&self.depths)[..self.splats.len()];
         let order = self.order.ascending(depths);
         self.entries.clear();
@@ -100,6 +107,24 @@ impl TileList {
     #[inline(always)]
     pub(crate) fn word(&self, word: usize, block: usize) -> u64 {
         self.cover[word / (GROUP / WORD)].word(word % (GROUP / WORD), block)
+    }
+
+    /// Finds the depths and the touched blocks of a tile whose pixels are rays, in the order of the
+    /// bin.
+    #[inline(always)]
+    fn find_blocks_of_rays<S: Simd>(&mut self, simd: S, footprints: &[Footprint], rays: &RayTable, tile: usize) {
+        self.depths.clear();
+        self.blocks.clear();
+        for splats in self.splats.chunks(LANES) {
+            let (mut words, mut depths) = ([0; LANES], Lanes::ZERO);
+            for ((splat, word), depth) in splats.iter().zip(&mut words).zip(&mut depths.0) {
+                let footprint = &footprints[*splat as usize];
+                *depth = footprint.depth;
+                *word = footprint.touch().map_or(0, |splat| rays.touched_blocks(simd, &splat, tile));
+            }
+            self.blocks.push(SplatBits::from_words(&words));
+            self.depths.push(depths);
+        }
     }
 
     /// Finds the depths and the touched blocks, in the order of the bin.
@@ -141,7 +166,24 @@ impl Entry {
             radiance: f.radiance,
             log2_threshold: f.log2_threshold,
             place: place as u32,
-            padding: 0,
+            last: f.last,
         }
+    }
+
+    /// Returns the second and third number of the triangular root on the plane, of which the rows
+    /// of the matrix are made.
+    #[inline(always)]
+    pub(crate) fn root_of_rows(&self) -> [f32; 2] {
+        let [a, b] = self.rows();
+        let dot = |a: [f32; 3], b: [f32; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+        let last = dot(b, b).sqrt().max(f32::MIN_POSITIVE);
+        [dot(a, b) / last, last]
+    }
+
+    /// Returns the rows of the matrix: see [`Footprint::rows`].
+    #[inline(always)]
+    pub(crate) fn rows(&self) -> [[f32; 3]; 2] {
+        let ([a, b], [c, d, e]) = (self.mean_px, self.root);
+        [[a, b, c], [d, e, self.last]]
     }
 }

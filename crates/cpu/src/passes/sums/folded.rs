@@ -12,28 +12,28 @@ use crate::lanes::{Lanes, V};
 /// The two halves of a vector. Sums over lanes begin by adding them, so later products take half a
 /// vector.
 #[derive(Clone, Copy)]
-struct Halves<S: Simd>([f32x8<S>; 2]);
+pub(super) struct Halves<S: Simd>(pub(super) [f32x8<S>; 2]);
 
 impl<S: Simd> Halves<S> {
     #[inline(always)]
-    fn new(v: V<S>) -> Self {
+    pub(super) fn new(v: V<S>) -> Self {
         let (low, high) = v.0.split();
         Self([low, high])
     }
 
     #[inline(always)]
-    fn times(self, other: Self) -> Self {
+    pub(super) fn times(self, other: Self) -> Self {
         Self([self.0[0] * other.0[0], self.0[1] * other.0[1]])
     }
 
     #[inline(always)]
-    fn sum(self) -> f32x8<S> {
+    pub(super) fn sum(self) -> f32x8<S> {
         self.0[0] + self.0[1]
     }
 
     /// Returns the product, with the two halves added.
     #[inline(always)]
-    fn dot(self, other: Self) -> f32x8<S> {
+    pub(super) fn dot(self, other: Self) -> f32x8<S> {
         self.0[1].mul_add(other.0[1], self.0[0] * other.0[0])
     }
 }
@@ -67,7 +67,7 @@ pub(super) fn add_folded<S: Simd, const ABSOLUTE: bool>(
 
 /// Sums each of the half vectors over its lanes and adds the sums to an entry's.
 #[inline(always)]
-fn add_halves<S: Simd>(simd: S, sums: [f32x8<S>; SUMS], out: &mut EntryGradient) {
+pub(super) fn add_halves<S: Simd>(simd: S, sums: [f32x8<S>; SUMS], out: &mut EntryGradient) {
     let quarter = |half: f32x8<S>| -> f32x4<S> {
         let (low, high) = half.split();
         low + high

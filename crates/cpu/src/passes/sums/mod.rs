@@ -11,15 +11,17 @@
 //! it holds eight.
 
 mod folded;
+mod of_rays;
 mod transposed;
 
 use bytemuck::{Pod, Zeroable};
 use fearless_simd::Simd;
 
 use folded::add_folded;
+use of_rays::add_sums_of_rays;
 use transposed::add_transposed;
 
-use super::rasterize::SplatAtPixels;
+use super::rasterize::{Centers, Pixels, Rays, SplatAtPixels};
 use super::sort::Entry;
 use crate::lanes::{LANES, Lanes, is_one_register};
 
@@ -30,7 +32,7 @@ use crate::lanes::{LANES, Lanes, is_one_register};
 pub(crate) struct EntryGradient {
     /// g.
     pub(crate) log_alpha: f32,
-    /// g u, g v.
+    /// g u, g v; for rays, times the cosine between ray and splat.
     pub(crate) first: [f32; 2],
     /// g u^2, g u v, g v^2.
     pub(crate) second: [f32; 3],
@@ -51,6 +53,8 @@ pub(crate) struct Staged {
     /// For [`folded`]: whitened offsets from the centre.
     u: [Lanes; LANES],
     v: [Lanes; LANES],
+    /// For rays: cosines between the rays and the splat.
+    facing: [Lanes; LANES],
     /// For [`transposed`]: the first eight fields of each entry, from which the offsets follow.
     fields: [Lanes; LANES / 2],
     /// In turn: log2(alpha), alpha / (1 - alpha), g.
@@ -63,6 +67,7 @@ impl Staged {
     pub(crate) const ZERO: Self = Self {
         u: [Lanes::ZERO; LANES],
         v: [Lanes::ZERO; LANES],
+        facing: [Lanes::ZERO; LANES],
         fields: [Lanes::ZERO; LANES / 2],
         share: [Lanes::ZERO; LANES],
         weight: [Lanes::ZERO; LANES],
@@ -70,7 +75,7 @@ impl Staged {
 
     /// Stores what the sums need of pick number `i`.
     #[inline(always)]
-    pub(crate) fn stage<S: Simd>(&mut self, i: usize, entry: &Entry, splat: &SplatAtPixels<S>) {
+    fn stage<S: Simd>(&mut self, i: usize, entry: &Entry, splat: &SplatAtPixels<S>) {
         if is_one_register::<S>() {
             self.keep_fields(i, entry);
         } else {
@@ -103,9 +108,42 @@ pub(crate) struct SummedSplats<'a> {
     pub(crate) colors: &'a [Lanes; 3],
 }
 
+/// Pixels over which sums are computed.
+pub(crate) trait Summed<S: Simd>: Pixels<S> {
+    /// Stores what the sums need of pick number `i`.
+    fn stage(staged: &mut Staged, i: usize, entry: &Entry, splat: &SplatAtPixels<S>);
+    /// Adds the sums of staged splats to their entries' gradients, `out`.
+    fn add_sums<const ABSOLUTE: bool>(simd: S, splats: &SummedSplats<'_>, staged: &Staged, out: &mut [EntryGradient]);
+}
+
+impl<S: Simd> Summed<S> for Centers<S> {
+    #[inline(always)]
+    fn stage(staged: &mut Staged, i: usize, entry: &Entry, splat: &SplatAtPixels<S>) {
+        staged.stage(i, entry, splat);
+    }
+
+    #[inline(always)]
+    fn add_sums<const ABSOLUTE: bool>(simd: S, splats: &SummedSplats<'_>, staged: &Staged, out: &mut [EntryGradient]) {
+        add_sums::<_, ABSOLUTE>(simd, splats, staged, out);
+    }
+}
+
+impl<S: Simd> Summed<S> for Rays<S> {
+    #[inline(always)]
+    fn stage(staged: &mut Staged, i: usize, entry: &Entry, splat: &SplatAtPixels<S>) {
+        staged.keep_offsets(i, splat);
+        (splat.facing * Self::facing_scale(entry)).store(&mut staged.facing[i]);
+    }
+
+    #[inline(always)]
+    fn add_sums<const ABSOLUTE: bool>(simd: S, splats: &SummedSplats<'_>, staged: &Staged, out: &mut [EntryGradient]) {
+        add_sums_of_rays::<_, ABSOLUTE>(simd, splats, staged, out);
+    }
+}
+
 /// Adds the sums of staged splats to their entries' gradients, `out`.
 #[inline(always)]
-pub(crate) fn add_sums<S: Simd, const ABSOLUTE: bool>(simd: S, splats: &SummedSplats<'_>, staged: &Staged, out: &mut [EntryGradient]) {
+fn add_sums<S: Simd, const ABSOLUTE: bool>(simd: S, splats: &SummedSplats<'_>, staged: &Staged, out: &mut [EntryGradient]) {
     if is_one_register::<S>() {
         add_transposed::<_, ABSOLUTE>(simd, splats, staged, out);
     } else {
@@ -150,7 +188,7 @@ mod tests {
                     for (i, index) in picks.iter().enumerate() {
                         let entry = &entries[*index as usize];
                         staged.keep_fields(i, entry);
-                        staged.keep_offsets(i, &SplatAtPixels::new(simd, entry, pixel_centers(simd, block)));
+                        staged.keep_offsets(i, &Centers(pixel_centers(simd, block)).evaluate(simd, entry));
                     }
                     let splats = SummedSplats { entries: &entries, picks: &picks, block, colors: &colors };
                     add_folded::<_, true>(simd, &splats, &staged, &mut folded);

@@ -1,0 +1,77 @@
+//! Fisheyes, panoramas and pairs for two eyes: rendered from a run, trained as they are, and the
+//! lamps of a probe.
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail the test")]
+
+mod common;
+
+use common::Workplace;
+use luxel_core::Image;
+use luxel_io::{ReadOptions, read_image};
+use serde_json::{Value, json};
+
+fn image(place: &Workplace, name: &str) -> Image {
+    read_image(&place.path(name), &ReadOptions::default()).unwrap().image
+}
+
+fn light(image: &Image) -> f64 {
+    image.pixels.iter().flatten().map(|v| f64::from(*v)).sum()
+}
+
+#[test]
+fn a_run_is_rendered_with_other_lenses_and_trained_on_what_they_show() {
+    let place = Workplace::new();
+    place.train("run", &[]);
+    let render = |args: &[&str]| place.ok(&[&["render", "run", "--overwrite"][..], args].concat());
+    render(&["--projection", "equirectangular", "--at", "0,0,1.2", "--size", "64x32", "-o", "panorama"]);
+    let panorama = image(&place, "panorama/panorama.exr");
+    assert_eq!([panorama.width, panorama.height], [64, 32]);
+    assert!(light(&panorama) > 0.0);
+    render(&["--projection", "fisheye", "--fov", "200", "--size", "40x40", "--split", "all", "--stereo", "0.1", "-o", "domes"]);
+    let eyes = ["left", "right"].map(|eye| image(&place, &format!("domes/000_{eye}.exr")));
+    assert!(eyes[0] != eyes[1] && light(&eyes[0]) > 0.0);
+    // Beyond the circle there is nothing.
+    assert_eq!(eyes[0].at(0, 0), [0.0; 3]);
+
+    // A data set of fisheyes: the cameras of the run with another lens.
+    let text = std::fs::read_to_string(place.path("data/transforms.json")).unwrap();
+    let mut cameras: Value = serde_json::from_str(&text).unwrap();
+    for key in ["camera_angle_x", "fl_y", "k1"] {
+        cameras.as_object_mut().unwrap().remove(key);
+    }
+    for (key, value) in [("camera_model", json!("OPENCV_FISHEYE")), ("fl_x", json!(12.0)), ("w", json!(40)), ("h", json!(40))] {
+        cameras[key] = value;
+    }
+    for (key, value) in [("cx", json!(20)), ("cy", json!(20)), ("fisheye_crop_radius", json!(18)), ("fl_y", json!(12.0))] {
+        cameras[key] = value;
+    }
+    std::fs::create_dir(place.path("lens")).unwrap();
+    std::fs::write(place.path("lens/transforms.json"), cameras.to_string()).unwrap();
+    render(&["--cameras", "lens/transforms.json", "-o", "lens/images"]);
+    let said = place.ok(&["info", "lens"]);
+    assert!(said.contains("40"), "{said}");
+    place.ok(&["train", "lens", "-o", "wide", "--iterations", "30", "--device", "cpu"]);
+    place.ok(&["eval", "wide"]);
+    place.ok(&["render", "wide", "-o", "again"]);
+
+    place.error(&["render", "run", "--projection", "equirectangular", "--size", "64x64", "-o", "x"], &["expected 64 x 32"]);
+    place.error(&["render", "wide", "--size", "80x80", "-o", "x"], &["fisheye projection", "--projection"]);
+    place.fails(2, &["render", "run", "--at", "0,0,0", "-o", "x"]);
+    place.fails(2, &["render", "run", "--projection", "fisheye", "--at", "0,0,0", "--split", "all", "-o", "x"]);
+}
+
+#[test]
+fn a_probe_has_coverage_a_preview_and_lamps() {
+    let place = Workplace::new();
+    place.train("run", &[]);
+    let probe = ["probe", "run", "--at", "0,0,1.2", "--size", "128", "-o", "probe.exr"];
+    let told = place.events(&[&probe[..], &["--alpha", "--tonemap", "agx", "--exposure", "1"]].concat(), "finished");
+    assert!(place.path("probe.png").is_file());
+    let lights = told[0]["lights"].as_array().unwrap();
+    for light in lights {
+        assert!(light["solid_angle_sr"].as_f64().unwrap() > 0.0 && light["irradiance"].as_array().unwrap().len() == 3, "{light}");
+    }
+    let decoded = read_image(&place.path("probe.exr"), &ReadOptions::default()).unwrap();
+    let alpha = decoded.alpha.unwrap();
+    assert!(alpha.iter().all(|a| (-1e-6..=1.0 + 1e-6).contains(a)) && alpha.iter().any(|a| *a > 0.5));
+    place.error(&[&probe[..], &["--tonemap", "agx"]].concat(), &["exists already"]);
+}

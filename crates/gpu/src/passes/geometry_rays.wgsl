@@ -1,0 +1,130 @@
+// The geometry of a splat up to the plane across its direction, where pixels are rays: the twin of
+// geometry.wgsl. Twin: cpu/passes/project_rays.rs. It uses `camera`, `lens`, `shard` and
+// `parameters`, with rows in the order of layout.rs.
+
+fn parameter(row: u32, i: u32) -> f32 {
+    return parameters[row * shard.stride + i];
+}
+
+fn parameter3(row: u32, i: u32) -> vec3f {
+    return vec3f(parameter(row, i), parameter(row + 1u, i), parameter(row + 2u, i));
+}
+
+struct Projection {
+    // Direction in camera space, 1 where its z is not negative or else -1, and the distance.
+    unit: vec3f,
+    sign: f32,
+    depth: f32,
+    inverse_distance: f32,
+    basis: PlaneBasis,
+    // Squared side of a pixel in radians, and its derivative by the cosine to the axis.
+    pixel_angle: vec2f,
+    // Variance that the pixel adds.
+    dilation: f32,
+    // w x y z, unit, and the reciprocal of the raw one's length.
+    quaternion: vec4f,
+    inverse_length: f32,
+    // Rows of the splat's rotation matrix.
+    axes_0: vec3f,
+    axes_1: vec3f,
+    axes_2: vec3f,
+    // Standard deviations of the parameters, and with the 3D filter.
+    raw_sigma: vec3f,
+    sigma: vec3f,
+    // J R_camera, [2,3].
+    jacobian_x: vec3f,
+    jacobian_y: vec3f,
+    // Jacobian times axes, and scaled by sigma.
+    screen_x: vec3f,
+    screen_y: vec3f,
+    root_x: vec3f,
+    root_y: vec3f,
+    // Dilated covariance xx, xy, yy and its determinant; determinant before dilation.
+    covariance: vec3f,
+    determinant: f32,
+    determinant_before: f32,
+    opacity: f32,
+    compensation: f32,
+    filter_factor: f32,
+}
+
+// Returns a direction of camera space in the world.
+fn in_world(v: vec3f) -> vec3f {
+    return v.x * camera.row_x.xyz + v.y * camera.row_y.xyz + v.z * camera.row_z.xyz;
+}
+
+fn project_splat(i: u32) -> Projection {
+    var p: Projection;
+    let position = parameter3(ROW_POSITION, i);
+    let point = vec3f(
+        dot(camera.row_x.xyz, position) + camera.row_x.w,
+        dot(camera.row_y.xyz, position) + camera.row_y.w,
+        dot(camera.row_z.xyz, position) + camera.row_z.w,
+    );
+    p.depth = sqrt(max(dot(point, point), 1e-30));
+    p.inverse_distance = 1.0 / p.depth;
+    p.unit = point * p.inverse_distance;
+    p.sign = select(-1.0, 1.0, p.unit.z >= 0.0);
+    p.basis = plane_basis(p.unit, p.sign);
+    p.pixel_angle = pixel_angle(p.unit.z);
+    p.dilation = p.pixel_angle.x * camera.dilation_px2;
+
+    let raw = vec4f(
+        parameter(ROW_ROTATION, i),
+        parameter(ROW_ROTATION + 1u, i),
+        parameter(ROW_ROTATION + 2u, i),
+        parameter(ROW_ROTATION + 3u, i),
+    );
+    p.inverse_length = 1.0 / sqrt(max(dot(raw, raw), 1e-30));
+    p.quaternion = raw * p.inverse_length;
+    let axes = rotation_rows(p.quaternion);
+    p.axes_0 = axes[0];
+    p.axes_1 = axes[1];
+    p.axes_2 = axes[2];
+
+    p.raw_sigma = exp(parameter3(ROW_LOG_SCALE, i));
+    p.sigma = p.raw_sigma;
+    p.filter_factor = 1.0;
+    if ((camera.flags & FLAG_SMOOTHING) != 0u) {
+        let f = parameter(ROW_SMOOTHING, i);
+        p.sigma = sqrt(p.raw_sigma * p.raw_sigma + f * f);
+        let ratio = p.raw_sigma / p.sigma;
+        p.filter_factor = ratio.x * ratio.y * ratio.z;
+    }
+
+    p.jacobian_x = in_world(p.basis.x) * p.inverse_distance;
+    p.jacobian_y = in_world(p.basis.y) * p.inverse_distance;
+    p.screen_x = p.jacobian_x.x * axes[0] + p.jacobian_x.y * axes[1] + p.jacobian_x.z * axes[2];
+    p.screen_y = p.jacobian_y.x * axes[0] + p.jacobian_y.y * axes[1] + p.jacobian_y.z * axes[2];
+    p.root_x = p.screen_x * p.sigma;
+    p.root_y = p.screen_y * p.sigma;
+
+    let dilation = p.dilation;
+    let before = vec3f(dot(p.root_x, p.root_x), dot(p.root_x, p.root_y), dot(p.root_y, p.root_y));
+    // |a|^2 |b|^2 - (a.b)^2 = |a x b|^2 (Lagrange): no cancellation for thin ellipses.
+    let area = cross(p.root_x, p.root_y);
+    p.determinant_before = dot(area, area);
+    p.determinant = (before.x + before.z) * dilation + (p.determinant_before + dilation * dilation);
+    p.covariance = vec3f(before.x + dilation, before.y, before.z + dilation);
+    p.compensation = 1.0;
+    if ((camera.flags & FLAG_COMPENSATION) != 0u) {
+        p.compensation = sqrt(max(p.determinant_before / p.determinant, MIN_AREA_RATIO));
+    }
+    p.opacity = 1.0 / (1.0 + exp(-parameter(ROW_OPACITY, i)));
+    return p;
+}
+
+// Triangular root M of the inverse covariance: M = [[m.x, m.y], [0, m.z]], M^T M = covariance^-1.
+fn inverse_root(p: Projection) -> vec3f {
+    let xy = p.covariance.y;
+    let yy = p.covariance.z;
+    let m = sqrt(yy / p.determinant);
+    return vec3f(m, -(m * xy / yy), 1.0 / sqrt(yy));
+}
+
+// Unit vector from the camera to the splat, and the reciprocal of the distance.
+fn view_direction(i: u32) -> vec4f {
+    let offset = parameter3(ROW_POSITION, i) - camera.eye.xyz;
+    let inverse_distance = 1.0 / sqrt(max(dot(offset, offset), 1e-30));
+    return vec4f(offset * inverse_distance, inverse_distance);
+}

@@ -1,0 +1,79 @@
+// Pass `project` where pixels are rays: projects splats to the plane across their direction, with
+// pass `color` for visible splats. Twin: cpu/passes/project_rays.rs.
+//
+// One thread per splat of the shard. In: parameters [rows, stride], camera, lens. Out: as
+// project.wgsl; depth is the distance.
+
+@group(0) @binding(0) var<uniform> camera: Camera;
+@group(0) @binding(1) var<uniform> shard: Shard;
+@group(0) @binding(2) var<storage, read> parameters: array<f32>;
+@group(0) @binding(3) var<storage, read_write> footprints: array<Footprint>;
+@group(0) @binding(4) var<storage, read_write> depth_keys: array<u32>;
+@group(0) @binding(5) var<storage, read_write> places: array<vec2u>;
+
+// The bits of positive floats have the order of the numbers. Counted from the near plane, and
+// halved, 27 of them reach 32 octaves beyond it. A near plane closer than 2^-16 would leave none
+// for common depths: then the octaves are those around 1, and all nearer depths share one key.
+fn depth_key(depth: f32) -> u32 {
+    let bits = bitcast<u32>(depth);
+    let near = bitcast<u32>(max(camera.near, 1.52587890625e-5));
+    return min((max(bits, near) - near) >> 1u, CULLED_KEY - 1u);
+}
+
+@compute @workgroup_size(256)
+fn project(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_index) local: u32) {
+    let i = group_index(workgroup) * 256u + local;
+    if (i >= shard.len) {
+        return;
+    }
+    let splat = shard.base + i;
+    depth_keys[splat] = CULLED_KEY;
+    places[splat] = vec2u(0u);
+
+    let p = project_splat(i);
+    let opacity = p.opacity * p.compensation * p.filter_factor;
+    // A splat whose largest possible footprint misses the field skips colour and the rest.
+    let floor_alpha = min(camera.alpha_floor, camera.min_alpha);
+    let widest = log(max(opacity / floor_alpha, 1.0)) * 2.0;
+    let reach = sqrt((p.covariance.x + p.covariance.z) * widest);
+    if (!(p.depth >= camera.near && opacity >= floor_alpha && p.unit.z + reach >= lens.least_cosine)) {
+        return;
+    }
+
+    let direction = view_direction(i);
+    var basis = sh_basis(min(camera.active_degree, MAX_MODEL_DEGREE), direction.xyz);
+    let radiance = radiance_of(response(&basis, i));
+    let brightest = max(radiance.x, max(radiance.y, radiance.z));
+    var threshold = camera.min_alpha;
+    if ((camera.flags & FLAG_MIN_CONTRIBUTION) != 0u) {
+        threshold = min(camera.min_contribution / max(brightest, 1e-30), camera.min_alpha);
+    }
+    threshold = max(threshold, camera.alpha_floor);
+    let log2_opacity = log(max(opacity, 1e-30)) * LOG2_E;
+    let log2_threshold = log(threshold) * LOG2_E;
+    if (!(log2_opacity > log2_threshold)) {
+        return;
+    }
+    let root = inverse_root(p) * SQRT_HALF_LOG2_E;
+    let finite = is_finite(root.x) && is_finite(root.y) && is_finite(root.z) && is_finite(brightest);
+    if (!(finite && root.x > 0.0 && root.z > 0.0)) {
+        return;
+    }
+    var f: Footprint;
+    f.mean_px = encode_direction(p.unit);
+    f.root_x = p.sign * root.x;
+    f.root_xy = root.y;
+    f.root_y = root.z;
+    f.log2_opacity = log2_opacity;
+    f.log2_threshold = log2_threshold;
+    f.red = radiance.x;
+    f.green = radiance.y;
+    f.blue = radiance.z;
+    let box = touched_box(f, camera.tiles);
+    let touched = (box.z - box.x) * (box.w - box.y);
+    footprints[splat] = f;
+    places[splat] = vec2u(0u, touched);
+    if (touched > 0u) {
+        depth_keys[splat] = depth_key(p.depth);
+    }
+}
