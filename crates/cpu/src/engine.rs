@@ -185,7 +185,7 @@ impl Engine for CpuEngine {
     }
 
     fn camera_gradient(&mut self, view: &View, step: &StepConfig) -> Result<StepReport, EngineError> {
-        let camera = checked_view(view, step)?;
+        let camera = checked_view(view, step, &mut self.lenses)?;
         Ok(self.pool.install(|| self.state.camera_gradient(&camera, view, step)))
     }
 

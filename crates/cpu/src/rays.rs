@@ -139,6 +139,11 @@ impl RayTable {
         }
     }
 
+    /// Returns about how much memory the table takes.
+    fn bytes(&self) -> usize {
+        size_of_val(self.rays.as_slice()) + size_of_val(self.blocks.as_slice())
+    }
+
     /// Returns the rays of a block of a tile.
     #[inline(always)]
     pub(crate) fn block<S: Simd>(&self, simd: S, tile: usize, block: usize) -> [V<S>; 3] {
@@ -195,8 +200,8 @@ impl RayTable {
 #[derive(Default)]
 pub(crate) struct Lenses(Vec<(Camera, Arc<RayTable>)>);
 
-/// Tables that are kept.
-const MOST_LENSES: usize = 4;
+/// Memory that the tables of other lenses than the present one may take, bytes.
+const KEPT_BYTES: usize = 512 << 20;
 
 impl Lenses {
     /// Returns the rays of a valid camera.
@@ -206,8 +211,11 @@ impl Lenses {
         let entry = match found {
             Some(at) => self.0.remove(at),
             None => {
-                // Before the new one is made, so that no more than these are held.
-                self.0.truncate(MOST_LENSES - 1);
+                let mut bytes = 0;
+                self.0.retain(|(_, rays)| {
+                    bytes += rays.bytes();
+                    bytes <= KEPT_BYTES
+                });
                 let rays = Arc::new(RayTable::new(&lens));
                 (lens, rays)
             }

@@ -64,18 +64,8 @@ const COLOR_BACKWARD: &str = file!("color_backward");
 const PROJECT_BACKWARD: &str = file!("project_backward");
 const SORT: &[&str] = &[COMMON, file!("sort")];
 const BIN: &[&str] = &[COMMON, FOOTPRINT, file!("bin")];
-const CAMERA_BACKWARD: &[&str] = &[
-    COMMON,
-    ROTATION,
-    GEOMETRY,
-    COLOR,
-    ADAM,
-    NOISE,
-    COLOR_BACKWARD,
-    file!("point_backward"),
-    PROJECT_BACKWARD,
-    file!("camera_backward"),
-];
+const CAMERA_BACKWARD: &[&str] =
+    &[COMMON, ROTATION, GEOMETRY, COLOR, ADAM, NOISE, COLOR_BACKWARD, file!("point_backward"), PROJECT_BACKWARD, file!("camera_backward")];
 const CAMERA_BACKWARD_RAYS: &[&str] = &[
     COMMON,
     LENS,

@@ -120,7 +120,8 @@ fn check_focal(dataset: &Dataset, config: &TrainConfig) -> Result<(), TrainError
     match dataset.train.iter().find(is_wide).filter(|_| config.refine_focal) {
         Some(view) => {
             let kind = if view.camera.projection == CameraProjection::Equirectangular { "panorama" } else { "fisheye" };
-            let reason = format!("view {} is a {kind}, expected pinhole cameras, whose focal lengths are optimised; leave it out", view.name);
+            let reason =
+                format!("view {} is a {kind}, expected pinhole cameras, whose focal lengths are optimised; leave it out", view.name);
             Err(TrainError::config("refine_focal", reason))
         }
         None => Ok(()),
