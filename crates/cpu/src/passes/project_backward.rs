@@ -300,16 +300,22 @@ fn block_backward<S: Simd>(
         let (x, y) = (by_center[i][0] * ndc[0], by_center[i][1] * ndc[1]);
         (x * x + y * y).sqrt().lanes()
     });
-    // Centre and Jacobian are proportional to the focal length; the root is to the Jacobian.
-    let inverse_z = c(1.0) / p.point[2];
-    let by_focal_px = each!([0, 1] i => {
-        let d = (d_mean[i] * p.point[i]).mul_add(inverse_z, dot(d_root[i], p.root[i]) * (1.0 / camera.focal_px[i]));
-        finite(d)
-    });
+    let by_focal_px = focal_backward(camera, &p, d_mean, each!([0, 1] i => dot(d_root[i], p.root[i])));
     BlockBackward {
         norms,
         camera: CameraParts { by_projection: each!([0, 1, 2] i => { let d = by_projection[i]; finite(d) }), by_focal_px },
     }
+}
+
+/// Computes the gradient by the focal lengths of a pinhole: centre and Jacobian are proportional to
+/// them, and the root is to the Jacobian. `by_root` is the root times the gradient by it, by row.
+#[inline(always)]
+fn focal_backward<S: Simd>(camera: &ScreenCamera, p: &Projection<S>, d_mean: [V<S>; 2], by_root: [V<S>; 2]) -> [V<S>; 2] {
+    let inverse_z = p.point[2].lift(1.0) / p.point[2];
+    each!([0, 1] i => {
+        let d = (d_mean[i] * p.point[i]).mul_add(inverse_z, by_root[i] * (1.0 / camera.focal_px[i]));
+        finite(d)
+    })
 }
 
 /// Replaces numbers that are not finite by zero: a splat that is culled for overflow has zero

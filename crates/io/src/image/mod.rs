@@ -1,8 +1,8 @@
 //! Image files: bytes in, linear f32 radiance [H,W,3] out, and back.
 //!
-//! In: OpenEXR, Radiance HDR, TIFF, PNG, JPEG, DPX, NumPy arrays, recognised by their first bytes. Out:
-//! [`DecodedImage`], scene-linear, unclamped; NaN, infinite and negative samples stay as they are
-//! (the data set masks them). Rows and columns are as stored: orientation tags are not applied,
+//! In: OpenEXR, Radiance HDR, TIFF, PNG, JPEG, DPX, NumPy arrays, recognised by their first bytes.
+//! Out: [`DecodedImage`], scene-linear, unclamped; NaN, infinite and negative samples stay as they
+//! are (the data set masks them). Rows and columns are as stored: orientation tags are not applied,
 //! since structure from motion does not apply them either.
 //!
 //! Integer samples need a transfer curve: given by [`ReadOptions`], the file, or the format's

@@ -55,18 +55,19 @@ impl Pairing {
 impl Colmap {
     /// Refuses features and mappers that the installed version lacks.
     pub(super) fn check(&self, options: MotionOptions, matching: Matching) -> Result<()> {
+        // The words that the book explains.
         let lacks = |what: &str, needs: &'static str, option: &'static str, value: &'static str| {
             let remedy = Remedy::advice(needs).or(Remedy::set(option, value));
-            Err(Error::new(format!("{} ({}) has no {what}", self.program.display(), self.version)).with_remedy(remedy))
+            Err(Error::new(format!("{} ({}) {what}", self.program.display(), self.version)).with_remedy(remedy))
         };
         if options.features == Features::Aliked && !self.abilities.aliked {
-            return lacks("ALIKED features", "install COLMAP 4.0 or newer, built with ONNX", "features", "sift");
+            return lacks("has no ALIKED features", "install COLMAP 4.0 or newer, built with ONNX", "features", "sift");
         }
         if options.mapper == Mapper::Global && !self.abilities.global_mapper {
-            return lacks("global mapper", "install COLMAP 4.0 or newer (pip install pycolmap)", "mapper", "incremental");
+            return lacks("has no global mapper", "install COLMAP 4.0 or newer (pip install pycolmap)", "mapper", "incremental");
         }
         if matching == Matching::Spatial && !self.abilities.pairs {
-            return lacks("matching of listed pairs", "install COLMAP 3.12 or newer", "matching", "exhaustive");
+            return lacks("has no matching of listed pairs", "install COLMAP 3.12 or newer", "matching", "exhaustive");
         }
         Ok(())
     }
