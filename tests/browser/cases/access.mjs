@@ -1,7 +1,10 @@
-// The page for everybody: contrast of text.
+// The page for everybody: contrast of text, many cameras.
 
 import assert from "node:assert/strict";
-import { at, open, settled } from "../harness.mjs";
+import { cpSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from "node:fs";
+import { tmpdir } from "node:os";
+import path from "node:path";
+import { at, open, run, scene, serve, settled, shot } from "../harness.mjs";
 
 /** Least contrast of text of this size, WCAG 2.1 level AA. */
 const AA = 4.5;
@@ -59,5 +62,49 @@ export default {
       assert.deepEqual(found.filter(({ contrast }) => contrast < AA), []);
     }
     await page.close();
+  },
+
+  async "of 300 cameras only the pictures that are near are loaded"() {
+    const folder = mkdtempSync(path.join(tmpdir(), "luxel-many-"));
+    cpSync(path.join(run, "dataset"), folder, { recursive: true });
+    // The same photographs over and over, as other views.
+    const whole = JSON.parse(readFileSync(path.join(folder, "transforms.json"), "utf8"));
+    const frames = Array.from({ length: 300 }, (_, i) => ({ ...whole.frames[i % whole.frames.length], number: i }));
+    const digits = (i) => String(i).padStart(3, "0");
+    for (const [i, frame] of frames.entries()) {
+      const extension = path.extname(frame.file_path);
+      const copy = path.join("views", `${digits(i)}${extension}`);
+      cpSync(path.join(folder, frame.file_path), path.join(folder, copy));
+      Object.assign(frame, { file_path: copy });
+      delete frame.number;
+    }
+    for (const name of ["transforms_train.json", "transforms_test.json", "split.json"]) rmSync(path.join(folder, name), { force: true });
+    writeFileSync(path.join(folder, "transforms.json"), JSON.stringify({ ...whole, frames }));
+    const many = serve("127.0.0.1:0", run, "--data", folder);
+    try {
+      const address = await many.url;
+      const facts = await (await fetch(`${address}api/scene`)).json();
+      assert.equal(facts.cameras.length, 300);
+      const asked = new Set();
+      const page = await open("", { at: address, prepare: (page) => page.on("request", (request) => request.url().includes("/api/thumbnail") && asked.add(request.url())) });
+      assert.equal(await page.locator("#strip button").count(), 300);
+      await page.waitForFunction(() => document.querySelector("#strip img").complete && document.querySelector("#strip img").naturalWidth > 0);
+      assert.ok(asked.size > 3 && asked.size < 100, `${asked.size} thumbnails were asked for`);
+      // The last camera is scrolled to, and its picture comes.
+      await page.evaluate(() => window.luxel.standAtNext(-1));
+      await page.waitForFunction(() => {
+        const image = [...document.querySelectorAll("#strip img")].at(-1);
+        const { left, right } = image.getBoundingClientRect();
+        return image.naturalWidth > 0 && left >= 0 && right <= innerWidth + 1;
+      });
+      await settled(page);
+      await shot(page, "many-cameras");
+      assert.ok(asked.size < 200, `${asked.size} thumbnails were asked for`);
+      assert.deepEqual(page.failures, []);
+      await page.close();
+    } finally {
+      many.child.kill();
+      rmSync(folder, { recursive: true, force: true });
+    }
   },
 };
