@@ -1,4 +1,4 @@
-// The page for everybody: contrast of text, many cameras.
+// The page for everybody: contrast of text, the order of the keyboard's focus, many cameras.
 
 import assert from "node:assert/strict";
 import { cpSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from "node:fs";
@@ -61,6 +61,46 @@ export default {
       assert.ok(found.length > 40, `${found.length} texts`);
       assert.deepEqual(found.filter(({ contrast }) => contrast < AA), []);
     }
+    await page.close();
+  },
+
+  async "the focus goes through all controls in the order of the page, is seen, and is caught nowhere"() {
+    // Nothing is clicked before: the focus would begin there.
+    const page = await open(`${at}&edit=${encodeURIComponent("where L > 1 ~1; stops -1")}`);
+    const expected = await page.evaluate(() => {
+      const all = [...document.querySelectorAll("a[href], button, input, select, textarea, [tabindex]")];
+      const usable = all.filter((element) => element.tabIndex >= 0 && !element.disabled && element.checkVisibility({ visibilityProperty: true }));
+      usable.forEach((element, i) => (element.dataset.order = String(i)));
+      return { count: usable.length, positive: all.filter((element) => element.tabIndex > 0).length };
+    });
+    assert.equal(expected.positive, 0);
+    const order = [];
+    const unseen = [];
+    // A page that was never clicked has no place from which the first step goes.
+    await page.evaluate(() => document.querySelector('[data-order="0"]').focus());
+    for (let i = 0; i <= expected.count + 5; i++) {
+      if (i) await page.keyboard.press("Tab");
+      const now = await page.evaluate(() => {
+        const element = document.activeElement;
+        if (!element || element === document.body) return null;
+        const { outlineStyle, outlineWidth } = getComputedStyle(element);
+        const { top, bottom } = element.getBoundingClientRect();
+        return { order: element.dataset.order, name: element.id || element.textContent.trim(), isSeen: outlineStyle !== "none" && parseFloat(outlineWidth) >= 1 && bottom > 0 && top < innerHeight };
+      });
+      if (!now) break;
+      assert.ok(now.order !== undefined, `${now.name} was not expected`);
+      if (order.at(-1) === Number(now.order)) continue;
+      order.push(Number(now.order));
+      if (i && !now.isSeen) unseen.push(now.name);
+    }
+    assert.deepEqual(unseen, []);
+    assert.deepEqual(order, Array.from({ length: expected.count }, (_, i) => i));
+    // Help takes the focus, and gives it back.
+    await page.locator("#open-help").focus();
+    await page.keyboard.press("Enter");
+    assert.ok(await page.evaluate(() => document.getElementById("help").contains(document.activeElement)));
+    await page.keyboard.press("Escape");
+    assert.equal(await page.evaluate(() => document.activeElement.id), "open-help");
     await page.close();
   },
 

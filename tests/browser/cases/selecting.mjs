@@ -5,7 +5,7 @@ import { execFileSync } from "node:child_process";
 import { mkdtempSync, readdirSync, readFileSync, rmSync } from "node:fs";
 import { tmpdir } from "node:os";
 import path from "node:path";
-import { at, camera, luxel, near, open, run, scene, settled, shot, url } from "../harness.mjs";
+import { at, camera, luxel, near, open, run, scene, set, settled, shot, url } from "../harness.mjs";
 import { pixelsOf } from "../png.mjs";
 
 const folder = path.join(run, "edits");
@@ -326,6 +326,32 @@ export default {
     await drop(page, "notes.txt", "nothing");
     await page.waitForFunction(() => document.getElementById("message").textContent.includes("notes.txt"));
     page.failures = page.failures.filter((failure) => !failure.includes("422") && !failure.includes("400"));
+    assert.deepEqual(page.failures, []);
+    await page.close();
+  },
+
+  async "luxel render and luxel edit take the stack that the page saved, and make what it shows"() {
+    const page = await open(`${at}&compare=wipe&edit=${encodeURIComponent(`where L > p60 ~2 and not hue in 180..260 ~20; stops -1.5; where box(${scene.inner_bounds.flat().map((v) => v.toPrecision(5)).join(",")}) ~0.1; power 0.8; delete L < p2`)}`);
+    for (const extension of ["ply", "edits"]) rmSync(path.join(folder, `${stamp}.${extension}`), { force: true });
+    await page.locator("#edit-name").fill(stamp);
+    await page.locator("#save-scene").click();
+    await page.waitForFunction(() => document.getElementById("edit-saved").textContent.includes(".edits"));
+    const file = path.join(folder, `${stamp}.edits`);
+    execFileSync(luxel, ["edit", run, "--edits", file, "-o", path.join(work, "edited.ply"), "--overwrite", "--quiet"]);
+    assert.ok(readFileSync(path.join(work, "edited.ply")).equals(readFileSync(path.join(folder, `${stamp}.ply`))), "luxel edit --edits");
+    execFileSync(luxel, ["render", run, "--split", camera.split, "--edits", file, "--device", "cpu", "-o", path.join(work, "frames"), "--overwrite", "--quiet"]);
+    const rendered = readdirSync(path.join(work, "frames"), { recursive: true }).filter((name) => name.endsWith(`${camera.name.split("/").at(-1)}.exr`));
+    assert.equal(rendered.length, 1);
+    const query = new URLSearchParams({ view: camera.name, edit: await text(page), channels: "rgb" });
+    const shown = Buffer.from(await (await fetch(`${url}api/frame.exr?${query}`)).arrayBuffer());
+    assert.ok(shown.equals(readFileSync(path.join(work, "frames", rendered[0]))), "luxel render --edits");
+    // The page shows the same edits.
+    for (const [x, y] of [[20, 30], [Math.floor(camera.w / 2), Math.floor(camera.h / 2)]]) {
+      const probe = await (await fetch(`${url}api/probe?${new URLSearchParams({ view: camera.name, x, y, edit: await text(page) })}`)).json();
+      const [sample] = await sampled(page, [[(x + 0.5) / camera.w, (y + 0.5) / camera.h]]);
+      near(sample.luminance, probe.luminance, 2e-3 * probe.luminance + 1e-6, `pixel ${x}, ${y}`);
+    }
+    await set(page, { edit: "" });
     assert.deepEqual(page.failures, []);
     await page.close();
   },
