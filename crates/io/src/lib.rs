@@ -44,7 +44,7 @@ pub use checkpoint::{
 };
 pub use confine::{Confinement, check_within, confine};
 pub use dataset::{
-    BoundedPose, DatasetDescription, DatasetFormat, Exposures, ImageMemory, ImagePlan, LoadOptions, LoadProgress, Loading,
+    BoundedPose, CheckPlan, DatasetDescription, DatasetFormat, Exposures, ImageMemory, ImagePlan, LoadOptions, LoadProgress, Loading,
     MAX_RELATIVE_ERROR, MaskSource, MetashapeCameras, PosedCamera, RecordedPose, SplitLists, Supervision, Transforms, TransformsFrame,
     UnknownFormat, VIEWS_IN_USE, colmap, composed, decode_mask, describe_dataset, detect_format, load_dataset, load_dataset_within,
     parse_exposures, parse_metashape, parse_polycam_camera, parse_poses_bounds, parse_realityscan_table, parse_realityscan_xmp,

@@ -7,7 +7,7 @@ use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use luxel_core::BadPixels;
-use luxel_io::{ImageMemory, ImagePlan, LoadOptions, LoadProgress, Loading};
+use luxel_io::{CheckPlan, ImageMemory, ImagePlan, LoadOptions, LoadProgress, Loading};
 
 use crate::error::Context;
 use crate::{Event, ItemKind, Observer, Result, text};
@@ -132,7 +132,7 @@ pub struct ImageLimits<'a> {
     /// whenever they are needed.
     pub cache: Option<&'a Path>,
     /// May refuse the images before one is read, by their number and sizes.
-    pub check: Option<&'a (dyn Fn(&ImagePlan) -> std::result::Result<(), luxel_io::IoError> + Sync)>,
+    pub check: Option<&'a CheckPlan<'a>>,
 }
 
 /// Time after which the reading of a data set is reported view by view.

@@ -166,7 +166,7 @@ mod tests {
         }
         // Small images are taken whole.
         assert_eq!(draw(&full, Crop { side_px: 512, seed: 3 }), Window { corner_px: [0, 0], size_px: [200, 90] });
-        assert_eq!(gradient_factor(&[full.clone()], 512), 1.0);
+        assert_eq!(gradient_factor(std::slice::from_ref(&full), 512), 1.0);
         assert!((gradient_factor(&[full], 50) - (200.0f32 * 90.0 / 2500.0).sqrt()).abs() < 1e-4);
     }
 }

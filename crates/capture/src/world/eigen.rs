@@ -32,8 +32,9 @@ pub(super) fn eigen<const N: usize>(mut a: [[f64; N]; N]) -> [Eigen<N>; N] {
                 for row in &mut a {
                     (row[p], row[q]) = (c * row[p] - s * row[q], s * row[p] + c * row[q]);
                 }
-                for k in 0..N {
-                    (a[p][k], a[q][k]) = (c * a[p][k] - s * a[q][k], s * a[p][k] + c * a[q][k]);
+                let (above, below) = a.split_at_mut(q);
+                for (x, y) in above[p].iter_mut().zip(&mut below[0]) {
+                    (*x, *y) = (c * *x - s * *y, s * *x + c * *y);
                 }
                 for row in &mut v {
                     (row[p], row[q]) = (c * row[p] - s * row[q], s * row[p] + c * row[q]);
@@ -76,11 +77,11 @@ mod tests {
     fn a_matrix_is_put_together_again_from_its_eigenvectors() {
         let m = [[4.0, 1.0, -2.0, 0.5], [1.0, 3.0, 0.0, 1.5], [-2.0, 0.0, -1.0, 0.25], [0.5, 1.5, 0.25, 2.0]];
         let parts = eigen(m);
-        for i in 0..4 {
-            for j in 0..4 {
+        for (i, row) in m.iter().enumerate() {
+            for (j, expected) in row.iter().enumerate() {
                 let sum: f64 = parts.iter().map(|e| e.value * e.vector[i] * e.vector[j]).sum();
                 let orthonormal: f64 = parts.iter().map(|e| e.vector[i] * e.vector[j]).sum();
-                assert!((sum - m[i][j]).abs() < 1e-12 && (orthonormal - f64::from(u8::from(i == j))).abs() < 1e-12);
+                assert!((sum - expected).abs() < 1e-12 && (orthonormal - f64::from(u8::from(i == j))).abs() < 1e-12);
             }
         }
         assert!(parts.windows(2).all(|pair| pair[0].value >= pair[1].value));

@@ -78,7 +78,7 @@ fn crossing(views: &[WorldView], eyes: &[DVec3]) -> Option<DVec3> {
         }
         let parts = eigen3(&matrix);
         // A camera far from the others is not weighed down to where the rest is parallel.
-        if !(parts[2].0 > LEAST_CROSSING * total) {
+        if parts[2].0 <= LEAST_CROSSING * total || parts[2].0.is_nan() {
             return None;
         }
         point = Some(parts.iter().map(|(value, v)| *v * (v.dot(right) / value)).sum());

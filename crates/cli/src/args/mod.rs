@@ -173,7 +173,7 @@ pub(crate) enum Command {
     /// Compare two images, folders of images, or runs, by every metric.
     Compare(CompareArgs),
     /// Render a scene to OpenEXR images in the units of the data set.
-    Render(RenderArgs),
+    Render(Box<RenderArgs>),
     /// Change the light of a scene: map the luminance of all or selected splats and keep their
     /// colours.
     Edit(Box<EditArgs>),

@@ -214,7 +214,7 @@ fn dataset_facts(dataset: &Dataset, words: &DatasetDescription) -> Result<Tree> 
     let views = || dataset.train.iter().chain(&dataset.test);
     let pixels = views().map(View::pixel_count).sum::<u64>() as usize;
     // An odd stride does not fall in step with even image widths.
-    let stride = if pixels > MAX_LUMINANCES { pixels / MAX_LUMINANCES | 1 } else { 1 };
+    let stride = if pixels > MAX_LUMINANCES { (pixels / MAX_LUMINANCES) | 1 } else { 1 };
     let mut luminance = Vec::new();
     for view in views() {
         luminance.extend(valid_luminance(&view.loaded()?, dataset.color_space).step_by(stride));

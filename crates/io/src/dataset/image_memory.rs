@@ -109,6 +109,9 @@ impl From<ImageMemory> for String {
     }
 }
 
+/// A function that may refuse a plan before an image is read.
+pub type CheckPlan<'a> = dyn Fn(&ImagePlan) -> Result<(), IoError> + Sync + 'a;
+
 /// How the images of a data set are held while it is used.
 #[derive(Clone, Copy, Default)]
 pub struct Loading<'a> {
@@ -120,7 +123,7 @@ pub struct Loading<'a> {
     /// Receives what is known before an image is read, and each view that was read.
     pub progress: Option<&'a (dyn Fn(LoadProgress) + Sync)>,
     /// May refuse a plan before an image is read.
-    pub check: Option<&'a (dyn Fn(&ImagePlan) -> Result<(), IoError> + Sync)>,
+    pub check: Option<&'a CheckPlan<'a>>,
 }
 
 /// An event while a data set is read.

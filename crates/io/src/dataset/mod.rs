@@ -65,7 +65,7 @@ use crate::image::Transfer;
 pub use described::{DatasetDescription, describe_dataset};
 pub use detect::detect_format;
 pub use files::composed;
-pub use image_memory::{ImageMemory, ImagePlan, LoadProgress, Loading, VIEWS_IN_USE};
+pub use image_memory::{CheckPlan, ImageMemory, ImagePlan, LoadProgress, Loading, VIEWS_IN_USE};
 pub use layout_llff::{RecordedPose, parse_recorded_poses};
 pub use layout_metashape::{MetashapeCameras, parse_metashape};
 pub use layout_phone::{parse_polycam_camera, parse_record3d};
