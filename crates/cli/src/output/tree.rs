@@ -84,7 +84,8 @@ impl Tree {
                 Fact::Value(Value::Array(items)) if items.iter().any(Value::is_string) => {
                     *out += &format!("{:indent$}{label}\n", "");
                     for item in items {
-                        *out += &format!("{:indent$}  - {}\n", "", value_text(name, item));
+                        let text = fitting(value_text(name, item), indent + 4, indent + 4);
+                        *out += &format!("{:indent$}  - {text}\n", "");
                     }
                 }
                 Fact::Value(value) => {

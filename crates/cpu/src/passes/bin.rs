@@ -13,11 +13,12 @@
 
 use std::sync::atomic::{AtomicU32, Ordering};
 
-use fearless_simd::Level;
+use fearless_simd::{Level, Simd};
 use rayon::prelude::*;
 
 use super::project::{Footprint, MARGIN_PX};
 use crate::lanes::with_simd;
+use crate::rays::RayTable;
 use crate::view::{ScreenCamera, TILE_PX};
 
 /// Least number of splats in a chunk of work: a power of two, so that no block is in two chunks.
@@ -96,12 +97,8 @@ impl Bins {
         self.chunks.resize_with(footprints.len().div_ceil(self.chunk_len), Chunk::default);
         let chunks = self.chunks.par_iter_mut().zip(footprints.par_chunks(self.chunk_len)).with_max_len(CHUNKS_AT_A_TIME);
         chunks.for_each(|(chunk, footprints)| match &camera.rays {
-            None => chunk.collect(tiles, footprints, |footprint, touched| touched_tiles(footprint, tiles[0], |tile| touched.add(tile))),
-            Some(rays) => with_simd!(level, simd => chunk.collect(tiles, footprints, |footprint, touched| {
-                if let Some(splat) = footprint.touch() {
-                    rays.touched_tiles(simd, &splat, |tile| touched.add(tile));
-                }
-            })),
+            None => chunk.collect(tiles, footprints, &OnImagePlane { across: tiles[0] }),
+            Some(rays) => with_simd!(level, simd => chunk.collect(tiles, footprints, &OnRays { simd, rays })),
         });
 
         // The start of each tile's list, and within it of each chunk.
@@ -137,11 +134,44 @@ impl Touched<'_> {
     }
 }
 
-impl Chunk {
-    /// Collects the tiles that the chunk's footprints touch: `find` calls its argument with each of
-    /// a footprint's.
+/// What pixels are decides which tiles a footprint touches. A trait instead of a closure, which
+/// might stay a call around each vector operation.
+trait FindTiles {
+    /// Adds the tiles that the footprint touches.
+    fn find_tiles(&self, footprint: &Footprint, touched: &mut Touched<'_>);
+}
+
+/// Pixels are places on the image plane, of so many tiles `across`.
+struct OnImagePlane {
+    across: usize,
+}
+
+impl FindTiles for OnImagePlane {
     #[inline(always)]
-    fn collect(&mut self, tiles: [usize; 2], footprints: &[Footprint], find: impl Fn(&Footprint, &mut Touched<'_>)) {
+    fn find_tiles(&self, footprint: &Footprint, touched: &mut Touched<'_>) {
+        touched_tiles(footprint, self.across, |tile| touched.add(tile));
+    }
+}
+
+/// Pixels are rays.
+struct OnRays<'a, S> {
+    simd: S,
+    rays: &'a RayTable,
+}
+
+impl<S: Simd> FindTiles for OnRays<'_, S> {
+    #[inline(always)]
+    fn find_tiles(&self, footprint: &Footprint, touched: &mut Touched<'_>) {
+        if let Some(splat) = footprint.touch() {
+            self.rays.touched_tiles(self.simd, &splat, |tile| touched.add(tile));
+        }
+    }
+}
+
+impl Chunk {
+    /// Collects the tiles that the chunk's footprints touch.
+    #[inline(always)]
+    fn collect(&mut self, tiles: [usize; 2], footprints: &[Footprint], pixels: &impl FindTiles) {
         self.places.clear();
         self.start.clear();
         self.cursor.clear();
@@ -150,7 +180,7 @@ impl Chunk {
         for footprint in footprints {
             let before = self.places.len();
             self.start.push(before as u32);
-            find(footprint, &mut Touched { places: &mut self.places, counts: &mut self.cursor });
+            pixels.find_tiles(footprint, &mut Touched { places: &mut self.places, counts: &mut self.cursor });
             self.visible += u32::from(self.places.len() > before);
         }
         self.start.push(self.places.len() as u32);

@@ -182,12 +182,12 @@ impl<S: Simd> Pixels<S> for Rays<S> {
 
     #[inline(always)]
     fn evaluate(self, simd: S, entry: &Entry) -> SplatAtPixels<S> {
-        let c = |value: f32| V::splat(simd, value);
         let [a, b] = entry.rows();
-        let at = |row: [f32; 3]| dot(self.0, each!([0, 1, 2] i => c(row[i])));
-        let (u, v, facing) = (at(a), at(b), at(cross(a, b)));
-        let log2_alpha = (-u).mul_add(u, (-v).mul_add(v, c(entry.log2_opacity)));
-        SplatAtPixels { u, v, log2_alpha: facing.if_positive(log2_alpha, c(LOG2_OF_ZERO)), facing }
+        let rows = [a, b, cross(a, b)];
+        // Closures around vectors may stay calls: there are none here.
+        let [u, v, facing] = each!([0, 1, 2] k => dot(self.0, each!([0, 1, 2] i => V::splat(simd, rows[k][i]))));
+        let log2_alpha = (-u).mul_add(u, (-v).mul_add(v, V::splat(simd, entry.log2_opacity)));
+        SplatAtPixels { u, v, log2_alpha: facing.if_positive(log2_alpha, V::splat(simd, LOG2_OF_ZERO)), facing }
     }
 }
 
