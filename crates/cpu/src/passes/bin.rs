@@ -134,7 +134,7 @@ impl Touched<'_> {
     }
 }
 
-/// What pixels are decides which tiles a footprint touches. A trait instead of a closure, which
+/// Finds the tiles of a footprint, by what pixels are. A trait instead of a closure, which
 /// might stay a call around each vector operation.
 trait FindTiles {
     /// Adds the tiles that the footprint touches.
