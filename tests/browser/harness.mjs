@@ -14,6 +14,9 @@ if (pictures) mkdirSync(pictures, { recursive: true });
 /** How long a page may take to reach a state: much longer than on an idle machine. */
 const PATIENCE_MS = 90_000;
 
+// Each server of a test is ended with this process.
+process.setMaxListeners(100);
+
 /** Starts a viewer; resolves with its address. */
 export function serve(listen = "127.0.0.1:0", path = run, ...options) {
   const child = spawn(luxel, ["view", path, ...options, "--listen", listen, "--no-browser", "--quiet"], { stdio: ["ignore", "pipe", "inherit"] });
