@@ -150,6 +150,7 @@ export default {
     // The angle of the circle differs from that of the hexagon by at most 1.2 degrees.
     const away = (((low + 20 - hue) % 360) + 540) % 360 - 180;
     near(away, 0, 2, "hue");
+    await page.waitForFunction(() => window.luxel.state.edit.includes("hue"));
     await settled(page);
     const [after] = await sampled(page, [[u, v]]);
     assert.ok(after.luminance < 0.75 * before.luminance, `${after.luminance} of ${before.luminance}`);

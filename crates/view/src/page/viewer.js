@@ -351,7 +351,11 @@ export class Viewer {
     this.display.show(shown.frame, shown.full);
     if (shown.frame.depth) this.display.lens = shown.lens;
     if (isFirst) document.body.dataset.ready = "true";
-    if (shown.full) this.settle(shown);
+    if (shown.full) {
+      this.settle(shown);
+      // Numbers of whole pictures, such as the error, are shown beside it.
+      this.needsReflect = true;
+    }
     for (const part of this.parts) part.taken?.(shown);
     this.needsDraw = true;
     this.pace?.wake();
