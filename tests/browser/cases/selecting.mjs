@@ -267,6 +267,8 @@ export default {
     await shot(page, "edit-floor");
     // Another origin takes its place.
     const first = await text(page);
+    // A click finds a place once the picture with the edit, and its depth, is there.
+    await settled(page);
     await page.locator("#pick-origin").click();
     await page.mouse.click(x + ((pixels[1][0] + 0.5) / camera.w) * width, y + ((pixels[1][1] + 0.5) / camera.h) * height);
     await page.waitForFunction((before) => window.luxel.state.edit !== before, first);
