@@ -147,7 +147,7 @@ export default {
     assert.equal(await page.evaluate(() => window.luxel.environment.frame), null);
     await page.click("#environment-cancel");
     await page.waitForFunction(() => document.getElementById("environment-text").textContent.startsWith("cancelled"));
-    assert.ok(await page.locator("#environment-progress-row").isHidden());
+    await page.locator("#environment-progress-row").waitFor({ state: "hidden" });
     // The server gives it up, too.
     await page.waitForFunction(async (query) => (await (await fetch(`/api/environment/progress?${query}`)).json()).total === 0, query, { timeout: 60000 });
     await page.selectOption("#environment-width", "512");
