@@ -66,6 +66,12 @@ impl CpuEngine {
         Ok(())
     }
 
+    /// Sets how much a step may keep about its tiles from the forward to the backward pass, bytes;
+    /// 1 GiB unless set. What does not fit is computed twice, with the same bits.
+    pub fn set_tile_memory(&mut self, bytes: usize) {
+        self.state.set_record_bytes(bytes);
+    }
+
     /// Runs the forward and backward passes without the update, and returns the gradients in the
     /// layout of the splats; `smoothing` is empty. Data-parallel training would reduce gradients
     /// here.

@@ -13,7 +13,7 @@ use luxel_cpu::{CpuEngine, InstructionSet};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Context, ensure};
-use crate::{Error, Remedy, Result, machine, text};
+use crate::{Error, Remedy, Result, machine, memory, text};
 
 /// A choice of what computes: the processor or a GPU.
 ///
@@ -179,6 +179,7 @@ impl SelectedEngine {
 fn cpu(threads: usize, set: InstructionSet, reason: Option<String>) -> Result<SelectedEngine> {
     let mut engine = CpuEngine::new(threads).context("cannot start the CPU engine")?;
     engine.set_instruction_set(set).context("cannot use this instruction set")?;
+    engine.set_tile_memory(usize::try_from(memory::tile_bytes()).unwrap_or(usize::MAX));
     let instruction_set = Some(engine.instruction_set());
     let mut place = text::plural(threads, "thread");
     let computed_by = format!("{place} of {}", machine::processor().unwrap_or_else(|| "the CPU".into()));

@@ -1,4 +1,5 @@
-//! Memory of this process in bytes, on Linux; `None` elsewhere. And what a render takes.
+//! Memory of this process in bytes, on Linux; `None` elsewhere. And what a render takes, and a step
+//! may keep.
 
 use luxel_core::Remedy;
 
@@ -35,6 +36,12 @@ pub fn check(work: &str, bytes: u64, instead: &'static str) -> Result<()> {
     let mebibytes = |bytes: u64| bytes.div_ceil(1 << 20);
     let message = format!("{work} takes about {} MiB of memory, the limit is {} MiB", mebibytes(bytes), mebibytes(limit));
     Err(Error::new(message).with_remedy(Remedy::advice(instead).or(Remedy::raise("memory"))))
+}
+
+/// Returns what a step on the processor may keep about tiles of the image, bytes: an eighth of the
+/// memory that the system allows, within limits.
+pub fn tile_bytes() -> u64 {
+    luxel_io::system_memory().map_or(1 << 30, |bytes| (bytes / 8).clamp(256 << 20, 8 << 30))
 }
 
 /// Returns the resident memory (`VmRSS`).

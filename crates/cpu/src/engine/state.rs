@@ -17,7 +17,6 @@ use crate::memory::Buffer;
 use crate::passes::adam::Optimizer;
 use crate::passes::bin::{Bins, ScreenSplats};
 use crate::passes::camera_backward::camera_backward;
-use crate::passes::changes::Changes;
 use crate::passes::contribute::contribute;
 use crate::passes::densify;
 use crate::passes::evaluations::evaluations;
@@ -28,9 +27,9 @@ use crate::passes::project_backward::Inputs;
 use crate::passes::rasterize::{TilePixels, to_alpha, to_image};
 use crate::passes::rasterize_backward::{AbsoluteSums, BlockGradient, RasterizedTiles, rasterize_backward};
 use crate::passes::samples::{resolve, spread};
-use crate::passes::sort::TileList;
-use crate::passes::sort_and_rasterize::{TileBuffers, sort_and_rasterize};
+use crate::passes::sort_and_rasterize::sort_and_rasterize;
 use crate::passes::sums::EntryGradient;
+use crate::passes::tile_records::{Recording, TileInputs, TileRecords};
 use crate::passes::update::{NextView, Scratch, UpdateBuffers, backward_and_adam, gradients};
 use crate::store::Store;
 use crate::view::ScreenCamera;
@@ -60,30 +59,52 @@ struct Update {
     step: StepConfig,
 }
 
-/// Whether a forward pass records what changed the pixels.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Recording {
-    /// Records nothing: the image is all that is wanted.
-    Nothing,
-    /// Records changes, for the backward pass.
-    Changes,
-}
+/// Memory for records of tiles, unless another is set, bytes.
+const RECORD_BYTES: usize = 1 << 30;
+/// Buffers that only steps need are given back by renders if they hold more, bytes.
+const IDLE_BYTES: usize = 256 << 20;
 
 /// The buffers of a step, kept between steps.
-#[derive(Default)]
 struct Frame {
     footprints: Vec<Footprint>,
     bins: Bins,
-    lists: Vec<TileList>,
+    records: TileRecords,
     pixels: Vec<TilePixels>,
-    changes: Vec<Changes>,
     /// With supersampling, `pixels` holds the samples, and this the pixels of the image.
     resolved: Vec<TilePixels>,
     loss: LossBuffers,
     /// With supersampling, the gradient by the samples' radiance.
     sample_gradient: Vec<BlockGradient>,
-    entries: Vec<Vec<EntryGradient>>,
+    entries: Vec<EntryGradient>,
     scratch: Scratch,
+}
+
+impl Frame {
+    fn new() -> Self {
+        Self {
+            footprints: Vec::new(),
+            bins: Bins::default(),
+            records: TileRecords::with_limit(RECORD_BYTES),
+            pixels: Vec::new(),
+            resolved: Vec::new(),
+            loss: LossBuffers::default(),
+            sample_gradient: Vec::new(),
+            entries: Vec::new(),
+            scratch: Scratch::default(),
+        }
+    }
+
+    /// Gives the memory back that only steps need, if it is much.
+    fn release_idle(&mut self) {
+        let gradients = [&self.loss.gradient, &self.sample_gradient].map(|gradient| gradient.capacity() * size_of::<BlockGradient>());
+        let entries = self.entries.capacity() * size_of::<EntryGradient>();
+        if self.records.kept_bytes() + entries + gradients.iter().sum::<usize>() > IDLE_BYTES {
+            self.records.release();
+            self.entries = Vec::new();
+            self.loss = LossBuffers::default();
+            self.sample_gradient = Vec::new();
+        }
+    }
 }
 
 /// Returns the pixels of the image: the rasterised ones, or with supersampling their means.
@@ -104,7 +125,7 @@ impl State {
             spare: Buffer::zeros(0),
             smoothing: Vec::new(),
             stats: DensifyStats::default(),
-            frame: Frame::default(),
+            frame: Frame::new(),
             pending: None,
             timings: Pass::ALL.map(|pass| PassTime { pass, time: Duration::ZERO }),
         }
@@ -199,17 +220,24 @@ impl State {
         clock.lap(Pass::Project);
     }
 
+    /// Sets the memory for records of tiles, bytes.
+    pub(super) fn set_record_bytes(&mut self, bytes: usize) {
+        self.frame.records.set_limit(bytes);
+    }
+
     /// Runs the passes up to the image.
     fn forward(&mut self, camera: &ScreenCamera, recording: Recording) {
         self.project(camera);
+        if recording == Recording::Nothing {
+            self.frame.release_idle();
+        }
         let Self { level, frame, timings, .. } = self;
         let mut clock = Clock::new(timings);
         frame.bins.fill(*level, camera, &frame.footprints);
         clock.lap(Pass::Bin);
-        let changes = (recording == Recording::Changes).then_some(&mut frame.changes);
         let splats = ScreenSplats { bins: &frame.bins, footprints: &frame.footprints };
-        let tiles = TileBuffers { lists: &mut frame.lists, pixels: &mut frame.pixels, changes };
-        let [sort, rasterize] = sort_and_rasterize(*level, camera, splats, tiles);
+        let inputs = TileInputs { level: *level, camera, splats, recording };
+        let [sort, rasterize] = sort_and_rasterize(&inputs, &mut frame.records, &mut frame.pixels);
         clock.lap_shared(&[PassTime { pass: Pass::Sort, time: sort }, PassTime { pass: Pass::Rasterize, time: rasterize }]);
         if camera.samples > 1 {
             resolve(camera, &frame.pixels, &mut frame.resolved);
@@ -236,8 +264,8 @@ impl State {
         let on_nothing = ScreenCamera { background: [0.0; 3], ..camera.clone() };
         frame.footprints.iter_mut().for_each(|footprint| footprint.radiance = [footprint.depth, 0.0, 0.0]);
         let splats = ScreenSplats { bins: &frame.bins, footprints: &frame.footprints };
-        let tiles = TileBuffers { lists: &mut frame.lists, pixels: &mut frame.pixels, changes: None };
-        sort_and_rasterize(*level, &on_nothing, splats, tiles);
+        let inputs = TileInputs { level: *level, camera: &on_nothing, splats, recording: Recording::Nothing };
+        sort_and_rasterize(&inputs, &mut frame.records, &mut frame.pixels);
         if camera.samples > 1 {
             resolve(&on_nothing, &frame.pixels, &mut frame.resolved);
         }
@@ -249,14 +277,20 @@ impl State {
 
     /// Computes each splat's contributions. `mask` has the size of the image.
     pub(super) fn contributions(&mut self, camera: &ScreenCamera, mask: &[f32]) -> Contributions {
-        self.forward(camera, Recording::Nothing);
-        contribute(self.level, camera, &self.frame.bins, &self.frame.lists, mask, self.parameters.count)
+        self.forward(camera, Recording::Lists);
+        contribute(&self.tile_inputs(camera, Recording::Lists), &self.frame.records, mask, self.parameters.count)
     }
 
     /// Counts evaluations of splats at pixels.
     pub(super) fn evaluations(&mut self, camera: &ScreenCamera) -> Evaluations {
-        self.forward(camera, Recording::Nothing);
-        evaluations(self.level, camera, &self.frame.lists)
+        self.forward(camera, Recording::Lists);
+        evaluations(&self.tile_inputs(camera, Recording::Lists), &self.frame.records)
+    }
+
+    /// Returns what records of tiles are made from, after a forward pass.
+    fn tile_inputs<'a>(&'a self, camera: &'a ScreenCamera, recording: Recording) -> TileInputs<'a> {
+        let splats = ScreenSplats { bins: &self.frame.bins, footprints: &self.frame.footprints };
+        TileInputs { level: self.level, camera, splats, recording }
     }
 
     /// Runs the passes up to the gradients of the tiles' entries. The view has the size of the
@@ -278,8 +312,10 @@ impl State {
             StatsCollection::GradientsAndAbsolute => AbsoluteSums::Collect,
             StatsCollection::Off | StatsCollection::Gradients => AbsoluteSums::Skip,
         };
-        let tiles = RasterizedTiles { lists: &frame.lists, changes: &frame.changes, pixels: &frame.pixels };
-        rasterize_backward(*level, camera, tiles, gradient, absolute, &mut frame.entries);
+        let splats = ScreenSplats { bins: &frame.bins, footprints: &frame.footprints };
+        let inputs = TileInputs { level: *level, camera, splats, recording: Recording::Changes };
+        let tiles = RasterizedTiles { records: &frame.records, pixels: &frame.pixels };
+        rasterize_backward(&inputs, tiles, gradient, absolute, &mut frame.entries);
         clock.lap(Pass::RasterizeBackward);
         let loss = step.loss.total(l1, l2, ssim);
         StepReport { step: step.step, loss, l1, ssim, visible: frame.bins.visible(), by_knots, camera: None }

@@ -1,9 +1,9 @@
 //! Pass `bin`: finds which splats touch which tile.
 //!
-//! In: footprints `[N]`. Out, in [`Bins`]: for each tile a list of splats by ascending index; for
-//! each splat the places of its list entries, so that its gradients can be gathered in a fixed
-//! order. Splats are stored along a curve through space, so the splats of a tile lie near each
-//! other in memory, and so do the places of neighbouring splats.
+//! In: footprints `[N]`. Out, in [`Bins`]: for each tile a list of splats by ascending index, the
+//! lists one after another; for each splat the numbers of its list entries, so that its gradients
+//! can be gathered in a fixed order. Splats are stored along a curve through space, so the splats
+//! of a tile lie near each other in memory, and so do the entries of neighbouring splats.
 //!
 //! A tile is touched if the splat's ellipse at its alpha threshold contains a pixel centre's column
 //! range in one of the tile's rows: exact for the continuous band of the tile's rows, and with a
@@ -11,6 +11,7 @@
 //! are rays, cones around the tiles decide: see [`crate::rays`]. Degenerate: culled footprints
 //! touch no tile.
 
+use std::ops::Range;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use fearless_simd::{Level, Simd};
@@ -42,14 +43,6 @@ pub(crate) struct Bins {
     chunks: Vec<Chunk>,
 }
 
-/// The place of one entry in a tile's list.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Place {
-    pub(crate) tile: u32,
-    /// Index within the tile's list.
-    pub(crate) index: u32,
-}
-
 /// Splats on the screen, binned by tile.
 #[derive(Clone, Copy)]
 pub(crate) struct ScreenSplats<'a> {
@@ -60,8 +53,9 @@ pub(crate) struct ScreenSplats<'a> {
 /// The tiles of a run of splats.
 #[derive(Default)]
 struct Chunk {
-    /// Places of the run's entries, by splat; splat n of the run has `start[n]..start[n + 1]`.
-    places: Vec<Place>,
+    /// Entries of the run, by splat; splat n of the run has `start[n]..start[n + 1]`. At first the
+    /// tile of each entry, then its number.
+    entries: Vec<u32>,
     start: Vec<u32>,
     /// Entries of each tile; then where the chunk's next entry of the tile goes.
     cursor: Vec<u32>,
@@ -71,8 +65,17 @@ struct Chunk {
 impl Bins {
     /// Returns the splats of a tile's list, in ascending order.
     pub(crate) fn tile(&self, tile: usize) -> impl Iterator<Item = u32> {
-        let range = self.tile_start[tile] as usize..self.tile_start[tile + 1] as usize;
-        self.splat[range].iter().map(|splat| splat.load(Ordering::Relaxed))
+        self.splat[self.range(tile)].iter().map(|splat| splat.load(Ordering::Relaxed))
+    }
+
+    /// Returns the numbers of the entries of a tile's list.
+    pub(crate) fn range(&self, tile: usize) -> Range<usize> {
+        self.tile_start[tile] as usize..self.tile_start[tile + 1] as usize
+    }
+
+    /// Returns the number of entries of all lists.
+    pub(crate) fn len(&self) -> usize {
+        self.splat.len()
     }
 
     /// Returns the number of splats that touch a tile.
@@ -80,13 +83,13 @@ impl Bins {
         self.chunks.iter().map(|chunk| chunk.visible).sum()
     }
 
-    /// Returns the places of the entries of each of `count` splats, from splat `first` on; they
+    /// Returns the numbers of the entries of each of `count` splats, from splat `first` on; they
     /// must lie within one block.
     #[inline(always)]
-    pub(crate) fn places(&self, first: usize, count: usize) -> impl Iterator<Item = &[Place]> {
+    pub(crate) fn entries(&self, first: usize, count: usize) -> impl Iterator<Item = &[u32]> {
         let chunk = &self.chunks[first / self.chunk_len];
         let n = first % self.chunk_len;
-        chunk.start[n..=n + count].windows(2).map(|range| &chunk.places[range[0] as usize..range[1] as usize])
+        chunk.start[n..=n + count].windows(2).map(|range| &chunk.entries[range[0] as usize..range[1] as usize])
     }
 
     /// Distributes the footprints over the tiles.
@@ -122,14 +125,14 @@ impl Bins {
 
 /// The tiles of a splat on their way into a chunk.
 struct Touched<'a> {
-    places: &'a mut Vec<Place>,
+    tiles: &'a mut Vec<u32>,
     counts: &'a mut [u32],
 }
 
 impl Touched<'_> {
     #[inline(always)]
     fn add(&mut self, tile: usize) {
-        self.places.push(Place { tile: tile as u32, index: 0 });
+        self.tiles.push(tile as u32);
         self.counts[tile] += 1;
     }
 }
@@ -172,28 +175,28 @@ impl Chunk {
     /// Collects the tiles that the chunk's footprints touch.
     #[inline(always)]
     fn collect(&mut self, tiles: [usize; 2], footprints: &[Footprint], pixels: &impl FindTiles) {
-        self.places.clear();
+        self.entries.clear();
         self.start.clear();
         self.cursor.clear();
         self.cursor.resize(tiles[0] * tiles[1], 0);
         self.visible = 0;
         for footprint in footprints {
-            let before = self.places.len();
+            let before = self.entries.len();
             self.start.push(before as u32);
-            pixels.find_tiles(footprint, &mut Touched { places: &mut self.places, counts: &mut self.cursor });
-            self.visible += u32::from(self.places.len() > before);
+            pixels.find_tiles(footprint, &mut Touched { tiles: &mut self.entries, counts: &mut self.cursor });
+            self.visible += u32::from(self.entries.len() > before);
         }
-        self.start.push(self.places.len() as u32);
+        self.start.push(self.entries.len() as u32);
     }
 
     /// Writes the chunk's splats to the lists of their tiles.
     fn scatter(&mut self, first_splat: usize, tile_start: &[u32], splat: &[AtomicU32]) {
         for (n, range) in self.start.windows(2).enumerate() {
-            for place in &mut self.places[range[0] as usize..range[1] as usize] {
-                let cursor = &mut self.cursor[place.tile as usize];
-                place.index = *cursor;
-                *cursor += 1;
-                splat[(tile_start[place.tile as usize] + place.index) as usize].store((first_splat + n) as u32, Ordering::Relaxed);
+            for entry in &mut self.entries[range[0] as usize..range[1] as usize] {
+                let tile = *entry as usize;
+                *entry = tile_start[tile] + self.cursor[tile];
+                self.cursor[tile] += 1;
+                splat[*entry as usize].store((first_splat + n) as u32, Ordering::Relaxed);
             }
         }
     }

@@ -48,6 +48,22 @@ impl Changes {
         self.len = 0;
     }
 
+    /// Returns the memory that the changes hold, bytes.
+    pub(crate) fn capacity_bytes(&self) -> usize {
+        self.entries.capacity() * size_of::<u32>() + self.pixels.capacity() * size_of::<u16>() + self.ends.capacity() * size_of::<usize>()
+    }
+
+    /// Returns the memory that a copy takes, bytes.
+    pub(crate) fn used_bytes(&self) -> usize {
+        self.len * (size_of::<u32>() + size_of::<u16>()) + size_of_val(&*self.ends)
+    }
+
+    /// Returns a copy with no more memory than it needs.
+    pub(crate) fn exact_copy(&self) -> Self {
+        let Self { entries, pixels, len, ends } = self;
+        Self { entries: entries[..*len].to_vec(), pixels: pixels[..*len].to_vec(), len: *len, ends: ends.to_vec() }
+    }
+
     /// Ends a block; the next begins.
     pub(crate) fn end_block(&mut self) {
         self.ends.push(self.len);

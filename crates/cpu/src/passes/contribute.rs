@@ -7,13 +7,13 @@
 //! behind finished pixels, too. Each tile is summed by itself, and the tiles are then added in
 //! order: the result does not depend on threads.
 
-use fearless_simd::{Level, Simd};
+use fearless_simd::Simd;
 use luxel_core::Real;
 use luxel_core::edit::Contributions;
 use rayon::prelude::*;
 
-use super::bin::Bins;
-use super::sort::{Entry, TileList};
+use super::sort::Entry;
+use super::tile_records::{TileInputs, TileRecord, TileRecords};
 use super::visit_block::{Hit, Visitor, visit_block};
 use crate::lanes::{Lanes, V, with_simd};
 use crate::view::{BLOCKS, ScreenBlock, ScreenCamera, TILE_PX, block_of};
@@ -22,15 +22,9 @@ use crate::view::{BLOCKS, ScreenBlock, ScreenCamera, TILE_PX, block_of};
 type EntrySums = [f32; 4];
 
 /// Computes the contributions of `count` splats, over all tiles.
-pub(crate) fn contribute(
-    level: Level,
-    camera: &ScreenCamera,
-    bins: &Bins,
-    lists: &[TileList],
-    mask: &[f32],
-    count: usize,
-) -> Contributions {
-    let sum_tile = |(tile, list): (usize, &TileList)| -> Vec<EntrySums> {
+pub(crate) fn contribute(inputs: &TileInputs<'_>, records: &TileRecords, mask: &[f32], count: usize) -> Contributions {
+    let TileInputs { level, camera, splats, .. } = *inputs;
+    let sum_tile = |tile: usize, TileRecord { list, .. }: &TileRecord| -> Vec<EntrySums> {
         let mut sums = vec![EntrySums::default(); list.entries.len()];
         let painted = tile_mask(camera, tile, mask);
         let origin_px = camera.tile_origin_px(tile);
@@ -42,12 +36,14 @@ pub(crate) fn contribute(
         });
         sums
     };
-    let tiles: Vec<Vec<EntrySums>> = lists.par_iter().enumerate().map(sum_tile).collect();
+    let [across, down] = camera.tiles();
+    let tiles = (0..across * down).into_par_iter().map(|tile| records.read(inputs, tile, |record| sum_tile(tile, record)));
+    let tiles: Vec<Vec<EntrySums>> = tiles.collect();
     let zeros = || vec![0.0; count];
     let share = 1.0 / (camera.samples * camera.samples) as f32;
     let mut total = Contributions { masked: zeros(), blended: zeros(), unoccluded: zeros(), light: zeros() };
     for (tile, sums) in tiles.iter().enumerate() {
-        for (splat, [masked, blended, unoccluded, light]) in bins.tile(tile).map(|splat| splat as usize).zip(sums) {
+        for (splat, [masked, blended, unoccluded, light]) in splats.bins.tile(tile).map(|splat| splat as usize).zip(sums) {
             total.masked[splat] += masked * share;
             total.blended[splat] += blended * share;
             total.unoccluded[splat] += unoccluded * share;

@@ -3,19 +3,21 @@
 //! In: the tiles' sorted lists. Out: [`Evaluations`], as whole numbers, so that the order of
 //! additions does not matter.
 
+use fearless_simd::Simd;
 use fearless_simd::prelude::*;
-use fearless_simd::{Level, Simd};
 use luxel_core::engine::Evaluations;
 use rayon::prelude::*;
 
-use super::sort::{Entry, TileList};
+use super::sort::Entry;
+use super::tile_records::{TileInputs, TileRecord, TileRecords};
 use super::visit_block::{Hit, Visitor, visit_block};
 use crate::lanes::{LANES, with_simd};
-use crate::view::{BLOCKS, ScreenBlock, ScreenCamera};
+use crate::view::{BLOCKS, ScreenBlock};
 
 /// Counts evaluations over all tiles.
-pub(crate) fn evaluations(level: Level, camera: &ScreenCamera, lists: &[TileList]) -> Evaluations {
-    let count_tile = |(tile, list)| {
+pub(crate) fn evaluations(inputs: &TileInputs<'_>, records: &TileRecords) -> Evaluations {
+    let TileInputs { level, camera, .. } = *inputs;
+    let count_tile = |tile: usize, TileRecord { list, .. }: &TileRecord| {
         let origin_px = camera.tile_origin_px(tile);
         let mut counter = Counter(Evaluations::default());
         with_simd!(level, simd => {
@@ -26,7 +28,9 @@ pub(crate) fn evaluations(level: Level, camera: &ScreenCamera, lists: &[TileList
         counter.0
     };
     let add = |a: Evaluations, b: Evaluations| Evaluations { touched: a.touched + b.touched, alive: a.alive + b.alive };
-    lists.par_iter().enumerate().map(count_tile).reduce(Evaluations::default, add)
+    let [across, down] = camera.tiles();
+    let tiles = (0..across * down).into_par_iter().map(|tile| records.read(inputs, tile, |record| count_tile(tile, record)));
+    tiles.reduce(Evaluations::default, add)
 }
 
 /// A visitor that counts.

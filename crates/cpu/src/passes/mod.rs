@@ -8,7 +8,8 @@
 //!
 //! Helpers: `picks` finds the splats of a block for `rasterize`; `changes` records which splats
 //! changed which pixels, for `rasterize_backward`; `sums` adds gradients up over the pixels of a
-//! block; `samples` averages supersamples; `pass_times` measures passes that run together.
+//! block; `samples` averages supersamples; `tile_records` keeps what passes know about tiles;
+//! `pass_times` measures passes that run together.
 
 pub(crate) mod adam;
 pub(crate) mod bin;
@@ -33,5 +34,6 @@ pub(crate) mod samples;
 pub(crate) mod sort;
 pub(crate) mod sort_and_rasterize;
 pub(crate) mod sums;
+pub(crate) mod tile_records;
 pub(crate) mod update;
 pub(crate) mod visit_block;

@@ -28,20 +28,14 @@ pub(crate) struct Inputs<'a> {
     pub(crate) shape: StoreShape,
     pub(crate) smoothing: &'a [Lanes],
     pub(crate) bins: &'a Bins,
-    /// Gradients of the entries of each tile, in the order of its bin.
-    pub(crate) entries: &'a [Vec<EntryGradient>],
+    /// Gradients of the entries of all tiles, in the order of the bins.
+    pub(crate) entries: &'a [EntryGradient],
     pub(crate) loss: &'a LossWeights,
 }
 
 impl<'a> Inputs<'a> {
     /// Collects the inputs for the splats of `store`, which is not borrowed and can be updated.
-    pub(crate) fn new(
-        store: &Store,
-        smoothing: &'a [Lanes],
-        bins: &'a Bins,
-        entries: &'a [Vec<EntryGradient>],
-        loss: &'a LossWeights,
-    ) -> Self {
+    pub(crate) fn new(store: &Store, smoothing: &'a [Lanes], bins: &'a Bins, entries: &'a [EntryGradient], loss: &'a LossWeights) -> Self {
         Self { shape: store.shape(), smoothing, bins, entries, loss }
     }
 
@@ -141,12 +135,12 @@ impl BlockSums {
     #[inline(always)]
     pub(crate) fn gather<S: Simd>(&mut self, simd: S, inputs: &Inputs<'_>, block: usize) {
         let alive = LANES.min(inputs.shape.count - block * LANES);
-        let splats = self.rows.iter_mut().zip(&mut self.visible).zip(inputs.bins.places(block * LANES, alive));
-        for ((row, visible), places) in splats {
-            *visible = !places.is_empty();
+        let splats = self.rows.iter_mut().zip(&mut self.visible).zip(inputs.bins.entries(block * LANES, alive));
+        for ((row, visible), entries) in splats {
+            *visible = !entries.is_empty();
             let mut sum = [f32x4::splat(simd, 0.0); ENTRY_LEN / 4];
-            for place in places {
-                let entry: &[[f32; 4]; ENTRY_LEN / 4] = bytemuck::cast_ref(&inputs.entries[place.tile as usize][place.index as usize]);
+            for entry in entries {
+                let entry: &[[f32; 4]; ENTRY_LEN / 4] = bytemuck::cast_ref(&inputs.entries[*entry as usize]);
                 for (sum, part) in sum.iter_mut().zip(entry) {
                     *sum += f32x4::load_array_ref(simd, part);
                 }

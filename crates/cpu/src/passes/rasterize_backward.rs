@@ -1,8 +1,8 @@
 //! Pass `rasterize_backward`: computes the gradients of each tile's splats, back to front.
 //!
-//! In: the tiles' sorted lists, pixels and [`Changes`], gradient of the loss by the pixels'
-//! radiance ([`BlockGradient`]s row by row). Out: one [`EntryGradient`] per entry of a tile, in the
-//! order of its bin: sums over the tile's pixels. A later pass gathers them by splat in a fixed
+//! In: the tiles' records and pixels, gradient of the loss by the pixels' radiance
+//! ([`BlockGradient`]s row by row). Out: one [`EntryGradient`] per entry of a tile, in the order of
+//! the bins: sums over the tile's pixels. A later pass gathers them by splat in a fixed
 //! order, so no two threads ever add to the same number.
 //!
 //! With w_i = T_i alpha_i and S_i = sum over j > i of w_j c_j (background last), d alpha_i = T_i
@@ -14,18 +14,19 @@
 //! `project_backward` converts them for each splat. Degenerate: where alpha is capped it has no
 //! gradient.
 
+use fearless_simd::Simd;
 use fearless_simd::prelude::*;
-use fearless_simd::{Level, Simd};
 use luxel_core::{Real, each};
 use rayon::prelude::*;
 
-use super::changes::{BlockChanges, Changes};
+use super::changes::BlockChanges;
 use super::rasterize::{BlockPixels, Centers, Pixels, Rays, TilePixels};
-use super::sort::{Entry, TileList};
+use super::sort::Entry;
 use super::sums::{EntryGradient, Staged, Summed, SummedSplats};
+use super::tile_records::{TileInputs, TileRecord, TileRecords};
 use crate::lanes::{LANES, LOG2_OF_ZERO, Lanes, M, V, with_simd};
 use crate::prefetch::fetch;
-use crate::view::{ScreenBlock, ScreenCamera, TILE_BLOCKS};
+use crate::view::{BLOCKS, ScreenBlock, ScreenCamera, TILE_BLOCKS};
 
 /// The gradient by the radiance of a block's pixels.
 pub(crate) type BlockGradient = [Lanes; 3];
@@ -42,8 +43,7 @@ pub(crate) enum AbsoluteSums {
 /// The results of rasterisation for each tile.
 #[derive(Clone, Copy)]
 pub(crate) struct RasterizedTiles<'a> {
-    pub(crate) lists: &'a [TileList],
-    pub(crate) changes: &'a [Changes],
+    pub(crate) records: &'a TileRecords,
     pub(crate) pixels: &'a [TilePixels],
 }
 
@@ -59,40 +59,67 @@ struct BlockInputs<'a> {
 
 /// Differentiates all tiles.
 pub(crate) fn rasterize_backward(
-    level: Level,
-    camera: &ScreenCamera,
-    RasterizedTiles { lists, changes, pixels }: RasterizedTiles<'_>,
+    inputs: &TileInputs<'_>,
+    RasterizedTiles { records, pixels }: RasterizedTiles<'_>,
     gradients: &[BlockGradient],
     absolute: AbsoluteSums,
-    out: &mut Vec<Vec<EntryGradient>>,
+    out: &mut Vec<EntryGradient>,
 ) {
-    out.resize_with(lists.len(), Vec::new);
+    let TileInputs { camera, splats, .. } = *inputs;
+    resize(out, splats.bins.len());
     let across = camera.tiles()[0];
+    let mut rest = out.as_mut_slice();
+    let outs: Vec<&mut [EntryGradient]> =
+        (0..pixels.len()).map(|tile| rest.split_off_mut(..splats.bins.range(tile).len()).unwrap_or_default()).collect();
     // Tile by tile, as in `sort_and_rasterize`.
-    let tiles = out.par_iter_mut().zip(lists).zip(changes).zip(pixels).enumerate().with_max_len(1);
-    tiles.for_each(|(tile, (((out, list), changes), pixels))| {
-        out.clear();
-        out.resize(list.entries.len(), EntryGradient::default());
-        fetch(&list.entries);
-        changes.fetch();
-        let gradient = |block: usize| {
+    outs.into_par_iter().zip(pixels).enumerate().with_max_len(1).for_each(|(tile, (out, pixels))| {
+        out.fill(EntryGradient::default());
+        let blocks = pixels.0.each_ref();
+        let gradients = std::array::from_fn(|block| {
             let row = tile / across * TILE_BLOCKS + block / TILE_BLOCKS;
             &gradients[(row * across + tile % across) * TILE_BLOCKS + block % TILE_BLOCKS]
-        };
-        let mut staged = Staged::ZERO;
-        let origin_px = camera.tile_origin_px(tile);
-        with_simd!(level, simd => {
-            for (index, pixels) in pixels.0.iter().enumerate() {
-                let (changes, gradient) = (changes.block(index), gradient(index));
-                let block = BlockInputs { place: ScreenBlock { origin_px, index }, entries: &list.entries, changes, pixels, gradient };
-                match (absolute, &camera.rays) {
-                    (AbsoluteSums::Skip, None) => block_backward::<_, Centers<_>, false>(simd, camera, &block, &mut staged, out),
-                    (AbsoluteSums::Collect, None) => block_backward::<_, Centers<_>, true>(simd, camera, &block, &mut staged, out),
-                    (AbsoluteSums::Skip, Some(_)) => block_backward::<_, Rays<_>, false>(simd, camera, &block, &mut staged, out),
-                    (AbsoluteSums::Collect, Some(_)) => block_backward::<_, Rays<_>, true>(simd, camera, &block, &mut staged, out),
-                }
-            }
         });
+        let work = TileBackward { tile, blocks, gradients, absolute };
+        records.read(inputs, tile, |record| differentiate_tile(inputs, record, &work, out));
+    });
+}
+
+/// Makes room for so many gradients, whose contents are arbitrary.
+fn resize(out: &mut Vec<EntryGradient>, len: usize) {
+    if out.capacity() < len {
+        // The old memory is freed before the new is allocated.
+        *out = Vec::new();
+        out.reserve_exact(len + len / 8);
+    }
+    out.resize(len, EntryGradient::default());
+}
+
+/// The inputs of differentiating a tile, besides its record.
+struct TileBackward<'a> {
+    tile: usize,
+    blocks: [&'a BlockPixels; BLOCKS],
+    gradients: [&'a BlockGradient; BLOCKS],
+    absolute: AbsoluteSums,
+}
+
+/// Differentiates a tile.
+fn differentiate_tile(inputs: &TileInputs<'_>, record: &TileRecord, work: &TileBackward<'_>, out: &mut [EntryGradient]) {
+    let TileInputs { level, camera, .. } = *inputs;
+    let (entries, changes) = (&record.list.entries, &record.changes);
+    fetch(entries);
+    changes.fetch();
+    let mut staged = Staged::ZERO;
+    let origin_px = camera.tile_origin_px(work.tile);
+    with_simd!(level, simd => {
+        for (index, (pixels, gradient)) in work.blocks.iter().zip(work.gradients).enumerate() {
+            let block = BlockInputs { place: ScreenBlock { origin_px, index }, entries, changes: changes.block(index), pixels, gradient };
+            match (work.absolute, &camera.rays) {
+                (AbsoluteSums::Skip, None) => block_backward::<_, Centers<_>, false>(simd, camera, &block, &mut staged, out),
+                (AbsoluteSums::Collect, None) => block_backward::<_, Centers<_>, true>(simd, camera, &block, &mut staged, out),
+                (AbsoluteSums::Skip, Some(_)) => block_backward::<_, Rays<_>, false>(simd, camera, &block, &mut staged, out),
+                (AbsoluteSums::Collect, Some(_)) => block_backward::<_, Rays<_>, true>(simd, camera, &block, &mut staged, out),
+            }
+        }
     });
 }
 

@@ -1,7 +1,6 @@
 //! Passes `sort` and `rasterize` together, tile by tile: from lists of splats to pixels.
 //!
-//! In: [`ScreenSplats`]. Out, per tile: its sorted list, its pixels and, if wanted, their
-//! [`Changes`].
+//! In: [`TileInputs`]. Out, per tile: its pixels and, if wanted, its record.
 //!
 //! A tile is rasterised as soon as it is sorted, because its list is then still in the core's cache
 //! and its blocks read it in random order. If all tiles were sorted first, rasterisation would wait
@@ -9,65 +8,33 @@
 
 use std::time::{Duration, Instant};
 
-use fearless_simd::Level;
 use rayon::prelude::*;
 
-use super::bin::ScreenSplats;
-use super::changes::Changes;
 use super::pass_times::PassTimes;
-use super::rasterize::{TilePixels, rasterize};
-use super::sort::{Tile, TileList};
-use crate::view::ScreenCamera;
+use super::rasterize::TilePixels;
+use super::tile_records::{Recording, TileInputs, TileRecords, Workbench};
 
-/// Buffers that the passes fill, one element per tile.
-pub(crate) struct TileBuffers<'a> {
-    pub(crate) lists: &'a mut Vec<TileList>,
-    pub(crate) pixels: &'a mut Vec<TilePixels>,
-    /// Which splats changed the pixels, if that is wanted.
-    pub(crate) changes: Option<&'a mut Vec<Changes>>,
-}
-
-/// The elements of one tile.
-struct TileSlots<'a> {
-    /// Number of the tile.
-    index: usize,
-    list: &'a mut TileList,
-    pixels: &'a mut TilePixels,
-    changes: Option<&'a mut Changes>,
-}
-
-/// Sorts and rasterises all tiles, and records what changed their pixels if the buffers ask for it.
-/// Returns the time spent in `sort` and in `rasterize`, summed over threads.
-pub(crate) fn sort_and_rasterize(
-    level: Level,
-    camera: &ScreenCamera,
-    splats: ScreenSplats<'_>,
-    TileBuffers { lists, pixels, changes }: TileBuffers<'_>,
-) -> [Duration; 2] {
+/// Sorts and rasterises all tiles, and keeps what is wanted of them. Returns the time spent in
+/// `sort` and in `rasterize`, summed over threads.
+pub(crate) fn sort_and_rasterize(inputs: &TileInputs<'_>, records: &mut TileRecords, pixels: &mut Vec<TilePixels>) -> [Duration; 2] {
+    let TileInputs { level, camera, splats, recording } = *inputs;
     let [across, down] = camera.tiles();
-    lists.resize_with(across * down, TileList::default);
     pixels.resize(across * down, TilePixels::default());
+    let (slots, shelf) = records.begin(across * down, recording);
     let times = PassTimes::default();
     // Work is taken tile by tile. By default rayon halves it twice, and again only when a thread
     // steals; a thread that finishes first would wait long.
-    let tiles = lists.par_iter_mut().zip(pixels);
-    let work = |TileSlots { index, list, pixels, changes }: TileSlots<'_>| {
+    slots.par_iter_mut().zip(pixels).enumerate().with_max_len(1).for_each(|(index, (slot, pixels))| {
+        let Workbench { buffers, record: of_thread, .. } = &mut *shelf.bench();
         let start = Instant::now();
-        list.sort(level, camera, splats, index);
+        let record = slot.record(of_thread, recording);
+        record.list.sort(level, camera, splats, index, buffers);
         let middle = Instant::now();
-        rasterize(level, camera, Tile { index, list }, pixels, changes);
-        times.add([start, middle]);
-    };
-    match changes {
-        Some(changes) => {
-            changes.resize_with(across * down, Changes::default);
-            tiles.zip(changes).enumerate().with_max_len(1).for_each(|(index, ((list, pixels), changes))| {
-                work(TileSlots { index, list, pixels, changes: Some(changes) });
-            });
+        inputs.rasterize(index, record, pixels);
+        if recording != Recording::Nothing {
+            slot.keep(of_thread, shelf);
         }
-        None => tiles.enumerate().with_max_len(1).for_each(|(index, (list, pixels))| {
-            work(TileSlots { index, list, pixels, changes: None });
-        }),
-    }
+        times.add([start, middle]);
+    });
     times.totals()
 }

@@ -17,5 +17,6 @@ mod number;
 mod oracle;
 mod probe;
 mod ray_reference;
+mod tile_memory;
 mod update;
 mod wide;

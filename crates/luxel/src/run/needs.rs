@@ -12,11 +12,15 @@ use luxel_core::engine::ParameterRows;
 use luxel_io::{ImagePlan, IoError, system_memory};
 use luxel_train::TrainConfig;
 
-use crate::text;
+use crate::{memory, text};
 
-/// Bytes per pixel of the largest image that a step holds on a processor, per sample, and that a
-/// measurement holds beside it.
-const STEP_PIXEL_BYTES: u64 = 450;
+/// Bytes per pixel and sample that a step holds on a processor, and that it keeps about tiles
+/// where it may.
+const STEP_PIXEL_BYTES: u64 = 150;
+const TILE_PIXEL_BYTES: u64 = 320;
+/// Bytes per pixel and sample that a render holds on a processor, and bytes per pixel that a
+/// measurement holds beside it. A render gives back what only steps need.
+const RENDER_PIXEL_BYTES: u64 = 70;
 const MEASURED_PIXEL_BYTES: u64 = 160;
 /// Copies of a splat's parameters at a time: the parameters, two moments, their gradient, the mean,
 /// and a state that is being saved.
@@ -45,14 +49,20 @@ impl RunMemory {
     /// Returns the estimates for images as planned. On a GPU, the buffers of a step and the splats
     /// are in its own memory.
     pub fn new(plan: &ImagePlan, train: &TrainConfig, is_on_gpu: bool) -> Self {
-        let samples = u64::from(train.samples).pow(2);
-        let step = if is_on_gpu { 0 } else { STEP_PIXEL_BYTES * samples };
-        let step_px = train.crop.map_or(plan.largest_px, |side| plan.largest_px.min(u64::from(side).pow(2)));
+        Self::estimate(plan, train, is_on_gpu, memory::tile_bytes())
+    }
+
+    /// Returns the estimates with so many bytes for what a step may keep about tiles.
+    fn estimate(plan: &ImagePlan, train: &TrainConfig, is_on_gpu: bool, tile_bytes: u64) -> Self {
+        let samples = if is_on_gpu { 0 } else { u64::from(train.samples).pow(2) };
+        let step_samples = samples * train.crop.map_or(plan.largest_px, |side| plan.largest_px.min(u64::from(side).pow(2)));
+        let step = STEP_PIXEL_BYTES * step_samples + tile_bytes.min(TILE_PIXEL_BYTES * step_samples);
+        let measurement = (RENDER_PIXEL_BYTES * samples + MEASURED_PIXEL_BYTES) * plan.largest_px;
         let rows = ParameterRows { color_model: train.color_model() }.count() as u64;
         let most_splats = train.splat_limit(plan.train_px) as u64;
         Self {
             images_bytes: plan.memory_bytes(),
-            buffers_bytes: BASE_BYTES + step * step_px + MEASURED_PIXEL_BYTES * plan.largest_px,
+            buffers_bytes: BASE_BYTES + step.max(measurement),
             splat_bytes: 4 * COPIES * rows + SPLAT_BYTES,
             splats: train.max_splats.map_or(u64::from(train.init_points).min(most_splats), u64::from),
             most_splats,
@@ -122,7 +132,7 @@ mod tests {
     #[test]
     fn what_cannot_fit_is_refused_with_what_helps() {
         let config = TrainConfig { max_splats: Some(1_000_000), ..TrainConfig::default() };
-        let of = |plan: &ImagePlan, config: &TrainConfig| RunMemory::new(plan, config, false);
+        let of = |plan: &ImagePlan, config: &TrainConfig| RunMemory::estimate(plan, config, false, 1 << 30);
         let helps = |plan: &ImagePlan, config: &TrainConfig, limit| {
             let error = of(plan, config).check(plan, Some(limit)).unwrap_err();
             assert!(error.message.contains("more memory than the system allows"), "{error}");
@@ -142,6 +152,6 @@ mod tests {
         // Crops and a GPU need less.
         let crops = TrainConfig { crop: Some(1024), ..unbounded.clone() };
         assert!(of(&large, &crops).total_bytes() < of(&large, &unbounded).total_bytes());
-        assert!(RunMemory::new(&large, &unbounded, true).total_bytes() < of(&large, &unbounded).total_bytes());
+        assert!(RunMemory::estimate(&large, &unbounded, true, 1 << 30).total_bytes() < of(&large, &unbounded).total_bytes());
     }
 }

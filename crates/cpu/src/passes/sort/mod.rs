@@ -51,6 +51,11 @@ pub(crate) struct TileList {
     /// Front to back.
     pub(crate) entries: Vec<Entry>,
     cover: Vec<Cover>,
+}
+
+/// The buffers of a thread that sorts tiles.
+#[derive(Default)]
+pub(crate) struct SortBuffers {
     /// Splat of each place.
     splats: Vec<u32>,
     /// Depth of each place, in blocks of 16.
@@ -69,19 +74,20 @@ pub(crate) struct Tile<'a> {
 
 impl TileList {
     /// Makes the list of a tile from its bin.
-    pub(crate) fn sort(&mut self, level: Level, camera: &ScreenCamera, splats: ScreenSplats<'_>, tile: usize) {
+    pub(crate) fn sort(&mut self, level: Level, camera: &ScreenCamera, splats: ScreenSplats<'_>, tile: usize, buffers: &mut SortBuffers) {
         let ScreenSplats { bins, footprints } = splats;
         let origin_px = camera.tile_origin_px(tile).map(|v| v as f32);
-        self.splats.clear();
-        self.splats.extend(bins.tile(tile));
+        buffers.splats.clear();
+        buffers.splats.extend(bins.tile(tile));
         match &camera.rays {
-            None => with_simd!(level, simd => self.find_blocks(simd, footprints, origin_px)),
-            Some(rays) => with_simd!(level, simd => self.find_blocks_of_rays(simd, footprints, rays, tile)),
+            None => with_simd!(level, simd => buffers.find_blocks(simd, footprints, origin_px)),
+            Some(rays) => with_simd!(level, simd => buffers.find_blocks_of_rays(simd, footprints, rays, tile)),
         }
         // Rays are the same for all tiles.
         let origin_px = if camera.rays.is_some() { [0.0; 2] } else { origin_px };
-        let depths: &[u32] = &bytemuck::cast_slice(&self.depths)[..self.splats.len()];
-        let order = self.order.ascending(depths);
+        let SortBuffers { splats, depths, blocks, order } = buffers;
+        let depths: &[u32] = &bytemuck::cast_slice(depths)[..splats.len()];
+        let order = order.ascending(depths);
         self.entries.clear();
         self.cover.clear();
         self.entries.reserve(order.len());
@@ -89,8 +95,8 @@ impl TileList {
             let mut cover = Cover::zeroed();
             for (i, key) in keys.iter().enumerate() {
                 let place = place(*key);
-                self.entries.push(Entry::new(&footprints[self.splats[place] as usize], origin_px, place));
-                cover.set(i, self.blocks[place / LANES].halves(place % LANES));
+                self.entries.push(Entry::new(&footprints[splats[place] as usize], origin_px, place));
+                cover.set(i, blocks[place / LANES].halves(place % LANES));
             }
             with_simd!(level, simd => cover.transpose(simd));
             self.cover.push(cover);
@@ -109,6 +115,23 @@ impl TileList {
         self.cover[word / (GROUP / WORD)].word(word % (GROUP / WORD), block)
     }
 
+    /// Returns the memory that the list holds, bytes.
+    pub(crate) fn capacity_bytes(&self) -> usize {
+        self.entries.capacity() * size_of::<Entry>() + self.cover.capacity() * size_of::<Cover>()
+    }
+
+    /// Returns the memory that a copy takes, bytes.
+    pub(crate) fn used_bytes(&self) -> usize {
+        size_of_val(&*self.entries) + size_of_val(&*self.cover)
+    }
+
+    /// Returns a copy with no more memory than it needs.
+    pub(crate) fn exact_copy(&self) -> Self {
+        Self { entries: self.entries.to_vec(), cover: self.cover.to_vec() }
+    }
+}
+
+impl SortBuffers {
     /// Finds the depths and the touched blocks of a tile whose pixels are rays, in the order of the
     /// bin.
     #[inline(always)]
