@@ -9,9 +9,7 @@ mod state;
 use fearless_simd::Level;
 use luxel_core::edit::Contributions;
 use luxel_core::engine::{DensifyPlan, DensifyStats, Evaluations, Geometry, StepConfig};
-use luxel_core::{
-    Camera, CameraProjection, Engine, EngineError, Image, Layers, Moments, PassTime, Remedy, RenderOptions, Splats, StepReport, View,
-};
+use luxel_core::{Camera, Engine, EngineError, Image, Layers, Moments, PassTime, Remedy, RenderOptions, Splats, StepReport, View};
 
 use self::state::State;
 use crate::rays::Lenses;
@@ -155,10 +153,6 @@ impl Engine for CpuEngine {
 
     fn save(&mut self) -> Result<(Splats, Moments), EngineError> {
         Ok(self.pool.install(|| self.state.save()))
-    }
-
-    fn supports(&self, _: CameraProjection) -> bool {
-        true
     }
 
     fn render(&mut self, camera: &Camera, options: &RenderOptions) -> Result<Image, EngineError> {

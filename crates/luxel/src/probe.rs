@@ -8,11 +8,11 @@
 use std::path::Path;
 
 use glam::{DMat3, DVec3};
-use luxel_core::environment::{Light, MapSize, PanoramaRig, PartialMap, PartialPanorama, Projection, Rig, Summary, lights};
-use luxel_core::{Camera, CameraProjection, ColorSpace, Conversion, Dataset, Engine, Image, Layers, RadianceScale, RenderOptions, Scene};
+use luxel_core::environment::{Light, MapSize, PanoramaRig, PartialPanorama, Projection, Summary, lights};
+use luxel_core::{Camera, ColorSpace, Conversion, Dataset, Engine, Image, Layers, RadianceScale, RenderOptions, Scene};
 use luxel_io::{ExrOptions, ExrSample};
 
-use crate::error::{Context, ensure};
+use crate::error::Context;
 use crate::export::{Up, UpAxis, file_from_world};
 use crate::preview::{self, Look};
 use crate::radiance::RADIANCE_SCALE;
@@ -138,9 +138,6 @@ impl Probe {
     }
 }
 
-/// The projection of a probe rendered in one piece.
-const PANORAMA: CameraProjection = CameraProjection::Equirectangular;
-
 /// Memory for a pixel of the map: its sums in double precision, the image, and the file.
 const BYTES_PER_PIXEL: u64 = 60;
 
@@ -165,7 +162,7 @@ pub fn probe(
 ) -> Result<Probe> {
     let surroundings = Surroundings::new(options.up, dataset)?;
     let left_out = leave_out_near(&mut scene, options);
-    let mut work = ProbeWork { left_out, ..ProbeWork::new(&scene, options, surroundings, engine.supports(PANORAMA))? };
+    let mut work = ProbeWork { left_out, ..ProbeWork::new(&scene, options, surroundings)? };
     engine.load(&scene.splats, None).context("cannot load the scene")?;
     let render_options = RenderOptions { background: options.background, ..scene.render_options() };
     let mut progress = FrameProgress { observer, done: 0, total: u32::try_from(work.cameras()).unwrap_or(u32::MAX) };
@@ -222,19 +219,13 @@ impl Surroundings {
     }
 }
 
-/// The cameras of a probe, and the map under way.
-#[derive(Debug)]
-enum Parts {
-    /// Bands of a panorama.
-    Panorama { rig: PanoramaRig, map: PartialPanorama, done: usize },
-    /// Faces of a cube, for engines that render pinholes only, with the renders of the next one.
-    Faces { rig: Rig, map: PartialMap, done: usize, renders: Vec<Image> },
-}
-
-/// A probe under way, rendered camera by camera, so that other work is possible in between.
+/// A probe under way: a panorama, rendered band by band, so that other work is possible in between.
 #[derive(Debug)]
 pub struct ProbeWork {
-    parts: Parts,
+    rig: PanoramaRig,
+    map: PartialPanorama,
+    /// Number of bands that are rendered.
+    done: usize,
     options: ProbeOptions,
     space: ColorSpace,
     radiance_scale: RadianceScale,
@@ -243,30 +234,21 @@ pub struct ProbeWork {
 }
 
 impl ProbeWork {
-    /// Begins a probe of a scene; `near` of the options is not looked at. `has_panoramas` tells
-    /// whether the engine renders panoramas.
+    /// Begins a probe of a scene; `near` of the options is not looked at.
     ///
     /// # Errors
-    /// A map that does not fit into memory; coverage by an engine that has none.
-    pub fn new(scene: &Scene, options: &ProbeOptions, surroundings: Surroundings, has_panoramas: bool) -> Result<Self> {
+    /// A map that does not fit into memory.
+    pub fn new(scene: &Scene, options: &ProbeOptions, surroundings: Surroundings) -> Result<Self> {
         let (projection, width) = (options.projection, options.width_px);
         let bytes = (width * projection.height(width)) as u64 * BYTES_PER_PIXEL;
         crate::memory::check(&format!("a probe {width} pixels wide"), bytes, "make a smaller map")?;
         let Surroundings { environment_from_world, focal_px } = surroundings;
         let at = scene.world_from_local.inverse().point(DVec3::from_array(options.at));
-        let map = MapSize { projection, width };
-        ensure!(has_panoramas || !options.alpha, "the engine renders no coverage of a probe; use the CPU engine");
-        let parts = if has_panoramas {
-            let rig = PanoramaRig::new(at, environment_from_world, map, focal_px);
-            let map = rig.empty_map();
-            Parts::Panorama { rig, map, done: 0 }
-        } else {
-            let rig = Rig::new(at, environment_from_world, map, focal_px);
-            let map = rig.empty_map();
-            Parts::Faces { rig, map, done: 0, renders: Vec::new() }
-        };
+        let rig = PanoramaRig::new(at, environment_from_world, MapSize { projection, width }, focal_px);
         Ok(Self {
-            parts,
+            map: rig.empty_map(),
+            rig,
+            done: 0,
             options: *options,
             space: scene.color_space,
             radiance_scale: scene.radiance_scale,
@@ -277,23 +259,17 @@ impl ProbeWork {
 
     /// Returns the number of cameras of the whole probe.
     pub fn cameras(&self) -> usize {
-        match &self.parts {
-            Parts::Panorama { rig, .. } => rig.cameras.len(),
-            Parts::Faces { rig, .. } => rig.cameras.len(),
-        }
+        self.rig.cameras.len()
     }
 
     /// Returns the number of cameras that are rendered.
     pub fn cameras_done(&self) -> usize {
-        match &self.parts {
-            Parts::Panorama { done, .. } => *done,
-            Parts::Faces { rig, done, renders, .. } => rig.faces().take(*done).map(<[Camera]>::len).sum::<usize>() + renders.len(),
-        }
+        self.done
     }
 
     /// Returns whether all cameras are rendered.
     pub fn is_done(&self) -> bool {
-        self.cameras_done() >= self.cameras()
+        self.done >= self.cameras()
     }
 
     /// Renders the next camera with the renderer of the scene that the probe was begun for.
@@ -307,39 +283,20 @@ impl ProbeWork {
     /// Renders the next camera; `render` returns layers in normalised units, with an empty alpha
     /// where none is needed.
     fn render_camera(&mut self, render: impl FnOnce(&Camera) -> Result<Layers>) -> Result<()> {
-        match &mut self.parts {
-            Parts::Panorama { rig, map, done } => {
-                let Some(camera) = rig.cameras.get(*done) else { return Ok(()) };
-                let Layers { image, alpha, .. } = render(camera)?;
-                map.add_band(rig, *done, &image, (!alpha.is_empty()).then_some(&alpha));
-                *done += 1;
-            }
-            Parts::Faces { rig, map, done, renders } => {
-                let Some(cameras) = rig.faces().nth(*done) else { return Ok(()) };
-                if let Some(camera) = cameras.get(renders.len()) {
-                    renders.push(render(camera)?.image);
-                }
-                if renders.len() >= cameras.len() {
-                    map.add_face(rig, *done, renders);
-                    renders.clear();
-                    *done += 1;
-                }
-            }
+        if let Some(camera) = self.rig.cameras.get(self.done) {
+            let Layers { image, alpha, .. } = render(camera)?;
+            self.map.add_band(&self.rig, self.done, &image, (!alpha.is_empty()).then_some(&alpha));
+            self.done += 1;
         }
         Ok(())
     }
 
     /// Returns the probe in the units of the data set.
     pub fn finish(self) -> Probe {
-        let Self { parts, options, space, radiance_scale, left_out, has_training_resolution, .. } = self;
+        let Self { rig, map, options, space, radiance_scale, left_out, has_training_resolution, .. } = self;
         let (projection, at) = (options.projection, options.at);
-        let (mut image, alpha) = match parts {
-            Parts::Panorama { rig, map, .. } => {
-                let (image, alpha) = map.into_map(&rig);
-                (image, options.alpha.then_some(alpha))
-            }
-            Parts::Faces { rig, map, .. } => (map.into_image(&rig), None),
-        };
+        let (mut image, alpha) = map.into_map(&rig);
+        let alpha = options.alpha.then_some(alpha);
         let color_space = options.color_space.unwrap_or(space);
         let conversion = Conversion::between(space, color_space);
         for pixel in &mut image.pixels {

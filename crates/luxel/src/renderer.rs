@@ -1,7 +1,7 @@
 //! Rendering of a scene: always with the scene's own raster settings, always into the units of the
 //! data set.
 
-use luxel_core::{Camera, CameraProjection, ColorSpace, Engine, Image, RadianceScale, RasterConfig, RenderOptions, Similarity};
+use luxel_core::{Camera, ColorSpace, Engine, Image, RadianceScale, RasterConfig, RenderOptions, Similarity};
 
 use crate::device::SelectedEngine;
 use crate::error::{Context, ensure};
@@ -101,11 +101,6 @@ impl Renderer {
     pub fn render(&mut self, camera: &Camera) -> Result<Radiance> {
         let image = self.render_normalised(camera)?;
         Ok(Radiance::new(image, self.radiance_scale, self.color_space, &self.world_camera(camera)))
-    }
-
-    /// Returns whether the device renders cameras of this projection.
-    pub fn supports(&self, projection: CameraProjection) -> bool {
-        self.engine.supports(projection)
     }
 
     /// Renders in normalised units.

@@ -11,7 +11,6 @@ use std::sync::Arc;
 use hyper::{Method, StatusCode};
 use luxel::probe::{ProbeWork, unseen};
 use luxel::{Camera, Probe, ProbeOptions, schema};
-use luxel_core::CameraProjection;
 use luxel_io::ExrSample;
 use serde_json::json;
 
@@ -135,7 +134,7 @@ async fn environment(house: &Arc<House>, wish: Wish) -> Result<Arc<Environment>,
 async fn begin(house: &Arc<House>, wish: &Wish) -> Result<(ProbeWork, Vec<String>), Failure> {
     let (shared, wish) = (Arc::clone(house), wish.clone());
     let begin = move |stage: &mut dyn Stage| {
-        let Loaded { scene, renderer, .. } = stage.loaded(&wish.edit)?;
+        let Loaded { scene, .. } = stage.loaded(&wish.edit)?;
         let options = ProbeOptions { width_px: wish.width, ..ProbeOptions::at(wish.at) };
         let subject = &shared.subject;
         let cameras: Vec<Camera> = subject.views.iter().filter(|view| view.split == "train").map(|view| view.camera.clone()).collect();
@@ -143,7 +142,7 @@ async fn begin(house: &Arc<House>, wish: &Wish) -> Result<(ProbeWork, Vec<String
         if cameras.is_empty() {
             warnings.push("no data set: rendered at the resolution of the map, at which small lights may be off".into());
         }
-        Ok((ProbeWork::new(scene, &options, subject.surroundings, renderer.supports(CameraProjection::Equirectangular))?, warnings))
+        Ok((ProbeWork::new(scene, &options, subject.surroundings)?, warnings))
     };
     on_stage(house, begin).await
 }

@@ -5,7 +5,7 @@
 
 use super::{DensifyPlan, DensifyStats, Evaluations, Geometry, Layers, PassTime, RenderOptions, StepConfig, StepReport};
 use crate::edit::Contributions;
-use crate::{Camera, CameraProjection, Image, Moments, Remedy, Splats, View};
+use crate::{Camera, Image, Moments, Remedy, Splats, View};
 
 /// Explains why an engine cannot do something.
 #[derive(Debug, thiserror::Error)]
@@ -88,13 +88,8 @@ pub trait Engine: Send {
     /// [`EngineError::Device`].
     fn save(&mut self) -> Result<(Splats, Moments), EngineError>;
 
-    /// Returns whether the engine renders cameras of this projection. Every engine renders
-    /// pinholes.
-    fn supports(&self, projection: CameraProjection) -> bool {
-        projection.is_pinhole()
-    }
-
-    /// Renders radiance in normalised units as seen by `camera`, which must be undistorted.
+    /// Renders radiance in normalised units as seen by `camera`, of any projection, which must be
+    /// undistorted.
     ///
     /// # Errors
     /// [`EngineError::Camera`], [`EngineError::Device`].

@@ -98,7 +98,7 @@ fn neighbours(i: usize, image: &Image, map: MapSize) -> impl Iterator<Item = usi
 fn touch(a: &Light, b: &Light, map: MapSize) -> bool {
     let radius = |light: &Light| (light.solid_angle / std::f64::consts::PI).sqrt();
     let angle = DVec3::from_array(a.direction).dot(DVec3::from_array(b.direction)).clamp(-1.0, 1.0).acos();
-    angle <= radius(a) + radius(b) + 2.0 / super::density(map)
+    angle <= radius(a) + radius(b) + 2.0 / map.density()
 }
 
 fn light(image: &Image, projection: Projection, region: &[usize]) -> Light {

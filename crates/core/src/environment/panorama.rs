@@ -8,9 +8,13 @@
 
 use glam::{DAffine3, DMat3, DVec3};
 
-use super::{MapSize, OVERSAMPLING, Projection, SAMPLES, density};
+use super::MapSize;
 use crate::{Camera, Image};
 
+/// Smallest and largest number of samples across a pixel of the map.
+const SAMPLES: [f64; 2] = [3.0, 32.0];
+/// Pixels of the panorama per pixel of the map if no focal length is known.
+const OVERSAMPLING: f64 = 1.5;
 /// Pixels of a band, about.
 const BAND_PIXELS: usize = 4 << 20;
 /// Least number of bands: other work is done between them.
@@ -44,7 +48,7 @@ impl PanoramaRig {
     /// `environment_from_world` is a rotation. `focal_px` is the focal length of the training
     /// views, if known: a pixel of the panorama spans as much as theirs.
     pub fn new(at: DVec3, environment_from_world: DMat3, map: MapSize, focal_px: Option<f64>) -> Self {
-        let density = density(map);
+        let density = map.density();
         let focal = focal_px.unwrap_or(OVERSAMPLING * density);
         let width = (std::f64::consts::TAU * focal).clamp(16.0, MAX_WIDTH_PX);
         let width = 2 * (0.5 * width).round() as u32;
@@ -137,15 +141,9 @@ impl PartialPanorama {
     }
 }
 
-impl MapSize {
-    /// Returns whether the map's columns go round.
-    pub(super) fn is_round(self) -> bool {
-        self.projection == Projection::LatitudeLongitude
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use super::super::Projection;
     use super::*;
 
     /// A radiance that changes smoothly with the direction in the environment.

@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use luxel_core::edit::Contributions;
 use luxel_core::engine::{CameraGradientChoice, DensifyPlan, DensifyStats, Geometry, StepConfig};
-use luxel_core::{Camera, CameraProjection, Engine, EngineError, Image, Moments, Pass, PassTime, RenderOptions, Splats, StepReport, View};
+use luxel_core::{Camera, Engine, EngineError, Image, Moments, Pass, PassTime, RenderOptions, Splats, StepReport, View};
 
 use super::{GpuEngine, Submission, step_report};
 use crate::densify;
@@ -40,10 +40,6 @@ impl Engine for GpuEngine {
         let first = self.scene.download(&self.gpu, |_, shard| &shard.first)?;
         let second = self.scene.download(&self.gpu, |_, shard| &shard.second)?;
         Ok((splats, Moments { first, second }))
-    }
-
-    fn supports(&self, _: CameraProjection) -> bool {
-        true
     }
 
     fn render(&mut self, camera: &Camera, options: &RenderOptions) -> Result<Image, EngineError> {
