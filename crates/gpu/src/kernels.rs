@@ -55,30 +55,22 @@ const FOOTPRINT: &str = file!("footprint");
 const ROTATION: &str = file!("rotation");
 const GEOMETRY: &str = file!("geometry");
 const COLOR: &str = file!("color");
-const LENS: &str = file!("lens");
-const FOOTPRINT_RAYS: &str = file!("footprint_rays");
-const GEOMETRY_RAYS: &str = file!("geometry_rays");
 const ADAM: &str = file!("adam");
 const NOISE: &str = file!("noise");
 const COLOR_BACKWARD: &str = file!("color_backward");
+const PROJECT: &str = file!("project");
 const PROJECT_BACKWARD: &str = file!("project_backward");
+const CAMERA_BACKWARD: &str = file!("camera_backward");
+// What depends on the projection: for a pinhole, and, with the lens, for rays.
+const ELLIPSE: &str = file!("ellipse");
+const LINEARISE: &str = file!("linearise");
+const POINT_BACKWARD: &str = file!("point_backward");
+const LENS: &str = file!("lens");
+const ELLIPSE_RAYS: &str = file!("ellipse_rays");
+const LINEARISE_RAYS: &str = file!("linearise_rays");
+const POINT_BACKWARD_RAYS: &str = file!("point_backward_rays");
 const SORT: &[&str] = &[COMMON, file!("sort")];
-const BIN: &[&str] = &[COMMON, FOOTPRINT, file!("bin")];
-const CAMERA_BACKWARD: &[&str] =
-    &[COMMON, ROTATION, GEOMETRY, COLOR, ADAM, NOISE, COLOR_BACKWARD, file!("point_backward"), PROJECT_BACKWARD, file!("camera_backward")];
-const CAMERA_BACKWARD_RAYS: &[&str] = &[
-    COMMON,
-    LENS,
-    ROTATION,
-    GEOMETRY_RAYS,
-    COLOR,
-    ADAM,
-    NOISE,
-    COLOR_BACKWARD,
-    file!("point_backward_rays"),
-    PROJECT_BACKWARD,
-    file!("camera_backward"),
-];
+const BIN: &[&str] = &[COMMON, FOOTPRINT, ELLIPSE, file!("bin")];
 const LOSS: &[&str] = &[COMMON, file!("loss")];
 
 impl KernelId {
@@ -107,30 +99,37 @@ impl KernelId {
         }
     }
 
+    #[rustfmt::skip]
     pub(crate) fn files(self) -> &'static [&'static str] {
         match self {
-            Self::Project(_) => &[COMMON, ROTATION, GEOMETRY, COLOR, FOOTPRINT, file!("project")],
+            Self::Project(_) => &[COMMON, ROTATION, LINEARISE, GEOMETRY, COLOR, FOOTPRINT, ELLIPSE, file!("place"), PROJECT],
+            Self::ProjectRays(_) =>
+                &[COMMON, LENS, ROTATION, LINEARISE_RAYS, GEOMETRY, COLOR, FOOTPRINT, ELLIPSE_RAYS, file!("place_rays"), PROJECT],
             Self::SortCount | Self::SortScan | Self::SortScatter => SORT,
             Self::BinSum | Self::BinScan | Self::BinEmit | Self::BinRanges => BIN,
-            Self::Rasterize => &[COMMON, FOOTPRINT, file!("rasterize")],
+            Self::BinEmitRays => &[COMMON, LENS, FOOTPRINT, ELLIPSE_RAYS, file!("bin")],
+            Self::Rasterize => &[COMMON, FOOTPRINT, ELLIPSE, file!("rasterize")],
+            Self::RasterizeRays => &[COMMON, LENS, FOOTPRINT, ELLIPSE_RAYS, file!("rasterize")],
             Self::LossSsim | Self::LossGradient | Self::LossReport => LOSS,
-            Self::RasterizeBackward => &[COMMON, FOOTPRINT, file!("facing"), file!("unwind"), file!("rasterize_backward")],
-            Self::ProjectRays(_) => &[COMMON, LENS, ROTATION, GEOMETRY_RAYS, COLOR, FOOTPRINT_RAYS, file!("project_rays")],
-            Self::BinEmitRays => &[COMMON, LENS, FOOTPRINT_RAYS, file!("bin")],
-            Self::RasterizeRays => &[COMMON, LENS, FOOTPRINT_RAYS, file!("rasterize")],
-            Self::RasterizeBackwardRays => &[COMMON, LENS, FOOTPRINT_RAYS, file!("unwind"), file!("rasterize_backward")],
-            Self::ContributeRays => &[COMMON, LENS, FOOTPRINT_RAYS, file!("unwind"), file!("contribute")],
+            Self::RasterizeBackward => &[COMMON, FOOTPRINT, ELLIPSE, file!("unwind"), file!("rasterize_backward")],
+            Self::RasterizeBackwardRays => &[COMMON, LENS, FOOTPRINT, ELLIPSE_RAYS, file!("unwind"), file!("rasterize_backward")],
             Self::Gather => &[COMMON, file!("gather")],
-            Self::ProjectBackward(..) => {
-                &[COMMON, ROTATION, GEOMETRY, COLOR, ADAM, NOISE, COLOR_BACKWARD, file!("point_backward"), PROJECT_BACKWARD]
-            }
-            Self::ProjectBackwardRays(..) => {
-                &[COMMON, LENS, ROTATION, GEOMETRY_RAYS, COLOR, ADAM, NOISE, COLOR_BACKWARD, file!("point_backward_rays"), PROJECT_BACKWARD]
-            }
-            Self::CameraBackward(_) => CAMERA_BACKWARD,
-            Self::CameraBackwardRays(_) => CAMERA_BACKWARD_RAYS,
+            Self::ProjectBackward(..) =>
+                &[COMMON, ROTATION, LINEARISE, GEOMETRY, COLOR, ADAM, NOISE, COLOR_BACKWARD, POINT_BACKWARD, PROJECT_BACKWARD],
+            Self::ProjectBackwardRays(..) => &[
+                COMMON, LENS, ROTATION, LINEARISE_RAYS, GEOMETRY, COLOR, ADAM, NOISE, COLOR_BACKWARD, POINT_BACKWARD_RAYS, PROJECT_BACKWARD,
+            ],
+            Self::CameraBackward(_) => &[
+                COMMON, ROTATION, LINEARISE, GEOMETRY, COLOR, ADAM, NOISE, COLOR_BACKWARD, POINT_BACKWARD, PROJECT_BACKWARD,
+                CAMERA_BACKWARD,
+            ],
+            Self::CameraBackwardRays(_) => &[
+                COMMON, LENS, ROTATION, LINEARISE_RAYS, GEOMETRY, COLOR, ADAM, NOISE, COLOR_BACKWARD, POINT_BACKWARD_RAYS, PROJECT_BACKWARD,
+                CAMERA_BACKWARD,
+            ],
             Self::Densify(_) => &[COMMON, ROTATION, file!("densify")],
-            Self::Contribute => &[COMMON, FOOTPRINT, file!("unwind"), file!("contribute")],
+            Self::Contribute => &[COMMON, FOOTPRINT, ELLIPSE, file!("unwind"), file!("contribute")],
+            Self::ContributeRays => &[COMMON, LENS, FOOTPRINT, ELLIPSE_RAYS, file!("unwind"), file!("contribute")],
             Self::ContributeSum => &[COMMON, file!("contribute_sum")],
         }
     }

@@ -4,8 +4,7 @@
 //! and invalid cameras are errors.
 
 use bytemuck::Zeroable;
-use luxel_core::engine::PixelAngle;
-use luxel_core::engine::{ADAM_BETA1, ADAM_BETA2, JACOBIAN_MARGIN, StatsCollection, StepConfig};
+use luxel_core::engine::{ADAM_BETA1, ADAM_BETA2, JACOBIAN_MARGIN, PixelAngle, StatsCollection, StepConfig};
 use luxel_core::{Antialias, Camera, CameraProjection, EngineError, LossWeights, MAX_SAMPLES, RenderOptions, SQUARED_KNEE, View};
 
 use crate::forward::PixelKind;

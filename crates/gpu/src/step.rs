@@ -14,11 +14,11 @@ use crate::scene::{GpuScene, Shard};
 use crate::screen::tiles;
 use crate::targets::Target;
 
-/// Splats per workgroup of `project_backward`, which holds more per thread.
+/// Splats per workgroup of `project_backward` and `camera_backward`, which hold more per thread.
 const SPLATS_BACKWARD: u64 = 128;
 
-/// Returns the number of workgroups of `camera_backward` for a shard.
-pub(crate) fn camera_groups(shard: &Shard) -> u64 {
+/// Returns the number of workgroups of `project_backward` or `camera_backward` for a shard.
+pub(crate) fn backward_groups(shard: &Shard) -> u64 {
     (shard.len as u64).div_ceil(SPLATS_BACKWARD)
 }
 
@@ -178,51 +178,42 @@ impl Recorder<'_> {
     }
 
     /// Records the sums for the gradient by the camera, one buffer per shard, before the update.
+    /// Follows [`Self::gather`].
     pub(crate) fn camera_backward(&mut self, sums: &[Buffer]) {
-        let (frame, scene) = (self.frame, self.scene);
-        for (shard, sums) in scene.shards.iter().zip(sums) {
-            let buffers = [
-                bind(0, &frame.camera),
-                bind(1, &shard.uniform),
-                bind(2, &frame.optimizer),
-                bind(3, &frame.state),
-                bind(4, &frame.splats.places),
-                bind(5, &frame.entries.gradients),
-                bind(6, &shard.parameters),
-                bind(7, &shard.first),
-                bind(8, &shard.second),
-                bind(10, sums),
-            ];
-            let groups = Groups::Line(camera_groups(shard));
-            let model = scene.rows.color_model;
-            let kernels = [KernelId::CameraBackward(model), KernelId::CameraBackwardRays(model)];
-            self.add_either(Pass::ProjectBackward, kernels, &buffers, groups);
+        let model = self.scene.rows.color_model;
+        let kernels = [KernelId::CameraBackward(model), KernelId::CameraBackwardRays(model)];
+        for (shard, sums) in self.scene.shards.iter().zip(sums) {
+            self.differentiate(kernels, shard, &shard.first, bind(10, sums));
         }
     }
 
     /// Records the update from the entries' gradients to parameters and moments, or to gradients in
     /// the place of first moments, one buffer per shard. Follows [`Self::gather`].
     pub(crate) fn update(&mut self, gradients: Option<&[Buffer]>) {
-        let (frame, scene) = (self.frame, self.scene);
         let kind = if gradients.is_some() { Update::OnlyGradients } else { Update::Parameters };
-        for (n, shard) in scene.shards.iter().enumerate() {
+        let model = self.scene.rows.color_model;
+        let kernels = [KernelId::ProjectBackward(model, kind), KernelId::ProjectBackwardRays(model, kind)];
+        for (n, shard) in self.scene.shards.iter().enumerate() {
             let first = gradients.and_then(|buffers| buffers.get(n)).unwrap_or(&shard.first);
-            let buffers = [
-                bind(0, &frame.camera),
-                bind(1, &shard.uniform),
-                bind(2, &frame.optimizer),
-                bind(3, &frame.state),
-                bind(4, &frame.splats.places),
-                bind(5, &frame.entries.gradients),
-                bind(6, &shard.parameters),
-                bind(7, first),
-                bind(8, &shard.second),
-                bind(9, &shard.stats),
-            ];
-            let groups = Groups::Line((shard.len as u64).div_ceil(SPLATS_BACKWARD));
-            let model = scene.rows.color_model;
-            let kernels = [KernelId::ProjectBackward(model, kind), KernelId::ProjectBackwardRays(model, kind)];
-            self.add_either(Pass::ProjectBackward, kernels, &buffers, groups);
+            self.differentiate(kernels, shard, first, bind(9, &shard.stats));
         }
+    }
+
+    /// Records a kernel that differentiates the splats of a shard, with the buffer that is its own.
+    fn differentiate(&mut self, kernels: [KernelId; 2], shard: &Shard, first: &Buffer, own: Binding<'_>) {
+        let frame = self.frame;
+        let buffers = [
+            bind(0, &frame.camera),
+            bind(1, &shard.uniform),
+            bind(2, &frame.optimizer),
+            bind(3, &frame.state),
+            bind(4, &frame.splats.places),
+            bind(5, &frame.entries.gradients),
+            bind(6, &shard.parameters),
+            bind(7, first),
+            bind(8, &shard.second),
+            own,
+        ];
+        self.add_either(Pass::ProjectBackward, kernels, &buffers, Groups::Line(backward_groups(shard)));
     }
 }

@@ -7,9 +7,8 @@
 //! colours depend on, and t the gradient by a rotation of the splat's own axes: a translation of
 //! the camera has the gradient -sum (g + c), and a rotation about its centre
 //! -sum ((p - e) x g + t), because it leaves directions from the centre as they are. That holds for
-//! any projection.
-//!
-//! Limits within which the projection's Jacobian is evaluated count as constants.
+//! any projection. Degenerate: only a pinhole has a gradient by its focal lengths; for other
+//! projections it is zero.
 
 use glam::DVec3;
 
@@ -33,7 +32,7 @@ pub struct CameraGradient {
     pub rotation: DVec3,
     /// By a translation of the centre along the camera's axes, per world unit.
     pub translation: DVec3,
-    /// By the focal lengths, per pixel of the camera as it was given.
+    /// By the focal lengths of a pinhole, per pixel of the camera as it was given; else zero.
     pub focal_px: [f64; 2],
 }
 
@@ -47,7 +46,7 @@ pub struct CameraSums {
     pub turn: DVec3,
     /// sum (g + c), world axes.
     pub shift: DVec3,
-    /// Gradient by the focal lengths of the samples' camera.
+    /// Gradient by the focal lengths of the samples' camera, if it is a pinhole; else zero.
     pub focal_px: [f64; 2],
 }
 

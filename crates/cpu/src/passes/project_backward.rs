@@ -60,22 +60,19 @@ pub(crate) fn project_backward<S: Simd>(
     camera: &ScreenCamera,
     inputs: &Inputs<'_>,
     block: Block<'_>,
-    BlockSums { rows: sums, visible }: &BlockSums,
+    sums: &BlockSums,
     gradient: &mut [Lanes],
     stats: Option<BlockStats<'_>>,
 ) -> bool {
-    let written = visible.contains(&true) || inputs.is_regularised();
+    let written = sums.is_visible() || inputs.is_regularised();
     if written {
         // Otherwise every row is written.
         if camera.active_degree < inputs.shape.layout.color_model.max_degree() {
             gradient.fill(Lanes::ZERO);
         }
-        let sums = V::transpose(
-            each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15] lane => { let row = &sums[lane]; V::load(simd, row) }),
-        );
-        let BlockBackward { norms: statistics, .. } = block_backward(simd, camera, inputs, block, &sums, gradient);
+        let BlockBackward { norms: statistics, .. } = block_backward(simd, camera, inputs, block, &sums.by_field(simd), gradient);
         if let Some(stats) = stats {
-            for lane in (0..stats.views.len()).filter(|lane| visible[*lane]) {
+            for lane in (0..stats.views.len()).filter(|lane| sums.visible[*lane]) {
                 stats.norm[lane] += statistics[0][lane];
                 stats.absolute[lane] += statistics[1][lane];
                 stats.views[lane] += 1;
@@ -101,15 +98,13 @@ pub(crate) fn camera_parts<S: Simd>(
     camera: &ScreenCamera,
     inputs: &Inputs<'_>,
     block: Block<'_>,
-    BlockSums { rows: sums, visible }: &BlockSums,
+    sums: &BlockSums,
     gradient: &mut [Lanes],
 ) -> Option<CameraParts<S>> {
-    if !visible.contains(&true) {
+    if !sums.is_visible() {
         return None;
     }
-    let sums =
-        V::transpose(each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15] lane => { let row = &sums[lane]; V::load(simd, row) }));
-    Some(block_backward(simd, camera, inputs, block, &sums, gradient).camera)
+    Some(block_backward(simd, camera, inputs, block, &sums.by_field(simd), gradient).camera)
 }
 
 /// The result of differentiating a block, besides the rows of its gradient.
@@ -130,6 +125,19 @@ pub(crate) struct BlockSums {
 
 impl BlockSums {
     pub(crate) const ZERO: Self = Self { rows: [Lanes::ZERO; LANES], visible: [false; LANES] };
+
+    /// Returns whether any splat has an entry.
+    fn is_visible(&self) -> bool {
+        self.visible.contains(&true)
+    }
+
+    /// Returns the sums by field, a splat in each lane.
+    #[inline(always)]
+    fn by_field<S: Simd>(&self, simd: S) -> [V<S>; LANES] {
+        V::transpose(
+            each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15] lane => { let row = &self.rows[lane]; V::load(simd, row) }),
+        )
+    }
 
     /// Gathers the sums of block number `block`.
     #[inline(always)]
@@ -267,11 +275,12 @@ fn block_backward<S: Simd>(
         finite(d).store(&mut out[ParameterRows::ROTATION + i]);
     }
     let d_jacobian = each!([0, 1] i => { let row = d_screen_axes[i]; each!([0, 1, 2] j => dot(row, p.axes[j])) });
-    let d_point = match &facing {
+    let PointGradient { d_point, d_focal_px } = match &facing {
         None => point_backward(simd, camera, &p, d_jacobian, d_mean),
         Some(facing) => {
             let d_dilation = dilation_backward(camera, &p, d_trace, d_log_alpha);
-            project_backward_rays::point_backward(simd, camera, facing, PlaneGradient { d_jacobian, d_mean, d_dilation })
+            let d_point = project_backward_rays::point_backward(simd, camera, facing, PlaneGradient { d_jacobian, d_mean, d_dilation });
+            PointGradient { d_point, d_focal_px: [c(0.0); 2] }
         }
     };
     let by_projection = each!([0, 1, 2] i => {
@@ -294,22 +303,13 @@ fn block_backward<S: Simd>(
         let (x, y) = (by_center[i][0] * ndc[0], by_center[i][1] * ndc[1]);
         (x * x + y * y).sqrt().lanes()
     });
-    let by_focal_px = focal_backward(camera, &p, d_mean, each!([0, 1] i => dot(d_root[i], p.root[i])));
     BlockBackward {
         norms,
-        camera: CameraParts { by_projection: each!([0, 1, 2] i => { let d = by_projection[i]; finite(d) }), by_focal_px },
+        camera: CameraParts {
+            by_projection: each!([0, 1, 2] i => { let d = by_projection[i]; finite(d) }),
+            by_focal_px: each!([0, 1] i => { let d = d_focal_px[i]; finite(d) }),
+        },
     }
-}
-
-/// Computes the gradient by the focal lengths of a pinhole: centre and Jacobian are proportional to
-/// them, and the root is to the Jacobian. `by_root` is the root times the gradient by it, by row.
-#[inline(always)]
-fn focal_backward<S: Simd>(camera: &ScreenCamera, p: &Projection<S>, d_mean: [V<S>; 2], by_root: [V<S>; 2]) -> [V<S>; 2] {
-    let inverse_z = p.point[2].lift(1.0) / p.point[2];
-    each!([0, 1] i => {
-        let d = (d_mean[i] * p.point[i]).mul_add(inverse_z, by_root[i] * (1.0 / camera.focal_px[i]));
-        finite(d)
-    })
 }
 
 /// Replaces numbers that are not finite by zero: a splat that is culled for overflow has zero
@@ -335,12 +335,26 @@ fn rotation_backward<S: Simd>(p: &Projection<S>, d: &[[V<S>; 3]; 3]) -> [V<S>; 4
     each!([0, 1, 2, 3] i => (unit[i] - along * p.quaternion[i]) * p.inverse_length)
 }
 
-/// Returns the gradient by the point in camera space, through the centre and the Jacobian.
+/// The gradients that pass through the centre and the Jacobian.
+struct PointGradient<S: Simd> {
+    /// By the point in camera space.
+    d_point: [V<S>; 3],
+    /// By the focal lengths of a pinhole; zero for other projections.
+    d_focal_px: [V<S>; 2],
+}
+
+/// Differentiates the projection of a pinhole.
 #[inline(always)]
-fn point_backward<S: Simd>(simd: S, camera: &ScreenCamera, p: &Projection<S>, d_jacobian: [[V<S>; 3]; 2], d_mean: [V<S>; 2]) -> [V<S>; 3] {
+fn point_backward<S: Simd>(
+    simd: S,
+    camera: &ScreenCamera,
+    p: &Projection<S>,
+    d_jacobian: [[V<S>; 3]; 2],
+    d_mean: [V<S>; 2],
+) -> PointGradient<S> {
     let c = |value: f32| V::splat(simd, value);
     let inverse_z = c(1.0) / p.point[2];
-    let mut d_point = [c(0.0); 3];
+    let (mut d_point, mut d_focal_px) = ([c(0.0); 3], [c(0.0); 2]);
     for i in 0..2 {
         let scale = inverse_z * camera.focal_px[i];
         // jacobian[i] = scale (rotation[i] - slope rotation[2]); mean = scale point + centre.
@@ -354,6 +368,9 @@ fn point_backward<S: Simd>(simd: S, camera: &ScreenCamera, p: &Projection<S>, d_
         d_point[i] = d_mean[i].mul_add(scale, d_slope * inverse_z);
         let by_scale = by_direct - p.slope[i] * by_depth + d_mean[i] * p.point[i];
         d_point[2] = d_point[2] - inverse_z * (by_scale * scale + d_slope * true_slope);
+        // The limits of the slope are a length on the image over the focal length: scale times a
+        // clamped slope does not depend on it.
+        d_focal_px[i] = inverse_z * (by_scale + free.if_positive(p.slope[i] * by_depth, c(0.0)));
     }
-    d_point
+    PointGradient { d_point, d_focal_px }
 }

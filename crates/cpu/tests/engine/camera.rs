@@ -1,5 +1,5 @@
 //! The gradient by the camera: compared with central differences of the f64 oracle, for every
-//! colour model, and with itself for any number of threads.
+//! colour model and every projection, and with itself for any number of threads.
 
 use glam::{DVec2, DVec3};
 use luxel_core::engine::{CameraGradient, CameraGradientChoice, StepConfig};
@@ -9,6 +9,7 @@ use luxel_cpu::CpuEngine;
 use crate::fixture;
 use crate::gradients::{Case, case, cases, lcd};
 use crate::oracle::{Parameters, Trace, flatten, objective};
+use crate::wide;
 
 /// Step of the differences, in radians, world units and pixels.
 const H: f64 = 1e-6;
@@ -57,7 +58,8 @@ fn zoomed(axis: usize) -> impl Fn(&Camera, f64) -> Camera {
 
 fn check(case: &Case, what: &str, found: &[f64], expected: &[Option<f64>]) {
     let largest = expected.iter().flatten().fold(0.0, |m: f64, d| m.max(d.abs()));
-    assert!(largest > 0.0, "{}: {what}: nothing could be measured", case.name);
+    // A direction in which a pixel's decision changes cannot be measured; there are few.
+    assert!(largest > 0.0 && expected.iter().flatten().count() + 1 >= expected.len(), "{}: {what}: only {expected:?}", case.name);
     for (i, (found, expected)) in found.iter().zip(expected).enumerate() {
         let Some(expected) = expected else { continue };
         let error = (found - expected).abs() / largest;
@@ -67,7 +69,7 @@ fn check(case: &Case, what: &str, found: &[f64], expected: &[Option<f64>]) {
 
 #[test]
 fn gradient_by_the_pose_is_that_of_differences() {
-    for case in cases() {
+    for case in cases().into_iter().chain(wide::cases()) {
         let CameraGradient { rotation, translation, .. } = found(&case, 1).camera.unwrap();
         let [turn, shift] = [[0, 1, 2].map(|axis| difference(&case, turned(axis))), [0, 1, 2].map(|axis| difference(&case, shifted(axis)))];
         check(&case, "rotation", &rotation.to_array(), &turn);
@@ -75,18 +77,18 @@ fn gradient_by_the_pose_is_that_of_differences() {
     }
 }
 
-/// Hides the splats whose Jacobian is clamped: the limits follow the focal length, and count as
-/// constants in the gradient.
-fn without_clamped_splats(mut case: Case) -> Case {
-    case.splats.opacity_logit[1..3].fill(-30.0);
-    case
+#[test]
+fn gradient_by_the_focal_lengths_is_that_of_differences() {
+    for case in cases() {
+        let found = found(&case, 1).camera.unwrap();
+        check(&case, "focal", &found.focal_px, &[0, 1].map(|axis| difference(&case, zoomed(axis))));
+    }
 }
 
 #[test]
-fn gradient_by_the_focal_lengths_is_that_of_differences() {
-    for case in cases().into_iter().map(without_clamped_splats) {
-        let found = found(&case, 1).camera.unwrap();
-        check(&case, "focal", &found.focal_px, &[0, 1].map(|axis| difference(&case, zoomed(axis))));
+fn there_is_no_gradient_by_the_focal_lengths_of_a_wide_lens() {
+    for case in wide::cases() {
+        assert_eq!(found(&case, 1).camera.unwrap().focal_px, [0.0; 2], "{}", case.name);
     }
 }
 

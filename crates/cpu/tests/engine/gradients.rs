@@ -25,18 +25,7 @@ pub fn lcd(chroma_degree: u8, luminance_degree: u8, activation: Activation) -> C
 const SIZE_PX: [u32; 2] = [21, 13];
 
 pub fn case(model: ColorModel, antialias: Antialias, cutoffs: (&str, Cutoffs), masked: bool, seed: u64) -> Case {
-    case_of_size(SIZE_PX, model, antialias, cutoffs, masked, seed)
-}
-
-fn case_of_size(
-    [width, height]: [u32; 2],
-    model: ColorModel,
-    antialias: Antialias,
-    (label, cutoffs): (&str, Cutoffs),
-    masked: bool,
-    seed: u64,
-) -> Case {
-    case_of_camera(&fixture::camera(width, height), model, antialias, (label, cutoffs), masked, seed)
+    case_of_camera(&fixture::camera(SIZE_PX[0], SIZE_PX[1]), model, antialias, cutoffs, masked, seed)
 }
 
 /// Returns a case with a given camera.
@@ -237,7 +226,8 @@ fn cases_of_sizes() -> Vec<Case> {
         .enumerate()
         .map(|(i, size)| {
             let antialias = if i % 2 == 0 { Antialias::Off } else { Antialias::Mip };
-            let mut case = case_of_size(size, lcd(2, 1, Activation::Softplus), antialias, ("hdr", Cutoffs::HDR), i > 4, 90 + i as u64);
+            let (camera, model) = (fixture::camera(size[0], size[1]), lcd(2, 1, Activation::Softplus));
+            let mut case = case_of_camera(&camera, model, antialias, ("hdr", Cutoffs::HDR), i > 4, 90 + i as u64);
             case.name = format!("{} {size:?}", case.name);
             case
         })
@@ -257,7 +247,7 @@ fn engine_gradient_is_the_oracles_at_any_size() {
 fn engine_gradient_is_the_oracles_where_many_splats_meet() {
     const COUNT: usize = 180;
     for (cutoffs, antialias) in [(Cutoffs::HDR, Antialias::Mip), (Cutoffs::PARITY, Antialias::Off)] {
-        let mut case = case_of_size([36, 10], lcd(1, 1, Activation::Softplus), antialias, ("crowd", cutoffs), false, 7);
+        let mut case = case_of_camera(&fixture::camera(36, 10), lcd(1, 1, Activation::Softplus), antialias, ("crowd", cutoffs), false, 7);
         case.splats = fixture::splats(lcd(1, 1, Activation::Softplus), COUNT, &case.view.camera, 8);
         for (opacity_logit, log_scale) in case.splats.opacity_logit.iter_mut().zip(&mut case.splats.log_scale) {
             *opacity_logit = 0.3 * *opacity_logit - 3.5;

@@ -24,6 +24,9 @@ const ROUNDING: f64 = 2e-5;
 /// A pixel whose alpha or transmittance is this near (relatively) to a threshold may fall on either
 /// side of it.
 const BAND: f64 = 1e-4;
+/// A ray whose angle to a splat is this near to a right angle (cosine) may see the splat or not:
+/// both directions and their product are rounded to f32.
+const EDGE: f64 = 1e-6;
 
 /// Compares `image` with the oracle's: tightly where decisions are clear; elsewhere by no more than
 /// the decision can change.
@@ -36,7 +39,11 @@ pub fn assert_is_oracles(image: &Image, splats: &Splats, camera: &Camera, option
     for (i, (found, expected_pixel)) in image.pixels.iter().zip(&expected.pixels).enumerate() {
         for c in 0..3 {
             let (found, expected_value) = (f64::from(found[c]), expected_pixel[c]);
-            let decision = if expected.margin[i] < BAND { band } else { 0.0 };
+            let decision = match (expected.margin[i] < BAND, expected.edge[i] < EDGE) {
+                (_, true) => brightest,
+                (true, false) => band,
+                (false, false) => 0.0,
+            };
             let tolerance = ROUNDING * expected_value.max(1e-3) + decision;
             assert!(
                 (found - expected_value).abs() <= tolerance,
@@ -47,7 +54,7 @@ pub fn assert_is_oracles(image: &Image, splats: &Splats, camera: &Camera, option
         }
     }
     // Few pixels may be in the band.
-    let unclear = expected.margin.iter().filter(|m| **m < BAND).count();
+    let unclear = expected.margin.iter().zip(&expected.edge).filter(|(margin, edge)| **margin < BAND || **edge < EDGE).count();
     assert!(unclear * 20 <= image.pixels.len(), "{name}: {unclear} of {} pixels are at a threshold", image.pixels.len());
 }
 

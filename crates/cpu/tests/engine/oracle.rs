@@ -139,10 +139,11 @@ impl<N: Number> Plane<N> {
         Self { axes: [first, second, unit], dilation: N::of(dilation_px2) * squared, jacobian: [row(first), row(second)] }
     }
 
-    /// Coordinates of a pixel's ray on a splat's plane; `None` if it looks away.
-    fn coordinates(axes: &[[N; 3]; 3], ray: [f64; 3]) -> Option<[N; 2]> {
+    /// Coordinates of a pixel's ray on a splat's plane, and the cosine between the ray and the
+    /// splat's direction.
+    fn coordinates(axes: &[[N; 3]; 3], ray: [f64; 3]) -> ([N; 2], f64) {
         let ray = ray.map(N::of);
-        (dot(axes[2], ray).value() > 0.0).then(|| [dot(axes[0], ray), dot(axes[1], ray)])
+        ([dot(axes[0], ray), dot(axes[1], ray)], dot(axes[2], ray).value())
     }
 }
 
@@ -284,6 +285,9 @@ pub struct Rendered<N> {
     /// [H*W] how near a decision of the pixel is to the other side: relative distance of an alpha
     /// or a transmittance to its threshold.
     pub margin: Vec<f64>,
+    /// [H*W] how near the pixel is to the edge at which a splat that still covers it ends: cosine
+    /// between ray and splat.
+    pub edge: Vec<f64>,
 }
 
 /// Renders the image: each pixel is the mean of its samples.
@@ -298,9 +302,10 @@ pub fn render<N: Number>(p: &Parameters<N>, camera: &Camera, options: &RenderOpt
     let share = N::of(1.0 / (samples * samples) as f64);
     let mean =
         |i: usize| -> [N; 3] { std::array::from_fn(|c| of_pixel(i).fold(N::of(0.0), |sum, at| sum + share * rendered.pixels[at][c])) };
-    let margin = |i: usize| of_pixel(i).map(|at| rendered.margin[at]).fold(f64::INFINITY, f64::min);
-    let (pixels, margins) = (0..width * height).map(|i| (mean(i), margin(i))).unzip();
-    Rendered { pixels, margin: margins, ..rendered }
+    let least =
+        |of_samples: &[f64]| (0..width * height).map(|i| of_pixel(i).map(|at| of_samples[at]).fold(f64::INFINITY, f64::min)).collect();
+    let pixels = (0..width * height).map(mean).collect();
+    Rendered { pixels, margin: least(&rendered.margin), edge: least(&rendered.edge), ..rendered }
 }
 
 /// Renders the image without supersampling.
@@ -315,25 +320,31 @@ fn render_samples<N: Number>(p: &Parameters<N>, camera: &Camera, options: &Rende
     let [width, height] = camera.size_px;
     let mut pixels = Vec::new();
     let mut offsets = Vec::new();
-    let mut margins = Vec::new();
+    let (mut margins, mut edges) = (Vec::new(), Vec::new());
     for (y, x) in (0..height).flat_map(|y| (0..width).map(move |x| (y, x))) {
         let center = [f64::from(x) + 0.5, f64::from(y) + 0.5];
         let ray = camera.unproject(center.into());
         let mut transmittance = N::of(1.0);
         let mut pixel = [N::of(0.0); 3];
-        let mut margin = f64::INFINITY;
+        let (mut margin, mut edge) = (f64::INFINITY, f64::INFINITY);
         for e in &ellipses {
-            let d: [N; 2] = match &e.plane {
-                None => std::array::from_fn(|a| N::of(center[a]) - e.mean_px[a]),
-                Some(axes) => match ray.and_then(|ray| Plane::coordinates(axes, ray.to_array())) {
-                    Some(d) => d,
-                    None => continue,
-                },
+            let (d, cosine): ([N; 2], f64) = match (&e.plane, ray) {
+                (None, _) => (std::array::from_fn(|a| N::of(center[a]) - e.mean_px[a]), 1.0),
+                (Some(axes), Some(ray)) => Plane::coordinates(axes, ray.to_array()),
+                (Some(_), None) => break,
             };
             let power = e.conic[0] * d[0] * d[0] + N::of(2.0) * e.conic[1] * d[0] * d[1] + e.conic[2] * d[1] * d[1];
             let alpha = e.opacity * (N::of(-0.5) * power).exp();
-            margin = margin.min((alpha.value() / e.threshold - 1.0).abs());
+            let looks_away = cosine <= 0.0;
+            if !looks_away {
+                margin = margin.min((alpha.value() / e.threshold - 1.0).abs());
+            }
             if trace.decide(alpha.value() < e.threshold) {
+                continue;
+            }
+            // A splat ends at a right angle to its direction, however opaque it is there.
+            edge = edge.min(cosine.abs());
+            if trace.decide(looks_away) {
                 continue;
             }
             let alpha = if trace.decide(alpha.value() > max_alpha.value()) { max_alpha } else { alpha };
@@ -349,9 +360,10 @@ fn render_samples<N: Number>(p: &Parameters<N>, camera: &Camera, options: &Rende
             offsets.push((e.splat, d));
         }
         margins.push(margin);
+        edges.push(edge);
         pixels.push(std::array::from_fn(|c| pixel[c] + transmittance * N::of(options.background[c].into())));
     }
-    Rendered { pixels, ellipses, offsets, trace, margin: margins }
+    Rendered { pixels, ellipses, offsets, trace, margin: margins, edge: edges }
 }
 
 /// The loss and its parts.

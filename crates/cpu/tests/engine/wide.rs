@@ -28,7 +28,9 @@ fn render(splats: &Splats, camera: &Camera, options: &RenderOptions) -> Image {
     engine.render(camera, options).unwrap()
 }
 
-fn cases() -> Vec<Case> {
+/// Returns cases of both lenses over anti-aliasing and cut-offs. Their special cases include splats
+/// so large that they end at a right angle to their direction.
+pub fn cases() -> Vec<Case> {
     let mut cases = Vec::new();
     let (off, pixel, mip) = (Antialias::Off, Antialias::Pixel, Antialias::Mip);
     let settings = [(off, Cutoffs::HDR), (mip, Cutoffs::PARITY), (pixel, Cutoffs::HDR), (mip, Cutoffs::HDR)];
@@ -62,12 +64,13 @@ fn image_is_the_oracles() {
     for size in [[80, 40], [33, 16], [8, 4]] {
         for camera in cameras(size[0], size[1]) {
             for (antialias, cutoffs) in [(Antialias::Off, Cutoffs::HDR), (Antialias::Mip, Cutoffs::PARITY)] {
-                let mut splats = fixture::splats(LCD, 90, &camera, 5);
-                splats.smoothing = fixture::smoothing(splats.len());
-                let options = fixture::options(cutoffs, antialias);
-                let name = format!("{} {antialias:?} {size:?}", camera.projection.name());
-                let image = render(&splats, &camera, &options);
-                assert_is_oracles(&image, &splats, &camera, &options, &name);
+                for mut splats in [fixture::splats(LCD, 90, &camera, 5), fixture::splats_with_special_cases(LCD, &camera, 6)] {
+                    splats.smoothing = fixture::smoothing(splats.len());
+                    let options = fixture::options(cutoffs, antialias);
+                    let name = format!("{} of {} splats {antialias:?} {size:?}", camera.projection.name(), splats.len());
+                    let image = render(&splats, &camera, &options);
+                    assert_is_oracles(&image, &splats, &camera, &options, &name);
+                }
             }
         }
     }

@@ -7,13 +7,13 @@ use luxel_core::{EngineError, View};
 
 use super::GpuEngine;
 use crate::layout::CAMERA_SUMS_BYTES;
-use crate::step::camera_groups;
+use crate::step::backward_groups;
 
 impl GpuEngine {
     /// Makes the buffers for the sums, if the scene has none yet.
     pub(super) fn prepare_camera_sums(&mut self) -> Result<(), EngineError> {
         if self.camera_sums.len() != self.scene.shards.len() {
-            let bytes: Vec<u64> = self.scene.shards.iter().map(|shard| CAMERA_SUMS_BYTES * camera_groups(shard)).collect();
+            let bytes: Vec<u64> = self.scene.shards.iter().map(|shard| CAMERA_SUMS_BYTES * backward_groups(shard)).collect();
             self.camera_sums =
                 self.with_room(|engine| bytes.iter().map(|bytes| engine.gpu.storage("sums for the camera", *bytes)).collect())?;
         }
@@ -24,7 +24,7 @@ impl GpuEngine {
     pub(super) fn read_camera_gradient(&self, view: &View, step: &StepConfig) -> Result<CameraGradient, EngineError> {
         let mut rows: Vec<[f64; CAMERA_SUMS]> = Vec::new();
         for (shard, sums) in self.scene.shards.iter().zip(&self.camera_sums) {
-            let bytes = self.gpu.read(sums, CAMERA_SUMS_BYTES * camera_groups(shard))?;
+            let bytes = self.gpu.read(sums, CAMERA_SUMS_BYTES * backward_groups(shard))?;
             let groups: Vec<[f32; CAMERA_SUMS]> = bytemuck::pod_collect_to_vec(&bytes);
             rows.extend(groups.into_iter().map(|group| group.map(f64::from)));
         }

@@ -165,9 +165,9 @@ fn bin_emit(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_i
         // If rounding gives fewer tiles here than `project` counted, the entry is given to the tile
         // behind the last.
         var tile = camera.tiles.x * camera.tiles.y;
-        let rows = touched_rows(f, camera.tiles);
-        for (var row = rows.x; row < rows.y; row++) {
-            let columns = touched_columns(f, row, camera.tiles);
+        let area = touched_area(f, camera.tiles);
+        for (var row = area.y; row < area.w; row++) {
+            let columns = touched_columns(f, area, row, camera.tiles);
             let width = columns.y - columns.x;
             if (left < width) {
                 tile = row * camera.tiles.x + columns.x + left;

@@ -1,6 +1,7 @@
 // The geometry of a splat up to the screen, with the intermediate values that the backward pass
-// needs. Twin: cpu/passes/project.rs. It uses `camera`, `shard` and `parameters`, with rows in the
-// order of layout.rs.
+// needs: the part that is the same for every projection. Twin: cpu/passes/project.rs. It uses
+// `camera`, `shard` and `parameters`, with rows in the order of layout.rs, and `linearise` of
+// linearise.wgsl or linearise_rays.wgsl.
 
 fn parameter(row: u32, i: u32) -> f32 {
     return parameters[row * shard.stride + i];
@@ -11,10 +12,8 @@ fn parameter3(row: u32, i: u32) -> vec3f {
 }
 
 struct Projection {
-    // Position in camera space; z is 1 for splats that are culled by depth.
-    point: vec3f,
-    depth: f32,
-    slope: vec2f,
+    // The projection linearised at the splat.
+    at: Linearised,
     // w x y z, unit, and the reciprocal of the raw one's length.
     quaternion: vec4f,
     inverse_length: f32,
@@ -25,9 +24,6 @@ struct Projection {
     // Standard deviations of the parameters, and with the 3D filter.
     raw_sigma: vec3f,
     sigma: vec3f,
-    // J R_camera, [2,3].
-    jacobian_x: vec3f,
-    jacobian_y: vec3f,
     // Jacobian times axes, and scaled by sigma.
     screen_x: vec3f,
     screen_y: vec3f,
@@ -44,12 +40,7 @@ struct Projection {
 
 fn project_splat(i: u32) -> Projection {
     var p: Projection;
-    let position = parameter3(ROW_POSITION, i);
-    p.depth = dot(camera.row_z.xyz, position) + camera.row_z.w;
-    let z = select(1.0, p.depth, p.depth > camera.near * 0.5);
-    p.point = vec3f(dot(camera.row_x.xyz, position) + camera.row_x.w, dot(camera.row_y.xyz, position) + camera.row_y.w, z);
-    let inverse_z = 1.0 / z;
-    p.slope = clamp(p.point.xy * inverse_z, camera.slope_min, camera.slope_max);
+    p.at = linearise(parameter3(ROW_POSITION, i));
 
     let raw = vec4f(
         parameter(ROW_ROTATION, i),
@@ -74,15 +65,12 @@ fn project_splat(i: u32) -> Projection {
         p.filter_factor = ratio.x * ratio.y * ratio.z;
     }
 
-    let scale = inverse_z * camera.focal_px;
-    p.jacobian_x = scale.x * camera.row_x.xyz - (scale.x * p.slope.x) * camera.row_z.xyz;
-    p.jacobian_y = scale.y * camera.row_y.xyz - (scale.y * p.slope.y) * camera.row_z.xyz;
-    p.screen_x = p.jacobian_x.x * axes[0] + p.jacobian_x.y * axes[1] + p.jacobian_x.z * axes[2];
-    p.screen_y = p.jacobian_y.x * axes[0] + p.jacobian_y.y * axes[1] + p.jacobian_y.z * axes[2];
+    p.screen_x = p.at.jacobian_x.x * axes[0] + p.at.jacobian_x.y * axes[1] + p.at.jacobian_x.z * axes[2];
+    p.screen_y = p.at.jacobian_y.x * axes[0] + p.at.jacobian_y.y * axes[1] + p.at.jacobian_y.z * axes[2];
     p.root_x = p.screen_x * p.sigma;
     p.root_y = p.screen_y * p.sigma;
 
-    let dilation = camera.dilation_px2;
+    let dilation = p.at.dilation;
     let before = vec3f(dot(p.root_x, p.root_x), dot(p.root_x, p.root_y), dot(p.root_y, p.root_y));
     // |a|^2 |b|^2 - (a.b)^2 = |a x b|^2 (Lagrange): no cancellation for thin ellipses.
     let area = cross(p.root_x, p.root_y);

@@ -1,5 +1,6 @@
 // Pass `project`: projects splats to ellipses on the screen, with pass `color` for visible splats.
-// Twin: cpu/passes/project.rs.
+// Twins: cpu/passes/project.rs, cpu/passes/project_rays.rs. What depends on the projection is in
+// place.wgsl or place_rays.wgsl.
 //
 // One thread per splat of the shard. In: parameters [rows, stride], camera. Out, by the splat's
 // number in the scene: `footprints`; `depth_keys`, ascending with depth, CULLED_KEY if it is
@@ -34,13 +35,10 @@ fn project(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_in
 
     let p = project_splat(i);
     let opacity = p.opacity * p.compensation * p.filter_factor;
-    let mean = p.point.xy / p.point.z * camera.focal_px + camera.center_px;
     // A splat whose largest possible footprint misses the image skips colour and the rest.
     let floor_alpha = min(camera.alpha_floor, camera.min_alpha);
-    let size = vec2f(camera.size_px);
     let widest = log(max(opacity / floor_alpha, 1.0)) * 2.0;
-    let reach = sqrt(vec2f(p.covariance.x, p.covariance.z) * widest);
-    if (!(p.depth >= camera.near && opacity >= floor_alpha && all(mean + reach > vec2f(0.0)) && all(mean - reach < size))) {
+    if (!(p.at.depth >= camera.near && opacity >= floor_alpha && may_reach_image(p, widest))) {
         return;
     }
 
@@ -55,38 +53,29 @@ fn project(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_in
     threshold = max(threshold, camera.alpha_floor);
     let log2_opacity = log(max(opacity, 1e-30)) * LOG2_E;
     let log2_threshold = log(threshold) * LOG2_E;
-    let radius2 = (log2_opacity - log2_threshold) * TWO_LN_2;
-    let extent = sqrt(vec2f(p.covariance.x, p.covariance.z) * max(radius2, 0.0));
-    // Pixel centres lie between 1/2 and size - 1/2.
-    if (!(radius2 > 0.0 && all(mean + extent > vec2f(0.5)) && all(mean - extent < size - 0.5))) {
-        return;
-    }
     let root = inverse_root(p) * SQRT_HALF_LOG2_E;
-    let finite = is_finite(root.x) && is_finite(root.y) && is_finite(root.z) && is_finite(brightest) && extent.x + extent.y < 1e9;
-    if (!(finite && root.x > 0.0 && root.z > 0.0)) {
+    let finite = is_finite(root.x) && is_finite(root.y) && is_finite(root.z) && is_finite(brightest);
+    if (!(log2_opacity > log2_threshold && finite && root.x > 0.0 && root.z > 0.0)) {
         return;
     }
     var f: Footprint;
-    f.mean_px = mean;
-    f.root_x = root.x;
-    f.root_xy = root.y;
-    f.root_y = root.z;
     f.log2_opacity = log2_opacity;
     f.log2_threshold = log2_threshold;
     f.red = radiance.x;
     f.green = radiance.y;
     f.blue = radiance.z;
-    f.extent_y_px = extent.y;
-    f.right_dy_px = extent.x * p.covariance.y / p.covariance.x;
-    let rows = touched_rows(f, camera.tiles);
+    if (!place(p, root, &f)) {
+        return;
+    }
+    let area = touched_area(f, camera.tiles);
     var touched = 0u;
-    for (var row = rows.x; row < rows.y; row++) {
-        let columns = touched_columns(f, row, camera.tiles);
+    for (var row = area.y; row < area.w; row++) {
+        let columns = touched_columns(f, area, row, camera.tiles);
         touched += columns.y - columns.x;
     }
     footprints[splat] = f;
     places[splat] = vec2u(0u, touched);
     if (touched > 0u) {
-        depth_keys[splat] = depth_key(p.depth);
+        depth_keys[splat] = depth_key(p.at.depth);
     }
 }

@@ -1,6 +1,7 @@
 // Pass `project_backward`: computes the gradient by position, rotation, scale and opacity, with
 // `color_backward` for the other parameters and `adam` for all. Twin:
-// cpu/passes/project_backward.rs.
+// cpu/passes/project_backward.rs. What depends on the projection is in point_backward.wgsl or
+// point_backward_rays.wgsl.
 //
 // One thread per splat of the shard. In: the sums over each entry's pixels: g, g u, g v, g u^2 · g
 // u v, g v^2, red, green · blue, |g u|, |g (root_xy u + root_y v)|, with g the gradient by
@@ -78,6 +79,13 @@ struct Geometry {
     focal_px: vec2f,
 }
 
+// What `point_backward` of point_backward.wgsl or point_backward_rays.wgsl returns.
+struct PointGradient {
+    // Gradient by the point in camera space, and by the focal lengths.
+    point: vec3f,
+    focal_px: vec2f,
+}
+
 fn geometry_backward(i: u32, sums: Sums) -> Geometry {
     let p = project_splat(i);
     let root = inverse_root(p);
@@ -97,8 +105,8 @@ fn geometry_backward(i: u32, sums: Sums) -> Geometry {
         let d_ratio = select(0.0, 0.5 * sums.log_alpha, ratio > MIN_AREA_RATIO);
         let by_before = d_ratio / max(p.determinant_before, 1e-30);
         let by_after = d_ratio / p.determinant;
-        d_xx += by_before * (p.covariance.z - dilation_of(p)) - by_after * p.covariance.z;
-        d_yy += by_before * (p.covariance.x - dilation_of(p)) - by_after * p.covariance.x;
+        d_xx += by_before * (p.covariance.z - p.at.dilation) - by_after * p.covariance.z;
+        d_yy += by_before * (p.covariance.x - p.at.dilation) - by_after * p.covariance.x;
         d_dilation -= by_after * (p.covariance.x + p.covariance.z);
         d_xy -= (by_before - by_after) * 2.0 * p.covariance.y;
     }
@@ -117,21 +125,22 @@ fn geometry_backward(i: u32, sums: Sums) -> Geometry {
     let d_screen_y = d_root_y * p.sigma;
     let d_rotation = rotation_backward(
         p,
-        p.jacobian_x.x * d_screen_x + p.jacobian_y.x * d_screen_y,
-        p.jacobian_x.y * d_screen_x + p.jacobian_y.y * d_screen_y,
-        p.jacobian_x.z * d_screen_x + p.jacobian_y.z * d_screen_y,
+        p.at.jacobian_x.x * d_screen_x + p.at.jacobian_y.x * d_screen_y,
+        p.at.jacobian_x.y * d_screen_x + p.at.jacobian_y.y * d_screen_y,
+        p.at.jacobian_x.z * d_screen_x + p.at.jacobian_y.z * d_screen_y,
     );
     out.rotation = vec4f(finite(d_rotation.x), finite(d_rotation.y), finite(d_rotation.z), finite(d_rotation.w));
     let d_jacobian_x = vec3f(dot(d_screen_x, p.axes_0), dot(d_screen_x, p.axes_1), dot(d_screen_x, p.axes_2));
     let d_jacobian_y = vec3f(dot(d_screen_y, p.axes_0), dot(d_screen_y, p.axes_1), dot(d_screen_y, p.axes_2));
-    let d_point = point_backward(p, d_jacobian_x, d_jacobian_y, d_mean, d_dilation);
-    let d = d_point.x * camera.row_x.xyz + d_point.y * camera.row_y.xyz + d_point.z * camera.row_z.xyz;
+    let by = point_backward(p, d_jacobian_x, d_jacobian_y, d_mean, d_dilation);
+    let d = by.point.x * camera.row_x.xyz + by.point.y * camera.row_y.xyz + by.point.z * camera.row_z.xyz;
     out.position = vec3f(finite(d.x), finite(d.y), finite(d.z));
     let ndc = ndc_of(p);
-    let absolute = absolute_by_center(root, sums.absolute);
+    // Sums of absolute gradients by the centre. They carry the rasteriser's constant twice: in u
+    // and v, and in its root.
+    let absolute = vec2f(root.x * sums.absolute.x / SQRT_HALF_LOG2_E, sums.absolute.y * unit);
     out.norms = vec2f(length(d_mean * ndc), length(absolute * ndc));
-    let d_focal = focal_backward(p, d_mean, vec2f(dot(d_root_x, p.root_x), dot(d_root_y, p.root_y)));
-    out.focal_px = vec2f(finite(d_focal.x), finite(d_focal.y));
+    out.focal_px = vec2f(finite(by.focal_px.x), finite(by.focal_px.y));
     return out;
 }
 

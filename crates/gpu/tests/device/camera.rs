@@ -1,15 +1,17 @@
-//! The gradient by the camera: that of the CPU engine, and no effect on the step that computes it.
+//! The gradient by the camera: that of the CPU engine for every projection, and no effect on the
+//! step that computes it.
 
 use std::sync::Arc;
 
 use luxel_core::engine::{CameraGradient, CameraGradientChoice, StatsCollection, StepConfig};
-use luxel_core::{Antialias, Cutoffs, Engine, StepReport};
+use luxel_core::{Antialias, Camera, Cutoffs, Engine, RenderOptions, Splats, StepReport};
 use luxel_gpu::{Gpu, GpuEngine};
 
 use crate::Body;
 use crate::compare::assert_close;
 use crate::fixture::{camera, options, smoothing, splats, splats_with_special_cases, step, view, with_weights};
 use crate::parity::{engines, models, rasters};
+use crate::wide;
 
 pub const ALL: &[(&str, Body)] = &[
     ("gpu_gradients_by_the_camera_match_cpu", gpu_gradients_by_the_camera_match_cpu),
@@ -25,18 +27,29 @@ fn gpu_gradients_by_the_camera_match_cpu(gpu: &Arc<Gpu>) {
     let camera = camera(45, 38);
     for model in models() {
         for (raster, options) in rasters() {
-            let mut scene = splats_with_special_cases(model, &camera, 3);
-            if options.raster.antialias == Antialias::Mip {
-                scene.smoothing = smoothing(scene.len());
-            }
-            let (mut cpu, mut engine) = engines(gpu, &scene);
-            let view = with_weights(view(&camera, true, 4), 5);
-            let step = step(1, options);
-            let [expected, found] = [cpu.camera_gradient(&view, &step), engine.camera_gradient(&view, &step)].map(|r| numbers(&r.unwrap()));
-            for (name, (found, expected)) in ["rotation", "translation", "focal"].into_iter().zip(found.iter().zip(&expected)) {
-                assert_close(&format!("camera_backward, {name}: {} {raster}", model.name()), found, expected, 2e-4);
-            }
+            let scene = splats_with_special_cases(model, &camera, 3);
+            compare(gpu, &camera, scene, options, &format!("{} {raster}", model.name()));
         }
+    }
+    for camera in wide::cameras(46, 23) {
+        for (raster, options) in rasters() {
+            let scene = splats_with_special_cases(models()[4], &camera, 3);
+            compare(gpu, &camera, scene, options, &format!("{} {raster}", camera.projection.name()));
+        }
+    }
+}
+
+/// Compares the engines' gradients by a camera.
+fn compare(gpu: &Arc<Gpu>, camera: &Camera, mut scene: Splats, options: RenderOptions, name: &str) {
+    if options.raster.antialias == Antialias::Mip {
+        scene.smoothing = smoothing(scene.len());
+    }
+    let (mut cpu, mut engine) = engines(gpu, &scene);
+    let view = with_weights(view(camera, true, 4), 5);
+    let step = step(1, options);
+    let [expected, found] = [cpu.camera_gradient(&view, &step), engine.camera_gradient(&view, &step)].map(|r| numbers(&r.unwrap()));
+    for (by, (found, expected)) in ["rotation", "translation", "focal"].into_iter().zip(found.iter().zip(&expected)) {
+        assert_close(&format!("camera_backward, {by}: {name}"), found, expected, 2e-4);
     }
 }
 

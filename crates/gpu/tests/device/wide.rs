@@ -18,20 +18,16 @@ pub const ALL: &[(&str, Body)] = &[
 ];
 
 /// A fisheye with strong coefficients, one that sees 240 degrees, and a panorama.
-fn cameras(width: u32, height: u32) -> [Camera; 3] {
+pub fn cameras(width: u32, height: u32) -> [Camera; 3] {
     let bent = CameraProjection::Fisheye(Fisheye::new([-0.03, 0.012, -0.004, 0.0006]));
     let wide = CameraProjection::Fisheye(Fisheye { coefficients: [0.0; 4], max_angle_rad: 120f64.to_radians() });
     [bent, wide, CameraProjection::Equirectangular].map(|projection| wide_camera(projection, width, height))
 }
 
-/// Returns special cases without the two that are so large that they end at a right angle to their
-/// direction, where rounding decides.
+/// Returns special cases, with two splats so large that they end at a right angle to their
+/// direction.
 fn scene(model: usize, camera: &Camera) -> Splats {
-    let mut splats = splats_with_special_cases(models()[model], camera, 3);
-    for i in [1, 2] {
-        splats.log_scale[i] = splats.log_scale[i].map(|s| s - 1.5);
-    }
-    splats
+    splats_with_special_cases(models()[model], camera, 3)
 }
 
 fn rasters() -> [RenderOptions; 3] {
@@ -40,17 +36,26 @@ fn rasters() -> [RenderOptions; 3] {
     [options(Cutoffs::HDR, Antialias::Off), options(Cutoffs::PARITY, Antialias::Mip), sampled]
 }
 
+/// Takes the edges of the two large splats away, where rounding decides whether a pixel sees them.
+fn without_edges(mut splats: Splats) -> Splats {
+    for i in [1, 2] {
+        splats.log_scale[i] = splats.log_scale[i].map(|s| s - 1.5);
+    }
+    splats
+}
+
 fn gpu_wide_images_match_cpu(gpu: &Arc<Gpu>) {
     for camera in cameras(70, 35) {
-        for (n, options) in rasters().into_iter().enumerate() {
-            let mut scene = scene(3, &camera);
+        // At an edge a pixel may differ by a whole splat.
+        let cases = rasters().map(|options| (options, without_edges(scene(3, &camera)), 4e-3));
+        for (n, (options, mut scene, band)) in cases.into_iter().chain([(rasters()[0], scene(3, &camera), 3e-2)]).enumerate() {
             if options.raster.antialias == Antialias::Mip {
                 scene.smoothing = smoothing(scene.len());
             }
             let (mut cpu, mut engine) = engines(gpu, &scene);
             let [expected, found] = [cpu.render(&camera, &options), engine.render(&camera, &options)].map(|image| image.unwrap().pixels);
-            let what = format!("rasterize, wide image: {} {n}", camera.projection.name());
-            assert_close_but_few(&what, found.as_flattened(), expected.as_flattened(), 5e-5, (9, 4e-3));
+            let what = format!("fisheyes and panoramas, image: {} {n}", camera.projection.name());
+            assert_close_but_few(&what, found.as_flattened(), expected.as_flattened(), 5e-5, (9, band));
         }
     }
 }
@@ -68,9 +73,9 @@ fn gpu_wide_gradients_match_cpu(gpu: &Arc<Gpu>) {
             let ((report, expected), (found_report, found)) =
                 (cpu.gradients(&view, &step).unwrap(), engine.gradients(&view, &step).unwrap());
             let name = camera.projection.name();
-            assert_close(&format!("loss, wide: {name} {n}"), &[found_report.loss], &[report.loss], 5e-5);
+            assert_close(&format!("fisheyes and panoramas, loss: {name} {n}"), &[found_report.loss], &[report.loss], 5e-5);
             for ((parameter, found), (_, expected)) in groups(&found).into_iter().zip(groups(&expected)) {
-                assert_close(&format!("project_backward, wide {parameter}: {name} {n}"), found, expected, 3e-4);
+                assert_close(&format!("fisheyes and panoramas, gradients: {parameter} {name} {n}"), found, expected, 3e-4);
             }
             // Statistics come with a step.
             cpu.train_step(&view, &step).unwrap();
@@ -79,7 +84,7 @@ fn gpu_wide_gradients_match_cpu(gpu: &Arc<Gpu>) {
             for (what, found, expected) in
                 [("norm", &found.gradient, &expected.gradient), ("absolute", &found.abs_gradient, &expected.abs_gradient)]
             {
-                assert_close(&format!("project_backward, wide statistics {what}: {name} {n}"), found, expected, 1e-3);
+                assert_close(&format!("fisheyes and panoramas, statistics: {what} {name} {n}"), found, expected, 1e-3);
             }
         }
     }
@@ -94,7 +99,7 @@ fn gpu_wide_contributions_match_cpu(gpu: &Arc<Gpu>) {
         let [expected, found] =
             [cpu.contributions(&camera, &options, &mask), engine.contributions(&camera, &options, &mask)].map(Result::unwrap);
         for (what, found, expected) in [("masked", found.masked, expected.masked), ("blended", found.blended, expected.blended)] {
-            assert_close(&format!("contribute, wide {what}: {}", camera.projection.name()), &found, &expected, 2e-4);
+            assert_close(&format!("fisheyes and panoramas, contributions: {what} {}", camera.projection.name()), &found, &expected, 2e-4);
         }
     }
 }

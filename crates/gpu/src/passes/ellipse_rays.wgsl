@@ -1,24 +1,10 @@
-// A splat on the plane across its direction, where pixels are rays: the twin of footprint.wgsl with
-// the same structure and the same functions.
+// Ellipses on the plane across their direction, where pixels are rays: the variant of ellipse.wgsl,
+// with the same functions.
 //
-// `mean_px` holds the direction in camera space, projected from the opposite pole of the hemisphere
-// that it lies in: (x, y) / (1 + |z|). `root_x` is negative where z is. Its size, `root_xy` and
-// `root_y` are the triangular root of the inverse covariance on the plane, in radians.
-// `extent_y_px` and `right_dy_px` are unused.
-
-struct Footprint {
-    mean_px: vec2f,
-    root_x: f32,
-    root_xy: f32,
-    root_y: f32,
-    log2_opacity: f32,
-    log2_threshold: f32,
-    red: f32,
-    green: f32,
-    blue: f32,
-    extent_y_px: f32,
-    right_dy_px: f32,
-}
+// `mean_px` of a footprint holds the direction in camera space, projected from the opposite pole of
+// the hemisphere that it lies in: (x, y) / (1 + |z|). `root_x` is negative where z is. Its size,
+// `root_xy` and `root_y` are the triangular root of the inverse covariance on the plane, in
+// radians. `extent_y_px` and `right_dy_px` are unused.
 
 struct Seen {
     u: f32,
@@ -52,14 +38,9 @@ fn see(code: vec2f, root: vec3f, log2_opacity: f32, at_px: vec2f) -> Seen {
     return Seen(u, v, select(UNSEEN, log2_opacity - u * u - v * v, facing > 0.0), facing);
 }
 
+// An offset across the ray of the centre changes by this much when the centre moves.
 fn facing(seen: Seen) -> f32 {
     return seen.facing;
-}
-
-fn tile_pixel(local: u32) -> vec2u {
-    let block = local >> 5u;
-    let lane = local & 31u;
-    return vec2u((block & 1u) * 8u + (lane & 7u), (block >> 1u) * 4u + (lane >> 3u));
 }
 
 // Angle of sine t, for 0 <= t <= 1.
@@ -69,7 +50,7 @@ fn angle_of_sine(t: f32) -> f32 {
 
 // Returns the tiles of the box around the cap of directions that the splat may reach: first column
 // and row, one beyond the last column and row. Functions of shaders may be off by 1e-3.
-fn touched_box(f: Footprint, tiles: vec2u) -> vec4u {
+fn touched_area(f: Footprint, tiles: vec2u) -> vec4u {
     let whole = vec4u(0u, 0u, tiles);
     // The smallest eigenvalue of root root^T is that of the largest axis.
     let a = f.root_x * f.root_x + f.root_xy * f.root_xy;
@@ -122,10 +103,6 @@ fn touched_box(f: Footprint, tiles: vec2u) -> vec4u {
     return vec4u(vec2u(first) / TILE_PX, min((vec2u(end) + TILE_PX - 1u) / TILE_PX, tiles));
 }
 
-fn touched_columns(f: Footprint, tile_row: u32, tiles: vec2u) -> vec2u {
-    return touched_box(f, tiles).xz;
-}
-
-fn touched_rows(f: Footprint, tiles: vec2u) -> vec2u {
-    return touched_box(f, tiles).yw;
+fn touched_columns(f: Footprint, area: vec4u, tile_row: u32, tiles: vec2u) -> vec2u {
+    return area.xz;
 }
