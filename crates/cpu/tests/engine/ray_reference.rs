@@ -89,11 +89,16 @@ impl Gaussian {
                 (wrapped(at - middle - mean), [DVec2::new(a, b), DVec2::new(0.0, (yy - b * b).max(0.0).sqrt()), DVec2::ZERO])
             }
         };
-        let sum = |f: fn(DVec2) -> f64| columns.iter().map(|c| f(*c)).sum::<f64>();
-        let (xx, xy, yy) = (sum(|c| c.x * c.x), sum(|c| c.x * c.y), sum(|c| c.y * c.y));
-        let determinant = xx * yy - xy * xy;
-        (-0.5 * (yy * offset.x * offset.x - 2.0 * xy * offset.x * offset.y + xx * offset.y * offset.y) / determinant).exp()
+        ellipse(columns, offset)
     }
+}
+
+/// The value at an offset of a Gaussian whose covariance has these columns as a root.
+fn ellipse(columns: [DVec2; 3], offset: DVec2) -> f64 {
+    let sum = |f: fn(DVec2) -> f64| columns.iter().map(|c| f(*c)).sum::<f64>();
+    let (xx, xy, yy) = (sum(|c| c.x * c.x), sum(|c| c.x * c.y), sum(|c| c.y * c.y));
+    let determinant = xx * yy - xy * xy;
+    (-0.5 * (yy * offset.x * offset.x - 2.0 * xy * offset.x * offset.y + xx * offset.y * offset.y) / determinant).exp()
 }
 
 /// Returns the errors of the methods for splats of a size (standard deviation of the largest axis
@@ -171,6 +176,69 @@ fn projection_report() {
         for size in SIZES {
             let [jacobian, unscented, plane] = errors(&camera, direction, size).map(|error| format!("{:.2} %", 100.0 * error));
             println!("| {name} | {size} | {jacobian} | {unscented} | {plane} |");
+        }
+    }
+}
+
+/// The end of a splat so large that it reaches a right angle to its direction, where the plane has
+/// no coordinates.
+#[derive(Clone, Copy)]
+enum End {
+    /// It ends there: the engines'.
+    Hard,
+    /// It fades from this cosine to the splat's direction on.
+    Faded(f64),
+    /// It goes on behind, weighted by the part of the Gaussian that is in front of the camera as
+    /// its depth along the splat's direction has it.
+    Weighted,
+}
+
+/// Returns the error of an end over all directions, for splats with axes in a ratio, and the alpha
+/// at the right angle.
+fn end_error(end: End, axes: DVec3) -> [f64; 2] {
+    const ORIENTATIONS: u32 = 12;
+    const DIRECTIONS: u32 = 2000;
+    const EDGE: f64 = 0.01;
+    let (mut sum, mut whole, mut step): (f64, f64, f64) = (0.0, 0.0, 0.0);
+    for n in 0..ORIENTATIONS {
+        let turn = DQuat::from_euler(glam::EulerRot::XYZ, 2.4 * f64::from(n), 1.3 * f64::from(n), 0.7 * f64::from(n));
+        let root = DMat3::from_quat(turn) * DMat3::from_diagonal(axes);
+        let gaussian = Gaussian { center: DVec3::Z, root };
+        let columns = [root.x_axis, root.y_axis, root.z_axis].map(DVec3::truncate);
+        let depth = (root.inverse() * DVec3::Z).length();
+        let peak = gaussian.along(DVec3::Z);
+        for i in 0..DIRECTIONS {
+            let cosine = 1.0 - 2.0 * (f64::from(i) + 0.5) / f64::from(DIRECTIONS);
+            let turned = 2.399_963 * f64::from(i);
+            let ray = (DVec2::new(turned.cos(), turned.sin()) * (1.0 - cosine * cosine).sqrt()).extend(cosine);
+            let expected = gaussian.along(ray) / peak;
+            let plane = ellipse(columns, ray.truncate());
+            let found = match end {
+                End::Hard => plane * f64::from(u8::from(cosine > 0.0)),
+                End::Faded(from) => plane * (cosine / from).clamp(0.0, 1.0),
+                End::Weighted => plane * normal(cosine * depth) / normal(depth),
+            };
+            whole += expected * expected;
+            sum += (found - expected).powi(2);
+            if cosine.abs() < EDGE {
+                step = step.max(plane);
+            }
+        }
+    }
+    [(sum / whole).sqrt(), step]
+}
+
+/// Prints the table of large splats of the same page.
+#[test]
+#[ignore = "a tool: cargo test --release -p luxel-cpu --test engine large_splats_report -- --ignored --nocapture"]
+fn large_splats_report() {
+    println!("| axes | size | ends | fades | weighted | alpha at the edge |\n|---|---|---|---|---|---|");
+    for (name, axes) in [("1 : 1 : 1", DVec3::ONE), ("1 : 0.5 : 0.15", DVec3::new(1.0, 0.5, 0.15))] {
+        for size in [0.3, 0.35, 0.5, 0.7, 1.0] {
+            let [[hard, step], [faded, _], [weighted, _]] =
+                [End::Hard, End::Faded(0.3), End::Weighted].map(|end| end_error(end, axes * size));
+            let [hard, faded, weighted] = [hard, faded, weighted].map(|error| format!("{:.1} %", 100.0 * error));
+            println!("| {name} | {size} | {hard} | {faded} | {weighted} | {step:.3} |");
         }
     }
 }
