@@ -6,10 +6,8 @@ use glam::{DVec2, Vec2};
 use luxel_core::{Camera, Distortion, Observation, OnDemand, Point, ReadError, Similarity, View, mask};
 
 use super::source::{Sighting, SourcePoint};
-use crate::lens::PreparedLens;
+use crate::lens::{PreparedLens, newton};
 
-/// Steps of Newton's method; real lenses need about five.
-const MAX_STEPS: usize = 30;
 /// Residual on normalised coordinates: a thousandth of a pixel at a focal length of 10,000.
 const TOLERANCE: f64 = 1e-7;
 
@@ -113,22 +111,7 @@ fn undistort(distorted: DVec2, lens: &Distortion) -> Option<DVec2> {
     if lens.is_none() {
         return distorted.is_finite().then_some(distorted);
     }
-    let mut p = distorted;
-    for _ in 0..MAX_STEPS {
-        let residual = lens.distort(p) - distorted;
-        if residual.length() <= TOLERANCE {
-            return Some(p);
-        }
-        const STEP: f64 = 1e-6;
-        let column = |e: DVec2| (lens.distort(p + e * STEP) - lens.distort(p - e * STEP)) / (2.0 * STEP);
-        let (a, b) = (column(DVec2::X), column(DVec2::Y));
-        let determinant = a.perp_dot(b);
-        p -= DVec2::new(residual.perp_dot(b), a.perp_dot(residual)) / determinant;
-        if !p.is_finite() {
-            return None;
-        }
-    }
-    None
+    newton::inverse(|p| lens.distort(p), distorted, distorted, TOLERANCE)
 }
 
 #[cfg(test)]

@@ -12,6 +12,7 @@
 //! back.
 
 mod base;
+pub(crate) mod newton;
 #[cfg(test)]
 mod tests;
 mod warp;

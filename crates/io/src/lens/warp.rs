@@ -2,14 +2,12 @@
 
 use glam::DVec2;
 
-/// Steps of Newton's method; real lenses need about five.
-const MAX_STEPS: usize = 30;
+use super::newton;
+
 /// Steps of the bisection that finds the radius to begin from.
 const BISECTIONS: u32 = 24;
 /// Residual on the image plane: a ten-thousandth of a pixel at a focal length of 10,000.
 const TOLERANCE: f64 = 1e-8;
-/// Step of numerical derivatives.
-const STEP: f64 = 1e-6;
 
 /// Place that tangential and prism terms are polynomials of.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -80,22 +78,9 @@ impl Warp {
         if !image.is_finite() {
             return None;
         }
-        let mut p = self.start(image, max_radius);
-        for _ in 0..MAX_STEPS {
-            let residual = self.apply(p) - image;
-            if residual.length() <= TOLERANCE {
-                // Half a step of the search for the radius that turns back.
-                return (p.length() <= max_radius * 1.001).then_some(p);
-            }
-            let column = |e: DVec2| (self.apply(p + e * STEP) - self.apply(p - e * STEP)) / (2.0 * STEP);
-            let (a, b) = (column(DVec2::X), column(DVec2::Y));
-            let determinant = a.perp_dot(b);
-            p -= DVec2::new(residual.perp_dot(b), a.perp_dot(residual)) / determinant;
-            if !p.is_finite() {
-                return None;
-            }
-        }
-        None
+        let p = newton::inverse(|p| self.apply(p), image, self.start(image, max_radius), TOLERANCE)?;
+        // Half a step of the search for the radius that turns back.
+        (p.length() <= max_radius * 1.001).then_some(p)
     }
 
     /// Returns the place that radial terms alone would map to `image`.
