@@ -50,8 +50,7 @@ pub fn write_atomically(path: &Path, write: impl FnOnce(&mut (dyn WriteSeek + '_
 }
 
 /// Writes a file that can be made again at any time, and whose reader checks that it is whole: as
-/// [`write_atomically`] does, but neither waits for the disk nor calls
-/// the notice.
+/// [`write_atomically`] does, but neither waits for the disk nor calls the notice.
 pub(crate) fn write_cache_file(path: &Path, write: impl FnOnce(&mut (dyn WriteSeek + '_)) -> Result<(), IoError>) -> Result<(), IoError> {
     replace(path, Durability::Unsynced, write)
 }

@@ -20,7 +20,7 @@ pub(super) const IMAGE_EXTENSIONS: [&str; 8] = ["exr", "hdr", "tif", "tiff", "pn
 
 /// Extensions of formats that hold radiance, always or among other things, in the order they are
 /// tried.
-const RADIANCE_EXTENSIONS: [&str; 5] = ["exr", "hdr", "tif", "tiff", "npy"];
+const RADIANCE_EXTENSIONS: [&str; 6] = ["exr", "hdr", "tif", "tiff", "npy", "dpx"];
 
 /// Deepest nesting of folders of images.
 const MAX_DEPTH: usize = 8;

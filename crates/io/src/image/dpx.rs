@@ -16,7 +16,7 @@ use crate::IoError;
 pub(super) const SIGNATURES: [&[u8]; 2] = [b"SDPX", b"XPDS"];
 
 /// Bytes of a header that are read.
-const HEADER_BYTES: usize = 824;
+pub(super) const HEADER_BYTES: usize = 824;
 
 /// The value of an empty field of the header.
 const UNDEFINED: u32 = u32::MAX;
@@ -146,7 +146,7 @@ pub(super) fn decode(name: &Path, bytes: &[u8], options: &ReadOptions) -> Result
             *code = header.code(&source, row_at(i / samples), i % samples);
         }
         let stated = header.is_linear.then_some(Curve::Named(Transfer::Linear));
-        let curve = Curve::choose(name, options, stated, depth)?;
+        let curve = Curve::choose(name, options, stated, header.bits)?;
         let largest = f64::from((1u32 << header.bits) - 1);
         let table: Vec<f32> = (0..=u16::MAX).map(|code| curve.decode(f64::from(code) / largest)).collect();
         let light = |code: u16| table.get(usize::from(code)).copied().unwrap_or(f32::NAN);

@@ -320,5 +320,6 @@ pub(crate) fn stated_primaries(name: &Path, bytes: &[u8], of_profile: Option<Chr
     }
 }
 
-/// Enough for every magic number and for PNG's size.
-const HEAD_BYTES: u64 = 64;
+/// Bytes at the beginning of a file that are enough for every magic number, and for the sizes of
+/// PNG and DPX.
+const HEAD_BYTES: u64 = dpx::HEADER_BYTES as u64;

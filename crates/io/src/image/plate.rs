@@ -43,12 +43,13 @@ pub(super) fn decode(
     if decoded.depth == SampleDepth::Integer8 {
         decoded.warnings.push(format!("8 bits are too few for the curve {transfer}: steps of shadows and lights show"));
     }
-    let space = ColorSpace::from_chromaticities(primaries).unwrap_or(ColorSpace::AcesCg);
+    let own_space = ColorSpace::from_chromaticities(primaries);
+    let space = own_space.unwrap_or(ColorSpace::AcesCg);
     let conversion = Conversion::from_chromaticities(primaries, &space.chromaticities())
         .ok_or_else(|| IoError::unsupported(name, format!("the primaries of {transfer} have no way to {}", space.name())))?;
     let convert = |pixel: &mut [f32; 3]| {
         let light = pixel.map(|v| transfer.light(f64::from(v)) as f32);
-        let converted = if ColorSpace::from_chromaticities(primaries).is_some() { light } else { conversion.apply(light) };
+        let converted = if own_space.is_some() { light } else { conversion.apply(light) };
         // NaN stays for the data set to mask.
         *pixel = converted.map(|v| if v < 0.0 { 0.0 } else { v });
         converted.iter().any(|v| *v < 0.0)

@@ -68,12 +68,13 @@ fn decode_samples(name: &Path, bytes: &[u8], info: &Info, options: &ReadOptions)
     limits.max_alloc = Some((64 << 20) + pixels.saturating_mul(8) + bytes.len() as u64);
     let decoder = PngDecoder::with_limits(Cursor::new(bytes), limits).map_err(failed)?;
     let color = decoder.color_type();
-    let (depth, channels) = match color {
-        ColorType::L8 | ColorType::La8 | ColorType::Rgb8 | ColorType::Rgba8 => (SampleDepth::Integer8, color.channel_count()),
-        ColorType::L16 | ColorType::La16 | ColorType::Rgb16 | ColorType::Rgba16 => (SampleDepth::Integer16, color.channel_count()),
+    let channels = color.channel_count();
+    let (depth, bits) = match color {
+        ColorType::L8 | ColorType::La8 | ColorType::Rgb8 | ColorType::Rgba8 => (SampleDepth::Integer8, 8),
+        ColorType::L16 | ColorType::La16 | ColorType::Rgb16 | ColorType::Rgba16 => (SampleDepth::Integer16, 16),
         _ => return Err(IoError::unsupported(name, format!("PNG: colour type {color:?}; export it as RGB"))),
     };
-    let curve = Curve::choose(name, options, info.curve(name, options)?, depth)?;
+    let curve = Curve::choose(name, options, info.curve(name, options)?, bits)?;
     let (width, height) = (info.size[0] as usize, info.size[1] as usize);
     let layout = SampleGrid { width, height, channels: channels.into() };
     let samples = width * height * usize::from(channels);

@@ -29,11 +29,11 @@ impl Curve {
 
     /// Returns the curve that the options give, else the one that the file states, else an error
     /// that asks for it.
-    pub(super) fn choose(name: &Path, options: &ReadOptions, stated: Option<Self>, depth: SampleDepth) -> Result<Self, IoError> {
+    pub(super) fn choose(name: &Path, options: &ReadOptions, stated: Option<Self>, bits: u8) -> Result<Self, IoError> {
         options.transfer.map(Self::Named).or(stated).ok_or_else(|| {
-            let bits = if depth == SampleDepth::Integer8 { 8 } else { 16 };
             let message = format!("{bits}-bit integer samples, and the file does not state their transfer curve");
-            let remedy = Remedy::set("transfer", "linear").or(Remedy::set("transfer", "srgb"));
+            let of_plates = Remedy::advice("for a camera's plate the name of its curve, such as logc4");
+            let remedy = Remedy::set("transfer", "linear").or(Remedy::set("transfer", "srgb")).or(of_plates);
             IoError::unsupported(name, message).with_remedy(remedy)
         })
     }
@@ -116,9 +116,10 @@ mod tests {
 
     #[test]
     fn missing_curve_names_the_remedy() {
-        let error = Curve::choose(Path::new("a.png"), &ReadOptions::default(), None, SampleDepth::Integer16).unwrap_err();
-        assert!(error.message.contains("16-bit"), "{error}");
-        assert_eq!(error.remedy.unwrap().to_string(), "set transfer to linear, or set transfer to srgb");
+        let error = Curve::choose(Path::new("a.png"), &ReadOptions::default(), None, 10).unwrap_err();
+        assert!(error.message.contains("10-bit"), "{error}");
+        let remedy = "set transfer to linear, or set transfer to srgb, or for a camera's plate the name of its curve, such as logc4";
+        assert_eq!(error.remedy.unwrap().to_string(), remedy);
     }
 
     #[test]

@@ -196,16 +196,16 @@ fn convert(
     options: &ReadOptions,
 ) -> Result<DecodedImage, IoError> {
     let is_associated = is_premultiplied == Some(true) && layout.channels.is_multiple_of(2);
-    let choose = |depth| Curve::choose(name, options, None, depth);
+    let choose = |bits| Curve::choose(name, options, None, bits);
     // Codes that were multiplied are divided before their curve.
     let first = |curve| if is_associated { LINEAR } else { curve };
     let (depth, curve, (mut image, alpha)) = match samples {
         DecodingResult::U8(v) => {
-            let curve = choose(SampleDepth::Integer8)?;
+            let curve = choose(8)?;
             (SampleDepth::Integer8, curve, layout.assemble8(name, v, first(curve))?)
         }
         DecodingResult::U16(v) => {
-            let curve = choose(SampleDepth::Integer16)?;
+            let curve = choose(16)?;
             (SampleDepth::Integer16, curve, layout.assemble16(name, v, first(curve))?)
         }
         DecodingResult::F16(v) => (SampleDepth::Float, LINEAR, layout.assemble(name, v, |s| s.to_f32(), |s| s.to_f32())?),

@@ -54,7 +54,7 @@ pub struct ExrOptions {
     pub attributes: Vec<(String, String)>,
     /// Further attributes that are numbers: name and value.
     pub numbers: Vec<(String, f32)>,
-    /// Camera of the image: `worldToCamera` (axes right, up, back) the lens in `luxel:focal_px`
+    /// Camera of the image: `worldToCamera` (axes right, up, back), the lens in `luxel:focal_px`
     /// and `luxel:center_px`, and `luxel:projection` unless it is a pinhole.
     pub camera: Option<Camera>,
     /// Projection of an image that is a map of directions.

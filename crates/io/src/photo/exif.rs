@@ -31,7 +31,7 @@ fn gps_of(gps: &Ifd<'_>) -> Option<GpsPosition> {
     };
     let latitude_deg = angle(2, 1, "S").filter(|v| v.abs() <= 90.0)?;
     let longitude_deg = angle(4, 3, "W").filter(|v| v.abs() <= 180.0)?;
-    // 1 is below the sea, 3 below the ellipsoid.
+    // Odd references state depths: 1, and 3 of Exif 3.0, which tells sea level from the ellipsoid.
     let is_below = gps.unsigned(5).is_some_and(|reference| reference % 2 == 1);
     let altitude_m = gps.number(6).filter(|m| m.abs() < 1e5).map(|m| if is_below { -m } else { m });
     // Receivers that have no position write zeros.

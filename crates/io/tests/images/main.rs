@@ -87,6 +87,7 @@ fn formats_are_recognised_by_content_and_sizes_by_headers() {
         jpeg,
         encode_png(7, 5, &[0; 105]).unwrap(),
         tiff_files::tiff_bytes::<tiff::encoder::colortype::Gray32Float>((7, 5), &[0.5; 35], tiff::encoder::Compression::Uncompressed),
+        plates::dpx([7, 5], 32, &[0; 4 * 3 * 35]),
     ];
     for (i, bytes) in files.iter().enumerate() {
         let path = folder.path().join(format!("{i}.jpg"));

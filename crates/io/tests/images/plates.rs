@@ -2,6 +2,7 @@
 //! primaries.
 
 use luxel_core::Conversion;
+use luxel_io::{LoadOptions, describe_dataset, load_dataset};
 
 use super::*;
 
@@ -16,6 +17,39 @@ fn png16(pixel: [f64; 3]) -> Vec<u8> {
     let image = image::ImageBuffer::<image::Rgb<u16>, _>::from_raw(1, 1, samples).unwrap();
     image.write_to(&mut Cursor::new(&mut bytes), image::ImageFormat::Png).unwrap();
     bytes
+}
+
+/// Returns a DPX file of RGB, of 10 bits in filled words or of another depth, in big-endian order.
+pub(crate) fn dpx([width, height]: [u32; 2], bits: u8, samples: &[u8]) -> Vec<u8> {
+    let mut bytes = vec![0; 2048];
+    let mut put = |at: usize, field: &[u8]| bytes[at..at + field.len()].copy_from_slice(field);
+    put(0, b"SDPX");
+    put(4, &2048u32.to_be_bytes());
+    put(770, &1u16.to_be_bytes());
+    put(772, &width.to_be_bytes());
+    put(776, &height.to_be_bytes());
+    put(800, &[50, 0, 0, bits]);
+    put(804, &u16::from(bits == 10).to_be_bytes());
+    bytes.extend_from_slice(samples);
+    bytes
+}
+
+#[test]
+fn a_data_set_of_dpx_plates_is_read_through_its_curve() {
+    let folder = tempfile::tempdir().unwrap();
+    let (lens, pose) = (r#""fl_x": 9, "fl_y": 9, "w": 6, "h": 4"#, "[[1,0,0,0],[0,1,0,0],[0,0,1,4],[0,0,0,1]]");
+    let word = [285u32; 3].iter().fold(0, |word, code| word << 10 | code) << 2;
+    let samples: Vec<u8> = [word; 24].iter().flat_map(|word| word.to_be_bytes()).collect();
+    std::fs::write(folder.path().join("a.dpx"), dpx([6, 4], 10, &samples)).unwrap();
+    let frame = format!(r#"{{"file_path": "a.dpx", "transform_matrix": {pose}}}"#);
+    std::fs::write(folder.path().join("transforms.json"), format!("{{{lens}, \"frames\": [{frame}]}}")).unwrap();
+    let options = LoadOptions { transfer: Some(Transfer::LogC4), ..LoadOptions::default() };
+    let data = load_dataset(folder.path(), &options).unwrap();
+    let [red, ..] = data.train[0].image.at(5, 3);
+    assert!((red - 0.18).abs() < 1e-3 && data.color_space == ColorSpace::AcesCg, "{red}");
+    assert_eq!(describe_dataset(folder.path(), &options).unwrap().cameras.len(), 1);
+    let error = load_dataset(folder.path(), &LoadOptions::default()).unwrap_err();
+    assert!(error.message.contains("10-bit integer samples"), "{error}");
 }
 
 #[test]

@@ -59,7 +59,7 @@ fn png_transfer_is_said_or_read_but_not_guessed() {
     assert!((middle(&png, &LINEAR) - linear).abs() < 1e-6);
     assert!((middle(&png, &SRGB) - srgb).abs() < 1e-6);
     let error = decode(&png, &UNSAID).unwrap_err();
-    assert_eq!(error.remedy, Some(Remedy::set("transfer", "linear").or(Remedy::set("transfer", "srgb"))), "{error}");
+    assert!(error.remedy.as_ref().is_some_and(|remedy| remedy.options().eq(["transfer"; 2])), "{error}");
 
     let gamma = |value: u32| with_chunk(&png, b"gAMA", &value.to_be_bytes());
     assert!((middle(&gamma(100_000), &UNSAID) - linear).abs() < 1e-6);

@@ -97,7 +97,7 @@ fn tiff_of_every_sample_and_compression_is_read() {
         assert!((decode(&bytes, &SRGB).unwrap().image.pixels[0][2] - 0.214_05).abs() < 1e-4);
         let error = decode(&bytes, &UNSAID).unwrap_err();
         assert!(error.message.contains("16-bit"), "{error}");
-        assert_eq!(error.remedy, Some(Remedy::set("transfer", "linear").or(Remedy::set("transfer", "srgb"))));
+        assert!(error.remedy.is_some_and(|remedy| remedy.options().eq(["transfer"; 2])));
 
         let bytes = tiff_bytes::<kind::Gray8>((2, 1), &[0, 255], compression);
         let decoded = decode(&bytes, &LINEAR).unwrap();
