@@ -40,15 +40,22 @@ export const server = serve();
 export const url = await server.url;
 export const scene = await (await fetch(`${url}api/scene`)).json();
 
-/** Opens the page, and waits for a full picture. */
-export async function open(hash = "", options = {}) {
-  const { prepare, ...rest } = options;
-  const page = await browser.newPage({ viewport: { width: 1280, height: 720 }, ...rest });
-  prepare?.(page);
+/** A page that waits patiently, keeps its failures, and has the files of PAGE. */
+export async function newPage(browser, options) {
+  const page = await browser.newPage(options);
   page.failures = [];
   page.setDefaultTimeout(PATIENCE_MS);
   page.on("pageerror", (error) => page.failures.push(String(error)));
   page.on("console", (message) => message.type() === "error" && page.failures.push(message.text()));
+  if (process.env.PAGE) await page.route("**/page/**", (route) => route.fulfill({ path: path.join(process.env.PAGE, new URL(route.request().url()).pathname.replace("/page/", "")) }));
+  return page;
+}
+
+/** Opens the page, and waits for a full picture. */
+export async function open(hash = "", options = {}) {
+  const { prepare, ...rest } = options;
+  const page = await newPage(browser, { viewport: { width: 1280, height: 720 }, ...rest });
+  prepare?.(page);
   // The place of the middle of a pixel.
   await page.addInitScript(() => {
     window.centre = (x, y) => {
@@ -56,7 +63,6 @@ export async function open(hash = "", options = {}) {
       return [((x % width) + 0.5) / width, ((y % height) + 0.5) / height];
     };
   });
-  if (process.env.PAGE) await page.route("**/page/**", (route) => route.fulfill({ path: path.join(process.env.PAGE, new URL(route.request().url()).pathname.replace("/page/", "")) }));
   if (process.env.PAGE) {
     const text = readFileSync(path.join(process.env.PAGE, "index.html"), "utf8").replaceAll("{{title}}", scene.name);
     await page.route((address) => address.pathname === "/", (route) => route.fulfill({ contentType: "text/html", body: text }));

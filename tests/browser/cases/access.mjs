@@ -14,7 +14,7 @@ export default {
     const page = await open(`${at}&compare=wipe&layer=stops`);
     await page.locator("#edit-add").click();
     await page.evaluate(() => window.luxel.probes.pinAt(0.5, 0.5));
-    await page.evaluate(() => window.luxel.complain("what a message looks like"));
+    await page.evaluate(() => window.luxel.messages.notice("what a message looks like"));
     await page.locator("#path-add").click();
     for (const folded of await page.locator(".folded h2 button").all()) await folded.click();
     const box = await page.locator("#picture").boundingBox();

@@ -1,7 +1,7 @@
 // Looking: pictures, exposure, false colour, comparison, probes, keys.
 
 import assert from "node:assert/strict";
-import { at, browser, camera, colors, decode, near, open, scene, serve, set, settled, shot, url } from "../harness.mjs";
+import { at, browser, camera, colors, decode, near, newPage, open, scene, serve, set, settled, shot, url } from "../harness.mjs";
 
 export default {
   async "the page opens with the scene's name, and a picture arrives"() {
@@ -123,7 +123,7 @@ export default {
     assert.equal((await state()).view, scene.cameras[1].name);
     const eye = (await state()).eye;
     await page.keyboard.down("w");
-    await page.waitForTimeout(300);
+    await page.waitForFunction((eye) => window.luxel.state.eye.some((value, i) => value !== eye[i]), eye);
     await page.keyboard.up("w");
     const moved = await state();
     assert.ok(moved.view === "" && moved.eye.some((v, i) => v !== eye[i]));
@@ -136,8 +136,7 @@ export default {
     assert.equal(await page.evaluate(() => window.luxel.probes.pins.length), 0);
     await settled(page);
     for (const [x, y] of [[300, 300], [500, 350]]) await page.mouse.click(box.x + x, box.y + y, { delay: 20 });
-    await page.waitForTimeout(600);
-    assert.equal(await page.locator("#pins li").count(), 2);
+    await page.waitForFunction(() => document.querySelectorAll("#pins li").length === 2);
     if (await page.evaluate(() => window.luxel.probes.apart() !== null)) {
       await page.getByRole("button", { name: "this is 1 m" }).click();
       await page.waitForFunction(() => document.getElementById("distance").innerText.includes("1.000 m"));
@@ -147,7 +146,8 @@ export default {
     assert.ok(await page.locator("#help").isVisible());
     await shot(page, "help");
     await page.keyboard.press("Escape");
-    const hash = await page.waitForFunction(() => location.hash.includes("eye=") && location.hash);
+    // The address follows the last change after a while.
+    const hash = await page.waitForFunction(() => window.luxel.saveAt === 0 && location.hash.includes("eye=") && location.hash);
     const again = await open(await hash.jsonValue());
     const [a, b] = [await state(), await again.evaluate(() => ({ ...window.luxel.state }))];
     assert.deepEqual([b.curve, b.zebra, b.exposure], [a.curve, a.zebra, a.exposure]);
@@ -211,14 +211,14 @@ export default {
   async "the page finds the server again after it was killed"() {
     const second = serve();
     const address = await second.url;
-    const page = await browser.newPage();
+    const page = await newPage(browser);
     await page.goto(address);
     await settled(page);
     second.child.kill("SIGKILL");
     await page.waitForFunction(() => !document.getElementById("message").hidden);
     const third = serve(new URL(address).host);
     await third.url;
-    await page.waitForFunction(() => document.getElementById("message").hidden, null, { timeout: 90000 });
+    await page.waitForFunction(() => document.getElementById("message").hidden);
     await page.evaluate(() => window.luxel.standAtNext(1));
     await settled(page);
     third.child.kill();

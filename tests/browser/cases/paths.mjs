@@ -69,10 +69,10 @@ export default {
     const page = await withPath(100, 24);
     await page.fill("#path-name", `${stamp}-long`);
     await page.click("#path-render");
-    await page.waitForFunction(() => window.luxel.path.render.status?.done >= 1, null, { timeout: 60000 });
+    await page.waitForFunction(() => window.luxel.path.render.status?.done >= 1);
     await set(page, { exposure: 1, fov: 41 });
     await page.click("#path-cancel");
-    await page.waitForFunction(() => window.luxel.path.render.status?.state === "cancelled", null, { timeout: 60000 });
+    await page.waitForFunction(() => window.luxel.path.render.status?.state === "cancelled");
     assert.ok((await page.innerText("#path-render-text")).startsWith("cancelled"));
     assert.deepEqual(page.failures, []);
     await page.close();
@@ -82,7 +82,7 @@ export default {
     const page = await withPath(2, 24);
     await page.click("#path-play");
     const start = performance.now();
-    await page.waitForFunction(() => window.luxel.path.playing === null, null, { timeout: 90000 });
+    await page.waitForFunction(() => window.luxel.path.playing === null);
     assert.ok(performance.now() - start > 1800, "too fast");
     assert.ok(Math.abs((await page.evaluate(() => window.luxel.path.playhead)) - 2) < 1e-6);
     const before = await page.evaluate(() => window.luxel.path.path);
@@ -149,7 +149,7 @@ export default {
     await page.waitForFunction(() => document.getElementById("environment-text").textContent.startsWith("cancelled"));
     await page.locator("#environment-progress-row").waitFor({ state: "hidden" });
     // The server gives it up, too.
-    await page.waitForFunction(async (query) => (await (await fetch(`/api/environment/progress?${query}`)).json()).total === 0, query, { timeout: 60000 });
+    await page.waitForFunction(async (query) => (await (await fetch(`/api/environment/progress?${query}`)).json()).total === 0, query);
     await page.selectOption("#environment-width", "512");
     await page.waitForFunction(() => window.luxel.environment.frame, null, { timeout: 120000 });
     assert.equal(await page.evaluate(() => window.luxel.environment.frame.head.width), 512);

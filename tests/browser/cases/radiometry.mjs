@@ -323,8 +323,7 @@ export default {
     found.position.forEach((value, c) => near(sample.position[c], value, 1e-4, `position ${c}`));
     // Moving, the address and the readout keep to fractions of a millimetre.
     await page.evaluate(() => window.luxel.controls.rotate(30, 5));
-    await page.waitForTimeout(600);
-    await page.waitForFunction(() => location.hash.includes("eye="));
+    await page.waitForFunction(() => window.luxel.saveAt === 0 && location.hash.includes("eye="));
     const eye = await page.evaluate(() => window.luxel.state.eye);
     const again = await open(await page.evaluate(() => location.hash), { at: address });
     (await again.evaluate(() => window.luxel.state.eye)).forEach((value, c) => near(value, eye[c], 1e-4, `eye ${c}`));

@@ -34,7 +34,7 @@ export class Comparison {
       frame: { value: (/** @type {Parameters<typeof source.frame>} */ ...[lens, picture, signal]) => source.frame(lens, { ...picture, edit: "", variant: { ...viewer.variant(), scene: 1 } }, signal) },
       layersApart: { value: false },
     });
-    this.stream = new Stream(others, (shown) => this.took(shown), (error) => error && viewer.complain(error.message));
+    this.stream = new Stream(others, (shown) => this.took(shown), (error) => viewer.messages.set("other picture", error?.message ?? ""));
     segmented(byId("compare"), COMPARES, (name) => viewer.set({ compare: /** @type {State["compare"]} */ (name) }));
     byId("against").addEventListener("change", () => viewer.set({ against: /** @type {State["against"]} */ (byId("against").value) }));
     byId("error").addEventListener("change", () => viewer.set({ error: /** @type {State["error"]} */ (byId("error").value) }));
@@ -101,10 +101,17 @@ export class Comparison {
     return this.kind() === "truth" && sample?.alpha !== null && sample?.alpha !== undefined && sample.alpha < 0.5;
   }
 
-  /** Numbers of the map of errors, without masked pixels; "" where there is none, or no full picture yet. */
+  /** Whether both pictures are full ones of what is wanted now. */
+  isWhole() {
+    const { shown, stream } = this.viewer;
+    if (!shown?.full) return false;
+    return this.kind() === "truth" || Boolean(this.other?.full && this.stream.fullKey === stream.fullKey);
+  }
+
+  /** Numbers of the map of errors, without masked pixels; "" where there is none, or no full pictures yet. */
   errorText() {
     const { shown, display, scene, state } = this.viewer;
-    if (state.compare !== "difference" || !this.isOn() || !shown?.full || !display.truth || !scene) return "";
+    if (state.compare !== "difference" || !this.isOn() || !this.isWhole() || !shown || !display.truth || !scene) return "";
     const others = this.kind() === "scene" ? scene.others[0].luminance_weights : scene.luminance_weights;
     const least = (MIDDLE_GREY * scene.radiance_scale * 2 ** STOPS.low) / 2 ** state.exposure;
     const key = JSON.stringify([shown.frame.head, this.viewer.stream.fullKey, this.stream.fullKey, this.truthOf, state.error, least]);
@@ -125,13 +132,17 @@ export class Comparison {
     if (this.kind() !== "scene") return;
     viewer.display.compareWith(shown.frame, { full: shown.full, firstFromOther: viewer.scene?.others[0].first_from_scene });
     viewer.needsDraw = true;
+    // Numbers of whole pictures, such as the error, are shown beside them.
+    if (shown.full) viewer.needsReflect = true;
   }
 
   /** @param {number} now */
   step(now) {
     const { viewer } = this;
+    const needsOther = viewer.state.compare !== "off" && this.kind() === "scene";
+    if (!needsOther) viewer.messages.set("other picture", "");
     if (viewer.state.compare === "off") return;
-    if (this.kind() === "scene") {
+    if (needsOther) {
       const want = viewer.want();
       this.truthOf = "";
       this.stream.tick({ ...want, edit: "", layers: false }, now);
@@ -148,7 +159,7 @@ export class Comparison {
         if (this.truthOf === view.name) viewer.display.compareWith(frame, { mask: frame.alpha });
         viewer.changed();
       })
-      .catch((error) => viewer.complain(error.message));
+      .catch((error) => viewer.messages.notice(error.message));
   }
 
   reflect() {

@@ -15,6 +15,7 @@ export class Controls {
   keys = new Set();
   fast = false;
   dragged = 0;
+  /** Whether the pointer that was lifted had not been dragged. */ wasClick = false;
   /** A drag that a part of the viewer has taken hold of. @type {Grip | null} */ grip = null;
   /** Unit of speed: a part of the scene's size. */ size = 1;
   /** @type {Vec3} */ up = [0, 1, 0];
@@ -31,6 +32,8 @@ export class Controls {
     element.addEventListener("pointerdown", (event) => this.down(event));
     element.addEventListener("pointermove", (event) => this.move(event));
     for (const kind of /** @type {const} */ (["pointerup", "pointercancel"])) element.addEventListener(kind, (event) => this.lift(event));
+    // The only event that counts clicks, which tells the second of a double click.
+    element.addEventListener("click", (event) => this.wasClick && on.clicked(event.offsetX, event.offsetY, /** @type {PointerEvent} */ (event)));
     element.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
     element.addEventListener("dblclick", (event) => on.pivoted(event.offsetX, event.offsetY));
     element.addEventListener("contextmenu", (event) => event.preventDefault());
@@ -87,7 +90,7 @@ export class Controls {
     const { grip } = this;
     this.grip = null;
     grip?.end?.();
-    if (was && event.type === "pointerup" && this.dragged <= 3 && !grip) this.on.clicked(event.offsetX, event.offsetY, event);
+    this.wasClick = was && event.type === "pointerup" && this.dragged <= 3 && !grip;
   }
 
   /** @param {WheelEvent} event */

@@ -1,7 +1,7 @@
 /** Draws half-float pictures with WebGL2: tone curves, false colour, comparison with ground truth. */
 
 import { DIFFERENCE, RELATIVE_HIGH, STOPS, STOP_TEXELS, tables } from "./falsecolor.js";
-import { MIDDLE_GREY } from "./measure.js";
+import { MIDDLE_GREY, quantile } from "./measure.js";
 import { fragment, VERTEX } from "./shader.js";
 import { COMPARES, CURVES, ERRORS, LAYERS } from "./state.js";
 
@@ -192,8 +192,6 @@ export class Display {
 function rangeOf(depth) {
   const step = Math.max(1, Math.floor(depth.length / 4096));
   const values = [];
-  for (let i = 0; i < depth.length; i += step) if (depth[i] < 1e30) values.push(depth[i]);
-  if (values.length === 0) return [0, 1];
-  values.sort((a, b) => a - b);
-  return [values[Math.floor(values.length * 0.01)], values[Math.floor(values.length * 0.99)]];
+  for (let i = 0; i < depth.length; i += step) if (depth[i] < 1e30) values.push({ value: depth[i], weight: 1 });
+  return values.length ? [quantile(values, 0.01), quantile(values, 0.99)] : [0, 1];
 }

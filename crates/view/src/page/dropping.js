@@ -13,6 +13,6 @@ export function openDropped(viewer, openers) {
     event.preventDefault();
     const open = openers[file.name.split(".").at(-1)?.toLowerCase() ?? ""];
     if (open) void open(file);
-    else viewer.complain(`${file.name}: expected a camera path (.json) or edits (.edits)`);
+    else viewer.messages.notice(`${file.name}: expected a camera path (.json) or edits (.edits)`);
   });
 }

@@ -217,7 +217,7 @@ export class SavedEdits {
       const answer = await ask("save", {}, { method: "POST", body: JSON.stringify({ name: this.name(), edit: this.edits.text, ...what }) });
       const { scene, stack } = await answer.json();
       said.textContent = [scene, stack].filter(Boolean).map((path) => `saved ${path}`).join("\n");
-      await this.list();
+      void this.list().catch(() => undefined);
     } catch (error) {
       said.textContent = /** @type {Error} */ (error).message;
     }
@@ -231,6 +231,7 @@ export class SavedEdits {
       const { edit } = await (await ask("stack", { name })).json();
       this.edits.typed(edit);
       byId("edit-name").value = name;
+      byId("edit-saved").textContent = `opened ${name}.edits`;
     } catch (error) {
       byId("edit-saved").textContent = /** @type {Error} */ (error).message;
     }

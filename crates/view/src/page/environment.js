@@ -54,17 +54,18 @@ export class EnvironmentPanel {
   /** @param {number} x @param {number} y @param {PointerEvent} event */
   clicked(x, y, event) {
     if (!this.isPlacing || event.button !== 0) return false;
-    const { box, state, controls } = this.viewer;
-    const sample = this.viewer.sample(x / box.width, y / box.height);
-    if (!sample?.position) {
-      this.show();
-      this.say("There is nothing to place a probe at; click a surface, in a picture at rest.");
-      return true;
-    }
-    this.toggle();
-    // Towards the camera, at most half of the way.
-    const ray = sub(state.eye, sample.position);
-    void this.place(add(sample.position, times(unit(ray), Math.min(controls.size * LIFT, length(ray) / 2))));
+    const { box, state, controls, clicks } = this.viewer;
+    clicks.at(x / box.width, y / box.height, ({ position }) => {
+      if (!this.isPlacing) return;
+      if (!position) {
+        this.show();
+        return this.say("There is nothing to place a probe at; click a surface.");
+      }
+      this.toggle();
+      // Towards the camera, at most half of the way.
+      const ray = sub(state.eye, position);
+      void this.place(add(position, times(unit(ray), Math.min(controls.size * LIFT, length(ray) / 2))));
+    });
     return true;
   }
 

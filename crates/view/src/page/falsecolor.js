@@ -7,6 +7,7 @@
 /** @typedef {import("./viewer.js").Viewer} Viewer */
 /** How pixels that differ are coloured. @typedef {"stops" | "signed" | "relative"} ErrorKind */
 
+import { MIDDLE_GREY } from "./measure.js";
 import { cdM2PerUnit } from "./units.js";
 
 /** Lowest and highest stop that has a colour of its own. */
@@ -59,7 +60,7 @@ export function colorOfSigned(stops) {
 /** The lowest band of luminance, in half decades of the unit that is shown. @param {Viewer} viewer */
 export function lowestBand(viewer) {
   if (cdM2PerUnit(viewer) > 0) return LOWEST_CD_M2;
-  return Math.round(2 * Math.log10(0.18 * (viewer.scene?.radiance_scale ?? 1))) - (BANDS - 1) / 2;
+  return Math.round(2 * Math.log10(MIDDLE_GREY * (viewer.scene?.radiance_scale ?? 1))) - (BANDS - 1) / 2;
 }
 
 /** Luminance in the middle of a band, in the unit that is shown. @param {Viewer} viewer @param {number} band */

@@ -20,8 +20,8 @@ function store(folded) {
   }
 }
 
-/** Makes the headings of sections buttons that fold them; `data-folded` in the document is the start. @param {HTMLElement} panel */
-export function foldSections(panel) {
+/** Makes the headings of sections buttons that fold them; `data-folded` in the document is the start. @param {HTMLElement} panel @param {() => void} changed what a section holds is drawn once it is seen */
+export function foldSections(panel, changed) {
   const folded = stored();
   for (const section of panel.querySelectorAll("section")) {
     const heading = section.querySelector("h2");
@@ -38,6 +38,7 @@ export function foldSections(panel) {
       folded[title] = !section.classList.contains("folded");
       show(folded[title]);
       store(folded);
+      changed();
     });
   }
 }

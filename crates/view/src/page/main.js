@@ -38,7 +38,7 @@ try {
   viewer.parts.push(new HdrScreen(viewer));
   viewer.parts.push(viewer.radiometry = new Radiometry(viewer), new Shading(viewer));
   if (alone) viewer.parts.push(new Poster(viewer, alone));
-  foldSections(byId("panel"));
+  foldSections(byId("panel"), () => viewer.changed());
   viewer.saving = new Saving(viewer);
   if (sources) {
     const path = new PathPanel(viewer);

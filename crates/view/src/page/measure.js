@@ -80,7 +80,7 @@ export function errorFacts(frame, other, { weights, mask, kind, least }) {
   const pixels = width * height;
   const step = Math.max(1, Math.ceil(pixels / 200000)) | 1;
   let [sum, total, hidden, all] = [0, 0, 0, 0];
-  /** @type {{ size: number, weight: number }[]} */
+  /** @type {{ value: number, weight: number }[]} */
   const sizes = [];
   for (let i = 0; i < pixels; i += step) {
     const weight = mask ? fromHalf(mask[i]) : 1;
@@ -94,13 +94,18 @@ export function errorFacts(frame, other, { weights, mask, kind, least }) {
     if (!Number.isFinite(error)) continue;
     sum += weight * error;
     total += weight;
-    sizes.push({ size: Math.abs(error), weight });
+    sizes.push({ value: Math.abs(error), weight });
   }
   if (total === 0) return null;
-  sizes.sort((a, b) => a.size - b.size);
-  let before = 0;
-  const high = sizes.find(({ weight }) => (before += weight) >= 0.95 * total);
-  return { mean: sum / total, high: high?.size ?? 0, masked: hidden / all };
+  return { mean: sum / total, high: quantile(sizes, 0.95), masked: hidden / all };
+}
+
+/** The least value that this part of all weight does not exceed; sorts the values. @param {{ value: number, weight: number }[]} values @param {number} part */
+export function quantile(values, part) {
+  values.sort((a, b) => a.value - b.value);
+  const total = values.reduce((sum, { weight }) => sum + weight, 0);
+  let below = 0;
+  return values.find(({ weight }) => (below += weight) >= part * total)?.value ?? 0;
 }
 
 /** A number for people: four digits, without a row of zeros. @param {number | null | undefined} v */

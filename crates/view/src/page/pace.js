@@ -12,7 +12,7 @@ const EVENTS = ["pointerdown", "pointermove", "pointerup", "wheel", "keydown", "
 
 export class Pace {
   wokenAt = -Infinity;
-  /** The timer of the next beat at rest; 0 while awake. */ timer = 0;
+  /** The timer of the next beat at rest; 0 where a refresh of the screen brings it. */ timer = 0;
   before = performance.now();
 
   /** @param {(now: number, seconds: number) => boolean} beat does what is due, and returns whether more is */
@@ -21,7 +21,7 @@ export class Pace {
     this.step = this.step.bind(this);
     for (const event of EVENTS) addEventListener(event, () => this.wake(), { capture: true, passive: true });
     this.wake();
-    requestAnimationFrame(this.step);
+    this.next();
   }
 
   /** Whether something happened lately. */
@@ -34,17 +34,23 @@ export class Pace {
     this.wokenAt = performance.now();
     if (!this.timer) return;
     clearTimeout(this.timer);
-    this.timer = 0;
     this.before = this.wokenAt;
+    this.next();
+  }
+
+  /** Has the next refresh of the screen count. */
+  next() {
+    // From here on it comes by itself: another call would start a second clock.
+    this.timer = 0;
     requestAnimationFrame(this.step);
   }
 
   /** @param {number} now */
   step(now) {
-    this.timer = 0;
-    const isBusy = this.beat(now, (now - this.before) / 1000);
+    // A refresh is dated from its beginning, which may be before the event that woke the clock.
+    const isBusy = this.beat(now, Math.max(0, now - this.before) / 1000);
     this.before = now;
-    if (isBusy || now - this.wokenAt < AWAKE_MS) requestAnimationFrame(this.step);
-    else this.timer = setTimeout(() => requestAnimationFrame(this.step), REST_MS);
+    if (isBusy || now - this.wokenAt < AWAKE_MS) this.next();
+    else this.timer = setTimeout(() => this.next(), REST_MS);
   }
 }

@@ -22,7 +22,7 @@
  * @property {(status: Status) => void} [followed] the newest state of the server
  * @property {() => void} [reflect] shows what is set, after something has changed
  * @property {(shown: Shown) => void} [taken] a picture came
- * @property {(now: number, seconds: number) => void} [step] once per refresh of the screen
+ * @property {(now: number, seconds: number) => void} [step] at each beat of the clock (pace.js)
  * @property {(overlay: Overlay, lens: Lens) => void} [draw] marks over the picture; `lens` is in pixels of the screen
  * @property {(x: number, y: number, event: PointerEvent) => Grip | null} [grab] takes hold of a drag that starts here
  * @property {(x: number, y: number, event: PointerEvent) => boolean} [clicked] uses a click; true if nobody else shall

@@ -36,6 +36,7 @@ export class Picking {
   /** @type {Vec3[]} */ points = [];
   /** Paint, and the camera that it was painted for. @type {{ canvas: HTMLCanvasElement, lens: Lens, test: string } | null} */ paint = null;
   /** @type {[number, number][]} */ outline = [];
+  /** What is wrong with the last click, in place of what the tool is for. */ said = "";
 
   /** @param {Viewer} viewer @param {Edits} edits */
   constructor(viewer, edits) {
@@ -50,7 +51,7 @@ export class Picking {
 
   /** @param {Tool} tool */
   take(tool) {
-    [this.tool, this.points, this.paint] = [tool, [], null];
+    [this.tool, this.points, this.paint, this.said] = [tool, [], null, ""];
     this.viewer.changed();
   }
 
@@ -77,14 +78,24 @@ export class Picking {
   /** @param {number} x @param {number} y @param {PointerEvent} event */
   clicked(x, y, event) {
     if (event.button !== 0 || !this.tool) return false;
-    const { width, height } = this.viewer.box;
-    const sample = this.viewer.sample(x / width, y / height);
-    if (this.tool === "hue" && sample) this.pickHue(sample.radiance);
-    else if (this.tool === "origin" && sample?.position) {
-      this.setAxes({ origin: this.text(sample.position) });
-      this.take("");
-    } else if (this.tool === "floor" && sample?.position) this.pickFloor(sample.position);
-    this.viewer.changed();
+    const { viewer, tool } = this;
+    const [u, v] = [x / viewer.box.width, y / viewer.box.height];
+    const sample = viewer.sample(u, v);
+    this.said = "";
+    if (tool === "hue" && sample) this.pickHue(sample.radiance);
+    else if (tool === "origin" || tool === "floor") {
+      viewer.clicks.at(u, v, ({ position }) => {
+        if (this.tool !== tool) return;
+        if (!position) this.said = "There is nothing; click a surface.";
+        else if (tool === "floor") this.pickFloor(position);
+        else {
+          this.setAxes({ origin: this.text(position) });
+          this.take("");
+        }
+        viewer.changed();
+      });
+    }
+    viewer.changed();
     return true;
   }
 
@@ -92,7 +103,7 @@ export class Picking {
   pickHue(radiance) {
     const rows = this.viewer.scene?.rec709_from_scene ?? [];
     const hue = hueOf(rows.map((row) => row[0] * radiance[0] + row[1] * radiance[1] + row[2] * radiance[2]));
-    if (hue === null) return void (byId("pick-hint").textContent = "Grey has no hue; click a colour.");
+    if (hue === null) return void (this.said = "Grey has no hue; click a colour.");
     const turned = (/** @type {number} */ by) => Math.round((hue + by + 360) % 360);
     this.edits.setTest({ not: false, body: `hue in ${turned(-HUE_WIDTH)}..${turned(HUE_WIDTH)}`, soft: String(HUE_WIDTH) }, ({ body }) => body.startsWith("hue"));
     this.take("");
@@ -137,7 +148,7 @@ export class Picking {
           context.fill();
         }
         this.outline = [];
-        void this.send(paint).catch((error) => this.viewer.complain(error.message));
+        void this.send(paint).catch((error) => this.viewer.messages.notice(error.message));
       },
     };
   }
@@ -201,7 +212,7 @@ export class Picking {
 
   reflect() {
     for (const tool of ["hue", "brush", "lasso", "floor", "origin"]) byId(`pick-${tool}`).setAttribute("aria-pressed", String(this.tool === tool));
-    if (TOOLS[this.tool] || !byId("pick-hint").textContent?.startsWith("Grey")) byId("pick-hint").textContent = TOOLS[this.tool];
+    byId("pick-hint").textContent = this.said || TOOLS[this.tool];
     byId("brush-row").hidden = this.tool !== "brush";
     byId("axes-tools").hidden = !this.edits.entries.some(({ kind }) => kind === "axes");
   }

@@ -107,11 +107,14 @@ export class Probes {
 
   /** @param {number} u @param {number} v */
   pinAt(u, v) {
-    const sample = this.viewer.sample(u, v);
-    if (!sample) return;
+    this.viewer.clicks.at(u, v, this.pin);
+  }
+
+  /** Pins a value. @param {Sample} sample */
+  pin = (sample) => {
     this.pins = [...this.pins, sample].slice(-MAX_PINS);
     this.viewer.changed();
-  }
+  };
 
   /** Reads pins again that the picture shows, since an edit or a training may have changed them. @param {import("./stream.js").Shown} shown */
   taken(shown) {
@@ -138,8 +141,9 @@ export class Probes {
     this.viewer.changed();
   }
 
+  /** Takes back the last pin, or the click that waits to be one. */
   unpinLast() {
-    if (this.pins.length) this.unpin(this.pins.length - 1);
+    if (!this.viewer.clicks.takeBack(this.pin) && this.pins.length) this.unpin(this.pins.length - 1);
   }
 
   /** Distance of the last two pins with a position, world units; null without them. */

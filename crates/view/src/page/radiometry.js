@@ -1,5 +1,6 @@
 /** The values of false colour, zebra and histogram: stops around middle grey, or luminance; and the unit of luminance. */
 
+import { MIDDLE_GREY } from "./measure.js";
 import { byId } from "./panel.js";
 import { luminanceFactor, unitName } from "./units.js";
 
@@ -25,7 +26,7 @@ export class Radiometry {
   choose(scale) {
     const { viewer } = this;
     const { state, scene } = viewer;
-    const grey = (0.18 * (scene?.radiance_scale ?? 1) * luminanceFactor(viewer)) / 2 ** state.exposure;
+    const grey = (MIDDLE_GREY * (scene?.radiance_scale ?? 1) * luminanceFactor(viewer)) / 2 ** state.exposure;
     const short = (/** @type {number} */ v) => Number(v.toPrecision(3));
     if (scale === "luminance" && state.zebraBelow === 0 && state.zebraAbove === 0) {
       viewer.set({ scale, zebraBelow: short(grey * 2 ** state.zebraLow), zebraAbove: short(grey * 2 ** state.zebraHigh) });

@@ -7,13 +7,8 @@ import { megabytes, RENDERINGS, Sources } from "./sources.js";
 /** @typedef {import("./sources.js").Rendering} Rendering */
 /** @typedef {import("./viewer.js").Viewer} Viewer */
 
-/** Time for which a failure is shown over the picture, ms. */
-const MESSAGE_MS = 8000;
-
 /** @implements {Part} */
 export class RenderingPanel {
-  /** What failed, and until when it is shown. */ failure = { message: "", until: 0 };
-
   /** @param {Viewer} viewer @param {Sources} sources */
   constructor(viewer, sources) {
     this.viewer = viewer;
@@ -27,16 +22,7 @@ export class RenderingPanel {
     const { viewer } = this;
     viewer.stream.invalidate();
     viewer.needsReflect = true;
-    if (!message) return;
-    this.failure = { message, until: performance.now() + MESSAGE_MS };
-    viewer.complain(message);
-    setTimeout(() => byId("message").textContent === message && viewer.complain(""), MESSAGE_MS);
-  }
-
-  // Each picture clears the message.
-  taken() {
-    const { message, until } = this.failure;
-    if (performance.now() < until) this.viewer.complain(message);
+    if (message) viewer.messages.notice(message);
   }
 
   reflect() {

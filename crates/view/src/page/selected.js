@@ -3,7 +3,7 @@
 import { ask, DRAG } from "./edits.js";
 import { toJson } from "./lens.js";
 import { byId } from "./panel.js";
-import { short } from "./selection.js";
+import { formatTests, short } from "./selection.js";
 
 /** @typedef {import("./edits.js").Edits} Edits */
 /** @typedef {import("./part.js").Part} Part */
@@ -17,6 +17,11 @@ const HEIGHT = 56;
 
 /** Asks for the newest of what is wanted, one request at a time. */
 class Newest {
+  /** @param {(message: string) => void} failed */
+  constructor(failed) {
+    this.failed = failed;
+  }
+
   key = "";
   busy = false;
   /** @type {{ key: string, work: () => Promise<void> } | null} */ waiting = null;
@@ -34,7 +39,7 @@ class Newest {
     while (this.waiting) {
       const { work } = this.waiting;
       this.waiting = null;
-      await work().catch(() => undefined);
+      await work().catch((error) => this.failed(error.message));
     }
     this.busy = false;
   }
@@ -43,9 +48,10 @@ class Newest {
 /** @implements {Part} */
 export class Selected {
   shows = false;
-  counts = new Newest();
-  pictures = new Newest();
-  histograms = new Newest();
+  counts = new Newest((message) => this.tell(message));
+  pictures = new Newest((message) => this.tell(message));
+  // The counts say what is wrong.
+  histograms = new Newest(() => undefined);
   /** @type {Luminances | null} */ luminances = null;
   /** Key of the picture that is on the screen. */ shownKey = "";
 
@@ -77,7 +83,17 @@ export class Selected {
   say({ count, partial, share_of_light: share }) {
     const splats = this.viewer.scene?.splats ?? 0;
     const part = partial ? ` (${partial.toLocaleString("en")} in part)` : "";
-    byId("selection-facts").textContent = `${count.toLocaleString("en")} of ${splats.toLocaleString("en")} splats${part}, ${short(100 * share)} % of the light`;
+    this.tell(`${count.toLocaleString("en")} of ${splats.toLocaleString("en")} splats${part}, ${short(100 * share)} % of the light`);
+  }
+
+  /** @param {string} text */
+  tell(text) {
+    byId("selection-facts").textContent = text;
+  }
+
+  /** A server that was started again may have another scene. */
+  sceneSet() {
+    for (const newest of [this.counts, this.pictures, this.histograms]) newest.key = "";
   }
 
   /** Looks whether the picture of the selection is of what is shown. */
@@ -117,13 +133,7 @@ export class Selected {
     const hasTests = known?.kind === "light" || known?.kind === "delete";
     byId("pick-tools").hidden = byId("luminance-tools").hidden = !hasTests;
     if (!question || viewer.scene?.training) return;
-    if (!this.shows) this.counts.want(JSON.stringify(question), async () => {
-      try {
-        this.say(await (await ask("selection", question)).json());
-      } catch (error) {
-        byId("selection-facts").textContent = /** @type {Error} */ (error).message;
-      }
-    });
+    if (!this.shows) this.counts.want(JSON.stringify(question), async () => this.say(await (await ask("selection", question)).json()));
     else this.counts.key = "";
     if (!hasTests) return;
     this.histograms.want(`edits ${question.edit}`, async () => {
@@ -175,7 +185,7 @@ export class Selected {
   forget() {
     const tests = this.edits.tests();
     const at = tests?.tests.findIndex(({ body }) => /^(L|l|luminance)\b/.test(body)) ?? -1;
-    if (tests && at >= 0) this.edits.update(this.edits.current, { where: tests.tests.filter((_, i) => i !== at).map(({ not, body, soft }) => `${not ? "not " : ""}${body}${Number(soft) > 0 ? ` ~${soft}` : ""}`).join(` ${tests.join} `) || "all" });
+    if (tests && at >= 0) this.edits.update(this.edits.current, { where: formatTests({ ...tests, tests: tests.tests.filter((_, i) => i !== at) }) });
   }
 
   drawHistogram() {

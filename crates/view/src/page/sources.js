@@ -39,7 +39,8 @@ export class Sources {
   }
 
   get layersApart() {
-    return !this.isLocal && this.server.layersApart;
+    // A scene that is being trained is another one by the time at which they would be asked for.
+    return !this.isLocal && this.server.layersApart && !this.facts?.training;
   }
 
   async scene() {

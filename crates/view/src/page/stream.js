@@ -67,7 +67,7 @@ export class Stream {
     return this.times.length;
   }
 
-  /** Called once per screen refresh. @param {Want} want @param {number} now */
+  /** Called at each beat of the clock. @param {Want} want @param {number} now */
   tick(want, now) {
     if (this.want?.key !== want.key) {
       if (this.want) this.movedAt = now;

@@ -11,18 +11,37 @@ import { fetchHistory, steer } from "./scene.js";
 
 /** Least time between two drawings of the plots, ms: training needs the processor. */
 const PLOT_MS = 1500;
+/** What follows a wish whose effect the page does not show by itself. @type {{ [wish: string]: string }} */
+const WISHES = { save: "A checkpoint is written after this step.", stop: "The training saves and ends after this step." };
 
 /** @implements {Part} */
 export class TrainingPanel {
   plottedAt = -Infinity;
   /** @type {Record[]} */ history = [];
-  /** @type {Training | null} */ newest = null;
+  /** The newest state. @type {Status | null} */ status = null;
 
   /** @param {Viewer} viewer */
   constructor(viewer) {
+    this.viewer = viewer;
     this.panel = /** @type {HTMLElement} */ (document.getElementById("training"));
     for (const button of this.buttons) {
-      button.addEventListener("click", () => steer(String(button.dataset.wish)).catch((error) => viewer.complain(error.message)));
+      button.addEventListener("click", () => void this.wish(String(button.dataset.wish)));
+    }
+  }
+
+  /** The progress of the training; null where nothing is trained. @returns {Training | null} */
+  get newest() {
+    return this.status?.training ?? null;
+  }
+
+  /** @param {string} wish */
+  async wish(wish) {
+    const { messages } = this.viewer;
+    try {
+      await steer(wish);
+      if (WISHES[wish]) messages.notice(WISHES[wish]);
+    } catch (error) {
+      messages.notice(/** @type {Error} */ (error).message);
     }
   }
 
@@ -38,16 +57,17 @@ export class TrainingPanel {
 
   /** @param {Status} status */
   followed(status) {
+    this.status = status;
     const { training } = status;
     const isDue = training && (training.is_finished || training.is_paused || performance.now() - this.plottedAt > PLOT_MS);
     // Progress and plots change together, which is one drawing of the window.
-    if (isDue && training.records !== this.history.length) void this.plot(status);
-    else this.show(status);
+    if (isDue && training.records !== this.history.length) void this.plot();
+    else this.show();
   }
 
-  /** @param {Status} status */
-  show({ training, splats }) {
-    this.newest = training;
+  /** Shows the newest state, which may have come while the plots were on their way. */
+  show() {
+    const { training, splats } = this.status ?? { training: null, splats: 0 };
     this.panel.hidden = !training;
     if (!training) return;
     const { done, total, is_paused, is_finished } = training;
@@ -64,8 +84,7 @@ export class TrainingPanel {
     }
   }
 
-  /** @param {Status} status */
-  async plot(status) {
+  async plot() {
     this.plottedAt = performance.now();
     try {
       this.history = await fetchHistory(0);
@@ -73,6 +92,6 @@ export class TrainingPanel {
     } catch {
       // The next state tries again.
     }
-    this.show(status);
+    this.show();
   }
 }

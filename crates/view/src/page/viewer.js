@@ -1,11 +1,13 @@
 /** The core of the viewer: the state, the scene, the picture, and the loop that keeps them together. */
 
+import { Clicks } from "./clicks.js";
 import { Controls } from "./controls.js";
 import { Display } from "./display.js";
 import { KEYS, next } from "./help.js";
 import { fovOf, lensOf, lensOfView, poseOf } from "./lens.js";
 import { add, looking, sub, times, unit } from "./math.js";
 import { sampleAt } from "./measure.js";
+import { Messages } from "./messages.js";
 import { Overlay } from "./overlay.js";
 import { lowestBand } from "./falsecolor.js";
 import { byId } from "./panel.js";
@@ -41,6 +43,8 @@ const ADDRESS_MS = 400;
 export class Viewer {
   state = new State();
   /** @type {Part[]} */ parts = [];
+  messages = new Messages();
+  clicks = new Clicks(this);
   /** @type {import("./comparison.js").Comparison | null} */ comparison = null;
   /** @type {import("./exposure.js").Exposure | null} */ exposure = null;
   /** @type {import("./probes.js").Probes | null} */ probes = null;
@@ -53,6 +57,7 @@ export class Viewer {
   /** @type {Shown | null} */ shown = null;
   /** Size and place of the picture on the screen. */ box = { left: 0, top: 0, width: 1, height: 1 };
   /** Size of the picture in pixels of the screen. */ dots = { width: 1, height: 1 };
+  /** The part that used the last click, of a double click the first. @type {Part | undefined} */ clickUser = undefined;
   version = 0;
   followedAt = 0;
   /** Whether the picture is to be drawn again. */ needsDraw = true;
@@ -62,6 +67,7 @@ export class Viewer {
   saveAt = 0;
   /** Time at which a state of the training was last shown, and what it was. */ toldAt = -Infinity;
   toldFlags = "";
+  /** The newest state, if it was not shown yet. @type {Status | null} */ untold = null;
   /** @type {Pace | null} */ pace = null;
 
   /** @param {Source} source */
@@ -70,7 +76,7 @@ export class Viewer {
     this.canvas = /** @type {HTMLCanvasElement} */ (document.getElementById("picture"));
     this.display = new Display(this.canvas);
     this.overlay = new Overlay(/** @type {HTMLCanvasElement} */ (document.getElementById("overlay")));
-    this.stream = new Stream(source, (shown) => this.take(shown), (error) => this.complain(error?.message ?? ""));
+    this.stream = new Stream(source, (shown) => this.take(shown), (error) => this.messages.set("picture", error?.message ?? ""));
     this.controls = new Controls(this.canvas, this.state, {
       moved: () => this.moved(),
       clicked: (x, y, event) => this.clicked(this.column(x), y, event),
@@ -97,9 +103,10 @@ export class Viewer {
     for (;;) {
       try {
         this.setScene(await this.source.scene());
+        this.messages.set("connection", "");
         break;
       } catch (error) {
-        this.complain(/** @type {Error} */ (error).message);
+        this.messages.set("connection", /** @type {Error} */ (error).message);
         await new Promise((resolve) => setTimeout(resolve, 1000));
       }
     }
@@ -108,28 +115,34 @@ export class Viewer {
 
   /** @param {Status} status */
   follow(status) {
-    const isOther = status.version !== this.version;
     this.version = status.version;
+    this.untold = status;
+    this.tell();
+  }
+
+  /** Shows the newest state, if that is due: each change of the page costs the training beside it a drawing of the window. */
+  tell() {
+    const { untold: status } = this;
+    if (!status) return;
     const now = performance.now();
     const flags = JSON.stringify([status.training?.is_paused, status.training?.is_finished]);
-    // Each change of the page costs the training beside it a drawing of the window.
     if (flags === this.toldFlags && !this.pace?.isAwake() && now - this.toldAt < TELL_MS) return;
-    [this.toldAt, this.toldFlags] = [now, flags];
-    if (isOther) this.facts(status.splats);
+    [this.toldAt, this.toldFlags, this.untold] = [now, flags, null];
+    this.facts(status.splats);
     for (const part of this.parts) part.followed?.(status);
   }
 
   lost() {
-    this.complain(this.training?.isOver() ? "The training has ended. Look at its scene with luxel view." : "No connection to luxel; trying again.");
+    this.messages.set("connection", this.training?.isOver() ? "The training has ended. Look at its scene with luxel view." : "No connection to luxel; trying again.");
   }
 
   async reconnected() {
     try {
       this.setScene(await this.source.scene(), true);
       this.stream.invalidate();
-      this.complain("");
+      this.messages.set("connection", "");
     } catch (error) {
-      this.complain(/** @type {Error} */ (error).message);
+      this.messages.set("connection", /** @type {Error} */ (error).message);
     }
   }
 
@@ -166,7 +179,8 @@ export class Viewer {
   /** @param {number} splats */
   facts(splats) {
     const edits = this.scene?.edits.length ? ` · ${this.scene.edits.length} edits` : "";
-    byId("facts").textContent = `${splats.toLocaleString("en")} splats · ${this.scene?.color_space}${edits}`;
+    const text = `${splats.toLocaleString("en")} splats · ${this.scene?.color_space}${edits}`;
+    if (byId("facts").textContent !== text) byId("facts").textContent = text;
   }
 
   /** The camera of the data set in whose place the viewer stands. @returns {ViewCamera | undefined} */
@@ -295,7 +309,9 @@ export class Viewer {
       this.followedAt = now;
       this.stream.invalidate();
     }
+    this.tell();
     this.stream.tick(this.want(), now);
+    this.clicks.step();
     for (const part of this.parts) part.step?.(now, seconds);
     if (this.needsReflect && (this.needsDraw || now - this.reflectedAt > REFLECT_MS)) {
       this.needsReflect = false;
@@ -386,8 +402,9 @@ export class Viewer {
   clicked(x, y, event) {
     this.canvas.focus();
     const camera = this.state.showCameras && this.scene ? Overlay.cameraAt(this.scene.cameras, this.lens(this.box.width, this.box.height), x, y) : null;
-    if (camera) return this.standAt(camera.name);
-    this.parts.some((part) => part.clicked?.(x, y, event));
+    if (camera) this.standAt(camera.name);
+    const user = camera ? undefined : this.parts.find((part) => part.clicked?.(x, y, event));
+    if (event.detail < 2) this.clickUser = user;
   }
 
   /** A length in metres where the scale is known, else in world units. @param {number} units */
@@ -397,14 +414,15 @@ export class Viewer {
 
   /** @param {number} x @param {number} y */
   pivot(x, y) {
-    // The clicks before pinned a value, which is not what a double click asks for.
-    this.probes?.unpinLast();
-    const sample = this.sample(x / this.box.width, y / this.box.height);
-    if (!sample?.position || !this.shown) return;
-    this.state.pivot = sample.position;
-    this.state.mode = "orbit";
-    this.state.axes = looking(sub(sample.position, this.state.eye), this.controls.up);
-    this.controls.left();
+    // The click before pinned a value, which is not what a double click asks for.
+    if (this.clickUser && this.clickUser === this.probes) this.probes.unpinLast();
+    this.clicks.at(x / this.box.width, y / this.box.height, ({ position }) => {
+      if (!position) return this.messages.notice("There is nothing to orbit about; double-click a surface.");
+      this.state.pivot = position;
+      this.state.mode = "orbit";
+      this.state.axes = looking(sub(position, this.state.eye), this.controls.up);
+      this.controls.left();
+    });
   }
 
   /** @param {KeyboardEvent} event */
@@ -428,12 +446,5 @@ export class Viewer {
     const dialog = /** @type {HTMLDialogElement} */ (document.getElementById("help"));
     if (dialog.open) dialog.close();
     else dialog.showModal();
-  }
-
-  /** Shows what is wrong; nothing once it is right again. @param {string} message */
-  complain(message) {
-    const element = byId("message");
-    element.hidden = message === "";
-    element.textContent = message;
   }
 }
