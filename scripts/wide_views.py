@@ -20,6 +20,8 @@ import OpenEXR
 
 COEFFICIENTS = [-0.03, 0.012, -0.004, 0.0006]
 FIELD_DEG = 190.0
+# Yaw and pitch of cut-outs: all of the circle's.
+SIDES = [(0, 0), (math.pi / 2, 0), (-math.pi / 2, 0), (0, math.pi / 2), (0, -math.pi / 2)]
 
 
 def rotation(yaw, pitch):
@@ -104,7 +106,7 @@ def write(path, image):
     OpenEXR.File(header, {"RGB": image.astype(np.float16)}).write(str(path))
 
 
-def make(args, name, lens, place, turns):
+def make(args, name, lens):
     out = args.out / name
     (out / "images").mkdir(parents=True, exist_ok=True)
     frames = [{"file_path": f"images/{i:03}.exr", "transform_matrix": matrix(eye, turn)}
@@ -115,9 +117,16 @@ def make(args, name, lens, place, turns):
     (out / "transforms.json").write_text(json.dumps({**lens, "frames": frames, **split}, indent=1))
     subprocess.run([args.luxel, "render", args.scene, "--cameras", out / "transforms.json", "-o", out / "images", "--samples", "3",
                     "--exr-type", "half", "--overwrite", "--quiet"], check=True)
-    cut = args.out / f"{name}-cutouts"
+    cut_out(args.out, name, args.side, frames, test)
+
+
+def cut_out(folder, name, side, frames, test, points=None):
+    """Cuts pinhole views of 90 degrees out of the training images of FOLDER/NAME; `points`: a file for ply_file_path."""
+    place = fisheye_place if name == "fisheye" else panorama_place
+    turns = SIDES if name == "fisheye" else [*SIDES, (math.pi, 0)]
+    out = folder / name
+    cut = folder / f"{name}-cutouts"
     (cut / "images").mkdir(parents=True, exist_ok=True)
-    side = args.side
     across = round(side * (90 / FIELD_DEG if name == "fisheye" else 0.5) * 4 / math.pi)
     focal = across / 2
     y, x = np.mgrid[0:across, 0:across] + 0.5
@@ -143,7 +152,8 @@ def make(args, name, lens, place, turns):
     files = [frame["file_path"] for frame in cut_frames]
     lens = {"camera_model": "PINHOLE", "fl_x": focal, "fl_y": focal, "cx": focal, "cy": focal, "w": across, "h": across}
     split = {"train_filenames": files, "val_filenames": [], "test_filenames": []}
-    (cut / "transforms.json").write_text(json.dumps({**lens, "frames": cut_frames, **split}, indent=1))
+    head = {**lens, "ply_file_path": points} if points else lens
+    (cut / "transforms.json").write_text(json.dumps({**head, "frames": cut_frames, **split}, indent=1))
 
 
 def main():
@@ -156,10 +166,8 @@ def main():
     parser.add_argument("--views", type=int, default=24)
     parser.add_argument("--side", type=int, default=256)
     args = parser.parse_args()
-    quarter = math.pi / 2
-    sides = [(0, 0), (quarter, 0), (-quarter, 0), (0, quarter), (0, -quarter)]
-    make(args, "fisheye", fisheye(args.side), fisheye_place, sides)
-    make(args, "panorama", panorama(args.side), panorama_place, [*sides, (2 * quarter, 0)])
+    make(args, "fisheye", fisheye(args.side))
+    make(args, "panorama", panorama(args.side))
 
 
 if __name__ == "__main__":
