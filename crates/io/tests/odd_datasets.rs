@@ -10,7 +10,8 @@ use std::io::Cursor;
 use common::{SIZE, TestScene};
 use luxel_core::Dataset;
 use luxel_io::{LoadOptions, Transfer, encode_jpeg};
-use tiff::encoder::{TiffEncoder, colortype};
+use tiff::encoder::{Rational, TiffEncoder, colortype};
+use tiff::tags::Tag;
 
 const LENS: &str = r#""fl_x": 20, "fl_y": 20, "cx": 8, "cy": 4, "w": 16, "h": 8"#;
 const PINHOLE: &str = "1 PINHOLE 16 8 20 20 8 4\n";
@@ -88,6 +89,43 @@ fn a_model_without_points_starts_from_the_cameras_or_from_its_ply() {
     let image = [&count(1)[..], &1u32.to_le_bytes(), &pose, &1u32.to_le_bytes(), b"a.exr\0", &count(0)].concat();
     scene.write("sparse/0/images.bin", image);
     assert_said(&load(&scene), &["points3D.bin does not exist"]);
+}
+
+#[test]
+fn frames_without_images_are_left_out_while_most_images_are_there() {
+    let scene = TestScene::new();
+    grey(&scene, &["a.exr", "b.exr", "c.exr"]);
+    scene.write("transforms.json", transforms(LENS, &["a.exr", "./gone.exr", "b.exr", "c.exr", "lost.exr"]));
+    let data = load(&scene);
+    assert_eq!(views(&data), [2, 1]);
+    assert_said(&data, &["2 of 5 frames name images that do not exist, and are left out (./gone.exr, lost.exr)"]);
+    // Lists of the split may name them, too.
+    let lists = r#""train_filenames": ["a.exr", "gone.exr", "b.exr"], "test_filenames": ["c.exr"], "val_filenames": []"#;
+    scene.write("transforms.json", transforms(&format!("{LENS}, {lists}"), &["a.exr", "./gone.exr", "b.exr", "c.exr"]));
+    assert_eq!(views(&load(&scene)), [2, 1]);
+    // Half of them is no remainder of a set.
+    scene.write("transforms.json", transforms(LENS, &["a.exr", "x.exr", "b.exr", "y.exr"]));
+    let error = scene.read(&LoadOptions::default()).unwrap_err().to_string();
+    assert!(error.contains("frame 1 (\"x.exr\")"), "{error}");
+}
+
+#[test]
+fn photographs_that_were_exposed_differently_are_said_to_be() {
+    let scene = TestScene::new();
+    let photo = |fraction: u32| {
+        let mut file = Cursor::new(Vec::new());
+        let mut tiff = TiffEncoder::new(&mut file).unwrap();
+        let mut image = tiff.new_image::<colortype::RGB8>(SIZE[0] as u32, SIZE[1] as u32).unwrap();
+        image.encoder().write_tag(Tag::Unknown(0x829a), Rational { n: 1, d: fraction }).unwrap();
+        image.write_data(&[99; 3 * SIZE[0] * SIZE[1]]).unwrap();
+        file.into_inner()
+    };
+    scene.write("transforms.json", transforms(LENS, &["a.tif", "b.tif"]));
+    scene.write("a.tif", photo(60));
+    scene.write("b.tif", photo(64));
+    assert!(!load(&scene).warnings.iter().any(|line| line.contains("exposures")));
+    scene.write("b.tif", photo(240));
+    assert_said(&load(&scene), &["the exposures of 2 photographs", "differ by up to 2.0 stops", "exposure compensation"]);
 }
 
 #[test]

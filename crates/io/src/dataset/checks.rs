@@ -23,6 +23,8 @@ const MAX_SHIFT: f64 = 0.4;
 const ONE_PLACE: f64 = 1e-9;
 /// Steps from the middle to the corner at which distortion is looked at.
 const RADIAL_STEPS: u32 = 256;
+/// Stops by which exposures that are equal may differ in EXIF, which rounds them.
+const EQUAL_EXPOSURES_STOPS: f64 = 0.15;
 /// Views that a warning lists.
 const MAX_LISTED: usize = 3;
 
@@ -48,6 +50,7 @@ pub(super) fn warnings(folder: &Path, views: &[CheckedView<'_>], points: &[Point
         "without a single usable pixel: all of them are negative, NaN or infinite",
     ));
     out.extend(masks(views));
+    out.extend(unequal_exposures(views));
     if points.len() == 1 {
         out.push("a single point: it says little about where the scene is; training starts from the cameras".to_owned());
     }
@@ -64,6 +67,21 @@ fn masks(views: &[CheckedView<'_>]) -> Option<String> {
     };
     let share = 100.0 * hidden.iter().sum::<f64>() / hidden.len() as f64;
     Some(format!("{} of {} views have masks, from {place}, which hide {share:.1} % of their pixels", hidden.len(), views.len()))
+}
+
+/// Says that photographs were exposed differently, which nothing undoes.
+fn unequal_exposures(views: &[CheckedView<'_>]) -> Option<String> {
+    let mut exposures: Vec<f64> = views.iter().filter_map(|v| v.loaded.photo_exposure).collect();
+    exposures.sort_by(f64::total_cmp);
+    let (least, most) = (exposures.first()?, exposures.last()?);
+    let stops = (most / least).log2();
+    (stops > EQUAL_EXPOSURES_STOPS).then(|| {
+        let count = exposures.len();
+        format!(
+            "the exposures of {count} photographs, by their EXIF, differ by up to {stops:.1} stops, and all are read as if exposed alike: \
+             train with exposure compensation, or prepare the photographs, which divides by their exposures"
+        )
+    })
 }
 
 /// Lists the files of views that are `what`.

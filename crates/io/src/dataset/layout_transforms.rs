@@ -25,6 +25,8 @@ use crate::{IoError, read_points_ply};
 /// Largest disagreement of the camera positions of `transforms.json` and of the COLMAP model beside
 /// it, as a fraction of the distance between cameras, at which both are taken to share a frame.
 const SAME_FRAME_TOLERANCE: f64 = 0.01;
+/// Missing images that a warning lists.
+const MAX_LISTED: usize = 3;
 
 /// The descriptions in a folder.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -98,11 +100,13 @@ pub(super) fn transforms_source(files: &TransformsFiles) -> Result<DatasetSource
     let finder = Finder::default();
     let mut frames = Vec::new();
     let mut with_radiance = Vec::new();
+    let mut missing = Missing::default();
     for file in &described {
         for (i, frame) in file.transforms.frames.iter().enumerate() {
             let origin = file.origin(i, frame);
             let Some(image) = finder.find_image(&folder, &frame.file_path, Substitute::No) else {
-                return Err(origin.error(format!("image {} does not exist", folder.join(&frame.file_path).display())));
+                missing.frames.push((origin, frame.file_path.as_str()));
+                continue;
             };
             let mask = frame.mask_path.as_ref().map(|mask| {
                 let missing = || origin.error(format!("its mask {} does not exist", folder.join(mask.replace('\\', "/")).display()));
@@ -120,6 +124,7 @@ pub(super) fn transforms_source(files: &TransformsFiles) -> Result<DatasetSource
         TransformsFiles::Single(path) => match described.first().and_then(|d| d.transforms.split.clone()) {
             Some([train, val, test]) => {
                 let test = if test.is_empty() { val } else { test };
+                let [train, test] = [train, test].map(|list| missing.without(list));
                 SplitRule::Lists(SplitLists { path: path.clone(), train, test })
             }
             None => split_beside(&folder)?,
@@ -130,7 +135,9 @@ pub(super) fn transforms_source(files: &TransformsFiles) -> Result<DatasetSource
         TransformsFiles::Pair { test: Some(test), .. } if is_val(test) => "transforms_train.json and transforms_val.json",
         TransformsFiles::Pair { .. } => "transforms_train.json and transforms_test.json",
     };
+    let left_out = missing.warning(frames.len(), &folder)?;
     let mut source = finish(files, &described, frames, split, format)?;
+    source.warnings.extend(left_out);
     source.warnings.extend(finder.warnings());
     if let [(image, radiance), ..] = with_radiance.as_slice() {
         source.warnings.push(format!(
@@ -141,6 +148,34 @@ pub(super) fn transforms_source(files: &TransformsFiles) -> Result<DatasetSource
         ));
     }
     Ok(source)
+}
+
+/// The frames whose images do not exist.
+#[derive(Default)]
+struct Missing<'a> {
+    frames: Vec<(Origin, &'a str)>,
+}
+
+impl Missing<'_> {
+    /// Returns a list of the split without the frames that are left out.
+    fn without(&self, mut list: Vec<String>) -> Vec<String> {
+        let clean = |name: &str| name.trim_start_matches("./").to_owned();
+        list.retain(|name| !self.frames.iter().any(|(_, path)| clean(path) == clean(name)));
+        list
+    }
+
+    /// Returns a line about the frames that are left out. Where no more than half of the images are
+    /// there, the folder is wrong or a copy was cut short: an error.
+    fn warning(&self, present: usize, folder: &Path) -> Result<Option<String>, IoError> {
+        let Some((origin, path)) = self.frames.first() else { return Ok(None) };
+        if present <= self.frames.len() {
+            return Err(origin.error(format!("image {} does not exist", folder.join(path).display())));
+        }
+        let (count, total) = (self.frames.len(), self.frames.len() + present);
+        let listed: Vec<&str> = self.frames.iter().take(MAX_LISTED).map(|(_, path)| *path).collect();
+        let more = if count > MAX_LISTED { ", ..." } else { "" };
+        Ok(Some(format!("{count} of {total} frames name images that do not exist, and are left out ({}{more})", listed.join(", "))))
+    }
 }
 
 /// Returns whether a file describes views for validation.

@@ -2,6 +2,7 @@
 //! reduced.
 
 use glam::DVec2;
+use luxel_core::photo::Exif;
 use luxel_core::{BadPixels, Camera, ColorSpace, Conversion, Distortion, Image, Mask, OnDemand, PixelValues, Remedy, Target, View};
 
 use super::masks::decode_mask;
@@ -35,6 +36,9 @@ pub(super) struct LoadedView {
     pub(super) has_no_pixels: bool,
     /// Share of the pixels that the mask of a file, or alpha taken for one, hides.
     pub(super) hidden_by_mask: Option<f64>,
+    /// Exposure that the camera wrote beside integer samples that are read as radiance: seconds,
+    /// times ISO speed / 100, over the square of the f-number.
+    pub(super) photo_exposure: Option<f64>,
     /// Digest of the bytes of the image and its mask.
     pub(super) digest: blake3::Hash,
 }
@@ -44,7 +48,10 @@ pub(super) fn load_view(frame: &SourceFrame, options: &LoadOptions) -> Result<Lo
     let mut digest = blake3::Hasher::new();
     digest.update(&bytes);
     let (mut decoded, values) = decode(frame, &bytes, options)?;
-    turn_to_camera(&mut decoded, frame, &bytes);
+    let exif = exif_of_file(&bytes);
+    turn_to_camera(&mut decoded, frame, exif.orientation);
+    let is_photo = values == PixelValues::Radiance && decoded.depth != SampleDepth::Float;
+    let photo_exposure = if is_photo { stated_exposure(&exif) } else { None };
     drop(bytes);
     let opacity = match options.masks {
         MaskSource::Alpha => Some(take_opacity(&mut decoded, frame)?),
@@ -92,8 +99,17 @@ pub(super) fn load_view(frame: &SourceFrame, options: &LoadOptions) -> Result<Lo
         is_black,
         has_no_pixels,
         hidden_by_mask,
+        photo_exposure,
         digest: digest.finalize(),
     })
+}
+
+/// Returns the exposure that a camera wrote, if it wrote a shutter time. Where it left out the
+/// speed or aperture, all photographs are taken to share it.
+fn stated_exposure(exif: &Exif) -> Option<f64> {
+    let f_number = exif.f_number.unwrap_or(1.0);
+    Some(exif.seconds? * exif.iso.unwrap_or(100.0) / 100.0 / (f_number * f_number))
+        .filter(|exposure| exposure.is_finite() && *exposure > 0.0)
 }
 
 /// Returns the share of the pixels' weight that a mask takes away.
@@ -103,8 +119,8 @@ fn hidden_share(mask: &Mask) -> f64 {
 
 /// Turns an image whose Exif orientation lies on its side where only the turned one has the size of
 /// its camera: some programs make cameras for the stored pixels, others for the turned ones.
-fn turn_to_camera(decoded: &mut DecodedImage, frame: &SourceFrame, bytes: &[u8]) {
-    let Some(orientation @ 2..=8) = exif_of_file(bytes).orientation else { return };
+fn turn_to_camera(decoded: &mut DecodedImage, frame: &SourceFrame, orientation: Option<u16>) {
+    let Some(orientation @ 2..=8) = orientation else { return };
     let side = |v: usize| u32::try_from(v).unwrap_or(u32::MAX);
     let stored = [side(decoded.image.width), side(decoded.image.height)];
     let [is_as_stored, is_as_turned] = [stored, [stored[1], stored[0]]].map(|size| frame.intrinsics.fits(size));

@@ -18,7 +18,7 @@ use crate::dataset::source::SourceFrame;
 use crate::read_file::read_file;
 
 /// Version of the layout; facts of another version are not used.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 /// Age below which the times of a file may stay although it changes, nanoseconds.
 const YOUNG_NS: u64 = 2_000_000_000;
 
@@ -42,6 +42,7 @@ pub(super) struct Facts {
     is_black: bool,
     has_no_pixels: bool,
     hidden_by_mask: Option<f64>,
+    photo_exposure: Option<f64>,
 }
 
 /// The properties of a file by which it is taken for unchanged.
@@ -115,6 +116,7 @@ impl Facts {
             is_black: loaded.is_black,
             has_no_pixels: loaded.has_no_pixels,
             hidden_by_mask: loaded.hidden_by_mask,
+            photo_exposure: loaded.photo_exposure,
         })
     }
 
@@ -174,6 +176,7 @@ impl Facts {
             is_black: self.is_black,
             has_no_pixels: self.has_no_pixels,
             hidden_by_mask: self.hidden_by_mask,
+            photo_exposure: self.photo_exposure,
             digest,
         })
     }
