@@ -7,7 +7,7 @@
 
 use std::sync::Arc;
 
-use luxel_core::photo::Codes;
+use luxel_core::photo::{Codes, RawCorrections};
 
 /// Colours of the 2x2 cell of a mosaic, row by row: 0 red, 1 green, 2 blue.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -151,6 +151,8 @@ pub struct CapturedFrame {
     pub signal_per_radiance: f32,
     /// Noise of the signal.
     pub noise: SignalNoise,
+    /// Corrections of the lens, if the file asks for any.
+    pub corrections: Option<Arc<RawCorrections>>,
 }
 
 /// Explains why a frame cannot be used, or does not fit the others.
@@ -193,6 +195,24 @@ impl CapturedFrame {
             return Err(FrameError::Exposure(self.signal_per_radiance));
         }
         Ok(())
+    }
+
+    /// Returns the gain of each sample in row `y`; `None` where nothing is multiplied. The lens let
+    /// through one over it, which is as if the exposure had been that much shorter.
+    pub(crate) fn gains_of_row(&self, y: usize) -> Option<Vec<f32>> {
+        let corrections = self.corrections.as_ref().filter(|c| !c.gains.is_empty())?;
+        let per_pixel = self.layout.samples_per_pixel();
+        let mut out = vec![1.0f32; self.width * per_pixel];
+        let [left, top] = corrections.origin_px;
+        for gain in &corrections.gains {
+            let plane = |i: usize| match self.layout {
+                SampleLayout::Rgb => i % 3,
+                SampleLayout::Mosaic(cell) if gain.is_by_color => cell.color(i, y),
+                SampleLayout::Mosaic(_) => 0,
+            };
+            gain.multiply_row(corrections.area_px, [left, y + top], per_pixel, plane, &mut out);
+        }
+        Some(out)
     }
 
     /// Returns the phase of sample `i` in row `y`: the row's first sample is `y * width *

@@ -14,6 +14,7 @@ mod demosaic;
 mod exposure;
 mod exposure_list;
 mod frame;
+mod lens_correction;
 mod merge;
 pub mod prepare;
 mod proxy;

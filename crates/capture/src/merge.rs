@@ -12,12 +12,17 @@
 //! frame's radiance, a lower bound, and is marked. A sample that is far beyond saturation by a
 //! shorter exposure is saturated, whatever its code: compression leaves codes a little below white
 //! beside edges there. Samples at black keep their weight (their signal is small, and so is the
-//! error), and are counted where every frame is black.
+//! error), and are counted where every frame is black. A gain that undoes a lens's vignette counts
+//! as an exposure that is smaller by it, so that noise and saturation stay the sensor's.
+
+use std::sync::Arc;
 
 use glam::{DMat3, DVec3};
 use luxel_core::Image;
+use luxel_core::photo::RawCorrections;
 use rayon::prelude::*;
 
+use crate::lens_correction::{CameraColors, corrected};
 use crate::{CapturedFrame, FrameError, SampleLayout, demosaic};
 
 /// Share of the saturation signal from which on a sample's weight fades.
@@ -49,6 +54,8 @@ pub struct Merged {
     pub dark: usize,
     /// Samples in which frames disagree beyond their noise.
     pub disagreeing: usize,
+    /// Corrections of the first frame's lens, of which the gains of samples are applied.
+    pub corrections: Option<Arc<RawCorrections>>,
 }
 
 /// The result of one row.
@@ -105,6 +112,7 @@ pub fn merge(frames: &[CapturedFrame]) -> Result<Merged, FrameError> {
         saturated,
         dark: rows.iter().map(|r| r.dark).sum(),
         disagreeing: rows.iter().map(|r| r.disagreeing).sum(),
+        corrections: first.corrections.clone(),
     })
 }
 
@@ -124,10 +132,11 @@ struct Word {
 fn merge_row(frames: &[CapturedFrame], y: usize, start: usize, radiance: &mut [f32], saturated: &mut [bool]) -> MergedRow {
     let mut row = MergedRow::default();
     let mut words = Vec::with_capacity(frames.len());
+    let gains: Vec<Option<Vec<f32>>> = frames.iter().map(|frame| frame.gains_of_row(y)).collect();
     for (x, (radiance, saturated)) in radiance.iter_mut().zip(saturated).enumerate() {
         words.clear();
         let mut is_dark = true;
-        for frame in frames {
+        for (frame, gains) in frames.iter().zip(&gains) {
             let i = start + x;
             let code = frame.samples.code(i);
             let Some(transfer) = frame.transfers.get(frame.phase(i, y)) else { continue };
@@ -136,7 +145,9 @@ fn merge_row(frames: &[CapturedFrame], y: usize, start: usize, radiance: &mut [f
             let fade = ((clip - signal) / (clip * (1.0 - FADE_FROM))).clamp(0.0, 1.0);
             let trust = if transfer.is_clipped(code) { 0.0 } else { fade.max(1e-3) };
             is_dark &= transfer.is_dark(code);
-            words.push(Word { signal, exposure: frame.signal_per_radiance, trust, rounding: transfer.rounding(code), clip });
+            let exposure =
+                gains.as_ref().and_then(|gains| gains.get(x)).map_or(frame.signal_per_radiance, |g| frame.signal_per_radiance / g);
+            words.push(Word { signal, exposure, trust, rounding: transfer.rounding(code), clip });
         }
         let is_contradicted = silence_saturated(&mut words);
         row.dark += usize::from(is_dark);
@@ -208,15 +219,15 @@ pub struct Developed {
 }
 
 impl Merged {
-    /// Returns the image in another space: camera colours times `balance`, highlights mended, times
-    /// `scene_from_balanced`.
+    /// Returns the image in another space: camera colours, moved and multiplied by the corrections
+    /// of the lens, times `balance`, highlights mended, times `scene_from_balanced`.
     ///
     /// Where a channel is saturated the others go on rising, and balanced colours run to magenta: a
     /// saturated channel is set to the largest of the pixel's channels, if that is more, so that
     /// light beyond the sensor is neutral and no darker than its measured part.
     pub fn develop(self, balance: [f32; 3], scene_from_balanced: &DMat3) -> Developed {
         let (width, height) = (self.width, self.height);
-        let (mut pixels, marks) = match self.layout {
+        let (pixels, saturated) = match self.layout {
             SampleLayout::Rgb => {
                 let marks: Vec<u8> = self.saturated.chunks_exact(3).map(|s| (0..3).map(|c| u8::from(s[c]) << c).sum()).collect();
                 (self.radiance.chunks_exact(3).map(|p| [p[0], p[1], p[2]]).collect(), marks)
@@ -226,6 +237,9 @@ impl Merged {
                 (demosaic(width, height, cell, &self.radiance), marks)
             }
         };
+        let colors = CameraColors { width, height, pixels, saturated };
+        let colors = self.corrections.iter().fold(colors, |colors, corrections| corrected(colors, corrections));
+        let CameraColors { width, height, mut pixels, saturated: marks } = colors;
         let negative = pixels
             .par_iter_mut()
             .zip(&marks)

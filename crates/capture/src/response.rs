@@ -144,6 +144,7 @@ mod tests {
             transfers: Arc::from(ResponseCurve::Srgb.transfers(256)),
             signal_per_radiance: exposure,
             noise: SignalNoise::typical(100.0),
+            corrections: None,
         };
         exposures.iter().map(frame).collect()
     }

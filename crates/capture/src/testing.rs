@@ -15,6 +15,7 @@ pub(crate) fn linear_frame(width: usize, height: usize, signals: &[f32], signal_
         transfers: Arc::from(vec![linear_12_bits(); 3]),
         signal_per_radiance,
         noise: SignalNoise::typical(100.0),
+        corrections: None,
     }
 }
 

@@ -3,6 +3,10 @@
 //! Codes are as stored, not linear. Matrices are row by row. Values that a file does not state are
 //! `None`.
 
+mod corrections;
+
+pub use corrections::{CropRect, Gain, GainMap, GainShape, LensStep, RawCorrections, SampleRegion, Warp, WarpKind, WarpPlane};
+
 use crate::{Chromaticities, ColorSpace};
 
 /// The kind of content of a photograph's file.
@@ -110,8 +114,12 @@ pub struct RawInfo {
     pub baseline_exposure_ev: f64,
     /// Variance of a signal s by [shot, read^2]: shot * s + read^2.
     pub noise: Option<[f64; 2]>,
+    /// Corrections that the file asks for and that are applied.
+    pub applied: Vec<String>,
     /// Corrections that the file asks for and that are not applied.
     pub not_applied: Vec<String>,
+    /// Whether a correction moves pixels, so that the picture has no distortion of the lens.
+    pub is_straightened: bool,
 }
 
 /// An ICC profile, as far as it matters for linear light.
@@ -139,6 +147,8 @@ pub struct RawPixels {
     pub black: [f32; 4],
     /// Code of saturation.
     pub white: f32,
+    /// Corrections of the lens that the file asks for, if any.
+    pub corrections: Option<RawCorrections>,
 }
 
 /// Integer samples as a file stores them.

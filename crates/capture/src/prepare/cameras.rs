@@ -45,6 +45,9 @@ pub(super) fn group_by_camera(photos: &[Photograph]) -> (Vec<usize>, Vec<Planned
             if let Some(focal) = exif.focal_mm {
                 name += &format!(" at {focal:.1} mm");
             }
+            if photo.info.raw.as_ref().is_some_and(|raw| raw.is_straightened) {
+                name += " without distortion";
+            }
             let key = format!("{name}|{:?}|{:?}|{width}x{height}", exif.serial, exif.lens);
             let camera = *index.entry(key).or_insert_with(|| {
                 // 36 mm is the longer side of the format that the equivalent focal length is given

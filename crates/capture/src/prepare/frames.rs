@@ -19,7 +19,7 @@ const THINNED_PIXELS: usize = 40_000;
 
 /// Makes a frame of sensor data; `None` where its mosaic cannot be developed.
 pub fn raw_frame(pixels: RawPixels, info: &RawInfo, exposure: &Exposure) -> Option<CapturedFrame> {
-    let RawPixels { width, height, cell, codes, black, white } = pixels;
+    let RawPixels { width, height, cell, codes, black, white, corrections } = pixels;
     let layout = match cell {
         Some(colors) => SampleLayout::Mosaic(Cell::bayer(colors)?),
         None => SampleLayout::Rgb,
@@ -32,7 +32,8 @@ pub fn raw_frame(pixels: RawPixels, info: &RawInfo, exposure: &Exposure) -> Opti
         None => SignalNoise::typical(exposure.iso.unwrap_or(100.0)),
     };
     let signal_per_radiance = signal_per_radiance as f32;
-    Some(CapturedFrame { width, height, layout, samples: Codes::U16(codes), transfers, signal_per_radiance, noise })
+    let (samples, corrections) = (Codes::U16(codes), corrections.map(Arc::new));
+    Some(CapturedFrame { width, height, layout, samples, transfers, signal_per_radiance, noise, corrections })
 }
 
 fn raw_transfer(black: f32, white: f32) -> CodeTransfer {
@@ -54,6 +55,7 @@ pub fn developed_frame([width, height]: [usize; 2], codes: Codes, tables: &Curve
         samples: codes,
         signal_per_radiance: exposure.signal_per_radiance() as f32,
         noise: SignalNoise::typical(exposure.iso.unwrap_or(100.0)),
+        corrections: None,
     }
 }
 
@@ -95,7 +97,7 @@ fn thinned_by(frame: &CapturedFrame, step: usize) -> CapturedFrame {
         Codes::U8(v) => Codes::U8(indices.filter_map(|i| v.get(i).copied()).collect()),
         Codes::U16(v) => Codes::U16(indices.filter_map(|i| v.get(i).copied()).collect()),
     };
-    CapturedFrame { width, height, samples, transfers: Arc::clone(&frame.transfers), ..*frame }
+    CapturedFrame { width, height, samples, transfers: Arc::clone(&frame.transfers), corrections: None, ..*frame }
 }
 
 #[cfg(test)]
@@ -111,6 +113,7 @@ mod tests {
             codes: vec![512, 4095, 2303, 500],
             black: [512.0; 4],
             white: 4095.0,
+            corrections: None,
         };
         let info = RawInfo { baseline_exposure_ev: 1.0, ..RawInfo::default() };
         // Without speed and aperture, a second is a signal of this.

@@ -70,13 +70,26 @@ fn reference_stops(photos: &[Photograph], found: &Brackets) -> f64 {
     middle.and_then(|p| p.exposure).map_or(0.0, |e| e.stops())
 }
 
-/// Notes corrections that RAW files ask for and that are not applied.
-pub(super) fn note_corrections_not_applied(photos: &[Photograph], notes: &mut Vec<PrepareNote>) {
-    let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
-    for what in photos.iter().filter_map(|p| p.info.raw.as_ref()).flat_map(|raw| &raw.not_applied) {
-        *counts.entry(what).or_default() += 1;
+/// Notes corrections that RAW files ask for: those that are applied, and those that are not.
+pub(super) fn note_corrections(photos: &[Photograph], notes: &mut Vec<PrepareNote>) {
+    let raws = || photos.iter().filter_map(|p| p.info.raw.as_ref());
+    let counted = |names: &mut dyn Iterator<Item = &String>| {
+        let mut counts: BTreeMap<String, usize> = BTreeMap::new();
+        names.for_each(|name| *counts.entry(name.clone()).or_default() += 1);
+        counts
+    };
+    for (what, n) in counted(&mut raws().flat_map(|raw| &raw.applied)) {
+        notes.push(PrepareNote::new(format!("applied, as requested by {}: {what}", plural(n, "file"))));
     }
-    for (what, n) in counts {
+    let straightened = raws().filter(|raw| raw.is_straightened).count();
+    if straightened > 0 {
+        notes.push(PrepareNote::new(format!(
+            "{} free of the lens's distortion by what their files say: poses that another program finds must be of the images or the proxies \
+             made here, not of pictures from the camera",
+            if straightened == 1 { "1 photograph is".to_owned() } else { format!("{straightened} photographs are") }
+        )));
+    }
+    for (what, n) in counted(&mut raws().flat_map(|raw| &raw.not_applied)) {
         notes.push(PrepareNote::new(format!("not applied, but requested by {}: {what}", plural(n, "file"))));
     }
 }

@@ -10,7 +10,7 @@ use luxel_core::photo::PhotoKind;
 use luxel_core::text::plural;
 
 use super::cameras::{PlannedCamera, balance, group_by_camera, note_cameras};
-use super::notes::{note_brackets, note_corrections_not_applied, note_primaries};
+use super::notes::{note_brackets, note_corrections, note_primaries};
 use super::options::{PlanOptions, WhiteBalance};
 use super::photograph::view_name;
 use super::{Photograph, PrepareError, PrepareNote, ResponseChoice};
@@ -142,7 +142,7 @@ pub fn plan(photos: &mut [Photograph], options: &PlanOptions) -> Result<Plan, Pr
             camera: frames.first().and_then(|i| camera_of.get(*i)).copied().unwrap_or(0),
         })
         .collect();
-    note_corrections_not_applied(photos, &mut notes);
+    note_corrections(photos, &mut notes);
     Ok(Plan { kind, views, cameras, brackets: found.found_by, is_absolute, notes })
 }
 

@@ -2,17 +2,21 @@
 //!
 //! In: bytes. Out: [`RawPixels`]; colours by the tags are in [`super::dng_info`]. Codes are
 //! as stored, cropped to the default crop, after the linearisation table if there is one; black and
-//! white come beside them. Uncompressed samples of 8 to 16 bits, lossless JPEG and JPEG XL, in
-//! strips or tiles; rows and columns that are stored in fields are put where they belong.
+//! white come beside them, and corrections of the lens ([`super::dng_corrections`]). Uncompressed
+//! samples of 8 to 16 bits, lossless JPEG and JPEG XL, in strips or tiles; rows and columns that
+//! are stored in fields are put where they belong.
 //!
 //! JPEG XL of more than 8 bits comes on the scale of 16 bits, whatever its depth: levels and the
 //! table of such files are on that scale, as Adobe's SDK decodes them.
 
 use std::path::Path;
 
-use luxel_core::photo::{Exif, RawPixels};
+use luxel_core::photo::{CropRect, Exif, RawCorrections, RawPixels};
 use rayon::prelude::*;
 
+use super::dng_corrections::{Plan, PlanError, correct_linear, correct_stored};
+use super::dng_packing::{place_in_fields, unpack};
+use super::dng_samples::Samples;
 use super::dng_tags as tag;
 use super::exif::exif_of_tags;
 use super::{jpeg_xl, lossless_jpeg};
@@ -63,11 +67,11 @@ impl<'a> Dng<'a> {
         Ok([crop.width as u32, crop.height as u32])
     }
 
-    fn invalid(&self, message: impl std::fmt::Display) -> IoError {
+    pub(super) fn invalid(&self, message: impl std::fmt::Display) -> IoError {
         IoError::invalid(self.name, format!("DNG: {message}; the file is damaged, copy or export it again"))
     }
 
-    fn unsupported(&self, message: impl std::fmt::Display) -> IoError {
+    pub(super) fn unsupported(&self, message: impl std::fmt::Display) -> IoError {
         IoError::unsupported(self.name, format!("DNG: {message}; convert it with a DNG converter, or develop it to OpenEXR"))
     }
 
@@ -75,6 +79,20 @@ impl<'a> Dng<'a> {
         let [width, height] = [tag::WIDTH, tag::HEIGHT].map(|t| self.image.unsigned(t).unwrap_or(0));
         check_size(self.name, [width as u64, height as u64], self.file_bytes)?;
         Ok([width, height])
+    }
+
+    /// Returns the active area, in stored pixels.
+    fn active_area(&self) -> Result<Crop, IoError> {
+        let [width, height] = self.stored_size()?;
+        let area = self.image.unsigneds(tag::ACTIVE_AREA).and_then(|v| <[usize; 4]>::try_from(v).ok());
+        let [top, left, bottom, right] = area.unwrap_or([0, 0, height, width]);
+        let crop = self.crop()?;
+        let holds_crop = right >= crop.left + crop.width && bottom >= crop.top + crop.height;
+        if !holds_crop || right > width || bottom > height {
+            let area = format!("rows {top} to {bottom}, columns {left} to {right}");
+            return Err(self.invalid(format_args!("an active area of {area} in an image of {width} x {height}, or a crop beyond it")));
+        }
+        Ok(Crop { left, top, width: right - left, height: bottom - top, area: [left, top] })
     }
 
     /// Returns the default crop within the active area, in stored pixels.
@@ -94,13 +112,20 @@ impl<'a> Dng<'a> {
         Ok(crop)
     }
 
+    pub(super) fn is_mosaic(&self) -> bool {
+        self.image.unsigned(tag::PHOTOMETRIC) == Some(CFA)
+    }
+
     /// Decodes the image.
     pub(super) fn pixels(&self) -> Result<RawPixels, IoError> {
+        let plan = self.plan()?;
         let size = self.stored_size()?;
-        let crop = self.crop()?;
+        let default_crop = self.crop()?;
+        // A warp takes pixels from beyond the crop.
+        let crop = if plan.steps.is_empty() { self.crop()? } else { self.active_area()? };
         let image = &self.image;
         let per_pixel = image.unsigned(tag::SAMPLES_PER_PIXEL).unwrap_or(1);
-        let is_mosaic = image.unsigned(tag::PHOTOMETRIC) == Some(CFA);
+        let is_mosaic = self.is_mosaic();
         if per_pixel != if is_mosaic { 1 } else { 3 } || image.unsigned(tag::PLANAR).unwrap_or(1) != 1 {
             return Err(self.unsupported(format_args!("{per_pixel} samples per pixel, or in separate planes")));
         }
@@ -113,7 +138,11 @@ impl<'a> Dng<'a> {
         }
         self.refuse_orders()?;
         let stored_cell = if is_mosaic { Some(self.cell()?) } else { None };
-        let stored = self.without_fields(self.read_chunks(size, per_pixel, bits)?, size, per_pixel)?;
+        let turn = |cell: [u8; 4], by: [usize; 2]| [0, 1, 2, 3].map(|i| cell[((i / 2 + by[1]) % 2) * 2 + (i % 2 + by[0]) % 2]);
+        let mut stored = self.without_fields(self.read_chunks(size, per_pixel, bits)?, size, per_pixel)?;
+        let cell = stored_cell.map(|cell| turn(cell, crop.area));
+        let samples = Samples { name: self.name, codes: &mut stored, width: size[0], per_pixel, origin: [0, 0], cell };
+        correct_stored(&plan, samples)?;
         let mut codes = zeroed::<u16>(self.name, crop.width * crop.height * per_pixel)?;
         let row = crop.width * per_pixel;
         for (y, out) in codes.chunks_exact_mut(row).enumerate() {
@@ -127,7 +156,6 @@ impl<'a> Dng<'a> {
         }
         // Black is given from the active area's corner on, the cell too, and both turn with the
         // crop's.
-        let turn = |cell: [u8; 4], by: [usize; 2]| [0, 1, 2, 3].map(|i| cell[((i / 2 + by[1]) % 2) * 2 + (i % 2 + by[0]) % 2]);
         let shift = [crop.left - crop.area[0], crop.top - crop.area[1]];
         let order = turn([0, 1, 2, 3], if is_mosaic { shift } else { [0, 0] });
         let black = self.black(per_pixel);
@@ -141,7 +169,31 @@ impl<'a> Dng<'a> {
             return Err(self.invalid(format_args!("black {black:?} is not below white {white}")));
         }
         let cell = stored_cell.map(|cell| turn(cell, shift));
-        Ok(RawPixels { width: crop.width, height: crop.height, cell, codes, black, white })
+        let mut pixels = RawPixels { width: crop.width, height: crop.height, cell, codes, black, white, corrections: None };
+        correct_linear(self.name, &plan, &mut pixels, shift);
+        pixels.corrections = self.corrections(plan, shift, &default_crop)?;
+        Ok(pixels)
+    }
+
+    /// Reads the opcode lists.
+    pub(super) fn plan(&self) -> Result<Plan, IoError> {
+        Plan::new(tag::OPCODE_LISTS.map(|tag| self.image.bytes(tag)), self.is_mosaic()).map_err(|error| match error {
+            PlanError::Damaged(message) => self.invalid(message),
+            PlanError::Unknown(message) => self.unsupported(message),
+        })
+    }
+
+    /// Returns what is left for after the samples were read; `origin_px` is the place of the first
+    /// one in the active area.
+    fn corrections(&self, plan: Plan, origin_px: [usize; 2], crop: &Crop) -> Result<Option<RawCorrections>, IoError> {
+        let Plan { gains, steps, .. } = plan;
+        if gains.is_empty() && steps.is_empty() {
+            return Ok(None);
+        }
+        let area = self.active_area()?;
+        let (left, top) = (crop.left - area.left - origin_px[0], crop.top - area.top - origin_px[1]);
+        let crop = CropRect { left, top, width: crop.width, height: crop.height };
+        Ok(Some(RawCorrections { area_px: [area.width, area.height], origin_px, gains, steps, crop }))
     }
 
     fn compression(&self) -> usize {
@@ -322,33 +374,4 @@ fn largest_raw_image<'a>(tags: &Tags<'a>, first: &Ifd<'a>) -> Option<Ifd<'a>> {
     };
     let area = |ifd: &Ifd<'_>| ifd.unsigned(tag::WIDTH).unwrap_or(0).saturating_mul(ifd.unsigned(tag::HEIGHT).unwrap_or(0));
     candidates.into_iter().filter(is_raw).max_by_key(area)
-}
-
-/// Returns where element `i` of `length` lies among `fields` fields, one behind the other; the
-/// first ones are longer by one where they are not of one length (DNG 1.7.1, RowInterleaveFactor
-/// and ColumnInterleaveFactor).
-fn place_in_fields(i: usize, fields: usize, length: usize) -> usize {
-    let field = i % fields;
-    field * (length / fields) + field.min(length % fields) + i / fields
-}
-
-/// Returns the rows of packed samples, each row from a full byte on; 16-bit samples in the file's
-/// byte order.
-fn unpack(bytes: &[u8], row: usize, rows: usize, bits: usize, is_big_endian: bool) -> Option<Vec<u16>> {
-    let row_bytes = (row * bits).div_ceil(8);
-    let bytes = bytes.get(..row_bytes.checked_mul(rows)?)?;
-    let mut out = Vec::with_capacity(row * rows);
-    for bytes in bytes.chunks_exact(row_bytes.max(1)) {
-        match bits {
-            8 => out.extend(bytes.iter().map(|b| u16::from(*b))),
-            16 if is_big_endian => out.extend(bytes.as_chunks().0.iter().map(|b| u16::from_be_bytes(*b))),
-            16 => out.extend(bytes.as_chunks().0.iter().map(|b| u16::from_le_bytes(*b))),
-            _ => out.extend((0..row).map(|i| {
-                let bit = i * bits;
-                let window = (0..3).fold(0u32, |w, k| w << 8 | u32::from(bytes.get(bit / 8 + k).copied().unwrap_or(0)));
-                (window >> (24 - bits - bit % 8) & ((1 << bits) - 1)) as u16
-            })),
-        }
-    }
-    Some(out)
 }

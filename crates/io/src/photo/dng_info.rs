@@ -1,17 +1,19 @@
 //! Colours, levels and noise by the tags of a DNG.
 //!
 //! In: a file whose tags were read. Out: [`RawInfo`]; implausible values are left out. What the
-//! file asks for and is not done is listed in [`RawInfo::not_applied`]: gain maps and opcode lists,
-//! profiles.
+//! file asks for and is not done is listed in [`RawInfo::not_applied`]: optional opcodes, profiles.
 
-use luxel_core::photo::RawInfo;
+use luxel_core::photo::{LensStep, RawInfo};
 
 use super::dng::Dng;
 use super::dng_tags as tag;
+use crate::IoError;
 
 impl Dng<'_> {
-    /// Reads colours, levels and noise from the tags.
-    pub(super) fn info(&self) -> RawInfo {
+    /// Reads colours, levels and noise from the tags. An opcode that the file requires and that is
+    /// not known is an error.
+    pub(super) fn info(&self) -> Result<RawInfo, IoError> {
+        let plan = self.plan()?;
         let triple = |tag| self.first.numbers(tag).and_then(|v| <[f64; 3]>::try_from(v).ok());
         let matrix = |tag| self.first.numbers(tag).and_then(|v| <[f64; 9]>::try_from(v).ok()).filter(|m| m.iter().all(|v| v.is_finite()));
         let mut camera_from_xyz = Vec::new();
@@ -22,25 +24,21 @@ impl Dng<'_> {
             d50_from_balanced.extend(matrix(tag::FORWARD_MATRIX[i]));
         }
         let noise = self.image.numbers(tag::NOISE_PROFILE).or_else(|| self.first.numbers(tag::NOISE_PROFILE));
-        RawInfo {
+        Ok(RawInfo {
             as_shot_neutral: triple(tag::AS_SHOT_NEUTRAL).filter(|n| n.iter().all(|v| v.is_finite() && *v > 0.0)),
             camera_from_xyz,
             d50_from_balanced,
             baseline_exposure_ev: self.first.number(tag::BASELINE_EXPOSURE).filter(|ev| ev.abs() < 16.0).unwrap_or(0.0),
             noise: noise.and_then(|n| noise_of(&n)),
-            not_applied: self.not_applied(),
-        }
+            is_straightened: plan.steps.iter().any(|step| matches!(step, LensStep::Warp(_))),
+            applied: plan.applied,
+            not_applied: plan.left_out.into_iter().chain(self.not_applied()).collect(),
+        })
     }
 
     fn not_applied(&self) -> Vec<String> {
         let has = |tag: u16| self.image.has(tag) || self.first.has(tag);
         let mut out = Vec::new();
-        for (tag, list) in [(51008, 1), (51009, 2), (51022, 3)] {
-            let ids = self.image.bytes(tag).or_else(|| self.first.bytes(tag)).map(opcode_names).unwrap_or_default();
-            if !ids.is_empty() {
-                out.push(format!("opcode list {list} ({})", ids.join(", ")));
-            }
-        }
         let named = [
             (52525, "profile gain table map"),
             (52544, "profile gain table map 2"),
@@ -86,38 +84,4 @@ fn noise_of(numbers: &[f64]) -> Option<[f64; 2]> {
     let mean = |i: usize| pairs.iter().map(|p| p[i]).sum::<f64>() / pairs.len() as f64;
     let noise = [mean(0), mean(1).max(0.0)];
     (noise[0].is_finite() && noise[1].is_finite() && noise[0] > 0.0).then_some(noise)
-}
-
-/// Names of the operations in an opcode list: a count, then id, version, flags and length of each,
-/// big endian.
-fn opcode_names(bytes: &[u8]) -> Vec<String> {
-    let word = |at: usize| bytes.get(at..at + 4).and_then(|b| b.first_chunk()).map(|b| u32::from_be_bytes(*b));
-    let count = word(0).unwrap_or(0).min(64);
-    let mut at = 4usize;
-    let mut names = Vec::new();
-    for _ in 0..count {
-        let (Some(id), Some(length)) = (word(at), word(at + 12)) else { break };
-        let name = match id {
-            1 => "WarpRectilinear",
-            2 => "WarpFisheye",
-            3 => "FixVignetteRadial",
-            4 => "FixBadPixelsConstant",
-            5 => "FixBadPixelsList",
-            6 => "TrimBounds",
-            7 => "MapTable",
-            8 => "MapPolynomial",
-            9 => "GainMap",
-            10 => "DeltaPerRow",
-            11 => "DeltaPerColumn",
-            12 => "ScalePerRow",
-            13 => "ScalePerColumn",
-            14 => "WarpRectilinear2",
-            _ => "unknown",
-        };
-        if !names.iter().any(|n| n == name) {
-            names.push(name.to_owned());
-        }
-        at = at.saturating_add(16).saturating_add(length as usize);
-    }
-    names
 }

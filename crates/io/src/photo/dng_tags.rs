@@ -41,5 +41,6 @@ pub(super) const ACTIVE_AREA: u16 = 50829;
 pub(super) const FORWARD_MATRIX: [u16; 2] = [50964, 50965];
 pub(super) const SUB_TILE_BLOCK_SIZE: u16 = 50974;
 pub(super) const ROW_INTERLEAVE: u16 = 50975;
+pub(super) const OPCODE_LISTS: [u16; 3] = [51008, 51009, 51022];
 pub(super) const NOISE_PROFILE: u16 = 51041;
 pub(super) const COLUMN_INTERLEAVE: u16 = 52547;

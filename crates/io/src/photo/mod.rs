@@ -7,11 +7,17 @@
 
 mod dng;
 mod dng_black;
+mod dng_corrections;
 mod dng_info;
+mod dng_opcodes;
+mod dng_packing;
+mod dng_samples;
 mod dng_tags;
 mod exif;
 mod jpeg_xl;
 mod lossless_jpeg;
+#[cfg(test)]
+mod opcode_tests;
 #[cfg(test)]
 mod tests;
 
@@ -81,7 +87,7 @@ pub fn photo_info(name: &Path, bytes: &[u8]) -> Result<PhotoInfo, IoError> {
     contain(name, || {
         if let Some(dng) = dng::Dng::open(name, bytes) {
             let dng = dng?;
-            let (size_px, exif, raw) = (dng.size()?, dng.exif(), Some(dng.info()));
+            let (size_px, exif, raw) = (dng.size()?, dng.exif(), Some(dng.info()?));
             return Ok(PhotoInfo { kind: PhotoKind::Raw, size_px, exif, raw, profile: None, primaries: None });
         }
         let (size_px, kind) = (image_size_of(name, bytes)?, kind_of(name, bytes)?);

@@ -65,9 +65,13 @@ struct Light {
 impl Developer<'_> {
     /// Returns the key of a view: a digest of its inputs and settings.
     pub(super) fn key(&self, view: &PlannedView) -> String {
-        let digests = view.frames.iter().filter_map(|i| self.photos.get(*i)).flat_map(|p| [p.stem.as_str(), p.digest.as_str()]);
+        let photos: Vec<&Photograph> = view.frames.iter().filter_map(|i| self.photos.get(*i)).collect();
         let exposures: Vec<String> = view.frames.iter().map(|i| format!("{:?}", self.photos.get(*i).and_then(|p| p.exposure))).collect();
-        key(digests.chain(exposures.iter().map(String::as_str)).chain([self.settings_key.as_str()]))
+        let mut parts: Vec<&str> = photos.iter().flat_map(|p| [p.stem.as_str(), p.digest.as_str()]).collect();
+        parts.extend(exposures.iter().map(String::as_str));
+        parts.push(&self.settings_key);
+        parts.extend(photos.iter().filter_map(|p| p.info.raw.as_ref()).flat_map(|raw| &raw.applied).map(String::as_str));
+        key(parts.into_iter())
     }
 
     /// Returns the key of a proxy: a digest of its photographs and its size, but not of how it is
