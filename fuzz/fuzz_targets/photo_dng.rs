@@ -14,6 +14,9 @@ fuzz_target!(|bytes: &[u8]| {
         let per_pixel = if pixels.cell.is_some() { 1 } else { 3 };
         assert_eq!(pixels.codes.len(), pixels.width * pixels.height * per_pixel);
         assert!(pixels.black.iter().all(|black| *black < pixels.white));
-        assert_eq!(info.map(|i| i.size_px).ok(), Some([pixels.width as u32, pixels.height as u32]));
+        // A warp is of the whole active area, and the picture a part of it.
+        let warped = pixels.corrections.as_ref().filter(|corrections| !corrections.steps.is_empty());
+        let size = warped.map_or([pixels.width, pixels.height], |corrections| [corrections.crop.width, corrections.crop.height]);
+        assert_eq!(info.map(|i| i.size_px).ok(), Some(size.map(|side| side as u32)));
     }
 });
