@@ -313,16 +313,15 @@ export default {
     // Masks of a file are beside it, in the folder of edits.
     await drop(page, `${stamp}.edits`, readFileSync(path.join(folder, `${stamp}.edits`), "utf8"));
     await page.waitForFunction(() => window.luxel.state.edit.includes("mask("));
-    // As the program words it: stops as a gain.
-    assert.equal(await text(page), painted.replace("stops -1", "gain 0.5"));
+    assert.equal(await text(page), painted);
     await settled(page);
     await drop(page, "fine.edits", "where L > 1 ~1;\nstops -2;\n");
-    await page.waitForFunction(() => window.luxel.state.edit === "where L > 1 ~1; gain 0.25");
+    await page.waitForFunction(() => window.luxel.state.edit === "where L > 1 ~1; stops -2");
     assert.equal(await page.locator("#edit-name").inputValue(), "fine");
     assert.equal(await page.locator(".edit-card").count(), 1);
     await drop(page, "bad.edits", "shine 3");
     await page.waitForFunction(() => document.getElementById("edit-saved").textContent.startsWith("bad.edits:"));
-    assert.equal(await text(page), "where L > 1 ~1; gain 0.25");
+    assert.equal(await text(page), "where L > 1 ~1; stops -2");
     const frame = { file_path: "a", transform_matrix: camera.transform_matrix, fl_x: camera.fl_x, fl_y: camera.fl_y, cx: camera.cx, cy: camera.cy, w: camera.w, h: camera.h };
     await drop(page, "shot.json", JSON.stringify({ frames: [frame, frame, frame] }));
     await page.waitForFunction(() => window.luxel.path.path.keyframes.length === 3 && window.luxel.path.frames.length > 0);

@@ -225,11 +225,11 @@ mod tests {
     fn options_act_in_the_order_of_the_command_line() {
         let cases: [(&[&str], &str); 4] = [
             (&["--gain", "2", "--clamp-max", "1", "--gain", "3"], "where all; gain 2; clamp-max 1; gain 3"),
-            (&["--clamp-max", "1", "--stops", "-1"], "where all; clamp-max 1; gain 0.5"),
+            (&["--clamp-max", "1", "--stops", "-1"], "where all; clamp-max 1; stops -1"),
             (&["--power", "2", "--pivot", "0.5", "--power", "0.5"], "where all; power 2; pivot 0.5; power 0.5"),
             (
                 &["--stops=1", "--where", "L<1", "--lift-below", "1", "--where", "L > 2", "--compress-above", "4:2", "--curve", "1:1,2:1"],
-                "where all; gain 2 | where L < 1; lift-below 1:0.5 | where L > 2; compress-above 4:2; curve 1:1,2:1",
+                "where all; stops 1 | where L < 1; lift-below 1:0.5 | where L > 2; compress-above 4:2; curve 1:1,2:1",
             ),
         ];
         for (args, expected) in cases {

@@ -1,9 +1,9 @@
 //! Maps on luminance, and chains of them.
 //!
-//! In: luminance >= 0 in the units of the data set (R + G + B; [`Map::Gain`] depends on ratios
-//! only). Out: luminance >= 0. All maps are continuous, do not decrease, and keep 0 at 0. All are
-//! invertible by another map, except [`Map::ClampMax`], a gain of 0, and level parts of a
-//! [`Curve`].
+//! In: luminance >= 0 in the units of the data set (R + G + B; [`Map::Gain`] and [`Map::Stops`]
+//! depend on ratios only). Out: luminance >= 0. All maps are continuous, do not decrease, and keep
+//! 0 at 0. All are invertible by another map, except [`Map::ClampMax`], a gain of 0, and level
+//! parts of a [`Curve`].
 
 use std::fmt;
 
@@ -14,6 +14,8 @@ use super::EditError;
 pub enum Map {
     /// L' = gain L; gain >= 0.
     Gain(f32),
+    /// L' = 2^stops L.
+    Stops(f32),
     /// L' = pivot (L / pivot)^exponent: contrast about `pivot`. An exponent below 1 lifts shadows
     /// and dims lights.
     Power {
@@ -61,6 +63,8 @@ impl Map {
         match *self {
             Self::Gain(found) if found.is_finite() && found >= 0.0 => Ok(()),
             Self::Gain(found) => Err(EditError::Parameter { name: "gain", found, expected: "a finite number, 0 or more" }),
+            Self::Stops(stops) if stops.is_finite() && stops.exp2().is_finite() => Ok(()),
+            Self::Stops(found) => Err(EditError::Parameter { name: "stops", found, expected: "a finite number below 128" }),
             Self::Power { exponent, pivot } => {
                 positive("exponent", exponent)?;
                 pivot.map_or(Ok(()), |pivot| positive("pivot", pivot))
@@ -84,6 +88,7 @@ impl Map {
         let about = |pivot: f64, exponent: f64| pivot * (luminance / pivot).powf(exponent);
         match *self {
             Self::Gain(gain) => luminance * f64::from(gain),
+            Self::Stops(stops) => luminance * f64::from(stops.exp2()),
             Self::Power { exponent, pivot } => about(pivot.map_or(median, f64::from), exponent.into()),
             Self::Curve(ref curve) => curve.apply(luminance),
             Self::ClampMax(max) => luminance.min(max.into()),
@@ -136,6 +141,7 @@ impl<'m> MapChain<'m> {
     pub fn constant_gain(&self) -> Option<f32> {
         self.maps.iter().try_fold(1.0, |product, map| match map {
             Map::Gain(gain) => Some(product * gain),
+            Map::Stops(stops) => Some(product * stops.exp2()),
             _ => None,
         })
     }
@@ -220,6 +226,7 @@ impl fmt::Display for Map {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Gain(gain) => write!(f, "gain {gain}"),
+            Self::Stops(stops) => write!(f, "stops {stops}"),
             Self::Power { exponent, pivot: None } => write!(f, "power {exponent}"),
             Self::Power { exponent, pivot: Some(pivot) } => write!(f, "power {exponent}; pivot {pivot}"),
             Self::Curve(curve) => {
@@ -252,6 +259,7 @@ mod tests {
         let curve = Curve::new(vec![[0.1, 0.2], [1.0, 1.0], [100.0, 10.0]]).unwrap();
         let cases = [
             (Map::Gain(4.0), 0.5, 2.0),
+            (Map::Stops(-3.0), 4.0, 0.5),
             (Map::Power { exponent: 2.0, pivot: Some(0.5) }, 2.0, 8.0),
             (Map::Power { exponent: 2.0, pivot: None }, 0.7, 0.7),
             (Map::ClampMax(3.0), 50.0, 3.0),
@@ -289,7 +297,7 @@ mod tests {
         assert_eq!((MapChain::new(&maps, 1.0).apply(5.0), MapChain::new(&reversed, 1.0).apply(5.0)), (1.0, 4.0));
         let chain = MapChain::new(&maps, 1.0);
         assert_eq!((chain.factor(0.0, 1.0), chain.factor(0.1, 0.5)), (None, Some(2.0)));
-        assert_eq!(MapChain::new(&[Map::Gain(4.0), Map::Gain(0.5)], 1.0).constant_gain(), Some(2.0));
+        assert_eq!(MapChain::new(&[Map::Gain(4.0), Map::Stops(-1.0)], 1.0).constant_gain(), Some(2.0));
     }
 
     proptest! {

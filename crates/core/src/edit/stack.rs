@@ -128,11 +128,12 @@ mod tests {
 
     #[test]
     fn a_stack_reads_back_as_it_is_written() {
-        let text = "where L > 1 ~2; gain 0.5; delete L < 0.1; where all; power 0.8; delete sphere(0,1,2,3) ~0.1; floaters;\nup 0,0,1;origin 1,2.5,-3;";
+        let text = "where L > 1 ~2; gain 0.5; delete L < 0.1; where all; power 0.8; stops -1.5; delete sphere(0,1,2,3) ~0.1; floaters;\nup 0,0,1;origin 1,2.5,-3;";
         let stack: EditStack = text.parse().unwrap();
         assert_eq!((stack.edits.len(), stack.floaters, stack.up, stack.origin), (2, true, Some([0.0, 0.0, 1.0]), Some([1.0, 2.5, -3.0])));
         assert_eq!(stack.removal_record(), "delete L < 0.1 or sphere(0,1,2,3) ~0.1; floaters");
         assert_eq!(stack.to_string().parse::<EditStack>().unwrap(), stack);
+        assert!(stack.to_string().contains("power 0.8; stops -1.5"), "{stack}");
         assert!("".parse::<EditStack>().unwrap().is_empty());
     }
 

@@ -178,7 +178,7 @@ impl Cursor<'_> {
                 return checked.map(|()| Statement::Pivot(value)).map_err(|e| self.refused(start, &e));
             }
             "gain" => Map::Gain(self.number(number)?),
-            "stops" => Map::Gain(self.number(number)?.exp2()),
+            "stops" => Map::Stops(self.number(number)?),
             "power" => Map::Power { exponent: self.number(number)?, pivot: None },
             "curve" => Map::Curve(self.curve()?),
             "clamp-max" => Map::ClampMax(self.number(number)?),
