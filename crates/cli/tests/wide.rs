@@ -55,6 +55,24 @@ fn a_run_is_rendered_with_other_lenses_and_trained_on_what_they_show() {
 
     place.error(&["render", "run", "--projection", "equirectangular", "--size", "64x64", "-o", "x"], &["expected 64 x 32"]);
     place.error(&["render", "wide", "--size", "80x80", "-o", "x"], &["fisheye projection", "--projection"]);
+    // A frame of a pair is both eyes, in a shard as well.
+    let files = |folder: &str| {
+        let names = std::fs::read_dir(place.path(folder)).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
+        names.collect::<std::collections::BTreeSet<_>>().into_iter().collect::<Vec<_>>()
+    };
+    let pairs = ["--split", "all", "--stereo", "0.1", "--size", "16x12"];
+    render(&[&pairs[..], &["--frames", "1-2", "-o", "frames"]].concat());
+    assert_eq!(files("frames"), ["001_left.exr", "001_right.exr", "002_left.exr", "002_right.exr"]);
+    render(&[&pairs[..], &["--frames", "1-2", "--shard", "1/2", "-o", "shard"]].concat());
+    assert_eq!(files("shard"), ["002_left.exr", "002_right.exr"]);
+    let beyond = place.luxel(&["render", "run", "--frames", "0-999", "--size", "8x8", "-o", "beyond"]).output().unwrap();
+    assert!(String::from_utf8_lossy(&beyond.stderr).contains("--frames ends at 999"), "{beyond:?}");
+    place.error(&["render", "run", "--frames", "999", "-o", "x"], &["--frames starts at 999"]);
+    place.error(&["render", "run", "--stereo", "0.1", "--tonemap", "agx", "--video", "x.mp4", "-o", "x"], &["--stereo renders two"]);
+    for part in [["--frames", "0"], ["--shard", "0/1"]] {
+        place.fails(2, &[&["render", "run", "--at", "0,0,0", "--projection", "fisheye", "-o", "x"][..], &part].concat());
+    }
+
     place.fails(2, &["render", "run", "--at", "0,0,0", "-o", "x"]);
     place.fails(2, &["render", "run", "--projection", "fisheye", "--at", "0,0,0", "--split", "all", "-o", "x"]);
 }

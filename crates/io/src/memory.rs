@@ -89,7 +89,11 @@ fn control_groups(content: &str) -> Vec<String> {
 
 /// Returns a size for people.
 pub(crate) fn mebibytes(bytes: u64) -> String {
-    format!("{} MiB", bytes.div_ceil(1 << 20))
+    match bytes {
+        // Less than a unit, which would be rounded to it.
+        0..0x10_0000 => format!("{} KiB", bytes.div_ceil(1 << 10)),
+        _ => format!("{} MiB", bytes.div_ceil(1 << 20)),
+    }
 }
 
 /// Returns the number behind a name in a file of the system; `None` where there is none, or no

@@ -53,7 +53,7 @@ pub(crate) struct RenderArgs {
         allow_hyphen_values = true,
         value_parser = parse_point,
         requires = "projection",
-        conflicts_with_all = ["cameras", "split", "path"],
+        conflicts_with_all = ["cameras", "split", "path", "frames", "shard"],
         help_heading = "Cameras"
     )]
     pub(crate) at: Option<[f64; 3]>,
@@ -66,7 +66,7 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "WxH", value_parser = parse_size, help_heading = "Cameras")]
     pub(crate) size: Option<[u32; 2]>,
     /// Render frames A to B of the list only, counted from 0, both included: 0-99. With --path, the
-    /// number of frames [default: 120].
+    /// number of frames [default: 120]. A pair of --stereo is one frame.
     #[arg(long, value_name = "A-B|N", value_parser = parse_frames, help_heading = "Cameras")]
     pub(crate) frames: Option<Frames>,
     /// Render every N-th of those only, starting with the I-th, counted from 0: 0/4, 1/4, 2/4 and

@@ -293,6 +293,9 @@ pub(crate) fn parse_shard(text: &str) -> Result<Shard, String> {
     let (index, count) = text.split_once('/').ok_or_else(expected)?;
     let index: usize = index.trim().parse().map_err(|_| expected())?;
     let count: usize = count.trim().parse().map_err(|_| expected())?;
+    if count == 0 {
+        return Err(format!("{text}: expected 1 shard or more, such as 0/4"));
+    }
     if index >= count {
         return Err(format!("shard {index}/{count}: the index counts from 0, so it must be below {count}"));
     }
@@ -317,7 +320,7 @@ pub(crate) fn parse_finite(text: &str) -> Result<f32, String> {
 
 /// Parses a finite number above 0.
 pub(crate) fn parse_positive(text: &str) -> Result<f32, String> {
-    text.parse().ok().filter(|v: &f32| v.is_normal() && *v > 0.0).ok_or_else(|| format!("expected a number above 0, got \"{text}\""))
+    text.parse().ok().filter(|v: &f32| v.is_normal() && *v > 0.0).ok_or_else(|| format!("expected a finite number above 0, got \"{text}\""))
 }
 
 /// Parses a finite number of at least 1.

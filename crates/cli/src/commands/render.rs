@@ -68,7 +68,7 @@ pub(crate) fn run(args: &RenderArgs, explicit: &ExplicitArgs) -> Result<()> {
     let raster = RasterConfig { samples: args.samples.unwrap_or(scene.raster.samples), ..scene.raster };
     let options = RenderOptions { raster, background, ..scene.render_options() };
     let cameras = args.path.is_some().then(|| shots.all.iter().map(|shot| shot.in_world(scene)).collect::<Vec<_>>());
-    let all = jobs(args, shots, &recipe(args, scene, &options))?;
+    let all = jobs(args, shots, &recipe(args, scene, &options), &console)?;
     let jobs = unmade(&all, args.overwrite)?;
     let video = args.video.as_ref().map(|path| video::Video::plan(args, path, &all)).transpose()?;
     if jobs.len() < all.len() {
@@ -167,9 +167,9 @@ fn render(args: &RenderArgs, engine: &mut dyn Engine, camera: &Camera, options: 
 
 /// Returns file names and cameras of the frames and the shard asked for. Names do not depend on the
 /// part that is rendered.
-fn jobs(args: &RenderArgs, shots: Shots, recipe: &Recipe) -> Result<Vec<Job>> {
-    let Shots { all: shots, frames } = shots;
-    let count = shots.len();
+fn jobs(args: &RenderArgs, shots: Shots, recipe: &Recipe, console: &Console) -> Result<Vec<Job>> {
+    let count = shots.frames_len();
+    let Shots { all: shots, frames, images_per_frame } = shots;
     let stems = unique_stems(shots.iter().map(|shot| shot.name.as_str()));
     let job = |(shot, stem): (Shot, String)| {
         let of_frame = recipe.clone().with_camera(&shot.camera);
@@ -183,13 +183,19 @@ fn jobs(args: &RenderArgs, shots: Shots, recipe: &Recipe) -> Result<Vec<Job>> {
             preview_made_by: preview.digest(),
         }
     };
-    if let Some(frames) = frames
-        && frames.first >= count
-    {
-        bail!("--frames starts at {}, but there are {}, counted from 0", frames.first, text::plural(count, "frame"));
+    match frames {
+        Some(frames) if frames.first >= count => {
+            bail!("--frames starts at {}, expected less than the number of frames, {count}: they are counted from 0", frames.first)
+        }
+        Some(frames) if frames.last >= count => {
+            console.note(&format!("--frames ends at {}, the last of {} is {}", frames.last, text::plural(count, "frame"), count - 1));
+        }
+        _ => {}
     }
-    let in_frames = shots.into_iter().zip(stems).enumerate().filter(|(i, _)| frames.is_none_or(|frames| frames.contains(*i)));
-    let in_shard = in_frames.enumerate().filter(|(i, _)| args.shard.is_none_or(|shard| i % shard.count == shard.index));
+    // Both eyes of a pair are in the same part.
+    let in_frames =
+        shots.into_iter().zip(stems).enumerate().filter(|(i, _)| frames.is_none_or(|frames| frames.contains(i / images_per_frame)));
+    let in_shard = in_frames.enumerate().filter(|(i, _)| args.shard.is_none_or(|shard| i / images_per_frame % shard.count == shard.index));
     Ok(in_shard.map(|(_, (_, named))| job(named)).collect())
 }
 

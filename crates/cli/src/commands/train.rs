@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use luxel::run::{ExplicitArgs, Launch, MadeBy, Occupant, Outcome, RunConfig, RunFolder, RunLock, TrainedRun, fresh, resume};
-use luxel::{LoadOptions, Remedy, output, text};
+use luxel::{Remedy, output, text};
 use luxel_core::Dataset;
 use serde_json::json;
 
@@ -60,16 +60,16 @@ pub(crate) fn run(args: &TrainArgs, explicit: &ExplicitArgs) -> Result<Outcome> 
     let launch = Launch { folder: &folder, observer, stop: interrupt::stop() };
     let TrainedRun { outcome, config, mut trainer, steps, .. } = match start {
         Start::Fresh(config) => {
-            let (engine, loaded) = (training_engine(&config)?, config.load.clone());
+            let (engine, given) = (training_engine(&config)?, config.clone());
             fresh(config, engine, launch, |dataset| {
-                check_used(dataset, &loaded, explicit, &console)?;
+                check_used(dataset, &given, explicit, &console)?;
                 lock_free(&folder)
             })?
         }
         Start::Replace(config, replaced) => {
-            let (engine, loaded) = (training_engine(&config)?, config.load.clone());
+            let (engine, given) = (training_engine(&config)?, config.clone());
             fresh(config, engine, launch, |dataset| {
-                check_used(dataset, &loaded, explicit, &console)?;
+                check_used(dataset, &given, explicit, &console)?;
                 let lock = folder.lock()?;
                 if replaced == MadeBy::Demo {
                     demo::remove_pictures(&folder)?;
@@ -154,13 +154,19 @@ fn absolute(dataset: &Path) -> Result<PathBuf> {
     std::fs::canonicalize(dataset).with_context(|| format!("{}: cannot open the data set", dataset.display()))
 }
 
-/// Refuses a colour space, and warns of a number of points, that only the data set shows to be
-/// unused: points in it leave no splats to make up.
-fn check_used(dataset: &Dataset, options: &LoadOptions, explicit: &ExplicitArgs, console: &Console) -> luxel::Result<()> {
-    data::check_color_space(dataset, options, explicit).map_err(|error| luxel::Error::new(error.to_string()))?;
+/// Refuses a colour space, and warns of a number of points and of a crop, that only the data set
+/// shows to be unused: points in it leave no splats to make up, and small views are not cut.
+fn check_used(dataset: &Dataset, config: &RunConfig, explicit: &ExplicitArgs, console: &Console) -> luxel::Result<()> {
+    data::check_color_space(dataset, &config.load, explicit).map_err(|error| luxel::Error::new(error.to_string()))?;
     if explicit.contains("init_points") && !dataset.points.is_empty() {
         let points = text::plural(dataset.points.len(), "point");
         console.warn(&format!("--init-points changes nothing: the data set has {points} to start from"));
+    }
+    let sides = dataset.train.iter().flat_map(|view| view.camera.size_px);
+    if let (Some(crop), Some(longest)) = (config.train.crop, sides.max())
+        && crop >= longest
+    {
+        console.warn(&format!("--crop {crop} changes nothing: no view has more than {longest} pixels a side"));
     }
     Ok(())
 }

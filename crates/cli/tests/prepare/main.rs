@@ -375,14 +375,17 @@ fn what_cannot_be_done_is_said_at_once() {
     let run = prepare(&photos, &output, &[]);
     assert!(run.status.code() == Some(1) && said(&run).contains("no photographs in it, expected DNG"), "{}", said(&run));
     brackets(&photos, 1);
-    let mut command = Command::cargo_bin("luxel").unwrap();
-    command.arg("prepare").arg(&photos).arg("-o").arg(&output).args(["--sfm", "colmap", "--colmap", "/nowhere/colmap"]);
-    let run = command.output().unwrap();
-    assert!(
-        run.status.code() == Some(1) && said(&run).contains("/nowhere/colmap: no such program\n  remedy: install COLMAP"),
-        "{}",
-        said(&run)
-    );
+    // A program that is named must be there.
+    for sfm in ["colmap", "auto"] {
+        let mut command = Command::cargo_bin("luxel").unwrap();
+        command.arg("prepare").arg(&photos).arg("-o").arg(&output).args(["--sfm", sfm, "--colmap", "/nowhere/colmap"]);
+        let run = command.output().unwrap();
+        assert!(
+            run.status.code() == Some(1) && said(&run).contains("/nowhere/colmap: no such program\n  remedy: install COLMAP"),
+            "{}",
+            said(&run)
+        );
+    }
     let image = Image::filled(WIDTH, HEIGHT, [1.0; 3]);
     write_exr(&photos.join("x.exr"), &image, &ExrOptions::default()).unwrap();
     let run = prepare(&photos, &output, &[]);
@@ -398,10 +401,15 @@ fn options_that_a_kind_of_file_has_no_use_for_are_refused() {
     write_exr(&photos.join("a.exr"), &Image::filled(WIDTH, HEIGHT, [1.0; 3]), &ExrOptions::default()).unwrap();
     let list = folder.path().join("exposures.txt");
     std::fs::write(&list, "a 1/100\n").unwrap();
-    for option in [["--exposures", list.to_str().unwrap()], ["--response", "recover"], ["--white-balance", "0.5,1,0.6"]] {
-        let run = prepare(&photos, &output, &option);
+    let of_videos = [["--frames", "5"], ["--ffmpeg", "/nowhere/ffmpeg"]];
+    for option in
+        [["--exposures", list.to_str().unwrap()], ["--response", "recover"], ["--white-balance", "0.5,1,0.6"]].iter().chain(&of_videos)
+    {
+        let run = prepare(&photos, &output, option);
         assert!(run.status.code() == Some(1) && said(&run).contains(&format!("remedy: leave {} out", option[0])), "{}", said(&run));
     }
+    let run = prepare(&photos, &output, &["--transfer", "logc3", "--input-color-space", "acescg"]);
+    assert!(run.status.code() == Some(1) && said(&run).contains("remedy: leave --input-color-space out"), "{}", said(&run));
     std::fs::remove_file(photos.join("a.exr")).unwrap();
     write(&photos, "a.jpg", &SHOT);
     let run = prepare(&photos, &output, &["--white-balance", "0.5,1,0.6"]);

@@ -159,6 +159,7 @@ pub fn prepare(options: &PrepareOptions, observer: &dyn Observer) -> Result<Prep
 
 /// Returns the folder of photographs: that of the frames, of a video.
 fn folder_of_photos(options: &PrepareOptions, folders: &Folders, observer: &dyn Observer) -> Result<PathBuf> {
+    check_unused(options)?;
     if !video::is_video(&options.photos) {
         return Ok(options.photos.clone());
     }
@@ -167,16 +168,47 @@ fn folder_of_photos(options: &PrepareOptions, folders: &Folders, observer: &dyn 
     video::extract(options, folders, observer)
 }
 
+/// Refuses options that only a video has a use for, and primaries where the curve of a plate has
+/// its own.
+fn check_unused(options: &PrepareOptions) -> Result<()> {
+    let usual = PrepareOptions::new(&options.photos, &options.output);
+    if let Some(transfer) = options.transfer
+        && transfer.plate_primaries().is_some()
+        && options.input_space != usual.input_space
+    {
+        return Err(
+            Error::new(format!("the curve {transfer} has primaries of its own")).with_remedy(Remedy::leave_out("input_color_space"))
+        );
+    }
+    if video::is_video(&options.photos) {
+        return Ok(());
+    }
+    let given = [("frames", options.frames != usual.frames), ("ffmpeg", options.ffmpeg != usual.ffmpeg)];
+    match given.into_iter().find(|(_, is_given)| *is_given) {
+        Some((name, _)) => {
+            let message = format!("{}: is no video, whose frames alone are chosen and decoded", options.photos.display());
+            Err(Error::new(message).with_remedy(Remedy::leave_out(name)))
+        }
+        None => Ok(()),
+    }
+}
+
 /// Returns the COLMAP to use, if any.
 fn find_colmap(options: &PrepareOptions) -> Result<Option<Colmap>> {
+    // A program that was named is not replaced by another.
+    let is_named = options.colmap != Path::new("colmap");
     let installed = match options.structure_from_motion {
         StructureFromMotion::Off => None,
-        StructureFromMotion::Auto | StructureFromMotion::Colmap => Colmap::find(&options.colmap).or_else(|| {
-            // A program that was named is not replaced by another.
-            (options.colmap == Path::new("colmap")).then(|| Colmap::find(Path::new("pycolmap"))).flatten()
-        }),
+        StructureFromMotion::Auto | StructureFromMotion::Colmap => {
+            Colmap::find(&options.colmap).or_else(|| (!is_named).then(|| Colmap::find(Path::new("pycolmap"))).flatten())
+        }
     };
-    if installed.is_none() && options.structure_from_motion == StructureFromMotion::Colmap {
+    let is_needed = match options.structure_from_motion {
+        StructureFromMotion::Off => false,
+        StructureFromMotion::Auto => is_named,
+        StructureFromMotion::Colmap => true,
+    };
+    if installed.is_none() && is_needed {
         let remedy =
             Remedy::advice("install COLMAP (Debian: apt-get install colmap; any system: pip install pycolmap)").or(Remedy::give("colmap"));
         return Err(Error::new(format!("{}: no such program", options.colmap.display())).with_remedy(remedy));

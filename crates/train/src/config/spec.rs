@@ -226,10 +226,10 @@ pub(super) fn check_in<T: OptionValue>(value: &T, range: Range) -> Result<(), St
 }
 
 macro_rules! number_options {
-    ($($type:ty => $number:expr;)+) => {
+    ($($type:ty, $expected:literal => $number:expr;)+) => {
         $(impl OptionValue for $type {
             fn parse(text: &str) -> Result<Self, String> {
-                text.parse().map_err(|error| format!("{error}"))
+                text.parse().map_err(|_| format!("\"{text}\": expected {}", $expected))
             }
 
             fn format(&self) -> Option<String> {
@@ -244,10 +244,10 @@ macro_rules! number_options {
 }
 
 number_options! {
-    u8 => |n| Number::Integer(u64::from(n));
-    u32 => |n| Number::Integer(u64::from(n));
-    u64 => Number::Integer;
-    f32 => Number::Real;
+    u8, "a whole number of 0 to 255" => |n| Number::Integer(u64::from(n));
+    u32, "a whole number of 0 to 4294967295" => |n| Number::Integer(u64::from(n));
+    u64, "a whole number of at least 0" => Number::Integer;
+    f32, "a number" => Number::Real;
 }
 
 impl OptionValue for bool {

@@ -32,7 +32,10 @@ impl TrainConfig {
         if let (Some(from), Some(until)) = (self.pose_from, self.pose_until)
             && until <= from
         {
-            return Err(TrainError::config("pose_until", format!("found {until}, expected a step after pose_from, which is {from}")));
+            return Err(TrainError::config(
+                "pose_until",
+                format!("found {until}, expected a step after {from}, from which poses are optimised"),
+            ));
         }
         self.validate_decays()
     }

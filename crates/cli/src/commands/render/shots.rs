@@ -46,6 +46,20 @@ pub(super) struct Shots {
     pub(super) all: Vec<Shot>,
     /// The part of them that `--frames` names.
     pub(super) frames: Option<Frames>,
+    /// Images of each frame: 2 for both eyes, else 1.
+    pub(super) images_per_frame: usize,
+}
+
+impl Shots {
+    /// Returns shots that are a frame each.
+    fn new(all: Vec<Shot>, frames: Option<Frames>) -> Self {
+        Self { all, frames, images_per_frame: 1 }
+    }
+
+    /// Returns the number of frames.
+    pub(super) fn frames_len(&self) -> usize {
+        self.all.len() / self.images_per_frame
+    }
 }
 
 /// Returns the cameras that the options name, in the size that they name.
@@ -64,6 +78,7 @@ pub(super) fn shots(args: &RenderArgs, request: DataRequest<'_>, source: &SceneS
         // Cameras are in the scene's coordinates.
         let local = f64::from(distance) / source.scene.world_from_local.scale();
         shots.all = shots.all.into_iter().flat_map(|shot| eyes(&shot, local)).collect();
+        shots.images_per_frame = 2;
         if shots.all.iter().any(|shot| shot.camera.projection == CameraProjection::Equirectangular) {
             console.note("both eyes of a panorama look ahead: depth is right around its middle, and vanishes towards the sides");
         }
@@ -89,12 +104,12 @@ fn named(args: &RenderArgs, request: DataRequest<'_>, source: &SceneSource, cons
         let dataset = dataset()?;
         let camera = lens(args).camera(pose_at(at, Up::Default, dataset.as_ref())?)?;
         let shot = Shot { name: lens_name(args).to_owned(), camera: source.scene.local_camera(&camera) };
-        return Ok(Shots { all: vec![shot], frames: args.frames });
+        return Ok(Shots::new(vec![shot], None));
     }
     if let Some(file) = &args.cameras {
         let mut all = camera_file(file, args.input.data.is_some(), dataset, || check_unread(args, file, request.explicit))?;
         all.iter_mut().for_each(|shot| shot.camera = source.scene.local_camera(&shot.camera));
-        return Ok(Shots { all, frames: args.frames });
+        return Ok(Shots::new(all, args.frames));
     }
     let Some(dataset) = dataset()? else {
         bail!("{}: a scene file has no cameras; give --data DATASET or --cameras FILE", args.input.scene.display())
@@ -103,13 +118,13 @@ fn named(args: &RenderArgs, request: DataRequest<'_>, source: &SceneSource, cons
         let frames = path_frames(args.frames)?;
         let path = camera_path(&dataset, kind.into(), frames)?;
         console.note(&format!("{}, {}", path.description, text::plural(frames, "frame")));
-        return Ok(Shots { all: path.cameras.into_iter().map(Into::into).collect(), frames: None });
+        return Ok(Shots::new(path.cameras.into_iter().map(Into::into).collect(), None));
     }
     let all = views(&dataset, args.split);
     if all.is_empty() {
         bail!("the data set has no views in this split; choose another --split");
     }
-    Ok(Shots { all, frames: args.frames })
+    Ok(Shots::new(all, args.frames))
 }
 
 /// Returns the number of frames of a path.

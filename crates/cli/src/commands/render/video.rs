@@ -47,6 +47,9 @@ pub(super) fn check(args: &RenderArgs, path: &Path) -> Result<()> {
     if path.is_dir() {
         bail!("{}: is a folder, expected a name for a file", path.display());
     }
+    if args.stereo.is_some() {
+        bail!("--video shows one eye, and --stereo renders two; leave one of them out");
+    }
     look(args)?;
     // Before any frame is rendered, which may take hours.
     programs::require(&args.ffmpeg, "--ffmpeg", INSTALL)
