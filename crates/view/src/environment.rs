@@ -21,6 +21,7 @@ use crate::jobs::{Loaded, Stage};
 use crate::probe_map::{Environment, Progress, Wish};
 use crate::query::Query;
 use crate::stage::check_edits;
+use crate::subject::Shown;
 
 /// Widths that a map may have, pixels, and that of one that states none.
 const WIDTHS: std::ops::RangeInclusive<usize> = 4..=8192;
@@ -137,7 +138,7 @@ async fn begin(house: &Arc<House>, wish: &Wish) -> Result<(ProbeWork, Vec<String
         let Loaded { scene, .. } = stage.loaded(&wish.edit)?;
         let options = ProbeOptions { width_px: wish.width, ..ProbeOptions::at(wish.at) };
         let subject = &shared.subject;
-        let cameras: Vec<Camera> = subject.views.iter().filter(|view| view.split == "train").map(|view| view.camera.clone()).collect();
+        let cameras: Vec<Camera> = subject.views.iter().filter(|view| view.split == "train").map(Shown::camera).collect();
         let mut warnings: Vec<String> = unseen(scene, &cameras.iter().collect::<Vec<_>>(), wish.at).into_iter().collect();
         if cameras.is_empty() {
             warnings.push("no data set: rendered at the resolution of the map, at which small lights may be off".into());

@@ -126,7 +126,7 @@ impl Viewer {
     /// The system refuses a thread.
     pub fn serve_beside(self, mut subject: Subject, scene: Scene, renderer: Renderer, others: Vec<Other>, stop: &StopFlag) -> Result<()> {
         let mut stages = Vec::with_capacity(1 + others.len());
-        let status = Status { version: 0, splats: scene.splats.len(), training: None };
+        let status = Status { splats: scene.splats.len(), ..Status::default() };
         let scene = Arc::new(scene);
         let workshop = Arc::new(Workshop::new(&subject, Arc::clone(&scene), renderer.options().background));
         stages.push(SceneStage::new(Arc::clone(&scene), renderer).with_workshop(Arc::clone(&workshop)));

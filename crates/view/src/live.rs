@@ -64,6 +64,9 @@ impl<'a> Live<'a> {
         }
         let scene = run.scene()?;
         let subject = Subject::new(self.name.clone(), &scene, Some(run.dataset()))?.with_cd_m2_per_unit(self.cd_m2_per_unit);
+        if let Some(cameras) = run.refined_cameras() {
+            subject.move_views(&cameras);
+        }
         let house = Arc::new(House::new(subject, scene.color_space, status_of(run), None));
         let viewer = state.viewer.take().ok_or_else(|| Error::new("the viewer could not be started"))?;
         viewer.start(Arc::clone(&house))?;
@@ -77,12 +80,11 @@ impl<'a> Live<'a> {
         let newest = status_of(run);
         if state.told_at.elapsed() >= TELL_EVERY {
             state.told_at = Instant::now();
-            house.shared.update(|status| status.advance(newest.clone()));
+            tell(house, run, &newest);
         }
-        let mut stage = LiveStage { run };
         for _ in 0..JOBS_PER_STEP {
             let Some(job) = house.jobs.next(Duration::ZERO) else { break };
-            state.last.answer(job, &mut stage);
+            state.last.answer(job, &mut LiveStage { run });
         }
         let mut wish = Wish::Continue;
         loop {
@@ -95,7 +97,7 @@ impl<'a> Live<'a> {
             let is_paused = wishes.pause.load(Ordering::SeqCst) && !self.stop.is_requested();
             // Whoever sees that the run is paused sees where.
             if is_paused && house.shared.status().training.is_some_and(|training| !training.is_paused) {
-                house.shared.update(|status| status.advance(newest.clone()));
+                tell(house, run, &newest);
             }
             house.shared.update_if(|training| std::mem::replace(&mut training.is_paused, is_paused) != is_paused);
             // What is saved is saved at once, also while the run is paused.
@@ -103,7 +105,7 @@ impl<'a> Live<'a> {
                 return wish;
             }
             if let Some(job) = house.jobs.next(PATIENCE) {
-                state.last.answer(job, &mut stage);
+                state.last.answer(job, &mut LiveStage { run });
             }
         }
     }
@@ -159,7 +161,16 @@ impl From<&LogRecord> for Record {
 /// Returns the state of a run between two steps.
 fn status_of(run: &LiveRun<'_>) -> Status {
     let training = TrainingStatus { done: run.steps_made(), total: run.steps(), ..TrainingStatus::default() };
-    Status { version: run.steps_made().into(), splats: run.splats_len(), training: Some(training) }
+    Status { version: run.steps_made().into(), splats: run.splats_len(), cameras: 0, training: Some(training) }
+}
+
+/// Tells the pages where the run is, and its cameras with it.
+fn tell(house: &House, run: &LiveRun<'_>, newest: &Status) {
+    let has_moved = run.refined_cameras().is_some_and(|cameras| house.subject.move_views(&cameras));
+    house.shared.update(|status| {
+        status.advance(newest.clone());
+        status.cameras += u64::from(has_moved);
+    });
 }
 
 /// A run between two steps.

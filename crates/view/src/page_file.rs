@@ -127,7 +127,7 @@ fn facts(subject: &Subject, scene: &Scene, Pictures { poster, thumbnails }: Pict
         camera["has_ground_truth"] = false.into();
     }
     let more = json!({
-        "splats": scene.splats.len(), "version": 0, "training": null, "download_bytes": null, "cameras": cameras,
+        "splats": scene.splats.len(), "version": 0, "cameras_version": 0, "training": null, "download_bytes": null, "cameras": cameras,
         "luxel_version": luxel::VERSION, "thumbnails": thumbnails, "poster": data_address(&poster),
         "chromaticities": scene.color_space.chromaticities(),
     });

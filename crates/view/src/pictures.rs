@@ -27,12 +27,12 @@ pub(crate) fn wanted(house: &House, query: &mut Query) -> Result<Wanted, Failure
     let variant = Variant::take(query, house.subject.scenes())?;
     let camera = match (query.take("view"), query.take("camera")) {
         (Some(name), None) => {
-            let camera = &house.subject.view(&name).map_err(|message| Failure::new(StatusCode::NOT_FOUND, message))?.camera;
+            let camera = house.subject.view(&name).map_err(|message| Failure::new(StatusCode::NOT_FOUND, message))?.camera();
             match size {
-                [None, None] => house.subject.to_scene(camera, variant.scene),
+                [None, None] => house.subject.to_scene(&camera, variant.scene),
                 [width, height] => {
                     let size = [width.unwrap_or(camera.size_px[0]), height.unwrap_or(camera.size_px[1])];
-                    house.subject.to_scene(&resized(camera, size), variant.scene)
+                    house.subject.to_scene(&resized(&camera, size), variant.scene)
                 }
             }
         }

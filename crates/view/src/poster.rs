@@ -26,7 +26,10 @@ const QUALITY: u8 = 82;
 /// A device that gave up.
 pub(crate) fn jpeg(subject: &Subject, renderer: &mut Renderer) -> Result<Vec<u8>> {
     let camera = match subject.views.first() {
-        Some(view) => view.camera.downscaled(view.camera.size_px[0].div_ceil(WIDTH_PX)),
+        Some(view) => {
+            let camera = view.camera();
+            camera.downscaled(camera.size_px[0].div_ceil(WIDTH_PX))
+        }
         None => subject.local_camera(&overview(subject), 0),
     };
     let radiance = renderer.render(&camera)?;

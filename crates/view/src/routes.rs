@@ -35,6 +35,7 @@ pub(crate) async fn answer(house: &Arc<House>, method: &Method, path: &str, mut 
     let answer = match path {
         "/" if is_get => Ok(Answer::new("text/html; charset=utf-8", assets::index(&house.subject.facts.name))),
         "/api/scene" if is_get => scene(house),
+        "/api/cameras" if is_get => Answer::json(&house.subject.cameras()),
         "/api/history" if is_get => {
             let from = query.number("from")?.unwrap_or(0);
             Answer::json(&house.shared.history(from))
@@ -75,6 +76,7 @@ fn scene(house: &House) -> Result<Answer, Failure> {
     if let Value::Object(fields) = &mut content {
         fields.insert("splats".into(), status.splats.into());
         fields.insert("version".into(), status.version.into());
+        fields.insert("cameras_version".into(), status.cameras.into());
         fields.insert("training".into(), serde_json::to_value(&status.training).unwrap_or_default());
         fields.insert("cameras".into(), serde_json::to_value(house.subject.cameras()).unwrap_or_default());
         let bytes = house.scene.as_ref().map(|scene| body_bytes(&scene.splats, Precision::Half));

@@ -18,6 +18,8 @@ pub(crate) struct Status {
     pub(crate) version: u64,
     /// Number of splats.
     pub(crate) splats: usize,
+    /// Number of times that the cameras of the views have moved.
+    pub(crate) cameras: u64,
     /// Progress; `None` where nothing is trained.
     pub(crate) training: Option<TrainingStatus>,
 }

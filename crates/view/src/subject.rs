@@ -5,10 +5,12 @@
 //! cameras.
 
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, PoisonError, RwLock};
 
 use glam::{DMat3, DVec2, DVec3};
 use luxel::export::{Up, UpAxis, file_from_world};
 use luxel::probe::Surroundings;
+use luxel::run::RunCameras;
 use luxel::{Result, Scene};
 use luxel_core::{Camera, ColorSpace, Conversion, Dataset, Image, Mask, OnDemand, PixelValues, Similarity, View};
 use serde::Serialize;
@@ -42,8 +44,8 @@ pub struct Subject {
 pub(crate) struct Shown {
     pub(crate) name: String,
     pub(crate) split: &'static str,
-    /// In the local coordinates of the first scene.
-    pub(crate) camera: Camera,
+    /// In the local coordinates of the first scene; a training that refines poses moves it.
+    camera: Arc<RwLock<Camera>>,
     /// Radiance; `None` for captured LDR values.
     pub(crate) truth: Option<OnDemand<Image>>,
     pub(crate) mask: Option<OnDemand<Mask>>,
@@ -253,14 +255,33 @@ impl Subject {
 
     /// Returns the JSON of the cameras.
     pub(crate) fn cameras(&self) -> impl Serialize + '_ {
-        self.views.iter().map(|view| view.json(self.to_world(&view.camera, 0))).collect::<Vec<_>>()
+        self.views.iter().map(|view| view.json(self.to_world(&view.camera(), 0))).collect::<Vec<_>>()
+    }
+
+    /// Moves the views to refined cameras; returns whether one of them was elsewhere.
+    pub(crate) fn move_views(&self, cameras: &RunCameras) -> bool {
+        let mut has_moved = false;
+        for view in &self.views {
+            let Some(refined) = cameras.camera(&view.name) else { continue };
+            let refined = self.local_camera(refined, 0);
+            let mut camera = view.camera.write().unwrap_or_else(PoisonError::into_inner);
+            has_moved |= *camera != refined;
+            *camera = refined;
+        }
+        has_moved
     }
 }
 
 impl Shown {
     fn new(view: &View, split: &'static str) -> Self {
         let truth = (view.values == PixelValues::Radiance).then(|| view.image.clone());
-        Self { name: view.name.clone(), split, camera: view.camera.clone(), truth, mask: view.mask.clone() }
+        let camera = Arc::new(RwLock::new(view.camera.clone()));
+        Self { name: view.name.clone(), split, camera, truth, mask: view.mask.clone() }
+    }
+
+    /// Returns the camera, in the local coordinates of the first scene.
+    pub(crate) fn camera(&self) -> Camera {
+        self.camera.read().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// Returns the JSON of the view, whose camera in the world is given.
@@ -340,7 +361,8 @@ mod tests {
     #[test]
     fn poses_are_those_of_transforms_json() {
         let camera = synthetic::room_camera([40, 30]);
-        let shown = Shown { name: "a".into(), split: "train", camera: camera.clone(), truth: None, mask: None };
+        let place = Arc::new(RwLock::new(camera.clone()));
+        let shown = Shown { name: "a".into(), split: "train", camera: place, truth: None, mask: None };
         let json = serde_json::json!({ "frames": [shown.json(camera.clone())] }).to_string().replace("\"name\"", "\"file_path\"");
         let read = luxel::decode_cameras("cameras.json", json.as_bytes()).unwrap().remove(0).camera;
         assert_eq!((read.focal_px, read.center_px, read.size_px), (camera.focal_px, camera.center_px, camera.size_px));

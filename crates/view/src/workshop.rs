@@ -78,8 +78,7 @@ fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
 impl Workshop {
     /// Returns the tools for the subject's scene, before a background in normalised units.
     pub(crate) fn new(subject: &Subject, scene: Arc<Scene>, background: [f32; 3]) -> Self {
-        let watcher =
-            |view: &crate::subject::Shown| Watcher { name: view.name.clone(), camera: view.camera.clone(), mask: view.mask.clone() };
+        let watcher = |view: &crate::subject::Shown| Watcher { name: view.name.clone(), camera: view.camera(), mask: view.mask.clone() };
         Self {
             scene,
             watchers: subject.views.iter().map(watcher).collect(),

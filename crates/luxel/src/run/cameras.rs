@@ -13,6 +13,7 @@ use std::collections::BTreeMap;
 
 use luxel_core::{Camera, Dataset, View};
 use luxel_io::PathCamera;
+use luxel_train::Trainer;
 use serde_json::{Value, json};
 
 use super::RunFolder;
@@ -81,6 +82,11 @@ impl RunCameras {
         named.map_err(|error| error.with_remedy(super::state::continue_run()))
     }
 
+    /// Returns the refined camera of a view, in world coordinates.
+    pub fn camera(&self, view: &str) -> Option<&Camera> {
+        self.by_name.get(view)
+    }
+
     /// Returns whether there are no refined cameras.
     pub fn is_empty(&self) -> bool {
         self.by_name.is_empty()
@@ -119,9 +125,30 @@ impl RunCameras {
     }
 }
 
+/// Returns the training views as a trainer sees them: with refined cameras, if there are any.
+pub(super) fn train_views_of<'d>(trainer: &Trainer, dataset: &'d Dataset) -> Cow<'d, [View]> {
+    if !trainer.config().refine_poses {
+        return Cow::Borrowed(&dataset.train);
+    }
+    let views = dataset.train.iter().zip(trainer.cameras());
+    Cow::Owned(views.map(|(view, camera)| View { camera, ..view.clone() }).collect())
+}
+
+/// Returns the test views with the lenses of the training views, if those are refined.
+pub(super) fn test_views_of<'d>(trainer: &Trainer, dataset: &'d Dataset) -> Cow<'d, [View]> {
+    match train_views_of(trainer, dataset) {
+        Cow::Borrowed(_) => Cow::Borrowed(&dataset.test),
+        Cow::Owned(train) => {
+            let mut test = dataset.test.clone();
+            share_lenses(&dataset.train, &train, &mut test);
+            Cow::Owned(test)
+        }
+    }
+}
+
 /// Gives test views the refined focal lengths of training views with the same lens, whose cameras
 /// were the `given` ones and are the `refined` ones.
-pub(super) fn share_lenses(given: &[View], refined: &[View], test: &mut [View]) {
+fn share_lenses(given: &[View], refined: &[View], test: &mut [View]) {
     let lens = |view: &View| (view.camera.focal_px, view.camera.center_px, view.camera.size_px, view.camera.projection);
     for view in test {
         if let Some(at) = given.iter().position(|other| lens(other) == lens(view))

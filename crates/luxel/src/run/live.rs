@@ -3,9 +3,13 @@
 //! In: the trainer and the data set; out: pictures and the scene as they stand, in the units of the
 //! data set. Nothing that a visitor can do changes what the run learns.
 
+use std::borrow::Cow;
+
 use luxel_core::{Camera, Dataset};
 use luxel_train::Trainer;
 
+use super::RunCameras;
+use super::cameras::{test_views_of, train_views_of};
 use crate::error::Context;
 use crate::{Radiance, RadianceLayers, Result, Scene, memory};
 
@@ -39,6 +43,15 @@ impl<'a> LiveRun<'a> {
     /// Returns the views.
     pub fn dataset(&self) -> &Dataset {
         self.dataset
+    }
+
+    /// Returns the cameras through which the run sees its views by now, and the test views with the
+    /// lenses of those, or `None` if poses are not refined.
+    pub fn refined_cameras(&self) -> Option<RunCameras> {
+        let train = train_views_of(self.trainer, self.dataset);
+        let test = test_views_of(self.trainer, self.dataset);
+        let is_refined = matches!(train, Cow::Owned(_));
+        is_refined.then(|| RunCameras::new(self.steps_made(), self.dataset, train.iter().chain(&*test)))
     }
 
     /// Returns the scene as it stands.

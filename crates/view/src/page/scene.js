@@ -9,12 +9,12 @@ import { checked } from "./server.js";
  *   fl_x: number, fl_y: number, cx: number, cy: number, w: number, h: number }} ViewCamera
  */
 /** @typedef {{ done: number, total: number, is_paused: boolean, is_finished: boolean, records: number }} Training */
-/** @typedef {{ version: number, splats: number, training: Training | null }} Status */
+/** The newest state; `cameras` grows whenever a camera has moved. @typedef {{ version: number, splats: number, cameras: number, training: Training | null }} Status */
 /**
  * @typedef {{ name: string, path: string, splats: number, bounds: [Vec3, Vec3], inner_bounds: [Vec3, Vec3], color_space: string,
  *   rec709_from_scene: number[][], luminance_weights: Vec3, radiance_scale: number, up: Vec3, edits: string[],
  *   cd_m2_per_unit: number | null, world_from_local: Frame3, others: OtherScene[],
- *   version: number, training: Training | null, download_bytes: number | null, cameras: ViewCamera[], luxel_version: string }} Scene
+ *   version: number, cameras_version: number, training: Training | null, download_bytes: number | null, cameras: ViewCamera[], luxel_version: string }} Scene
  */
 /** From the coordinates of the splats to the world: turned by the rows of `rotation`, multiplied, moved. @typedef {{ rotation: number[][], scale: number, translation: Vec3 }} Frame3 */
 /** A scene that is compared with. @typedef {{ name: string, splats: number, color_space: string, first_from_scene: number[][], luminance_weights: Vec3, radiance_scale: number }} OtherScene */
@@ -26,6 +26,9 @@ import { checked } from "./server.js";
 
 /** @param {number} from @returns {Promise<any[]>} */
 export const fetchHistory = async (from) => (await checked(await fetch(`/api/history?from=${from}`))).json();
+
+/** The cameras as they are now. @returns {Promise<ViewCamera[]>} */
+export const fetchCameras = async () => (await checked(await fetch("/api/cameras"))).json();
 
 /** @param {string} wish */
 export const steer = async (wish) => {

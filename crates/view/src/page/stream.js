@@ -61,6 +61,11 @@ export class Stream {
     this.full = null;
   }
 
+  /** Takes what is wanted next for no movement, during which small pictures are asked for. */
+  jump() {
+    this.want = null;
+  }
+
   /** Pictures per second over the last second. @param {number} now */
   rate(now) {
     while (this.times.length && now - this.times[0] > 1000) this.times.shift();

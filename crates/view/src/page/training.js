@@ -1,7 +1,7 @@
 /** The panel of a training: its progress, plots, and buttons that steer it. */
 
 import { drawPlots } from "./plots.js";
-import { fetchHistory, steer } from "./scene.js";
+import { fetchCameras, fetchHistory, steer } from "./scene.js";
 
 /** @typedef {import("./plots.js").Record} Record */
 /** @typedef {import("./scene.js").Status} Status */
@@ -19,6 +19,7 @@ export class TrainingPanel {
   plottedAt = -Infinity;
   /** @type {Record[]} */ history = [];
   /** The newest state. @type {Status | null} */ status = null;
+  /** Which cameras the page has, as the state counts them. */ cameras = 0;
 
   /** @param {Viewer} viewer */
   constructor(viewer) {
@@ -42,6 +43,28 @@ export class TrainingPanel {
       if (WISHES[wish]) messages.notice(WISHES[wish]);
     } catch (error) {
       messages.notice(/** @type {Error} */ (error).message);
+    }
+  }
+
+  /** @param {import("./scene.js").Scene} scene */
+  sceneSet({ cameras_version: version }) {
+    this.cameras = version;
+  }
+
+  /** Whether the training sees its views from elsewhere than the page has its cameras. */
+  hasMoved() {
+    return this.status !== null && this.status.cameras !== this.cameras;
+  }
+
+  /** Moves the cameras to where the training sees its views from by now. */
+  async moveCameras() {
+    if (!this.status || !this.hasMoved()) return;
+    const { cameras: version } = this.status;
+    try {
+      this.viewer.moveCameras(await fetchCameras());
+      this.cameras = version;
+    } catch {
+      // The next picture tries again.
     }
   }
 

@@ -132,6 +132,24 @@ export class Viewer {
     for (const part of this.parts) part.followed?.(status);
   }
 
+  /** Has the newest picture of a training come, from where its cameras are by now. */
+  async catchUp() {
+    await this.training?.moveCameras();
+    this.stream.invalidate();
+  }
+
+  /** Moves the cameras, and whoever stands at one with it. @param {ViewCamera[]} cameras */
+  moveCameras(cameras) {
+    if (!this.scene) return;
+    this.scene.cameras = cameras;
+    const camera = this.viewCamera();
+    if (camera) {
+      Object.assign(this.state, poseOf(camera), { fov: fovOf(camera) });
+      this.stream.jump();
+    }
+    this.changed();
+  }
+
   lost() {
     this.messages.set("connection", this.training?.isOver() ? "The training has ended. Look at its scene with luxel view." : "No connection to luxel; trying again.");
   }
@@ -159,7 +177,7 @@ export class Viewer {
     }
     this.facts(scene.splats);
     for (const part of this.parts) part.sceneSet?.(scene, isAgain);
-    if (scene.training) this.follow({ version: scene.version, splats: scene.splats, training: scene.training });
+    if (scene.training) this.follow({ version: scene.version, splats: scene.splats, cameras: scene.cameras_version, training: scene.training });
     this.changed();
   }
 
@@ -305,9 +323,10 @@ export class Viewer {
   frame(now, seconds) {
     this.controls.step(seconds);
     this.layout();
-    if (this.shown && this.version !== this.shown.frame.head.version && now - this.followedAt > Math.max(FOLLOW_MS, FOLLOW_LATENCIES * this.stream.fullLatency)) {
+    const isBehind = this.shown && (this.version !== this.shown.frame.head.version || this.training?.hasMoved());
+    if (isBehind && now - this.followedAt > Math.max(FOLLOW_MS, FOLLOW_LATENCIES * this.stream.fullLatency)) {
       this.followedAt = now;
-      this.stream.invalidate();
+      void this.catchUp();
     }
     this.tell();
     this.stream.tick(this.want(), now);

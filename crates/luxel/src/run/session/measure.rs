@@ -8,7 +8,7 @@ use std::path::Path;
 use luxel_core::{Camera, Dataset, View};
 use luxel_metrics::{FieldOptions, FlipChoice, GainFit};
 
-use super::super::cameras::share_lenses;
+use super::super::cameras::{test_views_of, train_views_of};
 use super::super::evaluation::{Metrics, Rendering, TEST_ALIGNED};
 use super::super::log::LOG_EVERY;
 use super::super::test_curve::TestCurve;
@@ -149,23 +149,12 @@ impl Session<'_> {
 
     /// Returns the training views as the trainer sees them: with refined cameras, if there are any.
     fn train_views(&self) -> Cow<'_, [View]> {
-        if self.trainer.pose_report().is_none() {
-            return Cow::Borrowed(&self.dataset.train);
-        }
-        let views = self.dataset.train.iter().zip(self.trainer.cameras());
-        Cow::Owned(views.map(|(view, camera)| View { camera, ..view.clone() }).collect())
+        train_views_of(&self.trainer, self.dataset)
     }
 
     /// Returns the test views with the lenses that the trainer sees, if those are refined.
     fn test_views(&self) -> Cow<'_, [View]> {
-        match self.train_views() {
-            Cow::Borrowed(_) => Cow::Borrowed(&self.dataset.test),
-            Cow::Owned(train) => {
-                let mut test = self.dataset.test.clone();
-                share_lenses(&self.dataset.train, &train, &mut test);
-                Cow::Owned(test)
-            }
-        }
+        test_views_of(&self.trainer, self.dataset)
     }
 
     /// Returns the data set with the training views as the trainer sees them.
