@@ -341,12 +341,14 @@ fn what_every_exposure_saturates_is_black_in_the_mask_of_the_undistorted_image()
     let folder = tempfile::tempdir().unwrap();
     let (photos, output) = (folder.path().join("photos"), folder.path().join("set"));
     for view in 0..2 {
-        write(&photos, &format!("IMG_{view}.JPG"), &Shot { seconds: Some(0.04), at: 20 * view as u32, view, ..SHOT });
+        write(&photos, &format!("IMG_{view}.JPG"), &Shot { seconds: Some(0.04 * (1 + view) as f64), at: 20 * view as u32, view, ..SHOT });
     }
     assert!(prepare(&photos, &output, &["--response", "srgb"]).status.success());
     write_model(&output, ["IMG_0", "IMG_1"]);
     let run = prepare(&photos, &output, &["--response", "srgb"]);
     assert!(run.status.success() && said(&run).contains("2 of 2 views have poses"), "{}", said(&run));
+    let options = format!("-o run --masks {}/saturation --exposure-compensation exposure\n", output.display());
+    assert!(said(&run).contains(&options), "{}", said(&run));
     let mask = read_image(&output.join("saturation/IMG_0.png"), &ReadOptions::default()).unwrap().image;
     assert_eq!((mask.width, mask.height), (WIDTH, HEIGHT));
     // Radiance rises tenfold from the middle to the right, and the middle is exposed to 0.4 of
