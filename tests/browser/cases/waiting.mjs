@@ -73,6 +73,33 @@ export default {
     await page.close();
   },
 
+  async "a picture that is wanted again, after another for a moment, comes whole and with its depth"() {
+    const page = await open(at);
+    const change = (edit) => page.evaluate((edit) => window.luxel.set({ edit }), edit);
+    const depth = () => page.evaluate(() => Boolean(window.luxel.shown.frame.depth));
+    // Given up between the picture and its depth.
+    let release = await withoutDepth(page);
+    await change("gain 0.5");
+    await page.evaluate(() => new Promise(requestAnimationFrame));
+    await change("");
+    await release();
+    assert.ok(await depth());
+    // Given up while small pictures of the other were shown.
+    for (let i = 0; i < 3; i++) {
+      const seen = await page.evaluate(async () => {
+        const { luxel } = window;
+        luxel.set({ edit: "gain 0.5" });
+        for (let k = 0; k < 200 && luxel.shown.full; k++) await new Promise(requestAnimationFrame);
+        luxel.set({ edit: "" });
+        return luxel.shown.full;
+      });
+      await settled(page);
+      assert.ok(await depth(), `small before: ${!seen}`);
+    }
+    assert.deepEqual(page.failures, []);
+    await page.close();
+  },
+
   async "a message stays until what it is about is right again"() {
     const page = await open(at);
     const shown = () => page.evaluate(() => [document.getElementById("message").textContent, document.getElementById("message").hidden]);

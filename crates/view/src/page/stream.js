@@ -85,7 +85,8 @@ export class Stream {
     if (now < this.retryAt) return;
     const isMoving = now - this.movedAt < REST_MS;
     if (isMoving && this.moving < IN_FLIGHT && this.sentKey !== want.key) void this.send(want);
-    else if (!isMoving && !this.full && this.fullKey !== want.key) void this.sendFull(want);
+    // Also where coverage and depth were given up, when something else was wanted for a moment.
+    else if (!isMoving && !this.full && (this.fullKey !== want.key || this.restedKey !== want.key)) void this.sendFull(want);
   }
 
   /** Size of the next moving picture. @param {Want} want */
@@ -123,6 +124,8 @@ export class Stream {
       this.movingAt = now;
       if (sequence > this.shownSequence) {
         this.shownSequence = sequence;
+        // The full picture is no longer the one that is seen.
+        this.fullKey = this.restedKey = "";
         this.shown({ frame, lens, full: false, latency });
       }
     } catch (error) {
