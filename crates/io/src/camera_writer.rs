@@ -56,8 +56,8 @@ fn frame(name: &str, camera: &Camera) -> Value {
     frame
 }
 
-/// Returns the fields of a frame that describe focal lengths and projection.
-pub(crate) fn lens_fields(camera: &Camera) -> Vec<(&'static str, Value)> {
+/// Returns the fields of a frame of `transforms.json` that describe focal lengths and projection.
+pub fn lens_fields(camera: &Camera) -> Vec<(&'static str, Value)> {
     // nerfstudio's focal length of a panorama is the pixels of half a turn.
     let focal_px = camera.focal_px * if camera.projection == CameraProjection::Equirectangular { PI } else { 1.0 };
     let mut fields = vec![("fl_x", json!(focal_px.x)), ("fl_y", json!(focal_px.y))];

@@ -37,7 +37,7 @@ mod validity;
 pub use atomic::{WriteSeek, is_unfinished_name, notice_written, remove_unfinished, sweep_unfinished, write_atomically};
 pub use bake::{Appearance, BakeOptions, Baked, MIDDLE_GREY, display_exposure};
 pub use camera_path::{PathCamera, decode_camera_path, read_camera_path};
-pub use camera_writer::{camera_file_text, write_cameras};
+pub use camera_writer::{camera_file_text, lens_fields, write_cameras};
 pub use checkpoint::{
     CheckpointFile, LatestCheckpoint, checkpoint_path, decode_checkpoint, encode_checkpoint, latest_checkpoint, list_checkpoints,
     prune_checkpoints, read_checkpoint, write_checkpoint,

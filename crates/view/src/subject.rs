@@ -4,16 +4,18 @@
 //! Degenerate: a scene without splats has bounds of zero size; without a data set there are no
 //! cameras.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, PoisonError, RwLock};
 
-use glam::{DMat3, DVec2, DVec3};
+use glam::{DMat3, DVec3};
 use luxel::export::{Up, UpAxis, file_from_world};
 use luxel::probe::Surroundings;
 use luxel::run::RunCameras;
 use luxel::{Result, Scene};
 use luxel_core::{Camera, ColorSpace, Conversion, Dataset, Image, Mask, OnDemand, PixelValues, Similarity, View};
 use serde::Serialize;
+use serde_json::Value;
 
 use crate::folder::Folder;
 
@@ -109,8 +111,9 @@ struct CameraJson<'a> {
     split: &'a str,
     has_ground_truth: bool,
     transform_matrix: [[f64; 4]; 4],
-    fl_x: f64,
-    fl_y: f64,
+    /// Focal lengths, and the projection of a camera that is no pinhole.
+    #[serde(flatten)]
+    lens: BTreeMap<&'static str, Value>,
     cx: f64,
     cy: f64,
     w: u32,
@@ -287,21 +290,16 @@ impl Shown {
     /// Returns the JSON of the view, whose camera in the world is given.
     fn json(&self, camera: Camera) -> CameraJson<'_> {
         let eye = camera.eye();
-        // The page looks through pinholes: of other lenses it takes the place, the direction and a
-        // field of 90 degrees, and cannot lay their images over its own.
-        let is_pinhole = camera.projection.is_pinhole();
-        let half = 0.5 * DVec2::from_array(camera.size_px.map(f64::from));
-        let (focal_px, center_px) = if is_pinhole { (camera.focal_px, camera.center_px) } else { (DVec2::splat(half.x), half) };
-        let Camera { camera_from_world: pose, size_px: [w, h], .. } = camera;
+        let lens = luxel_io::lens_fields(&camera).into_iter().collect();
+        let Camera { camera_from_world: pose, center_px, size_px: [w, h], .. } = camera;
         let axes = pose.matrix3.transpose() * DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
         let row = |i: usize| [axes.col(0)[i], axes.col(1)[i], axes.col(2)[i], eye[i]];
         CameraJson {
             name: &self.name,
             split: self.split,
-            has_ground_truth: self.truth.is_some() && is_pinhole,
+            has_ground_truth: self.truth.is_some(),
             transform_matrix: [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]],
-            fl_x: focal_px.x,
-            fl_y: focal_px.y,
+            lens,
             cx: center_px.x,
             cy: center_px.y,
             w,
@@ -342,6 +340,7 @@ fn bounds(points: &[[f32; 3]], tail: f64) -> [[f32; 3]; 2] {
 #[cfg(test)]
 mod tests {
     use luxel::synthetic;
+    use luxel_core::{CameraProjection, Fisheye};
 
     use super::*;
 
@@ -360,13 +359,20 @@ mod tests {
 
     #[test]
     fn poses_are_those_of_transforms_json() {
-        let camera = synthetic::room_camera([40, 30]);
-        let place = Arc::new(RwLock::new(camera.clone()));
-        let shown = Shown { name: "a".into(), split: "train", camera: place, truth: None, mask: None };
-        let json = serde_json::json!({ "frames": [shown.json(camera.clone())] }).to_string().replace("\"name\"", "\"file_path\"");
-        let read = luxel::decode_cameras("cameras.json", json.as_bytes()).unwrap().remove(0).camera;
-        assert_eq!((read.focal_px, read.center_px, read.size_px), (camera.focal_px, camera.center_px, camera.size_px));
-        assert!((read.eye() - camera.eye()).length() < 1e-9 && (read.forward() - camera.forward()).length() < 1e-9);
+        let pinhole = synthetic::room_camera([40, 30]);
+        let lens = Fisheye { max_angle_rad: 1.4, ..Fisheye::new([0.01, 0.02, 0.0, -0.001]) };
+        let fisheye = Camera { projection: CameraProjection::Fisheye(lens), ..pinhole.clone() };
+        for (camera, tolerance) in [(Camera::panorama(pinhole.camera_from_world, 64), 1e-9), (fisheye, 0.0), (pinhole, 0.0)] {
+            let shown = Shown { name: "a".into(), split: "train", camera: Arc::new(RwLock::new(camera.clone())), truth: None, mask: None };
+            let json = serde_json::json!({ "frames": [shown.json(camera.clone())] }).to_string().replace("\"name\"", "\"file_path\"");
+            let read = luxel::decode_cameras("cameras.json", json.as_bytes()).unwrap().remove(0).camera;
+            assert!((read.focal_px - camera.focal_px).length() <= tolerance);
+            assert_eq!(
+                (read.center_px, read.size_px, read.projection.name()),
+                (camera.center_px, camera.size_px, camera.projection.name())
+            );
+            assert!((read.eye() - camera.eye()).length() < 1e-9 && (read.forward() - camera.forward()).length() < 1e-9);
+        }
     }
 
     #[test]

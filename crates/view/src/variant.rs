@@ -81,7 +81,11 @@ impl Clip {
     pub(crate) fn apply(self, scene: &Scene, camera: &Camera) -> Scene {
         let unit = scene.world_from_local.scale();
         let range = self.near / unit..=self.far / unit;
-        let depth = |position: [f32; 3]| camera.camera_from_world.transform_point3(glam::DVec3::from_array(position.map(f64::from))).z;
+        let depth = |position: [f32; 3]| {
+            let point = camera.camera_from_world.transform_point3(glam::DVec3::from_array(position.map(f64::from)));
+            // As every depth: along the axis of a pinhole, else the distance.
+            if camera.projection.is_pinhole() { point.z } else { point.length() }
+        };
         let kept = (0u32..).zip(&scene.splats.position).filter(|(_, position)| range.contains(&depth(**position)));
         let splats = scene.splats.select(kept.map(|(i, _)| i));
         let edits = Vec::new();
@@ -135,5 +139,11 @@ mod tests {
         let clipped = Clip { near: 1.0, far: 3.0 }.apply(&scene, &camera);
         let expected = scene.splats.position.iter().filter(|p| (1.0..=3.0).contains(&depth(p))).count();
         assert!(expected > 0 && expected < 300 && clipped.splats.len() == expected);
+        // A panorama has depths behind it, too.
+        let panorama = Camera::panorama(camera.camera_from_world, 64);
+        let eye = camera.eye();
+        let around =
+            scene.splats.position.iter().filter(|p| (1.0..=3.0).contains(&(glam::DVec3::from_array(p.map(f64::from)) - eye).length()));
+        assert_eq!(Clip { near: 1.0, far: 3.0 }.apply(&scene, &panorama).splats.len(), around.count());
     }
 }

@@ -1,6 +1,7 @@
-/** Comparison with the ground truth of a camera, or with another scene: wipe, difference, flicker, side by side. */
+/** Comparison with the ground truth of a camera, with another scene, or with what a second eye sees: wipe, difference, flicker, side by side. */
 
 import { STOPS } from "./falsecolor.js";
+import { aside } from "./lens.js";
 import { errorFacts, MIDDLE_GREY, sampleAt, text } from "./measure.js";
 import { byId, press, segmented } from "./panel.js";
 import { COMPARES, State } from "./state.js";
@@ -22,27 +23,29 @@ const GRIP_PX = 14;
 /** @implements {Part} */
 export class Comparison {
   /** Camera whose ground truth is there, or on its way. */ truthOf = "";
-  /** The picture of the other scene. @type {Shown | null} */ other = null;
+  /** The picture of the other scene, or of the left eye. @type {Shown | null} */ other = null;
   /** Numbers of the map of errors, in words, and what they are of. */ error = { key: "", text: "" };
 
   /** @param {Viewer} viewer */
   constructor(viewer) {
     this.viewer = viewer;
     const { source } = viewer;
-    // The same pictures, of the other scene as it is.
+    // The same pictures, of the other scene as it is, or of the left eye.
+    const other = (/** @type {import("./source.js").Picture} */ picture) => (this.kind() === "eye" ? { ...picture, name: "left" } : { ...picture, edit: "", variant: { ...viewer.variant(), scene: 1 } });
     const others = Object.create(source, {
-      frame: { value: (/** @type {Parameters<typeof source.frame>} */ ...[lens, picture, signal]) => source.frame(lens, { ...picture, edit: "", variant: { ...viewer.variant(), scene: 1 } }, signal) },
+      frame: { value: (/** @type {Parameters<typeof source.frame>} */ ...[lens, picture, signal]) => source.frame(lens, other(picture), signal) },
       layersApart: { value: false },
     });
     this.stream = new Stream(others, (shown) => this.took(shown), (error) => viewer.messages.set("other picture", error?.message ?? ""));
     segmented(byId("compare"), COMPARES, (name) => viewer.set({ compare: /** @type {State["compare"]} */ (name) }));
     byId("against").addEventListener("change", () => viewer.set({ against: /** @type {State["against"]} */ (byId("against").value) }));
+    byId("eyes").addEventListener("change", () => byId("eyes").valueAsNumber >= 0 && viewer.set({ eyes: byId("eyes").valueAsNumber }));
     byId("error").addEventListener("change", () => viewer.set({ error: /** @type {State["error"]} */ (byId("error").value) }));
   }
 
   /** @param {Scene} scene */
   sceneSet(scene) {
-    byId("against-row").hidden = scene.others.length === 0;
+    for (const option of byId("against").querySelectorAll("option")) option.hidden = option.value === "scene" && scene.others.length === 0;
     this.truthOf = "";
     this.stream.invalidate();
   }
@@ -50,24 +53,31 @@ export class Comparison {
   /** What is compared with. @returns {State["against"]} */
   kind() {
     const { scene, state } = this.viewer;
+    if (state.against === "eye") return "eye";
     return scene?.others.length && state.against === "scene" ? "scene" : "truth";
   }
 
   /** Name of what is compared with. */
   otherName() {
-    return this.kind() === "scene" ? (this.viewer.scene?.others[0].name ?? "") : "ground truth";
+    return { scene: this.viewer.scene?.others[0]?.name ?? "", truth: "ground truth", eye: "left eye" }[this.kind()];
   }
 
   /** Whether there is something to compare with here. */
   canCompare() {
-    return this.kind() === "scene" || Boolean(this.viewer.viewCamera()?.has_ground_truth);
+    return this.kind() !== "truth" || Boolean(this.viewer.viewCamera()?.has_ground_truth);
+  }
+
+  /** Distance from the middle to the right eye, world units; 0 for one eye. */
+  rightEye() {
+    const { state } = this.viewer;
+    return state.compare !== "off" && this.kind() === "eye" ? state.eyes / 2 : 0;
   }
 
   /** Whether a picture is there that is compared with. */
   isOn() {
     const { state, display } = this.viewer;
     if (state.compare === "off" || display.truth === null) return false;
-    return this.kind() === "scene" ? display.truth === this.other?.frame : this.truthOf === state.view && state.view !== "";
+    return this.kind() !== "truth" ? display.truth === this.other?.frame : this.truthOf === state.view && state.view !== "";
   }
 
   /** Whether the picture changes by itself. */
@@ -105,7 +115,7 @@ export class Comparison {
   isWhole() {
     const { shown, stream } = this.viewer;
     if (!shown?.full) return false;
-    return this.kind() === "truth" || Boolean(this.other?.full && this.stream.fullKey === stream.fullKey);
+    return this.kind() === "truth" || Boolean(this.other?.full && this.stream.fullKey === this.kind() + stream.fullKey);
   }
 
   /** Numbers of the map of errors, without masked pixels; "" where there is none, or no full pictures yet. */
@@ -129,8 +139,9 @@ export class Comparison {
   took(shown) {
     const { viewer } = this;
     this.other = shown;
-    if (this.kind() !== "scene") return;
-    viewer.display.compareWith(shown.frame, { full: shown.full, firstFromOther: viewer.scene?.others[0].first_from_scene });
+    const kind = this.kind();
+    if (kind === "truth") return;
+    viewer.display.compareWith(shown.frame, { full: shown.full, firstFromOther: kind === "scene" ? viewer.scene?.others[0].first_from_scene : undefined });
     viewer.needsDraw = true;
     // Numbers of whole pictures, such as the error, are shown beside them.
     if (shown.full) viewer.needsReflect = true;
@@ -139,13 +150,16 @@ export class Comparison {
   /** @param {number} now */
   step(now) {
     const { viewer } = this;
-    const needsOther = viewer.state.compare !== "off" && this.kind() === "scene";
+    const needsOther = viewer.state.compare !== "off" && this.kind() !== "truth";
     if (!needsOther) viewer.messages.set("other picture", "");
     if (viewer.state.compare === "off") return;
     if (needsOther) {
+      const kind = this.kind();
       const want = viewer.want();
       this.truthOf = "";
-      this.stream.tick({ ...want, edit: "", layers: false }, now);
+      const distance = 2 * this.rightEye();
+      const key = kind + want.key;
+      this.stream.tick(kind === "scene" ? { ...want, key, edit: "", layers: false } : { ...want, key, lens: (w, h) => aside(want.lens(w, h), -distance) }, now);
       if (this.other && viewer.display.truth !== this.other.frame) this.took(this.other);
       return;
     }
@@ -169,12 +183,13 @@ export class Comparison {
     const hasTruth = scene?.cameras.some((camera) => camera.has_ground_truth) ?? false;
     const kind = this.kind();
     for (const button of byId("compare").querySelectorAll("button")) button.disabled = kind === "truth" && !hasTruth && button.dataset.value !== "off";
-    byId("compare-section").hidden = !hasTruth && !scene?.others.length;
     byId("against").value = kind;
+    byId("eyes-row").hidden = kind !== "eye";
+    if (document.activeElement !== byId("eyes")) byId("eyes").value = String(state.eyes);
     byId("error").value = state.error;
     byId("error-row").hidden = state.compare !== "difference";
     const withTruth = view?.has_ground_truth ? `${view.name} (${view.split})` : "Choose a camera below to compare with its image.";
-    byId("compare-text").textContent = kind === "scene" ? `${scene?.name} with ${this.otherName()}` : withTruth;
+    byId("compare-text").textContent = { scene: `${scene?.name} with ${this.otherName()}`, eye: "What the left and the right eye see; files show the right one's.", truth: withTruth }[kind];
     byId("error-text").textContent = this.errorText();
   }
 
@@ -190,7 +205,7 @@ export class Comparison {
     const showsTruth = this.showsTruth(performance.now());
     const [truth, render] = /** @type {HTMLElement[]} */ ([...labels.children]);
     truth.textContent = this.otherName();
-    render.textContent = this.kind() === "scene" ? (viewer.scene?.name ?? "") : "render";
+    render.textContent = { scene: viewer.scene?.name ?? "", eye: "right eye", truth: "render" }[this.kind()];
     const edge = box.left + state.wipe * lens.width;
     const isBoth = isWipe || isBeside;
     Object.assign(truth.style, { right: isWipe ? `calc(100% - ${edge - 8}px)` : "", left: isWipe ? "" : `${(isBeside ? box.left : 0) + 10}px`, display: isBoth || showsTruth ? "" : "none" });

@@ -1,5 +1,6 @@
 /** Moves the camera by mouse, touch and keyboard. Keys of movement are told by place, so that they are W, A, S, D on any keyboard. */
 
+import { lensOf } from "./lens.js";
 import { add, clamp, cross, dot, length, looking, sub, times, turn, turnAxes, unit } from "./math.js";
 
 /** @typedef {import("./math.js").Vec3} Vec3 */
@@ -124,7 +125,7 @@ export class Controls {
   /** Moves sideways, so that what is at the pivot follows the pointer. @param {number} dx @param {number} dy */
   pan(dx, dy) {
     const { state } = this;
-    const perPixel = (2 * this.distance() * Math.tan((state.fov * Math.PI) / 360)) / Math.max(1, this.element.clientHeight);
+    const perPixel = this.distance() / lensOf(state, Math.max(1, this.element.clientWidth), Math.max(1, this.element.clientHeight)).fy;
     const by = add(times(state.axes.right, -dx * perPixel), times(state.axes.up, dy * perPixel));
     state.eye = add(state.eye, by);
     state.pivot = add(state.pivot, by);

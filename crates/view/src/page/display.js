@@ -157,6 +157,7 @@ export class Display {
     gl.uniformMatrix3fv(u.firstFromOther, false, [0, 1, 2].flatMap((c) => rows.map((row) => row[c])));
     if (!lens) return;
     gl.uniform4f(u.lens, lens.fx, lens.fy, lens.cx, lens.cy);
+    if (lens.projection.kind === "fisheye") gl.uniform4fv(u.fisheye, lens.projection.k);
     gl.uniformMatrix3fv(u.axes, false, [lens.axes.right, lens.axes.up, lens.axes.back].flat());
   }
 
@@ -169,7 +170,7 @@ export class Display {
       gl.clear(gl.COLOR_BUFFER_BIT);
       return;
     }
-    const choice = { curve: CURVES.indexOf(state.curve), layer: LAYERS.indexOf(state.layer), compare: truth ? COMPARES.indexOf(state.compare) : 0, zebra: state.zebra, absolute: state.scale === "luminance", error: ERRORS.indexOf(state.error) };
+    const choice = { curve: CURVES.indexOf(state.curve), layer: LAYERS.indexOf(state.layer), compare: truth ? COMPARES.indexOf(state.compare) : 0, zebra: state.zebra, absolute: state.scale === "luminance", error: ERRORS.indexOf(state.error), projection: state.layer === "normals" && this.lens ? this.lens.projection.kind : "pinhole" };
     const { program, places: u } = this.program(choice);
     gl.useProgram(program);
     // Rows to columns.

@@ -2,6 +2,7 @@
 
 import { toLocal } from "./lens.js";
 import { LocalPictures } from "./local.js";
+import { asPinhole } from "./projections.js";
 
 /** @typedef {import("./lens.js").Lens} Lens */
 /** @typedef {import("./scene.js").Frame} Frame */
@@ -24,6 +25,7 @@ async function splats() {
 /** @implements {Source} */
 export class Embedded {
   isLocal = true;
+  hasLenses = false;
   layersApart = false;
   /** @type {Scene & { thumbnails: { [view: string]: string }, poster: string, chromaticities: [number, number][] }} */ facts = JSON.parse(textOf("luxel-scene"));
   /** @type {Promise<LocalPictures> | null} */ pictures = null;
@@ -35,7 +37,7 @@ export class Embedded {
   }
 
   async scene() {
-    return this.facts;
+    return { ...this.facts, cameras: this.facts.cameras.map(asPinhole) };
   }
 
   /** @param {Lens} lens @param {Picture} picture @returns {Promise<Frame | null>} */

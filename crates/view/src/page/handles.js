@@ -1,7 +1,7 @@
 /** Handles of boxes and spheres in the picture: the centre, the faces, the radius. */
 
 import { DRAG } from "./edits.js";
-import { project } from "./lens.js";
+import { project, unproject } from "./lens.js";
 import { add, dot, length, sub, times } from "./math.js";
 import { formatTests, shape, shapeText } from "./selection.js";
 
@@ -95,7 +95,10 @@ export class Handles {
   movement(lens, { at, axis }, dx, dy) {
     const place = project(lens, at);
     if (!place) return [0, 0, 0];
-    if (!axis) return add(times(lens.axes.right, (dx * place.depth) / lens.fx), times(lens.axes.up, (-dy * place.depth) / lens.fy));
+    if (!axis) {
+      const to = unproject(lens, place.x + dx, place.y + dy, place.depth);
+      return to ? sub(to, at) : [0, 0, 0];
+    }
     const step = Math.max(1e-9, length(sub(at, lens.eye)) * 1e-3);
     const ahead = project(lens, add(at, times(axis, step)));
     if (!ahead) return [0, 0, 0];

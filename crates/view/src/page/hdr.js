@@ -54,7 +54,7 @@ export class HdrScreen {
   /** Whether the picture goes through this canvas now. */
   isOn() {
     const { state, comparison } = this.viewer;
-    const isElsewhere = comparison?.isOn() && (state.compare === "difference" || state.compare === "beside" || comparison.kind() === "scene");
+    const isElsewhere = comparison?.isOn() && (state.compare === "difference" || state.compare === "beside" || comparison.kind() !== "truth");
     const isPicture = state.layer === "radiance" && !isElsewhere;
     return this.range.matches && state.hdr && isPicture && this.viewer.shown !== null;
   }

@@ -10,6 +10,7 @@ import { foldSections } from "./folding.js";
 import { Handles } from "./handles.js";
 import { HdrScreen } from "./hdr.js";
 import { byId, ControlPanel } from "./panel.js";
+import { Optics } from "./optics.js";
 import { PathPanel } from "./path.js";
 import { Picking } from "./picking.js";
 import { Poster, showPoster } from "./poster.js";
@@ -29,7 +30,7 @@ try {
   const sources = isAlone() ? null : new Sources(new Server());
   const alone = sources ? null : new Embedded();
   const viewer = new Viewer(sources ?? /** @type {Embedded} */ (alone));
-  viewer.parts.push(new ControlPanel(viewer), new Strip(viewer), viewer.comparison = new Comparison(viewer), viewer.exposure = new Exposure(viewer));
+  viewer.parts.push(new ControlPanel(viewer), new Optics(viewer), new Strip(viewer), viewer.comparison = new Comparison(viewer), viewer.exposure = new Exposure(viewer));
   const edits = new Edits(viewer);
   // Tools take clicks before probes do.
   const saved = new SavedEdits(viewer, edits);

@@ -1,20 +1,23 @@
 /** Lines and labels over the picture: cameras of the data set, pinned probes, the pivot, the wipe. */
 
-import { lensOfView, poseOf, project } from "./lens.js";
+import { lensOfView, poseOf, project, runsOf } from "./lens.js";
 import { add, times } from "./math.js";
+import { ring } from "./projections.js";
 
 /** @typedef {import("./math.js").Vec3} Vec3 */
 /** @typedef {import("./lens.js").Lens} Lens */
 /** @typedef {import("./scene.js").ViewCamera} ViewCamera */
 
-/** Corners of a camera's picture at a distance, in the world. @param {ViewCamera} camera @param {number} distance */
-function corners(camera, distance) {
+/** Points around the field of a camera that is no pinhole; each fourth part has a spoke. */
+const SIDES = 16;
+
+/** Points around the edge of a camera's field at a distance, in the world: of a pinhole the corners of its picture. @param {ViewCamera} camera @param {number} distance @returns {Vec3[]} */
+function outlineOf(camera, distance) {
   const lens = lensOfView(camera, camera.w, camera.h);
-  return [[0, 0], [camera.w, 0], [camera.w, camera.h], [0, camera.h]].map(([x, y]) => {
-    const { right, up, back } = lens.axes;
-    const aside = add(times(right, ((x - lens.cx) / lens.fx) * distance), times(up, (-(y - lens.cy) / lens.fy) * distance));
-    return add(add(lens.eye, aside), times(back, -distance));
-  });
+  const { right, up, back } = lens.axes;
+  const corners = [[0, 0], [camera.w, 0], [camera.w, camera.h], [0, camera.h]].map(([x, y]) => /** @type {Vec3} */ ([(x - lens.cx) / lens.fx, (y - lens.cy) / lens.fy, 1]));
+  const rays = lens.projection.kind === "pinhole" ? corners : ring(lens.projection, SIDES);
+  return rays.map(([x, y, z]) => add(lens.eye, times(add(add(times(right, x), times(up, -y)), times(back, -z)), distance)));
 }
 
 export class Overlay {
@@ -62,14 +65,8 @@ export class Overlay {
   /** @param {Vec3[]} points @param {Lens} lens @param {boolean} [closed] */
   path(points, lens, closed = false) {
     const { context } = this;
-    const places = points.map((point) => project(lens, point));
     context.beginPath();
-    places.forEach((place, i) => {
-      const before = places[i - 1];
-      if (place && before) context.lineTo(place.x, place.y);
-      else if (place) context.moveTo(place.x, place.y);
-    });
-    if (closed && places.every(Boolean)) context.closePath();
+    for (const run of runsOf(lens, points, closed)) run.forEach(({ x, y }, i) => (i ? context.lineTo(x, y) : context.moveTo(x, y)));
     context.stroke();
   }
 
@@ -81,9 +78,9 @@ export class Overlay {
       context.strokeStyle = camera.split === "test" ? "#ffffffaa" : "#ffffff66";
       context.setLineDash(camera.split === "test" ? [3, 3] : []);
       const { eye } = poseOf(camera);
-      const far = corners(camera, size);
+      const far = outlineOf(camera, size);
       this.path(far, lens, true);
-      for (const corner of far) this.path([eye, corner], lens);
+      far.forEach((point, i) => i % (far.length / 4) === 0 && this.path([eye, point], lens));
     }
     context.setLineDash([]);
   }

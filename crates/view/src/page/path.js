@@ -1,6 +1,6 @@
 /** The camera path: keyframes, preview, file, and its frames rendered by the program, which also interpolates. */
 
-import { fovOf, lensOfView, poseOf, toJson } from "./lens.js";
+import { aside, choiceOf, lensOf, lensOfView, poseOf, toJson } from "./lens.js";
 import { add, times } from "./math.js";
 import { byId } from "./panel.js";
 import { PathRender } from "./pathrender.js";
@@ -94,10 +94,15 @@ export class PathPanel {
     this.viewer.needsMarks = this.viewer.needsReflect = true;
   }
 
-  /** The camera of the view. @returns {Camera} */
+  /** The camera of the view; frames of a path are pinholes. @returns {Camera} */
   here() {
     const { width, height } = this.viewer.dots;
-    return { ...JSON.parse(toJson(this.viewer.lens(width, height))), w: width, h: height };
+    // From between the eyes, where there are two.
+    const lens = aside(this.viewer.lens(width, height), -(this.viewer.comparison?.rightEye() ?? 0));
+    const isPinhole = lens.projection.kind === "pinhole";
+    if (!isPinhole) this.say(`Frames of a path are pinholes; this one has a field of view of ${this.viewer.state.fov.toFixed(0)}°.`);
+    const own = isPinhole ? lens : lensOf({ ...this.viewer.state, projection: "pinhole" }, width, height);
+    return { ...JSON.parse(toJson(own)), w: width, h: height };
   }
 
   /** Adds the view as a keyframe: at the playhead, or after the last one where there is one at it. */
@@ -156,7 +161,7 @@ export class PathPanel {
     const { eye, axes } = poseOf(asView(frame));
     const { pivot, eye: before } = viewer.state;
     const reach = Math.hypot(...[0, 1, 2].map((c) => pivot[c] - before[c]));
-    Object.assign(viewer.state, { eye, axes, fov: fovOf(asView(frame)), view: "", pivot: add(eye, times(axes.back, -reach)) });
+    Object.assign(viewer.state, { eye, axes, ...choiceOf(asView(frame)), view: "", pivot: add(eye, times(axes.back, -reach)) });
     this.lastEye = eye;
     viewer.moved();
   }

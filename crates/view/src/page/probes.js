@@ -94,7 +94,7 @@ export class Probes {
     const { pointer, viewer } = this;
     const { scene, display } = viewer;
     const sample = pointer && viewer.sample(pointer.u, pointer.v);
-    const truth = pointer && scene && display.truth && viewer.comparison?.isOn() ? viewer.comparison.sample(pointer.u, pointer.v) : null;
+    const truth = pointer && scene && display.truth && viewer.comparison?.isOn() && viewer.comparison.kind() !== "eye" ? viewer.comparison.sample(pointer.u, pointer.v) : null;
     fillReadout(byId("readout"), viewer, sample, truth);
   }
 

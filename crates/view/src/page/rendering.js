@@ -36,6 +36,8 @@ export class RenderingPanel {
   facts() {
     const { local, isLocal, isLoading, reason, facts } = this.sources;
     const edit = local?.changeBytes ? `, ${megabytes(local.changeBytes)} for the edits` : "";
+    const { kind } = this.viewer.lens(1, 1).projection;
+    if (isLocal && kind !== "pinhole") return `By the server: the page renders pinholes, this is ${kind === "fisheye" ? "a fisheye" : "a panorama"}.`;
     if (isLocal && local) return `In this page, on ${local.gpu.name}: ${megabytes(local.bytes)} downloaded${edit}.`;
     if (isLoading && !reason) return `By the server; ${megabytes(facts?.download_bytes ?? 0)} of splats are on their way.`;
     return reason ? `By the server: ${reason}.` : "By the server.";

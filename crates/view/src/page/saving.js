@@ -100,7 +100,7 @@ export class Saving {
     const display = new Display(beside);
     const frame = await viewer.source.frame(lens, { edit, radiance: true, layers: true, variant });
     if (!frame) throw new Error("the picture was given up; try again");
-    display.scene = viewer.scene;
+    [display.scene, display.lens] = [viewer.scene, lens];
     display.show(frame, true);
     display.draw(viewer.state, false);
     return beside;

@@ -4,9 +4,10 @@ import { checked } from "./server.js";
 
 /** @typedef {import("./math.js").Vec3} Vec3 */
 /**
- * A camera of the data set: pose and lens as `transforms.json` has them.
+ * A camera of the data set: pose and lens as `transforms.json` has them. Without a model it is a pinhole.
  * @typedef {{ name: string, split: string, has_ground_truth: boolean, transform_matrix: number[][],
- *   fl_x: number, fl_y: number, cx: number, cy: number, w: number, h: number }} ViewCamera
+ *   fl_x: number, fl_y: number, cx: number, cy: number, w: number, h: number,
+ *   camera_model?: string, k1?: number, k2?: number, k3?: number, k4?: number, fisheye_crop_radius?: number }} ViewCamera
  */
 /** @typedef {{ done: number, total: number, is_paused: boolean, is_finished: boolean, records: number }} Training */
 /** The newest state; `cameras` grows whenever a camera has moved. @typedef {{ version: number, splats: number, cameras: number, training: Training | null }} Status */

@@ -51,6 +51,7 @@ export function address(lens, { edit, variant }, more, path = "/api/frame") {
 /** The program as a source of pictures. @implements {Source} */
 export class Server {
   isLocal = false;
+  hasLenses = true;
   layersApart = true;
   /** A name for this page, by which the server knows that a newer request replaces an older one. */
   viewer = crypto.getRandomValues(new Uint32Array(2)).join("-");
@@ -63,7 +64,7 @@ export class Server {
   /** @param {Lens} lens @param {Picture} picture @param {AbortSignal} [signal] */
   async frame(lens, picture, signal) {
     const channels = [picture.radiance ? ["rgb"] : [], picture.layers ? ["alpha", "depth"] : []].flat().join(",");
-    const more = `&channels=${channels}&viewer=${this.viewer}-${picture.variant?.scene ?? 0}`;
+    const more = `&channels=${channels}&viewer=${this.viewer}-${picture.name ?? picture.variant?.scene ?? 0}`;
     return decode(await checked(await fetch(address(lens, picture, more), { signal })));
   }
 

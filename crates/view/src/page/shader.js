@@ -4,7 +4,9 @@
  * processor that stands in for a graphics card pays for every branch.
  */
 
-/** What a shader is compiled for: indices into CURVES, LAYERS, COMPARES and ERRORS; `absolute` for bands of luminance. @typedef {{ curve: number, layer: number, compare: number, zebra: boolean, absolute: boolean, error: number }} Choice */
+import { pointShader } from "./projections.js";
+
+/** What a shader is compiled for: indices into CURVES, LAYERS, COMPARES and ERRORS; `absolute` for bands of luminance; the projection of the depth that is there. @typedef {{ curve: number, layer: number, compare: number, zebra: boolean, absolute: boolean, error: number, projection: import("./projections.js").Kind }} Choice */
 
 export const VERTEX = `#version 300 es
 out vec2 place;
@@ -15,7 +17,7 @@ void main() {
 }`;
 
 /** The source for a choice. @param {Choice} choice */
-export const fragment = ({ curve, layer, compare, zebra, absolute, error }) => `#version 300 es
+export const fragment = ({ curve, layer, compare, zebra, absolute, error, projection }) => `#version 300 es
 precision highp float;
 precision highp sampler2D;
 in vec2 place;
@@ -78,20 +80,24 @@ vec3 display(vec3 radiance) {
   return srgb(v);
 }
 
+${pointShader(projection)}
+float depthAt(ivec2 pixel) {
+  return texelFetch(depthMap, clamp(pixel, ivec2(0), textureSize(depthMap, 0) - 1), 0).r;
+}
 vec3 pointAt(ivec2 pixel) {
-  float z = texelFetch(depthMap, clamp(pixel, ivec2(0), textureSize(depthMap, 0) - 1), 0).r;
-  return vec3((vec2(pixel) + 0.5 - lens.zw) / lens.xy * z, z);
+  return point((vec2(pixel) + 0.5 - lens.zw) / lens.xy, depthAt(pixel));
 }
 // The neighbour whose depth is nearer is more likely on the same surface.
 vec3 edge(ivec2 pixel, ivec2 aside) {
-  vec3 here = pointAt(pixel), after = pointAt(pixel + aside), before = pointAt(pixel - aside);
-  return abs(after.z - here.z) < abs(before.z - here.z) ? after - here : here - before;
+  float here = depthAt(pixel);
+  bool isAfter = abs(depthAt(pixel + aside) - here) < abs(depthAt(pixel - aside) - here);
+  return isAfter ? pointAt(pixel + aside) - pointAt(pixel) : pointAt(pixel) - pointAt(pixel - aside);
 }
 vec3 normalAt(vec2 at) {
   ivec2 pixel = ivec2(at * vec2(textureSize(depthMap, 0)));
-  if (!(pointAt(pixel).z < 1e30)) return vec3(0.0);
+  if (!(depthAt(pixel) < 1e30)) return vec3(0.0);
   vec3 n = normalize(cross(edge(pixel, ivec2(1, 0)), edge(pixel, ivec2(0, 1))));
-  n *= n.z > 0.0 ? -1.0 : 1.0;
+  n *= dot(n, pointAt(pixel)) > 0.0 ? -1.0 : 1.0;
   return 0.5 + 0.5 * (axes * vec3(n.x, -n.y, -n.z));
 }
 

@@ -5,11 +5,12 @@
 /** @typedef {import("./scene.js").Frame} Frame */
 /** @typedef {import("./scene.js").Scene} Scene */
 
-/** What is rendered: edits in the text form of `luxel edit`; whether radiance is wanted; whether coverage and depth are; a variant of the scene. @typedef {{ edit: string, radiance: boolean, layers: boolean, variant?: import("./variant.js").Variant }} Picture */
+/** What is rendered: edits in the text form of `luxel edit`; whether radiance is wanted; whether coverage and depth are; a variant of the scene; a name for the one of two pictures at once. @typedef {{ edit: string, radiance: boolean, layers: boolean, variant?: import("./variant.js").Variant, name?: string }} Picture */
 
 /**
  * @typedef {object} Source
  * @property {boolean} isLocal whether the page renders by itself
+ * @property {boolean} hasLenses whether it has pictures of fisheyes and panoramas, too
  * @property {boolean} layersApart whether it saves time to ask for coverage and depth after radiance
  * @property {() => Promise<Scene>} scene
  * @property {(lens: Lens, picture: Picture, signal?: AbortSignal) => Promise<Frame | null>} frame a picture; null if a newer one was asked for

@@ -22,6 +22,7 @@ export const megabytes = (bytes) => `${(bytes / 1e6).toPrecision(bytes < 1e6 ? 1
 
 /** @implements {Source} */
 export class Sources {
+  hasLenses = true;
   /** @type {Rendering} */ rendering = "automatic";
   /** @type {LocalPictures | null} */ local = null;
   /** Whether the scene is on its way to the page. */ isLoading = false;
@@ -96,15 +97,15 @@ export class Sources {
     this.changed(`${reason}; the server renders`);
   }
 
-  /** Whether the page itself makes this picture. @param {Picture} picture */
-  makes({ variant }) {
-    return this.isLocal && this.facts !== null && (!variant || isPlain(variant));
+  /** Whether the page itself makes this picture: one of a pinhole, of the plain scene. @param {Lens} lens @param {Picture} picture */
+  makes({ projection }, { variant }) {
+    return this.isLocal && this.facts !== null && projection.kind === "pinhole" && (!variant || isPlain(variant));
   }
 
   /** @param {Lens} lens @param {Picture} picture @param {AbortSignal} [signal] */
   async frame(lens, picture, signal) {
     const { local } = this;
-    if (!local || !this.facts || !this.makes(picture)) return this.server.frame(lens, picture, signal);
+    if (!local || !this.facts || !this.makes(lens, picture)) return this.server.frame(lens, picture, signal);
     try {
       const frame = await local.frame(toLocal(lens, this.facts.world_from_local), picture);
       return frame && this.facts ? { ...frame, head: { ...frame.head, version: this.facts.version } } : frame;

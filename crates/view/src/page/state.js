@@ -1,6 +1,7 @@
 /** Everything that a user chooses, in one object, and its form in the address of the page. */
 
 import { looking } from "./math.js";
+import { KINDS } from "./projections.js";
 import { RENDERINGS } from "./sources.js";
 import { decimals } from "./units.js";
 import { SPLATS } from "./variant.js";
@@ -31,6 +32,8 @@ export class State {
   /** @type {Axes} */ axes = { right: [1, 0, 0], up: [0, 1, 0], back: [0, 0, 1] };
   /** Point that is orbited. @type {Vec3} */ pivot = [0, 0, -1];
   /** Vertical field of view, degrees. */ fov = 50;
+  /** Elsewhere than at a camera of the data set. @type {import("./projections.js").Kind} */ projection = "pinhole";
+  /** Field of view across the circle of a fisheye, degrees. */ circle = 180;
   /** Camera of the data set in whose place the viewer stands; "" elsewhere. */ view = "";
   /** @type {Mode} */ mode = "orbit";
   /** Stops. */ exposure = 0;
@@ -47,7 +50,8 @@ export class State {
   /** The values of false colour, zebra and histogram. @type {Scale} */ scale = "stops";
   /** Luminance of a unit of the data set, cd/m2, as the user states it; 0 for that of the data set. */ cdm2 = 0;
   /** @type {import("./falsecolor.js").ErrorKind} */ error = "stops";
-  /** What is compared with, where there are both. @type {"scene" | "truth"} */ against = "scene";
+  /** What is compared with; the ground truth where there is no other scene. @type {"scene" | "truth" | "eye"} */ against = "scene";
+  /** Distance between two eyes, world units. */ eyes = 0.064;
   /** How splats are drawn. @type {import("./variant.js").Splats} */ splats = "blended";
   /** Size of ellipsoids, standard deviations, and radius of centres, pixels. */ splatSize = 1;
   /** Opacity below which ellipsoids and centres are left out. */ splatOpacity = 0.1;
@@ -65,6 +69,8 @@ export class State {
 /** Names in the address, and what kind of value each has. @type {readonly [keyof State, string, "number" | "text" | "flag"][]} */
 const FIELDS = [
   ["fov", "fov", "number"],
+  ["projection", "projection", "text"],
+  ["circle", "circle", "number"],
   ["view", "view", "text"],
   ["mode", "mode", "text"],
   ["exposure", "ev", "number"],
@@ -82,6 +88,7 @@ const FIELDS = [
   ["cdm2", "cdm2", "number"],
   ["error", "error", "text"],
   ["against", "against", "text"],
+  ["eyes", "eyes", "number"],
   ["splats", "splats", "text"],
   ["splatSize", "size", "number"],
   ["splatOpacity", "opacity", "number"],
@@ -97,7 +104,7 @@ const FIELDS = [
 ];
 
 /** Values that a text may have. @type {{ [name: string]: readonly string[] }} */
-const CHOICES = { mode: MODES, curve: CURVES, layer: LAYERS, compare: COMPARES, scale: SCALES, error: ERRORS, against: ["scene", "truth"], splats: SPLATS, rendering: RENDERINGS };
+const CHOICES = { projection: KINDS, mode: MODES, curve: CURVES, layer: LAYERS, compare: COMPARES, scale: SCALES, error: ERRORS, against: ["scene", "truth", "eye"], splats: SPLATS, rendering: RENDERINGS };
 
 /** @param {readonly number[]} v */
 const rounded = (v) => v.map((x) => Number(x.toPrecision(7))).join(",");
@@ -131,8 +138,10 @@ export function applyHash(state, hash) {
     else if (kind === "text" && (CHOICES[field]?.includes(text) ?? true)) fields[field] = text;
   }
   state.fov = Math.min(Math.max(state.fov, 1), 170);
+  state.circle = Math.min(Math.max(state.circle, 1), 300);
   state.splatSize = Math.min(Math.max(state.splatSize, state.splats === "centres" ? 0.5 : 0.01), 10);
   state.splatOpacity = Math.min(Math.max(state.splatOpacity, 0), 1);
+  state.eyes = Math.max(state.eyes, 0);
   state.near = Math.max(state.near, 0);
   state.far = state.far > state.near ? state.far : 0;
   const vector = (/** @type {string} */ name) => {

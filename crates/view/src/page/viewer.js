@@ -4,7 +4,7 @@ import { Clicks } from "./clicks.js";
 import { Controls } from "./controls.js";
 import { Display } from "./display.js";
 import { KEYS, next } from "./help.js";
-import { fovOf, lensOf, lensOfView, poseOf } from "./lens.js";
+import { aside, choiceOf, lensOf, lensOfView, poseOf } from "./lens.js";
 import { add, looking, sub, times, unit } from "./math.js";
 import { sampleAt } from "./measure.js";
 import { Messages } from "./messages.js";
@@ -56,6 +56,7 @@ export class Viewer {
   /** @type {Scene | null} */ scene = null;
   /** @type {Shown | null} */ shown = null;
   /** Size and place of the picture on the screen. */ box = { left: 0, top: 0, width: 1, height: 1 };
+  /** Whether the pointer is in the left one of two pictures. */ isLeft = false;
   /** Size of the picture in pixels of the screen. */ dots = { width: 1, height: 1 };
   /** The part that used the last click, of a double click the first. @type {Part | undefined} */ clickUser = undefined;
   version = 0;
@@ -88,7 +89,7 @@ export class Viewer {
     addEventListener("keydown", (event) => this.key(event));
     addEventListener("resize", () => (this.needsDraw = true));
     addEventListener("hashchange", () => {
-      applyHash(this.state, location.hash);
+      this.readAddress();
       this.changed();
     });
     new ResizeObserver(() => (this.needsDraw = true)).observe(byId("stage"));
@@ -144,7 +145,7 @@ export class Viewer {
     this.scene.cameras = cameras;
     const camera = this.viewCamera();
     if (camera) {
-      Object.assign(this.state, poseOf(camera), { fov: fovOf(camera) });
+      Object.assign(this.state, poseOf(camera), choiceOf(camera));
       this.stream.jump();
     }
     this.changed();
@@ -172,13 +173,20 @@ export class Viewer {
     this.controls.size = Math.max(sizeOf(scene), 1e-6);
     this.controls.up = this.up();
     if (!isAgain) {
-      if (!applyHash(this.state, location.hash)) this.home();
+      if (!this.readAddress()) this.home();
       else if (this.state.view) this.standAt(this.state.view);
     }
     this.facts(scene.splats);
     for (const part of this.parts) part.sceneSet?.(scene, isAgain);
     if (scene.training) this.follow({ version: scene.version, splats: scene.splats, cameras: scene.cameras_version, training: scene.training });
     this.changed();
+  }
+
+  /** Takes what the page's address states. Returns whether it has a camera. */
+  readAddress() {
+    const hasCamera = applyHash(this.state, location.hash);
+    if (!this.source.hasLenses) this.state.projection = "pinhole";
+    return hasCamera;
   }
 
   /** Direction that is up in the world: the user's, else the data set's. */
@@ -249,7 +257,7 @@ export class Viewer {
     const camera = this.scene?.cameras.find((known) => known.name === name);
     if (!camera) return void (this.state.view = "");
     const { eye, axes } = poseOf(camera);
-    Object.assign(this.state, { eye, axes, view: name, fov: fovOf(camera) });
+    Object.assign(this.state, { eye, axes, view: name, ...choiceOf(camera) });
     // Until the picture tells the depth in its middle.
     this.state.pivot = add(eye, times(axes.back, -this.controls.size));
     this.changed();
@@ -268,8 +276,9 @@ export class Viewer {
     return this.state.compare === "beside" && (this.comparison?.canCompare() ?? false) ? 2 : 1;
   }
 
-  /** A column of the screen in the picture that it belongs to. @param {number} x */
+  /** A column of the screen in the picture that it belongs to, which is the one that values are read from. @param {number} x */
   column(x) {
+    this.isLeft = this.panes() > 1 && x < this.box.width;
     return this.panes() > 1 && x >= this.box.width ? x - this.box.width : x;
   }
 
@@ -280,7 +289,7 @@ export class Viewer {
     const view = this.viewCamera();
     const panes = this.panes();
     const room = w / panes;
-    const aspect = view ? view.w / view.h : room / Math.max(1, h);
+    const aspect = view ? view.w / view.h : this.state.projection === "equirectangular" ? 2 : room / Math.max(1, h);
     const width = Math.max(1, Math.round(Math.min(room, h * aspect)));
     const height = Math.max(1, Math.round(Math.min(h, room / aspect)));
     this.box = { left: Math.round((w - panes * width) / 2), top: Math.round((h - height) / 2), width, height };
@@ -302,19 +311,20 @@ export class Viewer {
   /** The lens of a picture of this size. @param {number} width @param {number} height */
   lens(width, height) {
     const view = this.viewCamera();
-    return view ? lensOfView(view, width, height) : lensOf({ eye: this.state.eye, axes: this.state.axes, fov: this.state.fov }, width, height);
+    return aside(view ? lensOfView(view, width, height) : lensOf(this.state, width, height), this.comparison?.rightEye() ?? 0);
   }
 
   /** The picture that is wanted now. */
   want() {
     const view = this.viewCamera();
     // Beside its image, the picture of a camera has the same pixels, so that both compare.
-    const paired = this.state.compare === "off" || this.comparison?.kind() === "scene" ? undefined : view;
+    const paired = this.state.compare === "off" || this.comparison?.kind() !== "truth" ? undefined : view;
+    const right = this.comparison?.rightEye() ?? 0;
     const [width, height] = paired ? [paired.w, paired.h] : [this.dots.width, this.dots.height];
-    const { eye, axes, fov, edit } = this.state;
+    const { eye, axes, projection, fov, circle, edit } = this.state;
     const variant = this.variant();
-    const key = JSON.stringify([eye, axes, fov, this.state.view, width, height, edit, variant]);
-    const lens = (/** @type {number} */ w, /** @type {number} */ h) => (view ? lensOfView(view, w, h) : lensOf({ eye, axes, fov }, w, h));
+    const key = JSON.stringify([eye, axes, projection, fov, circle, this.state.view, width, height, edit, variant, right]);
+    const lens = (/** @type {number} */ w, /** @type {number} */ h) => aside(view ? lensOfView(view, w, h) : lensOf({ eye, axes, projection, fov, circle }, w, h), right);
     const layers = this.state.layer !== "radiance" && this.state.layer !== "stops";
     return { key, layers, lens, width, height, edit, variant };
   }
@@ -373,8 +383,9 @@ export class Viewer {
     this.overlay.clear(width * panes, height);
     for (let pane = 0; pane < panes; pane++) {
       this.overlay.begin(pane * width, width, height);
-      if (this.state.showCameras && this.scene) this.overlay.cameras(this.scene.cameras, lens, this.controls.size * 0.06, this.state.view);
-      for (const part of this.parts) part.draw?.(this.overlay, lens);
+      const own = pane + 1 < panes ? aside(lens, -2 * (this.comparison?.rightEye() ?? 0)) : lens;
+      if (this.state.showCameras && this.scene) this.overlay.cameras(this.scene.cameras, own, this.controls.size * 0.06, this.state.view);
+      for (const part of this.parts) part.draw?.(this.overlay, own);
     }
     this.overlay.end();
   }
@@ -405,7 +416,8 @@ export class Viewer {
 
   /** What the picture holds at a place, 0 to 1 each. @param {number} u @param {number} v */
   sample(u, v) {
-    return this.shown && this.scene ? sampleAt(this.shown.frame, this.shown.lens, u, v, this.scene.luminance_weights) : null;
+    const shown = this.isLeft && this.comparison?.rightEye() ? this.comparison.other : this.shown;
+    return shown && this.scene ? sampleAt(shown.frame, shown.lens, u, v, this.scene.luminance_weights) : null;
   }
 
   /** @param {number} x @param {number} y @param {PointerEvent} event @returns {Grip | null} */
