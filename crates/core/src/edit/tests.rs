@@ -351,7 +351,7 @@ fn the_median_is_the_pivot_and_the_edit_is_recorded() {
     assert!(close(scene.luminance(2), 16.0, 1.0) && close(scene.luminance(0), 0.25, 1.0));
     assert_eq!(scene.edits, ["where L < 100; power 2; pivot 2; gain 0.5"]);
     apply(&mut scene, "stops 1").unwrap();
-    assert_eq!(scene.edits[1], "where all; gain 2");
+    assert_eq!(scene.edits[1], "where all; stops 1");
     // An edit that only selects is not logged.
     apply(&mut scene, "where L < 1").unwrap();
     assert_eq!(scene.edits.len(), 2);
