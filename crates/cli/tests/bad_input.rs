@@ -24,8 +24,13 @@ fn refused(place: &Workplace, parts: &[&str]) {
 }
 
 #[test]
-fn a_frame_without_its_image_is_named() {
-    broken(|t| t["frames"][3]["file_path"] = json!("images/none.exr"), &["transforms.json", "frame 3", "none.exr"]);
+fn frames_without_their_images_are_refused_where_most_are_missing() {
+    let rename = |t: &mut Value| {
+        for (i, frame) in t["frames"].as_array_mut().unwrap().iter_mut().enumerate().skip(3) {
+            frame["file_path"] = json!(format!("images/none{i}.exr"));
+        }
+    };
+    broken(rename, &["transforms.json", "frame 3", "none3.exr"]);
 }
 
 #[test]

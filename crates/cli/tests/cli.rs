@@ -175,7 +175,7 @@ fn render_writes_the_views_asked_for_once() {
     place.ok(&["render", ply, "--cameras", "data/transforms.json", "-o", "cameras"]);
     assert_eq!(count("cameras"), VIEWS);
     place.error(&["render", ply, "-o", "none"], &["--data", "--cameras"]);
-    place.error(&["render", "run", "--frames", "100-200", "-o", "none"], &["--frames", "2 frames"]);
+    place.error(&["render", "run", "--frames", "100-200", "-o", "none"], &["--frames", "number of frames, 2"]);
     place.error(&["render", "data", "-o", "none"], &["config.toml"]);
 }
 

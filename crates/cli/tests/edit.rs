@@ -29,7 +29,7 @@ fn an_edited_scene_is_written_with_its_record_and_nothing_else_changed() {
     let place = trained(&[]);
     place.ok(&["edit", "run", "--where", "L > p80", "--stops", "1", "--clamp-max", "30", "-o", "edited/scene.ply"]);
     let (before, after) = (scene(&place, PLY), scene(&place, "edited/scene.ply"));
-    assert_eq!(after.edits, ["where L > p80; gain 2; clamp-max 30"]);
+    assert_eq!(after.edits, ["where L > p80; stops 1; clamp-max 30"]);
     assert_eq!((after.radiance_scale, after.color_space, after.raster), (before.radiance_scale, before.color_space, before.raster));
     assert_eq!((&after.splats.sh, &after.splats.position), (&before.splats.sh, &before.splats.position));
     let changed = (0..before.splats.len()).filter(|i| after.luminance(*i) != before.luminance(*i)).count();
@@ -38,7 +38,7 @@ fn an_edited_scene_is_written_with_its_record_and_nothing_else_changed() {
     // A second edit is added to the record; info tells both.
     place.ok(&["edit", "edited/scene.ply", "--power", "0.9", "--pivot", "0.5", "-o", "twice.ply"]);
     let told: serde_json::Value = serde_json::from_str(&place.ok(&["info", "twice.ply", "--json"])).unwrap();
-    assert_eq!(told["edits"], serde_json::json!(["where L > p80; gain 2; clamp-max 30", "where all; power 0.9; pivot 0.5"]));
+    assert_eq!(told["edits"], serde_json::json!(["where L > p80; stops 1; clamp-max 30", "where all; power 0.9; pivot 0.5"]));
 
     place.error(&["edit", "run", "--gain", "2", "-o", "twice.ply"], &["twice.ply", "--overwrite"]);
     place.ok(&["edit", "run", "--gain", "2", "-o", "twice.ply", "--overwrite"]);
@@ -170,7 +170,7 @@ fn splats_are_deleted_by_selection_and_as_floaters() {
     place.ok(&["edit", "run", "--delete", half, "--stops", "9", "-o", "half.ply"]);
     let (left, inside) = (scene(&place, "half.ply"), |p: &[f32; 3]| p[0] <= 0.0 && p.iter().all(|v| v.abs() <= 9.0));
     assert_eq!(left.splats.position, before.splats.position.iter().copied().filter(|p| !inside(p)).collect::<Vec<_>>());
-    assert_eq!(left.edits, ["where all; gain 512".to_owned(), format!("delete {half}")]);
+    assert_eq!(left.edits, ["where all; stops 9".to_owned(), format!("delete {half}")]);
     let dry = String::from_utf8(place.luxel(&["edit", "run", "--delete", half, "--dry-run"]).output().unwrap().stderr).unwrap();
     assert!(dry.contains("would be removed: ") && dry.contains(" selected"), "{dry}");
     place.error(&["edit", "run", "--delete", "all", "-o", "none.ply"], &["no splats would be left"]);

@@ -295,7 +295,7 @@ fn states_are_streamed() {
         assert!(count > 0, "{text}");
         text += std::str::from_utf8(&buffer[..count]).unwrap();
     }
-    assert!(text.contains("text/event-stream") && text.contains(r#"{"version":0,"splats":300,"training":null}"#), "{text}");
+    assert!(text.contains("text/event-stream") && text.contains(r#"{"version":0,"splats":300,"cameras":0,"training":null}"#), "{text}");
 }
 
 #[test]

@@ -43,6 +43,8 @@ pub struct RunMemory {
     pub splats: u64,
     /// The most splats that the run may have.
     pub most_splats: u64,
+    /// Whether a step holds more than a measurement, so that smaller parts of images help.
+    is_most_in_steps: bool,
 }
 
 impl RunMemory {
@@ -66,6 +68,7 @@ impl RunMemory {
             splat_bytes: 4 * COPIES * rows + SPLAT_BYTES,
             splats: train.max_splats.map_or(u64::from(train.init_points).min(most_splats), u64::from),
             most_splats,
+            is_most_in_steps: step > measurement,
         }
     }
 
@@ -105,7 +108,10 @@ impl RunMemory {
         let lower_images = Remedy::lower("image_memory");
         let remedy = match () {
             () if splats > self.total_bytes() / 2 => Remedy::lower("max_splats"),
-            () if self.buffers_bytes > self.total_bytes() / 2 => Remedy::raise("downscale").or(Remedy::give("crop")),
+            () if self.buffers_bytes > self.total_bytes() / 2 && self.is_most_in_steps => {
+                Remedy::raise("downscale").or(Remedy::give("crop"))
+            }
+            () if self.buffers_bytes > self.total_bytes() / 2 => Remedy::raise("downscale"),
             () => lower_images.or(Remedy::raise("downscale")),
         };
         Err(IoError::unsupported(&plan.path, message).with_remedy(remedy))
@@ -143,15 +149,18 @@ mod tests {
         assert_eq!(helps(&small, &config, 1 << 30), ["max_splats"]);
         let few = TrainConfig { max_splats: Some(1000), ..config };
         assert_eq!(helps(&plan(100, 24_000_000, u64::MAX), &few, 8 << 30), ["image_memory", "downscale"]);
-        assert_eq!(helps(&plan(300, 100_000_000, 1 << 30), &few, 8 << 30), ["downscale", "crop"]);
+        assert_eq!(helps(&plan(300, 100_000_000, 1 << 30), &few, 8 << 30), ["downscale"]);
+        let sampled = TrainConfig { samples: 2, ..few.clone() };
+        assert_eq!(helps(&plan(300, 100_000_000, 1 << 30), &sampled, 8 << 30), ["downscale", "crop"]);
         // The bound by the pixels is no request.
         let unbounded = TrainConfig { max_splats: None, ..few };
         let large = plan(300, 24_000_000, 1 << 30);
         assert!(of(&large, &unbounded).check(&large, Some(32 << 30)).is_ok());
         assert!(of(&large, &unbounded).line().contains("for each further 100,000"));
-        // Crops and a GPU need less.
+        // Crops need less where steps hold the most, and so does a GPU.
+        let of_tiles = |config: &TrainConfig| RunMemory::estimate(&large, config, false, 8 << 30).total_bytes();
         let crops = TrainConfig { crop: Some(1024), ..unbounded.clone() };
-        assert!(of(&large, &crops).total_bytes() < of(&large, &unbounded).total_bytes());
+        assert!(of_tiles(&crops) < of_tiles(&unbounded));
         assert!(RunMemory::estimate(&large, &unbounded, true, 1 << 30).total_bytes() < of(&large, &unbounded).total_bytes());
     }
 }
