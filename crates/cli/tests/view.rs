@@ -162,3 +162,25 @@ fn the_page_can_stop_a_training() {
     assert_eq!(server.child.wait().unwrap().code(), Some(130));
     assert!(std::fs::read_dir(place.path("run/checkpoints")).unwrap().count() > 0);
 }
+
+#[test]
+fn the_cameras_of_a_training_that_refines_poses_move() {
+    let place = Workplace::new();
+    let args = ["train", "data", "-o", "run", "--view=127.0.0.1:0", "--log-format", "json", "--iterations", "100000"];
+    let server = Server::start(&place, &[&args[..], &["--init-points", "300", "--refine-poses", "--pose-from", "1"]].concat());
+    let version = |scene: &Value| scene["cameras_version"].as_u64().unwrap();
+    let before = server.json("/api/scene");
+    server.until(|scene| version(scene) > version(&before));
+    server.request("POST", "/api/training/pause");
+    let after = server.until(|scene| scene["training"]["is_paused"] == true);
+    assert_eq!(server.json("/api/cameras"), after["cameras"]);
+    let cameras = |scene: &Value| scene["cameras"].as_array().unwrap().clone();
+    for (before, after) in cameras(&before).iter().zip(&cameras(&after)) {
+        let [a, b] = [before, after].map(|camera| &camera["transform_matrix"]);
+        // Test views are seen from where they were.
+        let number = |value: &Value, row: usize, column: usize| value[row][column].as_f64().unwrap();
+        let apart = (0..12).map(|i| (number(a, i / 4, i % 4) - number(b, i / 4, i % 4)).abs()).fold(0.0, f64::max);
+        assert_eq!(apart > 1e-9, before["split"] == "train", "{}: {apart}", before["name"]);
+        assert_eq!(before["fl_x"], after["fl_x"]);
+    }
+}
