@@ -24,6 +24,7 @@ const GRIP_PX = 14;
 export class Comparison {
   /** Camera whose ground truth is there, or on its way. */ truthOf = "";
   /** The picture of the other scene, or of the left eye. @type {Shown | null} */ other = null;
+  /** What the stream has pictures of. */ streamed = "";
   /** Numbers of the map of errors, in words, and what they are of. */ error = { key: "", text: "" };
 
   /** @param {Viewer} viewer */
@@ -115,7 +116,7 @@ export class Comparison {
   isWhole() {
     const { shown, stream } = this.viewer;
     if (!shown?.full) return false;
-    return this.kind() === "truth" || Boolean(this.other?.full && this.stream.fullKey === this.kind() + stream.fullKey);
+    return this.kind() === "truth" || Boolean(this.other?.full && this.stream.fullKey === stream.fullKey);
   }
 
   /** Numbers of the map of errors, without masked pixels; "" where there is none, or no full pictures yet. */
@@ -158,8 +159,9 @@ export class Comparison {
       const want = viewer.want();
       this.truthOf = "";
       const distance = 2 * this.rightEye();
-      const key = kind + want.key;
-      this.stream.tick(kind === "scene" ? { ...want, key, edit: "", layers: false } : { ...want, key, lens: (w, h) => aside(want.lens(w, h), -distance) }, now);
+      if (this.streamed !== kind) this.stream.invalidate();
+      this.streamed = kind;
+      this.stream.tick(kind === "scene" ? { ...want, edit: "", layers: false } : { ...want, lens: (w, h) => aside(want.lens(w, h), -distance) }, now);
       if (this.other && viewer.display.truth !== this.other.frame) this.took(this.other);
       return;
     }
