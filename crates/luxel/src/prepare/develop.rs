@@ -71,7 +71,7 @@ impl Developer<'_> {
         parts.extend(exposures.iter().map(String::as_str));
         parts.push(&self.settings_key);
         parts.extend(photos.iter().filter_map(|p| p.info.raw.as_ref()).flat_map(|raw| &raw.applied).map(String::as_str));
-        key(parts.into_iter())
+        key(parts)
     }
 
     /// Returns the key of a proxy: a digest of its photographs and its size, but not of how it is
