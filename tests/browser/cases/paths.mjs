@@ -107,7 +107,6 @@ export default {
   async "a light probe placed by a click is that of luxel probe"() {
     const page = await open(at);
     await page.keyboard.press("o");
-    await page.selectOption("#environment-width", "512").catch(() => undefined);
     await page.evaluate(() => (document.getElementById("environment-width").value = "512"));
     const box = await page.locator("#picture").boundingBox();
     await page.mouse.click(box.x + box.width * 0.55, box.y + box.height * 0.6);
