@@ -25,7 +25,7 @@ mod video;
 mod views;
 mod world;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Instant;
 
 use luxel_capture::prepare::{
@@ -41,6 +41,7 @@ use self::motion::{Motion, Poses};
 pub use self::options::{CameraModel, Features, Mapper, Matching, OcioChoice, PrepareOptions, StructureFromMotion};
 pub use self::report::{PrepareReport, cd_m2_per_unit, metres_per_unit};
 use self::state::{State, key};
+use self::video::Frames;
 pub use self::world::WorldReport;
 use crate::error::{Context, bail};
 use crate::run::RunFolder;
@@ -81,7 +82,10 @@ pub fn prepare(options: &PrepareOptions, observer: &dyn Observer) -> Result<Prep
     let colmap = find_colmap(options)?;
     let folders = Folders::new(&options.output);
     folders.check(&options.photos)?;
-    let mut scan = scan::scan(&folder_of_photos(options, &folders, observer)?, options.transfer)?;
+    let Frames { folder, transfer } = folder_of_photos(options, &folders, observer)?;
+    let options = &PrepareOptions { transfer: options.transfer.or(transfer), ..options.clone() };
+    check_primaries(options)?;
+    let mut scan = scan::scan(&folder, options.transfer)?;
     check_options(&options.plan(), &scan.photos)?;
     let _lock = RunFolder::at(&folders.output).lock()?;
     let mut state = begin(options, &folders)?;
@@ -89,10 +93,8 @@ pub fn prepare(options: &PrepareOptions, observer: &dyn Observer) -> Result<Prep
         observer.warn(&format!("{} is left out: {}", left_out.file, left_out.reason));
     }
     let (plan, curve) = make_plan(options, &mut scan)?;
-    let notes: Vec<String> = plan.notes.iter().map(options.word_note).collect();
-    notes.iter().for_each(|note| observer.note(note));
     let photographs = scan.photos.len();
-    observer.note(&format!("{} in {}: {}", plural(photographs, "photograph"), plural(plan.views.len(), "view"), plan.brackets));
+    let notes = noted(&plan, options, photographs, observer);
 
     let ocio = ocio_space(options, plan.kind)?;
     let developer = Developer {
@@ -157,29 +159,41 @@ pub fn prepare(options: &PrepareOptions, observer: &dyn Observer) -> Result<Prep
     Ok(Prepared::Written { report: Box::new(report) })
 }
 
-/// Returns the folder of photographs: that of the frames, of a video.
-fn folder_of_photos(options: &PrepareOptions, folders: &Folders, observer: &dyn Observer) -> Result<PathBuf> {
+/// Returns the folder of photographs: that of the frames, of a video, with the curve it states.
+fn folder_of_photos(options: &PrepareOptions, folders: &Folders, observer: &dyn Observer) -> Result<Frames> {
     check_unused(options)?;
     if !video::is_video(&options.photos) {
-        return Ok(options.photos.clone());
+        return Ok(Frames { folder: options.photos.clone(), transfer: None });
     }
     let _lock = RunFolder::at(&folders.output).lock()?;
     begin(options, folders)?;
     video::extract(options, folders, observer)
 }
 
-/// Refuses options that only a video has a use for, and primaries where the curve of a plate has
-/// its own.
-fn check_unused(options: &PrepareOptions) -> Result<()> {
+/// Tells and returns what is noted about a plan.
+fn noted(plan: &Plan, options: &PrepareOptions, photographs: usize, observer: &dyn Observer) -> Vec<String> {
+    let notes: Vec<String> = plan.notes.iter().map(options.word_note).collect();
+    notes.iter().for_each(|note| observer.note(note));
+    observer.note(&format!("{} in {}: {}", plural(photographs, "photograph"), plural(plan.views.len(), "view"), plan.brackets));
+    notes
+}
+
+/// Refuses primaries where the curve of a plate has its own.
+fn check_primaries(options: &PrepareOptions) -> Result<()> {
     let usual = PrepareOptions::new(&options.photos, &options.output);
-    if let Some(transfer) = options.transfer
-        && transfer.plate_primaries().is_some()
-        && options.input_space != usual.input_space
-    {
-        return Err(
-            Error::new(format!("the curve {transfer} has primaries of its own")).with_remedy(Remedy::leave_out("input_color_space"))
-        );
+    match options.transfer.filter(|transfer| transfer.plate_primaries().is_some()) {
+        Some(transfer) if options.input_space != usual.input_space => {
+            let message = format!("the curve {transfer} has primaries of its own");
+            Err(Error::new(message).with_remedy(Remedy::leave_out("input_color_space")))
+        }
+        _ => Ok(()),
     }
+}
+
+/// Refuses options that only a video has a use for.
+fn check_unused(options: &PrepareOptions) -> Result<()> {
+    check_primaries(options)?;
+    let usual = PrepareOptions::new(&options.photos, &options.output);
     if video::is_video(&options.photos) {
         return Ok(());
     }

@@ -1,10 +1,11 @@
 //! Frames of a video, by the system's ffmpeg.
 //!
-//! In: a video file and a number of views. Out: `frames/`, the sharpest frame of each window: PNG
-//! with 8 bits, with 16 bits of videos that have more than 8, and linear half-float OpenEXR of
-//! videos in PQ or HLG, in which 1 is 100 cd/m2 as the video states them. ffmpeg reads the video
-//! twice: for sharpness on reduced frames, then for the chosen ones. Degenerate: frames that an
-//! earlier call extracted from the same file are used again.
+//! In: a video file and a number of views. Out: `frames/`, the sharpest frame of each window, as
+//! PNG with 8 bits, or with 16 of videos that have more than 8; codes are the video's, as RGB.
+//! Videos in PQ or HLG say so, and their frames are read through that curve, with Rec.2020's
+//! primaries, as plates are. ffmpeg reads the video twice: for sharpness on reduced frames, then
+//! for the chosen ones. Degenerate: frames that an earlier call extracted from the same file are
+//! used again.
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -12,6 +13,7 @@ use std::process::{Command, Stdio};
 
 use luxel_capture::prepare::sharpest_frames;
 use luxel_capture::{Proxy, sharpness};
+use luxel_io::Transfer;
 
 use super::PrepareOptions;
 use super::folders::Folders;
@@ -35,82 +37,85 @@ pub(super) fn is_video(path: &Path) -> bool {
     VIDEOS.contains(&ending.as_str()) && path.is_file()
 }
 
-/// The form of the frames.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Form {
-    /// PNG with 8 bits.
-    Png8,
-    /// PNG with 16 bits.
-    Png16,
-    /// Linear OpenEXR, of a video with this transfer.
-    Linear { transfer: &'static str },
+/// Frames of a video.
+pub(super) struct Frames {
+    /// Folder of their files.
+    pub(super) folder: PathBuf,
+    /// Curve that the video states, if it is one of light beyond white.
+    pub(super) transfer: Option<Transfer>,
 }
 
-impl Form {
+/// The facts about a stream of pictures that its frames depend on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Stream {
+    /// Whether samples have more than 8 bits.
+    is_deep: bool,
+    transfer: Option<Transfer>,
+}
+
+impl Stream {
     /// Reads it from what ffmpeg says about a video's stream, a line such as `Video: hevc (Main
     /// 10), yuv420p10le(tv, bt2020nc/bt2020/smpte2084), 3840x2160`.
-    fn of_stream(line: &str) -> Self {
+    fn of_line(line: &str) -> Self {
         let has = |word: &str| line.contains(word);
-        match () {
-            () if has("smpte2084") => Self::Linear { transfer: "PQ (SMPTE ST 2084)" },
-            () if has("arib-std-b67") => Self::Linear { transfer: "HLG (ARIB STD-B67)" },
-            () if ["p10", "p12", "p16", "p010", "rgb48", "10le", "12le", "16le", "10be", "12be"].into_iter().any(has) => Self::Png16,
-            () => Self::Png8,
-        }
+        let is_deep = ["p10", "p12", "p16", "p010", "rgb48", "10le", "12le", "16le", "10be", "12be"].into_iter().any(has);
+        let transfer = match () {
+            () if has("smpte2084") => Some(Transfer::Pq),
+            () if has("arib-std-b67") => Some(Transfer::Hlg),
+            () => None,
+        };
+        Self { is_deep, transfer }
     }
 
-    fn extension(self) -> &'static str {
-        if matches!(self, Self::Linear { .. }) { "exr" } else { "png" }
+    /// Returns options of the encoder.
+    fn encoding(self) -> [&'static str; 2] {
+        ["-pix_fmt", if self.is_deep { "rgb48be" } else { "rgb24" }]
     }
 
-    /// Returns filters behind the choice of frames, and options of the encoder.
-    fn encoding(self) -> (&'static str, &'static [&'static str]) {
-        match self {
-            Self::Png8 => ("", &["-pix_fmt", "rgb24"]),
-            Self::Png16 => ("", &["-pix_fmt", "rgb48be"]),
-            Self::Linear { .. } => {
-                (",zscale=transfer=linear:npl=100:primaries=bt709:matrix=gbr,format=gbrpf32le", &["-c:v", "exr", "-format", "half"])
-            }
-        }
-    }
-
-    fn words(self) -> String {
-        match self {
-            Self::Png8 => "PNG with 8 bits".to_owned(),
-            Self::Png16 => "PNG with 16 bits".to_owned(),
-            Self::Linear { transfer } => format!("OpenEXR, linear Rec.709 from {transfer}, 1 is 100 cd/m2"),
-        }
+    /// Returns what its frames are, for people; `given` is a curve that the caller names.
+    fn words(self, given: Option<Transfer>) -> String {
+        let bits = if self.is_deep { 16 } else { 8 };
+        let curve = match (given, self.transfer) {
+            (Some(given), _) => format!(", read through {given}"),
+            (None, Some(stated)) => format!(", read through {stated}, which the video states"),
+            (None, None) => String::new(),
+        };
+        format!("PNG with {bits} bits{curve}")
     }
 }
 
-/// Extracts frames. Returns their folder.
-pub(super) fn extract(options: &PrepareOptions, folders: &Folders, observer: &dyn Observer) -> Result<PathBuf> {
+/// Extracts frames.
+pub(super) fn extract(options: &PrepareOptions, folders: &Folders, observer: &dyn Observer) -> Result<Frames> {
     let video = &options.photos;
     let frames = folders.output.join("frames");
     let metadata = std::fs::metadata(video).with_context(|| format!("{}: cannot read", video.display()))?;
     let facts = format!("{} {:?} {}", metadata.len(), metadata.modified().ok(), options.frames);
     let wanted = key([facts.as_str(), &*video.to_string_lossy()]);
     let key_path = folders.work.join("frames.key");
-    if read_text(&key_path, MAX_KEY_BYTES).is_ok_and(|known| known == wanted) && frames.is_dir() {
-        return Ok(frames);
+    let known = read_text(&key_path, MAX_KEY_BYTES).unwrap_or_default();
+    if let Some(curve) = known.strip_prefix(&wanted).and_then(|rest| rest.strip_prefix('\n'))
+        && frames.is_dir()
+    {
+        return Ok(Frames { folder: frames, transfer: curve.parse().ok() });
     }
     remove_if_there(&key_path)?;
     if frames.exists() {
         std::fs::remove_dir_all(&frames).with_context(|| format!("{}: cannot remove", frames.display()))?;
     }
     std::fs::create_dir_all(&frames).with_context(|| format!("{}: cannot create", frames.display()))?;
-    let form = Form::of_stream(&stream(options)?);
+    let stream = Stream::of_line(&described(options)?);
     observer.note(&format!("measuring the sharpness of the frames of {}", video.display()));
     let sharpness = measured(options)?;
     if sharpness.is_empty() {
         bail!("{}: ffmpeg decodes no frame of it", video.display());
     }
     let chosen = sharpest_frames(&sharpness, options.frames);
-    write_frames(options, &frames, form, &chosen)?;
+    write_frames(options, &frames, stream, &chosen)?;
     let (total, count) = (plural(sharpness.len(), "frame"), chosen.len());
-    observer.note(&format!("{count} of {total} are used, the sharpest of each window: {}", form.words()));
-    write_text(&key_path, &wanted)?;
-    Ok(frames)
+    observer.note(&format!("{count} of {total} are used, the sharpest of each window: {}", stream.words(options.transfer)));
+    let curve = stream.transfer.map(|transfer| transfer.to_string()).unwrap_or_default();
+    write_text(&key_path, &format!("{wanted}\n{curve}"))?;
+    Ok(Frames { folder: frames, transfer: stream.transfer })
 }
 
 fn ffmpeg(options: &PrepareOptions) -> Command {
@@ -125,7 +130,7 @@ fn cannot_start(options: &PrepareOptions, error: &std::io::Error) -> Error {
 }
 
 /// Returns what ffmpeg says about the first stream of pictures.
-fn stream(options: &PrepareOptions) -> Result<String> {
+fn described(options: &PrepareOptions) -> Result<String> {
     // Without an output ffmpeg fails, but describes the input before.
     let output = ffmpeg(options).output().map_err(|error| cannot_start(options, &error))?;
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -173,15 +178,14 @@ fn measured(options: &PrepareOptions) -> Result<Vec<f32>> {
 }
 
 /// Writes the chosen frames.
-fn write_frames(options: &PrepareOptions, folder: &Path, form: Form, chosen: &[usize]) -> Result<()> {
+fn write_frames(options: &PrepareOptions, folder: &Path, stream: Stream, chosen: &[usize]) -> Result<()> {
     let terms: Vec<String> = chosen.iter().map(|frame| format!("eq(n\\,{frame})")).collect();
-    let (filter, encoder) = form.encoding();
     let output = ffmpeg(options)
         .args(["-v", "error", "-map", "0:v:0", "-vf"])
-        .arg(format!("select={}{filter}", terms.join("+")))
+        .arg(format!("select={}", terms.join("+")))
         .args(["-fps_mode", "passthrough"])
-        .args(encoder)
-        .arg(folder.join(format!("frame_%05d.{}", form.extension())))
+        .args(stream.encoding())
+        .arg(folder.join("frame_%05d.png"))
         .output()
         .map_err(|error| cannot_start(options, &error))?;
     let said = String::from_utf8_lossy(&output.stderr);
@@ -200,13 +204,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_form_of_frames_follows_from_the_stream() {
+    fn depth_and_curve_follow_from_the_stream() {
         let hdr = "Stream #0:0: Video: hevc (Main 10), yuv420p10le(tv, bt2020nc/bt2020/smpte2084), 3840x2160, 30 fps";
-        assert!(matches!(Form::of_stream(hdr), Form::Linear { transfer } if transfer.starts_with("PQ")));
+        let found = Stream::of_line(hdr);
+        assert_eq!(found, Stream { is_deep: true, transfer: Some(Transfer::Pq) });
+        assert_eq!(found.words(None), "PNG with 16 bits, read through pq, which the video states");
+        assert_eq!(found.words(Some(Transfer::LogC4)), "PNG with 16 bits, read through logc4");
         let log = "Stream #0:0: Video: prores (HQ), yuv422p10le(tv, bt709, progressive), 3840x2160";
-        assert_eq!(Form::of_stream(log), Form::Png16);
+        assert_eq!(Stream::of_line(log), Stream { is_deep: true, transfer: None });
+        let hlg = "Stream #0:0[0x1](und): Video: hevc (Main 10), yuv420p10le(tv, bt2020nc/bt2020/arib-std-b67), 1920x1080";
+        assert_eq!(Stream::of_line(hlg).transfer, Some(Transfer::Hlg));
         let plain = "Stream #0:0[0x1](und): Video: h264 (High) (avc1 / 0x31637661), yuv420p(tv, bt709), 1080x1920";
-        assert_eq!(Form::of_stream(plain), Form::Png8);
+        assert_eq!(Stream::of_line(plain), Stream { is_deep: false, transfer: None });
         assert_eq!(last_line("a\nInvalid data\n\n"), "Invalid data");
     }
 
