@@ -67,9 +67,16 @@ impl Stream {
         Self { is_deep, transfer }
     }
 
-    /// Returns options of the encoder.
-    fn encoding(self) -> [&'static str; 2] {
-        ["-pix_fmt", if self.is_deep { "rgb48be" } else { "rgb24" }]
+    /// Returns a filter behind the choice of frames, and the pixel format of their files. ffmpeg's
+    /// default conversion to RGB of 16 bits is a little too dark, which matters behind a steep
+    /// curve; zscale is exact, but needs the matrix, which videos with such a curve state.
+    fn encoding(self) -> (&'static str, &'static str) {
+        match (self.transfer.is_some(), self.is_deep) {
+            (true, true) => (",zscale=matrix=gbr:range=full,format=gbrp16le", "rgb48be"),
+            (true, false) => (",zscale=matrix=gbr:range=full,format=gbrp", "rgb24"),
+            (false, true) => ("", "rgb48be"),
+            (false, false) => ("", "rgb24"),
+        }
     }
 
     /// Returns what its frames are, for people; `given` is a curve that the caller names.
@@ -180,11 +187,11 @@ fn measured(options: &PrepareOptions) -> Result<Vec<f32>> {
 /// Writes the chosen frames.
 fn write_frames(options: &PrepareOptions, folder: &Path, stream: Stream, chosen: &[usize]) -> Result<()> {
     let terms: Vec<String> = chosen.iter().map(|frame| format!("eq(n\\,{frame})")).collect();
+    let (filter, pixel_format) = stream.encoding();
     let output = ffmpeg(options)
         .args(["-v", "error", "-map", "0:v:0", "-vf"])
-        .arg(format!("select={}", terms.join("+")))
-        .args(["-fps_mode", "passthrough"])
-        .args(stream.encoding())
+        .arg(format!("select={}{filter}", terms.join("+")))
+        .args(["-fps_mode", "passthrough", "-pix_fmt", pixel_format])
         .arg(folder.join("frame_%05d.png"))
         .output()
         .map_err(|error| cannot_start(options, &error))?;
