@@ -1,6 +1,7 @@
 //! From captured samples to radiance: exposure, white balance, camera matrices, response curves,
-//! brackets, merging, the decisions that prepare a capture ([`prepare`]), and world coordinates for
-//! the cameras that are found for it ([`world`]).
+//! brackets, merging, the decisions that prepare a capture ([`prepare`]), pictures for finding the
+//! places of panoramas ([`panorama`]), and world coordinates for the cameras that are found for it
+//! ([`world`]).
 //!
 //! In: [`CapturedFrame`]s, decoded samples with the facts from their headers. Out: radiance as
 //! [`luxel_core::Image`]. This crate opens no file. Units: a signal of 1 is where a sensor
@@ -16,6 +17,7 @@ mod exposure_list;
 mod frame;
 mod lens_correction;
 mod merge;
+pub mod panorama;
 pub mod prepare;
 mod proxy;
 mod response;

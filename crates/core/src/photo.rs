@@ -70,6 +70,18 @@ pub struct Exif {
     /// Angle of the viewing direction above the horizon, degrees; drones state that of their
     /// gimbal.
     pub pitch_deg: Option<f64>,
+    /// Panorama that the file says it is.
+    pub panorama: Option<StatedPanorama>,
+}
+
+/// How much of the sphere of directions an equirectangular picture shows, by its file (Google's Photo
+/// Sphere XMP, OpenEXR's `envmap`).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum StatedPanorama {
+    /// All of it.
+    Whole,
+    /// A part of it.
+    Part,
 }
 
 /// A position by GPS, on WGS 84.

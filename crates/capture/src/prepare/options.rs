@@ -3,7 +3,7 @@
 
 use luxel_core::ColorSpace;
 
-use super::ResponseChoice;
+use super::{ProjectionChoice, ResponseChoice};
 use crate::BracketRule;
 
 /// The user's choice of white balance for RAW files.
@@ -33,4 +33,6 @@ pub struct PlanOptions {
     pub color_space: ColorSpace,
     /// Space of pictures that do not state theirs.
     pub input_space: ColorSpace,
+    /// Choice of the projection.
+    pub projection: ProjectionChoice,
 }

@@ -13,6 +13,7 @@ use super::cameras::{PlannedCamera, balance, group_by_camera, note_cameras};
 use super::notes::{note_brackets, note_corrections, note_primaries};
 use super::options::{PlanOptions, WhiteBalance};
 use super::photograph::view_name;
+use super::projection::{SetProjection, choose_projection};
 use super::{Photograph, PrepareError, PrepareNote, ResponseChoice};
 use crate::{BracketRule, Exposure, Shot, find_brackets};
 
@@ -32,6 +33,8 @@ pub struct PlannedView {
 pub struct Plan {
     /// Kind of all photographs.
     pub kind: PhotoKind,
+    /// Projection of all photographs.
+    pub projection: SetProjection,
     /// Views to be made.
     pub views: Vec<PlannedView>,
     /// Cameras, each with a lens of its own.
@@ -102,11 +105,12 @@ pub fn check_options(options: &PlanOptions, photos: &[Photograph]) -> Result<(),
 /// ```
 ///
 /// # Errors
-/// Exposures that only some photographs have, brackets that do not fit the rule, and a white
-/// balance that cannot be found.
+/// Exposures that only some photographs have, brackets that do not fit the rule, a white balance that
+/// cannot be found, and panoramas that are not whole or among other photographs.
 pub fn plan(photos: &mut [Photograph], options: &PlanOptions) -> Result<Plan, PrepareError> {
     let mut notes = Vec::new();
     let kind = kind_of(photos);
+    let projection = choose_projection(photos, options.projection, &mut notes)?;
     let is_absolute = complete_exposures(kind, photos, options.brackets, &mut notes)?;
     let photos = &*photos;
     let (camera_of, mut cameras) = group_by_camera(photos);
@@ -143,7 +147,7 @@ pub fn plan(photos: &mut [Photograph], options: &PlanOptions) -> Result<Plan, Pr
         })
         .collect();
     note_corrections(photos, &mut notes);
-    Ok(Plan { kind, views, cameras, brackets: found.found_by, is_absolute, notes })
+    Ok(Plan { kind, projection, views, cameras, brackets: found.found_by, is_absolute, notes })
 }
 
 fn kind_of(photos: &[Photograph]) -> PhotoKind {

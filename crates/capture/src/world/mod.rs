@@ -13,6 +13,7 @@
 
 mod choice;
 mod distance;
+mod downwards;
 mod eigen;
 mod floor;
 mod gps;
@@ -26,6 +27,7 @@ use luxel_core::Similarity;
 use luxel_core::photo::GpsPosition;
 
 pub use self::distance::{KnownDistance, Landmark};
+pub(crate) use self::eigen::median;
 pub use self::gps::{GpsFit, metres_of};
 pub use self::origin::OriginSource;
 pub use self::up::UpSource;
@@ -49,6 +51,8 @@ pub struct WorldView {
     pub pitch_deg: Option<f64>,
     /// Position by GPS.
     pub gps: Option<GpsPosition>,
+    /// Whether it is a panorama, which looks everywhere.
+    pub is_panorama: bool,
 }
 
 /// Directions of a picture as it is looked at, in the world.
@@ -143,7 +147,7 @@ const GPS_AGREEMENT: f64 = 0.94;
 pub fn find_world(views: &[WorldView], points: &[DVec3], known: Option<&KnownDistance>) -> Result<World, PrepareError> {
     let eyes: Vec<DVec3> = views.iter().map(WorldView::eye).collect();
     let pairs = gps_pairs(views);
-    let estimate = with_floor(with_gps(up_of_cameras(views), &pairs), points, &eyes);
+    let estimate = with_floor(with_gps(up_of_cameras(views, points), &pairs), points, &eyes);
     let focus = origin::focus(views, points);
     let rotation = DMat3::from_quat(DQuat::from_rotation_arc(estimate.up, DVec3::NEG_Y));
     let level = Similarity::new(rotation, 1.0, -(rotation * focus.point)).unwrap_or_default();
@@ -181,7 +185,9 @@ fn with_gps(estimate: UpEstimate, pairs: &[Pair]) -> UpEstimate {
         return estimate;
     }
     match gps::up_by_positions(pairs) {
-        Some(up) if estimate.source != UpSource::Rights || up.dot(estimate.up) < GPS_AGREEMENT => UpEstimate { up, source: UpSource::Gps },
+        Some(up) if !matches!(estimate.source, UpSource::Rights | UpSource::Panoramas) || up.dot(estimate.up) < GPS_AGREEMENT => {
+            UpEstimate { up, source: UpSource::Gps }
+        }
         _ => estimate,
     }
 }
@@ -190,7 +196,7 @@ fn with_gps(estimate: UpEstimate, pairs: &[Pair]) -> UpEstimate {
 fn with_floor(estimate: UpEstimate, points: &[DVec3], eyes: &[DVec3]) -> UpEstimate {
     let max_tilt_deg: f64 = match estimate.source {
         UpSource::StatedPitch | UpSource::Unknown | UpSource::Floor => return estimate,
-        UpSource::Rights | UpSource::Gps => 8.0,
+        UpSource::Rights | UpSource::Panoramas | UpSource::LookingDown | UpSource::Gps => 8.0,
         // Cameras that look one way may all look down.
         UpSource::ImageUp => 40.0,
     };

@@ -52,6 +52,8 @@ pub(super) fn focus(views: &[WorldView], points: &[DVec3]) -> Focus {
     let eyes: Vec<DVec3> = views.iter().map(WorldView::eye).collect();
     let cameras = Focus { point: median_point(&eyes), source: OriginSource::Cameras };
     match crossing(views, &eyes) {
+        // They look everywhere.
+        _ if views.iter().any(|view| view.is_panorama) => cameras,
         Some(point) => {
             let in_front = views.iter().zip(&eyes).filter(|(view, eye)| view.forward().dot(point - **eye) > 0.0).count();
             if 2 * in_front > views.len() { Focus { point, source: OriginSource::ViewingRays } } else { cameras }

@@ -94,6 +94,61 @@ fn photographs_held_upright_and_stray_cameras_do_no_harm() {
     assert!(origin(&world).length() < 0.1, "{}", origin(&world));
 }
 
+/// Cameras of a flight 20 above the ground, in lines of eight, each looking down with a heading.
+fn survey(extent: f64, heading: impl Fn(usize) -> f64) -> Vec<WorldView> {
+    let mut random = Pcg64::seed_from_u64(11);
+    let mut off = || 0.06 * (random.random::<f64>() - 0.5);
+    (0..48)
+        .map(|i| {
+            let place = DVec3::new(extent * (i % 8) as f64 / 8.0, -20.0, extent * (i / 8) as f64 / 6.0);
+            let down = DMat3::from_cols(DVec3::X, DVec3::NEG_Z, DVec3::Y);
+            let tilt = DMat3::from_quat(DQuat::from_scaled_axis(DVec3::new(off(), off(), off())));
+            let matrix3 = (DMat3::from_rotation_y(heading(i / 8)) * tilt * down).transpose();
+            WorldView { camera_from_world: DAffine3 { matrix3, translation: -(matrix3 * place) }, ..WorldView::default() }
+        })
+        .collect()
+}
+
+/// Points on the ground below a flight.
+fn ground(extent: f64) -> Vec<DVec3> {
+    let mut random = Pcg64::seed_from_u64(12);
+    let mut part = || random.random::<f64>();
+    (0..400).map(|_| disturbance().point(DVec3::new(extent * part(), -0.5 * part(), extent * part()))).collect()
+}
+
+#[test]
+fn up_is_behind_cameras_that_all_look_straight_down() {
+    // Lines there and back, and one heading over a wide place.
+    let there_and_back = survey(30.0, |line| if line % 2 == 0 { 0.0 } else { TAU / 2.0 });
+    let one_heading = survey(60.0, |_| 0.7);
+    for (views, extent) in [(there_and_back, 30.0), (one_heading, 60.0)] {
+        let estimate = up_of_cameras(&disturbed(&views), &ground(extent));
+        let up = disturbance().rotation() * DVec3::NEG_Y;
+        // Each looks up to two degrees beside it; their mean does not.
+        assert!(estimate.source == UpSource::LookingDown && estimate.up.angle_between(up).to_degrees() < 0.5, "{estimate:?}");
+        // The ground levels them further.
+        let world = find_world(&disturbed(&views), &ground(extent), None).unwrap();
+        assert!(world.up == UpSource::Floor && tilt_deg(&world) < 0.5, "{world:?}");
+    }
+    // A few steps to and fro before a wall are no flight.
+    let wall = survey(4.0, |_| 0.7);
+    let world = find_world(&disturbed(&wall), &ground(4.0), None).unwrap();
+    assert!(matches!(world.up, UpSource::ImageUp | UpSource::Floor), "{world:?}");
+    assert!(up_of_cameras(&wall, &[]).source == UpSource::ImageUp);
+}
+
+#[test]
+fn panoramas_are_upright_and_look_everywhere() {
+    let mut views = ring(24);
+    views.iter_mut().for_each(|view| {
+        let eye = view.eye();
+        *view = WorldView { is_panorama: true, ..looking(eye, DVec3::new(eye.z, 0.02, -eye.x), 0.02) };
+    });
+    let world = find_world(&disturbed(&views), &[], None).unwrap();
+    assert_eq!((world.up, world.origin), (UpSource::Panoramas, OriginSource::Cameras));
+    assert!(tilt_deg(&world) < 1.0, "{}", tilt_deg(&world));
+}
+
 #[test]
 fn orientations_of_exif_give_the_same_up() {
     // Up in the picture as it is looked at, in stored pixels: x right, y down.

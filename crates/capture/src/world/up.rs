@@ -3,15 +3,16 @@
 //! In: [`WorldView`]s. Out: a unit vector in the world's present coordinates with its source. A
 //! photograph's right side is level however the camera is pitched, so up is the normal of the plane
 //! of the rights, if cameras look in several directions. A pitch that files state (a drone's
-//! gimbal) comes first. Both are robust: a view that disagrees with the others loses its weight.
+//! gimbal) comes first. Panoramas are upright by themselves. All are robust: a view that disagrees with
+//! the others loses its weight.
 //!
-//! Degenerate: cameras that all look the same way, or one camera: up is that of the images. Cameras
-//! that all look straight down with the same heading and state no pitch are taken for level ones;
-//! positions of GPS correct that ([`super::gps`]).
+//! Degenerate: cameras that all look the same way, or one camera: up is that of the images, unless they
+//! look straight down, which their headings or places tell ([`super::downwards`]).
 
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
+use super::downwards::down_of_cameras;
 use super::eigen::{eigen3, median, outer};
 use super::{ImageAxes, WorldView};
 
@@ -21,8 +22,12 @@ use super::{ImageAxes, WorldView};
 pub enum UpSource {
     /// The camera's pitch that files state.
     StatedPitch,
+    /// The mean of the panoramas' up directions.
+    Panoramas,
     /// The normal of the plane of the images' right sides.
     Rights,
+    /// The opposite of the viewing direction: all cameras look straight down.
+    LookingDown,
     /// The mean of the images' up directions: cameras look one way.
     ImageUp,
     /// Positions by GPS in three dimensions.
@@ -38,6 +43,8 @@ impl UpSource {
     pub fn words(self) -> &'static str {
         match self {
             Self::StatedPitch => "the pitch of the camera that files state",
+            Self::Panoramas => "what is up in the panoramas",
+            Self::LookingDown => "the cameras: all look straight down",
             Self::Rights => "the cameras: what is left and right in images is level",
             Self::ImageUp => "what is up in images, because cameras look one way",
             Self::Gps => "GPS positions in three dimensions",
@@ -68,13 +75,16 @@ const LEAST_FLATNESS: f64 = 4.0;
 const STATED_AGREEMENT: f64 = 0.985;
 
 /// Returns the up direction by the cameras alone.
-pub(super) fn up_of_cameras(views: &[WorldView]) -> UpEstimate {
+pub(super) fn up_of_cameras(views: &[WorldView], points: &[DVec3]) -> UpEstimate {
     let axes: Vec<ImageAxes> = views.iter().map(WorldView::axes).collect();
     let ups: Vec<DVec3> = axes.iter().map(|axes| axes.up).collect();
     if let Some(up) = stated_up(views) {
         return UpEstimate { up, source: UpSource::StatedPitch };
     }
     let mean_up = robust_mean(&ups);
+    if let Some(up) = mean_up.filter(|_| views.iter().all(|view| view.is_panorama)) {
+        return UpEstimate { up, source: UpSource::Panoramas };
+    }
     if let Some(normal) = normal_of_rights(&axes) {
         let sum: DVec3 = ups.iter().sum();
         let looking: DVec3 = views.iter().map(WorldView::forward).sum();
@@ -82,6 +92,9 @@ pub(super) fn up_of_cameras(views: &[WorldView]) -> UpEstimate {
         let has_common_up = normal.dot(sum).abs() > 0.1 * ups.len() as f64;
         let is_up = if has_common_up { normal.dot(sum) > 0.0 } else { normal.dot(looking) < 0.0 };
         return UpEstimate { up: if is_up { normal } else { -normal }, source: UpSource::Rights };
+    }
+    if let Some(down) = down_of_cameras(views, &axes, points) {
+        return UpEstimate { up: -down, source: UpSource::LookingDown };
     }
     match mean_up {
         Some(up) => UpEstimate { up, source: UpSource::ImageUp },
@@ -99,7 +112,7 @@ fn stated_up(views: &[WorldView]) -> Option<DVec3> {
 }
 
 /// Returns the mean direction, in which outliers have little weight.
-fn robust_mean(directions: &[DVec3]) -> Option<DVec3> {
+pub(super) fn robust_mean(directions: &[DVec3]) -> Option<DVec3> {
     let mut mean = directions.iter().sum::<DVec3>().try_normalize()?;
     for _ in 0..ROUNDS {
         let angle = |d: &DVec3| d.angle_between(mean);

@@ -5,7 +5,8 @@ use std::str::FromStr;
 
 use clap::{Args, ValueEnum};
 use luxel::prepare::{
-    CameraModel, Features, KnownDistance, Mapper, Matching, OcioChoice, PrepareOptions, ResponseChoice, StructureFromMotion, WhiteBalance,
+    CameraModel, Features, KnownDistance, Mapper, Matching, OcioChoice, PrepareOptions, ProjectionChoice, ResponseChoice,
+    StructureFromMotion, WhiteBalance,
 };
 
 use super::ConsoleArgs;
@@ -23,6 +24,9 @@ pub(crate) struct PrepareArgs {
     /// Folder for the data set.
     #[arg(long, short, value_name = "DATASET")]
     pub(crate) output: PathBuf,
+    /// Projection of the photographs.
+    #[arg(long, value_enum, default_value_t, help_heading = "Images")]
+    pub(crate) projection: PhotoProjectionArg,
     /// Photographs that are exposures of one view: auto (by name, else by time and exposure), off,
     /// names, or a number in a row, at least 2.
     #[arg(long, default_value = "auto", value_name = "auto|off|names|N", help_heading = "Exposure")]
@@ -105,6 +109,29 @@ pub(crate) struct PrepareArgs {
     /// Output.
     #[command(flatten)]
     pub(crate) console: ConsoleArgs,
+}
+
+/// `--projection`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub(crate) enum PhotoProjectionArg {
+    /// Equirectangular if the files say so, or if all are twice as wide as high and none states a
+    /// focal length; else pinhole.
+    #[default]
+    Auto,
+    /// Photographs of a lens.
+    Pinhole,
+    /// Whole panoramas, twice as wide as high.
+    Equirectangular,
+}
+
+impl From<PhotoProjectionArg> for ProjectionChoice {
+    fn from(arg: PhotoProjectionArg) -> Self {
+        match arg {
+            PhotoProjectionArg::Auto => Self::Auto,
+            PhotoProjectionArg::Pinhole => Self::Pinhole,
+            PhotoProjectionArg::Equirectangular => Self::Equirectangular,
+        }
+    }
 }
 
 /// `--brackets`.
@@ -310,6 +337,7 @@ impl PrepareArgs {
     pub(crate) fn options(&self) -> PrepareOptions {
         let ocio = self.ocio.clone().zip(self.ocio_space.clone()).map(|(config, space)| OcioChoice { config, space });
         PrepareOptions {
+            projection: self.projection.into(),
             brackets: self.brackets.0,
             exposures: self.exposures.clone(),
             response: self.response.into(),

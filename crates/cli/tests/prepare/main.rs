@@ -2,6 +2,7 @@
 //! run.
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail the test")]
 
+mod panoramas;
 mod restart;
 #[cfg(unix)]
 mod video;

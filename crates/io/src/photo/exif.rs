@@ -5,6 +5,7 @@
 
 use luxel_core::photo::{Exif, GpsPosition};
 
+use super::panorama::{panorama_of_exr, panorama_of_xmp};
 use crate::tags::{Ifd, Tags};
 
 /// Returns the Exif of a whole image file of any kind; empty if there is none.
@@ -17,8 +18,10 @@ pub(crate) fn exif_of_file(bytes: &[u8]) -> Exif {
         Some(bytes)
     };
     let exif = block.and_then(Tags::new).and_then(|tags| Some(exif_of_tags(&tags, &tags.first()?))).unwrap_or_default();
-    let pitch_deg = exif.pitch_deg.or_else(|| jpeg_xmp(bytes).and_then(pitch_of_xmp));
-    Exif { pitch_deg, ..exif }
+    let xmp = jpeg_xmp(bytes).or_else(|| png_xmp(bytes));
+    let pitch_deg = exif.pitch_deg.or_else(|| xmp.and_then(pitch_of_xmp));
+    let panorama = exif.panorama.or_else(|| xmp.and_then(panorama_of_xmp)).or_else(|| panorama_of_exr(bytes));
+    Exif { pitch_deg, panorama, ..exif }
 }
 
 /// Returns the position of a directory of GPS tags.
@@ -74,6 +77,7 @@ pub(crate) fn exif_of_tags(tags: &Tags<'_>, first: &Ifd<'_>) -> Exif {
         focal_35mm: positive(0xa405),
         gps: first.unsigned(0x8825).and_then(|at| tags.ifd(at)).and_then(|gps| gps_of(&gps)),
         pitch_deg: first.bytes(0x02bc).and_then(pitch_of_xmp),
+        panorama: first.bytes(0x02bc).and_then(panorama_of_xmp),
     }
 }
 
@@ -131,15 +135,29 @@ fn jpeg_segment<'a>(bytes: &'a [u8], name: &[u8]) -> Option<&'a [u8]> {
 
 /// Returns the content of PNG's eXIf chunk.
 fn png_block(bytes: &[u8]) -> Option<&[u8]> {
+    png_chunk(bytes, *b"eXIf", Some)
+}
+
+/// Returns the XMP packet of a PNG: an iTXt chunk of that keyword, without compression.
+fn png_xmp(bytes: &[u8]) -> Option<&[u8]> {
+    let is_png = bytes.starts_with(b"\x89PNG");
+    is_png.then(|| png_chunk(bytes, *b"iTXt", |content| content.strip_prefix(b"XML:com.adobe.xmp\0\0")))?
+}
+
+/// Returns what `found` makes of the first chunk of a kind of which it makes something.
+fn png_chunk<'a>(bytes: &'a [u8], kind: [u8; 4], found: impl Fn(&'a [u8]) -> Option<&'a [u8]>) -> Option<&'a [u8]> {
     let mut rest = bytes.get(8..)?;
     loop {
         let length = u32::from_be_bytes(*rest.first_chunk::<4>()?) as usize;
         let content = rest.get(8..length.checked_add(8)?)?;
-        match rest.get(4..8)? {
-            b"eXIf" => return Some(content),
-            b"IEND" => return None,
-            _ => rest = rest.get(length.checked_add(12)?..)?,
+        let name = rest.get(4..8)?;
+        if let Some(content) = found(content).filter(|_| name == kind) {
+            return Some(content);
         }
+        if name == b"IEND" {
+            return None;
+        }
+        rest = rest.get(length.checked_add(12)?..)?;
     }
 }
 

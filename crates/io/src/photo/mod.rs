@@ -18,6 +18,7 @@ mod jpeg_xl;
 mod lossless_jpeg;
 #[cfg(test)]
 mod opcode_tests;
+mod panorama;
 #[cfg(test)]
 mod tests;
 

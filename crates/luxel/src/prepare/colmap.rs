@@ -41,6 +41,8 @@ pub(super) struct Step {
     /// Its purpose, for people.
     pub(super) purpose: &'static str,
     pub(super) arguments: Vec<OsString>,
+    /// Number of things that it reports progress by.
+    pub(super) total: usize,
 }
 
 /// The abilities of an installed COLMAP.
@@ -55,6 +57,8 @@ pub(super) struct Abilities {
     pub(super) global_mapper: bool,
     /// Lists of pairs to match.
     pub(super) pairs: bool,
+    /// Rigs of cameras.
+    pub(super) rigs: bool,
 }
 
 impl Colmap {
@@ -82,6 +86,7 @@ impl Colmap {
             aliked: extraction.contains("AlikedExtraction."),
             global_mapper: commands.split_whitespace().any(|word| word == "global_mapper"),
             pairs: true,
+            rigs: commands.split_whitespace().any(|word| word == "rig_configurator"),
         };
         Some(Self { program: program.to_owned(), before: Vec::new(), version, abilities })
     }
@@ -92,18 +97,24 @@ impl Colmap {
         let text = String::from_utf8_lossy(&output.stdout).into_owned();
         let version = text.lines().find(|line| line.starts_with("pycolmap "))?.trim().to_owned();
         let can = |what: &str| text.lines().any(|line| line.trim() == what);
-        let abilities = Abilities { feature_options: true, aliked: can("aliked"), global_mapper: can("global"), pairs: can("pairs") };
+        let abilities = Abilities {
+            feature_options: true,
+            aliked: can("aliked"),
+            global_mapper: can("global"),
+            pairs: can("pairs"),
+            rigs: can("rigs"),
+        };
         Some(Self { program: python.to_owned(), before, version, abilities })
     }
 
     /// Returns a COLMAP that is not installed, for commands that are only written down.
     pub(super) fn unknown(program: &Path) -> Self {
-        let abilities = Abilities { feature_options: false, aliked: true, global_mapper: true, pairs: true };
+        let abilities = Abilities { feature_options: false, aliked: true, global_mapper: true, pairs: true, rigs: true };
         Self { program: program.to_owned(), before: Vec::new(), version: String::new(), abilities }
     }
 
     /// Runs the commands on a fresh database.
-    pub(super) fn run(&self, steps: &[Step], folders: &Folders, views: usize, observer: &dyn Observer) -> Result<()> {
+    pub(super) fn run(&self, steps: &[Step], folders: &Folders, observer: &dyn Observer) -> Result<()> {
         let sparse = folders.work.join("sparse");
         for name in ["database.db", "database.db-wal", "database.db-shm"] {
             remove_if_there(&folders.work.join(name))?;
@@ -119,12 +130,12 @@ impl Colmap {
         let mut log = Log { path: log_path, file };
         for step in steps {
             observer.note(&format!("COLMAP: {}", step.purpose));
-            self.run_step(step, views, &mut log, observer)?;
+            self.run_step(step, &mut log, observer)?;
         }
         Ok(())
     }
 
-    fn run_step(&self, step: &Step, views: usize, log: &mut Log, observer: &dyn Observer) -> Result<()> {
+    fn run_step(&self, step: &Step, log: &mut Log, observer: &dyn Observer) -> Result<()> {
         let mut child = command(&self.program)
             .args(&self.before)
             .args(&step.arguments)
@@ -132,7 +143,7 @@ impl Colmap {
             .stderr(Stdio::piped())
             .spawn()
             .with_context(|| format!("{}: cannot start", self.program.display()))?;
-        let total = views as u32;
+        let total = step.total as u32;
         let mut last: Vec<String> = Vec::new();
         observer.event(Event::StepsBegin { done: 0, total });
         for line in lines_of(&mut child) {

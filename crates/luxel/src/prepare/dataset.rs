@@ -1,11 +1,11 @@
-//! The data set in COLMAP's layout: undistorted radiance in `images/`, pinhole cameras and points
-//! in `sparse/0`.
+//! The data set in COLMAP's layout: undistorted radiance in `images/`, cameras and points in
+//! `sparse/0`.
 //!
-//! In: the model of the proxies and the radiance of the views. Out: images without empty pixels
-//! (the focal length is raised until there are none), the model as text with features moved
-//! accordingly, and [`Registration`]. Features that belong to no point are left out. Radiance is
-//! resampled once, in linear light and full float; masks of saturated pixels likewise, black
-//! wherever a saturated pixel has a part.
+//! In: the model of the proxies, or of the panoramas that they are cut out of, and the radiance of the
+//! views. Out: images without empty pixels (the focal length is raised until there are none), the model
+//! as text with features moved accordingly, and [`Registration`]. Features that belong to no point are
+//! left out. Radiance is resampled once, in linear light and full float; masks of saturated pixels
+//! likewise, black wherever a saturated pixel has a part. Panoramas stay as they are.
 //!
 //! A view's radiance is removed from `work` once its image is written; what remains there are views
 //! without a pose.
@@ -20,7 +20,7 @@ use luxel_io::{ExrOptions, ExrSample, ReadOptions, Transfer, encode_png, pinhole
 
 use super::colmap::LargestModel;
 use super::folders::{Folders, proxy_name};
-use crate::error::bail;
+use crate::error::{Context, bail};
 use crate::files::{remove_if_there, write_bytes};
 use crate::{Error, Event, ItemKind, Observer, Result};
 
@@ -53,7 +53,7 @@ struct Posed<'a> {
     seen: Camera,
     /// Camera of the full image, with its distortion.
     lens: Camera,
-    /// Camera of the undistorted image.
+    /// Camera of the undistorted image; a panorama's own.
     pinhole: Camera,
 }
 
@@ -104,8 +104,9 @@ fn posed_views<'a>(folders: &Folders, records: &'a [ViewRecord], model: &ColmapM
     for (index, image) in model.images.iter().enumerate() {
         let Some(record) = by_name.get(&image.name) else { continue };
         let seen = image.camera().map_err(|e| Error::new(format!("COLMAP's camera of {}: {e}", image.name)))?;
-        check_size(folders, &image.name, &seen, record)?;
-        let factor = record.proxy_reduction as f64;
+        let is_panorama = !seen.projection.is_pinhole();
+        check_size(folders, &image.name, seen.size_px, if is_panorama { record.size_px } else { record.proxy_px })?;
+        let factor = if is_panorama { 1.0 } else { record.proxy_reduction as f64 };
         let lens = Camera {
             focal_px: seen.focal_px * factor,
             center_px: seen.center_px * factor,
@@ -117,6 +118,7 @@ fn posed_views<'a>(folders: &Folders, records: &'a [ViewRecord], model: &ColmapM
                 == (lens.focal_px, lens.center_px, lens.size_px, lens.distortion)
         };
         let within = match pinholes.iter().find(|(of, _)| is_same(of)) {
+            _ if is_panorama => lens.clone(),
             Some((_, pinhole)) => pinhole.clone(),
             None => {
                 let pinhole = pinhole_within(&lens).ok_or_else(|| no_pinhole(&image.name, &lens.distortion))?;
@@ -132,9 +134,9 @@ fn posed_views<'a>(folders: &Folders, records: &'a [ViewRecord], model: &ColmapM
 }
 
 /// Refuses a model of pictures that differ in size from the proxies.
-fn check_size(folders: &Folders, name: &str, seen: &Camera, record: &ViewRecord) -> Result<()> {
-    let ([width, height], expected) = (seen.size_px, record.proxy_px.map(|s| s as u32));
-    if seen.size_px != expected {
+pub(super) fn check_size(folders: &Folders, name: &str, size_px: [u32; 2], expected: [usize; 2]) -> Result<()> {
+    let ([width, height], expected) = (size_px, expected.map(|side| side as u32));
+    if size_px != expected {
         bail!(
             "{}: {name} has {width} x {height} pixels in the model, expected {} x {} as in proxies/: the model is of other pictures; make \
              it from these, or remove it",
@@ -174,6 +176,10 @@ fn write_mask(folders: &Folders, view: &Posed<'_>) -> Result<()> {
     if !from.exists() {
         return remove_if_there(&to);
     }
+    if !view.lens.projection.is_pinhole() {
+        let mask = std::fs::read(&from).with_context(|| format!("{}: cannot read", from.display()))?;
+        return write_bytes(&to, &mask);
+    }
     let options = ReadOptions { transfer: Some(Transfer::Linear), layer: None };
     let (mask, _) = undistort_into(&read_image(&from, &options)?.image, &view.lens, &view.pinhole);
     let rgb8: Vec<u8> = mask.pixels.iter().flat_map(|[valid, ..]| [if *valid < MIN_VALID_SHARE { 0 } else { u8::MAX }; 3]).collect();
@@ -187,6 +193,11 @@ fn point_errors(posed: &[Posed<'_>], model: &ColmapModel) -> Vec<Vec<Option<f64>
         let view = by_index.get(&(image as usize))?;
         let [x, y] = *model.images.get(image as usize)?.features_px.get(feature as usize)?;
         let p = view.seen.camera_from_world.transform_point3(point.position);
+        if !view.seen.projection.is_pinhole() {
+            // Pixels of the panorama's middle: towards the poles its own are smaller.
+            let seen = view.seen.unproject(DVec2::new(x.into(), y.into()))?;
+            return Some(seen.angle_between(p) * view.seen.focal_px.x);
+        }
         let straight = (p.z > 0.0).then(|| DVec2::new(p.x / p.z, p.y / p.z))?;
         let at = view.seen.distortion.distort(straight) * view.seen.focal_px + view.seen.center_px;
         Some(at.distance(DVec2::new(f64::from(x), f64::from(y))))
@@ -256,7 +267,7 @@ fn write_model(folders: &Folders, posed: &[Posed<'_>], model: &ColmapModel, erro
 
 /// Returns coordinates without distortion, by fixed-point iteration. It converges within the part
 /// of the lens that does not fold.
-fn undistorted(distorted: DVec2, lens: &Distortion) -> DVec2 {
+pub(super) fn undistorted(distorted: DVec2, lens: &Distortion) -> DVec2 {
     let mut p = distorted;
     for _ in 0..40 {
         let step = lens.distort(p) - distorted;

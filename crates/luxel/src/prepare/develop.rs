@@ -1,7 +1,7 @@
 //! One view: from photographs to radiance, its proxy for structure from motion, and its metrics.
 //!
 //! In: a [`PlannedView`]. Out: `work/radiance/NAME.exr` (float, in the data set's space),
-//! `proxies/NAME.jpg`, `work/saturation/NAME.png` (a mask, black where a channel is saturated in
+//! `proxies/NAME.jpg` or a panorama's cut-outs, `work/saturation/NAME.png` (a mask, black where a channel is saturated in
 //! every exposure; only where there are such pixels), and a [`ViewRecord`]. Degenerate: a frame
 //! that cannot be decoded is left out with a reason; a view without any frame is an error, and the
 //! other views continue. A refusal of the system to read or write is not a photograph's fault
@@ -9,10 +9,11 @@
 
 use std::path::Path;
 
+use luxel_capture::panorama::{CutoutLens, Face, cut_out};
 use luxel_capture::prepare::{
-    CurveTables, LeftOut, Photograph, Plan, PlannedView, ViewRecord, conversion_from, developed_frame, raw_frame,
+    CurveTables, LeftOut, Photograph, Plan, PlannedView, SetProjection, ViewRecord, conversion_from, developed_frame, raw_frame,
 };
-use luxel_capture::{CapturedFrame, Developed, ProxyOptions, capture_metrics, frame_offset, merge, proxy};
+use luxel_capture::{CapturedFrame, Developed, Proxy, ProxyOptions, capture_metrics, frame_offset, merge, proxy};
 use luxel_core::{ColorSpace, Conversion, Image};
 use luxel_io::{
     DecodedImage, IoError, IoErrorKind, OcioSpace, Photo, PhotoKind, ReadOptions, Transfer, decode_image, decode_photo, decode_photo_layer,
@@ -21,7 +22,8 @@ use luxel_io::{
 use rayon::prelude::*;
 
 use super::dataset::Pixels;
-use super::folders::Folders;
+use super::folders::{Folders, proxy_name};
+use super::pictures::cutout_name;
 use super::state::key;
 use crate::error::bail;
 use crate::files::{remove_if_there, write_bytes};
@@ -49,6 +51,13 @@ pub(super) struct Developer<'a> {
     pub(super) downscale: u32,
     /// Digest of all settings that pixels depend on.
     pub(super) settings_key: String,
+}
+
+/// Size of a view's pictures for structure from motion.
+struct PictureSize {
+    size_px: [usize; 2],
+    /// Factor by which each side is smaller than the view's.
+    reduction: usize,
 }
 
 /// Pixels of a view, and statistics about them.
@@ -106,7 +115,7 @@ impl Developer<'_> {
         let (image, saturated) = self.reduced(image, saturated);
         let picture = proxy(&image, &ProxyOptions { max_side_px: PROXY_SIDE_PX });
         let metrics = capture_metrics(&image, &picture);
-        write_bytes(&self.folders.proxy(&view.name), &encode_jpeg(picture.width, picture.height, &picture.rgb8, PROXY_QUALITY)?)?;
+        let pictures = self.write_pictures(&view.name, &image, &picture)?;
         let mask = self.folders.saturation(&view.name);
         if saturated_share > 0.0 {
             let rgb8: Vec<u8> = saturated.iter().flat_map(|s| [if *s { 0 } else { 255 }; 3]).collect();
@@ -122,8 +131,8 @@ impl Developer<'_> {
             stops: used.iter().filter_map(|p| p.exposure).map(|e| e.stops()).collect(),
             camera: view.camera,
             size_px: [image.width, image.height],
-            proxy_px: [picture.width, picture.height],
-            proxy_reduction: picture.reduction,
+            proxy_px: pictures.size_px,
+            proxy_reduction: pictures.reduction,
             saturated: saturated_share,
             dark,
             negative: share(negative),
@@ -133,6 +142,36 @@ impl Developer<'_> {
             left_out,
             notes,
         })
+    }
+
+    /// Writes the pictures for structure from motion: `picture`, or cut-outs of a panorama.
+    fn write_pictures(&self, view: &str, image: &Image, picture: &Proxy) -> Result<PictureSize> {
+        let write = |name: &str, picture: &Proxy| {
+            let bytes = encode_jpeg(picture.width, picture.height, &picture.rgb8, PROXY_QUALITY)?;
+            write_bytes(&self.folders.output.join("proxies").join(name), &bytes)
+        };
+        match self.plan.projection {
+            SetProjection::Pinhole => {
+                write(&proxy_name(view), picture)?;
+                Ok(PictureSize { size_px: [picture.width, picture.height], reduction: picture.reduction })
+            }
+            SetProjection::Equirectangular => {
+                let lens = CutoutLens::for_width(image.width);
+                for face in Face::ALL {
+                    let picture = proxy(&cut_out(image, face, lens), &ProxyOptions { max_side_px: lens.side_px });
+                    write(&cutout_name(face, lens.side_px, view), &picture)?;
+                }
+                Ok(PictureSize { size_px: [lens.side_px; 2], reduction: 1 })
+            }
+        }
+    }
+
+    /// Returns the names below `proxies/` of a view's pictures.
+    pub(super) fn picture_names(&self, record: &ViewRecord) -> Vec<String> {
+        match self.plan.projection {
+            SetProjection::Pinhole => vec![proxy_name(&record.name)],
+            SetProjection::Equirectangular => Face::ALL.map(|face| cutout_name(face, record.proxy_px[0], &record.name)).to_vec(),
+        }
     }
 
     fn pixels(&self) -> Pixels {

@@ -56,11 +56,6 @@ impl Folders {
         self.work.join("radiance").join(format!("{view}.exr"))
     }
 
-    /// Returns the place of a view's picture for structure from motion.
-    pub(super) fn proxy(&self, view: &str) -> PathBuf {
-        self.output.join("proxies").join(proxy_name(view))
-    }
-
     /// Returns the place of the mask of saturated pixels as the lens saw them.
     pub(super) fn saturation(&self, view: &str) -> PathBuf {
         self.work.join("saturation").join(format!("{view}.png"))

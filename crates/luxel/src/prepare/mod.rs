@@ -16,6 +16,8 @@ mod exposures;
 mod folders;
 mod motion;
 mod options;
+mod panoramas;
+mod pictures;
 mod report;
 mod response;
 mod scan;
@@ -49,7 +51,7 @@ use crate::text::plural;
 use crate::{Error, Observer, Remedy, Result};
 
 pub use luxel_capture::BracketRule;
-pub use luxel_capture::prepare::{ResponseChoice, WhiteBalance};
+pub use luxel_capture::prepare::{ProjectionChoice, ResponseChoice, SetProjection, WhiteBalance};
 pub use luxel_capture::world::KnownDistance;
 
 /// The version of the way in which pixels are made; views of another version are made anew.
@@ -135,6 +137,7 @@ pub fn prepare(options: &PrepareOptions, observer: &dyn Observer) -> Result<Prep
         photos: options.photos.display().to_string(),
         photographs,
         color_space: options.color_space.name(),
+        projection: plan.projection.name(),
         units: if plan.is_absolute { report::ABSOLUTE_UNITS } else { "relative" },
         brackets: plan.brackets.to_owned(),
         response: curve.as_ref().map(|curve| curve.name.clone()),
@@ -267,7 +270,9 @@ fn ocio_space(options: &PrepareOptions, kind: PhotoKind) -> Result<Option<OcioSp
 fn settings_key(options: &PrepareOptions, plan: &Plan, curve: Option<&SetCurve>, ocio: Option<&OcioSpace>) -> String {
     let colors: Vec<String> = plan.cameras.iter().map(|c| format!("{:?}", c.color)).collect();
     let plates = options.transfer.map(|transfer| format!(" {transfer}")).unwrap_or_default();
-    let given = format!("{:?} {:?} {}{plates}", options.color_space, options.input_space, options.downscale);
+    // As other photographs have had it.
+    let panoramas = if plan.projection == SetProjection::Equirectangular { " panoramas" } else { "" };
+    let given = format!("{:?} {:?} {}{plates}{panoramas}", options.color_space, options.input_space, options.downscale);
     let tables = curve.map(|curve| format!("{:?}", curve.tables)).unwrap_or_default();
     let ocio = ocio.map_or("", OcioSpace::digest);
     let own = [PIXELS_VERSION, &given, &tables, ocio, &plan.is_absolute.to_string()];

@@ -6,17 +6,19 @@
 
 use std::collections::BTreeMap;
 
-use luxel_capture::prepare::{Registration, ViewRecord};
+use luxel_capture::prepare::{Plan, Registration, SetProjection, ViewRecord};
 
 use super::PrepareOptions;
 use super::colmap::{self, Colmap};
 use super::dataset::{self, Pixels};
 use super::develop::Developer;
 use super::options::{Features, Mapper, MotionOptions};
+use super::panoramas::{PanoramaModel, panorama_model};
+use super::pictures::Pictures;
 use super::state::{State, key};
 use super::world::{self, FileFacts, WorldReport};
 use crate::files::write_text;
-use crate::{Observer, Result};
+use crate::{Error, Observer, Remedy, Result};
 
 /// Poses of the views and their origin.
 pub(super) struct Poses {
@@ -45,7 +47,13 @@ pub(super) struct Motion<'a> {
 impl Motion<'_> {
     /// Refuses choices that the installed COLMAP lacks.
     pub(super) fn check(&self) -> Result<()> {
-        self.installed.map_or(Ok(()), |colmap| colmap.check(self.motion_options(), self.options.matching))
+        let usual = PrepareOptions::new("", "");
+        if self.is_panorama() && self.options.camera_model != usual.camera_model {
+            let message = "panoramas have no lens to fit: a camera model is for other photographs";
+            return Err(Error::new(message).with_remedy(Remedy::leave_out("camera_model")));
+        }
+        let projection = self.developer.plan.projection;
+        self.installed.map_or(Ok(()), |colmap| colmap.check(self.motion_options(), self.options.matching, projection))
     }
 
     /// Finds poses and writes the data set, or writes COLMAP's commands where there is none.
@@ -59,7 +67,8 @@ impl Motion<'_> {
     /// Returns the settings that poses depend on, for keys.
     pub(super) fn settings(&self) -> String {
         let PrepareOptions { camera_model, matching, features, mapper, .. } = self.options;
-        format!("{camera_model:?} {matching:?} {features:?} {mapper:?} {:?}", self.installed.map(|c| &c.version))
+        let panoramas = if self.is_panorama() { " panoramas" } else { "" };
+        format!("{camera_model:?} {matching:?} {features:?} {mapper:?} {:?}{panoramas}", self.installed.map(|c| &c.version))
     }
 
     fn run_colmap(&self, colmap: &Colmap, records: &[ViewRecord], state: &mut State, observer: &dyn Observer) -> Result<Poses> {
@@ -70,7 +79,7 @@ impl Motion<'_> {
         if is_given && colmap::largest_model(folders).is_ok() {
             return self.assemble_given(records, observer);
         }
-        let pairing = colmap.pairing(records, &self.facts(), self.options.matching)?;
+        let pairing = colmap.pairing(records, &self.facts(), self.options.matching, self.developer.plan.projection)?;
         let settings = self.settings();
         let sfm_key = key(records.iter().map(|r| r.key.as_str()).chain([settings.as_str()]));
         if state.sfm_key.as_ref() != Some(&sfm_key) || !folders.work.join("sparse").is_dir() {
@@ -78,9 +87,9 @@ impl Motion<'_> {
             // From here on work/sparse holds a model of this function.
             state.pictures.clear();
             state.save()?;
-            let steps = colmap.steps(folders, records, &self.developer.plan.cameras, self.motion_options(), &pairing)?;
+            let steps = colmap.steps(folders, &self.pictures(records), self.motion_options(), &pairing)?;
             observer.note(&format!("{}: {}", colmap.version, pairing.words()));
-            colmap.run(&steps, folders, records.len(), observer)?;
+            colmap.run(&steps, folders, observer)?;
             state.sfm_key = Some(sfm_key);
             state.pictures = pictures;
             state.save()?;
@@ -94,8 +103,12 @@ impl Motion<'_> {
             Mapper::Incremental => "incremental mapper",
             Mapper::Global => "global mapper",
         };
-        let lens = self.options.camera_model.name();
-        let origin = format!("{}, {features}, {}, {mapper}, lens model {lens}", colmap.version, pairing.words());
+        let lens = match (self.is_panorama(), colmap.abilities.rigs) {
+            (false, _) => format!("lens model {}", self.options.camera_model.name()),
+            (true, true) => "six cut-outs of each panorama as a rig".to_owned(),
+            (true, false) => "six cut-outs of each panorama, whose poses are averaged".to_owned(),
+        };
+        let origin = format!("{}, {features}, {}, {mapper}, {lens}", colmap.version, pairing.words());
         Ok(Poses { registration: Some(registration), origin, world })
     }
 
@@ -103,8 +116,8 @@ impl Motion<'_> {
         let folders = self.developer.folders;
         let pictures = self.picture_keys(records);
         let colmap = Colmap::unknown(&self.options.colmap);
-        let pairing = colmap.pairing(records, &self.facts(), self.options.matching)?;
-        let steps = colmap.steps(folders, records, &self.developer.plan.cameras, self.motion_options(), &pairing)?;
+        let pairing = colmap.pairing(records, &self.facts(), self.options.matching, self.developer.plan.projection)?;
+        let steps = colmap.steps(folders, &self.pictures(records), self.motion_options(), &pairing)?;
         let path = folders.output.join("colmap.sh");
         write_text(&path, &colmap.script(&steps, folders))?;
         let given = folders.work.join("sparse");
@@ -140,6 +153,11 @@ impl Motion<'_> {
     fn assemble(&self, records: &[ViewRecord], observer: &dyn Observer) -> Result<Assembled> {
         let Developer { folders, plan, space, .. } = *self.developer;
         let mut model = colmap::largest_model(folders)?;
+        if self.is_panorama() {
+            let PanoramaModel { model: panoramas, note } = panorama_model(folders, records, &model.model)?;
+            model.model = panoramas;
+            note.iter().for_each(|note| observer.warn(note));
+        }
         let world = world::place(&mut model.model, records, &self.facts(), self.options)?;
         let registration = dataset::write(folders, records, &model, Pixels { space, is_absolute: plan.is_absolute }, observer)?;
         Ok(Assembled { registration, world })
@@ -149,9 +167,18 @@ impl Motion<'_> {
         FileFacts::new(self.developer.plan, self.developer.photos)
     }
 
+    fn is_panorama(&self) -> bool {
+        self.developer.plan.projection == SetProjection::Equirectangular
+    }
+
+    fn pictures(&self, records: &[ViewRecord]) -> Pictures {
+        let Plan { cameras, projection, .. } = self.developer.plan;
+        Pictures::new(records, cameras, self.options.camera_model, *projection)
+    }
+
     fn motion_options(&self) -> MotionOptions {
-        let &PrepareOptions { camera_model, features, mapper, .. } = self.options;
-        MotionOptions { camera_model, features, mapper }
+        let &PrepareOptions { features, mapper, .. } = self.options;
+        MotionOptions { features, mapper }
     }
 
     /// Returns the keys of the pictures that structure from motion gets, by view.

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use luxel_capture::BracketRule;
-use luxel_capture::prepare::{PlanOptions, PrepareNote, ResponseChoice, WhiteBalance};
+use luxel_capture::prepare::{PlanOptions, PrepareNote, ProjectionChoice, ResponseChoice, WhiteBalance};
 use luxel_capture::world::KnownDistance;
 use luxel_core::ColorSpace;
 use luxel_io::Transfer;
@@ -29,6 +29,8 @@ pub struct PrepareOptions {
     pub ffmpeg: PathBuf,
     /// The folder of the data set.
     pub output: PathBuf,
+    /// Whether photographs are panoramas.
+    pub projection: ProjectionChoice,
     /// How photographs are grouped into brackets.
     pub brackets: BracketRule,
     /// List of exposures that replace those of EXIF.
@@ -80,6 +82,7 @@ impl PrepareOptions {
             output: output.into(),
             frames: 150,
             ffmpeg: "ffmpeg".into(),
+            projection: ProjectionChoice::Auto,
             brackets: BracketRule::Auto,
             exposures: None,
             response: ResponseChoice::Auto,
@@ -112,6 +115,7 @@ impl PrepareOptions {
             white_balance: self.white_balance.clone(),
             color_space: self.color_space,
             input_space: self.input_space,
+            projection: self.projection,
         }
     }
 }
@@ -220,7 +224,6 @@ pub enum Mapper {
 /// Options of COLMAP.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct MotionOptions {
-    pub(super) camera_model: CameraModel,
     pub(super) features: Features,
     pub(super) mapper: Mapper,
 }

@@ -38,6 +38,8 @@ def describe():
         print("global")
     if hasattr(pycolmap, "match_image_pairs"):
         print("pairs")
+    if hasattr(pycolmap, "apply_rig_config"):
+        print("rigs")
 
 
 def read_options(words):
@@ -89,9 +91,22 @@ def match_pairs(options):
     match(pycolmap.match_image_pairs, options, pairing_options=pairing)
 
 
+def configure_rigs(options):
+    configs = pycolmap.read_rig_config(options["rig_config_path"])
+    # Databases are opened by a function since 4.0.
+    database = getattr(pycolmap.Database, "open", pycolmap.Database)(options["database_path"])
+    pycolmap.apply_rig_config(configs, database)
+    database.close()
+
+
 def reconstruct(function, options):
     arguments = {name: options[name] for name in ("database_path", "image_path", "output_path")}
     os.makedirs(arguments["output_path"], exist_ok=True)
+    choices = {name.removeprefix("Mapper."): value for name, value in options.items() if name.startswith("Mapper.")}
+    if choices:
+        arguments["options"] = pycolmap.IncrementalPipelineOptions()
+        for name, value in choices.items():
+            setattr(arguments["options"], name, value != "0")
     if not function(**arguments):
         print("no model was found")
 
@@ -101,6 +116,7 @@ def main(words):
     commands = {
         "describe": describe,
         "feature_extractor": lambda: extract(options),
+        "rig_configurator": lambda: configure_rigs(options),
         "exhaustive_matcher": lambda: match(pycolmap.match_exhaustive, options),
         "sequential_matcher": lambda: match(pycolmap.match_sequential, options),
         "matches_importer": lambda: match_pairs(options),

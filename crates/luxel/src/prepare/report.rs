@@ -65,6 +65,8 @@ pub struct PrepareReport {
     pub photographs: usize,
     /// Colour space of the images.
     pub color_space: &'static str,
+    /// Projection of the images: `pinhole` or `equirectangular`.
+    pub projection: &'static str,
     /// Units of the images.
     pub units: &'static str,
     /// Description of how brackets were found.
@@ -122,7 +124,7 @@ fn facts(report: &PrepareReport) -> Vec<(String, String)> {
     let mut facts = vec![
         ("photographs".to_owned(), format!("{} in {}", text::plural(report.photographs, "file"), text::plural(report.views.len(), "view"))),
         ("brackets".to_owned(), report.brackets.clone()),
-        ("images".to_owned(), format!("{}, {}", report.color_space, report.units)),
+        ("images".to_owned(), format!("{}, {}, {}", report.projection, report.color_space, report.units)),
         ("range of the set".to_owned(), format!("{:.1} stops", report.range_stops)),
         ("structure from motion".to_owned(), report.structure_from_motion.clone()),
     ];

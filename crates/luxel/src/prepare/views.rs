@@ -28,7 +28,7 @@ pub(super) fn develop_all(
     let mut todo: Vec<&PlannedView> = Vec::new();
     for view in views {
         let record = state.view(&view.name, &developer.key(view));
-        match record.filter(|_| is_there(developer, view)) {
+        match record.filter(|record| is_there(developer, record)) {
             Some(record) => done.push(record.clone()),
             None => todo.push(view),
         }
@@ -88,7 +88,8 @@ pub(super) fn develop_all(
 }
 
 /// Returns whether the files of a view are there.
-fn is_there(developer: &Developer<'_>, view: &PlannedView) -> bool {
-    let folders = developer.folders;
-    folders.radiance(&view.name).is_file() && folders.proxy(&view.name).is_file()
+fn is_there(developer: &Developer<'_>, record: &ViewRecord) -> bool {
+    let pictures = developer.picture_names(record);
+    let proxies = developer.folders.output.join("proxies");
+    developer.folders.radiance(&record.name).is_file() && pictures.iter().all(|name| proxies.join(name).is_file())
 }

@@ -8,7 +8,7 @@
 use std::collections::HashMap;
 
 use glam::DVec3;
-use luxel_capture::prepare::{Photograph, Plan, PrepareNote, ViewRecord};
+use luxel_capture::prepare::{Photograph, Plan, PrepareNote, SetProjection, ViewRecord};
 use luxel_capture::world::{GpsFit, OriginSource, ScaleSource, UpSource, World, WorldView, find_world};
 use luxel_core::Remedy;
 use luxel_core::photo::Exif;
@@ -20,13 +20,14 @@ use super::folders::proxy_name;
 use crate::{Error, Result};
 
 /// Version of the way in which coordinates are found.
-const WORLD_VERSION: &str = "1";
+const WORLD_VERSION: &str = "2";
 /// Views that see a point whose place is trusted.
 const TRUSTED_TRACK: usize = 3;
 
 /// The facts that photographs state about their place.
 pub(super) struct FileFacts<'a> {
     by_view: HashMap<&'a str, Exif>,
+    is_panorama: bool,
 }
 
 impl<'a> FileFacts<'a> {
@@ -40,7 +41,8 @@ impl<'a> FileFacts<'a> {
                 ..Exif::default()
             }
         };
-        Self { by_view: plan.views.iter().map(|view| (view.name.as_str(), of_view(&view.frames))).collect() }
+        let by_view = plan.views.iter().map(|view| (view.name.as_str(), of_view(&view.frames))).collect();
+        Self { by_view, is_panorama: plan.projection == SetProjection::Equirectangular }
     }
 
     /// Returns the facts about a view.
@@ -151,7 +153,8 @@ pub(super) fn place(
             let record = by_name.get(&image.name)?;
             let Exif { orientation, gps, pitch_deg, .. } = facts.view(&record.name);
             let (name, files) = (record.name.clone(), record.files.clone());
-            Some(WorldView { name, files, camera_from_world: image.camera_from_world, orientation, pitch_deg, gps })
+            let camera_from_world = image.camera_from_world;
+            Some(WorldView { name, files, camera_from_world, orientation, pitch_deg, gps, is_panorama: facts.is_panorama })
         })
         .collect();
     let trusted: Vec<DVec3> = model.points.iter().filter(|p| p.track.len() >= TRUSTED_TRACK).map(|p| p.position).collect();

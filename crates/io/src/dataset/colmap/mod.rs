@@ -12,12 +12,14 @@ mod submodels;
 mod text;
 mod write;
 
+use std::f64::consts::{PI, TAU};
 use std::path::{Path, PathBuf};
 
-use glam::{DAffine3, DMat3, DQuat, DVec3};
+use glam::{DAffine3, DMat3, DQuat, DVec2, DVec3};
 use luxel_core::Camera;
 
-use super::intrinsics::Intrinsics;
+use super::intrinsics::{Intrinsics, LensImage};
+use crate::lens::{Base, Lens, Warp};
 use crate::read_file::read_file;
 use crate::{IoError, PlyPoint, read_points_ply};
 
@@ -56,6 +58,14 @@ pub struct ColmapImage {
 }
 
 impl ColmapImage {
+    /// Returns a whole panorama of `size_px` pixels, without features.
+    pub fn panorama(id: u32, name: String, camera_from_world: DAffine3, size_px: [u32; 2]) -> Self {
+        let size = DVec2::from(size_px.map(f64::from));
+        let lens = Lens { base: Base::Equirectangular, warp: Warp::default() };
+        let image = LensImage { size_px, focal_px: size / DVec2::new(TAU, PI), center_px: 0.5 * size, lens };
+        Self { id, name, camera_from_world, intrinsics: image.intrinsics(), features_px: Vec::new() }
+    }
+
     /// Returns the pose and lens, of the image that COLMAP saw.
     ///
     /// # Errors

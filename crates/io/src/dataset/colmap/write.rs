@@ -1,14 +1,15 @@
-//! COLMAP models out, as text: pinhole cameras, one per lens.
+//! COLMAP models out, as text: pinhole cameras and whole panoramas, one per lens.
 //!
 //! In: images with their undistorted cameras and features, and points whose tracks are indices into
 //! them. Out: `cameras.txt`, `images.txt`, `points3D.txt` in a folder. Ids count from 1. Numbers
 //! are written such that they are read back to the bit.
 
+use std::f64::consts::{PI, TAU};
 use std::fmt::Write;
 use std::path::Path;
 
-use glam::DQuat;
-use luxel_core::Camera;
+use glam::{DQuat, DVec2};
+use luxel_core::{Camera, CameraProjection};
 
 use super::ColmapPoint;
 use crate::{IoError, write_atomically};
@@ -54,19 +55,17 @@ pub fn write_text(folder: &Path, images: &[PosedImage], points: &[MeasuredPoint]
         if name.contains(['\n', '\r']) {
             return Err(IoError::invalid(folder, format!("image name {name:?} has a line break")));
         }
-        if !camera.projection.is_pinhole() {
+        let model = model_of(camera).ok_or_else(|| {
             let projection = camera.projection.name();
-            return Err(IoError::unsupported(
-                folder,
-                format!("image {name} has a camera with {projection} projection, expected a pinhole"),
-            ));
-        }
-        let same = |lens: &&Camera| (lens.size_px, lens.focal_px, lens.center_px) == (camera.size_px, camera.focal_px, camera.center_px);
+            let message = format!("image {name} has a camera with {projection} projection, expected a pinhole or a whole panorama");
+            IoError::unsupported(folder, message)
+        })?;
+        let lens_of = |camera: &Camera| (camera.size_px, camera.focal_px, camera.center_px, camera.projection);
+        let same = |lens: &&Camera| lens_of(lens) == lens_of(camera);
         let lens = lenses.iter().position(same).unwrap_or_else(|| {
-            let ([w, h], f, c) = (camera.size_px, camera.focal_px, camera.center_px);
             lenses.push(camera);
             // Writing into a string does not fail.
-            let _ = writeln!(cameras, "{} PINHOLE {w} {h} {} {} {} {}", lenses.len(), f.x, f.y, c.x, c.y);
+            let _ = writeln!(cameras, "{} {model}", lenses.len());
             lenses.len() - 1
         });
         let q = DQuat::from_mat3(&camera.camera_from_world.matrix3).normalize();
@@ -88,12 +87,27 @@ pub fn write_text(folder: &Path, images: &[PosedImage], points: &[MeasuredPoint]
     Ok(())
 }
 
+/// Returns COLMAP's model of a camera, its size and its parameters; `None` for a projection that no
+/// model has.
+fn model_of(camera: &Camera) -> Option<String> {
+    let ([w, h], f, c) = (camera.size_px, camera.focal_px, camera.center_px);
+    match camera.projection {
+        CameraProjection::Pinhole => Some(format!("PINHOLE {w} {h} {} {} {} {}", f.x, f.y, c.x, c.y)),
+        CameraProjection::Equirectangular => {
+            let size = DVec2::new(w.into(), h.into());
+            let is_whole = f.abs_diff_eq(size / DVec2::new(TAU, PI), 1e-6) && c.abs_diff_eq(0.5 * size, 1e-6);
+            is_whole.then(|| format!("EQUIRECTANGULAR {w} {h} {w} {h}"))
+        }
+        CameraProjection::Fisheye(_) => None,
+    }
+}
+
 #[cfg(test)]
 mod tests {
-    use glam::{DAffine3, DMat3, DVec2, DVec3};
-    use luxel_core::{CameraProjection, Distortion};
+    use glam::{DAffine3, DMat3, DVec3};
+    use luxel_core::Distortion;
 
-    use super::super::read_colmap_model;
+    use super::super::{ColmapImage, read_colmap_model};
     use super::*;
 
     fn camera(angle: f64) -> Camera {
@@ -127,6 +141,22 @@ mod tests {
             assert_eq!((found.focal_px, found.center_px, found.size_px), (expected.focal_px, expected.center_px, expected.size_px));
         }
         assert!(std::fs::read_to_string(folder.path().join("cameras.txt")).unwrap().lines().count() == 2);
+    }
+
+    #[test]
+    fn panoramas_are_read_back_and_parts_of_them_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let whole = Camera::panorama(camera(0.3).camera_from_world, 64);
+        let image = |camera: Camera| PosedImage { name: "a.exr".to_owned(), camera, features_px: vec![[1.5, 30.0]] };
+        write_text(folder.path(), &[image(whole.clone())], &[]).unwrap();
+        let model = read_colmap_model(folder.path()).unwrap();
+        let found = model.images[0].camera().unwrap();
+        assert_eq!((found.size_px, found.projection), (whole.size_px, whole.projection));
+        assert!(found.focal_px.abs_diff_eq(whole.focal_px, 1e-12) && found.camera_from_world.abs_diff_eq(whole.camera_from_world, 1e-12));
+        let made = ColmapImage::panorama(1, "a.exr".to_owned(), whole.camera_from_world, [64, 32]).camera().unwrap();
+        assert!(made.focal_px.abs_diff_eq(whole.focal_px, 1e-12) && made.center_px == whole.center_px);
+        let part = Camera { center_px: DVec2::new(32.0, 8.0), ..whole };
+        assert!(write_text(folder.path(), &[image(part)], &[]).unwrap_err().message.contains("expected a pinhole or a whole panorama"));
     }
 
     #[test]
