@@ -10,7 +10,7 @@ use luxel_io::{Appearance, BakeOptions, Baked, SpzVersion, encode_baked_ply, enc
 fn main() -> Result<(), Box<dyn Error>> {
     let lcd = ColorModel::Lcd { chroma_degree: 1, luminance_degree: 0, activation: Activation::Softplus };
     let splats = synthetic::room(3, 7).with_color_model(lcd).ok_or("a room of harmonics has every model")?;
-    let scene = Scene { splats, radiance_scale: RadianceScale::new(2.0).unwrap(), color_space: ColorSpace::AcesCg, raster: RasterConfig::default(), edits: Vec::new(), world_from_local: luxel_core::Similarity::IDENTITY };
+    let scene = Scene { splats, radiance_scale: RadianceScale::new(2.0).unwrap(), color_space: ColorSpace::AcesCg, raster: RasterConfig::default(), edits: Vec::new(), world_from_local: luxel_core::Similarity::IDENTITY, metres_per_unit: None };
     let bake = |appearance, max_degree| Baked::new(&scene, &BakeOptions { appearance, max_degree });
     let display = bake(Appearance::PREVIEW, 1);
     let linear = bake(Appearance::Linear { color_space: ColorSpace::LinearRec709, exposure_ev: 0.0 }, 0);

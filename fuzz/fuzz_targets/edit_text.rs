@@ -27,7 +27,7 @@ fn scene(color_model: ColorModel) -> Scene {
         });
     }
     let raster = RasterConfig::default();
-    Scene { splats, radiance_scale: RadianceScale::new(2.0).unwrap(), color_space: ColorSpace::LinearRec709, raster, edits: Vec::new(), world_from_local: luxel_core::Similarity::IDENTITY }
+    Scene { splats, radiance_scale: RadianceScale::new(2.0).unwrap(), color_space: ColorSpace::LinearRec709, raster, edits: Vec::new(), world_from_local: luxel_core::Similarity::IDENTITY, metres_per_unit: None }
 }
 
 fn apply(edits: &[Edit], color_model: ColorModel, sh_map: ShMap) {

@@ -25,6 +25,7 @@ fn workplace() -> Workplace {
         raster,
         edits: Vec::new(),
         world_from_local: luxel_core::Similarity::IDENTITY,
+        metres_per_unit: None,
     };
     luxel_io::write_scene_ply(&place.path("room.ply"), &scene).unwrap();
     write_camera(&place, |_| {});
@@ -184,6 +185,7 @@ fn scenes_that_cannot_be_measured_as_asked_are_named() {
             raster,
             edits: Vec::new(),
             world_from_local: luxel_core::Similarity::IDENTITY,
+            metres_per_unit: None,
         };
         luxel_io::write_scene_ply(&place.path(name), &scene).unwrap();
     };

@@ -207,6 +207,7 @@ fn balls(color_model: ColorModel) -> Scene {
         raster,
         edits: Vec::new(),
         world_from_local: luxel_core::Similarity::IDENTITY,
+        metres_per_unit: None,
     }
 }
 

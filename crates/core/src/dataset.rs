@@ -188,6 +188,8 @@ pub struct Dataset {
     /// The transform from the coordinates of cameras and points (local) to those of the files
     /// (world); the identity for scenes of usual size near the origin, see [`crate::SceneBounds`].
     pub world_from_local: Similarity,
+    /// Length of a unit of the world, metres; `None` if nothing states it.
+    pub metres_per_unit: Option<f64>,
 }
 
 impl Dataset {

@@ -9,6 +9,9 @@ pub use corrections::{CropRect, Gain, GainMap, GainShape, LensStep, RawCorrectio
 
 use crate::{Chromaticities, ColorSpace};
 
+/// Stops by which exposures that are equal may differ in EXIF, which rounds them.
+pub const EQUAL_EXPOSURES_STOPS: f64 = 0.15;
+
 /// The kind of content of a photograph's file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PhotoKind {

@@ -22,6 +22,8 @@ pub struct Scene {
     /// The transform from the coordinates of the splats (local) to those of the data set (world);
     /// the identity for scenes of usual size near the origin, see [`crate::SceneBounds`].
     pub world_from_local: Similarity,
+    /// Length of a unit of the world, metres; `None` if it is unknown.
+    pub metres_per_unit: Option<f64>,
 }
 
 impl Scene {
@@ -39,6 +41,7 @@ impl Scene {
     ///     raster: RasterConfig { samples: 2, ..RasterConfig::default() },
     ///     edits: Vec::new(),
     ///     world_from_local: Similarity::IDENTITY,
+    ///     metres_per_unit: None,
     /// };
     /// assert_eq!(scene.render_options().raster.samples, 2);
     /// ```

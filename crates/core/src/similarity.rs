@@ -50,6 +50,12 @@ impl Similarity {
         Self::new(rotation, 1.0, DVec3::ZERO)
     }
 
+    /// Returns the transform without its translation.
+    #[must_use]
+    pub fn linear(&self) -> Self {
+        Self { translation: DVec3::ZERO, ..*self }
+    }
+
     /// Returns the place of the old origin in the new world.
     pub fn translation(&self) -> DVec3 {
         self.translation

@@ -20,7 +20,7 @@ use serde::Serialize;
 
 use crate::local_frame::LocalFrame;
 use crate::read_file::open_regular;
-use crate::validity::is_usable;
+use crate::validity::{is_length, is_usable};
 use crate::{IoError, write_atomically};
 
 mod files;
@@ -40,6 +40,8 @@ const LENGTH_BYTES: u64 = 8;
 const DIGEST_KEY: &str = "blake3";
 /// Local coordinates, where they are not those of the world.
 const FRAME_KEY: &str = "local_frame";
+/// Length of a unit of the world, metres, where it is known.
+const METRES_KEY: &str = "metres_per_unit";
 
 /// Head of a safetensors file in a fixed order.
 #[derive(Serialize)]
@@ -157,6 +159,9 @@ fn metadata_of(snapshot: &Snapshot) -> std::io::Result<BTreeMap<&'static str, St
     if let Some(frame) = LocalFrame::from_similarity(&scene.world_from_local) {
         metadata.insert(FRAME_KEY, serde_json::to_string(&frame)?);
     }
+    if let Some(metres) = scene.metres_per_unit {
+        metadata.insert(METRES_KEY, format!("{metres:e}"));
+    }
     Ok(metadata)
 }
 
@@ -234,6 +239,8 @@ fn read<R: Read>(path: &Path, mut reader: R, length: u64) -> Result<Snapshot, Io
         Some(json) => LocalFrame::parse(json).and_then(|frame| frame.world_from_local()),
     };
     let world_from_local = world_from_local.ok_or_else(|| wrong(FRAME_KEY, "an origin and a positive unit"))?;
+    let is_metres = |text: &String| text.parse().ok().filter(is_length).ok_or_else(|| wrong(METRES_KEY, "a number above 0"));
+    let metres_per_unit = metadata.get(METRES_KEY).map(is_metres).transpose()?;
     let state_json = value("state")?.clone();
     let count: usize = value("splats")?.parse().map_err(|_| wrong("splats", "a whole number"))?;
     let claimed = value(DIGEST_KEY)?.clone();
@@ -252,7 +259,7 @@ fn read<R: Read>(path: &Path, mut reader: R, length: u64) -> Result<Snapshot, Io
         splats.validate().map_err(|e| IoError::invalid(path, e))?;
     }
     Ok(Snapshot {
-        scene: Scene { splats, radiance_scale, color_space, raster, edits: Vec::new(), world_from_local },
+        scene: Scene { splats, radiance_scale, color_space, raster, edits: Vec::new(), world_from_local, metres_per_unit },
         moments,
         stats,
         average,

@@ -48,15 +48,15 @@ pub use dataset::{
     MAX_RELATIVE_ERROR, MaskSource, MetashapeCameras, PosedCamera, RecordedPose, SplitLists, Supervision, Transforms, TransformsFrame,
     UnknownFormat, VIEWS_IN_USE, colmap, composed, decode_mask, describe_dataset, detect_format, load_dataset, load_dataset_within,
     parse_exposures, parse_metashape, parse_polycam_camera, parse_poses_bounds, parse_realityscan_table, parse_realityscan_xmp,
-    parse_record3d, parse_recorded_poses, parse_split, parse_transforms,
+    parse_record3d, parse_recorded_poses, parse_split, parse_transforms, prepared_metres_per_unit,
 };
 pub use depth::{DepthFolder, DepthKind, DepthMap, DepthReport, decode_depth_map, find_depth};
 pub use error::{IoError, IoErrorKind};
 pub use gltf::{decode_glb, encode_glb, read_glb, write_glb};
 pub use image::{
     DecodedImage, ExrAttributes, ExrOptions, ExrSample, HALF_MAX, LightLevels, ReadOptions, SampleDepth, Transfer, decode_codes,
-    decode_image, downscale, downscale_masked, encode_exr, encode_jpeg, encode_png, encode_png_pq, image_size, pinhole_within, read_codes,
-    read_exr_attributes, read_image, undistort, undistort_into, write_exr, write_png,
+    decode_image, downscale, downscale_masked, encode_exr, encode_jpeg, encode_png, encode_png_pq, holds_radiance, image_size,
+    pinhole_within, read_codes, read_exr_attributes, read_image, undistort, undistort_into, write_exr, write_png,
 };
 pub use luxel_core::photo::{Codes, Exif, IccProfile, PhotoInfo, PhotoKind, RawInfo, RawPixels};
 pub use memory::{available_memory, given_memory_limit, memory_limit, set_memory_limit, system_memory};

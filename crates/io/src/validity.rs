@@ -49,3 +49,8 @@ pub(crate) fn is_usable(raster: &RasterConfig) -> bool {
         && c.near >= 0.0
         && c.near.is_finite()
 }
+
+/// Returns whether a length in metres is one that a unit may have.
+pub(crate) fn is_length(metres: &f64) -> bool {
+    metres.is_normal() && *metres > 0.0
+}

@@ -591,3 +591,17 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn a_curve_that_no_image_has_a_use_for_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let image = luxel_core::Image { width: 4, height: 4, pixels: vec![[0.5; 3]; 16] };
+    luxel_io::write_exr(&folder.path().join("a.exr"), &image, &luxel_io::ExrOptions::default()).unwrap();
+    let json = r#"{"fl_x": 4, "metres_per_unit": 0.5, "frames": [{"file_path": "a.exr", "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}]}"#;
+    std::fs::write(folder.path().join("transforms.json"), json).unwrap();
+    let load = |transfer| load_dataset(folder.path(), &LoadOptions { transfer, ..LoadOptions::default() }).unwrap();
+    let has_line = |dataset: &Dataset| dataset.warnings.iter().any(|w| w.contains("the transfer curve linear has no effect"));
+    let dataset = load(Some(Transfer::Linear));
+    assert!(has_line(&dataset) && dataset.metres_per_unit == Some(0.5), "{:?}", dataset.warnings);
+    assert!(!has_line(&load(None)));
+}

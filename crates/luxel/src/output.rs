@@ -316,6 +316,7 @@ mod tests {
             raster: luxel_core::RasterConfig::default(),
             edits: Vec::new(),
             world_from_local: luxel_core::Similarity::IDENTITY,
+            metres_per_unit: None,
         }
     }
 }

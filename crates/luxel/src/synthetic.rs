@@ -23,6 +23,7 @@ pub fn room(count: usize, seed: u64) -> Scene {
         raster,
         edits: Vec::new(),
         world_from_local: luxel_core::Similarity::IDENTITY,
+        metres_per_unit: None,
     })
 }
 

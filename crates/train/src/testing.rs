@@ -51,6 +51,7 @@ pub(crate) fn dataset_of(train: Vec<View>) -> Dataset {
         fingerprint: "0123".to_owned(),
         warnings: Vec::new(),
         world_from_local: luxel_core::Similarity::IDENTITY,
+        metres_per_unit: None,
     }
 }
 

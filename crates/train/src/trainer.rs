@@ -37,6 +37,7 @@ pub struct Trainer {
     views: TrainingViews,
     color_space: ColorSpace,
     world_from_local: Similarity,
+    metres_per_unit: Option<f64>,
     schedule: Schedule,
     state: State,
     /// The mean of the parameters over the steps so far, while it is being taken.
@@ -256,6 +257,7 @@ impl Trainer {
         let (splats, moments) = self.engine.save()?;
         let raster = self.render_options().raster;
         let (radiance_scale, color_space) = (self.state.radiance_scale, self.color_space);
-        Ok((Scene { splats, radiance_scale, color_space, raster, edits: Vec::new(), world_from_local: self.world_from_local }, moments))
+        let (world_from_local, metres_per_unit) = (self.world_from_local, self.metres_per_unit);
+        Ok((Scene { splats, radiance_scale, color_space, raster, edits: Vec::new(), world_from_local, metres_per_unit }, moments))
     }
 }

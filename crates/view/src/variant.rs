@@ -89,8 +89,8 @@ impl Clip {
         let kept = (0u32..).zip(&scene.splats.position).filter(|(_, position)| range.contains(&depth(**position)));
         let splats = scene.splats.select(kept.map(|(i, _)| i));
         let edits = Vec::new();
-        let luxel_core::Scene { radiance_scale, color_space, raster, world_from_local, .. } = **scene;
-        luxel_core::Scene { splats, radiance_scale, color_space, raster, edits, world_from_local }.into()
+        let luxel_core::Scene { radiance_scale, color_space, raster, world_from_local, metres_per_unit, .. } = **scene;
+        luxel_core::Scene { splats, radiance_scale, color_space, raster, edits, world_from_local, metres_per_unit }.into()
     }
 }
 

@@ -4,11 +4,14 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use luxel::Bake;
-use luxel::export::{BakeKind, CropBox, ExportOptions};
+use luxel::export::{BakeKind, CropBox, ExportOptions, FileScale};
 use luxel_io::SpzVersion;
 
 use super::SceneDataArgs;
-use crate::args::values::{SpaceArg, TonemapArg, UpArg, parse_crop, parse_finite, parse_positive, parse_ratio};
+use crate::args::values::{
+    RotationArg, SpaceArg, TonemapArg, UpArg, parse_crop, parse_finite, parse_point, parse_positive, parse_positive_f64, parse_ratio,
+    rotation,
+};
 
 /// `luxel export`.
 #[derive(Debug, Args)]
@@ -55,14 +58,29 @@ pub(crate) struct ExportArgs {
     /// Shorten splats that are longer than this times their width, 1 or more: needles.
     #[arg(long, value_parser = parse_ratio, value_name = "RATIO", help_heading = "Splats")]
     pub(crate) max_aspect: Option<f32>,
+    /// Point of the scene, x,y,z in the world of its data set, that becomes the origin of the file.
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = parse_point, help_heading = "World")]
+    pub(crate) origin: Option<[f64; 3]>,
+    /// Turn the scene about its origin: x:90 is a quarter turn about the x axis of the data set's
+    /// world, from y to z; the axis is x, y, z or a direction X,Y,Z. Several turns are made in order,
+    /// before --up.
+    #[arg(long, value_name = "AXIS:DEGREES", allow_hyphen_values = true, help_heading = "World")]
+    pub(crate) rotate: Vec<RotationArg>,
     /// Direction of the scene that is up; the file is turned so that its format's up axis is there
     /// [default: .ply and .spz as they are, others by the data set's cameras; without a data set
     /// -y].
     #[arg(long, value_enum, value_name = "AXIS", allow_hyphen_values = true, help_heading = "World")]
     pub(crate) up: Option<UpArg>,
-    /// Lengths are multiplied by this: metres of one unit of the scene.
+    /// Lengths are multiplied by this.
     #[arg(long, default_value_t = 1.0, value_parser = parse_positive, value_name = "FACTOR", help_heading = "World")]
     pub(crate) scale: f32,
+    /// Scale the scene so that a unit of the file is this long, metres: 1 for metres, 0.01 for
+    /// centimetres. The scale of the scene must be known.
+    #[arg(long, value_parser = parse_positive_f64, value_name = "METRES", conflicts_with = "scale", help_heading = "World")]
+    pub(crate) scale_to: Option<f64>,
+    /// Length of a unit of the scene, metres [default: what its data set states].
+    #[arg(long, value_parser = parse_positive_f64, value_name = "METRES", help_heading = "World")]
+    pub(crate) metres_per_unit: Option<f64>,
     /// Version of an .spz file.
     #[arg(long, value_enum, default_value_t, value_name = "VERSION", help_heading = "World")]
     pub(crate) spz_version: SpzVersionArg,
@@ -87,8 +105,11 @@ impl ExportArgs {
             crop: self.crop,
             max_splats: self.max_splats,
             max_aspect: self.max_aspect,
+            origin: self.origin,
+            rotation: rotation(&self.rotate),
             up: UpArg::up(self.up),
-            scale: self.scale,
+            scale: self.scale_to.map_or(FileScale::Factor(self.scale), FileScale::MetresPerUnit),
+            metres_per_unit: self.metres_per_unit,
             spz_version: self.spz_version.into(),
         }
     }

@@ -36,7 +36,9 @@ pub(crate) fn run(args: &ExportArgs, explicit: &ExplicitArgs) -> Result<()> {
     if let Some(positions) = &exported.positions {
         warn_of_positions(positions, &console);
     }
-    if let (Some([x, y, z]), Format::Spz) = (exported.origin, Format::from_path(&args.output)?) {
+    warn_of_scale(args, &exported, &console)?;
+    // An origin that was asked for is where it should be.
+    if let (Some([x, y, z]), Format::Spz, None) = (exported.origin, Format::from_path(&args.output)?, args.origin) {
         console.warn(&format!(
             "positions are relative to the origin {x}, {y}, {z} of the data set's coordinates, for which SPZ has no place; .ply, .glb and \
              .usda state it"
@@ -44,6 +46,15 @@ pub(crate) fn run(args: &ExportArgs, explicit: &ExplicitArgs) -> Result<()> {
     }
     let tree = describe(args, &exported);
     console.finish(tree.json(), tree.text().trim_end())
+}
+
+/// Says where lengths are not those that the format takes them for.
+fn warn_of_scale(args: &ExportArgs, exported: &Exported, console: &Console) -> Result<()> {
+    let is_glb = Format::from_path(&args.output)? == Format::Glb;
+    if let Some(metres) = exported.metres_per_unit.filter(|metres| is_glb && (metres - 1.0).abs() > 1e-6) {
+        console.warn(&format!("glTF takes a unit for a metre, and one of this file is {metres} m: --scale-to 1 makes metres of it"));
+    }
+    Ok(())
 }
 
 /// Says what SPZ's grid of positions costs.
@@ -71,6 +82,17 @@ fn describe(args: &ExportArgs, exported: &Exported) -> Tree {
     if let Some(origin) = exported.origin {
         tree.set("origin", origin.to_vec());
     }
+    if !args.rotate.is_empty() || args.origin.is_some() {
+        let (rotation, move_by) = (exported.file_from_world.rotation(), exported.file_from_world.translation());
+        let scale = exported.file_from_world.scale();
+        let row = |i: usize| (scale * rotation.row(i)).to_array().into_iter().chain([move_by[i]]);
+        let rows: Vec<f64> = (0..3).flat_map(row).collect();
+        tree.set("file_from_world", rows);
+    }
+    match exported.metres_per_unit {
+        Some(metres) => tree.set("metres_per_unit", metres),
+        None => tree.set("metres_per_unit", "unknown: the data set states no scale; --metres-per-unit gives it"),
+    };
     tree.set("color_space", exported.color_space.map_or("sRGB, for a display", |space| space.name()));
     if let Some((model, space)) = &exported.exact_model {
         tree.set("exact_model", format!("{model}, {}", space.name()));

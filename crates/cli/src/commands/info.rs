@@ -209,6 +209,9 @@ fn dataset_facts(dataset: &Dataset, words: &DatasetDescription) -> Result<Tree> 
     if let Some(line) = text::origin_line(&dataset.world_from_local) {
         facts.set("coordinates", line);
     }
+    if let Some(metres) = dataset.metres_per_unit {
+        facts.set("metres_per_unit", metres);
+    }
     facts.set("color_space", dataset.color_space.name());
     facts.set("fingerprint", dataset.fingerprint.clone());
     let views = || dataset.train.iter().chain(&dataset.test);
@@ -295,6 +298,9 @@ fn add_scene(facts: &mut Tree, scene: &Scene) {
     }
     if let Some(line) = text::origin_line(&scene.world_from_local) {
         facts.set("coordinates", line);
+    }
+    if let Some(metres) = scene.metres_per_unit {
+        facts.set("metres_per_unit", metres);
     }
     let mut bounds = Tree::default();
     for (name, pick) in [("min", f32::min as fn(f32, f32) -> f32), ("max", f32::max)] {

@@ -5,6 +5,7 @@ use luxel::output;
 use luxel::prepare::{PrepareOptions, PrepareReport, Prepared, WorldReport, prepare};
 use luxel::text::plural;
 use luxel_capture::prepare::PrepareNote;
+use luxel_core::photo::EQUAL_EXPOSURES_STOPS;
 use serde_json::json;
 
 use crate::args::PrepareArgs;
@@ -13,8 +14,6 @@ use crate::remedy::with_remedy;
 
 /// Share of a view's pixels that every exposure saturates from which on they should be masked.
 const SATURATED: f64 = 0.01;
-/// Stops by which exposures that are equal may differ in EXIF, which rounds them.
-const EQUAL_EXPOSURES_STOPS: f64 = 0.15;
 
 /// Runs the command.
 pub(crate) fn run(args: &PrepareArgs) -> Result<()> {

@@ -404,9 +404,9 @@ fn options_that_a_kind_of_file_has_no_use_for_are_refused() {
     write_exr(&photos.join("a.exr"), &Image::filled(WIDTH, HEIGHT, [1.0; 3]), &ExrOptions::default()).unwrap();
     let list = folder.path().join("exposures.txt");
     std::fs::write(&list, "a 1/100\n").unwrap();
-    let of_videos = [["--frames", "5"], ["--ffmpeg", "/nowhere/ffmpeg"]];
+    let of_others = [["--frames", "5"], ["--ffmpeg", "/nowhere/ffmpeg"], ["--transfer", "linear"]];
     for option in
-        [["--exposures", list.to_str().unwrap()], ["--response", "recover"], ["--white-balance", "0.5,1,0.6"]].iter().chain(&of_videos)
+        [["--exposures", list.to_str().unwrap()], ["--response", "recover"], ["--white-balance", "0.5,1,0.6"]].iter().chain(&of_others)
     {
         let run = prepare(&photos, &output, option);
         assert!(run.status.code() == Some(1) && said(&run).contains(&format!("remedy: leave {} out", option[0])), "{}", said(&run));

@@ -26,7 +26,7 @@ pub struct EditStack {
     pub delete: Option<Selection>,
     /// Whether floaters are deleted.
     pub floaters: bool,
-    /// Direction that becomes +Y; any length but 0.
+    /// Direction that becomes -Y, which is up in a scene file; any length but 0.
     pub up: Option<[f64; 3]>,
     /// Point that becomes the origin.
     pub origin: Option<[f64; 3]>,

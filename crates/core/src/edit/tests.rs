@@ -45,6 +45,7 @@ fn scene(model: ColorModel, evs: &[f32], wobble: f32) -> Scene {
         raster,
         edits: Vec::new(),
         world_from_local: crate::Similarity::IDENTITY,
+        metres_per_unit: None,
     }
 }
 

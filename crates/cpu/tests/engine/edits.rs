@@ -22,6 +22,7 @@ fn scene(splats: Splats, cutoffs: Cutoffs) -> Scene {
         raster,
         edits: Vec::new(),
         world_from_local: luxel_core::Similarity::IDENTITY,
+        metres_per_unit: None,
     }
 }
 

@@ -160,6 +160,7 @@ fn scene() -> Scene {
         raster: RasterConfig::default(),
         edits: Vec::new(),
         world_from_local: luxel_core::Similarity::IDENTITY,
+        metres_per_unit: None,
     }
 }
 

@@ -77,7 +77,7 @@ pub struct Baked {
     pub appearance: Appearance,
     /// Factor from the scene's normalised radiance to baked values, before any curve.
     pub exposure: f32,
-    /// How the world of the file came from that of the data set, but for the origin; the identity
+    /// How the world of the file came from that of the data set; the identity
     /// until [`Self::transform`], before which the splats are in the scene's local coordinates.
     pub file_from_world: Similarity,
 }
@@ -126,6 +126,7 @@ impl Baked {
                 raster,
                 edits: Vec::new(),
                 world_from_local: scene.world_from_local,
+                metres_per_unit: scene.metres_per_unit,
             },
             appearance: options.appearance,
             exposure: bake.exposure(),
@@ -147,7 +148,12 @@ impl Baked {
         }
     }
 
-    /// Returns the place of the file's origin, in the directions and units of the file.
+    /// Returns the length of a unit of the file, metres; `None` if it is unknown.
+    pub fn metres_per_unit(&self) -> Option<f64> {
+        self.scene.metres_per_unit.map(|metres| metres / self.file_from_world.scale())
+    }
+
+    /// Returns the place of the scene's local origin in the file.
     pub(crate) fn origin_in_file(&self) -> DVec3 {
         self.file_from_world.point(self.scene.world_from_local.translation())
     }
@@ -168,10 +174,11 @@ impl Baked {
         });
     }
 
-    /// Moves the splats into the world of a file, which `file_from_world` turns and scales; its
-    /// origin is that of the scene's local coordinates.
+    /// Moves the splats into the world of a file, which `file_from_world` turns and scales. They stay
+    /// relative to the origin of the scene's local coordinates, which that transform moves, too.
     pub fn transform(&mut self, file_from_world: &Similarity) {
-        Similarity::scaling(self.scene.world_from_local.scale()).then(file_from_world).apply(&mut self.scene.splats);
+        let about_origin = file_from_world.linear();
+        Similarity::scaling(self.scene.world_from_local.scale()).then(&about_origin).apply(&mut self.scene.splats);
         // Bakes are made in the world of the data set: nothing was moved before.
         self.file_from_world = *file_from_world;
     }

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Appearance, Baked};
 use crate::local_frame::{LocalFrame, origin_of, settle};
-use crate::validity::is_usable;
+use crate::validity::{is_length, is_usable};
 
 /// Key of the record.
 pub(crate) const RECORD_KEY: &str = "luxel";
@@ -39,6 +39,9 @@ pub(crate) struct BakeRecord {
     /// Local coordinates of the scene, whose origin is that of the file.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub(crate) local_frame: Option<LocalFrame>,
+    /// Length of a unit of the data set's world, metres.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub(crate) metres_per_unit: Option<f64>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -48,19 +51,23 @@ enum Kind {
     Display,
 }
 
-/// A similarity without translation.
+/// A similarity: p' = scale rotation p + translation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct WorldRecord {
     /// Rows.
     rotation: [[f64; 3]; 3],
     scale: f64,
+    /// Left out where it is zero.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    translation: Option<[f64; 3]>,
 }
 
 impl WorldRecord {
     /// Returns the record of a similarity; `None` for the identity.
     pub(crate) fn from_similarity(similarity: &Similarity) -> Option<Self> {
         let rotation = similarity.rotation();
-        let record = Self { rotation: [0, 1, 2].map(|row| rotation.row(row).to_array()), scale: similarity.scale() };
+        let translation = Some(similarity.translation()).filter(|t| *t != DVec3::ZERO).map(|t| t.to_array());
+        let record = Self { rotation: [0, 1, 2].map(|row| rotation.row(row).to_array()), scale: similarity.scale(), translation };
         (!similarity.is_identity()).then_some(record)
     }
 
@@ -70,7 +77,8 @@ impl WorldRecord {
         if !(self.scale as f32).is_normal() {
             return None;
         }
-        Similarity::new(DMat3::from_cols_array_2d(&self.rotation).transpose(), self.scale, DVec3::ZERO)
+        let translation = self.translation.map_or(DVec3::ZERO, DVec3::from_array);
+        Similarity::new(DMat3::from_cols_array_2d(&self.rotation).transpose(), self.scale, translation)
     }
 
     /// Moves a file's splats to the world of the data set; the error names the splat that is not
@@ -98,6 +106,7 @@ impl BakeRecord {
             raster: baked.scene.raster,
             file_from_world: WorldRecord::from_similarity(&baked.file_from_world),
             local_frame: LocalFrame::from_similarity(&baked.scene.world_from_local),
+            metres_per_unit: baked.scene.metres_per_unit,
         }
     }
 
@@ -121,10 +130,13 @@ impl BakeRecord {
         if record.local_frame.is_some_and(|frame| frame.world_from_local().is_none()) {
             return Err("record of the bake: \"local_frame\" is not an origin and a positive unit".into());
         }
+        if record.metres_per_unit.is_some_and(|metres| !is_length(&metres)) {
+            return Err("record of the bake: \"metres_per_unit\" is not a number above 0".into());
+        }
         Ok(record)
     }
 
-    /// Returns the place of the file's origin, in the directions and units of the file.
+    /// Returns the place of the scene's local origin in the file.
     pub(crate) fn origin_in_file(&self) -> DVec3 {
         let origin = self.local_frame.and_then(|frame| frame.world_from_local()).map_or(DVec3::ZERO, |frame| frame.translation());
         self.file_from_world.and_then(|world| world.similarity()).map_or(origin, |world| world.point(origin))
@@ -141,6 +153,7 @@ impl BakeRecord {
             raster: self.raster,
             edits,
             world_from_local,
+            metres_per_unit: self.metres_per_unit,
         };
         place(
             &mut scene,
@@ -169,10 +182,11 @@ pub(crate) fn place(scene: &mut Scene, moved: &Similarity, world: Option<&WorldR
     };
     let world_from_local = frame.world_from_local().ok_or("\"local_frame\" is not an origin and a positive unit")?;
     let turned = world.map_or(Some(Similarity::IDENTITY), WorldRecord::similarity).ok_or("the file's world is not that of a scene")?;
-    let mut world_from_file = moved.then(&turned.inverse());
-    if !is_in_move {
-        world_from_file = world_from_file.then(&origin_of(&world_from_local));
-    }
+    // Without a move, positions are relative to the local origin, wherever that is in the file.
+    let world_from_file = match is_in_move {
+        true => moved.then(&turned.inverse()),
+        false => moved.then(&turned.linear().inverse()).then(&origin_of(&world_from_local)),
+    };
     settle(scene, None, &world_from_file, world_from_local);
     scene.splats.validate().map_err(|e| format!("in the local coordinates of the scene: {e}"))
 }

@@ -12,6 +12,7 @@ fn scene(model: ColorModel, color_space: ColorSpace) -> Scene {
         raster: RasterConfig::default(),
         edits: Vec::new(),
         world_from_local: Similarity::IDENTITY,
+        metres_per_unit: None,
     }
 }
 

@@ -48,6 +48,7 @@ fn snapshot(color_model: ColorModel, n: usize, seed: u64) -> Snapshot {
         raster,
         edits: Vec::new(),
         world_from_local: Similarity::IDENTITY,
+        metres_per_unit: Some(0.25),
     };
     let average = seed.is_multiple_of(5).then(|| splats(color_model, n, seed + 3));
     Snapshot { scene, moments, stats, average, state_json: format!("{{\"step\":{seed},\"note\":\"\\\"\u{fffd}\n\"}}") }

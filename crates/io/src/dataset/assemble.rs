@@ -12,6 +12,7 @@ use super::checks::{self, CheckedView};
 use super::fingerprint::Fingerprint;
 use super::image_memory::{PlannedImage, plan};
 use super::load::{LoadedView, load_view};
+use super::metres::metres_per_unit;
 use super::observations::{ObservedView, map_points};
 use super::source::{DatasetSource, SourceFrame, SourcePoint};
 use super::split::{Part, assign};
@@ -81,6 +82,7 @@ pub(super) fn assemble(path: &Path, source: DatasetSource, options: &LoadOptions
     let points = map_points(points, &targets, &local_from_world).map_err(|error| IoError::invalid(path, error))?;
     let checked: Vec<CheckedView<'_>> = used.iter().zip(&loaded).map(|(used, loaded)| CheckedView { frame: &used.frame, loaded }).collect();
     warnings.extend(checks::warnings(&folder, &checked, &points));
+    warnings.extend(checks::idle_transfer(&checked, options));
     let color_space = common_color_space(&used, &loaded, options)?;
 
     let fingerprint = fingerprint(Fingerprint::new(&format, options), &used, &loaded, &points, &world_from_local);
@@ -91,7 +93,8 @@ pub(super) fn assemble(path: &Path, source: DatasetSource, options: &LoadOptions
     let mut views: Vec<View> = loaded.into_iter().map(|l| l.view).collect();
     let test = views.split_off(train);
     warnings.extend(PointCoverage::new(&points, &views).warning(&points_from));
-    Ok(Dataset { format, train: views, test, points, color_space, bad_pixels, fingerprint, warnings, world_from_local })
+    let metres_per_unit = metres_per_unit(path, &folder)?;
+    Ok(Dataset { format, train: views, test, points, color_space, bad_pixels, fingerprint, warnings, world_from_local, metres_per_unit })
 }
 
 /// Returns the digest of the data set, of which `begun` has the options.

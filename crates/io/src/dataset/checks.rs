@@ -6,11 +6,14 @@
 use std::path::Path;
 
 use glam::{DVec2, DVec3};
+use luxel_core::photo::EQUAL_EXPOSURES_STOPS;
 use luxel_core::{Camera, PixelValues, Point};
 
+use super::LoadOptions;
 use super::intrinsics::Focal;
 use super::load::LoadedView;
 use super::source::SourceFrame;
+use crate::image::holds_radiance;
 
 /// Horizontal fields of view of lenses, degrees: from a telescope's to beyond the widest lens
 /// without distortion.
@@ -23,8 +26,6 @@ const MAX_SHIFT: f64 = 0.4;
 const ONE_PLACE: f64 = 1e-9;
 /// Steps from the middle to the corner at which distortion is looked at.
 const RADIAL_STEPS: u32 = 256;
-/// Stops by which exposures that are equal may differ in EXIF, which rounds them.
-const EQUAL_EXPOSURES_STOPS: f64 = 0.15;
 /// Views that a warning lists.
 const MAX_LISTED: usize = 3;
 
@@ -55,6 +56,13 @@ pub(super) fn warnings(folder: &Path, views: &[CheckedView<'_>], points: &[Point
         out.push("a single point: it says little about where the scene is; training starts from the cameras".to_owned());
     }
     out
+}
+
+/// Says that a curve was given that no image has a use for.
+pub(super) fn idle_transfer(views: &[CheckedView<'_>], options: &LoadOptions) -> Option<String> {
+    let transfer = options.transfer.filter(|transfer| transfer.plate_primaries().is_none())?;
+    let is_idle = views.iter().all(|view| holds_radiance(&view.frame.image));
+    is_idle.then(|| format!("the transfer curve {transfer} has no effect: all images hold floats, which are light already"))
 }
 
 /// Says what the masks of files hide.

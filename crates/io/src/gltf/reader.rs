@@ -14,7 +14,7 @@ use crate::bake::{BakeRecord, Origin, RECORD_KEY, WorldRecord, place};
 use crate::local_frame::{LocalFrame, samples, settle};
 use crate::read_file::read_file;
 use crate::scene_file::SceneFile;
-use crate::validity::{is_normalizable, is_usable, leave_out_unfinite, left_out_line};
+use crate::validity::{is_length, is_normalizable, is_usable, leave_out_unfinite, left_out_line};
 
 /// Deepest nesting of nodes.
 const MAX_DEPTH: usize = 64;
@@ -201,6 +201,8 @@ struct Exact {
     file_from_world: Option<WorldRecord>,
     #[serde(default)]
     local_frame: Option<LocalFrame>,
+    #[serde(default)]
+    metres_per_unit: Option<f64>,
 }
 
 /// The splats of a primitive where its node has not moved them yet, and what its file states of
@@ -260,7 +262,8 @@ fn read_primitive(document: &Document, bin: &[u8], primitive: &Primitive, record
                 None => (ColorSpace::LinearRec709, RasterConfig { cutoffs: Cutoffs::PARITY, ..RasterConfig::default() }),
             };
             let (edits, world_from_local) = (Vec::new(), Similarity::IDENTITY);
-            let scene = Scene { splats, radiance_scale: RadianceScale::ONE, color_space, raster, edits, world_from_local };
+            let metres_per_unit = record.and_then(|record| record.metres_per_unit);
+            let scene = Scene { splats, radiance_scale: RadianceScale::ONE, color_space, raster, edits, world_from_local, metres_per_unit };
             let (file_from_world, frame) = record.map_or((None, None), |record| (record.file_from_world, record.local_frame));
             Ok(Part { scene, file_from_world, frame, is_ours: record.is_some(), is_exact: false })
         }
@@ -335,11 +338,14 @@ fn read_exact(document: &Document, bin: &[u8], mut splats: Splats, exact: Exact)
     if let Some(values) = optional("LOG_SCALE", 3).transpose()? {
         splats.log_scale = values.as_chunks::<3>().0.to_vec();
     }
-    let Exact { color_space, raster, edits, file_from_world, local_frame, .. } = exact;
+    let Exact { color_space, raster, edits, file_from_world, local_frame, metres_per_unit, .. } = exact;
+    if metres_per_unit.is_some_and(|metres| !is_length(&metres)) {
+        return Err(invalid("\"metresPerUnit\" is not a number above 0"));
+    }
     if local_frame.is_some_and(|frame| frame.world_from_local().is_none()) {
         return Err(invalid("\"localFrame\" is not an origin and a positive unit"));
     }
-    let scene = Scene { splats, radiance_scale, color_space, raster, edits, world_from_local: Similarity::IDENTITY };
+    let scene = Scene { splats, radiance_scale, color_space, raster, edits, world_from_local: Similarity::IDENTITY, metres_per_unit };
     Ok(Part { scene, file_from_world, frame: local_frame, is_ours: true, is_exact: true })
 }
 

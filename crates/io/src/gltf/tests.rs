@@ -24,6 +24,7 @@ fn scene(is_smoothed: bool) -> Scene {
         raster: RasterConfig::default(),
         edits: Vec::new(),
         world_from_local: Similarity::IDENTITY,
+        metres_per_unit: Some(0.25),
     }
 }
 

@@ -239,9 +239,12 @@ fn document(baked: &Baked, exact: Option<&Scene>, attributes: &[Attribute<'_>], 
         if let Some(frame) = LocalFrame::from_similarity(&baked.scene.world_from_local) {
             khr["extensions"][EXTENSION]["localFrame"] = serde_json::to_value(frame)?;
         }
+        if let Some(metres) = scene.metres_per_unit {
+            khr["extensions"][EXTENSION]["metresPerUnit"] = json!(metres);
+        }
     }
     let mut node = json!({ "mesh": 0, "name": "Splats" });
-    if baked.scene.world_from_local.translation() != DVec3::ZERO {
+    if baked.origin_in_file() != DVec3::ZERO {
         node["translation"] = json!(baked.origin_in_file().to_array());
     }
     let own: Map<String, Value> = attributes.iter().take(shown).enumerate().map(index).collect();

@@ -277,7 +277,7 @@ pub(crate) fn image_size_of(name: &Path, bytes: &[u8]) -> Result<[u32; 2], IoErr
 
 /// Returns whether a file holds radiance: floating-point samples, by its header. A file that cannot
 /// be read does not.
-pub(crate) fn holds_radiance(path: &Path) -> bool {
+pub fn holds_radiance(path: &Path) -> bool {
     let mut head = Vec::new();
     let Ok(mut file) = std::fs::File::open(path) else { return false };
     if file.by_ref().take(HEAD_BYTES).read_to_end(&mut head).is_err() {

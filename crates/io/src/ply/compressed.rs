@@ -74,6 +74,7 @@ pub(super) fn read<R: BufRead>(source: &mut PlySource<'_, R>, header: &Header) -
         raster: RasterConfig { cutoffs: Cutoffs::PARITY, antialias: Antialias::Off, ..RasterConfig::default() },
         edits: Vec::new(),
         world_from_local: luxel_core::Similarity::IDENTITY,
+        metres_per_unit: None,
     })
 }
 

@@ -11,11 +11,11 @@ use crate::bake::{BakeRecord, Origin, WorldRecord, place};
 use crate::local_frame::{LocalFrame, settled};
 use crate::ply::header::{Element, Format, Header};
 use crate::ply::rows::{beyond_line, check_count, read_rows, seek_element};
-use crate::ply::scene_writer::{EXACT_OPACITY, EXACT_SCALE, FRAME_COMMENT, sh_prefix};
+use crate::ply::scene_writer::{EXACT_OPACITY, EXACT_SCALE, FRAME_COMMENT, METRES_COMMENT, sh_prefix};
 use crate::ply::source::PlySource;
 use crate::ply::{COMMENT_TAG, FORMAT_VERSION, compressed, record};
 use crate::scene_file::SceneFile;
-use crate::validity::{is_normalizable, is_usable, left_out_line};
+use crate::validity::{is_length, is_normalizable, is_usable, left_out_line};
 
 /// Reads a scene.
 ///
@@ -178,6 +178,7 @@ fn plain<R: BufRead>(source: &PlySource<'_, R>, element: &Element) -> Result<(Sc
         raster: RasterConfig { cutoffs: Cutoffs::PARITY, antialias, ..RasterConfig::default() },
         edits: Vec::new(),
         world_from_local: Similarity::IDENTITY,
+        metres_per_unit: None,
     };
     let has = |name: &str| element.position(name).is_some();
     let is_flat = has("scale_0") && has("scale_1") && !has("scale_2");
@@ -271,6 +272,14 @@ impl<'h> Comments<'h> {
         self.parse(FRAME_COMMENT, "an origin and a positive unit", LocalFrame::parse).map(Some)
     }
 
+    /// Returns the length of a unit of the world, metres, where it is known.
+    fn metres_per_unit(&self) -> Result<Option<f64>, CommentError> {
+        if !self.lines.iter().any(|(key, _)| *key == METRES_COMMENT) {
+            return Ok(None);
+        }
+        self.parse(METRES_COMMENT, "a number above 0", |v| v.parse().ok().filter(is_length)).map(Some)
+    }
+
     /// Returns an empty scene of the model that the comments describe, and the columns of its
     /// values.
     fn exact(&self, element: &Element) -> Result<(Scene, SceneColumns), CommentError> {
@@ -288,9 +297,9 @@ impl<'h> Comments<'h> {
         let raster_of = |v: &str| serde_json::from_str::<RasterConfig>(v).ok().filter(is_usable);
         let raster = self.parse("raster", "cut-offs of 0 or more and antialias", raster_of)?;
         let splats = Splats::empty(color_model);
-        let edits = self.edits()?;
+        let (edits, metres_per_unit) = (self.edits()?, self.metres_per_unit()?);
         Ok((
-            Scene { splats, radiance_scale, color_space, raster, edits, world_from_local: Similarity::IDENTITY },
+            Scene { splats, radiance_scale, color_space, raster, edits, world_from_local: Similarity::IDENTITY, metres_per_unit },
             exact_layout(color_model, element),
         ))
     }

@@ -19,6 +19,8 @@ const BLOCK_ROWS: usize = 4096;
 
 /// Key of the local coordinates of a scene, where they are not those of the world.
 pub(super) const FRAME_COMMENT: &str = "local_frame";
+/// Key of the comment with the length of a unit of the data set's world, metres.
+pub(super) const METRES_COMMENT: &str = "metres_per_unit";
 
 /// Opacity logit and log scale of the model, where the display layer has others.
 pub(super) const EXACT_OPACITY: &str = "lcd_opacity";
@@ -123,6 +125,7 @@ pub fn write_exact_ply(path: &Path, scene: &Scene, baked: &Baked) -> Result<(), 
 ///     raster: RasterConfig::default(),
 ///     edits: Vec::new(),
 ///     world_from_local: Similarity::IDENTITY,
+///     metres_per_unit: Some(0.5),
 /// };
 /// write_scene_ply(&path, &scene)?;
 /// // The file holds the scene to the bit.
@@ -249,6 +252,9 @@ fn write_header<W: Write + ?Sized>(scene: &Scene, layer: &Layer<'_>, properties:
         writeln!(out, "comment {COMMENT_TAG} file_from_world {}", serde_json::to_string(&world)?)?;
     }
     write_origin(&scene.world_from_local, out)?;
+    if let Some(metres) = scene.metres_per_unit {
+        writeln!(out, "comment {COMMENT_TAG} {METRES_COMMENT} {metres:e}")?;
+    }
     writeln!(out, "comment {COMMENT_TAG} display_bake {}", layer.description())?;
     writeln!(out, "comment lcd_* properties hold the radiance model exactly; f_dc, f_rest, opacity and scale are for display")?;
     writeln!(out, "element vertex {}", scene.splats.len())?;

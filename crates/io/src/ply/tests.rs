@@ -46,6 +46,7 @@ fn scene(color_model: ColorModel, count: usize, is_smoothed: bool, seed: u64) ->
         raster,
         edits: Vec::new(),
         world_from_local: luxel_core::Similarity::IDENTITY,
+        metres_per_unit: Some(0.25),
     }
 }
 

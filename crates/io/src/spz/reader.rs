@@ -46,6 +46,7 @@ pub fn decode_spz(name: &Path, bytes: &[u8]) -> Result<Scene, IoError> {
         raster: RasterConfig { cutoffs: Cutoffs::PARITY, antialias, ..RasterConfig::default() },
         edits: Vec::new(),
         world_from_local: Similarity::IDENTITY,
+        metres_per_unit: None,
     };
     Ok(settled(scene, None))
 }

@@ -28,6 +28,7 @@ fn scene_of(count: usize) -> Scene {
         raster: RasterConfig::default(),
         edits: Vec::new(),
         world_from_local: luxel_core::Similarity::IDENTITY,
+        metres_per_unit: None,
     }
 }
 

@@ -82,6 +82,7 @@ fn read<R: BufRead>(path: &Path, mut reader: R) -> Result<SceneFile, IoError> {
                 raster: RasterConfig::default(),
                 edits: Vec::new(),
                 world_from_local: Similarity::IDENTITY,
+                metres_per_unit: None,
             },
             None,
         ),

@@ -18,6 +18,7 @@ fn baked(color_space: ColorSpace) -> Baked {
         raster: RasterConfig::default(),
         edits: Vec::new(),
         world_from_local: Similarity::IDENTITY,
+        metres_per_unit: None,
     };
     Baked::new(&scene, &BakeOptions { appearance: Appearance::Linear { color_space, exposure_ev: 0.0 }, max_degree: 3 })
 }

@@ -55,11 +55,16 @@ fn write<W: Write + ?Sized>(baked: &Baked, out: &mut W) -> std::io::Result<()> {
     };
     writeln!(out, "#usda 1.0\n(")?;
     writeln!(out, "    customLayerData = {{\n        string {RECORD_KEY} = \"{record}\"\n    }}")?;
-    writeln!(out, "    defaultPrim = \"Splats\"\n    doc = \"Gaussian splats by Luxel: {}\"", baked.description())?;
-    writeln!(out, "    metersPerUnit = 1\n    upAxis = \"Y\"\n)\n")?;
+    // USD takes a unit for a centimetre where nothing is stated.
+    let (metres, doubt) = match baked.metres_per_unit() {
+        Some(metres) => (metres, ""),
+        None => (1.0, "; the scale of the data set is unknown: metersPerUnit is not measured"),
+    };
+    writeln!(out, "    defaultPrim = \"Splats\"\n    doc = \"Gaussian splats by Luxel: {}{doubt}\"", baked.description())?;
+    writeln!(out, "    metersPerUnit = {metres}\n    upAxis = \"Y\"\n)\n")?;
     writeln!(out, "def {PRIM_TYPE} \"Splats\" (\n    prepend apiSchemas = [\"ColorSpaceAPI\"]\n)\n{{")?;
     writeln!(out, "    uniform token colorSpace:name = \"{space}\"")?;
-    if baked.scene.world_from_local.translation() != DVec3::ZERO {
+    if baked.origin_in_file() != DVec3::ZERO {
         let DVec3 { x, y, z } = baked.origin_in_file();
         writeln!(out, "    double3 {TRANSLATE} = ({x}, {y}, {z})")?;
         writeln!(out, "    uniform token[] xformOpOrder = [\"{TRANSLATE}\"]")?;

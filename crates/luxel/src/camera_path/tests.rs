@@ -36,6 +36,7 @@ fn posed(poses: &[DAffine3]) -> Dataset {
         fingerprint: String::new(),
         warnings: Vec::new(),
         world_from_local: luxel_core::Similarity::IDENTITY,
+        metres_per_unit: None,
     }
 }
 

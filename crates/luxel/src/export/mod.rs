@@ -9,11 +9,13 @@ mod exposure;
 mod gain;
 mod prune;
 mod refine;
+#[cfg(test)]
+mod tests;
 mod world;
 
 use std::path::Path;
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use luxel_core::tone::Tonemap;
 use luxel_core::{ColorSpace, Dataset, Engine, Scene, Similarity};
 use luxel_io::{Appearance, BakeOptions, Baked, SpzPositions, SpzVersion};
@@ -21,7 +23,8 @@ use luxel_io::{Appearance, BakeOptions, Baked, SpzPositions, SpzVersion};
 pub use self::error::{BakeError, BakeErrorValues};
 use self::refine::Refinement;
 pub use self::refine::{DEFAULT_REFINE_STEPS, write_with_refined_display};
-pub use self::world::{Up, UpAxis, file_from_world};
+use self::world::placement;
+pub use self::world::{FileScale, Up, UpAxis, file_from_world};
 use crate::error::{Context, bail};
 use crate::{Error, Observer, Remedy, Result, text};
 
@@ -226,10 +229,16 @@ pub struct ExportOptions {
     pub max_splats: Option<u64>,
     /// Splats that are longer than this times their width are shortened to it.
     pub max_aspect: Option<f32>,
-    /// Direction of the scene that is up.
+    /// Point that becomes the origin of the file, world; `None` for the world's.
+    pub origin: Option<[f64; 3]>,
+    /// Rotation of the scene about the origin, before [`Self::up`].
+    pub rotation: DMat3,
+    /// Direction of the turned scene that is up.
     pub up: Up,
-    /// Factor of lengths, above 0: metres of one unit of the scene.
-    pub scale: f32,
+    /// Lengths of the file.
+    pub scale: FileScale,
+    /// Length of a unit of the scene, metres; `None` for what its data set states.
+    pub metres_per_unit: Option<f64>,
     /// Version of an SPZ file.
     pub spz_version: SpzVersion,
 }
@@ -237,7 +246,18 @@ pub struct ExportOptions {
 impl Default for ExportOptions {
     fn default() -> Self {
         let (bake, up) = (Bake::default(), Up::default());
-        Self { bake, crop: None, max_splats: None, max_aspect: None, up, scale: 1.0, spz_version: SpzVersion::default() }
+        Self {
+            bake,
+            crop: None,
+            max_splats: None,
+            max_aspect: None,
+            origin: None,
+            rotation: DMat3::IDENTITY,
+            up,
+            scale: FileScale::Factor(1.0),
+            metres_per_unit: None,
+            spz_version: SpzVersion::default(),
+        }
     }
 }
 
@@ -264,6 +284,10 @@ pub struct Exported {
     /// The place that positions in the file are relative to, world; `None` if it is the world's
     /// origin.
     pub origin: Option<[f64; 3]>,
+    /// From the world of the data set to that of the file.
+    pub file_from_world: Similarity,
+    /// Length of a unit of the file, metres; `None` if it is unknown.
+    pub metres_per_unit: Option<f64>,
 }
 
 /// Exports `scene` to `path`. The data set's views measure the bake, and refine and prune it if
@@ -281,6 +305,11 @@ pub fn export(
     observer: &dyn Observer,
 ) -> Result<Exported> {
     let mut plan = options.bake.plan(path, &scene)?;
+    scene.metres_per_unit = options.metres_per_unit.or(scene.metres_per_unit);
+    if let Some(origin) = options.origin {
+        let frame = Similarity::new(DMat3::IDENTITY, scene.world_from_local.scale(), DVec3::from_array(origin));
+        scene.move_to(frame.context("the origin is out of range")?);
+    }
     let dataset = dataset.map(|dataset| dataset.in_frame(scene.world_from_local));
     let dataset = dataset.as_deref();
     choose_splats(&mut scene, options, dataset, engine, observer)?;
@@ -300,10 +329,10 @@ pub fn export(
         (None, _) => {}
     }
     let error = dataset.map(|dataset| error::measure(&scene, &baked, dataset, engine)).transpose()?;
-    let similarity = file_from_world(options.up, plan.format.up_axis(), dataset, options.scale)?;
+    let similarity = placement(options, plan.format.up_axis(), dataset, scene.metres_per_unit)?;
     baked.transform(&similarity);
     if plan.is_exact {
-        Similarity::scaling(scene.world_from_local.scale()).then(&similarity).apply(&mut scene.splats);
+        Similarity::scaling(scene.world_from_local.scale()).then(&similarity.linear()).apply(&mut scene.splats);
         let shifted = scene.radiance_scale.times(options.bake.exposure_ev.exp2());
         scene.radiance_scale = shifted.ok_or_else(|| Error::new("the exposure leaves no radiance scale that f32 holds"))?;
     }
@@ -367,5 +396,7 @@ fn describe(path: &Path, plan: &Plan, scene: &Scene, baked: &Baked, error: Optio
         sizes_out_of_range: if plan.format == Format::Spz { luxel_io::spz_out_of_range(baked) } else { 0 },
         error,
         origin: (origin != DVec3::ZERO).then(|| origin.to_array()),
+        file_from_world: baked.file_from_world,
+        metres_per_unit: baked.metres_per_unit(),
     }
 }

@@ -1,10 +1,54 @@
 //! From the world of the data set to that of a file.
+//!
+//! In: [`ExportOptions`](super::ExportOptions). Out: a similarity. In this order, the scene moves so that
+//! the chosen origin becomes the file's, turns about axes of the data set's world, turns by quarters so
+//! that the up axis becomes the format's, and is scaled.
 
 use glam::{DMat3, DVec3};
 use luxel_core::{Dataset, Similarity};
 
-use crate::Result;
+use super::ExportOptions;
 use crate::error::Context;
+use crate::{Error, Remedy, Result};
+
+/// Lengths of a file.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum FileScale {
+    /// Those of the scene times this, above 0.
+    Factor(f32),
+    /// A unit of the file is this long, metres; the scene's scale must be known.
+    MetresPerUnit(f64),
+}
+
+impl FileScale {
+    /// Returns the factor of lengths, of a scene whose unit has this length.
+    fn factor(self, metres_per_unit: Option<f64>) -> Result<f64> {
+        match (self, metres_per_unit) {
+            (Self::Factor(factor), _) => Ok(factor.into()),
+            (Self::MetresPerUnit(wanted), Some(metres)) => Ok(metres / wanted),
+            (Self::MetresPerUnit(_), None) => {
+                let error = Error::new("the scale of the scene is unknown: its data set states no metres per unit");
+                Err(error.with_remedy(Remedy::give("metres_per_unit").or(Remedy::give("scale"))))
+            }
+        }
+    }
+}
+
+/// Returns the similarity from the world of the data set to that of a file.
+///
+/// # Errors
+/// A scale that is unknown, or out of range.
+pub(super) fn placement(
+    options: &ExportOptions,
+    target: UpAxis,
+    dataset: Option<&Dataset>,
+    metres_per_unit: Option<f64>,
+) -> Result<Similarity> {
+    let scale = options.scale.factor(metres_per_unit)?;
+    let rotation = turn_to_up(options.up, target, dataset, &options.rotation) * options.rotation;
+    let origin = options.origin.map_or(DVec3::ZERO, DVec3::from_array);
+    Similarity::new(rotation, scale, -(scale * (rotation * origin))).context("the origin or the factor of lengths is out of range")
+}
 
 /// The direction of the scene that is up.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -33,26 +77,36 @@ pub enum UpAxis {
 /// # Errors
 /// A factor that is not a positive finite number.
 pub fn file_from_world(up: Up, target: UpAxis, dataset: Option<&Dataset>, scale: f32) -> Result<Similarity> {
+    let rotation = turn_to_up(up, target, dataset, &DMat3::IDENTITY);
+    Similarity::new(rotation, f64::from(scale), DVec3::ZERO).context("the factor of lengths is out of range")
+}
+
+/// Returns the quarter turn that takes the up axis of a scene that was `turned` to the format's.
+fn turn_to_up(up: Up, target: UpAxis, dataset: Option<&Dataset>, turned: &DMat3) -> DMat3 {
     let up = match (up, target) {
         (Up::Axis(axis), _) => Some(axis),
         (Up::AsIs, _) | (Up::Default, UpAxis::MinusY) => None,
-        (Up::Default, UpAxis::PlusY) => Some(dataset.and_then(up_of_cameras).unwrap_or(DVec3::NEG_Y)),
+        (Up::Default, UpAxis::PlusY) => Some(nearest_axis(*turned * dataset.and_then(up_of_cameras).unwrap_or(DVec3::NEG_Y))),
     };
     let to = match target {
         UpAxis::MinusY => DVec3::NEG_Y,
         UpAxis::PlusY => DVec3::Y,
     };
-    let rotation = up.map_or(DMat3::IDENTITY, |up| quarter_turn(up, to));
-    Similarity::new(rotation, f64::from(scale), DVec3::ZERO).context("the factor of lengths is out of range")
+    up.map_or(DMat3::IDENTITY, |up| quarter_turn(up, to))
 }
 
-/// Returns the axis nearest to the mean up direction of the cameras.
+/// Returns the mean up direction of the cameras.
 fn up_of_cameras(dataset: &Dataset) -> Option<DVec3> {
     let views = dataset.train.iter().chain(&dataset.test);
     let mean: DVec3 = views.map(|view| -view.camera.camera_from_world.matrix3.row(1)).sum();
-    let axis = mean.abs().max_position();
-    let sign = if mean[axis] < 0.0 { -1.0 } else { 1.0 };
-    (mean.length() > 1e-6).then(|| sign * DVec3::AXES[axis])
+    (mean.length() > 1e-6).then_some(mean)
+}
+
+/// Returns the axis nearest to a direction.
+fn nearest_axis(direction: DVec3) -> DVec3 {
+    let axis = direction.abs().max_position();
+    let sign = if direction[axis] < 0.0 { -1.0 } else { 1.0 };
+    sign * DVec3::AXES[axis]
 }
 
 /// Returns the shortest rotation from one axis to another, in numbers of -1, 0 and 1; half turns

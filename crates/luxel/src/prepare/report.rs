@@ -35,16 +35,7 @@ pub fn cd_m2_per_unit(path: &Path) -> Option<f64> {
 /// Returns the length in metres of one unit of the data set at `path`, which its preparation has
 /// recorded; `None` where it is unknown, or was not prepared by this program.
 pub fn metres_per_unit(path: &Path) -> Option<f64> {
-    #[derive(Deserialize)]
-    struct Coordinates {
-        metres_per_unit: Option<f64>,
-    }
-    #[derive(Deserialize)]
-    struct Report {
-        world: Option<Coordinates>,
-    }
-    let report: Report = read_fields(path)?;
-    report.world?.metres_per_unit.filter(|metres| metres.is_normal() && *metres > 0.0)
+    luxel_io::prepared_metres_per_unit(if path.is_dir() { path } else { path.parent()? })
 }
 
 /// Reads fields of the report of the data set at `path`.

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use crate::error::{Context, bail};
 use crate::text::{self, plural};
-use crate::{Error, Result};
+use crate::{Error, Remedy, Result};
 use luxel_capture::Exposure;
 use luxel_capture::prepare::{LeftOut, Photograph, PrepareError, Selection, select};
 use luxel_core::photo::PhotoKind;
@@ -70,6 +70,7 @@ pub(super) fn scan(folder: &Path, transfer: Option<Transfer>) -> Result<Selectio
             Err(left_out) => scan.left_out.push(left_out),
         }
     }
+    check_transfer(folder, &paths, transfer)?;
     let one_kind = select(&mut scan);
     if scan.photos.is_empty() {
         let first = scan.left_out.first().map(|l| format!("{}: {}", l.file, l.reason)).unwrap_or_default();
@@ -77,6 +78,18 @@ pub(super) fn scan(folder: &Path, transfer: Option<Transfer>) -> Result<Selectio
     }
     one_kind.map_err(|e| in_folder(folder, e))?;
     Ok(scan)
+}
+
+/// Refuses a curve for files that all hold light.
+fn check_transfer(folder: &Path, paths: &[PathBuf], transfer: Option<Transfer>) -> Result<()> {
+    match transfer.filter(|transfer| transfer.plate_primaries().is_none()) {
+        Some(transfer) if paths.par_iter().all(|path| luxel_io::holds_radiance(path)) => {
+            let message =
+                format!("{}: the curve {transfer} has no effect: all files hold floats, which are light already", folder.display());
+            Err(Error::new(message).with_remedy(Remedy::leave_out("transfer")))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Returns an error that begins with the folder, with the remedy of the error below.

@@ -93,6 +93,7 @@ impl Trainer {
             views,
             color_space: dataset.color_space,
             world_from_local: dataset.world_from_local,
+            metres_per_unit: dataset.metres_per_unit,
             schedule,
             state,
             average,

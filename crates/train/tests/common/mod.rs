@@ -87,6 +87,7 @@ pub(crate) fn dataset() -> Dataset {
         fingerprint: "room".to_owned(),
         warnings: Vec::new(),
         world_from_local: luxel_core::Similarity::IDENTITY,
+        metres_per_unit: None,
     }
 }
 

@@ -1,7 +1,9 @@
 //! Directions, boxes and points in the world of a scene.
 
+use std::str::FromStr;
+
 use clap::ValueEnum;
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use luxel::export::{CropBox, Up};
 use luxel::lens::LensKind;
 
@@ -88,6 +90,47 @@ pub(crate) fn parse_point(text: &str) -> Result<[f64; 3], String> {
     point.ok_or_else(|| format!("expected three numbers x,y,z, got \"{text}\""))
 }
 
+/// Parses a length above 0.
+pub(crate) fn parse_positive_f64(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|v: &f64| v.is_normal() && *v > 0.0);
+    number.ok_or_else(|| format!("expected a number above 0, got \"{text}\""))
+}
+
+/// A turn of `--rotate`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct RotationArg {
+    /// Unit vector.
+    axis: DVec3,
+    degrees: f64,
+}
+
+impl FromStr for RotationArg {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let form = || format!("expected AXIS:DEGREES, such as x:90 or 0,1,1:-30, got \"{text}\"");
+        let (axis, degrees) = text.split_once(':').ok_or_else(form)?;
+        let axis = match axis.trim() {
+            "x" => DVec3::X,
+            "y" => DVec3::Y,
+            "z" => DVec3::Z,
+            direction => DVec3::from_array(parse_direction(direction).map_err(|_| form())?),
+        };
+        let degrees = degrees.trim().parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(form)?;
+        Ok(Self { axis: axis.try_normalize().ok_or_else(form)?, degrees })
+    }
+}
+
+/// Returns the rotation of several turns, made in order. Quarter turns about axes are exact.
+pub(crate) fn rotation(turns: &[RotationArg]) -> DMat3 {
+    turns.iter().fold(DMat3::IDENTITY, |before, turn| {
+        let matrix = DMat3::from_axis_angle(turn.axis, turn.degrees.to_radians());
+        let is_quarter = (turn.degrees / 90.0).fract() == 0.0 && DVec3::AXES.contains(&turn.axis);
+        let exact = |v: f64| if is_quarter { v.round() } else { v };
+        DMat3::from_cols_array(&matrix.to_cols_array().map(exact)) * before
+    })
+}
+
 /// Parses a direction: three numbers that are not all 0.
 pub(crate) fn parse_direction(text: &str) -> Result<[f64; 3], String> {
     match parse_point(text)? {
@@ -99,6 +142,20 @@ pub(crate) fn parse_direction(text: &str) -> Result<[f64; 3], String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn turns_are_an_axis_and_degrees() {
+        let turns: Vec<RotationArg> = ["x:90", "0,0,2:-90"].map(|text| text.parse().unwrap()).into();
+        // From y to z, and z stays.
+        assert_eq!(rotation(&turns[..1]) * DVec3::Y, DVec3::Z);
+        assert_eq!(rotation(&turns) * DVec3::Y, DVec3::Z);
+        assert_eq!(rotation(&turns) * DVec3::X, DVec3::NEG_Y);
+        assert!((rotation(&["1,1,0:30".parse().unwrap()]).determinant() - 1.0).abs() < 1e-12);
+        for bad in ["", "x", "x:", "w:90", "0,0,0:90", "1,2:90", "x:nan", "90:x"] {
+            assert!(bad.parse::<RotationArg>().unwrap_err().starts_with("expected AXIS:DEGREES"), "{bad}");
+        }
+        assert!(parse_positive_f64("0.01").is_ok() && ["0", "-1", "inf", "m"].iter().all(|bad| parse_positive_f64(bad).is_err()));
+    }
 
     #[test]
     fn boxes_and_points_are_numbers_with_commas() {

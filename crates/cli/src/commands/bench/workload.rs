@@ -138,6 +138,7 @@ pub(super) fn save(args: &BenchArgs, path: &Path) -> Result<()> {
         raster,
         edits: Vec::new(),
         world_from_local: source.world_from_local,
+        metres_per_unit: None,
     };
     luxel_io::write_scene_ply(path, &scene).context("cannot write the room")
 }

@@ -9,7 +9,21 @@ use crate::args::{ExportArgs, flag};
 use crate::output::console::Console;
 
 /// Options of files with baked colours, which a page has no use for.
-const OF_BAKES: [&str; 9] = ["bake", "output_color_space", "exposure", "tonemap", "degree", "refine", "up", "scale", "spz_version"];
+const OF_BAKES: [&str; 13] = [
+    "bake",
+    "output_color_space",
+    "exposure",
+    "tonemap",
+    "degree",
+    "refine",
+    "origin",
+    "rotate",
+    "up",
+    "scale",
+    "scale_to",
+    "metres_per_unit",
+    "spz_version",
+];
 
 /// Returns whether the file to write is a page.
 pub(super) fn is_page(path: &Path) -> bool {
