@@ -77,8 +77,8 @@ pub struct Exif {
     pub panorama: Option<StatedPanorama>,
 }
 
-/// How much of the sphere of directions an equirectangular picture shows, by its file (Google's Photo
-/// Sphere XMP, OpenEXR's `envmap`).
+/// How much of the sphere of directions an equirectangular picture shows, by its file (Google's
+/// Photo Sphere XMP, OpenEXR's `envmap`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StatedPanorama {
     /// All of it.

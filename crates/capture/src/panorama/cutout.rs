@@ -1,8 +1,9 @@
 //! Pinhole pictures out of an equirectangular image.
 //!
 //! In: radiance `[H, W]` with W = 2 H, a [`Face`] and a [`CutoutLens`]. Out: radiance of a square
-//! picture. Pixels are means of bilinear samples in linear light, as many as the panorama has pixels
-//! there; columns continue around the seam. Degenerate: a panorama without pixels gives black.
+//! picture. Pixels are means of bilinear samples in linear light, as many as the panorama has
+//! pixels there; columns continue around the seam. Degenerate: a panorama without pixels gives
+//! black.
 
 use std::f64::consts::{PI, TAU};
 

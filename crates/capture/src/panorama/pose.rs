@@ -1,9 +1,9 @@
 //! The pose of a panorama from those of its cut-outs.
 //!
-//! In: [`CutoutPose`]s, one for each cut-out that was found. Out: [`PanoramaPose`]. Cut-outs of a rig
-//! agree exactly; where they were found one by one, each is off, and some may be wrong: rotations and
-//! places are weighted means in which one that is far from the others loses its weight. Degenerate:
-//! one cut-out is the pose; none has no pose.
+//! In: [`CutoutPose`]s, one for each cut-out that was found. Out: [`PanoramaPose`]. Cut-outs of a
+//! rig agree exactly; where they were found one by one, each is off, and some may be wrong:
+//! rotations and places are weighted means in which one that is far from the others loses its
+//! weight. Degenerate: one cut-out is the pose; none has no pose.
 
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 

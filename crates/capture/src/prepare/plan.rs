@@ -105,8 +105,8 @@ pub fn check_options(options: &PlanOptions, photos: &[Photograph]) -> Result<(),
 /// ```
 ///
 /// # Errors
-/// Exposures that only some photographs have, brackets that do not fit the rule, a white balance that
-/// cannot be found, and panoramas that are not whole or among other photographs.
+/// Exposures that only some photographs have, brackets that do not fit the rule, a white balance
+/// that cannot be found, and panoramas that are not whole or among other photographs.
 pub fn plan(photos: &mut [Photograph], options: &PlanOptions) -> Result<Plan, PrepareError> {
     let mut notes = Vec::new();
     let kind = kind_of(photos);

@@ -1,10 +1,10 @@
 //! Whether photographs are pinhole images or equirectangular panoramas.
 //!
-//! In: [`Photograph`]s by their headers and a [`ProjectionChoice`]. Out: [`SetProjection`], the same for
-//! all, with a note on what panoramas were told by. Files say that they are panoramas by Google's Photo
-//! Sphere XMP or OpenEXR's `envmap`; without that, photographs that are all twice as wide as high, and
-//! of which none states a focal length, are taken for panoramas. Degenerate: panoramas that show a part
-//! of the sphere, and panoramas among other photographs, are errors.
+//! In: [`Photograph`]s by their headers and a [`ProjectionChoice`]. Out: [`SetProjection`], the
+//! same for all, with a note on the evidence for panoramas. Files say that they are panoramas by
+//! Google's Photo Sphere XMP or OpenEXR's `envmap`; without that, photographs that are all twice as
+//! wide as high, and of which none states a focal length, are taken for panoramas. Degenerate:
+//! panoramas that show a part of the sphere, and panoramas among other photographs, are errors.
 
 use luxel_core::Remedy;
 use luxel_core::photo::StatedPanorama;
@@ -44,7 +44,7 @@ impl SetProjection {
     }
 }
 
-/// Decides the projection, and notes what panoramas were told by.
+/// Decides the projection, and notes the evidence for panoramas.
 pub(super) fn choose_projection(
     photos: &[Photograph],
     choice: ProjectionChoice,

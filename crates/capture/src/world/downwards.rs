@@ -1,16 +1,17 @@
 //! Flights whose cameras all look straight down.
 //!
-//! In: cameras that look one way, with the points they see. Out: the direction that is down. Such cameras
-//! have no common up: headings turn, or alternate from line to line of a flight, which nobody does with
-//! a camera that looks at a wall. With one heading they are told from those by their places: they are
-//! spread in both directions of the image further than what they see is away. Degenerate: cameras that
-//! look several ways, and those for which neither holds, have none; a survey of a wall that is as wide
-//! and high is taken for one of the ground, unless its files state the pitch.
+//! In: cameras that look one way, with the points they see. Out: the direction that is down. Such
+//! cameras have no common up: headings turn, or alternate from line to line of a flight, which
+//! nobody does with a camera that looks at a wall. With one heading they are told from those by
+//! their places: they are spread in both directions of the image further than what they see is
+//! away. Degenerate: cameras that look several ways, and those for which neither holds, have none;
+//! a survey of a wall that is as wide and high is taken for one of the ground, unless its files
+//! state the pitch.
 
 use glam::DVec3;
 
+use super::directions::robust_mean;
 use super::eigen::{median, median_point};
-use super::up::robust_mean;
 use super::{ImageAxes, WorldView};
 
 /// Least number of cameras: fewer are no flight.

@@ -12,6 +12,7 @@
 //! way have the sources that are left.
 
 mod choice;
+mod directions;
 mod distance;
 mod downwards;
 mod eigen;

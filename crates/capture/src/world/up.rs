@@ -3,15 +3,16 @@
 //! In: [`WorldView`]s. Out: a unit vector in the world's present coordinates with its source. A
 //! photograph's right side is level however the camera is pitched, so up is the normal of the plane
 //! of the rights, if cameras look in several directions. A pitch that files state (a drone's
-//! gimbal) comes first. Panoramas are upright by themselves. All are robust: a view that disagrees with
-//! the others loses its weight.
+//! gimbal) comes first. Panoramas are upright by themselves. All are robust: a view that disagrees
+//! with the others loses its weight.
 //!
-//! Degenerate: cameras that all look the same way, or one camera: up is that of the images, unless they
-//! look straight down, which their headings or places tell ([`super::downwards`]).
+//! Degenerate: cameras that all look the same way, or one camera: up is that of the images, unless
+//! they look straight down, which their headings or places tell ([`super::downwards`]).
 
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
+use super::directions::{ROUNDS, USUAL_ROLL_RAD, robust_mean};
 use super::downwards::down_of_cameras;
 use super::eigen::{eigen3, median, outer};
 use super::{ImageAxes, WorldView};
@@ -62,10 +63,6 @@ pub(super) struct UpEstimate {
     pub(super) source: UpSource,
 }
 
-/// Rounds of reweighting.
-const ROUNDS: usize = 20;
-/// Least deviation that costs weight, radians: what a hand-held camera rolls.
-const USUAL_ROLL_RAD: f64 = 0.035;
 /// Share of the rights' spread in the second direction from which they span a plane: headings
 /// within ten degrees.
 const LEAST_SPREAD: f64 = 0.03;
@@ -109,17 +106,6 @@ fn stated_up(views: &[WorldView]) -> Option<DVec3> {
     let mean = robust_mean(&stated).filter(|_| 2 * stated.len() > views.len())?;
     let agreeing = stated.iter().filter(|up| up.dot(mean) > STATED_AGREEMENT).count();
     (5 * agreeing >= 4 * stated.len()).then_some(mean)
-}
-
-/// Returns the mean direction, in which outliers have little weight.
-pub(super) fn robust_mean(directions: &[DVec3]) -> Option<DVec3> {
-    let mut mean = directions.iter().sum::<DVec3>().try_normalize()?;
-    for _ in 0..ROUNDS {
-        let angle = |d: &DVec3| d.angle_between(mean);
-        let usual = median(directions.iter().map(angle)).max(USUAL_ROLL_RAD);
-        mean = directions.iter().map(|d| *d / (1.0 + (angle(d) / usual).powi(2))).sum::<DVec3>().try_normalize()?;
-    }
-    Some(mean)
 }
 
 /// Returns the normal of the plane that the rights lie in, of either sign; `None` if they do not

@@ -62,8 +62,8 @@ pub(crate) struct ExportArgs {
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = parse_point, help_heading = "World")]
     pub(crate) origin: Option<[f64; 3]>,
     /// Turn the scene about its origin: x:90 is a quarter turn about the x axis of the data set's
-    /// world, from y to z; the axis is x, y, z or a direction X,Y,Z. Several turns are made in order,
-    /// before --up.
+    /// world, from y to z; the axis is x, y, z or a direction X,Y,Z. Several turns are made in
+    /// order, before --up.
     #[arg(long, value_name = "AXIS:DEGREES", allow_hyphen_values = true, help_heading = "World")]
     pub(crate) rotate: Vec<RotationArg>,
     /// Direction of the scene that is up; the file is turned so that its format's up axis is there

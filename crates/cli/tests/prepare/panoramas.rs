@@ -24,8 +24,8 @@ fn pose(view: usize) -> DAffine3 {
     DAffine3 { matrix3, translation: -(matrix3 * DVec3::new(view as f64, 0.1, -0.3)) }
 }
 
-/// A model of some cut-outs of both places, where COLMAP would leave it, with a point that two faces of
-/// the second place see.
+/// A model of some cut-outs of both places, where COLMAP would leave it, with a point that two
+/// faces of the second place see.
 fn write_cutouts(output: &Path) {
     let lens = CutoutLens::for_width(WIDE);
     let side = lens.side_px;

@@ -174,8 +174,9 @@ impl Baked {
         });
     }
 
-    /// Moves the splats into the world of a file, which `file_from_world` turns and scales. They stay
-    /// relative to the origin of the scene's local coordinates, which that transform moves, too.
+    /// Moves the splats into the world of a file, which `file_from_world` turns and scales. They
+    /// stay relative to the origin of the scene's local coordinates, which that transform moves,
+    /// too.
     pub fn transform(&mut self, file_from_world: &Similarity) {
         let about_origin = file_from_world.linear();
         Similarity::scaling(self.scene.world_from_local.scale()).then(&about_origin).apply(&mut self.scene.splats);

@@ -1,8 +1,9 @@
 //! The length of a data set's unit in metres, where something states it.
 //!
-//! In: the data set's path and folder. Out: metres, from the report of its preparation (`prepare.json`:
-//! GPS or a known distance) or the key `metres_per_unit` of its `transforms.json`. Degenerate: a report
-//! that cannot be read states nothing; a `transforms.json` with another value is an error.
+//! In: the data set's path and folder. Out: metres, from the report of its preparation
+//! (`prepare.json`: GPS or a known distance) or the key `metres_per_unit` of its `transforms.json`.
+//! Degenerate: a report that cannot be read states nothing; a `transforms.json` with another value
+//! is an error.
 
 use std::path::Path;
 
@@ -26,11 +27,12 @@ pub fn prepared_metres_per_unit(folder: &Path) -> Option<f64> {
     report.pointer("/world/metres_per_unit").and_then(Value::as_f64).filter(is_length)
 }
 
-/// Returns the length in metres of one unit of the data set at `path`, whose images lie below `folder`.
+/// Returns the length in metres of one unit of the data set at `path`, whose images lie below
+/// `folder`.
 pub(super) fn metres_per_unit(path: &Path, folder: &Path) -> Result<Option<f64>, IoError> {
     let json = if path.is_dir() { path.join("transforms.json") } else { path.to_owned() };
     let is_json = json.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json")) && json.is_file();
-    // What is wrong with the file otherwise is told by its reader.
+    // Its reader reports what else is wrong with the file.
     let stated = is_json.then(|| serde_json::from_slice::<Value>(&read_file(&json).ok()?).ok()).flatten();
     match stated.as_ref().and_then(|stated| stated.get(KEY)) {
         None => Ok(prepared_metres_per_unit(folder)),

@@ -82,7 +82,7 @@ pub(crate) fn exif_of_tags(tags: &Tags<'_>, first: &Ifd<'_>) -> Exif {
 }
 
 /// Parses a time such as `2026:05:17 14:03:59`.
-fn seconds_since_1970(text: &str) -> Option<f64> {
+pub(super) fn seconds_since_1970(text: &str) -> Option<f64> {
     let mut numbers = text
         .split([':', ' ', '-', 'T'])
         .map(|part| part.split('.').next().and_then(|whole| whole.trim_end_matches('Z').parse::<i64>().ok()));

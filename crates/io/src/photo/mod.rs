@@ -5,6 +5,8 @@
 //! not linear: what curve they have is for the caller to know or to find. Orientation tags are not
 //! applied: structure from motion wants pixels as the lens saw them.
 
+#[cfg(feature = "camera-raw")]
+mod camera_raw;
 mod dng;
 mod dng_black;
 mod dng_corrections;
@@ -65,17 +67,21 @@ pub fn is_photo_name(path: &Path) -> bool {
         || MAKERS_RAW.contains(&ending.as_str())
 }
 
-fn refuse_makers_raw(name: &Path) -> Result<(), IoError> {
+/// Returns the ending of a camera maker's own format, if it is one.
+fn makers_ending(name: &Path) -> Option<String> {
     let ending = name.extension().and_then(|e| e.to_str()).unwrap_or_default().to_lowercase();
-    if MAKERS_RAW.contains(&ending.as_str()) {
-        return Err(IoError::unsupported(
-            name,
-            format!(
-                "a camera maker's own RAW format (.{ending}), of which only DNG is read; convert it with a DNG converter, which loses nothing"
-            ),
-        ));
-    }
-    Ok(())
+    MAKERS_RAW.contains(&ending.as_str()).then_some(ending)
+}
+
+#[cfg(not(feature = "camera-raw"))]
+fn refuse_makers_raw(name: &Path) -> Result<(), IoError> {
+    let Some(ending) = makers_ending(name) else { return Ok(()) };
+    Err(IoError::unsupported(
+        name,
+        format!(
+            "a camera maker's own RAW format (.{ending}), of which only DNG is read; convert it with a DNG converter, which loses nothing"
+        ),
+    ))
 }
 
 /// Reads the headers of a photograph; `name` is for messages, and its ending tells camera makers'
@@ -84,6 +90,11 @@ fn refuse_makers_raw(name: &Path) -> Result<(), IoError> {
 /// # Errors
 /// A damaged or unknown file.
 pub fn photo_info(name: &Path, bytes: &[u8]) -> Result<PhotoInfo, IoError> {
+    #[cfg(feature = "camera-raw")]
+    if makers_ending(name).is_some() {
+        return contain(name, || camera_raw::info(name, bytes));
+    }
+    #[cfg(not(feature = "camera-raw"))]
     refuse_makers_raw(name)?;
     contain(name, || {
         if let Some(dng) = dng::Dng::open(name, bytes) {
@@ -116,6 +127,11 @@ pub fn decode_photo(name: &Path, bytes: &[u8]) -> Result<Photo, IoError> {
 /// # Errors
 /// The same as [`decode_photo`].
 pub fn decode_photo_layer(name: &Path, bytes: &[u8], layer: Option<&str>) -> Result<Photo, IoError> {
+    #[cfg(feature = "camera-raw")]
+    if makers_ending(name).is_some() {
+        return contain(name, || camera_raw::pixels(name, bytes)).map(Photo::Raw);
+    }
+    #[cfg(not(feature = "camera-raw"))]
     refuse_makers_raw(name)?;
     if let Some(dng) = dng::Dng::open(name, bytes) {
         let dng = dng?;

@@ -1,8 +1,8 @@
 //! Whether a file says that its picture is an equirectangular panorama.
 //!
-//! In: an XMP packet with Google's Photo Sphere properties (`GPano`), which cameras for panoramas and
-//! stitchers write, or an OpenEXR file with the attribute `envmap`. Out: [`StatedPanorama`]. Degenerate:
-//! other projections, and files that say nothing, have none.
+//! In: an XMP packet with Google's Photo Sphere properties (`GPano`), which cameras for panoramas
+//! and stitchers write, or an OpenEXR file with the attribute `envmap`. Out: [`StatedPanorama`].
+//! Degenerate: other projections, and files that say nothing, have none.
 
 use luxel_core::photo::StatedPanorama;
 

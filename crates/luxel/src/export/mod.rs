@@ -306,10 +306,7 @@ pub fn export(
 ) -> Result<Exported> {
     let mut plan = options.bake.plan(path, &scene)?;
     scene.metres_per_unit = options.metres_per_unit.or(scene.metres_per_unit);
-    if let Some(origin) = options.origin {
-        let frame = Similarity::new(DMat3::IDENTITY, scene.world_from_local.scale(), DVec3::from_array(origin));
-        scene.move_to(frame.context("the origin is out of range")?);
-    }
+    world::move_to_origin(&mut scene, options.origin)?;
     let dataset = dataset.map(|dataset| dataset.in_frame(scene.world_from_local));
     let dataset = dataset.as_deref();
     choose_splats(&mut scene, options, dataset, engine, observer)?;

@@ -1,11 +1,11 @@
 //! From the world of the data set to that of a file.
 //!
-//! In: [`ExportOptions`](super::ExportOptions). Out: a similarity. In this order, the scene moves so that
-//! the chosen origin becomes the file's, turns about axes of the data set's world, turns by quarters so
-//! that the up axis becomes the format's, and is scaled.
+//! In: [`ExportOptions`](super::ExportOptions). Out: a similarity. In this order, the scene moves
+//! so that the chosen origin becomes the file's, turns about axes of the data set's world, turns by
+//! quarters so that the up axis becomes the format's, and is scaled.
 
 use glam::{DMat3, DVec3};
-use luxel_core::{Dataset, Similarity};
+use luxel_core::{Dataset, Scene, Similarity};
 
 use super::ExportOptions;
 use crate::error::Context;
@@ -32,6 +32,17 @@ impl FileScale {
             }
         }
     }
+}
+
+/// Holds a scene relative to the origin of a file, so that positions have their digits there.
+///
+/// # Errors
+/// An origin that is not finite.
+pub(super) fn move_to_origin(scene: &mut Scene, origin: Option<[f64; 3]>) -> Result<()> {
+    let Some(origin) = origin else { return Ok(()) };
+    let frame = Similarity::new(DMat3::IDENTITY, scene.world_from_local.scale(), DVec3::from_array(origin));
+    scene.move_to(frame.context("the origin is out of range")?);
+    Ok(())
 }
 
 /// Returns the similarity from the world of the data set to that of a file.

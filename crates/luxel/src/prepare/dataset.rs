@@ -1,11 +1,12 @@
 //! The data set in COLMAP's layout: undistorted radiance in `images/`, cameras and points in
 //! `sparse/0`.
 //!
-//! In: the model of the proxies, or of the panoramas that they are cut out of, and the radiance of the
-//! views. Out: images without empty pixels (the focal length is raised until there are none), the model
-//! as text with features moved accordingly, and [`Registration`]. Features that belong to no point are
-//! left out. Radiance is resampled once, in linear light and full float; masks of saturated pixels
-//! likewise, black wherever a saturated pixel has a part. Panoramas stay as they are.
+//! In: the model of the proxies, or of the panoramas that they are cut out of, and the radiance of
+//! the views. Out: images without empty pixels (the focal length is raised until there are none),
+//! the model as text with features moved accordingly, and [`Registration`]. Features that belong to
+//! no point are left out. Radiance is resampled once, in linear light and full float; masks of
+//! saturated pixels likewise, black wherever a saturated pixel has a part. Panoramas stay as they
+//! are.
 //!
 //! A view's radiance is removed from `work` once its image is written; what remains there are views
 //! without a pose.

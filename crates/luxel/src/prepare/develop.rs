@@ -1,11 +1,11 @@
 //! One view: from photographs to radiance, its proxy for structure from motion, and its metrics.
 //!
 //! In: a [`PlannedView`]. Out: `work/radiance/NAME.exr` (float, in the data set's space),
-//! `proxies/NAME.jpg` or a panorama's cut-outs, `work/saturation/NAME.png` (a mask, black where a channel is saturated in
-//! every exposure; only where there are such pixels), and a [`ViewRecord`]. Degenerate: a frame
-//! that cannot be decoded is left out with a reason; a view without any frame is an error, and the
-//! other views continue. A refusal of the system to read or write is not a photograph's fault
-//! ([`is_system_error`]): nothing continues.
+//! `proxies/NAME.jpg` or a panorama's cut-outs, `work/saturation/NAME.png` (a mask, black where a
+//! channel is saturated in every exposure; only where there are such pixels), and a [`ViewRecord`].
+//! Degenerate: a frame that cannot be decoded is left out with a reason; a view without any frame
+//! is an error, and the other views continue. A refusal of the system to read or write is not a
+//! photograph's fault ([`is_system_error`]): nothing continues.
 
 use std::path::Path;
 

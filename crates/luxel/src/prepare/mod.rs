@@ -123,14 +123,12 @@ pub fn prepare(options: &PrepareOptions, observer: &dyn Observer) -> Result<Prep
     state.save()?;
     let (records, failed) = views::develop_all(&developer, &mut state, options.memory_bytes, observer)?;
     grouped_notes(&records).iter().for_each(|line| observer.warn(line));
-    let mut left_out = std::mem::take(&mut scan.left_out);
-    left_out.extend(failed);
-    left_out.extend(records.iter().flat_map(|record| record.left_out.iter().cloned()));
+    let of_views = records.iter().flat_map(|record| record.left_out.iter().cloned());
+    let left_out = std::mem::take(&mut scan.left_out).into_iter().chain(failed).chain(of_views).collect();
     if records.is_empty() {
         bail!("no view could be made of {}", plural(photographs, "photograph"));
     }
     let Poses { registration, origin, world } = motion.run(&records, &mut state, observer)?;
-    let is_complete = registration.is_some();
     let scale_note = world.as_ref().and_then(world::scale_note).as_ref().map(options.word_note);
     let report = PrepareReport {
         luxel: crate::VERSION,
@@ -155,7 +153,7 @@ pub fn prepare(options: &PrepareOptions, observer: &dyn Observer) -> Result<Prep
     };
     report::write(&folders, &report)?;
     // Last: it says that nothing is left to do.
-    if is_complete {
+    if report.registration.is_some() {
         state.finished_key = Some(finished_key);
         state.save()?;
     }

@@ -1,9 +1,9 @@
 //! From COLMAP's model of cut-outs to one of panoramas.
 //!
-//! In: a model whose images are cut-outs. Out: the model of the panoramas they belong to, with a whole
-//! panorama for each camera, and features in its pixels. Cut-outs that COLMAP posed one by one are
-//! averaged ([`panorama_pose`]). Points that one panorama alone sees are left out: its cut-outs have
-//! one place. Degenerate: a panorama of which no cut-out was found has no pose.
+//! In: a model whose images are cut-outs. Out: the model of the panoramas they belong to, with a
+//! whole panorama for each camera, and features in its pixels. Cut-outs that COLMAP posed one by
+//! one are averaged ([`panorama_pose`]). Points that one panorama alone sees are left out: its
+//! cut-outs have one place. Degenerate: a panorama of which no cut-out was found has no pose.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -90,8 +90,8 @@ fn cutouts<'a>(folders: &Folders, records: &[ViewRecord], model: &'a ColmapModel
     model.images.iter().map(cutout).collect()
 }
 
-/// Returns a point with its track in panoramas, whose features are added to them; `None` if fewer than
-/// two see it.
+/// Returns a point with its track in panoramas, whose features are added to them; `None` if fewer
+/// than two see it.
 fn moved_point(
     point: &ColmapPoint,
     model: &ColmapModel,

@@ -1,10 +1,10 @@
 //! The pictures that structure from motion gets: one of each photograph, or six cut out of each
 //! panorama.
 //!
-//! In: finished views. Out: [`Pictures`]: names below `proxies/`, grouped by lens, and the rigs that
-//! hold the cut-outs of a panorama together. Cut-outs lie in a folder for each direction and size, such
-//! as `front-485px/IMG_0001.jpg`: COLMAP takes pictures of one name in the folders of a rig for one
-//! frame.
+//! In: finished views. Out: [`Pictures`]: names below `proxies/`, grouped by lens, and the rigs
+//! that hold the cut-outs of a panorama together. Cut-outs lie in a folder for each direction and
+//! size, such as `front-485px/IMG_0001.jpg`: COLMAP takes pictures of one name in the folders of a
+//! rig for one frame.
 
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -1,9 +1,9 @@
 //! COLMAP's commands: features camera by camera, matches, poses.
 //!
-//! In: [`Pictures`] in a folder, and [`Pairing`]. Out: [`Step`]s, and the same as a script for another
-//! machine. SIFT runs on the processor. All pictures of one camera share a lens: features are extracted
-//! camera by camera into one database. Cut-outs of panoramas become rigs where the version has them
-//! (3.12 and newer); their lens and place in the rig stay as they are.
+//! In: [`Pictures`] in a folder, and [`Pairing`]. Out: [`Step`]s, and the same as a script for
+//! another machine. SIFT runs on the processor. All pictures of one camera share a lens: features
+//! are extracted camera by camera into one database. Cut-outs of panoramas become rigs where the
+//! version has them (3.12 and newer); their lens and place in the rig stay as they are.
 //!
 //! Degenerate: COLMAP's lists of pairs cannot hold names with spaces; then its own matcher of
 //! sequences is used, and of panoramas every pair.
