@@ -73,7 +73,7 @@ pub fn panorama_pose(cutouts: &[CutoutPose]) -> Option<PanoramaPose> {
         let (mut place, mut total) = (DVec3::ZERO, 0.0);
         for ((sample, turn), distance) in samples.iter().zip(&turns).zip(&distances) {
             let sign = if sample.rotation.dot(rotation) < 0.0 { -1.0 } else { 1.0 };
-            sum = sum + sample.rotation * (sign * sample.weight / (1.0 + (turn / usual_turn).powi(2)));
+            sum += sample.rotation * (sign * sample.weight / (1.0 + (turn / usual_turn).powi(2)));
             let weight = sample.weight / (1.0 + (distance / usual_distance).powi(2));
             place += weight * (sample.eye - eye);
             total += weight;
