@@ -98,6 +98,34 @@ fn an_interrupted_run_is_evaluated_with_the_response_of_its_state() {
 }
 
 #[test]
+fn metrics_are_taken_through_the_vignetting_that_a_run_tells() {
+    let place = Workplace::new();
+    place.train("run", &["--vignetting"]);
+    let metrics = place.json("run/metrics.json");
+    let lenses = metrics["vignetting"].as_array().unwrap();
+    assert_eq!((lenses.len(), &lenses[0]["views"], &lenses[0]["size_px"]), (1, &(VIEWS - 2).into(), &serde_json::json!([SIDE, SIDE])));
+    assert!(lenses[0]["corner_ev"].as_f64().unwrap() != 0.0, "{lenses:?}");
+    assert_eq!(place.json("run/captures.json")["vignetting"], metrics["vignetting"]);
+    let told = format!("{:+.2} EV in the corners", lenses[0]["corner_ev"].as_f64().unwrap());
+    assert!(std::fs::read_to_string(place.path("run/report.html")).unwrap().contains(&told), "{told}");
+    assert!(place.ok(&["info", "run"]).contains(&told), "{told}");
+    let log = std::fs::read_to_string(place.path("run/log.jsonl")).unwrap();
+    assert!(log.lines().last().unwrap().contains("\"vignetting_corner_ev\":["), "{log}");
+    // The same from the files alone, and from the checkpoint.
+    let evaluated = || {
+        place.ok(&["eval", "run", "--threads", "2"]);
+        let again = place.json("run/metrics.json");
+        for split in ["test", "train"] {
+            assert_eq!(again["splits"][split]["mean"], metrics["splits"][split]["mean"], "{split}");
+        }
+        assert_eq!(again["vignetting"], metrics["vignetting"]);
+    };
+    evaluated();
+    std::fs::remove_file(place.path("run/captures.json")).unwrap();
+    evaluated();
+}
+
+#[test]
 fn radiance_alone_writes_nothing_about_captures() {
     let place = Workplace::new();
     place.train("run", &[]);

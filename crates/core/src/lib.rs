@@ -38,6 +38,7 @@ pub mod synthetic;
 pub mod text;
 pub mod tone;
 mod view_error;
+mod vignetting;
 
 pub use camera::{Camera, CameraError, Distortion, MAX_SIDE_PX};
 pub use camera_motion::CameraMotion;
@@ -64,6 +65,7 @@ pub use similarity::{BandRotation, Similarity};
 pub use splats::{Moments, Splat, Splats, SplatsError, logit, sigmoid};
 pub use ssim::{SSIM_C1, SSIM_C2, SSIM_RADIUS, SSIM_SIGMA_PX, SSIM_TAPS, ssim_window};
 pub use view_error::ViewError;
+pub use vignetting::{VIGNETTING_TERMS, Vignetting};
 
 /// The example of the crate's README, compiled as a doc test.
 #[cfg(doctest)]

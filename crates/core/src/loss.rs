@@ -5,13 +5,14 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::ToneCurve;
+use crate::{ToneCurve, Vignetting};
 
 /// Difference under the tone curve at which the squared part of the loss is as steep as the
 /// absolute one: see [`LossWeights::squared_share`].
 pub const SQUARED_KNEE: f32 = 0.03;
 
-/// Target of a view's image in training: the curve under which it is compared, and its scale.
+/// Target of a view's image in training: the curve under which it is compared, its scale, and its
+/// vignetting.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Target {
     /// Tone curve under which the image is compared.
@@ -19,11 +20,13 @@ pub struct Target {
     /// Factor of the image's channels before the comparison: from the data set's units to
     /// normalised units without gain.
     pub scale: [f32; 3],
+    /// Vignetting of the image: the prediction is multiplied by its gain before the comparison.
+    pub vignetting: Option<Vignetting>,
 }
 
 impl Default for Target {
     fn default() -> Self {
-        Self { curve: ToneCurve::MuLaw { mu: crate::tone::MU }, scale: [1.0; 3] }
+        Self { curve: ToneCurve::MuLaw { mu: crate::tone::MU }, scale: [1.0; 3], vignetting: None }
     }
 }
 

@@ -26,7 +26,7 @@ use crate::scene::{GpuScene, shard_len};
 use crate::screen::{
     Purpose, SceneFacts, camera_uniform, check, lens_uniform, loss_uniform, optimizer_uniform, pixel_kind, supersampled, tiles,
 };
-use crate::step::Recorder;
+use crate::step::{Recorder, VignettingKind};
 use crate::targets::Targets;
 
 mod camera;
@@ -34,6 +34,7 @@ mod contract;
 mod retire;
 #[cfg(feature = "testing")]
 mod surplus;
+mod vignetting;
 
 /// The engine on a GPU. Equal inputs give equal bits on one adapter.
 pub struct GpuEngine {
@@ -163,10 +164,11 @@ impl GpuEngine {
         let scratch = GpuScene::zeros(&self.gpu, self.scene.rows, self.scene.count, self.shard_len())?;
         let out: Vec<Buffer> = scratch.shards.into_iter().map(|shard| shard.first).collect();
         let state = self.run(&Submission::Gradients { view, step, out: &out })?;
+        let by_vignetting = self.read_vignetting_gradient(view)?;
         // Cached bindings would keep the buffers alive.
         self.commands.forget();
         let gradients = self.scene.download(&self.gpu, |n, shard| out.get(n).unwrap_or(&shard.first))?;
-        Ok((step_report(&state, step.step), gradients))
+        Ok((StepReport { by_vignetting, ..step_report(&state, step.step) }, gradients))
     }
 
     /// Enlarges the buffers of entries after an overflow, and clears the halt.
@@ -274,18 +276,19 @@ impl GpuEngine {
         let target = match work.training() {
             None => None,
             Some((view, step)) => {
+                let vignetting = VignettingKind::of(view);
                 let target = targets.get(gpu, view)?;
                 let loss = loss_uniform(&step.loss, view, mu_law_parameter(view)?, target.total);
                 gpu.queue.write_buffer(&frame.loss.raw, 0, bytemuck::bytes_of(&loss));
                 let optimizer = optimizer_uniform(step, scene.count);
                 gpu.queue.write_buffer(&frame.optimizer.raw, 0, bytemuck::bytes_of(&optimizer));
-                Some(target)
+                Some((target, vignetting))
             }
         };
         let mut recorder = Recorder { gpu, commands, frame, scene, size_px: camera.size_px, samples: *samples, pixels };
         recorder.forward();
-        if let Some(target) = target {
-            recorder.backward(target);
+        if let Some((target, vignetting)) = target {
+            recorder.backward(target, vignetting);
             recorder.gather();
             if work.computes_camera() {
                 recorder.camera_backward(camera_sums);
@@ -351,7 +354,16 @@ fn required_sizes(camera: &Camera, splats: usize, training: bool) -> Sizes {
 }
 
 fn step_report(state: &State, step: u32) -> StepReport {
-    StepReport { step, loss: state.loss, l1: state.l1, ssim: state.ssim, visible: state.visible, by_knots: None, camera: None }
+    StepReport {
+        step,
+        loss: state.loss,
+        l1: state.l1,
+        ssim: state.ssim,
+        visible: state.visible,
+        by_knots: None,
+        camera: None,
+        by_vignetting: None,
+    }
 }
 
 /// Returns the parameter mu of the target's mu-law, the only curve of this engine.

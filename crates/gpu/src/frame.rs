@@ -12,8 +12,8 @@ use wgpu::BufferUsages;
 use crate::device::{Buffer, Gpu};
 use crate::forward::{Count, Extent, Resource};
 use crate::layout::{
-    BUCKET, BUCKET_PIXELS_BYTES, CameraUniform, DEPTH_DIGITS, DIGIT_BITS, ENTRY_GRADIENT_BYTES, LensUniform, LossUniform, OptimizerUniform,
-    SORT_ENTRIES, SORT_IDENTITY, SortUniform,
+    BUCKET, BUCKET_PIXELS_BYTES, CameraUniform, DEPTH_DIGITS, DIGIT_BITS, ENTRY_GRADIENT_BYTES, GROUP_SUMS_BYTES, LensUniform, LossUniform,
+    OptimizerUniform, SORT_ENTRIES, SORT_IDENTITY, SortUniform,
 };
 use crate::scene::Shard;
 
@@ -160,7 +160,7 @@ impl PixelBuffers {
             last_entries: gpu.storage("last entries", sizes.bytes(Resource::LastEntries))?,
             derivatives: gpu.storage("derivatives of SSIM", 36 * sizes.training_pixels)?,
             gradients: gpu.storage("pixels' gradients", 16 * sizes.training_pixels)?,
-            group_sums: gpu.storage("sums of the loss", 16 * sizes.tiles)?,
+            group_sums: gpu.storage("sums of the loss", GROUP_SUMS_BYTES * sizes.tiles)?,
         })
     }
 }

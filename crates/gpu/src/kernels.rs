@@ -26,6 +26,10 @@ pub(crate) enum KernelId {
     LossSsim,
     LossGradient,
     LossReport,
+    /// The kernels of the loss for images with vignetting.
+    LossSsimVignetted,
+    LossGradientVignetted,
+    VignettingSums,
     RasterizeBackward,
     Gather,
     ProjectBackward(ColorModel, Update),
@@ -71,7 +75,8 @@ const LINEARISE_RAYS: &str = file!("linearise_rays");
 const POINT_BACKWARD_RAYS: &str = file!("point_backward_rays");
 const SORT: &[&str] = &[COMMON, file!("sort")];
 const BIN: &[&str] = &[COMMON, FOOTPRINT, ELLIPSE, file!("bin")];
-const LOSS: &[&str] = &[COMMON, file!("loss")];
+const LOSS: &[&str] = &[COMMON, file!("no_vignetting"), file!("loss")];
+const LOSS_VIGNETTED: &[&str] = &[COMMON, file!("loss"), file!("vignetting")];
 
 impl KernelId {
     /// Returns the entry point.
@@ -86,9 +91,10 @@ impl KernelId {
             Self::BinEmit | Self::BinEmitRays => "bin_emit",
             Self::BinRanges => "bin_ranges",
             Self::Rasterize | Self::RasterizeRays => "rasterize",
-            Self::LossSsim => "loss_ssim",
-            Self::LossGradient => "loss_gradient",
+            Self::LossSsim | Self::LossSsimVignetted => "loss_ssim",
+            Self::LossGradient | Self::LossGradientVignetted => "loss_gradient",
             Self::LossReport => "loss_report",
+            Self::VignettingSums => "vignetting_sums",
             Self::RasterizeBackward | Self::RasterizeBackwardRays => "rasterize_backward",
             Self::Gather => "gather",
             Self::ProjectBackward(..) | Self::ProjectBackwardRays(..) => "project_backward",
@@ -111,6 +117,7 @@ impl KernelId {
             Self::Rasterize => &[COMMON, FOOTPRINT, ELLIPSE, file!("rasterize")],
             Self::RasterizeRays => &[COMMON, LENS, FOOTPRINT, ELLIPSE_RAYS, file!("rasterize")],
             Self::LossSsim | Self::LossGradient | Self::LossReport => LOSS,
+            Self::LossSsimVignetted | Self::LossGradientVignetted | Self::VignettingSums => LOSS_VIGNETTED,
             Self::RasterizeBackward => &[COMMON, FOOTPRINT, ELLIPSE, file!("unwind"), file!("rasterize_backward")],
             Self::RasterizeBackwardRays => &[COMMON, LENS, FOOTPRINT, ELLIPSE_RAYS, file!("unwind"), file!("rasterize_backward")],
             Self::Gather => &[COMMON, file!("gather")],
@@ -211,6 +218,9 @@ mod tests {
             KernelId::LossSsim,
             KernelId::LossGradient,
             KernelId::LossReport,
+            KernelId::LossSsimVignetted,
+            KernelId::LossGradientVignetted,
+            KernelId::VignettingSums,
             KernelId::RasterizeBackward,
             KernelId::Gather,
             KernelId::Contribute,

@@ -5,6 +5,7 @@
 //! this module's tests compare them by naga.
 
 use bytemuck::{Pod, Zeroable};
+use luxel_core::VIGNETTING_TERMS;
 
 /// Side of a tile, pixels: each pixel of a tile is a thread of a workgroup.
 pub(crate) const TILE_PX: u32 = 16;
@@ -214,8 +215,14 @@ pub(crate) struct LossUniform {
     pub(crate) padding: u32,
     /// Factor of each channel of the target.
     pub(crate) target_scale: [f32; 3],
+    /// Reciprocal of [`luxel_core::Vignetting::unit_px`].
+    pub(crate) inverse_unit: f32,
+    /// See [`luxel_core::Vignetting::log_gain`].
+    pub(crate) log_gain: [f32; VIGNETTING_TERMS],
+    /// See [`luxel_core::Vignetting::axis_px`].
+    pub(crate) axis_px: [f32; 2],
     /// Unused.
-    pub(crate) padding_2: u32,
+    pub(crate) padding_2: [u32; 2],
 }
 
 /// The optimiser at a step. Twin: `Optimizer` in adam.wgsl.
@@ -355,6 +362,8 @@ pub(crate) const ENTRY_GRADIENT_BYTES: u64 = 48;
 pub(crate) const BUCKET_PIXELS_BYTES: u64 = 16 * (TILE_PX * TILE_PX) as u64;
 /// Sums of a workgroup for the gradient by the camera: two vec4f in camera_backward.wgsl.
 pub(crate) const CAMERA_SUMS_BYTES: u64 = 32;
+/// Sums of a workgroup of the loss: a vec4f in loss.wgsl and vignetting.wgsl.
+pub(crate) const GROUP_SUMS_BYTES: u64 = 4 * VIGNETTING_TERMS as u64;
 /// Rows of a shard's statistics: gradient, absolute gradient, views.
 pub(crate) const STATS_ROWS: usize = 3;
 

@@ -5,7 +5,10 @@
 
 use bytemuck::Zeroable;
 use luxel_core::engine::{ADAM_BETA1, ADAM_BETA2, JACOBIAN_MARGIN, PixelAngle, StatsCollection, StepConfig};
-use luxel_core::{Antialias, Camera, CameraProjection, EngineError, LossWeights, MAX_SAMPLES, RenderOptions, SQUARED_KNEE, View};
+use luxel_core::{
+    Antialias, Camera, CameraProjection, EngineError, LossWeights, MAX_SAMPLES, RenderOptions, SQUARED_KNEE, VIGNETTING_TERMS, View,
+    Vignetting,
+};
 
 use crate::forward::PixelKind;
 use crate::layout::{
@@ -149,6 +152,9 @@ pub(crate) fn loss_uniform(weights: &LossWeights, view: &View, mu: f32, total: f
     // The mean over no pixels is 0.
     let l1_mean = 1.0 / (3.0 * if total > 0.0 { total } else { 1.0 });
     let ssim_mean = 1.0 / (3.0 * f64::from(size_px[0]) * f64::from(size_px[1]));
+    // Kernels for images without vignetting do not read it.
+    let none = Vignetting { axis_px: [0.0; 2], unit_px: 1.0, log_gain: [0.0; VIGNETTING_TERMS] };
+    let Vignetting { axis_px, unit_px, log_gain } = view.target.vignetting.unwrap_or(none);
     LossUniform {
         mu,
         scale: (1.0 / log) as f32,
@@ -163,7 +169,10 @@ pub(crate) fn loss_uniform(weights: &LossWeights, view: &View, mu: f32, total: f
         is_masked: view.mask.is_some().into(),
         padding: 0,
         target_scale: view.target.scale,
-        padding_2: 0,
+        inverse_unit: 1.0 / unit_px,
+        log_gain,
+        axis_px,
+        padding_2: [0; 2],
     }
 }
 

@@ -2,7 +2,7 @@
 //!
 //! In: buffers, scene. Out: recorded commands.
 
-use luxel_core::Pass;
+use luxel_core::{Pass, View};
 
 use crate::commands::{Binding, Commands, Groups, bind};
 use crate::device::{Buffer, Gpu};
@@ -20,6 +20,20 @@ const SPLATS_BACKWARD: u64 = 128;
 /// Returns the number of workgroups of `project_backward` or `camera_backward` for a shard.
 pub(crate) fn backward_groups(shard: &Shard) -> u64 {
     (shard.len as u64).div_ceil(SPLATS_BACKWARD)
+}
+
+/// Whether the image of a step has vignetting, whose gradient is computed.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum VignettingKind {
+    None,
+    Learned,
+}
+
+impl VignettingKind {
+    /// Returns the kind of a view's target.
+    pub(crate) fn of(view: &View) -> Self {
+        if view.target.vignetting.is_some() { Self::Learned } else { Self::None }
+    }
 }
 
 /// A recorder of the kernels of a frame.
@@ -114,8 +128,8 @@ impl Recorder<'_> {
     }
 
     /// Records the passes from the image to the entries' gradients.
-    pub(crate) fn backward(&mut self, target: &Target) {
-        self.loss(target);
+    pub(crate) fn backward(&mut self, target: &Target, vignetting: VignettingKind) {
+        self.loss(target, vignetting);
         let frame = self.frame;
         let buffers = [
             bind(0, &frame.camera),
@@ -132,7 +146,11 @@ impl Recorder<'_> {
         self.add_either(Pass::RasterizeBackward, [KernelId::RasterizeBackward, KernelId::RasterizeBackwardRays], &buffers, groups);
     }
 
-    fn loss(&mut self, target: &Target) {
+    fn loss(&mut self, target: &Target, vignetting: VignettingKind) {
+        let [loss_ssim, loss_gradient] = match vignetting {
+            VignettingKind::None => [KernelId::LossSsim, KernelId::LossGradient],
+            VignettingKind::Learned => [KernelId::LossSsimVignetted, KernelId::LossGradientVignetted],
+        };
         let frame = self.frame;
         let grid = Groups::Grid(tiles(self.size_px.map(|side| side / self.samples)));
         // Without a mask the binding is not read.
@@ -140,12 +158,23 @@ impl Recorder<'_> {
         let inputs = [bind(0, &frame.camera), bind(1, &frame.loss), bind(2, &frame.pixels.image), bind(3, &target.pixels), bind(4, mask)];
         let derivatives = bind(5, &frame.pixels.derivatives);
         let ssim: Vec<_> = inputs.into_iter().chain([derivatives, bind(6, &frame.pixels.group_sums)]).collect();
-        self.add(Pass::Loss, KernelId::LossSsim, &ssim, grid);
+        self.add(Pass::Loss, loss_ssim, &ssim, grid);
         let report = [bind(0, &frame.camera), bind(1, &frame.loss), bind(6, &frame.pixels.group_sums), bind(9, &frame.state)];
         self.add(Pass::Loss, KernelId::LossReport, &report, Groups::Line(1));
         let outputs = [derivatives, bind(7, &frame.pixels.last_entries), bind(8, &frame.pixels.gradients)];
         let gradient: Vec<_> = inputs.into_iter().chain(outputs).collect();
-        self.add(Pass::Loss, KernelId::LossGradient, &gradient, grid);
+        self.add(Pass::Loss, loss_gradient, &gradient, grid);
+        if vignetting == VignettingKind::Learned {
+            // In the place of the sums that the report has read.
+            let sums = [
+                bind(0, &frame.camera),
+                bind(1, &frame.loss),
+                bind(2, &frame.pixels.image),
+                bind(6, &frame.pixels.group_sums),
+                bind(8, &frame.pixels.gradients),
+            ];
+            self.add(Pass::Loss, KernelId::VignettingSums, &sums, grid);
+        }
     }
 
     /// Records the computation of each splat's contribution to the image, under a mask.

@@ -24,6 +24,10 @@ pub struct LogRecord {
     /// Corrections of the poses so far; `None` unless they are refined.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub poses: Option<PoseReport>,
+    /// Gain in the corners of each lens relative to its axis, stops; none unless vignetting is
+    /// learned.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub vignetting_corner_ev: Vec<f64>,
     /// Splats.
     pub splats: usize,
     /// Splats that touched the last image.
@@ -65,6 +69,7 @@ mod tests {
             psnr_test: None,
             psnr_test_sample: None,
             poses: None,
+            vignetting_corner_ev: Vec::new(),
             splats: 10,
             visible: 5,
             iterations_per_second: 20.0,

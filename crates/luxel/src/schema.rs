@@ -24,7 +24,7 @@ pub const METRICS: Document = Document { name: "metrics.json", version: 1 };
 pub const LOG: Document = Document { name: "log.jsonl", version: 1 };
 /// Cameras of a run whose poses were refined.
 pub const CAMERAS: Document = Document { name: "cameras.json", version: 1 };
-/// Gains and camera response that training found.
+/// Gains, camera response and vignetting that training found.
 pub const CAPTURES: Document = Document { name: "captures.json", version: 1 };
 /// Measurements of a run as part of a study.
 pub const MEASURED: Document = Document { name: "measured.json", version: 1 };

@@ -11,7 +11,7 @@ use std::path::Path;
 use luxel_core::{Camera, ColorSpace, View};
 use luxel_metrics::FieldOptions;
 use luxel_metrics::{GainFit, Measures, SplitMetrics};
-use luxel_train::{Method, PoseReport, Preset, TrainConfig, Trainer};
+use luxel_train::{LensVignetting, Method, PoseReport, Preset, TrainConfig, Trainer};
 
 use crate::device::SelectedEngine;
 use crate::error::Context;
@@ -237,8 +237,13 @@ impl Training {
         self.trainer.pose_report()
     }
 
+    /// Returns the vignetting of each lens so far, or `None` if the settings do not ask for it.
+    pub fn vignetting(&self) -> Option<Vec<LensVignetting>> {
+        self.trainer.vignetting()
+    }
+
     /// Measures the scene as it stands against views, with the radiance scale, mu, raster settings,
-    /// gains and camera response of this training.
+    /// gains, vignetting and camera response of this training.
     ///
     /// # Errors
     /// A render that is not finite, a device that gave up.
@@ -254,7 +259,9 @@ impl Training {
             gain_fit: GainFit::Known(&known),
             ..Measures::new(scale, mu)
         };
-        Ok(luxel_metrics::evaluate(self.trainer.engine(), &options, &measures, views, &mut |_, _, _| {})?)
+        let mut seen = views.to_vec();
+        LensVignetting::show_in(&self.trainer.vignetting().unwrap_or_default(), views, &mut seen);
+        Ok(luxel_metrics::evaluate(self.trainer.engine(), &options, &measures, &seen, &mut |_, _, _| {})?)
     }
 
     /// Renders the scene as it stands, from a camera in the local coordinates of the data set, such

@@ -11,7 +11,8 @@
 //!
 //! Images and scene may differ by a gain, in exposure or white balance, that is no error of the
 //! scene. [`GainFit`] selects the gains by which predictions are multiplied before they are
-//! measured.
+//! measured. The vignetting of a view's target ([`luxel_core::Target::vignetting`]) is applied to
+//! its prediction before that.
 
 use luxel_core::{Engine, EngineError, Image, Knots, PixelValues, RadianceScale, ReadError, Remedy, RenderOptions, Response, View};
 use rayon::prelude::*;
@@ -213,7 +214,7 @@ pub fn evaluate(
             if !has_valid_pixel(&view) {
                 continue;
             }
-            let mut prediction = engine.render(&view.camera, options)?;
+            let mut prediction = vignetted_render(engine, options, &view)?;
             match measures.gain_fit {
                 GainFit::None => {}
                 GainFit::Common => multiply(&mut prediction, common),
@@ -265,12 +266,21 @@ fn common_gain(
         if !has_valid_pixel(&view) {
             continue;
         }
-        if let Some(log) = log_gain(&engine.render(&view.camera, options)?, &view, radiance_scale) {
+        if let Some(log) = log_gain(&vignetted_render(engine, options, &view)?, &view, radiance_scale) {
             sum = [0, 1, 2].map(|c| sum[c] + f64::from(log[c]));
             count += 1;
         }
     }
     Ok(sum.map(|sum| (sum / count.max(1) as f64) as f32))
+}
+
+/// Renders a view with the vignetting of its target.
+fn vignetted_render(engine: &mut dyn Engine, options: &RenderOptions, view: &View) -> Result<Image, EngineError> {
+    let mut image = engine.render(&view.camera, options)?;
+    if let Some(vignetting) = &view.target.vignetting {
+        vignetting.apply(&mut image);
+    }
+    Ok(image)
 }
 
 fn multiply(image: &mut Image, log_gain: [f32; 3]) {
@@ -308,7 +318,7 @@ pub fn probe(
     if !(0..view.image.pixels.len()).any(|i| view.is_valid(i)) {
         return Ok(None);
     }
-    let mut prediction = engine.render(&view.camera, options)?;
+    let mut prediction = vignetted_render(engine, options, view)?;
     multiply(&mut prediction, log_gain);
     let prediction = to_view_values(view, prediction, measures.radiance_scale, measures.response)?;
     let (target, mu) = (normalised(view, measures.radiance_scale), mu_of(view, measures));

@@ -15,6 +15,7 @@ pub mod densify;
 mod error;
 mod gains;
 mod init;
+mod lenses;
 mod neighbourhood;
 mod pixel_weights;
 mod poses;
@@ -28,6 +29,7 @@ mod state;
 mod testing;
 mod trainer;
 mod views;
+mod vignetting;
 
 pub use config::{
     Condition, CutoffPreset, ExposureCompensation, MAX_SEED, MCMC_DEFAULT_MAX_SPLATS, Method, Misplaced, NamedChoice, OPTIONS, OptionSpec,
@@ -43,8 +45,9 @@ pub use resolution::{ResolutionSchedule, Stage};
 pub use scale::choose_radiance_scale;
 pub use schedule::{ABSGRAD_OPACITY_CAP, RESET_OPACITY, Schedule};
 pub use smoothing::smoothing;
-pub use state::snapshot_response;
+pub use state::{snapshot_response, snapshot_vignetting};
 pub use trainer::Trainer;
+pub use vignetting::LensVignetting;
 
 /// The example of the crate's README, compiled as a doc test.
 #[cfg(doctest)]

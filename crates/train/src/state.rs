@@ -13,6 +13,7 @@ use crate::crop::Crop;
 use crate::gains::Gains;
 use crate::poses::{Corrections, Poses};
 use crate::recorded::is_recorded;
+use crate::vignetting::{LensVignetting, Lenses, Vignettings};
 use crate::{TrainConfig, TrainError};
 
 /// Version of the format of [`State`]; a state of another version is refused with a clear message.
@@ -44,6 +45,9 @@ pub(crate) struct State {
     /// Response of the camera that captured the images; `None` if they are radiance.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) response: Option<CameraResponse>,
+    /// Vignetting of the training images' lenses; `None` if it is not optimised.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) vignetting: Option<Vignettings>,
     /// Corrections of the training images' poses; `None` if they are fixed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) poses: Option<Corrections>,
@@ -81,6 +85,7 @@ impl State {
             rng: Pcg64Mcg::seed_from_u64(config.seed),
             gains,
             response,
+            vignetting: config.vignetting.then(|| Vignettings::none(&Lenses::new(dataset))),
             poses: config.refine_poses.then(|| Corrections::none(&poses_of(dataset, extent), config.refine_focal)),
             order: (0u32..).take(dataset.train.len()).collect(),
             // The epoch is used up, so the first step shuffles.
@@ -152,6 +157,12 @@ impl State {
         if let Some(response) = &state.response {
             response.validate()?;
         }
+        if let Some(vignetting) = &state.vignetting {
+            vignetting.validate(&Lenses::new(dataset))?;
+        }
+        if state.vignetting.is_some() != state.config.vignetting {
+            return Err(TrainError::State("vignetting is missing, or is there without being asked for".to_owned()));
+        }
         if let Some(corrections) = &state.poses {
             corrections.validate(&poses_of(dataset, state.extent), state.config.refine_focal)?;
         }
@@ -195,4 +206,16 @@ pub fn snapshot_response(snapshot: &Snapshot) -> Result<Option<Knots>, TrainErro
         response.validate()?;
     }
     Ok(response.as_ref().map(CameraResponse::knots))
+}
+
+/// Returns the vignetting of each lens in a snapshot of a run on `dataset`; empty if it is not
+/// optimised.
+///
+/// # Errors
+/// Returns [`TrainError::State`] if the state cannot be read or is of other lenses.
+pub fn snapshot_vignetting(snapshot: &Snapshot, dataset: &Dataset) -> Result<Vec<LensVignetting>, TrainError> {
+    let Some(vignetting) = State::parse(&snapshot.state_json)?.vignetting else { return Ok(Vec::new()) };
+    let lenses = Lenses::new(dataset);
+    vignetting.validate(&lenses)?;
+    Ok(vignetting.report(&lenses))
 }

@@ -14,6 +14,7 @@ mod densify;
 mod health;
 mod poses;
 mod start;
+mod vignetting;
 
 use std::collections::VecDeque;
 
@@ -21,6 +22,7 @@ use luxel_core::engine::{PositionNoise, StepConfig};
 use luxel_core::{ColorSpace, Engine, Knots, Moments, RadianceScale, RasterConfig, RenderOptions, Scene, Similarity, Snapshot, StepReport};
 use luxel_metrics::{log_gain, log_gain_of_view};
 
+use self::vignetting::Seen;
 use crate::average::Average;
 use crate::camera_response::{CameraResponse, exposure_of};
 use crate::config::Strategy;
@@ -29,6 +31,7 @@ use crate::poses::Poses;
 use crate::recorded::{curve, radiance_of};
 use crate::state::State;
 use crate::views::TrainingViews;
+use crate::vignetting::Lenses;
 use crate::{Schedule, TrainConfig, TrainError};
 
 /// A training run.
@@ -47,6 +50,8 @@ pub struct Trainer {
     visibility: health::Visibility,
     /// The poses that corrections apply to, if poses are optimised.
     poses: Option<Poses>,
+    /// The lenses of the views, if their vignetting is optimised.
+    lenses: Option<Lenses>,
 }
 
 /// Number of steps whose views are remembered; engines work ahead by fewer steps than that.
@@ -139,10 +144,13 @@ impl Trainer {
         let (crop, next) = (self.state.crop(step), step.saturating_add(1));
         self.views.part_at(step, index, gain, crop)?;
         self.views.ask(next, view_of_next, self.state.crop(next));
+        let reduction = self.views.factor(step);
         let view = self.views.part_at(step, index, gain, crop)?.ok_or(TrainError::NoTrainViews)?;
         if let Some(response) = &self.state.response {
             view.target.curve = curve(view, &response.knots(), self.state.radiance_scale, gain).unwrap_or(view.target.curve);
         }
+        view.target.vignetting =
+            self.lenses.as_ref().and_then(|lenses| self.state.vignetting_of(lenses, Seen { step, index, reduction, camera: &view.camera }));
         let report = self.engine.train_step(view, &config)?;
         if self.recent.len() == RECENT {
             self.recent.pop_front();
@@ -157,6 +165,7 @@ impl Trainer {
         if let (Some(response), Some(by_knots)) = (&mut self.state.response, &report.by_knots) {
             response.update(by_knots, f64::from(step) / f64::from(self.state.planned_iterations.max(1)));
         }
+        self.learn_vignetting(step, index, &report);
         self.correct_pose(step, index, &report);
         self.measure_gain(step, index)?;
         self.densify(step)?;
@@ -181,9 +190,16 @@ impl Trainer {
         }
         let Some(channels) = self.state.config.exposure_compensation.gain_channels() else { return Ok(()) };
         let (options, gain, crop) = (self.render_options_of(step), self.gain(index), self.state.crop(step));
-        let Some(gains) = self.state.gains.as_mut().filter(|gains| gains.measures_after(step)) else { return Ok(()) };
+        if !self.state.gains.as_ref().is_some_and(|gains| gains.measures_after(step)) {
+            return Ok(());
+        }
+        let reduction = self.views.factor(step);
         let Some(view) = self.views.part_at(step, index, gain, crop)? else { return Ok(()) };
-        let render = self.engine.render(&view.camera, &options)?;
+        let mut render = self.engine.render(&view.camera, &options)?;
+        let seen = Seen { step, index, reduction, camera: &view.camera };
+        if let Some(vignetting) = self.lenses.as_ref().and_then(|lenses| self.state.vignetting_of(lenses, seen)) {
+            vignetting.apply(&mut render);
+        }
         let found = match (&self.state.response, exposure_of(view)) {
             (Some(response), Some(exposure_s)) => {
                 let knots = response.knots();
@@ -196,7 +212,7 @@ impl Trainer {
             }
             _ => log_gain_of_view(&render, view, view.target.scale, channels),
         };
-        if let Some(found) = found {
+        if let (Some(gains), Some(found)) = (&mut self.state.gains, found) {
             gains.shift(index, found);
         }
         Ok(())

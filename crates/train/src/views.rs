@@ -153,7 +153,7 @@ impl TrainingViews {
             PixelValues::Radiance => self.tone.radiance_scale.target_scale(gain),
             PixelValues::Recorded { .. } => [1.0; 3],
         };
-        let target = Target { curve: ToneCurve::MuLaw { mu: self.tone.mu }, scale };
+        let target = Target { curve: ToneCurve::MuLaw { mu: self.tone.mu }, scale, vignetting: None };
         let moved = self.moved_camera(index, factor);
         let key = Key { index, factor, crop };
         let view = if self.weighted.is_empty() {
@@ -337,7 +337,7 @@ mod tests {
                 let view = views.at(step, index, [1.0; 3]).unwrap().unwrap();
                 assert_eq!((view.name.as_str(), view.camera.size_px, view.image.width), (name, [side; 2], side as usize), "{step}");
                 assert!(view.image.pixels.iter().all(|rgb| rgb[0] == red && rgb[2] == 2.0), "{step}");
-                assert_eq!(view.target, Target { curve: ToneCurve::MuLaw { mu: 5000.0 }, scale: [0.5; 3] });
+                assert_eq!(view.target, Target { curve: ToneCurve::MuLaw { mu: 5000.0 }, scale: [0.5; 3], vignetting: None });
             }
         }
         assert!(views.at(1, 2, [1.0; 3]).unwrap().is_none() && views.at(30, 2, [1.0; 3]).unwrap().is_none());

@@ -6,7 +6,7 @@ use std::sync::{Mutex, PoisonError};
 use anyhow::{Context, Result};
 use glam::DVec3;
 use luxel::run::evaluation::Metrics;
-use luxel::run::{ExplicitArgs, RunFolder, RunMemory, state};
+use luxel::run::{ExplicitArgs, RunFolder, RunMemory, state, vignetting_text};
 use luxel::{schema, text};
 use luxel_core::tone::rec709_of;
 use luxel_core::{ColorModel, ColorSpace, Dataset, Image, Scene, Splats, View, luminance_rec709, sigmoid};
@@ -131,6 +131,9 @@ fn describe_run(path: &Path, console: &Console) -> Result<Tree> {
         let mut metrics_tree = Tree::default();
         metrics_tree.set("iterations", metrics.iterations).set("train_seconds", metrics.train_seconds);
         metrics_tree.set("peak_rss_bytes", metrics.peak_rss_bytes);
+        if !metrics.vignetting.is_empty() {
+            metrics_tree.set("vignetting", vignetting_text(&metrics.vignetting));
+        }
         for (name, split) in &metrics.splits {
             let mut mean = Tree::default();
             for (name, value) in split.mean.named() {

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{CameraGradient, CameraGradientChoice, RenderOptions};
-use crate::{Knots, LossWeights};
+use crate::{Knots, LossWeights, VIGNETTING_TERMS};
 
 /// Adam's learning rates at one step.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -95,4 +95,8 @@ pub struct StepReport {
     /// Gradient of the loss by the camera, if the step asked for it; bit-identical for any number
     /// of threads.
     pub camera: Option<CameraGradient>,
+    /// Gradient of the loss by the coefficients of ln gain of the target's [`crate::Vignetting`],
+    /// if it has one; bit-identical for any number of threads. An engine that works ahead then
+    /// waits for the step.
+    pub by_vignetting: Option<[f32; VIGNETTING_TERMS]>,
 }

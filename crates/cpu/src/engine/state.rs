@@ -300,7 +300,8 @@ impl State {
         let Self { level, frame, timings, .. } = self;
         let mut clock = Clock::new(timings);
         let pixels = final_pixels(camera, &frame.pixels, &frame.resolved);
-        let LossSums { l1, l2, ssim, by_knots } = frame.loss.loss(*level, &camera.without_supersampling(), pixels, view, &step.loss);
+        let LossSums { l1, l2, ssim, by_knots, by_vignetting } =
+            frame.loss.loss(*level, &camera.without_supersampling(), pixels, view, &step.loss);
         let gradient = if camera.samples == 1 {
             &frame.loss.gradient
         } else {
@@ -318,7 +319,7 @@ impl State {
         rasterize_backward(&inputs, tiles, gradient, absolute, &mut frame.entries);
         clock.lap(Pass::RasterizeBackward);
         let loss = step.loss.total(l1, l2, ssim);
-        StepReport { step: step.step, loss, l1, ssim, visible: frame.bins.visible(), by_knots, camera: None }
+        StepReport { step: step.step, loss, l1, ssim, visible: frame.bins.visible(), by_knots, camera: None, by_vignetting }
     }
 
     /// Runs a training step, up to its deferred update. The view has the size of the image.

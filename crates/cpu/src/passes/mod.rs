@@ -1,9 +1,10 @@
 //! The passes of a training step, one file each, and their helpers.
 //!
 //! `color` runs within `project`, and `color_backward` within `project_backward`; their time is
-//! counted there. `camera_backward` runs only in steps that ask for it. Two passes are not part of
-//! a step: `contribute` measures which splats a painted mask selects, and `evaluations` counts how
-//! many splats are blended. Both go through a block's splats with `visit_block`, in the order of
+//! counted there. `camera_backward` runs only in steps that ask for it, and `vignetting` only where
+//! the target has it; its time is counted with `loss`. Two passes are not part of a step:
+//! `contribute` measures which splats a painted mask selects, and `evaluations` counts how many
+//! splats are blended. Both go through a block's splats with `visit_block`, in the order of
 //! `rasterize`.
 //!
 //! Helpers: `picks` finds the splats of a block for `rasterize`; `changes` records which splats
@@ -36,4 +37,5 @@ pub(crate) mod sort_and_rasterize;
 pub(crate) mod sums;
 pub(crate) mod tile_records;
 pub(crate) mod update;
+pub(crate) mod vignetting;
 pub(crate) mod visit_block;

@@ -18,7 +18,7 @@ fn plain(masked: bool, seed: u64) -> Case {
 }
 
 /// Returns a mask with weights 0, 1 and between.
-fn weighted(mut case: Case, seed: u64) -> Case {
+pub fn weighted(mut case: Case, seed: u64) -> Case {
     case.view = fixture::with_weights(case.view, seed);
     case.name += " weights";
     case
@@ -26,7 +26,7 @@ fn weighted(mut case: Case, seed: u64) -> Case {
 
 /// Returns a view recorded by a camera with a different curve in each channel, with saturated and
 /// black pixels among the others.
-fn recorded(mut case: Case, seed: u64) -> Case {
+pub fn recorded(mut case: Case, seed: u64) -> Case {
     let knots: Knots = [0.8, 1.0, 1.3].map(|power| std::array::from_fn(|k| (0.55 * exposure_of_knot(k).powf(power / 2.2)) as f32 - 0.01));
     let response = Response { knots, exposure: [0.7, 1.1, 3.0] };
     let mut rng = fixture::Rng::new(seed);
@@ -34,7 +34,7 @@ fn recorded(mut case: Case, seed: u64) -> Case {
     let pixels = case.view.image.pixels.iter().map(|pixel| [0, 1, 2].map(|c| value(c, pixel[c], &mut rng))).collect();
     case.view.image = Image::from_pixels(case.view.image.width, case.view.image.height, pixels).unwrap().into();
     case.view.values = PixelValues::Recorded { exposure_s: 1.0 };
-    case.view.target = Target { curve: ToneCurve::Response(response), scale: [1.0; 3] };
+    case.view.target = Target { curve: ToneCurve::Response(response), scale: [1.0; 3], vignetting: None };
     case.name += " response";
     case
 }

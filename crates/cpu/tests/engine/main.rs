@@ -19,4 +19,5 @@ mod probe;
 mod ray_reference;
 mod tile_memory;
 mod update;
+mod vignetting;
 mod wide;

@@ -11,7 +11,7 @@
 use luxel_core::engine::PixelAngle;
 use luxel_core::{
     Activation, Antialias, Camera, ColorModel, DEAD_CHROMA_FLOOR, LossWeights, RESPONSE_KNOTS, RenderOptions, SH_OFFSET, Splats, ToneCurve,
-    View, sh,
+    VIGNETTING_TERMS, View, sh,
 };
 
 use crate::number::{Gradient, Number, Var, gradient, variables};
@@ -411,6 +411,19 @@ impl<N: Number> Curve<N> {
     }
 }
 
+/// Returns the pixels as the view shows them: times the gain of its vignetting, with these
+/// coefficients of ln gain.
+fn vignetted<N: Number>(pixels: &[[N; 3]], view: &View, log_gain: [N; VIGNETTING_TERMS]) -> Vec<[N; 3]> {
+    let Some(vignetting) = view.target.vignetting else { return pixels.to_vec() };
+    let [axis_x, axis_y] = vignetting.axis_px.map(f64::from);
+    let gain = |i: usize| {
+        let (x, y) = ((i % view.image.width) as f64 + 0.5 - axis_x, (i / view.image.width) as f64 + 0.5 - axis_y);
+        let r2 = ((x * x + y * y) / f64::from(vignetting.unit_px).powi(2)).min(1.0);
+        (0..VIGNETTING_TERMS).fold(N::of(0.0), |sum, k| sum + log_gain[k] * N::of(r2.powi(k as i32))).exp()
+    };
+    pixels.iter().enumerate().map(|(i, pixel)| pixel.map(|value| value * gain(i))).collect()
+}
+
 /// Computes the loss of an image compared with `view`.
 pub fn loss<N: Number>(pixels: &[[N; 3]], view: &View, curve: &Curve<N>, config: &LossWeights, trace: &mut Trace) -> Loss<N> {
     let weight = |i: usize| view.mask.as_ref().map_or(1.0, |mask| f64::from(mask.weights[i]));
@@ -479,7 +492,9 @@ fn mean_ssim<N: Number>(a: &[N], b: &[N], width: usize) -> N {
 /// The function whose gradient training follows: the loss with its regularisers.
 pub fn objective<N: Number>(p: &Parameters<N>, view: &View, options: &RenderOptions, config: &LossWeights) -> (N, Loss<N>, Rendered<N>) {
     let mut rendered = render(p, &view.camera, options);
-    let loss = loss(&rendered.pixels, view, &Curve::of(&view.target.curve), config, &mut rendered.trace);
+    let log_gain = view.target.vignetting.map_or([0.0; VIGNETTING_TERMS], |vignetting| vignetting.log_gain);
+    let seen = vignetted(&rendered.pixels, view, log_gain.map(|c| N::of(c.into())));
+    let loss = loss(&seen, view, &Curve::of(&view.target.curve), config, &mut rendered.trace);
     let count = p.splats.len() as f64;
     let mut total = loss.total;
     for i in 0..p.splats.len() {
@@ -542,6 +557,16 @@ pub fn differentiate_by_knots(splats: &Splats, view: &View, options: &RenderOpti
     let curve = Curve::Response { knots: channels, exposure: response.exposure };
     let gradient = gradient(loss(&pixels, view, &curve, config, &mut Trace::default()).total);
     knots.iter().map(|&knot| gradient.by(knot)).collect()
+}
+
+/// Exact derivatives of the loss by the coefficients of ln gain of the view's vignetting.
+pub fn differentiate_by_vignetting(splats: &Splats, view: &View, options: &RenderOptions, config: &LossWeights) -> Vec<f64> {
+    let Some(vignetting) = view.target.vignetting else { return Vec::new() };
+    let pixels: Vec<[Var; 3]> = image(splats, &view.camera, options).pixels.iter().map(|pixel| pixel.map(Var::of)).collect();
+    let log_gain = variables(&vignetting.log_gain.map(f64::from));
+    let seen = vignetted(&pixels, view, std::array::from_fn(|k| log_gain[k]));
+    let gradient = gradient(loss(&seen, view, &Curve::of(&view.target.curve), config, &mut Trace::default()).total);
+    log_gain.iter().map(|&coefficient| gradient.by(coefficient)).collect()
 }
 
 /// Derivatives of the objective by central differences, in the order of [`flatten`]; `None` where a

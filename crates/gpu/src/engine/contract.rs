@@ -76,12 +76,14 @@ impl Engine for GpuEngine {
             return Ok(report);
         }
         self.enqueue(view.clone(), *step)?;
-        if step.camera_gradient == CameraGradientChoice::Compute {
-            // A camera that moves by the gradient must not depend on how far the device is.
+        let wants_camera = step.camera_gradient == CameraGradientChoice::Compute;
+        if wants_camera || view.target.vignetting.is_some() {
+            // What moves by the gradient must not depend on how far the device is.
             self.wait_idle()?;
             if self.diverged.is_none() {
-                let camera = Some(self.read_camera_gradient(view, step)?);
-                self.latest = self.latest.map(|report| StepReport { camera, ..report });
+                let camera = if wants_camera { Some(self.read_camera_gradient(view, step)?) } else { None };
+                let by_vignetting = self.read_vignetting_gradient(view)?;
+                self.latest = self.latest.map(|report| StepReport { camera, by_vignetting, ..report });
             }
         }
         self.gpu.poll()?;
@@ -106,7 +108,8 @@ impl Engine for GpuEngine {
         if state.halted != HALT_NONE {
             return Ok(StepReport { loss: f32::NAN, ..report });
         }
-        Ok(StepReport { camera: Some(self.read_camera_gradient(view, step)?), ..report })
+        let (camera, by_vignetting) = (Some(self.read_camera_gradient(view, step)?), self.read_vignetting_gradient(view)?);
+        Ok(StepReport { camera, by_vignetting, ..report })
     }
 
     fn finish(&mut self) -> Result<(), EngineError> {

@@ -8,7 +8,7 @@ use super::{GpuEngine, Submission};
 use crate::device::Buffer;
 use crate::forward::PixelKind;
 use crate::scene::GpuScene;
-use crate::step::Recorder;
+use crate::step::{Recorder, VignettingKind};
 
 impl GpuEngine {
     /// Computes [`Self::gradients`] with `surplus` tiles too many for each visible splat, and with
@@ -36,7 +36,7 @@ impl GpuEngine {
         let target = targets.get(gpu, view)?;
         let mut recorder = Recorder { gpu, commands, frame, scene, size_px: view.camera.size_px, samples: 1, pixels: PixelKind::Places };
         recorder.forward_from_bin();
-        recorder.backward(target);
+        recorder.backward(target, VignettingKind::of(view));
         recorder.update(Some(&out));
         let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         let segments = commands.encode(&mut encoder, None);

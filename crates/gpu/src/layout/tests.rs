@@ -127,7 +127,11 @@ fn structures_lie_in_memory_as_the_shaders_expect() {
             ssim_mean,
             is_masked,
             padding,
-            target_scale
+            target_scale,
+            inverse_unit,
+            log_gain,
+            axis_px,
+            padding_2
         ]
     );
     let densify = KernelId::Densify(MODEL);

@@ -9,7 +9,8 @@
 // adds up the sums of all workgroups in a fixed order; it halts the engine if the loss is not
 // finite, before anything has changed. With x a pixel's prediction under the mu-law, y its target
 // and w its weight, w x + (1 - w) y takes the place of the prediction. The radiance of a pixel is
-// the mean of its samples, and each sample gets its share of the gradient.
+// the mean of its samples, times `gain_at` its place, if the lens has vignetting (vignetting.wgsl,
+// else no_vignetting.wgsl); each sample gets its share of the gradient.
 
 struct Loss {
     mu: f32,
@@ -33,6 +34,13 @@ struct Loss {
     padding: u32,
     // Factor of each channel of the target.
     target_scale: vec3f,
+    // Reciprocal of the distance from the axis at which r is 1.
+    inverse_unit: f32,
+    // Coefficients of 1, r^2, r^4 and r^6 in ln gain.
+    log_gain: vec4f,
+    // Place of the lens's axis.
+    axis_px: vec2f,
+    padding_2: vec2u,
 }
 
 @group(0) @binding(0) var<uniform> camera: Camera;
@@ -100,6 +108,11 @@ fn radiance_at(at: vec2u, channel: u32) -> f32 {
     return sum / f32(count);
 }
 
+// The radiance of a pixel as the view shows it.
+fn seen_at(at: vec2u, channel: u32) -> f32 {
+    return gain_at(at) * radiance_at(at, channel);
+}
+
 var<workgroup> predictions: array<f32, HALO>;
 var<workgroup> targets: array<f32, HALO>;
 var<workgroup> row_means: array<vec4f, STRIP>;
@@ -125,7 +138,7 @@ fn loss_ssim(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_
                 let weight = weight_of(source);
                 // A prediction of weight 0 has no effect, even if it is NaN.
                 if (weight > 0.0) {
-                    x = weighted(mu_law(radiance_at(vec2u(from_px), channel)), y, weight);
+                    x = weighted(mu_law(seen_at(vec2u(from_px), channel)), y, weight);
                 }
             }
             predictions[n] = x;
@@ -222,7 +235,7 @@ fn loss_gradient(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocat
             for (var k = 0u; k < SSIM_TAPS; k++) {
                 by += SSIM_WINDOW[k] * vector(row_derivatives[local + k * SIDE]);
             }
-            let radiance = max(radiance_at(at, channel), 0.0);
+            let radiance = max(seen_at(at, channel), 0.0);
             let weight = weight_of(pixel);
             let y = mu_law(target_image[3u * pixel + channel] * config.target_scale[channel]);
             let x = weighted(mu_law(radiance), y, weight);
@@ -239,7 +252,7 @@ fn loss_gradient(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocat
     if (inside) {
         // Pixels of weight 0 entered the windows with the target's values, which do not depend on
         // the prediction.
-        let moved = select(vec3f(0.0), gradient, weight_of(pixel) > 0.0);
+        let moved = select(vec3f(0.0), gradient * gain_at(at), weight_of(pixel) > 0.0);
         let count = camera.samples * camera.samples;
         for (var n = 0u; n < count; n++) {
             let sample = sample_of(at, n);

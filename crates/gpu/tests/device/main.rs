@@ -26,6 +26,7 @@ mod contract;
 mod fixture;
 mod parity;
 mod passes;
+mod vignetting;
 mod wide;
 
 use std::sync::Arc;
@@ -44,6 +45,7 @@ const THREAD_ORDER: &[&str] = &[
     "gpu_losses_match_cpu",
     "gpu_gradients_match_cpu",
     "gpu_gradients_by_the_camera_match_cpu",
+    "gpu_gradients_with_vignetting_match_cpu",
     "crowded_tiles_match_the_cpu",
     "splats_over_many_tiles_match_the_cpu",
     "equal_inputs_give_equal_bits",
@@ -52,7 +54,7 @@ const THREAD_ORDER: &[&str] = &[
 
 /// Returns the tests that `LUXEL_GPU_TESTS` selects.
 fn selected() -> Vec<(&'static str, Body)> {
-    let all = [passes::ALL, parity::ALL, camera::ALL, wide::ALL, contract::ALL].concat();
+    let all = [passes::ALL, parity::ALL, camera::ALL, vignetting::ALL, wide::ALL, contract::ALL].concat();
     for name in THREAD_ORDER {
         assert!(all.iter().any(|(found, _)| found == name), "THREAD_ORDER: there is no test {name}");
     }

@@ -1,16 +1,16 @@
-//! `captures.json` of the run folder: the gains of the training images and the camera's response
-//! that training found.
+//! `captures.json` of the run folder: the gains of the training images, the camera's response and
+//! the vignetting of the lenses that training found.
 
 use std::collections::BTreeMap;
 
 use luxel_core::response::exposure_of_knot;
 use luxel_core::{Knots, RESPONSE_KNOTS, View};
-use luxel_train::Trainer;
+use luxel_train::{LensVignetting, Trainer};
 use serde::{Deserialize, Serialize};
 
 use super::RunFolder;
 use crate::error::Context;
-use crate::{Result, files, schema};
+use crate::{Result, files, schema, text};
 
 /// The file is some kilobytes, and a line an image.
 const LIMIT_BYTES: u64 = 64 << 20;
@@ -27,6 +27,9 @@ pub struct Captures {
     /// Response of the camera.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     response: Option<ResponseTable>,
+    /// Vignetting of each lens; none if it was not learned.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    vignetting: Vec<LensVignetting>,
 }
 
 /// A response at its knots.
@@ -39,13 +42,15 @@ struct ResponseTable {
 }
 
 impl Captures {
-    /// Returns the gains and the response of a trainer, which was trained on `train`.
+    /// Returns the gains, the response and the vignetting of a trainer, which was trained on
+    /// `train`.
     pub fn new(trainer: &Trainer, train: &[View]) -> Self {
         let logs = trainer.log_gains().unwrap_or_default();
         let stops = |log: &[f32; 3]| log.map(|log| log / std::f32::consts::LN_2);
         let gains_ev = train.iter().zip(logs).map(|(view, log)| (view.name.clone(), stops(log))).collect();
         let table = |recorded| ResponseTable { exposure: std::array::from_fn(exposure_of_knot), recorded };
-        Self { iteration: trainer.iteration(), gains_ev, response: trainer.response().map(table) }
+        let vignetting = trainer.vignetting().unwrap_or_default();
+        Self { iteration: trainer.iteration(), gains_ev, response: trainer.response().map(table), vignetting }
     }
 
     /// Writes the file, if there is anything to write.
@@ -53,13 +58,13 @@ impl Captures {
     /// # Errors
     /// The file system's refusal.
     pub fn write(&self, folder: &RunFolder) -> Result<()> {
-        if self.gains_ev.is_empty() && self.response.is_none() {
+        if self.gains_ev.is_empty() && self.response.is_none() && self.vignetting.is_empty() {
             return Ok(());
         }
         files::write_json(&folder.captures(), schema::CAPTURES, self)
     }
 
-    /// Reads the file; a run without one has neither gains nor a response.
+    /// Reads the file; a run without one has no gains, response or vignetting.
     ///
     /// # Errors
     /// A file that cannot be read or has another content.
@@ -86,4 +91,19 @@ impl Captures {
     pub fn response_at(&self, iteration: u32) -> Option<Knots> {
         self.response.as_ref().filter(|_| self.iteration == iteration).map(|response| response.recorded)
     }
+
+    /// Returns the vignetting of each lens after `iteration` steps; `None` if the file is of
+    /// another step or has none.
+    pub fn vignetting_at(&self, iteration: u32) -> Option<&[LensVignetting]> {
+        Some(&*self.vignetting).filter(|lenses| self.iteration == iteration && !lenses.is_empty())
+    }
+}
+
+/// Returns the vignetting in words: the gain in the corners of each lens, in stops.
+pub fn vignetting_text(lenses: &[LensVignetting]) -> String {
+    let of_lens = |lens: &LensVignetting| {
+        let [width, height] = lens.size_px;
+        format!("{:+.2} EV in the corners ({width} x {height}, {})", lens.corner_ev, text::plural(lens.views, "view"))
+    };
+    lenses.iter().map(of_lens).collect::<Vec<_>>().join("; ")
 }

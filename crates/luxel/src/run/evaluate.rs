@@ -6,14 +6,15 @@
 //! as the run read it; other data get a folder of their own. A scene file is measured with its own
 //! settings, on black; nothing is written unless a folder is named.
 
-use std::path::Path;
-
+use std::borrow::Cow;
 use std::collections::BTreeMap;
+use std::path::Path;
 
 use luxel_core::{Dataset, RadianceScale, Scene};
 use luxel_io::LoadOptions;
 use luxel_metrics::{FieldOptions, FlipChoice};
 use luxel_metrics::{GainFit, Lpips, SplitMetrics};
+use luxel_train::LensVignetting;
 use serde::Serialize;
 
 use super::evaluation::TEST_ALIGNED;
@@ -72,7 +73,9 @@ pub fn evaluate_run(
     check_color_space(path, dataset, &scene)?;
     let is_own = output::is_same(path, &config.dataset_path(folder.root()));
     let cameras = if is_own { RunCameras::read_at(folder, iteration)? } else { RunCameras::default() };
-    let dataset = &*cameras.seen_by_training(dataset.in_frame(scene.world_from_local));
+    let vignetting = vignetting_of(folder, config, data, iteration)?;
+    let dataset = show_vignetting(&vignetting, dataset.in_frame(scene.world_from_local));
+    let dataset = &*cameras.seen_by_training(dataset);
     engine.load(&scene.splats, None).context("cannot load the scene")?;
     let options = scene.render_options_before(config.train.background);
     let mut rendering = Rendering {
@@ -126,12 +129,35 @@ pub fn evaluate_run(
         dataset: path.display().to_string(),
         poses: spent.and_then(|record| record.poses.clone()),
         test_alignment,
+        vignetting,
         splits,
     };
     // Not beside the images: metrics there mark an evaluation by training.
     files::write_json(&folder.metrics(), schema::METRICS, &metrics)?;
     report::write(folder, config, dataset, Evaluated { metrics: &metrics, images: &images })?;
     Ok(named)
+}
+
+/// Returns the vignetting of a run's lenses. Where the data are not the run's own, what
+/// `captures.json` has: a checkpoint does not name its lenses.
+fn vignetting_of(folder: &RunFolder, config: &RunConfig, data: EvaluationData<'_>, iteration: u32) -> Result<Vec<LensVignetting>> {
+    let is_own = output::is_same(data.path, &config.dataset_path(folder.root())) && *data.load == config.load;
+    if is_own {
+        return state::vignetting(folder, config, data.dataset, iteration);
+    }
+    Ok(Captures::read(folder)?.vignetting_at(iteration).unwrap_or_default().to_vec())
+}
+
+/// Gives all views of a data set the vignetting of their lenses.
+fn show_vignetting<'a>(lenses: &[LensVignetting], mut dataset: Cow<'a, Dataset>) -> Cow<'a, Dataset> {
+    if !lenses.is_empty() {
+        let dataset = dataset.to_mut();
+        for views in [&mut dataset.train, &mut dataset.test] {
+            let given = views.clone();
+            LensVignetting::show_in(lenses, &given, views);
+        }
+    }
+    dataset
 }
 
 /// Metrics of a scene file, which [`schema::SCENE_METRICS`] writes.

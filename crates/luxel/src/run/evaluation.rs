@@ -8,7 +8,7 @@ use luxel_core::{ColorSpace, Dataset, Engine, Image, Knots, LossWeights, PixelVa
 use luxel_io::{ExrOptions, ExrSample, Supervision};
 use luxel_metrics::{FieldOptions, FlipChoice};
 use luxel_metrics::{GainFit, Lpips, Measures, SplitMetrics};
-use luxel_train::{AlignmentScene, ExposureCompensation, PoseReport, align_camera, pose_change};
+use luxel_train::{AlignmentScene, ExposureCompensation, LensVignetting, PoseReport, align_camera, pose_change};
 use serde::{Deserialize, Serialize};
 
 use super::RunConfig;
@@ -62,6 +62,10 @@ pub struct Metrics {
     /// were refined.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub test_alignment: Option<PoseReport>,
+    /// Vignetting of each lens, which is applied to the renders of its views before they are
+    /// measured, if it was learned.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub vignetting: Vec<LensVignetting>,
     /// `test`, and at the end of training `train`; where poses were refined, `test_aligned`; where
     /// a capture leaves gains open, `test_gain_common` or `test_gain_per_view` too.
     pub splits: BTreeMap<String, SplitMetrics>,

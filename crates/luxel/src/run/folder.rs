@@ -10,7 +10,7 @@
 //! eval/step_N_on_DATA/                     test views of other data, named in source.toml
 //! metrics.json  log.jsonl  report.html     newest metrics, training curves, report
 //! cameras.json                             refined cameras
-//! captures.json                            gains and camera response that training found
+//! captures.json                            gains, response, vignetting that training found
 //! measured.json                            measurements of the run as part of a study
 //! ```
 

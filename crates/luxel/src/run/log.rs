@@ -86,6 +86,7 @@ mod tests {
             psnr_test: None,
             psnr_test_sample: Some(28.0),
             poses: None,
+            vignetting_corner_ev: Vec::new(),
             splats: 10,
             visible: 5,
             iterations_per_second: 20.0,

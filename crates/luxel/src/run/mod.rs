@@ -50,7 +50,7 @@ pub mod state;
 mod test_curve;
 
 pub use cameras::RunCameras;
-pub use captures::Captures;
+pub use captures::{Captures, vignetting_text};
 pub use config::{Difference, MadeBy, RunConfig, RunOptions};
 pub use evaluate::{EvaluationData, MetricsOptions, SceneMetrics, evaluate_run, evaluate_scene};
 pub use evaluation::{FrameProgress, Metrics, Rendering};

@@ -18,6 +18,8 @@ use crate::{memory, text};
 /// where it may.
 const STEP_PIXEL_BYTES: u64 = 150;
 const TILE_PIXEL_BYTES: u64 = 320;
+/// Bytes per pixel that a step holds besides where images have vignetting.
+const VIGNETTED_PIXEL_BYTES: u64 = 16;
 /// Bytes per pixel and sample that a render holds on a processor, and bytes per pixel that a
 /// measurement holds beside it. A render gives back what only steps need.
 const RENDER_PIXEL_BYTES: u64 = 70;
@@ -58,7 +60,8 @@ impl RunMemory {
     fn estimate(plan: &ImagePlan, train: &TrainConfig, is_on_gpu: bool, tile_bytes: u64) -> Self {
         let samples = if is_on_gpu { 0 } else { u64::from(train.samples).pow(2) };
         let step_samples = samples * train.crop.map_or(plan.largest_px, |side| plan.largest_px.min(u64::from(side).pow(2)));
-        let step = STEP_PIXEL_BYTES * step_samples + tile_bytes.min(TILE_PIXEL_BYTES * step_samples);
+        let pixel_bytes = STEP_PIXEL_BYTES + if train.vignetting { VIGNETTED_PIXEL_BYTES } else { 0 };
+        let step = pixel_bytes * step_samples + tile_bytes.min(TILE_PIXEL_BYTES * step_samples);
         let measurement = (RENDER_PIXEL_BYTES * samples + MEASURED_PIXEL_BYTES) * plan.largest_px;
         let rows = ParameterRows { color_model: train.color_model() }.count() as u64;
         let most_splats = train.splat_limit(plan.train_px) as u64;

@@ -8,7 +8,7 @@ use luxel_metrics::LuminanceProfile;
 use luxel_metrics::SplitMetrics;
 
 use super::evaluation::{Metrics, unique_stems};
-use super::{RunConfig, RunFolder, log};
+use super::{RunConfig, RunFolder, log, vignetting_text};
 use crate::dataset::bad_pixel_lines;
 use crate::error::Context;
 use crate::report::{self, CurveSample, ReportInput, ReportSplit, ReportView};
@@ -78,6 +78,7 @@ fn facts(metrics: &Metrics, dataset: &Dataset) -> Vec<(String, String)> {
         ("computed by", metrics.computed_by.clone()),
         ("peak memory", metrics.peak_rss_bytes.map_or("unknown".into(), text::bytes)),
         ("radiance scale", text::number(metrics.radiance_scale.get().into())),
+        ("vignetting", vignetting_text(&metrics.vignetting)),
         ("seed", metrics.seed.to_string()),
         ("data set", format!("{} ({})", metrics.dataset, dataset.format)),
         ("views", format!("{} to train on, {} to test", dataset.train.len(), dataset.test.len())),

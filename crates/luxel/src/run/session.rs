@@ -210,6 +210,7 @@ impl Session<'_> {
             psnr_test: state.psnr_test,
             psnr_test_sample: state.psnr_test_sample,
             poses: self.trainer.pose_report(),
+            vignetting_corner_ev: self.trainer.vignetting().unwrap_or_default().iter().map(|lens| lens.corner_ev).collect(),
             splats: self.trainer.splats_len(),
             visible: sums.visible,
             iterations_per_second: if sums.seconds > 0.0 { f64::from(sums.steps) / sums.seconds } else { 0.0 },

@@ -2,8 +2,9 @@
 
 use std::path::PathBuf;
 
-use luxel_core::{Knots, Remedy, Scene, Snapshot};
+use luxel_core::{Dataset, Knots, Remedy, Scene, Snapshot};
 use luxel_io::Supervision;
+use luxel_train::LensVignetting;
 
 use super::{Captures, RunConfig, RunFolder};
 use crate::error::Context;
@@ -87,14 +88,34 @@ pub fn response(folder: &RunFolder, config: &RunConfig, iteration: u32) -> Resul
     if let Some(response) = Captures::read(folder)?.response_at(iteration) {
         return Ok(Some(response));
     }
+    let (path, snapshot) = snapshot_of(folder, iteration, "the camera's response")?;
+    luxel_train::snapshot_response(&snapshot).with_context(|| format!("{}: no response of a camera", path.display()))
+}
+
+/// Returns the vignetting that belongs to a run's scene of `iteration` steps, from where
+/// [`response`] looks; empty for a run that does not learn it. `dataset` is the run's own.
+///
+/// # Errors
+/// A run that learns it and has it nowhere.
+pub fn vignetting(folder: &RunFolder, config: &RunConfig, dataset: &Dataset, iteration: u32) -> Result<Vec<LensVignetting>> {
+    if !config.train.vignetting {
+        return Ok(Vec::new());
+    }
+    if let Some(lenses) = Captures::read(folder)?.vignetting_at(iteration) {
+        return Ok(lenses.to_vec());
+    }
+    let (path, snapshot) = snapshot_of(folder, iteration, "the vignetting")?;
+    luxel_train::snapshot_vignetting(&snapshot, dataset).with_context(|| format!("{}: no vignetting", path.display()))
+}
+
+/// Reads the checkpoint of step `iteration`, which has what `captures.json` does not have.
+fn snapshot_of(folder: &RunFolder, iteration: u32, what: &str) -> Result<(PathBuf, Snapshot)> {
     let states = luxel_io::list_checkpoints(folder.root())?;
     let Some(file) = states.iter().find(|file| file.iteration == u64::from(iteration)) else {
-        let message =
-            format!("{}: neither captures.json nor a checkpoint has the camera's response of step {iteration}", folder.root().display());
+        let message = format!("{}: neither captures.json nor a checkpoint has {what} of step {iteration}", folder.root().display());
         return Err(Error::new(message).with_remedy(continue_run()));
     };
-    let snapshot = luxel_io::read_checkpoint(&file.path)?;
-    luxel_train::snapshot_response(&snapshot).with_context(|| format!("{}: no response of a camera", file.path.display()))
+    Ok((file.path.clone(), luxel_io::read_checkpoint(&file.path)?))
 }
 
 /// Returns the remedy for a run that has not come far enough.

@@ -19,6 +19,7 @@ use crate::run::state;
 use luxel_core::{Dataset, Engine, RenderOptions, View};
 use luxel_metrics::{FieldOptions, FlipChoice};
 use luxel_metrics::{GainFit, Lpips};
+use luxel_train::LensVignetting;
 use serde::{Deserialize, Serialize};
 
 use super::Failure;
@@ -175,6 +176,9 @@ impl MeasureOptions {
         let before = read(cell);
         let (mut hdr_flip, mut measured_lpips) = before.map_or((None, None), |before| (before.hdr_flip, before.lpips));
         if self.flip == FlipChoice::Compute || self.lpips.is_some() {
+            let lenses = state::vignetting(&cell.folder, &cell.config, dataset, iterations)?;
+            let mut test = dataset.test.clone();
+            LensVignetting::show_in(&lenses, &dataset.test, &mut test);
             let mut rendering = Rendering {
                 engine,
                 options,
@@ -189,7 +193,7 @@ impl MeasureOptions {
                 log_gains: BTreeMap::new(),
                 progress: None,
             };
-            let field = rendering.evaluate(&dataset.test, None, GainFit::None)?.and_then(|split| split.mean_field);
+            let field = rendering.evaluate(&test, None, GainFit::None)?.and_then(|split| split.mean_field);
             if let Some(field) = field {
                 hdr_flip = field.hdr_flip.or(hdr_flip);
                 if let (Some((lpips, weights)), Some(distance)) = (&self.lpips, field.lpips_alex.or(field.lpips_vgg)) {

@@ -122,6 +122,9 @@ options! {
         /// Optimise gains of the training images with the scene, for exposure or white balance that
         /// drifts; their mean over the images stays 1
         exposure_compensation: ExposureCompensation = ExposureCompensation::Off, "EXPOSURE_COMPENSATION", Range::Any;
+        /// Optimise the vignetting of each lens with the scene, which is without it; the mean of
+        /// its logarithm over the frame stays 0
+        vignetting: bool = false, "", Range::Any;
         /// Weight pixels by their noise: auto (as the data set states it), off, or READ,SHOT for a
         /// variance of READ^2 + SHOT p at radiance p of the images as they are read
         noise_model: NoiseChoice = NoiseChoice::Auto, "MODEL", Range::Any, needs: [RadianceImages];

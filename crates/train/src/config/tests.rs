@@ -75,6 +75,7 @@ fn every_option_changes_the_configuration() {
         &["--init-scale", "0.5"],
         &["--strategy", "mcmc"],
         &["--exposure-compensation", "color"],
+        &["--vignetting"],
         &["--noise-model", "0.1,0.01"],
         &["--unit-exposure", "0.7"],
         &["--max-splats", "10"],

@@ -40,12 +40,13 @@ pub struct AlignmentScene {
 }
 
 impl AlignmentScene {
-    /// Returns the target through which the loss sees a view's image.
+    /// Returns the target through which the loss sees a view's image, with the vignetting that the
+    /// view has.
     fn target(&self, view: &View) -> Target {
         let captured = self.response.as_ref().and_then(|knots| curve(view, knots, self.radiance_scale, [1.0; 3]));
         match captured {
-            Some(curve) => Target { curve, scale: [1.0; 3] },
-            None => Target { curve: ToneCurve::MuLaw { mu: self.mu }, scale: self.radiance_scale.target_scale([1.0; 3]) },
+            Some(curve) => Target { curve, scale: [1.0; 3], ..view.target },
+            None => Target { curve: ToneCurve::MuLaw { mu: self.mu }, scale: self.radiance_scale.target_scale([1.0; 3]), ..view.target },
         }
     }
 

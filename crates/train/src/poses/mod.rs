@@ -30,6 +30,7 @@ use serde::{Deserialize, Serialize};
 
 use self::gauge::Gauge;
 use crate::TrainError;
+use crate::lenses::groups_by_lens;
 
 /// Decay rates of the moments.
 const BETA1: f64 = 0.9;
@@ -241,16 +242,7 @@ fn moved(first: &mut f64, second: &mut f64, gradient: f64, corrections: [f64; 2]
 impl Poses {
     /// Returns the poses of cameras at full resolution, around a scene of this extent.
     pub(crate) fn new(given: Vec<Camera>, extent: f32) -> Self {
-        let intrinsics = |camera: &Camera| (camera.focal_px, camera.center_px, camera.size_px, camera.projection);
-        let mut kinds = Vec::new();
-        let group = |camera: &Camera| match kinds.iter().position(|kind| *kind == intrinsics(camera)) {
-            Some(at) => at,
-            None => {
-                kinds.push(intrinsics(camera));
-                kinds.len() - 1
-            }
-        };
-        let groups = given.iter().map(group).collect();
+        let groups = groups_by_lens(&given);
         let extent = f64::from(extent);
         Self { gauge: Gauge::new(&given, extent), given, groups, extent }
     }

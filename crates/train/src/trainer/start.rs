@@ -13,6 +13,7 @@ use crate::pixel_weights::ToneScale;
 use crate::recorded::{as_radiance, is_recorded};
 use crate::state::{Start, State, poses_of};
 use crate::views::TrainingViews;
+use crate::vignetting::{Lenses, check_lenses};
 use crate::{Schedule, TrainConfig, TrainError, choose_radiance_scale, initialise};
 
 /// Factor between the greatest distance of a camera from the cameras' centroid and the scene's
@@ -29,6 +30,7 @@ impl Trainer {
         config.validate()?;
         check_views(dataset)?;
         check_focal(dataset, &config)?;
+        check_lenses(dataset, &config)?;
         let response = is_recorded(&dataset.train)?.then(|| CameraResponse::new(config.unit_exposure, &dataset.train));
         let radiance = response.as_ref().map(|response| as_radiance(dataset, &response.knots()));
         let start = radiance.as_ref().unwrap_or(dataset);
@@ -87,6 +89,7 @@ impl Trainer {
         let stages = config.resolution_schedule.stages(state.planned_iterations, config.densify_interval, side_px);
         let tone = ToneScale { radiance_scale: state.radiance_scale, mu: config.mu };
         let views = TrainingViews::new(&dataset.train, stages, config.noise_model, tone);
+        let lenses = state.vignetting.is_some().then(|| Lenses::new(dataset));
         let poses = state.poses.is_some().then(|| poses_of(dataset, state.extent));
         let mut trainer = Self {
             engine,
@@ -100,6 +103,7 @@ impl Trainer {
             recent: VecDeque::new(),
             visibility: Visibility::default(),
             poses,
+            lenses,
         };
         trainer.restore_poses();
         trainer

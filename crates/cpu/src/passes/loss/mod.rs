@@ -12,6 +12,9 @@
 //! pixel of weight 0 has no effect; with all weights 1 the result is the same bits as without
 //! weights. Degenerate: if all weights are 0, the means are 0.
 //!
+//! If the view has vignetting, the pixels are multiplied by its gain first, and the gradient is
+//! taken back ([`super::vignetting`]).
+//!
 //! One [`sweep`] down the image computes [`values`], their [`similarity`] and the [`gradient`], one
 //! group of [`rows`] at a time, so that the data in use stays in a core's cache. Rows are laid out
 //! in [`strips`], so that windows along rows and down columns are the same code, [`convolution`],
@@ -29,7 +32,7 @@ mod values;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use fearless_simd::Level;
-use luxel_core::{Knots, LossWeights, RESPONSE_KNOTS, View};
+use luxel_core::{Knots, LossWeights, RESPONSE_KNOTS, VIGNETTING_TERMS, View};
 use rayon::prelude::*;
 
 use self::plan::{LossInputs, LossPlan, Planes};
@@ -37,6 +40,7 @@ use self::rows::BAND_PX;
 use self::sweep::{BandSums, Sweep, differentiate_band};
 use super::rasterize::TilePixels;
 use super::rasterize_backward::BlockGradient;
+use super::vignetting::{vignette, vignette_backward};
 use crate::view::{BLOCK_PX, ScreenCamera, TILE_BLOCKS};
 
 /// Buffers of the pass, kept between steps.
@@ -47,6 +51,8 @@ pub(crate) struct LossBuffers {
     /// A sweep for each thread, so that its data stays in the core's cache. No thread waits for
     /// another's.
     sweeps: Vec<Mutex<Sweep>>,
+    /// The pixels times the gain of the view's vignetting, if it has one.
+    vignetted: Vec<TilePixels>,
     /// Gradient by the pixels' radiance, row by row of blocks, whole tiles across and down.
     pub(crate) gradient: Vec<BlockGradient>,
 }
@@ -57,10 +63,11 @@ pub(crate) struct LossSums {
     pub(crate) l2: f32,
     pub(crate) ssim: f32,
     pub(crate) by_knots: Option<Knots>,
+    pub(crate) by_vignetting: Option<[f32; VIGNETTING_TERMS]>,
 }
 
 impl LossBuffers {
-    /// Evaluates the loss.
+    /// Evaluates the loss, and its gradient by the pixels' radiance.
     pub(crate) fn loss(
         &mut self,
         level: Level,
@@ -69,6 +76,17 @@ impl LossBuffers {
         view: &View,
         weights: &LossWeights,
     ) -> LossSums {
+        let Some(vignetting) = &view.target.vignetting else { return self.loss_of(level, camera, pixels, view, weights) };
+        let mut vignetted = std::mem::take(&mut self.vignetted);
+        vignette(level, camera, vignetting, pixels, &mut vignetted);
+        let sums = self.loss_of(level, camera, &vignetted, view, weights);
+        let by_vignetting = vignette_backward(level, camera, vignetting, &vignetted, &mut self.gradient);
+        self.vignetted = vignetted;
+        LossSums { by_vignetting: Some(by_vignetting), ..sums }
+    }
+
+    /// Evaluates the loss of pixels as the view shows them.
+    fn loss_of(&mut self, level: Level, camera: &ScreenCamera, pixels: &[TilePixels], view: &View, weights: &LossWeights) -> LossSums {
         let [width, height] = camera.size_px;
         let [across, down] = camera.tiles();
         let all = (width * height) as f64;
@@ -94,7 +112,13 @@ impl LossBuffers {
         let sum = |field: fn(&BandSums) -> f64| self.sums.iter().map(field).sum::<f64>();
         let [absolute, squared] = [sum(|band| band.differences.absolute), sum(|band| band.differences.squared)];
         let ssim = sum(|band| band.ssim);
-        LossSums { l1: (absolute / total) as f32, l2: (squared / total) as f32, ssim: (ssim / (3.0 * all)) as f32, by_knots }
+        LossSums {
+            l1: (absolute / total) as f32,
+            l2: (squared / total) as f32,
+            ssim: (ssim / (3.0 * all)) as f32,
+            by_knots,
+            by_vignetting: None,
+        }
     }
 
     /// Adds up the gradient by the knots over the bands.

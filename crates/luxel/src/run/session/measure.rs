@@ -7,12 +7,13 @@ use std::path::Path;
 
 use luxel_core::{Camera, Dataset, View};
 use luxel_metrics::{FieldOptions, FlipChoice, GainFit};
+use luxel_train::LensVignetting;
 
 use super::super::cameras::{test_views_of, train_views_of};
 use super::super::evaluation::{Metrics, Rendering, TEST_ALIGNED};
 use super::super::log::LOG_EVERY;
 use super::super::test_curve::TestCurve;
-use super::super::{Captures, RunCameras, report};
+use super::super::{Captures, RunCameras, report, vignetting_text};
 use super::{LoopState, Session};
 use crate::export::write_with_refined_display;
 use crate::{Event, Result, SelectedEngine, build_info, files, memory, schema};
@@ -30,8 +31,12 @@ impl Session<'_> {
     pub(super) fn probe(&mut self) -> Result<Option<f64>> {
         let turn = (self.trainer.iteration() / LOG_EVERY) as usize % self.dataset.train.len().max(1);
         let Some(view) = self.dataset.train.get(turn) else { return Ok(None) };
-        let refined = self.refined_camera(turn).map(|camera| View { camera, ..view.clone() });
-        self.rendering().probe(refined.as_ref().unwrap_or(view))
+        let mut seen = view.clone();
+        self.show_vignetting(std::slice::from_ref(view), [&mut seen]);
+        if let Some(camera) = self.refined_camera(turn) {
+            seen.camera = camera;
+        }
+        self.rendering().probe(&seen)
     }
 
     /// Returns the mean PSNR of a few test views, for the curve of the report; `None` if all of
@@ -66,7 +71,7 @@ impl Session<'_> {
         let mut splits = BTreeMap::new();
         let train = self.train_views().into_owned();
         let test_views = self.test_views().into_owned();
-        let poses = self.trainer.pose_report();
+        let (poses, vignetting) = (self.trainer.pose_report(), self.trainer.vignetting().unwrap_or_default());
         let folder = self.folder;
         let mut rendering = self.rendering();
         let test = rendering.evaluate(&test_views, Some(&images), GainFit::None)?;
@@ -107,9 +112,13 @@ impl Session<'_> {
             dataset: self.config.dataset_path(self.folder.root()).display().to_string(),
             poses,
             test_alignment: aligned.map(|aligned| aligned.report),
+            vignetting,
             splits,
         };
         files::write_json(&self.folder.metrics(), schema::METRICS, &metrics)?;
+        if !metrics.vignetting.is_empty() {
+            self.observer.note(&format!("vignetting after {iteration} steps: {}", vignetting_text(&metrics.vignetting)));
+        }
         if finished {
             report::write(self.folder, self.config, self.dataset, report::Evaluated { metrics: &metrics, images: &images })?;
         }
@@ -147,14 +156,29 @@ impl Session<'_> {
         self.trainer.cameras().into_iter().nth(index)
     }
 
-    /// Returns the training views as the trainer sees them: with refined cameras, if there are any.
+    /// Returns the training views as the trainer sees them: with refined cameras and vignetting, if
+    /// there are any.
     fn train_views(&self) -> Cow<'_, [View]> {
-        train_views_of(&self.trainer, self.dataset)
+        let mut views = train_views_of(&self.trainer, self.dataset);
+        if self.trainer.config().vignetting {
+            self.show_vignetting(&self.dataset.train, views.to_mut());
+        }
+        views
     }
 
-    /// Returns the test views with the lenses that the trainer sees, if those are refined.
+    /// Returns the test views with the lenses and the vignetting that the trainer sees, if those
+    /// are optimised.
     fn test_views(&self) -> Cow<'_, [View]> {
-        test_views_of(&self.trainer, self.dataset)
+        let mut views = test_views_of(&self.trainer, self.dataset);
+        if self.trainer.config().vignetting {
+            self.show_vignetting(&self.dataset.test, views.to_mut());
+        }
+        views
+    }
+
+    /// Gives views the vignetting that the trainer has found of their lenses.
+    fn show_vignetting<'v>(&self, given: &[View], views: impl IntoIterator<Item = &'v mut View>) {
+        LensVignetting::show_in(&self.trainer.vignetting().unwrap_or_default(), given, views);
     }
 
     /// Returns the data set with the training views as the trainer sees them.
