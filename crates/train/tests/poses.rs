@@ -64,7 +64,7 @@ fn perturbed_poses_come_back_and_the_images_with_them() {
     let mut refined = trained(&data, TrainConfig { pose_lr: Some(0.2), ..base(500) });
     let (before, after) = (relative_error_px(&given, &true_cameras), relative_error_px(&refined.cameras(), &true_cameras));
     println!("relative error {before} px, then {after} px, {:?}", refined.pose_report());
-    assert!(before > 0.7 && after < 0.75 * before, "{before} px, then {after} px");
+    assert!(before > 0.7 && after < 0.65 * before, "{before} px, then {after} px");
     let report = refined.pose_report().unwrap();
     assert!(report.mean.px > 0.3 && report.largest.degrees > 0.1 && report.focal_factors.is_empty(), "{report:?}");
 
@@ -92,7 +92,7 @@ fn right_poses_stay() {
     let trainer = trained(&data, TrainConfig { refine_focal: true, pose_lr: Some(0.02), pose_from: Some(250), ..base(400) });
     let report = trainer.pose_report().unwrap();
     println!("{report:?}");
-    assert!(report.mean.px > 0.0 && report.mean.px < 0.3, "{report:?}");
+    assert!(report.mean.px > 0.0 && report.mean.px < 0.1, "{report:?}");
     let [factor] = report.focal_factors[..] else { panic!("one lens has one factor") };
     assert!((factor - 1.0).abs() < 0.02 && factor != 1.0, "{factor}");
 }
