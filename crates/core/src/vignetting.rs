@@ -17,7 +17,8 @@ pub const VIGNETTING_TERMS: usize = 4;
 ///
 /// let log_gain = [0.0, 0.5f32.ln(), 0.0, 0.0];
 /// let half = Vignetting { axis_px: [8.0, 6.0], unit_px: 10.0, log_gain };
-/// assert_eq!((half.gain([8.0, 6.0]), half.gain([16.0, 12.0])), (1.0, 0.5));
+/// assert_eq!(half.gain([8.0, 6.0]), 1.0);
+/// assert!((half.gain([16.0, 12.0]) - 0.5).abs() < 1e-6);
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Vignetting {
