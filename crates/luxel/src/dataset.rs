@@ -98,6 +98,29 @@ impl Dataset {
         Ok(dataset)
     }
 
+    /// Makes a data set of images, cameras and points in memory, without files.
+    ///
+    /// ```
+    /// use luxel::{Dataset, synthetic};
+    /// use luxel_core::Image;
+    /// use luxel_io::{MemoryDataset, MemoryView};
+    ///
+    /// # fn main() -> luxel::Result<()> {
+    /// let camera = synthetic::room_camera([8, 6]);
+    /// let image = Image::filled(8, 6, [2.0, 1.0, 0.5]);
+    /// let view = MemoryView { name: "front".into(), camera, image, mask: None, is_test: false };
+    /// let dataset = Dataset::from_memory(MemoryDataset { views: vec![view], ..MemoryDataset::default() })?;
+    /// assert_eq!(dataset.train[0].name, "front");
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// No view to train on, names that are not unique, parts whose sizes differ.
+    pub fn from_memory(parts: luxel_io::MemoryDataset) -> Result<Self> {
+        luxel_io::dataset_in_memory(parts).map(Self).context("cannot make the data set")
+    }
+
     /// Returns the data set as the trainer and the readers have it.
     pub fn into_core(self) -> luxel_core::Dataset {
         self.0

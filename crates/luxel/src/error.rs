@@ -179,6 +179,8 @@ wrapped!(
     luxel_core::edit::EditTextError,
     luxel_io::IoError,
     luxel_metrics::EvaluationError,
+    luxel_metrics::LpipsError,
+    luxel_metrics::MetricsError,
     PrepareError,
     luxel_capture::FrameError,
     luxel_train::TrainError,

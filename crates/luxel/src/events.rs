@@ -211,6 +211,11 @@ impl StopFlag {
         self.0.requested.swap(true, Ordering::SeqCst)
     }
 
+    /// Takes the request back, before another task begins.
+    pub fn withdraw(&self) {
+        self.0.requested.store(false, Ordering::SeqCst);
+    }
+
     /// Returns whether the flag is set.
     pub fn is_requested(&self) -> bool {
         self.0.requested.load(Ordering::SeqCst)

@@ -86,6 +86,11 @@ impl Probe {
         &self.image
     }
 
+    /// Returns the coverage of each pixel by splats `[H*W]`, if it was asked for.
+    pub fn alpha(&self) -> Option<&[f32]> {
+        self.alpha.as_deref()
+    }
+
     /// Returns the pixels `[H*W]`, row by row from the top.
     pub fn pixels(&self) -> &[[f32; 3]] {
         &self.image.pixels

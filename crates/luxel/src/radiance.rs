@@ -66,6 +66,11 @@ impl Radiance {
         &self.image.pixels
     }
 
+    /// Returns the pixels as an image, without a copy.
+    pub fn into_image(self) -> Image {
+        self.image
+    }
+
     /// Returns the pixel in column `x` of row `y`; `None` outside of the image.
     pub fn pixel(&self, x: usize, y: usize) -> Option<[f32; 3]> {
         (x < self.width()).then(|| self.image.pixels.get(y * self.width() + x).copied()).flatten()

@@ -223,7 +223,7 @@ fn resample(view: View, frame: &SourceFrame, foreign_lens: Option<&PreparedLens>
 }
 
 /// Returns the mask of the pixels in which the lens shows something; `None` if it fills the image.
-fn field_mask(camera: &Camera) -> Option<Mask> {
+pub(super) fn field_mask(camera: &Camera) -> Option<Mask> {
     let [width, height] = camera.size_px.map(|side| side as usize);
     let shows = |i: usize| camera.shows(DVec2::new((i % width) as f64 + 0.5, (i / width) as f64 + 0.5));
     let is_partial = !camera.projection.is_pinhole() && !(0..width * height).all(shows);
@@ -238,7 +238,7 @@ fn leave_out_mixtures(bounds: &Image, mask: &mut Mask) {
 }
 
 /// Returns the product of two masks: pixels that count in both.
-fn both(mask: Option<Mask>, other: Mask) -> Mask {
+pub(super) fn both(mask: Option<Mask>, other: Mask) -> Mask {
     match mask {
         None => other,
         Some(mask) => Mask { weights: mask.weights.iter().zip(&other.weights).map(|(a, b)| a * b).collect() },
@@ -274,7 +274,7 @@ fn settle_working_space(decoded: &mut DecodedImage) -> Option<ColorSpace> {
 }
 
 /// Sets pixels that are not radiance to 0 and masks them. `None` where there are none.
-fn mask_bad_pixels(image: &mut Image, name: &str) -> (Option<Mask>, Option<BadPixels>) {
+pub(super) fn mask_bad_pixels(image: &mut Image, name: &str) -> (Option<Mask>, Option<BadPixels>) {
     let mut bad = BadPixels { name: name.to_owned(), nan: 0, infinite: 0, negative: 0 };
     let mut valid = Vec::new();
     let count = image.pixels.len();

@@ -9,7 +9,7 @@ use std::path::Path;
 use luxel_core::tone::rec709_of;
 use luxel_core::{ColorSpace, Image, Mask, RadianceScale, luminance_rec709};
 use luxel_io::{ReadOptions, Transfer};
-use luxel_metrics::{FieldOptions, FlipChoice, FlipMap, Lpips, field_metrics, hdr_flip, view_metrics};
+use luxel_metrics::{FieldMetrics, FieldOptions, FlipChoice, FlipMap, Lpips, ViewMetrics, field_metrics, hdr_flip, view_metrics};
 
 use super::pairs::{Pair, Pairs};
 use super::{CompareOptions, ImageMetrics};
@@ -21,6 +21,9 @@ use crate::{Observer, Result};
 
 /// Share of the references' pixels that are darker than the scale, unless one is given.
 const SCALE_PERCENTILE: f64 = 0.999;
+
+/// The rule by which a scale is found from luminances.
+const RULE_OF_REFERENCES: &str = "99.9th percentile of the luminance of the references";
 
 /// Number of luminances that a percentile is taken of; more would not move it.
 const MAX_SAMPLES: usize = 1 << 22;
@@ -46,10 +49,42 @@ pub(super) struct Settings {
 impl Settings {
     /// Reads the weights of LPIPS, and finds the scale if it is not given.
     pub(super) fn new(options: &CompareOptions, pairs: &Pairs, observer: &dyn Observer) -> Result<Self> {
+        let mut settings = Self::given(options)?;
+        match options.scale {
+            Some(_) => {}
+            None => match stated_scale(pairs, observer) {
+                Some(scale) => {
+                    settings.scale = scale;
+                    settings.scale_rule = "radiance scale that the files state";
+                }
+                None => {
+                    settings.scale = scale_of_references(pairs, &settings)?;
+                    settings.scale_rule = RULE_OF_REFERENCES;
+                }
+            },
+        }
+        Ok(settings)
+    }
+
+    /// Reads the weights of LPIPS; for an image in memory, whose luminance gives the scale if it is
+    /// not given.
+    pub(super) fn of_image(options: &CompareOptions, reference: &Image, mask: Option<&Mask>, color_space: ColorSpace) -> Result<Self> {
+        let mut settings = Self::given(options)?;
+        if options.scale.is_none() {
+            let mut luminances = Vec::new();
+            add_luminances(&mut luminances, reference, mask, color_space, 1);
+            settings.scale = scale_of_luminances(luminances);
+            settings.scale_rule = RULE_OF_REFERENCES;
+        }
+        Ok(settings)
+    }
+
+    /// Reads the weights of LPIPS; the scale is the one given, or 1.
+    fn given(options: &CompareOptions) -> Result<Self> {
         // Error maps are those of HDR-FLIP.
         let flip = if options.heatmap.is_some() { FlipChoice::Compute } else { options.flip };
-        let mut settings = Self {
-            scale: 1.0,
+        Ok(Self {
+            scale: options.scale.unwrap_or(1.0),
             scale_rule: "given",
             mu: options.mu,
             peak_luminance: options.peak_luminance,
@@ -58,21 +93,7 @@ impl Settings {
             transfer: options.transfer,
             layer: options.layer.clone(),
             color_space: options.color_space.unwrap_or_default(),
-        };
-        match options.scale {
-            Some(scale) => settings.scale = scale,
-            None => match stated_scale(pairs, observer) {
-                Some(scale) => {
-                    settings.scale = scale;
-                    settings.scale_rule = "radiance scale that the files state";
-                }
-                None => {
-                    settings.scale = scale_of_references(pairs, &settings)?;
-                    settings.scale_rule = "99.9th percentile of the luminance of the references";
-                }
-            },
-        }
-        Ok(settings)
+        })
     }
 
     /// Returns how many pairs are measured side by side. A network is parallel by itself, and its
@@ -116,23 +137,32 @@ fn scale_of_references(pairs: &Pairs, settings: &Settings) -> Result<f32> {
     for pair in &pairs.pairs {
         let SpacedImage { image, color_space, .. } = settings.read(&pair.reference)?;
         let mask = mask(pair, &image)?;
-        let valid = |i: &usize| mask.as_ref().is_none_or(|mask| mask.is_valid(*i));
-        // An odd stride does not fall in step with even image widths; every image takes part
-        // equally.
-        let stride = (image.pixels.len().saturating_mul(pairs.pairs.len()) / MAX_SAMPLES + 1) | 1;
-        let found = (0..image.pixels.len()).step_by(stride).filter(valid);
-        let found = found.filter_map(|i| Some(luminance_rec709(rec709_of(color_space, *image.pixels.get(i)?))));
-        luminances.extend(found.filter(|luminance| luminance.is_finite()));
+        add_luminances(&mut luminances, &image, mask.as_ref(), color_space, pairs.pairs.len());
     }
+    Ok(scale_of_luminances(luminances))
+}
+
+/// Appends luminances of an image, one of `images` that take part equally.
+fn add_luminances(luminances: &mut Vec<f32>, image: &Image, mask: Option<&Mask>, color_space: ColorSpace, images: usize) {
+    let valid = |i: &usize| mask.is_none_or(|mask| mask.is_valid(*i));
+    // An odd stride does not fall in step with even image widths.
+    let stride = (image.pixels.len().saturating_mul(images) / MAX_SAMPLES + 1) | 1;
+    let found = (0..image.pixels.len()).step_by(stride).filter(valid);
+    let found = found.filter_map(|i| Some(luminance_rec709(rec709_of(color_space, *image.pixels.get(i)?))));
+    luminances.extend(found.filter(|luminance| luminance.is_finite()));
+}
+
+/// Returns the percentile of luminances that is shown as 1; 1 if all are black.
+fn scale_of_luminances(mut luminances: Vec<f32>) -> f32 {
     if luminances.is_empty() {
-        return Ok(1.0);
+        return 1.0;
     }
     let at = ((luminances.len() - 1) as f64 * SCALE_PERCENTILE).round() as usize;
     let found = *luminances.select_nth_unstable_by(at, f32::total_cmp).1;
     // A lamp of few pixels may be all the light there is.
     let brightest = luminances.iter().copied().fold(0.0, f32::max);
     let scale = if found > 0.0 { found } else { brightest };
-    Ok(if scale > 0.0 { scale.clamp(f32::MIN_POSITIVE * 16.0, f32::MAX / 16.0) } else { 1.0 })
+    if scale > 0.0 { scale.clamp(f32::MIN_POSITIVE * 16.0, f32::MAX / 16.0) } else { 1.0 }
 }
 
 /// Memory for a pixel: both images, their luminances and the planes of SSIM and HDR-FLIP.
@@ -149,28 +179,12 @@ pub(super) fn measure(pair: &Pair, settings: &Settings) -> Result<ImageMetrics> 
     let color_space = common_space(&mut reference, &mut test);
     let (mut reference, mut test) = (reference.image, test.image);
     let given = mask(pair, &reference)?;
-    let mask = without_bad_pixels(given, &reference);
-    let masked_pixels = mask.as_ref().map_or(0, |mask| mask.weights.iter().filter(|weight| **weight == 0.0).count());
     let bad = reference.pixels.iter().filter(|p| !p.iter().all(|v| v.is_finite())).count();
     let warning = (bad > 0).then(|| format!("{}: {bad} pixels are not finite; left out", pair.reference.display()));
     let failed = || format!("cannot compare {} with {}", pair.test.display(), pair.reference.display());
-    reference.scale(1.0 / settings.scale);
-    test.scale(1.0 / settings.scale);
-    let mu_law = view_metrics(&test, &reference, mask.as_ref(), settings.mu).with_context(failed)?;
-    let options = FieldOptions { peak_luminance: settings.peak_luminance, color_space, flip: FlipChoice::Skip };
-    let mut field = field_metrics(&test, &reference, mask.as_ref(), &options).with_context(failed)?;
-    if let Some(lpips) = &settings.lpips {
-        let distance = lpips.radiance_distance(&test, &reference, mask.as_ref(), settings.mu, color_space);
-        lpips.record(distance.with_context(failed)?, &mut field);
-    }
-    let mut hdr_flip_exposures_ev = None;
-    if settings.flip == FlipChoice::Compute {
-        let map = hdr_flip(&test, &reference, mask.as_ref(), color_space).with_context(failed)?;
-        field.hdr_flip = Some(map.mean);
-        hdr_flip_exposures_ev = map.exposures.map(|exposures| [exposures.start_ev, exposures.stop_ev]);
-        if let Some(path) = &pair.heatmap {
-            write_heatmap(path, &map, mask.as_ref())?;
-        }
+    let measured = measure_pixels(&mut reference, &mut test, given, color_space, settings).with_context(failed)?;
+    if let (Some(path), Some(map)) = (&pair.heatmap, &measured.flip) {
+        write_heatmap(path, map, measured.mask.as_ref())?;
     }
     Ok(ImageMetrics {
         name: pair.name.clone(),
@@ -179,13 +193,63 @@ pub(super) fn measure(pair: &Pair, settings: &Settings) -> Result<ImageMetrics> 
         width: reference.width,
         height: reference.height,
         color_space,
-        masked_pixels,
-        mu_law,
-        field,
-        hdr_flip_exposures_ev,
+        masked_pixels: measured.masked_pixels(),
+        hdr_flip_exposures_ev: measured.exposures_ev(),
+        mu_law: measured.mu_law,
+        field: measured.field,
         states_primaries,
         warning,
     })
+}
+
+/// The metrics of pixels.
+pub(super) struct Measured {
+    pub(super) mu_law: ViewMetrics,
+    pub(super) field: FieldMetrics,
+    /// The pixels that took part; `None` for all.
+    mask: Option<Mask>,
+    /// The map of HDR-FLIP, if it is measured.
+    flip: Option<FlipMap>,
+}
+
+impl Measured {
+    /// Returns the number of pixels left out.
+    pub(super) fn masked_pixels(&self) -> usize {
+        self.mask.as_ref().map_or(0, |mask| mask.weights.iter().filter(|weight| **weight == 0.0).count())
+    }
+
+    /// Returns the first and last exposure of HDR-FLIP, stops.
+    pub(super) fn exposures_ev(&self) -> Option<[f32; 2]> {
+        self.flip.as_ref()?.exposures.map(|exposures| [exposures.start_ev, exposures.stop_ev])
+    }
+}
+
+/// Returns the metrics of two images of one size, which are brought to normalised units. Pixels of
+/// the reference that are not finite are left out.
+pub(super) fn measure_pixels(
+    reference: &mut Image,
+    test: &mut Image,
+    given: Option<Mask>,
+    color_space: ColorSpace,
+    settings: &Settings,
+) -> Result<Measured> {
+    let mask = without_bad_pixels(given, reference);
+    reference.scale(1.0 / settings.scale);
+    test.scale(1.0 / settings.scale);
+    let mu_law = view_metrics(test, reference, mask.as_ref(), settings.mu)?;
+    let options = FieldOptions { peak_luminance: settings.peak_luminance, color_space, flip: FlipChoice::Skip };
+    let mut field = field_metrics(test, reference, mask.as_ref(), &options)?;
+    if let Some(lpips) = &settings.lpips {
+        let distance = lpips.radiance_distance(test, reference, mask.as_ref(), settings.mu, color_space);
+        lpips.record(distance?, &mut field);
+    }
+    let mut flip = None;
+    if settings.flip == FlipChoice::Compute {
+        let map = hdr_flip(test, reference, mask.as_ref(), color_space)?;
+        field.hdr_flip = Some(map.mean);
+        flip = Some(map);
+    }
+    Ok(Measured { mu_law, field, mask, flip })
 }
 
 fn check_sizes(pair: &Pair, reference: &Image, test: &Image) -> Result<()> {

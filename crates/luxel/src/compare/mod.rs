@@ -5,6 +5,7 @@
 //! partner are left out with a warning; folders without a pair are an error. [`compare_runs`]
 //! compares two runs.
 
+mod images;
 mod measure;
 mod options;
 mod pairs;
@@ -17,6 +18,7 @@ use luxel_metrics::{FieldMetrics, ViewMetrics};
 use rayon::prelude::*;
 use serde::Serialize;
 
+pub use self::images::{ImageComparison, compare_images};
 use self::measure::Settings;
 pub use self::options::CompareOptions;
 use self::pairs::Pairs;

@@ -1,0 +1,325 @@
+"""Types of the native module; its documentation is in its docstrings."""
+
+from os import PathLike
+from typing import Any, Callable, Iterator, Sequence, Union
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+_Path = Union[str, PathLike[str]]
+_F32 = NDArray[np.float32]
+_F64 = NDArray[np.float64]
+_Report = Callable[[int, int, str], Any]
+
+__version__: str
+
+class LuxelError(Exception):
+    remedy: str | None
+
+class Camera:
+    def __init__(
+        self,
+        camera_from_world: ArrayLike,
+        K: ArrayLike,
+        width: int,
+        height: int,
+        *,
+        projection: str = "pinhole",
+        fisheye: Sequence[float] | None = None,
+        max_angle: float | None = None,
+        distortion: Sequence[float] | None = None,
+    ) -> None: ...
+    @staticmethod
+    def from_opencv(camera_from_world: ArrayLike, K: ArrayLike, width: int, height: int) -> Camera: ...
+    @staticmethod
+    def from_opengl(world_from_camera: ArrayLike, K: ArrayLike, width: int, height: int) -> Camera: ...
+    @staticmethod
+    def from_colmap(
+        model: str, params: Sequence[float], width: int, height: int, qvec: Sequence[float], tvec: Sequence[float]
+    ) -> Camera: ...
+    @staticmethod
+    def from_nerfstudio(frame: dict[str, Any], shared: dict[str, Any] | None = None) -> Camera: ...
+    @staticmethod
+    def panorama(camera_from_world: ArrayLike, width: int) -> Camera: ...
+    @staticmethod
+    def look_at(
+        eye: Sequence[float], target: Sequence[float], up: Sequence[float], fov: float, width: int, height: int
+    ) -> Camera: ...
+    @property
+    def camera_from_world(self) -> _F64: ...
+    @property
+    def world_from_camera(self) -> _F64: ...
+    @property
+    def K(self) -> _F64: ...
+    @property
+    def width(self) -> int: ...
+    @property
+    def height(self) -> int: ...
+    @property
+    def position(self) -> _F64: ...
+    @property
+    def forward(self) -> _F64: ...
+    @property
+    def projection(self) -> str: ...
+    @property
+    def fisheye(self) -> list[float] | None: ...
+    @property
+    def max_angle(self) -> float | None: ...
+    @property
+    def distortion(self) -> list[float]: ...
+    def to_opencv(self) -> tuple[_F64, _F64]: ...
+    def to_opengl(self) -> _F64: ...
+    def to_colmap(self) -> dict[str, Any]: ...
+    def to_nerfstudio(self, file_path: str = "camera") -> dict[str, Any]: ...
+    def project(self, points: ArrayLike) -> tuple[_F64, _F64]: ...
+    def directions(self, pixels: ArrayLike) -> _F64: ...
+    def downscaled(self, factor: int) -> Camera: ...
+    def moved_to(self, camera_from_world: ArrayLike) -> Camera: ...
+
+class View:
+    @property
+    def name(self) -> str: ...
+    @property
+    def camera(self) -> Camera: ...
+    @property
+    def image(self) -> _F32: ...
+    @property
+    def mask(self) -> _F32 | None: ...
+    @property
+    def exposure(self) -> float | None: ...
+
+class Dataset:
+    @staticmethod
+    def open(
+        path: _Path,
+        *,
+        image_memory: str | None = None,
+        cache: _Path | None = None,
+        progress: _Report | None = None,
+        **options: Any,
+    ) -> Dataset: ...
+    @staticmethod
+    def from_arrays(
+        images: Sequence[ArrayLike],
+        cameras: Sequence[Camera],
+        *,
+        masks: Sequence[ArrayLike | None] | None = None,
+        test: Sequence[int] | None = None,
+        names: Sequence[str] | None = None,
+        points: ArrayLike | None = None,
+        point_colors: ArrayLike | None = None,
+        color_space: str = "linear-rec709",
+    ) -> Dataset: ...
+    @property
+    def train(self) -> list[View]: ...
+    @property
+    def test(self) -> list[View]: ...
+    @property
+    def points(self) -> _F64: ...
+    @property
+    def point_colors(self) -> NDArray[np.uint8]: ...
+    @property
+    def color_space(self) -> str: ...
+    @property
+    def format(self) -> str: ...
+    @property
+    def warnings(self) -> list[str]: ...
+    @property
+    def fingerprint(self) -> str: ...
+    @property
+    def world_from_local(self) -> _F64: ...
+
+class Scene:
+    positions: _F32
+    rotations: _F32
+    log_scales: _F32
+    opacity_logits: _F32
+    sh: _F32
+    raw_luminance: _F32
+    smoothing: _F32
+    background: list[float]
+    @staticmethod
+    def open(path: _Path) -> Scene: ...
+    @staticmethod
+    def from_arrays(
+        positions: ArrayLike,
+        rotations: ArrayLike,
+        log_scales: ArrayLike,
+        opacity_logits: ArrayLike,
+        sh: ArrayLike,
+        raw_luminance: ArrayLike | None = None,
+        *,
+        color_model: str = "sh3",
+        radiance_scale: float = 1.0,
+        color_space: str = "linear-rec709",
+    ) -> Scene: ...
+    def save(self, path: _Path) -> None: ...
+    def copy(self) -> Scene: ...
+    def set(self, **arrays: ArrayLike) -> None: ...
+    def render(
+        self,
+        camera: Camera,
+        *,
+        background: Sequence[float] | None = None,
+        samples: int | None = None,
+        device: str = "auto",
+        threads: int | None = None,
+    ) -> _F32: ...
+    def render_layers(
+        self,
+        camera: Camera,
+        *,
+        background: Sequence[float] | None = None,
+        samples: int | None = None,
+        threads: int | None = None,
+    ) -> dict[str, _F32]: ...
+    def edit(self, edit: str) -> int: ...
+    def export(
+        self,
+        path: _Path,
+        *,
+        bake: str | None = None,
+        color_space: str | None = None,
+        tonemap: str | None = None,
+        exposure: float = 0.0,
+        max_degree: int = 3,
+        max_splats: int | None = None,
+        dataset: Dataset | None = None,
+        scale: float = 1.0,
+        device: str = "auto",
+    ) -> dict[str, Any]: ...
+    def probe(
+        self,
+        at: Sequence[float],
+        *,
+        width: int = 2048,
+        projection: str = "latlong",
+        near: float | None = None,
+        up: Sequence[float] | None = None,
+        color_space: str | None = None,
+        background: Sequence[float] | None = None,
+        alpha: bool = False,
+        dataset: Dataset | None = None,
+        device: str = "auto",
+    ) -> Probe: ...
+    @property
+    def color_model(self) -> str: ...
+    @property
+    def separates_luminance(self) -> bool: ...
+    @property
+    def radiance_scale(self) -> float: ...
+    @property
+    def color_space(self) -> str: ...
+    @property
+    def edits(self) -> list[str]: ...
+    @property
+    def world_from_local(self) -> _F64: ...
+    @property
+    def raster(self) -> dict[str, Any]: ...
+    def __len__(self) -> int: ...
+
+class Probe:
+    @property
+    def image(self) -> _F32: ...
+    @property
+    def alpha(self) -> _F32 | None: ...
+    @property
+    def lights(self) -> list[dict[str, Any]]: ...
+    @property
+    def peak_radiance(self) -> float: ...
+    @property
+    def color_space(self) -> str: ...
+    def save_exr(self, path: _Path, *, exr_type: str = "auto") -> None: ...
+
+class Progress:
+    @property
+    def number(self) -> int: ...
+    @property
+    def total(self) -> int: ...
+    @property
+    def loss(self) -> float: ...
+    @property
+    def splats(self) -> int: ...
+    @property
+    def visible(self) -> int: ...
+
+class Training:
+    def __init__(
+        self,
+        dataset: Dataset,
+        *,
+        preset: str | None = None,
+        steps: int | None = None,
+        device: str = "auto",
+        threads: int | None = None,
+        resume: _Path | None = None,
+        **options: Any,
+    ) -> None: ...
+    def __iter__(self) -> Iterator[Progress]: ...
+    def __next__(self) -> Progress: ...
+    def step(self) -> Progress: ...
+    def evaluate(self, views: str | Sequence[View] | None = None) -> dict[str, Any]: ...
+    def render(self, camera: Camera) -> _F32: ...
+    def scene(self) -> Scene: ...
+    def checkpoint(self, path: _Path) -> None: ...
+    @property
+    def steps_made(self) -> int: ...
+    @property
+    def is_finished(self) -> bool: ...
+    @property
+    def options(self) -> dict[str, Any]: ...
+    @property
+    def cameras(self) -> list[Camera]: ...
+
+def read_image(
+    path: _Path, *, transfer: str | None = None, layer: str | None = None, color_space: str | None = None
+) -> tuple[_F32, str | None]: ...
+def write_exr(
+    path: _Path,
+    image: ArrayLike,
+    *,
+    color_space: str = "linear-rec709",
+    exr_type: str = "auto",
+    alpha: ArrayLike | None = None,
+    depth: ArrayLike | None = None,
+    camera: Camera | None = None,
+    attributes: dict[str, str | float] | None = None,
+) -> None: ...
+def write_preview(
+    path: _Path,
+    image: ArrayLike,
+    *,
+    tonemap: str = "agx",
+    exposure: float = 0.0,
+    white: float = 1.0,
+    color_space: str = "linear-rec709",
+) -> None: ...
+def convert_color_space(image: ArrayLike, source: str, target: str) -> _F32: ...
+def compare(
+    reference: ArrayLike,
+    image: ArrayLike,
+    *,
+    mask: ArrayLike | None = None,
+    scale: float | None = None,
+    mu: float | None = None,
+    peak_luminance: float | None = None,
+    hdr_flip: bool = True,
+    lpips_weights: _Path | None = None,
+    color_space: str = "linear-rec709",
+) -> dict[str, Any]: ...
+def compare_files(
+    reference: _Path,
+    test: _Path,
+    *,
+    scale: float | None = None,
+    mu: float | None = None,
+    peak_luminance: float | None = None,
+    hdr_flip: bool = True,
+    lpips_weights: _Path | None = None,
+    mask: _Path | None = None,
+    transfer: str | None = None,
+    color_space: str | None = None,
+) -> dict[str, Any]: ...
+def training_options(preset: str | None = None) -> dict[str, Any]: ...
+def run_command(args: Sequence[_Path]) -> int: ...
+def main(args: Sequence[_Path]) -> int: ...

@@ -1,0 +1,96 @@
+"""Scenes: rendering to the bit, arrays in and out, edits, exports, probes."""
+
+from __future__ import annotations
+
+import json
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import luxel
+
+
+def test_renders_are_those_of_the_program_to_the_bit(dataset: luxel.Dataset, scene: luxel.Scene, tmp_path: Path) -> None:
+    path = tmp_path / "scene.ply"
+    scene.save(path)
+    camera = dataset.test[1].camera
+    cameras = tmp_path / "camera.json"
+    cameras.write_text(json.dumps({"frames": [camera.to_nerfstudio("frame")]}))
+    arguments = ["render", path, "--cameras", cameras, "-o", tmp_path / "out", "--exr-type", "float", "--device", "cpu", "--quiet"]
+    assert luxel.run_command(arguments) == 0
+    written, space = luxel.read_image(next((tmp_path / "out").glob("*.exr")))
+    opened = luxel.Camera.from_nerfstudio(camera.to_nerfstudio())
+    np.testing.assert_array_equal(luxel.Scene.open(path).render(opened, device="cpu"), written)
+    assert space == "linear-rec709"
+
+
+def test_threads_render_one_scene_side_by_side(dataset: luxel.Dataset, scene: luxel.Scene) -> None:
+    expected = [scene.render(view.camera, device="cpu") for view in dataset.train]
+    found: dict[int, np.ndarray] = {}
+
+    def render(i: int) -> None:
+        found[i] = scene.render(dataset.train[i].camera, device="cpu")
+
+    threads = [threading.Thread(target=render, args=(i,)) for i in range(len(expected))]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for i, image in enumerate(expected):
+        np.testing.assert_array_equal(found[i], image)
+
+
+def test_arrays_come_back_and_change_the_scene(dataset: luxel.Dataset, scene: luxel.Scene) -> None:
+    camera, count = dataset.test[0].camera, len(scene)
+    copy = scene.copy()
+    names = ["positions", "rotations", "log_scales", "opacity_logits", "sh", "raw_luminance"]
+    rebuilt = luxel.Scene.from_arrays(
+        *[getattr(scene, name) for name in names], color_model=scene.color_model, radiance_scale=scene.radiance_scale
+    )
+    assert rebuilt.sh.shape == (count, 16, 3) and rebuilt.raw_luminance.shape == (count, 1)
+    copy.opacity_logits = np.full(count, -30.0)
+    assert copy.render(camera, device="cpu").max() < 1e-6 < scene.render(camera, device="cpu").max()
+    half = {name: getattr(scene, name)[: count // 2] for name in names}
+    copy.set(**half)
+    assert len(copy) == count // 2
+    with pytest.raises(luxel.LuxelError, match="rotations: "):
+        copy.positions = np.zeros((3, 3))
+    assert len(copy) == count // 2, "a change that fails changes nothing"
+    with pytest.raises(luxel.LuxelError, match="positions: a number of splat 1 is NaN"):
+        positions = copy.positions
+        positions[1] = np.nan
+        copy.positions = positions
+
+
+def test_background_and_layers(dataset: luxel.Dataset, scene: luxel.Scene) -> None:
+    camera = dataset.test[0].camera
+    layers = scene.render_layers(camera)
+    np.testing.assert_array_equal(layers["radiance"], scene.render(camera, device="cpu"))
+    before = scene.render(camera, background=[8, 8, 8], device="cpu")
+    behind = layers["radiance"] + 8 * (1 - layers["alpha"][..., None])
+    np.testing.assert_allclose(before, behind, rtol=1e-4, atol=1e-4)
+    assert layers["depth"].shape == (24, 32)
+
+
+def test_edits_change_light_and_are_recorded(dataset: luxel.Dataset, scene: luxel.Scene) -> None:
+    camera, edited = dataset.test[0].camera, scene.copy()
+    assert edited.edit("gain 2") == len(edited)
+    brighter, before = edited.render(camera, device="cpu"), scene.render(camera, device="cpu")
+    assert brighter.mean() == pytest.approx(2 * before.mean(), rel=0.02), "but for what cut-offs skip"
+    assert (edited.edits, scene.edits) == (["where all; gain 2"], [])
+    with pytest.raises(luxel.LuxelError, match="column 1"):
+        edited.edit("brighter")
+
+
+def test_exports_and_probes(dataset: luxel.Dataset, scene: luxel.Scene, tmp_path: Path) -> None:
+    found = scene.export(tmp_path / "scene.usda", color_space="acescg", device="cpu")
+    assert found["splats"] == len(scene) and found["color_space"] == "acescg"
+    probe = scene.probe([0, 0, -2], width=32, dataset=dataset, device="cpu")
+    assert probe.image.shape == (16, 32, 3) and probe.alpha is None
+    probe.save_exr(tmp_path / "probe.exr")
+    image, _ = luxel.read_image(tmp_path / "probe.exr")
+    np.testing.assert_allclose(image, probe.image, rtol=1e-3, atol=1e-6)
+    with pytest.raises(luxel.LuxelError, match="bake: found 'x'|bake: found \"x\""):
+        scene.export(tmp_path / "x.ply", bake="x")
