@@ -3,23 +3,34 @@
 //! In and out: see [`Engine`]. Degenerate: invalid splats, views and plans are errors, and leave
 //! the engine unchanged.
 
+mod blended;
 mod clock;
+mod differentiable;
+mod projected;
+mod screens;
+mod spare;
 mod state;
+
+use std::sync::Arc;
 
 use fearless_simd::Level;
 use luxel_core::edit::Contributions;
 use luxel_core::engine::{DensifyPlan, DensifyStats, Evaluations, Geometry, StepConfig};
 use luxel_core::{Camera, Engine, EngineError, Image, Layers, Moments, PassTime, Remedy, RenderOptions, Splats, StepReport, View};
 
-use self::state::State;
+use self::screens::SpareBuffers;
+use self::state::{RECORD_BYTES, State};
 use crate::rays::Lenses;
 use crate::view::ScreenCamera;
 
 /// The CPU engine. Its results are the same bits for any number of threads.
 pub struct CpuEngine {
-    pool: rayon::ThreadPool,
+    pool: Arc<rayon::ThreadPool>,
     state: State,
     lenses: Lenses,
+    spare: Arc<SpareBuffers>,
+    /// Memory for the records of tiles, bytes.
+    record_bytes: usize,
 }
 
 impl CpuEngine {
@@ -32,7 +43,7 @@ impl CpuEngine {
             rayon::ThreadPoolBuilder::new().num_threads(threads).thread_name(|i| format!("luxel-cpu-{i}")).build().map_err(|e| {
                 EngineError::device(format!("cpu: cannot start {threads} threads: {e}")).with_remedy(Remedy::lower("threads"))
             })?;
-        Ok(Self { pool, state: State::new(), lenses: Lenses::default() })
+        Ok(Self { pool: Arc::new(pool), state: State::new(), lenses: Lenses::default(), spare: Arc::default(), record_bytes: RECORD_BYTES })
     }
 
     /// Returns the number of threads.
@@ -67,6 +78,7 @@ impl CpuEngine {
     /// Sets how much a step may keep about its tiles from the forward to the backward pass, bytes;
     /// 1 GiB unless set. What does not fit is computed twice, with the same bits.
     pub fn set_tile_memory(&mut self, bytes: usize) {
+        self.record_bytes = bytes;
         self.state.set_record_bytes(bytes);
     }
 

@@ -6,12 +6,34 @@
 use std::sync::Arc;
 
 use fearless_simd::Simd;
+use luxel_core::engine::{BlendOptions, MatrixCamera};
 use luxel_core::engine::{JACOBIAN_MARGIN, ParameterRows};
 use luxel_core::{Antialias, Camera, CameraError, Cutoffs, MAX_SAMPLES, Real, RenderOptions, each};
 
 use crate::lanes::{Lanes, V, dot};
 use crate::rays::{Lenses, RayTable};
 pub(crate) use crate::tiles::{BLOCK_PX, BLOCKS, TILE_BLOCKS, TILE_PX};
+
+/// The treatment of splats smaller than a pixel: see [`Antialias`].
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ScreenFilter {
+    /// Dilation of the screen covariance.
+    pub(crate) dilation_px2: f32,
+    /// Whether opacity shrinks by as much as dilation widens a splat.
+    pub(crate) compensates_opacity: bool,
+    /// Whether the 3D filter of the scene applies.
+    pub(crate) smooths: bool,
+}
+
+impl ScreenFilter {
+    fn new(antialias: Antialias) -> Self {
+        Self {
+            dilation_px2: antialias.dilation_px2(),
+            compensates_opacity: antialias.compensates_opacity(),
+            smooths: antialias == Antialias::Mip,
+        }
+    }
+}
 
 /// A camera with its render options. With supersampling, its pixels are the samples.
 #[derive(Clone, Debug)]
@@ -29,7 +51,7 @@ pub(crate) struct ScreenCamera {
     pub(crate) slope_min: [f32; 2],
     pub(crate) slope_max: [f32; 2],
     pub(crate) cutoffs: Cutoffs,
-    pub(crate) antialias: Antialias,
+    pub(crate) filter: ScreenFilter,
     pub(crate) background: [f32; 3],
     pub(crate) active_degree: usize,
     /// The rays of the pixels; `None` for a pinhole.
@@ -60,11 +82,41 @@ impl ScreenCamera {
             slope_min: [0, 1].map(|i| (-center[i] / focal[i] - margin[i]) as f32),
             slope_max: [0, 1].map(|i| ((size[i] - center[i]) / focal[i] + margin[i]) as f32),
             cutoffs: options.raster.cutoffs,
-            antialias: options.raster.antialias,
+            filter: ScreenFilter::new(options.raster.antialias),
             background: options.background,
             active_degree: options.active_degree,
             rays,
         })
+    }
+
+    /// Converts a camera that is a matrix. The background is zero.
+    pub(crate) fn from_matrix(camera: &MatrixCamera, options: &BlendOptions) -> Self {
+        let MatrixCamera { camera_from_world: rows, focal_px: focal, center_px: center } = *camera;
+        let size = options.size_px.map(|side| side as f32);
+        let margin = [0, 1].map(|i| JACOBIAN_MARGIN as f32 * size[i] / (2.0 * focal[i]));
+        Self {
+            rotation: rows.map(|[x, y, z, _]| [x, y, z]),
+            translation: rows.map(|[.., offset]| offset),
+            // Only colours need it, which are given.
+            eye: [0.0; 3],
+            focal_px: focal,
+            center_px: center,
+            size_px: options.size_px.map(|side| side as usize),
+            samples: 1,
+            slope_min: [0, 1].map(|i| -center[i] / focal[i] - margin[i]),
+            slope_max: [0, 1].map(|i| (size[i] - center[i]) / focal[i] + margin[i]),
+            cutoffs: Cutoffs {
+                min_contribution: f32::INFINITY,
+                alpha_floor: options.cutoffs.min_alpha,
+                // A depth of zero would divide by zero.
+                near: options.cutoffs.near.max(f32::MIN_POSITIVE),
+                ..options.cutoffs
+            },
+            filter: ScreenFilter { dilation_px2: options.dilation_px2, compensates_opacity: options.compensates_opacity, smooths: false },
+            background: [0.0; 3],
+            active_degree: 0,
+            rays: None,
+        }
     }
 
     /// Returns the camera of the image's own pixels. Only its size may be used: the other fields

@@ -7,6 +7,7 @@
 mod camera_gradient;
 mod contract;
 mod densify;
+mod differentiable;
 mod parameter_rows;
 mod pass;
 mod pixel_angle;
@@ -16,6 +17,10 @@ mod step;
 pub use camera_gradient::{CAMERA_SUMS, CameraGradient, CameraGradientChoice, CameraSums};
 pub use contract::{Engine, EngineError};
 pub use densify::{DensifyPlan, DensifyStats, Geometry, PlanRow};
+pub use differentiable::{
+    AbsoluteMeans, ActivatedSplats, BlendGradient, BlendOptions, BlendedPixels, BlendedSplats, Channels, ColorGradient, Differentiable,
+    DirectionalColors, EllipseGradient, MatrixCamera, PixelGradient, ProjectedSplats, ScreenEllipses, SplatGradient, check_len,
+};
 pub use parameter_rows::ParameterRows;
 pub use pass::{Pass, PassTime};
 pub use pixel_angle::{PIXEL_ANGLE_TERMS, PixelAngle};

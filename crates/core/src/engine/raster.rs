@@ -41,6 +41,10 @@ impl Cutoffs {
         near: 0.2,
     };
 
+    /// The values of gsplat 1.5: those of 3D Gaussian splatting, with a higher cap of alpha and a
+    /// nearer plane.
+    pub const GSPLAT: Self = Self { max_alpha: 0.999, near: 0.01, ..Self::PARITY };
+
     /// Values derived for radiance.
     ///
     /// A skipped contribution is at most `alpha c`. The metrics and the loss apply the mu-law to

@@ -60,7 +60,7 @@ struct Update {
 }
 
 /// Memory for records of tiles, unless another is set, bytes.
-const RECORD_BYTES: usize = 1 << 30;
+pub(super) const RECORD_BYTES: usize = 1 << 30;
 /// Buffers that only steps need are given back by renders if they hold more, bytes.
 const IDLE_BYTES: usize = 256 << 20;
 
@@ -236,7 +236,7 @@ impl State {
         frame.bins.fill(*level, camera, &frame.footprints);
         clock.lap(Pass::Bin);
         let splats = ScreenSplats { bins: &frame.bins, footprints: &frame.footprints };
-        let inputs = TileInputs { level: *level, camera, splats, recording };
+        let inputs = TileInputs { level: *level, camera, splats, recording, channels: None };
         let [sort, rasterize] = sort_and_rasterize(&inputs, &mut frame.records, &mut frame.pixels);
         clock.lap_shared(&[PassTime { pass: Pass::Sort, time: sort }, PassTime { pass: Pass::Rasterize, time: rasterize }]);
         if camera.samples > 1 {
@@ -264,7 +264,7 @@ impl State {
         let on_nothing = ScreenCamera { background: [0.0; 3], ..camera.clone() };
         frame.footprints.iter_mut().for_each(|footprint| footprint.radiance = [footprint.depth, 0.0, 0.0]);
         let splats = ScreenSplats { bins: &frame.bins, footprints: &frame.footprints };
-        let inputs = TileInputs { level: *level, camera: &on_nothing, splats, recording: Recording::Nothing };
+        let inputs = TileInputs { level: *level, camera: &on_nothing, splats, recording: Recording::Nothing, channels: None };
         sort_and_rasterize(&inputs, &mut frame.records, &mut frame.pixels);
         if camera.samples > 1 {
             resolve(&on_nothing, &frame.pixels, &mut frame.resolved);
@@ -290,7 +290,7 @@ impl State {
     /// Returns what records of tiles are made from, after a forward pass.
     fn tile_inputs<'a>(&'a self, camera: &'a ScreenCamera, recording: Recording) -> TileInputs<'a> {
         let splats = ScreenSplats { bins: &self.frame.bins, footprints: &self.frame.footprints };
-        TileInputs { level: self.level, camera, splats, recording }
+        TileInputs { level: self.level, camera, splats, recording, channels: None }
     }
 
     /// Runs the passes up to the gradients of the tiles' entries. The view has the size of the
@@ -314,7 +314,7 @@ impl State {
             StatsCollection::Off | StatsCollection::Gradients => AbsoluteSums::Skip,
         };
         let splats = ScreenSplats { bins: &frame.bins, footprints: &frame.footprints };
-        let inputs = TileInputs { level: *level, camera, splats, recording: Recording::Changes };
+        let inputs = TileInputs { level: *level, camera, splats, recording: Recording::Changes, channels: None };
         let tiles = RasterizedTiles { records: &frame.records, pixels: &frame.pixels };
         rasterize_backward(&inputs, tiles, gradient, absolute, &mut frame.entries);
         clock.lap(Pass::RasterizeBackward);

@@ -68,6 +68,11 @@ impl Bins {
         self.splat[self.range(tile)].iter().map(|splat| splat.load(Ordering::Relaxed))
     }
 
+    /// Returns the splat of an entry.
+    pub(crate) fn splat(&self, entry: usize) -> usize {
+        self.splat[entry].load(Ordering::Relaxed) as usize
+    }
+
     /// Returns the numbers of the entries of a tile's list.
     pub(crate) fn range(&self, tile: usize) -> Range<usize> {
         self.tile_start[tile] as usize..self.tile_start[tile + 1] as usize

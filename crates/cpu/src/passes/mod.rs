@@ -9,19 +9,27 @@
 //!
 //! Helpers: `picks` finds the splats of a block for `rasterize`; `changes` records which splats
 //! changed which pixels, for `rasterize_backward`; `sums` adds gradients up over the pixels of a
-//! block; `samples` averages supersamples; `tile_records` keeps what passes know about tiles;
-//! `pass_times` measures passes that run together.
+//! block; `more_channels` blends more than three channels; `samples` averages supersamples;
+//! `tile_records` keeps what passes know about tiles; `pass_times` measures passes that run
+//! together.
 
+pub(crate) mod activated;
 pub(crate) mod adam;
 pub(crate) mod bin;
+pub(crate) mod blend;
 pub(crate) mod camera_backward;
 pub(crate) mod changes;
 pub(crate) mod color;
 pub(crate) mod color_backward;
 pub(crate) mod contribute;
 pub(crate) mod densify;
+pub(crate) mod directional;
+pub(crate) mod ellipse_backward;
+pub(crate) mod encoding;
 pub(crate) mod evaluations;
 pub(crate) mod loss;
+pub(crate) mod more_channels;
+pub(crate) mod more_channels_backward;
 pub(crate) mod pass_times;
 pub(crate) mod picks;
 pub(crate) mod project;
@@ -34,6 +42,7 @@ pub(crate) mod rasterize_backward;
 pub(crate) mod samples;
 pub(crate) mod sort;
 pub(crate) mod sort_and_rasterize;
+pub(crate) mod splat_channels;
 pub(crate) mod sums;
 pub(crate) mod tile_records;
 pub(crate) mod update;

@@ -11,8 +11,9 @@ use bytemuck::{Pod, Zeroable};
 use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 use luxel_core::engine::{MIN_AREA_RATIO, ParameterRows};
-use luxel_core::{Antialias, Real, each};
+use luxel_core::{Real, each};
 
+use super::encoding::{Encoding, Logarithmic};
 use crate::lanes::{LANES, Lanes, M, V, dot};
 use crate::rays::Touch;
 use crate::store::{Block, Store, StoreShape};
@@ -115,7 +116,7 @@ impl<S: Simd> Projection<S> {
     /// Projects a block of parameters. `smoothing` is the 3D filter of the block, if the scene has
     /// one.
     #[inline(always)]
-    pub(crate) fn new(simd: S, camera: &ScreenCamera, rows: &[Lanes], smoothing: Option<&Lanes>) -> Self {
+    pub(crate) fn new<E: Encoding>(simd: S, camera: &ScreenCamera, rows: &[Lanes], smoothing: Option<&Lanes>) -> Self {
         let load = |row: usize| V::load(simd, &rows[row]);
         let c = |value: f32| V::splat(simd, value);
         let one = c(1.0);
@@ -131,13 +132,13 @@ impl<S: Simd> Projection<S> {
             let shear = -(scale[i] * slope[i]);
             each!([0, 1, 2] j => scale[i].mul_add(rotation[i][j], shear * rotation[2][j]))
         });
-        let (point, dilation) = ([point[0], point[1], z], c(camera.antialias.dilation_px2()));
-        Self::linearised(simd, camera, rows, smoothing, Linearised { point, slope, jacobian, dilation })
+        let (point, dilation) = ([point[0], point[1], z], c(camera.filter.dilation_px2));
+        Self::linearised::<E>(simd, camera, rows, smoothing, Linearised { point, slope, jacobian, dilation })
     }
 
     /// Projects a block of parameters by a Jacobian.
     #[inline(always)]
-    pub(crate) fn linearised(
+    pub(crate) fn linearised<E: Encoding>(
         simd: S,
         camera: &ScreenCamera,
         rows: &[Lanes],
@@ -153,8 +154,8 @@ impl<S: Simd> Projection<S> {
         let quaternion = each!([0, 1, 2, 3] i => { let v = raw[i]; v * inverse_length });
         let axes = rotation_matrix(quaternion);
 
-        let raw_sigma: [V<S>; 3] = each!([0, 1, 2] i => load(ParameterRows::LOG_SCALE + i).exp());
-        let (sigma, filter_factor) = match smoothing.filter(|_| camera.antialias == Antialias::Mip) {
+        let raw_sigma: [V<S>; 3] = each!([0, 1, 2] i => E::sigma(load(ParameterRows::LOG_SCALE + i)));
+        let (sigma, filter_factor) = match smoothing.filter(|_| camera.filter.smooths) {
             None => (raw_sigma, one),
             Some(lanes) => {
                 let f = V::load(simd, lanes);
@@ -177,11 +178,11 @@ impl<S: Simd> Projection<S> {
         let determinant_before = dot(cross, cross);
         let determinant = (before[0] + before[2]).mul_add(dilation, determinant_before + dilation * dilation);
         let covariance = [before[0] + dilation, before[1], before[2] + dilation];
-        let compensation = match camera.antialias.compensates_opacity() {
+        let compensation = match camera.filter.compensates_opacity {
             false => one,
             true => (determinant_before / determinant).max(c(MIN_AREA_RATIO)).sqrt(),
         };
-        let opacity = one / (one + (-load(ParameterRows::OPACITY)).exp());
+        let opacity = E::opacity(load(ParameterRows::OPACITY));
         Self {
             point,
             slope,
@@ -233,6 +234,43 @@ pub(crate) fn resize_for(store: &Store, footprints: &mut Vec<Footprint>) {
     footprints.resize(store.lanes.len() / store.layout.count() * LANES, Footprint::zeroed());
 }
 
+/// Splats on their way to the screen of a pinhole.
+pub(crate) struct Centered<S: Simd> {
+    pub(crate) mean: [V<S>; 2],
+    pub(crate) depth: V<S>,
+    /// With all factors.
+    pub(crate) opacity: V<S>,
+    /// Splats that may touch the image.
+    pub(crate) mask: M<S>,
+}
+
+impl<S: Simd> Centered<S> {
+    /// Finds the centres of a block's splats, of which `alive` exist.
+    #[inline(always)]
+    pub(crate) fn new(simd: S, camera: &ScreenCamera, rows: &[Lanes], p: &Projection<S>, alive: usize) -> Self {
+        let c = |value: f32| V::splat(simd, value);
+        let one = c(1.0);
+        let opacity = p.opacity * p.compensation * p.filter_factor;
+        let inverse_z = one / p.point[2];
+        let mean = each!([0, 1] i => (p.point[i] * inverse_z).mul_add(c(camera.focal_px[i]), c(camera.center_px[i])));
+
+        // Blocks whose largest possible footprints all miss the image skip colour and the rest.
+        let depth = V::load(simd, &rows[ParameterRows::POSITION]) * camera.rotation[2][0]
+            + V::load(simd, &rows[ParameterRows::POSITION + 1]) * camera.rotation[2][1]
+            + V::load(simd, &rows[ParameterRows::POSITION + 2]) * camera.rotation[2][2]
+            + camera.translation[2];
+        let floor = c(camera.cutoffs.alpha_floor.min(camera.cutoffs.min_alpha));
+        let widest = (opacity / floor).max(one).ln() * 2.0;
+        let reach = each!([0, 2] i => (p.covariance[i] * widest).sqrt());
+        let exists = V::lane_numbers(simd).lt(c(alive as f32));
+        let mut mask = exists & depth.ge(c(camera.cutoffs.near)) & opacity.ge(floor);
+        for i in 0..2 {
+            mask = mask & (mean[i] + reach[i]).gt(c(0.0)) & (mean[i] - reach[i]).lt(c(camera.size_px[i] as f32));
+        }
+        Self { mean, depth, opacity, mask }
+    }
+}
+
 /// Projects a block of a store of the given shape, for a pinhole. `smoothing` holds the 3D filter
 /// of all blocks, or is empty.
 #[inline(always)]
@@ -244,33 +282,28 @@ pub(crate) fn project_block<S: Simd>(
     smoothing: &[Lanes],
     out: &mut [Footprint],
 ) {
-    let c = |value: f32| V::splat(simd, value);
-    let one = c(1.0);
     let alive = count - (index * LANES).min(count);
-    let p = Projection::new(simd, camera, rows, smoothing.get(index));
-    let opacity = p.opacity * p.compensation * p.filter_factor;
-    let inverse_z = one / p.point[2];
-    let mean = each!([0, 1] i => (p.point[i] * inverse_z).mul_add(c(camera.focal_px[i]), c(camera.center_px[i])));
-
-    // Blocks whose largest possible footprints all miss the image skip colour and the rest.
-    let depth = V::load(simd, &rows[ParameterRows::POSITION]) * camera.rotation[2][0]
-        + V::load(simd, &rows[ParameterRows::POSITION + 1]) * camera.rotation[2][1]
-        + V::load(simd, &rows[ParameterRows::POSITION + 2]) * camera.rotation[2][2]
-        + camera.translation[2];
-    let floor = c(camera.cutoffs.alpha_floor.min(camera.cutoffs.min_alpha));
-    let widest = (opacity / floor).max(one).ln() * 2.0;
-    let reach = each!([0, 2] i => (p.covariance[i] * widest).sqrt());
-    let exists = V::lane_numbers(simd).lt(c(alive as f32));
-    let mut mask = exists & depth.ge(c(camera.cutoffs.near)) & opacity.ge(floor);
-    for i in 0..2 {
-        mask = mask & (mean[i] + reach[i]).gt(c(0.0)) & (mean[i] - reach[i]).lt(c(camera.size_px[i] as f32));
-    }
-    if !mask.any_true() {
+    let p = Projection::new::<Logarithmic>(simd, camera, rows, smoothing.get(index));
+    let centered = Centered::new(simd, camera, rows, &p, alive);
+    if !centered.mask.any_true() {
         out.fill(Footprint::zeroed());
         return;
     }
-
     let radiance = super::color::color(simd, camera, layout, rows);
+    store_footprints(simd, camera, &p, &centered, radiance, out);
+}
+
+/// Writes the footprints of a block's splats, as they look from the camera.
+#[inline(always)]
+pub(crate) fn store_footprints<S: Simd>(
+    simd: S,
+    camera: &ScreenCamera,
+    p: &Projection<S>,
+    &Centered { mean, depth, opacity, mut mask }: &Centered<S>,
+    radiance: [V<S>; 3],
+    out: &mut [Footprint],
+) {
+    let c = |value: f32| V::splat(simd, value);
     let brightest = radiance[0].max(radiance[1]).max(radiance[2]);
     let [log2_opacity, log2_threshold] = thresholds(simd, camera, opacity, brightest);
     let radius2 = (log2_opacity - log2_threshold) * (2.0 * std::f32::consts::LN_2);

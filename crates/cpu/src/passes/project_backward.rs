@@ -8,13 +8,17 @@
 //! covariance and S the second moments of the offsets whitened by M, dE/dcovariance = M^T S M / 2.
 //! [`super::update`] iterates over the blocks. Degenerate: gradients that overflow become zero.
 
+use std::ops::Range;
+
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x4};
-use luxel_core::engine::{MIN_AREA_RATIO, ParameterRows};
+use luxel_core::engine::ParameterRows;
 use luxel_core::{LossWeights, Real, each};
 
 use super::bin::Bins;
 use super::color_backward::color_backward;
+use super::ellipse_backward::{EllipseGradient, ShapeGradient, compensation_backward, moments_backward, shape_backward};
+use super::encoding::Logarithmic;
 use super::project::{Projection, SQRT_HALF_LOG2_E};
 use super::project_backward_rays::{self, PlaneGradient, dilation_backward};
 use super::project_rays::{Facing, project_to_plane};
@@ -120,20 +124,20 @@ struct BlockBackward<S: Simd> {
 pub(crate) struct BlockSums {
     rows: [Lanes; LANES],
     /// Which splats have any entry.
-    visible: [bool; LANES],
+    pub(crate) visible: [bool; LANES],
 }
 
 impl BlockSums {
     pub(crate) const ZERO: Self = Self { rows: [Lanes::ZERO; LANES], visible: [false; LANES] };
 
     /// Returns whether any splat has an entry.
-    fn is_visible(&self) -> bool {
+    pub(crate) fn is_visible(&self) -> bool {
         self.visible.contains(&true)
     }
 
     /// Returns the sums by field, a splat in each lane.
     #[inline(always)]
-    fn by_field<S: Simd>(&self, simd: S) -> [V<S>; LANES] {
+    pub(crate) fn by_field<S: Simd>(&self, simd: S) -> [V<S>; LANES] {
         V::transpose(
             each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15] lane => { let row = &self.rows[lane]; V::load(simd, row) }),
         )
@@ -142,13 +146,18 @@ impl BlockSums {
     /// Gathers the sums of block number `block`.
     #[inline(always)]
     pub(crate) fn gather<S: Simd>(&mut self, simd: S, inputs: &Inputs<'_>, block: usize) {
-        let alive = LANES.min(inputs.shape.count - block * LANES);
-        let splats = self.rows.iter_mut().zip(&mut self.visible).zip(inputs.bins.entries(block * LANES, alive));
+        self.gather_entries(simd, inputs.bins, inputs.entries, block * LANES..inputs.shape.count.min((block + 1) * LANES));
+    }
+
+    /// Gathers the sums of the splats of a range, all within one block.
+    #[inline(always)]
+    pub(crate) fn gather_entries<S: Simd>(&mut self, simd: S, bins: &Bins, gradients: &[EntryGradient], range: Range<usize>) {
+        let splats = self.rows.iter_mut().zip(&mut self.visible).zip(bins.entries(range.start, range.len()));
         for ((row, visible), entries) in splats {
             *visible = !entries.is_empty();
             let mut sum = [f32x4::splat(simd, 0.0); ENTRY_LEN / 4];
             for entry in entries {
-                let entry: &[[f32; 4]; ENTRY_LEN / 4] = bytemuck::cast_ref(&inputs.entries[*entry as usize]);
+                let entry: &[[f32; 4]; ENTRY_LEN / 4] = bytemuck::cast_ref(&gradients[*entry as usize]);
                 for (sum, part) in sum.iter_mut().zip(entry) {
                     *sum += f32x4::load_array_ref(simd, part);
                 }
@@ -158,57 +167,6 @@ impl BlockSums {
             }
         }
     }
-}
-
-/// The gradient by the ellipses of 16 splats.
-struct EllipseGradient<S: Simd> {
-    /// Gradient by the centre.
-    d_mean: [V<S>; 2],
-    /// Gradient by the dilated covariance: xx, xy, yy. The off-diagonal number stands for both
-    /// entries.
-    d_covariance: [V<S>; 3],
-    /// Gradient by the trace of the dilated covariance, without opacity compensation.
-    d_trace: V<S>,
-}
-
-/// Computes the gradient by the ellipses from the sums over pixels. `root` is
-/// [`Projection::inverse_root`].
-#[inline(always)]
-fn ellipse_backward<S: Simd>(
-    simd: S,
-    camera: &ScreenCamera,
-    p: &Projection<S>,
-    root: [V<S>; 3],
-    [d_log_alpha, gu, gv, guu, guv, gvv, ..]: &[V<S>; LANES],
-) -> EllipseGradient<S> {
-    let c = |value: f32| V::splat(simd, value);
-    // covariance^-1 = M^T M. With offsets whitened by M, the gradient by the centre is M^T times
-    // the first moments, and the gradient by the covariance is half of M^T times the second moments
-    // times M. The rasteriser's (u, v) are M's times a constant.
-    let unit = 1.0 / (SQRT_HALF_LOG2_E * SQRT_HALF_LOG2_E);
-    let (gu, gv) = (*gu * (1.0 / SQRT_HALF_LOG2_E), *gv * (1.0 / SQRT_HALF_LOG2_E));
-    let d_mean = [root[0] * gu, root[1].mul_add(gu, root[2] * gv)];
-    let moments = [*guu * unit, *guv * unit, *gvv * unit];
-    let half = c(0.5);
-    let by_root =
-        [moments[0] * root[0], moments[0].mul_add(root[1], moments[1] * root[2]), moments[1].mul_add(root[1], moments[2] * root[2])];
-    let mut d_xx = half * by_root[0] * root[0];
-    let mut d_xy = root[0] * by_root[1];
-    let mut d_yy = half * root[1].mul_add(by_root[1], root[2] * by_root[2]);
-    let inverse_det = c(1.0) / p.determinant;
-    let d_trace = d_xx + d_yy;
-
-    if camera.antialias.compensates_opacity() {
-        // compensation = sqrt(before / after): d ln(compensation) = (d ln before - d ln after) / 2.
-        let ratio = p.determinant_before * inverse_det;
-        let d_ratio = (ratio - MIN_AREA_RATIO).if_positive(half * *d_log_alpha, c(0.0));
-        let by_before = d_ratio / p.determinant_before.max(c(1e-30));
-        let by_after = d_ratio * inverse_det;
-        d_xx = d_xx + by_before * (p.covariance[2] - p.dilation) - by_after * p.covariance[2];
-        d_yy = d_yy + by_before * (p.covariance[0] - p.dilation) - by_after * p.covariance[0];
-        d_xy = d_xy - (by_before - by_after) * (p.covariance[1] + p.covariance[1]);
-    }
-    EllipseGradient { d_mean, d_covariance: [d_xx, d_xy, d_yy], d_trace }
 }
 
 /// Projects a block as the forward pass did; with the plane of each splat if pixels are rays.
@@ -221,7 +179,7 @@ fn project_again<S: Simd>(
 ) -> (Projection<S>, Option<Facing<S>>) {
     let smoothing = inputs.smoothing.get(index);
     match &camera.rays {
-        None => (Projection::new(simd, camera, rows, smoothing), None),
+        None => (Projection::new::<Logarithmic>(simd, camera, rows, smoothing), None),
         Some(rays) => {
             let (p, facing) = project_to_plane(simd, camera, rays, rows, smoothing);
             (p, Some(facing))
@@ -245,16 +203,13 @@ fn block_backward<S: Simd>(
     let mut d_position = color_backward(simd, camera, inputs.shape.layout, rows, [dr, dg, db], out);
 
     let root = p.inverse_root();
-    let EllipseGradient { d_mean, d_covariance: [d_xx, d_xy, d_yy], d_trace } = ellipse_backward(simd, camera, &p, root, sums);
-
-    // covariance = root root^T.
-    let d_root = [
-        each!([0, 1, 2] k => (d_xx + d_xx).mul_add(p.root[0][k], d_xy * p.root[1][k])),
-        each!([0, 1, 2] k => (d_yy + d_yy).mul_add(p.root[1][k], d_xy * p.root[0][k])),
-    ];
-    // root = screen_axes diag(sigma).
-    for k in 0..3 {
-        let d_sigma = d_root[0][k].mul_add(p.screen_axes[0][k], d_root[1][k] * p.screen_axes[1][k]);
+    let EllipseGradient { d_mean, mut d_covariance } = moments_backward(root, sums);
+    let d_trace = d_covariance[0] + d_covariance[2];
+    if camera.filter.compensates_opacity {
+        compensation_backward(&p, d_log_alpha, &mut d_covariance);
+    }
+    let ShapeGradient { d_sigma, d_rotation, d_jacobian } = shape_backward(&p, d_covariance);
+    for (k, d_sigma) in d_sigma.into_iter().enumerate() {
         // Without a filter sigma = raw, and this is d_sigma sigma; with it sigma^2 = raw^2 + f^2,
         // and the opacity's factor prod raw / sigma. Squares of the tiniest deviations vanish in
         // f32, their ratio does not.
@@ -266,15 +221,9 @@ fn block_backward<S: Simd>(
     }
     let d_opacity_logit = (c(1.0) - p.opacity) * p.opacity.mul_add(c(inputs.loss.opacity_weight / inputs.shape.count as f32), d_log_alpha);
     d_opacity_logit.store(&mut out[ParameterRows::OPACITY]);
-    let d_screen_axes = each!([0, 1] i => { let row = d_root[i]; each!([0, 1, 2] k => row[k] * p.sigma[k]) });
-    // screen_axes = jacobian axes.
-    let d_axes: [[V<S>; 3]; 3] = each!([0, 1, 2] j => {
-        each!([0, 1, 2] k => p.jacobian[0][j].mul_add(d_screen_axes[0][k], p.jacobian[1][j] * d_screen_axes[1][k]))
-    });
-    for (i, d) in rotation_backward(&p, &d_axes).into_iter().enumerate() {
+    for (i, d) in d_rotation.into_iter().enumerate() {
         finite(d).store(&mut out[ParameterRows::ROTATION + i]);
     }
-    let d_jacobian = each!([0, 1] i => { let row = d_screen_axes[i]; each!([0, 1, 2] j => dot(row, p.axes[j])) });
     let PointGradient { d_point, d_focal_px } = match &facing {
         None => point_backward(simd, camera, &p, d_jacobian, d_mean),
         Some(facing) => {
@@ -315,37 +264,21 @@ fn block_backward<S: Simd>(
 /// Replaces numbers that are not finite by zero: a splat that is culled for overflow has zero
 /// incoming gradients, but zero times infinity is NaN.
 #[inline(always)]
-fn finite<S: Simd>(v: V<S>) -> V<S> {
+pub(crate) fn finite<S: Simd>(v: V<S>) -> V<S> {
     V::select(v.abs().lt(v.lift(f32::INFINITY)), v, v.lift(0.0))
 }
 
-/// Returns the gradient by the raw quaternion.
-#[inline(always)]
-fn rotation_backward<S: Simd>(p: &Projection<S>, d: &[[V<S>; 3]; 3]) -> [V<S>; 4] {
-    let [w, x, y, z] = p.quaternion;
-    let twice = |v: V<S>| v + v;
-    // Derivatives of the entries of `rotation_matrix`.
-    let d_w = twice(x * (d[2][1] - d[1][2]) + y * (d[0][2] - d[2][0]) + z * (d[1][0] - d[0][1]));
-    let d_x = twice(y * (d[0][1] + d[1][0]) + z * (d[0][2] + d[2][0]) + w * (d[2][1] - d[1][2]) - twice(x * (d[1][1] + d[2][2])));
-    let d_y = twice(x * (d[0][1] + d[1][0]) + z * (d[1][2] + d[2][1]) + w * (d[0][2] - d[2][0]) - twice(y * (d[0][0] + d[2][2])));
-    let d_z = twice(x * (d[0][2] + d[2][0]) + y * (d[1][2] + d[2][1]) + w * (d[1][0] - d[0][1]) - twice(z * (d[0][0] + d[1][1])));
-    // Normalisation: only the part orthogonal to the quaternion has an effect.
-    let along = w * d_w + x * d_x + y * d_y + z * d_z;
-    let unit = [d_w, d_x, d_y, d_z];
-    each!([0, 1, 2, 3] i => (unit[i] - along * p.quaternion[i]) * p.inverse_length)
-}
-
 /// The gradients that pass through the centre and the Jacobian.
-struct PointGradient<S: Simd> {
+pub(crate) struct PointGradient<S: Simd> {
     /// By the point in camera space.
-    d_point: [V<S>; 3],
+    pub(crate) d_point: [V<S>; 3],
     /// By the focal lengths of a pinhole; zero for other projections.
     d_focal_px: [V<S>; 2],
 }
 
 /// Differentiates the projection of a pinhole.
 #[inline(always)]
-fn point_backward<S: Simd>(
+pub(crate) fn point_backward<S: Simd>(
     simd: S,
     camera: &ScreenCamera,
     p: &Projection<S>,

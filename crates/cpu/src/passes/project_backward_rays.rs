@@ -42,7 +42,7 @@ pub(crate) fn point_backward<S: Simd>(
     // By the direction within the plane, per radian.
     let tilt = each!([0, 1] i => d_mean[i] - *inverse_distance * dot(by_basis[i], *unit));
     // The size of a pixel follows the cosine to the axis, which is the direction's z.
-    let by_cosine = d_dilation * facing.pixel_angle[1] * camera.antialias.dilation_px2();
+    let by_cosine = d_dilation * facing.pixel_angle[1] * camera.filter.dilation_px2;
     each!([0, 1, 2] k => {
         let along = tilt[0].mul_add(basis[0][k], tilt[1] * basis[1][k]);
         let axis = if k == 2 { c(1.0) } else { c(0.0) };
@@ -55,7 +55,7 @@ pub(crate) fn point_backward<S: Simd>(
 /// compensation, and the gradient by ln(opacity).
 #[inline(always)]
 pub(crate) fn dilation_backward<S: Simd>(camera: &ScreenCamera, p: &Projection<S>, d_trace: V<S>, d_log_alpha: V<S>) -> V<S> {
-    if !camera.antialias.compensates_opacity() {
+    if !camera.filter.compensates_opacity {
         return d_trace;
     }
     // compensation = sqrt(before / after), and only the area after dilation depends on it.

@@ -15,6 +15,7 @@ use fearless_simd::prelude::*;
 use luxel_core::engine::ParameterRows;
 use luxel_core::{Real, each};
 
+use super::encoding::Logarithmic;
 use super::project::{Footprint, Linearised, Projection, SQRT_HALF_LOG2_E, thresholds};
 use crate::lanes::{LANES, Lanes, V, dot};
 use crate::rays::RayTable;
@@ -79,9 +80,9 @@ pub(crate) fn project_to_plane<S: Simd>(
         let e = facing.basis[i];
         each!([0, 1, 2] j => dot(e, [rotation[0][j], rotation[1][j], rotation[2][j]]) * facing.inverse_distance)
     });
-    let dilation = facing.pixel_angle[0] * camera.antialias.dilation_px2();
+    let dilation = facing.pixel_angle[0] * camera.filter.dilation_px2;
     let linearised = Linearised { point, slope: [c(0.0); 2], jacobian, dilation };
-    (Projection::linearised(simd, camera, rows, smoothing, linearised), facing)
+    (Projection::linearised::<Logarithmic>(simd, camera, rows, smoothing, linearised), facing)
 }
 
 /// Returns the rows of the footprint's matrix.

@@ -13,6 +13,7 @@ use luxel_core::{Image, Real, each};
 use rayon::prelude::*;
 
 use super::changes::Changes;
+use super::more_channels::{BlendMore, NoMore};
 use super::picks::{MOST_PICKS, Picked, Picks};
 use super::sort::{Entry, Tile, TileList, WORD};
 use crate::lanes::{LANES, LOG2_OF_ZERO, Lanes, V, dot, with_simd};
@@ -73,28 +74,43 @@ pub(crate) fn to_alpha(tiles: &[TilePixels], camera: &ScreenCamera) -> Vec<f32> 
 pub(crate) fn rasterize(level: Level, camera: &ScreenCamera, tile: Tile<'_>, pixels: &mut TilePixels, changes: Option<&mut Changes>) {
     let mut unused = Changes::default();
     with_simd!(level, simd => match (changes, &camera.rays) {
-        (Some(changes), None) => rasterize_blocks::<_, Centers<_>, true>(simd, camera, tile, pixels, changes),
-        (None, None) => rasterize_blocks::<_, Centers<_>, false>(simd, camera, tile, pixels, &mut unused),
-        (Some(changes), Some(_)) => rasterize_blocks::<_, Rays<_>, true>(simd, camera, tile, pixels, changes),
-        (None, Some(_)) => rasterize_blocks::<_, Rays<_>, false>(simd, camera, tile, pixels, &mut unused),
+        (Some(changes), None) => rasterize_blocks::<_, Centers<_>, _, true>(simd, camera, tile, pixels, changes, &mut NoMore),
+        (None, None) => rasterize_blocks::<_, Centers<_>, _, false>(simd, camera, tile, pixels, &mut unused, &mut NoMore),
+        (Some(changes), Some(_)) => rasterize_blocks::<_, Rays<_>, _, true>(simd, camera, tile, pixels, changes, &mut NoMore),
+        (None, Some(_)) => rasterize_blocks::<_, Rays<_>, _, false>(simd, camera, tile, pixels, &mut unused, &mut NoMore),
     });
+}
+
+/// Blends a tile of a pinhole with more channels than those of its entries, and writes what changed
+/// its pixels to `changes`.
+pub(crate) fn rasterize_more(
+    level: Level,
+    camera: &ScreenCamera,
+    tile: Tile<'_>,
+    pixels: &mut TilePixels,
+    changes: &mut Changes,
+    more: &mut impl BlendMore,
+) {
+    with_simd!(level, simd => rasterize_blocks::<_, Centers<_>, _, true>(simd, camera, tile, pixels, changes, more));
 }
 
 /// Blends a tile's blocks, and records their changes if `RECORD_CHANGES`.
 #[inline(always)]
-fn rasterize_blocks<S: Simd, P: Pixels<S>, const RECORD_CHANGES: bool>(
+fn rasterize_blocks<S: Simd, P: Pixels<S>, B: BlendMore, const RECORD_CHANGES: bool>(
     simd: S,
     camera: &ScreenCamera,
     Tile { index, list }: Tile<'_>,
     pixels: &mut TilePixels,
     changes: &mut Changes,
+    more: &mut B,
 ) {
     let origin_px = camera.tile_origin_px(index);
     let mut scratch = BlendScratch { picks: Picks::NONE, alphas: [Lanes::ZERO; MOST_PICKS] };
     changes.clear();
     for (index, pixels) in pixels.0.iter_mut().enumerate() {
         let block = ScreenBlock { origin_px, index };
-        rasterize_block::<_, P, RECORD_CHANGES>(simd, camera, list, block, &mut scratch, pixels, changes);
+        more.begin_block(index);
+        rasterize_block::<_, P, B, RECORD_CHANGES>(simd, camera, list, block, &mut scratch, pixels, changes, more);
         if RECORD_CHANGES {
             changes.end_block();
         }
@@ -219,7 +235,8 @@ struct BlendScratch {
 
 /// Blends a block. The scratch has no picks before and after; its alphas may hold anything.
 #[inline(always)]
-fn rasterize_block<S: Simd, P: Pixels<S>, const RECORD_CHANGES: bool>(
+#[expect(clippy::too_many_arguments, reason = "an inlined part of a loop")]
+fn rasterize_block<S: Simd, P: Pixels<S>, B: BlendMore, const RECORD_CHANGES: bool>(
     simd: S,
     camera: &ScreenCamera,
     list: &TileList,
@@ -227,6 +244,7 @@ fn rasterize_block<S: Simd, P: Pixels<S>, const RECORD_CHANGES: bool>(
     BlendScratch { picks, alphas }: &mut BlendScratch,
     out: &mut BlockPixels,
     changes: &mut Changes,
+    more: &mut B,
 ) {
     let c = |value: f32| V::splat(simd, value);
     let centers = pixel_centers(simd, block.index);
@@ -244,7 +262,7 @@ fn rasterize_block<S: Simd, P: Pixels<S>, const RECORD_CHANGES: bool>(
     for n in 0..list.words() {
         picks.push_word(simd, (n * WORD) as u32, list.word(n, block.index));
         if picks.is_enough() {
-            blend::<_, P, RECORD_CHANGES>(simd, &mut blending, &list.entries, picks.take(), alphas, changes);
+            blend::<_, P, B, RECORD_CHANGES>(simd, &mut blending, &list.entries, picks.take(), alphas, changes, more);
             let live = blending.unstopped.ge(blending.min_transmittance);
             if !live.any_true() {
                 break;
@@ -252,23 +270,25 @@ fn rasterize_block<S: Simd, P: Pixels<S>, const RECORD_CHANGES: bool>(
             blending.unstopped = V::select(live, blending.unstopped, c(FINISHED));
         }
     }
-    blend::<_, P, RECORD_CHANGES>(simd, &mut blending, &list.entries, picks.take(), alphas, changes);
+    blend::<_, P, B, RECORD_CHANGES>(simd, &mut blending, &list.entries, picks.take(), alphas, changes, more);
     let Blending { radiance, transmittance, .. } = blending;
     for ((out, sum), background) in out.radiance.iter_mut().zip(radiance).zip(camera.background) {
         transmittance.mul_add(c(background), sum).store(out);
     }
+    more.end_block(simd, transmittance);
     transmittance.store(&mut out.transmittance);
 }
 
 /// Blends picked entries of a tile behind those that are already blended.
 #[inline(always)]
-fn blend<S: Simd, P: Pixels<S>, const RECORD_CHANGES: bool>(
+fn blend<S: Simd, P: Pixels<S>, B: BlendMore, const RECORD_CHANGES: bool>(
     simd: S,
     state: &mut Blending<S, P>,
     entries: &[Entry],
     picked: Picked<'_>,
     alphas: &mut [Lanes; MOST_PICKS],
     changes: &mut Changes,
+    more: &mut B,
 ) {
     let c = |value: f32| V::splat(simd, value);
     let picks = picked.entries();
@@ -291,6 +311,7 @@ fn blend<S: Simd, P: Pixels<S>, const RECORD_CHANGES: bool>(
         for (sum, color) in state.radiance.iter_mut().zip(entry.radiance) {
             *sum = weight.mul_add(c(color), *sum);
         }
+        more.blend(simd, weight, *index as usize);
         state.transmittance = V::select(live, left, state.transmittance);
         state.unstopped = left;
         if RECORD_CHANGES {

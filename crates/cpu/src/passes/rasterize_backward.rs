@@ -20,6 +20,8 @@ use luxel_core::{Real, each};
 use rayon::prelude::*;
 
 use super::changes::BlockChanges;
+use super::more_channels::NoMore;
+use super::more_channels_backward::DifferentiateMore;
 use super::rasterize::{BlockPixels, Centers, Pixels, Rays, TilePixels};
 use super::sort::Entry;
 use super::sums::{EntryGradient, Staged, Summed, SummedSplats};
@@ -74,53 +76,90 @@ pub(crate) fn rasterize_backward(
     // Tile by tile, as in `sort_and_rasterize`.
     outs.into_par_iter().zip(pixels).enumerate().with_max_len(1).for_each(|(tile, (out, pixels))| {
         out.fill(EntryGradient::default());
-        let blocks = pixels.0.each_ref();
-        let gradients = std::array::from_fn(|block| {
-            let row = tile / across * TILE_BLOCKS + block / TILE_BLOCKS;
-            &gradients[(row * across + tile % across) * TILE_BLOCKS + block % TILE_BLOCKS]
-        });
-        let work = TileBackward { tile, blocks, gradients, absolute };
+        let work = TileBackward::new(tile, across, pixels, gradients, absolute);
         records.read(inputs, tile, |record| differentiate_tile(inputs, record, &work, out));
     });
 }
 
 /// Makes room for so many gradients, whose contents are arbitrary.
-fn resize(out: &mut Vec<EntryGradient>, len: usize) {
+pub(crate) fn resize<T: Clone + Default>(out: &mut Vec<T>, len: usize) {
     if out.capacity() < len {
         // The old memory is freed before the new is allocated.
         *out = Vec::new();
         out.reserve_exact(len + len / 8);
     }
-    out.resize(len, EntryGradient::default());
+    out.resize(len, T::default());
 }
 
 /// The inputs of differentiating a tile, besides its record.
-struct TileBackward<'a> {
-    tile: usize,
-    blocks: [&'a BlockPixels; BLOCKS],
-    gradients: [&'a BlockGradient; BLOCKS],
-    absolute: AbsoluteSums,
+pub(crate) struct TileBackward<'a> {
+    pub(crate) tile: usize,
+    pub(crate) blocks: [&'a BlockPixels; BLOCKS],
+    pub(crate) gradients: [&'a BlockGradient; BLOCKS],
+    pub(crate) absolute: AbsoluteSums,
+}
+
+impl<'a> TileBackward<'a> {
+    /// Finds the gradients of a tile's blocks among those of the image, row by row, of so many
+    /// tiles `across`.
+    pub(crate) fn new(tile: usize, across: usize, pixels: &'a TilePixels, gradients: &'a [BlockGradient], absolute: AbsoluteSums) -> Self {
+        let gradients = std::array::from_fn(|block| &gradients[block_in_image(tile, block, across)]);
+        Self { tile, blocks: pixels.0.each_ref(), gradients, absolute }
+    }
+}
+
+/// Returns the number of a tile's block among all of the image, row by row.
+pub(crate) fn block_in_image(tile: usize, block: usize, across: usize) -> usize {
+    let row = tile / across * TILE_BLOCKS + block / TILE_BLOCKS;
+    (row * across + tile % across) * TILE_BLOCKS + block % TILE_BLOCKS
 }
 
 /// Differentiates a tile.
 fn differentiate_tile(inputs: &TileInputs<'_>, record: &TileRecord, work: &TileBackward<'_>, out: &mut [EntryGradient]) {
-    let TileInputs { level, camera, .. } = *inputs;
+    let camera = inputs.camera;
+    with_simd!(inputs.level, simd => match (work.absolute, &camera.rays) {
+        (AbsoluteSums::Skip, None) => blocks_backward::<_, Centers<_>, _, false>(simd, camera, record, work, out, &mut NoMore),
+        (AbsoluteSums::Collect, None) => blocks_backward::<_, Centers<_>, _, true>(simd, camera, record, work, out, &mut NoMore),
+        (AbsoluteSums::Skip, Some(_)) => blocks_backward::<_, Rays<_>, _, false>(simd, camera, record, work, out, &mut NoMore),
+        (AbsoluteSums::Collect, Some(_)) => blocks_backward::<_, Rays<_>, _, true>(simd, camera, record, work, out, &mut NoMore),
+    });
+}
+
+/// Differentiates a tile of a pinhole that was blended with more channels.
+pub(crate) fn differentiate_more(
+    inputs: &TileInputs<'_>,
+    record: &TileRecord,
+    work: &TileBackward<'_>,
+    out: &mut [EntryGradient],
+    more: &mut impl DifferentiateMore,
+) {
+    let camera = inputs.camera;
+    with_simd!(inputs.level, simd => match work.absolute {
+        AbsoluteSums::Skip => blocks_backward::<_, Centers<_>, _, false>(simd, camera, record, work, out, more),
+        AbsoluteSums::Collect => blocks_backward::<_, Centers<_>, _, true>(simd, camera, record, work, out, more),
+    });
+}
+
+/// Differentiates the blocks of a tile.
+#[inline(always)]
+fn blocks_backward<S: Simd, P: Summed<S>, D: DifferentiateMore, const ABSOLUTE: bool>(
+    simd: S,
+    camera: &ScreenCamera,
+    record: &TileRecord,
+    work: &TileBackward<'_>,
+    out: &mut [EntryGradient],
+    more: &mut D,
+) {
     let (entries, changes) = (&record.list.entries, &record.changes);
     fetch(entries);
     changes.fetch();
     let mut staged = Staged::ZERO;
     let origin_px = camera.tile_origin_px(work.tile);
-    with_simd!(level, simd => {
-        for (index, (pixels, gradient)) in work.blocks.iter().zip(work.gradients).enumerate() {
-            let block = BlockInputs { place: ScreenBlock { origin_px, index }, entries, changes: changes.block(index), pixels, gradient };
-            match (work.absolute, &camera.rays) {
-                (AbsoluteSums::Skip, None) => block_backward::<_, Centers<_>, false>(simd, camera, &block, &mut staged, out),
-                (AbsoluteSums::Collect, None) => block_backward::<_, Centers<_>, true>(simd, camera, &block, &mut staged, out),
-                (AbsoluteSums::Skip, Some(_)) => block_backward::<_, Rays<_>, false>(simd, camera, &block, &mut staged, out),
-                (AbsoluteSums::Collect, Some(_)) => block_backward::<_, Rays<_>, true>(simd, camera, &block, &mut staged, out),
-            }
-        }
-    });
+    for (index, (pixels, gradient)) in work.blocks.iter().zip(work.gradients).enumerate() {
+        let block = BlockInputs { place: ScreenBlock { origin_px, index }, entries, changes: changes.block(index), pixels, gradient };
+        more.begin_block(index);
+        block_backward::<_, P, D, ABSOLUTE>(simd, camera, &block, &mut staged, out, more);
+    }
 }
 
 /// The state of differentiating a block, carried from each splat to the one in front of it.
@@ -136,12 +175,13 @@ struct Unwinding<S: Simd, P: Pixels<S>> {
 
 /// Differentiates a block, and adds the sums over its pixels to the tile's entries in `out`.
 #[inline(always)]
-fn block_backward<S: Simd, P: Summed<S>, const ABSOLUTE: bool>(
+fn block_backward<S: Simd, P: Summed<S>, D: DifferentiateMore, const ABSOLUTE: bool>(
     simd: S,
     camera: &ScreenCamera,
     block: &BlockInputs<'_>,
     staged: &mut Staged,
     out: &mut [EntryGradient],
+    more: &mut D,
 ) {
     let BlockInputs { place, entries, changes, pixels, gradient } = *block;
     let max_alpha = V::splat(simd, camera.cutoffs.max_alpha);
@@ -152,14 +192,15 @@ fn block_backward<S: Simd, P: Summed<S>, const ABSOLUTE: bool>(
         places: P::load(simd, camera, place),
         gradient: colors,
         transmittance,
-        behind: transmittance * (background[0] + background[1] + background[2]),
+        behind: transmittance * more.by_transmittance(simd, background[0] + background[1] + background[2]),
         max_alpha,
         max_odds: odds(max_alpha),
     };
     for chunk in changes.chunks_from_back(LANES) {
-        unwind(simd, &mut unwinding, entries, chunk, staged);
+        unwind(simd, &mut unwinding, entries, chunk, staged, more);
         let splats = SummedSplats { entries, picks: chunk.entries, block: place.index, colors: gradient };
         P::add_sums::<ABSOLUTE>(simd, &splats, staged, out);
+        more.add_sums(simd, &splats, staged);
     }
 }
 
@@ -171,7 +212,14 @@ fn odds<S: Simd>(alpha: V<S>) -> V<S> {
 
 /// Differentiates a chunk of changes, in front of those that are already differentiated.
 #[inline(always)]
-fn unwind<S: Simd, P: Summed<S>>(simd: S, state: &mut Unwinding<S, P>, entries: &[Entry], chunk: BlockChanges<'_>, staged: &mut Staged) {
+fn unwind<S: Simd, P: Summed<S>>(
+    simd: S,
+    state: &mut Unwinding<S, P>,
+    entries: &[Entry],
+    chunk: BlockChanges<'_>,
+    staged: &mut Staged,
+    more: &impl DifferentiateMore,
+) {
     let c = |value: f32| V::splat(simd, value);
     for (i, (index, pixels)) in chunk.entries.iter().zip(chunk.pixels).enumerate().take(LANES) {
         let entry = &entries[*index as usize];
@@ -191,7 +239,7 @@ fn unwind<S: Simd, P: Summed<S>>(simd: S, state: &mut Unwinding<S, P>, entries: 
         let blended = odds * state.transmittance;
         let color = each!([0, 1, 2] i => c(entry.radiance[i]));
         let shading = color[0].mul_add(gradient[0], color[1].mul_add(gradient[1], color[2] * gradient[2]));
-        let radiance = blended * shading;
+        let radiance = blended * more.shade(simd, shading, *index as usize);
         let g = (-odds).mul_add(state.behind, radiance);
         let g = V::select(odds.lt(state.max_odds), g, c(0.0));
         state.transmittance = state.transmittance + blended;

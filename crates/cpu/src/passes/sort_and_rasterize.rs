@@ -17,7 +17,7 @@ use super::tile_records::{Recording, TileInputs, TileRecords, Workbench};
 /// Sorts and rasterises all tiles, and keeps what is wanted of them. Returns the time spent in
 /// `sort` and in `rasterize`, summed over threads.
 pub(crate) fn sort_and_rasterize(inputs: &TileInputs<'_>, records: &mut TileRecords, pixels: &mut Vec<TilePixels>) -> [Duration; 2] {
-    let TileInputs { level, camera, splats, recording } = *inputs;
+    let TileInputs { level, camera, splats, recording, .. } = *inputs;
     let [across, down] = camera.tiles();
     pixels.resize(across * down, TilePixels::default());
     let (slots, shelf) = records.begin(across * down, recording);

@@ -17,6 +17,7 @@ use super::bin::ScreenSplats;
 use super::changes::Changes;
 use super::rasterize::{TilePixels, rasterize};
 use super::sort::{SortBuffers, Tile, TileList};
+use super::splat_channels::SplatChannels;
 use crate::view::ScreenCamera;
 
 /// The records that passes after the image want.
@@ -37,12 +38,17 @@ pub(crate) struct TileInputs<'a> {
     pub(crate) camera: &'a ScreenCamera,
     pub(crate) splats: ScreenSplats<'a>,
     pub(crate) recording: Recording,
+    /// The splats' channels, where they are not the radiance of their footprints.
+    pub(crate) channels: Option<&'a SplatChannels<'a>>,
 }
 
 impl TileInputs<'_> {
     /// Blends a tile by its list, and records what changed its pixels if that is wanted.
     pub(crate) fn rasterize(&self, index: usize, record: &mut TileRecord, pixels: &mut TilePixels) {
         let TileRecord { list, changes } = record;
+        if let Some(channels) = self.channels {
+            channels.color_entries(self.splats.bins, index, list);
+        }
         let changes = (self.recording == Recording::Changes).then_some(changes);
         rasterize(self.level, self.camera, Tile { index, list }, pixels, changes);
     }
@@ -86,6 +92,8 @@ pub(crate) struct Workbench {
     pub(crate) buffers: SortBuffers,
     /// The record of the last tile without room for its own.
     pub(crate) record: TileRecord,
+    /// Other channels of a tile's entries.
+    pub(crate) colors: Vec<f32>,
     pixels: TilePixels,
 }
 
@@ -116,6 +124,11 @@ impl TileRecords {
         *self = Self::with_limit(limit_bytes);
     }
 
+    /// Changes the room for records that are made from now on.
+    pub(crate) fn limit(&mut self, limit_bytes: usize) {
+        self.shelf.limit_bytes = limit_bytes;
+    }
+
     /// Gives all memory back.
     pub(crate) fn release(&mut self) {
         self.set_limit(self.shelf.limit_bytes);
@@ -142,7 +155,7 @@ impl TileRecords {
         if slot.is_kept {
             return read(&slot.record);
         }
-        let Workbench { buffers, record, pixels } = &mut *self.shelf.bench();
+        let Workbench { buffers, record, pixels, .. } = &mut *self.shelf.bench();
         record.list.sort(inputs.level, inputs.camera, inputs.splats, tile, buffers);
         if inputs.recording == Recording::Changes {
             inputs.rasterize(tile, record, pixels);

@@ -5,6 +5,8 @@
 #![allow(unreachable_pub, reason = "modules of a test share their items")]
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail the test")]
 
+mod blend_reference;
+mod blending;
 mod camera;
 mod contract;
 mod curves;

@@ -20,6 +20,7 @@ use fearless_simd::Simd;
 use folded::add_folded;
 use of_rays::add_sums_of_rays;
 use transposed::add_transposed;
+pub(crate) use transposed::add_weighted;
 
 use super::rasterize::{Centers, Pixels, Rays, SplatAtPixels};
 use super::sort::Entry;

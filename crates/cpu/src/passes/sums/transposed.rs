@@ -45,6 +45,25 @@ pub(super) fn add_transposed<S: Simd, const ABSOLUTE: bool>(
     }
 }
 
+/// Adds the sums over pixels of the splats' weights times each of some numbers of the pixels, to
+/// `[places, numbers]`.
+#[inline(always)]
+pub(crate) fn add_weighted<S: Simd>(
+    simd: S,
+    &SummedSplats { entries, picks, .. }: &SummedSplats<'_>,
+    weight: &[Lanes; LANES],
+    numbers: &[Lanes],
+    out: &mut [f32],
+) {
+    let weight = splats_by_pixels(simd, weight);
+    for (n, number) in numbers.iter().enumerate() {
+        let sums = sum_of_products(&weight, number).lanes();
+        for (index, sum) in picks.iter().zip(sums) {
+            out[entries[*index as usize].place as usize * numbers.len() + n] += sum;
+        }
+    }
+}
+
 /// Transposes rows of splats: returns for each pixel the numbers of sixteen splats. Those beyond
 /// the last splat are arbitrary.
 #[inline(always)]

@@ -1,0 +1,209 @@
+//! [`Projected`]: splats on the screens of cameras, with what blending and the backward pass need.
+
+use std::sync::Arc;
+
+use fearless_simd::Simd;
+use luxel_core::engine::{
+    ActivatedSplats, BlendOptions, BlendedPixels, BlendedSplats, Channels, EllipseGradient, MatrixCamera, ParameterRows, ProjectedSplats,
+    ScreenEllipses, SplatGradient, check_len,
+};
+use luxel_core::{EngineError, Remedy, each};
+use rayon::prelude::*;
+
+use super::blended::Blended;
+use super::screens::{ScreenView, Screens, Shared, ViewBuffers};
+use crate::lanes::{LANES, Lanes, V, with_simd};
+use crate::passes::activated::{
+    ActivatedStore, EllipseLanes, EllipseRows, ROWS, SplatLanes, project_activated, project_activated_backward,
+};
+use crate::passes::project::Footprint;
+use crate::view::ScreenCamera;
+
+/// Blocks of splats per chunk.
+const CHUNK: usize = 16;
+
+/// Splats on the screens of cameras.
+pub(super) struct Projected(Arc<Screens>);
+
+impl Projected {
+    /// Projects valid splats to the screens of valid cameras.
+    pub(super) fn new(
+        shared: Shared,
+        splats: &ActivatedSplats<'_>,
+        cameras: &[MatrixCamera],
+        options: &BlendOptions,
+    ) -> (ScreenEllipses, Self) {
+        let (store, count) = (ActivatedStore::new(splats), splats.len());
+        let total = count * cameras.len();
+        let mut ellipses = ScreenEllipses {
+            mean_px: vec![[0.0; 2]; total],
+            covariance_px2: vec![[0.0; 3]; total],
+            conic: vec![[0.0; 3]; total],
+            depth: vec![0.0; total],
+            opacity: vec![0.0; total],
+            radius_px: vec![[0; 2]; total],
+        };
+        let mut views = Vec::new();
+        for (n, camera) in cameras.iter().enumerate() {
+            let camera = ScreenCamera::from_matrix(camera, options);
+            let mut buffers = shared.spare.views.take();
+            let ViewBuffers { footprints, bins, visible } = &mut buffers;
+            footprints.resize(store.blocks.len() * LANES, Footprint::default());
+            visible.resize(store.blocks.len(), 0);
+            let blocks = EllipseRows::blocks(&mut ellipses, n * count..(n + 1) * count);
+            let outs = blocks.zip(footprints.par_chunks_mut(LANES)).zip(&mut *visible);
+            outs.zip(&store.blocks).with_min_len(64).for_each(|(((out, footprints), visible), rows)| {
+                *visible = with_simd!(shared.level, simd => project_activated(simd, &camera, options, rows, out, footprints));
+            });
+            bins.fill(shared.level, &camera, footprints);
+            views.push(ScreenView { camera, buffers });
+        }
+        let size_px = options.size_px.map(|side| side as usize);
+        (ellipses, Self(Arc::new(Screens { shared, splats: store, size_px, views })))
+    }
+}
+
+impl ProjectedSplats for Projected {
+    fn blend(&self, channels: &Channels<'_>) -> Result<(BlendedPixels, Box<dyn BlendedSplats>), EngineError> {
+        let screens = &self.0;
+        let (cameras, shared_len) = (screens.views.len(), screens.splats.count * channels.count);
+        if channels.count == 0 {
+            return Err(EngineError::invalid("channels: expected at least 1, found 0"));
+        }
+        if channels.values.len() != shared_len * cameras {
+            check_len("channels", channels.values.len(), shared_len)?;
+        }
+        if let Some(background) = channels.background {
+            check_len("background", background.len(), cameras * channels.count)?;
+        }
+        let [width, height] = screens.size_px;
+        let numbers = (cameras * channels.count).saturating_mul(width * height);
+        if Vec::<f32>::new().try_reserve_exact(numbers).is_err() {
+            let message =
+                format!("cpu: images of {cameras} x {height} x {width} x {} numbers take more memory than there is", channels.count);
+            return Err(EngineError::device(message).with_remedy(Remedy::advice("render fewer channels or smaller images")));
+        }
+        let (pixels, blended) = screens.shared.pool.install(|| Blended::new(screens.clone(), channels));
+        Ok((pixels, Box::new(blended)))
+    }
+
+    fn backward(&self, gradient: &EllipseGradient<'_>) -> Result<SplatGradient, EngineError> {
+        let screens = &self.0;
+        let total = screens.splats.count * screens.views.len();
+        let lengths = [
+            ("gradient by means", gradient.mean_px.map(<[_]>::len)),
+            ("gradient by covariances", gradient.covariance_px2.map(<[_]>::len)),
+            ("gradient by conics", gradient.conic.map(<[_]>::len)),
+            ("gradient by depths", gradient.depth.map(<[_]>::len)),
+            ("gradient by opacities", gradient.opacity.map(<[_]>::len)),
+        ];
+        lengths.into_iter().try_for_each(|(name, len)| len.map_or(Ok(()), |len| check_len(name, len, total)))?;
+        Ok(screens.shared.pool.install(|| screens.backward(gradient)))
+    }
+}
+
+/// The slices of a chunk of splats.
+struct ChunkGradient<'a> {
+    position: &'a mut [[f32; 3]],
+    rotation: &'a mut [[f32; 4]],
+    scale: &'a mut [[f32; 3]],
+    opacity: &'a mut [f32],
+}
+
+impl Screens {
+    /// Differentiates all splats, chunk by chunk.
+    fn backward(&self, gradient: &EllipseGradient<'_>) -> SplatGradient {
+        let count = self.splats.count;
+        let mut out = SplatGradient {
+            position: vec![[0.0; 3]; count],
+            rotation: vec![[0.0; 4]; count],
+            scale: vec![[0.0; 3]; count],
+            opacity: vec![0.0; count],
+            camera_from_world: vec![[[0.0; 4]; 3]; self.views.len()],
+        };
+        let splats = CHUNK * LANES;
+        let chunks = (
+            out.position.par_chunks_mut(splats),
+            out.rotation.par_chunks_mut(splats),
+            out.scale.par_chunks_mut(splats),
+            out.opacity.par_chunks_mut(splats),
+        );
+        let by_camera: Vec<Vec<[f64; 12]>> = chunks
+            .into_par_iter()
+            .enumerate()
+            .map(|(chunk, (position, rotation, scale, opacity))| {
+                let out = ChunkGradient { position, rotation, scale, opacity };
+                with_simd!(self.shared.level, simd => self.chunk_backward(simd, gradient, chunk, out))
+            })
+            .collect();
+        for (camera, out) in out.camera_from_world.iter_mut().enumerate() {
+            let sums: [f64; 12] = std::array::from_fn(|n| by_camera.iter().map(|sums| sums[camera][n]).sum());
+            for (out, sum) in out.as_flattened_mut().iter_mut().zip(sums) {
+                *out = sum as f32;
+            }
+        }
+        out
+    }
+
+    /// Differentiates a chunk. Returns the sums by the cameras' numbers.
+    #[inline(always)]
+    fn chunk_backward<S: Simd>(&self, simd: S, gradient: &EllipseGradient<'_>, chunk: usize, out: ChunkGradient<'_>) -> Vec<[f64; 12]> {
+        let mut sums = vec![[0.0; 12]; self.views.len()];
+        let count = self.splats.count;
+        for n in 0..out.opacity.len().div_ceil(LANES) {
+            let block = chunk * CHUNK + n;
+            let (first, end) = (block * LANES, count.min((block + 1) * LANES));
+            let mut total = [Lanes::ZERO; ROWS];
+            for ((camera, view), sums) in self.views.iter().enumerate().zip(&mut sums) {
+                let visible = view.buffers.visible[block];
+                if visible == 0 {
+                    continue;
+                }
+                let lanes = ellipse_lanes(gradient, camera * count + first..camera * count + end);
+                let SplatLanes { rows, camera } =
+                    project_activated_backward(simd, &view.camera, &self.splats.blocks[block], visible, &lanes);
+                for (total, row) in total.iter_mut().zip(rows) {
+                    (V::load(simd, total) + row).store(total);
+                }
+                for (sum, row) in sums.iter_mut().zip(camera) {
+                    *sum += row.lanes().iter().map(|v| f64::from(*v)).sum::<f64>();
+                }
+            }
+            for (lane, i) in (n * LANES..out.opacity.len().min((n + 1) * LANES)).enumerate() {
+                let at = |row: usize| total[row].0[lane];
+                out.position[i] = each!([0, 1, 2] c => at(ParameterRows::POSITION + c));
+                out.rotation[i] = each!([0, 1, 2, 3] c => at(ParameterRows::ROTATION + c));
+                out.scale[i] = each!([0, 1, 2] c => at(ParameterRows::LOG_SCALE + c));
+                out.opacity[i] = at(ParameterRows::OPACITY);
+            }
+        }
+        sums
+    }
+}
+
+/// Loads the gradient by the ellipses of a range, at most sixteen.
+fn ellipse_lanes(gradient: &EllipseGradient<'_>, range: std::ops::Range<usize>) -> EllipseLanes {
+    fn rows<const N: usize>(numbers: &[[f32; N]]) -> [Lanes; N] {
+        let mut rows = [Lanes::ZERO; N];
+        for (lane, numbers) in numbers.iter().enumerate() {
+            for (row, number) in rows.iter_mut().zip(numbers) {
+                row.0[lane] = *number;
+            }
+        }
+        rows
+    }
+    let one = |numbers: Option<&[f32]>| {
+        let mut row = Lanes::ZERO;
+        if let Some(numbers) = numbers {
+            row.0[..range.len()].copy_from_slice(&numbers[range.clone()]);
+        }
+        row
+    };
+    EllipseLanes {
+        mean: gradient.mean_px.map_or([Lanes::ZERO; 2], |numbers| rows(&numbers[range.clone()])),
+        covariance: gradient.covariance_px2.map_or([Lanes::ZERO; 3], |numbers| rows(&numbers[range.clone()])),
+        conic: gradient.conic.map(|numbers| rows(&numbers[range.clone()])),
+        depth: one(gradient.depth),
+        opacity: one(gradient.opacity),
+    }
+}

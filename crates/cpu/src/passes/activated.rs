@@ -1,0 +1,235 @@
+//! Passes `project` and `project_backward` for splats with activated parameters, and cameras that
+//! are matrices.
+//!
+//! In: [`ActivatedStore`], camera. Out: one [`Footprint`] per splat and its numbers on the screen;
+//! backward, gradients by the parameters and by the twelve numbers of the camera's map. The
+//! projection and its gradient are those of training; only scales and opacities are read as they
+//! are. Degenerate: splats that are culled are zero on the screen, and have zero gradients.
+
+use fearless_simd::Simd;
+use fearless_simd::prelude::*;
+use luxel_core::engine::{ActivatedSplats, BlendOptions, ParameterRows, ScreenEllipses};
+use luxel_core::{Real, each};
+use rayon::prelude::*;
+
+use super::ellipse_backward::{ShapeGradient, compensation_backward, shape_backward};
+use super::encoding::Linear;
+use super::project::{Centered, Footprint, Projection, store_footprints};
+use super::project_backward::{finite, point_backward};
+use crate::lanes::{LANES, Lanes, V, dot};
+use crate::view::ScreenCamera;
+
+/// Rows of a splat: position 3, rotation 4, scale 3, opacity 1.
+pub(crate) const ROWS: usize = ParameterRows::SH;
+
+/// Largest number of standard deviations of a radius, as in gsplat.
+const MOST_DEVIATIONS: f32 = 3.33;
+
+/// Splats in blocks: `[blocks, 11, 16]`.
+pub(crate) struct ActivatedStore {
+    pub(crate) count: usize,
+    pub(crate) blocks: Vec<[Lanes; ROWS]>,
+}
+
+impl ActivatedStore {
+    /// Copies splats into blocks.
+    pub(crate) fn new(splats: &ActivatedSplats<'_>) -> Self {
+        let count = splats.len();
+        let block = |block: usize| {
+            let mut rows = [Lanes::ZERO; ROWS];
+            for (lane, i) in (block * LANES..count.min((block + 1) * LANES)).enumerate() {
+                let numbers = splats.position[i].iter().chain(&splats.rotation[i]).chain(&splats.scale[i]).chain([&splats.opacity[i]]);
+                for (row, number) in rows.iter_mut().zip(numbers) {
+                    row.0[lane] = *number;
+                }
+            }
+            rows
+        };
+        Self { count, blocks: (0..count.div_ceil(LANES)).into_par_iter().with_min_len(64).map(block).collect() }
+    }
+}
+
+/// A block's part of [`ScreenEllipses`].
+pub(crate) struct EllipseRows<'a> {
+    mean_px: &'a mut [[f32; 2]],
+    covariance_px2: &'a mut [[f32; 3]],
+    conic: &'a mut [[f32; 3]],
+    depth: &'a mut [f32],
+    opacity: &'a mut [f32],
+    radius_px: &'a mut [[i32; 2]],
+}
+
+impl EllipseRows<'_> {
+    /// Divides a camera's part of the ellipses into blocks.
+    pub(crate) fn blocks(
+        ellipses: &mut ScreenEllipses,
+        range: std::ops::Range<usize>,
+    ) -> impl IndexedParallelIterator<Item = EllipseRows<'_>> {
+        let ScreenEllipses { mean_px, covariance_px2, conic, depth, opacity, radius_px } = ellipses;
+        (
+            mean_px[range.clone()].par_chunks_mut(LANES),
+            covariance_px2[range.clone()].par_chunks_mut(LANES),
+            conic[range.clone()].par_chunks_mut(LANES),
+            depth[range.clone()].par_chunks_mut(LANES),
+            opacity[range.clone()].par_chunks_mut(LANES),
+            radius_px[range].par_chunks_mut(LANES),
+        )
+            .into_par_iter()
+            .map(|(mean_px, covariance_px2, conic, depth, opacity, radius_px)| EllipseRows {
+                mean_px,
+                covariance_px2,
+                conic,
+                depth,
+                opacity,
+                radius_px,
+            })
+    }
+}
+
+/// Projects a block. Writes the numbers of splats that are not culled to `out`, and returns a bit
+/// for each of those.
+#[inline(always)]
+pub(crate) fn project_activated<S: Simd>(
+    simd: S,
+    camera: &ScreenCamera,
+    options: &BlendOptions,
+    rows: &[Lanes; ROWS],
+    out: EllipseRows<'_>,
+    footprints: &mut [Footprint],
+) -> u16 {
+    let c = |value: f32| V::splat(simd, value);
+    let p = Projection::new::<Linear>(simd, camera, rows, None);
+    let mut centered = Centered::new(simd, camera, rows, &p, out.depth.len());
+    let Centered { mean, depth, opacity, .. } = centered;
+    // gsplat's radii, which densification counts: whole pixels around the alpha threshold.
+    let threshold = c(camera.cutoffs.min_alpha);
+    let deviations = ((opacity / threshold).max(c(1.0)).ln() * 2.0).sqrt().min(c(MOST_DEVIATIONS));
+    let radius = each!([0, 2] i => -((-(deviations * p.covariance[i].sqrt())).floor()));
+    let exists = V::lane_numbers(simd).lt(c(out.depth.len() as f32));
+    let is_large = radius[0].gt(c(options.min_radius_px)) | radius[1].gt(c(options.min_radius_px));
+    let mut visible = exists & depth.ge(c(camera.cutoffs.near)) & c(options.far).ge(depth) & opacity.ge(threshold) & is_large;
+    for i in 0..2 {
+        visible = visible & (mean[i] + radius[i]).gt(c(0.0)) & (mean[i] - radius[i]).lt(c(camera.size_px[i] as f32));
+    }
+    let root = p.inverse_root();
+    // Comparisons with NaN are false.
+    visible = visible
+        & root[0].abs().lt(c(f32::MAX))
+        & root[1].abs().lt(c(f32::MAX))
+        & root[2].lt(c(f32::MAX))
+        & (radius[0] + radius[1]).lt(c(1e9));
+    let bits = visible.to_bitmask() as u16;
+    if bits == 0 {
+        footprints.fill(Footprint::default());
+        return 0;
+    }
+    centered.mask &= visible;
+    store_footprints(simd, camera, &p, &centered, [c(0.0); 3], footprints);
+    let conic = [root[0] * root[0], root[0] * root[1], root[1].mul_add(root[1], root[2] * root[2])];
+    let (mean, radius) = (each!([0, 1] i => mean[i].lanes()), each!([0, 1] i => radius[i].lanes()));
+    let (covariance, conic) = (each!([0, 1, 2] i => p.covariance[i].lanes()), each!([0, 1, 2] i => conic[i].lanes()));
+    let (depth, opacity) = (depth.lanes(), opacity.lanes());
+    for lane in (0..out.depth.len()).filter(|lane| bits >> lane & 1 == 1) {
+        out.mean_px[lane] = each!([0, 1] i => mean[i][lane]);
+        out.covariance_px2[lane] = each!([0, 1, 2] i => covariance[i][lane]);
+        out.conic[lane] = each!([0, 1, 2] i => conic[i][lane]);
+        out.depth[lane] = depth[lane];
+        out.opacity[lane] = opacity[lane];
+        out.radius_px[lane] = each!([0, 1] i => radius[i][lane] as i32);
+    }
+    bits
+}
+
+/// The gradient by a block's ellipses of one camera: mean 2, covariance 3, conic 3, depth 1,
+/// opacity 1.
+#[derive(Clone, Copy)]
+pub(crate) struct EllipseLanes {
+    pub(crate) mean: [Lanes; 2],
+    pub(crate) covariance: [Lanes; 3],
+    /// If there is one.
+    pub(crate) conic: Option<[Lanes; 3]>,
+    pub(crate) depth: Lanes,
+    pub(crate) opacity: Lanes,
+}
+
+/// The gradient by a block's splats.
+pub(crate) struct SplatLanes<S: Simd> {
+    /// In the order of the rows.
+    pub(crate) rows: [V<S>; ROWS],
+    /// By each number of the camera's map, row by row.
+    pub(crate) camera: [V<S>; 12],
+}
+
+/// Differentiates a block for a camera, in which the splats of `visible` are not culled.
+#[inline(always)]
+pub(crate) fn project_activated_backward<S: Simd>(
+    simd: S,
+    camera: &ScreenCamera,
+    rows: &[Lanes; ROWS],
+    visible: u16,
+    gradient: &EllipseLanes,
+) -> SplatLanes<S> {
+    let c = |value: f32| V::splat(simd, value);
+    let zero = c(0.0);
+    let load = |lanes: &Lanes| V::load(simd, lanes);
+    let mask = crate::lanes::M::from_bitmask(simd, visible.into());
+    let p = Projection::new::<Linear>(simd, camera, rows, None);
+    let d_mean = each!([0, 1] i => load(&gradient.mean[i]));
+    let mut d_covariance = each!([0, 1, 2] i => load(&gradient.covariance[i]));
+    if let Some(d_conic) = &gradient.conic {
+        let by_conic = conic_backward(&p, each!([0, 1, 2] i => load(&d_conic[i])));
+        d_covariance = each!([0, 1, 2] i => d_covariance[i] + by_conic[i]);
+    }
+    let d_opacity = load(&gradient.opacity);
+    if camera.filter.compensates_opacity {
+        compensation_backward(&p, d_opacity * p.opacity * p.compensation, &mut d_covariance);
+    }
+    let ShapeGradient { d_sigma, d_rotation, d_jacobian } = shape_backward(&p, d_covariance);
+    let mut d_point = point_backward(simd, camera, &p, d_jacobian, d_mean).d_point;
+    d_point[2] = d_point[2] + load(&gradient.depth);
+    let d_position = each!([0, 1, 2] i => {
+        let column = each!([0, 1, 2] row => c(camera.rotation[row][i]));
+        dot(column, d_point)
+    });
+    // point = rotation position + translation, and
+    // jacobian[i] = scale (rotation[i] - slope rotation[2]).
+    let inverse_z = c(1.0) / p.point[2];
+    let position = each!([0, 1, 2] i => load(&rows[ParameterRows::POSITION + i]));
+    let mut d_camera = each!([0, 1, 2] row => {
+        let d = d_point[row];
+        [d * position[0], d * position[1], d * position[2], d]
+    });
+    for i in 0..2 {
+        let scale = inverse_z * camera.focal_px[i];
+        for k in 0..3 {
+            let by_row = scale * d_jacobian[i][k];
+            d_camera[i][k] = d_camera[i][k] + by_row;
+            d_camera[2][k] = d_camera[2][k] - by_row * p.slope[i];
+        }
+    }
+    let [d0, d1, d2] = d_position;
+    let [s0, s1, s2] = d_sigma;
+    let [w, x, y, z] = d_rotation;
+    let d_rows = [d0, d1, d2, w, x, y, z, s0, s1, s2, d_opacity * p.compensation];
+    let [[a, b, cc, d], [e, f, g, h], [i, j, k, l]] = d_camera;
+    let d_camera = [a, b, cc, d, e, f, g, h, i, j, k, l];
+    SplatLanes {
+        rows: each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10] i => { let v = d_rows[i]; V::select(mask, finite(v), zero) }),
+        camera: each!([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11] i => { let v = d_camera[i]; V::select(mask, finite(v), zero) }),
+    }
+}
+
+/// Returns the gradient by the covariance from that by its inverse C: -C G C. Off-diagonal numbers
+/// stand for both entries.
+#[inline(always)]
+fn conic_backward<S: Simd>(p: &Projection<S>, [d_xx, d_xy, d_yy]: [V<S>; 3]) -> [V<S>; 3] {
+    let root = p.inverse_root();
+    let (a, b, c) = (root[0] * root[0], root[0] * root[1], root[1].mul_add(root[1], root[2] * root[2]));
+    let half = d_xy * 0.5;
+    // G C, then C (G C).
+    let gc = [[d_xx * a + half * b, d_xx * b + half * c], [half * a + d_yy * b, half * b + d_yy * c]];
+    let xx = a * gc[0][0] + b * gc[1][0];
+    let xy = a * gc[0][1] + b * gc[1][1];
+    let yy = b * gc[0][1] + c * gc[1][1];
+    [-xx, -(xy + xy), -yy]
+}
