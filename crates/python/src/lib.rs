@@ -7,6 +7,7 @@
 
 mod arrays;
 mod camera;
+mod color_model;
 mod command;
 mod dataset;
 mod errors;
@@ -18,6 +19,7 @@ mod names;
 mod observer;
 mod options;
 mod probe;
+mod rasterization;
 mod scene;
 mod splats;
 mod training;
@@ -36,6 +38,9 @@ fn _luxel(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<probe::PyProbe>()?;
     module.add_class::<training::PyTraining>()?;
     module.add_class::<training::PyProgress>()?;
+    module.add_class::<rasterization::PyRasterizer>()?;
+    module.add_class::<rasterization::PyProjection>()?;
+    module.add_class::<rasterization::PyBlending>()?;
     module.add_function(wrap_pyfunction!(images::read_image, module)?)?;
     module.add_function(wrap_pyfunction!(images::write_exr, module)?)?;
     module.add_function(wrap_pyfunction!(images::write_preview, module)?)?;

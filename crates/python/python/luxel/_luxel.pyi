@@ -323,3 +323,67 @@ def compare_files(
 def training_options(preset: str | None = None) -> dict[str, Any]: ...
 def run_command(args: Sequence[_Path]) -> int: ...
 def main(args: Sequence[_Path]) -> int: ...
+
+_ColorModel = tuple[int, int | None, str | None]
+
+class Rasterizer:
+    """Rasterises splats with gradients on the threads of the processor."""
+
+    def __new__(cls, threads: int = 0) -> Rasterizer: ...
+    def project(
+        self,
+        means: _F32,
+        quats: _F32,
+        scales: _F32,
+        opacities: _F32,
+        viewmats: _F32,
+        ks: _F32,
+        width: int,
+        height: int,
+        *,
+        near_plane: float = 0.01,
+        far_plane: float = 1e10,
+        radius_clip: float = 0.0,
+        eps2d: float = 0.3,
+        antialiased: bool = False,
+        packed: bool = False,
+    ) -> tuple[Projection, dict[str, NDArray[Any]]]: ...
+    def colors(
+        self,
+        means: _F32,
+        eyes: _F32,
+        sh: _F32,
+        raw_luminance: _F32,
+        visible: NDArray[np.bool_] | None,
+        model: _ColorModel,
+        active_degree: int,
+    ) -> _F32: ...
+    def colors_backward(
+        self,
+        means: _F32,
+        eyes: _F32,
+        sh: _F32,
+        raw_luminance: _F32,
+        visible: NDArray[np.bool_] | None,
+        model: _ColorModel,
+        active_degree: int,
+        gradient: _F32,
+    ) -> list[_F32]: ...
+
+class Projection:
+    """Splats on the screens of cameras."""
+
+    def blend(self, channels: _F32, background: _F32 | None = None) -> tuple[Blending, _F32, _F32]: ...
+    def backward(
+        self,
+        means2d: _F32 | None = None,
+        covars2d: _F32 | None = None,
+        conics: _F32 | None = None,
+        depths: _F32 | None = None,
+        opacities: _F32 | None = None,
+    ) -> list[_F32]: ...
+
+class Blending:
+    """Blended images."""
+
+    def backward(self, images: _F32, alpha: _F32 | None = None, *, absolute: bool = False) -> dict[str, _F32]: ...

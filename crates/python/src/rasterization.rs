@@ -1,0 +1,382 @@
+//! Differentiable rasterisation on NumPy arrays, on which `luxel.torch` builds: splats to ellipses,
+//! ellipses to images, and their gradients.
+//!
+//! Arrays come in as they are, without a copy, and must be contiguous and of float32; results hand
+//! their memory over. Work is done without Python's lock (GIL).
+
+use std::sync::Arc;
+
+use luxel_core::engine::{
+    AbsoluteMeans, ActivatedSplats, BlendGradient, BlendOptions, BlendedSplats, Channels, Differentiable, DirectionalColors,
+    EllipseGradient, MatrixCamera, PixelGradient, ProjectedSplats, ScreenEllipses,
+};
+use luxel_core::{ColorModel, EngineError};
+use luxel_cpu::CpuEngine;
+use numpy::{Element, IntoPyArray, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::color_model::PyColorModel;
+use crate::errors::invalid;
+
+/// An array that comes in.
+type Array<'py> = PyReadonlyArrayDyn<'py, f32>;
+/// An array that goes out.
+type OutArray<'py> = Bound<'py, PyArrayDyn<f32>>;
+
+/// Returns an array's numbers, which must be contiguous.
+fn numbers<'a>(name: &str, array: &'a Array<'_>) -> PyResult<&'a [f32]> {
+    array.as_slice().map_err(|_| invalid(format!("{name}: array is not contiguous; pass numpy.ascontiguousarray of it")))
+}
+
+/// Returns an array's rows of `N` numbers.
+fn rows<'a, const N: usize>(name: &str, array: &'a Array<'_>) -> PyResult<&'a [[f32; N]]> {
+    if array.shape().last() != Some(&N) {
+        return Err(invalid(format!("{name}: array of shape {:?}, expected [..., {N}]", array.shape())));
+    }
+    Ok(numbers(name, array)?.as_chunks().0)
+}
+
+/// Returns an array's flags, which must be contiguous.
+fn flags<'a>(array: Option<&'a PyReadonlyArrayDyn<'_, bool>>) -> PyResult<Option<&'a [bool]>> {
+    array.map(|array| array.as_slice()).transpose().map_err(|error| invalid(format!("visible: {error}")))
+}
+
+fn raise(error: &EngineError) -> PyErr {
+    match error.remedy() {
+        Some(remedy) => invalid(format!("{error}; {remedy}")),
+        None => invalid(error.to_string()),
+    }
+}
+
+/// Returns numbers as an array of a shape.
+fn shaped<'py, T: Element>(py: Python<'py>, values: Vec<T>, shape: &[usize]) -> PyResult<Bound<'py, PyArrayDyn<T>>> {
+    values.into_pyarray(py).reshape(shape.to_vec())
+}
+
+/// Rasterises splats with gradients on the threads of the processor.
+#[pyclass(module = "luxel._luxel", name = "Rasterizer", frozen)]
+pub(crate) struct PyRasterizer {
+    engine: Arc<CpuEngine>,
+}
+
+#[pymethods]
+impl PyRasterizer {
+    /// Starts `threads` threads; 0 means one per core.
+    #[new]
+    #[pyo3(signature = (threads = 0))]
+    fn new(threads: usize) -> PyResult<Self> {
+        Ok(Self { engine: Arc::new(CpuEngine::new(threads).map_err(|error| raise(&error))?) })
+    }
+
+    /// Projects splats to the screens of cameras. Returns the `Projection` with its arrays in a
+    /// dictionary: `means2d`, `covars2d`, `conics`, `depths`, `opacities` and `radii`, each
+    /// [C, N, ...], or [M, ...] with `camera_ids` and `gaussian_ids` [M] of the visible splats if
+    /// packed; and `visible` [C, N].
+    #[pyo3(signature = (means, quats, scales, opacities, viewmats, ks, width, height, *, near_plane = 0.01, far_plane = 1e10,
+        radius_clip = 0.0, eps2d = 0.3, antialiased = false, packed = false))]
+    #[expect(clippy::too_many_arguments, reason = "keyword arguments of Python")]
+    fn project<'py>(
+        &self,
+        py: Python<'py>,
+        means: Array<'py>,
+        quats: Array<'py>,
+        scales: Array<'py>,
+        opacities: Array<'py>,
+        viewmats: Array<'py>,
+        ks: Array<'py>,
+        width: u32,
+        height: u32,
+        near_plane: f32,
+        far_plane: f32,
+        radius_clip: f32,
+        eps2d: f32,
+        antialiased: bool,
+        packed: bool,
+    ) -> PyResult<(PyProjection, Bound<'py, PyDict>)> {
+        let splats = ActivatedSplats {
+            position: rows("means", &means)?,
+            rotation: rows("quats", &quats)?,
+            scale: rows("scales", &scales)?,
+            opacity: numbers("opacities", &opacities)?,
+        };
+        let cameras = cameras(numbers("viewmats", &viewmats)?, numbers("Ks", &ks)?)?;
+        let mut options = BlendOptions {
+            far: far_plane,
+            min_radius_px: radius_clip,
+            dilation_px2: eps2d,
+            compensates_opacity: antialiased,
+            ..BlendOptions::gsplat([width, height])
+        };
+        options.cutoffs.near = near_plane;
+        let projected = py.detach(|| self.engine.project(&splats, &cameras, &options));
+        let (ellipses, projected) = projected.map_err(|error| raise(&error))?;
+        let is_visible: Vec<bool> = ellipses.radius_px.iter().map(|radius| *radius != [0; 2]).collect();
+        let visible = packed.then(|| (0..is_visible.len()).filter(|i| is_visible[*i]).collect());
+        let projection =
+            PyProjection { projected, visible, cameras: cameras.len(), splats: splats.len(), size: [width as usize, height as usize] };
+        let arrays = projection.arrays(py, ellipses)?;
+        arrays.set_item("visible", shaped(py, is_visible, &[cameras.len(), splats.len()])?)?;
+        Ok((projection, arrays))
+    }
+
+    /// Evaluates a colour model towards cameras: radiance [C, N, 3]. The model is a degree of
+    /// harmonics, and for method `lcd` that of the luminance and an activation.
+    #[pyo3(signature = (means, eyes, sh, raw_luminance, visible, model, active_degree))]
+    #[expect(clippy::too_many_arguments, reason = "arguments of Python")]
+    fn colors<'py>(
+        &self,
+        py: Python<'py>,
+        means: Array<'py>,
+        eyes: Array<'py>,
+        sh: Array<'py>,
+        raw_luminance: Array<'py>,
+        visible: Option<PyReadonlyArrayDyn<'py, bool>>,
+        model: PyColorModel,
+        active_degree: usize,
+    ) -> PyResult<OutArray<'py>> {
+        let visible = flags(visible.as_ref())?;
+        let colors = directional(&means, &eyes, &sh, &raw_luminance, visible, model.model()?, active_degree)?;
+        let values = py.detach(|| self.engine.colors(&colors)).map_err(|error| raise(&error))?;
+        shaped(py, values.into_flattened(), &[colors.eye.len(), colors.position.len(), 3])
+    }
+
+    /// Returns the gradients by means, eyes, harmonics and raw luminance from that by the colours.
+    #[pyo3(signature = (means, eyes, sh, raw_luminance, visible, model, active_degree, gradient))]
+    #[expect(clippy::too_many_arguments, reason = "arguments of Python")]
+    fn colors_backward<'py>(
+        &self,
+        py: Python<'py>,
+        means: Array<'py>,
+        eyes: Array<'py>,
+        sh: Array<'py>,
+        raw_luminance: Array<'py>,
+        visible: Option<PyReadonlyArrayDyn<'py, bool>>,
+        model: PyColorModel,
+        active_degree: usize,
+        gradient: Array<'py>,
+    ) -> PyResult<[OutArray<'py>; 4]> {
+        let visible = flags(visible.as_ref())?;
+        let colors = directional(&means, &eyes, &sh, &raw_luminance, visible, model.model()?, active_degree)?;
+        let gradient = rows("gradient", &gradient)?;
+        let found = py.detach(|| self.engine.colors_backward(&colors, gradient)).map_err(|error| raise(&error))?;
+        Ok([
+            shaped(py, found.position.into_flattened(), means.shape())?,
+            shaped(py, found.eye.into_flattened(), eyes.shape())?,
+            shaped(py, found.sh, sh.shape())?,
+            shaped(py, found.raw_luminance, raw_luminance.shape())?,
+        ])
+    }
+}
+
+fn directional<'a>(
+    means: &'a Array<'_>,
+    eyes: &'a Array<'_>,
+    sh: &'a Array<'_>,
+    raw_luminance: &'a Array<'_>,
+    visible: Option<&'a [bool]>,
+    model: ColorModel,
+    active_degree: usize,
+) -> PyResult<DirectionalColors<'a>> {
+    let shape = sh.shape();
+    let &[.., sh_per_splat, 3] = shape else { return Err(invalid(format!("sh: array of shape {shape:?}, expected [..., N, K, 3]"))) };
+    Ok(DirectionalColors {
+        model,
+        active_degree,
+        position: rows("means", means)?,
+        eye: rows("eyes", eyes)?,
+        sh: numbers("sh", sh)?,
+        sh_per_splat,
+        raw_luminance: numbers("raw_luminance", raw_luminance)?,
+        visible,
+    })
+}
+
+/// Returns the cameras of matrices [C, 4, 4] and [C, 3, 3].
+fn cameras(viewmats: &[f32], ks: &[f32]) -> PyResult<Vec<MatrixCamera>> {
+    let (poses, _) = viewmats.as_chunks::<16>();
+    let (ks, _) = ks.as_chunks::<9>();
+    if poses.len() != ks.len() {
+        return Err(invalid(format!("{} viewmats and {} Ks, expected as many", poses.len(), ks.len())));
+    }
+    let camera = |(n, (pose, k)): (usize, (&[f32; 16], &[f32; 9]))| {
+        let &[fx, skew, cx, zero, fy, cy, rest @ ..] = k;
+        if skew != 0.0 || zero != 0.0 || rest != [0.0, 0.0, 1.0] {
+            return Err(invalid(format!("Ks[{n}]: expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], found {k:?}")));
+        }
+        if pose[12..] != [0.0, 0.0, 0.0, 1.0] {
+            return Err(invalid(format!("viewmats[{n}]: expected a last row of 0, 0, 0, 1, found {:?}", &pose[12..])));
+        }
+        let rows = pose.as_chunks::<4>().0;
+        Ok(MatrixCamera { camera_from_world: [rows[0], rows[1], rows[2]], focal_px: [fx, fy], center_px: [cx, cy] })
+    };
+    poses.iter().zip(ks).enumerate().map(camera).collect()
+}
+
+/// Splats on the screens of cameras.
+#[pyclass(module = "luxel._luxel", name = "Projection", frozen)]
+pub(crate) struct PyProjection {
+    projected: Box<dyn ProjectedSplats>,
+    /// Places of the visible splats among all, if arrays are packed.
+    visible: Option<Vec<usize>>,
+    cameras: usize,
+    splats: usize,
+    size: [usize; 2],
+}
+
+impl PyProjection {
+    /// Returns the shape of arrays that begin with cameras and splats.
+    fn shape(&self, rest: &[usize]) -> Vec<usize> {
+        match &self.visible {
+            Some(visible) => [&[visible.len()], rest].concat(),
+            None => [&[self.cameras, self.splats], rest].concat(),
+        }
+    }
+
+    /// Returns the rows of visible splats if arrays are packed, else all.
+    fn pack<T: Copy>(&self, all: Vec<T>) -> Vec<T> {
+        match &self.visible {
+            Some(visible) => visible.iter().map(|i| all[*i]).collect(),
+            None => all,
+        }
+    }
+
+    /// Returns rows at their places among all.
+    fn unpack<T: Copy + Default>(&self, name: &str, packed: &[T]) -> PyResult<Option<Vec<T>>> {
+        let Some(visible) = &self.visible else { return Ok(None) };
+        if packed.len() != visible.len() {
+            return Err(invalid(format!("{name}: {} rows, expected {}", packed.len(), visible.len())));
+        }
+        let mut all = vec![T::default(); self.cameras * self.splats];
+        visible.iter().zip(packed).for_each(|(i, row)| all[*i] = *row);
+        Ok(Some(all))
+    }
+
+    fn arrays<'py>(&self, py: Python<'py>, ellipses: ScreenEllipses) -> PyResult<Bound<'py, PyDict>> {
+        let arrays = PyDict::new(py);
+        arrays.set_item("means2d", shaped(py, self.pack(ellipses.mean_px).into_flattened(), &self.shape(&[2]))?)?;
+        arrays.set_item("covars2d", shaped(py, self.pack(ellipses.covariance_px2).into_flattened(), &self.shape(&[3]))?)?;
+        arrays.set_item("conics", shaped(py, self.pack(ellipses.conic).into_flattened(), &self.shape(&[3]))?)?;
+        arrays.set_item("depths", shaped(py, self.pack(ellipses.depth), &self.shape(&[]))?)?;
+        arrays.set_item("opacities", shaped(py, self.pack(ellipses.opacity), &self.shape(&[]))?)?;
+        arrays.set_item("radii", shaped(py, self.pack(ellipses.radius_px).into_flattened(), &self.shape(&[2]))?)?;
+        if let Some(visible) = &self.visible {
+            let of_splat = |index: fn(usize, usize) -> usize| visible.iter().map(|i| index(*i, self.splats) as i64).collect::<Vec<_>>();
+            arrays.set_item("camera_ids", of_splat(|i, n| i / n).into_pyarray(py))?;
+            arrays.set_item("gaussian_ids", of_splat(|i, n| i % n).into_pyarray(py))?;
+        }
+        Ok(arrays)
+    }
+}
+
+#[pymethods]
+impl PyProjection {
+    /// Blends channels [N, K] or [C, N, K] over a background [C, K]. Returns the `Blending`, images
+    /// [C, H, W, K] and alpha [C, H, W, 1].
+    #[pyo3(signature = (channels, background = None))]
+    fn blend<'py>(
+        slf: Bound<'py, Self>,
+        channels: Array<'py>,
+        background: Option<Array<'py>>,
+    ) -> PyResult<(PyBlending, OutArray<'py>, OutArray<'py>)> {
+        let (py, this) = (slf.py(), slf.get());
+        let count = channels.shape().last().copied().unwrap_or(0);
+        let background = background.as_ref().map(|background| numbers("background", background)).transpose()?;
+        let values = Channels { values: numbers("channels", &channels)?, count, background };
+        let (pixels, blended) = py.detach(|| this.projected.blend(&values)).map_err(|error| raise(&error))?;
+        let [width, height] = this.size;
+        let shape = [this.cameras, height, width, count];
+        let blending = PyBlending { blended, projection: slf.clone().unbind(), channels: channels.shape().to_vec(), count };
+        Ok((blending, shaped(py, pixels.channels, &shape)?, shaped(py, pixels.alpha, &[this.cameras, height, width, 1])?))
+    }
+
+    /// Returns the gradients by means, quaternions, scales, opacities and viewmats from those by
+    /// the projection's arrays, in their layout.
+    #[pyo3(signature = (means2d = None, covars2d = None, conics = None, depths = None, opacities = None))]
+    fn backward<'py>(
+        &self,
+        py: Python<'py>,
+        means2d: Option<Array<'py>>,
+        covars2d: Option<Array<'py>>,
+        conics: Option<Array<'py>>,
+        depths: Option<Array<'py>>,
+        opacities: Option<Array<'py>>,
+    ) -> PyResult<[OutArray<'py>; 5]> {
+        let means2d = means2d.as_ref().map(|array| rows::<2>("means2d", array)).transpose()?;
+        let covars2d = covars2d.as_ref().map(|array| rows::<3>("covars2d", array)).transpose()?;
+        let conics = conics.as_ref().map(|array| rows::<3>("conics", array)).transpose()?;
+        let depths = depths.as_ref().map(|array| numbers("depths", array)).transpose()?;
+        let opacities = opacities.as_ref().map(|array| numbers("opacities", array)).transpose()?;
+        let all_means = means2d.map(|rows| self.unpack("means2d", rows)).transpose()?.flatten();
+        let all_covars = covars2d.map(|rows| self.unpack("covars2d", rows)).transpose()?.flatten();
+        let all_conics = conics.map(|rows| self.unpack("conics", rows)).transpose()?.flatten();
+        let all_depths = depths.map(|rows| self.unpack("depths", rows)).transpose()?.flatten();
+        let all_opacities = opacities.map(|rows| self.unpack("opacities", rows)).transpose()?.flatten();
+        let gradient = EllipseGradient {
+            mean_px: all_means.as_deref().or(means2d),
+            covariance_px2: all_covars.as_deref().or(covars2d),
+            conic: all_conics.as_deref().or(conics),
+            depth: all_depths.as_deref().or(depths),
+            opacity: all_opacities.as_deref().or(opacities),
+        };
+        let found = py.detach(|| self.projected.backward(&gradient)).map_err(|error| raise(&error))?;
+        let mut viewmats = Vec::new();
+        for rows in found.camera_from_world {
+            viewmats.extend(rows.as_flattened());
+            // The last row is constant.
+            viewmats.extend([0.0; 4]);
+        }
+        let n = self.splats;
+        Ok([
+            shaped(py, found.position.into_flattened(), &[n, 3])?,
+            shaped(py, found.rotation.into_flattened(), &[n, 4])?,
+            shaped(py, found.scale.into_flattened(), &[n, 3])?,
+            shaped(py, found.opacity, &[n])?,
+            shaped(py, viewmats, &[self.cameras, 4, 4])?,
+        ])
+    }
+}
+
+/// Blended images.
+#[pyclass(module = "luxel._luxel", name = "Blending", frozen)]
+pub(crate) struct PyBlending {
+    blended: Box<dyn BlendedSplats>,
+    projection: Py<PyProjection>,
+    /// Shape of the channels.
+    channels: Vec<usize>,
+    count: usize,
+}
+
+#[pymethods]
+impl PyBlending {
+    /// Returns the gradients by means2d, covars2d, opacities, channels and background, and the
+    /// absolute ones by means2d or None, from those by images and alpha.
+    #[pyo3(signature = (images, alpha = None, *, absolute = false))]
+    fn backward<'py>(
+        &self,
+        py: Python<'py>,
+        images: Array<'py>,
+        alpha: Option<Array<'py>>,
+        absolute: bool,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let alpha = alpha.as_ref().map(|alpha| numbers("alpha", alpha)).transpose()?;
+        let gradient = PixelGradient {
+            channels: numbers("images", &images)?,
+            alpha,
+            absolute: if absolute { AbsoluteMeans::Collect } else { AbsoluteMeans::Skip },
+        };
+        let found = py.detach(|| self.blended.backward(&gradient)).map_err(|error| raise(&error))?;
+        let BlendGradient { mean_px, covariance_px2, opacity, channels, background, absolute_mean_px } = found;
+        let projection = self.projection.get();
+        let arrays = PyDict::new(py);
+        arrays.set_item("means2d", shaped(py, projection.pack(mean_px).into_flattened(), &projection.shape(&[2]))?)?;
+        arrays.set_item("covars2d", shaped(py, projection.pack(covariance_px2).into_flattened(), &projection.shape(&[3]))?)?;
+        arrays.set_item("opacities", shaped(py, projection.pack(opacity), &projection.shape(&[]))?)?;
+        arrays.set_item("channels", shaped(py, channels, &self.channels)?)?;
+        arrays.set_item("background", shaped(py, background, &[projection.cameras, self.count])?)?;
+        if absolute {
+            arrays.set_item("absgrad", shaped(py, projection.pack(absolute_mean_px).into_flattened(), &projection.shape(&[2]))?)?;
+        }
+        Ok(arrays)
+    }
+}
