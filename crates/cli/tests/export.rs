@@ -127,7 +127,7 @@ fn what_does_not_go_together_is_refused_before_any_work() {
         place.error(&all, parts);
     };
     refused(&["a.obj"], &["unknown extension", ".usda"]);
-    refused(&["a.usdc"], &["binary USD"]);
+    refused(&["a.usdc", "--bake", "exact"], &["USD holds harmonics only", "--bake linear"]);
     refused(&["a.gltf"], &["write .glb"]);
     refused(&["a.spz", "--bake", "linear"], &["8 bits", "--bake display"]);
     refused(&["a.usda", "--bake", "exact"], &["harmonics only"]);

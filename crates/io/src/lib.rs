@@ -45,10 +45,11 @@ pub use checkpoint::{
 pub use confine::{Confinement, check_within, confine};
 pub use dataset::{
     BoundedPose, CheckPlan, DatasetDescription, DatasetFormat, Exposures, ImageMemory, ImagePlan, LoadOptions, LoadProgress, Loading,
-    MAX_RELATIVE_ERROR, MaskSource, MemoryDataset, MemoryPoint, MemoryView, MetashapeCameras, PosedCamera, RecordedPose, SplitLists, Supervision, Transforms, TransformsFrame,
-    UnknownFormat, VIEWS_IN_USE, colmap, composed, dataset_in_memory, decode_mask, describe_dataset, detect_format, load_dataset, load_dataset_within,
-    parse_exposures, parse_metashape, parse_polycam_camera, parse_poses_bounds, parse_realityscan_table, parse_realityscan_xmp,
-    parse_record3d, parse_recorded_poses, parse_split, parse_transforms, prepared_metres_per_unit,
+    MAX_RELATIVE_ERROR, MaskSource, MemoryDataset, MemoryPoint, MemoryView, MetashapeCameras, PosedCamera, RecordedPose, SplitLists,
+    Supervision, Transforms, TransformsFrame, UnknownFormat, VIEWS_IN_USE, colmap, composed, dataset_in_memory, decode_mask,
+    describe_dataset, detect_format, load_dataset, load_dataset_within, parse_exposures, parse_metashape, parse_polycam_camera,
+    parse_poses_bounds, parse_realityscan_table, parse_realityscan_xmp, parse_record3d, parse_recorded_poses, parse_split,
+    parse_transforms, prepared_metres_per_unit,
 };
 pub use depth::{DepthFolder, DepthKind, DepthMap, DepthReport, decode_depth_map, find_depth};
 pub use error::{IoError, IoErrorKind};
@@ -74,7 +75,9 @@ pub use read_file::{open_regular, read_file};
 pub use scene_file::{SceneFile, SceneFormat, read_scene, read_scene_file};
 pub use spz::{SpzPositions, SpzVersion, decode_spz, encode_spz, read_spz, spz_out_of_range, spz_positions, write_spz};
 pub use tensors::{Tensors, decode_tensors, read_tensors};
-pub use usd::{UsdCameras, decode_usd_cameras, decode_usda, encode_usda, read_usda, write_usda};
+pub use usd::{
+    UsdCameras, decode_usd_cameras, decode_usda, decode_usdc, encode_usda, encode_usdc, read_usda, write_usda, write_usdc, write_usdz,
+};
 
 /// The example of the crate's README, compiled as a doc test.
 #[cfg(doctest)]

@@ -31,6 +31,8 @@ pub enum SceneFormat {
     Ply,
     /// OpenUSD as text.
     Usda,
+    /// OpenUSD in its binary form, or a package of it.
+    UsdBinary,
     /// glTF in one binary file.
     Glb,
     /// SPZ of versions 2 to 4.
@@ -40,10 +42,12 @@ pub enum SceneFormat {
 impl SceneFormat {
     /// Recognises the format by the first bytes of a file; `None` if they are those of no scene.
     pub fn from_bytes(head: &[u8]) -> Option<Self> {
-        const MAGIC: [(&[u8], SceneFormat); 6] = [
+        const MAGIC: [(&[u8], SceneFormat); 8] = [
             (b"ply\n", SceneFormat::Ply),
             (b"ply\r", SceneFormat::Ply),
             (b"#usda", SceneFormat::Usda),
+            (usd::BINARY_MAGIC, SceneFormat::UsdBinary),
+            (usd::PACKAGE_MAGIC, SceneFormat::UsdBinary),
             (b"glTF", SceneFormat::Glb),
             (b"NGSP", SceneFormat::Spz),
             (&[0x1f, 0x8b], SceneFormat::Spz),
@@ -76,17 +80,14 @@ pub fn read_scene_file(path: &Path) -> Result<SceneFile, IoError> {
     match SceneFormat::from_bytes(&head) {
         Some(SceneFormat::Ply) => ply::read_scene_file(path),
         Some(SceneFormat::Usda) => usd::read_scene_file(path),
+        Some(SceneFormat::UsdBinary) => usd::read_binary_file(path),
         Some(SceneFormat::Glb) => gltf::read_scene_file(path),
         Some(SceneFormat::Spz) => read_spz(path).map(SceneFile::from),
-        None if head.starts_with(b"PXR-USDC") => Err(IoError::unsupported(
-            path,
-            "OpenUSD in its binary form, expected text; convert it with usdcat FILE -o FILE.usda, or write it so in the program it is from",
-        )),
         // Files that call themselves PLY get that reader's message.
         None if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("ply")) => ply::read_scene_file(path),
         None => {
             let found: Vec<_> = head.iter().take(8).map(|byte| format!("{byte:02x}")).collect();
-            let message = format!("begins with bytes {}, expected a scene: PLY, OpenUSD text, binary glTF or SPZ", found.join(" "));
+            let message = format!("begins with bytes {}, expected a scene: PLY, OpenUSD, binary glTF or SPZ", found.join(" "));
             Err(IoError::unsupported(path, message))
         }
     }

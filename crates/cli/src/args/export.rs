@@ -17,7 +17,8 @@ use crate::args::values::{
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES, mut_arg("data", |arg| arg.help("Data set whose views measure, refine and prune [default for a run: the one it was trained on]")))]
 pub(crate) struct ExportArgs {
-    /// File to write: .ply, .usda or .usd (text), .glb, .spz, .html (a page to look at).
+    /// File to write: .ply, .usdc, .usdz, .usda or .usd (text), .glb, .spz, .html (a page to look
+    /// at).
     #[arg(long, short, value_name = "FILE")]
     pub(crate) output: PathBuf,
     /// Replace an existing file.

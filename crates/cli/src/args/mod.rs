@@ -287,8 +287,8 @@ pub(crate) struct EvalArgs {
 /// `luxel info`.
 #[derive(Debug, Args)]
 pub(crate) struct InfoArgs {
-    /// Scene (.ply, .usda, .usd, .glb, .spz), run, checkpoint, data set (its folder or
-    /// transforms.json) or image.
+    /// Scene (.ply, .usda, .usdc, .usdz, .usd, .glb, .spz), run, checkpoint, data set (its folder
+    /// or transforms.json) or image.
     #[arg(required_unless_present = "devices")]
     pub(crate) path: Option<PathBuf>,
     /// List the devices, and which of them --device auto takes.

@@ -28,6 +28,7 @@ fn leave_out_unfinite_rows(arrays: [&mut Vec<f32>; 5], widths: [usize; 5], count
 }
 
 /// The arrays of the file.
+#[derive(Debug)]
 pub(super) struct Field {
     pub(super) positions: Vec<f32>,
     pub(super) orientations: Vec<f32>,
@@ -58,7 +59,25 @@ impl Default for Field {
     }
 }
 
+/// Returns whether a property of the field's prim is read.
+pub(super) fn is_read(name: &str) -> bool {
+    let arrays = ["positions", "orientations", "scales", "opacities", "radiance:sphericalHarmonicsCoefficients"];
+    arrays.contains(&name.strip_suffix('h').unwrap_or(name))
+}
+
 impl Field {
+    /// Returns the array of a property, of floats or half floats; `None` for other properties.
+    pub(super) fn array(&mut self, name: &str) -> Option<&mut Vec<f32>> {
+        Some(match name {
+            "positions" | "positionsh" => &mut self.positions,
+            "orientations" | "orientationsh" => &mut self.orientations,
+            "scales" | "scalesh" => &mut self.scales,
+            "opacities" | "opacitiesh" => &mut self.opacities,
+            "radiance:sphericalHarmonicsCoefficients" | "radiance:sphericalHarmonicsCoefficientsh" => &mut self.coefficients,
+            _ => return None,
+        })
+    }
+
     /// Returns the splats; the error names the array that is wrong.
     pub(super) fn splats(mut self, warnings: &mut Vec<String>) -> Result<Splats, String> {
         let count = self.positions.len() / 3;

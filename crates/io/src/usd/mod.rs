@@ -1,5 +1,5 @@
 //! OpenUSD: splats as a `ParticleField3DGaussianSplat` of usdVol (OpenUSD 26.03 and later), as
-//! text.
+//! text, in the binary form, and in packages.
 //!
 //! Attributes: `point3f[] positions`, `float3[] scales` (standard deviations), `quatf[]
 //! orientations` (w x y z), `float[] opacities` (0..1), `int radiance:sphericalHarmonicsDegree`,
@@ -8,10 +8,11 @@
 //! bit. The colour space is in `colorSpace:name` (ColorSpaceAPI), the up axis is Y, and
 //! `customLayerData` has the record that Luxel needs to restore the bake.
 //!
-//! Reading: the first such prim of a text layer; positions and the rest may be their half-float
+//! Reading: the only such prim of a layer; positions and the rest may be their half-float
 //! twins (`positionsh`, ...). Nothing is composed: references, variants and transforms of prims are
 //! other programs' business (`usdcat --flatten`); a transform is an error, not ignored.
 
+mod binary;
 mod cameras;
 mod field;
 mod lexer;
@@ -20,17 +21,23 @@ mod writer;
 
 use luxel_core::ColorSpace;
 
+pub(crate) use binary::{MAGIC as BINARY_MAGIC, PACKAGE_MAGIC};
 pub(crate) use cameras::UsdCamera;
 pub(crate) use cameras::read_cameras;
 pub use cameras::{UsdCameras, decode_usd_cameras};
-pub(crate) use reader::read_scene_file;
-pub use reader::{decode_usda, read_usda};
-pub use writer::{encode_usda, write_usda};
+pub use reader::{decode_usda, decode_usdc, read_usda};
+pub(crate) use reader::{read_binary_file, read_scene_file};
+pub use writer::{encode_usda, encode_usdc, write_usda, write_usdc, write_usdz};
 
 /// The schema.
 const PRIM_TYPE: &str = "ParticleField3DGaussianSplat";
 /// Attribute of a place that a prim is moved to.
 const TRANSLATE: &str = "xformOp:translate";
+/// Attribute of the order of transforms.
+const ORDER: &str = "xformOpOrder";
+
+const TRANSFORMED: &str =
+    "the splats' prim, or one around it, is transformed, which is not supported; apply the transform in the program the file is from";
 
 /// Returns the name of a colour space in OpenUSD (the interoperability forum's).
 fn usd_name(space: ColorSpace) -> &'static str {
@@ -45,6 +52,16 @@ fn usd_name(space: ColorSpace) -> &'static str {
 
 /// Name of the colours of a display bake.
 const DISPLAY_SPACE: &str = "srgb_rec709_scene";
+
+/// Returns the colour space of a name of OpenUSD; the error names those that are known.
+fn color_space_named(name: &str) -> Result<ColorSpace, String> {
+    let known = ColorSpace::ALL.into_iter().find(|space| usd_name(*space) == name);
+    // What our display bakes are in; their record has the rest.
+    known.or_else(|| (name == DISPLAY_SPACE).then(ColorSpace::default)).ok_or_else(|| {
+        let names = ColorSpace::ALL.map(usd_name).join(", ");
+        format!("colour space {name:?}, expected one of {names}; convert the splats' colours")
+    })
+}
 
 #[cfg(test)]
 mod tests;

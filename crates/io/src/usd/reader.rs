@@ -4,20 +4,18 @@ use std::io::{BufRead, BufReader};
 use std::path::Path;
 
 use glam::DVec3;
-use luxel_core::{ColorSpace, RadianceScale, RasterConfig, Scene, Similarity, sh};
+use luxel_core::{RadianceScale, RasterConfig, Scene, Similarity, sh};
 
-use super::field::Field;
+use super::field::{Field, is_read};
 use super::lexer::{Lexer, Token};
-use super::{DISPLAY_SPACE, PRIM_TYPE, TRANSLATE, usd_name};
+use super::{ORDER, PRIM_TYPE, TRANSFORMED, TRANSLATE, binary, color_space_named};
 use crate::IoError;
 use crate::bake::{BakeRecord, RECORD_KEY};
 use crate::byte_order_mark::MARK;
 use crate::local_frame::settled;
-use crate::read_file::open_regular;
+use crate::memory::check_memory;
+use crate::read_file::{open_regular, read_file};
 use crate::scene_file::SceneFile;
-
-const TRANSFORMED: &str =
-    "the splats' prim, or one around it, is transformed, which is not supported; apply the transform in the program the file is from";
 
 /// Deepest nesting of prims.
 const MAX_PRIMS: usize = 64;
@@ -63,6 +61,43 @@ fn read<R: BufRead>(path: &Path, mut reader: R) -> Result<SceneFile, IoError> {
     let Some(field) = field else {
         return Err(IoError::invalid(path, format_args!("no prim of type {PRIM_TYPE}, expected one; splats of other types are not read")));
     };
+    scene_of(path, field, record)
+}
+
+/// Reads a binary file or a package with its warnings.
+pub(crate) fn read_binary_file(path: &Path) -> Result<SceneFile, IoError> {
+    let bytes = read_file(path)?;
+    // The file, and its arrays.
+    check_memory(path, bytes.len() as u64 * 3)?;
+    decode_binary_file(path, &bytes)
+}
+
+/// Decodes a binary file's or a package's bytes as [`read_usda`] reads text; `name` is for errors.
+///
+/// # Errors
+/// The same as [`read_usda`]; a package whose scene is text, compressed or encrypted.
+pub fn decode_usdc(name: &Path, bytes: &[u8]) -> Result<Scene, IoError> {
+    decode_binary_file(name, bytes).map(|file| file.scene)
+}
+
+fn decode_binary_file(name: &Path, bytes: &[u8]) -> Result<SceneFile, IoError> {
+    let layer = if bytes.starts_with(binary::PACKAGE_MAGIC) {
+        binary::layer_in_package(bytes).map_err(|e| IoError::invalid(name, e))?
+    } else {
+        bytes
+    };
+    if layer.starts_with(b"#usda") {
+        return read(name, layer);
+    }
+    let found = binary::read(layer).map_err(|error| match error.is_unsupported {
+        true => IoError::unsupported(name, error.message),
+        false => IoError::invalid(name, error.message),
+    })?;
+    scene_of(name, found.field, found.record)
+}
+
+/// Makes a scene of a field and the record of the bake.
+fn scene_of(path: &Path, field: Field, record: Option<String>) -> Result<SceneFile, IoError> {
     let record = record.map(|json| BakeRecord::parse(&json)).transpose().map_err(|e| IoError::invalid(path, e))?;
     let color_space = field.color_space;
     // A move to the origin that the record states; another one has no record here.
@@ -226,7 +261,7 @@ impl<R: BufRead> Layer<'_, R> {
             }
         }
         let name = words.pop().unwrap_or_default();
-        if name == "xformOpOrder" {
+        if name == ORDER {
             return self.transform_order(field);
         }
         match field {
@@ -279,12 +314,7 @@ impl<R: BufRead> Layer<'_, R> {
     }
 
     fn field_value(&mut self, name: &str, field: &mut Field) -> Result<(), IoError> {
-        let array = match name {
-            "positions" | "positionsh" => &mut field.positions,
-            "orientations" | "orientationsh" => &mut field.orientations,
-            "scales" | "scalesh" => &mut field.scales,
-            "opacities" | "opacitiesh" => &mut field.opacities,
-            "radiance:sphericalHarmonicsCoefficients" | "radiance:sphericalHarmonicsCoefficientsh" => &mut field.coefficients,
+        match name {
             TRANSLATE => {
                 field.translation = Some(self.triple(name)?);
                 return Ok(());
@@ -300,13 +330,7 @@ impl<R: BufRead> Layer<'_, R> {
                 let Token::Text(text) = self.lexer.next_on()? else {
                     return Err(self.lexer.invalid("expected the name of a colour space"));
                 };
-                let known = ColorSpace::ALL.into_iter().find(|space| usd_name(*space) == text);
-                // What our display bakes are in; their record has the rest.
-                let known = known.or_else(|| (text == DISPLAY_SPACE).then(ColorSpace::default));
-                field.color_space = known.ok_or_else(|| {
-                    let names = ColorSpace::ALL.map(usd_name).join(", ");
-                    self.lexer.unsupported(format_args!("colour space {text:?}, expected one of {names}; convert the splats' colours"))
-                })?;
+                field.color_space = color_space_named(&text).map_err(|message| self.lexer.unsupported(message))?;
                 return Ok(());
             }
             timed if timed.ends_with(".timeSamples") && is_read(timed.trim_end_matches(".timeSamples")) => {
@@ -314,8 +338,9 @@ impl<R: BufRead> Layer<'_, R> {
                     .lexer
                     .unsupported(format_args!("{name:?}: splats that change over time, expected one value; export a single frame")));
             }
-            _ => return self.lexer.skip_value(),
-        };
+            _ => {}
+        }
+        let Some(array) = field.array(name) else { return self.lexer.skip_value() };
         let values = self.lexer.numbers(name)?;
         // The float array takes precedence over its half-float twin, as the schema requires.
         if array.is_empty() || !name.ends_with('h') {
@@ -323,10 +348,4 @@ impl<R: BufRead> Layer<'_, R> {
         }
         Ok(())
     }
-}
-
-/// Returns whether a property of the field's prim is read.
-fn is_read(name: &str) -> bool {
-    let arrays = ["positions", "orientations", "scales", "opacities", "radiance:sphericalHarmonicsCoefficients"];
-    arrays.contains(&name.strip_suffix('h').unwrap_or(name))
 }

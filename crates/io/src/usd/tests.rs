@@ -1,6 +1,6 @@
 use std::path::Path;
 
-use luxel_core::{RadianceScale, RasterConfig, Scene, Similarity, synthetic};
+use luxel_core::{ColorModel, RadianceScale, RasterConfig, Scene, Similarity, synthetic};
 use proptest::prelude::*;
 
 use super::*;
@@ -37,6 +37,79 @@ fn radiance_reads_back_to_the_bit() {
         for (a, b) in back.splats.opacity_logit.iter().zip(&baked.scene.splats.opacity_logit) {
             assert!((a - b).abs() < 1e-4, "{a} {b}");
         }
+    }
+}
+
+#[test]
+fn the_binary_form_holds_what_text_holds() {
+    for space in [ColorSpace::AcesCg, ColorSpace::LinearRec709] {
+        let mut baked = baked(space);
+        baked.scene.world_from_local = Similarity::new(glam::DMat3::IDENTITY, 1.0, glam::DVec3::new(4e5, -1.5, 3e6)).unwrap();
+        let text = decode_usda(name(), &encode_usda(name(), &baked).unwrap()).unwrap();
+        let bytes = encode_usdc(name(), &baked).unwrap();
+        assert_eq!(decode_usdc(name(), &bytes).unwrap(), text);
+        assert_eq!(encode_usdc(name(), &baked).unwrap(), bytes);
+    }
+    let empty = Baked {
+        scene: Scene { splats: luxel_core::Splats::empty(ColorModel::Sh { degree: 3 }), ..baked(ColorSpace::AcesCg).scene },
+        ..baked(ColorSpace::AcesCg)
+    };
+    assert!(decode_usdc(name(), &encode_usdc(name(), &empty).unwrap()).unwrap().splats.is_empty());
+}
+
+#[test]
+fn a_package_holds_the_binary_form_at_a_multiple_of_64() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scene.usdz");
+    let baked = baked(ColorSpace::AcesCg);
+    write_usdz(&path, &baked).unwrap();
+    let bytes = std::fs::read(&path).unwrap();
+    let layer = encode_usdc(name(), &baked).unwrap();
+    let at = bytes.windows(8).position(|window| window == BINARY_MAGIC).unwrap();
+    assert!(at.is_multiple_of(64) && bytes[at..].starts_with(&layer));
+    let scene = crate::read_scene(&path).unwrap();
+    assert_eq!(scene, decode_usdc(name(), &layer).unwrap());
+}
+
+/// Bytes that `usd-core` 26.11 made of [`FOREIGN`] by `Sdf.Layer.Export`, and of the same with
+/// float arrays that it compresses.
+const FOREIGN_BINARY: [&str; 2] = [include_str!("tests/foreign.hex"), include_str!("tests/compressed.hex")];
+
+fn unhex(text: &str) -> Vec<u8> {
+    let digits: Vec<u8> = text.bytes().filter(u8::is_ascii_hexdigit).collect();
+    digits.chunks(2).map(|pair| u8::from_str_radix(std::str::from_utf8(pair).unwrap(), 16).unwrap()).collect()
+}
+
+#[test]
+fn binary_files_of_other_programs_are_read() {
+    let [foreign, compressed] = FOREIGN_BINARY.map(unhex);
+    assert_eq!(decode_usdc(name(), &foreign).unwrap(), decode_usda(name(), FOREIGN.as_bytes()).unwrap());
+    let scene = decode_usdc(name(), &compressed).unwrap();
+    let opacities: Vec<f32> = scene.splats.opacity_logit.iter().map(|o| luxel_core::sigmoid(*o)).collect();
+    assert!((opacities[0] - 0.25).abs() < 1e-6 && (opacities[39] - 0.75).abs() < 1e-6, "{opacities:?}");
+    assert_eq!((scene.splats.len(), scene.splats.position[39]), (40, [39.0, 0.0, 0.5]));
+}
+
+#[test]
+fn damaged_binary_files_are_errors() {
+    let bytes = encode_usdc(name(), &baked(ColorSpace::AcesCg)).unwrap();
+    for length in (0..bytes.len()).step_by(97) {
+        assert!(decode_usdc(name(), &bytes[..length]).is_err(), "{length}");
+    }
+    let newer = [&bytes[..8], &[0, 14], &bytes[10..]].concat();
+    assert!(decode_usdc(name(), &newer).unwrap_err().message.contains("version 0.14 of binary OpenUSD, expected 0.4 to 0.13"));
+}
+
+proptest! {
+    #[test]
+    fn changed_binary_files_do_not_crash(changes in proptest::collection::vec((0usize..1 << 16, any::<u8>()), 1..8)) {
+        let mut bytes = encode_usdc(name(), &baked(ColorSpace::AcesCg)).unwrap();
+        for (at, value) in changes {
+            // The tables at the end as often as all else.
+            let place = if at % 2 == 0 { at % bytes.len() } else { bytes.len() - 1 - at % 1500 };
+            bytes[place] = value;
+        }
+        let _ = decode_usdc(name(), &bytes);
     }
 }
 

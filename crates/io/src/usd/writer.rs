@@ -8,7 +8,7 @@ use glam::{DMat3, DQuat, DVec3};
 use luxel_core::{Splats, sigmoid};
 use rayon::prelude::*;
 
-use super::{DISPLAY_SPACE, PRIM_TYPE, TRANSLATE, usd_name};
+use super::{DISPLAY_SPACE, ORDER, PRIM_TYPE, TRANSLATE, binary, usd_name};
 use crate::bake::{Appearance, BakeRecord, Baked, RECORD_KEY};
 use crate::validity::check_lengths;
 use crate::{IoError, write_atomically};
@@ -40,13 +40,95 @@ pub fn encode_usda(name: &Path, baked: &Baked) -> Result<Vec<u8>, IoError> {
     Ok(bytes)
 }
 
+/// Writes a bake in OpenUSD's binary form, whole or not at all; folders are made as needed.
+///
+/// # Errors
+/// The same as [`write_usda`].
+pub fn write_usdc(path: &Path, baked: &Baked) -> Result<(), IoError> {
+    check(path, baked)?;
+    write_atomically(path, |file| binary::write(baked, file).map_err(|e| IoError::system(path, "write", &e)))
+}
+
+/// Writes a bake as an OpenUSD package with one binary layer, whole or not at all; folders are made
+/// as needed.
+///
+/// # Errors
+/// The same as [`write_usda`]; a bake of more than 4 GiB.
+pub fn write_usdz(path: &Path, baked: &Baked) -> Result<(), IoError> {
+    check(path, baked)?;
+    write_atomically(path, |file| {
+        binary::write_package(file, |out| binary::write(baked, out)).map_err(|e| IoError::system(path, "write", &e))
+    })
+}
+
+/// Encodes the bytes that [`write_usdc`] writes; `name` is for errors.
+///
+/// # Errors
+/// The same as [`write_usdc`].
+pub fn encode_usdc(name: &Path, baked: &Baked) -> Result<Vec<u8>, IoError> {
+    check(name, baked)?;
+    let mut bytes = Vec::new();
+    binary::write(baked, &mut bytes).map_err(|e| IoError::system(name, "write", &e))?;
+    Ok(bytes)
+}
+
 fn check(path: &Path, baked: &Baked) -> Result<(), IoError> {
     crate::ply::check(path, &baked.scene)?;
     check_lengths(&baked.scene.splats).map_err(|e| IoError::invalid(path, format_args!("scene to write: {e}")))
 }
 
+/// Facts that the layer states about itself.
+pub(super) struct StageFacts {
+    /// Length of a unit, metres.
+    pub(super) metres: f64,
+    /// The layer in words.
+    pub(super) documentation: String,
+}
+
+impl StageFacts {
+    /// Returns the facts of a bake.
+    pub(super) fn new(baked: &Baked) -> Self {
+        // USD takes a unit for a centimetre where nothing is stated.
+        let (metres, doubt) = match baked.metres_per_unit() {
+            Some(metres) => (metres, ""),
+            None => (1.0, "; the scale of the data set is unknown: metersPerUnit is not measured"),
+        };
+        Self { metres, documentation: format!("Gaussian splats by Luxel: {}{doubt}", baked.description()) }
+    }
+}
+
+/// Numbers of splats as the schema has them.
+pub(super) struct Prim<'a> {
+    splats: &'a Splats,
+}
+
+impl<'a> Prim<'a> {
+    /// Returns the numbers of splats.
+    pub(super) fn new(splats: &'a Splats) -> Self {
+        Self { splats }
+    }
+
+    /// Returns the standard deviations of splat `i`.
+    pub(super) fn scale(&self, i: usize) -> [f32; 3] {
+        self.splats.log_scale[i].map(f32::exp)
+    }
+
+    /// Returns the orientation of splat `i`: a unit quaternion w, x, y, z.
+    pub(super) fn orientation(&self, i: usize) -> [f32; 4] {
+        let q = self.splats.rotation[i];
+        let length = q.iter().map(|v| v * v).sum::<f32>().sqrt();
+        q.map(|v| v / length)
+    }
+
+    /// Returns the opacity of splat `i`, 0 to 1.
+    pub(super) fn opacity(&self, i: usize) -> f32 {
+        sigmoid(self.splats.opacity_logit[i])
+    }
+}
+
 fn write<W: Write + ?Sized>(baked: &Baked, out: &mut W) -> std::io::Result<()> {
     let splats = &baked.scene.splats;
+    let prim = Prim::new(splats);
     // JSON within quotes: its own quotes and backslashes are escaped.
     let record = BakeRecord::from_bake(baked).json()?.replace('\\', "\\\\").replace('"', "\\\"");
     let space = match baked.appearance {
@@ -55,30 +137,22 @@ fn write<W: Write + ?Sized>(baked: &Baked, out: &mut W) -> std::io::Result<()> {
     };
     writeln!(out, "#usda 1.0\n(")?;
     writeln!(out, "    customLayerData = {{\n        string {RECORD_KEY} = \"{record}\"\n    }}")?;
-    // USD takes a unit for a centimetre where nothing is stated.
-    let (metres, doubt) = match baked.metres_per_unit() {
-        Some(metres) => (metres, ""),
-        None => (1.0, "; the scale of the data set is unknown: metersPerUnit is not measured"),
-    };
-    writeln!(out, "    defaultPrim = \"Splats\"\n    doc = \"Gaussian splats by Luxel: {}{doubt}\"", baked.description())?;
+    let StageFacts { metres, documentation } = StageFacts::new(baked);
+    writeln!(out, "    defaultPrim = \"Splats\"\n    doc = \"{documentation}\"")?;
     writeln!(out, "    metersPerUnit = {metres}\n    upAxis = \"Y\"\n)\n")?;
     writeln!(out, "def {PRIM_TYPE} \"Splats\" (\n    prepend apiSchemas = [\"ColorSpaceAPI\"]\n)\n{{")?;
     writeln!(out, "    uniform token colorSpace:name = \"{space}\"")?;
     if baked.origin_in_file() != DVec3::ZERO {
         let DVec3 { x, y, z } = baked.origin_in_file();
         writeln!(out, "    double3 {TRANSLATE} = ({x}, {y}, {z})")?;
-        writeln!(out, "    uniform token[] xformOpOrder = [\"{TRANSLATE}\"]")?;
+        writeln!(out, "    uniform token[] {ORDER} = [\"{TRANSLATE}\"]")?;
     }
     let [low, high] = extent(splats);
     writeln!(out, "    float3[] extent = [({}, {}, {}), ({}, {}, {})]", low[0], low[1], low[2], high[0], high[1], high[2])?;
     write_array(out, "point3f[] positions", splats.len(), |i, text| tuple(text, &splats.position[i]))?;
-    write_array(out, "float3[] scales", splats.len(), |i, text| tuple(text, &splats.log_scale[i].map(f32::exp)))?;
-    write_array(out, "quatf[] orientations", splats.len(), |i, text| {
-        let q = splats.rotation[i];
-        let length = q.iter().map(|v| v * v).sum::<f32>().sqrt();
-        tuple(text, &q.map(|v| v / length));
-    })?;
-    write_array(out, "float[] opacities", splats.len(), |i, text| number(text, sigmoid(splats.opacity_logit[i])))?;
+    write_array(out, "float3[] scales", splats.len(), |i, text| tuple(text, &prim.scale(i)))?;
+    write_array(out, "quatf[] orientations", splats.len(), |i, text| tuple(text, &prim.orientation(i)))?;
+    write_array(out, "float[] opacities", splats.len(), |i, text| number(text, prim.opacity(i)))?;
     writeln!(out, "    uniform token projectionModeHint = \"perspective\"")?;
     writeln!(out, "    uniform token sortingModeHint = \"zDepth\"")?;
     writeln!(out, "    uniform int radiance:sphericalHarmonicsDegree = {}", splats.color_model.sh_degree())?;
@@ -141,7 +215,7 @@ fn number(text: &mut Vec<u8>, value: f32) {
 }
 
 /// Returns the lower and upper corner of the splats' extent.
-fn extent(splats: &Splats) -> [[f32; 3]; 2] {
+pub(super) fn extent(splats: &Splats) -> [[f32; 3]; 2] {
     let bounds = |i: usize| {
         let [w, x, y, z] = splats.rotation[i].map(f64::from);
         let axes = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());

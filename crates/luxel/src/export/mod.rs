@@ -6,6 +6,7 @@
 
 mod error;
 mod exposure;
+mod format;
 mod gain;
 mod prune;
 mod refine;
@@ -21,51 +22,13 @@ use luxel_core::{ColorSpace, Dataset, Engine, Scene, Similarity};
 use luxel_io::{Appearance, BakeOptions, Baked, SpzPositions, SpzVersion};
 
 pub use self::error::{BakeError, BakeErrorValues};
+pub use self::format::Format;
 use self::refine::Refinement;
 pub use self::refine::{DEFAULT_REFINE_STEPS, write_with_refined_display};
 use self::world::placement;
 pub use self::world::{FileScale, Up, UpAxis, file_from_world};
 use crate::error::{Context, bail};
 use crate::{Error, Observer, Remedy, Result, text};
-
-/// A format of scene files, by the extension.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Format {
-    /// `.ply`
-    Ply,
-    /// `.usda` or `.usd`, text.
-    Usda,
-    /// `.glb`
-    Glb,
-    /// `.spz`
-    Spz,
-}
-
-impl Format {
-    /// Returns the format of a path.
-    ///
-    /// # Errors
-    /// An extension of another format.
-    pub fn from_path(path: &Path) -> Result<Self> {
-        let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
-        Ok(match extension.as_str() {
-            "ply" => Self::Ply,
-            "usda" | "usd" => Self::Usda,
-            "glb" => Self::Glb,
-            "spz" => Self::Spz,
-            "usdc" | "usdz" => bail!("{}: binary USD is not written; write .usda, which usdcat converts", path.display()),
-            "gltf" => bail!("{}: glTF is written as one file; write .glb", path.display()),
-            _ => bail!("{}: unknown extension, expected .ply, .usda, .usd, .glb or .spz", path.display()),
-        })
-    }
-
-    fn up_axis(self) -> UpAxis {
-        match self {
-            Self::Ply | Self::Spz => UpAxis::MinusY,
-            Self::Usda | Self::Glb => UpAxis::PlusY,
-        }
-    }
-}
 
 /// The kind of colours in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -138,7 +101,7 @@ impl Bake {
     fn kind_in(&self, format: Format) -> BakeKind {
         self.kind.unwrap_or(match format {
             Format::Ply | Format::Glb => BakeKind::Exact,
-            Format::Usda => BakeKind::Linear,
+            Format::Usda | Format::Usdc | Format::Usdz => BakeKind::Linear,
             Format::Spz => BakeKind::Display,
         })
     }
@@ -169,7 +132,7 @@ impl Bake {
                 let error = Error::new(format!("{name}: SPZ has 8 bits a colour, for display bakes only"));
                 return Err(error.with_remedy(bake("display").or(Remedy::advice("write .usda, .ply or .glb"))));
             }
-            (Format::Usda, BakeKind::Exact) => {
+            (Format::Usda | Format::Usdc | Format::Usdz, BakeKind::Exact) => {
                 let error = Error::new(format!("{name}: USD holds harmonics only, not the exact model"));
                 return Err(error.with_remedy(bake("linear").or(Remedy::advice("write .ply or .glb"))));
             }
@@ -371,6 +334,8 @@ fn write(path: &Path, plan: &Plan, scene: &Scene, baked: &Baked, spz_version: Sp
         Format::Ply if plan.is_exact => luxel_io::write_exact_ply(path, scene, baked),
         Format::Ply => luxel_io::write_baked_ply(path, baked),
         Format::Usda => luxel_io::write_usda(path, baked),
+        Format::Usdc => luxel_io::write_usdc(path, baked),
+        Format::Usdz => luxel_io::write_usdz(path, baked),
         Format::Glb => luxel_io::write_glb(path, baked, plan.is_exact.then_some(scene)),
         Format::Spz => luxel_io::write_spz(path, baked, spz_version),
     };

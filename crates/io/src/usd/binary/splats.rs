@@ -1,0 +1,191 @@
+//! Splats in a crate file: a particle field of a bake, and the field that a file has.
+
+use std::io::{self, Write};
+
+use glam::DVec3;
+
+use super::reader::CrateReader;
+use super::tables::Spec;
+use super::writer::{CrateWriter, FieldValue};
+use super::{kind, spec};
+use crate::bake::{Appearance, BakeRecord, Baked, RECORD_KEY};
+use crate::usd::field::{Field, is_read};
+use crate::usd::writer::{Prim, StageFacts, extent};
+use crate::usd::{DISPLAY_SPACE, ORDER, PRIM_TYPE, TRANSLATE, color_space_named, usd_name};
+
+/// Writes a bake as a crate file. What is in the header depends on what is behind it, which is
+/// therefore made twice.
+pub(in crate::usd) fn write(baked: &Baked, out: &mut dyn Write) -> io::Result<()> {
+    let header = write_behind_header(baked, CrateWriter::new(io::sink()))?;
+    out.write_all(&header)?;
+    write_behind_header(baked, CrateWriter::new(out)).map(drop)
+}
+
+/// Writes values and tables; returns the header.
+fn write_behind_header<W: Write>(baked: &Baked, mut file: CrateWriter<W>) -> io::Result<Vec<u8>> {
+    let splats = &baked.scene.splats;
+    let record = BakeRecord::from_bake(baked).json()?;
+    let space = match baked.appearance {
+        Appearance::Linear { .. } => usd_name(baked.scene.color_space),
+        Appearance::Display { .. } => DISPLAY_SPACE,
+    };
+    let is_moved = baked.origin_in_file() != DVec3::ZERO;
+    let StageFacts { metres, documentation } = StageFacts::new(baked);
+    let prim = Prim::new(splats);
+    let names: Vec<&str> = NAMES.iter().copied().filter(|name| is_moved || ![TRANSLATE, ORDER].contains(name)).collect();
+
+    let root = [
+        FieldValue::new("customLayerData", file.dictionary(RECORD_KEY, &record)?),
+        FieldValue::new("defaultPrim", file.token("Splats")),
+        FieldValue::new("documentation", file.string(&documentation)),
+        FieldValue::new("metersPerUnit", file.double(metres)?),
+        FieldValue::new("upAxis", file.token("Y")),
+        FieldValue::new("primChildren", file.token_vector(&["Splats"])?),
+    ];
+    file.root(&root);
+    let fields = [
+        FieldValue::definition(),
+        FieldValue::new("typeName", file.token(PRIM_TYPE)),
+        FieldValue::new("apiSchemas", file.prepended_tokens(&["ColorSpaceAPI"])?),
+        FieldValue::new("properties", file.token_vector(&names)?),
+    ];
+    file.prim(&fields);
+
+    for name in names {
+        let rows = |block: &mut Vec<u8>, row: &[f32]| block.extend(row.iter().flat_map(|v| v.to_le_bytes()));
+        let n = splats.len();
+        let (type_name, is_uniform, value) = match name {
+            "colorSpace:name" => ("token", true, file.token(space)),
+            TRANSLATE => ("double3", false, file.vec3d(baked.origin_in_file().to_array())?),
+            ORDER => ("token[]", true, file.token_array(&[TRANSLATE])?),
+            "extent" => {
+                let corners = extent(splats);
+                ("float3[]", false, file.floats(kind::VEC3F, 2, |i, block| rows(block, &corners[i]))?)
+            }
+            "positions" => ("point3f[]", false, file.floats(kind::VEC3F, n, |i, block| rows(block, &splats.position[i]))?),
+            "scales" => ("float3[]", false, file.floats(kind::VEC3F, n, |i, block| rows(block, &prim.scale(i)))?),
+            "orientations" => {
+                let real_last = |i: usize| {
+                    let [w, x, y, z] = prim.orientation(i);
+                    [x, y, z, w]
+                };
+                ("quatf[]", false, file.floats(kind::QUATF, n, |i, block| rows(block, &real_last(i)))?)
+            }
+            "opacities" => ("float[]", false, file.floats(kind::FLOAT, n, |i, block| rows(block, &[prim.opacity(i)]))?),
+            "projectionModeHint" => ("token", true, file.token("perspective")),
+            "sortingModeHint" => ("token", true, file.token("zDepth")),
+            "radiance:sphericalHarmonicsDegree" => ("int", true, file.int(splats.color_model.sh_degree() as i32)),
+            // The last of them.
+            _ => {
+                let k = splats.color_model.sh_coefficients();
+                let row = |i: usize| &splats.sh[3 * i..3 * i + 3];
+                ("float3[]", false, file.floats(kind::VEC3F, n * k, |i, block| rows(block, row(i)))?)
+            }
+        };
+        file.attribute(name, type_name, is_uniform, value);
+    }
+    file.finish("Splats")
+}
+
+/// Attributes of the prim, in the order of their specs.
+const NAMES: [&str; 12] = [
+    "colorSpace:name",
+    TRANSLATE,
+    ORDER,
+    "extent",
+    "positions",
+    "scales",
+    "orientations",
+    "opacities",
+    "projectionModeHint",
+    "sortingModeHint",
+    "radiance:sphericalHarmonicsDegree",
+    "radiance:sphericalHarmonicsCoefficients",
+];
+
+/// The particle field of a file, and the record of the bake in it.
+#[derive(Debug)]
+pub(in crate::usd) struct FoundField {
+    pub(in crate::usd) field: Field,
+    pub(in crate::usd) record: Option<String>,
+}
+
+/// An error of a file, and whether the file is right but not supported.
+#[derive(Debug)]
+pub(in crate::usd) struct BinaryError {
+    pub(in crate::usd) message: String,
+    pub(in crate::usd) is_unsupported: bool,
+}
+
+impl From<String> for BinaryError {
+    fn from(message: String) -> Self {
+        Self { message, is_unsupported: false }
+    }
+}
+
+fn unsupported(message: String) -> BinaryError {
+    BinaryError { message, is_unsupported: true }
+}
+
+/// Reads the particle field of a crate file's bytes.
+///
+/// # Errors
+/// Damaged bytes; no field, or several; one that is transformed or changes over time.
+pub(in crate::usd) fn read(bytes: &[u8]) -> Result<FoundField, BinaryError> {
+    let file = CrateReader::new(bytes)?;
+    let specs = &file.tables.specs;
+    let is_field = |s: &&Spec| s.kind == spec::PRIM && file.token(s, "typeName") == Some(PRIM_TYPE);
+    let mut fields = specs.iter().filter(is_field);
+    let none = || format!("no prim of type {PRIM_TYPE}, expected one; splats of other types are not read");
+    let prim = fields.next().ok_or_else(none)?;
+    if let Some(second) = fields.next() {
+        return Err(unsupported(format!("{}: a second prim of type {PRIM_TYPE}, expected one; export them apart", second.path)));
+    }
+    let mut field = Field::default();
+    for attribute in specs.iter().filter(|s| s.kind == spec::ATTRIBUTE) {
+        let Some((owner, name)) = attribute.path.rsplit_once('.') else { continue };
+        let is_around = prim.path.strip_prefix(owner).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'));
+        if name == ORDER && is_around {
+            let order = file.tokens(attribute)?;
+            match order.as_slice() {
+                [] => {}
+                [TRANSLATE] if owner == prim.path => field.is_translated = true,
+                _ => return Err(unsupported(crate::usd::TRANSFORMED.to_owned())),
+            }
+        }
+        if owner == prim.path {
+            take(&file, attribute, name, &mut field)?;
+        }
+    }
+    let root = specs.iter().find(|s| s.kind == spec::PSEUDO_ROOT);
+    let record = root.map(|root| file.text_in_dictionary(root, "customLayerData", RECORD_KEY)).transpose()?.flatten();
+    Ok(FoundField { record: record.map(str::to_owned), field })
+}
+
+/// Takes an attribute of the field.
+fn take(file: &CrateReader<'_>, attribute: &Spec, name: &str, field: &mut Field) -> Result<(), BinaryError> {
+    if is_read(name) && file.tables.field(attribute, "timeSamples").is_some() {
+        return Err(unsupported(format!("{name:?}: splats that change over time, expected one value; export a single frame")));
+    }
+    match name {
+        TRANSLATE => field.translation = Some(file.triple(attribute)?),
+        "radiance:sphericalHarmonicsDegree" => {
+            let found = file.int(attribute);
+            let degree = found.and_then(|degree| usize::try_from(degree).ok()).filter(|degree| *degree <= luxel_core::sh::MAX_DEGREE);
+            let message = || format!("{name:?} is {found:?}, expected a degree of 0 to {}", luxel_core::sh::MAX_DEGREE);
+            field.degree = degree.ok_or_else(message)?;
+        }
+        "colorSpace:name" => {
+            let found = file.token(attribute, "default").unwrap_or_default();
+            field.color_space = color_space_named(found).map_err(unsupported)?;
+        }
+        _ => {
+            if let Some(array) = field.array(name)
+                && (array.is_empty() || !name.ends_with('h'))
+            {
+                *array = file.floats(attribute)?;
+            }
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,323 @@
+//! A layer to a crate file: values as they come, tables at the end.
+
+use std::collections::HashMap;
+use std::hash::Hash;
+use std::io::{self, Write};
+
+use super::integers::{compressed, compressed_integers};
+use super::{HEADER_BYTES, MAGIC, ValueRep, kind, spec};
+
+/// Version of the files.
+const VERSION: [u8; 3] = [0, 8, 0];
+/// Bytes that are written at a time.
+const BLOCK: usize = 1 << 20;
+/// Ends a set of fields.
+const END_OF_SET: u32 = u32::MAX;
+/// Steps from a path to the next one: to its child, nothing more, or its sibling.
+const CHILD_ONLY: u32 = -1i32 as u32;
+const NOTHING: u32 = -2i32 as u32;
+const SIBLING: u32 = 0;
+
+/// Items by number, each once.
+struct Table<T> {
+    items: Vec<T>,
+    numbers: HashMap<T, u32>,
+}
+
+impl<T: Clone + Eq + Hash> Table<T> {
+    fn new() -> Self {
+        Self { items: Vec::new(), numbers: HashMap::new() }
+    }
+
+    fn number(&mut self, item: T) -> u32 {
+        let next = self.items.len() as u32;
+        *self.numbers.entry(item.clone()).or_insert_with(|| {
+            self.items.push(item);
+            next
+        })
+    }
+}
+
+/// An entry of the table of fields: the number of its name, and its value.
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+struct Field {
+    name: u32,
+    value: ValueRep,
+}
+
+/// A spec: a path's kind and fields.
+struct Spec {
+    fields_at: u32,
+    kind: u32,
+}
+
+/// A crate file that is being written: the root, one prim, and its attributes.
+pub(super) struct CrateWriter<W> {
+    out: W,
+    at: u64,
+    tokens: Table<String>,
+    strings: Vec<u32>,
+    fields: Table<Field>,
+    sets: Vec<u32>,
+    specs: Vec<Spec>,
+    /// Names of the attributes, in the order of their specs.
+    attributes: Vec<String>,
+}
+
+/// A field of a spec.
+pub(super) struct FieldValue {
+    name: &'static str,
+    value: ValueRep,
+}
+
+impl<W: Write> CrateWriter<W> {
+    /// Begins what is behind the header, which [`Self::finish`] returns.
+    pub(super) fn new(out: W) -> Self {
+        let mut tokens = Table::new();
+        // A property's token is stored with a minus, which zero has none of.
+        tokens.number(";-)".to_owned());
+        Self {
+            out,
+            at: HEADER_BYTES as u64,
+            tokens,
+            strings: Vec::new(),
+            fields: Table::new(),
+            sets: Vec::new(),
+            specs: Vec::new(),
+            attributes: Vec::new(),
+        }
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
+        self.out.write_all(bytes)?;
+        self.at += bytes.len() as u64;
+        Ok(())
+    }
+
+    /// Returns a token's value.
+    pub(super) fn token(&mut self, token: &str) -> ValueRep {
+        ValueRep::inlined(kind::TOKEN, self.tokens.number(token.to_owned()))
+    }
+
+    fn string_number(&mut self, text: &str) -> u32 {
+        let token = self.tokens.number(text.to_owned());
+        self.strings.push(token);
+        self.strings.len() as u32 - 1
+    }
+
+    /// Returns a text's value.
+    pub(super) fn string(&mut self, text: &str) -> ValueRep {
+        ValueRep::inlined(kind::STRING, self.string_number(text))
+    }
+
+    /// Returns an integer's value.
+    pub(super) fn int(&self, value: i32) -> ValueRep {
+        ValueRep::inlined(kind::INT, value as u32)
+    }
+
+    /// Writes a number and returns its value. Those that 32 bits hold are part of the value.
+    pub(super) fn double(&mut self, value: f64) -> io::Result<ValueRep> {
+        if f64::from(value as f32) == value {
+            return Ok(ValueRep::inlined(kind::DOUBLE, (value as f32).to_bits()));
+        }
+        let at = self.at;
+        self.write(&value.to_le_bytes())?;
+        Ok(ValueRep::at(kind::DOUBLE, at))
+    }
+
+    /// Writes three numbers and returns their value.
+    pub(super) fn vec3d(&mut self, value: [f64; 3]) -> io::Result<ValueRep> {
+        let at = self.at;
+        self.write(&value.map(f64::to_le_bytes).concat())?;
+        Ok(ValueRep::at(kind::VEC3D, at))
+    }
+
+    /// Writes a dictionary of one text and returns its value.
+    pub(super) fn dictionary(&mut self, key: &str, text: &str) -> io::Result<ValueRep> {
+        let (key, value) = (self.string_number(key), self.string(text));
+        let at = self.at;
+        self.write(&1u64.to_le_bytes())?;
+        self.write(&key.to_le_bytes())?;
+        // The value follows behind this number, its distance.
+        self.write(&8i64.to_le_bytes())?;
+        self.write(&value.0.to_le_bytes())?;
+        Ok(ValueRep::at(kind::DICTIONARY, at))
+    }
+
+    fn token_numbers(&mut self, tokens: &[&str]) -> Vec<u8> {
+        let numbers: Vec<u32> = tokens.iter().map(|token| self.tokens.number((*token).to_owned())).collect();
+        let count = (numbers.len() as u64).to_le_bytes();
+        count.into_iter().chain(numbers.into_iter().flat_map(u32::to_le_bytes)).collect()
+    }
+
+    /// Writes an array of tokens, the value of an attribute, and returns its value.
+    pub(super) fn token_array(&mut self, tokens: &[&str]) -> io::Result<ValueRep> {
+        let (at, bytes) = (self.at, self.token_numbers(tokens));
+        self.write(&bytes)?;
+        Ok(ValueRep::array_at(kind::TOKEN, at))
+    }
+
+    /// Writes names of children and returns their value.
+    pub(super) fn token_vector(&mut self, tokens: &[&str]) -> io::Result<ValueRep> {
+        let (at, bytes) = (self.at, self.token_numbers(tokens));
+        self.write(&bytes)?;
+        Ok(ValueRep::at(kind::TOKEN_VECTOR, at))
+    }
+
+    /// Writes tokens that are put before those of weaker layers, and returns their value.
+    pub(super) fn prepended_tokens(&mut self, tokens: &[&str]) -> io::Result<ValueRep> {
+        const HAS_PREPENDED: u8 = 1 << 5;
+        let (at, bytes) = (self.at, self.token_numbers(tokens));
+        self.write(&[HAS_PREPENDED])?;
+        self.write(&bytes)?;
+        Ok(ValueRep::at(kind::TOKEN_LIST_OP, at))
+    }
+
+    /// Writes an array of `count` entries of floats in blocks, and returns its value.
+    pub(super) fn floats(&mut self, kind: u8, count: usize, mut entry: impl FnMut(usize, &mut Vec<u8>)) -> io::Result<ValueRep> {
+        if count == 0 {
+            return Ok(ValueRep::array_at(kind, 0));
+        }
+        // Values stand at multiples of eight, so that programs can map them.
+        let padding = (8 - self.at % 8) % 8;
+        self.write(&[0; 8][..padding as usize])?;
+        let at = self.at;
+        self.write(&(count as u64).to_le_bytes())?;
+        let mut block = Vec::with_capacity(BLOCK + 1024);
+        for i in 0..count {
+            entry(i, &mut block);
+            if block.len() >= BLOCK {
+                self.write(&block)?;
+                block.clear();
+            }
+        }
+        self.write(&block)?;
+        Ok(ValueRep::array_at(kind, at))
+    }
+
+    /// Adds a spec: first that of the root, then that of the prim.
+    fn spec(&mut self, kind: u32, fields: &[FieldValue]) {
+        let fields_at = self.sets.len() as u32;
+        for field in fields {
+            let name = self.tokens.number(field.name.to_owned());
+            let number = self.fields.number(Field { name, value: field.value });
+            self.sets.push(number);
+        }
+        self.sets.push(END_OF_SET);
+        self.specs.push(Spec { fields_at, kind });
+    }
+
+    /// Adds the root.
+    pub(super) fn root(&mut self, fields: &[FieldValue]) {
+        self.spec(spec::PSEUDO_ROOT, fields);
+    }
+
+    /// Adds the prim.
+    pub(super) fn prim(&mut self, fields: &[FieldValue]) {
+        self.spec(spec::PRIM, fields);
+    }
+
+    /// Adds an attribute of the prim.
+    pub(super) fn attribute(&mut self, name: &str, kind: &str, is_uniform: bool, value: ValueRep) {
+        let mut fields = vec![FieldValue::new("typeName", self.token(kind))];
+        if is_uniform {
+            fields.push(FieldValue::new("variability", ValueRep::inlined(kind::VARIABILITY, 1)));
+        }
+        fields.push(FieldValue::new("default", value));
+        self.attributes.push(name.to_owned());
+        self.spec(spec::ATTRIBUTE, &fields);
+    }
+
+    /// Writes the tables and returns the header, which comes before all else.
+    pub(super) fn finish(mut self, prim: &str) -> io::Result<Vec<u8>> {
+        let mut contents = Vec::new();
+        let paths = self.paths(prim);
+        let tables: [(&str, Vec<u8>); 6] = [
+            ("TOKENS", tokens_table(&self.tokens.items)),
+            ("STRINGS", counted(self.strings.len(), self.strings.iter().flat_map(|token| token.to_le_bytes()))),
+            ("FIELDS", fields_table(&self.fields.items)),
+            ("FIELDSETS", integers_table(self.sets.len(), &[&self.sets])),
+            ("PATHS", paths),
+            ("SPECS", specs_table(&self.specs)),
+        ];
+        for (name, table) in &tables {
+            let mut entry = [0; 16];
+            entry[..name.len()].copy_from_slice(name.as_bytes());
+            contents.extend(entry);
+            contents.extend(self.at.to_le_bytes());
+            contents.extend((table.len() as u64).to_le_bytes());
+            self.write(table)?;
+        }
+        let contents_at = self.at;
+        self.write(&(tables.len() as u64).to_le_bytes())?;
+        self.write(&contents)?;
+        let mut header = MAGIC.to_vec();
+        header.extend(VERSION);
+        header.resize(16, 0);
+        header.extend(contents_at.to_le_bytes());
+        header.resize(HEADER_BYTES, 0);
+        Ok(header)
+    }
+
+    /// Returns the table of paths: the root, the prim, and its attributes one after the other.
+    fn paths(&mut self, prim: &str) -> Vec<u8> {
+        let prim_token = self.tokens.number(prim.to_owned());
+        let names: Vec<u32> = self.attributes.clone().into_iter().map(|name| self.tokens.number(name)).collect();
+        let count = 2 + names.len();
+        let numbers: Vec<u32> = (0..count as u32).collect();
+        let mut elements = vec![0, prim_token];
+        elements.extend(names.iter().map(|name| name.wrapping_neg()));
+        let mut steps = vec![CHILD_ONLY, if names.is_empty() { NOTHING } else { CHILD_ONLY }];
+        steps.extend((0..names.len()).map(|i| if i + 1 < names.len() { SIBLING } else { NOTHING }));
+        let mut table = (count as u64).to_le_bytes().to_vec();
+        table.extend(integers_table(count, &[&numbers, &elements, &steps]));
+        table
+    }
+}
+
+impl FieldValue {
+    /// Returns a field.
+    pub(super) fn new(name: &'static str, value: ValueRep) -> Self {
+        Self { name, value }
+    }
+
+    /// Returns the field of a prim that is defined here.
+    pub(super) fn definition() -> Self {
+        Self { name: "specifier", value: ValueRep::inlined(kind::SPECIFIER, 0) }
+    }
+}
+
+fn counted(count: usize, bytes: impl Iterator<Item = u8>) -> Vec<u8> {
+    (count as u64).to_le_bytes().into_iter().chain(bytes).collect()
+}
+
+/// Returns bytes behind their length.
+fn sized(bytes: Vec<u8>) -> Vec<u8> {
+    counted(bytes.len(), bytes.into_iter())
+}
+
+fn tokens_table(tokens: &[String]) -> Vec<u8> {
+    let plain: Vec<u8> = tokens.iter().flat_map(|token| token.bytes().chain([0])).collect();
+    let mut table = counted(tokens.len(), (plain.len() as u64).to_le_bytes().into_iter());
+    table.extend(sized(compressed(&plain)));
+    table
+}
+
+fn integers_table(count: usize, columns: &[&[u32]]) -> Vec<u8> {
+    counted(count, columns.iter().flat_map(|column| sized(compressed_integers(column))))
+}
+
+fn fields_table(fields: &[Field]) -> Vec<u8> {
+    let names: Vec<u32> = fields.iter().map(|field| field.name).collect();
+    let values: Vec<u8> = fields.iter().flat_map(|field| field.value.0.to_le_bytes()).collect();
+    let mut table = integers_table(fields.len(), &[&names]);
+    table.extend(sized(compressed(&values)));
+    table
+}
+
+fn specs_table(specs: &[Spec]) -> Vec<u8> {
+    let paths: Vec<u32> = (0..specs.len() as u32).collect();
+    let fields: Vec<u32> = specs.iter().map(|spec| spec.fields_at).collect();
+    let kinds: Vec<u32> = specs.iter().map(|spec| spec.kind).collect();
+    integers_table(specs.len(), &[&paths, &fields, &kinds])
+}
