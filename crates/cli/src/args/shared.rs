@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use anyhow::{Result, bail};
 use clap::Args;
-use luxel::run::{ExplicitArgs, RunOptions};
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use luxel::run::{ExplicitArgs, PlotLog, RunOptions};
 use luxel::{Device, DeviceOptions, LoadOptions};
 use luxel_io::{Exposures, ImageMemory, MaskSource};
 
@@ -148,6 +149,10 @@ pub(crate) struct RunArgs {
     /// in RUN.images, and read while training.
     #[arg(long, default_value_t, value_name = "SIZE", help_heading = "Machine")]
     pub(crate) image_memory: ImageMemory,
+    /// Write the log in these forms too: csv as RUN/log.csv, tensorboard for tensorboard --logdir
+    /// RUN/tensorboard.
+    #[arg(long, value_delimiter = ',', value_parser = PossibleValuesParser::new(PlotLog::ALL.map(PlotLog::name)).try_map(|name| name.parse::<PlotLog>()), value_name = "FORM", help_heading = "Run")]
+    pub(crate) log: Vec<PlotLog>,
     /// Evaluate every N steps in place of --eval-at, at least 1.
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..), value_name = "N", conflicts_with = "eval_at", help_heading = "Run")]
     pub(crate) eval_every: Option<u32>,
@@ -163,6 +168,7 @@ impl RunArgs {
             eval_every: self.eval_every,
             refine_display: self.refine_display,
             image_memory: self.image_memory,
+            log: self.log.clone(),
         }
     }
 }

@@ -14,7 +14,7 @@ use luxel_io::{ImageMemory, LoadOptions};
 use luxel_train::{Preset, TrainConfig};
 use serde::{Deserialize, Serialize};
 
-use super::ExplicitArgs;
+use super::{ExplicitArgs, PlotLog};
 use crate::error::Context;
 use crate::export::DEFAULT_REFINE_STEPS;
 use crate::{DeviceOptions, Error, Remedy, Result, files};
@@ -54,6 +54,9 @@ pub struct RunOptions {
     /// Limit on the memory that images take.
     #[serde(default)]
     pub image_memory: ImageMemory,
+    /// Forms of the log for plots, beside `log.jsonl`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub log: Vec<PlotLog>,
 }
 
 fn default_refine_display() -> u32 {
@@ -70,6 +73,7 @@ impl Default for RunOptions {
             eval_every: None,
             refine_display,
             image_memory: ImageMemory::Auto,
+            log: Vec::new(),
         }
     }
 }
@@ -140,8 +144,18 @@ impl fmt::Display for Difference {
 }
 
 /// Options that a resumed run may change: they leave the steps already made as they are.
-const FREE_ON_RESUME: [&str; 9] =
-    ["device", "threads", "checkpoint_every", "keep_checkpoints", "eval_at", "eval_every", "refine_display", "image_memory", "iterations"];
+const FREE_ON_RESUME: [&str; 10] = [
+    "device",
+    "threads",
+    "checkpoint_every",
+    "keep_checkpoints",
+    "eval_at",
+    "eval_every",
+    "refine_display",
+    "image_memory",
+    "log",
+    "iterations",
+];
 
 /// Sections of the file that options belong to.
 const SECTIONS: [&str; 4] = ["load", "device", "run", TRAIN];

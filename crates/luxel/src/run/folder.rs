@@ -21,6 +21,7 @@ use std::path::{Path, PathBuf};
 use luxel_io::LoadOptions;
 
 use super::RunConfig;
+use super::plots;
 use crate::error::{Context, bail};
 use crate::{Result, files};
 
@@ -34,8 +35,19 @@ pub const LOCK: &str = ".lock";
 
 /// Everything training puts into a run folder besides [`CONFIG`]; all that [`RunFolder::clear`]
 /// deletes.
-const CONTENTS: [&str; 9] =
-    ["checkpoints", "point_cloud", "eval", "metrics.json", "cameras.json", "captures.json", "log.jsonl", "report.html", "measured.json"];
+const CONTENTS: [&str; 11] = [
+    "checkpoints",
+    "point_cloud",
+    "eval",
+    "metrics.json",
+    "cameras.json",
+    "captures.json",
+    "log.jsonl",
+    plots::TABLE,
+    plots::TENSORBOARD,
+    "report.html",
+    "measured.json",
+];
 
 /// A run's place on disk.
 #[derive(Clone, Debug)]

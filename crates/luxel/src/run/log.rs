@@ -9,6 +9,7 @@ use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use super::plots::{PlotLog, Plots};
 use crate::error::Context;
 pub use crate::log_record::LogRecord;
 use crate::{Result, files, schema};
@@ -20,14 +21,16 @@ pub const LOG_EVERY: u32 = 100;
 pub struct RunLog {
     path: PathBuf,
     file: File,
+    plots: Plots,
 }
 
 impl RunLog {
-    /// Keeps the lines up to `iteration` and appends after them; returns the last line kept.
+    /// Keeps the lines up to `iteration` and appends after them; returns the last line kept. The
+    /// plots that are asked for are written beside the log.
     ///
     /// # Errors
     /// A file that cannot be read or written.
-    pub fn open(path: &Path, iteration: u32) -> Result<(Self, Option<LogRecord>)> {
+    pub fn open(path: &Path, iteration: u32, asked: &[PlotLog]) -> Result<(Self, Option<LogRecord>)> {
         let mut kept = read(path)?;
         kept.retain(|record| record.iteration <= iteration);
         let mut content = String::new();
@@ -37,7 +40,8 @@ impl RunLog {
         }
         files::write_text(path, &content)?;
         let file = File::options().append(true).open(path).with_context(|| format!("{}: cannot open", path.display()))?;
-        Ok((Self { path: path.into(), file }, kept.pop()))
+        let plots = Plots::begin(path.parent().unwrap_or(Path::new("")), asked, &kept)?;
+        Ok((Self { path: path.into(), file, plots }, kept.pop()))
     }
 
     /// Appends a line in one write.
@@ -46,7 +50,8 @@ impl RunLog {
     /// A file that cannot be written.
     pub fn append(&mut self, record: &LogRecord) -> Result<()> {
         let line = serde_json::to_string(&schema::LOG.versioned(record))? + "\n";
-        self.file.write_all(line.as_bytes()).with_context(|| format!("{}: cannot write", self.path.display()))
+        self.file.write_all(line.as_bytes()).with_context(|| format!("{}: cannot write", self.path.display()))?;
+        self.plots.append(record)
     }
 
     /// Waits until all lines are on disk. For use before a checkpoint: at every line it might take
@@ -73,10 +78,11 @@ pub fn read(path: &Path) -> Result<Vec<LogRecord>> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
 
-    fn record(iteration: u32) -> LogRecord {
+    /// Returns a record of a step.
+    pub(in crate::run) fn record(iteration: u32) -> LogRecord {
         LogRecord {
             iteration,
             loss: 0.1,
@@ -101,14 +107,14 @@ mod tests {
     fn resuming_drops_later_and_torn_lines() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("log.jsonl");
-        let (mut log, last) = RunLog::open(&path, 0).unwrap();
+        let (mut log, last) = RunLog::open(&path, 0, &[]).unwrap();
         assert_eq!(last, None);
         for iteration in [100, 200, 300] {
             log.append(&record(iteration)).unwrap();
         }
         File::options().append(true).open(&path).unwrap().write_all(b"{\"iteration\": 40").unwrap();
 
-        let (mut log, last) = RunLog::open(&path, 200).unwrap();
+        let (mut log, last) = RunLog::open(&path, 200, &[]).unwrap();
         assert_eq!(last, Some(record(200)));
         log.append(&record(250)).unwrap();
         assert_eq!(read(&path).unwrap(), [record(100), record(200), record(250)]);

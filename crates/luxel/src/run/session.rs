@@ -84,7 +84,7 @@ impl Session<'_> {
     /// A step that fails; a checkpoint, scene or image that cannot be written.
     pub fn run(mut self) -> Result<(Outcome, Trainer)> {
         let start = self.trainer.iteration();
-        let (log, last) = RunLog::open(&self.folder.log(), start)?;
+        let (log, last) = RunLog::open(&self.folder.log(), start, &self.config.run.log)?;
         if start > 0 && last.as_ref().is_none_or(|record| record.iteration < start) {
             self.observer.warn(&format!(
                 "{}: no line for step {start}; the duration of the steps without one is not counted",

@@ -51,7 +51,7 @@ impl Session<'_> {
     /// Begins a new log if another program removed it meanwhile, and says so.
     pub(super) fn restore_log(&self, state: &mut LoopState) {
         if !self.folder.log().exists() {
-            let opened = RunLog::open(&self.folder.log(), self.trainer.iteration()).map(|(log, _)| state.log = log);
+            let opened = RunLog::open(&self.folder.log(), self.trainer.iteration(), &self.config.run.log).map(|(log, _)| state.log = log);
             self.report_log(opened, state);
             let root = self.folder.root().display();
             self.observer.warn(&format!("{root}: log.jsonl was removed while the run was at work; a new one begins here"));
