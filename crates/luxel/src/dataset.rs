@@ -109,7 +109,8 @@ impl Dataset {
     /// let camera = synthetic::room_camera([8, 6]);
     /// let image = Image::filled(8, 6, [2.0, 1.0, 0.5]);
     /// let view = MemoryView { name: "front".into(), camera, image, mask: None, is_test: false };
-    /// let dataset = Dataset::from_memory(MemoryDataset { views: vec![view], ..MemoryDataset::default() })?;
+    /// let parts = MemoryDataset { views: vec![view], ..MemoryDataset::default() };
+    /// let dataset = Dataset::from_memory(parts)?;
     /// assert_eq!(dataset.train[0].name, "front");
     /// # Ok(())
     /// # }

@@ -68,6 +68,8 @@ pub struct Probe {
     pub left_out: usize,
     /// Whether the map was rendered at the resolution of training.
     pub has_training_resolution: bool,
+    /// Rotation from directions of the world to the axes of the map.
+    pub map_from_world: DMat3,
 }
 
 impl Probe {
@@ -236,6 +238,7 @@ pub struct ProbeWork {
     radiance_scale: RadianceScale,
     left_out: usize,
     has_training_resolution: bool,
+    map_from_world: DMat3,
 }
 
 impl ProbeWork {
@@ -259,6 +262,7 @@ impl ProbeWork {
             radiance_scale: scene.radiance_scale,
             left_out: 0,
             has_training_resolution: focal_px.is_some(),
+            map_from_world: environment_from_world,
         })
     }
 
@@ -298,7 +302,7 @@ impl ProbeWork {
 
     /// Returns the probe in the units of the data set.
     pub fn finish(self) -> Probe {
-        let Self { rig, map, options, space, radiance_scale, left_out, has_training_resolution, .. } = self;
+        let Self { rig, map, options, space, radiance_scale, left_out, has_training_resolution, map_from_world, .. } = self;
         let (projection, at) = (options.projection, options.at);
         let (mut image, alpha) = map.into_map(&rig);
         let alpha = options.alpha.then_some(alpha);
@@ -308,7 +312,19 @@ impl ProbeWork {
             *pixel = conversion.apply(radiance_scale.restored(*pixel));
         }
         let (summary, lights) = (Summary::new(&image, projection), lights(&image, projection));
-        Probe { image, alpha, at, projection, color_space, radiance_scale, summary, lights, left_out, has_training_resolution }
+        Probe {
+            image,
+            alpha,
+            at,
+            projection,
+            color_space,
+            radiance_scale,
+            summary,
+            lights,
+            left_out,
+            has_training_resolution,
+            map_from_world,
+        }
     }
 }
 

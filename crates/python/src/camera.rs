@@ -18,16 +18,16 @@ use crate::{json, lens};
 /// (0.5, 0.5). Cameras do not change; methods return new ones.
 ///
 /// Args:
-///     camera_from_world: float64 [4,4] or [3,4], the rigid motion from world to camera coordinates,
-///         which other programs call view matrix or extrinsics.
+///     camera_from_world: float64 [4,4] or [3,4], the rigid motion from world to camera
+///         coordinates, which other programs call view matrix or extrinsics.
 ///     K: float64 [3,3] with fx, fy, cx, cy in pixels; of a panorama, pixels per radian.
 ///     width, height: size of the image, pixels.
 ///     projection: "pinhole", "fisheye" (OpenCV's model, Kannala-Brandt) or "equirectangular".
 ///     fisheye: k1 to k4 of a fisheye.
 ///     max_angle: angle to the axis in degrees up to which a fisheye sees; None for 100, or less
 ///         where its radius stops growing sooner.
-///     distortion: k1, k2, p1, p2 of a pinhole's lens (OpenCV). `Dataset.from_arrays` removes it from
-///         images; a camera with it cannot render.
+///     distortion: k1, k2, p1, p2 of a pinhole's lens (OpenCV). `Dataset.from_arrays` removes it
+///         from images; a camera with it cannot render.
 ///
 /// Raises:
 ///     LuxelError: a pose that is not rigid, or a lens or size that cannot be used.
@@ -158,9 +158,9 @@ impl PyCamera {
         Self::checked(lens::from_colmap(model, &params, [width, height], qvec, tvec)?)
     }
 
-    /// Makes a camera of a frame of `transforms.json`: a dictionary with `transform_matrix`, the lens
-    /// (`fl_x`, `fl_y`, `cx`, `cy`, `k1` ...) and the size (`w`, `h`), which may also be in `shared`,
-    /// the dictionary around the frames.
+    /// Makes a camera of a frame of `transforms.json`: a dictionary with `transform_matrix`, the
+    /// lens (`fl_x`, `fl_y`, `cx`, `cy`, `k1` ...) and the size (`w`, `h`), which may also be in
+    /// `shared`, the dictionary around the frames.
     #[staticmethod]
     #[pyo3(signature = (frame, shared=None))]
     fn from_nerfstudio(frame: &Bound<'_, PyDict>, shared: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
@@ -175,8 +175,8 @@ impl PyCamera {
         Self::checked(camera)
     }
 
-    /// Makes a camera that renders a whole panorama of `width` x `width / 2` pixels; its middle shows
-    /// the direction that the pose looks in.
+    /// Makes a camera that renders a whole panorama of `width` x `width / 2` pixels; its middle
+    /// shows the direction that the pose looks in.
     #[staticmethod]
     fn panorama(camera_from_world: &Bound<'_, PyAny>, width: u32) -> PyResult<Self> {
         Self::checked(Camera::panorama(motion_of("camera_from_world", camera_from_world)?, width))
@@ -308,13 +308,14 @@ impl PyCamera {
     #[pyo3(signature = (file_path="camera"))]
     fn to_nerfstudio<'py>(&self, py: Python<'py>, file_path: &str) -> PyResult<Bound<'py, PyAny>> {
         let named = PathCamera { name: file_path.to_owned(), camera: self.world() };
-        let document: serde_json::Value = serde_json::from_str(&luxel_io::camera_file_text(&[named])).map_err(luxel::Error::from).or_raise()?;
+        let document: serde_json::Value =
+            serde_json::from_str(&luxel_io::camera_file_text(&[named])).map_err(luxel::Error::from).or_raise()?;
         json::to_python(py, &document["frames"][0])
     }
 
     /// Projects points of the world. Returns (pixels, depth): float64 [count,2] and [count], NaN
-    /// where a point is not seen: behind the camera, or outside of a fisheye's field. Depth is along
-    /// the axis of a pinhole, and the distance for other projections. Ignores distortion.
+    /// where a point is not seen: behind the camera, or outside of a fisheye's field. Depth is
+    /// along the axis of a pinhole, and the distance for other projections. Ignores distortion.
     #[expect(clippy::type_complexity, reason = "two arrays")]
     fn project<'py>(
         &self,
@@ -342,7 +343,8 @@ impl PyCamera {
         rows_array(py, rows_of::<f64, 2>("pixels", pixels)?.into_iter().map(direction).collect())
     }
 
-    /// Returns the camera of an image that is `factor` times smaller a side; sizes are rounded down.
+    /// Returns the camera of an image that is `factor` times smaller a side; sizes are rounded
+    /// down.
     fn downscaled(&self, factor: u32) -> PyResult<Self> {
         if factor == 0 {
             return Err(invalid("factor: found 0, expected at least 1"));
@@ -364,7 +366,8 @@ impl PyCamera {
 
     /// Pickles the camera: data loaders of torch send it to other processes.
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (String,))> {
-        let frame = [self.frame.rotation().to_cols_array().to_vec(), vec![self.frame.scale()], self.frame.translation().to_array().to_vec()];
+        let frame =
+            [self.frame.rotation().to_cols_array().to_vec(), vec![self.frame.scale()], self.frame.translation().to_array().to_vec()];
         let text = serde_json::to_string(&(&self.local, frame.concat())).map_err(luxel::Error::from).or_raise()?;
         Ok((py.get_type::<Self>().getattr("_restored")?, (text,)))
     }

@@ -133,7 +133,7 @@ impl PyDataset {
         }
         let is_test = |i: usize| match &test {
             Some(test) => test.contains(&i),
-            None => count > 1 && i % HOLD_OUT_EVERY == 0,
+            None => count > 1 && i.is_multiple_of(HOLD_OUT_EVERY),
         };
         let mut views = Vec::with_capacity(count);
         for (i, (image, camera)) in images.iter().zip(&cameras).enumerate() {
@@ -150,7 +150,8 @@ impl PyDataset {
             return Err(invalid(format!("point_colors: {}, expected one for each of {} points", colors.len(), positions.len())));
         }
         let points = positions.iter().enumerate();
-        let points = points.map(|(i, position)| MemoryPoint { position: *position, rgb8: colors.as_ref().map(|colors| colors[i]) }).collect();
+        let points =
+            points.map(|(i, position)| MemoryPoint { position: *position, rgb8: colors.as_ref().map(|colors| colors[i]) }).collect();
         let parts = MemoryDataset { views, points, color_space: names::color_space(color_space)? };
         let dataset = interruptible(py, move || Dataset::from_memory(parts))?.or_raise()?;
         Ok(Self { dataset: Arc::new(dataset) })
@@ -187,13 +188,19 @@ impl PyDataset {
         self.dataset.color_space.name()
     }
 
+    /// Length of a unit of the world, metres; None where it is unknown.
+    #[getter]
+    fn metres_per_unit(&self) -> Option<f64> {
+        self.dataset.metres_per_unit
+    }
+
     /// The layout that was found, in words.
     #[getter]
     fn format(&self) -> &str {
         &self.dataset.format
     }
 
-    /// What one should know about the data set.
+    /// Warnings about the data set, such as 8-bit images.
     #[getter]
     fn warnings(&self) -> Vec<String> {
         self.dataset.warnings().to_vec()
@@ -233,8 +240,8 @@ impl PyView {
         PyCamera::in_frame(self.view().camera.clone(), self.dataset.world_from_local)
     }
 
-    /// The image, float32 [height, width, 3], read-only and shared: linear radiance, or values 0 to 1
-    /// as recorded where `exposure` is not None.
+    /// The image, float32 [height, width, 3], read-only and shared: linear radiance, or values 0 to
+    /// 1 as recorded where `exposure` is not None.
     #[getter]
     fn image<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<f32>>> {
         let loaded = py.detach(|| self.view().image.loaded()).or_raise()?;

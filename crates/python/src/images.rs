@@ -30,7 +30,6 @@ use crate::wait::interruptible;
 ///     colour space; None for a file that states none, and was not converted.
 #[pyfunction]
 #[pyo3(signature = (path, *, transfer=None, layer=None, color_space=None))]
-#[expect(clippy::type_complexity, reason = "an array and a name")]
 pub(crate) fn read_image<'py>(
     py: Python<'py>,
     path: PathBuf,

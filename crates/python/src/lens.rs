@@ -30,12 +30,12 @@ pub(crate) fn from_colmap(model: &str, params: &[f64], size_px: [u32; 2], qvec: 
         return Err(invalid(format!("params: {} numbers, expected the {count} of {model}", params.len())));
     }
     let has_two_focals = matches!(model, "PINHOLE" | "OPENCV" | "OPENCV_FISHEYE");
-    let (focal_px, rest) = if has_two_focals { (DVec2::new(params[0], params[1]), &params[2..]) } else { (DVec2::splat(params[0]), &params[1..]) };
+    let (focal_px, rest) =
+        if has_two_focals { (DVec2::new(params[0], params[1]), &params[2..]) } else { (DVec2::splat(params[0]), &params[1..]) };
     let (center_px, k) = (DVec2::new(rest[0], rest[1]), &rest[2..]);
     let at = |i: usize| k.get(i).copied().unwrap_or(0.0);
     let is_fisheye = model.ends_with("FISHEYE");
-    let projection =
-        if is_fisheye { CameraProjection::Fisheye(Fisheye::new([0, 1, 2, 3].map(at))) } else { CameraProjection::Pinhole };
+    let projection = if is_fisheye { CameraProjection::Fisheye(Fisheye::new([0, 1, 2, 3].map(at))) } else { CameraProjection::Pinhole };
     let distortion = if is_fisheye { Distortion::default() } else { Distortion { k1: at(0), k2: at(1), p1: at(2), p2: at(3) } };
     let [w, x, y, z] = qvec;
     let turn = DQuat::from_xyzw(x, y, z, w);

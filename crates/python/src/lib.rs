@@ -1,5 +1,5 @@
 //! The native part of the Python package `luxel`: module `luxel._luxel`. The package in `python/`
-//! re-exports it and adds what is best said in Python.
+//! re-exports it and adds what is best written in Python.
 //!
 //! Nothing here decides anything: arrays and keyword arguments become the library's types, and its
 //! results and errors become Python's. Work is done without Python's lock (GIL), on a thread of its
@@ -21,6 +21,8 @@ mod options;
 mod probe;
 mod rasterization;
 mod scene;
+mod scene_arrays;
+mod scene_output;
 mod splats;
 mod training;
 mod wait;

@@ -17,10 +17,11 @@ use crate::{json, names};
 /// Measures an image against a reference, both linear radiance.
 ///
 /// Args:
-///     reference, image: [height, width, 3]. Pixels of the reference that are not finite are left out.
+///     reference, image: [height, width, 3]. Pixels of the reference that are not finite are left
+///         out.
 ///     mask: weights, [height, width]; pixels of weight 0 are left out.
-///     scale: radiance that is 1 in protocol `scene`; None for the 99.9th percentile of the luminance
-///         of the reference.
+///     scale: radiance that is 1 in protocol `scene`; None for the 99.9th percentile of the
+///         luminance of the reference.
 ///     mu: mu of the mu-law.
 ///     peak_luminance: luminance at which the display of PU21 has that radiance, cd/m2.
 ///     hdr_flip: whether HDR-FLIP is measured.

@@ -59,7 +59,8 @@ impl Observer for PyObserver {
 /// Writes a record of the logger `luxel`.
 pub(crate) fn log(level: &str, text: &str) {
     Python::attach(|py| {
-        let logged = py.import("logging").and_then(|logging| logging.call_method1("getLogger", ("luxel",))?.call_method1(level, ("%s", text)));
+        let logged =
+            py.import("logging").and_then(|logging| logging.call_method1("getLogger", ("luxel",))?.call_method1(level, ("%s", text)));
         if let Err(error) = logged {
             error.write_unraisable(py, None);
         }

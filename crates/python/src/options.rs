@@ -25,7 +25,11 @@ fn overlaid<T: Serialize + DeserializeOwned>(base: &T, given: &Map<String, Value
     let mut table = serde_json::to_value(base).map_err(luxel::Error::from).or_raise()?;
     if let Some(table) = table.as_object_mut() {
         for (name, value) in given {
-            if value.is_null() { table.remove(name) } else { table.insert(name.clone(), value.clone()) };
+            if value.is_null() {
+                table.remove(name)
+            } else {
+                table.insert(name.clone(), value.clone())
+            };
         }
     }
     serde_json::from_value(table).map_err(|error| invalid(format!("{kind}: {error}")))

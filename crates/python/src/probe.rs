@@ -8,7 +8,7 @@ use luxel_io::ExrSample;
 use numpy::{PyArray2, PyArray3};
 use pyo3::prelude::*;
 
-use crate::arrays::{image_array, plane_array};
+use crate::arrays::{image_array, matrix_array, plane_array};
 use crate::errors::{OrRaise, invalid};
 use crate::json;
 
@@ -43,6 +43,12 @@ impl PyProbe {
     fn lights<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let lights: Vec<serde_json::Value> = self.0.lights.iter().map(light_json).collect();
         json::to_python(py, &lights)
+    }
+
+    /// Rotation from directions of the world to the axes of the map, float64 [3,3].
+    #[getter]
+    fn map_from_world<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        matrix_array(py, self.0.map_from_world.transpose().to_cols_array_2d())
     }
 
     /// Largest channel of any pixel.

@@ -1,6 +1,6 @@
 //! The numbers of splats as arrays.
 
-use luxel_core::{Activation, ColorModel, SplatsError, Splats};
+use luxel_core::{Activation, ColorModel, Splats, SplatsError};
 use numpy::{IntoPyArray, PyArrayMethods};
 use pyo3::prelude::*;
 

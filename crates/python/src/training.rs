@@ -13,10 +13,10 @@ use crate::arrays::image_array;
 use crate::camera::PyCamera;
 use crate::dataset::{PyDataset, PyView};
 use crate::errors::{OrRaise, invalid};
+use crate::json;
 use crate::options::train_config;
 use crate::scene::{PyScene, device};
 use crate::wait::{interruptible, locked};
-use crate::json;
 
 /// Numbers of one step of training.
 #[pyclass(name = "Progress", module = "luxel", frozen, get_all)]

@@ -86,7 +86,11 @@ def test_edits_change_light_and_are_recorded(dataset: luxel.Dataset, scene: luxe
 
 def test_exports_and_probes(dataset: luxel.Dataset, scene: luxel.Scene, tmp_path: Path) -> None:
     found = scene.export(tmp_path / "scene.usda", color_space="acescg", device="cpu")
-    assert found["splats"] == len(scene) and found["color_space"] == "acescg"
+    assert found["splats"] == len(scene) and found["color_space"] == "acescg" and found["metres_per_unit"] is None
+    binary = scene.export(tmp_path / "scene.usdc", color_space="acescg", device="cpu", rotation=np.diag([-1.0, 1, -1]))
+    assert binary["file_bytes"] < found["file_bytes"] and len(luxel.Scene.open(tmp_path / "scene.usdc")) == len(scene)
+    with pytest.raises(luxel.LuxelError, match="expected a rotation"):
+        scene.export(tmp_path / "x.ply", rotation=np.eye(3) * 2)
     probe = scene.probe([0, 0, -2], width=32, dataset=dataset, device="cpu")
     assert probe.image.shape == (16, 32, 3) and probe.alpha is None
     probe.save_exr(tmp_path / "probe.exr")

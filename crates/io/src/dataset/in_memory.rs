@@ -5,7 +5,9 @@
 //! Degenerate: without a test view, none is held out.
 
 use glam::DVec3;
-use luxel_core::{BadPixels, Camera, ColorSpace, Dataset, Distortion, Image, Mask, PixelValues, Point, SceneBounds, Similarity, Target, View};
+use luxel_core::{
+    BadPixels, Camera, ColorSpace, Dataset, Distortion, Image, Mask, PixelValues, Point, SceneBounds, Similarity, Target, View,
+};
 
 use super::fingerprint::Fingerprint;
 use super::load::{both, field_mask, mask_bad_pixels};
@@ -220,7 +222,8 @@ mod tests {
 
     #[test]
     fn what_does_not_go_together_is_refused_by_name() {
-        let broken: [(fn(&mut Vec<MemoryView>), &str); 6] = [
+        type Breakage = (fn(&mut [MemoryView]), &'static str);
+        let broken: [Breakage; 6] = [
             (|v| v.iter_mut().for_each(|v| v.is_test = true), "no view to train on among 2"),
             (|v| v[1].name = "a".into(), "two views are named \"a\""),
             (|v| v[0].name.clear(), "a view has no name"),

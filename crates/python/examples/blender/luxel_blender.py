@@ -1,0 +1,230 @@
+"""Blender add-on for Luxel: camera paths out, plates and depth in, light probes as world light.
+
+Install it in Blender (Edit, Preferences, Add-ons, Install from Disk), or import it in a script that
+has `bpy`. Its panel is in the 3D view's sidebar, tab Luxel.
+
+Coordinates: Blender's are those of Luxel's world, turned so that up is +Z. The turn is that of the
+light probe's map, which `luxel.Probe.map_from_world` has; without a probe, nothing is turned.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import bpy
+from bpy.props import FloatVectorProperty, StringProperty
+from bpy_extras.io_utils import ExportHelper, ImportHelper
+from mathutils import Matrix, Vector
+
+bl_info = {
+    "name": "Luxel",
+    "author": "The Luxel authors",
+    "version": (0, 1, 0),
+    "blender": (4, 2, 0),
+    "location": "3D View, sidebar, Luxel",
+    "description": "Camera paths out, plates and depth in, light probes as world light",
+    "category": "Import-Export",
+}
+
+# From the axes of a latitude-longitude map (y up, its middle along z) to Blender's: z up, and the
+# middle of an environment texture along -x.
+BLENDER_FROM_MAP = Matrix(((0.0, 0.0, -1.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
+
+
+def blender_from_world(map_from_world: list[list[float]] | None) -> Matrix:
+    """Returns the turn [3,3] from Luxel's world to Blender's; None for a world with +Z up."""
+    return Matrix.Identity(3) if map_from_world is None else BLENDER_FROM_MAP @ Matrix(map_from_world)
+
+
+def set_world_light(path: str | Path, strength: float = 1.0) -> bpy.types.World:
+    """Lights the scene with a probe, an OpenEXR file in latitude and longitude."""
+    world = bpy.data.worlds.new("Luxel probe")
+    world.use_nodes = True
+    nodes, links = world.node_tree.nodes, world.node_tree.links
+    nodes.clear()
+    texture = nodes.new("ShaderNodeTexEnvironment")
+    texture.image = bpy.data.images.load(str(path), check_existing=True)
+    texture.image.colorspace_settings.name = "Linear Rec.709"
+    background = nodes.new("ShaderNodeBackground")
+    background.inputs["Strength"].default_value = strength
+    output = nodes.new("ShaderNodeOutputWorld")
+    links.new(texture.outputs["Color"], background.inputs["Color"])
+    links.new(background.outputs["Background"], output.inputs["Surface"])
+    bpy.context.scene.world = world
+    return world
+
+
+def place_camera(world_from_camera_opengl: list[list[float]], k: list[list[float]], width: int, height: int, turn: Matrix) -> bpy.types.Object:
+    """Makes a camera of Luxel's numbers, and sets the size of renders to its image.
+
+    `world_from_camera_opengl` is `luxel.Camera.to_opengl()`, `k` its `K` with one focal length.
+    """
+    data = bpy.data.cameras.new("Luxel")
+    camera = bpy.data.objects.new("Luxel", data)
+    bpy.context.scene.collection.objects.link(camera)
+    camera.matrix_world = turn.to_4x4() @ Matrix(world_from_camera_opengl)
+    data.sensor_fit = "HORIZONTAL"
+    data.lens = k[0][0] / width * data.sensor_width
+    data.shift_x = (0.5 * width - k[0][2]) / width
+    data.shift_y = (k[1][2] - 0.5 * height) / width
+    scene = bpy.context.scene
+    scene.camera = camera
+    scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = width, height, 100
+    return camera
+
+
+def camera_path(turn: Matrix) -> dict[str, object]:
+    """Returns the active camera of every frame as a `transforms.json`, for `luxel render --cameras`."""
+    scene = bpy.context.scene
+    render = scene.render
+    width, height = (side * render.resolution_percentage // 100 for side in (render.resolution_x, render.resolution_y))
+    world_from_blender = turn.inverted().to_4x4()
+    frames = []
+    kept = scene.frame_current
+    for number in range(scene.frame_start, scene.frame_end + 1, scene.frame_step):
+        scene.frame_set(number)
+        camera = scene.camera
+        data = camera.data
+        is_wide = data.sensor_fit == "HORIZONTAL" or (data.sensor_fit == "AUTO" and width >= height)
+        side = width if is_wide else height
+        sensor = data.sensor_height if data.sensor_fit == "VERTICAL" else data.sensor_width
+        focal = data.lens / sensor * side
+        # A scaled camera looks the same; its axes are of unit length here.
+        location, rotation, _ = camera.matrix_world.decompose()
+        pose = world_from_blender @ Matrix.LocRotScale(location, rotation, None)
+        frames.append(
+            {
+                "file_path": f"frame_{number:05}",
+                "fl_x": focal,
+                "fl_y": focal,
+                "cx": 0.5 * width - data.shift_x * side,
+                "cy": 0.5 * height + data.shift_y * side,
+                "w": width,
+                "h": height,
+                "transform_matrix": [list(row) for row in pose],
+            }
+        )
+    scene.frame_set(kept)
+    return {"camera_model": "OPENCV", "frames": frames}
+
+
+def show_plate(path: str | Path) -> None:
+    """Shows an OpenEXR file, or the sequence that it begins, behind the active camera's view."""
+    image = bpy.data.images.load(str(path), check_existing=True)
+    digits = Path(path).stem[-5:]
+    if digits.isdigit() and len(list(Path(path).parent.glob("*.exr"))) > 1:
+        image.source = "SEQUENCE"
+    camera = bpy.context.scene.camera.data
+    camera.show_background_images = True
+    background = camera.background_images.new()
+    background.image = image
+    background.alpha = 1.0
+    bpy.context.scene.render.film_transparent = True
+
+
+def add_points(positions: object, size: float, turn: Matrix, name: str = "Luxel points") -> bpy.types.Object:
+    """Adds points of the world [count,3] as a mesh of vertices, to place things by."""
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata([turn @ Vector(position) for position in positions], [], [])
+    points = bpy.data.objects.new(name, mesh)
+    points.display_type = "WIRE"
+    points["luxel_point_size"] = size
+    bpy.context.scene.collection.objects.link(points)
+    return points
+
+
+class LuxelSettings(bpy.types.PropertyGroup):
+    """Settings of the add-on."""
+
+    map_from_world: FloatVectorProperty(  # type: ignore[valid-type]
+        name="Map from world", description="Turn of the light probe's map, row by row", size=9, default=(1, 0, 0, 0, 0, 1, 0, -1, 0)
+    )
+
+
+def turn_of(context: bpy.types.Context) -> Matrix:
+    """Returns the turn from Luxel's world to Blender's that is set in the panel."""
+    m = list(context.scene.luxel.map_from_world)
+    return blender_from_world([m[0:3], m[3:6], m[6:9]])
+
+
+class LUXEL_OT_world_light(bpy.types.Operator, ImportHelper):  # noqa: N801
+    """Light the scene with a probe of Luxel"""
+
+    bl_idname = "luxel.world_light"
+    bl_label = "Probe as world light"
+    filter_glob: StringProperty(default="*.exr", options={"HIDDEN"})  # type: ignore[valid-type]
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        set_world_light(self.filepath)
+        return {"FINISHED"}
+
+
+class LUXEL_OT_camera_path(bpy.types.Operator, ExportHelper):  # noqa: N801
+    """Write the active camera of all frames for luxel render --cameras"""
+
+    bl_idname = "luxel.camera_path"
+    bl_label = "Camera path"
+    filename_ext = ".json"
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        if context.scene.camera is None:
+            self.report({"ERROR"}, "The scene has no active camera")
+            return {"CANCELLED"}
+        if context.scene.camera.data.type != "PERSP":
+            self.report({"ERROR"}, f"{context.scene.camera.name}: expected a perspective camera")
+            return {"CANCELLED"}
+        Path(self.filepath).write_text(json.dumps(camera_path(turn_of(context)), indent=1))
+        return {"FINISHED"}
+
+
+class LUXEL_OT_plate(bpy.types.Operator, ImportHelper):  # noqa: N801
+    """Show a render of Luxel, or a sequence of them, behind the camera's view"""
+
+    bl_idname = "luxel.plate"
+    bl_label = "Plate"
+    filter_glob: StringProperty(default="*.exr", options={"HIDDEN"})  # type: ignore[valid-type]
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        if context.scene.camera is None:
+            self.report({"ERROR"}, "The scene has no active camera")
+            return {"CANCELLED"}
+        show_plate(self.filepath)
+        return {"FINISHED"}
+
+
+class LUXEL_PT_panel(bpy.types.Panel):  # noqa: N801
+    """The panel in the sidebar."""
+
+    bl_label = "Luxel"
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "Luxel"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        column = self.layout.column()
+        column.operator(LUXEL_OT_world_light.bl_idname)
+        column.operator(LUXEL_OT_plate.bl_idname)
+        column.operator(LUXEL_OT_camera_path.bl_idname)
+        column.prop(context.scene.luxel, "map_from_world")
+
+
+CLASSES = (LuxelSettings, LUXEL_OT_world_light, LUXEL_OT_camera_path, LUXEL_OT_plate, LUXEL_PT_panel)
+
+
+def register() -> None:
+    """Registers the add-on."""
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+    bpy.types.Scene.luxel = bpy.props.PointerProperty(type=LuxelSettings)
+
+
+def unregister() -> None:
+    """Removes the add-on."""
+    del bpy.types.Scene.luxel
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)
+
+
+if __name__ == "__main__":
+    register()

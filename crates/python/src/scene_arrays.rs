@@ -1,0 +1,115 @@
+//! The arrays of a scene's splats as attributes of `Scene`.
+
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::errors::invalid;
+use crate::scene::PyScene;
+use crate::splats;
+use crate::wait::locked;
+
+impl PyScene {
+    fn array<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyAny>> {
+        let splats = self.read(|scene| splats::array(py, &scene.splats, name))?;
+        splats.ok_or_else(|| invalid(format!("splats have no array {name:?}")))
+    }
+
+    fn set_array(&self, name: &str, value: &Bound<'_, PyAny>) -> PyResult<()> {
+        locked(&self.state).change(|scene| {
+            splats::set(&mut scene.splats, name, value)?;
+            splats::check(&scene.splats)
+        })
+    }
+}
+
+#[pymethods]
+impl PyScene {
+    /// Positions, float32 [count, 3], local coordinates.
+    #[getter]
+    fn positions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        self.array(py, "positions")
+    }
+
+    #[setter]
+    fn set_positions(&self, value: &Bound<'_, PyAny>) -> PyResult<()> {
+        self.set_array("positions", value)
+    }
+
+    /// Quaternions w, x, y, z, float32 [count, 4], of any length but zero.
+    #[getter]
+    fn rotations<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        self.array(py, "rotations")
+    }
+
+    #[setter]
+    fn set_rotations(&self, value: &Bound<'_, PyAny>) -> PyResult<()> {
+        self.set_array("rotations", value)
+    }
+
+    /// Natural logarithms of the standard deviations along the axes, float32 [count, 3].
+    #[getter]
+    fn log_scales<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        self.array(py, "log_scales")
+    }
+
+    #[setter]
+    fn set_log_scales(&self, value: &Bound<'_, PyAny>) -> PyResult<()> {
+        self.set_array("log_scales", value)
+    }
+
+    /// Logits of the opacity, float32 [count].
+    #[getter]
+    fn opacity_logits<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        self.array(py, "opacity_logits")
+    }
+
+    #[setter]
+    fn set_opacity_logits(&self, value: &Bound<'_, PyAny>) -> PyResult<()> {
+        self.set_array("opacity_logits", value)
+    }
+
+    /// Harmonics of radiance or chromaticity, float32 [count, K, 3].
+    #[getter]
+    fn sh<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        self.array(py, "sh")
+    }
+
+    #[setter]
+    fn set_sh(&self, value: &Bound<'_, PyAny>) -> PyResult<()> {
+        self.set_array("sh", value)
+    }
+
+    /// Raw luminance, float32 [count, M]; M is 0 for a model without luminance.
+    #[getter]
+    fn raw_luminance<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        self.array(py, "raw_luminance")
+    }
+
+    #[setter]
+    fn set_raw_luminance(&self, value: &Bound<'_, PyAny>) -> PyResult<()> {
+        self.set_array("raw_luminance", value)
+    }
+
+    /// Standard deviations of the smoothing filter, float32 [count]; empty without the filter.
+    #[getter]
+    fn smoothing<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        self.array(py, "smoothing")
+    }
+
+    #[setter]
+    fn set_smoothing(&self, value: &Bound<'_, PyAny>) -> PyResult<()> {
+        self.set_array("smoothing", value)
+    }
+
+    /// Changes several arrays at once, by name; their number of splats may differ from before.
+    #[pyo3(signature = (**arrays))]
+    fn set(&self, arrays: Option<&Bound<'_, PyDict>>) -> PyResult<()> {
+        let Some(arrays) = arrays else { return Ok(()) };
+        locked(&self.state).change(|scene| {
+            for (name, value) in arrays.iter() {
+                splats::set(&mut scene.splats, &name.extract::<String>()?, &value)?;
+            }
+            splats::check(&scene.splats)
+        })
+    }
+}
