@@ -4,13 +4,23 @@
 use std::error::Error;
 use std::path::{Path, PathBuf};
 
-use luxel_core::{RadianceScale, Activation, ColorModel, ColorSpace, RasterConfig, Scene, synthetic};
-use luxel_io::{Appearance, BakeOptions, Baked, SpzVersion, encode_baked_ply, encode_glb, encode_scene_ply, encode_spz, encode_usda};
+use luxel_core::{Activation, ColorModel, ColorSpace, RadianceScale, RasterConfig, Scene, synthetic};
+use luxel_io::{
+    Appearance, BakeOptions, Baked, SpzVersion, encode_baked_ply, encode_glb, encode_scene_ply, encode_spz, encode_usda, encode_usdc,
+};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let lcd = ColorModel::Lcd { chroma_degree: 1, luminance_degree: 0, activation: Activation::Softplus };
     let splats = synthetic::room(3, 7).with_color_model(lcd).ok_or("a room of harmonics has every model")?;
-    let scene = Scene { splats, radiance_scale: RadianceScale::new(2.0).unwrap(), color_space: ColorSpace::AcesCg, raster: RasterConfig::default(), edits: Vec::new(), world_from_local: luxel_core::Similarity::IDENTITY, metres_per_unit: None };
+    let scene = Scene {
+        splats,
+        radiance_scale: RadianceScale::new(2.0).unwrap(),
+        color_space: ColorSpace::AcesCg,
+        raster: RasterConfig::default(),
+        edits: Vec::new(),
+        world_from_local: luxel_core::Similarity::IDENTITY,
+        metres_per_unit: None,
+    };
     let bake = |appearance, max_degree| Baked::new(&scene, &BakeOptions { appearance, max_degree });
     let display = bake(Appearance::PREVIEW, 1);
     let linear = bake(Appearance::Linear { color_space: ColorSpace::LinearRec709, exposure_ev: 0.0 }, 0);
@@ -20,6 +30,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     write("ply", "compressed.ply", COMPRESSED.as_bytes())?;
     write("usd", "linear.usda", &encode_usda(name, &linear)?)?;
     write("usd", "display.usda", &encode_usda(name, &display)?)?;
+    write("usd_binary", "linear.usdc", &encode_usdc(name, &linear)?)?;
+    write("usd_binary", "display.usdc", &encode_usdc(name, &display)?)?;
     write("gltf", "exact.glb", &encode_glb(name, &display, Some(&scene))?)?;
     write("gltf", "linear.glb", &encode_glb(name, &linear, None)?)?;
     for (version, file) in [(SpzVersion::V2, "v2.spz"), (SpzVersion::V3, "v3.spz"), (SpzVersion::V4, "v4.spz")] {

@@ -4,7 +4,7 @@
 
 use libfuzzer_sys::fuzz_target;
 use luxel_core::edit::{MaskShares, ShMap, Statement};
-use luxel_core::{RadianceScale, Activation, ColorModel, ColorSpace, Edit, EditError, RasterConfig, Scene, Selection, Splat, Splats};
+use luxel_core::{Activation, ColorModel, ColorSpace, Edit, EditError, RadianceScale, RasterConfig, Scene, Selection, Splat, Splats};
 
 /// Returns the splats of luminance 1/16 to 16, of three hues, along a line.
 fn scene(color_model: ColorModel) -> Scene {
@@ -27,7 +27,15 @@ fn scene(color_model: ColorModel) -> Scene {
         });
     }
     let raster = RasterConfig::default();
-    Scene { splats, radiance_scale: RadianceScale::new(2.0).unwrap(), color_space: ColorSpace::LinearRec709, raster, edits: Vec::new(), world_from_local: luxel_core::Similarity::IDENTITY, metres_per_unit: None }
+    Scene {
+        splats,
+        radiance_scale: RadianceScale::new(2.0).unwrap(),
+        color_space: ColorSpace::LinearRec709,
+        raster,
+        edits: Vec::new(),
+        world_from_local: luxel_core::Similarity::IDENTITY,
+        metres_per_unit: None,
+    }
 }
 
 fn apply(edits: &[Edit], color_model: ColorModel, sh_map: ShMap) {

@@ -7,8 +7,8 @@ use luxel_io::colmap::{ColmapFiles, parse_binary, parse_text};
 use luxel_io::{
     IoError, PosedCamera, ReadOptions, Transfer, decode_camera_path, decode_checkpoint, decode_codes, decode_depth_map, decode_glb,
     decode_image, decode_mask, decode_photo, decode_pinhole_camera, decode_points_ply, decode_scene_ply, decode_spz, decode_tensors,
-    decode_usd_cameras, decode_usda, parse_exposures, parse_metashape, parse_polycam_camera, parse_poses_bounds, parse_realityscan_table,
-    parse_realityscan_xmp, parse_record3d, parse_recorded_poses, parse_split, parse_transforms, photo_info,
+    decode_usd_cameras, decode_usda, decode_usdc, parse_exposures, parse_metashape, parse_polycam_camera, parse_poses_bounds,
+    parse_realityscan_table, parse_realityscan_xmp, parse_record3d, parse_recorded_poses, parse_split, parse_transforms, photo_info,
 };
 
 use crate::{Reader, camera_seeds, seeds};
@@ -31,6 +31,7 @@ pub(crate) fn all() -> Vec<Reader> {
         Reader { name: "ply", read: |bytes| decode_scene_ply(name(), bytes).map(drop), seeds: seeds::ply() },
         Reader { name: "points", read: |bytes| decode_points_ply(name(), bytes).map(drop), seeds: seeds::ply() },
         Reader { name: "usd", read: |bytes| decode_usda(name(), bytes).map(drop), seeds: seeds::usd() },
+        Reader { name: "usd_binary", read: |bytes| decode_usdc(name(), bytes).map(drop), seeds: seeds::usd_binary() },
         Reader { name: "glb", read: |bytes| decode_glb(name(), bytes).map(drop), seeds: seeds::glb() },
         Reader { name: "spz", read: |bytes| decode_spz(name(), bytes).map(drop), seeds: seeds::spz() },
         Reader { name: "checkpoint", read: |bytes| decode_checkpoint(name(), bytes).map(drop), seeds: seeds::checkpoint() },

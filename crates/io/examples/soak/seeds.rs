@@ -10,7 +10,7 @@ use luxel_core::engine::DensifyStats;
 use luxel_core::{Activation, ColorModel, ColorSpace, Image, Moments, RadianceScale, RasterConfig, Scene, Snapshot, Splats, synthetic};
 use luxel_io::{
     Appearance, BakeOptions, Baked, SpzVersion, encode_baked_ply, encode_checkpoint, encode_glb, encode_jpeg, encode_png, encode_scene_ply,
-    encode_spz, encode_usda,
+    encode_spz, encode_usda, encode_usdc,
 };
 
 use crate::readers::SEPARATOR;
@@ -180,6 +180,10 @@ pub(crate) fn ply() -> Vec<Vec<u8>> {
 
 pub(crate) fn usd() -> Vec<Vec<u8>> {
     [linear(), Appearance::PREVIEW].map(|look| encode_usda(name(), &baked(look)).expect("a scene can be written")).to_vec()
+}
+
+pub(crate) fn usd_binary() -> Vec<Vec<u8>> {
+    [linear(), Appearance::PREVIEW].map(|look| encode_usdc(name(), &baked(look)).expect("a scene can be written")).to_vec()
 }
 
 pub(crate) fn glb() -> Vec<Vec<u8>> {
