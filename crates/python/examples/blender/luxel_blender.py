@@ -1,7 +1,9 @@
 """Blender add-on for Luxel: camera paths out, plates and depth in, light probes as world light.
 
 Install it in Blender (Edit, Preferences, Add-ons, Install from Disk), or import it in a script that
-has `bpy`. Its panel is in the 3D view's sidebar, tab Luxel.
+has `bpy`. Its panel is in the 3D view's sidebar, tab Luxel. Without a window:
+
+    blender scene.blend --background --python luxel_blender.py -- camera_path.json
 
 Coordinates: Blender's are those of Luxel's world, turned so that up is +Z. The turn is that of the
 light probe's map, which `luxel.Probe.map_from_world` has; without a probe, nothing is turned.
@@ -10,6 +12,7 @@ light probe's map, which `luxel.Probe.map_from_world` has; without a probe, noth
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 
 import bpy
@@ -75,38 +78,45 @@ def place_camera(world_from_camera_opengl: list[list[float]], k: list[list[float
 
 
 def camera_path(turn: Matrix) -> dict[str, object]:
-    """Returns the active camera of every frame as a `transforms.json`, for `luxel render --cameras`."""
+    """Returns the active camera of every frame as a `transforms.json`, for `luxel render --cameras`.
+
+    Camera shift, the size of renders and the aspect of pixels are honoured; depth of field and motion
+    blur are not.
+    """
     scene = bpy.context.scene
     render = scene.render
     width, height = (side * render.resolution_percentage // 100 for side in (render.resolution_x, render.resolution_y))
+    pixel_aspect = render.pixel_aspect_y / render.pixel_aspect_x
     world_from_blender = turn.inverted().to_4x4()
     frames = []
     kept = scene.frame_current
     for number in range(scene.frame_start, scene.frame_end + 1, scene.frame_step):
         scene.frame_set(number)
         camera = scene.camera
-        data = camera.data
-        is_wide = data.sensor_fit == "HORIZONTAL" or (data.sensor_fit == "AUTO" and width >= height)
-        side = width if is_wide else height
-        sensor = data.sensor_height if data.sensor_fit == "VERTICAL" else data.sensor_width
-        focal = data.lens / sensor * side
-        # A scaled camera looks the same; its axes are of unit length here.
+        if camera is None or camera.data.type != "PERSP":
+            raise ValueError(f"frame {number}: expected an active perspective camera")
+        lens = camera.data
+        is_wide = lens.sensor_fit == "HORIZONTAL" or (lens.sensor_fit == "AUTO" and width >= pixel_aspect * height)
+        sensor = lens.sensor_height if lens.sensor_fit == "VERTICAL" else lens.sensor_width
+        span = width if is_wide else pixel_aspect * height
+        focal = lens.lens / sensor * span
+        # A scaled camera sees the same; its axes are of unit length here.
         location, rotation, _ = camera.matrix_world.decompose()
         pose = world_from_blender @ Matrix.LocRotScale(location, rotation, None)
         frames.append(
             {
                 "file_path": f"frame_{number:05}",
                 "fl_x": focal,
-                "fl_y": focal,
-                "cx": 0.5 * width - data.shift_x * side,
-                "cy": 0.5 * height + data.shift_y * side,
+                "fl_y": focal / pixel_aspect,
+                "cx": 0.5 * width - lens.shift_x * span,
+                "cy": 0.5 * height + lens.shift_y * span / pixel_aspect,
                 "w": width,
                 "h": height,
                 "transform_matrix": [list(row) for row in pose],
             }
         )
     scene.frame_set(kept)
-    return {"camera_model": "OPENCV", "frames": frames}
+    return {"fps": render.fps / render.fps_base, "frames": frames}
 
 
 def show_plate(path: str | Path) -> None:
@@ -168,13 +178,12 @@ class LUXEL_OT_camera_path(bpy.types.Operator, ExportHelper):  # noqa: N801
     filename_ext = ".json"
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        if context.scene.camera is None:
-            self.report({"ERROR"}, "The scene has no active camera")
+        try:
+            path = camera_path(turn_of(context))
+        except ValueError as error:
+            self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        if context.scene.camera.data.type != "PERSP":
-            self.report({"ERROR"}, f"{context.scene.camera.name}: expected a perspective camera")
-            return {"CANCELLED"}
-        Path(self.filepath).write_text(json.dumps(camera_path(turn_of(context)), indent=1))
+        Path(self.filepath).write_text(json.dumps(path, indent=1))
         return {"FINISHED"}
 
 
@@ -228,3 +237,6 @@ def unregister() -> None:
 
 if __name__ == "__main__":
     register()
+    if "--" in sys.argv:
+        target = Path(sys.argv[sys.argv.index("--") + 1])
+        target.write_text(json.dumps(camera_path(turn_of(bpy.context)), indent=1))

@@ -1,0 +1,88 @@
+"""The Blender add-on, where `bpy` is installed (pip install bpy): cameras, light and plates to the pixel."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import luxel
+
+bpy = pytest.importorskip("bpy", reason="bpy is not installed")
+sys.path.insert(0, str(Path(__file__).parents[1] / "examples" / "blender"))
+import luxel_blender  # noqa: E402
+
+TURN = [[0.0, 0.6, 0.8], [0.0, 0.8, -0.6], [-1.0, 0.0, 0.0]]
+
+
+@pytest.fixture(autouse=True)
+def empty_scene() -> None:
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+
+
+def camera() -> luxel.Camera:
+    looking = luxel.Camera.look_at([1.0, -2.0, 3.0], [0.0, 0.2, 0.1], [0.0, -0.8, 0.6], 50, 64, 48)
+    k = looking.K
+    k[0, 2] += 3.0
+    k[1, 2] -= 2.0
+    return luxel.Camera(looking.camera_from_world, k, 64, 48)
+
+
+def test_a_camera_goes_to_blender_and_comes_back() -> None:
+    turn = luxel_blender.blender_from_world(TURN)
+    there = camera()
+    luxel_blender.place_camera(there.to_opengl().tolist(), there.K.tolist(), there.width, there.height, turn)
+    scene = bpy.context.scene
+    scene.frame_start = scene.frame_end = 1
+    path = luxel_blender.camera_path(turn)
+    back = luxel.Camera.from_nerfstudio(path["frames"][0])
+    np.testing.assert_allclose(back.camera_from_world, there.camera_from_world, atol=1e-5)
+    np.testing.assert_allclose(back.K, there.K, rtol=1e-5)
+
+
+def test_blender_sees_a_thing_where_luxel_does(tmp_path: Path) -> None:
+    turn, there = luxel_blender.blender_from_world(TURN), camera()
+    luxel_blender.place_camera(there.to_opengl().tolist(), there.K.tolist(), there.width, there.height, turn)
+    at = [0.3, 0.1, 0.2]
+    bpy.ops.mesh.primitive_uv_sphere_add(radius=0.05, location=turn @ luxel_blender.Vector(at))
+    pixels = render(tmp_path / "dot.exr")
+    y, x = np.nonzero(pixels[..., 3] > 0.5)
+    expected = there.project([at])[0][0]
+    np.testing.assert_allclose([x.mean() + 0.5, y.mean() + 0.5], expected, atol=0.6)
+
+
+def test_light_comes_from_where_the_probe_has_it(tmp_path: Path) -> None:
+    """A map with one bright spot, seen by a camera that looks at it through Blender's world."""
+    image = np.full((32, 64, 3), 0.01, np.float32)
+    image[8:11, 20:23] = [50.0, 20.0, 5.0]
+    luxel.write_exr(tmp_path / "probe.exr", image, exr_type="float")
+    # Longitude falls from 180 degrees at the left; 0 is +z and 90 is +x.
+    longitude, latitude = np.pi - 2 * np.pi * 21.5 / 64, np.pi / 2 - np.pi * 9.5 / 32
+    direction = np.array([np.sin(longitude) * np.cos(latitude), np.sin(latitude), np.cos(longitude) * np.cos(latitude)])
+    in_world = np.linalg.inv(TURN) @ direction
+    looking = luxel.Camera.look_at([0, 0, 0], in_world, np.linalg.inv(TURN) @ [0, 1, 0], 60, 33, 33)
+    turn = luxel_blender.blender_from_world(TURN)
+    luxel_blender.place_camera(looking.to_opengl().tolist(), looking.K.tolist(), 33, 33, turn)
+    luxel_blender.set_world_light(tmp_path / "probe.exr")
+    bpy.context.scene.render.film_transparent = False
+    pixels = render(tmp_path / "world.exr")
+    y, x = np.unravel_index(pixels[..., 0].argmax(), pixels.shape[:2])
+    assert abs(x - 16) <= 2 and abs(y - 16) <= 2, (x, y)
+    assert pixels[y, x, 0] == pytest.approx(50.0, rel=0.1), "radiance is neither tone-mapped nor cut"
+
+
+def render(path: Path) -> np.ndarray:
+    """Renders with Cycles: RGBA [height, width, 4], linear."""
+    scene = bpy.context.scene
+    scene.render.engine = "CYCLES"
+    scene.cycles.samples = 16
+    scene.render.film_transparent = scene.render.film_transparent or scene.world is None
+    settings = scene.render.image_settings
+    settings.file_format, settings.color_mode, settings.color_depth = "OPEN_EXR", "RGBA", "32"
+    scene.render.filepath = str(path)
+    bpy.ops.render.render(write_still=True)
+    loaded = bpy.data.images.load(str(path))
+    width, height = loaded.size
+    return np.array(loaded.pixels[:], np.float32).reshape(height, width, 4)[::-1]
