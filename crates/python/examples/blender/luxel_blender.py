@@ -31,8 +31,8 @@ bl_info = {
 }
 
 # From the axes of a latitude-longitude map (y up, its middle along z) to Blender's: z up, and the
-# middle of an environment texture along -x.
-BLENDER_FROM_MAP = Matrix(((0.0, 0.0, -1.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
+# middle of an environment texture along x.
+BLENDER_FROM_MAP = Matrix(((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
 
 
 def blender_from_world(map_from_world: list[list[float]] | None) -> Matrix:
@@ -148,7 +148,7 @@ class LuxelSettings(bpy.types.PropertyGroup):
     """Settings of the add-on."""
 
     map_from_world: FloatVectorProperty(  # type: ignore[valid-type]
-        name="Map from world", description="Turn of the light probe's map, row by row", size=9, default=(1, 0, 0, 0, 0, 1, 0, -1, 0)
+        name="Map from world", description="Turn of the light probe's map, row by row", size=9, default=(0, 1, 0, 0, 0, 1, 1, 0, 0)
     )
 
 
