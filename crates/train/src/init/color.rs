@@ -9,6 +9,10 @@ use glam::{DVec2, DVec3};
 use luxel_core::{Point, ReadError, View, luminance_sum};
 use rayon::prelude::*;
 
+/// Views that a point without a track is looked for in. A median of as many is exact enough, and
+/// all views of a large set would be read again and again, since samples have to fit into memory.
+const MAX_VIEWS: usize = 32;
+
 /// Samples of points that are held at the same time while images are read on demand.
 const MAX_SAMPLES: usize = 1 << 22;
 
@@ -20,8 +24,9 @@ const MAX_SAMPLES: usize = 1 << 22;
 pub(super) fn of_points(points: &[Point], train: &[View]) -> Result<Vec<Option<[f32; 3]>>, ReadError> {
     if train.iter().all(View::is_in_memory) {
         let of_point = |point: &Point| {
-            median_color(track(point, train).filter_map(|seen| sample(&train[seen.view], seen.at_px)).collect())
-                .or_else(|| median_color(projections(point, train).filter_map(|seen| sample(&train[seen.view], seen.at_px)).collect()))
+            median_color(track(point, train).filter_map(|seen| sample(&train[seen.view], seen.at_px)).collect()).or_else(|| {
+                median_color(projections(point, train).into_iter().filter_map(|seen| sample(&train[seen.view], seen.at_px)).collect())
+            })
         };
         return Ok(points.par_iter().map(of_point).collect());
     }
@@ -29,7 +34,7 @@ pub(super) fn of_points(points: &[Point], train: &[View]) -> Result<Vec<Option<[
     // Those whose track shows no valid pixel, or that have none.
     let missing: Vec<usize> = (0..points.len()).filter(|i| colors[*i].is_none()).collect();
     let without: Vec<Point> = missing.iter().map(|i| Point { observations: Vec::new(), ..points[*i].clone() }).collect();
-    let found = streamed(&without, train, &|point| projections(point, train).collect())?;
+    let found = streamed(&without, train, &|point| projections(point, train))?;
     missing.into_iter().zip(found).for_each(|(i, color)| colors[i] = color);
     Ok(colors)
 }
@@ -45,15 +50,22 @@ fn track<'a>(point: &'a Point, train: &'a [View]) -> impl Iterator<Item = Seen> 
     inside.map(|seen| Seen { view: seen.view as usize, at_px: DVec2::new(seen.pixel_px[0].into(), seen.pixel_px[1].into()) })
 }
 
-fn projections<'a>(point: &'a Point, train: &'a [View]) -> impl Iterator<Item = Seen> + 'a {
+/// Returns the places in the views that a point projects into: all of them, or [`MAX_VIEWS`] that
+/// are spread evenly.
+fn projections(point: &Point, train: &[View]) -> Vec<Seen> {
     let at = DVec3::from_array(point.position.map(f64::from));
-    let inside = move |(view, of): (usize, &View)| {
+    let inside = |(view, of): (usize, &View)| {
         let (at_px, _) = of.camera.project(at)?;
         let [width, height] = of.camera.size_px.map(f64::from);
         let is_inside = at_px.x >= 0.0 && at_px.y >= 0.0 && at_px.x <= width && at_px.y <= height;
         is_inside.then_some(Seen { view, at_px })
     };
-    train.iter().enumerate().filter_map(inside)
+    let all: Vec<Seen> = train.iter().enumerate().filter_map(inside).collect();
+    let count = all.len();
+    // The multiples of count / MAX_VIEWS, rounded down, are where this product passes a whole
+    // number.
+    let is_taken = |i: usize| count <= MAX_VIEWS || (i + 1) * MAX_VIEWS / count > i * MAX_VIEWS / count;
+    all.into_iter().enumerate().filter(|(i, _)| is_taken(*i)).map(|(_, seen)| seen).collect()
 }
 
 /// Returns the colours of points over the places where they are seen, with one image in memory at a
@@ -181,6 +193,20 @@ mod tests {
         let at = |x: f64| sample(&view, DVec2::new(x, 0.5)).map(|rgb| rgb[0]);
         assert_eq!([at(0.0), at(0.5), at(1.0), at(1.5), at(2.0)], [Some(1.0), Some(1.0), Some(2.0), Some(3.0), Some(3.0)]);
         assert_eq!([at(-0.1), at(2.1), at(f64::NAN)], [None; 3]);
+    }
+
+    #[test]
+    fn a_point_in_many_views_is_looked_for_in_some_that_are_spread_evenly() {
+        let forward = camera_at([0.0; 3], [2, 1]).forward().as_vec3().to_array();
+        let point = Point { position: forward, rgb8: None, observations: Vec::new() };
+        let seen = |count: usize| -> Vec<usize> {
+            let views = vec![two_pixels(); count];
+            projections(&point, &views).into_iter().map(|seen| seen.view).collect()
+        };
+        assert_eq!(seen(MAX_VIEWS), (0..MAX_VIEWS).collect::<Vec<_>>());
+        let some = seen(300);
+        assert_eq!((some.len(), some.last()), (MAX_VIEWS, Some(&299)));
+        assert!(some.windows(2).all(|pair| (9..=10).contains(&(pair[1] - pair[0]))), "{some:?}");
     }
 
     #[test]
