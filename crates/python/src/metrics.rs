@@ -14,6 +14,25 @@ use crate::observer::PyObserver;
 use crate::wait::interruptible;
 use crate::{json, names};
 
+/// Returns the options that images in memory and in files share; what is left out has its default.
+fn measures(
+    scale: Option<f32>,
+    mu: Option<f32>,
+    peak_luminance: Option<f32>,
+    hdr_flip: bool,
+    lpips_weights: Option<PathBuf>,
+) -> CompareOptions {
+    let base = CompareOptions::default();
+    CompareOptions {
+        scale,
+        mu: mu.unwrap_or(base.mu),
+        peak_luminance: peak_luminance.unwrap_or(base.peak_luminance),
+        flip: if hdr_flip { FlipChoice::Compute } else { FlipChoice::Skip },
+        lpips_weights,
+        ..base
+    }
+}
+
 /// Measures an image against a reference, both linear radiance.
 ///
 /// Args:
@@ -50,15 +69,7 @@ pub(crate) fn compare<'py>(
     let size = [reference.width, reference.height];
     let mask = mask.map(|mask| plane_of("mask", mask, size)).transpose()?.map(|weights| Mask { weights });
     let space = names::color_space(color_space)?;
-    let base = CompareOptions::default();
-    let options = CompareOptions {
-        scale,
-        mu: mu.unwrap_or(base.mu),
-        peak_luminance: peak_luminance.unwrap_or(base.peak_luminance),
-        flip: if hdr_flip { FlipChoice::Compute } else { FlipChoice::Skip },
-        lpips_weights,
-        ..base
-    };
+    let options = measures(scale, mu, peak_luminance, hdr_flip, lpips_weights);
     let found: ImageComparison =
         interruptible(py, move || luxel::compare::compare_images(reference, image, mask, space, &options))?.or_raise()?;
     json::to_python(py, &found)
@@ -91,17 +102,11 @@ pub(crate) fn compare_files<'py>(
     transfer: Option<&str>,
     color_space: Option<&str>,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let base = CompareOptions::default();
     let options = CompareOptions {
-        scale,
-        mu: mu.unwrap_or(base.mu),
-        peak_luminance: peak_luminance.unwrap_or(base.peak_luminance),
-        flip: if hdr_flip { FlipChoice::Compute } else { FlipChoice::Skip },
-        lpips_weights,
         mask,
         transfer: names::transfer(transfer)?,
         color_space: names::optional_color_space(color_space)?,
-        ..base
+        ..measures(scale, mu, peak_luminance, hdr_flip, lpips_weights)
     };
     let observer = Arc::new(PyObserver::default());
     let found = interruptible(py, move || luxel::compare::compare(&reference, &test, &options, &*observer))?.or_raise()?;

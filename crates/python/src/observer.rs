@@ -49,7 +49,10 @@ impl Observer for PyObserver {
                 *locked(&self.total) = total;
                 self.call(done, total, "steps");
             }
-            Event::Step { done } => self.call(done, *locked(&self.total), "steps"),
+            Event::Step { done } => {
+                let total = *locked(&self.total);
+                self.call(done, total, "steps");
+            }
             Event::Item { name, done, total, .. } | Event::Frame { name, done, total, .. } => self.call(done, total, &name),
             _ => {}
         }

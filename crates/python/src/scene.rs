@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex};
 
 use luxel::run::RunFolder;
 use luxel::{Device, DeviceOptions, Edit, Renderer, Scene};
-use luxel_core::{ColorModel, RadianceScale, RasterConfig, Similarity, Splats};
+use luxel_core::{Camera, RadianceScale, RasterConfig, Similarity, Splats};
 use numpy::{PyArray2, PyArray3};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -14,7 +14,7 @@ use crate::arrays::{flat_of, image_array, motion_array, numbers_of, plane_array,
 use crate::camera::PyCamera;
 use crate::errors::{OrRaise, invalid};
 use crate::observer::PyObserver;
-use crate::wait::{interruptible, locked};
+use crate::wait::{interruptible, locked, with_locked};
 use crate::{json, names, splats};
 
 /// A scene of Gaussian splats, each of which emits linear radiance.
@@ -47,14 +47,19 @@ impl State {
         Ok(renderer)
     }
 
-    /// Changes the scene; it stays as it is if the change fails.
-    pub(crate) fn change<T>(&mut self, change: impl FnOnce(&mut luxel_core::Scene) -> PyResult<T>) -> PyResult<T> {
-        let mut changed = self.scene.clone().into_core();
-        let result = change(&mut changed)?;
-        self.scene = changed.into();
+    /// Puts another scene in the place of this one.
+    pub(crate) fn replace(&mut self, scene: Scene) {
+        self.scene = scene;
         self.renderer = None;
-        Ok(result)
     }
+}
+
+/// Choices of a render besides its camera; what is left out is the scene's own.
+struct View {
+    camera: PyCamera,
+    background: Option<[f32; 3]>,
+    samples: Option<u8>,
+    device: DeviceOptions,
 }
 
 /// Returns a device by its name.
@@ -69,8 +74,29 @@ impl PyScene {
         Self { state: Arc::new(Mutex::new(State { scene, background, renderer: None })) }
     }
 
-    pub(crate) fn read<T>(&self, read: impl FnOnce(&Scene) -> T) -> T {
-        read(&locked(&self.state).scene)
+    /// Looks at the scene, without Python.
+    pub(crate) fn read<T: Send>(&self, py: Python<'_>, read: impl FnOnce(&Scene) -> T + Send) -> T {
+        with_locked(py, &self.state, |state| read(&state.scene))
+    }
+
+    /// Renders a view on a thread of its own.
+    fn rendered<T: Send + 'static>(
+        &self,
+        py: Python<'_>,
+        view: View,
+        render: fn(&mut Renderer, &Camera) -> luxel::Result<T>,
+    ) -> PyResult<T> {
+        let state = Arc::clone(&self.state);
+        let work = move || {
+            let mut state = locked(&state);
+            let camera = view.camera.seen_from(&state.scene.world_from_local);
+            let (background, samples) = (view.background.unwrap_or(state.background), view.samples.unwrap_or(state.scene.raster.samples));
+            let renderer = state.renderer(view.device)?;
+            renderer.set_background(background);
+            renderer.set_samples(samples)?;
+            render(renderer, &camera)
+        };
+        interruptible(py, work)?.or_raise()
     }
 }
 
@@ -128,7 +154,9 @@ impl PyScene {
             raw_luminance: raw_luminance.map(|raw| flat_of("raw_luminance", raw)).transpose()?.unwrap_or_default(),
             smoothing: Vec::new(),
         };
-        splats::check(&splats)?;
+        if let Some(message) = splats::fault(&splats) {
+            return Err(invalid(message));
+        }
         let radiance_scale = RadianceScale::new(radiance_scale)
             .ok_or_else(|| invalid(format!("radiance_scale: found {radiance_scale}, expected a positive number")))?;
         let scene = luxel_core::Scene {
@@ -146,7 +174,7 @@ impl PyScene {
     /// Writes the scene as PLY, whole or not at all: the exact model, and a tone-mapped preview
     /// that any viewer of 3D Gaussian splats shows.
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
-        let scene = self.read(Clone::clone);
+        let scene = self.read(py, Clone::clone);
         interruptible(py, move || scene.save(path))?.or_raise()
     }
 
@@ -169,18 +197,8 @@ impl PyScene {
         device: &str,
         threads: Option<u32>,
     ) -> PyResult<Bound<'py, PyArray3<f32>>> {
-        let device = self::device(device, threads)?;
-        let (state, camera) = (Arc::clone(&self.state), camera.clone());
-        let render = move || {
-            let mut state = locked(&state);
-            let camera = camera.seen_from(&state.scene.world_from_local);
-            let (background, samples) = (background.unwrap_or(state.background), samples.unwrap_or(state.scene.raster.samples));
-            let renderer = state.renderer(device)?;
-            renderer.set_background(background);
-            renderer.set_samples(samples)?;
-            renderer.render(&camera)
-        };
-        let radiance = interruptible(py, render)?.or_raise()?;
+        let view = View { camera: camera.clone(), background, samples, device: self::device(device, threads)? };
+        let radiance = self.rendered(py, view, Renderer::render)?;
         image_array(py, radiance.into_image())
     }
 
@@ -196,18 +214,8 @@ impl PyScene {
         samples: Option<u8>,
         threads: Option<u32>,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let on_cpu = device("cpu", threads)?;
-        let (state, camera) = (Arc::clone(&self.state), camera.clone());
-        let render = move || {
-            let mut state = locked(&state);
-            let camera = camera.seen_from(&state.scene.world_from_local);
-            let (background, samples) = (background.unwrap_or(state.background), samples.unwrap_or(state.scene.raster.samples));
-            let renderer = state.renderer(on_cpu)?;
-            renderer.set_background(background);
-            renderer.set_samples(samples)?;
-            renderer.render_layers(&camera)
-        };
-        let layers = interruptible(py, render)?.or_raise()?;
+        let view = View { camera: camera.clone(), background, samples, device: device("cpu", threads)? };
+        let layers = self.rendered(py, view, Renderer::render_layers)?;
         let size = [layers.radiance.width(), layers.radiance.height()];
         let found = PyDict::new(py);
         found.set_item("radiance", image_array(py, layers.radiance.into_image())?)?;
@@ -218,91 +226,91 @@ impl PyScene {
 
     /// Changes the light of the scene by an edit in its text form, such as
     /// "where L > p95 ~2; compress-above 2:4". Returns how many splats it selects.
-    fn edit(&self, edit: &str) -> PyResult<usize> {
+    fn edit(&self, py: Python<'_>, edit: &str) -> PyResult<usize> {
         let edit: Edit = edit.parse().map_err(|error| invalid(format!("edit: {error}")))?;
-        let mut state = locked(&self.state);
-        let applied = state.scene.edit(&edit).or_raise()?;
-        state.renderer = None;
-        Ok(applied.weights.iter().filter(|weight| **weight > 0.0).count())
+        let applied = with_locked(py, &self.state, |state| {
+            state.renderer = None;
+            state.scene.edit(&edit)
+        });
+        Ok(applied.or_raise()?.weights.iter().filter(|weight| **weight > 0.0).count())
     }
 
     /// Name of the colour model: "sh3", "lcd".
     #[getter]
-    fn color_model(&self) -> String {
-        self.read(|scene| scene.splats.color_model.name())
+    fn color_model(&self, py: Python<'_>) -> String {
+        self.read(py, |scene| scene.splats.color_model.name())
     }
 
     /// Whether luminance is a parameter of its own.
     #[getter]
-    fn separates_luminance(&self) -> bool {
-        self.read(|scene| ColorModel::separates_luminance(scene.splats.color_model))
+    fn separates_luminance(&self, py: Python<'_>) -> bool {
+        self.read(py, |scene| scene.splats.color_model.separates_luminance())
     }
 
     /// Radiance of one normalised unit, in the units of the data set.
     #[getter]
-    fn radiance_scale(&self) -> f32 {
-        self.read(|scene| scene.radiance_scale.get())
+    fn radiance_scale(&self, py: Python<'_>) -> f32 {
+        self.read(py, |scene| scene.radiance_scale.get())
     }
 
     /// Length of a unit of the world, metres; None where it is unknown.
     #[getter]
-    fn metres_per_unit(&self) -> Option<f64> {
-        self.read(|scene| scene.metres_per_unit)
+    fn metres_per_unit(&self, py: Python<'_>) -> Option<f64> {
+        self.read(py, |scene| scene.metres_per_unit)
     }
 
     /// Name of the colour space of the radiance.
     #[getter]
-    fn color_space(&self) -> &'static str {
-        self.read(|scene| scene.color_space.name())
+    fn color_space(&self, py: Python<'_>) -> &'static str {
+        self.read(py, |scene| scene.color_space.name())
     }
 
     /// Edits of light since training, oldest first, in text form. The splats contain them.
     #[getter]
-    fn edits(&self) -> Vec<String> {
-        self.read(|scene| scene.edits.clone())
+    fn edits(&self, py: Python<'_>) -> Vec<String> {
+        self.read(py, |scene| scene.edits.clone())
     }
 
     /// Radiance behind everything, 3 numbers in the units of the data set.
     #[getter]
-    fn background(&self) -> [f32; 3] {
-        locked(&self.state).background
+    fn background(&self, py: Python<'_>) -> [f32; 3] {
+        with_locked(py, &self.state, |state| state.background)
     }
 
     #[setter]
-    fn set_background(&self, radiance: [f32; 3]) -> PyResult<()> {
+    fn set_background(&self, py: Python<'_>, radiance: [f32; 3]) -> PyResult<()> {
         if !radiance.iter().all(|v| v.is_finite() && *v >= 0.0) {
             return Err(invalid(format!("background: found {radiance:?}, expected radiance that is finite and not negative")));
         }
-        locked(&self.state).background = radiance;
+        with_locked(py, &self.state, |state| state.background = radiance);
         Ok(())
     }
 
     /// Transform from the local coordinates of the splats to the world, float64 [4,4].
     #[getter]
     fn world_from_local<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let frame = self.read(|scene| scene.world_from_local);
+        let frame = self.read(py, |scene| scene.world_from_local);
         motion_array(py, &glam::DAffine3 { matrix3: frame.rotation() * frame.scale(), translation: frame.translation() })
     }
 
     /// Settings of the rasteriser, as a dictionary.
     #[getter]
     fn raster<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        json::to_python(py, &self.read(|scene| scene.raster))
+        json::to_python(py, &self.read(py, |scene| scene.raster))
     }
 
-    fn __len__(&self) -> usize {
-        self.read(|scene| scene.splats.len())
+    fn __len__(&self, py: Python<'_>) -> usize {
+        self.read(py, |scene| scene.splats.len())
     }
 
-    fn __repr__(&self) -> String {
-        self.read(|scene| {
+    fn __repr__(&self, py: Python<'_>) -> String {
+        self.read(py, |scene| {
             format!("<luxel.Scene {} splats, {}, {}>", scene.splats.len(), scene.splats.color_model.name(), scene.color_space.name())
         })
     }
 
     /// Returns a copy, which changes on its own.
-    fn copy(&self) -> Self {
-        let state = locked(&self.state);
-        Self::new(state.scene.clone(), state.background)
+    fn copy(&self, py: Python<'_>) -> Self {
+        with_locked(py, &self.state, |state| Self::new(state.scene.clone(), state.background))
     }
 }

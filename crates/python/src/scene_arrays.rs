@@ -1,24 +1,36 @@
 //! The arrays of a scene's splats as attributes of `Scene`.
 
+use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::errors::invalid;
 use crate::scene::PyScene;
-use crate::splats;
-use crate::wait::locked;
+use crate::splats::{self, Change, Numbers};
+use crate::wait::with_locked;
 
 impl PyScene {
-    fn array<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyAny>> {
-        let splats = self.read(|scene| splats::array(py, &scene.splats, name))?;
-        splats.ok_or_else(|| invalid(format!("splats have no array {name:?}")))
+    fn array<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+        let numbers = self.read(py, |scene| Numbers::of(&scene.splats, name));
+        numbers.ok_or_else(|| invalid(format!("splats have no array {name:?}")))?.into_array(py)
     }
 
     fn set_array(&self, name: &str, value: &Bound<'_, PyAny>) -> PyResult<()> {
-        locked(&self.state).change(|scene| {
-            splats::set(&mut scene.splats, name, value)?;
-            splats::check(&scene.splats)
-        })
+        self.change(value.py(), vec![splats::change(name, value)?])
+    }
+
+    /// Changes the scene; it stays as it is if the changes do not go together.
+    fn change(&self, py: Python<'_>, changes: Vec<Change>) -> PyResult<()> {
+        let fault = with_locked(py, &self.state, |state| {
+            let mut changed = state.scene.clone().into_core();
+            changes.into_iter().for_each(|change| change(&mut changed.splats));
+            let fault = splats::fault(&changed.splats);
+            if fault.is_none() {
+                state.replace(changed.into());
+            }
+            fault
+        });
+        fault.map_or(Ok(()), |message| Err(invalid(message)))
     }
 }
 
@@ -26,7 +38,7 @@ impl PyScene {
 impl PyScene {
     /// Positions, float32 [count, 3], local coordinates.
     #[getter]
-    fn positions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+    fn positions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
         self.array(py, "positions")
     }
 
@@ -37,7 +49,7 @@ impl PyScene {
 
     /// Quaternions w, x, y, z, float32 [count, 4], of any length but zero.
     #[getter]
-    fn rotations<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+    fn rotations<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
         self.array(py, "rotations")
     }
 
@@ -48,7 +60,7 @@ impl PyScene {
 
     /// Natural logarithms of the standard deviations along the axes, float32 [count, 3].
     #[getter]
-    fn log_scales<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+    fn log_scales<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
         self.array(py, "log_scales")
     }
 
@@ -59,7 +71,7 @@ impl PyScene {
 
     /// Logits of the opacity, float32 [count].
     #[getter]
-    fn opacity_logits<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+    fn opacity_logits<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
         self.array(py, "opacity_logits")
     }
 
@@ -70,7 +82,7 @@ impl PyScene {
 
     /// Harmonics of radiance or chromaticity, float32 [count, K, 3].
     #[getter]
-    fn sh<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+    fn sh<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
         self.array(py, "sh")
     }
 
@@ -81,7 +93,7 @@ impl PyScene {
 
     /// Raw luminance, float32 [count, M]; M is 0 for a model without luminance.
     #[getter]
-    fn raw_luminance<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+    fn raw_luminance<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
         self.array(py, "raw_luminance")
     }
 
@@ -92,7 +104,7 @@ impl PyScene {
 
     /// Standard deviations of the smoothing filter, float32 [count]; empty without the filter.
     #[getter]
-    fn smoothing<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+    fn smoothing<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
         self.array(py, "smoothing")
     }
 
@@ -103,13 +115,9 @@ impl PyScene {
 
     /// Changes several arrays at once, by name; their number of splats may differ from before.
     #[pyo3(signature = (**arrays))]
-    fn set(&self, arrays: Option<&Bound<'_, PyDict>>) -> PyResult<()> {
-        let Some(arrays) = arrays else { return Ok(()) };
-        locked(&self.state).change(|scene| {
-            for (name, value) in arrays.iter() {
-                splats::set(&mut scene.splats, &name.extract::<String>()?, &value)?;
-            }
-            splats::check(&scene.splats)
-        })
+    fn set(&self, py: Python<'_>, arrays: Option<&Bound<'_, PyDict>>) -> PyResult<()> {
+        let change = |(name, value): (Bound<'_, PyAny>, Bound<'_, PyAny>)| splats::change(&name.extract::<String>()?, &value);
+        let changes = arrays.into_iter().flat_map(|arrays| arrays.iter()).map(change).collect::<PyResult<_>>()?;
+        self.change(py, changes)
     }
 }

@@ -17,7 +17,7 @@ use crate::names;
 use crate::observer::PyObserver;
 use crate::probe::PyProbe;
 use crate::scene::{PyScene, device as opened};
-use crate::wait::{interruptible, locked};
+use crate::wait::{interruptible, with_locked};
 
 /// Returns the rotation of an array `[3,3]`.
 fn rotation_of(value: &Bound<'_, PyAny>) -> PyResult<DMat3> {
@@ -33,7 +33,7 @@ fn rotation_of(value: &Bound<'_, PyAny>) -> PyResult<DMat3> {
 #[pymethods]
 impl PyScene {
     /// Exports the scene for other programs, in the format of the path's extension: .ply, .usda,
-    /// .glb or .spz. Returns a dictionary that describes the file.
+    /// .usdc, .usdz, .glb or .spz. Returns a dictionary that describes the file.
     ///
     /// Args:
     ///     path: the file, which is replaced.
@@ -88,7 +88,7 @@ impl PyScene {
         let scale = metres_per_unit.map_or(FileScale::Factor(scale), FileScale::MetresPerUnit);
         let rotation = rotation.map(rotation_of).transpose()?.unwrap_or(DMat3::IDENTITY);
         let options = ExportOptions { bake, max_splats, origin, rotation, scale, ..ExportOptions::default() };
-        let (scene, device) = (self.read(Clone::clone), opened(device, None)?);
+        let (scene, device) = (self.read(py, Clone::clone), opened(device, None)?);
         let dataset = dataset.map(|dataset| Arc::clone(&dataset.dataset));
         let write = move || {
             let mut engine = SelectedEngine::open(&device)?.engine;
@@ -143,17 +143,14 @@ impl PyScene {
         if !(1..=1 << 16).contains(&width) {
             return Err(invalid(format!("width: found {width}, expected 1 to {}", 1 << 16)));
         }
-        let (scene, behind) = {
-            let state = locked(&self.state);
-            (state.scene.clone(), background.unwrap_or(state.background))
-        };
+        let (scene, own) = with_locked(py, &self.state, |state| (state.scene.clone(), state.background));
         let options = ProbeOptions {
             projection,
             width_px: width,
             near,
             up: up.map_or(Up::Default, |axis| Up::Axis(axis.into())),
             color_space: names::optional_color_space(color_space)?,
-            background: scene.radiance_scale.normalised(behind),
+            background: scene.radiance_scale.normalised(background.unwrap_or(own)),
             alpha,
             ..ProbeOptions::at(at)
         };

@@ -1,50 +1,70 @@
 //! The numbers of splats as arrays.
 
 use luxel_core::{Activation, ColorModel, Splats, SplatsError};
-use numpy::{IntoPyArray, PyArrayMethods};
+use numpy::{IntoPyArray, PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
 
-use crate::arrays::{flat_of, numbers_of, rows_array, rows_of};
+use crate::arrays::{flat_of, numbers_of, rows_of};
 use crate::errors::invalid;
 
-/// Returns the array of this name; `None` for a name that splats do not have.
-pub(crate) fn array<'py>(py: Python<'py>, splats: &Splats, name: &str) -> PyResult<Option<Bound<'py, PyAny>>> {
-    let (n, model) = (splats.len(), splats.color_model);
-    Ok(Some(match name {
-        "positions" => rows_array(py, splats.position.clone())?.into_any(),
-        "rotations" => rows_array(py, splats.rotation.clone())?.into_any(),
-        "log_scales" => rows_array(py, splats.log_scale.clone())?.into_any(),
-        "opacity_logits" => splats.opacity_logit.clone().into_pyarray(py).into_any(),
-        "sh" => splats.sh.clone().into_pyarray(py).reshape([n, model.sh_coefficients(), 3])?.into_any(),
-        "raw_luminance" => splats.raw_luminance.clone().into_pyarray(py).reshape([n, model.luminance_coefficients()])?.into_any(),
-        "smoothing" => splats.smoothing.clone().into_pyarray(py).into_any(),
-        _ => return Ok(None),
-    }))
+/// The numbers of an array.
+pub(crate) struct Numbers {
+    values: Vec<f32>,
+    shape: Vec<usize>,
 }
 
-/// Puts new numbers into the array of this name. All arrays together are checked by
-/// [`Splats::validate`].
-pub(crate) fn set(splats: &mut Splats, name: &str, value: &Bound<'_, PyAny>) -> PyResult<()> {
-    match name {
-        "positions" => splats.position = rows_of(name, value)?,
-        "rotations" => splats.rotation = rows_of(name, value)?,
-        "log_scales" => splats.log_scale = rows_of(name, value)?,
-        "opacity_logits" => splats.opacity_logit = numbers_of(name, value)?,
-        "sh" => splats.sh = flat_of(name, value)?,
-        "raw_luminance" => splats.raw_luminance = flat_of(name, value)?,
-        "smoothing" => splats.smoothing = numbers_of(name, value)?,
+impl Numbers {
+    /// Copies the numbers of the array of this name; `None` for a name that splats do not have.
+    pub(crate) fn of(splats: &Splats, name: &str) -> Option<Self> {
+        let (n, model) = (splats.len(), splats.color_model);
+        let (values, shape): (&[f32], Vec<usize>) = match name {
+            "positions" => (splats.position.as_flattened(), vec![n, 3]),
+            "rotations" => (splats.rotation.as_flattened(), vec![n, 4]),
+            "log_scales" => (splats.log_scale.as_flattened(), vec![n, 3]),
+            "opacity_logits" => (&splats.opacity_logit, vec![n]),
+            "sh" => (&splats.sh, vec![n, model.sh_coefficients(), 3]),
+            "raw_luminance" => (&splats.raw_luminance, vec![n, model.luminance_coefficients()]),
+            "smoothing" => (&splats.smoothing, vec![splats.smoothing.len()]),
+            _ => return None,
+        };
+        Some(Self { values: values.to_vec(), shape })
+    }
+
+    /// Returns them as an array, without another copy.
+    pub(crate) fn into_array(self, py: Python<'_>) -> PyResult<Bound<'_, PyArrayDyn<f32>>> {
+        self.values.into_pyarray(py).reshape(self.shape)
+    }
+}
+
+/// A change of splats that needs Python no more.
+pub(crate) type Change = Box<dyn FnOnce(&mut Splats) + Send>;
+
+/// Returns the change that puts new numbers into the array of this name. All arrays together are
+/// checked by [`fault`].
+pub(crate) fn change(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Change> {
+    /// Returns the change that puts `values` into a field.
+    fn put<T: Send + 'static>(values: T, field: fn(&mut Splats) -> &mut T) -> Change {
+        Box::new(move |splats| *field(splats) = values)
+    }
+    Ok(match name {
+        "positions" => put(rows_of(name, value)?, |splats| &mut splats.position),
+        "rotations" => put(rows_of(name, value)?, |splats| &mut splats.rotation),
+        "log_scales" => put(rows_of(name, value)?, |splats| &mut splats.log_scale),
+        "opacity_logits" => put(numbers_of(name, value)?, |splats| &mut splats.opacity_logit),
+        "sh" => put(flat_of(name, value)?, |splats| &mut splats.sh),
+        "raw_luminance" => put(flat_of(name, value)?, |splats| &mut splats.raw_luminance),
+        "smoothing" => put(numbers_of(name, value)?, |splats| &mut splats.smoothing),
         _ => return Err(invalid(format!("splats have no array {name:?}"))),
-    }
-    Ok(())
+    })
 }
 
-/// Checks lengths and numbers, and quaternions, which need a length.
-pub(crate) fn check(splats: &Splats) -> PyResult<()> {
-    splats.validate().map_err(|error| invalid(message(error)))?;
-    match splats.rotation.iter().position(|q| !q.iter().map(|v| v * v).sum::<f32>().is_normal()) {
-        Some(i) => Err(invalid(format!("rotations: quaternion {i} is {:?}, expected one that can be normalised", splats.rotation[i]))),
-        None => Ok(()),
+/// Returns what is wrong with lengths and numbers, and with quaternions, which need a length.
+pub(crate) fn fault(splats: &Splats) -> Option<String> {
+    if let Err(error) = splats.validate() {
+        return Some(message(error));
     }
+    let i = splats.rotation.iter().position(|q| !q.iter().map(|v| v * v).sum::<f32>().is_normal())?;
+    Some(format!("rotations: quaternion {i} is {:?}, expected one that can be normalised", splats.rotation[i]))
 }
 
 /// Words what is wrong with splats by the names of the arrays.

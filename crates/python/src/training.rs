@@ -16,7 +16,7 @@ use crate::errors::{OrRaise, invalid};
 use crate::json;
 use crate::options::train_config;
 use crate::scene::{PyScene, device};
-use crate::wait::{interruptible, locked};
+use crate::wait::{interruptible, locked, with_locked};
 
 /// Numbers of one step of training.
 #[pyclass(name = "Progress", module = "luxel", frozen, get_all)]
@@ -79,7 +79,7 @@ impl PyTraining {
 
     /// Makes a step on this thread: a hand-over for each would cost more than short steps take.
     fn made_step(&self, py: Python<'_>) -> PyResult<Option<PyProgress>> {
-        let made = py.detach(|| locked(&self.training).next());
+        let made = with_locked(py, &self.training, Iterator::next);
         py.check_signals()?;
         made.transpose().or_raise().map(|made| made.map(PyProgress::new))
     }
@@ -139,20 +139,20 @@ impl PyTraining {
 
     /// Number of steps made so far.
     #[getter]
-    fn steps_made(&self) -> u32 {
-        locked(&self.training).steps_made()
+    fn steps_made(&self, py: Python<'_>) -> u32 {
+        with_locked(py, &self.training, |training| training.steps_made())
     }
 
     /// Whether all steps are made.
     #[getter]
-    fn is_finished(&self) -> bool {
-        locked(&self.training).is_finished()
+    fn is_finished(&self, py: Python<'_>) -> bool {
+        with_locked(py, &self.training, |training| training.is_finished())
     }
 
     /// The settings in force, by name.
     #[getter]
     fn options<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        json::to_python(py, locked(&self.training).config())
+        json::to_python(py, &with_locked(py, &self.training, |training| training.config().clone()))
     }
 
     /// Measures the scene as it stands against views: a dictionary with `mean`, and `views` with
@@ -197,9 +197,9 @@ impl PyTraining {
 
     /// Cameras of the training views, in their order, as refined if poses are.
     #[getter]
-    fn cameras(&self) -> Vec<PyCamera> {
+    fn cameras(&self, py: Python<'_>) -> Vec<PyCamera> {
         let frame = self.dataset.world_from_local;
-        locked(&self.training).cameras().into_iter().map(|camera| PyCamera::in_frame(camera, frame)).collect()
+        with_locked(py, &self.training, |training| training.cameras()).into_iter().map(|camera| PyCamera::in_frame(camera, frame)).collect()
     }
 
     /// Writes everything that is needed to continue, whole or not at all.
@@ -207,9 +207,9 @@ impl PyTraining {
         self.with(py, move |training, _| training.checkpoint(path))
     }
 
-    fn __repr__(&self) -> String {
-        let training = locked(&self.training);
-        format!("<luxel.Training {} of {} steps>", training.steps_made(), training.config().iterations)
+    fn __repr__(&self, py: Python<'_>) -> String {
+        let (made, total) = with_locked(py, &self.training, |training| (training.steps_made(), training.config().iterations));
+        format!("<luxel.Training {made} of {total} steps>")
     }
 }
 

@@ -40,7 +40,14 @@ fn without_result() -> PyErr {
     invalid("the work stopped without a result; please report this")
 }
 
-/// Returns what a lock guards, whatever became of a thread that held it.
+/// Works on what a lock guards, without Python's lock: whoever holds this one may be waiting for
+/// that one. `work` must not call Python.
+pub(crate) fn with_locked<T: Send, R: Send>(py: Python<'_>, mutex: &Mutex<T>, work: impl FnOnce(&mut T) -> R + Send) -> R {
+    py.detach(|| work(&mut locked(mutex)))
+}
+
+/// Returns what a lock guards, whatever became of a thread that held it. With Python's lock, only
+/// for what is held for a moment and never while Python is called.
 pub(crate) fn locked<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 import threading
 from pathlib import Path
 
@@ -98,3 +100,30 @@ def test_exports_and_probes(dataset: luxel.Dataset, scene: luxel.Scene, tmp_path
     np.testing.assert_allclose(image, probe.image, rtol=1e-3, atol=1e-6)
     with pytest.raises(luxel.LuxelError, match="bake: found 'x'|bake: found \"x\""):
         scene.export(tmp_path / "x.ply", bake="x")
+
+
+DEADLOCK = """
+import threading, time
+import numpy as np
+import luxel
+
+scene = luxel.Scene.from_arrays(np.zeros((2, 3)), np.ones((2, 4)), np.zeros((2, 3)), np.zeros(2), np.zeros((2, 16, 3)))
+
+class Slow:
+    def __array__(self, *args, **kwargs):
+        started.set()
+        time.sleep(0.2)  # lets other threads run
+        return np.ones((2, 3))
+
+started = threading.Event()
+thread = threading.Thread(target=lambda: setattr(scene, "positions", Slow()))
+thread.start()
+started.wait()
+assert (scene.positions == 0).all() and len(scene) == 2
+thread.join()
+assert (scene.positions == 1).all()
+"""
+
+
+def test_an_array_that_takes_its_time_blocks_no_other_thread() -> None:
+    subprocess.run([sys.executable, "-c", DEADLOCK], check=True, timeout=30)
