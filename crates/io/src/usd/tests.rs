@@ -97,7 +97,7 @@ fn damaged_binary_files_are_errors() {
         assert!(decode_usdc(name(), &bytes[..length]).is_err(), "{length}");
     }
     let newer = [&bytes[..8], &[0, 14], &bytes[10..]].concat();
-    assert!(decode_usdc(name(), &newer).unwrap_err().message.contains("version 0.14 of binary OpenUSD, expected 0.4 to 0.13"));
+    assert!(decode_usdc(name(), &newer).unwrap_err().message.contains("version 0.14 of binary OpenUSD, expected 0.7 to 0.13"));
 }
 
 proptest! {

@@ -3,8 +3,8 @@
 //!
 //! A file has tables of tokens, strings, fields, sets of fields, paths and specs, each compressed,
 //! and values in between, which fields point to. Written is version 0.8.0, which OpenUSD reads
-//! since 2018; arrays of floats are not compressed, since their bits do not repeat. Read are
-//! versions 0.4 to 0.x with uncompressed arrays and, of single floats, compressed ones.
+//! since 2018; arrays of floats are not compressed, since their bits do not repeat. Versions 0.7 to
+//! 0.13 are read, with compressed arrays of single floats, too.
 //!
 //! Sizes in a file are claims: counts are compared with what the compressed bytes can hold before
 //! memory is taken.

@@ -53,7 +53,7 @@ impl<'a> CrateReader<'a> {
             return Ok(Vec::new());
         }
         let mut at = self.cursor(value)?;
-        let count = self.array_count(&mut at)?;
+        let count = at.count()?;
         let bytes = at.take(count.checked_mul(4).ok_or("a list of tokens that no memory holds")?)?;
         let token =
             |number: &[u8; 4]| self.tables.token(u32::from_le_bytes(*number)).ok_or_else(|| "a token that there is none of".to_owned());
@@ -109,14 +109,6 @@ impl<'a> CrateReader<'a> {
         }
     }
 
-    fn array_count(&self, at: &mut Cursor<'a>) -> Result<usize, String> {
-        if self.tables.has_long_counts {
-            return at.count();
-        }
-        // Before version 0.7: a number of dimensions up to 0.5, and a count of 32 bits.
-        Err("arrays of a version before 0.7; convert the file with usdcat FILE -o FILE.usda".to_owned())
-    }
-
     /// Returns the floats of an attribute's array, entry after entry; quaternions as w, x, y, z.
     ///
     /// # Errors
@@ -137,7 +129,7 @@ impl<'a> CrateReader<'a> {
             return Ok(Vec::new());
         }
         let mut at = self.cursor(value)?;
-        let count = self.array_count(&mut at)?;
+        let count = at.count()?;
         let mut floats = if value.is_compressed() && count >= LEAST_COMPRESSED {
             if width > 1 {
                 return Err(wrong());

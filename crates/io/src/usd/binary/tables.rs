@@ -3,8 +3,8 @@
 use super::integers::{decompressed, decompressed_integers};
 use super::{HEADER_BYTES, MAGIC, ValueRep};
 
-/// Oldest version with compressed tables.
-const OLDEST: [u8; 2] = [0, 4];
+/// Oldest version whose arrays are counted by 64 bits.
+const OLDEST: [u8; 2] = [0, 7];
 /// Newest version whose tables are known.
 const NEWEST: [u8; 2] = [0, 13];
 /// Largest number of entries of a table: files of splats have a few hundred.
@@ -26,13 +26,11 @@ pub(super) struct Spec {
 
 /// The tables.
 pub(super) struct Tables {
-    pub(super) tokens: Vec<String>,
+    tokens: Vec<String>,
     strings: Vec<u32>,
     fields: Vec<(u32, ValueRep)>,
     sets: Vec<u32>,
     pub(super) specs: Vec<Spec>,
-    /// Whether counts of arrays have 64 bits, as from version 0.7 on.
-    pub(super) has_long_counts: bool,
 }
 
 impl Tables {
@@ -46,7 +44,7 @@ impl Tables {
         if version < OLDEST || version > NEWEST {
             let [major, minor] = version;
             return Err(format!(
-                "version {major}.{minor} of binary OpenUSD, expected 0.4 to 0.13; convert it with usdcat FILE -o FILE.usda"
+                "version {major}.{minor} of binary OpenUSD, expected 0.7 to 0.13; convert it with usdcat FILE -o FILE.usda"
             ));
         }
         let contents_at = Cursor { bytes: header, at: 16 }.count()?;
@@ -71,7 +69,7 @@ impl Tables {
         let sets = section(3)?.integers_table()?;
         let paths = paths(section(4)?, &tokens)?;
         let specs = specs(section(5)?, paths)?;
-        Ok(Self { tokens, strings, fields, sets, specs, has_long_counts: version >= [0, 7] })
+        Ok(Self { tokens, strings, fields, sets, specs })
     }
 
     /// Returns the value of a spec's field; `None` where it has none.
