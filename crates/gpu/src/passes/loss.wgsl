@@ -118,6 +118,19 @@ var<workgroup> targets: array<f32, HALO>;
 var<workgroup> row_means: array<vec4f, STRIP>;
 var<workgroup> totals: array<vec4f, 256>;
 
+// Leaves the sum over the workgroup's 256 threads in totals[0], for all of them to read. Its order
+// is that of a tree, the same every time.
+fn add_over_workgroup(local: u32, own: vec4f) {
+    totals[local] = own;
+    workgroupBarrier();
+    for (var half = 128u; half > 0u; half /= 2u) {
+        if (local < half) {
+            totals[local] += totals[local + half];
+        }
+        workgroupBarrier();
+    }
+}
+
 @compute @workgroup_size(256)
 fn loss_ssim(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_index) local: u32) {
     let at = workgroup.xy * SIDE + vec2u(local % SIDE, local / SIDE);
@@ -180,14 +193,7 @@ fn loss_ssim(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invocation_
         }
         workgroupBarrier();
     }
-    totals[local] = total;
-    workgroupBarrier();
-    for (var half = 128u; half > 0u; half /= 2u) {
-        if (local < half) {
-            totals[local] += totals[local + half];
-        }
-        workgroupBarrier();
-    }
+    add_over_workgroup(local, total);
     if (local == 0u) {
         group_sums[workgroup.y * ((size.x + SIDE - 1u) / SIDE) + workgroup.x] = totals[0];
     }
@@ -268,14 +274,7 @@ fn loss_report(@builtin(local_invocation_index) local: u32) {
     for (var n = local; n < tiles.x * tiles.y; n += 256u) {
         total += group_sums[n];
     }
-    totals[local] = total;
-    workgroupBarrier();
-    for (var half = 128u; half > 0u; half /= 2u) {
-        if (local < half) {
-            totals[local] += totals[local + half];
-        }
-        workgroupBarrier();
-    }
+    add_over_workgroup(local, total);
     if (local == 0u) {
         let l1 = totals[0].x * config.l1_mean;
         let ssim = totals[0].y * config.ssim_mean;

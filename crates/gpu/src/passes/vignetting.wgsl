@@ -33,14 +33,7 @@ fn vignetting_sums(@builtin(workgroup_id) workgroup: vec3u, @builtin(local_invoc
         let r = radius_squared(at);
         sums = by_log_gain * vec4f(1.0, r, r * r, r * r * r);
     }
-    totals[local] = sums;
-    workgroupBarrier();
-    for (var half = 128u; half > 0u; half /= 2u) {
-        if (local < half) {
-            totals[local] += totals[local + half];
-        }
-        workgroupBarrier();
-    }
+    add_over_workgroup(local, sums);
     if (local == 0u) {
         group_sums[workgroup.y * ((size.x + SIDE - 1u) / SIDE) + workgroup.x] = totals[0];
     }
